@@ -1,0 +1,38 @@
+# `make reproduce` and `make test` first bring .venv up to environment.txt; the stamp is written only after success.
+PYTHON ?= python3
+export PATH := $(CURDIR)/.venv/bin:$(PATH)
+
+.PHONY: reproduce test notebooks lock clean
+
+reproduce: .venv/installed
+	@profilecal reproduce
+
+test: .venv/installed
+	@ruff check . && ruff format --check .
+	@pytest -n auto --dist loadfile --nbval --nbval-current-env --nbval-cell-timeout=600 tests notebooks
+
+notebooks: .venv/installed # execute the committed notebooks in place, keeping only the metadata that matters
+	@jupyter nbconvert --log-level=WARN --to notebook --execute --inplace --ExecutePreprocessor.record_timing=False \
+	    --ClearMetadataPreprocessor.enabled=True --ClearMetadataPreprocessor.preserve_cell_metadata_mask=tags \
+	    --ClearMetadataPreprocessor.preserve_nb_metadata_mask=kernelspec $(sort $(wildcard notebooks/*.ipynb))
+
+lock: .venv/installed # the newest version of everything, pinned
+	@{ echo "# Every version pinned, by \`make lock\`. Works with plain pip: pip install -r environment.txt" && \
+	   uv pip compile -q --universal --python-version 3.11 --upgrade --no-header --no-annotate \
+	     --extra notebooks --extra test pyproject.toml && echo "-e ." ; } > environment.new && mv environment.new environment.txt
+
+clean:
+	rm -rf .venv results
+
+.venv/installed: environment.txt pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || \
+	  { echo "profilecal needs Python 3.11 or newer. Say where it is: make PYTHON=python3.13 $(MAKECMDGOALS)"; exit 1; }
+	@echo "Installing environment.txt into .venv (once; about half a minute)"
+	@rm -rf .venv
+	@if command -v uv >/dev/null; then uv venv -q --python "$$($(PYTHON) -c 'import sys; print(sys.executable)')" .venv; \
+	elif $(PYTHON) -c 'import ensurepip' 2>/dev/null; then \
+	  $(PYTHON) -m venv .venv && { .venv/bin/pip install -q uv || echo "No uv to be had: pip installs, in about two minutes."; }; \
+	else echo "Python's venv module is incomplete here. On Debian and Ubuntu: sudo apt install python3-venv"; exit 1; fi
+	@if command -v uv >/dev/null; then uv pip install -q --python .venv/bin/python -r environment.txt; \
+	else .venv/bin/pip install -q -r environment.txt; fi
+	@touch $@

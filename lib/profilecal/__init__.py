@@ -1,0 +1,1 @@
+"""Hand-eye calibration of 2D laser profile scanners on robots."""

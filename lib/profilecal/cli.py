@@ -1,0 +1,68 @@
+"""The command line: thin. Wrong input ends with status 2 and one sentence, a failed notebook with status 1."""
+
+import signal
+from pathlib import Path
+
+import click
+
+
+class Refused(click.ClickException):
+    """Wrong input, said in one sentence."""
+
+    exit_code = 2
+
+    def show(self, file=None):
+        click.echo(f"profilecal: {self.message}", err=True)
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(package_name="profilecal")
+def main():
+    """Hand-eye calibration of 2D laser profile scanners on robots."""
+
+
+@main.command()
+@click.argument("names", nargs=-1)
+@click.option("-p", "parameters", nargs=2, multiple=True, metavar="NAME VALUE", help="Set a notebook's parameter.")
+@click.option(
+    "--output", default="results", show_default=True, type=click.Path(path_type=Path), help="Where it all goes."
+)
+def reproduce(names, parameters, output):
+    """Execute the notebooks whose NAMES (or beginnings of names) are given, or all, and print the scorecard."""
+    from profilecal import notebooks
+    from profilecal.reproduce import reproduce as run
+
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # `timeout` and `kill` clean up as Ctrl-C does
+    try:
+        chosen = notebooks.find(names)
+        scorecard, failed = run(chosen, {name: notebooks.parse_value(text) for name, text in parameters}, output)
+    except (ValueError, OSError) as error:
+        raise Refused(str(error)) from error
+    except KeyboardInterrupt:
+        click.echo("\nInterrupted. The next run starts clean.", err=True)
+        raise SystemExit(130) from None
+
+    print_scorecard(scorecard)
+    click.echo(f"Notebooks, figures, tables and scorecard: {output}/")
+    for name, why in failed.items():
+        click.echo(f"FAILED {name}: {why} (see {output / 'notebooks' / name}.ipynb)")
+    raise SystemExit(1 if failed else 0)
+
+
+def print_scorecard(frame):
+    """The scorecard as a table on the terminal."""
+    from rich.console import Console
+    from rich.table import Table
+
+    from profilecal.scorecard import to_text
+
+    colours = {"reproduced": "green", "compatible": "yellow", "differs": "red"}
+    columns = ["paper", "item", "quantity", "published", "ours", "unit", "tolerance", "verdict"]
+    table = Table()
+    for column in columns:
+        table.add_column(column, justify="right" if column in ("published", "ours", "tolerance") else "left")
+    for values in to_text(frame)[columns].to_dict("records"):
+        values["verdict"] = f"[{colours.get(values['verdict'], 'default')}]{values['verdict']}[/]"
+        table.add_row(*values.values())
+    console = Console()
+    Console(width=console.width if console.is_terminal else 140).print(table)

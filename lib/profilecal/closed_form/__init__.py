@@ -1,0 +1,1 @@
+"""The papers' solvers, equation by equation, with the papers' symbols."""

@@ -1,0 +1,109 @@
+"""The two-step ball method (refs [11]-[14] of the disk paper) and the tetra-ball method (its ref [15])."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from profilecal.checks import UnobservableError, check_count, check_rotations, check_vectors
+from profilecal.closed_form.two_step import (
+    LEAST_SPREAD_DEG,
+    TwoStepSolution,
+    check_directions,
+    check_orientations,
+    pose_pairs,
+    solve_rotation,
+    solve_translation,
+)
+from profilecal.poses import angle_between
+
+
+def solve_ball(R_tcp, T_tcp, q, translating: int, **readings) -> TwoStepSolution:
+    """Sensor pose from ball centres q (n, 3) in the sensor frame, seen from n flange poses, mm.
+
+    The first `translating` poses (at least 3) share one orientation and fix the rotation:
+    R_sensor (q¹ - qʲ) = R_tcp⁻¹ (Tʲ - T¹). The others (at least 3) turn about two axes or more and fix the
+    translation, Eqs 17-19 of the disk paper. Section V-D describes the method without its equations;
+    `readings` of it: see `ball_equations`.
+
+    Raises ValueError for malformed input, UnobservableError for poses that cannot determine the answer.
+    """
+    T_tcp = check_vectors("T_tcp", T_tcp)
+    n = len(T_tcp)
+    check_count("translating poses", translating, 3, "two differences that are not parallel fix the rotation")
+    check_count("turning poses", n - translating, 3, "two turns about different axes fix the translation")
+    R_tcp = check_rotations("R_tcp", R_tcp, n)
+    q = check_vectors("q", q, n)
+    apart = np.degrees(angle_between(R_tcp[0], R_tcp[:translating])).max()
+    if apart > LEAST_SPREAD_DEG:
+        raise ValueError(
+            f"the {translating} translating poses differ in orientation by {apart:.2g}°; expected one orientation"
+        )
+    i, j = pose_pairs(translating, "first")
+    check_directions((q[i] - q[j]).T, "difference of ball centres")
+    check_orientations(R_tcp[translating:])
+
+    return ball_equations(R_tcp, T_tcp, q, translating, **readings)
+
+
+def ball_equations(
+    R_tcp,
+    T_tcp,
+    q,
+    translating: int,
+    *,
+    normalise: bool = True,
+    rotation_pairs: str = "first",
+    translation_pairs: str = "consecutive",
+) -> TwoStepSolution:
+    """`solve_ball` without its guards, with any leading batch axes: (..., n, 3, 3) and (..., n, 3)."""
+    i, j = pose_pairs(translating, rotation_pairs)
+    X = np.swapaxes(q[..., i, :] - q[..., j, :], -1, -2)
+    Y = np.einsum("...nba,...nb->...an", R_tcp[..., i, :, :], T_tcp[..., j, :] - T_tcp[..., i, :])
+    if normalise:
+        X = X / np.linalg.norm(X, axis=-2, keepdims=True)
+        Y = Y / np.linalg.norm(Y, axis=-2, keepdims=True)
+    rotation = solve_rotation(X, Y)
+    turning = slice(translating, None)
+    translation = solve_translation(
+        R_tcp[..., turning, :, :],
+        T_tcp[..., turning, :],
+        q[..., turning, :],
+        rotation.R_sensor,
+        translation_pairs,
+    )
+    return TwoStepSolution(rotation, translation)
+
+
+@dataclass(frozen=True)
+class TetraBallSolution:
+    """The transform H with H q^i = q^b."""
+
+    R: np.ndarray  # (3, 3)
+    T: np.ndarray  # (3,) mm
+    residuals: np.ndarray  # (n, 3) H q^i - q^b, mm
+
+
+def solve_tetra_ball(q_b, q_i) -> TetraBallSolution:
+    """The rigid transform that takes the points q_i (n, 3) to q_b (n, 3), n ≥ 3, in the least-squares sense.
+
+    Section V-D1 of the disk paper states ref. [15] as a Lagrangian whose four constraints (unit rows; second and
+    third column perpendicular) leave non-rotations in; this solves the same sum of squares on SO(3), where it has
+    one minimum in closed form: centre both sets, then project their covariance.
+
+    Raises ValueError for malformed input, UnobservableError for points on one line.
+    """
+    q_b = check_vectors("q_b", q_b)
+    check_count("conjugate pairs", len(q_b), 3, "three points that are not on one line fix a rigid transform")
+    q_i = check_vectors("q_i", q_i, len(q_b))
+    for name, points in (("q_b", q_b), ("q_i", q_i)):
+        singular = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+        if singular[1] < np.radians(LEAST_SPREAD_DEG) * singular[0] or singular[0] == 0:
+            raise UnobservableError(
+                f"{name}: all {len(points)} points lie on one line (spread along and across it {singular[0]:.3g} and "
+                f"{singular[1]:.2g} mm), so the rotation about it cannot be known; add a point off the line"
+            )
+
+    centre_b, centre_i = q_b.mean(axis=0), q_i.mean(axis=0)
+    R = solve_rotation((q_i - centre_i).T, (q_b - centre_b).T).R_sensor
+    T = centre_b - R @ centre_i
+    return TetraBallSolution(R, T, q_i @ R.T + T - q_b)

@@ -1,0 +1,135 @@
+"""What the disk and ball methods share: rotation from vector pairs, translation from one fixed point.
+
+Symbols as in the disk paper (Chen et al. 2018): R_tcp, T_tcp are the flange pose in the base frame, q the fixed
+point in the sensor frame, R_sensor and T_sensor the sensor pose on the flange. A leading batch axis is allowed
+wherever a shape starts with "...".
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from profilecal.checks import UnobservableError
+from profilecal.poses import nearest_rotation
+
+LEAST_SPREAD_DEG = 1.0  # directions or orientations that differ by less are taken for one
+
+
+@dataclass(frozen=True)
+class RotationSolution:
+    """R_sensor X = Y solved on SO(3): Eqs 14-16 and 44-45 of the disk paper."""
+
+    X: np.ndarray  # (..., 3, n) vectors in the sensor frame
+    Y: np.ndarray  # (..., 3, n) the same vectors in the flange frame
+    H: np.ndarray  # (..., 3, 3) X Yᵀ = U S Vᵀ
+    U: np.ndarray
+    S: np.ndarray  # (..., 3)
+    V: np.ndarray
+    R_sensor: np.ndarray  # (..., 3, 3)
+
+
+@dataclass(frozen=True)
+class TranslationSolution:
+    """M T_sensor = N in the least-squares sense, and how well the fixed point is met: Eqs 17-20, Section III-D."""
+
+    M: np.ndarray  # (..., 3k, 3)
+    N: np.ndarray  # (..., 3k)
+    T_sensor: np.ndarray  # (..., 3) mm
+    q_b_i: np.ndarray  # (..., n, 3) the fixed point in the base frame, from each pose, mm
+    q_b: np.ndarray  # (..., 3) their mean, Eq. 20
+    accuracy: np.ndarray  # (...) largest distance from the mean, mm
+
+
+@dataclass(frozen=True)
+class TwoStepSolution:
+    """The sensor pose on the flange: rotation first, then translation, with every quantity on the way."""
+
+    rotation: RotationSolution
+    translation: TranslationSolution
+
+    @property
+    def R_sensor(self) -> np.ndarray:
+        return self.rotation.R_sensor
+
+    @property
+    def T_sensor(self) -> np.ndarray:
+        return self.translation.T_sensor
+
+
+def solve_rotation(X, Y, *, proper: bool = True) -> RotationSolution:
+    """R_sensor from vectors X in the sensor frame and Y in the flange frame, both (..., 3, n), with R_sensor X = Y.
+
+    `proper=False` is Eq. 16 as printed, V Uᵀ, which can be a reflection.
+    """
+    H = X @ np.swapaxes(Y, -1, -2)
+    U, S, Vt = np.linalg.svd(H)
+    V = np.swapaxes(Vt, -1, -2)
+    R_sensor = nearest_rotation(np.swapaxes(H, -1, -2)) if proper else V @ np.swapaxes(U, -1, -2)
+    return RotationSolution(X, Y, H, U, S, V, R_sensor)
+
+
+def pose_pairs(n: int, pairs: str) -> tuple[np.ndarray, np.ndarray]:
+    """Indices (i, j) of the differences taken between n poses.
+
+    "consecutive": (0,1), (1,2), … as in Eq. 17; "first": (0,1), (0,2), …; "all": every pair.
+    """
+    if pairs == "consecutive":
+        return np.arange(n - 1), np.arange(1, n)
+    if pairs == "first":
+        return np.zeros(n - 1, dtype=int), np.arange(1, n)
+    if pairs == "all":
+        return np.triu_indices(n, 1)
+    raise ValueError(f"pairs is {pairs!r}; expected 'consecutive', 'first' or 'all'")
+
+
+def solve_translation(R_tcp, T_tcp, q, R_sensor, pairs: str = "consecutive") -> TranslationSolution:
+    """T_sensor from poses R_tcp (..., n, 3, 3), T_tcp (..., n, 3) and one fixed point seen as q (..., n, 3).
+
+    Eqs 17-20 of the disk paper. The least-squares solution of Eq. 19 is taken from an orthogonal
+    factorisation rather than from the normal equations, which square the condition number.
+    """
+    i, j = pose_pairs(R_tcp.shape[-3], pairs)
+    seen = np.einsum("...nab,...bc,...nc->...na", R_tcp, R_sensor, q) + T_tcp
+    R_i = R_tcp[..., i, :, :] - R_tcp[..., j, :, :]
+    N_i = seen[..., j, :] - seen[..., i, :]
+    M = R_i.reshape(*R_i.shape[:-3], -1, 3)
+    N = N_i.reshape(*N_i.shape[:-2], -1)
+    T_sensor = (np.linalg.pinv(M) @ N[..., None])[..., 0]
+
+    q_b_i = seen + np.einsum("...nab,...b->...na", R_tcp, T_sensor)
+    q_b = q_b_i.mean(axis=-2)
+    accuracy = np.linalg.norm(q_b_i - q_b[..., None, :], axis=-1).max(axis=-1)
+    return TranslationSolution(M, N, T_sensor, q_b_i, q_b, accuracy)
+
+
+def check_directions(X: np.ndarray, what: str) -> None:
+    """Refuse vectors X (3, n) that are all parallel: a turn about them would stay free."""
+    lengths = np.linalg.norm(X, axis=0)
+    if not lengths.all():
+        raise ValueError(f"{what} {int(np.argmin(lengths))} has zero length; expected a direction")
+    singular = np.linalg.svd(X / lengths, compute_uv=False)
+    spread = np.degrees(np.arctan2(singular[1], singular[0]))
+    if spread < LEAST_SPREAD_DEG:
+        raise UnobservableError(
+            f"{what}: all {X.shape[1]} are parallel within {spread:.2g}° in the sensor frame, so the rotation about "
+            f"them cannot be known; expected directions that spread by {LEAST_SPREAD_DEG:g}° or more"
+        )
+
+
+def check_orientations(R_tcp: np.ndarray) -> None:
+    """Refuse poses (n, 3, 3) of one orientation, or that all turn about one axis."""
+    i, j = pose_pairs(len(R_tcp), "all")
+    M = (R_tcp[i] - R_tcp[j]).reshape(-1, 3)
+    _, singular, Vt = np.linalg.svd(M)
+    turn = np.degrees(singular / np.sqrt(len(i)))  # rms over the pairs of |ΔR v|, an angle while small
+    if turn[0] < LEAST_SPREAD_DEG:
+        raise UnobservableError(
+            f"all {len(R_tcp)} poses have one orientation (within {turn[0]:.2g}°), so the translation cannot be "
+            f"known; turn the flange by {LEAST_SPREAD_DEG:g}° or more between poses, about at least two axes"
+        )
+    if turn[2] < LEAST_SPREAD_DEG:
+        axis = np.array2string(Vt[2], precision=2, suppress_small=True)
+        raise UnobservableError(
+            f"all {len(R_tcp)} poses turn about one axis, {axis} of the flange, so the translation along it cannot "
+            "be known; add a pose tilted about another axis"
+        )

@@ -1,0 +1,42 @@
+"""Rotations and rigid transforms: the conventions of the papers' tables, distances, and projection to SO(3)."""
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+
+def rotation_from_xyz_angles(angles) -> np.ndarray:
+    """Rotation matrices (..., 3, 3) from angles (a, b, c) in radians, shape (..., 3): R = Rz(c) Ry(b) Rx(a).
+
+    Tables I and III of the disk paper print orientations so ("ZYX Euler angle").
+    """
+    angles = np.asarray(angles, dtype=float)
+    matrices = Rotation.from_euler("xyz", angles.reshape(-1, 3)).as_matrix()
+    return matrices.reshape(*angles.shape[:-1], 3, 3)
+
+
+def nearest_rotation(matrix) -> np.ndarray:
+    """The rotations closest in the Frobenius norm to matrices (..., 3, 3); never reflections.
+
+    Edge paper, Eq. 27, and the correction that Eq. 16 of the disk paper lacks.
+    """
+    U, _, Vt = np.linalg.svd(np.asarray(matrix, dtype=float))
+    U[..., :, 2] *= np.sign(np.linalg.det(U @ Vt))[..., None]
+    return U @ Vt
+
+
+def angle_between(first, second) -> np.ndarray:
+    """Angle in radians of the rotation that takes `first` to `second`, both (..., 3, 3).
+
+    From the chord ‖A - B‖ = 2√2 sin(θ/2), which stays exact near zero where the trace does not.
+    """
+    chord = np.linalg.norm(np.asarray(first) - np.asarray(second), axis=(-2, -1))
+    return 2 * np.arcsin(np.clip(chord / np.sqrt(8), 0, 1))
+
+
+def homogeneous(rotation, translation) -> np.ndarray:
+    """4×4 matrices (..., 4, 4) from rotations (..., 3, 3) and translations (..., 3)."""
+    rotation, translation = np.asarray(rotation, dtype=float), np.asarray(translation, dtype=float)
+    shape = np.broadcast_shapes(rotation.shape[:-2], translation.shape[:-1])
+    matrix = np.zeros((*shape, 4, 4))
+    matrix[..., :3, :3], matrix[..., :3, 3], matrix[..., 3, 3] = rotation, translation, 1
+    return matrix

@@ -1,0 +1,104 @@
+"""Figures and what notebooks hand out. The only module that imports matplotlib."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pandas as pd
+
+from profilecal.scorecard import Scorecard
+
+# Okabe and Ito's colours, told apart by colour-blind readers and in grey print
+BLUE, ORANGE, GREEN, RED, SKY, PURPLE, YELLOW = (
+    "#0072B2",
+    "#E69F00",
+    "#009E73",
+    "#D55E00",
+    "#56B4E9",
+    "#CC79A7",
+    "#F0E442",
+)
+
+
+def use_style() -> None:
+    """Matplotlib settings of every notebook."""
+    plt.rcParams.update(
+        {
+            "figure.dpi": 100,
+            "figure.constrained_layout.use": True,
+            "axes.prop_cycle": plt.cycler(color=[BLUE, ORANGE, GREEN, RED, SKY, PURPLE]),
+            "axes.spines.top": False,
+            "axes.spines.right": False,
+            "font.size": 10,
+            "legend.frameon": False,
+            "svg.hashsalt": "profilecal",
+        }
+    )
+
+
+@dataclass(frozen=True)
+class Results:
+    """What one notebook hands out: figures as PNG and SVG, tables as CSV, its rows of the scorecard.
+
+    `folder` is the notebook's parameter `results_dir`; empty, nothing is written.
+    """
+
+    notebook: str
+    folder: str
+
+    def _place(self, kind: str, name: str) -> Path:
+        place = Path(self.folder) / kind / f"{self.notebook}_{name}"
+        place.parent.mkdir(parents=True, exist_ok=True)
+        return place
+
+    def figure(self, figure: plt.Figure, name: str) -> None:
+        """Show a figure and write it."""
+        if self.folder:
+            for suffix in (".png", ".svg"):
+                figure.savefig(self._place("figures", name).with_suffix(suffix), dpi=200)
+        plt.show()
+
+    def table(self, frame: pd.DataFrame, name: str, digits: int = 4) -> pd.DataFrame:
+        """Write a table in full precision and return it rounded to `digits` significant digits for the reader."""
+        if self.folder:
+            frame.to_csv(self._place("tables", name).with_suffix(".csv"), index=frame.index.name is not None)
+        return frame.map(lambda v: f"{v:.{digits}g}" if isinstance(v, float | np.floating) else v)
+
+    def scorecard(self, rows: list[dict]) -> Scorecard:
+        """Show the notebook's rows of the scorecard; they are stored in the executed notebook."""
+        return Scorecard(rows)
+
+
+def draw_frame(axes, rotation, origin, length: float, name: str = "") -> None:
+    """Draw a coordinate frame in a 3D plot: x red, y green, z blue."""
+    for axis, colour in zip(np.asarray(rotation).T, (RED, GREEN, BLUE), strict=True):
+        tip = origin + length * axis
+        axes.plot(*np.column_stack([origin, tip]), color=colour, lw=2)
+    if name:
+        axes.text(*(origin - 0.25 * length * np.asarray(rotation)[:, 2]), name, ha="center", va="center")
+
+
+def draw_patch(axes, corners, colour: str, alpha: float = 0.25, label: str = "") -> None:
+    """Draw a filled polygon with corners (n, 3) in a 3D plot."""
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+    axes.add_collection3d(Poly3DCollection([corners], facecolor=colour, edgecolor=colour, alpha=alpha, label=label))
+
+
+def circle_points(centre, normal, radius: float, count: int = 90) -> np.ndarray:
+    """Points (count, 3) on a circle in space."""
+    normal = np.asarray(normal, dtype=float) / np.linalg.norm(normal)
+    u = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
+    u /= np.linalg.norm(u)
+    angle = np.linspace(0, 2 * np.pi, count)[:, None]
+    return centre + radius * (np.cos(angle) * u + np.sin(angle) * np.cross(normal, u))
+
+
+def equal_axes(axes, points) -> None:
+    """Give a 3D plot the same scale on its three axes, around points (n, 3)."""
+    points = np.asarray(points).reshape(-1, 3)
+    low, high = points.min(axis=0), points.max(axis=0)
+    middle, half = (low + high) / 2, (high - low).max() / 2
+    axes.set(xlim=(middle[0] - half, middle[0] + half), ylim=(middle[1] - half, middle[1] + half))
+    axes.set(zlim=(middle[2] - half, middle[2] + half), box_aspect=(1, 1, 1))
