@@ -102,7 +102,7 @@ def run(source: Path, output: Path, parameters: dict, on_cell=lambda: None) -> N
         for line in process.stdout:
             if line == "cell\n":
                 on_cell()
-            else:
+            elif line.startswith("error ") or not reason.startswith("error "):
                 reason = line.strip() or reason
     _running.discard(process)
     if partial.exists():
@@ -145,7 +145,7 @@ def _main(source: str, output: str, parameters: str) -> int:
             source, output, json.loads(parameters), engine_name="reporting", progress_bar=False, cwd=Path(source).parent
         )
     except papermill.PapermillExecutionError as error:
-        print(f"cell {error.cell_index}: {error.ename}: {error.evalue}".replace("\n", " "), flush=True)
+        print(f"error in cell {error.cell_index}: {error.ename}: {error.evalue}".replace("\n", " "), flush=True)
         return 1
     return 0
 
