@@ -1,0 +1,362 @@
+"""The scan folder: a user's measurements as plain files, read with every mistake named, and written.
+
+`docs` of the format: data/README.md. Lengths are millimetres once read, whatever the folder's units.
+"""
+
+import json
+import shutil
+import tomllib
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from profilecal.conventions import CONVENTIONS, RowError, find_convention, from_rotations, to_rotations
+from profilecal.poses import angle_between
+
+MEASURED = {
+    "profiles": ("x", "z"),
+    "points": ("x", "z"),
+    "chords": ("x_a", "z_a", "x_b", "z_b"),
+    "arcs": ("x", "z", "r"),
+}
+FITS = {"edge": "points", "point": "points", "disk": "chords", "ball": "arcs", "plane": None}
+NOISE = ("profile_mm", "position_mm", "orientation_deg", "group_position_mm", "group_orientation_deg", "steering_mm")
+KEYS = {
+    "": ("title", "units", "mount", "target", "noise"),
+    "target": ("kind", "radius", "side"),
+    "noise": NOISE,
+}
+SCALE = {"mm": 1.0, "m": 1000.0}
+MOUNTS = ("eye-in-hand", "eye-to-hand")
+SAME_ORIENTATION_DEG = 0.05  # poses that differ by less form a rotation group
+RADIUS_MM = (0.5, 1000.0)  # of a ball or disk that a profile scanner can see
+REACH_MM = (10.0, 20_000.0)  # farthest flange position from the base: a robot's size
+LARGEST_FILE = 400_000_000  # bytes
+
+
+class ScanError(ValueError):
+    """The folder's content is wrong; one sentence with the file, the row, the value and what was expected."""
+
+
+@dataclass(frozen=True)
+class Scan:
+    """One scan: poses of the flange and what the scanner saw from each. Lengths in mm."""
+
+    kind: str  # edge, disk, ball, plane or point
+    labels: tuple[str, ...]  # (P,)
+    R_base_flange: np.ndarray  # (P, 3, 3)
+    T_base_flange: np.ndarray  # (P, 3)
+    measured: str  # profiles, points, chords or arcs
+    values: tuple[np.ndarray, ...]  # (P,) of (rows, columns), empty where the scanner saw nothing
+    radius: float | None = None
+    side: np.ndarray | None = None  # (P,) +1, -1, or 0 where the program is to decide
+    group: np.ndarray | None = None  # (P,) whole numbers from 0
+    group_given: bool = False
+    noise: dict[str, float] = field(default_factory=dict)
+    mount: str = "eye-in-hand"
+    title: str = ""
+    convention: str = "quaternion"
+    truth: dict = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
+
+
+def read_scan(folder) -> Scan:
+    """Read and check a scan folder. Raises ScanError."""
+    folder = Path(folder)
+    try:
+        if not folder.is_dir():
+            raise ScanError(f"{folder}: no such folder")
+        header = read_header(folder / "scan.toml")
+        scale = SCALE[header["units"]]
+        poses = read_poses(folder, scale)
+        measured, values = read_measurements(folder, poses["labels"], scale)
+        truth_file = folder / "truth.toml"
+        truth = tomllib.loads(truth_file.read_text(encoding="utf-8")) if truth_file.exists() else {}
+    except UnicodeDecodeError as error:
+        raise ScanError(f"{folder}: a file is not UTF-8 text ({error.reason} at byte {error.start})") from error
+    except OSError as error:
+        raise ScanError(f"{error.filename or folder}: {error.strerror or error}") from error
+    except tomllib.TOMLDecodeError as error:
+        raise ScanError(f"{folder / 'truth.toml'}: {error}") from error
+
+    target = header["target"]
+    needs = FITS[target["kind"]]
+    if measured not in ("profiles", needs):
+        expected = f"profiles or {needs}" if needs else "profiles"
+        raise ScanError(f"{folder}: a target of kind {target['kind']!r} needs {expected}, not {measured}")
+    side = np.full(len(values), float(target.get("side", 0)))
+    if poses["side"] is not None:
+        side = np.where(np.isnan(poses["side"]), side, poses["side"])
+    group, given = poses["group"], poses["group"] is not None
+    return Scan(
+        kind=target["kind"],
+        labels=poses["labels"],
+        R_base_flange=poses["R"],
+        T_base_flange=poses["T"],
+        measured=measured,
+        values=values,
+        radius=target["radius"] * scale if "radius" in target else None,
+        side=side,
+        group=group if given else find_groups(poses["R"]),
+        group_given=given,
+        noise=header["noise"],
+        mount=header["mount"],
+        title=header["title"],
+        convention=poses["convention"].name,
+        truth=truth,
+        warnings=tuple(poses["warnings"]),
+    )
+
+
+def read_header(path: Path) -> dict:
+    """scan.toml, checked, with defaults filled in."""
+    if not path.exists():
+        raise ScanError(f'{path}: no such file; expected it to name the target: [target] kind = "edge"')
+    try:
+        header = tomllib.loads(path.read_text(encoding="utf-8"))
+    except tomllib.TOMLDecodeError as error:
+        raise ScanError(f"{path}: {error}") from error
+    for section, known in KEYS.items():
+        entries = header.setdefault(section, {}) if section else header
+        if not isinstance(entries, dict):
+            raise ScanError(f"{path}: {section} is {entries!r}; expected a table [{section}]")
+        for key in entries:
+            if key not in known:
+                where = f" in [{section}]" if section else ""
+                raise ScanError(f"{path}: unknown entry {key!r}{where}; there are {', '.join(known)}")
+    header = {"title": "", "units": "mm", "mount": "eye-in-hand"} | header
+    target = header["target"]
+    for name, value, choices in (
+        ("units", header["units"], tuple(SCALE)),
+        ("mount", header["mount"], MOUNTS),
+        ("target kind", target.get("kind"), tuple(FITS)),
+        ("target side", target.get("side", 1), (1, -1)),
+    ):
+        if value not in choices or isinstance(value, bool):
+            raise ScanError(f"{path}: {name} is {value!r}; expected {' or '.join(map(str, choices))}")
+    for name, value in header["noise"].items():
+        if not isinstance(value, int | float) or isinstance(value, bool) or not 0 <= value < np.inf:
+            raise ScanError(f"{path}: noise {name} is {value!r}; expected a number, zero or more")
+    _check_radius(path, target, SCALE[header["units"]])
+    return header
+
+
+def _check_radius(path: Path, target: dict, scale: float) -> None:
+    kind, radius = target["kind"], target.get("radius")
+    if kind not in ("disk", "ball"):
+        if radius is not None:
+            raise ScanError(f"{path}: a target of kind {kind!r} has no radius; leave it out")
+        return
+    if radius is None:
+        raise ScanError(f"{path}: the {kind}'s radius is missing; expected radius = … under [target]")
+    if not isinstance(radius, int | float) or not RADIUS_MM[0] <= radius * scale <= RADIUS_MM[1]:
+        low, high = (v / scale for v in RADIUS_MM)
+        raise ScanError(f"{path}: radius is {radius!r}; expected {low:g} to {high:g} in the folder's units")
+
+
+def read_poses(folder: Path, scale: float) -> dict:
+    """poses.csv or poses.parquet: labels, R, T in mm, group and side where given, convention, warnings."""
+    path, table = read_table(folder, "poses", ("pose", "x", "y", "z"))
+    labels = _labels(path, table)
+    repeated = pd.Series(labels)[pd.Series(labels).duplicated()]
+    if len(repeated):
+        raise ScanError(f"{_line(path, table, repeated.index[0])}: pose {repeated.iloc[0]!r} is there twice")
+    T = _numbers(path, table, ("x", "y", "z")) * scale
+    try:
+        convention = find_convention(table.columns)
+        block = _numbers(path, table, convention.columns)
+        R = to_rotations(convention, block)
+    except RowError as error:
+        raise ScanError(f"{_line(path, table, error.row)}: {error}") from error
+    except ScanError:
+        raise
+    except ValueError as error:
+        raise ScanError(f"{path}: {error}") from error
+
+    reach = np.linalg.norm(T, axis=1).max()
+    if not REACH_MM[0] <= reach <= REACH_MM[1]:
+        raise ScanError(
+            f"{path}: the farthest flange position is {reach:.3g} mm from the base; expected a robot's size, "
+            f"{REACH_MM[0]:g} to {REACH_MM[1]:g} mm: are the units in scan.toml right?"
+        )
+    warnings = []
+    if convention.sequence and np.abs(block).max() <= 2 * np.pi:
+        names = ", ".join(convention.columns)
+        warnings.append(f"{path.name}: all angles {names} lie within ±2π; the columns mean degrees, are they radians?")
+    side = _numbers(path, table, ("side",), blank=True)[:, 0] if "side" in table else None
+    if side is not None and not np.isin(side[~np.isnan(side)], (-1, 1)).all():
+        row = int(np.flatnonzero(~np.isnan(side) & ~np.isin(side, (-1, 1)))[0])
+        raise ScanError(f"{_line(path, table, row)}: side is {side[row]:g}; expected 1 or -1")
+    group = None
+    if "group" in table:
+        group = np.unique(table["group"].astype(str).to_numpy(), return_inverse=True)[1]
+        _check_groups(path, R, group, labels)
+    return {
+        "labels": tuple(labels),
+        "R": R,
+        "T": T,
+        "group": group,
+        "side": side,
+        "convention": convention,
+        "warnings": warnings,
+    }
+
+
+def _check_groups(path, R, group, labels):
+    for label in np.unique(group):
+        rows = np.flatnonzero(group == label)
+        apart = np.degrees(angle_between(R[rows], R[rows[0]]))
+        if apart.max() > 1:
+            other = labels[rows[np.argmax(apart)]]
+            raise ScanError(
+                f"{path}: poses {labels[rows[0]]!r} and {other!r} share a group but differ in orientation by "
+                f"{apart.max():.2g}°; expected one orientation in a group"
+            )
+
+
+def read_measurements(folder: Path, labels, scale: float) -> tuple[str, tuple[np.ndarray, ...]]:
+    """What the scanner saw: which of the four files there is, and its rows in mm by pose."""
+    there = [name for name in MEASURED if any((folder / f"{name}{end}").exists() for end in (".csv", ".parquet"))]
+    if len(there) != 1:
+        found = f"found {' and '.join(there)}" if there else "found none of them"
+        raise ScanError(f"{folder}: expected one of profiles, points, chords, arcs (.csv or .parquet); {found}")
+    (measured,) = there
+    path, table = read_table(folder, measured, ("pose", *MEASURED[measured]))
+    seen = _labels(path, table)
+    rows = pd.Index(labels).get_indexer(seen)
+    if (rows < 0).any():
+        row = int(np.argmax(rows < 0))
+        raise ScanError(f"{_line(path, table, row)}: pose {seen[row]!r} is not in poses")
+    numbers = _numbers(path, table, MEASURED[measured], blank=True) * scale
+    order = np.argsort(rows, kind="stable")
+    parts = np.split(numbers[order], np.searchsorted(rows[order], np.arange(1, len(labels))))
+    if measured == "points":
+        many = [label for label, part in zip(labels, parts, strict=True) if len(part) > 1]
+        if many:
+            raise ScanError(f"{path}: pose {many[0]!r} has more than one point; expected one")
+    largest = np.nanmax(np.abs(numbers), initial=0.0)
+    if 0 < largest < 1:
+        raise ScanError(f"{path}: no value is larger than {largest:.3g} mm; are the units in scan.toml right?")
+    return measured, tuple(parts)
+
+
+def read_table(folder: Path, name: str, required) -> tuple[Path, pd.DataFrame]:
+    """A table by its name, CSV or Parquet, without its empty rows; its index is the line in the file less two."""
+    paths = [folder / f"{name}{end}" for end in (".csv", ".parquet") if (folder / f"{name}{end}").exists()]
+    if len(paths) != 1:
+        both = "both .csv and .parquet are there; keep one" if paths else "no such file"
+        raise ScanError(f"{folder / name}.csv: {both}")
+    path = paths[0]
+    if path.stat().st_size > LARGEST_FILE:
+        size = path.stat().st_size / 1e6
+        raise ScanError(f"{path}: {size:.0f} MB; expected at most {LARGEST_FILE / 1e6:.0f} MB: thin the profiles out")
+    try:
+        if path.suffix == ".csv":
+            table = pd.read_csv(path, dtype={"pose": str, "group": str}, skip_blank_lines=False, encoding="utf-8-sig")
+        else:
+            table = pd.read_parquet(path)
+    except UnicodeDecodeError as error:
+        raise ScanError(f"{path}: not UTF-8 text ({error.reason} at byte {error.start})") from error
+    except (ValueError, OSError, ImportError) as error:  # pandas and pyarrow name the line
+        raise ScanError(f"{path}: cannot be read: {str(error).strip().splitlines()[-1]}") from error
+    table.columns = [str(column).strip().lower() for column in table.columns]
+    for column in required:
+        if column not in table:
+            raise ScanError(f"{path}: no column {column!r}; there are {', '.join(table.columns)}")
+    table = table.dropna(how="all")
+    if table.empty:
+        raise ScanError(f"{path}: no rows")
+    return path, table
+
+
+def _line(path: Path, table: pd.DataFrame, row: int) -> str:
+    """Where a row is, as an editor counts lines."""
+    return f"{path} line {table.index[row] + 2}"
+
+
+def _labels(path: Path, table: pd.DataFrame) -> np.ndarray:
+    blank = table["pose"].isna().to_numpy()
+    if blank.any():
+        raise ScanError(f"{_line(path, table, int(np.argmax(blank)))}: no pose label")
+    return table["pose"].astype(str).str.strip().to_numpy()
+
+
+def _numbers(path: Path, table: pd.DataFrame, columns, blank: bool = False) -> np.ndarray:
+    """Columns as numbers (rows, columns). Blank or NaN cells only where `blank`; never infinite."""
+    numbers = np.empty((len(table), len(columns)))
+    for k, column in enumerate(columns):
+        numbers[:, k] = pd.to_numeric(table[column], errors="coerce")
+        text = table[column].notna().to_numpy() & np.isnan(numbers[:, k])
+        bad = text | np.isinf(numbers[:, k]) | (np.isnan(numbers[:, k]) & (not blank))
+        if bad.any():
+            row = int(np.argmax(bad))
+            value = table[column].iloc[row]
+            found = "is empty" if pd.isna(value) else f"is {str(value)[:40]!r}"
+            raise ScanError(f"{_line(path, table, row)}: {column} {found}; expected a finite number")
+    return numbers
+
+
+def find_groups(R_base_flange) -> np.ndarray:
+    """Rotation groups (P,) from orientations (P, 3, 3): poses within 0.05° of a group's first pose join it."""
+    group, firsts = np.empty(len(R_base_flange), dtype=int), []
+    for k, R in enumerate(R_base_flange):
+        near = [g for g, first in enumerate(firsts) if np.degrees(angle_between(R, first)) < SAME_ORIENTATION_DEG]
+        if not near:
+            firsts.append(R)
+        group[k] = near[0] if near else len(firsts) - 1
+    return group
+
+
+def write_scan(scan: Scan, folder, table: str = ".csv") -> None:
+    """Write a scan as a folder of its own, in mm; `table` is ".csv" or ".parquet". Raises ScanError if it is taken."""
+    folder = Path(folder)
+    if folder.exists() and any(folder.iterdir()):
+        raise ScanError(f"{folder}: not empty; name a new folder")
+    convention = next(c for c in CONVENTIONS if c.name == scan.convention)
+    block = from_rotations(convention, scan.R_base_flange)
+    poses = pd.DataFrame({"pose": scan.labels} | dict(zip("xyz", scan.T_base_flange.T, strict=True)))
+    poses[list(convention.columns)] = block
+    if scan.group_given:
+        poses["group"] = scan.group
+    if scan.side is not None and np.any(scan.side):
+        poses["side"] = scan.side.astype(int)
+    counts = [len(rows) for rows in scan.values]
+    values = pd.DataFrame(np.concatenate(scan.values), columns=MEASURED[scan.measured])
+    values.insert(0, "pose", np.repeat(scan.labels, counts))
+
+    partial = folder.with_name(f".{folder.name}.partial")
+    shutil.rmtree(partial, ignore_errors=True)
+    partial.mkdir(parents=True)
+    (partial / "scan.toml").write_text(header_text(scan), encoding="utf-8")
+    for name, frame in (("poses", poses), (scan.measured, values)):
+        path = partial / f"{name}{table}"
+        frame.to_csv(path, index=False) if table == ".csv" else frame.to_parquet(path, index=False)
+    if scan.truth:
+        (partial / "truth.toml").write_text(toml_text(scan.truth), encoding="utf-8")
+    partial.replace(folder)
+
+
+def header_text(scan: Scan) -> str:
+    """scan.toml of a scan."""
+    target = {"kind": scan.kind} | ({"radius": scan.radius} if scan.radius else {})
+    return toml_text({"title": scan.title, "units": "mm", "mount": scan.mount, "target": target, "noise": scan.noise})
+
+
+def toml_text(entries: dict) -> str:
+    """A dictionary of numbers, texts, nested lists of numbers, and one level of such dictionaries, as TOML."""
+
+    def value(entry):
+        if isinstance(entry, np.ndarray):
+            entry = entry.tolist()
+        if isinstance(entry, list | tuple):
+            return "[" + ", ".join(map(value, entry)) + "]"
+        return json.dumps(entry, ensure_ascii=False)
+
+    tables = {key: entry for key, entry in entries.items() if isinstance(entry, dict)}
+    lines = [f"{key} = {value(entry)}" for key, entry in entries.items() if key not in tables]
+    for name, table in tables.items():
+        if table:
+            lines += ["", f"[{name}]", *(f"{key} = {value(entry)}" for key, entry in table.items())]
+    return "\n".join(lines) + "\n"
