@@ -9,12 +9,15 @@ p - ρ + p × φ, a direction d to d + d × φ. Every function takes a batch of 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2 as chi2_law
 
+from profilecal.checks import UnobservableError
+from profilecal.observability import POSE_UNITS, Spectrum, explain, spectrum
+from profilecal.poses import angle_between, homogeneous
 from profilecal.targets import ball, disk, edge, plane, point
 
 TARGETS = {"edge": edge, "disk": disk, "ball": ball, "plane": plane, "point": point}
@@ -380,3 +383,295 @@ def refine(
             if done.all():
                 break
     return Fit(state, M, loss, per_pose, done, iteration)
+
+
+# --- one data set, from start to statement ------------------------------------------------------------------------------
+
+GRID = "I"  # scipy's name for the 60 rotations of the icosahedron: any rotation is within 45° of one of them
+SEARCH_POSES, SEARCH_POINTS = 40, 5  # the search looks at that many poses, and points in each
+SEARCH_STEPS, KEPT = 25, 6
+FALSE_ALARM = 0.01  # the chance that any good pose at all is rejected
+
+
+@dataclass(frozen=True)
+class Solution:
+    """One calibration with its evidence."""
+
+    rotation: np.ndarray  # (3, 3) sensor axes in the flange frame (eye-to-hand: in the base frame)
+    translation: np.ndarray  # (3,) mm
+    covariance: np.ndarray  # (6, 6) of (ρ, φ) in the sensor's frame, mm and rad: T = T̂ · exp(δ)
+    placements: tuple  # a target object (Edge, Disk, …) for each set of observations
+    noise_mm: float
+    noise_source: str  # "given" or "estimated"
+    noise_how: str  # in words
+    chi2: float
+    dof: int
+    rms_mm: float  # of the residuals kept
+    normalised: tuple  # (P,) for each target: each pose's residual over its expected size
+    rejected: tuple  # (P,) bool for each target
+    status: str  # "ok", "weak" or "unobservable"
+    observability: Spectrum
+    messages: tuple  # sentences a person can act on
+    converged: bool
+
+    @property
+    def chi2_per_dof(self) -> float:
+        return self.chi2 / self.dof
+
+    @property
+    def T_flange_sensor(self) -> np.ndarray:
+        return homogeneous(self.rotation, self.translation)
+
+    @property
+    def translation_sd_mm(self) -> np.ndarray:
+        return np.sqrt(np.diag(self.covariance)[:3])
+
+    @property
+    def rotation_sd_deg(self) -> np.ndarray:
+        return np.degrees(np.sqrt(np.diag(self.covariance)[3:]))
+
+    @property
+    def covariance_mm_deg(self) -> np.ndarray:
+        """The covariance with the rotation vector in degrees."""
+        units = np.r_[1, 1, 1, np.full(3, 180 / np.pi)]
+        return self.covariance * units[:, None] * units
+
+
+def pose_error(rotation, translation, true_rotation, true_translation) -> np.ndarray:
+    """δ (..., 6) in mm and rad, sensor frame, with T_true = T · exp(δ) to first order: what the covariance speaks of."""
+    turn = np.swapaxes(rotation, -1, -2) @ true_rotation
+    shift = np.swapaxes(rotation, -1, -2) @ (true_translation - translation)[..., None]
+    angles = Rotation.from_matrix(turn.reshape(-1, 3, 3)).as_rotvec().reshape(*turn.shape[:-2], 3)
+    return np.concatenate([shift[..., 0], angles], axis=-1)
+
+
+def units_by_hand(problem: Problem) -> np.ndarray:
+    """What one would know of each parameter (n,) by hand: `observability.POSE_UNITS`, and the same for placements."""
+    mm, rad = POSE_UNITS[0], POSE_UNITS[3]
+    return np.concatenate([POSE_UNITS, *([mm] * (t.n - 2 * t.turns) + [rad] * (2 * t.turns) for t in problem.terms)])
+
+
+def affine_noise(observations: Observations) -> tuple[float, int]:
+    """Scanner noise from an edge or a marked point before anything is calibrated, mm, and its degrees of freedom.
+
+    Inside a rotation group the sensed point is an affine function of the flange position, whatever the calibration:
+    what is left of a regression is noise. The median over the groups keeps a bad point from counting.
+    """
+    points, group = np.asarray(observations.points)[0, :, 0], np.asarray(observations.group)
+    variances, freedoms = [], []
+    for label in np.unique(group):
+        rows = (group == label) & np.isfinite(points).all(axis=1)
+        T = observations.T_flange[0, rows]
+        if len(T) < 3:
+            continue
+        U, s, _ = np.linalg.svd(T - T.mean(axis=0), full_matrices=False)
+        U = U[:, s > 1e-3 * s.max()]
+        freedom = len(T) - 1 - U.shape[1]
+        if freedom > 0:
+            y = points[rows] - points[rows].mean(axis=0)
+            variances.append(np.sum((y - U @ (U.T @ y)) ** 2) / chi2_law.median(2 * freedom))
+            freedoms.append(2 * freedom)
+    return (float(np.sqrt(np.median(variances))), sum(freedoms)) if variances else (0.0, 0)
+
+
+def search(observations: Sequence[Observations], noise: Noise, starts=()) -> State:
+    """Sensor poses worth refining, best first, (KEPT,): from `starts`, pairs (R (3, 3), T (3,) mm), and from a grid of
+    rotations, each with the targets placed where it sees them, by distances in space and on a few poses."""
+    few = []
+    for entry in observations:
+        P, m = entry.points.shape[-3:-1]
+        chosen = np.unique(np.linspace(0, P - 1, min(P, max(SEARCH_POSES, 6 * len(observations)))).round().astype(int))
+        step = max(1, m // SEARCH_POINTS) if entry.kind in ("ball", "plane") else 1
+        thin = entry.keep(chosen)
+        few.append(replace(thin, points=thin.points[..., step // 2 :: step, :]))
+    problem = Problem(few, replace(noise, position_mm=0, orientation_deg=0, group_position_mm=0, group_orientation_deg=0))
+    rotation, translation = Rotation.create_group(GRID).as_matrix(), np.zeros((60, 3))
+    if len(starts):
+        rotation = np.concatenate([[R for R, _ in starts], rotation])
+        translation = np.concatenate([[T for _, T in starts], translation])
+    found = refine(problem, problem.place(rotation, translation), in_plane=False, iterations=SEARCH_STEPS)
+    order = np.argsort(np.where(np.isfinite(found.loss), found.loss, np.inf))
+    return found.state[_distinct(found.state, order)[:KEPT]]
+
+
+def _distinct(state: State, order, turn: float = 0.02, shift: float = 2.0) -> list[int]:
+    """Indices in the given order without those that repeat an earlier pose (within 1° and 2 mm)."""
+    kept: list[int] = []
+    for i in order:
+        same = (angle_between(state.rotation[kept], state.rotation[i]) < turn) & (
+            np.linalg.norm(state.translation[kept] - state.translation[i], axis=-1) < shift
+        )
+        if not same.any():
+            kept.append(int(i))
+    return kept
+
+
+def _spread(own, count) -> np.ndarray:
+    """How many noise levels large the residuals of most poses are, (B,), from medians: bad poses do not count."""
+    level = [np.median(o * (k / chi2_law.median(k)), axis=1) for o, k in zip(own, count, strict=True)]
+    return np.sqrt(np.mean(level, axis=0))
+
+
+def _bad_poses(problem: Problem, own, count, scale: float) -> list[np.ndarray]:
+    """Poses (P,) of each term whose residuals are beyond chance, and groups of which more than half are."""
+    total, rejected = sum(len(o) for o in own), []
+    for term, o, k in zip(problem.terms, own, count, strict=True):
+        bad = o * k > scale**2 * chi2_law.isf(FALSE_ALARM / total, k)
+        size = np.bincount(term.group)
+        crowd = (np.bincount(term.group, bad) > size / 2) & (size > 2)
+        rejected.append(bad | crowd[term.group])
+    return rejected
+
+
+def solve(observations: Sequence[Observations], noise: Noise | None = None, *, starts=(), robust: bool = True) -> Solution:
+    """The sensor pose from all observations together, with its covariance and what it can be believed.
+
+    `starts`: poses (R (3, 3), T (3,) mm) to start from besides the grid, such as closed forms or a mount measured by hand.
+    `robust=False` is plain least squares throughout: nothing is rejected.
+
+    Raises ValueError for malformed input and UnobservableError for fewer residuals than unknowns.
+    """
+    observations, noise = list(observations), noise or Noise()
+    if not observations:
+        raise ValueError("no observations given; expected at least one target")
+    noise, source, how = _first_noise(observations, noise)
+    problem = Problem(observations, noise)
+    total = int(problem.count()[0])
+    if total <= problem.n:
+        raise UnobservableError(f"{total} measured coordinates cannot determine {problem.n} unknowns; add poses")
+
+    fit = refine(problem, search(observations, noise, starts))
+    count = [_per_pose(term) for term in problem.terms]
+    weights, scale = None, 1.0
+    if robust:
+        fit, scale = _robust(problem, fit, count, least=0.0 if source == "residuals" else 1.0)
+        weights = [~bad for bad in _bad_poses(problem, [o[0] for o in fit.per_pose], count, scale)]
+        for _ in range(5):
+            if sum(int((w * k).sum()) for w, k in zip(weights, count, strict=True)) <= problem.n:
+                raise UnobservableError("most poses contradict each other: no sensor pose explains half of them")
+            fit = refine(problem, fit.state, weights=weights)
+            if source == "residuals":
+                scale = float(_spread(fit.per_pose, count)[np.argmin(fit.loss)])
+            best = int(np.argmin(fit.loss))
+            before, weights = weights, [~b for b in _bad_poses(problem, [o[best] for o in fit.per_pose], count, scale)]
+            if all((a == b).all() for a, b in zip(before, weights, strict=True)):
+                break
+        weights = before
+    best = int(np.argmin(fit.loss))
+    kept = total if weights is None else sum(int((w * k).sum()) for w, k in zip(weights, count, strict=True))
+    dof = kept - problem.n
+    one = fit.state[[best]]
+    if source == "residuals":
+        for _ in range(20):
+            factor = np.sqrt(float(refine(problem, one, weights=weights).chi2[0]) / dof)
+            noise = replace(noise, profile_mm=max(noise.profile_mm * factor, 1e-12))
+            problem = Problem(observations, noise)
+            if abs(factor - 1) < 1e-6:
+                break
+    everything = fit.state
+    fit = refine(problem, one, weights=weights)
+    return _state_result(problem, observations, noise, source, how, fit, everything, weights, dof, starts)
+
+
+def _per_pose(term: Term) -> np.ndarray:
+    """How many residuals each pose has, (P,)."""
+    rows = {"edge": 2, "disk": 4, "point": 3}.get(term.module.__name__.rsplit(".", 1)[1], len(term.seen))
+    if term.present is None:
+        return np.full(term.P, rows)
+    return np.maximum(term.present[:, 0].sum(axis=0) * (rows // len(term.seen)), 1)
+
+
+def _first_noise(observations, noise: Noise) -> tuple[Noise, str, str]:
+    """The scanner noise to begin with: given, from rotation groups, or 1 mm until the residuals tell."""
+    if noise.profile_mm is not None:
+        if not noise.profile_mm > 0:
+            raise ValueError(f"profile_mm is {noise.profile_mm}; expected a positive standard deviation, or None")
+        return noise, "given", "as given"
+    found = [affine_noise(o) for o in observations if o.kind in ("edge", "point") and o.group is not None]
+    freedom = sum(f for _, f in found)
+    if freedom >= 10:
+        level = np.sqrt(sum(f * s**2 for s, f in found) / freedom)
+        return replace(noise, profile_mm=max(float(level), 1e-12)), "groups", (
+            f"from the scatter inside rotation groups, {freedom} degrees of freedom"
+        )
+    return replace(noise, profile_mm=1.0), "residuals", "from the residuals"
+
+
+def _robust(problem: Problem, fit: Fit, count, least: float) -> tuple[Fit, float]:
+    """Cauchy's loss, its unit lowered from what the residuals look like to what the noise is, then the best of all."""
+    for _ in range(4):
+        scale = np.maximum(_spread(fit.per_pose, count), least)
+        fit = refine(problem, fit.state, scale=scale, iterations=20)
+    scale = float(np.maximum(_spread(fit.per_pose, count), least).min())
+    fit = refine(problem, fit.state, scale=np.full(len(fit.loss), scale))
+    best = int(np.argmin(fit.loss))
+    order = np.r_[best, np.delete(np.arange(len(fit.loss)), best)]
+    fit = Fit(fit.state[order], fit.M[order], fit.loss[order], [o[order] for o in fit.per_pose], fit.converged[order], 0)
+    return fit, float(np.maximum(_spread(fit.per_pose, count), least)[0])
+
+
+def _state_result(problem, observations, noise, source, how, fit, everything, weights, dof, starts) -> Solution:
+    """The solution object, with what there is to say."""
+    state, chi2 = fit.state, float(fit.chi2[0])
+    found = spectrum(fit.information[0], units_by_hand(problem))
+    messages, status = [], str(found.status)
+    factor = chi2 / dof
+    unlikely = chi2_law.isf(1e-3, dof) / dof
+    covariance = found.covariance
+    if source == "groups" and factor > unlikely:
+        covariance, found = covariance * factor, replace(found, covariance=found.covariance * factor, sd=found.sd * factor**0.5)
+        status = str(found.status)
+        messages.append(
+            f"residuals are {factor**0.5:.2g} times the scatter inside rotation groups, so the groups differ by more than "
+            "scanner noise (robot errors?); the covariance is enlarged to match"
+        )
+    elif source == "given" and factor > unlikely:
+        messages.append(f"residuals are {factor**0.5:.2g} times what the stated noise explains; the covariance assumes the noise")
+    messages += explain(found, state.rotation[0], np.concatenate([np.asarray(o.R_flange).reshape(-1, 3, 3) for o in observations]))
+
+    if status != "unobservable":
+        other = refine(problem, everything, weights=weights)
+        delta = pose_error(state.rotation, state.translation, other.state.rotation, other.state.translation)
+        apart = np.einsum("bi,ij,bj->b", delta, np.linalg.inv(covariance), delta)
+        twin = np.flatnonzero((apart > 50) & (other.loss < fit.loss[0] + 12))
+        if twin.size:
+            status = "weak"
+            R, T = other.state.rotation[twin[0]], other.state.translation[twin[0]]
+            messages.append(
+                f"another sensor pose explains the data as well, {np.degrees(angle_between(R, state.rotation[0])):.3g}° and "
+                f"{np.linalg.norm(T - state.translation[0]):.3g} mm away; add poses from other directions"
+            )
+    residuals = [term.linearise(state, p, True)[0][0, -1] for term, p in zip(problem.terms, state.placements, strict=True)]
+    weights = weights or [np.ones(term.P, dtype=bool) for term in problem.terms]
+    square = sum(float((r**2 * w).sum()) for r, w in zip(residuals, weights, strict=True))
+    return Solution(
+        state.rotation[0],
+        state.translation[0],
+        covariance,
+        tuple(
+            _target(o, p[0], d[0]) for o, (p, d) in zip(observations, state.placements, strict=True)
+        ),
+        float(noise.profile_mm),
+        "given" if source == "given" else "estimated",
+        how,
+        chi2,
+        dof,
+        float(np.sqrt(square / (dof + problem.n))),
+        tuple(np.sqrt(o[0]) for o in fit.per_pose),
+        tuple(~w for w in weights),
+        status,
+        found,
+        tuple(messages),
+        bool(fit.converged[0]),
+    )
+
+
+def _target(observations: Observations, place, direction):
+    """The target object of a placement."""
+    if observations.kind == "disk":
+        return disk.Disk(place, direction, observations.size)
+    if observations.kind == "ball":
+        return ball.Ball(place, observations.size)
+    if observations.kind == "point":
+        return point.Point(place)
+    return {"edge": edge.Edge, "plane": plane.Plane}[observations.kind](place, direction)
