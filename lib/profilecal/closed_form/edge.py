@@ -163,13 +163,13 @@ def rotation_system(R_b, T_b, p_s, pairs: str = "reduced") -> tuple[np.ndarray, 
     return A_r.reshape(*batch, -1, 9), b_r.reshape(*batch, -1)
 
 
-def least_squares(A, b) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def least_squares(A, b, zero) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """The solution V S⁺ Uᵀ b of least norm, S, V and the rank, for A (..., k, n) and b (..., k).
 
-    The text after Eq. 26 prints S where S⁺ is meant.
+    Singular values up to `zero` (...) count as zero. The text after Eq. 26 prints S where S⁺ is meant.
     """
     U, S, Vt = np.linalg.svd(A, full_matrices=False)
-    significant = np.finfo(float).eps * max(A.shape[-2:]) * S[..., :1] < S
+    significant = np.asarray(zero)[..., None] < S
     c = (np.swapaxes(U, -1, -2) @ b[..., None])[..., 0]
     c = np.divide(c, S, out=np.zeros_like(c), where=significant)
     V = np.swapaxes(Vt, -1, -2)
@@ -184,9 +184,20 @@ def unvec(r) -> np.ndarray:
 def solve_rotation(R_b, T_b, p_s, pairs: str = "reduced") -> EdgeRotation:
     """Phase one, Eqs 25-27."""
     A_r, b_r = rotation_system(R_b, T_b, p_s, pairs)
-    r_s, S, V, rank = least_squares(A_r, b_r)
+    r_s, S, V, rank = least_squares(A_r, b_r, rounding_of_rotation(T_b, p_s))
     gain = noise_gain(V[..., -1], R_b, T_b, p_s)
     return EdgeRotation(A_r, b_r, S, V, rank, r_s, nearest_rotation(unvec(r_s)), gain)
+
+
+def rounding_of_rotation(T_b, p_s) -> np.ndarray:
+    """What rounding can add to a singular value of A_r, (...), mm².
+
+    Coordinates as large as T_b's move each vector u by up to δ, and the row block of a pair by δ (|u_i| + |u_j|);
+    the squares of those sum, over all pairs of m vectors a group, to at most 2 m δ² times the sum of all |u|².
+    """
+    u_s, u_t = difference_vectors(T_b, p_s)
+    delta = 4 * np.finfo(float).eps * np.abs(T_b).max(axis=(-3, -2, -1))
+    return delta * np.sqrt(2 * u_s.shape[-2] * (u_s**2 + u_t**2).sum(axis=(-3, -2, -1)))
 
 
 def noise_gain(v, R_b, T_b, p_s) -> np.ndarray:
@@ -244,7 +255,8 @@ def solve_translation(R_b, T_b, p_s, R_sensor, pairs: str = "reduced") -> EdgeTr
     vectors = p[..., 1:, :] - p[..., :1, :]  # Eq. 5
     u_b = principal_direction(vectors.reshape(*vectors.shape[:-3], -1, 3))
     A_t, b_t = translation_system(R_b, p, u_b, pairs)
-    T_sensor, S, _, rank = least_squares(A_t, b_t)
+    rounding = 12 * np.finfo(float).eps * p.shape[-3] * p.shape[-2]  # of nine entries of R_b, in each of G N equations
+    T_sensor, S, _, rank = least_squares(A_t, b_t, rounding)
     p_b = p + (R_b @ T_sensor[..., None, :, None])[..., None, :, 0]
     return EdgeTranslation(u_b, A_t, b_t, S, rank, T_sensor, p_b)
 
