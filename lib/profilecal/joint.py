@@ -18,30 +18,16 @@ from scipy.stats import chi2 as chi2_law
 from profilecal.checks import UnobservableError
 from profilecal.observability import POSE_UNITS, Spectrum, explain, spectrum
 from profilecal.poses import angle_between, homogeneous
+from profilecal.simulate import Noise
 from profilecal.targets import ball, disk, edge, plane, point
 
 TARGETS = {"edge": edge, "disk": disk, "ball": ball, "plane": plane, "point": point}
 CAUCHY = 2.385  # noise levels at which a residual's weight is a half: 95 % efficient on clean data (Rey 1983)
 
 
-@dataclass(frozen=True)
-class Noise:
-    """Standard deviations, one per axis; `profile_mm` None: to be estimated."""
-
-    profile_mm: float | None = None  # scanner, in x and in z
-    position_mm: float = 0.0  # robot, fresh at each pose
-    orientation_deg: float = 0.0
-    group_position_mm: float = 0.0  # robot, shared by the poses of a rotation group
-    group_orientation_deg: float = 0.0
-    steering_mm: float = 0.0  # marked points only: how far the operator leaves the scan plane from the point
-
-    def pose_variances(self) -> np.ndarray:
-        """Of the six components of a flange pose's own error, mm² and rad²."""
-        return np.repeat([self.position_mm, np.radians(self.orientation_deg)], 3) ** 2
-
-    def group_variances(self) -> np.ndarray:
-        """Of the six components of the error that a rotation group shares, mm² and rad²."""
-        return np.repeat([self.group_position_mm, np.radians(self.group_orientation_deg)], 3) ** 2
+def variances(position_mm: float, orientation_deg: float) -> np.ndarray:
+    """Of the six components of a flange pose's error, mm² and rad²."""
+    return np.repeat([position_mm, np.radians(orientation_deg)], 3) ** 2
 
 
 @dataclass(frozen=True)
@@ -132,7 +118,9 @@ class Term:
         self.size = observations.size
         if observations.kind == "point":
             self.size = noise.profile_mm / noise.steering_mm if noise.steering_mm and noise.profile_mm else 1.0
-        R, T, points = (np.asarray(a, float) for a in (observations.R_flange, observations.T_flange, observations.points))
+        R, T, points = (
+            np.asarray(a, float) for a in (observations.R_flange, observations.T_flange, observations.points)
+        )
         self.P = points.shape[-3]
         R, T = R.reshape(-1, self.P, 3, 3), T.reshape(-1, self.P, 3)
         points = points.reshape(-1, *points.shape[-3:])
@@ -192,7 +180,9 @@ class Term:
             z[:, 6 + self.n, k] = r[k]
         if with_robot:
             arm = state.translation[:, :, None] + (self.shift if self.eye_to_hand else 0)
-            arm = np.moveaxis(np.swapaxes(state.rotation, 1, 2) @ arm, 1, 0)[:, :, None]  # flange to sensor, (3, B, 1, P)
+            arm = np.moveaxis(np.swapaxes(state.rotation, 1, 2) @ arm, 1, 0)[
+                :, :, None
+            ]  # flange to sensor, (3, B, 1, P)
             z[:, -6:-3] = z[:, :3]
             lever = _cross(arm, np.moveaxis(z[:, :3], 1, 0))
             for j in range(3):
@@ -218,7 +208,8 @@ class Problem:
     def __init__(self, observations: Sequence[Observations], noise: Noise):
         self.terms = [Term(entry, noise) for entry in observations]
         self.sigma = np.asarray(noise.profile_mm, dtype=float).reshape(-1, 1, 1)
-        self.of_pose, self.of_group = noise.pose_variances(), noise.group_variances()
+        self.of_pose = variances(noise.position_mm, noise.orientation_deg)
+        self.of_group = variances(noise.group_position_mm, noise.group_orientation_deg)
         self.has_group = bool(self.of_group.any())
         self.has_robot = bool(self.of_pose.any()) or self.has_group
         self.n = 6 + sum(term.n for term in self.terms)
@@ -484,7 +475,9 @@ def search(observations: Sequence[Observations], noise: Noise, starts=()) -> Sta
         step = max(1, m // SEARCH_POINTS) if entry.kind in ("ball", "plane") else 1
         thin = entry.keep(chosen)
         few.append(replace(thin, points=thin.points[..., step // 2 :: step, :]))
-    problem = Problem(few, replace(noise, position_mm=0, orientation_deg=0, group_position_mm=0, group_orientation_deg=0))
+    problem = Problem(
+        few, replace(noise, position_mm=0, orientation_deg=0, group_position_mm=0, group_orientation_deg=0)
+    )
     rotation, translation = Rotation.create_group(GRID).as_matrix(), np.zeros((60, 3))
     if len(starts):
         rotation = np.concatenate([[R for R, _ in starts], rotation])
@@ -523,9 +516,12 @@ def _bad_poses(problem: Problem, own, count, scale: float) -> list[np.ndarray]:
     return rejected
 
 
-def solve(observations: Sequence[Observations], noise: Noise | None = None, *, starts=(), robust: bool = True) -> Solution:
+def solve(
+    observations: Sequence[Observations], noise: Noise | None = None, *, starts=(), robust: bool = True
+) -> Solution:
     """The sensor pose from all observations together, with its covariance and what it can be believed.
 
+    `noise.profile_mm` 0: not known, to be estimated.
     `starts`: poses (R (3, 3), T (3,) mm) to start from besides the grid, such as closed forms or a mount measured by hand.
     `robust=False` is plain least squares throughout: nothing is rejected.
 
@@ -583,16 +579,18 @@ def _per_pose(term: Term) -> np.ndarray:
 
 def _first_noise(observations, noise: Noise) -> tuple[Noise, str, str]:
     """The scanner noise to begin with: given, from rotation groups, or 1 mm until the residuals tell."""
-    if noise.profile_mm is not None:
+    if noise.profile_mm:
         if not noise.profile_mm > 0:
-            raise ValueError(f"profile_mm is {noise.profile_mm}; expected a positive standard deviation, or None")
+            raise ValueError(f"profile_mm is {noise.profile_mm}; expected a standard deviation, 0 if unknown")
         return noise, "given", "as given"
     found = [affine_noise(o) for o in observations if o.kind in ("edge", "point") and o.group is not None]
     freedom = sum(f for _, f in found)
     if freedom >= 10:
         level = np.sqrt(sum(f * s**2 for s, f in found) / freedom)
-        return replace(noise, profile_mm=max(float(level), 1e-12)), "groups", (
-            f"from the scatter inside rotation groups, {freedom} degrees of freedom"
+        return (
+            replace(noise, profile_mm=max(float(level), 1e-12)),
+            "groups",
+            (f"from the scatter inside rotation groups, {freedom} degrees of freedom"),
         )
     return replace(noise, profile_mm=1.0), "residuals", "from the residuals"
 
@@ -606,7 +604,9 @@ def _robust(problem: Problem, fit: Fit, count, least: float) -> tuple[Fit, float
     fit = refine(problem, fit.state, scale=np.full(len(fit.loss), scale))
     best = int(np.argmin(fit.loss))
     order = np.r_[best, np.delete(np.arange(len(fit.loss)), best)]
-    fit = Fit(fit.state[order], fit.M[order], fit.loss[order], [o[order] for o in fit.per_pose], fit.converged[order], 0)
+    fit = Fit(
+        fit.state[order], fit.M[order], fit.loss[order], [o[order] for o in fit.per_pose], fit.converged[order], 0
+    )
     return fit, float(np.maximum(_spread(fit.per_pose, count), least)[0])
 
 
@@ -619,15 +619,22 @@ def _state_result(problem, observations, noise, source, how, fit, everything, we
     unlikely = chi2_law.isf(1e-3, dof) / dof
     covariance = found.covariance
     if source == "groups" and factor > unlikely:
-        covariance, found = covariance * factor, replace(found, covariance=found.covariance * factor, sd=found.sd * factor**0.5)
+        covariance, found = (
+            covariance * factor,
+            replace(found, covariance=found.covariance * factor, sd=found.sd * factor**0.5),
+        )
         status = str(found.status)
         messages.append(
             f"residuals are {factor**0.5:.2g} times the scatter inside rotation groups, so the groups differ by more than "
             "scanner noise (robot errors?); the covariance is enlarged to match"
         )
     elif source == "given" and factor > unlikely:
-        messages.append(f"residuals are {factor**0.5:.2g} times what the stated noise explains; the covariance assumes the noise")
-    messages += explain(found, state.rotation[0], np.concatenate([np.asarray(o.R_flange).reshape(-1, 3, 3) for o in observations]))
+        messages.append(
+            f"residuals are {factor**0.5:.2g} times what the stated noise explains; the covariance assumes the noise"
+        )
+    messages += explain(
+        found, state.rotation[0], np.concatenate([np.asarray(o.R_flange).reshape(-1, 3, 3) for o in observations])
+    )
 
     if status != "unobservable":
         other = refine(problem, everything, weights=weights)
@@ -641,16 +648,16 @@ def _state_result(problem, observations, noise, source, how, fit, everything, we
                 f"another sensor pose explains the data as well, {np.degrees(angle_between(R, state.rotation[0])):.3g}° and "
                 f"{np.linalg.norm(T - state.translation[0]):.3g} mm away; add poses from other directions"
             )
-    residuals = [term.linearise(state, p, True)[0][0, -1] for term, p in zip(problem.terms, state.placements, strict=True)]
+    residuals = [
+        term.linearise(state, p, True)[0][0, -1] for term, p in zip(problem.terms, state.placements, strict=True)
+    ]
     weights = weights or [np.ones(term.P, dtype=bool) for term in problem.terms]
     square = sum(float((r**2 * w).sum()) for r, w in zip(residuals, weights, strict=True))
     return Solution(
         state.rotation[0],
         state.translation[0],
         covariance,
-        tuple(
-            _target(o, p[0], d[0]) for o, (p, d) in zip(observations, state.placements, strict=True)
-        ),
+        tuple(_target(o, p[0], d[0]) for o, (p, d) in zip(observations, state.placements, strict=True)),
         float(noise.profile_mm),
         "given" if source == "given" else "estimated",
         how,

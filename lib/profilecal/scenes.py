@@ -3,8 +3,8 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
+from profilecal.acquisition import directions, rotations
 from profilecal.joint import Observations, State
 from profilecal.targets.ball import Ball
 from profilecal.targets.disk import Disk
@@ -31,19 +31,9 @@ class Scene:
         return replace(self.observations, points=points + sigma_mm * rng.normal(size=shape))
 
 
-def unit(rng: np.random.Generator, shape=()) -> np.ndarray:
-    """Unit vectors (*shape, 3), uniform over the sphere."""
-    vectors = rng.normal(size=(*shape, 3))
-    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
-
-
-def rotations(vectors) -> np.ndarray:
-    """Rotation matrices (..., 3, 3) from rotation vectors (..., 3)."""
-    vectors = np.asarray(vectors)
-    return Rotation.from_rotvec(vectors.reshape(-1, 3)).as_matrix().reshape(*vectors.shape, 3)
-
-
-def offsets(kind: str, motion: str, groups: int, positions: int, rng: np.random.Generator) -> np.ndarray:
+def offsets(
+    kind: str, motion: str, groups: int, positions: int, steering: float, rng: np.random.Generator
+) -> np.ndarray:
     """Where the target's middle is in the scans relative to depth STANDOFF, sensor frame, (groups, positions, 3), mm."""
     shape = (groups, positions)
     if kind == "disk":
@@ -53,14 +43,16 @@ def offsets(kind: str, motion: str, groups: int, positions: int, rng: np.random.
         y = RADIUS["ball"] * rng.uniform(-0.7, 0.7, shape)
         return np.stack([rng.uniform(-10, 10, shape), y, rng.uniform(-10, 10, shape)], axis=-1)
     if kind == "point":
-        return np.stack([rng.uniform(-25, 25, shape), np.zeros(shape), rng.uniform(-25, 25, shape)], axis=-1)
+        return np.stack(
+            [rng.uniform(-25, 25, shape), steering * rng.normal(size=shape), rng.uniform(-25, 25, shape)], axis=-1
+        )
     if motion == "arc":  # of 25 mm radius and 90°, in a plane at 45° to the sensor's y and x axes
         angle = np.linspace(-np.pi / 4, np.pi / 4, positions) + rng.uniform(0, 2 * np.pi)
         arc = 25 * (np.stack([np.cos(angle), np.sin(angle)], axis=-1))
         arc -= arc.mean(axis=0)
         u, v = np.array([1.0, 1.0, 0.0]) / np.sqrt(2), np.array([0.0, 0.0, 1.0])
         return np.broadcast_to(arc[:, :1] * u + arc[:, 1:] * v, (*shape, 3)) + 0.0
-    return 25 * np.cbrt(rng.uniform(size=(*shape, 1))) * unit(rng, shape)
+    return 25 * np.cbrt(rng.uniform(size=(*shape, 1))) * directions(rng, shape)
 
 
 def random_scene(
@@ -75,6 +67,7 @@ def random_scene(
     frame: str = "base",
     axis: np.ndarray | None = None,
     count: int = 40,
+    steering_mm: float = 0.0,
 ) -> Scene:
     """One scene: a sensor anywhere on the flange (or at `mount`: R (3, 3), T (3,) mm), the target in view.
 
@@ -82,11 +75,11 @@ def random_scene(
     about `axis`; inside a group it moves, in the base's axes ("base") or with the flange ("tool").
     """
     G, N = groups or GROUPS[kind][0], positions or GROUPS[kind][1]
-    R, t = mount or (rotations(np.pi * unit(rng) * rng.uniform()), rng.uniform(-150, 150, 3))
-    first, middle = rotations(np.pi * rng.uniform() * unit(rng)), rng.uniform(-300, 300, 3)
+    R, t = mount or (rotations(np.pi * directions(rng, ()) * rng.uniform()), rng.uniform(-150, 150, 3))
+    first, middle = rotations(np.pi * rng.uniform() * directions(rng, ())), rng.uniform(-300, 300, 3)
     angle = np.radians(spread_deg) * rng.uniform(-1, 1, (G, 1))
-    turned = rotations(angle * (unit(rng, (G,)) if axis is None else axis)) @ first
-    moved = offsets(kind, motion, G, N, rng)
+    turned = rotations(angle * (directions(rng, (G,)) if axis is None else axis)) @ first
+    moved = offsets(kind, motion, G, N, steering_mm, rng)
     moved = moved @ (np.swapaxes(turned, 1, 2) if frame == "tool" or kind in ("disk", "ball", "point") else first.T)
     rotation = np.repeat(turned, N, axis=0)
     origin = middle - STANDOFF * rotation[:, :, 2] - moved.reshape(-1, 3)
@@ -114,7 +107,9 @@ def look(kind, first, middle, rotation, origin, count, rng):
         normal = first @ rotations(tilt)[:, 2]
         nearest, along = np.moveaxis(Plane(middle, normal).meet(rotation, origin), 1, 0)
         x = np.linspace(-20, 20, count)
-        return (middle, normal), nearest[:, None] + ((x[:, None] - nearest[:, None, :1]) / along[:, None, :1]) * along[:, None]
+        return (middle, normal), nearest[:, None] + ((x[:, None] - nearest[:, None, :1]) / along[:, None, :1]) * along[
+            :, None
+        ]
     circle = Ball(middle, RADIUS[kind]).meet(rotation, origin)
     angle = np.radians(np.linspace(-50, 50, count))
     arc = np.stack([np.sin(angle), -np.cos(angle)], axis=-1)
@@ -125,7 +120,8 @@ def stack(scenes) -> Scene:
     """Scenes of one kind and size as a batch."""
     first = scenes[0].observations
     batch = {
-        name: np.concatenate([getattr(s.observations, name) for s in scenes]) for name in ("R_flange", "T_flange", "points")
+        name: np.concatenate([getattr(s.observations, name) for s in scenes])
+        for name in ("R_flange", "T_flange", "points")
     }
     placements = tuple(np.concatenate([s.truth.placements[0][i] for s in scenes]) for i in (0, 1))
     truth = State(

@@ -29,4 +29,4 @@ def algebraic_centre(points):
     square = square - square.mean(axis=-2, keepdims=True)
     H = np.swapaxes(p, -1, -2) @ p
     ridge = 1e-6 * np.trace(H, axis1=-2, axis2=-1)[..., None, None] * np.eye(3)
-    return (middle[..., 0, :] + 0.5 * np.linalg.solve(H + ridge, np.swapaxes(p, -1, -2) @ square)[..., 0])
+    return middle[..., 0, :] + 0.5 * np.linalg.solve(H + ridge, np.swapaxes(p, -1, -2) @ square)[..., 0]
