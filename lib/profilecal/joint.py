@@ -194,12 +194,47 @@ class Term:
         return z, present
 
 
-def _whiten(M, variances):
-    """Moments M (..., N, N) whose last six columns are a common error with these variances, with that error
-    marginalised (Woodbury): M - M_E Σ (1 + M_EE Σ)⁻¹ M_Eᵀ."""
-    E = M[..., -6:]
-    inner = np.eye(6) + E[..., -6:, :] * variances
-    return M - (E * variances) @ np.linalg.solve(inner, np.swapaxes(E, -1, -2))
+def _halving(gram):
+    """A (..., 6, 6) with (1 - E A Eᵀ)² = (1 + E Eᵀ)⁻¹, from the Gram matrices EᵀE (..., 6, 6) of errors E."""
+    values, vectors = np.linalg.eigh(gram)
+    values = np.maximum(values, 1e-300)
+    root = np.sqrt(1 + values)
+    return (vectors / (root * (1 + root))[..., None, :]) @ np.swapaxes(vectors, -1, -2)
+
+
+def _remove(z, E, EA):
+    """z (B, N, K, P) times (1 - E A Eᵀ), pose by pose; E and E A are (B, 6, K, P)."""
+    inner = np.einsum("bekp,bnkp->bnep", E, z)
+    return z - np.einsum("bekp,bnep->bnkp", EA, inner)
+
+
+class Whitening:
+    """Robot errors seen through one term's measurements at one state: they enlarge and correlate the residuals.
+
+    With the errors' derivatives E in units of the scanner noise, residuals have the covariance 1 + E Eᵀ; their
+    multiplication with its inverse square root is whitening. Poses come first, then rotation groups.
+    """
+
+    def __init__(self, errors, of_pose, of_group, group):
+        def prepare(variances):
+            E = errors * np.sqrt(variances)[:, None, None]
+            A = _halving(np.einsum("bekp,bfkp->bpef", E, E))
+            return E, np.einsum("bpef,bfkp->bekp", A, E)
+
+        self.pose = prepare(of_pose) if of_pose.any() else None
+        self.marginal = prepare(of_pose + of_group)
+        self.shared = errors * np.sqrt(of_group)[:, None, None] if of_group.any() else None
+        if self.shared is not None and self.pose:
+            self.shared = _remove(self.shared, *self.pose)
+        self.member = (group[:, None] == np.arange(group.max() + 1)).astype(float)  # (P, G)
+
+    def groups(self, z, root_weight):
+        """z (B, N, K, P), whitened pose by pose and weighted, with what the groups share whitened too."""
+        E = self.shared * root_weight
+        gram = np.swapaxes(np.einsum("bekp,bfkp->befp", E, E) @ self.member, 1, 3)  # (B, G, 6, 6)
+        inner = np.einsum("bekp,bnkp->bnep", E, z) @ self.member  # (B, N, 6, G)
+        inner = np.einsum("bgef,bnfg->bneg", _halving(gram), inner) @ self.member.T
+        return z - np.einsum("bekp,bnep->bnkp", E, inner)
 
 
 class Problem:
@@ -225,50 +260,54 @@ class Problem:
                 total = total + term.present.sum(axis=(0, 2)) * ((rows or len(term.seen)) // len(term.seen))
         return total
 
-    def moments(self, state: State, scale=None, in_plane: bool = True, weights=None):
-        """(M, loss, chi2): normal equations [J r]ᵀ C⁻¹ [J r], (B, n + 1, n + 1), the loss (B,), and each pose's own
+    def whitening(self, state: State) -> list:
+        """What robot errors do to each term's residuals at this state; None where there are none."""
+        if not self.has_robot:
+            return [None] * len(self.terms)
+        pairs = zip(self.terms, state.placements, strict=True)
+        errors = [
+            term.linearise(state, p, True, with_robot=True)[0][:, -6:] / self.sigma[..., None] for term, p in pairs
+        ]
+        return [
+            Whitening(np.nan_to_num(E, posinf=0, neginf=0), self.of_pose, self.of_group, term.group)
+            for E, term in zip(errors, self.terms, strict=True)
+        ]
+
+    def moments(self, state: State, scale=None, in_plane: bool = True, weights=None, whitening=None):
+        """(M, loss, own): normal equations [J r]ᵀ C⁻¹ [J r], (B, n + 1, n + 1), the loss (B,), and each pose's own
         χ² per residual, one (B, P) for each target.
 
         `scale` (B,): Cauchy's loss with that many noise levels as its unit; None: least squares. `weights`: one
-        (B, P) or (P,) for each target.
+        (B, P) or (P,) for each target. `whitening`: from the state itself if None.
         """
         B = len(state.rotation)
         total, loss, per_pose = np.zeros((B, self.n + 1, self.n + 1)), np.zeros(B), []
+        whitening = whitening or self.whitening(state)
         start = 6
         for index, (term, placement) in enumerate(zip(self.terms, state.placements, strict=True)):
-            z, present = term.linearise(state, placement, in_plane, self.has_robot)
-            K = z.shape[2]
-            count = K if present is None else np.maximum(present.sum(axis=1), 1)
+            z, present = term.linearise(state, placement, in_plane)
+            count = z.shape[2] if present is None else np.maximum(present.sum(axis=1), 1)
             weight = None if weights is None else np.asarray(weights[index], dtype=float)
-            if not self.has_robot:
-                r = z[:, -1]
-                own = np.einsum("bkp,bkp->bp", r, r) / self.sigma[..., 0] ** 2 / count
-                if scale is not None:
-                    weight = (1 if weight is None else weight) / (1 + own / (CAUCHY * scale[:, None]) ** 2)
-                if weight is not None:
-                    z *= np.sqrt(np.broadcast_to(weight, own.shape))[:, None, None]
-                flat = z.reshape(B, z.shape[1], -1)
-                M = flat @ np.swapaxes(flat, 1, 2) / self.sigma**2
-            else:
-                y = np.ascontiguousarray(z.transpose(0, 3, 1, 2))  # (B, P, N, K)
-                M = y @ np.swapaxes(y, 2, 3) / self.sigma[..., None] ** 2
-                own = _whiten(M, self.of_pose + self.of_group)[..., -7, -7] / count
-                M = _whiten(M, self.of_pose)
-                if scale is not None:
-                    weight = (1 if weight is None else weight) / (1 + own / (CAUCHY * scale[:, None]) ** 2)
-                if weight is not None:
-                    M = M * np.broadcast_to(weight, own.shape)[..., None, None]
-                if self.has_group:
-                    member = np.arange(term.group.max() + 1)[:, None] == term.group
-                    M = (member.astype(float) @ M.reshape(B, term.P, -1)).reshape(B, -1, *M.shape[2:])
-                    M = _whiten(M, self.of_group)
-                M = M.sum(axis=1)[..., :-6, :-6]
+            z /= self.sigma[..., None]
+            white = whitening[index]
+            r = z[:, -1:] if white is None else _remove(z[:, -1:], *white.marginal)
+            own = np.einsum("bnkp,bnkp->bp", r, r) / count
+            if scale is not None:
+                unit = (CAUCHY * scale[:, None]) ** 2
+                loss += (count * (1 if weight is None else weight) * unit * np.log1p(own / unit)).sum(axis=1)
+                weight = (1 if weight is None else weight) / (1 + own / unit)
+            if white is not None and white.pose:
+                z = _remove(z, *white.pose)
+            root_weight = 1.0
+            if weight is not None:
+                root_weight = np.sqrt(np.broadcast_to(weight, own.shape))[:, None, None]
+                z *= root_weight
+            if white is not None and white.shared is not None:
+                z = white.groups(z, root_weight)
+            flat = z.reshape(B, z.shape[1], -1)
+            M = flat @ np.swapaxes(flat, 1, 2)
             if scale is None:
                 loss += M[:, -1, -1]
-            else:
-                unit = (CAUCHY * scale[:, None]) ** 2
-                kept = 1 if weights is None else np.asarray(weights[index], dtype=float) > 0
-                loss += (count * kept * unit * np.log1p(own / unit)).sum(axis=1)
             per_pose.append(own)
             columns = np.r_[0:6, start : start + term.n, self.n]
             total[:, columns[:, None], columns] += M
@@ -344,13 +383,27 @@ def refine(
     iterations: int = 60,
     tolerance: float = 1e-10,
 ) -> Fit:
+    """The state of least loss nearest to each of B states: `descend`, with the whitening of robot errors held fixed
+    meanwhile and then brought up to date, until that moves nothing."""
+    if not problem.has_robot:
+        return descend(problem, state, None, scale, weights, in_plane, iterations, tolerance)
+    for _ in range(8):
+        fit = descend(problem, state, problem.whitening(state), scale, weights, in_plane, iterations, tolerance)
+        moved = pose_error(state.rotation, state.translation, fit.state.rotation, fit.state.translation)
+        state = fit.state
+        if np.abs(moved / np.r_[100, 100, 100, 1, 1, 1]).max() < 1e3 * tolerance:
+            break
+    return fit
+
+
+def descend(problem: Problem, state: State, whitening, scale, weights, in_plane, iterations, tolerance) -> Fit:
     """Damped Gauss-Newton (Levenberg and Marquardt), each of B problems with its own damping.
 
     Ends where the step is below `tolerance` (rad, and a hundred times that in mm), or promises less than rounding.
     """
     B = len(state.rotation)
     with np.errstate(all="ignore"):
-        M, loss, per_pose = problem.moments(state, scale, in_plane, weights)
+        M, loss, per_pose = problem.moments(state, scale, in_plane, weights, whitening)
         damping, done = np.full(B, 1e-4), np.zeros(B, dtype=bool)
         for iteration in range(1, iterations + 1):
             size = np.sqrt(np.einsum("bii->bi", M)[:, :-1])
@@ -361,10 +414,10 @@ def refine(
             scaled = -np.linalg.solve(H, g[..., None])[..., 0]
             step = scaled / size
             trial = problem.move(state, step)
-            M_t, loss_t, per_pose_t = problem.moments(trial, scale, in_plane, weights)
+            M_t, loss_t, per_pose_t = problem.moments(trial, scale, in_plane, weights, whitening)
             small = (np.abs(step[:, 3:6]).max(axis=1) < tolerance) & (np.abs(step[:, :3]).max(axis=1) < 100 * tolerance)
-            better = np.isfinite(loss_t) & (loss_t <= loss) & ~done
             flat = -np.einsum("bi,bi->b", g, scaled) <= 1e-15 * loss
+            better = np.isfinite(loss_t) & (loss_t <= loss) & ~done
             state = State.where(better, trial, state)
             M = np.where(better[:, None, None], M_t, M)
             per_pose = [np.where(better[:, None], a, b) for a, b in zip(per_pose_t, per_pose, strict=True)]
