@@ -65,18 +65,21 @@ def random_scene(
     spread_deg: float = 30.0,
     motion: str = "space",
     frame: str = "base",
-    axis: np.ndarray | None = None,
+    axis: np.ndarray | str | None = None,
     count: int = 40,
     steering_mm: float = 0.0,
 ) -> Scene:
     """One scene: a sensor anywhere on the flange (or at `mount`: R (3, 3), T (3,) mm), the target in view.
 
     The sensor's first orientation is random; each group turns from it by up to `spread_deg`, about random axes or
-    about `axis`; inside a group it moves, in the base's axes ("base") or with the flange ("tool").
+    about `axis` (3,) of the base, or "target": the target's own direction; inside a group it moves, in the base's axes ("base") or with the flange ("tool").
     """
     G, N = groups or GROUPS[kind][0], positions or GROUPS[kind][1]
     R, t = mount or (rotations(np.pi * directions(rng, ()) * rng.uniform()), rng.uniform(-150, 150, 3))
     first, middle = rotations(np.pi * rng.uniform() * directions(rng, ())), rng.uniform(-300, 300, 3)
+    facing = first @ rotations(np.radians(30) * rng.uniform(-1, 1, 3))
+    if axis is not None:
+        axis = facing[:, 1 if kind == "edge" else 2] if isinstance(axis, str) else axis
     angle = np.radians(spread_deg) * rng.uniform(-1, 1, (G, 1))
     turned = rotations(angle * (directions(rng, (G,)) if axis is None else axis)) @ first
     moved = offsets(kind, motion, G, N, steering_mm, rng)
@@ -84,7 +87,7 @@ def random_scene(
     rotation = np.repeat(turned, N, axis=0)
     origin = middle - STANDOFF * rotation[:, :, 2] - moved.reshape(-1, 3)
 
-    placement, points = look(kind, first, middle, rotation, origin, count, rng)
+    placement, points = look(kind, facing, middle, rotation, origin, count)
     R_flange = rotation @ R.T
     observations = Observations(
         kind, R_flange[None], (origin - R_flange @ t)[None], points[None], RADIUS.get(kind), np.repeat(np.arange(G), N)
@@ -92,19 +95,19 @@ def random_scene(
     return Scene(observations, State(R[None], t[None], ((placement[0][None], placement[1][None]),)))
 
 
-def look(kind, first, middle, rotation, origin, count, rng):
-    """The target, facing a sensor of orientation `first`, and what scan planes (P) see of it, (P, m, 2)."""
-    tilt = np.radians(30) * rng.uniform(-1, 1, 3)
+def look(kind, facing, middle, rotation, origin, count):
+    """The target in a sensor frame that faces it, edges along y and normals along z: its placement, and what scan
+    planes (P) see of it, (P, m, 2)."""
     if kind == "edge":
-        direction = first @ rotations(tilt)[:, 1]
+        direction = facing[:, 1]
         return (middle, direction), Edge(middle, direction).meet(rotation, origin)[:, None]
     if kind == "disk":
-        normal = first @ rotations(tilt)[:, 2]
+        normal = facing[:, 2]
         return (middle, normal), Disk(middle, normal, RADIUS[kind]).meet(rotation, origin)
     if kind == "point":
         return (middle, np.zeros(3)), Point(middle).meet(rotation, origin)[:, None]
     if kind == "plane":
-        normal = first @ rotations(tilt)[:, 2]
+        normal = facing[:, 2]
         nearest, along = np.moveaxis(Plane(middle, normal).meet(rotation, origin), 1, 0)
         x = np.linspace(-20, 20, count)
         return (middle, normal), nearest[:, None] + ((x[:, None] - nearest[:, None, :1]) / along[:, None, :1]) * along[
