@@ -83,6 +83,16 @@ class State:
         return State(self.rotation[chosen], self.translation[chosen], placements)
 
     @staticmethod
+    def join(first: "State", second: "State") -> "State":
+        """Two batches as one."""
+        pairs = zip(first.placements, second.placements, strict=True)
+        return State(
+            np.concatenate([first.rotation, second.rotation]),
+            np.concatenate([first.translation, second.translation]),
+            tuple((np.concatenate([p, q]), np.concatenate([d, e])) for (p, d), (q, e) in pairs),
+        )
+
+    @staticmethod
     def where(mask, first: "State", second: "State") -> "State":
         """`first` where the mask (B,) holds, `second` elsewhere."""
 
@@ -361,7 +371,6 @@ class Fit:
     loss: np.ndarray  # (B,)
     per_pose: list  # (B, P) each pose's χ² per residual, for each target
     converged: np.ndarray  # (B,)
-    iterations: int
 
     @property
     def information(self) -> np.ndarray:
@@ -405,7 +414,7 @@ def descend(problem: Problem, state: State, whitening, scale, weights, in_plane,
     with np.errstate(all="ignore"):
         M, loss, per_pose = problem.moments(state, scale, in_plane, weights, whitening)
         damping, done = np.full(B, 1e-4), np.zeros(B, dtype=bool)
-        for iteration in range(1, iterations + 1):
+        for _ in range(iterations):
             size = np.sqrt(np.einsum("bii->bi", M)[:, :-1])
             size = np.where(size > 0, size, 1.0)
             H = M[:, :-1, :-1] / (size[:, :, None] * size[:, None])
@@ -426,14 +435,15 @@ def descend(problem: Problem, state: State, whitening, scale, weights, in_plane,
             damping = np.where(better, np.maximum(damping * 0.05, 1e-12), np.minimum(damping * 20, 1e8))
             if done.all():
                 break
-    return Fit(state, M, loss, per_pose, done, iteration)
+    return Fit(state, M, loss, per_pose, done)
 
 
-# --- one data set, from start to statement ------------------------------------------------------------------------------
+# --- one data set, from start to statement ---
 
 GRID = "I"  # scipy's name for the 60 rotations of the icosahedron: any rotation is within 45° of one of them
 SEARCH_POSES, SEARCH_POINTS = 40, 5  # the search looks at that many poses, and points in each
 SEARCH_STEPS, KEPT = 25, 6
+SUBSET = 24  # poses that one start looks at where some are bad: few enough to be lucky
 FALSE_ALARM = 0.01  # the chance that any good pose at all is rejected
 
 
@@ -482,7 +492,7 @@ class Solution:
 
 
 def pose_error(rotation, translation, true_rotation, true_translation) -> np.ndarray:
-    """δ (..., 6) in mm and rad, sensor frame, with T_true = T · exp(δ) to first order: what the covariance speaks of."""
+    """δ (..., 6), mm and rad, sensor frame, with T_true = T · exp(δ) to first order: what the covariance is of."""
     turn = np.swapaxes(rotation, -1, -2) @ true_rotation
     shift = np.swapaxes(rotation, -1, -2) @ (true_translation - translation)[..., None]
     angles = Rotation.from_matrix(turn.reshape(-1, 3, 3)).as_rotvec().reshape(*turn.shape[:-2], 3)
@@ -519,18 +529,9 @@ def affine_noise(observations: Observations) -> tuple[float, int]:
 
 
 def search(observations: Sequence[Observations], noise: Noise, starts=()) -> State:
-    """Sensor poses worth refining, best first, (KEPT,): from `starts`, pairs (R (3, 3), T (3,) mm), and from a grid of
-    rotations, each with the targets placed where it sees them, by distances in space and on a few poses."""
-    few = []
-    for entry in observations:
-        P, m = entry.points.shape[-3:-1]
-        chosen = np.unique(np.linspace(0, P - 1, min(P, max(SEARCH_POSES, 6 * len(observations)))).round().astype(int))
-        step = max(1, m // SEARCH_POINTS) if entry.kind in ("ball", "plane") else 1
-        thin = entry.keep(chosen)
-        few.append(replace(thin, points=thin.points[..., step // 2 :: step, :]))
-    problem = Problem(
-        few, replace(noise, position_mm=0, orientation_deg=0, group_position_mm=0, group_orientation_deg=0)
-    )
+    """Sensor poses worth refining, best first, at most KEPT: from `starts`, pairs (R (3, 3), T (3,) mm), and from a
+    grid of rotations, each with the targets placed where it sees them, by distances in space and on a few poses."""
+    problem = Problem([_thin(entry, SEARCH_POSES) for entry in observations], Noise(noise.profile_mm))
     rotation, translation = Rotation.create_group(GRID).as_matrix(), np.zeros((60, 3))
     if len(starts):
         rotation = np.concatenate([[R for R, _ in starts], rotation])
@@ -538,6 +539,54 @@ def search(observations: Sequence[Observations], noise: Noise, starts=()) -> Sta
     found = refine(problem, problem.place(rotation, translation), in_plane=False, iterations=SEARCH_STEPS)
     order = np.argsort(np.where(np.isfinite(found.loss), found.loss, np.inf))
     return found.state[_distinct(found.state, order)[:KEPT]]
+
+
+def search_among_outliers(observations: Sequence[Observations], noise: Noise, found: State) -> State:
+    """`search` for data of which a part is wrong, in addition to what it `found`: each rotation of the grid looks at
+    another few groups of poses, some of which hold no bad one, and the medians of all residuals tell which."""
+    rotation = Rotation.create_group(GRID).as_matrix()
+    subsets = Problem([_subsets(entry, len(rotation)) for entry in observations], Noise(noise.profile_mm))
+    tried = refine(subsets, subsets.place(rotation, np.zeros((60, 3))), in_plane=False, iterations=SEARCH_STEPS).state
+    problem = Problem([_thin(entry, 2 * SEARCH_POSES) for entry in observations], Noise(noise.profile_mm))
+    count = [_per_pose(term) for term in problem.terms]
+    tried = tried[np.isfinite(problem.moments(tried, in_plane=False)[1])]
+    state = State.join(found, tried)
+    own = problem.moments(state, in_plane=False)[2]
+    state = state[np.argsort(_spread(own, count))[: 4 * KEPT]]
+    for _ in range(3):
+        scale = np.maximum(_spread(problem.moments(state, in_plane=False)[2], count), 1e-9)
+        state = refine(problem, state, scale=scale, in_plane=False, iterations=8).state
+    order = np.argsort(_spread(problem.moments(state, in_plane=False)[2], count))
+    return state[_distinct(state, order)[:KEPT]]
+
+
+def _thin(observations: Observations, count: int) -> Observations:
+    """About `count` poses, and SEARCH_POINTS points in each where profiles are used."""
+    P, m = observations.points.shape[-3:-1]
+    step = max(1, m // SEARCH_POINTS) if observations.kind in ("ball", "plane") else 1
+    few = observations.keep(np.unique(np.linspace(0, P - 1, min(P, count)).round().astype(int)))
+    return replace(few, points=few.points[..., step // 2 :: step, :])
+
+
+def _subsets(observations: Observations, count: int) -> Observations:
+    """A batch of `count` different selections of about SUBSET poses, each from few groups."""
+    P = observations.points.shape[-3]
+    group = np.arange(P) if observations.group is None else np.unique(observations.group, return_inverse=True)[1]
+    groups = group.max() + 1
+    each = max(3, -(-SUBSET // groups), SUBSET // 5 if groups < P else 1)
+    batch = []
+    for k in range(count):
+        shuffled = np.argsort((np.arange(1, groups + 1) * (k + 1) * (np.sqrt(5) - 1) / 2) % 1, kind="stable")
+        members = [np.flatnonzero(group == g) for g in shuffled]
+        picked = [m[np.unique(np.linspace(0, len(m) - 1, min(each, len(m))).astype(int))] for m in members]
+        batch.append(np.concatenate(picked)[: min(SUBSET, P)])
+    short = min(map(len, batch))
+    thin = [_thin(observations.keep(chosen[:short]), short) for chosen in batch]
+    return replace(
+        thin[0],
+        **{name: np.concatenate([getattr(t, name) for t in thin]) for name in ("R_flange", "T_flange", "points")},
+        group=None,
+    )
 
 
 def _distinct(state: State, order, turn: float = 0.02, shift: float = 2.0) -> list[int]:
@@ -575,7 +624,7 @@ def solve(
     """The sensor pose from all observations together, with its covariance and what it can be believed.
 
     `noise.profile_mm` 0: not known, to be estimated.
-    `starts`: poses (R (3, 3), T (3,) mm) to start from besides the grid, such as closed forms or a mount measured by hand.
+    `starts`: poses (R (3, 3), T (3,) mm) to start from besides the grid: closed forms, a mount measured by hand.
     `robust=False` is plain least squares throughout: nothing is rejected.
 
     Raises ValueError for malformed input and UnobservableError for fewer residuals than unknowns.
@@ -593,7 +642,10 @@ def solve(
     count = [_per_pose(term) for term in problem.terms]
     weights, scale = None, 1.0
     if robust:
-        fit, scale = _robust(problem, fit, count, least=0.0 if source == "residuals" else 1.0)
+        least = 0.0 if source == "residuals" else 1.0
+        fit, scale = _robust(problem, fit.state, count, least)
+        if any(bad.any() for bad in _bad_poses(problem, [o[0] for o in fit.per_pose], count, least or scale)):
+            fit, scale = _robust(problem, search_among_outliers(observations, noise, fit.state), count, least)
         weights = [~bad for bad in _bad_poses(problem, [o[0] for o in fit.per_pose], count, scale)]
         for _ in range(5):
             if sum(int((w * k).sum()) for w, k in zip(weights, count, strict=True)) <= problem.n:
@@ -648,19 +700,22 @@ def _first_noise(observations, noise: Noise) -> tuple[Noise, str, str]:
     return replace(noise, profile_mm=1.0), "residuals", "from the residuals"
 
 
-def _robust(problem: Problem, fit: Fit, count, least: float) -> tuple[Fit, float]:
-    """Cauchy's loss, its unit lowered from what the residuals look like to what the noise is, then the best of all."""
+def _robust(problem: Problem, state: State, count, least: float) -> tuple[Fit, float]:
+    """Cauchy's loss, its unit lowered from what the residuals look like to what the noise is: the fits, best first,
+    and that unit."""
+
+    def unit(per_pose):
+        return np.maximum(_spread(per_pose, count), max(least, 1e-9))
+
+    per_pose = problem.moments(state)[2]
     for _ in range(4):
-        scale = np.maximum(_spread(fit.per_pose, count), least)
-        fit = refine(problem, fit.state, scale=scale, iterations=20)
-    scale = float(np.maximum(_spread(fit.per_pose, count), least).min())
-    fit = refine(problem, fit.state, scale=np.full(len(fit.loss), scale))
-    best = int(np.argmin(fit.loss))
-    order = np.r_[best, np.delete(np.arange(len(fit.loss)), best)]
-    fit = Fit(
-        fit.state[order], fit.M[order], fit.loss[order], [o[order] for o in fit.per_pose], fit.converged[order], 0
-    )
-    return fit, float(np.maximum(_spread(fit.per_pose, count), least)[0])
+        fit = refine(problem, state, scale=unit(per_pose), iterations=20)
+        state, per_pose = fit.state, fit.per_pose
+    fit = refine(problem, state, scale=np.full(len(fit.loss), unit(per_pose).min()))
+    order = np.argsort(fit.loss)
+    per_pose = [own[order] for own in fit.per_pose]
+    fit = Fit(fit.state[order], fit.M[order], fit.loss[order], per_pose, fit.converged[order])
+    return fit, float(unit(per_pose)[0])
 
 
 def _state_result(problem, observations, noise, source, how, fit, everything, weights, dof, starts) -> Solution:
@@ -678,7 +733,7 @@ def _state_result(problem, observations, noise, source, how, fit, everything, we
         )
         status = str(found.status)
         messages.append(
-            f"residuals are {factor**0.5:.2g} times the scatter inside rotation groups, so the groups differ by more than "
+            f"residuals are {factor**0.5:.2g} times the scatter inside rotation groups, so groups differ by more than "
             "scanner noise (robot errors?); the covariance is enlarged to match"
         )
     elif source == "given" and factor > unlikely:
@@ -698,8 +753,8 @@ def _state_result(problem, observations, noise, source, how, fit, everything, we
             status = "weak"
             R, T = other.state.rotation[twin[0]], other.state.translation[twin[0]]
             messages.append(
-                f"another sensor pose explains the data as well, {np.degrees(angle_between(R, state.rotation[0])):.3g}° and "
-                f"{np.linalg.norm(T - state.translation[0]):.3g} mm away; add poses from other directions"
+                "another sensor pose explains the data as well, "
+                f"{np.degrees(angle_between(R, state.rotation[0])):.3g}° and {np.linalg.norm(T - state.translation[0]):.3g} mm away; add poses from other directions"
             )
     residuals = [
         term.linearise(state, p, True)[0][0, -1] for term, p in zip(problem.terms, state.placements, strict=True)

@@ -34,7 +34,7 @@ class Scene:
 def offsets(
     kind: str, motion: str, groups: int, positions: int, steering: float, rng: np.random.Generator
 ) -> np.ndarray:
-    """Where the target's middle is in the scans relative to depth STANDOFF, sensor frame, (groups, positions, 3), mm."""
+    """Where the target's middle is in the scans, from depth STANDOFF, sensor frame, (groups, positions, 3), mm."""
     shape = (groups, positions)
     if kind == "disk":
         s = np.linspace(-0.64, 0.64, positions) * RADIUS["disk"]
@@ -71,8 +71,9 @@ def random_scene(
 ) -> Scene:
     """One scene: a sensor anywhere on the flange (or at `mount`: R (3, 3), T (3,) mm), the target in view.
 
-    The sensor's first orientation is random; each group turns from it by up to `spread_deg`, about random axes or
-    about `axis` (3,) of the base, or "target": the target's own direction; inside a group it moves, in the base's axes ("base") or with the flange ("tool").
+    The sensor's first orientation is random; each group turns from it by up to `spread_deg`, about random axes, about
+    `axis` (3,) of the base, or about the target's own direction ("target"); inside a group it moves in the base's axes
+    ("base") or with the flange ("tool").
     """
     G, N = groups or GROUPS[kind][0], positions or GROUPS[kind][1]
     R, t = mount or (rotations(np.pi * directions(rng, ()) * rng.uniform()), rng.uniform(-150, 150, 3))

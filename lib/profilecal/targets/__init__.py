@@ -1,6 +1,15 @@
 """Calibration targets, one file each: where they are, and where the scan plane meets them.
 
 A scan plane is y = 0 of a sensor frame given by `rotation` (..., 3, 3) and `origin` (..., 3) in the base frame, mm.
+
+For the joint calibration each file offers
+
+- `residual(point, direction, seen, size, in_plane)`: K residuals, mm, and their derivatives by `point` and `direction`
+  (K × 3 each, None without a direction). The target's point and direction, (3, ...), are in the *sensor* frame;
+  `seen` (m, 2, ...) are the observed points, x and z; `size` is a known radius. `in_plane=True`: distances in the scan
+  plane, where noise arises; False: distances in space, which exist for any pose and serve a search;
+- `place(points, size)`: a first placement through observed points (..., n, 3) in the base frame;
+- `MOVES` and `TURNS`: which of a placement's coordinates are free.
 """
 
 import numpy as np

@@ -37,7 +37,7 @@ TURNS = False  # whether it has a direction
 
 
 def residual(point, direction, seen, size, in_plane=True):
-    """How far points of arcs are from a ball of radius `size`; see `profilecal.joint.Model`.
+    """How far points of arcs are from a ball of radius `size`; see `profilecal.targets`.
 
     In the scan plane: distance from the circle that the plane cuts out. In space: distance from the ball.
     """

@@ -38,7 +38,7 @@ TURNS = True  # whether it has a direction
 
 
 def residual(point, direction, seen, size, in_plane=True):
-    """How far sensed chord tips are from the rim of a disk of radius `size`; see `profilecal.joint.Model`.
+    """How far sensed chord tips are from the rim of a disk of radius `size`; see `profilecal.targets`.
 
     In the scan plane: each tip minus its place, across and along the chord. In space: each tip's height above the disk
     and its distance from the rim.

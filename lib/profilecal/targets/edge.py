@@ -26,9 +26,10 @@ TURNS = True  # whether it has a direction
 
 
 def residual(point, direction, seen, size=None, in_plane=True):
-    """How far sensed edge points are from an edge, and the derivatives; see `profilecal.joint.Model`.
+    """How far sensed edge points are from an edge, and the derivatives; see `profilecal.targets`.
 
-    In the scan plane: sensed point minus where the plane meets the edge, x and z. In space: (sensed - point) × direction.
+    In the scan plane: sensed point minus where the plane meets the edge, x and z.
+    In space: (sensed - point) × direction.
     """
     x, z = seen[0]
     px, py, pz = point

@@ -31,7 +31,7 @@ TURNS = True  # whether it has a direction
 
 
 def residual(point, direction, seen, size=None, in_plane=True):
-    """How far points of profiles are from a plane with normal `direction`; see `profilecal.joint.Model`.
+    """How far points of profiles are from a plane with normal `direction`; see `profilecal.targets`.
 
     In the scan plane: distance from the line in which the planes meet. In space: distance from the face.
     """

@@ -25,7 +25,7 @@ TURNS = False  # whether it has a direction
 
 
 def residual(point, direction, seen, size, in_plane=True):
-    """How far the sensed point is from the marked one; see `profilecal.joint.Model`.
+    """How far the sensed point is from the marked one; see `profilecal.targets`.
 
     x and z of the scan, and the distance from the scan plane times `size`: the scanner's noise over the operator's.
     """
