@@ -1,0 +1,355 @@
+"""The edge method: Section 2 of the edge paper (Xu et al. 2021), Eqs 5-35, with its symbols.
+
+R_b (..., G, 3, 3) and T_b (..., G, N, 3) are the flange poses in the base frame, mm: G rotation groups, each of one
+orientation and N positions. p_s (..., G, N, 2) are the sensed edge points, x and z in the sensor frame, mm. Leading
+axes are batches of data sets.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from profilecal.checks import UnobservableError, check_count, check_rotations
+from profilecal.closed_form.two_step import LEAST_SPREAD_DEG, check_orientations
+from profilecal.poses import nearest_rotation
+
+REFUSED = 2.0  # strength of the rotation below which noise alone would explain it
+WEAK = 10.0  # strength below which the rotation can be a degree and more wrong
+WEAK_TRANSLATION_MM = 1.0  # a translation less certain than this is weak
+
+
+@dataclass(frozen=True)
+class EdgeRotation:
+    """A_r r_s = b_r, Eqs 25-27."""
+
+    A_r: np.ndarray  # (..., k, 9) mm²
+    b_r: np.ndarray  # (..., k) mm²
+    S: np.ndarray  # (..., 9) singular values of A_r, mm²
+    V: np.ndarray  # (..., 9, 9) right singular vectors of A_r, in columns
+    rank: np.ndarray  # (...) of A_r, up to rounding
+    r_s: np.ndarray  # (..., 9) the solution before its projection, vec(R_s) column by column
+    R_sensor: np.ndarray  # (..., 3, 3)
+    noise_gain: np.ndarray  # (...) what noise of 1 mm in the sensed points adds to the smallest singular value, mm²
+
+
+@dataclass(frozen=True)
+class EdgeTranslation:
+    """A_t T_s = b_t, Eqs 28-35."""
+
+    u_b: np.ndarray  # (..., 3) unit direction of the edge in the base frame
+    A_t: np.ndarray  # (..., k, 3)
+    b_t: np.ndarray  # (..., k) mm
+    S: np.ndarray  # (..., 3) singular values of A_t
+    rank: np.ndarray  # (...) of A_t, up to rounding
+    T_sensor: np.ndarray  # (..., 3) mm
+    p_b: np.ndarray  # (..., G, N, 3) the edge points in the base frame, mm
+
+
+@dataclass(frozen=True)
+class EdgeSolution:
+    """The sensor pose on the flange: rotation first, then translation, with every quantity on the way."""
+
+    rotation: EdgeRotation
+    translation: EdgeTranslation
+
+    @property
+    def R_sensor(self) -> np.ndarray:
+        return self.rotation.R_sensor
+
+    @property
+    def T_sensor(self) -> np.ndarray:
+        return self.translation.T_sensor
+
+    @property
+    def u_b(self) -> np.ndarray:
+        return self.translation.u_b
+
+    @property
+    def p_b(self) -> np.ndarray:
+        return self.translation.p_b
+
+
+@dataclass(frozen=True)
+class EdgeEvidence:
+    """What the data themselves say about the two phases, before anything is known about the truth."""
+
+    noise_mm: np.ndarray  # (...) standard deviation of the sensed points, given or estimated
+    rotation_strength: np.ndarray  # (...) smallest singular value of A_r over what noise makes of a zero
+    translation_sd_mm: np.ndarray  # (...) of T_sensor in its worst direction, from noise and A_t, if the rotation holds
+
+
+def solve_edge(R_b, T_b, p_s, noise_mm: float | None = None) -> EdgeSolution:
+    """Sensor pose from one straight edge: R_b (G, 3, 3), T_b (G, N, 3) and p_s (G, N, 2), mm, with G, N ≥ 3.
+
+    `noise_mm` is the standard deviation of the sensed points; left out, it is estimated, which takes N ≥ 5.
+
+    Raises ValueError for malformed input, UnobservableError, with the reason and a cure, where the motion cannot
+    determine the rotation or the translation at this noise. `judge` and `weaknesses` tell of a weak answer.
+    """
+    R_b, T_b, p_s = check_shapes(R_b, T_b, p_s)
+    check_orientations(R_b)
+
+    solution = edge_equations(R_b, T_b, p_s)
+    evidence = judge(R_b, T_b, p_s, solution, noise_mm)
+    if evidence.rotation_strength < REFUSED:
+        raise UnobservableError(
+            f"the rotation cannot be known: the smallest singular value of A_r is {evidence.rotation_strength:.2g} "
+            f"times what noise of {evidence.noise_mm:.2g} mm makes of a zero (at least {REFUSED:g} needed, {WEAK:g} "
+            f"recommended); {cause(R_b, T_b, p_s, float(evidence.noise_mm))}"
+        )
+    return solution
+
+
+def edge_equations(R_b, T_b, p_s, *, pairs: str = "reduced") -> EdgeSolution:
+    """Both phases without guards; `pairs` as in `rotation_system` and `translation_system`."""
+    rotation = solve_rotation(R_b, T_b, p_s, pairs)
+    return EdgeSolution(rotation, solve_translation(R_b, T_b, p_s, rotation.R_sensor, pairs))
+
+
+def difference_vectors(T_b, p_s) -> tuple[np.ndarray, np.ndarray]:
+    """u_s and u_t of Eq. 5, both (..., G, N - 1, 3): from a group's first point and position to its others."""
+    x, z = np.moveaxis(p_s[..., 1:, :] - p_s[..., :1, :], -1, 0)
+    return np.stack([x, np.zeros_like(x), z], axis=-1), T_b[..., 1:, :] - T_b[..., :1, :]
+
+
+def fewer_vectors(u_s, u_t) -> tuple[np.ndarray, np.ndarray]:
+    """At most five vectors a group, whose pairs make up the same sum of squares as all pairs of the given ones.
+
+    Eq. 8 holds 2×2 minors of the rows (u_s, u_t), five numbers each. By Cauchy and Binet, the products of these minors
+    summed over all pairs of rows follow from the rows' 5×5 moment matrix alone, which their QR factor shares.
+    """
+    factor = np.linalg.qr(np.concatenate([u_s[..., ::2], u_t], axis=-1), mode="r")
+    x, z = factor[..., 0], factor[..., 1]
+    return np.stack([x, np.zeros_like(x), z], axis=-1), factor[..., 2:]
+
+
+def transposed_skew(a) -> np.ndarray:
+    """[a]ₓᵀ of Eq. 17, (..., 3, 3): [a]ₓᵀ v = v × a."""
+    zero = np.zeros_like(a[..., 0])
+    a1, a2, a3 = np.moveaxis(a, -1, 0)
+    rows = [[zero, a3, -a2], [-a3, zero, a1], [a2, -a1, zero]]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def row_kron(v, R) -> np.ndarray:
+    """vᵀ ⊗ R of Eqs 9-11, (..., P, 3, 9), from v (..., P, 3) and R (..., 3, 3)."""
+    product = v[..., :, None, :, None] * R[..., None, :, None, :]
+    return product.reshape(*product.shape[:-2], 9)
+
+
+def rotation_system(R_b, T_b, p_s, pairs: str = "reduced") -> tuple[np.ndarray, np.ndarray]:
+    """A_r (..., k, 9) and b_r (..., k) of Eq. 25, stacked over pairs within each group.
+
+    `pairs`: "all" or "consecutive" pairs of the vectors of Eq. 5, or "reduced" to fewer rows with the same
+    least-squares problem as "all" (`fewer_vectors`).
+    """
+    u_s, u_t = difference_vectors(T_b, p_s)
+    if pairs == "reduced":
+        u_s, u_t = fewer_vectors(u_s, u_t)
+    elif pairs not in ("all", "consecutive"):
+        raise ValueError(f"pairs is {pairs!r}; expected 'reduced', 'all' or 'consecutive'")
+    count = u_s.shape[-2]
+    i, j = (np.arange(count - 1), np.arange(1, count)) if pairs == "consecutive" else np.triu_indices(count, 1)
+
+    B_1 = row_kron(np.cross(u_s[..., i, :], u_s[..., j, :]), R_b)  # Eq. 13
+    B_2 = row_kron(u_s[..., i, :], R_b)  # Eq. 14
+    B_3 = row_kron(u_s[..., j, :], R_b)  # Eq. 15
+    b_r = -np.cross(u_t[..., i, :], u_t[..., j, :])  # Eq. 16
+    A_1 = B_1  # Eq. 21
+    A_2 = transposed_skew(u_t[..., j, :]) @ B_2  # Eq. 22
+    A_3 = transposed_skew(u_t[..., i, :]) @ B_3  # Eq. 23
+    A_r = A_1 + A_2 - A_3  # Eq. 24
+    batch = A_r.shape[:-4]
+    return A_r.reshape(*batch, -1, 9), b_r.reshape(*batch, -1)
+
+
+def least_squares(A, b, zero) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """The solution V S⁺ Uᵀ b of least norm, S, V and the rank, for A (..., k, n) and b (..., k).
+
+    Singular values up to `zero` (...) count as zero. The text after Eq. 26 prints S where S⁺ is meant.
+    """
+    U, S, Vt = np.linalg.svd(A, full_matrices=False)
+    significant = np.asarray(zero)[..., None] < S
+    c = (np.swapaxes(U, -1, -2) @ b[..., None])[..., 0]
+    c = np.divide(c, S, out=np.zeros_like(c), where=significant)
+    V = np.swapaxes(Vt, -1, -2)
+    return (V @ c[..., None])[..., 0], S, V, significant.sum(axis=-1)
+
+
+def unvec(r) -> np.ndarray:
+    """The matrices (..., 3, 3) whose columns r (..., 9) lists one after the other."""
+    return np.swapaxes(r.reshape(*r.shape[:-1], 3, 3), -1, -2)
+
+
+def solve_rotation(R_b, T_b, p_s, pairs: str = "reduced") -> EdgeRotation:
+    """Phase one, Eqs 25-27."""
+    A_r, b_r = rotation_system(R_b, T_b, p_s, pairs)
+    r_s, S, V, rank = least_squares(A_r, b_r, rounding_of_rotation(T_b, p_s))
+    gain = noise_gain(V[..., -1], R_b, T_b, p_s)
+    return EdgeRotation(A_r, b_r, S, V, rank, r_s, nearest_rotation(unvec(r_s)), gain)
+
+
+def rounding_of_rotation(T_b, p_s) -> np.ndarray:
+    """What rounding can add to a singular value of A_r, (...), mm².
+
+    Coordinates as large as T_b's move each vector u by up to δ, and the row block of a pair by δ (|u_i| + |u_j|);
+    the squares of those sum, over all pairs of m vectors a group, to at most 2 m δ² times the sum of all |u|².
+    """
+    u_s, u_t = difference_vectors(T_b, p_s)
+    delta = 4 * np.finfo(float).eps * np.abs(T_b).max(axis=(-3, -2, -1))
+    return delta * np.sqrt(2 * u_s.shape[-2] * (u_s**2 + u_t**2).sum(axis=(-3, -2, -1)))
+
+
+def noise_gain(v, R_b, T_b, p_s) -> np.ndarray:
+    """Root mean square of |A_r v| (...), mm², where noise of 1 mm in the sensed points is all that makes it up.
+
+    For v (..., 9) of unit length, all pairs, to first order: the row block of pair (i, j) changes by g_j when u_s[i]
+    does, by -g_i when u_s[j] does, and by their difference when the common first point does.
+    """
+    u_s, u_t = difference_vectors(T_b, p_s)
+    W = R_b @ unvec(v)[..., None, :, :]  # (..., G, 3, 3)
+    count, total = u_s.shape[-2], 0
+    for axis in np.eye(3)[::2]:  # x and z, the coordinates that carry noise
+        g = np.cross(axis, u_s) @ np.swapaxes(W, -1, -2) + np.cross((W @ axis)[..., None, :], u_t)
+        squares = (g**2).sum(axis=(-3, -2, -1))
+        total = total + (2 * count - 1) * squares - (g.sum(axis=-2) ** 2).sum(axis=(-2, -1))
+    return np.sqrt(total)
+
+
+def principal_direction(vectors) -> np.ndarray:
+    """Unit vector (..., 3) along which vectors (..., n, 3) extend most; its largest component is positive."""
+    direction = np.linalg.svd(vectors, full_matrices=False)[2][..., 0, :]
+    largest = np.take_along_axis(direction, np.abs(direction).argmax(axis=-1)[..., None], axis=-1)
+    return direction * np.sign(largest)
+
+
+def translation_system(R_b, p, u_b, pairs: str = "reduced") -> tuple[np.ndarray, np.ndarray]:
+    """A_t (..., k, 3) and b_t (..., k) of Eq. 34 from p = R_b R_s p_s + T_b (..., G, N, 3), mm.
+
+    `pairs`: "all" pairs of points of different groups; "consecutive" groups, points of equal number; or "reduced":
+    differences from the mean in place of those between all pairs, scaled to the same sum of squares.
+    """
+    G, N = p.shape[-3:-1]
+    if pairs == "reduced":
+        weight = N * np.sqrt(G)
+        C = weight * (R_b - R_b.mean(axis=-3, keepdims=True))
+        d = weight * (p.mean(axis=-2) - p.mean(axis=(-3, -2))[..., None, :])
+    else:
+        group, number = np.divmod(np.arange(G * N), N)
+        i, j = np.triu_indices(G * N, 1)
+        keep = group[i] != group[j]
+        if pairs == "consecutive":
+            keep = (group[i] + 1 == group[j]) & (number[i] == number[j])
+        i, j = i[keep], j[keep]
+        C = R_b[..., group[j], :, :] - R_b[..., group[i], :, :]  # Eq. 30
+        d = p[..., group[j], number[j], :] - p[..., group[i], number[i], :]
+    A_t = transposed_skew(u_b)[..., None, :, :] @ C  # Eq. 33
+    b_t = -np.cross(d, u_b[..., None, :])  # Eq. 31
+    return A_t.reshape(*A_t.shape[:-3], -1, 3), b_t.reshape(*b_t.shape[:-2], -1)
+
+
+def solve_translation(R_b, T_b, p_s, R_sensor, pairs: str = "reduced") -> EdgeTranslation:
+    """Phase two, Eqs 28-35, with the rotation R_sensor (..., 3, 3) of phase one."""
+    in_flange = p_s @ np.swapaxes(R_sensor[..., ::2], -1, -2)[..., None, :, :]
+    p = in_flange @ np.swapaxes(R_b, -1, -2) + T_b
+    vectors = p[..., 1:, :] - p[..., :1, :]  # Eq. 5
+    u_b = principal_direction(vectors.reshape(*vectors.shape[:-3], -1, 3))
+    A_t, b_t = translation_system(R_b, p, u_b, pairs)
+    rounding = 12 * np.finfo(float).eps * p.shape[-3] * p.shape[-2]  # of nine entries of R_b, in each of G N equations
+    T_sensor, S, _, rank = least_squares(A_t, b_t, rounding)
+    p_b = p + (R_b @ T_sensor[..., None, :, None])[..., None, :, 0]
+    return EdgeTranslation(u_b, A_t, b_t, S, rank, T_sensor, p_b)
+
+
+def check_shapes(R_b, T_b, p_s) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The data of one calibration as float arrays, or a ValueError that says what is wrong with them."""
+    R_b, T_b, p_s = check_rotations("R_b", R_b), np.asarray(T_b, dtype=float), np.asarray(p_s, dtype=float)
+    G = len(R_b)
+    for name, array, last in (("T_b", T_b, 3), ("p_s", p_s, 2)):
+        if array.ndim != 3 or array.shape[0] != G or array.shape[2] != last:
+            raise ValueError(f"{name} has shape {array.shape}; expected ({G}, N, {last}): groups, positions, {last}")
+        bad = np.argwhere(~np.isfinite(array))
+        if bad.size:
+            raise ValueError(f"{name}[{bad[0][0]}, {bad[0][1]}] is {array[tuple(bad[0][:2])]}; expected finite numbers")
+    if T_b.shape[1] != p_s.shape[1]:
+        raise ValueError(f"T_b has {T_b.shape[1]} positions a group and p_s has {p_s.shape[1]}; expected as many")
+    check_count("rotation groups", G, 3, "two turns about different axes fix the translation")
+    check_count("positions per group", T_b.shape[1], 3, "two translations that are not parallel fix the rotation")
+    return R_b, T_b, p_s
+
+
+def estimate_noise(T_b, p_s) -> np.ndarray:
+    """Standard deviation (...) of the sensed points, mm, from the data alone.
+
+    Within a group the sensed point of a straight edge is an affine function of the flange position, whatever the
+    calibration: what a regression on the positions leaves is noise. NaN where the regression leaves nothing.
+    """
+    offsets = T_b - T_b.mean(axis=-2, keepdims=True)
+    X = np.concatenate([np.ones((*offsets.shape[:-1], 1)), offsets], axis=-1)
+    U, S, _ = np.linalg.svd(X, full_matrices=False)
+    significant = 1e-6 * S[..., :1] < S  # an arc leaves its plane by rounding only
+    U = U * significant[..., None, :]
+    residuals = p_s - U @ (np.swapaxes(U, -1, -2) @ p_s)
+    freedom = 2 * (p_s.shape[-2] - significant.sum(axis=-1)).sum(axis=-1)
+    squares = (residuals**2).sum(axis=(-3, -2, -1))
+    return np.sqrt(np.divide(squares, freedom, out=np.full_like(squares, np.nan), where=freedom > 0))
+
+
+def judge(R_b, T_b, p_s, solution: EdgeSolution, noise_mm=None) -> EdgeEvidence:
+    """How well the data determine a solution of `edge_equations` with "reduced" or "all" pairs; batches as there.
+
+    Raises ValueError where the noise is not given and cannot be estimated.
+    """
+    noise_mm = estimate_noise(T_b, p_s) if noise_mm is None else np.asarray(noise_mm, dtype=float)
+    if np.isnan(noise_mm).any():
+        raise ValueError(
+            f"{T_b.shape[-2]} positions a group leave no residual to estimate the noise from; give noise_mm, "
+            "or measure at least 5 positions a group"
+        )
+    G, N = T_b.shape[-3:-1]
+    rotation, translation = solution.rotation, solution.translation
+    with np.errstate(divide="ignore", invalid="ignore"):
+        strength = np.where(rotation.rank < 9, 0, rotation.S[..., -1] / (noise_mm * rotation.noise_gain))
+        sd = np.where(translation.rank < 3, np.inf, noise_mm * np.sqrt(G * N) / translation.S[..., -1])
+    return EdgeEvidence(noise_mm, strength, sd)
+
+
+def weaknesses(evidence: EdgeEvidence) -> list[str]:
+    """What to tell the user about the answer to one data set; nothing when it is sound."""
+    messages = []
+    if evidence.rotation_strength < WEAK:
+        messages.append(
+            f"the rotation is weak: its strength is {evidence.rotation_strength:.2g}, below {WEAK:g}; turn the flange "
+            "further between groups, move further within them, or use a method that weighs all data together"
+        )
+    if evidence.translation_sd_mm > WEAK_TRANSLATION_MM:
+        messages.append(
+            f"the translation is weak: {evidence.translation_sd_mm:.2g} mm in its worst direction; turn the flange "
+            "further, about at least two axes"
+        )
+    return messages
+
+
+def cause(R_b, T_b, p_s, noise_mm: float) -> str:
+    """Why A_r of one data set is close to singular, and what to do, in words."""
+    offsets = T_b - T_b.mean(axis=1, keepdims=True)
+    seen = p_s - p_s.mean(axis=1, keepdims=True)
+    spread = np.linalg.svd(offsets, compute_uv=False)
+    flat = np.sin(np.radians(LEAST_SPREAD_DEG))
+    if np.median(spread[:, 1] / spread[:, 0]) < flat:
+        return "each group's translations lie on one line; move within a plane that crosses the edge, or in 3-D"
+    # a singular value of N points that noise alone moves stays below about √N + √2 times the noise
+    if np.median(np.linalg.svd(seen, compute_uv=False)[:, 1]) < 2 * noise_mm * np.sqrt(p_s.shape[1]):
+        return (
+            "each group's sensed points lie on one line, so its translations stay in a plane that contains the edge; "
+            "tilt that plane by 30° or more against the edge, or move in 3-D"
+        )
+    in_base, in_flange = (np.linalg.svd(o.reshape(-1, 3), compute_uv=False) for o in (offsets, offsets @ R_b))
+    if in_flange[2] < flat * in_flange[0] and in_base[2] > flat * in_base[0]:
+        return (
+            "the translations of all groups lie in one plane of the tool, which turned with it; repeat the same "
+            "translations in the robot's base frame, or move in 3-D"
+        )
+    return (
+        "the flange turns too little between groups, or moves too little within them, for this noise; do more of both"
+    )
