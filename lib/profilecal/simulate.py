@@ -6,6 +6,7 @@ import numpy as np
 
 from profilecal.acquisition import EdgePlan, Poses, directions, plan_edge, rotations, turns
 from profilecal.scanner import Scanner
+from profilecal.targets.ball import Ball
 from profilecal.targets.edge import Edge
 
 
@@ -77,3 +78,15 @@ def edge_profiles(scene: EdgeScene, specimen: str, scanner: Scanner, noise: Nois
         specimen, up / np.linalg.norm(up), R, T
     )
     return scanner.decode(scanner.count(outline, rng))
+
+
+def ball_points(ball: Ball, R_sensor, T_sensor, poses: Poses, noise: Noise, rng, count: int = 40) -> np.ndarray:
+    """Points (..., G, N, count, 2) on a ball, x and z in the sensor frame, mm, that a scanner on the flange reports.
+
+    Each profile is the arc of up to 60° to either side of the point nearest to the scanner.
+    """
+    scan_planes = sensor_poses(R_sensor, T_sensor, *actual_poses(poses, noise, rng))
+    x, z, r = np.moveaxis(Ball(ball.centre[..., None, None, :], ball.radius).meet(*scan_planes), -1, 0)[..., None]
+    angle = np.linspace(-np.pi / 3, np.pi / 3, count)
+    seen = np.stack([x + r * np.sin(angle), z - r * np.cos(angle)], axis=-1)
+    return seen + noise.profile_mm * rng.normal(size=seen.shape)

@@ -1,10 +1,15 @@
 """The edge paper's own measures of error, Δα and Δd (Section 4.1, Fig. 5), in every reading that its text allows."""
 
 import numpy as np
+import pandas as pd
 
-from profilecal.closed_form.edge import EdgeSolution
+from profilecal.acquisition import EdgePlan
+from profilecal.closed_form.edge import EdgeSolution, edge_equations
+from profilecal.poses import angle_between
+from profilecal.simulate import EdgeScene, Noise, edge_scenes
 
 DIRECTIONS = ("group", "sum", "vector")
+CHUNK = 100  # scenes solved at a time: 60 MB
 
 
 def edge_directions(p_b, of: str) -> np.ndarray:
@@ -43,3 +48,32 @@ def line_distances(solution: EdgeSolution) -> np.ndarray:
     points = solution.p_b.reshape(*solution.p_b.shape[:-3], -1, 3)
     offset = points - points.mean(axis=-2, keepdims=True)
     return np.linalg.norm(np.cross(offset, solution.u_b[..., None, :]), axis=-1)
+
+
+def study(plan: EdgePlan, noise: Noise, seeds: int, rng, counts=(10, 15, 20, 25), of="group", signed=False):
+    """The paper's criteria beside the truth, over random scenes: a DataFrame with one row per scene and count.
+
+    `counts`: numbers of rotation groups used, in the order they were collected, as in Section 4.1; `of` and `signed`
+    as in `angle_deviations`. Angles in degrees, lengths in mm.
+    """
+    frames = []
+    for start in range(0, seeds, CHUNK):
+        scene = edge_scenes(plan, noise, rng, (min(CHUNK, seeds - start),))
+        for count in counts:
+            poses = scene.poses.first(count)
+            solution = edge_equations(poses.rotations, poses.positions, scene.points[:, :count])
+            frames.append(pd.DataFrame({"rotations": count} | criteria(solution, scene, of, signed)))
+    return pd.concat(frames, ignore_index=True)
+
+
+def criteria(solution: EdgeSolution, scene: EdgeScene, of: str, signed: bool) -> dict[str, np.ndarray]:
+    """Mean and standard deviation of Δα and Δd, and the true errors, one number a scene."""
+    angles, distances = np.degrees(angle_deviations(solution, of, signed)), line_distances(solution)
+    return {
+        "mean Δα": angles.mean(axis=-1),
+        "std Δα": angles.std(axis=-1),
+        "mean Δd": distances.mean(axis=-1),
+        "std Δd": distances.std(axis=-1),
+        "rotation error": np.degrees(angle_between(solution.R_sensor, scene.R_sensor)),
+        "translation error": np.linalg.norm(solution.T_sensor - scene.T_sensor, axis=-1),
+    }

@@ -44,6 +44,7 @@ SPECIMENS = {
 }
 NEAR_EDGE = 5.0  # mm of a profile that make up a fitted line
 ON_FACE = 0.25  # mm from that line: noise, not a side wall
+WIDEST_TIP = 2.0  # mm, within half a millimetre of its top
 DROP = 3.0  # mm between neighbouring points: the end of a face
 
 
@@ -119,17 +120,22 @@ def step_end(profiles) -> np.ndarray:
 
 
 def tip(profiles) -> np.ndarray:
-    """The tip of a blade that points at the scanner, (..., 2), in profiles (..., n, 2), mm; NaN where nothing is.
+    """The tip of a blade that points at the scanner, (..., 2), in profiles (..., n, 2), mm; NaN where there is none.
 
-    x is the mean over the points within half a millimetre in z of the nearest one; z is the nearest one's.
+    x is the mean over the points within half a millimetre in z of the nearest one; z is the nearest one's. A tip is
+    narrow, and not at an end of the profile.
     """
     there, profiles = valid(profiles)
-    z = np.where(there, profiles[..., 1], np.inf)
-    top = z.min(axis=-1)
-    near = z < top[..., None] + 0.5
-    with np.errstate(invalid="ignore"):
-        x = (near * profiles[..., 0]).sum(axis=-1) / near.sum(axis=-1)
-    return np.where(np.isfinite(top)[..., None], np.stack([x, top], axis=-1), np.nan)
+    x, z = profiles[..., 0], np.where(there, profiles[..., 1], np.inf)
+    top = z.min(axis=-1, keepdims=True)
+    near = z < top + 0.5
+    middle = (near * x).sum(axis=-1) / np.maximum(near.sum(axis=-1), 1)
+    wide = (near & (np.abs(x - middle[..., None]) > WIDEST_TIP / 2)).any(axis=-1)
+    inside = np.cumsum(there, axis=-1) * there
+    count = there.sum(axis=-1)
+    place = np.take_along_axis(inside, z.argmin(axis=-1)[..., None], axis=-1)[..., 0]
+    found = ~wide & (place > 3) & (place < count - 2)
+    return np.where(found[..., None], np.stack([middle, top[..., 0]], axis=-1), np.nan)
 
 
 FEATURES = {"parallel bar": corner, "straight scale": step_end, "knife blade": tip}
