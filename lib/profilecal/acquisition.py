@@ -21,6 +21,15 @@ class Poses:
         """The first groups only, in the order they were collected."""
         return Poses(self.rotations[..., :groups, :, :], self.positions[..., :groups, :, :])
 
+    def carry(self, points, R_sensor, T_sensor) -> np.ndarray:
+        """Sensed points (..., G, N, M, 2), mm, in the base frame, (..., G, N, M, 3), by the poses reported.
+
+        The sensor is at R_sensor (..., 3, 3), T_sensor (..., 3), mm, on the flange.
+        """
+        R = (self.rotations @ R_sensor[..., None, :, :])[..., None, :, :]
+        T = self.positions + (self.rotations @ T_sensor[..., None, :, None])[..., None, :, 0]
+        return points @ np.swapaxes(R[..., ::2], -1, -2) + T[..., None, :]
+
 
 def directions(rng: np.random.Generator, shape) -> np.ndarray:
     """Unit vectors (*shape, 3), uniform over the sphere."""
@@ -132,3 +141,15 @@ def plan_edge(plan: EdgePlan, edge: Edge, R_sensor, T_sensor, rng: np.random.Gen
         offsets = offsets @ np.swapaxes(turned, -1, -2)
     R_b = turned @ start[..., None, :, :]
     return Poses(R_b, above(edge.point, R_b, R_sensor, T_sensor)[..., None, :] + offsets)
+
+
+def plan_ball(centre, radius: float, R_sensor, T_sensor, rng, *, groups=10, positions=6, spread_deg=30.0) -> Poses:
+    """Poses that draw `positions` parallel profiles over a ball in each of some orientations (edge paper, Section 4.2).
+
+    `centre` (..., 3), mm. The profiles spread over 1.2 radii, along the sensor's y.
+    """
+    start = turns(rng, centre.shape[:-1], np.pi) @ np.swapaxes(R_sensor, -1, -2)
+    R_b = turns(rng, (*centre.shape[:-1], groups), np.radians(spread_deg)) @ start[..., None, :, :]
+    y = (R_b @ R_sensor[..., None, :, :])[..., 1]
+    steps = np.linspace(-0.6, 0.6, positions)[:, None] * radius * y[..., None, :]
+    return Poses(R_b, above(centre, R_b, R_sensor, T_sensor, STANDOFF + radius)[..., None, :] + steps)

@@ -1,6 +1,6 @@
-"""Circles and ellipses through points (..., k, 2), in batches.
+"""Lines, spheres, circles and ellipses through points, in batches.
 
-Both fits minimise an algebraic distance under a quadratic constraint. Eliminating the linear coefficients leaves a
+The fits of circle and ellipse minimise an algebraic distance under a quadratic constraint. Eliminating the linear coefficients leaves a
 symmetric 3×3 problem, whose eigenvalue solves one scalar equation: no iteration over the points, no `eig`.
 """
 
@@ -9,22 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 ROUNDS = 60  # Newton steps at most; four or five are usual
-POWERS = [
-    (1, 0),
-    (0, 1),
-    (2, 0),
-    (1, 1),
-    (0, 2),
-    (3, 0),
-    (2, 1),
-    (1, 2),
-    (0, 3),
-    (4, 0),
-    (3, 1),
-    (2, 2),
-    (1, 3),
-    (0, 4),
-]
+HIGH_POWERS = [(3, 0), (2, 1), (1, 2), (0, 3), (4, 0), (3, 1), (2, 2), (1, 3), (0, 4)]
 
 
 @dataclass(frozen=True)
@@ -70,7 +55,7 @@ def moments(u, v) -> dict:
     """Means over the last axis of u^a v^b for 1 ≤ a + b ≤ 4: {(a, b): (...)}."""
     product = {(1, 0): u, (0, 1): v, (2, 0): u * u, (1, 1): u * v, (0, 2): v * v}
     sums = {power: values.sum(axis=-1) for power, values in product.items()}
-    for a, b in POWERS[5:]:
+    for a, b in HIGH_POWERS:
         first = (2, 0) if a >= 2 else (0, 2)
         second = (a - first[0], b - first[1])
         sums[a, b] = np.einsum("...i,...i->...", product[first], product[second])
@@ -150,7 +135,7 @@ def fit_circle(points, method: str = "taubin") -> np.ndarray:
 
 
 def circle_from_moments(mean: dict, method: str = "taubin") -> np.ndarray:
-    """Circles (..., 3) from the means of xx, xz, zz, wx, wz and ww about the centroid, w = x² + z². See `fit_circle`."""
+    """As `fit_circle`, from the means of xx, xz, zz, wx, wz and ww about the centroid, where w = x² + z²."""
     if method not in ("taubin", "kasa"):
         raise ValueError(f"method is {method!r}; expected 'taubin' or 'kasa'")
     xx, xz, zz, wx, wz = (mean[name] for name in ("xx", "xz", "zz", "wx", "wz"))
@@ -164,3 +149,47 @@ def circle_from_moments(mean: dict, method: str = "taubin") -> np.ndarray:
         B, C = _secular(((mean["ww"] - w * w) / unit**2, wx / unit, wz / unit, xx, xz, zz), sign=-1)
         B, C = unit * B, unit * C
     return np.stack([-B / 2, -C / 2, np.sqrt(w + (B * B + C * C) / 4)], axis=-1)
+
+
+@dataclass(frozen=True)
+class Line:
+    """Lines in any dimension, through `point` along the unit vector `direction`."""
+
+    point: np.ndarray  # (..., d)
+    direction: np.ndarray  # (..., d)
+    rms: np.ndarray  # (...) of the distances of the points that it was fitted to
+
+
+def fit_line(points) -> Line:
+    """The lines with the least sum of squared distances from points (..., n, d), n ≥ 2."""
+    centre = points.mean(axis=-2)
+    offsets = points - centre[..., None, :]
+    _, singular, Vt = np.linalg.svd(offsets, full_matrices=False)
+    rms = np.sqrt((singular[..., 1:] ** 2).sum(axis=-1) / points.shape[-2])
+    return Line(centre, Vt[..., 0, :], rms)
+
+
+@dataclass(frozen=True)
+class Sphere:
+    """Spheres with `centre` and `radius`, mm."""
+
+    centre: np.ndarray  # (..., 3)
+    radius: np.ndarray  # (...)
+    rms: np.ndarray  # (...) of the distances of the points from the sphere that was fitted to them
+
+
+def fit_sphere(points) -> Sphere:
+    """Spheres through points (..., n, 3), n ≥ 4, not all in one plane.
+
+    The linear least-squares fit of |p|² = 2 c·p + k that the edge paper takes (its ref. [36]), about the points' mean.
+    """
+    mean = points.mean(axis=-2, keepdims=True)
+    p = points - mean
+    squares = (p**2).sum(axis=-1)
+    A = np.concatenate([2 * p, np.ones_like(p[..., :1])], axis=-1)
+    AtA, Atb = np.swapaxes(A, -1, -2) @ A, (np.swapaxes(A, -1, -2) @ squares[..., None])
+    solution = np.linalg.solve(AtA, Atb)[..., 0]
+    c = solution[..., :3]
+    radius = np.sqrt(solution[..., 3] + (c**2).sum(axis=-1))
+    residuals = np.linalg.norm(p - c[..., None, :], axis=-1) - radius[..., None]
+    return Sphere(c + mean[..., 0, :], radius, np.sqrt((residuals**2).mean(axis=-1)))

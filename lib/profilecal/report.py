@@ -127,3 +127,22 @@ def equal_axes(axes, points) -> None:
     middle, half = (low + high) / 2, (high - low).max() / 2
     axes.set(xlim=(middle[0] - half, middle[0] + half), ylim=(middle[1] - half, middle[1] + half))
     axes.set(zlim=(middle[2] - half, middle[2] + half), box_aspect=(1, 1, 1))
+
+
+def draw_scan(axes, rotation, origin, depth: float, colour: str, label: str = "") -> None:
+    """Draw a scanner's fan of light in a 3D plot: from its origin to `depth`, as wide as it is deep."""
+    rotation = np.asarray(rotation)
+    ends = [origin + depth * (rotation[:, 2] + side * rotation[:, 0] / 2) for side in (-1, 1)]
+    draw_patch(axes, np.array([origin, *ends]), colour, alpha=0.15, label=label)
+
+
+def beside_line(points, point, direction) -> tuple[np.ndarray, np.ndarray]:
+    """Points (..., 3) seen from beside a line through `point` along `direction`: how far along it, how far above.
+
+    The view is the one that shows most of the distances from the line.
+    """
+    offset = np.asarray(points) - point
+    along = offset @ direction
+    off_line = offset - along[..., None] * direction
+    above = np.linalg.svd(off_line.reshape(-1, 3), full_matrices=False)[2][0]
+    return along, offset @ above

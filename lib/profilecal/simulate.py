@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from profilecal.acquisition import EdgePlan, Poses, directions, plan_edge, rotations, turns
+from profilecal.scanner import Scanner
+from profilecal.targets.ball import Ball
 from profilecal.targets.edge import Edge
 
 
@@ -29,15 +31,18 @@ def actual_poses(poses: Poses, noise: Noise, rng: np.random.Generator) -> tuple[
     return rotations(np.radians(turn)) @ poses.rotations[..., None, :, :], poses.positions + position
 
 
+def sensor_poses(R_sensor, T_sensor, R_b, T_b) -> tuple[np.ndarray, np.ndarray]:
+    """Scan planes (..., G, N, 3, 3) and their origins (..., G, N, 3), mm, in the base frame, of flange poses alike."""
+    return R_b @ R_sensor[..., None, None, :, :], T_b + (R_b @ T_sensor[..., None, None, :, None])[..., 0]
+
+
 def sense_edge(edge: Edge, R_sensor, T_sensor, poses: Poses, noise: Noise, rng: np.random.Generator) -> np.ndarray:
     """Edge points (..., G, N, 2), x and z in the sensor frame, mm, that a scanner on the flange reports.
 
     R_sensor (..., 3, 3), T_sensor (..., 3), mm, the edge and the poses may share leading axes, one entry a scene.
     """
-    R_b, T_b = actual_poses(poses, noise, rng)
-    R = R_b @ R_sensor[..., None, None, :, :]
-    T = T_b + (R_b @ T_sensor[..., None, None, :, None])[..., 0]
-    seen = Edge(edge.point[..., None, None, :], edge.direction[..., None, None, :]).meet(R, T)
+    scan_planes = sensor_poses(R_sensor, T_sensor, *actual_poses(poses, noise, rng))
+    seen = Edge(edge.point[..., None, None, :], edge.direction[..., None, None, :]).meet(*scan_planes)
     return seen + noise.profile_mm * rng.normal(size=seen.shape)
 
 
@@ -59,3 +64,30 @@ def edge_scenes(plan: EdgePlan, noise: Noise, rng: np.random.Generator, shape=()
     T_sensor = rng.uniform(50, 150, (*shape, 1)) * directions(rng, shape)
     poses = plan_edge(plan, edge, R_sensor, T_sensor, rng)
     return EdgeScene(edge, R_sensor, T_sensor, poses, sense_edge(edge, R_sensor, T_sensor, poses, noise, rng))
+
+
+def edge_profiles(scene: EdgeScene, specimen: str, scanner: Scanner, noise: Noise, rng) -> np.ndarray:
+    """Raw profiles (G, N, points, 2), mm, of one scene whose edge is that of a specimen.
+
+    The specimen's top faces the scanner, and lies on the side of smaller x. `noise` gives the robot's errors; the
+    scanner has its own.
+    """
+    R, T = sensor_poses(scene.R_sensor, scene.T_sensor, *actual_poses(scene.poses, noise, rng))
+    x, _, z = np.moveaxis(R.mean(axis=(0, 1)), -1, 0)
+    up = np.cross(scene.edge.direction, np.cross(scene.edge.direction, z))
+    outline = Edge(scene.edge.point, scene.edge.direction * np.sign(np.cross(scene.edge.direction, up) @ x)).outline(
+        specimen, up / np.linalg.norm(up), R, T
+    )
+    return scanner.decode(scanner.count(outline, rng))
+
+
+def ball_points(ball: Ball, R_sensor, T_sensor, poses: Poses, noise: Noise, rng, count: int = 40) -> np.ndarray:
+    """Points (..., G, N, count, 2) on a ball, x and z in the sensor frame, mm, that a scanner on the flange reports.
+
+    Each profile is the arc of up to 60° to either side of the point nearest to the scanner.
+    """
+    scan_planes = sensor_poses(R_sensor, T_sensor, *actual_poses(poses, noise, rng))
+    x, z, r = np.moveaxis(Ball(ball.centre[..., None, None, :], ball.radius).meet(*scan_planes), -1, 0)[..., None]
+    angle = np.linspace(-np.pi / 3, np.pi / 3, count)
+    seen = np.stack([x + r * np.sin(angle), z - r * np.cos(angle)], axis=-1)
+    return seen + noise.profile_mm * rng.normal(size=seen.shape)
