@@ -9,22 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 ROUNDS = 60  # Newton steps at most; four or five are usual
-POWERS = [
-    (1, 0),
-    (0, 1),
-    (2, 0),
-    (1, 1),
-    (0, 2),
-    (3, 0),
-    (2, 1),
-    (1, 2),
-    (0, 3),
-    (4, 0),
-    (3, 1),
-    (2, 2),
-    (1, 3),
-    (0, 4),
-]
+HIGH_POWERS = [(3, 0), (2, 1), (1, 2), (0, 3), (4, 0), (3, 1), (2, 2), (1, 3), (0, 4)]
 
 
 @dataclass(frozen=True)
@@ -70,7 +55,7 @@ def moments(u, v) -> dict:
     """Means over the last axis of u^a v^b for 1 ≤ a + b ≤ 4: {(a, b): (...)}."""
     product = {(1, 0): u, (0, 1): v, (2, 0): u * u, (1, 1): u * v, (0, 2): v * v}
     sums = {power: values.sum(axis=-1) for power, values in product.items()}
-    for a, b in POWERS[5:]:
+    for a, b in HIGH_POWERS:
         first = (2, 0) if a >= 2 else (0, 2)
         second = (a - first[0], b - first[1])
         sums[a, b] = np.einsum("...i,...i->...", product[first], product[second])
@@ -150,7 +135,7 @@ def fit_circle(points, method: str = "taubin") -> np.ndarray:
 
 
 def circle_from_moments(mean: dict, method: str = "taubin") -> np.ndarray:
-    """Circles (..., 3) from the means of xx, xz, zz, wx, wz and ww about the centroid, w = x² + z². See `fit_circle`."""
+    """As `fit_circle`, from the means of xx, xz, zz, wx, wz and ww about the centroid, where w = x² + z²."""
     if method not in ("taubin", "kasa"):
         raise ValueError(f"method is {method!r}; expected 'taubin' or 'kasa'")
     xx, xz, zz, wx, wz = (mean[name] for name in ("xx", "xz", "zz", "wx", "wz"))
