@@ -358,7 +358,7 @@ def ball_study(
 ) -> BallStudy:
     """The two-step ball method from simulated noisy arcs, Section V-D3, for each sigma_mm (k,) and m (l,).
 
-    A trial draws max(m) arcs a pose and averages the ball centres and flange positions of the first m (the equations are
+    A trial draws max(m) arcs a pose and averages ball centres and flange positions of the first m (the equations are
     linear in both), so different m share noise. Random streams: as in `disk_study`.
     """
     sigma_mm, m = np.atleast_1d(np.asarray(sigma_mm, dtype=float)), np.atleast_1d(np.asarray(m, dtype=int))
