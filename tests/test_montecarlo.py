@@ -10,7 +10,7 @@ from profilecal.closed_form.ball import solve_ball
 from profilecal.closed_form.disk import sensing_data, solve_disk
 from profilecal.fitting import fit_circle
 from profilecal.montecarlo import PROTOCOLS, DiskScans, ball_study, disk_study, rotations_near
-from profilecal.poses import angle_between, nearest_rotation
+from profilecal.poses import nearest_rotation
 from profilecal.published_scenes import fig15_scans, fig17_scans
 
 TRIALS = 12
@@ -21,7 +21,7 @@ def scans() -> DiskScans:
 
 
 def loop(scans, tips, heights):
-    """Centre, rotation angle and translation errors of one trial, tips (n, m, 2, 2), scan by scan."""
+    """Centre, rotation and translation errors of one trial, tips (n, m, 2, 2), scan by scan."""
     data = [
         sensing_data(*scan, scans.disk.radius, heights)
         for scan in zip(tips, scans.T_start, scans.T_end, scans.s, strict=True)
@@ -29,7 +29,8 @@ def loop(scans, tips, heights):
     fields = (np.array([getattr(d, name) for d in data]) for name in ("T_tcp", "q", "D_i", "D_b"))
     found = solve_disk(scans.R_tcp, *fields)
     centre = found.translation.q_b - scans.disk.centre
-    return *centre, angle_between(found.R_sensor, scans.R_sensor), *(found.T_sensor - scans.T_sensor)
+    turn = Rotation.from_matrix(found.R_sensor @ scans.R_sensor.T).as_rotvec()
+    return *centre, *turn, *(found.T_sensor - scans.T_sensor)
 
 
 def noisy_tips(scans, sigma, m, noise, rng, trials=TRIALS):
@@ -111,7 +112,7 @@ def test_impossible_arccos_is_counted_not_hidden():
     study = disk_study(scene, sigma, 10, 500, np.random.default_rng(10), workers=1, **kind)
     tips = noisy_tips(scene, sigma, 10, "isotropic", np.random.default_rng(10).spawn(1)[0], 500)
     plain = sensing_data(tips, scene.T_start, scene.T_end, scene.s, scene.disk.radius, "published")
-    assert study.clipped[0, 0] == plain.clipped.any(axis=1).sum() > 5
+    assert study.clipped[0, 0] == plain.clipped.any(axis=1).sum() > 0
     assert np.isfinite(study.centre_error).all()
 
 

@@ -5,6 +5,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 from tqdm import tqdm
 
 from profilecal.checks import check_count
@@ -16,7 +17,7 @@ from profilecal.closed_form.disk import (
     sensing_data_from_ellipse,
 )
 from profilecal.fitting import ROUNDS, Ellipse, circle_from_moments, ellipse_from_moments, moments
-from profilecal.poses import angle_between, nearest_rotation
+from profilecal.poses import nearest_rotation
 from profilecal.targets.ball import Ball
 from profilecal.targets.disk import Disk
 
@@ -74,7 +75,7 @@ class DiskStudy:
     sigma_mm: np.ndarray  # (k,) noise of a tip, mm
     m: np.ndarray  # (l,) chords of a scan
     centre_error: np.ndarray  # (k, l, trials, 3) of the disk's centre in the base frame, Eq. 20, mm
-    rotation_error: np.ndarray  # (k, l, trials) rad
+    rotation_error: np.ndarray  # (k, l, trials, 3) rotation vector from true to found sensor, flange frame, rad
     translation_error: np.ndarray  # (k, l, trials, 3) of the sensor on the flange, mm
     clipped: np.ndarray  # (k, l) trials in which the arccos of Eq. 9 does not exist for some scan
     by_svd: np.ndarray  # (k, l) trials too far from the truth for the quaternion; solved by SVD instead
@@ -105,7 +106,7 @@ def disk_study(
     check_count("chords", int(m.min()), 3, "an ellipse has five unknowns, a chord two tips")
     exact = _exact_scans(scans)
     shape = (len(sigma_mm), len(m), trials)
-    centre, rotation, translation = np.empty((*shape, 3)), np.empty(shape), np.empty((*shape, 3))
+    centre, rotation, translation = (np.empty((*shape, 3)) for _ in range(3))
     clipped, by_svd = np.empty(shape, dtype=bool), np.empty(shape, dtype=bool)
     motion = np.einsum("nba,nb->na", scans.R_tcp, scans.T_end - scans.T_start)  # R_tcp⁻¹ D_b but for its length
 
@@ -234,7 +235,7 @@ def _chords_with_isotropic_noise(exact: _Exact, sigma_mm, m, size, rng, heights)
 def _solve(scans, R_tcp, q, T_tcp, X, Y):
     """Eqs 14-20: rotation from X (k, n, 3) and Y (n, 3), translation from R_tcp (l, 3, 3), q and T_tcp (k, l, 3).
 
-    Returns the fixed point (k, 3), mm, the errors of rotation (k), rad, and translation (k, 3), mm, and which trials
+    Returns the fixed point (k, 3), mm, the errors of rotation (k, 3), rad, and translation (k, 3), mm, and which trials
     took the SVD. The flange orientations are the same in all trials: the least squares of Eq. 19 is one fixed matrix.
     """
     X = X / np.linalg.norm(X, axis=-1, keepdims=True)
@@ -246,7 +247,7 @@ def _solve(scans, R_tcp, q, T_tcp, X, Y):
     N = (seen[:, 1:] - seen[:, :-1]).reshape(len(seen), -1)
     T_sensor = N @ np.linalg.pinv(M).T
     point = seen.mean(axis=1) + T_sensor @ R_tcp.mean(axis=0).T
-    return point, angle_between(turn, np.eye(3)), T_sensor - scans.T_sensor, by_svd
+    return point, Rotation.from_matrix(turn).as_rotvec(), T_sensor - scans.T_sensor, by_svd
 
 
 def rotations_near(X, Y) -> tuple[np.ndarray, np.ndarray]:
@@ -337,11 +338,18 @@ class BallStudy:
     sigma_mm: np.ndarray  # (k,) noise of a point's z, mm
     m: np.ndarray  # (l,) arcs of a pose
     centre_error: dict[str, np.ndarray]  # per protocol (k, l, trials, 3): the ball's centre in the base frame, mm
-    rotation_error: dict[str, np.ndarray]  # per protocol (k, l, trials) rad
+    rotation_error: dict[str, np.ndarray]  # per protocol (k, l, trials, 3) rotation vectors, flange frame, rad
     clipped: np.ndarray  # (k,) arcs, of all, whose circle is larger than the ball
     by_svd: dict[str, np.ndarray]  # per protocol (k, l) trials solved by SVD instead of the quaternion
     failed: dict[str, np.ndarray]  # per protocol (k, l) trials without a finite result
 
+
+# the three readings of "the standard deviation e" of the disk paper, from errors (..., trials, 3) to (...)
+READINGS = {
+    "standard deviation of the norms": lambda errors: np.linalg.norm(errors, axis=-1).std(axis=-1),
+    "root mean square": lambda errors: np.sqrt((errors**2).sum(axis=-1).mean(axis=-1)),
+    "mean of the norms": lambda errors: np.linalg.norm(errors, axis=-1).mean(axis=-1),
+}
 
 PROTOCOLS = ("one arc", "m arcs")  # of the poses that fix the rotation; those for the translation have m arcs
 
@@ -365,7 +373,7 @@ def ball_study(
     check_count("arcs", int(m.min()), 1, "a ball's centre comes from one arc")
     shape = (len(sigma_mm), len(m), trials)
     centre = {protocol: np.empty((*shape, 3)) for protocol in PROTOCOLS}
-    rotation = {protocol: np.empty(shape) for protocol in PROTOCOLS}
+    rotation = {protocol: np.empty((*shape, 3)) for protocol in PROTOCOLS}
     by_svd = {protocol: np.empty(shape, dtype=bool) for protocol in PROTOCOLS}
     clipped = np.zeros((len(sigma_mm), trials), dtype=int)
     T_tcp = _running_mean(scans.positions(int(m.max())))
