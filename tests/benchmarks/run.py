@@ -3,8 +3,8 @@
     python tests/benchmarks/run.py            all
     python tests/benchmarks/run.py disk       bench_disk.py; the others' rows in results/bench.csv stay
 
-A benchmark offers `rows() -> list[dict]` with the keys of COLUMNS: our time and the reference's in seconds, their ratio, the target in
-words and whether it is met.
+A benchmark offers `rows() -> list[dict]` with the keys of COLUMNS: our time and the reference's in seconds, their
+ratio, the target in words and whether it is met.
 """
 
 import importlib.util
@@ -30,7 +30,7 @@ def find(names: list[str]) -> list[Path]:
 
 
 def rows_of(path: Path) -> list[dict]:
-    """What one benchmark measures, each row with its `bench`."""
+    """What one benchmark measures."""
     spec = importlib.util.spec_from_file_location(path.stem, path)
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)

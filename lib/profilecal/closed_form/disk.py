@@ -14,7 +14,7 @@ from profilecal.closed_form.two_step import (
     solve_rotation,
     solve_translation,
 )
-from profilecal.fitting import fit_ellipse
+from profilecal.fitting import Ellipse, fit_ellipse
 
 LEAST_BEND = 5.0  # standard errors by which chord lengths must bend along a scan, to show a disk at all
 WRONG_SIDE_DEG = 3.0  # largest angle between R D_i and D_b that noise is believed to explain
@@ -65,18 +65,24 @@ def sensing_data(tips, T_start, T_end, s, radius: float, heights: str = "regress
     first, second = tips[..., 0, :], tips[..., 1, :]
     along = (second - first).mean(axis=-2)
     along = along / np.linalg.norm(along, axis=-1, keepdims=True)
-    frame = np.stack([along, np.stack([-along[..., 1], along[..., 0]], axis=-1)], axis=-2)  # rows x̄, z̄: R_θ
-    centre = np.einsum("...ab,...b->...a", frame, ellipse.centre)
-    across = np.einsum("...ab,...bc,...c->...a", frame, ellipse.shape, frame[..., 1, :])  # (S_xz, S_zz)
+    centre, across, frame = in_chord_frame(ellipse, along)
 
     if heights == "regression":
-        ends = _regressed_heights(np.einsum("...ma,...a->...m", (first + second) / 2, frame[..., 1, :]))
+        ends = np.einsum("...ma,...a->...m", (first + second) / 2, frame[..., 1, :]) @ line_ends(tips.shape[-3])
     elif heights == "published":
         slope = across[..., 0] / across[..., 1]
-        ends = _crossing_heights(np.einsum("...mta,...ba->...mtb", tips[..., [0, -1], :, :], frame), centre, slope)
+        ends = crossing_heights(np.einsum("...mta,...ba->...mtb", tips[..., [0, -1], :, :], frame), centre, slope)
     else:
         raise ValueError(f"heights is {heights!r}; expected 'regression' or 'published'")
     return sensing_data_from_ellipse(centre, across, ends, along, T_start, T_end, s, radius)
+
+
+def in_chord_frame(ellipse: Ellipse, along):
+    """In the frame whose x̄ is `along` (..., 2): the ellipse's centre, S_xz and S_zz of its shape, and the rows x̄, z̄."""
+    frame = np.stack([along, np.stack([-along[..., 1], along[..., 0]], axis=-1)], axis=-2)  # R_θ
+    centre = np.einsum("...ab,...b->...a", frame, ellipse.centre)
+    across = np.einsum("...ab,...b->...a", frame, np.einsum("...bc,...c->...b", ellipse.shape, frame[..., 1, :]))
+    return centre, across, frame
 
 
 def sensing_data_from_ellipse(centre, across, ends, along, T_start, T_end, s, radius: float) -> SensingData:
@@ -111,15 +117,13 @@ def _to_sensor(along, x, y, z) -> np.ndarray:
     return np.stack([cx * x - cz * z, y, cz * x + cx * z], axis=-1)
 
 
-def _regressed_heights(heights) -> np.ndarray:
-    """First and last value (..., 2) of the straight line through heights (..., m) at equal steps."""
-    m = heights.shape[-1]
+def line_ends(m: int) -> np.ndarray:
+    """Weights (m, 2) giving the first and last value of the straight line through m values at equal steps."""
     step = np.linspace(-1, 1, m)
-    slope = heights @ step / (step @ step)
-    return heights.mean(axis=-1)[..., None] + slope[..., None] * np.array([-1.0, 1.0])
+    return 1 / m + np.outer(step, [-1, 1]) / (step @ step)
 
 
-def _crossing_heights(chords, centre, slope) -> np.ndarray:
+def crossing_heights(chords, centre, slope) -> np.ndarray:
     """Heights at which chords (..., 2, 2, 2) meet e1e2, the line through `centre` with dx/dz = slope; rotated frame."""
     (xa, za), (xb, zb) = np.moveaxis(chords, (-2, -1), (0, 1))
     rise = (zb - za) / (xb - xa)
@@ -207,16 +211,17 @@ def _check_motion(i: int, scan: SensingData, tips, travel: float) -> None:
     sin_disk = climb * np.sin(scan.alpha)
     if not min(climb, sin_disk) > least:
         raise UnobservableError(
-            f"scan {i}: the motion is within {LEAST_SPREAD_DEG:g}° of the disk's plane (the chords climb {climb:.2g} of "
-            "the way moved), so the chords show no ellipse; tilt the motion against the disk"
+            f"scan {i}: the motion is within {LEAST_SPREAD_DEG:g}° of the disk's plane (chords climb by {climb:.2g} of "
+            "the way moved), so they show no ellipse; tilt the motion against the disk"
         )
     sin_plane = abs(scan.D_i[1]) / np.linalg.norm(scan.D_i)
     bend = _bend(tips, scan.direction)
     if not sin_plane > least or bend < LEAST_BEND:
         raise UnobservableError(
             f"scan {i}: the motion is within {LEAST_SPREAD_DEG:g}° of the scan plane, or covers too little of the "
-            f"disk: found {np.degrees(np.arcsin(sin_plane)):.2g}°, and the squared lengths of the chords bend by {bend:.2g} "
-            f"standard errors, at least {LEAST_BEND:g} needed; move along the sensor's y axis, over more of the disk"
+            f"disk: found {np.degrees(np.arcsin(sin_plane)):.2g}°, and the squared lengths of the chords bend by "
+            f"{bend:.2g} standard errors, at least {LEAST_BEND:g} needed; move along the sensor's y axis, over more "
+            "of the disk"
         )
 
 
@@ -270,8 +275,8 @@ def _remarks(sensing: SensingData):
             )
     for i in np.flatnonzero(sensing.clipped):
         yield (
-            f"scan {i}: Eq. 9 asks for the arccos of {sensing.cos_alpha[i]:.3f}, which does not exist; the nearest that "
-            "does is used. The noise is too large for this scan, or the scan plane nearly lies in the disk"
+            f"scan {i}: Eq. 9 asks for the arccos of {sensing.cos_alpha[i]:.3f}, which does not exist; the nearest "
+            "that does is used. The noise is too large for this scan, or the scan plane nearly lies in the disk"
         )
 
 
