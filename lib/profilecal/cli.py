@@ -49,6 +49,40 @@ def reproduce(names, parameters, output):
     raise SystemExit(1 if failed else 0)
 
 
+@main.command()
+@click.argument("folders", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of a table.")
+@click.option("--to", "vendor", metavar="NAME", help="abb, kuka, ur, fanuc, staubli, ros or matrix: a pose to paste.")
+@click.option("--guess", nargs=6, type=float, metavar="X Y Z W P R", help="Mount to start from, mm and degrees.")
+def calibrate(folders, as_json, vendor, guess):
+    """Find the sensor pose from one scan folder, or several of one sensor."""
+    import json
+
+    import numpy as np
+
+    from profilecal import calibrate as calibration
+    from profilecal.conventions import check_vendor, for_controller
+    from profilecal.poses import homogeneous, rotation_from_xyz_angles
+    from profilecal.scan import read_scan
+
+    try:
+        if vendor:
+            check_vendor(vendor)
+        mount = homogeneous(rotation_from_xyz_angles(np.radians(guess[3:])), guess[:3]) if guess else None
+        found = calibration.calibrate([read_scan(folder) for folder in folders], mount)
+    except (ValueError, OSError) as error:
+        raise Refused(str(error)) from error
+
+    known = found.status != "unobservable"
+    if as_json:
+        click.echo(json.dumps(found.to_json(), indent=2))
+    else:
+        click.echo(calibration.to_text(found))
+    if vendor and known:
+        click.echo(for_controller(vendor, found.solution.T_flange_sensor))
+    raise SystemExit(0 if known else 3)
+
+
 def print_scorecard(frame):
     """The scorecard as a table on the terminal."""
     from rich.console import Console

@@ -99,8 +99,18 @@ class RowError(ValueError):
         self.row = row
 
 
+VENDORS = ("abb", "kuka", "ur", "fanuc", "staubli", "ros", "matrix")
+
+
+def check_vendor(vendor: str) -> None:
+    """Raise ValueError with the names there are."""
+    if vendor not in VENDORS:
+        raise ValueError(f"controller is {vendor!r}; expected one of {', '.join(VENDORS)}")
+
+
 def for_controller(vendor: str, matrix) -> str:
-    """A pose (4, 4), mm, as a line or lines to paste into a controller or a program."""
+    """A pose (4, 4), mm, as a line or lines to paste into a controller or a program. Raises ValueError for others."""
+    check_vendor(vendor)
     matrix = np.asarray(matrix, dtype=float)
     T, rotation = matrix[:3, 3], Rotation.from_matrix(matrix[:3, :3])
     x, y, z = T
@@ -125,7 +135,4 @@ def for_controller(vendor: str, matrix) -> str:
             return f"ros2 run tf2_ros static_transform_publisher {pairs} --frame-id flange --child-frame-id scanner"
         case "matrix":
             return "\n".join(" ".join(f"{v:.9g}" for v in row) for row in matrix)
-    raise ValueError(f"controller is {vendor!r}; expected one of {', '.join(VENDORS)}")
-
-
-VENDORS = ("abb", "kuka", "ur", "fanuc", "staubli", "ros", "matrix")
+    raise AssertionError(vendor)

@@ -1,0 +1,2 @@
+def find_features(kind, profiles, radius=None):
+    raise NotImplementedError
