@@ -21,6 +21,7 @@ class Calibration:
 
     scans: tuple[Scan, ...]
     seen: tuple[np.ndarray, ...]  # for each scan, indices of the poses from which the target was found
+    observed: tuple[joint.Observations, ...]  # for each scan, what was seen from them
     solution: joint.Solution | None  # None: fewer measurements than unknowns
     messages: tuple[str, ...]  # sentences a person can act on
 
@@ -32,7 +33,9 @@ class Calibration:
     def labels(self, rejected: bool) -> list[str]:
         """Of the poses used or rejected; with the scan's title before them where there are several scans."""
         names = []
-        for scan, seen, bad in zip(self.scans, self.seen, self.solution.rejected if self.solution else (), strict=True):
+        nothing = [np.zeros(len(seen), dtype=bool) for seen in self.seen]
+        rejections = self.solution.rejected if self.solution else nothing
+        for scan, seen, bad in zip(self.scans, self.seen, rejections, strict=True):
             before = f"{scan.title or scan.kind}: " if len(self.scans) > 1 else ""
             names += [before + scan.labels[i] for i, b in zip(seen, bad, strict=True) if b == rejected]
         return names
@@ -95,9 +98,9 @@ def calibrate(scans, guess=None) -> Calibration:
     try:
         solution = joint.solve(observed, shared_noise(scans), starts=starts)
     except UnobservableError as error:
-        return Calibration(scans, (), None, (*messages, str(error)))
+        return Calibration(scans, tuple(seen), tuple(observed), None, (*messages, str(error)))
     messages += [*solution.messages, *wrong_sides(scans, seen, solution)]
-    return Calibration(scans, tuple(seen), solution, tuple(messages))
+    return Calibration(scans, tuple(seen), tuple(observed), solution, tuple(messages))
 
 
 def observations(scan: Scan) -> tuple[np.ndarray, np.ndarray, list[str]]:
