@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 
 from profilecal.acquisition import EdgePlan
-from profilecal.closed_form.edge import EdgeSolution, edge_equations
+from profilecal.closed_form.edge import EdgeSolution, edge_equations, judge
 from profilecal.poses import angle_between
 from profilecal.simulate import EdgeScene, Noise, edge_scenes
 
@@ -54,7 +54,8 @@ def study(plan: EdgePlan, noise: Noise, seeds: int, rng, counts=(10, 15, 20, 25)
     """The paper's criteria beside the truth, over random scenes: a DataFrame with one row per scene and count.
 
     `counts`: numbers of rotation groups used, in the order they were collected, as in Section 4.1; `of` and `signed`
-    as in `angle_deviations`. Angles in degrees, lengths in mm.
+    as in `angle_deviations`. Angles in degrees, lengths in mm; "strength" and "sd" are `judge`'s, who is told the
+    scanner's noise.
     """
     frames = []
     for start in range(0, seeds, CHUNK):
@@ -62,7 +63,9 @@ def study(plan: EdgePlan, noise: Noise, seeds: int, rng, counts=(10, 15, 20, 25)
         for count in counts:
             poses = scene.poses.first(count)
             solution = edge_equations(poses.rotations, poses.positions, scene.points[:, :count])
-            frames.append(pd.DataFrame({"rotations": count} | criteria(solution, scene, of, signed)))
+            evidence = judge(poses.rotations, poses.positions, scene.points[:, :count], solution, noise.profile_mm)
+            row = {"rotations": count, "strength": evidence.rotation_strength, "sd": evidence.translation_sd_mm}
+            frames.append(pd.DataFrame(row | criteria(solution, scene, of, signed)))
     return pd.concat(frames, ignore_index=True)
 
 
