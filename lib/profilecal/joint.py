@@ -442,7 +442,8 @@ def descend(problem: Problem, state: State, whitening, scale, weights, in_plane,
 
 GRID = "I"  # scipy's name for the 60 rotations of the icosahedron: any rotation is within 45° of one of them
 SEARCH_POSES, SEARCH_POINTS = 40, 5  # the search looks at that many poses, and points in each
-SEARCH_STEPS, KEPT = 25, 6
+SEARCH_ROUNDS = ((12, 30), (20, 12))  # steps, and how many starts go on after them
+KEPT = 6  # starts that all poses are looked at from
 SUBSET = 24  # poses that one start looks at where some are bad: few enough to be lucky
 FALSE_ALARM = 0.01  # the chance that any good pose at all is rejected
 
@@ -536,9 +537,11 @@ def search(observations: Sequence[Observations], noise: Noise, starts=()) -> Sta
     if len(starts):
         rotation = np.concatenate([[R for R, _ in starts], rotation])
         translation = np.concatenate([[T for _, T in starts], translation])
-    found = refine(problem, problem.place(rotation, translation), in_plane=False, iterations=SEARCH_STEPS)
-    order = np.argsort(np.where(np.isfinite(found.loss), found.loss, np.inf))
-    return found.state[_distinct(found.state, order)[:KEPT]]
+    state = problem.place(rotation, translation)
+    for steps, kept in SEARCH_ROUNDS:
+        found = refine(problem, state, in_plane=False, iterations=steps)
+        state = found.state[np.argsort(np.where(np.isfinite(found.loss), found.loss, np.inf))[:kept]]
+    return state[_distinct(state, range(len(state.rotation)))[:KEPT]]
 
 
 def search_among_outliers(observations: Sequence[Observations], noise: Noise, found: State) -> State:
@@ -546,7 +549,7 @@ def search_among_outliers(observations: Sequence[Observations], noise: Noise, fo
     another few groups of poses, some of which hold no bad one, and the medians of all residuals tell which."""
     rotation = Rotation.create_group(GRID).as_matrix()
     subsets = Problem([_subsets(entry, len(rotation)) for entry in observations], Noise(noise.profile_mm))
-    tried = refine(subsets, subsets.place(rotation, np.zeros((60, 3))), in_plane=False, iterations=SEARCH_STEPS).state
+    tried = refine(subsets, subsets.place(rotation, np.zeros((60, 3))), in_plane=False, iterations=25).state
     problem = Problem([_thin(entry, 2 * SEARCH_POSES) for entry in observations], Noise(noise.profile_mm))
     count = [_per_pose(term) for term in problem.terms]
     tried = tried[np.isfinite(problem.moments(tried, in_plane=False)[1])]
@@ -709,9 +712,10 @@ def _robust(problem: Problem, state: State, count, least: float) -> tuple[Fit, f
 
     per_pose = problem.moments(state)[2]
     for _ in range(4):
-        fit = refine(problem, state, scale=unit(per_pose), iterations=20)
-        state, per_pose = fit.state, fit.per_pose
-    fit = refine(problem, state, scale=np.full(len(fit.loss), unit(per_pose).min()))
+        fit = refine(problem, state, scale=unit(per_pose), iterations=10)
+        best = np.argsort(unit(fit.per_pose), kind="stable")[:3]
+        state, per_pose = fit.state[best], [own[best] for own in fit.per_pose]
+    fit = refine(problem, state, scale=np.full(len(best), unit(per_pose).min()))
     order = np.argsort(fit.loss)
     per_pose = [own[order] for own in fit.per_pose]
     fit = Fit(fit.state[order], fit.M[order], fit.loss[order], per_pose, fit.converged[order])
@@ -754,7 +758,8 @@ def _state_result(problem, observations, noise, source, how, fit, everything, we
             R, T = other.state.rotation[twin[0]], other.state.translation[twin[0]]
             messages.append(
                 "another sensor pose explains the data as well, "
-                f"{np.degrees(angle_between(R, state.rotation[0])):.3g}° and {np.linalg.norm(T - state.translation[0]):.3g} mm away; add poses from other directions"
+                f"{np.degrees(angle_between(R, state.rotation[0])):.3g}° and "
+                f"{np.linalg.norm(T - state.translation[0]):.3g} mm away; add poses from other directions"
             )
     residuals = [
         term.linearise(state, p, True)[0][0, -1] for term, p in zip(problem.terms, state.placements, strict=True)
@@ -790,3 +795,38 @@ def _target(observations: Observations, place, direction):
     if observations.kind == "point":
         return point.Point(place)
     return {"edge": edge.Edge, "plane": plane.Plane}[observations.kind](place, direction)
+
+
+def take(observations: Observations, chosen) -> Observations:
+    """Some problems of a batch of observations, by mask, index or slice."""
+    batch = {name: np.asarray(getattr(observations, name)) for name in ("R_flange", "T_flange", "points")}
+    length = max(map(len, batch.values()))
+    return replace(observations, **{k: v[chosen] if len(v) == length else v for k, v in batch.items()})
+
+
+def normalised_square(covariance, error) -> np.ndarray:
+    """Errors (..., 6) squared over their covariances (..., 6, 6): follows χ² with 6 degrees of freedom if honest."""
+    return np.einsum("...i,...i", error, np.linalg.solve(covariance, error[..., None])[..., 0])
+
+
+def estimate(
+    observations: Sequence[Observations], noise: Noise, start: State, *, chunk: int = 64, steps: int = 60
+) -> tuple[State, Spectrum, np.ndarray]:
+    """For noise studies: batches of problems refined from known starts by least squares, chunk by chunk.
+
+    Returns the states (B), the sensor poses' spectra and χ² (B,).
+    """
+    states, spectra, chi2 = [], [], []
+    for first in range(0, len(start.rotation), chunk):
+        part = slice(first, first + chunk)
+        problem = Problem([take(o, part) for o in observations], noise)
+        fit = refine(problem, start[part], iterations=steps, tolerance=1e-8)
+        states.append(fit.state)
+        spectra.append(spectrum(fit.information, units_by_hand(problem)))
+        chi2.append(fit.chi2)
+    state = states[0]
+    for other in states[1:]:
+        state = State.join(state, other)
+    fields = ("covariance", "sd", "directions", "rank")
+    together = Spectrum(*(np.concatenate([getattr(s, f) for s in spectra]) for f in fields), spectra[0].parameters)
+    return state, together, np.concatenate(chi2)
