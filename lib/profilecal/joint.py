@@ -105,11 +105,11 @@ class State:
 
 
 def across(direction):
-    """Two unit vectors (..., 2, 3) perpendicular to unit vectors (..., 3) and to each other."""
+    """Two unit vectors (B, 2, 3) perpendicular to unit vectors (B, 3) and to each other."""
     aside = np.eye(3)[np.argmin(np.abs(direction), axis=-1)]
-    first = np.cross(direction, aside)
-    first /= np.linalg.norm(first, axis=-1, keepdims=True)
-    return np.stack([first, np.cross(direction, first)], axis=-2)
+    first = np.stack(_cross(direction.T, aside.T), axis=-1)
+    first /= np.sqrt(np.einsum("...i,...i", first, first))[..., None]
+    return np.stack([first, np.stack(_cross(direction.T, first.T), axis=-1)], axis=-2)
 
 
 def _cross(a, b):
@@ -167,7 +167,7 @@ class Term:
         local = (vectors @ self.turn).reshape(B, -1, 3, self.P)  # in the flange frames
         local[:, 0] -= self.shift + state.translation[:, :, None]
         local = np.swapaxes(state.rotation, 1, 2)[:, None] @ local  # in the sensor frames
-        p, d = np.moveaxis(local[:, 0], 1, 0), np.moveaxis(local[:, 1], 1, 0)
+        p, d, *moving = ([local[:, j, i] for i in range(3)] for j in range(local.shape[1]))
         with np.errstate(divide="ignore", invalid="ignore"):
             r, by_point, by_direction = self.module.residual(p, d, self.seen, self.size, in_plane)
 
@@ -184,9 +184,9 @@ class Term:
             for j in range(3):
                 z[:, 3 + j, k] = turn[j]
             for j in range(q):
-                z[:, 6 + j, k] = _dot(P, np.moveaxis(local[:, 2 + j], 1, 0))
+                z[:, 6 + j, k] = _dot(P, moving[j])
             for j in range(turning.shape[1]):
-                z[:, 6 + q + j, k] = _dot(D, np.moveaxis(local[:, 2 + q + j], 1, 0))
+                z[:, 6 + q + j, k] = _dot(D, moving[q + j])
             z[:, 6 + self.n, k] = r[k]
         if with_robot:
             arm = state.translation[:, :, None] + (self.shift if self.eye_to_hand else 0)
@@ -391,13 +391,15 @@ def refine(
     in_plane: bool = True,
     iterations: int = 60,
     tolerance: float = 1e-10,
+    damping: float = 1e-4,
 ) -> Fit:
     """The state of least loss nearest to each of B states: `descend`, with the whitening of robot errors held fixed
     meanwhile and then brought up to date, until that moves nothing."""
+    how = (scale, weights, in_plane, iterations, tolerance, damping)
     if not problem.has_robot:
-        return descend(problem, state, None, scale, weights, in_plane, iterations, tolerance)
+        return descend(problem, state, None, *how)
     for _ in range(8):
-        fit = descend(problem, state, problem.whitening(state), scale, weights, in_plane, iterations, tolerance)
+        fit = descend(problem, state, problem.whitening(state), *how)
         moved = pose_error(state.rotation, state.translation, fit.state.rotation, fit.state.translation)
         state = fit.state
         if np.abs(moved / np.r_[100, 100, 100, 1, 1, 1]).max() < 1e3 * tolerance:
@@ -405,7 +407,7 @@ def refine(
     return fit
 
 
-def descend(problem: Problem, state: State, whitening, scale, weights, in_plane, iterations, tolerance) -> Fit:
+def descend(problem, state, whitening, scale, weights, in_plane, iterations, tolerance, damping) -> Fit:
     """Damped Gauss-Newton (Levenberg and Marquardt), each of B problems with its own damping.
 
     Ends where the step is below `tolerance` (rad, and a hundred times that in mm), or promises less than rounding.
@@ -413,7 +415,7 @@ def descend(problem: Problem, state: State, whitening, scale, weights, in_plane,
     B = len(state.rotation)
     with np.errstate(all="ignore"):
         M, loss, per_pose = problem.moments(state, scale, in_plane, weights, whitening)
-        damping, done = np.full(B, 1e-4), np.zeros(B, dtype=bool)
+        damping, done = np.full(B, damping), np.zeros(B, dtype=bool)
         for _ in range(iterations):
             size = np.sqrt(np.einsum("bii->bi", M)[:, :-1])
             size = np.where(size > 0, size, 1.0)
@@ -820,7 +822,7 @@ def estimate(
     for first in range(0, len(start.rotation), chunk):
         part = slice(first, first + chunk)
         problem = Problem([take(o, part) for o in observations], noise)
-        fit = refine(problem, start[part], iterations=steps, tolerance=1e-8)
+        fit = refine(problem, start[part], iterations=steps, tolerance=1e-8, damping=1e-9)
         states.append(fit.state)
         spectra.append(spectrum(fit.information, units_by_hand(problem)))
         chi2.append(fit.chi2)
