@@ -12,12 +12,10 @@ from scipy.stats import chi2, f
 from profilecal import scenes
 from profilecal.acquisition import EdgePlan
 from profilecal.checks import UnobservableError
-from profilecal.closed_form.disk import disk_equations, sensing_data
 from profilecal.closed_form.edge import edge_equations
 from profilecal.joint import (
     TARGETS,
     Noise,
-    Observations,
     Problem,
     State,
     affine_noise,
@@ -30,9 +28,8 @@ from profilecal.joint import (
     take,
 )
 from profilecal.poses import angle_between
-from profilecal.simulate import edge_scenes, sense_edge
+from profilecal.simulate import edge_scenes
 from profilecal.targets.disk import Disk
-from profilecal.targets.edge import Edge
 
 KINDS = list(TARGETS)
 SMALL = {"disk": {"positions": 20}, "ball": {"count": 10}, "plane": {"count": 10}, "point": {}, "edge": {}}
@@ -49,15 +46,6 @@ def many(kind: str, count: int, seed: int, steering_mm: float = 0.0) -> scenes.S
 
 def errors(state: State, truth: State) -> np.ndarray:
     return pose_error(state.rotation, state.translation, truth.rotation, truth.translation)
-
-
-def edge_observations(scene) -> Observations:
-    """A batch of simulated edge scenes as observations."""
-    G, N = scene.points.shape[-3:-1]
-    batch = scene.points.shape[:-3] or (1,)
-    R = np.repeat(scene.poses.rotations, N, axis=-3).reshape(*batch, G * N, 3, 3)
-    T, points = scene.poses.positions.reshape(*batch, G * N, 3), scene.points.reshape(*batch, G * N, 1, 2)
-    return Observations("edge", R, T, points, group=np.repeat(np.arange(G), N))
 
 
 def assert_exact(error):
@@ -204,7 +192,7 @@ def test_stated_uncertainty_is_honest(kind):
 def test_smaller_errors_than_the_two_phase_edge_method():
     for motion, factor in (("arc", 5), ("space", 1.5)):
         scene = edge_scenes(EdgePlan(motion=motion), Noise(SIGMA), np.random.default_rng(14), (600,))
-        seen = edge_observations(scene)
+        seen = scenes.observations_of(scene)
         start = Problem([seen], Noise(SIGMA)).place(scene.R_sensor, scene.T_sensor)
         state, _, _ = estimate([seen], Noise(SIGMA), start)
         closed = edge_equations(scene.poses.rotations, scene.poses.positions, scene.points).R_sensor
@@ -218,15 +206,10 @@ def test_a_third_of_the_disk_methods_error_from_many_chords():
     seen = scene.noisy(SIGMA, rng, trials)
     truth = scene.truth[np.zeros(trials, dtype=int)]
     state, _, _ = estimate([seen], Noise(SIGMA), truth)
-    tips = seen.points.reshape(trials, 4, 100, 2, 2)
-    R, T = (a[0].reshape(4, 100, *a.shape[2:]) for a in (seen.R_flange, seen.T_flange))
-    y = (R[:, 0] @ scene.truth.rotation[0])[:, :, 1]
-    s = np.sign(((T[:, -1] - T[:, 0]) * y).sum(axis=1))
-    data = sensing_data(tips, T[:, 0], T[:, -1], s, seen.size, heights="published")
-    closed = disk_equations(np.broadcast_to(R[:, 0], (trials, 4, 3, 3)), data.T_tcp, data.q, data.D_i, data.D_b)
-    ours, theirs = (np.sqrt(np.mean(angle_between(R, truth.rotation) ** 2)) for R in (state.rotation, closed.R_sensor))
+    R_closed, T_closed = scenes.closed_form(seen, scene.truth.rotation[0])
+    ours, theirs = (np.sqrt(np.mean(angle_between(R, truth.rotation) ** 2)) for R in (state.rotation, R_closed))
     assert ours < 0.35 * theirs
-    ours, theirs = (np.sqrt(np.mean((T - truth.translation) ** 2)) for T in (state.translation, closed.T_sensor))
+    ours, theirs = (np.sqrt(np.mean((T - truth.translation) ** 2)) for T in (state.translation, T_closed))
     assert ours < 0.35 * theirs
 
 
@@ -234,7 +217,7 @@ def test_a_third_of_the_disk_methods_error_from_many_chords():
 def test_errors_common_to_a_rotation_group(motion):
     noise = Noise(SIGMA, group_position_mm=0.2)
     scene = edge_scenes(EdgePlan(motion=motion), noise, np.random.default_rng(16), (200,))
-    seen = edge_observations(scene)
+    seen = scenes.observations_of(scene)
     problem = Problem([seen], noise)
     state, found, square = estimate([seen], noise, problem.place(scene.R_sensor, scene.T_sensor))
     closed = edge_equations(scene.poses.rotations, scene.poses.positions, scene.points).R_sensor
@@ -253,7 +236,7 @@ def test_motions_that_leave_the_two_phase_method_without_rank_are_solved_and_hon
     """Straight lines, arcs whose plane contains the edge, arcs that turn with the tool."""
     trials = 300
     scene = edge_scenes(EdgePlan(**choices), Noise(SIGMA), np.random.default_rng(23), (trials,))
-    seen = edge_observations(scene)
+    seen = scenes.observations_of(scene)
     start = Problem([seen], Noise(SIGMA)).place(scene.R_sensor, scene.T_sensor)
     state, found, _ = estimate([seen], Noise(SIGMA), start)
     error = pose_error(state.rotation, state.translation, scene.R_sensor, scene.T_sensor)
@@ -265,17 +248,13 @@ def test_motions_that_leave_the_two_phase_method_without_rank_are_solved_and_hon
 
 def with_second_edge(plan, what, rng):
     """An edge scene of which a tenth of the points, or 5 of 25 groups, lie on a second edge 10 mm away."""
-    scene = edge_scenes(plan, Noise(SIGMA), rng)
-    across = np.cross(scene.edge.direction, scenes.directions(rng, ()))
-    other = Edge(scene.edge.point + 10 * across / np.linalg.norm(across), scene.edge.direction)
-    wrong = sense_edge(other, scene.R_sensor, scene.T_sensor, scene.poses, Noise(SIGMA), rng)
     planted = np.zeros((25, 10), dtype=bool)
     if what == "points":
         planted.flat[rng.choice(250, 25, replace=False)] = True
     else:
         planted[rng.choice(25, 5, replace=False)] = True
-    points = np.where(planted[..., None], wrong, scene.points)
-    return scene, edge_observations(replace(scene, points=points)), planted.ravel()
+    scene = scenes.second_edge(plan, Noise(SIGMA), planted, rng)
+    return scene, scenes.observations_of(scene), planted.ravel()
 
 
 @pytest.mark.parametrize("what", ["points", "groups"])

@@ -772,7 +772,7 @@ def _state_result(problem, observations, noise, source, how, fit, everything, we
         state.rotation[0],
         state.translation[0],
         covariance,
-        tuple(_target(o, p[0], d[0]) for o, (p, d) in zip(observations, state.placements, strict=True)),
+        tuple(target_at(o, p[0], d[0]) for o, (p, d) in zip(observations, state.placements, strict=True)),
         float(noise.profile_mm),
         "given" if source == "given" else "estimated",
         how,
@@ -788,7 +788,7 @@ def _state_result(problem, observations, noise, source, how, fit, everything, we
     )
 
 
-def _target(observations: Observations, place, direction):
+def target_at(observations: Observations, place, direction):
     """The target object of a placement."""
     if observations.kind == "disk":
         return disk.Disk(place, direction, observations.size)
