@@ -146,3 +146,60 @@ def beside_line(points, point, direction) -> tuple[np.ndarray, np.ndarray]:
     off_line = offset - along[..., None] * direction
     above = np.linalg.svd(off_line.reshape(-1, 3), full_matrices=False)[2][0]
     return along, offset @ above
+
+
+def draw_scan(axes, scene, turn_deg: float, shift_mm: float) -> None:
+    """Draw one scan of a `scenes.Scene` (dots), and what a sensor pose that wrong expects in its place (crosses)."""
+    from scipy.spatial.transform import Rotation
+
+    seen, truth = scene.observations, scene.truth
+    k = seen.points.shape[1] // 2
+    R = truth.rotation[0] @ Rotation.from_rotvec(turn_deg * np.ones(3) / np.sqrt(3), degrees=True).as_matrix()
+    rotation = seen.R_flange[0, k] @ R
+    origin = seen.R_flange[0, k] @ (truth.translation[0] + shift_mm * np.ones(3) / np.sqrt(3)) + seen.T_flange[0, k]
+    expected = scene.target().meet(rotation, origin)
+    dots = dict(color=BLUE, label="seen")
+    cross = dict(color=RED, label="expected")
+    x, z = seen.points[0, k].T
+    if seen.kind == "ball":
+        angle = np.radians(np.linspace(-50, 50, 50))
+        axes.plot(x, z, ".", **dots)
+        axes.plot(expected[0] + expected[2] * np.sin(angle), expected[1] - expected[2] * np.cos(angle), "-", **cross)
+    else:
+        expected = np.atleast_2d(expected)
+        line = "-" if len(expected) > 1 else ""
+        axes.plot(x, z, "o" + line, **dots)
+        axes.plot(*expected.T, "x" + line, ms=8, mew=2, **cross)
+        axes.plot(*np.stack([np.column_stack([x, z]), expected]).transpose(2, 0, 1), "k:", lw=1)
+    axes.set(title=seen.kind, xlabel="x in the scan [mm]", ylabel="z in the scan [mm]")
+    axes.margins(0.3)
+    axes.invert_yaxis()
+
+
+def draw_motion(axes, scene, worst) -> None:
+    """Draw the first problem of a `scenes.Scene` in 3D: target, sensor positions, and at the first of them the worst
+    known direction `worst` (6,) of the sensor pose, in the units of `observability`: an arrow for a translation, an arc
+    with an axis for a rotation."""
+    seen, truth = scene.observations, scene.truth
+    rotation = seen.R_flange[0] @ truth.rotation[0]
+    origin = seen.T_flange[0] + seen.R_flange[0] @ truth.translation[0]
+    middle, direction = (entry[0] for entry in truth.placements[0])
+    axes.scatter(*origin.T, s=6, color=BLUE, depthshade=False)
+    for g in np.unique(seen.group):
+        first = np.flatnonzero(seen.group == g)[0]
+        draw_frame(axes, rotation[first], origin[first], 14)
+        axes.plot(*np.stack([origin[first], middle]).T, color="0.7", lw=0.7)
+    if seen.kind == "edge":
+        target = middle + np.outer([-60, 60], direction)
+    else:
+        target = circle_points(middle, direction, seen.size)
+    axes.plot(*target.T, color="black", lw=2.5)
+    shift, turn = rotation[0] @ worst[:3], rotation[0] @ worst[3:]
+    name = "arrow" if shift @ shift > turn @ turn else "turn"
+    along = shift if name == "arrow" else turn
+    along = 60 * along / np.linalg.norm(along)
+    axes.quiver(*origin[0], *along, color=PURPLE, lw=3, arrow_length_ratio=0.25)
+    if name == "turn":
+        axes.plot(*circle_points(origin[0] + 0.6 * along, along, 15)[:70].T, color=PURPLE, lw=3)
+    equal_axes(axes, np.vstack([origin, origin[:1] + along, target]))
+    axes.set(xticklabels=[], yticklabels=[], zticklabels=[])
