@@ -114,10 +114,11 @@ def draw_scan(axes, rotation, origin, depth: float, colour: str, label: str = ""
 def beside_line(points, point, direction) -> tuple[np.ndarray, np.ndarray]:
     """Points (..., 3) seen from beside a line through `point` along `direction`: how far along it, how far above.
 
-    The view is the one that shows most of the distances from the line.
+    The view is the one that spreads the points most.
     """
     offset = np.asarray(points) - point
     along = offset @ direction
-    off_line = offset - along[..., None] * direction
-    above = np.linalg.svd(off_line.reshape(-1, 3), full_matrices=False)[2][0]
-    return along, offset @ above
+    off_line = (offset - along[..., None] * direction).reshape(-1, 3)
+    above = np.linalg.svd(off_line - off_line.mean(axis=0), full_matrices=False)[2][0]
+    above = above - (above @ direction) * direction
+    return along, offset @ (above / np.linalg.norm(above))
