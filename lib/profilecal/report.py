@@ -102,3 +102,12 @@ def equal_axes(axes, points) -> None:
     middle, half = (low + high) / 2, (high - low).max() / 2
     axes.set(xlim=(middle[0] - half, middle[0] + half), ylim=(middle[1] - half, middle[1] + half))
     axes.set(zlim=(middle[2] - half, middle[2] + half), box_aspect=(1, 1, 1))
+
+
+def noise_curves(axes, m, sigma_mm, e) -> None:
+    """Draw e (k, l) over m (l,), one curve for each sigma_mm (k,), named at its right end."""
+    shades = plt.get_cmap("viridis")(np.linspace(0, 0.85, len(sigma_mm)))
+    for sigma, curve, shade in zip(sigma_mm, e, shades, strict=True):
+        axes.plot(m, curve, color=shade, lw=1.5)
+        axes.annotate(f"{sigma:g}", (m[-1], curve[-1]), (4, 0), textcoords="offset points", va="center", color=shade)
+    axes.annotate("σ [mm]", (m[-1], e[-1, -1]), (4, 12), textcoords="offset points", fontsize=9)
