@@ -21,6 +21,16 @@ def test_line_rms_is_that_of_the_distances():
     assert line.rms == pytest.approx(1)
 
 
+def test_only_the_points_kept_count():
+    points = np.array([[[0.0, 0], [1, 1], [2, 2], [9, 0]], [[5.0, 5], [0, 1], [3, 3], [3, 3]]])
+    kept = np.array([[True, True, True, False], [True, False, False, False]])
+    line = fit_line(points, kept)
+    np.testing.assert_allclose(np.abs(line.direction[0]), np.sqrt(0.5), rtol=1e-12)
+    np.testing.assert_allclose(line.point[0], [1, 1])
+    assert line.rms[0] < 1e-12
+    assert np.isnan(line.point[1]).all()  # one point makes no line
+
+
 def test_sphere_through_points_on_a_sphere():
     rng = np.random.default_rng(2)
     centre, radius = rng.uniform(-1000, 1000, (20, 3)), rng.uniform(5, 50, 20)

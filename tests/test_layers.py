@@ -12,7 +12,7 @@ LAYERS = [
     ["checks", "poses", "fitting"],
     ["scanner"],
     ["targets"],
-    ["scan", "acquisition", "simulate"],
+    ["scan", "acquisition", "simulate", "features", "handeyesync"],
     ["closed_form", "joint", "observability"],
     ["calibrate", "montecarlo"],
     ["published", "scorecard", "report", "notebooks", "reproduce", "sweep", "cli"],

@@ -1,8 +1,11 @@
 import numpy as np
 import pytest
 
-from profilecal.acquisition import EdgePlan
-from profilecal.simulate import Noise, actual_poses, edge_scenes, sense_edge
+from profilecal.acquisition import STANDOFF, EdgePlan, plan_ball
+from profilecal.scanner import Scanner
+from profilecal.simulate import Noise, actual_poses, ball_points, edge_profiles, edge_scenes, sense_edge
+from profilecal.targets.ball import Ball
+from profilecal.targets.edge import SPECIMENS
 
 
 def test_sensed_points_lie_on_the_edge_when_carried_to_the_base():
@@ -35,3 +38,24 @@ def test_profile_noise_is_added_to_both_coordinates():
     rng = np.random.default_rng(5)
     noisy = sense_edge(scene.edge, scene.R_sensor, scene.T_sensor, scene.poses, Noise(profile_mm=0.05), rng)
     np.testing.assert_allclose((noisy - scene.points).std(axis=(0, 1)), 0.05, rtol=4 / np.sqrt(2 * 5000))
+
+
+def test_ball_points_lie_on_the_ball_when_carried_to_the_base():
+    scene = edge_scenes(EdgePlan(), Noise(), np.random.default_rng(6), (3,))
+    mount, ball = (scene.R_sensor, scene.T_sensor), Ball(scene.edge.point, 20.0)
+    poses = plan_ball(ball.centre, 20.0, *mount, np.random.default_rng(7))
+    points = ball_points(ball, *mount, poses, Noise(), np.random.default_rng(8))
+    assert points.shape == (3, 10, 6, 40, 2)
+    distance = np.linalg.norm(poses.carry(points, *mount) - ball.centre[:, None, None, None], axis=-1)
+    np.testing.assert_allclose(distance, 20, atol=1e-10)
+    assert (points[..., 1] < STANDOFF + 20).all()  # the side that the scanner sees
+
+
+def test_every_specimen_shows_its_edge_where_the_scene_has_it():
+    """Some point of each profile lies within half a millimetre of it."""
+    scene = edge_scenes(EdgePlan(spread_deg=5, radius=5), Noise(), np.random.default_rng(9))
+    for specimen in SPECIMENS:
+        profiles = edge_profiles(scene, specimen, Scanner(), Noise(), np.random.default_rng(10))
+        assert profiles.shape == (25, 10, 980, 2)
+        away = np.linalg.norm(profiles - scene.points[..., None, :], axis=-1)
+        assert np.nanmin(away, axis=-1).max() < 0.5

@@ -64,8 +64,10 @@ def frame_along(direction, angle) -> np.ndarray:
 
 
 def arc(count: int, radius: float, span: float, middle=0.0) -> np.ndarray:
-    """Positions (..., count, 3) on a circular arc in the plane z = 0, from its middle; `middle` (...) is where on the
-    circle that lies, rad."""
+    """Positions (..., count, 3) on a circular arc in the plane z = 0, mm, relative to its middle.
+
+    `middle` (...), rad, is where on the circle that lies.
+    """
     angle = np.asarray(middle)[..., None] + np.linspace(-span / 2, span / 2, count)
     points = radius * np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=-1)
     centre = radius * np.stack([np.cos(middle), np.sin(middle), np.zeros_like(middle)], axis=-1)
@@ -85,10 +87,13 @@ def arc_planes(direction, tilt, azimuth) -> np.ndarray:
     return np.stack([x, np.cross(normal, x), normal], axis=-1)
 
 
-def above(point, R_b, R_sensor, T_sensor, standoff: float = STANDOFF) -> np.ndarray:
-    """Flange positions (..., G, 3) with `point` (..., 3) in the middle of the scan, at depth `standoff`."""
+def above(point, flange, R_sensor, T_sensor, standoff: float = STANDOFF) -> np.ndarray:
+    """Flange positions (..., G, 3) with `point` (..., 3) in the middle of the scan, at depth `standoff`.
+
+    The flange has the orientations `flange` (..., G, 3, 3).
+    """
     seen = R_sensor @ np.array([0.0, 0.0, standoff]) + T_sensor
-    return point[..., None, :] - (R_b @ seen[..., None, :, None])[..., 0]
+    return point[..., None, :] - (flange @ seen[..., None, :, None])[..., 0]
 
 
 @dataclass(frozen=True)
@@ -100,9 +105,7 @@ class EdgePlan:
     spread_deg: float = 30.0  # the flange turns by up to this, either way
     one_axis: bool = False  # all turns about one axis
     motion: str = "arc"  # or "line", or "space": anywhere in a ball of the arc's radius
-    frame: str = (
-        "base"  # the arc is the same for all groups; "group": each has its own; "tool": it turns with the flange
-    )
+    frame: str = "base"  # one arc for all groups; "group": each its own; "tool": it turns with the flange
     radius: float = 25.0  # mm
     span_deg: float = 90.0
     tilt_deg: float = 45.0  # between the arc's plane and the edge
@@ -139,8 +142,8 @@ def plan_edge(plan: EdgePlan, edge: Edge, R_sensor, T_sensor, rng: np.random.Gen
     offsets = plan.offsets(edge.direction, rng)
     if plan.frame == "tool":
         offsets = offsets @ np.swapaxes(turned, -1, -2)
-    R_b = turned @ start[..., None, :, :]
-    return Poses(R_b, above(edge.point, R_b, R_sensor, T_sensor)[..., None, :] + offsets)
+    flange = turned @ start[..., None, :, :]
+    return Poses(flange, above(edge.point, flange, R_sensor, T_sensor)[..., None, :] + offsets)
 
 
 def plan_ball(centre, radius: float, R_sensor, T_sensor, rng, *, groups=10, positions=6, spread_deg=30.0) -> Poses:
@@ -149,7 +152,7 @@ def plan_ball(centre, radius: float, R_sensor, T_sensor, rng, *, groups=10, posi
     `centre` (..., 3), mm. The profiles spread over 1.2 radii, along the sensor's y.
     """
     start = turns(rng, centre.shape[:-1], np.pi) @ np.swapaxes(R_sensor, -1, -2)
-    R_b = turns(rng, (*centre.shape[:-1], groups), np.radians(spread_deg)) @ start[..., None, :, :]
-    y = (R_b @ R_sensor[..., None, :, :])[..., 1]
+    flange = turns(rng, (*centre.shape[:-1], groups), np.radians(spread_deg)) @ start[..., None, :, :]
+    y = (flange @ R_sensor[..., None, :, :])[..., 1]
     steps = np.linspace(-0.6, 0.6, positions)[:, None] * radius * y[..., None, :]
-    return Poses(R_b, above(centre, R_b, R_sensor, T_sensor, STANDOFF + radius)[..., None, :] + steps)
+    return Poses(flange, above(centre, flange, R_sensor, T_sensor, STANDOFF + radius)[..., None, :] + steps)

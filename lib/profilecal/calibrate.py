@@ -1,18 +1,21 @@
 """From a user's scans to a sensor pose with its evidence: observations, joint solution, and what to tell the user."""
 
+from collections import Counter
 from dataclasses import asdict, dataclass
 
 import numpy as np
+from scipy.stats import chi2
 
 from profilecal import joint
 from profilecal.checks import UnobservableError
 from profilecal.features import find_features
-from profilecal.observability import name_direction
+from profilecal.observability import LEAST_TURN_DEG, name_axis, name_direction, turns
 from profilecal.poses import xyz_angles_from_rotation
 from profilecal.scan import Scan, ScanError
 from profilecal.simulate import Noise
 
 LEAST_POSES = 3
+FALSE_ALARM = 0.01  # the chance that `check` doubts any pose of a good scan
 
 
 @dataclass(frozen=True)
@@ -33,9 +36,9 @@ class Calibration:
     def labels(self, rejected: bool) -> list[str]:
         """Of the poses used or rejected; with the scan's title before them where there are several scans."""
         names = []
-        nothing = [np.zeros(len(seen), dtype=bool) for seen in self.seen]
-        rejections = self.solution.rejected if self.solution else nothing
-        for scan, seen, bad in zip(self.scans, self.seen, rejections, strict=True):
+        if not self.solution:
+            return names
+        for scan, seen, bad in zip(self.scans, self.seen, self.solution.rejected, strict=True):
             before = f"{scan.title or scan.kind}: " if len(self.scans) > 1 else ""
             names += [before + scan.labels[i] for i, b in zip(seen, bad, strict=True) if b == rejected]
         return names
@@ -148,12 +151,18 @@ def as_observations(scan: Scan, poses, points) -> joint.Observations:
 
 
 def shared_noise(scans) -> Noise:
-    """The noise that the scans state; they speak of one scanner and one robot."""
+    """The noise that the scans state; they speak of one scanner and one robot.
+
+    `profile_mm` is the noise of a profile's points. How well a circle fits is another matter, so that with arcs it is
+    left to be estimated.
+    """
     stated = {}
     for scan in scans:
         for name, value in scan.noise.items():
             if stated.setdefault(name, value) != value:
                 raise ScanError(f"noise {name} is {stated[name]:g} in one scan and {value:g} in another; expected one")
+    if any(scan.measured == "arcs" for scan in scans):
+        stated.pop("profile_mm", None)
     return Noise(**stated)
 
 
@@ -172,6 +181,63 @@ def wrong_sides(scans, seen, solution: joint.Solution) -> list[str]:
                     "check the column side, or turn the sensor's y axis round"
                 )
     return messages
+
+
+def check(scan: Scan) -> list[str]:
+    """What a scan holds, in lines for people: convention, groups, noise and outliers known before any calibration."""
+    poses, points, reasons = observations(scan)
+    P, groups = len(scan.labels), scan.group.max() + 1
+    reach = np.linalg.norm(scan.T_base_flange, axis=1)
+    angles, axis = turns(scan.R_base_flange)
+    lines = [
+        f"target         {scan.kind}" + (f", radius {scan.radius:g} mm" if scan.radius else ""),
+        f"poses          {P}, {scan.mount}, orientation as {scan.convention}; {len(poses)} show the target",
+        f"positions      {reach.min():.0f} to {reach.max():.0f} mm from the base",
+        f"groups         {groups} of one orientation, {'given' if scan.group_given else 'found'}: "
+        + ", ".join(f"{count} of {size} poses" for size, count in Counter(np.bincount(scan.group).tolist()).items()),
+        f"turns          {angles[0]:.3g}, {angles[1]:.3g}, {angles[2]:.3g}° about the flange's axes, "
+        f"least about {name_axis(axis, 'flange')}",
+    ]
+    if angles[2] < LEAST_TURN_DEG:
+        lines.append("note           add poses tilted by 15° or more about two axes, or something stays unknown")
+    if scan.kind in ("edge", "point") and len(poses):
+        seen = as_observations(scan, poses, points)
+        noise, freedom = joint.affine_noise(seen)
+        if freedom:
+            lines.append(f"noise          {noise:.3g} mm inside groups, from {freedom} degrees of freedom")
+            lines += [
+                f"note           pose {scan.labels[poses[i]]} does not fit its group" for i in affine_outliers(seen)
+            ]
+        else:
+            lines.append("noise          unknown before the calibration: groups have too few poses (5 or more each)")
+    return [*lines, *(f"note           {text}" for text in (*scan.warnings, *reasons))]
+
+
+def affine_outliers(observations: joint.Observations) -> list[int]:
+    """Poses whose point does not fit its group, by the relation that needs no calibration.
+
+    Inside a group the sensed point of an edge or a marked point is an affine function of the flange position. The pose
+    that fits worst is taken out as long as chance does not explain it; a whole group on a wrong edge is not seen.
+    """
+    noise = joint.affine_noise(observations)[0]
+    points, bad = observations.points[0, :, 0], []
+    limit = chi2.isf(FALSE_ALARM / len(points), 2)
+    for label in np.unique(observations.group):
+        rows = np.flatnonzero(observations.group == label)
+        while len(rows) > 3:
+            T = observations.T_flange[0, rows]
+            U, s, _ = np.linalg.svd(T - T.mean(axis=0), full_matrices=False)
+            basis = np.column_stack([np.full(len(rows), len(rows) ** -0.5), U[:, s > 1e-3 * s.max()]])
+            left = points[rows] - basis @ (basis.T @ points[rows])
+            free = 1 - np.sum(basis**2, axis=1)
+            if len(rows) <= basis.shape[1] or free.min() < 1e-6:
+                break
+            size = np.sum(left**2, axis=1) / free / noise**2
+            if size.max() < limit:
+                break
+            bad.append(int(rows[size.argmax()]))
+            rows = np.delete(rows, size.argmax())
+    return sorted(bad)
 
 
 def to_text(found: Calibration) -> str:

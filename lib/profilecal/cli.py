@@ -1,6 +1,7 @@
 """The command line: thin. Wrong input ends with status 2 and one sentence, a failed notebook with status 1."""
 
 import signal
+from contextlib import contextmanager
 from pathlib import Path
 
 import click
@@ -13,6 +14,15 @@ class Refused(click.ClickException):
 
     def show(self, file=None):
         click.echo(f"profilecal: {self.message}", err=True)
+
+
+@contextmanager
+def refusing():
+    """Wrong input ends here, in one sentence."""
+    try:
+        yield
+    except (ValueError, OSError) as error:
+        raise Refused(str(error)) from error
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
@@ -67,15 +77,13 @@ def calibrate(folders, as_json, vendor, guess, report):
     from profilecal.poses import homogeneous, rotation_from_xyz_angles
     from profilecal.scan import read_scan
 
-    try:
+    with refusing():
         if vendor:
             check_vendor(vendor)
         if report:
             check_report(report)
         mount = homogeneous(rotation_from_xyz_angles(np.radians(guess[3:])), guess[:3]) if guess else None
         found = calibration.calibrate([read_scan(folder) for folder in folders], mount)
-    except (ValueError, OSError) as error:
-        raise Refused(str(error)) from error
 
     known = found.status != "unobservable"
     if as_json:
@@ -87,6 +95,51 @@ def calibrate(folders, as_json, vendor, guess, report):
     if report:
         write_the_report(folders, report, guess=list(guess or []))
     raise SystemExit(0 if known else 3)
+
+
+@main.command()
+@click.argument("spec", type=click.Path(path_type=Path))
+@click.argument("folder", type=click.Path(path_type=Path))
+def simulate(spec, folder):
+    """Write the scan that SPEC.toml describes, with its truth, into a new FOLDER."""
+    from profilecal.scan import read_toml, write_scan
+    from profilecal.synthetic import read_spec, simulate_scan
+
+    with refusing():
+        write_scan(simulate_scan(read_spec(read_toml(spec))), folder)
+    click.echo(f"{folder}/ written; its truth is in truth.toml")
+
+
+@main.command()
+@click.argument("folder", type=click.Path(path_type=Path))
+def check(folder):
+    """Say what a scan FOLDER holds, before any calibration: poses, groups, noise, outliers, motions."""
+    from profilecal.calibrate import check as check_scan
+    from profilecal.scan import read_scan
+
+    with refusing():
+        click.echo("\n".join(check_scan(read_scan(folder))))
+
+
+@main.command()
+@click.argument("folder", type=click.Path(path_type=Path))
+@click.option("--with", "pose", required=True, type=click.Path(path_type=Path), help="What calibrate --json printed.")
+def verify(folder, pose):
+    """Apply a sensor pose to a scan FOLDER that was not used to find it; status 1 if more is wrong than it states."""
+    import numpy as np
+
+    from profilecal.scan import ScanError, read_scan
+    from profilecal.verify import read_pose, to_text
+    from profilecal.verify import verify as verify_pose
+
+    with refusing():
+        scan = read_scan(folder)
+        T, covariance, noise_mm, to_hand = read_pose(pose)
+        if to_hand != (scan.mount == "eye-to-hand"):
+            raise ScanError(f"{pose} and {folder} disagree about the mount, which is {scan.mount} in the scan")
+        found = verify_pose(scan, T, covariance, noise_mm, np.random.default_rng(0))
+    click.echo(to_text(found))
+    raise SystemExit(0 if found.as_expected else 1)
 
 
 def write_the_report(folders, path, **parameters):

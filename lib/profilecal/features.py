@@ -1,2 +1,443 @@
-def find_features(kind, profiles, radius=None):
-    raise NotImplementedError
+"""What the target looks like in raw profiles: edge points, chord tips, arcs and lines, each with its covariance.
+
+A profile is (n, 2), x and z in mm in scan order, as scanners give it: with gaps, spikes, missing points (NaN or depth
+zero), backgrounds, the depth axis pointing either way. A profile in which the target is not clear has no feature and a
+reason in words: a missing observation costs little, a wrong one much.
+"""
+
+from collections import Counter
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from profilecal.fitting import fit_circle
+from profilecal.targets.runs import Run, coordinates, correlation, present, run_of, straight_runs, tolerance
+
+LEAST_BEND_DEG = 15.0  # between the sides of a corner
+BLUNT = 0.5  # mm around a corner that its rounding and the laser spot spoil
+REACH = 2.0  # mm from the end of a straight side to the corner, at most
+AMBIGUOUS = 0.5  # a second candidate with this share of the first one's support leaves the choice open
+ZONE = 12  # points at the end of a run among which the scanner may see both sides of a step
+LEAST_STEP = 0.5  # mm off a run's line: a step, not a bend
+TIP_DEPTH, TIP_WIDTH = 0.5, 2.0  # mm of a blade that make up its tip, and its width there at most
+LEAST_ARC_DEG = 30.0  # of a ball's circle that must be seen
+BLOCKS = 40  # points that stand for an arc or a line, each the mean of its neighbours
+KINDS = ("edge", "disk", "ball", "plane")
+
+
+@dataclass(frozen=True)
+class Feature:
+    """What one profile shows of the target; no points and a reason where it shows none."""
+
+    points: np.ndarray  # (m, 2) mm; edge: 1; disk: the tips, smaller x first; ball and plane: up to 40 on the curve
+    covariance: np.ndarray  # (m, 2, 2) mm²
+    used: np.ndarray  # (n,) which of the profile's points it rests on
+    shape: str = ""  # corner, step end, tip, chord, arc or line
+    reason: str = ""  # why nothing was found
+
+    @property
+    def found(self) -> bool:
+        return not self.reason
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """Something in a profile that may be the target's feature."""
+
+    feature: Feature
+    key: tuple  # what it has in common with the target's feature in other profiles: shape and side
+    support: float  # mm
+    angle: float = 0.0  # rad, inner angle of a corner
+    overlaps: tuple = ()  # for run ends: how often both sides of the step alternate there
+
+
+def find_features(kind: str, profiles, radius: float | None = None) -> list[Feature]:
+    """The target's feature in each of a scan's profiles, (n, 2) mm, all of one target seen by one scanner.
+
+    `kind` is edge, disk, ball or plane; `radius` that of the disk or ball, mm. The profiles are read together: what
+    most of them show clearly settles which of several candidates the others show.
+
+    Raises ValueError for another kind, a missing radius, or a profile of another shape.
+    """
+    if kind not in KINDS:
+        raise ValueError(f"kind is {kind!r}; expected one of {', '.join(KINDS)}")
+    if kind in ("disk", "ball") and not (radius and radius > 0):
+        raise ValueError(f"the {kind}'s radius is {radius}; expected a length in mm")
+    profiles = [np.asarray(profile, dtype=float) for profile in profiles]
+    for k, profile in enumerate(profiles):
+        if profile.ndim != 2 or profile.shape[1] != 2:
+            raise ValueError(f"profile {k} has shape {profile.shape}; expected (n, 2), x and z")
+
+    if kind == "ball":
+        return [find_arc(profile, radius) for profile in profiles]
+    runs = [straight_runs(profile) for profile in profiles]
+    if kind == "plane":
+        return [find_line(profile, found) for profile, (found, _) in zip(profiles, runs, strict=True)]
+    view = View.of(profiles)
+    if kind == "disk":
+        candidates = [chords(p, *r, radius, view) for p, r in zip(profiles, runs, strict=True)]
+    else:
+        candidates = [
+            [*corners(p, r), *step_ends(p, r, limit, view), *tips(p, r, view)]
+            for p, (r, limit) in zip(profiles, runs, strict=True)
+        ]
+    return with_end_variance(choose(profiles, candidates))
+
+
+def nothing(profile, reason: str) -> Feature:
+    """No feature."""
+    return Feature(np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(len(profile), dtype=bool), "", reason)
+
+
+def mask(profile, rows) -> np.ndarray:
+    """Which points of a profile are the given rows, (n,)."""
+    chosen = np.zeros(len(profile), dtype=bool)
+    chosen[rows] = True
+    return chosen
+
+
+# What several profiles say together
+
+
+@dataclass(frozen=True)
+class View:
+    """What all profiles of a scan tell of the scanner: where it sees something, which way depth grows."""
+
+    points: np.ndarray  # (k, 2) outermost points at each depth, mm
+    away: int  # sign of z that points away from the scanner; 0: not known
+
+    @staticmethod
+    def of(profiles) -> "View":
+        """From profiles (n, 2)."""
+        seen = [profile[present(profile)] for profile in profiles]
+        points = np.concatenate([p for p in seen if len(p)] or [np.zeros((0, 2))])
+        z = points[:, 1]
+        away = (1 if z.min() > 0 else -1 if z.max() < 0 else 0) if len(z) else 0
+        layer = np.round(z / 2).astype(int)
+        order = np.lexsort((points[:, 0], layer))
+        starts = np.flatnonzero(np.diff(layer[order], prepend=np.nan) != 0)
+        outer = order[np.concatenate([starts, np.append(starts[1:], len(order)) - 1])] if len(order) else order
+        return View(points[outer], away)
+
+    def reaches_beyond(self, end, direction) -> bool:
+        """Whether some profile has a point at about this depth, 2 mm or more farther out along x."""
+        like = np.abs(self.points[:, 1] - end[1]) < 5
+        return bool((like & ((self.points[:, 0] - end[0]) * np.sign(direction[0]) > 2)).any())
+
+
+def choose(profiles, candidates) -> list[tuple[Feature, tuple]]:
+    """For each profile the candidate that is of the scan's kind, if just one is, and its overlaps."""
+    key = common_key(candidates)
+    if key is None:
+        return [(nothing(profile, "nothing like the target in this profile"), ()) for profile in profiles]
+    alike = [sorted((c for c in found if c.key == key), key=lambda c: -c.support) for found in candidates]
+    angles = np.array([found[0].angle for found in alike if found])
+    middle = np.median(angles)
+    width = max(np.radians(20), 6 * np.median(np.abs(angles - middle))) if len(angles) >= 5 else np.inf
+    chosen = []
+    for profile, found in zip(profiles, alike, strict=True):
+        near = [c for c in found if abs(c.angle - middle) <= width]
+        if not found:
+            pick = nothing(profile, f"no {key[0]} as in other profiles"), ()
+        elif not near:
+            angle = np.degrees(found[0].angle)
+            pick = nothing(profile, f"a corner of {angle:.0f}°, but {np.degrees(middle):.0f}° in other profiles"), ()
+        elif len(near) > 1 and near[1].support > AMBIGUOUS * near[0].support:
+            pick = nothing(profile, f"{len(near)} candidates for the {key[0]}, none clearly the best"), ()
+        else:
+            pick = near[0].feature, near[0].overlaps
+        chosen.append(pick)
+    return chosen
+
+
+def common_key(candidates) -> tuple | None:
+    """The kind of candidate that most profiles have; of kinds with half as many or more, corners before ends."""
+    votes = Counter(key for found in candidates for key in {c.key for c in found})
+    if not votes:
+        return None
+    most = max(votes.values())
+    support = Counter()
+    for c in (c for found in candidates for c in found):
+        support[c.key] += c.support
+    first = {"corner": 0, "step end": 1, "tip": 2, "chord": 3}
+    shape = min((key[0] for key in votes if votes[key] >= most / 2), key=first.get)
+    return max((key for key in votes if key[0] == shape), key=lambda key: (votes[key], support[key]))
+
+
+# Edge: corner, step end, tip
+
+
+def corners(profile, runs) -> list[Candidate]:
+    """Where neighbouring straight runs meet: the apex of a ridge, the corner of a bar."""
+    found = []
+    for first, second in zip(runs, runs[1:], strict=False):
+        bend = np.arccos(np.clip(first.direction @ second.direction, -1, 1))
+        if bend < np.radians(LEAST_BEND_DEG):
+            continue
+        apex = crossing(first, second)
+        sides = [beyond_blunt(profile, run, apex) for run in (first, second)]
+        near = [np.abs((run.point - apex) @ run.direction) - run.length / 2 for run in (first, second)]
+        if any(side is None for side in sides) or not ends_at(first, second, apex) or max(near) > REACH:
+            continue
+        apex = crossing(*sides)
+        normals = np.stack([side.normal for side in sides])
+        variance = np.diag([side.offset_variance(apex) for side in sides])
+        inverse = np.linalg.inv(normals)
+        used = mask(profile, np.concatenate([side.rows for side in sides]))
+        feature = Feature(apex[None], (inverse @ variance @ inverse.T)[None], used, "corner")
+        towards = first.direction - second.direction  # from between the sides to the apex and on
+        key = ("corner", int(np.sign(towards[1])))
+        found.append(Candidate(feature, key, min(side.length for side in sides), np.pi - bend))
+    return found
+
+
+def crossing(first: Run, second: Run) -> np.ndarray:
+    """Where the lines of two runs meet, (2,)."""
+    normals = np.stack([first.normal, second.normal])
+    return np.linalg.solve(normals, [first.normal @ first.point, second.normal @ second.point])
+
+
+def ends_at(first: Run, second: Run, apex) -> bool:
+    """Whether the first run ends and the second begins within reach of the apex."""
+    end = (apex - first.point) @ first.direction - first.along[-1]
+    start = (apex - second.point) @ second.direction - second.along[0]
+    return abs(end) < REACH and abs(start) < REACH
+
+
+def beyond_blunt(profile, run: Run, apex) -> Run | None:
+    """The run without the points around the corner; None if too little is left."""
+    rows = run.rows[np.abs(run.along - (apex - run.point) @ run.direction) > BLUNT]
+    return run_of(profile, rows) if len(rows) >= 10 else None
+
+
+def step_ends(profile, runs, limit: float, view: View) -> list[Candidate]:
+    """Where a face ends in front of something farther away, or of nothing."""
+    found = []
+    for run in runs:
+        for side in (-1, 1):
+            how, depth = ending(profile, run, side, limit, view)
+            behind = how == "step" and view.away * depth > 0
+            if behind or how == "nothing":
+                tip, overlaps = run_end(run, side)
+                feature = Feature(tip[None], end_covariance(run, tip)[None], mask(profile, run.rows), "step end")
+                key = ("step end", int(np.sign(tip[0] - run.point[0])))
+                found.append(Candidate(feature, key, run.length, overlaps=(overlaps,)))
+    return found
+
+
+def ending(profile, run: Run, side: int, limit: float, view: View) -> tuple[str, float]:
+    """How a run ends at its last (side 1) or first point (-1): "step" with its change of z, "nothing" or "unclear".
+
+    Nothing beyond means something only where the scanner looked: missing points follow, or other profiles reach farther.
+    """
+    last = run.rows[-1 if side > 0 else 0]
+    beyond = np.arange(last + 1, len(profile)) if side > 0 else np.arange(last - 1, -1, -1)
+    seen = beyond[present(profile[beyond])] if len(beyond) else beyond
+    if len(seen) >= 3:
+        next_ = profile[seen[2 : ZONE + 2]] if len(seen) >= 5 else profile[seen]
+        off = np.median(coordinates(next_, run.point, run.direction)[1]) * np.sign(run.direction[0] or 1.0)
+        return ("step", float(np.sign(off))) if abs(off) > max(LEAST_STEP, 2 * limit) else ("unclear", 0.0)
+    missing = len(beyond) - len(seen)
+    looked = missing >= 3 or view.reaches_beyond(profile[last], side * run.direction)
+    return ("nothing", 0.0) if looked else ("unclear", 0.0)
+
+
+def run_end(run: Run, side: int) -> tuple[np.ndarray, int]:
+    """The end of a run, (2,) mm, finer than its points are spaced, and how often the step's two sides alternate there.
+
+    The laser spot and the pixels blur a step over a few points, each of which shows one side or the other. Their number
+    on the run, not the last of them, is an unbiased measure of where the run ends. (Its last point lies outside by
+    about half of what the scanner resolves.)
+    """
+    order = slice(None, None, side)
+    rows, along = side * run.rows[order], side * run.along[order]
+    zone = rows > rows[-1] - ZONE
+    near = slice(-4 * ZONE, None)
+    middle, start = rows[near].mean(), along[near].mean()
+    spacing = ((rows[near] - middle) * along[near]).sum() / ((rows[near] - middle) ** 2).sum()
+    end = start + spacing * (rows[-1] - ZONE + zone.sum() + 0.5 - middle)
+    return run.point + side * end * run.direction, int((np.diff(rows[zone]) > 1).sum())
+
+
+def end_covariance(run: Run, tip) -> np.ndarray:
+    """Of a run's end, (2, 2) mm²: across from the line; along, one point spacing, which the overlaps scale later."""
+    d, n = run.direction, run.normal
+    return np.outer(n, n) * run.offset_variance(tip) + np.outer(d, d) * run.spacing**2
+
+
+def with_end_variance(chosen) -> list[Feature]:
+    """The features, run ends with the variance along the run that all overlaps of the scan show.
+
+    Samples that come from anywhere within w = k spacings alternate (k - 1)³ / 6k² times on average, and their number
+    has the variance k/6 (k ≥ 1). Only scanners that keep the rows of missing points show all overlaps.
+    """
+    overlaps = [count for _, counts in chosen for count in counts]
+    if not overlaps:
+        return [feature for feature, _ in chosen]
+    k = np.linspace(1, 40, 400)
+    factor = np.interp(np.mean(overlaps), (k - 1) ** 3 / (6 * k**2), k / 6)
+    features = []
+    for feature, counts in chosen:
+        if counts:
+            values, vectors = np.linalg.eigh(feature.covariance)
+            values[:, 1] *= factor
+            feature = replace(feature, covariance=(vectors * values[:, None]) @ np.swapaxes(vectors, -1, -2))
+        features.append(feature)
+    return features
+
+
+def tips(profile, runs, view: View) -> list[Candidate]:
+    """Narrow tips in front of a background or of nothing: a blade that points at the scanner."""
+    free = present(profile)
+    for run in runs:
+        free[run.rows] = False
+    rows = np.flatnonzero(free)
+    found = []
+    for cluster in np.split(rows, np.flatnonzero(np.diff(rows) > 2) + 1):
+        if len(cluster) < 4 or cluster[0] < 3 or cluster[-1] > len(profile) - 4:
+            continue
+        points = profile[cluster]
+        around = np.concatenate([np.arange(cluster[0] - 3, cluster[0]), np.arange(cluster[-1] + 1, cluster[-1] + 4)])
+        around = around[present(profile[around])]
+        side = np.sign(np.median(profile[around, 1] - np.median(points[:, 1]))) if len(around) else view.away
+        if not side:
+            continue
+        depth = side * points[:, 1]
+        near = depth < depth.min() + TIP_DEPTH
+        if near.sum() < 3 or np.ptp(points[near, 0]) > TIP_WIDTH:
+            continue
+        if len(around) and (side * profile[around, 1] < depth.min() + 1).any():
+            continue
+        top = points[near]
+        x_variance = top[:, 0].var(ddof=1) / len(top)
+        apex = np.array([top[:, 0].mean(), side * depth.min()])
+        covariance = np.diag([x_variance, top[:, 1].var(ddof=1)])
+        feature = Feature(apex[None], covariance[None], mask(profile, cluster[near]), "tip")
+        found.append(Candidate(feature, ("tip", int(side)), 1.0))
+    return found
+
+
+# Disk, plane and ball
+
+
+def chords(profile, runs, limit: float, radius: float, view: View) -> list[Candidate]:
+    """Straight runs no longer than the disk's diameter that end on both sides before a step or nothing."""
+    found = []
+    for run in runs:
+        endings = [ending(profile, run, side, limit, view) for side in (-1, 1)]
+        steps = {depth for how, depth in endings if how == "step"}
+        if any(how == "unclear" for how, _ in endings) or len(steps) > 1:
+            continue
+        ends = [run_end(run, side) for side in (-1, 1)]
+        points = np.array([tip for tip, _ in ends])
+        if np.linalg.norm(points[1] - points[0]) > 2 * radius + 4 * run.spacing:
+            continue
+        covariance = np.array([end_covariance(run, tip) for tip in points])
+        order = np.argsort(points[:, 0])
+        feature = Feature(points[order], covariance[order], mask(profile, run.rows), "chord")
+        found.append(Candidate(feature, ("chord", 0), run.length, overlaps=tuple(n for _, n in ends)))
+    return found
+
+
+def find_line(profile, runs) -> Feature:
+    """The profile's dominant straight run."""
+    runs = sorted(runs, key=lambda run: -run.length)
+    if not runs:
+        return nothing(profile, "no straight run in this profile")
+    if len(runs) > 1 and runs[1].length > AMBIGUOUS * runs[0].length:
+        lengths = f"{runs[0].length:.0f} and {runs[1].length:.0f} mm"
+        return nothing(profile, f"two straight runs of similar length, {lengths}")
+    best = runs[0]
+    blocks = np.array_split(np.arange(len(best.rows)), min(BLOCKS, len(best.rows)))
+    along, off = (np.array([values[b].mean() for b in blocks]) for values in (best.along, best.off))
+    points = best.point + along[:, None] * best.direction + off[:, None] * best.normal
+    return Feature(points, block_covariance(best.off, blocks, 2), mask(profile, best.rows), "line")
+
+
+def block_covariance(errors, blocks, fitted: int) -> np.ndarray:
+    """Of the means over blocks of neighbours, (b, 2, 2) mm²: as much along the curve as across it."""
+    k = len(errors)
+    variance = (errors**2).sum() / max(k - fitted, 1) * correlation(errors)
+    size = np.array([len(block) for block in blocks])
+    return (variance / size)[:, None, None] * np.eye(2)
+
+
+def find_arc(profile, radius: float) -> Feature:
+    """The points of a circle no larger than the ball of `radius`, mm."""
+    rows = np.flatnonzero(present(profile))
+    if len(rows) < 20:
+        return nothing(profile, f"{len(rows)} points; an arc needs 20")
+    limit = tolerance(profile[rows, 1])
+    points = profile[rows]
+    circle = best_circle(points, radius, limit)
+    for _ in range(6):
+        if circle is None:
+            break
+        distance = np.hypot(*(points - circle[:2]).T) - circle[2]
+        on = largest_part(np.abs(distance) <= limit)
+        if on.sum() < 20:
+            circle = None
+            break
+        circle = fit_circle(points[on])
+    if circle is None or not np.isfinite(circle).all():
+        return nothing(profile, "no arc of a circle as large as the ball or smaller")
+    angle = np.unwrap(np.arctan2(*(points[on] - circle[:2]).T[::-1]))
+    errors = np.hypot(*(points[on] - circle[:2]).T) - circle[2]
+    extent = float(np.ptp(angle))
+    if extent < np.radians(LEAST_ARC_DEG):
+        return nothing(profile, f"an arc of {np.degrees(extent):.0f}°; expected {LEAST_ARC_DEG:.0f}° or more")
+    sd = circle_radius_sd(angle, errors)
+    if circle[2] > radius + 4 * sd + 0.01 * radius:
+        return nothing(profile, f"a circle of {circle[2]:.4g} mm; expected at most the ball's {radius:.4g} mm")
+    blocks = np.array_split(np.arange(on.sum()), BLOCKS if on.sum() > BLOCKS else on.sum())
+    angle, off = (np.array([values[b].mean() for b in blocks]) for values in (angle, errors))
+    around = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    thinned = circle[:2] + (circle[2] + off)[:, None] * around
+    return Feature(thinned, block_covariance(errors, blocks, 3), mask(profile, rows[on]), "arc")
+
+
+def best_circle(points, radius: float, limit: float) -> np.ndarray | None:
+    """Of circles through three points of a profile (k, 2) each, the one on which most points are; None if few are.
+
+    The three are spread over stretches of different length, so that some see the arc alone, without spikes.
+    """
+    k = len(points)
+    spans = np.unique(np.geomspace(max(8, k // 12), k - 1, 7).astype(int))
+    triples = [
+        np.stack([s, s + span // 2, s + span], axis=-1)
+        for span in spans
+        for s in np.unique(np.linspace(0, k - 1 - span, 40).astype(int))[:, None][:, 0][None]
+    ]
+    p, q, r = points[np.concatenate(triples)].transpose(1, 0, 2)
+    a, b = q - p, r - p
+    twice = 2 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        aa, bb = (a**2).sum(axis=1) / twice, (b**2).sum(axis=1) / twice
+    centre = p + np.stack([b[:, 1] * aa - a[:, 1] * bb, a[:, 0] * bb - b[:, 0] * aa], axis=-1)
+    size = np.hypot(*(centre - p).T)
+    fits = np.isfinite(size) & (size < 1.2 * radius) & (size > 10 * limit)
+    if not fits.any():
+        return None
+    centre, size = centre[fits], size[fits]
+    few = points[:: max(1, k // 250)]
+    distance = np.hypot(few[:, 0] - centre[:, :1], few[:, 1] - centre[:, 1:]) - size[:, None]
+    count = (np.abs(distance) < limit).sum(axis=1)
+    best = int(count.argmax())
+    return np.append(centre[best], size[best]) if count[best] >= 10 else None
+
+
+def largest_part(on, share: float = 0.5) -> np.ndarray:
+    """Of points that are `on` (k,), the longest stretch in which most are; gaps of more than 20 others split it."""
+    rows = np.flatnonzero(on)
+    parts = np.split(rows, np.flatnonzero(np.diff(rows) > 20) + 1)
+    kept = max(parts, key=len)
+    chosen = np.zeros(len(on), dtype=bool)
+    chosen[kept] = True
+    return chosen
+
+
+def circle_radius_sd(angle, errors) -> float:
+    """Standard deviation of the radius of a circle fitted to points at `angle` (k,) with `errors` (k,), mm."""
+    J = np.stack([np.cos(angle), np.sin(angle), np.ones_like(angle)], axis=-1)
+    variance = (errors**2).sum() / max(len(errors) - 3, 1) * correlation(errors)
+    return float(np.sqrt(variance * np.linalg.inv(J.T @ J)[2, 2]))

@@ -160,13 +160,20 @@ class Line:
     rms: np.ndarray  # (...) of the distances of the points that it was fitted to
 
 
-def fit_line(points) -> Line:
-    """The lines with the least sum of squared distances from points (..., n, d), n ≥ 2."""
-    centre = points.mean(axis=-2)
-    offsets = points - centre[..., None, :]
-    _, singular, Vt = np.linalg.svd(offsets, full_matrices=False)
-    rms = np.sqrt((singular[..., 1:] ** 2).sum(axis=-1) / points.shape[-2])
-    return Line(centre, Vt[..., 0, :], rms)
+def fit_line(points, kept=None) -> Line:
+    """The lines with the least sum of squared distances from points (..., n, d), or from those `kept` (..., n).
+
+    NaN where fewer than two are.
+    """
+    kept = np.ones(points.shape[:-1], dtype=bool) if kept is None else kept
+    count = kept.sum(axis=-1)
+    share = kept / np.where(count < 2, np.nan, count)[..., None]
+    centre = (share[..., None] * points).sum(axis=-2)
+    offsets = kept[..., None] * (points - centre[..., None, :])
+    direction = np.linalg.eigh(np.nan_to_num(np.swapaxes(offsets, -1, -2) @ offsets))[1][..., -1]
+    along = (offsets @ direction[..., None])[..., 0]
+    off_line = offsets - along[..., None] * direction[..., None, :]
+    return Line(centre, direction, np.sqrt((share * (off_line**2).sum(axis=-1)).sum(axis=-1)))
 
 
 @dataclass(frozen=True)

@@ -77,7 +77,8 @@ def to_page(executed: Path, title: str) -> str:
         if cell.source.startswith("## "):
             heading = cell.source.splitlines()[0][3:]
         cell.metadata["alt"] = heading  # of its pictures
-    exporter = HTMLExporter(template_name="basic", exclude_input=True, exclude_anchor_links=True)
+    plain = {"template_name": "basic", "exclude_anchor_links": True}
+    exporter = HTMLExporter(exclude_input=True, exclude_output_prompt=True, **plain)
     body, _ = exporter.from_notebook_node(book)
     made = f"profilecal {version('profilecal')}, {date.today().isoformat()}"
     return PAGE.format(title=escape(title), style=STYLE, body=body, made=made)

@@ -105,11 +105,11 @@ class State:
 
 
 def across(direction):
-    """Two unit vectors (..., 2, 3) perpendicular to unit vectors (..., 3) and to each other."""
+    """Two unit vectors (B, 2, 3) perpendicular to unit vectors (B, 3) and to each other."""
     aside = np.eye(3)[np.argmin(np.abs(direction), axis=-1)]
-    first = np.cross(direction, aside)
-    first /= np.linalg.norm(first, axis=-1, keepdims=True)
-    return np.stack([first, np.cross(direction, first)], axis=-2)
+    first = np.stack(_cross(direction.T, aside.T), axis=-1)
+    first /= np.sqrt(np.einsum("...i,...i", first, first))[..., None]
+    return np.stack([first, np.stack(_cross(direction.T, first.T), axis=-1)], axis=-2)
 
 
 def _cross(a, b):
@@ -167,7 +167,7 @@ class Term:
         local = (vectors @ self.turn).reshape(B, -1, 3, self.P)  # in the flange frames
         local[:, 0] -= self.shift + state.translation[:, :, None]
         local = np.swapaxes(state.rotation, 1, 2)[:, None] @ local  # in the sensor frames
-        p, d = np.moveaxis(local[:, 0], 1, 0), np.moveaxis(local[:, 1], 1, 0)
+        p, d, *moving = ([local[:, j, i] for i in range(3)] for j in range(local.shape[1]))
         with np.errstate(divide="ignore", invalid="ignore"):
             r, by_point, by_direction = self.module.residual(p, d, self.seen, self.size, in_plane)
 
@@ -184,9 +184,9 @@ class Term:
             for j in range(3):
                 z[:, 3 + j, k] = turn[j]
             for j in range(q):
-                z[:, 6 + j, k] = _dot(P, np.moveaxis(local[:, 2 + j], 1, 0))
+                z[:, 6 + j, k] = _dot(P, moving[j])
             for j in range(turning.shape[1]):
-                z[:, 6 + q + j, k] = _dot(D, np.moveaxis(local[:, 2 + q + j], 1, 0))
+                z[:, 6 + q + j, k] = _dot(D, moving[q + j])
             z[:, 6 + self.n, k] = r[k]
         if with_robot:
             arm = state.translation[:, :, None] + (self.shift if self.eye_to_hand else 0)
@@ -391,13 +391,15 @@ def refine(
     in_plane: bool = True,
     iterations: int = 60,
     tolerance: float = 1e-10,
+    damping: float = 1e-4,
 ) -> Fit:
     """The state of least loss nearest to each of B states: `descend`, with the whitening of robot errors held fixed
     meanwhile and then brought up to date, until that moves nothing."""
+    how = (scale, weights, in_plane, iterations, tolerance, damping)
     if not problem.has_robot:
-        return descend(problem, state, None, scale, weights, in_plane, iterations, tolerance)
+        return descend(problem, state, None, *how)
     for _ in range(8):
-        fit = descend(problem, state, problem.whitening(state), scale, weights, in_plane, iterations, tolerance)
+        fit = descend(problem, state, problem.whitening(state), *how)
         moved = pose_error(state.rotation, state.translation, fit.state.rotation, fit.state.translation)
         state = fit.state
         if np.abs(moved / np.r_[100, 100, 100, 1, 1, 1]).max() < 1e3 * tolerance:
@@ -405,7 +407,7 @@ def refine(
     return fit
 
 
-def descend(problem: Problem, state: State, whitening, scale, weights, in_plane, iterations, tolerance) -> Fit:
+def descend(problem, state, whitening, scale, weights, in_plane, iterations, tolerance, damping) -> Fit:
     """Damped Gauss-Newton (Levenberg and Marquardt), each of B problems with its own damping.
 
     Ends where the step is below `tolerance` (rad, and a hundred times that in mm), or promises less than rounding.
@@ -413,7 +415,7 @@ def descend(problem: Problem, state: State, whitening, scale, weights, in_plane,
     B = len(state.rotation)
     with np.errstate(all="ignore"):
         M, loss, per_pose = problem.moments(state, scale, in_plane, weights, whitening)
-        damping, done = np.full(B, 1e-4), np.zeros(B, dtype=bool)
+        damping, done = np.full(B, damping), np.zeros(B, dtype=bool)
         for _ in range(iterations):
             size = np.sqrt(np.einsum("bii->bi", M)[:, :-1])
             size = np.where(size > 0, size, 1.0)
@@ -442,7 +444,8 @@ def descend(problem: Problem, state: State, whitening, scale, weights, in_plane,
 
 GRID = "I"  # scipy's name for the 60 rotations of the icosahedron: any rotation is within 45° of one of them
 SEARCH_POSES, SEARCH_POINTS = 40, 5  # the search looks at that many poses, and points in each
-SEARCH_STEPS, KEPT = 25, 6
+SEARCH_ROUNDS = ((12, 30), (20, 12))  # steps, and how many starts go on after them
+KEPT = 6  # starts that all poses are looked at from
 SUBSET = 24  # poses that one start looks at where some are bad: few enough to be lucky
 FALSE_ALARM = 0.01  # the chance that any good pose at all is rejected
 
@@ -536,9 +539,11 @@ def search(observations: Sequence[Observations], noise: Noise, starts=()) -> Sta
     if len(starts):
         rotation = np.concatenate([[R for R, _ in starts], rotation])
         translation = np.concatenate([[T for _, T in starts], translation])
-    found = refine(problem, problem.place(rotation, translation), in_plane=False, iterations=SEARCH_STEPS)
-    order = np.argsort(np.where(np.isfinite(found.loss), found.loss, np.inf))
-    return found.state[_distinct(found.state, order)[:KEPT]]
+    state = problem.place(rotation, translation)
+    for steps, kept in SEARCH_ROUNDS:
+        found = refine(problem, state, in_plane=False, iterations=steps)
+        state = found.state[np.argsort(np.where(np.isfinite(found.loss), found.loss, np.inf))[:kept]]
+    return state[_distinct(state, range(len(state.rotation)))[:KEPT]]
 
 
 def search_among_outliers(observations: Sequence[Observations], noise: Noise, found: State) -> State:
@@ -546,7 +551,7 @@ def search_among_outliers(observations: Sequence[Observations], noise: Noise, fo
     another few groups of poses, some of which hold no bad one, and the medians of all residuals tell which."""
     rotation = Rotation.create_group(GRID).as_matrix()
     subsets = Problem([_subsets(entry, len(rotation)) for entry in observations], Noise(noise.profile_mm))
-    tried = refine(subsets, subsets.place(rotation, np.zeros((60, 3))), in_plane=False, iterations=SEARCH_STEPS).state
+    tried = refine(subsets, subsets.place(rotation, np.zeros((60, 3))), in_plane=False, iterations=25).state
     problem = Problem([_thin(entry, 2 * SEARCH_POSES) for entry in observations], Noise(noise.profile_mm))
     count = [_per_pose(term) for term in problem.terms]
     tried = tried[np.isfinite(problem.moments(tried, in_plane=False)[1])]
@@ -709,9 +714,10 @@ def _robust(problem: Problem, state: State, count, least: float) -> tuple[Fit, f
 
     per_pose = problem.moments(state)[2]
     for _ in range(4):
-        fit = refine(problem, state, scale=unit(per_pose), iterations=20)
-        state, per_pose = fit.state, fit.per_pose
-    fit = refine(problem, state, scale=np.full(len(fit.loss), unit(per_pose).min()))
+        fit = refine(problem, state, scale=unit(per_pose), iterations=10)
+        best = np.argsort(unit(fit.per_pose), kind="stable")[:3]
+        state, per_pose = fit.state[best], [own[best] for own in fit.per_pose]
+    fit = refine(problem, state, scale=np.full(len(best), unit(per_pose).min()))
     order = np.argsort(fit.loss)
     per_pose = [own[order] for own in fit.per_pose]
     fit = Fit(fit.state[order], fit.M[order], fit.loss[order], per_pose, fit.converged[order])
@@ -754,7 +760,8 @@ def _state_result(problem, observations, noise, source, how, fit, everything, we
             R, T = other.state.rotation[twin[0]], other.state.translation[twin[0]]
             messages.append(
                 "another sensor pose explains the data as well, "
-                f"{np.degrees(angle_between(R, state.rotation[0])):.3g}° and {np.linalg.norm(T - state.translation[0]):.3g} mm away; add poses from other directions"
+                f"{np.degrees(angle_between(R, state.rotation[0])):.3g}° and "
+                f"{np.linalg.norm(T - state.translation[0]):.3g} mm away; add poses from other directions"
             )
     residuals = [
         term.linearise(state, p, True)[0][0, -1] for term, p in zip(problem.terms, state.placements, strict=True)
@@ -765,7 +772,7 @@ def _state_result(problem, observations, noise, source, how, fit, everything, we
         state.rotation[0],
         state.translation[0],
         covariance,
-        tuple(_target(o, p[0], d[0]) for o, (p, d) in zip(observations, state.placements, strict=True)),
+        tuple(target_at(o, p[0], d[0]) for o, (p, d) in zip(observations, state.placements, strict=True)),
         float(noise.profile_mm),
         "given" if source == "given" else "estimated",
         how,
@@ -781,7 +788,7 @@ def _state_result(problem, observations, noise, source, how, fit, everything, we
     )
 
 
-def _target(observations: Observations, place, direction):
+def target_at(observations: Observations, place, direction):
     """The target object of a placement."""
     if observations.kind == "disk":
         return disk.Disk(place, direction, observations.size)
@@ -790,3 +797,38 @@ def _target(observations: Observations, place, direction):
     if observations.kind == "point":
         return point.Point(place)
     return {"edge": edge.Edge, "plane": plane.Plane}[observations.kind](place, direction)
+
+
+def take(observations: Observations, chosen) -> Observations:
+    """Some problems of a batch of observations, by mask, index or slice."""
+    batch = {name: np.asarray(getattr(observations, name)) for name in ("R_flange", "T_flange", "points")}
+    length = max(map(len, batch.values()))
+    return replace(observations, **{k: v[chosen] if len(v) == length else v for k, v in batch.items()})
+
+
+def normalised_square(covariance, error) -> np.ndarray:
+    """Errors (..., 6) squared over their covariances (..., 6, 6): follows χ² with 6 degrees of freedom if honest."""
+    return np.einsum("...i,...i", error, np.linalg.solve(covariance, error[..., None])[..., 0])
+
+
+def estimate(
+    observations: Sequence[Observations], noise: Noise, start: State, *, chunk: int = 64, steps: int = 60
+) -> tuple[State, Spectrum, np.ndarray]:
+    """For noise studies: batches of problems refined from known starts by least squares, chunk by chunk.
+
+    Returns the states (B), the sensor poses' spectra and χ² (B,).
+    """
+    states, spectra, chi2 = [], [], []
+    for first in range(0, len(start.rotation), chunk):
+        part = slice(first, first + chunk)
+        problem = Problem([take(o, part) for o in observations], noise)
+        fit = refine(problem, start[part], iterations=steps, tolerance=1e-8, damping=1e-9)
+        states.append(fit.state)
+        spectra.append(spectrum(fit.information, units_by_hand(problem)))
+        chi2.append(fit.chi2)
+    state = states[0]
+    for other in states[1:]:
+        state = State.join(state, other)
+    fields = ("covariance", "sd", "directions", "rank")
+    together = Spectrum(*(np.concatenate([getattr(s, f) for s in spectra]) for f in fields), spectra[0].parameters)
+    return state, together, np.concatenate(chi2)

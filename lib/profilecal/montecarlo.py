@@ -5,7 +5,6 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 from tqdm import tqdm
 
 from profilecal.checks import check_count
@@ -167,18 +166,20 @@ def _chords_with_chord_noise(exact: _Exact, sigma_mm, m, size, rng, heights):
     n = len(v)
     mean = {(a, b): np.empty((size, n)) for a in range(1, 5) for b in range(5 - a)}
     mean |= {(0, b): (v**b).mean(axis=-1) for b in range(1, 5)}
-    noise = np.empty((2, size, m))
+    noise, work = np.empty((2, size, m)), np.empty((3, size, m))  # new arrays for each scan cost more than the sums
     for i in range(n):
         rng.standard_normal(out=noise)
         noise *= np.sqrt(2) * sigma_mm / exact.radius
         total, difference = noise
         difference += 2 * np.sqrt(1 - v[i] ** 2)
         powers = np.vander(v[i], 4, increasing=True)
-        total2, difference2 = total * total, difference * difference
-        squares = total2 + difference2  # twice u₁² + u₂²
+        total2, difference2 = np.multiply(noise, noise, out=work[:2])
+        squares = np.add(total2, difference2, out=work[2])  # twice u₁² + u₂²
         fourth = np.einsum("ij,ij->i", squares, squares) + 4 * np.einsum("ij,ij->i", total2, difference2)
-        cubes = (squares + 2 * difference2) * total  # four times u₁³ + u₂³
-        for a, values in ((1, total), (2, squares), (3, cubes)):
+        difference2 *= 2
+        difference2 += squares
+        difference2 *= total  # four times u₁³ + u₂³
+        for a, values in ((1, total), (2, squares), (3, difference2)):
             sums = values @ powers[:, : 5 - a]
             for b in range(5 - a):
                 mean[a, b][:, i] = sums[:, b] / (2**a * m)
@@ -247,7 +248,16 @@ def _solve(scans, R_tcp, q, T_tcp, X, Y):
     N = (seen[:, 1:] - seen[:, :-1]).reshape(len(seen), -1)
     T_sensor = N @ np.linalg.pinv(M).T
     point = seen.mean(axis=1) + T_sensor @ R_tcp.mean(axis=0).T
-    return point, Rotation.from_matrix(turn).as_rotvec(), T_sensor - scans.T_sensor, by_svd
+    return point, _rotation_vectors(turn), T_sensor - scans.T_sensor, by_svd
+
+
+def _rotation_vectors(R) -> np.ndarray:
+    """Rotation vectors (k, 3) of rotations (k, 3, 3) by less than a half turn: scipy's, without its detour."""
+    skew = (R - np.swapaxes(R, -1, -2)) / 2
+    sine_axis = np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=-1)
+    sine = np.linalg.norm(sine_axis, axis=-1)
+    angle = np.arctan2(sine, (np.trace(R, axis1=-2, axis2=-1) - 1) / 2)
+    return sine_axis * (angle / np.maximum(sine, np.finfo(float).tiny))[:, None]
 
 
 def rotations_near(X, Y) -> tuple[np.ndarray, np.ndarray]:

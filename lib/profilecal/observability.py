@@ -104,7 +104,7 @@ def explain(found: Spectrum, R_sensor, R_flange) -> list[str]:
     known = f"known only to {sd * BY_HAND_MM:.2g} mm or {sd * BY_HAND_DEG:.2g}°" if sd < 10 else "left open"
     verb = "cannot be determined" if found.status == "unobservable" else "is poorly determined"
     if angles[0] < LEAST_TURN_DEG:
-        why = f"all flange orientations agree within {angles[0]:.2g}°; add poses tilted by 15° or more about two axes"
+        why = f"all flange orientations agree within {max(angles[0], 0.01):.2g}°; add poses tilted by 15° or more about two axes"
     elif angles[2] < LEAST_TURN_DEG:
         tilt = name_axis(axis, "flange")
         others = [c for c in "xyz" if not tilt.endswith(f"'s {c}")]
@@ -115,3 +115,15 @@ def explain(found: Spectrum, R_sensor, R_flange) -> list[str]:
     else:
         why = "cross the target at other places and in other directions of motion, inside each group of poses too"
     return [f"{what} {verb} ({known}): {why}"]
+
+
+def two_step_symptoms(M, D) -> tuple[np.ndarray, np.ndarray]:
+    """Of the disk method's linear steps: σ3/σ1 of the translation matrix M (..., 3k, 3) (disk paper, Eq. 18), small
+    where all rotations are about one axis, and σ2/σ1 of the normalised directions D (..., 3, n), small where they are
+    parallel.
+
+    The edge method's, σ9 of A_r over its noise, is `closed_form.edge.judge`'s rotation_strength.
+    """
+    of_M = np.linalg.svd(M, compute_uv=False)
+    of_D = np.linalg.svd(D / np.linalg.norm(D, axis=-2, keepdims=True), compute_uv=False)
+    return of_M[..., 2] / of_M[..., 0], of_D[..., 1] / of_D[..., 0]

@@ -146,13 +146,106 @@ def draw_scan(axes, rotation, origin, depth: float, colour: str, label: str = ""
 def beside_line(points, point, direction) -> tuple[np.ndarray, np.ndarray]:
     """Points (..., 3) seen from beside a line through `point` along `direction`: how far along it, how far above.
 
-    The view is the one that shows most of the distances from the line.
+    The view is the one that spreads the points most.
     """
     offset = np.asarray(points) - point
     along = offset @ direction
-    off_line = offset - along[..., None] * direction
-    above = np.linalg.svd(off_line.reshape(-1, 3), full_matrices=False)[2][0]
-    return along, offset @ above
+    off_line = (offset - along[..., None] * direction).reshape(-1, 3)
+    above = np.linalg.svd(off_line - off_line.mean(axis=0), full_matrices=False)[2][0]
+    above = above - (above @ direction) * direction
+    return along, offset @ (above / np.linalg.norm(above))
+
+
+def noise_curves(axes, m, sigma_mm, e) -> None:
+    """Draw e (k, l) over m (l,), one curve for each sigma_mm (k,), named at its right end."""
+    shades = plt.get_cmap("viridis")(np.linspace(0, 0.85, len(sigma_mm)))
+    for sigma, curve, shade in zip(sigma_mm, e, shades, strict=True):
+        axes.plot(m, curve, color=shade, lw=1.5)
+        axes.annotate(f"{sigma:g}", (m[-1], curve[-1]), (4, 0), textcoords="offset points", va="center", color=shade)
+    axes.annotate("σ [mm]", (m[-1], e[-1, -1]), (4, 12), textcoords="offset points", fontsize=9)
+
+
+def draw_misfit(axes, scene, turn_deg: float, shift_mm: float) -> None:
+    """Draw one scan of a `scenes.Scene` (dots), and what a sensor pose that wrong expects in its place (crosses)."""
+    from scipy.spatial.transform import Rotation
+
+    seen, truth = scene.observations, scene.truth
+    k = seen.points.shape[1] // 2
+    R = truth.rotation[0] @ Rotation.from_rotvec(turn_deg * np.ones(3) / np.sqrt(3), degrees=True).as_matrix()
+    rotation = seen.R_flange[0, k] @ R
+    origin = seen.R_flange[0, k] @ (truth.translation[0] + shift_mm * np.ones(3) / np.sqrt(3)) + seen.T_flange[0, k]
+    expected = scene.target().meet(rotation, origin)
+    dots = dict(color=BLUE, label="seen")
+    cross = dict(color=RED, label="expected")
+    x, z = seen.points[0, k].T
+    if seen.kind == "ball":
+        angle = np.radians(np.linspace(-50, 50, 50))
+        axes.plot(x, z, ".", **dots)
+        axes.plot(expected[0] + expected[2] * np.sin(angle), expected[1] - expected[2] * np.cos(angle), "-", **cross)
+    else:
+        expected = np.atleast_2d(expected)
+        line = "-" if len(expected) > 1 else ""
+        axes.plot(x, z, "o" + line, **dots)
+        axes.plot(*expected.T, "x" + line, ms=8, mew=2, **cross)
+        axes.plot(*np.stack([np.column_stack([x, z]), expected]).transpose(2, 0, 1), "k:", lw=1)
+    axes.set(title=seen.kind, xlabel="x in the scan [mm]", ylabel="z in the scan [mm]")
+    axes.margins(0.3)
+    axes.invert_yaxis()
+
+
+def draw_motion(axes, scene, worst) -> None:
+    """Draw the first problem of a `scenes.Scene` in 3D: target, sensor positions, and at the first of them the worst
+    known direction `worst` (6,) of the sensor pose, in the units of `observability`: an arrow for a translation, an arc
+    with an axis for a rotation."""
+    seen, truth = scene.observations, scene.truth
+    rotation = seen.R_flange[0] @ truth.rotation[0]
+    origin = seen.T_flange[0] + seen.R_flange[0] @ truth.translation[0]
+    middle, direction = (entry[0] for entry in truth.placements[0])
+    axes.scatter(*origin.T, s=6, color=BLUE, depthshade=False)
+    for g in np.unique(seen.group):
+        first = np.flatnonzero(seen.group == g)[0]
+        draw_frame(axes, rotation[first], origin[first], 14)
+        axes.plot(*np.stack([origin[first], middle]).T, color="0.7", lw=0.7)
+    if seen.kind == "edge":
+        target = middle + np.outer([-60, 60], direction)
+    else:
+        target = circle_points(middle, direction, seen.size)
+    axes.plot(*target.T, color="black", lw=2.5)
+    shift, turn = rotation[0] @ worst[:3], rotation[0] @ worst[3:]
+    name = "arrow" if shift @ shift > turn @ turn else "turn"
+    along = shift if name == "arrow" else turn
+    along = 60 * along / np.linalg.norm(along)
+    axes.quiver(*origin[0], *along, color=PURPLE, lw=3, arrow_length_ratio=0.25)
+    if name == "turn":
+        axes.plot(*circle_points(origin[0] + 0.6 * along, along, 15)[:70].T, color=PURPLE, lw=3)
+    equal_axes(axes, np.vstack([origin, origin[:1] + along, target]))
+    axes.set(xticklabels=[], yticklabels=[], zticklabels=[])
+
+
+def plot_columns(frame: pd.DataFrame, x: str, y: str, hue: str, folder: Path) -> Path:
+    """Draw column y over column x, a line for each value of `hue`: the median, and the range from least to most.
+
+    Raises ValueError for a column that is not there or holds no numbers.
+    """
+    for name in filter(None, (x, y, hue)):
+        if name not in frame:
+            raise ValueError(f"no column named {name!r}; there are {', '.join(frame)}")
+    if not pd.api.types.is_numeric_dtype(frame[y]):
+        raise ValueError(f"column {y} holds no numbers, so it cannot be drawn")
+    use_style()
+    figure, axes = plt.subplots(figsize=(6, 4))
+    for value, part in frame.groupby(hue) if hue else [("", frame)]:
+        spread = part.groupby(x)[y].agg(["min", "median", "max"]).dropna()
+        (line,) = axes.plot(spread.index, spread["median"], "o-", label=f"{hue} = {value}")
+        axes.fill_between(spread.index, spread["min"], spread["max"], color=line.get_color(), alpha=0.15, lw=0)
+    axes.set(xlabel=x, ylabel=f"{y} (median, range)")
+    if hue:
+        axes.legend()
+    place = folder / f"{y}_over_{x}.png".replace("/", "-")
+    figure.savefig(place, dpi=200)
+    figure.savefig(place.with_suffix(".svg"))
+    plt.close(figure)
+    return place
 
 
 # --- the report on a user's own scans: every function takes a calibrate.Calibration ---
@@ -487,7 +580,7 @@ def profile_page(scan, features, page, cell, rejected, columns: int = 4) -> plt.
         if there.any():
             middle = (values[there].min(axis=0) + values[there].max(axis=0)) / 2
             place = corner - middle * [1, -1]
-            used = np.asarray(feature.mask, dtype=bool)[: len(values)] & there if feature.mask is not None else ~there
+            used = np.asarray(feature.used, dtype=bool) & there
             for points, colour in ((values[there & ~used], "0.6"), (values[used], BLUE)):
                 axes.plot(*(points * [1, -1] + place).T, ".", ms=1.2, color=colour, rasterized=True)
             if not feature.reason and scan.kind in ("edge", "point", "disk"):

@@ -73,13 +73,9 @@ def read_scan(folder) -> Scan:
         poses = read_poses(folder, scale)
         measured, values = read_measurements(folder, poses["labels"], scale)
         truth_file = folder / "truth.toml"
-        truth = tomllib.loads(truth_file.read_text(encoding="utf-8")) if truth_file.exists() else {}
-    except UnicodeDecodeError as error:
-        raise ScanError(f"{folder}: a file is not UTF-8 text ({error.reason} at byte {error.start})") from error
+        truth = read_toml(truth_file) if truth_file.exists() else {}
     except OSError as error:
         raise ScanError(f"{error.filename or folder}: {error.strerror or error}") from error
-    except tomllib.TOMLDecodeError as error:
-        raise ScanError(f"{folder / 'truth.toml'}: {error}") from error
 
     target = header["target"]
     needs = FITS[target["kind"]]
@@ -114,10 +110,7 @@ def read_header(path: Path) -> dict:
     """scan.toml, checked, with defaults filled in."""
     if not path.exists():
         raise ScanError(f'{path}: no such file; expected it to name the target: [target] kind = "edge"')
-    try:
-        header = tomllib.loads(path.read_text(encoding="utf-8"))
-    except tomllib.TOMLDecodeError as error:
-        raise ScanError(f"{path}: {error}") from error
+    header = read_toml(path)
     for section, known in KEYS.items():
         entries = header.setdefault(section, {}) if section else header
         if not isinstance(entries, dict):
@@ -141,6 +134,18 @@ def read_header(path: Path) -> dict:
             raise ScanError(f"{path}: noise {name} is {value!r}; expected a number, zero or more")
     _check_radius(path, target, SCALE[header["units"]])
     return header
+
+
+def read_toml(path) -> dict:
+    """The content of a TOML file. Raises ScanError."""
+    try:
+        return tomllib.loads(Path(path).read_text(encoding="utf-8"))
+    except UnicodeDecodeError as error:
+        raise ScanError(f"{path}: not UTF-8 text ({error.reason} at byte {error.start})") from error
+    except OSError as error:
+        raise ScanError(f"{path}: {error.strerror}") from error
+    except tomllib.TOMLDecodeError as error:
+        raise ScanError(f"{path}: {error}") from error
 
 
 def _check_radius(path: Path, target: dict, scale: float) -> None:

@@ -19,7 +19,7 @@ class Scanner:
     points: int = 980  # of a profile
     resolution: float = 0.25  # mm in x: a sample comes from anywhere within this width around its ray
     quantum: float = 0.1  # mm, coordinates are whole multiples of it
-    noise_mm: float = 0.05  # standard deviation of z at `near`
+    noise_mm: float = 0.06  # standard deviation of z at `near`: of a resolution of 0.2 mm, as a uniform error's width
     noise_growth: float = 0.0  # of the standard deviation, as a fraction of `noise_mm`, per mm beyond `near`
 
     def half_width(self, z) -> np.ndarray:

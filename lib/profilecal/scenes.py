@@ -4,8 +4,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from profilecal.acquisition import directions, rotations
-from profilecal.joint import Observations, State
+from profilecal.acquisition import EdgePlan, directions, rotations
+from profilecal.closed_form.disk import disk_equations, sensing_data
+from profilecal.closed_form.edge import edge_equations
+from profilecal.joint import Noise, Observations, Problem, State, target_at
+from profilecal.simulate import EdgeScene, edge_scenes, sense_edge
 from profilecal.targets.ball import Ball
 from profilecal.targets.disk import Disk
 from profilecal.targets.edge import Edge
@@ -24,6 +27,10 @@ class Scene:
     observations: Observations
     truth: State
 
+    def target(self):
+        """The target of the first scene."""
+        return target_at(self.observations, *(entry[0] for entry in self.truth.placements[0]))
+
     def noisy(self, sigma_mm: float, rng: np.random.Generator, trials: int | None = None) -> Observations:
         """The observations with isotropic noise in the scan plane, fresh in each of `trials` copies."""
         points = self.observations.points
@@ -37,8 +44,11 @@ def offsets(
     """Where the target's middle is in the scans, from depth STANDOFF, sensor frame, (groups, positions, 3), mm."""
     shape = (groups, positions)
     if kind == "disk":
-        s = np.linspace(-0.64, 0.64, positions) * RADIUS["disk"]
-        return np.broadcast_to(s[:, None] * np.array([0.2, 1.0, 0.3]), (*shape, 3)) + 0.0
+        # the motions differ in the sensor frame too, or the disk method's directions D were all parallel
+        way = np.stack([rng.uniform(-0.5, 0.5, groups), np.ones(groups), rng.uniform(-0.5, 0.5, groups)], axis=-1)
+        if motion == "equal":
+            way[:] = way[0]
+        return np.linspace(-0.64, 0.64, positions)[:, None] * RADIUS["disk"] * way[:, None]
     if kind == "ball":
         y = RADIUS["ball"] * rng.uniform(-0.7, 0.7, shape)
         return np.stack([rng.uniform(-10, 10, shape), y, rng.uniform(-10, 10, shape)], axis=-1)
@@ -74,6 +84,7 @@ def random_scene(
     The sensor's first orientation is random; each group turns from it by up to `spread_deg`, about random axes, about
     `axis` (3,) of the base, or about the target's own direction ("target"); inside a group it moves in the base's axes
     ("base") or with the flange ("tool").
+    `motion` there is "arc" or anywhere in a ball of 25 mm ("space"); for disks, "equal" is one direction in all scans.
     """
     G, N = groups or GROUPS[kind][0], positions or GROUPS[kind][1]
     R, t = mount or (rotations(np.pi * directions(rng, ()) * rng.uniform()), rng.uniform(-150, 150, 3))
@@ -134,3 +145,46 @@ def stack(scenes) -> Scene:
         (placements,),
     )
     return Scene(replace(first, **batch), truth)
+
+
+def observations_of(scene: EdgeScene) -> Observations:
+    """Simulated edge scenes, with or without a batch axis, as observations."""
+    G, N = scene.points.shape[-3:-1]
+    batch = scene.points.shape[:-3] or (1,)
+    R = np.repeat(scene.poses.rotations, N, axis=-3).reshape(*batch, G * N, 3, 3)
+    T, points = scene.poses.positions.reshape(*batch, G * N, 3), scene.points.reshape(*batch, G * N, 1, 2)
+    return Observations("edge", R, T, points, group=np.repeat(np.arange(G), N))
+
+
+def closed_form(seen: Observations, R_sensor) -> tuple[np.ndarray, np.ndarray]:
+    """What the papers' methods make of a batch of edge or disk observations: (B, 3, 3) and (B, 3).
+
+    R_sensor (3, 3) gives the signs s_i of the disk method, which its user knows.
+    """
+    B, G = len(seen.points), seen.group.max() + 1
+    R = np.broadcast_to(seen.R_flange, (B, *seen.R_flange.shape[1:])).reshape(B, G, -1, 3, 3)
+    T = np.broadcast_to(seen.T_flange, (B, *seen.T_flange.shape[1:])).reshape(B, G, -1, 3)
+    points = seen.points.reshape(B, G, -1, *seen.points.shape[2:])
+    if seen.kind == "edge":
+        found = edge_equations(R[:, :, 0], T, points[:, :, :, 0])
+        return found.R_sensor, found.T_sensor
+    start, end = T[:, :, 0], T[:, :, -1]
+    s = np.sign(np.einsum("bga,bga->bg", end - start, (R[:, :, 0] @ R_sensor)[..., 1]))
+    data = sensing_data(points, start, end, s, seen.size, heights="published")
+    found = disk_equations(R[:, :, 0], data.T_tcp, data.q, data.D_i, data.D_b)
+    return found.R_sensor, found.T_sensor
+
+
+def start_at(seen: Observations, R_sensor, T_sensor) -> State:
+    """Sensor poses (B, 3, 3), (B, 3) with the target placed where they see it."""
+    return Problem([seen], Noise(1.0)).place(R_sensor, T_sensor)
+
+
+def second_edge(plan: EdgePlan, noise: Noise, planted, rng: np.random.Generator, offset_mm: float = 10.0):
+    """An edge scene whose points of the groups and positions `planted` (G, N) lie on a parallel edge, `offset_mm` away:
+    the scene with its points replaced."""
+    scene = edge_scenes(plan, noise, rng)
+    across = np.cross(scene.edge.direction, directions(rng, ()))
+    other = Edge(scene.edge.point + offset_mm * across / np.linalg.norm(across), scene.edge.direction)
+    wrong = sense_edge(other, scene.R_sensor, scene.T_sensor, scene.poses, noise, rng)
+    return replace(scene, points=np.where(planted[..., None], wrong, scene.points))

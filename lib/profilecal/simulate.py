@@ -31,9 +31,14 @@ def actual_poses(poses: Poses, noise: Noise, rng: np.random.Generator) -> tuple[
     return rotations(np.radians(turn)) @ poses.rotations[..., None, :, :], poses.positions + position
 
 
-def sensor_poses(R_sensor, T_sensor, R_b, T_b) -> tuple[np.ndarray, np.ndarray]:
-    """Scan planes (..., G, N, 3, 3) and their origins (..., G, N, 3), mm, in the base frame, of flange poses alike."""
-    return R_b @ R_sensor[..., None, None, :, :], T_b + (R_b @ T_sensor[..., None, None, :, None])[..., 0]
+def scan_planes(R_sensor, T_sensor, rotations, positions) -> tuple[np.ndarray, np.ndarray]:
+    """Orientations (..., G, N, 3, 3) and origins (..., G, N, 3), mm, of scan planes in the base frame.
+
+    `rotations` and `positions` are the flange's, of the same shapes.
+    """
+    return rotations @ R_sensor[..., None, None, :, :], positions + (rotations @ T_sensor[..., None, None, :, None])[
+        ..., 0
+    ]
 
 
 def sense_edge(edge: Edge, R_sensor, T_sensor, poses: Poses, noise: Noise, rng: np.random.Generator) -> np.ndarray:
@@ -41,8 +46,8 @@ def sense_edge(edge: Edge, R_sensor, T_sensor, poses: Poses, noise: Noise, rng: 
 
     R_sensor (..., 3, 3), T_sensor (..., 3), mm, the edge and the poses may share leading axes, one entry a scene.
     """
-    scan_planes = sensor_poses(R_sensor, T_sensor, *actual_poses(poses, noise, rng))
-    seen = Edge(edge.point[..., None, None, :], edge.direction[..., None, None, :]).meet(*scan_planes)
+    planes = scan_planes(R_sensor, T_sensor, *actual_poses(poses, noise, rng))
+    seen = Edge(edge.point[..., None, None, :], edge.direction[..., None, None, :]).meet(*planes)
     return seen + noise.profile_mm * rng.normal(size=seen.shape)
 
 
@@ -72,12 +77,12 @@ def edge_profiles(scene: EdgeScene, specimen: str, scanner: Scanner, noise: Nois
     The specimen's top faces the scanner, and lies on the side of smaller x. `noise` gives the robot's errors; the
     scanner has its own.
     """
-    R, T = sensor_poses(scene.R_sensor, scene.T_sensor, *actual_poses(scene.poses, noise, rng))
-    x, _, z = np.moveaxis(R.mean(axis=(0, 1)), -1, 0)
-    up = np.cross(scene.edge.direction, np.cross(scene.edge.direction, z))
-    outline = Edge(scene.edge.point, scene.edge.direction * np.sign(np.cross(scene.edge.direction, up) @ x)).outline(
-        specimen, up / np.linalg.norm(up), R, T
-    )
+    rotation, origin = scan_planes(scene.R_sensor, scene.T_sensor, *actual_poses(scene.poses, noise, rng))
+    x, _, z = np.moveaxis(rotation.mean(axis=(0, 1)), -1, 0)
+    direction = scene.edge.direction
+    up = (z @ direction) * direction - z  # against the line of sight
+    direction = direction * np.sign(np.cross(direction, up) @ x)
+    outline = Edge(scene.edge.point, direction).outline(specimen, up / np.linalg.norm(up), rotation, origin)
     return scanner.decode(scanner.count(outline, rng))
 
 
@@ -86,8 +91,8 @@ def ball_points(ball: Ball, R_sensor, T_sensor, poses: Poses, noise: Noise, rng,
 
     Each profile is the arc of up to 60° to either side of the point nearest to the scanner.
     """
-    scan_planes = sensor_poses(R_sensor, T_sensor, *actual_poses(poses, noise, rng))
-    x, z, r = np.moveaxis(Ball(ball.centre[..., None, None, :], ball.radius).meet(*scan_planes), -1, 0)[..., None]
+    planes = scan_planes(R_sensor, T_sensor, *actual_poses(poses, noise, rng))
+    x, z, r = np.moveaxis(Ball(ball.centre[..., None, None, :], ball.radius).meet(*planes), -1, 0)[..., None]
     angle = np.linspace(-np.pi / 3, np.pi / 3, count)
     seen = np.stack([x + r * np.sin(angle), z - r * np.cos(angle)], axis=-1)
     return seen + noise.profile_mm * rng.normal(size=seen.shape)

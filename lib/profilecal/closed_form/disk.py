@@ -295,7 +295,7 @@ def solve_disk(R_tcp, T_tcp, q, D_i, D_b, **readings) -> TwoStepSolution:
     R_tcp = check_rotations("R_tcp", R_tcp, n)
     q, D_i, D_b = (check_vectors(name, v, n) for name, v in (("q", q), ("D_i", D_i), ("D_b", D_b)))
     check_directions(D_i.T, "D_i")
-    check_directions(D_b.T, "D_b")
+    check_directions(np.einsum("nba,nb->an", R_tcp, D_b), "R_tcp⁻¹ D_b")  # D_b itself may be one direction
     check_orientations(R_tcp)
 
     return disk_equations(R_tcp, T_tcp, q, D_i, D_b, **readings)

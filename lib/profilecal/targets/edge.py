@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from profilecal.fitting import Line, fit_line
+
 
 @dataclass(frozen=True)
 class Edge:
@@ -48,18 +50,6 @@ WIDEST_TIP = 2.0  # mm, within half a millimetre of its top
 DROP = 3.0  # mm between neighbouring points: the end of a face
 
 
-def weighted_line(profiles, kept) -> tuple[np.ndarray, np.ndarray]:
-    """Point and unit direction (..., 2) of the lines closest to the points (..., n, 2) of profiles that are kept.
-
-    NaN where fewer than three are.
-    """
-    count = kept.sum(axis=-1)[..., None]
-    centre = (kept[..., None] * profiles).sum(axis=-2) / np.maximum(count, 1)
-    offset = kept[..., None] * (profiles - centre[..., None, :])
-    direction = np.linalg.eigh(np.swapaxes(offset, -1, -2) @ offset)[1][..., :, 1]
-    return np.where(count < 3, np.nan, centre), direction
-
-
 def valid(profiles) -> tuple[np.ndarray, np.ndarray]:
     """Which points (..., n) a profile has, and the profiles with zeros in place of the others."""
     there = np.isfinite(profiles).all(axis=-1)
@@ -82,7 +72,7 @@ def corner(profiles, rounds: int = 4) -> np.ndarray:
         away = np.linalg.norm(profiles - corner[..., None, :], axis=-1)
         near = there & (away > 0.5) & (away < NEAR_EDGE)
         left = profiles[..., 0] < corner[..., None, 0]
-        corner = intersect(*weighted_line(profiles, near & left), *weighted_line(profiles, near & ~left))
+        corner = intersect(fit_line(profiles, near & left), fit_line(profiles, near & ~left))
     return corner
 
 
@@ -91,12 +81,12 @@ def take(profiles, index) -> np.ndarray:
     return np.take_along_axis(profiles, index[..., None, None], axis=-2)[..., 0, :]
 
 
-def intersect(p, d, q, e) -> np.ndarray:
-    """Where lines through p along d meet lines through q along e, all (..., 2)."""
+def intersect(first: Line, second: Line) -> np.ndarray:
+    """Where lines in the plane meet, (..., 2)."""
+    d, e, offset = first.direction, second.direction, second.point - first.point
     cross = d[..., 0] * e[..., 1] - d[..., 1] * e[..., 0]
-    offset = q - p
     along = (offset[..., 0] * e[..., 1] - offset[..., 1] * e[..., 0]) / cross
-    return p + along[..., None] * d
+    return first.point + along[..., None] * d
 
 
 def step_end(profiles) -> np.ndarray:
@@ -110,12 +100,12 @@ def step_end(profiles) -> np.ndarray:
     last = drops.argmax(axis=-1)
     before = there & (np.arange(profiles.shape[-2]) <= last[..., None])
     back = take(profiles, last)[..., None, 0] - profiles[..., 0]
-    centre, direction = weighted_line(profiles, before & (back > 1) & (back < NEAR_EDGE))
-    offset = profiles - centre[..., None, :]
-    off_line = offset[..., 0] * direction[..., None, 1] - offset[..., 1] * direction[..., None, 0]
+    line = fit_line(profiles, before & (back > 1) & (back < NEAR_EDGE))
+    offset = profiles - line.point[..., None, :]
+    off_line = offset[..., 0] * line.direction[..., None, 1] - offset[..., 1] * line.direction[..., None, 0]
     face = there & (np.abs(off_line) < ON_FACE) & (np.abs(offset[..., 0]) < NEAR_EDGE)
     end = take(offset, face.shape[-1] - 1 - face[..., ::-1].argmax(axis=-1))
-    found = centre + (end * direction).sum(axis=-1, keepdims=True) * direction
+    found = line.point + (end * line.direction).sum(axis=-1, keepdims=True) * line.direction
     return np.where(drops.any(axis=-1)[..., None], found, np.nan)
 
 

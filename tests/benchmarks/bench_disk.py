@@ -1,0 +1,172 @@
+"""The noise studies against their own random numbers, against loops over peers' ellipse fits, and on two workers."""
+
+import statistics
+import time
+
+import numpy as np
+
+from profilecal.closed_form.disk import in_chord_frame, sensing_data_from_ellipse, solve_disk
+from profilecal.fitting import Ellipse
+from profilecal.montecarlo import ball_centres_seen, disk_study
+from profilecal.published_scenes import fig15_scans, fig17_scans
+
+SCANS = fig15_scans((-0.9, 0.32))
+SIGMA_MM, M, TRIALS = np.arange(1, 10) / 10, np.arange(10, 201, 10), 500
+REPEATS = 5
+
+
+def row(name, ours_s, reference, reference_s, ratio, target, met) -> dict:
+    return {
+        "name": name,
+        "ours_s": float(ours_s),
+        "reference": reference,
+        "reference_s": float(reference_s),
+        "ratio": float(ratio),
+        "target": target,
+        "met": bool(met),
+    }
+
+
+def medians(*functions, repeats: int = REPEATS, clock=time.process_time) -> list[float]:
+    """Median times of functions that take turns, so that a busy machine slows all alike."""
+    times = [[] for _ in functions]
+    for _ in range(repeats):
+        for function, taken in zip(functions, times, strict=True):
+            start = clock()
+            function()
+            taken.append(clock() - start)
+    return [statistics.median(taken) for taken in times]
+
+
+def study(workers=1, sigma_mm=SIGMA_MM, m=M, trials=TRIALS, **kind):
+    return disk_study(SCANS, sigma_mm, m, trials, np.random.default_rng(0), workers=workers, **kind)
+
+
+def draw(per_chord: int) -> None:
+    """The normals of the whole grid, from the streams and into the buffers that the study uses."""
+    for i, stream in enumerate(np.random.default_rng(0).spawn(len(SIGMA_MM) * len(M))):
+        buffer = np.empty((per_chord, TRIALS, M[i % len(M)]))
+        for _ in range(4):
+            stream.standard_normal(out=buffer)
+
+
+def against_the_draw(name, ours, per_chord, target) -> dict:
+    ours_s, draw_s = medians(ours, lambda: draw(per_chord))
+    ratio = ours_s / draw_s
+    return row(name, ours_s, "drawing its normals", draw_s, ratio, f"≤ {target} ×", ratio <= target)
+
+
+def ball_arcs() -> dict:
+    scans, arcs = fig17_scans(), 30
+    sizes = [len(scans.x_seen(circle)) for circle in scans.circles(arcs).reshape(-1, 3)]
+    buffer = np.empty(64 * max(sizes))
+
+    def only_draw():
+        rng = np.random.default_rng(0)
+        for points in sizes:
+            for first in range(0, TRIALS, 64):
+                rng.standard_normal(out=buffer[: points * min(64, TRIALS - first)])
+
+    ours_s, draw_s = medians(lambda: ball_centres_seen(scans, arcs, 0.4, TRIALS, np.random.default_rng(0)), only_draw)
+    ratio = ours_s / draw_s
+    return row("ball arcs, 500 × 240", ours_s, "drawing its normals", draw_s, ratio, "≤ 1.5 ×", ratio <= 1.5)
+
+
+def by_opencv(points) -> Ellipse:
+    import cv2
+
+    # the fit is in float32: about the mean, so that little is lost
+    mean = points.mean(axis=0)
+    centre, diameters, degrees = cv2.fitEllipseDirect((points - mean).astype(np.float32))
+    return ellipse_of_axes(mean + centre, np.array(diameters) / 2, np.radians(degrees))
+
+
+def by_skimage(points) -> Ellipse:
+    from skimage.measure import EllipseModel
+
+    found = EllipseModel.from_estimate(points)
+    return ellipse_of_axes(np.array(found.center), np.array(found.axis_lengths), found.theta)
+
+
+def ellipse_of_axes(centre, semi_axes, angle) -> Ellipse:
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    return Ellipse(centre, turn @ np.diag(np.square(semi_axes)) @ turn.T)
+
+
+def loop(fit, m: int, trials: int, sigma_mm: float) -> np.ndarray:
+    """Disk centres of `trials` calibrations one by one, from the random numbers of `disk_study`'s first stream."""
+    scans = SCANS
+    exact = scans.tips(m)
+    along = exact[:, :, 1] - exact[:, :, 0]
+    along /= np.linalg.norm(along, axis=-1, keepdims=True)
+    rng = np.random.default_rng(0).spawn(1)[0]
+    noise = np.sqrt(2) * sigma_mm * np.array([rng.standard_normal((2, trials, m, 1)) for _ in exact])
+    centres = np.empty((trials, 3))
+    for k in range(trials):
+        data = []
+        for i, tips in enumerate(exact):
+            total, difference = noise[i, :, k]
+            noisy = tips + np.stack([(total - difference) / 2, (total + difference) / 2], axis=1) * along[i][:, None]
+            centre, across, frame = in_chord_frame(fit(noisy.reshape(-1, 2)), along[i, 0])
+            ends = tips[[0, -1], 0] @ frame[1]
+            scan = scans.T_start[i], scans.T_end[i], scans.s[i], scans.disk.radius
+            data.append(sensing_data_from_ellipse(centre, across, ends, along[i, 0], *scan))
+        fields = (np.array([getattr(d, name) for d in data]) for name in ("T_tcp", "q", "D_i", "D_b"))
+        centres[k] = solve_disk(scans.R_tcp, *fields).translation.q_b
+    return centres - scans.disk.centre
+
+
+def against_a_loop(name: str, fit, times: int, closeness_mm: float) -> list[dict]:
+    m, sigma_mm = 100, 0.4
+    few, many = 100, 2000
+    ours_s, loop_s = medians(lambda: study(1, [sigma_mm], [m], many), lambda: loop(fit, m, few, sigma_mm), repeats=3)
+    ratio = (loop_s / few) / (ours_s / many)
+    fast = disk_study(SCANS, sigma_mm, m, few, np.random.default_rng(0), workers=1).centre_error[0, 0]
+    apart = np.abs(fast - loop(fit, m, few, sigma_mm)).max()
+    target = f"≥ {times} × faster, within {closeness_mm:g} mm"
+    met = ratio >= times and apart <= closeness_mm
+    return [
+        row(
+            f"one calibration, m = 100 (largest difference {apart:.0e} mm)",
+            ours_s / many,
+            name,
+            loop_s / few,
+            ratio,
+            target,
+            met,
+        )
+    ]
+
+
+def linear(name: str, small: dict, large: dict, factor: float) -> dict:
+    small_s, large_s = medians(lambda: study(**small), lambda: study(**large))
+    ratio = large_s / small_s / factor
+    return row(name, large_s, f"a {factor:g}th of it", small_s, ratio, "≤ 1.15 × in proportion", ratio <= 1.15)
+
+
+def rows() -> list[dict]:
+    cv_fit, sk_fit = by_opencv, by_skimage
+    one_s, two_s = medians(lambda: study(1, trials=1000), lambda: study(2, trials=1000), clock=time.perf_counter)
+    return [
+        against_the_draw("Fig. 15 grid, chord noise", study, 2, 2.0),
+        against_the_draw("Fig. 15 grid, isotropic noise", lambda: study(noise="isotropic"), 4, 2.5),
+        ball_arcs(),
+        *against_a_loop("loop with OpenCV's fitEllipseDirect", cv_fit, 50, 1e-3),
+        *against_a_loop("loop with scikit-image's EllipseModel", sk_fit, 100, 1e-9),
+        row(
+            "Fig. 15 grid × 2, two workers (wall time)",
+            two_s,
+            "one worker",
+            one_s,
+            one_s / two_s,
+            "≥ 1.7 × faster",
+            one_s / two_s >= 1.7,
+        ),
+        linear("m = 2000 against 200", {"sigma_mm": [0.4], "m": [200]}, {"sigma_mm": [0.4], "m": [2000]}, 10),
+        linear(
+            "5000 trials against 500",
+            {"sigma_mm": [0.4], "m": [100]},
+            {"sigma_mm": [0.4], "m": [100], "trials": 5000},
+            10,
+        ),
+    ]
