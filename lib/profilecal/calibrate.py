@@ -46,12 +46,12 @@ class Calibration:
     def to_json(self) -> dict:
         """The object that `profilecal calibrate --json` prints; data/README.md says what each entry is."""
         s, known = self.solution, self.status != "unobservable"
-        pose = "T_flange_sensor" if self.scans[0].mount == "eye-in-hand" else "T_base_sensor"
+        frame = "flange" if self.scans[0].mount == "eye-in-hand" else "base"
         observability, targets = None, None
         if s:
             observability = {
                 "singular_values": (1 / s.observability.sd).tolist(),
-                "worst_direction": name_direction(s.observability.directions[0], s.rotation),
+                "worst_direction": name_direction(s.observability.directions[0], s.rotation, frame),
             }
             targets = [
                 {"kind": scan.kind} | {key: np.asarray(value).tolist() for key, value in asdict(target).items()}
@@ -60,7 +60,7 @@ class Calibration:
             targets = targets[0] if len(targets) == 1 else targets
         return {
             "status": self.status,
-            pose: s.T_flange_sensor.tolist() if known else None,
+            f"T_{frame}_sensor": s.T_flange_sensor.tolist() if known else None,
             "covariance": s.covariance_mm_deg.tolist() if known else None,
             "translation_sd_mm": s.translation_sd_mm.tolist() if known else None,
             "rotation_sd_deg": s.rotation_sd_deg.tolist() if known else None,

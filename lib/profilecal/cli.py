@@ -91,7 +91,8 @@ def calibrate(folders, as_json, vendor, guess, report):
     else:
         click.echo(calibration.to_text(found))
     if vendor and known:
-        click.echo(for_controller(vendor, found.solution.T_flange_sensor))
+        frame = "flange" if found.scans[0].mount == "eye-in-hand" else "base"
+        click.echo(for_controller(vendor, found.solution.T_flange_sensor, frame))
     if report:
         write_the_report(folders, report, guess=list(guess or []))
     raise SystemExit(0 if known else 3)

@@ -292,7 +292,14 @@ def frame_name(found) -> str:
 def verdict(found) -> Html:
     """The status in words, what to do about it, and what else there is to say."""
     title, colour, text = VERDICTS[found.status]
-    notes = [message[0].upper() + message[1:] + "." * (message[-1] not in ".?!") for message in found.messages]
+    messages = [message for message in found.messages if " left out: " not in message]  # those have a table
+    left_out = len(found.messages) - len(messages)
+    if left_out:
+        total = sum(len(scan.labels) for scan in found.scans)
+        messages.append(
+            f"the target was not found in {left_out} of {total} profiles; the table under Residuals says why"
+        )
+    notes = [message[0].upper() + message[1:] + "." * (message[-1] not in ".?!") for message in messages]
     listed = "".join(f"<li>{escape(note)}</li>" for note in notes)
     html = f'<p style="margin:0"><strong style="font-size:1.15em">{title}.</strong> {text}</p>'
     html += f"<ul>{listed}</ul>" if notes else ""
@@ -559,9 +566,8 @@ def plot_profiles(scan, rejected=()) -> list[plt.Figure]:
         return []
     features = find_features(scan.kind, scan.values, scan.radius)
     valid = [values[np.isfinite(values).all(axis=1)] for values in scan.values]
-    extent = np.array([np.ptp(values, axis=0) for values in valid if len(values)])
-    width, height = 1.1 * np.percentile(extent, 98, axis=0)
-    cell = np.array([width, max(height, 0.35 * width)])
+    width, height = 1.1 * np.percentile([np.ptp(values, axis=0) for values in valid if len(values)], 90, axis=0)
+    cell = np.array([width, np.clip(height, 0.4 * width, 0.75 * width)])
     figures = []
     for first in range(0, len(features), PROFILES_DRAWN):
         page = range(first, min(first + PROFILES_DRAWN, len(features)))
@@ -571,39 +577,37 @@ def plot_profiles(scan, rejected=()) -> list[plt.Figure]:
 
 def profile_page(scan, features, page, cell, rejected, columns: int = 4) -> plt.Figure:
     """One figure of `plot_profiles`: all in one set of axes, each profile moved to its place, which draws fast."""
-    step = cell * [1.08, -1.45]
-    rows = -(-len(page) // columns)
-    figure, axes = plt.subplots(figsize=(5.6, 5.6 / columns * rows * 1.45 * cell[1] / (1.08 * cell[0]) + 0.4))
+    step, rows = cell * [1.05, -1.35], -(-len(page) // columns)
+    figure, axes = plt.subplots(figsize=(5.6, 5.6 / columns * (rows + 0.2) * step[1] / -step[0]))
     for k, i in enumerate(page):
-        values, feature, corner = scan.values[i], features[i], step * [k % columns, k // columns]
-        there = np.isfinite(values).all(axis=1)
-        if there.any():
-            middle = (values[there].min(axis=0) + values[there].max(axis=0)) / 2
-            place = corner - middle * [1, -1]
-            used = np.asarray(feature.used, dtype=bool) & there
-            for points, colour in ((values[there & ~used], "0.6"), (values[used], BLUE)):
-                axes.plot(*(points * [1, -1] + place).T, ".", ms=1.2, color=colour, rasterized=True)
-            if not feature.reason and scan.kind in ("edge", "point", "disk"):
-                axes.plot(*(feature.points * [1, -1] + place).T, "o", ms=5, mfc="none", mec=RED, mew=1.3)
-        bad = scan.labels[i] in rejected
-        note = "not found" if feature.reason else "rejected" if bad else ""
-        axes.text(
-            corner[0],
-            corner[1] + 0.68 * cell[1],
-            f"{shorten(scan.labels[i], 10)} {note}".strip(),
-            color=RED if note else "0.2",
-            ha="center",
-            va="center",
-            fontsize=8,
-        )
-    bar = 10 ** np.floor(np.log10(cell[0] / 2))
-    bottom = step * [0, rows - 1] + [-cell[0] / 2, -0.75 * cell[1]]
-    axes.plot([bottom[0], bottom[0] + bar], [bottom[1]] * 2, color="black", lw=2)
-    axes.text(bottom[0] + 1.1 * bar, bottom[1], f"{bar:g} mm", va="center", fontsize=8)
-    axes.set(aspect="equal", xlim=(-0.55 * cell[0], step[0] * (columns - 1) + 0.55 * cell[0]))
-    axes.set_ylim(bottom[1] - 0.1 * cell[1], 0.85 * cell[1])
+        feature, corner = features[i], step * [k % columns, k // columns]
+        note = "not found" if feature.reason else "rejected" if scan.labels[i] in rejected else ""
+        axes.add_patch(plt.Rectangle(corner - cell / 2, *cell, fill=False, ec="0.8", lw=0.6))
+        text = f"{shorten(scan.labels[i], 10)} {note}".strip()
+        axes.text(*(corner + [0, 0.54 * cell[1]]), text, color=RED if note else "0.2", ha="center", fontsize=8)
+        draw_profile(axes, scan, scan.values[i], feature, corner, cell)
+    bar, left = 10 ** np.floor(np.log10(cell[0] / 2)), -cell[0] / 2
+    bottom = (rows - 0.5) * step[1] + 0.05 * cell[1]
+    axes.plot([left, left + bar], [bottom] * 2, color="black", lw=2)
+    axes.text(left + 1.15 * bar, bottom, f"{bar:g} mm", va="center", fontsize=8)
+    axes.set(aspect="equal", xlim=(left, step[0] * (columns - 1) - left), ylim=(bottom - 0.1 * cell[1], 0.8 * cell[1]))
     axes.axis("off")
     return figure
+
+
+def draw_profile(axes, scan, values, feature, corner, cell) -> None:
+    """One profile, depth downwards, within a cell around `corner`: the points that its feature rests on in blue."""
+    there = np.isfinite(values).all(axis=1)
+    if not there.any():
+        return
+    used = np.asarray(feature.used, dtype=bool) & there
+    shown = values[used] if used.any() else values[there]
+    middle = (shown.min(axis=0) + shown.max(axis=0)) / 2
+    inside = there & (np.abs(values - middle) < cell / 2).all(axis=1)
+    for points, colour in ((values[inside & ~used], "0.6"), (values[inside & used], BLUE)):
+        axes.plot(*((points - middle) * [1, -1] + corner).T, ".", ms=1.2, color=colour, rasterized=True)
+    if not feature.reason and scan.kind in ("edge", "disk"):
+        axes.plot(*((feature.points - middle) * [1, -1] + corner).T, "o", ms=5, mfc="none", mec=RED, mew=1.3)
 
 
 def profile_words(found) -> Html:
@@ -611,8 +615,9 @@ def profile_words(found) -> Html:
     raw = [scan for scan in found.scans if scan.measured == "profiles"]
     if raw:
         marks = {"ball": "the points taken for the ball", "plane": "the points taken for the plane"}
-        text = "Each profile as the scanner saw it, depth downwards, all at one scale. Blue: " + " or ".join(
-            sorted({marks.get(scan.kind, "the points that the feature rests on") for scan in raw})
+        text = (
+            "Each profile as the scanner saw it, depth downwards, all at one scale, around the feature. Blue: "
+            + " or ".join(sorted({marks.get(scan.kind, "the points that the feature rests on") for scan in raw}))
         )
         text += "; red circle: the feature found." if any(s.kind not in marks for s in raw) else "."
     else:
@@ -672,7 +677,7 @@ def directions_table(found) -> Html:
     if not found.solution:
         return Html("<p>There are fewer measurements than unknowns.</p>", "There are fewer measurements than unknowns.")
     s = found.solution.observability
-    words = [name_direction(d, found.solution.rotation) for d in s.directions]
+    words = [name_direction(d, found.solution.rotation, frame_name(found)) for d in s.directions]
     size = [f"{sd * BY_HAND_MM:.2g} mm or {sd * BY_HAND_DEG:.2g}°" if sd < 10 else "unknown" for sd in s.sd]
     frame = pd.DataFrame({" ": range(1, 7), "direction of the sensor's pose": words, "standard deviation": size})
     return html_table(frame)
@@ -682,7 +687,7 @@ def export_block(found) -> Html:
     """The sensor's pose as each controller takes it."""
     if found.status == "unobservable":
         return Html("<p>Nothing to export.</p>", "Nothing to export.")
-    lines = {vendor: for_controller(vendor, found.solution.T_flange_sensor) for vendor in VENDORS}
+    lines = {vendor: for_controller(vendor, found.solution.T_flange_sensor, frame_name(found)) for vendor in VENDORS}
     html = "".join(f"<h4>{CONTROLLERS[vendor]}</h4><pre>{escape(line)}</pre>" for vendor, line in lines.items())
     return Html(html, "\n".join(f"{CONTROLLERS[vendor]}\n{line}\n" for vendor, line in lines.items()))
 
