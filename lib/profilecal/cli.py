@@ -136,6 +136,21 @@ def verify(folder, pose):
     raise SystemExit(0 if found.as_expected else 1)
 
 
+@main.command("import")
+@click.argument("source", type=click.Choice(["handeyesync"]))
+@click.argument("measurements", type=click.Path(path_type=Path))
+@click.argument("folder", type=click.Path(path_type=Path))
+@click.option("--picked", is_flag=True, help="Take the points picked by hand instead of the profiles.")
+def import_(source, measurements, folder, picked):
+    """Write measurements of another project, SOURCE, as a scan into a new FOLDER."""
+    from profilecal.handeyesync import read_handeyesync
+    from profilecal.scan import write_scan
+
+    with refusing():
+        write_scan(read_handeyesync(measurements, picked=picked), folder)
+    click.echo(f"{folder}/ written")
+
+
 def print_scorecard(frame):
     """The scorecard as a table on the terminal."""
     from rich.console import Console

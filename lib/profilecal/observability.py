@@ -104,7 +104,8 @@ def explain(found: Spectrum, R_sensor, R_flange) -> list[str]:
     known = f"known only to {sd * BY_HAND_MM:.2g} mm or {sd * BY_HAND_DEG:.2g}°" if sd < 10 else "left open"
     verb = "cannot be determined" if found.status == "unobservable" else "is poorly determined"
     if angles[0] < LEAST_TURN_DEG:
-        why = f"all flange orientations agree within {max(angles[0], 0.01):.2g}°; add poses tilted by 15° or more about two axes"
+        agree = f"all flange orientations agree within {max(angles[0], 0.01):.2g}°"
+        why = f"{agree}; add poses tilted by 15° or more about two axes"
     elif angles[2] < LEAST_TURN_DEG:
         tilt = name_axis(axis, "flange")
         others = [c for c in "xyz" if not tilt.endswith(f"'s {c}")]
