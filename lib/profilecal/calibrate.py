@@ -177,7 +177,11 @@ def observations(scan: Scan) -> tuple[np.ndarray, np.ndarray, float | None, list
     themselves, mm, where there are any, and why the other poses did not see it."""
     if scan.measured == "profiles":
         found = find_features(scan.kind, scan.values, scan.radius)
-        why = [f"pose {label} left out: {f.reason}" for label, f in zip(scan.labels, found, strict=True) if f.reason]
+        reasons = {}
+        for label, feature in zip(scan.labels, found, strict=True):
+            if feature.reason:
+                reasons.setdefault(feature.reason, []).append(label)
+        why = [f"{len(labels)} left out, {reason}: {', '.join(labels)}" for reason, labels in reasons.items()]
         poses = np.flatnonzero([not f.reason for f in found])
         most = max((len(found[i].points) for i in poses), default=1)
         points = np.full((len(poses), most, 2), np.nan)
