@@ -81,9 +81,9 @@ def solve_ball_from_arcs(
 ) -> TwoStepSolution:
     """As `solve_ball`, from the arcs that the scanner saw of a ball of known radius, mm; one or more arcs a pose.
 
-    R_tcp (n, 3, 3); T_tcp: for each pose an array (k, 3) of flange positions, mm; arcs: for each pose k arrays (p, 2) of
-    points x, z; side (n,): +1 where the ball's centre lies towards the sensor's +y, else -1 (Section IV-A). `fit` as in
-    `fitting.fit_circle`. The equations are linear in positions and centres, so those of a pose are averaged.
+    R_tcp (n, 3, 3); T_tcp: for each pose an array (k, 3) of flange positions, mm; arcs: for each pose k arrays (p, 2)
+    of points x, z; side (n,): +1 where the ball's centre lies towards the sensor's +y, else -1 (Section IV-A). `fit`:
+    see `fitting.fit_circle`. The equations are linear in positions and centres, so those of a pose are averaged.
 
     Raises ValueError for malformed input, UnobservableError for poses that cannot determine the answer.
     """
@@ -100,8 +100,8 @@ def solve_ball_from_arcs(
         missed = np.flatnonzero(~(circles[:, 2] < 1.1 * radius))
         if missed.size:
             raise ValueError(
-                f"pose {i}, arc {missed[0]}: its circle has the radius {circles[missed[0], 2]:.4g} mm; expected at most "
-                f"the ball's, {radius:g} mm, and a little for noise"
+                f"pose {i}, arc {missed[0]}: its circle has the radius {circles[missed[0], 2]:.4g} mm; expected at "
+                f"most the ball's, {radius:g} mm, and a little for noise"
             )
         q[i] = Ball(np.zeros(3), radius).centre_from_circle(circles, side[i]).mean(axis=0)
     return solve_ball(R_tcp, T_mean, q, translating, **readings)
