@@ -179,7 +179,7 @@ def _end(process: subprocess.Popen) -> None:
     with contextlib.suppress(BrokenPipeError):
         process.stdin.close()  # which it takes as the wish to end
     try:
-        process.wait(5)
+        process.wait(10)
     except subprocess.TimeoutExpired:
         process.kill()
         process.wait()
@@ -264,8 +264,8 @@ def _read_jobs(jobs: queue.SimpleQueue, busy: threading.Event) -> None:
         jobs.put(json.loads(line))
     jobs.put(None)
     if busy.is_set():
-        os.kill(os.getpid(), signal.SIGTERM)  # nbclient ends its kernel
-        time.sleep(4)
+        os.kill(os.getpid(), signal.SIGTERM)  # nbclient asks its kernel to end, and kills it after five seconds
+        time.sleep(8)
         os._exit(1)
 
 

@@ -26,6 +26,7 @@ if TYPE_CHECKING:  # notebooks import this module for `record`, which should not
 
 MIME = "application/vnd.profilecal.record"
 ATTEMPTS = 2  # at a run whose kernel dies or hangs
+PATIENCE_S = 10  # with a scheduler that does not answer
 
 
 @dataclass(frozen=True)
@@ -358,7 +359,7 @@ def _cluster(scheduler: str | None, scratch: Path):
 
     if scheduler:
         try:
-            client = Client(scheduler, timeout=10, set_as_default=False)
+            client = Client(scheduler, timeout=PATIENCE_S, set_as_default=False)
         except (OSError, ValueError) as error:
             raise OSError(f"no Dask scheduler answers at {scheduler}") from error
         with client:
@@ -366,7 +367,12 @@ def _cluster(scheduler: str | None, scratch: Path):
             client.run(notebooks.stop_idle)
         return
     options = {"processes": False, "n_workers": 1, "threads_per_worker": notebooks.cores(), "memory_limit": None}
-    address = {"protocol": "tcp", "host": "127.0.0.1", "dashboard_address": None, "silence_logs": logging.ERROR}
+    address = {
+        "protocol": "tcp",
+        "host": "127.0.0.1",
+        "dashboard_address": "127.0.0.1:0",
+        "silence_logs": logging.ERROR,
+    }
     with (
         LocalCluster(**options, **address, local_directory=str(scratch)) as cluster,
         Client(cluster, set_as_default=False) as client,
