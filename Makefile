@@ -14,7 +14,8 @@ test: .venv/installed
 notebooks: .venv/installed # execute the committed notebooks in place, keeping only the metadata that matters
 	@jupyter nbconvert --log-level=WARN --to notebook --execute --inplace --ExecutePreprocessor.record_timing=False \
 	    --ClearMetadataPreprocessor.enabled=True --ClearMetadataPreprocessor.preserve_cell_metadata_mask=tags \
-	    --ClearMetadataPreprocessor.preserve_nb_metadata_mask=kernelspec $(sort $(wildcard notebooks/*.ipynb))
+	    --ClearMetadataPreprocessor.preserve_nb_metadata_mask=kernelspec \
+	    $(sort $(filter-out notebooks/00_%,$(wildcard notebooks/*.ipynb))) $(wildcard notebooks/00_*.ipynb)
 
 lock: .venv/installed # the newest version of everything, pinned
 	@{ echo "# Every version pinned, by \`make lock\`. Works with plain pip: pip install -r environment.txt" && \

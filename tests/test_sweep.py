@@ -165,7 +165,7 @@ def test_finished_runs_are_kept_and_stale_or_failed_ones_repeated(tmp_path, monk
     first = sweep.sweep(notebook, grid, output)
     before = landed(output)
     ((name, why),) = first.failed.items()
-    assert why == "cell 2: AssertionError: too many"
+    assert why == "error in cell 2: AssertionError: too many"
     assert "Traceback" in (output / "runs" / f"{name}.ipynb").read_text()
     assert list(first.table["status"]) == ["done", "failed"]
     assert first.table["y"][0] == 0.5

@@ -99,9 +99,10 @@ def print_scorecard(frame):
 
     colours = {"reproduced": "green", "compatible": "yellow", "differs": "red"}
     columns = ["paper", "item", "quantity", "published", "ours", "unit", "tolerance", "verdict"]
-    table = Table()
+    table = Table(padding=0)
     for column in columns:
-        table.add_column(column, justify="right" if column in ("published", "ours", "tolerance") else "left")
+        number = column in ("published", "ours", "tolerance")
+        table.add_column(column, justify="right" if number else "left", overflow="fold")
     for values in to_text(frame)[columns].to_dict("records"):
         values["verdict"] = f"[{colours.get(values['verdict'], 'default')}]{values['verdict']}[/]"
         table.add_row(*values.values())

@@ -239,7 +239,7 @@ def _main() -> None:
         try:
             papermill.execute_notebook(source, output, parameters, **options)
         except papermill.PapermillExecutionError as error:
-            return f"failed cell {error.cell_index}: {error.ename}: {error.evalue}"
+            return f"failed error in cell {error.cell_index}: {error.ename}: {error.evalue}"
         except OSError as error:
             return f"system {error.errno or 5} {error.strerror or error}"
         except RuntimeError as error:  # nbclient's for a kernel that dies or does not start

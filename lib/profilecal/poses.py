@@ -14,6 +14,14 @@ def rotation_from_xyz_angles(angles) -> np.ndarray:
     return matrices.reshape(*angles.shape[:-1], 3, 3)
 
 
+def xyz_angles_from_rotation(matrix) -> np.ndarray:
+    """The angles (a, b, c) in radians, (..., 3), of R = Rz(c) Ry(b) Rx(a); a in [0, 2π), which does not jump near π."""
+    matrix = np.asarray(matrix, dtype=float)
+    angles = Rotation.from_matrix(matrix.reshape(-1, 3, 3)).as_euler("xyz").reshape(*matrix.shape[:-2], 3)
+    angles[..., 0] %= 2 * np.pi
+    return angles
+
+
 def nearest_rotation(matrix) -> np.ndarray:
     """The rotations closest in the Frobenius norm to matrices (..., 3, 3); never reflections.
 

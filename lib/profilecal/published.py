@@ -1,10 +1,12 @@
 """The numbers that the two papers print, read from data/published, with the digits they were printed in."""
 
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from scipy.optimize import least_squares
 
 FILES = {"disk": "disk_chen_2018.csv", "edge": "edge_xu_2021.csv"}
 
@@ -57,7 +59,51 @@ def half_unit(paper: str, item: str, quantity: str) -> float:
     return _entries(paper, item, quantity)["half_unit"].max()
 
 
-def unrounded(paper: str, item: str, quantity: str, size: int, rng: np.random.Generator) -> np.ndarray:
-    """`size` draws (size, rows, components) from the rounding box: numbers that would be printed as these are."""
-    printed = values(paper, item, quantity)
-    return printed + half_unit(paper, item, quantity) * rng.uniform(-1, 1, (size, *printed.shape))
+@dataclass(frozen=True)
+class RoundingBox:
+    """All tables that would be printed as this one is: each number free within half a unit of its last digit."""
+
+    paper: str
+    item: str
+    quantities: tuple[str, ...]
+
+    @property
+    def size(self) -> int:
+        """How many numbers the table has."""
+        return sum(values(self.paper, self.item, name).size for name in self.quantities)
+
+    def at(self, place) -> dict[str, np.ndarray]:
+        """The tables at places (..., size) of the box, -1 to 1 along each axis; 0 is the table as printed."""
+        place, tables, start = np.asarray(place, dtype=float), {}, 0
+        for name in self.quantities:
+            printed = values(self.paper, self.item, name)
+            offset = place[..., start : start + printed.size].reshape(*place.shape[:-1], *printed.shape)
+            tables[name] = printed + half_unit(self.paper, self.item, name) * offset
+            start += printed.size
+        return tables
+
+    def draw(self, count: int, rng: np.random.Generator) -> dict[str, np.ndarray]:
+        """`count` tables drawn uniformly from the box, each quantity (count, rows, components)."""
+        return self.at(rng.uniform(-1, 1, (count, self.size)))
+
+    def reach(self, compute, target, unit) -> tuple[np.ndarray, float]:
+        """Look inside the box for a table from which `compute` gives `target`.
+
+        `compute(tables)` maps tables with any leading axes to (..., k); target and unit are (k,). Returns the place
+        (size,) found and the largest of |compute - target| / unit there; the search ends once that is 1 or less.
+        A large value is no proof of absence.
+        """
+
+        def mismatch(angle):  # place = sin(angle) keeps inside the box without constraints
+            return (compute(self.at(np.sin(angle))) - target) / unit
+
+        def jacobian(angle):
+            steps = 1e-4 * np.eye(self.size)
+            return ((mismatch(angle + steps) - mismatch(angle - steps)) / 2e-4).T
+
+        def reached(intermediate_result):
+            if np.abs(intermediate_result.fun).max() <= 1:
+                raise StopIteration
+
+        found = least_squares(mismatch, np.zeros(self.size), jacobian, max_nfev=60, callback=reached)
+        return np.sin(found.x), np.abs(found.fun).max()

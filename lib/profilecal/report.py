@@ -6,6 +6,8 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 
 from profilecal.scorecard import Scorecard
 
@@ -94,6 +96,29 @@ def plot_columns(frame: pd.DataFrame, x: str, y: str, hue: str, folder: Path) ->
     figure.savefig(place.with_suffix(".svg"))
     plt.close(figure)
     return place
+
+
+def plot_rounding(axes, draws, published: float, ours: float, name: str) -> None:
+    """One quantity under the rounding of a printed table: all results that the table allows, and the published one."""
+    low, high = np.percentile(draws, [2.5, 97.5])
+    axes.hist(draws, bins=60, density=True, color=SKY, alpha=0.6)
+    axes.axvspan(low, high, color=SKY, alpha=0.25, lw=0)
+    axes.axvline(ours, color=BLUE, lw=1.5)
+    axes.axvline(published, color=RED, lw=2, ls="--")
+    axes.set(xlabel=name, yticks=[])
+    axes.spines["left"].set_visible(False)
+    axes.locator_params(axis="x", nbins=3)
+    axes.ticklabel_format(axis="x", useOffset=False)
+
+
+def rounding_legend(figure: plt.Figure) -> None:
+    """The key to `plot_rounding`, once for a figure."""
+    handles = [
+        Line2D([], [], color=RED, lw=2, ls="--", label="published"),
+        Line2D([], [], color=BLUE, lw=1.5, label="ours, from the table as printed"),
+        Patch(color=SKY, alpha=0.6, label="ours, from tables that round to it (band: 95 % of them)"),
+    ]
+    figure.legend(handles=handles, loc="outside lower center", ncols=3)
 
 
 def draw_frame(axes, rotation, origin, length: float, name: str = "") -> None:

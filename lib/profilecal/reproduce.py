@@ -47,7 +47,9 @@ def reproduce(paths: list[Path], given: dict, output: Path) -> tuple[pd.DataFram
     (output / "run.json").write_text(json.dumps({"notebooks": [path.stem for path in paths], "parameters": given}))
 
     failed = {}
-    total = sum(notebooks.count_cells(path) for path in paths)
+    total = sum(
+        notebooks.count_cells(path) + bool(parameters[path]) for path in paths
+    )  # papermill adds a cell for them
     with tqdm(total=total, unit="cell", disable=None, bar_format="{l_bar}{bar}| {n}/{total} cells {elapsed}") as bar:
 
         def execute(path: Path) -> float:

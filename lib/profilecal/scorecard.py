@@ -1,6 +1,7 @@
 """What a paper printed beside what we found: rows, verdicts, and how they travel inside executed notebooks."""
 
 import json
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,9 +12,11 @@ COLUMNS = ["paper", "item", "quantity", "published", "ours", "unit", "tolerance"
 PAPERS = {"disk": "Chen 2018", "edge": "Xu 2021"}
 
 
-def significant(value: float | None) -> float | None:
-    """Four significant digits: as much as is worth comparing between machines."""
-    return None if value is None else float(f"{value:.4g}")
+def readable(value: float | None, tolerance: float | None) -> float | None:
+    """As many digits as are worth comparing: three of the tolerance, or four of the value where there is none."""
+    if value is None or not tolerance:
+        return None if value is None else float(f"{value:.4g}")
+    return round(float(value), max(0, 2 - math.floor(math.log10(tolerance))))
 
 
 def row(paper, item, quantity, published, ours, unit, tolerance=None, *, free="", note="") -> dict:
@@ -29,8 +32,7 @@ def row(paper, item, quantity, published, ours, unit, tolerance=None, *, free=""
     else:
         verdict = "compatible" if free else "reproduced"
     notes = "; ".join(filter(None, (f"free: {free}" if free else "", note)))
-    numbers = (significant(float(n)) if n is not None else None for n in (published, ours, tolerance))
-    published, ours, tolerance = numbers
+    published, ours, tolerance = (readable(number, tolerance) for number in (published, ours, tolerance))
     values = (PAPERS[paper], item, quantity, published, ours, unit, tolerance, verdict, "", notes)
     return dict(zip(COLUMNS, values, strict=True))
 
@@ -68,7 +70,7 @@ def to_text(frame: pd.DataFrame) -> pd.DataFrame:
     """The table with its numbers as people read them."""
     frame = frame.copy()
     for column in ("published", "ours", "tolerance"):
-        frame[column] = [("" if pd.isna(value) else f"{value:.4g}") for value in frame[column]]
+        frame[column] = [("" if pd.isna(value) else f"{value:.7g}") for value in frame[column]]
     return frame.fillna("")
 
 

@@ -99,8 +99,8 @@ def solve_tetra_ball(q_b, q_i) -> TetraBallSolution:
         singular = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
         if singular[1] < np.radians(LEAST_SPREAD_DEG) * singular[0] or singular[0] == 0:
             raise UnobservableError(
-                f"{name}: all {len(points)} points lie on one line (spread along and across it {singular[0]:.3g} and "
-                f"{singular[1]:.2g} mm), so the rotation about it cannot be known; add a point off the line"
+                f"{name}: all {len(points)} points lie on one line (within {singular[1]:.3f} mm), so "
+                "the rotation about it cannot be known; add a point off the line"
             )
 
     centre_b, centre_i = q_b.mean(axis=0), q_i.mean(axis=0)

@@ -1,0 +1,45 @@
+"""Random well-conditioned scenes with known answers, for the closed forms that start from sensing data."""
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+
+def sensor(rng):
+    """A sensor pose on the flange: any orientation, up to 400 mm away."""
+    return Rotation.random(rng=rng).as_matrix(), rng.uniform(-400, 400, 3)
+
+
+def tilted(rng, count):
+    """Flange orientations: one of any kind, tilted by 30° about axes spread evenly around a circle."""
+    around = 2 * np.pi * np.arange(count) / count
+    tilts = Rotation.from_rotvec(np.radians(30) * np.column_stack([np.cos(around), np.sin(around), 0 * around]))
+    return (Rotation.random(rng=rng) * tilts).as_matrix()
+
+
+def see(rng, R_tcp, R_sensor, T_sensor):
+    """Flange positions T_tcp and readings q from which one fixed point is seen."""
+    q, point = rng.uniform(-60, 60, (len(R_tcp), 3)), rng.uniform(-500, 500, 3)
+    return point - np.einsum("nab,nb->na", R_tcp, q @ R_sensor.T + T_sensor), q
+
+
+def disk_data(rng, poses=4):
+    """(R_sensor, T_sensor), (R_tcp, T_tcp, q, D_i, D_b)."""
+    R_sensor, T_sensor = sensor(rng)
+    R_tcp = tilted(rng, poses)
+    T_tcp, q = see(rng, R_tcp, R_sensor, T_sensor)
+    directions = Rotation.random(rng=rng).as_matrix() @ np.array([[1, 0, 0.3], [0, 1, 0.3], [-1, -1, 1], [1, -1, 1]]).T
+    D_i = directions.T[np.arange(poses) % 4] * rng.uniform(100, 300, (poses, 1))
+    return (R_sensor, T_sensor), (R_tcp, T_tcp, q, D_i, np.einsum("nab,bc,nc->na", R_tcp, R_sensor, D_i))
+
+
+def ball_data(rng, translating=4, turning=4):
+    """(R_sensor, T_sensor), (R_tcp, T_tcp, q, translating)."""
+    R_sensor, T_sensor = sensor(rng)
+    turned = tilted(rng, turning)
+    R_tcp = np.concatenate([np.repeat(Rotation.random(rng=rng).as_matrix()[None], translating, axis=0), turned])
+    T_tcp, q = see(rng, R_tcp, R_sensor, T_sensor)
+    corners = 40 * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])[np.arange(translating) % 4]
+    shift = corners + rng.uniform(-5, 5, (translating, 3)) - q[:translating]
+    q[:translating] += shift
+    T_tcp[:translating] -= np.einsum("nab,bc,nc->na", R_tcp[:translating], R_sensor, shift)
+    return (R_sensor, T_sensor), (R_tcp, T_tcp, q, translating)
