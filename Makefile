@@ -2,7 +2,7 @@
 PYTHON ?= python3
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 
-.PHONY: reproduce test notebooks lock clean
+.PHONY: reproduce test bench notebooks lock clean
 
 reproduce: .venv/installed
 	@profilecal reproduce
@@ -10,6 +10,10 @@ reproduce: .venv/installed
 test: .venv/installed
 	@ruff check . && ruff format --check .
 	@pytest -n auto --dist loadfile --nbval --nbval-current-env --nbval-cell-timeout=600 tests notebooks
+
+bench: .venv/installed # CPU time against peers, which the extra installs; writes results/bench.csv
+	@{ command -v uv >/dev/null && uv pip install -q --python .venv/bin/python -e ".[bench]" || .venv/bin/pip install -q -e ".[bench]"; }
+	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 python tests/benchmarks/run.py
 
 notebooks: .venv/installed # execute the committed notebooks in place, keeping only the metadata that matters
 	@jupyter nbconvert --log-level=WARN --to notebook --execute --inplace --ExecutePreprocessor.record_timing=False \

@@ -17,6 +17,7 @@ class Noise:
     orientation_deg: float = 0.0  # robot orientation, about each axis, fresh at each pose
     group_position_mm: float = 0.0  # the part of the position error that a rotation group shares
     group_orientation_deg: float = 0.0
+    steering_mm: float = 0.0  # marked points: how far the operator leaves the scan plane from the point
 
 
 def actual_poses(poses: Poses, noise: Noise, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:

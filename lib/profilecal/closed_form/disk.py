@@ -1,15 +1,278 @@
-"""The disk method from its sensing data: Section III-C of the disk paper (Chen et al. 2018), Eqs 14-20."""
+"""The disk method of Chen et al. 2018: chords to sensing data (Section III-B), sensing data to pose (III-C, III-D)."""
+
+from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
-from profilecal.checks import check_count, check_rotations, check_vectors
+from profilecal.checks import UnobservableError, check_count, check_rotations, check_vectors
 from profilecal.closed_form.two_step import (
+    LEAST_SPREAD_DEG,
     TwoStepSolution,
     check_directions,
     check_orientations,
     solve_rotation,
     solve_translation,
 )
+from profilecal.fitting import fit_ellipse
+
+LEAST_BEND = 5.0  # standard errors by which chord lengths must bend along a scan, to show a disk at all
+WRONG_SIDE_DEG = 3.0  # largest angle between R D_i and D_b that noise is believed to explain
+
+
+@dataclass(frozen=True)
+class SensingData:
+    """What Section III-B makes of the chords of a scan, with every quantity on the way."""
+
+    T_tcp: np.ndarray  # (..., 3) flange position at which the scan plane passes through the disk's centre, mm, Eq. 10
+    q: np.ndarray  # (..., 3) the disk's centre in the sensor frame, mm, Eq. 11
+    D_i: np.ndarray  # (..., 3) from one tangent position to the other, sensor frame, mm, Eq. 12
+    D_b: np.ndarray  # (..., 3) the same in the base frame, mm, Eq. 13
+    direction: np.ndarray  # (..., 2) unit vector of the chords, x and z of the sensor frame
+    e: np.ndarray  # (..., 5, 2) the elliptic points in the rotated frame, mm, Eq. 5
+    eta: np.ndarray  # (..., 5) Eq. 7
+    cos_alpha: np.ndarray  # (...) the argument of Eq. 9's arccos; noise can push it out of [-1, 1]
+
+    @property
+    def alpha(self) -> np.ndarray:
+        """Angle between the scan plane and the disk in radians, Eq. 9; 0 or π where the arccos does not exist."""
+        return np.arccos(np.clip(self.cos_alpha, -1, 1))
+
+    @property
+    def clipped(self) -> np.ndarray:
+        """Where Eq. 9's arccos does not exist, (...)."""
+        return ~(np.abs(self.cos_alpha) <= 1)
+
+    @property
+    def extent(self) -> np.ndarray:
+        """First and last chord as signed fractions of the radius, (..., 2), -1 and 1 where the plane is tangent."""
+        t = self.eta[..., 2:3]  # where along the way from first to last chord, counted from the last, the centre is
+        half = (self.eta[..., 0:1] - self.eta[..., 1:2]) / 2
+        return np.concatenate([(t - 1) / half, t / half], axis=-1)
+
+
+def sensing_data(tips, T_start, T_end, s, radius: float, heights: str = "regression") -> SensingData:
+    """Sensing data of scans from their chords' tips (..., m, 2, 2), in order of the motion: Eqs 4-13, no guards.
+
+    T_start and T_end (..., 3), mm: flange positions of the first and the last chord; s (...): +1 where the motion is
+    towards the sensor's +y, else -1. Each chord: the tip of smaller x, then the other, as x and z.
+
+    `heights` says how the first and the last chord are placed on the ellipse (points e4 and e5):
+    "published" intersects those two chords with e1e2, so that their noise stays however many chords there are;
+    "regression" fits a line to the heights of all chords, which the motion spaces evenly.
+    """
+    ellipse = fit_ellipse(tips.reshape(*tips.shape[:-3], -1, 2))
+    first, second = tips[..., 0, :], tips[..., 1, :]
+    along = (second - first).mean(axis=-2)
+    along = along / np.linalg.norm(along, axis=-1, keepdims=True)
+    frame = np.stack([along, np.stack([-along[..., 1], along[..., 0]], axis=-1)], axis=-2)  # rows x̄, z̄: R_θ
+    centre = np.einsum("...ab,...b->...a", frame, ellipse.centre)
+    across = np.einsum("...ab,...bc,...c->...a", frame, ellipse.shape, frame[..., 1, :])  # (S_xz, S_zz)
+
+    if heights == "regression":
+        ends = _regressed_heights(np.einsum("...ma,...a->...m", (first + second) / 2, frame[..., 1, :]))
+    elif heights == "published":
+        slope = across[..., 0] / across[..., 1]
+        ends = _crossing_heights(np.einsum("...mta,...ba->...mtb", tips[..., [0, -1], :, :], frame), centre, slope)
+    else:
+        raise ValueError(f"heights is {heights!r}; expected 'regression' or 'published'")
+    return sensing_data_from_ellipse(centre, across, ends, along, T_start, T_end, s, radius)
+
+
+def sensing_data_from_ellipse(centre, across, ends, along, T_start, T_end, s, radius: float) -> SensingData:
+    """The sensing data (Eqs 5-13) from the fitted ellipse in the rotated frame, whose x̄ runs along the chords.
+
+    centre (..., 2) and across = (S_xz, S_zz) (..., 2) of its shape S, mm and mm²; ends (..., 2): heights z̄ of the first
+    and the last chord, mm; along (..., 2): x̄ in the sensor frame. The rest as in `sensing_data`.
+    """
+    # a chord at height z̄ has its middle at centre + (z̄ - z̄_3) across / S_zz
+    reach = np.sqrt(across[..., 1])
+    z3 = centre[..., 1]
+    way = np.where(ends[..., 1] < ends[..., 0], -1.0, 1.0) * reach
+    z = np.stack([z3 - way, z3 + way, z3, ends[..., 0], ends[..., 1]], axis=-1)
+    x = centre[..., :1] + (z - z3[..., None]) * (across[..., 0] / across[..., 1])[..., None]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        eta = (z - z[..., 4:]) / (z[..., 3:4] - z[..., 4:])  # Eq. 7: all five points are on one line
+
+    T = eta[..., None] * T_start[..., None, :] + (1 - eta[..., None]) * T_end[..., None, :]  # Eq. 8
+    D_b = T[..., 1, :] - T[..., 0, :]
+    dx, dz = x[..., 0] - x[..., 1], z[..., 0] - z[..., 1]
+    cos_alpha = (np.einsum("...a,...a->...", D_b, D_b) - dx**2 - dz**2 - 4 * radius**2) / (4 * radius * dz)
+    inside = np.clip(cos_alpha, -1, 1)
+    y = 2 * radius * s * np.sqrt(1 - inside * inside)
+    D_i = _to_sensor(along, dx, y, dz + 2 * radius * inside)
+    q = _to_sensor(along, x[..., 2], np.zeros_like(y), z3)
+    return SensingData(T[..., 2, :], q, D_i, D_b, along, np.stack([x, z], axis=-1), eta, cos_alpha)
+
+
+def _to_sensor(along, x, y, z) -> np.ndarray:
+    """R_θ⁻¹ (x, y, z)."""
+    cx, cz = along[..., 0], along[..., 1]
+    return np.stack([cx * x - cz * z, y, cz * x + cx * z], axis=-1)
+
+
+def _regressed_heights(heights) -> np.ndarray:
+    """First and last value (..., 2) of the straight line through heights (..., m) at equal steps."""
+    m = heights.shape[-1]
+    step = np.linspace(-1, 1, m)
+    slope = heights @ step / (step @ step)
+    return heights.mean(axis=-1)[..., None] + slope[..., None] * np.array([-1.0, 1.0])
+
+
+def _crossing_heights(chords, centre, slope) -> np.ndarray:
+    """Heights at which chords (..., 2, 2, 2) meet e1e2, the line through `centre` with dx/dz = slope; rotated frame."""
+    (xa, za), (xb, zb) = np.moveaxis(chords, (-2, -1), (0, 1))
+    rise = (zb - za) / (xb - xa)
+    x_at_0 = (centre[..., 0] - slope * centre[..., 1])[..., None]
+    return (za + rise * (x_at_0 - xa)) / (1 - rise * slope[..., None])
+
+
+@dataclass(frozen=True)
+class DiskSolution:
+    """The sensor pose from raw chords, the sensing data it rests on, and what is to be said about them."""
+
+    sensing: SensingData  # leading axis: scans
+    solution: TwoStepSolution
+    remarks: tuple[str, ...]
+
+    @property
+    def R_sensor(self) -> np.ndarray:
+        return self.solution.R_sensor
+
+    @property
+    def T_sensor(self) -> np.ndarray:
+        return self.solution.T_sensor
+
+    @property
+    def accuracy(self) -> float:
+        """Largest distance of the scans' disk centres from their mean, mm: Section III-D."""
+        return float(self.solution.translation.accuracy)
+
+
+def solve_disk_from_chords(
+    R_tcp, T_start, T_end, tips, s, radius: float, heights: str = "regression", **readings
+) -> DiskSolution:
+    """Sensor pose from n ≥ 3 scans across a disk of known radius, mm, each at one flange orientation R_tcp (n, 3, 3).
+
+    T_start, T_end (n, 3), mm: flange positions of each scan's first and last chord; tips: n arrays (m, 2, 2), m ≥ 3, as
+    `Disk.meet` gives them; s (n,): +1 where the motion is towards the sensor's +y, else -1. `heights`: see
+    `sensing_data`; `readings`: see `disk_equations`.
+
+    Raises ValueError for malformed input and for a wrong s, UnobservableError for motions that cannot determine the
+    answer.
+    Chords on one side of the centre and an arccos out of range are said in `remarks`.
+    """
+    T_start = check_vectors("T_start", T_start)
+    n = len(T_start)
+    T_end = check_vectors("T_end", T_end, n)
+    if len(tips) != n:
+        raise ValueError(f"tips has {len(tips)} scans; expected {n}, one per pose")
+    tips = [_check_tips(i, scan) for i, scan in enumerate(tips)]
+    s = np.asarray(s, dtype=float)
+    if s.shape != (n,) or not np.isin(s, (-1, 1)).all():
+        raise ValueError(f"s is {s.tolist()}; expected {n} values, each +1 or -1")
+    if not radius > 0:
+        raise ValueError(f"radius is {radius}; expected a length in mm above 0")
+
+    scans = [sensing_data(*scan, radius, heights) for scan in zip(tips, T_start, T_end, s, strict=True)]
+    for i, scan in enumerate(scans):
+        _check_motion(i, scan, tips[i], np.linalg.norm(T_end[i] - T_start[i]))
+    fields = SensingData.__dataclass_fields__
+    sensing = SensingData(*(np.stack([getattr(scan, name) for scan in scans]) for name in fields))
+    solution = solve_disk(R_tcp, sensing.T_tcp, sensing.q, sensing.D_i, sensing.D_b, **readings)
+    _check_sides(solution.rotation.X, solution.rotation.Y)
+    return DiskSolution(sensing, solution, tuple(_remarks(sensing)))
+
+
+def _check_tips(i: int, tips) -> np.ndarray:
+    tips = np.asarray(tips, dtype=float)
+    if tips.ndim != 3 or tips.shape[1:] != (2, 2):
+        raise ValueError(f"scan {i}: tips has shape {tips.shape}; expected (m, 2, 2), two tips x, z per chord")
+    check_count(f"scan {i}: chords", len(tips), 3, "an ellipse has five unknowns, a chord two tips")
+    bad = np.flatnonzero(~np.isfinite(tips).all(axis=(1, 2)))
+    if bad.size:
+        raise ValueError(f"scan {i}: chord {bad[0]} is {tips[bad[0]].tolist()}; expected finite numbers (disk missed?)")
+    if (tips[:, 1, 0] <= tips[:, 0, 0]).any():
+        bad = np.flatnonzero(tips[:, 1, 0] <= tips[:, 0, 0])[0]
+        raise ValueError(f"scan {i}: chord {bad} is {tips[bad].tolist()}; expected the tip of smaller x first")
+    return tips
+
+
+def _check_motion(i: int, scan: SensingData, tips, travel: float) -> None:
+    """Refuse a motion within 1° of the disk's plane or of the scan plane."""
+    least = np.sin(np.radians(LEAST_SPREAD_DEG))
+    if not travel > 0:
+        raise ValueError(f"scan {i}: T_start and T_end are the same; expected a motion")
+    climb = abs(scan.e[4, 1] - scan.e[3, 1]) / travel  # sin of the angle to the disk is this times sin α
+    sin_disk = climb * np.sin(scan.alpha)
+    if not min(climb, sin_disk) > least:
+        raise UnobservableError(
+            f"scan {i}: the motion is within {LEAST_SPREAD_DEG:g}° of the disk's plane (the chords climb {climb:.2g} of "
+            "the way moved), so the chords show no ellipse; tilt the motion against the disk"
+        )
+    sin_plane = abs(scan.D_i[1]) / np.linalg.norm(scan.D_i)
+    bend = _bend(tips, scan.direction)
+    if not sin_plane > least or bend < LEAST_BEND:
+        raise UnobservableError(
+            f"scan {i}: the motion is within {LEAST_SPREAD_DEG:g}° of the scan plane, or covers too little of the "
+            f"disk: found {np.degrees(np.arcsin(sin_plane)):.2g}°, and the squared lengths of the chords bend by {bend:.2g} "
+            f"standard errors, at least {LEAST_BEND:g} needed; move along the sensor's y axis, over more of the disk"
+        )
+
+
+def _bend(tips, along) -> float:
+    """Curvature of the chords' squared lengths over their heights, in its standard errors."""
+    m = len(tips)
+    if m < 4:
+        return np.inf  # nothing left to judge the noise by
+    heights = tips.mean(axis=1) @ [-along[1], along[0]]
+    heights = (heights - heights.mean()) / np.ptp(heights)
+    squares = ((tips[:, 1] - tips[:, 0]) ** 2).sum(axis=1)
+    basis = np.linalg.qr(np.vander(heights, 3, increasing=True))[0]
+    fitted = basis.T @ squares
+    noise = np.linalg.norm(squares - basis @ fitted) / np.sqrt(m - 3)
+    return abs(fitted[2]) / noise if noise > 0 else np.inf
+
+
+def _check_sides(X, Y) -> None:
+    """Refuse directions X, Y (3, n) that fit much better once some of the signs s are turned round."""
+    n = X.shape[1]
+    X, Y = X / np.linalg.norm(X, axis=0), Y / np.linalg.norm(Y, axis=0)
+    found = _misfit_deg(X, Y)
+    if found <= WRONG_SIDE_DEG:
+        return
+    flips = product((1, -1), repeat=n) if n <= 10 else 1 - 2 * np.eye(n)
+    flips = np.array(list(flips))
+    turned = X * np.stack([np.ones_like(flips), flips, np.ones_like(flips)], axis=1)
+    left = _misfit_deg(turned, Y)
+    best = left.argmin()
+    if left[best] < found / 3:
+        wrong = ", ".join(str(i) for i in np.flatnonzero(flips[best] < 0))
+        raise ValueError(
+            f"s seems wrong for scan {wrong}: with it turned round, the largest angle between R D_i and D_b falls from "
+            f"{found:.2g}° to {left[best]:.2g}°; expected +1 where the motion is towards the sensor's +y"
+        )
+
+
+def _misfit_deg(X, Y):
+    """Largest angle between R X and Y (..., 3, n) after the best rotation, degrees."""
+    R = solve_rotation(X, Y).R_sensor
+    sine = np.linalg.norm(R @ X - Y, axis=-2) / 2
+    return np.degrees(2 * np.arcsin(np.clip(sine, 0, 1))).max(axis=-1)
+
+
+def _remarks(sensing: SensingData):
+    for i, (first, last) in enumerate(sensing.extent):
+        if first * last > 0:
+            yield (
+                f"scan {i}: its chords lie on one side of the disk's centre, from {first:.2f} to {last:.2f} of the "
+                "radius, so the centre is extrapolated; scan across it"
+            )
+    for i in np.flatnonzero(sensing.clipped):
+        yield (
+            f"scan {i}: Eq. 9 asks for the arccos of {sensing.cos_alpha[i]:.3f}, which does not exist; the nearest that "
+            "does is used. The noise is too large for this scan, or the scan plane nearly lies in the disk"
+        )
 
 
 def solve_disk(R_tcp, T_tcp, q, D_i, D_b, **readings) -> TwoStepSolution:

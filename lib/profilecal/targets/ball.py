@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from profilecal.targets import algebraic_centre, root
+
 
 @dataclass(frozen=True)
 class Ball:
@@ -28,3 +30,33 @@ class Ball:
         circle = np.asarray(circle, dtype=float)
         y = side * np.sqrt(np.maximum(self.radius**2 - circle[..., 2] ** 2, 0))
         return np.stack([circle[..., 0], y, circle[..., 1]], axis=-1)
+
+
+MOVES = "anywhere"
+TURNS = False  # whether it has a direction
+
+
+def residual(point, direction, seen, size, in_plane=True):
+    """How far points of arcs are from a ball of radius `size`; see `profilecal.targets`.
+
+    In the scan plane: distance from the circle that the plane cuts out. In space: distance from the ball.
+    """
+    cx, cy, cz = point
+    vx, vz = seen[:, 0] - cx, seen[:, 1] - cz
+    zero = np.zeros_like(vx)
+    if in_plane:
+        distance = np.hypot(vx, vz)
+        radius, slope = root(size**2 - cy**2, 0.1 * size)
+        r = distance - radius
+        by_point = np.stack([-vx / distance, 2 * slope * cy + zero, -vz / distance], axis=1)
+    else:
+        distance = np.sqrt(vx**2 + vz**2 + cy**2)
+        r = distance - size
+        by_point = np.stack([-vx / distance, cy / distance, -vz / distance], axis=1)
+    return r, by_point, None
+
+
+def place(points, size):
+    """The ball near points (..., n, 3): its centre (..., 3), and no direction."""
+    centre = algebraic_centre(points)
+    return centre, np.zeros_like(centre)

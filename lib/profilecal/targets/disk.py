@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from profilecal.targets import algebraic_centre, root
+
 
 @dataclass(frozen=True)
 class Disk:
@@ -29,3 +31,55 @@ class Disk:
         middle = c + distance[..., None] * across
         tips = np.stack([middle - half[..., None] * along, middle + half[..., None] * along], axis=-2)
         return tips[..., [0, 2]]
+
+
+MOVES = "anywhere"
+TURNS = True  # whether it has a direction
+
+
+def residual(point, direction, seen, size, in_plane=True):
+    """How far sensed chord tips are from the rim of a disk of radius `size`; see `profilecal.targets`.
+
+    In the scan plane: each tip minus its place, across and along the chord. In space: each tip's height above the disk
+    and its distance from the rim.
+    """
+    cx, cy, cz = point
+    nx, ny, nz = direction
+    r, by_point, by_direction = [], [], []
+    zero = np.zeros_like(cx)
+    if in_plane:
+        g = np.hypot(nx, nz)
+        to_right = np.where(nz < 0, -1, 1) / g
+        q = cy / g  # distance of the chord from the centre, within the disk
+        half, slope = root(size**2 - q**2, 0.1 * size)
+        slope = -2 * q * slope
+        half_by_point = slope / g
+        half_by_n = -slope * q / g**2
+    for (x, z), side in zip(seen, (-1, 1), strict=True):
+        vx, vy, vz = x - cx, -cy, z - cz
+        if in_plane:
+            across = (nx * vx + ny * vy + nz * vz) / g
+            along = to_right * (nz * vx - nx * vz)
+            r += [across, along - side * half]
+            by_point += [
+                [-nx / g, -ny / g, -nz / g],
+                [-to_right * nz, -side * half_by_point, to_right * nx],
+            ]
+            a, b = across / g**2, along / g**2 + side * half_by_n
+            by_direction += [
+                [vx / g - a * nx, vy / g, vz / g - a * nz],
+                [-to_right * vz - b * nx, zero, to_right * vx - b * nz],
+            ]
+        else:
+            length = np.sqrt(vx**2 + vy**2 + vz**2)
+            r += [nx * vx + ny * vy + nz * vz, length - size]
+            by_point += [[-nx, -ny, -nz], [-vx / length, -vy / length, -vz / length]]
+            by_direction += [[vx, vy, vz], [zero, zero, zero]]
+    return r, by_point, by_direction
+
+
+def place(points, size):
+    """The disk whose rim passes near points (..., n, 3): its centre and normal, both (..., 3)."""
+    middle = points.mean(axis=-2)
+    normal = np.linalg.svd(points - middle[..., None, :], full_matrices=False)[2][..., 2, :]
+    return algebraic_centre(points), normal

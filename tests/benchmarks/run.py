@@ -1,0 +1,79 @@
+"""Run the benchmarks: every bench_*.py beside this file, or those named. Prints a table and writes results/bench.csv.
+
+    python tests/benchmarks/run.py            all
+    python tests/benchmarks/run.py disk       bench_disk.py; the others' rows in results/bench.csv stay
+
+A benchmark offers `rows() -> list[dict]` with the keys of COLUMNS: our time and the reference's in seconds, their ratio, the target in
+words and whether it is met.
+"""
+
+import importlib.util
+import sys
+from pathlib import Path
+
+import pandas as pd
+from rich.console import Console
+from rich.table import Table
+
+COLUMNS = ["name", "ours_s", "reference", "reference_s", "ratio", "target", "met"]
+HERE = Path(__file__).parent
+OUTPUT = HERE.parents[1] / "results" / "bench.csv"
+
+
+def find(names: list[str]) -> list[Path]:
+    """The benchmark files named, or all. Ends the program with one sentence when a name fits none."""
+    there = {path.stem.removeprefix("bench_"): path for path in sorted(HERE.glob("bench_*.py"))}
+    unknown = set(names) - set(there)
+    if unknown:
+        sys.exit(f"no benchmark named {', '.join(sorted(unknown))}; there are {', '.join(there)}")
+    return [there[name] for name in names or there]
+
+
+def rows_of(path: Path) -> list[dict]:
+    """What one benchmark measures, each row with its `bench`."""
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    rows = module.rows()
+    for row in rows:
+        if list(row) != COLUMNS:
+            raise ValueError(f"{path.name}: a row has the keys {list(row)}; expected {COLUMNS}")
+    return rows
+
+
+def write(rows: list[dict], output: Path) -> pd.DataFrame:
+    """Write the rows; those of other names that an earlier run left are kept."""
+    frame = pd.DataFrame(rows, columns=COLUMNS)
+    if output.exists():
+        earlier = pd.read_csv(output)
+        frame = pd.concat([earlier[~earlier["name"].isin(frame["name"])], frame])
+    output.parent.mkdir(parents=True, exist_ok=True)
+    frame.to_csv(output, index=False)
+    return frame
+
+
+def show(rows: list[dict]) -> None:
+    """The rows as a table on the terminal."""
+    table = Table()
+    for column in COLUMNS:
+        table.add_column(column, justify="right" if column in ("ours_s", "reference_s", "ratio") else "left")
+    for row in rows:
+        values = [f"{value:.3g}" if isinstance(value, float) else str(value) for value in row.values()]
+        table.add_row(*values, style=None if row["met"] else "red")
+    console = Console()
+    Console(width=console.width if console.is_terminal else 160).print(table)
+
+
+def main(names: list[str]) -> int:
+    rows = []
+    for path in find(names):
+        found = rows_of(path)
+        show(found)
+        rows += found
+    write(rows, OUTPUT)
+    print(f"Written: {OUTPUT}")
+    return 0 if all(row["met"] for row in rows) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
