@@ -357,3 +357,9 @@ def test_the_command(tmp_path):
     assert (output / "y_over_x.png").exists()
     refused = CliRunner().invoke(main, [*start, "-p", "n=1", "-p", "x=0.5", "--plot", "x", "z"])
     assert "no column named 'z'; there are n, x, seed, y, u, status" in refused.stderr
+
+
+def test_the_large_grid_fits_its_notebook():
+    folder = notebooks.folder()
+    runs = sweep.plan(folder / "51_one_plan.ipynb", sweep.read_grid(folder / "50_sweeping_grid.yaml"))
+    assert len(runs) >= 1000

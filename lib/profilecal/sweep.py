@@ -165,8 +165,7 @@ def _spawn(point: dict, index: int) -> int:
     """The seed of a repeat: 53 bits, so that every table and file format holds it exactly."""
     import numpy as np
 
-    words = np.frombuffer(hashlib.sha256(_text(point).encode()).digest(), dtype=np.uint32)
-    sequence = np.random.SeedSequence(point["seed"], spawn_key=(*words.tolist(), index))
+    sequence = np.random.SeedSequence(point["seed"], spawn_key=(int(_digest(point, 32), 16), index))
     return int(sequence.generate_state(1, np.uint64)[0] >> np.uint64(11))
 
 
@@ -174,11 +173,12 @@ def _run(parameters: dict, repeat: int | None) -> Run:
     """A run and its name: what of the parameters is readable, and a digest of them all."""
     said = "_".join(f"{name}={value}" for name, value in parameters.items() if name != "seed")
     said = "".join(letter if letter.isalnum() or letter in "=_.-" else "-" for letter in said)[:100]
-    return Run(f"{said}_{hashlib.sha256(_text(parameters).encode()).hexdigest()[:8]}", parameters, repeat)
+    return Run(f"{said}_{_digest(parameters, 8)}", parameters, repeat)
 
 
-def _text(values) -> str:
-    return json.dumps(values, sort_keys=True)
+def _digest(values, length: int) -> str:
+    """A digest of plain values, in hexadecimal."""
+    return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()[:length]
 
 
 # One run
@@ -200,7 +200,7 @@ def without_outputs(path: Path) -> str:
     for cell in notebook["cells"]:
         if cell["cell_type"] == "code":
             cell.update(outputs=[], execution_count=None)
-    return _text(notebook)
+    return json.dumps(notebook, sort_keys=True)
 
 
 def execute(source: str, folder: str, run: Run, key: str, expected: dict, timeout: float | None) -> str:
@@ -276,7 +276,8 @@ def sweep(
     """
     runs = plan(notebook, grid, zipped=zipped, repeat=repeat)
     source, present = without_outputs(notebook), versions()
-    keys = {run.name: _key(source, run, present) for run in runs}
+    code = _code(source)
+    keys = {run.name: _digest([code, run.parameters, present], 16) for run in runs}
     (output / "runs").mkdir(parents=True, exist_ok=True)
 
     with _alone(output) as scratch:
@@ -317,10 +318,9 @@ def gather(output: Path, runs: list[Run], present: dict[str, str]) -> "tuple[pd.
     return pd.DataFrame(rows, columns=columns + list(end)), failed
 
 
-def _key(source: str, run: Run, present: dict[str, str]) -> str:
-    """What a run's result depends on, in short: not how the notebook was last executed or its metadata."""
-    cells = [(cell["cell_type"], "".join(cell["source"])) for cell in json.loads(source)["cells"]]
-    return hashlib.sha256(_text([cells, run.parameters, present]).encode()).hexdigest()[:16]
+def _code(source: str) -> str:
+    """What a run's result depends on in a notebook: not how it was last executed, nor its metadata."""
+    return _digest([(cell["cell_type"], "".join(cell["source"])) for cell in json.loads(source)["cells"]], 64)
 
 
 def _state(output: Path, run: Run, keys: dict[str, str]) -> str:
