@@ -364,14 +364,14 @@ def _cluster(scheduler: str | None, scratch: Path):
             raise OSError(f"no Dask scheduler answers at {scheduler}") from error
         with client:
             yield client
-            client.run(notebooks.stop_idle)
+            client.run(notebooks.stop_idle, on_error="ignore")
         return
     options = {"processes": False, "n_workers": 1, "threads_per_worker": notebooks.cores(), "memory_limit": None}
     address = {
         "protocol": "tcp",
         "host": "127.0.0.1",
         "dashboard_address": "127.0.0.1:0",
-        "silence_logs": logging.ERROR,
+        "silence_logs": logging.CRITICAL,
     }
     with (
         LocalCluster(**options, **address, local_directory=str(scratch)) as cluster,
