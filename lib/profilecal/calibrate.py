@@ -26,6 +26,7 @@ class Calibration:
 
     scans: tuple[Scan, ...]
     seen: tuple[np.ndarray, ...]  # for each scan, indices of the poses from which the target was found
+    observed: tuple[joint.Observations, ...]  # for each scan, what was seen from them
     solution: joint.Solution | None  # None: fewer measurements than unknowns
     messages: tuple[str, ...]  # sentences a person can act on
 
@@ -47,12 +48,12 @@ class Calibration:
     def to_json(self) -> dict:
         """The object that `profilecal calibrate --json` prints; data/README.md says what each entry is."""
         s, known = self.solution, self.status != "unobservable"
-        pose = "T_flange_sensor" if self.scans[0].mount == "eye-in-hand" else "T_base_sensor"
+        frame = "flange" if self.scans[0].mount == "eye-in-hand" else "base"
         observability, targets = None, None
         if s:
             observability = {
                 "singular_values": (1 / s.observability.sd).tolist(),
-                "worst_direction": name_direction(s.observability.directions[0], s.rotation),
+                "worst_direction": name_direction(s.observability.directions[0], s.rotation, frame),
             }
             targets = [
                 {"kind": scan.kind} | {key: np.asarray(value).tolist() for key, value in asdict(target).items()}
@@ -61,7 +62,7 @@ class Calibration:
             targets = targets[0] if len(targets) == 1 else targets
         return {
             "status": self.status,
-            pose: s.T_flange_sensor.tolist() if known else None,
+            f"T_{frame}_sensor": s.T_flange_sensor.tolist() if known else None,
             "covariance": s.covariance_mm_deg.tolist() if known else None,
             "translation_sd_mm": s.translation_sd_mm.tolist() if known else None,
             "rotation_sd_deg": s.rotation_sd_deg.tolist() if known else None,
@@ -107,9 +108,9 @@ def calibrate(scans, guess=None) -> Calibration:
         else:
             solution = joint.solve(observed, noise, starts=starts)
     except UnobservableError as error:
-        return Calibration(scans, (), None, (*messages, str(error)))
+        return Calibration(scans, tuple(seen), tuple(observed), None, (*messages, str(error)))
     messages += [*solution.messages, *wrong_sides(scans, seen, solution)]
-    return Calibration(scans, tuple(seen), solution, tuple(messages))
+    return Calibration(scans, tuple(seen), tuple(observed), solution, tuple(messages))
 
 
 def solve_with_robot_errors(observed, noise: Noise, starts) -> joint.Solution:

@@ -64,7 +64,8 @@ def reproduce(names, parameters, output):
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of a table.")
 @click.option("--to", "vendor", metavar="NAME", help="abb, kuka, ur, fanuc, staubli, ros or matrix: a pose to paste.")
 @click.option("--guess", nargs=6, type=float, metavar="X Y Z W P R", help="Mount to start from, mm and degrees.")
-def calibrate(folders, as_json, vendor, guess):
+@click.option("--report", type=click.Path(path_type=Path), help="Write a report with pictures to this HTML file.")
+def calibrate(folders, as_json, vendor, guess, report):
     """Find the sensor pose from one scan folder, or several of one sensor."""
     import json
 
@@ -72,12 +73,15 @@ def calibrate(folders, as_json, vendor, guess):
 
     from profilecal import calibrate as calibration
     from profilecal.conventions import check_vendor, for_controller
+    from profilecal.html import check_report
     from profilecal.poses import homogeneous, rotation_from_xyz_angles
     from profilecal.scan import read_scan
 
     with refusing():
         if vendor:
             check_vendor(vendor)
+        if report:
+            check_report(report)
         mount = homogeneous(rotation_from_xyz_angles(np.radians(guess[3:])), guess[:3]) if guess else None
         found = calibration.calibrate([read_scan(folder) for folder in folders], mount)
 
@@ -87,7 +91,10 @@ def calibrate(folders, as_json, vendor, guess):
     else:
         click.echo(calibration.to_text(found))
     if vendor and known:
-        click.echo(for_controller(vendor, found.solution.T_flange_sensor))
+        frame = "flange" if found.scans[0].mount == "eye-in-hand" else "base"
+        click.echo(for_controller(vendor, found.solution.T_flange_sensor, frame))
+    if report:
+        write_the_report(folders, report, guess=list(guess or []))
     raise SystemExit(0 if known else 3)
 
 
@@ -190,6 +197,22 @@ def sweep(notebook, grid, given, output, plot, hue, **options):
     for name, why in done.failed.items():
         click.echo(f"FAILED {name}: {why} (see {output / 'runs' / name}.ipynb)")
     raise SystemExit(1 if done.failed else 0)
+
+
+def write_the_report(folders, path, **parameters):
+    """The report on some scan folders; ends the program with status 1 where it fails."""
+    from profilecal.html import write_report
+    from profilecal.notebooks import NotebookError
+
+    try:
+        write_report(folders, path, **parameters)
+    except (NotebookError, OSError) as error:
+        click.echo(f"profilecal: no report: {error}", err=True)
+        raise SystemExit(1) from error
+    except KeyboardInterrupt:
+        click.echo(f"\nInterrupted. {path} is as it was.", err=True)
+        raise SystemExit(130) from None
+    click.echo(f"Report: {path}", err=True)
 
 
 def print_scorecard(frame):

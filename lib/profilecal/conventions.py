@@ -108,8 +108,11 @@ def check_vendor(vendor: str) -> None:
         raise ValueError(f"controller is {vendor!r}; expected one of {', '.join(VENDORS)}")
 
 
-def for_controller(vendor: str, matrix) -> str:
-    """A pose (4, 4), mm, as a line or lines to paste into a controller or a program. Raises ValueError for others."""
+def for_controller(vendor: str, matrix, frame: str = "flange") -> str:
+    """A pose (4, 4), mm, as a line or lines to paste into a controller or a program. Raises ValueError for others.
+
+    `frame` is the one that the pose is in: "flange", or "base" where the scanner stands still.
+    """
     check_vendor(vendor)
     matrix = np.asarray(matrix, dtype=float)
     T, rotation = matrix[:3, 3], Rotation.from_matrix(matrix[:3, :3])
@@ -118,8 +121,9 @@ def for_controller(vendor: str, matrix) -> str:
     euler = {c.robots.split(",")[0]: from_rotations(c, matrix[None, :3, :3])[0] for c in CONVENTIONS if c.sequence}
     match vendor:
         case "abb":
+            held = "TRUE" if frame == "flange" else "FALSE"
             numbers = f"[[{x:.4f},{y:.4f},{z:.4f}],[{','.join(f'{v:.8f}' for v in q)}]]"
-            return f"PERS tooldata tScanner:=[TRUE,{numbers},[1,[0,0,1],[1,0,0,0],0,0,0]];  ! set the load"
+            return f"PERS tooldata tScanner:=[{held},{numbers},[1,[0,0,1],[1,0,0,0],0,0,0]];  ! set the load"
         case "kuka":
             return "{{X {:.4f},Y {:.4f},Z {:.4f},A {:.6f},B {:.6f},C {:.6f}}}".format(*T, *euler["KUKA"])
         case "ur":
@@ -132,7 +136,7 @@ def for_controller(vendor: str, matrix) -> str:
             names = ("--x", "--y", "--z", "--qx", "--qy", "--qz", "--qw")
             values = (*(f"{v:.7f}" for v in T / 1000), *(f"{v:.8f}" for v in (*q[1:], q[0])))
             pairs = " ".join(f"{n} {v}" for n, v in zip(names, values, strict=True))
-            return f"ros2 run tf2_ros static_transform_publisher {pairs} --frame-id flange --child-frame-id scanner"
+            return f"ros2 run tf2_ros static_transform_publisher {pairs} --frame-id {frame} --child-frame-id scanner"
         case "matrix":
             return "\n".join(" ".join(f"{v:.9g}" for v in row) for row in matrix)
     raise AssertionError(vendor)

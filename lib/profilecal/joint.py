@@ -765,7 +765,10 @@ def _state_result(problem, observations, noise, source, how, fit, everything, we
             f"residuals are {factor**0.5:.2g} times what the stated noise explains; the covariance assumes the noise"
         )
     messages += explain(
-        found, state.rotation[0], np.concatenate([np.asarray(o.R_flange).reshape(-1, 3, 3) for o in observations])
+        found,
+        state.rotation[0],
+        np.concatenate([np.asarray(o.R_flange).reshape(-1, 3, 3) for o in observations]),
+        "base" if observations[0].eye_to_hand else "flange",
     )
 
     if status != "unobservable":

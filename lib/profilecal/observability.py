@@ -78,19 +78,22 @@ def name_axis(vector, frame: str) -> str:
     return f"({', '.join(f'{c + 0.0:.2f}' for c in vector)}) in the {frame}'s frame"
 
 
-def name_direction(direction, R_sensor) -> str:
-    """A direction (6,) of the sensor pose in units of the measurement by hand, in the flange's frame."""
+def name_direction(direction, R_sensor, frame: str = "flange") -> str:
+    """A direction (6,) of the sensor pose in units of the measurement by hand, in the frame that the pose is in."""
     shift, turn = R_sensor @ direction[:3], R_sensor @ direction[3:]
     names = []
     if shift @ shift > 0.2:
-        names.append(f"translation along {name_axis(shift, 'flange')}")
+        names.append(f"translation along {name_axis(shift, frame)}")
     if turn @ turn > 0.2:
-        names.append(f"rotation about {name_axis(turn, 'flange')}")
+        names.append(f"rotation about {name_axis(turn, frame)}")
     return " with ".join(names if shift @ shift > 0.5 else names[::-1])
 
 
-def explain(found: Spectrum, R_sensor, R_flange) -> list[str]:
-    """Sentences a person can act on, none where all is well; one problem, flange orientations (P, 3, 3)."""
+def explain(found: Spectrum, R_sensor, R_flange, frame: str = "flange") -> list[str]:
+    """Sentences a person can act on, none where all is well; one problem, flange orientations (P, 3, 3).
+
+    `frame`: that of the sensor pose; "base" where the sensor stands still and R_flange has the base in the flange frame.
+    """
     if found.status == "ok":
         return []
     angles, axis = turns(R_flange)
@@ -98,7 +101,7 @@ def explain(found: Spectrum, R_sensor, R_flange) -> list[str]:
     if bad >= 3 and np.linalg.norm(found.directions[:3, 3:]) < 0.3:
         what = "translation in every direction"
     else:
-        what = "; ".join(name_direction(v, R_sensor) for v in found.directions[: min(bad, 3)])
+        what = "; ".join(name_direction(v, R_sensor, frame) for v in found.directions[: min(bad, 3)])
     sd = found.sd[0]
     known = f"known only to {sd * BY_HAND_MM:.2g} mm or {sd * BY_HAND_DEG:.2g}°" if sd < 10 else "left open"
     verb = "cannot be determined" if found.status == "unobservable" else "is poorly determined"
@@ -106,7 +109,7 @@ def explain(found: Spectrum, R_sensor, R_flange) -> list[str]:
         spread = max(angles[0], 0.01)
         why = f"all flange orientations agree within {spread:.2g}°; add poses tilted by 15° or more about two axes"
     elif angles[2] < LEAST_TURN_DEG:
-        tilt = name_axis(axis, "flange")
+        tilt = name_axis(axis, frame)
         others = [c for c in "xyz" if not tilt.endswith(f"'s {c}")]
         other = f"{others[0]} or {others[1]}" if len(others) == 2 else "another axis"
         why = f"all rotations are about {tilt}; add a pose tilted about {other} by 15° or more"
