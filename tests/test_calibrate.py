@@ -122,7 +122,7 @@ def test_check_rarely_doubts_a_good_scan():
     doubted = 0
     for seed in range(60):
         scan = simulate_scan(Spec(seed=seed))
-        poses, points, _ = observations(scan)
+        poses, points, _, _ = observations(scan)
         doubted += bool(affine_outliers(as_observations(scan, poses, points)))
     assert doubted <= binom.ppf(0.9999, 60, 0.02)
 

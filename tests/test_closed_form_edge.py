@@ -3,12 +3,13 @@ import time
 import numpy as np
 import pytest
 
-from profilecal.acquisition import EdgePlan
+from profilecal.acquisition import EdgePlan, Poses, above, rotations
 from profilecal.checks import UnobservableError
 from profilecal.closed_form import edge
 from profilecal.closed_form.edge import edge_equations, judge, solve_edge
 from profilecal.poses import angle_between
-from profilecal.simulate import Noise, edge_scenes
+from profilecal.simulate import Noise, edge_scenes, sense_edge
+from profilecal.targets.edge import Edge
 
 SPACE = EdgePlan(motion="space")
 
@@ -141,6 +142,20 @@ def test_motion_that_determines_nothing_is_refused_with_reason_and_cure(plan, re
     for seed in range(10):
         with pytest.raises(UnobservableError, match=f"{reason}.*{cure}"):
             solve_edge(*data(edge_scenes(plan, Noise(0.05), np.random.default_rng(seed))))
+
+
+def test_turns_that_move_a_direction_along_the_edge_only_are_refused():
+    """Groups one and two leave the flange's z in place, group three moves its tip along the edge."""
+    rng = np.random.default_rng(15)
+    flange = rotations([[0, 0, 0], [0, 0, 0.7], [1.0, 0, 0]])
+    along = flange[2, :, 2] - flange[0, :, 2]
+    target = Edge(np.array([0.0, 0, -200]), along / np.linalg.norm(along))
+    R_sensor, T_sensor = rotations([2.5, 1.0, 0.3]), np.array([20.0, -50, 60])
+    start = above(target.point, flange, R_sensor, T_sensor)
+    poses = Poses(flange, start[:, None] + rng.uniform(-20, 20, (3, 10, 3)))
+    points = sense_edge(target, R_sensor, T_sensor, poses, Noise(), rng)
+    with pytest.raises(UnobservableError, match=r"A_t has rank 2, 3 needed.*add a group"):
+        solve_edge(flange, poses.positions, points, noise_mm=0.05)
 
 
 def test_a_healthy_motion_passes_and_a_weak_one_is_told():

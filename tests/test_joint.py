@@ -201,16 +201,19 @@ def test_smaller_errors_than_the_two_phase_edge_method():
 
 
 def test_a_third_of_the_disk_methods_error_from_many_chords():
-    rng, trials = np.random.default_rng(15), 200
-    scene = scenes.random_scene("disk", rng, positions=100)
-    seen = scene.noisy(SIGMA, rng, trials)
-    truth = scene.truth[np.zeros(trials, dtype=int)]
-    state, _, _ = estimate([seen], Noise(SIGMA), truth)
-    R_closed, T_closed = scenes.closed_form(seen, scene.truth.rotation[0])
-    ours, theirs = (np.sqrt(np.mean(angle_between(R, truth.rotation) ** 2)) for R in (state.rotation, R_closed))
-    assert ours < 0.35 * theirs
-    ours, theirs = (np.sqrt(np.mean((T - truth.translation) ** 2)) for T in (state.translation, T_closed))
-    assert ours < 0.35 * theirs
+    """Median ratio of twelve random scenes, each of which has its own."""
+    rng, trials, turn, shift = np.random.default_rng(15), 50, [], []
+    for _ in range(12):
+        scene = scenes.random_scene("disk", rng, positions=200)
+        seen, truth = scene.noisy(SIGMA, rng, trials), scene.truth[np.zeros(trials, dtype=int)]
+        state, _, _ = estimate([seen], Noise(SIGMA), truth)
+        R_closed, T_closed = scenes.closed_form(seen, scene.truth.rotation[0])
+        ours, theirs = (np.sqrt(np.mean(angle_between(R, truth.rotation) ** 2)) for R in (state.rotation, R_closed))
+        turn.append(ours / theirs)
+        ours, theirs = (np.sqrt(np.mean((T - truth.translation) ** 2)) for T in (state.translation, T_closed))
+        shift.append(ours / theirs)
+    assert np.median(turn) < 0.35
+    assert np.median(shift) < 0.35
 
 
 @pytest.mark.parametrize("motion", ["arc", "space"])

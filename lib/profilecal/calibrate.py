@@ -1,9 +1,10 @@
 """From a user's scans to a sensor pose with its evidence: observations, joint solution, and what to tell the user."""
 
 from collections import Counter
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
+from scipy.optimize import minimize
 from scipy.stats import chi2
 
 from profilecal import joint
@@ -15,6 +16,7 @@ from profilecal.scan import Scan, ScanError
 from profilecal.simulate import Noise
 
 LEAST_POSES = 3
+ROUNDS = 6  # of estimating robot errors; two or three are usual
 FALSE_ALARM = 0.01  # the chance that `check` doubts any pose of a good scan
 
 
@@ -88,35 +90,106 @@ def calibrate(scans, guess=None) -> Calibration:
     scans = tuple(scans)
     if len({scan.mount for scan in scans}) > 1:
         raise ScanError("some scans are eye-in-hand and others eye-to-hand; expected one mount")
-    observed, seen, messages = [], [], []
+    observed, seen, messages, reference = [], [], [], None
     for scan in scans:
-        poses, points, reasons = observations(scan)
+        poses, points, noise_mm, reasons = observations(scan)
         messages += [*scan.warnings, *reasons]
         if len(poses) < LEAST_POSES:
             name = scan.title or f"the {scan.kind}"
             raise ScanError(f"{name}: the target was found from {len(poses)} poses; expected {LEAST_POSES} or more")
         seen.append(poses)
-        observed.append(as_observations(scan, poses, points))
+        reference = reference or noise_mm
+        observed.append(as_observations(scan, poses, points, noise_mm / reference if noise_mm else 1.0))
     starts = [] if guess is None else [(guess[:3, :3], guess[:3, 3])]
+    noise = shared_noise(scans)
     try:
-        solution = joint.solve(observed, shared_noise(scans), starts=starts)
+        if reference:
+            solution = solve_with_robot_errors(observed, replace(noise, profile_mm=reference), starts)
+        else:
+            solution = joint.solve(observed, noise, starts=starts)
     except UnobservableError as error:
         return Calibration(scans, tuple(seen), tuple(observed), None, (*messages, str(error)))
     messages += [*solution.messages, *wrong_sides(scans, seen, solution)]
     return Calibration(scans, tuple(seen), tuple(observed), solution, tuple(messages))
 
 
-def observations(scan: Scan) -> tuple[np.ndarray, np.ndarray, list[str]]:
-    """Indices of the poses that saw the target, what they saw (poses, m, 2), and why the others did not."""
+def solve_with_robot_errors(observed, noise: Noise, starts) -> joint.Solution:
+    """The joint solution from features of raw profiles, whose noise is known from the profiles themselves.
+
+    What that noise does not explain is the robot's: all points of a profile share the error of its pose. Where no
+    robot errors are stated they are estimated, as a position error of each pose.
+    """
+    how = "from the profiles themselves"
+    if noise.position_mm or noise.orientation_deg or noise.group_position_mm or noise.group_orientation_deg:
+        solution = joint.solve(observed, noise, starts=starts)
+    else:
+        solution = joint.solve(observed, replace(noise, profile_mm=0.0), starts=starts)
+        for _ in range(ROUNDS):
+            before, noise = noise.position_mm, likeliest_noise(observed, noise, solution)
+            start = (solution.rotation, solution.translation)
+            solution = joint.solve(observed, noise, starts=[start], searching=False)
+            if abs(noise.position_mm - before) < 0.02 * noise.position_mm:
+                break
+        if noise.position_mm > 0.1 * noise.profile_mm:
+            how += f", and a robot position error of {noise.position_mm:.2g} mm at each pose, from the residuals"
+    return replace(solution, noise_source="estimated", noise_how=how)
+
+
+def likeliest_noise(observed, noise: Noise, solution: joint.Solution) -> Noise:
+    """The noise with the profile and robot position errors that make the residuals of the poses kept most likely.
+
+    A pose's position error moves all its points together, the scanner's noise each by itself. Where poses have a point
+    or two only, the two cannot be told apart and the scanner's is kept. The robot's is enlarged for the unknowns that
+    were fitted.
+    """
+    problem = joint.Problem(observed, noise)
+    state = joint.State(solution.rotation[None], solution.translation[None], solution.as_placements())
+    weights = [~bad for bad in solution.rejected]
+    shared, square, own, count = [], [], 0.0, 0
+    for term, placement, kept in zip(problem.terms, state.placements, weights, strict=True):
+        z, _ = term.linearise(state, placement, True, with_robot=True)
+        r = z[0, 6 + term.n][:, kept].T / term.sd  # (P, K)
+        E = z[0, -6:-3][..., kept].transpose(2, 1, 0) / term.sd  # (P, K, 3), by the position of the flange
+        U, lever, _ = np.linalg.svd(E, full_matrices=False)
+        along = np.einsum("pki,pk->pi", U, r)
+        shared.append(lever.ravel())
+        square.append(along.ravel() ** 2)
+        own += np.sum(r**2) - np.sum(along**2)
+        count += r.size - along.size
+    shared, square = np.concatenate(shared), np.concatenate(square)
+    many = count > len(shared)
+
+    def unlikely(levels):
+        profile = np.exp(2 * levels[1]) if many else noise.profile_mm**2
+        variance = profile + np.exp(2 * levels[0]) * shared**2
+        within = own / profile + count * np.log(profile) if many else 0.0
+        return np.sum(square / variance + np.log(variance)) + within
+
+    start = np.log([np.sqrt(square.mean() + 1e-12), noise.profile_mm])
+    found = minimize(unlikely, start if many else start[:1], method="Nelder-Mead", options={"xatol": 1e-3}).x
+    measured = np.sum(shared > 0.1 * shared.max())
+    fitted = np.sqrt(measured / max(measured - problem.n, 1))
+    profile_mm = float(np.exp(found[1])) if many else noise.profile_mm
+    return replace(noise, profile_mm=profile_mm, position_mm=float(np.exp(found[0]) * fitted))
+
+
+def observations(scan: Scan) -> tuple[np.ndarray, np.ndarray, float | None, list[str]]:
+    """Indices of the poses that saw the target, what they saw (poses, m, 2), how noisy that is by the profiles
+    themselves, mm, where there are any, and why the other poses did not see it."""
     if scan.measured == "profiles":
         found = find_features(scan.kind, scan.values, scan.radius)
-        why = [f"pose {label} left out: {f.reason}" for label, f in zip(scan.labels, found, strict=True) if f.reason]
+        reasons = {}
+        for label, feature in zip(scan.labels, found, strict=True):
+            if feature.reason:
+                reasons.setdefault(feature.reason, []).append(label)
+        why = [f"{len(labels)} left out, {reason}: {', '.join(labels)}" for reason, labels in reasons.items()]
         poses = np.flatnonzero([not f.reason for f in found])
         most = max((len(found[i].points) for i in poses), default=1)
         points = np.full((len(poses), most, 2), np.nan)
         for row, i in enumerate(poses):
             points[row, : len(found[i].points)] = found[i].points
-        return poses, points, why
+        sd = [np.sqrt(np.trace(found[i].covariance, axis1=1, axis2=2).mean() / 2) for i in poses]
+        return poses, points, float(np.median(sd)) if sd else None, why
 
     rows = [values[np.isfinite(values).all(axis=1)] for values in scan.values]
     poses = np.flatnonzero([len(r) > 0 for r in rows])
@@ -125,10 +198,10 @@ def observations(scan: Scan) -> tuple[np.ndarray, np.ndarray, list[str]]:
     values = np.concatenate([rows[i][:1] for i in poses]) if len(poses) else np.empty((0, 4))
     if scan.measured == "chords":
         tips = values.reshape(-1, 2, 2)
-        return poses, np.take_along_axis(tips, np.argsort(tips[..., :1], axis=1), axis=1), why
+        return poses, np.take_along_axis(tips, np.argsort(tips[..., :1], axis=1), axis=1), None, why
     if scan.measured == "arcs":
-        return poses, circle_points(values), why
-    return poses, values[:, None, :], why
+        return poses, circle_points(values), None, why
+    return poses, values[:, None, :], None, why
 
 
 def circle_points(circles) -> np.ndarray:
@@ -138,8 +211,8 @@ def circle_points(circles) -> np.ndarray:
     return circles[:, None, :2] + circles[:, None, 2:] * around
 
 
-def as_observations(scan: Scan, poses, points) -> joint.Observations:
-    """What the joint calibration takes of one scan."""
+def as_observations(scan: Scan, poses, points, sd: float = 1.0) -> joint.Observations:
+    """What the joint calibration takes of one scan; `sd` is its noise over that of the first."""
     R, T = scan.R_base_flange[poses], scan.T_base_flange[poses]
     if scan.mount == "eye-to-hand":
         R = R.transpose(0, 2, 1)
@@ -153,15 +226,15 @@ def as_observations(scan: Scan, poses, points) -> joint.Observations:
 def shared_noise(scans) -> Noise:
     """The noise that the scans state; they speak of one scanner and one robot.
 
-    `profile_mm` is the noise of a profile's points. How well a circle fits is another matter, so that with arcs it is
-    left to be estimated.
+    `profile_mm` is the noise of a profile's points. How well features of profiles and fitted arcs are known is another
+    matter, which is left to be estimated.
     """
     stated = {}
     for scan in scans:
         for name, value in scan.noise.items():
             if stated.setdefault(name, value) != value:
                 raise ScanError(f"noise {name} is {stated[name]:g} in one scan and {value:g} in another; expected one")
-    if any(scan.measured == "arcs" for scan in scans):
+    if any(scan.measured in ("arcs", "profiles") for scan in scans):
         stated.pop("profile_mm", None)
     return Noise(**stated)
 
@@ -177,15 +250,15 @@ def wrong_sides(scans, seen, solution: joint.Solution) -> list[str]:
             other = [scan.labels[i] for i, side in zip(poses, scan.side[poses] * y, strict=True) if side < 0]
             if other:
                 messages.append(
-                    f"the ball's centre lies on the other side of the scan plane than stated for pose {', '.join(other)}; "
-                    "check the column side, or turn the sensor's y axis round"
+                    "the ball's centre lies on the other side of the scan plane than stated for pose "
+                    f"{', '.join(other)}; check the column side, or turn the sensor's y axis round"
                 )
     return messages
 
 
 def check(scan: Scan) -> list[str]:
     """What a scan holds, in lines for people: convention, groups, noise and outliers known before any calibration."""
-    poses, points, reasons = observations(scan)
+    poses, points, _, reasons = observations(scan)
     P, groups = len(scan.labels), scan.group.max() + 1
     reach = np.linalg.norm(scan.T_base_flange, axis=1)
     angles, axis = turns(scan.R_base_flange)

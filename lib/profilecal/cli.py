@@ -143,6 +143,62 @@ def verify(folder, pose):
     raise SystemExit(0 if found.as_expected else 1)
 
 
+@main.command("import")
+@click.argument("source", type=click.Choice(["handeyesync"]))
+@click.argument("measurements", type=click.Path(path_type=Path))
+@click.argument("folder", type=click.Path(path_type=Path))
+@click.option("--picked", is_flag=True, help="Take the points picked by hand instead of the profiles.")
+def import_(source, measurements, folder, picked):
+    """Write measurements of another project, SOURCE, as a scan into a new FOLDER."""
+    from profilecal.handeyesync import read_handeyesync
+    from profilecal.scan import write_scan
+
+    with refusing():
+        write_scan(read_handeyesync(measurements, picked=picked), folder)
+    click.echo(f"{folder}/ written")
+
+
+@main.command()
+@click.argument("notebook")
+@click.argument("grid", required=False, type=click.Path(path_type=Path))
+@click.option("-p", "given", multiple=True, metavar="NAME=A,B,…", help="A parameter's values, beside those of GRID.")
+@click.option("--zip", "zipped", is_flag=True, help="First values together, second values together, …; else all pairs.")
+@click.option("--repeat", type=click.IntRange(1), help="Run each point so often, with seeds of their own.")
+@click.option("--output", required=True, type=click.Path(path_type=Path), help="The folder for runs and table.")
+@click.option("--scheduler", envvar="DASK_SCHEDULER_ADDRESS", help="Address of a Dask scheduler; else all cores here.")
+@click.option("--timeout", type=click.FloatRange(0, min_open=True), help="Seconds after which a run counts as hung.")
+@click.option("--parquet", is_flag=True, help="Write table.parquet instead of table.csv.")
+@click.option("--plot", nargs=2, metavar="X Y", help="Draw column Y of the table over column X.")
+@click.option("--hue", default="", metavar="COLUMN", help="A line for each value of this column.")
+def sweep(notebook, grid, given, output, plot, hue, **options):
+    """Execute NOTEBOOK, a file or the name of one of ours, over the parameters in the file GRID and of -p.
+
+    Started again it goes on where it was, and repeats no finished run.
+    """
+    from profilecal import notebooks
+    from profilecal.sweep import read_grid
+    from profilecal.sweep import sweep as run
+
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        path = Path(notebook) if notebook.endswith(".ipynb") else notebooks.find([notebook])[0]
+        done = run(path, read_grid(grid, given), output, **options)
+        if plot:
+            from profilecal.report import plot_columns
+
+            click.echo(f"Figure: {plot_columns(done.table, *plot, hue, output)}")
+    except (ValueError, OSError) as error:
+        raise Refused(str(error)) from error
+    except KeyboardInterrupt:
+        click.echo("\nInterrupted. The same command goes on from here.", err=True)
+        raise SystemExit(130) from None
+
+    click.echo(f"{done.table['run'].nunique() - len(done.failed)} runs done, {len(done.failed)} failed: {done.path}")
+    for name, why in done.failed.items():
+        click.echo(f"FAILED {name}: {why} (see {output / 'runs' / name}.ipynb)")
+    raise SystemExit(1 if done.failed else 0)
+
+
 def write_the_report(folders, path, **parameters):
     """The report on some scan folders; ends the program with status 1 where it fails."""
     from profilecal.html import write_report

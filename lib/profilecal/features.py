@@ -7,20 +7,38 @@ reason in words: a missing observation costs little, a wrong one much.
 
 from collections import Counter
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
 from profilecal.fitting import fit_circle
-from profilecal.targets.runs import Run, coordinates, correlation, present, run_of, straight_runs, tolerance
+from profilecal.targets.runs import (
+    SPIKE,
+    Run,
+    coordinates,
+    correlation,
+    present,
+    run_of,
+    straight_runs,
+    tolerance,
+    without_spikes,
+)
 
 LEAST_BEND_DEG = 15.0  # between the sides of a corner
 BLUNT = 0.5  # mm around a corner that its rounding and the laser spot spoil
 REACH = 2.0  # mm from the end of a straight side to the corner, at most
 AMBIGUOUS = 0.5  # a second candidate with this share of the first one's support leaves the choice open
 ZONE = 12  # points at the end of a run among which the scanner may see both sides of a step
+ON_FACE = 3.5  # standard deviations from a run's line
 LEAST_STEP = 0.5  # mm off a run's line: a step, not a bend
+STEEPEST_DEG = 65.0  # of a face that faces the scanner
+CLEAR = 5.0  # mm beyond a run in which the scanner sees nothing, though it looked: the run ends there
 TIP_DEPTH, TIP_WIDTH = 0.5, 2.0  # mm of a blade that make up its tip, and its width there at most
-LEAST_ARC_DEG = 30.0  # of a ball's circle that must be seen
+LEAST_TIP_POINTS = 4
+TIP_SKEW = 0.0  # mm
+AROUND = 12  # points on either side of a tip that must be behind it
+LEAST_ARC_DEG, LEAST_ARC_POINTS = 30.0, 20  # of a ball's circle that must be seen
+LEAST_SHARE = 0.7  # of the points along an arc that must lie on it
 BLOCKS = 40  # points that stand for an arc or a line, each the mean of its neighbours
 KINDS = ("edge", "disk", "ball", "plane")
 
@@ -73,15 +91,15 @@ def find_features(kind: str, profiles, radius: float | None = None) -> list[Feat
     runs = [straight_runs(profile) for profile in profiles]
     if kind == "plane":
         return [find_line(profile, found) for profile, (found, _) in zip(profiles, runs, strict=True)]
-    view = View.of(profiles)
+    view = View.of([p[np.concatenate([run.rows for run in r])] for p, (r, _) in zip(profiles, runs, strict=True) if r])
     if kind == "disk":
-        candidates = [chords(p, *r, radius, view) for p, r in zip(profiles, runs, strict=True)]
+        candidates = in_front([chords(p, *r, radius, view) for p, r in zip(profiles, runs, strict=True)], view)
     else:
         candidates = [
             [*corners(p, r), *step_ends(p, r, limit, view), *tips(p, r, view)]
             for p, (r, limit) in zip(profiles, runs, strict=True)
         ]
-    return with_end_variance(choose(profiles, candidates))
+    return with_end_variance(choose(profiles, candidates, view))
 
 
 def nothing(profile, reason: str) -> Feature:
@@ -107,10 +125,9 @@ class View:
     away: int  # sign of z that points away from the scanner; 0: not known
 
     @staticmethod
-    def of(profiles) -> "View":
-        """From profiles (n, 2)."""
-        seen = [profile[present(profile)] for profile in profiles]
-        points = np.concatenate([p for p in seen if len(p)] or [np.zeros((0, 2))])
+    def of(straight) -> "View":
+        """From the points (k, 2) on straight runs in each profile; spikes could be anywhere."""
+        points = np.concatenate([*straight, np.zeros((0, 2))])
         z = points[:, 1]
         away = (1 if z.min() > 0 else -1 if z.max() < 0 else 0) if len(z) else 0
         layer = np.round(z / 2).astype(int)
@@ -120,14 +137,14 @@ class View:
         return View(points[outer], away)
 
     def reaches_beyond(self, end, direction) -> bool:
-        """Whether some profile has a point at about this depth, 2 mm or more farther out along x."""
-        like = np.abs(self.points[:, 1] - end[1]) < 5
-        return bool((like & ((self.points[:, 0] - end[0]) * np.sign(direction[0]) > 2)).any())
+        """Whether some profile has a point at about this depth, clearly farther out along x."""
+        like = np.abs(self.points[:, 1] - end[1]) < CLEAR
+        return bool((like & ((self.points[:, 0] - end[0]) * np.sign(direction[0]) > CLEAR)).any())
 
 
-def choose(profiles, candidates) -> list[tuple[Feature, tuple]]:
+def choose(profiles, candidates, view: View) -> list[tuple[Feature, tuple]]:
     """For each profile the candidate that is of the scan's kind, if just one is, and its overlaps."""
-    key = common_key(candidates)
+    key = common_key(candidates, view)
     if key is None:
         return [(nothing(profile, "nothing like the target in this profile"), ()) for profile in profiles]
     alike = [sorted((c for c in found if c.key == key), key=lambda c: -c.support) for found in candidates]
@@ -150,18 +167,20 @@ def choose(profiles, candidates) -> list[tuple[Feature, tuple]]:
     return chosen
 
 
-def common_key(candidates) -> tuple | None:
-    """The kind of candidate that most profiles have; of kinds with half as many or more, corners before ends."""
+def common_key(candidates, view: View) -> tuple | None:
+    """The kind of candidate that most profiles have; of kinds that at least half as many have, the first of: corners
+    that point at the scanner, ends of faces, tips, corners that point away (where a wall meets a floor)."""
     votes = Counter(key for found in candidates for key in {c.key for c in found})
-    if not votes:
-        return None
-    most = max(votes.values())
     support = Counter()
     for c in (c for found in candidates for c in found):
         support[c.key] += c.support
-    first = {"corner": 0, "step end": 1, "tip": 2, "chord": 3}
-    shape = min((key[0] for key in votes if votes[key] >= most / 2), key=first.get)
-    return max((key for key in votes if key[0] == shape), key=lambda key: (votes[key], support[key]))
+
+    def order(key):
+        hollow = key[0] == "corner" and key[1] * view.away > 0
+        return 3 if hollow else ("corner", "step end", "tip", "chord").index(key[0])
+
+    often = [key for key in votes if 2 * votes[key] >= max(votes.values())]
+    return min(often, key=lambda key: (order(key), -votes[key], -support[key]), default=None)
 
 
 # Edge: corner, step end, tip
@@ -170,7 +189,7 @@ def common_key(candidates) -> tuple | None:
 def corners(profile, runs) -> list[Candidate]:
     """Where neighbouring straight runs meet: the apex of a ridge, the corner of a bar."""
     found = []
-    for first, second in zip(runs, runs[1:], strict=False):
+    for first, second in pairwise(runs):
         bend = np.arccos(np.clip(first.direction @ second.direction, -1, 1))
         if bend < np.radians(LEAST_BEND_DEG):
             continue
@@ -213,7 +232,7 @@ def beyond_blunt(profile, run: Run, apex) -> Run | None:
 def step_ends(profile, runs, limit: float, view: View) -> list[Candidate]:
     """Where a face ends in front of something farther away, or of nothing."""
     found = []
-    for run in runs:
+    for run in facing(runs):
         for side in (-1, 1):
             how, depth = ending(profile, run, side, limit, view)
             behind = how == "step" and view.away * depth > 0
@@ -225,10 +244,15 @@ def step_ends(profile, runs, limit: float, view: View) -> list[Candidate]:
     return found
 
 
+def facing(runs) -> list[Run]:
+    """Runs that face the scanner: no side walls, of which it sees as much as it can, not all."""
+    return [run for run in runs if abs(run.direction[0]) > np.cos(np.radians(STEEPEST_DEG))]
+
+
 def ending(profile, run: Run, side: int, limit: float, view: View) -> tuple[str, float]:
     """How a run ends at its last (side 1) or first point (-1): "step" with its change of z, "nothing" or "unclear".
 
-    Nothing beyond means something only where the scanner looked: missing points follow, or other profiles reach farther.
+    Nothing beyond counts only where the scanner looked: missing points follow, or other profiles reach farther.
     """
     last = run.rows[-1 if side > 0 else 0]
     beyond = np.arange(last + 1, len(profile)) if side > 0 else np.arange(last - 1, -1, -1)
@@ -237,8 +261,7 @@ def ending(profile, run: Run, side: int, limit: float, view: View) -> tuple[str,
         next_ = profile[seen[2 : ZONE + 2]] if len(seen) >= 5 else profile[seen]
         off = np.median(coordinates(next_, run.point, run.direction)[1]) * np.sign(run.direction[0] or 1.0)
         return ("step", float(np.sign(off))) if abs(off) > max(LEAST_STEP, 2 * limit) else ("unclear", 0.0)
-    missing = len(beyond) - len(seen)
-    looked = missing >= 3 or view.reaches_beyond(profile[last], side * run.direction)
+    looked = (len(beyond) - len(seen)) * run.spacing > CLEAR or view.reaches_beyond(profile[last], side * run.direction)
     return ("nothing", 0.0) if looked else ("unclear", 0.0)
 
 
@@ -250,7 +273,8 @@ def run_end(run: Run, side: int) -> tuple[np.ndarray, int]:
     about half of what the scanner resolves.)
     """
     order = slice(None, None, side)
-    rows, along = side * run.rows[order], side * run.along[order]
+    face = np.abs(run.off) <= ON_FACE * np.sqrt(np.mean(run.off**2))  # without the top of a side wall
+    rows, along = side * run.rows[face][order], side * run.along[face][order]
     zone = rows > rows[-1] - ZONE
     near = slice(-4 * ZONE, None)
     middle, start = rows[near].mean(), along[near].mean()
@@ -288,33 +312,42 @@ def with_end_variance(chosen) -> list[Feature]:
 
 def tips(profile, runs, view: View) -> list[Candidate]:
     """Narrow tips in front of a background or of nothing: a blade that points at the scanner."""
-    free = present(profile)
-    for run in runs:
+    seen = present(profile)
+    free = seen.copy()
+    for run in facing(runs):
         free[run.rows] = False
     rows = np.flatnonzero(free)
     found = []
-    for cluster in np.split(rows, np.flatnonzero(np.diff(rows) > 2) + 1):
-        if len(cluster) < 4 or cluster[0] < 3 or cluster[-1] > len(profile) - 4:
-            continue
-        points = profile[cluster]
-        around = np.concatenate([np.arange(cluster[0] - 3, cluster[0]), np.arange(cluster[-1] + 1, cluster[-1] + 4)])
-        around = around[present(profile[around])]
-        side = np.sign(np.median(profile[around, 1] - np.median(points[:, 1]))) if len(around) else view.away
-        if not side:
-            continue
-        depth = side * points[:, 1]
-        near = depth < depth.min() + TIP_DEPTH
-        if near.sum() < 3 or np.ptp(points[near, 0]) > TIP_WIDTH:
-            continue
-        if len(around) and (side * profile[around, 1] < depth.min() + 1).any():
-            continue
-        top = points[near]
-        x_variance = top[:, 0].var(ddof=1) / len(top)
-        apex = np.array([top[:, 0].mean(), side * depth.min()])
-        covariance = np.diag([x_variance, top[:, 1].var(ddof=1)])
-        feature = Feature(apex[None], covariance[None], mask(profile, cluster[near]), "tip")
-        found.append(Candidate(feature, ("tip", int(side)), 1.0))
+    for cluster in np.split(rows, np.flatnonzero(np.diff(rows) > 3) + 1):
+        for away in [view.away] if view.away else (1, -1):
+            top = top_of(profile, seen, cluster, away)
+            if top is not None:
+                points = profile[top]
+                apex = np.array([points[:, 0].mean(), away * (away * points[:, 1]).min()])
+                covariance = np.diag([points[:, 0].var() / len(top) + TIP_SKEW**2, points[:, 1].var()])
+                feature = Feature(apex[None], covariance[None], mask(profile, top), "tip")
+                found.append(Candidate(feature, ("tip", -away), 1.0))
     return found
+
+
+def top_of(profile, seen, cluster, away: int) -> np.ndarray | None:
+    """The rows of a cluster's top TIP_DEPTH if they are narrow and what surrounds the cluster lies behind them."""
+    depth = away * profile[cluster, 1]
+    order = np.argsort(depth)
+    for nearest in depth[order[:3]]:  # up to two spikes in front
+        top = cluster[(depth >= nearest) & (depth < nearest + TIP_DEPTH)]
+        if len(top) >= LEAST_TIP_POINTS:
+            break
+    else:
+        return None
+    if np.ptp(profile[top, 0]) > TIP_WIDTH:
+        return None
+    for around in (np.arange(top[0] - AROUND, top[0]), np.arange(top[-1] + 1, top[-1] + 1 + AROUND)):
+        if around[0] < 0 or around[-1] >= len(profile):
+            return None
+        if seen[around].any() and np.median(away * profile[around[seen[around]], 1]) < nearest + 2 * TIP_DEPTH:
+            return None
+    return top
 
 
 # Disk, plane and ball
@@ -323,20 +356,27 @@ def tips(profile, runs, view: View) -> list[Candidate]:
 def chords(profile, runs, limit: float, radius: float, view: View) -> list[Candidate]:
     """Straight runs no longer than the disk's diameter that end on both sides before a step or nothing."""
     found = []
-    for run in runs:
+    for run in facing(runs):
         endings = [ending(profile, run, side, limit, view) for side in (-1, 1)]
         steps = {depth for how, depth in endings if how == "step"}
         if any(how == "unclear" for how, _ in endings) or len(steps) > 1:
             continue
         ends = [run_end(run, side) for side in (-1, 1)]
         points = np.array([tip for tip, _ in ends])
+        step = int(sum(steps))
         if np.linalg.norm(points[1] - points[0]) > 2 * radius + 4 * run.spacing:
             continue
         covariance = np.array([end_covariance(run, tip) for tip in points])
         order = np.argsort(points[:, 0])
         feature = Feature(points[order], covariance[order], mask(profile, run.rows), "chord")
-        found.append(Candidate(feature, ("chord", 0), run.length, overlaps=tuple(n for _, n in ends)))
+        found.append(Candidate(feature, ("chord", step), run.length, overlaps=tuple(n for _, n in ends)))
     return found
+
+
+def in_front(candidates, view: View) -> list[list[Candidate]]:
+    """Chords without those that lie behind what surrounds them; which way that is, most of them tell if need be."""
+    away = view.away or np.sign(sum(c.key[1] for found in candidates for c in found))
+    return [[replace(c, key=("chord", 0)) for c in found if c.key[1] * away >= 0] for found in candidates]
 
 
 def find_line(profile, runs) -> Feature:
@@ -365,35 +405,44 @@ def block_covariance(errors, blocks, fitted: int) -> np.ndarray:
 def find_arc(profile, radius: float) -> Feature:
     """The points of a circle no larger than the ball of `radius`, mm."""
     rows = np.flatnonzero(present(profile))
-    if len(rows) < 20:
-        return nothing(profile, f"{len(rows)} points; an arc needs 20")
+    if len(rows) < LEAST_ARC_POINTS:
+        return nothing(profile, f"{len(rows)} points; an arc needs {LEAST_ARC_POINTS}")
     limit = tolerance(profile[rows, 1])
+    rows = rows[without_spikes(profile[rows, 1], SPIKE * limit)]
     points = profile[rows]
     circle = best_circle(points, radius, limit)
+    on = np.zeros(len(rows), dtype=bool)
     for _ in range(6):
         if circle is None:
             break
-        distance = np.hypot(*(points - circle[:2]).T) - circle[2]
-        on = largest_part(np.abs(distance) <= limit)
-        if on.sum() < 20:
-            circle = None
-            break
-        circle = fit_circle(points[on])
+        on = largest_part(np.abs(np.hypot(*(points - circle[:2]).T) - circle[2]) <= limit)
+        circle = fit_circle(points[on]) if on.sum() >= LEAST_ARC_POINTS else None
     if circle is None or not np.isfinite(circle).all():
         return nothing(profile, "no arc of a circle as large as the ball or smaller")
-    angle = np.unwrap(np.arctan2(*(points[on] - circle[:2]).T[::-1]))
-    errors = np.hypot(*(points[on] - circle[:2]).T) - circle[2]
+    offset = points[on] - circle[:2]
+    angle, errors = np.unwrap(np.arctan2(offset[:, 1], offset[:, 0])), np.hypot(*offset.T) - circle[2]
+    reason = why_no_arc(circle, angle, errors, on, radius, limit)
+    if reason:
+        return nothing(profile, reason)
+    blocks = np.array_split(np.arange(on.sum()), min(BLOCKS, on.sum()))
+    angle, off = (np.array([values[b].mean() for b in blocks]) for values in (angle, errors))
+    thinned = circle[:2] + (circle[2] + off)[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    return Feature(thinned, block_covariance(errors, blocks, 3), mask(profile, rows[on]), "arc")
+
+
+def why_no_arc(circle, angle, errors, on, radius: float, limit: float) -> str:
+    """What speaks against a circle being the ball's, in words; "" if nothing does."""
     extent = float(np.ptp(angle))
     if extent < np.radians(LEAST_ARC_DEG):
-        return nothing(profile, f"an arc of {np.degrees(extent):.0f}°; expected {LEAST_ARC_DEG:.0f}° or more")
-    sd = circle_radius_sd(angle, errors)
-    if circle[2] > radius + 4 * sd + 0.01 * radius:
-        return nothing(profile, f"a circle of {circle[2]:.4g} mm; expected at most the ball's {radius:.4g} mm")
-    blocks = np.array_split(np.arange(on.sum()), BLOCKS if on.sum() > BLOCKS else on.sum())
-    angle, off = (np.array([values[b].mean() for b in blocks]) for values in (angle, errors))
-    around = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    thinned = circle[:2] + (circle[2] + off)[:, None] * around
-    return Feature(thinned, block_covariance(errors, blocks, 3), mask(profile, rows[on]), "arc")
+        return f"an arc of {np.degrees(extent):.0f}°; expected {LEAST_ARC_DEG:.0f}° or more"
+    if circle[2] * (1 - np.cos(min(extent / 2, np.pi))) < 4 * limit:
+        return "an arc too flat to be told from a line"
+    inside = on[on.argmax() : len(on) - on[::-1].argmax()]
+    if inside.mean() < LEAST_SHARE:
+        return f"only {100 * inside.mean():.0f} % of the points along the arc are on it"
+    if circle[2] > 1.01 * radius + 4 * circle_radius_sd(angle, errors):
+        return f"a circle of {circle[2]:.4g} mm; expected at most the ball's {radius:.4g} mm"
+    return ""
 
 
 def best_circle(points, radius: float, limit: float) -> np.ndarray | None:
@@ -406,15 +455,15 @@ def best_circle(points, radius: float, limit: float) -> np.ndarray | None:
     triples = [
         np.stack([s, s + span // 2, s + span], axis=-1)
         for span in spans
-        for s in np.unique(np.linspace(0, k - 1 - span, 40).astype(int))[:, None][:, 0][None]
+        for s in [np.unique(np.linspace(0, k - 1 - span, 40).astype(int))]
     ]
     p, q, r = points[np.concatenate(triples)].transpose(1, 0, 2)
     a, b = q - p, r - p
     twice = 2 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
     with np.errstate(divide="ignore", invalid="ignore"):
         aa, bb = (a**2).sum(axis=1) / twice, (b**2).sum(axis=1) / twice
-    centre = p + np.stack([b[:, 1] * aa - a[:, 1] * bb, a[:, 0] * bb - b[:, 0] * aa], axis=-1)
-    size = np.hypot(*(centre - p).T)
+        centre = p + np.stack([b[:, 1] * aa - a[:, 1] * bb, a[:, 0] * bb - b[:, 0] * aa], axis=-1)
+        size = np.hypot(*(centre - p).T)
     fits = np.isfinite(size) & (size < 1.2 * radius) & (size > 10 * limit)
     if not fits.any():
         return None
@@ -426,14 +475,10 @@ def best_circle(points, radius: float, limit: float) -> np.ndarray | None:
     return np.append(centre[best], size[best]) if count[best] >= 10 else None
 
 
-def largest_part(on, share: float = 0.5) -> np.ndarray:
-    """Of points that are `on` (k,), the longest stretch in which most are; gaps of more than 20 others split it."""
+def largest_part(on) -> np.ndarray:
+    """Of points that are `on` (k,), the stretch with most of them; more than 20 others together split stretches."""
     rows = np.flatnonzero(on)
-    parts = np.split(rows, np.flatnonzero(np.diff(rows) > 20) + 1)
-    kept = max(parts, key=len)
-    chosen = np.zeros(len(on), dtype=bool)
-    chosen[kept] = True
-    return chosen
+    return mask(on, max(np.split(rows, np.flatnonzero(np.diff(rows) > 20) + 1), key=len))
 
 
 def circle_radius_sd(angle, errors) -> float:

@@ -1,7 +1,8 @@
 """Lines, spheres, circles and ellipses through points, in batches.
 
-The fits of circle and ellipse minimise an algebraic distance under a quadratic constraint. Eliminating the linear coefficients leaves a
-symmetric 3×3 problem, whose eigenvalue solves one scalar equation: no iteration over the points, no `eig`.
+The fits of circle and ellipse minimise an algebraic distance under a quadratic constraint. Eliminating the linear
+coefficients leaves a symmetric 3×3 problem, whose eigenvalue solves one scalar equation: no iteration over the points,
+no `eig`.
 """
 
 from dataclasses import dataclass

@@ -41,6 +41,7 @@ class Observations:
     size: float | None = None  # radius of disk and ball, mm
     group: np.ndarray | None = None  # (P,) poses of one flange orientation share a number
     eye_to_hand: bool = False
+    sd: float = 1.0  # of these points' coordinates, as a multiple of `Noise.profile_mm`
 
     def __post_init__(self):
         if self.kind not in TARGETS:
@@ -125,7 +126,7 @@ class Term:
 
     def __init__(self, observations: Observations, noise: Noise):
         self.module = TARGETS[observations.kind]
-        self.size = observations.size
+        self.size, self.sd = observations.size, observations.sd
         if observations.kind == "point":
             self.size = noise.profile_mm / noise.steering_mm if noise.steering_mm and noise.profile_mm else 1.0
         R, T, points = (
@@ -276,7 +277,8 @@ class Problem:
             return [None] * len(self.terms)
         pairs = zip(self.terms, state.placements, strict=True)
         errors = [
-            term.linearise(state, p, True, with_robot=True)[0][:, -6:] / self.sigma[..., None] for term, p in pairs
+            term.linearise(state, p, True, with_robot=True)[0][:, -6:] / (self.sigma[..., None] * term.sd)
+            for term, p in pairs
         ]
         return [
             Whitening(np.nan_to_num(E, posinf=0, neginf=0), self.of_pose, self.of_group, term.group)
@@ -298,7 +300,7 @@ class Problem:
             z, present = term.linearise(state, placement, in_plane)
             count = z.shape[2] if present is None else np.maximum(present.sum(axis=1), 1)
             weight = None if weights is None else np.asarray(weights[index], dtype=float)
-            z /= self.sigma[..., None]
+            z /= self.sigma[..., None] * term.sd
             white = whitening[index]
             r = z[:, -1:] if white is None else _remove(z[:, -1:], *white.marginal)
             own = np.einsum("bnkp,bnkp->bp", r, r) / count
@@ -475,6 +477,11 @@ class Solution:
     def chi2_per_dof(self) -> float:
         return self.chi2 / self.dof
 
+    def as_placements(self) -> tuple:
+        """The targets as `State` holds them, a batch of one."""
+        pairs = [(np.asarray(v, dtype=float) for v in vars(target).values()) for target in self.placements]
+        return tuple((p[None], (rest[0] if rest and rest[0].ndim else np.zeros(3))[None]) for p, *rest in pairs)
+
     @property
     def T_flange_sensor(self) -> np.ndarray:
         return homogeneous(self.rotation, self.translation)
@@ -528,7 +535,7 @@ def affine_noise(observations: Observations) -> tuple[float, int]:
             y = points[rows] - points[rows].mean(axis=0)
             variances.append(np.sum((y - U @ (U.T @ y)) ** 2) / chi2_law.median(2 * freedom))
             freedoms.append(2 * freedom)
-    return (float(np.sqrt(np.median(variances))), sum(freedoms)) if variances else (0.0, 0)
+    return (float(np.sqrt(np.median(variances))) / observations.sd, sum(freedoms)) if variances else (0.0, 0)
 
 
 def search(observations: Sequence[Observations], noise: Noise, starts=()) -> State:
@@ -624,13 +631,19 @@ def _bad_poses(problem: Problem, own, count, scale: float) -> list[np.ndarray]:
 
 
 def solve(
-    observations: Sequence[Observations], noise: Noise | None = None, *, starts=(), robust: bool = True
+    observations: Sequence[Observations],
+    noise: Noise | None = None,
+    *,
+    starts=(),
+    robust: bool = True,
+    searching: bool = True,
 ) -> Solution:
     """The sensor pose from all observations together, with its covariance and what it can be believed.
 
     `noise.profile_mm` 0: not known, to be estimated.
     `starts`: poses (R (3, 3), T (3,) mm) to start from besides the grid: closed forms, a mount measured by hand.
-    `robust=False` is plain least squares throughout: nothing is rejected.
+    `robust=False` is plain least squares throughout: nothing is rejected. `searching=False` trusts `starts` alone, as
+    where only the noise has changed since a solution.
 
     Raises ValueError for malformed input and UnobservableError for fewer residuals than unknowns.
     """
@@ -643,13 +656,18 @@ def solve(
     if total <= problem.n:
         raise UnobservableError(f"{total} measured coordinates cannot determine {problem.n} unknowns; add poses")
 
-    fit = refine(problem, search(observations, noise, starts))
+    if searching:
+        found = search(observations, noise, starts)
+    else:
+        found = problem.place(np.stack([R for R, _ in starts]), np.stack([T for _, T in starts]))
+    fit = refine(problem, found)
     count = [_per_pose(term) for term in problem.terms]
     weights, scale = None, 1.0
     if robust:
         least = 0.0 if source == "residuals" else 1.0
         fit, scale = _robust(problem, fit.state, count, least)
-        if any(bad.any() for bad in _bad_poses(problem, [o[0] for o in fit.per_pose], count, least or scale)):
+        bad = _bad_poses(problem, [o[0] for o in fit.per_pose], count, least or scale)
+        if searching and any(b.any() for b in bad):
             fit, scale = _robust(problem, search_among_outliers(observations, noise, fit.state), count, least)
         weights = [~bad for bad in _bad_poses(problem, [o[0] for o in fit.per_pose], count, scale)]
         for _ in range(5):

@@ -97,7 +97,6 @@ def explain(found: Spectrum, R_sensor, R_flange, frame: str = "flange") -> list[
     if found.status == "ok":
         return []
     angles, axis = turns(R_flange)
-    angles = np.round(angles, 6)
     bad = int((found.sd >= (1 if found.status == "unobservable" else WEAK)).sum()) or 1
     if bad >= 3 and np.linalg.norm(found.directions[:3, 3:]) < 0.3:
         what = "translation in every direction"
@@ -107,7 +106,8 @@ def explain(found: Spectrum, R_sensor, R_flange, frame: str = "flange") -> list[
     known = f"known only to {sd * BY_HAND_MM:.2g} mm or {sd * BY_HAND_DEG:.2g}°" if sd < 10 else "left open"
     verb = "cannot be determined" if found.status == "unobservable" else "is poorly determined"
     if angles[0] < LEAST_TURN_DEG:
-        why = f"all flange orientations agree within {max(angles[0], 0.01):.2g}°; add poses tilted by 15° or more about two axes"
+        spread = max(angles[0], 0.01)
+        why = f"all flange orientations agree within {spread:.2g}°; add poses tilted by 15° or more about two axes"
     elif angles[2] < LEAST_TURN_DEG:
         tilt = name_axis(axis, frame)
         others = [c for c in "xyz" if not tilt.endswith(f"'s {c}")]

@@ -337,7 +337,10 @@ def write_scan(scan: Scan, folder, table: str = ".csv") -> None:
     (partial / "scan.toml").write_text(header_text(scan), encoding="utf-8")
     for name, frame in (("poses", poses), (scan.measured, values)):
         path = partial / f"{name}{table}"
-        frame.to_csv(path, index=False) if table == ".csv" else frame.to_parquet(path, index=False)
+        if table == ".csv":
+            frame.to_csv(path, index=False, float_format="%.12g")
+        else:
+            frame.to_parquet(path, index=False)
     if scan.truth:
         (partial / "truth.toml").write_text(toml_text(scan.truth), encoding="utf-8")
     partial.replace(folder)

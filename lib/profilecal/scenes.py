@@ -39,13 +39,17 @@ class Scene:
 
 
 def offsets(
-    kind: str, motion: str, groups: int, positions: int, steering: float, rng: np.random.Generator
+    kind: str, motion: str, groups: int, positions: int, steering: float, normals, rng: np.random.Generator
 ) -> np.ndarray:
-    """Where the target's middle is in the scans, from depth STANDOFF, sensor frame, (groups, positions, 3), mm."""
+    """Where the target's middle is in the scans, from depth STANDOFF, sensor frame, (groups, positions, 3), mm.
+
+    `normals` (groups, 3): the disk's, in the sensor frames.
+    """
     shape = (groups, positions)
     if kind == "disk":
-        # the motions differ in the sensor frame too, or the disk method's directions D were all parallel
-        way = np.stack([rng.uniform(-0.5, 0.5, groups), np.ones(groups), rng.uniform(-0.5, 0.5, groups)], axis=-1)
+        # half-way between the scan plane's normal and the disk's, to either side: what suits the disk method best
+        way = normals + np.where(np.arange(groups) % 2, -1, 1)[:, None] * np.array([0.0, 1.0, 0.0])
+        way = way / way[:, 1:2]
         if motion == "equal":
             way[:] = way[0]
         return np.linspace(-0.64, 0.64, positions)[:, None] * RADIUS["disk"] * way[:, None]
@@ -94,7 +98,7 @@ def random_scene(
         axis = facing[:, 1 if kind == "edge" else 2] if isinstance(axis, str) else axis
     angle = np.radians(spread_deg) * rng.uniform(-1, 1, (G, 1))
     turned = rotations(angle * (directions(rng, (G,)) if axis is None else axis)) @ first
-    moved = offsets(kind, motion, G, N, steering_mm, rng)
+    moved = offsets(kind, motion, G, N, steering_mm, facing[:, 2] @ turned, rng)
     moved = moved @ (np.swapaxes(turned, 1, 2) if frame == "tool" or kind in ("disk", "ball", "point") else first.T)
     rotation = np.repeat(turned, N, axis=0)
     origin = middle - STANDOFF * rotation[:, :, 2] - moved.reshape(-1, 3)
@@ -156,10 +160,10 @@ def observations_of(scene: EdgeScene) -> Observations:
     return Observations("edge", R, T, points, group=np.repeat(np.arange(G), N))
 
 
-def closed_form(seen: Observations, R_sensor) -> tuple[np.ndarray, np.ndarray]:
+def closed_form(seen: Observations, R_sensor, heights: str = "published") -> tuple[np.ndarray, np.ndarray]:
     """What the papers' methods make of a batch of edge or disk observations: (B, 3, 3) and (B, 3).
 
-    R_sensor (3, 3) gives the signs s_i of the disk method, which its user knows.
+    R_sensor (3, 3) gives the signs s_i of the disk method, which its user knows; `heights`: see `sensing_data`.
     """
     B, G = len(seen.points), seen.group.max() + 1
     R = np.broadcast_to(seen.R_flange, (B, *seen.R_flange.shape[1:])).reshape(B, G, -1, 3, 3)
@@ -170,7 +174,7 @@ def closed_form(seen: Observations, R_sensor) -> tuple[np.ndarray, np.ndarray]:
         return found.R_sensor, found.T_sensor
     start, end = T[:, :, 0], T[:, :, -1]
     s = np.sign(np.einsum("bga,bga->bg", end - start, (R[:, :, 0] @ R_sensor)[..., 1]))
-    data = sensing_data(points, start, end, s, seen.size, heights="published")
+    data = sensing_data(points, start, end, s, seen.size, heights)
     found = disk_equations(R[:, :, 0], data.T_tcp, data.q, data.D_i, data.D_b)
     return found.R_sensor, found.T_sensor
 

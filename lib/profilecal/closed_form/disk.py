@@ -208,13 +208,13 @@ def _check_motion(i: int, scan: SensingData, tips, travel: float) -> None:
     if not travel > 0:
         raise ValueError(f"scan {i}: T_start and T_end are the same; expected a motion")
     climb = abs(scan.e[4, 1] - scan.e[3, 1]) / travel  # sin of the angle to the disk is this times sin α
-    sin_disk = climb * np.sin(scan.alpha)
-    if not min(climb, sin_disk) > least:
+    sin_disk = climb if scan.clipped else climb * np.sin(scan.alpha)
+    if not sin_disk > least:
         raise UnobservableError(
             f"scan {i}: the motion is within {LEAST_SPREAD_DEG:g}° of the disk's plane (chords climb by {climb:.2g} of "
             "the way moved), so they show no ellipse; tilt the motion against the disk"
         )
-    sin_plane = abs(scan.D_i[1]) / np.linalg.norm(scan.D_i)
+    sin_plane = 1.0 if scan.clipped else abs(scan.D_i[1]) / np.linalg.norm(scan.D_i)  # without α only the bend tells
     bend = _bend(tips, scan.direction)
     if not sin_plane > least or bend < LEAST_BEND:
         raise UnobservableError(

@@ -97,6 +97,12 @@ def solve_edge(R_b, T_b, p_s, noise_mm: float | None = None) -> EdgeSolution:
             f"times what noise of {evidence.noise_mm:.2g} mm makes of a zero (at least {REFUSED:g} needed, {WEAK:g} "
             f"recommended); {cause(R_b, T_b, p_s, float(evidence.noise_mm))}"
         )
+    if not np.isfinite(evidence.translation_sd_mm):
+        raise UnobservableError(
+            f"the translation cannot be known: A_t has rank {solution.translation.rank}, 3 needed, because the turns "
+            "leave a direction of the flange in place but for shifts along the edge; add a group turned about another "
+            "axis"
+        )
     return solution
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pandas as pd
+from tqdm import tqdm
 
 from profilecal.acquisition import EdgePlan
 from profilecal.closed_form.edge import EdgeSolution, edge_equations, judge
@@ -63,7 +64,7 @@ def line_distances(solution: EdgeSolution) -> np.ndarray:
 def study(plan: EdgePlan, noise: Noise, seeds: int, rng, counts=(10, 15, 20, 25), of="group", signed=False):
     """`evaluate` over random scenes: a DataFrame with one row for each scene and number of rotation groups used."""
     frames = []
-    for start in range(0, seeds, CHUNK):
+    for start in tqdm(range(0, seeds, CHUNK), unit=f"{CHUNK} scenes", disable=None):
         scene = edge_scenes(plan, noise, rng, (min(CHUNK, seeds - start),))
         frames += [evaluate(scene, count, noise.profile_mm, of, signed) for count in counts]
     return pd.concat(frames, ignore_index=True)

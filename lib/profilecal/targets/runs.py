@@ -4,6 +4,7 @@ A run survives gaps, spikes and missing points; it ends where the profile leaves
 """
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -175,7 +176,7 @@ def merge(pieces, points, limit: float) -> list[np.ndarray]:
         return max(np.sqrt(np.mean(coordinates(points[piece], *line)[1] ** 2)) for piece in (first, second))
 
     pieces = list(pieces)
-    matches = [match(*pair) for pair in zip(pieces, pieces[1:], strict=False)]
+    matches = [match(*pair) for pair in pairwise(pieces)]
     while matches and min(matches) < 0.4 * limit:
         k = int(np.argmin(matches))
         pieces[k : k + 2] = [np.concatenate(pieces[k : k + 2])]
