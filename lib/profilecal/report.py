@@ -79,32 +79,6 @@ class Results:
         return Scorecard(rows)
 
 
-def plot_columns(frame: pd.DataFrame, x: str, y: str, hue: str, folder: Path) -> Path:
-    """Draw column y over column x, a line for each value of `hue`: the median, and the range from least to most.
-
-    Raises ValueError for a column that is not there or holds no numbers.
-    """
-    for name in filter(None, (x, y, hue)):
-        if name not in frame:
-            raise ValueError(f"no column named {name!r}; there are {', '.join(frame)}")
-    if not pd.api.types.is_numeric_dtype(frame[y]):
-        raise ValueError(f"column {y} holds no numbers, so it cannot be drawn")
-    use_style()
-    figure, axes = plt.subplots(figsize=(6, 4))
-    for value, part in frame.groupby(hue) if hue else [("", frame)]:
-        spread = part.groupby(x)[y].agg(["min", "median", "max"]).dropna()
-        (line,) = axes.plot(spread.index, spread["median"], "o-", label=f"{hue} = {value}")
-        axes.fill_between(spread.index, spread["min"], spread["max"], color=line.get_color(), alpha=0.15, lw=0)
-    axes.set(xlabel=x, ylabel=f"{y} (median, range)")
-    if hue:
-        axes.legend()
-    place = folder / f"{y}_over_{x}.png".replace("/", "-")
-    figure.savefig(place, dpi=200)
-    figure.savefig(place.with_suffix(".svg"))
-    plt.close(figure)
-    return place
-
-
 def plot_rounding(axes, draws, published: float, ours: float, name: str) -> None:
     """One quantity under the rounding of a printed table: all results that the table allows, and the published one."""
     low, high = np.percentile(draws, [2.5, 97.5])
@@ -610,7 +584,7 @@ def profile_page(scan, features, page, cell, rejected, columns: int = 4) -> plt.
         note = "not found" if feature.reason else "rejected" if scan.labels[i] in rejected else ""
         axes.add_patch(plt.Rectangle(corner - cell / 2, *cell, fill=False, ec="0.8", lw=0.6))
         text = f"{shorten(scan.labels[i], 10)} {note}".strip()
-        axes.text(*(corner + [0, 0.54 * cell[1]]), text, color=RED if note else "0.2", ha="center", fontsize=8)
+        axes.text(*np.add(corner, [0, 0.54 * cell[1]]), text, color=RED if note else "0.2", ha="center", fontsize=8)
         draw_profile(axes, scan, scan.values[i], feature, corner, cell)
     bar, left = 10 ** np.floor(np.log10(cell[0] / 2)), -cell[0] / 2
     bottom = (rows - 0.5) * step[1] + 0.05 * cell[1]
