@@ -165,7 +165,7 @@ def noise_curves(axes, m, sigma_mm, e) -> None:
     axes.annotate("σ [mm]", (m[-1], e[-1, -1]), (4, 12), textcoords="offset points", fontsize=9)
 
 
-def draw_misfit(axes, scene, turn_deg: float, shift_mm: float) -> None:
+def draw_seen_and_expected(axes, scene, turn_deg: float, shift_mm: float) -> None:
     """Draw one scan of a `scenes.Scene` (dots), and what a sensor pose that wrong expects in its place (crosses)."""
     from scipy.spatial.transform import Rotation
 
@@ -248,11 +248,45 @@ def plot_columns(frame: pd.DataFrame, x: str, y: str, hue: str, folder: Path) ->
     return place
 
 
+def draw_misfit(axes, scene, turn_deg: float, shift_mm: float) -> None:
+    """Draw one scan of a `scenes.Scene` (dots), and what a sensor pose that wrong expects in its place (crosses)."""
+    from scipy.spatial.transform import Rotation
+
+    seen, truth = scene.observations, scene.truth
+    k = seen.points.shape[1] // 2
+    R = truth.rotation[0] @ Rotation.from_rotvec(turn_deg * np.ones(3) / np.sqrt(3), degrees=True).as_matrix()
+    rotation = seen.R_flange[0, k] @ R
+    origin = seen.R_flange[0, k] @ (truth.translation[0] + shift_mm * np.ones(3) / np.sqrt(3)) + seen.T_flange[0, k]
+    expected = scene.target().meet(rotation, origin)
+    dots = dict(color=BLUE, label="seen")
+    cross = dict(color=RED, label="expected")
+    x, z = seen.points[0, k].T
+    if seen.kind == "ball":
+        angle = np.radians(np.linspace(-50, 50, 50))
+        axes.plot(x, z, ".", **dots)
+        axes.plot(expected[0] + expected[2] * np.sin(angle), expected[1] - expected[2] * np.cos(angle), "-", **cross)
+    else:
+        expected = np.atleast_2d(expected)
+        line = "-" if len(expected) > 1 else ""
+        axes.plot(x, z, "o" + line, **dots)
+        axes.plot(*expected.T, "x" + line, ms=8, mew=2, **cross)
+        axes.plot(*np.stack([np.column_stack([x, z]), expected]).transpose(2, 0, 1), "k:", lw=1)
+    axes.set(title=seen.kind, xlabel="x in the scan [mm]", ylabel="z in the scan [mm]")
+    axes.margins(0.3)
+    axes.invert_yaxis()
+
+
 # --- the report on a user's own scans: every function takes a calibrate.Calibration ---
 
 FRAMES_DRAWN, SCANS_DRAWN = 24, 8  # flange frames and scan planes in a picture
+
+
 TARGETS = ("black", PURPLE, YELLOW)  # one colour a scan
+
+
 PROFILES_DRAWN = 20  # profiles in one figure, so that figures fit on a page
+
+
 VERDICTS = {
     "ok": ("The scanner's pose is determined", GREEN, "Every direction of it is known to better than 1 mm and 0.5°."),
     "weak": (
@@ -307,38 +341,43 @@ def verdict(found) -> Html:
     return Html(html, "\n".join([f"{title}. {text}", *(f"- {note}" for note in notes)]))
 
 
+def pose_numbers(solution, convention) -> tuple[np.ndarray, np.ndarray]:
+    """Position, mm, and orientation in a convention's columns, and the standard deviation of each: (3 + k,) both."""
+
+    def numbers(delta):
+        turned = solution.rotation @ Rotation.from_rotvec(delta[3:]).as_matrix()
+        return np.r_[solution.translation + solution.rotation @ delta[:3], from_rotations(convention, turned[None])[0]]
+
+    value, step = numbers(np.zeros(6)), 1e-6
+    change = np.array([[numbers(sign * step * axis) - value for sign in (1, -1)] for axis in np.eye(6)])
+    smooth = np.abs(change[:, :, 3:]).sum(axis=2).argmin(axis=1)  # an angle may jump by a turn on the other side
+    J = change[np.arange(6), smooth].T / (step * np.where(smooth, -1, 1))
+    return value, np.sqrt(np.diag(J @ solution.covariance @ J.T))
+
+
+def convention_of(found):
+    """The notation of the robot that the poses come from; FANUC's angles where that is a matrix."""
+    convention = next(c for c in CONVENTIONS if c.name == found.scans[0].convention)
+    return convention if len(convention.columns) < 9 else next(c for c in CONVENTIONS if c.name == "FANUC angles")
+
+
 def pose_table(found) -> Html:
     """The sensor's pose in the notation of the robot that the poses come from, each number with its uncertainty."""
     if found.status == "unobservable":
         return Html("<p>No pose to state.</p>", "No pose to state.")
-    s = found.solution
-    convention = next(c for c in CONVENTIONS if c.name == found.scans[0].convention)
-    if len(convention.columns) == 9:
-        convention = next(c for c in CONVENTIONS if c.name == "FANUC angles")
-
-    def numbers(delta):
-        turned = s.rotation @ Rotation.from_rotvec(delta[3:]).as_matrix()
-        return np.r_[s.translation + s.rotation @ delta[:3], from_rotations(convention, turned[None])[0]]
-
-    value, step = numbers(np.zeros(6)), 1e-6
-    change = np.array([[numbers(sign * step * axis) - value for sign in (1, -1)] for axis in np.eye(6)])
-    smaller = np.abs(change[:, :, 3:]).sum(axis=2).argmin(axis=1)  # an angle may jump by a turn on one side
-    J = change[np.arange(6), smaller].T / (step * np.where(smaller, -1, 1))
-    sd = np.sqrt(np.diag(J @ s.covariance @ J.T))
+    convention = convention_of(found)
+    value, sd = pose_numbers(found.solution, convention)
     angle = {"quaternion": "1", "rotation vector": "rad"}.get(convention.name, "deg")
     names = [c.upper() if convention.sequence and len(c) == 1 else c for c in convention.columns]
     units = ["mm"] * 3 + [angle] * len(names)
-    return html_table(
-        pd.DataFrame(
-            {
-                "": ["X", "Y", "Z", *names],
-                "value": [f"{v:.{places(u)}f}" for v, u in zip(value, units, strict=True)],
-                "standard deviation": [f"{v:.2g}" for v in sd],
-                "95 %": [f"± {1.96 * v:.2g}" for v in sd],
-                "unit": units,
-            }
-        )
-    )
+    rows = {
+        "": ["X", "Y", "Z", *names],
+        "value": [f"{v:.{places(u)}f}" for v, u in zip(value, units, strict=True)],
+        "standard deviation": [f"{v:.2g}" for v in sd],
+        "95 %": [f"±\u00a0{1.96 * v:.2g}" for v in sd],
+        "unit": units,
+    }
+    return html_table(pd.DataFrame(rows))
 
 
 def places(unit: str) -> int:
@@ -350,7 +389,7 @@ def pose_words(found) -> Html:
     """How the numbers of `pose_table` are meant, and what they mean for a measured point."""
     if found.status == "unobservable":
         return Html("", "")
-    s, convention = found.solution, next(c for c in CONVENTIONS if c.name == found.scans[0].convention)
+    s, convention = found.solution, convention_of(found)
     meant = {"ZYX": "R = Rz(A) Ry(B) Rx(C)", "XYZ": "R = Rx(alpha) Ry(beta) Rz(gamma)"}
     rule = meant.get(convention.sequence, "R = Rz(R) Ry(P) Rx(W)")
     if convention.name in ("quaternion", "rotation vector"):
@@ -566,7 +605,7 @@ def plot_profiles(scan, rejected=()) -> list[plt.Figure]:
         return []
     features = find_features(scan.kind, scan.values, scan.radius)
     valid = [values[np.isfinite(values).all(axis=1)] for values in scan.values]
-    width, height = 1.1 * np.percentile([np.ptp(values, axis=0) for values in valid if len(values)], 90, axis=0)
+    width, height = 1.2 * np.percentile([np.ptp(values, axis=0) for values in valid if len(values)], 90, axis=0)
     cell = np.array([width, np.clip(height, 0.4 * width, 0.75 * width)])
     figures = []
     for first in range(0, len(features), PROFILES_DRAWN):
@@ -584,13 +623,17 @@ def profile_page(scan, features, page, cell, rejected, columns: int = 4) -> plt.
         note = "not found" if feature.reason else "rejected" if scan.labels[i] in rejected else ""
         axes.add_patch(plt.Rectangle(corner - cell / 2, *cell, fill=False, ec="0.8", lw=0.6))
         text = f"{shorten(scan.labels[i], 10)} {note}".strip()
-        axes.text(*np.add(corner, [0, 0.54 * cell[1]]), text, color=RED if note else "0.2", ha="center", fontsize=8)
+        axes.text(corner[0], corner[1] + 0.54 * cell[1], text, color=RED if note else "0.2", ha="center", fontsize=8)
         draw_profile(axes, scan, scan.values[i], feature, corner, cell)
     bar, left = 10 ** np.floor(np.log10(cell[0] / 2)), -cell[0] / 2
     bottom = (rows - 0.5) * step[1] + 0.05 * cell[1]
     axes.plot([left, left + bar], [bottom] * 2, color="black", lw=2)
     axes.text(left + 1.15 * bar, bottom, f"{bar:g} mm", va="center", fontsize=8)
-    axes.set(aspect="equal", xlim=(left, step[0] * (columns - 1) - left), ylim=(bottom - 0.1 * cell[1], 0.8 * cell[1]))
+    axes.set(
+        aspect="equal",
+        xlim=(1.02 * left, step[0] * (columns - 1) - 1.02 * left),
+        ylim=(bottom - 0.1 * cell[1], 0.8 * cell[1]),
+    )
     axes.axis("off")
     return figure
 
