@@ -171,8 +171,11 @@ def choose(profiles, candidates, view: View) -> list[tuple[Feature, tuple]]:
 
 
 def common_key(candidates, view: View) -> tuple[tuple, str]:
-    """What the target's feature is, or why that cannot be told: the kind of candidate that most profiles have; of kinds that at least half as many have, the first of: corners
-    that point at the scanner, ends of faces, tips, corners that point away (where a wall meets a floor)."""
+    """What the target's feature is, or why that cannot be told: the kind of candidate that most profiles have.
+
+    Of kinds that at least half as many have, the first of: corners that point at the scanner, ends of faces, tips,
+    corners that point away (where a wall meets a floor).
+    """
     votes = Counter(key for found in candidates for key in {c.key for c in found})
     support = Counter()
     for c in (c for found in candidates for c in found):

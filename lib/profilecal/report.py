@@ -248,34 +248,6 @@ def plot_columns(frame: pd.DataFrame, x: str, y: str, hue: str, folder: Path) ->
     return place
 
 
-def draw_misfit(axes, scene, turn_deg: float, shift_mm: float) -> None:
-    """Draw one scan of a `scenes.Scene` (dots), and what a sensor pose that wrong expects in its place (crosses)."""
-    from scipy.spatial.transform import Rotation
-
-    seen, truth = scene.observations, scene.truth
-    k = seen.points.shape[1] // 2
-    R = truth.rotation[0] @ Rotation.from_rotvec(turn_deg * np.ones(3) / np.sqrt(3), degrees=True).as_matrix()
-    rotation = seen.R_flange[0, k] @ R
-    origin = seen.R_flange[0, k] @ (truth.translation[0] + shift_mm * np.ones(3) / np.sqrt(3)) + seen.T_flange[0, k]
-    expected = scene.target().meet(rotation, origin)
-    dots = dict(color=BLUE, label="seen")
-    cross = dict(color=RED, label="expected")
-    x, z = seen.points[0, k].T
-    if seen.kind == "ball":
-        angle = np.radians(np.linspace(-50, 50, 50))
-        axes.plot(x, z, ".", **dots)
-        axes.plot(expected[0] + expected[2] * np.sin(angle), expected[1] - expected[2] * np.cos(angle), "-", **cross)
-    else:
-        expected = np.atleast_2d(expected)
-        line = "-" if len(expected) > 1 else ""
-        axes.plot(x, z, "o" + line, **dots)
-        axes.plot(*expected.T, "x" + line, ms=8, mew=2, **cross)
-        axes.plot(*np.stack([np.column_stack([x, z]), expected]).transpose(2, 0, 1), "k:", lw=1)
-    axes.set(title=seen.kind, xlabel="x in the scan [mm]", ylabel="z in the scan [mm]")
-    axes.margins(0.3)
-    axes.invert_yaxis()
-
-
 # --- the report on a user's own scans: every function takes a calibrate.Calibration ---
 
 FRAMES_DRAWN, SCANS_DRAWN = 24, 8  # flange frames and scan planes in a picture
