@@ -51,7 +51,7 @@ def turned(points, angle, place):
 
 
 def disks(rng, count=250, background=20.0):
-    """Profiles of disks above a table or, with `background` None, nothing; and their tips (P, 2, 2), smaller x first."""
+    """Profiles of disks above a table (`background` None: nothing); their tips (P, 2, 2), smaller x first."""
     half = RADIUS * np.sqrt(1 - rng.uniform(0, 0.8, count) ** 2)
     chains, tips = [], []
     for h in half:

@@ -10,6 +10,7 @@ import threading
 import time
 from contextlib import ExitStack
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -195,23 +196,51 @@ def test_a_recorded_name_that_is_a_parameter_fails_the_run(tmp_path):
     assert list(done.failed.values()) == ["it records x, which is a parameter's name"]
 
 
-def test_dead_and_hung_kernels_are_tried_once_more(tmp_path):
+def test_dead_kernels_are_tried_once_more(tmp_path):
     code = """
 import os, pathlib
-mark = pathlib.Path(f"{n}.txt")
-again = mark.exists()
-if not again:
-    mark.write_text(str(os.getpid()))
-if n == 1 and not again or n == 2:
+mark = pathlib.Path("mark")
+if n == 2 or not mark.exists():
+    mark.touch()
     os._exit(3)
-while n == 3 and not again:
-    pass
 """
     notebook = write_notebook(tmp_path / "die.ipynb", code)
-    done = sweep.sweep(notebook, {"n": [3, 1, 2]}, tmp_path / "out", timeout=12)
-    assert list(done.table["status"]) == ["done", "done", "failed"]
-    assert list(done.failed.values()) == ["Kernel died (2 attempts)"]
-    wait_for(lambda: not is_there(int((tmp_path / "3.txt").read_text())))
+    first = sweep.sweep(notebook, {"n": [1]}, tmp_path / "out")
+    assert not first.failed
+    second = sweep.sweep(notebook, {"n": [2]}, tmp_path / "out")
+    assert list(second.failed.values()) == ["Kernel died (2 attempts)"]
+
+
+def test_a_hung_kernel_is_ended_and_its_run_tried_once_more(tmp_path, monkeypatch):
+    code = """
+import os, pathlib
+mark = pathlib.Path("mark")
+again = mark.exists()
+mark.write_text(str(os.getpid()))
+while not again:
+    pass
+"""
+    notebook, mark, fired = write_notebook(tmp_path / "hang.ipynb", code), tmp_path / "mark", []
+
+    class Clock(threading.Timer):
+        """Runs out as soon as the notebook hangs, however slow the machine is."""
+
+        def run(self):
+            wait_for(lambda: self.finished.is_set() or (mark.exists() and mark.read_text()), 120)
+            if not self.finished.is_set() and not fired:
+                fired.append(int(mark.read_text()))
+                self.function()
+
+    monkeypatch.setattr(notebooks, "threading", SimpleNamespace(Timer=Clock, Event=threading.Event))
+    done = sweep.sweep(notebook, {"n": [1]}, tmp_path / "out", timeout=1000)
+    assert not done.failed
+    wait_for(lambda: not is_there(fired[0]))
+
+
+def test_a_run_that_takes_too_long(notebook, tmp_path):
+    with pytest.raises(notebooks.NotebookLost, match=r"not done after 0.1 s"):
+        notebooks.run(notebook, tmp_path / "out.ipynb", {}, timeout=0.1)
+    assert not notebooks._running
 
 
 def test_disk_full_stops_and_goes_on_later(notebook, tmp_path, monkeypatch):

@@ -13,6 +13,7 @@ import numpy as np
 
 from profilecal.fitting import fit_circle
 from profilecal.targets.runs import (
+    NOISE_LIMIT,
     SPIKE,
     Run,
     coordinates,
@@ -28,17 +29,17 @@ LEAST_BEND_DEG = 15.0  # between the sides of a corner
 BLUNT = 0.5  # mm around a corner that its rounding and the laser spot spoil
 REACH = 2.0  # mm from the end of a straight side to the corner, at most
 AMBIGUOUS = 0.5  # a second candidate with this share of the first one's support leaves the choice open
+ALIKE = 0.8  # as many profiles that show the other end of a face leave open which is the edge
 ZONE = 12  # points at the end of a run among which the scanner may see both sides of a step
 ON_FACE = 3.5  # standard deviations from a run's line
 LEAST_STEP = 0.5  # mm off a run's line: a step, not a bend
 STEEPEST_DEG = 65.0  # of a face that faces the scanner
 CLEAR = 5.0  # mm beyond a run in which the scanner sees nothing, though it looked: the run ends there
 TIP_DEPTH, TIP_WIDTH = 0.5, 2.0  # mm of a blade that make up its tip, and its width there at most
-LEAST_TIP_POINTS = 4
-TIP_SKEW = 0.0  # mm
+LEAST_TIP_POINTS = 3
 AROUND = 12  # points on either side of a tip that must be behind it
 LEAST_ARC_DEG, LEAST_ARC_POINTS = 30.0, 20  # of a ball's circle that must be seen
-LEAST_SHARE = 0.7  # of the points along an arc that must lie on it
+LEAST_SHARE = 0.9  # of the points along an arc that must lie on it
 BLOCKS = 40  # points that stand for an arc or a line, each the mean of its neighbours
 KINDS = ("edge", "disk", "ball", "plane")
 
@@ -96,7 +97,7 @@ def find_features(kind: str, profiles, radius: float | None = None) -> list[Feat
         candidates = in_front([chords(p, *r, radius, view) for p, r in zip(profiles, runs, strict=True)], view)
     else:
         candidates = [
-            [*corners(p, r), *step_ends(p, r, limit, view), *tips(p, r, view)]
+            [*corners(p, r), *step_ends(p, r, limit, view), *tips(p, r, limit, view)]
             for p, (r, limit) in zip(profiles, runs, strict=True)
         ]
     return with_end_variance(choose(profiles, candidates, view))
@@ -122,14 +123,15 @@ class View:
     """What all profiles of a scan tell of the scanner: where it sees something, which way depth grows."""
 
     points: np.ndarray  # (k, 2) outermost points at each depth, mm
-    away: int  # sign of z that points away from the scanner; 0: not known
+    away: int  # sign of z that points away from the scanner, told by its standoff; 0: not known
 
     @staticmethod
     def of(straight) -> "View":
         """From the points (k, 2) on straight runs in each profile; spikes could be anywhere."""
         points = np.concatenate([*straight, np.zeros((0, 2))])
         z = points[:, 1]
-        away = (1 if z.min() > 0 else -1 if z.max() < 0 else 0) if len(z) else 0
+        far = len(z) and np.abs(z).min() > np.median([np.ptp(p[:, 1]) for p in straight])
+        away = int(np.sign(z[0])) if far and (np.sign(z) == np.sign(z[0])).all() else 0
         layer = np.round(z / 2).astype(int)
         order = np.lexsort((points[:, 0], layer))
         starts = np.flatnonzero(np.diff(layer[order], prepend=np.nan) != 0)
@@ -137,16 +139,17 @@ class View:
         return View(points[outer], away)
 
     def reaches_beyond(self, end, direction) -> bool:
-        """Whether some profile has a point at about this depth, clearly farther out along x."""
-        like = np.abs(self.points[:, 1] - end[1]) < CLEAR
+        """Whether some profile has a point at about this depth, or nearer, clearly farther out along x."""
+        deeper = self.points[:, 1] - end[1]
+        like = self.away * deeper < CLEAR if self.away else np.abs(deeper) < CLEAR  # the view widens with depth
         return bool((like & ((self.points[:, 0] - end[0]) * np.sign(direction[0]) > CLEAR)).any())
 
 
 def choose(profiles, candidates, view: View) -> list[tuple[Feature, tuple]]:
     """For each profile the candidate that is of the scan's kind, if just one is, and its overlaps."""
-    key = common_key(candidates, view)
-    if key is None:
-        return [(nothing(profile, "nothing like the target in this profile"), ()) for profile in profiles]
+    key, reason = common_key(candidates, view)
+    if reason:
+        return [(nothing(profile, reason), ()) for profile in profiles]
     alike = [sorted((c for c in found if c.key == key), key=lambda c: -c.support) for found in candidates]
     angles = np.array([found[0].angle for found in alike if found])
     middle = np.median(angles)
@@ -167,9 +170,12 @@ def choose(profiles, candidates, view: View) -> list[tuple[Feature, tuple]]:
     return chosen
 
 
-def common_key(candidates, view: View) -> tuple | None:
-    """The kind of candidate that most profiles have; of kinds that at least half as many have, the first of: corners
-    that point at the scanner, ends of faces, tips, corners that point away (where a wall meets a floor)."""
+def common_key(candidates, view: View) -> tuple[tuple, str]:
+    """What the target's feature is, or why that cannot be told: the kind of candidate that most profiles have.
+
+    Of kinds that at least half as many have, the first of: corners that point at the scanner, ends of faces, tips,
+    corners that point away (where a wall meets a floor).
+    """
     votes = Counter(key for found in candidates for key in {c.key for c in found})
     support = Counter()
     for c in (c for found in candidates for c in found):
@@ -180,7 +186,12 @@ def common_key(candidates, view: View) -> tuple | None:
         return 3 if hollow else ("corner", "step end", "tip", "chord").index(key[0])
 
     often = [key for key in votes if 2 * votes[key] >= max(votes.values())]
-    return min(often, key=lambda key: (order(key), -votes[key], -support[key]), default=None)
+    if not often:
+        return (), "nothing like the target in this profile"
+    key = min(often, key=lambda key: (order(key), -votes[key], -support[key]))
+    if any(k[0] == key[0] == "step end" and k != key and votes[k] > ALIKE * votes[key] for k in votes):
+        return (), "both ends of a face are seen, in this profile or others: which is the edge?"
+    return key, ""
 
 
 # Edge: corner, step end, tip
@@ -258,7 +269,7 @@ def ending(profile, run: Run, side: int, limit: float, view: View) -> tuple[str,
     beyond = np.arange(last + 1, len(profile)) if side > 0 else np.arange(last - 1, -1, -1)
     seen = beyond[present(profile[beyond])] if len(beyond) else beyond
     if len(seen) >= 3:
-        next_ = profile[seen[2 : ZONE + 2]] if len(seen) >= 5 else profile[seen]
+        next_ = profile[seen[3:9]] if len(seen) >= 6 else profile[seen]  # soon, or it is a curve, not a step
         off = np.median(coordinates(next_, run.point, run.direction)[1]) * np.sign(run.direction[0] or 1.0)
         return ("step", float(np.sign(off))) if abs(off) > max(LEAST_STEP, 2 * limit) else ("unclear", 0.0)
     looked = (len(beyond) - len(seen)) * run.spacing > CLEAR or view.reaches_beyond(profile[last], side * run.direction)
@@ -310,7 +321,7 @@ def with_end_variance(chosen) -> list[Feature]:
     return features
 
 
-def tips(profile, runs, view: View) -> list[Candidate]:
+def tips(profile, runs, limit: float, view: View) -> list[Candidate]:
     """Narrow tips in front of a background or of nothing: a blade that points at the scanner."""
     seen = present(profile)
     free = seen.copy()
@@ -324,7 +335,8 @@ def tips(profile, runs, view: View) -> list[Candidate]:
             if top is not None:
                 points = profile[top]
                 apex = np.array([points[:, 0].mean(), away * (away * points[:, 1]).min()])
-                covariance = np.diag([points[:, 0].var() / len(top) + TIP_SKEW**2, points[:, 1].var()])
+                noise = limit / NOISE_LIMIT
+                covariance = np.diag(np.maximum(points.var(axis=0), noise**2))  # somewhere among them
                 feature = Feature(apex[None], covariance[None], mask(profile, top), "tip")
                 found.append(Candidate(feature, ("tip", -away), 1.0))
     return found
@@ -345,7 +357,7 @@ def top_of(profile, seen, cluster, away: int) -> np.ndarray | None:
     for around in (np.arange(top[0] - AROUND, top[0]), np.arange(top[-1] + 1, top[-1] + 1 + AROUND)):
         if around[0] < 0 or around[-1] >= len(profile):
             return None
-        if seen[around].any() and np.median(away * profile[around[seen[around]], 1]) < nearest + 2 * TIP_DEPTH:
+        if seen[around].any() and np.median(away * profile[around[seen[around]], 1]) < nearest + TIP_DEPTH:
             return None
     return top
 
@@ -388,17 +400,25 @@ def find_line(profile, runs) -> Feature:
         lengths = f"{runs[0].length:.0f} and {runs[1].length:.0f} mm"
         return nothing(profile, f"two straight runs of similar length, {lengths}")
     best = runs[0]
-    blocks = np.array_split(np.arange(len(best.rows)), min(BLOCKS, len(best.rows)))
-    along, off = (np.array([values[b].mean() for b in blocks]) for values in (best.along, best.off))
+    size = block_sizes(len(best.rows))
+    along, off = means(best.along, size), means(best.off, size)
     points = best.point + along[:, None] * best.direction + off[:, None] * best.normal
-    return Feature(points, block_covariance(best.off, blocks, 2), mask(profile, best.rows), "line")
+    return Feature(points, block_covariance(best.off, size, 2), mask(profile, best.rows), "line")
 
 
-def block_covariance(errors, blocks, fitted: int) -> np.ndarray:
+def block_sizes(count: int) -> np.ndarray:
+    """Of nearly equal blocks of neighbours, BLOCKS of them, (b,)."""
+    return np.diff(np.linspace(0, count, min(BLOCKS, count) + 1).astype(int))
+
+
+def means(values, size) -> np.ndarray:
+    """Over blocks of `size` (b,) points, (b,)."""
+    return np.add.reduceat(values, np.cumsum(size) - size) / size
+
+
+def block_covariance(errors, size, fitted: int) -> np.ndarray:
     """Of the means over blocks of neighbours, (b, 2, 2) mm²: as much along the curve as across it."""
-    k = len(errors)
-    variance = (errors**2).sum() / max(k - fitted, 1) * correlation(errors)
-    size = np.array([len(block) for block in blocks])
+    variance = (errors**2).sum() / max(len(errors) - fitted, 1) * correlation(errors)
     return (variance / size)[:, None, None] * np.eye(2)
 
 
@@ -424,10 +444,10 @@ def find_arc(profile, radius: float) -> Feature:
     reason = why_no_arc(circle, angle, errors, on, radius, limit)
     if reason:
         return nothing(profile, reason)
-    blocks = np.array_split(np.arange(on.sum()), min(BLOCKS, on.sum()))
-    angle, off = (np.array([values[b].mean() for b in blocks]) for values in (angle, errors))
+    size = block_sizes(len(angle))
+    angle, off = means(angle, size), means(errors, size)
     thinned = circle[:2] + (circle[2] + off)[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    return Feature(thinned, block_covariance(errors, blocks, 3), mask(profile, rows[on]), "arc")
+    return Feature(thinned, block_covariance(errors, size, 3), mask(profile, rows[on]), "arc")
 
 
 def why_no_arc(circle, angle, errors, on, radius: float, limit: float) -> str:

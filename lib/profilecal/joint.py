@@ -694,7 +694,7 @@ def solve(
                 break
     everything = fit.state
     fit = refine(problem, one, weights=weights)
-    return _state_result(problem, observations, noise, source, how, fit, everything, weights, dof, starts)
+    return _state_result(problem, observations, noise, source, how, fit, everything, weights, dof)
 
 
 def _per_pose(term: Term) -> np.ndarray:
@@ -742,7 +742,7 @@ def _robust(problem: Problem, state: State, count, least: float) -> tuple[Fit, f
     return fit, float(unit(per_pose)[0])
 
 
-def _state_result(problem, observations, noise, source, how, fit, everything, weights, dof, starts) -> Solution:
+def _state_result(problem, observations, noise, source, how, fit, everything, weights, dof) -> Solution:
     """The solution object, with what there is to say."""
     state, chi2 = fit.state, float(fit.chi2[0])
     found = spectrum(fit.information[0], units_by_hand(problem))

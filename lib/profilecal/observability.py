@@ -92,7 +92,7 @@ def name_direction(direction, R_sensor, frame: str = "flange") -> str:
 def explain(found: Spectrum, R_sensor, R_flange, frame: str = "flange") -> list[str]:
     """Sentences a person can act on, none where all is well; one problem, flange orientations (P, 3, 3).
 
-    `frame`: that of the sensor pose; "base" where the sensor stands still and R_flange has the base in the flange frame.
+    `frame`: that of the sensor pose, "base" for a sensor that stands still; R_flange then has the base in it.
     """
     if found.status == "ok":
         return []

@@ -79,32 +79,6 @@ class Results:
         return Scorecard(rows)
 
 
-def plot_columns(frame: pd.DataFrame, x: str, y: str, hue: str, folder: Path) -> Path:
-    """Draw column y over column x, a line for each value of `hue`: the median, and the range from least to most.
-
-    Raises ValueError for a column that is not there or holds no numbers.
-    """
-    for name in filter(None, (x, y, hue)):
-        if name not in frame:
-            raise ValueError(f"no column named {name!r}; there are {', '.join(frame)}")
-    if not pd.api.types.is_numeric_dtype(frame[y]):
-        raise ValueError(f"column {y} holds no numbers, so it cannot be drawn")
-    use_style()
-    figure, axes = plt.subplots(figsize=(6, 4))
-    for value, part in frame.groupby(hue) if hue else [("", frame)]:
-        spread = part.groupby(x)[y].agg(["min", "median", "max"]).dropna()
-        (line,) = axes.plot(spread.index, spread["median"], "o-", label=f"{hue} = {value}")
-        axes.fill_between(spread.index, spread["min"], spread["max"], color=line.get_color(), alpha=0.15, lw=0)
-    axes.set(xlabel=x, ylabel=f"{y} (median, range)")
-    if hue:
-        axes.legend()
-    place = folder / f"{y}_over_{x}.png".replace("/", "-")
-    figure.savefig(place, dpi=200)
-    figure.savefig(place.with_suffix(".svg"))
-    plt.close(figure)
-    return place
-
-
 def plot_rounding(axes, draws, published: float, ours: float, name: str) -> None:
     """One quantity under the rounding of a printed table: all results that the table allows, and the published one."""
     low, high = np.percentile(draws, [2.5, 97.5])
@@ -191,7 +165,7 @@ def noise_curves(axes, m, sigma_mm, e) -> None:
     axes.annotate("σ [mm]", (m[-1], e[-1, -1]), (4, 12), textcoords="offset points", fontsize=9)
 
 
-def draw_misfit(axes, scene, turn_deg: float, shift_mm: float) -> None:
+def draw_seen_and_expected(axes, scene, turn_deg: float, shift_mm: float) -> None:
     """Draw one scan of a `scenes.Scene` (dots), and what a sensor pose that wrong expects in its place (crosses)."""
     from scipy.spatial.transform import Rotation
 
@@ -277,8 +251,14 @@ def plot_columns(frame: pd.DataFrame, x: str, y: str, hue: str, folder: Path) ->
 # --- the report on a user's own scans: every function takes a calibrate.Calibration ---
 
 FRAMES_DRAWN, SCANS_DRAWN = 24, 8  # flange frames and scan planes in a picture
+
+
 TARGETS = ("black", PURPLE, YELLOW)  # one colour a scan
+
+
 PROFILES_DRAWN = 20  # profiles in one figure, so that figures fit on a page
+
+
 VERDICTS = {
     "ok": ("The scanner's pose is determined", GREEN, "Every direction of it is known to better than 1 mm and 0.5°."),
     "weak": (

@@ -8,8 +8,8 @@ from itertools import pairwise
 
 import numpy as np
 
-LEAST_TOLERANCE = 0.1  # mm from a line within which points are on it, or five standard deviations of the noise
-LARGEST_TOLERANCE = 1.0  # mm, however noisy
+NOISE_LIMIT = 5.0  # standard deviations of the noise from a line within which points are on it
+LEAST_TOLERANCE, LARGEST_TOLERANCE = 0.1, 1.0  # mm, however quiet or noisy
 LEAST_POINTS = 6  # of a piece that is worth merging
 SHORTEST = 1.5  # mm of a run
 WINDOW = 7  # points whose median a spike leaves
@@ -92,7 +92,7 @@ def tolerance(z) -> float:
         return LEAST_TOLERANCE
     second = np.abs(z[2:] - 2 * z[1:-1] + z[:-2])
     sigma = np.partition(second, int(0.68 * len(second)))[int(0.68 * len(second))] / np.sqrt(6)
-    return float(np.clip(5 * sigma, LEAST_TOLERANCE, LARGEST_TOLERANCE))
+    return float(np.clip(NOISE_LIMIT * sigma, LEAST_TOLERANCE, LARGEST_TOLERANCE))
 
 
 def without_spikes(z, limit: float) -> np.ndarray:
