@@ -153,5 +153,6 @@ def test_reports_that_cannot_be_written_are_refused_at_once(tmp_path, monkeypatc
     monkeypatch.setattr(html, "find_spec", lambda name: None if name == "papermill" else object())
     result = run("calibrate", tmp_path / "scan", "--report", tmp_path / "r.html")
     assert result.exit_code == 2
-    assert result.stderr == 'profilecal: --report needs papermill, not installed here: pip install "profilecal[notebooks]"\n'
+    assert result.stderr.startswith("profilecal: --report needs papermill, not installed here: pip install")
+    assert result.stderr.count("\n") == 1
     assert not (tmp_path / "r.html").exists()
