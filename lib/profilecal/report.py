@@ -104,7 +104,7 @@ def equal_axes(axes, points) -> None:
     axes.set(zlim=(middle[2] - half, middle[2] + half), box_aspect=(1, 1, 1))
 
 
-def draw_scan(axes, scene, turn_deg: float, shift_mm: float) -> None:
+def draw_seen_and_expected(axes, scene, turn_deg: float, shift_mm: float) -> None:
     """Draw one scan of a `scenes.Scene` (dots), and what a sensor pose that wrong expects in its place (crosses)."""
     from scipy.spatial.transform import Rotation
 
