@@ -9,13 +9,13 @@ import profilecal
 
 PACKAGE = Path(profilecal.__file__).parent
 LAYERS = [
-    ["checks", "poses", "fitting"],
+    ["checks", "poses", "conventions", "fitting"],
     ["scanner"],
     ["targets"],
     ["scan", "acquisition", "simulate", "features", "handeyesync"],
-    ["closed_form", "joint", "observability"],
-    ["calibrate", "montecarlo"],
-    ["published", "scorecard", "report", "notebooks", "reproduce", "sweep", "cli"],
+    ["closed_form", "joint", "observability", "scenes"],
+    ["calibrate", "montecarlo", "synthetic", "verify"],
+    ["published", "published_scenes", "scorecard", "report", "html", "notebooks", "reproduce", "sweep", "cli"],
 ]
 RANK = {room: rank for rank, rooms in enumerate(LAYERS) for room in rooms}
 
