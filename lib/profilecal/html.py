@@ -120,12 +120,19 @@ th, td { padding: .25rem .7rem; text-align: left; border-bottom: 1px solid #ddd;
 th { font-weight: 600; }
 pre { background: #f5f5f5; padding: .6rem; margin: .2rem 0 .8rem; overflow-x: auto; font-size: .85rem;
   user-select: all; }
+@media (max-width: 36rem) {
+  body { padding: .7rem; }
+  th, td { padding: .25rem .35rem; }
+  pre { white-space: pre-wrap; overflow-wrap: anywhere; font-size: .72rem; }
+}
 @media print {
   body { max-width: none; padding: 0; font-size: 10pt; }
   pre { white-space: pre-wrap; overflow-wrap: anywhere; }
   .scroll { overflow-x: visible; }
   h2, h3, h4 { break-after: avoid; }
-  img, tr, pre, .verdict { break-inside: avoid; }
+  .text_cell { break-after: avoid; }
+  img, tr, pre, .verdict, .text_cell { break-inside: avoid; }
+  img { max-width: 75%; max-height: 105mm; width: auto; }
   @page { margin: 18mm 15mm; }
 }
 """

@@ -298,14 +298,7 @@ def frame_name(found) -> str:
 def verdict(found) -> Html:
     """The status in words, what to do about it, and what else there is to say."""
     title, colour, text = VERDICTS[found.status]
-    messages = [message for message in found.messages if " left out: " not in message]  # those have a table
-    left_out = len(found.messages) - len(messages)
-    if left_out:
-        total = sum(len(scan.labels) for scan in found.scans)
-        messages.append(
-            f"the target was not found in {left_out} of {total} profiles; the table under Residuals says why"
-        )
-    notes = [message[0].upper() + message[1:] + "." * (message[-1] not in ".?!") for message in messages]
+    notes = [message[0].upper() + message[1:] + "." * (message[-1] not in ".?!") for message in found.messages]
     listed = "".join(f"<li>{escape(note)}</li>" for note in notes)
     html = f'<p style="margin:0"><strong style="font-size:1.15em">{title}.</strong> {text}</p>'
     html += f"<ul>{listed}</ul>" if notes else ""

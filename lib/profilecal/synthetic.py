@@ -85,7 +85,7 @@ def simulate_scan(spec: Spec) -> Scan:
     radius = spec.radius or RADIUS.get(spec.kind, 0.0)
 
     turned = rotations(np.radians(spec.spread_deg) * _in_ball(rng, G)) @ first
-    moved = offsets(spec.kind, spec.motion, G, N, spec.noise.steering_mm, rng)
+    moved = offsets(spec.kind, spec.motion, G, N, spec.noise.steering_mm, facing[:, 2] @ turned, rng)
     if spec.kind in RADIUS:
         moved = moved * radius / RADIUS[spec.kind]
     with_tool = spec.frame == "tool" or spec.kind in ("disk", "ball", "point")
