@@ -50,12 +50,12 @@ def turned(points, angle, place):
     return np.asarray(points) @ np.array([[c, s], [-s, c]]) + place
 
 
-def disks(rng, count=250, background=20.0):
-    """Profiles of disks above a table (`background` None: nothing); their tips (P, 2, 2), smaller x first."""
+def disks(rng, count=250, background=20.0, aside=0.0):
+    """Profiles of disks above a table or, with `background` None, nothing; their tips (P, 2, 2), smaller x first."""
     half = RADIUS * np.sqrt(1 - rng.uniform(0, 0.8, count) ** 2)
     chains, tips = [], []
     for h in half:
-        angle, place = rng.uniform(-0.35, 0.35), np.array([rng.uniform(-5, 5), rng.uniform(180, 240)])
+        angle, place = rng.uniform(-0.35, 0.35), np.array([aside + rng.uniform(-5, 5), rng.uniform(180, 240)])
         ends = turned([[-h, 0], [h, 0]], angle, place)
         table = turned([[-300, background or 500], [300, background or 500]], angle * 0.5, place)
         below = [[x, np.interp(x, *table.T)] for x in ends[:, 0]]
@@ -69,7 +69,7 @@ def balls(rng, count=250, background=30.0):
     chains, circles = [], []
     for r in RADIUS * np.sqrt(1 - rng.uniform(0, 0.8, count) ** 2):
         x, z = rng.uniform(-8, 8), rng.uniform(190, 240)
-        angle = np.linspace(-np.pi, 0, 400)
+        angle = np.linspace(-np.pi, 0, 120)  # chords 2 µm deep
         arc = np.stack([x + r * np.cos(angle), z + r * np.sin(angle)], axis=-1)
         table = np.array([[x - 300, z + background], [x - r, z + background]])
         chains.append(np.concatenate([table, arc, [[x + r, z + background], [x + 300, z + background]]]))

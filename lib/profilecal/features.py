@@ -39,6 +39,7 @@ TIP_DEPTH, TIP_WIDTH = 0.5, 2.0  # mm of a blade that make up its tip, and its w
 LEAST_TIP_POINTS = 3
 AROUND = 12  # points on either side of a tip that must be behind it
 LEAST_ARC_DEG, LEAST_ARC_POINTS = 30.0, 20  # of a ball's circle that must be seen
+LARGEST_RMS = 0.5  # tolerances, of an arc's points from the circle; pieces of lines near a circle have more
 LEAST_SHARE = 0.9  # of the points along an arc that must lie on it
 BLOCKS = 40  # points that stand for an arc or a line, each the mean of its neighbours
 KINDS = ("edge", "disk", "ball", "plane")
@@ -171,10 +172,10 @@ def choose(profiles, candidates, view: View) -> list[tuple[Feature, tuple]]:
 
 
 def common_key(candidates, view: View) -> tuple[tuple, str]:
-    """What the target's feature is, or why that cannot be told: the kind of candidate that most profiles have.
+    """What the target's feature is in this scan, or why that cannot be told.
 
-    Of kinds that at least half as many have, the first of: corners that point at the scanner, ends of faces, tips,
-    corners that point away (where a wall meets a floor).
+    Of the kinds of candidates that are half as frequent as the most frequent one, or more, it is the first of: corners
+    that point at the scanner, ends of faces, tips, corners that point away (where a wall meets a floor).
     """
     votes = Counter(key for found in candidates for key in {c.key for c in found})
     support = Counter()
@@ -457,6 +458,8 @@ def why_no_arc(circle, angle, errors, on, radius: float, limit: float) -> str:
         return f"an arc of {np.degrees(extent):.0f}°; expected {LEAST_ARC_DEG:.0f}° or more"
     if circle[2] * (1 - np.cos(min(extent / 2, np.pi))) < 4 * limit:
         return "an arc too flat to be told from a line"
+    if np.sqrt(np.mean(errors**2)) > LARGEST_RMS * limit:
+        return "points that follow no circle"
     inside = on[on.argmax() : len(on) - on[::-1].argmax()]
     if inside.mean() < LEAST_SHARE:
         return f"only {100 * inside.mean():.0f} % of the points along the arc are on it"

@@ -19,7 +19,7 @@ from profilecal.targets.point import Point
 
 SIZES = {"edge": (25, 10), "disk": (4, 40), "ball": (10, 4), "plane": (12, 3), "point": (20, 1)}  # groups, positions
 MEASURED = {"edge": "points", "disk": "chords", "ball": "arcs", "plane": "profiles", "point": "points"}
-WIDE = Scanner(near=60.0, far=250.0, near_width=110.0, far_width=180.0)  # sees a whole disk of 50 mm radius
+WIDE = Scanner(near=40.0, far=260.0, near_width=100.0, far_width=220.0)  # sees a whole disk of 50 mm radius
 BELOW_MM = 20.0  # of a disk or ball, a table
 
 

@@ -12,6 +12,7 @@ NOISE_LIMIT = 5.0  # standard deviations of the noise from a line within which p
 LEAST_TOLERANCE, LARGEST_TOLERANCE = 0.1, 1.0  # mm, however quiet or noisy
 LEAST_POINTS = 6  # of a piece that is worth merging
 SHORTEST = 1.5  # mm of a run
+LEAST_SHARE = 0.5  # of the points between a run's ends
 WINDOW = 7  # points whose median a spike leaves
 SPIKE = 5.0  # tolerances
 
@@ -113,7 +114,13 @@ def straight_runs(profile) -> tuple[list[Run], float]:
     points = profile[rows]
     pieces = merge([piece for piece in split(points, limit) if len(piece) >= LEAST_POINTS], points, limit)
     runs = [run_through(profile, seen, rows[piece], limit) for piece in pieces]
-    return distinct([run for run in runs if len(run.rows) >= LEAST_POINTS and run.length >= SHORTEST]), limit
+    return distinct([run for run in runs if is_run(run, seen)]), limit
+
+
+def is_run(run: Run, seen) -> bool:
+    """Whether a run is long enough and most of the points seen between its ends are on it."""
+    between = np.searchsorted(seen, run.rows[-1]) - np.searchsorted(seen, run.rows[0]) + 1
+    return len(run.rows) >= max(LEAST_POINTS, LEAST_SHARE * between) and run.length >= SHORTEST
 
 
 def distinct(runs) -> list[Run]:
