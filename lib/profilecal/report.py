@@ -424,7 +424,7 @@ def plot_robot(found) -> plt.Figure:
             for j, i in enumerate(few):
                 moved = [line @ R[i].T + T[i] for line in lines]
                 label = "" if j or k else f"{scan.kind}, carried by the flange"
-                drawn += [draw_lines(axes, moved, TARGETS[k % 3], label)]
+                drawn += [draw_lines(axes, moved, TARGETS[k % 3], label, width=0.8)]
     equal_axes(axes, np.concatenate(drawn))
     axes.set(xlabel="base x [mm]", ylabel="base y [mm]", zlabel="base z [mm]")
     axes.locator_params(nbins=5)
@@ -443,10 +443,10 @@ def depth_of(observed) -> float:
     return float(np.nanmedian(np.concatenate([np.asarray(o.points)[..., 1].ravel() for o in observed])))
 
 
-def draw_lines(axes, lines, colour: str, label: str) -> np.ndarray:
+def draw_lines(axes, lines, colour: str, label: str, width: float = 3.0) -> np.ndarray:
     """Draw polylines (n, 3) in a 3D plot; return their points."""
     for k, line in enumerate(lines):
-        axes.plot(*line.T, color=colour, lw=3 if len(lines) == 1 else 1, label=label if k == 0 else "")
+        axes.plot(*line.T, color=colour, lw=width if len(lines) == 1 else 1, label=label if k == 0 else "")
     return np.concatenate(lines)
 
 
