@@ -155,7 +155,7 @@ def test_profiles_with_nothing_in_them_have_a_reason(kind, profile):
 
 def test_noise_alone_shows_nothing():
     rng = np.random.default_rng(8)
-    profiles = rng.uniform(-50, 50, (50, 980, 2)) + [0, 200]
+    profiles = rng.uniform([-50, 150], [50, 250], (50, 980, 2))
     for kind in ("edge", "disk", "ball", "plane"):
         assert not found(find_features(kind, profiles, RADIUS)).any()
 
