@@ -440,7 +440,7 @@ def find_arc(profile, radius: float) -> Feature:
     circle = best_circle(points, radius, limit)
     on = np.zeros(len(rows), dtype=bool)
     for _ in range(6):
-        if circle is None:
+        if circle is None or not np.isfinite(circle).all():
             break
         on = largest_part(np.abs(np.hypot(*(points - circle[:2]).T) - circle[2]) <= limit)
         with np.errstate(divide="ignore", invalid="ignore"):  # repeated points: NaN
