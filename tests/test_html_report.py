@@ -83,7 +83,7 @@ def test_the_uncertainty_of_each_number_is_that_of_poses_drawn_from_the_covarian
 
 
 def test_weak_scans_say_so_first_and_what_to_add():
-    text = everything(calibrate([simulate_scan(replace(EDGE, spread_deg=0.8))]))
+    text = everything(calibrate([simulate_scan(replace(EDGE, spread_deg=0.4))]))
     assert text.startswith("Solved, but not well enough to rely on.")
     assert "add" in text.split("\n")[1]
 
@@ -153,5 +153,6 @@ def test_reports_that_cannot_be_written_are_refused_at_once(tmp_path, monkeypatc
     monkeypatch.setattr(html, "find_spec", lambda name: None if name == "papermill" else object())
     result = run("calibrate", tmp_path / "scan", "--report", tmp_path / "r.html")
     assert result.exit_code == 2
-    assert result.stderr == 'profilecal: --report needs papermill: pip install "profilecal[notebooks]"\n'
+    assert result.stderr.startswith("profilecal: --report needs papermill, not installed here: pip install")
+    assert result.stderr.count("\n") == 1
     assert not (tmp_path / "r.html").exists()

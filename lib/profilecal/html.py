@@ -132,7 +132,7 @@ pre { background: #f5f5f5; padding: .6rem; margin: .2rem 0 .8rem; overflow-x: au
   h2, h3, h4 { break-after: avoid; }
   .text_cell { break-after: avoid; }
   img, tr, pre, .verdict, .text_cell { break-inside: avoid; }
-  img { max-width: 75%; max-height: 105mm; width: auto; }
+  img { max-width: 75%; max-height: 118mm; width: auto; }
   @page { margin: 18mm 15mm; }
 }
 """

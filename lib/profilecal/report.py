@@ -360,7 +360,7 @@ def pose_words(found) -> Html:
     if convention.name in ("quaternion", "rotation vector"):
         rule = f"a {convention.name}"
     seen = np.concatenate([np.asarray(o.points).reshape(-1, 2) for o in found.observed])
-    x, z = np.nanmean(seen, axis=0)
+    x, z = np.nanmean(seen, axis=0).round() + 0.0  # not -0
     J = np.column_stack([np.eye(3), np.cross(np.eye(3), [x, 0, z]).T])  # δ moves a point p by ρ + φ × p
     placed = np.sqrt(np.trace(J @ s.covariance @ J.T))
     mm, deg = ("{:.2g}, {:.2g} and {:.2g}".format(*sd) for sd in (s.translation_sd_mm, s.rotation_sd_deg))
@@ -500,8 +500,9 @@ def plot_residuals(found) -> plt.Figure | None:
         axes.axhline(1, color="0.5", lw=0.8, ls=":")
         axes.plot([], [], color="black", lw=1.5, label="rms of a group")
         axes.set(xlabel="pose", ylabel="residual / noise", ylim=(0, top), title=scan.title if len(rows) > 1 else "")
-        ticks = seen[:: max(1, -(-len(seen) // 12))]
-        axes.set_xticks(ticks, [shorten(scan.labels[i], 8) for i in ticks])
+        names = [shorten(label, 8) for label in scan.labels]
+        ticks = seen[:: -(-len(seen) * max(map(len, names)) // 40)]
+        axes.set_xticks(ticks, [names[i] for i in ticks])
     handles = [handle for handle in rows[0, 0].get_legend_handles_labels()[0] if handle.get_label()[0] != "_"]
     figure.legend(handles=handles, loc="outside upper center", ncols=3)
     return figure
