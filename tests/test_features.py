@@ -160,6 +160,34 @@ def test_noise_alone_shows_nothing():
         assert not found(find_features(kind, profiles, RADIUS)).any()
 
 
+CORRUPTIONS = (
+    lambda p, i, j, rng: p[i:j],
+    lambda p, i, j, rng: np.concatenate([p[:i], np.full((j - i, 2), np.nan), p[j:]]),
+    lambda p, i, j, rng: np.concatenate([p[:i], np.zeros((j - i, 2)), p[j:]]),
+    lambda p, i, j, rng: np.concatenate([p[:i], rng.normal(size=(j - i, 2)) * 10.0 ** rng.integers(-3, 4), p[j:]]),
+    lambda p, i, j, rng: p * 10.0 ** rng.integers(-4, 5),
+    lambda p, i, j, rng: rng.permutation(p),
+    lambda p, i, j, rng: np.repeat(p, 2, axis=0)[:2000],
+    lambda p, i, j, rng: p[:: rng.integers(1, 40)] * [1, -1],
+)
+
+
+@pytest.mark.parametrize("kind", ["edge", "disk", "ball", "plane"])
+def test_whatever_is_in_a_profile_gives_a_feature_or_a_reason(kind):
+    """Warnings are errors here: no division by zero either."""
+    rng = np.random.default_rng(10)
+    makers = [disks, balls, planes, lambda rng, _: edges("knife blade", rng, groups=1)]
+    profiles = np.concatenate([make(rng, 10)[0] for make in makers])
+    for profile in profiles[rng.integers(len(profiles), size=300)]:
+        for corrupt in rng.choice(CORRUPTIONS, size=rng.integers(1, 4)):
+            i, j = np.sort(rng.integers(0, len(profile) + 1, 2))
+            profile = corrupt(profile, i, j, rng)
+        (feature,) = find_features(kind, [profile], RADIUS)
+        assert feature.found != bool(feature.reason)
+        assert np.isfinite(feature.points).all()
+        assert (np.linalg.eigvalsh(feature.covariance) >= 0).all()
+
+
 def test_wrong_input_is_refused_in_words():
     with pytest.raises(ValueError, match=r"kind is 'cube'; expected one of edge, disk, ball, plane"):
         find_features("cube", [BLANK])

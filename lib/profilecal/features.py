@@ -13,6 +13,7 @@ import numpy as np
 
 from profilecal.fitting import fit_circle
 from profilecal.targets.runs import (
+    LARGEST_TOLERANCE,
     NOISE_LIMIT,
     SPIKE,
     Run,
@@ -27,6 +28,7 @@ from profilecal.targets.runs import (
 
 LEAST_BEND_DEG = 15.0  # between the sides of a corner
 BLUNT = 0.5  # mm around a corner that its rounding and the laser spot spoil
+LEAST_SIDE = 10  # points on either side of it
 REACH = 2.0  # mm from the end of a straight side to the corner, at most
 AMBIGUOUS = 0.5  # a second candidate with this share of the first one's support leaves the choice open
 ALIKE = 0.8  # as many profiles that show the other end of a face leave open which is the edge
@@ -68,7 +70,8 @@ class Candidate:
     key: tuple  # what it has in common with the target's feature in other profiles: shape and side
     support: float  # mm
     angle: float = 0.0  # rad, inner angle of a corner
-    overlaps: tuple = ()  # for run ends: how often both sides of the step alternate there
+    along: np.ndarray | None = None  # (m, 2, 2) mm², run ends: what one point spacing along the run adds
+    overlaps: tuple = ()  # run ends: how often both sides of the step alternate there
 
 
 def find_features(kind: str, profiles, radius: float | None = None) -> list[Feature]:
@@ -146,11 +149,11 @@ class View:
         return bool((like & ((self.points[:, 0] - end[0]) * np.sign(direction[0]) > CLEAR)).any())
 
 
-def choose(profiles, candidates, view: View) -> list[tuple[Feature, tuple]]:
-    """For each profile the candidate that is of the scan's kind, if just one is, and its overlaps."""
+def choose(profiles, candidates, view: View) -> list[Candidate]:
+    """For each profile the candidate that is of the scan's kind, if just one is."""
     key, reason = common_key(candidates, view)
     if reason:
-        return [(nothing(profile, reason), ()) for profile in profiles]
+        return [Candidate(nothing(profile, reason), (), 0.0) for profile in profiles]
     alike = [sorted((c for c in found if c.key == key), key=lambda c: -c.support) for found in candidates]
     angles = np.array([found[0].angle for found in alike if found])
     middle = np.median(angles)
@@ -159,15 +162,15 @@ def choose(profiles, candidates, view: View) -> list[tuple[Feature, tuple]]:
     for profile, found in zip(profiles, alike, strict=True):
         near = [c for c in found if abs(c.angle - middle) <= width]
         if not found:
-            pick = nothing(profile, f"no {key[0]} as in other profiles"), ()
+            reason = f"no {key[0]} as in other profiles"
         elif not near:
-            angle = np.degrees(found[0].angle)
-            pick = nothing(profile, f"a corner of {angle:.0f}°, but {np.degrees(middle):.0f}° in other profiles"), ()
+            reason = f"a corner of {np.degrees(found[0].angle):.0f}°, {np.degrees(middle):.0f}° in other profiles"
         elif len(near) > 1 and near[1].support > AMBIGUOUS * near[0].support:
-            pick = nothing(profile, f"{len(near)} candidates for the {key[0]}, none clearly the best"), ()
+            reason = f"{len(near)} candidates for the {key[0]}, none clearly the best"
         else:
-            pick = near[0].feature, near[0].overlaps
-        chosen.append(pick)
+            chosen.append(near[0])
+            continue
+        chosen.append(Candidate(nothing(profile, reason), (), 0.0))
     return chosen
 
 
@@ -202,13 +205,11 @@ def corners(profile, runs) -> list[Candidate]:
     """Where neighbouring straight runs meet: the apex of a ridge, the corner of a bar."""
     found = []
     for first, second in pairwise(runs):
-        bend = np.arccos(np.clip(first.direction @ second.direction, -1, 1))
-        if bend < np.radians(LEAST_BEND_DEG):
+        if not is_bent(first, second):
             continue
         apex = crossing(first, second)
         sides = [beyond_blunt(profile, run, apex) for run in (first, second)]
-        near = [np.abs((run.point - apex) @ run.direction) - run.length / 2 for run in (first, second)]
-        if any(side is None for side in sides) or not ends_at(first, second, apex) or max(near) > REACH:
+        if any(side is None for side in sides) or not is_bent(*sides) or not ends_at(first, second, apex):
             continue
         apex = crossing(*sides)
         normals = np.stack([side.normal for side in sides])
@@ -217,9 +218,15 @@ def corners(profile, runs) -> list[Candidate]:
         used = mask(profile, np.concatenate([side.rows for side in sides]))
         feature = Feature(apex[None], (inverse @ variance @ inverse.T)[None], used, "corner")
         towards = first.direction - second.direction  # from between the sides to the apex and on
+        bend = np.arccos(first.direction @ second.direction)
         key = ("corner", int(np.sign(towards[1])))
         found.append(Candidate(feature, key, min(side.length for side in sides), np.pi - bend))
     return found
+
+
+def is_bent(first: Run, second: Run) -> bool:
+    """Whether two runs form a corner, neither straight on nor straight back."""
+    return bool(abs(first.direction @ second.direction) < np.cos(np.radians(LEAST_BEND_DEG)))
 
 
 def crossing(first: Run, second: Run) -> np.ndarray:
@@ -238,7 +245,8 @@ def ends_at(first: Run, second: Run, apex) -> bool:
 def beyond_blunt(profile, run: Run, apex) -> Run | None:
     """The run without the points around the corner; None if too little is left."""
     rows = run.rows[np.abs(run.along - (apex - run.point) @ run.direction) > BLUNT]
-    return run_of(profile, rows) if len(rows) >= 10 else None
+    side = run_of(profile, rows) if len(rows) >= LEAST_SIDE else None
+    return side if side and side.length > BLUNT else None
 
 
 def step_ends(profile, runs, limit: float, view: View) -> list[Candidate]:
@@ -250,9 +258,10 @@ def step_ends(profile, runs, limit: float, view: View) -> list[Candidate]:
             behind = how == "step" and view.away * depth > 0
             if behind or how == "nothing":
                 tip, overlaps = run_end(run, side)
-                feature = Feature(tip[None], end_covariance(run, tip)[None], mask(profile, run.rows), "step end")
+                across, along = end_covariance(run, tip)
+                feature = Feature(tip[None], across[None], mask(profile, run.rows), "step end")
                 key = ("step end", int(np.sign(tip[0] - run.point[0])))
-                found.append(Candidate(feature, key, run.length, overlaps=(overlaps,)))
+                found.append(Candidate(feature, key, run.length, along=along[None], overlaps=(overlaps,)))
     return found
 
 
@@ -295,10 +304,10 @@ def run_end(run: Run, side: int) -> tuple[np.ndarray, int]:
     return run.point + side * end * run.direction, int((np.diff(rows[zone]) > 1).sum())
 
 
-def end_covariance(run: Run, tip) -> np.ndarray:
-    """Of a run's end, (2, 2) mm²: across from the line; along, one point spacing, which the overlaps scale later."""
+def end_covariance(run: Run, tip) -> tuple[np.ndarray, np.ndarray]:
+    """Of a run's end, (2, 2) mm²: across the run, from its line, and along it, as much as one point spacing."""
     d, n = run.direction, run.normal
-    return np.outer(n, n) * run.offset_variance(tip) + np.outer(d, d) * run.spacing**2
+    return np.outer(n, n) * run.offset_variance(tip), np.outer(d, d) * run.spacing**2
 
 
 def with_end_variance(chosen) -> list[Feature]:
@@ -307,19 +316,13 @@ def with_end_variance(chosen) -> list[Feature]:
     Samples that come from anywhere within w = k spacings alternate (k - 1)³ / 6k² times on average, and their number
     has the variance k/6 (k ≥ 1). Only scanners that keep the rows of missing points show all overlaps.
     """
-    overlaps = [count for _, counts in chosen for count in counts]
-    if not overlaps:
-        return [feature for feature, _ in chosen]
+    overlaps = [count for candidate in chosen for count in candidate.overlaps]
     k = np.linspace(1, 40, 400)
-    factor = np.interp(np.mean(overlaps), (k - 1) ** 3 / (6 * k**2), k / 6)
-    features = []
-    for feature, counts in chosen:
-        if counts:
-            values, vectors = np.linalg.eigh(feature.covariance)
-            values[:, 1] *= factor
-            feature = replace(feature, covariance=(vectors * values[:, None]) @ np.swapaxes(vectors, -1, -2))
-        features.append(feature)
-    return features
+    factor = np.interp(np.mean(overlaps or [0]), (k - 1) ** 3 / (6 * k**2), k / 6)
+    return [
+        c.feature if c.along is None else replace(c.feature, covariance=c.feature.covariance + factor * c.along)
+        for c in chosen
+    ]
 
 
 def tips(profile, runs, limit: float, view: View) -> list[Candidate]:
@@ -379,10 +382,11 @@ def chords(profile, runs, limit: float, radius: float, view: View) -> list[Candi
         step = int(sum(steps))
         if np.linalg.norm(points[1] - points[0]) > 2 * radius + 4 * run.spacing:
             continue
-        covariance = np.array([end_covariance(run, tip) for tip in points])
         order = np.argsort(points[:, 0])
-        feature = Feature(points[order], covariance[order], mask(profile, run.rows), "chord")
-        found.append(Candidate(feature, ("chord", step), run.length, overlaps=tuple(n for _, n in ends)))
+        across, along = np.array([end_covariance(run, tip) for tip in points[order]]).swapaxes(0, 1)
+        feature = Feature(points[order], across, mask(profile, run.rows), "chord")
+        overlaps = tuple(n for _, n in ends)
+        found.append(Candidate(feature, ("chord", step), run.length, along=along, overlaps=overlaps))
     return found
 
 
@@ -429,15 +433,18 @@ def find_arc(profile, radius: float) -> Feature:
     if len(rows) < LEAST_ARC_POINTS:
         return nothing(profile, f"{len(rows)} points; an arc needs {LEAST_ARC_POINTS}")
     limit = tolerance(profile[rows, 1])
+    if limit == LARGEST_TOLERANCE:
+        return nothing(profile, "neighbouring points differ too much to be of one surface")
     rows = rows[without_spikes(profile[rows, 1], SPIKE * limit)]
     points = profile[rows]
     circle = best_circle(points, radius, limit)
     on = np.zeros(len(rows), dtype=bool)
     for _ in range(6):
-        if circle is None:
+        if circle is None or not np.isfinite(circle).all():
             break
         on = largest_part(np.abs(np.hypot(*(points - circle[:2]).T) - circle[2]) <= limit)
-        circle = fit_circle(points[on]) if on.sum() >= LEAST_ARC_POINTS else None
+        with np.errstate(divide="ignore", invalid="ignore"):  # repeated points: NaN
+            circle = fit_circle(points[on]) if on.sum() >= LEAST_ARC_POINTS else None
     if circle is None or not np.isfinite(circle).all():
         return nothing(profile, "no arc of a circle as large as the ball or smaller")
     offset = points[on] - circle[:2]

@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 NOISE_LIMIT = 5.0  # standard deviations of the noise from a line within which points are on it
-LEAST_TOLERANCE, LARGEST_TOLERANCE = 0.1, 1.0  # mm, however quiet or noisy
+LEAST_TOLERANCE, LARGEST_TOLERANCE = 0.1, 2.0  # mm, however quiet; a profile that needs more shows no surface
 LEAST_POINTS = 6  # of a piece that is worth merging
 SHORTEST = 1.5  # mm of a run
 LEAST_SHARE = 0.5  # of the points between a run's ends
@@ -110,6 +110,8 @@ def straight_runs(profile) -> tuple[list[Run], float]:
     profile = np.asarray(profile, dtype=float)
     seen = np.flatnonzero(present(profile))
     limit = tolerance(profile[seen, 1])
+    if limit == LARGEST_TOLERANCE:
+        return [], limit
     rows = seen[without_spikes(profile[seen, 1], SPIKE * limit)]
     points = profile[rows]
     pieces = merge([piece for piece in split(points, limit) if len(piece) >= LEAST_POINTS], points, limit)
