@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
+from numpy.polynomial import Polynomial
 
 from profilecal.fitting import fit_circle
 from profilecal.targets.runs import (
@@ -298,9 +299,8 @@ def run_end(run: Run, side: int) -> tuple[np.ndarray, int]:
     rows, along = side * run.rows[face][order], side * run.along[face][order]
     zone = rows > rows[-1] - ZONE
     near = slice(-4 * ZONE, None)
-    middle, start = rows[near].mean(), along[near].mean()
-    spacing = ((rows[near] - middle) * along[near]).sum() / ((rows[near] - middle) ** 2).sum()
-    end = start + spacing * (rows[-1] - ZONE + zone.sum() + 0.5 - middle)
+    where = Polynomial.fit(rows[near], along[near], 2)  # a fan of rays spaces the points of a sloping face unevenly
+    end = where(rows[-1] - ZONE + zone.sum() + 0.5)
     return run.point + side * end * run.direction, int((np.diff(rows[zone]) > 1).sum())
 
 
