@@ -106,6 +106,17 @@ def test_several_targets_know_more_than_each():
     assert [target["kind"] for target in together.to_json()["target"]] == ["edge", "disk"]
 
 
+def test_features_of_different_precision_are_weighed():
+    edge, ball = (
+        simulate_scan(Spec(kind=kind, seed=6, title=kind, measured="profiles", groups=8, positions=4))
+        for kind in ("edge", "ball")
+    )
+    together = calibrate([edge, ball])
+    noise = [observations(scan)[2] for scan in (edge, ball)]
+    assert [entry.sd for entry in together.observed] == [1.0, noise[1] / noise[0]]
+    assert squared_error(edge, together) < chi2.ppf(0.9999, 6)
+
+
 def test_planted_outliers_are_named_by_check_and_rejected_by_calibrate():
     scan = simulate_scan(Spec(seed=7))
     bad = [3, 77, 200]

@@ -84,8 +84,8 @@ def calibrate(scans, guess=None) -> Calibration:
 
     `guess`: a mount pose (4, 4), mm, to start from besides a search over all orientations.
 
-    Raises ScanError for scans that do not belong together or hold too little, UnobservableError for fewer
-    measurements than unknowns.
+    Raises ScanError for scans that do not belong together or hold too little. Fewer measurements than unknowns give a
+    Calibration without a solution.
     """
     scans = tuple(scans)
     if len({scan.mount for scan in scans}) > 1:
@@ -218,9 +218,8 @@ def as_observations(scan: Scan, poses, points, sd: float = 1.0) -> joint.Observa
         R = R.transpose(0, 2, 1)
         T = -np.einsum("nab,nb->na", R, T)
     group = scan.group[poses] if scan.group is not None else None
-    return joint.Observations(
-        scan.kind, R[None], T[None], points[None], scan.radius, group, scan.mount == "eye-to-hand"
-    )
+    to_hand = scan.mount == "eye-to-hand"
+    return joint.Observations(scan.kind, R[None], T[None], points[None], scan.radius, group, to_hand, sd)
 
 
 def shared_noise(scans) -> Noise:

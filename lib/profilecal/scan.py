@@ -1,6 +1,6 @@
 """The scan folder: a user's measurements as plain files, read with every mistake named, and written.
 
-`docs` of the format: data/README.md. Lengths are millimetres once read, whatever the folder's units.
+data/README.md describes the format. Lengths are millimetres once read, whatever the folder's units.
 """
 
 import json
