@@ -7,7 +7,7 @@ import numpy as np
 from scipy.optimize import minimize
 from scipy.stats import chi2
 
-from profilecal import joint
+from profilecal import joint, two_phase
 from profilecal.checks import UnobservableError
 from profilecal.features import find_features
 from profilecal.observability import LEAST_TURN_DEG, name_axis, name_direction, turns
@@ -15,6 +15,8 @@ from profilecal.poses import xyz_angles_from_rotation
 from profilecal.scan import Scan, ScanError
 from profilecal.simulate import Noise
 
+FROM_PROFILES = "from the profiles themselves"
+METHODS = ("joint", "closed-form")
 LEAST_POSES = 3
 ROUNDS = 6  # of estimating robot errors; two or three are usual
 FALSE_ALARM = 0.01  # the chance that `check` doubts any pose of a good scan
@@ -29,6 +31,7 @@ class Calibration:
     observed: tuple[joint.Observations, ...]  # for each scan, what was seen from them
     solution: joint.Solution | None  # None: fewer measurements than unknowns
     messages: tuple[str, ...]  # sentences a person can act on
+    method: str = "joint"
 
     @property
     def status(self) -> str:
@@ -36,14 +39,17 @@ class Calibration:
         return self.solution.status if self.solution else "unobservable"
 
     def labels(self, rejected: bool) -> list[str]:
-        """Of the poses used or rejected; with the scan's title before them where there are several scans."""
-        names = []
+        """Of the poses used or rejected."""
         if not self.solution:
-            return names
-        for scan, seen, bad in zip(self.scans, self.seen, self.solution.rejected, strict=True):
-            before = f"{scan.title or scan.kind}: " if len(self.scans) > 1 else ""
-            names += [before + scan.labels[i] for i, b in zip(seen, bad, strict=True) if b == rejected]
-        return names
+            return []
+        pairs = zip(self.labels_by_scan(), self.solution.rejected, strict=True)
+        return [label for labels, bad in pairs for label, b in zip(labels, bad, strict=True) if b == rejected]
+
+    def labels_by_scan(self) -> list[list[str]]:
+        """Of the poses from which the target was found; with the scan's title before them where there are several."""
+        names = [f"{scan.title or scan.kind}: " if len(self.scans) > 1 else "" for scan in self.scans]
+        triples = zip(names, self.scans, self.seen, strict=True)
+        return [[before + scan.labels[i] for i in seen] for before, scan, seen in triples]
 
     def to_json(self) -> dict:
         """The object that `profilecal calibrate --json` prints; data/README.md says what each entry is."""
@@ -73,21 +79,26 @@ class Calibration:
             "poses_used": self.labels(rejected=False),
             "poses_rejected": self.labels(rejected=True),
             "observability": observability,
-            "method": "joint",
+            "method": self.method,
             "target": targets,
             "messages": list(self.messages),
         }
 
 
-def calibrate(scans, guess=None) -> Calibration:
+def calibrate(scans, guess=None, method: str = "joint", rng: np.random.Generator | None = None) -> Calibration:
     """The sensor pose from one scan or several of one sensor, with its covariance.
 
-    `guess`: a mount pose (4, 4), mm, to start from besides a search over all orientations.
+    `guess`: a mount pose (4, 4), mm, to start from besides a search over all orientations. `method`: "joint", or
+    "closed-form" for what the papers make of one scan; its covariance needs `rng`.
 
     Raises ScanError for scans that do not belong together or hold too little. Fewer measurements than unknowns give a
     Calibration without a solution.
     """
     scans = tuple(scans)
+    if method not in METHODS:
+        raise ScanError(f"method is {method!r}; expected {' or '.join(METHODS)}")
+    if method == "closed-form" and (len(scans) > 1 or guess is not None):
+        raise ScanError("the closed form takes one scan and no guess; the method joint takes more")
     if len({scan.mount for scan in scans}) > 1:
         raise ScanError("some scans are eye-in-hand and others eye-to-hand; expected one mount")
     observed, seen, messages, reference = [], [], [], None
@@ -103,14 +114,19 @@ def calibrate(scans, guess=None) -> Calibration:
     starts = [] if guess is None else [(guess[:3, :3], guess[:3, 3])]
     noise = shared_noise(scans)
     try:
-        if reference:
+        if method == "closed-form":
+            noise = replace(noise, profile_mm=reference or noise.profile_mm)
+            solution = two_phase.solve(observed[0], noise, scans[0].side[seen[0]], rng)
+            if reference:
+                solution = replace(solution, noise_source="estimated", noise_how=FROM_PROFILES)
+        elif reference:
             solution = solve_with_robot_errors(observed, replace(noise, profile_mm=reference), starts)
         else:
             solution = joint.solve(observed, noise, starts=starts)
     except UnobservableError as error:
-        return Calibration(scans, tuple(seen), tuple(observed), None, (*messages, str(error)))
+        return Calibration(scans, tuple(seen), tuple(observed), None, (*messages, str(error)), method)
     messages += [*solution.messages, *wrong_sides(scans, seen, solution)]
-    return Calibration(scans, tuple(seen), tuple(observed), solution, tuple(messages))
+    return Calibration(scans, tuple(seen), tuple(observed), solution, tuple(messages), method)
 
 
 def solve_with_robot_errors(observed, noise: Noise, starts) -> joint.Solution:
@@ -119,7 +135,7 @@ def solve_with_robot_errors(observed, noise: Noise, starts) -> joint.Solution:
     What that noise does not explain is the robot's: all points of a profile share the error of its pose. Where no
     robot errors are stated they are estimated, as a position error of each pose.
     """
-    how = "from the profiles themselves"
+    how = FROM_PROFILES
     if noise.position_mm or noise.orientation_deg or noise.group_position_mm or noise.group_orientation_deg:
         solution = joint.solve(observed, noise, starts=starts)
     else:

@@ -64,10 +64,15 @@ def reproduce(names, parameters, output):
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of a table.")
 @click.option("--to", "vendor", metavar="NAME", help="abb, kuka, ur, fanuc, staubli, ros or matrix: a pose to paste.")
 @click.option("--guess", nargs=6, type=float, metavar="X Y Z W P R", help="Mount to start from, mm and degrees.")
+@click.option(
+    "--method", type=click.Choice(["joint", "closed-form"]), default="joint", help="closed-form: as the papers do it."
+)
+@click.option("--leave-out", is_flag=True, help="Cross-validate: predict each flange orientation from the others.")
 @click.option("--report", type=click.Path(path_type=Path), help="Write a report with pictures to this HTML file.")
-def calibrate(folders, as_json, vendor, guess, report):
+def calibrate(folders, as_json, vendor, guess, method, leave_out, report):
     """Find the sensor pose from one scan folder, or several of one sensor."""
     import json
+    from dataclasses import replace
 
     import numpy as np
 
@@ -83,9 +88,16 @@ def calibrate(folders, as_json, vendor, guess, report):
         if report:
             check_report(report)
         mount = homogeneous(rotation_from_xyz_angles(np.radians(guess[3:])), guess[:3]) if guess else None
-        found = calibration.calibrate([read_scan(folder) for folder in folders], mount)
-
+        if leave_out and method != "joint":
+            raise ValueError("--leave-out is for the method joint")
+        scans = [read_scan(folder) for folder in folders]
+        found = calibration.calibrate(scans, mount, method, np.random.default_rng(0))
     known = found.status != "unobservable"
+    if leave_out and known:
+        from profilecal.leave_out import leave_out as cross_validate
+
+        found = replace(found, messages=(*found.messages, *cross_validate(found).messages()))
+
     if as_json:
         click.echo(json.dumps(found.to_json(), indent=2))
     else:
@@ -94,7 +106,7 @@ def calibrate(folders, as_json, vendor, guess, report):
         frame = "flange" if found.scans[0].mount == "eye-in-hand" else "base"
         click.echo(for_controller(vendor, found.solution.T_flange_sensor, frame))
     if report:
-        write_the_report(folders, report, guess=list(guess or []))
+        write_the_report(folders, report, guess=list(guess or []), method=method)
     raise SystemExit(0 if known else 3)
 
 

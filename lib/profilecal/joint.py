@@ -472,6 +472,7 @@ class Solution:
     observability: Spectrum
     messages: tuple  # sentences a person can act on
     converged: bool
+    noise: Noise  # all of it, as it was used
 
     @property
     def chi2_per_dof(self) -> float:
@@ -806,6 +807,7 @@ def _state_result(problem, observations, noise, source, how, fit, everything, we
         found,
         tuple(messages),
         bool(fit.converged[0]),
+        noise,
     )
 
 

@@ -50,14 +50,14 @@ def spectrum(information, units) -> Spectrum:
     inverse = 1 / np.maximum(values, 1e-14 * largest)
     pose = vectors[..., :6, :]
     C = (pose * inverse[..., None, :]) @ np.swapaxes(pose, -1, -2)
-    variance, axes = np.linalg.eigh(C)
-    return Spectrum(
-        C * POSE_UNITS[:, None] * POSE_UNITS,
-        np.sqrt(variance[..., ::-1]),
-        np.swapaxes(axes, -1, -2)[..., ::-1, :],
-        rank,
-        len(units),
-    )
+    return of_covariance(C * POSE_UNITS[:, None] * POSE_UNITS, rank, len(units))
+
+
+def of_covariance(covariance, rank, parameters: int) -> Spectrum:
+    """Of covariances (..., 6, 6) of the sensor pose, mm and rad, and the rank (...) behind them."""
+    variance, axes = np.linalg.eigh(covariance / POSE_UNITS[:, None] / POSE_UNITS)
+    sd, directions = np.sqrt(np.maximum(variance, 0))[..., ::-1], np.swapaxes(axes, -1, -2)[..., ::-1, :]
+    return Spectrum(covariance, sd, directions, rank, parameters)
 
 
 def turns(R_flange) -> tuple[np.ndarray, np.ndarray]:

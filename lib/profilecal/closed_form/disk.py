@@ -241,22 +241,27 @@ def _bend(tips, along) -> float:
 
 def _check_sides(X, Y) -> None:
     """Refuse directions X, Y (3, n) that fit much better once some of the signs s are turned round."""
-    n = X.shape[1]
-    X, Y = X / np.linalg.norm(X, axis=0), Y / np.linalg.norm(Y, axis=0)
-    found = _misfit_deg(X, Y)
+    found = _misfit_deg(X / np.linalg.norm(X, axis=0), Y / np.linalg.norm(Y, axis=0))
     if found <= WRONG_SIDE_DEG:
         return
-    flips = product((1, -1), repeat=n) if n <= 10 else 1 - 2 * np.eye(n)
-    flips = np.array(list(flips))
-    turned = X * np.stack([np.ones_like(flips), flips, np.ones_like(flips)], axis=1)
-    left = _misfit_deg(turned, Y)
-    best = left.argmin()
-    if left[best] < found / 3:
-        wrong = ", ".join(str(i) for i in np.flatnonzero(flips[best] < 0))
+    flips, left = best_signs(X, Y)
+    if left < found / 3:
+        wrong = ", ".join(str(i) for i in np.flatnonzero(flips < 0))
         raise ValueError(
             f"s seems wrong for scan {wrong}: with it turned round, the largest angle between R D_i and D_b falls from "
-            f"{found:.2g}° to {left[best]:.2g}°; expected +1 where the motion is towards the sensor's +y"
+            f"{found:.2g}° to {left:.2g}°; expected +1 where the motion is towards the sensor's +y"
         )
+
+
+def best_signs(X, Y) -> tuple[np.ndarray, float]:
+    """The factors s (n,) of ±1 on the y components of X (3, n) with which R X = Y fits best, and the largest angle that
+    they leave, degrees. Up to ten columns all combinations are tried, beyond that one change at most."""
+    n = X.shape[1]
+    X, Y = X / np.linalg.norm(X, axis=0), Y / np.linalg.norm(Y, axis=0)
+    flips = np.array(list(product((1, -1), repeat=n))) if n <= 10 else np.vstack([np.ones(n), 1 - 2 * np.eye(n)])
+    left = _misfit_deg(X * np.stack([np.ones_like(flips), flips, np.ones_like(flips)], axis=1), Y)
+    best = left.argmin()
+    return flips[best], float(left[best])
 
 
 def _misfit_deg(X, Y):

@@ -1,0 +1,103 @@
+"""Cross-validation: each flange orientation left out in turn, and predicted from the others."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2
+from tqdm import tqdm
+
+from profilecal import joint
+from profilecal.calibrate import Calibration
+from profilecal.observability import spectrum
+
+FALSE_ALARM = 0.01  # the chance that any orientation of a good scan is doubted
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """What the other orientations say of each one. An orientation that the answer cannot do without has NaN."""
+
+    poses: tuple[tuple[str, ...], ...]  # (G,) labels of each orientation's poses
+    rms_mm: np.ndarray  # (G,) of its residuals from the calibration without it
+    expected_mm: np.ndarray  # (G,) from the noise and from how well the others determine them
+    doubted: np.ndarray  # (G,) beyond chance
+    moved: np.ndarray  # (G, 6) of the sensor pose, its frame, mm and rad
+
+    def messages(self) -> list[str]:
+        """Sentences a person can act on."""
+        kept = np.flatnonzero(np.isfinite(self.rms_mm))
+        lines = []
+        if len(kept):
+            total, expected = (np.sqrt(np.mean(v[kept] ** 2)) for v in (self.rms_mm, self.expected_mm))
+            shift, turn = (np.linalg.norm(self.moved[kept, part], axis=1) for part in (slice(3), slice(3, 6)))
+            worst = kept[np.argmax(shift)]
+            lines.append(
+                f"{len(kept)} orientations left out one at a time: the others predict them to {total:.2g} mm rms, "
+                f"{expected:.2g} expected; the sensor moves by up to {shift.max():.2g} mm (without "
+                f"{name(self.poses[worst])}) and {np.degrees(turn.max()):.2g}°"
+            )
+        for g in np.flatnonzero(self.doubted):
+            lines.append(
+                f"{name(self.poses[g])} does not fit the other orientations: {self.rms_mm[g]:.2g} mm rms where "
+                f"{self.expected_mm[g]:.2g} is expected; measure it again or look for what moved"
+            )
+        for g in np.flatnonzero(~np.isfinite(self.rms_mm)):
+            lines.append(f"without {name(self.poses[g])} the answer is not determined; add orientations like it")
+        return lines
+
+
+def name(poses) -> str:
+    """Poses in a few words."""
+    return f"pose {poses[0]}" if len(poses) == 1 else f"poses {poses[0]} to {poses[-1]}"
+
+
+def leave_out(found: Calibration) -> LeftOut:
+    """Calibrations without one orientation each, at the noise that all of them show, of a joint calibration.
+
+    Rejected poses stay out. Raises ValueError for a calibration without an answer, or of another method.
+    """
+    solution = found.solution
+    if found.status == "unobservable" or found.method != "joint":
+        raise ValueError("only a joint calibration that has an answer can be cross-validated")
+    problem = joint.Problem(found.observed, solution.noise)
+    state = joint.State(solution.rotation[None], solution.translation[None], solution.as_placements())
+    kept, units = [~bad for bad in solution.rejected], joint.units_by_hand(problem)
+    groups = [
+        (index, np.flatnonzero((term.group == g) & used))
+        for index, (term, used) in enumerate(zip(problem.terms, kept, strict=True))
+        for g in range(term.group.max() + 1)
+    ]
+    groups = [(index, rows) for index, rows in groups if len(rows)]
+    labels, rows_out = found.labels_by_scan(), []
+    for index, rows in tqdm(groups, desc="leaving out", unit="orientation", disable=None, leave=False, delay=1):
+        weights = [used.copy() for used in kept]
+        weights[index][rows] = False
+        fit = joint.refine(problem, state, weights=weights)
+        if str(spectrum(fit.information[0], units).status) == "unobservable":
+            rows_out.append((np.nan, np.nan, False, np.full(6, np.nan)))
+            continue
+        r, S = prediction(problem, fit, index, rows)
+        square = r @ np.linalg.solve(S, r)
+        moved = joint.pose_error(state.rotation, state.translation, fit.state.rotation, fit.state.translation)[0]
+        doubted = square > chi2.isf(FALSE_ALARM / len(groups), len(r))
+        rows_out.append((np.sqrt(np.mean(r**2)), np.sqrt(np.trace(S) / len(r)), doubted, moved))
+    rms, expected, doubted, moved = (np.array(column) for column in zip(*rows_out, strict=True))
+    names = tuple(tuple(labels[index][k] for k in rows) for index, rows in groups)
+    return LeftOut(names, rms, expected, doubted, moved)
+
+
+def prediction(problem: joint.Problem, fit: joint.Fit, index: int, rows) -> tuple[np.ndarray, np.ndarray]:
+    """Residuals (k,) of some poses of one target at a fit that did not use them, mm, and their covariance (k, k): from
+    noise, robot errors, and the uncertainty of the fit."""
+    term, placements = problem.terms[index], fit.state.placements
+    z, present = term.linearise(fit.state, placements[index], True, with_robot=True)
+    z = z[0][..., rows].transpose(2, 1, 0)  # (poses, K, columns)
+    there = np.ones(z.shape[:2], dtype=bool) if present is None else present[0][:, rows].T
+    start = 6 + sum(other.n for other in problem.terms[:index])
+    J = np.zeros((*z.shape[:2], problem.n))
+    J[..., :6], J[..., start : start + term.n] = z[..., :6], z[..., 6 : 6 + term.n]
+    J, r, E = J[there], z[..., 6 + term.n][there], z[..., -6:][there]
+    same = np.equal.outer(*2 * [np.nonzero(there)[0]])
+    noise = (float(problem.sigma.squeeze()) * term.sd) ** 2 * np.eye(len(r))
+    robot = same * (E * problem.of_pose @ E.T) + E * problem.of_group @ E.T
+    return r, noise + robot + J @ np.linalg.solve(fit.information[0], J.T)
