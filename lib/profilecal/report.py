@@ -298,12 +298,11 @@ def frame_name(found) -> str:
 def verdict(found) -> Html:
     """The status in words, what to do about it, and what else there is to say."""
     title, colour, text = VERDICTS[found.status]
-    notes = [message[0].upper() + message[1:] + "." * (message[-1] not in ".?!") for message in found.messages]
-    listed = "".join(f"<li>{escape(note)}</li>" for note in notes)
+    notes = words(found.messages)
     html = f'<p style="margin:0"><strong style="font-size:1.15em">{title}.</strong> {text}</p>'
-    html += f"<ul>{listed}</ul>" if notes else ""
+    html += notes.html if found.messages else ""
     html = f'<div class="verdict" style="border-left:6px solid {colour};padding:0.6em 1em">{html}</div>'
-    return Html(html, "\n".join([f"{title}. {text}", *(f"- {note}" for note in notes)]))
+    return Html(html, "\n".join(filter(None, [f"{title}. {text}", notes.plain])))
 
 
 def pose_numbers(solution, convention) -> tuple[np.ndarray, np.ndarray]:
@@ -383,10 +382,11 @@ def facts_table(found) -> Html:
     mounts = {"eye-in-hand": "on the flange (eye-in-hand)", "eye-to-hand": "fixed in the cell (eye-to-hand)"}
     rows += [("Scanner", mounts[found.scans[0].mount])]
     if s:
-        source = "as stated" if s.noise_source == "given" else "estimated from the data"
+        method = {"joint": "joint maximum likelihood", "closed-form": "closed form, as the papers do it"}[found.method]
         rows += [
+            ("Method", method),
             ("Poses", f"{len(found.labels(rejected=False))} used, {len(found.labels(rejected=True))} rejected"),
-            ("Scanner noise", f"{s.noise_mm:.3g} mm, {source}"),
+            ("Scanner noise", f"{s.noise_mm:.3g} mm, {s.noise_how}"),
             ("Residuals", f"{s.rms_mm:.3g} mm rms; χ²/dof = {s.chi2_per_dof:.3g} (1: as the noise explains)"),
         ]
     return html_table(pd.DataFrame(rows, columns=["", " "]))
@@ -506,6 +506,30 @@ def plot_residuals(found) -> plt.Figure | None:
     handles = [handle for handle in rows[0, 0].get_legend_handles_labels()[0] if handle.get_label()[0] != "_"]
     figure.legend(handles=handles, loc="outside upper center", ncols=3)
     return figure
+
+
+def plot_left_out(left) -> plt.Figure | None:
+    """How well each orientation is predicted by the others (`leave_out.LeftOut`), and how well to expect it."""
+    shown = np.flatnonzero(np.isfinite(left.rms_mm))
+    if not len(shown):
+        return None
+    figure, axes = plt.subplots(figsize=(5.6, 2.6))
+    colours = np.where(left.doubted[shown], RED, BLUE)
+    axes.bar(np.arange(len(shown)), left.rms_mm[shown], color=colours, width=0.75, label="found")
+    axes.scatter(np.arange(len(shown)), left.expected_mm[shown], marker="_", s=120, color="black", label="expected")
+    names = [shorten(left.poses[g][0], 8) for g in shown]
+    ticks = np.arange(len(shown))[:: -(-len(shown) * max(map(len, names)) // 40)]
+    axes.set_xticks(ticks, [names[i] for i in ticks])
+    axes.set(xlabel="orientation left out, by its first pose", ylabel="predicted to, rms [mm]")
+    figure.legend(loc="outside upper center", ncols=2)
+    return figure
+
+
+def words(sentences) -> Html:
+    """Sentences as a list."""
+    listed = [sentence[0].upper() + sentence[1:] + "." * (sentence[-1] not in ".?!") for sentence in sentences]
+    html = "".join(f"<li>{escape(sentence)}</li>" for sentence in listed)
+    return Html(f"<ul>{html}</ul>", "\n".join(f"- {sentence}" for sentence in listed))
 
 
 def shorten(text: str, length: int) -> str:
