@@ -23,7 +23,7 @@ results.table(pd.DataFrame({"x": [count]}), "counts")
 ROWS = 'results.scorecard([scorecard.row("disk", "Eq. 1", "x", 1.0, count * scale, "mm", 0.1)])'
 
 
-def write(path, *cells):
+def write(path, *cells, parameters=PARAMETERS):
     def cell(source, tags=()):
         return {
             "cell_type": "code",
@@ -35,7 +35,7 @@ def write(path, *cells):
         }
 
     kernel = {"name": "python3", "display_name": "Python 3", "language": "python"}
-    made = [cell(PARAMETERS, ["parameters"]), *map(cell, cells)]
+    made = [cell(parameters, ["parameters"]), *map(cell, cells)]
     path.write_text(json.dumps({"cells": made, "metadata": {"kernelspec": kernel}, "nbformat": 4, "nbformat_minor": 5}))
 
 
@@ -104,6 +104,20 @@ def test_mistakes_are_one_sentence_and_touch_nothing(clone, arguments, sentence)
     assert result.output.startswith("profilecal: ")
     assert len(result.output.strip().splitlines()) == 1
     assert sorted(clone.rglob("*")) == before
+
+
+def test_a_notebook_on_measurements_that_are_not_here_is_left_out_and_named(clone, monkeypatch):
+    needs = 'real_data: str = ""  # [folder]'
+    write(clone / "notebooks/61_real.ipynb", "open('ran', 'w').close()", parameters=needs)
+    monkeypatch.delenv("PROFILECAL_REAL_DATA", raising=False)
+    result = run()
+    assert result.exit_code == 0
+    assert "Left out 61_real: PROFILECAL_REAL_DATA is not set" in result.output
+    assert not (clone / "notebooks/ran").exists()
+
+    monkeypatch.setenv("PROFILECAL_REAL_DATA", str(clone))
+    assert "Left out" not in run().output
+    assert (clone / "notebooks/ran").exists()
 
 
 @pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM])

@@ -52,6 +52,8 @@ def reproduce(names, parameters, output):
         click.echo("\nInterrupted. The next run starts clean.", err=True)
         raise SystemExit(130) from None
 
+    for path in notebooks.without_data() if not names else ():
+        click.echo(f"Left out {path.stem}: {notebooks.REAL_DATA} is not set (see data/README.md)")
     print_scorecard(scorecard)
     click.echo(f"Notebooks, figures, tables and scorecard: {output}/")
     for name, why in failed.items():

@@ -510,6 +510,14 @@ def pose_error(rotation, translation, true_rotation, true_translation) -> np.nda
     return np.concatenate([shift[..., 0], angles], axis=-1)
 
 
+def difference(first: Solution, second: Solution) -> tuple[np.ndarray, np.ndarray]:
+    """δ (6,) from one sensor pose to another, mm and rad, the first one's frame, and its covariance (6, 6) if their
+    errors are independent."""
+    delta = pose_error(first.rotation, first.translation, second.rotation, second.translation)
+    turn = np.kron(np.eye(2), first.rotation.T @ second.rotation)
+    return delta, first.covariance + turn @ second.covariance @ turn.T
+
+
 def units_by_hand(problem: Problem) -> np.ndarray:
     """What one would know of each parameter (n,) by hand: `observability.POSE_UNITS`, and the same for placements."""
     mm, rad = POSE_UNITS[0], POSE_UNITS[3]

@@ -20,7 +20,7 @@ class LeftOut:
     poses: tuple[tuple[str, ...], ...]  # (G,) labels of each orientation's poses
     rms_mm: np.ndarray  # (G,) of its residuals from the calibration without it
     expected_mm: np.ndarray  # (G,) from the noise and from how well the others determine them
-    doubted: np.ndarray  # (G,) beyond chance
+    doubted: np.ndarray  # (G,) farther off than expected, and beyond chance
     moved: np.ndarray  # (G, 6) of the sensor pose, its frame, mm and rad
 
     def messages(self) -> list[str]:
@@ -48,7 +48,7 @@ class LeftOut:
 
 def name(poses) -> str:
     """Poses in a few words."""
-    return f"pose {poses[0]}" if len(poses) == 1 else f"poses {poses[0]} to {poses[-1]}"
+    return f"pose {poses[0]}" if len(poses) == 1 else f"poses {poses[0]} to {poses[-1].rsplit(': ')[-1]}"
 
 
 def leave_out(found: Calibration) -> LeftOut:
@@ -62,6 +62,8 @@ def leave_out(found: Calibration) -> LeftOut:
     problem = joint.Problem(found.observed, solution.noise)
     state = joint.State(solution.rotation[None], solution.translation[None], solution.as_placements())
     kept, units = [~bad for bad in solution.rejected], joint.units_by_hand(problem)
+    whole = spectrum(problem.moments(state, weights=kept)[0][0, :-1, :-1], units)
+    stretch = np.trace(solution.covariance) / np.trace(whole.covariance)  # where it was enlarged to what residuals show
     groups = [
         (index, np.flatnonzero((term.group == g) & used))
         for index, (term, used) in enumerate(zip(problem.terms, kept, strict=True))
@@ -77,9 +79,11 @@ def leave_out(found: Calibration) -> LeftOut:
             rows_out.append((np.nan, np.nan, False, np.full(6, np.nan)))
             continue
         r, S = prediction(problem, fit, index, rows)
+        S = stretch * S
         square = r @ np.linalg.solve(S, r)
         moved = joint.pose_error(state.rotation, state.translation, fit.state.rotation, fit.state.translation)[0]
-        doubted = square > chi2.isf(FALSE_ALARM / len(groups), len(r))
+        beyond_chance = square > chi2.isf(FALSE_ALARM / len(groups), len(r))
+        doubted = beyond_chance and np.sum(r**2) > np.trace(S)
         rows_out.append((np.sqrt(np.mean(r**2)), np.sqrt(np.trace(S) / len(r)), doubted, moved))
     rms, expected, doubted, moved = (np.array(column) for column in zip(*rows_out, strict=True))
     names = tuple(tuple(labels[index][k] for k in rows) for index, rows in groups)

@@ -14,6 +14,7 @@ from pathlib import Path
 _running: set[subprocess.Popen] = set()
 _idle: list[subprocess.Popen] = []
 
+REAL_DATA = "PROFILECAL_REAL_DATA"
 TYPES = {"int": int, "float": (int, float), "bool": bool, "str": str, "list": list}
 
 
@@ -39,13 +40,15 @@ def folder() -> Path:
 
 
 def find(names) -> list[Path]:
-    """The notebooks of the clone whose names, or beginnings of names, are given; all of them when none is.
+    """The notebooks of the clone whose names, or beginnings of names, are given; when none is, all that can run here.
 
     Raises ValueError naming what is there when a name fits none.
     """
     there = sorted(folder().glob("*.ipynb"))
     if not names:
-        return there
+        return (
+            there if os.environ.get(REAL_DATA) else [path for path in there if "real_data" not in parameters_of(path)]
+        )
     chosen = set()
     for name in names:
         fits = [path for path in there if path.stem.startswith(Path(name).stem)]
@@ -53,6 +56,14 @@ def find(names) -> list[Path]:
             raise ValueError(f"no notebook named {name!r}; there are {', '.join(path.stem for path in there)}")
         chosen.update(fits)
     return sorted(chosen)
+
+
+def without_data() -> list[Path]:
+    """The notebooks that cannot run here: they have a parameter `real_data`, for measurements that the repository does
+    not hold, and the environment does not say where these are (data/README.md)."""
+    if os.environ.get(REAL_DATA):
+        return []
+    return [path for path in sorted(folder().glob("*.ipynb")) if "real_data" in parameters_of(path)]
 
 
 def parameters_of(path: Path) -> dict[str, str]:
