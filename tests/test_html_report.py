@@ -10,10 +10,11 @@ import pytest
 from click.testing import CliRunner
 from scipy.spatial.transform import Rotation
 
-from profilecal import html, report
+from profilecal import html
 from profilecal.calibrate import calibrate
 from profilecal.cli import main
 from profilecal.conventions import CONVENTIONS, from_rotations
+from profilecal.report import calibration
 from profilecal.scan import write_scan
 from profilecal.simulate import Noise
 from profilecal.synthetic import Spec, simulate_scan
@@ -29,13 +30,15 @@ def run(*arguments):
 
 def everything(found) -> str:
     """All words of the report, plain; all figures drawn."""
-    figures = [report.plot_robot(found), report.plot_view(found), report.plot_residuals(found)]
-    figures += [report.plot_directions(found)]
-    figures += [figure for scan in found.scans for figure in report.plot_profiles(scan, found.labels(rejected=True))]
+    figures = [calibration.plot_robot(found), calibration.plot_view(found), calibration.plot_residuals(found)]
+    figures += [calibration.plot_directions(found)]
+    figures += [
+        figure for scan in found.scans for figure in calibration.plot_profiles(scan, found.labels(rejected=True))
+    ]
     for figure in filter(None, figures):
         figure.canvas.draw()
     plt.close("all")
-    return "\n".join(getattr(report, name)(found).plain for name in TABLES)
+    return "\n".join(getattr(calibration, name)(found).plain for name in TABLES)
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +55,7 @@ def test_the_report_loads_nothing(written):
     _, page = written
     without_pictures = re.sub(r'src="data:image/png;base64,[^"]+"', "", page)
     assert not re.search(r"(src|href)=|//|<script|@import|url\(|<link", without_pictures)
-    assert page.count("data:image/png;base64,") == 4
+    assert page.count("data:image/png;base64,") == 5
     assert '<meta name="viewport"' in page
     assert "@media print" in page
     assert len(page) < 2_000_000
@@ -65,7 +68,7 @@ def test_the_report_states_what_the_command_prints(written):
         assert f"<td>{value:.3f}</td>" in page
     for value in Rotation.from_matrix(T[:3, :3]).as_euler("ZYX", degrees=True):
         assert f"<td>{value:.4f}</td>" in page
-    assert report.VERDICTS["ok"][0] in page
+    assert calibration.VERDICTS["ok"][0] in page
     assert "A &lt;bar&gt; &amp; more" in page
     assert "PERS tooldata" in page
     assert "import" not in page  # no code
@@ -78,7 +81,7 @@ def test_the_uncertainty_of_each_number_is_that_of_poses_drawn_from_the_covarian
     delta = np.random.default_rng(0).multivariate_normal(np.zeros(6), found.covariance, 20_000)
     turned = found.rotation @ Rotation.from_rotvec(delta[:, 3:]).as_matrix()
     drawn = np.column_stack([delta[:, :3] @ found.rotation.T, from_rotations(convention, turned)])
-    _, sd = report.pose_numbers(found, convention)
+    _, sd = calibration.pose_numbers(found, convention)
     np.testing.assert_allclose(sd, drawn.std(axis=0), rtol=5 / np.sqrt(2 * 20_000))  # five of its own deviations
 
 
@@ -120,7 +123,7 @@ def test_a_scanner_that_stands_still_is_in_the_base_frame():
 def test_every_profile_is_drawn(kind):
     scan = simulate_scan(replace(EDGE, kind=kind, measured="profiles", groups=8, positions=3))
     empty = replace(scan, values=(scan.values[0][:0], *scan.values[1:]))
-    figures = report.plot_profiles(empty)
+    figures = calibration.plot_profiles(empty)
     shown = [text.get_text().split()[0] for figure in figures for text in figure.axes[0].texts]
     assert [label for label in shown if label in scan.labels] == list(scan.labels)
     assert figures[0].axes[0].texts[0].get_text() == f"{scan.labels[0]} not found"
