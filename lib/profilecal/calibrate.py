@@ -16,6 +16,7 @@ from profilecal.scan import Scan, ScanError
 from profilecal.simulate import Noise
 
 LEAST_POSES = 3
+LARGEST_POSITION_MM = 3.0  # of a robot that was never calibrated; beyond it something else is wrong
 ROUNDS = 6  # of estimating robot errors; two or three are usual
 FALSE_ALARM = 0.01  # the chance that `check` doubts any pose of a good scan
 
@@ -134,6 +135,14 @@ def solve_with_robot_errors(observed, noise: Noise, starts) -> joint.Solution:
                 break
         if noise.position_mm > 0.1 * noise.profile_mm:
             how += f", and a robot position error of {noise.position_mm:.2g} mm at each pose, from the residuals"
+        if noise.position_mm > LARGEST_POSITION_MM and solution.status == "ok":
+            solution = replace(solution, status="weak")
+        if noise.position_mm > LARGEST_POSITION_MM:
+            doubt = (
+                f"the residuals ask for a robot position error of {noise.position_mm:.2g} mm, more than a robot has: "
+                "is the target what scan.toml says, and of that size?"
+            )
+            solution = replace(solution, messages=(*solution.messages, doubt))
     return replace(solution, noise_source="estimated", noise_how=how)
 
 
@@ -187,6 +196,12 @@ def observations(scan: Scan) -> tuple[np.ndarray, np.ndarray, np.ndarray | None,
                 reasons.setdefault(feature.reason, []).append(label)
         why = [f"{len(labels)} left out, {reason}: {', '.join(labels)}" for reason, labels in reasons.items()]
         poses = np.flatnonzero([not f.reason for f in found])
+        if any(f.shape == "tip" for f in found):
+            sd = np.sqrt(np.median([f.covariance[0].diagonal() for f in found if f.found], axis=0).max())
+            why.append(
+                f"edge points are tips of a blade, all of which may be off alike, by {sd:.2g} mm or so: "
+                "the covariance does not know it; use a corner, or the end of a flat face"
+            )
         most = max((len(found[i].points) for i in poses), default=1)
         points = np.full((len(poses), most, 2), np.nan)
         for row, i in enumerate(poses):

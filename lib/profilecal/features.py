@@ -268,8 +268,9 @@ def step_ends(profile, runs, limit: float, view: View) -> list[Candidate]:
             how, depth = ending(profile, run, side, limit, view)
             behind = how == "step" and view.away * depth > 0
             if behind or how == "nothing":
-                end = run_end(profile, run, side)
-                across = np.outer(run.normal, run.normal) * run.offset_variance(end.tip)
+                line = between_ends(profile, run)
+                end = run_end(profile, run, line, side)
+                across = np.outer(line.normal, line.normal) * line.offset_variance(end.tip)
                 feature = Feature(end.tip[None], across[None], mask(profile, run.rows), "step end")
                 key = ("step end", int(np.sign(end.tip[0] - run.point[0])))
                 found.append(Candidate(feature, key, run.length, ends=(end,)))
@@ -297,28 +298,34 @@ def ending(profile, run: Run, side: int, limit: float, view: View) -> tuple[str,
     return ("nothing", 0.0) if looked else ("unclear", 0.0)
 
 
-def run_end(profile, run: Run, side: int) -> End:
-    """The end of a run, finer than its points are spaced.
+def between_ends(profile, run: Run) -> Run:
+    """The run without the points at its ends, of which some may show a side wall, if enough are left for its line."""
+    return run_of(profile, run.rows[ZONE:-ZONE]) if len(run.rows) > 2 * ZONE + LEAST_SIDE else run
+
+
+def run_end(profile, run: Run, line: Run, side: int) -> End:
+    """The end of a run on its line, finer than its points are spaced.
 
     The laser spot and the pixels blur a step over a few points, each of which shows one side or the other. Their number
     on the run, not the last of them, is an unbiased measure of where the run ends. (Its last point lies outside by
     about half of what the scanner resolves.) A side wall that is seen adds points near the run's line, as many within
     a threshold as between that and twice it.
     """
-    threshold = ON_FACE * np.sqrt(np.mean(run.off**2))
-    face = np.abs(run.off) <= threshold
+    threshold = ON_FACE * np.sqrt(np.mean(line.off**2))
+    along, off = coordinates(profile[run.rows], line.point, line.direction)
+    face = np.abs(off) <= threshold
     order = slice(None, None, side)
-    rows, along = side * run.rows[face][order], side * run.along[face][order]
+    rows, along = side * run.rows[face][order], side * along[face][order]
     zone = rows > rows[-1] - ZONE
     near = slice(-4 * ZONE, None)
     where = Polynomial.fit(rows[near], along[near], 2)  # a fan of rays spaces the points of a sloping face unevenly
     around = side * rows[-1] + np.arange(1 - ZONE, ZONE + 1) * side
     around = around[(around >= 0) & (around < len(profile))]
-    off = np.abs(coordinates(profile[around], run.point, run.direction)[1])
+    off = np.abs(coordinates(profile[around], line.point, line.direction)[1])
     wall = int(((off > threshold) & (off <= 2 * threshold)).sum())  # false for NaN
     end = rows[-1] - ZONE + zone.sum() - wall + 0.5
-    tip = run.point + side * where(end) * run.direction
-    return End(tip, side * run.spacing * run.direction, int((np.diff(rows[zone]) > 1).sum()), wall)
+    tip = line.point + side * where(end) * line.direction
+    return End(tip, side * run.spacing * line.direction, int((np.diff(rows[zone]) > 1).sum()), wall)
 
 
 def with_end_variance(chosen) -> list[Feature]:
@@ -412,14 +419,15 @@ def chords(profile, runs, limit: float, radius: float, view: View) -> list[Candi
         steps = {depth for how, depth in endings if how == "step"}
         if any(how == "unclear" for how, _ in endings) or len(steps) > 1:
             continue
-        ends = sorted((run_end(profile, run, side) for side in (-1, 1)), key=lambda end: end.tip[0])
+        line = between_ends(profile, run)
+        ends = sorted((run_end(profile, run, line, side) for side in (-1, 1)), key=lambda end: end.tip[0])
         points = np.array([end.tip for end in ends])
         step = int(sum(steps))
         if np.linalg.norm(points[1] - points[0]) > 2 * radius + 4 * run.spacing:
             continue
-        across = np.outer(run.normal, run.normal)
-        variance = np.array([run.offset_variance(tip) for tip in points])
-        between = across * run.offset_covariance(*points)  # both lie on one fitted line
+        across = np.outer(line.normal, line.normal)
+        variance = np.array([line.offset_variance(tip) for tip in points])
+        between = across * line.offset_covariance(*points)  # both lie on one fitted line
         feature = Feature(points, variance[:, None, None] * across, mask(profile, run.rows), "chord", between=between)
         found.append(Candidate(feature, ("chord", step), run.length, ends=tuple(ends)))
     return found

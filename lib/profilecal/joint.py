@@ -181,13 +181,13 @@ class Term:
         triangular matrices (B|1, 2m, 2m, P) that turn their residuals into independent ones of unit variance."""
         m = len(self.seen)
         if on_curve:
-            variance = np.moveaxis(covariance.reshape(-1, self.P, m), 1, 2)
-            return np.sqrt(variance if self.present is None else np.where(self.present.swapaxes(0, 1), variance, 1)), None
+            return np.sqrt(np.moveaxis(covariance.reshape(-1, self.P, m), 1, 2)), None
         covariance = covariance.reshape(-1, self.P, 2 * m, 2 * m)
         sd = np.sqrt(np.einsum("bpmimi->bmp", _pairs(covariance, m)) / 2)
         if m == 2:  # the disk's residuals are across and along the chord
             chord = self.seen[1] - self.seen[0]
-            x, z = chord / np.hypot(*chord)  # (B, P)
+            x, z = chord / np.maximum(np.hypot(*chord), 1e-300)  # (B, P)
+            x = np.where(np.hypot(x, z) > 0, x, 1.0)  # where nothing was seen
             turn = np.moveaxis(np.array([[-z, x], [x, z]]), (0, 1), (2, 3))
             turned = np.einsum("bpij,bpmjnk,bplk->bpminl", turn, _pairs(covariance, m), turn)
             covariance = turned.reshape(covariance.shape)
@@ -658,9 +658,7 @@ def _subsets(observations: Observations, count: int) -> Observations:
     short = min(map(len, batch))
     thin = [_thin(observations.keep(chosen[:short]), short) for chosen in batch]
     names = BATCHED if observations.covariance is not None else BATCHED[:-1]
-    return replace(
-        thin[0], **{name: np.concatenate([getattr(t, name) for t in thin]) for name in names}, group=None
-    )
+    return replace(thin[0], **{name: np.concatenate([getattr(t, name) for t in thin]) for name in names}, group=None)
 
 
 def _distinct(state: State, order, turn: float = 0.02, shift: float = 2.0) -> list[int]:
@@ -884,7 +882,8 @@ def target_at(observations: Observations, place, direction):
 
 def take(observations: Observations, chosen) -> Observations:
     """Some problems of a batch of observations, by mask, index or slice."""
-    batch = {name: np.asarray(getattr(observations, name)) for name in BATCHED if getattr(observations, name) is not None}
+    given = {name: getattr(observations, name) for name in BATCHED}
+    batch = {name: np.asarray(value) for name, value in given.items() if value is not None}
     length = max(map(len, batch.values()))
     return replace(observations, **{k: v[chosen] if len(v) == length else v for k, v in batch.items()})
 

@@ -106,8 +106,8 @@ TURNS = True  # whether it has a direction
 def residual(point, direction, seen, size, in_plane=True):
     """How far sensed chord tips are from the rim of a disk of radius `size`; see `profilecal.targets`.
 
-    In the scan plane: each tip minus its place, across (to larger z) and along the chord (to larger x). In space: each tip's height above the disk
-    and its distance from the rim.
+    In the scan plane: each tip minus its place, across the chord (towards larger z) and along it (towards larger x). In
+    space: each tip's height above the disk and its distance from the rim.
     """
     cx, cy, cz = point
     nx, ny, nz = direction
