@@ -112,8 +112,10 @@ def test_features_of_different_precision_are_weighed():
         for kind in ("edge", "ball")
     )
     together = calibrate([edge, ball])
-    noise = [observations(scan)[2] for scan in (edge, ball)]
-    assert [entry.sd for entry in together.observed] == [1.0, noise[1] / noise[0]]
+    corners, arcs = (observations(scan)[2] for scan in (edge, ball))
+    unit = np.median(np.sqrt(np.trace(corners, axis1=1, axis2=2) / 2))
+    for entry, covariance in zip(together.observed, (corners, arcs), strict=True):
+        np.testing.assert_allclose(entry.covariance[0], covariance / unit**2)
     assert squared_error(edge, together) < chi2.ppf(0.9999, 6)
 
 

@@ -168,6 +168,57 @@ def test_attains_the_cramer_rao_bound(kind, motion):
         assert 0.9 < rms / np.sqrt(np.trace(bound[part, part])) < 1.1
 
 
+def of_unlike_precision(scene, rng):
+    """Noisy observations of which each point has a covariance of its own, between 1/10 and 3 noise levels large."""
+    clean = scene.observations
+    *batch, m, _ = clean.points.shape
+    if clean.on_curve:
+        covariance = rng.uniform(0.1, 3, (*batch, m)) ** 2
+        noise = np.sqrt(covariance)[..., None] * rng.normal(size=clean.points.shape)
+    else:
+        root = rng.uniform(0.1, 3, (*batch, 2 * m, 1)) * np.linalg.qr(rng.normal(size=(*batch, 2 * m, 2 * m)))[0]
+        covariance = np.swapaxes(root, -1, -2) @ root
+        noise = (rng.normal(size=(*batch, 1, 2 * m)) @ root).reshape(clean.points.shape)
+    return replace(clean, points=clean.points + SIGMA * noise, covariance=covariance)
+
+
+@pytest.mark.parametrize("kind", ["edge", "disk", "ball", "plane"])
+def test_stated_uncertainty_is_honest_where_points_differ_in_precision(kind):
+    """As below, and forgetting the covariances makes the errors larger."""
+    trials = 300
+    scene, rng = many(kind, trials, 12), np.random.default_rng(14)
+    seen = of_unlike_precision(scene, rng)
+    state, found, square = estimate([seen], Noise(SIGMA), scene.truth)
+    error = errors(state, scene.truth)
+    dof = int(Problem([seen], Noise(SIGMA)).count()[0]) - found.parameters
+    assert abs(normalised_square(found.covariance, error).mean() - 6) < 3 * np.sqrt(12 / trials)
+    assert abs((square / dof).mean() - 1) < 3 * np.sqrt(2 / dof / trials) + 1e-3
+    forgotten = estimate([replace(seen, covariance=None)], Noise(SIGMA), scene.truth)[0]
+    worse = errors(forgotten, scene.truth)
+    assert (np.sqrt(np.mean(worse**2, axis=0)) > 1.2 * np.sqrt(np.mean(error**2, axis=0))).all()
+
+
+@pytest.mark.parametrize("kind", ["edge", "disk", "ball", "plane"])
+def test_equal_covariances_are_as_good_as_none(kind):
+    rng = np.random.default_rng(15)
+    scene = scenes.random_scene(kind, rng, **SMALL[kind])
+    plain = scene.noisy(SIGMA, rng)
+    *batch, m, _ = plain.points.shape
+    one = np.ones((*batch, m)) if plain.on_curve else np.broadcast_to(np.eye(2 * m), (*batch, 2 * m, 2 * m))
+    first, second = (solve([seen], Noise(SIGMA)) for seen in (plain, replace(plain, covariance=one)))
+    np.testing.assert_allclose(first.T_flange_sensor, second.T_flange_sensor, atol=1e-7)
+    np.testing.assert_allclose(first.covariance, second.covariance, rtol=1e-6, atol=1e-6 * first.covariance.max())
+
+
+def test_covariances_of_another_shape_are_refused():
+    rng = np.random.default_rng(16)
+    edge, point = (scenes.random_scene(kind, rng).observations for kind in ("edge", "point"))
+    with pytest.raises(ValueError, match=r"covariance has shape \(250, 3, 3\); expected \(..., 250, 2, 2\)"):
+        replace(edge, covariance=np.ones((250, 3, 3)))
+    with pytest.raises(ValueError, match="a marked point has no covariance of its own"):
+        replace(point, covariance=np.ones((20, 2, 2)))
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_stated_uncertainty_is_honest(kind):
     """Over 1,000 random scenes: the normalised error squared averages 6, its 95 % regions hold, χ²/dof is one; the

@@ -18,6 +18,7 @@ from profilecal.simulate import Noise
 FROM_PROFILES = "from the profiles themselves"
 METHODS = ("joint", "closed-form")
 LEAST_POSES = 3
+LARGEST_POSITION_MM = 3.0  # of a robot that was never calibrated; beyond it something else is wrong
 ROUNDS = 6  # of estimating robot errors; two or three are usual
 FALSE_ALARM = 0.01  # the chance that `check` doubts any pose of a good scan
 
@@ -103,14 +104,16 @@ def calibrate(scans, guess=None, method: str = "joint", rng: np.random.Generator
         raise ScanError("some scans are eye-in-hand and others eye-to-hand; expected one mount")
     observed, seen, messages, reference = [], [], [], None
     for scan in scans:
-        poses, points, noise_mm, reasons = observations(scan)
+        poses, points, covariance, reasons = observations(scan)
         messages += [*scan.warnings, *reasons]
         if len(poses) < LEAST_POSES:
             name = scan.title or f"the {scan.kind}"
             raise ScanError(f"{name}: the target was found from {len(poses)} poses; expected {LEAST_POSES} or more")
         seen.append(poses)
-        reference = reference or noise_mm
-        observed.append(as_observations(scan, poses, points, noise_mm / reference if noise_mm else 1.0))
+        if covariance is not None:
+            reference = reference or typical(scan.kind, covariance)
+            covariance = covariance / reference**2
+        observed.append(as_observations(scan, poses, points, covariance))
     starts = [] if guess is None else [(guess[:3, :3], guess[:3, 3])]
     noise = shared_noise(scans)
     try:
@@ -148,6 +151,14 @@ def solve_with_robot_errors(observed, noise: Noise, starts) -> joint.Solution:
                 break
         if noise.position_mm > 0.1 * noise.profile_mm:
             how += f", and a robot position error of {noise.position_mm:.2g} mm at each pose, from the residuals"
+        if noise.position_mm > LARGEST_POSITION_MM and solution.status == "ok":
+            solution = replace(solution, status="weak")
+        if noise.position_mm > LARGEST_POSITION_MM:
+            doubt = (
+                f"the residuals ask for a robot position error of {noise.position_mm:.2g} mm, more than a robot has: "
+                "is the target what scan.toml says, and of that size?"
+            )
+            solution = replace(solution, messages=(*solution.messages, doubt))
     return replace(solution, noise_source="estimated", noise_how=how)
 
 
@@ -163,15 +174,16 @@ def likeliest_noise(observed, noise: Noise, solution: joint.Solution) -> Noise:
     weights = [~bad for bad in solution.rejected]
     shared, square, own, count = [], [], 0.0, 0
     for term, placement, kept in zip(problem.terms, state.placements, weights, strict=True):
-        z, _ = term.linearise(state, placement, True, with_robot=True)
-        r = z[0, 6 + term.n][:, kept].T / term.sd  # (P, K)
-        E = z[0, -6:-3][..., kept].transpose(2, 1, 0) / term.sd  # (P, K, 3), by the position of the flange
+        z, present = term.linearise(state, placement, True, with_robot=True)
+        z = term.in_units_of_noise(z, np.ones((1, 1, 1)))
+        r = z[0, 6 + term.n][:, kept].T  # (P, K)
+        E = z[0, -6:-3][..., kept].transpose(2, 1, 0)  # (P, K, 3), by the position of the flange
         U, lever, _ = np.linalg.svd(E, full_matrices=False)
         along = np.einsum("pki,pk->pi", U, r)
         shared.append(lever.ravel())
         square.append(along.ravel() ** 2)
         own += np.sum(r**2) - np.sum(along**2)
-        count += r.size - along.size
+        count += r.size - along.size - (0 if present is None else np.sum(~present[0][:, kept]))
     shared, square = np.concatenate(shared), np.concatenate(square)
     many = count > len(shared)
 
@@ -189,9 +201,9 @@ def likeliest_noise(observed, noise: Noise, solution: joint.Solution) -> Noise:
     return replace(noise, profile_mm=profile_mm, position_mm=float(np.exp(found[0]) * fitted))
 
 
-def observations(scan: Scan) -> tuple[np.ndarray, np.ndarray, float | None, list[str]]:
-    """Indices of the poses that saw the target, what they saw (poses, m, 2), how noisy that is by the profiles
-    themselves, mm, where there are any, and why the other poses did not see it."""
+def observations(scan: Scan) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, list[str]]:
+    """Indices of the poses that saw the target, what they saw (poses, m, 2), its covariance by the profiles
+    themselves, mm², where there are any (as `joint.Observations` has it), and why the other poses did not see it."""
     if scan.measured == "profiles":
         found = find_features(scan.kind, scan.values, scan.radius)
         reasons = {}
@@ -200,12 +212,17 @@ def observations(scan: Scan) -> tuple[np.ndarray, np.ndarray, float | None, list
                 reasons.setdefault(feature.reason, []).append(label)
         why = [f"{len(labels)} left out, {reason}: {', '.join(labels)}" for reason, labels in reasons.items()]
         poses = np.flatnonzero([not f.reason for f in found])
+        if any(f.shape == "tip" for f in found):
+            sd = np.sqrt(np.median([f.covariance[0].diagonal() for f in found if f.found], axis=0).max())
+            why.append(
+                f"edge points are tips of a blade, all of which may be off alike, by {sd:.2g} mm or so: "
+                "the covariance does not know it; use a corner, or the end of a flat face"
+            )
         most = max((len(found[i].points) for i in poses), default=1)
         points = np.full((len(poses), most, 2), np.nan)
         for row, i in enumerate(poses):
             points[row, : len(found[i].points)] = found[i].points
-        sd = [np.sqrt(np.trace(found[i].covariance, axis1=1, axis2=2).mean() / 2) for i in poses]
-        return poses, points, float(np.median(sd)) if sd else None, why
+        return poses, points, covariances(scan.kind, [found[i] for i in poses], most), why
 
     rows = [values[np.isfinite(values).all(axis=1)] for values in scan.values]
     poses = np.flatnonzero([len(r) > 0 for r in rows])
@@ -220,6 +237,29 @@ def observations(scan: Scan) -> tuple[np.ndarray, np.ndarray, float | None, list
     return poses, values[:, None, :], None, why
 
 
+def covariances(kind: str, found, most: int) -> np.ndarray:
+    """Of `most` points of each feature, mm², as `joint.Observations` has them: arcs' and lines' are independent and as
+    uncertain in every direction, chords have tips on one line."""
+    if kind in ("ball", "plane"):
+        variance = np.ones((len(found), most))
+        for row, feature in zip(variance, found, strict=True):
+            row[: len(feature.points)] = np.trace(feature.covariance, axis1=1, axis2=2) / 2
+        return variance
+    covariance = np.zeros((len(found), most, 2, most, 2))
+    for pairs, feature in zip(covariance, found, strict=True):
+        for k in range(most):
+            pairs[k, :, k] = feature.covariance[k]
+        if feature.between is not None:
+            pairs[0, :, 1], pairs[1, :, 0] = feature.between, feature.between.T
+    return covariance.reshape(len(found), 2 * most, 2 * most)
+
+
+def typical(kind: str, covariance) -> float:
+    """The standard deviation of a coordinate of most poses' features, mm."""
+    variance = covariance if kind in ("ball", "plane") else np.diagonal(covariance, axis1=1, axis2=2)
+    return float(np.median(np.sqrt(variance.mean(axis=1))))
+
+
 def circle_points(circles) -> np.ndarray:
     """Three points (n, 3, 2) a third of a turn apart on circles (n, 3) x, z, r: they stand for centre and radius."""
     angle = np.radians([90, 210, 330])
@@ -227,15 +267,16 @@ def circle_points(circles) -> np.ndarray:
     return circles[:, None, :2] + circles[:, None, 2:] * around
 
 
-def as_observations(scan: Scan, poses, points, sd: float = 1.0) -> joint.Observations:
-    """What the joint calibration takes of one scan; `sd` is its noise over that of the first."""
+def as_observations(scan: Scan, poses, points, covariance=None) -> joint.Observations:
+    """What the joint calibration takes of one scan."""
     R, T = scan.R_base_flange[poses], scan.T_base_flange[poses]
     if scan.mount == "eye-to-hand":
         R = R.transpose(0, 2, 1)
         T = -np.einsum("nab,nb->na", R, T)
     group = scan.group[poses] if scan.group is not None else None
     to_hand = scan.mount == "eye-to-hand"
-    return joint.Observations(scan.kind, R[None], T[None], points[None], scan.radius, group, to_hand, sd)
+    covariance = None if covariance is None else covariance[None]
+    return joint.Observations(scan.kind, R[None], T[None], points[None], scan.radius, group, to_hand, covariance)
 
 
 def shared_noise(scans) -> Noise:

@@ -57,10 +57,21 @@ class Feature:
     used: np.ndarray  # (n,) which of the profile's points it rests on
     shape: str = ""  # corner, step end, tip, chord, arc or line
     reason: str = ""  # why nothing was found
+    between: np.ndarray | None = None  # (2, 2) mm², disk: covariance of the first tip with the second
 
     @property
     def found(self) -> bool:
         return not self.reason
+
+
+@dataclass(frozen=True)
+class End:
+    """Where a run ends."""
+
+    tip: np.ndarray  # (2,) mm
+    spacing: np.ndarray  # (2,) mm, from a point of the run to the next one, outwards
+    overlaps: int  # how often the step's two sides alternate there
+    wall: int  # points of the step's side wall between one and two thresholds from the run's line
 
 
 @dataclass(frozen=True)
@@ -71,8 +82,7 @@ class Candidate:
     key: tuple  # what it has in common with the target's feature in other profiles: shape and side
     support: float  # mm
     angle: float = 0.0  # rad, inner angle of a corner
-    along: np.ndarray | None = None  # (m, 2, 2) mm², run ends: what one point spacing along the run adds
-    overlaps: tuple = ()  # run ends: how often both sides of the step alternate there
+    ends: tuple = ()  # (m,) of End, where its points are the ends of runs
 
 
 def find_features(kind: str, profiles, radius: float | None = None) -> list[Feature]:
@@ -258,11 +268,12 @@ def step_ends(profile, runs, limit: float, view: View) -> list[Candidate]:
             how, depth = ending(profile, run, side, limit, view)
             behind = how == "step" and view.away * depth > 0
             if behind or how == "nothing":
-                tip, overlaps = run_end(run, side)
-                across, along = end_covariance(run, tip)
-                feature = Feature(tip[None], across[None], mask(profile, run.rows), "step end")
-                key = ("step end", int(np.sign(tip[0] - run.point[0])))
-                found.append(Candidate(feature, key, run.length, along=along[None], overlaps=(overlaps,)))
+                line = between_ends(profile, run)
+                end = run_end(profile, run, line, side)
+                across = np.outer(line.normal, line.normal) * line.offset_variance(end.tip)
+                feature = Feature(end.tip[None], across[None], mask(profile, run.rows), "step end")
+                key = ("step end", int(np.sign(end.tip[0] - run.point[0])))
+                found.append(Candidate(feature, key, run.length, ends=(end,)))
     return found
 
 
@@ -287,27 +298,34 @@ def ending(profile, run: Run, side: int, limit: float, view: View) -> tuple[str,
     return ("nothing", 0.0) if looked else ("unclear", 0.0)
 
 
-def run_end(run: Run, side: int) -> tuple[np.ndarray, int]:
-    """The end of a run, (2,) mm, finer than its points are spaced, and how often the step's two sides alternate there.
+def between_ends(profile, run: Run) -> Run:
+    """The run without the points at its ends, of which some may show a side wall, if enough are left for its line."""
+    return run_of(profile, run.rows[ZONE:-ZONE]) if len(run.rows) > 2 * ZONE + LEAST_SIDE else run
+
+
+def run_end(profile, run: Run, line: Run, side: int) -> End:
+    """The end of a run on its line, finer than its points are spaced.
 
     The laser spot and the pixels blur a step over a few points, each of which shows one side or the other. Their number
     on the run, not the last of them, is an unbiased measure of where the run ends. (Its last point lies outside by
-    about half of what the scanner resolves.)
+    about half of what the scanner resolves.) A side wall that is seen adds points near the run's line, as many within
+    a threshold as between that and twice it.
     """
+    threshold = ON_FACE * np.sqrt(np.mean(line.off**2))
+    along, off = coordinates(profile[run.rows], line.point, line.direction)
+    face = np.abs(off) <= threshold
     order = slice(None, None, side)
-    face = np.abs(run.off) <= ON_FACE * np.sqrt(np.mean(run.off**2))  # without the top of a side wall
-    rows, along = side * run.rows[face][order], side * run.along[face][order]
+    rows, along = side * run.rows[face][order], side * along[face][order]
     zone = rows > rows[-1] - ZONE
     near = slice(-4 * ZONE, None)
     where = Polynomial.fit(rows[near], along[near], 2)  # a fan of rays spaces the points of a sloping face unevenly
-    end = where(rows[-1] - ZONE + zone.sum() + 0.5)
-    return run.point + side * end * run.direction, int((np.diff(rows[zone]) > 1).sum())
-
-
-def end_covariance(run: Run, tip) -> tuple[np.ndarray, np.ndarray]:
-    """Of a run's end, (2, 2) mm²: across the run, from its line, and along it, as much as one point spacing."""
-    d, n = run.direction, run.normal
-    return np.outer(n, n) * run.offset_variance(tip), np.outer(d, d) * run.spacing**2
+    around = side * rows[-1] + np.arange(1 - ZONE, ZONE + 1) * side
+    around = around[(around >= 0) & (around < len(profile))]
+    off = np.abs(coordinates(profile[around], line.point, line.direction)[1])
+    wall = int(((off > threshold) & (off <= 2 * threshold)).sum())  # false for NaN
+    end = rows[-1] - ZONE + zone.sum() - wall + 0.5
+    tip = line.point + side * where(end) * line.direction
+    return End(tip, side * run.spacing * line.direction, int((np.diff(rows[zone]) > 1).sum()), wall)
 
 
 def with_end_variance(chosen) -> list[Feature]:
@@ -315,14 +333,38 @@ def with_end_variance(chosen) -> list[Feature]:
 
     Samples that come from anywhere within w = k spacings alternate (k - 1)³ / 6k² times on average, and their number
     has the variance k/6 (k ≥ 1). Only scanners that keep the rows of missing points show all overlaps.
+
+    Where M points of a side wall were taken off, the end is 2 N - N' with N and N' = N + M points within one and two
+    thresholds. Noise moves such a point by M / ON_FACE points along the run, as if k² were larger by 12 (M / ON_FACE)².
+    The same samples decide on N and N' if M is small: their covariance is k/6 (1 - M/k)³. Here M is its mean over faces
+    of like slope, which see as much of the wall: an end must not weigh more because it saw few points of it by chance.
     """
-    overlaps = [count for candidate in chosen for count in candidate.overlaps]
+    ends = [end for candidate in chosen for end in candidate.ends]
+    if not ends:
+        return [candidate.feature for candidate in chosen]
+    overlaps = [end.overlaps for end in ends if not end.wall] or [end.overlaps for end in ends]
     k = np.linspace(1, 40, 400)
-    factor = np.interp(np.mean(overlaps or [0]), (k - 1) ** 3 / (6 * k**2), k / 6)
-    return [
-        c.feature if c.along is None else replace(c.feature, covariance=c.feature.covariance + factor * c.along)
-        for c in chosen
-    ]
+    spot = np.interp(np.mean(overlaps), (k - 1) ** 3 / (6 * k**2), k)
+    wall = mean_of_like([end.spacing[1] / np.hypot(*end.spacing) for end in ends], [end.wall for end in ends])
+    width = np.sqrt(spot**2 + 12 * (wall / ON_FACE) ** 2)
+    variance = iter(width / 6 * (5 - 4 * np.maximum(1 - wall / width, 0) ** 3))
+    features = []
+    for candidate in chosen:
+        covariance = candidate.feature.covariance.copy()
+        for row, end in enumerate(candidate.ends):
+            covariance[row] += next(variance) * np.outer(end.spacing, end.spacing)
+        features.append(replace(candidate.feature, covariance=covariance))
+    return features
+
+
+def mean_of_like(key, values, count: int = 15) -> np.ndarray:
+    """For each of values (n,) the mean of those whose keys (n,) come next in order, `count` together."""
+    order, count = np.argsort(key, kind="stable"), min(count, len(key))
+    first = np.clip(np.arange(len(key)) - count // 2, 0, len(key) - count)
+    total = np.concatenate([[0], np.cumsum(np.asarray(values)[order])])
+    means = np.empty(len(key))
+    means[order] = (total[first + count] - total[first]) / count
+    return means
 
 
 def tips(profile, runs, limit: float, view: View) -> list[Candidate]:
@@ -377,16 +419,17 @@ def chords(profile, runs, limit: float, radius: float, view: View) -> list[Candi
         steps = {depth for how, depth in endings if how == "step"}
         if any(how == "unclear" for how, _ in endings) or len(steps) > 1:
             continue
-        ends = [run_end(run, side) for side in (-1, 1)]
-        points = np.array([tip for tip, _ in ends])
+        line = between_ends(profile, run)
+        ends = sorted((run_end(profile, run, line, side) for side in (-1, 1)), key=lambda end: end.tip[0])
+        points = np.array([end.tip for end in ends])
         step = int(sum(steps))
         if np.linalg.norm(points[1] - points[0]) > 2 * radius + 4 * run.spacing:
             continue
-        order = np.argsort(points[:, 0])
-        across, along = np.array([end_covariance(run, tip) for tip in points[order]]).swapaxes(0, 1)
-        feature = Feature(points[order], across, mask(profile, run.rows), "chord")
-        overlaps = tuple(n for _, n in ends)
-        found.append(Candidate(feature, ("chord", step), run.length, along=along, overlaps=overlaps))
+        across = np.outer(line.normal, line.normal)
+        variance = np.array([line.offset_variance(tip) for tip in points])
+        between = across * line.offset_covariance(*points)  # both lie on one fitted line
+        feature = Feature(points, variance[:, None, None] * across, mask(profile, run.rows), "chord", between=between)
+        found.append(Candidate(feature, ("chord", step), run.length, ends=tuple(ends)))
     return found
 
 

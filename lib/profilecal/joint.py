@@ -22,6 +22,7 @@ from profilecal.simulate import Noise
 from profilecal.targets import ball, disk, edge, plane, point
 
 TARGETS = {"edge": edge, "disk": disk, "ball": ball, "plane": plane, "point": point}
+BATCHED = ("R_flange", "T_flange", "points", "covariance")  # the fields of Observations with a batch axis
 CAUCHY = 2.385  # noise levels at which a residual's weight is a half: 95 % efficient on clean data (Rey 1983)
 
 
@@ -41,7 +42,9 @@ class Observations:
     size: float | None = None  # radius of disk and ball, mm
     group: np.ndarray | None = None  # (P,) poses of one flange orientation share a number
     eye_to_hand: bool = False
-    sd: float = 1.0  # of these points' coordinates, as a multiple of `Noise.profile_mm`
+    # of what was seen from each pose, as a multiple of `Noise.profile_mm`²; None: 1 for each coordinate, independent.
+    # edge, disk (..., P, 2m, 2m) of x and z of its points; ball, plane (..., P, m) of their distance from the curve
+    covariance: np.ndarray | None = None
 
     def __post_init__(self):
         if self.kind not in TARGETS:
@@ -58,17 +61,33 @@ class Observations:
                 raise ValueError(f"{name} holds a value that is not finite; expected a pose for every profile")
         if self.group is not None and np.shape(self.group) != (shape[-3],):
             raise ValueError(f"group has shape {np.shape(self.group)}; expected ({shape[-3]},), one label per pose")
+        if self.covariance is not None:
+            if self.kind == "point":
+                raise ValueError("a marked point has no covariance of its own; state profile_mm and steering_mm")
+            P, m = shape[-3:-1]
+            tail, given = (P, m) if self.on_curve else (P, 2 * m, 2 * m), np.shape(self.covariance)
+            if given[-len(tail) :] != tail:
+                raise ValueError(f"covariance has shape {given}; expected (..., {', '.join(map(str, tail))})")
 
     def keep(self, poses) -> "Observations":
         """Only some poses, by mask or index."""
         group = None if self.group is None else np.asarray(self.group)[poses]
+        covariance = self.covariance
+        if covariance is not None:
+            covariance = covariance[..., poses, :] if self.on_curve else covariance[..., poses, :, :]
         return replace(
             self,
             R_flange=self.R_flange[..., poses, :, :],
             T_flange=self.T_flange[..., poses, :],
             points=self.points[..., poses, :, :],
             group=group,
+            covariance=covariance,
         )
+
+    @property
+    def on_curve(self) -> bool:
+        """Whether points lie anywhere on a curve, so that only their distance from it says something."""
+        return self.kind in ("ball", "plane")
 
 
 @dataclass(frozen=True)
@@ -121,12 +140,17 @@ def _dot(a, b):
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
+def _pairs(covariance, m):
+    """Covariances (B, P, 2m, 2m) as (B, P, m, 2, m, 2)."""
+    return covariance.reshape(*covariance.shape[:2], m, 2, m, 2)
+
+
 class Term:
     """One target's observations, arranged for speed: poses along the last axis, a batch axis B (or 1) first."""
 
     def __init__(self, observations: Observations, noise: Noise):
         self.module = TARGETS[observations.kind]
-        self.size, self.sd = observations.size, observations.sd
+        self.size = observations.size
         if observations.kind == "point":
             self.size = noise.profile_mm / noise.steering_mm if noise.steering_mm and noise.profile_mm else 1.0
         R, T, points = (
@@ -148,6 +172,39 @@ class Term:
         self.n = {"across": 2, "along": 1, "anywhere": 3}[self.moves] + 2 * self.turns
         group = np.arange(self.P) if observations.group is None else observations.group
         self.group = np.unique(group, return_inverse=True)[1]
+        self.sd = self.whiten = None
+        if observations.covariance is not None:
+            self.sd, self.whiten = self.precision(np.asarray(observations.covariance, float), observations.on_curve)
+
+    def precision(self, covariance, on_curve: bool):
+        """Standard deviations (B|1, m, P) of the points, as multiples of the noise; and for edge and disk the
+        triangular matrices (B|1, 2m, 2m, P) that turn their residuals into independent ones of unit variance."""
+        m = len(self.seen)
+        if on_curve:
+            return np.sqrt(np.moveaxis(covariance.reshape(-1, self.P, m), 1, 2)), None
+        covariance = covariance.reshape(-1, self.P, 2 * m, 2 * m)
+        sd = np.sqrt(np.einsum("bpmimi->bmp", _pairs(covariance, m)) / 2)
+        if m == 2:  # the disk's residuals are across and along the chord
+            chord = self.seen[1] - self.seen[0]
+            x, z = chord / np.maximum(np.hypot(*chord), 1e-300)  # (B, P)
+            x = np.where(np.hypot(x, z) > 0, x, 1.0)  # where nothing was seen
+            turn = np.moveaxis(np.array([[-z, x], [x, z]]), (0, 1), (2, 3))
+            turned = np.einsum("bpij,bpmjnk,bplk->bpminl", turn, _pairs(covariance, m), turn)
+            covariance = turned.reshape(covariance.shape)
+        return sd, np.moveaxis(np.linalg.inv(np.linalg.cholesky(covariance)), 1, -1)
+
+    def in_units_of_noise(self, z, sigma, in_plane: bool = True):
+        """Derivatives and residuals z (B, columns, K, P), changed in place: over the noise sigma (B|1, 1, 1), mm, and
+        as precise as each point is."""
+        z /= sigma[..., None]
+        if self.whiten is not None and in_plane:
+            for k in reversed(range(z.shape[2])):
+                z[:, :, k] *= self.whiten[:, None, k, k]
+                for j in range(k):
+                    z[:, :, k] += self.whiten[:, None, k, j] * z[:, :, j]
+        elif self.sd is not None:
+            z /= np.repeat(self.sd, z.shape[2] // len(self.seen), axis=1)[:, None]
+        return z
 
     def moving(self, placement):
         """The directions in which the placement's point moves and in which its direction turns, (B, ·, 3) each."""
@@ -277,7 +334,7 @@ class Problem:
             return [None] * len(self.terms)
         pairs = zip(self.terms, state.placements, strict=True)
         errors = [
-            term.linearise(state, p, True, with_robot=True)[0][:, -6:] / (self.sigma[..., None] * term.sd)
+            term.in_units_of_noise(term.linearise(state, p, True, with_robot=True)[0][:, -6:], self.sigma)
             for term, p in pairs
         ]
         return [
@@ -300,7 +357,7 @@ class Problem:
             z, present = term.linearise(state, placement, in_plane)
             count = z.shape[2] if present is None else np.maximum(present.sum(axis=1), 1)
             weight = None if weights is None else np.asarray(weights[index], dtype=float)
-            z /= self.sigma[..., None] * term.sd
+            z = term.in_units_of_noise(z, self.sigma, in_plane)
             white = whitening[index]
             r = z[:, -1:] if white is None else _remove(z[:, -1:], *white.marginal)
             own = np.einsum("bnkp,bnkp->bp", r, r) / count
@@ -531,20 +588,23 @@ def affine_noise(observations: Observations) -> tuple[float, int]:
     what is left of a regression is noise. The median over the groups keeps a bad point from counting.
     """
     points, group = np.asarray(observations.points)[0, :, 0], np.asarray(observations.group)
+    root_weight = np.ones((len(points), 1))
+    if observations.covariance is not None:
+        root_weight = 1 / np.sqrt(np.trace(observations.covariance[0], axis1=1, axis2=2) / 2)[:, None]
     variances, freedoms = [], []
     for label in np.unique(group):
         rows = (group == label) & np.isfinite(points).all(axis=1)
-        T = observations.T_flange[0, rows]
+        T, w = observations.T_flange[0, rows], root_weight[rows]
         if len(T) < 3:
             continue
-        U, s, _ = np.linalg.svd(T - T.mean(axis=0), full_matrices=False)
+        T, y = (w * (v - np.average(v, axis=0, weights=w[:, 0] ** 2)) for v in (T, points[rows]))
+        U, s, _ = np.linalg.svd(T, full_matrices=False)
         U = U[:, s > 1e-3 * s.max()]
         freedom = len(T) - 1 - U.shape[1]
         if freedom > 0:
-            y = points[rows] - points[rows].mean(axis=0)
             variances.append(np.sum((y - U @ (U.T @ y)) ** 2) / chi2_law.median(2 * freedom))
             freedoms.append(2 * freedom)
-    return (float(np.sqrt(np.median(variances))) / observations.sd, sum(freedoms)) if variances else (0.0, 0)
+    return (float(np.sqrt(np.median(variances))), sum(freedoms)) if variances else (0.0, 0)
 
 
 def search(observations: Sequence[Observations], noise: Noise, starts=()) -> State:
@@ -586,7 +646,10 @@ def _thin(observations: Observations, count: int) -> Observations:
     P, m = observations.points.shape[-3:-1]
     step = max(1, m // SEARCH_POINTS) if observations.kind in ("ball", "plane") else 1
     few = observations.keep(np.unique(np.linspace(0, P - 1, min(P, count)).round().astype(int)))
-    return replace(few, points=few.points[..., step // 2 :: step, :])
+    if step == 1:
+        return few
+    covariance = None if few.covariance is None else few.covariance[..., step // 2 :: step]
+    return replace(few, points=few.points[..., step // 2 :: step, :], covariance=covariance)
 
 
 def _subsets(observations: Observations, count: int) -> Observations:
@@ -603,11 +666,8 @@ def _subsets(observations: Observations, count: int) -> Observations:
         batch.append(np.concatenate(picked)[: min(SUBSET, P)])
     short = min(map(len, batch))
     thin = [_thin(observations.keep(chosen[:short]), short) for chosen in batch]
-    return replace(
-        thin[0],
-        **{name: np.concatenate([getattr(t, name) for t in thin]) for name in ("R_flange", "T_flange", "points")},
-        group=None,
-    )
+    names = BATCHED if observations.covariance is not None else BATCHED[:-1]
+    return replace(thin[0], **{name: np.concatenate([getattr(t, name) for t in thin]) for name in names}, group=None)
 
 
 def _distinct(state: State, order, turn: float = 0.02, shift: float = 2.0) -> list[int]:
@@ -832,7 +892,8 @@ def target_at(observations: Observations, place, direction):
 
 def take(observations: Observations, chosen) -> Observations:
     """Some problems of a batch of observations, by mask, index or slice."""
-    batch = {name: np.asarray(getattr(observations, name)) for name in ("R_flange", "T_flange", "points")}
+    given = {name: getattr(observations, name) for name in BATCHED}
+    batch = {name: np.asarray(value) for name, value in given.items() if value is not None}
     length = max(map(len, batch.values()))
     return replace(observations, **{k: v[chosen] if len(v) == length else v for k, v in batch.items()})
 

@@ -106,8 +106,8 @@ TURNS = True  # whether it has a direction
 def residual(point, direction, seen, size, in_plane=True):
     """How far sensed chord tips are from the rim of a disk of radius `size`; see `profilecal.targets`.
 
-    In the scan plane: each tip minus its place, across and along the chord. In space: each tip's height above the disk
-    and its distance from the rim.
+    In the scan plane: each tip minus its place, across the chord (towards larger z) and along it (towards larger x). In
+    space: each tip's height above the disk and its distance from the rim.
     """
     cx, cy, cz = point
     nx, ny, nz = direction
@@ -115,7 +115,8 @@ def residual(point, direction, seen, size, in_plane=True):
     zero = np.zeros_like(cx)
     if in_plane:
         g = np.hypot(nx, nz)
-        to_right = np.where(nz < 0, -1, 1) / g
+        sign = np.where(nz < 0, -1, 1)
+        to_right = sign / g
         q = cy / g  # distance of the chord from the centre, within the disk
         half, slope = root(size**2 - q**2, 0.1 * size)
         slope = -2 * q * slope
@@ -124,16 +125,16 @@ def residual(point, direction, seen, size, in_plane=True):
     for (x, z), side in zip(seen, (-1, 1), strict=True):
         vx, vy, vz = x - cx, -cy, z - cz
         if in_plane:
-            across = (nx * vx + ny * vy + nz * vz) / g
+            across = sign * (nx * vx + ny * vy + nz * vz) / g
             along = to_right * (nz * vx - nx * vz)
             r += [across, along - side * half]
             by_point += [
-                [-nx / g, -ny / g, -nz / g],
+                [-sign * nx / g, -sign * ny / g, -sign * nz / g],
                 [-to_right * nz, -side * half_by_point, to_right * nx],
             ]
             a, b = across / g**2, along / g**2 + side * half_by_n
             by_direction += [
-                [vx / g - a * nx, vy / g, vz / g - a * nz],
+                [sign * vx / g - a * nx, sign * vy / g, sign * vz / g - a * nz],
                 [-to_right * vz - b * nx, zero, to_right * vx - b * nz],
             ]
         else:

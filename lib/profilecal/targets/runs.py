@@ -48,10 +48,14 @@ class Run:
         rows = self.rows - self.rows.mean()
         return float(abs((rows * self.along).sum() / (rows**2).sum()))
 
+    def offset_covariance(self, first, second) -> float:
+        """Of the line's offsets, across it, at two places (2,) on it, mm²."""
+        away = (np.array([first, second]) - self.point) @ self.direction
+        return float(self.variance * (1 / len(self.along) + away[0] * away[1] / (self.along**2).sum()))
+
     def offset_variance(self, place) -> float:
         """Of the line at a place (2,) on it, across, mm²."""
-        away = (np.asarray(place) - self.point) @ self.direction
-        return self.variance * (1 / len(self.along) + away**2 / (self.along**2).sum())
+        return self.offset_covariance(place, place)
 
 
 def correlation(errors, lags: int = 40) -> float:
