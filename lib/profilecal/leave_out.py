@@ -19,7 +19,7 @@ class LeftOut:
 
     poses: tuple[tuple[str, ...], ...]  # (G,) labels of each orientation's poses
     rms_mm: np.ndarray  # (G,) of its residuals from the calibration without it
-    expected_mm: np.ndarray  # (G,) from the noise and from how well the others determine them
+    expected_mm: np.ndarray  # (G,) of it, from the noise and from how well the others determine the answer
     doubted: np.ndarray  # (G,) farther off than expected, and beyond chance
     moved: np.ndarray  # (G, 6) of the sensor pose, its frame, mm and rad
 
@@ -78,30 +78,29 @@ def leave_out(found: Calibration) -> LeftOut:
         if str(spectrum(fit.information[0], units).status) == "unobservable":
             rows_out.append((np.nan, np.nan, False, np.full(6, np.nan)))
             continue
-        r, S = prediction(problem, fit, index, rows)
+        r, S, rms = prediction(problem, fit, index, rows)
         S = stretch * S
-        square = r @ np.linalg.solve(S, r)
+        square, excess = r @ np.linalg.solve(S, r), np.sqrt(r @ r / np.trace(S))
         moved = joint.pose_error(state.rotation, state.translation, fit.state.rotation, fit.state.translation)[0]
         beyond_chance = square > chi2.isf(FALSE_ALARM / len(groups), len(r))
-        doubted = beyond_chance and np.sum(r**2) > np.trace(S)
-        rows_out.append((np.sqrt(np.mean(r**2)), np.sqrt(np.trace(S) / len(r)), doubted, moved))
+        rows_out.append((rms, rms / excess, beyond_chance and excess > 1, moved))
     rms, expected, doubted, moved = (np.array(column) for column in zip(*rows_out, strict=True))
     names = tuple(tuple(labels[index][k] for k in rows) for index, rows in groups)
     return LeftOut(names, rms, expected, doubted, moved)
 
 
-def prediction(problem: joint.Problem, fit: joint.Fit, index: int, rows) -> tuple[np.ndarray, np.ndarray]:
-    """Residuals (k,) of some poses of one target at a fit that did not use them, mm, and their covariance (k, k): from
-    noise, robot errors, and the uncertainty of the fit."""
+def prediction(problem: joint.Problem, fit: joint.Fit, index: int, rows) -> tuple[np.ndarray, np.ndarray, float]:
+    """Residuals (k,) of some poses of one target at a fit that did not use them, independent and over the noise; their
+    covariance (k, k) from noise, robot errors and the uncertainty of the fit; and their root mean square in mm."""
     term, placements = problem.terms[index], fit.state.placements
     z, present = term.linearise(fit.state, placements[index], True, with_robot=True)
-    z = z[0][..., rows].transpose(2, 1, 0)  # (poses, K, columns)
-    there = np.ones(z.shape[:2], dtype=bool) if present is None else present[0][:, rows].T
-    start = 6 + sum(other.n for other in problem.terms[:index])
-    J = np.zeros((*z.shape[:2], problem.n))
-    J[..., :6], J[..., start : start + term.n] = z[..., :6], z[..., 6 : 6 + term.n]
-    J, r, E = J[there], z[..., 6 + term.n][there], z[..., -6:][there]
-    same = np.equal.outer(*2 * [np.nonzero(there)[0]])
-    noise = (float(problem.sigma.squeeze()) * term.sd) ** 2 * np.eye(len(r))
-    robot = same * (E * problem.of_pose @ E.T) + E * problem.of_group @ E.T
-    return r, noise + robot + J @ np.linalg.solve(fit.information[0], J.T)
+    there = np.ones(z.shape[-2:], dtype=bool) if present is None else present[0]
+    rms = np.sqrt(np.mean(z[0, 6 + term.n][:, rows][there[:, rows]] ** 2))
+    z = term.in_units_of_noise(z, problem.sigma)[0]
+    there = there[:, rows].T
+    z = z[..., rows].transpose(2, 1, 0)[there]  # (k, columns), pose by pose
+    J, start = np.zeros((len(z), problem.n)), 6 + sum(other.n for other in problem.terms[:index])
+    J[:, :6], J[:, start : start + term.n] = z[:, :6], z[:, 6 : 6 + term.n]
+    E, pose = z[:, -6:], np.nonzero(there)[0]
+    robot = np.equal.outer(pose, pose) * (E * problem.of_pose @ E.T) + E * problem.of_group @ E.T
+    return z[:, 6 + term.n], np.eye(len(z)) + robot + J @ np.linalg.solve(fit.information[0], J.T), float(rms)

@@ -39,22 +39,20 @@ def solve(observations: Observations, noise: Noise, side, rng: np.random.Generat
     find, remarks = METHODS[observations.kind](observations, np.asarray(side, dtype=float))
     rotation, translation = find(points)
 
-    term = Problem([observations], replace(noise, profile_mm=1.0))
-    state = with_target(term, rotation[None], translation[None])
-    residuals = term.terms[0].linearise(state, state.placements[0], True)[0][0, -1]
-    dof = int(term.count()[0]) - term.n
-    seen_noise = max(float(np.sqrt(np.sum(residuals**2) / dof)), 1e-12)  # the robot's errors too
+    alone = Problem([observations], Noise(profile_mm=1.0))
+    state = with_target(alone, rotation[None], translation[None])
+    dof = int(alone.count()[0]) - alone.n
+    seen_noise = max(float(np.sqrt(alone.moments(state)[1][0] / dof)), 1e-12)  # the robot's errors too
     source = "given" if noise.profile_mm else "estimated"
-    noise = noise if noise.profile_mm else replace(noise, profile_mm=seen_noise / observations.sd)
+    noise = noise if noise.profile_mm else replace(noise, profile_mm=seen_noise)
     M, chi2, own = Problem([observations], noise).moments(state)
 
-    errors = []
-    for _ in range(DRAWS):
-        errors.append(pose_error(rotation, translation, *find(points + seen_noise * rng.normal(size=points.shape))))
-    errors = np.array(errors)
+    drawn = (find(points + seen_noise * noise_like(observations, rng)) for _ in range(DRAWS))
+    errors = np.array([pose_error(rotation, translation, *pose) for pose in drawn])
     bias = errors.mean(axis=0)
-    rank = np.linalg.matrix_rank(M[0, :-1, :-1] / np.sqrt(np.outer(*2 * [np.diag(M[0])[:-1]])), hermitian=True)
-    found = of_covariance(errors.T @ errors / DRAWS, rank, term.n)
+    size = np.sqrt(np.diag(M[0])[:-1])
+    rank = np.linalg.matrix_rank(M[0, :-1, :-1] / np.outer(size, size), hermitian=True)
+    found = of_covariance(errors.T @ errors / DRAWS, rank, alone.n)
     R_flange = np.asarray(observations.R_flange).reshape(-1, 3, 3)
     messages = [*remarks, *explain(found, rotation, R_flange, "base" if observations.eye_to_hand else "flange")]
     turn, shift = np.degrees(np.linalg.norm(bias[3:])), np.linalg.norm(bias[:3])
@@ -62,7 +60,8 @@ def solve(observations: Observations, noise: Noise, side, rng: np.random.Generat
         f"noise biases the closed form by about {shift:.2g} mm and {turn:.2g}° here, which its standard deviations "
         "include; the joint method has no such bias"
     )
-    (place, direction) = state.placements[0]
+    place, direction = state.placements[0]
+    residuals = alone.terms[0].linearise(state, state.placements[0], True)[0][0, -1]
     return Solution(
         rotation,
         translation,
@@ -82,6 +81,18 @@ def solve(observations: Observations, noise: Noise, side, rng: np.random.Generat
         converged=True,
         noise=noise,
     )
+
+
+def noise_like(observations: Observations, rng: np.random.Generator) -> np.ndarray:
+    """Errors (P, m, 2) of the observed points as their covariance has them, in units of the noise."""
+    points = observations.points[0]
+    errors = rng.normal(size=points.shape)
+    if observations.covariance is None:
+        return errors
+    if observations.on_curve:
+        return errors * np.sqrt(observations.covariance[0])[..., None]
+    root = np.linalg.cholesky(observations.covariance[0])
+    return (root @ errors.reshape(len(points), -1, 1)).reshape(points.shape)
 
 
 def with_target(problem: Problem, rotation, translation) -> State:
@@ -132,7 +143,7 @@ def from_edge(observations: Observations, side):
         return np.stack([np.vstack([values[g], *[values[g].mean(axis=0)] * (most - len(g))]) for g in groups])
 
     R_b, T_b = np.stack([R[g[0]] for g in groups]), filled(T)
-    solve_edge(R_b, T_b, filled(observations.points[0, :, 0]), affine_noise(observations)[0] * observations.sd or None)
+    solve_edge(R_b, T_b, filled(observations.points[0, :, 0]), affine_noise(observations)[0] or None)
 
     def find(points):
         found = edge_equations(R_b, T_b, filled(points[:, 0]))
