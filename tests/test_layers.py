@@ -14,7 +14,7 @@ LAYERS = [
     ["targets"],
     ["scan", "acquisition", "simulate", "features", "handeyesync"],
     ["closed_form", "joint", "observability", "scenes"],
-    ["calibrate", "montecarlo", "synthetic", "verify"],
+    ["calibrate", "doubts", "montecarlo", "synthetic", "verify"],
     ["published", "published_scenes", "scorecard", "report", "html", "notebooks", "reproduce", "sweep", "cli"],
 ]
 RANK = {room: rank for rank, rooms in enumerate(LAYERS) for room in rooms}

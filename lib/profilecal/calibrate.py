@@ -2,6 +2,7 @@
 
 from collections import Counter
 from dataclasses import asdict, dataclass, replace
+from textwrap import shorten
 
 import numpy as np
 from scipy.optimize import minimize
@@ -9,6 +10,7 @@ from scipy.stats import chi2
 
 from profilecal import joint
 from profilecal.checks import UnobservableError
+from profilecal.doubts import LARGEST_ERROR_MM, judge
 from profilecal.features import find_features
 from profilecal.observability import LEAST_TURN_DEG, name_axis, name_direction, turns
 from profilecal.poses import xyz_angles_from_rotation
@@ -96,7 +98,11 @@ def calibrate(scans, guess=None) -> Calibration:
         messages += [*scan.warnings, *reasons]
         if len(poses) < LEAST_POSES:
             name = scan.title or f"the {scan.kind}"
-            raise ScanError(f"{name}: the target was found from {len(poses)} poses; expected {LEAST_POSES} or more")
+            why = "; ".join(reason.rsplit(": ", 1)[0] for reason in reasons)
+            raise ScanError(
+                f"{name}: the target was found from {len(poses)} poses; expected {LEAST_POSES} or more"
+                + (f" ({shorten(why, 300)})" if why else "")
+            )
         seen.append(poses)
         reference = reference or noise_mm
         observed.append(as_observations(scan, poses, points, noise_mm / reference if noise_mm else 1.0))
@@ -104,11 +110,16 @@ def calibrate(scans, guess=None) -> Calibration:
     noise = shared_noise(scans)
     try:
         if reference:
-            solution = solve_with_robot_errors(observed, replace(noise, profile_mm=reference), starts)
+            noise = replace(noise, profile_mm=reference)
+            solution = solve_with_robot_errors(observed, noise, starts)
         else:
             solution = joint.solve(observed, noise, starts=starts)
     except UnobservableError as error:
         return Calibration(scans, tuple(seen), tuple(observed), None, (*messages, str(error)))
+    estimated = bool(reference) and not has_robot_errors(noise)
+    if estimated and solution.status != "unobservable":
+        noise = likeliest_noise(observed, noise, solution)
+    solution = judge(observed, noise, solution, estimated)
     messages += [*solution.messages, *wrong_sides(scans, seen, solution)]
     return Calibration(scans, tuple(seen), tuple(observed), solution, tuple(messages))
 
@@ -120,7 +131,7 @@ def solve_with_robot_errors(observed, noise: Noise, starts) -> joint.Solution:
     robot errors are stated they are estimated, as a position error of each pose.
     """
     how = "from the profiles themselves"
-    if noise.position_mm or noise.orientation_deg or noise.group_position_mm or noise.group_orientation_deg:
+    if has_robot_errors(noise):
         solution = joint.solve(observed, noise, starts=starts)
     else:
         solution = joint.solve(observed, replace(noise, profile_mm=0.0), starts=starts)
@@ -128,11 +139,16 @@ def solve_with_robot_errors(observed, noise: Noise, starts) -> joint.Solution:
             before, noise = noise.position_mm, likeliest_noise(observed, noise, solution)
             start = (solution.rotation, solution.translation)
             solution = joint.solve(observed, noise, starts=[start], searching=False)
-            if abs(noise.position_mm - before) < 0.02 * noise.position_mm:
+            if abs(noise.position_mm - before) < 0.02 * noise.position_mm or noise.position_mm > LARGEST_ERROR_MM:
                 break
         if noise.position_mm > 0.1 * noise.profile_mm:
             how += f", and a robot position error of {noise.position_mm:.2g} mm at each pose, from the residuals"
     return replace(solution, noise_source="estimated", noise_how=how)
+
+
+def has_robot_errors(noise: Noise) -> bool:
+    """Whether any are stated."""
+    return bool(noise.position_mm or noise.orientation_deg or noise.group_position_mm or noise.group_orientation_deg)
 
 
 def likeliest_noise(observed, noise: Noise, solution: joint.Solution) -> Noise:
