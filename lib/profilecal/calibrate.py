@@ -10,7 +10,7 @@ from scipy.stats import chi2
 
 from profilecal import joint
 from profilecal.checks import UnobservableError
-from profilecal.doubts import LARGEST_ERROR_MM, judge
+from profilecal.doubts import LARGEST_ERROR_MM, LARGEST_REJECTED, judge
 from profilecal.features import find_features
 from profilecal.observability import LEAST_TURN_DEG, name_axis, name_direction, turns
 from profilecal.poses import xyz_angles_from_rotation
@@ -138,8 +138,10 @@ def solve_with_robot_errors(observed, noise: Noise, starts) -> joint.Solution:
         for _ in range(ROUNDS):
             before, noise = noise.position_mm, likeliest_noise(observed, noise, solution)
             start = (solution.rotation, solution.translation)
-            solution = joint.solve(observed, noise, starts=[start], searching=False)
-            if abs(noise.position_mm - before) < 0.02 * noise.position_mm or noise.position_mm > LARGEST_ERROR_MM:
+            absurd = noise.position_mm > LARGEST_ERROR_MM
+            solution = joint.solve(observed, noise, starts=[start], robust=not absurd, searching=False)
+            absurd |= np.concatenate(solution.rejected).mean() > LARGEST_REJECTED
+            if abs(noise.position_mm - before) < 0.02 * noise.position_mm or absurd:
                 break
         if noise.position_mm > 0.1 * noise.profile_mm:
             how += f", and a robot position error of {noise.position_mm:.2g} mm at each pose, from the residuals"
