@@ -54,6 +54,11 @@ WRONG = {
     "drift": ("disk", lambda s: moved(s, [0.5, 0, 0] * steps(s)), "drifted along the base's x by 0.4"),
     "jump": ("disk", lambda s: moved(s, [0, 1, 0] * (steps(s) > 0.5)), "were shifted along the base's"),
     "robot": ("edge", lambda s: moved(s, 0.01 * s.T_base_flange), "positions were too far apart by +0.9"),
+    "one axis": (
+        "ball",
+        lambda s: moved(s, [0, 0.01, 0] * s.T_base_flange),
+        "along the base's y were too far apart by +",
+    ),
     "radius": ("disk", lambda s: replace(s, radius=50.5), "the radius were too large by +"),
 }
 

@@ -137,10 +137,16 @@ def _stretch(x: float, z: float, shear: float):
     return change
 
 
-def _spread(o, step):
-    """Positions farther from their middle."""
-    middle = o.T_flange.mean(axis=-2, keepdims=True)
-    return replace(o, T_flange=o.T_flange + step * (o.T_flange - middle))
+def _spread(axes):
+    """Positions farther from their middle, along some axes of the base (3,)."""
+
+    def change(o, step):
+        positions = o.T_flange
+        if o.eye_to_hand:
+            positions = -np.einsum("...pba,...pb->...pa", o.R_flange, positions)
+        return _shifted(o, step * (positions - positions.mean(axis=-2, keepdims=True)) * axes)
+
+    return change
 
 
 def _shifted(o, moved):
@@ -200,11 +206,20 @@ SUSPECTS = (
     (
         "the robot's positions were too far apart by {:+.2g} %",
         100,
-        _spread,
+        _spread(np.ones(3)),
         _always,
     ),
     *(
         (f"the robot or the target drifted along the base's {'xyz'[k]} by {{:.2g}} mm", 1, _drift(k), _always)
         for k in range(3)
+    ),
+    *(
+        (
+            f"the robot's positions along the base's {a} were too far apart by {{:+.2g}} %",
+            100,
+            _spread(np.eye(3)[k]),
+            _always,
+        )
+        for k, a in enumerate("xyz")
     ),
 )
