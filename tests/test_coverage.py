@@ -89,4 +89,4 @@ def test_a_disk_of_another_radius_is_not_ok():
     """No robot errs that much."""
     found = calibrate([replace(simulate_scan(spec("disk", 0)), radius=51.0)])
     assert found.status != "ok"
-    assert "is the target what scan.toml says, and of that size?" in " ".join(found.messages)
+    assert "more than a robot errs" in " ".join(found.messages)

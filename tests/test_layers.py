@@ -14,7 +14,7 @@ LAYERS = [
     ["targets"],
     ["scan", "acquisition", "simulate", "features", "handeyesync"],
     ["closed_form", "joint", "observability", "scenes", "two_phase"],
-    ["calibrate", "leave_out", "montecarlo", "synthetic", "verify"],
+    ["calibrate", "doubts", "leave_out", "montecarlo", "synthetic", "verify"],
     ["published", "published_scenes", "scorecard", "report", "html", "notebooks", "reproduce", "sweep", "cli"],
 ]
 RANK = {room: rank for rank, rooms in enumerate(LAYERS) for room in rooms}

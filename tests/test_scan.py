@@ -1,11 +1,15 @@
 import os
+import tempfile
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+from click.testing import CliRunner
 from scipy.spatial.transform import Rotation
 
+from profilecal.cli import main
 from profilecal.conventions import CONVENTIONS
 from profilecal.scan import MEASURED, Scan, ScanError, find_groups, read_scan, write_scan
 
@@ -126,7 +130,7 @@ MISTAKES = {
     "unknown noise": (edit("scan.toml", "profile_mm", "profile"), r"unknown entry 'profile' in \[noise\]"),
     "negative noise": (
         edit("scan.toml", "0.05", "-0.05"),
-        "noise profile_mm is -0.05; expected a number, zero or more",
+        "noise profile_mm is -0.05; expected zero, or 1e-06 to 100",
     ),
     "unknown unit": (edit("scan.toml", '"mm"', '"inch"'), "units is 'inch'; expected mm or m"),
     "unknown kind": (edit("scan.toml", '"ball"', '"sphere"'), "target kind is 'sphere'; expected edge or"),
@@ -172,7 +176,10 @@ MISTAKES = {
         lambda f: (f / "arcs.csv").write_text("pose,x,z,r\nP0,1,2,3\nP1,1,2,3,4,5\n"),
         "cannot be read: .*line 3",
     ),
-    "not text": (lambda f: (f / "arcs.csv").write_bytes(b"pose,x,z,r\nP\xff\xfe,1,2,3\n"), "not UTF-8 text"),
+    "not text": (
+        lambda f: (f / "arcs.csv").write_bytes(b"pose,x,z,r\nP\xff\xfe,1,2,3\n"),
+        "not UTF-8 text, b'.xff' in line 2; save it as UTF-8",
+    ),
     "bad side": (rewrite("poses.csv", lambda t: t.assign(side=2)), "line 2: side is 2; expected 1 or -1"),
     "mixed group": (rewrite("poses.csv", lambda t: t.assign(group="a")), "poses 'P0' and .* share a group but differ"),
     "positions in m": (
@@ -180,7 +187,86 @@ MISTAKES = {
         "are the units",
     ),
     "arcs in m": (rewrite("arcs.csv", lambda t: t.assign(x=t.x / 1e3, z=t.z / 1e3, r=t.r / 1e3)), "are the units"),
-    "symlink loop": (lambda f: ((f / "arcs.csv").unlink(), (f / "arcs.csv").symlink_to("arcs.csv")), "found none"),
+    "symlink loop": (
+        lambda f: ((f / "arcs.csv").unlink(), (f / "arcs.csv").symlink_to("arcs.csv")),
+        "arcs.csv: Too many levels of symbolic links",
+    ),
+    "folder is a loop": (lambda f: (f.rename(f.with_name("s")), f.symlink_to(f)), "scan: Too many levels of symbolic"),
+    "header is a loop": (
+        lambda f: ((f / "scan.toml").unlink(), (f / "scan.toml").symlink_to("scan.toml")),
+        "scan.toml: Too many levels of symbolic links",
+    ),
+    "folder is a file": (lambda f: (f.rename(f.with_name("s")), f.write_text("")), "scan: not a folder"),
+    "a pipe": (lambda f: ((f / "poses.csv").unlink(), os.mkfifo(f / "poses.csv")), "poses.csv: not a file"),
+    "a folder for a file": (lambda f: ((f / "arcs.csv").unlink(), (f / "arcs.csv").mkdir()), "arcs.csv: not a file"),
+    "column twice": (
+        lambda f: (f / "arcs.csv").write_text("pose,x,X ,z,r\nP0,1,1,2,3\n"),
+        "arcs.csv: column 'x' is there twice",
+    ),
+    "semicolons": (
+        lambda f: (f / "arcs.csv").write_text("pose;x;z;r\nP0;1;2;3\n"),
+        r"no column 'pose'; there are pose;x;z;r \(columns are separated by commas\)",
+    ),
+    "decimal commas": (
+        lambda f: (f / "arcs.csv").write_text("pose,x,z,r\nP0,1,5,2,0,3,0\nP1,1,5,2,0,3,0\n"),
+        r"more than the 4 columns of the header; expected one number in each \(decimal commas",
+    ),
+    "cut short": (
+        lambda f: (f / "arcs.csv").write_text("pose,x,z,r\nP0,1,2,3\nP1,1"),
+        "arcs.csv line 3: 2 of 4 columns in the last row; is the file cut short",
+    ),
+    "open quote": (lambda f: (f / "arcs.csv").write_text('pose,x,z,r\n"P0,1,2,3\n'), "cannot be read: .*EOF inside"),
+    "a code for no point": (
+        rewrite("arcs.csv", lambda t: t.assign(z=-32768)),
+        "line 2: z is -32768; expected at most 10000: .* Missing points are left out or blank",
+    ),
+    "true for a number": (rewrite("arcs.csv", lambda t: t.assign(z=True)), "line 2: z is 'True'; expected a finite"),
+    "two arcs": (
+        rewrite("arcs.csv", lambda t: t.replace({"pose": {"P3": "P2"}})),
+        "arcs.csv: pose 'P2' has more than one arc; expected one",
+    ),
+    "a long label": (
+        rewrite("arcs.csv", lambda t: t.replace({"pose": {"P3": "long\n" * 1000}})),
+        r"pose 'long\\nlong.*…' is not in poses|pose 'long\\nlong.* is not in poses",
+    ),
+    "unknown convention": (
+        rewrite("poses.csv", lambda t: t.rename(columns={"qw": "i", "qx": "j", "qy": "k", "qz": "l"})),
+        "no orientation columns; expected one block of: qw, qx, qy, qz; rx",
+    ),
+    "NaN for a pose": (
+        rewrite("poses.csv", lambda t: t.astype({"qx": object}).replace({"qx": {t["qx"][4]: "nan"}})),
+        "poses.csv line 5: qx is empty or NaN; expected a finite number",
+    ),
+    "degrees for radians": (
+        rewrite("poses.csv", lambda t: t.rename(columns={"qx": "rx", "qy": "ry", "qz": "rz"}).assign(rz=90)),
+        "line 2: rotation vector of length 90.*; expected radians, at most 2π: are they degrees",
+    ),
+    "absurd angles": (
+        rewrite("poses.csv", lambda t: t.rename(columns={"qx": "w", "qy": "p", "qz": "r"}).assign(r=1e308)),
+        r"line 2: angle of 1e\+308; expected degrees, at most 720",
+    ),
+    "one pose far away": (
+        rewrite("poses.csv", lambda t: t.assign(x=t["x"].where(t.index != 4, 1e200))),
+        r"line 6: the farthest flange position, of pose 'P4', is 1e\+200 mm|line 6: .* is inf mm",
+    ),
+    "no table": (lambda f: (f / "scan.toml").write_text("target = 5"), r"target is 5; expected a table \[target\]"),
+    "title": (edit("scan.toml", "title = ", "title = 5 #"), "title is 5; expected one line of text"),
+    "radius is true": (edit("scan.toml", "radius = 40.0", "radius = true"), "radius is True; expected 0.5 to 1000"),
+    "a huge radius": (
+        edit("scan.toml", "radius = 40.0", f"radius = 1{'0' * 400}"),
+        "radius is a huge number; expected 0.5 to 1000",
+    ),
+    "thousands of digits": (edit("scan.toml", "40.0", "9" * 5000), "scan.toml: Exceeds the limit"),
+    "nested deeply": (edit("scan.toml", "40.0", "[" * 20_000), "scan.toml: nested too deeply"),
+    "a long header": (
+        edit("scan.toml", "[target]", "#" * 1_000_000 + "\n[target]"),
+        r"scan.toml: \d+ bytes; expected at",
+    ),
+    "header is no text": (lambda f: (f / "scan.toml").write_bytes(b"\n#\xe4"), r"not UTF-8 text, b'\\xe4' in line 2"),
+    "not a point": (
+        edit("scan.toml", 'kind = "ball"\nradius = 40.0', 'kind = "point"'),
+        "'point' needs points, not arcs",
+    ),
     "both formats": (lambda f: (f / "poses.parquet").write_text(""), "both .csv and .parquet are there"),
     "broken parquet": (
         lambda f: ((f / "poses.csv").unlink(), (f / "poses.parquet").write_text("nonsense")),
@@ -200,6 +286,59 @@ def test_every_mistake_is_one_sentence_with_file_and_value(tmp_path, mistake):
         read_scan(folder)
     assert "scan" in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_a_pose_with_one_point_is_no_profile(tmp_path):
+    write_scan(random_scan(np.random.default_rng(9), "profiles"), tmp_path / "scan")
+    rewrite("profiles.csv", lambda t: t[(t["pose"] != "P1") | ~t["pose"].duplicated()])(tmp_path / "scan")
+    with pytest.raises(
+        ScanError, match=r"profiles.csv line 52: pose 'P1' has a single point; expected a whole profile"
+    ):
+        read_scan(tmp_path / "scan")
+
+
+def test_a_header_with_a_byte_order_mark_is_read(tmp_path):
+    scan = random_scan(np.random.default_rng(9))
+    write_scan(scan, tmp_path / "scan")
+    header = tmp_path / "scan" / "scan.toml"
+    header.write_bytes(b"\xef\xbb\xbf" + header.read_bytes())
+    assert_same(read_scan(tmp_path / "scan"), scan)
+
+
+@pytest.mark.parametrize("command", [["calibrate"], ["calibrate", "--json"], ["check"], ["verify", "--with", "T.json"]])
+@pytest.mark.parametrize("locked", ["scan", "scan/poses.csv"])
+@pytest.mark.skipif(os.name != "posix" or os.getuid() != 0, reason="gives up root's permissions")
+def test_without_permission_a_command_says_so_and_writes_nothing(command, locked):
+    with tempfile.TemporaryDirectory() as above:  # not below pytest's folder, which is root's alone
+        os.chmod(above, 0o755)
+        folder = Path(above) / "scan"
+        write_scan(random_scan(np.random.default_rng(9)), folder)
+        arguments = [command[0], str(folder), *command[1:]]
+        CliRunner().invoke(main, arguments)  # which imports what root alone may read
+        (Path(above) / locked).chmod(0)
+        os.seteuid(65534)
+        try:
+            done = CliRunner().invoke(main, arguments)
+        finally:
+            os.seteuid(0)
+    assert (done.exit_code, done.stdout) == (2, "")
+    unread = folder / ("scan.toml" if locked == "scan" else "poses.csv")
+    assert done.stderr == f"profilecal: {unread}: Permission denied\n"
+
+
+@pytest.mark.parametrize("mistake", ["no header", "text", "cut short", "symlink loop", "a pipe", "nested deeply"])
+@pytest.mark.parametrize("command", ["calibrate", "check", "verify"])
+def test_every_command_refuses_in_one_line_with_status_2(tmp_path, mistake, command):
+    folder = tmp_path / "scan"
+    write_scan(random_scan(np.random.default_rng(6), "arcs", "ball"), folder)
+    MISTAKES[mistake][0](folder)
+    before = sorted(tmp_path.rglob("*"))
+    options = {"calibrate": ["--json", "--report", str(tmp_path / "report.html")], "verify": ["--with", "T.json"]}
+    done = CliRunner().invoke(main, [command, str(folder), *options.get(command, [])])
+    assert (done.exit_code, done.stdout) == (2, "")
+    assert done.stderr.startswith("profilecal: ")
+    assert done.stderr.count("\n") == 1
+    assert sorted(tmp_path.rglob("*")) == before
 
 
 def test_small_angles_in_a_degrees_block_are_warned_about(tmp_path):

@@ -2,6 +2,7 @@
 
 from collections import Counter
 from dataclasses import asdict, dataclass, replace
+from textwrap import shorten
 
 import numpy as np
 from scipy.optimize import minimize
@@ -9,6 +10,7 @@ from scipy.stats import chi2
 
 from profilecal import joint, two_phase
 from profilecal.checks import UnobservableError
+from profilecal.doubts import LARGEST_ERROR_MM, LARGEST_REJECTED, judge
 from profilecal.features import find_features
 from profilecal.observability import LEAST_TURN_DEG, name_axis, name_direction, turns
 from profilecal.poses import xyz_angles_from_rotation
@@ -18,7 +20,6 @@ from profilecal.simulate import Noise
 FROM_PROFILES = "from the profiles themselves"
 METHODS = ("joint", "closed-form")
 LEAST_POSES = 3
-LARGEST_POSITION_MM = 3.0  # of a robot that was never calibrated; beyond it something else is wrong
 ROUNDS = 6  # of estimating robot errors; two or three are usual
 FALSE_ALARM = 0.01  # the chance that `check` doubts any pose of a good scan
 
@@ -108,7 +109,11 @@ def calibrate(scans, guess=None, method: str = "joint", rng: np.random.Generator
         messages += [*scan.warnings, *reasons]
         if len(poses) < LEAST_POSES:
             name = scan.title or f"the {scan.kind}"
-            raise ScanError(f"{name}: the target was found from {len(poses)} poses; expected {LEAST_POSES} or more")
+            why = "; ".join(reason.rsplit(": ", 1)[0] for reason in reasons)
+            raise ScanError(
+                f"{name}: the target was found from {len(poses)} poses; expected {LEAST_POSES} or more"
+                + (f" ({shorten(why, 300)})" if why else "")
+            )
         seen.append(poses)
         if covariance is not None:
             reference = reference or typical(scan.kind, covariance)
@@ -128,6 +133,8 @@ def calibrate(scans, guess=None, method: str = "joint", rng: np.random.Generator
             solution = joint.solve(observed, noise, starts=starts)
     except UnobservableError as error:
         return Calibration(scans, tuple(seen), tuple(observed), None, (*messages, str(error)), method)
+    if method == "joint":
+        solution = judge(observed, solution, errors_estimated=bool(reference) and not has_robot_errors(noise))
     messages += [*solution.messages, *wrong_sides(scans, seen, solution)]
     return Calibration(scans, tuple(seen), tuple(observed), solution, tuple(messages), method)
 
@@ -139,27 +146,26 @@ def solve_with_robot_errors(observed, noise: Noise, starts) -> joint.Solution:
     robot errors are stated they are estimated, as a position error of each pose.
     """
     how = FROM_PROFILES
-    if noise.position_mm or noise.orientation_deg or noise.group_position_mm or noise.group_orientation_deg:
+    if has_robot_errors(noise):
         solution = joint.solve(observed, noise, starts=starts)
     else:
         solution = joint.solve(observed, replace(noise, profile_mm=0.0), starts=starts)
         for _ in range(ROUNDS):
             before, noise = noise.position_mm, likeliest_noise(observed, noise, solution)
             start = (solution.rotation, solution.translation)
-            solution = joint.solve(observed, noise, starts=[start], searching=False)
-            if abs(noise.position_mm - before) < 0.02 * noise.position_mm:
+            absurd = noise.position_mm > LARGEST_ERROR_MM
+            solution = joint.solve(observed, noise, starts=[start], robust=not absurd, searching=False)
+            absurd |= np.concatenate(solution.rejected).mean() > LARGEST_REJECTED
+            if abs(noise.position_mm - before) < 0.02 * noise.position_mm or absurd:
                 break
         if noise.position_mm > 0.1 * noise.profile_mm:
             how += f", and a robot position error of {noise.position_mm:.2g} mm at each pose, from the residuals"
-        if noise.position_mm > LARGEST_POSITION_MM and solution.status == "ok":
-            solution = replace(solution, status="weak")
-        if noise.position_mm > LARGEST_POSITION_MM:
-            doubt = (
-                f"the residuals ask for a robot position error of {noise.position_mm:.2g} mm, more than a robot has: "
-                "is the target what scan.toml says, and of that size?"
-            )
-            solution = replace(solution, messages=(*solution.messages, doubt))
     return replace(solution, noise_source="estimated", noise_how=how)
+
+
+def has_robot_errors(noise: Noise) -> bool:
+    """Whether any are stated."""
+    return bool(noise.position_mm or noise.orientation_deg or noise.group_position_mm or noise.group_orientation_deg)
 
 
 def likeliest_noise(observed, noise: Noise, solution: joint.Solution) -> Noise:

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import click
 
+SCAN = click.Path(path_type=Path, readable=False)  # what cannot be read, read_scan says in one sentence
+
 
 class Refused(click.ClickException):
     """Wrong input, said in one sentence."""
@@ -62,7 +64,7 @@ def reproduce(names, parameters, output):
 
 
 @main.command()
-@click.argument("folders", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.argument("folders", nargs=-1, required=True, type=SCAN)
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of a table.")
 @click.option("--to", "vendor", metavar="NAME", help="abb, kuka, ur, fanuc, staubli, ros or matrix: a pose to paste.")
 @click.option("--guess", nargs=6, type=float, metavar="X Y Z W P R", help="Mount to start from, mm and degrees.")
@@ -126,7 +128,7 @@ def simulate(spec, folder):
 
 
 @main.command()
-@click.argument("folder", type=click.Path(path_type=Path))
+@click.argument("folder", type=SCAN)
 def check(folder):
     """Say what a scan FOLDER holds, before any calibration: poses, groups, noise, outliers, motions."""
     from profilecal.calibrate import check as check_scan
@@ -137,8 +139,8 @@ def check(folder):
 
 
 @main.command()
-@click.argument("folder", type=click.Path(path_type=Path))
-@click.option("--with", "pose", required=True, type=click.Path(path_type=Path), help="What calibrate --json printed.")
+@click.argument("folder", type=SCAN)
+@click.option("--with", "pose", required=True, type=SCAN, help="What calibrate --json printed.")
 def verify(folder, pose):
     """Apply a sensor pose to a scan FOLDER that was not used to find it; status 1 if more is wrong than it states."""
     import numpy as np

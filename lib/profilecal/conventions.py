@@ -30,6 +30,7 @@ CONVENTIONS = (
     Convention("matrix", tuple(f"r{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3)), "any"),
 )
 UNIT_TOLERANCE = 1e-3  # quaternions printed to four decimals pass
+LARGEST_ANGLE_DEG = 720.0  # controllers print angles within a turn
 
 
 def find_convention(columns) -> Convention:
@@ -53,10 +54,17 @@ def to_rotations(convention: Convention, values) -> np.ndarray:
     """Matrices (n, 3, 3) from a block of columns (n, k), in the order of the convention.
 
     Raises ValueError with the row, counted from 0, for a quaternion that is not of length one, a rotation vector
-    longer than a full turn, or a matrix that is no rotation.
+    longer than a full turn, angles of more than two turns, or a matrix that is no rotation.
     """
     values = np.asarray(values, dtype=float)
+    with np.errstate(over="ignore", invalid="ignore"):
+        return _to_rotations(convention, values)
+
+
+def _to_rotations(convention: Convention, values) -> np.ndarray:
     if convention.sequence:
+        largest = np.abs(values).max(axis=1)
+        _refuse(largest > LARGEST_ANGLE_DEG, largest, "angle of {:.6g}; expected degrees, at most 720")
         return Rotation.from_euler(convention.sequence, values, degrees=True).as_matrix()
     if convention.name == "quaternion":
         length = np.linalg.norm(values, axis=1)
@@ -64,11 +72,17 @@ def to_rotations(convention: Convention, values) -> np.ndarray:
         return Rotation.from_quat(values, scalar_first=True).as_matrix()
     if convention.name == "rotation vector":
         length = np.linalg.norm(values, axis=1)
-        _refuse(length > 2 * np.pi, length, "rotation vector of length {:.4g}; expected radians, at most 2π")
+        _refuse(
+            length > 2 * np.pi,
+            length,
+            "rotation vector of length {:.4g}; expected radians, at most 2π: are they degrees?",
+        )
         return Rotation.from_rotvec(values).as_matrix()
     matrices = values.reshape(-1, 3, 3)
     excess = np.abs(matrices @ matrices.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
-    _refuse(excess > ORTHONORMAL_TOLERANCE, excess, "matrix with R Rᵀ off the identity by {:.2g}; expected a rotation")
+    _refuse(
+        ~(excess <= ORTHONORMAL_TOLERANCE), excess, "matrix with R Rᵀ off the identity by {:.2g}; expected a rotation"
+    )
     determinant = np.linalg.det(matrices)
     _refuse(determinant < 0, determinant, "matrix with determinant {:.2g}, a reflection; expected a rotation")
     return Rotation.from_matrix(matrices).as_matrix()

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2 as chi2_law
 
 from profilecal.checks import UnobservableError
-from profilecal.observability import POSE_UNITS, Spectrum, explain, spectrum
+from profilecal.observability import POSE_UNITS, Spectrum, explain, of_covariance, spectrum
 from profilecal.poses import angle_between, homogeneous
 from profilecal.simulate import Noise
 from profilecal.targets import ball, disk, edge, plane, point
@@ -819,20 +819,15 @@ def _state_result(problem, observations, noise, source, how, fit, everything, we
     factor = chi2 / dof
     unlikely = chi2_law.isf(1e-3, dof) / dof
     covariance = found.covariance
-    if source == "groups" and factor > unlikely:
-        covariance, found = (
-            covariance * factor,
-            replace(found, covariance=found.covariance * factor, sd=found.sd * factor**0.5),
-        )
+    if source != "residuals" and factor > unlikely:
+        covariance = found.covariance * factor
+        found = of_covariance(covariance, found.rank, found.parameters)
         status = str(found.status)
-        messages.append(
-            f"residuals are {factor**0.5:.2g} times the scatter inside rotation groups, so groups differ by more than "
-            "scanner noise (robot errors?); the covariance is enlarged to match"
-        )
-    elif source == "given" and factor > unlikely:
-        messages.append(
-            f"residuals are {factor**0.5:.2g} times what the stated noise explains; the covariance assumes the noise"
-        )
+        than = {
+            "groups": "the scatter inside rotation groups, so groups differ by more than scanner noise (robot errors?)",
+            "given": "what the stated noise explains",
+        }[source]
+        messages.append(f"residuals are {factor**0.5:.2g} times {than}; the covariance is enlarged to match")
     messages += explain(
         found,
         state.rotation[0],

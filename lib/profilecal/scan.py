@@ -3,9 +3,12 @@
 data/README.md describes the format. Lengths are millimetres once read, whatever the folder's units.
 """
 
+import csv
 import json
 import shutil
+import stat
 import tomllib
+import warnings
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -33,7 +36,10 @@ MOUNTS = ("eye-in-hand", "eye-to-hand")
 SAME_ORIENTATION_DEG = 0.05  # poses that differ by less form a rotation group
 RADIUS_MM = (0.5, 1000.0)  # of a ball or disk that a profile scanner can see
 REACH_MM = (10.0, 20_000.0)  # farthest flange position from the base: a robot's size
+FARTHEST_MM = 10_000.0  # from the scanner; no profile scanner sees as far, and some print such numbers for no point
+NOISE_RANGE = (1e-6, 100.0)  # mm or degrees
 LARGEST_FILE = 400_000_000  # bytes
+LARGEST_HEADER = 1_000_000
 
 
 class ScanError(ValueError):
@@ -66,21 +72,24 @@ def read_scan(folder) -> Scan:
     """Read and check a scan folder. Raises ScanError."""
     folder = Path(folder)
     try:
-        if not folder.is_dir():
-            raise ScanError(f"{folder}: no such folder")
+        if not stat.S_ISDIR(folder.stat().st_mode):
+            raise ScanError(f"{folder}: not a folder")
         header = read_header(folder / "scan.toml")
         scale = SCALE[header["units"]]
         poses = read_poses(folder, scale)
         measured, values = read_measurements(folder, poses["labels"], scale)
         truth_file = folder / "truth.toml"
-        truth = read_toml(truth_file) if truth_file.exists() else {}
+        truth = read_toml(truth_file) if is_file(truth_file) else {}
+    except FileNotFoundError as error:
+        raise ScanError(f"{folder}: no such folder") from error
     except OSError as error:
         raise ScanError(f"{error.filename or folder}: {error.strerror or error}") from error
 
     target = header["target"]
     needs = FITS[target["kind"]]
-    if measured not in ("profiles", needs):
-        expected = f"profiles or {needs}" if needs else "profiles"
+    fit = {"point": ("points",), "plane": ("profiles",)}.get(target["kind"], ("profiles", needs))
+    if measured not in fit:
+        expected = " or ".join(fit)
         raise ScanError(f"{folder}: a target of kind {target['kind']!r} needs {expected}, not {measured}")
     side = np.full(len(values), float(target.get("side", 0)))
     if poses["side"] is not None:
@@ -106,19 +115,42 @@ def read_scan(folder) -> Scan:
     )
 
 
+def is_file(path: Path) -> bool:
+    """Whether there is a file. Raises ScanError for what is no file, and OSError (a loop of links, no permission)."""
+    try:
+        mode = path.stat().st_mode
+    except FileNotFoundError:
+        return False
+    if not stat.S_ISREG(mode):
+        raise ScanError(f"{path}: not a file")
+    return True
+
+
+def shown(value) -> str:
+    """A value, for a sentence: short and on one line."""
+    text = "a huge number" if isinstance(value, int) and value.bit_length() > 200 else repr(value)
+    return text if len(text) <= 60 else f"{text[:60]}…"
+
+
+def listed(names) -> str:
+    """Names of columns, for a sentence."""
+    text = ", ".join(str(name) for name in names)
+    return shown(text) if len(text) > 200 or not text.isprintable() else text
+
+
 def read_header(path: Path) -> dict:
     """scan.toml, checked, with defaults filled in."""
-    if not path.exists():
+    if not is_file(path):
         raise ScanError(f'{path}: no such file; expected it to name the target: [target] kind = "edge"')
     header = read_toml(path)
     for section, known in KEYS.items():
         entries = header.setdefault(section, {}) if section else header
         if not isinstance(entries, dict):
-            raise ScanError(f"{path}: {section} is {entries!r}; expected a table [{section}]")
+            raise ScanError(f"{path}: {section} is {shown(entries)}; expected a table [{section}]")
         for key in entries:
             if key not in known:
                 where = f" in [{section}]" if section else ""
-                raise ScanError(f"{path}: unknown entry {key!r}{where}; there are {', '.join(known)}")
+                raise ScanError(f"{path}: unknown entry {shown(key)}{where}; there are {', '.join(known)}")
     header = {"title": "", "units": "mm", "mount": "eye-in-hand"} | header
     target = header["target"]
     for name, value, choices in (
@@ -128,24 +160,51 @@ def read_header(path: Path) -> dict:
         ("target side", target.get("side", 1), (1, -1)),
     ):
         if value not in choices or isinstance(value, bool):
-            raise ScanError(f"{path}: {name} is {value!r}; expected {' or '.join(map(str, choices))}")
+            raise ScanError(f"{path}: {name} is {shown(value)}; expected {' or '.join(map(str, choices))}")
     for name, value in header["noise"].items():
-        if not isinstance(value, int | float) or isinstance(value, bool) or not 0 <= value < np.inf:
-            raise ScanError(f"{path}: noise {name} is {value!r}; expected a number, zero or more")
+        low, high = NOISE_RANGE
+        if not is_number(value) or not (value == 0 or low <= value <= high):
+            raise ScanError(f"{path}: noise {name} is {shown(value)}; expected zero, or {low:g} to {high:g}")
+    title = header["title"]
+    if not isinstance(title, str) or not title.isprintable() or len(title) > 200:
+        raise ScanError(f"{path}: title is {shown(title)}; expected one line of text")
     _check_radius(path, target, SCALE[header["units"]])
     return header
 
 
+def is_number(value) -> bool:
+    """Whether an entry of a TOML file is one."""
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
 def read_toml(path) -> dict:
     """The content of a TOML file. Raises ScanError."""
+    path = Path(path)
     try:
-        return tomllib.loads(Path(path).read_text(encoding="utf-8"))
+        if is_file(path) and path.stat().st_size > LARGEST_HEADER:
+            raise ScanError(f"{path}: {path.stat().st_size} bytes; expected at most {LARGEST_HEADER}")
+        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except UnicodeDecodeError as error:
-        raise ScanError(f"{path}: not UTF-8 text ({error.reason} at byte {error.start})") from error
+        raise ScanError(f"{path}: {_not_utf8(path, error)}") from error
     except OSError as error:
         raise ScanError(f"{path}: {error.strerror}") from error
-    except tomllib.TOMLDecodeError as error:
+    except ScanError:
+        raise
+    except RecursionError as error:
+        raise ScanError(f"{path}: nested too deeply") from error
+    except ValueError as error:  # of tomllib, and of numbers of thousands of digits
         raise ScanError(f"{path}: {error}") from error
+
+
+def _not_utf8(path: Path, error: UnicodeDecodeError) -> str:
+    """Where a file is no text."""
+    content = path.read_bytes()
+    try:
+        content.decode()
+    except UnicodeDecodeError as first:
+        line = content.count(b"\n", 0, first.start) + 1
+        return f"not UTF-8 text, {content[first.start : first.start + 1]!r} in line {line}; save it as UTF-8"
+    return f"not UTF-8 text ({error.reason})"
 
 
 def _check_radius(path: Path, target: dict, scale: float) -> None:
@@ -156,9 +215,9 @@ def _check_radius(path: Path, target: dict, scale: float) -> None:
         return
     if radius is None:
         raise ScanError(f"{path}: the {kind}'s radius is missing; expected radius = … under [target]")
-    if not isinstance(radius, int | float) or not RADIUS_MM[0] <= radius * scale <= RADIUS_MM[1]:
-        low, high = (v / scale for v in RADIUS_MM)
-        raise ScanError(f"{path}: radius is {radius!r}; expected {low:g} to {high:g} in the folder's units")
+    low, high = (v / scale for v in RADIUS_MM)
+    if not is_number(radius) or not low <= radius <= high:
+        raise ScanError(f"{path}: radius is {shown(radius)}; expected {low:g} to {high:g} in the folder's units")
 
 
 def read_poses(folder: Path, scale: float) -> dict:
@@ -167,8 +226,10 @@ def read_poses(folder: Path, scale: float) -> dict:
     labels = _labels(path, table)
     repeated = pd.Series(labels)[pd.Series(labels).duplicated()]
     if len(repeated):
-        raise ScanError(f"{_line(path, table, repeated.index[0])}: pose {repeated.iloc[0]!r} is there twice")
-    T = _numbers(path, table, ("x", "y", "z")) * scale
+        raise ScanError(f"{_line(path, table, repeated.index[0])}: pose {shown(repeated.iloc[0])} is there twice")
+    with np.errstate(over="ignore"):
+        T = _numbers(path, table, ("x", "y", "z")) * scale
+        reach = np.linalg.norm(T, axis=1)
     try:
         convention = find_convention(table.columns)
         block = _numbers(path, table, convention.columns)
@@ -180,16 +241,17 @@ def read_poses(folder: Path, scale: float) -> dict:
     except ValueError as error:
         raise ScanError(f"{path}: {error}") from error
 
-    reach = np.linalg.norm(T, axis=1).max()
-    if not REACH_MM[0] <= reach <= REACH_MM[1]:
+    row = int(np.argmax(reach))
+    if not REACH_MM[0] <= reach[row] <= REACH_MM[1]:
         raise ScanError(
-            f"{path}: the farthest flange position is {reach:.3g} mm from the base; expected a robot's size, "
-            f"{REACH_MM[0]:g} to {REACH_MM[1]:g} mm: are the units in scan.toml right?"
+            f"{_line(path, table, row)}: the farthest flange position, of pose {shown(labels[row])}, is "
+            f"{reach[row]:.3g} mm from the base; expected a robot's size, {REACH_MM[0]:g} to {REACH_MM[1]:g} mm: "
+            "are the units in scan.toml right?"
         )
-    warnings = []
+    doubts = []
     if convention.sequence and np.abs(block).max() <= 2 * np.pi:
         names = ", ".join(convention.columns)
-        warnings.append(f"{path.name}: all angles {names} lie within ±2π; the columns mean degrees, are they radians?")
+        doubts.append(f"{path.name}: all angles {names} lie within ±2π; the columns mean degrees, are they radians?")
     side = _numbers(path, table, ("side",), blank=True)[:, 0] if "side" in table else None
     if side is not None and not np.isin(side[~np.isnan(side)], (-1, 1)).all():
         row = int(np.flatnonzero(~np.isnan(side) & ~np.isin(side, (-1, 1)))[0])
@@ -205,7 +267,7 @@ def read_poses(folder: Path, scale: float) -> dict:
         "group": group,
         "side": side,
         "convention": convention,
-        "warnings": warnings,
+        "warnings": doubts,
     }
 
 
@@ -216,14 +278,14 @@ def _check_groups(path, R, group, labels):
         if apart.max() > 1:
             other = labels[rows[np.argmax(apart)]]
             raise ScanError(
-                f"{path}: poses {labels[rows[0]]!r} and {other!r} share a group but differ in orientation by "
+                f"{path}: poses {shown(labels[rows[0]])} and {shown(other)} share a group but differ in orientation by "
                 f"{apart.max():.2g}°; expected one orientation in a group"
             )
 
 
 def read_measurements(folder: Path, labels, scale: float) -> tuple[str, tuple[np.ndarray, ...]]:
     """What the scanner saw: which of the four files there is, and its rows in mm by pose."""
-    there = [name for name in MEASURED if any((folder / f"{name}{end}").exists() for end in (".csv", ".parquet"))]
+    there = [name for name in MEASURED if any([is_file(folder / f"{name}{end}") for end in (".csv", ".parquet")])]
     if len(there) != 1:
         found = f"found {' and '.join(there)}" if there else "found none of them"
         raise ScanError(f"{folder}: expected one of profiles, points, chords, arcs (.csv or .parquet); {found}")
@@ -233,14 +295,19 @@ def read_measurements(folder: Path, labels, scale: float) -> tuple[str, tuple[np
     rows = pd.Index(labels).get_indexer(seen)
     if (rows < 0).any():
         row = int(np.argmax(rows < 0))
-        raise ScanError(f"{_line(path, table, row)}: pose {seen[row]!r} is not in poses")
-    numbers = _numbers(path, table, MEASURED[measured], blank=True) * scale
+        raise ScanError(f"{_line(path, table, row)}: pose {shown(seen[row])} is not in poses")
+    numbers = _numbers(path, table, MEASURED[measured], blank=True, largest=FARTHEST_MM / scale) * scale
     order = np.argsort(rows, kind="stable")
     parts = np.split(numbers[order], np.searchsorted(rows[order], np.arange(1, len(labels))))
-    if measured == "points":
-        many = [label for label, part in zip(labels, parts, strict=True) if len(part) > 1]
-        if many:
-            raise ScanError(f"{path}: pose {many[0]!r} has more than one point; expected one")
+    for label, part in zip(labels, parts, strict=True):
+        if measured != "profiles" and len(part) > 1:
+            raise ScanError(f"{path}: pose {shown(label)} has more than one {measured[:-1]}; expected one")
+        if measured == "profiles" and len(part) == 1:
+            row = int(np.flatnonzero(seen == label)[0])
+            raise ScanError(
+                f"{_line(path, table, row)}: pose {shown(label)} has a single point; expected a whole profile, or none "
+                "where the scanner saw nothing (single sensed points belong into points.csv)"
+            )
     largest = np.nanmax(np.abs(numbers), initial=0.0)
     if 0 < largest < 1:
         raise ScanError(f"{path}: no value is larger than {largest:.3g} mm; are the units in scan.toml right?")
@@ -249,7 +316,7 @@ def read_measurements(folder: Path, labels, scale: float) -> tuple[str, tuple[np
 
 def read_table(folder: Path, name: str, required) -> tuple[Path, pd.DataFrame]:
     """A table by its name, CSV or Parquet, without its empty rows; its index is the line in the file less two."""
-    paths = [folder / f"{name}{end}" for end in (".csv", ".parquet") if (folder / f"{name}{end}").exists()]
+    paths = [folder / f"{name}{end}" for end in (".csv", ".parquet") if is_file(folder / f"{name}{end}")]
     if len(paths) != 1:
         both = "both .csv and .parquet are there; keep one" if paths else "no such file"
         raise ScanError(f"{folder / name}.csv: {both}")
@@ -258,22 +325,55 @@ def read_table(folder: Path, name: str, required) -> tuple[Path, pd.DataFrame]:
         size = path.stat().st_size / 1e6
         raise ScanError(f"{path}: {size:.0f} MB; expected at most {LARGEST_FILE / 1e6:.0f} MB: thin the profiles out")
     try:
-        if path.suffix == ".csv":
-            table = pd.read_csv(path, dtype={"pose": str, "group": str}, skip_blank_lines=False, encoding="utf-8-sig")
-        else:
-            table = pd.read_parquet(path)
+        table = read_csv(path) if path.suffix == ".csv" else pd.read_parquet(path)
     except UnicodeDecodeError as error:
-        raise ScanError(f"{path}: not UTF-8 text ({error.reason} at byte {error.start})") from error
-    except (ValueError, OSError, ImportError) as error:  # pandas and pyarrow name the line
-        raise ScanError(f"{path}: cannot be read: {str(error).strip().splitlines()[-1]}") from error
+        raise ScanError(f"{path}: {_not_utf8(path, error)}") from error
+    except (ScanError, PermissionError):
+        raise
+    except (ValueError, OSError, ImportError, csv.Error) as error:  # pandas and pyarrow name the line
+        raise ScanError(f"{path}: cannot be read: {str(error).strip().splitlines()[-1][:200]}") from error
     table.columns = [str(column).strip().lower() for column in table.columns]
     for column in required:
         if column not in table:
-            raise ScanError(f"{path}: no column {column!r}; there are {', '.join(table.columns)}")
+            hint = " (columns are separated by commas)" if len(table.columns) == 1 else ""
+            raise ScanError(f"{path}: no column {column!r}; there are {listed(table.columns)}{hint}")
     table = table.dropna(how="all")
     if table.empty:
         raise ScanError(f"{path}: no rows")
     return path, table
+
+
+def read_csv(path: Path) -> pd.DataFrame:
+    """A CSV file whose rows are as long as its header, or shorter, but for the last one: a file cut short."""
+    with path.open(encoding="utf-8-sig", newline="") as file:
+        names = [name.strip().lower() for name in next(csv.reader([file.readline(100_000)]), [])]
+    for name in names:
+        if name and names.count(name) > 1:
+            raise ScanError(f"{path}: column {shown(name)} is there twice")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", pd.errors.ParserWarning)
+        try:
+            table = pd.read_csv(
+                path,
+                dtype={"pose": str, "group": str},
+                index_col=False,
+                skip_blank_lines=False,
+                low_memory=False,
+                encoding="utf-8-sig",
+            )
+        except pd.errors.ParserWarning as error:
+            raise ScanError(
+                f"{path}: rows have more than the {len(names)} columns of the header; expected one number in each "
+                "(decimal commas?)"
+            ) from error
+    with path.open("rb") as file:
+        file.seek(max(0, path.stat().st_size - 10_000))
+        last = file.read().decode(errors="replace").rstrip().splitlines()[-1:]
+    fields = len(next(csv.reader(last), []))
+    if len(table) and fields < len(names):
+        line = table.dropna(how="all").index.max() + 2
+        raise ScanError(f"{path} line {line}: {fields} of {len(names)} columns in the last row; is the file cut short?")
+    return table
 
 
 def _line(path: Path, table: pd.DataFrame, row: int) -> str:
@@ -288,18 +388,27 @@ def _labels(path: Path, table: pd.DataFrame) -> np.ndarray:
     return table["pose"].astype(str).str.strip().to_numpy()
 
 
-def _numbers(path: Path, table: pd.DataFrame, columns, blank: bool = False) -> np.ndarray:
-    """Columns as numbers (rows, columns). Blank or NaN cells only where `blank`; never infinite."""
+def _numbers(path: Path, table: pd.DataFrame, columns, blank: bool = False, largest: float = np.inf) -> np.ndarray:
+    """Columns as numbers (rows, columns), at most `largest`. Blank or NaN cells only where `blank`; never infinite."""
     numbers = np.empty((len(table), len(columns)))
     for k, column in enumerate(columns):
-        numbers[:, k] = pd.to_numeric(table[column], errors="coerce")
-        text = table[column].notna().to_numpy() & np.isnan(numbers[:, k])
+        cells = table[column]
+        if not pd.api.types.is_numeric_dtype(cells) or pd.api.types.is_bool_dtype(cells):
+            cells = cells.astype(str).where(cells.notna())  # no dates, lists, or True for numbers
+        numbers[:, k] = pd.to_numeric(cells, errors="coerce")
+        text = cells.notna().to_numpy() & np.isnan(numbers[:, k])
         bad = text | np.isinf(numbers[:, k]) | (np.isnan(numbers[:, k]) & (not blank))
         if bad.any():
             row = int(np.argmax(bad))
             value = table[column].iloc[row]
-            found = "is empty" if pd.isna(value) else f"is {str(value)[:40]!r}"
+            found = "is empty or NaN" if pd.isna(cells.iloc[row]) else f"is {shown(str(value))}"
             raise ScanError(f"{_line(path, table, row)}: {column} {found}; expected a finite number")
+        if (np.abs(numbers[:, k]) > largest).any():
+            row = int(np.argmax(np.abs(numbers[:, k]) > largest))
+            raise ScanError(
+                f"{_line(path, table, row)}: {column} is {numbers[row, k]:.6g}; expected at most {largest:g}: "
+                "are the units in scan.toml right? Missing points are left out or blank"
+            )
     return numbers
 
 
