@@ -25,6 +25,22 @@ FALSE_ALARM = 0.01  # the chance that `check` doubts any pose of a good scan
 
 
 @dataclass(frozen=True)
+class Seen:
+    """What a scan shows of its target."""
+
+    poses: np.ndarray  # (k,) indices of those that saw it
+    points: np.ndarray  # (k, m, 2) what they saw, mm
+    covariance: np.ndarray | None = None  # of it by the profiles themselves, mm², as `joint.Observations` has it
+    shared_mm: float = 0.0  # the part of its error that poses of one orientation share
+    remarks: tuple[str, ...] = ()  # why the other poses did not see it, and what else there is to say
+
+    @property
+    def measured(self) -> bool:
+        """Whether the profiles tell the noise."""
+        return self.covariance is not None
+
+
+@dataclass(frozen=True)
 class Calibration:
     """A sensor pose from scans, or the reason why there is none. `to_json` is the contract with programs."""
 
@@ -103,50 +119,55 @@ def calibrate(scans, guess=None, method: str = "joint", rng: np.random.Generator
         raise ScanError("the closed form takes one scan and no guess; the method joint takes more")
     if len({scan.mount for scan in scans}) > 1:
         raise ScanError("some scans are eye-in-hand and others eye-to-hand; expected one mount")
-    observed, seen, messages, reference = [], [], [], None
-    for scan in scans:
-        poses, points, covariance, reasons = observations(scan)
-        messages += [*scan.warnings, *reasons]
-        if len(poses) < LEAST_POSES:
-            name = scan.title or f"the {scan.kind}"
-            why = "; ".join(reason.rsplit(": ", 1)[0] for reason in reasons)
-            raise ScanError(
-                f"{name}: the target was found from {len(poses)} poses; expected {LEAST_POSES} or more"
-                + (f" ({shorten(why, 300)})" if why else "")
-            )
-        seen.append(poses)
-        if covariance is not None:
-            reference = reference or typical(scan.kind, covariance)
-            covariance = covariance / reference**2
-        observed.append(as_observations(scan, poses, points, covariance))
+    seen = tuple(target_seen(scan) for scan in scans)
+    poses, messages = tuple(entry.poses for entry in seen), [m for scan in scans for m in scan.warnings]
+    messages += [m for entry in seen for m in entry.remarks]
+    reference = next((typical(s.kind, e.covariance) for s, e in zip(scans, seen, strict=True) if e.measured), 0.0)
+    observed = tuple(as_observations(s, e, reference) for s, e in zip(scans, seen, strict=True))
     starts = [] if guess is None else [(guess[:3, :3], guess[:3, 3])]
     noise = shared_noise(scans)
+    estimating = bool(reference) and not has_robot_errors(noise)
+    shared_mm = max(entry.shared_mm for entry in seen)
+    noise = replace(noise, group_position_mm=float(np.hypot(noise.group_position_mm, shared_mm)))
     try:
         if method == "closed-form":
             noise = replace(noise, profile_mm=reference or noise.profile_mm)
-            solution = two_phase.solve(observed[0], noise, scans[0].side[seen[0]], rng)
+            solution = two_phase.solve(observed[0], noise, scans[0].side[poses[0]], rng)
             if reference:
                 solution = replace(solution, noise_source="estimated", noise_how=FROM_PROFILES)
         elif reference:
-            solution = solve_with_robot_errors(observed, replace(noise, profile_mm=reference), starts)
+            solution = solve_profiles(observed, replace(noise, profile_mm=reference), starts, estimating)
         else:
             solution = joint.solve(observed, noise, starts=starts)
     except UnobservableError as error:
-        return Calibration(scans, tuple(seen), tuple(observed), None, (*messages, str(error)), method)
+        return Calibration(scans, poses, observed, None, (*messages, str(error)), method)
     if method == "joint":
-        solution = judge(observed, solution, errors_estimated=bool(reference) and not has_robot_errors(noise))
-    messages += [*solution.messages, *wrong_sides(scans, seen, solution)]
-    return Calibration(scans, tuple(seen), tuple(observed), solution, tuple(messages), method)
+        solution = judge(observed, solution, estimating)
+    messages += [*solution.messages, *wrong_sides(scans, poses, solution)]
+    return Calibration(scans, poses, observed, solution, tuple(messages), method)
 
 
-def solve_with_robot_errors(observed, noise: Noise, starts) -> joint.Solution:
+def target_seen(scan: Scan) -> Seen:
+    """`observations` of a scan. Raises ScanError where there are too few."""
+    seen = observations(scan)
+    if len(seen.poses) < LEAST_POSES:
+        name = scan.title or f"the {scan.kind}"
+        why = "; ".join(remark.rsplit(": ", 1)[0] for remark in seen.remarks)
+        raise ScanError(
+            f"{name}: the target was found from {len(seen.poses)} poses; expected {LEAST_POSES} or more"
+            + (f" ({shorten(why, 300)})" if why else "")
+        )
+    return seen
+
+
+def solve_profiles(observed, noise: Noise, starts, estimating: bool) -> joint.Solution:
     """The joint solution from features of raw profiles, whose noise is known from the profiles themselves.
 
-    What that noise does not explain is the robot's: all points of a profile share the error of its pose. Where no
-    robot errors are stated they are estimated, as a position error of each pose.
+    What that noise does not explain is the robot's: all points of a profile share the error of its pose. `estimating`:
+    nobody states it, so it is estimated, as a position error of each pose.
     """
     how = FROM_PROFILES
-    if has_robot_errors(noise):
+    if not estimating:
         solution = joint.solve(observed, noise, starts=starts)
     else:
         solution = joint.solve(observed, replace(noise, profile_mm=0.0), starts=starts)
@@ -207,9 +228,8 @@ def likeliest_noise(observed, noise: Noise, solution: joint.Solution) -> Noise:
     return replace(noise, profile_mm=profile_mm, position_mm=float(np.exp(found[0]) * fitted))
 
 
-def observations(scan: Scan) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, list[str]]:
-    """Indices of the poses that saw the target, what they saw (poses, m, 2), its covariance by the profiles
-    themselves, mm², where there are any (as `joint.Observations` has it), and why the other poses did not see it."""
+def observations(scan: Scan) -> Seen:
+    """The target as a scan's profiles show it, or as the points, chords or arcs that it holds."""
     if scan.measured == "profiles":
         found = find_features(scan.kind, scan.values, scan.radius)
         reasons = {}
@@ -218,29 +238,32 @@ def observations(scan: Scan) -> tuple[np.ndarray, np.ndarray, np.ndarray | None,
                 reasons.setdefault(feature.reason, []).append(label)
         why = [f"{len(labels)} left out, {reason}: {', '.join(labels)}" for reason, labels in reasons.items()]
         poses = np.flatnonzero([not f.reason for f in found])
-        if any(f.shape == "tip" for f in found):
-            sd = np.sqrt(np.median([f.covariance[0].diagonal() for f in found if f.found], axis=0).max())
-            why.append(
-                f"edge points are tips of a blade, all of which may be off alike, by {sd:.2g} mm or so: "
-                "the covariance does not know it; use a corner, or the end of a flat face"
-            )
         most = max((len(found[i].points) for i in poses), default=1)
         points = np.full((len(poses), most, 2), np.nan)
         for row, i in enumerate(poses):
             points[row, : len(found[i].points)] = found[i].points
-        return poses, points, covariances(scan.kind, [found[i] for i in poses], most), why
+        covariance, shared = covariances(scan.kind, [found[i] for i in poses], most), 0.0
+        if any(f.shape == "tip" for f in found):
+            shared = typical(scan.kind, covariance)
+            why.append(
+                "edge points are tips of a blade, which the scanner sees beside the edge by an amount that depends on "
+                f"the orientation: {shared:.2g} mm for each are counted in; corners and ends of flat faces are better"
+            )
+        return Seen(poses, points, covariance, shared, tuple(why))
 
     rows = [values[np.isfinite(values).all(axis=1)] for values in scan.values]
     poses = np.flatnonzero([len(r) > 0 for r in rows])
     missed = [label for label, r in zip(scan.labels, rows, strict=True) if not len(r)]
-    why = [f"no {scan.measured[:-1]} from pose {', '.join(missed)}"] if missed else []
+    why = (f"no {scan.measured[:-1]} from pose {', '.join(missed)}",) if missed else ()
     values = np.concatenate([rows[i][:1] for i in poses]) if len(poses) else np.empty((0, 4))
     if scan.measured == "chords":
         tips = values.reshape(-1, 2, 2)
-        return poses, np.take_along_axis(tips, np.argsort(tips[..., :1], axis=1), axis=1), None, why
-    if scan.measured == "arcs":
-        return poses, circle_points(values), None, why
-    return poses, values[:, None, :], None, why
+        points = np.take_along_axis(tips, np.argsort(tips[..., :1], axis=1), axis=1)
+    elif scan.measured == "arcs":
+        points = circle_points(values)
+    else:
+        points = values[:, None, :]
+    return Seen(poses, points, remarks=why)
 
 
 def covariances(kind: str, found, most: int) -> np.ndarray:
@@ -273,16 +296,16 @@ def circle_points(circles) -> np.ndarray:
     return circles[:, None, :2] + circles[:, None, 2:] * around
 
 
-def as_observations(scan: Scan, poses, points, covariance=None) -> joint.Observations:
-    """What the joint calibration takes of one scan."""
-    R, T = scan.R_base_flange[poses], scan.T_base_flange[poses]
+def as_observations(scan: Scan, seen: Seen, reference: float = 0.0) -> joint.Observations:
+    """What the joint calibration takes of one scan, its covariance in units of the noise `reference`, mm."""
+    R, T = scan.R_base_flange[seen.poses], scan.T_base_flange[seen.poses]
     if scan.mount == "eye-to-hand":
         R = R.transpose(0, 2, 1)
         T = -np.einsum("nab,nb->na", R, T)
-    group = scan.group[poses] if scan.group is not None else None
+    group = scan.group[seen.poses] if scan.group is not None else None
+    covariance = seen.covariance[None] / reference**2 if seen.measured and reference else None
     to_hand = scan.mount == "eye-to-hand"
-    covariance = None if covariance is None else covariance[None]
-    return joint.Observations(scan.kind, R[None], T[None], points[None], scan.radius, group, to_hand, covariance)
+    return joint.Observations(scan.kind, R[None], T[None], seen.points[None], scan.radius, group, to_hand, covariance)
 
 
 def shared_noise(scans) -> Noise:
@@ -320,8 +343,8 @@ def wrong_sides(scans, seen, solution: joint.Solution) -> list[str]:
 
 def check(scan: Scan) -> list[str]:
     """What a scan holds, in lines for people: convention, groups, noise and outliers known before any calibration."""
-    poses, points, _, reasons = observations(scan)
-    P, groups = len(scan.labels), scan.group.max() + 1
+    seen = observations(scan)
+    poses, P, groups = seen.poses, len(scan.labels), scan.group.max() + 1
     reach = np.linalg.norm(scan.T_base_flange, axis=1)
     angles, axis = turns(scan.R_base_flange)
     lines = [
@@ -336,16 +359,16 @@ def check(scan: Scan) -> list[str]:
     if angles[2] < LEAST_TURN_DEG:
         lines.append("note           add poses tilted by 15° or more about two axes, or something stays unknown")
     if scan.kind in ("edge", "point") and len(poses):
-        seen = as_observations(scan, poses, points)
-        noise, freedom = joint.affine_noise(seen)
+        observed = as_observations(scan, seen)
+        noise, freedom = joint.affine_noise(observed)
         if freedom:
             lines.append(f"noise          {noise:.3g} mm inside groups, from {freedom} degrees of freedom")
             lines += [
-                f"note           pose {scan.labels[poses[i]]} does not fit its group" for i in affine_outliers(seen)
+                f"note           pose {scan.labels[poses[i]]} does not fit its group" for i in affine_outliers(observed)
             ]
         else:
             lines.append("noise          unknown before the calibration: groups have too few poses (5 or more each)")
-    return [*lines, *(f"note           {text}" for text in (*scan.warnings, *reasons))]
+    return [*lines, *(f"note           {text}" for text in (*scan.warnings, *seen.remarks))]
 
 
 def affine_outliers(observations: joint.Observations) -> list[int]:

@@ -380,7 +380,7 @@ def tips(profile, runs, limit: float, view: View) -> list[Candidate]:
             top = top_of(profile, seen, cluster, away)
             if top is not None:
                 points = profile[top]
-                apex = np.array([points[:, 0].mean(), away * (away * points[:, 1]).min()])
+                apex = points.mean(axis=0)
                 noise = limit / NOISE_LIMIT
                 covariance = np.diag(np.maximum(points.var(axis=0), noise**2))  # somewhere among them
                 feature = Feature(apex[None], covariance[None], mask(profile, top), "tip")

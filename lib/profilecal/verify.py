@@ -61,7 +61,8 @@ def verify(scan: Scan, T, covariance, noise_mm: float, rng: np.random.Generator)
 
     Raises ScanError for a scan that shows too little of its target.
     """
-    poses, seen, _, _ = observations(scan)
+    target = observations(scan)
+    poses, seen = target.poses, target.points
     least = {"ball": 4, "disk": 3, "plane": 3, "edge": 3, "point": 2}[scan.kind]
     if len(poses) < least:
         raise ScanError(f"{scan.title}: the target was found from {len(poses)} poses; expected {least} or more")
