@@ -20,6 +20,7 @@ from profilecal.simulate import Noise
 FROM_PROFILES = "from the profiles themselves"
 METHODS = ("joint", "closed-form")
 LEAST_POSES = 3
+FINEST_MM = 1e-4  # of features: points exactly on a line have no scatter to tell their noise by
 ROUNDS = 6  # of estimating robot errors; two or three are usual
 FALSE_ALARM = 0.01  # the chance that `check` doubts any pose of a good scan
 
@@ -272,12 +273,12 @@ def covariances(kind: str, found, most: int) -> np.ndarray:
     if kind in ("ball", "plane"):
         variance = np.ones((len(found), most))
         for row, feature in zip(variance, found, strict=True):
-            row[: len(feature.points)] = np.trace(feature.covariance, axis1=1, axis2=2) / 2
+            row[: len(feature.points)] = np.trace(feature.covariance, axis1=1, axis2=2) / 2 + FINEST_MM**2
         return variance
     covariance = np.zeros((len(found), most, 2, most, 2))
     for pairs, feature in zip(covariance, found, strict=True):
         for k in range(most):
-            pairs[k, :, k] = feature.covariance[k]
+            pairs[k, :, k] = feature.covariance[k] + FINEST_MM**2 * np.eye(2)
         if feature.between is not None:
             pairs[0, :, 1], pairs[1, :, 0] = feature.between, feature.between.T
     return covariance.reshape(len(found), 2 * most, 2 * most)
