@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from profilecal.fitting import fit_circle
 from profilecal.targets import algebraic_centre, root
 
 
@@ -37,26 +36,6 @@ class Ball:
         circle = self.meet(rotation, origin)
         with np.errstate(invalid="ignore"):
             return circle[..., 1:2] + np.sqrt(circle[..., 2:] ** 2 - (x - circle[..., :1]) ** 2)
-
-
-def arc_from_profile(x, z, jump: float, least: int = 20, rounds: int = 3) -> np.ndarray:
-    """The circle (3,) x, z, r of a ball's arc in a raw profile z (k,) at ascending x (k,); NaN where there is none.
-
-    A profile breaks where it is empty or z jumps by more than `jump`, mm, from point to point. The arc is the run of at
-    least `least` points that reaches closest to the scanner, less points beyond four robust standard deviations.
-    """
-    seen = np.flatnonzero(np.isfinite(z))
-    breaks = np.flatnonzero((np.diff(seen) > 1) | (np.abs(np.diff(z[seen])) > jump)) + 1
-    runs = [run for run in np.split(seen, breaks) if len(run) >= least]
-    if not runs:
-        return np.full(3, np.nan)
-    run = max(runs, key=lambda run: z[run].max())
-    points = np.column_stack([x[run], z[run]])
-    for _ in range(rounds):
-        circle = fit_circle(points)
-        off = np.abs(np.linalg.norm(points - circle[:2], axis=1) - circle[2])
-        points = points[off <= max(4 * 1.4826 * np.median(off), 1e-9 * circle[2])]
-    return fit_circle(points)
 
 
 MOVES = "anywhere"

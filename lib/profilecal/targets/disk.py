@@ -45,60 +45,6 @@ class Disk:
         return np.where(inside, z, behind)
 
 
-def split_and_merge(x, z, tolerance: float) -> list[slice]:
-    """Straight pieces of a profile x, z (k,), in order: ref. [20] of the disk paper.
-
-    A piece is split at its point farthest from the line between its ends while that is beyond `tolerance`, mm, which
-    should be some five standard deviations of the noise; neighbours are merged where one line fits both within it.
-    """
-    pieces, waiting = [], [(0, len(x))]
-    while waiting:
-        first, last = waiting.pop()
-        slope = (z[last - 1] - z[first]) / (x[last - 1] - x[first]) if last - first > 1 else 0.0
-        off = np.abs(z[first:last] - z[first] - slope * (x[first:last] - x[first])) / np.hypot(1, slope)
-        far = first + int(off.argmax())
-        if last - first > 2 and off.max() > tolerance:
-            waiting += [(max(far, first + 1), last), (first, max(far, first + 1))]
-        else:
-            pieces.append(slice(first, last))
-
-    merged = pieces[:1]
-    for piece in pieces[1:]:
-        joint = slice(merged[-1].start, piece.stop)
-        line = np.polynomial.Polynomial.fit(x[joint], z[joint], 1)
-        if np.abs(z[joint] - line(x[joint])).max() <= tolerance:
-            merged[-1] = joint
-        else:
-            merged.append(piece)
-    return merged
-
-
-def chord_from_profile(x, z, tolerance: float, least: int = 5) -> np.ndarray:
-    """The chord's two tips (2, 2), x and z, in a raw profile z (k,) at evenly spaced ascending x (k,); NaN without one.
-
-    The chord is the straight piece of at least `least` points that stands out most towards the scanner from the line
-    through the whole profile, with all neighbours within `tolerance` of its line. Its tips are half a step beyond its
-    last points: there the rim lies on average.
-    """
-    x, z = np.asarray(x, dtype=float), np.asarray(z, dtype=float)
-    step = np.median(np.diff(x))
-    seen = np.isfinite(z)
-    x, z = x[seen], z[seen]
-    pieces = split_and_merge(x, z, tolerance) if len(x) >= least else []
-    pieces = [piece for piece in pieces if piece.stop - piece.start >= least]
-    if not pieces:
-        return np.full((2, 2), np.nan)
-    height = z - np.polynomial.Polynomial.fit(x, z, 1)(x)
-    chord = max(pieces, key=lambda piece: height[piece].mean())
-    line = np.polynomial.Polynomial.fit(x[chord], z[chord], 1)
-    off = np.flatnonzero(np.abs(z - line(x)) > tolerance)
-    middle = (chord.start + chord.stop) // 2
-    first = off[off < middle].max(initial=-1) + 1
-    last = off[off > middle].min(initial=len(x)) - 1
-    ends = np.array([x[first] - step / 2, x[last] + step / 2])
-    return np.column_stack([ends, np.polynomial.Polynomial.fit(x[first : last + 1], z[first : last + 1], 1)(ends)])
-
-
 MOVES = "anywhere"
 TURNS = True  # whether it has a direction
 
