@@ -299,8 +299,11 @@ def ending(profile, run: Run, side: int, limit: float, view: View) -> tuple[str,
 
 
 def between_ends(profile, run: Run) -> Run:
-    """The run without the points at its ends, of which some may show a side wall, if enough are left for its line."""
-    return run_of(profile, run.rows[ZONE:-ZONE]) if len(run.rows) > 2 * ZONE + LEAST_SIDE else run
+    """The run without the points at its ends, of which some may show a side wall, if what is left makes a line."""
+    if len(run.rows) <= 2 * ZONE + LEAST_SIDE:
+        return run
+    inner = run_of(profile, run.rows[ZONE:-ZONE])
+    return inner if inner.length else run
 
 
 def run_end(profile, run: Run, line: Run, side: int) -> End:
@@ -382,7 +385,8 @@ def tips(profile, runs, limit: float, view: View) -> list[Candidate]:
                 points = profile[top]
                 apex = points.mean(axis=0)
                 noise = limit / NOISE_LIMIT
-                covariance = np.diag(np.maximum(points.var(axis=0), noise**2))  # somewhere among them
+                edge = [apex[0], away * (away * points[:, 1]).min()]  # or anywhere among them
+                covariance = np.diag(np.maximum(((points - edge) ** 2).mean(axis=0), noise**2))
                 feature = Feature(apex[None], covariance[None], mask(profile, top), "tip")
                 found.append(Candidate(feature, ("tip", -away), 1.0))
     return found
