@@ -18,7 +18,7 @@ LARGEST_REJECTED = 1 / 3  # of the poses
 LARGEST_MISFIT = 3.0  # residuals over what the stated noise explains
 FALSE_ALARM = 0.01  # the chance that a good scan has a suspect
 MOVES, MOVES_MUCH = 1.0, 3.0  # standard deviations of the pose that a suspect must move it by to count, and to be weak
-ALIKE = 0.8  # suspects that are as clear as that share of the clearest one are named with it
+ALIKE = 0.8  # of the clearest suspect's clarity: less is taken for its shadow
 ABSORBED = 1e-9  # of a suspect's own pattern: less is left of it beside the unknowns than rounding
 STEP = 1e-4
 CHECK = (
@@ -68,16 +68,16 @@ def judge(observed, solution: joint.Solution, errors_estimated: bool) -> joint.S
 
     if solution.status == "unobservable":
         return replace(solution, messages=tuple(messages))
-    clear = sorted((s for s in suspects(observed, solution) if s.is_clear), key=lambda s: -abs(s.clear))
-    far = [float(np.sqrt(s.moves @ np.linalg.solve(C, s.moves))) for s in clear]
-    moving = [s for s, sds in zip(clear, far, strict=True) if sds > MOVES]
-    if moving:
+    clear = [s for s in suspects(observed, solution) if s.is_clear]
+    alike = [s for s in clear if abs(s.clear) > ALIKE * max(abs(s.clear) for s in clear)]
+    far = [float(np.sqrt(s.moves @ np.linalg.solve(C, s.moves))) for s in alike]
+    if alike and max(far) > MOVES:
         weak |= max(far) > MOVES_MUCH
-        C = C + sum(np.outer(s.moves, s.moves) for s in moving)
-        worst, most = clear[0], max(moving, key=lambda s: np.linalg.norm(s.moves[:3]))
-        alike = [s.words.format(s.size) for s in clear if abs(s.clear) > ALIKE * abs(worst.clear)]
+        C = C + sum(np.outer(s.moves, s.moves) for s in alike)
+        worst, most = max(alike, key=lambda s: abs(s.clear)), max(alike, key=lambda s: np.linalg.norm(s.moves[:3]))
+        words = [s.words.format(s.size) for s in sorted(alike, key=lambda s: -abs(s.clear))]
         messages.append(
-            f"the residuals look as if {', or as if '.join(alike[:4])} ({abs(worst.clear):.0f} standard deviations), "
+            f"the residuals look as if {', or as if '.join(words[:4])} ({abs(worst.clear):.0f} standard deviations), "
             f"which would move the sensor by up to {np.linalg.norm(most.moves[:3]):.2g} mm and "
             f"{np.degrees(np.linalg.norm(most.moves[3:])):.2g}°; the covariance is enlarged to match"
         )
