@@ -31,11 +31,13 @@ LEAST_BEND_DEG = 15.0  # between the sides of a corner
 BLUNT = 0.5  # mm around a corner that its rounding and the laser spot spoil
 LEAST_SIDE = 10  # points on either side of it
 REACH = 2.0  # mm from the end of a straight side to the corner, at most
+LIKE_ANGLE_DEG = 30.0  # from the usual angle of a corner, as tilted planes see it
 AMBIGUOUS = 0.5  # a second candidate with this share of the first one's support leaves the choice open
 ALIKE = 0.8  # as many profiles that show the other end of a face leave open which is the edge
 ZONE = 12  # points at the end of a run among which the scanner may see both sides of a step
 ON_FACE = 3.5  # standard deviations from a run's line
 LEAST_STEP = 0.5  # mm off a run's line: a step, not a bend
+THICKNESS = 3.0  # mm of a face whose side wall may be seen
 STEEPEST_DEG = 65.0  # of a face that faces the scanner
 CLEAR = 5.0  # mm beyond a run in which the scanner sees nothing, though it looked: the run ends there
 TIP_DEPTH, TIP_WIDTH = 0.5, 2.0  # mm of a blade that make up its tip, and its width there at most
@@ -168,7 +170,7 @@ def choose(profiles, candidates, view: View) -> list[Candidate]:
     alike = [sorted((c for c in found if c.key == key), key=lambda c: -c.support) for found in candidates]
     angles = np.array([found[0].angle for found in alike if found])
     middle = np.median(angles)
-    width = max(np.radians(20), 6 * np.median(np.abs(angles - middle))) if len(angles) >= 5 else np.inf
+    width = max(np.radians(LIKE_ANGLE_DEG), 6 * np.median(np.abs(angles - middle))) if len(angles) >= 5 else np.inf
     chosen = []
     for profile, found in zip(profiles, alike, strict=True):
         near = [c for c in found if abs(c.angle - middle) <= width]
@@ -291,9 +293,13 @@ def ending(profile, run: Run, side: int, limit: float, view: View) -> tuple[str,
     beyond = np.arange(last + 1, len(profile)) if side > 0 else np.arange(last - 1, -1, -1)
     seen = beyond[present(profile[beyond])] if len(beyond) else beyond
     if len(seen) >= 3:
-        next_ = profile[seen[3:9]] if len(seen) >= 6 else profile[seen]  # soon, or it is a curve, not a step
-        off = np.median(coordinates(next_, run.point, run.direction)[1]) * np.sign(run.direction[0] or 1.0)
-        return ("step", float(np.sign(off))) if abs(off) > max(LEAST_STEP, 2 * limit) else ("unclear", 0.0)
+        wall = int(THICKNESS / run.spacing)
+        off = coordinates(profile[seen[: wall + 9]], run.point, run.direction)[1] * np.sign(run.direction[0] or 1.0)
+        soon = np.median(off[3:9] if len(off) >= 6 else off)  # or it is a curve
+        after_wall = np.median(off[wall:]) if len(off) > wall + 6 else 0.0
+        if abs(soon) > max(LEAST_STEP, 2 * limit):
+            return "step", float(np.sign(soon))
+        return ("step", float(np.sign(after_wall))) if abs(after_wall) > CLEAR else ("unclear", 0.0)
     looked = (len(beyond) - len(seen)) * run.spacing > CLEAR or view.reaches_beyond(profile[last], side * run.direction)
     return ("nothing", 0.0) if looked else ("unclear", 0.0)
 
