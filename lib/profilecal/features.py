@@ -31,7 +31,7 @@ LEAST_BEND_DEG = 15.0  # between the sides of a corner
 BLUNT = 0.5  # mm around a corner that its rounding and the laser spot spoil
 LEAST_SIDE = 10  # points on either side of it
 REACH = 2.0  # mm from the end of a straight side to the corner, at most
-LIKE_ANGLE_DEG = 30.0  # from the usual angle of a corner, as tilted planes see it
+LIKE_ANGLES_DEG = 20.0, 30.0  # from a corner's usual angle, and from that if tilted planes see nothing nearer to it
 AMBIGUOUS = 0.5  # a second candidate with this share of the first one's support leaves the choice open
 ALIKE = 0.8  # as many profiles that show the other end of a face leave open which is the edge
 ZONE = 12  # points at the end of a run among which the scanner may see both sides of a step
@@ -170,10 +170,11 @@ def choose(profiles, candidates, view: View) -> list[Candidate]:
     alike = [sorted((c for c in found if c.key == key), key=lambda c: -c.support) for found in candidates]
     angles = np.array([found[0].angle for found in alike if found])
     middle = np.median(angles)
-    width = max(np.radians(LIKE_ANGLE_DEG), 6 * np.median(np.abs(angles - middle))) if len(angles) >= 5 else np.inf
+    spread = 6 * np.median(np.abs(angles - middle)) if len(angles) >= 5 else np.inf
     chosen = []
     for profile, found in zip(profiles, alike, strict=True):
-        near = [c for c in found if abs(c.angle - middle) <= width]
+        like = [[c for c in found if abs(c.angle - middle) <= max(a, spread)] for a in np.radians(LIKE_ANGLES_DEG)]
+        near = like[0] or like[1]
         if not found:
             reason = f"no {key[0]} as in other profiles"
         elif not near:

@@ -41,7 +41,8 @@ VERDICTS = {
     "weak": (
         "Solved, but not well enough to rely on",
         ORANGE,
-        "Some direction is known no better than 1 mm or 0.5°, or another pose fits as well. What to add:",
+        "Some direction is known no better than 1 mm or 0.5°, another pose fits as well, or the residuals show that "
+        "something is wrong. Why, and what to do:",
     ),
     "unobservable": (
         "These measurements cannot determine the scanner's pose",
