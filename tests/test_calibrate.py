@@ -258,10 +258,36 @@ def test_verify_reads_what_calibrate_printed(tmp_path):
     result = run("verify", tmp_path / "ball", "--with", tmp_path / "T.json")
     assert result.exit_code == 0, result.output
     assert "sphere through" in result.output
-    (tmp_path / "T.json").write_text("{}")
+
+
+WRONG = {
+    "nothing": (lambda found: {}, "not what `profilecal calibrate --json` prints"),
+    "no pose": (lambda found: found | {"T_flange_sensor": None}, "no sensor pose"),
+    "a scaled pose": (lambda found: found | {"T_flange_sensor": np.diag([2, 2, 2, 1]).tolist()}, "not orthonormal"),
+    "a reflection": (lambda found: found | {"T_flange_sensor": np.diag([-1, 1, 1, 1]).tolist()}, "a reflection"),
+    "a row lost": (lambda found: found | {"T_flange_sensor": found["T_flange_sensor"][:3]}, "a 4x4 transform"),
+    "transposed": (
+        lambda found: found | {"T_flange_sensor": np.transpose(found["T_flange_sensor"]).tolist()},
+        "last row",
+    ),
+    "a negative variance": (
+        lambda found: found | {"covariance": (-np.array(found["covariance"])).tolist()},
+        "positive",
+    ),
+}
+
+
+@pytest.mark.parametrize("wrong", WRONG)
+def test_verify_refuses_what_is_no_pose(wrong, tmp_path):
+    change, why = WRONG[wrong]
+    scan = simulate_scan(Spec(kind="ball", seed=5))
+    write_scan(scan, tmp_path / "ball")
+    (tmp_path / "T.json").write_text(json.dumps(change(calibrate([scan]).to_json())))
     result = run("verify", tmp_path / "ball", "--with", tmp_path / "T.json")
     assert result.exit_code == 2
-    assert "not what `profilecal calibrate --json` prints" in result.output
+    assert why in result.output
+    assert "T.json" in result.output
+    assert result.output.count("\n") == 1
 
 
 def test_robot_errors_are_part_of_the_stated_uncertainty():

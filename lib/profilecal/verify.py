@@ -9,6 +9,7 @@ from scipy.stats import chi2
 
 from profilecal.acquisition import rotations
 from profilecal.calibrate import observations
+from profilecal.checks import check_rotations
 from profilecal.fitting import fit_line, fit_sphere
 from profilecal.scan import Scan, ScanError
 
@@ -51,6 +52,15 @@ def read_pose(path) -> tuple[np.ndarray, np.ndarray, float, bool]:
         raise ScanError(f"{path}: not what `profilecal calibrate --json` prints ({error!r})") from error
     if T.shape != (4, 4) or covariance.shape != (6, 6) or not np.isfinite([*T.flat, *covariance.flat, noise]).all():
         raise ScanError(f"{path}: holds no sensor pose; expected a 4x4 transform and a 6x6 covariance")
+    try:
+        check_rotations(f"{path}: the sensor pose", T[None, :3, :3])
+    except ValueError as error:
+        raise ScanError(str(error).replace("[0]", "")) from error
+    if np.abs(T[3] - [0, 0, 0, 1]).max() > 0:
+        raise ScanError(f"{path}: the last row of the sensor pose is {T[3].tolist()}; expected [0, 0, 0, 1]")
+    values = np.linalg.eigvalsh(covariance)
+    if not np.allclose(covariance, covariance.T) or values[0] < -1e-9 * np.abs(values).max():
+        raise ScanError(f"{path}: holds no covariance; expected a symmetric, positive 6x6 matrix")
     return T, covariance, noise, to_hand
 
 
