@@ -147,7 +147,7 @@ class View:
         """From the points (k, 2) on straight runs in each profile; spikes could be anywhere."""
         points = np.concatenate([*straight, np.zeros((0, 2))])
         z = points[:, 1]
-        far = len(z) and np.abs(z).min() > np.median([np.ptp(p[:, 1]) for p in straight])
+        far = len(z) and np.abs(z).min() > np.median([np.ptp(p[:, 1]) for p in straight]) / 2
         away = int(np.sign(z[0])) if far and (np.sign(z) == np.sign(z[0])).all() else 0
         layer = np.round(z / 2).astype(int)
         order = np.lexsort((points[:, 0], layer))
