@@ -20,12 +20,6 @@ class Ellipse:
     centre: np.ndarray  # (..., 2)
     shape: np.ndarray  # (..., 2, 2), its eigenvalues are the squares of the semi-axes
 
-    @property
-    def axis_ratio(self) -> np.ndarray:
-        """Short over long axis, (...)."""
-        least, largest = np.moveaxis(np.linalg.eigvalsh(self.shape), -1, 0)
-        return np.sqrt(np.maximum(least, 0) / largest)
-
 
 def fit_ellipse(points) -> Ellipse:
     """The ellipse-specific direct fit of Pilu, Fitzgibbon and Fisher (ref. [21] of the disk paper).
