@@ -68,8 +68,9 @@ def test_what_is_wrong_everywhere_is_named_and_widens_the_region(wrong):
     kind, change, sentence = WRONG[wrong]
     scan = change(example(kind))
     found = calibrate([scan])
-    assert any(sentence in message for message in found.messages), found.messages
-    assert "the covariance is enlarged to match" in found.messages[-1]
+    named = [message for message in found.messages if sentence in message]
+    assert named, found.messages
+    assert named[0].endswith("the covariance is enlarged to match")
     assert distance(scan, found)[1] < 5 or found.status == "weak"
 
 
@@ -86,6 +87,18 @@ def test_the_examples_and_robot_errors_are_not_doubted(kind):
     found = calibrate([moved(scan, 0.1 * rng.normal(size=(len(scan.labels), 3)))])
     assert found.status == "ok"
     assert distance(scan, found)[0] < np.sqrt(chi2.isf(1e-4, 6))
+
+
+def test_what_orientation_errors_would_add_is_said_unless_they_are_stated():
+    """As much as a calibration with them stated then gives."""
+    scan = example("ball")
+    found = calibrate([scan])
+    said = [message for message in found.messages if "no orientation errors" in message]
+    assert len(said) == 1
+    stated = calibrate([replace(scan, noise={"profile_mm": 0.05, "orientation_deg": 0.02})])
+    assert not any("no orientation errors" in message for message in stated.messages)
+    largest = np.sqrt(np.linalg.eigvalsh(stated.solution.covariance[:3, :3])[-1])
+    assert float(said[0].split("standard deviation ")[1].split(" mm")[0]) == pytest.approx(largest, rel=0.1)
 
 
 @pytest.mark.parametrize("kind", ["edge", "disk", "ball"])

@@ -21,6 +21,7 @@ MOVES, MOVES_MUCH = 1.0, 3.0  # standard deviations of the pose that a suspect m
 ALIKE = 0.8  # of the clearest suspect's clarity: less is taken for its shadow
 ABSORBED = 1e-9  # of a suspect's own pattern: less is left of it beside the unknowns than rounding
 STEP = 1e-4
+ORIENTATION_DEG, LEAST_ADDED = 0.02, 1.25  # what a robot's orientation may err, and the growth worth a word
 CHECK = (
     "check units and convention of the poses, which pose each profile belongs to, x and z of the profiles, the radius"
 )
@@ -82,8 +83,25 @@ def judge(observed, solution: joint.Solution, errors_estimated: bool) -> joint.S
             f"{np.degrees(np.linalg.norm(most.moves[3:])):.2g}°; the covariance is enlarged to match"
         )
     spectrum = of_covariance(C, solution.observability.rank, solution.observability.parameters)
+    if errors_estimated:
+        messages += _what_orientation_would_add(observed, solution)
     status = "weak" if weak or spectrum.sd[0] > WEAK else solution.status
     return replace(solution, covariance=C, observability=spectrum, messages=tuple(messages), status=status)
+
+
+def _what_orientation_would_add(observed, solution: joint.Solution) -> list[str]:
+    """A robot's orientation errors, which hardly show in the residuals: what they would do to the covariance."""
+    problem = joint.Problem(observed, replace(solution.noise, orientation_deg=ORIENTATION_DEG))
+    state = joint.State(solution.rotation[None], solution.translation[None], solution.as_placements())
+    M = problem.moments(state, weights=[~bad for bad in solution.rejected])[0][0]
+    with_them = joint.spectrum(M[:-1, :-1], joint.units_by_hand(problem)).covariance
+    before, after = (np.sqrt(np.linalg.eigvalsh(C[:3, :3])[-1]) for C in (solution.covariance, with_them))
+    if after < LEAST_ADDED * before:
+        return []
+    return [
+        f"the covariance knows of no orientation errors of the robot: {ORIENTATION_DEG}° at each pose would make its "
+        f"largest standard deviation {after:.2g} mm instead of {before:.2g} mm; state orientation_deg in scan.toml"
+    ]
 
 
 def suspects(observed, solution: joint.Solution) -> list[Suspect]:

@@ -327,12 +327,12 @@ def run_end(profile, run: Run, line: Run, side: int) -> End:
     order = slice(None, None, side)
     rows, along = side * run.rows[face][order], side * along[face][order]
     zone = rows > rows[-1] - ZONE
-    near = slice(-12 * ZONE, -ZONE) if len(rows) > 3 * ZONE else slice(None)  # no wall, which has no length along it
-    where = Polynomial.fit(rows[near], along[near], 2)  # a fan of rays spaces the points of a sloping face unevenly
     around = side * rows[-1] + np.arange(1 - ZONE, ZONE + 1) * side
     around = around[(around >= 0) & (around < len(profile))]
     off = np.abs(coordinates(profile[around], line.point, line.direction)[1])
     on, wall = int((off <= threshold).sum()), int(((off > threshold) & (off <= 2 * threshold)).sum())  # false for NaN
+    near = slice(-4 * ZONE - 2 * wall, len(rows) - min(2 * wall, len(rows) // 2))  # a wall has no length along the line
+    where = Polynomial.fit(rows[near], along[near], 2)  # a fan of rays spaces the points of a sloping face unevenly
     end = rows[-1] - ZONE + on - wall + 0.5
     tip = line.point + side * where(end) * line.direction
     return End(tip, side * run.spacing * line.direction, int((np.diff(rows[zone]) > 1).sum()), wall)
