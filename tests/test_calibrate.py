@@ -200,6 +200,50 @@ def test_a_guess_and_a_controller_are_taken(tmp_path):
     )
 
 
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (["--json", "--to", "kuka"], "--json prints one JSON object and nothing else; ask for --to without it"),
+        (["--guess", *["nan"] * 6], "--guess is nan nan nan nan nan nan; expected six numbers, mm and degrees"),
+        (["--report", "/proc/report.html"], "/proc/report.html: no report can be written there"),
+    ],
+)
+def test_options_that_cannot_be_met_are_refused(tmp_path, options, sentence):
+    write_scan(simulate_scan(Spec(kind="ball")), tmp_path / "scan")
+    result = run("calibrate", tmp_path / "scan", *options)
+    assert result.exit_code == 2
+    assert result.output.startswith(f"profilecal: {sentence}")
+
+
+def test_a_scan_given_twice_is_refused(tmp_path):
+    scan = simulate_scan(Spec(kind="ball", measured="profiles"))
+    with pytest.raises(ScanError, match="given twice"):
+        calibrate([scan, replace(scan, title="a copy")])
+
+
+def test_notes_on_several_scans_name_the_scan():
+    scans = [simulate_scan(Spec(kind=kind, measured="profiles", seed=1)) for kind in ("ball", "disk")]
+    scans = [replace(s, title=s.kind, values=(np.full((9, 2), np.nan), *s.values[1:])) for s in scans]
+    notes = [message for message in calibrate(scans).messages if "left out" in message]
+    assert notes[0].startswith("ball: 1 left out, ")
+    assert notes[1].startswith("disk: 1 left out, nothing in this profile")
+
+
+@pytest.mark.parametrize("wrong", ["side", "x and z"])
+def test_a_ball_on_the_other_side_is_not_ok(wrong, tmp_path):
+    scan = simulate_scan(Spec(kind="ball", measured="profiles", convention="FANUC angles", seed=1))
+    if wrong == "side":
+        scan = replace(scan, side=-scan.side)
+    else:
+        scan = replace(scan, values=tuple(profile[:, ::-1] for profile in scan.values))
+    write_scan(scan, tmp_path / "scan")
+    result = run("calibrate", tmp_path / "scan", "--to", "kuka")
+    assert "status         weak" in result.output
+    assert "the ball's centre lies on the other side" in result.output
+    assert ("are x and z exchanged?" in result.output) == (wrong == "x and z")
+    assert "not to be relied on" in result.output
+
+
 @pytest.mark.parametrize("command", [["calibrate"], ["check"], ["verify", "--with", "x.json"]])
 def test_a_missing_folder_is_one_sentence(tmp_path, command):
     result = run(command[0], tmp_path / "nowhere", *command[1:])

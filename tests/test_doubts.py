@@ -51,7 +51,7 @@ WRONG = {
     "x": ("ball", lambda s: profiles(s, [[0.995, 0], [0, 1]]), "the profiles' x were too long by -0."),
     "z": ("ball", lambda s: profiles(s, [[1, 0], [0, 1.01]]), "the profiles' z were too long by +0."),
     "shear": ("disk", lambda s: profiles(s, [[1, 0], [0.003, 1]]), "the profiles' x grew with z by +0.3"),
-    "drift": ("disk", lambda s: moved(s, [0.5, 0, 0] * steps(s)), "drifted along the base's x by 0.5"),
+    "drift": ("disk", lambda s: moved(s, [0.5, 0, 0] * steps(s)), "drifted along the base's x by 0."),
     "jump": ("disk", lambda s: moved(s, [0, 1, 0] * (steps(s) > 0.75)), "were shifted along the base's"),
     "robot": ("edge", lambda s: moved(s, 0.01 * s.T_base_flange), "positions were too far apart by +0.9"),
     "one axis": (
@@ -107,7 +107,7 @@ def test_contradictions_are_no_robot_errors(kind):
     scan, rng = example(kind), np.random.default_rng(1)
     found = calibrate([moved(scan, 10 * rng.normal(size=(len(scan.labels), 3)))])
     assert found.status != "ok"
-    assert any("contradict" in m and "check units and convention of the poses" in m for m in found.messages)
+    assert any("contradict" in m and "check the mount, units and convention of the poses" in m for m in found.messages)
 
 
 def test_many_rejected_poses_are_doubted():

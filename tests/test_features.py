@@ -6,6 +6,8 @@ from profiles import RADIUS, balls, disks, edges, planes, spoil, tables
 
 from profilecal.features import find_features
 from profilecal.fitting import fit_circle
+from profilecal.scanner import Scanner
+from profilecal.synthetic import Spec, simulate_scan
 from profilecal.targets.runs import correlation, present, straight_runs
 
 BLANK = np.full((980, 2), np.nan)
@@ -84,6 +86,14 @@ def test_a_table_alone_shows_nothing(kind, spoiled):
     features = find_features(kind, profiles, RADIUS)
     assert found(features).mean() < 0.005
     assert all(f.reason and not f.used.any() and f.points.shape == (0, 2) for f in features if not f.found)
+
+
+def test_where_both_ends_of_a_face_show_the_corner_tells_which_is_the_edge():
+    """A narrow bar in front of nothing, its side face seen from few poses."""
+    spec = Spec(measured="profiles", seed=502, groups=10, positions=4, scanner=Scanner(points=300))
+    features = find_features("edge", simulate_scan(spec).values)
+    assert {feature.shape for feature in features if feature.found} == {"corner"}
+    assert 0.2 < found(features).mean() < 0.5
 
 
 OUTSIDE = {

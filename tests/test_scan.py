@@ -171,10 +171,10 @@ MISTAKES = {
     ),
     "infinite": (rewrite("arcs.csv", lambda t: t.assign(x=np.inf)), "line 2: x is 'inf'; expected a finite number"),
     "no rows": (lambda f: (f / "arcs.csv").write_text("pose,x,z,r\n"), "arcs.csv: no rows"),
-    "empty file": (lambda f: (f / "arcs.csv").write_text(""), "arcs.csv: cannot be read: No columns to parse"),
+    "empty file": (lambda f: (f / "arcs.csv").write_text(""), "arcs.csv: empty; expected a line of column names"),
     "ragged": (
         lambda f: (f / "arcs.csv").write_text("pose,x,z,r\nP0,1,2,3\nP1,1,2,3,4,5\n"),
-        "cannot be read: .*line 3",
+        "arcs.csv line 3: 6 columns where the header has 4",
     ),
     "not text": (
         lambda f: (f / "arcs.csv").write_bytes(b"pose,x,z,r\nP\xff\xfe,1,2,3\n"),
@@ -209,7 +209,7 @@ MISTAKES = {
     ),
     "decimal commas": (
         lambda f: (f / "arcs.csv").write_text("pose,x,z,r\nP0,1,5,2,0,3,0\nP1,1,5,2,0,3,0\n"),
-        r"more than the 4 columns of the header; expected one number in each \(decimal commas",
+        r"more columns where the header has 4; expected one number in each \(decimal commas",
     ),
     "cut short": (
         lambda f: (f / "arcs.csv").write_text("pose,x,z,r\nP0,1,2,3\nP1,1"),

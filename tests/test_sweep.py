@@ -384,8 +384,11 @@ def test_the_command(tmp_path):
     assert "FAILED n=3_x=0.5_" in done.output
     assert "AssertionError: too many" in done.output
     assert (output / "y_over_x.png").exists()
+    assert "other grids" not in done.output
     refused = CliRunner().invoke(main, [*start, "-p", "n=1", "-p", "x=0.5", "--plot", "x", "z"])
     assert "no column named 'z'; there are n, x, seed, y, u, status" in refused.stderr
+    fewer = CliRunner().invoke(main, [*start, "-p", "n=1", "-p", "x=0.5"])
+    assert f"3 runs of other grids stay in {output}/runs; the table holds this grid's alone" in fewer.output
 
 
 def test_the_large_grid_fits_its_notebook():

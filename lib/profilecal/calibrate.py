@@ -2,6 +2,7 @@
 
 from collections import Counter
 from dataclasses import asdict, dataclass, replace
+from itertools import combinations
 from textwrap import shorten
 
 import numpy as np
@@ -66,8 +67,7 @@ class Calibration:
 
     def labels_by_scan(self) -> list[list[str]]:
         """Of the poses from which the target was found; with the scan's title before them where there are several."""
-        names = [f"{scan.title or scan.kind}: " if len(self.scans) > 1 else "" for scan in self.scans]
-        triples = zip(names, self.scans, self.seen, strict=True)
+        triples = zip(names(self.scans), self.scans, self.seen, strict=True)
         return [[before + scan.labels[i] for i in seen] for before, scan, seen in triples]
 
     def to_json(self) -> dict:
@@ -121,12 +121,15 @@ def calibrate(scans, guess=None, method: str = "joint", rng: np.random.Generator
     if len({scan.mount for scan in scans}) > 1:
         raise ScanError("some scans are eye-in-hand and others eye-to-hand; expected one mount")
     seen = tuple(target_seen(scan) for scan in scans)
-    poses, messages = tuple(entry.poses for entry in seen), [m for scan in scans for m in scan.warnings]
-    messages += [m for entry in seen for m in entry.remarks]
+    poses = tuple(entry.poses for entry in seen)
+    said = [(name, m) for name, scan in zip(names(scans), scans, strict=True) for m in scan.warnings]
+    said += [(name, m) for name, entry in zip(names(scans), seen, strict=True) for m in entry.remarks]
+    messages = [name + message for name, message in said]
     reference = next((typical(s.kind, e.covariance) for s, e in zip(scans, seen, strict=True) if e.measured), 0.0)
     observed = tuple(as_observations(s, e, reference) for s, e in zip(scans, seen, strict=True))
     starts = [] if guess is None else [(guess[:3, :3], guess[:3, 3])]
     noise = shared_noise(scans)
+    check_different(scans)
     estimating = bool(reference) and not has_robot_errors(noise)
     shared_mm = max(entry.shared_mm for entry in seen)
     noise = replace(noise, group_position_mm=float(np.hypot(noise.group_position_mm, shared_mm)))
@@ -144,8 +147,24 @@ def calibrate(scans, guess=None, method: str = "joint", rng: np.random.Generator
         return Calibration(scans, poses, observed, None, (*messages, str(error)), method)
     if method == "joint":
         solution = judge(observed, solution, estimating)
-    messages += [*solution.messages, *wrong_sides(scans, poses, solution)]
+    sides, most = wrong_sides(scans, poses, solution)
+    if most and solution.status == "ok":
+        solution = replace(solution, status="weak")
+    messages += [*solution.messages, *sides]
     return Calibration(scans, poses, observed, solution, tuple(messages), method)
+
+
+def names(scans) -> list[str]:
+    """What to put before a word on one of several scans: its title."""
+    return [f"{scan.title or scan.kind}: " if len(scans) > 1 else "" for scan in scans]
+
+
+def check_different(scans) -> None:
+    """Raise ScanError where a scan is there twice: it would count as new measurements."""
+    for one, other in combinations(scans, 2):
+        same = one.labels == other.labels and np.array_equal(one.T_base_flange, other.T_base_flange)
+        if same and all(np.array_equal(a, b, equal_nan=True) for a, b in zip(one.values, other.values, strict=True)):
+            raise ScanError(f"{one.title or one.kind}: the same measurements are given twice; expected different scans")
 
 
 def target_seen(scan: Scan) -> Seen:
@@ -329,21 +348,23 @@ def shared_noise(scans) -> Noise:
     return Noise(**stated)
 
 
-def wrong_sides(scans, seen, solution: joint.Solution) -> list[str]:
-    """Says so where a ball's centre lies on the other side of the scan plane than the scan states."""
-    messages = []
-    for scan, poses, target in zip(scans, seen, solution.placements, strict=True):
+def wrong_sides(scans, seen, solution: joint.Solution) -> tuple[list[str], bool]:
+    """What to say where a ball's centre lies on the other side of the scan plane than its scan states, and whether it
+    does so in most poses of any scan."""
+    messages, most = [], False
+    for name, scan, poses, target in zip(names(scans), scans, seen, solution.placements, strict=True):
         if scan.kind == "ball" and scan.mount == "eye-in-hand":
             R, T = scan.R_base_flange[poses], scan.T_base_flange[poses]
             in_flange = np.einsum("nab,na->nb", R, target.centre - T) - solution.translation
             y = in_flange @ solution.rotation[:, 1]
             other = [scan.labels[i] for i, side in zip(poses, scan.side[poses] * y, strict=True) if side < 0]
+            most |= 2 * len(other) > np.count_nonzero(scan.side[poses])
             if other:
                 messages.append(
-                    "the ball's centre lies on the other side of the scan plane than stated for pose "
-                    f"{', '.join(other)}; check the column side, or turn the sensor's y axis round"
+                    f"{name}the ball's centre lies on the other side of the scan plane than stated for pose "
+                    f"{', '.join(other)}; check side, x and z of the profiles, or turn the sensor's y axis round"
                 )
-    return messages
+    return messages, most
 
 
 def check(scan: Scan) -> list[str]:

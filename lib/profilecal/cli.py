@@ -23,7 +23,9 @@ def refusing():
     """Wrong input ends here, in one sentence."""
     try:
         yield
-    except (ValueError, OSError) as error:
+    except OSError as error:
+        raise Refused(f"{error.filename}: {error.strerror}" if error.filename else str(error)) from error
+    except ValueError as error:
         raise Refused(str(error)) from error
 
 
@@ -87,10 +89,14 @@ def calibrate(folders, as_json, vendor, guess, method, leave_out, report):
     from profilecal.scan import read_scan
 
     with refusing():
+        if vendor and as_json:
+            raise ValueError("--json prints one JSON object and nothing else; ask for --to without it")
         if vendor:
             check_vendor(vendor)
         if report:
             check_report(report)
+        if guess and not np.isfinite(guess).all():
+            raise ValueError(f"--guess is {' '.join(map(str, guess))}; expected six numbers, mm and degrees")
         mount = homogeneous(rotation_from_xyz_angles(np.radians(guess[3:])), guess[:3]) if guess else None
         if leave_out and method != "joint":
             raise ValueError("--leave-out is for the method joint")
@@ -109,6 +115,8 @@ def calibrate(folders, as_json, vendor, guess, method, leave_out, report):
     if vendor and known:
         frame = "flange" if found.scans[0].mount == "eye-in-hand" else "base"
         click.echo(for_controller(vendor, found.solution.T_flange_sensor, frame))
+        if found.status == "weak":
+            click.echo("profilecal: status weak, see the notes: this pose is not to be relied on", err=True)
     if report:
         write_the_report(folders, report, guess=list(guess or []), method=method)
     raise SystemExit(0 if known else 3)
@@ -210,6 +218,8 @@ def sweep(notebook, grid, given, output, plot, hue, **options):
         raise SystemExit(130) from None
 
     click.echo(f"{done.table['run'].nunique() - len(done.failed)} runs done, {len(done.failed)} failed: {done.path}")
+    if done.others:
+        click.echo(f"{done.others} runs of other grids stay in {output / 'runs'}; the table holds this grid's alone")
     for name, why in done.failed.items():
         click.echo(f"FAILED {name}: {why} (see {output / 'runs' / name}.ipynb)")
     raise SystemExit(1 if done.failed else 0)

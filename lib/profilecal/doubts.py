@@ -23,7 +23,8 @@ ABSORBED = 1e-9  # of a suspect's own pattern: less is left of it beside the unk
 STEP = 1e-4
 ORIENTATION_DEG, LEAST_ADDED = 0.02, 1.25  # what a robot's orientation may err, and the growth worth a word
 CHECK = (
-    "check units and convention of the poses, which pose each profile belongs to, x and z of the profiles, the radius"
+    "check the mount, units and convention of the poses, which pose each profile belongs to, x and z of the profiles, "
+    "the radius"
 )
 
 

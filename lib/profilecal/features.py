@@ -74,6 +74,7 @@ class End:
     spacing: np.ndarray  # (2,) mm, from a point of the run to the next one, outwards
     overlaps: int  # how often the step's two sides alternate there
     wall: int  # points of the step's side wall between one and two thresholds from the run's line
+    variance: float  # of where that row is along the run, in points²
 
 
 @dataclass(frozen=True)
@@ -175,7 +176,9 @@ def choose(profiles, candidates, view: View) -> list[Candidate]:
     for profile, found in zip(profiles, alike, strict=True):
         like = [[c for c in found if abs(c.angle - middle) <= max(a, spread)] for a in np.radians(LIKE_ANGLES_DEG)]
         near = like[0] or like[1]
-        if not found:
+        if not present(profile).any():
+            reason = "nothing in this profile"
+        elif not found:
             reason = f"no {key[0]} as in other profiles"
         elif not near:
             reason = f"a corner of {np.degrees(found[0].angle):.0f}°, {np.degrees(middle):.0f}° in other profiles"
@@ -208,7 +211,13 @@ def common_key(candidates, view: View) -> tuple[tuple, str]:
         return (), "nothing like the target in this profile"
     key = min(often, key=lambda key: (order(key), -votes[key], -support[key]))
     if any(k[0] == key[0] == "step end" and k != key and votes[k] > ALIKE * votes[key] for k in votes):
-        return (), "both ends of a face are seen, in this profile or others: which is the edge?"
+        corners = [k for k in votes if order(k) == 0]
+        if not corners:
+            return (
+                (),
+                "both ends of a face are seen, in this profile or others: which is the edge? Show one of them only",
+            )
+        key = max(corners, key=lambda k: votes[k])  # the end with a side face, where that is seen
     return key, ""
 
 
@@ -335,7 +344,12 @@ def run_end(profile, run: Run, line: Run, side: int) -> End:
     where = Polynomial.fit(rows[near], along[near], 2)  # a fan of rays spaces the points of a sloping face unevenly
     end = rows[-1] - ZONE + on - wall + 0.5
     tip = line.point + side * where(end) * line.direction
-    return End(tip, side * run.spacing * line.direction, int((np.diff(rows[zone]) > 1).sum()), wall)
+    spacing = where.deriv()(end)
+    basis = np.vander(where.mapparms()[0] + where.mapparms()[1] * np.append(rows[near], end), 3)
+    left = along[near] - where(rows[near])
+    leverage = basis[-1] @ np.linalg.pinv(basis[:-1].T @ basis[:-1]) @ basis[-1]
+    fitted = leverage * (left @ left) / max(len(left) - 3, 1) / spacing**2
+    return End(tip, side * spacing * line.direction, int((np.diff(rows[zone]) > 1).sum()), wall, float(fitted))
 
 
 def with_end_variance(chosen) -> list[Feature]:
@@ -355,9 +369,12 @@ def with_end_variance(chosen) -> list[Feature]:
     overlaps = [end.overlaps for end in ends if not end.wall] or [end.overlaps for end in ends]
     k = np.linspace(1, 40, 400)
     spot = np.interp(np.mean(overlaps), (k - 1) ** 3 / (6 * k**2), k)
-    wall = mean_of_like([end.spacing[1] / np.hypot(*end.spacing) for end in ends], [end.wall for end in ends])
-    width = np.sqrt(spot**2 + 12 * (wall / ON_FACE) ** 2)
-    variance = iter(width / 6 * (5 - 4 * np.maximum(1 - wall / width, 0) ** 3))
+    slope = np.array([end.spacing / np.hypot(*end.spacing) for end in ends])  # (n, 2) cosine and sine
+    wall = mean_of_like(slope[:, 1], [end.wall for end in ends])
+    seen = spot * (1 - np.minimum(wall, 1) * slope[:, 1] ** 2)
+    width = np.sqrt(seen**2 + 12 * (wall / ON_FACE) ** 2)
+    variance = width / 6 * (5 - 4 * np.maximum(1 - wall / width, 0) ** 3)
+    variance = iter(variance + [end.variance for end in ends])
     features = []
     for candidate in chosen:
         covariance = candidate.feature.covariance.copy()

@@ -1,6 +1,5 @@
 """The report on a user's scans: the notebook run on them, as one HTML file that needs nothing else."""
 
-import os
 import tempfile
 from datetime import date
 from html import escape
@@ -34,8 +33,16 @@ def check_report(path: Path) -> None:
         raise ValueError(f"{path} is a folder; name a file for the report")
     if not path.parent.is_dir():
         raise ValueError(f"{path.parent}: no such folder to write the report to")
-    if not os.access(path.parent, os.W_OK):
-        raise ValueError(f"{path.parent}: no permission to write the report there")
+    try:
+        partial_of(path).touch()
+        partial_of(path).unlink()
+    except OSError as error:
+        raise ValueError(f"{path}: no report can be written there: {error.strerror}") from error
+
+
+def partial_of(path: Path) -> Path:
+    """Where a report is while it is being written."""
+    return path.with_name(f".{path.name}.partial")
 
 
 def write_report(folders, path, **parameters) -> None:
@@ -58,7 +65,7 @@ def write_report(folders, path, **parameters) -> None:
             notebooks.stop_all()
             raise
         page = to_page(executed, "Scanner calibration: " + ", ".join(Path(f).resolve().name for f in folders))
-    partial = path.with_name(f".{path.name}.partial")
+    partial = partial_of(path)
     try:
         partial.write_text(page, encoding="utf-8")
         partial.replace(path)

@@ -5,6 +5,7 @@ data/README.md describes the format. Lengths are millimetres once read, whatever
 
 import csv
 import json
+import re
 import shutil
 import stat
 import tomllib
@@ -111,7 +112,7 @@ def read_scan(folder) -> Scan:
         title=header["title"],
         convention=poses["convention"].name,
         truth=truth,
-        warnings=tuple(poses["warnings"]),
+        warnings=(*poses["warnings"], *(exchanged(values) if measured == "profiles" else ())),
     )
 
 
@@ -271,6 +272,19 @@ def read_poses(folder: Path, scale: float) -> dict:
     }
 
 
+def exchanged(profiles) -> list[str]:
+    """Says so where x of all profiles (k, 2) looks like a depth and z does not: as if the scanner were turned."""
+    points = np.concatenate(profiles)
+    points = points[np.isfinite(points).all(axis=1)]
+    if not len(points):
+        return []
+    (x, z), (x_most, z_most) = points.min(axis=0), points.max(axis=0)
+    away = x * x_most > 0 and min(abs(x), abs(x_most)) > (x_most - x) / 10  # x may begin at 0
+    if away and z < 0 < z_most:
+        return [f"x of the profiles runs from {x:.3g} to {x_most:.3g} mm, as a depth does; are x and z exchanged?"]
+    return []
+
+
 def _check_groups(path, R, group, labels):
     for label in np.unique(group):
         rows = np.flatnonzero(group == label)
@@ -347,6 +361,8 @@ def read_csv(path: Path) -> pd.DataFrame:
     """A CSV file whose rows are as long as its header, or shorter, but for the last one: a file cut short."""
     with path.open(encoding="utf-8-sig", newline="") as file:
         names = [name.strip().lower() for name in next(csv.reader([file.readline(100_000)]), [])]
+    if not names:
+        raise ScanError(f"{path}: empty; expected a line of column names, and rows")
     for name in names:
         if name and names.count(name) > 1:
             raise ScanError(f"{path}: column {shown(name)} is there twice")
@@ -361,9 +377,13 @@ def read_csv(path: Path) -> pd.DataFrame:
                 low_memory=False,
                 encoding="utf-8-sig",
             )
-        except pd.errors.ParserWarning as error:
+        except (pd.errors.ParserWarning, pd.errors.ParserError) as error:
+            found = re.search(r"in line (\d+), saw (\d+)", str(error))
+            if isinstance(error, pd.errors.ParserError) and not found:
+                raise
+            where, many = (f" line {found[1]}", found[2]) if found else ("", "more")
             raise ScanError(
-                f"{path}: rows have more than the {len(names)} columns of the header; expected one number in each "
+                f"{path}{where}: {many} columns where the header has {len(names)}; expected one number in each "
                 "(decimal commas?)"
             ) from error
     with path.open("rb") as file:
@@ -442,7 +462,10 @@ def write_scan(scan: Scan, folder, table: str = ".csv") -> None:
 
     partial = folder.with_name(f".{folder.name}.partial")
     shutil.rmtree(partial, ignore_errors=True)
-    partial.mkdir(parents=True)
+    try:
+        partial.mkdir(parents=True)
+    except OSError as error:
+        raise ScanError(f"{folder}: cannot be written there: {error.strerror}") from error
     (partial / "scan.toml").write_text(header_text(scan), encoding="utf-8")
     for name, frame in (("poses", poses), (scan.measured, values)):
         path = partial / f"{name}{table}"

@@ -40,11 +40,13 @@ class Run:
 
 @dataclass(frozen=True)
 class Sweep:
-    """What a sweep found: the table and where it is written, and by name of the run why some failed."""
+    """What a sweep found: the table and where it is written, by name of the run why some failed, and how many runs of
+    other grids are beside them."""
 
     path: Path
     table: "pd.DataFrame"
     failed: dict[str, str]
+    others: int
 
 
 # What a notebook says
@@ -297,7 +299,8 @@ def sweep(
         path = output / f"table.{'parquet' if parquet else 'csv'}"
         with _whole(path, scratch) as part:
             table.to_parquet(part) if parquet else table.to_csv(part, index=False)
-    return Sweep(path, table, failed)
+    others = {file.stem for file in (output / "runs").glob("*.ipynb")} - keys.keys()
+    return Sweep(path, table, failed, len(others))
 
 
 def gather(output: Path, runs: list[Run], present: dict[str, str]) -> "tuple[pd.DataFrame, dict[str, str]]":
