@@ -63,7 +63,7 @@ def disk_scans(disk: Disk, R_sensor, T_sensor, R_tcp, centre_seen, direction, ex
     )
 
 
-CHUNK = 500  # trials that share one random stream; keeps memory flat
+CHUNK = 1000  # trials that share one random stream: memory stays flat, and workers wait little for each other
 ARC_BLOCK = 64  # arcs at once: they fit into the processor's cache
 
 
