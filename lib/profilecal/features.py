@@ -344,7 +344,7 @@ def run_end(profile, run: Run, line: Run, side: int) -> End:
     where = Polynomial.fit(rows[near], along[near], 2)  # a fan of rays spaces the points of a sloping face unevenly
     end = rows[-1] - ZONE + on - wall + 0.5
     tip = line.point + side * where(end) * line.direction
-    spacing = where.deriv()(end)
+    spacing = max(where.deriv()(end), run.spacing / 10)
     basis = np.vander(where.mapparms()[0] + where.mapparms()[1] * np.append(rows[near], end), 3)
     left = along[near] - where(rows[near])
     leverage = basis[-1] @ np.linalg.pinv(basis[:-1].T @ basis[:-1]) @ basis[-1]
@@ -360,8 +360,10 @@ def with_end_variance(chosen) -> list[Feature]:
 
     Where M points of a side wall were taken off, the end is 2 N - N' with N and N' = N + M points within one and two
     thresholds. Noise moves such a point by M / ON_FACE points along the run, as if k² were larger by 12 (M / ON_FACE)².
-    The same samples decide on N and N' if M is small: their covariance is k/6 (1 - M/k)³. Here M is its mean over faces
-    of like slope, which see as much of the wall: an end must not weigh more because it saw few points of it by chance.
+    The same samples decide on N and N' if M is small: their covariance is k/6 (1 - M/k)³. A wall is perpendicular to
+    its face: a sample from s beside its ray, which is reported on the ray, counts as if it came from s cos² of the
+    slope, so that k is smaller by as much. Here M is its mean over faces of like slope, which see as much of the wall:
+    an end must not weigh more because it saw few points of it by chance.
     """
     ends = [end for candidate in chosen for end in candidate.ends]
     if not ends:
