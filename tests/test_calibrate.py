@@ -217,8 +217,9 @@ def test_options_that_cannot_be_met_are_refused(tmp_path, options, sentence):
 
 def test_a_scan_given_twice_is_refused(tmp_path):
     scan = simulate_scan(Spec(kind="ball", measured="profiles"))
-    with pytest.raises(ScanError, match="given twice"):
-        calibrate([scan, replace(scan, title="a copy")])
+    copy = replace(scan, title="a copy", labels=tuple(reversed(scan.labels)))
+    with pytest.raises(ScanError, match=r"a copy: .*: the same measurement as simulated ball"):
+        calibrate([scan, copy])
 
 
 def test_notes_on_several_scans_name_the_scan():

@@ -8,6 +8,7 @@ from profilecal.features import find_features
 from profilecal.fitting import fit_circle
 from profilecal.scanner import Scanner
 from profilecal.synthetic import Spec, simulate_scan
+from profilecal.targets.edge import Edge
 from profilecal.targets.runs import correlation, present, straight_runs
 
 BLANK = np.full((980, 2), np.nan)
@@ -91,9 +92,30 @@ def test_a_table_alone_shows_nothing(kind, spoiled):
 def test_where_both_ends_of_a_face_show_the_corner_tells_which_is_the_edge():
     """A narrow bar in front of nothing, its side face seen from few poses."""
     spec = Spec(measured="profiles", seed=502, groups=10, positions=4, scanner=Scanner(points=300))
-    features = find_features("edge", simulate_scan(spec).values)
+    scan = simulate_scan(spec)
+    features = find_features("edge", scan.values)
     assert {feature.shape for feature in features if feature.found} == {"corner"}
     assert 0.2 < found(features).mean() < 0.5
+    T = np.array(scan.truth["T_flange_sensor"])
+    planes = scan.R_base_flange @ T[:3, :3], scan.T_base_flange + scan.R_base_flange @ T[:3, 3]
+    truth = Edge(**{k: np.array(v) for k, v in scan.truth["target"].items()}).meet(*planes)
+    assert normalised(features, truth[:, None])[0] < 2
+
+
+@pytest.mark.parametrize(("bevel_deg", "wide"), [(10, 3), (15, 2.5), (20, 2)])
+def test_a_bevel_is_no_side_wall(bevel_deg, wide):
+    x = np.linspace(-40, 40, 801)
+    inside = np.abs(x) < 25
+    z = np.where(inside, 100 + np.tan(np.radians(bevel_deg)) * np.maximum(np.abs(x) - 25 + wide, 0), 120)
+    profiles = [np.stack([x, z + 0.02 * np.random.default_rng(k).normal(size=801)], axis=-1) for k in range(6)]
+    for feature in find_features("disk", profiles, RADIUS):
+        assert not feature.found or np.abs(np.abs(feature.points[:, 0]) - 25).max() < 0.5
+
+
+def test_a_profile_recorded_forth_and_back_is_no_disk():
+    forth = [profile for profile in disks(np.random.default_rng(1))[0][:6]]
+    features = find_features("disk", [np.concatenate([p, p[::-1]]) for p in forth], RADIUS)
+    assert not found(features).any()
 
 
 OUTSIDE = {

@@ -171,7 +171,10 @@ MISTAKES = {
     ),
     "infinite": (rewrite("arcs.csv", lambda t: t.assign(x=np.inf)), "line 2: x is 'inf'; expected a finite number"),
     "no rows": (lambda f: (f / "arcs.csv").write_text("pose,x,z,r\n"), "arcs.csv: no rows"),
-    "empty file": (lambda f: (f / "arcs.csv").write_text(""), "arcs.csv: empty; expected a line of column names"),
+    "empty file": (
+        lambda f: (f / "arcs.csv").write_text(""),
+        "arcs.csv: the first line is empty; expected column names",
+    ),
     "ragged": (
         lambda f: (f / "arcs.csv").write_text("pose,x,z,r\nP0,1,2,3\nP1,1,2,3,4,5\n"),
         "arcs.csv line 3: 6 columns where the header has 4",

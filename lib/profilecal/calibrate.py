@@ -2,7 +2,6 @@
 
 from collections import Counter
 from dataclasses import asdict, dataclass, replace
-from itertools import combinations
 from textwrap import shorten
 
 import numpy as np
@@ -146,7 +145,7 @@ def calibrate(scans, guess=None, method: str = "joint", rng: np.random.Generator
     except UnobservableError as error:
         return Calibration(scans, poses, observed, None, (*messages, str(error)), method)
     if method == "joint":
-        solution = judge(observed, solution, estimating)
+        solution = judge(observed, solution, estimating, any("orientation_deg" in scan.noise for scan in scans))
     sides, most = wrong_sides(scans, poses, solution)
     if most and solution.status == "ok":
         solution = replace(solution, status="weak")
@@ -160,11 +159,13 @@ def names(scans) -> list[str]:
 
 
 def check_different(scans) -> None:
-    """Raise ScanError where a scan is there twice: it would count as new measurements."""
-    for one, other in combinations(scans, 2):
-        same = one.labels == other.labels and np.array_equal(one.T_base_flange, other.T_base_flange)
-        if same and all(np.array_equal(a, b, equal_nan=True) for a, b in zip(one.values, other.values, strict=True)):
-            raise ScanError(f"{one.title or one.kind}: the same measurements are given twice; expected different scans")
+    """Raise ScanError where a measurement is there twice: it would count as a new one."""
+    known = {}
+    for name, scan in zip(names(scans), scans, strict=True):
+        for label, T, values in zip(scan.labels, scan.T_base_flange, scan.values, strict=True):
+            key = (T.tobytes(), values.tobytes())
+            if np.isfinite(values).any() and known.setdefault(key, name + label) != name + label:
+                raise ScanError(f"{name}{label}: the same measurement as {known[key]}; expected different ones")
 
 
 def target_seen(scan: Scan) -> Seen:

@@ -44,10 +44,10 @@ class Suspect:
         return abs(self.clear) > norm.isf(FALSE_ALARM / 2 / self.among)
 
 
-def judge(observed, solution: joint.Solution, errors_estimated: bool) -> joint.Solution:
+def judge(observed, solution: joint.Solution, errors_estimated: bool, orientation_stated: bool) -> joint.Solution:
     """The solution with the status, covariance and messages that its residuals leave.
 
-    `errors_estimated`: the robot's errors in its noise come from the residuals.
+    `errors_estimated`: the robot's errors in its noise come from the residuals. `orientation_stated`: if only as none.
     """
     noise, messages, weak, C = solution.noise, list(solution.messages), False, solution.covariance
 
@@ -84,19 +84,19 @@ def judge(observed, solution: joint.Solution, errors_estimated: bool) -> joint.S
             f"{np.degrees(np.linalg.norm(most.moves[3:])):.2g}°; the covariance is enlarged to match"
         )
     spectrum = of_covariance(C, solution.observability.rank, solution.observability.parameters)
-    if errors_estimated:
-        messages += _what_orientation_would_add(observed, solution)
+    if errors_estimated and not orientation_stated:
+        messages += _what_orientation_would_add(observed, solution, C)
     status = "weak" if weak or spectrum.sd[0] > WEAK else solution.status
     return replace(solution, covariance=C, observability=spectrum, messages=tuple(messages), status=status)
 
 
-def _what_orientation_would_add(observed, solution: joint.Solution) -> list[str]:
-    """A robot's orientation errors, which hardly show in the residuals: what they would do to the covariance."""
+def _what_orientation_would_add(observed, solution: joint.Solution, C) -> list[str]:
+    """A robot's orientation errors, which hardly show in the residuals: what they would do to the covariance C."""
     problem = joint.Problem(observed, replace(solution.noise, orientation_deg=ORIENTATION_DEG))
     state = joint.State(solution.rotation[None], solution.translation[None], solution.as_placements())
     M = problem.moments(state, weights=[~bad for bad in solution.rejected])[0][0]
-    with_them = joint.spectrum(M[:-1, :-1], joint.units_by_hand(problem)).covariance
-    before, after = (np.sqrt(np.linalg.eigvalsh(C[:3, :3])[-1]) for C in (solution.covariance, with_them))
+    more = joint.spectrum(M[:-1, :-1], joint.units_by_hand(problem)).covariance - solution.covariance
+    before, after = (np.sqrt(np.linalg.eigvalsh(V[:3, :3])[-1]) for V in (C, C + more))
     if after < LEAST_ADDED * before:
         return []
     return [

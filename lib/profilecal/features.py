@@ -34,6 +34,7 @@ REACH = 2.0  # mm from the end of a straight side to the corner, at most
 LIKE_ANGLES_DEG = 20.0, 30.0  # from a corner's usual angle, and from that if tilted planes see nothing nearer to it
 AMBIGUOUS = 0.5  # a second candidate with this share of the first one's support leaves the choice open
 ALIKE = 0.8  # as many profiles that show the other end of a face leave open which is the edge
+LEAST_CORNERS = 3  # profiles that show which end of a face is the edge
 ZONE = 12  # points at the end of a run among which the scanner may see both sides of a step
 ON_FACE = 3.5  # standard deviations from a run's line
 LEAST_STEP = 0.5  # mm off a run's line: a step, not a bend
@@ -211,14 +212,23 @@ def common_key(candidates, view: View) -> tuple[tuple, str]:
         return (), "nothing like the target in this profile"
     key = min(often, key=lambda key: (order(key), -votes[key], -support[key]))
     if any(k[0] == key[0] == "step end" and k != key and votes[k] > ALIKE * votes[key] for k in votes):
-        corners = [k for k in votes if order(k) == 0]
-        if not corners:
+        corners = Counter(c.key for found in candidates for c in corners_of_faces(found) if order(c.key) == 0)
+        if not corners or max(corners.values()) < LEAST_CORNERS:
             return (
                 (),
                 "both ends of a face are seen, in this profile or others: which is the edge? Show one of them only",
             )
-        key = max(corners, key=lambda k: votes[k])  # the end with a side face, where that is seen
+        key = max(corners, key=lambda k: corners[k])  # the end with a side face, where that is seen
     return key, ""
+
+
+def corners_of_faces(found) -> list[Candidate]:
+    """The corners among a profile's candidates at which its longest face ends."""
+    ends = [c for c in found if c.key[0] == "step end"]
+    longest = max((c.support for c in ends), default=0.0)
+    tips = [c.feature.points[0] for c in ends if c.support == longest]
+    corners = [c for c in found if c.key[0] == "corner"]
+    return [c for c in corners if any(np.hypot(*(c.feature.points[0] - tip)) < REACH for tip in tips)]
 
 
 # Edge: corner, step end, tip
@@ -303,20 +313,23 @@ def ending(profile, run: Run, side: int, limit: float, view: View) -> tuple[str,
     beyond = np.arange(last + 1, len(profile)) if side > 0 else np.arange(last - 1, -1, -1)
     seen = beyond[present(profile[beyond])] if len(beyond) else beyond
     if len(seen) >= 3:
-        wall = int(THICKNESS / run.spacing)
-        off = coordinates(profile[seen[: wall + 9]], run.point, run.direction)[1] * np.sign(run.direction[0] or 1.0)
+        wall = int(min(THICKNESS / max(run.spacing, 1e-3), len(profile)))
+        along, off = coordinates(profile[seen[: wall + 9]], run.point, run.direction)
+        off = off * np.sign(run.direction[0] or 1.0)
         soon = np.median(off[3:9] if len(off) >= 6 else off)  # or it is a curve
-        after_wall = np.median(off[wall:]) if len(off) > wall + 6 else 0.0
         if abs(soon) > max(LEAST_STEP, 2 * limit):
             return "step", float(np.sign(soon))
-        return ("step", float(np.sign(after_wall))) if abs(after_wall) > CLEAR else ("unclear", 0.0)
+        after = np.median(off[wall:]) if len(off) > wall + 6 else 0.0
+        near = np.abs(off) < CLEAR / 2
+        steep = near.any() and np.ptp(along[near]) < np.abs(off[near]).max()  # a wall, no bevel
+        return ("step", float(np.sign(after))) if steep and abs(after) > CLEAR else ("unclear", 0.0)
     looked = (len(beyond) - len(seen)) * run.spacing > CLEAR or view.reaches_beyond(profile[last], side * run.direction)
     return ("nothing", 0.0) if looked else ("unclear", 0.0)
 
 
 def between_ends(profile, run: Run) -> Run:
     """The run without the points at its ends, of which some may show a side wall, if what is left makes a line."""
-    if len(run.rows) <= 2 * ZONE + LEAST_SIDE:
+    if len(run.rows) <= 5 * ZONE:
         return run
     inner = run_of(profile, run.rows[ZONE:-ZONE])
     return inner if inner.length else run
@@ -335,21 +348,27 @@ def run_end(profile, run: Run, line: Run, side: int) -> End:
     face = np.abs(off) <= threshold
     order = slice(None, None, side)
     rows, along = side * run.rows[face][order], side * along[face][order]
-    zone = rows > rows[-1] - ZONE
-    around = side * rows[-1] + np.arange(1 - ZONE, ZONE + 1) * side
+    zone = min(ZONE, len(rows) // 2)
+    around = side * rows[-1] + np.arange(1 - zone, zone + 1) * side
     around = around[(around >= 0) & (around < len(profile))]
     off = np.abs(coordinates(profile[around], line.point, line.direction)[1])
     on, wall = int((off <= threshold).sum()), int(((off > threshold) & (off <= 2 * threshold)).sum())  # false for NaN
     near = slice(-4 * ZONE - 2 * wall, len(rows) - min(2 * wall, len(rows) // 2))  # a wall has no length along the line
     where = Polynomial.fit(rows[near], along[near], 2)  # a fan of rays spaces the points of a sloping face unevenly
-    end = rows[-1] - ZONE + on - wall + 0.5
+    end = rows[-1] - zone + on - wall + 0.5
     tip = line.point + side * where(end) * line.direction
-    spacing = max(where.deriv()(end), run.spacing / 10)
+    spacing = max(where.deriv()(end), run.spacing / 10, 1e-3)
     basis = np.vander(where.mapparms()[0] + where.mapparms()[1] * np.append(rows[near], end), 3)
     left = along[near] - where(rows[near])
     leverage = basis[-1] @ np.linalg.pinv(basis[:-1].T @ basis[:-1]) @ basis[-1]
     fitted = leverage * (left @ left) / max(len(left) - 3, 1) / spacing**2
-    return End(tip, side * spacing * line.direction, int((np.diff(rows[zone]) > 1).sum()), wall, float(fitted))
+    return End(
+        tip,
+        side * spacing * line.direction,
+        int((np.diff(rows[rows > rows[-1] - zone]) > 1).sum()),
+        wall,
+        float(fitted),
+    )
 
 
 def with_end_variance(chosen) -> list[Feature]:

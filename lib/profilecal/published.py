@@ -105,5 +105,5 @@ class RoundingBox:
             if np.abs(intermediate_result.fun).max() <= 1:
                 raise StopIteration
 
-        found = least_squares(mismatch, np.zeros(self.size), jacobian, max_nfev=60, callback=reached)
+        found = least_squares(mismatch, np.zeros(self.size), jacobian, max_nfev=200, callback=reached)
         return np.sin(found.x), np.abs(found.fun).max()

@@ -275,7 +275,7 @@ def read_poses(folder: Path, scale: float) -> dict:
 def exchanged(profiles) -> list[str]:
     """Says so where x of all profiles (k, 2) looks like a depth and z does not: as if the scanner were turned."""
     points = np.concatenate(profiles)
-    points = points[np.isfinite(points).all(axis=1)]
+    points = points[np.isfinite(points).all(axis=1) & points.any(axis=1)]
     if not len(points):
         return []
     (x, z), (x_most, z_most) = points.min(axis=0), points.max(axis=0)
@@ -362,7 +362,7 @@ def read_csv(path: Path) -> pd.DataFrame:
     with path.open(encoding="utf-8-sig", newline="") as file:
         names = [name.strip().lower() for name in next(csv.reader([file.readline(100_000)]), [])]
     if not names:
-        raise ScanError(f"{path}: empty; expected a line of column names, and rows")
+        raise ScanError(f"{path}: the first line is empty; expected column names")
     for name in names:
         if name and names.count(name) > 1:
             raise ScanError(f"{path}: column {shown(name)} is there twice")

@@ -59,7 +59,7 @@ def read_pose(path) -> tuple[np.ndarray, np.ndarray, float, bool]:
     if np.abs(T[3] - [0, 0, 0, 1]).max() > 0:
         raise ScanError(f"{path}: the last row of the sensor pose is {T[3].tolist()}; expected [0, 0, 0, 1]")
     values = np.linalg.eigvalsh(covariance)
-    if not np.allclose(covariance, covariance.T) or values[0] < -1e-9 * np.abs(values).max():
+    if not np.allclose(covariance, covariance.T) or values[0] < -1e-9 * values[-1] or values[-1] <= 0:
         raise ScanError(f"{path}: holds no covariance; expected a symmetric, positive 6x6 matrix")
     return T, covariance, noise, to_hand
 
