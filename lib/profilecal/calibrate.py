@@ -119,6 +119,8 @@ def calibrate(scans, guess=None, method: str = "joint", rng: np.random.Generator
         raise ScanError("the closed form takes one scan and no guess; the method joint takes more")
     if len({scan.mount for scan in scans}) > 1:
         raise ScanError("some scans are eye-in-hand and others eye-to-hand; expected one mount")
+    noise = shared_noise(scans)
+    check_different(scans)
     seen = tuple(target_seen(scan) for scan in scans)
     poses = tuple(entry.poses for entry in seen)
     said = [(name, m) for name, scan in zip(names(scans), scans, strict=True) for m in scan.warnings]
@@ -127,8 +129,6 @@ def calibrate(scans, guess=None, method: str = "joint", rng: np.random.Generator
     reference = next((typical(s.kind, e.covariance) for s, e in zip(scans, seen, strict=True) if e.measured), 0.0)
     observed = tuple(as_observations(s, e, reference) for s, e in zip(scans, seen, strict=True))
     starts = [] if guess is None else [(guess[:3, :3], guess[:3, 3])]
-    noise = shared_noise(scans)
-    check_different(scans)
     estimating = bool(reference) and not has_robot_errors(noise)
     shared_mm = max(entry.shared_mm for entry in seen)
     noise = replace(noise, group_position_mm=float(np.hypot(noise.group_position_mm, shared_mm)))
@@ -218,7 +218,7 @@ def likeliest_noise(observed, noise: Noise, solution: joint.Solution) -> Noise:
     residuals is allowed for: restricted maximum likelihood (Patterson and Thompson 1971).
     """
     problem = joint.Problem(observed, noise)
-    state = joint.State(solution.rotation[None], solution.translation[None], solution.as_placements())
+    state = solution.state
     shared, lever, own, count, start = [], [], 0.0, 0, 6
     for term, placement, bad in zip(problem.terms, state.placements, solution.rejected, strict=True):
         z, present = term.linearise(state, placement, True, with_robot=True)

@@ -56,10 +56,11 @@ def judge(observed, solution: joint.Solution, errors_estimated: bool, orientatio
         weak = True
         messages.append(f"the residuals are {misfit:.2g} times what the stated noise explains; {CHECK}")
 
-    least = LARGEST_ERROR_MM
-    limit = least if errors_estimated else max(least, 3 * noise.position_mm, 3 * noise.group_position_mm)
+    stated = 3 * noise.steering_mm
+    if not errors_estimated:
+        stated = max(stated, 3 * noise.position_mm, 3 * noise.group_position_mm)
     error = max(noise.position_mm if errors_estimated else 0.0, solution.rms_mm)
-    if error > max(limit, 3 * noise.steering_mm):
+    if error > max(LARGEST_ERROR_MM, stated):
         weak = True
         messages.append(f"the data contradict each other by {error:.2g} mm, more than a robot errs; {CHECK}")
 
@@ -93,8 +94,8 @@ def judge(observed, solution: joint.Solution, errors_estimated: bool, orientatio
 def _what_orientation_would_add(observed, solution: joint.Solution, C) -> list[str]:
     """A robot's orientation errors, which hardly show in the residuals: what they would do to the covariance C."""
     problem = joint.Problem(observed, replace(solution.noise, orientation_deg=ORIENTATION_DEG))
-    state = joint.State(solution.rotation[None], solution.translation[None], solution.as_placements())
-    M = problem.moments(state, weights=[~bad for bad in solution.rejected])[0][0]
+    state = solution.state
+    M = problem.moments(state, weights=solution.kept)[0][0]
     more = joint.spectrum(M[:-1, :-1], joint.units_by_hand(problem)).covariance - solution.covariance
     before, after = (np.sqrt(np.linalg.eigvalsh(V[:3, :3])[-1]) for V in (C, C + more))
     if after < LEAST_ADDED * before:
@@ -109,8 +110,8 @@ def suspects(observed, solution: joint.Solution) -> list[Suspect]:
     """What might be wrong everywhere, each by itself, with the size that fits the residuals best."""
     noise = solution.noise
     problem = joint.Problem(observed, noise)
-    state = joint.State(solution.rotation[None], solution.translation[None], solution.as_placements())
-    weights, whitening = [~bad for bad in solution.rejected], problem.whitening(state)
+    state = solution.state
+    weights, whitening = solution.kept, problem.whitening(state)
 
     def moments(change, step):
         changed = joint.Problem([change(o, step) for o in observed], noise)

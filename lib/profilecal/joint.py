@@ -535,10 +535,17 @@ class Solution:
     def chi2_per_dof(self) -> float:
         return self.chi2 / self.dof
 
-    def as_placements(self) -> tuple:
-        """The targets as `State` holds them, a batch of one."""
+    @property
+    def state(self) -> State:
+        """The sensor pose and the targets, a batch of one."""
         pairs = [(np.asarray(v, dtype=float) for v in vars(target).values()) for target in self.placements]
-        return tuple((p[None], (rest[0] if rest and rest[0].ndim else np.zeros(3))[None]) for p, *rest in pairs)
+        placements = ((p[None], (rest[0] if rest and rest[0].ndim else np.zeros(3))[None]) for p, *rest in pairs)
+        return State(self.rotation[None], self.translation[None], tuple(placements))
+
+    @property
+    def kept(self) -> list[np.ndarray]:
+        """The poses (P,) of each target that were not rejected."""
+        return [~bad for bad in self.rejected]
 
     @property
     def T_flange_sensor(self) -> np.ndarray:

@@ -60,8 +60,8 @@ def leave_out(found: Calibration) -> LeftOut:
     if found.status == "unobservable" or found.method != "joint":
         raise ValueError("only a joint calibration that has an answer can be cross-validated")
     problem = joint.Problem(found.observed, solution.noise)
-    state = joint.State(solution.rotation[None], solution.translation[None], solution.as_placements())
-    kept, units = [~bad for bad in solution.rejected], joint.units_by_hand(problem)
+    state = solution.state
+    kept, units = solution.kept, joint.units_by_hand(problem)
     stretch = max(1.0, solution.chi2_per_dof)  # residuals larger than the noise explains are to be expected here too
     groups = [
         (index, np.flatnonzero((term.group == g) & used))

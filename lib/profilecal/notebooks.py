@@ -46,9 +46,8 @@ def find(names) -> list[Path]:
     """
     there = sorted(folder().glob("*.ipynb"))
     if not names:
-        return (
-            there if os.environ.get(REAL_DATA) else [path for path in there if "real_data" not in parameters_of(path)]
-        )
+        missing = without_data()
+        return [path for path in there if path not in missing]
     chosen = set()
     for name in names:
         fits = [path for path in there if path.stem.startswith(Path(name).stem)]
