@@ -31,11 +31,14 @@ import pytest
 from click.testing import CliRunner
 from scipy.spatial.transform import Rotation
 
-from profilecal.calibrate import calibrate, check
+from profilecal.calibrate.calibration import calibrate
+from profilecal.calibrate.check import check
 from profilecal.cli import main
-from profilecal.conventions import CONVENTIONS, find_convention, from_rotations, to_rotations
-from profilecal.joint import pose_error
-from profilecal.scan import ScanError, read_scan, toml_text
+from profilecal.joint.state import pose_error
+from profilecal.scan.conventions import CONVENTIONS, find_convention, from_rotations, to_rotations
+from profilecal.scan.folder import read_scan
+from profilecal.scan.scan import ScanError
+from profilecal.scan.tables import toml_text
 
 EXAMPLES = Path(__file__).parents[1] / "data" / "examples"
 COUNT = int(os.environ.get("PROFILECAL_FUZZ", "36"))

@@ -43,8 +43,8 @@ def main():
 )
 def reproduce(names, parameters, output):
     """Execute the notebooks whose NAMES (or beginnings of names) are given, or all, and print the scorecard."""
-    from profilecal import notebooks
-    from profilecal.reproduce import reproduce as run
+    from profilecal.running import notebooks
+    from profilecal.running.reproduce import reproduce as run
 
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # `timeout` and `kill` clean up as Ctrl-C does
     try:
@@ -82,11 +82,11 @@ def calibrate(folders, as_json, vendor, guess, method, leave_out, report):
 
     import numpy as np
 
-    from profilecal import calibrate as calibration
-    from profilecal.conventions import check_vendor, for_controller
-    from profilecal.html import check_report
-    from profilecal.poses import homogeneous, rotation_from_xyz_angles
-    from profilecal.scan import read_scan
+    from profilecal.calibrate import calibration
+    from profilecal.geometry.poses import homogeneous, rotation_from_xyz_angles
+    from profilecal.running.page import check_report
+    from profilecal.scan.conventions import check_vendor, for_controller
+    from profilecal.scan.folder import read_scan
 
     with refusing():
         if vendor and as_json:
@@ -104,7 +104,7 @@ def calibrate(folders, as_json, vendor, guess, method, leave_out, report):
         found = calibration.calibrate(scans, mount, method, np.random.default_rng(0))
     known = found.status != "unobservable"
     if leave_out and known:
-        from profilecal.leave_out import leave_out as cross_validate
+        from profilecal.calibrate.leave_out import leave_out as cross_validate
 
         found = replace(found, messages=(*found.messages, *cross_validate(found).messages()))
 
@@ -127,8 +127,9 @@ def calibrate(folders, as_json, vendor, guess, method, leave_out, report):
 @click.argument("folder", type=click.Path(path_type=Path))
 def simulate(spec, folder):
     """Write the scan that SPEC.toml describes, with its truth, into a new FOLDER."""
-    from profilecal.scan import read_toml, write_scan
-    from profilecal.synthetic import read_spec, simulate_scan
+    from profilecal.scan.folder import write_scan
+    from profilecal.scan.tables import read_toml
+    from profilecal.simulate.spec import read_spec, simulate_scan
 
     with refusing():
         write_scan(simulate_scan(read_spec(read_toml(spec))), folder)
@@ -139,8 +140,8 @@ def simulate(spec, folder):
 @click.argument("folder", type=SCAN)
 def check(folder):
     """Say what a scan FOLDER holds, before any calibration: poses, groups, noise, outliers, motions."""
-    from profilecal.calibrate import check as check_scan
-    from profilecal.scan import read_scan
+    from profilecal.calibrate.check import check as check_scan
+    from profilecal.scan.folder import read_scan
 
     with refusing():
         click.echo("\n".join(check_scan(read_scan(folder))))
@@ -153,9 +154,10 @@ def verify(folder, pose):
     """Apply a sensor pose to a scan FOLDER that was not used to find it; status 1 if more is wrong than it states."""
     import numpy as np
 
-    from profilecal.scan import ScanError, read_scan
-    from profilecal.verify import read_pose, to_text
-    from profilecal.verify import verify as verify_pose
+    from profilecal.calibrate.verify import read_pose, to_text
+    from profilecal.calibrate.verify import verify as verify_pose
+    from profilecal.scan.folder import read_scan
+    from profilecal.scan.scan import ScanError
 
     with refusing():
         scan = read_scan(folder)
@@ -174,8 +176,8 @@ def verify(folder, pose):
 @click.option("--picked", is_flag=True, help="Take the points picked by hand instead of the profiles.")
 def import_(source, measurements, folder, picked):
     """Write measurements of another project, SOURCE, as a scan into a new FOLDER."""
-    from profilecal.handeyesync import read_handeyesync
-    from profilecal.scan import write_scan
+    from profilecal.scan.folder import write_scan
+    from profilecal.scan.handeyesync import read_handeyesync
 
     with refusing():
         write_scan(read_handeyesync(measurements, picked=picked), folder)
@@ -199,16 +201,16 @@ def sweep(notebook, grid, given, output, plot, hue, **options):
 
     Started again it goes on where it was, and repeats no finished run.
     """
-    from profilecal import notebooks
-    from profilecal.sweep import read_grid
-    from profilecal.sweep import sweep as run
+    from profilecal.running import notebooks
+    from profilecal.running.sweep import read_grid
+    from profilecal.running.sweep import sweep as run
 
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         path = Path(notebook) if notebook.endswith(".ipynb") else notebooks.find([notebook])[0]
         done = run(path, read_grid(grid, given), output, **options)
         if plot:
-            from profilecal.report import plot_columns
+            from profilecal.report.figures import plot_columns
 
             click.echo(f"Figure: {plot_columns(done.table, *plot, hue, output)}")
     except (ValueError, OSError) as error:
@@ -227,8 +229,8 @@ def sweep(notebook, grid, given, output, plot, hue, **options):
 
 def write_the_report(folders, path, **parameters):
     """The report on some scan folders; ends the program with status 1 where it fails."""
-    from profilecal.html import write_report
-    from profilecal.notebooks import NotebookError
+    from profilecal.running.notebooks import NotebookError
+    from profilecal.running.page import write_report
 
     try:
         write_report(folders, path, **parameters)
@@ -246,7 +248,7 @@ def print_scorecard(frame):
     from rich.console import Console
     from rich.table import Table
 
-    from profilecal.scorecard import to_text
+    from profilecal.papers.scorecard import to_text
 
     colours = {"reproduced": "green", "compatible": "yellow", "differs": "red"}
     columns = ["paper", "item", "quantity", "published", "ours", "unit", "tolerance", "verdict"]

@@ -6,9 +6,10 @@ import time
 import numpy as np
 
 from profilecal.closed_form.disk import in_chord_frame, sensing_data_from_ellipse, solve_disk
-from profilecal.fitting import Ellipse
-from profilecal.montecarlo import ball_centres_seen, disk_study
-from profilecal.published_scenes import fig15_scans, fig17_scans
+from profilecal.geometry.fitting import Ellipse
+from profilecal.papers.ball_study import ball_centres_seen
+from profilecal.papers.disk_study import disk_study
+from profilecal.papers.settings import fig15_scans, fig17_scans
 
 SCANS = fig15_scans((-0.9, 0.32))
 SIGMA_MM, M, TRIALS = np.arange(1, 10) / 10, np.arange(10, 201, 10), 500

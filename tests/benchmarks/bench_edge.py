@@ -4,9 +4,10 @@ import time
 
 import numpy as np
 
-from profilecal.acquisition import EdgePlan
 from profilecal.closed_form.edge import edge_equations
-from profilecal.simulate import Noise, edge_scenes
+from profilecal.geometry.noise import Noise
+from profilecal.papers.edge_plan import EdgePlan
+from profilecal.papers.edge_scenes import edge_scenes
 
 LIMIT_S = 5e-3
 

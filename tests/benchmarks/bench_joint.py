@@ -9,8 +9,13 @@ import pandas as pd
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from profilecal import scenes
-from profilecal.joint import Noise, Observations, Problem, State, estimate, solve, take
+from profilecal.geometry.noise import Noise
+from profilecal.joint.descent import estimate
+from profilecal.joint.observations import Observations, take
+from profilecal.joint.problem import Problem
+from profilecal.joint.solve import solve
+from profilecal.joint.state import State
+from profilecal.simulate.scene import random_scene
 
 SIGMA, TRIALS, AGREEMENT = 0.05, 320, 1e-8
 
@@ -43,7 +48,7 @@ def scipy_solution(problem: Problem, start: State) -> np.ndarray:
 
 def disk_row() -> dict:
     rng = np.random.default_rng(1)
-    scene = scenes.random_scene("disk", rng, positions=100)
+    scene = random_scene("disk", rng, positions=100)
     seen, noise = scene.noisy(SIGMA, rng, TRIALS), Noise(SIGMA)
     start = scene.truth[np.zeros(TRIALS, dtype=int)]
     start = Problem([seen], noise).move(
@@ -73,7 +78,7 @@ def disk_row() -> dict:
 
 def files_row() -> dict:
     rng = np.random.default_rng(2)
-    seen = scenes.random_scene("edge", rng).noisy(SIGMA, rng)
+    seen = random_scene("edge", rng).noisy(SIGMA, rng)
     q = Rotation.from_matrix(seen.R_flange[0]).as_quat()
     poses = pd.DataFrame(np.column_stack([seen.T_flange[0], q]), columns=["x", "y", "z", "qx", "qy", "qz", "qw"])
     points = pd.DataFrame(seen.points[0, :, 0], columns=["x", "z"])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from profilecal.closed_form.ball import solve_ball_from_arcs
-from profilecal.published_scenes import fig17_scans
+from profilecal.papers.settings import fig17_scans
 
 
 def arcs_of(scans, counts):

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from profilecal.checks import UnobservableError
 from profilecal.closed_form.disk import SensingData, sensing_data, solve_disk_from_chords
-from profilecal.montecarlo import DiskScans, disk_scans
-from profilecal.published_scenes import fig15_scans
+from profilecal.geometry.checks import UnobservableError
+from profilecal.papers.disk_study import DiskScans, disk_scans
+from profilecal.papers.settings import fig15_scans
 from profilecal.targets.disk import Disk
 
 EXTENTS = [(-0.9, 0.9), (-0.9, 0.3), (-0.64, 0.64), (-0.95, -0.05), (0.1, 0.9)]  # whole, most, middle, halves

@@ -5,9 +5,9 @@ import pytest
 from scipy.stats import chi2
 
 from profilecal.closed_form.disk import solve_disk_from_chords
-from profilecal.features import find_features
-from profilecal.fitting import fit_circle
-from profilecal.published_scenes import fig15_scans, fig17_scans
+from profilecal.geometry.fitting import fit_circle
+from profilecal.papers.settings import fig15_scans, fig17_scans
+from profilecal.profiles.features import find_features
 
 STEP = 0.1  # mm between points of a profile
 X = np.arange(-90, 90, STEP)

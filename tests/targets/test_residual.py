@@ -4,8 +4,11 @@ import numpy as np
 import pytest
 from scipy.differentiate import jacobian
 
-from profilecal import scenes
-from profilecal.joint import TARGETS, Noise, Problem
+from profilecal.geometry.noise import Noise
+from profilecal.geometry.poses import directions, rotations
+from profilecal.joint.observations import TARGETS
+from profilecal.joint.problem import Problem
+from profilecal.simulate.scene import RADIUS, random_scene
 from profilecal.targets.plane import Plane
 from profilecal.targets.point import Point
 
@@ -26,7 +29,7 @@ def sensor_view(kind, rng):
 @pytest.mark.parametrize("kind", KINDS)
 def test_derivatives_agree_with_numerical_ones(kind, in_plane):
     rng = np.random.default_rng(5)
-    module, size = TARGETS[kind], scenes.RADIUS.get(kind, 0.3)
+    module, size = TARGETS[kind], RADIUS.get(kind, 0.3)
     for _ in range(20):
         point, direction, seen = sensor_view(kind, rng)
 
@@ -47,7 +50,7 @@ def test_derivatives_agree_with_numerical_ones(kind, in_plane):
 @pytest.mark.parametrize("kind", KINDS)
 def test_derivatives_of_whole_problem_agree_with_numerical_ones(kind):
     rng = np.random.default_rng(6)
-    scene = scenes.random_scene(kind, rng, groups=3, positions=3, count=4)
+    scene = random_scene(kind, rng, groups=3, positions=3, count=4)
     problem = Problem([scene.observations], Noise(0.05))
     term = problem.terms[0]
     state = problem.move(scene.truth, 0.02 * rng.normal(size=(1, problem.n)))
@@ -65,7 +68,7 @@ def test_derivatives_of_whole_problem_agree_with_numerical_ones(kind):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_residuals_vanish_where_the_target_meets_the_scan_plane(kind):
-    scene = scenes.random_scene(kind, np.random.default_rng(7))
+    scene = random_scene(kind, np.random.default_rng(7))
     problem = Problem([scene.observations], Noise(0.05))
     for in_plane in (True, False):
         r = problem.terms[0].linearise(scene.truth, scene.truth.placements[0], in_plane)[0][0, -1]
@@ -74,8 +77,8 @@ def test_residuals_vanish_where_the_target_meets_the_scan_plane(kind):
 
 def test_a_plane_meets_the_scan_plane_in_a_line_on_both():
     rng = np.random.default_rng(8)
-    rotation, origin = scenes.rotations(rng.normal(size=(100, 3))), rng.uniform(-50, 50, (100, 3))
-    plane = Plane(rng.uniform(-50, 50, 3), scenes.directions(rng, ()))
+    rotation, origin = rotations(rng.normal(size=(100, 3))), rng.uniform(-50, 50, (100, 3))
+    plane = Plane(rng.uniform(-50, 50, 3), directions(rng, ()))
     nearest, along = np.moveaxis(plane.meet(rotation, origin), 1, 0)
     for s in (-30, 0, 40):
         x, z = (nearest + s * along).T
@@ -86,7 +89,7 @@ def test_a_plane_meets_the_scan_plane_in_a_line_on_both():
 
 def test_a_point_is_seen_at_its_coordinates():
     rng = np.random.default_rng(9)
-    rotation, origin = scenes.rotations(rng.normal(size=(50, 3))), rng.uniform(-50, 50, (50, 3))
+    rotation, origin = rotations(rng.normal(size=(50, 3))), rng.uniform(-50, 50, (50, 3))
     point = Point(rng.uniform(-50, 50, 3))
     seen = point.meet(rotation, origin)
     y = ((point.point - origin)[:, None] @ rotation)[:, 0, 1]

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from profilecal.checks import UnobservableError, check_count, check_rotations, check_vectors
 from profilecal.closed_form.two_step import (
     LEAST_SPREAD_DEG,
     TwoStepSolution,
@@ -14,8 +13,9 @@ from profilecal.closed_form.two_step import (
     solve_rotation,
     solve_translation,
 )
-from profilecal.fitting import fit_circle
-from profilecal.poses import angle_between
+from profilecal.geometry.checks import UnobservableError, check_count, check_rotations, check_vectors
+from profilecal.geometry.fitting import fit_circle
+from profilecal.geometry.poses import angle_between
 from profilecal.targets.ball import Ball
 
 

@@ -5,7 +5,6 @@ from itertools import product
 
 import numpy as np
 
-from profilecal.checks import UnobservableError, check_count, check_rotations, check_vectors
 from profilecal.closed_form.two_step import (
     LEAST_SPREAD_DEG,
     TwoStepSolution,
@@ -14,7 +13,8 @@ from profilecal.closed_form.two_step import (
     solve_rotation,
     solve_translation,
 )
-from profilecal.fitting import Ellipse, fit_ellipse
+from profilecal.geometry.checks import UnobservableError, check_count, check_rotations, check_vectors
+from profilecal.geometry.fitting import Ellipse, fit_ellipse
 
 LEAST_BEND = 5.0  # standard errors by which chord lengths must bend along a scan, to show a disk at all
 WRONG_SIDE_DEG = 3.0  # largest angle between R D_i and D_b that noise is believed to explain

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from profilecal.checks import UnobservableError, check_count, check_rotations
 from profilecal.closed_form.two_step import LEAST_SPREAD_DEG, check_orientations
-from profilecal.poses import nearest_rotation
+from profilecal.geometry.checks import UnobservableError, check_count, check_rotations
+from profilecal.geometry.poses import nearest_rotation
 
 REFUSED = 2.0  # strength of the rotation below which noise alone would explain it
 WEAK = 10.0  # strength below which the rotation can be a degree and more wrong

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from profilecal.checks import UnobservableError
-from profilecal.poses import nearest_rotation
+from profilecal.geometry.checks import UnobservableError
+from profilecal.geometry.poses import nearest_rotation
 
 LEAST_SPREAD_DEG = 1.0  # directions or orientations that differ by less are taken for one
 

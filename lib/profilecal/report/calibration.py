@@ -9,11 +9,10 @@ import pandas as pd
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from profilecal.conventions import CONVENTIONS, VENDORS, for_controller, from_rotations
-from profilecal.features import find_features
-from profilecal.joint import FALSE_ALARM
-from profilecal.observability import BY_HAND_DEG, BY_HAND_MM, WEAK, name_direction
-from profilecal.report import (
+from profilecal.joint.observability import BY_HAND_DEG, BY_HAND_MM, WEAK, name_direction
+from profilecal.joint.solve import FALSE_ALARM
+from profilecal.profiles.features import find_features
+from profilecal.report.figures import (
     BLUE,
     GREEN,
     ORANGE,
@@ -26,6 +25,7 @@ from profilecal.report import (
     draw_scan,
     equal_axes,
 )
+from profilecal.scan.conventions import CONVENTIONS, VENDORS, for_controller, from_rotations
 
 FRAMES_DRAWN, SCANS_DRAWN = 24, 8  # flange frames and scan planes in a picture
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from profilecal.fitting import Line, fit_line
+from profilecal.geometry.fitting import Line, fit_line
 
 
 @dataclass(frozen=True)

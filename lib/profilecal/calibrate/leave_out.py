@@ -1,0 +1,107 @@
+"""Cross-validation: each flange orientation left out in turn, and predicted from the others."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2
+from tqdm import tqdm
+
+from profilecal.calibrate.calibration import Calibration
+from profilecal.joint.descent import Fit, refine
+from profilecal.joint.observability import spectrum
+from profilecal.joint.problem import Problem, units_by_hand
+from profilecal.joint.state import pose_error
+
+FALSE_ALARM = 0.01  # the chance that any orientation of a good scan is doubted
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """What the other orientations say of each one. An orientation that the answer cannot do without has NaN."""
+
+    poses: tuple[tuple[str, ...], ...]  # (G,) labels of each orientation's poses
+    rms_mm: np.ndarray  # (G,) of its residuals from the calibration without it
+    expected_mm: np.ndarray  # (G,) of it, from the noise and from how well the others determine the answer
+    doubted: np.ndarray  # (G,) farther off than expected, and beyond chance
+    moved: np.ndarray  # (G, 6) of the sensor pose, its frame, mm and rad
+
+    def messages(self) -> list[str]:
+        """Sentences a person can act on."""
+        kept = np.flatnonzero(np.isfinite(self.rms_mm))
+        lines = []
+        if len(kept):
+            total, expected = (np.sqrt(np.mean(v[kept] ** 2)) for v in (self.rms_mm, self.expected_mm))
+            shift, turn = (np.linalg.norm(self.moved[kept, part], axis=1) for part in (slice(3), slice(3, 6)))
+            worst = kept[np.argmax(shift)]
+            lines.append(
+                f"{len(kept)} orientations left out one at a time: the others predict them to {total:.2g} mm rms, "
+                f"{expected:.2g} expected; the sensor moves by up to {shift.max():.2g} mm (without "
+                f"{name(self.poses[worst])}) and {np.degrees(turn.max()):.2g}°"
+            )
+        for g in np.flatnonzero(self.doubted):
+            lines.append(
+                f"{name(self.poses[g])} does not fit the other orientations: {self.rms_mm[g]:.2g} mm rms where "
+                f"{self.expected_mm[g]:.2g} is expected; measure it again or look for what moved"
+            )
+        for g in np.flatnonzero(~np.isfinite(self.rms_mm)):
+            lines.append(f"without {name(self.poses[g])} the answer is not determined; add orientations like it")
+        return lines
+
+
+def name(poses) -> str:
+    """Poses in a few words."""
+    return f"pose {poses[0]}" if len(poses) == 1 else f"poses {poses[0]} to {poses[-1].rsplit(': ')[-1]}"
+
+
+def leave_out(found: Calibration) -> LeftOut:
+    """Calibrations without one orientation each, at the noise that all of them show, of a joint calibration.
+
+    Rejected poses stay out. Raises ValueError for a calibration without an answer, or of another method.
+    """
+    solution = found.solution
+    if found.status == "unobservable" or found.method != "joint":
+        raise ValueError("only a joint calibration that has an answer can be cross-validated")
+    problem = Problem(found.observed, solution.noise)
+    state = solution.state
+    kept, units = solution.kept, units_by_hand(problem)
+    stretch = max(1.0, solution.chi2_per_dof)  # residuals larger than the noise explains are to be expected here too
+    groups = [
+        (index, np.flatnonzero((term.group == g) & used))
+        for index, (term, used) in enumerate(zip(problem.terms, kept, strict=True))
+        for g in range(term.group.max() + 1)
+    ]
+    groups = [(index, rows) for index, rows in groups if len(rows)]
+    labels, rows_out = found.labels_by_scan(), []
+    for index, rows in tqdm(groups, desc="leaving out", unit="orientation", disable=None, leave=False, delay=1):
+        weights = [used.copy() for used in kept]
+        weights[index][rows] = False
+        fit = refine(problem, state, weights=weights)
+        if str(spectrum(fit.information[0], units).status) == "unobservable":
+            rows_out.append((np.nan, np.nan, False, np.full(6, np.nan)))
+            continue
+        r, S, rms = prediction(problem, fit, index, rows)
+        S = stretch * S
+        square, excess = r @ np.linalg.solve(S, r), np.sqrt(r @ r / np.trace(S))
+        moved = pose_error(state.rotation, state.translation, fit.state.rotation, fit.state.translation)[0]
+        beyond_chance = square > chi2.isf(FALSE_ALARM / len(groups), len(r))
+        rows_out.append((rms, rms / excess, beyond_chance and excess > 1, moved))
+    rms, expected, doubted, moved = (np.array(column) for column in zip(*rows_out, strict=True))
+    names = tuple(tuple(labels[index][k] for k in rows) for index, rows in groups)
+    return LeftOut(names, rms, expected, doubted, moved)
+
+
+def prediction(problem: Problem, fit: Fit, index: int, rows) -> tuple[np.ndarray, np.ndarray, float]:
+    """Residuals (k,) of some poses of one target at a fit that did not use them, independent and over the noise; their
+    covariance (k, k) from noise, robot errors and the uncertainty of the fit; and their root mean square in mm."""
+    term, placements = problem.terms[index], fit.state.placements
+    z, present = term.linearise(fit.state, placements[index], True, with_robot=True)
+    there = np.ones(z.shape[-2:], dtype=bool) if present is None else present[0]
+    rms = np.sqrt(np.mean(z[0, 6 + term.n][:, rows][there[:, rows]] ** 2))
+    z = term.in_units_of_noise(z, problem.sigma)[0]
+    there = there[:, rows].T
+    z = z[..., rows].transpose(2, 1, 0)[there]  # (k, columns), pose by pose
+    J, start = np.zeros((len(z), problem.n)), 6 + sum(other.n for other in problem.terms[:index])
+    J[:, :6], J[:, start : start + term.n] = z[:, :6], z[:, 6 : 6 + term.n]
+    E, pose = z[:, -6:], np.nonzero(there)[0]
+    robot = np.equal.outer(pose, pose) * (E * problem.of_pose @ E.T) + E * problem.of_group @ E.T
+    return z[:, 6 + term.n], np.eye(len(z)) + robot + J @ np.linalg.solve(fit.information[0], J.T), float(rms)

@@ -1,0 +1,272 @@
+"""One scan solved as the papers do it: the rotation first, then the translation.
+
+Edge: Eqs 5-35 of the edge paper. Disk: Eqs 4-20 of the disk paper. Ball: Section V-D of the disk paper,
+with the differences inside every rotation group in place of those of one. The covariance comes from repetitions
+with simulated noise, so that it counts the methods' bias.
+"""
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from profilecal.closed_form.disk import best_signs, disk_equations, sensing_data, solve_disk_from_chords
+from profilecal.closed_form.edge import edge_equations, solve_edge
+from profilecal.closed_form.two_step import check_directions, check_orientations, solve_rotation, solve_translation
+from profilecal.geometry.checks import UnobservableError
+from profilecal.geometry.fitting import fit_circle
+from profilecal.geometry.noise import Noise
+from profilecal.joint.observability import explain, of_covariance
+from profilecal.joint.observations import Observations, affine_noise
+from profilecal.joint.problem import Problem
+from profilecal.joint.solution import Solution
+from profilecal.joint.state import State, pose_error
+from profilecal.joint.terms import target_at
+from profilecal.targets.ball import Ball
+
+
+def closed_form(seen: Observations, R_sensor, heights: str = "published") -> tuple[np.ndarray, np.ndarray]:
+    """What the papers' methods make of a batch of edge or disk observations: (B, 3, 3) and (B, 3).
+
+    R_sensor (3, 3) gives the signs s_i of the disk method, which its user knows; `heights`: see `sensing_data`.
+    """
+    B, G = len(seen.points), seen.group.max() + 1
+    R = np.broadcast_to(seen.R_flange, (B, *seen.R_flange.shape[1:])).reshape(B, G, -1, 3, 3)
+    T = np.broadcast_to(seen.T_flange, (B, *seen.T_flange.shape[1:])).reshape(B, G, -1, 3)
+    points = seen.points.reshape(B, G, -1, *seen.points.shape[2:])
+    if seen.kind == "edge":
+        found = edge_equations(R[:, :, 0], T, points[:, :, :, 0])
+        return found.R_sensor, found.T_sensor
+    start, end = T[:, :, 0], T[:, :, -1]
+    s = np.sign(np.einsum("bga,bga->bg", end - start, (R[:, :, 0] @ R_sensor)[..., 1]))
+    data = sensing_data(points, start, end, s, seen.size, heights)
+    found = disk_equations(R[:, :, 0], data.T_tcp, data.q, data.D_i, data.D_b)
+    return found.R_sensor, found.T_sensor
+
+
+DRAWS = 200  # repetitions with simulated noise
+
+
+LEAST_POSITIONS = 3  # in a rotation group
+
+
+STRAIGHT = 0.01  # of a disk scan's length: the most by which its flange positions may leave equal steps on a line
+
+
+def solve_in_closed_form(observations: Observations, noise: Noise, side, rng: np.random.Generator) -> Solution:
+    """The sensor pose from one target's observations (a batch of one), stated as a joint solution is.
+
+    side (P,): +1, -1, or 0 where it is not known, as in the scan folder. `noise.profile_mm` 0: not known.
+
+    Raises ValueError for a target or a motion that no paper's method takes, UnobservableError for poses that cannot
+    determine the answer.
+    """
+    if observations.kind not in METHODS:
+        raise ValueError(f"the papers have no closed form for a {observations.kind}; expected the method joint")
+    points = observations.points[0]
+    find, remarks = METHODS[observations.kind](observations, np.asarray(side, dtype=float))
+    rotation, translation = find(points)
+
+    alone = Problem([observations], Noise(profile_mm=1.0))
+    state = with_target(alone, rotation[None], translation[None])
+    dof = int(alone.count()[0]) - alone.n
+    seen_noise = max(float(np.sqrt(alone.moments(state)[1][0] / dof)), 1e-12)  # the robot's errors too
+    source = "given" if noise.profile_mm else "estimated"
+    noise = noise if noise.profile_mm else replace(noise, profile_mm=seen_noise)
+    M, chi2, own = Problem([observations], noise).moments(state)
+
+    drawn = (find(points + seen_noise * noise_like(observations, rng)) for _ in range(DRAWS))
+    errors = np.array([pose_error(rotation, translation, *pose) for pose in drawn])
+    bias = errors.mean(axis=0)
+    size = np.sqrt(np.diag(M[0])[:-1])
+    rank = np.linalg.matrix_rank(M[0, :-1, :-1] / np.outer(size, size), hermitian=True)
+    found = of_covariance(errors.T @ errors / DRAWS, rank, alone.n)
+    R_flange = np.asarray(observations.R_flange).reshape(-1, 3, 3)
+    messages = [*remarks, *explain(found, rotation, R_flange, "base" if observations.eye_to_hand else "flange")]
+    turn, shift = np.degrees(np.linalg.norm(bias[3:])), np.linalg.norm(bias[:3])
+    messages.append(
+        f"noise biases the closed form by about {shift:.2g} mm and {turn:.2g}° here, which its standard deviations "
+        "include; the joint method has no such bias"
+    )
+    place, direction = state.placements[0]
+    residuals = alone.terms[0].linearise(state, state.placements[0], True)[0][0, -1]
+    return Solution(
+        rotation,
+        translation,
+        found.covariance,
+        (target_at(observations, place[0], direction[0]),),
+        float(noise.profile_mm),
+        source,
+        "as given" if source == "given" else "from the residuals",
+        float(chi2[0]),
+        dof,
+        float(np.sqrt(np.mean(residuals**2))),
+        (np.sqrt(own[0][0]),),
+        (np.zeros(len(points), dtype=bool),),
+        str(found.status),
+        found,
+        tuple(messages),
+        converged=True,
+        noise=noise,
+    )
+
+
+def noise_like(observations: Observations, rng: np.random.Generator) -> np.ndarray:
+    """Errors (P, m, 2) of the observed points as their covariance has them, in units of the noise."""
+    points = observations.points[0]
+    errors = rng.normal(size=points.shape)
+    if observations.covariance is None:
+        return errors
+    if observations.on_curve:
+        return errors * np.sqrt(observations.covariance[0])[..., None]
+    root = np.linalg.cholesky(observations.covariance[0])
+    return (root @ errors.reshape(len(points), -1, 1)).reshape(points.shape)
+
+
+def with_target(problem: Problem, rotation, translation) -> State:
+    """The sensor poses (1, 3, 3), (1, 3) with the target where they see it best: Gauss-Newton steps of it alone."""
+    state = problem.place(rotation, translation)
+    for _ in range(20):
+        M, _, _ = problem.moments(state)
+        step = np.zeros((1, problem.n))
+        step[:, 6:] = -np.linalg.solve(M[:, 6:-1, 6:-1], M[:, 6:-1, -1:])[..., 0]
+        state = problem.move(state, step)
+        if np.abs(step).max() < 1e-9:
+            break
+    return state
+
+
+def groups_of(observations: Observations, least: int) -> list[np.ndarray]:
+    """The poses (k,) of each rotation group with `least` positions or more, in order."""
+    group = np.arange(observations.points.shape[-3]) if observations.group is None else observations.group
+    members = [np.flatnonzero(group == label) for label in np.unique(group)]
+    return [rows for rows in members if len(rows) >= least]
+
+
+def many_groups(observations: Observations, what: str) -> list[np.ndarray]:
+    """The groups that a method of whole groups can use; three at least."""
+    groups = groups_of(observations, LEAST_POSITIONS)
+    if len(groups) < 3:
+        raise UnobservableError(
+            f"{len(groups)} of the flange orientations have {LEAST_POSITIONS} {what} or more; the closed form needs 3: "
+            "add poses that share an orientation, or use the method joint, which needs no groups"
+        )
+    return groups
+
+
+def unused(observations: Observations, groups) -> list[str]:
+    """A remark on the poses that are in none of the groups."""
+    left = observations.points.shape[-3] - sum(map(len, groups))
+    return [f"{left} poses are in no group of {LEAST_POSITIONS} or more, which the closed form needs"] if left else []
+
+
+def from_edge(observations: Observations, side):
+    """The edge paper's method on groups of any size: those with fewer positions than the largest are filled up with
+    their own mean, for which the same equations hold, as the sensed point is affine in the position."""
+    groups = many_groups(observations, "positions")
+    R, T = observations.R_flange[0], observations.T_flange[0]
+    most = max(map(len, groups))
+
+    def filled(values):
+        return np.stack([np.vstack([values[g], *[values[g].mean(axis=0)] * (most - len(g))]) for g in groups])
+
+    R_b, T_b = np.stack([R[g[0]] for g in groups]), filled(T)
+    solve_edge(R_b, T_b, filled(observations.points[0, :, 0]), affine_noise(observations)[0] or None)
+
+    def find(points):
+        found = edge_equations(R_b, T_b, filled(points[:, 0]))
+        return found.R_sensor, found.T_sensor
+
+    return find, unused(observations, groups)
+
+
+def from_disk(observations: Observations, side):
+    """The disk paper's method; each group is a scan along a line, its chords at equal steps."""
+    groups = many_groups(observations, "chords")
+    R, T = observations.R_flange[0], observations.T_flange[0]
+    for g in groups:
+        even = np.linspace(T[g[0]], T[g[-1]], len(g))
+        off, length = np.linalg.norm(T[g] - even, axis=1).max(), np.linalg.norm(T[g[-1]] - T[g[0]])
+        if off > STRAIGHT * length:
+            raise UnobservableError(
+                f"the {len(g)} flange positions of one orientation leave equal steps on a line by {off:.2g} mm, which "
+                "the disk's closed form needs; drive straight at a steady speed, or use the method joint"
+            )
+    R, start, end = np.stack([R[g[0]] for g in groups]), *(np.stack([T[g[k]] for g in groups]) for k in (0, -1))
+
+    def scans(points, s):
+        data = [
+            sensing_data(points[g], *scan, observations.size) for g, *scan in zip(groups, start, end, s, strict=True)
+        ]
+        return [np.stack([getattr(d, name) for d in data]) for name in ("T_tcp", "q", "D_i", "D_b")]
+
+    s, remarks = np.array([side[g[0]] for g in groups]), []
+    if not s.all():
+        _, _, D_i, D_b = scans(observations.points[0], np.ones(len(groups)))
+        s, _ = best_signs(D_i.T, np.einsum("nba,nb->an", R, D_b))
+        remarks = [f"sides of the motions decided from the data: {', '.join(f'{v:+.0f}' for v in s)}"]
+    tips = [observations.points[0, g] for g in groups]
+    remarks += solve_disk_from_chords(R, start, end, tips, s, observations.size).remarks
+
+    def find(points):
+        found = disk_equations(R, *scans(points, s))
+        return found.R_sensor, found.T_sensor
+
+    return find, [*remarks, *unused(observations, groups)]
+
+
+def from_ball(observations: Observations, side):
+    """The two-step ball method: differences of centres inside groups, then all poses."""
+
+    def centres(points, side=side):
+        there = np.isfinite(points).all(axis=-1)
+        if there.all():
+            circles = fit_circle(points)
+        else:
+            circles = np.array([fit_circle(arc[seen]) for arc, seen in zip(points, there, strict=True)])
+        return Ball(np.zeros(3), observations.size).centre_from_circle(circles, side)
+
+    points = observations.points[0]
+    if side.all():
+        return from_centres(observations, centres), []
+    R, T, tried = observations.R_flange[0], observations.T_flange[0], []
+    for sign in (1.0, -1.0):
+        seen = partial(centres, side=np.full(len(points), sign))
+        find = from_centres(observations, seen)
+        rotation, translation = find(points)
+        places = np.einsum("nab,nb->na", R, seen(points) @ rotation.T + translation) + T
+        tried.append((float(np.sqrt(places.var(axis=0).sum())), sign, find))
+    (least, sign, find), (more, _, _) = sorted(tried, key=lambda entry: entry[0])
+    return find, [
+        f"the ball's centre is taken to lie on side {sign:+.0f} of every scan plane, which leaves {least:.2g} mm "
+        f"between its places, against {more:.2g} mm on the other; a column side says it pose by pose"
+    ]
+
+
+def from_centres(observations: Observations, centres):
+    """Both steps; `centres` gives the ball's centre (P, 3) in the sensor frame from points (P, m, 2)."""
+    groups = groups_of(observations, 1)
+    moved = np.array([(g[0], k) for g in groups for k in g[1:]]).reshape(-1, 2)
+    if len(moved) < 2:
+        raise UnobservableError(
+            f"the closed form takes the rotation from motions without a turn, and there are {len(moved)}; expected 2 "
+            "or more: add poses that share an orientation, or use the method joint, which needs none"
+        )
+    i, j = moved.T
+    R, T = observations.R_flange[0], observations.T_flange[0]
+    Y = np.einsum("nba,nb->an", R[i], T[j] - T[i])
+    Y, length = Y / np.linalg.norm(Y, axis=0), np.linalg.norm(Y, axis=0)
+    R_mean, T_mean = np.stack([R[g[0]] for g in groups]), np.stack([T[g].mean(axis=0) for g in groups])
+    check_directions(Y, "motion inside a group of one orientation")
+    check_orientations(R_mean)
+
+    def find(points):
+        q = centres(points)
+        rotation = solve_rotation((q[i] - q[j]).T / length, Y).R_sensor
+        q_mean = np.stack([q[g].mean(axis=0) for g in groups])
+        return rotation, solve_translation(R_mean, T_mean, q_mean, rotation, "all").T_sensor
+
+    return find
+
+
+METHODS = {"edge": from_edge, "disk": from_disk, "ball": from_ball}

@@ -1,0 +1,199 @@
+"""Lines, spheres, circles and ellipses through points, in batches.
+
+The fits of circle and ellipse minimise an algebraic distance under a quadratic constraint. Eliminating the linear
+coefficients leaves a symmetric 3×3 problem, whose eigenvalue solves one scalar equation: no iteration over the points,
+no `eig`.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+ROUNDS = 60  # Newton steps at most; four or five are usual
+
+
+HIGH_POWERS = [(3, 0), (2, 1), (1, 2), (0, 3), (4, 0), (3, 1), (2, 2), (1, 3), (0, 4)]
+
+
+@dataclass(frozen=True)
+class Ellipse:
+    """The points p with (p - centre)ᵀ shape⁻¹ (p - centre) = 1; an affine map A takes shape to A shape Aᵀ."""
+
+    centre: np.ndarray  # (..., 2)
+    shape: np.ndarray  # (..., 2, 2), its eigenvalues are the squares of the semi-axes
+
+
+def fit_ellipse(points) -> Ellipse:
+    """The ellipse-specific direct fit of Pilu, Fitzgibbon and Fisher (ref. [21] of the disk paper).
+
+    Points (..., k, 2), k ≥ 5. The fit is invariant under affine maps, so the points are first given unit covariance.
+    """
+    points = np.asarray(points, dtype=float)
+    mean = points.mean(axis=-2)
+    x, z = np.moveaxis(points - mean[..., None, :], -1, 0)
+    xx, xz, zz = (np.einsum("...i,...i->...", a, b) / x.shape[-1] for a, b in ((x, x), (x, z), (z, z)))
+    with np.errstate(divide="ignore", invalid="ignore"):  # points on one line or repeated: NaN
+        tilt = xz / xx
+        width, height = np.sqrt(xx), np.sqrt(zz - xz * tilt)
+        u, v = x / width[..., None], (z - tilt[..., None] * x) / height[..., None]
+        unit = ellipse_from_moments(moments(u, v))
+    map_ = np.zeros((*mean.shape, 2))
+    map_[..., 0, 0], map_[..., 1, 0], map_[..., 1, 1] = width, tilt * width, height
+    return transformed(unit, map_, mean)
+
+
+def transformed(ellipse: Ellipse, map_, shift) -> Ellipse:
+    """The ellipse after p ↦ map_ p + shift, with map_ (..., 2, 2) and shift (..., 2)."""
+    centre = np.einsum("...ab,...b->...a", map_, ellipse.centre) + shift
+    return Ellipse(centre, np.einsum("...ab,...bc,...dc->...ad", map_, ellipse.shape, map_))
+
+
+def moments(u, v) -> dict:
+    """Means over the last axis of u^a v^b for 1 ≤ a + b ≤ 4: {(a, b): (...)}."""
+    product = {(1, 0): u, (0, 1): v, (2, 0): u * u, (1, 1): u * v, (0, 2): v * v}
+    sums = {power: values.sum(axis=-1) for power, values in product.items()}
+    for a, b in HIGH_POWERS:
+        first = (2, 0) if a >= 2 else (0, 2)
+        second = (a - first[0], b - first[1])
+        sums[a, b] = np.einsum("...i,...i->...", product[first], product[second])
+    return {power: total / u.shape[-1] for power, total in sums.items()}
+
+
+def ellipse_from_moments(mean: dict) -> Ellipse:
+    """The ellipse-specific direct fit from the means of x^a z^b, {(a, b): (...)}, as `moments` gives them.
+
+    Minimises ⟨(A x² + B xz + C z² + D x + E z + F)²⟩ with 4AC - B² fixed. In p = (A + C)/2, q = (A - C)/2,
+    t = B/2 the constraint reads p² - q² - t² = constant, and p = 1 is no loss: the solution has p ≠ 0.
+    """
+    one = {power: mean[power] for power in ((1, 0), (0, 1))}
+    conics = {"p": ((2, 0, 1), (0, 2, 1)), "q": ((2, 0, 1), (0, 2, -1)), "t": ((1, 1, 2),)}  # x²+z², x²-z², 2xz
+
+    def covariance(first, second):
+        return sum(i * j * (mean[a + c, b + d] - mean[a, b] * mean[c, d]) for a, b, i in first for c, d, j in second)
+
+    x, z = ((1, 0, 1),), ((0, 1, 1),)
+    xx, xz, zz = covariance(x, x), covariance(x, z), covariance(z, z)
+    determinant = xx * zz - xz * xz
+    on_line = {name: (covariance(f, x), covariance(f, z)) for name, f in conics.items()}
+    D = {name: (zz * fx - xz * fz) / determinant for name, (fx, fz) in on_line.items()}
+    E = {name: (xx * fz - xz * fx) / determinant for name, (fx, fz) in on_line.items()}
+
+    def left(first, second):  # what the linear terms do not explain
+        fx, fz = on_line[first]
+        return covariance(conics[first], conics[second]) - fx * D[second] - fz * E[second]
+
+    q, t = _secular([left(*names) for names in ("pp", "pq", "pt", "qq", "qt", "tt")], sign=1)
+    A, C, B = 1 + q, 1 - q, 2 * t
+    D, E = (-(of["p"] + of["q"] * q + of["t"] * t) for of in (D, E))
+    F = -(A * mean[2, 0] + B * mean[1, 1] + C * mean[0, 2] + D * one[1, 0] + E * one[0, 1])
+
+    area = A * C - t * t
+    centre_x, centre_z = (t * E - C * D) / (2 * area), (t * D - A * E) / (2 * area)
+    scale = -(F + (D * centre_x + E * centre_z) / 2) / area
+    shape = np.stack([np.stack([C, -t], -1), np.stack([-t, A], -1)], -2) * scale[..., None, None]
+    return Ellipse(np.stack([centre_x, centre_z], axis=-1), shape)
+
+
+def _secular(entries, sign: int):
+    """Minimise vᵀ M v with v₀² - sign (v₁² + v₂²) fixed, for symmetric M given as 00, 01, 02, 11, 12, 22; v₀ = 1.
+
+    Returns v₁, v₂. The eigenvalue λ is a root of g(λ) = M₀₀ - λ - mᵀ (M₁₁ + sign λ I)⁻¹ m, which is concave and
+    falls. For sign = 1 Newton's steps from λ = M₀₀, where g ≤ 0, descend to the positive root without fail.
+    For sign = -1 the smallest root is sought, from λ = 0, where g ≥ 0.
+    """
+    pp, pq, pt, qq, qt, tt = entries
+    value = pp if sign > 0 else np.zeros_like(pp)
+    for _ in range(ROUNDS):
+        first, second = qq + sign * value, tt + sign * value
+        determinant = first * second - qt * qt
+        q, t = (qt * pt - second * pq) / determinant, (qt * pq - first * pt) / determinant
+        step = (pp - value + pq * q + pt * t) / (1 - sign * (q * q + t * t))
+        value = value + step
+        if not (np.abs(step) > 4e-16 * pp).any():
+            break
+    return q, t
+
+
+def fit_circle(points, method: str = "taubin") -> np.ndarray:
+    """Circles (..., 3) as x, z, r through points (..., k, 2), k ≥ 3.
+
+    "taubin" minimises ⟨d²⟩/⟨|∇d|²⟩ of the algebraic distance d, "kasa" ⟨d²⟩ alone, whose circles are too small on noisy
+    arcs.
+    """
+    points = np.asarray(points, dtype=float)
+    mean = points.mean(axis=-2)
+    x, z = np.moveaxis(points - mean[..., None, :], -1, 0)
+    w = x * x + z * z
+    pairs = {"xx": (x, x), "xz": (x, z), "zz": (z, z), "wx": (w, x), "wz": (w, z), "ww": (w, w)}
+    sums = {name: np.einsum("...i,...i->...", *pair) / x.shape[-1] for name, pair in pairs.items()}
+    circle = circle_from_moments(sums, method)
+    circle[..., :2] += mean
+    return circle
+
+
+def circle_from_moments(mean: dict, method: str = "taubin") -> np.ndarray:
+    """As `fit_circle`, from the means of xx, xz, zz, wx, wz and ww about the centroid, where w = x² + z²."""
+    if method not in ("taubin", "kasa"):
+        raise ValueError(f"method is {method!r}; expected 'taubin' or 'kasa'")
+    xx, xz, zz, wx, wz = (mean[name] for name in ("xx", "xz", "zz", "wx", "wz"))
+    w = xx + zz
+    if method == "kasa":
+        determinant = xx * zz - xz * xz
+        B, C = (xz * wz - zz * wx) / determinant, (xz * wx - xx * wz) / determinant
+    else:
+        # (w - ⟨w⟩) + B x + C z, with 4⟨w⟩ + B² + C² fixed: unit weights once the first column is divided by 2√⟨w⟩
+        unit = 2 * np.sqrt(w)
+        B, C = _secular(((mean["ww"] - w * w) / unit**2, wx / unit, wz / unit, xx, xz, zz), sign=-1)
+        B, C = unit * B, unit * C
+    return np.stack([-B / 2, -C / 2, np.sqrt(w + (B * B + C * C) / 4)], axis=-1)
+
+
+@dataclass(frozen=True)
+class Line:
+    """Lines in any dimension, through `point` along the unit vector `direction`."""
+
+    point: np.ndarray  # (..., d)
+    direction: np.ndarray  # (..., d)
+    rms: np.ndarray  # (...) of the distances of the points that it was fitted to
+
+
+def fit_line(points, kept=None) -> Line:
+    """The lines with the least sum of squared distances from points (..., n, d), or from those `kept` (..., n).
+
+    NaN where fewer than two are.
+    """
+    kept = np.ones(points.shape[:-1], dtype=bool) if kept is None else kept
+    count = kept.sum(axis=-1)
+    share = kept / np.where(count < 2, np.nan, count)[..., None]
+    centre = (share[..., None] * points).sum(axis=-2)
+    offsets = kept[..., None] * (points - centre[..., None, :])
+    direction = np.linalg.eigh(np.nan_to_num(np.swapaxes(offsets, -1, -2) @ offsets))[1][..., -1]
+    along = (offsets @ direction[..., None])[..., 0]
+    off_line = offsets - along[..., None] * direction[..., None, :]
+    return Line(centre, direction, np.sqrt((share * (off_line**2).sum(axis=-1)).sum(axis=-1)))
+
+
+@dataclass(frozen=True)
+class Sphere:
+    """Spheres with `centre` and `radius`, mm."""
+
+    centre: np.ndarray  # (..., 3)
+    radius: np.ndarray  # (...)
+    rms: np.ndarray  # (...) of the distances of the points from the sphere that was fitted to them
+
+
+def fit_sphere(points) -> Sphere:
+    """Spheres through points (..., n, 3), n ≥ 4, not all in one plane.
+
+    The linear least-squares fit of |p|² = 2 c·p + k that the edge paper takes (its ref. [36]), about the points' mean.
+    """
+    mean = points.mean(axis=-2, keepdims=True)
+    p = points - mean
+    squares = (p**2).sum(axis=-1)
+    A = np.concatenate([2 * p, np.ones_like(p[..., :1])], axis=-1)
+    AtA, Atb = np.swapaxes(A, -1, -2) @ A, (np.swapaxes(A, -1, -2) @ squares[..., None])
+    solution = np.linalg.solve(AtA, Atb)[..., 0]
+    c = solution[..., :3]
+    radius = np.sqrt(solution[..., 3] + (c**2).sum(axis=-1))
+    residuals = np.linalg.norm(p - c[..., None, :], axis=-1) - radius[..., None]
+    return Sphere(c + mean[..., 0, :], radius, np.sqrt((residuals**2).mean(axis=-1)))

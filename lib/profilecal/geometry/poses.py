@@ -1,0 +1,82 @@
+"""Where the robot goes: flange orientations times translations over a straight edge (edge paper, Section 3)."""
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+
+def rotation_from_xyz_angles(angles) -> np.ndarray:
+    """Rotation matrices (..., 3, 3) from angles (a, b, c) in radians, shape (..., 3): R = Rz(c) Ry(b) Rx(a).
+
+    Tables I and III of the disk paper print orientations so ("ZYX Euler angle").
+    """
+    angles = np.asarray(angles, dtype=float)
+    matrices = Rotation.from_euler("xyz", angles.reshape(-1, 3)).as_matrix()
+    return matrices.reshape(*angles.shape[:-1], 3, 3)
+
+
+def xyz_angles_from_rotation(matrix) -> np.ndarray:
+    """The angles (a, b, c) in radians, (..., 3), of R = Rz(c) Ry(b) Rx(a); a in [0, 2π), which does not jump near π."""
+    matrix = np.asarray(matrix, dtype=float)
+    angles = Rotation.from_matrix(matrix.reshape(-1, 3, 3)).as_euler("xyz").reshape(*matrix.shape[:-2], 3)
+    angles[..., 0] %= 2 * np.pi
+    return angles
+
+
+def nearest_rotation(matrix) -> np.ndarray:
+    """The rotations closest in the Frobenius norm to matrices (..., 3, 3); never reflections.
+
+    Edge paper, Eq. 27, and the correction that Eq. 16 of the disk paper lacks.
+    """
+    U, _, Vt = np.linalg.svd(np.asarray(matrix, dtype=float))
+    U[..., :, 2] *= np.sign(np.linalg.det(U @ Vt))[..., None]
+    return U @ Vt
+
+
+def angle_between(first, second) -> np.ndarray:
+    """Angle in radians of the rotation that takes `first` to `second`, both (..., 3, 3).
+
+    From the chord ‖A - B‖ = 2√2 sin(θ/2), which stays exact near zero where the trace does not.
+    """
+    chord = np.linalg.norm(np.asarray(first) - np.asarray(second), axis=(-2, -1))
+    return 2 * np.arcsin(np.clip(chord / np.sqrt(8), 0, 1))
+
+
+def homogeneous(rotation, translation) -> np.ndarray:
+    """4×4 matrices (..., 4, 4) from rotations (..., 3, 3) and translations (..., 3)."""
+    rotation, translation = np.asarray(rotation, dtype=float), np.asarray(translation, dtype=float)
+    shape = np.broadcast_shapes(rotation.shape[:-2], translation.shape[:-1])
+    matrix = np.zeros((*shape, 4, 4))
+    matrix[..., :3, :3], matrix[..., :3, 3], matrix[..., 3, 3] = rotation, translation, 1
+    return matrix
+
+
+def directions(rng: np.random.Generator, shape) -> np.ndarray:
+    """Unit vectors (*shape, 3), uniform over the sphere."""
+    vectors = rng.normal(size=(*shape, 3))
+    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+
+
+def rotations(vectors) -> np.ndarray:
+    """Rotation matrices (..., 3, 3) from rotation vectors (..., 3), rad."""
+    vectors = np.asarray(vectors, dtype=float)
+    return Rotation.from_rotvec(vectors.reshape(-1, 3)).as_matrix().reshape(*vectors.shape[:-1], 3, 3)
+
+
+def turns(rng: np.random.Generator, shape, spread: float, axis=None) -> np.ndarray:
+    """Rotations (*shape, 3, 3) by up to `spread` rad either way, about random axes or all about `axis` (..., 3).
+
+    The angles are uniform.
+    """
+    angle = rng.uniform(-spread, spread, (*shape, 1))
+    return rotations(angle * (directions(rng, shape) if axis is None else axis))
+
+
+def frame_along(direction, angle) -> np.ndarray:
+    """Frames (..., 3, 3), in columns, whose second axis is `direction` (..., 3); `angle` (...) turns them about it."""
+    y = np.asarray(direction, dtype=float)
+    aside = np.eye(3)[np.argmin(np.abs(y), axis=-1)]
+    x = np.cross(y, aside)
+    x /= np.linalg.norm(x, axis=-1, keepdims=True)
+    angle = np.asarray(angle)[..., None]
+    x = np.cos(angle) * x + np.sin(angle) * np.cross(y, x)
+    return np.stack(np.broadcast_arrays(x, y, np.cross(x, y)), axis=-1)

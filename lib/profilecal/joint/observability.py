@@ -1,0 +1,142 @@
+"""What the motions can and cannot determine, said in words.
+
+The yardstick is a mount measured by hand, good to about 10 mm and 5°: it gives the parameters one unit, so that
+millimetres and degrees compare, and it says what "determined" means. A direction of the sensor pose is
+
+- unobservable, where its standard deviation is no better than the measurement by hand, or where the information matrix
+  has no rank there (an eigenvalue below 1e-10 of the largest), whatever the noise;
+- weak, where it is no better than a tenth of that, 1 mm and 0.5°;
+- ok otherwise.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+BY_HAND_MM, BY_HAND_DEG = 10.0, 5.0
+
+
+WEAK = 0.1  # of the measurement by hand
+
+
+RANK = 1e-10  # smallest eigenvalue over largest that is not rounding
+
+
+LEAST_TURN_DEG = 1.0  # flange orientations that differ by less are taken for one
+
+
+NEAR_AXIS_DEG = 15.0  # a direction this near to an axis is called by its name
+
+
+POSE_UNITS = np.r_[np.full(3, BY_HAND_MM), np.full(3, np.radians(BY_HAND_DEG))]
+
+
+@dataclass(frozen=True)
+class Spectrum:
+    """How well each direction of the sensor pose is known, worst first; leading axes are a batch."""
+
+    covariance: np.ndarray  # (..., 6, 6) of δ = (ρ, φ) in the sensor's frame, mm and rad
+    sd: np.ndarray  # (..., 6) standard deviations over the measurement by hand
+    directions: np.ndarray  # (..., 6, 6) rows: the directions in units of the measurement by hand, length one
+    rank: np.ndarray  # (...) of the whole information matrix
+    parameters: int
+
+    @property
+    def status(self) -> np.ndarray:
+        """ "ok", "weak" or "unobservable", (...)."""
+        short = (self.rank < self.parameters) | ~(self.sd[..., 0] < 1)
+        return np.where(short, "unobservable", np.where(self.sd[..., 0] < WEAK, "ok", "weak"))
+
+
+def spectrum(information, units) -> Spectrum:
+    """Of information matrices (..., n, n), mm and rad, the sensor pose first.
+
+    `units` (n,): each parameter's measurement by hand, mm or rad.
+    """
+    A = information * units[:, None] * units
+    values, vectors = np.linalg.eigh(A)
+    largest = values[..., -1:]
+    rank = (values > RANK * largest).sum(axis=-1)
+    inverse = 1 / np.maximum(values, 1e-14 * largest)
+    pose = vectors[..., :6, :]
+    C = (pose * inverse[..., None, :]) @ np.swapaxes(pose, -1, -2)
+    return of_covariance(C * POSE_UNITS[:, None] * POSE_UNITS, rank, len(units))
+
+
+def of_covariance(covariance, rank, parameters: int) -> Spectrum:
+    """Of covariances (..., 6, 6) of the sensor pose, mm and rad, and the rank (...) behind them."""
+    variance, axes = np.linalg.eigh(covariance / POSE_UNITS[:, None] / POSE_UNITS)
+    sd, directions = np.sqrt(np.maximum(variance, 0))[..., ::-1], np.swapaxes(axes, -1, -2)[..., ::-1, :]
+    return Spectrum(covariance, sd, directions, rank, parameters)
+
+
+def turns(R_flange) -> tuple[np.ndarray, np.ndarray]:
+    """How much flange orientations (P, 3, 3) differ: angles (3,) in degrees, largest first, and the axis (3,) in the
+    flange's frame that turns least: the one they all turn about, where the last angle is zero."""
+    centred = (R_flange - R_flange.mean(axis=0)).reshape(-1, 3)
+    _, singular, Vt = np.linalg.svd(centred, full_matrices=False)
+    return np.degrees(singular / np.sqrt(len(R_flange))), Vt[2]
+
+
+def name_axis(vector, frame: str) -> str:
+    """A direction as people say it: "the flange's z", or by its components."""
+    vector = np.asarray(vector) / np.linalg.norm(vector)
+    k = int(np.argmax(np.abs(vector)))
+    if np.degrees(np.arccos(min(1, abs(vector[k])))) <= NEAR_AXIS_DEG:
+        return f"the {frame}'s {'xyz'[k]}"
+    vector = vector * np.sign(vector[k])
+    return f"({', '.join(f'{c + 0.0:.2f}' for c in vector)}) in the {frame}'s frame"
+
+
+def name_direction(direction, R_sensor, frame: str = "flange") -> str:
+    """A direction (6,) of the sensor pose in units of the measurement by hand, in the frame that the pose is in."""
+    shift, turn = R_sensor @ direction[:3], R_sensor @ direction[3:]
+    names = []
+    if shift @ shift > 0.2:
+        names.append(f"translation along {name_axis(shift, frame)}")
+    if turn @ turn > 0.2:
+        names.append(f"rotation about {name_axis(turn, frame)}")
+    return " with ".join(names if shift @ shift > 0.5 else names[::-1])
+
+
+def explain(found: Spectrum, R_sensor, R_flange, frame: str = "flange") -> list[str]:
+    """Sentences a person can act on, none where all is well; one problem, flange orientations (P, 3, 3).
+
+    `frame`: that of the sensor pose, "base" for a sensor that stands still; R_flange then has the base in it.
+    """
+    if found.status == "ok":
+        return []
+    angles, axis = turns(R_flange)
+    bad = int((found.sd >= (1 if found.status == "unobservable" else WEAK)).sum()) or 1
+    if bad >= 3 and np.linalg.norm(found.directions[:3, 3:]) < 0.3:
+        what = "translation in every direction"
+    else:
+        what = "; ".join(name_direction(v, R_sensor, frame) for v in found.directions[: min(bad, 3)])
+    sd = found.sd[0]
+    known = f"known only to {sd * BY_HAND_MM:.2g} mm or {sd * BY_HAND_DEG:.2g}°" if sd < 10 else "left open"
+    verb = "cannot be determined" if found.status == "unobservable" else "is poorly determined"
+    if angles[0] < LEAST_TURN_DEG:
+        spread = max(angles[0], 0.01)
+        why = f"all flange orientations agree within {spread:.2g}°; add poses tilted by 15° or more about two axes"
+    elif angles[2] < LEAST_TURN_DEG:
+        tilt = name_axis(axis, frame)
+        others = [c for c in "xyz" if not tilt.endswith(f"'s {c}")]
+        other = f"{others[0]} or {others[1]}" if len(others) == 2 else "another axis"
+        why = f"all rotations are about {tilt}; add a pose tilted about {other} by 15° or more"
+    elif angles[2] < 10:
+        why = f"the orientations differ by only {angles[2]:.2g}° about their least axis; tilt the flange by 15° or more"
+    else:
+        why = "cross the target at other places and in other directions of motion, inside each group of poses too"
+    return [f"{what} {verb} ({known}): {why}"]
+
+
+def two_step_symptoms(M, D) -> tuple[np.ndarray, np.ndarray]:
+    """Of the disk method's linear steps: σ3/σ1 of the translation matrix M (..., 3k, 3) (disk paper, Eq. 18), small
+    where all rotations are about one axis, and σ2/σ1 of the normalised directions D (..., 3, n), small where they are
+    parallel.
+
+    The edge method's, σ9 of A_r over its noise, is `closed_form.edge.judge`'s rotation_strength.
+    """
+    of_M = np.linalg.svd(M, compute_uv=False)
+    of_D = np.linalg.svd(D / np.linalg.norm(D, axis=-2, keepdims=True), compute_uv=False)
+    return of_M[..., 2] / of_M[..., 0], of_D[..., 1] / of_D[..., 0]

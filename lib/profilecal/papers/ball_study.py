@@ -1,0 +1,170 @@
+"""Noise studies of the disk and ball methods at any size: batched, in chunks, the same on any number of workers."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from profilecal.geometry.checks import check_count
+from profilecal.geometry.fitting import circle_from_moments
+from profilecal.papers.monte_carlo import CHUNK, _run_all, _solve
+from profilecal.targets.ball import Ball
+
+ARC_BLOCK = 64  # arcs at once: they fit into the processor's cache
+
+
+@dataclass(frozen=True)
+class BallScans:
+    """Poses that see a ball, the first `translating` in one orientation. Each is swept along the sensor's y."""
+
+    ball: Ball
+    R_sensor: np.ndarray  # (3, 3) sensor on the flange
+    T_sensor: np.ndarray  # (3,) mm
+    R_tcp: np.ndarray  # (n, 3, 3) flange in the base frame
+    T_tcp: np.ndarray  # (n, 3) mm
+    translating: int
+    sweep_mm: float = 10.0  # way from the pose to either end of its motion, along the sensor's y
+    half_view_mm: float = 45.0  # the scanner sees |x| up to here …
+    steepest_deg: float = 60.0  # … and surfaces tilted against its z by up to this
+    x_resolution_mm: float = 0.1
+
+    def positions(self, arcs: int) -> np.ndarray:
+        """Flange positions (n, arcs, 3). They fill the motion so that the first few of them are spread over it too."""
+        golden = (np.sqrt(5) - 1) / 2
+        way = 2 * ((0.5 + golden * np.arange(arcs)) % 1) - 1
+        y = (self.R_tcp @ self.R_sensor)[..., 1]
+        return self.T_tcp[:, None] + self.sweep_mm * way[:, None] * y[:, None]
+
+    def circles(self, arcs: int) -> np.ndarray:
+        """The circles that the scan plane cuts, (n, arcs, 3): x, z, r."""
+        origin = self.positions(arcs) + (self.R_tcp @ self.T_sensor)[:, None]
+        return self.ball.meet((self.R_tcp @ self.R_sensor)[:, None], origin)
+
+    @property
+    def side(self) -> np.ndarray:
+        """+1 where the ball's centre lies towards the sensor's +y, else -1, (n,)."""
+        offset = self.ball.centre - self.T_tcp - self.R_tcp @ self.T_sensor
+        return np.sign(np.einsum("na,na->n", offset, (self.R_tcp @ self.R_sensor)[..., 1]))
+
+    def x_seen(self, circle) -> np.ndarray:
+        """The scanner's x at which it sees the upper side of a circle x, z, r."""
+        reach = circle[2] * np.sin(np.radians(self.steepest_deg))
+        first = np.ceil(max(-self.half_view_mm, circle[0] - reach) / self.x_resolution_mm)
+        last = np.floor(min(self.half_view_mm, circle[0] + reach) / self.x_resolution_mm)
+        return self.x_resolution_mm * np.arange(first, last + 1)
+
+
+@dataclass(frozen=True)
+class BallStudy:
+    """Errors of the two-step ball method for every setting (sigma_mm, m) and trial."""
+
+    sigma_mm: np.ndarray  # (k,) noise of a point's z, mm
+    m: np.ndarray  # (l,) arcs of a pose
+    centre_error: dict[str, np.ndarray]  # per protocol (k, l, trials, 3): the ball's centre in the base frame, mm
+    rotation_error: dict[str, np.ndarray]  # per protocol (k, l, trials, 3) rotation vectors, flange frame, rad
+    clipped: np.ndarray  # (k,) arcs, of all, whose circle is larger than the ball
+    by_svd: dict[str, np.ndarray]  # per protocol (k, l) trials solved by SVD instead of the quaternion
+    failed: dict[str, np.ndarray]  # per protocol (k, l) trials without a finite result
+
+
+PROTOCOLS = ("one arc", "m arcs")  # of the poses that fix the rotation; those for the translation have m arcs
+
+
+def ball_study(
+    scans: BallScans,
+    sigma_mm,
+    m,
+    trials: int,
+    rng: np.random.Generator,
+    *,
+    fit: str = "taubin",
+    workers: int | None = None,
+) -> BallStudy:
+    """The two-step ball method from simulated noisy arcs, Section V-D3, for each sigma_mm (k,) and m (l,).
+
+    A trial draws max(m) arcs a pose and averages ball centres and flange positions of the first m (the equations are
+    linear in both), so different m share noise. Random streams: as in `disk_study`.
+    """
+    sigma_mm, m = np.atleast_1d(np.asarray(sigma_mm, dtype=float)), np.atleast_1d(np.asarray(m, dtype=int))
+    check_count("arcs", int(m.min()), 1, "a ball's centre comes from one arc")
+    shape = (len(sigma_mm), len(m), trials)
+    centre = {protocol: np.empty((*shape, 3)) for protocol in PROTOCOLS}
+    rotation = {protocol: np.empty((*shape, 3)) for protocol in PROTOCOLS}
+    by_svd = {protocol: np.empty(shape, dtype=bool) for protocol in PROTOCOLS}
+    clipped = np.zeros((len(sigma_mm), trials), dtype=int)
+    T_tcp = _running_mean(scans.positions(int(m.max())))
+    fixed, turning = slice(None, scans.translating), slice(scans.translating, None)
+    to_flange = np.swapaxes(scans.R_tcp[1 : scans.translating], -1, -2)
+
+    def run(task):
+        (i, first), stream = task
+        part = slice(first, min(first + CHUNK, trials))
+        q, clipped[i, part] = ball_centres_seen(scans, int(m.max()), sigma_mm[i], part.stop - first, stream, fit)
+        q = _running_mean(q)
+        for j, arcs in enumerate(m):
+            for protocol, of_rotation in zip(PROTOCOLS, (1, arcs), strict=True):
+                q_fixed, T_fixed = q[:, fixed, of_rotation - 1], T_tcp[fixed, of_rotation - 1]
+                X = q_fixed[:, :1] - q_fixed[:, 1:]
+                Y = np.einsum("nab,nb->na", to_flange, T_fixed[1:] - T_fixed[:1])
+                found = _solve(scans, scans.R_tcp[turning], q[:, turning, arcs - 1], T_tcp[turning, arcs - 1], X, Y)
+                centre[protocol][i, j, part], rotation[protocol][i, j, part] = found[0] - scans.ball.centre, found[1]
+                by_svd[protocol][i, j, part] = found[3]
+
+    parts = [(i, first) for i in range(shape[0]) for first in range(0, trials, CHUNK)]
+    _run_all(run, list(zip(parts, rng.spawn(len(parts)), strict=True)), workers)
+    failed = {protocol: (~np.isfinite(error).all(axis=-1)).sum(axis=-1) for protocol, error in centre.items()}
+    by_svd = {protocol: flags.sum(axis=-1) for protocol, flags in by_svd.items()}
+    return BallStudy(sigma_mm, m, centre, rotation, clipped.sum(axis=-1), by_svd, failed)
+
+
+def _running_mean(values) -> np.ndarray:
+    """Means of the first 1, 2, … of values (..., k, 3) along k."""
+    return np.cumsum(values, axis=-2) / np.arange(1, values.shape[-2] + 1)[:, None]
+
+
+def ball_centres_seen(scans: BallScans, arcs: int, sigma_mm: float, size: int, rng, fit: str = "taubin"):
+    """Ball centres in the sensor frame (size, n, arcs, 3), mm, from circles fitted to noisy arcs; and clips (size,).
+
+    x is the scanner's fixed grid, only z is noisy: so the means of x^a z^b are products with fixed powers of x. Units:
+    the circle's radius, about the mean of the noise-free arc.
+    """
+    circles = scans.circles(arcs)
+    fitted = np.empty((size, *circles.shape))
+    noise = np.empty((ARC_BLOCK, round(2 * scans.half_view_mm / scans.x_resolution_mm) + 1))
+    for place in np.ndindex(circles.shape[:2]):
+        cx, cz, r = circles[place]
+        x = scans.x_seen(circles[place])
+        z = cz + np.sqrt(r * r - (x - cx) ** 2)
+        shift = np.array([x.mean(), z.mean(), 0.0])
+        x, z = (x - shift[0]) / r, (z - shift[1]) / r
+        sums = np.empty((8, size))
+        for first in range(0, size, ARC_BLOCK):
+            part = slice(first, min(first + ARC_BLOCK, size))
+            noisy = noise.ravel()[: (part.stop - first) * len(x)].reshape(-1, len(x))
+            rng.standard_normal(out=noisy)
+            noisy *= sigma_mm / r
+            noisy += z
+            sums[:, part] = _arc_sums(x, noisy)
+        fitted[(slice(None), *place)] = shift + r * _circle_from_sums(x, sums, fit)
+    clipped = (fitted[..., 2] > scans.ball.radius).sum(axis=(1, 2))
+    return scans.ball.centre_from_circle(fitted, scans.side[:, None]), clipped
+
+
+def _arc_sums(x, z) -> np.ndarray:
+    """Sums over points x (k,), z (size, k) of z, xz, x²z, z², xz², x²z², z³, z⁴: (8, size)."""
+    powers = np.vander(x, 3, increasing=True)
+    z2 = z * z
+    high = np.einsum("ij,ij->i", z2, z), np.einsum("ij,ij->i", z2, z2)
+    return np.concatenate([(z @ powers).T, (z2 @ powers).T, high])
+
+
+def _circle_from_sums(x, sums, fit: str) -> np.ndarray:
+    """Circles (size, 3) from `_arc_sums`, where the mean of x is 0: the means about the centroid are expanded."""
+    z, xz, xxz, zz, xzz, xxzz, zzz, zzzz = sums / len(x)
+    xx, xxx, xxxx = (x**2).mean(), (x**3).mean(), (x**4).mean()
+    about = {"xx": xx, "xz": xz, "zz": zz - z * z}
+    about["wx"] = xxx + xzz - 2 * z * xz
+    about["wz"] = xxz - xx * z + zzz - 3 * z * zz + 2 * z**3
+    about["ww"] = xxxx + 2 * (xxzz - 2 * z * xxz + z * z * xx) + zzzz - 4 * z * zzz + 6 * z * z * zz - 3 * z**4
+    circles = circle_from_moments(about, fit)
+    circles[:, 1] += z
+    return circles

@@ -1,0 +1,45 @@
+"""The simulations of the disk paper, set up from its printed numbers and from what it leaves open, as parameters."""
+
+import numpy as np
+
+from profilecal.geometry.poses import nearest_rotation, rotation_from_xyz_angles
+from profilecal.papers.ball_study import BallScans
+from profilecal.papers.disk_study import DiskScans, disk_scans
+from profilecal.papers.published import values
+from profilecal.targets.ball import Ball
+from profilecal.targets.disk import Disk
+
+BALL_TRANSLATING = 4  # Section V-D2: the first four rows of Table III share one orientation
+
+
+def sensor_pose(item: str, quantity: str) -> tuple[np.ndarray, np.ndarray]:
+    """R_sensor (3, 3), projected to a rotation, and T_sensor (3,), mm, of a printed calibration matrix."""
+    matrix = values("disk", item, quantity).reshape(-1, 4)[:3]
+    return nearest_rotation(matrix[:, :3]), matrix[:, 3]
+
+
+def fig15_scans(extent) -> DiskScans:
+    """Section V-B: the disk at Eq. 50, the sensor at Eq. 49, orientations and motions of Table I.
+
+    Eq. 48's first and last positions are not printed; `extent` takes their place, as signed fractions of the radius.
+    """
+    normal = values("disk", "Section V-B", "disk normal of the simulation")
+    disk = Disk(values("disk", "Eq. 50", "q_b"), normal, float(values("disk", "Fig. 14", "disk radius")))
+    motion = values("disk", "Table I", "D_b")
+    motion = motion / np.linalg.norm(motion, axis=1, keepdims=True)
+    R_tcp = rotation_from_xyz_angles(values("disk", "Table I", "R_tcp"))
+    seen = values("disk", "Table I", "q")
+    return disk_scans(disk, *sensor_pose("Eq. 49", "Lambda"), R_tcp, seen, motion, extent)
+
+
+def fig17_scans(**free) -> BallScans:
+    """Section V-D3: the poses of Table III, the sensor at Eq. 53, the ball where Eq. 53 puts it.
+
+    The motion of the m arcs and the scanner's view are not printed; `free` sets them, see `BallScans`.
+    """
+    R_sensor, T_sensor = sensor_pose("Eq. 53", "Upsilon")
+    R_tcp = rotation_from_xyz_angles(values("disk", "Table III", "R_tcp"))
+    T_tcp, q = values("disk", "Table III", "T_tcp"), values("disk", "Table III", "q")
+    centres = np.einsum("nab,nb->na", R_tcp, q @ R_sensor.T + T_sensor) + T_tcp
+    ball = Ball(centres[BALL_TRANSLATING:].mean(axis=0), float(values("disk", "Fig. 14", "ball radius")))
+    return BallScans(ball, R_sensor, T_sensor, R_tcp, T_tcp, BALL_TRANSLATING, **free)

@@ -1,0 +1,78 @@
+"""Every notebook executed, and what they hand out gathered under one folder with the scorecard."""
+
+import json
+import shutil
+import time
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from pathlib import Path
+
+import pandas as pd
+from tqdm import tqdm
+
+from profilecal.papers import scorecard
+from profilecal.running import notebooks
+
+OWNED = ("notebooks", "figures", "tables", "scorecard.csv", "scorecard.md")
+
+
+def start_clean(output: Path) -> None:
+    """Make `output` hold nothing of an earlier run, and nothing but that is removed.
+
+    Raises ValueError when what is in the way was not written by an earlier run.
+    """
+    marker = output / "run.json"
+    in_the_way = [output / name for name in OWNED if (output / name).exists()]
+    if in_the_way and not marker.exists():
+        raise ValueError(f"{in_the_way[0]} was not written by this command; name a new or empty folder")
+    for path in in_the_way:
+        shutil.rmtree(path) if path.is_dir() else path.unlink()
+    for name in OWNED[:3]:
+        (output / name).mkdir(parents=True)
+
+
+def reproduce(paths: list[Path], given: dict, output: Path) -> tuple[pd.DataFrame, dict[str, str]]:
+    """Execute notebooks in parallel and gather their scorecards; return it and, by name, why some failed.
+
+    A notebook that declares `executed_dir` reads the others' results and runs after them.
+    """
+    output = output.resolve()
+    parameters = notebooks.check_parameters(paths, given)
+    declared = {path: notebooks.parameters_of(path) for path in paths}
+    for path in paths:
+        if "results_dir" in declared[path]:
+            parameters[path].setdefault("results_dir", str(output))
+        if "executed_dir" in declared[path]:
+            parameters[path].setdefault("executed_dir", str(output / "notebooks"))
+    readers = [path for path in paths if "executed_dir" in declared[path]]
+    start_clean(output)
+    (output / "run.json").write_text(json.dumps({"notebooks": [path.stem for path in paths], "parameters": given}))
+
+    failed = {}
+    total = sum(
+        notebooks.count_cells(path) + bool(parameters[path]) for path in paths
+    )  # papermill adds a cell for them
+    with tqdm(total=total, unit="cell", disable=None, bar_format="{l_bar}{bar}| {n}/{total} cells {elapsed}") as bar:
+
+        def execute(path: Path) -> float:
+            start = time.perf_counter()
+            notebooks.run(path, output / "notebooks" / path.name, parameters[path], bar.update)
+            return time.perf_counter() - start
+
+        for group in ([path for path in paths if path not in readers], readers):
+            with ThreadPoolExecutor(max_workers=notebooks.cores()) as pool:
+                runs = {pool.submit(execute, path): path.stem for path in group}
+                try:
+                    for run in as_completed(runs):
+                        try:
+                            bar.write(f"  {runs[run]}: {run.result():.1f} s")
+                        except notebooks.NotebookError as error:
+                            failed[runs[run]] = str(error)
+                            bar.write(f"  {runs[run]}: FAILED")
+                except BaseException:
+                    pool.shutdown(wait=False, cancel_futures=True)
+                    notebooks.stop_all()
+                    raise
+
+    gathered = scorecard.gather(output / "notebooks")
+    scorecard.write(gathered, output)
+    return gathered, failed

@@ -1,0 +1,345 @@
+"""From a scan folder to the answer, through the command line where the contract is the command line's."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from scipy.stats import binom, chi2
+
+from profilecal.calibrate.calibration import calibrate
+from profilecal.calibrate.check import affine_outliers, check
+from profilecal.calibrate.observe import as_observations, observations
+from profilecal.calibrate.verify import verify
+from profilecal.cli import main
+from profilecal.geometry.noise import Noise
+from profilecal.joint.state import pose_error
+from profilecal.scan.folder import write_scan
+from profilecal.scan.scan import ScanError
+from profilecal.simulate.spec import Spec, simulate_scan
+
+KEYS = [
+    "status",
+    "T_flange_sensor",
+    "covariance",
+    "translation_sd_mm",
+    "rotation_sd_deg",
+    "rms_mm",
+    "chi2_per_dof",
+    "noise_mm",
+    "noise_source",
+    "poses_used",
+    "poses_rejected",
+    "observability",
+    "method",
+    "target",
+    "messages",
+]
+
+
+def run(*arguments):
+    return CliRunner().invoke(main, [str(argument) for argument in arguments])
+
+
+def truth(scan):
+    key = "T_flange_sensor" if scan.mount == "eye-in-hand" else "T_base_sensor"
+    return np.array(scan.truth[key])
+
+
+def squared_error(scan, found):
+    """Of the sensor pose, in units of the stated covariance."""
+    T = truth(scan)
+    delta = pose_error(found.solution.rotation, found.solution.translation, T[:3, :3], T[:3, 3])
+    return delta @ np.linalg.solve(found.solution.covariance, delta)
+
+
+@pytest.mark.parametrize("kind", ["edge", "disk", "point"])
+@pytest.mark.parametrize("mount", ["eye-in-hand", "eye-to-hand"])
+def test_the_truth_lies_in_the_stated_region(kind, mount):
+    scans = [simulate_scan(Spec(kind=kind, mount=mount, seed=seed)) for seed in range(25)]
+    inside = sum(squared_error(scan, calibrate([scan])) < chi2.ppf(0.95, 6) for scan in scans)
+    assert binom.ppf(1e-4, 25, 0.95) <= inside
+
+
+def test_arcs_give_the_pose_within_their_noise():
+    for seed in range(10):
+        scan = simulate_scan(Spec(kind="ball", seed=seed))
+        found = calibrate([scan])
+        assert found.solution.noise_source == "estimated"
+        assert squared_error(scan, found) < chi2.ppf(0.9999, 6)
+
+
+def test_the_json_is_the_contract(tmp_path):
+    scan = simulate_scan(Spec(seed=5))
+    write_scan(scan, tmp_path / "scan")
+    result = run("calibrate", tmp_path / "scan", "--json")
+    assert result.exit_code == 0
+    found = json.loads(result.output)
+    assert list(found) == KEYS
+    assert found["status"] == "ok"
+    np.testing.assert_allclose(found["T_flange_sensor"], truth(scan), atol=0.5)
+    covariance = np.array(found["covariance"])
+    assert covariance.shape == (6, 6)
+    np.testing.assert_allclose(np.sqrt(np.diag(covariance)), found["translation_sd_mm"] + found["rotation_sd_deg"])
+    assert found["noise_mm"] == 0.05
+    assert found["noise_source"] == "given"
+    assert found["poses_used"] == list(scan.labels)
+    assert found["poses_rejected"] == []
+    assert found["target"]["kind"] == "edge"
+    assert len(found["observability"]["singular_values"]) == 6
+
+
+def test_eye_to_hand_has_its_own_key(tmp_path):
+    scan = simulate_scan(Spec(kind="disk", mount="eye-to-hand", seed=5))
+    write_scan(scan, tmp_path / "scan", ".parquet")
+    found = json.loads(run("calibrate", tmp_path / "scan", "--json").output)
+    assert "T_flange_sensor" not in found
+    np.testing.assert_allclose(found["T_base_sensor"], truth(scan), atol=0.5)
+
+
+def test_several_targets_know_more_than_each():
+    edge, disk = (simulate_scan(Spec(kind=kind, seed=6, title=kind)) for kind in ("edge", "disk"))
+    alone = [calibrate([scan]).solution.covariance for scan in (edge, disk)]
+    together = calibrate([edge, disk])
+    for covariance in alone:
+        assert np.linalg.eigvalsh(covariance - together.solution.covariance).min() > -1e-12
+    assert squared_error(edge, together) < chi2.ppf(0.9999, 6)
+    assert together.labels(rejected=False)[0] == "edge: g1p1"
+    assert [target["kind"] for target in together.to_json()["target"]] == ["edge", "disk"]
+
+
+def test_features_of_different_precision_are_weighed():
+    edge, ball = (
+        simulate_scan(Spec(kind=kind, seed=6, title=kind, measured="profiles", groups=8, positions=4))
+        for kind in ("edge", "ball")
+    )
+    together = calibrate([edge, ball])
+    corners, arcs = (observations(scan).covariance for scan in (edge, ball))
+    unit = np.median(np.sqrt(np.trace(corners, axis1=1, axis2=2) / 2))
+    for entry, covariance in zip(together.observed, (corners, arcs), strict=True):
+        np.testing.assert_allclose(entry.covariance[0], covariance / unit**2)
+    assert squared_error(edge, together) < chi2.ppf(0.9999, 6)
+
+
+def test_planted_outliers_are_named_by_check_and_rejected_by_calibrate():
+    scan = simulate_scan(Spec(seed=7))
+    bad = [3, 77, 200]
+    values = [v + 0.7 * (i in bad) for i, v in enumerate(scan.values)]
+    scan = replace(scan, values=tuple(values))
+    labels = [scan.labels[i] for i in bad]
+    assert calibrate([scan]).labels(rejected=True) == labels
+    said = "\n".join(check(scan))
+    for label in labels:
+        assert f"pose {label} does not fit its group" in said
+
+
+def test_check_rarely_doubts_a_good_scan():
+    doubted = 0
+    for seed in range(60):
+        scan = simulate_scan(Spec(seed=seed))
+        doubted += bool(affine_outliers(as_observations(scan, observations(scan))))
+    assert doubted <= binom.ppf(0.9999, 60, 0.02)
+
+
+def test_one_orientation_is_unobservable_with_status_3_and_the_cure(tmp_path):
+    scan = simulate_scan(Spec(seed=8, spread_deg=0.0))
+    write_scan(scan, tmp_path / "scan")
+    result = run("calibrate", tmp_path / "scan", "--json")
+    assert result.exit_code == 3
+    found = json.loads(result.output)
+    assert list(found) == KEYS
+    assert found["status"] == "unobservable"
+    assert found["T_flange_sensor"] is None
+    assert "add poses tilted by 15° or more about two axes" in " ".join(found["messages"])
+    assert "add poses tilted" in run("check", tmp_path / "scan").output
+
+
+def test_too_few_measurements_are_unobservable_too():
+    scan = simulate_scan(Spec(seed=8, groups=4, positions=1))
+    found = calibrate([scan])
+    assert found.status == "unobservable"
+    assert found.to_json()["poses_used"] == []
+    assert "add poses" in found.messages[0]
+
+
+def test_poses_without_a_measurement_are_left_out_and_named():
+    scan = simulate_scan(Spec(seed=9))
+    values = tuple(v[:0] if i == 4 else v for i, v in enumerate(scan.values))
+    found = calibrate([replace(scan, values=values)])
+    assert "no point from pose g1p5" in found.messages
+    assert "g1p5" not in found.labels(rejected=False)
+
+
+def test_a_wrong_side_is_said():
+    scan = simulate_scan(Spec(kind="ball", seed=3))
+    found = calibrate([replace(scan, side=-scan.side)])
+    assert any("other side of the scan plane than stated" in message for message in found.messages)
+    assert not calibrate([scan]).messages
+
+
+def test_scans_that_do_not_belong_together_are_refused():
+    scan = simulate_scan(Spec(seed=1))
+    with pytest.raises(ScanError, match="expected one mount"):
+        calibrate([scan, simulate_scan(Spec(seed=1, mount="eye-to-hand"))])
+    with pytest.raises(ScanError, match=r"noise profile_mm is 0\.05 in one scan and 0\.1 in another"):
+        calibrate([scan, replace(scan, noise={"profile_mm": 0.1})])
+    with pytest.raises(ScanError, match="the target was found from 0 poses; expected 3 or more"):
+        calibrate([replace(scan, values=tuple(v[:0] for v in scan.values))])
+
+
+def test_a_guess_and_a_controller_are_taken(tmp_path):
+    scan = simulate_scan(Spec(seed=2))
+    write_scan(scan, tmp_path / "scan")
+    result = run("calibrate", tmp_path / "scan", "--guess", 0, 0, 0, 10, 20, 30, "--to", "kuka")
+    assert result.exit_code == 0
+    assert result.output.splitlines()[0] == "status         ok"
+    assert result.output.splitlines()[-1].startswith("{X ")
+    refused = run("calibrate", tmp_path / "scan", "--to", "acme")
+    assert refused.exit_code == 2
+    assert (
+        refused.output
+        == "profilecal: controller is 'acme'; expected one of abb, kuka, ur, fanuc, staubli, ros, matrix\n"
+    )
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (["--json", "--to", "kuka"], "--json prints one JSON object and nothing else; ask for --to without it"),
+        (["--guess", *["nan"] * 6], "--guess is nan nan nan nan nan nan; expected six numbers, mm and degrees"),
+        (["--report", "/proc/report.html"], "/proc/report.html: no report can be written there"),
+    ],
+)
+def test_options_that_cannot_be_met_are_refused(tmp_path, options, sentence):
+    write_scan(simulate_scan(Spec(kind="ball")), tmp_path / "scan")
+    result = run("calibrate", tmp_path / "scan", *options)
+    assert result.exit_code == 2
+    assert result.output.startswith(f"profilecal: {sentence}")
+
+
+def test_a_scan_given_twice_is_refused(tmp_path):
+    scan = simulate_scan(Spec(kind="ball", measured="profiles"))
+    copy = replace(scan, title="a copy", labels=tuple(reversed(scan.labels)))
+    with pytest.raises(ScanError, match=r"a copy: .*: the same measurement as simulated ball"):
+        calibrate([scan, copy])
+
+
+def test_notes_on_several_scans_name_the_scan():
+    scans = [simulate_scan(Spec(kind=kind, measured="profiles", seed=1)) for kind in ("ball", "disk")]
+    scans = [replace(s, title=s.kind, values=(np.full((9, 2), np.nan), *s.values[1:])) for s in scans]
+    notes = [message for message in calibrate(scans).messages if "left out" in message]
+    assert notes[0].startswith("ball: 1 left out, ")
+    assert notes[1].startswith("disk: 1 left out, nothing in this profile")
+
+
+@pytest.mark.parametrize("wrong", ["side", "x and z"])
+def test_a_ball_on_the_other_side_is_not_ok(wrong, tmp_path):
+    scan = simulate_scan(Spec(kind="ball", measured="profiles", convention="FANUC angles", seed=1))
+    if wrong == "side":
+        scan = replace(scan, side=-scan.side)
+    else:
+        scan = replace(scan, values=tuple(profile[:, ::-1] for profile in scan.values))
+    write_scan(scan, tmp_path / "scan")
+    result = run("calibrate", tmp_path / "scan", "--to", "kuka")
+    assert "status         weak" in result.output
+    assert "the ball's centre lies on the other side" in result.output
+    assert ("are x and z exchanged?" in result.output) == (wrong == "x and z")
+    assert "not to be relied on" in result.output
+
+
+@pytest.mark.parametrize("command", [["calibrate"], ["check"], ["verify", "--with", "x.json"]])
+def test_a_missing_folder_is_one_sentence(tmp_path, command):
+    result = run(command[0], tmp_path / "nowhere", *command[1:])
+    assert result.exit_code == 2
+    assert result.output == f"profilecal: {tmp_path / 'nowhere'}: no such folder\n"
+
+
+def test_simulate_writes_a_scan_that_calibrates_to_its_truth(tmp_path):
+    spec = tmp_path / "spec.toml"
+    spec.write_text('kind = "disk"\nseed = 4\nconvention = "KUKA angles"\n[noise]\nprofile_mm = 0.02\n')
+    assert run("simulate", spec, tmp_path / "scan").exit_code == 0
+    assert (tmp_path / "scan" / "truth.toml").exists()
+    assert run("calibrate", tmp_path / "scan").exit_code == 0
+    again = run("simulate", spec, tmp_path / "scan")
+    assert again.exit_code == 2
+    assert "not empty; name a new folder" in again.output
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ('knid = "edge"', "unknown entry 'knid' in the specification; there are kind, title"),
+        ('kind = "egde"', "kind is 'egde'; expected one of edge, disk"),
+        ('kind = "edge"\ngroups = 2.5', "groups is 2.5 in the specification; expected int, zero or more"),
+        ("[noise]\nprofile = 1", "unknown entry 'profile' in [noise]; there are profile_mm"),
+        ('kind = "edge"\nmeasured = "chords"', "measured is 'chords'; expected one of profiles, points"),
+        ("kind = ", "spec.toml: Invalid value"),
+    ],
+)
+def test_a_wrong_specification_is_refused(tmp_path, text, sentence):
+    (tmp_path / "spec.toml").write_text(text)
+    result = run("simulate", tmp_path / "spec.toml", tmp_path / "scan")
+    assert result.exit_code == 2
+    assert sentence in result.output
+    assert not (tmp_path / "scan").exists()
+
+
+@pytest.mark.parametrize("kind", ["edge", "disk", "ball", "point"])
+def test_verify_believes_a_right_pose_and_doubts_a_wrong_one(kind):
+    rng, believed, doubted = np.random.default_rng(1), 0, 0
+    for seed in range(10):
+        found = calibrate([simulate_scan(Spec(seed=seed))]).solution
+        other = simulate_scan(Spec(kind=kind, seed=seed))  # the same seed: the same mount
+        T = found.T_flange_sensor
+        believed += verify(other, T, found.covariance, found.noise_mm, rng).as_expected
+        wrong = T @ np.block([[np.eye(3), np.full((3, 1), 1.0)], [np.zeros((1, 3)), np.ones((1, 1))]])
+        doubted += not verify(other, wrong, found.covariance, found.noise_mm, rng).as_expected
+    assert believed >= 8
+    assert doubted == 10
+
+
+def test_verify_reads_what_calibrate_printed(tmp_path):
+    write_scan(simulate_scan(Spec(seed=5)), tmp_path / "edge")
+    write_scan(simulate_scan(Spec(kind="ball", seed=5)), tmp_path / "ball")
+    (tmp_path / "T.json").write_text(run("calibrate", tmp_path / "edge", "--json").output)
+    result = run("verify", tmp_path / "ball", "--with", tmp_path / "T.json")
+    assert result.exit_code == 0, result.output
+    assert "sphere through" in result.output
+
+
+WRONG = {
+    "nothing": (lambda found: {}, "not what `profilecal calibrate --json` prints"),
+    "no pose": (lambda found: found | {"T_flange_sensor": None}, "no sensor pose"),
+    "a scaled pose": (lambda found: found | {"T_flange_sensor": np.diag([2, 2, 2, 1]).tolist()}, "not orthonormal"),
+    "a reflection": (lambda found: found | {"T_flange_sensor": np.diag([-1, 1, 1, 1]).tolist()}, "a reflection"),
+    "a row lost": (lambda found: found | {"T_flange_sensor": found["T_flange_sensor"][:3]}, "a 4x4 transform"),
+    "transposed": (
+        lambda found: found | {"T_flange_sensor": np.transpose(found["T_flange_sensor"]).tolist()},
+        "last row",
+    ),
+    "a negative variance": (
+        lambda found: found | {"covariance": (-np.array(found["covariance"])).tolist()},
+        "positive",
+    ),
+}
+
+
+@pytest.mark.parametrize("wrong", WRONG)
+def test_verify_refuses_what_is_no_pose(wrong, tmp_path):
+    change, why = WRONG[wrong]
+    scan = simulate_scan(Spec(kind="ball", seed=5))
+    write_scan(scan, tmp_path / "ball")
+    (tmp_path / "T.json").write_text(json.dumps(change(calibrate([scan]).to_json())))
+    result = run("verify", tmp_path / "ball", "--with", tmp_path / "T.json")
+    assert result.exit_code == 2
+    assert why in result.output
+    assert "T.json" in result.output
+    assert result.output.count("\n") == 1
+
+
+def test_robot_errors_are_part_of_the_stated_uncertainty():
+    noise = Noise(profile_mm=0.05, position_mm=0.05, orientation_deg=0.01, group_position_mm=0.2)
+    scans = [simulate_scan(Spec(seed=seed, noise=noise)) for seed in range(20)]
+    inside = sum(squared_error(scan, calibrate([scan])) < chi2.ppf(0.95, 6) for scan in scans)
+    assert binom.ppf(1e-4, 20, 0.95) <= inside

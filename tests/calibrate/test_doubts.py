@@ -1,0 +1,147 @@
+"""What is wrong in the same way everywhere is named, and no wrong answer claims to be right."""
+
+import os
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.stats import binom, chi2
+
+from profilecal.calibrate.calibration import calibrate
+from profilecal.calibrate.doubts import FALSE_ALARM
+from profilecal.geometry.noise import Noise
+from profilecal.joint.state import pose_error
+from profilecal.scan.folder import read_scan
+from profilecal.scan.handeyesync import read_handeyesync
+from profilecal.simulate.spec import Spec, simulate_scan
+
+EXAMPLES = Path(__file__).parents[2] / "data" / "examples"
+
+
+def example(kind):
+    return read_scan(EXAMPLES / kind)
+
+
+def distance(scan, found):
+    """Of the answer from the truth, in standard deviations, and the largest of a component."""
+    T, s = np.array(scan.truth["T_flange_sensor"]), found.solution
+    delta = pose_error(s.rotation, s.translation, T[:3, :3], T[:3, 3])
+    return np.sqrt(delta @ np.linalg.solve(s.covariance, delta)), np.max(np.abs(delta) / np.sqrt(np.diag(s.covariance)))
+
+
+def profiles(scan, A):
+    return replace(scan, values=tuple(points @ np.array(A) for points in scan.values))
+
+
+def moved(scan, T):
+    return replace(scan, T_base_flange=scan.T_base_flange + T)
+
+
+def steps(scan):
+    return np.linspace(0, 1, len(scan.labels))[:, None]
+
+
+WRONG = {
+    "edge scale": (
+        "edge",
+        lambda s: profiles(s, [[1.01, 0], [0, 1.01]]),
+        "the profiles' x and z were too long by +1 %",
+    ),
+    "x": ("ball", lambda s: profiles(s, [[0.995, 0], [0, 1]]), "the profiles' x were too long by -0."),
+    "z": ("ball", lambda s: profiles(s, [[1, 0], [0, 1.01]]), "the profiles' z were too long by +0."),
+    "shear": ("disk", lambda s: profiles(s, [[1, 0], [0.003, 1]]), "the profiles' x grew with z by +0.3"),
+    "drift": ("disk", lambda s: moved(s, [0.5, 0, 0] * steps(s)), "drifted along the base's x by 0."),
+    "jump": ("disk", lambda s: moved(s, [0, 1, 0] * (steps(s) > 0.75)), "were shifted along the base's"),
+    "robot": ("edge", lambda s: moved(s, 0.01 * s.T_base_flange), "positions were too far apart by +0.9"),
+    "one axis": (
+        "ball",
+        lambda s: moved(s, [0, 0.01, 0] * s.T_base_flange),
+        "along the base's y were too far apart by +",
+    ),
+    "radius": ("disk", lambda s: replace(s, radius=50.5), "the radius were too large by +"),
+}
+
+
+@pytest.mark.parametrize("wrong", WRONG)
+def test_what_is_wrong_everywhere_is_named_and_widens_the_region(wrong):
+    kind, change, sentence = WRONG[wrong]
+    scan = change(example(kind))
+    found = calibrate([scan])
+    named = [message for message in found.messages if sentence in message]
+    assert named, found.messages
+    assert named[0].endswith("the covariance is enlarged to match")
+    assert distance(scan, found)[1] < 5 or found.status == "weak"
+
+
+def test_good_scans_are_rarely_doubted():
+    scans = [simulate_scan(Spec(kind=kind, seed=seed)) for kind in ("edge", "disk", "ball") for seed in range(30)]
+    doubted = sum(bool(calibrate([scan]).messages) for scan in scans)
+    assert doubted <= binom.ppf(0.9999, len(scans), FALSE_ALARM)
+
+
+@pytest.mark.parametrize("kind", ["edge", "disk", "ball"])
+def test_the_examples_and_robot_errors_are_not_doubted(kind):
+    assert calibrate([example(kind)]).status == "ok"
+    scan, rng = example(kind), np.random.default_rng(1)
+    found = calibrate([moved(scan, 0.1 * rng.normal(size=(len(scan.labels), 3)))])
+    assert found.status == "ok"
+    assert distance(scan, found)[0] < np.sqrt(chi2.isf(1e-4, 6))
+
+
+def test_what_orientation_errors_would_add_is_said_unless_they_are_stated():
+    """As much as a calibration with them stated then gives."""
+    scan = example("ball")
+    found = calibrate([scan])
+    said = [message for message in found.messages if "no orientation errors" in message]
+    assert len(said) == 1
+    stated = calibrate([replace(scan, noise={"profile_mm": 0.05, "orientation_deg": 0.02})])
+    assert not any("no orientation errors" in message for message in stated.messages)
+    largest = np.sqrt(np.linalg.eigvalsh(stated.solution.covariance[:3, :3])[-1])
+    assert float(said[0].split("standard deviation ")[1].split(" mm")[0]) == pytest.approx(largest, rel=0.1)
+
+
+@pytest.mark.parametrize("kind", ["edge", "disk", "ball"])
+def test_contradictions_are_no_robot_errors(kind):
+    """An implausible robot position error must not explain a scan whose poses are wrong."""
+    scan, rng = example(kind), np.random.default_rng(1)
+    found = calibrate([moved(scan, 10 * rng.normal(size=(len(scan.labels), 3)))])
+    assert found.status != "ok"
+    assert any("contradict" in m and "check the mount, units and convention of the poses" in m for m in found.messages)
+
+
+def test_many_rejected_poses_are_doubted():
+    scan = example("ball")
+    bad = np.arange(len(scan.labels)) % 5 < 2  # two fifths, in every group
+    found = calibrate([moved(scan, np.where(bad, 1.0, 0.0)[:, None] * np.random.default_rng(2).normal(size=(30, 3)))])
+    assert found.status == "weak"
+    assert any("poses contradict the others" in message for message in found.messages)
+
+
+def test_stated_noise_that_does_not_explain_the_residuals_widens_the_region():
+    noise = Noise(profile_mm=0.05)
+    scans = [simulate_scan(Spec(seed=seed, noise=noise)) for seed in range(15)]
+    scans = [replace(scan, noise={"profile_mm": 0.02}) for scan in scans]
+    found = [calibrate([scan]) for scan in scans]
+    said = [re.match(r"residuals are ([\d.]+) times what the stated noise explains", f.messages[0]) for f in found]
+    assert [float(match[1]) for match in said] == pytest.approx([2.5] * 15, rel=0.2)  # 0.05 over 0.02
+    assert all(f.messages[0].endswith("the covariance is enlarged to match") for f in found)
+    inside = sum(distance(s, f)[0] ** 2 < chi2.ppf(0.95, 6) for s, f in zip(scans, found, strict=True))
+    assert inside >= binom.ppf(1e-3, 15, 0.95)
+    worse = calibrate([replace(scans[0], noise={"profile_mm": 0.005})])
+    assert worse.status == "weak"
+
+
+def test_eye_to_hand_drifts_are_named_too():
+    scan = simulate_scan(Spec(kind="disk", mount="eye-to-hand", seed=5))
+    found = calibrate([moved(scan, [0, 0, 2.0] * steps(scan))])
+    assert any("drifted along the base's z by 2" in message for message in found.messages), found.messages
+
+
+@pytest.mark.parametrize("name", ["edge", "sphere"])
+def test_real_scans_stay_ok(name):
+    folder = os.environ.get("PROFILECAL_REAL_DATA")
+    if not folder:
+        pytest.skip("the measurements of HandEyeSync are not here: PROFILECAL_REAL_DATA is not set")
+    assert calibrate([read_handeyesync(Path(folder) / "handeyesync" / name)]).status == "ok"

@@ -1,0 +1,49 @@
+"""Cross-validation: predictions from the other orientations are as far off as stated, and a bad orientation shows."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+from profilecal.calibrate.calibration import calibrate
+from profilecal.calibrate.leave_out import leave_out
+from profilecal.geometry.noise import Noise
+from profilecal.simulate.spec import Spec, simulate_scan
+
+
+@pytest.mark.parametrize("kind", ["edge", "disk", "ball", "plane", "point"])
+def test_predictions_are_as_far_off_as_expected(kind):
+    noise = Noise(profile_mm=0.05, position_mm=0.03, group_position_mm=0.05)
+    squares, doubted, count = 0.0, 0, 0
+    for seed in range(3):
+        left = leave_out(calibrate([simulate_scan(Spec(kind, seed=seed, noise=noise, groups=8))]))
+        squares += np.sum(left.rms_mm**2 / left.expected_mm**2)
+        doubted, count = doubted + left.doubted.sum(), count + len(left.rms_mm)
+    assert count >= 20
+    # the residuals of an orientation are few and correlated: at most as uncertain as one normal number each
+    assert squares / count == pytest.approx(1, abs=norm.isf(1e-3) * np.sqrt(2 / count))
+    assert doubted <= 1
+
+
+def test_an_orientation_that_does_not_fit_is_named():
+    scan = simulate_scan(Spec("edge", seed=2, groups=8, noise=Noise(profile_mm=0.05)))
+    values = list(scan.values)
+    for k in range(30, 40):
+        values[k] = values[k] + [0.15, 0.0]  # too little for any pose to be rejected
+    found = calibrate([replace(scan, values=tuple(values))])
+    left = leave_out(found)
+    assert np.flatnonzero(left.doubted).tolist() == [3]
+    assert "poses g4p1 to g4p10 does not fit the other orientations" in " ".join(left.messages())
+
+
+def test_an_orientation_that_is_needed_is_named():
+    scan = simulate_scan(Spec("ball", seed=2, groups=3, positions=4, spread_deg=40))
+    left = leave_out(calibrate([scan]))
+    assert len(left.messages()) == 1 + np.isnan(left.rms_mm).sum() + left.doubted.sum() - np.isnan(left.rms_mm).all()
+
+
+def test_only_a_joint_answer_can_be_cross_validated():
+    found = calibrate([simulate_scan(Spec("edge"))], method="closed-form", rng=np.random.default_rng(1))
+    with pytest.raises(ValueError, match="only a joint calibration that has an answer"):
+        leave_out(found)

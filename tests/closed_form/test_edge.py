@@ -1,0 +1,207 @@
+import numpy as np
+import pytest
+
+from profilecal.closed_form import edge
+from profilecal.closed_form.edge import edge_equations, judge, solve_edge
+from profilecal.geometry.checks import UnobservableError
+from profilecal.geometry.noise import Noise
+from profilecal.geometry.poses import angle_between, rotations
+from profilecal.papers.edge_plan import EdgePlan, above
+from profilecal.papers.edge_scenes import edge_scenes, sense_edge
+from profilecal.simulate.plan import Poses
+from profilecal.targets.edge import Edge
+
+SPACE = EdgePlan(motion="space")
+
+
+def data(scene, index=...):
+    """What solve_edge takes, of one scene of a batch."""
+    return scene.poses.rotations[index], scene.poses.positions[index], scene.points[index]
+
+
+def test_noise_free_data_give_the_sensor_pose_back():
+    rng = np.random.default_rng(1)
+    for plan in (SPACE, EdgePlan()):
+        scene = edge_scenes(plan, Noise(), rng, (200,))
+        solution = edge_equations(*data(scene))
+        assert np.degrees(angle_between(solution.R_sensor, scene.R_sensor)).max() < 1e-9
+        assert np.linalg.norm(solution.T_sensor - scene.T_sensor, axis=-1).max() < 1e-9
+        np.testing.assert_allclose(np.abs((solution.u_b * scene.edge.direction).sum(axis=-1)), 1, rtol=1e-12)
+        from_edge = np.cross(solution.p_b - scene.edge.point[:, None, None], scene.edge.direction[:, None, None])
+        assert np.abs(from_edge).max() < 1e-9
+
+
+def test_three_groups_of_three_positions_suffice():
+    scene = edge_scenes(EdgePlan(groups=3, positions=3), Noise(), np.random.default_rng(14), (200,))
+    solution = edge_equations(*data(scene))
+    condition = solution.rotation.S[:, 0] / solution.rotation.S[:, 8]
+    rounding = 1000 / 25 * np.finfo(float).eps  # of coordinates of a metre, over the arc's radius
+    assert (angle_between(solution.R_sensor, scene.R_sensor) < 10 * rounding * condition).all()
+
+
+@pytest.mark.parametrize("plan", [SPACE, EdgePlan(groups=4, positions=4), EdgePlan(groups=3, positions=3)])
+def test_the_reduced_system_has_the_solution_and_singular_values_of_all_pairs(plan):
+    scene = edge_scenes(plan, Noise(0.05), np.random.default_rng(2))
+    reduced, plain = (edge_equations(*data(scene), pairs=pairs) for pairs in ("reduced", "all"))
+    assert len(reduced.rotation.b_r) <= len(plain.rotation.b_r)
+    np.testing.assert_allclose(reduced.rotation.S, plain.rotation.S, rtol=1e-11)
+    np.testing.assert_allclose(reduced.translation.S, plain.translation.S, rtol=1e-11)
+    condition = plain.rotation.S[0] / plain.rotation.S[-1]
+    np.testing.assert_allclose(reduced.R_sensor, plain.R_sensor, atol=1e-14 * condition**2)
+    np.testing.assert_allclose(reduced.T_sensor, plain.T_sensor, atol=1e-11 * condition**2)
+
+
+def test_a_batch_is_solved_as_its_members_are():
+    scene = edge_scenes(SPACE, Noise(0.05), np.random.default_rng(3), (2, 3))
+    batch = edge_equations(*data(scene))
+    for index in np.ndindex(2, 3):
+        single = edge_equations(*data(scene, index))
+        np.testing.assert_allclose(batch.R_sensor[index], single.R_sensor, atol=1e-13)
+        np.testing.assert_allclose(batch.T_sensor[index], single.T_sensor, atol=1e-10)
+
+
+ARC, SPATIAL = {"motion": "arc"}, {"motion": "space"}
+RANKS = [  # of A_r and A_t, for one, two, three and ten groups
+    (ARC | {"positions": 3}, [(3, 0), (6, 2), (9, 3), (9, 3)]),
+    (ARC | {"positions": 10}, [(3, 0), (6, 2), (9, 3), (9, 3)]),
+    (ARC | {"positions": 10, "frame": "group"}, [(3, 0), (6, 2), (9, 3), (9, 3)]),
+    (SPATIAL | {"positions": 4}, [(7, 0), (9, 2), (9, 3), (9, 3)]),
+    (SPATIAL | {"positions": 10}, [(7, 0), (9, 2), (9, 3), (9, 3)]),
+    (ARC | {"tilt_deg": 0.0}, [(2, 0), (4, 2), (6, 3), (6, 3)]),
+    (ARC | {"frame": "tool"}, [(3, 0), (5, 2), (6, 3), (6, 3)]),
+    ({"motion": "line"}, [(0, 0), (0, 2), (0, 3), (0, 3)]),
+    (SPATIAL | {"one_axis": True}, [(7, 0), (9, 2), (9, 2), (9, 2)]),
+]
+
+
+@pytest.mark.parametrize(("motion", "expected"), RANKS)
+def test_rank_of_the_two_systems(motion, expected):
+    for groups, ranks in zip((1, 2, 3, 10), expected, strict=True):
+        scene = edge_scenes(EdgePlan(groups=groups, **motion), Noise(), np.random.default_rng(4), (20,))
+        solution = edge_equations(*data(scene))
+        assert (solution.rotation.rank == ranks[0]).all()
+        assert (solution.translation.rank == ranks[1]).all()
+
+
+def test_noise_gain_is_the_derivative_of_the_singular_value_summed_over_all_points():
+    rng = np.random.default_rng(5)
+    R_b, T_b, p_s = data(edge_scenes(EdgePlan(groups=3, positions=4), Noise(), rng))
+    v = rng.normal(size=9)
+    squares = 0.0
+    for index in np.ndindex(p_s.shape):  # A_r is linear in each coordinate, so a difference is a derivative
+        moved = p_s.copy()
+        moved[index] += 1
+        change = edge.rotation_system(R_b, T_b, moved, "all")[0] - edge.rotation_system(R_b, T_b, p_s, "all")[0]
+        squares += np.sum((change @ v) ** 2)
+    assert edge.noise_gain(v, R_b, T_b, p_s) == pytest.approx(np.sqrt(squares), rel=1e-9)
+
+
+def test_noise_is_estimated_from_the_data_alone():
+    scene = edge_scenes(EdgePlan(), Noise(0.05), np.random.default_rng(6), (400,))
+    estimate = edge.estimate_noise(scene.poses.positions, scene.points)
+    freedom = 25 * 2 * (10 - 3)  # an arc's affine map has three parameters a coordinate
+    chi2 = freedom * (estimate / 0.05) ** 2
+    assert abs(chi2.mean() - freedom) < 4 * np.sqrt(2 * freedom / 400)
+    assert chi2.var() == pytest.approx(2 * freedom, rel=4 * np.sqrt(2 / 400))
+
+
+DEGENERATE = {
+    "arc contains the edge": EdgePlan(tilt_deg=0.0),
+    "arcs contain the edge": EdgePlan(tilt_deg=0.0, frame="group"),
+    "arc turns with the tool": EdgePlan(frame="tool"),
+    "collinear": EdgePlan(motion="line"),
+}
+
+
+def test_over_a_thousand_scenes_the_detector_neither_misses_nor_cries_wolf():
+    """None of 1,000 seen means below 0.3 % at 95 % confidence (the rule of three)."""
+    rng = np.random.default_rng(7)
+
+    def strengths(plan):
+        scene = edge_scenes(plan, Noise(0.05), rng, (1000,))
+        return judge(*data(scene), edge_equations(*data(scene))).rotation_strength
+
+    assert (strengths(SPACE) < edge.WEAK).sum() == 0
+    for plan in DEGENERATE.values():
+        assert (strengths(plan) > edge.REFUSED).sum() == 0
+
+
+@pytest.mark.parametrize(
+    ("plan", "reason", "cure"),
+    [
+        (DEGENERATE["arc contains the edge"], "a plane that contains the edge", "tilt that plane"),
+        (DEGENERATE["arcs contain the edge"], "a plane that contains the edge", "tilt that plane"),
+        (DEGENERATE["arc turns with the tool"], "one plane of the tool", "base frame"),
+        (DEGENERATE["collinear"], "on one line", "in 3-D"),
+        (EdgePlan(spread_deg=3), "turns too little", "more of both"),
+        (EdgePlan(motion="space", one_axis=True), "turn about one axis", "tilted about another axis"),
+        (EdgePlan(motion="space", spread_deg=0.3), "one orientation", "turn the flange"),
+    ],
+)
+def test_motion_that_determines_nothing_is_refused_with_reason_and_cure(plan, reason, cure):
+    for seed in range(10):
+        with pytest.raises(UnobservableError, match=f"{reason}.*{cure}"):
+            solve_edge(*data(edge_scenes(plan, Noise(0.05), np.random.default_rng(seed))))
+
+
+def test_turns_that_move_a_direction_along_the_edge_only_are_refused():
+    """Groups one and two leave the flange's z in place, group three moves its tip along the edge."""
+    rng = np.random.default_rng(15)
+    flange = rotations([[0, 0, 0], [0, 0, 0.7], [1.0, 0, 0]])
+    along = flange[2, :, 2] - flange[0, :, 2]
+    target = Edge(np.array([0.0, 0, -200]), along / np.linalg.norm(along))
+    R_sensor, T_sensor = rotations([2.5, 1.0, 0.3]), np.array([20.0, -50, 60])
+    start = above(target.point, flange, R_sensor, T_sensor)
+    poses = Poses(flange, start[:, None] + rng.uniform(-20, 20, (3, 10, 3)))
+    points = sense_edge(target, R_sensor, T_sensor, poses, Noise(), rng)
+    with pytest.raises(UnobservableError, match=r"A_t has rank 2, 3 needed.*add a group"):
+        solve_edge(flange, poses.positions, points, noise_mm=0.05)
+
+
+def test_a_healthy_motion_passes_and_a_weak_one_is_told():
+    for plan, words in ((SPACE, []), (EdgePlan(), ["rotation is weak"])):
+        scene = edge_scenes(plan, Noise(0.05), np.random.default_rng(8))
+        evidence = judge(*data(scene), solve_edge(*data(scene)))
+        messages = edge.weaknesses(evidence)
+        assert len(messages) == len(words)
+        assert all(word in message for word, message in zip(words, messages, strict=True))
+
+
+def test_a_translation_that_small_turns_leave_loose_is_told():
+    scene = edge_scenes(EdgePlan(motion="space", spread_deg=1.5), Noise(0.5), np.random.default_rng(9))
+    solution = edge_equations(*data(scene))
+    assert any("translation is weak" in message for message in edge.weaknesses(judge(*data(scene), solution)))
+
+
+def test_translation_sd_is_that_of_its_worst_direction():
+    scene = edge_scenes(SPACE, Noise(0.05), np.random.default_rng(10), (1000,))
+    R_b, T_b, p_s = data(scene)
+    phase_two = edge.solve_translation(R_b, T_b, p_s, scene.R_sensor)
+    worst = np.linalg.svd(phase_two.A_t)[2][:, 2]
+    error = (worst * (phase_two.T_sensor - scene.T_sensor)).sum(axis=-1)
+    sd = judge(R_b, T_b, p_s, edge_equations(R_b, T_b, p_s), 0.05).translation_sd_mm
+    assert (error / sd).std() == pytest.approx(1, abs=4 / np.sqrt(2 * 1000))
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        (lambda R, T, p: (R[:2], T[:2], p[:2]), "rotation groups: 2 given, at least 3 needed"),
+        (lambda R, T, p: (R, T[:, :2], p[:, :2]), "positions per group: 2 given, at least 3 needed"),
+        (lambda R, T, p: (R, T, p[:, :4]), "T_b has 10 positions a group and p_s has 4"),
+        (lambda R, T, p: (R, T, p[..., [0, 0, 1]]), r"p_s has shape \(25, 10, 3\); expected \(25, N, 2\)"),
+        (lambda R, T, p: (R, T[:5], p), r"T_b has shape \(5, 10, 3\); expected \(25, N, 3\)"),
+        (lambda R, T, p: (2 * R, T, p), "not orthonormal"),
+        (lambda R, T, p: (R, np.where(T[3, 4] == T, np.nan, T), p), r"T_b\[3, 4\] is \[nan nan nan\]"),
+        (lambda R, T, p: (R, T[:, :3], p[:, :3]), "3 positions a group leave no residual"),
+    ],
+)
+def test_malformed_data_are_refused_in_a_sentence(change, sentence):
+    scene = edge_scenes(EdgePlan(spread_deg=40), Noise(0.05), np.random.default_rng(11))
+    with pytest.raises(ValueError, match=sentence):
+        solve_edge(*change(*data(scene)))
+
+
+def test_unknown_pairs_are_refused():
+    with pytest.raises(ValueError, match="pairs is 'some'"):
+        edge_equations(*data(edge_scenes(SPACE, Noise(), np.random.default_rng(12))), pairs="some")

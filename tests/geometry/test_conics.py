@@ -1,0 +1,91 @@
+"""Circle and ellipse fits: exact on exact points, equal to the textbook's eigenproblems on noisy ones."""
+
+import numpy as np
+import pytest
+import scipy.linalg
+
+from profilecal.geometry.fitting import fit_circle, fit_ellipse
+
+
+def ellipse_points(rng, count=40):
+    shape = rng.normal(size=(2, 2)) + 2 * np.eye(2)
+    angle = rng.uniform(0, 2 * np.pi) + np.linspace(0, rng.uniform(3.5, 6), count)
+    centre = rng.uniform(-50, 50, 2)
+    return centre, shape @ shape.T, centre + np.column_stack([np.cos(angle), np.sin(angle)]) @ shape.T
+
+
+def textbook_ellipse(points):
+    """Fitzgibbon's 6×6 generalised eigenproblem, as centre and shape."""
+    x, z = points.T
+    design = np.column_stack([x * x, x * z, z * z, x, z, np.ones_like(x)])
+    constraint = np.zeros((6, 6))
+    constraint[0, 2] = constraint[2, 0] = 2
+    constraint[1, 1] = -1
+    values, vectors = np.linalg.eig(np.linalg.solve(design.T @ design, constraint))
+    A, B, C, D, E, F = vectors[:, values.real.argmax()].real
+    centre = np.linalg.solve([[2 * A, B], [B, 2 * C]], [-D, -E])
+    form = np.array([[A, B / 2], [B / 2, C]]) / -(F + (D * centre[0] + E * centre[1]) / 2)
+    return centre, np.linalg.inv(form)
+
+
+def test_points_on_an_ellipse_give_it_back():
+    rng = np.random.default_rng(1)
+    for _ in range(200):
+        centre, shape, points = ellipse_points(rng)
+        found = fit_ellipse(points)
+        np.testing.assert_allclose(found.centre, centre, atol=1e-10)
+        np.testing.assert_allclose(found.shape, shape, rtol=1e-9, atol=1e-10)
+
+
+def test_noisy_ellipse_equals_the_textbook_eigenproblem():
+    rng = np.random.default_rng(2)
+    for _ in range(100):
+        points = ellipse_points(rng)[2]
+        points = points - points.mean(axis=0) + rng.normal(0, 0.1, points.shape)
+        centre, shape = textbook_ellipse(points)
+        found = fit_ellipse(points)
+        np.testing.assert_allclose(found.centre, centre, rtol=1e-7, atol=1e-7)
+        np.testing.assert_allclose(found.shape, shape, rtol=1e-7, atol=1e-7)
+
+
+def test_ellipse_fit_is_invariant_under_affine_maps():
+    rng = np.random.default_rng(3)
+    points = ellipse_points(rng)[2] + rng.normal(0, 0.1, (40, 2))
+    map_, shift = rng.normal(size=(2, 2)), rng.uniform(-10, 10, 2)
+    plain, mapped = fit_ellipse(points), fit_ellipse(points @ map_.T + shift)
+    np.testing.assert_allclose(mapped.centre, map_ @ plain.centre + shift, atol=1e-9)
+    np.testing.assert_allclose(mapped.shape, map_ @ plain.shape @ map_.T, rtol=1e-9, atol=1e-9)
+
+
+def textbook_taubin(points):
+    """Taubin's generalised eigenproblem for A (x² + z²) + B x + C z + D."""
+    x, z = points.T
+    w = x * x + z * z
+    design = np.column_stack([w, x, z, np.ones_like(x)])
+    gradient = np.array(
+        [[4 * w.mean(), 2 * x.mean(), 2 * z.mean(), 0], [2 * x.mean(), 1, 0, 0], [2 * z.mean(), 0, 1, 0], [0, 0, 0, 0]]
+    )
+    A, B, C, D = scipy.linalg.eigh(gradient, design.T @ design / len(x))[1][:, -1]
+    return np.array([-B / 2 / A, -C / 2 / A, np.sqrt((B * B + C * C) / (4 * A * A) - D / A)])
+
+
+@pytest.mark.parametrize("method", ["taubin", "kasa"])
+def test_points_on_a_circle_give_it_back(method):
+    rng = np.random.default_rng(4)
+    angle = np.linspace(0.5, rng.uniform(2, 3), 900)
+    circle = np.column_stack([rng.uniform(-50, 50, (20, 2)), rng.uniform(20, 80, 20)])
+    points = circle[:, None, :2] + circle[:, 2, None, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+    np.testing.assert_allclose(fit_circle(points, method), circle, rtol=0, atol=1e-10)
+
+
+def test_noisy_arcs_equal_the_textbook_eigenproblem():
+    rng = np.random.default_rng(5)
+    angle = np.linspace(0.6, 2.4, 300)
+    for sigma in (0.01, 0.1, 1.0):
+        points = 50 * np.column_stack([np.cos(angle), np.sin(angle)]) + rng.normal(0, sigma, (300, 2))
+        np.testing.assert_allclose(fit_circle(points), textbook_taubin(points), rtol=0, atol=1e-8)
+
+
+def test_an_unknown_circle_fit_is_refused():
+    with pytest.raises(ValueError, match="expected 'taubin' or 'kasa'"):
+        fit_circle(np.zeros((5, 2)), "pratt")

@@ -1,0 +1,52 @@
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from profilecal.geometry import poses
+
+
+def axis_rotation(axis, angle):
+    c, s = np.cos(angle), np.sin(angle)
+    i, j = [(1, 2), (2, 0), (0, 1)][axis]
+    matrix = np.eye(3)
+    matrix[i, i] = matrix[j, j] = c
+    matrix[j, i], matrix[i, j] = s, -s
+    return matrix
+
+
+def test_angles_mean_rz_ry_rx():
+    rng = np.random.default_rng(1)
+    for a, b, c in rng.uniform(-np.pi, np.pi, (50, 3)):
+        expected = axis_rotation(2, c) @ axis_rotation(1, b) @ axis_rotation(0, a)
+        np.testing.assert_allclose(poses.rotation_from_xyz_angles([a, b, c]), expected, atol=1e-15)
+
+
+def test_angles_come_back():
+    rng = np.random.default_rng(2)
+    angles = rng.uniform([0, -1.5, -3], [2 * np.pi, 1.5, 3], (4, 50, 3))
+    back = poses.xyz_angles_from_rotation(poses.rotation_from_xyz_angles(angles))
+    np.testing.assert_allclose(back, angles, atol=1e-13)
+
+
+def test_nearest_rotation_is_proper_and_nearer_than_any_other():
+    rng = np.random.default_rng(3)
+    matrices = rng.normal(size=(40, 3, 3))
+    nearest = poses.nearest_rotation(matrices)
+    np.testing.assert_allclose(np.linalg.det(nearest), 1, atol=1e-13)
+    others = Rotation.random(500, rng=rng).as_matrix()
+    distance = np.linalg.norm(matrices - nearest, axis=(1, 2))
+    assert (distance <= np.linalg.norm(matrices[:, None] - others, axis=(2, 3)).min(axis=1)).all()
+
+
+def test_angle_between_is_exact_from_tiny_to_half_a_turn():
+    rng = np.random.default_rng(4)
+    for angle in (0, 1e-12, 1e-6, 0.1, 3, np.pi):
+        axis = rng.normal(size=3)
+        first = Rotation.random(rng=rng)
+        second = first * Rotation.from_rotvec(angle * axis / np.linalg.norm(axis))
+        measured = poses.angle_between(first.as_matrix(), second.as_matrix())
+        np.testing.assert_allclose(measured, angle, rtol=1e-7, atol=1e-15)
+
+
+def test_homogeneous_broadcasts():
+    matrices = poses.homogeneous(np.eye(3), np.arange(6.0).reshape(2, 3))
+    np.testing.assert_array_equal(matrices[1], [[1, 0, 0, 3], [0, 1, 0, 4], [0, 0, 1, 5], [0, 0, 0, 1]])

@@ -1,0 +1,148 @@
+"""What the motions leave open is flagged, with noise, in the right direction; healthy motions are not."""
+
+import numpy as np
+import pytest
+
+from profilecal.geometry.noise import Noise
+from profilecal.geometry.poses import angle_between, rotations
+from profilecal.joint.descent import estimate
+from profilecal.joint.observability import POSE_UNITS, Spectrum, explain, name_axis, spectrum, turns, two_step_symptoms
+from profilecal.joint.solve import solve
+from profilecal.simulate.scene import random_scene, stack
+
+SIGMA = 0.05
+KNOWN = Noise(SIGMA, steering_mm=0.2)
+SMALL = {
+    "edge": {"groups": 10, "positions": 5},
+    "disk": {"positions": 12},
+    "ball": {"count": 8},
+    "plane": {"count": 8},
+    "point": {"positions": 4},
+}
+Z = np.array([0.0, 0.0, 1.0])  # of the base
+MOTIONS = {  # what is chosen, and the free direction: "all" translations, or along the axis that all turns share
+    "one orientation": ({"spread_deg": 0.0}, "all"),
+    "one axis": ({"axis": Z}, "axis"),
+    "two orientations": ({"groups": 2}, "axis"),
+    "about the target's direction": ({"axis": "target"}, "axis"),  # the disk paper: all D equal
+}
+
+
+def judged(kind, seed, scene_count, **choices):
+    """Spectra of noisy random scenes, with the flange orientations (count, P, 3, 3) and the estimated states."""
+    rng = np.random.default_rng(seed)
+    settings = SMALL.get(kind, {}) | {"steering_mm": 0.2 * (kind == "point")} | choices
+    scene = stack([random_scene(kind, rng, **settings) for _ in range(scene_count)])
+    seen = scene.noisy(SIGMA, rng)
+    state, found, _ = estimate([seen], KNOWN, scene.truth, steps=8)
+    return found, seen.R_flange, state
+
+
+def shared_axis(R_flange, R_sensor):
+    """The axis that all orientations turn about, in the sensor frames, (count, 3)."""
+    return np.array([R.T @ turns(flange)[1] for flange, R in zip(R_flange, R_sensor, strict=True)])
+
+
+CASES = [(kind, name) for kind in ("edge", "disk", "ball", "point") for name in MOTIONS]
+CASES = [(kind, name) for kind, name in CASES if kind in ("edge", "disk") or "target" not in name]
+
+
+@pytest.mark.parametrize(("kind", "name"), CASES)
+def test_degenerate_motions_are_flagged_with_the_direction_they_leave_open(kind, name):
+    choices, free = MOTIONS[name]
+    found, R_flange, state = judged(kind, 31, 1000, **choices)
+    assert (found.status == "unobservable").all()
+    worst = found.directions[:, 0]
+    if free == "axis":
+        along = np.abs(np.einsum("bi,bi->b", worst[:, :3], shared_axis(R_flange, state.rotation)))
+        assert (along > np.cos(np.radians(5))).all()
+    else:  # all three translations lie in the span of the directions that are left open
+        for k in range(0, 1000, 50):
+            open_ones = found.directions[k][found.sd[k] > 1]
+            assert np.linalg.norm(open_ones[:, :3], axis=0).min() > 0.99
+
+
+@pytest.mark.parametrize(
+    "choices", [{"spread_deg": 0.0}, {"axis": Z}, {"axis": "target"}, {"groups": 3, "positions": 10}]
+)
+def test_a_single_plane_with_motions_that_leave_its_gauge_free_is_flagged(choices):
+    found, _, _ = judged("plane", 32, 300, **choices)
+    assert (found.status != "ok").all()
+
+
+@pytest.mark.parametrize("kind", ["edge", "disk", "ball", "plane", "point"])
+def test_healthy_motions_are_not_flagged(kind):
+    settings = {"edge": {"groups": 25, "positions": 10}, "ball": {"count": 20}, "plane": {"count": 20}}
+    found, _, _ = judged(kind, 33, 1000, **settings.get(kind, {}))
+    assert (found.status != "ok").mean() < 0.01
+
+
+def test_what_the_closed_form_cannot_solve_is_solved_and_honest_about_it():
+    """Arcs fixed in the tool frame, and single poses without groups: the linear step of the edge method has no rank."""
+    rng = np.random.default_rng(34)
+    for choices in ({"motion": "arc", "frame": "tool"}, {"groups": 60, "positions": 1}):
+        for _ in range(5):
+            scene = random_scene("edge", rng, **choices)
+            found = solve([scene.noisy(SIGMA, rng)], Noise(SIGMA))
+            assert found.status != "unobservable"
+            error = angle_between(found.rotation, scene.truth.rotation[0])
+            assert error < 5 * np.radians(np.linalg.norm(found.rotation_sd_deg))
+
+
+def test_units_do_not_matter():
+    """Lengths in metres change the information matrix by 10¹², and nothing that is said."""
+    rng = np.random.default_rng(35)
+    J = rng.normal(size=(40, 9))
+    information = J.T @ J
+    units = np.r_[POSE_UNITS, 10.0, 10.0, 10.0]
+    in_metres = np.r_[np.full(3, 1e-3), np.ones(3), np.full(3, 1e-3)]
+    first = spectrum(information, units)
+    second = spectrum(information / in_metres[:, None] / in_metres, units * in_metres)
+    np.testing.assert_allclose(first.sd, second.sd, rtol=1e-10)
+    assert first.status == second.status
+
+
+def test_thresholds():
+    def status(mm):
+        return str(spectrum(np.diag(1 / np.r_[mm, np.full(5, 0.01) * POSE_UNITS[1:]] ** 2), POSE_UNITS).status)
+
+    assert [status(mm) for mm in (0.5, 0.99, 1.01, 9.9, 10.1)] == ["ok", "ok", "weak", "weak", "unobservable"]
+
+
+def test_words():
+    assert name_axis([0.1, 0.0, -1.0], "flange") == "the flange's z"
+    assert name_axis([0.0, -0.6, 0.8], "flange") == "(0.00, -0.60, 0.80) in the flange's frame"
+    about_z = rotations(np.radians([0, 20, 40])[:, None] * Z)
+    directions, sd = np.eye(6)[[2, 0, 1, 3, 4, 5]], np.r_[1e4, np.full(5, 0.01)]
+    said = explain(Spectrum(np.eye(6), sd, directions, np.array(9), 10), np.eye(3), about_z)
+    assert said == [
+        "translation along the flange's z cannot be determined (left open): all rotations are about the flange's z; "
+        "add a pose tilted about x or y by 15° or more"
+    ]
+    sd = np.r_[1e4, 1e4, 1e4, 0.01, 0.01, 0.01]
+    still = np.eye(3)[None].repeat(4, axis=0)
+    said = explain(Spectrum(np.eye(6), sd, np.eye(6), np.array(7), 10), np.eye(3), still)
+    assert said[0].startswith(
+        "translation in every direction cannot be determined (left open): all flange orientations"
+    )
+    healthy = Spectrum(np.eye(6), np.full(6, 0.01), np.eye(6), np.array(10), 10)
+    assert explain(healthy, np.eye(3), about_z) == []
+
+
+def test_solution_says_it_all():
+    rng = np.random.default_rng(36)
+    scene = random_scene("disk", rng, axis=Z, mount=(np.eye(3), np.zeros(3)), positions=20)
+    found = solve([scene.noisy(SIGMA, rng)], Noise(SIGMA))
+    assert found.status == "unobservable"
+    assert "all rotations are about" in found.messages[-1]
+
+
+def test_symptoms_of_the_two_step_methods():
+    rng = np.random.default_rng(37)
+    about_z = rotations(rng.uniform(-1, 1, (5, 1)) * Z)
+    one_axis, _ = two_step_symptoms((about_z[1:] - about_z[:-1]).reshape(-1, 3), rng.normal(size=(3, 5)))
+    healthy, _ = two_step_symptoms(np.diff(rotations(rng.normal(size=(5, 3))), axis=0).reshape(-1, 3), np.eye(3))
+    assert one_axis < 1e-12
+    assert healthy > 0.1
+    _, parallel = two_step_symptoms(np.eye(3), np.outer([1.0, 2.0, 2.0], rng.uniform(1, 9, 5)))
+    assert parallel < 1e-12

@@ -1,0 +1,73 @@
+import shutil
+
+import numpy as np
+import pytest
+
+from profilecal.papers import published
+
+
+def test_shapes_and_digits():
+    assert published.values("disk", "Table I", "T_tcp").shape == (4, 3)
+    assert published.values("disk", "Table IV", "nu from Eq. 53").shape == (9, 3)
+    assert published.values("disk", "Eq. 49", "Lambda").shape == (3, 4)
+    assert published.values("disk", "Eq. 51", "accuracy") == 0.212
+    assert published.values("edge", "Table 1", "mean of delta alpha").shape == (4, 3)
+    assert published.half_unit("disk", "Table I", "R_tcp") == pytest.approx(0.0005)
+
+
+@pytest.mark.parametrize("paper", published.FILES)
+def test_every_number_is_printed_with_no_more_digits_than_stated(paper):
+    table = published.table(paper)
+    digits = table["printed"].str.partition(".")[2].str.len()
+    assert (digits <= table["decimals"].astype(int)).all()
+    assert not table.duplicated(["item", "quantity", "row", "component"]).any()
+
+
+def test_rotations_and_unit_vectors_are_what_they_should_be_within_their_digits():
+    for item, name in (("Eq. 49", "Lambda"), ("Eq. 53", "Upsilon")):
+        R = published.values("disk", item, name)[:, :3]
+        assert np.abs(R @ R.T - np.eye(3)).max() < 4e-5
+    for name in ("D_i", "D_b"):
+        assert np.abs(np.linalg.norm(published.values("disk", "Table I", name), axis=1) - 1).max() < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("entry", "sentence"),
+    [
+        (("dsk", "Table I", "q"), "paper is 'dsk'; expected one of disk, edge"),
+        (("disk", "Table V", "q"), "the disk paper has no 'Table V'; there are Table I, "),
+        (("disk", "Table I", "p"), "Table I has no 'p'; there are T_tcp, R_tcp, q"),
+    ],
+)
+def test_what_is_not_there_is_named_with_what_is(entry, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        published.values(*entry)
+
+
+def test_a_digit_changed_in_the_file_changes_the_value(tmp_path, monkeypatch):
+    shutil.copytree(published.folder(), tmp_path, dirs_exist_ok=True)
+    path = tmp_path / "disk_chen_2018.csv"
+    path.write_text(path.read_text().replace("-222.966", "-222.967"))
+    monkeypatch.setattr(published, "folder", lambda: tmp_path)
+    published.table.cache_clear()
+    try:
+        assert published.values("disk", "Table I", "T_tcp")[0, 0] == -222.967
+    finally:
+        published.table.cache_clear()
+
+
+def test_the_rounding_box_holds_the_tables_that_print_alike():
+    box = published.RoundingBox("disk", "Table I", ("q", "R_tcp"))
+    drawn = box.draw(500, np.random.default_rng(1))
+    printed = published.values("disk", "Table I", "q")
+    assert drawn["q"].shape == (500, 4, 3)
+    np.testing.assert_array_equal(drawn["q"].round(3), np.broadcast_to(printed, drawn["q"].shape))
+    np.testing.assert_array_equal(box.at(np.zeros(box.size))["q"], printed)
+
+
+def test_reach_finds_a_place_where_there_is_one_and_not_where_there_is_none():
+    box = published.RoundingBox("disk", "Table I", ("q",))
+    place = np.random.default_rng(2).uniform(-0.9, 0.9, box.size)
+    total = lambda t: t["q"].sum(axis=-2)  # noqa: E731
+    assert box.reach(total, total(box.at(place)), np.full(3, 1e-6))[1] <= 1
+    assert box.reach(total, total(box.at(place)) + 0.01, np.full(3, 1e-6))[1] > 1000

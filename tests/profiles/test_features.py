@@ -1,0 +1,256 @@
+"""What is found in raw profiles, how often, how well, and what is not."""
+
+import numpy as np
+import pytest
+from raw_profiles import RADIUS, balls, disks, edges, planes, spoil, tables
+
+from profilecal.geometry.fitting import fit_circle
+from profilecal.profiles.features import find_features
+from profilecal.profiles.runs import correlation, present, straight_runs
+from profilecal.simulate.scanner import Scanner
+from profilecal.simulate.spec import Spec, simulate_scan
+from profilecal.targets.edge import Edge
+
+BLANK = np.full((980, 2), np.nan)
+
+
+def found(features):
+    return np.array([feature.found for feature in features])
+
+
+def normalised(features, truth):
+    """Mean of eᵀ C⁻¹ e / 2 over all points found, 1 where the stated covariance is right; and their number."""
+    error = np.concatenate([f.points - t for f, t in zip(features, truth, strict=True) if f.found])
+    covariance = np.concatenate([f.covariance for f in features if f.found])
+    return np.einsum("na,nab,nb->n", error, np.linalg.inv(covariance), error).mean() / 2, len(error)
+
+
+TARGETS = {
+    "bar": ("edge", "corner", lambda rng: edges("parallel bar", rng)),
+    "scale": ("edge", "step end", lambda rng: edges("straight scale", rng)),
+    "blade": ("edge", "tip", lambda rng: edges("knife blade", rng)),
+    "disk": ("disk", "chord", disks),
+    "floating disk": ("disk", "chord", lambda rng: disks(rng, background=None)),
+}
+
+
+@pytest.mark.parametrize("spoiled", [False, True], ids=["clean", "spoiled"])
+@pytest.mark.parametrize("target", TARGETS)
+def test_points_are_found_and_as_exact_as_stated(target, spoiled):
+    """The mean of n squared errors, each over its variance, has a standard deviation of 1 / √n."""
+    kind, shape, make = TARGETS[target]
+    rng = np.random.default_rng(1)
+    profiles, truth = make(rng)
+    features = find_features(kind, spoil(profiles, truth, rng) if spoiled else profiles, RADIUS)
+    assert found(features).mean() >= 0.99
+    assert {f.shape for f in features if f.found} == {shape}
+    ratio, count = normalised(features, truth)
+    assert ratio < 1 + 4 / np.sqrt(count)
+    if shape != "tip":  # a tip's variance is an upper bound
+        assert ratio > 1 - 4 / np.sqrt(count)
+
+
+@pytest.mark.parametrize("spoiled", [False, True], ids=["clean", "spoiled"])
+def test_arcs_are_found_and_as_exact_as_stated(spoiled):
+    rng = np.random.default_rng(2)
+    profiles, circles = balls(rng)
+    features = find_features("ball", spoil(profiles, circles[:, None, :2], rng) if spoiled else profiles, RADIUS)
+    assert found(features).mean() >= 0.99
+    middle = [(f.points[20], f.covariance[20, 0, 0], c) for f, c in zip(features, circles, strict=True) if f.found]
+    squares = [(np.hypot(*(p - c[:2])) - c[2]) ** 2 / variance for p, variance, c in middle]
+    assert np.mean(squares) == pytest.approx(1, abs=4 * np.sqrt(2 / len(squares)))
+    centres = np.array([fit_circle(f.points) - c for f, c in zip(features, circles, strict=True) if f.found])
+    assert (np.abs(centres.mean(axis=0)) < 4 * centres.std(axis=0) / np.sqrt(len(centres))).all()
+
+
+@pytest.mark.parametrize("spoiled", [False, True], ids=["clean", "spoiled"])
+def test_faces_are_found_and_as_exact_as_stated(spoiled):
+    rng = np.random.default_rng(3)
+    profiles, faces = planes(rng)
+    features = find_features("plane", spoil(profiles, faces[:, 1:], rng) if spoiled else profiles)
+    assert found(features).mean() >= 0.99
+    squares = []
+    for feature, (start, end) in zip(features, faces, strict=True):
+        along = (end - start) / np.hypot(*(end - start))
+        x, z = feature.points[20] - start
+        squares.append((z * along[0] - x * along[1]) ** 2 / feature.covariance[20, 0, 0])
+    assert np.mean(squares) == pytest.approx(1, abs=4 * np.sqrt(2 / len(squares)))
+
+
+@pytest.mark.parametrize("kind", ["edge", "disk", "ball"])
+@pytest.mark.parametrize("spoiled", [False, True], ids=["clean", "spoiled"])
+def test_a_table_alone_shows_nothing(kind, spoiled):
+    rng = np.random.default_rng(4)
+    profiles = tables(rng)
+    if spoiled:
+        profiles = spoil(profiles, np.full((len(profiles), 1, 2), np.inf), rng)
+    features = find_features(kind, profiles, RADIUS)
+    assert found(features).mean() < 0.005
+    assert all(f.reason and not f.used.any() and f.points.shape == (0, 2) for f in features if not f.found)
+
+
+def test_where_both_ends_of_a_face_show_the_corner_tells_which_is_the_edge():
+    """A narrow bar in front of nothing, its side face seen from few poses."""
+    spec = Spec(measured="profiles", seed=502, groups=10, positions=4, scanner=Scanner(points=300))
+    scan = simulate_scan(spec)
+    features = find_features("edge", scan.values)
+    assert {feature.shape for feature in features if feature.found} == {"corner"}
+    assert 0.2 < found(features).mean() < 0.5
+    T = np.array(scan.truth["T_flange_sensor"])
+    planes = scan.R_base_flange @ T[:3, :3], scan.T_base_flange + scan.R_base_flange @ T[:3, 3]
+    truth = Edge(**{k: np.array(v) for k, v in scan.truth["target"].items()}).meet(*planes)
+    assert normalised(features, truth[:, None])[0] < 2
+
+
+@pytest.mark.parametrize(("bevel_deg", "wide"), [(10, 3), (15, 2.5), (20, 2)])
+def test_a_bevel_is_no_side_wall(bevel_deg, wide):
+    x = np.linspace(-40, 40, 801)
+    inside = np.abs(x) < 25
+    z = np.where(inside, 100 + np.tan(np.radians(bevel_deg)) * np.maximum(np.abs(x) - 25 + wide, 0), 120)
+    profiles = [np.stack([x, z + 0.02 * np.random.default_rng(k).normal(size=801)], axis=-1) for k in range(6)]
+    for feature in find_features("disk", profiles, RADIUS):
+        assert not feature.found or np.abs(np.abs(feature.points[:, 0]) - 25).max() < 0.5
+
+
+def test_a_profile_recorded_forth_and_back_is_no_disk():
+    forth = [profile for profile in disks(np.random.default_rng(1))[0][:6]]
+    features = find_features("disk", [np.concatenate([p, p[::-1]]) for p in forth], RADIUS)
+    assert not found(features).any()
+
+
+OUTSIDE = {
+    "edge": (TARGETS["bar"][2], lambda rng: tables(rng, 200)),
+    "disk": (disks, lambda rng: disks(rng, 200, aside=60.0)[0]),
+    "ball": (balls, lambda rng: tables(rng, 200)),
+}
+
+
+@pytest.mark.parametrize("kind", OUTSIDE)
+def test_a_target_outside_the_view_is_not_found_among_profiles_that_show_it(kind):
+    """Of the disks aside one tip is in view: where the view ends is not where the disk ends."""
+    inside, outside = OUTSIDE[kind]
+    rng = np.random.default_rng(5)
+    visible, truth = inside(rng)
+    shown = spoil(visible[:100], truth[:100].reshape(100, -1, truth.shape[-1])[..., :2], rng)
+    hidden = spoil(outside(rng), np.full((200, 1, 2), np.inf), rng)
+    features = find_features(kind, [*shown, *hidden], RADIUS)
+    assert found(features[:100]).mean() >= 0.99
+    assert found(features[100:]).mean() < 0.005
+
+
+VIEWS = {
+    "height for depth": (lambda p: p * [1, -1], lambda t: t * [1, -1]),
+    "right for left": (lambda p: p * [-1, 1], lambda t: (t * [-1, 1])[:, ::-1]),
+    "last point first": (lambda p: p[:, ::-1], lambda t: t),
+    "depth about zero": (lambda p: p - [0, np.nanmedian(p[..., 1])], None),
+}
+
+
+@pytest.mark.parametrize("view", VIEWS)
+@pytest.mark.parametrize("target", ["bar", "disk"])
+def test_it_does_not_matter_how_the_scanner_counts(target, view):
+    """Orders and signs change the arithmetic's rounding only, which may move a point over a threshold: 1e-9 mm."""
+    kind, _, make = TARGETS[target]
+    rng = np.random.default_rng(6)
+    profiles, _ = make(rng)
+    profiles = profiles[:50]
+    change, back = VIEWS[view]
+    shift = np.array([0, np.nanmedian(profiles[..., 1])])
+    plain = find_features(kind, profiles, RADIUS)
+    other = find_features(kind, change(profiles), RADIUS)
+    points, seen = (np.array([f.points for f in features]) for features in (plain, other))
+    seen = back(seen) if back else seen + shift
+    np.testing.assert_allclose(seen, points, atol=1e-9)
+
+
+def test_points_left_out_of_a_file_are_missing_points():
+    rng = np.random.default_rng(7)
+    profiles, truth = edges("parallel bar", rng, groups=5)
+    dense = find_features("edge", [p[np.isfinite(p).all(axis=1)] for p in profiles])
+    ratio, count = normalised(dense, truth)
+    assert found(dense).all()
+    assert abs(ratio - 1) < 4 / np.sqrt(count)
+
+
+@pytest.mark.parametrize("kind", ["edge", "disk", "ball", "plane"])
+@pytest.mark.parametrize(
+    "profile",
+    [np.zeros((0, 2)), BLANK, np.zeros((980, 2)), np.ones((1, 2)), np.ones((980, 2)), BLANK[:4]],
+    ids=["no rows", "NaN", "zeros", "one point", "one place", "four rows"],
+)
+def test_profiles_with_nothing_in_them_have_a_reason(kind, profile):
+    (feature,) = find_features(kind, [profile], RADIUS)
+    assert not feature.found
+    assert feature.reason
+    assert feature.used.shape == (len(profile),)
+
+
+def test_noise_alone_shows_nothing():
+    rng = np.random.default_rng(8)
+    profiles = rng.uniform([-50, 150], [50, 250], (50, 980, 2))
+    for kind in ("edge", "disk", "ball", "plane"):
+        assert not found(find_features(kind, profiles, RADIUS)).any()
+
+
+CORRUPTIONS = (
+    lambda p, i, j, rng: p[i:j],
+    lambda p, i, j, rng: np.concatenate([p[:i], np.full((j - i, 2), np.nan), p[j:]]),
+    lambda p, i, j, rng: np.concatenate([p[:i], np.zeros((j - i, 2)), p[j:]]),
+    lambda p, i, j, rng: np.concatenate([p[:i], rng.normal(size=(j - i, 2)) * 10.0 ** rng.integers(-3, 4), p[j:]]),
+    lambda p, i, j, rng: p * 10.0 ** rng.integers(-4, 5),
+    lambda p, i, j, rng: rng.permutation(p),
+    lambda p, i, j, rng: np.repeat(p, 2, axis=0)[:2000],
+    lambda p, i, j, rng: p[:: rng.integers(1, 40)] * [1, -1],
+)
+
+
+@pytest.mark.parametrize("kind", ["edge", "disk", "ball", "plane"])
+def test_whatever_is_in_a_profile_gives_a_feature_or_a_reason(kind):
+    """Warnings are errors here: no division by zero either."""
+    rng = np.random.default_rng(10)
+    makers = [disks, balls, planes, lambda rng, _: edges("knife blade", rng, groups=1)]
+    profiles = np.concatenate([make(rng, 10)[0] for make in makers])
+    for profile in profiles[rng.integers(len(profiles), size=300)]:
+        for corrupt in rng.choice(CORRUPTIONS, size=rng.integers(1, 4)):
+            i, j = np.sort(rng.integers(0, len(profile) + 1, 2))
+            profile = corrupt(profile, i, j, rng)
+        (feature,) = find_features(kind, [profile], RADIUS)
+        assert feature.found != bool(feature.reason)
+        assert np.isfinite(feature.points).all()
+        assert (np.linalg.eigvalsh(feature.covariance) >= 0).all()
+
+
+def test_wrong_input_is_refused_in_words():
+    with pytest.raises(ValueError, match=r"kind is 'cube'; expected one of edge, disk, ball, plane"):
+        find_features("cube", [BLANK])
+    with pytest.raises(ValueError, match=r"the ball's radius is None; expected a length in mm"):
+        find_features("ball", [BLANK])
+    with pytest.raises(ValueError, match=r"profile 1 has shape \(980, 3\); expected \(n, 2\)"):
+        find_features("edge", [BLANK, np.zeros((980, 3))])
+
+
+def test_zeros_are_missing_points_except_among_depths_near_zero():
+    x = np.arange(6.0)
+    assert present(np.column_stack([x, [9, 0, 9, 9, 0, 0]])).tolist() == [True, False, True, True, False, False]
+    assert present(np.column_stack([x, [0.2, 0, -0.1, 0, 0.1, np.nan]])).tolist() == [True] * 5 + [False]
+
+
+def test_a_run_goes_on_behind_a_gap_and_spikes():
+    x = np.linspace(0, 40, 400)
+    z = 100 + 0.3 * x
+    z[[50, 120, 121]] += 15
+    z[200:260] = np.nan
+    ((run,), _) = straight_runs(np.column_stack([x, z]))
+    assert len(run.rows) == 400 - 3 - 60
+    assert run.length == pytest.approx(np.hypot(40, 12), abs=1e-9)
+    np.testing.assert_allclose(run.direction, np.array([1, 0.3]) / np.hypot(1, 0.3), atol=1e-12)
+
+
+def test_correlation_enlarges_variances_of_means():
+    """Means of k neighbours vary k times as much as of independent errors, less (k - 1/k)/3 … : moving averages."""
+    rng = np.random.default_rng(9)
+    white = rng.normal(size=(200, 1000))
+    assert np.mean([correlation(e) for e in white]) == pytest.approx(1, abs=0.05)
+    smooth = np.array([np.convolve(e, np.ones(5) / 5, "valid") for e in white])
+    actual = smooth.mean(axis=1).var() * smooth.shape[1] / smooth.var()
+    assert np.mean([correlation(e) for e in smooth]) == pytest.approx(actual, rel=4 * np.sqrt(2 / 200))

@@ -1,0 +1,123 @@
+import re
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from profilecal.scan import conventions
+from profilecal.scan.conventions import CONVENTIONS, find_convention, for_controller, from_rotations, to_rotations
+
+
+def turn(axis, degrees):
+    """Elementary rotation, written out."""
+    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    return np.array(
+        {
+            "x": [[1, 0, 0], [0, c, -s], [0, s, c]],
+            "y": [[c, 0, s], [0, 1, 0], [-s, 0, c]],
+            "z": [[c, -s, 0], [s, c, 0], [0, 0, 1]],
+        }[axis]
+    )
+
+
+def from_quaternion(w, x, y, z):
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def rodrigues(rx, ry, rz):
+    angle = np.sqrt(rx * rx + ry * ry + rz * rz)
+    x, y, z = np.array([rx, ry, rz]) / angle
+    K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K
+
+
+FORMULA = {
+    "quaternion": from_quaternion,
+    "rotation vector": rodrigues,
+    "KUKA angles": lambda a, b, c: turn("z", a) @ turn("y", b) @ turn("x", c),
+    "FANUC angles": lambda w, p, r: turn("z", r) @ turn("y", p) @ turn("x", w),
+    "Stäubli angles": lambda a, b, c: turn("x", a) @ turn("y", b) @ turn("z", c),
+    "matrix": lambda *entries: np.array(entries).reshape(3, 3),
+}
+
+
+@pytest.mark.parametrize("convention", CONVENTIONS, ids=lambda c: c.name)
+def test_every_convention_goes_in_and_out_and_means_its_formula(convention):
+    rotations = Rotation.random(1000, rng=np.random.default_rng(1)).as_matrix()
+    block = from_rotations(convention, rotations)
+    assert block.shape == (1000, len(convention.columns))
+    written_out = np.array([FORMULA[convention.name](*row) for row in block])
+    np.testing.assert_allclose(written_out, rotations, atol=1e-9)
+    np.testing.assert_allclose(to_rotations(convention, block), rotations, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("columns", "sentence"),
+    [
+        (["rx", "ry", "rz", "w", "p", "r"], "two blocks of orientation columns"),
+        (["qx", "qy", "qz"], "the orientation lacks qw of qw, qx, qy, qz"),
+        (["roll", "pitch", "yaw"], "no orientation columns; expected one block of: qw, qx, qy, qz; rx, ry, rz;"),
+    ],
+)
+def test_unclear_columns_are_refused(columns, sentence):
+    with pytest.raises(ValueError, match=re.escape(sentence)):
+        find_convention(["pose", "x", "y", "z", *columns])
+
+
+def test_names_decide_not_their_order():
+    assert find_convention(["qx", "pose", "qw", "qz", "qy"]).columns == ("qw", "qx", "qy", "qz")
+
+
+@pytest.mark.parametrize(
+    ("name", "row", "sentence"),
+    [
+        ("quaternion", [1, 1, 0, 0], "quaternion of length 1.414; expected length 1"),
+        ("rotation vector", [180, 0, 0], "rotation vector of length 180; expected radians"),
+        ("matrix", [1, 0, 0, 0, 1, 0, 0, 0, 2], "matrix with R Rᵀ off the identity by 3"),
+        ("matrix", [1, 0, 0, 0, 1, 0, 0, 0, -1], "matrix with determinant -1, a reflection"),
+    ],
+)
+def test_impossible_orientations_are_refused_with_their_row(name, row, sentence):
+    convention = next(c for c in CONVENTIONS if c.name == name)
+    good = from_rotations(convention, np.eye(3)[None])[0]
+    with pytest.raises(conventions.RowError, match=sentence) as caught:
+        to_rotations(convention, [good, row])
+    assert caught.value.row == 1
+
+
+POSE = np.eye(4)
+POSE[:3, :3] = turn("z", 30) @ turn("y", -20) @ turn("x", 170)
+POSE[:3, 3] = 6.0252, 54.18211, 364.25534
+
+
+@pytest.mark.parametrize("vendor", conventions.VENDORS)
+def test_what_is_pasted_into_a_controller_is_the_pose(vendor):
+    text = for_controller(vendor, POSE)
+    numbers = [float(n) for n in re.findall(r"-?\d+\.?\d*(?:e-?\d+)?", text.replace("tf2_ros", "").replace("ros2", ""))]
+    if vendor == "matrix":
+        np.testing.assert_allclose(np.reshape(numbers, (4, 4)), POSE, atol=1e-8)
+        return
+    T, rest = np.array(numbers[:3]), numbers[3:7]
+    if vendor in ("ur", "ros"):
+        T = T * 1000
+    np.testing.assert_allclose(T, POSE[:3, 3], atol=1e-3)
+    R = {
+        "abb": lambda: from_quaternion(*rest),
+        "ros": lambda: from_quaternion(rest[3], *rest[:3]),
+        "ur": lambda: rodrigues(*rest[:3]),
+        "kuka": lambda: FORMULA["KUKA angles"](*rest[:3]),
+        "fanuc": lambda: FORMULA["FANUC angles"](*rest[:3]),
+        "staubli": lambda: FORMULA["Stäubli angles"](*rest[:3]),
+    }[vendor]()
+    np.testing.assert_allclose(R, POSE[:3, :3], atol=1e-6)
+
+
+def test_an_unknown_controller_is_refused_with_the_known_ones():
+    with pytest.raises(ValueError, match="controller is 'acme'; expected one of abb, kuka"):
+        for_controller("acme", POSE)

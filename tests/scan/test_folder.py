@@ -1,0 +1,361 @@
+import os
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from click.testing import CliRunner
+from scipy.spatial.transform import Rotation
+
+from profilecal.cli import main
+from profilecal.scan.conventions import CONVENTIONS
+from profilecal.scan.folder import MEASURED, find_groups, read_scan, write_scan
+from profilecal.scan.scan import Scan, ScanError
+
+
+def random_scan(rng, measured="points", kind="edge", **changes):
+    R = np.repeat(Rotation.random(4, rng=rng).as_matrix(), 3, axis=0)
+    columns = len(MEASURED[measured])
+    rows = 50 if measured == "profiles" else 1
+    scan = Scan(
+        kind=kind,
+        labels=tuple(f"P{k}" for k in range(12)),
+        R_base_flange=R,
+        T_base_flange=rng.uniform(-800, 800, (12, 3)),
+        measured=measured,
+        values=tuple(rng.uniform(-60, 60, (rows, columns)) for _ in range(12)),
+        radius=40.0 if kind in ("ball", "disk") else None,
+        side=np.zeros(12),
+        group=np.repeat(np.arange(4), 3),
+        noise={"profile_mm": 0.05},
+        title='A "quoted" bar, 25 °',
+    )
+    return replace(scan, **changes)
+
+
+def assert_same(first, second):
+    np.testing.assert_allclose(first.R_base_flange, second.R_base_flange, atol=1e-9)
+    np.testing.assert_allclose(first.T_base_flange, second.T_base_flange, atol=1e-9)
+    for a, b in zip(first.values, second.values, strict=True):
+        np.testing.assert_allclose(a, b, atol=1e-9)
+    for name in ("kind", "labels", "measured", "radius", "noise", "title", "mount", "convention"):
+        assert getattr(first, name) == getattr(second, name)
+    np.testing.assert_array_equal(first.group, second.group)
+    np.testing.assert_array_equal(first.side, second.side)
+
+
+@pytest.mark.parametrize("table", [".csv", ".parquet"])
+@pytest.mark.parametrize("mount", ["eye-in-hand", "eye-to-hand"])
+@pytest.mark.parametrize("convention", CONVENTIONS, ids=lambda c: c.name)
+def test_a_scan_written_is_read_back(tmp_path, table, mount, convention):
+    scan = random_scan(np.random.default_rng(1), convention=convention.name, mount=mount)
+    write_scan(scan, tmp_path / "scan", table)
+    assert_same(read_scan(tmp_path / "scan"), scan)
+
+
+@pytest.mark.parametrize(
+    ("measured", "kind"),
+    [("profiles", "plane"), ("profiles", "disk"), ("chords", "disk"), ("arcs", "ball"), ("points", "point")],
+)
+def test_every_kind_of_measurement_comes_back(tmp_path, measured, kind):
+    side = np.where(np.arange(12) % 2, 1.0, -1.0)
+    scan = random_scan(np.random.default_rng(2), measured, kind, side=side, truth={"T": [[1.0, 0], [0, 1]]})
+    write_scan(scan, tmp_path / "scan")
+    assert_same(read_scan(tmp_path / "scan"), scan)
+    assert read_scan(tmp_path / "scan").truth == {"T": [[1.0, 0], [0, 1]]}
+
+
+def test_metres_and_millimetres_are_the_same_scan(tmp_path):
+    scan = random_scan(np.random.default_rng(3), "arcs", "ball")
+    write_scan(scan, tmp_path / "mm")
+    in_metres = replace(
+        scan,
+        T_base_flange=scan.T_base_flange / 1000,
+        values=tuple(v / 1000 for v in scan.values),
+        radius=scan.radius / 1000,
+    )
+    write_scan(in_metres, tmp_path / "m")
+    header = tmp_path / "m" / "scan.toml"
+    header.write_text(header.read_text().replace('units = "mm"', 'units = "m"'))
+    assert_same(read_scan(tmp_path / "m"), read_scan(tmp_path / "mm"))
+
+
+def test_groups_are_found_and_given_groups_are_kept(tmp_path):
+    rng = np.random.default_rng(4)
+    scan = random_scan(rng)
+    wobble = Rotation.from_rotvec(np.radians(0.01) * rng.normal(size=(12, 3))).as_matrix()
+    np.testing.assert_array_equal(find_groups(scan.R_base_flange @ wobble), scan.group)
+    write_scan(replace(scan, group=np.arange(12), group_given=True), tmp_path / "scan")
+    read = read_scan(tmp_path / "scan")
+    assert read.group_given
+    assert len(set(read.group)) == 12
+
+
+def test_blank_and_nan_points_are_missing_and_extra_columns_ignored(tmp_path):
+    write_scan(random_scan(np.random.default_rng(5)), tmp_path / "scan")
+    path = tmp_path / "scan" / "points.csv"
+    lines = path.read_text().splitlines()
+    lines[1], lines[2] = "P0,,", "P1,nan,NaN"
+    path.write_text("\n".join(f"{line},comment" for line in lines) + "\n\n")
+    read = read_scan(tmp_path / "scan")
+    assert np.isnan(read.values[0]).all()
+    assert np.isnan(read.values[1]).all()
+    assert np.isfinite(read.values[2]).all()
+
+
+def edit(name, old, new):
+    def change(folder):
+        path = folder / name
+        text = path.read_text()
+        assert old in text
+        path.write_text(text.replace(old, new, 1))
+
+    return change
+
+
+def rewrite(name, function):
+    def change(folder):
+        table = pd.read_csv(folder / name)
+        function(table).to_csv(folder / name, index=False)
+
+    return change
+
+
+MISTAKES = {
+    "no folder": (lambda f: f.rename(f.with_name("gone")), "no such folder"),
+    "no header": (lambda f: (f / "scan.toml").unlink(), r"scan.toml: no such file; expected it to name the target"),
+    "broken header": (edit("scan.toml", "[target]", "[target"), r"scan.toml: .*\(at line"),
+    "unknown entry": (edit("scan.toml", "units", "unit"), "unknown entry 'unit'; there are title, units"),
+    "unknown noise": (edit("scan.toml", "profile_mm", "profile"), r"unknown entry 'profile' in \[noise\]"),
+    "negative noise": (
+        edit("scan.toml", "0.05", "-0.05"),
+        "noise profile_mm is -0.05; expected zero, or 1e-06 to 100",
+    ),
+    "unknown unit": (edit("scan.toml", '"mm"', '"inch"'), "units is 'inch'; expected mm or m"),
+    "unknown kind": (edit("scan.toml", '"ball"', '"sphere"'), "target kind is 'sphere'; expected edge or"),
+    "no radius": (edit("scan.toml", "radius = 40.0", ""), "the ball's radius is missing"),
+    "absurd radius": (
+        edit("scan.toml", "radius = 40.0", "radius = 40000.0"),
+        "radius is 40000.0; expected 0.5 to 1000",
+    ),
+    "metres for mm": (edit("scan.toml", '"mm"', '"m"'), "radius is 40.0; expected 0.0005 to 1"),
+    "no poses": (lambda f: (f / "poses.csv").unlink(), r"poses.csv: no such file"),
+    "no measurement": (lambda f: (f / "arcs.csv").unlink(), r"expected one of profiles, .*; found none"),
+    "two measurements": (lambda f: (f / "points.csv").write_text("pose,x,z\n"), "found points and arcs"),
+    "wrong measurement": (lambda f: (f / "arcs.csv").rename(f / "chords.csv"), r"chords.csv: no column 'x_a'"),
+    "not for a ball": (
+        edit("scan.toml", 'kind = "ball"\nradius = 40.0', 'kind = "edge"'),
+        "'edge' needs profiles or points",
+    ),
+    "no column": (
+        rewrite("poses.csv", lambda t: t.drop(columns="y")),
+        "poses.csv: no column 'y'; there are pose, x, z",
+    ),
+    "half an orientation": (rewrite("poses.csv", lambda t: t.drop(columns="qw")), "the orientation lacks qw"),
+    "two orientations": (rewrite("poses.csv", lambda t: t.assign(rx=0, ry=0, rz=0)), "two blocks of orientation"),
+    "long quaternion": (rewrite("poses.csv", lambda t: t.assign(qw=t["qw"] + 1)), "line 2: quaternion of length"),
+    "duplicate pose": (
+        rewrite("poses.csv", lambda t: t.replace({"pose": {"P3": "P2"}})),
+        "line 5: pose 'P2' is there twice",
+    ),
+    "unknown pose": (
+        rewrite("arcs.csv", lambda t: t.replace({"pose": {"P3": "P33"}})),
+        "line 5: pose 'P33' is not in poses",
+    ),
+    "no label": (rewrite("arcs.csv", lambda t: t.replace({"pose": {"P3": None}})), "line 5: no pose label"),
+    "NaN pose": (rewrite("poses.csv", lambda t: t.assign(z=t["z"].where(t.index != 4))), "line 6: z is empty"),
+    "text": (
+        rewrite("arcs.csv", lambda t: t.astype({"x": object}).replace({"x": {t["x"][1]: "abc"}})),
+        "line 3: x is 'abc'",
+    ),
+    "infinite": (rewrite("arcs.csv", lambda t: t.assign(x=np.inf)), "line 2: x is 'inf'; expected a finite number"),
+    "no rows": (lambda f: (f / "arcs.csv").write_text("pose,x,z,r\n"), "arcs.csv: no rows"),
+    "empty file": (
+        lambda f: (f / "arcs.csv").write_text(""),
+        "arcs.csv: the first line is empty; expected column names",
+    ),
+    "ragged": (
+        lambda f: (f / "arcs.csv").write_text("pose,x,z,r\nP0,1,2,3\nP1,1,2,3,4,5\n"),
+        "arcs.csv line 3: 6 columns where the header has 4",
+    ),
+    "not text": (
+        lambda f: (f / "arcs.csv").write_bytes(b"pose,x,z,r\nP\xff\xfe,1,2,3\n"),
+        "not UTF-8 text, b'.xff' in line 2; save it as UTF-8",
+    ),
+    "bad side": (rewrite("poses.csv", lambda t: t.assign(side=2)), "line 2: side is 2; expected 1 or -1"),
+    "mixed group": (rewrite("poses.csv", lambda t: t.assign(group="a")), "poses 'P0' and .* share a group but differ"),
+    "positions in m": (
+        rewrite("poses.csv", lambda t: t.assign(x=t.x / 1e3, y=t.y / 1e3, z=t.z / 1e3)),
+        "are the units",
+    ),
+    "arcs in m": (rewrite("arcs.csv", lambda t: t.assign(x=t.x / 1e3, z=t.z / 1e3, r=t.r / 1e3)), "are the units"),
+    "symlink loop": (
+        lambda f: ((f / "arcs.csv").unlink(), (f / "arcs.csv").symlink_to("arcs.csv")),
+        "arcs.csv: Too many levels of symbolic links",
+    ),
+    "folder is a loop": (lambda f: (f.rename(f.with_name("s")), f.symlink_to(f)), "scan: Too many levels of symbolic"),
+    "header is a loop": (
+        lambda f: ((f / "scan.toml").unlink(), (f / "scan.toml").symlink_to("scan.toml")),
+        "scan.toml: Too many levels of symbolic links",
+    ),
+    "folder is a file": (lambda f: (f.rename(f.with_name("s")), f.write_text("")), "scan: not a folder"),
+    "a pipe": (lambda f: ((f / "poses.csv").unlink(), os.mkfifo(f / "poses.csv")), "poses.csv: not a file"),
+    "a folder for a file": (lambda f: ((f / "arcs.csv").unlink(), (f / "arcs.csv").mkdir()), "arcs.csv: not a file"),
+    "column twice": (
+        lambda f: (f / "arcs.csv").write_text("pose,x,X ,z,r\nP0,1,1,2,3\n"),
+        "arcs.csv: column 'x' is there twice",
+    ),
+    "semicolons": (
+        lambda f: (f / "arcs.csv").write_text("pose;x;z;r\nP0;1;2;3\n"),
+        r"no column 'pose'; there are pose;x;z;r \(columns are separated by commas\)",
+    ),
+    "decimal commas": (
+        lambda f: (f / "arcs.csv").write_text("pose,x,z,r\nP0,1,5,2,0,3,0\nP1,1,5,2,0,3,0\n"),
+        r"more columns where the header has 4; expected one number in each \(decimal commas",
+    ),
+    "cut short": (
+        lambda f: (f / "arcs.csv").write_text("pose,x,z,r\nP0,1,2,3\nP1,1"),
+        "arcs.csv line 3: 2 of 4 columns in the last row; is the file cut short",
+    ),
+    "open quote": (lambda f: (f / "arcs.csv").write_text('pose,x,z,r\n"P0,1,2,3\n'), "cannot be read: .*EOF inside"),
+    "a code for no point": (
+        rewrite("arcs.csv", lambda t: t.assign(z=-32768)),
+        "line 2: z is -32768; expected at most 10000: .* Missing points are left out or blank",
+    ),
+    "true for a number": (rewrite("arcs.csv", lambda t: t.assign(z=True)), "line 2: z is 'True'; expected a finite"),
+    "two arcs": (
+        rewrite("arcs.csv", lambda t: t.replace({"pose": {"P3": "P2"}})),
+        "arcs.csv: pose 'P2' has more than one arc; expected one",
+    ),
+    "a long label": (
+        rewrite("arcs.csv", lambda t: t.replace({"pose": {"P3": "long\n" * 1000}})),
+        r"pose 'long\\nlong.*…' is not in poses|pose 'long\\nlong.* is not in poses",
+    ),
+    "unknown convention": (
+        rewrite("poses.csv", lambda t: t.rename(columns={"qw": "i", "qx": "j", "qy": "k", "qz": "l"})),
+        "no orientation columns; expected one block of: qw, qx, qy, qz; rx",
+    ),
+    "NaN for a pose": (
+        rewrite("poses.csv", lambda t: t.astype({"qx": object}).replace({"qx": {t["qx"][4]: "nan"}})),
+        "poses.csv line 5: qx is empty or NaN; expected a finite number",
+    ),
+    "degrees for radians": (
+        rewrite("poses.csv", lambda t: t.rename(columns={"qx": "rx", "qy": "ry", "qz": "rz"}).assign(rz=90)),
+        "line 2: rotation vector of length 90.*; expected radians, at most 2π: are they degrees",
+    ),
+    "absurd angles": (
+        rewrite("poses.csv", lambda t: t.rename(columns={"qx": "w", "qy": "p", "qz": "r"}).assign(r=1e308)),
+        r"line 2: angle of 1e\+308; expected degrees, at most 720",
+    ),
+    "one pose far away": (
+        rewrite("poses.csv", lambda t: t.assign(x=t["x"].where(t.index != 4, 1e200))),
+        r"line 6: the farthest flange position, of pose 'P4', is 1e\+200 mm|line 6: .* is inf mm",
+    ),
+    "no table": (lambda f: (f / "scan.toml").write_text("target = 5"), r"target is 5; expected a table \[target\]"),
+    "title": (edit("scan.toml", "title = ", "title = 5 #"), "title is 5; expected one line of text"),
+    "radius is true": (edit("scan.toml", "radius = 40.0", "radius = true"), "radius is True; expected 0.5 to 1000"),
+    "a huge radius": (
+        edit("scan.toml", "radius = 40.0", f"radius = 1{'0' * 400}"),
+        "radius is a huge number; expected 0.5 to 1000",
+    ),
+    "thousands of digits": (edit("scan.toml", "40.0", "9" * 5000), "scan.toml: Exceeds the limit"),
+    "nested deeply": (edit("scan.toml", "40.0", "[" * 20_000), "scan.toml: nested too deeply"),
+    "a long header": (
+        edit("scan.toml", "[target]", "#" * 1_000_000 + "\n[target]"),
+        r"scan.toml: \d+ bytes; expected at",
+    ),
+    "header is no text": (lambda f: (f / "scan.toml").write_bytes(b"\n#\xe4"), r"not UTF-8 text, b'\\xe4' in line 2"),
+    "not a point": (
+        edit("scan.toml", 'kind = "ball"\nradius = 40.0', 'kind = "point"'),
+        "'point' needs points, not arcs",
+    ),
+    "both formats": (lambda f: (f / "poses.parquet").write_text(""), "both .csv and .parquet are there"),
+    "broken parquet": (
+        lambda f: ((f / "poses.csv").unlink(), (f / "poses.parquet").write_text("nonsense")),
+        "poses.parquet: cannot be read",
+    ),
+    "too large": (lambda f: os.truncate(f / "arcs.csv", 500_000_000), "arcs.csv: 500 MB; expected at most 400 MB"),
+}
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_every_mistake_is_one_sentence_with_file_and_value(tmp_path, mistake):
+    change, sentence = MISTAKES[mistake]
+    folder = tmp_path / "scan"
+    write_scan(random_scan(np.random.default_rng(6), "arcs", "ball"), folder)
+    change(folder)
+    with pytest.raises(ScanError, match=sentence) as caught:
+        read_scan(folder)
+    assert "scan" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_pose_with_one_point_is_no_profile(tmp_path):
+    write_scan(random_scan(np.random.default_rng(9), "profiles"), tmp_path / "scan")
+    rewrite("profiles.csv", lambda t: t[(t["pose"] != "P1") | ~t["pose"].duplicated()])(tmp_path / "scan")
+    with pytest.raises(
+        ScanError, match=r"profiles.csv line 52: pose 'P1' has a single point; expected a whole profile"
+    ):
+        read_scan(tmp_path / "scan")
+
+
+def test_a_header_with_a_byte_order_mark_is_read(tmp_path):
+    scan = random_scan(np.random.default_rng(9))
+    write_scan(scan, tmp_path / "scan")
+    header = tmp_path / "scan" / "scan.toml"
+    header.write_bytes(b"\xef\xbb\xbf" + header.read_bytes())
+    assert_same(read_scan(tmp_path / "scan"), scan)
+
+
+@pytest.mark.parametrize("command", [["calibrate"], ["calibrate", "--json"], ["check"], ["verify", "--with", "T.json"]])
+@pytest.mark.parametrize("locked", ["scan", "scan/poses.csv"])
+@pytest.mark.skipif(os.name != "posix" or os.getuid() != 0, reason="gives up root's permissions")
+def test_without_permission_a_command_says_so_and_writes_nothing(command, locked):
+    with tempfile.TemporaryDirectory() as above:  # not below pytest's folder, which is root's alone
+        os.chmod(above, 0o755)
+        folder = Path(above) / "scan"
+        write_scan(random_scan(np.random.default_rng(9)), folder)
+        arguments = [command[0], str(folder), *command[1:]]
+        CliRunner().invoke(main, arguments)  # which imports what root alone may read
+        (Path(above) / locked).chmod(0)
+        os.seteuid(65534)
+        try:
+            done = CliRunner().invoke(main, arguments)
+        finally:
+            os.seteuid(0)
+    assert (done.exit_code, done.stdout) == (2, "")
+    unread = folder / ("scan.toml" if locked == "scan" else "poses.csv")
+    assert done.stderr == f"profilecal: {unread}: Permission denied\n"
+
+
+@pytest.mark.parametrize("mistake", ["no header", "text", "cut short", "symlink loop", "a pipe", "nested deeply"])
+@pytest.mark.parametrize("command", ["calibrate", "check", "verify"])
+def test_every_command_refuses_in_one_line_with_status_2(tmp_path, mistake, command):
+    folder = tmp_path / "scan"
+    write_scan(random_scan(np.random.default_rng(6), "arcs", "ball"), folder)
+    MISTAKES[mistake][0](folder)
+    before = sorted(tmp_path.rglob("*"))
+    options = {"calibrate": ["--json", "--report", str(tmp_path / "report.html")], "verify": ["--with", "T.json"]}
+    done = CliRunner().invoke(main, [command, str(folder), *options.get(command, [])])
+    assert (done.exit_code, done.stdout) == (2, "")
+    assert done.stderr.startswith("profilecal: ")
+    assert done.stderr.count("\n") == 1
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_small_angles_in_a_degrees_block_are_warned_about(tmp_path):
+    scan = random_scan(np.random.default_rng(7), convention="FANUC angles")
+    write_scan(scan, tmp_path / "scan")
+    rewrite("poses.csv", lambda t: t.assign(**{c: np.radians(t[c]) for c in "wpr"}))(tmp_path / "scan")
+    (warning,) = read_scan(tmp_path / "scan").warnings
+    assert warning == "poses.csv: all angles w, p, r lie within ±2π; the columns mean degrees, are they radians?"
+
+
+def test_a_folder_with_something_in_it_is_not_overwritten(tmp_path):
+    scan = random_scan(np.random.default_rng(8))
+    (tmp_path / "note.txt").write_text("mine")
+    with pytest.raises(ScanError, match="not empty; name a new folder"):
+        write_scan(scan, tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["note.txt"]

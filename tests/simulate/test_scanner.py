@@ -1,0 +1,53 @@
+import numpy as np
+import pytest
+
+from profilecal.simulate.scanner import Scanner, nearest_on_rays
+
+IDEAL = Scanner(resolution=0.0, quantum=0.001, noise_mm=0.0)
+WALL = np.array([[-30.0, 80.0], [30.0, 80.0]])
+
+
+def profile_of(scanner, outline, seed=1):
+    return scanner.decode(scanner.count(np.asarray(outline), np.random.default_rng(seed)))
+
+
+def test_field_of_view_has_its_printed_corners():
+    np.testing.assert_allclose(2 * Scanner().half_width(np.array([60, 350])), [40, 160])
+
+
+def test_a_wall_fills_the_field_of_view_and_lies_at_its_depth():
+    profile = profile_of(IDEAL, 0.3 * WALL)  # at 24 mm: too near
+    assert np.isnan(profile).all()
+    profile = profile_of(Scanner(resolution=0, noise_mm=0, quantum=0.01), WALL)
+    np.testing.assert_allclose(profile[:, 1], 80, atol=0.005)
+    np.testing.assert_allclose(profile[[0, -1], 0], [-IDEAL.half_width(80), IDEAL.half_width(80)], atol=0.005)
+
+
+def test_the_nearer_of_two_surfaces_hides_the_other():
+    outline = np.array([[-10.0, 100], [0, 100], [0, 80], [10, 80]])
+    profile = profile_of(Scanner(resolution=0, noise_mm=0, quantum=0.01), outline)
+    x, z = profile[np.isfinite(profile[:, 0])].T
+    np.testing.assert_allclose(z[x > 0.1], 80, atol=0.01)
+    np.testing.assert_allclose(z[x < -0.1], 100, atol=0.01)
+
+
+def test_rays_meet_a_slope_where_it_is():
+    scanner = Scanner()
+    rays = np.linspace(-0.5, 0.5, 11)
+    z = nearest_on_rays(np.array([[-30.0, 70.0], [30.0, 130.0]]), rays, scanner)
+    np.testing.assert_allclose(rays * scanner.half_width(z), z - 100, atol=1e-12)
+
+
+def test_counts_are_sixteen_bit_and_whole_quanta():
+    counts = Scanner().count(WALL, np.random.default_rng(2))
+    assert counts.dtype == np.int16
+    assert counts.shape == (980, 2)
+    assert set(np.unique(counts[:, 1])) <= set(range(796, 805))  # 80 mm within six standard deviations
+
+
+@pytest.mark.parametrize("growth", [0.0, 0.02])
+def test_noise_has_its_size_and_grows_with_depth(growth):
+    scanner = Scanner(quantum=1e-2, noise_mm=0.05, noise_growth=growth)
+    z = profile_of(scanner, np.array([[-30.0, 90.0], [30.0, 90.0]]))[:, 1]
+    assert scanner.sigma(60) == 0.05
+    assert z.std() == pytest.approx(scanner.sigma(90), rel=4 / np.sqrt(2 * 980))
