@@ -10,7 +10,7 @@ from scipy.stats import binom, chi2
 
 from profilecal.calibrate.calibration import calibrate
 from profilecal.calibrate.check import affine_outliers, check
-from profilecal.calibrate.observe import as_observations, observations
+from profilecal.calibrate.observe import as_observations, observe
 from profilecal.calibrate.verify import verify
 from profilecal.cli import main
 from profilecal.geometry.noise import Noise
@@ -115,7 +115,7 @@ def test_features_of_different_precision_are_weighed():
         for kind in ("edge", "ball")
     )
     together = calibrate([edge, ball])
-    corners, arcs = (observations(scan).covariance for scan in (edge, ball))
+    corners, arcs = (observe(scan).covariance for scan in (edge, ball))
     unit = np.median(np.sqrt(np.trace(corners, axis1=1, axis2=2) / 2))
     for entry, covariance in zip(together.observed, (corners, arcs), strict=True):
         np.testing.assert_allclose(entry.covariance[0], covariance / unit**2)
@@ -138,7 +138,7 @@ def test_check_rarely_doubts_a_good_scan():
     doubted = 0
     for seed in range(60):
         scan = simulate_scan(Spec(seed=seed))
-        doubted += bool(affine_outliers(as_observations(scan, observations(scan))))
+        doubted += bool(affine_outliers(as_observations(scan, observe(scan))))
     assert doubted <= binom.ppf(0.9999, 60, 0.02)
 
 

@@ -15,7 +15,7 @@ from profilecal.calibrate.calibration import calibrate
 from profilecal.calibrate.observe import covariances
 from profilecal.geometry.noise import Noise
 from profilecal.joint.state import pose_error
-from profilecal.profiles.features import LEAST_SIDE, find_features
+from profilecal.profiles.features import LEAST_SIDE
 from profilecal.scan.folder import read_scan, write_scan
 from profilecal.simulate.scanner import Scanner
 from profilecal.simulate.spec import Spec, simulate_scan
@@ -84,7 +84,7 @@ def features_in_view(case, seed):
         near = [b[np.linalg.norm(b, axis=1) < BESIDE, 0] for b in beside]
         sides = np.array([[(x < 0).sum(), (x > 0).sum()] for x in near])
         shown &= (sides.min(axis=1) if case == "bar" else sides.max(axis=1)) >= LEAST_SIDE
-    found = find_features(scan.kind, scan.values, scan.radius)
+    found = scan.target.features(scan.values, scan.sizes)
     return [(feature, truth) for feature, truth, show in zip(found, true, shown, strict=True) if show]
 
 
@@ -108,13 +108,13 @@ def test_both_tips_of_a_chord_together_are_as_exact_as_stated():
     found = [pair for seed in range(8) for pair in features_in_view("disk", seed) if pair[0].found]
     good = [(f, truth) for f, truth in found if np.linalg.norm(f.points - truth, axis=1).max() < 1]
     error = np.array([(f.points - truth).ravel() for f, truth in good])
-    covariance = covariances("disk", [f for f, _ in good], 2)
+    covariance = covariances([f for f, _ in good], 2, on_curve=False)
     squares = np.einsum("na,na->n", error, np.linalg.solve(covariance, error[..., None])[..., 0])
     assert abs(squares.mean() - 4) < 4 * np.sqrt(8 / len(squares))
 
 
 def test_a_disk_of_another_radius_is_not_ok():
     """No robot errs that much."""
-    found = calibrate([replace(simulate_scan(spec("disk", 0)), radius=51.0)])
+    found = calibrate([replace(simulate_scan(spec("disk", 0)), sizes=(51.0,))])
     assert found.status != "ok"
     assert "more than a robot errs" in " ".join(found.messages)

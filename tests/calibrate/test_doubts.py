@@ -10,7 +10,7 @@ import pytest
 from scipy.stats import binom, chi2
 
 from profilecal.calibrate.calibration import calibrate
-from profilecal.calibrate.doubts import FALSE_ALARM
+from profilecal.calibrate.suspects import FALSE_ALARM
 from profilecal.geometry.noise import Noise
 from profilecal.joint.state import pose_error
 from profilecal.scan.folder import read_scan
@@ -60,7 +60,7 @@ WRONG = {
         lambda s: moved(s, [0, 0.01, 0] * s.T_base_flange),
         "along the base's y were too far apart by +",
     ),
-    "radius": ("disk", lambda s: replace(s, radius=50.5), "the radius were too large by +"),
+    "radius": ("disk", lambda s: replace(s, sizes=(50.5,)), "the radius were too large by +"),
 }
 
 

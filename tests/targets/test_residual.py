@@ -1,50 +1,62 @@
 """Each target's residuals vanish on what its own `meet` gives, and their derivatives are the derivatives."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from scipy.differentiate import jacobian
 
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import directions, rotations
-from profilecal.joint.observations import TARGETS
 from profilecal.joint.problem import Problem
-from profilecal.simulate.scene import RADIUS, random_scene
+from profilecal.simulate.scene import random_scene
+from profilecal.targets import TARGETS
 from profilecal.targets.plane import Plane
 from profilecal.targets.point import Point
 
 KINDS = list(TARGETS)
 
 
-def sensor_view(kind, rng):
-    """A target's point and direction in the sensor frame, near where they can be seen, and a sensed profile (m, 2)."""
+def sensor_view(target, rng):
+    """A target's origin (3,) and axes (3, 3) in the sensor frame, near where it can be seen, and m points (m, 2)."""
     point = np.array([rng.uniform(-10, 10), rng.uniform(-8, 8), rng.uniform(80, 120)])
-    direction = np.array([0.3, 1.0, 0.2]) if kind == "edge" else np.array([0.3, 0.2, 1.0])
-    direction = direction + 0.1 * rng.normal(size=3)
-    m = {"edge": 1, "point": 1, "disk": 2}.get(kind, 5)
-    seen = point[[0, 2]] + rng.normal(size=(m, 2)) * [20, 3] - [0, 15]
-    return point, direction / np.linalg.norm(direction), seen
+    axes = rotations(0.3 * rng.normal(size=3)) @ target.stance
+    seen = point[[0, 2]] + rng.normal(size=(target.points or 5, 2)) * [20, 3] - [0, 15]
+    return point, axes, seen
 
 
-@pytest.mark.parametrize("in_plane", [True, False])
+def evaluate(residual, target, view, x):
+    """Residuals (k, ...) and, at one place, their derivatives (k, 6), of a target shifted and turned by x (6, ...)."""
+    point, axes, seen = view
+    shifted = point[:, None] + x[:3].reshape(3, -1)
+    turned = (rotations(np.moveaxis(x[3:], 0, -1)) @ axes).reshape(-1, 3, 3)
+    origin = [part[None, None] for part in shifted]  # the places stand where poses do
+    frame = [[turned[None, None, :, i, j] for i in range(3)] for j in range(3)]
+    r, force, torque = residual(origin, frame, seen.T[:, None, :, None], target.sizes)
+    torque = torque or [[0.0] * 3] * len(r)
+    shape = (1, len(seen), len(turned))
+    derivatives = [[np.broadcast_to(c, shape)[0, :, 0] for c in (*f, *t)] for f, t in zip(force, torque, strict=True)]
+    values = np.stack([np.broadcast_to(row, shape) for row in r]).reshape(-1, *x.shape[1:])
+    return values, np.swapaxes(derivatives, 1, 2).reshape(-1, 6)
+
+
+@pytest.mark.parametrize("way", ["residual", "residual_in_space"])
 @pytest.mark.parametrize("kind", KINDS)
-def test_derivatives_agree_with_numerical_ones(kind, in_plane):
-    rng = np.random.default_rng(5)
-    module, size = TARGETS[kind], RADIUS.get(kind, 0.3)
+def test_derivatives_agree_with_numerical_ones(kind, way):
+    """By shifts of the target and by turns about its origin, along and about the sensor's axes."""
+    rng, target = np.random.default_rng(5), TARGETS[kind]
+    residual = getattr(target, way)
     for _ in range(20):
-        point, direction, seen = sensor_view(kind, rng)
+        view = sensor_view(target, rng)
+        steps = 0.1 * np.r_[[1.0] * 3, [0.1] * 3]
+        numerical = jacobian(partial(of_values, residual, target, view), np.zeros(6), initial_step=steps)
+        ours = evaluate(residual, target, view, np.zeros(6))[1]
+        scale = np.abs(numerical.df).max(axis=0).clip(1e-3)
+        np.testing.assert_allclose(ours / scale, numerical.df / scale, atol=1e-6)
 
-        def residual(x, seen=seen):
-            spread = seen.reshape(*seen.shape, *[1] * (x.ndim - 1)) + 0 * x[0]
-            return np.stack(module.residual(x[:3], x[3:], spread, size, in_plane)[0])
 
-        x = np.concatenate([point, direction])
-        numerical = jacobian(residual, x, initial_step=0.1 * np.r_[[1.0] * 3, [0.1] * 3])
-        r, by_point, by_direction = module.residual(point, direction, seen, size, in_plane)
-        ours = np.concatenate([np.reshape(by_point, (-1, 3)), np.zeros((len(r), 3))], axis=1)
-        if module.TURNS:
-            ours[:, 3:] = np.reshape(by_direction, (-1, 3))
-        scale = np.abs(numerical.df).max(axis=0)
-        np.testing.assert_allclose(ours / scale.clip(1e-3), numerical.df / scale.clip(1e-3), atol=1e-6)
+def of_values(residual, target, view, x):
+    return evaluate(residual, target, view, x)[0]
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -58,20 +70,19 @@ def test_derivatives_of_whole_problem_agree_with_numerical_ones(kind):
     def residual(step):
         steps = step.reshape(problem.n, -1).T
         moved = problem.move(state[np.zeros(len(steps), dtype=int)], steps)
-        r = term.linearise(moved, moved.placements[0], True)[0][:, -1]
+        r = term.linearise(moved, moved.placements[0]).residual
         return np.moveaxis(r.reshape(len(steps), -1), 0, 1).reshape(-1, *step.shape[1:])
 
     numerical = jacobian(residual, np.zeros(problem.n), initial_step=0.01).df
-    ours = term.linearise(state, state.placements[0], True)[0][0, :-1].reshape(problem.n, -1).T
+    ours = term.linearise(state, state.placements[0]).columns[0, :-1].reshape(problem.n, -1).T
     np.testing.assert_allclose(ours, numerical, atol=1e-7 * np.abs(numerical).max())
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_residuals_vanish_where_the_target_meets_the_scan_plane(kind):
     scene = random_scene(kind, np.random.default_rng(7))
-    problem = Problem([scene.observations], Noise(0.05))
-    for in_plane in (True, False):
-        r = problem.terms[0].linearise(scene.truth, scene.truth.placements[0], in_plane)[0][0, -1]
+    for in_space in (False, True):
+        (r,) = Problem([scene.observations], Noise(0.05), in_space).residuals(scene.truth)
         assert np.abs(r).max() < 1e-9
 
 

@@ -9,9 +9,9 @@ import pandas as pd
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
+from profilecal.geometry.poses import carry
 from profilecal.joint.observability import BY_HAND_DEG, BY_HAND_MM, WEAK, name_direction
 from profilecal.joint.solve import FALSE_ALARM
-from profilecal.profiles.features import find_features
 from profilecal.report.figures import (
     BLUE,
     GREEN,
@@ -154,7 +154,7 @@ def facts_table(found) -> Html:
     """What was scanned, how much of it counts, and how well it fits."""
     s, rows = found.solution, []
     for scan, seen in zip(found.scans, found.seen, strict=True):
-        name = f"{scan.title or scan.kind}: {scan.kind}" + (f", radius {scan.radius:g} mm" if scan.radius else "")
+        name = f"{scan.title or scan.kind}: {scan.description}"
         groups = len(np.unique(scan.group)) if scan.group is not None else len(scan.labels)
         rows.append(("Scan", f"{name}; {len(scan.labels)} poses in {groups} orientations, target found in {len(seen)}"))
     mounts = {"eye-in-hand": "on the flange (eye-in-hand)", "eye-to-hand": "fixed in the cell (eye-to-hand)"}
@@ -164,7 +164,7 @@ def facts_table(found) -> Html:
         rows += [
             ("Method", method),
             ("Poses", f"{len(found.labels(rejected=False))} used, {len(found.labels(rejected=True))} rejected"),
-            ("Scanner noise", f"{s.noise_mm:.3g} mm, {s.noise_how}"),
+            ("Scanner noise", f"{s.noise_mm:.3g} mm, {s.level.how}"),
             ("Residuals", f"{s.rms_mm:.3g} mm rms; χ²/dof = {s.chi2_per_dof:.3g} (1: as the noise explains)"),
         ]
     return html_table(pd.DataFrame(rows, columns=["", " "]))
@@ -229,31 +229,17 @@ def draw_lines(axes, lines, colour: str, label: str, width: float = 3.0) -> np.n
 
 
 def target_lines(target, solution, observed) -> list[np.ndarray]:
-    """A target as polylines (n, 3): an edge as long as it was seen, a circle, a ball's three, a square, a cross."""
-    if observed.kind == "edge":
-        R, T = observed.R_flange[0], observed.T_flange[0]
-        points = np.asarray(observed.points)[0, :, 0] @ solution.rotation[:, [0, 2]].T + solution.translation
-        along = (np.einsum("nab,nb->na", R, points) + T - target.point) @ target.direction
-        low, high = np.nanpercentile(along, [1, 99])
-        ends = np.array([1.1 * low - 0.1 * high, 1.1 * high - 0.1 * low])
-        return [target.point + ends[:, None] * target.direction]
-    if observed.kind == "disk":
-        return [circle_points(target.centre, target.normal, target.radius)]
-    if observed.kind == "ball":
-        return [circle_points(target.centre, axis, target.radius) for axis in np.eye(3)]
-    if observed.kind == "plane":
-        return [circle_points(target.point, target.normal, 60.0, count=5)]
-    return [target.point + 10 * np.outer([-1, 1], axis) for axis in np.eye(3)]
+    """A target as polylines (n, 3), as far as it was seen."""
+    x, z = np.moveaxis(np.asarray(observed.points)[0], -1, 0)
+    seen = np.stack([x, np.zeros_like(x), z], axis=-1) @ solution.rotation.T + solution.translation
+    in_base = carry(observed.R_flange[0][:, None], observed.T_flange[0][:, None], seen)
+    return target.lines(in_base.reshape(-1, 3))
 
 
 def chance_limits(found) -> list[np.ndarray]:
     """For each scan, the residual (P,) over the noise that a good pose exceeds so seldom that none of them should."""
     total = sum(map(len, found.seen))
-    rows = {"edge": 2, "point": 3, "disk": 4}
-    counts = [
-        np.full(len(seen), rows[o.kind]) if o.kind in rows else np.isfinite(o.points[0, :, :, 0]).sum(axis=1)
-        for o, seen in zip(found.observed, found.seen, strict=True)
-    ]
+    counts = [o.target.rows * np.isfinite(o.points[0, :, :, 0]).sum(axis=1) for o in found.observed]
     return [np.sqrt(chi2.isf(FALSE_ALARM / total, count) / count) for count in counts]
 
 
@@ -339,7 +325,7 @@ def reasons_of(scan) -> dict[int, str]:
     """Why the target was not found, by pose, where the scan holds raw profiles."""
     if scan.measured != "profiles":
         return {}
-    return {i: f.reason for i, f in enumerate(find_features(scan.kind, scan.values, scan.radius)) if f.reason}
+    return {i: f.reason for i, f in enumerate(scan.target.features(scan.values, scan.sizes)) if f.reason}
 
 
 def plot_view(found) -> plt.Figure:
@@ -371,7 +357,7 @@ def plot_profiles(scan, rejected=()) -> list[plt.Figure]:
     """
     if scan.measured != "profiles":
         return []
-    features = find_features(scan.kind, scan.values, scan.radius)
+    features = scan.target.features(scan.values, scan.sizes)
     valid = [values[np.isfinite(values).all(axis=1)] for values in scan.values]
     width, height = 1.2 * np.percentile([np.ptp(values, axis=0) for values in valid if len(values)], 90, axis=0)
     cell = np.array([width, np.clip(height, 0.4 * width, 0.75 * width)])

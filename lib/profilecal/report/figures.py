@@ -167,7 +167,7 @@ def draw_seen_and_expected(axes, scene, turn_deg: float, shift_mm: float) -> Non
     R = truth.rotation[0] @ Rotation.from_rotvec(turn_deg * np.ones(3) / np.sqrt(3), degrees=True).as_matrix()
     rotation = seen.R_flange[0, k] @ R
     origin = seen.R_flange[0, k] @ (truth.translation[0] + shift_mm * np.ones(3) / np.sqrt(3)) + seen.T_flange[0, k]
-    expected = scene.target().meet(rotation, origin)
+    expected = scene.target.meet(rotation, origin)
     dots = dict(color=BLUE, label="seen")
     cross = dict(color=RED, label="expected")
     x, z = seen.points[0, k].T
@@ -193,7 +193,7 @@ def draw_motion(axes, scene, worst) -> None:
     seen, truth = scene.observations, scene.truth
     rotation = seen.R_flange[0] @ truth.rotation[0]
     origin = seen.T_flange[0] + seen.R_flange[0] @ truth.translation[0]
-    middle, direction = (entry[0] for entry in truth.placements[0])
+    middle, direction = truth.placements[0][0][0], truth.placements[0][1][0][:, 2]
     axes.scatter(*origin.T, s=6, color=BLUE, depthshade=False)
     for g in np.unique(seen.group):
         first = np.flatnonzero(seen.group == g)[0]
@@ -202,7 +202,7 @@ def draw_motion(axes, scene, worst) -> None:
     if seen.kind == "edge":
         target = middle + np.outer([-60, 60], direction)
     else:
-        target = circle_points(middle, direction, seen.size)
+        target = circle_points(middle, direction, *seen.sizes)
     axes.plot(*target.T, color="black", lw=2.5)
     shift, turn = rotation[0] @ worst[:3], rotation[0] @ worst[3:]
     name = "arrow" if shift @ shift > turn @ turn else "turn"

@@ -14,6 +14,7 @@ from profilecal.geometry.poses import angle_between
 from profilecal.scan.conventions import CONVENTIONS, RowError, find_convention, from_rotations, to_rotations
 from profilecal.scan.scan import Scan, ScanError
 from profilecal.scan.tables import _labels, _line, _numbers, is_file, is_number, read_table, read_toml, shown, toml_text
+from profilecal.targets import TARGETS
 
 MEASURED = {
     "profiles": ("x", "z"),
@@ -23,15 +24,13 @@ MEASURED = {
 }
 
 
-FITS = {"edge": "points", "point": "points", "disk": "chords", "ball": "arcs", "plane": None}
-
-
 NOISE = ("profile_mm", "position_mm", "orientation_deg", "group_position_mm", "group_orientation_deg", "steering_mm")
 
 
+LENGTHS = tuple(dict.fromkeys(name for target in TARGETS.values() for name in target.lengths))
 KEYS = {
     "": ("title", "units", "mount", "target", "noise"),
-    "target": ("kind", "radius", "side"),
+    "target": ("kind", *LENGTHS, "side"),
     "noise": NOISE,
 }
 
@@ -45,7 +44,7 @@ MOUNTS = ("eye-in-hand", "eye-to-hand")
 SAME_ORIENTATION_DEG = 0.05  # poses that differ by less form a rotation group
 
 
-RADIUS_MM = (0.5, 1000.0)  # of a ball or disk that a profile scanner can see
+SIZE_MM = (0.5, 1000.0)  # of a target that a profile scanner can see
 
 
 REACH_MM = (10.0, 20_000.0)  # farthest flange position from the base: a robot's size
@@ -75,10 +74,9 @@ def read_scan(folder) -> Scan:
         raise ScanError(f"{error.filename or folder}: {error.strerror or error}") from error
 
     target = header["target"]
-    needs = FITS[target["kind"]]
-    fit = {"point": ("points",), "plane": ("profiles",)}.get(target["kind"], ("profiles", needs))
-    if measured not in fit:
-        expected = " or ".join(fit)
+    kind = TARGETS[target["kind"]]
+    if measured not in kind.tables:
+        expected = " or ".join(kind.tables)
         raise ScanError(f"{folder}: a target of kind {target['kind']!r} needs {expected}, not {measured}")
     side = np.full(len(values), float(target.get("side", 0)))
     if poses["side"] is not None:
@@ -91,7 +89,7 @@ def read_scan(folder) -> Scan:
         T_base_flange=poses["T"],
         measured=measured,
         values=values,
-        radius=target["radius"] * scale if "radius" in target else None,
+        sizes=tuple(target[name] * scale for name in kind.lengths),
         side=side,
         group=group if given else find_groups(poses["R"]),
         group_given=given,
@@ -122,7 +120,7 @@ def read_header(path: Path) -> dict:
     for name, value, choices in (
         ("units", header["units"], tuple(SCALE)),
         ("mount", header["mount"], MOUNTS),
-        ("target kind", target.get("kind"), tuple(FITS)),
+        ("target kind", target.get("kind"), tuple(TARGETS)),
         ("target side", target.get("side", 1), (1, -1)),
     ):
         if value not in choices or isinstance(value, bool):
@@ -134,21 +132,23 @@ def read_header(path: Path) -> dict:
     title = header["title"]
     if not isinstance(title, str) or not title.isprintable() or len(title) > 200:
         raise ScanError(f"{path}: title is {shown(title)}; expected one line of text")
-    _check_radius(path, target, SCALE[header["units"]])
+    _check_sizes(path, target, SCALE[header["units"]])
     return header
 
 
-def _check_radius(path: Path, target: dict, scale: float) -> None:
-    kind, radius = target["kind"], target.get("radius")
-    if kind not in ("disk", "ball"):
-        if radius is not None:
-            raise ScanError(f"{path}: a target of kind {kind!r} has no radius; leave it out")
-        return
-    if radius is None:
-        raise ScanError(f"{path}: the {kind}'s radius is missing; expected radius = … under [target]")
-    low, high = (v / scale for v in RADIUS_MM)
-    if not is_number(radius) or not low <= radius <= high:
-        raise ScanError(f"{path}: radius is {shown(radius)}; expected {low:g} to {high:g} in the folder's units")
+def _check_sizes(path: Path, target: dict, scale: float) -> None:
+    """Raise ScanError unless a target has its lengths, and no others."""
+    kind = target["kind"]
+    low, high = (v / scale for v in SIZE_MM)
+    for name in LENGTHS:
+        value = target.get(name)
+        if name not in TARGETS[kind].lengths:
+            if value is not None:
+                raise ScanError(f"{path}: a target of kind {kind!r} has no {name}; leave it out")
+        elif value is None:
+            raise ScanError(f"{path}: the {kind}'s {name} is missing; expected {name} = … under [target]")
+        elif not is_number(value) or not low <= value <= high:
+            raise ScanError(f"{path}: {name} is {shown(value)}; expected {low:g} to {high:g} in the folder's units")
 
 
 def read_poses(folder: Path, scale: float) -> dict:
@@ -306,5 +306,5 @@ def write_scan(scan: Scan, folder, table: str = ".csv") -> None:
 
 def header_text(scan: Scan) -> str:
     """scan.toml of a scan."""
-    target = {"kind": scan.kind} | ({"radius": scan.radius} if scan.radius else {})
+    target = {"kind": scan.kind} | scan.measures
     return toml_text({"title": scan.title, "units": "mm", "mount": scan.mount, "target": target, "noise": scan.noise})

@@ -194,7 +194,7 @@ def read_handeyesync(folder, kind: str | None = None, picked: bool = False) -> S
         T_base_flange=listing.poses[:, :3],
         measured="points" if picked else "profiles",
         values=tuple(point[None] for point in points) if picked else profiles,
-        radius=BALL_RADIUS if kind == "ball" else None,
+        sizes=(BALL_RADIUS,) if kind == "ball" else (),
         side=np.zeros(len(R)),
         group=find_groups(R),
         title=f"HandEyeSync {folder.name}, user frame {listing.user_frame}, tool {listing.tool}",
