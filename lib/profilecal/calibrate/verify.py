@@ -13,8 +13,6 @@ from profilecal.geometry.poses import carry, rotations
 from profilecal.scan.scan import Scan, ScanError
 
 DRAWS = 200  # of the stated covariance
-
-
 BELIEVED = 3.0  # standard deviations
 
 

@@ -45,11 +45,7 @@ def closed_form(seen: Observations, R_sensor, heights: str = "published") -> tup
 
 
 DRAWS = 200  # repetitions with simulated noise
-
-
 LEAST_POSITIONS = 3  # in a rotation group
-
-
 STRAIGHT = 0.01  # of a disk scan's length: the most by which its flange positions may leave equal steps on a line
 
 

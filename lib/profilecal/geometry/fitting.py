@@ -10,8 +10,6 @@ from dataclasses import dataclass
 import numpy as np
 
 ROUNDS = 60  # Newton steps at most; four or five are usual
-
-
 HIGH_POWERS = [(3, 0), (2, 1), (1, 2), (0, 3), (4, 0), (3, 1), (2, 2), (1, 3), (0, 4)]
 
 

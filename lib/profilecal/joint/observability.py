@@ -14,20 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 
 BY_HAND_MM, BY_HAND_DEG = 10.0, 5.0
-
-
 WEAK = 0.1  # of the measurement by hand
-
-
 RANK = 1e-10  # smallest eigenvalue over largest that is not rounding
-
-
 LEAST_TURN_DEG = 1.0  # flange orientations that differ by less are taken for one
-
-
 NEAR_AXIS_DEG = 15.0  # a direction this near to an axis is called by its name
-
-
 POSE_UNITS = np.r_[np.full(3, BY_HAND_MM), np.full(3, np.radians(BY_HAND_DEG))]
 
 

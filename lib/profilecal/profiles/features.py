@@ -28,68 +28,26 @@ from profilecal.profiles.runs import (
 )
 
 LEAST_BEND_DEG = 15.0  # between the sides of a corner
-
-
 BLUNT = 0.5  # mm around a corner that its rounding and the laser spot spoil
-
-
 LEAST_SIDE = 10  # points on either side of it
-
-
 REACH = 2.0  # mm from the end of a straight side to the corner, at most
-
-
 LIKE_ANGLES_DEG = 20.0, 30.0  # from a corner's usual angle, and from that if tilted planes see nothing nearer to it
-
-
 AMBIGUOUS = 0.5  # a second candidate with this share of the first one's support leaves the choice open
-
-
 ALIKE = 0.8  # as many profiles that show the other end of a face leave open which is the edge
-
-
 LEAST_CORNERS = 3  # profiles that show which end of a face is the edge
-
-
 ZONE = 12  # points at the end of a run among which the scanner may see both sides of a step
-
-
 ON_FACE = 3.5  # standard deviations from a run's line
-
-
 LEAST_STEP = 0.5  # mm off a run's line: a step, not a bend
-
-
 THICKNESS = 3.0  # mm of a face whose side wall may be seen
-
-
 STEEPEST_DEG = 65.0  # of a face that faces the scanner
-
-
 CLEAR = 5.0  # mm beyond a run in which the scanner sees nothing, though it looked: the run ends there
-
-
 TIP_DEPTH, TIP_WIDTH = 0.5, 2.0  # mm of a blade that make up its tip, and its width there at most
-
-
 LEAST_TIP_POINTS = 3
-
-
 AROUND = 12  # points on either side of a tip that must be behind it
-
-
 LEAST_ARC_DEG, LEAST_ARC_POINTS = 30.0, 20  # of a ball's circle that must be seen
-
-
 LARGEST_RMS = 0.5  # tolerances, of an arc's points from the circle; pieces of lines near a circle have more
-
-
 LEAST_SHARE = 0.9  # of the points along an arc that must lie on it
-
-
 BLOCKS = 40  # points that stand for an arc or a line, each the mean of its neighbours
-
-
 KINDS = ("edge", "disk", "ball", "plane")
 
 

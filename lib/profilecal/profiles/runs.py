@@ -9,23 +9,11 @@ from itertools import pairwise
 import numpy as np
 
 NOISE_LIMIT = 5.0  # standard deviations of the noise from a line within which points are on it
-
-
 LEAST_TOLERANCE, LARGEST_TOLERANCE = 0.1, 2.0  # mm, however quiet; a profile that needs more shows no surface
-
-
 LEAST_POINTS = 6  # of a piece that is worth merging
-
-
 SHORTEST = 1.5  # mm of a run
-
-
 LEAST_SHARE = 0.5  # of the points between a run's ends
-
-
 WINDOW = 7  # points whose median a spike leaves
-
-
 SPIKE = 5.0  # tolerances
 
 

@@ -28,14 +28,8 @@ from profilecal.report.figures import (
 from profilecal.scan.conventions import CONVENTIONS, VENDORS, for_controller, from_rotations
 
 FRAMES_DRAWN, SCANS_DRAWN = 24, 8  # flange frames and scan planes in a picture
-
-
 TARGETS = ("black", PURPLE, YELLOW)  # one colour a scan
-
-
 PROFILES_DRAWN = 20  # profiles in one figure, so that figures fit on a page
-
-
 VERDICTS = {
     "ok": ("The scanner's pose is determined", GREEN, "Every direction of it is known to better than 1 mm and 0.5°."),
     "weak": (

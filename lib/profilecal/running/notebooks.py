@@ -12,14 +12,8 @@ import time
 from pathlib import Path
 
 _running: set[subprocess.Popen] = set()
-
-
 _idle: list[subprocess.Popen] = []
-
-
 REAL_DATA = "PROFILECAL_REAL_DATA"
-
-
 TYPES = {"int": int, "float": (int, float), "bool": bool, "str": str, "list": list}
 
 

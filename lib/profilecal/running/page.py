@@ -12,8 +12,6 @@ from tqdm import tqdm
 from profilecal.running import notebooks
 
 NOTEBOOK = "60_calibrate_your_scanner.ipynb"
-
-
 NEEDED = ("papermill", "nbconvert", "ipykernel")
 
 
@@ -109,8 +107,6 @@ PAGE = """<!DOCTYPE html>
 </body>
 </html>
 """
-
-
 STYLE = """
 :root { color-scheme: light; }
 body { margin: 0 auto; max-width: 46rem; padding: 1rem; background: white; color: #222;

@@ -26,11 +26,7 @@ if TYPE_CHECKING:  # notebooks import this module for `record`, which should not
 
 
 MIME = "application/vnd.profilecal.record"
-
-
 ATTEMPTS = 2  # at a run whose kernel dies or hangs
-
-
 PATIENCE_S = 10  # with a scheduler that does not answer
 
 

@@ -29,11 +29,7 @@ CONVENTIONS = (
     Convention("Stäubli angles", ("alpha", "beta", "gamma"), "Stäubli", "XYZ"),
     Convention("matrix", tuple(f"r{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3)), "any"),
 )
-
-
 UNIT_TOLERANCE = 1e-3  # quaternions printed to four decimals pass
-
-
 LARGEST_ANGLE_DEG = 720.0  # controllers print angles within a turn
 
 

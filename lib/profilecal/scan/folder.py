@@ -22,37 +22,19 @@ MEASURED = {
     "chords": ("x_a", "z_a", "x_b", "z_b"),
     "arcs": ("x", "z", "r"),
 }
-
-
 NOISE = ("profile_mm", "position_mm", "orientation_deg", "group_position_mm", "group_orientation_deg", "steering_mm")
-
-
 LENGTHS = tuple(dict.fromkeys(name for target in TARGETS.values() for name in target.lengths))
 KEYS = {
     "": ("title", "units", "mount", "target", "noise"),
     "target": ("kind", *LENGTHS, "side"),
     "noise": NOISE,
 }
-
-
 SCALE = {"mm": 1.0, "m": 1000.0}
-
-
 MOUNTS = ("eye-in-hand", "eye-to-hand")
-
-
 SAME_ORIENTATION_DEG = 0.05  # poses that differ by less form a rotation group
-
-
 SIZE_MM = (0.5, 1000.0)  # of a target that a profile scanner can see
-
-
 REACH_MM = (10.0, 20_000.0)  # farthest flange position from the base: a robot's size
-
-
 FARTHEST_MM = 10_000.0  # from the scanner; no profile scanner sees as far, and some print such numbers for no point
-
-
 NOISE_RANGE = (1e-6, 100.0)  # mm or degrees
 
 

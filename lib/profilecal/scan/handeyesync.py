@@ -15,17 +15,9 @@ from profilecal.scan.folder import find_groups
 from profilecal.scan.scan import Scan, ScanError
 
 NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
-
-
 COORDINATES = {"X": "mm", "Y": "mm", "Z": "mm", "W": "deg", "P": "deg", "R": "deg"}
-
-
 BALL_RADIUS = 40.0  # mm, of the sphere in these measurements
-
-
 FANUC = next(convention for convention in CONVENTIONS if convention.name == "FANUC angles")
-
-
 CONSTANT = 1e-3  # mm or degrees by which a further axis may move between positions
 
 

@@ -17,8 +17,6 @@ import pandas as pd
 from profilecal.scan.scan import ScanError
 
 LARGEST_FILE = 400_000_000  # bytes
-
-
 LARGEST_HEADER = 1_000_000
 
 
