@@ -27,7 +27,7 @@ from profilecal.targets import TARGETS
 from profilecal.targets.disk import Disk
 
 KINDS = list(TARGETS)
-SMALL = {"disk": {"positions": 20}, "ball": {"count": 10}, "plane": {"count": 10}, "point": {}, "edge": {}}
+SMALL = {"disk": {"positions": 20}}
 SIGMA = 0.05
 KNOWN = Noise(SIGMA, steering_mm=0.2)
 
@@ -36,7 +36,7 @@ KNOWN = Noise(SIGMA, steering_mm=0.2)
 def many(kind: str, count: int, seed: int, **choices) -> Scene:
     """`count` random scenes as a batch."""
     rng = np.random.default_rng(seed)
-    return stack([random_scene(kind, rng, **SMALL[kind], **choices) for _ in range(count)])
+    return stack([random_scene(kind, rng, count=10, **SMALL.get(kind, {}), **choices) for _ in range(count)])
 
 
 def errors(state: State, truth: State) -> np.ndarray:
@@ -196,7 +196,7 @@ def test_stated_uncertainty_is_honest_where_points_differ_in_precision(kind):
 @pytest.mark.parametrize("kind", ["edge", "disk", "ball", "plane"])
 def test_equal_covariances_are_as_good_as_none(kind):
     rng = np.random.default_rng(15)
-    scene = random_scene(kind, rng, **SMALL[kind])
+    scene = random_scene(kind, rng, count=10, **SMALL.get(kind, {}))
     plain = scene.noisy(SIGMA, rng)
     *batch, m, _ = plain.points.shape
     one = np.ones((*batch, m)) if plain.on_curve else np.broadcast_to(np.eye(2 * m), (*batch, 2 * m, 2 * m))

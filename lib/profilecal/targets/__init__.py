@@ -8,5 +8,6 @@ from profilecal.targets.disk import Disk
 from profilecal.targets.edge import Edge
 from profilecal.targets.plane import Plane
 from profilecal.targets.point import Point
+from profilecal.targets.rod import Rod
 
-TARGETS = {target.kind: target for target in (Edge, Disk, Ball, Plane, Point)}
+TARGETS = {target.kind: target for target in (Edge, Disk, Ball, Plane, Point, Rod)}
