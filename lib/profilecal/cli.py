@@ -243,16 +243,14 @@ def write_the_report(folders, path, **parameters):
 def print_scorecard(frame):
     """The scorecard as a table on the terminal."""
     from rich.console import Console
-    from rich.table import Table
+    from rich.table import Column, Table
 
     from profilecal.papers.scorecard import to_text
 
     colours = {"reproduced": "green", "compatible": "yellow", "differs": "red"}
     columns = ["paper", "item", "quantity", "published", "ours", "unit", "tolerance", "verdict"]
-    table = Table(padding=0)
-    for column in columns:
-        number = column in ("published", "ours", "tolerance")
-        table.add_column(column, justify="right" if number else "left", overflow="fold")
+    sides = {"published": "right", "ours": "right", "tolerance": "right"}
+    table = Table(*(Column(name, justify=sides.get(name, "left"), overflow="fold") for name in columns), padding=0)
     for values in to_text(frame)[columns].to_dict("records"):
         values["verdict"] = f"[{colours.get(values['verdict'], 'default')}]{values['verdict']}[/]"
         table.add_row(*values.values())

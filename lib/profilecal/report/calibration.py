@@ -173,7 +173,7 @@ def rejected_table(found) -> Html:
                 rows.append((scan.title, scan.labels[i], alone if value > most else crowd))
     for scan, seen in zip(found.scans, found.seen, strict=True):
         missed = np.setdiff1d(np.arange(len(scan.labels)), seen)
-        why = reasons_of(scan)
+        why = {i: feature.reason for i, feature in enumerate(features_of(scan)) if feature.reason}
         rows += [(scan.title, scan.labels[i], why.get(i, "nothing measured")) for i in missed]
     if not rows:
         return paragraphs("None: every pose counts.")
@@ -181,11 +181,9 @@ def rejected_table(found) -> Html:
     return html_table(frame if len(found.scans) > 1 else frame.drop(columns="scan"))
 
 
-def reasons_of(scan) -> dict[int, str]:
-    """Why the target was not found, by pose, where the scan holds raw profiles."""
-    if scan.measured != "profiles":
-        return {}
-    return {i: f.reason for i, f in enumerate(find_features(scan.kind, scan.values, scan.radius)) if f.reason}
+def features_of(scan) -> list:
+    """What is found in each profile of a scan; nothing where the scan holds no raw profiles."""
+    return find_features(scan.kind, scan.values, scan.radius) if scan.measured == "profiles" else []
 
 
 def profile_words(found) -> Html:

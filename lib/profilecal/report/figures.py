@@ -6,21 +6,17 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
-from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
 
 from profilecal.papers.scorecard import Scorecard
 
 # Okabe and Ito's colours, told apart by colour-blind readers and in grey print
-BLUE, ORANGE, GREEN, RED, SKY, PURPLE, YELLOW = (
-    "#0072B2",
-    "#E69F00",
-    "#009E73",
-    "#D55E00",
-    "#56B4E9",
-    "#CC79A7",
-    "#F0E442",
-)
+BLUE = "#0072B2"
+ORANGE = "#E69F00"
+GREEN = "#009E73"
+RED = "#D55E00"
+SKY = "#56B4E9"
+PURPLE = "#CC79A7"
+YELLOW = "#F0E442"
 
 
 def use_style() -> None:
@@ -75,10 +71,11 @@ class Results:
 def plot_rounding(axes, draws, published: float, ours: float, name: str) -> None:
     """One quantity under the rounding of a printed table: all results that the table allows, and the published one."""
     low, high = np.percentile(draws, [2.5, 97.5])
-    axes.hist(draws, bins=60, density=True, color=SKY, alpha=0.6)
+    band = "ours, from tables that round to it (band: 95 % of them)"
+    axes.hist(draws, bins=60, density=True, color=SKY, alpha=0.6, label=band)
     axes.axvspan(low, high, color=SKY, alpha=0.25, lw=0)
-    axes.axvline(ours, color=BLUE, lw=1.5)
-    axes.axvline(published, color=RED, lw=2, ls="--")
+    axes.axvline(ours, color=BLUE, lw=1.5, label="ours, from the table as printed")
+    axes.axvline(published, color=RED, lw=2, ls="--", label="published")
     axes.set(xlabel=name, yticks=[])
     axes.spines["left"].set_visible(False)
     axes.locator_params(axis="x", nbins=3)
@@ -87,12 +84,7 @@ def plot_rounding(axes, draws, published: float, ours: float, name: str) -> None
 
 def rounding_legend(figure: plt.Figure) -> None:
     """The key to `plot_rounding`, once for a figure."""
-    handles = [
-        Line2D([], [], color=RED, lw=2, ls="--", label="published"),
-        Line2D([], [], color=BLUE, lw=1.5, label="ours, from the table as printed"),
-        Patch(color=SKY, alpha=0.6, label="ours, from tables that round to it (band: 95 % of them)"),
-    ]
-    figure.legend(handles=handles, loc="outside lower center", ncols=3)
+    figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=3, reverse=True)
 
 
 def draw_frame(axes, rotation, origin, length: float, name: str = "") -> None:

@@ -4,8 +4,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from profilecal.joint.observability import BY_HAND_DEG, BY_HAND_MM, WEAK
-from profilecal.profiles.features import find_features
-from profilecal.report.calibration import chance_limits
+from profilecal.report.calibration import chance_limits, features_of
 from profilecal.report.figures import (
     BLUE,
     GREEN,
@@ -175,9 +174,9 @@ def plot_profiles(scan, rejected=()) -> list[plt.Figure]:
 
     `rejected`: labels of the poses that the calibration rejects. No figures where the scan holds no raw profiles.
     """
-    if scan.measured != "profiles":
+    features = features_of(scan)
+    if not features:
         return []
-    features = find_features(scan.kind, scan.values, scan.radius)
     valid = [values[np.isfinite(values).all(axis=1)] for values in scan.values]
     width, height = 1.2 * np.percentile([np.ptp(values, axis=0) for values in valid if len(values)], 90, axis=0)
     cell = np.array([width, np.clip(height, 0.4 * width, 0.75 * width)])

@@ -1,16 +1,12 @@
 """What a notebook hands out to a sweep, by way of its own output; notebooks import this, so it costs them nothing."""
 
 import json
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 MIME = "application/vnd.profilecal.record"
 
 
-def record(table: "pd.DataFrame | None" = None, /, **values) -> None:
-    """Hand out values, or a table, of the notebook that calls this: they become columns of the sweep's table.
+def record(table=None, /, **values) -> None:
+    """Hand out values, or a pandas table, of the notebook that calls this: they become columns of the sweep's table.
 
     A run with a table gets one row for each of the table's. Raises TypeError for a value that no table can hold.
     """

@@ -13,7 +13,6 @@ import platform
 import shutil
 import tempfile
 import time
-from collections import Counter
 from dataclasses import dataclass
 from hashlib import sha256
 from importlib import metadata
@@ -153,12 +152,9 @@ def sweep(
     with _alone(output) as scratch:
         missing = [run for run in runs if _state(folder / run.file, keys[run.name]) != "done"]
         if missing:
-            with _cluster(scheduler, scratch) as client, _progress(client, len(missing)) as tell:
-                arguments = source, str(notebook.resolve().parent), present, timeout
-                for run, text in _carry_out(client, missing, keys, arguments):
-                    with whole(folder / run.file, scratch) as part:
-                        part.write_text(text, encoding="utf-8")
-                    tell(_state(folder / run.file, keys[run.name]))
+            arguments = source, str(notebook.resolve().parent), present, timeout
+            with _cluster(scheduler, scratch) as client:
+                _carry_out(client, missing, keys, arguments, folder, scratch)
         table, failed = gather(folder, runs, present)
         path = output / f"table.{'parquet' if parquet else 'csv'}"
         with whole(path, scratch) as part:
@@ -188,14 +184,18 @@ def _code(source: str) -> str:
     return digest([(cell["cell_type"], "".join(cell["source"])) for cell in json.loads(source)["cells"]], 64)
 
 
-def _carry_out(client, runs: list[Run], keys: dict[str, str], arguments: tuple):
-    """Each run as it ends, with its notebook's text; in the end, calls off the rest. `arguments` are of `execute`."""
+def _carry_out(client, runs: list[Run], keys: dict[str, str], arguments: tuple, folder: Path, scratch: Path) -> None:
+    """Write each run's executed notebook into a folder as it ends; on the way out, call off the rest.
+
+    `arguments` are those of `execute` that all runs share.
+    """
     from distributed import KilledWorker, as_completed
 
-    jobs = {}
+    jobs, failures = {}, 0
     for run in runs:
         key = keys[run.name]
         jobs[client.submit(execute, run, key, *arguments, key=f"{run.name}-{key}", pure=False)] = run
+    bar = tqdm(total=len(runs), disable=None, bar_format=BAR)
     try:
         for future in as_completed(list(jobs), loop=client.loop):
             run = jobs.pop(future)
@@ -205,9 +205,15 @@ def _carry_out(client, runs: list[Run], keys: dict[str, str], arguments: tuple):
                 text = _stamp(json.loads(arguments[0]), keys[run.name], "its worker died each time", 0.0)
             except ImportError as error:
                 raise ValueError(f"a worker cannot load the library: {error}; install it there") from error
-            yield run, text
+            with whole(folder / run.file, scratch) as part:
+                part.write_text(text, encoding="utf-8")
             del future  # or the cluster keeps its text
+            failures += _state(folder / run.file, keys[run.name]) == "failed"
+            running = min(len(jobs), sum(client.nthreads().values()))
+            bar.set_postfix_str(f"{failures} failed, {running} running", refresh=False)
+            bar.update()
     finally:
+        bar.close()
         client.cancel(list(jobs))
 
 
@@ -236,22 +242,6 @@ def _cluster(scheduler: str | None, scratch: Path):
             yield client
         finally:
             notebooks.stop_all()
-
-
-@contextlib.contextmanager
-def _progress(client, total: int):
-    """A bar of the runs; what it gives is called with the state of each one that ends."""
-    with tqdm(total=total, disable=None, bar_format=BAR) as bar:
-        states = Counter()
-
-        def tell(state: str) -> None:
-            states[state] += 1
-            if not bar.disable:
-                running = min(total - states.total(), sum(client.nthreads().values()))
-                bar.set_postfix_str(f"{states['failed']} failed, {running} running", refresh=False)
-            bar.update()
-
-        yield tell
 
 
 @contextlib.contextmanager

@@ -4,11 +4,13 @@ data/README.md describes the format. Lengths are millimetres once read, whatever
 """
 
 import stat
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
+from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import angle_between
 from profilecal.scan.conventions import RowError, find_convention, from_rotations, named, to_rotations
 from profilecal.scan.files import is_file, is_there, naming, whole
@@ -28,11 +30,10 @@ FITS = {  # what a scan of a target may hold
     "ball": ("profiles", "arcs"),
     "plane": ("profiles",),
 }
-NOISE = ("profile_mm", "position_mm", "orientation_deg", "group_position_mm", "group_orientation_deg", "steering_mm")
 KEYS = {
     "": ("title", "units", "mount", "target", "noise"),
     "target": ("kind", "radius", "side"),
-    "noise": NOISE,
+    "noise": tuple(field.name for field in fields(Noise)),
 }
 SCALE = {"mm": 1.0, "m": 1000.0}
 MOUNTS = ("eye-in-hand", "eye-to-hand")
@@ -258,7 +259,9 @@ def write_scan(scan: Scan, folder, table: str = ".csv") -> None:
             partial.mkdir(parents=True)
         except OSError as error:
             raise ScanError(f"{folder}: cannot be written there: {error.strerror}") from error
-        (partial / "scan.toml").write_text(header_text(scan), encoding="utf-8")
+        target = {"kind": scan.kind} | ({"radius": scan.radius} if scan.radius else {})
+        header = {"title": scan.title, "units": "mm", "mount": scan.mount, "target": target, "noise": scan.noise}
+        (partial / "scan.toml").write_text(toml_text(header), encoding="utf-8")
         for name, frame in (("poses", poses), (scan.measured, values)):
             path = partial / f"{name}{table}"
             if table == ".csv":
@@ -267,9 +270,3 @@ def write_scan(scan: Scan, folder, table: str = ".csv") -> None:
                 frame.to_parquet(path, index=False)
         if scan.truth:
             (partial / "truth.toml").write_text(toml_text(scan.truth), encoding="utf-8")
-
-
-def header_text(scan: Scan) -> str:
-    """scan.toml of a scan."""
-    target = {"kind": scan.kind} | ({"radius": scan.radius} if scan.radius else {})
-    return toml_text({"title": scan.title, "units": "mm", "mount": scan.mount, "target": target, "noise": scan.noise})
