@@ -39,6 +39,11 @@ class Calibration:
         """ "ok", "weak" or "unobservable"."""
         return self.solution.status if self.solution else "unobservable"
 
+    @property
+    def frame(self) -> str:
+        """The one that the sensor's pose is in: "flange", or "base" where the scanner stands still."""
+        return "flange" if self.scans[0].mount == "eye-in-hand" else "base"
+
     def labels(self, rejected: bool) -> list[str]:
         """Of the poses used or rejected."""
         if not self.solution:
@@ -54,7 +59,7 @@ class Calibration:
     def to_json(self) -> dict:
         """The object that `profilecal calibrate --json` prints; data/README.md says what each entry is."""
         s, known = self.solution, self.status != "unobservable"
-        frame = "flange" if self.scans[0].mount == "eye-in-hand" else "base"
+        frame = self.frame
         observability, targets = None, None
         if s:
             observability = {
@@ -151,12 +156,11 @@ def to_text(found: Calibration) -> str:
     """What `profilecal calibrate` prints for people."""
     s, lines = found.solution, [f"status         {found.status}"]
     if found.status != "unobservable":
-        frame = "flange" if found.scans[0].mount == "eye-in-hand" else "base"
         W, P, R = np.degrees(xyz_angles_from_rotation(s.rotation))
         W = (W + 180) % 360 - 180
         tx, ty, tz = s.translation
         lines += [
-            f"translation    {tx:.3f}  {ty:.3f}  {tz:.3f} mm, of the sensor's origin in the {frame} frame",
+            f"translation    {tx:.3f}  {ty:.3f}  {tz:.3f} mm, of the sensor's origin in the {found.frame} frame",
             f"rotation       {W:.4f}  {P:.4f}  {R:.4f}°, R = Rz({R:.4f}) Ry({P:.4f}) Rx({W:.4f})",
             "one sd         "
             + "  ".join(f"{v:.2g}" for v in s.translation_sd_mm)

@@ -1,7 +1,4 @@
-"""The scan folder: a user's measurements as plain files, read with every mistake named, and written.
-
-data/README.md describes the format. Lengths are millimetres once read, whatever the folder's units.
-"""
+"""A scan in memory, and the error that says what is wrong with one."""
 
 from dataclasses import dataclass, field
 
