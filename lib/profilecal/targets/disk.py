@@ -47,17 +47,15 @@ class Disk(Target):
         half, slope = root(radius**2 - q**2, 0.1 * radius)
         side = np.array([[-1.0], [1.0]]) * np.where(nz < 0, -1, 1)  # of the tips, smaller x first
         end, by_q = side * half, -2 * q * slope * side
-        # by a turn of the disk: of the angle of N and A in the scan plane, of t, and of g
-        by_turn = (-t * N[0], 1.0, -t * N[1]), (-A[0] / g**2, 0.0, -A[1] / g**2), (ny * A[0], 0.0, ny * A[1])
         r, force, torque = [], [], []
         for k, (observed, centre) in enumerate(zip(seen, (cx, cz), strict=True)):
-            r.append(observed - centre - cy * t * N[k] - end * A[k])
-            force.append([0.0, -t * N[k] - by_q * A[k] / g, 0.0])
+            r.append(observed - (centre + cy * t * N[k]) - end * A[k])
+            force.append([0.0, -t * N[k] - by_q * (A[k] / g), 0.0])
             force[k][2 * k] = -1.0
-            change = end * N[k] - cy * t * A[k], -cy * N[k], by_q * A[k] * cy / g**2
-            torque.append(
-                [sum(a * b for a, b in zip(change, turn, strict=True)) for turn in zip(*by_turn, strict=True)]
-            )
+            # by the angle of N and A in the scan plane, by t, by g; and what a turn of the disk makes of these
+            by_angle, by_t, by_g = end * N[k] - cy * t * A[k], -cy * N[k], by_q * (cy * A[k] / g**2)
+            x, z = (by_g * (ny * A[i]) - by_angle * (t * N[i]) - by_t * A[i] / g**2 for i in (0, 1))
+            torque.append([x, by_angle, z])
         return r, force, torque
 
     @staticmethod

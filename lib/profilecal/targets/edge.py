@@ -48,21 +48,19 @@ class Edge(Target):
     def residual(origin, axes, seen, sizes):
         """x and z of the sensed point minus those of the place where the plane meets the edge."""
         (x, z), (px, py, pz), (dx, dy, dz) = seen, origin, axes[2]
-        zero, one = np.zeros_like(px), np.ones_like(px)
         s = py / dy
         r = [x - px + s * dx, z - pz + s * dz]
-        force = [[-one, dx / dy, zero], [zero, dz / dy, -one]]
-        by_direction = [[s, -s * dx / dy, zero], [zero, -s * dz / dy, s]]
+        force = [[-1.0, dx / dy, 0.0], [0.0, dz / dy, -1.0]]
+        by_direction = [[s, -s * dx / dy, 0.0], [0.0, -s * dz / dy, s]]
         return r, force, [cross(axes[2], d) for d in by_direction]
 
     @staticmethod
     def residual_in_space(origin, axes, seen, sizes):
         """(sensed point - origin) × direction."""
         (x, z), (px, py, pz), (dx, dy, dz) = seen, origin, axes[2]
-        zero = np.zeros_like(px)
         vx, vy, vz = x - px, -py, z - pz
-        force = [[zero, -dz, dy], [dz, zero, -dx], [-dy, dx, zero]]
-        by_direction = [[zero, -vz, vy], [vz, zero, -vx], [-vy, vx, zero]]
+        force = [[0.0, -dz, dy], [dz, 0.0, -dx], [-dy, dx, 0.0]]
+        by_direction = [[0.0, -vz, vy], [vz, 0.0, -vx], [-vy, vx, 0.0]]
         return cross((vx, vy, vz), axes[2]), force, [cross(axes[2], d) for d in by_direction]
 
     @staticmethod

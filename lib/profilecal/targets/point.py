@@ -33,8 +33,7 @@ class Point(Target):
     def residual(origin, axes, seen, sizes):
         """x and z of the scan, and the distance from the scan plane."""
         (x, z), (px, py, pz) = seen, origin
-        zero, one = np.zeros_like(px), np.ones_like(px)
-        return [x - px, z - pz, -py], [[-one, zero, zero], [zero, zero, -one], [zero, -one, zero]], None
+        return [x - px, z - pz, -py], [[-1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, -1.0, 0.0]], None
 
     residual_in_space = residual
 
