@@ -207,7 +207,7 @@ def algebraic_centre(points) -> np.ndarray:
     square = np.sum(p**2, axis=-1, keepdims=True)
     square = square - square.mean(axis=-2, keepdims=True)
     H = np.swapaxes(p, -1, -2) @ p
-    ridge = 1e-6 * np.trace(H, axis1=-2, axis2=-1)[..., None, None] * np.eye(points.shape[-1])
+    ridge = 1e-9 * np.trace(H, axis1=-2, axis2=-1)[..., None, None] * np.eye(points.shape[-1])
     return middle[..., 0, :] + 0.5 * np.linalg.solve(H + ridge, np.swapaxes(p, -1, -2) @ square)[..., 0]
 
 

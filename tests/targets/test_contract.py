@@ -1,4 +1,4 @@
-"""Each target's residuals vanish on what its own `meet` gives, and their derivatives are the derivatives."""
+"""What the library asks of every target: residuals with their derivatives, a fit, distances, outlines, lines."""
 
 from functools import partial
 
@@ -7,9 +7,10 @@ import pytest
 from scipy.differentiate import jacobian
 
 from profilecal.geometry.noise import Noise
-from profilecal.geometry.poses import directions, rotations
+from profilecal.geometry.poses import carry, directions, rotations
 from profilecal.joint.problem import Problem
 from profilecal.simulate.scene import random_scene
+from profilecal.simulate.spec import Spec, simulate_scan
 from profilecal.targets import TARGETS
 from profilecal.targets.plane import Plane
 from profilecal.targets.point import Point
@@ -84,6 +85,57 @@ def test_residuals_vanish_where_the_target_meets_the_scan_plane(kind):
     for in_space in (False, True):
         (r,) = Problem([scene.observations], Noise(0.05), in_space).residuals(scene.truth)
         assert np.abs(r).max() < 1e-9
+
+
+def in_base(scene):
+    """The points seen, (n, 3), in the base frame."""
+    seen, (R_sensor,), (T_sensor,) = scene.observations, scene.truth.rotation, scene.truth.translation
+    x, z = np.moveaxis(seen.points[0], -1, 0)
+    in_flange = np.stack([x, np.zeros_like(x), z], axis=-1) @ R_sensor.T + T_sensor
+    return carry(seen.R_flange[0][:, None], seen.T_flange[0][:, None], in_flange).reshape(-1, 3)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_fit_to_its_points_is_the_target(kind):
+    """Its distances from them are zero, and its lengths those that it has; points off by noise are as far from it."""
+    rng = np.random.default_rng(10)
+    scene = random_scene(kind, rng)
+    points, target = in_base(scene), TARGETS[kind]
+    assert np.abs(scene.target.distance(points)).max() < 1e-9
+    origin, axes, sizes = target.fit(points)
+    fitted = target.at(origin, axes, sizes)
+    assert np.abs(fitted.distance(points)).max() < 1e-4
+    np.testing.assert_allclose(sizes, target.sizes, atol=1e-3)
+    np.testing.assert_allclose(np.linalg.det(axes), 1)
+    noisy = points + 0.05 * rng.normal(size=points.shape)
+    origin, axes, sizes = target.fit(noisy)
+    assert np.sqrt(np.mean(target.at(origin, axes, sizes).distance(noisy) ** 2)) < 0.05 * np.sqrt(3) * 1.1
+    both = target.fit(np.stack([points, noisy]))
+    np.testing.assert_allclose(both[0][1], origin)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_frame_makes_the_target_and_the_target_its_frame(kind):
+    scene = random_scene(kind, np.random.default_rng(11))
+    again = TARGETS[kind].at(*scene.target.frame, TARGETS[kind].sizes)
+    for name, value in vars(scene.target).items():
+        np.testing.assert_allclose(vars(again)[name], value, atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_its_lines_lie_on_it_or_near_what_was_seen(kind):
+    scene = random_scene(kind, np.random.default_rng(12))
+    points = in_base(scene)
+    for line in scene.target.lines(points):
+        assert line.shape[1] == 3
+        near = np.linalg.norm(line[:, None] - points, axis=2).min(axis=1)
+        assert (np.abs(scene.target.distance(line)) < 1e-9).all() or near.min() < 100
+
+
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if "profiles" in TARGETS[kind].tables])
+def test_it_is_found_in_the_profiles_that_it_is_simulated_with(kind):
+    scan = simulate_scan(Spec(kind=kind, measured="profiles", groups=5, positions=4))
+    assert np.mean([feature.found for feature in scan.target.features(scan.values, scan.sizes)]) > 0.5
 
 
 def test_a_plane_meets_the_scan_plane_in_a_line_on_both():
