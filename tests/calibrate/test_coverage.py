@@ -15,10 +15,11 @@ from profilecal.calibrate.calibration import calibrate
 from profilecal.calibrate.observe import covariances
 from profilecal.geometry.noise import Noise
 from profilecal.joint.state import pose_error
-from profilecal.profiles.features import LEAST_SIDE, find_features
+from profilecal.profiles.features import find_features
 from profilecal.scan.folder import read_scan, write_scan
 from profilecal.simulate.scanner import Scanner
 from profilecal.simulate.spec import Spec, simulate_scan
+from profilecal.targets._find_edge import LEAST_SIDE
 from profilecal.targets.disk import Disk
 from profilecal.targets.edge import Edge
 
