@@ -32,12 +32,12 @@ def spoil(profiles, truth, rng):
     return profiles
 
 
-def edges(specimen, rng, groups=25):
+def edges(specimen, rng, groups=25, scanner=SCANNER):
     """Profiles (P, n, 2) of a specimen, and its edge (P, 1, 2)."""
     plan = EdgePlan(groups=groups, spread_deg=20, frame="group", radius=15)
     scene = edge_scenes(plan, Noise(), rng)
-    profiles = edge_profiles(scene, specimen, SCANNER, Noise(), rng)
-    return profiles.reshape(-1, SCANNER.points, 2), scene.points.reshape(-1, 1, 2)
+    profiles = edge_profiles(scene, specimen, scanner, Noise(), rng)
+    return profiles.reshape(-1, scanner.points, 2), scene.points.reshape(-1, 1, 2)
 
 
 def scan(outlines, rng):
