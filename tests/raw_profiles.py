@@ -78,6 +78,30 @@ def balls(rng, count=250, background=30.0):
     return scan(chains, rng), np.array(circles)
 
 
+def rods(rng, count=250, radius=RADIUS, background=30.0):
+    """Profiles of rods above a table or, with `background` None, nothing, by scan planes up to 45° off square.
+
+    Their ellipses (P, 4): the centre, and what of the axis' unit direction lies in the plane.
+    """
+    step = np.radians(1.5)
+    chains, ellipses = [], []
+    for sine in np.sin(rng.uniform(0, np.pi / 4, count)):
+        axis = turned([sine, 0], rng.uniform(-np.pi, np.pi), 0.0)
+        cosine = np.sqrt(1 - sine**2)
+        oblique = np.eye(2) + np.outer(axis, axis) / (cosine * (1 + cosine))  # from the rod seen along its axis
+        centre = np.array([rng.uniform(-8, 8), rng.uniform(190, 240) + max(radius - RADIUS, 0)])
+        nearest = np.arctan2(*oblique[::-1, 1]) + np.pi  # where the ellipse is square to z
+        angle = nearest + np.arange(-np.radians(120), np.radians(120), step)
+        circle = radius * (1 + step**2 / 12) * np.stack([np.cos(angle), np.sin(angle)], axis=-1)  # chords: on it on average
+        arc = centre + circle @ oblique
+        if background is not None:
+            floor = arc[:, 1].max() + background
+            arc = np.array([[-300, floor], [arc[0, 0], floor], *arc, [arc[-1, 0], floor], [300, floor]])
+        chains.append(arc)
+        ellipses.append([*centre, *axis])
+    return scan(chains, rng), np.array(ellipses)
+
+
 def planes(rng, count=250):
     """Profiles of a face with a lower table beside it, and points on the face (P, 2, 2)."""
     faces = [

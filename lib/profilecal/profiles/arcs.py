@@ -1,6 +1,7 @@
 """The arc of a circle, or of a curve like it, in a raw profile."""
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -15,12 +16,31 @@ LARGEST_GAP = 20  # rows from one point of an arc to the next
 ROUNDS = 6  # of fitting a curve and choosing the points on it
 
 
+class Curve(Protocol):
+    """A closed curve in the scan plane, convex, and what it means to be on it."""
+
+    shape: str  # in words
+    fitted: int  # parameters that a fit of it takes from points
+    radius: float  # mm, about
+
+    def off(self, points) -> np.ndarray:
+        """How far points (k, 2) are outside, mm."""
+
+    def angles(self, points) -> np.ndarray:
+        """Where on it points (k, 2) in scan order are, rad, without jumps."""
+
+    def points(self, angles, off) -> np.ndarray:
+        """At angles (k,) and so far outside (k,), mm: (k, 2)."""
+
+
 @dataclass(frozen=True)
 class Circle:
-    """The points at `radius` mm from `centre` (2,)."""
+    """The points at `radius` mm from `centre` (2,): a `Curve`."""
 
     centre: np.ndarray
     radius: float
+    shape = "circle"
+    fitted = 3
 
     @staticmethod
     def through(points) -> "Circle | None":
@@ -30,25 +50,22 @@ class Circle:
         return Circle(circle[:2], circle[2]) if np.isfinite(circle).all() else None
 
     def off(self, points) -> np.ndarray:
-        """How far points (k, 2) are outside, mm."""
         return np.hypot(*(points - self.centre).T) - self.radius
 
     def angles(self, points) -> np.ndarray:
-        """Of points (k, 2) in scan order about the centre, rad, without jumps."""
         x, z = (points - self.centre).T
         return np.unwrap(np.arctan2(z, x))
 
     def points(self, angles, off) -> np.ndarray:
-        """At angles (k,) and so far outside, (k, 2)."""
         return self.centre + (self.radius + off)[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
 
 
-def find_arc(profile, largest: float, fit, why_not, fitted: int, missing: str) -> Feature:
+def find_arc(profile, start, fit, why_not, missing: str) -> Feature:
     """The arc that a profile (n, 2) shows of a curve, as up to 40 means over its points.
 
-    `largest` is the radius, mm, of the largest circle with which to begin, and `missing` what to say if there is none.
-    `fit(points, curve)` gives the curve, or None, that has `fitted` parameters and is nearest to points (k, 2) which
-    are near the last one; `why_not(curve, angles, off)` says what speaks against it, with its points' places.
+    `start(points, limit)` gives a rough curve of which points (k, 2) may show an arc to within `limit` mm, or None, and
+    `fit(points, curve)` the one nearest to points that are near the last one. `why_not(curve, angles, off)` says what
+    speaks against the curve whose points are there, "" if nothing does, and `missing` that there is none.
     """
     count = int(present(profile).sum())
     if count < LEAST_ARC_POINTS:
@@ -57,7 +74,7 @@ def find_arc(profile, largest: float, fit, why_not, fitted: int, missing: str) -
     if limit == LARGEST_TOLERANCE:
         return nothing(profile, "neighbouring points differ too much to be of one surface")
     points = profile[rows]
-    curve = best_circle(points, largest, limit)
+    curve = start(points, limit)
     for _ in range(ROUNDS):
         if curve is None:
             break
@@ -69,11 +86,11 @@ def find_arc(profile, largest: float, fit, why_not, fitted: int, missing: str) -
     reason = why_no_arc(curve, angles, off, on, limit) or why_not(curve, angles, off)
     if reason:
         return nothing(profile, reason)
-    angles, means, covariance = block_means(angles, off, fitted)
+    angles, means, covariance = block_means(angles, off, curve.fitted)
     return Feature(curve.points(angles, means), covariance, mask(profile, rows[on]), "arc")
 
 
-def why_no_arc(curve, angles, off, on, limit: float) -> str:
+def why_no_arc(curve: Curve, angles, off, on, limit: float) -> str:
     """What speaks against points being the arc of any curve, in words; "" if nothing does."""
     extent = float(np.ptp(angles))
     if extent < np.radians(LEAST_ARC_DEG):
@@ -81,27 +98,28 @@ def why_no_arc(curve, angles, off, on, limit: float) -> str:
     if curve.radius * (1 - np.cos(min(extent / 2, np.pi))) < 4 * limit:
         return "an arc too flat to be told from a line"
     if np.sqrt(np.mean(off**2)) > LARGEST_RMS * limit:
-        return "points that follow no circle"
+        return f"points that follow no {curve.shape}"
     share = on[on.argmax() : len(on) - on[::-1].argmax()].mean()
     if share < LEAST_SHARE:
         return f"only {100 * share:.0f} % of the points along the arc are on it"
     return ""
 
 
-def best_circle(points, largest: float, limit: float) -> Circle | None:
+def best_circle(points, limit: float, least: float, largest: float, parts: int = 12) -> Circle | None:
     """Of circles through three points of a profile (k, 2) each, the one on which most points are; None if few are.
 
-    The three are spread over stretches of different length, so that some see the arc alone, without spikes.
+    Its radius is between `least` and `largest`, mm. The three points are spread over stretches of different length,
+    from one of so many `parts` of the profile to all of it, so that some see the arc alone, without spikes.
     """
     k = len(points)
-    spans = np.unique(np.geomspace(max(8, k // 12), k - 1, 7).astype(int))
+    spans = np.unique(np.geomspace(max(8, k // parts), k - 1, 7).astype(int))
     triples = [
         np.stack([s, s + span // 2, s + span], axis=-1)
         for span in spans
         for s in [np.unique(np.linspace(0, k - 1 - span, 40).astype(int))]
     ]
     circles = circles_through(*points[np.concatenate(triples)].transpose(1, 0, 2))
-    circles = circles[(10 * limit < circles[:, 2]) & (circles[:, 2] < largest)]  # false for NaN
+    circles = circles[(least < circles[:, 2]) & (circles[:, 2] < largest)]  # false for NaN
     if not len(circles):
         return None
     few = points[:: max(1, k // 250)]

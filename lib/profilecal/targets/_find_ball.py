@@ -1,10 +1,8 @@
 """A ball in raw profiles: the arc of a circle no larger than the ball."""
 
-from functools import partial
-
 import numpy as np
 
-from profilecal.profiles.arcs import Circle, find_arc
+from profilecal.profiles.arcs import Circle, best_circle, find_arc
 from profilecal.profiles.feature import Feature
 from profilecal.profiles.points import correlation
 
@@ -12,12 +10,18 @@ from profilecal.profiles.points import correlation
 def find(profiles, sizes) -> list[Feature]:
     """The arc of the ball in each profile (n, 2), mm, as up to 40 means over its points; `sizes` is its radius, mm."""
     (radius,) = sizes
+
+    def start(points, limit):
+        return best_circle(points, limit, least=10 * limit, largest=1.2 * radius)
+
+    def fit(points, _):
+        return Circle.through(points)
+
+    def why_not(circle, angles, off):
+        return why_no_ball(circle, angles, off, radius)
+
     missing = "no arc of a circle as large as the ball or smaller"
-    why_not = partial(why_no_ball, radius=radius)
-    return [
-        find_arc(profile, 1.2 * radius, lambda points, _: Circle.through(points), why_not, 3, missing)
-        for profile in profiles
-    ]
+    return [find_arc(profile, start, fit, why_not, missing) for profile in profiles]
 
 
 def why_no_ball(circle: Circle, angles, off, radius: float) -> str:
