@@ -15,12 +15,11 @@ from profilecal.calibrate.calibration import calibrate
 from profilecal.calibrate.observe import covariances
 from profilecal.geometry.noise import Noise
 from profilecal.joint.state import pose_error
-from profilecal.profiles.features import LEAST_SIDE
 from profilecal.scan.folder import read_scan, write_scan
 from profilecal.simulate.scanner import Scanner
 from profilecal.simulate.spec import Spec, simulate_scan
 from profilecal.targets.disk import Disk
-from profilecal.targets.edge import Edge
+from profilecal.targets.edge import LEAST_SIDE, Edge
 
 SCANS = int(os.environ.get("PROFILECAL_COVERAGE", "8"))
 BESIDE = 8.0  # mm from an edge, in which LEAST_SIDE points of a face show it

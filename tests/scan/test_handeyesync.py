@@ -9,7 +9,6 @@ from scipy.spatial.transform import Rotation
 
 from profilecal.joint.observations import Observations
 from profilecal.joint.solve import solve
-from profilecal.profiles.features import find_features
 from profilecal.scan.folder import read_scan, write_scan
 from profilecal.scan.handeyesync import read_handeyesync, read_listing, read_profile
 from profilecal.scan.scan import ScanError
@@ -144,7 +143,7 @@ def solved(scan, features):
 
 def test_the_real_ridge_is_found_in_every_profile_and_calibrates():
     scan = real("edge")
-    features = find_features("edge", scan.values)
+    features = scan.target.features(scan.values)
     assert len(features) == 26
     assert {f.shape for f in features} == {"corner"}
     picked = np.concatenate(real("edge", picked=True).values)

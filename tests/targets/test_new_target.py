@@ -14,8 +14,8 @@ from profilecal.geometry.components import cross
 from profilecal.geometry.noise import Noise
 from profilecal.joint.solve import solve
 from profilecal.joint.state import normalised_square, pose_error
-from profilecal.profiles.features import Feature, nothing
-from profilecal.profiles.runs import run_of, straight_runs
+from profilecal.profiles.feature import Feature, mask, nothing
+from profilecal.profiles.runs import Run, straight_runs
 from profilecal.report import pictures
 from profilecal.scan.folder import read_scan, write_scan
 from profilecal.simulate.scene import random_scene
@@ -116,10 +116,9 @@ def groove_in(profile) -> Feature:
         return nothing(profile, f"{len(runs)} straight runs; a groove has 4")
     rough = [corner for corner, _ in corners(runs)]
     away = [np.min([np.linalg.norm(profile[run.rows] - corner, axis=1) for corner in rough], axis=0) for run in runs]
-    runs = [run_of(profile, run.rows[distance > 0.5]) for run, distance in zip(runs, away, strict=True)]
+    runs = [Run.through(profile, run.rows[distance > 0.5]) for run, distance in zip(runs, away, strict=True)]
     points, covariances = zip(*sorted(corners(runs), key=lambda pair: pair[0][0]), strict=True)
-    used = np.zeros(len(profile), dtype=bool)
-    used[np.concatenate([run.rows for run in runs])] = True
+    used = mask(profile, np.concatenate([run.rows for run in runs]))
     return Feature(np.array(points), np.array(covariances), used, "groove")
 
 
@@ -129,7 +128,7 @@ def corners(runs) -> list:
     for first, second in pairwise(runs):
         inverse = np.linalg.inv(np.stack([first.normal, second.normal]))
         corner = inverse @ [first.normal @ first.point, second.normal @ second.point]
-        variance = np.diag([first.offset_variance(corner), second.offset_variance(corner)])
+        variance = np.diag([run.offset_covariance(corner[None])[0, 0] for run in (first, second)])
         found.append((corner, inverse @ variance @ inverse.T))
     return found
 

@@ -7,7 +7,9 @@ import numpy as np
 from profilecal.geometry.components import root
 from profilecal.geometry.fitting import algebraic_centre
 from profilecal.geometry.poses import carry, circle_around, inverse
-from profilecal.profiles.features import find_features
+from profilecal.profiles.arcs import Circle, best_circle, find_arc
+from profilecal.profiles.feature import Feature
+from profilecal.profiles.points import correlation
 from profilecal.targets.plane import Plane
 from profilecal.targets.target import Target
 
@@ -88,7 +90,7 @@ class Ball(Target):
 
     @staticmethod
     def find(profiles, sizes):
-        return find_features("ball", profiles, *sizes)
+        return arcs_in(profiles, sizes)
 
     def outline(self, specimen, rotation, origin, away):
         """Above a table."""
@@ -121,3 +123,37 @@ class Ball(Target):
             "the ball's centre lies on the other side of the scan plane than stated for pose "
             f"{', '.join(other)}; check side, x and z of the profiles, or turn the sensor's y axis round"
         ), 2 * len(other) > np.count_nonzero(scan.side[poses])
+
+
+# A ball in raw profiles: the arc of a circle no larger than the ball
+
+
+def arcs_in(profiles, sizes) -> list[Feature]:
+    """The arc of the ball in each profile (n, 2), mm, as up to 40 means over its points; `sizes` is its radius, mm."""
+    (radius,) = sizes
+
+    def start(points, limit):
+        return best_circle(points, limit, least=10 * limit, largest=1.2 * radius)
+
+    def fit(points, _):
+        return Circle.through(points)
+
+    def why_not(circle, angles, off):
+        return why_no_ball(circle, angles, off, radius)
+
+    missing = "no arc of a circle as large as the ball or smaller"
+    return [find_arc(profile, start, fit, why_not, missing) for profile in profiles]
+
+
+def why_no_ball(circle: Circle, angles, off, radius: float) -> str:
+    """What speaks against an arc being the ball's, in words; "" if nothing does."""
+    if circle.radius > 1.01 * radius + 4 * circle_radius_sd(angles, off):
+        return f"a circle of {circle.radius:.4g} mm; expected at most the ball's {radius:.4g} mm"
+    return ""
+
+
+def circle_radius_sd(angles, off) -> float:
+    """Standard deviation of the radius of a circle fitted to points at angles (k,) that are `off` (k,) it, mm."""
+    J = np.stack([np.cos(angles), np.sin(angles), np.ones_like(angles)], axis=-1)
+    variance = (off**2).sum() / max(len(off) - 3, 1) * correlation(off)
+    return float(np.sqrt(variance * np.linalg.inv(J.T @ J)[2, 2]))

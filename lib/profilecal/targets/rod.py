@@ -3,12 +3,18 @@
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import least_squares
 
 from profilecal.geometry.components import cross, dot
 from profilecal.geometry.poses import frame_around
+from profilecal.profiles.arcs import Circle, best_circle, find_arc
+from profilecal.profiles.feature import Feature
 from profilecal.targets.plane import Plane
 from profilecal.targets.target import ALONG_Y, Target
 
+LARGEST_TILT_DEG = 60.0  # of the scan plane against square to the rod
+FIRST_TILT_DEG = 30.0  # of the section with which a fit begins
+PARTS = 60  # of a profile, of which a thin rod fills one or two
 BELOW_MM = 20.0  # a table, in simulated profiles
 STEEPEST_DEG = 60.0  # of the bar's cross-section that a perfect scanner sees, to either side
 STEPS = 6  # of fitting: two or three are usual
@@ -125,6 +131,10 @@ class Rod(Target):
     def points_seen(self, rotation, origin, count):
         return self.arc(rotation, origin, np.radians(np.linspace(-STEEPEST_DEG, STEEPEST_DEG, count)))
 
+    @staticmethod
+    def find(profiles, sizes):
+        return sections_in(profiles, sizes)
+
     def outline(self, specimen, rotation, origin, away):
         """Above a table."""
         table = Plane(self.point + (self.radius + BELOW_MM) * away, away)
@@ -136,3 +146,104 @@ class Rod(Target):
         ends = self.point + np.array([[low], [high]]) * self.direction
         x, y, _ = self.frame[1].T
         return [ends + self.radius * around for around in (x, y, -x, -y)]
+
+
+# A rod, a straight round bar, in raw profiles: an arc of the ellipse in which the scan plane cuts it
+
+
+@dataclass(frozen=True)
+class Section:
+    """The ellipse |w|² - (w·t)² = R², w from its centre and t what of the rod's unit axis is in the plane: a `Curve`.
+
+    `lean` q = t / √(1 - |t|²) is as long as the tangent of the tilt. The map B = 1 - q qᵀ / (s (1 + s)), s² = 1 + |q|²,
+    takes w to the circle that the rod shows along its axis, and back with B⁻¹ = 1 + q qᵀ / (1 + s).
+    """
+
+    centre: np.ndarray  # (2,) mm
+    lean: np.ndarray  # (2,)
+    radius: float  # mm, of the rod
+    shape = "ellipse"
+    fitted = 4
+
+    @property
+    def secant(self) -> float:
+        """Of the tilt: s."""
+        return float(np.sqrt(1 + self.lean @ self.lean))
+
+    def squared(self, w) -> np.ndarray:
+        """B w for vectors (k, 2) in the scan plane."""
+        return w - (w @ self.lean)[:, None] * self.lean / (self.secant * (1 + self.secant))
+
+    def off(self, points) -> np.ndarray:
+        """To first order: small beside the radius."""
+        u = self.squared(points - self.centre)
+        distance = np.hypot(*u.T)
+        return (distance - self.radius) * distance / np.hypot(*self.squared(u).T)
+
+    def normals(self, u) -> np.ndarray:
+        """Unit normals (k, 2), outwards, where B takes the curve to the directions of u (k, 2)."""
+        normal = self.squared(u)
+        return normal / np.hypot(*normal.T)[:, None]
+
+    def angles(self, points) -> np.ndarray:
+        """About the rod's axis."""
+        x, z = self.squared(points - self.centre).T
+        return np.unwrap(np.arctan2(z, x))
+
+    def points(self, angles, off) -> np.ndarray:
+        u = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+        w = u + (u @ self.lean)[:, None] * self.lean / (1 + self.secant)
+        return self.centre + self.radius * w + off[:, None] * self.normals(u)
+
+    def derivatives(self, points) -> np.ndarray:
+        """Of `off` by centre and lean, (k, 4), to the same order."""
+        w = points - self.centre
+        normal = self.normals(self.squared(w))
+        return -np.hstack([normal, normal * (w @ self.lean / self.secant**2)[:, None]])
+
+
+def sections_in(profiles, sizes) -> list[Feature]:
+    """The arc of the rod in each profile (n, 2), mm, as up to 40 means over its points; `sizes` is its radius, mm."""
+    (radius,) = sizes
+
+    def start(points, limit):
+        return best_circle(points, limit, least=0.5 * radius, largest=2.5 * radius, parts=PARTS)
+
+    def fit(points, curve):
+        return nearest_section(points, leaning(curve, points, radius) if isinstance(curve, Circle) else curve)
+
+    missing = f"no arc of a rod of {radius:.4g} mm"
+    return [find_arc(profile, start, fit, why_no_rod, missing) for profile in profiles]
+
+
+def leaning(circle: Circle, points, radius: float) -> Section:
+    """The section of a rod that leans towards the middle one of points (k, 2) on a circle, and touches it there."""
+    middle = points[len(points) // 2]
+    outwards = (middle - circle.centre) / np.hypot(*(middle - circle.centre))
+    tilt = np.radians(FIRST_TILT_DEG)
+    return Section(middle - radius / np.cos(tilt) * outwards, np.tan(tilt) * outwards, radius)
+
+
+def nearest_section(points, section: Section) -> Section | None:
+    """The one with the least sum of squared distances from points (k, 2), k ≥ 4, near another, if there is one."""
+
+    def of(state):
+        return Section(state[:2], state[2:], section.radius)
+
+    found = least_squares(
+        lambda state: of(state).off(points),
+        np.concatenate([section.centre, section.lean]),
+        lambda state: of(state).derivatives(points),
+        method="lm",
+        x_scale="jac",
+        max_nfev=50,
+    )
+    return of(found.x) if np.isfinite(found.x).all() else None
+
+
+def why_no_rod(section: Section, angles, off) -> str:
+    """What speaks against a section being the rod's, in words; "" if nothing does."""
+    tilt_deg = np.degrees(np.arccos(1 / section.secant))
+    if tilt_deg > LARGEST_TILT_DEG:
+        return f"an ellipse as from a scan plane {tilt_deg:.0f}° off square; expected {LARGEST_TILT_DEG:.0f}° or less"
+    return ""

@@ -17,7 +17,7 @@ import numpy as np
 
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import directions
-from profilecal.profiles.features import Feature
+from profilecal.profiles.feature import Feature
 
 ALONG_Y = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])  # a stance: z along the sensor's y, y towards the scanner
 
