@@ -40,6 +40,16 @@ def write_notebook(path: Path, code: str = DRAW) -> Path:
     return path
 
 
+@pytest.fixture(autouse=True, scope="module")
+def kept_processes():
+    """The processes that execute notebooks stay for the next sweep, which then need not import papermill again."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(notebooks, "stop_idle", lambda: None)
+        yield
+    notebooks.stop_idle()
+    assert not notebooks._idle
+
+
 @pytest.fixture
 def notebook(tmp_path):
     return write_notebook(tmp_path / "draw.ipynb")
@@ -215,12 +225,12 @@ if n == 2 or not mark.exists():
 
 def test_a_hung_kernel_is_ended_and_its_run_tried_once_more(tmp_path, monkeypatch):
     code = """
-import os, pathlib
+import os, pathlib, time
 mark = pathlib.Path("mark")
 again = mark.exists()
 mark.write_text(str(os.getpid()))
 while not again:
-    pass
+    time.sleep(1)
 """
     notebook, mark, fired = write_notebook(tmp_path / "hang.ipynb", code), tmp_path / "mark", []
 
