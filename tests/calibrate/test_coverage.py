@@ -38,6 +38,7 @@ CASES = {
     "disk": {"kind": "disk", "positions": 12},
     "ball": {"kind": "ball"},
     "plane": {"kind": "plane"},
+    "rod": {"kind": "rod"},
 }
 
 
