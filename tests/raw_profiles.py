@@ -92,7 +92,9 @@ def rods(rng, count=250, radius=RADIUS, background=30.0):
         centre = np.array([rng.uniform(-8, 8), rng.uniform(190, 240) + max(radius - RADIUS, 0)])
         nearest = np.arctan2(*oblique[::-1, 1]) + np.pi  # where the ellipse is square to z
         angle = nearest + np.arange(-np.radians(120), np.radians(120), step)
-        circle = radius * (1 + step**2 / 12) * np.stack([np.cos(angle), np.sin(angle)], axis=-1)  # chords: on it on average
+        circle = (
+            radius * (1 + step**2 / 12) * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        )  # chords: on it on average
         arc = centre + circle @ oblique
         if background is not None:
             floor = arc[:, 1].max() + background
