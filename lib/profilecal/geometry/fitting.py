@@ -10,8 +10,6 @@ from dataclasses import dataclass
 import numpy as np
 
 ROUNDS = 60  # Newton steps at most; four or five are usual
-
-
 HIGH_POWERS = [(3, 0), (2, 1), (1, 2), (0, 3), (4, 0), (3, 1), (2, 2), (1, 3), (0, 4)]
 
 
@@ -197,3 +195,33 @@ def fit_sphere(points) -> Sphere:
     radius = np.sqrt(solution[..., 3] + (c**2).sum(axis=-1))
     residuals = np.linalg.norm(p - c[..., None, :], axis=-1) - radius[..., None]
     return Sphere(c + mean[..., 0, :], radius, np.sqrt((residuals**2).mean(axis=-1)))
+
+
+def algebraic_centre(points) -> np.ndarray:
+    """The centre (..., d) of the sphere or circle nearest to points (..., n, d) algebraically: |p|² = 2 p·c + constant.
+
+    Where the points leave it open, as those on one circle do, it is the nearest to their middle.
+    """
+    middle = points.mean(axis=-2, keepdims=True)
+    p = points - middle
+    square = np.sum(p**2, axis=-1, keepdims=True)
+    square = square - square.mean(axis=-2, keepdims=True)
+    H = np.swapaxes(p, -1, -2) @ p
+    ridge = 1e-9 * np.trace(H, axis1=-2, axis2=-1)[..., None, None] * np.eye(points.shape[-1])
+    return middle[..., 0, :] + 0.5 * np.linalg.solve(H + ridge, np.swapaxes(p, -1, -2) @ square)[..., 0]
+
+
+def principal_axes(points) -> np.ndarray:
+    """Unit vectors, rows of (..., 3, 3), along which points (..., n, 3) spread about their mean, most first."""
+    return np.linalg.svd(points - points.mean(axis=-2, keepdims=True), full_matrices=False)[2]
+
+
+def affine_residuals(positions, values, weight) -> tuple[np.ndarray, np.ndarray]:
+    """What a weighted affine regression of values (n, k) on positions (n, 3) leaves, (n, k), times the roots of the
+    weights (n,); and the orthonormal basis (n, r) of what it can explain, which takes r degrees of freedom."""
+    root = np.sqrt(weight)[:, None]
+    offset = root * (positions - np.average(positions, axis=0, weights=weight))
+    U, size, _ = np.linalg.svd(offset, full_matrices=False)
+    basis = np.column_stack([root / np.linalg.norm(root), U[:, size > 1e-3 * size.max()]])
+    left = root * values
+    return left - basis @ (basis.T @ left), basis

@@ -11,8 +11,6 @@ from profilecal.papers.edge_plan import EdgePlan
 from profilecal.papers.edge_scenes import EdgeScene, edge_scenes
 
 DIRECTIONS = ("group", "sum", "vector")
-
-
 CHUNK = 100  # scenes solved at a time: 60 MB
 
 

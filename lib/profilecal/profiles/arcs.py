@@ -76,8 +76,10 @@ def find_arc(profile, start, fit, why_not, missing: str) -> Feature:
     points = profile[rows]
     curve, on = start(points, limit), None
     for _ in range(ROUNDS):
-        last, on = on, None if curve is None else largest_part(np.abs(curve.off(points)) <= limit)
-        if on is None or np.array_equal(on, last):
+        if curve is None:
+            break
+        before, on = on, largest_part(np.abs(curve.off(points)) <= limit)
+        if np.array_equal(on, before):
             break
         curve = fit(points[on], curve) if on.sum() >= LEAST_ARC_POINTS else None
     if curve is None:
