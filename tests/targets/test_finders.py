@@ -2,13 +2,15 @@
 
 import numpy as np
 import pytest
-from raw_profiles import RADIUS, balls, disks, edges, planes, spoil, tables
+from raw_profiles import RADIUS, balls, disks, edges, planes, rods, spoil, tables
+from scipy.differentiate import jacobian
 
 from profilecal.geometry.fitting import fit_circle
 from profilecal.simulate.scanner import Scanner
 from profilecal.simulate.spec import Spec, simulate_scan
 from profilecal.targets import TARGETS
 from profilecal.targets.edge import SPECIMENS, TIP_DEPTH, Edge
+from profilecal.targets.rod import Section
 
 BLANK = np.full((980, 2), np.nan)
 
@@ -120,7 +122,65 @@ def test_faces_are_found_and_as_exact_as_stated(spoiled):
     assert np.mean(squares) == pytest.approx(1, abs=4 * np.sqrt(2 / len(squares)))
 
 
-@pytest.mark.parametrize("kind", ["edge", "disk", "ball"])
+def outside(points, ellipse, radius):
+    """How far points (..., m, 2) are outside ellipses (..., 4) that planes cut from rods, mm, to first order.
+
+    The distance from the rod's axis, over how fast it grows across the ellipse.
+    """
+    w, axis = points - ellipse[..., None, :2], ellipse[..., 2:, None]
+    along = w @ axis
+    distance = np.sqrt((w**2).sum(axis=-1) - along[..., 0] ** 2)
+    slope = np.linalg.norm(w - along * ellipse[..., None, 2:], axis=-1) / distance
+    return (distance - radius) / slope
+
+
+@pytest.mark.parametrize(("radius", "background"), [(5.0, 30.0), (5.0, None), (25.0, None), (60.0, 30.0)])
+@pytest.mark.parametrize("spoiled", [False, True], ids=["clean", "spoiled"])
+def test_rods_are_found_and_as_exact_as_stated(spoiled, background, radius):
+    """No mean is drawn inwards by the bend of its block: their own mean is zero to within its standard error."""
+    rng = np.random.default_rng(3)
+    profiles, ellipses = rods(rng, radius=radius, background=background)
+    features = find_features("rod", spoil(profiles, ellipses[:, None, :2], rng) if spoiled else profiles, radius)
+    assert found(features).mean() >= 0.99
+    assert {f.shape for f in features if f.found} == {"arc"}
+    off = [outside(f.points, ellipse, radius) for f, ellipse in zip(features, ellipses, strict=True) if f.found]
+    variance = np.array([f.covariance[20, 0, 0] for f in features if f.found])
+    squares = np.array([o[20] for o in off]) ** 2 / variance
+    assert squares.mean() == pytest.approx(1, abs=4 * np.sqrt(2 / len(squares)))
+    means = np.array([o.mean() for o in off])
+    assert abs(means.mean()) < 4 * means.std() / np.sqrt(len(means))
+
+
+@pytest.mark.parametrize("lean", [(0.0, 0.0), (0.0, 1.0), (-0.6, 0.3)])
+def test_a_section_is_an_ellipse_and_its_distances_have_their_derivatives(lean):
+    section = Section(np.array([1.0, 2.0]), np.array(lean), 10.0)
+    angles, zero = np.linspace(-3, 3, 50), np.zeros(50)
+    on = section.points(angles, zero)
+    axis = section.lean / np.hypot(1, np.hypot(*lean))
+    np.testing.assert_allclose(outside(on, np.append(section.centre, axis), 10.0), 0, atol=1e-12)
+    np.testing.assert_allclose(section.angles(on), angles, atol=1e-12)
+    np.testing.assert_allclose(section.off(section.points(angles, zero + 1e-4)), 1e-4, atol=1e-8)
+
+    def off(states):
+        flat = states.reshape(4, -1).T
+        values = [Section(state[:2], state[2:], 10.0).off(on) for state in flat]
+        return np.stack(values, axis=-1).reshape(50, *states.shape[1:])
+
+    numerical = jacobian(off, np.concatenate([section.centre, section.lean])).df
+    np.testing.assert_allclose(section.derivatives(on), numerical, atol=1e-8)
+
+
+@pytest.mark.parametrize("radius", [15.0, 40.0])
+def test_a_rod_or_ball_of_another_size_is_not_found(radius):
+    """A circle up to a quarter larger may pass for a leaning rod, all but its flanks."""
+    rng = np.random.default_rng(4)
+    assert found(find_features("rod", rods(rng, 100)[0], radius)).mean() < 0.01
+    profiles, circles = balls(rng, 100)
+    other = np.abs(circles[:, 2] / radius - 1) > 0.25
+    assert not found(find_features("rod", profiles[other], radius)).any()
+
+
+@pytest.mark.parametrize("kind", ["edge", "disk", "ball", "rod"])
 @pytest.mark.parametrize("spoiled", [False, True], ids=["clean", "spoiled"])
 def test_a_table_alone_shows_nothing(kind, spoiled):
     rng = np.random.default_rng(4)
@@ -165,6 +225,7 @@ OUTSIDE = {
     "edge": (SHOWN["bar"][2], lambda rng: tables(rng, 200)),
     "disk": (disks, lambda rng: disks(rng, 200, aside=60.0)[0]),
     "ball": (balls, lambda rng: tables(rng, 200)),
+    "rod": (rods, lambda rng: tables(rng, 200)),
 }
 
 
@@ -206,6 +267,16 @@ def test_it_does_not_matter_how_the_scanner_counts(target, view):
     np.testing.assert_allclose(seen, points, atol=1e-9)
 
 
+@pytest.mark.parametrize("view", ["height for depth", "right for left", "last point first"])
+def test_it_does_not_matter_for_a_rod_either(view):
+    """An ellipse is fitted until noise decides the rest, which may move a point or two over a threshold."""
+    profiles, _ = rods(np.random.default_rng(6), 50)
+    plain, other = find_features("rod", profiles, RADIUS), find_features("rod", VIEWS[view][0](profiles), RADIUS)
+    assert found(plain).all()
+    used, seen = (np.array([f.used for f in features]) for features in (plain, other))
+    assert ((seen[:, ::-1] if view == "last point first" else seen) != used).sum(axis=1).max() <= 2
+
+
 def test_points_left_out_of_a_file_are_missing_points():
     rng = np.random.default_rng(7)
     profiles, truth = edges("parallel bar", rng, groups=5)
@@ -215,7 +286,7 @@ def test_points_left_out_of_a_file_are_missing_points():
     assert abs(ratio - 1) < 4 / np.sqrt(count)
 
 
-@pytest.mark.parametrize("kind", ["edge", "disk", "ball", "plane"])
+@pytest.mark.parametrize("kind", ["edge", "disk", "ball", "plane", "rod"])
 @pytest.mark.parametrize(
     "profile",
     [np.zeros((0, 2)), BLANK, np.zeros((980, 2)), np.ones((1, 2)), np.ones((980, 2)), BLANK[:4]],
@@ -231,7 +302,7 @@ def test_profiles_with_nothing_in_them_have_a_reason(kind, profile):
 def test_noise_alone_shows_nothing():
     rng = np.random.default_rng(8)
     profiles = rng.uniform([-50, 150], [50, 250], (50, 980, 2))
-    for kind in ("edge", "disk", "ball", "plane"):
+    for kind in ("edge", "disk", "ball", "plane", "rod"):
         assert not found(find_features(kind, profiles, RADIUS)).any()
 
 
@@ -247,11 +318,11 @@ CORRUPTIONS = (
 )
 
 
-@pytest.mark.parametrize("kind", ["edge", "disk", "ball", "plane"])
+@pytest.mark.parametrize("kind", ["edge", "disk", "ball", "plane", "rod"])
 def test_whatever_is_in_a_profile_gives_a_feature_or_a_reason(kind):
     """Warnings are errors here: no division by zero either."""
     rng = np.random.default_rng(10)
-    makers = [disks, balls, planes, lambda rng, _: edges("knife blade", rng, groups=1)]
+    makers = [disks, balls, planes, rods, lambda rng, _: edges("knife blade", rng, groups=1)]
     profiles = np.concatenate([make(rng, 10)[0] for make in makers])
     for profile in profiles[rng.integers(len(profiles), size=300)]:
         for corrupt in rng.choice(CORRUPTIONS, size=rng.integers(1, 4)):

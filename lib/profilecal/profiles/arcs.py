@@ -64,8 +64,8 @@ def find_arc(profile, start, fit, why_not, missing: str) -> Feature:
     """The arc that a profile (n, 2) shows of a curve, as up to 40 means over its points.
 
     `start(points, limit)` gives a rough curve of which points (k, 2) may show an arc to within `limit` mm, or None, and
-    `fit(points, curve)` the one nearest to points that are near the last one. `why_not(curve, angles, off)` says what
-    speaks against the curve whose points are there, "" if nothing does, and `missing` that there is none.
+    `fit(points, curve)` the one nearest to points near the last one. `why_not(curve, points, on, limit)` says what
+    speaks against it, with the points that are `on` it (k,), or "", and `missing` that there is none.
     """
     count = int(present(profile).sum())
     if count < LEAST_ARC_POINTS:
@@ -74,30 +74,31 @@ def find_arc(profile, start, fit, why_not, missing: str) -> Feature:
     if limit == LARGEST_TOLERANCE:
         return nothing(profile, "neighbouring points differ too much to be of one surface")
     points = profile[rows]
-    curve = start(points, limit)
+    curve, on = start(points, limit), None
     for _ in range(ROUNDS):
         if curve is None:
             break
-        on = largest_part(np.abs(curve.off(points)) <= limit)
+        before, on = on, largest_part(np.abs(curve.off(points)) <= limit)
+        if np.array_equal(on, before):
+            break
         curve = fit(points[on], curve) if on.sum() >= LEAST_ARC_POINTS else None
     if curve is None:
         return nothing(profile, missing)
-    angles, off = curve.angles(points[on]), curve.off(points[on])
-    reason = why_no_arc(curve, angles, off, on, limit) or why_not(curve, angles, off)
+    reason = why_no_arc(curve, points, on, limit) or why_not(curve, points, on, limit)
     if reason:
         return nothing(profile, reason)
-    angles, means, covariance = block_means(angles, off, curve.fitted)
+    angles, means, covariance = block_means(curve.angles(points[on]), curve.off(points[on]), curve.fitted)
     return Feature(curve.points(angles, means), covariance, mask(profile, rows[on]), "arc")
 
 
-def why_no_arc(curve: Curve, angles, off, on, limit: float) -> str:
-    """What speaks against points being the arc of any curve, in words; "" if nothing does."""
-    extent = float(np.ptp(angles))
+def why_no_arc(curve: Curve, points, on, limit: float) -> str:
+    """What speaks against the points that are `on` a curve being an arc of it, in words; "" if nothing does."""
+    extent = float(np.ptp(curve.angles(points[on])))
     if extent < np.radians(LEAST_ARC_DEG):
         return f"an arc of {np.degrees(extent):.0f}°; expected {LEAST_ARC_DEG:.0f}° or more"
     if curve.radius * (1 - np.cos(min(extent / 2, np.pi))) < 4 * limit:
         return "an arc too flat to be told from a line"
-    if np.sqrt(np.mean(off**2)) > LARGEST_RMS * limit:
+    if np.sqrt(np.mean(curve.off(points[on]) ** 2)) > LARGEST_RMS * limit:
         return f"points that follow no {curve.shape}"
     share = on[on.argmax() : len(on) - on[::-1].argmax()].mean()
     if share < LEAST_SHARE:

@@ -138,16 +138,16 @@ def arcs_in(profiles, sizes) -> list[Feature]:
     def fit(points, _):
         return Circle.through(points)
 
-    def why_not(circle, angles, off):
-        return why_no_ball(circle, angles, off, radius)
+    def why_not(circle, points, on, _):
+        return why_no_ball(circle, points[on], radius)
 
     missing = "no arc of a circle as large as the ball or smaller"
     return [find_arc(profile, start, fit, why_not, missing) for profile in profiles]
 
 
-def why_no_ball(circle: Circle, angles, off, radius: float) -> str:
-    """What speaks against an arc being the ball's, in words; "" if nothing does."""
-    if circle.radius > 1.01 * radius + 4 * circle_radius_sd(angles, off):
+def why_no_ball(circle: Circle, points, radius: float) -> str:
+    """What speaks against a circle through points (k, 2) being the ball's, in words; "" if nothing does."""
+    if circle.radius > 1.01 * radius + 4 * circle_radius_sd(circle.angles(points), circle.off(points)):
         return f"a circle of {circle.radius:.4g} mm; expected at most the ball's {radius:.4g} mm"
     return ""
 

@@ -15,6 +15,8 @@ from profilecal.targets.target import ALONG_Y, Target
 LARGEST_TILT_DEG = 60.0  # of the scan plane against square to the rod
 FIRST_TILT_DEG = 30.0  # of the section with which a fit begins
 PARTS = 60  # of a profile, of which a thin rod fills one or two
+LEAST_STEP = 3.0  # tolerances, from the section to what is seen beyond its arc
+BEYOND = slice(3, 9)  # points that show it: the first ones may show both
 BELOW_MM = 20.0  # a table, in simulated profiles
 STEEPEST_DEG = 60.0  # of the bar's cross-section that a perfect scanner sees, to either side
 STEPS = 6  # of fitting: two or three are usual
@@ -212,7 +214,9 @@ def sections_in(profiles, sizes) -> list[Feature]:
     def fit(points, curve):
         return nearest_section(points, leaning(curve, points, radius) if isinstance(curve, Circle) else curve)
 
-    missing = f"no arc of a rod of {radius:.4g} mm"
+    missing = (
+        f"no arc of a rod of {radius:.4g} mm whose axis is within {LARGEST_TILT_DEG:.0f}° of square to the profile"
+    )
     return [find_arc(profile, start, fit, why_no_rod, missing) for profile in profiles]
 
 
@@ -225,7 +229,7 @@ def leaning(circle: Circle, points, radius: float) -> Section:
 
 
 def nearest_section(points, section: Section) -> Section | None:
-    """The one with the least sum of squared distances from points (k, 2), k ≥ 4, near another, if there is one."""
+    """By least squares from points (k, 2), k ≥ 4, starting at a section near them; None if it leans too far."""
 
     def of(state):
         return Section(state[:2], state[2:], section.radius)
@@ -236,14 +240,16 @@ def nearest_section(points, section: Section) -> Section | None:
         lambda state: of(state).derivatives(points),
         method="lm",
         x_scale="jac",
-        max_nfev=50,
+        ftol=1e-4,  # of the sum of squares: far below what noise changes
     )
-    return of(found.x) if np.isfinite(found.x).all() else None
+    return of(found.x) if np.hypot(*found.x[2:]) < np.tan(np.radians(LARGEST_TILT_DEG)) else None  # false for NaN
 
 
-def why_no_rod(section: Section, angles, off) -> str:
-    """What speaks against a section being the rod's, in words; "" if nothing does."""
-    tilt_deg = np.degrees(np.arccos(1 / section.secant))
-    if tilt_deg > LARGEST_TILT_DEG:
-        return f"an ellipse as from a scan plane {tilt_deg:.0f}° off square; expected {LARGEST_TILT_DEG:.0f}° or less"
+def why_no_rod(section: Section, points, on, limit: float) -> str:
+    """Says so if the surface leaves the section gradually, as larger or smaller ones do, and not by a step."""
+    first, last = np.flatnonzero(on)[[0, -1]]
+    for beyond in (points[:first][::-1], points[last + 1 :]):
+        off = np.abs(section.off(beyond[BEYOND]))
+        if len(off) >= 3 and np.median(off) < LEAST_STEP * limit:
+            return f"an arc that goes on where a rod of {section.radius:.4g} mm bends away"
     return ""
