@@ -12,6 +12,14 @@ from profilecal.targets.disk import Disk
 BALL_TRANSLATING = 4  # Section V-D2: the first four rows of Table III share one orientation
 
 
+# The three readings of "the standard deviation e" of Figs 15 and 17, from errors (..., trials, 3) to (...)
+READINGS = {
+    "standard deviation of the norms": lambda errors: np.linalg.norm(errors, axis=-1).std(axis=-1),
+    "root mean square": lambda errors: np.sqrt((errors**2).sum(axis=-1).mean(axis=-1)),
+    "mean of the norms": lambda errors: np.linalg.norm(errors, axis=-1).mean(axis=-1),
+}
+
+
 def sensor_pose(item: str, quantity: str) -> tuple[np.ndarray, np.ndarray]:
     """R_sensor (3, 3), projected to a rotation, and T_sensor (3,), mm, of a printed calibration matrix."""
     matrix = values("disk", item, quantity).reshape(-1, 4)[:3]
