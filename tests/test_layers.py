@@ -9,7 +9,18 @@ import profilecal
 
 PACKAGE = Path(profilecal.__file__).parent
 # in reading order, as in the README's "Layout": a room imports from itself and from rooms before it
-ROOMS = ("geometry", "profiles", "targets", "scan", "joint", "closed_form", "simulate", "calibrate", "papers", "running")
+ROOMS = (
+    "geometry",
+    "profiles",
+    "targets",
+    "scan",
+    "joint",
+    "closed_form",
+    "simulate",
+    "calibrate",
+    "papers",
+    "running",
+)
 ROOMS += ("report", "cli")
 
 

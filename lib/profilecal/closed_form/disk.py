@@ -116,7 +116,7 @@ def sensing_data_from_ellipse(ellipse: Ellipse, vectors, T_start, T_end, s, radi
 
     z4, z5 = height(*lines[:2]), height(*lines[2:])
     way = np.where(z5 < z4, -1.0, 1.0) * np.sqrt(S_zz)
-    z = np.stack(np.broadcast_arrays(z3 - way, z3 + way, z3, z4, z5))
+    z = np.stack([z3 - way, z3 + way, z3, z4, z5])
     x = x3 + (z - z3) * slope
     with np.errstate(divide="ignore", invalid="ignore"):
         eta = (z - z5) / (z4 - z5)  # Eq. 7: all five points are on one line
@@ -130,7 +130,7 @@ def sensing_data_from_ellipse(ellipse: Ellipse, vectors, T_start, T_end, s, radi
     D_y, D_z = 2 * radius * s * np.sqrt(1 - inside**2), dz + 2 * radius * inside
     return SensingData(
         T_tcp=np.moveaxis(T_3, 0, -1),
-        q=from_components(ellipse.centre[..., 0], 0.0, ellipse.centre[..., 1]),
+        q=from_components(ellipse.centre[..., 0], np.zeros_like(z3), ellipse.centre[..., 1]),
         D_i=from_components(cos * dx - sin * D_z, D_y, sin * dx + cos * D_z),
         D_b=np.moveaxis(D_b, 0, -1),
         direction=from_components(cos, sin),

@@ -16,7 +16,7 @@ LEAST_WIDTH = 1e-3  # of the positions' length: an arc leaves its plane, and a l
 
 def from_components(*components) -> np.ndarray:
     """Vectors (..., k) from k arrays (...), each component contiguous in memory: NumPy is fast along long axes only."""
-    return np.moveaxis(np.stack(np.broadcast_arrays(*components)), 0, -1)
+    return np.moveaxis(np.stack(components), 0, -1)
 
 
 @dataclass(frozen=True)
@@ -52,10 +52,11 @@ def transformed(ellipse: Ellipse, map_, shift) -> Ellipse:
     return Ellipse(centre, np.einsum("...ab,...bc,...dc->...ad", map_, ellipse.shape, map_))
 
 
-def moments(u, v) -> dict:
-    """Means over the last axis of u^a v^b for 1 ≤ a + b ≤ 4: {(a, b): (...)}."""
+def moments(u, v, work=(None, None, None)) -> dict:
+    """Means over the last axis of u^a v^b for 1 ≤ a + b ≤ 4: {(a, b): (...)}. `work`: memory for u², uv and v²."""
     count = u.shape[-1]
-    low = {(1, 0): u, (0, 1): v, (2, 0): u * u, (1, 1): u * v, (0, 2): v * v}
+    uu, uv, vv = (np.multiply(*pair, out=out) for pair, out in zip(((u, u), (u, v), (v, v)), work, strict=True))
+    low = {(1, 0): u, (0, 1): v, (2, 0): uu, (1, 1): uv, (0, 2): vv}
     mean = {power: values @ np.full(count, 1 / count) for power, values in low.items()}
     for a, b in [(3, 0), (2, 1), (1, 2), (0, 3), (4, 0), (3, 1), (2, 2), (1, 3), (0, 4)]:
         square = (2, 0) if a >= 2 else (0, 2)

@@ -124,30 +124,30 @@ def ball_centres_seen(scans: BallScans, arcs: int, sigma_mm: float, size: int, r
         z = cz + np.sqrt(r * r - (x - cx) ** 2)
         shift = np.array([x.mean(), z.mean(), 0.0])
         x, z = (x - shift[0]) / r, (z - shift[1]) / r
-        sums = np.empty((8, size))
-        for part, noisy in noisy_blocks(z, sigma_mm / r, size, rng):
-            sums[:, part] = _arc_sums(x, noisy)
+        powers = np.vander(x, 3, increasing=True).T
+        sums = np.empty((8, size))  # of z, xz, x²z, z², xz², x²z², z³, z⁴
+        for part, noisy, square in noisy_blocks(z, sigma_mm / r, size, rng, spare=1):
+            np.multiply(noisy, noisy, out=square)
+            np.matmul(powers, noisy.T, out=sums[:3, part])
+            np.matmul(powers, square.T, out=sums[3:6, part])
+            np.vecdot(square, noisy, out=sums[6, part])
+            np.vecdot(square, square, out=sums[7, part])
         fitted[place] = (shift + r * _circle_from_sums(x, sums, fit)).T
     fitted = np.swapaxes(fitted, -1, -2)
     centres = scans.ball.centre_from_circle(fitted, scans.side[:, None, None])
     return np.swapaxes(centres, -1, -2), (fitted[..., 2] > scans.ball.radius).sum(axis=(0, 1))
 
 
-def _arc_sums(x, z) -> np.ndarray:
-    """Sums over points x (k,), z (size, k) of z, xz, x²z, z², xz², x²z², z³, z⁴: (8, size)."""
-    powers, square = np.vander(x, 3, increasing=True), z * z
-    high = np.vecdot(square, z), np.vecdot(square, square)
-    return np.concatenate([(z @ powers).T, (square @ powers).T, high])
-
-
 def _circle_from_sums(x, sums, fit: str) -> np.ndarray:
-    """Circles (size, 3) from `_arc_sums`, where the mean of x is 0: the means about the centroid are expanded."""
+    """Circles (size, 3) from the sums of `ball_centres_seen`, where the mean of x is 0: those about z's are expanded."""
     z, xz, xxz, zz, xzz, xxzz, zzz, zzzz = sums / len(x)
-    xx, xxx, xxxx = (x**2).mean(), (x**3).mean(), (x**4).mean()
-    about = {"xx": xx, "xz": xz, "zz": zz - z * z}
+    square = x * x
+    xx, xxx, xxxx = square.mean(), square @ x / len(x), square @ square / len(x)
+    z2 = z * z
+    about = {"xx": xx, "xz": xz, "zz": zz - z2}
     about["wx"] = xxx + xzz - 2 * z * xz
-    about["wz"] = xxz - xx * z + zzz - 3 * z * zz + 2 * z**3
-    about["ww"] = xxxx + 2 * (xxzz - 2 * z * xxz + z * z * xx) + zzzz - 4 * z * zzz + 6 * z * z * zz - 3 * z**4
+    about["wz"] = xxz - xx * z + zzz - 3 * z * zz + 2 * z * z2
+    about["ww"] = xxxx + 2 * (xxzz - 2 * z * xxz + z2 * xx) + zzzz - 4 * z * zzz + 6 * z2 * zz - 3 * z2 * z2
     circles = circle_from_moments(about, fit)
     circles[:, 1] += z
     return circles

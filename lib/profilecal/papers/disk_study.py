@@ -6,7 +6,7 @@ import numpy as np
 
 from profilecal.closed_form.disk import chord_weights, sensing_data_from_ellipse
 from profilecal.geometry.checks import check_count
-from profilecal.geometry.fitting import ellipse_from_moments, moments, transformed
+from profilecal.geometry.fitting import ellipse_from_moments, fit_ellipse, moments, transformed
 from profilecal.papers.monte_carlo import Study, in_chunks, noisy_blocks, two_step_errors
 from profilecal.targets.disk import Disk
 
@@ -75,7 +75,7 @@ def disk_study(
         raise ValueError(f"noise is {noise!r}; expected 'chord' or 'isotropic'")
     sigma_mm, m = np.atleast_1d(np.asarray(sigma_mm, dtype=float)), np.atleast_1d(np.asarray(m, dtype=int))
     check_count("chords", int(m.min()), 3, "an ellipse has five unknowns, a chord two tips")
-    chords = [Chords.of(scans, count, heights) for count in m]
+    chords = [Chords.of(scans, count, heights, sheared=noise == "chord") for count in m]
     shape = (len(sigma_mm), len(m))
     errors = np.empty((*shape, 9, trials))
     clipped, by_svd = np.empty((*shape, trials), dtype=bool), np.empty((*shape, trials), dtype=bool)
@@ -98,29 +98,33 @@ def disk_study(
 
 @dataclass(frozen=True)
 class Chords:
-    """The tips of n scans without noise, in coordinates u along the chords and v across, of unit size about their mean.
+    """The tips of n scans without noise, in coordinates u along the chords and v across them, of about unit size.
 
-    The direct ellipse fit is invariant under affine maps, so it is done in these, where it rounds least.
+    The direct ellipse fit is invariant under affine maps, so it is done in these.
     """
 
     tips: np.ndarray  # (n, 2, 2m) u and v; all first tips, then all second ones
     centre: np.ndarray  # (n, 2) mm, sensor frame: where u = v = 0
-    unit: np.ndarray  # (n, 2) mm of one unit of u and of v
-    to_sensor: np.ndarray  # (n, 2, 2) mm, from u and v to the sensor frame
+    to_sensor: np.ndarray  # (n, 2, 2) mm, from u and v to x and z of the sensor frame
+    unit: np.ndarray  # (n, 2) mm, one unit of u and of v
     weights: np.ndarray  # (2m, 5), see `chord_weights`
 
     @classmethod
-    def of(cls, scans: DiskScans, m: int, heights: str) -> "Chords":
-        """Of m evenly spaced chords a scan."""
+    def of(cls, scans: DiskScans, m: int, heights: str, sheared: bool) -> "Chords":
+        """Of m evenly spaced chords a scan. If `sheared`, the ellipse is the unit circle, whose fit settles soonest."""
         tips = np.swapaxes(scans.tips(m), 1, 2).reshape(-1, 2 * m, 2)
-        centre = tips.mean(axis=1)
+        ellipse = fit_ellipse(tips)
         along = tips[:, m] - tips[:, 0]
         along /= np.linalg.norm(along, axis=-1, keepdims=True)
-        frame = np.stack([along, np.stack([-along[:, 1], along[:, 0]], axis=-1)], axis=-1)
-        offsets = np.swapaxes((tips - centre[:, None]) @ frame, -1, -2)
-        unit = offsets.std(axis=-1)
-        weights = chord_weights(m, heights)
-        return cls(offsets / unit[..., None], centre, unit, frame * unit[:, None, :], weights)
+        frame = np.stack([along, along[:, ::-1] * [-1, 1]], axis=-1)
+        S = np.swapaxes(frame, 1, 2) @ ellipse.shape @ frame
+        rise = np.sqrt(S[:, 1, 1])
+        shear = S[:, 0, 1] / rise * sheared
+        unit = np.stack([np.sqrt(S[:, 0, 0] - shear**2), rise], axis=-1)
+        to_sensor = frame * unit[:, None, :]
+        to_sensor[:, :, 1] += shear[:, None] * along
+        in_units = np.linalg.solve(to_sensor, np.swapaxes(tips - ellipse.centre[:, None], 1, 2))
+        return cls(in_units, ellipse.centre, to_sensor, unit, chord_weights(m, heights))
 
     def in_sensor(self, mean: dict, vectors):
         """Ellipses fitted to moments {(a, b): (n, size)} and `vectors` (n, 2, 5, size), for `sensing_data_from_ellipse`."""
@@ -135,16 +139,17 @@ class Chords:
         The means of u^a v^b are then products with fixed powers of v.
         """
         n, _, count = self.tips.shape
-        mean = {(a, b): np.empty((n, size)) for a in range(1, 5) for b in range(5 - a)}
-        mean |= {(0, b): (self.tips[:, 1:] ** b).mean(axis=-1) for b in range(1, 5)}
+        sums = {a: np.empty((5 - a, n, size)) for a in range(1, 5)}  # over u^a v^b, by b
         for i, (u, v) in enumerate(self.tips):
-            powers = np.vander(v, 4, increasing=True) / count
-            for part, noisy in noisy_blocks(u, sigma_mm / self.unit[i, 0], size, rng):
-                square = noisy * noisy
-                for a, values in ((1, noisy), (2, square), (3, square * noisy)):
-                    for b, sums in enumerate((values @ powers[:, : 5 - a]).T):
-                        mean[a, b][i, part] = sums
-                mean[4, 0][i, part] = np.vecdot(square, square) / count
+            powers = v ** np.arange(4)[:, None]
+            for part, noisy, square, cube in noisy_blocks(u, sigma_mm / self.unit[i, 0], size, rng, spare=2):
+                np.multiply(noisy, noisy, out=square)
+                np.multiply(noisy, square, out=cube)
+                for a, values in ((1, noisy), (2, square), (3, cube)):
+                    np.matmul(powers[: 5 - a], values.T, out=sums[a][:, i, part])
+                sums[4][0, i, part] = np.vecdot(square, square)
+        mean = {(a, b): values / count for a in sums for b, values in enumerate(sums[a])}
+        mean |= {(0, b): (self.tips[:, 1:] ** b).mean(axis=-1) for b in range(1, 5)}
         return self.in_sensor(mean, (self.tips @ self.weights)[..., None])
 
     def with_isotropic_noise(self, sigma_mm: float, size: int, rng):
@@ -152,8 +157,9 @@ class Chords:
         mean = {(a, b): np.empty((len(self.tips), size)) for a in range(5) for b in range(5 - a) if a + b}
         vectors = np.empty((len(self.tips), 2, 5, size))
         for i, tips in enumerate(self.tips):
-            for part, noisy in noisy_blocks(tips, sigma_mm / self.unit[i][:, None], size, rng):
-                for power, values in moments(noisy[:, 0], noisy[:, 1]).items():
+            for part, noisy, *work in noisy_blocks(tips, sigma_mm / self.unit[i][:, None], size, rng, spare=2):
+                products = work[0][:, 0], work[0][:, 1], work[1][:, 0]
+                for power, values in moments(noisy[:, 0], noisy[:, 1], products).items():
                     mean[power][i, part] = values
                 vectors[i, :, :, part] = np.moveaxis(noisy @ self.weights, 0, -1)
         return self.in_sensor(mean, vectors)

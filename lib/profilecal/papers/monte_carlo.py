@@ -62,19 +62,21 @@ def in_chunks(run, shape, trials: int, rng: np.random.Generator, workers: int | 
             pass
 
 
-def noisy_blocks(exact, sd, size: int, rng: np.random.Generator):
+def noisy_blocks(exact, sd, size: int, rng: np.random.Generator, spare: int):
     """Blocks of `size` trials of `exact` (...) plus normal noise of standard deviation `sd`, which broadcasts against it.
 
-    Yields the trials, as a slice, and their values (block, ...), in memory that the next block takes over.
+    Yields the trials, as a slice; their values (block, ...); and as many arrays of that shape as `spare` says, to be
+    filled: memory that is new to the processor would cost more than what is computed in it. The next block takes over
+    all of it.
     """
-    values = np.empty((max(1, min(size, BLOCK // exact.size)), *exact.shape))
-    for first in range(0, size, len(values)):
-        part = slice(first, min(first + len(values), size))
-        block = values[: part.stop - first]
+    memory = np.empty((1 + spare, max(1, min(size, BLOCK // exact.size)), *exact.shape))
+    for first in range(0, size, memory.shape[1]):
+        part = slice(first, min(first + memory.shape[1], size))
+        block, *work = memory[:, : part.stop - first]
         rng.standard_normal(out=block)
         block *= sd
         block += exact
-        yield part, block
+        yield part, block, *work
 
 
 def two_step_errors(scans, centre, R_tcp, T_tcp, q, X, Y) -> tuple[np.ndarray, np.ndarray]:
