@@ -67,10 +67,10 @@ def sensing_data(tips, T_start, T_end, s, radius: float, heights: str = "regress
 def chord_weights(m: int, heights: str = "regression") -> np.ndarray:
     """Weights (2m, 5) that make five vectors of the tips of m chords, all first tips before all second ones.
 
-    They are the mean chord, then two points each of the lines that place e4 and e5 on the ellipse. "published" `heights`
-    take the first and the last chord for these lines, so that their noise stays however many chords there are;
-    "regression" takes lines along the mean chord, whose heights are those of a straight line fitted to the heights of
-    all chords, which the motion spaces evenly.
+    They are the mean chord, then two points each of the lines that place e4 and e5 on the line e1e2. With `heights`
+    "published", these are the first and the last chord, so that their noise stays however many chords there are. With
+    "regression" they run along the mean chord, at the heights that a straight line fitted to the heights of all chords
+    has at its ends: the motion spaces them evenly.
 
     Raises ValueError for other `heights`.
     """
@@ -121,9 +121,8 @@ def sensing_data_from_ellipse(ellipse: Ellipse, vectors, T_start, T_end, s, radi
     with np.errstate(divide="ignore", invalid="ignore"):
         eta = (z - z5) / (z4 - z5)  # Eq. 7: all five points are on one line
 
-    start, end = (np.moveaxis(np.broadcast_to(T, (*z3.shape, 3)), -1, 0) for T in (T_start, T_end))
-    T_1, T_2, T_3 = (share * start + (1 - share) * end for share in eta[:3])  # Eq. 8
-    D_b = T_2 - T_1
+    end, to_start = (np.moveaxis(np.broadcast_to(T, (*z3.shape, 3)), -1, 0) for T in (T_end, T_start - T_end))
+    T_3, D_b = end + eta[2] * to_start, (eta[1] - eta[0]) * to_start  # Eqs 8, 13
     dx, dz = x[0] - x[1], z[0] - z[1]
     cos_alpha = ((D_b**2).sum(axis=0) - dx**2 - dz**2 - 4 * radius**2) / (4 * radius * dz)
     inside = np.clip(cos_alpha, -1, 1)

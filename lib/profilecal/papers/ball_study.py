@@ -139,7 +139,7 @@ def ball_centres_seen(scans: BallScans, arcs: int, sigma_mm: float, size: int, r
 
 
 def _circle_from_sums(x, sums, fit: str) -> np.ndarray:
-    """Circles (size, 3) from the sums of `ball_centres_seen`, where the mean of x is 0: those about z's are expanded."""
+    """Circles (size, 3) from the sums of `ball_centres_seen`. The mean of x is 0; moments about z's are expanded."""
     z, xz, xxz, zz, xzz, xxzz, zzz, zzzz = sums / len(x)
     square = x * x
     xx, xxx, xxxx = square.mean(), square @ x / len(x), square @ square / len(x)

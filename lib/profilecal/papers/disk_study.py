@@ -127,7 +127,7 @@ class Chords:
         return cls(in_units, ellipse.centre, to_sensor, unit, chord_weights(m, heights))
 
     def in_sensor(self, mean: dict, vectors):
-        """Ellipses fitted to moments {(a, b): (n, size)} and `vectors` (n, 2, 5, size), for `sensing_data_from_ellipse`."""
+        """Ellipses, from moments {(a, b): (n, size)}, and `vectors` (n, 2, 5, size): in mm, in the sensor frame."""
         ellipse = transformed(ellipse_from_moments(mean), self.to_sensor[:, None], self.centre[:, None])
         vectors = np.einsum("nab,nbck->acnk", self.to_sensor, vectors)
         vectors[:, 1:] += self.centre.T[:, None, :, None]
@@ -140,8 +140,10 @@ class Chords:
         """
         n, _, count = self.tips.shape
         sums = {a: np.empty((5 - a, n, size)) for a in range(1, 5)}  # over u^a v^b, by b
+        sums[0] = np.empty((5, n, 1))
         for i, (u, v) in enumerate(self.tips):
-            powers = v ** np.arange(4)[:, None]
+            powers = np.vander(v, 5, increasing=True).T
+            sums[0][:, i, 0] = powers.sum(axis=1)
             for part, noisy, square, cube in noisy_blocks(u, sigma_mm / self.unit[i, 0], size, rng, spare=2):
                 np.multiply(noisy, noisy, out=square)
                 np.multiply(noisy, square, out=cube)
@@ -149,7 +151,6 @@ class Chords:
                     np.matmul(powers[: 5 - a], values.T, out=sums[a][:, i, part])
                 sums[4][0, i, part] = np.vecdot(square, square)
         mean = {(a, b): values / count for a in sums for b, values in enumerate(sums[a])}
-        mean |= {(0, b): (self.tips[:, 1:] ** b).mean(axis=-1) for b in range(1, 5)}
         return self.in_sensor(mean, (self.tips @ self.weights)[..., None])
 
     def with_isotropic_noise(self, sigma_mm: float, size: int, rng):

@@ -63,7 +63,7 @@ def in_chunks(run, shape, trials: int, rng: np.random.Generator, workers: int | 
 
 
 def noisy_blocks(exact, sd, size: int, rng: np.random.Generator, spare: int):
-    """Blocks of `size` trials of `exact` (...) plus normal noise of standard deviation `sd`, which broadcasts against it.
+    """Blocks of `size` trials of `exact` (...) plus normal noise, whose standard deviation `sd` broadcasts against it.
 
     Yields the trials, as a slice; their values (block, ...); and as many arrays of that shape as `spare` says, to be
     filled: memory that is new to the processor would cost more than what is computed in it. The next block takes over
