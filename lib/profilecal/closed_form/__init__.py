@@ -1,1 +1,5 @@
-"""The papers' solvers, equation by equation, with the papers' symbols."""
+"""The papers' methods: the sensor pose from one target in closed form, rotation first, then translation.
+
+In come flange poses and what the scanner saw of an edge, a disk or a ball; out goes the sensor pose on the flange, with
+the quantities that the papers name. `solve` states the answer as the joint calibration does.
+"""

@@ -1,6 +1,6 @@
 """The disk method of Chen et al. 2018: chords to sensing data (Section III-B), sensing data to pose (III-C, III-D)."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from itertools import product
 
 import numpy as np
@@ -189,8 +189,9 @@ def solve_disk_from_chords(
     scans = [sensing_data(*scan, radius, heights) for scan in zip(tips, T_start, T_end, s, strict=True)]
     for i, scan in enumerate(scans):
         _check_motion(i, scan, tips[i], np.linalg.norm(T_end[i] - T_start[i]))
-    fields = SensingData.__dataclass_fields__
-    sensing = SensingData(*(np.stack([getattr(scan, name) for scan in scans]) for name in fields))
+    sensing = SensingData(
+        **{field.name: np.stack([getattr(scan, field.name) for scan in scans]) for field in fields(SensingData)}
+    )
     solution = solve_disk(R_tcp, sensing.T_tcp, sensing.q, sensing.D_i, sensing.D_b, **readings)
     _check_sides(solution.rotation.X, solution.rotation.Y)
     return DiskSolution(sensing, solution, tuple(_remarks(sensing)))

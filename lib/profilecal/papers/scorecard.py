@@ -8,11 +8,7 @@ from pathlib import Path
 import pandas as pd
 
 MIME = "application/vnd.profilecal.scorecard+json"
-
-
 COLUMNS = ["paper", "item", "quantity", "published", "ours", "unit", "tolerance", "verdict", "notebook", "note"]
-
-
 PAPERS = {"disk": "Chen 2018", "edge": "Xu 2021"}
 
 
