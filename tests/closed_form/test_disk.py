@@ -1,4 +1,4 @@
-"""The disk method from sensing data and from raw chords: exact without noise, and it says what is wrong with the data."""
+"""The disk method, from sensing data and from chords: exact without noise, and it says what is wrong with the data."""
 
 import re
 from dataclasses import fields, replace

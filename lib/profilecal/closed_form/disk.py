@@ -189,9 +189,8 @@ def solve_disk_from_chords(
     scans = [sensing_data(*scan, radius, heights) for scan in zip(tips, T_start, T_end, s, strict=True)]
     for i, scan in enumerate(scans):
         _check_motion(i, scan, tips[i], np.linalg.norm(T_end[i] - T_start[i]))
-    sensing = SensingData(
-        **{field.name: np.stack([getattr(scan, field.name) for scan in scans]) for field in fields(SensingData)}
-    )
+    names = [field.name for field in fields(SensingData)]
+    sensing = SensingData(**{name: np.stack([getattr(scan, name) for scan in scans]) for name in names})
     solution = solve_disk(R_tcp, sensing.T_tcp, sensing.q, sensing.D_i, sensing.D_b, **readings)
     _check_sides(solution.rotation.X, solution.rotation.Y)
     return DiskSolution(sensing, solution, tuple(_remarks(sensing)))

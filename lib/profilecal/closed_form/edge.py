@@ -286,9 +286,9 @@ def check_shapes(R_b, T_b, p_s) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def estimate_noise(T_b, p_s) -> np.ndarray:
-    """Standard deviation (...) of the sensed points, mm, from the data alone: what `affine_residuals` leaves of a group.
+    """Standard deviation (...) of the sensed points, mm, from the data alone: from the groups' `affine_residuals`.
 
-    NaN where it leaves nothing.
+    NaN where there are none.
     """
     residuals, _, freedom = affine_residuals(T_b, p_s)
     squares, freedom = (residuals**2).sum(axis=(-3, -2, -1)), 2 * freedom.sum(axis=-1)

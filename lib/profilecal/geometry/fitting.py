@@ -222,7 +222,8 @@ def affine_residuals(positions, values, weights=None) -> tuple[np.ndarray, np.nd
     constant = weight / np.linalg.norm(weight, axis=-2, keepdims=True)
     offsets = weight * (positions - (constant**2 * positions).sum(axis=-2, keepdims=True))
     U, S, _ = np.linalg.svd(offsets, full_matrices=False)
-    extends = LEAST_WIDTH * S[..., :1] < S
+    rounding = n * np.finfo(float).eps * np.abs(weight * positions).max(axis=(-2, -1))[..., None]
+    extends = np.maximum(LEAST_WIDTH * S[..., :1], rounding) < S
     basis = np.concatenate([np.broadcast_to(constant, (*U.shape[:-1], 1)), U * extends[..., None, :]], axis=-1)
     residuals = weight * values
     residuals = residuals - basis @ (np.swapaxes(basis, -1, -2) @ residuals)

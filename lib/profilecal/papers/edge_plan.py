@@ -1,4 +1,4 @@
-"""Where the edge paper's robot goes: flange orientations times translations over an edge or a ball (Sections 3, 4.2)."""
+"""Where the edge paper's robot goes: flange orientations times translations (Sections 3 and 4.2)."""
 
 from dataclasses import dataclass
 

@@ -24,7 +24,7 @@ SETTINGS = {
 }
 
 
-# The three readings of "the standard deviation e" of the disk paper's Figs 15 and 17, from errors (..., trials, 3) to (...)
+# Readings of "the standard deviation e" of the disk paper's Figs 15 and 17: from errors (..., trials, 3) to (...)
 READINGS = {
     "standard deviation of the norms": lambda errors: np.linalg.norm(errors, axis=-1).std(axis=-1),
     "root mean square": lambda errors: np.sqrt((errors**2).sum(axis=-1).mean(axis=-1)),
