@@ -5,15 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from command import run
 from scipy.stats import binom, chi2
-from simulated import calibration_of, scan_of
+from simulated import calibration_of
 
 from profilecal.calibrate.calibration import calibrate
-from profilecal.calibrate.check import affine_outliers, check
-from profilecal.calibrate.observe import as_observations, observe
-from profilecal.calibrate.verify import verify
-from profilecal.cli import main
+from profilecal.calibrate.observe import observe
 from profilecal.geometry.noise import Noise
 from profilecal.joint.state import pose_error
 from profilecal.scan.folder import write_scan
@@ -37,10 +34,6 @@ KEYS = [
     "target",
     "messages",
 ]
-
-
-def run(*arguments):
-    return CliRunner().invoke(main, [str(argument) for argument in arguments])
 
 
 def truth(scan):
@@ -120,26 +113,6 @@ def test_features_of_different_precision_are_weighed():
     for entry, covariance in zip(together.observed, (corners, arcs), strict=True):
         np.testing.assert_allclose(entry.covariance[0], covariance / unit**2)
     assert squared_error(edge, together) < chi2.ppf(0.9999, 6)
-
-
-def test_planted_outliers_are_named_by_check_and_rejected_by_calibrate():
-    scan = simulate_scan(Spec(seed=7))
-    bad = [3, 77, 200]
-    values = [v + 0.7 * (i in bad) for i, v in enumerate(scan.values)]
-    scan = replace(scan, values=tuple(values))
-    labels = [scan.labels[i] for i in bad]
-    assert calibrate([scan]).labels(rejected=True) == labels
-    said = "\n".join(check(scan))
-    for label in labels:
-        assert f"pose {label} does not fit its group" in said
-
-
-def test_check_rarely_doubts_a_good_scan():
-    doubted = 0
-    for seed in range(60):
-        scan = scan_of(Spec(seed=seed))
-        doubted += bool(affine_outliers(as_observations(scan, observe(scan))))
-    assert doubted <= binom.ppf(0.9999, 60, 0.02)
 
 
 def test_one_orientation_is_unobservable_with_status_3_and_the_cure(tmp_path):
@@ -254,89 +227,6 @@ def test_a_missing_folder_is_one_sentence(tmp_path, command):
     result = run(command[0], tmp_path / "nowhere", *command[1:])
     assert result.exit_code == 2
     assert result.output == f"profilecal: {tmp_path / 'nowhere'}: no such folder\n"
-
-
-def test_simulate_writes_a_scan_that_calibrates_to_its_truth(tmp_path):
-    spec = tmp_path / "spec.toml"
-    spec.write_text('kind = "disk"\nseed = 4\nconvention = "KUKA angles"\n[noise]\nprofile_mm = 0.02\n')
-    assert run("simulate", spec, tmp_path / "scan").exit_code == 0
-    assert (tmp_path / "scan" / "truth.toml").exists()
-    assert run("calibrate", tmp_path / "scan").exit_code == 0
-    again = run("simulate", spec, tmp_path / "scan")
-    assert again.exit_code == 2
-    assert "not empty; name a new folder" in again.output
-
-
-@pytest.mark.parametrize(
-    ("text", "sentence"),
-    [
-        ('knid = "edge"', "unknown entry 'knid' in the specification; there are kind, title"),
-        ('kind = "egde"', "kind is 'egde'; expected one of edge, disk"),
-        ('kind = "edge"\ngroups = 2.5', "groups is 2.5 in the specification; expected int, zero or more"),
-        ("[noise]\nprofile = 1", "unknown entry 'profile' in [noise]; there are profile_mm"),
-        ('kind = "edge"\nmeasured = "chords"', "measured is 'chords'; expected one of profiles, points"),
-        ("kind = ", "spec.toml: Invalid value"),
-    ],
-)
-def test_a_wrong_specification_is_refused(tmp_path, text, sentence):
-    (tmp_path / "spec.toml").write_text(text)
-    result = run("simulate", tmp_path / "spec.toml", tmp_path / "scan")
-    assert result.exit_code == 2
-    assert sentence in result.output
-    assert not (tmp_path / "scan").exists()
-
-
-@pytest.mark.parametrize("kind", ["edge", "disk", "ball", "point"])
-def test_verify_believes_a_right_pose_and_doubts_a_wrong_one(kind):
-    rng, believed, doubted = np.random.default_rng(1), 0, 0
-    for seed in range(10):
-        found = calibration_of(Spec(seed=seed)).solution
-        other = scan_of(Spec(kind=kind, seed=seed))  # the same seed: the same mount
-        T = found.T_flange_sensor
-        believed += verify(other, T, found.covariance, found.noise_mm, rng).as_expected
-        wrong = T @ np.block([[np.eye(3), np.full((3, 1), 1.0)], [np.zeros((1, 3)), np.ones((1, 1))]])
-        doubted += not verify(other, wrong, found.covariance, found.noise_mm, rng).as_expected
-    assert believed >= 8
-    assert doubted == 10
-
-
-def test_verify_reads_what_calibrate_printed(tmp_path):
-    write_scan(simulate_scan(Spec(seed=5)), tmp_path / "edge")
-    write_scan(simulate_scan(Spec(kind="ball", seed=5)), tmp_path / "ball")
-    (tmp_path / "T.json").write_text(run("calibrate", tmp_path / "edge", "--json").output)
-    result = run("verify", tmp_path / "ball", "--with", tmp_path / "T.json")
-    assert result.exit_code == 0, result.output
-    assert "sphere through" in result.output
-
-
-WRONG = {
-    "nothing": (lambda found: {}, "not what `profilecal calibrate --json` prints"),
-    "no pose": (lambda found: found | {"T_flange_sensor": None}, "no sensor pose"),
-    "a scaled pose": (lambda found: found | {"T_flange_sensor": np.diag([2, 2, 2, 1]).tolist()}, "not orthonormal"),
-    "a reflection": (lambda found: found | {"T_flange_sensor": np.diag([-1, 1, 1, 1]).tolist()}, "a reflection"),
-    "a row lost": (lambda found: found | {"T_flange_sensor": found["T_flange_sensor"][:3]}, "a 4x4 transform"),
-    "transposed": (
-        lambda found: found | {"T_flange_sensor": np.transpose(found["T_flange_sensor"]).tolist()},
-        "last row",
-    ),
-    "a negative variance": (
-        lambda found: found | {"covariance": (-np.array(found["covariance"])).tolist()},
-        "positive",
-    ),
-}
-
-
-@pytest.mark.parametrize("wrong", WRONG)
-def test_verify_refuses_what_is_no_pose(wrong, tmp_path):
-    change, why = WRONG[wrong]
-    found = calibration_of(Spec(kind="ball", seed=5))
-    write_scan(found.scans[0], tmp_path / "ball")
-    (tmp_path / "T.json").write_text(json.dumps(change(found.to_json())))
-    result = run("verify", tmp_path / "ball", "--with", tmp_path / "T.json")
-    assert result.exit_code == 2
-    assert why in result.output
-    assert "T.json" in result.output
-    assert result.output.count("\n") == 1
 
 
 def test_robot_errors_are_part_of_the_stated_uncertainty():

@@ -7,11 +7,10 @@ from dataclasses import replace
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from command import run
 from scipy.spatial.transform import Rotation
 
 from profilecal.calibrate.calibration import calibrate
-from profilecal.cli import main
 from profilecal.geometry.noise import Noise
 from profilecal.report import calibration, pictures
 from profilecal.running import page
@@ -22,10 +21,6 @@ from profilecal.simulate.spec import Spec, simulate_scan
 EDGE = Spec(groups=8, positions=6, seed=3, title="A <bar> & more", convention="KUKA angles", noise=Noise(0.03))
 TABLES = ("verdict", "pose_table", "pose_words", "facts_table", "profile_words")
 TABLES += ("rejected_table", "directions_table", "export_block")
-
-
-def run(*arguments):
-    return CliRunner().invoke(main, [str(argument) for argument in arguments])
 
 
 def everything(found) -> str:

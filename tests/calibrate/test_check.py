@@ -1,0 +1,31 @@
+"""What a scan holds, before any calibration."""
+
+from dataclasses import replace
+
+from scipy.stats import binom
+from simulated import scan_of
+
+from profilecal.calibrate.calibration import calibrate
+from profilecal.calibrate.check import affine_outliers, check
+from profilecal.calibrate.observe import as_observations, observe
+from profilecal.simulate.spec import Spec, simulate_scan
+
+
+def test_planted_outliers_are_named_by_check_and_rejected_by_calibrate():
+    scan = simulate_scan(Spec(seed=7))
+    bad = [3, 77, 200]
+    values = [v + 0.7 * (i in bad) for i, v in enumerate(scan.values)]
+    scan = replace(scan, values=tuple(values))
+    labels = [scan.labels[i] for i in bad]
+    assert calibrate([scan]).labels(rejected=True) == labels
+    said = "\n".join(check(scan))
+    for label in labels:
+        assert f"pose {label} does not fit its group" in said
+
+
+def test_check_rarely_doubts_a_good_scan():
+    doubted = 0
+    for seed in range(60):
+        scan = scan_of(Spec(seed=seed))
+        doubted += bool(affine_outliers(as_observations(scan, observe(scan))))
+    assert doubted <= binom.ppf(0.9999, 60, 0.02)

@@ -1,0 +1,156 @@
+"""States of least loss: as scipy finds them, efficient, and honest about their uncertainty."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from many_scenes import KINDS, KNOWN, SIGMA, errors, many
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2, f
+
+from profilecal.closed_form.edge import edge_equations
+from profilecal.closed_form.solve import closed_form
+from profilecal.geometry.noise import Noise
+from profilecal.geometry.poses import angle_between
+from profilecal.joint.descent import estimate, refine
+from profilecal.joint.problem import Problem
+from profilecal.joint.state import normalised_square, pose_error
+from profilecal.papers.edge_plan import EdgePlan
+from profilecal.papers.edge_scenes import edge_scenes, observations_of
+from profilecal.simulate.scene import random_scene
+from profilecal.targets.disk import Disk
+
+
+def test_agrees_with_scipy_on_residuals_of_its_own():
+    """scipy's least_squares on observed minus `Disk.meet`, with numerical derivatives."""
+    rng = np.random.default_rng(9)
+    scene = random_scene("disk", rng, positions=30)
+    seen = scene.noisy(SIGMA, rng)
+    fit = refine(Problem([seen], Noise(SIGMA)), scene.truth)
+
+    def residual(x):
+        R = scene.truth.rotation[0] @ Rotation.from_rotvec(x[3:6]).as_matrix()
+        rotation, origin = (
+            seen.R_flange[0] @ R,
+            seen.R_flange[0] @ (scene.truth.translation[0] + x[:3]) + seen.T_flange[0],
+        )
+        normal = scene.target.normal + np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 1]])[:2].T @ x[9:]
+        disk = Disk(scene.truth.placements[0][0][0] + x[6:9], normal / np.linalg.norm(normal), *seen.sizes)
+        return (seen.points[0] - disk.meet(rotation, origin)).ravel() / SIGMA
+
+    x = least_squares(residual, np.zeros(11), jac="3-point", x_scale="jac", xtol=1e-15, ftol=1e-15, gtol=1e-15).x
+    assert np.abs(fit.state.translation[0] - scene.truth.translation[0] - x[:3]).max() < 1e-6
+    turned = scene.truth.rotation[0] @ Rotation.from_rotvec(x[3:6]).as_matrix()
+    assert angle_between(fit.state.rotation[0], turned) < 1e-8
+    np.testing.assert_allclose(fit.loss[0], (residual(x) ** 2).sum(), rtol=1e-10)
+
+
+CASES = [("edge", "arc"), ("edge", "space"), ("disk", "space"), ("ball", "space"), ("plane", "space")]
+
+
+@pytest.mark.parametrize(("kind", "motion"), CASES)
+def test_attains_the_cramer_rao_bound(kind, motion):
+    rng = np.random.default_rng(11)
+    scene = random_scene(kind, rng, motion=motion, count=20)
+    trials = 400
+    truth = scene.truth.repeat(trials)
+    state, _, _ = estimate([scene.noisy(SIGMA, rng, trials)], Noise(SIGMA), truth)
+    bound = estimate([scene.observations], Noise(SIGMA), scene.truth)[1].covariance[0]
+    error = errors(state, truth)
+    for part in (slice(0, 3), slice(3, 6)):
+        rms = np.sqrt((error[:, part] ** 2).sum(axis=1).mean())
+        assert 0.9 < rms / np.sqrt(np.trace(bound[part, part])) < 1.1
+
+
+def of_unlike_precision(scene, rng):
+    """Noisy observations of which each point has a covariance of its own, between 1/10 and 3 noise levels large."""
+    clean = scene.observations
+    *batch, m, _ = clean.points.shape
+    if clean.on_curve:
+        covariance = rng.uniform(0.1, 3, (*batch, m)) ** 2
+        noise = np.sqrt(covariance)[..., None] * rng.normal(size=clean.points.shape)
+    else:
+        root = rng.uniform(0.1, 3, (*batch, 2 * m, 1)) * np.linalg.qr(rng.normal(size=(*batch, 2 * m, 2 * m)))[0]
+        covariance = np.swapaxes(root, -1, -2) @ root
+        noise = (rng.normal(size=(*batch, 1, 2 * m)) @ root).reshape(clean.points.shape)
+    return replace(clean, points=clean.points + SIGMA * noise, covariance=covariance)
+
+
+@pytest.mark.parametrize("kind", ["edge", "disk", "ball", "plane"])
+def test_stated_uncertainty_is_honest_where_points_differ_in_precision(kind):
+    """As below, and forgetting the covariances makes the errors larger."""
+    trials = 300
+    scene, rng = many(kind, trials, 12), np.random.default_rng(14)
+    seen = of_unlike_precision(scene, rng)
+    state, found, square = estimate([seen], Noise(SIGMA), scene.truth)
+    error = errors(state, scene.truth)
+    dof = int(Problem([seen], Noise(SIGMA)).count()[0]) - found.parameters
+    assert abs(normalised_square(found.covariance, error).mean() - 6) < 3 * np.sqrt(12 / trials)
+    assert abs((square / dof).mean() - 1) < 3 * np.sqrt(2 / dof / trials) + 1e-3
+    forgotten = estimate([replace(seen, covariance=None)], Noise(SIGMA), scene.truth)[0]
+    worse = errors(forgotten, scene.truth)
+    assert (np.sqrt(np.mean(worse**2, axis=0)) > 1.2 * np.sqrt(np.mean(error**2, axis=0))).all()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_stated_uncertainty_is_honest(kind):
+    """Over 1,000 random scenes: the normalised error squared averages 6, its 95 % regions hold, χ²/dof is one; the
+    bounds are three standard errors. The same with the noise estimated, where F replaces χ²."""
+    trials = 1000
+    scene, rng = many(kind, trials, 12, steering_mm=0.2), np.random.default_rng(13)
+    seen = scene.noisy(SIGMA, rng)
+    state, found, square = estimate([seen], KNOWN, scene.truth)
+    nees = normalised_square(found.covariance, errors(state, scene.truth))
+    dof = int(Problem([seen], KNOWN).count()[0]) - found.parameters
+    assert abs(nees.mean() - 6) < 3 * np.sqrt(12 / trials)
+    assert 0.93 < (nees < chi2.ppf(0.95, 6)).mean() < 0.97
+    assert abs((square / dof).mean() - 1) < min(0.05, 3 * np.sqrt(2 / dof / trials) + 1e-3)
+    assert (found.status != "ok").mean() < 0.01
+
+    scaled = nees / (square / dof)  # covariance with the noise that the residuals show
+    mean, sd = f.stats(6, dof, moments="mv")
+    assert abs(scaled.mean() / 6 - mean) < 3 * np.sqrt(sd / trials)
+    assert 0.93 < (scaled / 6 < f.ppf(0.95, 6, dof)).mean() < 0.97
+
+
+def test_smaller_errors_than_the_two_phase_edge_method():
+    for motion, factor in (("arc", 5), ("space", 1.5)):
+        scene = edge_scenes(EdgePlan(motion=motion), Noise(SIGMA), np.random.default_rng(14), (600,))
+        seen = observations_of(scene)
+        start = Problem([seen], Noise(SIGMA)).place(scene.R_sensor, scene.T_sensor)
+        state, _, _ = estimate([seen], Noise(SIGMA), start)
+        closed = edge_equations(scene.poses.rotations, scene.poses.positions, scene.points).R_sensor
+        ours, theirs = (np.sqrt(np.mean(angle_between(R, scene.R_sensor) ** 2)) for R in (state.rotation, closed))
+        assert theirs > factor * ours
+
+
+def test_a_third_of_the_disk_methods_error_from_many_chords():
+    """Median ratio of twelve random scenes, each of which has its own."""
+    rng, trials, turn, shift = np.random.default_rng(15), 50, [], []
+    for _ in range(12):
+        scene = random_scene("disk", rng, positions=200)
+        seen, truth = scene.noisy(SIGMA, rng, trials), scene.truth.repeat(trials)
+        state, _, _ = estimate([seen], Noise(SIGMA), truth)
+        R_closed, T_closed = closed_form(seen, scene.truth.rotation[0])
+        ours, theirs = (np.sqrt(np.mean(angle_between(R, truth.rotation) ** 2)) for R in (state.rotation, R_closed))
+        turn.append(ours / theirs)
+        ours, theirs = (np.sqrt(np.mean((T - truth.translation) ** 2)) for T in (state.translation, T_closed))
+        shift.append(ours / theirs)
+    assert np.median(turn) < 0.35
+    assert np.median(shift) < 0.35
+
+
+@pytest.mark.parametrize("choices", [{"motion": "line"}, {"tilt_deg": 0.0}, {"frame": "tool"}], ids=str)
+def test_motions_that_leave_the_two_phase_method_without_rank_are_solved_and_honest(choices):
+    """Straight lines, arcs whose plane contains the edge, arcs that turn with the tool."""
+    trials = 300
+    scene = edge_scenes(EdgePlan(**choices), Noise(SIGMA), np.random.default_rng(23), (trials,))
+    seen = observations_of(scene)
+    start = Problem([seen], Noise(SIGMA)).place(scene.R_sensor, scene.T_sensor)
+    state, found, _ = estimate([seen], Noise(SIGMA), start)
+    error = pose_error(state.rotation, state.translation, scene.R_sensor, scene.T_sensor)
+    nees = normalised_square(found.covariance, error)
+    assert abs(nees.mean() - 6) < 3 * np.sqrt(12 / trials)
+    closed = edge_equations(scene.poses.rotations, scene.poses.positions, scene.points).R_sensor
+    assert np.median(angle_between(closed, scene.R_sensor)) > 5 * np.median(np.linalg.norm(error[:, 3:], axis=1))
