@@ -5,10 +5,11 @@ import time
 
 import numpy as np
 
-from profilecal.closed_form.disk import in_chord_frame, sensing_data_from_ellipse, solve_disk
+from profilecal.closed_form.disk import chord_weights, sensing_data_from_ellipse, solve_disk
 from profilecal.geometry.fitting import Ellipse
 from profilecal.papers.ball_study import ball_centres_seen
 from profilecal.papers.disk_study import disk_study
+from profilecal.papers.monte_carlo import BLOCK
 from profilecal.papers.settings import fig15_scans, fig17_scans
 
 SCANS = fig15_scans((-0.9, 0.32))
@@ -46,9 +47,15 @@ def study(workers=1, sigma_mm=SIGMA_MM, m=M, trials=TRIALS, **kind):
 def draw(per_chord: int) -> None:
     """The normals of the whole grid, from the streams and into the buffers that the study uses."""
     for i, stream in enumerate(np.random.default_rng(0).spawn(len(SIGMA_MM) * len(M))):
-        buffer = np.empty((per_chord, TRIALS, M[i % len(M)]))
         for _ in range(4):
-            stream.standard_normal(out=buffer)
+            draw_blocks(per_chord * M[i % len(M)], stream)
+
+
+def draw_blocks(numbers: int, stream) -> None:
+    """So many normals for each trial."""
+    block = np.empty((BLOCK // numbers, numbers))
+    for first in range(0, TRIALS, len(block)):
+        stream.standard_normal(out=block[: TRIALS - first])
 
 
 def against_the_draw(name, ours, per_chord, target) -> dict:
@@ -60,13 +67,11 @@ def against_the_draw(name, ours, per_chord, target) -> dict:
 def ball_arcs() -> dict:
     scans, arcs = fig17_scans(), 30
     sizes = [len(scans.x_seen(circle)) for circle in scans.circles(arcs).reshape(-1, 3)]
-    buffer = np.empty(64 * max(sizes))
 
     def only_draw():
         rng = np.random.default_rng(0)
         for points in sizes:
-            for first in range(0, TRIALS, 64):
-                rng.standard_normal(out=buffer[: points * min(64, TRIALS - first)])
+            draw_blocks(points, rng)
 
     ours_s, draw_s = medians(lambda: ball_centres_seen(scans, arcs, 0.4, TRIALS, np.random.default_rng(0)), only_draw)
     ratio = ours_s / draw_s
@@ -97,21 +102,19 @@ def ellipse_of_axes(centre, semi_axes, angle) -> Ellipse:
 def loop(fit, m: int, trials: int, sigma_mm: float) -> np.ndarray:
     """Disk centres of `trials` calibrations one by one, from the random numbers of `disk_study`'s first stream."""
     scans = SCANS
-    exact = scans.tips(m)
-    along = exact[:, :, 1] - exact[:, :, 0]
+    exact = np.swapaxes(scans.tips(m), 1, 2)
+    along = exact[:, 1] - exact[:, 0]
     along /= np.linalg.norm(along, axis=-1, keepdims=True)
     rng = np.random.default_rng(0).spawn(1)[0]
-    noise = np.sqrt(2) * sigma_mm * np.array([rng.standard_normal((2, trials, m, 1)) for _ in exact])
+    noise = sigma_mm * np.array([rng.standard_normal((trials, 2, m, 1)) for _ in exact])
+    vectors = np.swapaxes(exact.reshape(len(exact), 2 * m, 2), 1, 2) @ chord_weights(m)
     centres = np.empty((trials, 3))
     for k in range(trials):
         data = []
         for i, tips in enumerate(exact):
-            total, difference = noise[i, :, k]
-            noisy = tips + np.stack([(total - difference) / 2, (total + difference) / 2], axis=1) * along[i][:, None]
-            centre, across, frame = in_chord_frame(fit(noisy.reshape(-1, 2)), along[i, 0])
-            ends = tips[[0, -1], 0] @ frame[1]
+            ellipse = fit((tips + noise[i, k] * along[i]).reshape(-1, 2))
             scan = scans.T_start[i], scans.T_end[i], scans.s[i], scans.disk.radius
-            data.append(sensing_data_from_ellipse(centre, across, ends, along[i, 0], *scan))
+            data.append(sensing_data_from_ellipse(ellipse, vectors[i], *scan))
         fields = (np.array([getattr(d, name) for d in data]) for name in ("T_tcp", "q", "D_i", "D_b"))
         centres[k] = solve_disk(scans.R_tcp, *fields).translation.q_b
     return centres - scans.disk.centre

@@ -1,6 +1,7 @@
 """The truth lies in the stated regions: raw profiles with an instrument's noise, from a scan folder to the JSON.
 
-The suite takes 8 scans of each target; `PROFILECAL_COVERAGE=300 pytest -s tests/test_coverage.py` as many as it says.
+The suite takes 8 scans of each target, and as many as PROFILECAL_COVERAGE says:
+`PROFILECAL_COVERAGE=300 pytest -s tests/calibrate/test_coverage.py`.
 """
 
 import functools
@@ -38,6 +39,7 @@ CASES = {
     "disk": {"kind": "disk", "positions": 12},
     "ball": {"kind": "ball"},
     "plane": {"kind": "plane"},
+    "rod": {"kind": "rod"},
 }
 
 

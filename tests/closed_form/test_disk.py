@@ -1,11 +1,27 @@
+"""The disk method, from sensing data and from chords: exact without noise, and it says what is wrong with the data."""
+
+import re
+from dataclasses import fields, replace
+from functools import cache
+
 import numpy as np
 import pytest
 import sensing_data as scenes
+from scipy.spatial.transform import Rotation
 
-from profilecal.closed_form.disk import disk_equations, solve_disk
+from profilecal.closed_form.disk import (
+    SensingData,
+    disk_equations,
+    sensing_data,
+    solve_disk,
+    solve_disk_from_chords,
+)
 from profilecal.geometry.checks import UnobservableError
 from profilecal.geometry.poses import angle_between, nearest_rotation, rotation_from_xyz_angles
 from profilecal.papers import published
+from profilecal.papers.disk_study import DiskScans, disk_scans
+from profilecal.papers.settings import fig15_scans
+from profilecal.targets.disk import Disk
 
 
 @pytest.fixture
@@ -42,9 +58,10 @@ def test_table_I_gives_equations_49_to_51():
 def test_the_paper_quantities_satisfy_their_equations(data):
     solution = solve_disk(*data)
     r, t = solution.rotation, solution.translation
-    np.testing.assert_allclose(r.U * r.S @ r.V.T, r.H, atol=1e-12)
     np.testing.assert_allclose(r.R_sensor @ r.X, r.Y, atol=1e-12)
-    np.testing.assert_allclose(t.M @ t.T_sensor, t.N, atol=1e-10)
+    R_tcp, T_tcp, q, *_ = data
+    seen = (R_tcp @ solution.R_sensor @ q[..., None])[..., 0] + T_tcp
+    np.testing.assert_allclose((R_tcp[:-1] - R_tcp[1:]) @ t.T_sensor, seen[1:] - seen[:-1], atol=1e-10)  # Eq. 17
     np.testing.assert_allclose(t.q_b_i.mean(axis=0), t.q_b)
 
 
@@ -106,3 +123,155 @@ def test_poses_that_cannot_determine_the_answer_are_refused_with_noise_too(data,
 def test_an_unknown_set_of_pairs_is_refused(data):
     with pytest.raises(ValueError, match="pairs is 'some'; expected 'consecutive', 'first' or 'all'"):
         solve_disk(*data, pairs="some")
+
+
+EXTENTS = [(-0.9, 0.9), (-0.9, 0.3), (-0.64, 0.64), (-0.95, -0.05), (0.1, 0.9)]  # whole, most, middle, halves
+
+
+def random_scans(rng, n: int = 4, extent=(-0.9, 0.9)) -> DiskScans:
+    """Scans whose planes make 40-140° with the disk, and whose motions run about half-way between the two normals."""
+    disk = Disk(rng.uniform(-300, 300, 3), Rotation.random(rng=rng).as_matrix()[:, 2], rng.uniform(20, 60))
+    R_sensor, T_sensor = Rotation.random(rng=rng).as_matrix(), rng.uniform(-400, 400, 3)
+    rotation, direction = np.empty((n, 3, 3)), np.empty((n, 3))
+    for i in range(n):
+        chord = np.cross(disk.normal, rng.normal(size=3))
+        chord /= np.linalg.norm(chord)
+        normal = Rotation.from_rotvec(np.radians(rng.uniform(40, 140)) * chord).apply(disk.normal)
+        rotation[i] = np.column_stack([chord, normal, np.cross(chord, normal)])
+        rotation[i] @= Rotation.from_rotvec([0, rng.uniform(-0.7, 0.7), 0]).as_matrix()
+        between = disk.normal + np.copysign(1, disk.normal @ normal) * normal
+        direction[i] = between / np.linalg.norm(between) + rng.uniform(-0.2, 0.2, 3)
+    direction *= rng.choice([-1, 1], n)[:, None] / np.linalg.norm(direction, axis=1, keepdims=True)
+    seen = rng.uniform(-40, 40, (n, 3)) * [1, 0, 1]
+    return disk_scans(disk, R_sensor, T_sensor, rotation @ R_sensor.T, seen, direction, extent)
+
+
+@cache
+def many_scans(extent):
+    """200 times four random scans and their chords' tips, 3 to 199 chords a scan."""
+    rng = np.random.default_rng(11)
+    scans = [random_scans(rng, 4, extent) for _ in range(200)]
+    return [(scan, scan.tips(m)) for scan, m in zip(scans, rng.integers(3, 200, 200), strict=True)]
+
+
+@pytest.mark.parametrize("heights", ["regression", "published"])
+@pytest.mark.parametrize("extent", EXTENTS, ids=str)
+def test_noise_free_chords_give_the_pose_back(extent, heights):
+    sides = set()
+    for scans, tips in many_scans(extent):
+        found = solve(scans, tips, heights=heights)
+        sides.update(scans.s)
+        assert np.abs(found.R_sensor - scans.R_sensor).max() < 1e-12
+        assert np.abs(found.T_sensor - scans.T_sensor).max() < 1e-10
+        assert np.abs(found.solution.translation.q_b - scans.disk.centre).max() < 1e-10
+        assert found.accuracy < 1e-10
+        np.testing.assert_allclose(found.sensing.extent, [extent] * 4, rtol=1e-9)
+        assert len(found.remarks) == (4 if extent[0] * extent[1] > 0 else 0)  # halves are said to be halves
+    assert sides == {-1, 1}
+
+
+def test_a_batch_of_scans_equals_one_by_one():
+    rng = np.random.default_rng(12)
+    scans = random_scans(rng)
+    tips = scans.tips(30) + rng.normal(0, 0.1, (5, 4, 30, 2, 2))
+    for heights in ("regression", "published"):
+        together = sensing_data(tips, scans.T_start, scans.T_end, scans.s, scans.disk.radius, heights)
+        for place in np.ndindex(5, 4):
+            i = place[1]
+            alone = sensing_data(tips[place], scans.T_start[i], scans.T_end[i], scans.s[i], scans.disk.radius, heights)
+            for name in [field.name for field in fields(SensingData)]:
+                np.testing.assert_allclose(getattr(together, name)[place], getattr(alone, name), rtol=1e-9, atol=1e-9)
+
+
+def solve(scans, tips=None, **changed):
+    tips = scans.tips(60) if tips is None else tips
+    given = {"T_start": scans.T_start, "T_end": scans.T_end, "tips": tips, "s": scans.s, "radius": scans.disk.radius}
+    return solve_disk_from_chords(scans.R_tcp, **(given | changed))
+
+
+@pytest.fixture
+def scans():
+    return fig15_scans((-0.9, 0.7))
+
+
+def noisy(scans, sigma=0.1, m=60):
+    return scans.tips(m) + np.random.default_rng(3).normal(0, sigma, (4, m, 2, 2))
+
+
+@pytest.mark.parametrize("wrong", [[0], [1], [2], [3], [0, 2], [0, 1, 2, 3]], ids=str)
+def test_wrong_s_is_named(scans, wrong):
+    s = scans.s.copy()
+    s[wrong] *= -1
+    with pytest.raises(ValueError, match=f"s seems wrong for scan {', '.join(map(str, wrong))}:"):
+        solve(scans, noisy(scans), s=s)
+
+
+@pytest.mark.parametrize("sigma", [0.0, 0.1, 0.9])
+def test_right_s_is_not_complained_about(scans, sigma):
+    solve(scans, noisy(scans, sigma))
+
+
+def moved(scans, scan, angle_deg, plane):
+    """Scans of which one moves at an angle to the disk's plane or to its scan plane, 60 mm."""
+    normal = scans.disk.normal if plane == "disk" else (scans.R_tcp @ scans.R_sensor)[scan, :, 1]
+    other = (scans.R_tcp @ scans.R_sensor)[scan, :, 1] if plane == "disk" else scans.disk.normal
+    within = other - other @ normal * normal
+    angle = np.radians(angle_deg)
+    direction = np.cos(angle) * within / np.linalg.norm(within) + np.sin(angle) * normal
+    middle = (scans.T_start[scan] + scans.T_end[scan]) / 2
+    T_start, T_end = scans.T_start.copy(), scans.T_end.copy()
+    T_start[scan], T_end[scan] = middle - 30 * direction, middle + 30 * direction
+    return replace(scans, T_start=T_start, T_end=T_end)
+
+
+@pytest.mark.parametrize("sigma", [0.0, 0.1])
+@pytest.mark.parametrize("angle_deg", [0.2, 0.9])
+@pytest.mark.parametrize(("plane", "words"), [("disk", "the disk's plane"), ("scan", "the scan plane")])
+def test_motion_within_a_degree_of_a_plane_is_refused(scans, plane, words, angle_deg, sigma):
+    bad = moved(scans, 2, angle_deg, plane)
+    with pytest.raises(UnobservableError, match=f"scan 2: the motion is within 1° of {words}"):
+        solve(bad, noisy(bad, sigma))
+
+
+@pytest.mark.parametrize("plane", ["disk", "scan"])
+def test_motion_well_off_both_planes_is_accepted(scans, plane):
+    fine = moved(scans, 2, 20, plane)
+    assert np.abs(solve(fine).T_sensor - fine.T_sensor).max() < 1e-8
+
+
+def test_chords_on_one_side_are_said(scans):
+    half = fig15_scans((-0.9, -0.15))
+    remarks = solve(half, noisy(half)).remarks
+    assert len(remarks) == 4
+    assert "scan 1: its chords lie on one side of the disk's centre" in remarks[1]
+    assert solve(scans, noisy(scans)).remarks == ()
+
+
+def test_impossible_arccos_is_said(scans):
+    with_wrong_radius = solve(fig15_scans((-0.9, 0.7)), radius=20.0)
+    assert with_wrong_radius.sensing.clipped.any()
+    assert any("which does not exist" in remark for remark in with_wrong_radius.remarks)
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ({"s": [1, 1, 1, 0]}, "expected 4 values, each +1 or -1"),
+        ({"radius": -50.0}, "expected a length in mm above 0"),
+        ({"tips": np.zeros((3, 10, 2, 2))}, "tips has 3 scans; expected 4"),
+        ({"tips": np.zeros((4, 10, 3, 2))}, "expected (m, 2, 2)"),
+        ({"tips": np.zeros((4, 2, 2, 2))}, "2 given, at least 3 needed"),
+        ({"tips": np.zeros((4, 10, 2, 2))}, "expected the tip of smaller x first"),
+        ({"tips": np.full((4, 10, 2, 2), np.nan)}, "disk missed?"),
+        ({"heights": "guessed"}, "expected 'regression' or 'published'"),
+    ],
+    ids=lambda value: None if isinstance(value, str) else next(iter(value)),
+)
+def test_malformed_chords_are_refused_in_a_sentence(scans, change, sentence):
+    with pytest.raises(ValueError, match=re.escape(sentence)):
+        solve(scans, **change)
+
+
+def test_standing_still_is_refused(scans):
+    with pytest.raises(ValueError, match="T_start and T_end are the same"):
+        solve(scans, T_end=scans.T_start)

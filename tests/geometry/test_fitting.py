@@ -1,34 +1,95 @@
+"""Fits: exact on exact points, equal to the textbook's eigenproblems on noisy ones."""
+
 import numpy as np
 import pytest
+import scipy.linalg
 
-from profilecal.geometry.fitting import fit_line, fit_sphere
+from profilecal.geometry.fitting import affine_residuals, fit_circle, fit_ellipse, fit_sphere
 from profilecal.geometry.poses import directions
 
 
-def test_line_through_points_on_a_line():
+def ellipse_points(rng, count=40):
+    shape = rng.normal(size=(2, 2)) + 2 * np.eye(2)
+    angle = rng.uniform(0, 2 * np.pi) + np.linspace(0, rng.uniform(3.5, 6), count)
+    centre = rng.uniform(-50, 50, 2)
+    return centre, shape @ shape.T, centre + np.column_stack([np.cos(angle), np.sin(angle)]) @ shape.T
+
+
+def textbook_ellipse(points):
+    """Fitzgibbon's 6×6 generalised eigenproblem, as centre and shape."""
+    x, z = points.T
+    design = np.column_stack([x * x, x * z, z * z, x, z, np.ones_like(x)])
+    constraint = np.zeros((6, 6))
+    constraint[0, 2] = constraint[2, 0] = 2
+    constraint[1, 1] = -1
+    values, vectors = np.linalg.eig(np.linalg.solve(design.T @ design, constraint))
+    A, B, C, D, E, F = vectors[:, values.real.argmax()].real
+    centre = np.linalg.solve([[2 * A, B], [B, 2 * C]], [-D, -E])
+    form = np.array([[A, B / 2], [B / 2, C]]) / -(F + (D * centre[0] + E * centre[1]) / 2)
+    return centre, np.linalg.inv(form)
+
+
+def test_points_on_an_ellipse_give_it_back():
     rng = np.random.default_rng(1)
-    point, direction = rng.uniform(-50, 50, (20, 3)), directions(rng, (20,))
-    line = fit_line(point[:, None] + rng.uniform(-10, 10, (20, 7, 1)) * direction[:, None])
-    np.testing.assert_allclose(np.abs((line.direction * direction).sum(axis=-1)), 1, rtol=1e-12)
-    np.testing.assert_allclose(np.cross(line.point - point, direction), 0, atol=1e-12)
-    np.testing.assert_allclose(line.rms, 0, atol=1e-12)
+    for _ in range(200):
+        centre, shape, points = ellipse_points(rng)
+        found = fit_ellipse(points)
+        np.testing.assert_allclose(found.centre, centre, atol=1e-10)
+        np.testing.assert_allclose(found.shape, shape, rtol=1e-9, atol=1e-10)
 
 
-def test_line_rms_is_that_of_the_distances():
-    points = np.array([[0.0, 1], [1, -1], [2, -1], [3, 1]])
-    line = fit_line(points)
-    np.testing.assert_allclose(np.abs(line.direction), [1, 0], atol=1e-12)
-    assert line.rms == pytest.approx(1)
+def test_noisy_ellipse_equals_the_textbook_eigenproblem():
+    rng = np.random.default_rng(2)
+    for _ in range(100):
+        points = ellipse_points(rng)[2]
+        points = points - points.mean(axis=0) + rng.normal(0, 0.1, points.shape)
+        centre, shape = textbook_ellipse(points)
+        found = fit_ellipse(points)
+        np.testing.assert_allclose(found.centre, centre, rtol=1e-7, atol=1e-7)
+        np.testing.assert_allclose(found.shape, shape, rtol=1e-7, atol=1e-7)
 
 
-def test_only_the_points_kept_count():
-    points = np.array([[[0.0, 0], [1, 1], [2, 2], [9, 0]], [[5.0, 5], [0, 1], [3, 3], [3, 3]]])
-    kept = np.array([[True, True, True, False], [True, False, False, False]])
-    line = fit_line(points, kept)
-    np.testing.assert_allclose(np.abs(line.direction[0]), np.sqrt(0.5), rtol=1e-12)
-    np.testing.assert_allclose(line.point[0], [1, 1])
-    assert line.rms[0] < 1e-12
-    assert np.isnan(line.point[1]).all()  # one point makes no line
+def test_ellipse_fit_is_invariant_under_affine_maps():
+    rng = np.random.default_rng(3)
+    points = ellipse_points(rng)[2] + rng.normal(0, 0.1, (40, 2))
+    map_, shift = rng.normal(size=(2, 2)), rng.uniform(-10, 10, 2)
+    plain, mapped = fit_ellipse(points), fit_ellipse(points @ map_.T + shift)
+    np.testing.assert_allclose(mapped.centre, map_ @ plain.centre + shift, atol=1e-9)
+    np.testing.assert_allclose(mapped.shape, map_ @ plain.shape @ map_.T, rtol=1e-9, atol=1e-9)
+
+
+def textbook_taubin(points):
+    """Taubin's generalised eigenproblem for A (x² + z²) + B x + C z + D."""
+    x, z = points.T
+    w = x * x + z * z
+    design = np.column_stack([w, x, z, np.ones_like(x)])
+    gradient = np.array(
+        [[4 * w.mean(), 2 * x.mean(), 2 * z.mean(), 0], [2 * x.mean(), 1, 0, 0], [2 * z.mean(), 0, 1, 0], [0, 0, 0, 0]]
+    )
+    A, B, C, D = scipy.linalg.eigh(gradient, design.T @ design / len(x))[1][:, -1]
+    return np.array([-B / 2 / A, -C / 2 / A, np.sqrt((B * B + C * C) / (4 * A * A) - D / A)])
+
+
+@pytest.mark.parametrize("method", ["taubin", "kasa"])
+def test_points_on_a_circle_give_it_back(method):
+    rng = np.random.default_rng(4)
+    angle = np.linspace(0.5, rng.uniform(2, 3), 900)
+    circle = np.column_stack([rng.uniform(-50, 50, (20, 2)), rng.uniform(20, 80, 20)])
+    points = circle[:, None, :2] + circle[:, 2, None, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+    np.testing.assert_allclose(fit_circle(points, method), circle, rtol=0, atol=1e-10)
+
+
+def test_noisy_arcs_equal_the_textbook_eigenproblem():
+    rng = np.random.default_rng(5)
+    angle = np.linspace(0.6, 2.4, 300)
+    for sigma in (0.01, 0.1, 1.0):
+        points = 50 * np.column_stack([np.cos(angle), np.sin(angle)]) + rng.normal(0, sigma, (300, 2))
+        np.testing.assert_allclose(fit_circle(points), textbook_taubin(points), rtol=0, atol=1e-8)
+
+
+def test_an_unknown_circle_fit_is_refused():
+    with pytest.raises(ValueError, match="expected 'taubin' or 'kasa'"):
+        fit_circle(np.zeros((5, 2)), "pratt")
 
 
 def test_sphere_through_points_on_a_sphere():
@@ -48,3 +109,19 @@ def test_sphere_rms_is_the_noise():
     points = 20 * directions(rng, (2000,))
     sphere = fit_sphere(points * (1 + 0.1 / 20 * rng.normal(size=(2000, 1))))
     assert sphere.rms == pytest.approx(0.1 * np.sqrt(1996 / 2000), rel=4 / np.sqrt(2 * 2000))
+
+
+@pytest.mark.parametrize("weighted", [False, True])
+@pytest.mark.parametrize("dimensions", [0, 1, 2, 3])
+def test_affine_residuals_are_those_of_the_regression_on_where_the_positions_extend(dimensions, weighted):
+    rng = np.random.default_rng(6)
+    positions = rng.normal(size=(5, 9, dimensions)) @ rng.normal(size=(5, dimensions, 3)) + 1000
+    values, sd = rng.normal(size=(5, 9, 2)), rng.uniform(0.1, 3, (5, 9)) if weighted else np.ones((5, 9))
+    residuals, basis, freedom = affine_residuals(positions, values, 1 / sd if weighted else None)
+    assert (freedom == 8 - dimensions).all()
+    np.testing.assert_allclose((basis**2).sum(axis=(1, 2)), 9 - freedom)
+    for k in range(5):
+        A = np.column_stack([np.ones(9), positions[k] - 1000]) / sd[k, :, None]
+        expected = values[k] / sd[k, :, None]
+        expected = expected - A @ np.linalg.lstsq(A, expected, rcond=1e-9)[0]
+        np.testing.assert_allclose(residuals[k], expected, atol=1e-9)

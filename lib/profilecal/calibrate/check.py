@@ -57,9 +57,9 @@ def affine_outliers(observations: Observations) -> list[int]:
     for label in np.unique(observations.group):
         rows = np.flatnonzero(observations.group == label)
         while len(rows) > 3:
-            left, basis = affine_residuals(observations.T_flange[0, rows], points[rows], np.ones(len(rows)))
+            left, basis, freedom = affine_residuals(observations.T_flange[0, rows], points[rows])
             free = 1 - np.sum(basis**2, axis=1)
-            if len(rows) <= basis.shape[1] or free.min() < 1e-6:
+            if freedom <= 0 or free.min() < 1e-6:
                 break
             size = np.sum(left**2, axis=1) / free / noise**2
             if size.max() < limit:

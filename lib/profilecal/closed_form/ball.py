@@ -14,9 +14,7 @@ from profilecal.closed_form.two_step import (
     solve_translation,
 )
 from profilecal.geometry.checks import UnobservableError, check_count, check_rotations, check_vectors
-from profilecal.geometry.fitting import fit_circle
 from profilecal.geometry.poses import angle_between
-from profilecal.targets.ball import Ball
 
 
 def solve_ball(R_tcp, T_tcp, q, translating: int, **readings) -> TwoStepSolution:
@@ -74,37 +72,6 @@ def ball_equations(
         translation_pairs,
     )
     return TwoStepSolution(rotation, translation)
-
-
-def solve_ball_from_arcs(
-    R_tcp, T_tcp, arcs, side, radius: float, translating: int, fit: str = "taubin", **readings
-) -> TwoStepSolution:
-    """As `solve_ball`, from the arcs that the scanner saw of a ball of known radius, mm; one or more arcs a pose.
-
-    R_tcp (n, 3, 3); T_tcp: for each pose an array (k, 3) of flange positions, mm; arcs: for each pose k arrays (p, 2)
-    of points x, z; side (n,): +1 where the ball's centre lies towards the sensor's +y, else -1 (Section IV-A). `fit`:
-    see `fitting.fit_circle`. The equations are linear in positions and centres, so those of a pose are averaged.
-
-    Raises ValueError for malformed input, UnobservableError for poses that cannot determine the answer.
-    """
-    side = np.asarray(side, dtype=float)
-    n = len(T_tcp)
-    if side.shape != (n,) or not np.isin(side, (-1, 1)).all():
-        raise ValueError(f"side is {side.tolist()}; expected {n} values, each +1 or -1")
-    if len(arcs) != n:
-        raise ValueError(f"arcs has {len(arcs)} poses; expected {n}, one per entry of T_tcp")
-    q, T_mean = np.empty((n, 3)), np.empty((n, 3))
-    for i, (positions, points) in enumerate(zip(T_tcp, arcs, strict=True)):
-        T_mean[i] = check_vectors(f"T_tcp[{i}]", positions, len(points)).mean(axis=0)
-        circles = np.array([fit_circle(arc, fit) for arc in points])
-        missed = np.flatnonzero(~(circles[:, 2] < 1.1 * radius))
-        if missed.size:
-            raise ValueError(
-                f"pose {i}, arc {missed[0]}: its circle has the radius {circles[missed[0], 2]:.4g} mm; expected at "
-                f"most the ball's, {radius:g} mm, and a little for noise"
-            )
-        q[i] = Ball(np.zeros(3), radius).centre_from_circle(circles, side[i]).mean(axis=0)
-    return solve_ball(R_tcp, T_mean, q, translating, **readings)
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
 """The disk method of Chen et al. 2018: chords to sensing data (Section III-B), sensing data to pose (III-C, III-D)."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from itertools import product
 
 import numpy as np
@@ -14,7 +14,7 @@ from profilecal.closed_form.two_step import (
     solve_translation,
 )
 from profilecal.geometry.checks import UnobservableError, check_count, check_rotations, check_vectors
-from profilecal.geometry.fitting import Ellipse, fit_ellipse
+from profilecal.geometry.fitting import Ellipse, fit_ellipse, from_components
 
 LEAST_BEND = 5.0  # standard errors by which chord lengths must bend along a scan, to show a disk at all
 WRONG_SIDE_DEG = 3.0  # largest angle between R D_i and D_b that noise is believed to explain
@@ -55,66 +55,35 @@ def sensing_data(tips, T_start, T_end, s, radius: float, heights: str = "regress
     """Sensing data of scans from their chords' tips (..., m, 2, 2), in order of the motion: Eqs 4-13, no guards.
 
     T_start and T_end (..., 3), mm: flange positions of the first and the last chord; s (...): +1 where the motion is
-    towards the sensor's +y, else -1. Each chord: the tip of smaller x, then the other, as x and z.
-
-    `heights` says how the first and the last chord are placed on the ellipse (points e4 and e5):
-    "published" intersects those two chords with e1e2, so that their noise stays however many chords there are;
-    "regression" fits a line to the heights of all chords, which the motion spaces evenly.
+    towards the sensor's +y, else -1. Each chord: the tip of smaller x, then the other, as x and z. `heights`: see
+    `chord_weights`.
     """
-    ellipse = fit_ellipse(tips.reshape(*tips.shape[:-3], -1, 2))
-    first, second = tips[..., 0, :], tips[..., 1, :]
-    along = (second - first).mean(axis=-2)
-    along = along / np.linalg.norm(along, axis=-1, keepdims=True)
-    centre, across, frame = in_chord_frame(ellipse, along)
+    m = tips.shape[-3]
+    points = np.moveaxis(tips, -2, -3).reshape(*tips.shape[:-3], 2 * m, 2)
+    vectors = np.swapaxes(points, -1, -2) @ chord_weights(m, heights)
+    return sensing_data_from_ellipse(fit_ellipse(points), vectors, T_start, T_end, s, radius)
 
+
+def chord_weights(m: int, heights: str = "regression") -> np.ndarray:
+    """Weights (2m, 5) that make five vectors of the tips of m chords, all first tips before all second ones.
+
+    They are the mean chord, then two points each of the lines that place e4 and e5 on the line e1e2. With `heights`
+    "published", these are the first and the last chord, so that their noise stays however many chords there are. With
+    "regression" they run along the mean chord, at the heights that a straight line fitted to the heights of all chords
+    has at its ends: the motion spaces them evenly.
+
+    Raises ValueError for other `heights`.
+    """
+    chord = np.repeat([-1 / m, 1 / m], m)
     if heights == "regression":
-        ends = np.einsum("...ma,...a->...m", (first + second) / 2, frame[..., 1, :]) @ line_ends(tips.shape[-3])
+        middles = np.tile(line_ends(m), (2, 1)) / 2
+        lines = middles[:, :, None] + np.outer(chord, [-0.5, 0.5])[:, None, :]
     elif heights == "published":
-        slope = across[..., 0] / across[..., 1]
-        ends = crossing_heights(np.einsum("...mta,...ba->...mtb", tips[..., [0, -1], :, :], frame), centre, slope)
+        lines = np.zeros((2 * m, 2, 2))
+        lines[[0, m - 1, m, 2 * m - 1], [0, 1, 0, 1], [0, 0, 1, 1]] = 1
     else:
         raise ValueError(f"heights is {heights!r}; expected 'regression' or 'published'")
-    return sensing_data_from_ellipse(centre, across, ends, along, T_start, T_end, s, radius)
-
-
-def in_chord_frame(ellipse: Ellipse, along):
-    """In the frame whose x̄ is `along` (..., 2): the ellipse's centre, S_xz and S_zz of its shape, and the rows x̄, z̄."""
-    frame = np.stack([along, np.stack([-along[..., 1], along[..., 0]], axis=-1)], axis=-2)  # R_θ
-    centre = np.einsum("...ab,...b->...a", frame, ellipse.centre)
-    across = np.einsum("...ab,...b->...a", frame, np.einsum("...bc,...c->...b", ellipse.shape, frame[..., 1, :]))
-    return centre, across, frame
-
-
-def sensing_data_from_ellipse(centre, across, ends, along, T_start, T_end, s, radius: float) -> SensingData:
-    """The sensing data (Eqs 5-13) from the fitted ellipse in the rotated frame, whose x̄ runs along the chords.
-
-    centre (..., 2) and across = (S_xz, S_zz) (..., 2) of its shape S, mm and mm²; ends (..., 2): heights z̄ of the first
-    and the last chord, mm; along (..., 2): x̄ in the sensor frame. The rest as in `sensing_data`.
-    """
-    # a chord at height z̄ has its middle at centre + (z̄ - z̄_3) across / S_zz
-    reach = np.sqrt(across[..., 1])
-    z3 = centre[..., 1]
-    way = np.where(ends[..., 1] < ends[..., 0], -1.0, 1.0) * reach
-    z = np.stack([z3 - way, z3 + way, z3, ends[..., 0], ends[..., 1]], axis=-1)
-    x = centre[..., :1] + (z - z3[..., None]) * (across[..., 0] / across[..., 1])[..., None]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        eta = (z - z[..., 4:]) / (z[..., 3:4] - z[..., 4:])  # Eq. 7: all five points are on one line
-
-    T = eta[..., None] * T_start[..., None, :] + (1 - eta[..., None]) * T_end[..., None, :]  # Eq. 8
-    D_b = T[..., 1, :] - T[..., 0, :]
-    dx, dz = x[..., 0] - x[..., 1], z[..., 0] - z[..., 1]
-    cos_alpha = (np.einsum("...a,...a->...", D_b, D_b) - dx**2 - dz**2 - 4 * radius**2) / (4 * radius * dz)
-    inside = np.clip(cos_alpha, -1, 1)
-    y = 2 * radius * s * np.sqrt(1 - inside * inside)
-    D_i = _to_sensor(along, dx, y, dz + 2 * radius * inside)
-    q = _to_sensor(along, x[..., 2], np.zeros_like(y), z3)
-    return SensingData(T[..., 2, :], q, D_i, D_b, along, np.stack([x, z], axis=-1), eta, cos_alpha)
-
-
-def _to_sensor(along, x, y, z) -> np.ndarray:
-    """R_θ⁻¹ (x, y, z)."""
-    cx, cz = along[..., 0], along[..., 1]
-    return np.stack([cx * x - cz * z, y, cz * x + cx * z], axis=-1)
+    return np.column_stack([chord, lines.reshape(2 * m, 4)])
 
 
 def line_ends(m: int) -> np.ndarray:
@@ -123,12 +92,51 @@ def line_ends(m: int) -> np.ndarray:
     return 1 / m + np.outer(step, [-1, 1]) / (step @ step)
 
 
-def crossing_heights(chords, centre, slope) -> np.ndarray:
-    """Heights at which chords (..., 2, 2, 2) meet e1e2, the line through `centre` with dx/dz = slope; rotated frame."""
-    (xa, za), (xb, zb) = np.moveaxis(chords, (-2, -1), (0, 1))
-    rise = (zb - za) / (xb - xa)
-    x_at_0 = (centre[..., 0] - slope * centre[..., 1])[..., None]
-    return (za + rise * (x_at_0 - xa)) / (1 - rise * slope[..., None])
+def sensing_data_from_ellipse(ellipse: Ellipse, vectors, T_start, T_end, s, radius: float) -> SensingData:
+    """As `sensing_data`, from the fitted ellipse and the vectors (..., 2, 5), x and z, that `chord_weights` makes.
+
+    x̄ and z̄, the frame of Eq. 4, run along the chords and across. Components come first here: NumPy is fast along long
+    axes only.
+    """
+    chord, *lines = np.moveaxis(vectors, (-1, -2), (0, 1))
+    cos, sin = chord / np.hypot(*chord)
+
+    def turned(vector):  # R_θ: into the frame of Eq. 4
+        return cos * vector[0] + sin * vector[1], cos * vector[1] - sin * vector[0]
+
+    x3, z3 = turned(np.moveaxis(ellipse.centre, -1, 0))
+    S_x, S_z = np.moveaxis(ellipse.shape, (-2, -1), (0, 1))
+    S_xz, S_zz = turned(cos * S_z - sin * S_x)
+    slope = S_xz / S_zz  # a chord at height z̄ has its middle at x̄_3 + slope (z̄ - z̄_3), on the line e1e2
+
+    def height(a, b):  # at which the line through a and b meets e1e2
+        (xa, za), (xb, zb) = turned(a), turned(b)
+        rise = (zb - za) / (xb - xa)
+        return (za + rise * (x3 - slope * z3 - xa)) / (1 - rise * slope)
+
+    z4, z5 = height(*lines[:2]), height(*lines[2:])
+    way = np.where(z5 < z4, -1.0, 1.0) * np.sqrt(S_zz)
+    z = np.stack([z3 - way, z3 + way, z3, z4, z5])
+    x = x3 + (z - z3) * slope
+    with np.errstate(divide="ignore", invalid="ignore"):
+        eta = (z - z5) / (z4 - z5)  # Eq. 7: all five points are on one line
+
+    end, to_start = (np.moveaxis(np.broadcast_to(T, (*z3.shape, 3)), -1, 0) for T in (T_end, T_start - T_end))
+    T_3, D_b = end + eta[2] * to_start, (eta[1] - eta[0]) * to_start  # Eqs 8, 13
+    dx, dz = x[0] - x[1], z[0] - z[1]
+    cos_alpha = ((D_b**2).sum(axis=0) - dx**2 - dz**2 - 4 * radius**2) / (4 * radius * dz)
+    inside = np.clip(cos_alpha, -1, 1)
+    D_y, D_z = 2 * radius * s * np.sqrt(1 - inside**2), dz + 2 * radius * inside
+    return SensingData(
+        T_tcp=np.moveaxis(T_3, 0, -1),
+        q=from_components(ellipse.centre[..., 0], np.zeros_like(z3), ellipse.centre[..., 1]),
+        D_i=from_components(cos * dx - sin * D_z, D_y, sin * dx + cos * D_z),
+        D_b=np.moveaxis(D_b, 0, -1),
+        direction=from_components(cos, sin),
+        e=np.moveaxis(np.stack([x, z]), (0, 1), (-1, -2)),
+        eta=np.moveaxis(eta, 0, -1),
+        cos_alpha=cos_alpha,
+    )
 
 
 @dataclass(frozen=True)
@@ -181,8 +189,8 @@ def solve_disk_from_chords(
     scans = [sensing_data(*scan, radius, heights) for scan in zip(tips, T_start, T_end, s, strict=True)]
     for i, scan in enumerate(scans):
         _check_motion(i, scan, tips[i], np.linalg.norm(T_end[i] - T_start[i]))
-    fields = SensingData.__dataclass_fields__
-    sensing = SensingData(*(np.stack([getattr(scan, name) for scan in scans]) for name in fields))
+    names = [field.name for field in fields(SensingData)]
+    sensing = SensingData(**{name: np.stack([getattr(scan, name) for scan in scans]) for name in names})
     solution = solve_disk(R_tcp, sensing.T_tcp, sensing.q, sensing.D_i, sensing.D_b, **readings)
     _check_sides(solution.rotation.X, solution.rotation.Y)
     return DiskSolution(sensing, solution, tuple(_remarks(sensing)))

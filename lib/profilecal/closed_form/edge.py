@@ -11,11 +11,11 @@ import numpy as np
 
 from profilecal.closed_form.two_step import LEAST_SPREAD_DEG, check_orientations
 from profilecal.geometry.checks import UnobservableError, check_count, check_rotations
+from profilecal.geometry.fitting import affine_residuals
 from profilecal.geometry.poses import nearest_rotation
 
 REFUSED = 2.0  # strength of the rotation below which noise alone would explain it
 WEAK = 10.0  # strength below which the rotation can be a degree and more wrong
-WEAK_TRANSLATION_MM = 1.0  # a translation less certain than this is weak
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ def solve_edge(R_b, T_b, p_s, noise_mm: float | None = None) -> EdgeSolution:
     `noise_mm` is the standard deviation of the sensed points; left out, it is estimated, which takes N ≥ 5.
 
     Raises ValueError for malformed input, UnobservableError, with the reason and a cure, where the motion cannot
-    determine the rotation or the translation at this noise. `judge` and `weaknesses` tell of a weak answer.
+    determine the rotation or the translation at this noise. A weak answer, see `judge` and `WEAK`, is given.
     """
     R_b, T_b, p_s = check_shapes(R_b, T_b, p_s)
     check_orientations(R_b)
@@ -192,7 +192,8 @@ def solve_rotation(R_b, T_b, p_s, pairs: str = "reduced") -> EdgeRotation:
     A_r, b_r = rotation_system(R_b, T_b, p_s, pairs)
     r_s, S, V, rank = least_squares(A_r, b_r, rounding_of_rotation(T_b, p_s))
     gain = noise_gain(V[..., -1], R_b, T_b, p_s)
-    return EdgeRotation(A_r, b_r, S, V, rank, r_s, nearest_rotation(unvec(r_s)), gain)
+    R_sensor = nearest_rotation(unvec(r_s))
+    return EdgeRotation(A_r=A_r, b_r=b_r, S=S, V=V, rank=rank, r_s=r_s, R_sensor=R_sensor, noise_gain=gain)
 
 
 def rounding_of_rotation(T_b, p_s) -> np.ndarray:
@@ -264,7 +265,7 @@ def solve_translation(R_b, T_b, p_s, R_sensor, pairs: str = "reduced") -> EdgeTr
     rounding = 12 * np.finfo(float).eps * p.shape[-3] * p.shape[-2]  # of nine entries of R_b, in each of G N equations
     T_sensor, S, _, rank = least_squares(A_t, b_t, rounding)
     p_b = p + (R_b @ T_sensor[..., None, :, None])[..., None, :, 0]
-    return EdgeTranslation(u_b, A_t, b_t, S, rank, T_sensor, p_b)
+    return EdgeTranslation(u_b=u_b, A_t=A_t, b_t=b_t, S=S, rank=rank, T_sensor=T_sensor, p_b=p_b)
 
 
 def check_shapes(R_b, T_b, p_s) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -285,19 +286,12 @@ def check_shapes(R_b, T_b, p_s) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def estimate_noise(T_b, p_s) -> np.ndarray:
-    """Standard deviation (...) of the sensed points, mm, from the data alone.
+    """Standard deviation (...) of the sensed points, mm, from the data alone: from the groups' `affine_residuals`.
 
-    Within a group the sensed point of a straight edge is an affine function of the flange position, whatever the
-    calibration: what a regression on the positions leaves is noise. NaN where the regression leaves nothing.
+    NaN where there are none.
     """
-    offsets = T_b - T_b.mean(axis=-2, keepdims=True)
-    X = np.concatenate([np.ones((*offsets.shape[:-1], 1)), offsets], axis=-1)
-    U, S, _ = np.linalg.svd(X, full_matrices=False)
-    significant = 1e-6 * S[..., :1] < S  # an arc leaves its plane by rounding only
-    U = U * significant[..., None, :]
-    residuals = p_s - U @ (np.swapaxes(U, -1, -2) @ p_s)
-    freedom = 2 * (p_s.shape[-2] - significant.sum(axis=-1)).sum(axis=-1)
-    squares = (residuals**2).sum(axis=(-3, -2, -1))
+    residuals, _, freedom = affine_residuals(T_b, p_s)
+    squares, freedom = (residuals**2).sum(axis=(-3, -2, -1)), 2 * freedom.sum(axis=-1)
     return np.sqrt(np.divide(squares, freedom, out=np.full_like(squares, np.nan), where=freedom > 0))
 
 
@@ -317,23 +311,7 @@ def judge(R_b, T_b, p_s, solution: EdgeSolution, noise_mm=None) -> EdgeEvidence:
     with np.errstate(divide="ignore", invalid="ignore"):
         strength = np.where(rotation.rank < 9, 0, rotation.S[..., -1] / (noise_mm * rotation.noise_gain))
         sd = np.where(translation.rank < 3, np.inf, noise_mm * np.sqrt(G * N) / translation.S[..., -1])
-    return EdgeEvidence(noise_mm, strength, sd)
-
-
-def weaknesses(evidence: EdgeEvidence) -> list[str]:
-    """What to tell the user about the answer to one data set; nothing when it is sound."""
-    messages = []
-    if evidence.rotation_strength < WEAK:
-        messages.append(
-            f"the rotation is weak: its strength is {evidence.rotation_strength:.2g}, below {WEAK:g}; turn the flange "
-            "further between groups, move further within them, or use a method that weighs all data together"
-        )
-    if evidence.translation_sd_mm > WEAK_TRANSLATION_MM:
-        messages.append(
-            f"the translation is weak: {evidence.translation_sd_mm:.2g} mm in its worst direction; turn the flange "
-            "further, about at least two axes"
-        )
-    return messages
+    return EdgeEvidence(noise_mm=noise_mm, rotation_strength=strength, translation_sd_mm=sd)
 
 
 def cause(R_b, T_b, p_s, noise_mm: float) -> str:

@@ -21,19 +21,13 @@ class RotationSolution:
 
     X: np.ndarray  # (..., 3, n) vectors in the sensor frame
     Y: np.ndarray  # (..., 3, n) the same vectors in the flange frame
-    H: np.ndarray  # (..., 3, 3) X Yᵀ = U S Vᵀ
-    U: np.ndarray
-    S: np.ndarray  # (..., 3)
-    V: np.ndarray
     R_sensor: np.ndarray  # (..., 3, 3)
 
 
 @dataclass(frozen=True)
 class TranslationSolution:
-    """M T_sensor = N in the least-squares sense, and how well the fixed point is met: Eqs 17-20, Section III-D."""
+    """T_sensor in the least-squares sense, and how well the fixed point is met: Eqs 17-20, Section III-D."""
 
-    M: np.ndarray  # (..., 3k, 3)
-    N: np.ndarray  # (..., 3k)
     T_sensor: np.ndarray  # (..., 3) mm
     q_b_i: np.ndarray  # (..., n, 3) the fixed point in the base frame, from each pose, mm
     q_b: np.ndarray  # (..., 3) their mean, Eq. 20
@@ -42,7 +36,7 @@ class TranslationSolution:
 
 @dataclass(frozen=True)
 class TwoStepSolution:
-    """The sensor pose on the flange: rotation first, then translation, with every quantity on the way."""
+    """The sensor pose on the flange: rotation first, then translation."""
 
     rotation: RotationSolution
     translation: TranslationSolution
@@ -67,11 +61,11 @@ def solve_rotation(X, Y, *, proper: bool = True) -> RotationSolution:
 
     `proper=False` is Eq. 16 as printed, V Uᵀ, which can be a reflection.
     """
-    H = X @ np.swapaxes(Y, -1, -2)
-    U, S, Vt = np.linalg.svd(H)
-    V = np.swapaxes(Vt, -1, -2)
-    R_sensor = nearest_rotation(np.swapaxes(H, -1, -2)) if proper else V @ np.swapaxes(U, -1, -2)
-    return RotationSolution(X, Y, H, U, S, V, R_sensor)
+    transposed_H = Y @ np.swapaxes(X, -1, -2)
+    if proper:
+        return RotationSolution(X=X, Y=Y, R_sensor=nearest_rotation(transposed_H))
+    V, _, Ut = np.linalg.svd(transposed_H)
+    return RotationSolution(X=X, Y=Y, R_sensor=V @ Ut)
 
 
 def pose_pairs(n: int, pairs: str) -> tuple[np.ndarray, np.ndarray]:
@@ -105,7 +99,7 @@ def solve_translation(R_tcp, T_tcp, q, R_sensor, pairs: str = "consecutive") -> 
     q_b_i = seen + np.einsum("...nab,...b->...na", R_tcp, T_sensor)
     q_b = q_b_i.mean(axis=-2)
     accuracy = np.linalg.norm(q_b_i - q_b[..., None, :], axis=-1).max(axis=-1)
-    return TranslationSolution(M, N, T_sensor, q_b_i, q_b, accuracy)
+    return TranslationSolution(T_sensor=T_sensor, q_b_i=q_b_i, q_b=q_b, accuracy=accuracy)
 
 
 def check_directions(X: np.ndarray, what: str) -> None:

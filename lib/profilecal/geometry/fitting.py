@@ -1,4 +1,4 @@
-"""Lines, spheres, circles and ellipses through points, in batches.
+"""Spheres, circles and ellipses through points, in batches; what affine functions leave of values.
 
 The fits of circle and ellipse minimise an algebraic distance under a quadratic constraint. Eliminating the linear
 coefficients leaves a symmetric 3×3 problem, whose eigenvalue solves one scalar equation: no iteration over the points,
@@ -9,8 +9,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-ROUNDS = 60  # Newton steps at most; four or five are usual
-HIGH_POWERS = [(3, 0), (2, 1), (1, 2), (0, 3), (4, 0), (3, 1), (2, 2), (1, 3), (0, 4)]
+ROUNDS = 60  # Newton's steps at most; four or five are usual
+SETTLED = 1e-14  # a step this small, as a fraction of the eigenvalue's scale, is rounding: the next would be its square
+LEAST_WIDTH = 1e-3  # of the positions' length: an arc leaves its plane, and a line its direction, by rounding only
+
+
+def from_components(*components) -> np.ndarray:
+    """Vectors (..., k) from k arrays (...), each component contiguous in memory: NumPy is fast along long axes only."""
+    return np.moveaxis(np.stack(components), 0, -1)
 
 
 @dataclass(frozen=True)
@@ -46,50 +52,54 @@ def transformed(ellipse: Ellipse, map_, shift) -> Ellipse:
     return Ellipse(centre, np.einsum("...ab,...bc,...dc->...ad", map_, ellipse.shape, map_))
 
 
-def moments(u, v) -> dict:
-    """Means over the last axis of u^a v^b for 1 ≤ a + b ≤ 4: {(a, b): (...)}."""
-    product = {(1, 0): u, (0, 1): v, (2, 0): u * u, (1, 1): u * v, (0, 2): v * v}
-    sums = {power: values.sum(axis=-1) for power, values in product.items()}
-    for a, b in HIGH_POWERS:
-        first = (2, 0) if a >= 2 else (0, 2)
-        second = (a - first[0], b - first[1])
-        sums[a, b] = np.einsum("...i,...i->...", product[first], product[second])
-    return {power: total / u.shape[-1] for power, total in sums.items()}
+def moments(u, v, work=(None, None, None)) -> dict:
+    """Means over the last axis of u^a v^b for 1 ≤ a + b ≤ 4: {(a, b): (...)}. `work`: memory for u², uv and v²."""
+    count = u.shape[-1]
+    uu, uv, vv = (np.multiply(*pair, out=out) for pair, out in zip(((u, u), (u, v), (v, v)), work, strict=True))
+    low = {(1, 0): u, (0, 1): v, (2, 0): uu, (1, 1): uv, (0, 2): vv}
+    mean = {power: values @ np.full(count, 1 / count) for power, values in low.items()}
+    for a, b in [(3, 0), (2, 1), (1, 2), (0, 3), (4, 0), (3, 1), (2, 2), (1, 3), (0, 4)]:
+        square = (2, 0) if a >= 2 else (0, 2)
+        mean[a, b] = np.vecdot(low[square], low[a - square[0], b - square[1]]) / count
+    return mean
 
 
 def ellipse_from_moments(mean: dict) -> Ellipse:
     """The ellipse-specific direct fit from the means of x^a z^b, {(a, b): (...)}, as `moments` gives them.
 
-    Minimises ⟨(A x² + B xz + C z² + D x + E z + F)²⟩ with 4AC - B² fixed. In p = (A + C)/2, q = (A - C)/2,
-    t = B/2 the constraint reads p² - q² - t² = constant, and p = 1 is no loss: the solution has p ≠ 0.
+    Minimises ⟨(A x² + B xz + C z² + D x + E z + F)²⟩ with 4AC - B² fixed. With p = x² + z², q = x² - z² and t = 2xz the
+    polynomial is a multiple of p + β q + γ t + D x + E z + F, and the constraint holds 1 - β² - γ² fixed.
     """
-    one = {power: mean[power] for power in ((1, 0), (0, 1))}
-    conics = {"p": ((2, 0, 1), (0, 2, 1)), "q": ((2, 0, 1), (0, 2, -1)), "t": ((1, 1, 2),)}  # x²+z², x²-z², 2xz
+    x, z, xx, xz, zz = (mean[power] for power in ((1, 0), (0, 1), (2, 0), (1, 1), (0, 2)))
+    means = {"x": x, "z": z, "p": xx + zz, "q": xx - zz, "t": 2 * xz} | {"xx": xx, "xz": xz, "zz": zz}
+    means |= {"px": mean[3, 0] + mean[1, 2], "qx": mean[3, 0] - mean[1, 2], "tx": 2 * mean[2, 1]}
+    means |= {"pz": mean[2, 1] + mean[0, 3], "qz": mean[2, 1] - mean[0, 3], "tz": 2 * mean[1, 2]}
+    means |= {"pt": 2 * (mean[3, 1] + mean[1, 3]), "qt": 2 * (mean[3, 1] - mean[1, 3]), "tt": 4 * mean[2, 2]}
+    ends = mean[4, 0] + mean[0, 4]
+    means |= {"pp": ends + 2 * mean[2, 2], "pq": mean[4, 0] - mean[0, 4], "qq": ends - 2 * mean[2, 2]}
 
-    def covariance(first, second):
-        return sum(i * j * (mean[a + c, b + d] - mean[a, b] * mean[c, d]) for a, b, i in first for c, d, j in second)
+    def covariance(f, g):
+        return means[f + g] - means[f] * means[g]
 
-    x, z = ((1, 0, 1),), ((0, 1, 1),)
-    xx, xz, zz = covariance(x, x), covariance(x, z), covariance(z, z)
+    xx, xz, zz = covariance("x", "x"), covariance("x", "z"), covariance("z", "z")
     determinant = xx * zz - xz * xz
-    on_line = {name: (covariance(f, x), covariance(f, z)) for name, f in conics.items()}
-    D = {name: (zz * fx - xz * fz) / determinant for name, (fx, fz) in on_line.items()}
-    E = {name: (xx * fz - xz * fx) / determinant for name, (fx, fz) in on_line.items()}
+    with_x, with_z = ({f: covariance(f, g) for f in "pqt"} for g in "xz")
+    D = {f: (zz * with_x[f] - xz * with_z[f]) / determinant for f in "pqt"}
+    E = {f: (xx * with_z[f] - xz * with_x[f]) / determinant for f in "pqt"}
 
-    def left(first, second):  # what the linear terms do not explain
-        fx, fz = on_line[first]
-        return covariance(conics[first], conics[second]) - fx * D[second] - fz * E[second]
+    def unexplained(f, g):  # by the linear terms
+        return covariance(f, g) - with_x[f] * D[g] - with_z[f] * E[g]
 
-    q, t = _secular([left(*names) for names in ("pp", "pq", "pt", "qq", "qt", "tt")], sign=1)
-    A, C, B = 1 + q, 1 - q, 2 * t
-    D, E = (-(of["p"] + of["q"] * q + of["t"] * t) for of in (D, E))
-    F = -(A * mean[2, 0] + B * mean[1, 1] + C * mean[0, 2] + D * one[1, 0] + E * one[0, 1])
+    beta, gamma = _secular([unexplained(*pair) for pair in ("pp", "pq", "pt", "qq", "qt", "tt")], sign=1)
+    D, E = (-(of["p"] + of["q"] * beta + of["t"] * gamma) for of in (D, E))
+    F = -(means["p"] + beta * means["q"] + gamma * means["t"] + D * x + E * z)
 
-    area = A * C - t * t
-    centre_x, centre_z = (t * E - C * D) / (2 * area), (t * D - A * E) / (2 * area)
+    A, C = 1 + beta, 1 - beta
+    area = A * C - gamma * gamma
+    centre_x, centre_z = (gamma * E - C * D) / (2 * area), (gamma * D - A * E) / (2 * area)
     scale = -(F + (D * centre_x + E * centre_z) / 2) / area
-    shape = np.stack([np.stack([C, -t], -1), np.stack([-t, A], -1)], -2) * scale[..., None, None]
-    return Ellipse(np.stack([centre_x, centre_z], axis=-1), shape)
+    shape = from_components(scale * C, -scale * gamma, -scale * gamma, scale * A)
+    return Ellipse(from_components(centre_x, centre_z), shape.reshape(*shape.shape[:-1], 2, 2))
 
 
 def _secular(entries, sign: int):
@@ -107,7 +117,7 @@ def _secular(entries, sign: int):
         q, t = (qt * pt - second * pq) / determinant, (qt * pq - first * pt) / determinant
         step = (pp - value + pq * q + pt * t) / (1 - sign * (q * q + t * t))
         value = value + step
-        if not (np.abs(step) > 4e-16 * pp).any():
+        if not (np.abs(step) > SETTLED * pp).any():
             break
     return q, t
 
@@ -144,31 +154,6 @@ def circle_from_moments(mean: dict, method: str = "taubin") -> np.ndarray:
         B, C = _secular(((mean["ww"] - w * w) / unit**2, wx / unit, wz / unit, xx, xz, zz), sign=-1)
         B, C = unit * B, unit * C
     return np.stack([-B / 2, -C / 2, np.sqrt(w + (B * B + C * C) / 4)], axis=-1)
-
-
-@dataclass(frozen=True)
-class Line:
-    """Lines in any dimension, through `point` along the unit vector `direction`."""
-
-    point: np.ndarray  # (..., d)
-    direction: np.ndarray  # (..., d)
-    rms: np.ndarray  # (...) of the distances of the points that it was fitted to
-
-
-def fit_line(points, kept=None) -> Line:
-    """The lines with the least sum of squared distances from points (..., n, d), or from those `kept` (..., n).
-
-    NaN where fewer than two are.
-    """
-    kept = np.ones(points.shape[:-1], dtype=bool) if kept is None else kept
-    count = kept.sum(axis=-1)
-    share = kept / np.where(count < 2, np.nan, count)[..., None]
-    centre = (share[..., None] * points).sum(axis=-2)
-    offsets = kept[..., None] * (points - centre[..., None, :])
-    direction = np.linalg.eigh(np.nan_to_num(np.swapaxes(offsets, -1, -2) @ offsets))[1][..., -1]
-    along = (offsets @ direction[..., None])[..., 0]
-    off_line = offsets - along[..., None] * direction[..., None, :]
-    return Line(centre, direction, np.sqrt((share * (off_line**2).sum(axis=-1)).sum(axis=-1)))
 
 
 @dataclass(frozen=True)
@@ -216,12 +201,24 @@ def principal_axes(points) -> np.ndarray:
     return np.linalg.svd(points - points.mean(axis=-2, keepdims=True), full_matrices=False)[2]
 
 
-def affine_residuals(positions, values, weight) -> tuple[np.ndarray, np.ndarray]:
-    """What a weighted affine regression of values (n, k) on positions (n, 3) leaves, (n, k), times the roots of the
-    weights (n,); and the orthonormal basis (n, r) of what it can explain, which takes r degrees of freedom."""
-    root = np.sqrt(weight)[:, None]
-    offset = root * (positions - np.average(positions, axis=0, weights=weight))
-    U, size, _ = np.linalg.svd(offset, full_matrices=False)
-    basis = np.column_stack([root / np.linalg.norm(root), U[:, size > 1e-3 * size.max()]])
-    left = root * values
-    return left - basis @ (basis.T @ left), basis
+def affine_residuals(positions, values, weights=None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What an affine function of positions (..., n, 3) leaves of values (..., n, k).
+
+    Inside a rotation group the sensed point of a straight edge, or of a marked point, is such a function of the flange
+    position, whatever the calibration: what is left is noise. `weights` (..., n): one over the standard deviation of a
+    value; all alike if left out.
+
+    Returns the residuals (..., n, k), weighted; the orthonormal basis (..., n, 4) of what is taken out, with zeros in
+    place of columns for directions in which the positions do not extend; and n less the other columns, (...).
+    """
+    n = positions.shape[-2]
+    weight = np.ones((n, 1)) if weights is None else np.asarray(weights)[..., None]
+    constant = weight / np.linalg.norm(weight, axis=-2, keepdims=True)
+    offsets = weight * (positions - (constant**2 * positions).sum(axis=-2, keepdims=True))
+    U, S, _ = np.linalg.svd(offsets, full_matrices=False)
+    rounding = n * np.finfo(float).eps * np.abs(weight * positions).max(axis=(-2, -1))[..., None]
+    extends = np.maximum(LEAST_WIDTH * S[..., :1], rounding) < S
+    basis = np.concatenate([np.broadcast_to(constant, (*U.shape[:-1], 1)), U * extends[..., None, :]], axis=-1)
+    residuals = weight * values
+    residuals = residuals - basis @ (np.swapaxes(basis, -1, -2) @ residuals)
+    return residuals, basis, n - 1 - extends.sum(axis=-1)

@@ -82,16 +82,15 @@ def affine_noise(observations: Observations) -> tuple[float, int]:
     what is left of a regression is noise. The median over the groups keeps a bad point from counting.
     """
     P, m = observations.points.shape[-3:-1]
-    points, weight = np.asarray(observations.points)[0].reshape(P, 2 * m), np.ones(P)
+    points, weights = np.asarray(observations.points)[0].reshape(P, 2 * m), np.ones(P)
     if observations.covariance is not None:
-        weight = 2 * m / np.trace(observations.covariance[0], axis1=1, axis2=2)
+        weights = np.sqrt(2 * m / np.trace(observations.covariance[0], axis1=1, axis2=2))
     variances, freedoms = [], []
     for label in np.unique(observations.group):
         rows = (observations.group == label) & np.isfinite(points).all(axis=1)
         if rows.sum() < 3:
             continue
-        left, basis = affine_residuals(observations.T_flange[0, rows], points[rows], weight[rows])
-        freedom = len(left) - basis.shape[1]
+        left, _, freedom = affine_residuals(observations.T_flange[0, rows], points[rows], weights[rows])
         if freedom > 0:
             variances.append(np.sum(left**2) / chi2_law.median(2 * m * freedom))
             freedoms.append(2 * m * freedom)

@@ -1,4 +1,4 @@
-"""Noise studies of the disk and ball methods at any size: batched, in chunks, the same on any number of workers."""
+"""The disk paper's noise study of the two-step ball method, Section V-D3, from simulated noisy arcs."""
 
 from dataclasses import dataclass
 
@@ -6,10 +6,10 @@ import numpy as np
 
 from profilecal.geometry.checks import check_count
 from profilecal.geometry.fitting import circle_from_moments
-from profilecal.papers.monte_carlo import CHUNK, _run_all, _solve
+from profilecal.papers.monte_carlo import Study, in_chunks, noisy_blocks, two_step_errors
 from profilecal.targets.ball import Ball
 
-ARC_BLOCK = 64  # arcs at once: they fit into the processor's cache
+PROTOCOLS = ("one arc", "m arcs")  # of the poses that fix the rotation; those for the translation have m arcs
 
 
 @dataclass(frozen=True)
@@ -53,22 +53,6 @@ class BallScans:
         return self.x_resolution_mm * np.arange(first, last + 1)
 
 
-@dataclass(frozen=True)
-class BallStudy:
-    """Errors of the two-step ball method for every setting (sigma_mm, m) and trial."""
-
-    sigma_mm: np.ndarray  # (k,) noise of a point's z, mm
-    m: np.ndarray  # (l,) arcs of a pose
-    centre_error: dict[str, np.ndarray]  # per protocol (k, l, trials, 3): the ball's centre in the base frame, mm
-    rotation_error: dict[str, np.ndarray]  # per protocol (k, l, trials, 3) rotation vectors, flange frame, rad
-    clipped: np.ndarray  # (k,) arcs, of all, whose circle is larger than the ball
-    by_svd: dict[str, np.ndarray]  # per protocol (k, l) trials solved by SVD instead of the quaternion
-    failed: dict[str, np.ndarray]  # per protocol (k, l) trials without a finite result
-
-
-PROTOCOLS = ("one arc", "m arcs")  # of the poses that fix the rotation; those for the translation have m arcs
-
-
 def ball_study(
     scans: BallScans,
     sigma_mm,
@@ -78,93 +62,92 @@ def ball_study(
     *,
     fit: str = "taubin",
     workers: int | None = None,
-) -> BallStudy:
-    """The two-step ball method from simulated noisy arcs, Section V-D3, for each sigma_mm (k,) and m (l,).
+) -> dict[str, Study]:
+    """The two-step ball method from simulated noisy arcs, for each sigma_mm (k,) of z and m (l,), by protocol.
 
     A trial draws max(m) arcs a pose and averages ball centres and flange positions of the first m (the equations are
-    linear in both), so different m share noise. Random streams: as in `disk_study`.
+    linear in both), so different m share noise. `workers`: see `in_chunks`. Clipped, (k,), are arcs, of all, whose
+    circle is larger than the ball.
     """
     sigma_mm, m = np.atleast_1d(np.asarray(sigma_mm, dtype=float)), np.atleast_1d(np.asarray(m, dtype=int))
     check_count("arcs", int(m.min()), 1, "a ball's centre comes from one arc")
-    shape = (len(sigma_mm), len(m), trials)
-    centre = {protocol: np.empty((*shape, 3)) for protocol in PROTOCOLS}
-    rotation = {protocol: np.empty((*shape, 3)) for protocol in PROTOCOLS}
-    by_svd = {protocol: np.empty(shape, dtype=bool) for protocol in PROTOCOLS}
+    shape = (len(sigma_mm), len(m))
+    errors = {protocol: np.empty((*shape, 9, trials)) for protocol in PROTOCOLS}
+    by_svd = {protocol: np.empty((*shape, trials), dtype=bool) for protocol in PROTOCOLS}
     clipped = np.zeros((len(sigma_mm), trials), dtype=int)
-    T_tcp = _running_mean(scans.positions(int(m.max())))
+    T_tcp = _running_mean(scans.positions(int(m.max()))[..., None])
     fixed, turning = slice(None, scans.translating), slice(scans.translating, None)
     to_flange = np.swapaxes(scans.R_tcp[1 : scans.translating], -1, -2)
 
-    def run(task):
-        (i, first), stream = task
-        part = slice(first, min(first + CHUNK, trials))
-        q, clipped[i, part] = ball_centres_seen(scans, int(m.max()), sigma_mm[i], part.stop - first, stream, fit)
+    def run(setting, part, stream):
+        (i,) = setting
+        q, clipped[i, part] = ball_centres_seen(scans, int(m.max()), sigma_mm[i], part.stop - part.start, stream, fit)
         q = _running_mean(q)
         for j, arcs in enumerate(m):
+            seen = scans.R_tcp[turning], T_tcp[turning, arcs - 1], q[turning, arcs - 1]
             for protocol, of_rotation in zip(PROTOCOLS, (1, arcs), strict=True):
-                q_fixed, T_fixed = q[:, fixed, of_rotation - 1], T_tcp[fixed, of_rotation - 1]
-                X = q_fixed[:, :1] - q_fixed[:, 1:]
-                Y = np.einsum("nab,nb->na", to_flange, T_fixed[1:] - T_fixed[:1])
-                found = _solve(scans, scans.R_tcp[turning], q[:, turning, arcs - 1], T_tcp[turning, arcs - 1], X, Y)
-                centre[protocol][i, j, part], rotation[protocol][i, j, part] = found[0] - scans.ball.centre, found[1]
-                by_svd[protocol][i, j, part] = found[3]
+                q_fixed, T_fixed = q[fixed, of_rotation - 1], T_tcp[fixed, of_rotation - 1]
+                X, Y = q_fixed[:1] - q_fixed[1:], (to_flange @ (T_fixed[1:] - T_fixed[:1]))[..., 0]
+                errors[protocol][i, j, :, part], by_svd[protocol][i, j, part] = two_step_errors(
+                    scans, scans.ball.centre, *seen, X, Y
+                )
 
-    parts = [(i, first) for i in range(shape[0]) for first in range(0, trials, CHUNK)]
-    _run_all(run, list(zip(parts, rng.spawn(len(parts)), strict=True)), workers)
-    failed = {protocol: (~np.isfinite(error).all(axis=-1)).sum(axis=-1) for protocol, error in centre.items()}
-    by_svd = {protocol: flags.sum(axis=-1) for protocol, flags in by_svd.items()}
-    return BallStudy(sigma_mm, m, centre, rotation, clipped.sum(axis=-1), by_svd, failed)
+    in_chunks(run, shape[:1], trials, rng, workers)
+    return {
+        protocol: Study(
+            sigma_mm=sigma_mm,
+            m=m,
+            errors=errors[protocol],
+            by_svd=by_svd[protocol].sum(axis=-1),
+            clipped=clipped.sum(axis=-1),
+        )
+        for protocol in PROTOCOLS
+    }
 
 
 def _running_mean(values) -> np.ndarray:
-    """Means of the first 1, 2, … of values (..., k, 3) along k."""
-    return np.cumsum(values, axis=-2) / np.arange(1, values.shape[-2] + 1)[:, None]
+    """Means over the first 1, 2, … arcs of values (n, arcs, 3, size)."""
+    return np.cumsum(values, axis=1) / np.arange(1, values.shape[1] + 1)[:, None, None]
 
 
 def ball_centres_seen(scans: BallScans, arcs: int, sigma_mm: float, size: int, rng, fit: str = "taubin"):
-    """Ball centres in the sensor frame (size, n, arcs, 3), mm, from circles fitted to noisy arcs; and clips (size,).
+    """Ball centres in the sensor frame (n, arcs, 3, size), mm, from circles fitted to noisy arcs; and clips (size,).
 
     x is the scanner's fixed grid, only z is noisy: so the means of x^a z^b are products with fixed powers of x. Units:
     the circle's radius, about the mean of the noise-free arc.
     """
     circles = scans.circles(arcs)
-    fitted = np.empty((size, *circles.shape))
-    noise = np.empty((ARC_BLOCK, round(2 * scans.half_view_mm / scans.x_resolution_mm) + 1))
+    fitted = np.empty((*circles.shape, size))
     for place in np.ndindex(circles.shape[:2]):
         cx, cz, r = circles[place]
         x = scans.x_seen(circles[place])
         z = cz + np.sqrt(r * r - (x - cx) ** 2)
         shift = np.array([x.mean(), z.mean(), 0.0])
         x, z = (x - shift[0]) / r, (z - shift[1]) / r
-        sums = np.empty((8, size))
-        for first in range(0, size, ARC_BLOCK):
-            part = slice(first, min(first + ARC_BLOCK, size))
-            noisy = noise.ravel()[: (part.stop - first) * len(x)].reshape(-1, len(x))
-            rng.standard_normal(out=noisy)
-            noisy *= sigma_mm / r
-            noisy += z
-            sums[:, part] = _arc_sums(x, noisy)
-        fitted[(slice(None), *place)] = shift + r * _circle_from_sums(x, sums, fit)
-    clipped = (fitted[..., 2] > scans.ball.radius).sum(axis=(1, 2))
-    return scans.ball.centre_from_circle(fitted, scans.side[:, None]), clipped
-
-
-def _arc_sums(x, z) -> np.ndarray:
-    """Sums over points x (k,), z (size, k) of z, xz, x²z, z², xz², x²z², z³, z⁴: (8, size)."""
-    powers = np.vander(x, 3, increasing=True)
-    z2 = z * z
-    high = np.einsum("ij,ij->i", z2, z), np.einsum("ij,ij->i", z2, z2)
-    return np.concatenate([(z @ powers).T, (z2 @ powers).T, high])
+        powers = np.vander(x, 3, increasing=True).T
+        sums = np.empty((8, size))  # of z, xz, x²z, z², xz², x²z², z³, z⁴
+        for part, noisy, square in noisy_blocks(z, sigma_mm / r, size, rng, spare=1):
+            np.multiply(noisy, noisy, out=square)
+            np.matmul(powers, noisy.T, out=sums[:3, part])
+            np.matmul(powers, square.T, out=sums[3:6, part])
+            np.vecdot(square, noisy, out=sums[6, part])
+            np.vecdot(square, square, out=sums[7, part])
+        fitted[place] = (shift + r * _circle_from_sums(x, sums, fit)).T
+    fitted = np.swapaxes(fitted, -1, -2)
+    centres = scans.ball.centre_from_circle(fitted, scans.side[:, None, None])
+    return np.swapaxes(centres, -1, -2), (fitted[..., 2] > scans.ball.radius).sum(axis=(0, 1))
 
 
 def _circle_from_sums(x, sums, fit: str) -> np.ndarray:
-    """Circles (size, 3) from `_arc_sums`, where the mean of x is 0: the means about the centroid are expanded."""
+    """Circles (size, 3) from the sums of `ball_centres_seen`. The mean of x is 0; moments about z's are expanded."""
     z, xz, xxz, zz, xzz, xxzz, zzz, zzzz = sums / len(x)
-    xx, xxx, xxxx = (x**2).mean(), (x**3).mean(), (x**4).mean()
-    about = {"xx": xx, "xz": xz, "zz": zz - z * z}
+    square = x * x
+    xx, xxx, xxxx = square.mean(), square @ x / len(x), square @ square / len(x)
+    z2 = z * z
+    about = {"xx": xx, "xz": xz, "zz": zz - z2}
     about["wx"] = xxx + xzz - 2 * z * xz
-    about["wz"] = xxz - xx * z + zzz - 3 * z * zz + 2 * z**3
-    about["ww"] = xxxx + 2 * (xxzz - 2 * z * xxz + z * z * xx) + zzzz - 4 * z * zzz + 6 * z * z * zz - 3 * z**4
+    about["wz"] = xxz - xx * z + zzz - 3 * z * zz + 2 * z * z2
+    about["ww"] = xxxx + 2 * (xxzz - 2 * z * xxz + z2 * xx) + zzzz - 4 * z * zzz + 6 * z2 * zz - 3 * z2 * z2
     circles = circle_from_moments(about, fit)
     circles[:, 1] += z
     return circles

@@ -1,19 +1,13 @@
-"""Noise studies of the disk and ball methods at any size: batched, in chunks, the same on any number of workers."""
+"""The disk paper's noise study, Section V-B: calibrations from simulated noisy chords, as many as wanted."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from profilecal.closed_form.disk import (
-    crossing_heights,
-    in_chord_frame,
-    line_ends,
-    sensing_data,
-    sensing_data_from_ellipse,
-)
+from profilecal.closed_form.disk import chord_weights, sensing_data_from_ellipse
 from profilecal.geometry.checks import check_count
-from profilecal.geometry.fitting import Ellipse, ellipse_from_moments, moments
-from profilecal.papers.monte_carlo import CHUNK, _run_all, _solve
+from profilecal.geometry.fitting import ellipse_from_moments, fit_ellipse, moments, transformed
+from profilecal.papers.monte_carlo import Study, in_chunks, noisy_blocks, two_step_errors
 from profilecal.targets.disk import Disk
 
 
@@ -59,20 +53,6 @@ def disk_scans(disk: Disk, R_sensor, T_sensor, R_tcp, centre_seen, direction, ex
     )
 
 
-@dataclass(frozen=True)
-class DiskStudy:
-    """Errors of the disk method for every setting (sigma_mm, m) and trial, and what went wrong on the way."""
-
-    sigma_mm: np.ndarray  # (k,) noise of a tip, mm
-    m: np.ndarray  # (l,) chords of a scan
-    centre_error: np.ndarray  # (k, l, trials, 3) of the disk's centre in the base frame, Eq. 20, mm
-    rotation_error: np.ndarray  # (k, l, trials, 3) rotation vector from true to found sensor, flange frame, rad
-    translation_error: np.ndarray  # (k, l, trials, 3) of the sensor on the flange, mm
-    clipped: np.ndarray  # (k, l) trials in which the arccos of Eq. 9 does not exist for some scan
-    by_svd: np.ndarray  # (k, l) trials too far from the truth for the quaternion; solved by SVD instead
-    failed: np.ndarray  # (k, l) trials without a finite result
-
-
 def disk_study(
     scans: DiskScans,
     sigma_mm,
@@ -83,136 +63,104 @@ def disk_study(
     noise: str = "chord",
     heights: str = "regression",
     workers: int | None = None,
-) -> DiskStudy:
+) -> Study:
     """The disk method from simulated noisy chords: `trials` calibrations for each sigma_mm (k,) and each m (l,).
 
     noise "chord" moves every tip along its chord (Eq. 52), "isotropic" in any direction of the scan plane; sigma_mm is
-    the standard deviation along each. `heights`: see `closed_form.disk.sensing_data`; chord noise leaves them exact.
-    Every chunk of a setting has its own random stream, so that the number of workers changes nothing; None: all cores.
+    the standard deviation along each. `heights`: see `closed_form.disk.chord_weights`; chord noise leaves them exact.
+    `workers`: see `in_chunks`. A trial is clipped, (k, l), if the arccos of Eq. 9 does not exist for some scan.
     """
-    simulate = {"chord": _chords_with_chord_noise, "isotropic": _chords_with_isotropic_noise}
-    if noise not in simulate:
+    fitted = {"chord": Chords.with_chord_noise, "isotropic": Chords.with_isotropic_noise}
+    if noise not in fitted:
         raise ValueError(f"noise is {noise!r}; expected 'chord' or 'isotropic'")
     sigma_mm, m = np.atleast_1d(np.asarray(sigma_mm, dtype=float)), np.atleast_1d(np.asarray(m, dtype=int))
     check_count("chords", int(m.min()), 3, "an ellipse has five unknowns, a chord two tips")
-    exact = _exact_scans(scans)
-    shape = (len(sigma_mm), len(m), trials)
-    centre, rotation, translation = (np.empty((*shape, 3)) for _ in range(3))
-    clipped, by_svd = np.empty(shape, dtype=bool), np.empty(shape, dtype=bool)
+    chords = [Chords.of(scans, count, heights, sheared=noise == "chord") for count in m]
+    shape = (len(sigma_mm), len(m))
+    errors = np.empty((*shape, 9, trials))
+    clipped, by_svd = np.empty((*shape, trials), dtype=bool), np.empty((*shape, trials), dtype=bool)
     motion = np.einsum("nba,nb->na", scans.R_tcp, scans.T_end - scans.T_start)  # R_tcp⁻¹ D_b but for its length
+    start, end, s = scans.T_start[:, None], scans.T_end[:, None], scans.s[:, None]  # one for all trials
 
-    def run(task):
-        (i, j, first), stream = task
-        part = i, j, slice(first, min(first + CHUNK, trials))
-        size = len(range(trials)[part[2]])
-        ellipse = simulate[noise](exact, sigma_mm[i], m[j], size, stream, heights)
-        found = sensing_data_from_ellipse(*ellipse, scans.T_start, scans.T_end, scans.s, scans.disk.radius)
-        clipped[part] = found.clipped.any(axis=-1)
-        solved = _solve(scans, scans.R_tcp, found.q, found.T_tcp, found.D_i, motion)
-        centre[part], rotation[part], translation[part], by_svd[part] = solved
+    def run(setting, part, stream):
+        i, j = setting
+        seen = fitted[noise](chords[j], sigma_mm[i], part.stop - part.start, stream)
+        found = sensing_data_from_ellipse(*seen, start, end, s, scans.disk.radius)
+        clipped[i, j, part] = found.clipped.any(axis=0)
+        T_tcp, q, D_i = (np.swapaxes(vectors, -1, -2) for vectors in (found.T_tcp, found.q, found.D_i))
+        errors[i, j, :, part], by_svd[i, j, part] = two_step_errors(
+            scans, scans.disk.centre, scans.R_tcp, T_tcp, q, D_i, motion
+        )
 
-    parts = [(i, j, first) for i in range(shape[0]) for j in range(shape[1]) for first in range(0, trials, CHUNK)]
-    _run_all(run, list(zip(parts, rng.spawn(len(parts)), strict=True)), workers)
-    failed = ~np.isfinite(centre).all(axis=-1)
-    counts = (flags.sum(axis=-1) for flags in (clipped, by_svd, failed))
-    return DiskStudy(sigma_mm, m, centre - scans.disk.centre, rotation, translation, *counts)
+    in_chunks(run, shape, trials, rng, workers)
+    return Study(sigma_mm=sigma_mm, m=m, errors=errors, by_svd=by_svd.sum(axis=-1), clipped=clipped.sum(axis=-1))
 
 
 @dataclass(frozen=True)
-class _Exact:
-    """The noise-free ellipses: x̄ = x̄_3 + r u + shear v, z̄ = z̄_3 + rise v, where (u, v) is the unit disk."""
+class Chords:
+    """The tips of n scans without noise, in coordinates u along the chords and v across them, of about unit size.
 
-    radius: float
-    centre: np.ndarray  # (n, 2) in the rotated frame, mm
-    shear: np.ndarray  # (n,) mm
-    rise: np.ndarray  # (n,) mm
-    along: np.ndarray  # (n, 2) x̄ in the sensor frame
-    extent: np.ndarray  # (n, 2) v of the first and the last chord
-
-    def heights(self, m: int) -> np.ndarray:
-        """v of m chords of each scan, (n, m)."""
-        return np.linspace(self.extent[:, 0], self.extent[:, 1], m, axis=-1)
-
-
-def _exact_scans(scans: DiskScans) -> _Exact:
-    sensing = sensing_data(scans.tips(50), scans.T_start, scans.T_end, scans.s, scans.disk.radius)
-    shear, rise = ((sensing.e[:, 1] - sensing.e[:, 0]) / 2).T
-    return _Exact(scans.disk.radius, sensing.e[:, 2], shear, rise, sensing.direction, sensing.extent)
-
-
-def _chords_with_chord_noise(exact: _Exact, sigma_mm, m, size, rng, heights):
-    """Fitted ellipses of `size` trials, as `sensing_data_from_ellipse` takes them: Eq. 52, chord-aligned fast path.
-
-    The direct ellipse fit is invariant under affine maps, so it is done where the disk is the unit circle. There chord
-    noise changes u alone: heights v are exact, and the means of u^a v^b are products with fixed powers of v. Sum and
-    difference of a chord's two u have independent noise, so they are what is drawn.
+    The direct ellipse fit is invariant under affine maps, so it is done in these.
     """
-    v = exact.heights(m)
-    n = len(v)
-    mean = {(a, b): np.empty((size, n)) for a in range(1, 5) for b in range(5 - a)}
-    mean |= {(0, b): (v**b).mean(axis=-1) for b in range(1, 5)}
-    noise, work = np.empty((2, size, m)), np.empty((3, size, m))  # new arrays for each scan cost more than the sums
-    for i in range(n):
-        rng.standard_normal(out=noise)
-        noise *= np.sqrt(2) * sigma_mm / exact.radius
-        total, difference = noise
-        difference += 2 * np.sqrt(1 - v[i] ** 2)
-        powers = np.vander(v[i], 4, increasing=True)
-        total2, difference2 = np.multiply(noise, noise, out=work[:2])
-        squares = np.add(total2, difference2, out=work[2])  # twice u₁² + u₂²
-        fourth = np.einsum("ij,ij->i", squares, squares) + 4 * np.einsum("ij,ij->i", total2, difference2)
-        difference2 *= 2
-        difference2 += squares
-        difference2 *= total  # four times u₁³ + u₂³
-        for a, values in ((1, total), (2, squares), (3, difference2)):
-            sums = values @ powers[:, : 5 - a]
-            for b in range(5 - a):
-                mean[a, b][:, i] = sums[:, b] / (2**a * m)
-        mean[4, 0][:, i] = fourth / (16 * m)
 
-    unit = ellipse_from_moments(mean)
-    (u, v3), (S_uv, S_vv) = np.moveaxis(unit.centre, -1, 0), (unit.shape[..., 0, 1], unit.shape[..., 1, 1])
-    r, shear, rise = exact.radius, exact.shear, exact.rise
-    centre = exact.centre + np.stack([r * u + shear * v3, rise * v3], axis=-1)
-    across = np.stack([rise * (r * S_uv + shear * S_vv), rise**2 * S_vv], axis=-1)
-    ends = exact.centre[:, 1:] + exact.rise[:, None] * exact.extent
-    return centre, across, np.broadcast_to(ends, centre.shape), exact.along
+    tips: np.ndarray  # (n, 2, 2m) u and v; all first tips, then all second ones
+    centre: np.ndarray  # (n, 2) mm, sensor frame: where u = v = 0
+    to_sensor: np.ndarray  # (n, 2, 2) mm, from u and v to x and z of the sensor frame
+    unit: np.ndarray  # (n, 2) mm, one unit of u and of v
+    weights: np.ndarray  # (2m, 5), see `chord_weights`
 
+    @classmethod
+    def of(cls, scans: DiskScans, m: int, heights: str, sheared: bool) -> "Chords":
+        """Of m evenly spaced chords a scan. If `sheared`, the ellipse is the unit circle, whose fit settles soonest."""
+        tips = np.swapaxes(scans.tips(m), 1, 2).reshape(-1, 2 * m, 2)
+        ellipse = fit_ellipse(tips)
+        along = tips[:, m] - tips[:, 0]
+        along /= np.linalg.norm(along, axis=-1, keepdims=True)
+        frame = np.stack([along, along[:, ::-1] * [-1, 1]], axis=-1)
+        S = np.swapaxes(frame, 1, 2) @ ellipse.shape @ frame
+        rise = np.sqrt(S[:, 1, 1])
+        shear = S[:, 0, 1] / rise * sheared
+        unit = np.stack([np.sqrt(S[:, 0, 0] - shear**2), rise], axis=-1)
+        to_sensor = frame * unit[:, None, :]
+        to_sensor[:, :, 1] += shear[:, None] * along
+        in_units = np.linalg.solve(to_sensor, np.swapaxes(tips - ellipse.centre[:, None], 1, 2))
+        return cls(in_units, ellipse.centre, to_sensor, unit, chord_weights(m, heights))
 
-def _chords_with_isotropic_noise(exact: _Exact, sigma_mm, m, size, rng, heights):
-    """As `_chords_with_chord_noise`, with noise in both directions: the general path."""
-    v = exact.heights(m)
-    n = len(v)
-    mm = np.stack([np.full(n, exact.radius), exact.rise], axis=-1)  # per unit of the coordinates (x̄ - x̄_3, z̄ - z̄_3)
-    half, middle = np.sqrt(1 - v * v), (exact.shear / exact.radius)[:, None] * v
-    weights = line_ends(m) if heights == "regression" else None
-    mean = {(a, b): np.empty((size, n)) for a in range(5) for b in range(5 - a) if a + b}
-    chord, ends = np.empty((size, n, 2)), np.empty((2, size, n, 2))
-    noise = np.empty((2, size, 2, m))
-    first_last = np.empty((size, n, 2, 2, 2))
-    for i in range(n):
-        rng.standard_normal(out=noise)
-        for axis, noise_free in enumerate(([middle[i] - half[i], middle[i] + half[i]], [v[i], v[i]])):
-            noise[axis] *= sigma_mm / mm[i, axis]
-            noise[axis] += noise_free
-        for power, values in moments(*noise.reshape(2, size, 2 * m)).items():
-            mean[power][:, i] = values
-        chord[:, i] = (noise[:, :, 1] - noise[:, :, 0]).mean(axis=-1).T * mm[i]
-        if heights == "regression":
-            ends[:, :, i] = (noise[:, :, 0] + noise[:, :, 1]) @ weights / 2 * mm[i][:, None, None]
-        first_last[:, i] = noise[..., [0, -1]].transpose(1, 3, 2, 0) * mm[i]
+    def in_sensor(self, mean: dict, vectors):
+        """Ellipses, from moments {(a, b): (n, size)}, and `vectors` (n, 2, 5, size): in mm, in the sensor frame."""
+        ellipse = transformed(ellipse_from_moments(mean), self.to_sensor[:, None], self.centre[:, None])
+        vectors = np.einsum("nab,nbck->acnk", self.to_sensor, vectors)
+        vectors[:, 1:] += self.centre.T[:, None, :, None]
+        return ellipse, np.moveaxis(vectors, (0, 1), (-2, -1))
 
-    unit = ellipse_from_moments(mean)
-    ellipse = Ellipse(unit.centre * mm, unit.shape * mm[:, :, None] * mm[:, None, :])
-    chord /= np.linalg.norm(chord, axis=-1, keepdims=True)
-    centre, across, frame = in_chord_frame(ellipse, chord)
-    if heights == "regression":
-        ends = np.einsum("akne,kna->kne", ends, frame[..., 1, :])
-    else:
-        ends = crossing_heights(
-            np.einsum("...mta,...ba->...mtb", first_last, frame), centre, across[..., 0] / across[..., 1]
-        )
-    centre += np.einsum("...ab,...b->...a", frame, exact.centre)
-    ends += np.einsum("...a,...a->...", frame[..., 1, :], exact.centre)[..., None]
-    (cos, sin), (cx, cz) = np.moveaxis(chord, -1, 0), exact.along.T
-    return centre, across, ends, np.stack([cos * cx - sin * cz, cos * cz + sin * cx], axis=-1)
+    def with_chord_noise(self, sigma_mm: float, size: int, rng):
+        """What `sensing_data_from_ellipse` takes of `size` trials of Eq. 52: noise in u alone.
+
+        The means of u^a v^b are then products with fixed powers of v.
+        """
+        n, _, count = self.tips.shape
+        sums = {a: np.empty((5 - a, n, size)) for a in range(1, 5)}  # over u^a v^b, by b
+        sums[0] = np.empty((5, n, 1))
+        for i, (u, v) in enumerate(self.tips):
+            powers = np.vander(v, 5, increasing=True).T
+            sums[0][:, i, 0] = powers.sum(axis=1)
+            for part, noisy, square, cube in noisy_blocks(u, sigma_mm / self.unit[i, 0], size, rng, spare=2):
+                np.multiply(noisy, noisy, out=square)
+                np.multiply(noisy, square, out=cube)
+                for a, values in ((1, noisy), (2, square), (3, cube)):
+                    np.matmul(powers[: 5 - a], values.T, out=sums[a][:, i, part])
+                sums[4][0, i, part] = np.vecdot(square, square)
+        mean = {(a, b): values / count for a in sums for b, values in enumerate(sums[a])}
+        return self.in_sensor(mean, (self.tips @ self.weights)[..., None])
+
+    def with_isotropic_noise(self, sigma_mm: float, size: int, rng):
+        """As `with_chord_noise`, with noise in u and in v."""
+        mean = {(a, b): np.empty((len(self.tips), size)) for a in range(5) for b in range(5 - a) if a + b}
+        vectors = np.empty((len(self.tips), 2, 5, size))
+        for i, tips in enumerate(self.tips):
+            for part, noisy, *work in noisy_blocks(tips, sigma_mm / self.unit[i][:, None], size, rng, spare=2):
+                products = work[0][:, 0], work[0][:, 1], work[1][:, 0]
+                for power, values in moments(noisy[:, 0], noisy[:, 1], products).items():
+                    mean[power][i, part] = values
+                vectors[i, :, :, part] = np.moveaxis(noisy @ self.weights, 0, -1)
+        return self.in_sensor(mean, vectors)

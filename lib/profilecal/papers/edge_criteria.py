@@ -10,19 +10,8 @@ from profilecal.geometry.poses import angle_between
 from profilecal.papers.edge_plan import EdgePlan
 from profilecal.papers.edge_scenes import EdgeScene, edge_scenes
 
-DIRECTIONS = ("group", "sum", "vector")
+DIRECTIONS = ("group", "sum", "vector")  # the readings of a part of the edge, see `edge_directions`
 CHUNK = 100  # scenes solved at a time: 60 MB
-
-
-# What the paper leaves unpublished, chosen so that Tables 1 and 2 come out: three quite different instruments
-SETTINGS = {
-    "A": (EdgePlan(frame="group", spread_deg=35, radius=15, tilt_deg=45), Noise(profile_mm=0.2)),
-    "B": (EdgePlan(frame="base", spread_deg=35, radius=25, tilt_deg=45), Noise(profile_mm=0.105)),
-    "P": (
-        EdgePlan(frame="group", spread_deg=50, radius=25, tilt_deg=30),
-        Noise(profile_mm=0.019, group_position_mm=0.21, group_orientation_deg=0.03),
-    ),
-}
 
 
 def edge_directions(p_b, of: str) -> np.ndarray:

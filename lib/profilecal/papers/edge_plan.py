@@ -1,4 +1,4 @@
-"""Where the robot goes: flange orientations times translations over a straight edge (edge paper, Section 3)."""
+"""Where the edge paper's robot goes: flange orientations times translations (Sections 3 and 4.2)."""
 
 from dataclasses import dataclass
 

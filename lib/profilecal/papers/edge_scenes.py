@@ -1,4 +1,4 @@
-"""Random scenes for noise studies of the joint calibration: what an ideal scanner sees of each target, pose by pose."""
+"""Random scenes of the edge paper: an edge, a scanner on a robot that follows a plan, and what the scanner sees."""
 
 from dataclasses import dataclass, replace
 

@@ -1,94 +1,144 @@
-"""Noise studies of the disk and ball methods at any size: batched, in chunks, the same on any number of workers."""
+"""What the noise studies of the disk and the ball share: random numbers in chunks, and both methods' two last steps.
+
+Trials run along the last axis of every array here: NumPy is fast along long axes only.
+"""
 
 import os
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 
 import numpy as np
 from tqdm import tqdm
 
-from profilecal.geometry.fitting import ROUNDS
+from profilecal.geometry.fitting import ROUNDS, SETTLED
 from profilecal.geometry.poses import nearest_rotation
 
 CHUNK = 1000  # trials that share one random stream: memory stays flat, and workers wait little for each other
+BLOCK = 2**15  # random numbers drawn at a time: 256 kB, which with their powers stay in a processor's own cache
 
 
-def _run_all(run, tasks, workers: int | None) -> None:
-    """Run all tasks on threads (NumPy leaves the interpreter lock while it computes), with a progress bar."""
+@dataclass(frozen=True)
+class Study:
+    """Errors for every setting (sigma_mm, m) and trial, and what went wrong on the way."""
+
+    sigma_mm: np.ndarray  # (k,) noise, mm
+    m: np.ndarray  # (l,) chords of a scan, or arcs of a pose
+    errors: np.ndarray  # (k, l, 9, trials), see `two_step_errors`
+    by_svd: np.ndarray  # (k, l) trials too far from the truth for the quaternion; solved by SVD instead
+    clipped: np.ndarray  # how often noise asked for a root or an arccos that does not exist; counted as each study says
+
+    @property
+    def centre_error(self) -> np.ndarray:
+        """Of the disk's or ball's centre in the base frame, (k, l, trials, 3), mm."""
+        return np.swapaxes(self.errors[:, :, :3], -1, -2)
+
+    @property
+    def rotation_error(self) -> np.ndarray:
+        """Rotation vectors from true to found sensor, flange frame, (k, l, trials, 3), rad."""
+        return np.swapaxes(self.errors[:, :, 3:6], -1, -2)
+
+    @property
+    def translation_error(self) -> np.ndarray:
+        """Of the sensor on the flange, (k, l, trials, 3), mm."""
+        return np.swapaxes(self.errors[:, :, 6:], -1, -2)
+
+    @property
+    def failed(self) -> np.ndarray:
+        """Trials without a finite result, (k, l)."""
+        return (~np.isfinite(self.errors).all(axis=2)).sum(axis=-1)
+
+
+def in_chunks(run, shape, trials: int, rng: np.random.Generator, workers: int | None) -> None:
+    """Call run(setting, part, stream) for each setting, an index into `shape`, and each chunk of its trials, a slice.
+
+    Every chunk has its own random stream, so that the number of workers changes nothing; None: all cores. They are
+    threads, as NumPy leaves the interpreter's lock while it computes.
+    """
+    parts = [slice(first, min(first + CHUNK, trials)) for first in range(0, trials, CHUNK)]
+    tasks = [(setting, part) for setting in np.ndindex(*shape) for part in parts]
     with ThreadPoolExecutor(max_workers=workers or os.cpu_count()) as pool:
-        for _ in tqdm(pool.map(run, tasks), total=len(tasks), disable=None, leave=False):
+        done = pool.map(lambda task, stream: run(*task, stream), tasks, rng.spawn(len(tasks)))
+        for _ in tqdm(done, total=len(tasks), disable=None, leave=False):
             pass
 
 
-def _solve(scans, R_tcp, q, T_tcp, X, Y):
-    """Eqs 14-20: rotation from X (k, n, 3) and Y (n, 3), translation from R_tcp (l, 3, 3), q and T_tcp (k, l, 3).
+def noisy_blocks(exact, sd, size: int, rng: np.random.Generator, spare: int):
+    """Blocks of `size` trials of `exact` (...) plus normal noise, whose standard deviation `sd` broadcasts against it.
 
-    Returns the fixed point (k, 3), mm, the errors of rotation (k, 3), rad, and translation (k, 3), mm, and which trials
-    took the SVD. The flange orientations are the same in all trials: the least squares of Eq. 19 is one fixed matrix.
+    Yields the trials, as a slice; their values (block, ...); and as many arrays of that shape as `spare` says, to be
+    filled: memory that is new to the processor would cost more than what is computed in it. The next block takes over
+    all of it.
     """
-    X = X / np.linalg.norm(X, axis=-1, keepdims=True)
-    Y = Y / np.linalg.norm(Y, axis=-1, keepdims=True)
-    turn, by_svd = rotations_near(X @ scans.R_sensor.T, Y)
-
-    seen = np.einsum("nab,knb->kna", R_tcp, (q @ scans.R_sensor.T) @ np.swapaxes(turn, -1, -2)) + T_tcp
-    M = (R_tcp[:-1] - R_tcp[1:]).reshape(-1, 3)
-    N = (seen[:, 1:] - seen[:, :-1]).reshape(len(seen), -1)
-    T_sensor = N @ np.linalg.pinv(M).T
-    point = seen.mean(axis=1) + T_sensor @ R_tcp.mean(axis=0).T
-    return point, _rotation_vectors(turn), T_sensor - scans.T_sensor, by_svd
+    memory = np.empty((1 + spare, max(1, min(size, BLOCK // exact.size)), *exact.shape))
+    for first in range(0, size, memory.shape[1]):
+        part = slice(first, min(first + memory.shape[1], size))
+        block, *work = memory[:, : part.stop - first]
+        rng.standard_normal(out=block)
+        block *= sd
+        block += exact
+        yield part, block, *work
 
 
-def _rotation_vectors(R) -> np.ndarray:
-    """Rotation vectors (k, 3) of rotations (k, 3, 3) by less than a half turn: scipy's, without its detour."""
-    skew = (R - np.swapaxes(R, -1, -2)) / 2
-    sine_axis = np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=-1)
-    sine = np.linalg.norm(sine_axis, axis=-1)
-    angle = np.arctan2(sine, (np.trace(R, axis1=-2, axis2=-1) - 1) / 2)
-    return sine_axis * (angle / np.maximum(sine, np.finfo(float).tiny))[:, None]
+def two_step_errors(scans, centre, R_tcp, T_tcp, q, X, Y) -> tuple[np.ndarray, np.ndarray]:
+    """Errors (9, k) of k trials: of the fixed point `centre`, mm, of the rotation, rad, and of the translation, mm.
 
-
-def rotations_near(X, Y) -> tuple[np.ndarray, np.ndarray]:
-    """The rotations R (k, 3, 3), expected near the identity, that best take unit vectors X (k, n, 3) to Y (n, 3).
-
-    Davenport's quaternion q maximises qᵀ K q; with q = (1, g), its eigenvalue solves a scalar equation by Newton's
-    steps. q has no such form for a half turn, so what is not surely within a quarter turn is solved by SVD; the flags
-    (k,) say where.
+    Eqs 14-20 of the disk paper with the truth `scans.R_sensor`, `scans.T_sensor`: the rotation from directions X
+    (n, 3, k) and Y (n, 3), the translation from R_tcp (l, 3, 3), T_tcp and q (l, 3, k) or (l, 3, 1). The flange
+    orientations are the same in all trials, so the least squares of Eq. 19 is one fixed matrix. Also returns which
+    trials (k,) took the SVD.
     """
-    B = np.einsum("...na,...nb->...ab", np.broadcast_to(Y, X.shape), X)
-    trace = np.trace(B, axis1=-2, axis2=-1)
-    S = np.moveaxis(B + np.swapaxes(B, -1, -2), 0, -1)
-    z = np.stack([B[:, 2, 1] - B[:, 1, 2], B[:, 0, 2] - B[:, 2, 0], B[:, 1, 0] - B[:, 0, 1]])
-    value = np.full(len(X), float(X.shape[1]))
+    X = X / np.linalg.norm(X, axis=1, keepdims=True)
+    Y = Y / np.linalg.norm(Y, axis=1, keepdims=True)
+    turn, by_svd = rotations_near(np.tensordot(Y, scans.R_sensor @ X, (0, 0)), len(X))
+
+    in_flange = np.einsum("abk,nbk->nak", turn, scans.R_sensor @ q)
+    seen = R_tcp @ in_flange + T_tcp
+    M, N = (R_tcp[:-1] - R_tcp[1:]).reshape(-1, 3), (seen[1:] - seen[:-1]).reshape(-1, seen.shape[-1])
+    T_sensor = np.linalg.pinv(M) @ N
+    point = seen.mean(axis=0) + R_tcp.mean(axis=0) @ T_sensor
+    errors = point - centre[:, None], rotation_vectors(turn), T_sensor - scans.T_sensor[:, None]
+    return np.concatenate(errors), by_svd
+
+
+def rotation_vectors(R) -> np.ndarray:
+    """Rotation vectors (3, k) of rotations (3, 3, k) by less than a half turn."""
+    sine_axis = np.stack([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]) / 2
+    sine = np.linalg.norm(sine_axis, axis=0)
+    angle = np.arctan2(sine, (np.trace(R) - 1) / 2)
+    return sine_axis * (angle / np.maximum(sine, np.finfo(float).tiny))
+
+
+def rotations_near(B, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """The rotations R (3, 3, k), expected near the identity, that best take `count` unit vectors x to unit vectors y.
+
+    B (3, 3, k) is the sum of all y xᵀ. Davenport's quaternion q maximises qᵀ K q; with q = (1, g), its eigenvalue
+    solves a scalar equation by Newton's steps. q has no such form for a half turn, so what is not surely within a
+    quarter turn is solved by SVD; the flags (k,) say where.
+    """
+    trace, S = np.trace(B), B + np.swapaxes(B, 0, 1)
+    z = np.stack([B[2, 1] - B[1, 2], B[0, 2] - B[2, 0], B[1, 0] - B[0, 1]])
+    value = np.full(B.shape[2], float(count))
     with np.errstate(all="ignore"):
         for _ in range(ROUNDS):
             a, b, c = (value + trace) - S[0, 0], (value + trace) - S[1, 1], (value + trace) - S[2, 2]
             d, e, f = -S[0, 1], -S[0, 2], -S[1, 2]
-            adjugate = (b * c - f * f, e * f - c * d, d * f - b * e, a * c - e * e, d * e - a * f, a * b - d * d)
-            determinant = a * adjugate[0] + d * adjugate[1] + e * adjugate[2]
-            p, q, r, s, t, u = adjugate
-            g = np.stack(
-                [p * z[0] + q * z[1] + r * z[2], q * z[0] + s * z[1] + t * z[2], r * z[0] + t * z[1] + u * z[2]]
-            )
-            g /= determinant
+            p, q, r, s, t, u = b * c - f * f, e * f - c * d, d * f - b * e, a * c - e * e, d * e - a * f, a * b - d * d
+            determinant = a * p + d * q + e * r
+            adjugate = np.array([[p, q, r], [q, s, t], [r, t, u]])
+            g = np.einsum("abk,bk->ak", adjugate, z) / determinant
             square = np.einsum("ak,ak->k", g, g)
             step = (trace - value + np.einsum("ak,ak->k", z, g)) / (1 + square)
             value = value + step
-            if not (np.abs(step) > 4e-16 * X.shape[1]).any():
+            if not (np.abs(step) > SETTLED * count).any():
                 break
-        skew = np.zeros((len(X), 3, 3))
-        skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0] = g
-        skew -= np.swapaxes(skew, -1, -2)
-        R = np.eye(3) + 2 * (skew + skew @ skew) / (1 + square)[:, None, None]
-        sure = (determinant > 0) & (a > 0) & (a * b > d * d) & (square < 1) & (np.abs(step) < 1e-12)
+        R = 2 * g[:, None] * g
+        R[[2, 0, 1], [1, 2, 0]] += 2 * g
+        R[[1, 2, 0], [2, 0, 1]] -= 2 * g
+        R[[0, 1, 2], [0, 1, 2]] += 1 - square
+        R /= 1 + square
+        sure = (determinant > 0) & (a > 0) & (u > 0) & (square < 1) & (np.abs(step) < 1e-12)
     if not sure.all():
-        rest = ~sure & np.isfinite(B).all(axis=(1, 2))
-        R[~sure] = np.nan
-        R[rest] = nearest_rotation(B[rest])
+        rest = ~sure & np.isfinite(B).all(axis=(0, 1))
+        R[..., ~sure] = np.nan
+        R[..., rest] = np.moveaxis(nearest_rotation(np.moveaxis(B[..., rest], -1, 0)), 0, -1)
     return R, ~sure
-
-
-# the three readings of "the standard deviation e" of the disk paper, from errors (..., trials, 3) to (...)
-READINGS = {
-    "standard deviation of the norms": lambda errors: np.linalg.norm(errors, axis=-1).std(axis=-1),
-    "root mean square": lambda errors: np.sqrt((errors**2).sum(axis=-1).mean(axis=-1)),
-    "mean of the norms": lambda errors: np.linalg.norm(errors, axis=-1).mean(axis=-1),
-}

@@ -1,25 +1,45 @@
-"""The simulations of the disk paper, set up from its printed numbers and from what it leaves open, as parameters."""
+"""The papers' simulations, set up from their printed numbers and from what they leave open."""
 
 import numpy as np
 
+from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import nearest_rotation, rotation_from_xyz_angles
 from profilecal.papers.ball_study import BallScans
 from profilecal.papers.disk_study import DiskScans, disk_scans
+from profilecal.papers.edge_plan import EdgePlan
 from profilecal.papers.published import values
 from profilecal.targets.ball import Ball
 from profilecal.targets.disk import Disk
 
-BALL_TRANSLATING = 4  # Section V-D2: the first four rows of Table III share one orientation
+BALL_TRANSLATING = 4  # disk paper, Section V-D2: the first four rows of Table III share one orientation
+
+# What the edge paper leaves unpublished, chosen so that Tables 1 and 2 come out: three quite different instruments
+SETTINGS = {
+    "A": (EdgePlan(frame="group", spread_deg=35, radius=15, tilt_deg=45), Noise(profile_mm=0.2)),
+    "B": (EdgePlan(frame="base", spread_deg=35, radius=25, tilt_deg=45), Noise(profile_mm=0.105)),
+    "P": (
+        EdgePlan(frame="group", spread_deg=50, radius=25, tilt_deg=30),
+        Noise(profile_mm=0.019, group_position_mm=0.21, group_orientation_deg=0.03),
+    ),
+}
+
+
+# Readings of "the standard deviation e" of the disk paper's Figs 15 and 17: from errors (..., trials, 3) to (...)
+READINGS = {
+    "standard deviation of the norms": lambda errors: np.linalg.norm(errors, axis=-1).std(axis=-1),
+    "root mean square": lambda errors: np.sqrt((errors**2).sum(axis=-1).mean(axis=-1)),
+    "mean of the norms": lambda errors: np.linalg.norm(errors, axis=-1).mean(axis=-1),
+}
 
 
 def sensor_pose(item: str, quantity: str) -> tuple[np.ndarray, np.ndarray]:
-    """R_sensor (3, 3), projected to a rotation, and T_sensor (3,), mm, of a printed calibration matrix."""
+    """R_sensor (3, 3), projected to a rotation, and T_sensor (3,), mm, of a matrix that the disk paper prints."""
     matrix = values("disk", item, quantity).reshape(-1, 4)[:3]
     return nearest_rotation(matrix[:, :3]), matrix[:, 3]
 
 
 def fig15_scans(extent) -> DiskScans:
-    """Section V-B: the disk at Eq. 50, the sensor at Eq. 49, orientations and motions of Table I.
+    """Disk paper, Section V-B: the disk at Eq. 50, the sensor at Eq. 49, orientations and motions of Table I.
 
     Eq. 48's first and last positions are not printed; `extent` takes their place, as signed fractions of the radius.
     """
@@ -33,7 +53,7 @@ def fig15_scans(extent) -> DiskScans:
 
 
 def fig17_scans(**free) -> BallScans:
-    """Section V-D3: the poses of Table III, the sensor at Eq. 53, the ball where Eq. 53 puts it.
+    """Disk paper, Section V-D3: the poses of Table III, the sensor at Eq. 53, the ball where Eq. 53 puts it.
 
     The motion of the m arcs and the scanner's view are not printed; `free` sets them, see `BallScans`.
     """
