@@ -107,7 +107,7 @@ def why_no_arc(curve: Curve, points, on, limit: float) -> str:
 
 
 def best_circle(points, limit: float, least: float, largest: float, parts: int = 12) -> Circle | None:
-    """Of circles through three points of a profile (k, 2) each, the one on which most points are; None if few are.
+    """Of circles through three points of a profile (k, 2) each, the one on which most points are for its size, or None.
 
     Its radius is between `least` and `largest`, mm. The three points are spread over stretches of different length,
     from one of so many `parts` of the profile to all of it, so that some see the arc alone, without spikes.
@@ -126,8 +126,10 @@ def best_circle(points, limit: float, least: float, largest: float, parts: int =
     few = points[:: max(1, k // 250)]
     off = np.hypot(few[:, 0] - circles[:, :1], few[:, 1] - circles[:, 1:2]) - circles[:, 2:]
     count = (np.abs(off) < limit).sum(axis=1)
-    best = circles[count.argmax()]
-    return Circle(best[:2], best[2]) if count.max() >= 10 else None
+    best = (
+        count / np.sqrt(circles[:, 2])
+    ).argmax()  # a line comes as near to a circle for a length that grows like this
+    return Circle(circles[best, :2], circles[best, 2]) if count[best] >= 10 else None
 
 
 def circles_through(p, q, r) -> np.ndarray:
