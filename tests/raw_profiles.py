@@ -32,12 +32,12 @@ def spoil(profiles, truth, rng):
     return profiles
 
 
-def edges(specimen, rng, groups=25):
+def edges(specimen, rng, groups=25, scanner=SCANNER):
     """Profiles (P, n, 2) of a specimen, and its edge (P, 1, 2)."""
     plan = EdgePlan(groups=groups, spread_deg=20, frame="group", radius=15)
     scene = edge_scenes(plan, Noise(), rng)
-    profiles = edge_profiles(scene, specimen, SCANNER, Noise(), rng)
-    return profiles.reshape(-1, SCANNER.points, 2), scene.points.reshape(-1, 1, 2)
+    profiles = edge_profiles(scene, specimen, scanner, Noise(), rng)
+    return profiles.reshape(-1, scanner.points, 2), scene.points.reshape(-1, 1, 2)
 
 
 def scan(outlines, rng):
@@ -76,6 +76,32 @@ def balls(rng, count=250, background=30.0):
         chains.append(np.concatenate([table, arc, [[x + r, z + background], [x + 300, z + background]]]))
         circles.append([x, z, r])
     return scan(chains, rng), np.array(circles)
+
+
+def rods(rng, count=250, radius=RADIUS, background=30.0):
+    """Profiles of rods above a table or, with `background` None, nothing, by scan planes up to 45° off square.
+
+    Their ellipses (P, 4): the centre, and what of the axis' unit direction lies in the plane.
+    """
+    step = np.radians(1.5)
+    chains, ellipses = [], []
+    for sine in np.sin(rng.uniform(0, np.pi / 4, count)):
+        axis = turned([sine, 0], rng.uniform(-np.pi, np.pi), 0.0)
+        cosine = np.sqrt(1 - sine**2)
+        oblique = np.eye(2) + np.outer(axis, axis) / (cosine * (1 + cosine))  # from the rod seen along its axis
+        centre = np.array([rng.uniform(-8, 8), rng.uniform(190, 240) + max(radius - RADIUS, 0)])
+        nearest = np.arctan2(*oblique[::-1, 1]) + np.pi  # where the ellipse is square to z
+        angle = nearest + np.arange(-np.radians(120), np.radians(120), step)
+        circle = (
+            radius * (1 + step**2 / 12) * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        )  # chords: on it on average
+        arc = centre + circle @ oblique
+        if background is not None:
+            floor = arc[:, 1].max() + background
+            arc = np.array([[-300, floor], [arc[0, 0], floor], *arc, [arc[-1, 0], floor], [300, floor]])
+        chains.append(arc)
+        ellipses.append([*centre, *axis])
+    return scan(chains, rng), np.array(ellipses)
 
 
 def planes(rng, count=250):

@@ -7,6 +7,8 @@ from pathlib import Path
 import click
 
 SCAN = click.Path(path_type=Path, readable=False)  # what cannot be read, read_scan says in one sentence
+PLACE = click.Path(path_type=Path)
+SEED = 0  # of drawn errors (closed form, verify), so that a command says the same each time
 
 
 class Refused(click.ClickException):
@@ -29,6 +31,17 @@ def refusing():
         raise Refused(str(error)) from error
 
 
+@contextmanager
+def interruptible(sentence: str):
+    """Ctrl-C, and `kill` and `timeout` as well, end here with status 130, after everything is cleaned up."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    except KeyboardInterrupt:
+        click.echo(f"\nInterrupted. {sentence}", err=True)
+        raise SystemExit(130) from None
+
+
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(package_name="profilecal")
 def main():
@@ -38,23 +51,15 @@ def main():
 @main.command()
 @click.argument("names", nargs=-1)
 @click.option("-p", "parameters", nargs=2, multiple=True, metavar="NAME VALUE", help="Set a notebook's parameter.")
-@click.option(
-    "--output", default="results", show_default=True, type=click.Path(path_type=Path), help="Where it all goes."
-)
+@click.option("--output", default="results", show_default=True, type=PLACE, help="Where it all goes.")
 def reproduce(names, parameters, output):
     """Execute the notebooks whose NAMES (or beginnings of names) are given, or all, and print the scorecard."""
     from profilecal.running import notebooks
     from profilecal.running.reproduce import reproduce as run
 
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # `timeout` and `kill` clean up as Ctrl-C does
-    try:
+    with refusing(), interruptible("The next run starts clean."):
         chosen = notebooks.find(names)
         scorecard, failed = run(chosen, {name: notebooks.parse_value(text) for name, text in parameters}, output)
-    except (ValueError, OSError) as error:
-        raise Refused(str(error)) from error
-    except KeyboardInterrupt:
-        click.echo("\nInterrupted. The next run starts clean.", err=True)
-        raise SystemExit(130) from None
 
     for path in notebooks.without_data() if not names else ():
         click.echo(f"Left out {path.stem}: {notebooks.REAL_DATA} is not set (see data/README.md)")
@@ -74,7 +79,7 @@ def reproduce(names, parameters, output):
     "--method", type=click.Choice(["joint", "closed-form"]), default="joint", help="closed-form: as the papers do it."
 )
 @click.option("--leave-out", is_flag=True, help="Cross-validate: predict each flange orientation from the others.")
-@click.option("--report", type=click.Path(path_type=Path), help="Write a report with pictures to this HTML file.")
+@click.option("--report", type=PLACE, help="Write a report with pictures to this HTML file.")
 def calibrate(folders, as_json, vendor, guess, method, leave_out, report):
     """Find the sensor pose from one scan folder, or several of one sensor."""
     import json
@@ -101,7 +106,7 @@ def calibrate(folders, as_json, vendor, guess, method, leave_out, report):
         if leave_out and method != "joint":
             raise ValueError("--leave-out is for the method joint")
         scans = [read_scan(folder) for folder in folders]
-        found = calibration.calibrate(scans, mount, method, np.random.default_rng(0))
+        found = calibration.calibrate(scans, mount, method, np.random.default_rng(SEED))
     known = found.status != "unobservable"
     if leave_out and known:
         from profilecal.calibrate.leave_out import leave_out as cross_validate
@@ -113,8 +118,7 @@ def calibrate(folders, as_json, vendor, guess, method, leave_out, report):
     else:
         click.echo(calibration.to_text(found))
     if vendor and known:
-        frame = "flange" if found.scans[0].mount == "eye-in-hand" else "base"
-        click.echo(for_controller(vendor, found.solution.T_flange_sensor, frame))
+        click.echo(for_controller(vendor, found.solution.T_flange_sensor, found.frame))
         if found.status == "weak":
             click.echo("profilecal: status weak, see the notes: this pose is not to be relied on", err=True)
     if report:
@@ -123,8 +127,8 @@ def calibrate(folders, as_json, vendor, guess, method, leave_out, report):
 
 
 @main.command()
-@click.argument("spec", type=click.Path(path_type=Path))
-@click.argument("folder", type=click.Path(path_type=Path))
+@click.argument("spec", type=PLACE)
+@click.argument("folder", type=PLACE)
 def simulate(spec, folder):
     """Write the scan that SPEC.toml describes, with its truth, into a new FOLDER."""
     from profilecal.scan.folder import write_scan
@@ -164,15 +168,15 @@ def verify(folder, pose):
         T, covariance, noise_mm, to_hand = read_pose(pose)
         if to_hand != (scan.mount == "eye-to-hand"):
             raise ScanError(f"{pose} and {folder} disagree about the mount, which is {scan.mount} in the scan")
-        found = verify_pose(scan, T, covariance, noise_mm, np.random.default_rng(0))
+        found = verify_pose(scan, T, covariance, noise_mm, np.random.default_rng(SEED))
     click.echo(to_text(found))
     raise SystemExit(0 if found.as_expected else 1)
 
 
 @main.command("import")
 @click.argument("source", type=click.Choice(["handeyesync"]))
-@click.argument("measurements", type=click.Path(path_type=Path))
-@click.argument("folder", type=click.Path(path_type=Path))
+@click.argument("measurements", type=PLACE)
+@click.argument("folder", type=PLACE)
 @click.option("--picked", is_flag=True, help="Take the points picked by hand instead of the profiles.")
 def import_(source, measurements, folder, picked):
     """Write measurements of another project, SOURCE, as a scan into a new FOLDER."""
@@ -186,11 +190,11 @@ def import_(source, measurements, folder, picked):
 
 @main.command()
 @click.argument("notebook")
-@click.argument("grid", required=False, type=click.Path(path_type=Path))
+@click.argument("grid", required=False, type=PLACE)
 @click.option("-p", "given", multiple=True, metavar="NAME=A,B,…", help="A parameter's values, beside those of GRID.")
 @click.option("--zip", "zipped", is_flag=True, help="First values together, second values together, …; else all pairs.")
 @click.option("--repeat", type=click.IntRange(1), help="Run each point so often, with seeds of their own.")
-@click.option("--output", required=True, type=click.Path(path_type=Path), help="The folder for runs and table.")
+@click.option("--output", required=True, type=PLACE, help="The folder for runs and table.")
 @click.option("--scheduler", envvar="DASK_SCHEDULER_ADDRESS", help="Address of a Dask scheduler; else all cores here.")
 @click.option("--timeout", type=click.FloatRange(0, min_open=True), help="Seconds after which a run counts as hung.")
 @click.option("--parquet", is_flag=True, help="Write table.parquet instead of table.csv.")
@@ -202,22 +206,16 @@ def sweep(notebook, grid, given, output, plot, hue, **options):
     Started again it goes on where it was, and repeats no finished run.
     """
     from profilecal.running import notebooks
-    from profilecal.running.sweep import read_grid
+    from profilecal.running.grid import read_grid
     from profilecal.running.sweep import sweep as run
 
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
+    with refusing(), interruptible("The same command goes on from here."):
         path = Path(notebook) if notebook.endswith(".ipynb") else notebooks.find([notebook])[0]
         done = run(path, read_grid(grid, given), output, **options)
         if plot:
             from profilecal.report.figures import plot_columns
 
             click.echo(f"Figure: {plot_columns(done.table, *plot, hue, output)}")
-    except (ValueError, OSError) as error:
-        raise Refused(str(error)) from error
-    except KeyboardInterrupt:
-        click.echo("\nInterrupted. The same command goes on from here.", err=True)
-        raise SystemExit(130) from None
 
     click.echo(f"{done.table['run'].nunique() - len(done.failed)} runs done, {len(done.failed)} failed: {done.path}")
     if done.others:
@@ -233,29 +231,25 @@ def write_the_report(folders, path, **parameters):
     from profilecal.running.page import write_report
 
     try:
-        write_report(folders, path, **parameters)
+        with interruptible(f"{path} is as it was."):
+            write_report(folders, path, **parameters)
     except (NotebookError, OSError) as error:
         click.echo(f"profilecal: no report: {error}", err=True)
         raise SystemExit(1) from error
-    except KeyboardInterrupt:
-        click.echo(f"\nInterrupted. {path} is as it was.", err=True)
-        raise SystemExit(130) from None
     click.echo(f"Report: {path}", err=True)
 
 
 def print_scorecard(frame):
     """The scorecard as a table on the terminal."""
     from rich.console import Console
-    from rich.table import Table
+    from rich.table import Column, Table
 
     from profilecal.papers.scorecard import to_text
 
     colours = {"reproduced": "green", "compatible": "yellow", "differs": "red"}
     columns = ["paper", "item", "quantity", "published", "ours", "unit", "tolerance", "verdict"]
-    table = Table(padding=0)
-    for column in columns:
-        number = column in ("published", "ours", "tolerance")
-        table.add_column(column, justify="right" if number else "left", overflow="fold")
+    sides = {"published": "right", "ours": "right", "tolerance": "right"}
+    table = Table(*(Column(name, justify=sides.get(name, "left"), overflow="fold") for name in columns), padding=0)
     for values in to_text(frame)[columns].to_dict("records"):
         values["verdict"] = f"[{colours.get(values['verdict'], 'default')}]{values['verdict']}[/]"
         table.add_row(*values.values())

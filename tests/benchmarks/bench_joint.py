@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from profilecal.geometry.noise import Noise
 from profilecal.joint.descent import estimate
-from profilecal.joint.observations import Observations, take
+from profilecal.joint.observations import Observations
 from profilecal.joint.problem import Problem
 from profilecal.joint.solve import solve
 from profilecal.joint.state import State
@@ -37,7 +37,7 @@ def scipy_solution(problem: Problem, start: State) -> np.ndarray:
     def at(x):
         if last.get("x") != x.tobytes():
             state = problem.move(start, x[None])
-            z = problem.terms[0].linearise(state, state.placements[0], True)[0][0]
+            z = problem.terms[0].linearise(state, state.placements[0]).columns[0]
             last.update(x=x.tobytes(), z=z.reshape(len(z), -1) / SIGMA)
         return last["z"]
 
@@ -50,12 +50,12 @@ def disk_row() -> dict:
     rng = np.random.default_rng(1)
     scene = random_scene("disk", rng, positions=100)
     seen, noise = scene.noisy(SIGMA, rng, TRIALS), Noise(SIGMA)
-    start = scene.truth[np.zeros(TRIALS, dtype=int)]
+    start = scene.truth.repeat(TRIALS)
     start = Problem([seen], noise).move(
         start, np.r_[np.full(3, 1.0), np.full(3, 0.01), np.zeros(5)][None].repeat(TRIALS, 0)
     )
     ours = best_of(3, lambda: estimate([seen], noise, start, chunk=32)) / TRIALS
-    few = [(Problem([take(seen, [k])], noise), start[[k]]) for k in range(16)]
+    few = [(Problem([seen.take([k])], noise), start[[k]]) for k in range(16)]
     theirs = best_of(3, lambda: [scipy_solution(*one) for one in few]) / len(few)
 
     state = estimate([seen], noise, start)[0]

@@ -10,7 +10,7 @@ from pathlib import Path
 from profilecal.running import notebooks, sweep
 
 RUNS = 40
-SECOND = "import time\nfrom profilecal.running.sweep import record\ntime.sleep(1)\nrecord(y=n)"
+SECOND = "import time\nfrom profilecal.running.record import record\ntime.sleep(1)\nrecord(y=n)"
 
 
 def write_notebook(path: Path, code: str) -> Path:

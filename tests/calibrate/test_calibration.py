@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from scipy.stats import binom, chi2
+from simulated import calibration_of, scan_of
 
 from profilecal.calibrate.calibration import calibrate
 from profilecal.calibrate.check import affine_outliers, check
-from profilecal.calibrate.observe import as_observations, observations
+from profilecal.calibrate.observe import as_observations, observe
 from profilecal.calibrate.verify import verify
 from profilecal.cli import main
 from profilecal.geometry.noise import Noise
@@ -57,17 +58,16 @@ def squared_error(scan, found):
 @pytest.mark.parametrize("kind", ["edge", "disk", "point"])
 @pytest.mark.parametrize("mount", ["eye-in-hand", "eye-to-hand"])
 def test_the_truth_lies_in_the_stated_region(kind, mount):
-    scans = [simulate_scan(Spec(kind=kind, mount=mount, seed=seed)) for seed in range(25)]
-    inside = sum(squared_error(scan, calibrate([scan])) < chi2.ppf(0.95, 6) for scan in scans)
+    found = [calibration_of(Spec(kind=kind, mount=mount, seed=seed)) for seed in range(25)]
+    inside = sum(squared_error(f.scans[0], f) < chi2.ppf(0.95, 6) for f in found)
     assert binom.ppf(1e-4, 25, 0.95) <= inside
 
 
 def test_arcs_give_the_pose_within_their_noise():
     for seed in range(10):
-        scan = simulate_scan(Spec(kind="ball", seed=seed))
-        found = calibrate([scan])
+        found = calibration_of(Spec(kind="ball", seed=seed))
         assert found.solution.noise_source == "estimated"
-        assert squared_error(scan, found) < chi2.ppf(0.9999, 6)
+        assert squared_error(found.scans[0], found) < chi2.ppf(0.9999, 6)
 
 
 def test_the_json_is_the_contract(tmp_path):
@@ -115,7 +115,7 @@ def test_features_of_different_precision_are_weighed():
         for kind in ("edge", "ball")
     )
     together = calibrate([edge, ball])
-    corners, arcs = (observations(scan).covariance for scan in (edge, ball))
+    corners, arcs = (observe(scan).covariance for scan in (edge, ball))
     unit = np.median(np.sqrt(np.trace(corners, axis1=1, axis2=2) / 2))
     for entry, covariance in zip(together.observed, (corners, arcs), strict=True):
         np.testing.assert_allclose(entry.covariance[0], covariance / unit**2)
@@ -137,8 +137,8 @@ def test_planted_outliers_are_named_by_check_and_rejected_by_calibrate():
 def test_check_rarely_doubts_a_good_scan():
     doubted = 0
     for seed in range(60):
-        scan = simulate_scan(Spec(seed=seed))
-        doubted += bool(affine_outliers(as_observations(scan, observations(scan))))
+        scan = scan_of(Spec(seed=seed))
+        doubted += bool(affine_outliers(as_observations(scan, observe(scan))))
     assert doubted <= binom.ppf(0.9999, 60, 0.02)
 
 
@@ -172,10 +172,11 @@ def test_poses_without_a_measurement_are_left_out_and_named():
 
 
 def test_a_wrong_side_is_said():
-    scan = simulate_scan(Spec(kind="ball", seed=3))
+    right = calibration_of(Spec(kind="ball", seed=3))
+    assert not right.messages
+    (scan,) = right.scans
     found = calibrate([replace(scan, side=-scan.side)])
     assert any("other side of the scan plane than stated" in message for message in found.messages)
-    assert not calibrate([scan]).messages
 
 
 def test_scans_that_do_not_belong_together_are_refused():
@@ -289,8 +290,8 @@ def test_a_wrong_specification_is_refused(tmp_path, text, sentence):
 def test_verify_believes_a_right_pose_and_doubts_a_wrong_one(kind):
     rng, believed, doubted = np.random.default_rng(1), 0, 0
     for seed in range(10):
-        found = calibrate([simulate_scan(Spec(seed=seed))]).solution
-        other = simulate_scan(Spec(kind=kind, seed=seed))  # the same seed: the same mount
+        found = calibration_of(Spec(seed=seed)).solution
+        other = scan_of(Spec(kind=kind, seed=seed))  # the same seed: the same mount
         T = found.T_flange_sensor
         believed += verify(other, T, found.covariance, found.noise_mm, rng).as_expected
         wrong = T @ np.block([[np.eye(3), np.full((3, 1), 1.0)], [np.zeros((1, 3)), np.ones((1, 1))]])
@@ -328,9 +329,9 @@ WRONG = {
 @pytest.mark.parametrize("wrong", WRONG)
 def test_verify_refuses_what_is_no_pose(wrong, tmp_path):
     change, why = WRONG[wrong]
-    scan = simulate_scan(Spec(kind="ball", seed=5))
-    write_scan(scan, tmp_path / "ball")
-    (tmp_path / "T.json").write_text(json.dumps(change(calibrate([scan]).to_json())))
+    found = calibration_of(Spec(kind="ball", seed=5))
+    write_scan(found.scans[0], tmp_path / "ball")
+    (tmp_path / "T.json").write_text(json.dumps(change(found.to_json())))
     result = run("verify", tmp_path / "ball", "--with", tmp_path / "T.json")
     assert result.exit_code == 2
     assert why in result.output

@@ -1,8 +1,10 @@
 """The truth lies in the stated regions: raw profiles with an instrument's noise, from a scan folder to the JSON.
 
-The suite takes 8 scans of each target; `PROFILECAL_COVERAGE=300 pytest -s tests/test_coverage.py` as many as it says.
+The suite takes 8 scans of each target, and as many as PROFILECAL_COVERAGE says:
+`PROFILECAL_COVERAGE=300 pytest -s tests/calibrate/test_coverage.py`.
 """
 
+import functools
 import json
 import os
 from dataclasses import replace
@@ -10,17 +12,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.stats import binom, chi2
+from simulated import scan_of
 
 from profilecal.calibrate.calibration import calibrate
 from profilecal.calibrate.observe import covariances
 from profilecal.geometry.noise import Noise
 from profilecal.joint.state import pose_error
-from profilecal.profiles.features import LEAST_SIDE, find_features
 from profilecal.scan.folder import read_scan, write_scan
 from profilecal.simulate.scanner import Scanner
-from profilecal.simulate.spec import Spec, simulate_scan
+from profilecal.simulate.spec import Spec
 from profilecal.targets.disk import Disk
-from profilecal.targets.edge import Edge
+from profilecal.targets.edge import LEAST_SIDE, Edge
 
 SCANS = int(os.environ.get("PROFILECAL_COVERAGE", "8"))
 BESIDE = 8.0  # mm from an edge, in which LEAST_SIDE points of a face show it
@@ -37,6 +39,7 @@ CASES = {
     "disk": {"kind": "disk", "positions": 12},
     "ball": {"kind": "ball"},
     "plane": {"kind": "plane"},
+    "rod": {"kind": "rod"},
 }
 
 
@@ -45,9 +48,9 @@ def spec(case, seed, position_mm=0.0):
     return Spec(measured="profiles", seed=seed, noise=noise, **CASES[case])
 
 
-def normalised_square(scan, folder):
-    """The squared error of the printed pose over its printed covariance."""
-    write_scan(scan, folder)
+def normalised_square(scan, folder, table):
+    """The squared error of the printed pose over its printed covariance, from a scan folder of CSV or Parquet files."""
+    write_scan(scan, folder, table)
     printed = json.loads(json.dumps(calibrate([read_scan(folder)]).to_json()))
     found, true = np.array(printed["T_flange_sensor"]), np.array(scan.truth["T_flange_sensor"])
     units = np.r_[1, 1, 1, np.full(3, 180 / np.pi)]
@@ -59,18 +62,20 @@ def normalised_square(scan, folder):
 def test_the_truth_lies_in_the_stated_region_of_raw_profiles(case, position_mm, tmp_path):
     """Inside: as often as a binomial law allows, 1 in 10⁴ at either end. The sum of n squared errors follows χ² of 6 n
     degrees of freedom: its bounds are narrower, and see regions that are too large, too."""
-    scans = [simulate_scan(spec(case, seed, position_mm)) for seed in range(SCANS)]
-    squares = np.array([normalised_square(s, tmp_path / str(i)) for i, s in enumerate(scans)])
+    scans = [scan_of(spec(case, seed, position_mm)) for seed in range(SCANS)]
+    tables = [".csv", *[".parquet"] * (SCANS - 1)]  # CSV takes ten times as long to write
+    squares = np.array([normalised_square(s, tmp_path / str(i), tables[i]) for i, s in enumerate(scans)])
     inside = np.sum(squares < chi2.ppf(0.95, 6))
     print(f"{case}: {inside} of {SCANS} inside, mean square {squares.mean():.2f} of 6")
     assert inside >= binom.ppf(1e-4, SCANS, 0.95)
     assert chi2.ppf(1e-4, 6 * SCANS) < squares.sum() < chi2.isf(1e-4, 6 * SCANS)
 
 
+@functools.cache
 def features_in_view(case, seed):
     """A scan's features with the true points (m, 2) of each, where they are in view and what is beside them, too."""
     chosen = spec(case, seed)
-    scan = simulate_scan(chosen)
+    scan = scan_of(chosen)
     T = np.array(scan.truth["T_flange_sensor"])
     planes = scan.R_base_flange @ T[:3, :3], scan.T_base_flange + scan.R_base_flange @ T[:3, 3]
     target = {"edge": Edge, "disk": Disk}[scan.kind](**{k: np.array(v) for k, v in scan.truth["target"].items()})
@@ -84,7 +89,7 @@ def features_in_view(case, seed):
         near = [b[np.linalg.norm(b, axis=1) < BESIDE, 0] for b in beside]
         sides = np.array([[(x < 0).sum(), (x > 0).sum()] for x in near])
         shown &= (sides.min(axis=1) if case == "bar" else sides.max(axis=1)) >= LEAST_SIDE
-    found = find_features(scan.kind, scan.values, scan.radius)
+    found = scan.target.features(scan.values, scan.sizes)
     return [(feature, truth) for feature, truth, show in zip(found, true, shown, strict=True) if show]
 
 
@@ -108,13 +113,13 @@ def test_both_tips_of_a_chord_together_are_as_exact_as_stated():
     found = [pair for seed in range(8) for pair in features_in_view("disk", seed) if pair[0].found]
     good = [(f, truth) for f, truth in found if np.linalg.norm(f.points - truth, axis=1).max() < 1]
     error = np.array([(f.points - truth).ravel() for f, truth in good])
-    covariance = covariances("disk", [f for f, _ in good], 2)
+    covariance = covariances([f for f, _ in good], 2, on_curve=False)
     squares = np.einsum("na,na->n", error, np.linalg.solve(covariance, error[..., None])[..., 0])
     assert abs(squares.mean() - 4) < 4 * np.sqrt(8 / len(squares))
 
 
 def test_a_disk_of_another_radius_is_not_ok():
     """No robot errs that much."""
-    found = calibrate([replace(simulate_scan(spec("disk", 0)), radius=51.0)])
+    found = calibrate([replace(scan_of(spec("disk", 0)), sizes=(51.0,))])
     assert found.status != "ok"
     assert "more than a robot errs" in " ".join(found.messages)

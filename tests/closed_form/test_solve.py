@@ -10,8 +10,7 @@ from profilecal.calibrate.calibration import calibrate
 from profilecal.closed_form.solve import solve_in_closed_form
 from profilecal.geometry.checks import UnobservableError
 from profilecal.geometry.noise import Noise
-from profilecal.joint.solution import normalised_square
-from profilecal.joint.state import pose_error
+from profilecal.joint.state import normalised_square, pose_error
 from profilecal.scan.scan import ScanError
 from profilecal.simulate.spec import Spec, simulate_scan
 

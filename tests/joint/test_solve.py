@@ -15,28 +15,28 @@ from profilecal.geometry.checks import UnobservableError
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import angle_between, directions, rotations
 from profilecal.joint.descent import estimate, refine
-from profilecal.joint.observations import TARGETS, affine_noise, take
+from profilecal.joint.noise import affine_noise
 from profilecal.joint.problem import Problem
 from profilecal.joint.search import search
-from profilecal.joint.solution import normalised_square
 from profilecal.joint.solve import solve
-from profilecal.joint.state import State, pose_error
+from profilecal.joint.state import State, normalised_square, pose_error
 from profilecal.papers.edge_plan import EdgePlan
 from profilecal.papers.edge_scenes import edge_scenes, observations_of, second_edge
 from profilecal.simulate.scene import Scene, random_scene, stack
+from profilecal.targets import TARGETS
 from profilecal.targets.disk import Disk
 
 KINDS = list(TARGETS)
-SMALL = {"disk": {"positions": 20}, "ball": {"count": 10}, "plane": {"count": 10}, "point": {}, "edge": {}}
+SMALL = {"disk": {"positions": 20}}
 SIGMA = 0.05
 KNOWN = Noise(SIGMA, steering_mm=0.2)
 
 
 @functools.cache
-def many(kind: str, count: int, seed: int, steering_mm: float = 0.0) -> Scene:
+def many(kind: str, count: int, seed: int, **choices) -> Scene:
     """`count` random scenes as a batch."""
     rng = np.random.default_rng(seed)
-    return stack([random_scene(kind, rng, steering_mm=steering_mm, **SMALL[kind]) for _ in range(count)])
+    return stack([random_scene(kind, rng, count=10, **SMALL.get(kind, {}), **choices) for _ in range(count)])
 
 
 def errors(state: State, truth: State) -> np.ndarray:
@@ -54,26 +54,27 @@ def test_noise_free_from_no_guess_at_all(kind):
     scene = many(kind, 200, 7)
     noise, found = Noise(SIGMA), []
     for i in range(200):
-        one = take(scene.observations, [i])
+        one = scene.observations.take([i])
         fit = refine(Problem([one], noise), search([one], noise))
         found.append(fit.state[[np.argmin(fit.loss)]])
-    assert_exact(errors(functools.reduce(State.join, found), scene.truth))
+    assert_exact(errors(found[0].join(*found[1:]), scene.truth))
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_noise_free_from_a_mount_guess(kind):
-    """20° and 30 mm wrong. Descent alone does it nearly always; the few others need the grid that `solve` adds."""
-    scene = many(kind, 200, 7)
+    """20° and 30 mm wrong. Descent alone does it nearly always, for a rod mostly; the others need the grid that `solve`
+    adds."""
+    scene = many(kind, 200, 7, spread_deg=20.0)
     rng, noise = np.random.default_rng(8), Noise(SIGMA)
     R = scene.truth.rotation @ rotations(np.radians(20) * directions(rng, (200,)))
     T = scene.truth.translation + 30 * directions(rng, (200,))
     problem = Problem([scene.observations], noise)
-    near = refine(problem, problem.place(R, T), in_plane=False).state
+    near = refine(Problem([scene.observations], noise, in_space=True), problem.place(R, T)).state
     fit = refine(problem, near)
     lost = np.flatnonzero(fit.loss > 1e-9)
-    assert len(lost) <= 20
+    assert len(lost) <= (60 if kind == "rod" else 20)
     for i in lost:
-        solution = solve([take(scene.observations, [i])], noise, starts=[(R[i], T[i])], robust=False)
+        solution = solve([scene.observations.take([i])], noise, starts=[(R[i], T[i])], robust=False)
         fit.state.rotation[i], fit.state.translation[i] = solution.rotation, solution.translation
     assert_exact(errors(fit.state, scene.truth))
 
@@ -91,8 +92,8 @@ def test_agrees_with_scipy_on_residuals_of_its_own():
             seen.R_flange[0] @ R,
             seen.R_flange[0] @ (scene.truth.translation[0] + x[:3]) + seen.T_flange[0],
         )
-        normal = scene.truth.placements[0][1][0] + np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 1]])[:2].T @ x[9:]
-        disk = Disk(scene.truth.placements[0][0][0] + x[6:9], normal / np.linalg.norm(normal), seen.size)
+        normal = scene.target.normal + np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 1]])[:2].T @ x[9:]
+        disk = Disk(scene.truth.placements[0][0][0] + x[6:9], normal / np.linalg.norm(normal), *seen.sizes)
         return (seen.points[0] - disk.meet(rotation, origin)).ravel() / SIGMA
 
     x = least_squares(residual, np.zeros(11), jac="3-point", x_scale="jac", xtol=1e-15, ftol=1e-15, gtol=1e-15).x
@@ -114,7 +115,7 @@ def test_whitening_agrees_with_the_dense_covariance(kind, eye_to_hand):
     seen = replace(scene.noisy(0.3, rng), eye_to_hand=eye_to_hand)
     problem = Problem([seen], ROBOT)
     term, truth = problem.terms[0], scene.truth
-    z = term.linearise(truth, truth.placements[0], True)[0][0]
+    z = term.linearise(truth, truth.placements[0]).columns[0]
     N, K, P = z.shape
 
     def residuals(pose, component, h):
@@ -128,9 +129,9 @@ def test_whitening_agrees_with_the_dense_covariance(kind, eye_to_hand):
         else:
             R[pose], T[pose] = R[pose] @ turn, T[pose] + R[pose] @ shift
         moved = Problem([replace(seen, R_flange=R[None], T_flange=T[None])], ROBOT).terms[0]
-        return moved.linearise(truth, truth.placements[0], True)[0][0, -1]
+        return moved.linearise(truth, truth.placements[0]).residual[0]
 
-    h = 1e-5
+    h = 3e-6
     E = np.array([[(residuals(p, c, h) - residuals(p, c, -h)) / (2 * h) for c in range(6)] for p in range(P)])
     E = np.moveaxis(E, 1, -1).reshape(P, K * P, 6)  # by pose, residual, component
     C = SIGMA**2 * np.eye(K * P)
@@ -141,7 +142,7 @@ def test_whitening_agrees_with_the_dense_covariance(kind, eye_to_hand):
         C += (shared * problem.of_group) @ shared.T
     flat = z.reshape(N, -1)
     expected = flat @ np.linalg.solve(C, flat.T)
-    ours = problem.moments(truth)[0][0]
+    ours = problem.moments(truth).normal[0]
     size = np.sqrt(np.diag(expected))
     np.testing.assert_allclose(ours / size / size[:, None], expected / size / size[:, None], atol=1e-6)
 
@@ -154,7 +155,7 @@ def test_attains_the_cramer_rao_bound(kind, motion):
     rng = np.random.default_rng(11)
     scene = random_scene(kind, rng, motion=motion, count=20)
     trials = 400
-    truth = scene.truth[np.zeros(trials, dtype=int)]
+    truth = scene.truth.repeat(trials)
     state, _, _ = estimate([scene.noisy(SIGMA, rng, trials)], Noise(SIGMA), truth)
     bound = estimate([scene.observations], Noise(SIGMA), scene.truth)[1].covariance[0]
     error = errors(state, truth)
@@ -196,7 +197,7 @@ def test_stated_uncertainty_is_honest_where_points_differ_in_precision(kind):
 @pytest.mark.parametrize("kind", ["edge", "disk", "ball", "plane"])
 def test_equal_covariances_are_as_good_as_none(kind):
     rng = np.random.default_rng(15)
-    scene = random_scene(kind, rng, **SMALL[kind])
+    scene = random_scene(kind, rng, count=10, **SMALL.get(kind, {}))
     plain = scene.noisy(SIGMA, rng)
     *batch, m, _ = plain.points.shape
     one = np.ones((*batch, m)) if plain.on_curve else np.broadcast_to(np.eye(2 * m), (*batch, 2 * m, 2 * m))
@@ -210,7 +211,7 @@ def test_covariances_of_another_shape_are_refused():
     edge, point = (random_scene(kind, rng).observations for kind in ("edge", "point"))
     with pytest.raises(ValueError, match=r"covariance has shape \(250, 3, 3\); expected \(..., 250, 2, 2\)"):
         replace(edge, covariance=np.ones((250, 3, 3)))
-    with pytest.raises(ValueError, match="a marked point has no covariance of its own"):
+    with pytest.raises(ValueError, match="a point has no covariance of its own"):
         replace(point, covariance=np.ones((20, 2, 2)))
 
 
@@ -219,7 +220,7 @@ def test_stated_uncertainty_is_honest(kind):
     """Over 1,000 random scenes: the normalised error squared averages 6, its 95 % regions hold, χ²/dof is one; the
     bounds are three standard errors. The same with the noise estimated, where F replaces χ²."""
     trials = 1000
-    scene, rng = many(kind, trials, 12, 0.2), np.random.default_rng(13)
+    scene, rng = many(kind, trials, 12, steering_mm=0.2), np.random.default_rng(13)
     seen = scene.noisy(SIGMA, rng)
     state, found, square = estimate([seen], KNOWN, scene.truth)
     nees = normalised_square(found.covariance, errors(state, scene.truth))
@@ -251,7 +252,7 @@ def test_a_third_of_the_disk_methods_error_from_many_chords():
     rng, trials, turn, shift = np.random.default_rng(15), 50, [], []
     for _ in range(12):
         scene = random_scene("disk", rng, positions=200)
-        seen, truth = scene.noisy(SIGMA, rng, trials), scene.truth[np.zeros(trials, dtype=int)]
+        seen, truth = scene.noisy(SIGMA, rng, trials), scene.truth.repeat(trials)
         state, _, _ = estimate([seen], Noise(SIGMA), truth)
         R_closed, T_closed = closed_form(seen, scene.truth.rotation[0])
         ours, theirs = (np.sqrt(np.mean(angle_between(R, truth.rotation) ** 2)) for R in (state.rotation, R_closed))
@@ -329,9 +330,9 @@ def test_noise_is_estimated_and_said_how():
     assert abs(level / SIGMA - 1) < 4 * np.sqrt(0.5 / freedom) * np.sqrt(np.pi / 2)  # of a median over the groups
     found = solve([edge])
     assert found.noise_source == "estimated"
-    assert "rotation groups" in found.noise_how
+    assert "rotation groups" in found.level.how
     ball = solve([random_scene("ball", rng, count=20).noisy(SIGMA, rng)])
-    assert ball.noise_how == "from the residuals"
+    assert ball.level.how == "from the residuals"
     assert abs(ball.noise_mm / SIGMA - 1) < 4 * np.sqrt(0.5 / ball.dof)
     assert abs(ball.chi2_per_dof - 1) < 1e-6
 
@@ -377,7 +378,7 @@ def test_guards_say_what_is_wrong():
     with pytest.raises(ValueError, match="kind is 'cone'; expected one of edge"):
         replace(good, kind="cone")
     with pytest.raises(ValueError, match="the ball's radius is None; expected a length in mm"):
-        replace(good, size=None)
+        replace(good, sizes=())
     with pytest.raises(
         ValueError, match=r"points of the disk have shape \(1, 4, 3, 2\); expected \(..., poses, 2, 2\)"
     ):

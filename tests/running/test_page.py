@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from profilecal.calibrate.calibration import calibrate
 from profilecal.cli import main
 from profilecal.geometry.noise import Noise
-from profilecal.report import calibration
+from profilecal.report import calibration, pictures
 from profilecal.running import page
 from profilecal.scan.conventions import CONVENTIONS, from_rotations
 from profilecal.scan.folder import write_scan
@@ -30,11 +30,9 @@ def run(*arguments):
 
 def everything(found) -> str:
     """All words of the report, plain; all figures drawn."""
-    figures = [calibration.plot_robot(found), calibration.plot_view(found), calibration.plot_residuals(found)]
-    figures += [calibration.plot_directions(found)]
-    figures += [
-        figure for scan in found.scans for figure in calibration.plot_profiles(scan, found.labels(rejected=True))
-    ]
+    figures = [pictures.plot_robot(found), pictures.plot_view(found), pictures.plot_residuals(found)]
+    figures += [pictures.plot_directions(found)]
+    figures += [figure for scan in found.scans for figure in pictures.plot_profiles(scan, found.labels(rejected=True))]
     for figure in filter(None, figures):
         figure.canvas.draw()
     plt.close("all")
@@ -123,7 +121,7 @@ def test_a_scanner_that_stands_still_is_in_the_base_frame():
 def test_every_profile_is_drawn(kind):
     scan = simulate_scan(replace(EDGE, kind=kind, measured="profiles", groups=8, positions=3))
     empty = replace(scan, values=(scan.values[0][:0], *scan.values[1:]))
-    figures = calibration.plot_profiles(empty)
+    figures = pictures.plot_profiles(empty)
     shown = [text.get_text().split()[0] for figure in figures for text in figure.axes[0].texts]
     assert [label for label in shown if label in scan.labels] == list(scan.labels)
     assert figures[0].axes[0].texts[0].get_text() == f"{scan.labels[0]} not found"

@@ -42,38 +42,45 @@ def write(path, *cells, parameters=PARAMETERS):
 
 @pytest.fixture
 def clone(tmp_path, monkeypatch):
-    """A clone with one good notebook, seen by the command."""
+    """A clone with one good notebook, seen by the command. The notebook hands nothing out, and so imports nothing."""
     place = tmp_path / "notebooks"
     place.mkdir()
-    write(place / "10_good.ipynb", SCORE, ROWS)
+    write(place / "10_good.ipynb", "count * scale")
     monkeypatch.setattr(notebooks, "folder", lambda: place)
     monkeypatch.chdir(tmp_path)
     return tmp_path
+
+
+@pytest.fixture
+def scored(clone):
+    """The same, whose notebook hands out a table and a row of the scorecard."""
+    write(clone / "notebooks/10_good.ipynb", SCORE, ROWS)
+    return clone
 
 
 def run(*arguments):
     return CliRunner().invoke(main, ["reproduce", *arguments])
 
 
-def test_notebooks_run_and_their_results_are_gathered(clone):
+def test_notebooks_run_and_their_results_are_gathered(scored):
     result = run("-p", "count", "3")
     assert result.exit_code == 0, result.output
     assert "differs" in result.output
     assert "1.5" in result.output
-    assert (clone / "results/tables/10_good_counts.csv").read_text() == "x\n3\n"
-    assert "1.5" in (clone / "results/scorecard.csv").read_text()
-    executed = json.loads((clone / "results/notebooks/10_good.ipynb").read_text())
+    assert (scored / "results/tables/10_good_counts.csv").read_text() == "x\n3\n"
+    assert "1.5" in (scored / "results/scorecard.csv").read_text()
+    executed = json.loads((scored / "results/notebooks/10_good.ipynb").read_text())
     assert all(cell["execution_count"] for cell in executed["cells"])
 
 
-def test_a_failing_notebook_keeps_its_traceback_and_the_others_run(clone):
-    write(clone / "notebooks/05_bad.ipynb", 'raise RuntimeError("the reason")')
+def test_a_failing_notebook_keeps_its_traceback_and_the_others_run(scored):
+    write(scored / "notebooks/05_bad.ipynb", 'raise RuntimeError("the reason")')
     result = run()
     assert result.exit_code == 1
     assert "reproduced" in result.output
     last = result.output.strip().splitlines()[-1]
     assert re.match(r"FAILED 05_bad: error in cell \d: RuntimeError: the reason \(see results/notebooks/05_bad", last)
-    assert "the reason" in (clone / "results/notebooks/05_bad.ipynb").read_text()
+    assert "the reason" in (scored / "results/notebooks/05_bad.ipynb").read_text()
 
 
 def test_a_second_run_starts_clean(clone):

@@ -19,8 +19,10 @@ from click.testing import CliRunner
 
 from profilecal.cli import main
 from profilecal.running import notebooks, sweep
+from profilecal.running.grid import plan, read_grid
+from profilecal.running.record import record, recorded
 
-DRAW = "import random\nfrom profilecal.running.sweep import record\nrecord(y=n * x, u=random.Random(seed).gauss(0, 1))"
+DRAW = "import random\nfrom profilecal.running.record import record\nrecord(y=n * x, u=random.Random(seed).gauss(0, 1))"
 GRID = {"n": [1, 2], "x": [0.1, 3]}
 
 
@@ -36,6 +38,16 @@ def write_notebook(path: Path, code: str = DRAW) -> Path:
     kernel = {"kernelspec": {"name": "python3", "language": "python", "display_name": "Python 3"}}
     path.write_text(json.dumps({"cells": cells, "metadata": kernel, "nbformat": 4, "nbformat_minor": 5}))
     return path
+
+
+@pytest.fixture(autouse=True, scope="module")
+def kept_processes():
+    """The processes that execute notebooks stay for the next sweep, which then need not import papermill again."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(notebooks, "stop_idle", lambda: None)
+        yield
+    notebooks.stop_idle()
+    assert not notebooks._idle
 
 
 @pytest.fixture
@@ -75,25 +87,25 @@ def is_there(process: int) -> bool:
 
 def test_product_and_zip(notebook):
     grid = {"n": [1, 2], "x": [0.1, 3], "seed": 5}
-    product = [tuple(run.parameters.values()) for run in sweep.plan(notebook, grid)]
+    product = [tuple(run.parameters.values()) for run in plan(notebook, grid)]
     assert product == [(1, 0.1, 5), (1, 3.0, 5), (2, 0.1, 5), (2, 3.0, 5)]
-    zipped = [tuple(run.parameters.values()) for run in sweep.plan(notebook, grid, zipped=True)]
+    zipped = [tuple(run.parameters.values()) for run in plan(notebook, grid, zipped=True)]
     assert zipped == [(1, 0.1, 5), (2, 3.0, 5)]
 
 
 def test_seeds_depend_on_the_point_and_the_repeat_only(notebook):
-    small = sweep.plan(notebook, {"n": [1], "x": [0.1, 3]}, repeat=2)
-    large = sweep.plan(notebook, {"n": [2, 1], "x": [3, 0.1, 7.0]}, repeat=3)
+    small = plan(notebook, {"n": [1], "x": [0.1, 3]}, repeat=2)
+    large = plan(notebook, {"n": [2, 1], "x": [3, 0.1, 7.0]}, repeat=3)
     assert set(run.name for run in small) < set(run.name for run in large)
     seeds = [run.parameters["seed"] for run in large]
     assert len(set(seeds)) == len(seeds) == 18
     assert {run.parameters["seed"] for run in small} < set(seeds)
-    other = sweep.plan(notebook, {"n": [1], "x": [0.1, 3], "seed": 8}, repeat=2)
+    other = plan(notebook, {"n": [1], "x": [0.1, 3], "seed": 8}, repeat=2)
     assert not {run.parameters["seed"] for run in other} & set(seeds)
 
 
 def test_without_repeats_the_notebooks_own_seed_stays(notebook):
-    assert {run.parameters["seed"] for run in sweep.plan(notebook, GRID)} == {7}
+    assert {run.parameters["seed"] for run in plan(notebook, GRID)} == {7}
 
 
 @pytest.mark.parametrize(
@@ -110,26 +122,26 @@ def test_without_repeats_the_notebooks_own_seed_stays(notebook):
 )
 def test_a_grid_that_does_not_fit_is_refused(notebook, grid, options, sentence):
     with pytest.raises(ValueError, match=sentence):
-        sweep.plan(notebook, grid, **options)
+        plan(notebook, grid, **options)
 
 
 def test_repeats_need_a_seed(tmp_path):
     notebook = write_notebook(tmp_path / "plain.ipynb")
     notebook.write_text(notebook.read_text().replace("seed: int", "grain: int"))
     with pytest.raises(ValueError, match="plain has no parameter 'seed', so its repeats would all be the same"):
-        sweep.plan(notebook, {"n": [1]}, repeat=2)
+        plan(notebook, {"n": [1]}, repeat=2)
 
 
 def test_a_grid_is_read_from_yaml_and_the_command_line(tmp_path):
     path = tmp_path / "grid.yaml"
     path.write_text("n: [1, 2]\nx: 0.5\n")
-    assert sweep.read_grid(path, ["x=1,2.5"]) == {"n": [1, 2], "x": [1, 2.5]}
+    assert read_grid(path, ["x=1,2.5"]) == {"n": [1, 2], "x": [1, 2.5]}
     for text, sentence in (("- 1\n", "expected parameters"), ("n: [1", "is not YAML")):
         path.write_text(text)
         with pytest.raises(ValueError, match=sentence):
-            sweep.read_grid(path)
+            read_grid(path)
     with pytest.raises(ValueError, match="expected name=value"):
-        sweep.read_grid(None, ["x"])
+        read_grid(None, ["x"])
 
 
 # What a notebook hands out
@@ -144,16 +156,16 @@ def test_recorded_values_come_back_exactly(monkeypatch):
     shown = []
     monkeypatch.setattr("IPython.display.display", lambda data, raw: shown.append(data))
     values = {"a": np.float64(0.1) + 0.2, "b": np.int64(3), "c": "text", "d": True, "e": None, "f": float("inf")}
-    sweep.record(**values)
-    (row,) = sweep.recorded(output_of(shown[0]))
+    record(**values)
+    (row,) = recorded(output_of(shown[0]))
     assert row == values
-    sweep.record(pd.DataFrame({"k": [1, 2], "v": [0.1, np.nan]}), a=1)
-    rows = sweep.recorded(output_of(shown[1]))
+    record(pd.DataFrame({"k": [1, 2], "v": [0.1, np.nan]}), a=1)
+    rows = recorded(output_of(shown[1]))
     assert [row["k"] for row in rows] == [1, 2]
     assert [row["a"] for row in rows] == [1, 1]
     assert np.isnan(rows[1]["v"])
     with pytest.raises(TypeError, match="is a set; expected a number, text, true or false"):
-        sweep.record(a={1})
+        record(a={1})
 
 
 # What a sweep does
@@ -191,7 +203,7 @@ def test_finished_runs_are_kept_and_stale_or_failed_ones_repeated(tmp_path, monk
 
 
 def test_a_recorded_name_that_is_a_parameter_fails_the_run(tmp_path):
-    notebook = write_notebook(tmp_path / "clash.ipynb", "from profilecal.running.sweep import record\nrecord(x=1)")
+    notebook = write_notebook(tmp_path / "clash.ipynb", "from profilecal.running.record import record\nrecord(x=1)")
     done = sweep.sweep(notebook, {"x": [2]}, tmp_path / "out")
     assert list(done.failed.values()) == ["it records x, which is a parameter's name"]
 
@@ -213,12 +225,12 @@ if n == 2 or not mark.exists():
 
 def test_a_hung_kernel_is_ended_and_its_run_tried_once_more(tmp_path, monkeypatch):
     code = """
-import os, pathlib
+import os, pathlib, time
 mark = pathlib.Path("mark")
 again = mark.exists()
 mark.write_text(str(os.getpid()))
 while not again:
-    pass
+    time.sleep(1)
 """
     notebook, mark, fired = write_notebook(tmp_path / "hang.ipynb", code), tmp_path / "mark", []
 
@@ -244,7 +256,7 @@ def test_a_run_that_takes_too_long(notebook, tmp_path):
 
 
 def test_disk_full_stops_and_goes_on_later(notebook, tmp_path, monkeypatch):
-    output, whole, written = tmp_path / "out", sweep._whole, []
+    output, whole, written = tmp_path / "out", sweep.whole, []
 
     def full(path, scratch):
         written.append(path)
@@ -253,7 +265,7 @@ def test_disk_full_stops_and_goes_on_later(notebook, tmp_path, monkeypatch):
         return whole(path, scratch)
 
     with monkeypatch.context() as patch:
-        patch.setattr(sweep, "_whole", full)
+        patch.setattr(sweep, "whole", full)
         with pytest.raises(OSError, match="No space left on device"):
             sweep.sweep(notebook, GRID, output)
     kept = landed(output)
@@ -393,5 +405,5 @@ def test_the_command(tmp_path):
 
 def test_the_large_grid_fits_its_notebook():
     folder = notebooks.folder()
-    runs = sweep.plan(folder / "51_one_plan.ipynb", sweep.read_grid(folder / "50_sweeping_grid.yaml"))
+    runs = plan(folder / "51_one_plan.ipynb", read_grid(folder / "50_sweeping_grid.yaml"))
     assert len(runs) >= 1000

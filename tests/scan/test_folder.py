@@ -26,7 +26,7 @@ def random_scan(rng, measured="points", kind="edge", **changes):
         T_base_flange=rng.uniform(-800, 800, (12, 3)),
         measured=measured,
         values=tuple(rng.uniform(-60, 60, (rows, columns)) for _ in range(12)),
-        radius=40.0 if kind in ("ball", "disk") else None,
+        sizes=(40.0,) if kind in ("ball", "disk") else (),
         side=np.zeros(12),
         group=np.repeat(np.arange(4), 3),
         noise={"profile_mm": 0.05},
@@ -40,7 +40,7 @@ def assert_same(first, second):
     np.testing.assert_allclose(first.T_base_flange, second.T_base_flange, atol=1e-9)
     for a, b in zip(first.values, second.values, strict=True):
         np.testing.assert_allclose(a, b, atol=1e-9)
-    for name in ("kind", "labels", "measured", "radius", "noise", "title", "mount", "convention"):
+    for name in ("kind", "labels", "measured", "sizes", "noise", "title", "mount", "convention"):
         assert getattr(first, name) == getattr(second, name)
     np.testing.assert_array_equal(first.group, second.group)
     np.testing.assert_array_equal(first.side, second.side)
@@ -74,7 +74,7 @@ def test_metres_and_millimetres_are_the_same_scan(tmp_path):
         scan,
         T_base_flange=scan.T_base_flange / 1000,
         values=tuple(v / 1000 for v in scan.values),
-        radius=scan.radius / 1000,
+        sizes=tuple(size / 1000 for size in scan.sizes),
     )
     write_scan(in_metres, tmp_path / "m")
     header = tmp_path / "m" / "scan.toml"

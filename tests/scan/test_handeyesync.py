@@ -9,7 +9,6 @@ from scipy.spatial.transform import Rotation
 
 from profilecal.joint.observations import Observations
 from profilecal.joint.solve import solve
-from profilecal.profiles.features import find_features
 from profilecal.scan.folder import read_scan, write_scan
 from profilecal.scan.handeyesync import read_handeyesync, read_listing, read_profile
 from profilecal.scan.scan import ScanError
@@ -43,7 +42,7 @@ def test_a_listing_is_read(tmp_path):
 def test_a_folder_is_a_scan_that_can_be_written_and_read(tmp_path):
     (tmp_path / "in").mkdir()
     scan = read_handeyesync(write(tmp_path / "in"))
-    assert (scan.kind, scan.labels, scan.radius) == ("edge", ("P1", "P2", "P3"), None)
+    assert (scan.kind, scan.labels, scan.sizes) == ("edge", ("P1", "P2", "P3"), ())
     expected = Rotation.from_euler("ZYX", [20, -1.812, -177.169], degrees=True).as_matrix()
     np.testing.assert_allclose(scan.R_base_flange[1], expected, atol=1e-15)
     np.testing.assert_array_equal(scan.values[0], [[1, -2.5], [1.05, -2.4], [1.1, np.nan]])
@@ -60,7 +59,7 @@ def test_picked_points_and_balls(tmp_path):
     for path in tmp_path.glob("*.yml"):
         path.write_text(PROFILE)
     ball = read_handeyesync(tmp_path)
-    assert (ball.kind, ball.radius) == ("ball", 40.0)
+    assert (ball.kind, ball.sizes) == ("ball", (40.0,))
     with pytest.raises(ScanError, match=r"p1.yml: no feature_point"):
         read_handeyesync(tmp_path, picked=True)
 
@@ -139,12 +138,12 @@ def solved(scan, features):
     for row, feature in zip(points[0], features, strict=True):
         row[: len(feature.points)] = feature.points
     R, T = scan.R_base_flange[None], scan.T_base_flange[None]
-    return solve([Observations(scan.kind, R, T, points, scan.radius, scan.group)], robust=False)
+    return solve([Observations(scan.kind, R, T, points, scan.sizes, scan.group)], robust=False)
 
 
 def test_the_real_ridge_is_found_in_every_profile_and_calibrates():
     scan = real("edge")
-    features = find_features("edge", scan.values)
+    features = scan.target.features(scan.values)
     assert len(features) == 26
     assert {f.shape for f in features} == {"corner"}
     picked = np.concatenate(real("edge", picked=True).values)
@@ -155,7 +154,7 @@ def test_the_real_ridge_is_found_in_every_profile_and_calibrates():
 
 def test_the_real_sphere_is_found_in_every_profile_and_calibrates():
     scan = real("sphere")
-    features = find_features("ball", scan.values, scan.radius)
+    features = scan.target.features(scan.values, scan.sizes)
     assert len(features) == 15
     assert {f.shape for f in features} == {"arc"}
     assert solved(scan, features).rms_mm <= 0.25

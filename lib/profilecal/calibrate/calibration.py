@@ -4,13 +4,12 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
-from profilecal.calibrate.doubts import LARGEST_ERROR_MM, LARGEST_REJECTED, judge
-from profilecal.calibrate.observe import FROM_PROFILES, as_observations, names, target_seen, typical
+from profilecal.calibrate.doubts import judge
+from profilecal.calibrate.observe import LEAST_POSES, as_observations, names, observe, stated_noise
 from profilecal.closed_form.solve import solve_in_closed_form
 from profilecal.geometry.checks import UnobservableError
-from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import xyz_angles_from_rotation
-from profilecal.joint.noise import likeliest_noise
+from profilecal.joint.noise import decide
 from profilecal.joint.observability import name_direction
 from profilecal.joint.observations import Observations
 from profilecal.joint.solution import Solution
@@ -20,9 +19,6 @@ from profilecal.scan.scan import Scan, ScanError
 METHODS = ("joint", "closed-form")
 
 
-ROUNDS = 6  # of estimating robot errors; two or three are usual
-
-
 @dataclass(frozen=True)
 class Calibration:
     """A sensor pose from scans, or the reason why there is none. `to_json` is the contract with programs."""
@@ -30,14 +26,23 @@ class Calibration:
     scans: tuple[Scan, ...]
     seen: tuple[np.ndarray, ...]  # for each scan, indices of the poses from which the target was found
     observed: tuple[Observations, ...]  # for each scan, what was seen from them
-    solution: Solution | None  # None: fewer measurements than unknowns
-    messages: tuple[str, ...]  # sentences a person can act on
+    solution: Solution | None = None  # None: fewer measurements than unknowns
+    messages: tuple[str, ...] = ()  # sentences a person can act on
     method: str = "joint"
+
+    def noting(self, messages) -> "Calibration":
+        """This one with more to say."""
+        return replace(self, messages=(*self.messages, *messages))
 
     @property
     def status(self) -> str:
         """ "ok", "weak" or "unobservable"."""
         return self.solution.status if self.solution else "unobservable"
+
+    @property
+    def frame(self) -> str:
+        """The one that the sensor's pose is in: "flange", or "base" where the scanner stands still."""
+        return "flange" if self.scans[0].mount == "eye-in-hand" else "base"
 
     def labels(self, rejected: bool) -> list[str]:
         """Of the poses used or rejected."""
@@ -54,7 +59,7 @@ class Calibration:
     def to_json(self) -> dict:
         """The object that `profilecal calibrate --json` prints; data/README.md says what each entry is."""
         s, known = self.solution, self.status != "unobservable"
-        frame = "flange" if self.scans[0].mount == "eye-in-hand" else "base"
+        frame = self.frame
         observability, targets = None, None
         if s:
             observability = {
@@ -101,38 +106,40 @@ def calibrate(scans, guess=None, method: str = "joint", rng: np.random.Generator
         raise ScanError("the closed form takes one scan and no guess; the method joint takes more")
     if len({scan.mount for scan in scans}) > 1:
         raise ScanError("some scans are eye-in-hand and others eye-to-hand; expected one mount")
-    noise = shared_noise(scans)
+    stated = stated_noise(scans)
     check_different(scans)
-    seen = tuple(target_seen(scan) for scan in scans)
-    poses = tuple(entry.poses for entry in seen)
-    said = [(name, m) for name, scan in zip(names(scans), scans, strict=True) for m in scan.warnings]
-    said += [(name, m) for name, entry in zip(names(scans), seen, strict=True) for m in entry.remarks]
-    messages = [name + message for name, message in said]
-    reference = next((typical(s.kind, e.covariance) for s, e in zip(scans, seen, strict=True) if e.measured), 0.0)
-    observed = tuple(as_observations(s, e, reference) for s, e in zip(scans, seen, strict=True))
-    starts = [] if guess is None else [(guess[:3, :3], guess[:3, 3])]
-    estimating = bool(reference) and not has_robot_errors(noise)
+    seen = [observe(scan, LEAST_POSES) for scan in scans]
+    features_mm = next((entry.typical_mm for entry in seen if entry.typical_mm), 0.0)
+    observed = tuple(as_observations(scan, entry, features_mm) for scan, entry in zip(scans, seen, strict=True))
     shared_mm = max(entry.shared_mm for entry in seen)
-    noise = replace(noise, group_position_mm=float(np.hypot(noise.group_position_mm, shared_mm)))
+
+    found = Calibration(scans, tuple(entry.poses for entry in seen), observed, method=method)
+    notes = [*(scan.warnings for scan in scans), *(entry.remarks for entry in seen)]
+    found = found.noting([name + m for name, said in zip(2 * names(scans), notes, strict=True) for m in said])
     try:
         if method == "closed-form":
-            noise = replace(noise, profile_mm=reference or noise.profile_mm)
-            solution = solve_in_closed_form(observed[0], noise, scans[0].side[poses[0]], rng)
-            if reference:
-                solution = replace(solution, noise_source="estimated", noise_how=FROM_PROFILES)
-        elif reference:
-            solution = solve_profiles(observed, replace(noise, profile_mm=reference), starts, estimating)
+            level = decide([], stated, features_mm, shared_mm, estimating=False)
+            solution = solve_in_closed_form(observed[0], level, scans[0].side[seen[0].poses], rng)
         else:
-            solution = solve(observed, noise, starts=starts)
+            level = decide(observed, stated, features_mm, shared_mm)
+            solution = solve(observed, level, starts=[] if guess is None else [(guess[:3, :3], guess[:3, 3])])
+            solution = judge(observed, solution, any("orientation_deg" in scan.noise for scan in scans))
     except UnobservableError as error:
-        return Calibration(scans, poses, observed, None, (*messages, str(error)), method)
-    if method == "joint":
-        solution = judge(observed, solution, estimating, any("orientation_deg" in scan.noise for scan in scans))
-    sides, most = wrong_sides(scans, poses, solution)
-    if most and solution.status == "ok":
+        return found.noting([str(error)])
+    remarks, wrong = remarks_on_targets(scans, seen, solution)
+    if wrong and solution.status == "ok":
         solution = replace(solution, status="weak")
-    messages += [*solution.messages, *sides]
-    return Calibration(scans, poses, observed, solution, tuple(messages), method)
+    return replace(found.noting([*solution.messages, *remarks]), solution=solution)
+
+
+def remarks_on_targets(scans, seen, solution: Solution) -> tuple[list[str], bool]:
+    """What is odd about where the solution puts the targets, in words, and whether it speaks against the solution."""
+    sensor, remarks, wrong = (solution.rotation, solution.translation), [], False
+    for name, scan, entry, target in zip(names(scans), scans, seen, solution.placements, strict=True):
+        remark, against = target.remark(scan, entry.poses, sensor)
+        remarks += [name + remark] if remark else []
+        wrong |= against
+    return remarks, wrong
 
 
 def check_different(scans) -> None:
@@ -145,80 +152,15 @@ def check_different(scans) -> None:
                 raise ScanError(f"{name}{label}: the same measurement as {known[key]}; expected different ones")
 
 
-def solve_profiles(observed, noise: Noise, starts, estimating: bool) -> Solution:
-    """The joint solution from features of raw profiles, whose noise is known from the profiles themselves.
-
-    What that noise does not explain is the robot's: all points of a profile share the error of its pose. `estimating`:
-    nobody states it, so it is estimated, as a position error of each pose.
-    """
-    how = FROM_PROFILES
-    if not estimating:
-        solution = solve(observed, noise, starts=starts)
-    else:
-        solution = solve(observed, replace(noise, profile_mm=0.0), starts=starts)
-        for _ in range(ROUNDS):
-            before, noise = noise.position_mm, likeliest_noise(observed, noise, solution)
-            start = (solution.rotation, solution.translation)
-            absurd = noise.position_mm > LARGEST_ERROR_MM
-            solution = solve(observed, noise, starts=[start], robust=not absurd, searching=False)
-            absurd |= np.concatenate(solution.rejected).mean() > LARGEST_REJECTED
-            if abs(noise.position_mm - before) < 0.02 * noise.position_mm or absurd:
-                break
-        if noise.position_mm > 0.1 * noise.profile_mm:
-            how += f", and a robot position error of {noise.position_mm:.2g} mm at each pose, from the residuals"
-    return replace(solution, noise_source="estimated", noise_how=how)
-
-
-def has_robot_errors(noise: Noise) -> bool:
-    """Whether any are stated."""
-    return bool(noise.position_mm or noise.orientation_deg or noise.group_position_mm or noise.group_orientation_deg)
-
-
-def shared_noise(scans) -> Noise:
-    """The noise that the scans state; they speak of one scanner and one robot.
-
-    `profile_mm` is the noise of a profile's points. How well features of profiles and fitted arcs are known is another
-    matter, which is left to be estimated.
-    """
-    stated = {}
-    for scan in scans:
-        for name, value in scan.noise.items():
-            if stated.setdefault(name, value) != value:
-                raise ScanError(f"noise {name} is {stated[name]:g} in one scan and {value:g} in another; expected one")
-    if any(scan.measured in ("arcs", "profiles") for scan in scans):
-        stated.pop("profile_mm", None)
-    return Noise(**stated)
-
-
-def wrong_sides(scans, seen, solution: Solution) -> tuple[list[str], bool]:
-    """What to say where a ball's centre lies on the other side of the scan plane than its scan states, and whether it
-    does so in most poses of any scan."""
-    messages, most = [], False
-    for name, scan, poses, target in zip(names(scans), scans, seen, solution.placements, strict=True):
-        if scan.kind == "ball" and scan.mount == "eye-in-hand":
-            R, T = scan.R_base_flange[poses], scan.T_base_flange[poses]
-            in_flange = np.einsum("nab,na->nb", R, target.centre - T) - solution.translation
-            y = in_flange @ solution.rotation[:, 1]
-            other = [scan.labels[i] for i, side in zip(poses, scan.side[poses] * y, strict=True) if side < 0]
-            most |= 2 * len(other) > np.count_nonzero(scan.side[poses])
-            if other:
-                messages.append(
-                    f"{name}the ball's centre lies on the other side of the scan plane than stated for pose "
-                    f"{', '.join(other)}; check side, x and z of the profiles, or turn the sensor's y axis round"
-                )
-    return messages, most
-
-
 def to_text(found: Calibration) -> str:
     """What `profilecal calibrate` prints for people."""
     s, lines = found.solution, [f"status         {found.status}"]
     if found.status != "unobservable":
-        frame = "flange" if found.scans[0].mount == "eye-in-hand" else "base"
         W, P, R = np.degrees(xyz_angles_from_rotation(s.rotation))
         W = (W + 180) % 360 - 180
         tx, ty, tz = s.translation
         lines += [
-            f"translation    {tx:.3f}  {ty:.3f}  {tz:.3f} mm, of the sensor's origin in the {frame} frame",
+            f"translation    {tx:.3f}  {ty:.3f}  {tz:.3f} mm, of the sensor's origin in the {found.frame} frame",
             f"rotation       {W:.4f}  {P:.4f}  {R:.4f}°, R = Rz({R:.4f}) Ry({P:.4f}) Rx({W:.4f})",
             "one sd         "
             + "  ".join(f"{v:.2g}" for v in s.translation_sd_mm)
@@ -230,7 +172,7 @@ def to_text(found: Calibration) -> str:
         rejected = found.labels(rejected=True)
         lines += [
             f"residuals      {s.rms_mm:.3g} mm rms, χ²/dof {s.chi2_per_dof:.3g}",
-            f"noise          {s.noise_mm:.3g} mm, {s.noise_how}",
+            f"noise          {s.noise_mm:.3g} mm, {s.level.how}",
             f"poses          {len(found.labels(rejected=False))} used, {len(rejected)} rejected"
             + (f": {', '.join(rejected)}" if rejected else ""),
         ]

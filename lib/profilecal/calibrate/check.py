@@ -1,13 +1,15 @@
-"""From a user's scans to a sensor pose with its evidence: observations, joint solution, and what to tell the user."""
+"""What a scan holds, before any calibration."""
 
 from collections import Counter
 
 import numpy as np
 from scipy.stats import chi2
 
-from profilecal.calibrate.observe import as_observations, observations
+from profilecal.calibrate.observe import as_observations, observe
+from profilecal.geometry.fitting import affine_residuals
+from profilecal.joint.noise import affine_noise
 from profilecal.joint.observability import LEAST_TURN_DEG, name_axis, turns
-from profilecal.joint.observations import Observations, affine_noise
+from profilecal.joint.observations import Observations
 from profilecal.scan.scan import Scan
 
 FALSE_ALARM = 0.01  # the chance that `check` doubts any pose of a good scan
@@ -15,12 +17,12 @@ FALSE_ALARM = 0.01  # the chance that `check` doubts any pose of a good scan
 
 def check(scan: Scan) -> list[str]:
     """What a scan holds, in lines for people: convention, groups, noise and outliers known before any calibration."""
-    seen = observations(scan)
+    seen = observe(scan)
     poses, P, groups = seen.poses, len(scan.labels), scan.group.max() + 1
     reach = np.linalg.norm(scan.T_base_flange, axis=1)
     angles, axis = turns(scan.R_base_flange)
     lines = [
-        f"target         {scan.kind}" + (f", radius {scan.radius:g} mm" if scan.radius else ""),
+        f"target         {scan.description}",
         f"poses          {P}, {scan.mount}, orientation as {scan.convention}; {len(poses)} show the target",
         f"positions      {reach.min():.0f} to {reach.max():.0f} mm from the base",
         f"groups         {groups} of one orientation, {'given' if scan.group_given else 'found'}: "
@@ -30,7 +32,7 @@ def check(scan: Scan) -> list[str]:
     ]
     if angles[2] < LEAST_TURN_DEG:
         lines.append("note           add poses tilted by 15° or more about two axes, or something stays unknown")
-    if scan.kind in ("edge", "point") and len(poses):
+    if scan.target.affine and len(poses):
         observed = as_observations(scan, seen)
         noise, freedom = affine_noise(observed)
         if freedom:
@@ -44,23 +46,20 @@ def check(scan: Scan) -> list[str]:
 
 
 def affine_outliers(observations: Observations) -> list[int]:
-    """Poses whose point does not fit its group, by the relation that needs no calibration.
+    """Poses whose points do not fit their group, by the relation that needs no calibration.
 
-    Inside a group the sensed point of an edge or a marked point is an affine function of the flange position. The pose
-    that fits worst is taken out as long as chance does not explain it; a whole group on a wrong edge is not seen.
+    Inside a group the sensed points are an affine function of the flange position. The pose that fits worst is taken
+    out as long as chance does not explain it; a whole group on a wrong edge is not seen.
     """
-    noise = affine_noise(observations)[0]
-    points, bad = observations.points[0, :, 0], []
-    limit = chi2.isf(FALSE_ALARM / len(points), 2)
+    noise, bad = affine_noise(observations)[0], []
+    points = np.asarray(observations.points)[0].reshape(len(observations.labels), -1)
+    limit = chi2.isf(FALSE_ALARM / len(points), points.shape[1])
     for label in np.unique(observations.group):
         rows = np.flatnonzero(observations.group == label)
         while len(rows) > 3:
-            T = observations.T_flange[0, rows]
-            U, s, _ = np.linalg.svd(T - T.mean(axis=0), full_matrices=False)
-            basis = np.column_stack([np.full(len(rows), len(rows) ** -0.5), U[:, s > 1e-3 * s.max()]])
-            left = points[rows] - basis @ (basis.T @ points[rows])
+            left, basis, freedom = affine_residuals(observations.T_flange[0, rows], points[rows], np.ones(len(rows)))
             free = 1 - np.sum(basis**2, axis=1)
-            if len(rows) <= basis.shape[1] or free.min() < 1e-6:
+            if freedom <= 0 or free.min() < 1e-6:
                 break
             size = np.sum(left**2, axis=1) / free / noise**2
             if size.max() < limit:

@@ -9,7 +9,7 @@ from tqdm import tqdm
 from profilecal.calibrate.calibration import Calibration
 from profilecal.joint.descent import Fit, refine
 from profilecal.joint.observability import spectrum
-from profilecal.joint.problem import Problem, units_by_hand
+from profilecal.joint.problem import Problem
 from profilecal.joint.state import pose_error
 
 FALSE_ALARM = 0.01  # the chance that any orientation of a good scan is doubted
@@ -63,7 +63,7 @@ def leave_out(found: Calibration) -> LeftOut:
         raise ValueError("only a joint calibration that has an answer can be cross-validated")
     problem = Problem(found.observed, solution.noise)
     state = solution.state
-    kept, units = solution.kept, units_by_hand(problem)
+    kept, units = solution.kept, problem.units
     stretch = max(1.0, solution.chi2_per_dof)  # residuals larger than the noise explains are to be expected here too
     groups = [
         (index, np.flatnonzero((term.group == g) & used))
@@ -93,15 +93,19 @@ def leave_out(found: Calibration) -> LeftOut:
 def prediction(problem: Problem, fit: Fit, index: int, rows) -> tuple[np.ndarray, np.ndarray, float]:
     """Residuals (k,) of some poses of one target at a fit that did not use them, independent and over the noise; their
     covariance (k, k) from noise, robot errors and the uncertainty of the fit; and their root mean square in mm."""
-    term, placements = problem.terms[index], fit.state.placements
-    z, present = term.linearise(fit.state, placements[index], True, with_robot=True)
-    there = np.ones(z.shape[-2:], dtype=bool) if present is None else present[0]
-    rms = np.sqrt(np.mean(z[0, 6 + term.n][:, rows][there[:, rows]] ** 2))
-    z = term.in_units_of_noise(z, problem.sigma)[0]
+    linear = problem.linear(fit.state, with_flange=True)[index]
+    there = np.ones(linear.residual.shape[1:], dtype=bool) if linear.present is None else linear.present[0]
     there = there[:, rows].T
-    z = z[..., rows].transpose(2, 1, 0)[there]  # (k, columns), pose by pose
-    J, start = np.zeros((len(z), problem.n)), 6 + sum(other.n for other in problem.terms[:index])
-    J[:, :6], J[:, start : start + term.n] = z[:, :6], z[:, 6 : 6 + term.n]
-    E, pose = z[:, -6:], np.nonzero(there)[0]
+
+    def by_residual(columns):
+        """(k, columns), pose by pose, from (B, columns, K, P)."""
+        return columns[0][..., rows].transpose(2, 1, 0)[there]
+
+    left = problem.residuals(fit.state)[index][0][:, rows].T[there]
+    z = by_residual(linear.with_residual)
+    J = np.zeros((len(z), problem.n))
+    J[:, problem.columns(index)[:-1]] = z[:, :-1]
+    E, pose = by_residual(linear.by_flange), np.nonzero(there)[0]
     robot = np.equal.outer(pose, pose) * (E * problem.of_pose @ E.T) + E * problem.of_group @ E.T
-    return z[:, 6 + term.n], np.eye(len(z)) + robot + J @ np.linalg.solve(fit.information[0], J.T), float(rms)
+    covariance = np.eye(len(z)) + robot + J @ np.linalg.solve(fit.information[0], J.T)
+    return z[:, -1], covariance, float(np.sqrt(np.mean(left**2)))

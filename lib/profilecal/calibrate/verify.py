@@ -7,16 +7,27 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import chi2
 
-from profilecal.calibrate.observe import observations
+from profilecal.calibrate.observe import LEAST_POSES, observe
 from profilecal.geometry.checks import check_rotations
-from profilecal.geometry.fitting import fit_line, fit_sphere
-from profilecal.geometry.poses import rotations
+from profilecal.geometry.poses import carry, rotations
 from profilecal.scan.scan import Scan, ScanError
 
 DRAWS = 200  # of the stated covariance
-
-
 BELIEVED = 3.0  # standard deviations
+
+
+@dataclass(frozen=True)
+class Length:
+    """A known length of a target, held against what was found."""
+
+    name: str
+    found_mm: float
+    nominal_mm: float
+    sd_mm: float  # to expect, from the stated covariance
+
+    @property
+    def as_expected(self) -> bool:
+        return abs(self.found_mm - self.nominal_mm) < BELIEVED * self.sd_mm
 
 
 @dataclass(frozen=True)
@@ -26,16 +37,13 @@ class Verification:
     shape: str  # what was fitted
     rms_mm: float  # of the points' distances from it
     expected_rms_mm: float  # from the noise and the stated covariance, 95 % of the cases below
-    radius_mm: float | None  # found; None where the target has none
-    nominal_mm: float | None
-    radius_sd_mm: float | None  # of the radius, from the stated covariance
+    lengths: tuple[Length, ...]
     points: int
 
     @property
     def as_expected(self) -> bool:
         """Whether the stated noise and covariance explain what was found."""
-        size = self.radius_mm is None or abs(self.radius_mm - self.nominal_mm) < BELIEVED * self.radius_sd_mm
-        return size and self.rms_mm < self.expected_rms_mm
+        return all(length.as_expected for length in self.lengths) and self.rms_mm < self.expected_rms_mm
 
 
 def read_pose(path) -> tuple[np.ndarray, np.ndarray, float, bool]:
@@ -73,87 +81,46 @@ def verify(scan: Scan, T, covariance, noise_mm: float, rng: np.random.Generator)
 
     Raises ScanError for a scan that shows too little of its target.
     """
-    target = observations(scan)
-    poses, seen = target.poses, target.points
-    least = {"ball": 4, "disk": 3, "plane": 3, "edge": 3, "point": 2}[scan.kind]
-    if len(poses) < least:
-        raise ScanError(f"{scan.title}: the target was found from {len(poses)} poses; expected {least} or more")
-    R, t = scan.R_base_flange[poses], scan.T_base_flange[poses]
-    if scan.mount == "eye-to-hand":
-        R = R.transpose(0, 2, 1)
-        t = -np.einsum("nab,nb->na", R, t)
-    rows, _ = np.nonzero(np.isfinite(seen).all(axis=-1))
-    x, z = seen[np.isfinite(seen).all(axis=-1)].T
+    seen = observe(scan, LEAST_POSES)
+    R, t = scan.base_flange(seen.poses)
+    there = np.isfinite(seen.points).all(axis=-1)
+    pose, _ = np.nonzero(there)
+    x, z = seen.points[there].T
     points = np.stack([x, np.zeros_like(x), z], axis=-1)
 
-    def residuals(rotation, translation):
-        return FITS[scan.kind](np.einsum("nab,nb->na", R[rows], points @ rotation.T + translation) + t[rows])
+    def fitted(rotation, translation):
+        """Distances of the points (n,) from the shape that fits them, and its lengths."""
+        in_base = carry(R[pose], t[pose], points @ rotation.T + translation)
+        origin, axes, sizes = scan.target.fit(in_base)
+        return scan.target.at(origin, axes, sizes).distance(in_base), sizes
 
-    left, radius = residuals(T[:3, :3], T[:3, 3])
+    left, sizes = fitted(T[:3, :3], T[:3, 3])
     delta = rng.multivariate_normal(np.zeros(6), covariance, DRAWS)
-    turned = rotations(delta[:, 3:])
-    drawn = [residuals(T[:3, :3] @ turned[k], T[:3, 3] + T[:3, :3] @ delta[k, :3]) for k in range(DRAWS)]
-    added = np.array([np.mean((other - left) ** 2) for other, _ in drawn])
+    shifts, turned = T[:3, 3] + delta[:, :3] @ T[:3, :3].T, T[:3, :3] @ rotations(delta[:, 3:])
+    drawn = [fitted(turn, shift) for turn, shift in zip(turned, shifts, strict=True)]
+    added = [np.mean((other - left) ** 2) for other, _ in drawn]
     # noise in x and in z (and an arc's in radius too), or across a surface only
-    seen_twice = 2 if scan.kind in ("edge", "disk", "point") or scan.measured == "arcs" else 1
+    seen_twice = 2 if scan.target.points or scan.measured == "arcs" else 1
     noise = noise_mm**2 * chi2.isf(0.05, seen_twice * len(left)) / len(left)
-    expected = np.sqrt(np.percentile(added, 95) + noise)
+    sds = np.std([other for _, other in drawn], axis=0) + noise_mm / np.sqrt(len(left))
+    measures = zip(scan.measures.items(), sizes, sds, strict=True) if sizes else ()
     return Verification(
-        SHAPES[scan.kind],
-        float(np.sqrt(np.mean(left**2))),
-        float(expected),
-        float(radius) if radius is not None else None,
-        scan.radius,
-        float(np.std([r for _, r in drawn]) + noise_mm / np.sqrt(len(left))) if radius is not None else None,
-        len(left),
+        shape=scan.target.shape,
+        rms_mm=float(np.sqrt(np.mean(left**2))),
+        expected_rms_mm=float(np.sqrt(np.percentile(added, 95) + noise)),
+        lengths=tuple(Length(name, float(found), value, float(sd)) for (name, value), found, sd in measures),
+        points=len(left),
     )
-
-
-def _sphere(points):
-    found = fit_sphere(points)
-    return np.linalg.norm(points - found.centre, axis=1) - found.radius, found.radius
-
-
-def _line(points):
-    found = fit_line(points)
-    offset = points - found.point
-    return np.linalg.norm(offset - (offset @ found.direction)[:, None] * found.direction, axis=1), None
-
-
-def _plane(points):
-    centre = points.mean(axis=0)
-    return (points - centre) @ np.linalg.svd(points - centre, full_matrices=False)[2][2], None
-
-
-def _rim(points):
-    heights, _ = _plane(points)
-    centre = points.mean(axis=0)
-    axes = np.linalg.svd(points - centre, full_matrices=False)[2][:2]
-    flat = (points - centre) @ axes.T
-    A = np.column_stack([2 * flat, np.ones(len(flat))])
-    a, b, c = np.linalg.lstsq(A, np.sum(flat**2, axis=1), rcond=None)[0]
-    radius = np.sqrt(c + a * a + b * b)
-    return np.hypot(heights, np.hypot(flat[:, 0] - a, flat[:, 1] - b) - radius), radius
-
-
-def _spot(points):
-    return np.linalg.norm(points - points.mean(axis=0), axis=1), None
-
-
-FITS = {"ball": _sphere, "edge": _line, "plane": _plane, "disk": _rim, "point": _spot}
-
-
-SHAPES = {"ball": "sphere", "edge": "straight line", "plane": "plane", "disk": "circle", "point": "one point"}
 
 
 def to_text(found: Verification) -> str:
     """What `profilecal verify` prints."""
     lines = [f"{found.shape} through {found.points} points"]
-    if found.radius_mm is not None:
-        off = abs(found.radius_mm - found.nominal_mm)
+    for length in found.lengths:
+        off = abs(length.found_mm - length.nominal_mm)
         lines.append(
-            f"radius         {found.radius_mm:.3f} mm, {off:.3f} from {found.nominal_mm:g}; "
-            f"one standard deviation to expect is {found.radius_sd_mm:.2g}"
+            f"{length.name:<15}{length.found_mm:.3f} mm, {off:.3f} from {length.nominal_mm:g}; "
+            f"one standard deviation to expect is {length.sd_mm:.2g}"
         )
     lines += [
         f"residuals      {found.rms_mm:.3g} mm rms; up to {found.expected_rms_mm:.3g} is to be expected",

@@ -1,5 +1,6 @@
-"""The papers' methods: the sensor pose from one target in closed form, rotation first, then translation.
+"""The papers' solvers, equation by equation, with the papers' symbols: edge (Xu et al. 2021); disk, ball, tetra-ball
+(Chen et al. 2018).
 
-In come flange poses and what the scanner saw of an edge, a disk or a ball; out goes the sensor pose on the flange, with
-the quantities that the papers name. `solve` states the answer as the joint calibration does.
+In: flange poses and what the sensor saw, as the papers have it. Out: the sensor pose with every quantity on the way;
+or, by `solve`, one scan's answer stated as a joint solution is.
 """

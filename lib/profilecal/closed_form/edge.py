@@ -290,7 +290,7 @@ def estimate_noise(T_b, p_s) -> np.ndarray:
 
     NaN where there are none.
     """
-    residuals, _, freedom = affine_residuals(T_b, p_s)
+    residuals, _, freedom = affine_residuals(T_b, p_s, np.ones(T_b.shape[:-1]))
     squares, freedom = (residuals**2).sum(axis=(-3, -2, -1)), 2 * freedom.sum(axis=-1)
     return np.sqrt(np.divide(squares, freedom, out=np.full_like(squares, np.nan), where=freedom > 0))
 

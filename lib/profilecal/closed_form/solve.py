@@ -16,12 +16,12 @@ from profilecal.closed_form.two_step import check_directions, check_orientations
 from profilecal.geometry.checks import UnobservableError
 from profilecal.geometry.fitting import fit_circle
 from profilecal.geometry.noise import Noise
+from profilecal.joint.noise import NoiseLevel, affine_noise
 from profilecal.joint.observability import explain, of_covariance
-from profilecal.joint.observations import Observations, affine_noise
+from profilecal.joint.observations import Observations
 from profilecal.joint.problem import Problem
-from profilecal.joint.solution import Solution
+from profilecal.joint.solution import Solution, solution_of
 from profilecal.joint.state import State, pose_error
-from profilecal.joint.terms import target_at
 from profilecal.targets.ball import Ball
 
 
@@ -39,24 +39,20 @@ def closed_form(seen: Observations, R_sensor, heights: str = "published") -> tup
         return found.R_sensor, found.T_sensor
     start, end = T[:, :, 0], T[:, :, -1]
     s = np.sign(np.einsum("bga,bga->bg", end - start, (R[:, :, 0] @ R_sensor)[..., 1]))
-    data = sensing_data(points, start, end, s, seen.size, heights)
+    data = sensing_data(points, start, end, s, seen.sizes[0], heights)
     found = disk_equations(R[:, :, 0], data.T_tcp, data.q, data.D_i, data.D_b)
     return found.R_sensor, found.T_sensor
 
 
 DRAWS = 200  # repetitions with simulated noise
-
-
 LEAST_POSITIONS = 3  # in a rotation group
-
-
 STRAIGHT = 0.01  # of a disk scan's length: the most by which its flange positions may leave equal steps on a line
 
 
-def solve_in_closed_form(observations: Observations, noise: Noise, side, rng: np.random.Generator) -> Solution:
+def solve_in_closed_form(observations: Observations, level: NoiseLevel, side, rng: np.random.Generator) -> Solution:
     """The sensor pose from one target's observations (a batch of one), stated as a joint solution is.
 
-    side (P,): +1, -1, or 0 where it is not known, as in the scan folder. `noise.profile_mm` 0: not known.
+    side (P,): +1, -1, or 0 where it is not known, as in the scan folder.
 
     Raises ValueError for a target or a motion that no paper's method takes, UnobservableError for poses that cannot
     determine the answer.
@@ -70,45 +66,27 @@ def solve_in_closed_form(observations: Observations, noise: Noise, side, rng: np
     alone = Problem([observations], Noise(profile_mm=1.0))
     state = with_target(alone, rotation[None], translation[None])
     dof = int(alone.count()[0]) - alone.n
-    seen_noise = max(float(np.sqrt(alone.moments(state)[1][0] / dof)), 1e-12)  # the robot's errors too
-    source = "given" if noise.profile_mm else "estimated"
-    noise = noise if noise.profile_mm else replace(noise, profile_mm=seen_noise)
-    M, chi2, own = Problem([observations], noise).moments(state)
+    seen_noise = max(float(np.sqrt(alone.moments(state).loss[0] / dof)), 1e-12)  # the robot's errors too
+    if level.unknown:
+        level = replace(level, noise=replace(level.noise, profile_mm=seen_noise))
+    problem = Problem([observations], level.noise)
+    moments = problem.moments(state)
 
     drawn = (find(points + seen_noise * noise_like(observations, rng)) for _ in range(DRAWS))
     errors = np.array([pose_error(rotation, translation, *pose) for pose in drawn])
-    bias = errors.mean(axis=0)
-    size = np.sqrt(np.diag(M[0])[:-1])
-    rank = np.linalg.matrix_rank(M[0, :-1, :-1] / np.outer(size, size), hermitian=True)
-    found = of_covariance(errors.T @ errors / DRAWS, rank, alone.n)
+    size = np.sqrt(np.diag(moments.normal[0])[:-1])
+    rank = np.linalg.matrix_rank(moments.normal[0, :-1, :-1] / np.outer(size, size), hermitian=True)
+    found = of_covariance(errors.T @ errors / DRAWS, rank, problem.n)
     R_flange = np.asarray(observations.R_flange).reshape(-1, 3, 3)
     messages = [*remarks, *explain(found, rotation, R_flange, "base" if observations.eye_to_hand else "flange")]
+    bias = errors.mean(axis=0)
     turn, shift = np.degrees(np.linalg.norm(bias[3:])), np.linalg.norm(bias[:3])
     messages.append(
         f"noise biases the closed form by about {shift:.2g} mm and {turn:.2g}° here, which its standard deviations "
         "include; the joint method has no such bias"
     )
-    place, direction = state.placements[0]
-    residuals = alone.terms[0].linearise(state, state.placements[0], True)[0][0, -1]
-    return Solution(
-        rotation,
-        translation,
-        found.covariance,
-        (target_at(observations, place[0], direction[0]),),
-        float(noise.profile_mm),
-        source,
-        "as given" if source == "given" else "from the residuals",
-        float(chi2[0]),
-        dof,
-        float(np.sqrt(np.mean(residuals**2))),
-        (np.sqrt(own[0][0]),),
-        (np.zeros(len(points), dtype=bool),),
-        str(found.status),
-        found,
-        tuple(messages),
-        converged=True,
-        noise=noise,
-    )
+    everything = [np.ones(len(points), dtype=bool)]
+    return solution_of(problem, state, moments, everything, level, found, str(found.status), messages)
 
 
 def noise_like(observations: Observations, rng: np.random.Generator) -> np.ndarray:
@@ -127,7 +105,7 @@ def with_target(problem: Problem, rotation, translation) -> State:
     """The sensor poses (1, 3, 3), (1, 3) with the target where they see it best: Gauss-Newton steps of it alone."""
     state = problem.place(rotation, translation)
     for _ in range(20):
-        M, _, _ = problem.moments(state)
+        M = problem.moments(state).normal
         step = np.zeros((1, problem.n))
         step[:, 6:] = -np.linalg.solve(M[:, 6:-1, 6:-1], M[:, 6:-1, -1:])[..., 0]
         state = problem.move(state, step)
@@ -138,8 +116,8 @@ def with_target(problem: Problem, rotation, translation) -> State:
 
 def groups_of(observations: Observations, least: int) -> list[np.ndarray]:
     """The poses (k,) of each rotation group with `least` positions or more, in order."""
-    group = np.arange(observations.points.shape[-3]) if observations.group is None else observations.group
-    members = [np.flatnonzero(group == label) for label in np.unique(group)]
+    group = observations.labels
+    members = [np.flatnonzero(group == label) for label in range(group.max() + 1)]
     return [rows for rows in members if len(rows) >= least]
 
 
@@ -196,7 +174,8 @@ def from_disk(observations: Observations, side):
 
     def scans(points, s):
         data = [
-            sensing_data(points[g], *scan, observations.size) for g, *scan in zip(groups, start, end, s, strict=True)
+            sensing_data(points[g], *scan, observations.sizes[0])
+            for g, *scan in zip(groups, start, end, s, strict=True)
         ]
         return [np.stack([getattr(d, name) for d in data]) for name in ("T_tcp", "q", "D_i", "D_b")]
 
@@ -206,7 +185,7 @@ def from_disk(observations: Observations, side):
         s, _ = best_signs(D_i.T, np.einsum("nba,nb->an", R, D_b))
         remarks = [f"sides of the motions decided from the data: {', '.join(f'{v:+.0f}' for v in s)}"]
     tips = [observations.points[0, g] for g in groups]
-    remarks += solve_disk_from_chords(R, start, end, tips, s, observations.size).remarks
+    remarks += solve_disk_from_chords(R, start, end, tips, s, observations.sizes[0]).remarks
 
     def find(points):
         found = disk_equations(R, *scans(points, s))
@@ -224,7 +203,7 @@ def from_ball(observations: Observations, side):
             circles = fit_circle(points)
         else:
             circles = np.array([fit_circle(arc[seen]) for arc, seen in zip(points, there, strict=True)])
-        return Ball(np.zeros(3), observations.size).centre_from_circle(circles, side)
+        return Ball(np.zeros(3), observations.sizes[0]).centre_from_circle(circles, side)
 
     points = observations.points[0]
     if side.all():

@@ -1,1 +1,5 @@
-""" """
+"""What everything else stands on: rotations and rigid transforms, fits of lines, circles, spheres and ellipses, guards
+of public entries, and the standard deviations of a measurement's errors.
+
+Arrays in, arrays out; leading axes are a batch.
+"""

@@ -207,24 +207,36 @@ def fit_sphere(points) -> Sphere:
     return Sphere(c + mean[..., 0, :], radius, np.sqrt((residuals**2).mean(axis=-1)))
 
 
-def affine_residuals(positions, values, weights=None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """What an affine function of positions (..., n, 3) leaves of values (..., n, k).
+def algebraic_centre(points) -> np.ndarray:
+    """The centre (..., d) of the sphere or circle nearest to points (..., n, d) algebraically: |p|² = 2 p·c + constant.
 
-    Inside a rotation group the sensed point of a straight edge, or of a marked point, is such a function of the flange
-    position, whatever the calibration: what is left is noise. `weights` (..., n): one over the standard deviation of a
-    value; all alike if left out.
-
-    Returns the residuals (..., n, k), weighted; the orthonormal basis (..., n, 4) of what is taken out, with zeros in
-    place of columns for directions in which the positions do not extend; and n less the other columns, (...).
+    Where the points leave it open, as those on one circle do, it is the nearest to their middle.
     """
+    middle = points.mean(axis=-2, keepdims=True)
+    p = points - middle
+    square = np.sum(p**2, axis=-1, keepdims=True)
+    square = square - square.mean(axis=-2, keepdims=True)
+    H = np.swapaxes(p, -1, -2) @ p
+    ridge = 1e-9 * np.trace(H, axis1=-2, axis2=-1)[..., None, None] * np.eye(points.shape[-1])
+    return middle[..., 0, :] + 0.5 * np.linalg.solve(H + ridge, np.swapaxes(p, -1, -2) @ square)[..., 0]
+
+
+def principal_axes(points) -> np.ndarray:
+    """Unit vectors, rows of (..., 3, 3), along which points (..., n, 3) spread about their mean, most first."""
+    return np.linalg.svd(points - points.mean(axis=-2, keepdims=True), full_matrices=False)[2]
+
+
+def affine_residuals(positions, values, weight) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What a weighted affine regression of values (..., n, k) on positions (..., n, 3) leaves, (..., n, k), times the
+    roots of the weights (..., n); the orthonormal basis (..., n, 4) of what it can explain, with zeros for directions
+    in which the positions do not extend; and the degrees of freedom that remain, (...)."""
+    root = np.sqrt(weight)[..., None]
+    constant = root / np.linalg.norm(root, axis=-2, keepdims=True)
+    offsets = root * (positions - (constant**2 * positions).sum(axis=-2, keepdims=True))
+    U, size, _ = np.linalg.svd(offsets, full_matrices=False)
     n = positions.shape[-2]
-    weight = np.ones((n, 1)) if weights is None else np.asarray(weights)[..., None]
-    constant = weight / np.linalg.norm(weight, axis=-2, keepdims=True)
-    offsets = weight * (positions - (constant**2 * positions).sum(axis=-2, keepdims=True))
-    U, S, _ = np.linalg.svd(offsets, full_matrices=False)
-    rounding = n * np.finfo(float).eps * np.abs(weight * positions).max(axis=(-2, -1))[..., None]
-    extends = np.maximum(LEAST_WIDTH * S[..., :1], rounding) < S
-    basis = np.concatenate([np.broadcast_to(constant, (*U.shape[:-1], 1)), U * extends[..., None, :]], axis=-1)
-    residuals = weight * values
-    residuals = residuals - basis @ (np.swapaxes(basis, -1, -2) @ residuals)
-    return residuals, basis, n - 1 - extends.sum(axis=-1)
+    rounding = n * np.finfo(float).eps * np.abs(root * positions).max(axis=(-2, -1))[..., None]
+    extends = np.maximum(LEAST_WIDTH * size[..., :1], rounding) < size
+    basis = np.concatenate([constant, U * extends[..., None, :]], axis=-1)
+    left = root * values
+    return left - basis @ (np.swapaxes(basis, -1, -2) @ left), basis, n - 1 - extends.sum(axis=-1)

@@ -1,12 +1,4 @@
-"""One calibration for every target: the sensor pose and all placements in one maximum-likelihood step.
-
-Unknown are the sensor pose (6) and where each target is (edge 4, disk 5, ball 3, plane 3, point 3). A residual is an
-observed point minus where the scan plane meets the target, in the scan plane. Each target file offers `residual` and
-its derivatives in the *sensor* frame; everything else is the same for all of them and is written once, here.
-
-The sensor pose is perturbed as T · exp(δ), δ = (ρ, φ) in the sensor's frame: a point at p there moves to
-p - ρ + p × φ, a direction d to d + d × φ. Every function takes a batch of problems along the leading axis.
-"""
+"""Standard deviations of what goes wrong in a measurement."""
 
 from dataclasses import dataclass
 
@@ -23,6 +15,11 @@ class Noise:
     group_position_mm: float = 0.0  # the part of the position error that a rotation group shares
     group_orientation_deg: float = 0.0
     steering_mm: float = 0.0  # marked points: how far the operator leaves the scan plane from the point
+
+    @property
+    def of_robot(self) -> bool:
+        """Whether any error of the robot is stated."""
+        return bool(self.position_mm or self.orientation_deg or self.group_position_mm or self.group_orientation_deg)
 
 
 def variances(position_mm: float, orientation_deg: float) -> np.ndarray:

@@ -80,3 +80,29 @@ def frame_along(direction, angle) -> np.ndarray:
     angle = np.asarray(angle)[..., None]
     x = np.cos(angle) * x + np.sin(angle) * np.cross(y, x)
     return np.stack(np.broadcast_arrays(x, y, np.cross(x, y)), axis=-1)
+
+
+def inverse(rotation, translation) -> tuple[np.ndarray, np.ndarray]:
+    """The inverses of rigid transforms (..., 3, 3), (..., 3)."""
+    back = np.swapaxes(rotation, -1, -2)
+    return back, -(back @ translation[..., None])[..., 0]
+
+
+def carry(rotation, translation, points) -> np.ndarray:
+    """Points (..., 3) carried by rigid transforms (..., 3, 3), (..., 3)."""
+    return (rotation @ points[..., None])[..., 0] + translation
+
+
+def frame_around(axis) -> np.ndarray:
+    """Frames (..., 3, 3), in columns, whose z is the unit vector `axis` (..., 3)."""
+    axis = np.asarray(axis, dtype=float)
+    x = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis), axis=-1)])
+    x = x / np.linalg.norm(x, axis=-1, keepdims=True)
+    return np.stack([x, np.cross(axis, x), axis], axis=-1)
+
+
+def circle_around(centre, axis, radius: float, count: int = 90) -> np.ndarray:
+    """Points (count, 3) on a circle in space; its axis need not have length one."""
+    frame = frame_around(np.asarray(axis, dtype=float) / np.linalg.norm(axis))
+    angle = np.linspace(0, 2 * np.pi, count)[:, None]
+    return centre + radius * (np.cos(angle) * frame[:, 0] + np.sin(angle) * frame[:, 1])

@@ -1,1 +1,10 @@
-""" """
+"""One calibration for every target: the sensor pose and where each target is, in one maximum-likelihood step.
+
+In: `Observations`, what the scanner saw of each target and the flange poses that the robot reports, and a `Noise`. Out:
+a `Solution`, the sensor pose with its covariance and what speaks for and against it; or states for noise studies.
+
+A residual is an observed point minus where the scan plane meets the target, in the scan plane. A target says how it
+changes with the target's own frame (`targets.target`); everything else is the same for all of them and stands here.
+The sensor pose is perturbed as T · exp(δ), δ = (ρ, φ) in the sensor's frame: a point at p there moves to p - ρ + p × φ.
+Every function takes a batch of problems along the leading axis.
+"""

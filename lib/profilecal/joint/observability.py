@@ -14,20 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 
 BY_HAND_MM, BY_HAND_DEG = 10.0, 5.0
-
-
 WEAK = 0.1  # of the measurement by hand
-
-
 RANK = 1e-10  # smallest eigenvalue over largest that is not rounding
-
-
 LEAST_TURN_DEG = 1.0  # flange orientations that differ by less are taken for one
-
-
 NEAR_AXIS_DEG = 15.0  # a direction this near to an axis is called by its name
-
-
 POSE_UNITS = np.r_[np.full(3, BY_HAND_MM), np.full(3, np.radians(BY_HAND_DEG))]
 
 
@@ -128,15 +118,3 @@ def explain(found: Spectrum, R_sensor, R_flange, frame: str = "flange") -> list[
     else:
         why = "cross the target at other places and in other directions of motion, inside each group of poses too"
     return [f"{what} {verb} ({known}): {why}"]
-
-
-def two_step_symptoms(M, D) -> tuple[np.ndarray, np.ndarray]:
-    """Of the disk method's linear steps: σ3/σ1 of the translation matrix M (..., 3k, 3) (disk paper, Eq. 18), small
-    where all rotations are about one axis, and σ2/σ1 of the normalised directions D (..., 3, n), small where they are
-    parallel.
-
-    The edge method's, σ9 of A_r over its noise, is `closed_form.edge.judge`'s rotation_strength.
-    """
-    of_M = np.linalg.svd(M, compute_uv=False)
-    of_D = np.linalg.svd(D / np.linalg.norm(D, axis=-2, keepdims=True), compute_uv=False)
-    return of_M[..., 2] / of_M[..., 0], of_D[..., 1] / of_D[..., 0]

@@ -1,12 +1,4 @@
-"""One calibration for every target: the sensor pose and all placements in one maximum-likelihood step.
-
-Unknown are the sensor pose (6) and where each target is (edge 4, disk 5, ball 3, plane 3, point 3). A residual is an
-observed point minus where the scan plane meets the target, in the scan plane. Each target file offers `residual` and
-its derivatives in the *sensor* frame; everything else is the same for all of them and is written once, here.
-
-The sensor pose is perturbed as T · exp(δ), δ = (ρ, φ) in the sensor's frame: a point at p there moves to
-p - ρ + p × φ, a direction d to d + d × φ. Every function takes a batch of problems along the leading axis.
-"""
+"""What a calibration found, with its evidence."""
 
 from dataclasses import dataclass
 
@@ -14,7 +6,9 @@ import numpy as np
 
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import homogeneous
+from profilecal.joint.noise import NoiseLevel
 from profilecal.joint.observability import Spectrum
+from profilecal.joint.problem import Problem
 from profilecal.joint.state import State, pose_error
 
 
@@ -22,13 +16,10 @@ from profilecal.joint.state import State, pose_error
 class Solution:
     """One calibration with its evidence."""
 
-    rotation: np.ndarray  # (3, 3) sensor axes in the flange frame (eye-to-hand: in the base frame)
-    translation: np.ndarray  # (3,) mm
+    state: State  # the sensor pose and the targets, a batch of one
     covariance: np.ndarray  # (6, 6) of (ρ, φ) in the sensor's frame, mm and rad: T = T̂ · exp(δ)
-    placements: tuple  # a target object (Edge, Disk, …) for each set of observations
-    noise_mm: float
-    noise_source: str  # "given" or "estimated"
-    noise_how: str  # in words
+    placements: tuple  # a `Target` for each set of observations
+    level: NoiseLevel
     chi2: float
     dof: int
     rms_mm: float  # of the residuals kept
@@ -37,19 +28,34 @@ class Solution:
     status: str  # "ok", "weak" or "unobservable"
     observability: Spectrum
     messages: tuple  # sentences a person can act on
-    converged: bool
-    noise: Noise  # all of it, as it was used
+    converged: bool = True
+
+    @property
+    def rotation(self) -> np.ndarray:
+        """(3, 3) sensor axes in the flange frame (eye-to-hand: in the base frame)."""
+        return self.state.rotation[0]
+
+    @property
+    def translation(self) -> np.ndarray:
+        """(3,) mm."""
+        return self.state.translation[0]
+
+    @property
+    def noise(self) -> Noise:
+        return self.level.noise
+
+    @property
+    def noise_mm(self) -> float:
+        return float(self.level.noise.profile_mm)
+
+    @property
+    def noise_source(self) -> str:
+        """ "given" or "estimated"."""
+        return "given" if self.level.source == "given" else "estimated"
 
     @property
     def chi2_per_dof(self) -> float:
         return self.chi2 / self.dof
-
-    @property
-    def state(self) -> State:
-        """The sensor pose and the targets, a batch of one."""
-        pairs = [(np.asarray(v, dtype=float) for v in vars(target).values()) for target in self.placements]
-        placements = ((p[None], (rest[0] if rest and rest[0].ndim else np.zeros(3))[None]) for p, *rest in pairs)
-        return State(self.rotation[None], self.translation[None], tuple(placements))
 
     @property
     def kept(self) -> list[np.ndarray]:
@@ -75,14 +81,37 @@ class Solution:
         return self.covariance * units[:, None] * units
 
 
+def solution_of(
+    problem: Problem, state: State, fit, kept, level: NoiseLevel, found: Spectrum, status: str, messages, converged=True
+) -> Solution:
+    """The solution that a state (a batch of one) is, with its targets and residuals.
+
+    `fit`: normal equations and residuals by pose there (`descent.Fit` or `problem.Moments`); `kept`: poses (P,) of each
+    target that count.
+    """
+    terms = zip(problem.terms, state.placements, strict=True)
+    counted = problem.counted(kept)
+    square = sum(float((r[0] ** 2 * good).sum()) for r, good in zip(problem.residuals(state), kept, strict=True))
+    return Solution(
+        state=state,
+        covariance=found.covariance,
+        placements=tuple(term.target.at(origin[0], axes[0], term.sizes) for term, (origin, axes) in terms),
+        level=level,
+        chi2=float(fit.normal[0, -1, -1]),
+        dof=counted - problem.n,
+        rms_mm=float(np.sqrt(square / counted)),
+        normalised=tuple(np.sqrt(own[0]) for own in fit.per_pose),
+        rejected=tuple(~good for good in kept),
+        status=status,
+        observability=found,
+        messages=tuple(messages),
+        converged=bool(converged),
+    )
+
+
 def difference(first: Solution, second: Solution) -> tuple[np.ndarray, np.ndarray]:
     """δ (6,) from one sensor pose to another, mm and rad, the first one's frame, and its covariance (6, 6) if their
     errors are independent."""
     delta = pose_error(first.rotation, first.translation, second.rotation, second.translation)
     turn = np.kron(np.eye(2), first.rotation.T @ second.rotation)
     return delta, first.covariance + turn @ second.covariance @ turn.T
-
-
-def normalised_square(covariance, error) -> np.ndarray:
-    """Errors (..., 6) squared over their covariances (..., 6, 6): follows χ² with 6 degrees of freedom if honest."""
-    return np.einsum("...i,...i", error, np.linalg.solve(covariance, error[..., None])[..., 0])

@@ -1,12 +1,4 @@
-"""One calibration for every target: the sensor pose and all placements in one maximum-likelihood step.
-
-Unknown are the sensor pose (6) and where each target is (edge 4, disk 5, ball 3, plane 3, point 3). A residual is an
-observed point minus where the scan plane meets the target, in the scan plane. Each target file offers `residual` and
-its derivatives in the *sensor* frame; everything else is the same for all of them and is written once, here.
-
-The sensor pose is perturbed as T · exp(δ), δ = (ρ, φ) in the sensor's frame: a point at p there moves to
-p - ρ + p × φ, a direction d to d + d × φ. Every function takes a batch of problems along the leading axis.
-"""
+"""The unknowns: sensor poses, and the frames in which the targets stand."""
 
 from dataclasses import dataclass
 
@@ -16,36 +8,36 @@ from scipy.spatial.transform import Rotation
 
 @dataclass(frozen=True)
 class State:
-    """Sensor pose (B, 3, 3), (B, 3) and one placement (point, direction), both (B, 3), for each target."""
+    """A batch of sensor poses and, for each target, the frame that it stands in."""
 
-    rotation: np.ndarray
-    translation: np.ndarray
-    placements: tuple
+    rotation: np.ndarray  # (B, 3, 3)
+    translation: np.ndarray  # (B, 3) mm
+    placements: tuple  # for each target its origin (B, 3), mm, and axes (B, 3, 3), in columns
 
-    def __getitem__(self, chosen) -> "State":
-        placements = tuple((p[chosen], d[chosen]) for p, d in self.placements)
-        return State(self.rotation[chosen], self.translation[chosen], placements)
-
-    @staticmethod
-    def join(first: "State", second: "State") -> "State":
-        """Two batches as one."""
-        pairs = zip(first.placements, second.placements, strict=True)
+    def _each(self, function, *others: "State") -> "State":
+        """The state whose arrays are `function` of this one's and the others'."""
+        states = (self, *others)
+        placements = zip(*(state.placements for state in states), strict=True)
         return State(
-            np.concatenate([first.rotation, second.rotation]),
-            np.concatenate([first.translation, second.translation]),
-            tuple((np.concatenate([p, q]), np.concatenate([d, e])) for (p, d), (q, e) in pairs),
+            function(*(state.rotation for state in states)),
+            function(*(state.translation for state in states)),
+            tuple(tuple(function(*arrays) for arrays in zip(*placed, strict=True)) for placed in placements),
         )
 
-    @staticmethod
-    def where(mask, first: "State", second: "State") -> "State":
-        """`first` where the mask (B,) holds, `second` elsewhere."""
+    def __getitem__(self, chosen) -> "State":
+        return self._each(lambda array: array[chosen])
 
-        def pick(a, b):
-            return np.where(mask.reshape(-1, *[1] * (a.ndim - 1)), a, b)
+    def repeat(self, count: int) -> "State":
+        """The first problem's state, `count` times."""
+        return self[np.zeros(count, dtype=int)]
 
-        pairs = zip(first.placements, second.placements, strict=True)
-        placements = tuple((pick(p, q), pick(d, e)) for (p, d), (q, e) in pairs)
-        return State(pick(first.rotation, second.rotation), pick(first.translation, second.translation), placements)
+    def join(self, *others: "State") -> "State":
+        """Batches as one."""
+        return self._each(lambda *arrays: np.concatenate(arrays), *others)
+
+    def where(self, mask, other: "State") -> "State":
+        """This one where the mask (B,) holds, the other elsewhere."""
+        return self._each(lambda a, b: np.where(mask.reshape(-1, *[1] * (a.ndim - 1)), a, b), other)
 
 
 def pose_error(rotation, translation, true_rotation, true_translation) -> np.ndarray:
@@ -54,3 +46,8 @@ def pose_error(rotation, translation, true_rotation, true_translation) -> np.nda
     shift = np.swapaxes(rotation, -1, -2) @ (true_translation - translation)[..., None]
     angles = Rotation.from_matrix(turn.reshape(-1, 3, 3)).as_rotvec().reshape(*turn.shape[:-2], 3)
     return np.concatenate([shift[..., 0], angles], axis=-1)
+
+
+def normalised_square(covariance, error) -> np.ndarray:
+    """Errors (..., 6) squared over their covariances (..., 6, 6): follows χ² with 6 degrees of freedom if honest."""
+    return np.einsum("...i,...i", error, np.linalg.solve(covariance, error[..., None])[..., 0])

@@ -1,173 +1,167 @@
-"""One calibration for every target: the sensor pose and all placements in one maximum-likelihood step.
+"""One target's observations with the derivatives of their residuals, arranged for speed."""
 
-Unknown are the sensor pose (6) and where each target is (edge 4, disk 5, ball 3, plane 3, point 3). A residual is an
-observed point minus where the scan plane meets the target, in the scan plane. Each target file offers `residual` and
-its derivatives in the *sensor* frame; everything else is the same for all of them and is written once, here.
-
-The sensor pose is perturbed as T · exp(δ), δ = (ρ, φ) in the sensor's frame: a point at p there moves to
-p - ρ + p × φ, a direction d to d + d × φ. Every function takes a batch of problems along the leading axis.
-"""
+from dataclasses import dataclass
 
 import numpy as np
 
+from profilecal.geometry.components import cross, dot
 from profilecal.geometry.noise import Noise
-from profilecal.joint.observations import TARGETS, Observations
+from profilecal.geometry.poses import rotations
+from profilecal.joint.observability import POSE_UNITS
+from profilecal.joint.observations import Observations
 from profilecal.joint.state import State
-from profilecal.targets import ball, disk, edge, plane, point
 
 
-def across(direction):
-    """Two unit vectors (B, 2, 3) perpendicular to unit vectors (B, 3) and to each other."""
-    aside = np.eye(3)[np.argmin(np.abs(direction), axis=-1)]
-    first = np.stack(_cross(direction.T, aside.T), axis=-1)
-    first /= np.sqrt(np.einsum("...i,...i", first, first))[..., None]
-    return np.stack([first, np.stack(_cross(direction.T, first.T), axis=-1)], axis=-2)
+@dataclass(frozen=True)
+class Linear:
+    """A term's residuals at a state and their derivatives: (B, columns, K, P), K residuals of each of P poses."""
 
+    columns: np.ndarray  # by the sensor pose (6), by the placement (n), the residual, by the flange pose (6, or none)
+    n: int
+    present: np.ndarray | None  # (B|1, K, P) which residuals there are; None: all
 
-def _cross(a, b):
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+    @property
+    def residual(self) -> np.ndarray:
+        """(B, K, P)."""
+        return self.columns[:, 6 + self.n]
 
+    @property
+    def with_residual(self) -> np.ndarray:
+        """By all unknowns, then the residual: (B, 7 + n, K, P)."""
+        return self.columns[:, : 7 + self.n]
 
-def _dot(a, b):
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-def _pairs(covariance, m):
-    """Covariances (B, P, 2m, 2m) as (B, P, m, 2, m, 2)."""
-    return covariance.reshape(*covariance.shape[:2], m, 2, m, 2)
+    @property
+    def by_flange(self) -> np.ndarray:
+        """By position and orientation of the flange: (B, 6, K, P)."""
+        return self.columns[:, 7 + self.n :]
 
 
 class Term:
-    """One target's observations, arranged for speed: poses along the last axis, a batch axis B (or 1) first."""
+    """Poses are the last axis, a batch (B, or 1 for all) is the first."""
 
-    def __init__(self, observations: Observations, noise: Noise):
-        self.module = TARGETS[observations.kind]
-        self.size = observations.size
-        if observations.kind == "point":
-            self.size = noise.profile_mm / noise.steering_mm if noise.steering_mm and noise.profile_mm else 1.0
+    def __init__(self, observations: Observations, noise: Noise, in_space: bool = False):
+        self.target, self.sizes = observations.target, observations.sizes
+        self.in_space, self.eye_to_hand = in_space, observations.eye_to_hand
+        self.shifts, self.turns = (["xyz".index(axis) for axis in axes] for axes in self.free)
+        self.n = len(self.shifts) + len(self.turns)
         R, T, points = (
             np.asarray(a, float) for a in (observations.R_flange, observations.T_flange, observations.points)
         )
-        self.P = points.shape[-3]
-        R, T = R.reshape(-1, self.P, 3, 3), T.reshape(-1, self.P, 3)
-        points = points.reshape(-1, *points.shape[-3:])
+        self.P, self.m = points.shape[-3:-1]
+        R, T, points = R.reshape(-1, self.P, 3, 3), T.reshape(-1, self.P, 3), points.reshape(-1, self.P, self.m, 2)
         self.turn = np.ascontiguousarray(R.transpose(0, 2, 3, 1)).reshape(-1, 3, 3 * self.P)  # (B|1, 3, 3P)
-        self.shift = np.einsum("npab,npa->nbp", R, T)  # Rᵀ T, (B|1, 3, P)
-        seen = np.ascontiguousarray(points.transpose(2, 3, 0, 1))  # (m, 2, B|1, P)
-        missing = ~np.isfinite(seen).all(axis=1)  # (m, B|1, P)
-        self.present = None
-        if missing.any():
-            seen = np.where(missing[:, None], 0.0, seen)
-            self.present = ~missing
-        self.seen, self.eye_to_hand = seen, observations.eye_to_hand
-        self.moves, self.turns = self.module.MOVES, self.module.TURNS
-        self.n = {"across": 2, "along": 1, "anywhere": 3}[self.moves] + 2 * self.turns
-        group = np.arange(self.P) if observations.group is None else observations.group
-        self.group = np.unique(group, return_inverse=True)[1]
+        self.shift = (np.swapaxes(R, -1, -2) @ T[..., None])[..., 0].swapaxes(-1, -2)  # Rᵀ T, (B|1, 3, P)
+        seen = np.ascontiguousarray(points.transpose(3, 0, 2, 1))  # x and z, (2, B|1, m, P)
+        there = np.isfinite(seen).all(axis=0)
+        self.present = None if there.all() else there  # (B|1, m, P)
+        self.seen = np.where(there, seen, 0.0)
+        self.group = observations.labels
+        self.row_sd = np.array(self.target.residual_sd(noise))
         self.sd = self.whiten = None
         if observations.covariance is not None:
-            self.sd, self.whiten = self.precision(np.asarray(observations.covariance, float), observations.on_curve)
+            self._weigh(np.asarray(observations.covariance, float), observations.on_curve)
 
-    def precision(self, covariance, on_curve: bool):
-        """Standard deviations (B|1, m, P) of the points, as multiples of the noise; and for edge and disk the
-        triangular matrices (B|1, 2m, 2m, P) that turn their residuals into independent ones of unit variance."""
-        m = len(self.seen)
+    @property
+    def free(self) -> tuple[str, str]:
+        """Axes of the target's frame along which it shifts and about which it turns."""
+        return self.target.shifts, self.target.turns
+
+    @property
+    def units(self) -> list[float]:
+        """What one would know of each parameter (n,) of the placement by hand, as `observability` has it."""
+        return [POSE_UNITS[0]] * len(self.shifts) + [POSE_UNITS[3]] * len(self.turns)
+
+    def _weigh(self, covariance, on_curve: bool) -> None:
+        """Standard deviations (B|1, m, P) of the points, as multiples of the noise; where poses have a fixed number of
+        points, also the triangular matrices (B|1, 2m, 2m, P) that make the residuals of a pose independent."""
         if on_curve:
-            return np.sqrt(np.moveaxis(covariance.reshape(-1, self.P, m), 1, 2)), None
-        covariance = covariance.reshape(-1, self.P, 2 * m, 2 * m)
-        sd = np.sqrt(np.einsum("bpmimi->bmp", _pairs(covariance, m)) / 2)
-        if m == 2:  # the disk's residuals are across and along the chord
-            chord = self.seen[1] - self.seen[0]
-            x, z = chord / np.maximum(np.hypot(*chord), 1e-300)  # (B, P)
-            x = np.where(np.hypot(x, z) > 0, x, 1.0)  # where nothing was seen
-            turn = np.moveaxis(np.array([[-z, x], [x, z]]), (0, 1), (2, 3))
-            turned = np.einsum("bpij,bpmjnk,bplk->bpminl", turn, _pairs(covariance, m), turn)
-            covariance = turned.reshape(covariance.shape)
-        return sd, np.moveaxis(np.linalg.inv(np.linalg.cholesky(covariance)), 1, -1)
+            self.sd = np.sqrt(covariance.reshape(-1, self.P, self.m).swapaxes(1, 2))
+            return
+        covariance = covariance.reshape(-1, self.P, 2 * self.m, 2 * self.m)
+        variances = np.diagonal(covariance, axis1=-2, axis2=-1).reshape(-1, self.P, self.m, 2)
+        self.sd = np.sqrt(variances.mean(axis=-1)).swapaxes(1, 2)
+        self.whiten = np.moveaxis(np.linalg.inv(np.linalg.cholesky(covariance)), 1, -1)
 
-    def in_units_of_noise(self, z, sigma, in_plane: bool = True):
-        """Derivatives and residuals z (B, columns, K, P), changed in place: over the noise sigma (B|1, 1, 1), mm, and
-        as precise as each point is."""
+    def counts(self) -> np.ndarray:
+        """How many residuals each pose has, (B|1, P)."""
+        points = np.full((1, self.P), self.m) if self.present is None else self.present.sum(axis=1)
+        return points * self.target.rows
+
+    def linearise(self, state: State, placement, with_flange: bool = False) -> Linear:
+        """Residuals and derivatives, mm and rad, with those by the flange pose if asked for."""
+        vectors = np.concatenate([placement[0][:, None], placement[1].swapaxes(1, 2)], axis=1)  # origin and axes
+        B = len(vectors)
+        local = (vectors @ self.turn).reshape(B, 4, 3, self.P)  # in the flange frames
+        local[:, 0] -= self.shift + state.translation[:, :, None]
+        local = np.swapaxes(state.rotation, 1, 2)[:, None] @ local  # in the sensor frames
+        origin, *axes = ([local[:, j, None, i] for i in range(3)] for j in range(4))
+        residual = self.target.residual_in_space if self.in_space else self.target.residual
+        with np.errstate(divide="ignore", invalid="ignore"):
+            r, force, torque = residual(origin, axes, self.seen, self.sizes)
+
+        rows = len(r)
+        z = np.empty((B, 7 + self.n + 6 * with_flange, self.m, rows, self.P))
+        for k in range(rows):
+            column = z[:, :, :, k]
+            lever = cross(origin, force[k])
+            for j in range(3):
+                column[:, j] = -force[k][j]
+                column[:, 3 + j] = -lever[j] if torque is None else -(lever[j] + torque[k][j])
+            for j, axis in enumerate(self.shifts, 6):
+                column[:, j] = dot(force[k], axes[axis])
+            for j, axis in enumerate(self.turns, 6 + len(self.shifts)):
+                column[:, j] = dot(torque[k], axes[axis])
+            column[:, 6 + self.n] = r[k]
+        z = z.reshape(B, -1, self.m * rows, self.P)
+        if with_flange:
+            arm = state.translation[:, :, None] + (self.shift if self.eye_to_hand else 0)  # from flange to sensor
+            arm = np.moveaxis(np.swapaxes(state.rotation, 1, 2) @ arm, 1, 0)[:, :, None]  # (3, B, 1, P)
+            z[:, -6:-3] = z[:, :3]
+            z[:, -3:] = z[:, 3:6] + np.stack(cross(arm, np.moveaxis(z[:, :3], 1, 0)), axis=1)
+        present = None
+        if self.present is not None:
+            present = np.repeat(self.present, rows, axis=1)
+            z *= present[:, None]
+        return Linear(z, self.n, present)
+
+    def over_noise(self, linear: Linear, sigma) -> Linear:
+        """Residuals and derivatives, changed in place, over the noise sigma (B|1, 1, 1), mm, and as precise as each
+        point is."""
+        z = linear.columns
         z /= sigma[..., None]
-        if self.whiten is not None and in_plane:
+        if not self.in_space and (self.row_sd != 1).any():
+            z /= np.tile(self.row_sd, self.m)[:, None]
+        if self.whiten is not None and not self.in_space:
             for k in reversed(range(z.shape[2])):
                 z[:, :, k] *= self.whiten[:, None, k, k]
                 for j in range(k):
                     z[:, :, k] += self.whiten[:, None, k, j] * z[:, :, j]
         elif self.sd is not None:
-            z /= np.repeat(self.sd, z.shape[2] // len(self.seen), axis=1)[:, None]
-        return z
+            z /= np.repeat(self.sd, z.shape[2] // self.m, axis=1)[:, None]
+        return linear
 
-    def moving(self, placement):
-        """The directions in which the placement's point moves and in which its direction turns, (B, ·, 3) each."""
-        place, direction = placement
-        turning = across(direction) if self.turns else np.zeros((len(place), 0, 3))
-        if self.moves == "across":
-            return turning, turning
-        if self.moves == "along":
-            return direction[:, None], turning
-        return np.broadcast_to(np.eye(3), (len(place), 3, 3)), turning
+    def move(self, placement, step):
+        """A placement after a step (B, n) of its free shifts and turns."""
+        origin, axes = placement
+        shifted = np.zeros((len(step), 3))
+        shifted[:, self.shifts] = step[:, : len(self.shifts)]
+        origin = origin + (axes @ shifted[..., None])[..., 0]
+        if not self.turns:
+            return origin, axes
+        turned = np.zeros((len(step), 3))
+        turned[:, self.turns] = step[:, len(self.shifts) :]
+        return origin, axes @ rotations(turned)
 
-    def linearise(self, state: State, placement, in_plane: bool, with_robot: bool = False):
-        """Derivatives by the sensor pose (6) and the placement (n), the residual, and if asked for the derivatives by
-        the flange pose (6): (B, columns, K, P). And which residuals there are: None (all), or 0 and 1, (B, K, P)."""
-        points, turning = self.moving(placement)
-        vectors = np.concatenate([placement[0][:, None], placement[1][:, None], points, turning], axis=1)
-        B = len(vectors)
-        local = (vectors @ self.turn).reshape(B, -1, 3, self.P)  # in the flange frames
-        local[:, 0] -= self.shift + state.translation[:, :, None]
-        local = np.swapaxes(state.rotation, 1, 2)[:, None] @ local  # in the sensor frames
-        p, d, *moving = ([local[:, j, i] for i in range(3)] for j in range(local.shape[1]))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            r, by_point, by_direction = self.module.residual(p, d, self.seen, self.size, in_plane)
-
-        K, q = len(r), points.shape[1]
-        z = np.empty((B, 7 + self.n + 6 * with_robot, K, self.P))
-        for k in range(K):
-            P = by_point[k]
-            for j in range(3):
-                np.negative(P[j], out=z[:, j, k])
-            turn = _cross(P, p)
-            if self.turns:
-                D = by_direction[k]
-                turn = [a + b for a, b in zip(turn, _cross(D, d), strict=True)]
-            for j in range(3):
-                z[:, 3 + j, k] = turn[j]
-            for j in range(q):
-                z[:, 6 + j, k] = _dot(P, moving[j])
-            for j in range(turning.shape[1]):
-                z[:, 6 + q + j, k] = _dot(D, moving[q + j])
-            z[:, 6 + self.n, k] = r[k]
-        if with_robot:
-            arm = state.translation[:, :, None] + (self.shift if self.eye_to_hand else 0)
-            arm = np.moveaxis(np.swapaxes(state.rotation, 1, 2) @ arm, 1, 0)[
-                :, :, None
-            ]  # flange to sensor, (3, B, 1, P)
-            z[:, -6:-3] = z[:, :3]
-            lever = _cross(arm, np.moveaxis(z[:, :3], 1, 0))
-            for j in range(3):
-                z[:, -3 + j] = z[:, 3 + j] + lever[j]
-        present = None
-        if self.present is not None:
-            present = np.moveaxis(np.repeat(self.present, K // len(self.present), axis=0), 0, 1)
-            z *= present[:, None]
-        return z, present
-
-
-def _per_pose(term: Term) -> np.ndarray:
-    """How many residuals each pose has, (P,)."""
-    rows = {"edge": 2, "disk": 4, "point": 3}.get(term.module.__name__.rsplit(".", 1)[1], len(term.seen))
-    if term.present is None:
-        return np.full(term.P, rows)
-    return np.maximum(term.present[:, 0].sum(axis=0) * (rows // len(term.seen)), 1)
-
-
-def target_at(observations: Observations, place, direction):
-    """The target object of a placement."""
-    if observations.kind == "disk":
-        return disk.Disk(place, direction, observations.size)
-    if observations.kind == "ball":
-        return ball.Ball(place, observations.size)
-    if observations.kind == "point":
-        return point.Point(place)
-    return {"edge": edge.Edge, "plane": plane.Plane}[observations.kind](place, direction)
+    def place(self, rotation, translation):
+        """The target's frame where sensor poses (B, 3, 3), (B, 3) see it: origin (B, 3) and axes (B, 3, 3)."""
+        B, (x, z) = len(rotation), self.seen.reshape(2, -1, 1, self.m * self.P)
+        seen = rotation[:, :, :1] * x + rotation[:, :, 2:] * z + translation[:, :, None]
+        seen = seen.reshape(B, 3, self.m, self.P) + self.shift[:, :, None]
+        # turn has base and flange components, then poses
+        points = np.einsum("nabp,nbmp->npma", self.turn.reshape(-1, 3, 3, self.P), seen)
+        if self.present is not None:  # the missing ones go into the middle of the others
+            there = np.moveaxis(self.present, 2, 1)[..., None]
+            middle = (points * there).sum(axis=(1, 2), keepdims=True) / there.sum(axis=(1, 2), keepdims=True)
+            points = np.where(there, points, middle)
+        origin, axes, _ = self.target.fit(points.reshape(B, -1, 3))
+        return origin, axes

@@ -47,15 +47,11 @@ def edge_scenes(plan: EdgePlan, noise: Noise, rng: np.random.Generator, shape=()
 def edge_profiles(scene: EdgeScene, specimen: str, scanner: Scanner, noise: Noise, rng) -> np.ndarray:
     """Raw profiles (G, N, points, 2), mm, of one scene whose edge is that of a specimen.
 
-    The specimen's top faces the scanner, and lies on the side of smaller x. `noise` gives the robot's errors; the
-    scanner has its own.
+    `noise` gives the robot's errors; the scanner has its own.
     """
     rotation, origin = scan_planes(scene.R_sensor, scene.T_sensor, *actual_poses(scene.poses, noise, rng))
-    x, _, z = np.moveaxis(rotation.mean(axis=(0, 1)), -1, 0)
-    direction = scene.edge.direction
-    up = (z @ direction) * direction - z  # against the line of sight
-    direction = direction * np.sign(np.cross(direction, up) @ x)
-    outline = Edge(scene.edge.point, direction).outline(specimen, up / np.linalg.norm(up), rotation, origin)
+    away = rotation.mean(axis=(0, 1))[:, 2]
+    outline = scene.edge.outline(specimen, rotation, origin, away)
     return scanner.decode(scanner.count(outline, rng))
 
 

@@ -1,1 +1,8 @@
-""" """
+"""What a target looks like in raw profiles, and how well that is known, whatever the target.
+
+A profile is (n, 2), x and z in mm in scan order, as scanners give it: with gaps, spikes, missing points (NaN or depth
+zero), backgrounds, the depth axis pointing either way. In come a scan's profiles; out go a `Feature` for each, with its
+covariance or, where the target is not clear, a reason in words: a missing observation costs little, a wrong one much.
+The targets' own finders put together what is here: straight runs, where they end, arcs, means over blocks of points,
+and a choice between candidates that all profiles of the scan make together.
+"""

@@ -6,21 +6,18 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
-from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
 
+from profilecal.geometry.poses import circle_around
 from profilecal.papers.scorecard import Scorecard
 
 # Okabe and Ito's colours, told apart by colour-blind readers and in grey print
-BLUE, ORANGE, GREEN, RED, SKY, PURPLE, YELLOW = (
-    "#0072B2",
-    "#E69F00",
-    "#009E73",
-    "#D55E00",
-    "#56B4E9",
-    "#CC79A7",
-    "#F0E442",
-)
+BLUE = "#0072B2"
+ORANGE = "#E69F00"
+GREEN = "#009E73"
+RED = "#D55E00"
+SKY = "#56B4E9"
+PURPLE = "#CC79A7"
+YELLOW = "#F0E442"
 
 
 def use_style() -> None:
@@ -75,10 +72,11 @@ class Results:
 def plot_rounding(axes, draws, published: float, ours: float, name: str) -> None:
     """One quantity under the rounding of a printed table: all results that the table allows, and the published one."""
     low, high = np.percentile(draws, [2.5, 97.5])
-    axes.hist(draws, bins=60, density=True, color=SKY, alpha=0.6)
+    band = "ours, from tables that round to it (band: 95 % of them)"
+    axes.hist(draws, bins=60, density=True, color=SKY, alpha=0.6, label=band)
     axes.axvspan(low, high, color=SKY, alpha=0.25, lw=0)
-    axes.axvline(ours, color=BLUE, lw=1.5)
-    axes.axvline(published, color=RED, lw=2, ls="--")
+    axes.axvline(ours, color=BLUE, lw=1.5, label="ours, from the table as printed")
+    axes.axvline(published, color=RED, lw=2, ls="--", label="published")
     axes.set(xlabel=name, yticks=[])
     axes.spines["left"].set_visible(False)
     axes.locator_params(axis="x", nbins=3)
@@ -87,12 +85,7 @@ def plot_rounding(axes, draws, published: float, ours: float, name: str) -> None
 
 def rounding_legend(figure: plt.Figure) -> None:
     """The key to `plot_rounding`, once for a figure."""
-    handles = [
-        Line2D([], [], color=RED, lw=2, ls="--", label="published"),
-        Line2D([], [], color=BLUE, lw=1.5, label="ours, from the table as printed"),
-        Patch(color=SKY, alpha=0.6, label="ours, from tables that round to it (band: 95 % of them)"),
-    ]
-    figure.legend(handles=handles, loc="outside lower center", ncols=3)
+    figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=3, reverse=True)
 
 
 def draw_frame(axes, rotation, origin, length: float, name: str = "") -> None:
@@ -109,15 +102,6 @@ def draw_patch(axes, corners, colour: str, alpha: float = 0.25, label: str = "")
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
     axes.add_collection3d(Poly3DCollection([corners], facecolor=colour, edgecolor=colour, alpha=alpha, label=label))
-
-
-def circle_points(centre, normal, radius: float, count: int = 90) -> np.ndarray:
-    """Points (count, 3) on a circle in space."""
-    normal = np.asarray(normal, dtype=float) / np.linalg.norm(normal)
-    u = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
-    u /= np.linalg.norm(u)
-    angle = np.linspace(0, 2 * np.pi, count)[:, None]
-    return centre + radius * (np.cos(angle) * u + np.sin(angle) * np.cross(normal, u))
 
 
 def equal_axes(axes, points) -> None:
@@ -167,20 +151,15 @@ def draw_seen_and_expected(axes, scene, turn_deg: float, shift_mm: float) -> Non
     R = truth.rotation[0] @ Rotation.from_rotvec(turn_deg * np.ones(3) / np.sqrt(3), degrees=True).as_matrix()
     rotation = seen.R_flange[0, k] @ R
     origin = seen.R_flange[0, k] @ (truth.translation[0] + shift_mm * np.ones(3) / np.sqrt(3)) + seen.T_flange[0, k]
-    expected = scene.target().meet(rotation, origin)
-    dots = dict(color=BLUE, label="seen")
-    cross = dict(color=RED, label="expected")
+    count = seen.points.shape[-2]
+    (expected,) = scene.target.points_seen(rotation[None], origin[None], count)
     x, z = seen.points[0, k].T
-    if seen.kind == "ball":
-        angle = np.radians(np.linspace(-50, 50, 50))
-        axes.plot(x, z, ".", **dots)
-        axes.plot(expected[0] + expected[2] * np.sin(angle), expected[1] - expected[2] * np.cos(angle), "-", **cross)
-    else:
-        expected = np.atleast_2d(expected)
-        line = "-" if len(expected) > 1 else ""
-        axes.plot(x, z, "o" + line, **dots)
-        axes.plot(*expected.T, "x" + line, ms=8, mew=2, **cross)
-        axes.plot(*np.stack([np.column_stack([x, z]), expected]).transpose(2, 0, 1), "k:", lw=1)
+    on_curve = seen.on_curve
+    line = "-" if count > 1 else ""
+    axes.plot(x, z, "." if on_curve else "o" + line, color=BLUE, label="seen")
+    axes.plot(*expected.T, "-" if on_curve else "x" + line, ms=8, mew=2, color=RED, label="expected")
+    if not on_curve:
+        axes.plot(*np.stack([seen.points[0, k], expected]).transpose(2, 0, 1), "k:", lw=1)
     axes.set(title=seen.kind, xlabel="x in the scan [mm]", ylabel="z in the scan [mm]")
     axes.margins(0.3)
     axes.invert_yaxis()
@@ -193,25 +172,23 @@ def draw_motion(axes, scene, worst) -> None:
     seen, truth = scene.observations, scene.truth
     rotation = seen.R_flange[0] @ truth.rotation[0]
     origin = seen.T_flange[0] + seen.R_flange[0] @ truth.translation[0]
-    middle, direction = (entry[0] for entry in truth.placements[0])
+    middle = truth.placements[0][0][0]
     axes.scatter(*origin.T, s=6, color=BLUE, depthshade=False)
     for g in np.unique(seen.group):
         first = np.flatnonzero(seen.group == g)[0]
         draw_frame(axes, rotation[first], origin[first], 14)
         axes.plot(*np.stack([origin[first], middle]).T, color="0.7", lw=0.7)
-    if seen.kind == "edge":
-        target = middle + np.outer([-60, 60], direction)
-    else:
-        target = circle_points(middle, direction, seen.size)
-    axes.plot(*target.T, color="black", lw=2.5)
+    lines = scene.target.lines(middle + np.outer([-60, 60], scene.target.frame[1][:, 2]))
+    for line in lines:
+        axes.plot(*line.T, color="black", lw=2.5)
     shift, turn = rotation[0] @ worst[:3], rotation[0] @ worst[3:]
     name = "arrow" if shift @ shift > turn @ turn else "turn"
     along = shift if name == "arrow" else turn
     along = 60 * along / np.linalg.norm(along)
     axes.quiver(*origin[0], *along, color=PURPLE, lw=3, arrow_length_ratio=0.25)
     if name == "turn":
-        axes.plot(*circle_points(origin[0] + 0.6 * along, along, 15)[:70].T, color=PURPLE, lw=3)
-    equal_axes(axes, np.vstack([origin, origin[:1] + along, target]))
+        axes.plot(*circle_around(origin[0] + 0.6 * along, along, 15)[:70].T, color=PURPLE, lw=3)
+    equal_axes(axes, np.vstack([origin, origin[:1] + along, *lines]))
     axes.set(xticklabels=[], yticklabels=[], zticklabels=[])
 
 

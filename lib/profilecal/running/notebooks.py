@@ -11,16 +11,10 @@ import threading
 import time
 from pathlib import Path
 
-_running: set[subprocess.Popen] = set()
-
-
-_idle: list[subprocess.Popen] = []
-
-
 REAL_DATA = "PROFILECAL_REAL_DATA"
-
-
 TYPES = {"int": int, "float": (int, float), "bool": bool, "str": str, "list": list}
+_running: set[subprocess.Popen] = set()
+_idle: list[subprocess.Popen] = []
 
 
 class NotebookError(Exception):
@@ -72,9 +66,20 @@ def without_data() -> list[Path]:
 
 def parameters_of(path: Path) -> dict[str, str]:
     """Name and type ("float", "str", …) of each parameter that a notebook declares."""
-    from papermill import inspect_notebook
+    declared = _papermill().inspect_notebook(str(path))
+    return {name: entry["inferred_type_name"] for name, entry in declared.items()}
 
-    return {name: entry["inferred_type_name"] for name, entry in inspect_notebook(str(path)).items()}
+
+def _papermill():
+    """The module papermill, imported in a quarter of the time: jsonschema, which it needs, would spend 1.5 s on a
+    grammar of web addresses that no notebook is checked against, and does without it where it is missing."""
+    grammar = "rfc3987_syntax"
+    sys.modules.setdefault(grammar, None)
+    import papermill
+
+    if sys.modules[grammar] is None:
+        del sys.modules[grammar]
+    return papermill
 
 
 def parse_value(text: str):
@@ -94,12 +99,8 @@ def check_value(name: str, value, kind: str) -> None:
         raise ValueError(f"parameter {name} is {value!r}; expected {kind}")
 
 
-def check_parameters(paths: list[Path], given: dict) -> dict[Path, dict]:
-    """For each notebook the given parameters that it declares.
-
-    Raises ValueError for a name that none of them declares and for a value of the wrong type.
-    """
-    declared = {path: parameters_of(path) for path in paths}
+def check_parameters(declared: dict[Path, dict[str, str]], given: dict) -> None:
+    """Raise ValueError for a name that no notebook declares (`parameters_of`), and for a value of the wrong type."""
     for name, value in given.items():
         kinds = {types[name] for types in declared.values() if name in types}
         if not kinds:
@@ -107,7 +108,6 @@ def check_parameters(paths: list[Path], given: dict) -> dict[Path, dict]:
             raise ValueError(f"no parameter named {name!r}; there are {', '.join(names) or 'none'}")
         for kind in kinds:
             check_value(name, value, kind)
-    return {path: {k: v for k, v in given.items() if k in types} for path, types in declared.items()}
 
 
 def count_cells(path: Path) -> int:
@@ -130,7 +130,8 @@ def run(
     The copy appears whole or not at all; a notebook that fails leaves it too, with its traceback. `on_cell` is
     called as each cell is done. The notebook runs in `folder`, by default its own. With `keep` the process stays
     for the next run, which then need not import papermill. Raises NotebookError; NotebookLost where the kernel or
-    the process died or took longer than `timeout` seconds; OSError where the copy could not be written.
+    the process died or took longer than `timeout` seconds; OSError where the copy could not be written. An
+    interruption ends the process too.
     """
     partial = output.with_name(f".{output.name}")  # papermill writes after every cell
     job = {"source": str(source), "output": str(partial), "parameters": parameters, "cwd": str(folder or source.parent)}
@@ -141,6 +142,9 @@ def run(
         clock.start()
     try:
         kind, text = _converse(process, job, on_cell)
+    except BaseException:
+        _end(process)
+        raise
     finally:
         clock.cancel()
         stopped = process not in _running
@@ -230,7 +234,7 @@ def _main() -> None:
     It answers "cell" for each cell done, then a line for the job. When its input ends during a job, whoever started
     it is gone or has had enough, and it takes its kernel with it.
     """
-    import papermill
+    papermill = _papermill()
     from papermill.engines import NBClientEngine, papermill_engines
 
     answers = os.fdopen(os.dup(1), "w", buffering=1)  # not inherited by kernels, so that it ends with this process

@@ -1,7 +1,6 @@
 """Every notebook executed, and what they hand out gathered under one folder with the scorecard."""
 
 import json
-import shutil
 import time
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from pathlib import Path
@@ -11,6 +10,7 @@ from tqdm import tqdm
 
 from profilecal.papers import scorecard
 from profilecal.running import notebooks
+from profilecal.scan.files import remove
 
 OWNED = ("notebooks", "figures", "tables", "scorecard.csv", "scorecard.md")
 
@@ -25,7 +25,7 @@ def start_clean(output: Path) -> None:
     if in_the_way and not marker.exists():
         raise ValueError(f"{in_the_way[0]} was not written by this command; name a new or empty folder")
     for path in in_the_way:
-        shutil.rmtree(path) if path.is_dir() else path.unlink()
+        remove(path)
     for name in OWNED[:3]:
         (output / name).mkdir(parents=True)
 
@@ -36,21 +36,16 @@ def reproduce(paths: list[Path], given: dict, output: Path) -> tuple[pd.DataFram
     A notebook that declares `executed_dir` reads the others' results and runs after them.
     """
     output = output.resolve()
-    parameters = notebooks.check_parameters(paths, given)
     declared = {path: notebooks.parameters_of(path) for path in paths}
-    for path in paths:
-        if "results_dir" in declared[path]:
-            parameters[path].setdefault("results_dir", str(output))
-        if "executed_dir" in declared[path]:
-            parameters[path].setdefault("executed_dir", str(output / "notebooks"))
+    notebooks.check_parameters(declared, given)
+    values = {"results_dir": str(output), "executed_dir": str(output / "notebooks")} | given
+    parameters = {path: {k: v for k, v in values.items() if k in declared[path]} for path in paths}
     readers = [path for path in paths if "executed_dir" in declared[path]]
     start_clean(output)
     (output / "run.json").write_text(json.dumps({"notebooks": [path.stem for path in paths], "parameters": given}))
 
     failed = {}
-    total = sum(
-        notebooks.count_cells(path) + bool(parameters[path]) for path in paths
-    )  # papermill adds a cell for them
+    total = sum(notebooks.count_cells(path) + bool(parameters[path]) for path in paths)  # parameters take a cell
     with tqdm(total=total, unit="cell", disable=None, bar_format="{l_bar}{bar}| {n}/{total} cells {elapsed}") as bar:
 
         def execute(path: Path) -> float:

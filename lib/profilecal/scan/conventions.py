@@ -17,24 +17,38 @@ class Convention:
 
     name: str
     columns: tuple[str, ...]
-    robots: str
+    unit: str  # deg, rad, or 1
+    meaning: str
     sequence: str = ""  # of scipy's Euler angles in degrees, lower case about fixed axes; "" for the others
 
 
 CONVENTIONS = (
-    Convention("quaternion", ("qw", "qx", "qy", "qz"), "ABB, ROS"),
-    Convention("rotation vector", ("rx", "ry", "rz"), "Universal Robots"),
-    Convention("KUKA angles", ("a", "b", "c"), "KUKA", "ZYX"),
-    Convention("FANUC angles", ("w", "p", "r"), "FANUC, Yaskawa", "xyz"),
-    Convention("Stäubli angles", ("alpha", "beta", "gamma"), "Stäubli", "XYZ"),
-    Convention("matrix", tuple(f"r{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3)), "any"),
+    Convention("quaternion", ("qw", "qx", "qy", "qz"), "1", "a quaternion"),  # ABB, ROS
+    Convention("rotation vector", ("rx", "ry", "rz"), "rad", "a rotation vector"),  # Universal Robots
+    Convention("KUKA angles", ("a", "b", "c"), "deg", "R = Rz(A) Ry(B) Rx(C)", "ZYX"),
+    Convention("FANUC angles", ("w", "p", "r"), "deg", "R = Rz(R) Ry(P) Rx(W)", "xyz"),  # Yaskawa too
+    Convention("Stäubli angles", ("alpha", "beta", "gamma"), "deg", "R = Rx(alpha) Ry(beta) Rz(gamma)", "XYZ"),
+    Convention("matrix", tuple(f"r{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3)), "1", "a matrix"),
 )
-
-
+VENDORS = {
+    "abb": "ABB (RAPID)",
+    "kuka": "KUKA (KRL)",
+    "ur": "Universal Robots (URScript; metres, radians)",
+    "fanuc": "FANUC",
+    "staubli": "Stäubli (VAL 3)",
+    "ros": "ROS 2 (metres)",
+    "matrix": "Matrix, mm",
+}
 UNIT_TOLERANCE = 1e-3  # quaternions printed to four decimals pass
-
-
 LARGEST_ANGLE_DEG = 720.0  # controllers print angles within a turn
+
+
+class RowError(ValueError):
+    """A row of a table is wrong; `row` counts from 0."""
+
+    def __init__(self, row: int, sentence: str):
+        super().__init__(sentence)
+        self.row = row
 
 
 def find_convention(columns) -> Convention:
@@ -54,6 +68,12 @@ def find_convention(columns) -> Convention:
     raise ValueError(f"no orientation columns; expected one block of: {blocks}")
 
 
+def named(name: str) -> Convention:
+    """The convention of that name."""
+    return next(convention for convention in CONVENTIONS if convention.name == name)
+
+
+@np.errstate(over="ignore", invalid="ignore")
 def to_rotations(convention: Convention, values) -> np.ndarray:
     """Matrices (n, 3, 3) from a block of columns (n, k), in the order of the convention.
 
@@ -61,11 +81,6 @@ def to_rotations(convention: Convention, values) -> np.ndarray:
     longer than a full turn, angles of more than two turns, or a matrix that is no rotation.
     """
     values = np.asarray(values, dtype=float)
-    with np.errstate(over="ignore", invalid="ignore"):
-        return _to_rotations(convention, values)
-
-
-def _to_rotations(convention: Convention, values) -> np.ndarray:
     if convention.sequence:
         largest = np.abs(values).max(axis=1)
         _refuse(largest > LARGEST_ANGLE_DEG, largest, "angle of {:.6g}; expected degrees, at most 720")
@@ -76,17 +91,13 @@ def _to_rotations(convention: Convention, values) -> np.ndarray:
         return Rotation.from_quat(values, scalar_first=True).as_matrix()
     if convention.name == "rotation vector":
         length = np.linalg.norm(values, axis=1)
-        _refuse(
-            length > 2 * np.pi,
-            length,
-            "rotation vector of length {:.4g}; expected radians, at most 2π: are they degrees?",
-        )
+        sentence = "rotation vector of length {:.4g}; expected radians, at most 2π: are they degrees?"
+        _refuse(length > 2 * np.pi, length, sentence)
         return Rotation.from_rotvec(values).as_matrix()
     matrices = values.reshape(-1, 3, 3)
     excess = np.abs(matrices @ matrices.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
-    _refuse(
-        ~(excess <= ORTHONORMAL_TOLERANCE), excess, "matrix with R Rᵀ off the identity by {:.2g}; expected a rotation"
-    )
+    sentence = "matrix with R Rᵀ off the identity by {:.2g}; expected a rotation"
+    _refuse(~(excess <= ORTHONORMAL_TOLERANCE), excess, sentence)
     determinant = np.linalg.det(matrices)
     _refuse(determinant < 0, determinant, "matrix with determinant {:.2g}, a reflection; expected a rotation")
     return Rotation.from_matrix(matrices).as_matrix()
@@ -109,17 +120,6 @@ def _refuse(bad, values, sentence: str) -> None:
         raise RowError(row, sentence.format(values[row]))
 
 
-class RowError(ValueError):
-    """A row of a table is wrong; `row` counts from 0."""
-
-    def __init__(self, row: int, sentence: str):
-        super().__init__(sentence)
-        self.row = row
-
-
-VENDORS = ("abb", "kuka", "ur", "fanuc", "staubli", "ros", "matrix")
-
-
 def check_vendor(vendor: str) -> None:
     """Raise ValueError with the names there are."""
     if vendor not in VENDORS:
@@ -133,28 +133,23 @@ def for_controller(vendor: str, matrix, frame: str = "flange") -> str:
     """
     check_vendor(vendor)
     matrix = np.asarray(matrix, dtype=float)
-    T, rotation = matrix[:3, 3], Rotation.from_matrix(matrix[:3, :3])
-    x, y, z = T
-    q = rotation.as_quat(canonical=True, scalar_first=True)
-    euler = {c.robots.split(",")[0]: from_rotations(c, matrix[None, :3, :3])[0] for c in CONVENTIONS if c.sequence}
+    T, columns = matrix[:3, 3], {c.name: from_rotations(c, matrix[None, :3, :3])[0] for c in CONVENTIONS}
+    qw, *qxyz = columns["quaternion"]
     match vendor:
         case "abb":
             held = "TRUE" if frame == "flange" else "FALSE"
-            numbers = f"[[{x:.4f},{y:.4f},{z:.4f}],[{','.join(f'{v:.8f}' for v in q)}]]"
-            return f"PERS tooldata tScanner:=[{held},{numbers},[1,[0,0,1],[1,0,0,0],0,0,0]];  ! set the load"
+            pose = "[[{:.4f},{:.4f},{:.4f}],[{:.8f},{:.8f},{:.8f},{:.8f}]]".format(*T, qw, *qxyz)
+            return f"PERS tooldata tScanner:=[{held},{pose},[1,[0,0,1],[1,0,0,0],0,0,0]];  ! set the load"
         case "kuka":
-            return "{{X {:.4f},Y {:.4f},Z {:.4f},A {:.6f},B {:.6f},C {:.6f}}}".format(*T, *euler["KUKA"])
+            return "{{X {:.4f},Y {:.4f},Z {:.4f},A {:.6f},B {:.6f},C {:.6f}}}".format(*T, *columns["KUKA angles"])
         case "ur":
-            return "p[{:.7f},{:.7f},{:.7f},{:.8f},{:.8f},{:.8f}]".format(*T / 1000, *rotation.as_rotvec())
+            return "p[{:.7f},{:.7f},{:.7f},{:.8f},{:.8f},{:.8f}]".format(*T / 1000, *columns["rotation vector"])
         case "fanuc":
-            return "X {:.4f}  Y {:.4f}  Z {:.4f}  W {:.6f}  P {:.6f}  R {:.6f}".format(*T, *euler["FANUC"])
+            return "X {:.4f}  Y {:.4f}  Z {:.4f}  W {:.6f}  P {:.6f}  R {:.6f}".format(*T, *columns["FANUC angles"])
         case "staubli":
-            return "{{{:.4f},{:.4f},{:.4f},{:.6f},{:.6f},{:.6f}}}".format(*T, *euler["Stäubli"])
+            return "{{{:.4f},{:.4f},{:.4f},{:.6f},{:.6f},{:.6f}}}".format(*T, *columns["Stäubli angles"])
         case "ros":
-            names = ("--x", "--y", "--z", "--qx", "--qy", "--qz", "--qw")
-            values = (*(f"{v:.7f}" for v in T / 1000), *(f"{v:.8f}" for v in (*q[1:], q[0])))
-            pairs = " ".join(f"{n} {v}" for n, v in zip(names, values, strict=True))
-            return f"ros2 run tf2_ros static_transform_publisher {pairs} --frame-id {frame} --child-frame-id scanner"
-        case "matrix":
-            return "\n".join(" ".join(f"{v:.9g}" for v in row) for row in matrix)
-    raise AssertionError(vendor)
+            names = "--x {:.7f} --y {:.7f} --z {:.7f} --qx {:.8f} --qy {:.8f} --qz {:.8f} --qw {:.8f}"
+            pose = f"{names.format(*T / 1000, *qxyz, qw)} --frame-id {frame} --child-frame-id scanner"
+            return f"ros2 run tf2_ros static_transform_publisher {pose}"
+    return "\n".join(" ".join(f"{v:.9g}" for v in row) for row in matrix)

@@ -3,17 +3,20 @@
 data/README.md describes the format. Lengths are millimetres once read, whatever the folder's units.
 """
 
-import shutil
 import stat
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
+from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import angle_between
-from profilecal.scan.conventions import CONVENTIONS, RowError, find_convention, from_rotations, to_rotations
+from profilecal.scan.conventions import RowError, find_convention, from_rotations, named, to_rotations
+from profilecal.scan.files import is_file, is_there, naming, whole
 from profilecal.scan.scan import Scan, ScanError
-from profilecal.scan.tables import _labels, _line, _numbers, is_file, is_number, read_table, read_toml, shown, toml_text
+from profilecal.scan.tables import is_number, read_table, read_toml, shown, toml_text
+from profilecal.targets import TARGETS
 
 MEASURED = {
     "profiles": ("x", "z"),
@@ -21,86 +24,47 @@ MEASURED = {
     "chords": ("x_a", "z_a", "x_b", "z_b"),
     "arcs": ("x", "z", "r"),
 }
-
-
-FITS = {"edge": "points", "point": "points", "disk": "chords", "ball": "arcs", "plane": None}
-
-
-NOISE = ("profile_mm", "position_mm", "orientation_deg", "group_position_mm", "group_orientation_deg", "steering_mm")
-
-
 KEYS = {
     "": ("title", "units", "mount", "target", "noise"),
-    "target": ("kind", "radius", "side"),
-    "noise": NOISE,
+    "target": ("kind", "side"),  # and its lengths
+    "noise": tuple(field.name for field in fields(Noise)),
 }
-
-
 SCALE = {"mm": 1.0, "m": 1000.0}
-
-
 MOUNTS = ("eye-in-hand", "eye-to-hand")
-
-
 SAME_ORIENTATION_DEG = 0.05  # poses that differ by less form a rotation group
-
-
-RADIUS_MM = (0.5, 1000.0)  # of a ball or disk that a profile scanner can see
-
-
+WIDEST_GROUP_DEG = 1.0  # of the groups that a user gives
+SIZE_MM = (0.5, 1000.0)  # of a target that a profile scanner can see
 REACH_MM = (10.0, 20_000.0)  # farthest flange position from the base: a robot's size
-
-
 FARTHEST_MM = 10_000.0  # from the scanner; no profile scanner sees as far, and some print such numbers for no point
-
-
 NOISE_RANGE = (1e-6, 100.0)  # mm or degrees
 
 
 def read_scan(folder) -> Scan:
     """Read and check a scan folder. Raises ScanError."""
     folder = Path(folder)
-    try:
-        if not stat.S_ISDIR(folder.stat().st_mode):
-            raise ScanError(f"{folder}: not a folder")
-        header = read_header(folder / "scan.toml")
-        scale = SCALE[header["units"]]
-        poses = read_poses(folder, scale)
-        measured, values = read_measurements(folder, poses["labels"], scale)
-        truth_file = folder / "truth.toml"
-        truth = read_toml(truth_file) if is_file(truth_file) else {}
-    except FileNotFoundError as error:
-        raise ScanError(f"{folder}: no such folder") from error
-    except OSError as error:
-        raise ScanError(f"{error.filename or folder}: {error.strerror or error}") from error
-
-    target = header["target"]
-    needs = FITS[target["kind"]]
-    fit = {"point": ("points",), "plane": ("profiles",)}.get(target["kind"], ("profiles", needs))
-    if measured not in fit:
-        expected = " or ".join(fit)
-        raise ScanError(f"{folder}: a target of kind {target['kind']!r} needs {expected}, not {measured}")
-    side = np.full(len(values), float(target.get("side", 0)))
-    if poses["side"] is not None:
-        side = np.where(np.isnan(poses["side"]), side, poses["side"])
-    group, given = poses["group"], poses["group"] is not None
+    if not is_there(folder, stat.S_ISDIR, "folder"):
+        raise ScanError(f"{folder}: no such folder")
+    header = read_header(folder / "scan.toml")
+    target, scale = header["target"], SCALE[header["units"]]
+    poses, doubts = read_poses(folder, scale, target.get("side", 0))
+    measured, values = read_measurements(folder, poses["labels"], scale)
+    fits = TARGETS[target["kind"]].tables
+    if measured not in fits:
+        raise ScanError(f"{folder}: a target of kind {target['kind']!r} needs {' or '.join(fits)}, not {measured}")
+    if measured == "profiles":
+        doubts += exchanged(values)
+    truth = folder / "truth.toml"
     return Scan(
+        **poses,
         kind=target["kind"],
-        labels=poses["labels"],
-        R_base_flange=poses["R"],
-        T_base_flange=poses["T"],
         measured=measured,
         values=values,
-        radius=target["radius"] * scale if "radius" in target else None,
-        side=side,
-        group=group if given else find_groups(poses["R"]),
-        group_given=given,
+        sizes=tuple(target[name] * scale for name in TARGETS[target["kind"]].lengths),
         noise=header["noise"],
         mount=header["mount"],
         title=header["title"],
-        convention=poses["convention"].name,
-        truth=truth,
-        warnings=(*poses["warnings"], *(exchanged(values) if measured == "profiles" else ())),
+        truth=read_toml(truth) if is_file(truth) else {},
+        warnings=tuple(doubts),
     )
 
 
@@ -113,6 +77,8 @@ def read_header(path: Path) -> dict:
         entries = header.setdefault(section, {}) if section else header
         if not isinstance(entries, dict):
             raise ScanError(f"{path}: {section} is {shown(entries)}; expected a table [{section}]")
+        if section == "target":
+            known = (known[0], *lengths(), *known[1:])
         for key in entries:
             if key not in known:
                 where = f" in [{section}]" if section else ""
@@ -122,84 +88,143 @@ def read_header(path: Path) -> dict:
     for name, value, choices in (
         ("units", header["units"], tuple(SCALE)),
         ("mount", header["mount"], MOUNTS),
-        ("target kind", target.get("kind"), tuple(FITS)),
+        ("target kind", target.get("kind"), tuple(TARGETS)),
         ("target side", target.get("side", 1), (1, -1)),
     ):
         if value not in choices or isinstance(value, bool):
             raise ScanError(f"{path}: {name} is {shown(value)}; expected {' or '.join(map(str, choices))}")
+    low, high = NOISE_RANGE
     for name, value in header["noise"].items():
-        low, high = NOISE_RANGE
         if not is_number(value) or not (value == 0 or low <= value <= high):
             raise ScanError(f"{path}: noise {name} is {shown(value)}; expected zero, or {low:g} to {high:g}")
     title = header["title"]
     if not isinstance(title, str) or not title.isprintable() or len(title) > 200:
         raise ScanError(f"{path}: title is {shown(title)}; expected one line of text")
-    _check_radius(path, target, SCALE[header["units"]])
+    check_sizes(path, target, SCALE[header["units"]])
     return header
 
 
-def _check_radius(path: Path, target: dict, scale: float) -> None:
-    kind, radius = target["kind"], target.get("radius")
-    if kind not in ("disk", "ball"):
-        if radius is not None:
-            raise ScanError(f"{path}: a target of kind {kind!r} has no radius; leave it out")
-        return
-    if radius is None:
-        raise ScanError(f"{path}: the {kind}'s radius is missing; expected radius = … under [target]")
-    low, high = (v / scale for v in RADIUS_MM)
-    if not is_number(radius) or not low <= radius <= high:
-        raise ScanError(f"{path}: radius is {shown(radius)}; expected {low:g} to {high:g} in the folder's units")
+def lengths() -> list[str]:
+    """The names of all targets' known measures."""
+    return list(dict.fromkeys(name for target in TARGETS.values() for name in target.lengths))
 
 
-def read_poses(folder: Path, scale: float) -> dict:
-    """poses.csv or poses.parquet: labels, R, T in mm, group and side where given, convention, warnings."""
-    path, table = read_table(folder, "poses", ("pose", "x", "y", "z"))
-    labels = _labels(path, table)
-    repeated = pd.Series(labels)[pd.Series(labels).duplicated()]
-    if len(repeated):
-        raise ScanError(f"{_line(path, table, repeated.index[0])}: pose {shown(repeated.iloc[0])} is there twice")
+def check_sizes(path: Path, target: dict, scale: float) -> None:
+    """Raise ScanError unless a target has its lengths, which a scanner can see, and no others."""
+    kind = target["kind"]
+    low, high = (v / scale for v in SIZE_MM)
+    for name in lengths():
+        value = target.get(name)
+        if name not in TARGETS[kind].lengths:
+            if value is not None:
+                raise ScanError(f"{path}: a target of kind {kind!r} has no {name}; leave it out")
+        elif value is None:
+            raise ScanError(f"{path}: the {kind}'s {name} is missing; expected {name} = … under [target]")
+        elif not is_number(value) or not low <= value <= high:
+            raise ScanError(f"{path}: {name} is {shown(value)}; expected {low:g} to {high:g} in the folder's units")
+
+
+def read_poses(folder: Path, scale: float, side: int) -> tuple[dict, list[str]]:
+    """What poses.csv or poses.parquet says: entries of a Scan, and doubts about them.
+
+    `side` is that of poses for which the table says nothing.
+    """
+    table = read_table(folder, "poses", ("pose", "x", "y", "z"))
+    labels = table.labels()
+    table.refuse(pd.Index(labels).duplicated(), lambda row: f"pose {shown(labels[row])} is there twice")
     with np.errstate(over="ignore"):
-        T = _numbers(path, table, ("x", "y", "z")) * scale
+        T = table.numbers(("x", "y", "z")) * scale
         reach = np.linalg.norm(T, axis=1)
-    try:
-        convention = find_convention(table.columns)
-        block = _numbers(path, table, convention.columns)
-        R = to_rotations(convention, block)
-    except RowError as error:
-        raise ScanError(f"{_line(path, table, error.row)}: {error}") from error
-    except ScanError:
-        raise
-    except ValueError as error:
-        raise ScanError(f"{path}: {error}") from error
+    with naming(table.path):
+        convention = find_convention(table.frame.columns)
+        block = table.numbers(convention.columns)
+        try:
+            R = to_rotations(convention, block)
+        except RowError as error:
+            raise ScanError(f"{table.line(error.row)}: {error}") from error
 
-    row = int(np.argmax(reach))
-    if not REACH_MM[0] <= reach[row] <= REACH_MM[1]:
-        raise ScanError(
-            f"{_line(path, table, row)}: the farthest flange position, of pose {shown(labels[row])}, is "
-            f"{reach[row]:.3g} mm from the base; expected a robot's size, {REACH_MM[0]:g} to {REACH_MM[1]:g} mm: "
-            "are the units in scan.toml right?"
-        )
+    low, high = REACH_MM
+    farthest = reach.max()
+    table.refuse(
+        (reach == farthest) & ~(low <= farthest <= high),
+        lambda row: (
+            f"the farthest flange position, of pose {shown(labels[row])}, is {farthest:.3g} mm from the base; "
+            f"expected a robot's size, {low:g} to {high:g} mm: are the units in scan.toml right?"
+        ),
+    )
     doubts = []
     if convention.sequence and np.abs(block).max() <= 2 * np.pi:
-        names = ", ".join(convention.columns)
-        doubts.append(f"{path.name}: all angles {names} lie within ±2π; the columns mean degrees, are they radians?")
-    side = _numbers(path, table, ("side",), blank=True)[:, 0] if "side" in table else None
-    if side is not None and not np.isin(side[~np.isnan(side)], (-1, 1)).all():
-        row = int(np.flatnonzero(~np.isnan(side) & ~np.isin(side, (-1, 1)))[0])
-        raise ScanError(f"{_line(path, table, row)}: side is {side[row]:g}; expected 1 or -1")
-    group = None
-    if "group" in table:
-        group = np.unique(table["group"].astype(str).to_numpy(), return_inverse=True)[1]
-        _check_groups(path, R, group, labels)
-    return {
-        "labels": tuple(labels),
-        "R": R,
-        "T": T,
-        "group": group,
-        "side": side,
-        "convention": convention,
-        "warnings": doubts,
-    }
+        angles = ", ".join(convention.columns)
+        doubts = [f"{table.path.name}: all angles {angles} lie within ±2π; the columns mean degrees, are they radians?"]
+    sides = np.full(len(labels), float(side))
+    if "side" in table.frame:
+        given = table.numbers(("side",), blank=True)[:, 0]
+        sides = np.where(np.isnan(given), sides, given)
+        table.refuse(
+            ~np.isin(given, (-1, 1)) & ~np.isnan(given), lambda row: f"side is {given[row]:g}; expected 1 or -1"
+        )
+    if "group" in table.frame:
+        group = np.unique(table.frame["group"].astype(str).to_numpy(), return_inverse=True)[1]
+        check_groups(table.path, R, group, labels)
+    else:
+        group = find_groups(R)
+    entries = {"labels": tuple(labels), "R_base_flange": R, "T_base_flange": T, "convention": convention.name}
+    return entries | {"side": sides, "group": group, "group_given": "group" in table.frame}, doubts
+
+
+def check_groups(path: Path, R, group, labels) -> None:
+    """Raise ScanError where poses of one group (P,) differ in their orientations (P, 3, 3)."""
+    for label in np.unique(group):
+        rows = np.flatnonzero(group == label)
+        apart = np.degrees(angle_between(R[rows], R[rows[0]]))
+        if apart.max() > WIDEST_GROUP_DEG:
+            other = labels[rows[np.argmax(apart)]]
+            raise ScanError(
+                f"{path}: poses {shown(labels[rows[0]])} and {shown(other)} share a group but differ in orientation by "
+                f"{apart.max():.2g}°; expected one orientation in a group"
+            )
+
+
+def find_groups(R_base_flange) -> np.ndarray:
+    """Rotation groups (P,) from orientations (P, 3, 3): poses within 0.05° of a group's first pose join it."""
+    group, firsts = np.empty(len(R_base_flange), dtype=int), []
+    for k, R in enumerate(R_base_flange):
+        near = [g for g, first in enumerate(firsts) if np.degrees(angle_between(R, first)) < SAME_ORIENTATION_DEG]
+        if not near:
+            firsts.append(R)
+        group[k] = near[0] if near else len(firsts) - 1
+    return group
+
+
+def read_measurements(folder: Path, labels, scale: float) -> tuple[str, tuple[np.ndarray, ...]]:
+    """What the scanner saw: which of the four files there is, and its rows in mm by pose."""
+    there = [name for name in MEASURED if any([is_file(folder / f"{name}{end}") for end in (".csv", ".parquet")])]
+    if len(there) != 1:
+        found = f"found {' and '.join(there)}" if there else "found none of them"
+        raise ScanError(f"{folder}: expected one of profiles, points, chords, arcs (.csv or .parquet); {found}")
+    (measured,) = there
+    table = read_table(folder, measured, ("pose", *MEASURED[measured]))
+    seen = table.labels()
+    pose = pd.Index(labels).get_indexer(seen)
+    table.refuse(pose < 0, lambda row: f"pose {shown(seen[row])} is not in poses")
+    numbers = table.numbers(MEASURED[measured], blank=True, largest=FARTHEST_MM / scale) * scale
+    counts = np.bincount(pose, minlength=len(labels))
+    if measured == "profiles":
+        table.refuse(
+            counts[pose] == 1,
+            lambda row: (
+                f"pose {shown(seen[row])} has a single point; expected a whole profile, or none where the scanner saw "
+                "nothing (single sensed points belong into points.csv)"
+            ),
+        )
+    elif counts.max() > 1:
+        label = shown(labels[np.argmax(counts > 1)])
+        raise ScanError(f"{table.path}: pose {label} has more than one {measured[:-1]}; expected one")
+    largest = np.nanmax(np.abs(numbers), initial=0.0)
+    if 0 < largest < 1:
+        raise ScanError(f"{table.path}: no value is larger than {largest:.3g} mm; are the units in scan.toml right?")
+    by_pose = numbers[np.argsort(pose, kind="stable")]
+    return measured, tuple(np.split(by_pose, np.cumsum(counts)[:-1]))
 
 
 def exchanged(profiles) -> list[str]:
@@ -215,96 +240,34 @@ def exchanged(profiles) -> list[str]:
     return []
 
 
-def _check_groups(path, R, group, labels):
-    for label in np.unique(group):
-        rows = np.flatnonzero(group == label)
-        apart = np.degrees(angle_between(R[rows], R[rows[0]]))
-        if apart.max() > 1:
-            other = labels[rows[np.argmax(apart)]]
-            raise ScanError(
-                f"{path}: poses {shown(labels[rows[0]])} and {shown(other)} share a group but differ in orientation by "
-                f"{apart.max():.2g}°; expected one orientation in a group"
-            )
-
-
-def read_measurements(folder: Path, labels, scale: float) -> tuple[str, tuple[np.ndarray, ...]]:
-    """What the scanner saw: which of the four files there is, and its rows in mm by pose."""
-    there = [name for name in MEASURED if any([is_file(folder / f"{name}{end}") for end in (".csv", ".parquet")])]
-    if len(there) != 1:
-        found = f"found {' and '.join(there)}" if there else "found none of them"
-        raise ScanError(f"{folder}: expected one of profiles, points, chords, arcs (.csv or .parquet); {found}")
-    (measured,) = there
-    path, table = read_table(folder, measured, ("pose", *MEASURED[measured]))
-    seen = _labels(path, table)
-    rows = pd.Index(labels).get_indexer(seen)
-    if (rows < 0).any():
-        row = int(np.argmax(rows < 0))
-        raise ScanError(f"{_line(path, table, row)}: pose {shown(seen[row])} is not in poses")
-    numbers = _numbers(path, table, MEASURED[measured], blank=True, largest=FARTHEST_MM / scale) * scale
-    order = np.argsort(rows, kind="stable")
-    parts = np.split(numbers[order], np.searchsorted(rows[order], np.arange(1, len(labels))))
-    for label, part in zip(labels, parts, strict=True):
-        if measured != "profiles" and len(part) > 1:
-            raise ScanError(f"{path}: pose {shown(label)} has more than one {measured[:-1]}; expected one")
-        if measured == "profiles" and len(part) == 1:
-            row = int(np.flatnonzero(seen == label)[0])
-            raise ScanError(
-                f"{_line(path, table, row)}: pose {shown(label)} has a single point; expected a whole profile, or none "
-                "where the scanner saw nothing (single sensed points belong into points.csv)"
-            )
-    largest = np.nanmax(np.abs(numbers), initial=0.0)
-    if 0 < largest < 1:
-        raise ScanError(f"{path}: no value is larger than {largest:.3g} mm; are the units in scan.toml right?")
-    return measured, tuple(parts)
-
-
-def find_groups(R_base_flange) -> np.ndarray:
-    """Rotation groups (P,) from orientations (P, 3, 3): poses within 0.05° of a group's first pose join it."""
-    group, firsts = np.empty(len(R_base_flange), dtype=int), []
-    for k, R in enumerate(R_base_flange):
-        near = [g for g, first in enumerate(firsts) if np.degrees(angle_between(R, first)) < SAME_ORIENTATION_DEG]
-        if not near:
-            firsts.append(R)
-        group[k] = near[0] if near else len(firsts) - 1
-    return group
-
-
 def write_scan(scan: Scan, folder, table: str = ".csv") -> None:
     """Write a scan as a folder of its own, in mm; `table` is ".csv" or ".parquet". Raises ScanError if it is taken."""
     folder = Path(folder)
     if folder.exists() and any(folder.iterdir()):
         raise ScanError(f"{folder}: not empty; name a new folder")
-    convention = next(c for c in CONVENTIONS if c.name == scan.convention)
-    block = from_rotations(convention, scan.R_base_flange)
+    convention = named(scan.convention)
     poses = pd.DataFrame({"pose": scan.labels} | dict(zip("xyz", scan.T_base_flange.T, strict=True)))
-    poses[list(convention.columns)] = block
+    poses[list(convention.columns)] = from_rotations(convention, scan.R_base_flange)
     if scan.group_given:
         poses["group"] = scan.group
     if scan.side is not None and np.any(scan.side):
         poses["side"] = scan.side.astype(int)
-    counts = [len(rows) for rows in scan.values]
     values = pd.DataFrame(np.concatenate(scan.values), columns=MEASURED[scan.measured])
-    values.insert(0, "pose", np.repeat(scan.labels, counts))
+    values.insert(0, "pose", np.repeat(scan.labels, [len(rows) for rows in scan.values]))
 
-    partial = folder.with_name(f".{folder.name}.partial")
-    shutil.rmtree(partial, ignore_errors=True)
-    try:
-        partial.mkdir(parents=True)
-    except OSError as error:
-        raise ScanError(f"{folder}: cannot be written there: {error.strerror}") from error
-    (partial / "scan.toml").write_text(header_text(scan), encoding="utf-8")
-    for name, frame in (("poses", poses), (scan.measured, values)):
-        path = partial / f"{name}{table}"
-        if table == ".csv":
-            frame.to_csv(path, index=False, float_format="%.12g")
-        else:
-            frame.to_parquet(path, index=False)
-    if scan.truth:
-        (partial / "truth.toml").write_text(toml_text(scan.truth), encoding="utf-8")
-    partial.replace(folder)
-
-
-def header_text(scan: Scan) -> str:
-    """scan.toml of a scan."""
-    target = {"kind": scan.kind} | ({"radius": scan.radius} if scan.radius else {})
-    return toml_text({"title": scan.title, "units": "mm", "mount": scan.mount, "target": target, "noise": scan.noise})
+    with whole(folder) as partial:
+        try:
+            partial.mkdir(parents=True)
+        except OSError as error:
+            raise ScanError(f"{folder}: cannot be written there: {error.strerror}") from error
+        target = {"kind": scan.kind} | scan.measures
+        header = {"title": scan.title, "units": "mm", "mount": scan.mount, "target": target, "noise": scan.noise}
+        (partial / "scan.toml").write_text(toml_text(header), encoding="utf-8")
+        for name, frame in (("poses", poses), (scan.measured, values)):
+            path = partial / f"{name}{table}"
+            if table == ".csv":
+                frame.to_csv(path, index=False, float_format="%.12g")
+            else:
+                frame.to_parquet(path, index=False)
+        if scan.truth:
+            (partial / "truth.toml").write_text(toml_text(scan.truth), encoding="utf-8")

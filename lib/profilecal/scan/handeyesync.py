@@ -10,22 +10,16 @@ from pathlib import Path
 
 import numpy as np
 
-from profilecal.scan.conventions import CONVENTIONS, to_rotations
+from profilecal.scan.conventions import named, to_rotations
+from profilecal.scan.files import naming
 from profilecal.scan.folder import find_groups
 from profilecal.scan.scan import Scan, ScanError
 
 NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
-
-
+POSITION = re.compile(r"^\s*P\[(\d+)[^\]\n]*\][ \t]*\{(.*?)(^\s*\}|^\s*P\[|\Z)", re.MULTILINE | re.DOTALL)
 COORDINATES = {"X": "mm", "Y": "mm", "Z": "mm", "W": "deg", "P": "deg", "R": "deg"}
-
-
+FANUC = named("FANUC angles")
 BALL_RADIUS = 40.0  # mm, of the sphere in these measurements
-
-
-FANUC = next(convention for convention in CONVENTIONS if convention.name == "FANUC angles")
-
-
 CONSTANT = 1e-3  # mm or degrees by which a further axis may move between positions
 
 
@@ -46,12 +40,12 @@ def read_listing(path) -> Listing:
     the target along.
     """
     path = Path(path)
-    lines = text_of(path).splitlines()
-    marks = [k for k, line in enumerate(lines) if line.strip() == "/POS"]
-    if not marks:
+    text = text_of(path)
+    section = re.search(r"^\s*/POS\s*$", text, re.MULTILINE)
+    if not section:
         raise ScanError(f"{path}: no /POS section; expected a FANUC listing with positions P[1] …")
     numbers, poses, frames, further = [], [], [], {}
-    for number, line, body in positions(path, lines, marks[0] + 1):
+    for number, line, body in positions(path, text, section.end()):
         where = f"{path} line {line}: P[{number}]"
         if number in numbers:
             raise ScanError(f"{where} is there twice")
@@ -61,10 +55,10 @@ def read_listing(path) -> Listing:
             raise ScanError(f"{where} has no group GP1")
         numbers.append(number)
         poses.append([coordinate(where, content[1], *entry) for entry in COORDINATES.items()])
-        frames.append(tuple(whole(where, content[1], name) for name in ("UF", "UT")))
-        for group, text in content.items():
-            if group != 1:
-                further.setdefault(group, []).append([float(v) for v in re.findall(rf"=\s*({NUMBER})", text)])
+        frames.append(tuple(frame_number(where, content[1], name) for name in ("UF", "UT")))
+        for group in content.keys() - {1}:
+            axes = re.findall(rf"=\s*({NUMBER})", content[group])
+            further.setdefault(group, []).append([float(value) for value in axes])
     if not numbers:
         raise ScanError(f"{path}: the /POS section holds no position P[1] …")
     refuse_moving(path, further, len(numbers))
@@ -75,30 +69,18 @@ def read_listing(path) -> Listing:
 
 def text_of(path: Path) -> str:
     """A file's text. Raises ScanError."""
-    try:
+    with naming(path):
         return path.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise ScanError(f"{path}: not UTF-8 text ({error.reason} at byte {error.start})") from error
-    except OSError as error:
-        raise ScanError(f"{path}: {error.strerror or error}") from error
 
 
-def positions(path, lines, start: int):
-    """(N, line, text) of each P[N]{…}; lines as an editor counts them."""
-    opened = None
-    for k, line in enumerate(lines[start:], start + 1):
-        head = re.match(r"\s*P\[(\d+)[^\]]*\]\s*\{", line)
-        if head:
-            if opened:
-                raise ScanError(f"{path} line {opened[1]}: P[{opened[0]}] is not closed by }};")
-            opened = int(head[1]), k, []
-        elif opened and line.strip().startswith("}"):
-            yield opened[0], opened[1], "\n".join(opened[2])
-            opened = None
-        elif opened:
-            opened[2].append(line)
-    if opened:
-        raise ScanError(f"{path} line {opened[1]}: P[{opened[0]}] is not closed by }};")
+def positions(path, text: str, start: int):
+    """(N, line, text) of each P[N]{…} from `start`; lines as an editor counts them."""
+    for entry in POSITION.finditer(text, start):
+        number, body, end = entry.groups()
+        line = text.count("\n", 0, entry.start(1)) + 1
+        if not end.endswith("}"):
+            raise ScanError(f"{path} line {line}: P[{number}] is not closed by }};")
+        yield int(number), line, body
 
 
 def coordinate(where: str, text: str, name: str, unit: str) -> float:
@@ -111,7 +93,7 @@ def coordinate(where: str, text: str, name: str, unit: str) -> float:
     return float(entry[1])
 
 
-def whole(where: str, text: str, name: str) -> int:
+def frame_number(where: str, text: str, name: str) -> int:
     """The user frame UF or the tool UT; F, the one in use, counts as 0."""
     entry = re.search(rf"{name}\s*:\s*(\w+)", text)
     if not entry or not re.fullmatch(r"\d+|F", entry[1]):
@@ -194,7 +176,7 @@ def read_handeyesync(folder, kind: str | None = None, picked: bool = False) -> S
         T_base_flange=listing.poses[:, :3],
         measured="points" if picked else "profiles",
         values=tuple(point[None] for point in points) if picked else profiles,
-        radius=BALL_RADIUS if kind == "ball" else None,
+        sizes=(BALL_RADIUS,) if kind == "ball" else (),
         side=np.zeros(len(R)),
         group=find_groups(R),
         title=f"HandEyeSync {folder.name}, user frame {listing.user_frame}, tool {listing.tool}",

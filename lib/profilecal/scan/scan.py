@@ -1,11 +1,12 @@
-"""The scan folder: a user's measurements as plain files, read with every mistake named, and written.
-
-data/README.md describes the format. Lengths are millimetres once read, whatever the folder's units.
-"""
+"""A scan in memory, and the error that says what is wrong with one."""
 
 from dataclasses import dataclass, field
 
 import numpy as np
+
+from profilecal.geometry.poses import inverse
+from profilecal.targets import TARGETS
+from profilecal.targets.target import Target
 
 
 class ScanError(ValueError):
@@ -22,7 +23,7 @@ class Scan:
     T_base_flange: np.ndarray  # (P, 3)
     measured: str  # profiles, points, chords or arcs
     values: tuple[np.ndarray, ...]  # (P,) of (rows, columns), empty where the scanner saw nothing
-    radius: float | None = None
+    sizes: tuple[float, ...] = ()  # the target's lengths
     side: np.ndarray | None = None  # (P,) +1, -1, or 0 where the program is to decide
     group: np.ndarray | None = None  # (P,) whole numbers from 0
     group_given: bool = False
@@ -32,3 +33,23 @@ class Scan:
     convention: str = "quaternion"
     truth: dict = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
+
+    @property
+    def target(self) -> type[Target]:
+        return TARGETS[self.kind]
+
+    @property
+    def measures(self) -> dict[str, float]:
+        """The target's lengths by name, mm."""
+        return dict(zip(self.target.lengths, self.sizes, strict=True))
+
+    @property
+    def description(self) -> str:
+        """The target in words."""
+        return ", ".join([self.kind, *(f"{name} {value:g} mm" for name, value in self.measures.items())])
+
+    def base_flange(self, poses) -> tuple[np.ndarray, np.ndarray]:
+        """Some poses (k,) as the calibration takes them: rotations (k, 3, 3), translations (k, 3) of the flange in the
+        base frame; eye-to-hand, of the base in the flange frame."""
+        R, T = self.R_base_flange[poses], self.T_base_flange[poses]
+        return inverse(R, T) if self.mount == "eye-to-hand" else (R, T)

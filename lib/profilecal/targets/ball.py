@@ -4,15 +4,63 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from profilecal.targets import algebraic_centre, root
+from profilecal.geometry.components import root
+from profilecal.geometry.fitting import algebraic_centre
+from profilecal.geometry.poses import carry, circle_around, inverse
+from profilecal.profiles.arcs import Circle, best_circle, find_arc
+from profilecal.profiles.feature import Feature
+from profilecal.profiles.points import correlation
+from profilecal.targets.plane import Plane
+from profilecal.targets.target import Target
+
+BELOW_MM = 20.0  # a table, in simulated profiles
+STEEPEST_DEG = 50.0  # of the arc that a perfect scanner sees
 
 
 @dataclass(frozen=True)
-class Ball:
+class Ball(Target):
     """The ball around `centre` (3,) with `radius`, base frame, mm."""
 
     centre: np.ndarray
     radius: float
+
+    kind, shape, lengths, tables = "ball", "sphere", ("radius",), ("profiles", "arcs")
+    shifts, turns, rows = "xyz", "", 1
+    groups, positions, sizes, with_tool = 10, 4, (25.0,), True
+
+    @classmethod
+    def at(cls, origin, axes, sizes):
+        return cls(origin, *sizes)
+
+    @property
+    def frame(self):
+        return self.centre, np.eye(3)
+
+    @staticmethod
+    def residual(origin, axes, seen, sizes):
+        """Distance from the circle that the plane cuts out."""
+        (x, z), (cx, cy, cz), (size,) = seen, origin, sizes
+        vx, vz = x - cx, z - cz
+        distance = np.hypot(vx, vz)
+        radius, slope = root(size**2 - cy**2, 0.1 * size)
+        return [distance - radius], [[-vx / distance, 2 * slope * cy, -vz / distance]], None
+
+    @staticmethod
+    def residual_in_space(origin, axes, seen, sizes):
+        """Distance from the ball."""
+        (x, z), (cx, cy, cz), (size,) = seen, origin, sizes
+        vx, vz = x - cx, z - cz
+        distance = np.sqrt(vx**2 + vz**2 + cy**2)
+        return [distance - size], [[-vx / distance, cy / distance, -vz / distance]], None
+
+    @staticmethod
+    def fit(points):
+        centre = algebraic_centre(points)
+        square = np.mean(np.sum((points - centre[..., None, :]) ** 2, axis=-1), axis=-1)
+        return centre, np.broadcast_to(np.eye(3), (*centre.shape, 3)), (np.sqrt(square),)
+
+    def distance(self, points):
+        return np.linalg.norm(points - self.centre, axis=-1) - self.radius
 
     def meet(self, rotation, origin) -> np.ndarray:
         """The circles that scan planes cut from the ball, (..., 3): x, z, r; r NaN where they miss it."""
@@ -20,6 +68,12 @@ class Ball:
         with np.errstate(invalid="ignore"):
             r = np.sqrt(self.radius**2 - c[..., 1] ** 2)
         return np.stack([c[..., 0], c[..., 2], r], axis=-1)
+
+    def points_seen(self, rotation, origin, count):
+        circle = self.meet(rotation, origin)
+        angle = np.radians(np.linspace(-STEEPEST_DEG, STEEPEST_DEG, count))
+        arc = np.stack([np.sin(angle), -np.cos(angle)], axis=-1)
+        return circle[:, None, :2] + circle[:, None, 2:] * arc
 
     def centre_from_circle(self, circle, side) -> np.ndarray:
         """The ball's centre in the sensor frame, (..., 3), from circles (..., 3) x, z, r.
@@ -31,38 +85,75 @@ class Ball:
         y = side * np.sqrt(np.maximum(self.radius**2 - circle[..., 2] ** 2, 0))
         return np.stack([circle[..., 0], y, circle[..., 1]], axis=-1)
 
-    def profile(self, rotation, origin, x) -> np.ndarray:
-        """What the scanner, which looks along its -z, sees of the ball at x (k,): z (..., k), mm; NaN beside it."""
+    def sides(self, rotation, origin):
+        return np.sign(np.einsum("na,na->n", self.centre - origin, rotation[:, :, 1]))
+
+    @staticmethod
+    def find(profiles, sizes):
+        return arcs_in(profiles, sizes)
+
+    def outline(self, specimen, rotation, origin, away):
+        """Above a table."""
+        table = Plane(self.centre + (self.radius + BELOW_MM) * away, away)
         circle = self.meet(rotation, origin)
-        with np.errstate(invalid="ignore"):
-            return circle[..., 1:2] + np.sqrt(circle[..., 2:] ** 2 - (x - circle[..., :1]) ** 2)
+        angle = np.radians(np.linspace(-90, 90, 721))
+        around = np.stack([np.sin(angle), -np.cos(angle)], axis=-1)
+        arcs = circle[:, None, :2] + circle[:, None, 2:] * around
+        return table.behind(arcs, rotation, origin)
+
+    @staticmethod
+    def offsets(shape, motion, normals, sizes, steering_mm, rng):
+        y = sizes[0] * rng.uniform(-0.7, 0.7, shape)
+        scale = sizes[0] / Ball.sizes[0]
+        return np.stack([scale * rng.uniform(-10, 10, shape), y, scale * rng.uniform(-10, 10, shape)], axis=-1)
+
+    def lines(self, points):
+        return [circle_around(self.centre, axis, self.radius) for axis in np.eye(3)]
+
+    def remark(self, scan, poses, sensor):
+        """Where the centre lies on the other side of the scan plane than the scan states."""
+        if scan.mount != "eye-in-hand":
+            return "", False
+        in_flange = carry(*inverse(scan.R_base_flange[poses], scan.T_base_flange[poses]), self.centre)
+        y = (in_flange - sensor[1]) @ sensor[0][:, 1]
+        other = [scan.labels[i] for i, side in zip(poses, scan.side[poses] * y, strict=True) if side < 0]
+        if not other:
+            return "", False
+        return (
+            "the ball's centre lies on the other side of the scan plane than stated for pose "
+            f"{', '.join(other)}; check side, x and z of the profiles, or turn the sensor's y axis round"
+        ), 2 * len(other) > np.count_nonzero(scan.side[poses])
 
 
-MOVES = "anywhere"
-TURNS = False  # whether it has a direction
+# A ball in raw profiles: the arc of a circle no larger than the ball
 
 
-def residual(point, direction, seen, size, in_plane=True):
-    """How far points of arcs are from a ball of radius `size`; see `profilecal.targets`.
+def arcs_in(profiles, sizes) -> list[Feature]:
+    """The arc of the ball in each profile (n, 2), mm, as up to 40 means over its points; `sizes` is its radius, mm."""
+    (radius,) = sizes
 
-    In the scan plane: distance from the circle that the plane cuts out. In space: distance from the ball.
-    """
-    cx, cy, cz = point
-    vx, vz = seen[:, 0] - cx, seen[:, 1] - cz
-    zero = np.zeros_like(vx)
-    if in_plane:
-        distance = np.hypot(vx, vz)
-        radius, slope = root(size**2 - cy**2, 0.1 * size)
-        r = distance - radius
-        by_point = np.stack([-vx / distance, 2 * slope * cy + zero, -vz / distance], axis=1)
-    else:
-        distance = np.sqrt(vx**2 + vz**2 + cy**2)
-        r = distance - size
-        by_point = np.stack([-vx / distance, cy / distance, -vz / distance], axis=1)
-    return r, by_point, None
+    def start(points, limit):
+        return best_circle(points, limit, least=10 * limit, largest=1.2 * radius)
+
+    def fit(points, _):
+        return Circle.through(points)
+
+    def why_not(circle, points, on, _):
+        return why_no_ball(circle, points[on], radius)
+
+    missing = "no arc of a circle as large as the ball or smaller"
+    return [find_arc(profile, start, fit, why_not, missing) for profile in profiles]
 
 
-def place(points, size):
-    """The ball near points (..., n, 3): its centre (..., 3), and no direction."""
-    centre = algebraic_centre(points)
-    return centre, np.zeros_like(centre)
+def why_no_ball(circle: Circle, points, radius: float) -> str:
+    """What speaks against a circle through points (k, 2) being the ball's, in words; "" if nothing does."""
+    if circle.radius > 1.01 * radius + 4 * circle_radius_sd(circle.angles(points), circle.off(points)):
+        return f"a circle of {circle.radius:.4g} mm; expected at most the ball's {radius:.4g} mm"
+    return ""
+
+
+def circle_radius_sd(angles, off) -> float:
+    """Standard deviation of the radius of a circle fitted to points at angles (k,) that are `off` (k,) it, mm."""
+    J = np.stack([np.cos(angles), np.sin(angles), np.ones_like(angles)], axis=-1)
+    variance = (off**2).sum() / max(len(off) - 3, 1) * correlation(off)
+    return float(np.sqrt(variance * np.linalg.inv(J.T @ J)[2, 2]))

@@ -1,19 +1,91 @@
 """A planar disk: the scan plane meets it in a chord."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from profilecal.targets import algebraic_centre, root
+from profilecal.geometry.components import cross, dot, root
+from profilecal.geometry.fitting import algebraic_centre, principal_axes
+from profilecal.geometry.poses import circle_around, frame_around
+from profilecal.profiles.choice import Candidate, choose
+from profilecal.profiles.ends import facing, run_end, step_beyond, with_end_variance
+from profilecal.profiles.feature import Feature, mask
+from profilecal.profiles.runs import straight_runs
+from profilecal.profiles.view import View
+from profilecal.targets.plane import Plane
+from profilecal.targets.target import Target
+
+BELOW_MM = 20.0  # a table, in simulated profiles
 
 
 @dataclass(frozen=True)
-class Disk:
+class Disk(Target):
     """The disk around `centre` (3,) with unit `normal` (3,) and `radius`, base frame, mm."""
 
     centre: np.ndarray
     normal: np.ndarray
     radius: float
+
+    kind, shape, lengths, tables = "disk", "circle", ("radius",), ("profiles", "chords")
+    shifts, turns, points, rows = "xyz", "xy", 2, 2
+    groups, positions, sizes, with_tool = 4, 40, (50.0,), True
+
+    @classmethod
+    def at(cls, origin, axes, sizes):
+        return cls(origin, axes[..., 2], *sizes)
+
+    @property
+    def frame(self):
+        return self.centre, frame_around(self.normal)
+
+    @staticmethod
+    def residual(origin, axes, seen, sizes):
+        """x and z of each sensed tip minus those of the chord's end.
+
+        Across the chord runs N = (nx, nz)/g, along it A = (nz, -nx)/g, g² = nx² + nz². The chord's middle is the disk's
+        centre projected onto the plane along the disk, (cx, cz) + cy t N with t = ny/g; it is q = cy/g off the centre.
+        """
+        (cx, cy, cz), (nx, ny, nz), (radius,) = origin, axes[2], sizes
+        g = np.hypot(nx, nz)
+        N, A, t, q = (nx / g, nz / g), (nz / g, -nx / g), ny / g, cy / g
+        half, slope = root(radius**2 - q**2, 0.1 * radius)
+        side = np.array([[-1.0], [1.0]]) * np.where(nz < 0, -1, 1)  # of the tips, smaller x first
+        end, by_q = side * half, -2 * q * slope * side
+        r, force, torque = [], [], []
+        for k, (observed, centre) in enumerate(zip(seen, (cx, cz), strict=True)):
+            r.append(observed - (centre + cy * t * N[k]) - end * A[k])
+            force.append([0.0, -t * N[k] - by_q * (A[k] / g), 0.0])
+            force[k][2 * k] = -1.0
+            # by the angle of N and A in the scan plane, by t, by g; and what a turn of the disk makes of these
+            by_angle, by_t, by_g = end * N[k] - cy * t * A[k], -cy * N[k], by_q * (cy * A[k] / g**2)
+            x, z = (by_g * (ny * A[i]) - by_angle * (t * N[i]) - by_t * A[i] / g**2 for i in (0, 1))
+            torque.append([x, by_angle, z])
+        return r, force, torque
+
+    @staticmethod
+    def residual_in_space(origin, axes, seen, sizes):
+        """Each tip's height above the disk, and its distance from the centre less the radius."""
+        (x, z), (cx, cy, cz), normal = seen, origin, axes[2]
+        v = (x - cx, -cy, z - cz)
+        length = np.sqrt(dot(v, v))
+        force = [[-n for n in normal], [-c / length for c in v]]
+        return [dot(normal, v), length - sizes[0]], force, [cross(normal, v), [0.0, 0.0, 0.0]]
+
+    @staticmethod
+    def fit(points):
+        axes = frame_around(principal_axes(points)[..., 2, :])
+        middle = points.mean(axis=-2, keepdims=True)
+        flat = (points - middle) @ axes[..., :2]
+        centre = algebraic_centre(flat)
+        square = np.mean(np.sum((flat - centre[..., None, :]) ** 2, axis=-1), axis=-1)
+        return middle[..., 0, :] + (axes[..., :2] @ centre[..., None])[..., 0], axes, (np.sqrt(square),)
+
+    def distance(self, points):
+        """From the rim."""
+        offset = points - self.centre
+        height = offset @ self.normal
+        across = np.linalg.norm(offset - height[..., None] * self.normal, axis=-1)
+        return np.hypot(height, across - self.radius)
 
     def meet(self, rotation, origin) -> np.ndarray:
         """The chords that scan planes cut from the disk, (..., 2, 2).
@@ -32,67 +104,65 @@ class Disk:
         tips = np.stack([middle - half[..., None] * along, middle + half[..., None] * along], axis=-2)
         return tips[..., [0, 2]]
 
-    def profile(self, rotation, origin, x, step: float | None = None) -> np.ndarray:
-        """What the scanner sees at x (k,): z (..., k), mm. It looks along its -z.
+    def points_seen(self, rotation, origin, count):
+        return self.meet(rotation, origin)
 
-        Around the disk a plane lies `step` mm behind it, as when it is the top of a cylinder; None: black paper, NaN.
-        """
-        c = ((self.centre - origin)[..., None, :] @ rotation)[..., 0, :]
-        n = (self.normal @ rotation)[..., None, :]
-        z = c[..., 2:] + (n[..., 0] * (c[..., :1] - x) + n[..., 1] * c[..., 1:2]) / n[..., 2]
-        inside = (x - c[..., :1]) ** 2 + c[..., 1:2] ** 2 + (z - c[..., 2:]) ** 2 <= self.radius**2
-        behind = np.nan if step is None else z - step / np.abs(n[..., 2])
-        return np.where(inside, z, behind)
+    @staticmethod
+    def find(profiles, sizes):
+        return chords_in(profiles, sizes)
 
+    def outline(self, specimen, rotation, origin, away):
+        """On top of a cylinder, above a table."""
+        table = Plane(self.centre + BELOW_MM * away, away)
+        return table.behind(self.meet(rotation, origin), rotation, origin)
 
-MOVES = "anywhere"
-TURNS = True  # whether it has a direction
+    @staticmethod
+    def offsets(shape, motion, normals, sizes, steering_mm, rng):
+        """Half-way between the scan plane's normal and the disk's, to either side: what suits the disk paper's method
+        best; with the motion "equal", one way for all. No chord is farther than 0.9 radii from the centre."""
+        groups, positions = shape
+        way = normals + np.where(np.arange(groups) % 2, -1, 1)[:, None] * np.array([0.0, 1.0, 0.0])
+        way = way / way[:, 1:2]
+        if motion == "equal":
+            way[:] = way[0]
+        reach = sizes[0] * np.minimum(0.64, 0.9 * np.hypot(normals[:, 0], normals[:, 2]))[:, None, None]
+        return np.linspace(-1, 1, positions)[:, None] * reach * way[:, None]
 
-
-def residual(point, direction, seen, size, in_plane=True):
-    """How far sensed chord tips are from the rim of a disk of radius `size`; see `profilecal.targets`.
-
-    In the scan plane: each tip minus its place, across the chord (towards larger z) and along it (towards larger x). In
-    space: each tip's height above the disk and its distance from the rim.
-    """
-    cx, cy, cz = point
-    nx, ny, nz = direction
-    r, by_point, by_direction = [], [], []
-    zero = np.zeros_like(cx)
-    if in_plane:
-        g = np.hypot(nx, nz)
-        sign = np.where(nz < 0, -1, 1)
-        to_right = sign / g
-        q = cy / g  # distance of the chord from the centre, within the disk
-        half, slope = root(size**2 - q**2, 0.1 * size)
-        slope = -2 * q * slope
-        half_by_point = slope / g
-        half_by_n = -slope * q / g**2
-    for (x, z), side in zip(seen, (-1, 1), strict=True):
-        vx, vy, vz = x - cx, -cy, z - cz
-        if in_plane:
-            across = sign * (nx * vx + ny * vy + nz * vz) / g
-            along = to_right * (nz * vx - nx * vz)
-            r += [across, along - side * half]
-            by_point += [
-                [-sign * nx / g, -sign * ny / g, -sign * nz / g],
-                [-to_right * nz, -side * half_by_point, to_right * nx],
-            ]
-            a, b = across / g**2, along / g**2 + side * half_by_n
-            by_direction += [
-                [sign * vx / g - a * nx, sign * vy / g, sign * vz / g - a * nz],
-                [-to_right * vz - b * nx, zero, to_right * vx - b * nz],
-            ]
-        else:
-            length = np.sqrt(vx**2 + vy**2 + vz**2)
-            r += [nx * vx + ny * vy + nz * vz, length - size]
-            by_point += [[-nx, -ny, -nz], [-vx / length, -vy / length, -vz / length]]
-            by_direction += [[vx, vy, vz], [zero, zero, zero]]
-    return r, by_point, by_direction
+    def lines(self, points):
+        return [circle_around(self.centre, self.normal, self.radius)]
 
 
-def place(points, size):
-    """The disk whose rim passes near points (..., n, 3): its centre and normal, both (..., 3)."""
-    middle = points.mean(axis=-2)
-    normal = np.linalg.svd(points - middle[..., None, :], full_matrices=False)[2][..., 2, :]
-    return algebraic_centre(points), normal
+# A disk in raw profiles: a chord, whose tips lie on the rim
+
+
+def chords_in(profiles, sizes) -> list[Feature]:
+    """The tips of the disk's chord in each profile (n, 2), mm; `sizes` is its radius, mm."""
+    found = [straight_runs(profile) for profile in profiles]
+    view = View.of([runs for runs, _ in found])
+    candidates = in_front([chords(runs, limit, *sizes, view) for runs, limit in found], view)
+    return with_end_variance(choose(profiles, candidates, ("chord", 0)))
+
+
+def chords(runs, limit: float, radius: float, view: View) -> list[Candidate]:
+    """Straight runs no longer than the disk's diameter that end on both sides before a step or nothing."""
+    found = []
+    for run in facing(runs):
+        beyond = {step_beyond(side, limit, view) for side in (run.reversed(), run)}
+        if None in beyond or {-1, 1} <= beyond:
+            continue
+        ends = sorted((run_end(side) for side in (run.reversed(), run)), key=lambda end: end.tip[0])
+        tips = np.stack([end.tip for end in ends])
+        if np.linalg.norm(tips[1] - tips[0]) > 2 * radius + 4 * run.spacing:
+            continue
+        line = ends[0].line  # both lie on it
+        across = line.offset_covariance(tips)[..., None, None] * np.outer(line.normal, line.normal)  # (2, 2, 2, 2)
+        used = mask(run.profile, run.rows)
+        feature = Feature(tips, across[[0, 1], [0, 1]], used, "chord", between=across[0, 1])
+        found.append(Candidate(feature, sum(beyond), run.length, ends=tuple(ends)))
+    return found
+
+
+def in_front(candidates, view: View) -> list[list[Candidate]]:
+    """Chords without those that lie behind what surrounds them; which way that is, most of them tell if need be."""
+    away = view.away or np.sign(sum(c.side for found in candidates for c in found))
+    return [[replace(c, side=0) for c in found if c.side * away >= 0] for found in candidates]

@@ -4,13 +4,59 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from profilecal.geometry.components import cross, dot
+from profilecal.geometry.fitting import principal_axes
+from profilecal.geometry.poses import circle_around, frame_around
+from profilecal.profiles.choice import AMBIGUOUS
+from profilecal.profiles.feature import Feature, block_means, mask, nothing
+from profilecal.profiles.runs import straight_runs
+from profilecal.targets.target import Target
+
+FAR = np.array([-500.0, 500.0])  # mm along the line, beyond any field of view
+
 
 @dataclass(frozen=True)
-class Plane:
+class Plane(Target):
     """The plane through `point` (3,) with unit `normal` (3,), base frame, mm."""
 
     point: np.ndarray
     normal: np.ndarray
+
+    kind, shape = "plane", "plane"
+    shifts, turns, rows = "z", "xy", 1
+    groups, positions = 12, 3
+
+    @classmethod
+    def at(cls, origin, axes, sizes):
+        return cls(origin, axes[..., 2])
+
+    @property
+    def frame(self):
+        return self.point, frame_around(self.normal)
+
+    @staticmethod
+    def residual(origin, axes, seen, sizes):
+        """Distance from the line in which the planes meet."""
+        nx, _, nz = axes[2]
+        scale = 1 / np.hypot(nx, nz)
+        (height,), (force,), (torque,) = Plane.residual_in_space(origin, axes, seen, sizes)
+        r = scale * height
+        by_scale = cross(axes[2], (r * scale**2 * nx, 0.0, r * scale**2 * nz))
+        return [r], [[scale * f for f in force]], [[scale * t - s for t, s in zip(torque, by_scale, strict=True)]]
+
+    @staticmethod
+    def residual_in_space(origin, axes, seen, sizes):
+        """Distance from the face."""
+        (x, z), (cx, cy, cz), normal = seen, origin, axes[2]
+        v = (x - cx, -cy, z - cz)
+        return [dot(normal, v)], [[-n for n in normal]], [cross(normal, v)]
+
+    @staticmethod
+    def fit(points):
+        return points.mean(axis=-2), frame_around(principal_axes(points)[..., 2, :]), ()
+
+    def distance(self, points):
+        return (points - self.point) @ self.normal
 
     def meet(self, rotation, origin) -> np.ndarray:
         """The lines in which scan planes meet the face, (..., 2, 2): the point nearest to the sensor's origin and the
@@ -25,29 +71,57 @@ class Plane:
             along = along * np.where(along[..., :1] < 0, -1, 1) / np.sqrt(squared)
         return np.stack([nearest, along], axis=-2)
 
+    def line_at(self, rotation, origin, x) -> np.ndarray:
+        """Points (P, k, 2) at x (P, k) or (k,) of the lines in which scan planes (P, 3, 3), (P, 3) meet the face."""
+        nearest, along = np.moveaxis(self.meet(rotation, origin), 1, 0)
+        x = np.broadcast_to(x, (len(nearest), np.shape(x)[-1]))
+        z = nearest[:, None, 1] + (x - nearest[:, None, 0]) * (along[:, 1] / along[:, 0])[:, None]
+        return np.stack([x, z], axis=-1)
 
-MOVES = "along"  # how the point of its placement moves: along the normal
-TURNS = True  # whether it has a direction
+    def points_seen(self, rotation, origin, count):
+        return self.line_at(rotation, origin, np.linspace(-20, 20, count))
+
+    @staticmethod
+    def find(profiles, sizes):
+        return lines_in(profiles, sizes)
+
+    def outline(self, specimen, rotation, origin, away):
+        """A face that fills the field of view."""
+        return self.line_at(rotation, origin, FAR)
+
+    def behind(self, arcs, rotation, origin) -> list[np.ndarray]:
+        """Outlines of bodies above this face, from their arcs (P, k, 2), NaN where there is none: each arc with the
+        face on both sides."""
+        far = np.broadcast_to(FAR, (len(arcs), 2))
+        ends = np.concatenate([far[:, :1], arcs[:, [0, -1], 0], far[:, 1:]], axis=1)
+        around, alone = self.line_at(rotation, origin, ends), self.line_at(rotation, origin, FAR)
+        return [
+            np.concatenate([face[:2], arc, face[2:]]) if np.isfinite(arc).all() else line
+            for face, arc, line in zip(around, arcs, alone, strict=True)
+        ]
+
+    def lines(self, points):
+        """A square."""
+        return [circle_around(self.point, self.normal, 60.0, count=5)]
 
 
-def residual(point, direction, seen, size=None, in_plane=True):
-    """How far points of profiles are from a plane with normal `direction`; see `profilecal.targets`.
-
-    In the scan plane: distance from the line in which the planes meet. In space: distance from the face.
-    """
-    cx, cy, cz = point
-    nx, ny, nz = direction
-    vx, vz = seen[:, 0] - cx, seen[:, 1] - cz
-    vy = -cy + np.zeros_like(vx)
-    scale = 1 / np.hypot(nx, nz) if in_plane else np.ones_like(nx)
-    r = scale * (nx * vx + ny * vy + nz * vz)
-    by_point = np.stack(np.broadcast_arrays(-scale * nx + 0 * vx, -scale * ny, -scale * nz), axis=1)
-    correction = r * scale**2 if in_plane else 0
-    by_direction = np.stack([scale * vx - correction * nx, scale * vy, scale * vz - correction * nz], axis=1)
-    return r, by_point, by_direction
+# A face in raw profiles: the dominant straight run
 
 
-def place(points, size=None):
-    """The plane nearest to points (..., n, 3): a point on it and its normal, both (..., 3)."""
-    middle = points.mean(axis=-2)
-    return middle, np.linalg.svd(points - middle[..., None, :], full_matrices=False)[2][..., 2, :]
+def lines_in(profiles, sizes) -> list[Feature]:
+    """The face in each profile (n, 2), mm, as up to 40 means over points of a line."""
+    return [find_line(profile) for profile in profiles]
+
+
+def find_line(profile) -> Feature:
+    """A profile's longest straight run, if no other is nearly as long."""
+    runs = sorted(straight_runs(profile)[0], key=lambda run: -run.length)
+    if not runs:
+        return nothing(profile, "no straight run in this profile")
+    if len(runs) > 1 and runs[1].length > AMBIGUOUS * runs[0].length:
+        lengths = f"{runs[0].length:.0f} and {runs[1].length:.0f} mm"
+        return nothing(profile, f"two straight runs of similar length, {lengths}")
+    best = runs[0]
+    along, off, covariance = block_means(best.along, best.off, fitted=2)
+    points = best.point + along[:, None] * best.direction + off[:, None] * best.normal
+    return Feature(points, covariance, mask(profile, best.rows), "line")

@@ -8,34 +8,60 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from profilecal.targets.target import Target
+
 
 @dataclass(frozen=True)
-class Point:
+class Point(Target):
     """The marked point `point` (3,), base frame, mm."""
 
     point: np.ndarray
+
+    kind, shape, tables = "point", "one point", ("points",)
+    shifts, turns, points, rows, affine = "xyz", "", 1, 3, True
+    groups, positions, with_tool = 20, 1, True
+
+    @classmethod
+    def at(cls, origin, axes, sizes):
+        return cls(origin)
+
+    @property
+    def frame(self):
+        return self.point, np.eye(3)
+
+    @staticmethod
+    def residual(origin, axes, seen, sizes):
+        """x and z of the scan, and the distance from the scan plane."""
+        (x, z), (px, py, pz) = seen, origin
+        return [x - px, z - pz, -py], [[-1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, -1.0, 0.0]], None
+
+    residual_in_space = residual
+
+    @classmethod
+    def residual_sd(cls, noise):
+        known = noise.steering_mm and noise.profile_mm
+        return (1.0, 1.0, noise.steering_mm / noise.profile_mm if known else 1.0)
+
+    @staticmethod
+    def fit(points):
+        middle = points.mean(axis=-2)
+        return middle, np.broadcast_to(np.eye(3), (*middle.shape, 3)), ()
+
+    def distance(self, points):
+        return np.linalg.norm(points - self.point, axis=-1)
 
     def meet(self, rotation, origin) -> np.ndarray:
         """The point's x and z in the sensor frames, (..., 2), wherever the scan planes pass it."""
         return ((self.point - origin)[..., None, :] @ rotation)[..., 0, [0, 2]]
 
+    def points_seen(self, rotation, origin, count):
+        return self.meet(rotation, origin)[..., None, :]
 
-MOVES = "anywhere"
-TURNS = False  # whether it has a direction
+    @staticmethod
+    def offsets(shape, motion, normals, sizes, steering_mm, rng):
+        x, y, z = rng.uniform(-25, 25, shape), steering_mm * rng.normal(size=shape), rng.uniform(-25, 25, shape)
+        return np.stack([x, y, z], axis=-1)
 
-
-def residual(point, direction, seen, size, in_plane=True):
-    """How far the sensed point is from the marked one; see `profilecal.targets`.
-
-    x and z of the scan, and the distance from the scan plane times `size`: the scanner's noise over the operator's.
-    """
-    x, z = seen[0]
-    px, py, pz = point
-    zero, one = np.zeros_like(px), np.ones_like(px)
-    return [x - px, z - pz, -size * py], [[-one, zero, zero], [zero, zero, -one], [zero, -size * one, zero]], None
-
-
-def place(points, size=None):
-    """The middle of points (..., n, 3), and no direction."""
-    middle = points.mean(axis=-2)
-    return middle, np.zeros_like(middle)
+    def lines(self, points):
+        """A cross."""
+        return [self.point + 10 * np.outer([-1, 1], axis) for axis in np.eye(3)]

@@ -1,0 +1,171 @@
+"""Where straight runs end, finer than a profile's points are spaced, and what is beyond.
+
+Functions look at a run's last point; `Run.reversed` shows them the first one.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from profilecal.profiles.feature import Feature
+from profilecal.profiles.points import present
+from profilecal.profiles.runs import Run
+from profilecal.profiles.view import CLEAR, View
+
+STEEPEST_DEG = 65.0  # of a face that faces the scanner
+LEAST_STEP = 0.5  # mm off a run's line: a step, not a bend
+THICKNESS = 3.0  # mm of a face whose side wall may be seen
+ZONE = 12  # points at the end of a run among which the scanner may see both sides of a step
+ON_FACE = 3.5  # standard deviations from a run's line
+
+
+@dataclass(frozen=True)
+class End:
+    """Where a run ends."""
+
+    tip: np.ndarray  # (2,) mm
+    line: Run  # what of the run its line was fitted to
+    spacing: np.ndarray  # (2,) mm, from a point of the run to the next one, outwards
+    overlaps: int  # how often the step's two sides alternate there
+    wall: int  # points of the step's side wall between one and two thresholds from the run's line
+    variance: float  # of where that row is along the run, in points²
+
+    @property
+    def across(self) -> np.ndarray:
+        """Covariance of the tip across the run, (2, 2) mm²."""
+        return self.line.offset_covariance(self.tip[None]) * np.outer(self.line.normal, self.line.normal)
+
+
+def facing(runs) -> list[Run]:
+    """Runs that face the scanner: no side walls, of which it sees as much as it can, not all."""
+    return [run for run in runs if abs(run.direction[0]) > np.cos(np.radians(STEEPEST_DEG))]
+
+
+def step_beyond(run: Run, limit: float, view: View) -> int | None:
+    """What follows a run's last point: a step, as the sign of its change of z, or nothing, 0; None if that is unclear.
+
+    Nothing beyond counts only where the scanner looked: missing points follow, or other profiles reach farther.
+    """
+    beyond = run.profile[run.rows[-1] + 1 :]
+    seen = beyond[present(beyond)]
+    if len(seen) >= 3:
+        return step_to(seen, run, limit)
+    missing = (len(beyond) - len(seen)) * run.spacing
+    return 0 if missing > CLEAR or view.reaches_beyond(run.points[-1], run.direction) else None
+
+
+def step_to(points, run: Run, limit: float) -> int | None:
+    """The sign of the change of z from a run to the `points` (k, 2) that follow it; None if that is no step."""
+    wall = int(THICKNESS / max(run.spacing, 1e-3))
+    along, off = run.coordinates(points[: wall + 9])
+    off = off * np.sign(run.direction[0])
+    soon = np.median(off[3:9] if len(off) >= 6 else off)  # a curve leaves the line more slowly
+    if abs(soon) > max(LEAST_STEP, 2 * limit):
+        return int(np.sign(soon))
+    after = np.median(off[wall:]) if len(off) > wall + 6 else 0.0
+    near = np.abs(off) < CLEAR / 2
+    steep = near.any() and np.ptp(along[near]) < np.abs(off[near]).max()  # a wall, no bevel
+    return int(np.sign(after)) if steep and abs(after) > CLEAR else None
+
+
+def run_end(run: Run) -> End:
+    """The end of a run, at its last point, on its line.
+
+    The laser spot and the pixels blur a step over a few points, each of which shows one side or the other. Their number
+    on the run, not the last of them, is an unbiased measure of where the run ends. (Its last point lies outside by
+    about half of what the scanner resolves.) A side wall that is seen adds points near the run's line, as many within
+    a threshold as between that and twice it.
+    """
+    line = between_ends(run)
+    threshold = ON_FACE * np.sqrt(np.mean(line.off**2))
+    along, off = line.coordinates(run.points)
+    face = np.abs(off) <= threshold
+    rows, along = run.rows[face], along[face]
+
+    zone = min(ZONE, len(rows) // 2)
+    around = run.profile[rows[-1] + 1 - zone : rows[-1] + 1 + zone]
+    off = np.abs(line.coordinates(around)[1])
+    on = int((off <= threshold).sum())  # false for NaN
+    wall = int((off <= 2 * threshold).sum()) - on
+    end = rows[-1] - zone + on - wall + 0.5
+    overlaps = int((np.diff(rows[rows > rows[-1] - zone]) > 1).sum())
+
+    near = slice(-4 * ZONE - 2 * wall, len(rows) - min(2 * wall, len(rows) // 2))  # a wall has no length along the line
+    place, spacing, variance = place_of(end, rows[near], along[near])
+    spacing = max(spacing, run.spacing / 10, 1e-3)
+    tip = line.point + place * line.direction
+    return End(tip, line, spacing * line.direction, overlaps, wall, variance / spacing**2)
+
+
+def between_ends(run: Run) -> Run:
+    """The run without the points at its ends, of which some may show a side wall, if what is left makes a line."""
+    if len(run.rows) <= 5 * ZONE:
+        return run
+    inner = Run.through(run.profile, run.rows[ZONE:-ZONE])
+    return inner if inner.length else run
+
+
+def place_of(end: float, rows, along) -> tuple[float, float, float]:
+    """Where a row between a profile's points is along a run, how far the next one is, mm, and its variance, mm².
+
+    By a parabola through rows (k,) that are `along` it (k,), mm: a fan of rays spaces the points of a sloping face
+    unevenly.
+    """
+    parabola, covariance = np.polyfit(rows - end, along, 2, cov="unscaled")
+    left = along - np.polyval(parabola, rows - end)
+    return parabola[2], parabola[1], float(covariance[2, 2] * (left @ left) / max(len(left) - 3, 1))
+
+
+def with_end_variance(chosen) -> list[Feature]:
+    """The features of candidates, with the variance of run ends along their runs."""
+    variance = iter(end_variances([end for candidate in chosen for end in candidate.ends]))
+    features = []
+    for candidate in chosen:
+        feature = candidate.feature
+        if candidate.ends:
+            along = [next(variance) * np.outer(end.spacing, end.spacing) for end in candidate.ends]
+            feature = replace(feature, covariance=feature.covariance + along)
+        features.append(feature)
+    return features
+
+
+def end_variances(ends) -> np.ndarray:
+    """Of a scan's run ends along their runs, in points², as all of them together show, (n,).
+
+    Samples that come from anywhere within k spacings of their rays leave a number of points on a run that has the
+    variance k/6 (k ≥ 1).
+
+    Where M points of a side wall were taken off, the end is 2 N - N' with N and N' = N + M points within one and two
+    thresholds. Noise moves such a point by M / ON_FACE points along the run, as if k² were larger by 12 (M / ON_FACE)².
+    The same samples decide on N and N' if M is small: their covariance is k/6 (1 - M/k)³. A wall is perpendicular to
+    its face: a sample from s beside its ray, which is reported on the ray, counts as if it came from s cos² of the
+    slope, so that k is smaller by as much. Here M is its mean over faces of like slope, which see as much of the wall:
+    an end must not weigh more because it saw few points of it by chance.
+    """
+    if not ends:
+        return np.zeros(0)
+    sine = np.array([end.spacing[1] / np.hypot(*end.spacing) for end in ends])  # of the slopes
+    wall = mean_of_like(sine, [end.wall for end in ends])
+    spot = spot_width(ends) * (1 - np.minimum(wall, 1) * sine**2)
+    width = np.sqrt(spot**2 + 12 * (wall / ON_FACE) ** 2)
+    counted = width / 6 * (5 - 4 * np.maximum(1 - wall / width, 0) ** 3)
+    return counted + [end.variance for end in ends]
+
+
+def spot_width(ends) -> float:
+    """From how many spacings k a sample may come, from how often the two sides of a step alternate.
+
+    They do so (k - 1)³ / 6k² times on average. Only scanners that keep the rows of missing points show all overlaps.
+    """
+    overlaps = [end.overlaps for end in ends if not end.wall] or [end.overlaps for end in ends]
+    k = np.linspace(1, 40, 400)
+    return float(np.interp(np.mean(overlaps), (k - 1) ** 3 / (6 * k**2), k))
+
+
+def mean_of_like(key, values, count: int = 15) -> np.ndarray:
+    """For each of values (n,) the mean of those whose keys (n,) come next in order, `count` together."""
+    order, count = np.argsort(key, kind="stable"), min(count, len(key))
+    running = np.lib.stride_tricks.sliding_window_view(np.asarray(values)[order], count).mean(axis=1)
+    means = np.empty(len(key))
+    means[order] = running[np.clip(np.arange(len(key)) - count // 2, 0, len(running) - 1)]
+    return means

@@ -1,0 +1,69 @@
+"""Which of a profile's points show a surface, and how they scatter about it."""
+
+import numpy as np
+from scipy.ndimage import median_filter
+
+NOISE_LIMIT = 5.0  # standard deviations of the noise from an outline within which points are on it
+LEAST_TOLERANCE, LARGEST_TOLERANCE = 0.1, 2.0  # mm, however quiet; a profile that needs more shows no surface
+WINDOW = 7  # points whose median a spike leaves
+SPIKE = 5.0  # tolerances
+
+
+def present(profile) -> np.ndarray:
+    """Which points (n,) of a profile (n, 2) the scanner saw: finite, and no zero depth that stands for nothing.
+
+    A zero is a depth only between points within a millimetre of it.
+    """
+    z = profile[:, 1]
+    finite = np.isfinite(profile).all(axis=1)
+    zero = finite & (z == 0)
+    real = np.flatnonzero(finite & ~zero)
+    if zero.any() and real.size:
+        zero &= np.interp(np.arange(len(z)), real, np.abs(z[real]) >= 1) > 0  # one neighbour at least is far from it
+    return finite & ~zero
+
+
+def tolerance(z) -> float:
+    """How far points are from a smooth outline by chance at most, mm, from the second differences of z (k,)."""
+    if len(z) < 5:
+        return LEAST_TOLERANCE
+    second = np.abs(z[2:] - 2 * z[1:-1] + z[:-2])
+    one_sigma = int(0.68 * len(second))
+    sigma = np.partition(second, one_sigma)[one_sigma] / np.sqrt(6)
+    return float(np.clip(NOISE_LIMIT * sigma, LEAST_TOLERANCE, LARGEST_TOLERANCE))
+
+
+def surface(profile) -> tuple[np.ndarray, float]:
+    """The rows (k,) of a profile (n, 2) that may show a surface, no missing points nor spikes, and its tolerance, mm.
+
+    No rows where neighbours differ too much to be of one surface.
+    """
+    rows = np.flatnonzero(present(profile))
+    z = profile[rows, 1]
+    limit = tolerance(z)
+    if limit == LARGEST_TOLERANCE:
+        return rows[:0], limit
+    if len(z) < WINDOW:
+        return rows, limit
+    return rows[np.abs(z - median_filter(z, WINDOW, mode="nearest")) <= SPIKE * limit], limit
+
+
+def stretches(rows, gap: int) -> list[np.ndarray]:
+    """Rows (k,) in rising order, apart where more than `gap` steps lie between neighbours."""
+    return np.split(rows, np.flatnonzero(np.diff(rows) > gap) + 1)
+
+
+def correlation(errors, lags: int = 40) -> float:
+    """How many times the variance of a mean of `errors` (k,) exceeds that of independent ones: 1 + 2 Σ ρ.
+
+    Summed up to the first autocorrelation that is not twice its own standard error away from zero.
+    """
+    k = len(errors)
+    square = (errors**2).sum()
+    total = 1.0
+    for lag in range(1, min(lags, k // 4)):
+        rho = (errors[lag:] * errors[:-lag]).sum() / square if square else 0.0
+        if rho < 2 / np.sqrt(k):
+            break
+        total += 2 * rho
+    return total

@@ -1,0 +1,37 @@
+"""What a notebook hands out to a sweep, by way of its own output; notebooks import this, so it costs them nothing."""
+
+import json
+
+MIME = "application/vnd.profilecal.record"
+
+
+def record(table=None, /, **values) -> None:
+    """Hand out values, or a pandas table, of the notebook that calls this: they become columns of the sweep's table.
+
+    A run with a table gets one row for each of the table's. Raises TypeError for a value that no table can hold.
+    """
+    from IPython.display import display
+
+    rows = [] if table is None else table.to_dict("records")
+    payload = json.dumps({"values": values, "rows": rows}, default=_plain)
+    display({"text/plain": f"recorded: {', '.join([*values, *(table if rows else ())])}", MIME: payload}, raw=True)
+
+
+def _plain(value):
+    """NumPy's numbers as Python's."""
+    if hasattr(value, "dtype") and value.ndim == 0:
+        return value.item()
+    raise TypeError(f"recorded value {value!r} is a {type(value).__name__}; expected a number, text, true or false")
+
+
+def recorded(notebook: dict) -> list[dict]:
+    """The rows an executed notebook recorded; without any, its own figures of the scorecard."""
+    from profilecal.papers import scorecard
+
+    outputs = [output for cell in notebook["cells"] for output in cell.get("outputs", [])]
+    stored = [json.loads("".join(output["data"][MIME])) for output in outputs if MIME in output.get("data", {})]
+    values = {name: value for entry in stored for name, value in entry["values"].items()}
+    if not stored:
+        ours = [row for output in outputs for row in output.get("data", {}).get(scorecard.MIME, [])]
+        values = {f"{row['item']}: {row['quantity']}": row["ours"] for row in ours}
+    return [values | row for entry in stored for row in entry["rows"]] or [values]

@@ -1,0 +1,81 @@
+"""Files as such: what is there, why one cannot be read, and writing that is whole or leaves nothing."""
+
+import shutil
+import stat
+from contextlib import contextmanager
+from pathlib import Path
+
+from profilecal.scan.scan import ScanError
+
+
+@contextmanager
+def naming(path: Path):
+    """What goes wrong in reading a file becomes a ScanError that names it."""
+    try:
+        yield
+    except ScanError:
+        raise
+    except UnicodeDecodeError as error:
+        raise ScanError(f"{path}: {_not_utf8(path, error)}") from error
+    except OSError as error:
+        raise ScanError(f"{path}: {error.strerror or error}") from error
+    except RecursionError as error:
+        raise ScanError(f"{path}: nested too deeply") from error
+    except ValueError as error:
+        raise ScanError(f"{path}: {error}") from error
+
+
+def _not_utf8(path: Path, error: UnicodeDecodeError) -> str:
+    """Where a file is no text: in the file, for `error` may count from the start of a block."""
+    content = path.read_bytes()
+    try:
+        content.decode()
+    except UnicodeDecodeError as first:
+        line = content.count(b"\n", 0, first.start) + 1
+        return f"not UTF-8 text, {content[first.start : first.start + 1]!r} in line {line}; save it as UTF-8"
+    return f"not UTF-8 text ({error.reason})"
+
+
+def is_file(path: Path) -> bool:
+    """Whether there is a file. Raises ScanError for what is no file, or cannot be told (a loop of links, no right)."""
+    return is_there(path, stat.S_ISREG, "file")
+
+
+def is_there(path: Path, fits, noun: str) -> bool:
+    """Whether there is something at a path. Raises ScanError where its mode does not fit, or cannot be told."""
+    with naming(path):
+        try:
+            mode = path.stat().st_mode
+        except FileNotFoundError:
+            return False
+    if not fits(mode):
+        raise ScanError(f"{path}: not a {noun}")
+    return True
+
+
+@contextmanager
+def whole(path: Path, scratch: Path | None = None):
+    """A place to write a file or a folder that then appears at `path` whole, or after an error not at all.
+
+    The place is in the folder `scratch`, by default beside `path`.
+    """
+    partial = partial_of(path, scratch)
+    remove(partial)
+    try:
+        yield partial
+        partial.replace(path)
+    finally:
+        remove(partial)
+
+
+def partial_of(path: Path, scratch: Path | None = None) -> Path:
+    """Where `whole` has a file while it is being written."""
+    return (scratch or path.parent) / f".{path.name}.partial"
+
+
+def remove(path: Path) -> None:
+    """Remove a file or a folder, if it is there."""
+    if path.is_dir():
+        shutil.rmtree(path)
+    elif path.exists():
+        path.unlink()

@@ -1,0 +1,255 @@
+"""A straight round bar of known radius: the scan plane meets it in an ellipse, of which the scanner sees an arc."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from profilecal.geometry.components import cross, dot
+from profilecal.geometry.poses import frame_around
+from profilecal.profiles.arcs import Circle, best_circle, find_arc
+from profilecal.profiles.feature import Feature
+from profilecal.targets.plane import Plane
+from profilecal.targets.target import ALONG_Y, Target
+
+LARGEST_TILT_DEG = 60.0  # of the scan plane against square to the rod
+FIRST_TILT_DEG = 30.0  # of the section with which a fit begins
+PARTS = 60  # of a profile, of which a thin rod fills one or two
+LEAST_STEP = 3.0  # tolerances, from the section to what is seen beyond its arc
+BEYOND = slice(3, 9)  # points that show it: the first ones may show both
+BELOW_MM = 20.0  # a table, in simulated profiles
+STEEPEST_DEG = 60.0  # of the bar's cross-section that a perfect scanner sees, to either side
+STEPS = 6  # of fitting: two or three are usual
+
+
+@dataclass(frozen=True)
+class Rod(Target):
+    """The cylinder of `radius` around the line through `point` (3,) along the unit vector `direction` (3,), mm."""
+
+    point: np.ndarray
+    direction: np.ndarray
+    radius: float
+
+    kind, shape, lengths = "rod", "cylinder", ("radius",)
+    shifts, turns, rows = "xy", "xy", 1
+    groups, positions, sizes, stance = 15, 4, (15.0,), ALONG_Y
+
+    @classmethod
+    def at(cls, origin, axes, sizes):
+        return cls(origin, axes[..., 2], *sizes)
+
+    @property
+    def frame(self):
+        return self.point, frame_around(self.direction)
+
+    @staticmethod
+    def residual(origin, axes, seen, sizes):
+        """Distance from the ellipse, to first order: that from the bar, f, over its slope h in the scan plane.
+
+        With e the unit vector from the axis to the point, h² = 1 - ey². A shift of the bar changes ey by -j.
+        """
+        (f,), (force,), (torque,) = Rod.residual_in_space(origin, axes, seen, sizes)
+        e, d = [-c for c in force], axes[2]
+        h = np.sqrt(np.maximum(1 - e[1] ** 2, 1e-12))
+        j = [((k == 1) - d[1] * d[k] - e[1] * e[k]) / (f + sizes[0]) for k in range(3)]
+        by_ey = f * e[1] / h**3
+        turn = zip(cross(e, (0.0, 1.0, 0.0)), cross(Rod.offset(origin, seen), j), strict=True)
+        torque = [t / h + by_ey * (a - b) for t, (a, b) in zip(torque, turn, strict=True)]
+        return [f / h], [[p / h - by_ey * q for p, q in zip(force, j, strict=True)]], [torque]
+
+    @staticmethod
+    def residual_in_space(origin, axes, seen, sizes):
+        """Distance from the bar."""
+        v, d = Rod.offset(origin, seen), axes[2]
+        along = dot(v, d)
+        off = [a - along * b for a, b in zip(v, d, strict=True)]
+        distance = np.sqrt(dot(off, off))
+        e = [c / distance for c in off]
+        return [distance - sizes[0]], [[-c for c in e]], [cross(e, v)]
+
+    @staticmethod
+    def offset(origin, seen):
+        """Points of the scan plane from the origin, by components."""
+        (x, z), (px, py, pz) = seen, origin
+        return x - px, -py + np.zeros_like(x), z - pz
+
+    @staticmethod
+    def fit(points):
+        """Algebraically, |p|² = pᵀ D p + 2 b·p + k with D = d dᵀ; then by Gauss-Newton steps on the distances."""
+        middle = points.mean(axis=-2, keepdims=True)
+        scale = np.sqrt(np.mean(np.sum((points - middle) ** 2, axis=-1), axis=-1))[..., None, None]
+        p = (points - middle) / scale
+        i, j = np.triu_indices(3)
+        A = np.concatenate([p[..., i] * p[..., j] * np.where(i == j, 1, 2), 2 * p, np.ones_like(p[..., :1])], axis=-1)
+        At = np.swapaxes(A, -1, -2)
+        ridge = 1e-9 * np.eye(10) * p.shape[-2]
+        x = np.linalg.solve(At @ A + ridge, At @ np.sum(p**2, axis=-1)[..., None])[..., 0]
+        D = np.empty((*x.shape[:-1], 3, 3))
+        D[..., i, j] = D[..., j, i] = x[..., :6]
+        axes = frame_around(np.linalg.eigh(D)[1][..., 2])
+        across = np.swapaxes(axes[..., :2], -1, -2)
+        centre = (across @ x[..., 6:9, None])[..., 0]
+        radius = np.sqrt(np.maximum(x[..., 9] + np.sum(centre**2, axis=-1), 1e-6))
+        origin = (axes[..., :2] @ centre[..., None])[..., 0]
+        for _ in range(STEPS):
+            origin, axes, radius = Rod.nearer(p, origin, axes, radius)
+        return middle[..., 0, :] + scale[..., 0] * origin, axes, (scale[..., 0, 0] * radius,)
+
+    @staticmethod
+    def nearer(points, origin, axes, radius):
+        """One Gauss-Newton step of origin, axes and radius towards points (..., n, 3)."""
+        local = (points - origin[..., None, :]) @ axes
+        distance = np.linalg.norm(local[..., :2], axis=-1)
+        e, z = local[..., :2] / distance[..., None], local[..., 2:]
+        # by shifts along x and y, turns about x and y, and the radius
+        J = np.concatenate([-e, z * e[..., 1:], -z * e[..., :1], -np.ones_like(z)], axis=-1)
+        Jt = np.swapaxes(J, -1, -2)
+        ridge = 1e-12 * points.shape[-2] * np.eye(5)
+        step = -np.linalg.solve(Jt @ J + ridge, Jt @ (distance - radius[..., None])[..., None])[..., 0]
+        origin = origin + (axes[..., :2] @ step[..., :2, None])[..., 0]
+        turned = axes[..., 2] + (axes[..., :2] @ np.stack([step[..., 3], -step[..., 2]], axis=-1)[..., None])[..., 0]
+        axes = frame_around(turned / np.linalg.norm(turned, axis=-1, keepdims=True))
+        return origin, axes, radius + step[..., 4]
+
+    def distance(self, points):
+        offset = points - self.point
+        return np.linalg.norm(offset - (offset @ self.direction)[..., None] * self.direction, axis=-1) - self.radius
+
+    def arc(self, rotation, origin, angle) -> np.ndarray:
+        """Points (P, k, 2) where scan planes (P, 3, 3), (P, 3) meet the bar's generators at angles (k,), rad, about its
+        axis from the one that faces the scanner."""
+        d, z = self.direction, rotation[..., 2]
+        up = (z @ d)[:, None] * d - z
+        up /= np.linalg.norm(up, axis=-1, keepdims=True)
+        aside = np.cross(up, d)
+        aside *= np.sign(np.einsum("pa,pa->p", aside, rotation[..., 0]))[:, None]
+        around = np.cos(angle)[:, None] * up[:, None] + np.sin(angle)[:, None] * aside[:, None]
+        p = (self.point + self.radius * around - origin[:, None]) @ rotation
+        along = d @ rotation
+        with np.errstate(divide="ignore", invalid="ignore"):
+            step = -p[..., 1:2] / along[:, None, 1:2]
+        return (p + step * along[:, None])[..., [0, 2]]
+
+    def points_seen(self, rotation, origin, count):
+        return self.arc(rotation, origin, np.radians(np.linspace(-STEEPEST_DEG, STEEPEST_DEG, count)))
+
+    @staticmethod
+    def find(profiles, sizes):
+        return sections_in(profiles, sizes)
+
+    def outline(self, specimen, rotation, origin, away):
+        """Above a table."""
+        table = Plane(self.point + (self.radius + BELOW_MM) * away, away)
+        return table.behind(self.arc(rotation, origin, np.radians(np.linspace(-90, 90, 721))), rotation, origin)
+
+    def lines(self, points):
+        """Four generators, as long as the bar was seen."""
+        low, high = np.nanpercentile((points - self.point) @ self.direction, [1, 99])
+        ends = self.point + np.array([[low], [high]]) * self.direction
+        x, y, _ = self.frame[1].T
+        return [ends + self.radius * around for around in (x, y, -x, -y)]
+
+
+# A rod, a straight round bar, in raw profiles: an arc of the ellipse in which the scan plane cuts it
+
+
+@dataclass(frozen=True)
+class Section:
+    """The ellipse |w|² - (w·t)² = R², w from its centre and t what of the rod's unit axis is in the plane: a `Curve`.
+
+    `lean` q = t / √(1 - |t|²) is as long as the tangent of the tilt. The map B = 1 - q qᵀ / (s (1 + s)), s² = 1 + |q|²,
+    takes w to the circle that the rod shows along its axis, and back with B⁻¹ = 1 + q qᵀ / (1 + s).
+    """
+
+    centre: np.ndarray  # (2,) mm
+    lean: np.ndarray  # (2,)
+    radius: float  # mm, of the rod
+    shape = "ellipse"
+    fitted = 4
+
+    @property
+    def secant(self) -> float:
+        """Of the tilt: s."""
+        return float(np.sqrt(1 + self.lean @ self.lean))
+
+    def squared(self, w) -> np.ndarray:
+        """B w for vectors (k, 2) in the scan plane."""
+        return w - (w @ self.lean)[:, None] * self.lean / (self.secant * (1 + self.secant))
+
+    def off(self, points) -> np.ndarray:
+        """To first order: small beside the radius."""
+        u = self.squared(points - self.centre)
+        distance = np.hypot(*u.T)
+        return (distance - self.radius) * distance / np.hypot(*self.squared(u).T)
+
+    def normals(self, u) -> np.ndarray:
+        """Unit normals (k, 2), outwards, where B takes the curve to the directions of u (k, 2)."""
+        normal = self.squared(u)
+        return normal / np.hypot(*normal.T)[:, None]
+
+    def angles(self, points) -> np.ndarray:
+        """About the rod's axis."""
+        x, z = self.squared(points - self.centre).T
+        return np.unwrap(np.arctan2(z, x))
+
+    def points(self, angles, off) -> np.ndarray:
+        u = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+        w = u + (u @ self.lean)[:, None] * self.lean / (1 + self.secant)
+        return self.centre + self.radius * w + off[:, None] * self.normals(u)
+
+    def derivatives(self, points) -> np.ndarray:
+        """Of `off` by centre and lean, (k, 4), to the same order."""
+        w = points - self.centre
+        normal = self.normals(self.squared(w))
+        return -np.hstack([normal, normal * (w @ self.lean / self.secant**2)[:, None]])
+
+
+def sections_in(profiles, sizes) -> list[Feature]:
+    """The arc of the rod in each profile (n, 2), mm, as up to 40 means over its points; `sizes` is its radius, mm."""
+    (radius,) = sizes
+
+    def start(points, limit):
+        return best_circle(points, limit, least=0.5 * radius, largest=2.5 * radius, parts=PARTS)
+
+    def fit(points, curve):
+        return nearest_section(points, leaning(curve, points, radius) if isinstance(curve, Circle) else curve)
+
+    missing = (
+        f"no arc of a rod of {radius:.4g} mm whose axis is within {LARGEST_TILT_DEG:.0f}° of square to the profile"
+    )
+    return [find_arc(profile, start, fit, why_no_rod, missing) for profile in profiles]
+
+
+def leaning(circle: Circle, points, radius: float) -> Section:
+    """The section of a rod that leans towards the middle one of points (k, 2) on a circle, and touches it there."""
+    middle = points[len(points) // 2]
+    outwards = (middle - circle.centre) / np.hypot(*(middle - circle.centre))
+    tilt = np.radians(FIRST_TILT_DEG)
+    return Section(middle - radius / np.cos(tilt) * outwards, np.tan(tilt) * outwards, radius)
+
+
+def nearest_section(points, section: Section) -> Section | None:
+    """By least squares from points (k, 2), k ≥ 4, starting at a section near them; None if it leans too far."""
+
+    def of(state):
+        return Section(state[:2], state[2:], section.radius)
+
+    found = least_squares(
+        lambda state: of(state).off(points),
+        np.concatenate([section.centre, section.lean]),
+        lambda state: of(state).derivatives(points),
+        method="lm",
+        x_scale="jac",
+        ftol=1e-4,  # of the sum of squares: far below what noise changes
+    )
+    return of(found.x) if np.hypot(*found.x[2:]) < np.tan(np.radians(LARGEST_TILT_DEG)) else None  # false for NaN
+
+
+def why_no_rod(section: Section, points, on, limit: float) -> str:
+    """Says so if the surface leaves the section gradually, as larger or smaller ones do, and not by a step."""
+    first, last = np.flatnonzero(on)[[0, -1]]
+    for beyond in (points[:first][::-1], points[last + 1 :]):
+        off = np.abs(section.off(beyond[BEYOND]))
+        if len(off) >= 3 and np.median(off) < LEAST_STEP * limit:
+            return f"an arc that goes on where a rod of {section.radius:.4g} mm bends away"
+    return ""

@@ -1,0 +1,154 @@
+"""What a calibration target is to the rest of the library. One class, one file, one line in the registry.
+
+A target stands somewhere as a rigid frame: an origin and three axes in the base frame, mm. Some shifts and turns of
+that frame change it and are unknown; the others do not (an edge slides along itself). The scanner sees it from a sensor
+frame whose scan plane is y = 0; x runs along the laser line, z is the depth.
+
+To add one:
+
+1. Write `targets/NAME.py` with a class that derives from `Target` and offers all that has no default below.
+2. Name it in `TARGETS` of `targets/__init__.py`.
+3. Test it: `tests/targets/test_contract.py` runs every registered target through what the library asks of it.
+
+Nothing else decides on a target's kind, but for the papers' closed forms.
+"""
+
+import numpy as np
+
+from profilecal.geometry.noise import Noise
+from profilecal.geometry.poses import directions
+from profilecal.profiles.feature import Feature
+
+ALONG_Y = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])  # a stance: z along the sensor's y, y towards the scanner
+
+
+class Target:
+    """A target in its place. Class attributes and static methods speak of all targets of the kind."""
+
+    kind: str  # its name in scan.toml, on the command line and in JSON
+    shape: str  # what all its points make up, in words
+    lengths: tuple[str, ...] = ()  # its known measures, mm: entries of [target] in scan.toml, fields of the class
+    tables: tuple[str, ...] = ("profiles",)  # what a scan folder may hold of it (`scan.tables.COLUMNS`)
+    # The joint solution
+    shifts: str  # axes of its frame along which a shift changes it
+    turns: str  # axes of its frame about which a turn changes it
+    points: int | None = None  # that a pose gives; None: any number, each anywhere on a curve
+    rows: int  # residuals of each point
+    affine = False  # inside a group of one orientation its points are affine in the flange's position
+    # Simulated scans
+    groups: int  # flange orientations
+    positions: int  # in each
+    sizes: tuple[float, ...] = ()  # the `lengths`, mm
+    stance = np.eye(3)  # its axes, in columns, in a sensor frame that looks at it squarely
+    with_tool = False  # inside a group the scanner moves with the flange's axes, not the base's
+    specimens: tuple[str, ...] = ("",)  # bodies that have it, the usual one first
+
+    @classmethod
+    def at(cls, origin, axes, sizes) -> "Target":
+        """The target whose frame has an origin (3,) and axes (3, 3), in columns, and whose lengths are `sizes`."""
+        raise NotImplementedError
+
+    @property
+    def frame(self) -> tuple[np.ndarray, np.ndarray]:
+        """Its origin (3,), mm, and axes (3, 3), in columns."""
+        raise NotImplementedError
+
+    @staticmethod
+    def residual(origin, axes, seen, sizes):
+        """Observed points minus where the scan plane meets the target, in the scan plane, where the noise arises.
+
+        All in the sensor frame and by components: `seen` x and z of the points, arrays (batch, points, poses); `origin`
+        x, y, z and `axes` three times x, y, z, arrays (batch, 1, poses). Returns three lists, with one entry for each
+        of a point's residuals: the residuals, mm; forces, their derivatives by a shift of the target, and torques, by
+        a turn about its origin, rad, both by components. Torques are None where no turn changes the target.
+        """
+        raise NotImplementedError
+
+    @staticmethod
+    def residual_in_space(origin, axes, seen, sizes):
+        """As `residual`, by distances in space: they exist for any pose, which serves a search."""
+        raise NotImplementedError
+
+    @classmethod
+    def residual_sd(cls, noise: Noise) -> tuple[float, ...]:
+        """Standard deviations of a point's residuals, as multiples of the scanner's."""
+        return (1.0,) * cls.rows
+
+    @staticmethod
+    def fit(points):
+        """The target through points (..., n, 3) anywhere on it: origin (..., 3), axes (..., 3, 3), and its lengths, a
+        tuple of (...). A start for the joint solution, and what a scan is verified with."""
+        raise NotImplementedError
+
+    def distance(self, points) -> np.ndarray:
+        """How far points (n, 3) are from it, (n,) mm; of a disk, from its rim."""
+        raise NotImplementedError
+
+    def meet(self, rotation, origin) -> np.ndarray:
+        """Where scan planes, sensor frames (..., 3, 3), (..., 3), meet it: (..., k), as in its table of a folder."""
+        raise NotImplementedError
+
+    def points_seen(self, rotation, origin, count: int) -> np.ndarray:
+        """What a perfect scanner at sensor frames (P, 3, 3), (P, 3) sees, (P, m, 2): `count` points of a curve."""
+        raise NotImplementedError
+
+    def sides(self, rotation, origin) -> np.ndarray:
+        """The `side` (P,) that a scan folder states for scan planes (P, 3, 3), (P, 3); 0 where it says nothing."""
+        return np.zeros(len(origin))
+
+    @staticmethod
+    def find(profiles, sizes) -> list[Feature]:
+        """What each of a scan's raw profiles (n, 2), mm, shows of it. A target that leaves no trace leaves this out."""
+        raise NotImplementedError
+
+    @classmethod
+    def features(cls, profiles, sizes=()) -> list[Feature]:
+        """`find`, for profiles and sizes as they come: all of one target, seen by one scanner. They are read together:
+        what most of them show clearly settles which of several candidates the others show.
+
+        Raises ValueError for a missing size, or a profile of another shape.
+        """
+        cls.check_sizes(sizes)
+        profiles = [np.asarray(profile, dtype=float) for profile in profiles]
+        for k, profile in enumerate(profiles):
+            if profile.ndim != 2 or profile.shape[1] != 2:
+                raise ValueError(f"profile {k} has shape {profile.shape}; expected (n, 2), x and z")
+        return cls.find(profiles, tuple(sizes))
+
+    @classmethod
+    def check_sizes(cls, sizes) -> None:
+        """Raise ValueError unless each of its lengths is there, in mm."""
+        given = [*sizes, *[None] * (len(cls.lengths) - len(sizes))]
+        for name, value in zip(cls.lengths, given, strict=True):
+            if not (value and value > 0):
+                raise ValueError(f"the {cls.kind}'s {name} is {value}; expected a length in mm")
+
+    def outline(self, specimen: str, rotation, origin, away) -> list[np.ndarray]:
+        """Chains (V, 2) that scan planes (P, 3, 3), (P, 3) cut from it, and from what is behind it.
+
+        `away` (3,) points away from the scanner. A target that leaves no trace in profiles leaves this out.
+        """
+        raise NotImplementedError
+
+    @staticmethod
+    def offsets(shape, motion: str, normals, sizes, steering_mm: float, rng: np.random.Generator) -> np.ndarray:
+        """A plan: by how much the target is off the middle of the scans, (*shape, 3) mm, shape (groups, positions), in
+        the first sensor frame or, `with_tool`, in each. The usual one: along an "arc", or anywhere in a ball of 25 mm.
+
+        `normals` (groups, 3): in the sensor frames, what faces the scanner.
+        """
+        if motion == "arc":  # of 25 mm radius and 90°, in a plane at 45° to the sensor's y and x axes
+            angle = np.linspace(-np.pi / 4, np.pi / 4, shape[1]) + rng.uniform(0, 2 * np.pi)
+            arc = 25 * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+            plane = np.array([[np.sqrt(0.5), np.sqrt(0.5), 0.0], [0.0, 0.0, 1.0]])
+            return np.broadcast_to((arc - arc.mean(axis=0)) @ plane, (*shape, 3))
+        return 25 * np.cbrt(rng.uniform(size=(*shape, 1))) * directions(rng, shape)
+
+    def lines(self, points) -> list[np.ndarray]:
+        """Polylines (n, 3) that draw it, as far as it was seen at points (k, 3)."""
+        raise NotImplementedError
+
+    def remark(self, scan, poses, sensor) -> tuple[str, bool]:
+        """What is odd about it in a scan's `poses` (k,) that an answer, `sensor` (3, 3), (3,), puts there: a sentence
+        or none, and whether that speaks against the answer."""
+        return "", False

@@ -1,0 +1,160 @@
+"""What the library asks of every target: residuals with their derivatives, a fit, distances, outlines, lines."""
+
+from functools import partial
+
+import numpy as np
+import pytest
+from scipy.differentiate import jacobian
+
+from profilecal.geometry.noise import Noise
+from profilecal.geometry.poses import carry, directions, rotations
+from profilecal.joint.problem import Problem
+from profilecal.simulate.scene import random_scene
+from profilecal.simulate.spec import Spec, simulate_scan
+from profilecal.targets import TARGETS
+from profilecal.targets.plane import Plane
+from profilecal.targets.point import Point
+
+KINDS = list(TARGETS)
+
+
+def sensor_view(target, rng):
+    """A target's origin (3,) and axes (3, 3) in the sensor frame, near where it can be seen, and m points (m, 2)."""
+    point = np.array([rng.uniform(-10, 10), rng.uniform(-8, 8), rng.uniform(80, 120)])
+    axes = rotations(0.3 * rng.normal(size=3)) @ target.stance
+    seen = point[[0, 2]] + rng.normal(size=(target.points or 5, 2)) * [20, 3] - [0, 15]
+    return point, axes, seen
+
+
+def evaluate(residual, target, view, x):
+    """Residuals (k, ...) and, at one place, their derivatives (k, 6), of a target shifted and turned by x (6, ...)."""
+    point, axes, seen = view
+    shifted = point[:, None] + x[:3].reshape(3, -1)
+    turned = (rotations(np.moveaxis(x[3:], 0, -1)) @ axes).reshape(-1, 3, 3)
+    origin = [part[None, None] for part in shifted]  # the places stand where poses do
+    frame = [[turned[None, None, :, i, j] for i in range(3)] for j in range(3)]
+    r, force, torque = residual(origin, frame, seen.T[:, None, :, None], target.sizes)
+    torque = torque or [[0.0] * 3] * len(r)
+    shape = (1, len(seen), len(turned))
+    derivatives = [[np.broadcast_to(c, shape)[0, :, 0] for c in (*f, *t)] for f, t in zip(force, torque, strict=True)]
+    values = np.stack([np.broadcast_to(row, shape) for row in r]).reshape(-1, *x.shape[1:])
+    return values, np.swapaxes(derivatives, 1, 2).reshape(-1, 6)
+
+
+@pytest.mark.parametrize("way", ["residual", "residual_in_space"])
+@pytest.mark.parametrize("kind", KINDS)
+def test_derivatives_agree_with_numerical_ones(kind, way):
+    """By shifts of the target and by turns about its origin, along and about the sensor's axes."""
+    rng, target = np.random.default_rng(5), TARGETS[kind]
+    residual = getattr(target, way)
+    for _ in range(20):
+        view = sensor_view(target, rng)
+        steps = 0.1 * np.r_[[1.0] * 3, [0.1] * 3]
+        numerical = jacobian(partial(of_values, residual, target, view), np.zeros(6), initial_step=steps)
+        ours = evaluate(residual, target, view, np.zeros(6))[1]
+        scale = np.abs(numerical.df).max(axis=0).clip(1e-3)
+        np.testing.assert_allclose(ours / scale, numerical.df / scale, atol=1e-6)
+
+
+def of_values(residual, target, view, x):
+    return evaluate(residual, target, view, x)[0]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_derivatives_of_whole_problem_agree_with_numerical_ones(kind):
+    rng = np.random.default_rng(6)
+    scene = random_scene(kind, rng, groups=3, positions=3, count=4)
+    problem = Problem([scene.observations], Noise(0.05))
+    term = problem.terms[0]
+    state = problem.move(scene.truth, 0.02 * rng.normal(size=(1, problem.n)))
+
+    def residual(step):
+        steps = step.reshape(problem.n, -1).T
+        moved = problem.move(state[np.zeros(len(steps), dtype=int)], steps)
+        r = term.linearise(moved, moved.placements[0]).residual
+        return np.moveaxis(r.reshape(len(steps), -1), 0, 1).reshape(-1, *step.shape[1:])
+
+    numerical = jacobian(residual, np.zeros(problem.n), initial_step=0.01).df
+    ours = term.linearise(state, state.placements[0]).columns[0, :-1].reshape(problem.n, -1).T
+    np.testing.assert_allclose(ours, numerical, atol=1e-7 * np.abs(numerical).max())
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_residuals_vanish_where_the_target_meets_the_scan_plane(kind):
+    scene = random_scene(kind, np.random.default_rng(7))
+    for in_space in (False, True):
+        (r,) = Problem([scene.observations], Noise(0.05), in_space).residuals(scene.truth)
+        assert np.abs(r).max() < 1e-9
+
+
+def in_base(scene):
+    """The points seen, (n, 3), in the base frame."""
+    seen, (R_sensor,), (T_sensor,) = scene.observations, scene.truth.rotation, scene.truth.translation
+    x, z = np.moveaxis(seen.points[0], -1, 0)
+    in_flange = np.stack([x, np.zeros_like(x), z], axis=-1) @ R_sensor.T + T_sensor
+    return carry(seen.R_flange[0][:, None], seen.T_flange[0][:, None], in_flange).reshape(-1, 3)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_fit_to_its_points_is_the_target(kind):
+    """Its distances from them are zero, and its lengths those that it has; points off by noise are as far from it."""
+    rng = np.random.default_rng(10)
+    scene = random_scene(kind, rng)
+    points, target = in_base(scene), TARGETS[kind]
+    assert np.abs(scene.target.distance(points)).max() < 1e-9
+    origin, axes, sizes = target.fit(points)
+    fitted = target.at(origin, axes, sizes)
+    assert np.abs(fitted.distance(points)).max() < 1e-4
+    np.testing.assert_allclose(sizes, target.sizes, atol=1e-3)
+    np.testing.assert_allclose(np.linalg.det(axes), 1)
+    noisy = points + 0.05 * rng.normal(size=points.shape)
+    origin, axes, sizes = target.fit(noisy)
+    assert np.sqrt(np.mean(target.at(origin, axes, sizes).distance(noisy) ** 2)) < 0.05 * np.sqrt(3) * 1.1
+    both = target.fit(np.stack([points, noisy]))
+    np.testing.assert_allclose(both[0][1], origin)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_frame_makes_the_target_and_the_target_its_frame(kind):
+    scene = random_scene(kind, np.random.default_rng(11))
+    again = TARGETS[kind].at(*scene.target.frame, TARGETS[kind].sizes)
+    for name, value in vars(scene.target).items():
+        np.testing.assert_allclose(vars(again)[name], value, atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_its_lines_lie_on_it_or_near_what_was_seen(kind):
+    scene = random_scene(kind, np.random.default_rng(12))
+    points = in_base(scene)
+    for line in scene.target.lines(points):
+        assert line.shape[1] == 3
+        near = np.linalg.norm(line[:, None] - points, axis=2).min(axis=1)
+        assert (np.abs(scene.target.distance(line)) < 1e-9).all() or near.min() < 100
+
+
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if "profiles" in TARGETS[kind].tables])
+def test_it_is_found_in_the_profiles_that_it_is_simulated_with(kind):
+    scan = simulate_scan(Spec(kind=kind, measured="profiles", groups=5, positions=4))
+    assert np.mean([feature.found for feature in scan.target.features(scan.values, scan.sizes)]) > 0.5
+
+
+def test_a_plane_meets_the_scan_plane_in_a_line_on_both():
+    rng = np.random.default_rng(8)
+    rotation, origin = rotations(rng.normal(size=(100, 3))), rng.uniform(-50, 50, (100, 3))
+    plane = Plane(rng.uniform(-50, 50, 3), directions(rng, ()))
+    nearest, along = np.moveaxis(plane.meet(rotation, origin), 1, 0)
+    for s in (-30, 0, 40):
+        x, z = (nearest + s * along).T
+        p = origin + x[:, None] * rotation[:, :, 0] + z[:, None] * rotation[:, :, 2]
+        scale = 1 + np.linalg.norm(p - plane.point, axis=1)
+        assert np.abs((p - plane.point) @ plane.normal / scale).max() < 1e-12
+
+
+def test_a_point_is_seen_at_its_coordinates():
+    rng = np.random.default_rng(9)
+    rotation, origin = rotations(rng.normal(size=(50, 3))), rng.uniform(-50, 50, (50, 3))
+    point = Point(rng.uniform(-50, 50, 3))
+    seen = point.meet(rotation, origin)
+    y = ((point.point - origin)[:, None] @ rotation)[:, 0, 1]
+    back = origin + (rotation @ np.column_stack([seen[:, 0], y, seen[:, 1]])[..., None])[..., 0]
+    np.testing.assert_allclose(back, np.broadcast_to(point.point, back.shape), atol=1e-12 * 200)
