@@ -164,7 +164,7 @@ def test_noise_free_chords_give_the_pose_back(extent, heights):
         assert np.abs(found.R_sensor - scans.R_sensor).max() < 1e-12
         assert np.abs(found.T_sensor - scans.T_sensor).max() < 1e-10
         assert np.abs(found.solution.translation.q_b - scans.disk.centre).max() < 1e-10
-        assert found.accuracy < 1e-10
+        assert found.solution.translation.accuracy < 1e-10
         np.testing.assert_allclose(found.sensing.extent, [extent] * 4, rtol=1e-9)
         assert len(found.remarks) == (4 if extent[0] * extent[1] > 0 else 0)  # halves are said to be halves
     assert sides == {-1, 1}

@@ -117,7 +117,7 @@ def test_affine_residuals_are_those_of_the_regression_on_where_the_positions_ext
     rng = np.random.default_rng(6)
     positions = rng.normal(size=(5, 9, dimensions)) @ rng.normal(size=(5, dimensions, 3)) + 1000
     values, sd = rng.normal(size=(5, 9, 2)), rng.uniform(0.1, 3, (5, 9)) if weighted else np.ones((5, 9))
-    residuals, basis, freedom = affine_residuals(positions, values, 1 / sd if weighted else None)
+    residuals, basis, freedom = affine_residuals(positions, values, 1 / sd)
     assert (freedom == 8 - dimensions).all()
     np.testing.assert_allclose((basis**2).sum(axis=(1, 2)), 9 - freedom)
     for k in range(5):

@@ -74,5 +74,6 @@ def test_impossible_arccos_is_counted_not_hidden():
     study = disk_study(scene, sigma, 10, 500, np.random.default_rng(10), workers=1, **kind)
     tips = noisy_tips(scene, sigma, 10, "isotropic", np.random.default_rng(10).spawn(1)[0], 500)
     plain = sensing_data(tips, scene.T_start, scene.T_end, scene.s, scene.disk.radius, "published")
-    assert study.clipped[0, 0] == plain.clipped.any(axis=1).sum() > 0
+    np.testing.assert_array_equal(study.clipped[0, 0], plain.clipped.any(axis=1))
+    assert study.clipped.any()
     assert np.isfinite(study.centre_error).all()

@@ -155,11 +155,6 @@ class DiskSolution:
     def T_sensor(self) -> np.ndarray:
         return self.solution.T_sensor
 
-    @property
-    def accuracy(self) -> float:
-        """Largest distance of the scans' disk centres from their mean, mm: Section III-D."""
-        return float(self.solution.translation.accuracy)
-
 
 def solve_disk_from_chords(
     R_tcp, T_start, T_end, tips, s, radius: float, heights: str = "regression", **readings

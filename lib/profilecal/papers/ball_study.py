@@ -66,43 +66,31 @@ def ball_study(
     """The two-step ball method from simulated noisy arcs, for each sigma_mm (k,) of z and m (l,), by protocol.
 
     A trial draws max(m) arcs a pose and averages ball centres and flange positions of the first m (the equations are
-    linear in both), so different m share noise. `workers`: see `in_chunks`. Clipped, (k,), are arcs, of all, whose
-    circle is larger than the ball.
+    linear in both), so different m share noise. `workers`: see `in_chunks`. Clipped are arcs, of all that are
+    drawn, whose circle is larger than the ball.
     """
-    sigma_mm, m = np.atleast_1d(np.asarray(sigma_mm, dtype=float)), np.atleast_1d(np.asarray(m, dtype=int))
+    studies = {protocol: Study.blank(sigma_mm, m, trials) for protocol in PROTOCOLS}
+    sigma_mm, m = studies[PROTOCOLS[0]].sigma_mm, studies[PROTOCOLS[0]].m
     check_count("arcs", int(m.min()), 1, "a ball's centre comes from one arc")
-    shape = (len(sigma_mm), len(m))
-    errors = {protocol: np.empty((*shape, 9, trials)) for protocol in PROTOCOLS}
-    by_svd = {protocol: np.empty((*shape, trials), dtype=bool) for protocol in PROTOCOLS}
-    clipped = np.zeros((len(sigma_mm), trials), dtype=int)
     T_tcp = _running_mean(scans.positions(int(m.max()))[..., None])
     fixed, turning = slice(None, scans.translating), slice(scans.translating, None)
     to_flange = np.swapaxes(scans.R_tcp[1 : scans.translating], -1, -2)
 
     def run(setting, part, stream):
         (i,) = setting
-        q, clipped[i, part] = ball_centres_seen(scans, int(m.max()), sigma_mm[i], part.stop - part.start, stream, fit)
+        q, clipped = ball_centres_seen(scans, int(m.max()), sigma_mm[i], part.stop - part.start, stream, fit)
         q = _running_mean(q)
         for j, arcs in enumerate(m):
             seen = scans.R_tcp[turning], T_tcp[turning, arcs - 1], q[turning, arcs - 1]
-            for protocol, of_rotation in zip(PROTOCOLS, (1, arcs), strict=True):
+            for study, of_rotation in zip(studies.values(), (1, arcs), strict=True):
                 q_fixed, T_fixed = q[fixed, of_rotation - 1], T_tcp[fixed, of_rotation - 1]
                 X, Y = q_fixed[:1] - q_fixed[1:], (to_flange @ (T_fixed[1:] - T_fixed[:1]))[..., 0]
-                errors[protocol][i, j, :, part], by_svd[protocol][i, j, part] = two_step_errors(
-                    scans, scans.ball.centre, *seen, X, Y
-                )
+                errors = two_step_errors(scans, scans.ball.centre, *seen, X, Y)
+                study.errors[i, j, :, part], study.by_svd[i, j, part] = errors
+                study.clipped[i, j, part] = clipped
 
-    in_chunks(run, shape[:1], trials, rng, workers)
-    return {
-        protocol: Study(
-            sigma_mm=sigma_mm,
-            m=m,
-            errors=errors[protocol],
-            by_svd=by_svd[protocol].sum(axis=-1),
-            clipped=clipped.sum(axis=-1),
-        )
-        for protocol in PROTOCOLS
-    }
+    in_chunks(run, sigma_mm.shape, trials, rng, workers)
+    return studies
 
 
 def _running_mean(values) -> np.ndarray:

@@ -68,32 +68,29 @@ def disk_study(
 
     noise "chord" moves every tip along its chord (Eq. 52), "isotropic" in any direction of the scan plane; sigma_mm is
     the standard deviation along each. `heights`: see `closed_form.disk.chord_weights`; chord noise leaves them exact.
-    `workers`: see `in_chunks`. A trial is clipped, (k, l), if the arccos of Eq. 9 does not exist for some scan.
+    `workers`: see `in_chunks`. A trial is clipped if the arccos of Eq. 9 does not exist for some scan.
     """
     fitted = {"chord": Chords.with_chord_noise, "isotropic": Chords.with_isotropic_noise}
     if noise not in fitted:
         raise ValueError(f"noise is {noise!r}; expected 'chord' or 'isotropic'")
-    sigma_mm, m = np.atleast_1d(np.asarray(sigma_mm, dtype=float)), np.atleast_1d(np.asarray(m, dtype=int))
-    check_count("chords", int(m.min()), 3, "an ellipse has five unknowns, a chord two tips")
-    chords = [Chords.of(scans, count, heights, sheared=noise == "chord") for count in m]
-    shape = (len(sigma_mm), len(m))
-    errors = np.empty((*shape, 9, trials))
-    clipped, by_svd = np.empty((*shape, trials), dtype=bool), np.empty((*shape, trials), dtype=bool)
+    study = Study.blank(sigma_mm, m, trials)
+    check_count("chords", int(study.m.min()), 3, "an ellipse has five unknowns, a chord two tips")
+    chords = [Chords.of(scans, count, heights, sheared=noise == "chord") for count in study.m]
     motion = np.einsum("nba,nb->na", scans.R_tcp, scans.T_end - scans.T_start)  # R_tcp⁻¹ D_b but for its length
     start, end, s = scans.T_start[:, None], scans.T_end[:, None], scans.s[:, None]  # one for all trials
 
     def run(setting, part, stream):
         i, j = setting
-        seen = fitted[noise](chords[j], sigma_mm[i], part.stop - part.start, stream)
+        seen = fitted[noise](chords[j], study.sigma_mm[i], part.stop - part.start, stream)
         found = sensing_data_from_ellipse(*seen, start, end, s, scans.disk.radius)
-        clipped[i, j, part] = found.clipped.any(axis=0)
+        study.clipped[i, j, part] = found.clipped.any(axis=0)
         T_tcp, q, D_i = (np.swapaxes(vectors, -1, -2) for vectors in (found.T_tcp, found.q, found.D_i))
-        errors[i, j, :, part], by_svd[i, j, part] = two_step_errors(
+        study.errors[i, j, :, part], study.by_svd[i, j, part] = two_step_errors(
             scans, scans.disk.centre, scans.R_tcp, T_tcp, q, D_i, motion
         )
 
-    in_chunks(run, shape, trials, rng, workers)
-    return Study(sigma_mm=sigma_mm, m=m, errors=errors, by_svd=by_svd.sum(axis=-1), clipped=clipped.sum(axis=-1))
+    in_chunks(run, study.clipped.shape[:2], trials, rng, workers)
+    return study
 
 
 @dataclass(frozen=True)

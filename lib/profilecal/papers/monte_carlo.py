@@ -24,8 +24,16 @@ class Study:
     sigma_mm: np.ndarray  # (k,) noise, mm
     m: np.ndarray  # (l,) chords of a scan, or arcs of a pose
     errors: np.ndarray  # (k, l, 9, trials), see `two_step_errors`
-    by_svd: np.ndarray  # (k, l) trials too far from the truth for the quaternion; solved by SVD instead
-    clipped: np.ndarray  # how often noise asked for a root or an arccos that does not exist; counted as each study says
+    by_svd: np.ndarray  # (k, l, trials) too far from the truth for the quaternion; solved by SVD instead
+    clipped: np.ndarray  # (k, l, trials) how often noise asked for a root or an arccos that does not exist
+
+    @classmethod
+    def blank(cls, sigma_mm, m, trials: int) -> "Study":
+        """With everything still to be filled in, for one or more sigma_mm and m."""
+        sigma_mm, m = np.atleast_1d(np.asarray(sigma_mm, dtype=float)), np.atleast_1d(np.asarray(m, dtype=int))
+        shape = (len(sigma_mm), len(m))
+        by_svd, clipped = np.zeros((*shape, trials), dtype=bool), np.zeros((*shape, trials), dtype=int)
+        return cls(sigma_mm=sigma_mm, m=m, errors=np.empty((*shape, 9, trials)), by_svd=by_svd, clipped=clipped)
 
     @property
     def centre_error(self) -> np.ndarray:
@@ -44,8 +52,8 @@ class Study:
 
     @property
     def failed(self) -> np.ndarray:
-        """Trials without a finite result, (k, l)."""
-        return (~np.isfinite(self.errors).all(axis=2)).sum(axis=-1)
+        """Trials without a finite result, (k, l, trials)."""
+        return ~np.isfinite(self.errors).all(axis=2)
 
 
 def in_chunks(run, shape, trials: int, rng: np.random.Generator, workers: int | None) -> None:
