@@ -16,6 +16,7 @@ from profilecal.closed_form.two_step import check_directions, check_orientations
 from profilecal.geometry.checks import UnobservableError
 from profilecal.geometry.fitting import fit_circle
 from profilecal.geometry.noise import Noise
+from profilecal.geometry.poses import carry
 from profilecal.joint.noise import NoiseLevel, affine_noise
 from profilecal.joint.observability import explain, of_covariance
 from profilecal.joint.observations import Observations
@@ -213,7 +214,7 @@ def from_ball(observations: Observations, side):
         seen = partial(centres, side=np.full(len(points), sign))
         find = from_centres(observations, seen)
         rotation, translation = find(points)
-        places = np.einsum("nab,nb->na", R, seen(points) @ rotation.T + translation) + T
+        places = carry(R, T, seen(points) @ rotation.T + translation)
         tried.append((float(np.sqrt(places.var(axis=0).sum())), sign, find))
     (least, sign, find), (more, _, _) = sorted(tried, key=lambda entry: entry[0])
     return find, [

@@ -3,7 +3,7 @@
 import numpy as np
 
 from profilecal.geometry.noise import Noise
-from profilecal.geometry.poses import nearest_rotation, rotation_from_xyz_angles
+from profilecal.geometry.poses import carry, nearest_rotation, rotation_from_xyz_angles
 from profilecal.papers.ball_study import BallScans
 from profilecal.papers.disk_study import DiskScans, disk_scans
 from profilecal.papers.edge_plan import EdgePlan
@@ -60,6 +60,6 @@ def fig17_scans(**free) -> BallScans:
     R_sensor, T_sensor = sensor_pose("Eq. 53", "Upsilon")
     R_tcp = rotation_from_xyz_angles(values("disk", "Table III", "R_tcp"))
     T_tcp, q = values("disk", "Table III", "T_tcp"), values("disk", "Table III", "q")
-    centres = np.einsum("nab,nb->na", R_tcp, q @ R_sensor.T + T_sensor) + T_tcp
+    centres = carry(R_tcp, T_tcp, q @ R_sensor.T + T_sensor)
     ball = Ball(centres[BALL_TRANSLATING:].mean(axis=0), float(values("disk", "Fig. 14", "ball radius")))
     return BallScans(ball, R_sensor, T_sensor, R_tcp, T_tcp, BALL_TRANSLATING, **free)
