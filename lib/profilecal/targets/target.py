@@ -28,7 +28,7 @@ class Target:
     kind: str  # its name in scan.toml, on the command line and in JSON
     shape: str  # what all its points make up, in words
     lengths: tuple[str, ...] = ()  # its known measures, mm: entries of [target] in scan.toml, fields of the class
-    tables: tuple[str, ...] = ("profiles",)  # what a scan folder may hold of it (`scan.tables.COLUMNS`)
+    tables: tuple[str, ...] = ("profiles",)  # what a scan folder may hold of it (`scan.folder.MEASURED`)
     # The joint solution
     shifts: str  # axes of its frame along which a shift changes it
     turns: str  # axes of its frame about which a turn changes it
@@ -85,7 +85,8 @@ class Target:
         raise NotImplementedError
 
     def meet(self, rotation, origin) -> np.ndarray:
-        """Where scan planes, sensor frames (..., 3, 3), (..., 3), meet it: (..., k), as in its table of a folder."""
+        """Where scan planes, sensor frames (..., 3, 3), (..., 3), meet it: (..., k), as in its table of a folder. A
+        target of which a folder holds profiles alone leaves this out."""
         raise NotImplementedError
 
     def points_seen(self, rotation, origin, count: int) -> np.ndarray:
