@@ -12,8 +12,7 @@ from scipy.stats import binom, chi2
 from simulated import calibration_of
 
 from profilecal.calibrate.calibration import calibrate
-from profilecal.calibrate.suspects import FALSE_ALARM
-from profilecal.geometry.noise import Noise
+from profilecal.geometry.noise import FALSE_ALARM, Noise
 from profilecal.joint.state import pose_error
 from profilecal.scan.folder import read_scan
 from profilecal.scan.handeyesync import read_handeyesync

@@ -121,7 +121,7 @@ def test_over_a_thousand_scenes_the_detector_neither_misses_nor_cries_wolf():
         scene = edge_scenes(plan, Noise(0.05), rng, (1000,))
         return judge(*data(scene), edge_equations(*data(scene))).rotation_strength
 
-    assert (strengths(SPACE) < edge.WEAK).sum() == 0
+    assert (strengths(SPACE) < edge.WEAK_STRENGTH).sum() == 0
     for plan in DEGENERATE.values():
         assert (strengths(plan) > edge.REFUSED).sum() == 0
 
@@ -162,7 +162,7 @@ def test_a_healthy_motion_is_strong_and_a_weak_one_is_not():
     for plan, weak in ((SPACE, False), (EdgePlan(), True)):
         scene = edge_scenes(plan, Noise(0.05), np.random.default_rng(8))
         evidence = judge(*data(scene), solve_edge(*data(scene)))
-        assert (evidence.rotation_strength < edge.WEAK) == weak
+        assert (evidence.rotation_strength < edge.WEAK_STRENGTH) == weak
         assert evidence.translation_sd_mm < 1
 
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from profilecal.geometry.noise import Noise
-from profilecal.geometry.poses import angle_between, directions, turns
+from profilecal.geometry.poses import angle_between, directions, random_turns
 from profilecal.papers.edge_plan import STANDOFF, EdgePlan, arc, arc_planes, plan_edge
 from profilecal.papers.edge_scenes import edge_scenes
 
@@ -54,7 +54,7 @@ def test_motion_fills_a_line_a_plane_or_space():
 def test_turns_stay_within_the_spread_and_about_one_axis_when_asked():
     rotations = scene_of(groups=200, spread_deg=30).poses.rotations
     assert 30 < np.degrees(angle_between(rotations[:1], rotations)).max() <= 60
-    one = turns(np.random.default_rng(3), (20,), 0.5, np.array([0.0, 0.0, 1.0]))
+    one = random_turns(np.random.default_rng(3), (20,), 0.5, np.array([0.0, 0.0, 1.0]))
     np.testing.assert_allclose(one[:, 2], np.broadcast_to([0, 0, 1], (20, 3)))
 
 

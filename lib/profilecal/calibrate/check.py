@@ -7,12 +7,11 @@ from scipy.stats import chi2
 
 from profilecal.calibrate.observe import as_observations, observe
 from profilecal.geometry.fitting import affine_residuals
+from profilecal.geometry.noise import FALSE_ALARM
 from profilecal.joint.noise import affine_noise
 from profilecal.joint.observability import LEAST_TURN_DEG, name_axis, turns
 from profilecal.joint.observations import Observations
 from profilecal.scan.scan import Scan
-
-FALSE_ALARM = 0.01  # the chance that `check` doubts any pose of a good scan
 
 
 def check(scan: Scan) -> list[str]:

@@ -7,12 +7,11 @@ from scipy.stats import chi2
 from tqdm import tqdm
 
 from profilecal.calibrate.calibration import Calibration
+from profilecal.geometry.noise import FALSE_ALARM
 from profilecal.joint.descent import Fit, refine
 from profilecal.joint.observability import spectrum
 from profilecal.joint.problem import Problem
 from profilecal.joint.state import pose_error
-
-FALSE_ALARM = 0.01  # the chance that any orientation of a good scan is doubted
 
 
 @dataclass(frozen=True)

@@ -10,12 +10,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import norm
 
+from profilecal.geometry.noise import FALSE_ALARM
 from profilecal.geometry.poses import inverse
 from profilecal.joint.observations import Observations
 from profilecal.joint.problem import Problem
 from profilecal.joint.solution import Solution
 
-FALSE_ALARM = 0.01  # the chance that a good scan has a suspect
 ABSORBED = 1e-9  # of a suspect's own pattern: less is left of it beside the unknowns than rounding
 STEP = 1e-4
 

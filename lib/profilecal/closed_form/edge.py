@@ -15,7 +15,7 @@ from profilecal.geometry.fitting import affine_residuals
 from profilecal.geometry.poses import nearest_rotation
 
 REFUSED = 2.0  # strength of the rotation below which noise alone would explain it
-WEAK = 10.0  # strength below which the rotation can be a degree and more wrong
+WEAK_STRENGTH = 10.0  # strength below which the rotation can be a degree and more wrong
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ def solve_edge(R_b, T_b, p_s, noise_mm: float | None = None) -> EdgeSolution:
     `noise_mm` is the standard deviation of the sensed points; left out, it is estimated, which takes N ≥ 5.
 
     Raises ValueError for malformed input, UnobservableError, with the reason and a cure, where the motion cannot
-    determine the rotation or the translation at this noise. A weak answer, see `judge` and `WEAK`, is given.
+    determine the rotation or the translation at this noise. A weak answer, see `judge` and `WEAK_STRENGTH`, is given.
     """
     R_b, T_b, p_s = check_shapes(R_b, T_b, p_s)
     check_orientations(R_b)
@@ -94,8 +94,8 @@ def solve_edge(R_b, T_b, p_s, noise_mm: float | None = None) -> EdgeSolution:
     if evidence.rotation_strength < REFUSED:
         raise UnobservableError(
             f"the rotation cannot be known: the smallest singular value of A_r is {evidence.rotation_strength:.2g} "
-            f"times what noise of {evidence.noise_mm:.2g} mm makes of a zero (at least {REFUSED:g} needed, {WEAK:g} "
-            f"recommended); {cause(R_b, T_b, p_s, float(evidence.noise_mm))}"
+            f"times what noise of {evidence.noise_mm:.2g} mm makes of a zero (at least {REFUSED:g} needed, "
+            f"{WEAK_STRENGTH:g} recommended); {cause(R_b, T_b, p_s, float(evidence.noise_mm))}"
         )
     if not np.isfinite(evidence.translation_sd_mm):
         raise UnobservableError(

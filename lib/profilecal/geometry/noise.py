@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+FALSE_ALARM = 0.01  # the chance that one kind of test doubts anything at all of a good scan
+
 
 @dataclass(frozen=True)
 class Noise:

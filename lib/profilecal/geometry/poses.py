@@ -62,7 +62,7 @@ def rotations(vectors) -> np.ndarray:
     return Rotation.from_rotvec(vectors.reshape(-1, 3)).as_matrix().reshape(*vectors.shape[:-1], 3, 3)
 
 
-def turns(rng: np.random.Generator, shape, spread: float, axis=None) -> np.ndarray:
+def random_turns(rng: np.random.Generator, shape, spread: float, axis=None) -> np.ndarray:
     """Rotations (*shape, 3, 3) by up to `spread` rad either way, about random axes or all about `axis` (..., 3).
 
     The angles are uniform.

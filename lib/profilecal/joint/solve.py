@@ -7,7 +7,7 @@ import numpy as np
 from scipy.stats import chi2 as chi2_law
 
 from profilecal.geometry.checks import UnobservableError
-from profilecal.geometry.noise import Noise
+from profilecal.geometry.noise import FALSE_ALARM, Noise
 from profilecal.geometry.poses import angle_between
 from profilecal.joint.descent import Fit, refine
 from profilecal.joint.noise import NoiseLevel, decide, likeliest_noise, with_robot_error
@@ -18,7 +18,6 @@ from profilecal.joint.search import search, search_among_outliers, typical_resid
 from profilecal.joint.solution import Solution, solution_of
 from profilecal.joint.state import State, normalised_square, pose_error
 
-FALSE_ALARM = 0.01  # the chance that any good pose at all is rejected
 UNLIKELY = 1e-3  # the chance of residuals so large that the covariance is enlarged
 TWIN_APART, TWIN_AS_GOOD = 50.0, 12.0  # χ² that another sensor pose is away, and by how much it may fit worse
 ROUNDS = 6  # of estimating robot errors; two or three are usual

@@ -42,15 +42,16 @@ class Term:
     def __init__(self, observations: Observations, noise: Noise, in_space: bool = False):
         self.target, self.sizes = observations.target, observations.sizes
         self.in_space, self.eye_to_hand = in_space, observations.eye_to_hand
-        self.shifts, self.turns = (["xyz".index(axis) for axis in axes] for axes in self.free)
-        self.n = len(self.shifts) + len(self.turns)
+        free = self.target.shifts, self.target.turns
+        self.free_shifts, self.free_turns = (["xyz".index(axis) for axis in axes] for axes in free)
+        self.n = len(self.free_shifts) + len(self.free_turns)
         R, T, points = (
             np.asarray(a, float) for a in (observations.R_flange, observations.T_flange, observations.points)
         )
         self.P, self.m = points.shape[-3:-1]
         R, T, points = R.reshape(-1, self.P, 3, 3), T.reshape(-1, self.P, 3), points.reshape(-1, self.P, self.m, 2)
-        self.turn = np.ascontiguousarray(R.transpose(0, 2, 3, 1)).reshape(-1, 3, 3 * self.P)  # (B|1, 3, 3P)
-        self.shift = (np.swapaxes(R, -1, -2) @ T[..., None])[..., 0].swapaxes(-1, -2)  # Rᵀ T, (B|1, 3, P)
+        self.R_flange = np.ascontiguousarray(R.transpose(0, 2, 3, 1)).reshape(-1, 3, 3 * self.P)  # (B|1, 3, 3P)
+        self.T_in_flange = (np.swapaxes(R, -1, -2) @ T[..., None])[..., 0].swapaxes(-1, -2)  # Rᵀ T, (B|1, 3, P)
         seen = np.ascontiguousarray(points.transpose(3, 0, 2, 1))  # x and z, (2, B|1, m, P)
         there = np.isfinite(seen).all(axis=0)
         self.present = None if there.all() else there  # (B|1, m, P)
@@ -62,14 +63,9 @@ class Term:
             self._weigh(np.asarray(observations.covariance, float), observations.on_curve)
 
     @property
-    def free(self) -> tuple[str, str]:
-        """Axes of the target's frame along which it shifts and about which it turns."""
-        return self.target.shifts, self.target.turns
-
-    @property
     def units(self) -> list[float]:
         """What one would know of each parameter (n,) of the placement by hand, as `observability` has it."""
-        return [POSE_UNITS[0]] * len(self.shifts) + [POSE_UNITS[3]] * len(self.turns)
+        return [POSE_UNITS[0]] * len(self.free_shifts) + [POSE_UNITS[3]] * len(self.free_turns)
 
     def _weigh(self, covariance, on_curve: bool) -> None:
         """Standard deviations (B|1, m, P) of the points, as multiples of the noise; where poses have a fixed number of
@@ -91,8 +87,8 @@ class Term:
         """Residuals and derivatives, mm and rad, with those by the flange pose if asked for."""
         vectors = np.concatenate([placement[0][:, None], placement[1].swapaxes(1, 2)], axis=1)  # origin and axes
         B = len(vectors)
-        local = (vectors @ self.turn).reshape(B, 4, 3, self.P)  # in the flange frames
-        local[:, 0] -= self.shift + state.translation[:, :, None]
+        local = (vectors @ self.R_flange).reshape(B, 4, 3, self.P)  # in the flange frames
+        local[:, 0] -= self.T_in_flange + state.translation[:, :, None]
         local = np.swapaxes(state.rotation, 1, 2)[:, None] @ local  # in the sensor frames
         origin, *axes = ([local[:, j, None, i] for i in range(3)] for j in range(4))
         residual = self.target.residual_in_space if self.in_space else self.target.residual
@@ -107,14 +103,14 @@ class Term:
             for j in range(3):
                 column[:, j] = -force[k][j]
                 column[:, 3 + j] = -lever[j] if torque is None else -(lever[j] + torque[k][j])
-            for j, axis in enumerate(self.shifts, 6):
+            for j, axis in enumerate(self.free_shifts, 6):
                 column[:, j] = dot(force[k], axes[axis])
-            for j, axis in enumerate(self.turns, 6 + len(self.shifts)):
+            for j, axis in enumerate(self.free_turns, 6 + len(self.free_shifts)):
                 column[:, j] = dot(torque[k], axes[axis])
             column[:, 6 + self.n] = r[k]
         z = z.reshape(B, -1, self.m * rows, self.P)
         if with_flange:
-            arm = state.translation[:, :, None] + (self.shift if self.eye_to_hand else 0)  # from flange to sensor
+            arm = state.translation[:, :, None] + (self.T_in_flange if self.eye_to_hand else 0)  # from flange to sensor
             arm = np.moveaxis(np.swapaxes(state.rotation, 1, 2) @ arm, 1, 0)[:, :, None]  # (3, B, 1, P)
             z[:, -6:-3] = z[:, :3]
             z[:, -3:] = z[:, 3:6] + np.stack(cross(arm, np.moveaxis(z[:, :3], 1, 0)), axis=1)
@@ -144,21 +140,21 @@ class Term:
         """A placement after a step (B, n) of its free shifts and turns."""
         origin, axes = placement
         shifted = np.zeros((len(step), 3))
-        shifted[:, self.shifts] = step[:, : len(self.shifts)]
+        shifted[:, self.free_shifts] = step[:, : len(self.free_shifts)]
         origin = origin + (axes @ shifted[..., None])[..., 0]
-        if not self.turns:
+        if not self.free_turns:
             return origin, axes
         turned = np.zeros((len(step), 3))
-        turned[:, self.turns] = step[:, len(self.shifts) :]
+        turned[:, self.free_turns] = step[:, len(self.free_shifts) :]
         return origin, axes @ rotations(turned)
 
     def place(self, rotation, translation):
         """The target's frame where sensor poses (B, 3, 3), (B, 3) see it: origin (B, 3) and axes (B, 3, 3)."""
         B, (x, z) = len(rotation), self.seen.reshape(2, -1, 1, self.m * self.P)
         seen = rotation[:, :, :1] * x + rotation[:, :, 2:] * z + translation[:, :, None]
-        seen = seen.reshape(B, 3, self.m, self.P) + self.shift[:, :, None]
-        # turn has base and flange components, then poses
-        points = np.einsum("nabp,nbmp->npma", self.turn.reshape(-1, 3, 3, self.P), seen)
+        seen = seen.reshape(B, 3, self.m, self.P) + self.T_in_flange[:, :, None]
+        # R_flange has base (a) and flange (b) components, then poses
+        points = np.einsum("nabp,nbmp->npma", self.R_flange.reshape(-1, 3, 3, self.P), seen)
         if self.present is not None:  # the missing ones go into the middle of the others
             there = np.moveaxis(self.present, 2, 1)[..., None]
             middle = (points * there).sum(axis=(1, 2), keepdims=True) / there.sum(axis=(1, 2), keepdims=True)

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from profilecal.geometry.poses import directions, frame_along, turns
+from profilecal.geometry.poses import directions, frame_along, random_turns
 from profilecal.simulate.plan import Poses
 from profilecal.targets.edge import Edge
 
@@ -84,9 +84,9 @@ def plan_edge(plan: EdgePlan, edge: Edge, R_sensor, T_sensor, rng: np.random.Gen
     """
     shape = edge.point.shape[:-1]
     square = frame_along(edge.direction, rng.uniform(0, 2 * np.pi, shape))
-    start = turns(rng, shape, np.radians(20)) @ square @ np.swapaxes(R_sensor, -1, -2)
+    start = random_turns(rng, shape, np.radians(20)) @ square @ np.swapaxes(R_sensor, -1, -2)
     axis = directions(rng, shape)[..., None, :] if plan.one_axis else None
-    turned = turns(rng, (*shape, plan.groups), np.radians(plan.spread_deg), axis)
+    turned = random_turns(rng, (*shape, plan.groups), np.radians(plan.spread_deg), axis)
     offsets = plan.offsets(edge.direction, rng)
     if plan.frame == "tool":
         offsets = offsets @ np.swapaxes(turned, -1, -2)
@@ -99,8 +99,8 @@ def plan_ball(centre, radius: float, R_sensor, T_sensor, rng, *, groups=10, posi
 
     `centre` (..., 3), mm. The profiles spread over 1.2 radii, along the sensor's y.
     """
-    start = turns(rng, centre.shape[:-1], np.pi) @ np.swapaxes(R_sensor, -1, -2)
-    flange = turns(rng, (*centre.shape[:-1], groups), np.radians(spread_deg)) @ start[..., None, :, :]
+    start = random_turns(rng, centre.shape[:-1], np.pi) @ np.swapaxes(R_sensor, -1, -2)
+    flange = random_turns(rng, (*centre.shape[:-1], groups), np.radians(spread_deg)) @ start[..., None, :, :]
     y = (flange @ R_sensor[..., None, :, :])[..., 1]
     steps = np.linspace(-0.6, 0.6, positions)[:, None] * radius * y[..., None, :]
     return Poses(flange, above(centre, flange, R_sensor, T_sensor, STANDOFF + radius)[..., None, :] + steps)

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from profilecal.geometry.noise import Noise
-from profilecal.geometry.poses import directions, turns
+from profilecal.geometry.poses import directions, random_turns
 from profilecal.joint.observations import Observations
 from profilecal.papers.edge_plan import EdgePlan, plan_edge
 from profilecal.simulate.plan import Poses, actual_poses, scan_planes
@@ -38,7 +38,7 @@ class EdgeScene:
 def edge_scenes(plan: EdgePlan, noise: Noise, rng: np.random.Generator, shape=()) -> EdgeScene:
     """Random scenes, `shape` of them: any edge 1 m in front of the robot, any mount within 150 mm of the flange."""
     edge = Edge(np.array([1000.0, 0.0, 300.0]) + rng.uniform(-100, 100, (*shape, 3)), directions(rng, shape))
-    R_sensor = turns(rng, shape, np.pi)
+    R_sensor = random_turns(rng, shape, np.pi)
     T_sensor = rng.uniform(50, 150, (*shape, 1)) * directions(rng, shape)
     poses = plan_edge(plan, edge, R_sensor, T_sensor, rng)
     return EdgeScene(edge, R_sensor, T_sensor, poses, sense_edge(edge, R_sensor, T_sensor, poses, noise, rng))

@@ -11,7 +11,7 @@ from profilecal.profiles.points import LARGEST_TOLERANCE, present, stretches, su
 
 LEAST_ARC_DEG, LEAST_ARC_POINTS = 30.0, 20  # of a curve that must be seen
 LARGEST_RMS = 0.5  # tolerances, of an arc's points from the curve; pieces of lines near a curve have more
-LEAST_SHARE = 0.9  # of the points along an arc that must lie on it
+LEAST_ON_ARC = 0.9  # of the points along an arc that must lie on it
 LARGEST_GAP = 20  # rows from one point of an arc to the next
 ROUNDS = 6  # of fitting a curve and choosing the points on it
 
@@ -101,7 +101,7 @@ def why_no_arc(curve: Curve, points, on, limit: float) -> str:
     if np.sqrt(np.mean(curve.off(points[on]) ** 2)) > LARGEST_RMS * limit:
         return f"points that follow no {curve.shape}"
     share = on[on.argmax() : len(on) - on[::-1].argmax()].mean()
-    if share < LEAST_SHARE:
+    if share < LEAST_ON_ARC:
         return f"only {100 * share:.0f} % of the points along the arc are on it"
     return ""
 

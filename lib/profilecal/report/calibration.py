@@ -8,8 +8,8 @@ import pandas as pd
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
+from profilecal.geometry.noise import FALSE_ALARM
 from profilecal.joint.observability import BY_HAND_DEG, BY_HAND_MM, name_direction
-from profilecal.joint.solve import FALSE_ALARM
 from profilecal.report.figures import GREEN, ORANGE, RED
 from profilecal.scan.conventions import VENDORS, Convention, for_controller, from_rotations, named
 
