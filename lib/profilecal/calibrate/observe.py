@@ -1,6 +1,6 @@
 """What a scan shows of its target, as the joint solution takes it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from textwrap import shorten
 
 import numpy as np
@@ -67,14 +67,14 @@ def from_profiles(scan: Scan) -> Seen:
     points = np.full((len(poses), most, 2), np.nan)
     for row, feature in zip(points, found, strict=True):
         row[: len(feature.points)] = feature.points
-    seen = Seen(poses, points, covariances(found, most, on_curve=scan.target.points is None), 0.0, tuple(remarks))
+    seen = Seen(poses, points, covariances(found, most, on_curve=scan.target.points is None), remarks=tuple(remarks))
     if not any(feature.shape == "tip" for feature in found):
         return seen
     remarks.append(
         "edge points are tips of a blade, which the scanner sees beside the edge by an amount that depends on the "
         f"orientation: {seen.typical_mm:.2g} mm for each are counted in; corners and ends of flat faces are better"
     )
-    return Seen(poses, points, seen.covariance, seen.typical_mm, tuple(remarks))
+    return replace(seen, shared_mm=seen.typical_mm, remarks=tuple(remarks))
 
 
 def from_table(scan: Scan) -> Seen:

@@ -10,10 +10,9 @@ from profilecal.geometry.poses import carry, circle_around, inverse
 from profilecal.profiles.arcs import Circle, best_circle, find_arc
 from profilecal.profiles.feature import Feature
 from profilecal.profiles.points import correlation
-from profilecal.targets.plane import Plane
+from profilecal.targets.plane import BELOW_MM, Plane
 from profilecal.targets.target import Target
 
-BELOW_MM = 20.0  # a table, in simulated profiles
 STEEPEST_DEG = 50.0  # of the arc that a perfect scanner sees
 
 

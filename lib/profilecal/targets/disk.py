@@ -12,10 +12,8 @@ from profilecal.profiles.ends import facing, run_end, step_beyond, with_end_vari
 from profilecal.profiles.feature import Feature, mask
 from profilecal.profiles.runs import straight_runs
 from profilecal.profiles.view import View
-from profilecal.targets.plane import Plane
+from profilecal.targets.plane import BELOW_MM, Plane
 from profilecal.targets.target import Target
-
-BELOW_MM = 20.0  # a table, in simulated profiles
 
 
 @dataclass(frozen=True)

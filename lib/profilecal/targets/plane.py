@@ -12,6 +12,7 @@ from profilecal.profiles.feature import Feature, block_means, mask, nothing
 from profilecal.profiles.runs import straight_runs
 from profilecal.targets.target import Target
 
+BELOW_MM = 20.0  # other targets, in simulated profiles: a table
 FAR = np.array([-500.0, 500.0])  # mm along the line, beyond any field of view
 
 

@@ -9,7 +9,8 @@ from profilecal.geometry.components import cross, dot
 from profilecal.geometry.poses import frame_around
 from profilecal.profiles.arcs import Circle, best_circle, find_arc
 from profilecal.profiles.feature import Feature
-from profilecal.targets.plane import Plane
+from profilecal.targets.edge import Edge
+from profilecal.targets.plane import BELOW_MM, Plane
 from profilecal.targets.target import ALONG_Y, Target
 
 LARGEST_TILT_DEG = 60.0  # of the scan plane against square to the rod
@@ -17,7 +18,6 @@ FIRST_TILT_DEG = 30.0  # of the section with which a fit begins
 PARTS = 60  # of a profile, of which a thin rod fills one or two
 LEAST_STEP = 3.0  # tolerances, from the section to what is seen beyond its arc
 BEYOND = slice(3, 9)  # points that show it: the first ones may show both
-BELOW_MM = 20.0  # a table, in simulated profiles
 STEEPEST_DEG = 60.0  # of the bar's cross-section that a perfect scanner sees, to either side
 STEPS = 6  # of fitting: two or three are usual
 
@@ -112,8 +112,7 @@ class Rod(Target):
         return origin, axes, radius + step[..., 4]
 
     def distance(self, points):
-        offset = points - self.point
-        return np.linalg.norm(offset - (offset @ self.direction)[..., None] * self.direction, axis=-1) - self.radius
+        return Edge(self.point, self.direction).distance(points) - self.radius
 
     def arc(self, rotation, origin, angle) -> np.ndarray:
         """Points (P, k, 2) where scan planes (P, 3, 3), (P, 3) meet the bar's generators at angles (k,), rad, about its
