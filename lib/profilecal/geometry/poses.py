@@ -73,12 +73,9 @@ def random_turns(rng: np.random.Generator, shape, spread: float, axis=None) -> n
 
 def frame_along(direction, angle) -> np.ndarray:
     """Frames (..., 3, 3), in columns, whose second axis is `direction` (..., 3); `angle` (...) turns them about it."""
-    y = np.asarray(direction, dtype=float)
-    aside = np.eye(3)[np.argmin(np.abs(y), axis=-1)]
-    x = np.cross(y, aside)
-    x /= np.linalg.norm(x, axis=-1, keepdims=True)
+    x, aside, y = np.moveaxis(frame_around(direction), -1, 0)
     angle = np.asarray(angle)[..., None]
-    x = np.cos(angle) * x + np.sin(angle) * np.cross(y, x)
+    x = np.cos(angle) * x + np.sin(angle) * aside
     return np.stack(np.broadcast_arrays(x, y, np.cross(x, y)), axis=-1)
 
 
