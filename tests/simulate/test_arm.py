@@ -33,7 +33,7 @@ def test_joint_angles_take_the_flange_where_they_were_found_for():
 
 def test_a_place_out_of_reach_is_refused():
     R, T = poses()
-    with pytest.raises(ValueError, match="mm from the shoulder; expected 100 to 1300"):
+    with pytest.raises(ValueError, match="mm from its shoulder; expected 100 to 1300 mm"):
         joints_at(R, T + AWAY)
 
 

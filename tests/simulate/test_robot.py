@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from profilecal.geometry.noise import Noise
+from profilecal.geometry.poses import inverse, rotations
 from profilecal.scan.scan import ScanError
 from profilecal.simulate.robot import Robot
 from profilecal.simulate.spec import Spec, read_spec, simulate_scan, simulate_scans
@@ -54,6 +55,16 @@ def test_an_arm_errs_alike_wherever_it_meets_a_pose_again():
     still, _ = points(rounds=2)
     np.testing.assert_array_equal(seen[:12], seen[12:])
     assert 0.01 < np.abs(seen - still).mean() < 5
+
+
+def test_an_arm_that_carries_the_target_errs_at_its_flange():
+    rng = np.random.default_rng(4)
+    R, T = rotations(rng.uniform(-0.3, 0.3, (20, 3))), rng.uniform(-100, 100, (20, 3))
+    robot = Robot(joint_deg=0.1, link_mm=0.5)
+    scanner = robot.built(R, T, False, np.random.default_rng(5))
+    target = robot.built(*inverse(R, T), True, np.random.default_rng(5))
+    np.testing.assert_allclose(inverse(*target)[1], scanner[1], atol=1e-9)
+    assert np.abs(scanner[1] - T).max() > 0.1
 
 
 def test_scans_of_two_targets_share_poses_and_errors():

@@ -51,7 +51,8 @@ def joints_at(rotation, position) -> np.ndarray:
     if (np.abs(bend) > 1).any():
         farthest = np.sqrt(out**2 + high**2).max()
         raise ValueError(
-            f"the wrist is up to {farthest:.0f} mm from the shoulder; expected {upper - fore:.0f} to {upper + fore:.0f}"
+            f"the arm's wrist is up to {farthest:.0f} mm from its shoulder; "
+            f"expected {upper - fore:.0f} to {upper + fore:.0f} mm at all poses"
         )
     elbow = np.arccos(bend)
     shoulder = np.arctan2(out, high) - np.arctan2(fore * np.sin(elbow), upper + fore * np.cos(elbow))

@@ -123,7 +123,8 @@ def simulate_scans(specs: Sequence[Spec]) -> list[Scan]:
         steering_mm=first.noise.steering_mm,
     )
     poses = actual_poses(scene.poses, first.noise, rng)
-    poses = first.robot.built(*(part.reshape(-1, *part.shape[2:]) for part in poses), rng)
+    R, T = (part.reshape(-1, *part.shape[2:]) for part in poses)
+    poses = first.robot.built(R, T, first.mount == "eye-to-hand", rng)
     return [record(scene.showing(spec.kind, sizes_of(spec)), poses, spec, first.robot, rng) for spec in specs]
 
 
