@@ -14,7 +14,10 @@ from profilecal.joint.solution import Solution
 from profilecal.joint.solve import LARGEST_ERROR_MM, LARGEST_REJECTED
 
 LARGEST_MISFIT = 3.0  # residuals over what the stated noise explains
-MOVES, MOVES_MUCH = 1.0, 3.0  # standard deviations of the pose that a suspect must move it by to count, and to be weak
+MOVES, MOVES_MUCH = (
+    1.0,
+    3.0,
+)  # standard deviations of the pose that a suspect must move it by to be added, and to be weak
 SHADOW = 0.8  # of the clearest suspect's clarity: less is taken for its shadow
 CHECK = (
     "check the mount, units and convention of the poses, which pose each profile belongs to, x and z of the profiles, "
@@ -29,11 +32,13 @@ def judge(observed, solution: Solution) -> Solution:
     if solution.status == "unobservable":
         return replace(solution, messages=tuple(messages))
     C, weak = solution.covariance, bool(objections)
-    guilty = guilty_suspects(suspects(observed, solution), C)
+    guilty = clear_suspects(suspects(observed, solution))
     if guilty:
-        weak |= max(distance(s.moves, C) for s in guilty) > MOVES_MUCH
-        C = C + sum(np.outer(s.moves, s.moves) for s in guilty)
-        messages.append(accusation(guilty))
+        farthest = max(distance(s.moves, C) for s in guilty)
+        weak |= farthest > MOVES_MUCH
+        if farthest > MOVES:
+            C = C + sum(np.outer(s.moves, s.moves) for s in guilty)
+        messages.append(accusation(guilty, farthest > MOVES))
     found = of_covariance(C, solution.observability.rank, solution.observability.parameters)
     status = "weak" if weak or found.sd[0] > WEAK else solution.status
     return replace(solution, covariance=C, observability=found, messages=tuple(messages), status=status)
@@ -58,11 +63,10 @@ def contradictions(solution: Solution) -> list[str]:
     return messages
 
 
-def guilty_suspects(found: list[Suspect], covariance) -> list[Suspect]:
-    """The clearest suspects, clearest first, if they move the sensor by more than its covariance (6, 6) allows for."""
+def clear_suspects(found: list[Suspect]) -> list[Suspect]:
+    """Those that chance does not explain, clearest first."""
     clear = sorted((s for s in found if s.is_clear), key=lambda s: -abs(s.clear))
-    alike = [s for s in clear if abs(s.clear) > SHADOW * abs(clear[0].clear)]
-    return alike if any(distance(s.moves, covariance) > MOVES for s in alike) else []
+    return [s for s in clear if abs(s.clear) > SHADOW * abs(clear[0].clear)]
 
 
 def distance(delta, covariance) -> float:
@@ -70,12 +74,12 @@ def distance(delta, covariance) -> float:
     return float(np.sqrt(delta @ np.linalg.solve(covariance, delta)))
 
 
-def accusation(guilty: list[Suspect]) -> str:
+def accusation(guilty: list[Suspect], enlarged: bool) -> str:
     """What the residuals look like, and what it would do."""
     most = max(guilty, key=lambda s: np.linalg.norm(s.moves[:3]))
     return (
         f"the residuals look as if {', or as if '.join(s.sentence for s in guilty[:4])} "
         f"({abs(guilty[0].clear):.0f} standard deviations), "
         f"which would move the sensor by up to {np.linalg.norm(most.moves[:3]):.2g} mm and "
-        f"{np.degrees(np.linalg.norm(most.moves[3:])):.2g}°; the covariance is enlarged to match"
+        f"{np.degrees(np.linalg.norm(most.moves[3:])):.2g}°; the covariance {'is enlarged to match' if enlarged else 'allows for it'}"
     )

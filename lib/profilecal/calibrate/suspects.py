@@ -42,7 +42,7 @@ class Suspect:
 def suspects(observed, solution: Solution) -> list[Suspect]:
     """What might be wrong everywhere, each by itself, with the size that fits the residuals best."""
     state, noise = solution.state, solution.noise
-    effects = Problem(observed, noise).effects(state)
+    effects = Problem(observed, noise, solution.level.systematic).effects(state)
 
     def normal(change, step):
         changed = Problem([change(o, step) for o in observed], noise)

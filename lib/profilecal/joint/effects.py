@@ -49,11 +49,12 @@ def remove(information: Information, variances, member) -> Information:
     return Information(whole[..., :6], whole[..., 6:], M, log_determinant)
 
 
-def remove_common(normal, first: int, precision):
+def remove_common(normal, first: int, precision) -> tuple[np.ndarray, np.ndarray]:
     """Normal equations (..., n, n) without the unknowns from `first` up to the residual, of which one knows beforehand
-    that they are zero to a precision (c,)."""
+    that they are zero to a precision (c,), and those unknowns (..., c) where the others do not change."""
     c = slice(first, first + len(precision))
     keep = np.r_[0:first, first + len(precision) : normal.shape[-1]]
     inner = normal[..., c, c] + np.diag(precision)
     across = normal[..., c, keep]
-    return normal[..., keep[:, None], keep] - np.swapaxes(across, -1, -2) @ np.linalg.solve(inner, across)
+    found = np.linalg.solve(inner, across)
+    return normal[..., keep[:, None], keep] - np.swapaxes(across, -1, -2) @ found, -found[..., -1]

@@ -40,7 +40,7 @@ FREEDOM = 3.0  # degrees of freedom of the half-t law
 FACTOR = np.log(3)  # standard deviation of the logarithm of a robot's accuracy over what is stated
 ACCURACY = ("accuracy_mm", "accuracy_deg")
 KINDS = (("position_mm", "orientation_deg"), ("group_position_mm", "group_orientation_deg"))  # there or not
-FARTHEST = 6.0  # standard deviations of the prior
+FARTHEST, FARTHEST_OF_PROFILE = 5.0, 3.0  # of a size's coordinate: a larger error is a mistake
 DRAWS, TAILS = 128, 4.0  # sizes looked at, drawn from a t law of that many degrees of freedom
 STEP, BROAD_STEP = 1e-3, 0.1  # of a size's coordinate, for the first derivative and for the second
 TOLD = 0.6  # a size is known from the data if they leave it less open than that, the prior being 1
@@ -113,6 +113,11 @@ class Likelihood:
         for out in product((False, True), repeat=len(there)):
             yield self.without([name for kind, gone in zip(there, out, strict=True) if gone for name in kind])
 
+    @property
+    def farthest(self) -> np.ndarray:
+        """How far from zero coordinates (d,) may be."""
+        return np.array([FARTHEST_OF_PROFILE if name == "profile_mm" else FARTHEST for name in self.scales])
+
     def sizes(self, y) -> dict[str, np.ndarray]:
         """The sizes at coordinates y (d,), or at each of y (S, d)."""
         return {
@@ -162,7 +167,7 @@ def _law(name: str):
 
 def likeliest(model: Likelihood, start: dict[str, float]) -> np.ndarray:
     """The coordinates (d,) of the likeliest sizes, from those of `start`."""
-    y = np.clip(model.coordinates(start), -FARTHEST, FARTHEST)
+    y = np.clip(model.coordinates(start), -model.farthest, model.farthest)
     if not y.size:
         return y
     steps = np.vstack([np.zeros_like(y), STEP * np.eye(y.size)])
@@ -171,7 +176,7 @@ def likeliest(model: Likelihood, start: dict[str, float]) -> np.ndarray:
         value, *changed = model.at(y + steps)[0]
         return value, (np.array(changed) - value) / STEP
 
-    bounds = [(-FARTHEST, FARTHEST)] * y.size
+    bounds = np.column_stack([-model.farthest, model.farthest])
     return minimize(with_gradient, y, jac=True, method="L-BFGS-B", bounds=bounds, options={"ftol": 1e-7}).x
 
 
@@ -199,7 +204,7 @@ def draw(model: Likelihood, likely) -> Draws:
         root = spread_at(model, likely)
         points = (qmc.Sobol(d + 1, scramble=False).random(DRAWS) + 0.5 / DRAWS) % 1
         z = norm.ppf(points[:, :d]) * np.sqrt(TAILS / chi2.ppf(points[:, d:], TAILS))
-    y = np.clip(likely + z @ root.T, -FARTHEST, FARTHEST)
+    y = np.clip(likely + z @ root.T, -model.farthest, model.farthest)
     unlikely, covariance, moved = model.at(y)
     proposed = gammaln((TAILS + d) / 2) - gammaln(TAILS / 2) - d / 2 * np.log(TAILS * np.pi)
     proposed = proposed - (TAILS + d) / 2 * np.log1p((z**2).sum(axis=1) / TAILS) - np.linalg.slogdet(root)[1]

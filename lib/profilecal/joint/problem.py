@@ -138,17 +138,30 @@ class Problem:
             columns = self.columns(index)
             normal[:, columns[:, None], columns] += flat @ np.swapaxes(flat, 1, 2)
         if effects:
-            normal = self.without_effects(self.information(grams, len(effects.precision)), effects)
+            normal, common = self.without_effects(self.information(grams, len(effects.precision)), effects)
+            if common.shape[1]:
+                counts = [np.maximum(term.counts(), 1) for term in self.terms]
+                per_pose = [
+                    self.square_of_each_pose(gram_by_pose(rows, linear.columns), common) / count
+                    for rows, linear, count in zip(effects.rows, self.linear(state), counts, strict=True)
+                ]
         if scale is None:
             loss = normal[:, -1, -1]
         return Moments(normal, loss, per_pose)
 
-    def square_of_each_pose(self, gram) -> np.ndarray:
-        """χ² (B, P) of each pose by itself, with all errors of the flange, from `gram_by_pose` (B, P, ., .)."""
+    def square_of_each_pose(self, gram, common=None) -> np.ndarray:
+        """χ² (B, P) of each pose by itself, with all errors of the flange, from `gram_by_pose` (B, P, ., .), where the
+        systematic errors are `common` (B, c), or none."""
         S = sum(level_variances(self.noise))
-        A, b = gram[..., :6, :6], gram[..., :6, -1:]
-        taken = np.swapaxes(b, -1, -2) @ (S[:, None] * np.linalg.solve(np.eye(6) + A * S, b))
-        return np.maximum(gram[..., -1, -1] - taken[..., 0, 0], 0)
+        residual = gram[..., -1:]
+        if common is not None:
+            residual = residual + gram[..., 6 : 6 + common.shape[1]] @ common[:, None, :, None]
+            square = residual[..., -1, 0] + (common[:, None] * residual[..., 6 : 6 + common.shape[1], 0]).sum(axis=-1)
+        else:
+            square = residual[..., -1, 0]
+        b = residual[..., :6, :]
+        taken = np.swapaxes(b, -1, -2) @ (S[:, None] * np.linalg.solve(np.eye(6) + gram[..., :6, :6] * S, b))
+        return np.maximum(square - taken[..., 0, 0], 0)
 
     def information(self, grams, common: int) -> Information:
         """Of all profiles, from `gram_by_pose` of each target: n unknowns, `common` systematic errors, the residual."""
@@ -163,8 +176,9 @@ class Problem:
         A = np.concatenate([gram[..., :6, :6] for gram in grams], axis=1)
         return Information(A, np.concatenate(crossed, axis=1), normal)
 
-    def without_effects(self, information: Information, effects: Effects) -> np.ndarray:
-        """Normal equations (B, n + 1, n + 1) with all shared errors integrated out."""
+    def without_effects(self, information: Information, effects: Effects) -> tuple[np.ndarray, np.ndarray]:
+        """Normal equations (B, n + 1, n + 1) with all shared errors integrated out, and the systematic ones (B, c) that
+        the residuals suggest."""
         for variances, member in effects.sharing.levels(self.noise):
             information = remove(information, variances, member)
         return remove_common(information.normal, self.n, effects.precision)

@@ -68,11 +68,15 @@ def settle(problem: Problem, level: NoiseLevel, found: State, robust: bool) -> S
 
 def weigh(problem: Problem, level: NoiseLevel, found: State, robust: bool) -> Solution:
     """The solution from sensor poses worth refining, with the size of every error as the residuals have it: what does
-    not belong is rejected by errors of that size, and they are estimated without it, until nothing changes."""
+    not belong is rejected by errors of that size, and they are estimated without it, until nothing changes. Residuals
+    that are larger than any robot errs are left to the scanner."""
     observations, kept = problem.observations, [np.ones(term.P, dtype=bool) for term in problem.terms]
     fit, scale = robust_fit_widely(problem, refine(problem, found).state, 0.0)
     if robust:
         kept = [~bad for bad in beyond_chance(problem, fit, 0, scale, SHARED)]
+    grossly = kept
+    if scale * problem.noise.profile_mm > LARGEST_ERROR_MM:
+        return settle(problem, level, fit.state, robust)
     noise = replace(problem.noise, profile_mm=problem.noise.profile_mm * (max(scale, 1e-12) if level.unknown else 1))
     others, state = fit.state, fit.state[[0]]
     for _ in range(ROUNDS):
@@ -86,6 +90,8 @@ def weigh(problem: Problem, level: NoiseLevel, found: State, robust: bool) -> So
         problem = Problem(observations, noise, level.systematic)
         fit = refine(problem, state, weights=kept)
         after = [~bad for bad in beyond_chance(problem, fit, 0, 1.0)] if robust else kept
+        if lost(after) > lost(grossly) + LARGEST_REJECTED:  # the model is at fault, not the poses
+            after = grossly
         settled = all((a == b).all() for a, b in zip(after, kept, strict=True)) and alike(noise, before)
         state, kept = fit.state, after
         if settled:
@@ -95,6 +101,11 @@ def weigh(problem: Problem, level: NoiseLevel, found: State, robust: bool) -> So
     problem = Problem(observations, found.noise, level.systematic)
     level = replace(level, noise=found.noise, levels=found)
     return conclude(problem, level, refine(problem, state, weights=kept), others, kept)
+
+
+def lost(kept) -> float:
+    """The share of poses that are not kept (P,)."""
+    return 1 - float(np.mean(np.concatenate(kept)))
 
 
 def alike(noise: Noise, other: Noise) -> bool:
