@@ -17,17 +17,19 @@ from profilecal.calibrate.observe import Seen, as_observations
 from profilecal.geometry.noise import Noise
 from profilecal.joint.descent import refine
 from profilecal.joint.observations import Observations
-from profilecal.joint.search import in_space, search, thin, typical_residual
+from profilecal.joint.search import in_space, search, search_among_outliers, thin, typical_residual
+from profilecal.joint.solve import LARGEST_ERROR_MM
 from profilecal.scan.conventions import CONVENTIONS, from_rotations, named
 from profilecal.scan.folder import REACH_MM
 from profilecal.scan.scan import Scan
 
+FINE_MM = 0.1  # residuals that no other reading is looked for at
 FAR_BETTER = 3.0  # times smaller residuals
 LUCK = 25.0  # logarithm of the odds against residuals so much smaller by chance, among all readings and starts
 ALIKE = 1.5  # times the residuals of the best reading
 POSES, ROUNDS = 30, 4  # a reading is judged by that many poses, and so often are the bad ones among them weighed down
 ROBOT = "check how the robot prints its poses"
-UNITS = {"m": 1000.0, "inches": 25.4}  # in mm
+UNITS = {"m instead of mm": 1000.0, "mm instead of m": 0.001, "inches instead of mm": 25.4}
 SEQUENCES = (  # of three angles, as scipy names them
     *((f"{c.name} {', '.join(c.columns)}", c.sequence) for c in CONVENTIONS if c.sequence),
     ("angles about the fixed axes z, y, x", "zyx"),
@@ -48,12 +50,12 @@ class Reading:
 def better_readings(scan: Scan, seen: Seen) -> list[str]:
     """A sentence on the reading, or those alike, that explains what was `seen` far better than the poses as stated;
     none where there is none."""
-    stated, freedom = misfit(observed(scan, seen))
-    if freedom <= 0:
+    stated, freedom = misfit(observed(scan, seen), widely=True)
+    if freedom <= 0 or stated < FINE_MM:
         return []
     tried = [(misfit(observed(r.scan, seen, r.shift))[0], r) for r in readings(scan)]
     best = min(size for size, _ in tried)
-    if stated < FAR_BETTER * best or freedom * np.log(stated / best) < LUCK:
+    if best > LARGEST_ERROR_MM or stated < FAR_BETTER * best or freedom * np.log(stated / best) < LUCK:
         return []
     alike = [r for size, r in sorted(tried, key=lambda pair: pair[0]) if size < ALIKE * best]
     words, checks = " or ".join(r.words for r in alike), "; ".join(dict.fromkeys(r.check for r in alike))
@@ -67,15 +69,17 @@ def observed(scan: Scan, seen: Seen, shift: int = 0) -> Observations:
     return as_observations(scan, Seen(poses[there], seen.points[there]))
 
 
-def misfit(observations: Observations) -> tuple[float, int]:
+def misfit(observations: Observations, widely: bool = False) -> tuple[float, int]:
     """How large most residuals from the best sensor pose are, mm, and by how many the coordinates, two for each pose,
-    exceed the unknowns."""
+    exceed the unknowns. `widely`: searched for as where many poses are bad."""
     few = thin(observations, POSES)
     problem = in_space([few], Noise(1.0))
     freedom = 2 * problem.terms[0].P - problem.n
     if freedom <= 0:
         return np.inf, freedom
     state = search([few], problem.noise)
+    if widely:
+        state = search_among_outliers([observations], problem.noise, state)
     size = typical_residual(problem.moments(state).per_pose, problem.freedoms())
     for _ in range(ROUNDS):
         fit = refine(problem, state, scale=np.maximum(size, 1e-9), iterations=8)
@@ -95,11 +99,10 @@ def readings(scan: Scan):
         words = f"each profile taken from the {which} row's pose"
         yield Reading(words, "check which pose each profile belongs to", scan, shift)
     (low, high), farthest = REACH_MM, np.linalg.norm(scan.T_base_flange, axis=1).max()
-    for unit, size in UNITS.items():
-        for factor, words in ((size, f"{unit} instead of mm"), (1 / size, f"mm instead of {unit}")):
-            if low < farthest * factor < high:
-                scaled = replace(scan, T_base_flange=scan.T_base_flange * factor)
-                yield Reading(f"the poses' x, y, z in {words}", "check the units of poses and profiles", scaled)
+    for words, factor in UNITS.items():
+        if low < farthest * factor < high:
+            scaled = replace(scan, T_base_flange=scan.T_base_flange * factor)
+            yield Reading(f"the poses' x, y, z in {words}", "check the units of poses and profiles", scaled)
     stated = named(scan.convention)
     block = from_rotations(stated, scan.R_base_flange) if scan.orientation is None else scan.orientation
     columns = ", ".join(stated.columns) if len(stated.columns) < 9 else "r11 … r33"
