@@ -100,10 +100,8 @@ def test_a_scan_of_several_is_named_and_nothing_is_applied():
 )
 def test_columns_count_as_they_were_printed(tmp_path, columns, sequence, words):
     """The rotations alone do not tell them: a middle angle beyond 90°, a vector longer than π."""
-    scan, over = (
-        scan_of(SPECS[2]),
-        Rotation.from_euler("xz", [180, 150], degrees=True).as_matrix(),
-    )  # a robot points down
+    scan = scan_of(SPECS[2])
+    over = Rotation.from_euler("xz", [180, 150], degrees=True).as_matrix()
     scan = replace(scan, R_base_flange=over @ scan.R_base_flange, T_base_flange=scan.T_base_flange @ over.T)
     turned = Rotation.from_matrix(scan.R_base_flange).as_euler(sequence)
     assert (turned[:, 1] > np.pi / 2).any() if sequence == "ZYZ" else (np.linalg.norm(turned, axis=1) > np.pi).any()

@@ -24,7 +24,7 @@ from profilecal.scan.folder import REACH_MM
 from profilecal.scan.scan import Scan
 
 FINE_MM = 0.1  # residuals that no other reading is looked for at
-FAR_BETTER = 3.0  # times smaller residuals
+FAR_BETTER = 2.0  # times smaller residuals
 LUCK = 25.0  # logarithm of the odds against residuals so much smaller by chance, among all readings and starts
 ALIKE = 1.5  # times the residuals of the best reading
 POSES, ROUNDS = 30, 4  # a reading is judged by that many poses, and so often are the bad ones among them weighed down
