@@ -23,7 +23,7 @@ from profilecal.scan.conventions import CONVENTIONS, from_rotations, named
 from profilecal.scan.folder import REACH_MM
 from profilecal.scan.scan import Scan
 
-FINE_MM = 0.1  # residuals that no other reading is looked for at
+EXACT_MM, FINE_MM = 1e-9, 0.1  # residuals that are rounding, and those at which no other reading is looked for
 FAR_BETTER = 2.0  # times smaller residuals
 LUCK = 25.0  # logarithm of the odds against residuals so much smaller by chance, among all readings and starts
 ALIKE = 1.5  # times the residuals of the best reading
@@ -51,10 +51,10 @@ def better_readings(scan: Scan, seen: Seen) -> list[str]:
     """A sentence on the reading, or those alike, that explains what was `seen` far better than the poses as stated;
     none where there is none."""
     stated, freedom = misfit(observed(scan, seen), widely=True)
-    if freedom <= 0 or stated < FINE_MM:
+    if not FINE_MM < stated < np.inf:
         return []
     tried = [(misfit(observed(r.scan, seen, r.shift))[0], r) for r in readings(scan)]
-    best = min(size for size, _ in tried)
+    best = max(min(size for size, _ in tried), EXACT_MM)
     if best > LARGEST_ERROR_MM or stated < FAR_BETTER * best or freedom * np.log(stated / best) < LUCK:
         return []
     alike = [r for size, r in sorted(tried, key=lambda pair: pair[0]) if size < ALIKE * best]
@@ -70,8 +70,8 @@ def observed(scan: Scan, seen: Seen, shift: int = 0) -> Observations:
 
 
 def misfit(observations: Observations, widely: bool = False) -> tuple[float, int]:
-    """How large most residuals from the best sensor pose are, mm, and by how many the coordinates, two for each pose,
-    exceed the unknowns. `widely`: searched for as where many poses are bad."""
+    """How large most residuals from the best sensor pose are, mm, infinite where none is found, and by how many the
+    coordinates, two for each pose, exceed the unknowns. `widely`: searched for as where many poses are bad."""
     few = thin(observations, POSES)
     problem = in_space([few], Noise(1.0))
     freedom = 2 * problem.terms[0].P - problem.n
@@ -82,9 +82,10 @@ def misfit(observations: Observations, widely: bool = False) -> tuple[float, int
         state = search_among_outliers([observations], problem.noise, state)
     size = typical_residual(problem.moments(state).per_pose, problem.freedoms())
     for _ in range(ROUNDS):
-        fit = refine(problem, state, scale=np.maximum(size, 1e-9), iterations=8)
+        fit = refine(problem, state, scale=np.maximum(size, EXACT_MM), iterations=8)
         state, size = fit.state, typical_residual(fit.per_pose, problem.freedoms())
-    return float(size.min()) * np.sqrt(1 + problem.n / freedom), freedom
+    best = np.min(size, where=np.isfinite(size), initial=np.inf)
+    return float(best * np.sqrt(1 + problem.n / freedom)), freedom
 
 
 def readings(scan: Scan):
