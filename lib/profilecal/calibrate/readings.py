@@ -9,6 +9,7 @@ about its z, or about the line halfway between x and z.
 """
 
 from dataclasses import dataclass, replace
+from operator import itemgetter
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -50,14 +51,15 @@ class Reading:
 def better_readings(scan: Scan, seen: Seen) -> list[str]:
     """A sentence on the reading, or those alike, that explains what was `seen` far better than the poses as stated;
     none where there is none."""
-    stated, freedom = misfit(observed(scan, seen), widely=True)
+    stated, _ = misfit(observed(scan, seen), widely=True)
     if not FINE_MM < stated < np.inf:
         return []
-    tried = [(misfit(observed(r.scan, seen, r.shift))[0], r) for r in readings(scan)]
-    best = max(min(size for size, _ in tried), EXACT_MM)
+    tried = [(*misfit(observed(r.scan, seen, r.shift)), r) for r in readings(scan)]
+    best, freedom, _ = min(tried, key=itemgetter(0))
+    best = max(best, EXACT_MM)
     if best > LARGEST_ERROR_MM or stated < FAR_BETTER * best or freedom * np.log(stated / best) < LUCK:
         return []
-    alike = [r for size, r in sorted(tried, key=lambda pair: pair[0]) if size < ALIKE * best]
+    alike = [r for size, _, r in sorted(tried, key=itemgetter(0)) if size < ALIKE * best]
     words, checks = " or ".join(r.words for r in alike), "; ".join(dict.fromkeys(r.check for r in alike))
     return [f"with {words} the residuals are {best:.2g} mm instead of {stated:.2g} mm; {checks}"]
 
