@@ -6,6 +6,7 @@ import numpy as np
 
 from profilecal.calibrate.doubts import judge
 from profilecal.calibrate.observe import LEAST_POSES, as_observations, names, observe, stated_noise
+from profilecal.calibrate.readings import better_readings
 from profilecal.closed_form.solve import solve_in_closed_form
 from profilecal.geometry.checks import UnobservableError
 from profilecal.geometry.poses import xyz_angles_from_rotation
@@ -40,9 +41,9 @@ class Calibration:
     messages: tuple[str, ...] = ()  # sentences a person can act on
     method: str = "joint"
 
-    def noting(self, messages) -> "Calibration":
-        """This one with more to say."""
-        return replace(self, messages=(*self.messages, *messages))
+    def noting(self, messages, first=()) -> "Calibration":
+        """This one with more to say, some of it `first`."""
+        return replace(self, messages=(*first, *self.messages, *messages))
 
     @property
     def status(self) -> str:
@@ -135,11 +136,18 @@ def calibrate(scans, guess=None, method: str = "joint", rng: np.random.Generator
             solution = solve(observed, level, starts=[] if guess is None else [(guess[:3, :3], guess[:3, 3])])
             solution = judge(observed, solution)
     except UnobservableError as error:
-        return found.noting([str(error)])
+        return found.noting([str(error)], first=on_readings(scans, seen))
     remarks, wrong = remarks_on_targets(scans, seen, solution)
     if wrong and solution.status == "ok":
         solution = replace(solution, status="weak")
-    return replace(found.noting([*solution.messages, *remarks]), solution=solution)
+    first = on_readings(scans, seen) if solution.status != "ok" else []
+    return replace(found.noting([*solution.messages, *remarks], first), solution=solution)
+
+
+def on_readings(scans, seen) -> list[str]:
+    """Which other reading of each scan's poses would explain it far better."""
+    triples = zip(names(scans), scans, seen, strict=True)
+    return [name + said for name, scan, entry in triples for said in better_readings(scan, entry)]
 
 
 def remarks_on_targets(scans, seen, solution: Solution) -> tuple[list[str], bool]:

@@ -168,8 +168,9 @@ def read_poses(folder: Path, scale: float, side: int) -> tuple[dict, list[str]]:
         check_groups(table.path, R, group, labels)
     else:
         group = find_groups(R)
-    entries = {"labels": tuple(labels), "R_base_flange": R, "T_base_flange": T, "convention": convention.name}
-    return entries | {"side": sides, "group": group, "group_given": "group" in table.frame}, doubts
+    entries = {"labels": tuple(labels), "R_base_flange": R, "T_base_flange": T, "side": sides}
+    entries |= {"convention": convention.name, "orientation": block}
+    return entries | {"group": group, "group_given": "group" in table.frame}, doubts
 
 
 def check_groups(path: Path, R, group, labels) -> None:
