@@ -76,10 +76,11 @@ def distance(delta, covariance) -> float:
 
 def accusation(guilty: list[Suspect], enlarged: bool) -> str:
     """What the residuals look like, and what it would do."""
+    verb = "is enlarged to match" if enlarged else "allows for it"
     most = max(guilty, key=lambda s: np.linalg.norm(s.moves[:3]))
     return (
         f"the residuals look as if {', or as if '.join(s.sentence for s in guilty[:4])} "
         f"({abs(guilty[0].clear):.0f} standard deviations), "
         f"which would move the sensor by up to {np.linalg.norm(most.moves[:3]):.2g} mm and "
-        f"{np.degrees(np.linalg.norm(most.moves[3:])):.2g}°; the covariance {'is enlarged to match' if enlarged else 'allows for it'}"
+        f"{np.degrees(np.linalg.norm(most.moves[3:])):.2g}°; the covariance {verb}"
     )
