@@ -5,18 +5,21 @@ from dataclasses import replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
-from scipy.stats import chi2 as chi2_law
+from scipy.special import gammaincinv
 
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import angle_between
-from profilecal.joint.descent import refine
+from profilecal.joint.descent import descend, refine
 from profilecal.joint.observations import BATCHED, Observations
 from profilecal.joint.problem import Problem
 from profilecal.joint.state import State
 
-GRID = "I"  # scipy's name for the 60 rotations of the icosahedron: any rotation is within 45° of one of them
 POSES, POINTS = 40, 5  # the search looks at that many poses, and points in each
-ROUNDS = ((12, 30), (20, 12))  # steps, and how many starts go on after them
+# scipy's names for 12 and 60 rotations, and rounds: steps, and how many starts go on after them. Any rotation is within
+# 45° of one of the 60
+PLAN = (("T", ((8, 12), (8, 12))), ("I", ((12, 30), (20, 12))))
+AGREEING = 5  # starts that end at the best sensor pose leave no doubt
+HOPELESS = 100.0  # times the best loss, or the noise
 KEPT = 6  # starts that all poses are looked at from
 SUBSET = 24  # poses that one start looks at where some are bad: few enough to be lucky
 SAME_RAD, SAME_MM = 0.02, 2.0  # sensor poses nearer to each other are one
@@ -24,23 +27,45 @@ SAME_RAD, SAME_MM = 0.02, 2.0  # sensor poses nearer to each other are one
 
 def search(observations: Sequence[Observations], noise: Noise, starts=()) -> State:
     """Sensor poses worth refining, best first, at most KEPT: from `starts`, pairs (R (3, 3), T (3,) mm), and from a
-    grid of rotations, each with the targets placed where it sees them, by distances in space and on a few poses."""
+    grid of rotations, each with the targets placed where it sees them, by distances in space and on a few poses. If
+    not several from a coarse grid end at the same, from a fine one."""
     problem = in_space([thin(entry, POSES) for entry in observations], noise)
-    rotation, translation = Rotation.create_group(GRID).as_matrix(), np.zeros((60, 3))
-    if len(starts):
-        rotation = np.concatenate([[R for R, _ in starts], rotation])
-        translation = np.concatenate([[T for _, T in starts], translation])
-    state = problem.place(rotation, translation)
-    for steps, kept in ROUNDS:
-        found = refine(problem, state, iterations=steps)
-        state = found.state[np.argsort(np.where(np.isfinite(found.loss), found.loss, np.inf))[:kept]]
-    return distinct(state)
+    for grid, rounds in PLAN if all(entry.target.fit_is_best for entry in observations) else PLAN[1:]:
+        state = problem.place(*started(Rotation.create_group(grid).as_matrix(), starts))
+        for steps, kept in rounds:
+            found = descend(problem.moments, placing(problem), state, steps)
+            found = found[np.argsort(np.where(np.isfinite(found.loss), found.loss, np.inf))[:kept]]
+            state, worth = found.state, found.loss < HOPELESS * max(found.loss[0], problem.count()[0])
+            if np.count_nonzero(same(state, 0)) >= AGREEING:
+                return distinct(state[worth])
+    return distinct(state[worth])
+
+
+def started(rotation, starts) -> tuple[np.ndarray, np.ndarray]:
+    """Sensor poses at the flange with rotations (B, 3, 3), after `starts`."""
+    R, T = [R for R, _ in starts], [T for _, T in starts]
+    return np.array([*R, *rotation]), np.array([*T, *np.zeros((len(rotation), 3))])
+
+
+def placing(problem: Problem):
+    """How to take steps, `problem.move`, that then place the targets anew where that is best: the search does not have
+    to follow a target that turns as the sensor pose does (variable projection; Golub and Pereyra 1973)."""
+
+    def move(state, step):
+        moved = problem.move(state, step)
+        placements = tuple(
+            term.place(moved.rotation, moved.translation) if term.target.fit_is_best else placement
+            for term, placement in zip(problem.terms, moved.placements, strict=True)
+        )
+        return replace(moved, placements=placements)
+
+    return move
 
 
 def search_among_outliers(observations: Sequence[Observations], noise: Noise, found: State) -> State:
     """`search` for data of which a part is wrong, in addition to what it `found`: each rotation of the grid looks at
     another few groups of poses, some of which hold no bad one, and the medians of all residuals tell which."""
-    rotation = Rotation.create_group(GRID).as_matrix()
+    rotation = Rotation.create_group("I").as_matrix()
     subsets = in_space([few_groups(entry, len(rotation)) for entry in observations], noise)
     tried = refine(subsets, subsets.place(rotation, np.zeros((60, 3))), iterations=25).state
     problem = in_space([thin(entry, 2 * POSES) for entry in observations], noise)
@@ -93,15 +118,22 @@ def distinct(state: State) -> State:
     """At most KEPT sensor poses of a batch, in order, without those that repeat an earlier one."""
     kept: list[int] = []
     for i in range(len(state.rotation)):
-        same = (angle_between(state.rotation[kept], state.rotation[i]) < SAME_RAD) & (
-            np.linalg.norm(state.translation[kept] - state.translation[i], axis=-1) < SAME_MM
-        )
-        if not same.any():
+        if not same(state, i)[kept].any():
             kept.append(i)
     return state[kept[:KEPT]]
 
 
+def same(state: State, i: int) -> np.ndarray:
+    """Which sensor poses of a batch (B,) are as the i-th."""
+    turn = angle_between(state.rotation, state.rotation[i])
+    shift = np.linalg.norm(state.translation - state.translation[i], axis=-1)
+    return (turn < SAME_RAD) & (shift < SAME_MM)
+
+
 def typical_residual(per_pose, freedoms) -> np.ndarray:
     """How many noise levels large the residuals of most poses are, (B,), from medians: bad poses do not count."""
-    level = [np.median(own * (k / chi2_law.median(k)), axis=1) for own, k in zip(per_pose, freedoms, strict=True)]
+    # the median of χ² with k degrees of freedom is twice that of a gamma law with k/2
+    level = [
+        np.median(own * (k / (2 * gammaincinv(k / 2, 0.5))), axis=1) for own, k in zip(per_pose, freedoms, strict=True)
+    ]
     return np.sqrt(np.mean(level, axis=0))
