@@ -14,7 +14,7 @@ from profilecal.joint.state import State, pose_error
 REACH = np.r_[100, 100, 100, 1, 1, 1]  # mm and rad: a step as large in one as in the other
 ROUNDS = 8  # of whitening, at most
 ROUNDING = 1e-14  # of a loss: less is no difference
-FLAT = 3e-7  # of a loss: of a thousand residuals, a hundredth of a standard deviation
+FLAT = 1e-6  # of a loss: of a thousand residuals, a thirtieth of a standard deviation
 KEEPS = 0.9  # of what they promise, good steps
 UNDAMPED = 1e-12
 

@@ -9,17 +9,16 @@ from scipy.special import gammaincinv
 
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import angle_between
-from profilecal.joint.descent import descend, refine
+from profilecal.joint.descent import Fit, descend, refine
 from profilecal.joint.observations import BATCHED, Observations
 from profilecal.joint.problem import Problem
 from profilecal.joint.state import State
 
 POSES, POINTS = 40, 5  # the search looks at that many poses, and points in each
-# scipy's names for 12 and 60 rotations, and rounds: steps, and how many starts go on after them. Any rotation is within
-# 45° of one of the 60
-PLAN = (("T", ((8, 12), (8, 12))), ("I", ((12, 30), (20, 12))))
-AGREEING = 5  # starts that end at the best sensor pose leave no doubt
-HOPELESS = 100.0  # times the best loss, or the noise
+COARSE, GRID = "T", "I"  # scipy's names for 12 and 60 rotations: any rotation is within 45° of one of the 60
+STEPS, TIMES, AGREEING = 8, 2, 5  # from the coarse grid: steps, how often, and how many starts with one end are enough
+ROUNDS = ((12, 30), (20, 12))  # from the grid: steps, and how many starts go on after them
+HOPELESS = 100.0  # times the noise, or the best loss
 KEPT = 6  # starts that all poses are looked at from
 SUBSET = 24  # poses that one start looks at where some are bad: few enough to be lucky
 SAME_RAD, SAME_MM = 0.02, 2.0  # sensor poses nearer to each other are one
@@ -27,24 +26,35 @@ SAME_RAD, SAME_MM = 0.02, 2.0  # sensor poses nearer to each other are one
 
 def search(observations: Sequence[Observations], noise: Noise, starts=()) -> State:
     """Sensor poses worth refining, best first, at most KEPT: from `starts`, pairs (R (3, 3), T (3,) mm), and from a
-    grid of rotations, each with the targets placed where it sees them, by distances in space and on a few poses. If
-    not several from a coarse grid end at the same, from a fine one."""
+    grid of rotations, each with the targets placed where it sees them, by distances in space and on a few poses. Where
+    targets can be placed at every step, a coarse grid will do if several of its starts end at one pose that fits."""
     problem = in_space([thin(entry, POSES) for entry in observations], noise)
-    for grid, rounds in PLAN if all(entry.target.fit_is_best for entry in observations) else PLAN[1:]:
-        state = problem.place(*started(Rotation.create_group(grid).as_matrix(), starts))
-        for steps, kept in rounds:
-            found = descend(problem.moments, placing(problem), state, steps)
-            found = found[np.argsort(np.where(np.isfinite(found.loss), found.loss, np.inf))[:kept]]
-            state, worth = found.state, found.loss < HOPELESS * max(found.loss[0], problem.count()[0])
-            if np.count_nonzero(same(state, 0)) >= AGREEING:
-                return distinct(state[worth])
-    return distinct(state[worth])
+    count = problem.count()[0]
+    if all(term.target.fit_is_best for term in problem.terms):
+        state = problem.place(*started(COARSE, starts))
+        for _ in range(TIMES):
+            found = onward(problem, state, STEPS)
+            state = found.state
+            if found.loss[0] < HOPELESS * count and np.count_nonzero(alike(state)[0]) >= AGREEING:
+                return distinct(state[found.loss < HOPELESS * max(found.loss[0], count)])
+    state = problem.place(*started(GRID, starts))
+    for steps, kept in ROUNDS:
+        found = onward(problem, state, steps)
+        state = distinct(found.state, kept)
+    return distinct(found.state[found.loss < HOPELESS * max(found.loss[0], count)])
 
 
-def started(rotation, starts) -> tuple[np.ndarray, np.ndarray]:
-    """Sensor poses at the flange with rotations (B, 3, 3), after `starts`."""
+def started(grid: str, starts) -> tuple[np.ndarray, np.ndarray]:
+    """Sensor poses (B, 3, 3), (B, 3): the starts, and those of a grid, at the flange."""
+    rotation = Rotation.create_group(grid).as_matrix()
     R, T = [R for R, _ in starts], [T for _, T in starts]
     return np.array([*R, *rotation]), np.array([*T, *np.zeros((len(rotation), 3))])
+
+
+def onward(problem: Problem, state: State, steps: int) -> Fit:
+    """Where that many steps lead, best first."""
+    found = descend(problem.moments, placing(problem), state, steps)
+    return found[np.argsort(np.where(np.isfinite(found.loss), found.loss, np.inf))]
 
 
 def placing(problem: Problem):
@@ -65,7 +75,7 @@ def placing(problem: Problem):
 def search_among_outliers(observations: Sequence[Observations], noise: Noise, found: State) -> State:
     """`search` for data of which a part is wrong, in addition to what it `found`: each rotation of the grid looks at
     another few groups of poses, some of which hold no bad one, and the medians of all residuals tell which."""
-    rotation = Rotation.create_group("I").as_matrix()
+    rotation = Rotation.create_group(GRID).as_matrix()
     subsets = in_space([few_groups(entry, len(rotation)) for entry in observations], noise)
     tried = refine(subsets, subsets.place(rotation, np.zeros((60, 3))), iterations=25).state
     problem = in_space([thin(entry, 2 * POSES) for entry in observations], noise)
@@ -114,19 +124,19 @@ def few_groups(observations: Observations, count: int) -> Observations:
     return replace(selected[0], **together, group=None)
 
 
-def distinct(state: State) -> State:
-    """At most KEPT sensor poses of a batch, in order, without those that repeat an earlier one."""
-    kept: list[int] = []
-    for i in range(len(state.rotation)):
-        if not same(state, i)[kept].any():
+def distinct(state: State, count: int = KEPT) -> State:
+    """At most `count` sensor poses of a batch, in order, without those that repeat an earlier one."""
+    repeats, kept = alike(state), []
+    for i in range(len(repeats)):
+        if not repeats[i, kept].any():
             kept.append(i)
-    return state[kept[:KEPT]]
+    return state[kept[:count]]
 
 
-def same(state: State, i: int) -> np.ndarray:
-    """Which sensor poses of a batch (B,) are as the i-th."""
-    turn = angle_between(state.rotation, state.rotation[i])
-    shift = np.linalg.norm(state.translation - state.translation[i], axis=-1)
+def alike(state: State) -> np.ndarray:
+    """Which two sensor poses of a batch are one, (B, B)."""
+    turn = angle_between(state.rotation[:, None], state.rotation)
+    shift = np.linalg.norm(state.translation[:, None] - state.translation, axis=-1)
     return (turn < SAME_RAD) & (shift < SAME_MM)
 
 
