@@ -14,7 +14,7 @@ from profilecal.closed_form.solve import closed_form
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import angle_between
 from profilecal.joint.descent import estimate, refine
-from profilecal.joint.noise import decide
+from profilecal.joint.noise import expect
 from profilecal.joint.problem import Problem
 from profilecal.joint.solve import solve
 from profilecal.joint.state import normalised_square, pose_error
@@ -145,15 +145,15 @@ def test_a_third_of_the_disk_methods_error_from_many_chords():
 
 @pytest.mark.parametrize("kind", ["ball", "plane"])
 def test_poses_that_leave_a_flat_valley_take_no_longer(kind, monkeypatch):
-    """48 times nearly one pose: most directions are open, and the loss hardly changes along them. Fixed counts of steps
-    took some 10,000 evaluations."""
+    """48 times nearly one pose: most directions are open, and the loss hardly changes along them. A descent that crawls
+    on needs more than twice these evaluations."""
     rng = np.random.default_rng(3)
     one = random_scene(kind, rng).observations.keep(np.zeros(48, dtype=int))
     T, points = (a + sd * rng.normal(size=a.shape) for a, sd in ((one.T_flange, 1e-3), (one.points, SIGMA)))
     seen, evaluations, moments = replace(one, T_flange=T, points=points, group=None), [], Problem.moments
     monkeypatch.setattr(Problem, "moments", lambda *args, **more: evaluations.append(1) or moments(*args, **more))
-    assert solve([seen], decide([seen], Noise(), features_mm=SIGMA)).status == "unobservable"
-    assert len(evaluations) < 2000
+    assert solve([seen], expect({}, features_mm=SIGMA)).status == "unobservable"
+    assert len(evaluations) < 500
 
 
 @pytest.mark.parametrize("choices", [{"motion": "line"}, {"tilt_deg": 0.0}, {"frame": "tool"}], ids=str)

@@ -6,16 +6,27 @@ import numpy as np
 
 from profilecal.calibrate.doubts import judge
 from profilecal.calibrate.observe import LEAST_POSES, as_observations, names, observe, stated_noise
+from profilecal.calibrate.readings import better_readings
 from profilecal.closed_form.solve import solve_in_closed_form
 from profilecal.geometry.checks import UnobservableError
 from profilecal.geometry.poses import xyz_angles_from_rotation
-from profilecal.joint.noise import decide
+from profilecal.joint.levels import Levels
+from profilecal.joint.noise import expect
 from profilecal.joint.observability import name_direction
 from profilecal.joint.observations import Observations
-from profilecal.joint.solution import Solution
+from profilecal.joint.solution import Solution, in_mm_deg
 from profilecal.joint.solve import solve
 from profilecal.scan.scan import Scan, ScanError
 
+ERRORS = {"position_mm": " mm", "orientation_deg": "°"}
+ACCURACY = {"accuracy_mm": " mm", "accuracy_deg": "°"}
+PLACES = (
+    ("visit_", ERRORS, "at each visit"),
+    ("", ERRORS, "at each pose"),
+    ("group_", ERRORS, "shared by the poses of an orientation"),
+    ("", ACCURACY, "over the workspace"),
+)
+WORTH_A_WORD = 1.25  # times as large a standard deviation
 METHODS = ("joint", "closed-form")
 
 
@@ -30,9 +41,9 @@ class Calibration:
     messages: tuple[str, ...] = ()  # sentences a person can act on
     method: str = "joint"
 
-    def noting(self, messages) -> "Calibration":
-        """This one with more to say."""
-        return replace(self, messages=(*self.messages, *messages))
+    def noting(self, messages, first=()) -> "Calibration":
+        """This one with more to say, some of it `first`."""
+        return replace(self, messages=(*first, *self.messages, *messages))
 
     @property
     def status(self) -> str:
@@ -74,7 +85,8 @@ class Calibration:
         return {
             "status": self.status,
             f"T_{frame}_sensor": s.T_flange_sensor.tolist() if known else None,
-            "covariance": s.covariance_mm_deg.tolist() if known else None,
+            "covariance": in_mm_deg(s.covariance).tolist() if known else None,
+            "covariance_total": in_mm_deg(s.covariance_total).tolist() if known else None,
             "translation_sd_mm": s.translation_sd_mm.tolist() if known else None,
             "rotation_sd_deg": s.rotation_sd_deg.tolist() if known else None,
             "rms_mm": s.rms_mm if s else None,
@@ -117,19 +129,25 @@ def calibrate(scans, guess=None, method: str = "joint", rng: np.random.Generator
     notes = [*(scan.warnings for scan in scans), *(entry.remarks for entry in seen)]
     found = found.noting([name + m for name, said in zip(2 * names(scans), notes, strict=True) for m in said])
     try:
+        level = expect(stated, features_mm, shared_mm)
         if method == "closed-form":
-            level = decide([], stated, features_mm, shared_mm, estimating=False)
             solution = solve_in_closed_form(observed[0], level, scans[0].side[seen[0].poses], rng)
         else:
-            level = decide(observed, stated, features_mm, shared_mm)
             solution = solve(observed, level, starts=[] if guess is None else [(guess[:3, :3], guess[:3, 3])])
-            solution = judge(observed, solution, any("orientation_deg" in scan.noise for scan in scans))
+            solution = judge(observed, solution)
     except UnobservableError as error:
-        return found.noting([str(error)])
+        return found.noting([str(error)], first=on_readings(scans, seen))
     remarks, wrong = remarks_on_targets(scans, seen, solution)
     if wrong and solution.status == "ok":
         solution = replace(solution, status="weak")
-    return replace(found.noting([*solution.messages, *remarks]), solution=solution)
+    first = on_readings(scans, seen) if solution.status != "ok" else []
+    return replace(found.noting([*solution.messages, *remarks], first), solution=solution)
+
+
+def on_readings(scans, seen) -> list[str]:
+    """Which other reading of each scan's poses would explain it far better."""
+    triples = zip(names(scans), scans, seen, strict=True)
+    return [name + said for name, scan, entry in triples for said in better_readings(scan, entry)]
 
 
 def remarks_on_targets(scans, seen, solution: Solution) -> tuple[list[str], bool]:
@@ -162,18 +180,48 @@ def to_text(found: Calibration) -> str:
         lines += [
             f"translation    {tx:.3f}  {ty:.3f}  {tz:.3f} mm, of the sensor's origin in the {found.frame} frame",
             f"rotation       {W:.4f}  {P:.4f}  {R:.4f}°, R = Rz({R:.4f}) Ry({P:.4f}) Rx({W:.4f})",
-            "one sd         "
-            + "  ".join(f"{v:.2g}" for v in s.translation_sd_mm)
-            + " mm along and "
-            + "  ".join(f"{v:.2g}" for v in s.rotation_sd_deg)
-            + "° about the sensor's x, y, z",
+            f"one sd         {deviations(s.covariance)} about the sensor's x, y, z, on this robot near these poses",
+            f"elsewhere      {deviations(s.covariance_total)}, with the robot's accuracy over its workspace",
         ]
     if s:
         rejected = found.labels(rejected=True)
         lines += [
             f"residuals      {s.rms_mm:.3g} mm rms, χ²/dof {s.chi2_per_dof:.3g}",
             f"noise          {s.noise_mm:.3g} mm, {s.level.how}",
+            *(f"robot errors   {text}" for text in robot_errors(s.level.levels)),
             f"poses          {len(found.labels(rejected=False))} used, {len(rejected)} rejected"
             + (f": {', '.join(rejected)}" if rejected else ""),
         ]
     return "\n".join([*lines, *(f"note           {message}" for message in found.messages)])
+
+
+def deviations(covariance) -> str:
+    """Standard deviations of δ in words."""
+    sd = np.sqrt(np.diag(in_mm_deg(covariance)))
+    mm, deg = ("  ".join(f"{v:.2g}" for v in part) for part in (sd[:3], sd[3:]))
+    return f"{mm} mm along and {deg}°"
+
+
+def robot_errors(levels: Levels | None) -> list[str]:
+    """How large the robot's errors are, one line for each place where they arise."""
+    if levels is None:
+        return []
+    lines, sizes = [], {size.name: size for size in levels.sizes}
+    for prefix, unit, place in PLACES:
+        pair = [sizes[prefix + name] for name in unit if prefix + name in sizes]
+        if not pair:
+            continue
+        if any(size.middle for size in pair):
+            said = " and ".join(
+                f"{s.middle:.2g}{unit[s.name[len(prefix) :]]} ({s.low:.2g} to {s.high:.2g})" for s in pair
+            )
+            said += "" if any(size.told for size in pair) else ", mostly as assumed: these poses hardly show it"
+        elif any(size.high for size in pair):
+            said = "none, or at most " + " and ".join(f"{s.high:.2g}{unit[s.name[len(prefix) :]]}" for s in pair)
+        else:
+            said = "none"
+        lines.append(f"{place}: {said}")
+    largest = [np.sqrt(np.linalg.eigvalsh(C[:3, :3])[-1]) for C in (levels.covariance, levels.exact_robot)]
+    if largest[0] > WORTH_A_WORD * largest[1]:
+        lines.append(f"they make the largest standard deviation {largest[0]:.2g} mm instead of {largest[1]:.2g} mm")
+    return lines

@@ -9,39 +9,37 @@ from dataclasses import replace
 import numpy as np
 
 from profilecal.calibrate.suspects import Suspect, suspects
-from profilecal.joint.observability import WEAK, of_covariance, spectrum
-from profilecal.joint.problem import Problem
+from profilecal.joint.observability import WEAK, of_covariance
 from profilecal.joint.solution import Solution
 from profilecal.joint.solve import LARGEST_ERROR_MM, LARGEST_REJECTED
 
 LARGEST_MISFIT = 3.0  # residuals over what the stated noise explains
-MOVES, MOVES_MUCH = 1.0, 3.0  # standard deviations of the pose that a suspect must move it by to count, and to be weak
+MOVES, MOVES_MUCH = (
+    1.0,
+    3.0,
+)  # standard deviations of the pose that a suspect must move it by to be added, and to be weak
 SHADOW = 0.8  # of the clearest suspect's clarity: less is taken for its shadow
-ORIENTATION_DEG, LEAST_ADDED = 0.02, 1.25  # what a robot's orientation may err, and the growth worth a word
 CHECK = (
     "check the mount, units and convention of the poses, which pose each profile belongs to, x and z of the profiles, "
     "the radius"
 )
 
 
-def judge(observed, solution: Solution, orientation_stated: bool) -> Solution:
-    """The solution with the status, covariance and messages that its residuals leave.
-
-    `orientation_stated`: an orientation error of the robot, if only as none.
-    """
+def judge(observed, solution: Solution) -> Solution:
+    """The solution with the status, covariance and messages that its residuals leave."""
     objections = contradictions(solution)
     messages = [*solution.messages, *objections]
     if solution.status == "unobservable":
         return replace(solution, messages=tuple(messages))
     C, weak = solution.covariance, bool(objections)
-    guilty = guilty_suspects(suspects(observed, solution), C)
+    guilty = clear_suspects(suspects(observed, solution))
     if guilty:
-        weak |= max(distance(s.moves, C) for s in guilty) > MOVES_MUCH
-        C = C + sum(np.outer(s.moves, s.moves) for s in guilty)
-        messages.append(accusation(guilty))
+        farthest = max(distance(s.moves, C) for s in guilty)
+        weak |= farthest > MOVES_MUCH
+        if farthest > MOVES:
+            C = C + sum(np.outer(s.moves, s.moves) for s in guilty)
+        messages.append(accusation(guilty, farthest > MOVES))
     found = of_covariance(C, solution.observability.rank, solution.observability.parameters)
-    if solution.level.features_mm and not orientation_stated:
-        messages += what_orientation_would_add(observed, solution, C)
     status = "weak" if weak or found.sd[0] > WEAK else solution.status
     return replace(solution, covariance=C, observability=found, messages=tuple(messages), status=status)
 
@@ -53,11 +51,9 @@ def contradictions(solution: Solution) -> list[str]:
     if solution.noise_source == "given" and misfit > LARGEST_MISFIT:
         messages.append(f"the residuals are {misfit:.2g} times what the stated noise explains; {CHECK}")
 
-    stated, error = 3 * noise.steering_mm, solution.rms_mm
-    if solution.level.features_mm:  # the robot's error comes from the residuals
-        error = max(error, noise.position_mm)
-    else:
-        stated = max(stated, 3 * noise.position_mm, 3 * noise.group_position_mm)
+    prior = solution.level.prior or noise
+    stated = 3 * max(noise.steering_mm, prior.position_mm, prior.group_position_mm)
+    error = max(solution.rms_mm, noise.position_mm)
     if error > max(LARGEST_ERROR_MM, stated):
         messages.append(f"the data contradict each other by {error:.2g} mm, more than a robot errs; {CHECK}")
 
@@ -67,11 +63,10 @@ def contradictions(solution: Solution) -> list[str]:
     return messages
 
 
-def guilty_suspects(found: list[Suspect], covariance) -> list[Suspect]:
-    """The clearest suspects, clearest first, if they move the sensor by more than its covariance (6, 6) allows for."""
+def clear_suspects(found: list[Suspect]) -> list[Suspect]:
+    """Those that chance does not explain, clearest first."""
     clear = sorted((s for s in found if s.is_clear), key=lambda s: -abs(s.clear))
-    alike = [s for s in clear if abs(s.clear) > SHADOW * abs(clear[0].clear)]
-    return alike if any(distance(s.moves, covariance) > MOVES for s in alike) else []
+    return [s for s in clear if abs(s.clear) > SHADOW * abs(clear[0].clear)]
 
 
 def distance(delta, covariance) -> float:
@@ -79,26 +74,13 @@ def distance(delta, covariance) -> float:
     return float(np.sqrt(delta @ np.linalg.solve(covariance, delta)))
 
 
-def accusation(guilty: list[Suspect]) -> str:
+def accusation(guilty: list[Suspect], enlarged: bool) -> str:
     """What the residuals look like, and what it would do."""
+    verb = "is enlarged to match" if enlarged else "allows for it"
     most = max(guilty, key=lambda s: np.linalg.norm(s.moves[:3]))
     return (
         f"the residuals look as if {', or as if '.join(s.sentence for s in guilty[:4])} "
         f"({abs(guilty[0].clear):.0f} standard deviations), "
         f"which would move the sensor by up to {np.linalg.norm(most.moves[:3]):.2g} mm and "
-        f"{np.degrees(np.linalg.norm(most.moves[3:])):.2g}°; the covariance is enlarged to match"
+        f"{np.degrees(np.linalg.norm(most.moves[3:])):.2g}°; the covariance {verb}"
     )
-
-
-def what_orientation_would_add(observed, solution: Solution, C) -> list[str]:
-    """A robot's orientation errors, which hardly show in the residuals: what they would do to the covariance C."""
-    problem = Problem(observed, replace(solution.noise, orientation_deg=ORIENTATION_DEG))
-    normal = problem.moments(solution.state, weights=solution.kept).normal[0]
-    more = spectrum(normal[:-1, :-1], problem.units).covariance - solution.covariance
-    before, after = (np.sqrt(np.linalg.eigvalsh(V[:3, :3])[-1]) for V in (C, C + more))
-    if after < LEAST_ADDED * before:
-        return []
-    return [
-        f"the covariance knows of no orientation errors of the robot: {ORIENTATION_DEG}° at each pose would make its "
-        f"largest standard deviation {after:.2g} mm instead of {before:.2g} mm; state orientation_deg in scan.toml"
-    ]

@@ -11,6 +11,7 @@ from profilecal.geometry.noise import FALSE_ALARM
 from profilecal.joint.descent import Fit, refine
 from profilecal.joint.observability import spectrum
 from profilecal.joint.problem import Problem
+from profilecal.joint.sharing import level_variances, sharing
 from profilecal.joint.state import pose_error
 
 
@@ -104,7 +105,9 @@ def prediction(problem: Problem, fit: Fit, index: int, rows) -> tuple[np.ndarray
     z = by_residual(linear.with_residual)
     J = np.zeros((len(z), problem.n))
     J[:, problem.columns(index)[:-1]] = z[:, :-1]
-    E, pose = by_residual(linear.by_flange), np.nonzero(there)[0]
-    robot = np.equal.outer(pose, pose) * (E * problem.of_pose @ E.T) + E * problem.of_group @ E.T
+    E, visit = by_residual(linear.by_flange), np.nonzero(there)[0]
+    pose = sharing([problem.observations[index].keep(rows)]).pose[visit]
+    at_visit, at_pose, at_orientation = (E * variances @ E.T for variances in level_variances(problem.noise))
+    robot = np.equal.outer(visit, visit) * at_visit + np.equal.outer(pose, pose) * at_pose + at_orientation
     covariance = np.eye(len(z)) + robot + J @ np.linalg.solve(fit.information[0], J.T)
     return z[:, -1], covariance, float(np.sqrt(np.mean(left**2)))

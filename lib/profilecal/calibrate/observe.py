@@ -5,7 +5,6 @@ from textwrap import shorten
 
 import numpy as np
 
-from profilecal.geometry.noise import Noise
 from profilecal.joint.observations import Observations
 from profilecal.scan.scan import Scan, ScanError
 
@@ -133,7 +132,7 @@ def as_observations(scan: Scan, seen: Seen, reference_mm: float = 0.0) -> Observ
     )
 
 
-def stated_noise(scans) -> Noise:
+def stated_noise(scans) -> dict[str, float]:
     """The noise that the scans state; they speak of one scanner and one robot.
 
     `profile_mm` is the noise of a profile's points. How well features of profiles and fitted arcs are known is another
@@ -146,4 +145,4 @@ def stated_noise(scans) -> Noise:
                 raise ScanError(f"noise {name} is {stated[name]:g} in one scan and {value:g} in another; expected one")
     if any(scan.measured in ("arcs", "profiles") for scan in scans):
         stated.pop("profile_mm", None)
-    return Noise(**stated)
+    return stated

@@ -4,7 +4,6 @@ It leaves a pattern in the residuals. Each suspect is one more unknown; its size
 come from a score test (Rao 1948), one Gauss-Newton step from the solution, where it is zero.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,9 +14,9 @@ from profilecal.geometry.poses import inverse
 from profilecal.joint.observations import Observations
 from profilecal.joint.problem import Problem
 from profilecal.joint.solution import Solution
+from profilecal.joint.systematic import STEP, Change, of_scanner, of_target
 
 ABSORBED = 1e-9  # of a suspect's own pattern: less is left of it beside the unknowns than rounding
-STEP = 1e-4
 
 
 @dataclass(frozen=True)
@@ -40,27 +39,18 @@ class Suspect:
         return self.words.format(self.size)
 
 
-@dataclass(frozen=True)
-class Change:
-    """Data changed by what may be wrong."""
-
-    words: str  # with a place for the size
-    unit: float  # what the size is to be multiplied by, for the words
-    apply: Callable[[Observations, float], Observations]
-
-
 def suspects(observed, solution: Solution) -> list[Suspect]:
     """What might be wrong everywhere, each by itself, with the size that fits the residuals best."""
     state, noise = solution.state, solution.noise
-    whitening = Problem(observed, noise).whitening(state)
+    effects = Problem(observed, noise, solution.level.systematic).effects(state)
 
     def normal(change, step):
         changed = Problem([change(o, step) for o in observed], noise)
-        return changed.moments(state, weights=solution.kept, whitening=whitening).normal[0]
+        return changed.moments(state, weights=solution.kept, effects=effects).normal[0]
 
     M = normal(lambda o, step: o, 0.0)
     A = np.linalg.pinv(M[:-1, :-1], hermitian=True)
-    tried, found = [*of_scanner(), *of_target(observed), *of_robot(), *of_groups(observed)], []
+    tried, found = [*of_scanner(), *of_target(observed), *of_robot()], []
     for change in tried:
         more, less = normal(change.apply, STEP), normal(change.apply, -STEP)
         # with d the derivative of the residuals r by the suspect: Jᵀ C⁻¹ d, rᵀ C⁻¹ d, dᵀ C⁻¹ d by differences
@@ -76,23 +66,6 @@ def suspects(observed, solution: Solution) -> list[Suspect]:
     return found
 
 
-def of_scanner():
-    """Scales of the profiles, and x that grows with z."""
-    for words, pattern in (
-        ("x were too long by {:+.2g} %", [[1, 0], [0, 0]]),
-        ("z were too long by {:+.2g} %", [[0, 0], [0, 1]]),
-        ("x and z were too long by {:+.2g} %", [[1, 0], [0, 1]]),
-        ("x grew with z by {:+.2g} %", [[0, 0], [1, 0]]),
-    ):
-        yield Change(f"the profiles' {words}", 100, stretched(np.array(pattern)))
-
-
-def of_target(observed):
-    """Wrong lengths."""
-    for name in dict.fromkeys(name for o in observed for name in o.target.lengths):
-        yield Change(f"the {name} were too large by {{:+.2g}} %", 100, resized(name))
-
-
 def of_robot():
     """Scales of the positions, drifts."""
     yield Change("the robot's positions were too far apart by {:+.2g} %", 100, spread(np.ones(3)))
@@ -103,31 +76,6 @@ def of_robot():
     for k, axis in enumerate("xyz"):
         words = f"the robot's positions along the base's {axis} were too far apart by {{:+.2g}} %"
         yield Change(words, 100, spread(np.eye(3)[k]))
-
-
-def of_groups(observed):
-    """The poses of one rotation group shifted against the others."""
-    for target in observed:
-        label, group, size = np.unique(target.labels, return_inverse=True, return_counts=True)
-        for g in np.flatnonzero((size > 1) & (len(label) > 1)):
-            for k, axis in enumerate("xyz"):
-                words = f"the poses of rotation group {g + 1} were shifted along the base's {axis} by {{:.2g}} mm"
-                yield Change(words, 1, group_shifted(target, (group == g)[:, None] * np.eye(3)[k]))
-
-
-def stretched(pattern):
-    """Profiles stretched along x and z, or x moved with z: points (x, z) times 1 + step · pattern (2, 2)."""
-    return lambda o, step: replace(o, points=o.points @ (np.eye(2) + step * pattern))
-
-
-def resized(name: str):
-    """Targets with another length of that name."""
-
-    def change(o, step):
-        pairs = zip(o.target.lengths, o.sizes, strict=True)
-        return replace(o, sizes=tuple(size * (1 + step) if other == name else size for other, size in pairs))
-
-    return change
 
 
 def spread(axes):
@@ -143,11 +91,6 @@ def spread(axes):
 def drifted(axis):
     """Positions that move by 1 mm along a base axis (3,) from the first to the last pose."""
     return lambda o, step: shifted(o, step * np.linspace(0, 1, o.T_flange.shape[-2])[:, None] * axis)
-
-
-def group_shifted(target, shift):
-    """Poses of one target shifted by (P, 3)."""
-    return lambda o, step: shifted(o, step * shift) if o is target else o
 
 
 def shifted(o: Observations, moved) -> Observations:

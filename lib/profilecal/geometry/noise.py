@@ -9,21 +9,39 @@ FALSE_ALARM = 0.01  # the chance that one kind of test doubts anything at all of
 
 @dataclass(frozen=True)
 class Noise:
-    """Standard deviations of all errors; the entries that a scan folder's [noise] table has."""
+    """Standard deviations of the errors that differ from pose to pose: entries that a scan folder's [noise] has."""
 
     profile_mm: float = 0.0  # scanner, in x and in z
-    position_mm: float = 0.0  # robot position, each axis, fresh at each pose
-    orientation_deg: float = 0.0  # robot orientation, about each axis, fresh at each pose
-    group_position_mm: float = 0.0  # the part of the position error that a rotation group shares
+    position_mm: float = 0.0  # robot position, each axis, fresh at each commanded pose
+    orientation_deg: float = 0.0  # robot orientation, about each axis, fresh at each commanded pose
+    group_position_mm: float = 0.0  # the part of the position error that the poses of one orientation share
     group_orientation_deg: float = 0.0
+    visit_position_mm: float = 0.0  # where a pose is measured more than once: the part that is fresh each time
+    visit_orientation_deg: float = 0.0
     steering_mm: float = 0.0  # marked points: how far the operator leaves the scan plane from the point
 
     @property
     def of_robot(self) -> bool:
-        """Whether any error of the robot is stated."""
-        return bool(self.position_mm or self.orientation_deg or self.group_position_mm or self.group_orientation_deg)
+        """Whether there is any error of the robot."""
+        return any(getattr(self, name) for name in ROBOT)
 
 
-def variances(position_mm: float, orientation_deg: float) -> np.ndarray:
-    """Of the six components of a flange pose's error, mm² and rad²."""
-    return np.repeat([position_mm, np.radians(orientation_deg)], 3) ** 2
+ROBOT = tuple(f"{where}{what}" for where in ("visit_", "", "group_") for what in ("position_mm", "orientation_deg"))
+
+
+@dataclass(frozen=True)
+class Systematic:
+    """Standard deviations of what is wrong in the same way at all poses; entries of [noise] too, 0 where it is not."""
+
+    scale_percent: float = 0.0  # of the profiles, along x and along z
+    shear_percent: float = 0.0  # of the profiles: x that grows with z
+    bend_mm: float = 0.0  # of the profiles: z, 50 mm from the middle
+    tolerance_mm: float = 0.0  # of the target's lengths
+    accuracy_mm: float = 0.0  # robot position over its workspace, each axis
+    accuracy_deg: float = 0.0  # robot orientation over its workspace, about each axis
+
+
+def variances(position_mm, orientation_deg) -> np.ndarray:
+    """Of the six components of a flange pose's error, (..., 6), mm² and rad²."""
+    both = np.stack(np.broadcast_arrays(position_mm, np.radians(orientation_deg)), axis=-1)
+    return np.repeat(both, 3, axis=-1) ** 2

@@ -12,7 +12,7 @@ from profilecal.joint.problem import Moments, Problem
 from profilecal.joint.state import State, pose_error
 
 REACH = np.r_[100, 100, 100, 1, 1, 1]  # mm and rad: a step as large in one as in the other
-ROUNDS = 8  # of whitening, at most
+ROUNDS = 8  # of bringing shared errors up to date, at most
 ROUNDING = 1e-14  # of a loss: less is no difference
 FLAT = 1e-6  # of a loss: of a thousand residuals, a thirtieth of a standard deviation
 KEEPS = 0.9  # of what they promise, good steps
@@ -53,17 +53,17 @@ def refine(
     tolerance: float = 1e-10,
     damping: float = 1e-4,
 ) -> Fit:
-    """The state of least loss nearest to each of B states, with the whitening of robot errors held fixed meanwhile and
-    then brought up to date, until that moves nothing. `scale`, `weights`: as `Problem.moments` takes them."""
+    """The state of least loss nearest to each of B states, with what shared errors do held fixed meanwhile and then
+    brought up to date, until that moves nothing. `scale`, `weights`: as `Problem.moments` takes them."""
     before = np.inf
     for _ in range(ROUNDS):
-        whitening = problem.whitening(state)
+        effects = problem.effects(state)
 
-        def moments(state, whitening=whitening):
-            return problem.moments(state, scale, weights, whitening)
+        def moments(state, effects=effects):
+            return problem.moments(state, scale, weights, effects)
 
         fit = descend(moments, problem.move, state, iterations, tolerance, damping)
-        if not problem.has_robot:
+        if not problem.has_effects:
             break
         moved = pose_error(state.rotation, state.translation, fit.state.rotation, fit.state.translation)
         state = fit.state

@@ -1,22 +1,28 @@
-"""The noise that a solution rests on, decided once, before it; and robot errors, estimated from its residuals."""
+"""The noise that a solution rests on, decided once, before it."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
-from scipy.optimize import minimize
 from scipy.stats import chi2 as chi2_law
 
 from profilecal.geometry.fitting import affine_residuals
-from profilecal.geometry.noise import Noise
-from profilecal.joint.observability import RANK
+from profilecal.geometry.noise import ROBOT, Noise, Systematic
+from profilecal.joint.levels import ACCURACY, USUAL, Levels
 from profilecal.joint.observations import Observations
-from profilecal.joint.problem import Problem
-from profilecal.joint.state import State
 
 FROM_PROFILES = "from the profiles themselves"
 LEAST_FREEDOM = 10  # degrees of freedom that a scatter inside rotation groups must have to be trusted
-WORTH_A_WORD = 0.1  # of the scanner's noise: an estimated robot error that is larger
+
+
+TYPICAL = Systematic(  # where nothing is stated
+    scale_percent=0.1,  # linearity as data sheets of laser profile scanners state it, of the measuring range
+    shear_percent=0.1,
+    bend_mm=0.02,
+    tolerance_mm=0.01,
+    accuracy_mm=0.3,  # each axis, after the base is fitted; Slamani et al. 2012, Nubiola and Bonev 2013
+    accuracy_deg=0.03,
+)
 
 
 @dataclass(frozen=True)
@@ -26,35 +32,28 @@ class NoiseLevel:
     noise: Noise
     source: str  # given; groups: scatter inside rotation groups; residuals: still to be found; profiles: raw profiles
     how: str  # in words
-    features_mm: float = 0.0  # what raw profiles say of their features; > 0: the robot's position error is estimated
+    prior: Noise | None = None  # how large the robot's errors may be, where they are to be estimated
+    systematic: Systematic = Systematic()  # noqa: RUF009
+    levels: Levels | None = None  # the errors as estimated
+
+    @property
+    def accuracy(self) -> dict[str, float]:
+        """Of the robot over its workspace, none where it is exact."""
+        found = {name: getattr(self.systematic, name) for name in ACCURACY}
+        return found if all(found.values()) else {}
 
     @property
     def unknown(self) -> bool:
-        """Whether the residuals have to tell it."""
-        return self.source == "residuals"
+        """Whether the residuals have to tell the scanner's noise."""
+        return self.source in ("residuals", "profiles")
 
 
-def decide(
-    observations: Sequence[Observations],
-    stated: Noise,
-    features_mm: float = 0.0,
-    shared_mm: float = 0.0,
-    *,
-    estimating: bool = True,
-) -> NoiseLevel:
-    """The noise to begin with: from raw profiles, as stated, from rotation groups, or 1 mm until the residuals tell.
-
-    `features_mm`: the noise of features that raw profiles themselves show, 0 where there are none. What it does not
-    explain is the robot's, whose position error is then to be estimated (not `estimating`: it is not) unless some error
-    of the robot is stated. `shared_mm`: what features of one orientation err together; it counts as the robot's.
+def decide(observations: Sequence[Observations], stated: Noise) -> NoiseLevel:
+    """The noise to begin with: as stated, from rotation groups, or 1 mm until the residuals tell.
 
     Raises ValueError for a noise that is none.
     """
-    estimating = estimating and not stated.of_robot
-    stated = replace(stated, group_position_mm=float(np.hypot(stated.group_position_mm, shared_mm)))
-    if features_mm and not estimating:
-        return NoiseLevel(replace(stated, profile_mm=features_mm), "profiles", FROM_PROFILES)
-    if stated.profile_mm and not features_mm:
+    if stated.profile_mm:
         if not stated.profile_mm > 0:
             raise ValueError(f"profile_mm is {stated.profile_mm}; expected a standard deviation, 0 if unknown")
         return NoiseLevel(stated, "given", "as given")
@@ -63,16 +62,29 @@ def decide(
     if freedom >= LEAST_FREEDOM:
         level = max(float(np.sqrt(sum(f * s**2 for s, f in found) / freedom)), 1e-12)
         how = f"from the scatter inside rotation groups, {freedom} degrees of freedom"
-        return NoiseLevel(replace(stated, profile_mm=level), "groups", how, features_mm)
-    return NoiseLevel(replace(stated, profile_mm=1.0), "residuals", "from the residuals", features_mm)
+        return NoiseLevel(replace(stated, profile_mm=level), "groups", how)
+    return NoiseLevel(replace(stated, profile_mm=1.0), "residuals", "from the residuals")
 
 
-def with_robot_error(level: NoiseLevel, noise: Noise) -> NoiseLevel:
-    """The level of a solution whose noise and robot error were estimated together."""
-    how = FROM_PROFILES
-    if noise.position_mm > WORTH_A_WORD * noise.profile_mm:
-        how += f", and a robot position error of {noise.position_mm:.2g} mm at each pose, from the residuals"
-    return NoiseLevel(noise, "profiles", how, level.features_mm)
+def expect(stated: dict[str, float], features_mm: float = 0.0, shared_mm: float = 0.0) -> NoiseLevel:
+    """The noise to begin with where the robot's errors are to be estimated. What is `stated` of them, entries of
+    `Noise` and `Systematic`, is the scale of what is believed beforehand, 0 that there is none; the rest is as usual.
+
+    `features_mm`: the noise of features that raw profiles themselves show, 0 where there are none. `shared_mm`: what
+    features of one orientation err together; it counts as the robot's.
+    """
+    robot = {name: stated.get(name, getattr(USUAL, name)) for name in ROBOT}
+    robot["group_position_mm"] = float(np.hypot(robot["group_position_mm"], shared_mm))
+    systematic = Systematic(**{f.name: stated.get(f.name, getattr(TYPICAL, f.name)) for f in fields(Systematic)})
+    noise = Noise(
+        profile_mm=features_mm or stated.get("profile_mm", 0.0) or 1.0, steering_mm=stated.get("steering_mm", 0)
+    )
+    source, how = "residuals", "from the residuals"
+    if features_mm:
+        source, how = "profiles", FROM_PROFILES
+    elif stated.get("profile_mm"):
+        source, how = "given", "as given"
+    return NoiseLevel(noise, source, how, Noise(**robot), systematic)
 
 
 def affine_noise(observations: Observations) -> tuple[float, int]:
@@ -95,48 +107,3 @@ def affine_noise(observations: Observations) -> tuple[float, int]:
             variances.append(np.sum(left**2) / chi2_law.median(2 * m * freedom))
             freedoms.append(2 * m * freedom)
     return (float(np.sqrt(np.median(variances))), sum(freedoms)) if variances else (0.0, 0)
-
-
-def likeliest_noise(observations: Sequence[Observations], noise: Noise, state: State, kept) -> Noise:
-    """The noise with the profile and robot position errors that make the residuals of the poses kept most likely.
-
-    A pose's position error moves all its points together, the scanner's noise each by itself. Where poses have a point
-    or two only, the two cannot be told apart and the scanner's is kept. What fitting the unknowns took out of the
-    residuals is allowed for: restricted maximum likelihood (Patterson and Thompson 1971).
-    """
-    problem = Problem(observations, noise)
-    shared, lever, own, count = [], [], 0.0, 0
-    for index, (linear, good) in enumerate(zip(problem.linear(state, with_flange=True), kept, strict=True)):
-        # one row for each residual, by pose: (P, K, columns), mm
-        rows, by_position = (
-            noise.profile_mm * z[0][..., good].transpose(2, 1, 0)
-            for z in (linear.with_residual, linear.by_flange[:, :3])
-        )
-        Jr = np.zeros((*rows.shape[:2], problem.n + 1))
-        Jr[..., problem.columns(index)] = rows
-        U, size, _ = np.linalg.svd(by_position, full_matrices=False)
-        along = np.einsum("pki,pkn->pin", U, Jr)  # i: the combinations of a pose's residuals that its position moves
-        shared.append(along.reshape(-1, problem.n + 1))
-        lever.append(size.ravel())
-        own += np.einsum("pkn,pkm->nm", Jr, Jr) - np.einsum("pin,pim->nm", along, along)
-        count += Jr[..., 0].size - size.size
-        count -= 0 if linear.present is None else int(np.sum(~linear.present[0][:, good]))
-    shared, lever = np.concatenate(shared), np.concatenate(lever)
-    many = count > len(lever)
-
-    units = np.append(problem.units, 1.0)
-    own, shared = own * units[:, None] * units, shared * units
-    values, vectors = np.linalg.eigh((own + shared.T @ shared)[:-1, :-1])
-    known = vectors[:, values > RANK * values[-1]]
-
-    def unlikely(levels):
-        profile = np.exp(2 * levels[1]) if many else noise.profile_mm**2
-        variance = profile + np.exp(2 * levels[0]) * lever**2
-        M = own / profile + (shared.T / variance) @ shared
-        A, b = known.T @ M[:-1, :-1] @ known, known.T @ M[:-1, -1]
-        chi2 = M[-1, -1] - b @ np.linalg.solve(A, b)
-        return chi2 + np.log(variance).sum() + count * np.log(profile) + np.linalg.slogdet(A)[1]
-
-    start = np.log([np.sqrt(np.mean(shared[:, -1] ** 2) + 1e-12), noise.profile_mm])
-    found = np.exp(minimize(unlikely, start if many else start[:1], method="Nelder-Mead", options={"xatol": 1e-3}).x)
-    return replace(noise, profile_mm=float(found[1]) if many else noise.profile_mm, position_mm=float(found[0]))

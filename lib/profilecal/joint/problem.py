@@ -7,12 +7,14 @@ from itertools import pairwise
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from profilecal.geometry.noise import Noise, variances
+from profilecal.geometry.noise import Noise, Systematic
+from profilecal.joint.effects import Information, remove, remove_common
 from profilecal.joint.observability import POSE_UNITS
 from profilecal.joint.observations import Observations
+from profilecal.joint.sharing import Sharing, level_variances, sharing
 from profilecal.joint.state import State
+from profilecal.joint.systematic import STEP, considered
 from profilecal.joint.terms import Term
-from profilecal.joint.whitening import Whitening
 
 CAUCHY = 2.385  # noise levels at which a residual's weight is a half: 95 % efficient on clean data (Rey 1983)
 
@@ -26,6 +28,15 @@ class Moments:
     per_pose: list  # (B, P) each pose's χ² per residual, for each target
 
 
+@dataclass(frozen=True)
+class Effects:
+    """How shared errors move the residuals over the noise, at one state."""
+
+    rows: list  # for each target, (B, P, K, 6 + c) by the flange pose and by c systematic errors
+    sharing: Sharing
+    precision: np.ndarray  # (c,) of the systematic errors
+
+
 class Problem:
     """Terms, one for each target, and their noise. `noise.profile_mm` must be known; it may be an array (B,).
 
@@ -33,13 +44,18 @@ class Problem:
     for any pose and serve a search.
     """
 
-    def __init__(self, observations: Sequence[Observations], noise: Noise, in_space: bool = False):
-        self.observations, self.noise = list(observations), noise
+    def __init__(
+        self,
+        observations: Sequence[Observations],
+        noise: Noise,
+        systematic: Systematic = Systematic(),  # noqa: B008
+        in_space: bool = False,
+    ):
+        self.observations, self.noise, self.systematic = list(observations), noise, systematic
         self.terms = [Term(entry, noise, in_space) for entry in self.observations]
         self.sigma = np.asarray(noise.profile_mm, dtype=float).reshape(-1, 1, 1)
-        self.of_pose = variances(noise.position_mm, noise.orientation_deg)
-        self.of_group = variances(noise.group_position_mm, noise.group_orientation_deg)
-        self.has_robot = bool((self.of_pose + self.of_group).any())
+        self.considered = considered(self.observations, systematic)
+        self.has_effects = noise.of_robot or bool(self.considered)
         ends = np.cumsum([6, *(term.n for term in self.terms)])
         self.n = int(ends[-1])
         self.parts = [np.arange(*ends) for ends in pairwise(ends)]  # of the unknowns
@@ -75,44 +91,97 @@ class Problem:
         pairs = zip(self.terms, state.placements, strict=True)
         return [term.linearise(state, p).residual for term, p in pairs]
 
-    def whitening(self, state: State) -> list[Whitening] | None:
-        """What robot errors do to each term's residuals at this state; None where there are none."""
-        if not self.has_robot:
-            return None
-        return [
-            Whitening(np.nan_to_num(linear.by_flange, posinf=0, neginf=0), self.of_pose, self.of_group, term.group)
-            for linear, term in zip(self.linear(state, with_flange=True), self.terms, strict=True)
-        ]
+    def effects(self, state: State) -> Effects | None:
+        """What the shared errors do to the residuals at this state; None where there are none."""
+        return self.effects_at(state) if self.has_effects else None
 
-    def moments(self, state: State, scale=None, weights=None, whitening=None) -> Moments:
+    def effects_at(self, state: State) -> Effects:
+        """What errors of the flange, and those considered, would do to the residuals at this state."""
+        columns = [[linear.by_flange] for linear in self.linear(state, with_flange=True)]
+        for change, _ in self.considered:
+            more, less = (
+                Problem([change.apply(o, step) for o in self.observations], self.noise).linear(state)
+                for step in (STEP, -STEP)
+            )
+            for rows, plus, minus in zip(columns, more, less, strict=True):
+                rows.append((plus.residual - minus.residual)[:, None] / (2 * STEP))
+        rows = [np.nan_to_num(by_pose(np.concatenate(c, axis=1)), posinf=0, neginf=0) for c in columns]
+        precision = np.array([size**-2.0 for _, size in self.considered])
+        return Effects(rows, sharing(self.observations), precision)
+
+    def moments(self, state: State, scale=None, weights=None, effects: Effects | None = None) -> Moments:
         """`scale` (B,): Cauchy's loss with that many noise levels as its unit; None: least squares. `weights`: one
-        (B, P) or (P,) for each target. `whitening`: from the state itself if None."""
+        (B, P) or (P,) for each target. `effects`: from the state itself if None."""
         B = len(state.rotation)
-        normal, loss, per_pose = np.zeros((B, self.n + 1, self.n + 1)), np.zeros(B), []
-        whitening = whitening or self.whitening(state)
+        normal, loss, per_pose, grams = np.zeros((B, self.n + 1, self.n + 1)), np.zeros(B), [], []
+        effects = effects or self.effects(state)
         for index, linear in enumerate(self.linear(state)):
-            z, white = linear.columns, whitening[index] if whitening else None
+            z = linear.columns
             count = z.shape[2] if linear.present is None else np.maximum(linear.present.sum(axis=1), 1)
-            r = white.each_pose_alone(linear.residual) if white else linear.residual
-            own = np.einsum("bkp,bkp->bp", r, r) / count
+            if effects:
+                gram = gram_by_pose(effects.rows[index], z)
+                own = self.square_of_each_pose(gram) / count
+            else:
+                own = np.einsum("bkp,bkp->bp", linear.residual, linear.residual) / count
             weight = None if weights is None else np.asarray(weights[index], dtype=float)
             if scale is not None:
                 unit = (CAUCHY * scale[:, None]) ** 2
                 loss += (count * (1 if weight is None else weight) * unit * np.log1p(own / unit)).sum(axis=1)
                 weight = (1 if weight is None else weight) / (1 + own / unit)
-            z, root_weight = white.poses(z) if white else z, 1.0
-            if weight is not None:
-                root_weight = np.sqrt(np.broadcast_to(weight, own.shape))[:, None, None]
-                z *= root_weight
-            z = white.groups(z, root_weight) if white else z
-            flat = z.reshape(B, z.shape[1], -1)
-            M = flat @ np.swapaxes(flat, 1, 2)
-            if scale is None:
-                loss += M[:, -1, -1]
             per_pose.append(own)
+            if effects:
+                grams.append(gram if weight is None else gram * np.broadcast_to(weight, own.shape)[..., None, None])
+                continue
+            if weight is not None:
+                z *= np.sqrt(np.broadcast_to(weight, own.shape))[:, None, None]
+            flat = z.reshape(B, z.shape[1], -1)
             columns = self.columns(index)
-            normal[:, columns[:, None], columns] += M
+            normal[:, columns[:, None], columns] += flat @ np.swapaxes(flat, 1, 2)
+        if effects:
+            normal, common = self.without_effects(self.information(grams, len(effects.precision)), effects)
+            if common.shape[1]:
+                counts = [np.maximum(term.counts(), 1) for term in self.terms]
+                per_pose = [
+                    self.square_of_each_pose(gram_by_pose(rows, linear.columns), common) / count
+                    for rows, linear, count in zip(effects.rows, self.linear(state), counts, strict=True)
+                ]
+        if scale is None:
+            loss = normal[:, -1, -1]
         return Moments(normal, loss, per_pose)
+
+    def square_of_each_pose(self, gram, common=None) -> np.ndarray:
+        """χ² (B, P) of each pose by itself, with all errors of the flange, from `gram_by_pose` (B, P, ., .), where the
+        systematic errors are `common` (B, c), or none."""
+        S = sum(level_variances(self.noise))
+        residual = gram[..., -1:]
+        if common is not None:
+            residual = residual + gram[..., 6 : 6 + common.shape[1]] @ common[:, None, :, None]
+            square = residual[..., -1, 0] + (common[:, None] * residual[..., 6 : 6 + common.shape[1], 0]).sum(axis=-1)
+        else:
+            square = residual[..., -1, 0]
+        b = residual[..., :6, :]
+        taken = np.swapaxes(b, -1, -2) @ (S[:, None] * np.linalg.solve(np.eye(6) + gram[..., :6, :6] * S, b))
+        return np.maximum(square - taken[..., 0, 0], 0)
+
+    def information(self, grams, common: int) -> Information:
+        """Of all profiles, from `gram_by_pose` of each target: n unknowns, `common` systematic errors, the residual."""
+        size, B = self.n + common + 1, len(grams[0])
+        normal, crossed = np.zeros((B, size, size)), []
+        for index, gram in enumerate(grams):
+            columns = np.r_[self.n + np.arange(common), self.columns(index)[:-1], size - 1]
+            normal[:, columns[:, None], columns] += gram[..., 6:, 6:].sum(axis=1)
+            B_own = np.zeros((*gram.shape[:2], 6, size))
+            B_own[..., columns] = gram[..., :6, 6:]
+            crossed.append(B_own)
+        A = np.concatenate([gram[..., :6, :6] for gram in grams], axis=1)
+        return Information(A, np.concatenate(crossed, axis=1), normal)
+
+    def without_effects(self, information: Information, effects: Effects) -> tuple[np.ndarray, np.ndarray]:
+        """Normal equations (B, n + 1, n + 1) with all shared errors integrated out, and the systematic ones (B, c) that
+        the residuals suggest."""
+        for variances, member in effects.sharing.levels(self.noise):
+            information = remove(information, variances, member)
+        return remove_common(information.normal, self.n, effects.precision)
 
     def move(self, state: State, step) -> State:
         """The state after a step (B, n)."""
@@ -125,3 +194,15 @@ class Problem:
     def place(self, rotation, translation) -> State:
         """Sensor poses (B, 3, 3), (B, 3) with each target placed where they see it."""
         return State(rotation, translation, tuple(term.place(rotation, translation) for term in self.terms))
+
+
+def by_pose(columns) -> np.ndarray:
+    """(B, columns, K, P) as (B, P, K, columns)."""
+    return np.ascontiguousarray(columns.transpose(0, 3, 2, 1))
+
+
+def gram_by_pose(rows, columns) -> np.ndarray:
+    """Inner products (B, P, ., .), pose by pose, of the columns of `Effects.rows`, then of a term's columns."""
+    columns = by_pose(columns)
+    both = np.concatenate([np.broadcast_to(rows, (len(columns), *rows.shape[1:])), columns], axis=-1)
+    return np.swapaxes(both, -1, -2) @ both

@@ -1,6 +1,6 @@
 """What a calibration found, with its evidence."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -29,6 +29,12 @@ class Solution:
     observability: Spectrum
     messages: tuple  # sentences a person can act on
     converged: bool = True
+    unseen: np.ndarray = field(default_factory=lambda: np.zeros((6, 6)))  # what no residual can show, see `joint.field`
+
+    @property
+    def covariance_total(self) -> np.ndarray:
+        """(6, 6) with what no residual can show: the robot's accuracy over its workspace."""
+        return self.covariance + self.unseen
 
     @property
     def rotation(self) -> np.ndarray:
@@ -74,11 +80,11 @@ class Solution:
     def rotation_sd_deg(self) -> np.ndarray:
         return np.degrees(np.sqrt(np.diag(self.covariance)[3:]))
 
-    @property
-    def covariance_mm_deg(self) -> np.ndarray:
-        """The covariance with the rotation vector in degrees."""
-        units = np.r_[1, 1, 1, np.full(3, 180 / np.pi)]
-        return self.covariance * units[:, None] * units
+
+def in_mm_deg(covariance) -> np.ndarray:
+    """A covariance (6, 6) of δ with the rotation vector in degrees."""
+    units = np.r_[1, 1, 1, np.full(3, 180 / np.pi)]
+    return covariance * units[:, None] * units
 
 
 def solution_of(
@@ -106,6 +112,7 @@ def solution_of(
         observability=found,
         messages=tuple(messages),
         converged=bool(converged),
+        unseen=level.levels.unseen if level.levels else np.zeros((6, 6)),
     )
 
 

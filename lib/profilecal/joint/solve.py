@@ -1,7 +1,7 @@
 """From observations to a solution, in four steps: decide the noise, search, reject what does not belong, rescale."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import asdict, astuple, replace
 
 import numpy as np
 from scipy.stats import chi2 as chi2_law
@@ -10,7 +10,9 @@ from profilecal.geometry.checks import UnobservableError
 from profilecal.geometry.noise import FALSE_ALARM, Noise
 from profilecal.geometry.poses import angle_between
 from profilecal.joint.descent import Fit, refine
-from profilecal.joint.noise import NoiseLevel, decide, likeliest_noise, with_robot_error
+from profilecal.joint.field import field_over
+from profilecal.joint.levels import Likelihood, levels, likeliest
+from profilecal.joint.noise import NoiseLevel, decide
 from profilecal.joint.observability import Spectrum, explain, of_covariance, spectrum
 from profilecal.joint.observations import Observations
 from profilecal.joint.problem import Problem
@@ -23,6 +25,9 @@ TWIN_APART, TWIN_AS_GOOD = 50.0, 12.0  # χ² that another sensor pose is away, 
 ROUNDS = 6  # of estimating robot errors; two or three are usual
 LARGEST_ERROR_MM = 2.0  # of a robot's position; what is larger is a mistake, not an error
 LARGEST_REJECTED = 1 / 3  # of the poses
+SETTLED = 0.02  # of an error's size
+SHARED = 2  # coordinates of a profile that a shared error moves, at least: it may explain that many large ones
+CONTRADICTING = "most poses contradict each other: no sensor pose explains half of them"
 
 
 def solve(
@@ -46,18 +51,14 @@ def solve(
         raise UnobservableError(f"{total} measured coordinates cannot determine {problem.n} unknowns; add poses")
 
     found = search(observations, level.noise, starts)
-    solution = settle(problem, level, found, robust, widely=True)
-    return estimate_robot_errors(observations, level, solution) if level.features_mm else solution
+    return settle(problem, level, found, robust) if level.prior is None else weigh(problem, level, found, robust)
 
 
-def settle(problem: Problem, level: NoiseLevel, found: State, robust: bool = True, widely: bool = False) -> Solution:
-    """The solution from sensor poses worth refining: what does not belong rejected, an unknown noise rescaled.
-
-    `widely`: where poses are bad, search again among them.
-    """
+def settle(problem: Problem, level: NoiseLevel, found: State, robust: bool) -> Solution:
+    """The solution from sensor poses worth refining: what does not belong rejected, an unknown noise rescaled."""
     fits, kept = refine(problem, found), [np.ones(term.P, dtype=bool) for term in problem.terms]
     if robust:
-        fits, kept = reject(problem, level, fits.state, widely)
+        fits, kept = reject(problem, level, fits.state)
     best = fits.state[[int(np.argmin(fits.loss))]]
     if level.unknown:
         problem = rescale(problem, best, kept)
@@ -65,18 +66,70 @@ def settle(problem: Problem, level: NoiseLevel, found: State, robust: bool = Tru
     return conclude(problem, level, refine(problem, best, weights=kept), fits.state, kept)
 
 
-def reject(problem: Problem, level: NoiseLevel, state: State, widely: bool) -> tuple[Fit, list[np.ndarray]]:
-    """Fits from a batch of states, and the poses (P,) of each target that do not contradict the best one."""
-    least = 0.0 if level.unknown else 1.0
+def weigh(problem: Problem, level: NoiseLevel, found: State, robust: bool) -> Solution:
+    """The solution from sensor poses worth refining, with the size of every error as the residuals have it: what does
+    not belong is rejected by errors of that size, and they are estimated without it, until nothing changes. Residuals
+    that are larger than any robot errs are left to the scanner."""
+    observations, kept = problem.observations, [np.ones(term.P, dtype=bool) for term in problem.terms]
+    fit, scale = robust_fit_widely(problem, refine(problem, found).state, 0.0)
+    if robust:
+        kept = [~bad for bad in beyond_chance(problem, fit, 0, scale, SHARED)]
+    grossly = kept
+    if scale * problem.noise.profile_mm > LARGEST_ERROR_MM:
+        return settle(problem, level, fit.state, robust)
+    noise = replace(problem.noise, profile_mm=problem.noise.profile_mm * (max(scale, 1e-12) if level.unknown else 1))
+    others, state = fit.state, fit.state[[0]]
+    for _ in range(ROUNDS):
+        if problem.counted(kept) <= problem.n:
+            raise UnobservableError(CONTRADICTING)
+        problem = Problem(observations, noise, level.systematic)
+        state = refine(problem, state, weights=kept).state
+        model = Likelihood(problem, state, kept, level.prior, level.unknown)
+        likely = likeliest(model, asdict(noise))
+        before, noise = noise, model.noise_of(model.sizes(likely))
+        problem = Problem(observations, noise, level.systematic)
+        fit = refine(problem, state, weights=kept)
+        after = [~bad for bad in beyond_chance(problem, fit, 0, 1.0)] if robust else kept
+        if lost(after) > lost(grossly) + LARGEST_REJECTED:  # the model is at fault, not the poses
+            after = grossly
+        settled = all((a == b).all() for a, b in zip(after, kept, strict=True)) and alike(noise, before)
+        state, kept = fit.state, after
+        if settled:
+            break
+    field = field_over(model.sharing, state.rotation[0], state.translation[0], observations[0].eye_to_hand)
+    found = levels(model, likely, field, level.accuracy)
+    problem = Problem(observations, found.noise, level.systematic)
+    level = replace(level, noise=found.noise, levels=found)
+    return conclude(problem, level, refine(problem, state, weights=kept), others, kept)
+
+
+def lost(kept) -> float:
+    """The share of poses that are not kept (P,)."""
+    return 1 - float(np.mean(np.concatenate(kept)))
+
+
+def alike(noise: Noise, other: Noise) -> bool:
+    """Whether no error is larger or smaller in one than in the other by more than matters."""
+    pair = np.array([astuple(noise), astuple(other)])
+    return bool((np.abs(pair[0] - pair[1]) <= SETTLED * (pair.max(axis=0) + noise.profile_mm)).all())
+
+
+def robust_fit_widely(problem: Problem, state: State, least: float) -> tuple[Fit, float]:
+    """`robust_fit`; where poses are bad, after another search among them."""
     fit, scale = robust_fit(problem, state, least)
-    bad = beyond_chance(problem, fit, 0, least or scale)
-    if widely and any(b.any() for b in bad):
+    if any(bad.any() for bad in beyond_chance(problem, fit, 0, least or scale)):
         fit, scale = robust_fit(problem, search_among_outliers(problem.observations, problem.noise, fit.state), least)
+    return fit, scale
+
+
+def reject(problem: Problem, level: NoiseLevel, state: State) -> tuple[Fit, list[np.ndarray]]:
+    """Fits from a batch of states, and the poses (P,) of each target that do not contradict the best one."""
+    fit, scale = robust_fit_widely(problem, state, 0.0 if level.unknown else 1.0)
     after = [~b for b in beyond_chance(problem, fit, 0, scale)]
     for _ in range(5):
         kept = after
         if problem.counted(kept) <= problem.n:
-            raise UnobservableError("most poses contradict each other: no sensor pose explains half of them")
+            raise UnobservableError(CONTRADICTING)
         fit = refine(problem, fit.state, weights=kept)
         best = int(np.argmin(fit.loss))
         if level.unknown:
@@ -104,11 +157,13 @@ def robust_fit(problem: Problem, state: State, least: float) -> tuple[Fit, float
     return fit, float(unit(fit.per_pose)[0])
 
 
-def beyond_chance(problem: Problem, fit: Fit, which: int, scale: float) -> list[np.ndarray]:
+def beyond_chance(problem: Problem, fit: Fit, which: int, scale: float, most: int | None = None) -> list[np.ndarray]:
     """Poses (P,) of each target whose residuals in one fit of a batch are larger than chance makes them, and groups of
-    which more than half are. `scale`: how many noise levels large residuals are."""
+    which more than half are. `scale`: how many noise levels large residuals are. `most`: so many residuals of a pose
+    are independent."""
     total, rejected = sum(term.P for term in problem.terms), []
     for term, own, k in zip(problem.terms, fit.per_pose, problem.freedoms(), strict=True):
+        k = np.minimum(k, most or k)
         bad = own[which] * k > scale**2 * chi2_law.isf(FALSE_ALARM / total, k)
         size = np.bincount(term.group)
         crowd = (np.bincount(term.group, bad) > size / 2) & (size > 2)
@@ -128,31 +183,15 @@ def rescale(problem: Problem, state: State, kept) -> Problem:
     return problem
 
 
-def estimate_robot_errors(observations, level: NoiseLevel, solution: Solution) -> Solution:
-    """The solution with the scanner's noise and a robot position error at each pose as the residuals have them.
-
-    Features of raw profiles know their own noise. What it does not explain is the robot's: all points of a profile
-    share the error of its pose.
-    """
-    noise = replace(level.noise, profile_mm=level.features_mm)
-    for _ in range(ROUNDS):
-        before, noise = noise.position_mm, likeliest_noise(observations, noise, solution.state, solution.kept)
-        absurd = noise.position_mm > LARGEST_ERROR_MM
-        estimated = with_robot_error(level, noise)
-        solution = settle(Problem(observations, noise), estimated, solution.state, robust=not absurd)
-        absurd |= np.concatenate(solution.rejected).mean() > LARGEST_REJECTED
-        if abs(noise.position_mm - before) < 0.02 * noise.position_mm or absurd:
-            break
-    return solution
-
-
 def conclude(problem: Problem, level: NoiseLevel, fit: Fit, others: State, kept) -> Solution:
     """What to say of a fit: its covariance, enlarged where the noise does not explain the residuals, and whether one of
     the `others` fits as well."""
     state, found, messages = fit.state, spectrum(fit.information[0], problem.units), []
     dof = problem.counted(kept) - problem.n
     factor = float(fit.chi2[0]) / dof
-    if not level.unknown and factor > chi2_law.isf(UNLIKELY, dof) / dof:
+    if level.levels:
+        found = of_covariance(level.levels.covariance, found.rank, found.parameters)
+    elif not level.unknown and factor > chi2_law.isf(UNLIKELY, dof) / dof:
         found = of_covariance(found.covariance * factor, found.rank, found.parameters)
         than = "what the stated noise explains"
         if level.source == "groups":

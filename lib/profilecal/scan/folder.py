@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from profilecal.geometry.noise import Noise
+from profilecal.geometry.noise import Noise, Systematic
 from profilecal.geometry.poses import angle_between
 from profilecal.scan.conventions import RowError, find_convention, from_rotations, named, to_rotations
 from profilecal.scan.files import is_file, is_there, naming, whole
@@ -27,7 +27,7 @@ MEASURED = {
 KEYS = {
     "": ("title", "units", "mount", "target", "noise"),
     "target": ("kind", "side"),  # and its lengths
-    "noise": tuple(field.name for field in fields(Noise)),
+    "noise": tuple(field.name for kind in (Noise, Systematic) for field in fields(kind)),
 }
 SCALE = {"mm": 1.0, "m": 1000.0}
 MOUNTS = ("eye-in-hand", "eye-to-hand")
@@ -168,8 +168,9 @@ def read_poses(folder: Path, scale: float, side: int) -> tuple[dict, list[str]]:
         check_groups(table.path, R, group, labels)
     else:
         group = find_groups(R)
-    entries = {"labels": tuple(labels), "R_base_flange": R, "T_base_flange": T, "convention": convention.name}
-    return entries | {"side": sides, "group": group, "group_given": "group" in table.frame}, doubts
+    entries = {"labels": tuple(labels), "R_base_flange": R, "T_base_flange": T, "side": sides}
+    entries |= {"convention": convention.name, "orientation": block}
+    return entries | {"group": group, "group_given": "group" in table.frame}, doubts
 
 
 def check_groups(path: Path, R, group, labels) -> None:

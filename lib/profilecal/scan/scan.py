@@ -31,6 +31,7 @@ class Scan:
     mount: str = "eye-in-hand"
     title: str = ""
     convention: str = "quaternion"
+    orientation: np.ndarray | None = None  # (P, k) the convention's columns as they were read
     truth: dict = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
 

@@ -24,6 +24,13 @@ class Scene:
     observations: Observations  # without noise
     truth: State
 
+    def showing(self, kind: str, sizes: tuple[float, ...]) -> "Scene":
+        """Another target in the same place, without observations of it; the same scene where it is there already."""
+        if (kind, sizes) == (self.target.kind, self.observations.sizes):
+            return self
+        target = TARGETS[kind]
+        return replace(self, target=target.at(self.target.frame[0], self.facing @ target.stance, sizes))
+
     def noisy(self, sigma_mm: float, rng: np.random.Generator, trials: int | None = None) -> Observations:
         """The observations with isotropic noise in the scan plane, fresh in each of `trials` copies."""
         points = self.observations.points

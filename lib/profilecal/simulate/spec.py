@@ -1,21 +1,24 @@
 """Synthetic scans: a specification in, a scan folder's content out, with the truth that made it."""
 
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 
 import numpy as np
 
 from profilecal.geometry.noise import Noise
-from profilecal.geometry.poses import homogeneous, inverse
+from profilecal.geometry.poses import carry, homogeneous, inverse
 from profilecal.scan.conventions import CONVENTIONS
 from profilecal.scan.folder import MOUNTS
 from profilecal.scan.scan import Scan, ScanError
-from profilecal.simulate.plan import actual_poses, scan_planes
+from profilecal.simulate.plan import actual_poses
+from profilecal.simulate.robot import Robot
 from profilecal.simulate.scanner import Scanner
 from profilecal.simulate.scene import Scene, random_scene
 from profilecal.targets import TARGETS
 
 WIDE = Scanner(near=40.0, far=260.0, near_width=100.0, far_width=220.0)  # sees a whole disk of 50 mm radius
-ELSEWHERE = ("noise", "scanner", "sizes")  # fields of Spec that are no entries of their own
+ELSEWHERE = ("noise", "robot", "scanner", "sizes")  # fields of Spec that are no entries of their own
 
 
 @dataclass(frozen=True)
@@ -35,7 +38,10 @@ class Spec:
     spread_deg: float = 30.0  # the flange turns by up to this
     motion: str = "space"  # inside a group, anywhere ("space") or along an "arc", where the target leaves a choice
     frame: str = "base"  # edge: translations in the axes of the "base" or the "tool"
+    repeats: int = 1  # measurements at each stop, while the robot stands still
+    rounds: int = 1  # through all poses
     noise: Noise = field(default_factory=lambda: Noise(profile_mm=0.05))
+    robot: Robot = field(default_factory=Robot)
     scanner: Scanner = WIDE
 
     def __post_init__(self):
@@ -49,6 +55,9 @@ class Spec:
         _choose("convention", self.convention, [c.name for c in CONVENTIONS])
         for name in self.sizes:
             _choose("a size", name, target.lengths)
+        for name in ("repeats", "rounds"):
+            if getattr(self, name) < 1:
+                raise ScanError(f"{name} is {getattr(self, name)}; expected 1 or more")
 
 
 def _choose(name: str, value, choices) -> None:
@@ -57,17 +66,20 @@ def _choose(name: str, value, choices) -> None:
 
 
 def read_spec(entries: dict) -> Spec:
-    """A specification from the content of a TOML file: Spec's fields, the target's lengths, [noise] and [scanner].
+    """A specification from the content of a TOML file: Spec's fields, the target's lengths, [noise], [robot] and
+    [scanner].
 
     Raises ScanError."""
     noise = _filled(Noise(profile_mm=0.05), entries.pop("noise", {}), "[noise]")
+    robot = _filled(Robot(), entries.pop("robot", {}), "[robot]")
     scanner = _filled(replace(WIDE, noise_mm=noise.profile_mm), entries.pop("scanner", {}), "[scanner]")
     kind = entries.get("kind", Spec.kind)
     lengths = TARGETS[kind].lengths if isinstance(kind, str) and kind in TARGETS else ()
     sizes = {name: entries.pop(name) for name in lengths if name in entries}
     for name, value in sizes.items():
         _check(name, value, float, "the specification")
-    return replace(_filled(Spec(), entries, "the specification"), noise=noise, scanner=scanner, sizes=sizes)
+    spec = _filled(Spec(), entries, "the specification")
+    return replace(spec, noise=noise, robot=robot, scanner=scanner, sizes=sizes)
 
 
 def _filled(default, entries: dict, where: str):
@@ -87,47 +99,71 @@ def _check(key: str, value, kind: type, where: str) -> None:
 
 def simulate_scan(spec: Spec) -> Scan:
     """The scan that a robot with these errors and a scanner with this noise would record, and its truth."""
-    rng = np.random.default_rng(spec.seed)
+    return simulate_scans([spec])[0]
+
+
+def simulate_scans(specs: Sequence[Spec]) -> list[Scan]:
+    """One scan for each specification, by one sensor from the same poses: the robot errs alike in all of them, but for
+    what is fresh at each visit.
+
+    The targets stand in the same place one after the other. The first specification says where, what poses there are
+    and how the robot errs; all of them must be seen from there.
+    """
+    first = specs[0]
+    rng = np.random.default_rng(first.seed)
+    scene = random_scene(
+        first.kind,
+        rng,
+        groups=first.groups,
+        positions=first.positions,
+        sizes=sizes_of(first),
+        spread_deg=first.spread_deg,
+        motion=first.motion,
+        frame=first.frame,
+        steering_mm=first.noise.steering_mm,
+    )
+    poses = actual_poses(scene.poses, first.noise, rng)
+    R, T = (part.reshape(-1, *part.shape[2:]) for part in poses)
+    poses = first.robot.built(R, T, first.mount == "eye-to-hand", rng)
+    return [record(scene.showing(spec.kind, sizes_of(spec)), poses, spec, first.robot, rng) for spec in specs]
+
+
+def sizes_of(spec: Spec) -> tuple[float, ...]:
+    """The target's lengths, mm."""
     target = TARGETS[spec.kind]
     usual = dict(zip(target.lengths, target.sizes, strict=True))
-    sizes = tuple((usual | spec.sizes).values())
-    scene = random_scene(
-        spec.kind,
-        rng,
-        groups=spec.groups,
-        positions=spec.positions,
-        sizes=sizes,
-        spread_deg=spec.spread_deg,
-        motion=spec.motion,
-        frame=spec.frame,
-        steering_mm=spec.noise.steering_mm,
-    )
+    return tuple((usual | spec.sizes).values())
+
+
+def record(scene: Scene, poses, spec: Spec, robot: Robot, rng: np.random.Generator) -> Scan:
+    """The scan of a scene by a robot that takes its flange to `poses` (P, 3, 3), (P, 3), mm."""
     (R_sensor,), (T_sensor,) = scene.truth.rotation, scene.truth.translation
-    actual = scan_planes(R_sensor, T_sensor, *actual_poses(scene.poses, spec.noise, rng))
-    planes = tuple(part.reshape(-1, *part.shape[2:]) for part in actual)
-    measured = spec.measured or target.tables[-1]
+    which = np.tile(np.arange(len(poses[1])), spec.rounds)
+    R_actual, T_actual = (np.repeat(p, spec.repeats, axis=0) for p in robot.visiting(*(p[which] for p in poses), rng))
+    which = np.repeat(which, spec.repeats)
+    planes = R_actual @ R_sensor, carry(R_actual, T_actual, T_sensor)
+    measured = spec.measured or scene.target.tables[-1]
     if measured == "profiles":
         values = raw_profiles(scene, planes, spec, rng)
     else:
-        seen = scene.target.meet(*planes).reshape(len(planes[0]), 1, -1)
+        seen = scene.target.meet(*planes).reshape(len(which), 1, -1)
         values = list(seen + spec.noise.profile_mm * rng.normal(size=seen.shape))
-    G, N = scene.poses.positions.shape[:2]
-    R, T = scene.observations.R_flange[0], scene.observations.T_flange[0]
+    R, T = scene.observations.R_flange[0, which], scene.observations.T_flange[0, which]
     to_hand = spec.mount == "eye-to-hand"  # the same measurement with the roles of base and flange exchanged
     R, T = inverse(R, T) if to_hand else (R, T)
     return Scan(
         kind=spec.kind,
-        labels=tuple(f"g{g + 1}p{n + 1}" for g in range(G) for n in range(N)),
+        labels=labels(scene.poses.positions.shape[:2], which),
         R_base_flange=R,
         T_base_flange=T,
         measured=measured,
         values=tuple(v[np.isfinite(v).all(axis=1)] for v in values),
-        sizes=sizes,
+        sizes=sizes_of(spec),
         side=scene.target.sides(*planes),
-        group=scene.observations.group,
+        group=scene.observations.group[which],
         noise={name: value for name, value in asdict(spec.noise).items() if value},
         mount=spec.mount,
-        title=spec.title or f"simulated {spec.kind}, {G} orientations x {N} positions",
+        title=spec.title or title(spec, scene),
         convention=spec.convention,
         truth={
             "seed": spec.seed,
@@ -135,6 +171,26 @@ def simulate_scan(spec: Spec) -> Scan:
             "target": {name: np.asarray(value).tolist() for name, value in asdict(scene.target).items()},
         },
     )
+
+
+def title(spec: Spec, scene: Scene) -> str:
+    """What a scan is, where the specification does not call it otherwise."""
+    G, N = scene.poses.positions.shape[:2]
+    times = spec.repeats * spec.rounds
+    often = f", {times} times" if times > 1 else ""
+    return f"simulated {spec.kind}, {G} orientations x {N} positions{often}"
+
+
+def labels(shape, which) -> tuple[str, ...]:
+    """Of measurements from the poses `which` (n,), numbered in the order of `shape` (groups, positions)."""
+    names = [f"g{g + 1}p{n + 1}" for g in range(shape[0]) for n in range(shape[1])]
+    if len(which) == len(names):
+        return tuple(names)
+    count, numbered = Counter(), []
+    for pose in which:
+        count[pose] += 1
+        numbered.append(f"{names[pose]}m{count[pose]}")
+    return tuple(numbered)
 
 
 def raw_profiles(scene: Scene, planes, spec: Spec, rng) -> list[np.ndarray]:

@@ -1,4 +1,4 @@
-"""Robot errors seen through measurements."""
+"""Errors that residuals share, integrated out."""
 
 from dataclasses import replace
 
@@ -12,6 +12,7 @@ from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import angle_between
 from profilecal.joint.descent import estimate
 from profilecal.joint.problem import Problem
+from profilecal.joint.sharing import level_variances
 from profilecal.joint.state import normalised_square, pose_error
 from profilecal.papers.edge_plan import EdgePlan
 from profilecal.papers.edge_scenes import edge_scenes, observations_of
@@ -20,7 +21,7 @@ from profilecal.simulate.scene import random_scene
 
 @pytest.mark.parametrize("eye_to_hand", [False, True])
 @pytest.mark.parametrize("kind", KINDS)
-def test_whitening_agrees_with_the_dense_covariance(kind, eye_to_hand):
+def test_what_is_left_agrees_with_the_dense_covariance(kind, eye_to_hand):
     """The covariance of all residuals, written out, with pose errors differentiated numerically."""
     rng = np.random.default_rng(10)
     scene = random_scene(kind, rng, groups=3, positions=4, count=5)
@@ -47,11 +48,12 @@ def test_whitening_agrees_with_the_dense_covariance(kind, eye_to_hand):
     E = np.array([[(residuals(p, c, h) - residuals(p, c, -h)) / (2 * h) for c in range(6)] for p in range(P)])
     E = np.moveaxis(E, 1, -1).reshape(P, K * P, 6)  # by pose, residual, component
     C = SIGMA**2 * np.eye(K * P)
+    _, of_pose, of_group = level_variances(ROBOT)
     for p in range(P):
-        C += (E[p] * problem.of_pose) @ E[p].T
+        C += (E[p] * of_pose) @ E[p].T
     for g in range(3):
         shared = E[seen.group == g].sum(axis=0)
-        C += (shared * problem.of_group) @ shared.T
+        C += (shared * of_group) @ shared.T
     flat = z.reshape(N, -1)
     expected = flat @ np.linalg.solve(C, flat.T)
     ours = problem.moments(truth).normal[0]

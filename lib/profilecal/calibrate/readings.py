@@ -1,0 +1,133 @@
+"""Other readings of the same files, for a scan that contradicts itself: which one would explain the data?
+
+Poses read wrongly (angles in another order, a quaternion with its scalar last, the base in the flange, metres) fit
+nothing, which looks like motions that determine nothing. Each other reading is judged as a search judges a start, by
+distances in space and medians. The one that fits far better is named, never used.
+
+What no data can tell is not tried: mirrored x, or x and z exchanged, is what a scanner sees that is turned by 180°
+about its z, or about the line halfway between x and z.
+"""
+
+from dataclasses import dataclass, replace
+from operator import itemgetter
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from profilecal.calibrate.observe import Seen, as_observations
+from profilecal.geometry.noise import Noise
+from profilecal.joint.descent import refine
+from profilecal.joint.observations import Observations
+from profilecal.joint.search import in_space, search, search_among_outliers, thin, typical_residual
+from profilecal.joint.solve import LARGEST_ERROR_MM
+from profilecal.scan.conventions import CONVENTIONS, from_rotations, named
+from profilecal.scan.folder import REACH_MM
+from profilecal.scan.scan import Scan
+
+EXACT_MM, FINE_MM = 1e-9, 0.1  # residuals that are rounding, and those at which no other reading is looked for
+FAR_BETTER = 2.0  # times smaller residuals
+LUCK = 25.0  # logarithm of the odds against residuals so much smaller by chance, among all readings and starts
+ALIKE = 1.5  # times the residuals of the best reading
+POSES, ROUNDS = 30, 4  # a reading is judged by that many poses, and so often are the bad ones among them weighed down
+ROBOT = "check how the robot prints its poses"
+UNITS = {"m instead of mm": 1000.0, "mm instead of m": 0.001, "inches instead of mm": 25.4}
+SEQUENCES = (  # of three angles, as scipy names them
+    *((f"{c.name} {', '.join(c.columns)}", c.sequence) for c in CONVENTIONS if c.sequence),
+    ("angles about the fixed axes z, y, x", "zyx"),
+    ("angles about z, the new y and the new z (Kawasaki)", "ZYZ"),
+)
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What the files may mean instead."""
+
+    words: str  # after "with"
+    check: str  # what to look at
+    scan: Scan  # as it would then be
+    shift: int = 0  # the pose so many rows on belongs to a profile
+
+
+def better_readings(scan: Scan, seen: Seen) -> list[str]:
+    """A sentence on the reading, or those alike, that explains what was `seen` far better than the poses as stated;
+    none where there is none."""
+    stated, _ = misfit(observed(scan, seen), widely=True)
+    if not FINE_MM < stated < np.inf:
+        return []
+    tried = [(*misfit(observed(r.scan, seen, r.shift)), r) for r in readings(scan)]
+    best, freedom, _ = min(tried, key=itemgetter(0))
+    best = max(best, EXACT_MM)
+    if best > LARGEST_ERROR_MM or stated < FAR_BETTER * best or freedom * np.log(stated / best) < LUCK:
+        return []
+    alike = [r for size, _, r in sorted(tried, key=itemgetter(0)) if size < ALIKE * best]
+    words, checks = " or ".join(r.words for r in alike), "; ".join(dict.fromkeys(r.check for r in alike))
+    return [f"with {words} the residuals are {best:.2g} mm instead of {stated:.2g} mm; {checks}"]
+
+
+def observed(scan: Scan, seen: Seen, shift: int = 0) -> Observations:
+    """What was seen, with the pose `shift` rows on, and all points equally precise."""
+    poses = seen.poses + shift
+    there = (poses >= 0) & (poses < len(scan.labels))
+    return as_observations(scan, Seen(poses[there], seen.points[there]))
+
+
+def misfit(observations: Observations, widely: bool = False) -> tuple[float, int]:
+    """How large most residuals from the best sensor pose are, mm, infinite where none is found, and by how many the
+    coordinates, two for each pose, exceed the unknowns. `widely`: searched for as where many poses are bad."""
+    few = thin(observations, POSES)
+    problem = in_space([few], Noise(1.0))
+    freedom = 2 * problem.terms[0].P - problem.n
+    if freedom <= 0:
+        return np.inf, freedom
+    state = search([few], problem.noise)
+    if widely:
+        state = search_among_outliers([observations], problem.noise, state)
+    size = typical_residual(problem.moments(state).per_pose, problem.freedoms())
+    for _ in range(ROUNDS):
+        fit = refine(problem, state, scale=np.maximum(size, EXACT_MM), iterations=8)
+        state, size = fit.state, typical_residual(fit.per_pose, problem.freedoms())
+    best = np.min(size, where=np.isfinite(size), initial=np.inf)
+    return float(best * np.sqrt(1 + problem.n / freedom)), freedom
+
+
+def readings(scan: Scan):
+    """All other readings of a scan's poses."""
+    mount = "eye-to-hand" if scan.mount == "eye-in-hand" else "eye-in-hand"
+    yield Reading(
+        f'mount = "{mount}" or, what is the same, every pose inverted (base in flange)',
+        "check the mount, and which frame the poses are in",
+        replace(scan, mount=mount),
+    )
+    for shift, which in ((1, "next"), (-1, "previous")):
+        words = f"each profile taken from the {which} row's pose"
+        yield Reading(words, "check which pose each profile belongs to", scan, shift)
+    (low, high), farthest = REACH_MM, np.linalg.norm(scan.T_base_flange, axis=1).max()
+    for words, factor in UNITS.items():
+        if low < farthest * factor < high:
+            scaled = replace(scan, T_base_flange=scan.T_base_flange * factor)
+            yield Reading(f"the poses' x, y, z in {words}", "check the units of poses and profiles", scaled)
+    stated = named(scan.convention)
+    block = from_rotations(stated, scan.R_base_flange) if scan.orientation is None else scan.orientation
+    columns = ", ".join(stated.columns) if len(stated.columns) < 9 else "r11 … r33"
+    for words, rotation in orientations(block, stated.sequence):
+        yield Reading(f"{columns} read as {words}", ROBOT, replace(scan, R_base_flange=rotation.as_matrix()))
+    transposed = replace(scan, R_base_flange=np.swapaxes(scan.R_base_flange, 1, 2))
+    yield Reading("every rotation inverted (matrices transposed)", ROBOT, transposed)
+
+
+def orientations(block, sequence: str):
+    """What a block of orientation columns (n, k) may mean besides what is stated, in words and as rotations.
+
+    `sequence`: of the angles that are stated, "" for others.
+    """
+    match block.shape[1]:
+        case 3:
+            for unit, degrees in (("degrees", block), ("radians", np.degrees(block))):
+                for words, other in SEQUENCES:
+                    if (other, unit) != (sequence, "degrees"):
+                        yield f"{words} in {unit}", Rotation.from_euler(other, degrees, degrees=True)
+                if sequence or unit == "degrees":
+                    yield f"a rotation vector in {unit}", Rotation.from_rotvec(np.radians(degrees))
+        case 4:
+            for words, order in (("x, y, z, w", [3, 0, 1, 2]), ("z, w, x, y", [1, 2, 3, 0])):
+                yield words, Rotation.from_quat(block[:, order], scalar_first=True)

@@ -1,0 +1,60 @@
+"""Errors that residuals share, integrated out of the normal equations.
+
+Errors of the flange (`joint.sharing`) and of what all poses have in common (`joint.systematic`) are random effects of
+known variance. One level after the other is removed, as in Henderson's mixed-model equations (1975): with an effect's
+covariance S, its information A = EᵀE and B = Eᵀz, z the columns (derivatives, residual) and E those of the effect, both
+over the noise, what remains is
+
+    A' = (1 + A S)⁻¹ A        B' = (1 + A S)⁻¹ B        zᵀz - Bᵀ S B'
+
+and the determinant of the residuals' covariance grows by |1 + A S|.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Information:
+    """What measurements say of K flange errors, of the unknowns, and of both together; leading axes are a batch."""
+
+    of_errors: np.ndarray  # (..., K, 6, 6) A
+    crossed: np.ndarray  # (..., K, 6, n) B
+    normal: np.ndarray  # (..., n, n) zᵀz
+    log_determinant: np.ndarray | float = 0.0  # of the residuals' covariance
+
+    def times(self, factor) -> "Information":
+        """The same of measurements whose noise has variances 1 / factor (S,)."""
+        over = np.asarray(factor)[:, None, None]
+        return Information(over[:, None] * self.of_errors, over[:, None] * self.crossed, over * self.normal)
+
+
+def remove(information: Information, variances, member) -> Information:
+    """What is left once independent errors of some variances (..., 6) are integrated out; those that are a `member`
+    (K,) of the same error of the next level are one from there on."""
+    A, B = information.of_errors, information.crossed
+    S = variances[..., None, None, :]
+    whole = np.concatenate([A, B], axis=-1)
+    M, log_determinant = information.normal, information.log_determinant
+    if np.any(variances):
+        inflated = np.eye(6) + A * S
+        whole = np.linalg.solve(inflated, whole)
+        taken = np.swapaxes(B, -1, -2) @ (np.swapaxes(S, -1, -2) * whole[..., 6:])
+        M = M - taken.sum(axis=-3)
+        log_determinant = log_determinant + np.log(np.abs(np.linalg.det(inflated))).sum(axis=-1)
+    flat = whole.reshape(*whole.shape[:-2], -1)
+    belongs = (np.arange(member.max() + 1)[:, None] == member).astype(float)
+    whole = (belongs @ flat).reshape(*flat.shape[:-2], len(belongs), *whole.shape[-2:])
+    return Information(whole[..., :6], whole[..., 6:], M, log_determinant)
+
+
+def remove_common(normal, first: int, precision) -> tuple[np.ndarray, np.ndarray]:
+    """Normal equations (..., n, n) without the unknowns from `first` up to the residual, of which one knows beforehand
+    that they are zero to a precision (c,), and those unknowns (..., c) where the others do not change."""
+    c = slice(first, first + len(precision))
+    keep = np.r_[0:first, first + len(precision) : normal.shape[-1]]
+    inner = normal[..., c, c] + np.diag(precision)
+    across = normal[..., c, keep]
+    found = np.linalg.solve(inner, across)
+    return normal[..., keep[:, None], keep] - np.swapaxes(across, -1, -2) @ found, -found[..., -1]

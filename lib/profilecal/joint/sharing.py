@@ -1,0 +1,95 @@
+"""Which profiles share an error of the flange: those of one commanded pose, and of one orientation."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from profilecal.geometry.noise import ROBOT, Noise, variances
+from profilecal.geometry.poses import angle_between
+from profilecal.joint.observations import Observations
+
+SAME_MM, SAME_DEG = 0.05, 0.01  # commanded poses that differ by less are one: no controller comes back any closer
+SAME_ORIENTATION_DEG = 0.05
+
+
+@dataclass(frozen=True)
+class Sharing:
+    """Profiles are counted through, target by target; a repeated pose, or one seen of two targets, has several."""
+
+    pose: np.ndarray  # (profiles,) number of the commanded pose
+    orientation: np.ndarray  # (poses,) number of its orientation
+    rotation: np.ndarray  # (poses, 3, 3) of the flange, as observed
+    translation: np.ndarray  # (poses, 3) mm
+
+    @property
+    def repeated(self) -> bool:
+        """Whether any pose has several profiles."""
+        return len(self.orientation) < len(self.pose)
+
+    @property
+    def grouped(self) -> bool:
+        """Whether any poses share an orientation."""
+        return int(self.orientation.max()) + 1 < len(self.orientation)
+
+    @property
+    def told_apart(self) -> list[str]:
+        """The errors of the robot, entries of `Noise`, that differ at these poses."""
+        missing = ["visit_"] * (not self.repeated) + ["group_"] * (not self.grouped)
+        return [name for name in ROBOT if not name.startswith(tuple(missing))]
+
+    def levels(self, noise: Noise) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Of the errors, finest first: their variances (6,), mm² and rad², and which error (k,) of the next level each
+        of the k belongs to. Levels that cannot be told apart are one (`told_apart`)."""
+        visit, pose, orientation = level_variances(noise)
+        if not self.grouped:
+            pose, orientation = pose + orientation, np.zeros(6)
+        if not self.repeated:
+            visit, pose = visit + pose, np.zeros(6)
+        return [(visit, self.pose), (pose, self.orientation), (orientation, np.arange(self.orientation.max() + 1))]
+
+
+def level_variances(noise: Noise) -> list[np.ndarray]:
+    """Of the flange's errors at a visit, at a commanded pose, and at an orientation, (6,) each."""
+    return [
+        variances(noise.visit_position_mm, noise.visit_orientation_deg),
+        variances(noise.position_mm, noise.orientation_deg),
+        variances(noise.group_position_mm, noise.group_orientation_deg),
+    ]
+
+
+def sharing(observations: Sequence[Observations]) -> Sharing:
+    """Of the targets' poses; those of a batch are alike, and the first problem's are looked at."""
+    R = np.concatenate(
+        [np.asarray(o.R_flange, dtype=float).reshape(-1, *o.R_flange.shape[-3:])[0] for o in observations]
+    )
+    T = np.concatenate(
+        [np.asarray(o.T_flange, dtype=float).reshape(-1, *o.T_flange.shape[-2:])[0] for o in observations]
+    )
+    orientation = same_orientations(R, [o.labels for o in observations])
+    pose, firsts = np.full(len(R), -1), []
+    for k in range(len(R)):
+        if pose[k] < 0:
+            near = (orientation == orientation[k]) & (pose < 0) & (np.abs(T - T[k]).max(axis=1) < SAME_MM)
+            near[near] = np.degrees(angle_between(R[near], R[k])) < SAME_DEG
+            pose[near] = len(firsts)
+            firsts.append(k)
+    return Sharing(pose, orientation[firsts], R[firsts], T[firsts])
+
+
+def same_orientations(R, labels) -> np.ndarray:
+    """Numbers (profiles,) of the orientations R (profiles, 3, 3): one for each of a target's groups, `labels` (P,), and
+    the same for that of another target that points the same way."""
+    numbers, firsts = [], np.empty((0, 3, 3))
+    begin = 0
+    for own in labels:
+        rows = R[begin : begin + len(own)][np.unique(own, return_index=True)[1]]
+        earlier = len(firsts)
+        number = np.empty(len(rows), dtype=int)
+        for g, row in enumerate(rows):
+            near = np.flatnonzero(np.degrees(angle_between(firsts[:earlier], row)) < SAME_ORIENTATION_DEG)
+            number[g] = near[0] if near.size else len(firsts)
+            firsts = firsts if near.size else np.concatenate([firsts, row[None]])
+        numbers.append(number[own])
+        begin += len(own)
+    return np.concatenate(numbers)

@@ -1,0 +1,146 @@
+"""Poses read wrongly are named before the motions are blamed; poses read rightly are left in peace."""
+
+import re
+from dataclasses import replace
+from itertools import cycle
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.spatial.transform import Rotation
+from simulated import scan_of
+
+from profilecal.calibrate.calibration import calibrate
+from profilecal.calibrate.observe import observe
+from profilecal.calibrate.readings import better_readings, misfit, observed
+from profilecal.geometry.noise import Noise
+from profilecal.geometry.poses import inverse
+from profilecal.scan.conventions import from_rotations, named, to_rotations
+from profilecal.scan.folder import read_scan, write_scan
+from profilecal.simulate.spec import Spec
+
+SPECS = [
+    Spec(kind="edge", groups=10, positions=4, seed=1),
+    Spec(kind="disk", groups=10, positions=5, seed=2, mount="eye-to-hand"),
+    Spec(kind="ball", groups=10, positions=3, seed=3, noise=Noise(profile_mm=0.05, position_mm=0.05)),
+    Spec(kind="plane", groups=15, positions=2, seed=4),
+]
+
+
+def printed(R, name):
+    return from_rotations(named(name), R)
+
+
+def taken_for(scan, name, block):
+    """Columns of the convention of that name that hold this block."""
+    R = to_rotations(named(name), block)
+    return replace(scan, R_base_flange=R, convention=name, orientation=block)
+
+
+def inverted(scan):
+    R, T = inverse(scan.R_base_flange, scan.T_base_flange)
+    return replace(scan, R_base_flange=R, T_base_flange=T)
+
+
+def on_another_mount(scan):
+    return replace(scan, mount="eye-to-hand" if scan.mount == "eye-in-hand" else "eye-in-hand")
+
+
+WRONG = {
+    "FANUC angles w, p, r in degrees": lambda s: taken_for(s, "KUKA angles", printed(s.R_base_flange, "FANUC angles")),
+    "KUKA angles a, b, c in degrees": lambda s: taken_for(s, "FANUC angles", printed(s.R_base_flange, "KUKA angles")),
+    "Stäubli angles": lambda s: taken_for(s, "KUKA angles", printed(s.R_base_flange, "Stäubli angles")),
+    "KUKA angles a, b, c in radians": lambda s: taken_for(
+        s, "KUKA angles", np.radians(printed(s.R_base_flange, "KUKA angles"))
+    ),
+    "FANUC angles w, p, r in radians": lambda s: taken_for(
+        s, "rotation vector", np.radians(printed(s.R_base_flange, "FANUC angles"))
+    ),
+    "a rotation vector in degrees": lambda s: taken_for(
+        s, "FANUC angles", np.degrees(printed(s.R_base_flange, "rotation vector"))
+    ),
+    "qw, qx, qy, qz read as x, y, z, w": lambda s: taken_for(
+        s, "quaternion", printed(s.R_base_flange, "quaternion")[:, [1, 2, 3, 0]]
+    ),
+    "every rotation inverted (matrices transposed)": lambda s: taken_for(
+        s, "matrix", printed(np.swapaxes(s.R_base_flange, 1, 2), "matrix")
+    ),
+    "every pose inverted (base in flange)": inverted,
+    'mount = "eye-': on_another_mount,
+    "the poses' x, y, z in m instead of mm": lambda s: replace(s, T_base_flange=s.T_base_flange / 1000),
+    "taken from the next row's pose": lambda s: replace(s, values=(*s.values[1:], s.values[0])),
+    "taken from the previous row's pose": lambda s: replace(s, values=(s.values[0][:0], *s.values[:-1])),
+}
+
+
+@pytest.mark.parametrize(("spec", "right"), list(zip(cycle(SPECS), WRONG, strict=False)))
+def test_what_was_read_wrongly_comes_first(spec, right):
+    found = calibrate([WRONG[right](scan_of(spec))])
+    assert found.status != "ok"
+    assert found.messages[0].startswith("with ")
+    assert right in found.messages[0]
+    assert re.search(r"the residuals are 0\.0\d+ mm instead of", found.messages[0])
+
+
+def test_a_scan_of_several_is_named_and_nothing_is_applied():
+    scans = [replace(scan_of(spec), title=spec.kind) for spec in SPECS if spec.mount == "eye-in-hand"]
+    wrong = replace(on_another_mount(inverted(scans[1])), mount=scans[1].mount)
+    found = calibrate([scans[0], wrong])
+    assert found.messages[0].startswith(f'{wrong.title}: with mount = "eye-to-hand" or')
+    assert found.scans == (scans[0], wrong)
+    assert not any(message.startswith(f"{scans[0].title}: with") for message in found.messages)
+
+
+@pytest.mark.parametrize(
+    ("columns", "sequence", "words"),
+    [
+        (("a", "b", "c"), "ZYZ", "a, b, c read as angles about z, the new y and the new z"),
+        (("rx", "ry", "rz"), "xyz", "rx, ry, rz read as FANUC angles w, p, r in radians"),
+    ],
+)
+def test_columns_count_as_they_were_printed(tmp_path, columns, sequence, words):
+    """The rotations alone do not tell them: a middle angle beyond 90°, a vector longer than π."""
+    scan = scan_of(SPECS[2])
+    over = Rotation.from_euler("xz", [180, 150], degrees=True).as_matrix()
+    scan = replace(scan, R_base_flange=over @ scan.R_base_flange, T_base_flange=scan.T_base_flange @ over.T)
+    turned = Rotation.from_matrix(scan.R_base_flange).as_euler(sequence)
+    assert (turned[:, 1] > np.pi / 2).any() if sequence == "ZYZ" else (np.linalg.norm(turned, axis=1) > np.pi).any()
+    write_scan(scan, tmp_path / "scan")
+    table = pd.read_csv(tmp_path / "scan" / "poses.csv").drop(columns=["qw", "qx", "qy", "qz"])
+    table[list(columns)] = np.degrees(turned) if columns[0] == "a" else turned
+    table.to_csv(tmp_path / "scan" / "poses.csv", index=False)
+    assert words in calibrate([read_scan(tmp_path / "scan")]).messages[0]
+
+
+@pytest.mark.parametrize("spread_deg", [0.0, 1.0, 5.0])
+@pytest.mark.parametrize("kind", ["edge", "ball", "plane"])
+def test_poor_motions_are_blamed_on_no_reading(kind, spread_deg):
+    scan = scan_of(Spec(kind=kind, groups=8, positions=4, spread_deg=spread_deg))
+    assert not better_readings(scan, observe(scan))
+
+
+def test_outliers_and_few_poses_are_blamed_on_no_reading():
+    for spec in SPECS:
+        scan, rng = scan_of(spec), np.random.default_rng(spec.seed)
+        bad = rng.uniform(size=len(scan.values)) < 0.25
+        values = tuple(v + 20 * b * rng.normal(size=v.shape[1]) for v, b in zip(scan.values, bad, strict=True))
+        spoilt = replace(scan, values=values)
+        assert not better_readings(spoilt, observe(spoilt))
+    few = scan_of(Spec(kind="ball", groups=3, positions=2, seed=1))
+    assert not better_readings(few, observe(few))
+
+
+def test_a_good_scan_never_pays(monkeypatch):
+    monkeypatch.setattr("profilecal.calibrate.calibration.better_readings", None)
+    assert calibrate([scan_of(SPECS[0])]).status == "ok"
+
+
+@pytest.mark.parametrize("spec", SPECS, ids=lambda spec: spec.kind)
+@pytest.mark.parametrize("isometry", [[[-1, 0], [0, 1]], [[0, 1], [1, 0]]], ids=["x mirrored", "x and z exchanged"])
+def test_what_no_data_can_tell(spec, isometry):
+    """A scanner turned over sees the same: profiles mirrored in their plane fit as well as before."""
+    scan = scan_of(spec)
+    seen = observe(scan)
+    turned = replace(seen, points=seen.points @ np.array(isometry))
+    sizes = [misfit(observed(scan, entry))[0] for entry in (seen, turned)]
+    assert sizes[1] == pytest.approx(sizes[0], rel=1e-3)

@@ -1,0 +1,74 @@
+"""The arm's two directions agree, and its errors are what the geometry says."""
+
+import numpy as np
+import pytest
+
+from profilecal.geometry.poses import angle_between, rotations
+from profilecal.simulate.arm import LINKS, MIDDLE, Arm, joints_at, where_it_is
+from profilecal.simulate.scene import in_unit_ball
+
+POSES = 200
+AWAY = np.array([3000.0, -2000.0, 500.0])
+
+
+def poses(seed=1, reach=400.0):
+    rng = np.random.default_rng(seed)
+    return rotations(rng.uniform(-3, 3, (POSES, 3))), MIDDLE + reach * in_unit_ball(rng, POSES)
+
+
+def test_the_arm_points_up_when_its_joints_are_at_zero():
+    R, T = Arm().flange(np.zeros(6))
+    np.testing.assert_allclose(R, np.eye(3))
+    np.testing.assert_allclose(T, LINKS.sum(axis=0))
+
+
+def test_joint_angles_take_the_flange_where_they_were_found_for():
+    R, T = poses()
+    joints = joints_at(R, T)
+    found = Arm().flange(joints)
+    np.testing.assert_allclose(found[0], R, atol=1e-12)
+    np.testing.assert_allclose(found[1], T, atol=1e-9)
+    assert (joints[:, [2, 4]] >= 0).all()
+
+
+def test_a_place_out_of_reach_is_refused():
+    R, T = poses()
+    with pytest.raises(ValueError, match="mm from its shoulder; expected 100 to 1300 mm"):
+        joints_at(R, T + AWAY)
+
+
+def test_an_arm_without_errors_is_where_it_says():
+    R, T = poses()
+    found = where_it_is(Arm(), R, T + AWAY)
+    np.testing.assert_allclose(found[0], R, atol=1e-12)
+    np.testing.assert_allclose(found[1], T + AWAY, atol=1e-9)
+
+
+def test_zeros_of_the_first_and_the_last_joint_turn_the_base_and_the_flange():
+    R, T = poses()
+    angle = 1e-3
+    about_z = rotations([0, 0, angle])
+    turned = Arm(zeros=np.array([angle, 0, 0, 0, 0, 0])).flange(joints_at(R, T))
+    np.testing.assert_allclose(turned[0], about_z @ R, atol=1e-12)
+    np.testing.assert_allclose(turned[1], T @ about_z.T, atol=1e-9)
+    turned = Arm(zeros=np.array([0, 0, 0, 0, 0, angle])).flange(joints_at(R, T))
+    np.testing.assert_allclose(turned[0], R @ about_z, atol=1e-12)
+    np.testing.assert_allclose(turned[1], T, atol=1e-9)
+
+
+def test_the_last_link_shifts_all_poses_alike_in_the_flange_frame():
+    R, T = poses()
+    shift = np.array([0.1, -0.2, 0.3])
+    moved = Arm(links=LINKS + np.eye(6)[:, 5:] * shift).flange(joints_at(R, T))
+    np.testing.assert_allclose(moved[1] - T, R @ shift, atol=1e-9)
+
+
+def test_errors_have_their_size():
+    rng = np.random.default_rng(3)
+    arms = [Arm.erring(0.02, 0.2, rng) for _ in range(300)]
+    assert np.std([arm.zeros for arm in arms]) == pytest.approx(np.radians(0.02), rel=0.08)
+    assert np.std([arm.links - LINKS for arm in arms]) == pytest.approx(0.2, rel=0.08)
+    R, T = poses()
+    turns = [angle_between(where_it_is(arm, R, T)[0], R) for arm in arms]
+    # six turns, each about an axis of its own
+    assert np.sqrt(np.mean(np.square(turns))) == pytest.approx(np.radians(0.02) * np.sqrt(6), rel=0.08)

@@ -1,0 +1,103 @@
+"""What a robot's errors do to simulated scans: which measurements share them."""
+
+import numpy as np
+import pytest
+
+from profilecal.geometry.noise import Noise
+from profilecal.geometry.poses import inverse, rotations
+from profilecal.scan.scan import ScanError
+from profilecal.simulate.robot import Robot
+from profilecal.simulate.spec import Spec, read_spec, simulate_scan, simulate_scans
+
+SHAPE = {"groups": 3, "positions": 4}
+NOISELESS = Noise()
+
+
+def points(kind="edge", **entries):
+    """The noiseless points (n, 2) of a scan, and the scan."""
+    scan = simulate_scan(Spec(kind=kind, **SHAPE, **({"noise": NOISELESS} | entries)))
+    return np.concatenate(scan.values), scan
+
+
+def test_repeats_share_the_error_of_their_pose():
+    noise = Noise(position_mm=0.5)
+    seen, scan = points(noise=noise, repeats=3)
+    once, _ = points(noise=noise)
+    np.testing.assert_array_equal(seen.reshape(12, 3, 2), np.repeat(once[:, None], 3, axis=1))
+    np.testing.assert_array_equal(scan.T_base_flange[::3], scan.T_base_flange[2::3])
+    assert scan.labels[:4] == ("g1p1m1", "g1p1m2", "g1p1m3", "g1p2m1")
+    assert scan.group.tolist() == np.repeat([0, 1, 2], 12).tolist()
+
+
+def test_repeats_do_not_share_the_noise_of_the_scanner():
+    seen, _ = points(noise=Noise(profile_mm=0.1), repeats=2)
+    assert np.abs(seen[::2] - seen[1::2]).min() > 0
+
+
+def test_a_round_meets_every_pose_anew():
+    seen, scan = points(rounds=2, robot=Robot(repeatability_mm=0.1, repeatability_deg=0.01))
+    assert scan.labels[0] == "g1p1m1"
+    assert scan.labels[12] == "g1p1m2"
+    np.testing.assert_array_equal(scan.T_base_flange[:12], scan.T_base_flange[12:])
+    assert np.abs(seen[:12] - seen[12:]).min() > 0
+
+
+def test_a_drift_grows_from_the_first_pose_to_the_last():
+    seen, _ = points("point", robot=Robot(drift_mm=1.0), rounds=5)
+    still, _ = points("point", rounds=5)
+    moved = np.linalg.norm(seen - still, axis=1).reshape(5, 12).mean(axis=1)
+    assert seen[0] == pytest.approx(still[0])
+    assert (np.diff(moved) > 0).all()
+
+
+def test_an_arm_errs_alike_wherever_it_meets_a_pose_again():
+    seen, _ = points(rounds=2, robot=Robot(joint_deg=0.05, link_mm=0.3))
+    still, _ = points(rounds=2)
+    np.testing.assert_array_equal(seen[:12], seen[12:])
+    assert 0.01 < np.abs(seen - still).mean() < 5
+
+
+def test_an_arm_that_carries_the_target_errs_at_its_flange():
+    rng = np.random.default_rng(4)
+    R, T = rotations(rng.uniform(-0.3, 0.3, (20, 3))), rng.uniform(-100, 100, (20, 3))
+    robot = Robot(joint_deg=0.1, link_mm=0.5)
+    scanner = robot.built(R, T, False, np.random.default_rng(5))
+    target = robot.built(*inverse(R, T), True, np.random.default_rng(5))
+    np.testing.assert_allclose(inverse(*target)[1], scanner[1], atol=1e-9)
+    assert np.abs(scanner[1] - T).max() > 0.1
+
+
+def test_scans_of_two_targets_share_poses_and_errors():
+    robot = Robot(joint_deg=0.05)
+    noise = Noise(position_mm=0.1, orientation_deg=0.05)
+    specs = [Spec(kind="ball", measured="arcs", noise=noise, robot=robot, **SHAPE), Spec(kind="edge", noise=NOISELESS)]
+    ball, edge = simulate_scans(specs)
+    np.testing.assert_array_equal(ball.T_base_flange, edge.T_base_flange)
+    assert ball.truth["T_flange_sensor"] == edge.truth["T_flange_sensor"]
+    assert (ball.kind, edge.kind, ball.labels) == ("ball", "edge", edge.labels)
+    np.testing.assert_allclose(edge.truth["target"]["point"], ball.truth["target"]["centre"])
+
+
+def test_a_scan_of_one_target_is_the_first_of_several():
+    specs = [Spec(kind=kind, noise=Noise(profile_mm=0.05, position_mm=0.1), **SHAPE) for kind in ("edge", "plane")]
+    alone, first = simulate_scan(specs[0]), simulate_scans(specs)[0]
+    np.testing.assert_array_equal(np.concatenate(alone.values), np.concatenate(first.values))
+
+
+def test_a_specification_says_what_robot_it_is():
+    spec = read_spec({"kind": "edge", "repeats": 5, "robot": {"joint_deg": 0.02, "drift_mm": 0.1}})
+    assert spec.repeats == 5
+    assert spec.robot == Robot(joint_deg=0.02, drift_mm=0.1)
+
+
+@pytest.mark.parametrize(
+    ("entries", "sentence"),
+    [
+        ({"repeats": 0}, "repeats is 0; expected 1 or more"),
+        ({"rounds": -1}, "rounds is -1 in the specification; expected int, zero or more"),
+        ({"robot": {"joints": 1}}, "unknown entry 'joints' in \\[robot\\]; there are joint_deg"),
+    ],
+)
+def test_a_robot_that_is_none_is_refused(entries, sentence):
+    with pytest.raises(ScanError, match=sentence):
+        read_spec(entries)
