@@ -16,7 +16,7 @@ import os
 import sys
 import time
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -49,6 +49,7 @@ COLUMNS = [
 KINDS = ("edge", "disk", "ball", "plane", "rod")
 BESIDE = {"edge": "plane", "disk": "edge", "ball": "edge", "plane": "edge", "rod": "plane"}  # the second target
 PROFILE_MM = 0.05
+EXACT_SCANNER = {"scale_percent": 0.0, "shear_percent": 0.0, "bend_mm": 0.0, "tolerance_mm": 0.0}
 BOTH = {"position_mm": 0.05, "orientation_deg": 0.02}
 SITUATIONS = {  # the robot's errors, and what else there is to say of the scan
     "position": ({"position_mm": 0.05}, {}),
@@ -85,9 +86,8 @@ class Cell:
         entries = {"groups": 15, "positions": 3, "scanner": replace(WIDE, points=400)} | self.entries
         raw = {"measured": "profiles"} if seed % 2 else {}
         specs = [Spec(kind=kind, seed=seed, noise=noise, **raw, **entries) for kind in self.kinds]
-        known = {f.name for f in fields(Noise)}
-        stated = {name: value for name, value in self.stated.items() if name in known}
-        return [replace(scan, noise={"profile_mm": PROFILE_MM} | stated) for scan in simulate_scans(specs)]
+        stated = {"profile_mm": PROFILE_MM} | EXACT_SCANNER | self.stated
+        return [replace(scan, noise=stated) for scan in simulate_scans(specs)]
 
 
 def cells() -> dict[str, Cell]:

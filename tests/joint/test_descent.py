@@ -14,7 +14,9 @@ from profilecal.closed_form.solve import closed_form
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import angle_between
 from profilecal.joint.descent import estimate, refine
+from profilecal.joint.noise import expect
 from profilecal.joint.problem import Problem
+from profilecal.joint.solve import solve
 from profilecal.joint.state import normalised_square, pose_error
 from profilecal.papers.edge_plan import EdgePlan
 from profilecal.papers.edge_scenes import edge_scenes, observations_of
@@ -139,6 +141,19 @@ def test_a_third_of_the_disk_methods_error_from_many_chords():
         shift.append(ours / theirs)
     assert np.median(turn) < 0.35
     assert np.median(shift) < 0.35
+
+
+@pytest.mark.parametrize("kind", ["ball", "plane"])
+def test_poses_that_leave_a_flat_valley_take_no_longer(kind, monkeypatch):
+    """48 times nearly one pose: most directions are open, and the loss hardly changes along them. A descent that crawls
+    on needs more than twice these evaluations."""
+    rng = np.random.default_rng(3)
+    one = random_scene(kind, rng).observations.keep(np.zeros(48, dtype=int))
+    T, points = (a + sd * rng.normal(size=a.shape) for a, sd in ((one.T_flange, 1e-3), (one.points, SIGMA)))
+    seen, evaluations, moments = replace(one, T_flange=T, points=points, group=None), [], Problem.moments
+    monkeypatch.setattr(Problem, "moments", lambda *args, **more: evaluations.append(1) or moments(*args, **more))
+    assert solve([seen], expect({}, features_mm=SIGMA)).status == "unobservable"
+    assert len(evaluations) < 500
 
 
 @pytest.mark.parametrize("choices", [{"motion": "line"}, {"tilt_deg": 0.0}, {"frame": "tool"}], ids=str)

@@ -13,6 +13,10 @@ from profilecal.joint.state import State, pose_error
 
 REACH = np.r_[100, 100, 100, 1, 1, 1]  # mm and rad: a step as large in one as in the other
 ROUNDS = 8  # of bringing shared errors up to date, at most
+ROUNDING = 1e-14  # of a loss: less is no difference
+FLAT = 1e-6  # of a loss: of a thousand residuals, a thirtieth of a standard deviation
+KEEPS = 0.9  # of what they promise, good steps
+UNDAMPED = 1e-12
 
 
 @dataclass(frozen=True)
@@ -51,40 +55,66 @@ def refine(
 ) -> Fit:
     """The state of least loss nearest to each of B states, with what shared errors do held fixed meanwhile and then
     brought up to date, until that moves nothing. `scale`, `weights`: as `Problem.moments` takes them."""
-    for _ in range(ROUNDS if problem.has_effects else 1):
+    before = np.inf
+    for _ in range(ROUNDS):
         effects = problem.effects(state)
 
         def moments(state, effects=effects):
             return problem.moments(state, scale, weights, effects)
 
-        fit = descend(problem, state, moments, iterations, tolerance, damping)
+        fit = descend(moments, problem.move, state, iterations, tolerance, damping)
+        if not problem.has_effects:
+            break
         moved = pose_error(state.rotation, state.translation, fit.state.rotation, fit.state.translation)
         state = fit.state
-        if np.abs(moved / REACH).max() < 1e3 * tolerance:
+        if reach(moved).max() < 1e3 * tolerance or (np.abs(before - fit.loss) <= FLAT * fit.loss).all():
             break
+        before = fit.loss
     return fit
 
 
-def descend(problem: Problem, state: State, moments, iterations: int, tolerance: float, damping: float) -> Fit:
-    """Damped Gauss-Newton (Levenberg and Marquardt) on what `moments(state)` says, each problem with its own damping.
+def descend(moments, move, state: State, iterations: int, tolerance: float = 1e-10, damping: float = 1e-3) -> Fit:
+    """Damped Gauss-Newton (Levenberg and Marquardt) on what `moments(state)` says, each problem with its own damping,
+    which follows how much of what a step promised came true (Nielsen 1999). `move(state, step)` takes a step.
 
-    Ends where the step is below `tolerance` (rad, and a hundred times that in mm), or promises less than rounding.
+    Ends where the undamped step is below `tolerance` (rad, and a hundred times that in mm), promises less than
+    rounding, or, along a flat valley, promises nothing that noise would not hide and does not even keep that.
     """
     B = len(state.rotation)
+    damping, growth, done = np.full(B, damping), np.full(B, 2.0), np.zeros(B, dtype=bool)
     with np.errstate(all="ignore"):
         here = moments(state)
-        damping, done = np.full(B, damping), np.zeros(B, dtype=bool)
         for _ in range(iterations):
             step, promise = damped_step(here.normal, damping)
-            trial = problem.move(state, step)
-            there = moments(trial)
-            better = np.isfinite(there.loss) & (there.loss <= here.loss) & ~done
-            state, here = trial.where(better, state), _where(better, there, here)
-            done |= (np.abs(step[:, :6] / REACH).max(axis=1) < tolerance) | (promise <= 1e-15 * here.loss)
-            damping = np.where(better, np.maximum(damping * 0.05, 1e-12), np.minimum(damping * 20, 1e8))
+            small = reach(step) < tolerance
+            early = small & (growth == 2.0) & (damping > UNDAMPED)  # perhaps small by damping only
+            if early.any():
+                damping = np.where(early, UNDAMPED, damping)
+                step, promise = damped_step(here.normal, damping)
+                small = reach(step) < tolerance
+            trial = move(state, step)
+            if small.any():  # nothing to look at there
+                state = trial.where(small & ~done, state)
+            done |= small | (promise <= ROUNDING * here.loss)
             if done.all():
                 break
+            there = moments(trial)
+            kept = np.nan_to_num((here.loss - there.loss) / promise, nan=-1.0)
+            better = (there.loss <= here.loss) & ~done  # false for NaN
+            done |= (promise <= FLAT * here.loss) & (kept < KEEPS)
+            if better.all():
+                state, here = trial, there
+            elif better.any():
+                state, here = trial.where(better, state), _where(better, there, here)
+            eased = damping * np.clip(1 - (2 * np.minimum(kept, 1) - 1) ** 3, 0.01, 2)
+            damping = np.clip(np.where(better, eased, damping * growth), UNDAMPED, 1e8)
+            growth = np.where(better, 2.0, 2 * growth)
     return Fit(state, here.normal, here.loss, here.per_pose, done)
+
+
+def reach(step) -> np.ndarray:
+    """How far steps (B, 6 or more) move sensor poses, rad or hundreds of mm."""
+    return np.abs(step[:, :6] / REACH).max(axis=1)
 
 
 def damped_step(normal, damping) -> tuple[np.ndarray, np.ndarray]:
@@ -94,9 +124,10 @@ def damped_step(normal, damping) -> tuple[np.ndarray, np.ndarray]:
     size = np.where(size > 0, size, 1.0)
     H = normal[:, :-1, :-1] / (size[:, :, None] * size[:, None])
     H = np.where(np.isfinite(H), H, 0.0) + damping[:, None, None] * np.eye(size.shape[1])
-    g = np.nan_to_num(normal[:, :-1, -1] / size, posinf=0, neginf=0)
+    g = normal[:, :-1, -1] / size
+    g = np.where(np.isfinite(g), g, 0.0)
     scaled = -np.linalg.solve(H, g[..., None])[..., 0]
-    return scaled / size, -np.einsum("bi,bi->b", g, scaled)
+    return scaled / size, damping * np.sum(scaled**2, axis=1) - np.sum(g * scaled, axis=1)
 
 
 def _where(mask, first: Moments, second: Moments) -> Moments:

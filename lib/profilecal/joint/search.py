@@ -5,18 +5,20 @@ from dataclasses import replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
-from scipy.stats import chi2 as chi2_law
+from scipy.special import gammaincinv
 
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import angle_between
-from profilecal.joint.descent import refine
+from profilecal.joint.descent import Fit, descend, refine
 from profilecal.joint.observations import BATCHED, Observations
 from profilecal.joint.problem import Problem
 from profilecal.joint.state import State
 
-GRID = "I"  # scipy's name for the 60 rotations of the icosahedron: any rotation is within 45° of one of them
 POSES, POINTS = 40, 5  # the search looks at that many poses, and points in each
-ROUNDS = ((12, 30), (20, 12))  # steps, and how many starts go on after them
+COARSE, GRID = "T", "I"  # scipy's names for 12 and 60 rotations: any rotation is within 45° of one of the 60
+STEPS, TIMES, AGREEING = 8, 2, 5  # from the coarse grid: steps, how often, and how many starts with one end are enough
+ROUNDS = ((12, 30), (20, 12))  # from the grid: steps, and how many starts go on after them
+HOPELESS = 100.0  # times the noise, or the best loss
 KEPT = 6  # starts that all poses are looked at from
 SUBSET = 24  # poses that one start looks at where some are bad: few enough to be lucky
 SAME_RAD, SAME_MM = 0.02, 2.0  # sensor poses nearer to each other are one
@@ -24,17 +26,50 @@ SAME_RAD, SAME_MM = 0.02, 2.0  # sensor poses nearer to each other are one
 
 def search(observations: Sequence[Observations], noise: Noise, starts=()) -> State:
     """Sensor poses worth refining, best first, at most KEPT: from `starts`, pairs (R (3, 3), T (3,) mm), and from a
-    grid of rotations, each with the targets placed where it sees them, by distances in space and on a few poses."""
+    grid of rotations, each with the targets placed where it sees them, by distances in space and on a few poses. Where
+    targets can be placed at every step, a coarse grid will do if several of its starts end at one pose that fits."""
     problem = in_space([thin(entry, POSES) for entry in observations], noise)
-    rotation, translation = Rotation.create_group(GRID).as_matrix(), np.zeros((60, 3))
-    if len(starts):
-        rotation = np.concatenate([[R for R, _ in starts], rotation])
-        translation = np.concatenate([[T for _, T in starts], translation])
-    state = problem.place(rotation, translation)
+    count = problem.count()[0]
+    if all(term.target.fit_is_best for term in problem.terms):
+        state = problem.place(*started(COARSE, starts))
+        for _ in range(TIMES):
+            found = onward(problem, state, STEPS)
+            state = found.state
+            if found.loss[0] < HOPELESS * count and np.count_nonzero(alike(state)[0]) >= AGREEING:
+                return distinct(state[found.loss < HOPELESS * max(found.loss[0], count)])
+    state = problem.place(*started(GRID, starts))
     for steps, kept in ROUNDS:
-        found = refine(problem, state, iterations=steps)
-        state = found.state[np.argsort(np.where(np.isfinite(found.loss), found.loss, np.inf))[:kept]]
-    return distinct(state)
+        found = onward(problem, state, steps)
+        state = distinct(found.state, kept)
+    return distinct(found.state[found.loss < HOPELESS * max(found.loss[0], count)])
+
+
+def started(grid: str, starts) -> tuple[np.ndarray, np.ndarray]:
+    """Sensor poses (B, 3, 3), (B, 3): the starts, and those of a grid, at the flange."""
+    rotation = Rotation.create_group(grid).as_matrix()
+    R, T = [R for R, _ in starts], [T for _, T in starts]
+    return np.array([*R, *rotation]), np.array([*T, *np.zeros((len(rotation), 3))])
+
+
+def onward(problem: Problem, state: State, steps: int) -> Fit:
+    """Where that many steps lead, best first."""
+    found = descend(problem.moments, placing(problem), state, steps)
+    return found[np.argsort(np.where(np.isfinite(found.loss), found.loss, np.inf))]
+
+
+def placing(problem: Problem):
+    """How to take steps, `problem.move`, that then place the targets anew where that is best: the search does not have
+    to follow a target that turns as the sensor pose does (variable projection; Golub and Pereyra 1973)."""
+
+    def move(state, step):
+        moved = problem.move(state, step)
+        placements = tuple(
+            term.place(moved.rotation, moved.translation) if term.target.fit_is_best else placement
+            for term, placement in zip(problem.terms, moved.placements, strict=True)
+        )
+        return replace(moved, placements=placements)
+
+    return move
 
 
 def search_among_outliers(observations: Sequence[Observations], noise: Noise, found: State) -> State:
@@ -89,19 +124,26 @@ def few_groups(observations: Observations, count: int) -> Observations:
     return replace(selected[0], **together, group=None)
 
 
-def distinct(state: State) -> State:
-    """At most KEPT sensor poses of a batch, in order, without those that repeat an earlier one."""
-    kept: list[int] = []
-    for i in range(len(state.rotation)):
-        same = (angle_between(state.rotation[kept], state.rotation[i]) < SAME_RAD) & (
-            np.linalg.norm(state.translation[kept] - state.translation[i], axis=-1) < SAME_MM
-        )
-        if not same.any():
+def distinct(state: State, count: int = KEPT) -> State:
+    """At most `count` sensor poses of a batch, in order, without those that repeat an earlier one."""
+    repeats, kept = alike(state), []
+    for i in range(len(repeats)):
+        if not repeats[i, kept].any():
             kept.append(i)
-    return state[kept[:KEPT]]
+    return state[kept[:count]]
+
+
+def alike(state: State) -> np.ndarray:
+    """Which two sensor poses of a batch are one, (B, B)."""
+    turn = angle_between(state.rotation[:, None], state.rotation)
+    shift = np.linalg.norm(state.translation[:, None] - state.translation, axis=-1)
+    return (turn < SAME_RAD) & (shift < SAME_MM)
 
 
 def typical_residual(per_pose, freedoms) -> np.ndarray:
     """How many noise levels large the residuals of most poses are, (B,), from medians: bad poses do not count."""
-    level = [np.median(own * (k / chi2_law.median(k)), axis=1) for own, k in zip(per_pose, freedoms, strict=True)]
+    # the median of χ² with k degrees of freedom is twice that of a gamma law with k/2
+    level = [
+        np.median(own * (k / (2 * gammaincinv(k / 2, 0.5))), axis=1) for own, k in zip(per_pose, freedoms, strict=True)
+    ]
     return np.sqrt(np.mean(level, axis=0))

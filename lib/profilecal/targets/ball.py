@@ -24,7 +24,7 @@ class Ball(Target):
     radius: float
 
     kind, shape, lengths, tables = "ball", "sphere", ("radius",), ("profiles", "arcs")
-    shifts, turns, rows = "xyz", "", 1
+    shifts, turns, rows, fit_is_best = "xyz", "", 1, False
     groups, positions, sizes, with_tool = 10, 4, (25.0,), True
 
     @classmethod

@@ -25,7 +25,7 @@ class Disk(Target):
     radius: float
 
     kind, shape, lengths, tables = "disk", "circle", ("radius",), ("profiles", "chords")
-    shifts, turns, points, rows = "xyz", "xy", 2, 2
+    shifts, turns, points, rows, fit_is_best = "xyz", "xy", 2, 2, False
     groups, positions, sizes, with_tool = 4, 40, (50.0,), True
 
     @classmethod

@@ -31,7 +31,7 @@ class Rod(Target):
     radius: float
 
     kind, shape, lengths = "rod", "cylinder", ("radius",)
-    shifts, turns, rows = "xy", "xy", 1
+    shifts, turns, rows, fit_is_best = "xy", "xy", 1, False
     groups, positions, sizes, stance = 15, 4, (15.0,), ALONG_Y
 
     @classmethod

@@ -34,6 +34,7 @@ class Target:
     turns: str  # axes of its frame about which a turn changes it
     points: int | None = None  # that a pose gives; None: any number, each anywhere on a curve
     rows: int  # residuals of each point
+    fit_is_best = True  # of all placements `fit` leaves the least squares of distances; False: it is a start
     affine = False  # inside a group of one orientation its points are affine in the flange's position
     # Simulated scans
     groups: int  # flange orientations
