@@ -3,9 +3,10 @@
 Where that scan alone gives no answer to rely on (few poses, or poses that leave directions open), it is looked at near
 the pose in question, to first order: the directions that it determines are compared, the others do not count.
 
-What no residual can show counts once. An error of the flange that all poses share is in both answers where one robot
-made both scans, and cancels; the robot's accuracy over its workspace differs between them. On simulated arms whose
-joints are off by 0.02°, 1 in 5 right answers would be doubted without it, and about 1 in 30 with it.
+What no residual can show counts once, from the pose in question. An error of the flange that all poses share is in both
+answers where one robot made both scans, and cancels; the rest of the robot's accuracy differs between them. Of right
+answers on simulated arms whose joints are off by 0.02°, 1 in 5 is doubted if it is left out, 1 in 40 with it. A robot that
+errs by chance only is doubted less often than stated.
 """
 
 import json
