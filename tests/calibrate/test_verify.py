@@ -1,38 +1,88 @@
 """A pose held against a scan that it is not from."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from command import run
 from simulated import calibration_of, scan_of
 
-from profilecal.calibrate.verify import verify
+from profilecal.calibrate.verify import linearised, verify
+from profilecal.geometry.noise import Noise
+from profilecal.geometry.poses import homogeneous, rotations
+from profilecal.joint.state import normalised_square, pose_error
 from profilecal.scan.folder import write_scan
+from profilecal.scan.scan import ScanError
 from profilecal.simulate.spec import Spec, simulate_scan
+
+ERRING = Noise(profile_mm=0.05, position_mm=0.05, orientation_deg=0.01)
+SMALL = {"noise": ERRING, "groups": 12, "positions": 4}
+
+
+def untold(spec: Spec):
+    """A scan that does not state its noise."""
+    return replace(scan_of(spec), noise={})
+
+
+def wrong_by(T, mm, deg):
+    """A pose (4, 4) shifted by mm (3,) and turned by deg (3,) in its own frame."""
+    return T @ homogeneous(rotations(np.radians(deg)), np.asarray(mm, dtype=float))
 
 
 @pytest.mark.parametrize("kind", ["edge", "disk", "ball", "point"])
 def test_verify_believes_a_right_pose_and_doubts_a_wrong_one(kind):
-    rng, believed, doubted = np.random.default_rng(1), 0, 0
-    for seed in range(10):
-        found = calibration_of(Spec(seed=seed)).solution
-        other = scan_of(Spec(kind=kind, seed=seed))  # the same seed: the same mount
-        T = found.T_flange_sensor
-        believed += verify(other, T, found.covariance, found.noise_mm, rng).as_expected
-        wrong = T @ np.block([[np.eye(3), np.full((3, 1), 1.0)], [np.zeros((1, 3)), np.ones((1, 1))]])
-        doubted += not verify(other, wrong, found.covariance, found.noise_mm, rng).as_expected
-    assert believed >= 8
-    assert doubted == 10
+    for seed in range(3):
+        first = calibration_of(Spec(seed=seed, **SMALL)).solution
+        other = untold(Spec(kind=kind, seed=seed, **SMALL | {"groups": 14}))  # the same seed: the same mount
+        T, known = first.T_flange_sensor, (first.covariance_total, first.noise_mm)
+        assert verify(other, T, *known).as_expected
+        assert not verify(other, wrong_by(T, [1, 1, 1], [0, 0, 0]), *known).as_expected
 
 
-def test_verify_reads_what_calibrate_printed(tmp_path):
+@pytest.mark.parametrize("kind", ["edge", "disk", "ball", "plane"])
+def test_five_poses_suffice_for_the_directions_that_they_determine(kind):
+    for seed in range(3):
+        first = calibration_of(Spec(seed=seed, **SMALL)).solution
+        five = untold(Spec(kind=kind, seed=seed, noise=ERRING, groups=5, positions=1))
+        T, known = first.T_flange_sensor, (first.covariance_total, first.noise_mm)
+        found = verify(five, T, *known)
+        assert found.as_expected
+        assert 3 <= len(found.apart) <= 6
+        assert not verify(five, wrong_by(T, [20, 20, 20], [8, 8, 8]), *known).as_expected
+
+
+def test_near_the_answer_the_first_order_says_the_same():
+    found = calibration_of(Spec(kind="ball", seed=5, **SMALL))
+    s = found.solution
+    T = wrong_by(s.T_flange_sensor, [0.2, -0.1, 0.1], [0.02, 0.03, -0.02])
+    delta, covariance = linearised(found, s.kept, T, 0.0)
+    exact = pose_error(T[:3, :3], T[:3, 3], s.rotation, s.translation)
+    assert normalised_square(covariance, delta - exact) < 0.3
+
+
+def test_one_pose_determines_nothing():
+    scan = simulate_scan(Spec(kind="ball", groups=1, positions=1, repeats=5))
+    with pytest.raises(ScanError, match="determines no direction of the sensor's pose"):
+        verify(scan, np.array(scan.truth["T_flange_sensor"]), np.diag(np.full(6, 1e-4)), 0.05)
+
+
+@pytest.mark.parametrize("old", [False, True])
+def test_verify_reads_what_calibrate_printed(old, tmp_path):
     write_scan(simulate_scan(Spec(seed=5)), tmp_path / "edge")
     write_scan(simulate_scan(Spec(kind="ball", seed=5)), tmp_path / "ball")
-    (tmp_path / "T.json").write_text(run("calibrate", tmp_path / "edge", "--json").output)
+    found = json.loads(run("calibrate", tmp_path / "edge", "--json").output)
+    if old:
+        del found["covariance_total"]
+    (tmp_path / "T.json").write_text(json.dumps(found))
     result = run("verify", tmp_path / "ball", "--with", tmp_path / "T.json")
     assert result.exit_code == 0, result.output
-    assert "sphere through" in result.output
+    assert "from a sphere" in result.output
+    found["T_flange_sensor"] = wrong_by(np.array(found["T_flange_sensor"]), [0, 0, 2], [0, 0, 0]).tolist()
+    (tmp_path / "T.json").write_text(json.dumps(found))
+    result = run("verify", tmp_path / "ball", "--with", tmp_path / "T.json")
+    assert result.exit_code == 1
+    assert "translation along the sensor's z" in result.output
 
 
 WRONG = {
@@ -46,7 +96,7 @@ WRONG = {
         "last row",
     ),
     "a negative variance": (
-        lambda found: found | {"covariance": (-np.array(found["covariance"])).tolist()},
+        lambda found: found | {"covariance_total": (-np.array(found["covariance"])).tolist()},
         "positive",
     ),
 }
