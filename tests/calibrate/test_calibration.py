@@ -21,6 +21,7 @@ KEYS = [
     "status",
     "T_flange_sensor",
     "covariance",
+    "covariance_total",
     "translation_sd_mm",
     "rotation_sd_deg",
     "rms_mm",

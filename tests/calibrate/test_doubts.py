@@ -2,7 +2,6 @@
 
 import functools
 import os
-import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -50,24 +49,24 @@ def steps(scan):
     return np.linspace(0, 1, len(scan.labels))[:, None]
 
 
+SCANNER = ("scale_percent", "shear_percent", "bend_mm", "tolerance_mm")
 WRONG = {
     "edge scale": (
         "edge",
         lambda s: profiles(s, [[1.01, 0], [0, 1.01]]),
-        "the profiles' x and z were too long by +1 %",
+        "the robot's positions were too far apart by -1 %",
     ),
-    "x": ("ball", lambda s: profiles(s, [[0.995, 0], [0, 1]]), "the profiles' x were too long by -0."),
-    "z": ("ball", lambda s: profiles(s, [[1, 0], [0, 1.01]]), "the profiles' z were too long by +0."),
-    "shear": ("disk", lambda s: profiles(s, [[1, 0], [0.003, 1]]), "the profiles' x grew with z by +0.3"),
+    "x": ("ball", lambda s: profiles(s, [[0.995, 0], [0, 1]]), "the profiles' x were too large by -0."),
+    "z": ("ball", lambda s: profiles(s, [[1, 0], [0, 1.01]]), "the profiles' z were too large by +1"),
+    "shear": ("disk", lambda s: profiles(s, [[1, 0], [0.006, 1]]), "the profiles' x grew with z by +0.6"),
     "drift": ("disk", lambda s: moved(s, [0.5, 0, 0] * steps(s)), "drifted along the base's x by 0."),
-    "jump": ("disk", lambda s: moved(s, [0, 1, 0] * (steps(s) > 0.75)), "were shifted along the base's"),
-    "robot": ("edge", lambda s: moved(s, 0.01 * s.T_base_flange), "positions were too far apart by +0.9"),
+    "robot": ("edge", lambda s: moved(s, 0.01 * s.T_base_flange), "positions were too far apart by +"),
     "one axis": (
         "ball",
         lambda s: moved(s, [0, 0.01, 0] * s.T_base_flange),
         "along the base's y were too far apart by +",
     ),
-    "radius": ("disk", lambda s: replace(s, sizes=(50.5,)), "the radius were too large by +"),
+    "radius": ("disk", lambda s: replace(s, sizes=(50.5,)), "the radius was too large by +"),
 }
 
 
@@ -78,8 +77,28 @@ def test_what_is_wrong_everywhere_is_named_and_widens_the_region(wrong):
     found = calibrate([scan])
     named = [message for message in found.messages if sentence in message]
     assert named, found.messages
-    assert named[0].endswith("the covariance is enlarged to match")
+    assert named[0].endswith(("the covariance is enlarged to match", "the covariance allows for it"))
     assert distance(scan, found)[1] < 5 or found.status == "weak"
+
+
+@pytest.mark.parametrize("kind", ["edge", "disk", "ball"])
+def test_a_scanner_and_a_target_as_they_may_be_are_allowed_for(kind):
+    """Errors of one prior's standard deviation move the answer by more than noise does, and no alarm is raised."""
+    scan = replace(
+        profiles(example(kind), [[1.001, 0], [0.001, 0.999]]), sizes=tuple(s + 0.01 for s in example(kind).sizes)
+    )
+    found = calibrate([scan])
+    assert found.status == "ok"
+    assert distance(scan, found)[0] < np.sqrt(chi2.isf(1e-4, 6))
+    exact = calibrate([replace(scan, noise=scan.noise | dict.fromkeys(SCANNER, 0.0))])
+    assert distance(scan, exact)[0] > distance(scan, found)[0]
+
+
+def test_a_group_that_is_shifted_is_an_error_that_an_orientation_shares():
+    scan = example("disk")
+    found = calibrate([moved(scan, [0, 1, 0] * (steps(scan) > 0.75))])
+    assert found.solution.noise.group_position_mm > 0.1
+    assert distance(scan, found)[0] < np.sqrt(chi2.isf(1e-4, 6))
 
 
 def test_good_scans_are_rarely_doubted():
@@ -95,17 +114,6 @@ def test_the_examples_and_robot_errors_are_not_doubted(kind):
     found = calibrate([moved(scan, 0.1 * rng.normal(size=(len(scan.labels), 3)))])
     assert found.status == "ok"
     assert distance(scan, found)[0] < np.sqrt(chi2.isf(1e-4, 6))
-
-
-def test_what_orientation_errors_would_add_is_said_unless_they_are_stated():
-    """As much as a calibration with them stated then gives."""
-    scan = example("ball")
-    said = [message for message in calibrated_example("ball").messages if "no orientation errors" in message]
-    assert len(said) == 1
-    stated = calibrate([replace(scan, noise={"profile_mm": 0.05, "orientation_deg": 0.02})])
-    assert not any("no orientation errors" in message for message in stated.messages)
-    largest = np.sqrt(np.linalg.eigvalsh(stated.solution.covariance[:3, :3])[-1])
-    assert float(said[0].split("standard deviation ")[1].split(" mm")[0]) == pytest.approx(largest, rel=0.1)
 
 
 @pytest.mark.parametrize("kind", ["edge", "disk", "ball"])
@@ -126,23 +134,20 @@ def test_many_rejected_poses_are_doubted():
 
 
 def test_stated_noise_that_does_not_explain_the_residuals_widens_the_region():
+    """What the scanner is said not to do, the robot is taken to do."""
     noise = Noise(profile_mm=0.05)
     scans = [simulate_scan(Spec(seed=seed, noise=noise)) for seed in range(15)]
     scans = [replace(scan, noise={"profile_mm": 0.02}) for scan in scans]
     found = [calibrate([scan]) for scan in scans]
-    said = [re.match(r"residuals are ([\d.]+) times what the stated noise explains", f.messages[0]) for f in found]
-    assert [float(match[1]) for match in said] == pytest.approx([2.5] * 15, rel=0.2)  # 0.05 over 0.02
-    assert all(f.messages[0].endswith("the covariance is enlarged to match") for f in found)
+    assert all(f.solution.noise.position_mm > 0.01 for f in found)
     inside = sum(distance(s, f)[0] ** 2 < chi2.ppf(0.95, 6) for s, f in zip(scans, found, strict=True))
     assert inside >= binom.ppf(1e-3, 15, 0.95)
-    worse = calibrate([replace(scans[0], noise={"profile_mm": 0.005})])
-    assert worse.status == "weak"
 
 
 def test_eye_to_hand_drifts_are_named_too():
     scan = simulate_scan(Spec(kind="disk", mount="eye-to-hand", seed=5))
-    found = calibrate([moved(scan, [0, 0, 2.0] * steps(scan))])
-    assert any("drifted along the base's z by 2" in message for message in found.messages), found.messages
+    found = calibrate([moved(scan, [0, 0, 0.5] * steps(scan))])
+    assert any("drifted along the base's z by 0." in message for message in found.messages), found.messages
 
 
 @pytest.mark.parametrize("name", ["edge", "sphere"])

@@ -30,7 +30,7 @@ def test_an_orientation_that_does_not_fit_is_named():
     scan = simulate_scan(Spec("edge", seed=2, groups=8, noise=Noise(profile_mm=0.05)))
     values = list(scan.values)
     for k in range(30, 40):
-        values[k] = values[k] + [0.15, 0.0]  # too little for any pose to be rejected
+        values[k] = values[k] + [0.3, 0.0]  # too little for any pose to be rejected
     found = calibrate([replace(scan, values=tuple(values))])
     left = leave_out(found)
     assert np.flatnonzero(left.doubted).tolist() == [3]

@@ -1,17 +1,20 @@
 """Cross-validation: each flange orientation left out in turn, and predicted from the others."""
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 from scipy.stats import chi2
 from tqdm import tqdm
 
 from profilecal.calibrate.calibration import Calibration
-from profilecal.geometry.noise import FALSE_ALARM
+from profilecal.geometry.noise import FALSE_ALARM, Noise
 from profilecal.joint.descent import Fit, refine
+from profilecal.joint.levels import Likelihood, draw, likeliest
 from profilecal.joint.observability import spectrum
 from profilecal.joint.problem import Problem
 from profilecal.joint.sharing import level_variances, sharing
+from profilecal.joint.solution import Solution
+from profilecal.joint.solve import SHARED
 from profilecal.joint.state import pose_error
 
 
@@ -64,7 +67,7 @@ def leave_out(found: Calibration) -> LeftOut:
     problem = Problem(found.observed, solution.noise)
     state = solution.state
     kept, units = solution.kept, problem.units
-    stretch = max(1.0, solution.chi2_per_dof)  # residuals larger than the noise explains are to be expected here too
+    stretch = 1.0 if solution.level.levels else max(1.0, solution.chi2_per_dof)  # larger than the noise explains
     groups = [
         (index, np.flatnonzero((term.group == g) & used))
         for index, (term, used) in enumerate(zip(problem.terms, kept, strict=True))
@@ -75,6 +78,7 @@ def leave_out(found: Calibration) -> LeftOut:
     for index, rows in tqdm(groups, desc="leaving out", unit="orientation", disable=None, leave=False, delay=1):
         weights = [used.copy() for used in kept]
         weights[index][rows] = False
+        problem = Problem(found.observed, noise_without(problem, solution, weights))
         fit = refine(problem, state, weights=weights)
         if str(spectrum(fit.information[0], units).status) == "unobservable":
             rows_out.append((np.nan, np.nan, False, np.full(6, np.nan)))
@@ -88,6 +92,17 @@ def leave_out(found: Calibration) -> LeftOut:
     rms, expected, doubted, moved = (np.array(column) for column in zip(*rows_out, strict=True))
     names = tuple(tuple(labels[index][k] for k in rows) for index, rows in groups)
     return LeftOut(names, rms, expected, doubted, moved)
+
+
+def noise_without(problem: Problem, solution: Solution, kept) -> Noise:
+    """The noise that the poses kept (P,) show, so that one which does not fit cannot excuse itself; as stated, where it
+    is not estimated."""
+    level = solution.level
+    if level.prior is None or sum(map(np.sum, kept)) * SHARED <= problem.n:
+        return solution.noise
+    model = Likelihood(problem, solution.state, kept, level.prior, level.profile_spread)
+    drawn = draw(model, likeliest(model, asdict(solution.noise)))
+    return model.noise_of({name: float(np.sqrt(drawn.weight @ size**2)) for name, size in drawn.sizes.items()})
 
 
 def prediction(problem: Problem, fit: Fit, index: int, rows) -> tuple[np.ndarray, np.ndarray, float]:

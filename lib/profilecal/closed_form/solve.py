@@ -2,10 +2,10 @@
 
 Edge: Eqs 5-35 of the edge paper. Disk: Eqs 4-20 of the disk paper. Ball: Section V-D of the disk paper,
 with the differences inside every rotation group in place of those of one. The covariance comes from repetitions
-with simulated noise, so that it counts the methods' bias.
+with simulated noise and robot errors, so that it counts the methods' bias.
 """
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import partial
 
 import numpy as np
@@ -15,12 +15,15 @@ from profilecal.closed_form.edge import edge_equations, solve_edge
 from profilecal.closed_form.two_step import check_directions, check_orientations, solve_rotation, solve_translation
 from profilecal.geometry.checks import UnobservableError
 from profilecal.geometry.fitting import fit_circle
-from profilecal.geometry.noise import Noise
-from profilecal.geometry.poses import carry
+from profilecal.geometry.noise import Noise, Systematic
+from profilecal.geometry.poses import carry, rotations
+from profilecal.joint.field import field_over
+from profilecal.joint.levels import Likelihood, likeliest
 from profilecal.joint.noise import NoiseLevel, affine_noise
 from profilecal.joint.observability import explain, of_covariance
 from profilecal.joint.observations import Observations
 from profilecal.joint.problem import Problem
+from profilecal.joint.sharing import sharing
 from profilecal.joint.solution import Solution, solution_of
 from profilecal.joint.state import State, pose_error
 from profilecal.targets.ball import Ball
@@ -61,7 +64,8 @@ def solve_in_closed_form(observations: Observations, level: NoiseLevel, side, rn
     if observations.kind not in METHODS:
         raise ValueError(f"the papers have no closed form for a {observations.kind}; expected the method joint")
     points = observations.points[0]
-    find, remarks = METHODS[observations.kind](observations, np.asarray(side, dtype=float))
+    side = np.asarray(side, dtype=float)
+    find, remarks = METHODS[observations.kind](observations, side)
     rotation, translation = find(points)
 
     alone = Problem([observations], Noise(profile_mm=1.0))
@@ -70,11 +74,20 @@ def solve_in_closed_form(observations: Observations, level: NoiseLevel, side, rn
     seen_noise = max(float(np.sqrt(alone.moments(state).loss[0] / dof)), 1e-12)  # the robot's errors too
     if level.unknown:
         level = replace(level, noise=replace(level.noise, profile_mm=seen_noise))
+    everything, accuracy = [np.ones(len(points), dtype=bool)], level.accuracy
     problem = Problem([observations], level.noise)
+    noise = level.noise
+    if level.prior:
+        prior = replace(level.prior, profile_mm=noise.profile_mm)
+        model = Likelihood(problem, state, everything, prior, level.profile_spread)
+        noise = model.noise_of(model.sizes(likeliest(model, asdict(noise))))
+        level = replace(level, noise=noise, systematic=Systematic())
+        problem = Problem([observations], noise)
     moments = problem.moments(state)
 
-    drawn = (find(points + seen_noise * noise_like(observations, rng)) for _ in range(DRAWS))
-    errors = np.array([pose_error(rotation, translation, *pose) for pose in drawn])
+    drawn = (erring(observations, noise, rng) for _ in range(DRAWS))
+    found = (METHODS[seen.kind](seen, side)[0](seen.points[0]) for seen in drawn)
+    errors = np.array([pose_error(rotation, translation, *pose) for pose in found])
     size = np.sqrt(np.diag(moments.normal[0])[:-1])
     rank = np.linalg.matrix_rank(moments.normal[0, :-1, :-1] / np.outer(size, size), hermitian=True)
     found = of_covariance(errors.T @ errors / DRAWS, rank, problem.n)
@@ -86,8 +99,24 @@ def solve_in_closed_form(observations: Observations, level: NoiseLevel, side, rn
         f"noise biases the closed form by about {shift:.2g} mm and {turn:.2g}° here, which its standard deviations "
         "include; the joint method has no such bias"
     )
-    everything = [np.ones(len(points), dtype=bool)]
-    return solution_of(problem, state, moments, everything, level, found, str(found.status), messages)
+    solution = solution_of(problem, state, moments, everything, level, found, str(found.status), messages)
+    if not accuracy:
+        return solution
+    field = field_over(sharing([observations]), rotation, translation, observations.eye_to_hand)
+    return replace(solution, unseen=field.common(*accuracy.values()))
+
+
+def erring(observations: Observations, noise: Noise, rng: np.random.Generator) -> Observations:
+    """The observations as other errors of that size would make them: of the points, and of the poses reported."""
+    errors, shared = np.zeros((len(observations.labels), 6)), sharing([observations])
+    member = np.arange(len(errors))
+    for variances, belongs in shared.levels(noise):
+        errors += (np.sqrt(variances) * rng.normal(size=(len(belongs), 6)))[member]
+        member = belongs[member]
+    R, T = observations.R_flange[0], observations.T_flange[0]
+    points = observations.points + noise.profile_mm * noise_like(observations, rng)
+    moved = T + (R @ errors[:, :3, None])[..., 0]
+    return replace(observations, R_flange=(R @ rotations(errors[:, 3:]))[None], T_flange=moved[None], points=points)
 
 
 def noise_like(observations: Observations, rng: np.random.Generator) -> np.ndarray:

@@ -17,7 +17,7 @@ from profilecal.joint.effects import Information
 from profilecal.joint.sharing import Sharing
 
 ANGLE_DEG, DISTANCE_MM = 45.0, 300.0  # of a squared exponential: poses that far apart err differently
-FIELD_SHARE = 0.5  # standard deviation of the field, over the accuracy; that of the common error is the accuracy itself
+FIELD_SHARE = 1 / 4, 1 / 2  # of the accuracy in position and in orientation: the field's; the common error's is 1
 LEAST_SHARE = 1e-3  # of the field's largest pattern: a smaller one is left out
 
 
@@ -31,7 +31,8 @@ class Field:
 
     def remove(self, information: Information, accuracy_mm, accuracy_deg) -> Information:
         """What is left once a field of that accuracy, (S,) each, is integrated out."""
-        size = FIELD_SHARE * np.sqrt(variances(accuracy_mm, accuracy_deg))[:, None, :, None]  # (S, 1, 6, 1)
+        shares = zip(FIELD_SHARE, (accuracy_mm, accuracy_deg), strict=True)
+        size = np.sqrt(variances(*(share * np.asarray(accuracy) for share, accuracy in shares)))[:, None, :, None]
         A = size * (self.to_base @ information.of_errors @ np.swapaxes(self.to_base, 1, 2)) * np.swapaxes(size, 2, 3)
         B = size * (self.to_base @ information.crossed)
         # of coefficients (r, 6) of the patterns: Σ over orientations o of Φ_oi Φ_oj A_o, and of Φ_oi B_o

@@ -33,14 +33,14 @@ USUAL = Noise(  # of robots, where nothing is stated: scales of the prior
     orientation_deg=0.02,
     group_position_mm=0.03,
     group_orientation_deg=0.01,
-    visit_position_mm=0.02,
-    visit_orientation_deg=0.005,
+    repeatability_mm=0.02,
+    repeatability_deg=0.005,
 )
 FREEDOM = 3.0  # degrees of freedom of the half-t law
-FACTOR = np.log(3)  # standard deviation of the logarithm of a robot's accuracy over what is stated
+FACTOR = np.log(2)  # standard deviation of the logarithm of a robot's accuracy over what is stated
 ACCURACY = ("accuracy_mm", "accuracy_deg")
 KINDS = (("position_mm", "orientation_deg"), ("group_position_mm", "group_orientation_deg"))  # there or not
-FARTHEST, FARTHEST_OF_PROFILE = 5.0, 3.0  # of a size's coordinate: a larger error is a mistake
+FARTHEST = 5.0  # of a size's coordinate: a larger error is a mistake
 DRAWS, TAILS = 128, 4.0  # sizes looked at, drawn from a t law of that many degrees of freedom
 STEP, BROAD_STEP = 1e-3, 0.1  # of a size's coordinate, for the first derivative and for the second
 TOLD = 0.6  # a size is known from the data if they leave it less open than that, the prior being 1
@@ -72,11 +72,11 @@ class Levels:
 class Likelihood:
     """The linear model at a state, of the poses kept (P,) of each target: its χ² and determinants for any sizes.
 
-    A size has a coordinate that is standard normal beforehand; that of the scanner's noise, if it is free, is its
-    logarithm over the guess in `problem`, of which nothing is known beforehand.
+    `prior`: scales of the errors. `profile_spread`: of the logarithm of the scanner's noise, whose scale is the prior's
+    `profile_mm`; 0: it is known. A size has a coordinate that is standard normal beforehand.
     """
 
-    def __init__(self, problem: Problem, state: State, kept, prior: Noise, profile_free: bool):
+    def __init__(self, problem: Problem, state: State, kept, prior: Noise, profile_spread: float):
         effects = problem.effects_at(state)
         pairs = zip(effects.rows, problem.linear(state), kept, strict=True)
         grams = [gram_by_pose(rows, linear.columns) * good[:, None, None] for rows, linear, good in pairs]
@@ -92,7 +92,8 @@ class Likelihood:
         self.precision = np.r_[np.zeros(rank), effects.precision]
         self.count, self.noise, self.sharing = problem.counted(kept), problem.noise, effects.sharing
         self.field = None
-        self.scales = {"profile_mm": float(problem.noise.profile_mm)} if profile_free else {}
+        self.profile_spread = profile_spread
+        self.scales = {"profile_mm": prior.profile_mm} if profile_spread else {}
         self.scales |= {name: getattr(prior, name) for name in effects.sharing.told_apart if getattr(prior, name)}
 
     def without(self, names) -> "Likelihood":
@@ -113,22 +114,24 @@ class Likelihood:
         for out in product((False, True), repeat=len(there)):
             yield self.without([name for kind, gone in zip(there, out, strict=True) if gone for name in kind])
 
-    @property
-    def farthest(self) -> np.ndarray:
-        """How far from zero coordinates (d,) may be."""
-        return np.array([FARTHEST_OF_PROFILE if name == "profile_mm" else FARTHEST for name in self.scales])
+    def law(self, name: str):
+        """From a coordinate to a size over its scale, and back."""
+        if name == "profile_mm" or name in ACCURACY:
+            spread = self.profile_spread if name == "profile_mm" else FACTOR
+            return lambda y: np.exp(spread * y), lambda ratio: np.log(ratio) / spread
+        return lambda y: t_law.isf(norm.sf(y) / 2, FREEDOM), lambda ratio: norm.isf(2 * t_law.sf(ratio, FREEDOM))
 
     def sizes(self, y) -> dict[str, np.ndarray]:
         """The sizes at coordinates y (d,), or at each of y (S, d)."""
         return {
-            name: scale * _law(name)[0](values)
+            name: scale * self.law(name)[0](values)
             for (name, scale), values in zip(self.scales.items(), np.asarray(y).T, strict=True)
         }
 
     def coordinates(self, sizes: dict[str, float]) -> np.ndarray:
         """Those (d,) of some sizes; of those that are missing or zero, the prior's middle."""
         ratios = {name: sizes.get(name, 0) / scale for name, scale in self.scales.items()}
-        return np.array([_law(name)[1](ratio) if ratio else 0.0 for name, ratio in ratios.items()])
+        return np.array([self.law(name)[1](ratio) if ratio else 0.0 for name, ratio in ratios.items()])
 
     def noise_of(self, sizes: dict) -> Noise:
         """The noise with these sizes, and no other error of the robot."""
@@ -151,23 +154,13 @@ class Likelihood:
         step = -(inverse @ g)
         square = left.normal[:, -1, -1] + (np.swapaxes(g, 1, 2) @ step)[:, 0, 0]
         unlikely = square + left.log_determinant - self.count * np.log(factor) + np.linalg.slogdet(H)[1]
-        known = [name != "profile_mm" for name in self.scales]
-        unlikely += (y[:, known] ** 2 + np.log(2 * np.pi)).sum(axis=1)
+        unlikely += (y**2 + np.log(2 * np.pi)).sum(axis=1)
         return unlikely, self.pose @ inverse @ self.pose.T, (self.pose @ step)[..., 0]
-
-
-def _law(name: str):
-    """From a coordinate to a size over its scale, and back."""
-    if name == "profile_mm":
-        return np.exp, np.log
-    if name in ACCURACY:
-        return lambda y: np.exp(FACTOR * y), lambda ratio: np.log(ratio) / FACTOR
-    return lambda y: t_law.isf(norm.sf(y) / 2, FREEDOM), lambda ratio: norm.isf(2 * t_law.sf(ratio, FREEDOM))
 
 
 def likeliest(model: Likelihood, start: dict[str, float]) -> np.ndarray:
     """The coordinates (d,) of the likeliest sizes, from those of `start`."""
-    y = np.clip(model.coordinates(start), -model.farthest, model.farthest)
+    y = np.clip(model.coordinates(start), -FARTHEST, FARTHEST)
     if not y.size:
         return y
     steps = np.vstack([np.zeros_like(y), STEP * np.eye(y.size)])
@@ -176,7 +169,7 @@ def likeliest(model: Likelihood, start: dict[str, float]) -> np.ndarray:
         value, *changed = model.at(y + steps)[0]
         return value, (np.array(changed) - value) / STEP
 
-    bounds = np.column_stack([-model.farthest, model.farthest])
+    bounds = [(-FARTHEST, FARTHEST)] * y.size
     return minimize(with_gradient, y, jac=True, method="L-BFGS-B", bounds=bounds, options={"ftol": 1e-7}).x
 
 
@@ -204,7 +197,7 @@ def draw(model: Likelihood, likely) -> Draws:
         root = spread_at(model, likely)
         points = (qmc.Sobol(d + 1, scramble=False).random(DRAWS) + 0.5 / DRAWS) % 1
         z = norm.ppf(points[:, :d]) * np.sqrt(TAILS / chi2.ppf(points[:, d:], TAILS))
-    y = np.clip(likely + z @ root.T, -model.farthest, model.farthest)
+    y = np.clip(likely + z @ root.T, -FARTHEST, FARTHEST)
     unlikely, covariance, moved = model.at(y)
     proposed = gammaln((TAILS + d) / 2) - gammaln(TAILS / 2) - d / 2 * np.log(TAILS * np.pi)
     proposed = proposed - (TAILS + d) / 2 * np.log1p((z**2).sum(axis=1) / TAILS) - np.linalg.slogdet(root)[1]
@@ -249,7 +242,7 @@ def levels(model: Likelihood, likely, field: Field, accuracy: dict[str, float]) 
     found = [summary(name, model.scales[name], drawn[name], weight, parts[0].spread[name]) for name in drawn]
     unseen = np.zeros((6, 6))
     if accuracy:
-        wide = model.with_field(field, accuracy)
+        wide = model.without(KINDS[1]).with_field(field, accuracy)  # the field stands for what orientations share
         drawn = draw(wide, likeliest(wide, sizes))
         everywhere = drawn.square + field.common(*(drawn.sizes[name] for name in ACCURACY))
         unseen = positive_part(np.tensordot(drawn.weight, everywhere, 1) - covariance)

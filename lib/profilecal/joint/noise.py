@@ -43,6 +43,11 @@ class NoiseLevel:
         return found if all(found.values()) else {}
 
     @property
+    def profile_spread(self) -> float:
+        """Of the logarithm of the scanner's noise about the prior's, 0 where it is known."""
+        return {"profiles": 0.5, "residuals": 2.0}.get(self.source, 0.0)
+
+    @property
     def unknown(self) -> bool:
         """Whether the residuals have to tell the scanner's noise."""
         return self.source in ("residuals", "profiles")

@@ -25,6 +25,8 @@ TWIN_APART, TWIN_AS_GOOD = 50.0, 12.0  # χ² that another sensor pose is away, 
 ROUNDS = 6  # of estimating robot errors; two or three are usual
 LARGEST_ERROR_MM = 2.0  # of a robot's position; what is larger is a mistake, not an error
 LARGEST_REJECTED = 1 / 3  # of the poses
+ROUGHLY = 1e-6  # tolerance of refinements that are not the last
+HOPELESS = 10.0  # measurements by hand that an answer is open by
 SETTLED = 0.02  # of an error's size
 SHARED = 2  # coordinates of a profile that a shared error moves, at least: it may explain that many large ones
 CONTRADICTING = "most poses contradict each other: no sensor pose explains half of them"
@@ -56,7 +58,7 @@ def solve(
 
 def settle(problem: Problem, level: NoiseLevel, found: State, robust: bool) -> Solution:
     """The solution from sensor poses worth refining: what does not belong rejected, an unknown noise rescaled."""
-    fits, kept = refine(problem, found), [np.ones(term.P, dtype=bool) for term in problem.terms]
+    fits, kept = refine(problem, found, tolerance=ROUGHLY), [np.ones(term.P, dtype=bool) for term in problem.terms]
     if robust:
         fits, kept = reject(problem, level, fits.state)
     best = fits.state[[int(np.argmin(fits.loss))]]
@@ -69,22 +71,27 @@ def settle(problem: Problem, level: NoiseLevel, found: State, robust: bool) -> S
 def weigh(problem: Problem, level: NoiseLevel, found: State, robust: bool) -> Solution:
     """The solution from sensor poses worth refining, with the size of every error as the residuals have it: what does
     not belong is rejected by errors of that size, and they are estimated without it, until nothing changes. Residuals
-    that are larger than any robot errs are left to the scanner."""
+    that are larger than any robot errs, and answers that are open whatever it does, are left to the scanner's."""
     observations, kept = problem.observations, [np.ones(term.P, dtype=bool) for term in problem.terms]
-    fit, scale = robust_fit_widely(problem, refine(problem, found).state, 0.0)
+    fit, scale = robust_fit_widely(problem, refine(problem, found, tolerance=ROUGHLY).state, 0.0)
     if robust:
         kept = [~bad for bad in beyond_chance(problem, fit, 0, scale, SHARED)]
     grossly = kept
-    if scale * problem.noise.profile_mm > LARGEST_ERROR_MM:
+    open_end = spectrum(fit.information[0], problem.units).sd[0] * scale > HOPELESS
+    if open_end or scale * problem.noise.profile_mm > LARGEST_ERROR_MM:
         return settle(problem, level, fit.state, robust)
-    noise = replace(problem.noise, profile_mm=problem.noise.profile_mm * (max(scale, 1e-12) if level.unknown else 1))
+    noise, prior = problem.noise, replace(level.prior, profile_mm=problem.noise.profile_mm)
+    if level.unknown:
+        noise = replace(noise, profile_mm=noise.profile_mm * max(scale, 1e-12))
+    if level.source == "residuals":
+        prior = replace(prior, profile_mm=noise.profile_mm)
     others, state = fit.state, fit.state[[0]]
     for _ in range(ROUNDS):
         if problem.counted(kept) <= problem.n:
             raise UnobservableError(CONTRADICTING)
         problem = Problem(observations, noise, level.systematic)
         state = refine(problem, state, weights=kept).state
-        model = Likelihood(problem, state, kept, level.prior, level.unknown)
+        model = Likelihood(problem, state, kept, prior, level.profile_spread)
         likely = likeliest(model, asdict(noise))
         before, noise = noise, model.noise_of(model.sizes(likely))
         problem = Problem(observations, noise, level.systematic)
@@ -99,7 +106,7 @@ def weigh(problem: Problem, level: NoiseLevel, found: State, robust: bool) -> So
     field = field_over(model.sharing, state.rotation[0], state.translation[0], observations[0].eye_to_hand)
     found = levels(model, likely, field, level.accuracy)
     problem = Problem(observations, found.noise, level.systematic)
-    level = replace(level, noise=found.noise, levels=found)
+    level = replace(level, noise=found.noise, prior=prior, levels=found)
     return conclude(problem, level, refine(problem, state, weights=kept), others, kept)
 
 
@@ -130,7 +137,7 @@ def reject(problem: Problem, level: NoiseLevel, state: State) -> tuple[Fit, list
         kept = after
         if problem.counted(kept) <= problem.n:
             raise UnobservableError(CONTRADICTING)
-        fit = refine(problem, fit.state, weights=kept)
+        fit = refine(problem, fit.state, weights=kept, tolerance=ROUGHLY)
         best = int(np.argmin(fit.loss))
         if level.unknown:
             scale = float(typical_residual(fit.per_pose, problem.freedoms())[best])
@@ -149,9 +156,12 @@ def robust_fit(problem: Problem, state: State, least: float) -> tuple[Fit, float
 
     per_pose = problem.moments(state).per_pose
     for _ in range(4):
-        fit = refine(problem, state, scale=unit(per_pose), iterations=10)
+        before = unit(per_pose).min()
+        fit = refine(problem, state, scale=unit(per_pose), iterations=10, tolerance=ROUGHLY)
         fit = fit[np.argsort(unit(fit.per_pose), kind="stable")[:3]]
         state, per_pose = fit.state, fit.per_pose
+        if abs(unit(per_pose)[0] - before) < 1e-3 * before:
+            break
     fit = refine(problem, state, scale=np.full(len(per_pose[0]), unit(per_pose).min()))
     fit = fit[np.argsort(fit.loss)]
     return fit, float(unit(fit.per_pose)[0])
