@@ -5,7 +5,7 @@ the pose in question, to first order: the directions that it determines are comp
 
 What no residual can show counts once, from the pose in question. An error of the flange that all poses share is in both
 answers where one robot made both scans, and cancels; the rest of the robot's accuracy differs between them. Of right
-answers on simulated arms whose joints are off by 0.02°, 1 in 5 is doubted if it is left out, 1 in 50 with it. On a
+answers on simulated arms whose joints are off by 0.02°, 1 in 5 is doubted if it is left out, 1 in 40 with it. On a
 robot that errs by chance only, fewer are doubted than stated.
 """
 
