@@ -88,6 +88,7 @@ def calibrate(folders, as_json, vendor, guess, method, leave_out, report):
     import numpy as np
 
     from profilecal.calibrate import calibration
+    from profilecal.calibrate.words import to_text
     from profilecal.geometry.poses import homogeneous, rotation_from_xyz_angles
     from profilecal.running.page import check_report
     from profilecal.scan.conventions import check_vendor, for_controller
@@ -116,7 +117,7 @@ def calibrate(folders, as_json, vendor, guess, method, leave_out, report):
     if as_json:
         click.echo(json.dumps(found.to_json(), indent=2))
     else:
-        click.echo(calibration.to_text(found))
+        click.echo(to_text(found))
     if vendor and known:
         click.echo(for_controller(vendor, found.solution.T_flange_sensor, found.frame))
         if found.status == "weak":

@@ -35,7 +35,7 @@ def test_repeats_do_not_share_the_noise_of_the_scanner():
 
 
 def test_a_round_meets_every_pose_anew():
-    seen, scan = points(rounds=2, robot=Robot(repeatability_mm=0.1, repeatability_deg=0.01))
+    seen, scan = points(rounds=2, noise=Noise(repeatability_mm=0.1, repeatability_deg=0.01))
     assert scan.labels[0] == "g1p1m1"
     assert scan.labels[12] == "g1p1m2"
     np.testing.assert_array_equal(scan.T_base_flange[:12], scan.T_base_flange[12:])

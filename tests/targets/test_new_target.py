@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from profilecal.calibrate.calibration import calibrate, to_text
+from profilecal.calibrate.calibration import calibrate
 from profilecal.calibrate.check import check
 from profilecal.calibrate.verify import verify
+from profilecal.calibrate.words import to_text
 from profilecal.geometry.components import cross
 from profilecal.geometry.noise import Noise
 from profilecal.joint.solve import solve

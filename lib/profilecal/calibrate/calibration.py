@@ -9,8 +9,6 @@ from profilecal.calibrate.observe import LEAST_POSES, as_observations, names, ob
 from profilecal.calibrate.readings import better_readings
 from profilecal.closed_form.solve import solve_in_closed_form
 from profilecal.geometry.checks import UnobservableError
-from profilecal.geometry.poses import xyz_angles_from_rotation
-from profilecal.joint.levels import Levels
 from profilecal.joint.noise import expect
 from profilecal.joint.observability import name_direction
 from profilecal.joint.observations import Observations
@@ -18,15 +16,6 @@ from profilecal.joint.solution import Solution, in_mm_deg
 from profilecal.joint.solve import solve
 from profilecal.scan.scan import Scan, ScanError
 
-ERRORS = {"position_mm": " mm", "orientation_deg": "°"}
-ACCURACY = {"accuracy_mm": " mm", "accuracy_deg": "°"}
-PLACES = (
-    ("visit_", ERRORS, "at each visit"),
-    ("", ERRORS, "at each pose"),
-    ("group_", ERRORS, "shared by the poses of an orientation"),
-    ("", ACCURACY, "over the workspace"),
-)
-WORTH_A_WORD = 1.25  # times as large a standard deviation
 METHODS = ("joint", "closed-form")
 
 
@@ -168,60 +157,3 @@ def check_different(scans) -> None:
             key = (T.tobytes(), values.tobytes())
             if np.isfinite(values).any() and known.setdefault(key, name + label) != name + label:
                 raise ScanError(f"{name}{label}: the same measurement as {known[key]}; expected different ones")
-
-
-def to_text(found: Calibration) -> str:
-    """What `profilecal calibrate` prints for people."""
-    s, lines = found.solution, [f"status         {found.status}"]
-    if found.status != "unobservable":
-        W, P, R = np.degrees(xyz_angles_from_rotation(s.rotation))
-        W = (W + 180) % 360 - 180
-        tx, ty, tz = s.translation
-        lines += [
-            f"translation    {tx:.3f}  {ty:.3f}  {tz:.3f} mm, of the sensor's origin in the {found.frame} frame",
-            f"rotation       {W:.4f}  {P:.4f}  {R:.4f}°, R = Rz({R:.4f}) Ry({P:.4f}) Rx({W:.4f})",
-            f"one sd         {deviations(s.covariance)} about the sensor's x, y, z, on this robot near these poses",
-            f"elsewhere      {deviations(s.covariance_total)}, with the robot's accuracy over its workspace",
-        ]
-    if s:
-        rejected = found.labels(rejected=True)
-        lines += [
-            f"residuals      {s.rms_mm:.3g} mm rms, χ²/dof {s.chi2_per_dof:.3g}",
-            f"noise          {s.noise_mm:.3g} mm, {s.level.how}",
-            *(f"robot errors   {text}" for text in robot_errors(s.level.levels)),
-            f"poses          {len(found.labels(rejected=False))} used, {len(rejected)} rejected"
-            + (f": {', '.join(rejected)}" if rejected else ""),
-        ]
-    return "\n".join([*lines, *(f"note           {message}" for message in found.messages)])
-
-
-def deviations(covariance) -> str:
-    """Standard deviations of δ in words."""
-    sd = np.sqrt(np.diag(in_mm_deg(covariance)))
-    mm, deg = ("  ".join(f"{v:.2g}" for v in part) for part in (sd[:3], sd[3:]))
-    return f"{mm} mm along and {deg}°"
-
-
-def robot_errors(levels: Levels | None) -> list[str]:
-    """How large the robot's errors are, one line for each place where they arise."""
-    if levels is None:
-        return []
-    lines, sizes = [], {size.name: size for size in levels.sizes}
-    for prefix, unit, place in PLACES:
-        pair = [sizes[prefix + name] for name in unit if prefix + name in sizes]
-        if not pair:
-            continue
-        if any(size.middle for size in pair):
-            said = " and ".join(
-                f"{s.middle:.2g}{unit[s.name[len(prefix) :]]} ({s.low:.2g} to {s.high:.2g})" for s in pair
-            )
-            said += "" if any(size.told for size in pair) else ", mostly as assumed: these poses hardly show it"
-        elif any(size.high for size in pair):
-            said = "none, or at most " + " and ".join(f"{s.high:.2g}{unit[s.name[len(prefix) :]]}" for s in pair)
-        else:
-            said = "none"
-        lines.append(f"{place}: {said}")
-    largest = [np.sqrt(np.linalg.eigvalsh(C[:3, :3])[-1]) for C in (levels.covariance, levels.exact_robot)]
-    if largest[0] > WORTH_A_WORD * largest[1]:
-        lines.append(f"they make the largest standard deviation {largest[0]:.2g} mm instead of {largest[1]:.2g} mm")
-    return lines

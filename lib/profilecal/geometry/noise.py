@@ -16,8 +16,8 @@ class Noise:
     orientation_deg: float = 0.0  # robot orientation, about each axis, fresh at each commanded pose
     group_position_mm: float = 0.0  # the part of the position error that the poses of one orientation share
     group_orientation_deg: float = 0.0
-    visit_position_mm: float = 0.0  # where a pose is measured more than once: the part that is fresh each time
-    visit_orientation_deg: float = 0.0
+    repeatability_mm: float = 0.0  # the part of the position error that is fresh whenever the robot comes to a pose
+    repeatability_deg: float = 0.0
     steering_mm: float = 0.0  # marked points: how far the operator leaves the scan plane from the point
 
     @property
@@ -26,7 +26,14 @@ class Noise:
         return any(getattr(self, name) for name in ROBOT)
 
 
-ROBOT = tuple(f"{where}{what}" for where in ("visit_", "", "group_") for what in ("position_mm", "orientation_deg"))
+ROBOT = (  # of them: at each visit, at each commanded pose, at each orientation
+    "repeatability_mm",
+    "repeatability_deg",
+    "position_mm",
+    "orientation_deg",
+    "group_position_mm",
+    "group_orientation_deg",
+)
 
 
 @dataclass(frozen=True)

@@ -33,8 +33,8 @@ USUAL = Noise(  # of robots, where nothing is stated: scales of the prior
     orientation_deg=0.02,
     group_position_mm=0.03,
     group_orientation_deg=0.01,
-    visit_position_mm=0.02,
-    visit_orientation_deg=0.005,
+    repeatability_mm=0.02,
+    repeatability_deg=0.005,
 )
 FREEDOM = 3.0  # degrees of freedom of the half-t law
 FACTOR = np.log(2)  # standard deviation of the logarithm of a robot's accuracy over what is stated

@@ -35,7 +35,7 @@ class Sharing:
     @property
     def told_apart(self) -> list[str]:
         """The errors of the robot, entries of `Noise`, that differ at these poses."""
-        missing = ["visit_"] * (not self.repeated) + ["group_"] * (not self.grouped)
+        missing = ["repeatability_"] * (not self.repeated) + ["group_"] * (not self.grouped)
         return [name for name in ROBOT if not name.startswith(tuple(missing))]
 
     def levels(self, noise: Noise) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -52,7 +52,7 @@ class Sharing:
 def level_variances(noise: Noise) -> list[np.ndarray]:
     """Of the flange's errors at a visit, at a commanded pose, and at an orientation, (6,) each."""
     return [
-        variances(noise.visit_position_mm, noise.visit_orientation_deg),
+        variances(noise.repeatability_mm, noise.repeatability_deg),
         variances(noise.position_mm, noise.orientation_deg),
         variances(noise.group_position_mm, noise.group_orientation_deg),
     ]

@@ -1,9 +1,10 @@
-"""What a robot does beyond the errors that a scan's [noise] states: it drifts, repeats itself, is built differently."""
+"""What a robot does beyond the errors that a scan's [noise] states: it drifts, it is built differently."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
+from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import inverse, rotations
 from profilecal.simulate.arm import Arm, where_it_is
 
@@ -15,8 +16,6 @@ class Robot:
     joint_deg: float = 0.0  # of each joint's zero, for good
     link_mm: float = 0.0  # of the x, y and z of each link, for good
     drift_mm: float = 0.0  # along each axis, from the first pose to the last
-    repeatability_mm: float = 0.0  # of the position, each axis, fresh whenever the robot comes to a pose
-    repeatability_deg: float = 0.0  # of the orientation, about each axis, likewise
 
     def built(self, rotation, position, to_hand: bool, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
         """Where an arm built like this has its flange when it reports poses (P, 3, 3), (P, 3), mm; `to_hand`: the base
@@ -28,12 +27,12 @@ class Robot:
             return inverse(*where_it_is(arm, *inverse(rotation, position)))
         return where_it_is(arm, rotation, position)
 
-    def visiting(self, rotation, position, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    def visiting(self, rotation, position, noise: Noise, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
         """Where the flange is when the robot goes through poses (P, 3, 3), (P, 3), mm, once and in this order."""
         if self.drift_mm:
             position = position + np.linspace(0, self.drift_mm, len(position))[:, None] * rng.normal(size=3)
-        if self.repeatability_mm:
-            position = position + self.repeatability_mm * rng.normal(size=position.shape)
-        if self.repeatability_deg:
-            rotation = rotations(np.radians(self.repeatability_deg) * rng.normal(size=position.shape)) @ rotation
+        if noise.repeatability_mm:
+            position = position + noise.repeatability_mm * rng.normal(size=position.shape)
+        if noise.repeatability_deg:
+            rotation = rotations(np.radians(noise.repeatability_deg) * rng.normal(size=position.shape)) @ rotation
         return rotation, position

@@ -139,7 +139,8 @@ def record(scene: Scene, poses, spec: Spec, robot: Robot, rng: np.random.Generat
     """The scan of a scene by a robot that takes its flange to `poses` (P, 3, 3), (P, 3), mm."""
     (R_sensor,), (T_sensor,) = scene.truth.rotation, scene.truth.translation
     which = np.tile(np.arange(len(poses[1])), spec.rounds)
-    R_actual, T_actual = (np.repeat(p, spec.repeats, axis=0) for p in robot.visiting(*(p[which] for p in poses), rng))
+    visited = robot.visiting(*(p[which] for p in poses), spec.noise, rng)
+    R_actual, T_actual = (np.repeat(p, spec.repeats, axis=0) for p in visited)
     which = np.repeat(which, spec.repeats)
     planes = R_actual @ R_sensor, carry(R_actual, T_actual, T_sensor)
     measured = spec.measured or scene.target.tables[-1]
