@@ -76,9 +76,11 @@ def weigh(problem: Problem, level: NoiseLevel, found: State, robust: bool) -> So
     fit, scale = robust_fit_widely(problem, refine(problem, found, tolerance=ROUGHLY).state, 0.0)
     if robust:
         kept = [~bad for bad in beyond_chance(problem, fit, 0, scale, SHARED)]
+    if problem.counted(kept) <= problem.n:  # too few to tell which are good
+        kept = [np.ones(term.P, dtype=bool) for term in problem.terms]
     grossly = kept
-    open_end = spectrum(fit.information[0], problem.units).sd[0] * scale > HOPELESS
-    if open_end or scale * problem.noise.profile_mm > LARGEST_ERROR_MM:
+    seen = spectrum(fit.information[0], problem.units)
+    if seen.rank < problem.n or seen.sd[0] * scale > HOPELESS or scale * problem.noise.profile_mm > LARGEST_ERROR_MM:
         return settle(problem, level, fit.state, robust)
     noise, prior = problem.noise, replace(level.prior, profile_mm=problem.noise.profile_mm)
     if level.unknown:
@@ -87,8 +89,6 @@ def weigh(problem: Problem, level: NoiseLevel, found: State, robust: bool) -> So
         prior = replace(prior, profile_mm=noise.profile_mm)
     others, state = fit.state, fit.state[[0]]
     for _ in range(ROUNDS):
-        if problem.counted(kept) <= problem.n:
-            raise UnobservableError(CONTRADICTING)
         problem = Problem(observations, noise, level.systematic)
         state = refine(problem, state, weights=kept).state
         model = Likelihood(problem, state, kept, prior, level.profile_spread)
@@ -97,8 +97,8 @@ def weigh(problem: Problem, level: NoiseLevel, found: State, robust: bool) -> So
         problem = Problem(observations, noise, level.systematic)
         fit = refine(problem, state, weights=kept)
         after = [~bad for bad in beyond_chance(problem, fit, 0, 1.0)] if robust else kept
-        if lost(after) > lost(grossly) + LARGEST_REJECTED:  # the model is at fault, not the poses
-            after = grossly
+        if lost(after) > lost(grossly) + LARGEST_REJECTED or problem.counted(after) <= problem.n:
+            after = grossly  # the model is at fault, not the poses
         settled = all((a == b).all() for a, b in zip(after, kept, strict=True)) and alike(noise, before)
         state, kept = fit.state, after
         if settled:
