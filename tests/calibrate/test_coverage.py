@@ -7,7 +7,7 @@ The suite takes 8 scans of each target, and as many as PROFILECAL_COVERAGE says:
 import functools
 import json
 import os
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ from simulated import scan_of
 
 from profilecal.calibrate.calibration import calibrate
 from profilecal.calibrate.observe import covariances
-from profilecal.geometry.noise import Noise
+from profilecal.geometry.noise import Noise, Systematic
 from profilecal.joint.state import pose_error
 from profilecal.scan.folder import read_scan, write_scan
 from profilecal.simulate.scanner import Scanner
@@ -69,6 +69,29 @@ def test_the_truth_lies_in_the_stated_region_of_raw_profiles(case, position_mm, 
     print(f"{case}: {inside} of {SCANS} inside, mean square {squares.mean():.2f} of 6")
     assert inside >= binom.ppf(1e-4, SCANS, 0.95)
     assert chi2.ppf(1e-4, 6 * SCANS) < squares.sum() < chi2.isf(1e-4, 6 * SCANS)
+
+
+ROBOTS = {
+    "position and orientation": ({"position_mm": 0.05, "orientation_deg": 0.02}, {}),
+    "five repeats": ({"position_mm": 0.05, "orientation_deg": 0.02}, {"repeats": 5}),
+    "shared by an orientation": ({"group_position_mm": 0.05, "group_orientation_deg": 0.01}, {}),
+}
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("kind", ["edge", "disk"])
+def test_the_truth_lies_in_the_stated_region_whatever_the_robot_does(kind, robot, tmp_path):
+    """Nothing of the robot is stated. All cells of the kind: `tests/benchmarks/bench_uncertainty.py`."""
+    errors, entries = ROBOTS[robot]
+    noise, exact = Noise(profile_mm=0.05, **errors), {field.name: 0.0 for field in fields(Systematic)}
+    squares = []
+    for seed in range(SCANS):
+        scan = scan_of(Spec(kind=kind, seed=seed, noise=noise, groups=15, positions=3, **entries))
+        stated = {"profile_mm": 0.05} | exact
+        squares.append(normalised_square(replace(scan, noise=stated), tmp_path / str(seed), ".parquet"))
+    print(f"{kind}, {robot}: mean square {np.mean(squares):.2f} of 6")
+    assert np.sum(np.array(squares) < chi2.ppf(0.95, 6)) >= binom.ppf(1e-4, SCANS, 0.95)
+    assert chi2.ppf(1e-4, 6 * SCANS) < np.sum(squares) < chi2.isf(1e-4, 6 * SCANS)
 
 
 @functools.cache

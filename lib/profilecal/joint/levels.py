@@ -170,7 +170,9 @@ def likeliest(model: Likelihood, start: dict[str, float]) -> np.ndarray:
         return value, (np.array(changed) - value) / STEP
 
     bounds = [(-FARTHEST, FARTHEST)] * y.size
-    return minimize(with_gradient, y, jac=True, method="L-BFGS-B", bounds=bounds, options={"ftol": 1e-7}).x
+    return minimize(
+        with_gradient, y, jac=True, method="L-BFGS-B", bounds=bounds, options={"ftol": 1e-10, "gtol": 1e-6}
+    ).x
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ import pandas as pd
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
+from profilecal.calibrate.words import deviations, robot_errors
 from profilecal.geometry.noise import FALSE_ALARM
 from profilecal.joint.observability import BY_HAND_DEG, BY_HAND_MM, name_direction
 from profilecal.report.figures import GREEN, ORANGE, RED
@@ -115,10 +116,10 @@ def pose_words(found) -> Html:
     x, z = np.nanmean(seen, axis=0).round() + 0.0  # not -0
     J = np.column_stack([np.eye(3), np.cross(np.eye(3), [x, 0, z]).T])  # δ moves a point p by ρ + φ × p
     placed = np.sqrt(np.trace(J @ s.covariance @ J.T))
-    mm, deg = ("{:.2g}, {:.2g} and {:.2g}".format(*sd) for sd in (s.translation_sd_mm, s.rotation_sd_deg))
     return paragraphs(
         f"Position of the sensor's origin and orientation of its axes in the {found.frame} frame; {meaning}.",
-        f"Along the sensor's own x, y, z the standard deviations are {mm} mm, about them {deg}°.",
+        f"Standard deviations along and about the sensor's own x, y, z: {deviations(s.covariance)} on this robot near "
+        f"these poses; {deviations(s.covariance_total)} elsewhere, with the robot's accuracy over its workspace.",
         f"A point in the middle of the scans (x = {x:.0f}, z = {z:.0f} mm) is placed within {placed:.2g} mm rms by "
         "this calibration; the robot's and the scanner's own errors come on top.",
     )
@@ -139,6 +140,7 @@ def facts_table(found) -> Html:
             ("Method", method),
             ("Poses", f"{len(found.labels(rejected=False))} used, {len(found.labels(rejected=True))} rejected"),
             ("Scanner noise", f"{s.noise_mm:.3g} mm, {s.level.how}"),
+            *(("Robot errors", line) for line in robot_errors(s.level.levels)),
             ("Residuals", f"{s.rms_mm:.3g} mm rms; χ²/dof = {s.chi2_per_dof:.3g} (1: as the noise explains)"),
         ]
     return html_table(pd.DataFrame(rows, columns=["", " "]))

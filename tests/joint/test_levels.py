@@ -1,0 +1,82 @@
+"""How large the errors are."""
+
+from dataclasses import asdict, replace
+
+import numpy as np
+import pytest
+from many_scenes import SIGMA
+from scipy.stats import norm
+
+from profilecal.geometry.noise import Noise
+from profilecal.joint.descent import refine
+from profilecal.joint.field import field_over
+from profilecal.joint.levels import USUAL, Likelihood, levels, likeliest
+from profilecal.joint.problem import Problem
+from profilecal.joint.sharing import level_variances
+from profilecal.simulate.plan import actual_poses, scan_planes
+from profilecal.simulate.scene import random_scene
+
+TRUE = Noise(SIGMA, position_mm=0.08, orientation_deg=0.03)
+
+
+def linear_model(seed, noise=TRUE, **plan):
+    """The model of a simulated edge at its best fit, and the fit."""
+    rng = np.random.default_rng(seed)
+    scene = random_scene("edge", rng, **plan)
+    R, T = scene.truth.rotation[0], scene.truth.translation[0]
+    planes = scan_planes(R, T, *actual_poses(scene.poses, noise, rng))
+    points = scene.target.meet(*(p.reshape(-1, *p.shape[2:]) for p in planes))[None, :, None, :]
+    seen = [replace(scene.observations, points=points + SIGMA * rng.normal(size=points.shape))]
+    problem = Problem(seen, Noise(SIGMA))
+    state = refine(problem, scene.truth).state
+    kept = [np.ones(problem.terms[0].P, dtype=bool)]
+    return Likelihood(problem, state, kept, USUAL, 0.0), problem, state
+
+
+def test_the_restricted_likelihood_is_that_of_the_dense_covariance():
+    model, problem, state = linear_model(1, groups=4, positions=3)
+    linear = problem.linear(state, with_flange=True)[0]
+    z, E = (part[0].transpose(2, 1, 0) for part in (linear.with_residual, linear.by_flange))  # (P, K, columns)
+    P, K, _ = z.shape
+    J, r = z[..., :-1].reshape(P * K, -1), z[..., -1].ravel()
+    group = problem.terms[0].group
+
+    def dense(noise):
+        _, of_pose, of_group = level_variances(noise)
+        V = np.eye(P * K)
+        blocks = V.reshape(P, K, P, K)
+        for p in range(P):
+            for q in range(P):
+                blocks[p, :, q] += (p == q) * (E[p] * of_pose) @ E[q].T
+                blocks[p, :, q] += (group[p] == group[q]) * (E[p] * of_group) @ E[q].T
+        W = np.linalg.inv(V)
+        H = J.T @ W @ J
+        square = r @ W @ r - r @ W @ J @ np.linalg.solve(H, J.T @ W @ r)
+        return square + np.linalg.slogdet(V)[1] + np.linalg.slogdet(H)[1]
+
+    y = np.random.default_rng(2).normal(size=(2, len(model.scales)))
+    noises = [model.noise_of({name: float(size) for name, size in model.sizes(one).items()}) for one in y]
+    first, second = model.at(y)[0] - (y**2).sum(axis=1)
+    assert first - second == pytest.approx(dense(noises[0]) - dense(noises[1]), rel=1e-6)
+
+
+def test_the_intervals_hold_the_true_sizes():
+    """95 % each, if chance and the prior agree; 20 scenes, four in five at least."""
+    inside = {"position_mm": 0, "orientation_deg": 0}
+    for seed in range(20):
+        model, _, state = linear_model(seed, groups=15, positions=4)
+        field = field_over(model.sharing, state.rotation[0], state.translation[0], eye_to_hand=False)
+        found = levels(model, likeliest(model, asdict(TRUE)), field, {})
+        for size in found.sizes:
+            if size.name in inside:
+                inside[size.name] += size.low <= getattr(TRUE, size.name) <= size.high
+    assert min(inside.values()) >= 16
+
+
+def test_a_size_is_standard_normal_beforehand():
+    """A half-t law of three degrees of freedom: half of it below 0.76 of its scale."""
+    model, _, _ = linear_model(1, groups=4, positions=3)
+    size, coordinate = model.law("position_mm")
+    assert size(0.0) == pytest.approx(0.765, abs=0.001)
+    assert coordinate(size(1.3)) == pytest.approx(1.3)
+    assert size(norm.ppf(1e-6)) < 1e-5
