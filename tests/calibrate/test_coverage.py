@@ -142,7 +142,7 @@ def test_both_tips_of_a_chord_together_are_as_exact_as_stated():
 
 
 def test_a_disk_of_another_radius_is_not_ok():
-    """No robot errs that much."""
+    """Nor is any disk made so badly."""
     found = calibrate([replace(scan_of(spec("disk", 0)), sizes=(51.0,))])
     assert found.status != "ok"
-    assert "more than a robot errs" in " ".join(found.messages)
+    assert "the radius was too large by +1 mm" in " ".join(found.messages)

@@ -83,7 +83,7 @@ def test_derivatives_of_whole_problem_agree_with_numerical_ones(kind):
 def test_residuals_vanish_where_the_target_meets_the_scan_plane(kind):
     scene = random_scene(kind, np.random.default_rng(7))
     for in_space in (False, True):
-        (r,) = Problem([scene.observations], Noise(0.05), in_space).residuals(scene.truth)
+        (r,) = Problem([scene.observations], Noise(0.05), in_space=in_space).residuals(scene.truth)
         assert np.abs(r).max() < 1e-9
 
 

@@ -171,10 +171,9 @@ def test_from_raw_profiles_in_a_folder_to_an_answer_with_its_report(tmp_path):
 
     other = simulate_scan(Spec(kind="groove", seed=99))
     T, covariance = found.solution.T_flange_sensor, found.solution.covariance
-    assert not verify(other, T, covariance, 0.05, np.random.default_rng(0)).as_expected  # another sensor pose
-    seen = verify(scan, T, covariance, found.solution.noise_mm, np.random.default_rng(0))
-    assert [length.name for length in seen.lengths] == ["width", "depth"]
-    assert np.abs([length.found_mm - length.nominal_mm for length in seen.lengths]).max() < 0.1
+    assert not verify(other, T, covariance, 0.05).as_expected  # another sensor pose
+    seen = verify(scan, T, covariance, found.solution.noise_mm)
+    assert seen.lengths == pytest.approx({"width": 20.0, "depth": 9.0}, abs=0.1)
 
 
 def test_a_folder_without_its_lengths_is_refused(tmp_path):

@@ -18,6 +18,7 @@ MOVES, MOVES_MUCH = (
     1.0,
     3.0,
 )  # standard deviations of the pose that a suspect must move it by to be added, and to be weak
+CLEAR_AS_DAY = 7.0  # standard deviations at which a suspect that moves the pose makes it weak
 SHADOW = 0.8  # of the clearest suspect's clarity: less is taken for its shadow
 CHECK = (
     "check the mount, units and convention of the poses, which pose each profile belongs to, x and z of the profiles, "
@@ -35,7 +36,7 @@ def judge(observed, solution: Solution) -> Solution:
     guilty = clear_suspects(suspects(observed, solution))
     if guilty:
         farthest = max(distance(s.moves, C) for s in guilty)
-        weak |= farthest > MOVES_MUCH
+        weak |= farthest > MOVES_MUCH or (farthest > MOVES and abs(guilty[0].clear) > CLEAR_AS_DAY)
         if farthest > MOVES:
             C = C + sum(np.outer(s.moves, s.moves) for s in guilty)
         messages.append(accusation(guilty, farthest > MOVES))

@@ -14,6 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+ROUNDING = 1e-14  # of the largest entry: added to a diagonal whose ones it may have swallowed
+
 
 @dataclass(frozen=True)
 class Information:
@@ -39,6 +41,7 @@ def remove(information: Information, variances, member) -> Information:
     M, log_determinant = information.normal, information.log_determinant
     if np.any(variances):
         inflated = np.eye(6) + A * S
+        inflated += ROUNDING * np.abs(inflated).max(axis=(-2, -1), keepdims=True) * np.eye(6)
         whole = np.linalg.solve(inflated, whole)
         taken = np.swapaxes(B, -1, -2) @ (np.swapaxes(S, -1, -2) * whole[..., 6:])
         M = M - taken.sum(axis=-3)

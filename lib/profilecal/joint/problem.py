@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from profilecal.geometry.noise import Noise, Systematic
-from profilecal.joint.effects import Information, remove, remove_common
+from profilecal.joint.effects import ROUNDING, Information, remove, remove_common
 from profilecal.joint.observability import POSE_UNITS
 from profilecal.joint.observations import Observations
 from profilecal.joint.sharing import Sharing, level_variances, sharing
@@ -159,8 +159,9 @@ class Problem:
             square = residual[..., -1, 0] + (common[:, None] * residual[..., 6 : 6 + common.shape[1], 0]).sum(axis=-1)
         else:
             square = residual[..., -1, 0]
-        b = residual[..., :6, :]
-        taken = np.swapaxes(b, -1, -2) @ (S[:, None] * np.linalg.solve(np.eye(6) + gram[..., :6, :6] * S, b))
+        b, inflated = residual[..., :6, :], np.eye(6) + gram[..., :6, :6] * S
+        inflated += ROUNDING * np.abs(inflated).max(axis=(-2, -1), keepdims=True) * np.eye(6)
+        taken = np.swapaxes(b, -1, -2) @ (S[:, None] * np.linalg.solve(inflated, b))
         return np.maximum(square - taken[..., 0, 0], 0)
 
     def information(self, grams, common: int) -> Information:

@@ -27,6 +27,7 @@ LARGEST_ERROR_MM = 2.0  # of a robot's position; what is larger is a mistake, no
 LARGEST_REJECTED = 1 / 3  # of the poses
 ROUGHLY = 1e-6  # tolerance of refinements that are not the last
 HOPELESS = 10.0  # measurements by hand that an answer is open by
+FINEST_MM = 1e-5  # scanner noise: residuals of exact data are rounding
 SETTLED = 0.02  # of an error's size
 SHARED = 2  # coordinates of a profile that a shared error moves, at least: it may explain that many large ones
 CONTRADICTING = "most poses contradict each other: no sensor pose explains half of them"
@@ -84,7 +85,7 @@ def weigh(problem: Problem, level: NoiseLevel, found: State, robust: bool) -> So
         return settle(problem, level, fit.state, robust)
     noise, prior = problem.noise, replace(level.prior, profile_mm=problem.noise.profile_mm)
     if level.unknown:
-        noise = replace(noise, profile_mm=noise.profile_mm * max(scale, 1e-12))
+        noise = replace(noise, profile_mm=max(noise.profile_mm * scale, FINEST_MM))
     if level.source == "residuals":
         prior = replace(prior, profile_mm=noise.profile_mm)
     others, state = fit.state, fit.state[[0]]
