@@ -46,6 +46,8 @@ def remove(information: Information, variances, member) -> Information:
         taken = np.swapaxes(B, -1, -2) @ (np.swapaxes(S, -1, -2) * whole[..., 6:])
         M = M - taken.sum(axis=-3)
         log_determinant = log_determinant + np.log(np.abs(np.linalg.det(inflated))).sum(axis=-1)
+    if np.array_equal(member, np.arange(len(member))):
+        return Information(whole[..., :6], whole[..., 6:], M, log_determinant)
     flat = whole.reshape(*whole.shape[:-2], -1)
     belongs = (np.arange(member.max() + 1)[:, None] == member).astype(float)
     whole = (belongs @ flat).reshape(*flat.shape[:-2], len(belongs), *whole.shape[-2:])
