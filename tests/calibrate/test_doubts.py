@@ -102,7 +102,8 @@ def test_a_group_that_is_shifted_is_an_error_that_an_orientation_shares():
 
 
 def test_good_scans_are_rarely_doubted():
-    found = [calibration_of(Spec(kind=kind, seed=seed)) for kind in ("edge", "disk", "ball") for seed in range(30)]
+    plan = {"groups": 12, "positions": 4}
+    found = [calibration_of(Spec(kind, seed=seed, **plan)) for kind in ("edge", "disk", "ball") for seed in range(30)]
     doubted = sum(bool(f.messages) for f in found)
     assert doubted <= binom.ppf(0.9999, len(found), FALSE_ALARM)
 
@@ -136,7 +137,7 @@ def test_many_rejected_poses_are_doubted():
 def test_stated_noise_that_does_not_explain_the_residuals_widens_the_region():
     """What the scanner is said not to do, the robot is taken to do."""
     noise = Noise(profile_mm=0.05)
-    scans = [simulate_scan(Spec(seed=seed, noise=noise)) for seed in range(15)]
+    scans = [simulate_scan(Spec(seed=seed, noise=noise, groups=12, positions=4)) for seed in range(15)]
     scans = [replace(scan, noise={"profile_mm": 0.02}) for scan in scans]
     found = [calibrate([scan]) for scan in scans]
     assert all(f.solution.noise.position_mm > 0.01 for f in found)
