@@ -7,4 +7,8 @@ A residual is an observed point minus where the scan plane meets the target, in 
 changes with the target's own frame (`targets.target`); everything else is the same for all of them and stands here.
 The sensor pose is perturbed as T · exp(δ), δ = (ρ, φ) in the sensor's frame: a point at p there moves to p - ρ + p × φ.
 Every function takes a batch of problems along the leading axis.
+
+Robot errors are random effects: `sharing` says which profiles share one, `effects` removes them from the normal
+equations, `levels` finds how large they are, `field` is the robot's accuracy over its workspace, and `systematic` what
+may be wrong at every pose alike.
 """
