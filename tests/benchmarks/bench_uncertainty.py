@@ -61,9 +61,9 @@ SITUATIONS = {  # the robot's errors, and what else there is to say of the scan
 }
 STATEMENTS = {"stated": 1.0, "unstated": 0.0, "stated a fifth": 0.2}
 FEW = (("plane", 6), ("plane", 8), ("edge", 6), ("disk", 4), ("ball", 5), ("ball", 7))
-ARMS = {  # with the accuracy that such an arm has, each axis, once its base is fitted over its working volume
-    "joints 0.02 deg": (Robot(joint_deg=0.02), {"accuracy_mm": 0.05, "accuracy_deg": 0.016}),
-    "links 0.2 mm": (Robot(link_mm=0.2), {"accuracy_mm": 0.28, "accuracy_deg": 0.005}),
+ARMS = {  # with the accuracy that notebook 43 finds for such an arm
+    "joints 0.02 deg": (Robot(joint_deg=0.02), {"accuracy_mm": 0.037, "accuracy_deg": 0.021}),
+    "links 0.2 mm": (Robot(link_mm=0.2), {"accuracy_mm": 0.27, "accuracy_deg": 0.016}),
 }
 MEAN, INSIDE = (5.4, 6.6), (0.93, 0.97)  # where a cell is to be, as far as chance allows
 CHANCE = 0.01  # that a good cell is flagged for one of them

@@ -14,10 +14,8 @@ from profilecal.joint.solution import Solution
 from profilecal.joint.solve import LARGEST_ERROR_MM, LARGEST_REJECTED
 
 LARGEST_MISFIT = 3.0  # residuals over what the stated noise explains
-MOVES, MOVES_MUCH = (
-    1.0,
-    3.0,
-)  # standard deviations of the pose that a suspect must move it by to be added, and to be weak
+MOVES = 1.0  # standard deviations of the pose that a suspect must move it by to be added to its covariance
+MOVES_MUCH = 3.0  # and to make it weak
 CLEAR_AS_DAY = 7.0  # standard deviations at which a suspect that moves the pose makes it weak
 SHADOW = 0.8  # of the clearest suspect's clarity: less is taken for its shadow
 CHECK = (

@@ -21,13 +21,12 @@ from profilecal.calibrate.observe import stated_noise
 from profilecal.geometry.checks import check_rotations
 from profilecal.geometry.noise import FALSE_ALARM, ROBOT
 from profilecal.geometry.poses import carry
+from profilecal.joint.descent import settle_targets
 from profilecal.joint.noise import expect
 from profilecal.joint.observability import POSE_UNITS, Spectrum, name_direction, of_covariance, spectrum
 from profilecal.joint.problem import Problem
 from profilecal.joint.state import pose_error
 from profilecal.scan.scan import Scan, ScanError
-
-ROUNDS = 10  # of placing the target; it starts where its points are
 
 
 @dataclass(frozen=True)
@@ -116,12 +115,7 @@ def linearised(alone: Calibration, kept, T, noise_mm: float) -> tuple[np.ndarray
     robot = {name: max(getattr(level.noise, name), getattr(level.prior, name)) for name in ROBOT}
     noise = replace(level.noise, profile_mm=max(s.noise_mm if s else 0, noise_mm), **robot)
     problem = Problem(alone.observed, noise, level.systematic)
-    state, step = problem.place(T[None, :3, :3], T[None, :3, 3]), np.zeros((1, problem.n))
-    for _ in range(ROUNDS):
-        normal = problem.moments(state, weights=kept).normal[0]
-        of_target = normal[6:-1, 6:-1] + np.diag(problem.units[6:] ** -2)
-        step[0, 6:] = -np.linalg.solve(of_target, normal[6:-1, -1])
-        state = problem.move(state, step)
+    state = settle_targets(problem, T[None, :3, :3], T[None, :3, 3], kept)
     normal = problem.moments(state, weights=kept).normal[0]
     found = spectrum(normal[:-1, :-1], problem.units)
     return -found.covariance @ normal[:6, -1], found.covariance

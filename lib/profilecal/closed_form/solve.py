@@ -17,6 +17,7 @@ from profilecal.geometry.checks import UnobservableError
 from profilecal.geometry.fitting import fit_circle
 from profilecal.geometry.noise import Noise, Systematic
 from profilecal.geometry.poses import carry, rotations
+from profilecal.joint.descent import settle_targets
 from profilecal.joint.field import field_over
 from profilecal.joint.levels import Likelihood, likeliest
 from profilecal.joint.noise import NoiseLevel, affine_noise
@@ -25,7 +26,7 @@ from profilecal.joint.observations import Observations
 from profilecal.joint.problem import Problem
 from profilecal.joint.sharing import sharing
 from profilecal.joint.solution import Solution, solution_of
-from profilecal.joint.state import State, pose_error
+from profilecal.joint.state import pose_error
 from profilecal.targets.ball import Ball
 
 
@@ -69,7 +70,7 @@ def solve_in_closed_form(observations: Observations, level: NoiseLevel, side, rn
     rotation, translation = find(points)
 
     alone = Problem([observations], Noise(profile_mm=1.0))
-    state = with_target(alone, rotation[None], translation[None])
+    state = settle_targets(alone, rotation[None], translation[None])
     dof = int(alone.count()[0]) - alone.n
     seen_noise = max(float(np.sqrt(alone.moments(state).loss[0] / dof)), 1e-12)  # the robot's errors too
     if level.unknown:
@@ -129,19 +130,6 @@ def noise_like(observations: Observations, rng: np.random.Generator) -> np.ndarr
         return errors * np.sqrt(observations.covariance[0])[..., None]
     root = np.linalg.cholesky(observations.covariance[0])
     return (root @ errors.reshape(len(points), -1, 1)).reshape(points.shape)
-
-
-def with_target(problem: Problem, rotation, translation) -> State:
-    """The sensor poses (1, 3, 3), (1, 3) with the target where they see it best: Gauss-Newton steps of it alone."""
-    state = problem.place(rotation, translation)
-    for _ in range(20):
-        M = problem.moments(state).normal
-        step = np.zeros((1, problem.n))
-        step[:, 6:] = -np.linalg.solve(M[:, 6:-1, 6:-1], M[:, 6:-1, -1:])[..., 0]
-        state = problem.move(state, step)
-        if np.abs(step).max() < 1e-9:
-            break
-    return state
 
 
 def groups_of(observations: Observations, least: int) -> list[np.ndarray]:

@@ -130,6 +130,19 @@ def damped_step(normal, damping) -> tuple[np.ndarray, np.ndarray]:
     return scaled / size, damping * np.sum(scaled**2, axis=1) - np.sum(g * scaled, axis=1)
 
 
+def settle_targets(problem: Problem, rotation, translation, weights=None) -> State:
+    """The sensor poses (1, 3, 3), (1, 3) with the targets where they see them best: Gauss-Newton steps of those alone,
+    which leave what no residual shows where it is."""
+    state, step = problem.place(rotation, translation), np.zeros((1, problem.n))
+    for _ in range(20):
+        normal = problem.moments(state, weights=weights).normal[0, 6:, 6:]
+        step[0, 6:] = -np.linalg.solve(normal[:-1, :-1] + np.diag(problem.units[6:] ** -2), normal[:-1, -1])
+        state = problem.move(state, step)
+        if np.abs(step).max() < 1e-9:
+            break
+    return state
+
+
 def _where(mask, first: Moments, second: Moments) -> Moments:
     """The first where the mask (B,) holds, the second elsewhere."""
     per_pose = [np.where(mask[:, None], a, b) for a, b in zip(first.per_pose, second.per_pose, strict=True)]

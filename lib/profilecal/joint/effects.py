@@ -40,8 +40,7 @@ def remove(information: Information, variances, member) -> Information:
     whole = np.concatenate([A, B], axis=-1)
     M, log_determinant = information.normal, information.log_determinant
     if np.any(variances):
-        inflated = np.eye(6) + A * S
-        inflated += ROUNDING * np.abs(inflated).max(axis=(-2, -1), keepdims=True) * np.eye(6)
+        inflated = inflation(A, variances)
         whole = np.linalg.solve(inflated, whole)
         taken = np.swapaxes(B, -1, -2) @ (np.swapaxes(S, -1, -2) * whole[..., 6:])
         M = M - taken.sum(axis=-3)
@@ -52,6 +51,12 @@ def remove(information: Information, variances, member) -> Information:
     belongs = (np.arange(member.max() + 1)[:, None] == member).astype(float)
     whole = (belongs @ flat).reshape(*flat.shape[:-2], len(belongs), *whole.shape[-2:])
     return Information(whole[..., :6], whole[..., 6:], M, log_determinant)
+
+
+def inflation(of_errors, variances) -> np.ndarray:
+    """1 + A S (..., 6, 6), from A (..., 6, 6) and the diagonal of S (..., 6)."""
+    inflated = np.eye(6) + of_errors * variances[..., None, None, :]
+    return inflated + ROUNDING * np.abs(inflated).max(axis=(-2, -1), keepdims=True) * np.eye(6)
 
 
 def remove_common(normal, first: int, precision) -> tuple[np.ndarray, np.ndarray]:

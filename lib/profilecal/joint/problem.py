@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from profilecal.geometry.noise import Noise, Systematic
-from profilecal.joint.effects import ROUNDING, Information, remove, remove_common
+from profilecal.joint.effects import Information, inflation, remove, remove_common
 from profilecal.joint.observability import POSE_UNITS
 from profilecal.joint.observations import Observations
 from profilecal.joint.sharing import Sharing, level_variances, sharing
@@ -113,7 +113,8 @@ class Problem:
         """`scale` (B,): Cauchy's loss with that many noise levels as its unit; None: least squares. `weights`: one
         (B, P) or (P,) for each target. `effects`: from the state itself if None."""
         B = len(state.rotation)
-        normal, loss, per_pose, grams = np.zeros((B, self.n + 1, self.n + 1)), np.zeros(B), [], []
+        normal, loss, per_pose = np.zeros((B, self.n + 1, self.n + 1)), np.zeros(B), []
+        grams, used, counts = [], [], []
         effects = effects or self.effects(state)
         for index, linear in enumerate(self.linear(state)):
             z = linear.columns
@@ -130,7 +131,9 @@ class Problem:
                 weight = (1 if weight is None else weight) / (1 + own / unit)
             per_pose.append(own)
             if effects:
-                grams.append(gram if weight is None else gram * np.broadcast_to(weight, own.shape)[..., None, None])
+                grams.append(gram)
+                counts.append(count)
+                used.append(gram if weight is None else gram * np.broadcast_to(weight, own.shape)[..., None, None])
                 continue
             if weight is not None:
                 z *= np.sqrt(np.broadcast_to(weight, own.shape))[:, None, None]
@@ -138,13 +141,10 @@ class Problem:
             columns = self.columns(index)
             normal[:, columns[:, None], columns] += flat @ np.swapaxes(flat, 1, 2)
         if effects:
-            normal, common = self.without_effects(self.information(grams, len(effects.precision)), effects)
+            normal, common = self.without_effects(self.information(used, len(effects.precision)), effects)
             if common.shape[1]:
-                counts = [np.maximum(term.counts(), 1) for term in self.terms]
-                per_pose = [
-                    self.square_of_each_pose(gram_by_pose(rows, linear.columns), common) / count
-                    for rows, linear, count in zip(effects.rows, self.linear(state), counts, strict=True)
-                ]
+                pairs = zip(grams, counts, strict=True)
+                per_pose = [self.square_of_each_pose(gram, common) / count for gram, count in pairs]
         if scale is None:
             loss = normal[:, -1, -1]
         return Moments(normal, loss, per_pose)
@@ -156,12 +156,11 @@ class Problem:
         residual = gram[..., -1:]
         if common is not None:
             residual = residual + gram[..., 6 : 6 + common.shape[1]] @ common[:, None, :, None]
-            square = residual[..., -1, 0] + (common[:, None] * residual[..., 6 : 6 + common.shape[1], 0]).sum(axis=-1)
-        else:
-            square = residual[..., -1, 0]
-        b, inflated = residual[..., :6, :], np.eye(6) + gram[..., :6, :6] * S
-        inflated += ROUNDING * np.abs(inflated).max(axis=(-2, -1), keepdims=True) * np.eye(6)
-        taken = np.swapaxes(b, -1, -2) @ (S[:, None] * np.linalg.solve(inflated, b))
+        square = residual[..., -1, 0]
+        if common is not None:
+            square = square + (common[:, None] * residual[..., 6 : 6 + common.shape[1], 0]).sum(axis=-1)
+        b = residual[..., :6, :]
+        taken = np.swapaxes(b, -1, -2) @ (S[:, None] * np.linalg.solve(inflation(gram[..., :6, :6], S), b))
         return np.maximum(square - taken[..., 0, 0], 0)
 
     def information(self, grams, common: int) -> Information:
