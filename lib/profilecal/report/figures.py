@@ -18,6 +18,13 @@ RED = "#D55E00"
 SKY = "#56B4E9"
 PURPLE = "#CC79A7"
 YELLOW = "#F0E442"
+OF_METHOD = {  # the same in every notebook
+    "closed form": ORANGE,
+    "joint": BLUE,
+    "robust joint": GREEN,
+    "published": RED,
+    "bound": "black",
+}
 
 
 def use_style() -> None:

@@ -1,4 +1,7 @@
-"""What a notebook hands out to a sweep, by way of its own output; notebooks import this, so it costs them nothing."""
+"""What a notebook hands out to a sweep, by way of its own output, and when it asserts what it found.
+
+Notebooks import this, so it costs them nothing.
+"""
 
 import json
 
@@ -15,6 +18,11 @@ def record(table=None, /, **values) -> None:
     rows = [] if table is None else table.to_dict("records")
     payload = json.dumps({"values": values, "rows": rows}, default=_plain)
     display({"text/plain": f"recorded: {', '.join([*values, *(table if rows else ())])}", MIME: payload}, raw=True)
+
+
+def at_defaults(names: dict, /, **defaults) -> bool:
+    """Whether a notebook's parameters, among `names`, its `globals()`, are those that its findings are asserted for."""
+    return all(names[name] == value for name, value in defaults.items())
 
 
 def _plain(value):

@@ -1,0 +1,74 @@
+"""The notebooks under other parameters: any number halved or doubled, the sizes of studies down to 20.
+
+The suite runs each once with all of them altered; `PROFILECAL_ALTERED=5 pytest -s tests/running/test_notebooks.py` runs
+each five times with some altered. `PROFILECAL_ALTERED_SEED` chooses other ones.
+"""
+
+import ast
+import json
+import os
+
+import numpy as np
+import pytest
+
+from profilecal.running import notebooks
+from profilecal.running.record import recorded
+
+RUNS = int(os.environ.get("PROFILECAL_ALTERED", "1"))
+SEED = int(os.environ.get("PROFILECAL_ALTERED_SEED", "1"))
+SIZE, LEAST = 40, 20  # an integer from there on is the size of a study, which goes down to that
+THERE = notebooks.find([])
+RUNNABLE = [path for path in THERE if not path.stem.startswith("00")]  # 00 reads what the others found
+
+
+def declared(path) -> dict:
+    """The parameters of a notebook and their values."""
+    cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
+    (source,) = ["".join(c["source"]) for c in cells if "parameters" in c["metadata"].get("tags", [])]
+    return {node.target.id: ast.literal_eval(node.value) for node in ast.parse(source).body}
+
+
+def code_of(path) -> list[ast.Module]:
+    """A notebook's code, cell by cell, without IPython's own commands."""
+    cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
+    lines = [("".join(c["source"]).splitlines()) for c in cells if c["cell_type"] == "code"]
+    return [ast.parse("\n".join(line for line in cell if not line.startswith("%"))) for cell in lines]
+
+
+def altered(value, rng, name=""):
+    """Another value of a parameter; text and truth stay."""
+    if isinstance(value, bool | str):
+        return value
+    if isinstance(value, list):
+        factor = rng.choice([0.5, 2])
+        return [type(v)(max(1, np.ceil(v * factor))) if isinstance(v, int) else v * factor for v in value]
+    if name == "seed":
+        return int(rng.integers(1000))
+    if isinstance(value, float):
+        return float(value * rng.choice([0.5, 2]))
+    if value >= SIZE:
+        return int(rng.integers(LEAST, value // 2 + 1)) if RUNS > 1 else LEAST
+    return int(np.ceil(value * rng.choice([0.5, 2])))
+
+
+@pytest.mark.parametrize("path", RUNNABLE, ids=lambda path: path.stem)
+def test_other_parameters_are_lived_with_and_outcomes_recorded(path, tmp_path):
+    for run in range(RUNS):
+        rng = np.random.default_rng([SEED, run, THERE.index(path)])
+        given = declared(path)
+        chosen = {name: altered(value, rng, name) for name, value in given.items() if rng.uniform() < 0.5 or RUNS == 1}
+        chosen = {name: value for name, value in chosen.items() if value != given[name]}
+        print(f"PROFILECAL_ALTERED_SEED={SEED}: {path.stem} with {chosen}")
+        notebooks.run(path, tmp_path / "run.ipynb", chosen)
+        (first, *_) = recorded(json.loads((tmp_path / "run.ipynb").read_text(encoding="utf-8")))
+        assert first
+
+
+@pytest.mark.parametrize("path", RUNNABLE, ids=lambda path: path.stem)
+def test_findings_are_asserted_at_the_declared_parameters(path):
+    nodes = [node for cell in code_of(path) for node in ast.walk(cell)]
+    calls = [n for n in nodes if isinstance(n, ast.Call) and getattr(n.func, "id", "") == "at_defaults"]
+    found = {k.arg: ast.literal_eval(k.value) for call in calls for k in call.keywords}
+    assert found.items() <= declared(path).items()
+    numbers = {n for n, v in declared(path).items() if isinstance(v, int | float) and not isinstance(v, bool)}
+    assert not calls or numbers <= found.keys()
