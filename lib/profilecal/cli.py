@@ -173,18 +173,32 @@ def verify(folder, pose):
 
 
 @main.command("import")
-@click.argument("source", type=click.Choice(["handeyesync"]))
-@click.argument("measurements", type=PLACE)
+@click.argument("files", metavar="DIR", type=PLACE)
 @click.argument("folder", type=PLACE)
-@click.option("--picked", is_flag=True, help="Take the points picked by hand instead of the profiles.")
-def import_(source, measurements, folder, picked):
-    """Write measurements of another project, SOURCE, as a scan into a new FOLDER."""
+@click.option("--target", "kind", required=True, metavar="KIND", help="What was scanned: edge, disk, ball, plane, …")
+@click.option("--radius", type=float, help="Of a disk, ball or rod, mm.")
+@click.option("--poses", default="", metavar="FILES", help="What holds the robot's poses, a name or a pattern.")
+@click.option("--pose-columns", default="", metavar="NAMES", help="Of a table of poses: x,y,z,a,b,c; _ for others.")
+@click.option("--pose-units", default="", type=click.Choice(["", "mm", "m"]), help="Of the poses' positions.")
+@click.option("--tool", nargs=6, type=float, metavar="X Y Z A B C", help="The tool's frame, if poses are of a tool.")
+@click.option("--profiles", default="", metavar="FILES", help="The profiles, a pattern.")
+@click.option("--columns", default="", metavar="X,Z", help="Names or numbers of the columns of x and z.")
+@click.option("--entry", default="", metavar="NAME", help="Which list of a YAML or NPZ file is the profile.")
+@click.option("--units", default="", type=click.Choice(["", "mm", "m"]), help="Of the profiles.")
+@click.option("--missing", type=float, help="The z of points where nothing was seen.")
+def import_(files, folder, kind, radius, **said):
+    """Write the files of a DIR, one profile each and the robot's poses, as a scan into a new FOLDER.
+
+    What is not said is guessed, and every guess is printed.
+    """
     from profilecal.scan.folder import write_scan
-    from profilecal.scan.handeyesync import read_handeyesync
+    from profilecal.scan.imported import Layout, import_scan
 
     with refusing():
-        write_scan(read_handeyesync(measurements, picked=picked), folder)
-    click.echo(f"{folder}/ written")
+        scan, guessed = import_scan(files, kind, {} if radius is None else {"radius": radius}, Layout(**said))
+        write_scan(scan, folder)
+    click.echo("\n".join(guessed))
+    click.echo(f"{folder}/ written; next: profilecal check {folder}")
 
 
 @main.command()
