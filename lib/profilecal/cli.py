@@ -155,20 +155,35 @@ def check(folder):
 @main.command()
 @click.argument("folder", type=SCAN)
 @click.option("--with", "pose", required=True, type=SCAN, help="What calibrate --json printed.")
-def verify(folder, pose):
-    """Compare a sensor pose with what a scan FOLDER says that was not used to find it; status 1 if they contradict."""
+@click.option("--before", type=SCAN, help="A scan of the same target and poses: has the sensor moved since?")
+@click.option("--log", type=PLACE, help="With --before: a CSV file to which the result is added, and drawn beside it.")
+def verify(folder, pose, before, log):
+    """Compare a sensor pose with what a scan FOLDER says that was not used to find it; status 1 if they contradict.
+
+    With --before, tell whether the sensor has moved between two scans; status 1 if it has.
+    """
+    from profilecal.calibrate import drift
     from profilecal.calibrate.verify import read_pose, to_text
     from profilecal.calibrate.verify import verify as verify_pose
     from profilecal.scan.folder import read_scan
     from profilecal.scan.scan import ScanError
 
+    if log and not before:
+        raise Refused("--log needs --before; it keeps what that finds")
     with refusing():
         scan = read_scan(folder)
         T, covariance, noise_mm, to_hand = read_pose(pose)
         if to_hand != (scan.mount == "eye-to-hand"):
             raise ScanError(f"{pose} and {folder} disagree about the mount, which is {scan.mount} in the scan")
-        found = verify_pose(scan, T, covariance, noise_mm)
-    click.echo(to_text(found))
+        if before:
+            found = drift.drift(read_scan(before), scan, T, covariance, noise_mm)
+        else:
+            found = verify_pose(scan, T, covariance, noise_mm)
+        click.echo(drift.to_text(found) if before else to_text(found))
+        if log:
+            from profilecal.report.drift import add_to_log
+
+            click.echo(f"log            {log}, drawn in {add_to_log(log, found.row(str(before), str(folder)))}")
     raise SystemExit(0 if found.as_expected else 1)
 
 
