@@ -17,6 +17,7 @@ class Refused(click.ClickException):
     exit_code = 2
 
     def show(self, file=None):
+        """Print the sentence on standard error."""
         click.echo(f"profilecal: {self.message}", err=True)
 
 

@@ -33,6 +33,7 @@ class Drift(Difference):
 
     @property
     def moved(self) -> bool:
+        """Whether chance does not explain the movement."""
         return not self.as_expected
 
     def row(self, before: str, after: str) -> dict:

@@ -49,6 +49,7 @@ class Difference:
 
     @property
     def as_expected(self) -> bool:
+        """Whether the stated uncertainties explain the difference."""
         return self.chance > FALSE_ALARM
 
     def lines(self, verb: str, where: str) -> list[str]:
