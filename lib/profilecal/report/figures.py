@@ -120,11 +120,16 @@ def equal_axes(axes, points) -> None:
     axes.set(zlim=(middle[2] - half, middle[2] + half), box_aspect=(1, 1, 1))
 
 
-def draw_scan(axes, rotation, origin, depth: float, colour: str, label: str = "") -> None:
-    """Draw a scanner's fan of light in a 3D plot: from its origin to `depth`, as wide as it is deep."""
+def draw_scan(axes, rotation, origin, depth: float, colour: str, label: str = "") -> np.ndarray:
+    """Draw a scanner's fan of light in a 3D plot, from its origin to `depth`, as wide as it is deep.
+
+    Returns its corners (3, 3).
+    """
     rotation = np.asarray(rotation)
     ends = [origin + depth * (rotation[:, 2] + side * rotation[:, 0] / 2) for side in (-1, 1)]
-    draw_patch(axes, np.array([origin, *ends]), colour, alpha=0.15, label=label)
+    corners = np.array([origin, *ends])
+    draw_patch(axes, corners, colour, alpha=0.15, label=label)
+    return corners
 
 
 def beside_line(points, point, direction) -> tuple[np.ndarray, np.ndarray]:
