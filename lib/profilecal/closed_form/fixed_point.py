@@ -70,7 +70,7 @@ def _check_readings(R_tcp, q) -> None:
     least = np.radians(LEAST_SPREAD_DEG)
     if not singular[1] > least * singular[0]:
         raise UnobservableError(
-            f"q: all {len(q)} readings lie on one line of the scan plane (within {singular[1]:.2g} mm), so the "
+            f"q: all {len(q)} readings lie on one line of the scan plane (within {singular[1]:.3f} mm), so the "
             "rotation cannot be known; see the point at left and right, near and far"
         )
     unit = np.repeat([singular[0], singular[0], np.sqrt(len(q))], 3)  # then each unknown moves the points alike
