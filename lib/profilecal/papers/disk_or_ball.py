@@ -10,7 +10,7 @@ from profilecal.joint.state import State
 from profilecal.papers.ball_study import BallScans
 from profilecal.papers.disk_study import DiskScans
 
-NODES = 10  # of Gauss's quadrature along an arc: what it says of a circle is then right to 1e-3
+NODE, WEIGHT = np.polynomial.legendre.leggauss(10)  # along an arc: what it says of a circle is then right to 1e-3
 
 
 def error_in_view(rotation_error, translation_error, R_sensor, points) -> np.ndarray:
@@ -53,10 +53,9 @@ def joint_from_ball(scans: BallScans, arcs, sigma_mm: float, trials: int, rng: n
 def arc_nodes(scans: BallScans, circle) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """x and z, mm, of a few points that stand for all of an arc, and their noise as a multiple of a single point's."""
     x = scans.x_seen(circle)
-    node, weight = np.polynomial.legendre.leggauss(NODES)
     half = scans.x_resolution_mm * len(x) / 2  # each point stands for its step of x
-    at = (x[0] + x[-1]) / 2 + half * node
-    return at, circle[1] + np.sqrt(circle[2] ** 2 - (at - circle[0]) ** 2), np.sqrt(2 / (weight * len(x)))
+    at = (x[0] + x[-1]) / 2 + half * NODE
+    return at, circle[1] + np.sqrt(circle[2] ** 2 - (at - circle[0]) ** 2), np.sqrt(2 / (WEIGHT * len(x)))
 
 
 def errors_of(scans, seen: Observations, frame, sigma_mm: float):
@@ -64,7 +63,7 @@ def errors_of(scans, seen: Observations, frame, sigma_mm: float):
     trials = len(seen.points)
     origin, axes = (np.broadcast_to(value, (trials, *value.shape)) for value in frame)
     start = (np.broadcast_to(value, (trials, *value.shape)) for value in (scans.R_sensor, scans.T_sensor))
-    found, _, _ = estimate([seen], Noise(sigma_mm), State(*start, ((origin, axes),)), chunk=20)
+    found, _, _ = estimate([seen], Noise(sigma_mm), State(*start, ((origin, axes),)))
     return small_turns(found.rotation, scans.R_sensor), found.translation - scans.T_sensor
 
 
