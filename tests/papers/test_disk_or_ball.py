@@ -21,7 +21,7 @@ def test_a_few_points_tell_of_a_circle_what_all_points_of_its_arc_do(pose):
     x, z, sd = arc_nodes(scans, circle)
     np.testing.assert_allclose(z, cz + np.sqrt(r**2 - (x - cx) ** 2))
     ratio = np.linalg.solve(information(scans.x_seen(circle), 1.0), information(x, sd))
-    np.testing.assert_allclose(np.linalg.eigvals(ratio), 1, atol=1e-3)
+    np.testing.assert_allclose(np.linalg.eigvals(ratio), 1, atol=1e-6)
 
 
 def test_an_error_in_view_is_how_far_points_are_misplaced():

@@ -54,8 +54,9 @@ class BallScans:
         return float(WELL_INSIDE * self.ball.radius - beside.max())
 
     def where_seen(self) -> tuple["BallScans", np.ndarray]:
-        """The scans with those poses alone that see enough of the ball, and the indices of the others."""
-        sees = np.array([len(self.x_seen(circle)) >= LEAST_POINTS for circle in self.circles(1)[:, 0]])
+        """The scans with those poses alone that see enough of the ball all along, and the indices of the others."""
+        points = np.array([[len(self.x_seen(circle)) for circle in row] for row in self.circles(100)])
+        sees = points.min(axis=1) >= LEAST_POINTS
         kept = replace(self, R_tcp=self.R_tcp[sees], T_tcp=self.T_tcp[sees], translating=sees[: self.translating].sum())
         return kept, np.flatnonzero(~sees)
 

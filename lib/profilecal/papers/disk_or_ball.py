@@ -10,7 +10,7 @@ from profilecal.joint.state import State
 from profilecal.papers.ball_study import BallScans
 from profilecal.papers.disk_study import DiskScans
 
-NODE, WEIGHT = np.polynomial.legendre.leggauss(10)  # along an arc: what it says of a circle is then right to 1e-3
+NODE = np.polynomial.legendre.leggauss(5)[0]  # places along an arc, from -1 to 1
 
 
 def error_in_view(rotation_error, translation_error, R_sensor, points) -> np.ndarray:
@@ -35,7 +35,7 @@ def joint_from_disk(scans: DiskScans, m: int, sigma_mm: float, trials: int, rng:
 def joint_from_ball(scans: BallScans, arcs, sigma_mm: float, trials: int, rng: np.random.Generator):
     """As `joint_from_disk`, from the first arcs (n,) of each pose, their points noisy in z.
 
-    An arc's many points are represented by a few, each as precise as all those that it stands for are together.
+    An arc's many points are represented by five, see `arc_nodes`.
     """
     pose, k = np.array([(i, j) for i, count in enumerate(arcs) for j in range(count)]).T
     most = int(np.max(arcs))
@@ -51,11 +51,22 @@ def joint_from_ball(scans: BallScans, arcs, sigma_mm: float, trials: int, rng: n
 
 
 def arc_nodes(scans: BallScans, circle) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """x and z, mm, of a few points that stand for all of an arc, and their noise as a multiple of a single point's."""
-    x = scans.x_seen(circle)
-    half = scans.x_resolution_mm * len(x) / 2  # each point stands for its step of x
-    at = (x[0] + x[-1]) / 2 + half * NODE
-    return at, circle[1] + np.sqrt(circle[2] ** 2 - (at - circle[0]) ** 2), np.sqrt(2 / (WEIGHT * len(x)))
+    """x and z, mm, of five points that stand for all of an arc, and their noise as a multiple of a single point's.
+
+    What a point at the angle θ tells of its circle, in sums over (sin θ, cos θ, 1)ᵀ (sin θ, cos θ, 1), has five
+    different entries. The five points' weights reproduce the sums over the arc, so that nothing is lost.
+    """
+
+    def entries(sine):
+        cosine = np.sqrt(1 - sine**2)
+        return np.stack([np.ones_like(sine), sine, cosine, sine * cosine, cosine**2])
+
+    cx, cz, r = circle
+    sine = (scans.x_seen(circle) - cx) / r
+    first, last = np.arcsin(sine[[0, -1]])
+    at = np.sin((first + last) / 2 + (last - first) / 2 * NODE)
+    weight = np.linalg.solve(entries(at), (entries(sine) / (1 - sine**2)).sum(axis=1))  # noise in z, seen askew
+    return cx + r * at, cz + r * np.sqrt(1 - at**2), 1 / np.sqrt(weight * (1 - at**2))
 
 
 def errors_of(scans, seen: Observations, frame, sigma_mm: float):
