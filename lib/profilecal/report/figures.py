@@ -140,6 +140,44 @@ def beside_line(points, point, direction) -> tuple[np.ndarray, np.ndarray]:
     return along, offset @ (above / np.linalg.norm(above))
 
 
+def draw_vectors(axes, points, direction, colour: str = BLUE) -> None:
+    """Draw the vectors from the first of points (n, 3) to the others, on one scale, seen from beside a line along
+    `direction` through the first; the view is `beside_line`'s."""
+    along, above = beside_line(points, points[0], direction)
+    start = np.zeros(len(points) - 1)
+    axes.axhline(0, color="black", lw=1, zorder=0)
+    axes.quiver(start, start, along[1:], above[1:], angles="xy", scale_units="xy", scale=1, color=colour, width=0.006)
+    axes.plot(along, above, "o", ms=4, color=ORANGE)
+    axes.plot(0, 0, "o", ms=10, mfc="none", mew=2, color="black")
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.margins(0.08, 0.15)
+
+
+def draw_edge_group(axes, edge, rotation, origins, points) -> None:
+    """Draw in a 3D plot what a scanner of one orientation `rotation` (3, 3) sees of an edge from `origins` (n, 3): its
+    first, middle and last scan, and the edge's points (n, 3). The edge runs from left to right, the scanner is above.
+    """
+    depth = 1.2 * np.linalg.norm(points - origins, axis=1).max()
+    up = (rotation[:, 2] @ edge.direction) * edge.direction - rotation[:, 2]
+    up /= np.linalg.norm(up)
+    view = np.stack([edge.direction, np.cross(up, edge.direction), up], axis=-1)
+    turned, seen, places = view.T @ rotation, (points - edge.point) @ view, (origins - edge.point) @ view
+    corners = np.array([[0, 0, 0], [-0.3, 0, 1], [0.3, 0, 1]]) * depth @ turned.T
+    for k, colour in zip((0, len(points) // 2, -1), (BLUE, GREEN, PURPLE), strict=True):
+        draw_patch(axes, places[k] + corners, colour, alpha=0.15)
+    axes.plot(*places.T, "o-", color="0.4", ms=3, lw=1)
+    ends = np.outer(1.4 * np.abs(seen[:, 0]).max() * np.array([-1, 1]), [1, 0, 0])
+    axes.plot(*ends.T, color="black", lw=2)
+    axes.plot(*seen.T, "o", color=ORANGE, ms=4)
+    axes.text(*ends[1], " edge", va="center")
+    axes.text(*places[places[:, 0].argmax()], "  scanner's path", color="0.3", va="center")
+    everything = np.vstack([ends, *(places + corner for corner in corners)])
+    low, high = everything.min(axis=0), everything.max(axis=0)
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
+    axes.set_box_aspect(high - low, zoom=1.2)
+    axes.set_axis_off()
+
+
 def noise_curves(axes, m, sigma_mm, e) -> None:
     """Draw e (k, l) over m (l,), one curve for each sigma_mm (k,), named at its right end."""
     shades = plt.get_cmap("viridis")(np.linspace(0, 0.85, len(sigma_mm)))
