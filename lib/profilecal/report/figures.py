@@ -178,6 +178,26 @@ def draw_edge_group(axes, edge, rotation, origins, points) -> None:
     axes.set_axis_off()
 
 
+def draw_ball_scan(axes, clouds, radius: float) -> None:
+    """Draw in a 3D plot points (G, n, 3) of a ball around the origin, a colour for each G, and circles of latitude."""
+    for cloud, colour in zip(clouds, plt.get_cmap("viridis")(np.linspace(0, 0.95, len(clouds))), strict=True):
+        axes.plot(*cloud.T, ".", ms=1.5, color=colour)
+    for latitude in np.radians([-60, -30, 0, 30, 60]):
+        height = np.array([0, 0, radius * np.sin(latitude)])
+        axes.plot(*circle_around(height, [0, 0, 1], radius * np.cos(latitude)).T, color="0.7", lw=0.7)
+    equal_axes(axes, radius * np.array([[-1, -1, -1], [1, 1, 1]]))
+    axes.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")
+
+
+def error_bars(axes, columns: dict, colours) -> None:
+    """Draw medians and 95 % ranges side by side; `columns` maps each name to pandas groups with the same keys."""
+    for k, ((name, groups), colour) in enumerate(zip(columns.items(), colours, strict=True)):
+        low, middle, high = (groups.quantile(q) for q in (0.025, 0.5, 0.975))
+        x = np.arange(len(middle)) + 0.2 * (k - (len(columns) - 1) / 2)
+        axes.errorbar(x, middle, [middle - low, high - middle], fmt="o", ms=4, lw=2, color=colour, label=name)
+    axes.set(xticks=range(len(middle)), xticklabels=middle.index)
+
+
 def noise_curves(axes, m, sigma_mm, e) -> None:
     """Draw e (k, l) over m (l,), one curve for each sigma_mm (k,), named at its right end."""
     shades = plt.get_cmap("viridis")(np.linspace(0, 0.85, len(sigma_mm)))
