@@ -104,6 +104,15 @@ def draw_frame(axes, rotation, origin, length: float, name: str = "") -> None:
         axes.text(*(origin - 0.25 * length * np.asarray(rotation)[:, 2]), name, ha="center", va="center")
 
 
+def draw_arrow(axes, start, end, colour: str, text: str, aside, lw: float = 2, ls: str = "-") -> None:
+    """Draw an arrow in a 3D plot, with a text beside its middle."""
+    start, way = np.asarray(start, dtype=float), np.subtract(end, start)
+    tip = 18 / np.linalg.norm(way)
+    axes.quiver(*start, *way, color=colour, lw=lw, ls=ls, arrow_length_ratio=tip)
+    box = {"facecolor": "white", "alpha": 0.8, "lw": 0, "pad": 1}
+    axes.text(*(start + 0.5 * way + aside), text, color=colour, ha="center", va="center", bbox=box)
+
+
 def draw_patch(axes, corners, colour: str, alpha: float = 0.25, label: str = "") -> None:
     """Draw a filled polygon with corners (n, 3) in a 3D plot."""
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
