@@ -1,6 +1,7 @@
 """Figures and what notebooks hand out. Nothing else in the library imports matplotlib."""
 
 from dataclasses import dataclass
+from itertools import combinations, product
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -223,3 +224,23 @@ def plot_columns(frame: pd.DataFrame, x: str, y: str, hue: str, folder: Path) ->
     figure.savefig(place.with_suffix(".svg"))
     plt.close(figure)
     return place
+
+
+def plain_ticks(axis, ticks) -> None:
+    """Ticks of an x or y axis on a logarithmic scale: these, as plain numbers, and no others."""
+    axis.set_ticks(ticks, [f"{tick:g}" for tick in ticks])
+    axis.set_minor_locator(plt.NullLocator())
+
+
+def draw_box(axes, points) -> None:
+    """Draw points (n, 3), mm, in a 3D plot, with their mean and the box of the base's directions around them."""
+    axes.scatter(*points.T, color=BLUE, s=14, depthshade=False)
+    axes.scatter(*points.mean(axis=0), color=RED, s=40, depthshade=False, label="mean")
+    corners = np.array(list(product(*np.stack([points.min(axis=0), points.max(axis=0)], axis=1))))
+    for first, second in combinations(corners, 2):
+        if np.sum(first != second) == 1:
+            axes.plot(*np.stack([first, second]).T, color="0.6", lw=0.8)
+    equal_axes(axes, points)
+    axes.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")
+    axes.locator_params(nbins=4)
+    axes.legend(loc="upper left")
