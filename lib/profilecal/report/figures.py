@@ -7,6 +7,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
+from matplotlib.ticker import LogLocator
 
 from profilecal.geometry.poses import circle_around
 from profilecal.papers.scorecard import Scorecard
@@ -226,10 +227,24 @@ def plot_columns(frame: pd.DataFrame, x: str, y: str, hue: str, folder: Path) ->
     return place
 
 
-def plain_ticks(axis, ticks) -> None:
-    """Ticks of an x or y axis on a logarithmic scale: these, as plain numbers, and no others."""
-    axis.set_ticks(ticks, [f"{tick:g}" for tick in ticks])
-    axis.set_minor_locator(plt.NullLocator())
+def plot_with_interval(axes, frame: pd.DataFrame, x: str, y: str, **style) -> None:
+    """Draw column y of a table over column x, with bars from column y_low to column y_high."""
+    bars = [frame[y] - frame[f"{y}_low"], frame[f"{y}_high"] - frame[y]]
+    axes.errorbar(frame[x], frame[y], bars, **{"marker": "o", "ms": 4, "capsize": 2} | style)
+
+
+def plot_rows(axes, frame: pd.DataFrame, x: str, shift: float, **style) -> None:
+    """Draw column x of a table, a row of the figure for each of its rows, `shift` below it, with bars as above."""
+    bars = [frame[x] - frame[f"{x}_low"], frame[f"{x}_high"] - frame[x]]
+    axes.errorbar(frame[x], np.arange(len(frame)) + shift, xerr=bars, **{"fmt": "o", "ms": 5, "capsize": 2} | style)
+
+
+def plain_log(*scales) -> None:
+    """Label logarithmic x or y axes of plots with plain numbers, at 1, 2, 5, 10, …"""
+    for axis in scales:
+        axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        axis.set_major_formatter("{x:g}")
+        axis.set_minor_locator(plt.NullLocator())
 
 
 def draw_box(axes, points) -> None:
