@@ -250,7 +250,7 @@ def plain_log(*scales) -> None:
 def draw_box(axes, points) -> None:
     """Draw points (n, 3), mm, in a 3D plot, with their mean and the box of the base's directions around them."""
     axes.scatter(*points.T, color=BLUE, s=14, depthshade=False)
-    axes.scatter(*points.mean(axis=0), color=RED, s=40, depthshade=False, label="mean")
+    axes.scatter(*points.mean(axis=0), color="black", s=40, depthshade=False, label="mean")
     corners = np.array(list(product(*np.stack([points.min(axis=0), points.max(axis=0)], axis=1))))
     for first, second in combinations(corners, 2):
         if np.sum(first != second) == 1:
