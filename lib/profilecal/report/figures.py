@@ -1,11 +1,13 @@
 """Figures and what notebooks hand out. Nothing else in the library imports matplotlib."""
 
 from dataclasses import dataclass
+from itertools import combinations, product
 from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
+from matplotlib.ticker import LogLocator
 
 from profilecal.geometry.poses import circle_around
 from profilecal.papers.scorecard import Scorecard
@@ -290,3 +292,37 @@ def plot_columns(frame: pd.DataFrame, x: str, y: str, hue: str, folder: Path) ->
     figure.savefig(place.with_suffix(".svg"))
     plt.close(figure)
     return place
+
+
+def plot_with_interval(axes, frame: pd.DataFrame, x: str, y: str, **style) -> None:
+    """Draw column y of a table over column x, with bars from column y_low to column y_high."""
+    bars = [frame[y] - frame[f"{y}_low"], frame[f"{y}_high"] - frame[y]]
+    axes.errorbar(frame[x], frame[y], bars, **{"marker": "o", "ms": 4, "capsize": 2} | style)
+
+
+def plot_rows(axes, frame: pd.DataFrame, x: str, shift: float, **style) -> None:
+    """Draw column x of a table, a row of the figure for each of its rows, `shift` below it, with bars as above."""
+    bars = [frame[x] - frame[f"{x}_low"], frame[f"{x}_high"] - frame[x]]
+    axes.errorbar(frame[x], np.arange(len(frame)) + shift, xerr=bars, **{"fmt": "o", "ms": 5, "capsize": 2} | style)
+
+
+def plain_log(*scales) -> None:
+    """Label logarithmic x or y axes of plots with plain numbers, at 1, 2, 5, 10, …"""
+    for axis in scales:
+        axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        axis.set_major_formatter("{x:g}")
+        axis.set_minor_locator(plt.NullLocator())
+
+
+def draw_box(axes, points) -> None:
+    """Draw points (n, 3), mm, in a 3D plot, with their mean and the box of the base's directions around them."""
+    axes.scatter(*points.T, color=BLUE, s=14, depthshade=False)
+    axes.scatter(*points.mean(axis=0), color="black", s=40, depthshade=False, label="mean")
+    corners = np.array(list(product(*np.stack([points.min(axis=0), points.max(axis=0)], axis=1))))
+    for first, second in combinations(corners, 2):
+        if np.sum(first != second) == 1:
+            axes.plot(*np.stack([first, second]).T, color="0.6", lw=0.8)
+    equal_axes(axes, points)
+    axes.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")
+    axes.locator_params(nbins=4)
+    axes.legend(loc="upper left")
