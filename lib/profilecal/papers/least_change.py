@@ -30,7 +30,7 @@ def least_change(compute, low, high, size: int) -> tuple[np.ndarray, float]:
         if promised < SETTLED or trust < SETTLED:
             break
         if kept > 0.75 * promised:
-            trust = 2 * np.abs(tried - x).max()
+            trust = max(trust, 2 * np.abs(tried - x).max())
         elif kept < 0.25 * promised:
             trust = trust / 4
         if kept > 0:
