@@ -230,7 +230,7 @@ def noisy_middles(figure, drawn: Drawn, noisy, fitted) -> None:
         right.plot(on_fit - true[:, side, 0], height, "-", color=colour, lw=2, label=f"{name}, fitted ellipse")
     right.axvline(0, color="0.5", ls="--")
     left.set(xlabel="off the line, along x̄ [mm]", ylabel="z̄ [mm]", title="noise moves the middles off their line")
-    right.set(xlabel="off the true ellipse, along x̄ [mm]", title="one ellipse through all tips averages it out")
+    right.set(xlabel="off the true ellipse, along x̄ [mm]", title="one ellipse through all tips averages most of it out")
     left.invert_yaxis()
     for axes in (left, right):
         axes.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2)
@@ -273,6 +273,7 @@ def points_projected(left, right, drawn: Drawn) -> None:
     for name, at, offset in zip(NAMES, drawn.at, beside(drawn.at), strict=True):
         left.plot(0, drawn.radius * at, "o", color="black")
         note(left, f"q{name}", (0, drawn.radius * at), offset)
+    left.margins(0.12)
     left.set(xlabel="along the chords [mm]", ylabel="across them [mm]", aspect="equal", anchor="N", title="in the disk")
     left.invert_yaxis()
     side_view(right, drawn, "carried along M onto the first plane")
@@ -301,7 +302,13 @@ def flange_positions(axes, drawn: Drawn) -> None:
         axes.plot(*top, "s", color=figures.RED, ms=6)
         axes.plot(*q, "o", color="black", ms=5)
         axes.plot(*on_r, "o", color=figures.GREEN, ms=5)
-        note(axes, f"T{name}\nη = {abs(eta) * np.sign(round(eta, 2)):.2f}", top, (0, 22), figures.RED)
+        note(
+            axes,
+            f"T{name}\nη = {abs(eta) * np.sign(round(eta, 2)):.2f}",
+            top,
+            (0, -22 if name in "45" else 22),
+            figures.RED,
+        )
         if name != "2":
             note(axes, f"q{name}", q, (14, 9))
             note(axes, f"r{name}", on_r, (14, -9), figures.GREEN)
