@@ -74,6 +74,7 @@ def note(axes, text: str, at, offset, colour: str = "black") -> None:
 
 
 def arrow(axes, start, end, colour: str = "black", width: float = 0.8) -> None:
+    """An arrow between two points of a plot."""
     axes.annotate("", end, start, arrowprops={"arrowstyle": "->", "color": colour, "lw": width, "shrinkA": 0})
 
 
