@@ -1,15 +1,14 @@
 """The numbers that the two papers print, read from data/published, with the digits they were printed in."""
 
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from scipy.optimize import linprog
 
-ROUNDS = 30  # steps of the search in a rounding box; four or five are usual
-LEAST_GAIN = 1e-3  # of the largest mismatch: what is worth another step
+from profilecal.papers.least_change import least_change
+
 FILES = {"disk": "disk_chen_2018.csv", "edge": "edge_xu_2021.csv"}
 
 
@@ -69,18 +68,25 @@ class RoundingBox:
     item: str
     quantities: tuple[str, ...]
 
+    @cached_property
+    def _printed(self) -> dict:
+        """Of each quantity: the printed numbers, and half of their last digit."""
+        return {
+            name: (values(self.paper, self.item, name), half_unit(self.paper, self.item, name))
+            for name in self.quantities
+        }
+
     @property
     def size(self) -> int:
         """How many numbers the table has."""
-        return sum(values(self.paper, self.item, name).size for name in self.quantities)
+        return sum(printed.size for printed, _ in self._printed.values())
 
     def at(self, place) -> dict[str, np.ndarray]:
         """The tables at places (..., size) of the box, -1 to 1 along each axis; 0 is the table as printed."""
         place, tables, start = np.asarray(place, dtype=float), {}, 0
-        for name in self.quantities:
-            printed = values(self.paper, self.item, name)
+        for name, (printed, half) in self._printed.items():
             offset = place[..., start : start + printed.size].reshape(*place.shape[:-1], *printed.shape)
-            tables[name] = printed + half_unit(self.paper, self.item, name) * offset
+            tables[name] = printed + half * offset
             start += printed.size
         return tables
 
@@ -88,39 +94,22 @@ class RoundingBox:
         """`count` tables drawn uniformly from the box, each quantity (count, rows, components)."""
         return self.at(rng.uniform(-1, 1, (count, self.size)))
 
-    def reach(self, compute, target, unit) -> tuple[np.ndarray, float]:
-        """Look inside the box for a table from which `compute` gives `target`.
+    def reach(self, compute, target, unit, largest_of: int = 1) -> tuple[np.ndarray, float]:
+        """Look for the least change of the printed numbers with which `compute` gives `target`.
 
-        `compute(tables)` maps tables with any leading axes to (..., k); target and unit are (k,). Returns the place
-        (size,) at which the largest of |compute - target| / unit is smallest, and that value; the search ends once it
-        is 1 or less. Each step solves the linearised problem over the whole box, a linear program: where `compute` is
-        nearly linear there, as the calibrations are, nothing better is missed. Still, a search is no proof of absence.
+        `compute(tables)` maps tables with any leading axes to (..., k), and each value is to come within its `unit`
+        (k,) of its target (k,). With `largest_of`, so many values at the end have one target and unit, the last: it is
+        the largest of them that has to meet it.
+
+        Returns the place (size,) found and the largest change there, in half units of the last printed digit: up to 1
+        the table prints alike; infinity if nothing was found at all. The search follows derivatives from the table as
+        printed: a large value is no proof of absence.
         """
-
-        def mismatch(place):
-            return (compute(self.at(place)) - target) / unit
-
-        place, widest = np.zeros(self.size), 1.0
-        found, steps = mismatch(place), 1e-4 * np.eye(self.size)
-        for _ in range(ROUNDS):
-            worst = np.abs(found).max()
-            if worst <= 1:
-                break
-            J = ((mismatch(place + steps) - mismatch(place - steps)) / 2e-4).T
-            level = -np.ones((len(J), 1))  # the last unknown: what no mismatch may exceed
-            bounds = np.column_stack([np.maximum(-1 - place, -widest), np.minimum(1 - place, widest)])
-            program = linprog(
-                np.append(np.zeros(self.size), 1.0),
-                np.block([[J, level], [-J, level]]),
-                np.concatenate([-found, found]),
-                bounds=[*bounds, (0, None)],
-            )
-            if worst - program.fun < LEAST_GAIN * worst:
-                break
-            there = np.clip(place + program.x[:-1], -1, 1)
-            moved = mismatch(there)
-            if worst - np.abs(moved).max() > 0.1 * (worst - program.fun):
-                place, found = there, moved
-            else:
-                widest /= 3
-        return place, np.abs(found).max()
+        target, unit = np.asarray(target, dtype=float), np.asarray(unit, dtype=float)
+        high = np.append((target + unit)[:-1], np.full(largest_of, target[-1] + unit[-1]))
+        found = []
+        for largest in range(largest_of):
+            low = np.append((target - unit)[:-1], np.zeros(largest_of))
+            low[largest - largest_of] = target[-1] - unit[-1]
+            found.append(least_change(lambda place: compute(self.at(place)), low, high, self.size))
+        return min(found, key=lambda one: one[1])
