@@ -9,9 +9,37 @@ from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import angle_between
 from profilecal.papers.edge_plan import EdgePlan
 from profilecal.papers.edge_scenes import EdgeScene, edge_scenes
+from profilecal.papers.published import half_unit, values
+from profilecal.papers.scorecard import row
 
 DIRECTIONS = ("group", "sum", "vector")  # the readings of a part of the edge, see `edge_directions`
-CHUNK = 100  # scenes solved at a time: 60 MB
+READINGS = {f"{of}, {sign}": (of, sign == "signed") for of in DIRECTIONS for sign in ("signed", "unsigned")}
+CRITERIA = {  # where the paper prints them: a row for each of ROTATIONS, a column for each of its specimens
+    "mean Δα": ("Table 1", "mean of delta alpha"),
+    "std Δα": ("Table 1", "std of delta alpha"),
+    "mean Δd": ("Table 2", "mean of delta d"),
+    "std Δd": ("Table 2", "std of delta d"),
+}
+ROTATIONS, ENOUGH = (10, 15, 20, 25), 15  # used for a calibration; from 15 on the paper sums its tables up in ranges
+CHUNK = 25  # scenes solved at a time, which stay near the cache
+
+
+def printed(criterion: str) -> np.ndarray:
+    """What Table 1 or 2 has of a criterion, (4, 3): ROTATIONS by specimens, signs aside; degrees or mm."""
+    return np.abs(values("edge", *CRITERIA[criterion]))
+
+
+def printed_range(criterion: str) -> tuple[float, float]:
+    """The least and the greatest value behind what is printed from ENOUGH rotations on, signs aside."""
+    entries, rounding = printed(criterion)[ROTATIONS.index(ENOUGH) :], half_unit("edge", *CRITERIA[criterion])
+    return entries.min() - rounding, entries.max() + rounding
+
+
+def range_row(quantity: str, limits, ours: float, unit: str, *, free="", note="") -> dict:
+    """A row of the scorecard where the paper prints a range: its middle, with half its width for tolerance."""
+    low, high = limits
+    words = f"{quantity} (middle of {low:.2f} to {high:.2f}, not printed as such)"
+    return row("edge", "Section 4.1", words, (low + high) / 2, ours, unit, (high - low) / 2, free=free, note=note)
 
 
 def edge_directions(p_b, of: str) -> np.ndarray:
@@ -52,7 +80,7 @@ def line_distances(solution: EdgeSolution) -> np.ndarray:
     return np.linalg.norm(np.cross(offset, solution.u_b[..., None, :]), axis=-1)
 
 
-def study(plan: EdgePlan, noise: Noise, seeds: int, rng, counts=(10, 15, 20, 25), of="group", signed=False):
+def study(plan: EdgePlan, noise: Noise, seeds: int, rng, counts=ROTATIONS, of="group", signed=False):
     """`evaluate` over random scenes: a DataFrame with one row for each scene and number of rotation groups used."""
     frames = []
     for start in tqdm(range(0, seeds, CHUNK), unit=f"{CHUNK} scenes", disable=None):
