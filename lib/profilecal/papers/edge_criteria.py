@@ -20,7 +20,7 @@ CRITERIA = {  # where the paper prints them: a row for each of ROTATIONS, a colu
     "mean Δd": ("Table 2", "mean of delta d"),
     "std Δd": ("Table 2", "std of delta d"),
 }
-ROTATIONS, ENOUGH = (10, 15, 20, 25), 15  # used for a calibration; from 15 on the paper sums its tables up in ranges
+ROTATIONS = (10, 15, 20, 25)  # used for a calibration; the paper sums up its tables from 15 on
 CHUNK = 25  # scenes solved at a time, which stay near the cache
 
 
@@ -29,10 +29,17 @@ def printed(criterion: str) -> np.ndarray:
     return np.abs(values("edge", *CRITERIA[criterion]))
 
 
-def printed_range(criterion: str) -> tuple[float, float]:
-    """The least and the greatest value behind what is printed from ENOUGH rotations on, signs aside."""
-    entries, rounding = printed(criterion)[ROTATIONS.index(ENOUGH) :], half_unit("edge", *CRITERIA[criterion])
+def printed_range(criterion: str, counts=ROTATIONS[1:]) -> tuple[float, float]:
+    """The least and the greatest value that print like the table's at `counts` rotations, signs aside."""
+    entries = printed(criterion)[[ROTATIONS.index(count) for count in counts]]
+    rounding = half_unit("edge", *CRITERIA[criterion])
     return entries.min() - rounding, entries.max() + rounding
+
+
+def printed_ratio(part: str, whole: str) -> tuple[float, float]:
+    """The least and the greatest ratio of two criteria that print like the tables' from 15 rotations on."""
+    (a, r), (b, s) = ((printed(c)[1:], half_unit("edge", *CRITERIA[c])) for c in (part, whole))
+    return ((a - r) / (b + s)).min(), ((a + r) / (b - s)).max()
 
 
 def range_row(quantity: str, limits, ours: float, unit: str, *, free="", note="") -> dict:

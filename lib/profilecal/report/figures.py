@@ -160,7 +160,8 @@ def plot_clouds(axes, clouds: dict, view) -> None:
     shades = plt.get_cmap("viridis")(np.linspace(0.85, 0, len(clouds)))
     for (label, cloud), shade in zip(clouds.items(), shades, strict=True):
         axes.plot(*(cloud @ view.T).T, ".", ms=3, color=shade, label=label)
-    axes.plot(0, 0, "k+", ms=14, mew=2, label="truth")
+    axes.plot(0, 0, "k+", ms=14, mew=2)
+    axes.annotate("truth", (0, 0), (8, 8), textcoords="offset points")
     axes.set(aspect="equal")
 
 
