@@ -42,11 +42,11 @@ def printed_ratio(part: str, whole: str) -> tuple[float, float]:
     return ((a - r) / (b + s)).min(), ((a + r) / (b - s)).max()
 
 
-def range_row(quantity: str, limits, ours: float, unit: str, *, free="", note="") -> dict:
+def range_row(item: str, quantity: str, limits, ours: float, unit: str, *, free="", note="") -> dict:
     """A row of the scorecard where the paper prints a range: its middle, with half its width for tolerance."""
     low, high = limits
     words = f"{quantity} (middle of {low:.2f} to {high:.2f}, not printed as such)"
-    return row("edge", "Section 4.1", words, (low + high) / 2, ours, unit, (high - low) / 2, free=free, note=note)
+    return row("edge", item, words, (low + high) / 2, ours, unit, (high - low) / 2, free=free, note=note)
 
 
 def edge_directions(p_b, of: str) -> np.ndarray:
