@@ -1,11 +1,13 @@
 """Figures and what notebooks hand out. Nothing else in the library imports matplotlib."""
 
 from dataclasses import dataclass
+from itertools import combinations, product
 from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
+from matplotlib.ticker import LogLocator
 
 from profilecal.geometry.poses import circle_around
 from profilecal.papers.scorecard import Scorecard
@@ -104,6 +106,15 @@ def draw_frame(axes, rotation, origin, length: float, name: str = "") -> None:
         axes.text(*(origin - 0.25 * length * np.asarray(rotation)[:, 2]), name, ha="center", va="center")
 
 
+def draw_arrow(axes, start, end, colour: str, text: str, aside, lw: float = 2, ls: str = "-") -> None:
+    """Draw an arrow in a 3D plot, with a text beside its middle."""
+    start, way = np.asarray(start, dtype=float), np.subtract(end, start)
+    tip = 18 / np.linalg.norm(way)
+    axes.quiver(*start, *way, color=colour, lw=lw, ls=ls, arrow_length_ratio=tip)
+    box = {"facecolor": "white", "alpha": 0.8, "lw": 0, "pad": 1}
+    axes.text(*(start + 0.5 * way + aside), text, color=colour, ha="center", va="center", bbox=box)
+
+
 def draw_patch(axes, corners, colour: str, alpha: float = 0.25, label: str = "") -> None:
     """Draw a filled polygon with corners (n, 3) in a 3D plot."""
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
@@ -138,6 +149,64 @@ def beside_line(points, point, direction) -> tuple[np.ndarray, np.ndarray]:
     above = np.linalg.svd(off_line - off_line.mean(axis=0), full_matrices=False)[2][0]
     above = above - (above @ direction) * direction
     return along, offset @ (above / np.linalg.norm(above))
+
+
+def draw_vectors(axes, points, direction, colour: str = BLUE) -> None:
+    """Draw the vectors from the first of points (n, 3) to the others, on one scale, seen from beside a line along
+    `direction` through the first; the view is `beside_line`'s."""
+    along, above = beside_line(points, points[0], direction)
+    start = np.zeros(len(points) - 1)
+    axes.axhline(0, color="black", lw=1, zorder=0)
+    axes.quiver(start, start, along[1:], above[1:], angles="xy", scale_units="xy", scale=1, color=colour, width=0.006)
+    axes.plot(along, above, "o", ms=4, color=ORANGE)
+    axes.plot(0, 0, "o", ms=10, mfc="none", mew=2, color="black")
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.margins(0.08, 0.15)
+
+
+def draw_edge_group(axes, edge, rotation, origins, points) -> None:
+    """Draw in a 3D plot what a scanner of one orientation `rotation` (3, 3) sees of an edge from `origins` (n, 3): its
+    first, middle and last scan, and the edge's points (n, 3). The edge runs from left to right, the scanner is above.
+    """
+    depth = 1.2 * np.linalg.norm(points - origins, axis=1).max()
+    up = (rotation[:, 2] @ edge.direction) * edge.direction - rotation[:, 2]
+    up /= np.linalg.norm(up)
+    view = np.stack([edge.direction, np.cross(up, edge.direction), up], axis=-1)
+    turned, seen, places = view.T @ rotation, (points - edge.point) @ view, (origins - edge.point) @ view
+    corners = np.array([[0, 0, 0], [-0.3, 0, 1], [0.3, 0, 1]]) * depth @ turned.T
+    for k, colour in zip((0, len(points) // 2, -1), (BLUE, GREEN, PURPLE), strict=True):
+        draw_patch(axes, places[k] + corners, colour, alpha=0.15)
+    axes.plot(*places.T, "o-", color="0.4", ms=3, lw=1)
+    ends = np.outer(1.4 * np.abs(seen[:, 0]).max() * np.array([-1, 1]), [1, 0, 0])
+    axes.plot(*ends.T, color="black", lw=2)
+    axes.plot(*seen.T, "o", color=ORANGE, ms=4)
+    axes.text(*ends[1], " edge", va="center")
+    axes.text(*places[places[:, 0].argmax()], "  scanner's path", color="0.3", va="center")
+    everything = np.vstack([ends, *(places + corner for corner in corners)])
+    low, high = everything.min(axis=0), everything.max(axis=0)
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
+    axes.set_box_aspect(high - low, zoom=1.2)
+    axes.set_axis_off()
+
+
+def draw_ball_scan(axes, clouds, radius: float) -> None:
+    """Draw in a 3D plot points (G, n, 3) of a ball around the origin, a colour for each G, and circles of latitude."""
+    for cloud, colour in zip(clouds, plt.get_cmap("viridis")(np.linspace(0, 0.95, len(clouds))), strict=True):
+        axes.plot(*cloud.T, ".", ms=1.5, color=colour)
+    for latitude in np.radians([-60, -30, 0, 30, 60]):
+        height = np.array([0, 0, radius * np.sin(latitude)])
+        axes.plot(*circle_around(height, [0, 0, 1], radius * np.cos(latitude)).T, color="0.7", lw=0.7)
+    equal_axes(axes, radius * np.array([[-1, -1, -1], [1, 1, 1]]))
+    axes.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")
+
+
+def error_bars(axes, columns: dict, colours) -> None:
+    """Draw medians and 95 % ranges side by side; `columns` maps each name to pandas groups with the same keys."""
+    for k, ((name, groups), colour) in enumerate(zip(columns.items(), colours, strict=True)):
+        low, middle, high = (groups.quantile(q) for q in (0.025, 0.5, 0.975))
+        x = np.arange(len(middle)) + 0.2 * (k - (len(columns) - 1) / 2)
+        axes.errorbar(x, middle, [middle - low, high - middle], fmt="o", ms=4, lw=2, color=colour, label=name)
+    axes.set(xticks=range(len(middle)), xticklabels=middle.index)
 
 
 def noise_curves(axes, m, sigma_mm, e) -> None:
@@ -223,3 +292,37 @@ def plot_columns(frame: pd.DataFrame, x: str, y: str, hue: str, folder: Path) ->
     figure.savefig(place.with_suffix(".svg"))
     plt.close(figure)
     return place
+
+
+def plot_with_interval(axes, frame: pd.DataFrame, x: str, y: str, **style) -> None:
+    """Draw column y of a table over column x, with bars from column y_low to column y_high."""
+    bars = [frame[y] - frame[f"{y}_low"], frame[f"{y}_high"] - frame[y]]
+    axes.errorbar(frame[x], frame[y], bars, **{"marker": "o", "ms": 4, "capsize": 2} | style)
+
+
+def plot_rows(axes, frame: pd.DataFrame, x: str, shift: float, **style) -> None:
+    """Draw column x of a table, a row of the figure for each of its rows, `shift` below it, with bars as above."""
+    bars = [frame[x] - frame[f"{x}_low"], frame[f"{x}_high"] - frame[x]]
+    axes.errorbar(frame[x], np.arange(len(frame)) + shift, xerr=bars, **{"fmt": "o", "ms": 5, "capsize": 2} | style)
+
+
+def plain_log(*scales) -> None:
+    """Label logarithmic x or y axes of plots with plain numbers, at 1, 2, 5, 10, …"""
+    for axis in scales:
+        axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        axis.set_major_formatter("{x:g}")
+        axis.set_minor_locator(plt.NullLocator())
+
+
+def draw_box(axes, points) -> None:
+    """Draw points (n, 3), mm, in a 3D plot, with their mean and the box of the base's directions around them."""
+    axes.scatter(*points.T, color=BLUE, s=14, depthshade=False)
+    axes.scatter(*points.mean(axis=0), color="black", s=40, depthshade=False, label="mean")
+    corners = np.array(list(product(*np.stack([points.min(axis=0), points.max(axis=0)], axis=1))))
+    for first, second in combinations(corners, 2):
+        if np.sum(first != second) == 1:
+            axes.plot(*np.stack([first, second]).T, color="0.6", lw=0.8)
+    equal_axes(axes, points)
+    axes.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")
+    axes.locator_params(nbins=4)
+    axes.legend(loc="upper left")
