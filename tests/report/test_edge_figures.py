@@ -69,3 +69,32 @@ def test_an_arrow_names_itself(space):
     (text,) = space.texts
     assert text.get_text() == "sought"
     assert np.allclose(text.get_position_3d(), (10, 0, 50))
+
+
+RUNS = pd.DataFrame({"name": ["b", "b", "b", "a", "a", "a"], "n": [1, 1, 2, 1, 1, 2], "error": [1.0, 3, 5, 2, 4, 8]})
+
+
+def test_rows_have_their_median_in_the_order_they_come_and_the_published_band():
+    figure, axes = plt.subplots(1, 1, squeeze=False)
+    figures.plot_by_row(axes[0], RUNS, "name", {"error": "error [°]"}, {"error": (2.5, 3.5)})
+    (axes,) = axes[0]
+    assert [tick.get_text() for tick in axes.get_yticklabels()] == ["b", "a"]
+    assert np.allclose(axes.lines[0].get_xdata(), [3, 4])  # the medians
+    (band,) = axes.patches
+    assert np.allclose(band.get_extents().transformed(axes.transData.inverted()).intervalx, (2.5, 3.5))
+    plt.close(figure)
+
+
+def test_medians_have_a_line_for_each_value(axes):
+    figures.plot_medians(
+        axes, RUNS.assign(spread=RUNS["name"].map({"b": 20.0, "a": 35.0})), "n", "error", "spread", "{:g}°"
+    )
+    assert {line.get_label(): list(line.get_ydata()) for line in axes.lines} == {"20°": [2, 5], "35°": [3, 8]}
+
+
+def test_clouds_are_seen_in_their_plane(axes):
+    cloud = np.array([[1.0, 2, 3], [4, 5, 6]])
+    figures.plot_clouds(axes, {"10": cloud, "40": cloud}, np.eye(3)[[2, 0]])
+    assert [line.get_label() for line in axes.lines[:2]] == ["10", "40"]
+    assert np.allclose(axes.lines[0].get_xydata(), [[3, 1], [6, 4]])
+    assert np.allclose(axes.lines[2].get_xydata(), 0)  # the truth

@@ -175,6 +175,44 @@ def draw_scan(axes, rotation, origin, depth: float, colour: str, label: str = ""
     draw_patch(axes, np.array([origin, *ends]), colour, alpha=0.15, label=label)
 
 
+def plot_by_row(panels, runs: pd.DataFrame, by: str, labels: dict[str, str], published: dict) -> None:
+    """Draw columns of `labels`, {column: axis label}, a panel each: the median and the middle half of the runs, a row
+    for each value of the column `by`. `published` {column: (least, greatest)} is drawn as a band."""
+    for axes, (column, label) in zip(panels, labels.items(), strict=True):
+        parts = runs.groupby(by, sort=False)[column].quantile([0.25, 0.5, 0.75]).unstack()
+        low, middle, high = parts.to_numpy().T
+        if column in published:
+            axes.axvspan(*published[column], color=OF_METHOD["published"], alpha=0.2, lw=0, label="published")
+        style = {
+            "fmt": "o",
+            "ms": 5,
+            "color": OF_METHOD["closed form"],
+            "label": "median and middle half of the scenes",
+        }
+        axes.errorbar(middle, range(len(parts)), xerr=[middle - low, high - middle], **style)
+        axes.set(xlabel=label, yticks=range(len(parts)), yticklabels=parts.index)
+    panels[0].invert_yaxis()
+
+
+def plot_medians(axes, runs: pd.DataFrame, x: str, y: str, hue: str, label: str) -> None:
+    """Draw the median of column y over column x, a line for each value of column `hue`, which `label` formats."""
+    medians = runs.groupby([hue, x])[y].median().unstack(0)
+    shades = plt.get_cmap("viridis")(np.linspace(0, 0.85, len(medians.columns)))
+    for value, shade in zip(medians, shades, strict=True):
+        axes.plot(medians.index, medians[value], ".-", color=shade, label=label.format(value))
+    axes.set(xlabel=x, xscale="log")
+
+
+def plot_clouds(axes, clouds: dict, view) -> None:
+    """Draw clouds {label: errors (n, 3)} around the truth, as seen in the plane of the rows `view` (2, 3)."""
+    shades = plt.get_cmap("viridis")(np.linspace(0.85, 0, len(clouds)))
+    for (label, cloud), shade in zip(clouds.items(), shades, strict=True):
+        axes.plot(*(cloud @ view.T).T, ".", ms=3, color=shade, label=label)
+    axes.plot(0, 0, "k+", ms=14, mew=2)
+    axes.annotate("truth", (0, 0), (8, 8), textcoords="offset points")
+    axes.set(aspect="equal")
+
+
 def beside_line(points, point, direction) -> tuple[np.ndarray, np.ndarray]:
     """Points (..., 3) seen from beside a line through `point` along `direction`: how far along it, how far above.
 
