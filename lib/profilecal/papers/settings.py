@@ -1,5 +1,7 @@
 """The papers' simulations, set up from their printed numbers and from what they leave open."""
 
+from functools import cache
+
 import numpy as np
 
 from profilecal.geometry.poses import carry, nearest_rotation, rotation_from_xyz_angles
@@ -30,13 +32,18 @@ def fig15_scans(extent) -> DiskScans:
 
     Eq. 48's first and last positions are not printed; `extent` takes their place, as signed fractions of the radius.
     """
+    return disk_scans(*_fig15(), extent)
+
+
+@cache
+def _fig15() -> tuple:
+    """What `disk_scans` takes of Section V-B, but for the extent."""
     normal = values("disk", "Section V-B", "disk normal of the simulation")
     disk = Disk(values("disk", "Eq. 50", "q_b"), normal, float(values("disk", "Fig. 14", "disk radius")))
     motion = values("disk", "Table I", "D_b")
     motion = motion / np.linalg.norm(motion, axis=1, keepdims=True)
     R_tcp = rotation_from_xyz_angles(values("disk", "Table I", "R_tcp"))
-    seen = values("disk", "Table I", "q")
-    return disk_scans(disk, *sensor_pose("Eq. 49", "Lambda"), R_tcp, seen, motion, extent)
+    return disk, *sensor_pose("Eq. 49", "Lambda"), R_tcp, values("disk", "Table I", "q"), motion
 
 
 def fig17_scans(**free) -> BallScans:

@@ -131,11 +131,16 @@ def equal_axes(axes, points) -> None:
     axes.set(zlim=(middle[2] - half, middle[2] + half), box_aspect=(1, 1, 1))
 
 
-def draw_scan(axes, rotation, origin, depth: float, colour: str, label: str = "") -> None:
-    """Draw a scanner's fan of light in a 3D plot: from its origin to `depth`, as wide as it is deep."""
+def draw_scan(axes, rotation, origin, depth: float, colour: str, label: str = "") -> np.ndarray:
+    """Draw a scanner's fan of light in a 3D plot, from its origin to `depth`, as wide as it is deep.
+
+    Returns its corners (3, 3).
+    """
     rotation = np.asarray(rotation)
     ends = [origin + depth * (rotation[:, 2] + side * rotation[:, 0] / 2) for side in (-1, 1)]
-    draw_patch(axes, np.array([origin, *ends]), colour, alpha=0.15, label=label)
+    corners = np.array([origin, *ends])
+    draw_patch(axes, corners, colour, alpha=0.15, label=label)
+    return corners
 
 
 def plot_by_row(panels, runs: pd.DataFrame, by: str, labels: dict[str, str], published: dict) -> None:
@@ -249,11 +254,50 @@ def error_bars(axes, columns: dict, colours) -> None:
 
 def noise_curves(axes, m, sigma_mm, e) -> None:
     """Draw e (k, l) over m (l,), one curve for each sigma_mm (k,), named at its right end."""
+    sigma_mm, e = np.asarray(sigma_mm), np.asarray(e)
     shades = plt.get_cmap("viridis")(np.linspace(0, 0.85, len(sigma_mm)))
+    level = np.average(e[:, -3:].mean(axis=1) / sigma_mm, weights=sigma_mm)  # evenly spaced names do not collide
     for sigma, curve, shade in zip(sigma_mm, e, shades, strict=True):
         axes.plot(m, curve, color=shade, lw=1.5)
-        axes.annotate(f"{sigma:g}", (m[-1], curve[-1]), (4, 0), textcoords="offset points", va="center", color=shade)
-    axes.annotate("σ [mm]", (m[-1], e[-1, -1]), (4, 12), textcoords="offset points", fontsize=9)
+        place = m[-1], level * sigma
+        axes.annotate(f"{sigma:.3g}", place, (5, 0), textcoords="offset points", va="center", color=shade, fontsize=9)
+    axes.annotate("σ [mm]", place, (5, 10), textcoords="offset points", fontsize=9)
+
+
+def label_decades(axis) -> None:
+    """Label a logarithmic axis (`axes.xaxis`, `axes.yaxis`) with plain numbers at 1, 2 and 5 of every decade."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def plot_needs(needs: pd.DataFrame, asked: dict[str, str], limit: float) -> plt.Figure:
+    """Bars of the column "error over noise" of a table with columns method, data and suffices, from the top.
+
+    `asked`: the data that a paper asks for, by method. Bars end at `limit`, where the error is as large as what is
+    sought. Raises ValueError where the errors are not numbers: matplotlib would draw their ranks.
+    """
+    errors = needs["error over noise"]
+    if not pd.api.types.is_numeric_dtype(errors):
+        raise ValueError("column 'error over noise' holds no numbers, so it cannot be drawn")
+    place = np.arange(len(needs)) + 0.8 * (needs["method"] != needs["method"].shift()).cumsum()
+    figure, axes = plt.subplots(figsize=(8, 0.27 * len(needs) + 2))
+    colours = np.where(needs["suffices"], ORANGE, "silver")
+    axes.barh(place, errors.clip(upper=limit), color=colours)
+    for row, at in zip(needs.itertuples(), place, strict=True):
+        if asked.get(row.method) == row.data:
+            axes.plot(1.3 * limit, at, "<", color=RED, ms=8, clip_on=False)
+    axes.plot([], [], "s", color=ORANGE, label="these data suffice")
+    axes.plot([], [], "s", color="silver", label="these do not")
+    axes.plot([], [], "<", color=RED, label="what the paper asks for")
+    axes.set(xscale="log", xlim=(0.3, limit), xlabel="error of the translation over the noise [1]")
+    axes.set_yticks(place, needs["method"] + ": " + needs["data"])
+    axes.invert_yaxis()
+    figure.suptitle("With too few data the error is about as large as what is sought")
+    figure.legend(loc="outside lower center", ncols=3)
+    return figure
 
 
 def draw_seen_and_expected(axes, scene, turn_deg: float, shift_mm: float) -> None:
