@@ -3,11 +3,13 @@
 from dataclasses import dataclass
 
 import numpy as np
+import pandas as pd
 from scipy.stats import chi2
 
 from profilecal.closed_form.edge import EdgeSolution, edge_equations
 from profilecal.geometry.fitting import affine_residuals
 from profilecal.geometry.noise import FALSE_ALARM, Noise
+from profilecal.geometry.poses import angle_between, frame_around
 from profilecal.joint.descent import Fit, refine
 from profilecal.joint.observability import spectrum
 from profilecal.joint.observations import Observations
@@ -15,10 +17,11 @@ from profilecal.joint.problem import Problem
 from profilecal.joint.search import few_groups, in_space, typical_residual
 from profilecal.joint.solve import UNLIKELY
 from profilecal.joint.state import State, normalised_square, pose_error
-from profilecal.papers.edge_scenes import EdgeScene
+from profilecal.papers.edge_scenes import EdgeScene, observations_of
 
 SUBSETS = 15  # tries with few groups each, one of which, it is hoped, holds no bad point
 ROUGHLY = 1e-6  # tolerance of refinements
+UNEXPLAINED = 2.0  # noise levels: larger residuals of most poses
 CHUNK = 50  # problems at a time
 LEAST_POINTS = 3  # that stay in a group
 
@@ -60,20 +63,24 @@ def solve_without(seen: Observations, noise: Noise, start: State, rejected) -> A
     return in_chunks(answer, seen, start, rejected)
 
 
-def solve_robustly(seen: Observations, noise: Noise, start: State, subsets: int = SUBSETS) -> Answers:
+def solve_robustly(seen: Observations, noise: Noise, start: State) -> Answers:
     """As `joint.solve.solve` with a stated noise, for batches of problems whose mount is roughly known: `start` takes
-    the place of the grid of rotations, and `subsets` selections of few groups that of its 60."""
+    the place of the grid of rotations. Where that leaves most poses unexplained, SUBSETS selections of few groups are
+    tried from there too."""
 
     def answer(seen, start):
         problem = Problem([seen], noise)
-        state = robust_fit(problem, start)[0].state
-        if subsets:
-            state = most_fitting(problem, state, start, subsets)
-        fit, unit = robust_fit(problem, state)
-        bad = beyond_chance(problem, fit.per_pose[0], unit)
+        state, unit = robust_fit(problem, start)
+        if (open_ := np.flatnonzero(unit > UNEXPLAINED)).size:
+            part = Problem([seen.take(open_)], noise)
+            other, less = robust_fit(part, most_fitting(part, state[open_], start[open_]))
+            place = np.arange(len(unit))
+            place[open_], unit[open_] = len(unit) + np.arange(len(open_)), less
+            state = state.join(other)[place]
+        bad = beyond_chance(problem, problem.moments(state).per_pose[0], unit)
         for _ in range(5):
-            rejected, fit = bad, refine(problem, fit.state, weights=[~bad], tolerance=ROUGHLY)
-            bad = beyond_chance(problem, fit.per_pose[0], 1.0)
+            rejected, fit = bad, refine(problem, state, weights=[~bad], iterations=25, tolerance=ROUGHLY)
+            bad, state = beyond_chance(problem, fit.per_pose[0], 1.0), fit.state
             if (bad == rejected).all():
                 break
         return concluded(problem, fit, rejected)
@@ -81,14 +88,12 @@ def solve_robustly(seen: Observations, noise: Noise, start: State, subsets: int 
     return in_chunks(answer, seen, start)
 
 
-def robust_fit(problem: Problem, state: State) -> tuple[Fit, np.ndarray]:
-    """Cauchy's loss, its unit lowered from what the residuals look like to what the noise is: the fits, and that unit
-    (B,) in noise levels."""
-    for _ in range(4):
-        unit = of_most(problem, state)
-        state = refine(problem, state, scale=unit, iterations=10, tolerance=ROUGHLY).state
-    unit = of_most(problem, state)
-    return refine(problem, state, scale=unit, tolerance=ROUGHLY), unit
+def robust_fit(problem: Problem, state: State) -> tuple[State, np.ndarray]:
+    """Cauchy's loss, its unit lowered from what the residuals look like to what the noise is; and that unit (B,), in
+    noise levels."""
+    for _ in range(5):
+        state = refine(problem, state, scale=of_most(problem, state), iterations=5, tolerance=ROUGHLY).state
+    return state, of_most(problem, state)
 
 
 def of_most(problem: Problem, state: State) -> np.ndarray:
@@ -96,13 +101,13 @@ def of_most(problem: Problem, state: State) -> np.ndarray:
     return np.maximum(typical_residual(problem.moments(state).per_pose, problem.freedoms()), 1.0)
 
 
-def most_fitting(problem: Problem, found: State, start: State, subsets: int) -> State:
+def most_fitting(problem: Problem, found: State, start: State) -> State:
     """Of what was `found` and what selections of few groups lead to from the `start`, what fits most poses best."""
     (seen,), B = problem.observations, len(start.rotation)
-    few = in_space([few_groups(seen, subsets)], problem.noise)
-    first = few.place(*(np.repeat(part, subsets, axis=0) for part in (start.rotation, start.translation)))
+    few = in_space([few_groups(seen, SUBSETS)], problem.noise)
+    first = few.place(*(np.repeat(part, SUBSETS, axis=0) for part in (start.rotation, start.translation)))
     tried = refine(few, first, iterations=12).state
-    states = [found, *(tried[np.arange(k, B * subsets, subsets)] for k in range(subsets))]
+    states = [found, *(tried[np.arange(k, B * SUBSETS, SUBSETS)] for k in range(SUBSETS))]
     best = np.argmin([np.nan_to_num(of_most(problem, state), nan=np.inf) for state in states], axis=0)
     return states[0].join(*states[1:])[best * B + np.arange(B)]
 
@@ -134,14 +139,15 @@ def screen(T_flange, points, noise_mm: float) -> np.ndarray:
     """Which points (..., G, N, 2) of edge scans do not fit their group, (..., G, N), before anything is calibrated.
 
     Inside a group the sensed point is an affine function of the flange position, T_flange (..., G, N, 3) mm. The point
-    that fits worst is taken out as long as chance does not explain it, as `calibrate.check.affine_outliers` does.
+    that fits worst is taken out as long as chance does not explain it, as `calibrate.check.affine_outliers` does, and
+    as long as two degrees of freedom are left: with one, all points of a group fit equally badly.
     """
     bad = np.zeros(points.shape[:-1], dtype=bool)
     limit = chi2.isf(FALSE_ALARM / (bad.shape[-1] * bad.shape[-2]), 2)
     while True:
         left, basis, freedom = affine_residuals(T_flange, points, np.where(bad, 0.0, 1.0))
         free = 1 - np.sum(basis**2, axis=-1)  # the part of a point's own error that its residual shows
-        enough = (freedom > bad.sum(axis=-1)) & (free.min(axis=-1) > 1e-6) & ((~bad).sum(axis=-1) > LEAST_POINTS)
+        enough = (freedom > bad.sum(axis=-1) + 1) & (free.min(axis=-1) > 1e-6) & ((~bad).sum(axis=-1) > LEAST_POINTS)
         size = np.sum(left**2, axis=-1) / np.maximum(free, 1e-6) / noise_mm**2
         worst = np.arange(bad.shape[-1]) == size.argmax(axis=-1)[..., None]
         found = worst & (size > limit) & enough[..., None]
@@ -160,3 +166,49 @@ def two_phase_without(scene: EdgeScene, bad) -> EdgeSolution:
         return np.where(good, values, mean)
 
     return edge_equations(scene.poses.rotations, filled(scene.poses.positions), filled(scene.points))
+
+
+def truth_of(scene: EdgeScene) -> State:
+    """What stands behind a batch of edge scenes."""
+    edge = scene.edge
+    return State(scene.R_sensor, scene.T_sensor, ((edge.point, frame_around(edge.direction)),))
+
+
+def compare(scene: EdgeScene, planted, noise: Noise, start: State) -> pd.DataFrame:
+    """All methods on a batch of scenes with bad points `planted` (B, G, N): one row for each scene and method.
+
+    Rotation [°], translation [mm]: errors. Square: over the covariance, squared; status: as stated; missed, lost: the
+    shares of bad points kept and of good ones left out. Robust solutions begin at `start`, least squares at the truth.
+    """
+    seen, truth, nothing = observations_of(scene), truth_of(scene), np.zeros_like(planted)
+    screened, flat = screen(scene.poses.positions, scene.points, noise.profile_mm), (len(planted), -1)
+    joint = {
+        "good points alone": solve_without(seen, noise, truth, planted.reshape(flat)),
+        "least squares": solve_without(seen, noise, truth, nothing.reshape(flat)),
+        "robust joint": solve_robustly(seen, noise, start),
+    }
+    frames = [row_of(name, a.state, planted, a.rejected, truth, a.square(truth), a.status) for name, a in joint.items()]
+    for name, bad in (("two-phase", nothing), ("two-phase, screened", screened)):
+        found = two_phase_without(scene, bad)
+        pose = State(found.R_sensor, found.T_sensor, ())
+        frames.append(row_of(name, pose, planted, bad, truth, np.full(len(planted), np.nan), ""))
+    return pd.concat(frames, ignore_index=True)
+
+
+def row_of(method: str, state: State, planted, rejected, truth: State, square, status) -> pd.DataFrame:
+    """A method's rows of `compare`."""
+    planted, rejected = (mask.reshape(len(mask), -1) for mask in (planted, rejected))
+    with np.errstate(invalid="ignore"):
+        missed = (planted & ~rejected).sum(axis=1) / planted.sum(axis=1)
+        lost = (~planted & rejected).sum(axis=1) / (~planted).sum(axis=1)
+    return pd.DataFrame(
+        {
+            "method": method,
+            "rotation": np.degrees(angle_between(state.rotation, truth.rotation)),
+            "translation": np.linalg.norm(state.translation - truth.translation, axis=1),
+            "square": square,
+            "status": status,
+            "missed": missed,
+            "lost": lost,
+        }
+    )

@@ -199,6 +199,28 @@ def draw_motion(axes, scene, worst) -> None:
     axes.set(xticklabels=[], yticklabels=[], zticklabels=[])
 
 
+def draw_breakdown(axes, runs, methods) -> None:
+    """Draw the median rotation and translation errors of methods over the share of bad points, one above the other.
+
+    `runs`: rows of `outlier_study.compare` with the column "percent". Bands hold the middle 80 % of the runs.
+    """
+    looks = {
+        "two-phase": (OF_METHOD["closed form"], "o-"),
+        "two-phase, screened": (OF_METHOD["closed form"], "^:"),
+        "least squares": (OF_METHOD["joint"], "s-"),
+        "robust joint": (OF_METHOD["robust joint"], "D-"),
+        "good points alone": (OF_METHOD["bound"], "--"),
+    }
+    for method in methods:
+        colour, line = looks[method]
+        for ax, error in zip(axes, ("rotation", "translation"), strict=True):
+            by_share = runs[runs["method"] == method].groupby("percent")[error]
+            middle, low, high = (by_share.quantile(q) for q in (0.5, 0.1, 0.9))
+            ax.semilogy(middle.index, middle, line, color=colour, label=method, ms=5)
+            if method == "robust joint":
+                ax.fill_between(low.index, low, high, color=colour, alpha=0.15, lw=0)
+
+
 def plot_columns(frame: pd.DataFrame, x: str, y: str, hue: str, folder: Path) -> Path:
     """Draw column y over column x, a line for each value of `hue`: the median, and the range from least to most.
 
