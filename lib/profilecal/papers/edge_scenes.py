@@ -84,10 +84,12 @@ def observations_of(scene: EdgeScene) -> Observations:
 
 
 def second_edge(plan: EdgePlan, noise: Noise, planted, rng: np.random.Generator, offset_mm: float = 10.0):
-    """An edge scene whose points of the groups and positions `planted` (G, N) lie on a parallel edge, `offset_mm` away:
-    the scene with its points replaced."""
-    scene = edge_scenes(plan, noise, rng)
-    across = np.cross(scene.edge.direction, directions(rng, ()))
-    other = Edge(scene.edge.point + offset_mm * across / np.linalg.norm(across), scene.edge.direction)
+    """Edge scenes whose points of the groups and positions `planted` (..., G, N) lie on a parallel edge, `offset_mm`
+    away: the scenes with their points replaced."""
+    shape = np.shape(planted)[:-2]
+    scene = edge_scenes(plan, noise, rng, shape)
+    across = np.cross(scene.edge.direction, directions(rng, shape))
+    across = offset_mm * across / np.linalg.norm(across, axis=-1, keepdims=True)
+    other = Edge(scene.edge.point + across, scene.edge.direction)
     wrong = sense_edge(other, scene.R_sensor, scene.T_sensor, scene.poses, noise, rng)
     return replace(scene, points=np.where(planted[..., None], wrong, scene.points))
