@@ -114,9 +114,10 @@ def calibrate(folders, as_json, vendor, guess, method, leave_out, report):
 
         found = replace(found, messages=(*found.messages, *cross_validate(found).messages()))
     if found.status != "ok" and len(folders) == 1:
-        from profilecal.plan.command import mended_by
+        from profilecal.plan.mend import mending
 
-        found = replace(found, messages=(*found.messages, *mended_by(found, folders[0], SEED)))
+        mended = mending(found, folders[0], np.random.default_rng(SEED))
+        found = replace(found, messages=(*found.messages, *filter(None, [mended])))
 
     if as_json:
         click.echo(json.dumps(found.to_json(), indent=2))
@@ -189,8 +190,8 @@ def check(folder):
     with refusing():
         scan = read_scan(folder)
         click.echo("\n".join(check_scan(scan)))
-        for note in mending_of(scan, folder, SEED):
-            click.echo(f"note           {note}")
+        if mended := mending_of(scan, folder, SEED):
+            click.echo(f"note           {mended}")
 
 
 @main.command()

@@ -13,7 +13,7 @@ from profilecal.simulate.scene import in_unit_ball
 
 BORDER = 0.05  # of the field of view, on each side: features need what is around them
 LEAST_MARGIN = 1.0  # mm and degrees: a view that a smaller error spoils is none
-SECOND_ORDER = 1.1  # what is added to the effect of an error for its not being small
+SPARE = 1.05  # of a margin
 STEP = 1e-3  # mm and rad, of derivatives
 AT_LIMIT = 0.5  # of the candidates of a plan: as far tilted, turned and aside as they may be, where plans end up
 NEAR_MM, NEAR_DEG, NEAR = 10.0, 6.0, (0.2, 1.0)  # neighbours, and those nearer still
@@ -134,30 +134,49 @@ def neighbours(setup: Setup, limits: Limits, R, T, each: int, rng: np.random.Gen
 
 def worst_clearance(setup: Setup, R, T) -> np.ndarray:
     """How far inside the field of view the target stays at flange poses (P, 3, 3), (P, 3), in the worst case of a guess
-    that is wrong by up to its margins, to first order: (P,) mm; negative where it may leave."""
-    margins = SECOND_ORDER * np.maximum(astuple(setup.margins), LEAST_MARGIN)
-    margins[1::2] = np.radians(margins[1::2])
-    here = clearances(setup, R, T, np.zeros(12))
-    if not setup.target.turns:
-        margins[3] = 0
+    that is wrong by up to its margins: (P,) mm; -inf where it may leave or be missed.
+
+    The worst case for each border of the view is the one that its derivatives say; it is looked at to first order and
+    as it is. What moves the scan plane off the target altogether is looked at besides.
+    """
+    frames = setup.planes(R, T)
+    here, sizes = clearances(setup, *frames), margins(setup)
     with np.errstate(invalid="ignore"):
-        by_error = np.stack([clearances(setup, R, T, STEP * row) - here for row in np.eye(12)]) / STEP
-        lost = np.linalg.norm(by_error.reshape(4, 3, *here.shape), axis=1)
-        worst = here - np.tensordot(margins, lost, 1)
-    return np.nan_to_num(worst, nan=-np.inf).min(axis=1)
+        by_error = [(clearances(setup, *wrong(setup, *frames, STEP * row)) - here) / STEP for row in np.eye(9)]
+        by_error = np.stack(by_error, axis=-1).reshape(*here.shape, 3, 3)
+        length = np.linalg.norm(by_error, axis=-1, keepdims=True)
+        steps = -sizes[:, None] * by_error / np.maximum(length, 1e-12)
+        cases = [here - (length[..., 0] @ sizes)]
+        cases += [clearances(setup, *wrong(setup, *frames, steps[:, k].reshape(-1, 9))) for k in range(here.shape[1])]
+        for way in (1.0, -1.0):  # along the sensor's y
+            for turn in (1.0, -1.0):
+                off = way * sizes[:, None] * [[0, -1, 0], [1, 0, 0], [turn, 0, 0]]
+                cases.append(clearances(setup, *wrong(setup, *frames, off.ravel())))
+    return np.nan_to_num(np.concatenate(cases, axis=1), nan=-np.inf).min(axis=1)
 
 
-def clearances(setup: Setup, R, T, wrong) -> np.ndarray:
-    """How far inside each border of the field of view a target is seen, (P, k) mm, NaN where it is not. `wrong` (12,):
-    shift and turn of the sensor, in its frame, then of the target, mm and rad."""
-    R_sensor, T_sensor = setup.R_sensor @ rotations(wrong[3:6]), setup.T_sensor + setup.R_sensor @ wrong[:3]
-    origin, axes = setup.target.frame
-    target = setup.target.at(origin + wrong[6:9], rotations(wrong[9:]) @ axes, setup.sizes)
-    points = setup.seen(target, (R @ R_sensor, carry(R, T, T_sensor)), 5)
-    scanner, (x, z) = setup.scanner, np.moveaxis(points, -1, 0)
+def margins(setup: Setup) -> np.ndarray:
+    """By how much a sensor frame may be wrong, with something to spare: in place, in orientation, and in the target's
+    orientation, (3,) mm and rad."""
+    mount_mm, mount_deg, target_mm, target_deg = astuple(setup.margins)
+    angles = np.radians(np.maximum([mount_deg, target_deg], LEAST_MARGIN)) * [1, bool(setup.target.turns)]
+    return SPARE * np.r_[max(mount_mm + target_mm, LEAST_MARGIN), angles]
+
+
+def wrong(setup: Setup, R_view, T_view, by):
+    """Sensor frames (P, 3, 3), (P, 3) shifted and turned by (P, 9) or (9,) in their own axes, mm and rad: the first six
+    about their own origin; by the last three as they are seen by a target that turns about its."""
+    shift, turn, target_turn = np.split(np.array(np.broadcast_to(by, (len(T_view), 9))), 3, axis=1)
+    about, shifted = setup.target.frame[0], carry(R_view, T_view, shift)
+    back = R_view @ rotations(-target_turn) @ np.swapaxes(R_view, 1, 2)
+    return back @ R_view @ rotations(turn), carry(back, about, shifted - about)
+
+
+def clearances(setup: Setup, R_view, T_view) -> np.ndarray:
+    """How far inside each border of the field of view the target is seen from sensor frames, (P, k) mm, NaN where it is
+    not."""
+    scanner, (x, z) = setup.scanner, np.moveaxis(setup.seen(setup.target, (R_view, T_view), 5), -1, 0)
     border = BORDER * (scanner.far - scanner.near)
-    inside = [z - scanner.near - border, scanner.far - border - z]
-    if not setup.fills_view:
-        side = (1 - BORDER) * scanner.half_width(z)
-        inside += [side - x, side + x]
-    return np.where(np.isfinite(inside), inside, np.nan).transpose(1, 0, 2).reshape(len(T), -1)
+    side = (1 - BORDER) * scanner.half_width(z)
+    inside = np.stack([z - scanner.near - border, scanner.far - border - z, side - x, side + x], axis=1)
+    return np.where(np.isfinite(inside), inside, np.nan).reshape(len(T_view), -1)

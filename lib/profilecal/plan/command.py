@@ -5,11 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
-from profilecal.calibrate.calibration import Calibration, calibrate
+from profilecal.calibrate.calibration import calibrate
 from profilecal.calibrate.observe import observe, stated_noise
 from profilecal.joint.observability import turns
 from profilecal.plan.folder import write_plan
-from profilecal.plan.mend import mending, setup_of_scan
+from profilecal.plan.mend import OPEN, is_open, mending, setup_of_scan
 from profilecal.plan.plan import Plan, Wishes, design, read_wishes, setup_of
 from profilecal.plan.setup import Part, Prediction, Setup, predict
 from profilecal.scan.folder import read_scan
@@ -43,7 +43,10 @@ def task(spec: Path, after: Path | None, **options) -> Task:
         if after:
             raise ScanError(f"{spec} is a scan folder itself; --after is for a specification")
         scan = read_scan(spec)
-        setup, limits, before = setup_of_scan(calibrate([scan]))
+        found = calibrate([scan])
+        setup, limits, before = setup_of_scan(found)
+        if is_open(found):
+            raise ScanError(f"{spec}: {OPEN}")
         wishes = replace(Wishes(limits=limits), **options)
         title = f"more poses for {scan.title or spec.resolve().name}"[:200]
         return Task(setup, wishes, np.random.default_rng(0), before, scan.convention, stated_noise([scan]), title, None)
@@ -83,17 +86,11 @@ def write(task: Task, plan: Plan, folder: Path) -> None:
     write_plan(plan, folder, convention=task.convention, stated=task.stated, entries=task.entries, title=task.title)
 
 
-def mended_by(found: Calibration, folder: Path, seed: int) -> list[str]:
-    """What to add to the notes of an answer that motions leave weak or open."""
-    said = mending(found, np.random.default_rng(seed))
-    return [f"{said}; profilecal plan {folder} NEW-FOLDER writes them"] if said else []
-
-
-def mending_of(scan: Scan, folder: Path, seed: int) -> list[str]:
-    """The same for a scan whose orientations hardly differ about some axis, before anybody calibrates it."""
+def mending_of(scan: Scan, folder: Path, seed: int) -> str:
+    """`mend.mending` for a scan whose orientations hardly differ about some axis, before anybody calibrates it."""
     if turns(scan.R_base_flange)[0][2] >= ENOUGH_TURN_DEG:
-        return []
+        return ""
     try:
-        return mended_by(calibrate([scan]), folder, seed)
+        return mending(calibrate([scan]), folder, np.random.default_rng(seed))
     except ScanError:
-        return []
+        return ""

@@ -105,11 +105,13 @@ def page(plan: Plan, poses: pd.DataFrame) -> str:
         "curve": [[n, float(f"{mm:.3g}"), float(f"{deg:.3g}")] for n, mm, deg in plan.curve],
     }
     p = plan.predicted
-    said = f"{len(T)} poses, predicted: {p.mm:.2g} mm, {p.deg:.2g}° (one sd, worst direction); {way_mm(plan):.0f} mm"
+    said = (
+        f"{len(T)} poses, predicted: {p.mm:.2g} mm, {p.deg:.2g}° (one sd, worst direction); way {way_mm(plan):.0f} mm"
+    )
     text = json.dumps(data, separators=(",", ":")).replace("<", "\\u003c")
     frame = string.Template(Path(__file__).with_name("page.html").read_text(encoding="utf-8"))
     made = f"profilecal {version('profilecal')}"
-    return frame.substitute(title=escape(f"Plan for a {setup.target.kind}"), said=escape(said), data=text, made=made)
+    return frame.substitute(title=escape(f"Plan: {setup.target.kind}"), said=escape(said), data=text, made=made)
 
 
 def fan(plan: Plan) -> np.ndarray:

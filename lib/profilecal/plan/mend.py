@@ -10,7 +10,7 @@ from profilecal.geometry.noise import ROBOT
 from profilecal.geometry.poses import inverse, nearest_rotation
 from profilecal.joint.noise import expect
 from profilecal.plan.candidates import Limits, aside
-from profilecal.plan.plan import Plan, Wishes, design
+from profilecal.plan.plan import Wishes, design
 from profilecal.plan.setup import Part, Setup
 from profilecal.scan.scan import ScanError
 from profilecal.simulate.guess import Margins
@@ -20,7 +20,8 @@ ROUND_MM = 10.0  # beyond what was seen, the scanner is believed to see
 REACH_MM = 200.0  # beyond the poses of the scan, the robot is believed to reach
 LEAST_EXTENT_MM = 20.0
 FEW = {"candidates": 300, "polishes": 0}  # a plan that is done in about a second
-FEW_POSES = 20
+FEW_POSES = 8
+OPEN = "the scan leaves the mount open: state it roughly in the [guess] of a SPEC.toml, and plan with --after"
 
 
 def setup_of_scan(found: Calibration) -> tuple[Setup, Limits, Part]:
@@ -72,8 +73,9 @@ def scanner_of(scan, observed) -> Scanner:
     return Scanner(near=max(near, 1.0), far=far, near_width=width, far_width=width)
 
 
-def mending(found: Calibration, rng: np.random.Generator) -> str:
-    """The plan that would mend an answer whose motions leave it weak or open, in a sentence; "" if there is none."""
+def mending(found: Calibration, folder, rng: np.random.Generator) -> str:
+    """The plan that would mend the answer of the scan `folder` that its motions leave weak or open, in a sentence; ""
+    if there is none."""
     s = found.solution
     if s is None or s.observability.status == "ok" or len(found.scans) > 1:
         return ""
@@ -85,10 +87,14 @@ def mending(found: Calibration, rng: np.random.Generator) -> str:
     p = plan.predicted
     if p.spectrum.status != "ok":
         return ""
-    return f"{len(plan.T)} more poses would mend it, predicted: {p.mm:.2g} mm, {p.deg:.2g}°"
+    said = f"{len(plan.T)} more poses would mend it, predicted: {p.mm:.2g} mm, {p.deg:.2g}°"
+    if is_open(found):
+        return (
+            f"{said}; roughly measure the mount, then profilecal plan SPEC.toml NEW-FOLDER --after {folder} writes them"
+        )
+    return f"{said}; profilecal plan {folder} NEW-FOLDER writes them"
 
 
-def more_poses(found: Calibration, wishes: Wishes, rng: np.random.Generator) -> Plan:
-    """The next best poses for a scan."""
-    setup, limits, before = setup_of_scan(found)
-    return design(setup, replace(wishes, limits=limits), rng, before)
+def is_open(found: Calibration) -> bool:
+    """Whether a hand measurement tells more of the mount than the scan."""
+    return not found.solution.observability.sd[0] < 1

@@ -65,8 +65,11 @@ class Setup:
         if not self.fills_view:
             return points
         (x, z), (dx, dz) = points[:, 0].T, (points[:, -1] - points[:, 0]).T
-        across = FILLED * self.scanner.half_width(z - x * dz / dx)[:, None] * np.linspace(-1, 1, count)
-        return np.stack([across, z[:, None] + (across - x[:, None]) * (dz / dx)[:, None]], axis=-1)
+        slope, wide = dz / dx, FILLED * self.scanner.half_width(np.array([0.0, 1.0]))
+        growth, middle = wide[1] - wide[0], z - x * slope
+        left, right = (side * (wide[0] + growth * middle) / (1 - side * growth * slope) for side in (-1, 1))
+        across = left[:, None] + (right - left)[:, None] * np.linspace(0, 1, count)
+        return np.stack([across, middle[:, None] + across * slope[:, None]], axis=-1)
 
     def observed(self, R, T) -> Observations:
         """What the scanner will see of the target from flange poses (P, 3, 3), (P, 3), mm; NaN where it misses it."""

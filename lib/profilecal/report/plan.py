@@ -6,9 +6,9 @@ import numpy as np
 from profilecal.geometry.poses import inverse
 from profilecal.plan.folder import fan, robot_poses, target_lines
 from profilecal.plan.plan import Plan
-from profilecal.report.figures import BLUE, RED, SKY, draw_frame, draw_patch, equal_axes, use_style
+from profilecal.report.figures import BLUE, PURPLE, SKY, draw_frame, draw_patch, equal_axes, use_style
 
-FANS_DRAWN = 8
+FANS_DRAWN = 5
 
 
 def plot_plan(plan: Plan) -> plt.Figure:
@@ -43,12 +43,13 @@ def draw_way(axes, plan: Plan) -> None:
         draw_patch(axes, fans[k, 1:], SKY, 0.12, "field of view" if k == few[0] else "")
         draw_frame(axes, R[k] @ plan.setup.R_sensor, fans[k, 0], 0.06 * np.ptp(fans, axis=(0, 1)).max())
     for line in lines:
-        axes.plot(*line.T, color=RED, lw=2.5 if len(lines) == 1 else 1)
+        axes.plot(*line.T, color="black", lw=4 if len(lines) == 1 else 1.5, zorder=5)
     equal_axes(axes, np.vstack([where, fans[few].reshape(-1, 3), *lines]))
     frame = "flange" if plan.setup.to_hand else "base"
     axes.set(xlabel=f"{frame} x [mm]", ylabel=f"{frame} y [mm]", zlabel=f"{frame} z [mm]")
     axes.locator_params(nbins=4)
-    axes.set_title(f"{len(T)} poses that see the {plan.setup.target.kind} (red)")
+    axes.set_title(f"{len(T)} poses that see the {plan.setup.target.kind} (black)")
+    axes.computed_zorder = False
     axes.legend(loc="upper left", fontsize=8)
 
 
@@ -56,9 +57,14 @@ def draw_curve(axes, plan: Plan) -> None:
     """Draw the predicted standard deviations over the number of poses."""
     n, mm, deg = np.array(plan.curve).T
     shown = np.maximum(mm / plan.wishes.until[0], deg / plan.wishes.until[1]) < 100  # not what is still open
-    for values, limit, unit, colour in ((mm, plan.wishes.until[0], "mm", BLUE), (deg, plan.wishes.until[1], "°", RED)):
+    for values, limit, unit, colour in (
+        (mm, plan.wishes.until[0], "mm", BLUE),
+        (deg, plan.wishes.until[1], "°", PURPLE),
+    ):
         axes.plot(n[shown], values[shown], "o-", ms=3, color=colour, label=f"worst direction [{unit}]")
         axes.axhline(limit, color=colour, ls=":", lw=1)
     title = f"{len(plan.T)} poses: {plan.predicted.mm:.2g} mm and {plan.predicted.deg:.2g}° predicted"
     axes.set(xlabel="designed poses", ylabel="one standard deviation", yscale="log", title=title)
     axes.legend()
+    for ticks in (axes.yaxis.set_major_formatter, axes.yaxis.set_minor_formatter):
+        ticks(lambda value, _: f"{value:g}" if f"{value:.0e}"[0] in "125" else "")
