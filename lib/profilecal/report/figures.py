@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.ticker import LogLocator
 
+from profilecal.geometry.poses import circle_around
 from profilecal.papers.scorecard import Scorecard
 
 # Okabe and Ito's colours, told apart by colour-blind readers and in grey print
