@@ -29,6 +29,7 @@ COPIED = (
     "CITATION.cff",
     "LICENSE",
     "data/README.md",
+    "docs/sweep.png",
     "tests/targets/test_new_target.py",
 )
 THUMBNAIL = 420  # pixels wide
