@@ -374,6 +374,19 @@ def plot_bands(axes, x, bands: dict) -> None:
         axes.fill_between(x, low, high, color=shade, alpha=0.2, lw=0)
 
 
+def draw_error_against_noise(axes, errors) -> None:
+    """Draw the errors of methods (columns, in degrees) and the bound over the column "sigma_mm"."""
+    looks = {
+        "closed form": (OF_METHOD["closed form"], "o-"),
+        "closed form, all heights": (OF_METHOD["closed form"], "^:"),
+        "joint": (OF_METHOD["joint"], "s-"),
+        "bound": (OF_METHOD["bound"], "--"),
+    }
+    for name, (colour, line) in looks.items():
+        if errors[name].notna().any():
+            axes.loglog(errors["sigma_mm"], errors[name], line, color=colour, ms=5, label=name)
+
+
 def draw_breakdown(axes, runs, methods) -> None:
     """Draw the median rotation and translation errors of methods over the share of bad points, one above the other.
 
