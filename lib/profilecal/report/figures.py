@@ -435,6 +435,21 @@ def plot_columns(frame: pd.DataFrame, x: str, y: str, hue: str, folder: Path) ->
     return place
 
 
+def draw_matrix(axes, table: pd.DataFrame) -> None:
+    """Draw a table of positive numbers as shades, on a logarithmic scale, with the numbers; dark is large."""
+    values = np.log10(table.to_numpy(dtype=float))
+    low, high = np.nanmin(values), np.nanmax(values)
+    axes.imshow(values, cmap="Blues", vmin=low, vmax=high + 0.2 * (high - low), aspect="auto")
+    for (i, j), value in np.ndenumerate(values):
+        colour = "white" if value > 0.3 * low + 0.7 * high else "black"
+        text = f"{10**value:.2g}" if np.isfinite(value) else ""
+        axes.text(j, i, text, ha="center", va="center", color=colour)
+    axes.set(xticks=range(table.shape[1]), yticks=range(table.shape[0]), yticklabels=table.index)
+    axes.set_xticklabels(table.columns, rotation=30, ha="right", rotation_mode="anchor")
+    axes.spines[:].set_visible(False)
+    axes.tick_params(length=0)
+
+
 def plot_with_interval(axes, frame: pd.DataFrame, x: str, y: str, **style) -> None:
     """Draw column y of a table over column x, with bars from column y_low to column y_high."""
     bars = [frame[y] - frame[f"{y}_low"], frame[f"{y}_high"] - frame[y]]
