@@ -114,6 +114,11 @@ def calibrate(folders, as_json, vendor, guess, method, leave_out, report):
         from profilecal.calibrate.leave_out import leave_out as cross_validate
 
         found = replace(found, messages=(*found.messages, *cross_validate(found).messages()))
+    if found.status != "ok" and len(folders) == 1:
+        from profilecal.plan.mend import mending
+
+        mended = mending(found, folders[0], np.random.default_rng(SEED))
+        found = replace(found, messages=(*found.messages, *filter(None, [mended])))
 
     if as_json:
         click.echo(json.dumps(found.to_json(), indent=2))
@@ -138,8 +143,41 @@ def simulate(spec, folder):
     from profilecal.simulate.spec import read_spec, simulate_scan
 
     with refusing():
-        write_scan(simulate_scan(read_spec(read_toml(spec))), folder)
+        write_scan(simulate_scan(read_spec(read_toml(spec), spec.parent)), folder)
     click.echo(f"{folder}/ written; its truth is in truth.toml")
+
+
+@main.command()
+@click.argument("spec", type=PLACE)
+@click.argument("folder", required=False, type=PLACE)
+@click.option("--poses", type=click.IntRange(1, 1000), help="So many; else as many as --until takes.")
+@click.option("--until", nargs=2, type=float, metavar="MM DEG", help="Largest standard deviations in any direction.")
+@click.option("--criterion", type=click.Choice(["worst", "A", "D"]), help="What a plan makes small.")
+@click.option("--after", type=SCAN, help="A scan folder whose poses are there already.")
+@click.option("--of", "given", type=SCAN, help="Predict the poses of this folder or poses.csv; nothing is designed.")
+def plan(spec, folder, after, given, **options):
+    """Choose the poses from which SPEC.toml is calibrated best, and write them, ready to run, into a new FOLDER.
+
+    SPEC may be a scan folder: its answer says where everything is, and the next best poses are chosen.
+    """
+    from profilecal.plan import command
+    from profilecal.plan.words import believed, predicted, to_text
+
+    with refusing():
+        task = command.task(spec, after, **options)
+        if given:
+            setup, found = command.prediction_of(task, given)
+            click.echo("\n".join([*believed(setup), *predicted(found)]))
+            return
+        found = command.designed(task)
+        if folder:
+            command.write(task, found, folder)
+    click.echo(to_text(found))
+    if folder:
+        from profilecal.report.plan import save_plan
+
+        save_plan(found, folder / "plan.png")
+        click.echo(f"{folder}/ written; look at {folder / 'plan.html'}, drive {folder / 'poses.csv'}")
 
 
 @main.command()
@@ -147,10 +185,14 @@ def simulate(spec, folder):
 def check(folder):
     """Say what a scan FOLDER holds, before any calibration: poses, groups, noise, outliers, motions."""
     from profilecal.calibrate.check import check as check_scan
+    from profilecal.plan.command import mending_of
     from profilecal.scan.folder import read_scan
 
     with refusing():
-        click.echo("\n".join(check_scan(read_scan(folder))))
+        scan = read_scan(folder)
+        click.echo("\n".join(check_scan(scan)))
+        if mended := mending_of(scan, folder, SEED):
+            click.echo(f"note           {mended}")
 
 
 @main.command()

@@ -288,7 +288,7 @@ def points_projected(left, right, drawn: Drawn) -> None:
             note(right, f"q{name}", at, (13 * side, 0))
             note(right, f"e{name}", onto, (-14 * side, 0), figures.RED)
     note(right, "q4 = e4", drawn.q[3], (-26 * np.sign(drawn.q[1, 0]), -8), figures.RED)
-    right.margins(0.15)
+    right.margins(0.25, 0.15)
 
 
 def flange_positions(axes, drawn: Drawn) -> None:
