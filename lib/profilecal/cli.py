@@ -17,6 +17,7 @@ class Refused(click.ClickException):
     exit_code = 2
 
     def show(self, file=None):
+        """Print the sentence on standard error."""
         click.echo(f"profilecal: {self.message}", err=True)
 
 
@@ -197,36 +198,65 @@ def check(folder):
 @main.command()
 @click.argument("folder", type=SCAN)
 @click.option("--with", "pose", required=True, type=SCAN, help="What calibrate --json printed.")
-def verify(folder, pose):
-    """Compare a sensor pose with what a scan FOLDER says that was not used to find it; status 1 if they contradict."""
+@click.option("--before", type=SCAN, help="A scan of the same target and poses: has the sensor moved since?")
+@click.option("--log", type=PLACE, help="With --before: a CSV file to which the result is added, and drawn beside it.")
+def verify(folder, pose, before, log):
+    """Compare a sensor pose with what a scan FOLDER says that was not used to find it; status 1 if they contradict.
+
+    With --before, tell whether the sensor has moved between two scans; status 1 if it has.
+    """
+    from profilecal.calibrate import drift
     from profilecal.calibrate.verify import read_pose, to_text
     from profilecal.calibrate.verify import verify as verify_pose
     from profilecal.scan.folder import read_scan
     from profilecal.scan.scan import ScanError
 
+    if log and not before:
+        raise Refused("--log needs --before; it keeps what that finds")
     with refusing():
         scan = read_scan(folder)
         T, covariance, noise_mm, to_hand = read_pose(pose)
         if to_hand != (scan.mount == "eye-to-hand"):
             raise ScanError(f"{pose} and {folder} disagree about the mount, which is {scan.mount} in the scan")
-        found = verify_pose(scan, T, covariance, noise_mm)
-    click.echo(to_text(found))
+        if before:
+            found = drift.drift(read_scan(before), scan, T, covariance, noise_mm)
+        else:
+            found = verify_pose(scan, T, covariance, noise_mm)
+        click.echo(drift.to_text(found) if before else to_text(found))
+        if log:
+            from profilecal.report.drift import add_to_log
+
+            click.echo(f"log            {log}, drawn in {add_to_log(log, found.row(str(before), str(folder)))}")
     raise SystemExit(0 if found.as_expected else 1)
 
 
 @main.command("import")
-@click.argument("source", type=click.Choice(["handeyesync"]))
-@click.argument("measurements", type=PLACE)
+@click.argument("files", metavar="DIR", type=PLACE)
 @click.argument("folder", type=PLACE)
-@click.option("--picked", is_flag=True, help="Take the points picked by hand instead of the profiles.")
-def import_(source, measurements, folder, picked):
-    """Write measurements of another project, SOURCE, as a scan into a new FOLDER."""
+@click.option("--target", "kind", required=True, metavar="KIND", help="What was scanned: edge, disk, ball, plane, …")
+@click.option("--radius", type=float, help="Of a disk, ball or rod, mm.")
+@click.option("--poses", default="", metavar="FILES", help="What holds the robot's poses, a name or a pattern.")
+@click.option("--pose-columns", default="", metavar="NAMES", help="Of a table of poses: x,y,z,a,b,c; _ for others.")
+@click.option("--pose-units", default="", type=click.Choice(["", "mm", "m"]), help="Of the poses' positions.")
+@click.option("--tool", nargs=6, type=float, metavar="X Y Z A B C", help="The tool's frame, if poses are of a tool.")
+@click.option("--profiles", default="", metavar="FILES", help="The profiles, a pattern.")
+@click.option("--columns", default="", metavar="X,Z", help="Names or numbers of the columns of x and z.")
+@click.option("--entry", default="", metavar="NAME", help="Which list of a YAML or NPZ file is the profile.")
+@click.option("--units", default="", type=click.Choice(["", "mm", "m"]), help="Of the profiles.")
+@click.option("--missing", type=float, help="The z of points where nothing was seen.")
+def import_(files, folder, kind, radius, **said):
+    """Write the files of a DIR, one profile each and the robot's poses, as a scan into a new FOLDER.
+
+    What is not said is guessed, and every guess is printed.
+    """
     from profilecal.scan.folder import write_scan
-    from profilecal.scan.handeyesync import read_handeyesync
+    from profilecal.scan.imported import Layout, import_scan
 
     with refusing():
-        write_scan(read_handeyesync(measurements, picked=picked), folder)
-    click.echo(f"{folder}/ written")
+        scan, guessed = import_scan(files, kind, {} if radius is None else {"radius": radius}, Layout(**said))
+        write_scan(scan, folder)
+    click.echo("\n".join(guessed))
+    click.echo(f"{folder}/ written; next: profilecal check {folder}")
 
 
 @main.command()

@@ -1,12 +1,12 @@
 """What is wrong in the same way everywhere is named, and no wrong answer claims to be right."""
 
 import functools
-import os
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from real_scans import real_scan
 from scipy.stats import binom, chi2
 from simulated import calibration_of
 
@@ -14,7 +14,6 @@ from profilecal.calibrate.calibration import calibrate
 from profilecal.geometry.noise import FALSE_ALARM, Noise
 from profilecal.joint.state import pose_error
 from profilecal.scan.folder import read_scan
-from profilecal.scan.handeyesync import read_handeyesync
 from profilecal.simulate.spec import Spec, simulate_scan
 
 EXAMPLES = Path(__file__).parents[2] / "data" / "examples"
@@ -155,7 +154,4 @@ def test_eye_to_hand_drifts_are_named_too():
 
 @pytest.mark.parametrize("name", ["edge", "sphere"])
 def test_real_scans_stay_ok(name):
-    folder = os.environ.get("PROFILECAL_REAL_DATA")
-    if not folder:
-        pytest.skip("the measurements of HandEyeSync are not here: PROFILECAL_REAL_DATA is not set")
-    assert calibrate([read_handeyesync(Path(folder) / "handeyesync" / name)]).status == "ok"
+    assert calibrate([real_scan(name)]).status == "ok"

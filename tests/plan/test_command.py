@@ -145,6 +145,8 @@ def test_what_exists_is_counted_and_predicted(tmp_path):
     after = run("plan", spec, tmp_path / "next", "--after", tmp_path / "scan", "--poses", 4)
     assert "predicted for 12 poses" in after.output
     assert len(pd.read_csv(tmp_path / "next" / "poses.csv")) == 4
+    enough = re.search(r"until +(\d+) poses for 0.3 mm and 0.2°", run("plan", spec, "--until", 0.3, 0.2).output)
+    assert 4 <= int(enough[1]) <= 8
 
 
 @pytest.mark.parametrize(
@@ -163,6 +165,8 @@ def test_what_exists_is_counted_and_predicted(tmp_path):
         ("poses = 8", "tilt_deg = 90", "tilt_deg is 0 to 80"),
         ("poses = 8", "low = [0, 0, 0]\nhigh = [9, 9, 9]", "are outside the box"),
         ("poses = 8", "poses = 3000", "poses is 3000"),
+        ("poses = 8", "tilt_deg = 0\nspin_deg = 0", "differs by 1° or more from those of the 1 chosen"),
+        ("profile_mm = 0.05", "profile_mm = 0", "a plan needs the scanner's noise"),
     ],
 )
 def test_wishes_that_cannot_be_granted_are_refused_in_words(tmp_path, old, new, sentence):

@@ -49,10 +49,10 @@ def test_no_exchange_helps_a_plan_that_was_exchanged():
 @pytest.mark.parametrize("kind", [*KINDS, "point"])
 def test_a_designed_plan_beats_the_best_of_1000_random_ones(kind):
     rng = np.random.default_rng(3)
-    setup, (pool, *_) = setup_for(kind), pool_of(kind, 1500, rng)
-    plans = [pool.covariance(rng.choice(1500, 15, replace=False))[:6, :6] for _ in range(1000)]
+    setup, (pool, *_) = setup_for(kind), pool_of(kind, 800, rng)
+    plans = [pool.covariance(rng.choice(800, 15, replace=False))[:6, :6] for _ in range(1000)]
     best = np.sqrt(np.linalg.eigvalsh(plans)[:, -1].min())
-    plan = design(setup, Wishes(poses=15), rng)
+    plan = design(setup, Wishes(poses=15), rng, candidates=800)
     assert len(plan.T) == 15
     assert (refused(setup, Limits(), plan.R, plan.T) == "").all()
     assert plan.predicted.spectrum.sd[0] < 0.9 * best
@@ -61,10 +61,10 @@ def test_a_designed_plan_beats_the_best_of_1000_random_ones(kind):
 @pytest.mark.parametrize("kind", [k for k in (*KINDS, "point") if k != "plane"])
 def test_half_of_the_poses_that_random_plans_need(kind):
     rng = np.random.default_rng(4)
-    plan = design(setup_for(kind), Wishes(), rng)
+    plan = design(setup_for(kind), Wishes(), rng, candidates=800)
     assert plan.enough == len(plan.T)
-    pool, *_ = pool_of(kind, 1500, rng)
-    random = [largest(pool.covariance(rng.choice(1500, 2 * len(plan.T), replace=False))[:6, :6]) for _ in range(200)]
+    pool, *_ = pool_of(kind, 800, rng)
+    random = [largest(pool.covariance(rng.choice(800, 2 * len(plan.T), replace=False))[:6, :6]) for _ in range(200)]
     assert np.mean((np.array(random) <= [0.1, 0.05]).all(axis=1)) < 0.5
 
 
@@ -110,7 +110,7 @@ def test_a_plan_after_another_adds_what_that_one_lacks():
     assert before.spectrum.status != "ok"
     assert plan.predicted.poses == 36
     assert plan.predicted.mm < 0.2
-    assert plan.predicted.mm < 0.8 * design(setup, Wishes(poses=6), rng).predicted.mm
+    assert plan.predicted.spectrum.sd[0] < design(setup, Wishes(poses=6), rng).predicted.spectrum.sd[0]
 
 
 def test_each_criterion_is_best_at_what_it_asks_for():

@@ -36,6 +36,7 @@ class Suspect:
 
     @property
     def sentence(self) -> str:
+        """The suspect in words, with its size."""
         return self.words.format(self.size)
 
 

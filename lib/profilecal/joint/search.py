@@ -107,21 +107,21 @@ def thin(observations: Observations, count: int) -> Observations:
 
 
 def few_groups(observations: Observations, count: int) -> Observations:
-    """A batch of `count` different selections of about SUBSET poses, each from few groups."""
+    """A batch of `count` different selections of about SUBSET poses of each problem, each from few groups."""
     P, group = observations.points.shape[-3], observations.labels
     groups = group.max() + 1
     each = max(3, -(-SUBSET // groups), SUBSET // 5 if groups < P else 1)
-    batch = []
+    members = [np.flatnonzero(group == g) for g in range(groups)]
+    members = [m[np.unique(np.linspace(0, len(m) - 1, min(each, len(m))).astype(int))] for m in members]
+    chosen = []
     for k in range(count):
         shuffled = np.argsort((np.arange(1, groups + 1) * (k + 1) * (np.sqrt(5) - 1) / 2) % 1, kind="stable")
-        members = [np.flatnonzero(group == g) for g in shuffled]
-        picked = [m[np.unique(np.linspace(0, len(m) - 1, min(each, len(m))).astype(int))] for m in members]
-        batch.append(np.concatenate(picked)[: min(SUBSET, P)])
-    short = min(map(len, batch))
-    selected = [thin(observations.keep(chosen[:short]), short) for chosen in batch]
-    names = [name for name in BATCHED if getattr(observations, name) is not None]
-    together = {name: np.concatenate([getattr(s, name) for s in selected]) for name in names}
-    return replace(selected[0], **together, group=None)
+        chosen.append(np.concatenate([members[g] for g in shuffled])[: min(SUBSET, P)])
+    short = min(map(len, chosen))
+    chosen, few = np.array([poses[:short] for poses in chosen]), thin(observations, P)
+    given = {name: getattr(few, name) for name in BATCHED if getattr(few, name) is not None}
+    together = {name: np.concatenate(value[:, chosen]) for name, value in given.items()}
+    return replace(few, **together, group=None)
 
 
 def distinct(state: State, count: int = KEPT) -> State:

@@ -55,6 +55,13 @@ def edge_profiles(scene: EdgeScene, specimen: str, scanner: Scanner, noise: Nois
     return scanner.decode(scanner.count(outline, rng))
 
 
+def find_edges(profiles) -> np.ndarray:
+    """The edge (G, N, 2) that the library finds in raw profiles (G, N, points, 2), mm; NaN where it finds none."""
+    features = Edge.features(profiles.reshape(-1, *profiles.shape[2:]))
+    points = [feature.points[0] if feature.found else (np.nan, np.nan) for feature in features]
+    return np.reshape(points, (*profiles.shape[:2], 2))
+
+
 def ball_points(ball: Ball, R_sensor, T_sensor, poses: Poses, noise: Noise, rng, count: int = 40) -> np.ndarray:
     """Points (..., G, N, count, 2) on a ball, x and z in the sensor frame, mm, that a scanner on the flange reports.
 
@@ -77,10 +84,12 @@ def observations_of(scene: EdgeScene) -> Observations:
 
 
 def second_edge(plan: EdgePlan, noise: Noise, planted, rng: np.random.Generator, offset_mm: float = 10.0):
-    """An edge scene whose points of the groups and positions `planted` (G, N) lie on a parallel edge, `offset_mm` away:
-    the scene with its points replaced."""
-    scene = edge_scenes(plan, noise, rng)
-    across = np.cross(scene.edge.direction, directions(rng, ()))
-    other = Edge(scene.edge.point + offset_mm * across / np.linalg.norm(across), scene.edge.direction)
+    """Edge scenes whose points of the groups and positions `planted` (..., G, N) lie on a parallel edge, `offset_mm`
+    away: the scenes with their points replaced."""
+    shape = np.shape(planted)[:-2]
+    scene = edge_scenes(plan, noise, rng, shape)
+    across = np.cross(scene.edge.direction, directions(rng, shape))
+    across = offset_mm * across / np.linalg.norm(across, axis=-1, keepdims=True)
+    other = Edge(scene.edge.point + across, scene.edge.direction)
     wrong = sense_edge(other, scene.R_sensor, scene.T_sensor, scene.poses, noise, rng)
     return replace(scene, points=np.where(planted[..., None], wrong, scene.points))

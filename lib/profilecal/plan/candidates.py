@@ -28,7 +28,7 @@ class Limits:
     low: tuple[float, ...] = (-np.inf,) * 3
     high: tuple[float, ...] = (np.inf,) * 3
     tilt_deg: float = 30.0  # of the direction of view against looking at the target squarely
-    spin_deg: float = 60.0  # about the direction of view
+    spin_deg: float = 45.0  # about the direction of view
     extent_mm: float = 50.0  # how far from the guess an edge, a rod or a face is seen, to either side
     avoid: tuple[tuple[float, ...], ...] = ()  # x, y, z, radius: where neither flange nor sensor may be
 

@@ -39,6 +39,8 @@ def task(spec: Path, after: Path | None, **options) -> Task:
     """From a file SPEC.toml or a scan folder. `options`: fields of `Wishes` that are not None go before what is in the
     file. Raises ScanError."""
     options = {name: value for name, value in options.items() if value is not None}
+    if "until" in options:
+        options = {"poses": 0} | options
     if spec.is_dir():
         if after:
             raise ScanError(f"{spec} is a scan folder itself; --after is for a specification")

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from profilecal.joint.observability import POSE_UNITS
+from profilecal.scan.scan import ScanError
 
 CRITERIA = ("worst", "A", "D")
 SQUARINGS = 4  # p = 2⁴
@@ -107,7 +108,13 @@ def add(pool: Pool, chosen: list[int], criterion: str) -> list[int]:
     values = pool.values_with(C, "whole" if few else criterion)
     if chosen:
         values[pool.taken(chosen)] = np.inf
-    return [*chosen, int(np.argmin(values))]
+    best = int(np.argmin(values))
+    if values[best] == np.inf:
+        raise ScanError(
+            f"no pose is left whose orientation differs by {APART_DEG:g}° or more from those of the {len(chosen)} "
+            "chosen; widen tilt_deg or spin_deg, or ask for fewer poses"
+        )
+    return [*chosen, best]
 
 
 def exchange(pool: Pool, chosen: list[int], criterion: str, sweeps: int = SWEEPS) -> list[int]:

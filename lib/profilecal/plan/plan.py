@@ -107,6 +107,8 @@ def setup_of(spec: Spec, stated: dict[str, float], rng: np.random.Generator) -> 
     """
     if spec.guess is None:
         raise ScanError("a plan needs [guess]: roughly where the sensor (mount) and the target are")
+    if not spec.noise.profile_mm:
+        raise ScanError("profile_mm is 0 in [noise]; a plan needs the scanner's noise")
     measured = spec.measured or TARGETS[spec.kind].tables[-1]
     level, profile_mm = expect(stated), spec.noise.profile_mm
     if measured == "arcs":  # errors of centre and radius, as those of three points a third of a turn apart

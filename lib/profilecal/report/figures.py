@@ -1,11 +1,13 @@
 """Figures and what notebooks hand out. Nothing else in the library imports matplotlib."""
 
 from dataclasses import dataclass
+from itertools import combinations, product
 from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
+from matplotlib.ticker import LogLocator
 
 from profilecal.geometry.poses import circle_around
 from profilecal.papers.scorecard import Scorecard
@@ -111,6 +113,15 @@ def draw_frame(axes, rotation, origin, length: float, name: str = "") -> None:
         axes.text(*(origin - 0.25 * length * np.asarray(rotation)[:, 2]), name, ha="center", va="center")
 
 
+def draw_arrow(axes, start, end, colour: str, text: str, aside, lw: float = 2, ls: str = "-") -> None:
+    """Draw an arrow in a 3D plot, with a text beside its middle."""
+    start, way = np.asarray(start, dtype=float), np.subtract(end, start)
+    tip = 18 / np.linalg.norm(way)
+    axes.quiver(*start, *way, color=colour, lw=lw, ls=ls, arrow_length_ratio=tip)
+    box = {"facecolor": "white", "alpha": 0.8, "lw": 0, "pad": 1}
+    axes.text(*(start + 0.5 * way + aside), text, color=colour, ha="center", va="center", bbox=box)
+
+
 def draw_patch(axes, corners, colour: str, alpha: float = 0.25, label: str = "") -> None:
     """Draw a filled polygon with corners (n, 3) in a 3D plot."""
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
@@ -127,11 +138,54 @@ def equal_axes(axes, points) -> None:
     axes.set(zlim=(middle[2] - half, middle[2] + half), box_aspect=(1, 1, 1))
 
 
-def draw_scan(axes, rotation, origin, depth: float, colour: str, label: str = "") -> None:
-    """Draw a scanner's fan of light in a 3D plot: from its origin to `depth`, as wide as it is deep."""
+def draw_scan(axes, rotation, origin, depth: float, colour: str, label: str = "") -> np.ndarray:
+    """Draw a scanner's fan of light in a 3D plot, from its origin to `depth`, as wide as it is deep.
+
+    Returns its corners (3, 3).
+    """
     rotation = np.asarray(rotation)
     ends = [origin + depth * (rotation[:, 2] + side * rotation[:, 0] / 2) for side in (-1, 1)]
-    draw_patch(axes, np.array([origin, *ends]), colour, alpha=0.15, label=label)
+    corners = np.array([origin, *ends])
+    draw_patch(axes, corners, colour, alpha=0.15, label=label)
+    return corners
+
+
+def plot_by_row(panels, runs: pd.DataFrame, by: str, labels: dict[str, str], published: dict) -> None:
+    """Draw columns of `labels`, {column: axis label}, a panel each: the median and the middle half of the runs, a row
+    for each value of the column `by`. `published` {column: (least, greatest)} is drawn as a band."""
+    for axes, (column, label) in zip(panels, labels.items(), strict=True):
+        parts = runs.groupby(by, sort=False)[column].quantile([0.25, 0.5, 0.75]).unstack()
+        low, middle, high = parts.to_numpy().T
+        if column in published:
+            axes.axvspan(*published[column], color=OF_METHOD["published"], alpha=0.2, lw=0, label="published")
+        style = {
+            "fmt": "o",
+            "ms": 5,
+            "color": OF_METHOD["closed form"],
+            "label": "median and middle half of the scenes",
+        }
+        axes.errorbar(middle, range(len(parts)), xerr=[middle - low, high - middle], **style)
+        axes.set(xlabel=label, yticks=range(len(parts)), yticklabels=parts.index)
+    panels[0].invert_yaxis()
+
+
+def plot_medians(axes, runs: pd.DataFrame, x: str, y: str, hue: str, label: str) -> None:
+    """Draw the median of column y over column x, a line for each value of column `hue`, which `label` formats."""
+    medians = runs.groupby([hue, x])[y].median().unstack(0)
+    shades = plt.get_cmap("viridis")(np.linspace(0, 0.85, len(medians.columns)))
+    for value, shade in zip(medians, shades, strict=True):
+        axes.plot(medians.index, medians[value], ".-", color=shade, label=label.format(value))
+    axes.set(xlabel=x, xscale="log")
+
+
+def plot_clouds(axes, clouds: dict, view) -> None:
+    """Draw clouds {label: errors (n, 3)} around the truth, as seen in the plane of the rows `view` (2, 3)."""
+    shades = plt.get_cmap("viridis")(np.linspace(0.85, 0, len(clouds)))
+    for (label, cloud), shade in zip(clouds.items(), shades, strict=True):
+        axes.plot(*(cloud @ view.T).T, ".", ms=3, color=shade, label=label)
+    axes.plot(0, 0, "k+", ms=14, mew=2)
+    axes.annotate("truth", (0, 0), (8, 8), textcoords="offset points")
+    axes.set(aspect="equal")
 
 
 def beside_line(points, point, direction) -> tuple[np.ndarray, np.ndarray]:
@@ -147,13 +201,110 @@ def beside_line(points, point, direction) -> tuple[np.ndarray, np.ndarray]:
     return along, offset @ (above / np.linalg.norm(above))
 
 
+def draw_vectors(axes, points, direction, colour: str = BLUE) -> None:
+    """Draw the vectors from the first of points (n, 3) to the others, on one scale, seen from beside a line along
+    `direction` through the first; the view is `beside_line`'s."""
+    along, above = beside_line(points, points[0], direction)
+    start = np.zeros(len(points) - 1)
+    axes.axhline(0, color="black", lw=1, zorder=0)
+    axes.quiver(start, start, along[1:], above[1:], angles="xy", scale_units="xy", scale=1, color=colour, width=0.006)
+    axes.plot(along, above, "o", ms=4, color=ORANGE)
+    axes.plot(0, 0, "o", ms=10, mfc="none", mew=2, color="black")
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.margins(0.08, 0.15)
+
+
+def draw_edge_group(axes, edge, rotation, origins, points) -> None:
+    """Draw in a 3D plot what a scanner of one orientation `rotation` (3, 3) sees of an edge from `origins` (n, 3): its
+    first, middle and last scan, and the edge's points (n, 3). The edge runs from left to right, the scanner is above.
+    """
+    depth = 1.2 * np.linalg.norm(points - origins, axis=1).max()
+    up = (rotation[:, 2] @ edge.direction) * edge.direction - rotation[:, 2]
+    up /= np.linalg.norm(up)
+    view = np.stack([edge.direction, np.cross(up, edge.direction), up], axis=-1)
+    turned, seen, places = view.T @ rotation, (points - edge.point) @ view, (origins - edge.point) @ view
+    corners = np.array([[0, 0, 0], [-0.3, 0, 1], [0.3, 0, 1]]) * depth @ turned.T
+    for k, colour in zip((0, len(points) // 2, -1), (BLUE, GREEN, PURPLE), strict=True):
+        draw_patch(axes, places[k] + corners, colour, alpha=0.15)
+    axes.plot(*places.T, "o-", color="0.4", ms=3, lw=1)
+    ends = np.outer(1.4 * np.abs(seen[:, 0]).max() * np.array([-1, 1]), [1, 0, 0])
+    axes.plot(*ends.T, color="black", lw=2)
+    axes.plot(*seen.T, "o", color=ORANGE, ms=4)
+    axes.text(*ends[1], " edge", va="center")
+    axes.text(*places[places[:, 0].argmax()], "  scanner's path", color="0.3", va="center")
+    everything = np.vstack([ends, *(places + corner for corner in corners)])
+    low, high = everything.min(axis=0), everything.max(axis=0)
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
+    axes.set_box_aspect(high - low, zoom=1.2)
+    axes.set_axis_off()
+
+
+def draw_ball_scan(axes, clouds, radius: float) -> None:
+    """Draw in a 3D plot points (G, n, 3) of a ball around the origin, a colour for each G, and circles of latitude."""
+    for cloud, colour in zip(clouds, plt.get_cmap("viridis")(np.linspace(0, 0.95, len(clouds))), strict=True):
+        axes.plot(*cloud.T, ".", ms=1.5, color=colour)
+    for latitude in np.radians([-60, -30, 0, 30, 60]):
+        height = np.array([0, 0, radius * np.sin(latitude)])
+        axes.plot(*circle_around(height, [0, 0, 1], radius * np.cos(latitude)).T, color="0.7", lw=0.7)
+    equal_axes(axes, radius * np.array([[-1, -1, -1], [1, 1, 1]]))
+    axes.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")
+
+
+def error_bars(axes, columns: dict, colours) -> None:
+    """Draw medians and 95 % ranges side by side; `columns` maps each name to pandas groups with the same keys."""
+    for k, ((name, groups), colour) in enumerate(zip(columns.items(), colours, strict=True)):
+        low, middle, high = (groups.quantile(q) for q in (0.025, 0.5, 0.975))
+        x = np.arange(len(middle)) + 0.2 * (k - (len(columns) - 1) / 2)
+        axes.errorbar(x, middle, [middle - low, high - middle], fmt="o", ms=4, lw=2, color=colour, label=name)
+    axes.set(xticks=range(len(middle)), xticklabels=middle.index)
+
+
 def noise_curves(axes, m, sigma_mm, e) -> None:
     """Draw e (k, l) over m (l,), one curve for each sigma_mm (k,), named at its right end."""
+    sigma_mm, e = np.asarray(sigma_mm), np.asarray(e)
     shades = plt.get_cmap("viridis")(np.linspace(0, 0.85, len(sigma_mm)))
+    level = np.average(e[:, -3:].mean(axis=1) / sigma_mm, weights=sigma_mm)  # evenly spaced names do not collide
     for sigma, curve, shade in zip(sigma_mm, e, shades, strict=True):
         axes.plot(m, curve, color=shade, lw=1.5)
-        axes.annotate(f"{sigma:g}", (m[-1], curve[-1]), (4, 0), textcoords="offset points", va="center", color=shade)
-    axes.annotate("σ [mm]", (m[-1], e[-1, -1]), (4, 12), textcoords="offset points", fontsize=9)
+        place = m[-1], level * sigma
+        axes.annotate(f"{sigma:.3g}", place, (5, 0), textcoords="offset points", va="center", color=shade, fontsize=9)
+    axes.annotate("σ [mm]", place, (5, 10), textcoords="offset points", fontsize=9)
+
+
+def label_decades(axis) -> None:
+    """Label a logarithmic axis (`axes.xaxis`, `axes.yaxis`) with plain numbers at 1, 2 and 5 of every decade."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def plot_needs(needs: pd.DataFrame, asked: dict[str, str], limit: float) -> plt.Figure:
+    """Bars of the column "error over noise" of a table with columns method, data and suffices, from the top.
+
+    `asked`: the data that a paper asks for, by method. Bars end at `limit`, where the error is as large as what is
+    sought. Raises ValueError where the errors are not numbers: matplotlib would draw their ranks.
+    """
+    errors = needs["error over noise"]
+    if not pd.api.types.is_numeric_dtype(errors):
+        raise ValueError("column 'error over noise' holds no numbers, so it cannot be drawn")
+    place = np.arange(len(needs)) + 0.8 * (needs["method"] != needs["method"].shift()).cumsum()
+    figure, axes = plt.subplots(figsize=(8, 0.27 * len(needs) + 2))
+    colours = np.where(needs["suffices"], ORANGE, "silver")
+    axes.barh(place, errors.clip(upper=limit), color=colours)
+    for row, at in zip(needs.itertuples(), place, strict=True):
+        if asked.get(row.method) == row.data:
+            axes.plot(1.3 * limit, at, "<", color=RED, ms=8, clip_on=False)
+    axes.plot([], [], "s", color=ORANGE, label="these data suffice")
+    axes.plot([], [], "s", color="silver", label="these do not")
+    axes.plot([], [], "<", color=RED, label="what the paper asks for")
+    axes.set(xscale="log", xlim=(0.3, limit), xlabel="error of the translation over the noise [1]")
+    axes.set_yticks(place, needs["method"] + ": " + needs["data"])
+    axes.invert_yaxis()
+    figure.suptitle("With too few data the error is about as large as what is sought")
+    figure.legend(loc="outside lower center", ncols=3)
+    return figure
 
 
 def draw_seen_and_expected(axes, scene, turn_deg: float, shift_mm: float) -> None:
@@ -179,31 +330,77 @@ def draw_seen_and_expected(axes, scene, turn_deg: float, shift_mm: float) -> Non
     axes.invert_yaxis()
 
 
-def draw_motion(axes, scene, worst) -> None:
-    """Draw the first problem of a `scenes.Scene` in 3D: target, sensor positions, and at the first of them the worst
-    known direction `worst` (6,) of the sensor pose, in the units of `observability`: an arrow for a translation, an arc
-    with an axis for a rotation."""
-    seen, truth = scene.observations, scene.truth
-    rotation = seen.R_flange[0] @ truth.rotation[0]
-    origin = seen.T_flange[0] + seen.R_flange[0] @ truth.translation[0]
-    middle = truth.placements[0][0][0]
-    axes.scatter(*origin.T, s=6, color=BLUE, depthshade=False)
-    for g in np.unique(seen.group):
-        first = np.flatnonzero(seen.group == g)[0]
-        draw_frame(axes, rotation[first], origin[first], 14)
-        axes.plot(*np.stack([origin[first], middle]).T, color="0.7", lw=0.7)
-    lines = scene.target.lines(middle + np.outer([-60, 60], scene.target.frame[1][:, 2]))
-    for line in lines:
-        axes.plot(*line.T, color="black", lw=2.5)
-    shift, turn = rotation[0] @ worst[:3], rotation[0] @ worst[3:]
-    name = "arrow" if shift @ shift > turn @ turn else "turn"
-    along = shift if name == "arrow" else turn
-    along = 60 * along / np.linalg.norm(along)
-    axes.quiver(*origin[0], *along, color=PURPLE, lw=3, arrow_length_ratio=0.25)
-    if name == "turn":
-        axes.plot(*circle_around(origin[0] + 0.6 * along, along, 15)[:70].T, color=PURPLE, lw=3)
-    equal_axes(axes, np.vstack([origin, origin[:1] + along, *lines]))
-    axes.set(xticklabels=[], yticklabels=[], zticklabels=[])
+def draw_motion(axes, scene, other) -> None:
+    """Draw the first problem of a `scenes.Scene` in 3D, as it is and with the sensor pose and the target of `other`, a
+    `State`: where the sensor was (dots), its fan of light in two orientations, and the target."""
+    seen, drawn = scene.observations, []
+    firsts = np.unique(seen.group, return_index=True)[1]
+    firsts = firsts[np.unique(np.linspace(0, len(firsts) - 1, 2).astype(int))]
+    for state, colour, name in ((scene.truth, BLUE, "the mount"), (other, ORANGE, "the other mount")):
+        rotation = seen.R_flange[0] @ state.rotation[0]
+        origin = seen.T_flange[0] + seen.R_flange[0] @ state.translation[0]
+        target = type(scene.target).at(state.placements[0][0][0], state.placements[0][1][0], seen.sizes)
+        middle, along = target.frame[0], target.frame[1][:, 2]
+        axes.plot(*origin[firsts].T, "o", color=colour, ms=5, label=name)
+        for k in firsts:
+            draw_scan(axes, rotation[k], origin[k], 80.0, colour)
+        for line in target.lines(middle + np.outer([-60, 60], along)):
+            axes.plot(*line.T, color=colour, lw=3, label="its target" if colour == BLUE else "its target ")
+            drawn.append(line)
+        drawn.append(origin[firsts])
+    equal_axes(axes, np.vstack(drawn))
+    axes.set_box_aspect((1, 1, 1), zoom=1.7)
+    axes.set_axis_off()
+
+
+def draw_two_scans(axes, scene, other) -> float:
+    """Draw the points that a perfect scanner sees in the first problem of a `scenes.Scene` (dots), and with the sensor
+    pose and target of `other`, a `State` (circles). Returns their rms difference, mm."""
+    seen, points = scene.observations, []
+    for state in (scene.truth, other):
+        target = type(scene.target).at(state.placements[0][0][0], state.placements[0][1][0], seen.sizes)
+        rotation = seen.R_flange[0] @ state.rotation[0]
+        origin = seen.T_flange[0] + seen.R_flange[0] @ state.translation[0]
+        points.append(target.points_seen(rotation, origin, seen.points.shape[-2]).reshape(-1, 2))
+    axes.plot(*points[0].T, ".", color=BLUE, ms=5)
+    axes.plot(*points[1].T, "o", color=ORANGE, mfc="none", ms=8)
+    difference = float(np.sqrt(np.nanmean((points[0] - points[1]) ** 2)))
+    text = "the scans are identical" if difference < 1e-6 else f"the scans differ by {difference:.2g} mm"
+    axes.set(title=text, xlabel="x in the scan [mm]", ylabel="z in the scan [mm]")
+    axes.margins(0.15)
+    axes.invert_yaxis()
+    return difference
+
+
+def plot_bands(axes, x, bands: dict) -> None:
+    """Draw lines over x (n,) with a band around each, {name: low, middle, high (3, n)}."""
+    shades = plt.get_cmap("viridis")(np.linspace(0, 0.8, len(bands)))
+    markers = ("o-", "s-", "^-", "D-", "v-", "P-")
+    for (name, (low, middle, high)), shade, marker in zip(bands.items(), shades, markers, strict=False):
+        axes.loglog(x, middle, marker, color=shade, ms=5, label=name)
+        axes.fill_between(x, low, high, color=shade, alpha=0.2, lw=0)
+
+
+def draw_breakdown(axes, runs, methods) -> None:
+    """Draw the median rotation and translation errors of methods over the share of bad points, one above the other.
+
+    `runs`: rows of `outlier_study.compare` with the column "percent". Bands hold the middle 80 % of the runs.
+    """
+    looks = {
+        "two-phase": (OF_METHOD["closed form"], "o-"),
+        "two-phase, screened": (OF_METHOD["closed form"], "^:"),
+        "least squares": (OF_METHOD["joint"], "s-"),
+        "robust joint": (OF_METHOD["robust joint"], "D-"),
+        "good points alone": (OF_METHOD["bound"], "--"),
+    }
+    for method in methods:
+        colour, line = looks[method]
+        for ax, error in zip(axes, ("rotation", "translation"), strict=True):
+            by_share = runs[runs["method"] == method].groupby("percent")[error]
+            middle, low, high = (by_share.quantile(q) for q in (0.5, 0.1, 0.9))
+            ax.semilogy(middle.index, middle, line, color=colour, label=method, ms=5)
+            if method == "robust joint":
+                ax.fill_between(low.index, low, high, color=colour, alpha=0.15, lw=0)
 
 
 def plot_columns(frame: pd.DataFrame, x: str, y: str, hue: str, folder: Path) -> Path:
@@ -230,3 +427,37 @@ def plot_columns(frame: pd.DataFrame, x: str, y: str, hue: str, folder: Path) ->
     figure.savefig(place.with_suffix(".svg"))
     plt.close(figure)
     return place
+
+
+def plot_with_interval(axes, frame: pd.DataFrame, x: str, y: str, **style) -> None:
+    """Draw column y of a table over column x, with bars from column y_low to column y_high."""
+    bars = [frame[y] - frame[f"{y}_low"], frame[f"{y}_high"] - frame[y]]
+    axes.errorbar(frame[x], frame[y], bars, **{"marker": "o", "ms": 4, "capsize": 2} | style)
+
+
+def plot_rows(axes, frame: pd.DataFrame, x: str, shift: float, **style) -> None:
+    """Draw column x of a table, a row of the figure for each of its rows, `shift` below it, with bars as above."""
+    bars = [frame[x] - frame[f"{x}_low"], frame[f"{x}_high"] - frame[x]]
+    axes.errorbar(frame[x], np.arange(len(frame)) + shift, xerr=bars, **{"fmt": "o", "ms": 5, "capsize": 2} | style)
+
+
+def plain_log(*scales) -> None:
+    """Label logarithmic x or y axes of plots with plain numbers, at 1, 2, 5, 10, …"""
+    for axis in scales:
+        axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        axis.set_major_formatter("{x:g}")
+        axis.set_minor_locator(plt.NullLocator())
+
+
+def draw_box(axes, points) -> None:
+    """Draw points (n, 3), mm, in a 3D plot, with their mean and the box of the base's directions around them."""
+    axes.scatter(*points.T, color=BLUE, s=14, depthshade=False)
+    axes.scatter(*points.mean(axis=0), color="black", s=40, depthshade=False, label="mean")
+    corners = np.array(list(product(*np.stack([points.min(axis=0), points.max(axis=0)], axis=1))))
+    for first, second in combinations(corners, 2):
+        if np.sum(first != second) == 1:
+            axes.plot(*np.stack([first, second]).T, color="0.6", lw=0.8)
+    equal_axes(axes, points)
+    axes.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")
+    axes.locator_params(nbins=4)
+    axes.legend(loc="upper left")

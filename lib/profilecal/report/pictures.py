@@ -5,7 +5,7 @@ import numpy as np
 
 from profilecal.geometry.poses import carry, circle_around
 from profilecal.joint.observability import BY_HAND_DEG, BY_HAND_MM, WEAK
-from profilecal.report.calibration import chance_limits, features_of
+from profilecal.report.calibration import chance_limits, features_of, field_of_view
 from profilecal.report.figures import (
     BLUE,
     GREEN,
@@ -35,8 +35,7 @@ def plot_robot(found) -> plt.Figure:
     if known and not on_flange:
         s, depth = found.solution, depth_of(found.observed)
         draw_frame(axes, s.rotation, s.translation, 0.35 * depth)
-        draw_scan(axes, s.rotation, s.translation, depth, SKY, "scan plane")
-        drawn.append(s.translation[None])
+        drawn.append(draw_scan(axes, s.rotation, s.translation, depth, SKY, "scan plane"))
     for k, (scan, observed) in enumerate(zip(found.scans, found.observed, strict=True)):
         R, T, colour = scan.R_base_flange, scan.T_base_flange, SCAN_COLOURS[k % 3]
         few = np.unique(np.linspace(0, len(T) - 1, max(1, FRAMES_DRAWN // len(found.scans))).round().astype(int))
@@ -49,7 +48,7 @@ def plot_robot(found) -> plt.Figure:
         if on_flange:
             for i in few[:: -(-len(few) * len(found.scans) // SCANS_DRAWN)]:
                 rotation, origin = R[i] @ found.solution.rotation, T[i] + R[i] @ found.solution.translation
-                draw_scan(axes, rotation, origin, depth_of([observed]), SKY, "scan plane")
+                drawn.append(draw_scan(axes, rotation, origin, depth_of([observed]), SKY, "scan plane"))
             drawn.append(draw_lines(axes, lines, colour, f"{scan.kind}, where the scans place it"))
         else:
             for i in few:
@@ -138,24 +137,27 @@ def shorten(text: str, length: int) -> str:
 
 
 def plot_view(found) -> plt.Figure:
-    """What was seen of the targets, in the scan plane: the part of the field of view that the measurements cover."""
+    """What was seen of the targets, in the scan plane, and the field of view, as far as raw profiles show it."""
     figure, axes = plt.subplots(figsize=(5.6, 4.2))
+    field = field_of_view(found.scans)
+    if field is not None:
+        axes.fill(*field.T, color="0.92", label="field of view, as far as the profiles reach")
     for k, (scan, o) in enumerate(zip(found.scans, found.observed, strict=True)):
         colour, points = (BLUE, GREEN, ORANGE, PURPLE)[k % 4], np.asarray(o.points)[0]
-        name = scan.title if len(found.scans) > 1 else ""
+        name = f"{scan.title}: features" if len(found.scans) > 1 else "features"
         if o.target.points == 2:
             lines = np.concatenate([points, np.full_like(points[:, :1], np.nan)], axis=1).reshape(-1, 2)
             axes.plot(*lines.T, color=colour, lw=0.8, alpha=0.6, label=name)
         elif scan.measured == "arcs":
             for x, z, r in (scan.values[i][0] for i in found.seen[k]):
                 angle = np.radians(np.linspace(-60, 60, 40))
-                axes.plot(x + r * np.sin(angle), z - r * np.cos(angle), color=colour, lw=0.8, alpha=0.6)
+                axes.plot(x + r * np.sin(angle), z - r * np.cos(angle), color=colour, lw=0.8, alpha=0.6, label=name)
+                name = ""
         else:
             axes.scatter(*points.reshape(-1, 2).T, s=8 if o.target.points else 1, color=colour, label=name, alpha=0.7)
     axes.set(xlabel="sensor x [mm]", ylabel="sensor z, depth [mm]", aspect="equal")
     axes.invert_yaxis()
-    if len(found.scans) > 1:
-        figure.legend(loc="outside upper center")
+    figure.legend(loc="outside upper center", ncols=2)
     return figure
 
 

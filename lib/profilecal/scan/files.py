@@ -25,6 +25,12 @@ def naming(path: Path):
         raise ScanError(f"{path}: {error}") from error
 
 
+def text_of(path: Path) -> str:
+    """A file's text. Raises ScanError."""
+    with naming(path):
+        return path.read_text(encoding="utf-8-sig")
+
+
 def _not_utf8(path: Path, error: UnicodeDecodeError) -> str:
     """Where a file is no text: in the file, for `error` may count from the start of a block."""
     content = path.read_bytes()

@@ -104,11 +104,18 @@ def planned_poses(place, to_hand: bool) -> dict:
     return found | dict(zip("RT", inverse(R, T) if to_hand else (R, T), strict=True))
 
 
-def planned_scene(kind: str, sizes, guess: Guess, place, to_hand: bool, rng: np.random.Generator) -> Scene:
-    """The poses of a plan, and a sensor and a target that are where the guess has them, but for its margins."""
+def planned_scene(
+    kind: str, sizes, guess: Guess, place, to_hand: bool, steering_mm: float, rng: np.random.Generator
+) -> Scene:
+    """The poses of a plan, and a sensor and a target that are where the guess has them, but for its margins; where
+    the operator steers, by `steering_mm` well, the poses that this takes."""
     plan = planned_poses(place, to_hand)
     R_sensor, T_sensor, target, facing = off_by(guess, kind, sizes, rng)
     R, T = plan["R"], plan["T"]
+    if target.steered:
+        y = (R @ R_sensor)[..., 1]
+        off = np.sum((target.frame[0] - carry(R, T, T_sensor)) * y, axis=1) - steering_mm * rng.normal(size=len(T))
+        T = T + off[:, None] * y
     points = target.points_seen(R @ R_sensor, carry(R, T, T_sensor), 40)
     seen = Observations(kind, R[None], T[None], points[None], sizes, plan["group"])
     truth = State(R_sensor[None], T_sensor[None], (tuple(part[None] for part in target.frame),))

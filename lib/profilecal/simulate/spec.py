@@ -134,7 +134,8 @@ def simulate_scans(specs: Sequence[Spec]) -> list[Scan]:
 def scene_of(spec: Spec, rng: np.random.Generator) -> Scene:
     """The target and the poses of a specification."""
     if spec.poses:
-        return planned_scene(spec.kind, sizes_of(spec), spec.guess, spec.poses, spec.mount == "eye-to-hand", rng)
+        to_hand, steering_mm = spec.mount == "eye-to-hand", spec.noise.steering_mm
+        return planned_scene(spec.kind, sizes_of(spec), spec.guess, spec.poses, to_hand, steering_mm, rng)
     return random_scene(
         spec.kind,
         rng,

@@ -1,0 +1,69 @@
+"""FANUC listings."""
+
+import numpy as np
+import pytest
+
+from profilecal.scan.fanuc import read_listing
+from profilecal.scan.scan import ScanError
+
+POSE = """P[{n}]{{
+   GP1:
+\tUF : 0, UT : 2,\t\tCONFIG : 'N U T, 0, 0, -1',
+\tX =   {x:.3f}  mm,\tY =   -.500  mm,\tZ =   331.032  mm,
+\tW =  -177.169 deg,\tP =    -1.812 deg,\tR =   {r:.3f} deg{more}
+}};
+"""
+AXIS = ",\n   GP2:\n\tUF : 0, UT : 0,\n\tJ1 =   {:.3f}  mm"
+
+
+def write(folder, poses=3, more=""):
+    text = "".join(POSE.format(n=n, x=400 + n, r=10.0 * n, more=more) for n in range(1, poses + 1))
+    (folder / "calib.ls").write_text(f"/PROG  TEST\n/MN\n   1:J P[1] 100% FINE    ;\n/POS\n{text}/END\n")
+    return folder
+
+
+def test_a_listing_is_read(tmp_path):
+    listing = read_listing(write(tmp_path) / "calib.ls")
+    assert listing.numbers == (1, 2, 3)
+    assert (listing.user_frame, listing.tool) == (0, 2)
+    np.testing.assert_allclose(listing.poses[1], [402, -0.5, 331.032, -177.169, -1.812, 20])
+
+
+def test_external_axes_may_stand_still_but_not_move(tmp_path):
+    assert read_listing(write(tmp_path, more=AXIS.format(12.5)) / "calib.ls").numbers == (1, 2, 3)
+    path = tmp_path / "calib.ls"
+    path.write_text(path.read_text().replace("J1 =   12.500", "J1 =   13.500", 1))
+    with pytest.raises(ScanError, match=r"calib.ls: group GP2 moves between positions; expected external axes to"):
+        read_listing(path)
+
+
+MISTAKES = {
+    "no positions": (("calib.ls", "/POS", "/POZ"), "no /POS section"),
+    "empty section": (("calib.ls", "P[", "Q["), "holds no position"),
+    "not closed": (("calib.ls", "};", ""), r"calib.ls line 5: P\[1\] is not closed by };"),
+    "twice": (("calib.ls", "P[2]", "P[1]"), r"calib.ls line 11: P\[1\] is there twice"),
+    "untaught": (("calib.ls", "401.000", "********"), r"line 5: P\[1\]: X is '\*+ mm'; expected a number in mm"),
+    "joints": (("calib.ls", "X = ", "J1 = "), r"P\[1\] has no X; expected X, Y, Z in mm and W, P, R in deg"),
+    "metres": (("calib.ls", "401.000  mm", "401.000  m"), "X is '401.000 m'; expected a number in mm"),
+    "no group": (("calib.ls", "GP1:", "GP3:"), "has no group GP1"),
+    "other tool": (("calib.ls", "UT : 2", "UT : 3"), "positions in 2 user frames or tools"),
+    "no tool": (("calib.ls", "UT : 2", "XX"), r"P\[1\] has no UT"),
+    "not text": (lambda f: (f / "calib.ls").write_bytes(b"/POS\xff"), "calib.ls: not UTF-8 text"),
+}
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_every_mistake_is_one_sentence_with_its_place(tmp_path, mistake):
+    change, sentence = MISTAKES[mistake]
+    folder = write(tmp_path)
+    if callable(change):
+        change(folder)
+    else:
+        name, old, new = change
+        text = (folder / name).read_text()
+        assert old in text
+        everywhere = mistake == "empty section"
+        (folder / name).write_text(text.replace(old, new, -1 if everywhere else 1))
+    with pytest.raises(ScanError, match=sentence) as caught:
+        read_listing(folder / "calib.ls")
+    assert "\n" not in str(caught.value)
