@@ -29,6 +29,7 @@ COPIED = (
     "CITATION.cff",
     "LICENSE",
     "data/README.md",
+    "docs/frames.png",
     "docs/sweep.png",
     "tests/targets/test_new_target.py",
 )

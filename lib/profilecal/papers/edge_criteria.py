@@ -45,7 +45,7 @@ def printed_ratio(part: str, whole: str) -> tuple[float, float]:
 def range_row(item: str, quantity: str, limits, ours: float, unit: str, *, free="", note="") -> dict:
     """A row of the scorecard where the paper prints a range: its middle, with half its width for tolerance."""
     low, high = limits
-    words = f"{quantity} (middle of {low:.2f} to {high:.2f}, not printed as such)"
+    words = f"{quantity} (middle of {low:.3g} to {high:.3g}, not printed as such)"
     return row("edge", item, words, (low + high) / 2, ours, unit, (high - low) / 2, free=free, note=note)
 
 

@@ -3,7 +3,7 @@
 import matplotlib.pyplot as plt
 import numpy as np
 
-from profilecal.geometry.poses import carry, circle_around
+from profilecal.geometry.poses import angle_between, carry, circle_around, nearest_rotation
 from profilecal.joint.observability import BY_HAND_DEG, BY_HAND_MM, WEAK
 from profilecal.report.calibration import chance_limits, features_of, field_of_view
 from profilecal.report.figures import (
@@ -15,6 +15,7 @@ from profilecal.report.figures import (
     SKY,
     YELLOW,
     draw_frame,
+    draw_patch,
     draw_scan,
     equal_axes,
 )
@@ -262,3 +263,38 @@ def draw_direction(axes, direction) -> None:
         around = circle_around(0.75 * axis, axis, 0.2)[:70]
         axes.plot(*around.T, color=PURPLE, lw=2.5, label="turn")
         axes.quiver(*around[-1], *(3 * (around[-1] - around[-2])), color=PURPLE, lw=2.5, arrow_length_ratio=2)
+
+
+def plot_setting(found) -> plt.Figure:
+    """Where targets and scanner are, from results alone: flange, sensor frame and scan plane in the middle of each
+    scan's poses, twice the standard deviation of its positions as a cross, and how far it turns. No pose is drawn."""
+    figure = plt.figure(figsize=(9, 4.6))
+    axes, drawn, s = figure.add_subplot(projection="3d"), [], found.solution
+    parts = zip(found.scans, found.observed, s.placements, (BLUE, GREEN, ORANGE, PURPLE), strict=False)
+    for scan, observed, placement, colour in parts:
+        rotation = observed.R_flange[0] @ s.rotation
+        origins = observed.T_flange[0] + observed.R_flange[0] @ s.translation
+        middle, turned = origins.mean(axis=0), nearest_rotation(rotation.mean(axis=0))
+        turns = np.sqrt(np.mean(np.degrees(angle_between(turned, rotation)) ** 2))
+        label = f"{scan.kind}; scanner turned\nby {turns:.0f}° rms"
+        drawn.append(draw_lines(axes, target_lines(placement, s, observed), colour, label))
+        x, z = np.nanpercentile(observed.points[0].reshape(-1, 2), [1, 99], axis=0).T
+        seen = np.stack([x[[0, 1, 1, 0]], np.zeros(4), z[[0, 0, 1, 1]]], axis=-1)
+        corners = middle + seen @ turned.T
+        draw_patch(axes, corners, SKY, label="seen in the scan plane")
+        flange = middle - turned @ s.rotation.T @ s.translation
+        axes.plot(*np.stack([flange, middle]).T, color="0.4", lw=1.5, ls="--", label="from flange to sensor")
+        draw_frame(axes, turned @ s.rotation.T, flange, 50)
+        draw_frame(axes, turned, middle, 50)
+        values, directions = np.linalg.eigh(np.cov(origins.T))
+        for value, direction in zip(values, directions.T, strict=True):
+            axes.plot(*(middle + np.outer([-2, 2], np.sqrt(value) * direction)).T, color="black", lw=1)
+        drawn += [corners, flange[None]]
+    equal_axes(axes, np.concatenate(drawn))
+    axes.set(xlabel="base x [mm]", ylabel="base y [mm]", zlabel="base z [mm]")
+    axes.set_box_aspect((1, 1, 1), zoom=1.1)
+    axes.locator_params(nbins=5)
+    handles, labels = axes.get_legend_handles_labels()
+    once = dict(zip(labels, handles, strict=True))
+    figure.legend(once.values(), once, loc="outside right center")
+    return figure
