@@ -2,7 +2,7 @@
 PYTHON ?= python3
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 
-.PHONY: reproduce test bench notebooks lock clean
+.PHONY: reproduce test bench site notebooks lock clean
 
 reproduce: .venv/installed
 	@profilecal reproduce
@@ -14,6 +14,12 @@ test: .venv/installed
 bench: .venv/installed # CPU time against peers, which the extra installs; writes results/bench.csv
 	@{ command -v uv >/dev/null && uv pip install -q --python .venv/bin/python -e ".[bench]" || .venv/bin/pip install -q -e ".[bench]"; }
 	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 python tests/benchmarks/run.py
+
+site: .venv/installed # the notebooks as they are committed, README, reference; results/site/html
+	@{ command -v uv >/dev/null && uv pip install -q --python .venv/bin/python -e ".[site]" || .venv/bin/pip install -q -e ".[site]"; }
+	@OMP_NUM_THREADS=1 python docs/assemble.py results/site/source
+	@sphinx-build -q -W --keep-going -j auto results/site/source results/site/html
+	@echo "Open results/site/html/index.html"
 
 notebooks: .venv/installed # execute the committed notebooks in place, keeping only the metadata that matters
 	@jupyter nbconvert --log-level=WARN --to notebook --execute --inplace --ExecutePreprocessor.record_timing=False \

@@ -18,6 +18,7 @@ ROOMS = (
     "closed_form",
     "simulate",
     "calibrate",
+    "plan",
     "papers",
     "running",
 )

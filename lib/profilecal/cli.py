@@ -17,6 +17,7 @@ class Refused(click.ClickException):
     exit_code = 2
 
     def show(self, file=None):
+        """Print the sentence on standard error."""
         click.echo(f"profilecal: {self.message}", err=True)
 
 
@@ -113,6 +114,11 @@ def calibrate(folders, as_json, vendor, guess, method, leave_out, report):
         from profilecal.calibrate.leave_out import leave_out as cross_validate
 
         found = replace(found, messages=(*found.messages, *cross_validate(found).messages()))
+    if found.status != "ok" and len(folders) == 1:
+        from profilecal.plan.mend import mending
+
+        mended = mending(found, folders[0], np.random.default_rng(SEED))
+        found = replace(found, messages=(*found.messages, *filter(None, [mended])))
 
     if as_json:
         click.echo(json.dumps(found.to_json(), indent=2))
@@ -137,8 +143,41 @@ def simulate(spec, folder):
     from profilecal.simulate.spec import read_spec, simulate_scan
 
     with refusing():
-        write_scan(simulate_scan(read_spec(read_toml(spec))), folder)
+        write_scan(simulate_scan(read_spec(read_toml(spec), spec.parent)), folder)
     click.echo(f"{folder}/ written; its truth is in truth.toml")
+
+
+@main.command()
+@click.argument("spec", type=PLACE)
+@click.argument("folder", required=False, type=PLACE)
+@click.option("--poses", type=click.IntRange(1, 1000), help="So many; else as many as --until takes.")
+@click.option("--until", nargs=2, type=float, metavar="MM DEG", help="Largest standard deviations in any direction.")
+@click.option("--criterion", type=click.Choice(["worst", "A", "D"]), help="What a plan makes small.")
+@click.option("--after", type=SCAN, help="A scan folder whose poses are there already.")
+@click.option("--of", "given", type=SCAN, help="Predict the poses of this folder or poses.csv; nothing is designed.")
+def plan(spec, folder, after, given, **options):
+    """Choose the poses from which SPEC.toml is calibrated best, and write them, ready to run, into a new FOLDER.
+
+    SPEC may be a scan folder: its answer says where everything is, and the next best poses are chosen.
+    """
+    from profilecal.plan import command
+    from profilecal.plan.words import believed, predicted, to_text
+
+    with refusing():
+        task = command.task(spec, after, **options)
+        if given:
+            setup, found = command.prediction_of(task, given)
+            click.echo("\n".join([*believed(setup), *predicted(found)]))
+            return
+        found = command.designed(task)
+        if folder:
+            command.write(task, found, folder)
+    click.echo(to_text(found))
+    if folder:
+        from profilecal.report.plan import save_plan
+
+        save_plan(found, folder / "plan.png")
+        click.echo(f"{folder}/ written; look at {folder / 'plan.html'}, drive {folder / 'poses.csv'}")
 
 
 @main.command()
@@ -146,29 +185,48 @@ def simulate(spec, folder):
 def check(folder):
     """Say what a scan FOLDER holds, before any calibration: poses, groups, noise, outliers, motions."""
     from profilecal.calibrate.check import check as check_scan
+    from profilecal.plan.command import mending_of
     from profilecal.scan.folder import read_scan
 
     with refusing():
-        click.echo("\n".join(check_scan(read_scan(folder))))
+        scan = read_scan(folder)
+        click.echo("\n".join(check_scan(scan)))
+        if mended := mending_of(scan, folder, SEED):
+            click.echo(f"note           {mended}")
 
 
 @main.command()
 @click.argument("folder", type=SCAN)
 @click.option("--with", "pose", required=True, type=SCAN, help="What calibrate --json printed.")
-def verify(folder, pose):
-    """Compare a sensor pose with what a scan FOLDER says that was not used to find it; status 1 if they contradict."""
+@click.option("--before", type=SCAN, help="A scan of the same target and poses: has the sensor moved since?")
+@click.option("--log", type=PLACE, help="With --before: a CSV file to which the result is added, and drawn beside it.")
+def verify(folder, pose, before, log):
+    """Compare a sensor pose with what a scan FOLDER says that was not used to find it; status 1 if they contradict.
+
+    With --before, tell whether the sensor has moved between two scans; status 1 if it has.
+    """
+    from profilecal.calibrate import drift
     from profilecal.calibrate.verify import read_pose, to_text
     from profilecal.calibrate.verify import verify as verify_pose
     from profilecal.scan.folder import read_scan
     from profilecal.scan.scan import ScanError
 
+    if log and not before:
+        raise Refused("--log needs --before; it keeps what that finds")
     with refusing():
         scan = read_scan(folder)
         T, covariance, noise_mm, to_hand = read_pose(pose)
         if to_hand != (scan.mount == "eye-to-hand"):
             raise ScanError(f"{pose} and {folder} disagree about the mount, which is {scan.mount} in the scan")
-        found = verify_pose(scan, T, covariance, noise_mm)
-    click.echo(to_text(found))
+        if before:
+            found = drift.drift(read_scan(before), scan, T, covariance, noise_mm)
+        else:
+            found = verify_pose(scan, T, covariance, noise_mm)
+        click.echo(drift.to_text(found) if before else to_text(found))
+        if log:
+            from profilecal.report.drift import add_to_log
+
+            click.echo(f"log            {log}, drawn in {add_to_log(log, found.row(str(before), str(folder)))}")
     raise SystemExit(0 if found.as_expected else 1)
 
 

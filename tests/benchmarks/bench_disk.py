@@ -7,7 +7,7 @@ import numpy as np
 
 from profilecal.closed_form.disk import chord_weights, sensing_data_from_ellipse, solve_disk
 from profilecal.geometry.fitting import Ellipse
-from profilecal.papers.ball_study import ball_centres_seen
+from profilecal.papers.ball_study import mean_centres
 from profilecal.papers.disk_study import disk_study
 from profilecal.papers.monte_carlo import BLOCK
 from profilecal.papers.settings import fig15_scans, fig17_scans
@@ -73,9 +73,15 @@ def ball_arcs() -> dict:
         for points in sizes:
             draw_blocks(points, rng)
 
-    ours_s, draw_s = medians(lambda: ball_centres_seen(scans, arcs, 0.4, TRIALS, np.random.default_rng(0)), only_draw)
+    def ours():
+        rng = np.random.default_rng(0)
+        for pose in range(len(scans.R_tcp)):
+            mean_centres(scans, pose, [arcs], SIGMA_MM, TRIALS, rng)
+
+    ours_s, draw_s = medians(ours, only_draw)
     ratio = ours_s / draw_s
-    return row("ball arcs, 500 × 240", ours_s, "drawing its normals", draw_s, ratio, "≤ 1.5 ×", ratio <= 1.5)
+    name = f"ball arcs, 500 × 240, {len(SIGMA_MM)} noise levels"
+    return row(name, ours_s, "drawing normals for one level", draw_s, ratio, "≤ 2.5 ×", ratio <= 2.5)
 
 
 def by_opencv(points) -> Ellipse:

@@ -232,6 +232,6 @@ def test_a_missing_folder_is_one_sentence(tmp_path, command):
 
 def test_robot_errors_are_part_of_the_stated_uncertainty():
     noise = Noise(profile_mm=0.05, position_mm=0.05, orientation_deg=0.01, group_position_mm=0.2)
-    scans = [simulate_scan(Spec(seed=seed, noise=noise)) for seed in range(20)]
+    scans = [simulate_scan(Spec(seed=seed, noise=noise, groups=12, positions=4)) for seed in range(20)]
     inside = sum(squared_error(scan, calibrate([scan])) < chi2.ppf(0.95, 6) for scan in scans)
     assert binom.ppf(1e-4, 20, 0.95) <= inside

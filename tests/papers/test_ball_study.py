@@ -1,5 +1,7 @@
 """The fast path of the ball's noise study equals the plain loop."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -12,13 +14,13 @@ from profilecal.papers.settings import fig17_scans
 @pytest.mark.parametrize("fit", ["taubin", "kasa"])
 def test_ball_study_equals_the_plain_loop(fit):
     scene, sigma, m = fig17_scans(), 0.3, 3
-    study = ball_study(scene, sigma, [1, m], 4, np.random.default_rng(6), fit=fit, workers=1)
-    rng = np.random.default_rng(6).spawn(1)[0]
+    study = ball_study(scene, [0.1, sigma], [1, m], 4, np.random.default_rng(6), fit=fit, workers=1)
+    streams = np.random.default_rng(6).spawn(len(scene.R_tcp))
     q = np.empty((4, len(scene.R_tcp), m, 3))
-    for (i, j), side in np.ndenumerate(np.repeat(scene.side[:, None], m, axis=1)):
+    for (i, j), side in np.ndenumerate(scene.sides(m)):
         cx, cz, r = scene.circles(m)[i, j]
         x = scene.x_seen((cx, cz, r))
-        z = cz + np.sqrt(r**2 - (x - cx) ** 2) + sigma * rng.standard_normal((4, len(x)))
+        z = cz + np.sqrt(r**2 - (x - cx) ** 2) + sigma * streams[i].standard_normal((4, len(x)))
         circle = fit_circle(np.stack(np.broadcast_arrays(x, z), axis=-1), fit)
         q[:, i, j] = scene.ball.centre_from_circle(circle, side)
     T = scene.positions(m)
@@ -29,4 +31,14 @@ def test_ball_study_equals_the_plain_loop(fit):
             q_mean = np.array([q[trial, i, :k].mean(axis=0) for i, k in enumerate(arcs)])
             found = solve_ball(scene.R_tcp, T_mean, q_mean, scene.translating)
             expected = found.translation.q_b - scene.ball.centre
-            np.testing.assert_allclose(study[protocol].centre_error[0, 1, trial], expected, rtol=0, atol=1e-10)
+            np.testing.assert_allclose(study[protocol].centre_error[1, 1, trial], expected, rtol=0, atol=1e-9)
+
+
+def test_poses_that_see_too_little_are_named_and_sweeps_end_inside_the_ball():
+    scene = fig17_scans(half_view_mm=20.0, steepest_deg=30.0)
+    seen, unseen = scene.where_seen()
+    assert unseen.tolist() == [3, 7]
+    assert (len(seen.R_tcp), seen.translating) == (6, 3)
+    swept = replace(scene, sweep_mm=scene.longest_sweep_mm)
+    assert np.isfinite(swept.circles(50)).all()
+    assert not np.isfinite(replace(scene, sweep_mm=1.5 * scene.longest_sweep_mm).circles(50)).all()

@@ -65,9 +65,21 @@ def test_the_rounding_box_holds_the_tables_that_print_alike():
     np.testing.assert_array_equal(box.at(np.zeros(box.size))["q"], printed)
 
 
-def test_reach_finds_a_place_where_there_is_one_and_not_where_there_is_none():
+def test_reach_finds_a_place_where_there_is_one_and_says_how_far_out_another_is():
     box = published.RoundingBox("disk", "Table I", ("q",))
     place = np.random.default_rng(2).uniform(-0.9, 0.9, box.size)
     total = lambda t: t["q"].sum(axis=-2)  # noqa: E731
-    assert box.reach(total, total(box.at(place)), np.full(3, 1e-6))[1] <= 1
-    assert box.reach(total, total(box.at(place)) + 0.01, np.full(3, 1e-6))[1] > 1000
+    found, size = box.reach(total, total(box.at(place)), np.full(3, 1e-6))
+    np.testing.assert_allclose(total(box.at(found)), total(box.at(place)), rtol=0, atol=1e-6)
+    assert np.abs(found).max() == size <= 0.9
+    four_rows = total(box.at(np.zeros(box.size))) + 4 * 0.0005 * np.array([0, 0, 5])
+    assert box.reach(total, four_rows, np.full(3, 1e-6))[1] == pytest.approx(5, abs=1e-3)
+    assert np.isinf(box.reach(lambda t: 0 * total(t), total(box.at(place)) + 1, np.full(3, 1e-6))[1])
+
+
+def test_of_several_values_the_largest_is_brought_to_its_target():
+    box = published.RoundingBox("disk", "Table I", ("q",))
+    x = lambda t: 1000 * (t["q"][..., 0] - published.values("disk", "Table I", "q")[:, 0])  # noqa: E731
+    found, size = box.reach(x, [0.25], [0.01], largest_of=4)
+    assert x(box.at(found)).max() == pytest.approx(0.25, abs=0.01)
+    assert size == pytest.approx(0.5, abs=0.02)

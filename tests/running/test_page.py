@@ -20,7 +20,7 @@ from profilecal.simulate.spec import Spec, simulate_scan
 
 EDGE = Spec(groups=8, positions=6, seed=3, title="A <bar> & more", convention="KUKA angles", noise=Noise(0.03))
 TABLES = ("verdict", "pose_table", "pose_words", "facts_table", "profile_words")
-TABLES += ("rejected_table", "directions_table", "export_block")
+TABLES += ("view_words", "rejected_table", "directions_table", "export_block")
 
 
 def everything(found) -> str:
@@ -65,6 +65,8 @@ def test_the_report_states_what_the_command_prints(written):
     assert "A &lt;bar&gt; &amp; more" in page
     assert "PERS tooldata" in page
     assert "import" not in page  # no code
+    assert "recorded" not in page  # nor what a sweep would want
+    assert "41 What motions can determine" in page  # without its link
 
 
 @pytest.mark.parametrize("convention", CONVENTIONS[:-1], ids=lambda c: c.name)

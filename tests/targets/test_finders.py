@@ -242,6 +242,22 @@ def test_a_target_outside_the_view_is_not_found_among_profiles_that_show_it(kind
     assert found(features[100:]).mean() < 0.005
 
 
+def test_a_corner_with_a_side_of_few_points_says_so():
+    """A profile with thirty points on one side and six, or three, on the other, among good ones."""
+    rng = np.random.default_rng(9)
+    profiles = []
+    for count in (40,) * 8 + (6, 3):
+        sides = (
+            np.stack([-0.5 * np.arange(30, 0, -1), np.zeros(30)], axis=-1),
+            np.linspace([0.1, 0.6], [3.0, 18], count),
+        )
+        profiles.append(np.concatenate(sides) + np.array([0, 100]) + rng.normal(0, 0.02, (30 + count, 2)))
+    features = find_features("edge", profiles)
+    assert found(features).tolist() == [True] * 8 + [False] * 2
+    assert features[8].reason == "one side of the corner shows fewer than 10 points beyond its rounding"
+    assert features[9].reason == "one side of the corner shows too few points for a line"
+
+
 VIEWS = {
     "height for depth": (lambda p: p * [1, -1], lambda t: t * [1, -1]),
     "right for left": (lambda p: p * [-1, 1], lambda t: (t * [-1, 1])[:, ::-1]),

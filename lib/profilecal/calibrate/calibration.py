@@ -99,6 +99,15 @@ def calibrate(scans, guess=None, method: str = "joint", rng: np.random.Generator
 
     Raises ScanError for scans that do not belong together or hold too little. Fewer measurements than unknowns give a
     Calibration without a solution.
+
+    >>> from profilecal.simulate.spec import Spec, simulate_scan
+    >>> scan = simulate_scan(Spec(kind="disk", groups=6, positions=10))
+    >>> found = calibrate([scan])
+    >>> found.status
+    'ok'
+    >>> off = found.solution.T_flange_sensor - scan.truth["T_flange_sensor"]
+    >>> bool(np.abs(off[:3, 3]).max() < 0.5)  # mm
+    True
     """
     scans = tuple(scans)
     if method not in METHODS:

@@ -9,11 +9,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import norm
 
-from profilecal.geometry.noise import FALSE_ALARM
+from profilecal.geometry.noise import FALSE_ALARM, Systematic
 from profilecal.geometry.poses import inverse
+from profilecal.joint.descent import refine
+from profilecal.joint.effects import remove
 from profilecal.joint.observations import Observations
-from profilecal.joint.problem import Problem
+from profilecal.joint.problem import Problem, gram_by_pose
 from profilecal.joint.solution import Solution
+from profilecal.joint.state import State
 from profilecal.joint.systematic import STEP, Change, of_scanner, of_target
 
 ABSORBED = 1e-9  # of a suspect's own pattern: less is left of it beside the unknowns than rounding
@@ -36,6 +39,7 @@ class Suspect:
 
     @property
     def sentence(self) -> str:
+        """The suspect in words, with its size."""
         return self.words.format(self.size)
 
 
@@ -64,6 +68,26 @@ def suspects(observed, solution: Solution) -> list[Suspect]:
                 Suspect(change.words, -size * change.unit, size * np.sqrt(own), (A @ Jd * size)[:6], len(tried))
             )
     return found
+
+
+def fitted_together(observed, solution: Solution, systematic: Systematic) -> tuple[State, list[tuple[float, float]]]:
+    """The solution's refit where what `systematic` allows for is free within it, the noise as it was.
+
+    Returns the state, and for each of `Problem.considered` by how much the data, or the target's length, is to be
+    changed, and the standard deviation of that, in its own unit (1: all of it; mm).
+    """
+    problem = Problem(observed, solution.noise, systematic)
+    state = refine(problem, solution.state, weights=solution.kept).state
+    effects, first = problem.effects(state), problem.n
+    parts = zip(effects.rows, problem.linear(state), solution.kept, strict=True)
+    grams = [gram_by_pose(rows, linear.columns) * np.asarray(kept)[:, None, None] for rows, linear, kept in parts]
+    information = problem.information(grams, len(effects.precision))
+    for variances, member in effects.sharing.levels(solution.noise):
+        information = remove(information, variances, member)
+    M = information.normal[0]
+    free = M[:-1, :-1] + np.diag(np.r_[np.zeros(first), effects.precision])
+    size, sd = -np.linalg.solve(free, M[:-1, -1])[first:], np.sqrt(np.diag(np.linalg.inv(free))[first:])
+    return state, list(zip(size.tolist(), sd.tolist(), strict=True))
 
 
 def of_robot():

@@ -30,14 +30,11 @@ from profilecal.scan.scan import Scan, ScanError
 
 
 @dataclass(frozen=True)
-class Verification:
-    """How far the answer of a second scan is from a sensor pose, and what is to be expected."""
+class Difference:
+    """Between two sensor poses, and what is to be expected of it."""
 
-    alone: Calibration  # the second scan by itself
-    delta: np.ndarray  # (6,) from the sensor pose to what that scan says, its frame, mm and rad
+    delta: np.ndarray  # (6,) from the first to the second, its frame, mm and rad
     expected: Spectrum  # of δ
-    lengths: dict[str, float]  # of the target, mm, as the scan has them by the sensor pose
-    rms_mm: float  # of the points' distances from the target
 
     @property
     def apart(self) -> np.ndarray:
@@ -47,12 +44,35 @@ class Verification:
 
     @property
     def chance(self) -> float:
-        """That right answers differ by more; 0 for a pose that the scan makes no sense of."""
+        """That more is found where nothing is wrong; 0 for a pose that the scan makes no sense of."""
         return float(np.nan_to_num(chi2.sf(np.sum(self.apart**2), len(self.apart))))
 
     @property
     def as_expected(self) -> bool:
+        """Whether the stated uncertainties explain the difference."""
         return self.chance > FALSE_ALARM
+
+    def lines(self, verb: str, where: str) -> list[str]:
+        """δ in words: what was found, what is to be expected, in which direction it is largest, and its chance."""
+        worst = int(np.argmax(np.abs(self.apart)))
+        direction = name_direction(self.expected.directions[6 - len(self.apart) + worst], np.eye(3), "sensor")
+        sd = np.sqrt(np.diag(self.expected.covariance))
+        return [
+            f"{verb:<15}{by_axis(self.delta, sd)} about the sensor's x, y, z",
+            f"expected       {by_axis(sd, sd)}, one standard deviation",
+            f"most apart     {direction}, {abs(self.apart[worst]):.2g} standard deviations",
+            f"chance         {self.chance:.2g} of more {where}, in {len(self.apart)} of 6 directions; "
+            f"doubted below {FALSE_ALARM:g}",
+        ]
+
+
+@dataclass(frozen=True)
+class Verification(Difference):
+    """How far the answer of a second scan is from a sensor pose, and what is to be expected."""
+
+    alone: Calibration  # the second scan by itself
+    lengths: dict[str, float]  # of the target, mm, as the scan has them by the sensor pose
+    rms_mm: float  # of the points' distances from the target
 
 
 def read_pose(path) -> tuple[np.ndarray, np.ndarray, float, bool]:
@@ -100,7 +120,7 @@ def verify(scan: Scan, T, covariance, noise_mm: float) -> Verification:
     if alone.status != "ok":  # a weak answer may be one of several
         said.append(linearised(alone, kept, T, noise_mm))
     both = [(delta, of_covariance(covariance + own, rank=6, parameters=6)) for delta, own in said]
-    found = max((Verification(alone, *pair, *target_by(T, alone, kept)) for pair in both), key=lambda v: v.chance)
+    found = max((Verification(*pair, alone, *target_by(T, alone, kept)) for pair in both), key=lambda v: v.chance)
     if not len(found.apart):
         title = scan.title or f"the {scan.kind}"
         raise ScanError(f"{title}: determines no direction of the sensor's pose; expected poses that differ")
@@ -137,18 +157,11 @@ def target_by(T, alone: Calibration, kept) -> tuple[dict[str, float], float]:
 
 def to_text(found: Verification) -> str:
     """What `profilecal verify` prints."""
-    (scan,), alone, apart = found.alone.scans, found.alone, found.apart
-    worst = int(np.argmax(np.abs(apart)))
-    direction = name_direction(found.expected.directions[6 - len(apart) + worst], np.eye(3), "sensor")
-    sd = np.sqrt(np.diag(found.expected.covariance))
+    (scan,), alone = found.alone.scans, found.alone
     lines = [
         f"scan alone     {alone.status}" + ("" if alone.status == "ok" else ", so also looked at near the pose"),
         *(f"note           {message}" for message in alone.messages if alone.status != "ok"),
-        f"differs by     {by_axis(found.delta, sd)} about the sensor's x, y, z",
-        f"expected       {by_axis(sd, sd)}, one standard deviation",
-        f"most apart     {direction}, {abs(apart[worst]):.2g} standard deviations",
-        f"chance         {found.chance:.2g} of more between right answers, in {len(apart)} of 6 directions; "
-        f"doubted below {FALSE_ALARM:g}",
+        *found.lines("differs by", "between right answers"),
     ]
     for name, length in found.lengths.items():
         lines.append(f"{name:<15}{length:.3f} mm by the pose, {scan.measures[name]:g} given")

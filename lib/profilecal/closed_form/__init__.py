@@ -1,5 +1,5 @@
 """The papers' methods: the sensor pose from one target in closed form, rotation first, then translation.
 
-In come flange poses and what the scanner saw of an edge, a disk or a ball; out goes the sensor pose on the flange, with
-the quantities that the papers name. `solve` states the answer as the joint calibration does.
+In come flange poses and what the scanner saw of an edge, a disk, a ball or a mark; out goes the sensor pose on the
+flange, with the quantities that the papers name. `solve` states the answer as the joint calibration does.
 """

@@ -149,10 +149,12 @@ class DiskSolution:
 
     @property
     def R_sensor(self) -> np.ndarray:
+        """(..., 3, 3) from sensor to flange."""
         return self.solution.R_sensor
 
     @property
     def T_sensor(self) -> np.ndarray:
+        """(..., 3) mm, the sensor's origin in the flange frame."""
         return self.solution.T_sensor
 
 

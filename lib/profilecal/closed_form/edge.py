@@ -54,18 +54,22 @@ class EdgeSolution:
 
     @property
     def R_sensor(self) -> np.ndarray:
+        """(..., 3, 3) from sensor to flange."""
         return self.rotation.R_sensor
 
     @property
     def T_sensor(self) -> np.ndarray:
+        """(..., 3) mm, the sensor's origin in the flange frame."""
         return self.translation.T_sensor
 
     @property
     def u_b(self) -> np.ndarray:
+        """(..., 3) direction of the edge in the base frame."""
         return self.translation.u_b
 
     @property
     def p_b(self) -> np.ndarray:
+        """(..., G, N, 3) the edge points in the base frame, mm."""
         return self.translation.p_b
 
 

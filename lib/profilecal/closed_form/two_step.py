@@ -43,10 +43,12 @@ class TwoStepSolution:
 
     @property
     def R_sensor(self) -> np.ndarray:
+        """(..., 3, 3) from sensor to flange."""
         return self.rotation.R_sensor
 
     @property
     def T_sensor(self) -> np.ndarray:
+        """(..., 3) mm, the sensor's origin in the flange frame."""
         return self.translation.T_sensor
 
     def flat(self) -> np.ndarray:

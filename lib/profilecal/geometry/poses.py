@@ -36,6 +36,9 @@ def angle_between(first, second) -> np.ndarray:
     """Angle in radians of the rotation that takes `first` to `second`, both (..., 3, 3).
 
     From the chord ‖A - B‖ = 2√2 sin(θ/2), which stays exact near zero where the trace does not.
+
+    >>> float(np.degrees(angle_between(np.eye(3), np.diag([1, -1, -1]))))
+    180.0
     """
     chord = np.linalg.norm(np.asarray(first) - np.asarray(second), axis=(-2, -1))
     return 2 * np.arcsin(np.clip(chord / np.sqrt(8), 0, 1))
@@ -80,7 +83,11 @@ def frame_along(direction, angle) -> np.ndarray:
 
 
 def inverse(rotation, translation) -> tuple[np.ndarray, np.ndarray]:
-    """The inverses of rigid transforms (..., 3, 3), (..., 3)."""
+    """The inverses of rigid transforms (..., 3, 3), (..., 3).
+
+    >>> inverse(np.eye(3), np.array([1.0, 2.0, 3.0]))[1].tolist()
+    [-1.0, -2.0, -3.0]
+    """
     back = np.swapaxes(rotation, -1, -2)
     return back, -(back @ translation[..., None])[..., 0]
 

@@ -40,6 +40,7 @@ class Fit:
 
     @property
     def chi2(self) -> np.ndarray:
+        """(B,) squared residuals over the noise."""
         return self.normal[:, -1, -1]
 
 

@@ -186,6 +186,7 @@ class Draws:
 
     @property
     def weight(self) -> np.ndarray:
+        """(S,) of each draw; they sum to one."""
         weight = np.exp(self.log_weight - self.log_weight.max())
         return weight / weight.sum()
 

@@ -49,6 +49,7 @@ class Observations:
 
     @property
     def target(self) -> type[Target]:
+        """The class of the target."""
         return TARGETS[self.kind]
 
     @property

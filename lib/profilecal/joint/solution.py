@@ -48,10 +48,12 @@ class Solution:
 
     @property
     def noise(self) -> Noise:
+        """The sizes of all errors that the solution rests on."""
         return self.level.noise
 
     @property
     def noise_mm(self) -> float:
+        """The scanner's, in x and in z."""
         return float(self.level.noise.profile_mm)
 
     @property
@@ -61,6 +63,7 @@ class Solution:
 
     @property
     def chi2_per_dof(self) -> float:
+        """χ² over the degrees of freedom; 1 where the noise explains the residuals."""
         return self.chi2 / self.dof
 
     @property
@@ -70,14 +73,17 @@ class Solution:
 
     @property
     def T_flange_sensor(self) -> np.ndarray:
+        """(4, 4) from sensor to flange, mm."""
         return homogeneous(self.rotation, self.translation)
 
     @property
     def translation_sd_mm(self) -> np.ndarray:
+        """(3,) along the sensor's x, y, z."""
         return np.sqrt(np.diag(self.covariance)[:3])
 
     @property
     def rotation_sd_deg(self) -> np.ndarray:
+        """(3,) about the sensor's x, y, z."""
         return np.degrees(np.sqrt(np.diag(self.covariance)[3:]))
 
 

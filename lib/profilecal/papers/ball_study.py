@@ -1,6 +1,6 @@
 """The disk paper's noise study of the two-step ball method, Section V-D3, from simulated noisy arcs."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -9,6 +9,8 @@ from profilecal.geometry.fitting import circle_from_moments
 from profilecal.papers.monte_carlo import Study, in_chunks, noisy_blocks, two_step_errors
 from profilecal.targets.ball import Ball
 
+WELL_INSIDE = 0.95  # of the ball's radius: scan planes further out meet it too flat to see an arc
+LEAST_POINTS = 20  # that a pose must see of the ball
 PROTOCOLS = ("one arc", "m arcs")  # of the poses that fix the rotation; those for the translation have m arcs
 
 
@@ -39,11 +41,24 @@ class BallScans:
         origin = self.positions(arcs) + (self.R_tcp @ self.T_sensor)[:, None]
         return self.ball.meet((self.R_tcp @ self.R_sensor)[:, None], origin)
 
+    def sides(self, arcs: int) -> np.ndarray:
+        """+1 where the ball's centre lies towards the sensor's +y, else -1, (n, arcs)."""
+        offset = self.ball.centre - self.positions(arcs) - (self.R_tcp @ self.T_sensor)[:, None]
+        return np.sign(np.einsum("nka,na->nk", offset, (self.R_tcp @ self.R_sensor)[..., 1]))
+
     @property
-    def side(self) -> np.ndarray:
-        """+1 where the ball's centre lies towards the sensor's +y, else -1, (n,)."""
-        offset = self.ball.centre - self.T_tcp - self.R_tcp @ self.T_sensor
-        return np.sign(np.einsum("na,na->n", offset, (self.R_tcp @ self.R_sensor)[..., 1]))
+    def longest_sweep_mm(self) -> float:
+        """The longest way to either end that keeps the scan plane of every pose well inside the ball."""
+        circle = replace(self, sweep_mm=0.0).circles(1)[:, 0]
+        beside = np.sqrt(self.ball.radius**2 - circle[:, 2] ** 2)
+        return float(WELL_INSIDE * self.ball.radius - beside.max())
+
+    def where_seen(self) -> tuple["BallScans", np.ndarray]:
+        """The scans with those poses alone that see enough of the ball all along, and the indices of the others."""
+        points = np.array([[len(self.x_seen(circle)) for circle in row] for row in self.circles(100)])
+        sees = points.min(axis=1) >= LEAST_POINTS
+        kept = replace(self, R_tcp=self.R_tcp[sees], T_tcp=self.T_tcp[sees], translating=sees[: self.translating].sum())
+        return kept, np.flatnonzero(~sees)
 
     def x_seen(self, circle) -> np.ndarray:
         """The scanner's x at which it sees the upper side of a circle x, z, r."""
@@ -66,76 +81,94 @@ def ball_study(
     """The two-step ball method from simulated noisy arcs, for each sigma_mm (k,) of z and m (l,), by protocol.
 
     A trial draws max(m) arcs a pose and averages ball centres and flange positions of the first m (the equations are
-    linear in both), so different m share noise. `workers`: see `in_chunks`. Clipped are arcs, of all that are
-    drawn, whose circle is larger than the ball.
+    linear in both). All sigma_mm and m share one draw, so that curves over them differ by less than chance makes them.
+    `workers`: see `in_chunks`. Clipped are arcs, of all that are drawn, whose circle is larger than the ball.
     """
     studies = {protocol: Study.blank(sigma_mm, m, trials) for protocol in PROTOCOLS}
     sigma_mm, m = studies[PROTOCOLS[0]].sigma_mm, studies[PROTOCOLS[0]].m
     check_count("arcs", int(m.min()), 1, "a ball's centre comes from one arc")
-    T_tcp = _running_mean(scans.positions(int(m.max()))[..., None])
-    fixed, turning = slice(None, scans.translating), slice(scans.translating, None)
-    to_flange = np.swapaxes(scans.R_tcp[1 : scans.translating], -1, -2)
+    counts, n = np.union1d(1, m), len(scans.R_tcp)
+    q = np.empty((len(sigma_mm), len(counts), n, 3, trials))
+    clipped = np.zeros((n, len(sigma_mm), trials), dtype=int)
 
     def run(setting, part, stream):
-        (i,) = setting
-        q, clipped = ball_centres_seen(scans, int(m.max()), sigma_mm[i], part.stop - part.start, stream, fit)
-        q = _running_mean(q)
-        for j, arcs in enumerate(m):
-            seen = scans.R_tcp[turning], T_tcp[turning, arcs - 1], q[turning, arcs - 1]
-            for study, of_rotation in zip(studies.values(), (1, arcs), strict=True):
-                q_fixed, T_fixed = q[fixed, of_rotation - 1], T_tcp[fixed, of_rotation - 1]
-                X, Y = q_fixed[:1] - q_fixed[1:], (to_flange @ (T_fixed[1:] - T_fixed[:1]))[..., 0]
-                errors = two_step_errors(scans, scans.ball.centre, *seen, X, Y)
-                study.errors[i, j, :, part], study.by_svd[i, j, part] = errors
-                study.clipped[i, j, part] = clipped
+        (pose,) = setting
+        seen = mean_centres(scans, pose, counts, sigma_mm, part.stop - part.start, stream, fit)
+        q[:, :, pose, :, part], clipped[pose, :, part] = seen
 
-    in_chunks(run, sigma_mm.shape, trials, rng, workers)
+    in_chunks(run, (n,), trials, rng, workers)
+    T_tcp = np.stack([scans.positions(k).mean(axis=1) for k in counts])[..., None]
+    fixed, turning = slice(None, scans.translating), slice(scans.translating, None)
+    to_flange = np.swapaxes(scans.R_tcp[1 : scans.translating], -1, -2)
+    for i, j in np.ndindex(len(sigma_mm), len(m)):
+        of_turning = np.searchsorted(counts, m[j])
+        seen = scans.R_tcp[turning], T_tcp[of_turning, turning], q[i, of_turning, turning]
+        for study, of_rotation in zip(studies.values(), (0, of_turning), strict=True):
+            q_fixed, T_fixed = q[i, of_rotation, fixed], T_tcp[of_rotation, fixed]
+            X, Y = q_fixed[:1] - q_fixed[1:], (to_flange @ (T_fixed[1:] - T_fixed[:1]))[..., 0]
+            study.errors[i, j], study.by_svd[i, j] = two_step_errors(scans, scans.ball.centre, *seen, X, Y)
+            study.clipped[i, j] = clipped.sum(axis=0)[i]
     return studies
 
 
-def _running_mean(values) -> np.ndarray:
-    """Means over the first 1, 2, … arcs of values (n, arcs, 3, size)."""
-    return np.cumsum(values, axis=1) / np.arange(1, values.shape[1] + 1)[:, None, None]
-
-
-def ball_centres_seen(scans: BallScans, arcs: int, sigma_mm: float, size: int, rng, fit: str = "taubin"):
-    """Ball centres in the sensor frame (n, arcs, 3, size), mm, from circles fitted to noisy arcs; and clips (size,).
-
-    x is the scanner's fixed grid, only z is noisy: so the means of x^a z^b are products with fixed powers of x. Units:
-    the circle's radius, about the mean of the noise-free arc.
+def mean_centres(scans: BallScans, pose: int, counts, sigma_mm, size: int, rng, fit: str = "taubin"):
+    """Means (k, l, 3, size), mm, of the ball's centres, sensor frame, that circles fitted to the first counts (l,) of
+    a pose's noisy arcs give, for each sigma_mm (k,); and how many of those circles are larger than the ball, (k, size).
     """
-    circles = scans.circles(arcs)
-    fitted = np.empty((*circles.shape, size))
-    for place in np.ndindex(circles.shape[:2]):
-        cx, cz, r = circles[place]
-        x = scans.x_seen(circles[place])
-        z = cz + np.sqrt(r * r - (x - cx) ** 2)
-        shift = np.array([x.mean(), z.mean(), 0.0])
-        x, z = (x - shift[0]) / r, (z - shift[1]) / r
-        powers = np.vander(x, 3, increasing=True).T
-        sums = np.empty((8, size))  # of z, xz, x²z, z², xz², x²z², z³, z⁴
-        for part, noisy, square in noisy_blocks(z, sigma_mm / r, size, rng, spare=1):
-            np.multiply(noisy, noisy, out=square)
-            np.matmul(powers, noisy.T, out=sums[:3, part])
-            np.matmul(powers, square.T, out=sums[3:6, part])
-            np.vecdot(square, noisy, out=sums[6, part])
-            np.vecdot(square, square, out=sums[7, part])
-        fitted[place] = (shift + r * _circle_from_sums(x, sums, fit)).T
-    fitted = np.swapaxes(fitted, -1, -2)
-    centres = scans.ball.centre_from_circle(fitted, scans.side[:, None, None])
-    return np.swapaxes(centres, -1, -2), (fitted[..., 2] > scans.ball.radius).sum(axis=(0, 1))
+    arcs = int(np.max(counts))
+    circles, sides = scans.circles(arcs)[pose], scans.sides(arcs)[pose]
+    found, clipped = np.empty((len(sigma_mm), len(counts), 3, size)), np.zeros((len(sigma_mm), size), dtype=int)
+    total = np.zeros((len(sigma_mm), size, 3))
+    for k, (circle, side) in enumerate(zip(circles, sides, strict=True), 1):
+        fitted = noisy_circles(circle, scans.x_seen(circle), sigma_mm, size, rng, fit)
+        total += scans.ball.centre_from_circle(fitted, side)
+        clipped += fitted[..., 2] > scans.ball.radius
+        found[:, np.asarray(counts) == k] = np.swapaxes(total / k, -1, -2)[:, None]
+    return found, clipped
 
 
-def _circle_from_sums(x, sums, fit: str) -> np.ndarray:
-    """Circles (size, 3) from the sums of `ball_centres_seen`. The mean of x is 0; moments about z's are expanded."""
-    z, xz, xxz, zz, xzz, xxzz, zzz, zzzz = sums / len(x)
-    square = x * x
-    xx, xxx, xxxx = square.mean(), square @ x / len(x), square @ square / len(x)
+def noisy_circles(circle, x, sigma_mm, size: int, rng, fit: str = "taubin") -> np.ndarray:
+    """Circles (k, size, 3) fitted to the upper side of a circle (3,) seen at x (points,), z noisy by sigma_mm (k,).
+
+    Only z is noisy, z + s ε: the sums that the fit needs are polynomials in s, whose coefficients are sums over powers
+    of x, z and ε, the same for each sigma_mm. Units: the circle's radius, about the mean of the noise-free arc.
+    """
+    cx, cz, r = circle
+    z = cz + np.sqrt(r * r - (x - cx) ** 2)
+    shift = np.array([x.mean(), z.mean(), 0.0])
+    x, z = (x - shift[0]) / r, (z - shift[1]) / r
+    one = np.ones_like(x)
+    with_noise = np.stack([one, x, x * x, z, x * z, x * x * z, z * z, z * z * z])
+    with_square, with_cube = np.stack([one, x, x * x, z, z * z]), np.stack([one, z])
+    sums = np.empty((16, size))
+    for part, noise, square, cube in noisy_blocks(np.zeros_like(x), 1.0, size, rng, spare=2):
+        np.multiply(noise, noise, out=square)
+        np.multiply(square, noise, out=cube)
+        np.matmul(with_noise, noise.T, out=sums[:8, part])
+        np.matmul(with_square, square.T, out=sums[8:13, part])
+        np.matmul(with_cube, cube.T, out=sums[13:15, part])
+        np.vecdot(square, square, out=sums[15, part])
+    n, xn, xxn, zn, xzn, xxzn, zzn, zzzn, nn, xnn, xxnn, znn, zznn, nnn, znnn, nnnn = sums / len(x)
+
+    s = np.asarray(sigma_mm, dtype=float)[:, None] / r
+    mean = {"x" * a: np.mean(x**a) for a in (2, 3, 4)}
+    mean |= {"x" * a + "z": np.mean(x**a * z) + s * own for a, own in enumerate((n, xn, xxn))}
+    squares = enumerate(((zn, nn), (xzn, xnn), (xxzn, xxnn)))
+    mean |= {"x" * a + "zz": np.mean(x**a * z * z) + 2 * s * own + s**2 * two for a, (own, two) in squares}
+    mean["zzz"] = np.mean(z**3) + 3 * s * zzn + 3 * s**2 * znn + s**3 * nnn
+    mean["zzzz"] = np.mean(z**4) + 4 * s * zzzn + 6 * s**2 * zznn + 4 * s**3 * znnn + s**4 * nnnn
+    return shift + r * circles_about_zero(mean, fit)
+
+
+def circles_about_zero(mean: dict, fit: str) -> np.ndarray:
+    """Circles (..., 3) from the means of products of x and z, where that of x is 0; moments about z's are expanded."""
+    z, zz = mean["z"], mean["zz"]
     z2 = z * z
-    about = {"xx": xx, "xz": xz, "zz": zz - z2}
-    about["wx"] = xxx + xzz - 2 * z * xz
-    about["wz"] = xxz - xx * z + zzz - 3 * z * zz + 2 * z * z2
-    about["ww"] = xxxx + 2 * (xxzz - 2 * z * xxz + z2 * xx) + zzzz - 4 * z * zzz + 6 * z2 * zz - 3 * z2 * z2
+    about = {"xx": mean["xx"], "xz": mean["xz"], "zz": zz - z2}
+    about["wx"] = mean["xxx"] + mean["xzz"] - 2 * z * mean["xz"]
+    about["wz"] = mean["xxz"] - mean["xx"] * z + mean["zzz"] - 3 * z * zz + 2 * z * z2
+    about["ww"] = mean["xxxx"] + 2 * (mean["xxzz"] - 2 * z * mean["xxz"] + z2 * mean["xx"])
+    about["ww"] = about["ww"] + mean["zzzz"] - 4 * z * mean["zzz"] + 6 * z2 * zz - 3 * z2 * z2
     circles = circle_from_moments(about, fit)
-    circles[:, 1] += z
+    circles[..., 1] += z
     return circles

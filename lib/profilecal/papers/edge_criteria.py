@@ -9,9 +9,44 @@ from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import angle_between
 from profilecal.papers.edge_plan import EdgePlan
 from profilecal.papers.edge_scenes import EdgeScene, edge_scenes
+from profilecal.papers.published import half_unit, values
+from profilecal.papers.scorecard import row
 
 DIRECTIONS = ("group", "sum", "vector")  # the readings of a part of the edge, see `edge_directions`
-CHUNK = 100  # scenes solved at a time: 60 MB
+READINGS = {f"{of}, {sign}": (of, sign == "signed") for of in DIRECTIONS for sign in ("signed", "unsigned")}
+CRITERIA = {  # where the paper prints them: a row for each of ROTATIONS, a column for each of its specimens
+    "mean Δα": ("Table 1", "mean of delta alpha"),
+    "std Δα": ("Table 1", "std of delta alpha"),
+    "mean Δd": ("Table 2", "mean of delta d"),
+    "std Δd": ("Table 2", "std of delta d"),
+}
+ROTATIONS = (10, 15, 20, 25)  # used for a calibration; the paper sums up its tables from 15 on
+CHUNK = 25  # scenes solved at a time, which stay near the cache
+
+
+def printed(criterion: str) -> np.ndarray:
+    """What Table 1 or 2 has of a criterion, (4, 3): ROTATIONS by specimens, signs aside; degrees or mm."""
+    return np.abs(values("edge", *CRITERIA[criterion]))
+
+
+def printed_range(criterion: str, counts=ROTATIONS[1:]) -> tuple[float, float]:
+    """The least and the greatest value that print like the table's at `counts` rotations, signs aside."""
+    entries = printed(criterion)[[ROTATIONS.index(count) for count in counts]]
+    rounding = half_unit("edge", *CRITERIA[criterion])
+    return entries.min() - rounding, entries.max() + rounding
+
+
+def printed_ratio(part: str, whole: str) -> tuple[float, float]:
+    """The least and the greatest ratio of two criteria that print like the tables' from 15 rotations on."""
+    (a, r), (b, s) = ((printed(c)[1:], half_unit("edge", *CRITERIA[c])) for c in (part, whole))
+    return ((a - r) / (b + s)).min(), ((a + r) / (b - s)).max()
+
+
+def range_row(item: str, quantity: str, limits, ours: float, unit: str, *, free="", note="") -> dict:
+    """A row of the scorecard where the paper prints a range: its middle, with half its width for tolerance."""
+    low, high = limits
+    words = f"{quantity} (middle of {low:.3g} to {high:.3g}, not printed as such)"
+    return row("edge", item, words, (low + high) / 2, ours, unit, (high - low) / 2, free=free, note=note)
 
 
 def edge_directions(p_b, of: str) -> np.ndarray:
@@ -52,7 +87,7 @@ def line_distances(solution: EdgeSolution) -> np.ndarray:
     return np.linalg.norm(np.cross(offset, solution.u_b[..., None, :]), axis=-1)
 
 
-def study(plan: EdgePlan, noise: Noise, seeds: int, rng, counts=(10, 15, 20, 25), of="group", signed=False):
+def study(plan: EdgePlan, noise: Noise, seeds: int, rng, counts=ROTATIONS, of="group", signed=False):
     """`evaluate` over random scenes: a DataFrame with one row for each scene and number of rotation groups used."""
     frames = []
     for start in tqdm(range(0, seeds, CHUNK), unit=f"{CHUNK} scenes", disable=None):

@@ -55,6 +55,13 @@ def edge_profiles(scene: EdgeScene, specimen: str, scanner: Scanner, noise: Nois
     return scanner.decode(scanner.count(outline, rng))
 
 
+def find_edges(profiles) -> np.ndarray:
+    """The edge (G, N, 2) that the library finds in raw profiles (G, N, points, 2), mm; NaN where it finds none."""
+    features = Edge.features(profiles.reshape(-1, *profiles.shape[2:]))
+    points = [feature.points[0] if feature.found else (np.nan, np.nan) for feature in features]
+    return np.reshape(points, (*profiles.shape[:2], 2))
+
+
 def ball_points(ball: Ball, R_sensor, T_sensor, poses: Poses, noise: Noise, rng, count: int = 40) -> np.ndarray:
     """Points (..., G, N, count, 2) on a ball, x and z in the sensor frame, mm, that a scanner on the flange reports.
 

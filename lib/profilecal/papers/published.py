@@ -1,12 +1,13 @@
 """The numbers that the two papers print, read from data/published, with the digits they were printed in."""
 
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from scipy.optimize import least_squares
+
+from profilecal.papers.least_change import least_change
 
 FILES = {"disk": "disk_chen_2018.csv", "edge": "edge_xu_2021.csv"}
 
@@ -67,18 +68,25 @@ class RoundingBox:
     item: str
     quantities: tuple[str, ...]
 
+    @cached_property
+    def _printed(self) -> dict:
+        """Of each quantity: the printed numbers, and half of their last digit."""
+        return {
+            name: (values(self.paper, self.item, name), half_unit(self.paper, self.item, name))
+            for name in self.quantities
+        }
+
     @property
     def size(self) -> int:
         """How many numbers the table has."""
-        return sum(values(self.paper, self.item, name).size for name in self.quantities)
+        return sum(printed.size for printed, _ in self._printed.values())
 
     def at(self, place) -> dict[str, np.ndarray]:
         """The tables at places (..., size) of the box, -1 to 1 along each axis; 0 is the table as printed."""
         place, tables, start = np.asarray(place, dtype=float), {}, 0
-        for name in self.quantities:
-            printed = values(self.paper, self.item, name)
+        for name, (printed, half) in self._printed.items():
             offset = place[..., start : start + printed.size].reshape(*place.shape[:-1], *printed.shape)
-            tables[name] = printed + half_unit(self.paper, self.item, name) * offset
+            tables[name] = printed + half * offset
             start += printed.size
         return tables
 
@@ -86,24 +94,22 @@ class RoundingBox:
         """`count` tables drawn uniformly from the box, each quantity (count, rows, components)."""
         return self.at(rng.uniform(-1, 1, (count, self.size)))
 
-    def reach(self, compute, target, unit) -> tuple[np.ndarray, float]:
-        """Look inside the box for a table from which `compute` gives `target`.
+    def reach(self, compute, target, unit, largest_of: int = 1) -> tuple[np.ndarray, float]:
+        """Look for the least change of the printed numbers with which `compute` gives `target`.
 
-        `compute(tables)` maps tables with any leading axes to (..., k); target and unit are (k,). Returns the place
-        (size,) found and the largest of |compute - target| / unit there; the search ends once that is 1 or less.
-        A large value is no proof of absence.
+        `compute(tables)` maps tables with any leading axes to (..., k), and each value is to come within its `unit`
+        (k,) of its target (k,). With `largest_of`, so many values at the end have one target and unit, the last: it is
+        the largest of them that has to meet it.
+
+        Returns the place (size,) found and the largest change there, in half units of the last printed digit: up to 1
+        the table prints alike; infinity if nothing was found at all. The search follows derivatives from the table as
+        printed: a large value is no proof of absence.
         """
-
-        def mismatch(angle):  # place = sin(angle) keeps inside the box without constraints
-            return (compute(self.at(np.sin(angle))) - target) / unit
-
-        def jacobian(angle):
-            steps = 1e-4 * np.eye(self.size)
-            return ((mismatch(angle + steps) - mismatch(angle - steps)) / 2e-4).T
-
-        def reached(intermediate_result):
-            if np.abs(intermediate_result.fun).max() <= 1:
-                raise StopIteration
-
-        found = least_squares(mismatch, np.zeros(self.size), jacobian, max_nfev=200, callback=reached)
-        return np.sin(found.x), np.abs(found.fun).max()
+        target, unit = np.asarray(target, dtype=float), np.asarray(unit, dtype=float)
+        high = np.append((target + unit)[:-1], np.full(largest_of, target[-1] + unit[-1]))
+        found = []
+        for largest in range(largest_of):
+            low = np.append((target - unit)[:-1], np.zeros(largest_of))
+            low[largest - largest_of] = target[-1] - unit[-1]
+            found.append(least_change(lambda place: compute(self.at(place)), low, high, self.size))
+        return min(found, key=lambda one: one[1])

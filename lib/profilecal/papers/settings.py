@@ -1,28 +1,17 @@
 """The papers' simulations, set up from their printed numbers and from what they leave open."""
 
+from functools import cache
+
 import numpy as np
 
-from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import carry, nearest_rotation, rotation_from_xyz_angles
 from profilecal.papers.ball_study import BallScans
 from profilecal.papers.disk_study import DiskScans, disk_scans
-from profilecal.papers.edge_plan import EdgePlan
 from profilecal.papers.published import values
 from profilecal.targets.ball import Ball
 from profilecal.targets.disk import Disk
 
 BALL_TRANSLATING = 4  # disk paper, Section V-D2: the first four rows of Table III share one orientation
-
-# What the edge paper leaves unpublished, chosen so that Tables 1 and 2 come out: three quite different instruments
-SETTINGS = {
-    "A": (EdgePlan(frame="group", spread_deg=35, radius=15, tilt_deg=45), Noise(profile_mm=0.2)),
-    "B": (EdgePlan(frame="base", spread_deg=35, radius=25, tilt_deg=45), Noise(profile_mm=0.105)),
-    "P": (
-        EdgePlan(frame="group", spread_deg=50, radius=25, tilt_deg=30),
-        Noise(profile_mm=0.019, group_position_mm=0.21, group_orientation_deg=0.03),
-    ),
-}
-
 
 # Readings of "the standard deviation e" of the disk paper's Figs 15 and 17: from errors (..., trials, 3) to (...)
 READINGS = {
@@ -43,13 +32,18 @@ def fig15_scans(extent) -> DiskScans:
 
     Eq. 48's first and last positions are not printed; `extent` takes their place, as signed fractions of the radius.
     """
+    return disk_scans(*_fig15(), extent)
+
+
+@cache
+def _fig15() -> tuple:
+    """What `disk_scans` takes of Section V-B, but for the extent."""
     normal = values("disk", "Section V-B", "disk normal of the simulation")
     disk = Disk(values("disk", "Eq. 50", "q_b"), normal, float(values("disk", "Fig. 14", "disk radius")))
     motion = values("disk", "Table I", "D_b")
     motion = motion / np.linalg.norm(motion, axis=1, keepdims=True)
     R_tcp = rotation_from_xyz_angles(values("disk", "Table I", "R_tcp"))
-    seen = values("disk", "Table I", "q")
-    return disk_scans(disk, *sensor_pose("Eq. 49", "Lambda"), R_tcp, seen, motion, extent)
+    return disk, *sensor_pose("Eq. 49", "Lambda"), R_tcp, values("disk", "Table I", "q"), motion
 
 
 def fig17_scans(**free) -> BallScans:

@@ -47,8 +47,11 @@ def common_key(candidates, rank: Callable[[tuple[str, int]], int]) -> tuple[str,
     return min(often, key=lambda key: (rank(key), -count[key], -support[key]), default=None)
 
 
-def choose(profiles, candidates, key: tuple[str, int] | None) -> list[Candidate]:
-    """For each profile its candidate with the scan's key, if just one is clear; else nothing, with the reason."""
+def choose(profiles, candidates, key: tuple[str, int] | None, missed: Callable[[int], str] | None = None):
+    """For each profile its `Candidate` with the scan's key, if just one is clear; else nothing, with the reason.
+
+    `missed`: what a target says of a profile, by its number, that has no such candidate; "" where it cannot tell.
+    """
     alike = [sorted((c for c in found if c.key == key), key=lambda c: -c.support) for found in candidates]
     angles = np.array([found[0].angle for found in alike if found])
     if not len(angles):
@@ -56,13 +59,13 @@ def choose(profiles, candidates, key: tuple[str, int] | None) -> list[Candidate]
     usual = np.median(angles)
     spread = 6 * np.median(np.abs(angles - usual)) if len(angles) >= 5 else np.inf
     chosen = []
-    for profile, found in zip(profiles, alike, strict=True):
+    for number, (profile, found) in enumerate(zip(profiles, alike, strict=True)):
         like = [[c for c in found if abs(c.angle - usual) <= max(a, spread)] for a in np.radians(LIKE_ANGLES_DEG)]
         near = like[0] or like[1]
         if not present(profile).any():
             reason = "nothing in this profile"
         elif not found:
-            reason = f"no {key[0]} as in other profiles"
+            reason = (missed and missed(number)) or f"no {key[0]} as in other profiles"
         elif not near:
             reason = f"a corner of {np.degrees(found[0].angle):.0f}°, {np.degrees(usual):.0f}° in other profiles"
         elif len(near) > 1 and near[1].support > AMBIGUOUS * near[0].support:

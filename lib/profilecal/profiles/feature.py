@@ -22,6 +22,7 @@ class Feature:
 
     @property
     def found(self) -> bool:
+        """Whether the profile shows the target."""
         return not self.reason
 
 

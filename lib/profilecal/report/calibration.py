@@ -5,6 +5,7 @@ from html import escape
 
 import numpy as np
 import pandas as pd
+from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
@@ -190,6 +191,26 @@ def profile_words(found) -> Html:
         kinds = " and ".join(sorted({scan.measured for scan in found.scans}))
         text = f"This scan holds {kinds} instead of raw profiles; the features were found before it was written."
     return paragraphs(text)
+
+
+def field_of_view(scans) -> np.ndarray | None:
+    """The corners (k, 2) of the area in which raw profiles have points, x and z in mm; None without raw profiles."""
+    raw = [values for scan in scans if scan.measured == "profiles" for values in scan.values]
+    points = np.concatenate([*raw, np.zeros((0, 2))])
+    points = points[np.isfinite(points).all(axis=1)]
+    return points[ConvexHull(points, qhull_options="QJ").vertices] if len(points) > 2 else None
+
+
+def view_words(found) -> Html:
+    """How much of the field of view the features cover."""
+    seen = np.concatenate([np.asarray(o.points).reshape(-1, 2) for o in found.observed])
+    (x, z), (x_end, z_end) = np.nanmin(seen, axis=0), np.nanmax(seen, axis=0)
+    text = f"The features cover x from {x:.0f} to {x_end:.0f} mm and depths from {z:.0f} to {z_end:.0f} mm"
+    field = field_of_view(found.scans)
+    if field is not None:
+        (x, z), (x_end, z_end) = field.min(axis=0), field.max(axis=0)
+        text += f"; the profiles reach x from {x:.0f} to {x_end:.0f} mm and depths from {z:.0f} to {z_end:.0f} mm"
+    return paragraphs(text + ".")
 
 
 def directions_table(found) -> Html:

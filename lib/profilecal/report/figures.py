@@ -1,11 +1,13 @@
 """Figures and what notebooks hand out. Nothing else in the library imports matplotlib."""
 
 from dataclasses import dataclass
+from itertools import combinations, product
 from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
+from matplotlib.ticker import LogLocator
 
 from profilecal.papers.scorecard import Scorecard
 
@@ -75,6 +77,13 @@ class Results:
         return Scorecard(rows)
 
 
+def plain_ticks(*scales) -> None:
+    """Number logarithmic axes, such as `axes.xaxis`, at 1, 2 and 5, without powers of ten."""
+    for scale in scales:
+        for set_formatter in (scale.set_major_formatter, scale.set_minor_formatter):
+            set_formatter(lambda value, _: f"{value:g}" if f"{value:.0e}"[0] in "125" else "")
+
+
 def plot_rounding(axes, draws, published: float, ours: float, name: str) -> None:
     """One quantity under the rounding of a printed table: all results that the table allows, and the published one."""
     low, high = np.percentile(draws, [2.5, 97.5])
@@ -103,6 +112,15 @@ def draw_frame(axes, rotation, origin, length: float, name: str = "") -> None:
         axes.text(*(origin - 0.25 * length * np.asarray(rotation)[:, 2]), name, ha="center", va="center")
 
 
+def draw_arrow(axes, start, end, colour: str, text: str, aside, lw: float = 2, ls: str = "-") -> None:
+    """Draw an arrow in a 3D plot, with a text beside its middle."""
+    start, way = np.asarray(start, dtype=float), np.subtract(end, start)
+    tip = 18 / np.linalg.norm(way)
+    axes.quiver(*start, *way, color=colour, lw=lw, ls=ls, arrow_length_ratio=tip)
+    box = {"facecolor": "white", "alpha": 0.8, "lw": 0, "pad": 1}
+    axes.text(*(start + 0.5 * way + aside), text, color=colour, ha="center", va="center", bbox=box)
+
+
 def draw_patch(axes, corners, colour: str, alpha: float = 0.25, label: str = "") -> None:
     """Draw a filled polygon with corners (n, 3) in a 3D plot."""
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
@@ -119,33 +137,28 @@ def equal_axes(axes, points) -> None:
     axes.set(zlim=(middle[2] - half, middle[2] + half), box_aspect=(1, 1, 1))
 
 
-def draw_scan(axes, rotation, origin, depth: float, colour: str, label: str = "") -> None:
-    """Draw a scanner's fan of light in a 3D plot: from its origin to `depth`, as wide as it is deep."""
+def draw_scan(axes, rotation, origin, depth: float, colour: str, label: str = "") -> np.ndarray:
+    """Draw a scanner's fan of light in a 3D plot, from its origin to `depth`, as wide as it is deep.
+
+    Returns its corners (3, 3).
+    """
     rotation = np.asarray(rotation)
     ends = [origin + depth * (rotation[:, 2] + side * rotation[:, 0] / 2) for side in (-1, 1)]
-    draw_patch(axes, np.array([origin, *ends]), colour, alpha=0.15, label=label)
-
-
-def beside_line(points, point, direction) -> tuple[np.ndarray, np.ndarray]:
-    """Points (..., 3) seen from beside a line through `point` along `direction`: how far along it, how far above.
-
-    The view is the one that spreads the points most.
-    """
-    offset = np.asarray(points) - point
-    along = offset @ direction
-    off_line = (offset - along[..., None] * direction).reshape(-1, 3)
-    above = np.linalg.svd(off_line - off_line.mean(axis=0), full_matrices=False)[2][0]
-    above = above - (above @ direction) * direction
-    return along, offset @ (above / np.linalg.norm(above))
+    corners = np.array([origin, *ends])
+    draw_patch(axes, corners, colour, alpha=0.15, label=label)
+    return corners
 
 
 def noise_curves(axes, m, sigma_mm, e) -> None:
     """Draw e (k, l) over m (l,), one curve for each sigma_mm (k,), named at its right end."""
+    sigma_mm, e = np.asarray(sigma_mm), np.asarray(e)
     shades = plt.get_cmap("viridis")(np.linspace(0, 0.85, len(sigma_mm)))
+    level = np.average(e[:, -3:].mean(axis=1) / sigma_mm, weights=sigma_mm)  # evenly spaced names do not collide
     for sigma, curve, shade in zip(sigma_mm, e, shades, strict=True):
         axes.plot(m, curve, color=shade, lw=1.5)
-        axes.annotate(f"{sigma:g}", (m[-1], curve[-1]), (4, 0), textcoords="offset points", va="center", color=shade)
-    axes.annotate("σ [mm]", (m[-1], e[-1, -1]), (4, 12), textcoords="offset points", fontsize=9)
+        place = m[-1], level * sigma
+        axes.annotate(f"{sigma:.3g}", place, (5, 0), textcoords="offset points", va="center", color=shade, fontsize=9)
+    axes.annotate("σ [mm]", place, (5, 10), textcoords="offset points", fontsize=9)
 
 
 def draw_seen_and_expected(axes, scene, turn_deg: float, shift_mm: float) -> None:
@@ -292,3 +305,52 @@ def plot_columns(frame: pd.DataFrame, x: str, y: str, hue: str, folder: Path) ->
     figure.savefig(place.with_suffix(".svg"))
     plt.close(figure)
     return place
+
+
+def draw_matrix(axes, table: pd.DataFrame) -> None:
+    """Draw a table of positive numbers as shades, on a logarithmic scale, with the numbers; dark is large."""
+    values = np.log10(table.to_numpy(dtype=float))
+    low, high = np.nanmin(values), np.nanmax(values)
+    axes.imshow(values, cmap="Blues", vmin=low, vmax=high + 0.2 * (high - low), aspect="auto")
+    for (i, j), value in np.ndenumerate(values):
+        colour = "white" if value > 0.3 * low + 0.7 * high else "black"
+        text = f"{10**value:.2g}" if np.isfinite(value) else ""
+        axes.text(j, i, text, ha="center", va="center", color=colour)
+    axes.set(xticks=range(table.shape[1]), yticks=range(table.shape[0]), yticklabels=table.index)
+    axes.set_xticklabels(table.columns, rotation=30, ha="right", rotation_mode="anchor")
+    axes.spines[:].set_visible(False)
+    axes.tick_params(length=0)
+
+
+def plot_with_interval(axes, frame: pd.DataFrame, x: str, y: str, **style) -> None:
+    """Draw column y of a table over column x, with bars from column y_low to column y_high."""
+    bars = [frame[y] - frame[f"{y}_low"], frame[f"{y}_high"] - frame[y]]
+    axes.errorbar(frame[x], frame[y], bars, **{"marker": "o", "ms": 4, "capsize": 2} | style)
+
+
+def plot_rows(axes, frame: pd.DataFrame, x: str, shift: float, **style) -> None:
+    """Draw column x of a table, a row of the figure for each of its rows, `shift` below it, with bars as above."""
+    bars = [frame[x] - frame[f"{x}_low"], frame[f"{x}_high"] - frame[x]]
+    axes.errorbar(frame[x], np.arange(len(frame)) + shift, xerr=bars, **{"fmt": "o", "ms": 5, "capsize": 2} | style)
+
+
+def plain_log(*scales) -> None:
+    """Label logarithmic x or y axes of plots with plain numbers, at 1, 2, 5, 10, …"""
+    for axis in scales:
+        axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        axis.set_major_formatter("{x:g}")
+        axis.set_minor_locator(plt.NullLocator())
+
+
+def draw_box(axes, points) -> None:
+    """Draw points (n, 3), mm, in a 3D plot, with their mean and the box of the base's directions around them."""
+    axes.scatter(*points.T, color=BLUE, s=14, depthshade=False)
+    axes.scatter(*points.mean(axis=0), color="black", s=40, depthshade=False, label="mean")
+    corners = np.array(list(product(*np.stack([points.min(axis=0), points.max(axis=0)], axis=1))))
+    for first, second in combinations(corners, 2):
+        if np.sum(first != second) == 1:
+            axes.plot(*np.stack([first, second]).T, color="0.6", lw=0.8)
+    equal_axes(axes, points)
+    axes.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")
+    axes.locator_params(nbins=4)
+    axes.legend(loc="upper left")

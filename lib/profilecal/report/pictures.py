@@ -3,9 +3,9 @@
 import matplotlib.pyplot as plt
 import numpy as np
 
-from profilecal.geometry.poses import carry, circle_around
+from profilecal.geometry.poses import angle_between, carry, circle_around, nearest_rotation
 from profilecal.joint.observability import BY_HAND_DEG, BY_HAND_MM, WEAK
-from profilecal.report.calibration import chance_limits, features_of
+from profilecal.report.calibration import chance_limits, features_of, field_of_view
 from profilecal.report.figures import (
     BLUE,
     GREEN,
@@ -15,6 +15,7 @@ from profilecal.report.figures import (
     SKY,
     YELLOW,
     draw_frame,
+    draw_patch,
     draw_scan,
     equal_axes,
 )
@@ -35,8 +36,7 @@ def plot_robot(found) -> plt.Figure:
     if known and not on_flange:
         s, depth = found.solution, depth_of(found.observed)
         draw_frame(axes, s.rotation, s.translation, 0.35 * depth)
-        draw_scan(axes, s.rotation, s.translation, depth, SKY, "scan plane")
-        drawn.append(s.translation[None])
+        drawn.append(draw_scan(axes, s.rotation, s.translation, depth, SKY, "scan plane"))
     for k, (scan, observed) in enumerate(zip(found.scans, found.observed, strict=True)):
         R, T, colour = scan.R_base_flange, scan.T_base_flange, SCAN_COLOURS[k % 3]
         few = np.unique(np.linspace(0, len(T) - 1, max(1, FRAMES_DRAWN // len(found.scans))).round().astype(int))
@@ -49,7 +49,7 @@ def plot_robot(found) -> plt.Figure:
         if on_flange:
             for i in few[:: -(-len(few) * len(found.scans) // SCANS_DRAWN)]:
                 rotation, origin = R[i] @ found.solution.rotation, T[i] + R[i] @ found.solution.translation
-                draw_scan(axes, rotation, origin, depth_of([observed]), SKY, "scan plane")
+                drawn.append(draw_scan(axes, rotation, origin, depth_of([observed]), SKY, "scan plane"))
             drawn.append(draw_lines(axes, lines, colour, f"{scan.kind}, where the scans place it"))
         else:
             for i in few:
@@ -138,24 +138,27 @@ def shorten(text: str, length: int) -> str:
 
 
 def plot_view(found) -> plt.Figure:
-    """What was seen of the targets, in the scan plane: the part of the field of view that the measurements cover."""
+    """What was seen of the targets, in the scan plane, and the field of view, as far as raw profiles show it."""
     figure, axes = plt.subplots(figsize=(5.6, 4.2))
+    field = field_of_view(found.scans)
+    if field is not None:
+        axes.fill(*field.T, color="0.92", label="field of view, as far as the profiles reach")
     for k, (scan, o) in enumerate(zip(found.scans, found.observed, strict=True)):
         colour, points = (BLUE, GREEN, ORANGE, PURPLE)[k % 4], np.asarray(o.points)[0]
-        name = scan.title if len(found.scans) > 1 else ""
+        name = f"{scan.title}: features" if len(found.scans) > 1 else "features"
         if o.target.points == 2:
             lines = np.concatenate([points, np.full_like(points[:, :1], np.nan)], axis=1).reshape(-1, 2)
             axes.plot(*lines.T, color=colour, lw=0.8, alpha=0.6, label=name)
         elif scan.measured == "arcs":
             for x, z, r in (scan.values[i][0] for i in found.seen[k]):
                 angle = np.radians(np.linspace(-60, 60, 40))
-                axes.plot(x + r * np.sin(angle), z - r * np.cos(angle), color=colour, lw=0.8, alpha=0.6)
+                axes.plot(x + r * np.sin(angle), z - r * np.cos(angle), color=colour, lw=0.8, alpha=0.6, label=name)
+                name = ""
         else:
             axes.scatter(*points.reshape(-1, 2).T, s=8 if o.target.points else 1, color=colour, label=name, alpha=0.7)
     axes.set(xlabel="sensor x [mm]", ylabel="sensor z, depth [mm]", aspect="equal")
     axes.invert_yaxis()
-    if len(found.scans) > 1:
-        figure.legend(loc="outside upper center")
+    figure.legend(loc="outside upper center", ncols=2)
     return figure
 
 
@@ -260,3 +263,38 @@ def draw_direction(axes, direction) -> None:
         around = circle_around(0.75 * axis, axis, 0.2)[:70]
         axes.plot(*around.T, color=PURPLE, lw=2.5, label="turn")
         axes.quiver(*around[-1], *(3 * (around[-1] - around[-2])), color=PURPLE, lw=2.5, arrow_length_ratio=2)
+
+
+def plot_setting(found) -> plt.Figure:
+    """Where targets and scanner are, from results alone: flange, sensor frame and scan plane in the middle of each
+    scan's poses, twice the standard deviation of its positions as a cross, and how far it turns. No pose is drawn."""
+    figure = plt.figure(figsize=(9, 4.6))
+    axes, drawn, s = figure.add_subplot(projection="3d"), [], found.solution
+    parts = zip(found.scans, found.observed, s.placements, (BLUE, GREEN, ORANGE, PURPLE), strict=False)
+    for scan, observed, placement, colour in parts:
+        rotation = observed.R_flange[0] @ s.rotation
+        origins = observed.T_flange[0] + observed.R_flange[0] @ s.translation
+        middle, turned = origins.mean(axis=0), nearest_rotation(rotation.mean(axis=0))
+        turns = np.sqrt(np.mean(np.degrees(angle_between(turned, rotation)) ** 2))
+        label = f"{scan.kind}; scanner turned\nby {turns:.0f}° rms"
+        drawn.append(draw_lines(axes, target_lines(placement, s, observed), colour, label))
+        x, z = np.nanpercentile(observed.points[0].reshape(-1, 2), [1, 99], axis=0).T
+        seen = np.stack([x[[0, 1, 1, 0]], np.zeros(4), z[[0, 0, 1, 1]]], axis=-1)
+        corners = middle + seen @ turned.T
+        draw_patch(axes, corners, SKY, label="seen in the scan plane")
+        flange = middle - turned @ s.rotation.T @ s.translation
+        axes.plot(*np.stack([flange, middle]).T, color="0.4", lw=1.5, ls="--", label="from flange to sensor")
+        draw_frame(axes, turned @ s.rotation.T, flange, 50)
+        draw_frame(axes, turned, middle, 50)
+        values, directions = np.linalg.eigh(np.cov(origins.T))
+        for value, direction in zip(values, directions.T, strict=True):
+            axes.plot(*(middle + np.outer([-2, 2], np.sqrt(value) * direction)).T, color="black", lw=1)
+        drawn += [corners, flange[None]]
+    equal_axes(axes, np.concatenate(drawn))
+    axes.set(xlabel="base x [mm]", ylabel="base y [mm]", zlabel="base z [mm]")
+    axes.set_box_aspect((1, 1, 1), zoom=1.1)
+    axes.locator_params(nbins=5)
+    handles, labels = axes.get_legend_handles_labels()
+    once = dict(zip(labels, handles, strict=True))
+    figure.legend(once.values(), once, loc="outside right center")
+    return figure

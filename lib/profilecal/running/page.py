@@ -1,5 +1,6 @@
 """The report on a user's scans: the notebook run on them, as one HTML file that needs nothing else."""
 
+import re
 import string
 import tempfile
 from datetime import date
@@ -11,10 +12,12 @@ from pathlib import Path
 from tqdm import tqdm
 
 from profilecal.running import notebooks
+from profilecal.running.record import MIME
 from profilecal.scan.files import partial_of, remove, whole
 
 NOTEBOOK = "60_calibrate_your_scanner.ipynb"
 NEEDED = ("papermill", "nbconvert", "ipykernel")
+LINK = re.compile(r"\[([^\]]+)\]\([^)]+\)")
 
 
 def notebook() -> Path:
@@ -69,7 +72,10 @@ def to_page(executed: Path, title: str) -> str:
 
     book, heading = nbformat.read(executed, as_version=4), ""
     book.cells = [cell for cell in book.cells[1:] if cell.cell_type == "markdown" or cell.outputs]
+    book.cells = [c for c in book.cells if not any(MIME in o.get("data", {}) for o in c.get("outputs", []))]
     for cell in book.cells:
+        if cell.cell_type == "markdown":
+            cell.source = LINK.sub(r"\1", cell.source)  # the page stands alone
         if cell.source.startswith("## "):
             heading = cell.source.splitlines()[0][3:]
         cell.metadata["alt"] = heading  # of its pictures

@@ -52,7 +52,11 @@ class RowError(ValueError):
 
 
 def find_convention(columns) -> Convention:
-    """The one whose columns are all there. Raises ValueError where there is none, or more than one."""
+    """The one whose columns are all there. Raises ValueError where there is none, or more than one.
+
+    >>> find_convention(["pose", "x", "y", "z", "w", "p", "r"]).meaning
+    'R = Rz(R) Ry(P) Rx(W)'
+    """
     columns = set(columns)
     there = [c for c in CONVENTIONS if columns.issuperset(c.columns)]
     if len(there) == 1:
@@ -130,6 +134,9 @@ def for_controller(vendor: str, matrix, frame: str = "flange") -> str:
     """A pose (4, 4), mm, as a line or lines to paste into a controller or a program. Raises ValueError for others.
 
     `frame` is the one that the pose is in: "flange", or "base" where the scanner stands still.
+
+    >>> for_controller("kuka", np.eye(4))
+    '{X 0.0000,Y 0.0000,Z 0.0000,A 0.000000,B 0.000000,C 0.000000}'
     """
     check_vendor(vendor)
     matrix = np.asarray(matrix, dtype=float)

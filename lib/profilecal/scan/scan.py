@@ -37,6 +37,7 @@ class Scan:
 
     @property
     def target(self) -> type[Target]:
+        """The class of the target."""
         return TARGETS[self.kind]
 
     @property

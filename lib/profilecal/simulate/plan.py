@@ -29,12 +29,21 @@ class Poses:
         return points @ np.swapaxes(R[..., ::2], -1, -2) + T[..., None, :]
 
 
-def actual_poses(poses: Poses, noise: Noise, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Where the flange really is, rotations (..., G, N, 3, 3) and positions (..., G, N, 3), mm."""
+def actual_poses(
+    poses: Poses, noise: Noise, rng: np.random.Generator, same=slice(None)
+) -> tuple[np.ndarray, np.ndarray]:
+    """Where the flange really is, rotations (..., G, N, 3, 3) and positions (..., G, N, 3), mm.
+
+    `same` (G,): groups with one number share the error of a group.
+    """
     shape = poses.positions.shape
     group = (*shape[:-2], 1, 3)
-    position = noise.position_mm * rng.normal(size=shape) + noise.group_position_mm * rng.normal(size=group)
-    turn = noise.orientation_deg * rng.normal(size=shape) + noise.group_orientation_deg * rng.normal(size=group)
+
+    def error(own, shared):
+        return own * rng.normal(size=shape) + shared * rng.normal(size=group)[..., same, :, :]
+
+    position = error(noise.position_mm, noise.group_position_mm)
+    turn = error(noise.orientation_deg, noise.group_orientation_deg)
     return rotations(np.radians(turn)) @ poses.rotations[..., None, :, :], poses.positions + position
 
 

@@ -23,6 +23,7 @@ class Scene:
     poses: Poses  # (G, N) that the robot reports, of the first problem
     observations: Observations  # without noise
     truth: State
+    labels: tuple[str, ...] = ()  # of the poses, where they have any
 
     def showing(self, kind: str, sizes: tuple[float, ...]) -> "Scene":
         """Another target in the same place, without observations of it; the same scene where it is there already."""

@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from profilecal.geometry.poses import carry, homogeneous, inverse
 from profilecal.scan.conventions import CONVENTIONS
 from profilecal.scan.folder import MOUNTS
 from profilecal.scan.scan import Scan, ScanError
+from profilecal.simulate.guess import Guess, planned_scene, read_guess
 from profilecal.simulate.plan import actual_poses
 from profilecal.simulate.robot import Robot
 from profilecal.simulate.scanner import Scanner
@@ -18,7 +20,7 @@ from profilecal.simulate.scene import Scene, random_scene
 from profilecal.targets import TARGETS
 
 WIDE = Scanner(near=40.0, far=260.0, near_width=100.0, far_width=220.0)  # sees a whole disk of 50 mm radius
-ELSEWHERE = ("noise", "robot", "scanner", "sizes")  # fields of Spec that are no entries of their own
+ELSEWHERE = ("noise", "robot", "scanner", "sizes", "guess")  # fields of Spec that are no entries of their own
 
 
 @dataclass(frozen=True)
@@ -40,6 +42,8 @@ class Spec:
     frame: str = "base"  # edge: translations in the axes of the "base" or the "tool"
     repeats: int = 1  # measurements at each stop, while the robot stands still
     rounds: int = 1  # through all poses
+    poses: str = ""  # a file poses.csv that says where the robot goes; empty: groups, positions and so on do
+    guess: Guess | None = None  # where sensor and target are if there is such a file, but for the guess's margins
     noise: Noise = field(default_factory=lambda: Noise(profile_mm=0.05))
     robot: Robot = field(default_factory=Robot)
     scanner: Scanner = WIDE
@@ -65,11 +69,16 @@ def _choose(name: str, value, choices) -> None:
         raise ScanError(f"{name} is {value!r}; expected one of {', '.join(filter(None, choices))}")
 
 
-def read_spec(entries: dict) -> Spec:
-    """A specification from the content of a TOML file: Spec's fields, the target's lengths, [noise], [robot] and
-    [scanner].
+def read_spec(entries: dict, folder=".") -> Spec:
+    """A specification from the content of a TOML file: Spec's fields, the target's lengths, [noise], [robot],
+    [scanner] and [guess]. `folder` is where the path `poses` begins; [plan] is left to `profilecal plan`.
 
     Raises ScanError."""
+    entries = {name: value for name, value in entries.items() if name != "plan"}
+    for name in ("noise", "robot", "scanner", "guess"):
+        if not isinstance(entries.get(name, {}), dict):
+            raise ScanError(f"{name} is {entries[name]!r} in the specification; expected a table [{name}]")
+    guess = read_guess(entries.pop("guess")) if "guess" in entries else None
     noise = _filled(Noise(profile_mm=0.05), entries.pop("noise", {}), "[noise]")
     robot = _filled(Robot(), entries.pop("robot", {}), "[robot]")
     scanner = _filled(replace(WIDE, noise_mm=noise.profile_mm), entries.pop("scanner", {}), "[scanner]")
@@ -79,7 +88,10 @@ def read_spec(entries: dict) -> Spec:
     for name, value in sizes.items():
         _check(name, value, float, "the specification")
     spec = _filled(Spec(), entries, "the specification")
-    return replace(spec, noise=noise, robot=robot, scanner=scanner, sizes=sizes)
+    if spec.poses and guess is None:
+        raise ScanError("poses are given, but no [guess]; expected roughly where sensor and target are")
+    poses = str(Path(folder) / spec.poses) if spec.poses else ""
+    return replace(spec, noise=noise, robot=robot, scanner=scanner, sizes=sizes, guess=guess, poses=poses)
 
 
 def _filled(default, entries: dict, where: str):
@@ -111,21 +123,30 @@ def simulate_scans(specs: Sequence[Spec]) -> list[Scan]:
     """
     first = specs[0]
     rng = np.random.default_rng(first.seed)
-    scene = random_scene(
-        first.kind,
-        rng,
-        groups=first.groups,
-        positions=first.positions,
-        sizes=sizes_of(first),
-        spread_deg=first.spread_deg,
-        motion=first.motion,
-        frame=first.frame,
-        steering_mm=first.noise.steering_mm,
-    )
-    poses = actual_poses(scene.poses, first.noise, rng)
+    scene = scene_of(first, rng)
+    same = scene.observations.group if first.poses else slice(None)
+    poses = actual_poses(scene.poses, first.noise, rng, same)
     R, T = (part.reshape(-1, *part.shape[2:]) for part in poses)
     poses = first.robot.built(R, T, first.mount == "eye-to-hand", rng)
     return [record(scene.showing(spec.kind, sizes_of(spec)), poses, spec, first.robot, rng) for spec in specs]
+
+
+def scene_of(spec: Spec, rng: np.random.Generator) -> Scene:
+    """The target and the poses of a specification."""
+    if spec.poses:
+        to_hand, steering_mm = spec.mount == "eye-to-hand", spec.noise.steering_mm
+        return planned_scene(spec.kind, sizes_of(spec), spec.guess, spec.poses, to_hand, steering_mm, rng)
+    return random_scene(
+        spec.kind,
+        rng,
+        groups=spec.groups,
+        positions=spec.positions,
+        sizes=sizes_of(spec),
+        spread_deg=spec.spread_deg,
+        motion=spec.motion,
+        frame=spec.frame,
+        steering_mm=spec.noise.steering_mm,
+    )
 
 
 def sizes_of(spec: Spec) -> tuple[float, ...]:
@@ -154,7 +175,7 @@ def record(scene: Scene, poses, spec: Spec, robot: Robot, rng: np.random.Generat
     R, T = inverse(R, T) if to_hand else (R, T)
     return Scan(
         kind=spec.kind,
-        labels=labels(scene.poses.positions.shape[:2], which),
+        labels=labels(scene.labels or numbered(scene.poses.positions.shape[:2]), which),
         R_base_flange=R,
         T_base_flange=T,
         measured=measured,
@@ -179,19 +200,24 @@ def title(spec: Spec, scene: Scene) -> str:
     G, N = scene.poses.positions.shape[:2]
     times = spec.repeats * spec.rounds
     often = f", {times} times" if times > 1 else ""
-    return f"simulated {spec.kind}, {G} orientations x {N} positions{often}"
+    poses = f"{G} planned poses" if spec.poses else f"{G} orientations x {N} positions"
+    return f"simulated {spec.kind}, {poses}{often}"
 
 
-def labels(shape, which) -> tuple[str, ...]:
-    """Of measurements from the poses `which` (n,), numbered in the order of `shape` (groups, positions)."""
-    names = [f"g{g + 1}p{n + 1}" for g in range(shape[0]) for n in range(shape[1])]
+def numbered(shape) -> list[str]:
+    """Labels of poses in the order of `shape` (groups, positions)."""
+    return [f"g{g + 1}p{n + 1}" for g in range(shape[0]) for n in range(shape[1])]
+
+
+def labels(names, which) -> tuple[str, ...]:
+    """Of measurements from the poses `which` (n,), which have `names`."""
     if len(which) == len(names):
         return tuple(names)
-    count, numbered = Counter(), []
+    count, several = Counter(), []
     for pose in which:
         count[pose] += 1
-        numbered.append(f"{names[pose]}m{count[pose]}")
-    return tuple(numbered)
+        several.append(f"{names[pose]}m{count[pose]}")
+    return tuple(several)
 
 
 def raw_profiles(scene: Scene, planes, spec: Spec, rng) -> list[np.ndarray]:

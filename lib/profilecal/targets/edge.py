@@ -147,7 +147,11 @@ def edges_in(profiles, sizes) -> list[Feature]:
         key, often = max(at_faces.items(), key=lambda item: item[1], default=(None, 0))  # where a side face is seen
         if often < LEAST_CORNERS:
             return [nothing(profile, BOTH_ENDS) for profile in profiles]
-    return with_end_variance(choose(profiles, candidates, key))
+
+    def missed(number: int) -> str:
+        return why_no_corner(found[number][0]) if key and key[0] == "corner" else ""
+
+    return with_end_variance(choose(profiles, candidates, key, missed))
 
 
 def shows_both_ends(count, key) -> bool:
@@ -183,6 +187,14 @@ def corners(runs) -> list[Candidate]:
         bend = np.arccos(first.direction @ second.direction)
         found.append(Candidate(feature, int(np.sign(towards[1])), min(side.length for side in sides), np.pi - bend))
     return found
+
+
+def why_no_corner(runs) -> str:
+    """What keeps a profile of a corner from showing it, as far as its straight runs tell."""
+    for first, second in pairwise(runs):
+        if is_bent(first, second) and ends_at(first, second, crossing(first, second)):
+            return f"one side of the corner shows fewer than {LEAST_SIDE} points beyond its rounding"
+    return "one side of the corner shows too few points for a line" if len(runs) == 1 else ""
 
 
 def is_bent(first: Run, second: Run) -> bool:

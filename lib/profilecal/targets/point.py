@@ -18,7 +18,7 @@ class Point(Target):
     point: np.ndarray
 
     kind, shape, tables = "point", "one point", ("points",)
-    shifts, turns, points, rows, affine = "xyz", "", 1, 3, True
+    shifts, turns, points, rows, affine, steered = "xyz", "", 1, 3, True, True
     groups, positions, with_tool = 20, 1, True
 
     @classmethod

@@ -35,6 +35,7 @@ class Target:
     points: int | None = None  # that a pose gives; None: any number, each anywhere on a curve
     rows: int  # residuals of each point
     fit_is_best = True  # of all placements `fit` leaves the least squares of distances; False: it is a start
+    steered = False  # the operator steers the scan plane through it, and records the pose that this takes
     affine = False  # inside a group of one orientation its points are affine in the flange's position
     # Simulated scans
     groups: int  # flange orientations

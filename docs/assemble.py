@@ -1,0 +1,187 @@
+"""Put the site's pages together from what is in the repository; nothing is executed but what `moving` computes.
+
+python docs/assemble.py results/site/source
+"""
+
+import ast
+import hashlib
+import html
+import io
+import json
+import re
+import shutil
+import sys
+from base64 import b64decode
+from importlib.util import find_spec
+from pathlib import Path
+
+from api import pages_of_rooms
+from moving import moving_pictures
+from PIL import Image
+
+from profilecal.papers import scorecard
+
+ROOT = Path(__file__).parents[1]
+COPIED = (
+    "README.md",
+    "CHANGELOG.md",
+    "CONTRIBUTING.md",
+    "CITATION.cff",
+    "LICENSE",
+    "data/README.md",
+    "docs/frames.png",
+    "docs/sweep.png",
+    "tests/targets/test_new_target.py",
+)
+THUMBNAIL = 420  # pixels wide
+ENVIRONMENT = hashlib.sha256((ROOT / "environment.txt").read_bytes()).hexdigest()[:12]
+RUNS = ROOT / "results" / "notebooks"  # of `make reproduce`, which know how long they took
+
+
+def assemble(source: Path) -> None:
+    """Everything that Sphinx reads, under `source`, which is emptied first."""
+    shutil.rmtree(source, ignore_errors=True)
+    static = source / "_static"
+    (static / "gallery").mkdir(parents=True)
+    for name in filter(lambda name: (ROOT / name).exists(), COPIED):
+        (source / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(ROOT / name, source / name)
+    shutil.copy(ROOT / "docs" / "conf.py", source)
+    shutil.copy(ROOT / "docs" / "style.css", static)
+    mathjax = shutil.copytree(Path(find_spec("jupyter_server_mathjax").origin).parent / "static", static / "MathJax")
+    script = mathjax / "config" / "TeX-AMS-MML_HTMLorMML-full.js"
+    blank = script.read_text(encoding="utf-8").replace(
+        "url('about:blank')", "local('none')"
+    )  # browsers refuse the former
+    script.write_text(blank, encoding="utf-8")
+
+    notebooks = sorted((ROOT / "notebooks").glob("*.ipynb"))
+    rooms = pages_of_rooms(ROOT / "lib" / "profilecal", notebooks)
+    (source / "api").mkdir()
+    for room, text in rooms.items():
+        (source / "api" / f"{room}.md").write_text(text, encoding="utf-8")
+    (source / "notebooks").mkdir()
+    figures = [figure for path in notebooks for figure in page_of(path, source / "notebooks", static / "gallery")]
+    (source / "gallery.md").write_text(gallery(figures), encoding="utf-8")
+    (source / "scorecard.md").write_text(verdicts(), encoding="utf-8")
+    (source / "moving.md").write_text(moving_pictures(), encoding="utf-8")
+    index = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
+    names = {"NOTEBOOKS": [f"notebooks/{path.stem}" for path in notebooks], "ROOMS": [f"api/{room}" for room in rooms]}
+    for word, entries in names.items():
+        index = index.replace(word, "\n".join(entries))
+    (source / "index.md").write_text(index.replace("EXCERPT", excerpt()), encoding="utf-8")
+
+
+def page_of(path: Path, folder: Path, gallery: Path) -> list[dict]:
+    """Write a notebook with places to link to and a last word on how it was run. Returns its figures."""
+    notebook = json.loads(path.read_text(encoding="utf-8"))
+    title = next(line for line in text_of(notebook["cells"][0]).splitlines() if line.startswith("# "))[2:]
+    cells, figures = [], []
+    for cell in notebook["cells"]:
+        data = [output.get("data", {}) for output in cell.get("outputs", [])]
+        names = (
+            re.findall(r"results\.figure\(\w+, f?\"([^\"]+)\"", text_of(cell)) if cell["cell_type"] == "code" else []
+        )
+        pictures = [entry["image/png"] for entry in data if "image/png" in entry]
+        anchors = [f"figure-{k}" for k, _ in enumerate(pictures, len(figures) + 1)]
+        anchors += ["scorecard"] * any(scorecard.MIME in entry for entry in data)
+        if anchors:
+            cells.append(markdown("".join(f'<a id="{anchor}"></a>' for anchor in anchors)))
+        for k, (anchor, picture) in enumerate(zip(anchors, pictures, strict=False)):
+            thumbnail = f"{path.stem}_{anchor}.png"
+            shrink(b64decode("".join(picture)), gallery / thumbnail)
+            name = names[k] if k < len(names) and "{" not in names[k] else anchor
+            figures.append({"notebook": path.stem, "title": title, "anchor": anchor, "name": name, "image": thumbnail})
+        cells.append(cell)
+    cells.append(markdown(how_it_was_run(path, notebook)))
+    notebook["cells"] = cells
+    (folder / path.name).write_text(json.dumps(notebook), encoding="utf-8")
+    for figure in figures:
+        figure["parameters"] = parameters(notebook)
+    return figures
+
+
+def text_of(cell: dict) -> str:
+    return "".join(cell["source"])
+
+
+def markdown(text: str) -> dict:
+    return {
+        "cell_type": "markdown",
+        "id": hashlib.sha256(text.encode()).hexdigest()[:8],
+        "metadata": {},
+        "source": text,
+    }
+
+
+def shrink(png: bytes, path: Path) -> None:
+    """Write a picture as a thumbnail."""
+    with Image.open(io.BytesIO(png)) as image:
+        image = image.convert("RGB")
+        image.thumbnail((THUMBNAIL, 4 * THUMBNAIL))
+        image.save(path, optimize=True)
+
+
+def parameters(notebook: dict) -> str:
+    """A notebook's parameters in a line."""
+    (cell,) = [c for c in notebook["cells"] if "parameters" in c["metadata"].get("tags", [])]
+    pairs = [(node.target.id, ast.literal_eval(node.value)) for node in ast.parse(text_of(cell)).body]
+    return ", ".join(f"{name} = {value}" for name, value in pairs if not name.endswith("_dir"))
+
+
+def how_it_was_run(path: Path, notebook: dict) -> str:
+    """The last cell of a notebook's page."""
+    took = ""
+    if (RUNS / path.name).exists():
+        metadata = json.loads((RUNS / path.name).read_text(encoding="utf-8"))["metadata"].get("papermill", {})
+        took = (
+            f" It took {metadata['duration']:.0f} s in the last `make reproduce`." if metadata.get("duration") else ""
+        )
+    return (
+        f"---\n*This page is `notebooks/{path.name}` as executed with {parameters(notebook)}; environment "
+        f"`{ENVIRONMENT}` (SHA-256 of `environment.txt`).{took}*"
+    )
+
+
+def gallery(figures: list[dict]) -> str:
+    """All figures, small, each a link to the cell that draws it."""
+    parts = ["# Gallery\n\nEvery figure is a link to the cell that draws it.\n"]
+    for title in dict.fromkeys(figure["title"] for figure in figures):
+        parts.append(f"## {title}\n\n<div class='gallery'>")
+        for figure in (f for f in figures if f["title"] == title):
+            about = html.escape(
+                f"{figure['notebook']}, {figure['name']}: {figure['parameters']}; environment {ENVIRONMENT}"
+            )
+            parts.append(
+                f"<a href='notebooks/{figure['notebook']}.html#{figure['anchor']}' title='{about}'>"
+                f"<img loading='lazy' alt='{about}' src='_static/gallery/{figure['image']}'>"
+                f"<span>{html.escape(figure['name'].replace('_', ' '))}</span></a>"
+            )
+        parts.append("</div>\n")
+    return "\n".join(parts)
+
+
+def verdicts() -> str:
+    """The scorecard; each verdict is a link to the cell that gives it."""
+    frame = scorecard.to_text(scorecard.gather(ROOT / "notebooks"))
+    frame["verdict"] = [
+        f"<a class='{row.verdict}' href='notebooks/{row.notebook}.html#scorecard'>{row.verdict}</a>"
+        for row in frame.itertuples()
+    ]
+    table = frame.drop(columns=["notebook"]).to_html(index=False, escape=False, classes="scorecard", border=0)
+    words = (
+        "*Reproduced*: within the tolerance, which is the rounding of the printed digits wherever that is what limits. "
+        "*Compatible*: within it, with settings that the paper leaves open. *Differs*: outside. *Unpublished*: the "
+        "paper gives nothing to compare with. Each verdict is a link to the cell that gives it."
+    )
+    return f"# Scorecard\n\nWhat the papers print beside what this repository computes.\n\n{words}\n\n{table}\n"
+
+
+def excerpt() -> str:
+    """How many verdicts there are of each kind."""
+    counts = scorecard.gather(ROOT / "notebooks")["verdict"].value_counts()
+    return ", ".join(f"{count} {verdict}" for verdict, count in counts.items())
+
+
+if __name__ == "__main__":
+    assemble(Path(sys.argv[1]))

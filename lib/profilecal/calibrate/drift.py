@@ -1,0 +1,125 @@
+"""Has the sensor moved? Two scans of a target that stayed where it was, from the same commanded poses.
+
+What is the same in both cancels: where the target is, how well the sensor pose is known, and where the robot errs at a
+commanded pose. What is left is the scanner's noise and how well the robot comes back. Five poses do.
+"""
+
+from dataclasses import dataclass, replace
+from datetime import datetime
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from profilecal.calibrate.observe import as_observations, observe, stated_noise
+from profilecal.calibrate.verify import Difference
+from profilecal.geometry.noise import FALSE_ALARM
+from profilecal.joint.descent import settle_targets
+from profilecal.joint.effects import Information, remove
+from profilecal.joint.noise import expect
+from profilecal.joint.observability import POSE_UNITS, spectrum
+from profilecal.joint.problem import Problem, gram_by_pose
+from profilecal.joint.solve import LARGEST_ERROR_MM
+from profilecal.joint.state import State
+from profilecal.scan.scan import Scan, ScanError
+
+VERDICT = {False: "not moved", True: "moved: the sensor on the flange, or the target"}
+
+
+@dataclass(frozen=True)
+class Drift(Difference):
+    """By how much the sensor has moved on the flange between two scans, and what is to be expected if it has not."""
+
+    shared: int  # so many commanded poses are in both scans
+
+    @property
+    def moved(self) -> bool:
+        """Whether chance does not explain the movement."""
+        return not self.as_expected
+
+    def row(self, before: str, after: str) -> dict:
+        """A line of the log: when, what, mm and degrees with their standard deviations, and the verdict."""
+        sd = np.sqrt(np.diag(self.expected.covariance))
+        values = {f"{axis}_mm": v for axis, v in zip("xyz", self.delta[:3], strict=True)}
+        values |= {f"r{axis}_deg": np.degrees(v) for axis, v in zip("xyz", self.delta[3:], strict=True)}
+        values |= {f"sd_{axis}_mm": v for axis, v in zip("xyz", sd[:3], strict=True)}
+        values |= {f"sd_r{axis}_deg": np.degrees(v) for axis, v in zip("xyz", sd[3:], strict=True)}
+        said = {"time": datetime.now().isoformat(timespec="seconds"), "before": before, "after": after}
+        return said | values | {"chance": self.chance, "moved": self.moved}
+
+
+def drift(before: Scan, after: Scan, T, covariance, noise_mm: float) -> Drift:
+    """By how much a sensor whose pose was T (4, 4), mm, has moved between two scans of one target in one place.
+
+    `covariance` (6, 6): of the sensor pose, mm and rad. `noise_mm`: the scanner's, where the scans do not tell it.
+
+    Raises ScanError for scans of different targets or from different poses, and for poses that determine nothing.
+    """
+    if (before.kind, before.sizes, before.mount) != (after.kind, after.sizes, after.mount):
+        raise ScanError(f"the scans show {before.description} and {after.description}; expected one target and mount")
+    seen = [observe(scan, 1) for scan in (before, after)]
+    features_mm = next((entry.typical_mm for entry in seen if entry.typical_mm), 0.0)
+    observed = [as_observations(scan, entry, features_mm) for scan, entry in zip((before, after), seen, strict=True)]
+    level = expect(stated_noise((before, after)), features_mm)
+    noise = replace(level.prior, profile_mm=noise_mm if level.source == "residuals" else level.noise.profile_mm)
+    problem = Problem(observed, noise)
+    state = state_by(problem, T)
+    off = float(np.sqrt(np.nanmean(problem.residuals(state)[0] ** 2)))
+    if off > LARGEST_ERROR_MM:
+        raise ScanError(
+            f"{before.title or 'the first scan'}: with the sensor pose given, what it saw is {off:.2g} mm from any "
+            f"{before.kind}; expected at most {LARGEST_ERROR_MM:g}: is it of another sensor?"
+        )
+    effects = problem.effects_at(state)
+    sharing = effects.sharing
+    first, second = (np.unique(part) for part in np.split(sharing.pose, [len(seen[0].poses)]))
+    shared = len(np.intersect1d(first, second))
+    if not shared:
+        raise ScanError(
+            f"{after.title or 'the scan'}: no pose is one of the other scan's; expected the same poses again"
+        )
+
+    n_target = problem.terms[0].n
+    whole = 12 + n_target + 1  # unknowns: the movement, the sensor pose before it, the target; and the residual
+    A, B, normal = [], [], np.zeros((1, whole, whole))
+    pairs = zip(effects.rows, problem.linear(state), (False, True), strict=True)
+    for rows, linear, is_after in pairs:
+        gram = gram_by_pose(rows, linear.columns)
+        to_whole = np.zeros((gram.shape[-1] - 6, whole))
+        to_whole[:6, 6:12] = np.eye(6)
+        to_whole[:6, :6] = is_after * np.eye(6)
+        to_whole[6:, 12:] = np.eye(n_target + 1)
+        A.append(gram[..., :6, :6])
+        B.append(gram[..., :6, 6:] @ to_whole)
+        normal += to_whole.T @ gram[..., 6:, 6:].sum(axis=1) @ to_whole
+    left = Information(np.concatenate(A, axis=1), np.concatenate(B, axis=1), normal)
+    for variances, member in sharing.levels(noise):
+        left = remove(left, variances, member)
+    known = block_diag(np.zeros((6, 6)), np.linalg.pinv(covariance, hermitian=True), np.zeros((n_target, n_target)))
+    H, g = left.normal[0, :-1, :-1] + known, left.normal[0, :-1, -1]
+    units = np.r_[POSE_UNITS, POSE_UNITS, problem.terms[0].units]
+    H += np.diag(units**-2.0)  # what nothing determines is known as by hand
+    found = spectrum(H, units)
+    result = Drift(-np.linalg.solve(H, g)[:6], found, shared)
+    if not len(result.apart):
+        raise ScanError(
+            f"{after.title or 'the scan'}: determines no movement of the sensor; expected poses that differ"
+        )
+    return result
+
+
+def state_by(problem: Problem, T) -> State:
+    """The sensor pose T (4, 4) with the target, once for both scans, where the first shows it."""
+    alone = Problem(problem.observations[:1], problem.noise)
+    state = settle_targets(alone, T[None, :3, :3], T[None, :3, 3])
+    return replace(state, placements=state.placements * 2)
+
+
+def to_text(found: Drift) -> str:
+    """What `profilecal verify --before` prints."""
+    return "\n".join(
+        [
+            *found.lines("moved by", "if nothing moved"),
+            f"poses          {found.shared} of the first scan again",
+            f"verdict        {VERDICT[found.moved]}; a false alarm in {FALSE_ALARM:.0%} of all checks",
+        ]
+    )

@@ -1,0 +1,197 @@
+"""What is known before a scan, and what poses will be worth: the information that their profiles will hold."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from profilecal.calibrate.observe import three_points
+from profilecal.geometry.noise import Noise, Systematic
+from profilecal.geometry.poses import carry
+from profilecal.joint.effects import Information, remove, remove_common
+from profilecal.joint.observability import BY_HAND_DEG, BY_HAND_MM, Spectrum, name_direction, spectrum
+from profilecal.joint.observations import Observations
+from profilecal.joint.problem import Problem, gram_by_pose
+from profilecal.joint.sharing import SAME_ORIENTATION_DEG, level_variances
+from profilecal.joint.state import State
+from profilecal.simulate.guess import Margins
+from profilecal.simulate.scanner import Scanner
+from profilecal.targets.target import Target
+
+FILLED = 0.9  # of the field of view, by a face
+COUNT = 40  # points of a curve that a feature of a raw profile has
+
+
+@dataclass(frozen=True)
+class Setup:
+    """A sensor, a target and a robot, as they are believed to be. The frames are those of the joint solution: eye-to-
+    hand, "flange" is the base and "base" the flange."""
+
+    target: Target  # where it stands, mm
+    facing: np.ndarray  # (3, 3) a sensor frame that looks at it squarely
+    R_sensor: np.ndarray  # (3, 3) on the flange
+    T_sensor: np.ndarray  # (3,) mm
+    scanner: Scanner
+    noise: Noise  # the variances that predictions count with
+    systematic: Systematic = Systematic()  # noqa: RUF009
+    to_hand: bool = False
+    measured: str = "profiles"
+    covariance: np.ndarray | None = None  # of what a pose shows, over the noise's profile_mm², as `Observations` has it
+    margins: Margins = Margins()  # noqa: RUF009
+    count: int = COUNT  # points of a curve that a pose gives
+
+    @property
+    def sizes(self) -> tuple[float, ...]:
+        """The target's lengths, mm."""
+        return tuple(getattr(self.target, name) for name in self.target.lengths)
+
+    @property
+    def state(self) -> State:
+        """The unknowns, a batch of one."""
+        placed = tuple(part[None] for part in self.target.frame)
+        return State(self.R_sensor[None], self.T_sensor[None], (placed,))
+
+    def planes(self, R, T) -> tuple[np.ndarray, np.ndarray]:
+        """Sensor frames (P, 3, 3), (P, 3) at flange poses."""
+        return R @ self.R_sensor, carry(R, T, self.T_sensor)
+
+    @property
+    def fills_view(self) -> bool:
+        """Whether the target is a face, which moves only if it is shifted along one axis."""
+        return len(self.target.shifts) == 1
+
+    def seen(self, target: Target, planes, count: int) -> np.ndarray:
+        """What a perfect scanner sees of a target, (P, m, 2): `Target.points_seen`; of a face, all across the view."""
+        points = target.points_seen(*planes, count)
+        if not self.fills_view:
+            return points
+        (x, z), (dx, dz) = points[:, 0].T, (points[:, -1] - points[:, 0]).T
+        slope, wide = dz / dx, FILLED * self.scanner.half_width(np.array([0.0, 1.0]))
+        growth, middle = wide[1] - wide[0], z - x * slope
+        left, right = (side * (wide[0] + growth * middle) / (1 - side * growth * slope) for side in (-1, 1))
+        across = left[:, None] + (right - left)[:, None] * np.linspace(0, 1, count)
+        return np.stack([across, middle[:, None] + across * slope[:, None]], axis=-1)
+
+    def observed(self, R, T) -> Observations:
+        """What the scanner will see of the target from flange poses (P, 3, 3), (P, 3), mm; NaN where it misses it."""
+        planes = self.planes(R, T)
+        if self.measured == "arcs":
+            points = three_points(self.target.meet(*planes))
+        else:
+            points = self.seen(self.target, planes, self.count)
+        covariance = self.covariance
+        if covariance is not None:
+            covariance = np.broadcast_to(covariance, (1, len(R), *covariance.shape))
+        group = same_orientation(R)
+        return Observations(
+            self.target.kind, R[None], T[None], points[None], self.sizes, group, self.to_hand, covariance
+        )
+
+
+def same_orientation(R) -> np.ndarray:
+    """Rotation groups (P,) of orientations (P, 3, 3): a pose belongs to the first that is as good as parallel."""
+    flat = R.reshape(len(R), 9)
+    near = flat @ flat.T > 1 + 2 * np.cos(np.radians(SAME_ORIENTATION_DEG))
+    return np.unique(near.argmax(axis=1), return_inverse=True)[1]
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """How well poses will determine the sensor pose."""
+
+    spectrum: Spectrum
+    setup: Setup
+    poses: int
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """(6, 6) of δ = (ρ, φ) in the sensor's frame, mm and rad: as `calibrate` will state it."""
+        return self.spectrum.covariance
+
+    @property
+    def mm(self) -> float:
+        """The largest standard deviation of the translation in any direction."""
+        return float(np.sqrt(np.linalg.eigvalsh(self.covariance[:3, :3])[-1]))
+
+    @property
+    def deg(self) -> float:
+        """The largest standard deviation of the rotation about any axis."""
+        return float(np.degrees(np.sqrt(np.linalg.eigvalsh(self.covariance[3:, 3:])[-1])))
+
+    @property
+    def weakest(self) -> str:
+        """The weakest direction in words, with its standard deviation."""
+        frame, sd = "base" if self.setup.to_hand else "flange", self.spectrum.sd[0]
+        direction = name_direction(self.spectrum.directions[0], self.setup.R_sensor, frame)
+        return f"{direction}, {sd * BY_HAND_MM:.2g} mm or {sd * BY_HAND_DEG:.2g}°" if sd < 10 else f"{direction}, open"
+
+
+Part = tuple[Setup, np.ndarray, np.ndarray]  # one target's setup, flange poses (P, 3, 3), (P, 3), mm
+
+
+def problem_of(parts: Sequence[Part]) -> tuple[Problem, State]:
+    """The least-squares problem of targets seen from flange poses, by one sensor on one robot, and its state."""
+    first, state = parts[0][0], parts[0][0].state
+    observations, placements = [], []
+    for setup, R, T in parts:
+        seen, ratio = setup.observed(R, T), (setup.noise.profile_mm / first.noise.profile_mm) ** 2
+        if ratio != 1:
+            P, m = seen.points.shape[1:3]
+            unit = np.ones((1, P, m)) if seen.on_curve else np.broadcast_to(np.eye(2 * m), (1, P, 2 * m, 2 * m))
+            seen = replace(seen, covariance=ratio * (unit if seen.covariance is None else seen.covariance))
+        observations.append(seen)
+        placements += setup.state.placements
+    return Problem(observations, first.noise, first.systematic), replace(state, placements=tuple(placements))
+
+
+def grams_of(problem: Problem, state: State):
+    """The errors that residuals share, and inner products (1, P, ., .) of their derivatives for each target."""
+    effects = problem.effects_at(state)
+    pairs = zip(effects.rows, problem.linear(state), strict=True)
+    return effects, [gram_by_pose(rows, np.nan_to_num(linear.columns)) for rows, linear in pairs]
+
+
+def blocks(parts: Sequence[Part]) -> np.ndarray:
+    """What each pose adds, (poses, q, q): its information on the q unknowns, the sensor pose first, those of what is
+    wrong at every pose last, the pose's own robot error integrated out. True of poses that all have orientations of
+    their own."""
+    problem, state = problem_of(parts)
+    effects, grams = grams_of(problem, state)
+    variances, common = sum(level_variances(problem.noise)), len(effects.precision)
+    found = []
+    for index, (gram,) in enumerate(grams):
+        A, B, normal = gram[:, None, :6, :6], gram[:, None, :6, 6:-1], gram[:, 6:-1, 6:-1]
+        left = remove(Information(A, B, normal), np.broadcast_to(variances, (len(gram), 6)), np.arange(1)).normal
+        columns = np.r_[problem.n + np.arange(common), problem.columns(index)[:-1]]
+        own = np.zeros((len(gram), problem.n + common, problem.n + common))
+        own[:, columns[:, None], columns] = left
+        found.append(own)
+    return np.concatenate(found)
+
+
+def information(parts: Sequence[Part]) -> np.ndarray:
+    """The same of all poses together, (q, q), whichever orientations they share."""
+    problem, state = problem_of(parts)
+    effects, grams = grams_of(problem, state)
+    left = problem.information(grams, len(effects.precision))
+    for variances, member in effects.sharing.levels(problem.noise):
+        left = remove(left, variances, member)
+    return left.normal[0, :-1, :-1]
+
+
+def scales(parts: Sequence[Part]) -> tuple[np.ndarray, np.ndarray]:
+    """Of the unknowns (n,): what is known by hand, mm and rad; of what is wrong at every pose (c,): how large it is."""
+    problem, _ = problem_of([(setup, R[:1], T[:1]) for setup, R, T in parts])
+    return problem.units, np.array([size for _, size in problem.considered])
+
+
+def predict(parts: Sequence[Part]) -> Prediction:
+    """How well flange poses will determine the sensor pose, from any targets."""
+    return prediction(information(parts), scales(parts), parts[0][0], sum(len(T) for _, _, T in parts))
+
+
+def prediction(found, known, setup: Setup, poses: int) -> Prediction:
+    """Of the information (n + c, n + c) of poses; `known`: the unknowns' `scales`."""
+    units, sizes = known
+    alone, _ = remove_common(found, len(units), sizes**-2.0)
+    return Prediction(spectrum(alone, units), setup, poses)

@@ -1,0 +1,56 @@
+"""Radius and scales fitted together with the sensor pose come out as they are, to what is stated of them."""
+
+from dataclasses import replace
+
+import matplotlib.pyplot as plt
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from profilecal.calibrate.calibration import calibrate
+from profilecal.calibrate.suspects import fitted_together
+from profilecal.geometry.noise import Noise, Systematic
+from profilecal.report import pictures
+from profilecal.simulate.spec import Spec, simulate_scan
+
+BALL = Spec(kind="ball", groups=12, positions=3, noise=Noise(0.03), measured="profiles")
+
+
+def wrong(seed: int, x: float, z: float, radius: float):
+    """A calibration from profiles that are to be stretched by x and z, of a ball whose radius is larger than said."""
+    scan = simulate_scan(replace(BALL, seed=seed))
+    values = tuple(profile / [1 + x, 1 + z] for profile in scan.values)
+    return calibrate([replace(scan, values=values, sizes=(scan.sizes[0] - radius,))])
+
+
+def test_sizes_come_out_as_stated():
+    true, z = np.array([0.002, -0.001, 0.1]), []
+    for seed in range(4):
+        found = wrong(seed, *true)
+        prior = replace(
+            found.solution.level.systematic, scale_percent=1.0, tolerance_mm=1.0, shear_percent=0, bend_mm=0
+        )
+        _, sizes = fitted_together(found.observed, found.solution, prior)
+        size, sd = np.array(sizes).T
+        assert (sd[2] < 0.1) & (sd[:2] < 0.003).all()
+        z.append((size - true) / sd)
+    assert np.abs(z).max() < 4
+
+
+def test_what_is_not_free_stays():
+    found = wrong(5, 0.0, 0.0, 0.0)
+    state, sizes = fitted_together(found.observed, found.solution, Systematic(tolerance_mm=1e-6))
+    assert len(sizes) == 1
+    assert abs(sizes[0][0]) < 1e-5
+    moved = Rotation.from_matrix(state.rotation[0].T @ found.solution.rotation).magnitude()
+    assert moved < np.radians(0.1)
+
+
+def test_the_setting_is_drawn_without_a_single_pose():
+    scan = simulate_scan(replace(BALL, seed=6))
+    figure = pictures.plot_setting(calibrate([scan]))
+    drawn = [np.stack(line.get_data_3d(), axis=-1) for line in figure.axes[0].lines]
+    figure.canvas.draw()
+    ends = np.concatenate(drawn)
+    for T in scan.T_base_flange:
+        assert np.linalg.norm(ends - T, axis=1).min() > 1e-6
+    plt.close(figure)

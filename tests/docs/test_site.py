@@ -1,0 +1,113 @@
+"""The site that `make site` built: every link leads somewhere, nothing comes from elsewhere, a browser complains of
+nothing. Skipped where there is no site, or no browser."""
+
+import functools
+import http.server
+import re
+import shutil
+import subprocess
+import threading
+from html.parser import HTMLParser
+from pathlib import Path
+from urllib.parse import unquote, urlparse
+
+import pytest
+
+SITE = Path(__file__).parents[2] / "results" / "site" / "html"
+BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+PAGES = sorted(path.relative_to(SITE).as_posix() for path in SITE.rglob("*.html") if "_static" not in path.parts)
+if not PAGES:
+    pytest.skip("there is no site: make site", allow_module_level=True)
+
+
+class Page(HTMLParser):
+    """A page's places, links, and what it loads."""
+
+    def __init__(self, name):
+        super().__init__()
+        self.ids, self.links, self.loads = set(), [], []
+        self.feed((SITE / name).read_text(encoding="utf-8"))
+
+    def handle_starttag(self, tag, attributes):
+        found = dict(attributes)
+        self.ids.add(found.get("id"))
+        if tag == "a" and found.get("href"):
+            self.links.append(found["href"])
+        if tag in ("script", "img", "iframe", "source") and found.get("src"):
+            self.loads.append(found["src"])
+        if tag == "link" and found.get("rel") in ("stylesheet", "icon", "preload"):
+            self.loads.append(found["href"])
+
+
+@functools.cache
+def page(name):
+    return Page(name)
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_every_link_leads_somewhere_and_nothing_comes_from_elsewhere(name):
+    for address in page(name).loads:
+        assert not urlparse(address).netloc, f"{name} loads {address}"
+    for address in page(name).links + page(name).loads:
+        parts = urlparse(address)
+        if parts.scheme:
+            continue
+        target = (SITE / name).parent / unquote(parts.path) if parts.path else SITE / name
+        target = target.resolve()
+        assert target.exists(), f"{name} links to {address}"
+        if parts.fragment and target.suffix == ".html":
+            assert unquote(parts.fragment) in page(target.relative_to(SITE).as_posix()).ids, (
+                f"{name} links to {address}"
+            )
+
+
+def test_from_the_first_page_to_the_cell_of_any_verdict_in_two_clicks():
+    assert any(link.startswith("scorecard.html") for link in page("index.html").links)
+    verdicts = [link for link in page("scorecard.html").links if link.endswith(".html#scorecard")]
+    assert len(verdicts) > 50
+    assert all("scorecard" in page(link.split("#")[0]).ids for link in set(verdicts))
+
+
+@pytest.fixture(scope="module")
+def server():
+    """The site at an address; what was asked for and not there."""
+    missed = []
+
+    class Handler(http.server.SimpleHTTPRequestHandler):
+        def log_message(self, *_):
+            pass
+
+        def send_error(self, code, *more, **others):
+            missed.append(self.path)
+            super().send_error(code, *more, **others)
+
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), functools.partial(Handler, directory=SITE)) as running:
+        threading.Thread(target=running.serve_forever, daemon=True).start()
+        yield f"http://127.0.0.1:{running.server_port}", missed
+        running.shutdown()
+
+
+@pytest.mark.skipif(not BROWSER, reason="there is no Chromium here")
+@pytest.mark.parametrize(
+    "name", ["index.html", "scorecard.html", "gallery.html", "moving.html", "notebooks/10_edge_derivation.html"]
+)
+def test_a_browser_complains_of_nothing(name, server, tmp_path):
+    """No request elsewhere (no name but this machine's resolves), none that fails, no error in the console."""
+    address, missed = server
+    options = [
+        "--headless",
+        "--no-sandbox",
+        "--disable-gpu",
+        f"--user-data-dir={tmp_path}",
+        "--virtual-time-budget=20000",
+    ]
+    options += ["--host-resolver-rules=MAP * ~NOTFOUND , EXCLUDE 127.0.0.1", "--enable-logging=stderr", "--dump-dom"]
+    done = subprocess.run(
+        [BROWSER, *options, f"{address}/{name}"], capture_output=True, text=True, timeout=120, check=True
+    )
+    complaints = [line for line in done.stderr.splitlines() if "CONSOLE" in line]
+    assert not complaints
+    assert not [path for path in missed if path != "/favicon.ico"]
+    if "derivation" in name:
+        assert len(re.findall(r'class="MathJax(_SVG|_CHTML)?"', done.stdout)) > 20
+        assert "data-mml-error" not in done.stdout

@@ -1,0 +1,42 @@
+"""The joint solutions of the comparison of disk and ball, and the few points that stand for an arc."""
+
+import numpy as np
+import pytest
+
+from profilecal.geometry.poses import rotations
+from profilecal.papers.disk_or_ball import arc_nodes, error_in_view, joint_from_ball, joint_from_disk, small_turns
+from profilecal.papers.settings import fig15_scans, fig17_scans
+
+
+@pytest.mark.parametrize("pose", range(8))
+def test_a_few_points_tell_of_a_circle_what_all_points_of_its_arc_do(pose):
+    scans = fig17_scans()
+    cx, cz, r = circle = scans.circles(1)[pose, 0]
+
+    def information(x, sd):
+        h = np.sqrt(r**2 - (x - cx) ** 2)
+        J = np.stack([(x - cx) / h, np.ones_like(x), r / h]) / sd
+        return J @ J.T
+
+    x, z, sd = arc_nodes(scans, circle)
+    np.testing.assert_allclose(z, cz + np.sqrt(r**2 - (x - cx) ** 2))
+    ratio = np.linalg.solve(information(scans.x_seen(circle), 1.0), information(x, sd))
+    np.testing.assert_allclose(np.linalg.eigvals(ratio), 1, atol=1e-6)
+
+
+def test_an_error_in_view_is_how_far_points_are_misplaced():
+    scans, rng = fig17_scans(), np.random.default_rng(1)
+    points, turn, shift = rng.uniform(-40, 40, (5, 3)), 1e-6 * rng.normal(size=3), rng.normal(size=3)
+    wrong = rotations(turn) @ scans.R_sensor
+    np.testing.assert_allclose(small_turns(wrong, scans.R_sensor), turn, atol=1e-12)
+    moved = points @ (wrong - scans.R_sensor).T + shift
+    expected = np.sqrt((moved**2).sum(axis=1).mean())
+    np.testing.assert_allclose(error_in_view(turn, shift, scans.R_sensor, points), expected, rtol=1e-5)
+
+
+def test_joint_solutions_err_in_proportion_to_the_noise():
+    rng = np.random.default_rng(2)
+    disk, ball = fig15_scans((-0.9, 0.3)), fig17_scans()
+    for solve, scans, count in ((joint_from_disk, disk, 10), (joint_from_ball, ball, np.full(8, 2))):
+        sizes = [np.abs(solve(scans, count, sigma, 100, rng)[1]).mean() for sigma in (1e-3, 1e-2)]
+        assert 8 < sizes[1] / sizes[0] < 12.5

@@ -1,0 +1,54 @@
+"""What the helpers of figures draw is what they are given."""
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pandas as pd
+import pytest
+
+from profilecal.report import figures
+
+TABLE = pd.DataFrame({"x": [5, 10, 15], "y": [3.0, 2.0, 1.0], "y_low": [2.5, 1.5, 0.5], "y_high": [5.0, 4.0, np.nan]})
+
+
+@pytest.fixture
+def axes():
+    figure, axes = plt.subplots()
+    yield axes
+    plt.close(figure)
+
+
+def test_bars_go_from_low_to_high_and_one_without_an_end_is_left_out(axes):
+    figures.plot_with_interval(axes, TABLE, "x", "y", color="k")
+    (bars,) = axes.collections
+    np.testing.assert_allclose(axes.lines[0].get_xydata(), TABLE[["x", "y"]])
+    np.testing.assert_allclose([segment[:, 1] for segment in bars.get_segments()[:2]], [[2.5, 5.0], [1.5, 4.0]])
+
+
+def test_each_row_of_a_table_is_a_row_of_the_figure(axes):
+    figures.plot_rows(axes, TABLE, "y", 0.25, color="k")
+    np.testing.assert_allclose(axes.lines[0].get_xydata(), [[3, 0.25], [2, 1.25], [1, 2.25]])
+
+
+def test_a_logarithmic_axis_has_plain_numbers(axes):
+    axes.set(yscale="log", ylim=(0.04, 3))
+    figures.plain_log(axes.yaxis)
+    axes.figure.canvas.draw()
+    shown = [label.get_text() for label in axes.get_yticklabels() if 0.04 < label.get_position()[1] < 3]
+    assert shown == ["0.05", "0.1", "0.2", "0.5", "1", "2"]
+
+
+def test_a_box_has_twelve_edges_around_all_points():
+    figure = plt.figure()
+    axes = figure.add_subplot(projection="3d")
+    points = np.random.default_rng(0).normal(size=(9, 3))
+    figures.draw_box(axes, points)
+    edges = np.array([line.get_data_3d() for line in axes.lines])
+    assert edges.shape == (12, 3, 2)
+    np.testing.assert_array_equal(edges.min(axis=(0, 2)), points.min(axis=0))
+    np.testing.assert_array_equal(edges.max(axis=(0, 2)), points.max(axis=0))
+    plt.close(figure)
+
+
+def test_a_matrix_shows_its_numbers_and_leaves_out_what_is_missing(axes):
+    figures.draw_matrix(axes, pd.DataFrame([[1.0, 20.0], [np.nan, 0.123]], ["a", "b"], ["c", "d"]))
+    assert [text.get_text() for text in axes.texts] == ["1", "20", "", "0.12"]

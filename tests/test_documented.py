@@ -1,0 +1,52 @@
+"""Every public name says what it is, and the examples in docstrings run."""
+
+import ast
+import doctest
+import functools
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).parents[1] / "lib" / "profilecal"
+MODULES = sorted(PACKAGE.rglob("[a-z]*.py"))
+CONTRACTS = ("Target", "Curve")  # what their methods do is said there, once
+
+
+def public(tree):
+    """Public classes and functions of a module, and the public methods of those classes, by name."""
+    for node in tree.body:
+        if isinstance(node, ast.FunctionDef | ast.ClassDef) and not node.name.startswith("_"):
+            yield node.name, node
+            for method in getattr(node, "body", []):
+                if isinstance(node, ast.ClassDef) and isinstance(method, ast.FunctionDef) and method.name[0] != "_":
+                    yield f"{node.name}.{method.name}", method
+
+
+@functools.cache
+def promised() -> set[str]:
+    """The methods that contracts describe."""
+    entries = [entry for path in MODULES for entry in public(ast.parse(path.read_text(encoding="utf-8")))]
+    described = [name.split(".") for name, node in entries if "." in name and ast.get_docstring(node)]
+    return {method for owner, method in described if owner in CONTRACTS}
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda path: path.relative_to(PACKAGE).as_posix())
+def test_public_names_are_documented(path):
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    described = promised()
+    bare = [n for n, node in public(tree) if not ast.get_docstring(node) and n.split(".")[-1] not in described]
+    assert not bare
+    assert ast.get_docstring(tree) or not tree.body
+
+
+def test_examples_run():
+    examples = 0
+    for path in MODULES:
+        if path.name == "__main__.py":
+            continue
+        name = ".".join(("profilecal", *path.relative_to(PACKAGE).with_suffix("").parts))
+        found = doctest.testmod(import_module(name))
+        assert not found.failed, name
+        examples += found.attempted
+    assert examples >= 5
