@@ -176,7 +176,7 @@ def draw_seen_and_expected(axes, scene, turn_deg: float, shift_mm: float) -> Non
     on_curve = seen.on_curve
     line = "-" if count > 1 else ""
     axes.plot(x, z, "." if on_curve else "o" + line, color=BLUE, label="seen")
-    axes.plot(*expected.T, "-" if on_curve else "x" + line, ms=8, mew=2, color=RED, label="expected")
+    axes.plot(*expected.T, "-" if on_curve else "x" + line, ms=8, mew=2, color=ORANGE, label="expected")
     if not on_curve:
         axes.plot(*np.stack([seen.points[0, k], expected]).transpose(2, 0, 1), "k:", lw=1)
     axes.set(title=seen.kind, xlabel="x in the scan [mm]", ylabel="z in the scan [mm]")
@@ -246,6 +246,17 @@ def draw_error_against_noise(axes, errors) -> None:
     for name, (colour, line) in looks.items():
         if errors[name].notna().any():
             axes.loglog(errors["sigma_mm"], errors[name], line, color=colour, ms=5, label=name)
+
+
+def plot_coverage(axes, inside: dict, band: float) -> None:
+    """Draw, for each name, how many of the values (n,), in order, are below a probability, less that probability; and a
+    grey band as high as chance reaches."""
+    shades = plt.get_cmap("viridis")(np.linspace(0, 0.85, len(inside)))
+    lines = ("-", "--", "-.", ":", (0, (6, 1)), (0, (3, 1, 1, 1, 1, 1)))
+    for (name, values), shade, line in zip(inside.items(), shades, lines, strict=True):
+        axes.plot(values, np.arange(1, len(values) + 1) / len(values) - values, color=shade, ls=line, label=name)
+    axes.axhspan(-band, band, color="0.9", zorder=0)
+    axes.axhline(0, color="black", lw=1)
 
 
 def draw_breakdown(axes, runs, methods) -> None:
