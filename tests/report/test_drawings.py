@@ -47,3 +47,8 @@ def test_a_box_has_twelve_edges_around_all_points():
     np.testing.assert_array_equal(edges.min(axis=(0, 2)), points.min(axis=0))
     np.testing.assert_array_equal(edges.max(axis=(0, 2)), points.max(axis=0))
     plt.close(figure)
+
+
+def test_a_matrix_shows_its_numbers_and_leaves_out_what_is_missing(axes):
+    figures.draw_matrix(axes, pd.DataFrame([[1.0, 20.0], [np.nan, 0.123]], ["a", "b"], ["c", "d"]))
+    assert [text.get_text() for text in axes.texts] == ["1", "20", "", "0.12"]

@@ -10,6 +10,7 @@ import pandas as pd
 import pytest
 
 from profilecal.report import figures
+from profilecal.report.needs import plot_needs
 
 matplotlib.use("Agg")
 NOTEBOOK = Path(__file__).parents[2] / "notebooks" / "32_what_each_method_needs.ipynb"
@@ -46,7 +47,7 @@ def test_bars_of_the_notebook_equal_its_table(monkeypatch):
 def test_text_is_refused_and_long_bars_end_at_the_limit():
     table = pd.DataFrame({"method": ["a", "a", "b"], "data": ["1", "2", "1"], "suffices": [False, True, True]})
     with pytest.raises(ValueError, match="holds no numbers"):
-        figures.plot_needs(table.assign(**{"error over noise": ["over 100", "2.7", "2.2"]}), {}, 100.0)
-    figure = figures.plot_needs(table.assign(**{"error over noise": [np.inf, 2.7, 2.2]}), {"a": "2"}, 100.0)
+        plot_needs(table.assign(**{"error over noise": ["over 100", "2.7", "2.2"]}), {}, 100.0)
+    figure = plot_needs(table.assign(**{"error over noise": [np.inf, 2.7, 2.2]}), {"a": "2"}, 100.0)
     assert [length for length, _ in bars(figure.axes[0]).values()] == [100.0, 2.7, 2.2]
     plt.close(figure)
