@@ -19,7 +19,7 @@ from profilecal.joint.solve import UNLIKELY
 from profilecal.joint.state import State, normalised_square, pose_error
 from profilecal.papers.edge_scenes import EdgeScene, observations_of
 
-SUBSETS = 15  # tries with few groups each, one of which, it is hoped, holds no bad point
+SUBSETS = 30  # tries with few groups each, one of which, it is hoped, holds no bad point
 ROUGHLY = 1e-6  # tolerance of refinements
 UNEXPLAINED = 2.0  # noise levels: larger residuals of most poses
 CHUNK = 50  # problems at a time
@@ -73,13 +73,13 @@ def solve_robustly(seen: Observations, noise: Noise, start: State) -> Answers:
         state, unit = robust_fit(problem, start)
         if (open_ := np.flatnonzero(unit > UNEXPLAINED)).size:
             part = Problem([seen.take(open_)], noise)
-            other, less = robust_fit(part, most_fitting(part, state[open_], start[open_]))
+            other, less = robust_fit(part, most_fitting(part, state[open_], start[open_]), 3)
             place = np.arange(len(unit))
             place[open_], unit[open_] = len(unit) + np.arange(len(open_)), less
             state = state.join(other)[place]
         bad = beyond_chance(problem, problem.moments(state).per_pose[0], unit)
         for _ in range(5):
-            rejected, fit = bad, refine(problem, state, weights=[~bad], iterations=25, tolerance=ROUGHLY)
+            rejected, fit = bad, refine(problem, state, weights=[~bad], iterations=10, tolerance=ROUGHLY)
             bad, state = beyond_chance(problem, fit.per_pose[0], 1.0), fit.state
             if (bad == rejected).all():
                 break
@@ -88,10 +88,10 @@ def solve_robustly(seen: Observations, noise: Noise, start: State) -> Answers:
     return in_chunks(answer, seen, start)
 
 
-def robust_fit(problem: Problem, state: State) -> tuple[State, np.ndarray]:
+def robust_fit(problem: Problem, state: State, rounds: int = 5) -> tuple[State, np.ndarray]:
     """Cauchy's loss, its unit lowered from what the residuals look like to what the noise is; and that unit (B,), in
     noise levels."""
-    for _ in range(5):
+    for _ in range(rounds):
         state = refine(problem, state, scale=of_most(problem, state), iterations=5, tolerance=ROUGHLY).state
     return state, of_most(problem, state)
 
@@ -106,7 +106,7 @@ def most_fitting(problem: Problem, found: State, start: State) -> State:
     (seen,), B = problem.observations, len(start.rotation)
     few = in_space([few_groups(seen, SUBSETS)], problem.noise)
     first = few.place(*(np.repeat(part, SUBSETS, axis=0) for part in (start.rotation, start.translation)))
-    tried = refine(few, first, iterations=12).state
+    tried = refine(few, first, iterations=4, tolerance=ROUGHLY).state
     states = [found, *(tried[np.arange(k, B * SUBSETS, SUBSETS)] for k in range(SUBSETS))]
     best = np.argmin([np.nan_to_num(of_most(problem, state), nan=np.inf) for state in states], axis=0)
     return states[0].join(*states[1:])[best * B + np.arange(B)]
