@@ -154,30 +154,6 @@ def noise_curves(axes, m, sigma_mm, e) -> None:
     axes.annotate("σ [mm]", place, (5, 10), textcoords="offset points", fontsize=9)
 
 
-def draw_error_against_noise(axes, errors) -> None:
-    """Draw the errors of methods (columns, in degrees) and the bound over the column "sigma_mm"."""
-    looks = {
-        "closed form": (OF_METHOD["closed form"], "o-"),
-        "closed form, all heights": (OF_METHOD["closed form"], "^:"),
-        "joint": (OF_METHOD["joint"], "s-"),
-        "bound": (OF_METHOD["bound"], "--"),
-    }
-    for name, (colour, line) in looks.items():
-        if errors[name].notna().any():
-            axes.loglog(errors["sigma_mm"], errors[name], line, color=colour, ms=5, label=name)
-
-
-def plot_coverage(axes, inside: dict, band: float) -> None:
-    """Draw, for each name, how many of the values (n,), in order, are below a probability, less that probability; and a
-    grey band as high as chance reaches."""
-    shades = plt.get_cmap("viridis")(np.linspace(0, 0.85, len(inside)))
-    lines = ("-", "--", "-.", ":", (0, (6, 1)), (0, (3, 1, 1, 1, 1, 1)))
-    for (name, values), shade, line in zip(inside.items(), shades, lines, strict=True):
-        axes.plot(values, np.arange(1, len(values) + 1) / len(values) - values, color=shade, ls=line, label=name)
-    axes.axhspan(-band, band, color="0.9", zorder=0)
-    axes.axhline(0, color="black", lw=1)
-
-
 def plot_columns(frame: pd.DataFrame, x: str, y: str, hue: str, folder: Path) -> Path:
     """Draw column y over column x, a line for each value of `hue`: the median, and the range from least to most.
 

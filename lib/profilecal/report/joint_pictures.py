@@ -1,15 +1,9 @@
-"""Pictures of the joint solution: what a scan shows and what is expected, what motions leave open, breakdown."""
+"""Pictures of the joint solution: what it expects, what motions leave open, errors over noise and over bad points."""
 
 import matplotlib.pyplot as plt
 import numpy as np
 
-from profilecal.report.figures import (
-    BLUE,
-    OF_METHOD,
-    ORANGE,
-    draw_scan,
-    equal_axes,
-)
+from profilecal.report.figures import BLUE, OF_METHOD, ORANGE, draw_scan, equal_axes
 
 
 def draw_seen_and_expected(axes, scene, turn_deg: float, shift_mm: float) -> None:
@@ -84,6 +78,30 @@ def plot_bands(axes, x, bands: dict) -> None:
     for (name, (low, middle, high)), shade, marker in zip(bands.items(), shades, markers, strict=False):
         axes.loglog(x, middle, marker, color=shade, ms=5, label=name)
         axes.fill_between(x, low, high, color=shade, alpha=0.2, lw=0)
+
+
+def draw_error_against_noise(axes, errors) -> None:
+    """Draw the errors of methods (columns, in degrees) and the bound over the column "sigma_mm"."""
+    looks = {
+        "closed form": (OF_METHOD["closed form"], "o-"),
+        "closed form, all heights": (OF_METHOD["closed form"], "^:"),
+        "joint": (OF_METHOD["joint"], "s-"),
+        "bound": (OF_METHOD["bound"], "--"),
+    }
+    for name, (colour, line) in looks.items():
+        if errors[name].notna().any():
+            axes.loglog(errors["sigma_mm"], errors[name], line, color=colour, ms=5, label=name)
+
+
+def plot_coverage(axes, inside: dict, band: float) -> None:
+    """Draw, for each name, how many of the values (n,), in order, are below a probability, less that probability; and a
+    grey band as high as chance reaches."""
+    shades = plt.get_cmap("viridis")(np.linspace(0, 0.85, len(inside)))
+    lines = ("-", "--", "-.", ":", (0, (6, 1)), (0, (3, 1, 1, 1, 1, 1)))
+    for (name, values), shade, line in zip(inside.items(), shades, lines, strict=False):
+        axes.plot(values, np.arange(1, len(values) + 1) / len(values) - values, color=shade, ls=line, label=name)
+    axes.axhspan(-band, band, color="0.9", zorder=0)
+    axes.axhline(0, color="black", lw=1)
 
 
 def draw_breakdown(axes, runs, methods) -> None:
