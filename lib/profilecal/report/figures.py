@@ -78,13 +78,6 @@ class Results:
         return Scorecard(rows)
 
 
-def plain_ticks(*scales) -> None:
-    """Number logarithmic axes, such as `axes.xaxis`, at 1, 2 and 5, without powers of ten."""
-    for scale in scales:
-        for set_formatter in (scale.set_major_formatter, scale.set_minor_formatter):
-            set_formatter(lambda value, _: f"{value:g}" if f"{value:.0e}"[0] in "125" else "")
-
-
 def plot_rounding(axes, draws, published: float, ours: float, name: str) -> None:
     """One quantity under the rounding of a printed table: all results that the table allows, and the published one."""
     low, high = np.percentile(draws, [2.5, 97.5])
