@@ -52,7 +52,7 @@ def squared_error(scan, found):
 @pytest.mark.parametrize("kind", ["edge", "disk", "point"])
 @pytest.mark.parametrize("mount", ["eye-in-hand", "eye-to-hand"])
 def test_the_truth_lies_in_the_stated_region(kind, mount):
-    found = [calibration_of(Spec(kind=kind, mount=mount, seed=seed, groups=10)) for seed in range(12)]
+    found = [calibration_of(Spec(kind=kind, mount=mount, seed=seed, groups=10, positions=6)) for seed in range(12)]
     inside = sum(squared_error(f.scans[0], f) < chi2.ppf(0.95, 6) for f in found)
     assert binom.ppf(1e-4, 12, 0.95) <= inside
 

@@ -77,5 +77,5 @@ def test_printed_tables_and_their_ranges():
 def test_a_row_for_a_range_says_that_its_middle_is_not_printed_and_can_fail_on_either_side():
     rows = [range_row("Table 1", "x", (0.2, 0.4), value, "mm") for value in (0.19, 0.21, 0.39, 0.41)]
     assert [row["verdict"] for row in rows] == ["differs", "reproduced", "reproduced", "differs"]
-    assert rows[0]["quantity"] == "x (middle of 0.20 to 0.40, not printed as such)"
+    assert rows[0]["quantity"] == "x (middle of 0.2 to 0.4, not printed as such)"
     assert range_row("Table 1", "x", (0.2, 0.4), 0.3, "mm", free="noise")["verdict"] == "compatible"

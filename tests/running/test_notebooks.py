@@ -16,7 +16,7 @@ from profilecal.running.record import recorded
 
 RUNS = int(os.environ.get("PROFILECAL_ALTERED", "1"))
 SEED = int(os.environ.get("PROFILECAL_ALTERED_SEED", "1"))
-SIZE, LEAST = 40, 20  # an integer from there on is the size of a study, which goes down to that
+SIZE, LEAST = 20, 20  # an integer from there on is the size of a study, which goes down to that
 THERE = notebooks.find([])
 RUNNABLE = [path for path in THERE if not path.stem.startswith("00")]  # 00 reads what the others found
 
@@ -47,7 +47,7 @@ def altered(value, rng, name=""):
     if isinstance(value, float):
         return float(value * rng.choice([0.5, 2]))
     if value >= SIZE:
-        return int(rng.integers(LEAST, value // 2 + 1)) if RUNS > 1 else LEAST
+        return int(rng.integers(LEAST, max(LEAST, value // 2) + 1)) if RUNS > 1 else LEAST
     return int(np.ceil(value * rng.choice([0.5, 2])))
 
 
