@@ -1,6 +1,6 @@
 """The truth lies in the stated regions: raw profiles with an instrument's noise, from a scan folder to the JSON.
 
-The suite takes 4 scans of each target, and as many as PROFILECAL_COVERAGE says:
+The suite takes 3 scans of each target, and as many as PROFILECAL_COVERAGE says:
 `PROFILECAL_COVERAGE=300 pytest -s tests/calibrate/test_coverage.py`.
 """
 
@@ -24,7 +24,7 @@ from profilecal.simulate.spec import Spec
 from profilecal.targets.disk import Disk
 from profilecal.targets.edge import LEAST_SIDE, Edge
 
-SCANS = int(os.environ.get("PROFILECAL_COVERAGE", "4"))
+SCANS = int(os.environ.get("PROFILECAL_COVERAGE", "3"))
 BESIDE = 8.0  # mm from an edge, in which LEAST_SIDE points of a face show it
 CASES = {
     "bar": {"kind": "edge", "scanner": Scanner(), "groups": 12, "positions": 5},

@@ -1,6 +1,6 @@
 """Has the sensor moved between two scans? How often that is told, and how often in error.
 
-The suite takes 8 cells of each kind, and as many as PROFILECAL_DRIFT says:
+The suite takes 5 cells of each kind, and as many as PROFILECAL_DRIFT says:
 `PROFILECAL_DRIFT=1000 pytest -s tests/calibrate/test_drift.py`.
 """
 
@@ -23,7 +23,7 @@ from profilecal.simulate.plan import actual_poses
 from profilecal.simulate.scene import random_scene
 from profilecal.simulate.spec import WIDE, Spec, record, sizes_of
 
-CELLS = int(os.environ.get("PROFILECAL_DRIFT", "8"))
+CELLS = int(os.environ.get("PROFILECAL_DRIFT", "5"))
 ROBOT = {"position_mm": 0.05, "orientation_deg": 0.02}  # the same at both visits
 KNOWN = np.diag([0.05**2] * 3 + [np.radians(0.03) ** 2] * 3)  # of the sensor pose
 FALSE_ALARMS, POWER = (0.005, 0.02), 0.99
