@@ -7,7 +7,7 @@ from pathlib import Path
 
 
 def pages_of_rooms(package: Path, notebooks: list[Path]) -> dict[str, str]:
-    """A Markdown page for each room that names something public, in the order of its imports' test."""
+    """A Markdown page for each room that names something public."""
     used = uses(notebooks)
     places = {module_name(path, package): path for path in sorted(package.rglob("*.py"))}
     pages = {}

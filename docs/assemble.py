@@ -20,6 +20,7 @@ from moving import moving_pictures
 from PIL import Image
 
 from profilecal.papers import scorecard
+from profilecal.papers.contents import verdicts
 
 ROOT = Path(__file__).parents[1]
 COPIED = (
@@ -50,10 +51,8 @@ def assemble(source: Path) -> None:
     shutil.copy(ROOT / "docs" / "style.css", static)
     mathjax = shutil.copytree(Path(find_spec("jupyter_server_mathjax").origin).parent / "static", static / "MathJax")
     script = mathjax / "config" / "TeX-AMS-MML_HTMLorMML-full.js"
-    blank = script.read_text(encoding="utf-8").replace(
-        "url('about:blank')", "local('none')"
-    )  # browsers refuse the former
-    script.write_text(blank, encoding="utf-8")
+    loadable = script.read_text(encoding="utf-8").replace("url('about:blank')", "local('none')")  # browsers refuse it
+    script.write_text(loadable, encoding="utf-8")
 
     notebooks = sorted((ROOT / "notebooks").glob("*.ipynb"))
     rooms = pages_of_rooms(ROOT / "lib" / "profilecal", notebooks)
@@ -63,13 +62,14 @@ def assemble(source: Path) -> None:
     (source / "notebooks").mkdir()
     figures = [figure for path in notebooks for figure in page_of(path, source / "notebooks", static / "gallery")]
     (source / "gallery.md").write_text(gallery(figures), encoding="utf-8")
-    (source / "scorecard.md").write_text(verdicts(), encoding="utf-8")
+    rows = scorecard.gather(ROOT / "notebooks")
+    (source / "scorecard.md").write_text(scorecard_page(rows), encoding="utf-8")
     (source / "moving.md").write_text(moving_pictures(), encoding="utf-8")
     index = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
     names = {"NOTEBOOKS": [f"notebooks/{path.stem}" for path in notebooks], "ROOMS": [f"api/{room}" for room in rooms]}
     for word, entries in names.items():
         index = index.replace(word, "\n".join(entries))
-    (source / "index.md").write_text(index.replace("EXCERPT", excerpt()), encoding="utf-8")
+    (source / "index.md").write_text(index.replace("EXCERPT", verdicts(rows)), encoding="utf-8")
 
 
 def page_of(path: Path, folder: Path, gallery: Path) -> list[dict]:
@@ -96,9 +96,8 @@ def page_of(path: Path, folder: Path, gallery: Path) -> list[dict]:
     cells.append(markdown(how_it_was_run(path, notebook)))
     notebook["cells"] = cells
     (folder / path.name).write_text(json.dumps(notebook), encoding="utf-8")
-    for figure in figures:
-        figure["parameters"] = parameters(notebook)
-    return figures
+    used = parameters(notebook)
+    return [figure | {"parameters": used} for figure in figures]
 
 
 def text_of(cell: dict) -> str:
@@ -161,9 +160,9 @@ def gallery(figures: list[dict]) -> str:
     return "\n".join(parts)
 
 
-def verdicts() -> str:
+def scorecard_page(rows) -> str:
     """The scorecard; each verdict is a link to the cell that gives it."""
-    frame = scorecard.to_text(scorecard.gather(ROOT / "notebooks"))
+    frame = scorecard.to_text(rows)
     frame["verdict"] = [
         f"<a class='{row.verdict}' href='notebooks/{row.notebook}.html#scorecard'>{row.verdict}</a>"
         for row in frame.itertuples()
@@ -175,12 +174,6 @@ def verdicts() -> str:
         "paper gives nothing to compare with. Each verdict is a link to the cell that gives it."
     )
     return f"# Scorecard\n\nWhat the papers print beside what this repository computes.\n\n{words}\n\n{table}\n"
-
-
-def excerpt() -> str:
-    """How many verdicts there are of each kind."""
-    counts = scorecard.gather(ROOT / "notebooks")["verdict"].value_counts()
-    return ", ".join(f"{count} {verdict}" for verdict, count in counts.items())
 
 
 if __name__ == "__main__":

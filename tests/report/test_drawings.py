@@ -3,18 +3,10 @@
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
-import pytest
 
 from profilecal.report import figures
 
 TABLE = pd.DataFrame({"x": [5, 10, 15], "y": [3.0, 2.0, 1.0], "y_low": [2.5, 1.5, 0.5], "y_high": [5.0, 4.0, np.nan]})
-
-
-@pytest.fixture
-def axes():
-    figure, axes = plt.subplots()
-    yield axes
-    plt.close(figure)
 
 
 def test_bars_go_from_low_to_high_and_one_without_an_end_is_left_out(axes):

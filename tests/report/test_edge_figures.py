@@ -1,31 +1,13 @@
 """What the drawings of the edge notebooks show."""
 
-import matplotlib
+import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
-import pytest
-
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt
 
 from profilecal.geometry.noise import Noise
 from profilecal.papers.edge_plan import EdgePlan
 from profilecal.papers.edge_scenes import edge_scenes
 from profilecal.report import edge_pictures, figures
-
-
-@pytest.fixture
-def axes():
-    figure, axes = plt.subplots()
-    yield axes
-    plt.close(figure)
-
-
-@pytest.fixture
-def space():
-    figure = plt.figure()
-    yield figure.add_subplot(projection="3d")
-    plt.close(figure)
 
 
 def test_vectors_start_at_the_first_point_and_end_at_the_others(axes):

@@ -1,24 +1,14 @@
 """What the drawings of the joint solution show."""
 
-import matplotlib
+import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import pytest
-
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt
 
 from profilecal.geometry.noise import Noise
 from profilecal.joint.problem import Problem
 from profilecal.report import joint_pictures
 from profilecal.simulate.scene import random_scene
-
-
-@pytest.fixture
-def axes():
-    figure, axes = plt.subplots()
-    yield axes
-    plt.close(figure)
 
 
 @pytest.fixture
@@ -36,18 +26,18 @@ def test_two_scans_are_identical_where_nothing_tells_the_mounts_apart(axes, move
     scene, other, together = moved
     assert joint_pictures.draw_two_scans(axes, scene, together) < 1e-9
     assert axes.get_title() == "the scans are identical"
-    assert joint_pictures.draw_two_scans(axes, scene, other) == pytest.approx(20 / np.sqrt(2), rel=0.9)
+    difference = joint_pictures.draw_two_scans(axes, scene, other)
+    seen, crosses = (np.array(line.get_data()) for line in axes.lines[-2:])
+    assert difference == pytest.approx(np.sqrt(((seen - crosses) ** 2).mean()))
+    assert 5 < difference < 20 / np.sqrt(2)  # the edge is cut where it is, not 20 mm aside
     assert "differ" in axes.get_title()
 
 
-def test_a_motion_is_drawn_with_both_mounts(moved):
+def test_a_motion_is_drawn_with_both_mounts(space, moved):
     scene, other, _ = moved
-    figure = plt.figure()
-    axes = figure.add_subplot(projection="3d")
-    joint_pictures.draw_motion(axes, scene, other)
-    names = axes.get_legend_handles_labels()[1]
+    joint_pictures.draw_motion(space, scene, other)
+    names = space.get_legend_handles_labels()[1]
     assert [name.strip() for name in names] == ["the mount", "its target", "the other mount", "its target"]
-    plt.close(figure)
 
 
 def test_bands_and_coverage_have_a_line_for_each_name(axes):

@@ -12,7 +12,6 @@ import pytest
 from profilecal.report import figures
 from profilecal.report.needs import plot_needs
 
-matplotlib.use("Agg")
 NOTEBOOK = Path(__file__).parents[2] / "notebooks" / "32_what_each_method_needs.ipynb"
 
 

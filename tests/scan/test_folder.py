@@ -10,8 +10,9 @@ from click.testing import CliRunner
 from scipy.spatial.transform import Rotation
 
 from profilecal.cli import main
+from profilecal.geometry.poses import rotation_groups
 from profilecal.scan.conventions import CONVENTIONS
-from profilecal.scan.folder import MEASURED, find_groups, read_scan, write_scan
+from profilecal.scan.folder import MEASURED, read_scan, write_scan
 from profilecal.scan.scan import Scan, ScanError
 
 
@@ -86,7 +87,7 @@ def test_groups_are_found_and_given_groups_are_kept(tmp_path):
     rng = np.random.default_rng(4)
     scan = random_scan(rng)
     wobble = Rotation.from_rotvec(np.radians(0.01) * rng.normal(size=(12, 3))).as_matrix()
-    np.testing.assert_array_equal(find_groups(scan.R_base_flange @ wobble), scan.group)
+    np.testing.assert_array_equal(rotation_groups(scan.R_base_flange @ wobble), scan.group)
     write_scan(replace(scan, group=np.arange(12), group_given=True), tmp_path / "scan")
     read = read_scan(tmp_path / "scan")
     assert read.group_given

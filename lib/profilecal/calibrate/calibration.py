@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 
 from profilecal.calibrate.doubts import judge
-from profilecal.calibrate.observe import LEAST_POSES, as_observations, names, observe, stated_noise
+from profilecal.calibrate.observe import LEAST_POSES, names, observe_all, stated_noise
 from profilecal.calibrate.readings import better_readings
 from profilecal.closed_form.solve import solve_in_closed_form
 from profilecal.geometry.checks import UnobservableError
@@ -118,9 +118,7 @@ def calibrate(scans, guess=None, method: str = "joint", rng: np.random.Generator
         raise ScanError("some scans are eye-in-hand and others eye-to-hand; expected one mount")
     stated = stated_noise(scans)
     check_different(scans)
-    seen = [observe(scan, LEAST_POSES) for scan in scans]
-    features_mm = next((entry.typical_mm for entry in seen if entry.typical_mm), 0.0)
-    observed = tuple(as_observations(scan, entry, features_mm) for scan, entry in zip(scans, seen, strict=True))
+    seen, observed, features_mm = observe_all(scans, LEAST_POSES)
     shared_mm = max(entry.shared_mm for entry in seen)
 
     found = Calibration(scans, tuple(entry.poses for entry in seen), observed, method=method)

@@ -10,7 +10,7 @@ from datetime import datetime
 import numpy as np
 from scipy.linalg import block_diag
 
-from profilecal.calibrate.observe import as_observations, observe, stated_noise
+from profilecal.calibrate.observe import observe_all, stated_noise
 from profilecal.calibrate.verify import Difference
 from profilecal.geometry.noise import FALSE_ALARM
 from profilecal.joint.descent import settle_targets
@@ -56,9 +56,7 @@ def drift(before: Scan, after: Scan, T, covariance, noise_mm: float) -> Drift:
     """
     if (before.kind, before.sizes, before.mount) != (after.kind, after.sizes, after.mount):
         raise ScanError(f"the scans show {before.description} and {after.description}; expected one target and mount")
-    seen = [observe(scan, 1) for scan in (before, after)]
-    features_mm = next((entry.typical_mm for entry in seen if entry.typical_mm), 0.0)
-    observed = [as_observations(scan, entry, features_mm) for scan, entry in zip((before, after), seen, strict=True)]
+    seen, observed, features_mm = observe_all((before, after), 1)
     level = expect(stated_noise((before, after)), features_mm)
     noise = replace(level.prior, profile_mm=noise_mm if level.source == "residuals" else level.noise.profile_mm)
     problem = Problem(observed, noise)
@@ -70,19 +68,33 @@ def drift(before: Scan, after: Scan, T, covariance, noise_mm: float) -> Drift:
             f"{before.kind}; expected at most {LARGEST_ERROR_MM:g}: is it of another sensor?"
         )
     effects = problem.effects_at(state)
-    sharing = effects.sharing
-    first, second = (np.unique(part) for part in np.split(sharing.pose, [len(seen[0].poses)]))
+    first, second = (np.unique(part) for part in np.split(effects.sharing.pose, [len(seen[0].poses)]))
     shared = len(np.intersect1d(first, second))
     if not shared:
         raise ScanError(
             f"{after.title or 'the scan'}: no pose is one of the other scan's; expected the same poses again"
         )
 
+    normal, target_units = normal_of_movement(problem, state, effects), problem.terms[0].units
+    units = np.r_[POSE_UNITS, POSE_UNITS, target_units]
+    free = np.zeros((len(target_units), len(target_units)))
+    known = block_diag(np.zeros((6, 6)), np.linalg.pinv(covariance, hermitian=True), free)
+    known += np.diag(units**-2.0)  # what nothing determines is known as by hand
+    H, g = normal[:-1, :-1] + known, normal[:-1, -1]
+    result = Drift(-np.linalg.solve(H, g)[:6], spectrum(H, units), shared)
+    if not len(result.apart):
+        raise ScanError(
+            f"{after.title or 'the scan'}: determines no movement of the sensor; expected poses that differ"
+        )
+    return result
+
+
+def normal_of_movement(problem: Problem, state: State, effects) -> np.ndarray:
+    """The normal matrix of the movement (6), the sensor pose before it (6), the target; and last of the residual."""
     n_target = problem.terms[0].n
-    whole = 12 + n_target + 1  # unknowns: the movement, the sensor pose before it, the target; and the residual
+    whole = 12 + n_target + 1
     A, B, normal = [], [], np.zeros((1, whole, whole))
-    pairs = zip(effects.rows, problem.linear(state), (False, True), strict=True)
-    for rows, linear, is_after in pairs:
+    for rows, linear, is_after in zip(effects.rows, problem.linear(state), (False, True), strict=True):
         gram = gram_by_pose(rows, linear.columns)
         to_whole = np.zeros((gram.shape[-1] - 6, whole))
         to_whole[:6, 6:12] = np.eye(6)
@@ -92,19 +104,9 @@ def drift(before: Scan, after: Scan, T, covariance, noise_mm: float) -> Drift:
         B.append(gram[..., :6, 6:] @ to_whole)
         normal += to_whole.T @ gram[..., 6:, 6:].sum(axis=1) @ to_whole
     left = Information(np.concatenate(A, axis=1), np.concatenate(B, axis=1), normal)
-    for variances, member in sharing.levels(noise):
+    for variances, member in effects.sharing.levels(problem.noise):
         left = remove(left, variances, member)
-    known = block_diag(np.zeros((6, 6)), np.linalg.pinv(covariance, hermitian=True), np.zeros((n_target, n_target)))
-    H, g = left.normal[0, :-1, :-1] + known, left.normal[0, :-1, -1]
-    units = np.r_[POSE_UNITS, POSE_UNITS, problem.terms[0].units]
-    H += np.diag(units**-2.0)  # what nothing determines is known as by hand
-    found = spectrum(H, units)
-    result = Drift(-np.linalg.solve(H, g)[:6], found, shared)
-    if not len(result.apart):
-        raise ScanError(
-            f"{after.title or 'the scan'}: determines no movement of the sensor; expected poses that differ"
-        )
-    return result
+    return left.normal[0]
 
 
 def state_by(problem: Problem, T) -> State:

@@ -132,6 +132,15 @@ def as_observations(scan: Scan, seen: Seen, reference_mm: float = 0.0) -> Observ
     )
 
 
+def observe_all(scans, least: int) -> tuple[list[Seen], tuple[Observations, ...], float]:
+    """Each scan's target as it shows it, and for the joint solution, in units of the third: the typical standard
+    deviation of features of profiles, mm (0 where there are none)."""
+    seen = [observe(scan, least) for scan in scans]
+    features_mm = next((entry.typical_mm for entry in seen if entry.typical_mm), 0.0)
+    observed = [as_observations(scan, entry, features_mm) for scan, entry in zip(scans, seen, strict=True)]
+    return seen, tuple(observed), features_mm
+
+
 def stated_noise(scans) -> dict[str, float]:
     """The noise that the scans state; they speak of one scanner and one robot.
 

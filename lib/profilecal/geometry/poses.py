@@ -3,6 +3,8 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+SAME_ORIENTATION_DEG = 0.05  # poses that differ by less form a rotation group
+
 
 def rotation_from_xyz_angles(angles) -> np.ndarray:
     """Rotation matrices (..., 3, 3) from angles (a, b, c) in radians, shape (..., 3): R = Rz(c) Ry(b) Rx(a).
@@ -42,6 +44,23 @@ def angle_between(first, second) -> np.ndarray:
     """
     chord = np.linalg.norm(np.asarray(first) - np.asarray(second), axis=(-2, -1))
     return 2 * np.arcsin(np.clip(chord / np.sqrt(8), 0, 1))
+
+
+def parallel(first, second, within_deg: float) -> np.ndarray:
+    """Which orientations (N, 3, 3) differ by less than an angle from which others (M, 3, 3), (N, M).
+
+    From the trace, 1 + 2 cos θ: not for angles below 0.001°.
+    """
+    return first.reshape(-1, 9) @ second.reshape(-1, 9).T > 1 + 2 * np.cos(np.radians(within_deg))
+
+
+def rotation_groups(R) -> np.ndarray:
+    """Groups (P,) of orientations (P, 3, 3): a pose joins the first group whose first pose it is parallel to."""
+    group, count = np.full(len(R), -1), 0
+    while (free := group < 0).any():
+        group[free & parallel(R, R[free.argmax()], SAME_ORIENTATION_DEG)[:, 0]] = count
+        count += 1
+    return group
 
 
 def homogeneous(rotation, translation) -> np.ndarray:

@@ -6,11 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from profilecal.geometry.noise import ROBOT, Noise, variances
-from profilecal.geometry.poses import angle_between
+from profilecal.geometry.poses import SAME_ORIENTATION_DEG, angle_between
 from profilecal.joint.observations import Observations
 
 SAME_MM, SAME_DEG = 0.05, 0.01  # commanded poses that differ by less are one: no controller comes back any closer
-SAME_ORIENTATION_DEG = 0.05
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from profilecal.geometry.poses import parallel
 from profilecal.joint.observability import POSE_UNITS
 from profilecal.scan.scan import ScanError
 
@@ -82,8 +83,7 @@ class Pool:
 
     def taken(self, chosen) -> np.ndarray:
         """Candidates (N,) too near to one that is chosen."""
-        flat = self.R.reshape(len(self.R), 9)
-        return (flat @ flat[chosen].T > 1 + 2 * np.cos(np.radians(APART_DEG))).any(axis=1)
+        return parallel(self.R, self.R[chosen], APART_DEG).any(axis=1)
 
 
 def judge(C, criterion: str) -> np.ndarray:

@@ -12,9 +12,8 @@ import pandas as pd
 from profilecal.geometry.poses import inverse
 from profilecal.plan.candidates import turned, worst_clearance
 from profilecal.plan.plan import Plan
-from profilecal.scan.conventions import from_rotations, named
-from profilecal.scan.files import whole
-from profilecal.scan.scan import ScanError
+from profilecal.scan.files import new_folder
+from profilecal.scan.folder import poses_table
 from profilecal.scan.tables import toml_text
 
 
@@ -27,15 +26,6 @@ def labels(plan: Plan) -> list[str]:
     """Of the poses: numbers, with as many digits each."""
     digits = len(str(len(plan.T)))
     return [f"{k + 1:0{digits}d}" for k in range(len(plan.T))]
-
-
-def poses_table(plan: Plan, convention: str) -> pd.DataFrame:
-    """poses.csv of a scan folder."""
-    R, T = robot_poses(plan)
-    columns = named(convention)
-    table = pd.DataFrame({"pose": labels(plan)} | dict(zip("xyz", T.T, strict=True)))
-    table[list(columns.columns)] = from_rotations(columns, R)
-    return table
 
 
 def details_table(plan: Plan) -> pd.DataFrame:
@@ -64,19 +54,12 @@ def way_mm(plan: Plan) -> float:
 def write_plan(plan: Plan, folder, *, convention: str, stated: dict, entries: dict | None = None, title="") -> None:
     """Write a plan into a new folder. `stated`: the [noise] that goes into scan.toml; `entries` of a specification with
     [guess], for simulate.toml. Raises ScanError where the folder is taken."""
-    folder = Path(folder)
-    if folder.exists() and any(folder.iterdir()):
-        raise ScanError(f"{folder}: not empty; name a new folder")
     setup = plan.setup
     target = {"kind": setup.target.kind} | dict(zip(setup.target.lengths, setup.sizes, strict=True))
     mount = "eye-to-hand" if setup.to_hand else "eye-in-hand"
     header = {"title": title, "units": "mm", "mount": mount, "target": target, "noise": stated}
-    poses = poses_table(plan, convention)
-    with whole(folder) as partial:
-        try:
-            partial.mkdir(parents=True)
-        except OSError as error:
-            raise ScanError(f"{folder}: cannot be written there: {error.strerror}") from error
+    poses = poses_table(labels(plan), *robot_poses(plan), convention)
+    with new_folder(Path(folder)) as partial:
         poses.to_csv(partial / "poses.csv", index=False, float_format="%.12g")
         (partial / "scan.toml").write_text(toml_text(header), encoding="utf-8")
         details_table(plan).to_csv(partial / "plan.csv", index=False)

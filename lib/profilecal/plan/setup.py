@@ -7,12 +7,12 @@ import numpy as np
 
 from profilecal.calibrate.observe import three_points
 from profilecal.geometry.noise import Noise, Systematic
-from profilecal.geometry.poses import carry
+from profilecal.geometry.poses import carry, rotation_groups
 from profilecal.joint.effects import Information, remove, remove_common
 from profilecal.joint.observability import BY_HAND_DEG, BY_HAND_MM, Spectrum, name_direction, spectrum
 from profilecal.joint.observations import Observations
 from profilecal.joint.problem import Problem, gram_by_pose
-from profilecal.joint.sharing import SAME_ORIENTATION_DEG, level_variances
+from profilecal.joint.sharing import level_variances
 from profilecal.joint.state import State
 from profilecal.simulate.guess import Margins
 from profilecal.simulate.scanner import Scanner
@@ -82,17 +82,10 @@ class Setup:
         covariance = self.covariance
         if covariance is not None:
             covariance = np.broadcast_to(covariance, (1, len(R), *covariance.shape))
-        group = same_orientation(R)
+        group = rotation_groups(R)
         return Observations(
             self.target.kind, R[None], T[None], points[None], self.sizes, group, self.to_hand, covariance
         )
-
-
-def same_orientation(R) -> np.ndarray:
-    """Rotation groups (P,) of orientations (P, 3, 3): a pose belongs to the first that is as good as parallel."""
-    flat = R.reshape(len(R), 9)
-    near = flat @ flat.T > 1 + 2 * np.cos(np.radians(SAME_ORIENTATION_DEG))
-    return np.unique(near.argmax(axis=1), return_inverse=True)[1]
 
 
 @dataclass(frozen=True)

@@ -74,6 +74,19 @@ def whole(path: Path, scratch: Path | None = None):
         remove(partial)
 
 
+@contextmanager
+def new_folder(path: Path):
+    """A folder to fill that then appears at `path` whole. Raises ScanError where something is there, or cannot be."""
+    if path.exists() and any(path.iterdir()):
+        raise ScanError(f"{path}: not empty; name a new folder")
+    with whole(path) as partial:
+        try:
+            partial.mkdir(parents=True)
+        except OSError as error:
+            raise ScanError(f"{path}: cannot be written there: {error.strerror}") from error
+        yield partial
+
+
 def partial_of(path: Path, scratch: Path | None = None) -> Path:
     """Where `whole` has a file while it is being written."""
     return (scratch or path.parent) / f".{path.name}.partial"

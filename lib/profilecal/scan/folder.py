@@ -11,9 +11,9 @@ import numpy as np
 import pandas as pd
 
 from profilecal.geometry.noise import Noise, Systematic
-from profilecal.geometry.poses import angle_between
+from profilecal.geometry.poses import angle_between, rotation_groups
 from profilecal.scan.conventions import RowError, find_convention, from_rotations, named, to_rotations
-from profilecal.scan.files import is_file, is_there, naming, whole
+from profilecal.scan.files import is_file, is_there, naming, new_folder
 from profilecal.scan.scan import Scan, ScanError
 from profilecal.scan.tables import is_number, read_table, read_toml, shown, toml_text
 from profilecal.targets import TARGETS
@@ -31,7 +31,6 @@ KEYS = {
 }
 SCALE = {"mm": 1.0, "m": 1000.0}
 MOUNTS = ("eye-in-hand", "eye-to-hand")
-SAME_ORIENTATION_DEG = 0.05  # poses that differ by less form a rotation group
 WIDEST_GROUP_DEG = 1.0  # of the groups that a user gives
 SIZE_MM = (0.5, 1000.0)  # of a target that a profile scanner can see
 REACH_MM = (10.0, 20_000.0)  # farthest flange position from the base: a robot's size
@@ -167,7 +166,7 @@ def read_poses(folder: Path, scale: float, side: int) -> tuple[dict, list[str]]:
         group = np.unique(table.frame["group"].astype(str).to_numpy(), return_inverse=True)[1]
         check_groups(table.path, R, group, labels)
     else:
-        group = find_groups(R)
+        group = rotation_groups(R)
     entries = {"labels": tuple(labels), "R_base_flange": R, "T_base_flange": T, "side": sides}
     entries |= {"convention": convention.name, "orientation": block}
     return entries | {"group": group, "group_given": "group" in table.frame}, doubts
@@ -184,17 +183,6 @@ def check_groups(path: Path, R, group, labels) -> None:
                 f"{path}: poses {shown(labels[rows[0]])} and {shown(other)} share a group but differ in orientation by "
                 f"{apart.max():.2g}°; expected one orientation in a group"
             )
-
-
-def find_groups(R_base_flange) -> np.ndarray:
-    """Rotation groups (P,) from orientations (P, 3, 3): poses within 0.05° of a group's first pose join it."""
-    group, firsts = np.empty(len(R_base_flange), dtype=int), []
-    for k, R in enumerate(R_base_flange):
-        near = [g for g, first in enumerate(firsts) if np.degrees(angle_between(R, first)) < SAME_ORIENTATION_DEG]
-        if not near:
-            firsts.append(R)
-        group[k] = near[0] if near else len(firsts) - 1
-    return group
 
 
 def read_measurements(folder: Path, labels, scale: float) -> tuple[str, tuple[np.ndarray, ...]]:
@@ -241,14 +229,17 @@ def exchanged(profiles) -> list[str]:
     return []
 
 
+def poses_table(labels, R, T, convention: str) -> pd.DataFrame:
+    """The table of poses R (P, 3, 3), T (P, 3), mm, with angles in a named convention."""
+    angles = named(convention)
+    table = pd.DataFrame({"pose": labels} | dict(zip("xyz", T.T, strict=True)))
+    table[list(angles.columns)] = from_rotations(angles, R)
+    return table
+
+
 def write_scan(scan: Scan, folder, table: str = ".csv") -> None:
     """Write a scan as a folder of its own, in mm; `table` is ".csv" or ".parquet". Raises ScanError if it is taken."""
-    folder = Path(folder)
-    if folder.exists() and any(folder.iterdir()):
-        raise ScanError(f"{folder}: not empty; name a new folder")
-    convention = named(scan.convention)
-    poses = pd.DataFrame({"pose": scan.labels} | dict(zip("xyz", scan.T_base_flange.T, strict=True)))
-    poses[list(convention.columns)] = from_rotations(convention, scan.R_base_flange)
+    poses = poses_table(scan.labels, scan.R_base_flange, scan.T_base_flange, scan.convention)
     if scan.group_given:
         poses["group"] = scan.group
     if scan.side is not None and np.any(scan.side):
@@ -256,11 +247,7 @@ def write_scan(scan: Scan, folder, table: str = ".csv") -> None:
     values = pd.DataFrame(np.concatenate(scan.values), columns=MEASURED[scan.measured])
     values.insert(0, "pose", np.repeat(scan.labels, [len(rows) for rows in scan.values]))
 
-    with whole(folder) as partial:
-        try:
-            partial.mkdir(parents=True)
-        except OSError as error:
-            raise ScanError(f"{folder}: cannot be written there: {error.strerror}") from error
+    with new_folder(Path(folder)) as partial:
         target = {"kind": scan.kind} | scan.measures
         header = {"title": scan.title, "units": "mm", "mount": scan.mount, "target": target, "noise": scan.noise}
         (partial / "scan.toml").write_text(toml_text(header), encoding="utf-8")

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from profilecal.geometry.poses import carry, inverse
+from profilecal.geometry.poses import carry, inverse, rotation_groups
 from profilecal.scan.columns import Columns, read_columns
 from profilecal.scan.conventions import Convention, RowError, find_convention, named, to_rotations
 from profilecal.scan.fanuc import read_listing
 from profilecal.scan.files import naming
-from profilecal.scan.folder import FARTHEST_MM, SCALE, check_sizes, find_groups
+from profilecal.scan.folder import FARTHEST_MM, SCALE, check_sizes
 from profilecal.scan.scan import Scan, ScanError
 from profilecal.scan.tables import listed, shown
 from profilecal.targets import TARGETS
@@ -94,7 +94,7 @@ def import_scan(folder, kind: str, sizes: dict, layout: Layout = Layout()) -> tu
         values=values,
         sizes=tuple(sizes[name] for name in target.lengths),
         side=np.zeros(len(R)),
-        group=find_groups(R),
+        group=rotation_groups(R),
         title=folder.resolve().name,
         convention=poses.convention.name,
     )

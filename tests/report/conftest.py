@@ -1,0 +1,21 @@
+"""Axes to draw into, without a screen."""
+
+import matplotlib
+import pytest
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+
+
+@pytest.fixture
+def axes():
+    figure, axes = plt.subplots()
+    yield axes
+    plt.close(figure)
+
+
+@pytest.fixture
+def space():
+    figure = plt.figure()
+    yield figure.add_subplot(projection="3d")
+    plt.close(figure)
