@@ -2,7 +2,10 @@
 PYTHON ?= python3
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 
-.PHONY: reproduce test bench site notebooks lock clean
+.PHONY: install reproduce test bench site notebooks lock clean
+
+install: .venv/installed
+	@echo "Installed; . .venv/bin/activate makes the command profilecal"
 
 reproduce: .venv/installed
 	@profilecal reproduce
@@ -38,7 +41,7 @@ clean:
 .venv/installed: environment.txt pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || \
 	  { echo "profilecal needs Python 3.11 or newer. Say where it is: make PYTHON=python3.13 $(MAKECMDGOALS)"; exit 1; }
-	@echo "Installing environment.txt into .venv (once; about half a minute)"
+	@echo "Installing environment.txt into .venv (once; one to three minutes)"
 	@rm -rf .venv
 	@if command -v uv >/dev/null; then uv venv -q --python "$$($(PYTHON) -c 'import sys; print(sys.executable)')" .venv; \
 	elif $(PYTHON) -c 'import ensurepip' 2>/dev/null; then \
