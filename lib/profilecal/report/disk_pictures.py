@@ -257,7 +257,7 @@ def elliptic_points(left, right, drawn: Drawn) -> None:
         arrow(left, corner, corner + length * axis, colour, 2)
         note(left, name, corner + length * axis, (8, 8 if name == "x" else -8), colour)
     theta = np.degrees(np.arctan2(back[0, 1], back[0, 0]))
-    note(left, f"θ = {theta:.0f}°", corner + length * (back[0] + [1, 0]) / 2, (30, 0), figures.RED)
+    note(left, f"θ = {theta:.0f}°", corner + length * (back[0] + [1, 0]) / 2, (16, 0), figures.RED)
     right.plot(*drawn.data.e[:2].T, color=figures.RED, ls="--", lw=1)
     for name, at, offset in zip(NAMES, drawn.data.e, beside(drawn.data.e[:, 1]), strict=True):
         right.plot(*at, "o", color=figures.RED)

@@ -233,4 +233,5 @@ def draw_box(axes, points, published=None) -> None:
                 axes.plot(*zip(first, second, strict=True), **style)
     equal_axes(axes, points)
     axes.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")
-    axes.locator_params(nbins=4, prune="both")
+    axes.locator_params(nbins=4)
+    axes.view_init(20, -40)
