@@ -123,7 +123,7 @@ def in_closed_form(case: Case, b: int, probe_mm: float, rng: np.random.Generator
         return found.R, found.T
     (seen,) = case.seen
     one = replace(seen.take([b]), covariance=None)
-    return METHODS[seen.kind](one, side_of(seen, case.truth, b))[0](one.points[0])
+    return METHODS[seen.kind](one, side_of(seen, case.truth, b))[0](one)
 
 
 def errors_in_closed_form(case: Case, probe_mm: float, rng: np.random.Generator) -> np.ndarray:
