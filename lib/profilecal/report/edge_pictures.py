@@ -114,7 +114,8 @@ def draw_ball_scan(axes, clouds, radius: float) -> None:
         axes.plot(*circle_around(height, [0, 0, 1], radius * np.cos(latitude)).T, color="0.7", lw=0.7)
     equal_axes(axes, radius * np.array([[-1, -1, -1], [1, 1, 1]]))
     axes.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")
-    axes.locator_params(nbins=5)
+    ticks = radius * np.array([-0.5, 0, 0.5])
+    axes.set(xticks=ticks, yticks=ticks, zticks=ticks)
 
 
 def error_bars(axes, columns: dict, colours) -> None:
