@@ -77,7 +77,7 @@ def mending(found: Calibration, folder, rng: np.random.Generator) -> str:
     """The plan that would mend the answer of the scan `folder` that its motions leave weak or open, in a sentence; ""
     if there is none."""
     s = found.solution
-    if s is None or s.observability.status == "ok" or len(found.scans) > 1:
+    if s is None or found.misread or s.observability.status == "ok" or len(found.scans) > 1:
         return ""
     try:
         setup, limits, before = setup_of_scan(found)
