@@ -62,6 +62,7 @@ def test_plan_simulate_calibrate_gives_the_truth_within_its_region(tmp_path):
     worst = np.sqrt(np.linalg.eigvalsh(np.array(found["covariance"])[:3, :3])[-1])
     said = float(re.search(r"worst +([\d.]+) mm", planned.output)[1])
     assert 0.5 < worst / said < 2  # the calibration finds its own noise
+    assert len(found["poses_used"]) == len(pd.read_csv(plan / "poses.csv"))  # both sides of every corner were seen
     poses, driven = (pd.read_csv(folder / "poses.csv") for folder in (plan, scan))
     assert (poses.columns == driven.columns).all()
     assert np.allclose(poses, driven)

@@ -105,7 +105,7 @@ def page(plan: Plan, poses: pd.DataFrame) -> str:
         "target": [line.round(2).tolist() for line in target_lines(plan)],
         "box": box,
         "avoid": limits.avoid,
-        "rows": details_table(plan).join(poses.drop(columns="pose").round(3)).astype(str).to_dict("list"),
+        "rows": poses.round(3).join(details_table(plan).drop(columns="pose")).astype(str).to_dict("list"),
     }
     p = plan.predicted
     whole = "" if p.poses == len(T) else f" with the {p.poses - len(T)} others"

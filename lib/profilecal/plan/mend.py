@@ -39,6 +39,11 @@ def setup_of_scan(found: Calibration) -> tuple[Setup, Limits, Part]:
     R, T = observed.R_flange[0][kept], observed.T_flange[0][kept]
     level = expect(stated_noise(found.scans))
     robot = {name: getattr(level.prior, name) for name in ROBOT}
+    if s.level.levels:
+        sizes = s.level.levels.sizes
+        part_of_others = {*ROBOT} - {size.name for size in sizes}  # where no pose is repeated, the errors of a visit
+        robot |= {size.name: size.middle for size in sizes if size.told and size.name in ROBOT}
+        robot |= dict.fromkeys(part_of_others, 0.0)
     setup = Setup(
         target=s.placements[0],
         facing=nearest_rotation((R @ s.rotation).mean(axis=0)),

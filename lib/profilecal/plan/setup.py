@@ -58,6 +58,11 @@ class Setup:
         return R @ self.R_sensor, carry(R, T, self.T_sensor)
 
     @property
+    def shows_beside(self) -> bool:
+        """Whether raw profiles show the target by what is around it."""
+        return self.measured == "profiles" and self.target.beside_mm > 0
+
+    @property
     def fills_view(self) -> bool:
         """Whether the target is a face, which moves only if it is shifted along one axis."""
         return len(self.target.shifts) == 1

@@ -15,9 +15,9 @@ def believed(setup: Setup) -> list[str]:
     """What a prediction counts with, in lines."""
     n = setup.noise
     robot = (
-        f"{n.position_mm:g} mm and {n.orientation_deg:g}° at each pose, {n.group_position_mm:g} mm and "
-        f"{n.group_orientation_deg:g}° at each orientation, {n.repeatability_mm:g} mm and {n.repeatability_deg:g}° "
-        "at each visit"
+        f"{n.position_mm:.2g} mm and {n.orientation_deg:.2g}° at each pose, {n.group_position_mm:.2g} mm and "
+        f"{n.group_orientation_deg:.2g}° at each orientation, {n.repeatability_mm:.2g} mm and "
+        f"{n.repeatability_deg:.2g}° at each visit"
     )
     return [f"noise          {n.profile_mm:.2g} mm of a feature's coordinates", f"robot errors   {robot}"]
 
