@@ -145,4 +145,4 @@ def test_a_disk_of_another_radius_is_not_ok():
     """Nor is any disk made so badly."""
     found = calibrate([replace(scan_of(spec("disk", 0)), sizes=(51.0,))])
     assert found.status != "ok"
-    assert "the radius was too large by +1 mm" in " ".join(found.messages)
+    assert "the radius was too large by 1 mm" in " ".join(found.messages)

@@ -53,19 +53,19 @@ WRONG = {
     "edge scale": (
         "edge",
         lambda s: profiles(s, [[1.01, 0], [0, 1.01]]),
-        "the robot's positions were too far apart by -1 %",
+        "the robot's positions were too near each other by 1 %",
     ),
-    "x": ("ball", lambda s: profiles(s, [[0.995, 0], [0, 1]]), "the profiles' x were too large by -0."),
-    "z": ("ball", lambda s: profiles(s, [[1, 0], [0, 1.01]]), "the profiles' z were too large by +1"),
+    "x": ("ball", lambda s: profiles(s, [[0.995, 0], [0, 1]]), "the profiles' x were too small by 0."),
+    "z": ("ball", lambda s: profiles(s, [[1, 0], [0, 1.01]]), "the profiles' z were too large by 1"),
     "shear": ("disk", lambda s: profiles(s, [[1, 0], [0.006, 1]]), "the profiles' x grew with z by +0.6"),
     "drift": ("disk", lambda s: moved(s, [0.5, 0, 0] * steps(s)), "drifted along the base's x by 0."),
-    "robot": ("edge", lambda s: moved(s, 0.01 * s.T_base_flange), "positions were too far apart by +"),
+    "robot": ("edge", lambda s: moved(s, 0.01 * s.T_base_flange), "positions were too far apart by "),
     "one axis": (
         "ball",
         lambda s: moved(s, [0, 0.01, 0] * s.T_base_flange),
-        "along the base's y were too far apart by +",
+        "along the base's y were too far apart by ",
     ),
-    "radius": ("disk", lambda s: replace(s, sizes=(50.5,)), "the radius was too large by +"),
+    "radius": ("disk", lambda s: replace(s, sizes=(50.5,)), "the radius was too large by "),
 }
 
 

@@ -4,6 +4,7 @@ It leaves a pattern in the residuals. Each suspect is one more unknown; its size
 come from a score test (Rao 1948), one Gauss-Newton step from the solution, where it is zero.
 """
 
+import re
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,7 +27,7 @@ ABSORBED = 1e-9  # of a suspect's own pattern: less is left of it beside the unk
 class Suspect:
     """Something that may be wrong in the same way in every pose."""
 
-    words: str  # with a place for the size
+    words: str  # as `systematic.Change` has them
     size: float
     clear: float  # the size over its standard deviation
     moves: np.ndarray  # (6,) the sensor pose, mm and rad
@@ -39,8 +40,9 @@ class Suspect:
 
     @property
     def sentence(self) -> str:
-        """The suspect in words, with its size."""
-        return self.words.format(self.size)
+        """The suspect in words, with its size, which has no sign where words say which way."""
+        words = re.sub(r"\[(.*)\|(.*)\]", r"\1" if self.size > 0 else r"\2", self.words)
+        return words.format(self.size if words == self.words else abs(self.size))
 
 
 def suspects(observed, solution: Solution) -> list[Suspect]:
@@ -92,13 +94,13 @@ def fitted_together(observed, solution: Solution, systematic: Systematic) -> tup
 
 def of_robot():
     """Scales of the positions, drifts."""
-    yield Change("the robot's positions were too far apart by {:+.2g} %", 100, spread(np.ones(3)))
+    yield Change("the robot's positions were too [far apart|near each other] by {:.2g} %", 100, spread(np.ones(3)))
     for k, axis in enumerate("xyz"):
         yield Change(
             f"the robot or the target drifted along the base's {axis} by {{:.2g}} mm", 1, drifted(np.eye(3)[k])
         )
     for k, axis in enumerate("xyz"):
-        words = f"the robot's positions along the base's {axis} were too far apart by {{:+.2g}} %"
+        words = f"the robot's positions along the base's {axis} were too [far apart|near each other] by {{:.2g}} %"
         yield Change(words, 100, spread(np.eye(3)[k]))
 
 

@@ -19,7 +19,7 @@ STEP = 1e-4
 class Change:
     """Data changed by what may be wrong."""
 
-    words: str  # with a place for the size
+    words: str  # with a place for the size; [one|other]: for a positive and for a negative one
     unit: float  # what the size is to be multiplied by, for the words
     apply: Callable[[Observations, float], Observations]
     prior: str = ""  # the entry of `Systematic` that says how large it can be
@@ -27,7 +27,7 @@ class Change:
 
 def of_scanner() -> list[Change]:
     """Scales of the profiles, x that grows with z, and a bend."""
-    words = "the profiles' {} were too large by {{:+.2g}} %"
+    words = "the profiles' {} were too [large|small] by {{:.2g}} %"
     return [
         Change(words.format("x"), 100, stretched([[1, 0], [0, 0]]), "scale_percent"),
         Change(words.format("z"), 100, stretched([[0, 0], [0, 1]]), "scale_percent"),
@@ -39,7 +39,8 @@ def of_scanner() -> list[Change]:
 def of_target(observations: Sequence[Observations]) -> list[Change]:
     """Wrong lengths."""
     names = dict.fromkeys(name for o in observations for name in o.target.lengths)
-    return [Change(f"the {name} was too large by {{:+.2g}} mm", 1, lengthened(name), "tolerance_mm") for name in names]
+    words = "the {} was too [large|small] by {{:.2g}} mm"
+    return [Change(words.format(name), 1, lengthened(name), "tolerance_mm") for name in names]
 
 
 def considered(observations: Sequence[Observations], prior: Systematic) -> list[tuple[Change, float]]:
