@@ -42,8 +42,9 @@ def remove(information: Information, variances, member) -> Information:
     if np.any(variances):
         inflated = inflation(A, variances)
         whole = np.linalg.solve(inflated, whole)
-        taken = np.swapaxes(B, -1, -2) @ (np.swapaxes(S, -1, -2) * whole[..., 6:])
-        M = M - taken.sum(axis=-3)
+        weighed = np.swapaxes(S, -1, -2) * whole[..., 6:]
+        stacked, weighed = (part.reshape(*part.shape[:-3], -1, part.shape[-1]) for part in (B, weighed))
+        M = M - np.swapaxes(stacked, -1, -2) @ weighed  # summed over the K errors
         log_determinant = log_determinant + np.log(np.abs(np.linalg.det(inflated))).sum(axis=-1)
     if np.array_equal(member, np.arange(len(member))):
         return Information(whole[..., :6], whole[..., 6:], M, log_determinant)

@@ -17,9 +17,8 @@ from itertools import product
 
 import numpy as np
 from scipy.optimize import minimize
-from scipy.special import gammaln
+from scipy.special import gammaln, ndtr, ndtri, stdtr, stdtrit
 from scipy.stats import chi2, norm, qmc
-from scipy.stats import t as t_law
 
 from profilecal.geometry.noise import ROBOT, Noise
 from profilecal.joint.effects import Information, remove
@@ -119,7 +118,7 @@ class Likelihood:
         if name == "profile_mm" or name in ACCURACY:
             spread = self.profile_spread if name == "profile_mm" else FACTOR
             return lambda y: np.exp(spread * y), lambda ratio: np.log(ratio) / spread
-        return lambda y: t_law.isf(norm.sf(y) / 2, FREEDOM), lambda ratio: norm.isf(2 * t_law.sf(ratio, FREEDOM))
+        return lambda y: -stdtrit(FREEDOM, ndtr(-y) / 2), lambda ratio: -ndtri(2 * stdtr(FREEDOM, -ratio))
 
     def sizes(self, y) -> dict[str, np.ndarray]:
         """The sizes at coordinates y (d,), or at each of y (S, d)."""
@@ -158,8 +157,9 @@ class Likelihood:
         return unlikely, self.pose @ inverse @ self.pose.T, (self.pose @ step)[..., 0]
 
 
-def likeliest(model: Likelihood, start: dict[str, float]) -> np.ndarray:
-    """The coordinates (d,) of the likeliest sizes, from those of `start`."""
+def likeliest(model: Likelihood, start: dict[str, float], tolerance: float = 1e-10) -> np.ndarray:
+    """The coordinates (d,) of the likeliest sizes, from those of `start`; ends where a step improves minus twice the
+    logarithm of the density by less than `tolerance` of it."""
     y = np.clip(model.coordinates(start), -FARTHEST, FARTHEST)
     if not y.size:
         return y
@@ -170,9 +170,8 @@ def likeliest(model: Likelihood, start: dict[str, float]) -> np.ndarray:
         return value, (np.array(changed) - value) / STEP
 
     bounds = [(-FARTHEST, FARTHEST)] * y.size
-    return minimize(
-        with_gradient, y, jac=True, method="L-BFGS-B", bounds=bounds, options={"ftol": 1e-10, "gtol": 1e-6}
-    ).x
+    ends = {"ftol": tolerance, "gtol": 1e-6}
+    return minimize(with_gradient, y, jac=True, method="L-BFGS-B", bounds=bounds, options=ends).x
 
 
 @dataclass(frozen=True)
@@ -227,13 +226,13 @@ def spread_at(model: Likelihood, likely) -> np.ndarray:
     return vectors / np.sqrt(np.maximum(values, 0.2))
 
 
-def levels(model: Likelihood, likely, field: Field, accuracy: dict[str, float]) -> Levels:
+def levels(model: Likelihood, likely, field: Field, accuracy: dict[str, float], tolerance: float = 1e-10) -> Levels:
     """All sizes that data and prior allow, where `likely` (d,) are the likeliest of the whole model.
 
-    `accuracy`: scales of the robot's accuracy, none to leave it out.
+    `accuracy`: scales of the robot's accuracy, none to leave it out. `tolerance`: as `likeliest` takes it.
     """
     sizes = model.sizes(likely)
-    parts = [draw(m, likely if m.scales == model.scales else likeliest(m, sizes)) for m in model.simpler()]
+    parts = [draw(m, likely if m.scales == model.scales else likeliest(m, sizes, tolerance)) for m in model.simpler()]
     log_weight = np.concatenate([part.log_weight for part in parts])
     weight = np.exp(log_weight - log_weight.max())
     weight /= weight.sum()
@@ -246,7 +245,7 @@ def levels(model: Likelihood, likely, field: Field, accuracy: dict[str, float]) 
     unseen = np.zeros((6, 6))
     if accuracy:
         wide = model.without(KINDS[1]).with_field(field, accuracy)  # the field stands for what orientations share
-        drawn = draw(wide, likeliest(wide, sizes))
+        drawn = draw(wide, likeliest(wide, sizes, tolerance))
         everywhere = drawn.square + field.common(*(drawn.sizes[name] for name in ACCURACY))
         unseen = positive_part(np.tensordot(drawn.weight, everywhere, 1) - covariance)
         size = drawn.sizes

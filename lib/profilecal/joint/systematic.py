@@ -39,10 +39,8 @@ def of_scanner() -> list[Change]:
 def of_target(observations: Sequence[Observations]) -> list[Change]:
     """Wrong lengths."""
     names = dict.fromkeys(name for o in observations for name in o.target.lengths)
-    return [
-        Change(f"the {name} was too [large|small] by {{:.2g}} mm", 1, lengthened(name), "tolerance_mm")
-        for name in names
-    ]
+    words = "the {} was too [large|small] by {{:.2g}} mm"
+    return [Change(words.format(name), 1, lengthened(name), "tolerance_mm") for name in names]
 
 
 def considered(observations: Sequence[Observations], prior: Systematic) -> list[tuple[Change, float]]:

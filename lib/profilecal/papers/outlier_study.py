@@ -14,7 +14,7 @@ from profilecal.joint.descent import Fit, refine
 from profilecal.joint.observability import spectrum
 from profilecal.joint.observations import Observations
 from profilecal.joint.problem import Problem
-from profilecal.joint.search import few_groups, in_space, typical_residual
+from profilecal.joint.search import POSES, few_groups, in_space, thin, typical_residual
 from profilecal.joint.solve import UNLIKELY
 from profilecal.joint.state import State, normalised_square, pose_error
 from profilecal.papers.edge_scenes import EdgeScene, observations_of
@@ -22,7 +22,7 @@ from profilecal.papers.edge_scenes import EdgeScene, observations_of
 SUBSETS = 30  # tries with few groups each, one of which, it is hoped, holds no bad point
 ROUGHLY = 1e-6  # tolerance of refinements
 UNEXPLAINED = 2.0  # noise levels: larger residuals of most poses
-CHUNK = 50  # problems at a time
+CHUNK = 25  # problems at a time: what a processor keeps at hand
 LEAST_POINTS = 3  # that stay in a group
 
 
@@ -70,14 +70,15 @@ def solve_robustly(seen: Observations, noise: Noise, start: State) -> Answers:
 
     def answer(seen, start):
         problem = Problem([seen], noise)
-        state, unit = robust_fit(problem, start)
+        state, sizes = robust_fit(problem, start)
+        unit = of_most(problem, sizes)
         if (open_ := np.flatnonzero(unit > UNEXPLAINED)).size:
             part = Problem([seen.take(open_)], noise)
-            other, less = robust_fit(part, most_fitting(part, state[open_], start[open_]), 3)
-            place = np.arange(len(unit))
-            place[open_], unit[open_] = len(unit) + np.arange(len(open_)), less
+            other, sizes[open_] = robust_fit(part, most_fitting(part, state[open_], start[open_]), 3)
+            place, unit = np.arange(len(unit)), of_most(problem, sizes)
+            place[open_] = len(unit) + np.arange(len(open_))
             state = state.join(other)[place]
-        bad = beyond_chance(problem, problem.moments(state).per_pose[0], unit)
+        bad = beyond_chance(problem, sizes, unit)
         for _ in range(5):
             rejected, fit = bad, refine(problem, state, weights=[~bad], iterations=10, tolerance=ROUGHLY)
             bad, state = beyond_chance(problem, fit.per_pose[0], 1.0), fit.state
@@ -89,26 +90,31 @@ def solve_robustly(seen: Observations, noise: Noise, start: State) -> Answers:
 
 
 def robust_fit(problem: Problem, state: State, rounds: int = 5) -> tuple[State, np.ndarray]:
-    """Cauchy's loss, its unit lowered from what the residuals look like to what the noise is; and that unit (B,), in
-    noise levels."""
+    """Cauchy's loss, its unit lowered from what the residuals look like to what the noise is; and the χ² (B, P) of each
+    pose by residual."""
+    sizes = problem.moments(state).per_pose[0]
     for _ in range(rounds):
-        state = refine(problem, state, scale=of_most(problem, state), iterations=5, tolerance=ROUGHLY).state
-    return state, of_most(problem, state)
+        fit = refine(problem, state, scale=of_most(problem, sizes), iterations=5, tolerance=ROUGHLY)
+        state, sizes = fit.state, fit.per_pose[0]
+    return state, sizes
 
 
-def of_most(problem: Problem, state: State) -> np.ndarray:
-    """How many noise levels large the residuals of most poses are, (B,), one at least."""
-    return np.maximum(typical_residual(problem.moments(state).per_pose, problem.freedoms()), 1.0)
+def of_most(problem: Problem, per_pose) -> np.ndarray:
+    """How many noise levels large the residuals of most poses are, (B,), one at least, from their χ² (B, P)."""
+    return np.maximum(typical_residual([per_pose], problem.freedoms()), 1.0)
 
 
 def most_fitting(problem: Problem, found: State, start: State) -> State:
-    """Of what was `found` and what selections of few groups lead to from the `start`, what fits most poses best."""
+    """Of what was `found` and what selections of few groups lead to from the `start`, what fits most poses best, of
+    about as many as `search_among_outliers` looks at."""
     (seen,), B = problem.observations, len(start.rotation)
     few = in_space([few_groups(seen, SUBSETS)], problem.noise)
     first = few.place(*(np.repeat(part, SUBSETS, axis=0) for part in (start.rotation, start.translation)))
     tried = refine(few, first, iterations=4, tolerance=ROUGHLY).state
     states = [found, *(tried[np.arange(k, B * SUBSETS, SUBSETS)] for k in range(SUBSETS))]
-    best = np.argmin([np.nan_to_num(of_most(problem, state), nan=np.inf) for state in states], axis=0)
+    looked = Problem([thin(seen, 2 * POSES)], problem.noise)
+    sizes = (looked.moments(state).per_pose[0] for state in states)
+    best = np.argmin([np.nan_to_num(of_most(looked, own), nan=np.inf) for own in sizes], axis=0)
     return states[0].join(*states[1:])[best * B + np.arange(B)]
 
 

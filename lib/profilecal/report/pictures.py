@@ -58,6 +58,8 @@ def plot_robot(found) -> plt.Figure:
     equal_axes(axes, np.concatenate(drawn))
     axes.set(xlabel="base x [mm]", ylabel="base y [mm]", zlabel="base z [mm]")
     axes.locator_params(nbins=5)
+    seen = "scans and targets" if len(found.scans) > 1 else f"scans and {found.scans[0].kind}"
+    figure.suptitle(f"Where the calibration places {seen}" if known else "Where the robot went")
     handles, labels = axes.get_legend_handles_labels()
     once = dict(zip(labels, handles, strict=True))
     figure.legend(once.values(), once, loc="outside lower center", ncols=2)
@@ -90,6 +92,7 @@ def plot_residuals(found) -> plt.Figure | None:
         return None
     figure, rows = plt.subplots(len(found.scans), figsize=(5.6, 0.6 + 2.5 * len(found.scans)), squeeze=False)
     parts = zip(rows[:, 0], found.scans, found.seen, found.solution.normalised, found.solution.rejected, strict=True)
+    good = 0
     for (axes, scan, seen, size, bad), limit in zip(parts, chance_limits(found), strict=True):
         group = scan.group[seen] if scan.group is not None else np.arange(len(seen))
         top = 1.15 * max(np.append(size[~bad], limit))
@@ -106,7 +109,9 @@ def plot_residuals(found) -> plt.Figure | None:
         axes.plot([], [], color="black", lw=1.5, label="rms of a group")
         axes.set(xlabel="pose", ylabel="residual / noise", ylim=(0, top), title=scan.title if len(rows) > 1 else "")
         label_poses(axes, seen, [scan.labels[i] for i in seen])
-    figure.legend(*rows[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
+        good += np.count_nonzero((size <= limit) & ~bad)
+    figure.suptitle(f"{good} of {sum(map(len, found.seen))} residuals are no larger than chance explains")
+    figure.legend(*rows[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
     return figure
 
 
@@ -121,7 +126,9 @@ def plot_left_out(left) -> plt.Figure | None:
     axes.scatter(np.arange(len(shown)), left.expected_mm[shown], marker="_", s=120, color="black", label="expected")
     label_poses(axes, np.arange(len(shown)), [left.poses[g][0] for g in shown])
     axes.set(xlabel="orientation left out, by its first pose", ylabel="predicted to, rms [mm]")
-    figure.legend(loc="outside upper center", ncols=2)
+    good = np.count_nonzero(~left.doubted[shown])
+    figure.suptitle(f"{good} of {len(shown)} orientations fit the others")
+    figure.legend(loc="outside lower center", ncols=2)
     return figure
 
 
@@ -140,8 +147,11 @@ def shorten(text: str, length: int) -> str:
 def plot_view(found) -> plt.Figure:
     """What was seen of the targets, in the scan plane, and the field of view, as far as raw profiles show it."""
     figure, axes = plt.subplots(figsize=(5.6, 4.2))
-    field = field_of_view(found.scans)
+    field, title = field_of_view(found.scans), "Where the features lie in the scan plane"
     if field is not None:
+        seen = np.concatenate([np.asarray(o.points).reshape(-1, 2) for o in found.observed])
+        across, deep = (np.nanmax(seen, axis=0) - np.nanmin(seen, axis=0)) / np.ptp(field, axis=0)
+        title = f"Features span {across:.0%} of the width, {deep:.0%} of the depth"
         axes.fill(*field.T, color="0.92", label="field of view, as far as the profiles reach")
     for k, (scan, o) in enumerate(zip(found.scans, found.observed, strict=True)):
         colour, points = (BLUE, GREEN, ORANGE, PURPLE)[k % 4], np.asarray(o.points)[0]
@@ -158,7 +168,8 @@ def plot_view(found) -> plt.Figure:
             axes.scatter(*points.reshape(-1, 2).T, s=8 if o.target.points else 1, color=colour, label=name, alpha=0.7)
     axes.set(xlabel="sensor x [mm]", ylabel="sensor z, depth [mm]", aspect="equal")
     axes.invert_yaxis()
-    figure.legend(loc="outside upper center", ncols=2)
+    figure.suptitle(title)
+    figure.legend(loc="outside lower center", ncols=2)
     return figure
 
 
@@ -201,6 +212,8 @@ def profile_page(scan, features, page, cell, rejected, columns: int = 4) -> plt.
         ylim=(bottom - 0.1 * cell[1], 0.8 * cell[1]),
     )
     axes.axis("off")
+    there = sum(features[i].found for i in page)
+    figure.suptitle(f"Profiles {page[0] + 1} to {page[-1] + 1} of {len(features)}: {there} features found")
     return figure
 
 
@@ -248,6 +261,9 @@ def plot_directions(found) -> plt.Figure | None:
     for place, text in ((np.sqrt(low * WEAK), "good"), (np.sqrt(WEAK), "weak"), (np.sqrt(50), "unknown")):
         scale.text(place, 0.3, text, ha="center", va="center", fontsize=9)
     scale.set_xlabel("standard deviation")
+    name = "good" if s.sd[0] < WEAK else "weak" if s.sd[0] < 1 else "unknown"
+    size = f": {BY_HAND_MM * s.sd[0]:.2g} mm or {BY_HAND_DEG * s.sd[0]:.2g}°" if s.sd[0] < 1 else ""
+    figure.suptitle(f"The weakest direction is {name}{size}")
     return figure
 
 
@@ -269,13 +285,14 @@ def plot_setting(found) -> plt.Figure:
     """Where targets and scanner are, from results alone: flange, sensor frame and scan plane in the middle of each
     scan's poses, twice the standard deviation of its positions as a cross, and how far it turns. No pose is drawn."""
     figure = plt.figure(figsize=(9, 4.6))
-    axes, drawn, s = figure.add_subplot(projection="3d"), [], found.solution
+    axes, drawn, turned_by, s = figure.add_subplot(projection="3d"), [], [], found.solution
     parts = zip(found.scans, found.observed, s.placements, (BLUE, GREEN, ORANGE, PURPLE), strict=False)
     for scan, observed, placement, colour in parts:
         rotation = observed.R_flange[0] @ s.rotation
         origins = observed.T_flange[0] + observed.R_flange[0] @ s.translation
         middle, turned = origins.mean(axis=0), nearest_rotation(rotation.mean(axis=0))
         turns = np.sqrt(np.mean(np.degrees(angle_between(turned, rotation)) ** 2))
+        turned_by.append(turns)
         label = f"{scan.kind}; scanner turned\nby {turns:.0f}° rms"
         drawn.append(draw_lines(axes, target_lines(placement, s, observed), colour, label))
         x, z = np.nanpercentile(observed.points[0].reshape(-1, 2), [1, 99], axis=0).T
@@ -293,6 +310,8 @@ def plot_setting(found) -> plt.Figure:
     equal_axes(axes, np.concatenate(drawn))
     axes.set(xlabel="base x [mm]", ylabel="base y [mm]", zlabel="base z [mm]")
     axes.set_box_aspect((1, 1, 1), zoom=1.1)
+    lever, (least, most) = np.linalg.norm(s.translation), (f(turned_by) for f in (min, max))
+    figure.suptitle(f"The sensor is {lever:.0f} mm from the flange; it turned by {least:.0f}° to {most:.0f}° rms")
     axes.locator_params(nbins=5)
     handles, labels = axes.get_legend_handles_labels()
     once = dict(zip(labels, handles, strict=True))
