@@ -11,7 +11,7 @@ from profilecal.joint.observations import Observations
 from profilecal.joint.sharing import level_variances, sharing
 from profilecal.joint.state import pose_error
 from profilecal.joint.systematic import considered
-from profilecal.plan.plan import setup_of
+from profilecal.plan.entries import setup_of
 from profilecal.plan.setup import Setup, problem_of
 from profilecal.simulate.spec import read_spec
 

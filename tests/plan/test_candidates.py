@@ -8,7 +8,8 @@ from planned import GUESS, KINDS, setup_for, spec_of
 
 from profilecal.geometry.poses import carry, inverse
 from profilecal.plan.candidates import AT_LIMIT, Limits, draw, inverse_mount, random_views, refused, turned
-from profilecal.plan.plan import Wishes, design, setup_of
+from profilecal.plan.entries import setup_of
+from profilecal.plan.plan import Wishes, design
 from profilecal.scan.scan import ScanError
 from profilecal.simulate.guess import off_by, read_guess
 

@@ -148,12 +148,16 @@ def test_a_plan_after_another_adds_what_that_one_lacks():
 
 
 def test_each_criterion_is_best_at_what_it_asks_for():
-    setup = setup_for("edge")
-    plans = {name: design(setup, Wishes(poses=12, criterion=name), np.random.default_rng(8)) for name in CRITERIA}
-    unit = np.r_[np.full(3, 10.0), np.full(3, np.radians(5))]
-    C = {name: plan.predicted.covariance / unit / unit[:, None] for name, plan in plans.items()}
-    for name in CRITERIA:
-        assert judge(C[name], name) <= 1.05 * min(judge(other, name) for other in C.values())
+    """The middle of three: exchanges may end where none helps, though a better plan exists."""
+    setup, unit = setup_for("edge"), np.r_[np.full(3, 10.0), np.full(3, np.radians(5))]
+    over_best = []
+    for seed in (8, 9, 10):
+        plans = {
+            name: design(setup, Wishes(poses=12, criterion=name), np.random.default_rng(seed)) for name in CRITERIA
+        }
+        C = {name: plan.predicted.covariance / unit / unit[:, None] for name, plan in plans.items()}
+        over_best.append([judge(C[name], name) / min(judge(other, name) for other in C.values()) for name in CRITERIA])
+    assert (np.median(over_best, axis=0) <= 1.02).all()
 
 
 def test_the_way_is_no_longer_than_before_and_goes_everywhere():

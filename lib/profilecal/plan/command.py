@@ -9,9 +9,10 @@ import numpy as np
 from profilecal.calibrate.calibration import calibrate
 from profilecal.calibrate.observe import observe, stated_noise
 from profilecal.joint.observability import turns
+from profilecal.plan.entries import read_wishes, setup_of
 from profilecal.plan.folder import write_plans
 from profilecal.plan.mend import OPEN, apart, is_open, mending, other_target, setup_of_scan
-from profilecal.plan.plan import Plan, Wishes, design_together, merged, read_wishes, setup_of
+from profilecal.plan.plan import Plan, Wishes, design_together, merged
 from profilecal.plan.setup import Part, Prediction, Setup, predict
 from profilecal.scan.folder import read_scan
 from profilecal.scan.scan import Scan, ScanError
