@@ -2,14 +2,17 @@
 PYTHON ?= python3
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 
-.PHONY: reproduce test bench site notebooks lock clean
+.PHONY: install reproduce test bench site notebooks lock clean
+
+install: .venv/installed
+	@echo "Installed; . .venv/bin/activate makes the command profilecal"
 
 reproduce: .venv/installed
 	@profilecal reproduce
 
 test: .venv/installed
 	@ruff check . && ruff format --check .
-	@pytest -n auto --dist loadfile --nbval --nbval-current-env --nbval-cell-timeout=600 tests notebooks
+	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 pytest -n auto --dist loadfile --nbval --nbval-current-env --nbval-cell-timeout=600 tests notebooks
 
 bench: .venv/installed # CPU time against peers, which the extra installs; writes results/bench.csv
 	@{ command -v uv >/dev/null && uv pip install -q --python .venv/bin/python -e ".[bench]" || .venv/bin/pip install -q -e ".[bench]"; }
@@ -38,7 +41,7 @@ clean:
 .venv/installed: environment.txt pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || \
 	  { echo "profilecal needs Python 3.11 or newer. Say where it is: make PYTHON=python3.13 $(MAKECMDGOALS)"; exit 1; }
-	@echo "Installing environment.txt into .venv (once; about half a minute)"
+	@echo "Installing environment.txt into .venv (once; one to three minutes)"
 	@rm -rf .venv
 	@if command -v uv >/dev/null; then uv venv -q --python "$$($(PYTHON) -c 'import sys; print(sys.executable)')" .venv; \
 	elif $(PYTHON) -c 'import ensurepip' 2>/dev/null; then \

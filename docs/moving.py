@@ -34,7 +34,7 @@ def edge_directions() -> np.ndarray:
 
 def chord_curves() -> np.ndarray:
     """e (sigmas, chords) of the disk paper's Fig. 15, mm."""
-    study = disk_study(fig15_scans((-0.9, 0.32)), SIGMAS, CHORDS, TRIALS, np.random.default_rng(15))
+    study = disk_study(fig15_scans(), SIGMAS, CHORDS, TRIALS, np.random.default_rng(15))
     return next(iter(READINGS.values()))(study.centre_error)
 
 

@@ -24,9 +24,9 @@ def spec_of(kind: str, **entries):
 
 
 @cache
-def setup_for(kind: str) -> Setup:
-    """With raw profiles where there are any, and robot errors as usual."""
-    measured = "points" if kind == "point" else "profiles"
+def setup_for(kind: str, measured: str = "") -> Setup:
+    """With raw profiles where there are any and nothing else is asked for, and robot errors as usual."""
+    measured = measured or ("points" if kind == "point" else "profiles")
     return setup_of(spec_of(kind, measured=measured), {}, np.random.default_rng(1))
 
 
@@ -56,7 +56,7 @@ def one_scan(setup: Setup, seen: Observations, R, T, rng) -> np.ndarray:
             changes.append((change, size * rng.normal()))
     target = setup.target.at(*setup.target.frame, tuple(sizes))
     planes = R @ setup.R_sensor, carry(R, T, setup.T_sensor)
-    found = replace(seen, points=setup.seen(target, planes, setup.count)[None])
+    found = replace(seen, points=setup.shown(target, planes)[None])
     for change, size in changes:
         found = change.apply(found, size)
     return found.points

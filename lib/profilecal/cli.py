@@ -137,14 +137,25 @@ def calibrate(folders, as_json, vendor, guess, method, leave_out, report):
 @click.argument("spec", type=PLACE)
 @click.argument("folder", type=PLACE)
 def simulate(spec, folder):
-    """Write the scan that SPEC.toml describes, with its truth, into a new FOLDER."""
+    """Write the scan that SPEC.toml describes, with its truth, into a new FOLDER; of several targets, one into a folder
+    in it for each."""
+    from profilecal.scan.files import new_folder
     from profilecal.scan.folder import write_scan
     from profilecal.scan.tables import read_toml
-    from profilecal.simulate.spec import read_spec, simulate_scan
+    from profilecal.simulate.spec import names_of, read_specs, simulate_scans
 
     with refusing():
-        write_scan(simulate_scan(read_spec(read_toml(spec), spec.parent)), folder)
-    click.echo(f"{folder}/ written; its truth is in truth.toml")
+        specs = read_specs(read_toml(spec), spec.parent)
+        names = names_of([one.kind for one in specs])
+        scans = simulate_scans(specs)
+        if len(scans) == 1:
+            write_scan(scans[0], folder)
+        else:
+            with new_folder(folder) as partial:
+                for name, scan in zip(names, scans, strict=True):
+                    write_scan(scan, partial / name)
+    for name in names:
+        click.echo(f"{folder / name}/ written; its truth is in truth.toml")
 
 
 @main.command()
@@ -153,8 +164,14 @@ def simulate(spec, folder):
 @click.option("--poses", type=click.IntRange(1, 1000), help="So many; else as many as --until takes.")
 @click.option("--until", nargs=2, type=float, metavar="MM DEG", help="Largest standard deviations in any direction.")
 @click.option("--criterion", type=click.Choice(["worst", "A", "D"]), help="What a plan makes small.")
-@click.option("--after", type=SCAN, help="A scan folder whose poses are there already.")
-@click.option("--of", "given", type=SCAN, help="Predict the poses of this folder or poses.csv; nothing is designed.")
+@click.option("--after", type=SCAN, multiple=True, help="A scan folder whose poses are there already, of any target.")
+@click.option(
+    "--of",
+    "given",
+    type=SCAN,
+    multiple=True,
+    help="Predict the poses of this folder or poses.csv, of several targets one for each; nothing is designed.",
+)
 def plan(spec, folder, after, given, **options):
     """Choose the poses from which SPEC.toml is calibrated best, and write them, ready to run, into a new FOLDER.
 
@@ -166,18 +183,17 @@ def plan(spec, folder, after, given, **options):
     with refusing():
         task = command.task(spec, after, **options)
         if given:
-            setup, found = command.prediction_of(task, given)
-            click.echo("\n".join([*believed(setup), *predicted(found)]))
+            click.echo("\n".join([*believed(task.setups[0]), *predicted(command.prediction_of(task, given))]))
             return
-        found = command.designed(task)
-        if folder:
-            command.write(task, found, folder)
-    click.echo(to_text(found))
-    if folder:
+        plans = command.designed(task)
+        written = command.write(task, plans, folder) if folder else {}
+    click.echo(to_text(plans))
+    for name, found in written.items():
         from profilecal.report.plan import save_plan
 
-        save_plan(found, folder / "plan.png")
-        click.echo(f"{folder}/ written; look at {folder / 'plan.html'}, drive {folder / 'poses.csv'}")
+        there = folder / name
+        save_plan(found, there / "plan.png")
+        click.echo(f"{there}/ written; look at {there / 'plan.html'}, drive {there / 'poses.csv'}")
 
 
 @main.command()

@@ -12,7 +12,7 @@ from profilecal.papers.disk_study import disk_study
 from profilecal.papers.monte_carlo import BLOCK
 from profilecal.papers.settings import fig15_scans, fig17_scans
 
-SCANS = fig15_scans((-0.9, 0.32))
+SCANS = fig15_scans()
 SIGMA_MM, M, TRIALS = np.arange(1, 10) / 10, np.arange(10, 201, 10), 500
 REPEATS = 5
 

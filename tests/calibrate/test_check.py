@@ -23,6 +23,16 @@ def test_planted_outliers_are_named_by_check_and_rejected_by_calibrate():
         assert f"pose {label} does not fit its group" in said
 
 
+def test_one_of_a_group_is_doubted_where_nothing_tells_which():
+    """Five positions in space leave one degree of freedom: every one of them fits equally badly."""
+    scan = simulate_scan(Spec(seed=7, groups=12, positions=5))
+    values = [v + 3.0 * (i == 17) for i, v in enumerate(scan.values)]
+    group = ", ".join(scan.labels[15:20])
+    said = "\n".join(check(replace(scan, values=tuple(values))))
+    assert f"one of the poses {group} does not fit: one more would tell which" in said
+    assert "does not fit its group" not in said
+
+
 def test_check_rarely_doubts_a_good_scan():
     doubted = 0
     for seed in range(60):

@@ -53,7 +53,7 @@ WRONG = {
     "edge scale": (
         "edge",
         lambda s: profiles(s, [[1.01, 0], [0, 1.01]]),
-        "the robot's positions were too near each other by 1 %",
+        "the robot's positions were too close together by 1 %",
     ),
     "x": ("ball", lambda s: profiles(s, [[0.995, 0], [0, 1]]), "the profiles' x were too small by 0."),
     "z": ("ball", lambda s: profiles(s, [[1, 0], [0, 1.01]]), "the profiles' z were too large by 1"),
@@ -89,6 +89,7 @@ def test_a_scanner_and_a_target_as_they_may_be_are_allowed_for(kind):
     found = calibrate([scan])
     assert found.status == "ok"
     assert distance(scan, found)[0] < np.sqrt(chi2.isf(1e-4, 6))
+    assert found.solution.rms_mm < 1.1 * calibrate([example(kind)]).solution.rms_mm  # what they explain is no residual
     exact = calibrate([replace(scan, noise=scan.noise | dict.fromkeys(SCANNER, 0.0))])
     assert distance(scan, exact)[0] > distance(scan, found)[0]
 

@@ -80,6 +80,8 @@ def test_what_was_read_wrongly_comes_first(spec, right):
     assert found.messages[0].startswith("with ")
     assert right in found.messages[0]
     assert re.search(r"the residuals are 0\.0\d+ mm instead of", found.messages[0])
+    assert found.misread
+    assert not any("add poses" in message or "tilt" in message for message in found.messages)
 
 
 def test_a_scan_of_several_is_named_and_nothing_is_applied():

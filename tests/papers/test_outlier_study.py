@@ -86,7 +86,7 @@ def test_the_screen_of_a_batch_is_that_of_single_scans_and_takes_out_what_was_pl
         one = seen.take(slice(k, k + 1))
         alone = affine_outliers(replace(one, points=points[k].reshape(1, 96, 1, 2)))
         assert affine_noise(one)[0] == pytest.approx(0.05, rel=0.3)
-        assert alone == list(np.flatnonzero(found))
+        assert alone == [[k] for k in np.flatnonzero(found)]
 
 
 def test_the_screen_names_no_point_where_all_fit_equally_badly():

@@ -62,6 +62,7 @@ def test_plan_simulate_calibrate_gives_the_truth_within_its_region(tmp_path):
     worst = np.sqrt(np.linalg.eigvalsh(np.array(found["covariance"])[:3, :3])[-1])
     said = float(re.search(r"worst +([\d.]+) mm", planned.output)[1])
     assert 0.5 < worst / said < 2  # the calibration finds its own noise
+    assert len(found["poses_used"]) == len(pd.read_csv(plan / "poses.csv"))  # both sides of every corner were seen
     poses, driven = (pd.read_csv(folder / "poses.csv") for folder in (plan, scan))
     assert (poses.columns == driven.columns).all()
     assert np.allclose(poses, driven)
@@ -89,7 +90,7 @@ def test_eye_to_hand_is_planned_simulated_and_calibrated(tmp_path):
         ("mount = [60, -40, 110, 170, 10, 30]", "mount = [900, 0, 700, 180, 0, 0]"),
         ("target = [900, 50, 300]", "target = [20, 0, 150]"),
         ("seed = 2", 'seed = 2\nmount = "eye-to-hand"'),
-        ("poses = 8", "poses = 14"),
+        ("poses = 8", "poses = 40"),  # fewer hardly show how large the robot's errors are
     )
     assert run("plan", spec, tmp_path / "plan").exit_code == 0
     assert run("simulate", tmp_path / "plan" / "simulate.toml", tmp_path / "scan").exit_code == 0
@@ -147,6 +148,80 @@ def test_what_exists_is_counted_and_predicted(tmp_path):
     assert len(pd.read_csv(tmp_path / "next" / "poses.csv")) == 4
     enough = re.search(r"until +(\d+) poses for 0.3 mm and 0.2°", run("plan", spec, "--until", 0.3, 0.2).output)
     assert 4 <= int(enough[1]) <= 8
+
+
+PAIR = """
+seed = 3
+measured = "profiles"
+[guess]
+mount = [60, -40, 110, 170, 10, 30]
+[[targets]]
+kind = "plane"
+target = [900, 50, 300]
+[[targets]]
+kind = "ball"
+radius = 20
+target = [850, -60, 320]
+[noise]
+profile_mm = 0.05
+position_mm = 0.05
+orientation_deg = 0.02
+[plan]
+poses = 14
+"""
+
+
+def test_two_targets_are_planned_simulated_and_calibrated_together(tmp_path):
+    (tmp_path / "spec.toml").write_text(PAIR)
+    plan, scan = tmp_path / "plan", tmp_path / "scan"
+    planned = run("plan", tmp_path / "spec.toml", plan)
+    assert planned.exit_code == 0, planned.output
+    said = re.search(r"(\d+) over plane, (\d+) over ball", planned.output)
+    poses = [len(pd.read_csv(plan / name / "poses.csv")) for name in ("plane", "ball")]
+    assert poses == [int(said[1]), int(said[2])]
+    assert sum(poses) == 14
+    assert run("simulate", plan / "simulate.toml", scan).exit_code == 0
+    plane, ball = (read_toml(scan / name / "truth.toml")["T_flange_sensor"] for name in ("plane", "ball"))
+    assert plane == ball  # one mount
+    found = json.loads(run("calibrate", scan / "plane", scan / "ball", "--json").output)
+    T, truth = np.array(found["T_flange_sensor"]), np.array(plane)
+    delta = pose_error(T[:3, :3], T[:3, 3], truth[:3, :3], truth[:3, 3])
+    assert normalised_square(as_covariance(found), delta) < chi2.ppf(0.99, 6)
+
+    worst = re.search(r"worst .+", planned.output)[0]
+    ball = tmp_path / "ball.toml"
+    ball.write_text(PAIR.replace('[[targets]]\nkind = "plane"\ntarget = [900, 50, 300]\n', ""))
+    for predicted in (
+        run("plan", tmp_path / "spec.toml", "--of", plan / "plane", "--of", plan / "ball"),
+        run("plan", ball, "--of", plan / "ball", "--after", scan / "plane"),
+    ):
+        assert "predicted for 14 poses" in predicted.output, predicted.output
+        values = [float(re.search(r"worst +([\d.]+)", text)[1]) for text in (worst, predicted.output)]
+        assert values[1] == pytest.approx(values[0], rel=0.15)
+    one = run("plan", tmp_path / "spec.toml", "--of", plan / "plane")
+    assert one.exit_code == 2
+    assert "there are 2 targets; expected --of as often" in one.output
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        ('kind = "plane"\n', 'kind = "plane"\ncolour = 1\n', "unknown entry 'colour' in [[targets]]"),
+        ('kind = "plane"\n', 'kind = "plane"\nradius = 1\n', "unknown entry 'radius' in [[targets]]"),
+        ("target = [900, 50, 300]\n", "", "target is missing in [guess]"),
+    ],
+)
+def test_targets_that_are_not_described_are_refused_in_words(tmp_path, old, new, sentence):
+    (tmp_path / "spec.toml").write_text(PAIR.replace(old, new))
+    refused = run("plan", tmp_path / "spec.toml", tmp_path / "plan")
+    assert refused.exit_code == 2
+    assert sentence in refused.output
+
+
+def test_a_plan_of_few_poses_says_that_its_errors_will_hardly_show(tmp_path):
+    few = "few poses: only 6 measurements more than unknowns"
+    assert few in run("plan", spec_in(tmp_path)).output  # 8 points x, z of an edge, 10 unknowns
+    assert "few poses" not in run("plan", spec_in(tmp_path, ("poses = 8", "poses = 16"))).output
 
 
 @pytest.mark.parametrize(

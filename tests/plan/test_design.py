@@ -10,7 +10,7 @@ from profilecal.geometry.poses import rotations
 from profilecal.papers.edge_plan import EdgePlan, plan_edge
 from profilecal.plan.candidates import Limits, draw, inverse_mount, refused
 from profilecal.plan.design import CRITERIA, Pool, exchange, judge, shortest
-from profilecal.plan.plan import Wishes, design, largest
+from profilecal.plan.plan import Wishes, design, design_together, largest
 from profilecal.plan.setup import blocks, predict, scales
 
 
@@ -67,6 +67,47 @@ def test_half_of_the_poses_that_random_plans_need(kind):
     assert np.mean((np.array(random) <= [0.1, 0.05]).all(axis=1)) < 0.5
 
 
+@pytest.mark.parametrize("kind", ["edge", "ball"])
+def test_no_pose_can_be_left_out_of_a_plan_that_is_just_enough(kind):
+    setup = setup_for(kind)
+    plan = design(setup, Wishes(until=(0.15, 0.08)), np.random.default_rng(6), candidates=400)
+    mm, deg = plan.wishes.until
+    assert plan.enough == len(plan.T) == plan.predicted.poses
+    assert plan.predicted.mm <= mm
+    assert plan.predicted.deg <= deg
+    for k in range(len(plan.T)):
+        fewer = predict([(setup, np.delete(plan.R, k, axis=0), np.delete(plan.T, k, axis=0))])
+        assert fewer.mm > mm or fewer.deg > deg
+
+
+def test_polishing_saves_poses():
+    setup, counts = setup_for("edge"), []
+    for polishes in (0, 2):
+        plan = design(setup, Wishes(until=(0.08, 0.04)), np.random.default_rng(6), candidates=300, polishes=polishes)
+        counts.append(len(plan.T))
+    assert counts[1] <= 0.85 * counts[0]
+
+
+def test_the_curve_is_that_of_the_plans_best_poses():
+    setup = setup_for("edge")
+    plan = design(setup, Wishes(poses=12), np.random.default_rng(6), candidates=300, polishes=1)
+    assert sorted(plan.rank) == list(range(1, 13))
+    for n, mm, deg in plan.curve[5:]:
+        best = predict([(setup, plan.R[plan.rank <= n], plan.T[plan.rank <= n])])
+        assert (best.mm, best.deg) == pytest.approx((mm, deg), rel=1e-3)
+
+
+def test_a_plane_and_a_ball_together_beat_either_alone():
+    setups, rng = [setup_for("plane"), setup_for("ball")], np.random.default_rng(3)
+    options = {"candidates": 400, "polishes": 1}
+    alone = [design(setup, Wishes(poses=12), rng, **options).predicted.spectrum.sd[0] for setup in setups]
+    together = design_together(setups, Wishes(poses=12), rng, **options)
+    assert [plan.setup for plan in together] == setups
+    assert sum(len(plan.T) for plan in together) == 12
+    assert min(len(plan.T) for plan in together) >= 3
+    assert together[0].predicted.spectrum.sd[0] < 0.9 * min(alone)
+
+
 def test_25_designed_profiles_beat_the_papers_250_over_an_edge_twofold():
     setup = setup_for("edge")
     paper = plan_edge(EdgePlan(), setup.target, setup.R_sensor, setup.T_sensor, np.random.default_rng(2))
@@ -99,7 +140,7 @@ def test_a_plan_after_another_adds_what_that_one_lacks():
     setup, rng = setup_for("edge"), np.random.default_rng(7)
     R, T = draw(setup, Limits(tilt_deg=2, spin_deg=0), 30, rng)
     before = predict([(setup, R, T)])
-    plan = design(setup, Wishes(poses=6), rng, (setup, R, T))
+    plan = design(setup, Wishes(poses=6), rng, [(setup, R, T)])
     assert before.spectrum.status != "ok"
     assert plan.predicted.poses == 36
     assert plan.predicted.mm < 0.2

@@ -1,4 +1,4 @@
-"""The bars of notebook 32 are as long as its table says, not merely there."""
+"""The dots of notebook 32 lie where its numbers say, not merely anywhere."""
 
 import json
 from pathlib import Path
@@ -7,7 +7,6 @@ import matplotlib
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
-import pytest
 
 from profilecal.report import figures
 from profilecal.report.needs import plot_needs
@@ -15,15 +14,18 @@ from profilecal.report.needs import plot_needs
 NOTEBOOK = Path(__file__).parents[2] / "notebooks" / "32_what_each_method_needs.ipynb"
 
 
-def bars(axes) -> dict:
-    """Length and colour of each bar, by its label."""
-    labels = zip(axes.get_yticks(), [label.get_text() for label in axes.get_yticklabels()], strict=True)
+def dots(axes, label_axes) -> dict:
+    """The two ends of each pair and its colour, by its label."""
+    labels = zip(label_axes.get_yticks(), [label.get_text() for label in label_axes.get_yticklabels()], strict=True)
     names = {round(place, 6): name for place, name in labels}
-    shown = [(round(bar.get_y() + bar.get_height() / 2, 6), bar) for bar in axes.patches]
-    return {names[place]: (bar.get_width(), matplotlib.colors.to_hex(bar.get_facecolor())) for place, bar in shown}
+    pairs = [line for line in axes.lines if line.get_marker() == "None" and len(line.get_xdata()) == 2]
+    return {
+        names[round(line.get_ydata()[0], 6)]: (*line.get_xdata(), matplotlib.colors.to_hex(line.get_color()))
+        for line in pairs
+    }
 
 
-def test_bars_of_the_notebook_equal_its_table(monkeypatch):
+def test_dots_of_the_notebook_equal_its_numbers(monkeypatch):
     monkeypatch.setattr(plt, "show", lambda: None)
     names = {}
     for cell in json.loads(NOTEBOOK.read_text(encoding="utf-8"))["cells"]:
@@ -31,22 +33,23 @@ def test_bars_of_the_notebook_equal_its_table(monkeypatch):
             exec("".join(cell["source"]), names)
             if "parameters" in cell["metadata"].get("tags", []):
                 names["trials"] = 20
-    (axes,) = plt.gcf().axes
-    drawn, table = bars(axes), names["needs"]
-    limit = np.linalg.norm(names["scans"].T_sensor) / names["noise_mm"]
-    assert len(drawn) == len(table)
-    assert axes.get_xscale() == "log"
-    for row in table.to_dict("records"):
-        length, colour = drawn[f"{row['method']}: {row['data']}"]
-        assert length == min(row["error over noise"], limit)
-        assert (colour.upper() == figures.ORANGE) == row["suffices"]
+    table = names["needs"]
+    for k, (axes, column) in enumerate(zip(plt.gcf().axes, ("rotation", "translation"), strict=True)):
+        drawn = dots(axes, plt.gcf().axes[0])
+        assert len(drawn) == len(table)
+        assert axes.get_xscale() == "log"
+        for row, (key, errors) in zip(table.to_dict("records"), names["found"].items(), strict=True):
+            *ends, colour = drawn[": ".join(key)]
+            assert ends == [min(error[k], names["sought"][k]) for error in errors]
+            assert (colour.upper() == figures.ORANGE) == row[column]
     plt.close("all")
 
 
-def test_text_is_refused_and_long_bars_end_at_the_limit():
-    table = pd.DataFrame({"method": ["a", "a", "b"], "data": ["1", "2", "1"], "suffices": [False, True, True]})
-    with pytest.raises(ValueError, match="holds no numbers"):
-        plot_needs(table.assign(**{"error over noise": ["over 100", "2.7", "2.2"]}), {}, 100.0)
-    figure = plot_needs(table.assign(**{"error over noise": [np.inf, 2.7, 2.2]}), {"a": "2"}, 100.0)
-    assert [length for length, _ in bars(figure.axes[0]).values()] == [100.0, 2.7, 2.2]
+def test_errors_without_an_end_stop_at_what_is_sought():
+    table = pd.DataFrame({"method": ["a", "b"], "data": ["1", "2"], "rotation": [True, False], "translation": False})
+    errors = np.array([[[2.0, np.inf], [3.0, np.nan]], [[0.2, 1e9], [3.0, 5.0]]])
+    figure = plot_needs(table, errors, {"a": "1"}, (180.0, 100.0))
+    first, second = (dots(axes, figure.axes[0]) for axes in figure.axes)
+    assert [ends[:2] for ends in first.values()] == [(2.0, 0.2), (3.0, 3.0)]
+    assert [ends[:2] for ends in second.values()] == [(100.0, 100.0), (100.0, 5.0)]
     plt.close(figure)

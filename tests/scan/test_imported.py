@@ -1,7 +1,8 @@
-"""Scans from the files that people have: eight layouts of one scan, wrong guesses, corrupted files, real ones."""
+"""Scans from the files that people have: ten layouts of one scan, wrong guesses, corrupted files, real ones."""
 
 import functools
 import os
+import re
 import shutil
 from contextlib import suppress
 from dataclasses import replace
@@ -112,6 +113,22 @@ def of_a_tool(folder):
         np.savetxt(folder / f"s{k}.dat", filled)
 
 
+def shuffled(folder):
+    """The poses in another order than their profiles; a column of a name of its own says which is which."""
+    frame = pd.DataFrame(np.hstack([scan().T_base_flange, angles("KUKA angles")]), columns=list("XYZABC"))
+    frame.insert(0, "Take", np.arange(12) + 5)
+    frame.iloc[np.random.default_rng(1).permutation(12)].to_csv(folder / "robot.csv", index=False, sep=";")
+    for k, v in enumerate(scan().values):
+        np.savetxt(folder / f"scan_{k + 5:03d}.txt", v)
+
+
+def a_row_each(folder):
+    block = np.hstack([scan().T_base_flange, angles("quaternion")])
+    for k, (v, row) in enumerate(zip(scan().values, block, strict=True)):
+        np.savetxt(folder / f"p{k:02d}.csv", v.T, delimiter=",")
+        np.savetxt(folder / f"p{k:02d}.pose", row[None], delimiter=" ")
+
+
 LAYOUTS = {
     "fanuc": (fanuc, Layout()),
     "kuka": (kuka, Layout()),
@@ -120,6 +137,8 @@ LAYOUTS = {
     "ros": (ros, Layout()),
     "universal": (universal, Layout()),
     "commas": (commas, Layout()),
+    "shuffled": (shuffled, Layout()),
+    "a row each": (a_row_each, Layout(pose_columns="x,y,z,qw,qx,qy,qz")),
     "of a tool": (
         of_a_tool,
         Layout(pose_columns="x,y,z,qw,qx,qy,qz", columns="2,3", missing=-999.0, tool=TOOL, poses="robot.dat"),
@@ -134,15 +153,25 @@ def written(name, folder):
 
 
 @pytest.mark.parametrize("name", LAYOUTS)
-def test_eight_layouts_are_one_scan(name, tmp_path):
+def test_ten_layouts_are_one_scan(name, tmp_path):
     found, guessed = import_scan(written(name, tmp_path / "files"), "edge", {}, LAYOUTS[name][1])
-    np.testing.assert_allclose(found.R_base_flange, scan().R_base_flange, atol=1e-9)
-    np.testing.assert_allclose(found.T_base_flange, scan().T_base_flange, atol=1e-9)
-    for ours, theirs in zip(found.values, scan().values, strict=True):
+    order = np.argsort([int(re.findall(r"\d+", label)[-1]) for label in found.labels])
+    np.testing.assert_allclose(found.R_base_flange[order], scan().R_base_flange, atol=1e-9)
+    np.testing.assert_allclose(found.T_base_flange[order], scan().T_base_flange, atol=1e-9)
+    for ours, theirs in zip([found.values[k] for k in order], scan().values, strict=True):
         seen = np.isfinite(theirs[:, 1])
         np.testing.assert_array_equal(np.isfinite(ours[:, 1]), seen)
         np.testing.assert_allclose(ours[seen], theirs[seen], atol=1e-9)
     assert len(guessed) == 5
+
+
+def test_poses_are_called_as_their_profiles_without_the_word_in_front(tmp_path):
+    found, guessed = import_scan(written("a row each", tmp_path / "files"), "edge", {}, LAYOUTS["a row each"][1])
+    assert found.labels == tuple(f"{k:02d}" for k in range(12))
+    points, nothing = (sum(map(count, scan().values)) for count in (len, lambda v: np.isnan(v[:, 1]).sum()))
+    assert f"{points} points, x and z in columns 1 and 2, in mm (the largest is" in guessed[2]
+    assert guessed[2].endswith(f"nothing seen in {nothing} of them")
+    assert guessed[3] == "matched    by their names"
 
 
 def test_from_the_command_line_to_a_scan_that_calibrates(tmp_path):
@@ -209,7 +238,11 @@ MISTAKES = {
         "pose 5: matrix with determ",
     ),
     "untitled": ("commas", change("poses.csv", "Alpha", "tilt"), "the orientation lacks alpha of alpha, beta, gamma"),
-    "other numbers": ("rows and matrices", lambda f: (f / "pose4.txt").rename(f / "pose44.txt"), "are not the same"),
+    "other numbers": (
+        "rows and matrices",
+        lambda f: (f / "pose4.txt").rename(f / "pose44.txt"),
+        "no profile for pose",
+    ),
 }
 
 

@@ -29,6 +29,7 @@ class Calibration:
     solution: Solution | None = None  # None: fewer measurements than unknowns
     messages: tuple[str, ...] = ()  # sentences a person can act on
     method: str = "joint"
+    misread: bool = False  # another reading of the poses explains the data; `messages` says which
 
     def noting(self, messages, first=()) -> "Calibration":
         """This one with more to say, some of it `first`."""
@@ -132,12 +133,16 @@ def calibrate(scans, guess=None, method: str = "joint", rng: np.random.Generator
             solution = solve(observed, level, starts=[] if guess is None else [(guess[:3, :3], guess[:3, 3])])
             solution = judge(observed, solution)
     except UnobservableError as error:
-        return found.noting([str(error)], first=on_readings(scans, seen))
+        if readings := on_readings(scans, seen):
+            return replace(found.noting([], readings), misread=True)
+        return found.noting([str(error)])
     remarks, wrong = remarks_on_targets(scans, seen, solution)
     if wrong and solution.status == "ok":
         solution = replace(solution, status="weak")
-    first = on_readings(scans, seen) if solution.status != "ok" else []
-    return replace(found.noting([*solution.messages, *remarks], first), solution=solution)
+    found = replace(found, solution=solution)
+    if solution.status != "ok" and (readings := on_readings(scans, seen)):
+        return replace(found.noting([], readings), misread=True)
+    return found.noting([*solution.messages, *remarks])
 
 
 def on_readings(scans, seen) -> list[str]:

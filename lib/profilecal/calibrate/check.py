@@ -12,6 +12,7 @@ from profilecal.joint.noise import affine_noise
 from profilecal.joint.observability import LEAST_TURN_DEG, name_axis, turns
 from profilecal.joint.observations import Observations
 from profilecal.scan.scan import Scan
+from profilecal.scan.tables import listed
 
 
 def check(scan: Scan) -> list[str]:
@@ -36,19 +37,25 @@ def check(scan: Scan) -> list[str]:
         noise, freedom = affine_noise(observed)
         if freedom:
             lines.append(f"noise          {noise:.3g} mm inside groups, from {freedom} degrees of freedom")
-            lines += [
-                f"note           pose {scan.labels[poses[i]]} does not fit its group" for i in affine_outliers(observed)
-            ]
+            for rows in affine_outliers(observed):
+                named = [scan.labels[i] for i in poses[rows]]
+                lines.append(
+                    f"note           pose {named[0]} does not fit its group"
+                    if len(named) == 1
+                    else f"note           one of the poses {listed(named)} does not fit: one more would tell which"
+                )
         else:
             lines.append("noise          unknown before the calibration: groups have too few poses (5 or more each)")
     return [*lines, *(f"note           {text}" for text in (*scan.warnings, *seen.remarks))]
 
 
-def affine_outliers(observations: Observations) -> list[int]:
-    """Poses whose points do not fit their group, by the relation that needs no calibration.
+def affine_outliers(observations: Observations) -> list[list[int]]:
+    """Poses whose points do not fit their group, by the relation that needs no calibration: one each, or several where
+    it is one of them.
 
     Inside a group the sensed points are an affine function of the flange position. The pose that fits worst is taken
-    out as long as chance does not explain it; a whole group on a wrong edge is not seen.
+    out as long as chance does not explain it. With one degree of freedom left, all fit equally badly. A whole group on
+    a wrong edge is not seen.
     """
     noise, bad = affine_noise(observations)[0], []
     points = np.asarray(observations.points)[0].reshape(len(observations.labels), -1)
@@ -63,6 +70,9 @@ def affine_outliers(observations: Observations) -> list[int]:
             size = np.sum(left**2, axis=1) / free / noise**2
             if size.max() < limit:
                 break
-            bad.append(int(rows[size.argmax()]))
+            if freedom == 1:
+                bad.append(rows.tolist())
+                break
+            bad.append([int(rows[size.argmax()])])
             rows = np.delete(rows, size.argmax())
     return sorted(bad)

@@ -129,5 +129,6 @@ def orientations(block, sequence: str):
                 if sequence or unit == "degrees":
                     yield f"a rotation vector in {unit}", Rotation.from_rotvec(np.radians(degrees))
         case 4:
-            for words, order in (("x, y, z, w", [3, 0, 1, 2]), ("z, w, x, y", [1, 2, 3, 0])):
+            first = "z, w, x, y (as if columns named qx, qy, qz, qw held w, x, y, z)"
+            for words, order in (("x, y, z, w", [3, 0, 1, 2]), (first, [1, 2, 3, 0])):
                 yield words, Rotation.from_quat(block[:, order], scalar_first=True)

@@ -40,8 +40,8 @@ class Suspect:
 
     @property
     def sentence(self) -> str:
-        """The suspect in words, with its size, which has no sign where words say which way."""
-        words = re.sub(r"\[(.*)\|(.*)\]", r"\1" if self.size > 0 else r"\2", self.words)
+        """The suspect in words, with its size."""
+        words = re.sub(r"\[(.*?)\|(.*?)\]", r"\1" if self.size > 0 else r"\2", self.words)
         return words.format(self.size if words == self.words else abs(self.size))
 
 
@@ -94,13 +94,13 @@ def fitted_together(observed, solution: Solution, systematic: Systematic) -> tup
 
 def of_robot():
     """Scales of the positions, drifts."""
-    yield Change("the robot's positions were too [far apart|near each other] by {:.2g} %", 100, spread(np.ones(3)))
+    yield Change("the robot's positions were too [far apart|close together] by {:.2g} %", 100, spread(np.ones(3)))
     for k, axis in enumerate("xyz"):
         yield Change(
             f"the robot or the target drifted along the base's {axis} by {{:.2g}} mm", 1, drifted(np.eye(3)[k])
         )
     for k, axis in enumerate("xyz"):
-        words = f"the robot's positions along the base's {axis} were too [far apart|near each other] by {{:.2g}} %"
+        words = f"the robot's positions along the base's {axis} were too [far apart|close together] by {{:.2g}} %"
         yield Change(words, 100, spread(np.eye(3)[k]))
 
 

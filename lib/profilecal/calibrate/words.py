@@ -31,10 +31,11 @@ def to_text(found: Calibration) -> str:
         ]
     if s:
         rejected = found.labels(rejected=True)
+        sizes = [f"noise          {s.noise_mm:.3g} mm, {s.level.how}"]
+        sizes += [f"robot errors   {text}" for text in robot_errors(s.level.levels)]
         lines += [
             f"residuals      {s.rms_mm:.3g} mm rms, χ²/dof {s.chi2_per_dof:.3g}",
-            f"noise          {s.noise_mm:.3g} mm, {s.level.how}",
-            *(f"robot errors   {text}" for text in robot_errors(s.level.levels)),
+            *([] if found.misread else sizes),
             f"poses          {len(found.labels(rejected=False))} used, {len(rejected)} rejected"
             + (f": {', '.join(rejected)}" if rejected else ""),
         ]
@@ -65,7 +66,7 @@ def robot_errors(levels: Levels | None) -> list[str]:
         lines += [f"{place}: {said}"] if pair else []
     largest = [np.sqrt(np.linalg.eigvalsh(C[:3, :3])[-1]) for C in (levels.covariance, levels.exact_robot)]
     if largest[0] > WORTH_A_WORD * largest[1]:
-        lines.append(f"they make the largest standard deviation {largest[0]:.2g} mm instead of {largest[1]:.2g} mm")
+        lines.append(f"in all: the largest standard deviation is {largest[0]:.2g} mm, {largest[1]:.2g} mm without them")
     return lines
 
 

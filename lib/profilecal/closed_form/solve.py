@@ -24,7 +24,7 @@ from profilecal.joint.noise import NoiseLevel, affine_noise
 from profilecal.joint.observability import explain, of_covariance
 from profilecal.joint.observations import Observations
 from profilecal.joint.problem import Problem
-from profilecal.joint.sharing import sharing
+from profilecal.joint.sharing import Sharing, sharing
 from profilecal.joint.solution import Solution, solution_of
 from profilecal.joint.state import pose_error
 from profilecal.targets.ball import Ball
@@ -67,7 +67,7 @@ def solve_in_closed_form(observations: Observations, level: NoiseLevel, side, rn
     points = observations.points[0]
     side = np.asarray(side, dtype=float)
     find, remarks = METHODS[observations.kind](observations, side)
-    rotation, translation = find(points)
+    rotation, translation = find(observations)
 
     alone = Problem([observations], Noise(profile_mm=1.0))
     state = settle_targets(alone, rotation[None], translation[None])
@@ -86,8 +86,8 @@ def solve_in_closed_form(observations: Observations, level: NoiseLevel, side, rn
         problem = Problem([observations], noise)
     moments = problem.moments(state)
 
-    drawn = (erring(observations, noise, rng) for _ in range(DRAWS))
-    found = (METHODS[seen.kind](seen, side)[0](seen.points[0]) for seen in drawn)
+    shared = sharing([observations])
+    found = (find(erring(observations, shared, noise, rng)) for _ in range(DRAWS))
     errors = np.array([pose_error(rotation, translation, *pose) for pose in found])
     size = np.sqrt(np.diag(moments.normal[0])[:-1])
     rank = np.linalg.matrix_rank(moments.normal[0, :-1, :-1] / np.outer(size, size), hermitian=True)
@@ -103,13 +103,13 @@ def solve_in_closed_form(observations: Observations, level: NoiseLevel, side, rn
     solution = solution_of(problem, state, moments, everything, level, found, str(found.status), messages)
     if not accuracy:
         return solution
-    field = field_over(sharing([observations]), rotation, translation, observations.eye_to_hand)
+    field = field_over(shared, rotation, translation, observations.eye_to_hand)
     return replace(solution, unseen=field.common(*accuracy.values()))
 
 
-def erring(observations: Observations, noise: Noise, rng: np.random.Generator) -> Observations:
+def erring(observations: Observations, shared: Sharing, noise: Noise, rng: np.random.Generator) -> Observations:
     """The observations as other errors of that size would make them: of the points, and of the poses reported."""
-    errors, shared = np.zeros((len(observations.labels), 6)), sharing([observations])
+    errors = np.zeros((len(observations.labels), 6))
     member = np.arange(len(errors))
     for variances, belongs in shared.levels(noise):
         errors += (np.sqrt(variances) * rng.normal(size=(len(belongs), 6)))[member]
@@ -160,17 +160,18 @@ def from_edge(observations: Observations, side):
     """The edge paper's method on groups of any size: those with fewer positions than the largest are filled up with
     their own mean, for which the same equations hold, as the sensed point is affine in the position."""
     groups = many_groups(observations, "positions")
-    R, T = observations.R_flange[0], observations.T_flange[0]
     most = max(map(len, groups))
 
     def filled(values):
         return np.stack([np.vstack([values[g], *[values[g].mean(axis=0)] * (most - len(g))]) for g in groups])
 
-    R_b, T_b = np.stack([R[g[0]] for g in groups]), filled(T)
-    solve_edge(R_b, T_b, filled(observations.points[0, :, 0]), affine_noise(observations)[0] or None)
+    def arranged(seen):
+        return seen.R_flange[0, [g[0] for g in groups]], filled(seen.T_flange[0]), filled(seen.points[0, :, 0])
 
-    def find(points):
-        found = edge_equations(R_b, T_b, filled(points[:, 0]))
+    solve_edge(*arranged(observations), affine_noise(observations)[0] or None)
+
+    def find(seen):
+        found = edge_equations(*arranged(seen))
         return found.R_sensor, found.T_sensor
 
     return find, unused(observations, groups)
@@ -179,7 +180,7 @@ def from_edge(observations: Observations, side):
 def from_disk(observations: Observations, side):
     """The disk paper's method; each group is a scan along a line, its chords at equal steps."""
     groups = many_groups(observations, "chords")
-    R, T = observations.R_flange[0], observations.T_flange[0]
+    T = observations.T_flange[0]
     for g in groups:
         even = np.linspace(T[g[0]], T[g[-1]], len(g))
         off, length = np.linalg.norm(T[g] - even, axis=1).max(), np.linalg.norm(T[g[-1]] - T[g[0]])
@@ -188,25 +189,29 @@ def from_disk(observations: Observations, side):
                 f"the {len(g)} flange positions of one orientation leave equal steps on a line by {off:.2g} mm, which "
                 "the disk's closed form needs; drive straight at a steady speed, or use the method joint"
             )
-    R, start, end = np.stack([R[g[0]] for g in groups]), *(np.stack([T[g[k]] for g in groups]) for k in (0, -1))
 
-    def scans(points, s):
+    def arranged(seen):
+        R, T = seen.R_flange[0], seen.T_flange[0]
+        return np.stack([R[g[0]] for g in groups]), *(np.stack([T[g[k]] for g in groups]) for k in (0, -1))
+
+    def scans(seen, s):
+        R, start, end = arranged(seen)
         data = [
-            sensing_data(points[g], *scan, observations.sizes[0])
+            sensing_data(seen.points[0, g], *scan, observations.sizes[0])
             for g, *scan in zip(groups, start, end, s, strict=True)
         ]
-        return [np.stack([getattr(d, name) for d in data]) for name in ("T_tcp", "q", "D_i", "D_b")]
+        return R, *(np.stack([getattr(d, name) for d in data]) for name in ("T_tcp", "q", "D_i", "D_b"))
 
     s, remarks = np.array([side[g[0]] for g in groups]), []
     if not s.all():
-        _, _, D_i, D_b = scans(observations.points[0], np.ones(len(groups)))
+        R, _, _, D_i, D_b = scans(observations, np.ones(len(groups)))
         s, _ = best_signs(D_i.T, np.einsum("nba,nb->an", R, D_b))
         remarks = [f"sides of the motions decided from the data: {', '.join(f'{v:+.0f}' for v in s)}"]
     tips = [observations.points[0, g] for g in groups]
-    remarks += solve_disk_from_chords(R, start, end, tips, s, observations.sizes[0]).remarks
+    remarks += solve_disk_from_chords(*arranged(observations), tips, s, observations.sizes[0]).remarks
 
-    def find(points):
-        found = disk_equations(R, *scans(points, s))
+    def find(seen):
+        found = disk_equations(*scans(seen, s))
         return found.R_sensor, found.T_sensor
 
     return find, [*remarks, *unused(observations, groups)]
@@ -230,7 +235,7 @@ def from_ball(observations: Observations, side):
     for sign in (1.0, -1.0):
         seen = partial(centres, side=np.full(len(points), sign))
         find = from_centres(observations, seen)
-        rotation, translation = find(points)
+        rotation, translation = find(observations)
         places = carry(R, T, seen(points) @ rotation.T + translation)
         tried.append((float(np.sqrt(places.var(axis=0).sum())), sign, find))
     (least, sign, find), (more, _, _) = sorted(tried, key=lambda entry: entry[0])
@@ -250,18 +255,22 @@ def from_centres(observations: Observations, centres):
             "or more: add poses that share an orientation, or use the method joint, which needs none"
         )
     i, j = moved.T
-    R, T = observations.R_flange[0], observations.T_flange[0]
-    Y = np.einsum("nba,nb->an", R[i], T[j] - T[i])
-    Y, length = Y / np.linalg.norm(Y, axis=0), np.linalg.norm(Y, axis=0)
-    R_mean, T_mean = np.stack([R[g[0]] for g in groups]), np.stack([T[g].mean(axis=0) for g in groups])
-    check_directions(Y, "motion inside a group of one orientation")
-    check_orientations(R_mean)
 
-    def find(points):
-        q = centres(points)
+    def motions(seen):
+        R, T = seen.R_flange[0], seen.T_flange[0]
+        Y = np.einsum("nba,nb->an", R[i], T[j] - T[i])
+        return Y / np.linalg.norm(Y, axis=0), np.linalg.norm(Y, axis=0), R[[g[0] for g in groups]]
+
+    Y, _, R_first = motions(observations)
+    check_directions(Y, "motion inside a group of one orientation")
+    check_orientations(R_first)
+
+    def find(seen):
+        Y, length, R_first = motions(seen)
+        q = centres(seen.points[0])
         rotation = solve_rotation((q[i] - q[j]).T / length, Y).R_sensor
-        q_mean = np.stack([q[g].mean(axis=0) for g in groups])
-        return rotation, solve_translation(R_mean, T_mean, q_mean, rotation, "all").T_sensor
+        T_mean, q_mean = (np.stack([values[g].mean(axis=0) for g in groups]) for values in (seen.T_flange[0], q))
+        return rotation, solve_translation(R_first, T_mean, q_mean, rotation, "all").T_sensor
 
     return find
 

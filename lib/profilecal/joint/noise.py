@@ -11,7 +11,7 @@ from profilecal.geometry.noise import ROBOT, Noise, Systematic
 from profilecal.joint.levels import ACCURACY, USUAL, Levels
 from profilecal.joint.observations import Observations
 
-FROM_PROFILES = "from the profiles themselves"
+FROM_PROFILES = "of the features that the profiles show"
 LEAST_FREEDOM = 10  # degrees of freedom that a scatter inside rotation groups must have to be trusted
 
 

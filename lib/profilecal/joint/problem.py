@@ -183,6 +183,19 @@ class Problem:
             information = remove(information, variances, member)
         return remove_common(information.normal, self.n, effects.precision)
 
+    def without_systematic(self, state: State, kept) -> "Problem":
+        """The problem of the data less the systematic errors that the poses kept (P,) of each target suggest at a state
+        (a batch of one)."""
+        if not self.considered:
+            return self
+        effects, observations = self.effects_at(state), self.observations
+        triples = zip(effects.rows, self.linear(state), kept, strict=True)
+        grams = [gram_by_pose(rows, linear.columns) * good[:, None, None] for rows, linear, good in triples]
+        (common,) = self.without_effects(self.information(grams, len(self.considered)), effects)[1]
+        for (change, _), size in zip(self.considered, common, strict=True):
+            observations = [change.apply(o, size) for o in observations]
+        return Problem(observations, self.noise, self.systematic)
+
     def move(self, state: State, step) -> State:
         """The state after a step (B, n)."""
         turned = Rotation.from_rotvec(step[:, 3:6]).as_matrix()

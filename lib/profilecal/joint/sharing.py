@@ -69,8 +69,9 @@ def sharing(observations: Sequence[Observations]) -> Sharing:
     pose, firsts = np.full(len(R), -1), []
     for k in range(len(R)):
         if pose[k] < 0:
-            near = (orientation == orientation[k]) & (pose < 0) & (np.abs(T - T[k]).max(axis=1) < SAME_MM)
-            near[near] = np.degrees(angle_between(R[near], R[k])) < SAME_DEG
+            near = (orientation == orientation[k]) & (pose < 0) & (np.abs(T - T[k]) < SAME_MM).all(axis=1)
+            if near.sum() > 1:
+                near[near] = np.degrees(angle_between(R[near], R[k])) < SAME_DEG
             pose[near] = len(firsts)
             firsts.append(k)
     return Sharing(pose, orientation[firsts], R[firsts], T[firsts])

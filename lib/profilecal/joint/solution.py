@@ -22,7 +22,7 @@ class Solution:
     level: NoiseLevel
     chi2: float
     dof: int
-    rms_mm: float  # of the residuals kept
+    rms_mm: float  # of the residuals kept, less the systematic errors that they suggest
     normalised: tuple  # (P,) for each target: each pose's residual over its expected size
     rejected: tuple  # (P,) bool for each target
     status: str  # "ok", "weak" or "unobservable"
@@ -103,7 +103,8 @@ def solution_of(
     """
     terms = zip(problem.terms, state.placements, strict=True)
     counted = problem.counted(kept)
-    square = sum(float((r[0] ** 2 * good).sum()) for r, good in zip(problem.residuals(state), kept, strict=True))
+    left = problem.without_systematic(state, kept).residuals(state)
+    square = sum(float((r[0] ** 2 * good).sum()) for r, good in zip(left, kept, strict=True))
     return Solution(
         state=state,
         covariance=found.covariance,

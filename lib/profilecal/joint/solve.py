@@ -1,6 +1,6 @@
 """From observations to a solution, in four steps: decide the noise, search, reject what does not belong, rescale."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, astuple, replace
 
 import numpy as np
@@ -29,6 +29,8 @@ ROUGHLY = 1e-6  # tolerance of refinements that are not the last
 HOPELESS = 10.0  # measurements by hand that an answer is open by
 FINEST_MM = 1e-5  # scanner noise: residuals of exact data are rounding
 SETTLED = 0.02  # of an error's size
+TRIED = 4  # of sets of poses that leave fewer out
+UNUSUAL = 1.5  # standard deviations above what is known of the errors' sizes beforehand
 SHARED = 2  # coordinates of a profile that a shared error moves, at least: it may explain that many large ones
 CONTRADICTING = "most poses contradict each other: no sensor pose explains half of them"
 
@@ -89,14 +91,25 @@ def weigh(problem: Problem, level: NoiseLevel, found: State, robust: bool) -> So
     if level.source == "residuals":
         prior = replace(prior, profile_mm=noise.profile_mm)
     others, state = fit.state, fit.state[[0]]
-    for _ in range(ROUNDS):
+
+    def weighed(noise, state, kept):
+        """The likeliest sizes of all errors, and the fit with them."""
         problem = Problem(observations, noise, level.systematic)
         state = refine(problem, state, weights=kept).state
         model = Likelihood(problem, state, kept, prior, level.profile_spread)
         likely = likeliest(model, asdict(noise))
-        before, noise = noise, model.noise_of(model.sizes(likely))
-        problem = Problem(observations, noise, level.systematic)
-        fit = refine(problem, state, weights=kept)
+        problem = Problem(observations, model.noise_of(model.sizes(likely)), level.systematic)
+        return model, likely, problem, refine(problem, state, weights=kept)
+
+    for fewer in fewer_rejected(fit, kept):
+        _, likely, by_robot, trial = weighed(noise, state, fewer)
+        bad = beyond_chance(by_robot, trial, 0, 1.0)
+        if likely.max(initial=0.0) < UNUSUAL and not any((b & k).any() for b, k in zip(bad, fewer, strict=True)):
+            kept = fewer
+            break
+    for _ in range(ROUNDS):
+        model, likely, problem, fit = weighed(noise, state, kept)
+        before, noise = noise, problem.noise
         after = [~bad for bad in beyond_chance(problem, fit, 0, 1.0)] if robust else kept
         if lost(after) > lost(grossly) + LARGEST_REJECTED or problem.counted(after) <= problem.n:
             after = grossly  # the model is at fault, not the poses
@@ -109,6 +122,17 @@ def weigh(problem: Problem, level: NoiseLevel, found: State, robust: bool) -> So
     problem = Problem(observations, found.noise, level.systematic)
     level = replace(level, noise=found.noise, prior=prior, levels=found)
     return conclude(problem, level, refine(problem, state, weights=kept), others, kept)
+
+
+def fewer_rejected(fit: Fit, kept) -> Iterator[list[np.ndarray]]:
+    """Poses (P,) of each target to keep besides those `kept`: all, all but the one that fits worst, and so on. A robust
+    fit to few poses comes near to most and leaves the others out."""
+    ends = np.cumsum([len(good) for good in kept])[:-1]
+    square = np.concatenate([own[0] for own in fit.per_pose])
+    rejected = np.flatnonzero(~np.concatenate(kept))
+    for count in range(min(len(rejected), TRIED)):
+        worst = rejected[np.argsort(-square[rejected])[:count]]
+        yield np.split(~np.isin(np.arange(len(square)), worst), ends)
 
 
 def lost(kept) -> float:

@@ -19,7 +19,7 @@ STEP = 1e-4
 class Change:
     """Data changed by what may be wrong."""
 
-    words: str  # with a place for the size; [one|other]: for a positive and for a negative one
+    words: str  # with a place for the size, and [one word|another] for its sign
     unit: float  # what the size is to be multiplied by, for the words
     apply: Callable[[Observations, float], Observations]
     prior: str = ""  # the entry of `Systematic` that says how large it can be

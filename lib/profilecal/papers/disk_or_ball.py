@@ -1,8 +1,9 @@
-"""Disk against ball: as many profiles, noise of the same size. The disk paper leaves that out (Section V-D3)."""
+"""Disk against ball from as many profiles, which the disk paper leaves out (Section V-D3)."""
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from profilecal.closed_form.disk import disk_equations, sensing_data
 from profilecal.geometry.noise import Noise
 from profilecal.joint.descent import estimate
 from profilecal.joint.observations import Observations
@@ -22,13 +23,57 @@ def error_in_view(rotation_error, translation_error, R_sensor, points) -> np.nda
     return np.sqrt((moved**2).sum(axis=-1).mean(axis=-1))
 
 
-def joint_from_disk(scans: DiskScans, m: int, sigma_mm: float, trials: int, rng: np.random.Generator):
-    """Errors of joint solutions from m chords of each scan, their tips noisy in x and z: see `errors_of`."""
+def tip_covariance(tips, sigma_mm: float, step_mm: float | None = None) -> np.ndarray:
+    """Covariance (..., 4, 4), mm², of x and z of the two tips of chords (..., 2, 2).
+
+    Without `step_mm` each tip is as noisy as a point, sigma_mm in x and in z. With it a profile has points every
+    step_mm in x, each with noise sigma_mm in z. A chord's tips are then the ends of the straight line through all of
+    its points; where along the line it ends is unknown by one step, evenly distributed.
+    """
+    tips = np.asarray(tips, dtype=float)
+    way = tips[..., 1, :] - tips[..., 0, :]
+    if step_mm is None:
+        return sigma_mm**2 * np.broadcast_to(np.eye(4), (*way.shape[:-1], 4, 4))
+    n = 1 + np.maximum(np.abs(way[..., 0]) / step_mm, 1)  # points; a line needs two
+    own, shared = (4 * n - 2) / (n * (n + 1)), (4 - 2 * n) / (n * (n + 1))  # of a fitted line's ends, times sigma_mm²
+    along = np.stack([np.ones_like(n), way[..., 1] / way[..., 0]], axis=-1)  # mm for each mm in x
+    ends = step_mm**2 / 12 * along[..., :, None] * along[..., None, :]
+    covariance = np.zeros((*way.shape[:-1], 4, 4))
+    for tip in (slice(0, 2), slice(2, 4)):
+        covariance[..., tip, tip] = ends
+    covariance[..., 1::2, 1::2] += sigma_mm**2 * np.stack([own, shared, shared, own], axis=-1).reshape(*n.shape, 2, 2)
+    return covariance
+
+
+def noisy_tips(exact, covariance, trials: int, rng: np.random.Generator) -> np.ndarray:
+    """Tips (trials, ..., 2, 2) with normal noise of a `tip_covariance`."""
+    root = np.linalg.cholesky(covariance)
+    noise = np.einsum("...ab,t...b->t...a", root, rng.standard_normal((trials, *root.shape[:-1])))
+    return exact + noise.reshape(trials, *exact.shape)
+
+
+def closed_form_from_disk(
+    scans: DiskScans, m: int, sigma_mm: float, trials: int, rng: np.random.Generator, step_mm: float | None = None
+):
+    """As `joint_from_disk`, by the paper's closed form with heights from regression."""
+    exact = scans.tips(m)
+    tips = noisy_tips(exact, tip_covariance(exact, sigma_mm, step_mm), trials, rng)
+    data = sensing_data(tips, scans.T_start, scans.T_end, scans.s, scans.disk.radius)
+    solved = disk_equations(scans.R_tcp, data.T_tcp, data.q, data.D_i, data.D_b)
+    return small_turns(solved.R_sensor, scans.R_sensor), solved.T_sensor - scans.T_sensor
+
+
+def joint_from_disk(
+    scans: DiskScans, m: int, sigma_mm: float, trials: int, rng: np.random.Generator, step_mm: float | None = None
+):
+    """Errors of joint solutions from m chords of each scan, see `errors_of`; noise of their tips: `tip_covariance`."""
     tips = scans.tips(m).reshape(-1, 2, 2)
     way = np.linspace(0, 1, m)[:, None]
     T = ((1 - way) * scans.T_start[:, None] + way * scans.T_end[:, None]).reshape(-1, 3)
-    points = tips + sigma_mm * rng.standard_normal((trials, *tips.shape))
-    seen = Observations("disk", np.repeat(scans.R_tcp, m, axis=0)[None], T[None], points, (scans.disk.radius,))
+    covariance = tip_covariance(tips, sigma_mm, step_mm)
+    points, R = noisy_tips(tips, covariance, trials, rng), np.repeat(scans.R_tcp, m, axis=0)
+    unlike = None if step_mm is None else covariance[None] / sigma_mm**2
+    seen = Observations("disk", R[None], T[None], points, (scans.disk.radius,), covariance=unlike)
     return errors_of(scans, seen, scans.disk.frame, sigma_mm)
 
 

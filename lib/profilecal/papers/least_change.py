@@ -19,10 +19,11 @@ def least_change(compute, low, high, size: int) -> tuple[np.ndarray, float]:
     """
     middle, half = (low + high) / 2, (high - low) / 2
     x, trust = np.zeros(size), 1.0
-    values = (compute(x) - middle) / half
+    values, J = (compute(x) - middle) / half, None
     for _ in range(ROUNDS):
-        moved = (compute(x + STEP * np.vstack([np.eye(size), -np.eye(size)])) - middle) / half
-        J = (moved[:size] - moved[size:]).T / (2 * STEP)
+        if J is None:  # of a new x
+            moved = (compute(x + STEP * np.vstack([np.eye(size), -np.eye(size)])) - middle) / half
+            J = (moved[:size] - moved[size:]).T / (2 * STEP)
         tried = _linear_least_change(J, values - J @ x, x, trust)
         found = (compute(tried) - middle) / half
         promised = _cost(x, values) - _cost(tried, values + J @ (tried - x))
@@ -34,7 +35,7 @@ def least_change(compute, low, high, size: int) -> tuple[np.ndarray, float]:
         elif kept < 0.25 * promised:
             trust = trust / 4
         if kept > 0:
-            x, values = tried, found
+            x, values, J = tried, found, None
     return x, np.abs(x).max() if np.abs(values).max() <= 1 else np.inf
 
 

@@ -13,6 +13,10 @@ from profilecal.targets.disk import Disk
 
 BALL_TRANSLATING = 4  # disk paper, Section V-D2: the first four rows of Table III share one orientation
 
+# First and last chord of a scan, as signed fractions of the radius. Eq. 48's positions are not printed: notebook 22
+# fits these to the values printed for Fig. 15; other pairs fit as well.
+FIG15_EXTENT = (-0.9, 0.31)
+
 # Readings of "the standard deviation e" of the disk paper's Figs 15 and 17: from errors (..., trials, 3) to (...)
 READINGS = {
     "standard deviation of the norms": lambda errors: np.linalg.norm(errors, axis=-1).std(axis=-1),
@@ -27,10 +31,10 @@ def sensor_pose(item: str, quantity: str) -> tuple[np.ndarray, np.ndarray]:
     return nearest_rotation(matrix[:, :3]), matrix[:, 3]
 
 
-def fig15_scans(extent) -> DiskScans:
+def fig15_scans(extent=FIG15_EXTENT) -> DiskScans:
     """Disk paper, Section V-B: the disk at Eq. 50, the sensor at Eq. 49, orientations and motions of Table I.
 
-    Eq. 48's first and last positions are not printed; `extent` takes their place, as signed fractions of the radius.
+    `extent`: first and last chord as signed fractions of the radius.
     """
     return disk_scans(*_fig15(), extent)
 

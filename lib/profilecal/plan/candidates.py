@@ -94,6 +94,8 @@ def refused(setup: Setup, limits: Limits, R, T) -> np.ndarray:
     reasons = np.full(len(T), "", dtype=object)
     reasons[(worst_clearance(setup, R, T) < 0)] = "may lose the target from view if the guess is as wrong as stated"
     tilt, spin = turned(setup, R)
+    if setup.shows_beside:
+        tilt = np.maximum(tilt, ray_tilt(setup, R, T))
     too_far = (tilt > limits.tilt_deg + TOLERANCE) | (np.abs(spin) > limits.spin_deg + TOLERANCE)
     reasons[too_far | (aside(setup, R, T) > limits.extent_mm + TOLERANCE)] = "are tilted, turned or aside too far"
     for *centre, radius in limits.avoid:
@@ -108,6 +110,16 @@ def turned(setup: Setup, R) -> tuple[np.ndarray, np.ndarray]:
     (P,) degrees each, at flange orientations (P, 3, 3)."""
     x, y, z, w = Rotation.from_matrix(setup.facing.T @ R @ setup.R_sensor).as_quat(canonical=True).T
     return np.degrees(2 * np.arctan2(np.hypot(x, y), np.hypot(z, w))), np.degrees(2 * np.arctan2(z, w))
+
+
+def ray_tilt(setup: Setup, R, T) -> np.ndarray:
+    """How far off square the ray is that hits the middle of what is seen, (P,) degrees: a side of a corner turned away
+    by more is hidden."""
+    points = setup.seen(setup.target, setup.planes(R, T), 5)
+    rays = points[:, points.shape[1] // 2]
+    length = np.linalg.norm(rays, axis=-1)
+    along = (setup.facing[:, 2] @ R @ setup.R_sensor)[:, [0, 2]]
+    return np.degrees(np.arccos(np.clip((rays * along).sum(axis=-1) / length, -1, 1)))
 
 
 def aside(setup: Setup, R, T) -> np.ndarray:
@@ -176,7 +188,8 @@ def clearances(setup: Setup, R_view, T_view) -> np.ndarray:
     """How far inside each border of the field of view the target is seen from sensor frames, (P, k) mm, NaN where it is
     not."""
     scanner, (x, z) = setup.scanner, np.moveaxis(setup.seen(setup.target, (R_view, T_view), 5), -1, 0)
-    border = BORDER * (scanner.far - scanner.near)
-    side = (1 - BORDER) * scanner.half_width(z)
+    beside = setup.target.beside_mm if setup.shows_beside else 0.0
+    border = BORDER * (scanner.far - scanner.near) + beside
+    side = (1 - BORDER) * scanner.half_width(z) - beside
     inside = np.stack([z - scanner.near - border, scanner.far - border - z, side - x, side + x], axis=1)
     return np.where(np.isfinite(inside), inside, np.nan).reshape(len(T_view), -1)

@@ -3,7 +3,8 @@
 The criterion is a function of the covariance C (6, 6) in the units of `observability`, a mount measured by hand:
 
 - "worst", the largest variance in any direction, E-optimal; in its place (tr Cᵖ)^(1/p), p = 16, which is at most 12 %
-  larger and sees the directions behind it too;
+  larger and sees the directions behind it too; where limits are given for translation and rotation (`Pool.until`),
+  the larger of the two worst directions, each over its limit, likewise;
 - "A", the mean variance tr C; "D", the volume |C|.
 
 A greedy start adds the candidate that helps most; then each pose in turn is exchanged for whatever serves best in its
@@ -24,7 +25,7 @@ SQUARINGS = 4  # p = 2⁴
 NEGLIGIBLE = 1e-2  # of a block, in units of what is known by hand, whose own information is 1
 RIDGE = 1e-6  # of what is known by hand: an empty plan's information
 APART_DEG = 1.0  # orientations that differ by less are no new ones to the robot's errors
-EACH = 40  # poses up to which a growing plan is exchanged at each step
+EACH, EVERY = 12, 6  # poses up to which a growing plan is exchanged at each step, and steps between later exchanges
 SWEEPS, SETTLED = 6, 2e-3  # of exchanges at most; a gain that ends them
 
 
@@ -36,11 +37,13 @@ class Pool:
     roots: np.ndarray  # (N, q, r) V of each block V Vᵀ
     prior: np.ndarray  # (q, q) what is there without them
     root: np.ndarray  # (6, 6) W: the criterion is one of W C Wᵀ
+    counted: np.ndarray | float = 1.0  # (6, 6) 1 for the entries of W C Wᵀ that count, else 0
 
     @classmethod
-    def of(cls, R, blocks, known, before=None, reference=None) -> "Pool":
+    def of(cls, R, blocks, known, before=None, reference=None, until=None) -> "Pool":
         """`blocks` (N, q, q), mm and rad; `known`: the unknowns' `setup.scales`; `before` (q, q): information that is
-        there already; `reference` (6, 6): a covariance in place of the measurement by hand."""
+        there already; `reference` (6, 6): a covariance in place of the measurement by hand; `until`: limits, mm and
+        degrees, of the standard deviations in any direction, each by itself, in its place."""
         unit = np.concatenate(known)
         across = unit[:, None] * unit
         values, vectors = np.linalg.eigh(blocks * across)
@@ -49,16 +52,13 @@ class Pool:
         prior = np.diag(np.r_[np.full(len(known[0]), RIDGE), np.ones(len(known[1]))])
         if before is not None:
             prior = prior + before * across
-        root = np.eye(6)
-        if reference is not None:
+        root, counted = np.eye(6), 1.0
+        if until is not None:
+            root = np.diag(POSE_UNITS / np.repeat([until[0], np.radians(until[1])], 3))
+            counted = np.kron(np.eye(2), np.ones((3, 3)))
+        elif reference is not None:
             root = np.linalg.inv(np.linalg.cholesky(reference / POSE_UNITS[:, None] / POSE_UNITS))
-        return cls(R, roots, prior, root)
-
-    def join(self, other: "Pool") -> "Pool":
-        """With another pool's candidates behind these."""
-        rank = max(self.roots.shape[2], other.roots.shape[2])
-        both = [np.pad(p.roots, ((0, 0), (0, 0), (rank - p.roots.shape[2], 0))) for p in (self, other)]
-        return Pool(np.concatenate([self.R, other.R]), np.concatenate(both), self.prior, self.root)
+        return cls(R, roots, prior, root, counted)
 
     def covariance(self, chosen) -> np.ndarray:
         """Of all unknowns (q, q) after the candidates `chosen`."""
@@ -67,7 +67,11 @@ class Pool:
 
     def value(self, chosen, criterion: str) -> float:
         """The criterion of a plan; less is better."""
-        return float(judge(self.root @ self.covariance(chosen)[:6, :6] @ self.root.T, criterion))
+        return float(self.judged(self.covariance(chosen), criterion))
+
+    def judged(self, C, criterion: str) -> np.ndarray:
+        """The criterion of covariances (..., q, q) of all unknowns."""
+        return judge(self.root @ C[..., :6, :6] @ self.root.T * self.counted, criterion)
 
     def values_with(self, C, criterion: str) -> np.ndarray:
         """The criterion (N,) after each candidate by itself, from the covariance (q, q) before; whole: of all unknowns
@@ -79,7 +83,7 @@ class Pool:
             return -np.linalg.slogdet(inner)[1]
         pose = self.root @ W[:, :6]
         change = pose @ np.linalg.solve(inner, np.swapaxes(pose, 1, 2))
-        return judge(self.root @ C[:6, :6] @ self.root.T - change, criterion)
+        return judge((self.root @ C[:6, :6] @ self.root.T - change) * self.counted, criterion)
 
     def taken(self, chosen) -> np.ndarray:
         """Candidates (N,) too near to one that is chosen."""
@@ -140,9 +144,30 @@ def growing(pool: Pool, criterion: str, most: int) -> Iterator[list[int]]:
     chosen = []
     while len(chosen) < min(most, len(pool.R)):
         chosen = add(pool, chosen, criterion)
-        if len(chosen) <= EACH or len(chosen) % 10 == 0:
+        if len(chosen) <= EACH or len(chosen) % EVERY == 0:
             chosen = exchange(pool, chosen, criterion, sweeps=1)
         yield chosen
+
+
+def leaving_out(pool: Pool, chosen: list[int], criterion: str) -> int:
+    """The pose of a plan that is missed least."""
+    V = pool.roots[chosen]
+    own = V @ np.swapaxes(V, 1, 2)
+    left = np.linalg.inv(pool.prior + own.sum(axis=0) - own)
+    values = pool.judged(left, criterion)
+    if np.trace(left[np.argmin(values), :6, :6]) > 6:  # too few, as in `add`
+        values = np.linalg.slogdet(left)[1]
+    return chosen[int(np.argmin(values))]
+
+
+def ranked(pool: Pool, chosen: list[int], criterion: str) -> list[int]:
+    """The poses of a plan, last the one that is missed least; before it the one that is missed least of the others; and
+    so on."""
+    left, order = list(chosen), []
+    while left:
+        order.append(leaving_out(pool, left, criterion))
+        left.remove(order[-1])
+    return order[::-1]
 
 
 def shortest(R, T, mm_per_deg: float = 3.0) -> np.ndarray:
@@ -150,11 +175,11 @@ def shortest(R, T, mm_per_deg: float = 3.0) -> np.ndarray:
     parts of the way round as long as that shortens it. A degree counts as `mm_per_deg`."""
     trace = np.einsum("iab,jab->ij", R, R)
     far = np.linalg.norm(T[:, None] - T, axis=-1) + mm_per_deg * np.degrees(np.arccos(np.clip((trace - 1) / 2, -1, 1)))
-    order, left = [0], set(range(1, len(T)))
+    order, left = [0][: len(T)], set(range(1, len(T)))
     while left:
         order.append(min(left, key=lambda k: far[order[-1], k]))
         left.remove(order[-1])
-    order, better = np.array(order), True
+    order, better = np.array(order, dtype=int), True
     while better:
         better = False
         for i in range(len(order) - 2):

@@ -15,6 +15,7 @@ from profilecal.plan.plan import Plan
 from profilecal.scan.files import new_folder
 from profilecal.scan.folder import poses_table
 from profilecal.scan.tables import toml_text
+from profilecal.simulate.spec import names_of
 
 
 def robot_poses(plan: Plan) -> tuple[np.ndarray, np.ndarray]:
@@ -36,6 +37,7 @@ def details_table(plan: Plan) -> pd.DataFrame:
     return pd.DataFrame(
         {
             "pose": labels(plan),
+            "rank": plan.rank,
             "way_mm": np.r_[0, np.linalg.norm(np.diff(T, axis=0), axis=1)],
             "tilt_deg": tilt,
             "spin_deg": spin,
@@ -51,24 +53,43 @@ def way_mm(plan: Plan) -> float:
     return float(np.linalg.norm(np.diff(robot_poses(plan)[1], axis=0), axis=1).sum())
 
 
-def write_plan(plan: Plan, folder, *, convention: str, stated: dict, entries: dict | None = None, title="") -> None:
-    """Write a plan into a new folder. `stated`: the [noise] that goes into scan.toml; `entries` of a specification with
-    [guess], for simulate.toml. Raises ScanError where the folder is taken."""
+def write_plans(plans: list[Plan], folder, *, convention: str, stated: dict, entries: dict | None = None, title=""):
+    """Write plans that belong together into a new folder; of several targets, each into a folder there that is named
+    after it. Returns the plans by their folders' names, "" for a single one.
+
+    `stated`: the [noise] that goes into scan.toml; `entries` of a specification with [guess], for simulate.toml. Raises
+    ScanError where the folder is taken.
+    """
+    kinds = [plan.setup.target.kind for plan in plans]
+    named = {name: plan for name, plan in zip(names_of(kinds), plans, strict=True) if len(plan.T)}
+    with new_folder(Path(folder)) as partial:
+        for name, plan in named.items():
+            (partial / name).mkdir(exist_ok=True)
+            write_plan(plan, partial / name, convention, stated, title)
+        if entries is not None:
+            kept = {entry: value for entry, value in entries.items() if entry != "plan"}
+            if several := kept.get("targets"):
+                drive = zip(names_of(kinds), several, strict=True)
+                kept["targets"] = [of | {"poses": f"{name}/poses.csv"} for name, of in drive if name in named]
+            else:
+                kept["poses"] = "poses.csv"
+            (partial / "simulate.toml").write_text(toml_text(kept), encoding="utf-8")
+    return named
+
+
+def write_plan(plan: Plan, folder: Path, convention: str, stated: dict, title: str) -> None:
+    """Write one of them into a folder that exists."""
     setup = plan.setup
     target = {"kind": setup.target.kind} | dict(zip(setup.target.lengths, setup.sizes, strict=True))
     mount = "eye-to-hand" if setup.to_hand else "eye-in-hand"
     header = {"title": title, "units": "mm", "mount": mount, "target": target, "noise": stated}
     poses = poses_table(labels(plan), *robot_poses(plan), convention)
-    with new_folder(Path(folder)) as partial:
-        poses.to_csv(partial / "poses.csv", index=False, float_format="%.12g")
-        (partial / "scan.toml").write_text(toml_text(header), encoding="utf-8")
-        details_table(plan).to_csv(partial / "plan.csv", index=False)
-        curve = pd.DataFrame(plan.curve, columns=["poses", "mm", "deg"])
-        curve.to_csv(partial / "curve.csv", index=False, float_format="%.4g")
-        (partial / "plan.html").write_text(page(plan, poses), encoding="utf-8")
-        if entries is not None:
-            kept = {name: value for name, value in entries.items() if name != "plan"} | {"poses": "poses.csv"}
-            (partial / "simulate.toml").write_text(toml_text(kept), encoding="utf-8")
+    poses.to_csv(folder / "poses.csv", index=False, float_format="%.12g")
+    (folder / "scan.toml").write_text(toml_text(header), encoding="utf-8")
+    details_table(plan).to_csv(folder / "plan.csv", index=False)
+    curve = pd.DataFrame(plan.curve, columns=["poses", "mm", "deg"])
+    curve.to_csv(folder / "curve.csv", index=False, float_format="%.4g")
+    (folder / "plan.html").write_text(page(plan, poses), encoding="utf-8")
 
 
 def page(plan: Plan, poses: pd.DataFrame) -> str:
@@ -84,13 +105,12 @@ def page(plan: Plan, poses: pd.DataFrame) -> str:
         "target": [line.round(2).tolist() for line in target_lines(plan)],
         "box": box,
         "avoid": limits.avoid,
-        "rows": details_table(plan).join(poses.drop(columns="pose").round(3)).astype(str).to_dict("list"),
-        "curve": [[n, float(f"{mm:.3g}"), float(f"{deg:.3g}")] for n, mm, deg in plan.curve],
+        "rows": poses.round(3).join(details_table(plan).drop(columns="pose")).astype(str).to_dict("list"),
     }
     p = plan.predicted
-    said = (
-        f"{len(T)} poses, predicted: {p.mm:.2g} mm, {p.deg:.2g}° (one sd, worst direction); way {way_mm(plan):.0f} mm"
-    )
+    whole = "" if p.poses == len(T) else f" with the {p.poses - len(T)} others"
+    said = f"{len(T)} poses, predicted{whole}: {p.mm:.2g} mm, {p.deg:.2g}° (one sd, worst direction)"
+    said += f"; way {way_mm(plan):.0f} mm"
     text = json.dumps(data, separators=(",", ":")).replace("<", "\\u003c")
     frame = string.Template(Path(__file__).with_name("page.html").read_text(encoding="utf-8"))
     made = f"profilecal {version('profilecal')}"

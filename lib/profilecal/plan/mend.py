@@ -5,16 +5,21 @@ from dataclasses import replace
 import numpy as np
 
 from profilecal.calibrate.calibration import Calibration
-from profilecal.calibrate.observe import stated_noise
+from profilecal.calibrate.observe import as_observations, observe, stated_noise
 from profilecal.geometry.noise import ROBOT
 from profilecal.geometry.poses import inverse, nearest_rotation
+from profilecal.joint.descent import settle_targets
 from profilecal.joint.noise import expect
+from profilecal.joint.observations import Observations
+from profilecal.joint.problem import Problem
 from profilecal.plan.candidates import Limits, aside
 from profilecal.plan.plan import Wishes, design
 from profilecal.plan.setup import Part, Setup
-from profilecal.scan.scan import ScanError
+from profilecal.scan.scan import Scan, ScanError
 from profilecal.simulate.guess import Margins
 from profilecal.simulate.scanner import Scanner
+from profilecal.targets import TARGETS
+from profilecal.targets.target import Target
 
 ROUND_MM = 10.0  # beyond what was seen, the scanner is believed to see
 REACH_MM = 200.0  # beyond the poses of the scan, the robot is believed to reach
@@ -34,11 +39,11 @@ def setup_of_scan(found: Calibration) -> tuple[Setup, Limits, Part]:
     R, T = observed.R_flange[0][kept], observed.T_flange[0][kept]
     level = expect(stated_noise(found.scans))
     robot = {name: getattr(level.prior, name) for name in ROBOT}
-    covariance, on_curve = observed.covariance, observed.on_curve
-    if covariance is not None:
-        covariance = (
-            np.full(observed.points.shape[2], np.median(covariance)) if on_curve else covariance[0].mean(axis=0)
-        )
+    if s.level.levels:
+        sizes = s.level.levels.sizes
+        part_of_others = {*ROBOT} - {size.name for size in sizes}  # where no pose is repeated, the errors of a visit
+        robot |= {size.name: size.middle for size in sizes if size.told and size.name in ROBOT}
+        robot |= dict.fromkeys(part_of_others, 0.0)
     setup = Setup(
         target=s.placements[0],
         facing=nearest_rotation((R @ s.rotation).mean(axis=0)),
@@ -49,7 +54,7 @@ def setup_of_scan(found: Calibration) -> tuple[Setup, Limits, Part]:
         systematic=level.systematic,
         to_hand=observed.eye_to_hand,
         measured=scan.measured,
-        covariance=covariance,
+        covariance=typical_covariance(observed),
         margins=Margins(0, 0, 0, 0),
         count=observed.points.shape[2],
     )
@@ -62,6 +67,40 @@ def setup_of_scan(found: Calibration) -> tuple[Setup, Limits, Part]:
         extent_mm=max(LEAST_EXTENT_MM, float(aside(setup, R, T).max())),
     )
     return setup, limits, (setup, R, T)
+
+
+def typical_covariance(observed: Observations) -> np.ndarray | None:
+    """Of what a pose of a scan shows, as `Setup` has it."""
+    covariance = observed.covariance
+    if covariance is None:
+        return None
+    return np.full(observed.points.shape[2], np.median(covariance)) if observed.on_curve else covariance[0].mean(axis=0)
+
+
+def other_target(setup: Setup, scan: Scan) -> Setup:
+    """Of the same sensor and robot: over the target of a scan, which stands where a sensor mounted as the setup has it
+    sees it. Raises ScanError."""
+    seen = observe(scan, 1)
+    profile_mm = seen.typical_mm or setup.noise.profile_mm
+    observed = as_observations(scan, seen, seen.typical_mm)
+    noise, R = replace(setup.noise, profile_mm=profile_mm), observed.R_flange[0]
+    placed = settle_targets(Problem([observed], noise), setup.R_sensor[None], setup.T_sensor[None])
+    ((origin, axes),) = placed.placements
+    return replace(
+        setup,
+        target=TARGETS[scan.kind].at(origin[0], axes[0], scan.sizes),
+        facing=nearest_rotation((R @ setup.R_sensor).mean(axis=0)),
+        noise=noise,
+        measured=scan.measured,
+        covariance=typical_covariance(observed),
+        count=observed.points.shape[2],
+    )
+
+
+def apart(target: Target, other: Target) -> float:
+    """How far another target is from one, mm, in the directions in which it may be moved."""
+    (origin, axes), (there, _) = target.frame, other.frame
+    return float(np.linalg.norm(((there - origin) @ axes)[["xyz".index(axis) for axis in target.shifts]]))
 
 
 def scanner_of(scan, observed) -> Scanner:
@@ -77,11 +116,11 @@ def mending(found: Calibration, folder, rng: np.random.Generator) -> str:
     """The plan that would mend the answer of the scan `folder` that its motions leave weak or open, in a sentence; ""
     if there is none."""
     s = found.solution
-    if s is None or s.observability.status == "ok" or len(found.scans) > 1:
+    if s is None or found.misread or s.observability.status == "ok" or len(found.scans) > 1:
         return ""
     try:
         setup, limits, before = setup_of_scan(found)
-        plan = design(setup, Wishes(most=FEW_POSES, limits=limits), rng, before, **FEW)
+        plan = design(setup, Wishes(most=FEW_POSES, limits=limits), rng, [before], **FEW)
     except ScanError:
         return ""
     p = plan.predicted

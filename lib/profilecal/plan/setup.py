@@ -1,13 +1,13 @@
 """What is known before a scan, and what poses will be worth: the information that their profiles will hold."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 
 import numpy as np
 
 from profilecal.calibrate.observe import three_points
 from profilecal.geometry.noise import Noise, Systematic
-from profilecal.geometry.poses import carry, rotation_groups
+from profilecal.geometry.poses import carry, rotation_groups, rotations
 from profilecal.joint.effects import Information, remove, remove_common
 from profilecal.joint.observability import BY_HAND_DEG, BY_HAND_MM, Spectrum, name_direction, spectrum
 from profilecal.joint.observations import Observations
@@ -16,9 +16,11 @@ from profilecal.joint.sharing import level_variances
 from profilecal.joint.state import State
 from profilecal.simulate.guess import Margins
 from profilecal.simulate.scanner import Scanner
+from profilecal.simulate.scene import in_unit_ball
 from profilecal.targets.target import Target
 
 FILLED = 0.9  # of the field of view, by a face
+GUESSES = 20  # draws of what may be true
 COUNT = 40  # points of a curve that a feature of a raw profile has
 
 
@@ -56,6 +58,11 @@ class Setup:
         return R @ self.R_sensor, carry(R, T, self.T_sensor)
 
     @property
+    def shows_beside(self) -> bool:
+        """Whether raw profiles show the target by what is around it."""
+        return self.measured == "profiles" and self.target.beside_mm > 0
+
+    @property
     def fills_view(self) -> bool:
         """Whether the target is a face, which moves only if it is shifted along one axis."""
         return len(self.target.shifts) == 1
@@ -72,14 +79,15 @@ class Setup:
         across = left[:, None] + (right - left)[:, None] * np.linspace(0, 1, count)
         return np.stack([across, middle[:, None] + across * slope[:, None]], axis=-1)
 
+    def shown(self, target: Target, planes) -> np.ndarray:
+        """What of it a pose gives, (P, m, 2): its points, or of an arc three that stand for it."""
+        if self.measured == "arcs":
+            return three_points(target.meet(*planes))
+        return self.seen(target, planes, self.count)
+
     def observed(self, R, T) -> Observations:
         """What the scanner will see of the target from flange poses (P, 3, 3), (P, 3), mm; NaN where it misses it."""
-        planes = self.planes(R, T)
-        if self.measured == "arcs":
-            points = three_points(self.target.meet(*planes))
-        else:
-            points = self.seen(self.target, planes, self.count)
-        covariance = self.covariance
+        points, covariance = self.shown(self.target, self.planes(R, T)), self.covariance
         if covariance is not None:
             covariance = np.broadcast_to(covariance, (1, len(R), *covariance.shape))
         group = rotation_groups(R)
@@ -95,6 +103,8 @@ class Prediction:
     spectrum: Spectrum
     setup: Setup
     poses: int
+    spare: int  # measured coordinates beyond the unknowns
+    between: tuple[tuple[float, float], ...] = ()  # `mm` and `deg`, smallest and largest, if the guess is wrong
 
     @property
     def covariance(self) -> np.ndarray:
@@ -144,19 +154,28 @@ def grams_of(problem: Problem, state: State):
     return effects, [gram_by_pose(rows, np.nan_to_num(linear.columns)) for rows, linear in pairs]
 
 
+def unknowns(parts: Sequence[Part]) -> tuple[list[np.ndarray], np.ndarray, int]:
+    """Which of all unknowns those of each target are that has poses, and those of what is wrong at all of these poses;
+    how many unknowns there are. The sensor pose's are the first six."""
+    ends = np.cumsum([6, *(len(setup.target.shifts) + len(setup.target.turns) for setup, _, _ in parts)])
+    seen = [k for k, (_, _, T) in enumerate(parts) if len(T)]
+    common = len(scales([parts[k] for k in seen])[1])  # no radius, if no target has one
+    targets = [np.arange(ends[k], ends[k + 1]) for k in seen]
+    return targets, ends[-1] + np.arange(common), int(ends[-1]) + len(scales(parts)[1])
+
+
 def blocks(parts: Sequence[Part]) -> np.ndarray:
-    """What each pose adds, (poses, q, q): its information on the q unknowns, the sensor pose first, those of what is
-    wrong at every pose last, the pose's own robot error integrated out. True of poses that all have orientations of
-    their own."""
-    problem, state = problem_of(parts)
-    effects, grams = grams_of(problem, state)
-    variances, common = sum(level_variances(problem.noise)), len(effects.precision)
-    found = []
-    for index, (gram,) in enumerate(grams):
+    """What each pose adds, (poses, q, q): its information on the q `unknowns`, the pose's own robot error integrated
+    out. True of poses that all have orientations of their own."""
+    targets, common, size = unknowns(parts)
+    problem, state = problem_of([part for part in parts if len(part[2])])
+    _, grams = grams_of(problem, state)
+    variances, found = sum(level_variances(problem.noise)), []
+    for (gram,), target in zip(grams, targets, strict=True):
         A, B, normal = gram[:, None, :6, :6], gram[:, None, :6, 6:-1], gram[:, 6:-1, 6:-1]
         left = remove(Information(A, B, normal), np.broadcast_to(variances, (len(gram), 6)), np.arange(1)).normal
-        columns = np.r_[problem.n + np.arange(common), problem.columns(index)[:-1]]
-        own = np.zeros((len(gram), problem.n + common, problem.n + common))
+        columns = np.r_[common, 0:6, target]
+        own = np.zeros((len(gram), size, size))
         own[:, columns[:, None], columns] = left
         found.append(own)
     return np.concatenate(found)
@@ -164,27 +183,48 @@ def blocks(parts: Sequence[Part]) -> np.ndarray:
 
 def information(parts: Sequence[Part]) -> np.ndarray:
     """The same of all poses together, (q, q), whichever orientations they share."""
-    problem, state = problem_of(parts)
+    targets, common, size = unknowns(parts)
+    problem, state = problem_of([part for part in parts if len(part[2])])
     effects, grams = grams_of(problem, state)
-    left = problem.information(grams, len(effects.precision))
+    left = problem.information(grams, len(common))
     for variances, member in effects.sharing.levels(problem.noise):
         left = remove(left, variances, member)
-    return left.normal[0, :-1, :-1]
+    columns, whole = np.concatenate([np.arange(6), *targets, common]), np.zeros((size, size))
+    whole[columns[:, None], columns] = left.normal[0, :-1, :-1]
+    return whole
 
 
 def scales(parts: Sequence[Part]) -> tuple[np.ndarray, np.ndarray]:
     """Of the unknowns (n,): what is known by hand, mm and rad; of what is wrong at every pose (c,): how large it is."""
-    problem, _ = problem_of([(setup, R[:1], T[:1]) for setup, R, T in parts])
+    problem, _ = problem_of([(setup, np.eye(3)[None], np.zeros((1, 3))) for setup, _, _ in parts])
     return problem.units, np.array([size for _, size in problem.considered])
 
 
-def predict(parts: Sequence[Part]) -> Prediction:
-    """How well flange poses will determine the sensor pose, from any targets."""
-    return prediction(information(parts), scales(parts), parts[0][0], sum(len(T) for _, _, T in parts))
+def predict(parts: Sequence[Part], rng: np.random.Generator | None = None) -> Prediction:
+    """How well flange poses will determine the sensor pose, from any targets. With `rng`: and how well if the guess is
+    wrong by anything within its margins."""
+    parts = [part for part in parts if len(part[2])]
+    known, (problem, _) = scales(parts), problem_of(parts)
+    spectrum_of = spectrum(remove_common(information(parts), problem.n, known[1] ** -2.0)[0], known[0])
+    poses, spare = sum(len(T) for _, _, T in parts), int(problem.count()[0]) - problem.n
+    found = Prediction(spectrum_of, parts[0][0], poses, spare)
+    if rng is None or not any(astuple(parts[0][0].margins)):
+        return found
+    others = [predict(displaced(parts, rng)) for _ in range(GUESSES)]
+    values = [[other.mm for other in others], [other.deg for other in others]]
+    return replace(found, between=tuple((min(some), max(some)) for some in values))
 
 
-def prediction(found, known, setup: Setup, poses: int) -> Prediction:
-    """Of the information (n + c, n + c) of poses; `known`: the unknowns' `scales`."""
-    units, sizes = known
-    alone, _ = remove_common(found, len(units), sizes**-2.0)
-    return Prediction(spectrum(alone, units), setup, poses)
+def displaced(parts: Sequence[Part], rng: np.random.Generator) -> list[Part]:
+    """The same poses where sensor and targets are off the guess by anything within its margins."""
+    found, (first, _, _) = [], parts[0]
+    shift, turn = in_unit_ball(rng, 2)
+    R_sensor = first.R_sensor @ rotations(np.radians(first.margins.mount_deg) * turn)
+    T_sensor = first.T_sensor + first.margins.mount_mm * shift
+    for setup, R, T in parts:
+        moved, turned = in_unit_ball(rng, 2)
+        (origin, axes), back = setup.target.frame, rotations(np.radians(setup.margins.target_deg) * turned)
+        target = setup.target.at(origin + setup.margins.target_mm * moved, back @ axes, setup.sizes)
+        there = replace(setup, R_sensor=R_sensor, T_sensor=T_sensor, target=target, facing=back @ setup.facing)
+        found.append((there, R, T))
+    return found

@@ -132,6 +132,7 @@ def _box(axes, rotation, origin, side: float, colour: str) -> None:
 def side_of_motion(axes, drawn: Drawn) -> None:
     """Fig. 5: which way the motion goes through the scan plane."""
     side_view(axes, drawn, f"s = {drawn.scans.s[0]:+.0f}")
+    note(axes, "disk", 0.4 * drawn.radius * drawn.across, (0, -11))
     r, (first, last) = drawn.radius, drawn.q[3:, 0]
     for y, colour, name in ((first, figures.BLUE, r"$\bar\pi$"), (last, figures.ORANGE, r"$\tilde\pi$")):
         axes.plot([y, y], [-1.3 * r, 1.2 * r], color=colour, lw=1.5)
@@ -176,7 +177,13 @@ def one_chord(figure, drawn: Drawn, turns_deg) -> None:
     flat.axvline(middle[0], color=figures.BLUE, lw=1.5)
     flat.plot(*middle, "s", color="black", ms=7)
     note(flat, "chord", middle, (26, 10))
-    flat.set(xlabel="y, across the scan plane [mm]", ylabel="z̄ [mm]", aspect="equal", title="seen along the chord")
+    flat.set(
+        xlabel="y, across the scan plane [mm]",
+        ylabel="z̄ [mm]",
+        aspect="equal",
+        anchor="N",
+        title="seen along the chord",
+    )
     flat.invert_yaxis()
     flat.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1, 1))
     space.plot(*chord.T, color="black", lw=4, zorder=10)
@@ -230,8 +237,8 @@ def noisy_middles(figure, drawn: Drawn, noisy, fitted) -> None:
         right.plot(off[:, side, 0], height, "o", color=colour, ms=4, label=name)
         right.plot(on_fit - true[:, side, 0], height, "-", color=colour, lw=2, label=f"{name}, fitted ellipse")
     right.axvline(0, color="0.5", ls="--")
-    left.set(xlabel="off the line, along x̄ [mm]", ylabel="z̄ [mm]", title="noise moves the middles off their line")
-    right.set(xlabel="off the true ellipse, along x̄ [mm]", title="one ellipse through all tips averages most of it out")
+    left.set(xlabel="off the line, along x̄ [mm]", ylabel="z̄ [mm]", title="the middles of the chords")
+    right.set(xlabel="off the true ellipse, along x̄ [mm]", title="the tips, and the ellipse fitted to all of them")
     left.invert_yaxis()
     for axes in (left, right):
         axes.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2)
@@ -250,7 +257,7 @@ def elliptic_points(left, right, drawn: Drawn) -> None:
         arrow(left, corner, corner + length * axis, colour, 2)
         note(left, name, corner + length * axis, (8, 8 if name == "x" else -8), colour)
     theta = np.degrees(np.arctan2(back[0, 1], back[0, 0]))
-    note(left, f"θ = {theta:.0f}°", corner + 0.5 * length * (back[0] + [1, 0]) / 2, (0, 0), figures.RED)
+    note(left, f"θ = {theta:.0f}°", corner + length * (back[0] + [1, 0]) / 2, (16, 0), figures.RED)
     right.plot(*drawn.data.e[:2].T, color=figures.RED, ls="--", lw=1)
     for name, at, offset in zip(NAMES, drawn.data.e, beside(drawn.data.e[:, 1]), strict=True):
         right.plot(*at, "o", color=figures.RED)

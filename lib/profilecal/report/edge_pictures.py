@@ -45,12 +45,12 @@ def plot_medians(axes, runs: pd.DataFrame, x: str, y: str, hue: str, label: str)
 
 
 def plot_clouds(axes, clouds: dict, view) -> None:
-    """Draw clouds {label: errors (n, 3)} around the truth, as seen in the plane of the rows `view` (2, 3)."""
+    """Draw clouds {label: errors (n, 3)} around no error, as seen in the plane of the rows `view` (2, 3)."""
     shades = plt.get_cmap("viridis")(np.linspace(0.85, 0, len(clouds)))
     for (label, cloud), shade in zip(clouds.items(), shades, strict=True):
         axes.plot(*(cloud @ view.T).T, ".", ms=3, color=shade, label=label)
     axes.plot(0, 0, "k+", ms=14, mew=2)
-    axes.annotate("truth", (0, 0), (8, 8), textcoords="offset points")
+    axes.text(0, 0.98, "no error", ha="center", va="top", transform=axes.get_xaxis_transform())
     axes.set(aspect="equal")
 
 
@@ -114,6 +114,8 @@ def draw_ball_scan(axes, clouds, radius: float) -> None:
         axes.plot(*circle_around(height, [0, 0, 1], radius * np.cos(latitude)).T, color="0.7", lw=0.7)
     equal_axes(axes, radius * np.array([[-1, -1, -1], [1, 1, 1]]))
     axes.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")
+    ticks = radius * np.array([-0.5, 0, 0.5])
+    axes.set(xticks=ticks, yticks=ticks, zticks=ticks)
 
 
 def error_bars(axes, columns: dict, colours) -> None:

@@ -15,7 +15,7 @@ NOTHING = ("", "nan", "-nan", ".nan", "null", "none", "na", "-", ".")
 ENTRY = re.compile(
     r"^\s*(\w+)\s*:\s*(?:!!opencv-matrix\s+rows:\s*\d+\s+cols:\s*(\d+)\s+dt:\s*\S+\s+data:\s*)?\[([^\]]*)(\]?)", re.M
 )
-LIKE_ROWS = 3  # a file of at most that many rows, each longer, has its columns side by side
+LIKE_ROWS = 3
 
 
 @dataclass(frozen=True)
@@ -26,6 +26,12 @@ class Columns:
     values: np.ndarray  # (n, k)
     names: tuple[str, ...]  # (k,) lower case, without units; "1", "2", … where the file gives none
     words: tuple[str, ...] = ()  # (n,) of the first column, where it is no number
+
+    @property
+    def upright(self) -> "Columns":
+        """With columns as columns, where a file without names has them side by side in at most three rows."""
+        n, k = self.values.shape
+        return table(self.path, self.values.T) if n <= LIKE_ROWS < k and self.names[0] == "1" else self
 
 
 def read_columns(path: Path, entry: str = "") -> Columns:
@@ -96,10 +102,7 @@ def is_data(fields) -> bool:
 
 
 def table(path: Path, values, names=(), words=()) -> Columns:
-    """The columns as columns, whichever way they lie in the file."""
-    n, k = values.shape
-    if n <= LIKE_ROWS < k and not names:
-        values = values.T
+    """The columns, with their names as they are compared."""
     names = [re.sub(r"[\s_]*[\[(].*|_(mm|m|deg|rad)$", "", name.strip().strip("\"'").lower()) for name in names]
     return Columns(path, values, tuple(names) or tuple(str(j + 1) for j in range(values.shape[1])), words)
 

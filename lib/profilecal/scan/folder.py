@@ -70,7 +70,10 @@ def read_scan(folder) -> Scan:
 def read_header(path: Path) -> dict:
     """scan.toml, checked, with defaults filled in."""
     if not is_file(path):
-        raise ScanError(f'{path}: no such file; expected it to name the target: [target] kind = "edge"')
+        raise ScanError(
+            f'{path}: no such file; expected it to name the target: [target] kind = "edge" '
+            "(other files: profilecal import)"
+        )
     header = read_toml(path)
     for section, known in KEYS.items():
         entries = header.setdefault(section, {}) if section else header

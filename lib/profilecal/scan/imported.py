@@ -76,9 +76,9 @@ def import_scan(folder, kind: str, sizes: dict, layout: Layout = Layout()) -> tu
         raise ScanError(f"{folder}: the {kind}'s {missing[0]} is missing; expected --{missing[0]}, in mm")
     check_sizes(folder, {"kind": kind} | sizes, 1.0)
     profiles, of_poses, left = sort_files(folder, layout)
-    poses = read_poses(of_poses, layout)
+    poses = read_poses(of_poses, layout, {last_number(path.stem) for path in profiles})
     order, matched = match(folder, poses, profiles, of_poses)
-    found = [read_columns(profiles[k], layout.entry) for k in order]
+    found = [read_columns(profiles[k], layout.entry).upright for k in order]
     values, taken = measured([x_and_z(one, layout.columns) for one in found], found, layout)
     scale, units = scale_of(np.linalg.norm(poses.T, axis=1).max(), LONGEST_M, layout.pose_units)
     R, T = poses.R, poses.T * scale
@@ -87,7 +87,7 @@ def import_scan(folder, kind: str, sizes: dict, layout: Layout = Layout()) -> tu
     single = all(len(rows) == 1 for rows in values)
     scan = Scan(
         kind=kind,
-        labels=poses.labels or tuple(profiles[k].stem for k in order),
+        labels=labels_of(poses, [profiles[k] for k in order]),
         R_base_flange=R,
         T_base_flange=T,
         measured="points" if single else "profiles",
@@ -100,11 +100,10 @@ def import_scan(folder, kind: str, sizes: dict, layout: Layout = Layout()) -> tu
     )
     if scan.measured not in target.tables:
         raise ScanError(f"{folder}: a target of kind {kind!r} needs {' or '.join(target.tables)}, not {scan.measured}")
-    points = sum(map(len, values))
     guessed = [
         f"poses      {names_of(of_poses)}: {len(R)}, {poses.told}, {units}",
         f"of         {'the tool given, taken off' if layout.tool else 'the flange (--tool if they are of a tool)'}",
-        f"profiles   {names_of([profiles[k] for k in order])}: {points} points, {taken}",
+        f"profiles   {names_of([profiles[k] for k in order])}: {taken}",
         f"matched    {matched}",
         f"target     {scan.description}",
     ]
@@ -151,8 +150,8 @@ def names_of(paths) -> str:
     return paths[0].name if len(paths) == 1 else f"{paths[0].name} … {paths[-1].name}"
 
 
-def read_poses(paths: list[Path], layout: Layout) -> Poses:
-    """The poses of a FANUC listing, of a table, or of files of one pose each."""
+def read_poses(paths: list[Path], layout: Layout, numbers: set) -> Poses:
+    """The poses of a FANUC listing, of a table, or of files of one pose each. `numbers`: in the profiles' names."""
     if paths[0].suffix.lower() == ".ls":
         listing = read_listing(paths[0])
         fanuc = named("FANUC angles")
@@ -181,7 +180,8 @@ def read_poses(paths: list[Path], layout: Layout) -> Poses:
             R = to_rotations(convention, block)
         except RowError as error:
             raise ScanError(f"{where}, pose {error.row + 1}: {error}") from error
-    return Poses(labels_in(tables[0], len(paths)), R, T, convention, f"{convention.meaning} ({convention.name})")
+    labels = labels_in(tables[0], len(paths), {*"xyz", *convention.columns}, numbers)
+    return Poses(labels, R, T, convention, f"{convention.meaning} ({convention.name})")
 
 
 def one_table(tables: list[Columns], layout: Layout) -> tuple[np.ndarray, list[str]]:
@@ -205,38 +205,51 @@ def one_table(tables: list[Columns], layout: Layout) -> tuple[np.ndarray, list[s
     return rows, list(names)
 
 
-def labels_in(table: Columns, files: int) -> tuple[str, ...]:
-    """The poses' labels in a table; none where it has none."""
+def labels_in(table: Columns, files: int, used: set, numbers: set) -> tuple[str, ...]:
+    """The poses' labels in a table: a column of that name, or one with the numbers of the profiles' names that is of no
+    other use. None where there is no such column."""
     if files > 1 or table.values.shape in ((3, 4), (4, 4)):
         return ()
     if table.words:
         return table.words
-    column = next((j for j, name in enumerate(table.names) if name in LABELS), None)
-    return () if column is None else tuple(f"{value:g}" for value in table.values[:, column])
+    columns = [
+        column
+        for name, column in zip(table.names, table.values.T, strict=True)
+        if name in LABELS or (ALIASES.get(name, name) not in used and set(column) == numbers)
+    ]
+    return tuple(f"{value:g}" for value in columns[0]) if columns else ()
 
 
 def match(folder: Path, poses: Poses, profiles: list[Path], of_poses: list[Path]) -> tuple[list[int], str]:
     """Which profile belongs to each pose (P,): the one whose name, or last number, is the pose's; else by order."""
     source = names_of(of_poses)
     numbers = [last_number(path.stem) for path in profiles]
-    if poses.labels:
+    named_by = poses.labels or tuple(path.stem for path in of_poses if len(of_poses) == len(poses.R) > 1)
+    if named_by:
         stems = {path.stem: k for k, path in enumerate(profiles)} | {path.name: k for k, path in enumerate(profiles)}
         by_number = dict(zip(numbers, range(len(profiles)), strict=True)) if len({*numbers}) == len(numbers) else {}
-        order = [stems.get(label, by_number.get(last_number(label))) for label in poses.labels]
+        order = [stems.get(label, by_number.get(last_number(label))) for label in named_by]
         if None in order:
-            raise ScanError(f"{folder}: no profile for pose {poses.labels[order.index(None)]} of {source}")
+            raise ScanError(f"{folder}: no profile for pose {named_by[order.index(None)]} of {source}")
         if len({*order}) < len(order):
-            raise ScanError(f"{source}: poses {listed(poses.labels)} name a profile twice")
+            raise ScanError(f"{source}: poses {listed(named_by)} name a profile twice")
         if spare := {*range(len(profiles))} - {*order}:
             raise ScanError(f"{profiles[min(spare)]}: no such pose in {source}")
-        return order, "by the numbers in their names"
+        return order, "by their names"
     if len(profiles) != len(poses.R):
         raise ScanError(
             f"{folder}: {len(profiles)} profiles ({names_of(profiles)}) and {len(poses.R)} poses ({source})"
         )
-    if len(of_poses) == len(profiles) > 1 and [last_number(path.stem) for path in of_poses] != numbers:
-        raise ScanError(f"{folder}: the numbers in {names_of(profiles)} and in {source} are not the same")
     return list(range(len(profiles))), "in order, the first pose with the first profile"
+
+
+def labels_of(poses: Poses, profiles: list[Path]) -> tuple[str, ...]:
+    """What the poses are called: as their table calls them, or else as the profiles, without the word in front."""
+    if poses.labels and {*poses.labels} != {path.name for path in profiles}:
+        return poses.labels
+    stems = [path.stem for path in profiles]
+    shared = re.match(r"\D*", stems[0])[0]
+    return tuple(stem.removeprefix(shared) or stem for stem in stems)
 
 
 def last_number(text: str) -> int | None:
@@ -281,13 +294,15 @@ def measured(chosen, found: list[Columns], layout: Layout) -> tuple[tuple[np.nda
     missing = layout.missing
     if missing is None and (rest := z[z != 0]).size and rest.size < z.size and not rest.min() < 0 < rest.max():
         missing = 0.0
-    none = "none missing" if missing is None else f"nothing seen where z is {missing:g}"
     near = np.abs(np.concatenate(values)[np.isfinite(np.concatenate(values)).all(axis=1)])
     scale, units = scale_of(near[near < FARTHEST_MM].max(initial=0), 1.0, layout.units)
     for rows in values:
         rows[(rows[:, 1] == missing) | (np.abs(rows) * scale > FARTHEST_MM).any(axis=1)] = np.nan
-    (names,) = pairs
-    said = f"x and z in columns {' and '.join(names)}, {units}, {none}"
+    (names,), points = pairs, sum(map(len, values))
+    nothing = sum(int(np.isnan(rows).any(axis=1).sum()) for rows in values)
+    where = "" if missing is None else f", where z is {missing:g}"
+    seen = f"nothing seen in {nothing} of them{where}" if nothing else "all seen"
+    said = f"{points} points, x and z in columns {' and '.join(names)}, {units}, {seen}"
     return tuple(rows * scale for rows in values), said
 
 

@@ -160,13 +160,19 @@ def is_number(value) -> bool:
 
 
 def toml_text(entries: dict) -> str:
-    """A dictionary of numbers, texts, nested lists of numbers, and one level of such dictionaries, as TOML."""
+    """A dictionary of numbers, texts, nested lists of numbers, and one level of such dictionaries or lists of such, as
+    TOML."""
 
     def lines(table):
-        plain = {key: value for key, value in table.items() if not isinstance(value, dict)}
-        text = {key: json.dumps(value, ensure_ascii=False, default=np.ndarray.tolist) for key, value in plain.items()}
+        text = {key: json.dumps(value, ensure_ascii=False, default=np.ndarray.tolist) for key, value in table.items()}
         return [f"{key} = {value}" for key, value in text.items()]
 
-    tables = {name: table for name, table in entries.items() if isinstance(table, dict) and table}
-    parts = [line for name, table in tables.items() for line in ("", f"[{name}]", *lines(table))]
-    return "\n".join([*lines(entries), *parts]) + "\n"
+    def tables(value):
+        several = value if isinstance(value, list) else [value]
+        return several if several and all(isinstance(part, dict) for part in several) else []
+
+    parts = lines({name: value for name, value in entries.items() if not tables(value) and value != {}})
+    for name, value in entries.items():
+        head = f"[[{name}]]" if isinstance(value, list) else f"[{name}]"
+        parts += [line for table in tables(value) if table for line in ("", head, *lines(table))]
+    return "\n".join(parts) + "\n"

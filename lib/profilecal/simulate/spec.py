@@ -9,6 +9,7 @@ import numpy as np
 
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import carry, homogeneous, inverse
+from profilecal.joint.state import State
 from profilecal.scan.conventions import CONVENTIONS
 from profilecal.scan.folder import MOUNTS
 from profilecal.scan.scan import Scan, ScanError
@@ -20,6 +21,7 @@ from profilecal.simulate.scene import Scene, random_scene
 from profilecal.targets import TARGETS
 
 WIDE = Scanner(near=40.0, far=260.0, near_width=100.0, far_width=220.0)  # sees a whole disk of 50 mm radius
+OF_TARGET = ("target", "axis", "up", "target_mm", "target_deg")  # entries of [guess] that a target may have of its own
 ELSEWHERE = ("noise", "robot", "scanner", "sizes", "guess")  # fields of Spec that are no entries of their own
 
 
@@ -82,9 +84,7 @@ def read_spec(entries: dict, folder=".") -> Spec:
     noise = _filled(Noise(profile_mm=0.05), entries.pop("noise", {}), "[noise]")
     robot = _filled(Robot(), entries.pop("robot", {}), "[robot]")
     scanner = _filled(replace(WIDE, noise_mm=noise.profile_mm), entries.pop("scanner", {}), "[scanner]")
-    kind = entries.get("kind", Spec.kind)
-    lengths = TARGETS[kind].lengths if isinstance(kind, str) and kind in TARGETS else ()
-    sizes = {name: entries.pop(name) for name in lengths if name in entries}
+    sizes = {name: entries.pop(name) for name in lengths_of(entries) if name in entries}
     for name, value in sizes.items():
         _check(name, value, float, "the specification")
     spec = _filled(Spec(), entries, "the specification")
@@ -92,6 +92,44 @@ def read_spec(entries: dict, folder=".") -> Spec:
         raise ScanError("poses are given, but no [guess]; expected roughly where sensor and target are")
     poses = str(Path(folder) / spec.poses) if spec.poses else ""
     return replace(spec, noise=noise, robot=robot, scanner=scanner, sizes=sizes, guess=guess, poses=poses)
+
+
+def lengths_of(entries: dict) -> tuple[str, ...]:
+    """The names of the lengths of the target that a specification is for."""
+    kind = entries.get("kind", Spec.kind)
+    return TARGETS[kind].lengths if isinstance(kind, str) and kind in TARGETS else ()
+
+
+def read_specs(entries: dict, folder=".") -> list[Spec]:
+    """One for each of [[targets]]: what its table says goes before the entries outside, and its place before that in
+    [guess]. Without [[targets]], the one of `read_spec`. Raises ScanError."""
+    entries = dict(entries)
+    targets = entries.pop("targets", [{}])
+    if not isinstance(targets, list) or not targets or not all(isinstance(target, dict) for target in targets):
+        raise ScanError(f"targets is {targets!r} in the specification; expected tables [[targets]]")
+    found = []
+    for target in targets:
+        placed = {name: value for name, value in target.items() if name in OF_TARGET}
+        own = {name: value for name, value in target.items() if name not in OF_TARGET}
+        for name in own:
+            if name not in ("kind", "measured", "specimen", "poses", *lengths_of(own)):
+                raise ScanError(
+                    f"unknown entry {name!r} in [[targets]]; there are kind, measured, …, {', '.join(OF_TARGET)}"
+                )
+        whole = entries | own
+        if placed:
+            whole["guess"] = entries.get("guess", {}) | placed
+        found.append(read_spec(whole, folder))
+    if len(found) > 1 and not all(spec.guess for spec in found):
+        raise ScanError("there are several targets, but no [guess]; expected roughly where sensor and targets are")
+    return found
+
+
+def names_of(kinds: Sequence[str]) -> list[str]:
+    """Names for targets of these kinds: numbered where there are several of one, "" if there is one in all."""
+    if len(kinds) == 1:
+        return [""]
+    return [f"{k}-{kinds[:i].count(k) + 1}" if kinds.count(k) > 1 else k for i, k in enumerate(kinds)]
 
 
 def _filled(default, entries: dict, where: str):
@@ -115,27 +153,34 @@ def simulate_scan(spec: Spec) -> Scan:
 
 
 def simulate_scans(specs: Sequence[Spec]) -> list[Scan]:
-    """One scan for each specification, by one sensor from the same poses: the robot errs alike in all of them, but for
-    what is fresh at each visit.
+    """One scan for each specification, by one sensor on one robot.
 
-    The targets stand in the same place one after the other. The first specification says where, what poses there are
-    and how the robot errs; all of them must be seen from there.
+    The first specification says how the robot errs. If it has poses of its own, so have the others, and all of them
+    have their guess off by the same mount. Otherwise the targets stand in the same place one after the other and are
+    seen from the same poses, where the robot errs alike but for what is fresh at each visit; the first says where.
     """
     first = specs[0]
     rng = np.random.default_rng(first.seed)
-    scene = scene_of(first, rng)
-    same = scene.observations.group if first.poses else slice(None)
-    poses = actual_poses(scene.poses, first.noise, rng, same)
-    R, T = (part.reshape(-1, *part.shape[2:]) for part in poses)
-    poses = first.robot.built(R, T, first.mount == "eye-to-hand", rng)
-    return [record(scene.showing(spec.kind, sizes_of(spec)), poses, spec, first.robot, rng) for spec in specs]
+    scenes = [scene_of(first, rng)]
+    if first.poses:
+        scenes += [scene_of(spec, rng, scenes[0].truth) for spec in specs[1:]]
+    same = [scene.observations.group if first.poses else slice(None) for scene in scenes]
+    poses = [actual_poses(scene.poses, first.noise, rng, group) for scene, group in zip(scenes, same, strict=True)]
+    R, T = (np.concatenate([p.reshape(-1, *p.shape[2:]) for p in part]) for part in zip(*poses, strict=True))
+    R, T = first.robot.built(R, T, first.mount == "eye-to-hand", rng)
+    if not first.poses:
+        scenes = [scenes[0].showing(spec.kind, sizes_of(spec)) for spec in specs]
+        return [record(scene, (R, T), spec, first.robot, rng) for scene, spec in zip(scenes, specs, strict=True)]
+    ends = np.cumsum([len(scene.observations.group) for scene in scenes])[:-1]
+    each = zip(scenes, np.split(R, ends), np.split(T, ends), specs, strict=True)
+    return [record(scene, (R, T), spec, first.robot, rng) for scene, R, T, spec in each]
 
 
-def scene_of(spec: Spec, rng: np.random.Generator) -> Scene:
-    """The target and the poses of a specification."""
+def scene_of(spec: Spec, rng: np.random.Generator, sensor: State | None = None) -> Scene:
+    """The target and the poses of a specification; those of a file, seen by a `sensor` if there is one already."""
     if spec.poses:
         to_hand, steering_mm = spec.mount == "eye-to-hand", spec.noise.steering_mm
-        return planned_scene(spec.kind, sizes_of(spec), spec.guess, spec.poses, to_hand, steering_mm, rng)
+        return planned_scene(spec.kind, sizes_of(spec), spec.guess, spec.poses, to_hand, steering_mm, rng, sensor)
     return random_scene(
         spec.kind,
         rng,

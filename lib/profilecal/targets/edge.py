@@ -52,7 +52,7 @@ class Edge(Target):
     direction: np.ndarray
 
     kind, shape, tables = "edge", "straight line", ("profiles", "points")
-    shifts, turns, points, rows, affine = "xy", "xy", 1, 2, True
+    shifts, turns, points, rows, affine, beside_mm = "xy", "xy", 1, 2, True, 6.0
     groups, positions, stance, specimens = 25, 10, ALONG_Y, tuple(SPECIMENS)
 
     @classmethod

@@ -30,6 +30,7 @@ class Target:
     lengths: tuple[str, ...] = ()  # its known measures, mm: entries of [target] in scan.toml, fields of the class
     tables: tuple[str, ...] = ("profiles",)  # what a scan folder may hold of it (`scan.folder.MEASURED`)
     # The joint solution
+    beside_mm = 0.0  # around a point of it, that a raw profile must show
     shifts: str  # axes of its frame along which a shift changes it
     turns: str  # axes of its frame about which a turn changes it
     points: int | None = None  # that a pose gives; None: any number, each anywhere on a curve
