@@ -1,6 +1,6 @@
 """Random corruptions of the example scans: never a traceback, a hang, or a wrong answer that claims to be right.
 
-The suite tries 36; `PROFILECAL_FUZZ=2000 pytest -s tests/test_fuzz.py` tries as many as it says and prints what came
+The suite tries 24; `PROFILECAL_FUZZ=2000 pytest -s tests/test_fuzz.py` tries as many as it says and prints what came
 of each kind. A corruption is drawn from its own seed, the number in a failure's first line.
 """
 
@@ -23,7 +23,7 @@ from profilecal.joint.state import pose_error
 from profilecal.scan.folder import read_scan
 from profilecal.scan.scan import ScanError
 
-COUNT = int(os.environ.get("PROFILECAL_FUZZ", "36"))
+COUNT = int(os.environ.get("PROFILECAL_FUZZ", "24"))
 LONGEST = 30  # seconds of one processor
 BELIEVED = 5.0  # standard deviations
 
@@ -102,7 +102,7 @@ def attempt(seed, folder_path):
 
 
 def test_corrupted_scans_are_refused_or_doubted_or_right(tmp_path):
-    """PROFILECAL_FUZZ of them, 36 if it is not set. Spread over the kinds of corruption in the suite's part."""
+    """PROFILECAL_FUZZ of them, 24 if it is not set. Spread over the kinds of corruption in the suite's part."""
     seeds = range(COUNT) if 3 * len(CORRUPTIONS) <= COUNT else range(0, 10 * COUNT, 10)
     table, slowest, failed = defaultdict(Counter), (0.0, 0), []
     for seed in seeds:
