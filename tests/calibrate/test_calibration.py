@@ -232,20 +232,20 @@ def test_a_missing_folder_is_one_sentence(tmp_path, command):
 
 def test_robot_errors_are_part_of_the_stated_uncertainty():
     noise = Noise(profile_mm=0.05, position_mm=0.05, orientation_deg=0.01, group_position_mm=0.2)
-    scans = [simulate_scan(Spec(seed=seed, noise=noise, groups=12, positions=4)) for seed in range(20)]
+    scans = [simulate_scan(Spec(seed=seed, noise=noise, groups=12, positions=4)) for seed in range(12)]
     inside = sum(squared_error(scan, calibrate([scan])) < chi2.ppf(0.95, 6) for scan in scans)
-    assert binom.ppf(1e-4, 20, 0.95) <= inside
+    assert binom.ppf(1e-4, 12, 0.95) <= inside
 
 
 def test_few_poses_are_kept_where_robots_err_and_one_that_is_wrong_is_not():
     """A robust fit to 14 poses comes near to most of them; what it leaves out, a robot's usual errors explain."""
     noise, robot = Noise(profile_mm=0.05, position_mm=0.05, orientation_deg=0.02), {"profile_mm": 0.05}
     squares, rejected = 0.0, 0
-    for seed in range(12):
+    for seed in range(8):
         scan = replace(simulate_scan(Spec(seed=seed, noise=noise, groups=14, positions=1)), noise=robot)
         found = calibrate([scan])
         squares, rejected = squares + squared_error(scan, found), rejected + len(found.labels(rejected=True))
         wrong = replace(scan, values=tuple(v + 3.0 * (k == 5) for k, v in enumerate(scan.values)))
         assert calibrate([wrong]).labels(rejected=True) == [scan.labels[5]]
-    assert rejected <= 2
-    assert squares < chi2.isf(1e-4, 6 * 12)
+    assert rejected <= 1
+    assert squares < chi2.isf(1e-4, 6 * 8)
