@@ -30,6 +30,7 @@ COPIED = (
     "CITATION.cff",
     "LICENSE",
     "data/README.md",
+    "data/examples/planned.toml",
     "docs/frames.png",
     "docs/sweep.png",
     "tests/targets/test_new_target.py",
