@@ -11,6 +11,7 @@ html_static_path, html_css_files = ["_static"], ["style.css"]
 html_show_copyright, html_copy_source, html_show_sourcelink = False, False, False
 
 nb_execution_mode, nb_ipywidgets_js = "off", {}  # as committed; no scripts from elsewhere
+nb_render_markdown_format = "myst"  # outputs have tables and links, too
 nb_mime_priority_overrides = [("html", "application/vnd.profilecal.scorecard+json", None)]
 myst_enable_extensions = ["dollarmath", "amsmath"]
 myst_dmath_double_inline, myst_heading_anchors = True, 4
