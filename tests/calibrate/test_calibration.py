@@ -239,10 +239,10 @@ def test_robot_errors_are_part_of_the_stated_uncertainty():
 
 def test_few_poses_are_kept_where_robots_err_and_one_that_is_wrong_is_not():
     """A robust fit to 14 poses comes near to most of them; what it leaves out, a robot's usual errors explain."""
-    noise, robot = Noise(profile_mm=0.05, position_mm=0.05, orientation_deg=0.02), {"profile_mm": 0.05}
+    noise, stated = Noise(profile_mm=0.05, position_mm=0.05, orientation_deg=0.02), {"profile_mm": 0.05}
     squares, rejected = 0.0, 0
     for seed in range(8):
-        scan = replace(simulate_scan(Spec(seed=seed, noise=noise, groups=14, positions=1)), noise=robot)
+        scan = replace(simulate_scan(Spec(seed=seed, noise=noise, groups=14, positions=1)), noise=stated)
         found = calibrate([scan])
         squares, rejected = squares + squared_error(scan, found), rejected + len(found.labels(rejected=True))
         wrong = replace(scan, values=tuple(v + 3.0 * (k == 5) for k, v in enumerate(scan.values)))

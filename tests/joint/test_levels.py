@@ -82,7 +82,7 @@ def test_a_size_is_standard_normal_beforehand():
     assert size(norm.ppf(1e-6)) < 1e-5
 
 
-def test_rough_sizes_give_the_same_covariance_sooner():
+def test_rough_sizes_give_nearly_the_same_covariance():
     model, _, state = linear_model(5, groups=5, positions=3)
     field = field_over(model.sharing, state.rotation[0], state.translation[0], eye_to_hand=False)
     found = [levels(model, likeliest(model, asdict(TRUE), t), field, {}, t).covariance for t in (1e-10, 1e-5)]

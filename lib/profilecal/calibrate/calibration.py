@@ -31,9 +31,13 @@ class Calibration:
     method: str = "joint"
     misread: bool = False  # another reading of the poses explains the data; `messages` says which
 
-    def noting(self, messages, first=()) -> "Calibration":
-        """This one with more to say, some of it `first`."""
-        return replace(self, messages=(*first, *self.messages, *messages))
+    def noting(self, messages) -> "Calibration":
+        """This one with more to say."""
+        return replace(self, messages=(*self.messages, *messages))
+
+    def misread_as(self, readings) -> "Calibration":
+        """This one, first of all with the readings of the poses that explain the data."""
+        return replace(self, messages=(*readings, *self.messages), misread=True)
 
     @property
     def status(self) -> str:
@@ -134,14 +138,14 @@ def calibrate(scans, guess=None, method: str = "joint", rng: np.random.Generator
             solution = judge(observed, solution)
     except UnobservableError as error:
         if readings := on_readings(scans, seen):
-            return replace(found.noting([], readings), misread=True)
+            return found.misread_as(readings)
         return found.noting([str(error)])
     remarks, wrong = remarks_on_targets(scans, seen, solution)
     if wrong and solution.status == "ok":
         solution = replace(solution, status="weak")
     found = replace(found, solution=solution)
     if solution.status != "ok" and (readings := on_readings(scans, seen)):
-        return replace(found.noting([], readings), misread=True)
+        return found.misread_as(readings)
     return found.noting([*solution.messages, *remarks])
 
 

@@ -71,10 +71,11 @@ def part_of_scan(setups: list[Setup], folder: Path) -> Part:
     mount = "eye-to-hand" if first.to_hand else "eye-in-hand"
     if scan.mount != mount:
         raise ScanError(f"{folder} is {scan.mount}; the plan is {mount}")
-    there = other_target(first, scan)
+    seen = observe(scan, 1)
+    there = other_target(first, scan, seen)
     alike = [setup for setup in setups if (setup.target.kind, setup.sizes) == (scan.kind, scan.sizes)]
     setup = min(alike, key=lambda setup: apart(setup.target, there.target), default=there)
-    return setup, *scan.base_flange(observe(scan, 1).poses)
+    return setup, *scan.base_flange(seen.poses)
 
 
 def prediction_of(task: Task, given: Sequence[Path]) -> Prediction:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from profilecal.calibrate.calibration import Calibration
-from profilecal.calibrate.observe import as_observations, observe, stated_noise
+from profilecal.calibrate.observe import Seen, as_observations, stated_noise
 from profilecal.geometry.noise import ROBOT
 from profilecal.geometry.poses import inverse, nearest_rotation
 from profilecal.joint.descent import settle_targets
@@ -77,10 +77,9 @@ def typical_covariance(observed: Observations) -> np.ndarray | None:
     return np.full(observed.points.shape[2], np.median(covariance)) if observed.on_curve else covariance[0].mean(axis=0)
 
 
-def other_target(setup: Setup, scan: Scan) -> Setup:
-    """Of the same sensor and robot: over the target of a scan, which stands where a sensor mounted as the setup has it
-    sees it. Raises ScanError."""
-    seen = observe(scan, 1)
+def other_target(setup: Setup, scan: Scan, seen: Seen) -> Setup:
+    """Of the same sensor and robot: over the target of a scan, `seen` there, which stands where a sensor mounted as the
+    setup has it sees it."""
     profile_mm = seen.typical_mm or setup.noise.profile_mm
     observed = as_observations(scan, seen, seen.typical_mm)
     noise, R = replace(setup.noise, profile_mm=profile_mm), observed.R_flange[0]

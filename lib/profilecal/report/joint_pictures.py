@@ -3,16 +3,15 @@
 import matplotlib.pyplot as plt
 import numpy as np
 
+from profilecal.geometry.poses import rotations
 from profilecal.report.figures import BLUE, OF_METHOD, ORANGE, draw_scan, equal_axes
 
 
 def draw_seen_and_expected(axes, scene, turn_deg: float, shift_mm: float) -> None:
-    """Draw one scan of a `scenes.Scene` (dots), and what a sensor pose that wrong expects in its place (crosses)."""
-    from scipy.spatial.transform import Rotation
-
+    """Draw one scan of a `scene.Scene` (dots), and what a sensor pose that wrong expects in its place (crosses)."""
     seen, truth = scene.observations, scene.truth
     k = seen.points.shape[1] // 2
-    R = truth.rotation[0] @ Rotation.from_rotvec(turn_deg * np.ones(3) / np.sqrt(3), degrees=True).as_matrix()
+    R = truth.rotation[0] @ rotations(np.radians(turn_deg) * np.ones(3) / np.sqrt(3))
     rotation = seen.R_flange[0, k] @ R
     origin = seen.R_flange[0, k] @ (truth.translation[0] + shift_mm * np.ones(3) / np.sqrt(3)) + seen.T_flange[0, k]
     count = seen.points.shape[-2]
@@ -30,7 +29,7 @@ def draw_seen_and_expected(axes, scene, turn_deg: float, shift_mm: float) -> Non
 
 
 def draw_motion(axes, scene, other) -> None:
-    """Draw the first problem of a `scenes.Scene` in 3D, as it is and with the sensor pose and the target of `other`, a
+    """Draw the first problem of a `scene.Scene` in 3D, as it is and with the sensor pose and the target of `other`, a
     `State`: where the sensor was (dots), its fan of light in two orientations, and the target."""
     seen, drawn = scene.observations, []
     firsts = np.unique(seen.group, return_index=True)[1]
@@ -53,7 +52,7 @@ def draw_motion(axes, scene, other) -> None:
 
 
 def draw_two_scans(axes, scene, other) -> float:
-    """Draw the points that a perfect scanner sees in the first problem of a `scenes.Scene` (dots), and with the sensor
+    """Draw the points that a perfect scanner sees in the first problem of a `scene.Scene` (dots), and with the sensor
     pose and target of `other`, a `State` (circles). Returns their rms difference, mm."""
     seen, points = scene.observations, []
     for state in (scene.truth, other):
