@@ -6,7 +6,7 @@
 
 A cell is a target, a robot, and what the scan says of the robot. Every scan is simulated, calibrated, and its answer
 compared with the truth: the squared error over the stated covariance, 6 expected, below 12.59 in 95 % of all scans.
-What is found goes to results/uncertainty.csv at once; a later run with the same library goes on from there.
+What is found goes to results/uncertainty.csv at once; a later run with the same calibration goes on from there.
 
 As a benchmark (`run.py uncertainty`) it tells what a calibration takes.
 """
@@ -17,6 +17,7 @@ import sys
 import time
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, field, replace
+from hashlib import sha256
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -28,7 +29,6 @@ from tqdm import tqdm
 from profilecal.calibrate.calibration import calibrate
 from profilecal.geometry.noise import Noise
 from profilecal.joint.state import pose_error
-from profilecal.running.sweep import versions
 from profilecal.simulate.robot import Robot
 from profilecal.simulate.spec import WIDE, Spec, simulate_scans
 
@@ -55,7 +55,7 @@ SITUATIONS = {  # the robot's errors, and what else there is to say of the scan
     "position": ({"position_mm": 0.05}, {}),
     "orientation": ({"orientation_deg": 0.02}, {}),
     "both": (BOTH, {}),
-    "five repeats": (BOTH, {"repeats": 5}),
+    "five repeats": (BOTH, {"repeats": 5, "positions": 2}),
     "two targets": (BOTH, {}),
     "shared by orientation": ({"group_position_mm": 0.05, "group_orientation_deg": 0.01}, {}),
 }
@@ -83,7 +83,7 @@ class Cell:
     def scans(self, seed: int) -> list:
         """A cell's scans of one seed: for one in two raw profiles, as far as there are tables for the others."""
         noise = Noise(profile_mm=PROFILE_MM, **self.robot_noise)
-        entries = {"groups": 15, "positions": 3, "scanner": replace(WIDE, points=400)} | self.entries
+        entries = {"groups": 10, "positions": 3, "scanner": replace(WIDE, points=400)} | self.entries
         raw = {"measured": "profiles"} if seed % 2 else {}
         specs = [Spec(kind=kind, seed=seed, noise=noise, **raw, **entries) for kind in self.kinds]
         stated = {"profile_mm": PROFILE_MM} | EXACT_SCANNER | self.stated
@@ -111,6 +111,13 @@ def cells() -> dict[str, Cell]:
 
 
 # One scan
+
+
+def version_of_library() -> str:
+    """Of what this script imports of it."""
+    modules = [module for name, module in sys.modules.items() if name.split(".")[0] == "profilecal"]
+    source = b"".join(Path(path).read_bytes() for path in sorted(module.__file__ for module in modules))
+    return sha256(source).hexdigest()[:8]
 
 
 def squared_error(found: dict, truth: dict, key: str) -> float:
@@ -147,11 +154,11 @@ def measure(cell: Cell, seed: int) -> dict:
 
 
 def table(chosen: dict[str, Cell], scans: int = 300, workers: int = 2, output: Path | None = OUTPUT) -> pd.DataFrame:
-    """The summary of `scans` scans of each of the cells, which those in `output` that this library made are part of.
+    """The summary of `scans` scans of each of the cells; those of the same calibration in `output` are part of it.
 
     `output` None keeps nothing. `workers` 1 computes in this process.
     """
-    version = versions()["profilecal"]
+    version = version_of_library()
     known = pd.read_csv(output) if output and output.exists() else pd.DataFrame(columns=COLUMNS)
     known = known[(known["version"] == version) & known["cell"].isin(chosen) & (known["seed"] < scans)]
     there = set(zip(known["cell"], known["seed"], strict=True))

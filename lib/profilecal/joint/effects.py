@@ -14,6 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+UNITS = np.r_[1, 1, 1, 0.01, 0.01, 0.01]  # mm and rad: of an error, as large in one as in the other
+RANK = 1e-12  # of the largest: what a profile says of its flange error less clearly is rounding
 ROUNDING = 1e-14  # of the largest entry: added to a diagonal whose ones it may have swallowed
 
 
@@ -26,10 +28,36 @@ class Information:
     normal: np.ndarray  # (..., n, n) zᵀz
     log_determinant: np.ndarray | float = 0.0  # of the residuals' covariance
 
-    def times(self, factor) -> "Information":
-        """The same of measurements whose noise has variances 1 / factor (S,)."""
-        over = np.asarray(factor)[:, None, None]
-        return Information(over[:, None] * self.of_errors, over[:, None] * self.crossed, over * self.normal)
+
+@dataclass(frozen=True)
+class Rows:
+    """`Information` in factors: a profile says of its flange error no more than a few independent residuals do, two of
+    a straight edge, so that many variances are tried at little cost."""
+
+    by_errors: np.ndarray  # (K, r, 6) E, with EᵀE = A
+    by_unknowns: np.ndarray  # (K, r, n) z, with Eᵀz = B
+    rest: np.ndarray  # (n, n) what zᵀz lacks
+
+    def without_errors(self, variances, factor, member) -> Information:
+        """What `remove` leaves where the noise has variances 1 / factor, for S sets: variances (S, 6), factor (S,)."""
+        K, r, n = self.by_unknowns.shape
+        E, over = self.by_errors, factor[:, None, None]
+        inflated = np.eye(r) + over[:, None] * ((E * variances[:, None, None]) @ np.swapaxes(E, 1, 2))
+        left = over[:, None] * np.linalg.inv(inflated) @ np.concatenate([E, self.by_unknowns], axis=-1)
+        normal = over * self.rest + self.by_unknowns.reshape(K * r, n).T @ left[..., 6:].reshape(-1, K * r, n)
+        log_determinant = np.log(np.abs(np.linalg.det(inflated))).sum(axis=-1)
+        return summed(np.swapaxes(E, 1, 2) @ left, member, normal, log_determinant)
+
+
+def rows_of(information: Information) -> Rows:
+    """The factors of what measurements say (without a batch)."""
+    values, vectors = np.linalg.eigh(information.of_errors * UNITS[:, None] * UNITS)
+    there = values > RANK * values.max()
+    first = 6 - int(there.sum(axis=1).max(initial=1))
+    root = np.sqrt(np.where(there, values, 0.0))[:, first:, None]
+    across = np.swapaxes(vectors[..., first:], 1, 2)
+    z = across @ (UNITS[:, None] * information.crossed) / np.where(root > 0, root, np.inf)
+    return Rows(root * across / UNITS, z, information.normal - (np.swapaxes(z, 1, 2) @ z).sum(axis=0))
 
 
 def remove(information: Information, variances, member) -> Information:
@@ -46,12 +74,17 @@ def remove(information: Information, variances, member) -> Information:
         stacked, weighed = (part.reshape(*part.shape[:-3], -1, part.shape[-1]) for part in (B, weighed))
         M = M - np.swapaxes(stacked, -1, -2) @ weighed  # summed over the K errors
         log_determinant = log_determinant + np.log(np.abs(np.linalg.det(inflated))).sum(axis=-1)
+    return summed(whole, member, M, log_determinant)
+
+
+def summed(whole, member, normal, log_determinant) -> Information:
+    """Of [A B] (..., K, 6, 6 + n), those of each member together."""
     if np.array_equal(member, np.arange(len(member))):
-        return Information(whole[..., :6], whole[..., 6:], M, log_determinant)
+        return Information(whole[..., :6], whole[..., 6:], normal, log_determinant)
     flat = whole.reshape(*whole.shape[:-2], -1)
     belongs = (np.arange(member.max() + 1)[:, None] == member).astype(float)
     whole = (belongs @ flat).reshape(*flat.shape[:-2], len(belongs), *whole.shape[-2:])
-    return Information(whole[..., :6], whole[..., 6:], M, log_determinant)
+    return Information(whole[..., :6], whole[..., 6:], normal, log_determinant)
 
 
 def inflation(of_errors, variances) -> np.ndarray:

@@ -21,7 +21,7 @@ from scipy.special import gammaln, ndtr, ndtri, stdtr, stdtrit
 from scipy.stats import chi2, norm, qmc
 
 from profilecal.geometry.noise import ROBOT, Noise
-from profilecal.joint.effects import Information, remove
+from profilecal.joint.effects import Information, remove, rows_of
 from profilecal.joint.field import Field
 from profilecal.joint.observability import RANK
 from profilecal.joint.problem import Problem, gram_by_pose
@@ -86,7 +86,9 @@ class Likelihood:
         rank = known.shape[1]
         basis = np.zeros((n + common + 1, rank + common + 1))
         basis[:n, :rank], basis[n:, rank:] = known, np.eye(common + 1)
-        self.information = Information(found.of_errors[0], found.crossed[0] @ basis, basis.T @ found.normal[0] @ basis)
+        self.rows = rows_of(
+            Information(found.of_errors[0], found.crossed[0] @ basis, basis.T @ found.normal[0] @ basis)
+        )
         self.pose = basis[:6, :-1]
         self.precision = np.r_[np.zeros(rank), effects.precision]
         self.count, self.noise, self.sharing = problem.counted(kept), problem.noise, effects.sharing
@@ -143,8 +145,9 @@ class Likelihood:
         sizes = self.sizes(y)
         noise = self.noise_of(sizes)
         factor = (np.asarray(noise.profile_mm) / self.noise.profile_mm) ** -2.0 * np.ones(len(y))
-        left = self.information.times(factor)
-        for variances, member in self.sharing.levels(noise):
+        (finest, member), *coarser = self.sharing.levels(noise)
+        left = self.rows.without_errors(np.broadcast_to(finest, (len(y), 6)), factor, member)
+        for variances, member in coarser:
             left = remove(left, np.broadcast_to(variances, (len(y), 6)), member)
         if self.field:
             left = self.field.remove(left, *(sizes[name] for name in ACCURACY))

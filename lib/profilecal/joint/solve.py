@@ -7,7 +7,7 @@ import numpy as np
 from scipy.stats import chi2 as chi2_law
 
 from profilecal.geometry.checks import UnobservableError
-from profilecal.geometry.noise import FALSE_ALARM, Noise
+from profilecal.geometry.noise import FALSE_ALARM, ROBOT, Noise
 from profilecal.geometry.poses import angle_between
 from profilecal.joint.descent import Fit, refine
 from profilecal.joint.field import field_over
@@ -22,6 +22,7 @@ from profilecal.joint.state import State, normalised_square, pose_error
 
 UNLIKELY = 1e-3  # the chance of residuals so large that the covariance is enlarged
 TWIN_APART, TWIN_AS_GOOD = 50.0, 12.0  # χ² that another sensor pose is away, and by how much it may fit worse
+TWIN_TYPICAL = 10.0  # noise levels: what fits worse before it is refined is none
 ROUNDS = 6  # of estimating robot errors; two or three are usual
 LARGEST_ERROR_MM = 2.0  # of a robot's position; what is larger is a mistake, not an error
 LARGEST_REJECTED = 1 / 3  # of the poses
@@ -31,6 +32,7 @@ FINEST_MM = 1e-5  # scanner noise: residuals of exact data are rounding
 SETTLED = 0.02  # of an error's size
 TRIED = 4  # of sets of poses that leave fewer out
 UNUSUAL = 1.5  # standard deviations above what is known of the errors' sizes beforehand
+LARGE = 3.0  # an error's size over the scale of its prior there
 SHARED = 2  # coordinates of a profile that a shared error moves, at least: it may explain that many large ones
 CONTRADICTING = "most poses contradict each other: no sensor pose explains half of them"
 
@@ -101,10 +103,13 @@ def weigh(problem: Problem, level: NoiseLevel, found: State, robust: bool) -> So
         problem = Problem(observations, model.noise_of(model.sizes(likely)), level.systematic)
         return model, likely, problem, refine(problem, state, weights=kept)
 
+    large = replace(noise, **{name: LARGE * getattr(prior, name) for name in ROBOT})
+    by_large = Problem(observations, large, level.systematic)
     for fewer in fewer_rejected(fit, kept):
+        if not all_belong(by_large, refine(by_large, state, weights=fewer, iterations=10, tolerance=ROUGHLY), fewer):
+            continue  # no robot errs like that
         _, likely, by_robot, trial = weighed(noise, state, fewer)
-        bad = beyond_chance(by_robot, trial, 0, 1.0)
-        if likely.max(initial=0.0) < UNUSUAL and not any((b & k).any() for b, k in zip(bad, fewer, strict=True)):
+        if likely.max(initial=0.0) < UNUSUAL and all_belong(by_robot, trial, fewer):
             kept = fewer
             break
     for _ in range(ROUNDS):
@@ -133,6 +138,12 @@ def fewer_rejected(fit: Fit, kept) -> Iterator[list[np.ndarray]]:
     for count in range(min(len(rejected), TRIED)):
         worst = rejected[np.argsort(-square[rejected])[:count]]
         yield np.split(~np.isin(np.arange(len(square)), worst), ends)
+
+
+def all_belong(problem: Problem, fit: Fit, kept) -> bool:
+    """Whether chance explains the residuals of all the poses kept (P,) of each target, in the first of a batch."""
+    bad = beyond_chance(problem, fit, 0, 1.0)
+    return not any((b & k).any() for b, k in zip(bad, kept, strict=True))
 
 
 def lost(kept) -> float:
@@ -244,10 +255,17 @@ def conclude(problem: Problem, level: NoiseLevel, fit: Fit, others: State, kept)
 
 def twin_of(problem: Problem, fit: Fit, found: Spectrum, others: State, kept) -> str:
     """A sentence on another sensor pose that fits as well, if there is one."""
-    state, other = fit.state, refine(problem, others, weights=kept)
-    delta = pose_error(state.rotation, state.translation, other.state.rotation, other.state.translation)
-    apart = normalised_square(found.covariance, delta)
-    twins = np.flatnonzero((apart > TWIN_APART) & (other.loss < fit.loss[0] + TWIN_AS_GOOD))
+
+    def apart(others: State):
+        delta = pose_error(state.rotation, state.translation, others.rotation, others.translation)
+        return normalised_square(found.covariance, delta)
+
+    state, typical = fit.state, typical_residual(problem.moments(others).per_pose, problem.freedoms())
+    others = others[(apart(others) > TWIN_APART) & (typical < TWIN_TYPICAL)]  # the rest need no refinement
+    if not len(others.rotation):
+        return ""
+    other = refine(problem, others, weights=kept, tolerance=ROUGHLY)
+    twins = np.flatnonzero((apart(other.state) > TWIN_APART) & (other.loss < fit.loss[0] + TWIN_AS_GOOD))
     if not twins.size:
         return ""
     R, T = other.state.rotation[twins[0]], other.state.translation[twins[0]]
