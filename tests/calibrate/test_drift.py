@@ -24,6 +24,7 @@ from profilecal.simulate.scene import random_scene
 from profilecal.simulate.spec import WIDE, Spec, record, sizes_of
 
 CELLS = int(os.environ.get("PROFILECAL_DRIFT", "5"))
+NOISE_MM = 0.03
 ROBOT = {"position_mm": 0.05, "orientation_deg": 0.02}  # the same at both visits
 KNOWN = np.diag([0.05**2] * 3 + [np.radians(0.03) ** 2] * 3)  # of the sensor pose
 FALSE_ALARMS, POWER = (0.005, 0.02), 0.99
@@ -31,12 +32,11 @@ FALSE_ALARMS, POWER = (0.005, 0.02), 0.99
 
 def cell(kind, seed, repeatability=0.0):
     """The scans that five poses give before and after the sensor has moved by mm and degrees, and its first pose."""
-    noise = Noise(0.03, **ROBOT, repeatability_mm=repeatability, repeatability_deg=repeatability / 4)
-    spec = Spec(
-        kind=kind, groups=5, positions=1, measured="profiles", noise=noise, scanner=replace(WIDE, noise_mm=0.03)
-    )
+    noise = Noise(NOISE_MM, **ROBOT, repeatability_mm=repeatability, repeatability_deg=repeatability / 4)
+    scanner = replace(WIDE, noise_mm=NOISE_MM, resolution=NOISE_MM * np.sqrt(12))  # as much in x as in z
+    spec = Spec(kind=kind, groups=5, positions=1, measured="profiles", noise=noise, scanner=scanner)
     rng = np.random.default_rng(seed)
-    scene = random_scene(kind, rng, groups=5, positions=1, sizes=sizes_of(spec), spread_deg=30)
+    scene = random_scene(kind, rng, groups=5, positions=1, sizes=sizes_of(spec), spread_deg=40)
     poses = [part.reshape(-1, *part.shape[2:]) for part in actual_poses(scene.poses, noise, rng)]
     R, t = scene.truth.rotation[0], scene.truth.translation[0]
 
@@ -62,7 +62,7 @@ def test_a_movement_is_told_and_rest_is_not_taken_for_one(kind, repeatability):
         scan, _, T = cell(kind, seed, repeatability)
         before = scan()
         for what, moved in (("rest", (0, 0)), ("0.1 mm", (0.1, 0)), ("0.05°", (0, 0.05))):
-            said[what] += drift(before, scan(*moved), T, KNOWN, 0.03).moved
+            said[what] += drift(before, scan(*moved), T, KNOWN, NOISE_MM).moved
     print(f"{kind}, the robot comes back to {repeatability} mm: {said} of {CELLS}")
     assert binom.ppf(1e-4, CELLS, FALSE_ALARMS[0]) <= said["rest"] <= binom.isf(1e-4, CELLS, FALSE_ALARMS[1])
     if not repeatability:
@@ -76,7 +76,7 @@ def test_the_movement_found_is_the_one_made():
     before, after = scan(), moved_by(made[:3], made[3:])
     wrong = T @ homogeneous(rotations([0.001, 0, -0.0005]), np.array([0.1, 0.05, -0.1]))
     for pose in (T, wrong):
-        found = drift(before, after, pose, KNOWN, 0.03)
+        found = drift(before, after, pose, KNOWN, NOISE_MM)
         assert np.abs((found.delta - made) / np.sqrt(np.diag(found.expected.covariance))).max() < 4
 
 
@@ -84,10 +84,10 @@ def test_scans_that_cannot_be_compared_are_refused():
     scan, _, T = cell("ball", 1)
     other, _, _ = cell("disk", 1)
     with pytest.raises(ScanError, match="expected one target and mount"):
-        drift(scan(), other(), T, KNOWN, 0.03)
+        drift(scan(), other(), T, KNOWN, NOISE_MM)
     elsewhere, _, _ = cell("ball", 2)
     with pytest.raises(ScanError, match="expected the same poses again"):
-        drift(scan(), elsewhere(), T, KNOWN, 0.03)
+        drift(scan(), elsewhere(), T, KNOWN, NOISE_MM)
 
 
 def test_the_command_keeps_a_log_and_draws_it(tmp_path):
@@ -95,7 +95,8 @@ def test_the_command_keeps_a_log_and_draws_it(tmp_path):
     for name, moved in {"before": (0, 0), "later": (0, 0), "last": (0.3, 0)}.items():
         write_scan(scan(*moved), tmp_path / name)
     units = np.r_[1, 1, 1, np.full(3, 180 / np.pi)]
-    found = {"T_flange_sensor": T.tolist(), "covariance": (KNOWN * units[:, None] * units).tolist(), "noise_mm": 0.03}
+    covariance = KNOWN * units[:, None] * units
+    found = {"T_flange_sensor": T.tolist(), "covariance": covariance.tolist(), "noise_mm": NOISE_MM}
     (tmp_path / "T.json").write_text(json.dumps(found))
     given = ("--with", tmp_path / "T.json", "--before", tmp_path / "before", "--log", tmp_path / "drift.csv")
     still, moved = (run("verify", tmp_path / name, *given) for name in ("later", "last"))

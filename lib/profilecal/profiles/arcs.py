@@ -87,7 +87,9 @@ def find_arc(profile, start, fit, why_not, missing: str) -> Feature:
     reason = why_no_arc(curve, points, on, limit) or why_not(curve, points, on, limit)
     if reason:
         return nothing(profile, reason)
-    angles, means, covariance = block_means(curve.angles(points[on]), curve.off(points[on]), curve.fitted)
+    angles, off = curve.angles(points[on]), curve.off(points[on])
+    normals = curve.points(angles, np.ones_like(off)) - curve.points(angles, np.zeros_like(off))
+    angles, means, covariance = block_means(angles, off, normals, curve.fitted)
     return Feature(curve.points(angles, means), covariance, mask(profile, rows[on]), "arc")
 
 

@@ -3,9 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import nnls
 
 from profilecal.profiles.points import correlation
 
+LEAST_VARIANCE = 0.1  # of a point, over the mean of all
 BLOCKS = 40  # points that stand for an arc or a line, each the mean of its neighbours
 
 
@@ -38,14 +40,22 @@ def mask(profile, rows) -> np.ndarray:
     return chosen
 
 
-def block_means(along, off, fitted: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def block_means(along, off, normals, fitted: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Neighbouring points of a curve as up to `BLOCKS` means: `along` it (b,), `off` it (b,), covariance (b, 2, 2) mm².
 
-    `off` (k,) are the points' distances from the curve, mm, of which `fitted` parameters have been taken. Averaged
-    across the curve, they are not drawn inwards by its bend within a block. A mean is as uncertain along as across.
+    `off` (k,) are the points' distances from the curve, mm, of which `fitted` parameters have been taken, and `normals`
+    (k, 2) its own there. Averaged across the curve, they are not drawn inwards by its bend within a block. A mean is
+    as uncertain along as across.
     """
     size = np.diff(np.linspace(0, len(off), min(BLOCKS, len(off)) + 1).astype(int))
     starts = np.cumsum(size) - size
-    variance = (off**2).sum() / max(len(off) - fitted, 1) * correlation(off)
-    means = (np.add.reduceat(values, starts) / size for values in (along, off))
-    return *means, (variance / size)[:, None, None] * np.eye(2)
+    variance = variances_across(off, normals) * len(off) / max(len(off) - fitted, 1) * correlation(off)
+    along, off, variance = (np.add.reduceat(values, starts) / size for values in (along, off, variance))
+    return along, off, (variance / size)[:, None, None] * np.eye(2)
+
+
+def variances_across(off, normals) -> np.ndarray:
+    """Of points across a curve (k,), mm², from their distances `off` it (k,): a scanner errs in x otherwise than in z,
+    which the slopes of a curve tell apart."""
+    both, _ = nnls(normals**2, off**2)
+    return np.maximum(normals**2 @ both, LEAST_VARIANCE * np.mean(off**2))

@@ -123,6 +123,7 @@ def find_line(profile) -> Feature:
         lengths = f"{runs[0].length:.0f} and {runs[1].length:.0f} mm"
         return nothing(profile, f"two straight runs of similar length, {lengths}")
     best = runs[0]
-    along, off, covariance = block_means(best.along, best.off, fitted=2)
+    normals = np.broadcast_to(best.normal, (len(best.off), 2))
+    along, off, covariance = block_means(best.along, best.off, normals, fitted=2)
     points = best.point + along[:, None] * best.direction + off[:, None] * best.normal
     return Feature(points, covariance, mask(profile, best.rows), "line")
