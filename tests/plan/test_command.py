@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +11,12 @@ import pytest
 from command import run
 from scipy.stats import chi2
 
+from profilecal.geometry.noise import Noise
 from profilecal.joint.state import normalised_square, pose_error
+from profilecal.plan.command import designed, task
+from profilecal.scan.folder import write_scan
 from profilecal.scan.tables import read_toml
+from profilecal.simulate.spec import Spec, simulate_scan
 
 PLANNED = Path(__file__).parents[2] / "data" / "examples" / "planned.toml"
 SPEC = """
@@ -123,6 +128,17 @@ def test_a_weak_scan_is_told_what_would_mend_it_and_given_the_poses(tmp_path):
         assert said[4] == f"profilecal plan {scan} NEW-FOLDER"
     assert run("plan", scan, more, "--poses", said[1]).exit_code == 0
     assert len(pd.read_csv(more / "poses.csv")) == int(said[1])
+
+
+def test_a_plan_after_a_scan_counts_with_the_robot_errors_that_it_shows(tmp_path):
+    predicted = []
+    for position_mm in (0.02, 0.5):
+        spec = Spec(kind="edge", seed=3, positions=3, noise=Noise(profile_mm=0.05, position_mm=position_mm))
+        folder = tmp_path / f"{position_mm}"
+        write_scan(replace(simulate_scan(spec), noise={}), folder)  # which does not state them
+        (plan,) = designed(task(folder, poses=3))
+        predicted.append(plan.predicted.mm)
+    assert predicted[1] > 4 * predicted[0]
 
 
 def test_an_open_scan_is_planned_after_with_a_mount_measured_by_hand(tmp_path):
