@@ -27,7 +27,7 @@ def test_a_listing_is_read(tmp_path):
     assert listing["pose"].tolist() == ["P1", "P2", "P3"]
     assert listing["uf"].eq(0).all()
     assert listing["ut"].eq(2).all()
-    np.testing.assert_allclose(listing.loc[1, [*"xyzwpr"]].astype(float), [402, -0.5, 331.032, -177.169, -1.812, 20])
+    np.testing.assert_allclose(listing[[*"xyzwpr"]].iloc[1], [402, -0.5, 331.032, -177.169, -1.812, 20])
 
 
 def test_external_axes_may_stand_still_but_not_move(tmp_path):

@@ -19,7 +19,7 @@ CLOUDS = {  # the header of a point cloud, and how it names a column
     ".ply": (r"ply\s.*?format ascii.*?element vertex (\d+)(.*?)(?:element.*?)?end_header", r"property \w+ (\w+)"),
     ".pcd": (r"(?:.*?\n)?FIELDS(?=.*?POINTS (\d+))(.*?)\n.*?DATA ascii", r"\w+"),
 }
-LIST = re.compile(r"^\s*(\w+)\s*:(?:\s*!!opencv-matrix.*?cols:\s*(\d+).*?data:)?\s*\[([^\]]*)(\]?)", re.M | re.S)
+LIST = re.compile(r"^ *(\w+) *:(?:\s*!!opencv-matrix.*?cols:\s*(\d+).*?data:)?\s*\[([^\]]*)(\]?)", re.M | re.S)
 
 
 def read_columns(path: Path, entry: str = "") -> pd.DataFrame:
@@ -39,20 +39,19 @@ def read_columns(path: Path, entry: str = "") -> pd.DataFrame:
 
 
 def from_fields(path: Path, names: list[str], rows: list) -> pd.DataFrame:
-    """The table in rows (line, fields)."""
+    """The table in rows (line, fields); a name that is there twice gives way to the column's number."""
     names = [UNIT.sub("", name.strip("\"'").lower()) for name in names]
+    names = [name if names.count(name) == 1 else str(j + 1) for j, name in enumerate(names)]
+    k = len(names)
     values = [[number(field) for field in fields] for _, fields in rows]
     words = {row[0] for row in values} == {None}
     for (line, fields), row in zip(rows, values, strict=True):
-        if len(row) != len(names):
-            raise ScanError(
-                f"{path} line {line}: {len(row)} numbers; expected {len(names)} for each point or pose; "
-                "is the file cut short?"
-            )
+        where = f"{path} line {line}"
+        if len(row) != k:
+            raise ScanError(f"{where}: {len(row)} numbers; expected {k} for each point or pose; is the file cut short?")
         if None in row[words:]:
-            wrong = shown(fields[row.index(None, words)])
-            raise ScanError(f"{path} line {line}: {wrong} where a number is expected")
-    table = pd.DataFrame(np.array(values, dtype=float).reshape(-1, len(names)), columns=names)
+            raise ScanError(f"{where}: {shown(fields[row.index(None, words)])} where a number is expected")
+    table = pd.DataFrame(np.array(values, dtype=float).reshape(len(rows), k), columns=names)
     if words:
         table[names[0]] = [fields[0] for _, fields in rows]
     return table
@@ -69,6 +68,11 @@ def number(field: str) -> float | None:
 def numbered(k: int) -> list[str]:
     """Names of columns that have none."""
     return [str(j + 1) for j in range(k)]
+
+
+def unnamed(values: np.ndarray) -> pd.DataFrame:
+    """The table in an array (n, k)."""
+    return pd.DataFrame(values, columns=numbered(values.shape[1]))
 
 
 def lines_of(path: Path) -> tuple[list[str], list]:
@@ -89,8 +93,7 @@ def lines_of(path: Path) -> tuple[list[str], list]:
     for i, (_, fields) in enumerate(rows):
         unlabelled = fields[1:] or fields
         if any(unlabelled) and None not in map(number, unlabelled):
-            named = len({*above}) == len(above) == len(fields)
-            return above if named else numbered(len(fields)), rows[i:]
+            return above if len(above) == len(fields) else numbered(len(fields)), rows[i:]
         above = fields
     raise ScanError(f"{path}: no numbers in columns")
 
@@ -127,8 +130,7 @@ def from_numpy(path: Path, entry: str) -> pd.DataFrame:
             raise ScanError(f"{path}: not an array of numbers ({error})") from error
     if values.ndim not in (2, 3) or not values.size:
         raise ScanError(f"{path}: an array of shape {values.shape}; expected a row for each point or pose")
-    values = values.reshape(len(values), -1)
-    return pd.DataFrame(values, columns=numbered(values.shape[1]))
+    return unnamed(values.reshape(len(values), -1))
 
 
 def chosen(path: Path, lists, entry: str) -> str:

@@ -9,7 +9,7 @@ from profilecal.scan.files import text_of
 from profilecal.scan.scan import ScanError
 
 POSITION = re.compile(r"^\s*P\[(\d+)[^\]\n]*\][ \t]*\{(.*?)(^\s*\}|^\s*P\[|\Z)", re.MULTILINE | re.DOTALL)
-FIELD = re.compile(r"(\w+)\s*[:=]\s*('[^']*'|[^\s,]*)[ \t]*(\w*)")  # name, value, unit
+ENTRY = re.compile(r"(\w+)\s*[:=]\s*('[^']*'|[^\s,]*)[ \t]*(\w*)")  # name, value, unit
 UNITS = {"X": "mm", "Y": "mm", "Z": "mm", "W": "deg", "P": "deg", "R": "deg", "UF": "", "UT": ""}
 STANDSTILL = 1e-3  # mm or degrees by which a further axis may move between positions
 
@@ -27,44 +27,42 @@ def read_listing(path) -> pd.DataFrame:
         raise ScanError(f"{path}: no /POS section; expected a FANUC listing with positions P[1] …")
     positions = {}
     for found in POSITION.finditer(text, section.end()):
-        number, body, end = found.groups()
+        number, position, end = found.groups()
         line = text.count("\n", 0, found.start(1)) + 1
         where = f"{path} line {line}: P[{number}]"
         if not end.endswith("}"):
             raise ScanError(f"{where} is not closed by }};")
         if f"P{number}" in positions:
             raise ScanError(f"{where} is there twice")
-        positions[f"P{number}"] = coordinates(where, body)
+        positions[f"P{number}"] = numbers_in(where, position)
     if not positions:
         raise ScanError(f"{path}: the /POS section holds no position P[1] …")
-    table = pd.DataFrame.from_dict(positions, orient="index")
-    for axis in table.columns[len(UNITS) :]:
-        if table[axis].isna().any() or np.ptp(table[axis]) > STANDSTILL:
-            group = axis.split()[0]
-            raise ScanError(f"{path}: group {group} moves between positions; expected external axes to stand still")
-    frames = len(table[["uf", "ut"]].drop_duplicates())
-    if frames > 1:
+    table = pd.DataFrame(positions).T
+    further = table.drop(columns="GP1").dropna(axis=1, how="all")
+    moving = further.columns[further.isna().any() | (further.max() - further.min() > STANDSTILL)]
+    if len(moving):
+        raise ScanError(f"{path}: group {moving[0][0]} moves between positions; expected external axes to stand still")
+    robot = table["GP1"][[*UNITS]].rename(columns=str.lower)
+    if (frames := len(robot[["uf", "ut"]].drop_duplicates())) > 1:
         raise ScanError(f"{path}: positions in {frames} user frames or tools (UF, UT); expected one of each")
-    return table.rename_axis("pose").reset_index()
+    return robot.rename_axis("pose").reset_index()
 
 
-def coordinates(where: str, body: str) -> dict[str, float]:
-    """The numbers in a position: the robot's x, y, …, ut, then those of further groups, such as "GP2 J1"."""
-    _, *parts = re.split(r"(GP\d+)\s*:", body)
-    groups = {group: FIELD.findall(text) for group, text in zip(parts[::2], parts[1::2], strict=True)}
-    robot = {name: (value, unit) for name, value, unit in groups.pop("GP1", [])}
-    if not robot:
+def numbers_in(where: str, position: str) -> dict[tuple[str, str], float]:
+    """The numbers in a position by group and name, NaN for other entries; those of the robot are all there."""
+    _, *parts = re.split(r"(GP\d+)\s*:", position)
+    if "GP1" not in parts[::2]:
         raise ScanError(f"{where} has no group GP1")
-    found = {}
+    groups = zip(parts[::2], parts[1::2], strict=True)
+    entries = {(group, name): entry for group, text in groups for name, *entry in ENTRY.findall(text)}
+    values = ["0" if value == "F" else value for value, _ in entries.values()]  # F: the frame in use
+    numbers = dict(zip(entries, pd.to_numeric(np.array(values, dtype=object), errors="coerce"), strict=True))
     for name, unit in UNITS.items():
-        if name not in robot:
+        if ("GP1", name) not in entries:
             expected = "X, Y, Z in mm and W, P, R in deg, not joint angles, of numbered frames UF and UT"
             raise ScanError(f"{where} has no {name}; expected {expected}")
-        value = 0.0 if robot[name] == ("F", "") else pd.to_numeric(robot[name][0], errors="coerce")  # F: in use
-        if not np.isfinite(value) or robot[name][1] != unit:  # asterisks where a position is not taught
+        value, of = entries["GP1", name]
+        if of != unit or not np.isfinite(numbers["GP1", name]):  # asterisks where a position is not taught
             expected = f"a number in {unit}" if unit else "the number of a frame"
-            raise ScanError(f"{where}: {name} is {' '.join(robot[name]).strip()!r}; expected {expected}")
-        found[name.lower()] = value
-    further = {f"{group} {name}": value for group, fields in groups.items() for name, value, _ in fields}
-    numbers = pd.to_numeric(pd.Series(further, dtype=object), errors="coerce")
-    return found | numbers.dropna().to_dict()
+            raise ScanError(f"{where}: {name} is {f'{value} {of}'.strip()!r}; expected {expected}")
+    return numbers

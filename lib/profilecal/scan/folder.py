@@ -155,7 +155,7 @@ def check_poses(table: Table, scale: float, side: int = 0) -> tuple[dict, list[s
         (reach == farthest) & ~(low <= farthest <= high),
         lambda row: (
             f"the farthest flange position, of pose {shown(labels[row])}, is {farthest:.3g} mm from the base; "
-            f"expected a robot's size, {low:g} to {high:g} mm: are the units in scan.toml right?"
+            f"expected a robot's size, {low:g} to {high:g} mm: are the units right?"
         ),
     )
     doubts = []

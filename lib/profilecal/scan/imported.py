@@ -8,11 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from pandas.api.types import is_numeric_dtype
 
 from profilecal.geometry.poses import carry, inverse
-from profilecal.scan.columns import numbered, read_columns
+from profilecal.scan.columns import numbered, read_columns, unnamed
 from profilecal.scan.conventions import CONVENTIONS, named, to_rotations
-from profilecal.scan.folder import FARTHEST_MM, REACH_MM, SCALE, check_poses, check_sizes
+from profilecal.scan.folder import FARTHEST_MM, REACH_MM, SCALE, check_poses, check_sizes, exchanged
 from profilecal.scan.scan import Scan, ScanError
 from profilecal.scan.tables import Table, listed, shown
 from profilecal.targets import TARGETS
@@ -20,8 +21,8 @@ from profilecal.targets import TARGETS
 OF_POSES = re.compile(r"pose|robot|flange|tcp|calib|\.ls$", re.I)  # in a file's name
 ALIASES = {"q1": "qw", "q2": "qx", "q3": "qy", "q4": "qz", "tx": "x", "ty": "y", "tz": "z"}
 LABELS = ("pose", "name", "label", "id", "index", "file", "n")
-OF_A_POSE = (*"xyz", *(name for convention in CONVENTIONS for name in convention.columns))
-MATRIX = tuple(f"r{i}{j}" if j < 4 else "xyz"[i - 1] for i in (1, 2, 3) for j in (1, 2, 3, 4))
+OF_A_POSE = [*"xyz", *(name for convention in CONVENTIONS for name in convention.columns)]
+MATRIX = ("r11", "r12", "r13", "x", "r21", "r22", "r23", "y", "r31", "r32", "r33", "z", "_", "_", "_", "_")
 
 
 @dataclass(frozen=True)
@@ -65,7 +66,7 @@ def import_scan(folder, kind: str, sizes: dict, layout: Layout = Layout()) -> tu
         values=values,
         sizes=tuple(sizes[name] for name in target.lengths),
         title=folder.resolve().name,
-        warnings=tuple(doubts),
+        warnings=(*doubts, *exchanged(values)),
     )
     guessed = [
         f"poses      {names_of(of_poses)}: {taken_poses}",
@@ -73,8 +74,10 @@ def import_scan(folder, kind: str, sizes: dict, layout: Layout = Layout()) -> tu
         f"profiles   {names_of(profiles)}: {taken}",
         f"matched    {matched}",
         f"target     {scan.description}",
+        *([f"left out   {listed(left)}"] if left else []),
+        *(f"note       {doubt}" for doubt in scan.warnings),
     ]
-    return scan, guessed + ([f"left out   {listed(left)}"] if left else [])
+    return scan, guessed
 
 
 def sort_files(folder: Path, layout: Layout) -> tuple[list[Path], list[Path], list[str]]:
@@ -101,7 +104,7 @@ def files(folder: Path, pattern: str) -> list[Path]:
     """The files of a shell pattern, p2 before p10. Raises ScanError if there are none."""
     paths = [path for name in glob(pattern, root_dir=folder) if (path := folder / name).is_file()]
     if pattern and not paths:
-        raise ScanError(f"{folder}: no file {pattern} in this folder")
+        raise ScanError(f"{folder}: no file matches {pattern!r}; is the folder right?")
     return sorted(paths, key=lambda path: re.sub(r"\d+", lambda number: number[0].zfill(20), path.name))
 
 
@@ -118,30 +121,25 @@ def last_number(name: str) -> int | str:
 
 def pose_table(paths: list[Path], names: str) -> pd.DataFrame:
     """The poses in a table or a listing, or in files of one each, with columns as conventions name them."""
-    tables = []
-    for path in paths:
-        table = read_columns(path)
-        if table.shape in ((3, 4), (4, 4)):
-            table = pd.DataFrame(table.to_numpy().reshape(1, -1), columns=numbered(table.size))
-        k = table.shape[1]
-        titles = [ALIASES.get(name, name) for name in table]
-        if names:
-            titles = [name.strip().lower() for name in names.split(",")]
-        elif k in (12, 16) and titles[0] == "1":
-            titles = (*MATRIX, *"____")[:k]
-        elif titles[0] == "1":
-            example = "x,y,z,a,b,c" if k == 6 else "x,y,z,qw,qx,qy,qz"
-            raise ScanError(
-                f"{path}: {k} numbers for each pose, without names; say what they are: --pose-columns {example}"
-            )
-        if len(titles) != k:
-            raise ScanError(f"{path}: {k} columns, and {len(titles)} names in --pose-columns")
-        table.columns = titles
-        tables.append(table.loc[:, ~table.columns.duplicated()])
+    tables = [read_columns(path) for path in paths]
+    if tables[0].shape in ((3, 4), (4, 4)):
+        tables = [unnamed(table.to_numpy().reshape(1, -1)) for table in tables]
     poses = pd.concat(tables, ignore_index=True)
+    k, where = poses.shape[1], paths[0].parent / names_of(paths)
+    titles = (
+        [name.strip().lower() for name in names.split(",")] if names else [ALIASES.get(name, name) for name in poses]
+    )
+    if len(titles) != k:
+        raise ScanError(f"{where}: {k} columns, and {len(titles)} names in --pose-columns")
+    if titles == numbered(k):
+        if k not in (12, 16):
+            examples = "--pose-columns x,y,z,a,b,c or x,y,z,qw,qx,qy,qz"
+            raise ScanError(f"{where}: {k} numbers for each pose, without names; say what they are: {examples}")
+        titles = MATRIX[:k]
+    poses.columns = titles
     if missing := [name for name in "xyz" if name not in poses]:
-        raise ScanError(f"{paths[0]}: no column {missing[0]}; there are {listed(poses)} (--pose-columns)")
-    return poses
+        raise ScanError(f"{where}: no column {missing[0]}; there are {listed(poses)} (--pose-columns)")
+    return poses.loc[:, ~poses.columns.duplicated()]
 
 
 def match(poses: pd.DataFrame, of_poses: list[Path], profiles: list[Path]) -> tuple[pd.DataFrame, list[Path], str]:
@@ -151,7 +149,7 @@ def match(poses: pd.DataFrame, of_poses: list[Path], profiles: list[Path]) -> tu
     by_name = by_number | {name: path for path in profiles for name in (path.name, path.stem)}
     labels = None
     for name, column in poses.drop(columns=OF_A_POSE, errors="ignore").items():
-        if name in LABELS or column.dtype != float or {*column} == by_number.keys():
+        if name in LABELS or not is_numeric_dtype(column) or {*column} == by_number.keys():
             labels = [str(cell).removesuffix(".0") for cell in column]
             break
     names = labels or ([path.stem for path in of_poses] if len(of_poses) == len(poses) > 1 else None)
@@ -170,9 +168,9 @@ def match(poses: pd.DataFrame, of_poses: list[Path], profiles: list[Path]) -> tu
 
 def read_poses(path: Path, poses: pd.DataFrame, layout: Layout) -> tuple[dict, str, list[str]]:
     """Entries of a Scan, what the poses were taken for, and doubts about them."""
-    largest = poses[[*"xyz"]].abs().max(axis=None)
-    scale, units = scale_of(largest, REACH_MM[1] / 1000, layout.pose_units)
-    entries, doubts = check_poses(Table(path, poses.filter(items=["pose", *OF_A_POSE]), "pose", 1), scale)
+    table = Table(path, poses.filter(items=["pose", *OF_A_POSE]), "pose", 1)
+    scale, units = scale_of(np.abs(table.numbers("xyz")).max(), REACH_MM[1] / 1000, layout.pose_units)
+    entries, doubts = check_poses(table, scale)
     convention = named(entries["convention"])
     frames = f", user frame {poses['uf'][0]:g}, tool {poses['ut'][0]:g}" if "uf" in poses else ""
     if layout.tool:
@@ -185,7 +183,7 @@ def read_poses(path: Path, poses: pd.DataFrame, layout: Layout) -> tuple[dict, s
 
 def read_profiles(paths: list[Path], layout: Layout) -> tuple[tuple[np.ndarray, ...], str]:
     """The profiles in mm, NaN where nothing was seen, and what they were taken for."""
-    tables = {path: upright(read_columns(path, layout.entry)) for path in paths}
+    tables = {path: upright(read_columns(path, layout.entry)).select_dtypes("number") for path in paths}
     names = x_and_z(tables, layout.columns)
     points = np.concatenate([table[names] for table in tables.values()])
     seen = (np.abs(points) <= FARTHEST_MM / SCALE[layout.units or "mm"]).all(axis=1)
@@ -208,12 +206,12 @@ def read_profiles(paths: list[Path], layout: Layout) -> tuple[tuple[np.ndarray, 
 def upright(table: pd.DataFrame) -> pd.DataFrame:
     """With columns as columns, where a file without names has them side by side in at most three rows."""
     n, k = table.shape
-    return pd.DataFrame(table.to_numpy().T, columns=numbered(n)) if n <= 3 < k and table.columns[0] == "1" else table
+    return unnamed(table.to_numpy().T) if n <= 3 < k and [*table] == numbered(k) else table
 
 
 def x_and_z(tables: dict[Path, pd.DataFrame], columns: str) -> list[str]:
     """The columns of x and z: those given, those of these names, or the two that are not the same everywhere."""
-    points = pd.concat(tables.values()).select_dtypes("number")
+    points = pd.concat(tables.values())
     names = [*points]
     if columns:
         names = [name.strip().lower() for name in columns.split(",")]
@@ -222,9 +220,9 @@ def x_and_z(tables: dict[Path, pd.DataFrame], columns: str) -> list[str]:
     elif len(names) > 2:
         names = [name for name in names if points[name].nunique() > 1]
     for path, table in sorted(tables.items(), key=lambda entry: -entry[1].shape[1]):
-        if len(names) != 2 or not {*names} <= {*table.select_dtypes("number")}:
-            given = f", not {columns}" if columns else ""
-            raise ScanError(f"{path}: columns {listed(table)}; say which are x and z: --columns x,z{given}")
+        if len(names) != 2 or not {*names} <= {*table}:
+            found = f"no columns {columns}; there are {listed(table)}" if columns else f"columns {listed(table)}"
+            raise ScanError(f"{path}: {found}; say which are x and z: --columns x,z")
     return names
 
 

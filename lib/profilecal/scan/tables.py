@@ -43,7 +43,7 @@ class Table:
     first: int = 2  # its number, where the index is 0
 
     def line(self, row: int) -> str:
-        """Where a row is, as an editor counts lines."""
+        """Where a row is; lines as an editor counts them."""
         return f"{self.path} {self.noun} {self.frame.index[row] + self.first}"
 
     def refuse(self, bad, sentence) -> None:
