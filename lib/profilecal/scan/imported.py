@@ -20,8 +20,8 @@ from profilecal.targets import TARGETS
 
 OF_POSES = re.compile(r"pose|robot|flange|tcp|calib|\.ls$", re.I)  # in a file's name
 ALIASES = {"q1": "qw", "q2": "qx", "q3": "qy", "q4": "qz", "tx": "x", "ty": "y", "tz": "z"}
-LABELS = ("pose", "name", "label", "id", "index", "file", "n")
-OF_A_POSE = [*"xyz", *(name for convention in CONVENTIONS for name in convention.columns)]
+LABELS = ("pose", "name", "label", "id", "index", "file", "n")  # columns that say which profile a pose has
+OF_A_POSE = ["x", "y", "z", *(name for convention in CONVENTIONS for name in convention.columns)]
 MATRIX = ("r11", "r12", "r13", "x", "r21", "r22", "r23", "y", "r31", "r32", "r33", "z", "_", "_", "_", "_")
 
 
@@ -126,17 +126,15 @@ def pose_table(paths: list[Path], names: str) -> pd.DataFrame:
         tables = [unnamed(table.to_numpy().reshape(1, -1)) for table in tables]
     poses = pd.concat(tables, ignore_index=True)
     k, where = poses.shape[1], paths[0].parent / names_of(paths)
-    titles = (
-        [name.strip().lower() for name in names.split(",")] if names else [ALIASES.get(name, name) for name in poses]
-    )
-    if len(titles) != k:
-        raise ScanError(f"{where}: {k} columns, and {len(titles)} names in --pose-columns")
-    if titles == numbered(k):
-        if k not in (12, 16):
-            examples = "--pose-columns x,y,z,a,b,c or x,y,z,qw,qx,qy,qz"
-            raise ScanError(f"{where}: {k} numbers for each pose, without names; say what they are: {examples}")
+    titles = [name.strip().lower() for name in names.split(",")] if names else [*poses]
+    if titles == numbered(k) and k in (12, 16):
         titles = MATRIX[:k]
-    poses.columns = titles
+    elif titles == numbered(k):
+        examples = "--pose-columns x,y,z,a,b,c or x,y,z,qw,qx,qy,qz"
+        raise ScanError(f"{where}: {k} numbers for each pose, without names; say what they are: {examples}")
+    elif len(titles) != k:
+        raise ScanError(f"{where}: {k} columns, and {len(titles)} names in --pose-columns")
+    poses.columns = [ALIASES.get(title, title) for title in titles]
     if missing := [name for name in "xyz" if name not in poses]:
         raise ScanError(f"{where}: no column {missing[0]}; there are {listed(poses)} (--pose-columns)")
     return poses.loc[:, ~poses.columns.duplicated()]
@@ -162,7 +160,7 @@ def match(poses: pd.DataFrame, of_poses: list[Path], profiles: list[Path]) -> tu
         raise ScanError(f"{folder}: {len(profiles)} profiles ({names_of(profiles)}) and {len(poses)} poses ({source})")
     stems = [path.stem for path in found]
     shared = re.match(r"\D*", stems[0])[0]
-    poses["pose"] = labels or [stem.removeprefix(shared) or stem for stem in stems]
+    poses = poses.assign(pose=labels or [stem.removeprefix(shared) or stem for stem in stems])
     return poses, found, "by their names" if names else "in order, the first pose with the first profile"
 
 
@@ -220,7 +218,7 @@ def x_and_z(tables: dict[Path, pd.DataFrame], columns: str) -> list[str]:
     elif len(names) > 2:
         names = [name for name in names if points[name].nunique() > 1]
     for path, table in sorted(tables.items(), key=lambda entry: -entry[1].shape[1]):
-        if len(names) != 2 or not {*names} <= {*table}:
+        if not len(names) == len({*names} & {*table}) == 2:
             found = f"no columns {columns}; there are {listed(table)}" if columns else f"columns {listed(table)}"
             raise ScanError(f"{path}: {found}; say which are x and z: --columns x,z")
     return names
