@@ -114,7 +114,7 @@ def yaml_list(path: Path, entry: str) -> tuple[list[str], list]:
     line = text.count("\n", 0, lists[name].start(1)) + 1
     if not end:
         raise ScanError(f"{path} line {line}: the list {name} is not closed; is the file cut short?")
-    fields = re.findall(r"[^\s,]+", content)
+    fields = [field.strip() for field in content.split(",")] if content.strip() else []
     width = min(int(cols or 3), len(fields)) or 3
     return numbered(width), [(line, fields[i : i + width]) for i in range(0, len(fields), width)]
 
