@@ -24,13 +24,14 @@ def write(folder, poses=3, more=""):
 
 def test_a_listing_is_read(tmp_path):
     listing = read_listing(write(tmp_path) / "calib.ls")
-    assert listing.numbers == (1, 2, 3)
-    assert (listing.user_frame, listing.tool) == (0, 2)
-    np.testing.assert_allclose(listing.poses[1], [402, -0.5, 331.032, -177.169, -1.812, 20])
+    assert listing["pose"].tolist() == ["P1", "P2", "P3"]
+    assert listing["uf"].eq(0).all()
+    assert listing["ut"].eq(2).all()
+    np.testing.assert_allclose(listing[[*"xyzwpr"]].iloc[1], [402, -0.5, 331.032, -177.169, -1.812, 20])
 
 
 def test_external_axes_may_stand_still_but_not_move(tmp_path):
-    assert read_listing(write(tmp_path, more=AXIS.format(12.5)) / "calib.ls").numbers == (1, 2, 3)
+    assert len(read_listing(write(tmp_path, more=AXIS.format(12.5)) / "calib.ls")) == 3
     path = tmp_path / "calib.ls"
     path.write_text(path.read_text().replace("J1 =   12.500", "J1 =   13.500", 1))
     with pytest.raises(ScanError, match=r"calib.ls: group GP2 moves between positions; expected external axes to"):

@@ -181,6 +181,12 @@ def test_from_the_command_line_to_a_scan_that_calibrates(tmp_path):
     assert len(read_scan(tmp_path / "scan").labels) == 12
 
 
+def test_doubts_about_a_guess_are_told_with_it(tmp_path):
+    _, guessed = import_scan(written("kuka", tmp_path / "files"), "edge", {}, Layout(columns="z,x"))
+    assert guessed[-1].startswith("note       x of the profiles runs from")
+    assert guessed[-1].endswith("are x and z exchanged?")
+
+
 def change(name, old, new):
     def changed(folder):
         text = (folder / name).read_text()

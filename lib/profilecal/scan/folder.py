@@ -15,7 +15,7 @@ from profilecal.geometry.poses import angle_between, rotation_groups
 from profilecal.scan.conventions import RowError, find_convention, from_rotations, named, to_rotations
 from profilecal.scan.files import is_file, is_there, naming, new_folder
 from profilecal.scan.scan import Scan, ScanError
-from profilecal.scan.tables import is_number, read_table, read_toml, shown, toml_text
+from profilecal.scan.tables import Table, is_number, read_table, read_toml, shown, toml_text
 from profilecal.targets import TARGETS
 
 MEASURED = {
@@ -131,7 +131,11 @@ def read_poses(folder: Path, scale: float, side: int) -> tuple[dict, list[str]]:
 
     `side` is that of poses for which the table says nothing.
     """
-    table = read_table(folder, "poses", ("pose", "x", "y", "z"))
+    return check_poses(read_table(folder, "poses", ("pose", "x", "y", "z")), scale, side)
+
+
+def check_poses(table: Table, scale: float, side: int = 0) -> tuple[dict, list[str]]:
+    """The same of a table, in units of `scale` mm. Raises ScanError."""
     labels = table.labels()
     table.refuse(pd.Index(labels).duplicated(), lambda row: f"pose {shown(labels[row])} is there twice")
     with np.errstate(over="ignore"):
@@ -151,7 +155,7 @@ def read_poses(folder: Path, scale: float, side: int) -> tuple[dict, list[str]]:
         (reach == farthest) & ~(low <= farthest <= high),
         lambda row: (
             f"the farthest flange position, of pose {shown(labels[row])}, is {farthest:.3g} mm from the base; "
-            f"expected a robot's size, {low:g} to {high:g} mm: are the units in scan.toml right?"
+            f"expected a robot's size, {low:g} to {high:g} mm: are the units right?"
         ),
     )
     doubts = []

@@ -3,36 +3,26 @@ FANUC listing, or a file each. What is not said is guessed, and every guess is t
 
 import re
 from dataclasses import dataclass
+from glob import glob
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
+from pandas.api.types import is_numeric_dtype
 
-from profilecal.geometry.poses import carry, inverse, rotation_groups
-from profilecal.scan.columns import Columns, read_columns
-from profilecal.scan.conventions import Convention, RowError, find_convention, named, to_rotations
-from profilecal.scan.fanuc import read_listing
-from profilecal.scan.files import naming
-from profilecal.scan.folder import FARTHEST_MM, SCALE, check_sizes
+from profilecal.geometry.poses import carry, inverse
+from profilecal.scan.columns import numbered, read_columns, unnamed
+from profilecal.scan.conventions import CONVENTIONS, named, to_rotations
+from profilecal.scan.folder import FARTHEST_MM, REACH_MM, SCALE, check_poses, check_sizes, exchanged
 from profilecal.scan.scan import Scan, ScanError
-from profilecal.scan.tables import listed, shown
+from profilecal.scan.tables import Table, listed, shown
 from profilecal.targets import TARGETS
 
-OF_POSES = re.compile(r"pose|robot|flange|tcp|calib", re.I)  # in a file's name
-ALIASES = {
-    "q1": "qw",
-    "q2": "qx",
-    "q3": "qy",
-    "q4": "qz",
-    "tx": "x",
-    "ty": "y",
-    "tz": "z",
-    "px": "x",
-    "py": "y",
-    "pz": "z",
-}
-LABELS = ("pose", "name", "label", "id", "index", "file", "n")
-MATRIX = tuple(f"r{i}{j}" if j < 4 else "xyz"[i - 1] for i in (1, 2, 3) for j in (1, 2, 3, 4))
-LONGEST_M = 20.0  # from the base to a flange: what is less than that in all poses is in metres
+OF_POSES = re.compile(r"pose|robot|flange|tcp|calib|\.ls$", re.I)  # in a file's name
+ALIASES = {"q1": "qw", "q2": "qx", "q3": "qy", "q4": "qz", "tx": "x", "ty": "y", "tz": "z"}
+LABELS = ("pose", "name", "label", "id", "index", "file", "n")  # columns that say which profile a pose has
+OF_A_POSE = ["x", "y", "z", *(name for convention in CONVENTIONS for name in convention.columns)]
+MATRIX = ("r11", "r12", "r13", "x", "r21", "r22", "r23", "y", "r31", "r32", "r33", "z", "_", "_", "_", "_")
 
 
 @dataclass(frozen=True)
@@ -47,24 +37,11 @@ class Layout:
     units: str = ""  # of the profiles, "mm" or "m"
     pose_units: str = ""  # of the poses' positions
     missing: float | None = None  # z where the scanner saw nothing
-    tool: tuple[float, ...] | None = (
-        None  # x, y, z, mm, and three angles of the frame that the poses are of, in the flange's
-    )
-
-
-@dataclass(frozen=True)
-class Poses:
-    """The robot's poses as a file has them."""
-
-    labels: tuple[str, ...]  # none where the file gives none
-    R: np.ndarray  # (P, 3, 3)
-    T: np.ndarray  # (P, 3) in the file's own units
-    convention: Convention
-    told: str  # what they were taken for
+    tool: tuple[float, ...] | None = None  # x, y, z, mm, and three angles of the poses' frame, in the flange's
 
 
 def import_scan(folder, kind: str, sizes: dict, layout: Layout = Layout()) -> tuple[Scan, list[str]]:
-    """The scan of a target in a folder of files, and what was guessed, a line each.
+    """The scan of a target of some sizes, mm by name, in a folder of files; and what was guessed, a line each.
 
     Raises ScanError.
     """
@@ -76,244 +53,178 @@ def import_scan(folder, kind: str, sizes: dict, layout: Layout = Layout()) -> tu
         raise ScanError(f"{folder}: the {kind}'s {missing[0]} is missing; expected --{missing[0]}, in mm")
     check_sizes(folder, {"kind": kind} | sizes, 1.0)
     profiles, of_poses, left = sort_files(folder, layout)
-    poses = read_poses(of_poses, layout, {last_number(path.stem) for path in profiles})
-    order, matched = match(folder, poses, profiles, of_poses)
-    found = [read_columns(profiles[k], layout.entry).upright for k in order]
-    values, taken = measured([x_and_z(one, layout.columns) for one in found], found, layout)
-    scale, units = scale_of(np.linalg.norm(poses.T, axis=1).max(), LONGEST_M, layout.pose_units)
-    R, T = poses.R, poses.T * scale
-    if layout.tool:
-        R, T = without_tool(R, T, layout.tool, poses.convention)
-    single = all(len(rows) == 1 for rows in values)
+    poses, profiles, matched = match(pose_table(of_poses, layout.pose_columns), of_poses, profiles)
+    entries, taken_poses, doubts = read_poses(folder / names_of(of_poses), poses, layout)
+    values, taken = read_profiles(profiles, layout)
+    measured = "points" if all(len(rows) == 1 for rows in values) else "profiles"
+    if measured not in target.tables:
+        raise ScanError(f"{folder}: a target of kind {kind!r} needs {' or '.join(target.tables)}, not {measured}")
     scan = Scan(
+        **entries,
         kind=kind,
-        labels=labels_of(poses, [profiles[k] for k in order]),
-        R_base_flange=R,
-        T_base_flange=T,
-        measured="points" if single else "profiles",
+        measured=measured,
         values=values,
         sizes=tuple(sizes[name] for name in target.lengths),
-        side=np.zeros(len(R)),
-        group=rotation_groups(R),
         title=folder.resolve().name,
-        convention=poses.convention.name,
+        warnings=(*doubts, *exchanged(values)),
     )
-    if scan.measured not in target.tables:
-        raise ScanError(f"{folder}: a target of kind {kind!r} needs {' or '.join(target.tables)}, not {scan.measured}")
     guessed = [
-        f"poses      {names_of(of_poses)}: {len(R)}, {poses.told}, {units}",
+        f"poses      {names_of(of_poses)}: {taken_poses}",
         f"of         {'the tool given, taken off' if layout.tool else 'the flange (--tool if they are of a tool)'}",
-        f"profiles   {names_of([profiles[k] for k in order])}: {taken}",
+        f"profiles   {names_of(profiles)}: {taken}",
         f"matched    {matched}",
         f"target     {scan.description}",
+        *([f"left out   {listed(left)}"] if left else []),
+        *(f"note       {doubt}" for doubt in scan.warnings),
     ]
-    return scan, guessed + ([f"left out   {listed(left)}"] if left else [])
+    return scan, guessed
 
 
 def sort_files(folder: Path, layout: Layout) -> tuple[list[Path], list[Path], list[str]]:
     """The profiles, what holds the poses, and the names of other files. Files alike but for numbers belong together."""
-    with naming(folder):
-        there = sorted((p for p in folder.iterdir() if p.is_file() and p.name[0] != "."), key=natural)
-        chosen = {
-            name: sorted(folder.glob(getattr(layout, name)), key=natural)
-            for name in ("profiles", "poses")
-            if getattr(layout, name)
-        }
-    for name, paths in chosen.items():
-        if not paths:
-            raise ScanError(f"{folder}: no file {getattr(layout, name)} (--{name})")
+    profiles, poses = files(folder, layout.profiles), files(folder, layout.poses)
     families = {}
-    for path in there:
-        if path not in chosen.get("profiles", []) + chosen.get("poses", []):
+    for path in files(folder, "*"):
+        if path not in (*profiles, *poses):
             families.setdefault(re.sub(r"\d+", "#", path.name), []).append(path)
-    if "poses" not in chosen:
-        likely = [f for f in families if f.lower().endswith(".ls")] or [f for f in families if OF_POSES.search(f)]
+    if not poses:
+        likely = [family for family in families if OF_POSES.search(family)]
         if len(likely) != 1:
             found = f"{listed(likely)} may all be" if likely else "nothing is named like"
             raise ScanError(f"{folder}: {found} the robot's poses; say which: --poses FILE")
-        chosen["poses"] = families.pop(likely[0])
-    if "profiles" not in chosen:
+        poses = families.pop(likely[0])
+    if not profiles:
         if not families:
-            raise ScanError(f"{folder}: no profiles beside {names_of(chosen['poses'])}")
-        chosen["profiles"] = families.pop(max(families, key=lambda f: len(families[f])))
-    left = [path.name for family in families.values() for path in family]
-    return chosen["profiles"], chosen["poses"], left
+            raise ScanError(f"{folder}: no profiles beside {names_of(poses)}")
+        profiles = families.pop(max(families, key=lambda family: len(families[family])))
+    return profiles, poses, [path.name for family in families.values() for path in family]
 
 
-def natural(path: Path) -> list:
-    """A key that puts p2 before p10."""
-    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", path.name)]
+def files(folder: Path, pattern: str) -> list[Path]:
+    """The files of a shell pattern, p2 before p10. Raises ScanError if there are none."""
+    paths = [path for name in glob(pattern, root_dir=folder) if (path := folder / name).is_file()]
+    if pattern and not paths:
+        raise ScanError(f"{folder}: no file matches {pattern!r}; is the folder right?")
+    return sorted(paths, key=lambda path: re.sub(r"\d+", lambda number: number[0].zfill(20), path.name))
 
 
-def names_of(paths) -> str:
+def names_of(paths: list[Path]) -> str:
     """Files in a few words."""
     return paths[0].name if len(paths) == 1 else f"{paths[0].name} … {paths[-1].name}"
 
 
-def read_poses(paths: list[Path], layout: Layout, numbers: set) -> Poses:
-    """The poses of a FANUC listing, of a table, or of files of one pose each. `numbers`: in the profiles' names."""
-    if paths[0].suffix.lower() == ".ls":
-        listing = read_listing(paths[0])
-        fanuc = named("FANUC angles")
-        told = f"{fanuc.meaning}, user frame {listing.user_frame}, tool {listing.tool}"
-        labels = tuple(f"P{n}" for n in listing.numbers)
-        return Poses(labels, to_rotations(fanuc, listing.poses[:, 3:]), listing.poses[:, :3], fanuc, told)
-    tables = [read_columns(path, layout.entry if len(paths) > 1 else "") for path in paths]
-    if tables[0].values.shape in ((3, 4), (4, 4)):
-        shape = {t.values.shape for t in tables}
-        if len(shape) > 1:
-            raise ScanError(f"{paths[0].parent}: poses of {len(shape)} shapes; expected all 3 x 4, or all 4 x 4")
-        rows, names = np.array([t.values[:3].ravel() for t in tables]), MATRIX
-    else:
-        rows, names = one_table(tables, layout)
-    where = names_of(paths)
-    with naming(paths[0]):
-        names = [ALIASES.get(name, name) for name in names]
-        convention = find_convention(names)
-        if missing := [name for name in "xyz" if name not in names]:
-            raise ScanError(f"{paths[0]}: no column {missing[0]}; there are {listed(names)} (--pose-columns)")
-        block = rows[:, [names.index(name) for name in convention.columns]]
-        T = rows[:, [names.index(name) for name in "xyz"]]
-        if not np.isfinite(rows[:, [names.index(name) for name in ("x", "y", "z", *convention.columns)]]).all():
-            raise ScanError(f"{paths[0]}: a number is missing among the poses")
-        try:
-            R = to_rotations(convention, block)
-        except RowError as error:
-            raise ScanError(f"{where}, pose {error.row + 1}: {error}") from error
-    labels = labels_in(tables[0], len(paths), {*"xyz", *convention.columns}, numbers)
-    return Poses(labels, R, T, convention, f"{convention.meaning} ({convention.name})")
+def last_number(name: str) -> int | str:
+    """The last whole number in a name; the name if there is none."""
+    found = re.findall(r"\d+", name)
+    return int(found[-1]) if found else name
 
 
-def one_table(tables: list[Columns], layout: Layout) -> tuple[np.ndarray, list[str]]:
-    """Rows of numbers (P, k) from a table, or from files of a row each, and the columns' names."""
-    path, k = tables[0].path, tables[0].values.shape[1]
-    if any(t.values.shape[1] != k for t in tables):
-        raise ScanError(f"{path.parent}: files of poses with different numbers of columns")
-    names = (
-        [name.strip().lower() for name in layout.pose_columns.split(",")] if layout.pose_columns else tables[0].names
-    )
-    if layout.pose_columns and len(names) != k:
-        raise ScanError(f"{path}: {k} columns, and {len(names)} names in --pose-columns")
-    rows = np.concatenate([t.values for t in tables])
-    if names[0] == "1" and k in (12, 16):
-        return rows[:, :12], list(MATRIX)
-    if names[0] == "1":
-        example = "x,y,z,a,b,c" if k == 6 else "x,y,z,qw,qx,qy,qz"
-        raise ScanError(
-            f"{path}: {k} numbers for each pose, without names; say what they are: --pose-columns {example}"
-        )
-    return rows, list(names)
+def pose_table(paths: list[Path], names: str) -> pd.DataFrame:
+    """The poses in a table or a listing, or in files of one each, with columns as conventions name them."""
+    tables = [read_columns(path) for path in paths]
+    if tables[0].shape in ((3, 4), (4, 4)):
+        tables = [unnamed(table.to_numpy().reshape(1, -1)) for table in tables]
+    poses = pd.concat(tables, ignore_index=True)
+    k, where = poses.shape[1], paths[0].parent / names_of(paths)
+    titles = [name.strip().lower() for name in names.split(",")] if names else [*poses]
+    if titles == numbered(k) and k in (12, 16):
+        titles = MATRIX[:k]
+    elif titles == numbered(k):
+        examples = "--pose-columns x,y,z,a,b,c or x,y,z,qw,qx,qy,qz"
+        raise ScanError(f"{where}: {k} numbers for each pose, without names; say what they are: {examples}")
+    elif len(titles) != k:
+        raise ScanError(f"{where}: {k} columns, and {len(titles)} names in --pose-columns")
+    poses.columns = [ALIASES.get(title, title) for title in titles]
+    if missing := [name for name in "xyz" if name not in poses]:
+        raise ScanError(f"{where}: no column {missing[0]}; there are {listed(poses)} (--pose-columns)")
+    return poses.loc[:, ~poses.columns.duplicated()]
 
 
-def labels_in(table: Columns, files: int, used: set, numbers: set) -> tuple[str, ...]:
-    """The poses' labels in a table: a column of that name, or one with the numbers of the profiles' names that is of no
-    other use. None where there is no such column."""
-    if files > 1 or table.values.shape in ((3, 4), (4, 4)):
-        return ()
-    if table.words:
-        return table.words
-    columns = [
-        column
-        for name, column in zip(table.names, table.values.T, strict=True)
-        if name in LABELS or (ALIASES.get(name, name) not in used and set(column) == numbers)
-    ]
-    return tuple(f"{value:g}" for value in columns[0]) if columns else ()
-
-
-def match(folder: Path, poses: Poses, profiles: list[Path], of_poses: list[Path]) -> tuple[list[int], str]:
-    """Which profile belongs to each pose (P,): the one whose name, or last number, is the pose's; else by order."""
-    source = names_of(of_poses)
-    numbers = [last_number(path.stem) for path in profiles]
-    named_by = poses.labels or tuple(path.stem for path in of_poses if len(of_poses) == len(poses.R) > 1)
-    if named_by:
-        stems = {path.stem: k for k, path in enumerate(profiles)} | {path.name: k for k, path in enumerate(profiles)}
-        by_number = dict(zip(numbers, range(len(profiles)), strict=True)) if len({*numbers}) == len(numbers) else {}
-        order = [stems.get(label, by_number.get(last_number(label))) for label in named_by]
-        if None in order:
-            raise ScanError(f"{folder}: no profile for pose {named_by[order.index(None)]} of {source}")
-        if len({*order}) < len(order):
-            raise ScanError(f"{source}: poses {listed(named_by)} name a profile twice")
-        if spare := {*range(len(profiles))} - {*order}:
-            raise ScanError(f"{profiles[min(spare)]}: no such pose in {source}")
-        return order, "by their names"
-    if len(profiles) != len(poses.R):
-        raise ScanError(
-            f"{folder}: {len(profiles)} profiles ({names_of(profiles)}) and {len(poses.R)} poses ({source})"
-        )
-    return list(range(len(profiles))), "in order, the first pose with the first profile"
-
-
-def labels_of(poses: Poses, profiles: list[Path]) -> tuple[str, ...]:
-    """What the poses are called: as their table calls them, or else as the profiles, without the word in front."""
-    if poses.labels and {*poses.labels} != {path.name for path in profiles}:
-        return poses.labels
-    stems = [path.stem for path in profiles]
+def match(poses: pd.DataFrame, of_poses: list[Path], profiles: list[Path]) -> tuple[pd.DataFrame, list[Path], str]:
+    """The poses with labels, the profile of each, and how it was found: by its name or its last number, or by order."""
+    folder, source = profiles[0].parent, names_of(of_poses)
+    by_number = {last_number(path.stem): path for path in profiles}
+    by_name = by_number | {name: path for path in profiles for name in (path.name, path.stem)}
+    labels = None
+    for name, column in poses.drop(columns=OF_A_POSE, errors="ignore").items():
+        if name in LABELS or not is_numeric_dtype(column) or {*column} == by_number.keys():
+            labels = [str(cell).removesuffix(".0") for cell in column]
+            break
+    names = labels or ([path.stem for path in of_poses] if len(of_poses) == len(poses) > 1 else None)
+    found = [by_name.get(name, by_name.get(last_number(name))) for name in names] if names else profiles
+    if None in found:
+        raise ScanError(f"{folder}: no profile for pose {names[found.index(None)]} of {source}")
+    if spare := [path for path in profiles if path not in found]:
+        raise ScanError(f"{spare[0]}: no such pose in {source}")
+    if len(profiles) != len(poses):
+        raise ScanError(f"{folder}: {len(profiles)} profiles ({names_of(profiles)}) and {len(poses)} poses ({source})")
+    stems = [path.stem for path in found]
     shared = re.match(r"\D*", stems[0])[0]
-    return tuple(stem.removeprefix(shared) or stem for stem in stems)
+    poses = poses.assign(pose=labels or [stem.removeprefix(shared) or stem for stem in stems])
+    return poses, found, "by their names" if names else "in order, the first pose with the first profile"
 
 
-def last_number(text: str) -> int | None:
-    """The last whole number in a name."""
-    found = re.findall(r"\d+", text)
-    return int(found[-1]) if found else None
+def read_poses(path: Path, poses: pd.DataFrame, layout: Layout) -> tuple[dict, str, list[str]]:
+    """Entries of a Scan, what the poses were taken for, and doubts about them."""
+    table = Table(path, poses.filter(items=["pose", *OF_A_POSE]), "pose", 1)
+    scale, units = scale_of(np.abs(table.numbers("xyz")).max(), REACH_MM[1] / 1000, layout.pose_units)
+    entries, doubts = check_poses(table, scale)
+    convention = named(entries["convention"])
+    frames = f", user frame {poses['uf'][0]:g}, tool {poses['ut'][0]:g}" if "uf" in poses else ""
+    if layout.tool:
+        angles = convention if convention.sequence else named("FANUC angles")
+        back = inverse(to_rotations(angles, [layout.tool[3:]])[0], np.array(layout.tool[:3]))
+        R, T = entries["R_base_flange"], entries["T_base_flange"]
+        entries |= {"R_base_flange": R @ back[0], "T_base_flange": carry(R, T, back[1]), "orientation": None}
+    return entries, f"{len(poses)}, {convention.meaning} ({convention.name}){frames}, {units}", doubts
 
 
-def x_and_z(found: Columns, columns: str) -> tuple[int, int]:
-    """Which two columns of a profile are x and z."""
-    names = [*found.names]
-    if columns:
-        chosen = [name.strip().lower() for name in columns.split(",")]
-        unnamed = [name for name in chosen if name not in names]
-        if len(chosen) != 2 or unnamed:
-            raise ScanError(f"{found.path}: no columns {columns}; expected two of {listed(names)}")
-        return names.index(chosen[0]), names.index(chosen[1])
-    if len(names) == 2:
-        return 0, 1
-    if "x" in names and "z" in names and "y" not in names:
-        return names.index("x"), names.index("z")
-    flat = [j for j, column in enumerate(found.values.T) if len({*column[np.isfinite(column)]}) < 2]
-    flat = flat if len(found.values) > 1 else [1]
-    if len(names) == 3 and len(flat) == 1:
-        first, second = (j for j in range(3) if j != flat[0])
-        return first, second
-    raise ScanError(f"{found.path}: columns {listed(names)}; say which are x and z: --columns x,z")
-
-
-def measured(chosen, found: list[Columns], layout: Layout) -> tuple[tuple[np.ndarray, ...], str]:
+def read_profiles(paths: list[Path], layout: Layout) -> tuple[tuple[np.ndarray, ...], str]:
     """The profiles in mm, NaN where nothing was seen, and what they were taken for."""
-    pairs = {tuple(one.names[j] for j in columns) for columns, one in zip(chosen, found, strict=True)}
-    if len(pairs) > 1:
-        raise ScanError(
-            f"{found[0].path.parent}: profiles with different columns; say which are x and z: --columns x,z"
-        )
-    values = [np.array(one.values[:, list(columns)]) for columns, one in zip(chosen, found, strict=True)]
-    z = np.concatenate([rows[:, 1] for rows in values])
-    z = z[np.isfinite(z)]
-    if not z.size:
-        raise ScanError(f"{found[0].path.parent}: the profiles hold no point")
-    missing = layout.missing
-    if missing is None and (rest := z[z != 0]).size and rest.size < z.size and not rest.min() < 0 < rest.max():
+    tables = {path: upright(read_columns(path, layout.entry)).select_dtypes("number") for path in paths}
+    names = x_and_z(tables, layout.columns)
+    points = np.concatenate([table[names] for table in tables.values()])
+    seen = (np.abs(points) <= FARTHEST_MM / SCALE[layout.units or "mm"]).all(axis=1)
+    missing, z = layout.missing, points[seen, 1]
+    rest = z[z != 0]
+    if missing is None and 0 < len(rest) < len(z) and not rest.min() < 0 < rest.max():
         missing = 0.0
-    near = np.abs(np.concatenate(values)[np.isfinite(np.concatenate(values)).all(axis=1)])
-    scale, units = scale_of(near[near < FARTHEST_MM].max(initial=0), 1.0, layout.units)
-    for rows in values:
-        rows[(rows[:, 1] == missing) | (np.abs(rows) * scale > FARTHEST_MM).any(axis=1)] = np.nan
-    (names,), points = pairs, sum(map(len, values))
-    nothing = sum(int(np.isnan(rows).any(axis=1).sum()) for rows in values)
+    if missing is not None:
+        seen &= points[:, 1] != missing
+    if not seen.any():
+        raise ScanError(f"{paths[0].parent}: the profiles hold no point")
+    scale, units = scale_of(np.abs(points[seen]).max(), 1.0, layout.units)
+    points[~seen] = np.nan
     where = "" if missing is None else f", where z is {missing:g}"
-    seen = f"nothing seen in {nothing} of them{where}" if nothing else "all seen"
-    said = f"{points} points, x and z in columns {' and '.join(names)}, {units}, {seen}"
-    return tuple(rows * scale for rows in values), said
+    told = "all seen" if seen.all() else f"nothing seen in {(~seen).sum()} of them{where}"
+    values = np.split(points * scale, np.cumsum([len(table) for table in tables.values()])[:-1])
+    return tuple(values), f"{len(points)} points, x and z in columns {' and '.join(names)}, {units}, {told}"
+
+
+def upright(table: pd.DataFrame) -> pd.DataFrame:
+    """With columns as columns, where a file without names has them side by side in at most three rows."""
+    n, k = table.shape
+    return unnamed(table.to_numpy().T) if n <= 3 < k and [*table] == numbered(k) else table
+
+
+def x_and_z(tables: dict[Path, pd.DataFrame], columns: str) -> list[str]:
+    """The columns of x and z: those given, those of these names, or the two that are not the same everywhere."""
+    points = pd.concat(tables.values())
+    names = [*points]
+    if columns:
+        names = [name.strip().lower() for name in columns.split(",")]
+    elif "x" in names and "z" in names and "y" not in names:
+        names = ["x", "z"]
+    elif len(names) > 2:
+        names = [name for name in names if points[name].nunique() > 1]
+    for path, table in sorted(tables.items(), key=lambda entry: -entry[1].shape[1]):
+        if not len(names) == len({*names} & {*table}) == 2:
+            found = f"no columns {columns}; there are {listed(table)}" if columns else f"columns {listed(table)}"
+            raise ScanError(f"{path}: {found}; say which are x and z: --columns x,z")
+    return names
 
 
 def scale_of(largest: float, below: float, stated: str) -> tuple[float, str]:
     """From a file's units to mm, and in words; metres where nothing is stated and all is less than `below`."""
     units = stated or ("m" if largest < below else "mm")
     return SCALE[units], f"in {units}" if stated else f"in {units} (the largest is {largest:.3g})"
-
-
-def without_tool(R, T, tool, convention: Convention) -> tuple[np.ndarray, np.ndarray]:
-    """Poses of the flange from those of a tool: x, y, z, mm, and angles as the poses have them, else as FANUC's."""
-    angles = convention if convention.sequence else named("FANUC angles")
-    R_inverse, T_inverse = inverse(to_rotations(angles, [tool[3:]])[0], np.asarray(tool[:3], dtype=float))
-    return R @ R_inverse, carry(R, T, T_inverse)

@@ -39,10 +39,12 @@ class Table:
 
     path: Path
     frame: pd.DataFrame
+    noun: str = "line"  # what a row is called
+    first: int = 2  # its number, where the index is 0
 
     def line(self, row: int) -> str:
-        """Where a row is, as an editor counts lines."""
-        return f"{self.path} line {self.frame.index[row] + 2}"
+        """Where a row is; lines as an editor counts them."""
+        return f"{self.path} {self.noun} {self.frame.index[row] + self.first}"
 
     def refuse(self, bad, sentence) -> None:
         """Raise ScanError for the first row that is bad (rows,): where it is, and `sentence` of its number."""
