@@ -7,9 +7,14 @@ each five times with some altered. `PROFILECAL_ALTERED_SEED` chooses other ones.
 import ast
 import json
 import os
+import warnings
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from IPython.core.interactiveshell import InteractiveShell
+from IPython.utils.capture import capture_output
+from traitlets.config import Config
 
 from profilecal.running import notebooks
 from profilecal.running.record import recorded
@@ -51,16 +56,53 @@ def altered(value, rng, name=""):
     return int(np.ceil(value * rng.choice([0.5, 2])))
 
 
-@pytest.mark.parametrize("path", RUNNABLE, ids=lambda path: path.stem)
-def test_other_parameters_are_lived_with_and_outcomes_recorded(path, tmp_path):
+class Shell(InteractiveShell):
+    """What a kernel is inside, here: no process to start, nothing to import again."""
+
+    def enable_gui(self, gui=None):
+        """There is none."""
+
+
+@pytest.fixture
+def shell(monkeypatch):
+    monkeypatch.chdir(notebooks.folder())
+    found = Shell.instance(config=Config(HistoryManager={"enabled": False}))
+    found.run_line_magic("matplotlib", "inline")
+    with warnings.catch_warnings(), plt.rc_context():
+        warnings.simplefilter("ignore")
+        yield found
+    found.reset()
+    plt.close("all")
+    plt.switch_backend("agg")
+
+
+def outcomes(shell, path, parameters: dict) -> list[dict]:
+    """What a notebook records under other parameters."""
+    cells = [cell for cell in json.loads(path.read_text(encoding="utf-8"))["cells"] if cell["cell_type"] == "code"]
+    for cell in cells:
+        with capture_output() as shown:
+            shell.run_cell("".join(cell["source"])).raise_error()
+        cell["outputs"] = [{"data": output.data} for output in shown.outputs]
+        if "parameters" in cell["metadata"].get("tags", []):
+            shell.push(parameters)
+    return recorded({"cells": cells})
+
+
+def has_numbers(path) -> bool:
+    """Whether any parameter can be altered."""
+    return not all(isinstance(value, bool | str) for value in declared(path).values())
+
+
+@pytest.mark.parametrize("path", [*filter(has_numbers, RUNNABLE)], ids=lambda path: path.stem)
+def test_other_parameters_are_lived_with_and_outcomes_recorded(path, shell):
     for run in range(RUNS):
         rng = np.random.default_rng([SEED, run, THERE.index(path)])
         given = declared(path)
         chosen = {name: altered(value, rng, name) for name, value in given.items() if rng.uniform() < 0.5 or RUNS == 1}
         chosen = {name: value for name, value in chosen.items() if value != given[name]}
         print(f"PROFILECAL_ALTERED_SEED={SEED}: {path.stem} with {chosen}")
-        notebooks.run(path, tmp_path / "run.ipynb", chosen)
-        (first, *_) = recorded(json.loads((tmp_path / "run.ipynb").read_text(encoding="utf-8")))
+        shell.reset()
+        (first, *_) = outcomes(shell, path, chosen)
         assert first
 
 
