@@ -197,6 +197,7 @@ def change(name, old, new):
 
 
 MISTAKES = {
+    "nothing": ("kuka", shutil.rmtree, "no folder with files"),
     "no poses": (
         "kuka",
         lambda f: (f / "robot_poses.csv").rename(f / "b.csv"),

@@ -104,7 +104,8 @@ def files(folder: Path, pattern: str) -> list[Path]:
     """The files of a shell pattern, p2 before p10. Raises ScanError if there are none."""
     paths = [path for name in glob(pattern, root_dir=folder) if (path := folder / name).is_file()]
     if pattern and not paths:
-        raise ScanError(f"{folder}: no file matches {pattern!r}; is the folder right?")
+        missing = "no folder with files" if pattern == "*" else f"no file matches {pattern!r}; is the folder right?"
+        raise ScanError(f"{folder}: {missing}")
     return sorted(paths, key=lambda path: re.sub(r"\d+", lambda number: number[0].zfill(20), path.name))
 
 
