@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -98,16 +99,26 @@ class Problem:
     def effects_at(self, state: State) -> Effects:
         """What errors of the flange, and those considered, would do to the residuals at this state."""
         columns = [[linear.by_flange] for linear in self.linear(state, with_flange=True)]
-        for change, _ in self.considered:
-            more, less = (
-                Problem([change.apply(o, step) for o in self.observations], self.noise).linear(state)
-                for step in (STEP, -STEP)
-            )
+        for pair in self.changed:
+            more, less = (problem.linear(state) for problem in pair)
             for rows, plus, minus in zip(columns, more, less, strict=True):
                 rows.append((plus.residual - minus.residual)[:, None] / (2 * STEP))
         rows = [np.nan_to_num(by_pose(np.concatenate(c, axis=1)), posinf=0, neginf=0) for c in columns]
         precision = np.array([size**-2.0 for _, size in self.considered])
-        return Effects(rows, sharing(self.observations), precision)
+        return Effects(rows, self.sharing, precision)
+
+    @cached_property
+    def sharing(self) -> Sharing:
+        """Which profiles share errors of the flange."""
+        return sharing(self.observations)
+
+    @cached_property
+    def changed(self) -> list[tuple["Problem", "Problem"]]:
+        """The data with each systematic error considered, `STEP` of it added and taken away."""
+        return [
+            tuple(Problem([change.apply(o, step) for o in self.observations], self.noise) for step in (STEP, -STEP))
+            for change, _ in self.considered
+        ]
 
     def moments(self, state: State, scale=None, weights=None, effects: Effects | None = None) -> Moments:
         """`scale` (B,): Cauchy's loss with that many noise levels as its unit; None: least squares. `weights`: one
