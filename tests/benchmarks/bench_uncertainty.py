@@ -114,9 +114,9 @@ def cells() -> dict[str, Cell]:
 
 
 def version_of_library() -> str:
-    """Of what this script imports of it."""
+    """A hash of the library's modules that this script imports, and of the script."""
     modules = [module for name, module in sys.modules.items() if name.split(".")[0] == "profilecal"]
-    source = b"".join(Path(path).read_bytes() for path in sorted(module.__file__ for module in modules))
+    source = b"".join(Path(path).read_bytes() for path in sorted([__file__, *(m.__file__ for m in modules)]))
     return sha256(source).hexdigest()[:8]
 
 
@@ -159,7 +159,7 @@ def table(chosen: dict[str, Cell], scans: int = 300, workers: int = 2, output: P
     `output` None keeps nothing. `workers` 1 computes in this process.
     """
     version = version_of_library()
-    known = pd.read_csv(output) if output and output.exists() else pd.DataFrame(columns=COLUMNS)
+    known = pd.read_csv(output, dtype={"version": str}) if output and output.exists() else pd.DataFrame(columns=COLUMNS)
     known = known[(known["version"] == version) & known["cell"].isin(chosen) & (known["seed"] < scans)]
     there = set(zip(known["cell"], known["seed"], strict=True))
     missing = [(name, seed) for seed in range(scans) for name in chosen if (name, seed) not in there]
@@ -259,7 +259,7 @@ def rows() -> list[dict]:
     found = table({name: cell for name, cell in cells().items() if name.endswith("both, unstated")}, 4, 1, None)
     return [
         {
-            "name": f"uncertainty: {name}, 15 x 3",
+            "name": f"uncertainty: {name}, 10 x 3",
             "ours_s": row["seconds"],
             "reference": "two seconds",
             "reference_s": 2.0,

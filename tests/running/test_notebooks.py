@@ -7,6 +7,7 @@ each five times with some altered. `PROFILECAL_ALTERED_SEED` chooses other ones.
 import ast
 import json
 import os
+import sys
 import warnings
 
 import matplotlib.pyplot as plt
@@ -57,21 +58,24 @@ def altered(value, rng, name=""):
 
 
 class Shell(InteractiveShell):
-    """What a kernel is inside, here: no process to start, nothing to import again."""
+    """An IPython shell in this process, as a kernel has one: no process to start, nothing imported twice."""
 
     def enable_gui(self, gui=None):
         """There is none."""
 
 
 @pytest.fixture
-def shell(monkeypatch):
+def shell(monkeypatch, tmp_path):
     monkeypatch.chdir(notebooks.folder())
-    found = Shell.instance(config=Config(HistoryManager={"enabled": False}))
-    found.run_line_magic("matplotlib", "inline")
+    monkeypatch.setenv("IPYTHONDIR", str(tmp_path))
+    monkeypatch.setitem(sys.modules, "__main__", sys.modules["__main__"])
     with warnings.catch_warnings(), plt.rc_context():
         warnings.simplefilter("ignore")
+        found = Shell.instance(config=Config(HistoryManager={"enabled": False}))
+        found.run_line_magic("matplotlib", "inline")
         yield found
     found.reset()
+    Shell.clear_instance()
     plt.close("all")
     plt.switch_backend("agg")
 

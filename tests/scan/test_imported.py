@@ -147,7 +147,7 @@ LAYOUTS = {
 
 
 def written(name, folder):
-    folder.mkdir()
+    folder.mkdir(parents=True)
     LAYOUTS[name][0](folder)
     return folder
 
@@ -181,6 +181,24 @@ def test_from_the_command_line_to_a_scan_that_calibrates(tmp_path):
     assert len(read_scan(tmp_path / "scan").labels) == 12
 
 
+def test_what_a_profile_does_not_show_first_is_no_title(tmp_path):
+    folder = written("kuka", tmp_path / "files")
+    for path in folder.glob("scan_*.csv"):
+        table = pd.read_csv(path)[["z", "x"]]
+        blank = pd.DataFrame({"z": [np.nan] * 2, "x": [-99, -98]})
+        pd.concat([blank, table]).to_csv(path, index=False)
+    found, guessed = import_scan(folder, "edge", {})
+    assert "x and z in columns x and z" in guessed[2]
+    np.testing.assert_allclose(found.values[0][2:], scan().values[0])
+
+
+def test_files_in_folders_of_their_own_are_found(tmp_path):
+    folder = written("kuka", tmp_path / "files" / "monday")
+    layout = Layout(profiles="monday/scan*.csv", poses="monday/robot*.csv")
+    (by_pattern, _), (alone, _) = import_scan(tmp_path / "files", "edge", {}, layout), import_scan(folder, "edge", {})
+    np.testing.assert_allclose(np.concatenate(by_pattern.values), np.concatenate(alone.values))
+
+
 def test_doubts_about_a_guess_are_told_with_it(tmp_path):
     _, guessed = import_scan(written("kuka", tmp_path / "files"), "edge", {}, Layout(columns="z,x"))
     assert guessed[-1].startswith("note       x of the profiles runs from")
@@ -196,8 +214,17 @@ def change(name, old, new):
     return changed
 
 
+def other_frame(folder):
+    """The last three positions in a listing of their own, of another tool."""
+    listing = (folder / "CALIB.LS").read_text()
+    cut = listing.index("P[10]")
+    (folder / "CALIB.LS").unlink()
+    (folder / "CALIB1.LS").write_text(listing[:cut] + "/END\n")
+    (folder / "CALIB2.LS").write_text("/PROG\n/POS\n" + listing[cut:].replace("UT : 0", "UT : 2"))
+
+
 MISTAKES = {
-    "nothing": ("kuka", shutil.rmtree, "no folder with files"),
+    "nothing": ("kuka", shutil.rmtree, "no such folder, or no files in it"),
     "no poses": (
         "kuka",
         lambda f: (f / "robot_poses.csv").rename(f / "b.csv"),
@@ -238,11 +265,14 @@ MISTAKES = {
     ),
     "no entry": ("fanuc", change("p2.yml", "profile:", "outline:"), "no list 'profile'; there are outline, picked"),
     "not closed": ("fanuc", change("p2.yml", " ]", ""), "p2.yml line 3: the list profile is not closed"),
-    "pairs": ("fanuc", change("p2.yml", "profile: [", "profile: [ 1.,"), "numbers; expected 3 for each point"),
+    "nested": ("fanuc", change("p2.yml", "profile: [", "profile: [["), r"p2.yml line 3: '\[.*' where a number is"),
+    "two frames": ("fanuc", other_frame, r"poses in several user frames or tools \(UF, UT\); expected one of each"),
+    "one point": ("kuka", lambda f: (f / "scan_002.csv").write_text("x,z\n1,90\n"), "scan_002.csv: a single point"),
+    "pairs": ("fanuc", change("p2.yml", "profile: [", "profile: [ 1.,"), "fields; expected 3 for each point"),
     "reflection": (
         "rows and matrices",
         lambda f: np.savetxt(f / "pose4.txt", -np.eye(4)),
-        "pose 5: matrix with determ",
+        "row 5: matrix with determ",
     ),
     "untitled": ("commas", change("poses.csv", "Alpha", "tilt"), "the orientation lacks alpha of alpha, beta, gamma"),
     "other numbers": (

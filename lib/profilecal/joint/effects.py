@@ -14,8 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-UNITS = np.r_[1, 1, 1, 0.01, 0.01, 0.01]  # mm and rad: of an error, as large in one as in the other
-RANK = 1e-12  # of the largest: what a profile says of its flange error less clearly is rounding
+UNITS = np.r_[1, 1, 1, 0.01, 0.01, 0.01]  # mm and rad: an error of 1 mm counts as one of 0.01 rad
+RANK = 1e-12  # of the largest eigenvalue over all profiles; smaller ones are rounding
 ROUNDING = 1e-14  # of the largest entry: added to a diagonal whose ones it may have swallowed
 
 
@@ -31,12 +31,12 @@ class Information:
 
 @dataclass(frozen=True)
 class Rows:
-    """`Information` in factors: a profile says of its flange error no more than a few independent residuals do, two of
-    a straight edge, so that many variances are tried at little cost."""
+    """`Information` in factors. A profile says of its flange error what r independent residuals would, two for a
+    straight edge; many variances are then tried at little cost."""
 
     by_errors: np.ndarray  # (K, r, 6) E, with EᵀE = A
     by_unknowns: np.ndarray  # (K, r, n) z, with Eᵀz = B
-    rest: np.ndarray  # (n, n) what zᵀz lacks
+    rest: np.ndarray  # (n, n) what of the normal equations the rows z do not make up
 
     def without_errors(self, variances, factor, member) -> Information:
         """What `remove` leaves where the noise has variances 1 / factor, for S sets: variances (S, 6), factor (S,)."""

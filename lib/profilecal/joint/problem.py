@@ -105,16 +105,16 @@ class Problem:
                 rows.append((plus.residual - minus.residual)[:, None] / (2 * STEP))
         rows = [np.nan_to_num(by_pose(np.concatenate(c, axis=1)), posinf=0, neginf=0) for c in columns]
         precision = np.array([size**-2.0 for _, size in self.considered])
-        return Effects(rows, self.sharing, precision)
+        return Effects(rows, self.shared, precision)
 
     @cached_property
-    def sharing(self) -> Sharing:
+    def shared(self) -> Sharing:
         """Which profiles share errors of the flange."""
         return sharing(self.observations)
 
     @cached_property
     def changed(self) -> list[tuple["Problem", "Problem"]]:
-        """The data with each systematic error considered, `STEP` of it added and taken away."""
+        """The problem with each systematic error considered at plus and at minus `STEP`."""
         return [
             tuple(Problem([change.apply(o, step) for o in self.observations], self.noise) for step in (STEP, -STEP))
             for change, _ in self.considered

@@ -22,7 +22,7 @@ from profilecal.joint.state import State, normalised_square, pose_error
 
 UNLIKELY = 1e-3  # the chance of residuals so large that the covariance is enlarged
 TWIN_APART, TWIN_AS_GOOD = 50.0, 12.0  # χ² that another sensor pose is away, and by how much it may fit worse
-TWIN_TYPICAL = 10.0  # noise levels: what fits worse before it is refined is none
+TWIN_TYPICAL = 10.0  # times the answer's residuals; a sensor pose that fits worse before refinement is not refined
 ROUNDS = 6  # of estimating robot errors; two or three are usual
 LARGEST_ERROR_MM = 2.0  # of a robot's position; what is larger is a mistake, not an error
 LARGEST_REJECTED = 1 / 3  # of the poses
@@ -32,7 +32,7 @@ FINEST_MM = 1e-5  # scanner noise: residuals of exact data are rounding
 SETTLED = 0.02  # of an error's size
 TRIED = 4  # of sets of poses that leave fewer out
 UNUSUAL = 1.5  # standard deviations above what is known of the errors' sizes beforehand
-LARGE = 3.0  # an error's size over the scale of its prior there
+LARGE = 3.0  # times the prior's scale: about the size at `UNUSUAL`
 SHARED = 2  # coordinates of a profile that a shared error moves, at least: it may explain that many large ones
 CONTRADICTING = "most poses contradict each other: no sensor pose explains half of them"
 
@@ -104,6 +104,7 @@ def weigh(problem: Problem, level: NoiseLevel, found: State, robust: bool) -> So
         return model, likely, problem, refine(problem, state, weights=kept)
 
     large = replace(noise, **{name: LARGE * getattr(prior, name) for name in ROBOT})
+    large = replace(large, profile_mm=noise.profile_mm * np.exp(UNUSUAL * level.profile_spread))
     by_large = Problem(observations, large, level.systematic)
     for fewer in fewer_rejected(fit, kept):
         if not all_belong(by_large, refine(by_large, state, weights=fewer, iterations=10, tolerance=ROUGHLY), fewer):
@@ -256,12 +257,17 @@ def conclude(problem: Problem, level: NoiseLevel, fit: Fit, others: State, kept)
 def twin_of(problem: Problem, fit: Fit, found: Spectrum, others: State, kept) -> str:
     """A sentence on another sensor pose that fits as well, if there is one."""
 
-    def apart(others: State):
-        delta = pose_error(state.rotation, state.translation, others.rotation, others.translation)
+    state = fit.state
+
+    def apart(poses: State):
+        delta = pose_error(state.rotation, state.translation, poses.rotation, poses.translation)
         return normalised_square(found.covariance, delta)
 
-    state, typical = fit.state, typical_residual(problem.moments(others).per_pose, problem.freedoms())
-    others = others[(apart(others) > TWIN_APART) & (typical < TWIN_TYPICAL)]  # the rest need no refinement
+    def typical(per_pose):
+        return typical_residual(per_pose, problem.freedoms())
+
+    as_good = typical(problem.moments(others).per_pose) < TWIN_TYPICAL * max(1.0, typical(fit.per_pose)[0])
+    others = others[(apart(others) > TWIN_APART) & as_good]
     if not len(others.rotation):
         return ""
     other = refine(problem, others, weights=kept, tolerance=ROUGHLY)

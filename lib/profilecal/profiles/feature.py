@@ -7,7 +7,8 @@ from scipy.optimize import nnls
 
 from profilecal.profiles.points import correlation
 
-LEAST_VARIANCE = 0.1  # of a point, over the mean of all
+LEAST_VARIANCE = 0.1  # of a point, over the mean of all: the estimate is not trusted below
+LEAST_POINTS = 100  # to tell a scanner's errors in x from those in z; fewer points have one variance
 BLOCKS = 40  # points that stand for an arc or a line, each the mean of its neighbours
 
 
@@ -44,8 +45,8 @@ def block_means(along, off, normals, fitted: int) -> tuple[np.ndarray, np.ndarra
     """Neighbouring points of a curve as up to `BLOCKS` means: `along` it (b,), `off` it (b,), covariance (b, 2, 2) mm².
 
     `off` (k,) are the points' distances from the curve, mm, of which `fitted` parameters have been taken, and `normals`
-    (k, 2) its own there. Averaged across the curve, they are not drawn inwards by its bend within a block. A mean is
-    as uncertain along as across.
+    (k, 2) the curve's unit normals there. Averaged across the curve, they are not drawn inwards by its bend within a
+    block. A mean is as uncertain along as across.
     """
     size = np.diff(np.linspace(0, len(off), min(BLOCKS, len(off)) + 1).astype(int))
     starts = np.cumsum(size) - size
@@ -55,7 +56,9 @@ def block_means(along, off, normals, fitted: int) -> tuple[np.ndarray, np.ndarra
 
 
 def variances_across(off, normals) -> np.ndarray:
-    """Of points across a curve (k,), mm², from their distances `off` it (k,): a scanner errs in x otherwise than in z,
-    which the slopes of a curve tell apart."""
+    """Variances (k,), mm², of points across a curve, from their distances `off` it (k,) and its normals (k, 2):
+    nx² σx² + nz² σz², fitted to the squares, since a scanner errs in x otherwise than in z."""
+    if len(off) < LEAST_POINTS:
+        return np.full(len(off), np.mean(off**2))
     both, _ = nnls(normals**2, off**2)
     return np.maximum(normals**2 @ both, LEAST_VARIANCE * np.mean(off**2))

@@ -34,21 +34,22 @@ def read_columns(path: Path, entry: str = "") -> pd.DataFrame:
         case ".npy" | ".npz":
             return from_numpy(path, entry)
         case ".yml" | ".yaml":
-            return from_fields(path, *yaml_list(path, entry))
+            return from_fields(path, *yaml_list(path, entry), labelled=False)
     return from_fields(path, *lines_of(path))
 
 
-def from_fields(path: Path, names: list[str], rows: list) -> pd.DataFrame:
-    """The table in rows (line, fields); a name that is there twice gives way to the column's number."""
+def from_fields(path: Path, names: list[str], rows: list, labelled: bool = True) -> pd.DataFrame:
+    """The table in rows (line, fields), whose first column may be words where they are `labelled`; a name that is there
+    twice gives way to the column's number."""
     names = [UNIT.sub("", name.strip("\"'").lower()) for name in names]
     names = [name if names.count(name) == 1 else str(j + 1) for j, name in enumerate(names)]
     k = len(names)
     values = [[number(field) for field in fields] for _, fields in rows]
-    words = {row[0] for row in values} == {None}
+    words = labelled and {row[0] for row in values} == {None}
     for (line, fields), row in zip(rows, values, strict=True):
         where = f"{path} line {line}"
         if len(row) != k:
-            raise ScanError(f"{where}: {len(row)} numbers; expected {k} for each point or pose; is the file cut short?")
+            raise ScanError(f"{where}: {len(row)} fields; expected {k} for each point or pose; is the file cut short?")
         if None in row[words:]:
             raise ScanError(f"{where}: {shown(fields[row.index(None, words)])} where a number is expected")
     table = pd.DataFrame(np.array(values, dtype=float).reshape(len(rows), k), columns=names)
@@ -92,7 +93,7 @@ def lines_of(path: Path) -> tuple[list[str], list]:
     above = []
     for i, (_, fields) in enumerate(rows):
         unlabelled = fields[1:] or fields
-        if any(unlabelled) and None not in map(number, unlabelled):
+        if (any(unlabelled) or number(fields[0]) is not None) and None not in map(number, unlabelled):
             return above if len(above) == len(fields) else numbered(len(fields)), rows[i:]
         above = fields
     raise ScanError(f"{path}: no numbers in columns")

@@ -19,7 +19,7 @@ from profilecal.scan.tables import Table, listed, shown
 from profilecal.targets import TARGETS
 
 OF_POSES = re.compile(r"pose|robot|flange|tcp|calib|\.ls$", re.I)  # in a file's name
-ALIASES = {"q1": "qw", "q2": "qx", "q3": "qy", "q4": "qz", "tx": "x", "ty": "y", "tz": "z"}
+ALIASES = {"q1": "qw", "q2": "qx", "q3": "qy", "q4": "qz"} | {f"{t}{axis}": axis for t in "tp" for axis in "xyz"}
 LABELS = ("pose", "name", "label", "id", "index", "file", "n")  # columns that say which profile a pose has
 OF_A_POSE = ["x", "y", "z", *(name for convention in CONVENTIONS for name in convention.columns)]
 MATRIX = ("r11", "r12", "r13", "x", "r21", "r22", "r23", "y", "r31", "r32", "r33", "z", "_", "_", "_", "_")
@@ -53,10 +53,13 @@ def import_scan(folder, kind: str, sizes: dict, layout: Layout = Layout()) -> tu
         raise ScanError(f"{folder}: the {kind}'s {missing[0]} is missing; expected --{missing[0]}, in mm")
     check_sizes(folder, {"kind": kind} | sizes, 1.0)
     profiles, of_poses, left = sort_files(folder, layout)
-    poses, profiles, matched = match(pose_table(of_poses, layout.pose_columns), of_poses, profiles)
+    poses, profiles, matched = match(pose_table(of_poses, layout), of_poses, profiles)
     entries, taken_poses, doubts = read_poses(folder / names_of(of_poses), poses, layout)
     values, taken = read_profiles(profiles, layout)
-    measured = "points" if all(len(rows) == 1 for rows in values) else "profiles"
+    single = [path for path, rows in zip(profiles, values, strict=True) if len(rows) == 1]
+    measured = "points" if len(single) == len(profiles) else "profiles"
+    if single and measured == "profiles":
+        raise ScanError(f"{single[0]}: a single point, where other files hold profiles")
     if measured not in target.tables:
         raise ScanError(f"{folder}: a target of kind {kind!r} needs {' or '.join(target.tables)}, not {measured}")
     scan = Scan(
@@ -87,6 +90,8 @@ def sort_files(folder: Path, layout: Layout) -> tuple[list[Path], list[Path], li
     for path in files(folder, "*"):
         if path not in (*profiles, *poses):
             families.setdefault(re.sub(r"\d+", "#", path.name), []).append(path)
+    if not (profiles or poses or families):
+        raise ScanError(f"{folder}: no such folder, or no files in it")
     if not poses:
         likely = [family for family in families if OF_POSES.search(family)]
         if len(likely) != 1:
@@ -101,11 +106,10 @@ def sort_files(folder: Path, layout: Layout) -> tuple[list[Path], list[Path], li
 
 
 def files(folder: Path, pattern: str) -> list[Path]:
-    """The files of a shell pattern, p2 before p10. Raises ScanError if there are none."""
+    """The files of a shell pattern, p2 before p10. Raises ScanError if there are none of one that a user gave."""
     paths = [path for name in glob(pattern, root_dir=folder) if (path := folder / name).is_file()]
-    if pattern and not paths:
-        missing = "no folder with files" if pattern == "*" else f"no file matches {pattern!r}; is the folder right?"
-        raise ScanError(f"{folder}: {missing}")
+    if pattern.strip("*") and not paths:
+        raise ScanError(f"{folder}: no file matches {pattern!r}; is the folder right?")
     return sorted(paths, key=lambda path: re.sub(r"\d+", lambda number: number[0].zfill(20), path.name))
 
 
@@ -120,14 +124,16 @@ def last_number(name: str) -> int | str:
     return int(found[-1]) if found else name
 
 
-def pose_table(paths: list[Path], names: str) -> pd.DataFrame:
+def pose_table(paths: list[Path], layout: Layout) -> pd.DataFrame:
     """The poses in a table or a listing, or in files of one each, with columns as conventions name them."""
-    tables = [read_columns(path) for path in paths]
+    tables = [read_columns(path, layout.entry if len(paths) > 1 else "") for path in paths]
     if tables[0].shape in ((3, 4), (4, 4)):
         tables = [unnamed(table.to_numpy().reshape(1, -1)) for table in tables]
     poses = pd.concat(tables, ignore_index=True)
     k, where = poses.shape[1], paths[0].parent / names_of(paths)
-    titles = [name.strip().lower() for name in names.split(",")] if names else [*poses]
+    titles = [*poses]
+    if layout.pose_columns:
+        titles = [name.strip().lower() for name in layout.pose_columns.split(",")]
     if titles == numbered(k) and k in (12, 16):
         titles = MATRIX[:k]
     elif titles == numbered(k):
@@ -135,9 +141,11 @@ def pose_table(paths: list[Path], names: str) -> pd.DataFrame:
         raise ScanError(f"{where}: {k} numbers for each pose, without names; say what they are: {examples}")
     elif len(titles) != k:
         raise ScanError(f"{where}: {k} columns, and {len(titles)} names in --pose-columns")
-    poses.columns = [ALIASES.get(title, title) for title in titles]
+    poses.columns = [title if ALIASES.get(title) in titles else ALIASES.get(title, title) for title in titles]
     if missing := [name for name in "xyz" if name not in poses]:
         raise ScanError(f"{where}: no column {missing[0]}; there are {listed(poses)} (--pose-columns)")
+    if {"uf", "ut"} <= {*poses} and len(poses[["uf", "ut"]].drop_duplicates()) > 1:
+        raise ScanError(f"{where}: poses in several user frames or tools (UF, UT); expected one of each")
     return poses.loc[:, ~poses.columns.duplicated()]
 
 
@@ -167,11 +175,11 @@ def match(poses: pd.DataFrame, of_poses: list[Path], profiles: list[Path]) -> tu
 
 def read_poses(path: Path, poses: pd.DataFrame, layout: Layout) -> tuple[dict, str, list[str]]:
     """Entries of a Scan, what the poses were taken for, and doubts about them."""
-    table = Table(path, poses.filter(items=["pose", *OF_A_POSE]), "pose", 1)
+    table = Table(path, poses.filter(items=["pose", *OF_A_POSE]), "row", 1)
     scale, units = scale_of(np.abs(table.numbers("xyz")).max(), REACH_MM[1] / 1000, layout.pose_units)
     entries, doubts = check_poses(table, scale)
     convention = named(entries["convention"])
-    frames = f", user frame {poses['uf'][0]:g}, tool {poses['ut'][0]:g}" if "uf" in poses else ""
+    frames = f", user frame {poses['uf'][0]:g}, tool {poses['ut'][0]:g}" if {"uf", "ut"} <= {*poses} else ""
     if layout.tool:
         angles = convention if convention.sequence else named("FANUC angles")
         back = inverse(to_rotations(angles, [layout.tool[3:]])[0], np.array(layout.tool[:3]))
@@ -182,7 +190,8 @@ def read_poses(path: Path, poses: pd.DataFrame, layout: Layout) -> tuple[dict, s
 
 def read_profiles(paths: list[Path], layout: Layout) -> tuple[tuple[np.ndarray, ...], str]:
     """The profiles in mm, NaN where nothing was seen, and what they were taken for."""
-    tables = {path: upright(read_columns(path, layout.entry)).select_dtypes("number") for path in paths}
+    tables = upright({path: read_columns(path, layout.entry) for path in paths})
+    tables = {path: table.select_dtypes("number") for path, table in tables.items()}
     names = x_and_z(tables, layout.columns)
     points = np.concatenate([table[names] for table in tables.values()])
     seen = (np.abs(points) <= FARTHEST_MM / SCALE[layout.units or "mm"]).all(axis=1)
@@ -202,10 +211,10 @@ def read_profiles(paths: list[Path], layout: Layout) -> tuple[tuple[np.ndarray, 
     return tuple(values), f"{len(points)} points, x and z in columns {' and '.join(names)}, {units}, {told}"
 
 
-def upright(table: pd.DataFrame) -> pd.DataFrame:
-    """With columns as columns, where a file without names has them side by side in at most three rows."""
-    n, k = table.shape
-    return unnamed(table.to_numpy().T) if n <= 3 < k and [*table] == numbered(k) else table
+def upright(tables: dict[Path, pd.DataFrame]) -> dict[Path, pd.DataFrame]:
+    """With columns as columns, where the files, without names, have them side by side in at most three rows."""
+    lying = all(len(t) <= 3 < t.shape[1] and [*t] == numbered(t.shape[1]) for t in tables.values())
+    return {path: unnamed(t.to_numpy().T) for path, t in tables.items()} if lying else tables
 
 
 def x_and_z(tables: dict[Path, pd.DataFrame], columns: str) -> list[str]:
@@ -218,6 +227,7 @@ def x_and_z(tables: dict[Path, pd.DataFrame], columns: str) -> list[str]:
         names = ["x", "z"]
     elif len(names) > 2:
         names = [name for name in names if points[name].nunique() > 1]
+        names = ["x", "z"] if {*names} == {"x", "z"} else names
     for path, table in sorted(tables.items(), key=lambda entry: -entry[1].shape[1]):
         if not len(names) == len({*names} & {*table}) == 2:
             found = f"no columns {columns}; there are {listed(table)}" if columns else f"columns {listed(table)}"
