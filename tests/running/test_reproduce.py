@@ -133,6 +133,7 @@ def test_an_interrupted_run_stops_its_notebooks_and_the_next_starts_clean(clone,
     write(clone / "notebooks/20_slow.ipynb", 'open("started", "w").close()', "import time; time.sleep(120)")
     code = (
         "from pathlib import Path; from profilecal import cli; from profilecal.running import notebooks;"
+        "import signal; signal.signal(signal.SIGINT, signal.default_int_handler);"  # else ignored in the background
         "notebooks.folder = lambda: Path('notebooks').resolve(); cli.main()"
     )
     with subprocess.Popen([sys.executable, "-c", code, "reproduce"], stderr=subprocess.PIPE, text=True) as process:
