@@ -249,3 +249,11 @@ def test_few_poses_are_kept_where_robots_err_and_one_that_is_wrong_is_not():
         assert calibrate([wrong]).labels(rejected=True) == [scan.labels[5]]
     assert rejected <= 1
     assert squares < chi2.isf(1e-4, 6 * 8)
+
+
+@pytest.mark.parametrize("seed", [1, 9, 11])
+def test_the_noise_of_a_handful_of_poses_is_not_that_of_those_which_any_answer_fits(seed):
+    """Three balls of five leave nothing over: a fit that comes near to most poses is exact."""
+    noise = Noise(profile_mm=0.05, position_mm=0.05, orientation_deg=0.01)
+    scan = simulate_scan(Spec(kind="ball", seed=seed, noise=noise, groups=5, positions=1))
+    assert calibrate([replace(scan, noise={})]).solution.noise.profile_mm > 0.01

@@ -10,7 +10,7 @@ from scipy.stats import binom, norm
 from profilecal.geometry.noise import Noise
 from profilecal.joint.descent import refine
 from profilecal.joint.field import field_over
-from profilecal.joint.levels import USUAL, Likelihood, levels, likeliest
+from profilecal.joint.levels import USUAL, Likelihood, Prior, levels, likeliest
 from profilecal.joint.problem import Problem
 from profilecal.joint.sharing import level_variances
 from profilecal.simulate.plan import actual_poses, scan_planes
@@ -30,7 +30,7 @@ def linear_model(seed, noise=TRUE, **plan):
     problem = Problem(seen, Noise(SIGMA))
     state = refine(problem, scene.truth).state
     kept = [np.ones(problem.terms[0].P, dtype=bool)]
-    return Likelihood(problem, state, kept, USUAL, 0.0), problem, state
+    return Likelihood(problem, state, kept, Prior(USUAL)), problem, state
 
 
 def test_the_restricted_likelihood_is_that_of_the_dense_covariance():
@@ -73,11 +73,13 @@ def test_the_intervals_hold_the_true_sizes():
     assert min(inside.values()) >= binom.ppf(0.01, 20, 0.95)
 
 
-def test_a_size_is_standard_normal_beforehand():
-    """A half-t law of three degrees of freedom: half of it below 0.76 of its scale."""
-    model, _, _ = linear_model(1, groups=4, positions=3)
-    size, coordinate = model.law("position_mm")
-    assert size(0.0) == pytest.approx(0.765, abs=0.001)
+@pytest.mark.parametrize(("stated", "middle", "beyond_five"), [((), 0.765, 0.0154), (("position_mm",), 1.0, 0.1257)])
+def test_a_size_is_standard_normal_beforehand(stated, middle, beyond_five):
+    """Half-t laws of three degrees of freedom and, where the scale is stated, of one: the middle, and how many sizes
+    are more than five times their scale."""
+    size, coordinate = Prior(USUAL, frozenset(stated)).law("position_mm")
+    assert size(0.0) == pytest.approx(middle, abs=0.001)
+    assert norm.sf(coordinate(5.0)) == pytest.approx(beyond_five, abs=1e-4)
     assert coordinate(size(1.3)) == pytest.approx(1.3)
     assert size(norm.ppf(1e-6)) < 1e-5
 

@@ -58,7 +58,7 @@ def drift(before: Scan, after: Scan, T, covariance, noise_mm: float) -> Drift:
         raise ScanError(f"the scans show {before.description} and {after.description}; expected one target and mount")
     seen, observed, features_mm = observe_all((before, after), 1)
     level = expect(stated_noise((before, after)), features_mm)
-    noise = replace(level.prior, profile_mm=noise_mm if level.source == "residuals" else level.noise.profile_mm)
+    noise = replace(level.prior.scales, profile_mm=noise_mm if level.source == "residuals" else level.noise.profile_mm)
     problem = Problem(observed, noise)
     state = state_by(problem, T)
     off = float(np.sqrt(np.nanmean(problem.residuals(state)[0] ** 2)))

@@ -100,7 +100,7 @@ def noise_without(problem: Problem, solution: Solution, kept) -> Noise:
     level = solution.level
     if level.prior is None or sum(map(np.sum, kept)) * SHARED <= problem.n:
         return solution.noise
-    model = Likelihood(problem, solution.state, kept, level.prior, level.profile_spread)
+    model = Likelihood(problem, solution.state, kept, level.prior)
     drawn = draw(model, likeliest(model, asdict(solution.noise)))
     return model.noise_of({name: float(np.sqrt(drawn.weight @ size**2)) for name, size in drawn.sizes.items()})
 

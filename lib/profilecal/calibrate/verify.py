@@ -132,7 +132,7 @@ def linearised(alone: Calibration, kept, T, noise_mm: float) -> tuple[np.ndarray
     enormous where the scan says nothing. Such a scan hardly tells the robot's errors: they are as usual at least."""
     s = alone.solution
     level = s.level if s else expect(stated_noise(alone.scans))
-    robot = {name: max(getattr(level.noise, name), getattr(level.prior, name)) for name in ROBOT}
+    robot = {name: max(getattr(level.noise, name), getattr(level.prior.scales, name)) for name in ROBOT}
     noise = replace(level.noise, profile_mm=max(s.noise_mm if s else 0, noise_mm), **robot)
     problem = Problem(alone.observed, noise, level.systematic)
     state = settle_targets(problem, T[None, :3, :3], T[None, :3, 3], kept)

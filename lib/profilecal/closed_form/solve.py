@@ -79,8 +79,8 @@ def solve_in_closed_form(observations: Observations, level: NoiseLevel, side, rn
     problem = Problem([observations], level.noise)
     noise = level.noise
     if level.prior:
-        prior = replace(level.prior, profile_mm=noise.profile_mm)
-        model = Likelihood(problem, state, everything, prior, level.profile_spread)
+        prior = replace(level.prior, scales=replace(level.prior.scales, profile_mm=noise.profile_mm))
+        model = Likelihood(problem, state, everything, prior)
         noise = model.noise_of(model.sizes(likeliest(model, asdict(noise))))
         level = replace(level, noise=noise, systematic=Systematic())
         problem = Problem([observations], noise)

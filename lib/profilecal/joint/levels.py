@@ -4,7 +4,8 @@ The scanner's noise and the flange's errors, at each visit, commanded pose and o
 linear model: the residuals at a solution with their derivatives. The restricted likelihood (Patterson and Thompson
 1971) says how well errors of any sizes explain the residuals. What is known beforehand is a prior: each kind of error
 is there or not, with even odds, and where it is there, its size follows a half-t law (Gelman 2006), whose scale is what
-the user states or what robots usually do. Few poses leave the sizes open. The covariance of the answer is therefore its
+the user states or what robots usually do. What is stated may be far too small, a data sheet's repeatability for
+instance: its law has the longer tail. Few poses leave the sizes open. The covariance of the answer is therefore its
 average over all sizes, as likely as data and prior make them.
 
 The robot's accuracy (`joint.field`) is one more component. Its prior is log-normal: nobody's robot is exact.
@@ -35,14 +36,35 @@ USUAL = Noise(  # of robots, where nothing is stated: scales of the prior
     repeatability_mm=0.02,
     repeatability_deg=0.005,
 )
-FREEDOM = 3.0  # degrees of freedom of the half-t law
+FREEDOM, FREEDOM_OF_STATED = 3.0, 1.0  # degrees of freedom of the half-t law
+LARGEST = 100.0  # times a scale: a larger error is a mistake
 FACTOR = np.log(2)  # standard deviation of the logarithm of a robot's accuracy over what is stated
 ACCURACY = ("accuracy_mm", "accuracy_deg")
 KINDS = (("position_mm", "orientation_deg"), ("group_position_mm", "group_orientation_deg"))  # there or not
-FARTHEST = 5.0  # of a size's coordinate: a larger error is a mistake
+FARTHEST = 5.0  # of a size's coordinate
 DRAWS, TAILS = 128, 4.0  # sizes looked at, drawn from a t law of that many degrees of freedom
 STEP, BROAD_STEP = 1e-3, 0.1  # of a size's coordinate, for the first derivative and for the second
 TOLD = 0.6  # a size is known from the data if they leave it less open than that, the prior being 1
+
+
+@dataclass(frozen=True)
+class Prior:
+    """What is known beforehand of how large errors are."""
+
+    scales: Noise
+    stated: frozenset[str] = frozenset()  # by the user; the other scales are usual ones
+    profile_spread: float = 0.0  # of the logarithm of the scanner's noise; 0: it is known
+
+    def law(self, name: str):
+        """From the coordinate of a size, standard normal beforehand, to the size over its scale, and back."""
+        if name == "profile_mm" or name in ACCURACY:
+            spread = self.profile_spread if name == "profile_mm" else FACTOR
+            return lambda y: np.exp(spread * y), lambda ratio: np.log(ratio) / spread
+        freedom = FREEDOM_OF_STATED if name in self.stated else FREEDOM
+        return (
+            lambda y: np.minimum(-stdtrit(freedom, ndtr(-y) / 2), LARGEST),
+            lambda ratio: -ndtri(2 * stdtr(freedom, -ratio)),
+        )
 
 
 @dataclass(frozen=True)
@@ -69,13 +91,10 @@ class Levels:
 
 
 class Likelihood:
-    """The linear model at a state, of the poses kept (P,) of each target: its χ² and determinants for any sizes.
+    """The linear model at a state, of the poses kept (P,) of each target: its χ² and determinants for any sizes, each
+    of which has a coordinate (`Prior.law`)."""
 
-    `prior`: scales of the errors. `profile_spread`: of the logarithm of the scanner's noise, whose scale is the prior's
-    `profile_mm`; 0: it is known. A size has a coordinate that is standard normal beforehand.
-    """
-
-    def __init__(self, problem: Problem, state: State, kept, prior: Noise, profile_spread: float):
+    def __init__(self, problem: Problem, state: State, kept, prior: Prior):
         effects = problem.effects_at(state)
         pairs = zip(effects.rows, problem.linear(state), kept, strict=True)
         grams = [gram_by_pose(rows, linear.columns) * good[:, None, None] for rows, linear, good in pairs]
@@ -93,9 +112,9 @@ class Likelihood:
         self.precision = np.r_[np.zeros(rank), effects.precision]
         self.count, self.noise, self.sharing = problem.counted(kept), problem.noise, effects.sharing
         self.field = None
-        self.profile_spread = profile_spread
-        self.scales = {"profile_mm": prior.profile_mm} if profile_spread else {}
-        self.scales |= {name: getattr(prior, name) for name in effects.sharing.told_apart if getattr(prior, name)}
+        self.law, usual = prior.law, asdict(prior.scales)
+        self.scales = {"profile_mm": usual["profile_mm"]} if prior.profile_spread else {}
+        self.scales |= {name: usual[name] for name in effects.sharing.told_apart if usual[name]}
 
     def without(self, names) -> "Likelihood":
         """The model in which errors of these names do not exist."""
@@ -114,13 +133,6 @@ class Likelihood:
         there = [kind for kind in KINDS if not self.scales.keys().isdisjoint(kind)]
         for out in product((False, True), repeat=len(there)):
             yield self.without([name for kind, gone in zip(there, out, strict=True) if gone for name in kind])
-
-    def law(self, name: str):
-        """From a coordinate to a size over its scale, and back."""
-        if name == "profile_mm" or name in ACCURACY:
-            spread = self.profile_spread if name == "profile_mm" else FACTOR
-            return lambda y: np.exp(spread * y), lambda ratio: np.log(ratio) / spread
-        return lambda y: -stdtrit(FREEDOM, ndtr(-y) / 2), lambda ratio: -ndtri(2 * stdtr(FREEDOM, -ratio))
 
     def sizes(self, y) -> dict[str, np.ndarray]:
         """The sizes at coordinates y (d,), or at each of y (S, d)."""

@@ -8,10 +8,11 @@ from scipy.stats import chi2 as chi2_law
 
 from profilecal.geometry.fitting import affine_residuals
 from profilecal.geometry.noise import ROBOT, Noise, Systematic
-from profilecal.joint.levels import ACCURACY, USUAL, Levels
+from profilecal.joint.levels import ACCURACY, USUAL, Levels, Prior
 from profilecal.joint.observations import Observations
 
 FROM_PROFILES = "of the features that the profiles show"
+PROFILE_SPREAD = {"given": 0.0, "profiles": 0.5, "residuals": 2.0}  # of the logarithm of the scanner's noise
 LEAST_FREEDOM = 10  # degrees of freedom that a scatter inside rotation groups must have to be trusted
 
 
@@ -32,7 +33,7 @@ class NoiseLevel:
     noise: Noise
     source: str  # given; groups: scatter inside rotation groups; residuals: still to be found; profiles: raw profiles
     how: str  # in words
-    prior: Noise | None = None  # how large the robot's errors may be, where they are to be estimated
+    prior: Prior | None = None  # where the robot's errors are to be estimated
     systematic: Systematic = Systematic()  # noqa: RUF009
     levels: Levels | None = None  # the errors as estimated
 
@@ -41,11 +42,6 @@ class NoiseLevel:
         """Of the robot over its workspace, none where it is exact."""
         found = {name: getattr(self.systematic, name) for name in ACCURACY}
         return found if all(found.values()) else {}
-
-    @property
-    def profile_spread(self) -> float:
-        """Of the logarithm of the scanner's noise about the prior's, 0 where it is known."""
-        return {"profiles": 0.5, "residuals": 2.0}.get(self.source, 0.0)
 
     @property
     def unknown(self) -> bool:
@@ -89,7 +85,8 @@ def expect(stated: dict[str, float], features_mm: float = 0.0, shared_mm: float 
         source, how = "profiles", FROM_PROFILES
     elif stated.get("profile_mm"):
         source, how = "given", "as given"
-    return NoiseLevel(noise, source, how, Noise(**robot), systematic)
+    prior = Prior(Noise(**robot), frozenset(ROBOT) & stated.keys(), PROFILE_SPREAD[source])
+    return NoiseLevel(noise, source, how, prior, systematic)
 
 
 def affine_noise(observations: Observations) -> tuple[float, int]:

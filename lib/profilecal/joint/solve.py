@@ -32,7 +32,6 @@ FINEST_MM = 1e-5  # scanner noise: residuals of exact data are rounding
 SETTLED = 0.02  # of an error's size
 TRIED = 4  # of sets of poses that leave fewer out
 UNUSUAL = 1.5  # standard deviations above what is known of the errors' sizes beforehand
-LARGE = 3.0  # times the prior's scale: about the size at `UNUSUAL`
 SHARED = 2  # coordinates of a profile that a shared error moves, at least: it may explain that many large ones
 CONTRADICTING = "most poses contradict each other: no sensor pose explains half of them"
 
@@ -81,31 +80,32 @@ def weigh(problem: Problem, level: NoiseLevel, found: State, robust: bool) -> So
     fit, scale = robust_fit_widely(problem, refine(problem, found, tolerance=ROUGHLY).state, 0.0)
     if robust:
         kept = [~bad for bad in beyond_chance(problem, fit, 0, scale, SHARED)]
-    if problem.counted(kept) <= problem.n:  # too few to tell which are good
-        kept = [np.ones(term.P, dtype=bool) for term in problem.terms]
+    if problem.counted(kept) <= problem.n:  # too few to tell which are good: a fit to most of them is nearly exact
+        kept, fit = [np.ones(term.P, dtype=bool) for term in problem.terms], refine(problem, fit.state)
+        fit = fit[np.argsort(fit.loss)]
+        scale = float(np.sqrt(fit.loss[0] / (problem.counted(kept) - problem.n)))
     grossly = kept
     seen = spectrum(fit.information[0], problem.units)
     if seen.rank < problem.n or seen.sd[0] * scale > HOPELESS or scale * problem.noise.profile_mm > LARGEST_ERROR_MM:
         return settle(problem, level, fit.state, robust)
-    noise, prior = problem.noise, replace(level.prior, profile_mm=problem.noise.profile_mm)
+    noise = problem.noise
     if level.unknown:
         noise = replace(noise, profile_mm=max(noise.profile_mm * scale, FINEST_MM))
-    if level.source == "residuals":
-        prior = replace(prior, profile_mm=noise.profile_mm)
+    features_mm = noise.profile_mm if level.source == "residuals" else problem.noise.profile_mm
+    prior = replace(level.prior, scales=replace(level.prior.scales, profile_mm=features_mm))
     others, state = fit.state, fit.state[[0]]
 
     def weighed(noise, state, kept):
         """The likeliest sizes of all errors, and the fit with them."""
         problem = Problem(observations, noise, level.systematic)
         state = refine(problem, state, weights=kept).state
-        model = Likelihood(problem, state, kept, prior, level.profile_spread)
+        model = Likelihood(problem, state, kept, prior)
         likely = likeliest(model, asdict(noise))
         problem = Problem(observations, model.noise_of(model.sizes(likely)), level.systematic)
         return model, likely, problem, refine(problem, state, weights=kept)
 
-    large = replace(noise, **{name: LARGE * getattr(prior, name) for name in ROBOT})
-    large = replace(large, profile_mm=noise.profile_mm * np.exp(UNUSUAL * level.profile_spread))
-    by_large = Problem(observations, large, level.systematic)
+    large = {name: prior.law(name)[0](UNUSUAL) * getattr(prior.scales, name) for name in ("profile_mm", *ROBOT)}
+    by_large = Problem(observations, replace(noise, **large), level.systematic)
     for fewer in fewer_rejected(fit, kept):
         if not all_belong(by_large, refine(by_large, state, weights=fewer, iterations=10, tolerance=ROUGHLY), fewer):
             continue  # no robot errs like that

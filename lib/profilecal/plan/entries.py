@@ -68,7 +68,7 @@ def setup_of(spec: Spec, stated: dict[str, float], rng: np.random.Generator) -> 
     level, profile_mm = expect(stated), spec.noise.profile_mm
     if measured == "arcs":  # errors of centre and radius, as those of three points a third of a turn apart
         profile_mm = np.sqrt(2) * profile_mm
-    robot = {name: getattr(level.prior, name) for name in ROBOT}
+    robot = {name: getattr(level.prior.scales, name) for name in ROBOT}
     setup = Setup(
         target=spec.guess.placed(spec.kind, sizes_of(spec)),
         facing=spec.guess.facing(spec.kind),

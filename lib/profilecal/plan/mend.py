@@ -38,7 +38,7 @@ def setup_of_scan(found: Calibration) -> tuple[Setup, Limits, Part]:
     kept = s.kept[0]
     R, T = observed.R_flange[0][kept], observed.T_flange[0][kept]
     level = expect(stated_noise(found.scans))
-    robot = {name: getattr(level.prior, name) for name in ROBOT}
+    robot = {name: getattr(level.prior.scales, name) for name in ROBOT}
     if s.level.levels:
         sizes = s.level.levels.sizes
         part_of_others = {*ROBOT} - {size.name for size in sizes}  # where no pose is repeated, the errors of a visit
