@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from profilecal.scan.fanuc import read_listing
+from profilecal.scan.imported import Layout, pose_table, read_poses
 from profilecal.scan.scan import ScanError
 
 POSE = """P[{n}]{{
@@ -22,33 +22,48 @@ def write(folder, poses=3, more=""):
     return folder
 
 
-def test_a_listing_is_read(tmp_path):
-    listing = read_listing(write(tmp_path) / "calib.ls")
-    assert listing["pose"].tolist() == ["P1", "P2", "P3"]
-    assert listing["uf"].eq(0).all()
-    assert listing["ut"].eq(2).all()
-    np.testing.assert_allclose(listing[[*"xyzwpr"]].iloc[1], [402, -0.5, 331.032, -177.169, -1.812, 20])
+def read(folder):
+    path = folder / "calib.ls"
+    poses, units = pose_table([path], Layout())
+    read_poses(path, poses, units, Layout())
+    return poses, units
 
 
-def test_external_axes_may_stand_still_but_not_move(tmp_path):
-    assert len(read_listing(write(tmp_path, more=AXIS.format(12.5)) / "calib.ls")) == 3
+def test_a_listing_is_read_with_its_units(tmp_path):
+    poses, units = read(write(tmp_path))
+    assert poses["pose"].tolist() == ["P1", "P2", "P3"]
+    assert poses["uf"].eq(0).all()
+    assert poses["ut"].eq(2).all()
+    np.testing.assert_allclose(poses[[*"xyzwpr"]].iloc[1], [402, -0.5, 331.032, -177.169, -1.812, 20])
+    assert [units[name] for name in "xyzwpr"] == ["mm"] * 3 + ["deg"] * 3
+
+
+@pytest.mark.parametrize("axis", [AXIS, ",\tE1 =   {:.3f}  mm"])
+def test_external_axes_may_stand_still_but_not_move(axis, tmp_path):
+    assert len(read(write(tmp_path, more=axis.format(12.5)))[0]) == 3
     path = tmp_path / "calib.ls"
-    path.write_text(path.read_text().replace("J1 =   12.500", "J1 =   13.500", 1))
-    with pytest.raises(ScanError, match=r"calib.ls: group GP2 moves between positions; expected external axes to"):
-        read_listing(path)
+    path.write_text(path.read_text().replace("1 =   12.500", "1 =   13.500", 1))
+    with pytest.raises(ScanError, match=r"calib.ls: the place of external axes differs between poses; expected one"):
+        read(tmp_path)
+
+
+def test_the_frame_in_use_is_one(tmp_path):
+    path = write(tmp_path) / "calib.ls"
+    path.write_text(path.read_text().replace("UF : 0, UT : 2", "UF : F, UT : F"))
+    assert {*read(tmp_path)[0]["ut"]} == {"F"}
 
 
 MISTAKES = {
     "no positions": (("calib.ls", "/POS", "/POZ"), "no /POS section"),
     "empty section": (("calib.ls", "P[", "Q["), "holds no position"),
     "not closed": (("calib.ls", "};", ""), r"calib.ls line 5: P\[1\] is not closed by };"),
-    "twice": (("calib.ls", "P[2]", "P[1]"), r"calib.ls line 11: P\[1\] is there twice"),
-    "untaught": (("calib.ls", "401.000", "********"), r"line 5: P\[1\]: X is '\*+ mm'; expected a number in mm"),
-    "joints": (("calib.ls", "X = ", "J1 = "), r"P\[1\] has no X; expected X, Y, Z in mm and W, P, R in deg"),
-    "metres": (("calib.ls", "401.000  mm", "401.000  m"), "X is '401.000 m'; expected a number in mm"),
+    "twice": (("calib.ls", "P[2]", "P[1]"), "calib.ls line 11: pose 'P1' is there twice"),
+    "untaught": (("calib.ls", "401.000", "********"), r"line 5: x is '\*+'; expected a finite number"),
+    "joints": (("calib.ls", "X = ", "J1 = "), r"P\[1\]: no X; expected X, Y, Z in mm and W, P, R in deg"),
+    "metres": (("calib.ls", "401.000  mm", "401.000  m"), "X is 401.000 m; expected X, Y, Z in mm"),
     "no group": (("calib.ls", "GP1:", "GP3:"), "has no group GP1"),
-    "other tool": (("calib.ls", "UT : 2", "UT : 3"), "positions in 2 user frames or tools"),
-    "no tool": (("calib.ls", "UT : 2", "XX"), r"P\[1\] has no UT"),
+    "other tool": (("calib.ls", "UT : 2", "UT : 3"), "the tool differs between poses"),
+    "no tool": (("calib.ls", "UT : 2", "XX"), r"P\[1\]: no UT"),
     "not text": (lambda f: (f / "calib.ls").write_bytes(b"/POS\xff"), "calib.ls: not UTF-8 text"),
 }
 
@@ -66,5 +81,5 @@ def test_every_mistake_is_one_sentence_with_its_place(tmp_path, mistake):
         everywhere = mistake == "empty section"
         (folder / name).write_text(text.replace(old, new, -1 if everywhere else 1))
     with pytest.raises(ScanError, match=sentence) as caught:
-        read_listing(folder / "calib.ls")
+        read(folder)
     assert "\n" not in str(caught.value)

@@ -18,7 +18,7 @@ from profilecal.calibrate.calibration import calibrate
 from profilecal.geometry.poses import homogeneous
 from profilecal.scan.conventions import from_rotations, named
 from profilecal.scan.folder import read_scan
-from profilecal.scan.imported import Layout, import_scan
+from profilecal.scan.imported import Layout, import_scan, x_and_z
 from profilecal.scan.scan import ScanError
 from profilecal.simulate.spec import WIDE, Spec, simulate_scan
 
@@ -165,11 +165,13 @@ def test_ten_layouts_are_one_scan(name, tmp_path):
     assert len(guessed) == 5
 
 
-def test_poses_are_called_as_their_profiles_without_the_word_in_front(tmp_path):
+def test_poses_are_called_as_their_files(tmp_path):
     found, guessed = import_scan(written("a row each", tmp_path / "files"), "edge", {}, LAYOUTS["a row each"][1])
-    assert found.labels == tuple(f"{k:02d}" for k in range(12))
+    assert found.labels == tuple(f"p{k:02d}" for k in range(12))
     points, nothing = (sum(map(count, scan().values)) for count in (len, lambda v: np.isnan(v[:, 1]).sum()))
-    assert f"{points} points, x and z in columns 1 and 2, in mm (the largest is" in guessed[2]
+    (x, z), (x_most, z_most) = (f(np.concatenate(scan().values), axis=0) for f in (np.nanmin, np.nanmax))
+    ranges = f"x (column 1) from {x:.4g} to {x_most:.4g} mm, z (column 2) from {z:.4g} to {z_most:.4g} mm"
+    assert f"{points} points, in mm (the largest is {max(x_most, z_most):.3g}), {ranges}" in guessed[2]
     assert guessed[2].endswith(f"nothing seen in {nothing} of them")
     assert guessed[3] == "matched    by their names"
 
@@ -177,7 +179,7 @@ def test_poses_are_called_as_their_profiles_without_the_word_in_front(tmp_path):
 def test_from_the_command_line_to_a_scan_that_calibrates(tmp_path):
     result = run("import", written("ros", tmp_path / "files"), tmp_path / "scan", "--target", "edge")
     assert result.exit_code == 0, result.output
-    assert "tcp.csv: 12, a quaternion (quaternion), in m (the largest is" in result.output
+    assert "tcp.csv: 12, a quaternion (qx, qy, qz, qw), in m (the largest is" in result.output
     assert len(read_scan(tmp_path / "scan").labels) == 12
 
 
@@ -188,7 +190,7 @@ def test_what_a_profile_does_not_show_first_is_no_title(tmp_path):
         blank = pd.DataFrame({"z": [np.nan] * 2, "x": [-99, -98]})
         pd.concat([blank, table]).to_csv(path, index=False)
     found, guessed = import_scan(folder, "edge", {})
-    assert "x and z in columns x and z" in guessed[2]
+    assert "x (column x) from" in guessed[2]
     np.testing.assert_allclose(found.values[0][2:], scan().values[0])
 
 
@@ -203,6 +205,109 @@ def test_doubts_about_a_guess_are_told_with_it(tmp_path):
     _, guessed = import_scan(written("kuka", tmp_path / "files"), "edge", {}, Layout(columns="z,x"))
     assert guessed[-1].startswith("note       x of the profiles runs from")
     assert guessed[-1].endswith("are x and z exchanged?")
+
+
+def retitled(path, old, new, factor=1.0, decimals=12):
+    """A CSV file with columns of other titles, in other units."""
+    table = pd.read_csv(path)
+    table[old] = (table[old] * factor).round(decimals)
+    table.rename(columns=dict(zip(old, new, strict=True))).to_csv(path, index=False)
+
+
+TITLES = {  # columns of a file, their titles, how much larger the numbers are, and what is told
+    "angles in rad": (
+        "robot*",
+        "ABC",
+        ["A [rad]", "B (rad)", "C_rad"],
+        np.pi / 180,
+        "angles in rad, as the file says)",
+    ),
+    "angles in °": ("robot*", "ABC", ["A [°]", "B [°]", "C [°]"], 1.0, "(KUKA angles in deg, as the file says)"),
+    "positions": ("robot*", "XYZ", ["X (m)", "Y (m)", "Z (m)"], 0.001, "in m, as the file says"),
+    "centimetres": ("robot*", "XYZ", ["tX [cm]", "tY [cm]", "tZ [cm]"], 0.1, "in cm, as the file says"),
+    "suffixes": ("scan*", "xz", ["x_mm", "z_mm"], 1.0, "points, in mm, as the file says"),
+    "micrometres": ("scan*", "xz", ["x/um", "z [µm]"], 1000.0, "points, in um, as the file says"),
+    "metres": ("scan*", "xz", ["X m", "Z m"], 0.001, "points, in m, as the file says"),
+}
+
+
+@pytest.mark.parametrize("case", TITLES)
+def test_a_unit_in_a_title_is_used(case, tmp_path):
+    files, old, new, factor, told = TITLES[case]
+    folder = written("kuka", tmp_path / "files")
+    for path in folder.glob(files):
+        retitled(path, list(old), new, factor)
+    found, guessed = import_scan(folder, "edge", {})
+    assert told in "\n".join(guessed)
+    np.testing.assert_allclose(found.R_base_flange, scan().R_base_flange, atol=1e-9)
+    np.testing.assert_allclose(found.T_base_flange, scan().T_base_flange, atol=1e-6)
+    np.testing.assert_allclose(np.concatenate(found.values), np.concatenate(scan().values), atol=1e-6)
+
+
+def test_a_title_is_believed_where_numbers_look_otherwise(tmp_path):
+    folder = written("kuka", tmp_path / "files")
+    retitled(folder / "robot_poses.csv", list("ABC"), ["A [deg]", "B [deg]", "C [deg]"], 0.01)
+    assert not import_scan(folder, "edge", {})[0].warnings
+    for path in folder.glob("scan*"):
+        retitled(path, ["x", "z"], ["x_mm", "z_mm"], 0.001)
+    with pytest.raises(
+        ScanError, match="the profiles, in mm, as the file says, hold no point within 10 m, or all within"
+    ):
+        import_scan(folder, "edge", {})
+
+
+def test_an_option_wins_over_a_title_and_says_so(tmp_path):
+    folder = written("kuka", tmp_path / "files")
+    for path in folder.glob("scan*"):
+        retitled(path, ["x", "z"], ["x [inch]", "z [inch]"])
+    retitled(folder / "robot_poses.csv", list("XYZ"), ["x [m]", "y [m]", "z [m]"])
+    retitled(folder / "robot_poses.csv", list("ABC"), ["A [grad]", "B [grad]", "C [grad]"])
+    with pytest.raises(ScanError, match=r"title of column a says the unit 'grad'; expected deg or rad, the same for"):
+        import_scan(folder, "edge", {})
+    layout = Layout(units="mm", pose_units="mm", pose_columns="_,x,y,z,a [deg],b [deg],c [deg]")
+    found, guessed = import_scan(folder, "edge", {}, layout)
+    assert guessed[0].endswith("in mm, as you say, where the file says m")
+    assert "in mm, as you say, where the file says inch" in guessed[2]
+    np.testing.assert_allclose(found.T_base_flange, scan().T_base_flange, atol=1e-9)
+
+
+def test_titles_may_stand_in_a_remark_and_units_in_a_row_of_their_own(tmp_path):
+    folder = written("kuka", tmp_path / "files")
+    for path in folder.glob("scan*"):
+        path.write_text(path.read_text().replace("x,z", "# Profile A\n# z [m], x [m]"))
+    robot = folder / "robot_poses.csv"
+    robot.write_text(robot.read_text().replace("\n", "\n,m,m,m,deg,deg,deg\n", 1))
+    found, guessed = import_scan(folder, "edge", {}, Layout(pose_units="mm", units="mm"))
+    np.testing.assert_allclose(np.concatenate(found.values)[:, ::-1], np.concatenate(scan().values))
+    assert guessed[0].endswith("in mm, as you say, where the file says m")
+    assert "where the file says m" in guessed[2]
+    for path in folder.glob("scan*"):
+        path.write_text("# Profile A\n" + path.read_text().partition("\n")[2].partition("\n")[2])
+    assert "x (column 1) from" in import_scan(folder, "edge", {}, Layout(pose_units="mm"))[1][2]
+
+
+@pytest.mark.parametrize(
+    ("titles", "values", "names"),
+    [
+        ("z,x,intensity", [100, 2, 3], ("x", "z")),
+        ("x,y,z", [2, 0, 100], ("x", "z")),
+        ("1,2,3", [2, 0, 100], ("1", "3")),
+        ("a,x,y,z", [1, 2, 0, 100], ("x", "z")),
+    ],
+)
+def test_x_and_z_are_the_columns_of_these_names_or_without_names_those_that_vary(titles, values, names, tmp_path):
+    table = pd.DataFrame([values, values], columns=titles.split(","), dtype=float)
+    table.iloc[1] += np.array(values) != 0
+    assert tuple(x_and_z(tmp_path, table, "")) == names
+
+
+@pytest.mark.parametrize("titles", ["x,y,z", "position,height", "x,height"])
+def test_where_names_do_not_say_which_are_x_and_z_the_user_must(titles, tmp_path):
+    table = pd.DataFrame(np.arange(9.0).reshape(3, 3)[:, : titles.count(",") + 1], columns=titles.split(","))
+    with pytest.raises(ScanError, match="say which are x and z"):
+        x_and_z(tmp_path, table, "")
+    first, *_, last = titles.split(",")
+    assert x_and_z(tmp_path, table, f"{first}, {last}") == [first, last]
 
 
 def change(name, old, new):
@@ -241,7 +346,7 @@ MISTAKES = {
     "unnamed": (
         "of a tool",
         lambda f: None,
-        "7 numbers for each pose, without names; say what they are: --pose-columns x,y",
+        "7 columns and 0 names for them; say what they are: --pose-columns x,y",
     ),
     "binary": (
         "ros",
@@ -256,19 +361,43 @@ MISTAKES = {
     "word": (
         "kuka",
         change("scan_001.csv", "x,z\n", "x,z\n1,2\n3,oops\n"),
-        r"scan_001.csv line 3: 'oops' where a number",
+        "scan_001.csv line 3: z is 'oops'; expected a finite number",
     ),
     "columns": (
         "numpy",
         lambda f: np.savez(f / "3.npz", profile=np.ones((9, 5))),
-        "columns 1, 2, 3, 4, 5; say which are x",
+        "3.npz: columns 1, 2, 3, 4, 5, where 0.npz has 1, 2, 3",
     ),
     "no entry": ("fanuc", change("p2.yml", "profile:", "outline:"), "no list 'profile'; there are outline, picked"),
     "not closed": ("fanuc", change("p2.yml", " ]", ""), "p2.yml line 3: the list profile is not closed"),
-    "nested": ("fanuc", change("p2.yml", "profile: [", "profile: [["), r"p2.yml line 3: '\[.*' where a number is"),
-    "two frames": ("fanuc", other_frame, r"poses in several user frames or tools \(UF, UT\); expected one of each"),
+    "nested": (
+        "fanuc",
+        change("p2.yml", "profile: [", "profile: [["),
+        r"p2.yml line 3: column 1 is '\[.*'; expected a fin",
+    ),
+    "two frames": ("fanuc", other_frame, "LS: the tool differs between poses; expected one"),
     "one point": ("kuka", lambda f: (f / "scan_002.csv").write_text("x,z\n1,90\n"), "scan_002.csv: a single point"),
     "pairs": ("fanuc", change("p2.yml", "profile: [", "profile: [ 1.,"), "fields; expected 3 for each point"),
+    "two units": (
+        "universal",
+        change("poses.txt", "y [m]", "y [mm]"),
+        "poses.txt: the title of column y says the unit",
+    ),
+    "half": (
+        "universal",
+        change("poses.txt", "z [m]", "z"),
+        "poses.txt: the title of column z says no unit; expected mm",
+    ),
+    "degrees": (
+        "universal",
+        lambda f: [change("poses.txt", f"r{axis} [rad]", f"r{axis} [deg]")(f) for axis in "xyz"],
+        "poses.txt: the title of column rx says the unit 'deg'; expected rad, the same for rx, ry, rz",
+    ),
+    "no length": (
+        "commas",
+        change("line3.asc", "Z [mm]", "Z [px]"),
+        r"line3.asc: columns x \[mm\], z \[px\], where line0",
+    ),
     "reflection": (
         "rows and matrices",
         lambda f: np.savetxt(f / "pose4.txt", -np.eye(4)),

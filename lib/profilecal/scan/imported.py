@@ -11,18 +11,19 @@ import pandas as pd
 from pandas.api.types import is_numeric_dtype
 
 from profilecal.geometry.poses import carry, inverse
-from profilecal.scan.columns import numbered, read_columns, unnamed
-from profilecal.scan.conventions import CONVENTIONS, named, to_rotations
-from profilecal.scan.folder import FARTHEST_MM, REACH_MM, SCALE, check_poses, check_sizes, exchanged
+from profilecal.scan.columns import ANGLES, LENGTHS, names_and_units, numbered, read_columns, unit_of, unnamed
+from profilecal.scan.conventions import CONVENTIONS, find_convention, named, to_rotations
+from profilecal.scan.files import naming
+from profilecal.scan.folder import FARTHEST_MM, REACH_MM, check_poses, check_sizes, exchanged
 from profilecal.scan.scan import Scan, ScanError
 from profilecal.scan.tables import Table, listed, shown
 from profilecal.targets import TARGETS
 
 OF_POSES = re.compile(r"pose|robot|flange|tcp|calib|\.ls$", re.I)  # in a file's name
-ALIASES = {"q1": "qw", "q2": "qx", "q3": "qy", "q4": "qz"} | {f"{t}{axis}": axis for t in "tp" for axis in "xyz"}
 LABELS = ("pose", "name", "label", "id", "index", "file", "n")  # columns that say which profile a pose has
 OF_A_POSE = ["x", "y", "z", *(name for convention in CONVENTIONS for name in convention.columns)]
-MATRIX = ("r11", "r12", "r13", "x", "r21", "r22", "r23", "y", "r31", "r32", "r33", "z", "_", "_", "_", "_")
+FRAMES = {"uf": "user frame", "ut": "tool"}
+MATRIX = ("r11", "r12", "r13", "x", "r21", "r22", "r23", "y", "r31", "r32", "r33", "z", *"____")
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,7 @@ class Layout:
     columns: str = ""  # names or numbers, from 1, of x and z in a profile: "x,z"
     pose_columns: str = ""  # names of a pose table's columns in order, "_" for those without meaning
     entry: str = ""  # the list in a YAML or NPZ file that is the profile
-    units: str = ""  # of the profiles, "mm" or "m"
+    units: str = ""  # of the profiles: mm, cm, m or um
     pose_units: str = ""  # of the poses' positions
     missing: float | None = None  # z where the scanner saw nothing
     tool: tuple[float, ...] | None = None  # x, y, z, mm, and three angles of the poses' frame, in the flange's
@@ -53,8 +54,9 @@ def import_scan(folder, kind: str, sizes: dict, layout: Layout = Layout()) -> tu
         raise ScanError(f"{folder}: the {kind}'s {missing[0]} is missing; expected --{missing[0]}, in mm")
     check_sizes(folder, {"kind": kind} | sizes, 1.0)
     profiles, of_poses, left = sort_files(folder, layout)
-    poses, profiles, matched = match(pose_table(of_poses, layout), of_poses, profiles)
-    entries, taken_poses, doubts = read_poses(folder / names_of(of_poses), poses, layout)
+    poses, units = pose_table(of_poses, layout)
+    poses, profiles, matched = match(poses, of_poses, profiles)
+    entries, taken_poses, doubts = read_poses(folder / names_of(of_poses), poses, units, layout)
     values, taken = read_profiles(profiles, layout)
     single = [path for path, rows in zip(profiles, values, strict=True) if len(rows) == 1]
     measured = "points" if len(single) == len(profiles) else "profiles"
@@ -124,29 +126,39 @@ def last_number(name: str) -> int | str:
     return int(found[-1]) if found else name
 
 
-def pose_table(paths: list[Path], layout: Layout) -> pd.DataFrame:
-    """The poses in a table or a listing, or in files of one each, with columns as conventions name them."""
-    tables = [read_columns(path, layout.entry if len(paths) > 1 else "") for path in paths]
-    if tables[0].shape in ((3, 4), (4, 4)):
+def name_columns(paths: list[Path], tables: list[pd.DataFrame]) -> dict[str, str]:
+    """Call the columns of tables by the names in their titles, which must be the same. Returns the columns' units."""
+    for path, table in zip(paths, tables, strict=True):
+        if [*table] != [*tables[0]]:
+            raise ScanError(f"{path}: columns {listed(table)}, where {paths[0].name} has {listed(tables[0])}")
+    names, units = names_and_units(tables[0])
+    for table in tables:
+        table.columns = names
+    return units
+
+
+def pose_table(paths: list[Path], layout: Layout) -> tuple[pd.DataFrame, dict[str, str]]:
+    """The poses in a table or a listing, or in files of one each, with columns as conventions name them; and units."""
+    tables = [read_columns(path) for path in paths]
+    if all(table.shape in ((3, 4), (4, 4)) for table in tables):
         tables = [unnamed(table.to_numpy().reshape(1, -1)) for table in tables]
-    poses = pd.concat(tables, ignore_index=True)
-    k, where = poses.shape[1], paths[0].parent / names_of(paths)
-    titles = [*poses]
-    if layout.pose_columns:
-        titles = [name.strip().lower() for name in layout.pose_columns.split(",")]
-    if titles == numbered(k) and k in (12, 16):
-        titles = MATRIX[:k]
-    elif titles == numbered(k):
-        examples = "--pose-columns x,y,z,a,b,c or x,y,z,qw,qx,qy,qz"
-        raise ScanError(f"{where}: {k} numbers for each pose, without names; say what they are: {examples}")
-    elif len(titles) != k:
-        raise ScanError(f"{where}: {k} columns, and {len(titles)} names in --pose-columns")
-    poses.columns = [title if ALIASES.get(title) in titles else ALIASES.get(title, title) for title in titles]
+    units = name_columns(paths, tables)
+    poses = pd.concat(tables, ignore_index=True) if len(tables) > 1 else tables[0]
+    where, k = paths[0].parent / names_of(paths), poses.shape[1]
+    if layout.pose_columns or [*poses] == numbered(k):
+        titles = layout.pose_columns.split(",") if layout.pose_columns else MATRIX[:k] if k in (12, 16) else []
+        if len(titles) != k:
+            examples = "--pose-columns x,y,z,a,b,c or x,y,z,qw,qx,qy,qz"
+            raise ScanError(f"{where}: {k} columns and {len(titles)} names for them; say what they are: {examples}")
+        names, said = names_and_units(titles)
+        units = {name: said[name] or units[old] for name, old in zip(names, poses, strict=True)}
+        poses = poses.set_axis(names, axis=1).loc[:, [title.strip() != "_" for title in titles]]
     if missing := [name for name in "xyz" if name not in poses]:
         raise ScanError(f"{where}: no column {missing[0]}; there are {listed(poses)} (--pose-columns)")
-    if {"uf", "ut"} <= {*poses} and len(poses[["uf", "ut"]].drop_duplicates()) > 1:
-        raise ScanError(f"{where}: poses in several user frames or tools (UF, UT); expected one of each")
-    return poses.loc[:, ~poses.columns.duplicated()]
+    for name, what in (FRAMES | {"else": "place of external axes"}).items():
+        if name in poses and poses[name].nunique() > 1:
+            raise ScanError(f"{where}: the {what} differs between poses; expected one for all")
+    return poses, units
 
 
 def match(poses: pd.DataFrame, of_poses: list[Path], profiles: list[Path]) -> tuple[pd.DataFrame, list[Path], str]:
@@ -154,88 +166,97 @@ def match(poses: pd.DataFrame, of_poses: list[Path], profiles: list[Path]) -> tu
     folder, source = profiles[0].parent, names_of(of_poses)
     by_number = {last_number(path.stem): path for path in profiles}
     by_name = by_number | {name: path for path in profiles for name in (path.name, path.stem)}
-    labels = None
+    labels = [path.stem for path in of_poses] if len(of_poses) == len(poses) > 1 else None
     for name, column in poses.drop(columns=OF_A_POSE, errors="ignore").items():
         if name in LABELS or not is_numeric_dtype(column) or {*column} == by_number.keys():
             labels = [str(cell).removesuffix(".0") for cell in column]
             break
-    names = labels or ([path.stem for path in of_poses] if len(of_poses) == len(poses) > 1 else None)
-    found = [by_name.get(name, by_name.get(last_number(name))) for name in names] if names else profiles
+    found = [by_name.get(name, by_name.get(last_number(name))) for name in labels] if labels else profiles
     if None in found:
-        raise ScanError(f"{folder}: no profile for pose {names[found.index(None)]} of {source}")
+        raise ScanError(f"{folder}: no profile for pose {labels[found.index(None)]} of {source}")
     if spare := [path for path in profiles if path not in found]:
         raise ScanError(f"{spare[0]}: no such pose in {source}")
-    if len(profiles) != len(poses):
+    if len(found) != len(poses):
         raise ScanError(f"{folder}: {len(profiles)} profiles ({names_of(profiles)}) and {len(poses)} poses ({source})")
-    stems = [path.stem for path in found]
-    shared = re.match(r"\D*", stems[0])[0]
-    poses = poses.assign(pose=labels or [stem.removeprefix(shared) or stem for stem in stems])
-    return poses, found, "by their names" if names else "in order, the first pose with the first profile"
+    how = "by their names" if labels else "in order, the first pose with the first profile"
+    return poses.assign(pose=labels or [path.stem for path in found]), found, how
 
 
-def read_poses(path: Path, poses: pd.DataFrame, layout: Layout) -> tuple[dict, str, list[str]]:
+def read_poses(path: Path, poses: pd.DataFrame, units: dict, layout: Layout) -> tuple[dict, str, list[str]]:
     """Entries of a Scan, what the poses were taken for, and doubts about them."""
-    table = Table(path, poses.filter(items=["pose", *OF_A_POSE]), "row", 1)
-    scale, units = scale_of(np.abs(table.numbers("xyz")).max(), REACH_MM[1] / 1000, layout.pose_units)
+    table = in_rows(path, poses.filter(items=["pose", *OF_A_POSE]))
+    with naming(path):
+        convention = find_convention(poses)
+    known = {"deg": ANGLES, "rad": {"rad": 1.0}, "1": {"1": 1.0, "-": 1.0}}[convention.unit]
+    if angle := unit_of(path, units, convention.columns, known):
+        table.frame[[*convention.columns]] = table.numbers(convention.columns) * known[angle]
+    largest = np.abs(table.numbers("xyz")).max()
+    scale, lengths = to_mm(path, units, "xyz", layout.pose_units, largest, REACH_MM[1] / 1000)
     entries, doubts = check_poses(table, scale)
-    convention = named(entries["convention"])
-    frames = f", user frame {poses['uf'][0]:g}, tool {poses['ut'][0]:g}" if {"uf", "ut"} <= {*poses} else ""
+    called = convention.name if convention.sequence else ", ".join(name for name in poses if name in convention.columns)
+    if angle in ANGLES:
+        called, doubts = f"{called} in {angle}, as the file says", []
+    frames = [f", {what} {poses[name].iloc[0]}".removesuffix(".0") for name, what in FRAMES.items() if name in poses]
     if layout.tool:
-        angles = convention if convention.sequence else named("FANUC angles")
-        back = inverse(to_rotations(angles, [layout.tool[3:]])[0], np.array(layout.tool[:3]))
+        of_tool = convention if convention.sequence else named("FANUC angles")
+        back = inverse(to_rotations(of_tool, [layout.tool[3:]])[0], np.array(layout.tool[:3]))
         R, T = entries["R_base_flange"], entries["T_base_flange"]
         entries |= {"R_base_flange": R @ back[0], "T_base_flange": carry(R, T, back[1]), "orientation": None}
-    return entries, f"{len(poses)}, {convention.meaning} ({convention.name}){frames}, {units}", doubts
+    taken = f"{len(poses)}, {convention.meaning} ({called}){''.join(frames)}, {lengths}"
+    return entries, taken, doubts
 
 
 def read_profiles(paths: list[Path], layout: Layout) -> tuple[tuple[np.ndarray, ...], str]:
     """The profiles in mm, NaN where nothing was seen, and what they were taken for."""
-    tables = upright({path: read_columns(path, layout.entry) for path in paths})
-    tables = {path: table.select_dtypes("number") for path, table in tables.items()}
-    names = x_and_z(tables, layout.columns)
-    points = np.concatenate([table[names] for table in tables.values()])
-    seen = (np.abs(points) <= FARTHEST_MM / SCALE[layout.units or "mm"]).all(axis=1)
-    missing, z = layout.missing, points[seen, 1]
-    rest = z[z != 0]
-    if missing is None and 0 < len(rest) < len(z) and not rest.min() < 0 < rest.max():
+    tables = [read_columns(path, layout.entry) for path in paths]
+    if all(len(table) <= 3 < table.shape[1] and [*table] == numbered(table.shape[1]) for table in tables):
+        tables = [unnamed(table.to_numpy().T) for table in tables]  # rows of x and z
+    units = name_columns(paths, tables)
+    names = x_and_z(paths[0], pd.concat(tables), layout.columns)
+    values = [in_rows(*of).numbers(names, blank=True) for of in zip(paths, tables, strict=True)]
+    raw = np.concatenate(values)
+    z, missing = raw[:, 1], layout.missing
+    largest = np.abs(raw[(np.abs(raw) <= FARTHEST_MM).all(axis=1) & (z != missing)]).max(initial=0)
+    scale, lengths = to_mm(paths[0], units, names, layout.units, largest, 1.0)
+    points = raw * scale
+    seen = (np.abs(points) <= FARTHEST_MM).all(axis=1)
+    rest = z[seen & (z != 0)]
+    if missing is None and 0 < len(rest) < seen.sum() and not rest.min() < 0 < rest.max():
         missing = 0.0
-    if missing is not None:
-        seen &= points[:, 1] != missing
-    if not seen.any():
-        raise ScanError(f"{paths[0].parent}: the profiles hold no point")
-    scale, units = scale_of(np.abs(points[seen]).max(), 1.0, layout.units)
+    seen &= z != missing
+    if np.abs(points[seen]).max(initial=0) < 1:
+        raise ScanError(f"{paths[0].parent}: the profiles, {lengths}, hold no point within 10 m, or all within 1 mm")
     points[~seen] = np.nan
     where = "" if missing is None else f", where z is {missing:g}"
     told = "all seen" if seen.all() else f"nothing seen in {(~seen).sum()} of them{where}"
-    values = np.split(points * scale, np.cumsum([len(table) for table in tables.values()])[:-1])
-    return tuple(values), f"{len(points)} points, x and z in columns {' and '.join(names)}, {units}, {told}"
+    ends = zip("xz", names, points[seen].min(axis=0), points[seen].max(axis=0), strict=True)
+    ranges = ", ".join(f"{axis} (column {name}) from {low:.4g} to {high:.4g} mm" for axis, name, low, high in ends)
+    profiles = np.split(points, np.cumsum([len(rows) for rows in values])[:-1])
+    return tuple(profiles), f"{len(points)} points, {lengths}, {ranges}, {told}"
 
 
-def upright(tables: dict[Path, pd.DataFrame]) -> dict[Path, pd.DataFrame]:
-    """With columns as columns, where the files, without names, have them side by side in at most three rows."""
-    lying = all(len(t) <= 3 < t.shape[1] and [*t] == numbered(t.shape[1]) for t in tables.values())
-    return {path: unnamed(t.to_numpy().T) for path, t in tables.items()} if lying else tables
-
-
-def x_and_z(tables: dict[Path, pd.DataFrame], columns: str) -> list[str]:
-    """The columns of x and z: those given, those of these names, or the two that are not the same everywhere."""
-    points = pd.concat(tables.values())
-    names = [*points]
-    if columns:
-        names = [name.strip().lower() for name in columns.split(",")]
-    elif "x" in names and "z" in names and "y" not in names:
-        names = ["x", "z"]
-    elif len(names) > 2:
-        names = [name for name in names if points[name].nunique() > 1]
-        names = ["x", "z"] if {*names} == {"x", "z"} else names
-    for path, table in sorted(tables.items(), key=lambda entry: -entry[1].shape[1]):
-        if not len(names) == len({*names} & {*table}) == 2:
-            found = f"no columns {columns}; there are {listed(table)}" if columns else f"columns {listed(table)}"
-            raise ScanError(f"{path}: {found}; say which are x and z: --columns x,z")
+def x_and_z(path: Path, points: pd.DataFrame, columns: str) -> list[str]:
+    """The columns of x and z: those given, those of these names, or where columns have no names the two that vary."""
+    varying = [name for name in points if points[name].nunique() > 1]
+    names = [name.strip().lower() for name in columns.split(",")] if columns else ["x", "z"]
+    if not columns and all(map(str.isdigit, points)):
+        names = [*points] if points.shape[1] == 2 else varying
+    if not len(names) == len({*names} & {*points}) == 2 or (not columns and "y" in varying):
+        raise ScanError(f"{path}: columns {listed(points)}; say which are x and z: --columns x,z")
     return names
 
 
-def scale_of(largest: float, below: float, stated: str) -> tuple[float, str]:
-    """From a file's units to mm, and in words; metres where nothing is stated and all is less than `below`."""
-    units = stated or ("m" if largest < below else "mm")
-    return SCALE[units], f"in {units}" if stated else f"in {units} (the largest is {largest:.3g})"
+def in_rows(path: Path, table: pd.DataFrame) -> Table:
+    """A table whose index is the line in a file, or a number, less one."""
+    return Table(path, table, table.index.name or "row", 1)
+
+
+def to_mm(path: Path, units: dict, names, option: str, largest: float, below: float) -> tuple[float, str]:
+    """From a file's units to mm, and in words; metres if all is less than `below` and neither option nor title says."""
+    if option:
+        others = ", ".join({units[name] for name in names} - {"", option})
+        return LENGTHS[option], f"in {option}, as you say" + (f", where the file says {others}" if others else "")
+    if unit := unit_of(path, units, names, LENGTHS):
+        return LENGTHS[unit], f"in {unit}, as the file says"
+    unit = "m" if largest < below else "mm"
+    return LENGTHS[unit], f"in {unit} (the largest is {largest:.3g})"

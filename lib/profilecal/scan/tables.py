@@ -71,7 +71,8 @@ class Table:
             return "is empty or NaN" if pd.isna(cells.iloc[row]) else f"is {shown(str(self.frame[name].iloc[row]))}"
 
         missing = np.isnan(numbers) & (cells.notna() | (not blank))
-        self.refuse(missing | np.isinf(numbers), lambda row: f"{name} {found(row)}; expected a finite number")
+        called = f"column {name}" if name.isdigit() else name
+        self.refuse(missing | np.isinf(numbers), lambda row: f"{called} {found(row)}; expected a finite number")
         self.refuse(
             np.abs(numbers) > largest,
             lambda row: (
