@@ -8,12 +8,13 @@ from profilecal.scan.scan import ScanError
 POSITION = re.compile(r"^\s*P\[(\d+)[^\]\n]*\][ \t]*\{(.*?)(^\s*\}|^\s*P\[|\Z)", re.MULTILINE | re.DOTALL)
 GROUPS = re.compile(r"\s*GP1\s*:(.*?)(GP\d.*)?", re.DOTALL)
 ENTRY = re.compile(r"(\w+)\s*[:=]\s*('[^']*'|[^\s,]*)[ \t]*(\w*)")  # name, value, unit
+NUMBER = re.compile(r"[+-]?\d*\.\d+|\d+")
 UNITS = {"X": "mm", "Y": "mm", "Z": "mm", "W": "deg", "P": "deg", "R": "deg", "UF": "", "UT": ""}
 
 
 def read_listing(path) -> tuple[list[str], list[tuple[int, list[str]]]]:
     """Titles and rows (line, fields) of the /POS section: pose ("P1", …), x, y, z, w, p, r with their units, the user
-    frame uf, the tool ut, and what `else` a position says, such as where external axes are. Raises ScanError.
+    frame uf, the tool ut, and all `other` numbers, such as where external axes are. Raises ScanError.
 
     Only group 1 is the robot.
     """
@@ -38,7 +39,7 @@ def read_listing(path) -> tuple[list[str], list[tuple[int, list[str]]]]:
                 expected = "X, Y, Z in mm and W, P, R in deg, not joint angles, and the frames UF and UT"
                 raise ScanError(f"{where}: {found}; expected {expected}")
         fields = [entries.pop(name)[0] for name in UNITS]
-        rows.append((line, [f"P{number}", *fields, "".join(f"{entries}{groups[2]}".split())]))
+        rows.append((line, [f"P{number}", *fields, " ".join(NUMBER.findall(f"{entries}{groups[2]}")) or "0"]))
     if not rows:
         raise ScanError(f"{path}: the /POS section holds no position P[1] …")
-    return ["pose", *(f"{name} [{unit}]" if unit else name for name, unit in UNITS.items()), "else"], rows
+    return ["pose", *(f"{name} [{unit}]" if unit else name for name, unit in UNITS.items()), "other"], rows

@@ -22,6 +22,7 @@ from profilecal.targets import TARGETS
 OF_POSES = re.compile(r"pose|robot|flange|tcp|calib|\.ls$", re.I)  # in a file's name
 LABELS = ("pose", "name", "label", "id", "index", "file", "n")  # columns that say which profile a pose has
 OF_A_POSE = ["x", "y", "z", *(name for convention in CONVENTIONS for name in convention.columns)]
+STANDSTILL = 0.01  # mm or degrees by which an external axis may differ between poses
 FRAMES = {"uf": "user frame", "ut": "tool"}
 MATRIX = ("r11", "r12", "r13", "x", "r21", "r22", "r23", "y", "r31", "r32", "r33", "z", *"____")
 
@@ -155,9 +156,13 @@ def pose_table(paths: list[Path], layout: Layout) -> tuple[pd.DataFrame, dict[st
         poses = poses.set_axis(names, axis=1).loc[:, [title.strip() != "_" for title in titles]]
     if missing := [name for name in "xyz" if name not in poses]:
         raise ScanError(f"{where}: no column {missing[0]}; there are {listed(poses)} (--pose-columns)")
-    for name, what in (FRAMES | {"else": "place of external axes"}).items():
+    for name, what in FRAMES.items():
         if name in poses and poses[name].nunique() > 1:
             raise ScanError(f"{where}: the {what} differs between poses; expected one for all")
+    if paths[0].suffix.lower() == ".ls" and "other" in poses:
+        axes = poses["other"].astype(str).str.split(expand=True).astype(float)
+        if not (np.ptp(axes, axis=0) <= STANDSTILL).all():
+            raise ScanError(f"{where}: external axes move between poses; expected them to stand still")
     return poses, units
 
 
