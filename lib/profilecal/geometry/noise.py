@@ -50,5 +50,7 @@ class Systematic:
 
 def variances(position_mm, orientation_deg) -> np.ndarray:
     """Of the six components of a flange pose's error, (..., 6), mm² and rad²."""
-    both = np.stack(np.broadcast_arrays(position_mm, np.radians(orientation_deg)), axis=-1)
-    return np.repeat(both, 3, axis=-1) ** 2
+    found = np.empty((*np.broadcast_shapes(np.shape(position_mm), np.shape(orientation_deg)), 6))
+    found[..., :3] = np.square(position_mm)[..., None]
+    found[..., 3:] = np.square(np.radians(orientation_deg))[..., None]
+    return found

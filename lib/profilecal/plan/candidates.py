@@ -92,7 +92,6 @@ def refused(setup: Setup, limits: Limits, R, T) -> np.ndarray:
     if setup.to_hand:
         flange, sensor = inverse(R, T)[1], np.broadcast_to(setup.T_sensor, T.shape)
     reasons = np.full(len(T), "", dtype=object)
-    reasons[(worst_clearance(setup, R, T) < 0)] = "may lose the target from view if the guess is as wrong as stated"
     tilt, spin = turned(setup, R)
     if setup.shows_beside:
         tilt = np.maximum(tilt, ray_tilt(setup, R, T))
@@ -102,6 +101,9 @@ def refused(setup: Setup, limits: Limits, R, T) -> np.ndarray:
         near = np.minimum(*(np.linalg.norm(place - centre, axis=1) for place in (flange, sensor))) < radius
         reasons[near] = "are in a zone to avoid"
     reasons[((flange < limits.low) | (flange > limits.high)).any(axis=1)] = "are outside the box"
+    left = np.flatnonzero(reasons == "")  # this takes the longest
+    lost = left[worst_clearance(setup, R[left], T[left]) < 0]
+    reasons[lost] = "may lose the target from view if the guess is as wrong as stated"
     return reasons
 
 
@@ -179,9 +181,9 @@ def wrong(setup: Setup, R_view, T_view, by):
     """Sensor frames (P, 3, 3), (P, 3) shifted and turned by (P, 9) or (9,) in their own axes, mm and rad: the first six
     about their own origin; by the last three as they are seen by a target that turns about its."""
     shift, turn, target_turn = np.split(np.array(np.broadcast_to(by, (len(T_view), 9))), 3, axis=1)
-    about, shifted = setup.target.frame[0], carry(R_view, T_view, shift)
-    back = R_view @ rotations(-target_turn) @ np.swapaxes(R_view, 1, 2)
-    return back @ R_view @ rotations(turn), carry(back, about, shifted - about)
+    about, back = setup.target.frame[0], R_view @ rotations(-target_turn)
+    from_target = (np.swapaxes(R_view, 1, 2) @ (T_view - about)[..., None])[..., 0] + shift
+    return back @ rotations(turn), carry(back, about, from_target)
 
 
 def clearances(setup: Setup, R_view, T_view) -> np.ndarray:
@@ -192,4 +194,4 @@ def clearances(setup: Setup, R_view, T_view) -> np.ndarray:
     border = BORDER * (scanner.far - scanner.near) + beside
     side = (1 - BORDER) * scanner.half_width(z) - beside
     inside = np.stack([z - scanner.near - border, scanner.far - border - z, side - x, side + x], axis=1)
-    return np.where(np.isfinite(inside), inside, np.nan).reshape(len(T_view), -1)
+    return np.where(np.isfinite(inside), inside, np.nan).reshape(len(T_view), 4 * x.shape[1])

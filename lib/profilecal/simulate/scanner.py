@@ -56,11 +56,15 @@ def nearest_on_rays(outline, rays, scanner: Scanner) -> np.ndarray:
     NaN where they miss it. Along a ray x is a linear function of z, so that a ray meets a straight piece where x less
     that function, linear along the piece, passes through zero.
     """
-    x, z = outline[..., 0, None], outline[..., 1, None]  # (..., V, 1)
-    excess = x - rays[..., None, :] * scanner.half_width(z)
-    start, end = excess[..., :-1, :], excess[..., 1:, :]
+    x, z = np.moveaxis(outline, -1, 0)  # (..., V)
+    half, depth = scanner.half_width(z), np.full(rays.shape, np.inf)
     with np.errstate(divide="ignore", invalid="ignore"):
+        beyond = (x / half)[..., None] > rays[..., None, :]  # of all pairs, few pass through zero
+        beyond ^= (half < 0)[..., None]
+        *scan, piece, ray = np.nonzero(beyond[..., :-1, :] != beyond[..., 1:, :])
+        begin, stop, ray = (*scan, piece), (*scan, piece + 1), (*scan, ray)
+        start, end = x[begin] - rays[ray] * half[begin], x[stop] - rays[ray] * half[stop]
         t = start / (start - end)
-    met = z[..., :-1, :] + t * (z[..., 1:, :] - z[..., :-1, :])
-    depth = np.where((t >= 0) & (t <= 1), met, np.inf).min(axis=-2)
+        met = z[begin] + t * (z[stop] - z[begin])
+    np.minimum.at(depth, ray, np.where((t >= 0) & (t <= 1), met, np.inf))
     return np.where(np.isfinite(depth), depth, np.nan)

@@ -1,6 +1,7 @@
 """A straight round bar of known radius: the scan plane meets it in an ellipse, of which the scanner sees an arc."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -166,7 +167,7 @@ class Section:
     shape = "ellipse"
     fitted = 4
 
-    @property
+    @cached_property
     def secant(self) -> float:
         """Of the tilt: s."""
         return float(np.sqrt(1 + self.lean @ self.lean))
