@@ -71,7 +71,7 @@ def shell(monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, "__main__", sys.modules["__main__"])
     with warnings.catch_warnings(), plt.rc_context():
         warnings.simplefilter("ignore")
-        found = Shell.instance(config=Config(HistoryManager={"enabled": False}))
+        found = Shell.instance(config=Config(HistoryManager={"enabled": False}, InteractiveShell={"cache_size": 0}))
         found.run_line_magic("matplotlib", "inline")
         yield found
     found.reset()
