@@ -52,9 +52,10 @@ def squared_error(scan, found):
 @pytest.mark.parametrize("kind", ["edge", "disk", "point"])
 @pytest.mark.parametrize("mount", ["eye-in-hand", "eye-to-hand"])
 def test_the_truth_lies_in_the_stated_region(kind, mount):
-    found = [calibration_of(Spec(kind=kind, mount=mount, seed=seed, groups=10, positions=6)) for seed in range(12)]
-    inside = sum(squared_error(f.scans[0], f) < chi2.ppf(0.95, 6) for f in found)
-    assert binom.ppf(1e-4, 12, 0.95) <= inside
+    """The sum of n squared errors is χ² of 6 n degrees of freedom at most: the regions also allow for what no simulated
+    scanner or robot does here."""
+    found = [calibration_of(Spec(kind=kind, mount=mount, seed=seed, groups=10, positions=6)) for seed in range(6)]
+    assert sum(squared_error(f.scans[0], f) for f in found) < chi2.isf(1e-4, 6 * 6)
 
 
 def test_arcs_give_the_pose_within_their_noise():

@@ -51,14 +51,14 @@ CASES = [(kind, name) for kind, name in CASES if kind in ("edge", "disk", "rod")
 @pytest.mark.parametrize(("kind", "name"), CASES)
 def test_degenerate_motions_are_flagged_with_the_direction_they_leave_open(kind, name):
     choices, free = MOTIONS[name]
-    found, R_flange, state = judged(kind, 31, 1000, **choices)
+    found, R_flange, state = judged(kind, 31, 300, **choices)
     assert (found.status == "unobservable").all()
     worst = found.directions[:, 0]
     if free == "axis":
         along = np.abs(np.einsum("bi,bi->b", worst[:, :3], shared_axis(R_flange, state.rotation)))
         assert (along > np.cos(np.radians(5))).all()
     else:  # all three translations lie in the span of the directions that are left open
-        for k in range(0, 1000, 50):
+        for k in range(0, 300, 15):
             open_ones = found.directions[k][found.sd[k] > 1]
             assert np.linalg.norm(open_ones[:, :3], axis=0).min() > 0.99
 

@@ -11,7 +11,7 @@ from profilecal.joint.problem import Problem
 from profilecal.joint.search import search
 from profilecal.joint.solve import solve
 
-SCENES = 100
+SCENES = 60
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -40,7 +40,7 @@ def with_second_edge(plan, what, rng):
 
 @pytest.mark.parametrize("what", ["points", "groups"])
 def test_bad_points_and_groups_are_found_and_left_out(what):
-    rng, trials = np.random.default_rng(17), 40
+    rng, trials = np.random.default_rng(17), 20
     error, exact = [], 0
     for _ in range(trials):
         scene, seen, planted = with_second_edge(EdgePlan(motion="space"), what, rng)
