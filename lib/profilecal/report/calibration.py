@@ -90,19 +90,17 @@ def pose_numbers(solution, convention) -> tuple[np.ndarray, np.ndarray]:
 
 
 def pose_table(found) -> Html:
-    """The sensor's pose in the notation of the robot that the poses come from, each number with its uncertainty and as
-    many decimals."""
+    """The sensor's pose in the notation of the robot that the poses come from, each number with its uncertainty."""
     if found.status == "unobservable":
         return paragraphs("No pose to state.")
     convention = convention_of(found)
     value, sd = pose_numbers(found.solution, convention)
     names = [c.upper() if convention.sequence and len(c) == 1 else c for c in convention.columns]
     units = ["mm"] * 3 + [convention.unit] * len(names)
-    most = [{"mm": 3, "deg": 4, "rad": 6, "1": 6}[unit] for unit in units]
-    places = [min(m, max(0, 1 - int(np.floor(np.log10(v))))) if v else m for m, v in zip(most, sd, strict=True)]
+    places = {"mm": 3, "deg": 4, "rad": 6, "1": 6}
     rows = {
         "": ["X", "Y", "Z", *names],
-        "value": [f"{v:.{p}f}" for v, p in zip(value, places, strict=True)],
+        "value": [f"{v:.{places[u]}f}" for v, u in zip(value, units, strict=True)],
         "standard deviation": [f"{v:.2g}" for v in sd],
         "95 %": [f"±\u00a0{1.96 * v:.2g}" for v in sd],
         "unit": units,
