@@ -14,7 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-UNITS = np.r_[1, 1, 1, 0.01, 0.01, 0.01]  # mm and rad: an error of 1 mm counts as one of 0.01 rad
+from profilecal.joint.observability import POSE_UNITS
+
 LEAST_EIGENVALUE = 1e-12  # of the largest eigenvalue over all profiles; smaller ones are rounding
 ROUNDING = 1e-14  # of the largest entry: added to a diagonal whose ones it may have swallowed
 
@@ -51,13 +52,13 @@ class Rows:
 
 def rows_of(information: Information) -> Rows:
     """The factors of what measurements say (without a batch)."""
-    values, vectors = np.linalg.eigh(information.of_errors * UNITS[:, None] * UNITS)
+    values, vectors = np.linalg.eigh(information.of_errors * POSE_UNITS[:, None] * POSE_UNITS)
     there = values > LEAST_EIGENVALUE * values.max()
     first = 6 - int(there.sum(axis=1).max(initial=1))
     root = np.sqrt(np.where(there, values, 0.0))[:, first:, None]
     across = np.swapaxes(vectors[..., first:], 1, 2)
-    z = across @ (UNITS[:, None] * information.crossed) / np.where(root > 0, root, np.inf)
-    return Rows(root * across / UNITS, z, information.normal - (np.swapaxes(z, 1, 2) @ z).sum(axis=0))
+    z = across @ (POSE_UNITS[:, None] * information.crossed) / np.where(root > 0, root, np.inf)
+    return Rows(root * across / POSE_UNITS, z, information.normal - (np.swapaxes(z, 1, 2) @ z).sum(axis=0))
 
 
 def remove(information: Information, variances, member) -> Information:

@@ -24,7 +24,7 @@ from scipy.stats import chi2, norm, qmc
 from profilecal.geometry.noise import ROBOT, Noise
 from profilecal.joint.effects import Information, remove, rows_of
 from profilecal.joint.field import Field
-from profilecal.joint.observability import RANK
+from profilecal.joint.observability import POSE_UNITS, RANK
 from profilecal.joint.problem import Problem, gram_by_pose
 from profilecal.joint.state import State
 
@@ -280,7 +280,6 @@ def summary(name: str, scale: float, values, weight, spread: float) -> Size:
 
 
 def positive_part(matrix) -> np.ndarray:
-    """The nearest matrix (6, 6) without negative variances, in units of mm and of rad at 100 mm."""
-    units = np.r_[1, 1, 1, 100, 100, 100]
-    values, vectors = np.linalg.eigh(matrix * units[:, None] * units)
-    return (vectors * np.maximum(values, 0)) @ vectors.T / units[:, None] / units
+    """The nearest matrix (6, 6) without negative variances, in units of a measurement by hand."""
+    values, vectors = np.linalg.eigh(matrix / POSE_UNITS[:, None] / POSE_UNITS)
+    return (vectors * np.maximum(values, 0)) @ vectors.T * POSE_UNITS[:, None] * POSE_UNITS
