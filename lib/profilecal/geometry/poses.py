@@ -11,8 +11,9 @@ def rotation_from_xyz_angles(angles) -> np.ndarray:
 
     Tables I and III of the disk paper print orientations so ("ZYX Euler angle").
     """
-    about_x, about_y, about_z = (rotations(np.asarray(angles)[..., [k]] * np.eye(3)[k]) for k in range(3))
-    return about_z @ about_y @ about_x  # a fifth of what SciPy's `from_euler` takes
+    angles = np.asarray(angles, dtype=float)
+    matrices = Rotation.from_euler("xyz", angles.reshape(-1, 3)).as_matrix()
+    return matrices.reshape(*angles.shape[:-1], 3, 3)
 
 
 def xyz_angles_from_rotation(matrix) -> np.ndarray:
