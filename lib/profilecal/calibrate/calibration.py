@@ -100,7 +100,7 @@ def calibrate(scans, guess=None, method: str = "joint", rng: np.random.Generator
     """The sensor pose from one scan or several of one sensor, with its covariance.
 
     `guess`: a mount pose (4, 4), mm, to start from besides a search over all orientations. `method`: "joint", or
-    "closed-form" for what the papers make of one scan; its covariance needs `rng`.
+    "closed-form" for what the papers make of one scan; its covariance is drawn with `rng`, without one of seed 0.
 
     Raises ScanError for scans that do not belong together or hold too little. Fewer measurements than unknowns give a
     Calibration without a solution.
@@ -132,7 +132,9 @@ def calibrate(scans, guess=None, method: str = "joint", rng: np.random.Generator
     try:
         level = expect(stated, features_mm, shared_mm)
         if method == "closed-form":
-            solution = solve_in_closed_form(observed[0], level, scans[0].side[seen[0].poses], rng)
+            solution = solve_in_closed_form(
+                observed[0], level, scans[0].side[seen[0].poses], rng or np.random.default_rng(0)
+            )
         else:
             solution = solve(observed, level, starts=[] if guess is None else [(guess[:3, :3], guess[:3, 3])])
             solution = judge(observed, solution)
