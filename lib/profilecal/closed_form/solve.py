@@ -67,7 +67,7 @@ def solve_in_closed_form(observations: Observations, level: NoiseLevel, side, rn
     points = observations.points[0]
     side = np.asarray(side, dtype=float)
     find, remarks = METHODS[observations.kind](observations, side)
-    rotation, translation = find(observations)
+    (rotation,), (translation,) = find(observations)
 
     alone = Problem([observations], Noise(profile_mm=1.0))
     state = settle_targets(alone, rotation[None], translation[None])
@@ -87,8 +87,7 @@ def solve_in_closed_form(observations: Observations, level: NoiseLevel, side, rn
     moments = problem.moments(state)
 
     shared = sharing([observations])
-    found = (find(erring(observations, shared, noise, rng)) for _ in range(DRAWS))
-    errors = np.array([pose_error(rotation, translation, *pose) for pose in found])
+    errors = pose_error(rotation, translation, *find(erring(observations, shared, noise, rng)))
     size = np.sqrt(np.diag(moments.normal[0])[:-1])
     rank = np.linalg.matrix_rank(moments.normal[0, :-1, :-1] / np.outer(size, size), hermitian=True)
     found = of_covariance(errors.T @ errors / DRAWS, rank, problem.n)
@@ -108,16 +107,18 @@ def solve_in_closed_form(observations: Observations, level: NoiseLevel, side, rn
 
 
 def erring(observations: Observations, shared: Sharing, noise: Noise, rng: np.random.Generator) -> Observations:
-    """The observations as other errors of that size would make them: of the points, and of the poses reported."""
-    errors = np.zeros((len(observations.labels), 6))
-    member = np.arange(len(errors))
-    for variances, belongs in shared.levels(noise):
-        errors += (np.sqrt(variances) * rng.normal(size=(len(belongs), 6)))[member]
-        member = belongs[member]
-    R, T = observations.R_flange[0], observations.T_flange[0]
-    points = observations.points + noise.profile_mm * noise_like(observations, rng)
-    moved = T + (R @ errors[:, :3, None])[..., 0]
-    return replace(observations, R_flange=(R @ rotations(errors[:, 3:]))[None], T_flange=moved[None], points=points)
+    """A batch of the observations as other errors of that size would make them: of the points, and of the poses."""
+    errors, noises = np.zeros((DRAWS, len(observations.labels), 6)), []
+    for draw in errors:
+        member = np.arange(len(draw))
+        for variances, belongs in shared.levels(noise):
+            draw += (np.sqrt(variances) * rng.normal(size=(len(belongs), 6)))[member]
+            member = belongs[member]
+        noises.append(noise_like(observations, rng))
+    R, T = observations.R_flange, observations.T_flange
+    moved = T + (R @ errors[..., :3, None])[..., 0]
+    points = observations.points + noise.profile_mm * np.array(noises)
+    return replace(observations, R_flange=R @ rotations(errors[..., 3:]), T_flange=moved, points=points)
 
 
 def noise_like(observations: Observations, rng: np.random.Generator) -> np.ndarray:
@@ -163,12 +164,13 @@ def from_edge(observations: Observations, side):
     most = max(map(len, groups))
 
     def filled(values):
-        return np.stack([np.vstack([values[g], *[values[g].mean(axis=0)] * (most - len(g))]) for g in groups])
+        own = (values[:, g] for g in groups)
+        return np.stack([np.hstack([v, *[v.mean(axis=1, keepdims=True)] * (most - v.shape[1])]) for v in own], axis=1)
 
     def arranged(seen):
-        return seen.R_flange[0, [g[0] for g in groups]], filled(seen.T_flange[0]), filled(seen.points[0, :, 0])
+        return seen.R_flange[:, [g[0] for g in groups]], filled(seen.T_flange), filled(seen.points[:, :, 0])
 
-    solve_edge(*arranged(observations), affine_noise(observations)[0] or None)
+    solve_edge(*(batch[0] for batch in arranged(observations)), affine_noise(observations)[0] or None)
 
     def find(seen):
         found = edge_equations(*arranged(seen))
@@ -190,25 +192,27 @@ def from_disk(observations: Observations, side):
                 "the disk's closed form needs; drive straight at a steady speed, or use the method joint"
             )
 
+    first, last = ([g[k] for g in groups] for k in (0, -1))
+
     def arranged(seen):
-        R, T = seen.R_flange[0], seen.T_flange[0]
-        return np.stack([R[g[0]] for g in groups]), *(np.stack([T[g[k]] for g in groups]) for k in (0, -1))
+        return seen.R_flange[:, first], seen.T_flange[:, first], seen.T_flange[:, last]
 
     def scans(seen, s):
-        R, start, end = arranged(seen)
+        R, *ends = arranged(seen)
         data = [
-            sensing_data(seen.points[0, g], *scan, observations.sizes[0])
-            for g, *scan in zip(groups, start, end, s, strict=True)
+            sensing_data(seen.points[:, g], *(end[:, k] for end in ends), s[k], observations.sizes[0])
+            for k, g in enumerate(groups)
         ]
-        return R, *(np.stack([getattr(d, name) for d in data]) for name in ("T_tcp", "q", "D_i", "D_b"))
+        return R, *(np.stack([getattr(d, name) for d in data], axis=1) for name in ("T_tcp", "q", "D_i", "D_b"))
 
     s, remarks = np.array([side[g[0]] for g in groups]), []
     if not s.all():
-        R, _, _, D_i, D_b = scans(observations, np.ones(len(groups)))
+        R, _, _, D_i, D_b = (batch[0] for batch in scans(observations, np.ones(len(groups))))
         s, _ = best_signs(D_i.T, np.einsum("nba,nb->an", R, D_b))
         remarks = [f"sides of the motions decided from the data: {', '.join(f'{v:+.0f}' for v in s)}"]
     tips = [observations.points[0, g] for g in groups]
-    remarks += solve_disk_from_chords(*arranged(observations), tips, s, observations.sizes[0]).remarks
+    ends = (batch[0] for batch in arranged(observations))
+    remarks += solve_disk_from_chords(*ends, tips, s, observations.sizes[0]).remarks
 
     def find(seen):
         found = disk_equations(*scans(seen, s))
@@ -221,22 +225,21 @@ def from_ball(observations: Observations, side):
     """The two-step ball method: differences of centres inside groups, then all poses."""
 
     def centres(points, side=side):
-        there = np.isfinite(points).all(axis=-1)
+        there = np.isfinite(points[0]).all(axis=-1)
         if there.all():
             circles = fit_circle(points)
         else:
-            circles = np.array([fit_circle(arc[seen]) for arc, seen in zip(points, there, strict=True)])
+            circles = np.stack([fit_circle(points[:, k, seen]) for k, seen in enumerate(there)], axis=1)
         return Ball(np.zeros(3), observations.sizes[0]).centre_from_circle(circles, side)
 
-    points = observations.points[0]
     if side.all():
         return from_centres(observations, centres), []
     R, T, tried = observations.R_flange[0], observations.T_flange[0], []
     for sign in (1.0, -1.0):
-        seen = partial(centres, side=np.full(len(points), sign))
+        seen = partial(centres, side=np.full(len(T), sign))
         find = from_centres(observations, seen)
-        rotation, translation = find(observations)
-        places = carry(R, T, seen(points) @ rotation.T + translation)
+        (rotation,), (translation,) = find(observations)
+        places = carry(R, T, seen(observations.points)[0] @ rotation.T + translation)
         tried.append((float(np.sqrt(places.var(axis=0).sum())), sign, find))
     (least, sign, find), (more, _, _) = sorted(tried, key=lambda entry: entry[0])
     return find, [
@@ -246,7 +249,7 @@ def from_ball(observations: Observations, side):
 
 
 def from_centres(observations: Observations, centres):
-    """Both steps; `centres` gives the ball's centre (P, 3) in the sensor frame from points (P, m, 2)."""
+    """Both steps; `centres` gives the ball's centre (B, P, 3) in the sensor frame from points (B, P, m, 2)."""
     groups = groups_of(observations, 1)
     moved = np.array([(g[0], k) for g in groups for k in g[1:]]).reshape(-1, 2)
     if len(moved) < 2:
@@ -257,19 +260,20 @@ def from_centres(observations: Observations, centres):
     i, j = moved.T
 
     def motions(seen):
-        R, T = seen.R_flange[0], seen.T_flange[0]
-        Y = np.einsum("nba,nb->an", R[i], T[j] - T[i])
-        return Y / np.linalg.norm(Y, axis=0), np.linalg.norm(Y, axis=0), R[[g[0] for g in groups]]
+        R, T = seen.R_flange, seen.T_flange
+        Y = np.einsum("znba,znb->zan", R[:, i], T[:, j] - T[:, i])
+        length = np.linalg.norm(Y, axis=1, keepdims=True)
+        return Y / length, length, R[:, [g[0] for g in groups]]
 
-    Y, _, R_first = motions(observations)
+    (Y,), _, (R_first,) = motions(observations)
     check_directions(Y, "motion inside a group of one orientation")
     check_orientations(R_first)
 
     def find(seen):
         Y, length, R_first = motions(seen)
-        q = centres(seen.points[0])
-        rotation = solve_rotation((q[i] - q[j]).T / length, Y).R_sensor
-        T_mean, q_mean = (np.stack([values[g].mean(axis=0) for g in groups]) for values in (seen.T_flange[0], q))
+        q = centres(seen.points)
+        rotation = solve_rotation(np.swapaxes(q[:, i] - q[:, j], 1, 2) / length, Y).R_sensor
+        T_mean, q_mean = (np.stack([v[:, g].mean(axis=1) for g in groups], axis=1) for v in (seen.T_flange, q))
         return rotation, solve_translation(R_first, T_mean, q_mean, rotation, "all").T_sensor
 
     return find
