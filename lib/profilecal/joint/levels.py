@@ -43,6 +43,7 @@ ACCURACY = ("accuracy_mm", "accuracy_deg")
 KINDS = (("position_mm", "orientation_deg"), ("group_position_mm", "group_orientation_deg"))  # there or not
 FARTHEST = 5.0  # of a size's coordinate
 DRAWS, TAILS = 128, 4.0  # sizes looked at, drawn from a t law of that many degrees of freedom
+NEGLIGIBLE = 30.0  # minus twice the logarithm of one density over another: its draws need not be looked at
 STEP, BROAD_STEP = 1e-3, 0.1  # of a size's coordinate, for the first derivative and for the second
 TOLD = 0.6  # a size is known from the data if they leave it less open than that, the prior being 1
 
@@ -247,7 +248,11 @@ def levels(model: Likelihood, likely, field: Field, accuracy: dict[str, float], 
     `accuracy`: scales of the robot's accuracy, none to leave it out. `tolerance`: as `likeliest` takes it.
     """
     sizes = model.sizes(likely)
-    parts = [draw(m, likely if m.scales == model.scales else likeliest(m, sizes, tolerance)) for m in model.simpler()]
+    tried = [(m, likely if m.scales == model.scales else likeliest(m, sizes, tolerance)) for m in model.simpler()]
+    unlikely = np.array([m.at(y[None])[0][0] for m, y in tried])
+    matters = unlikely < unlikely.min() + NEGLIGIBLE
+    matters[0] = True  # the whole model, which tells how well each size is known
+    parts = [draw(*tried[k]) for k in np.flatnonzero(matters)]
     log_weight = np.concatenate([part.log_weight for part in parts])
     weight = np.exp(log_weight - log_weight.max())
     weight /= weight.sum()
