@@ -403,7 +403,11 @@ MISTAKES = {
         lambda f: np.savetxt(f / "pose4.txt", -np.eye(4)),
         "row 5: matrix with determ",
     ),
-    "untitled": ("commas", change("poses.csv", "Alpha", "tilt"), "the orientation lacks alpha of alpha, beta, gamma"),
+    "untitled": (
+        "commas",
+        change("poses.csv", "Alpha", "tilt"),
+        "lacks alpha of alpha, beta, gamma; say what the columns are: --pose-columns",
+    ),
     "other numbers": (
         "rows and matrices",
         lambda f: (f / "pose4.txt").rename(f / "pose44.txt"),

@@ -13,7 +13,6 @@ from pandas.api.types import is_numeric_dtype
 from profilecal.geometry.poses import carry, inverse
 from profilecal.scan.columns import ANGLES, LENGTHS, names_and_units, numbered, read_columns, unit_of, unnamed
 from profilecal.scan.conventions import CONVENTIONS, find_convention, named, to_rotations
-from profilecal.scan.files import naming
 from profilecal.scan.folder import FARTHEST_MM, REACH_MM, check_poses, check_sizes, exchanged
 from profilecal.scan.scan import Scan, ScanError
 from profilecal.scan.tables import Table, listed, shown
@@ -190,8 +189,10 @@ def match(poses: pd.DataFrame, of_poses: list[Path], profiles: list[Path]) -> tu
 def read_poses(path: Path, poses: pd.DataFrame, units: dict, layout: Layout) -> tuple[dict, str, list[str]]:
     """Entries of a Scan, what the poses were taken for, and doubts about them."""
     table = in_rows(path, poses.filter(items=["pose", *OF_A_POSE]))
-    with naming(path):
+    try:
         convention = find_convention(poses)
+    except ValueError as error:
+        raise ScanError(f"{path}: {error}; say what the columns are: --pose-columns") from error
     known = {"deg": ANGLES, "rad": {"rad": 1.0}, "1": {"1": 1.0, "-": 1.0}}[convention.unit]
     if angle := unit_of(path, units, convention.columns, known):
         table.frame[[*convention.columns]] = table.numbers(convention.columns) * known[angle]
