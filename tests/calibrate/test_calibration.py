@@ -252,6 +252,17 @@ def test_few_poses_are_kept_where_robots_err_and_one_that_is_wrong_is_not():
     assert squares < chi2.isf(1e-4, 6 * 8)
 
 
+def test_too_small_a_statement_is_no_excuse_for_a_bad_pose():
+    """What is stated of a robot may be far too small; a pose that is 1 mm off is none the less more likely wrong."""
+    told, noise = 0, Noise(profile_mm=0.05, position_mm=0.02, orientation_deg=0.005)
+    for seed in range(8):
+        scan = simulate_scan(Spec(kind="plane", seed=seed, groups=14, positions=1, noise=noise))
+        off = np.random.default_rng(seed).normal(size=3)
+        T = scan.T_base_flange + np.outer(np.arange(14) == 5, off / np.linalg.norm(off))
+        told += scan.labels[5] in calibrate([replace(scan, T_base_flange=T)]).labels(rejected=True)
+    assert told > 4
+
+
 @pytest.mark.parametrize("seed", [1, 9, 11])
 def test_the_noise_of_a_handful_of_poses_is_not_that_of_those_which_any_answer_fits(seed):
     """Three balls of five leave nothing over: a fit that comes near to most poses is exact."""

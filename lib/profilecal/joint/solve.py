@@ -104,13 +104,15 @@ def weigh(problem: Problem, level: NoiseLevel, found: State, robust: bool) -> So
         problem = Problem(observations, model.noise_of(model.sizes(likely)), level.systematic)
         return model, likely, problem, refine(problem, state, weights=kept)
 
-    large = {name: prior.law(name)[0](UNUSUAL) * getattr(prior.scales, name) for name in ("profile_mm", *ROBOT)}
+    usual = replace(prior, stated=frozenset())  # too small a statement is no excuse for a bad pose
+    large = {name: usual.law(name)[0](UNUSUAL) * getattr(prior.scales, name) for name in ("profile_mm", *ROBOT)}
     by_large = Problem(observations, replace(noise, **large), level.systematic)
     for fewer in fewer_rejected(fit, kept):
         if not all_belong(by_large, refine(by_large, state, weights=fewer, iterations=10, tolerance=ROUGHLY), fewer):
             continue  # no robot errs like that
-        _, likely, by_robot, trial = weighed(noise, state, fewer)
-        if likely.max(initial=0.0) < UNUSUAL and all_belong(by_robot, trial, fewer):
+        model, likely, by_robot, trial = weighed(noise, state, fewer)
+        small = all(size < large[name] for name, size in model.sizes(likely).items())
+        if small and all_belong(by_robot, trial, fewer):
             kept = fewer
             break
     for _ in range(ROUNDS):
