@@ -15,7 +15,7 @@ from profilecal.geometry.noise import Noise
 from profilecal.joint.state import pose_error
 from profilecal.scan.folder import write_scan
 from profilecal.scan.scan import ScanError
-from profilecal.simulate.spec import Spec, simulate_scan
+from profilecal.simulate.spec import WIDE, Spec, simulate_scan
 
 KEYS = [
     "status",
@@ -261,6 +261,16 @@ def test_too_small_a_statement_is_no_excuse_for_a_bad_pose():
         T = scan.T_base_flange + np.outer(np.arange(14) == 5, off / np.linalg.norm(off))
         told += scan.labels[5] in calibrate([replace(scan, T_base_flange=T)]).labels(rejected=True)
     assert told > 4
+
+
+def test_many_poses_out_of_line_are_the_robots_doing():
+    """Three of ten orientations differ from the others by far more than is stated."""
+    noise = Noise(profile_mm=0.05, group_position_mm=0.05, group_orientation_deg=0.01)
+    stated = {"profile_mm": 0.05, "group_position_mm": 0.01, "group_orientation_deg": 0.002}
+    spec = Spec(kind="disk", seed=27, measured="profiles", groups=10, positions=3, noise=noise)
+    scan = simulate_scan(replace(spec, scanner=replace(WIDE, points=400)))
+    exact = dict.fromkeys(("scale_percent", "shear_percent", "bend_mm", "tolerance_mm"), 0.0)
+    assert not calibrate([replace(scan, noise=stated | exact)]).labels(rejected=True)
 
 
 @pytest.mark.parametrize("seed", [1, 9, 11])

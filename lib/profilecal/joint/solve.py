@@ -31,6 +31,7 @@ HOPELESS = 10.0  # measurements by hand that an answer is open by
 FINEST_MM = 1e-5  # scanner noise: residuals of exact data are rounding
 SETTLED = 0.02  # of an error's size
 TRIED = 4  # of sets of poses that leave fewer out
+MANY = 0.2  # of the poses: more mistakes than anyone makes
 UNUSUAL = 1.5  # standard deviations above what is known of the errors' sizes beforehand
 SHARED = 2  # coordinates of a profile that a shared error moves, at least: it may explain that many large ones
 CONTRADICTING = "most poses contradict each other: no sensor pose explains half of them"
@@ -104,7 +105,8 @@ def weigh(problem: Problem, level: NoiseLevel, found: State, robust: bool) -> So
         problem = Problem(observations, model.noise_of(model.sizes(likely)), level.systematic)
         return model, likely, problem, refine(problem, state, weights=kept)
 
-    usual = replace(prior, stated=frozenset())  # too small a statement is no excuse for a bad pose
+    many = lost(kept) > MANY  # then the statement is doubted, else the poses
+    usual = prior if many else replace(prior, stated=frozenset())
     large = {name: usual.law(name)[0](UNUSUAL) * getattr(prior.scales, name) for name in ("profile_mm", *ROBOT)}
     by_large = Problem(observations, replace(noise, **large), level.systematic)
     for fewer in fewer_rejected(fit, kept):
