@@ -50,8 +50,8 @@ def contradictions(solution: Solution) -> list[str]:
     if solution.noise_source == "given" and misfit > LARGEST_MISFIT:
         messages.append(f"the residuals are {misfit:.2g} times what the stated noise explains; {CHECK}")
 
-    usual = solution.level.prior.scales if solution.level.prior else noise
-    stated = 3 * max(noise.steering_mm, usual.position_mm, usual.group_position_mm)
+    scales = solution.level.prior.scales if solution.level.prior else noise
+    stated = 3 * max(noise.steering_mm, scales.position_mm, scales.group_position_mm)
     error = max(solution.rms_mm, noise.position_mm)
     if error > max(LARGEST_ERROR_MM, stated):
         messages.append(f"the data contradict each other by {error:.2g} mm, more than a robot errs; {CHECK}")

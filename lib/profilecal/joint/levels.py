@@ -113,9 +113,9 @@ class Likelihood:
         self.precision = np.r_[np.zeros(rank), effects.precision]
         self.count, self.noise, self.sharing = problem.counted(kept), problem.noise, effects.sharing
         self.field = None
-        self.law, usual = prior.law, asdict(prior.scales)
-        self.scales = {"profile_mm": usual["profile_mm"]} if prior.profile_spread else {}
-        self.scales |= {name: usual[name] for name in effects.sharing.told_apart if usual[name]}
+        self.law, scales = prior.law, asdict(prior.scales)
+        self.scales = {"profile_mm": scales["profile_mm"]} if prior.profile_spread else {}
+        self.scales |= {name: scales[name] for name in effects.sharing.told_apart if scales[name]}
 
     def without(self, names) -> "Likelihood":
         """The model in which errors of these names do not exist."""

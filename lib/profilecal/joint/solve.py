@@ -105,9 +105,9 @@ def weigh(problem: Problem, level: NoiseLevel, found: State, robust: bool) -> So
         problem = Problem(observations, model.noise_of(model.sizes(likely)), level.systematic)
         return model, likely, problem, refine(problem, state, weights=kept)
 
-    many = lost(kept) > MANY  # then the statement is doubted, else the poses
-    usual = prior if many else replace(prior, stated=frozenset())
-    large = {name: usual.law(name)[0](UNUSUAL) * getattr(prior.scales, name) for name in ("profile_mm", *ROBOT)}
+    many = lost(kept) > MANY  # then what is stated is doubted, else the poses
+    believed = prior if many else replace(prior, stated=frozenset())
+    large = {name: believed.law(name)[0](UNUSUAL) * getattr(prior.scales, name) for name in ("profile_mm", *ROBOT)}
     by_large = Problem(observations, replace(noise, **large), level.systematic)
     for fewer in fewer_rejected(fit, kept):
         if not all_belong(by_large, refine(by_large, state, weights=fewer, iterations=10, tolerance=ROUGHLY), fewer):

@@ -33,7 +33,7 @@ class Layout:
     profiles: str = ""  # which files, as a shell pattern
     poses: str = ""  # which file or files
     columns: str = ""  # names or numbers, from 1, of x and z in a profile: "x,z"
-    pose_columns: str = ""  # names of a pose table's columns in order, "_" for those without meaning
+    pose_columns: str = ""  # a pose table's columns in order, names with or without units, "_" for no meaning
     entry: str = ""  # the list in a YAML or NPZ file that is the profile
     units: str = ""  # of the profiles: mm, cm, m or um
     pose_units: str = ""  # of the poses' positions
