@@ -51,13 +51,14 @@ BESIDE = {"edge": "plane", "disk": "edge", "ball": "edge", "plane": "edge", "rod
 PROFILE_MM = 0.05
 EXACT_SCANNER = {"scale_percent": 0.0, "shear_percent": 0.0, "bend_mm": 0.0, "tolerance_mm": 0.0}
 BOTH = {"position_mm": 0.05, "orientation_deg": 0.02}
+SHARED = {"group_position_mm": 0.05, "group_orientation_deg": 0.01}
 SITUATIONS = {  # the robot's errors, and what else there is to say of the scan
     "position": ({"position_mm": 0.05}, {}),
     "orientation": ({"orientation_deg": 0.02}, {}),
     "both": (BOTH, {}),
     "five repeats": (BOTH, {"repeats": 5, "positions": 2}),
     "two targets": (BOTH, {}),
-    "shared by orientation": ({"group_position_mm": 0.05, "group_orientation_deg": 0.01}, {}),
+    "shared by orientation": (SHARED, {"groups": 16, "positions": 2}),
 }
 STATEMENTS = {"stated": 1.0, "unstated": 0.0, "stated a fifth": 0.2}
 FEW = (("plane", 6), ("plane", 8), ("edge", 6), ("disk", 4), ("ball", 5), ("ball", 7))
@@ -104,6 +105,7 @@ def cells() -> dict[str, Cell]:
         few = {"groups": poses, "positions": 1}
         found[f"{kind}, {poses} poses, unstated"] = Cell((kind,), BOTH, {}, few, total=True)
     for kind in KINDS:
+        found[f"{kind}, shared by 10 orientations, unstated"] = Cell((kind,), SHARED, total=True)
         for arm, (robot, accuracy) in ARMS.items():
             for statement, stated in (("unstated", {}), ("accuracy stated", accuracy)):
                 found[f"{kind}, {arm}, {statement}"] = Cell((kind,), {}, stated, {"robot": robot}, total=True)

@@ -2,11 +2,12 @@
 
 The scanner's noise and the flange's errors, at each visit, commanded pose and orientation, are variance components of a
 linear model: the residuals at a solution with their derivatives. The restricted likelihood (Patterson and Thompson
-1971) says how well errors of any sizes explain the residuals. What is known beforehand is a prior: each kind of error
-is there or not, with even odds, and where it is there, its size follows a half-t law (Gelman 2006), whose scale is what
-the user states or what robots usually do. What is stated may be far too small, a data sheet's repeatability for
-instance: its law has the longer tail. Few poses leave the sizes open. The covariance of the answer is therefore its
-average over all sizes, as likely as data and prior make them.
+1971) says how well errors of any sizes explain the residuals. What is known beforehand is a prior: the robot errs at
+its poses or does not; if it does, the poses of an orientation share errors or do not; each as likely. Where an error is
+there, its size follows a half-t law (Gelman 2006), whose scale is what the user states or what robots usually do. What
+is stated may be far too small, a data sheet's repeatability for instance: its law has the longer tail. Few poses leave
+the sizes open. The covariance of the answer is therefore its average over all sizes, as likely as data and prior make
+them.
 
 The robot's accuracy (`joint.field`) is one more component. Its prior is log-normal: nobody's robot is exact.
 """
@@ -14,7 +15,6 @@ The robot's accuracy (`joint.field`) is one more component. Its prior is log-nor
 from collections.abc import Iterator
 from copy import copy
 from dataclasses import asdict, dataclass, replace
-from itertools import product
 
 import numpy as np
 from scipy.optimize import minimize
@@ -40,7 +40,8 @@ FREEDOM, FREEDOM_OF_STATED = 3.0, 1.0  # degrees of freedom of the half-t law
 LARGEST = 100.0  # times a scale: a larger error is a mistake
 FACTOR = np.log(2)  # standard deviation of the logarithm of a robot's accuracy over what is stated
 ACCURACY = ("accuracy_mm", "accuracy_deg")
-KINDS = (("position_mm", "orientation_deg"), ("group_position_mm", "group_orientation_deg"))  # there or not
+SHARED = ("group_position_mm", "group_orientation_deg")  # by the poses of an orientation
+OF_POSES = ("position_mm", "orientation_deg")
 FARTHEST = 5.0  # of a size's coordinate
 DRAWS, TAILS = 128, 4.0  # sizes looked at, drawn from a t law of that many degrees of freedom
 NEGLIGIBLE = 30.0  # minus twice the logarithm of one density over another: its draws need not be looked at
@@ -130,10 +131,10 @@ class Likelihood:
         return other
 
     def simpler(self) -> Iterator["Likelihood"]:
-        """This model and those without some of the kinds of errors."""
-        there = [kind for kind in KINDS if not self.scales.keys().isdisjoint(kind)]
-        for out in product((False, True), repeat=len(there)):
-            yield self.without([name for kind, gone in zip(there, out, strict=True) if gone for name in kind])
+        """This model, that without errors that orientations share, and that without errors of poses either."""
+        there = [kind for kind in (SHARED, OF_POSES) if not self.scales.keys().isdisjoint(kind)]
+        for k in range(len(there) + 1):
+            yield self.without(sum(there[:k], ()))
 
     def sizes(self, y) -> dict[str, np.ndarray]:
         """The sizes at coordinates y (d,), or at each of y (S, d)."""
@@ -264,7 +265,7 @@ def levels(model: Likelihood, likely, field: Field, accuracy: dict[str, float], 
     found = [summary(name, model.scales[name], drawn[name], weight, parts[0].spread[name]) for name in drawn]
     unseen = np.zeros((6, 6))
     if accuracy:
-        wide = model.without(KINDS[1]).with_field(field, accuracy)  # the field stands for what orientations share
+        wide = model.without(SHARED).with_field(field, accuracy)  # the field stands for what orientations share
         drawn = draw(wide, likeliest(wide, sizes, tolerance))
         everywhere = drawn.square + field.common(*(drawn.sizes[name] for name in ACCURACY))
         unseen = positive_part(np.tensordot(drawn.weight, everywhere, 1) - covariance)

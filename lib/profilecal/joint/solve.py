@@ -115,7 +115,7 @@ def weigh(problem: Problem, level: NoiseLevel, found: State, robust: bool) -> So
         model, likely, by_robot, trial = weighed(noise, state, fewer)
         small = all(size < large[name] for name, size in model.sizes(likely).items())
         if small and all_belong(by_robot, trial, fewer):
-            kept = fewer
+            noise, state, kept = by_robot.noise, trial.state, fewer
             break
     for _ in range(ROUNDS):
         model, likely, problem, fit = weighed(noise, state, kept)
