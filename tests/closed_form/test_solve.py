@@ -7,8 +7,10 @@ import pytest
 from scipy.stats import binom, chi2
 
 from profilecal.calibrate.calibration import calibrate
-from profilecal.closed_form.solve import solve_in_closed_form
+from profilecal.calibrate.observe import three_points
+from profilecal.closed_form.solve import circles_alike, solve_in_closed_form
 from profilecal.geometry.checks import UnobservableError
+from profilecal.geometry.fitting import fit_circle
 from profilecal.geometry.noise import Noise
 from profilecal.joint.state import normalised_square, pose_error
 from profilecal.scan.scan import ScanError
@@ -67,6 +69,14 @@ def test_the_covariance_covers_the_truth(kind):
         found = calibrate([simulate_scan(Spec(kind, seed=seed, **SMALLER[kind]))], method="closed-form", rng=rng)
         inside += normalised_square(found.solution.covariance, error_of(found)) < chi2.isf(0.05, 6)
     assert inside >= binom.ppf(1e-3, 12, 0.93)  # a covariance of 200 draws is itself uncertain by some percent
+
+
+def test_x_z_and_r_of_a_fitted_circle_are_drawn_alike():
+    circles = np.tile([3.0, 5.0, 20.0], (20000, 1))
+    points = three_points(circles)
+    errors = circles_alike(points, np.random.default_rng(6).normal(size=points.shape))
+    found = (fit_circle(points + 1e-5 * errors) - circles) / 1e-5
+    np.testing.assert_allclose(np.cov(found.T), np.eye(3) / 2, atol=5 * np.sqrt(0.5 / 20000))
 
 
 def test_what_the_papers_methods_cannot_take_is_refused_in_words():

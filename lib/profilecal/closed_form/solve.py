@@ -79,8 +79,7 @@ def solve_in_closed_form(observations: Observations, level: NoiseLevel, side, rn
     problem = Problem([observations], level.noise)
     noise = level.noise
     if level.prior:
-        prior = replace(level.prior, scales=replace(level.prior.scales, profile_mm=noise.profile_mm))
-        model = Likelihood(problem, state, everything, prior)
+        model = Likelihood(problem, state, everything, level.prior.with_scanner(noise.profile_mm))
         noise = model.noise_of(model.sizes(likeliest(model, asdict(noise))))
         level = replace(level, noise=noise, systematic=Systematic())
         problem = Problem([observations], noise)
@@ -126,11 +125,19 @@ def noise_like(observations: Observations, rng: np.random.Generator) -> np.ndarr
     points = observations.points[0]
     errors = rng.normal(size=points.shape)
     if observations.covariance is None:
-        return errors
+        return circles_alike(points, errors) if observations.on_curve else errors
     if observations.on_curve:
         return errors * np.sqrt(observations.covariance[0])[..., None]
     root = np.linalg.cholesky(observations.covariance[0])
     return (root @ errors.reshape(len(points), -1, 1)).reshape(points.shape)
+
+
+def circles_alike(points, errors) -> np.ndarray:
+    """Errors (P, 3, 2) of three points that stand for a circle whose x, z and r err alike, from independent ones; the
+    radial ones keep their size."""
+    outward = points - points.mean(axis=1, keepdims=True)
+    outward /= np.linalg.norm(outward, axis=-1, keepdims=True)
+    return (errors[:, :1] + errors[:, 1:2, :1] * outward) / np.sqrt(2)
 
 
 def groups_of(observations: Observations, least: int) -> list[np.ndarray]:

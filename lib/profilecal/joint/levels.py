@@ -57,6 +57,10 @@ class Prior:
     stated: frozenset[str] = frozenset()  # by the user; the other scales are usual ones
     profile_spread: float = 0.0  # of the logarithm of the scanner's noise; 0: it is known
 
+    def with_scanner(self, noise_mm: float) -> "Prior":
+        """The same with this scale of the scanner's noise."""
+        return replace(self, scales=replace(self.scales, profile_mm=noise_mm))
+
     def law(self, name: str):
         """From the coordinate of a size, standard normal beforehand, to the size over its scale, and back."""
         if name == "profile_mm" or name in ACCURACY:

@@ -93,7 +93,7 @@ def weigh(problem: Problem, level: NoiseLevel, found: State, robust: bool) -> So
     if level.unknown:
         noise = replace(noise, profile_mm=max(noise.profile_mm * scale, FINEST_MM))
     features_mm = noise.profile_mm if level.source == "residuals" else problem.noise.profile_mm
-    prior = replace(level.prior, scales=replace(level.prior.scales, profile_mm=features_mm))
+    prior = level.prior.with_scanner(features_mm)
     others, state = fit.state, fit.state[[0]]
 
     def weighed(noise, state, kept):

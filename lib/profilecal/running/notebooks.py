@@ -71,9 +71,9 @@ def parameters_of(path: Path) -> dict[str, str]:
 
 
 def _papermill():
-    """The module papermill, imported in a sixth of the time: jsonschema, which it needs, would spend 1.5 s on a grammar
-    of web addresses that no notebook is checked against, and papermill itself 0.2 s on pyarrow, for file systems that
-    hold no notebook of ours. Both do without where these are missing."""
+    """The module papermill, imported without what takes most of the time and is of no use here: a grammar of web
+    addresses, which jsonschema compiles, and pyarrow. Both jsonschema and papermill do without where these are missing.
+    """
     dear = ("rfc3987_syntax", "pyarrow")
     for name in dear:
         sys.modules.setdefault(name, None)
