@@ -251,7 +251,7 @@ def test_a_title_is_believed_where_numbers_look_otherwise(tmp_path):
     for path in folder.glob("scan*"):
         retitled(path, ["x", "z"], ["x_mm", "z_mm"], 0.001)
     with pytest.raises(
-        ScanError, match="the profiles, in mm, as the file says, hold no point within 10 m, or all within"
+        ScanError, match=r"the profiles, in mm, as the file says, reach 0\.1\d* mm; expected 1 to 10000: is it the unit"
     ):
         import_scan(folder, "edge", {})
 
@@ -329,11 +329,11 @@ def other_frame(folder):
 
 
 MISTAKES = {
-    "nothing": ("kuka", shutil.rmtree, "no such folder, or no files in it"),
+    "nothing": ("kuka", shutil.rmtree, "no such folder, or nothing in it is named like the robot's poses"),
     "no poses": (
         "kuka",
         lambda f: (f / "robot_poses.csv").rename(f / "b.csv"),
-        "nothing is named like the robot's poses",
+        "nothing in it is named like the robot's poses",
     ),
     "two": (
         "kuka",
@@ -342,6 +342,23 @@ MISTAKES = {
     ),
     "no profile": ("kuka", lambda f: (f / "scan_003.csv").unlink(), "no profile for pose scan_003 of robot_poses.csv"),
     "spare": ("kuka", lambda f: shutil.copy(f / "scan_003.csv", f / "scan_055.csv"), "scan_055.csv: no such pose in"),
+    "one for two": (
+        "kuka",
+        lambda f: [(f / "scan_003.csv").unlink(), change("robot_poses.csv", "scan_003", "again_002")(f)],
+        "11 profiles .* and 12 poses",
+    ),
+    "rail": (
+        "kuka",
+        lambda f: (
+            pd.read_csv(f / "robot_poses.csv").assign(E1=np.arange(12)).to_csv(f / "robot_poses.csv", index=False)
+        ),
+        "robot_poses.csv: the external axis e1 differs between poses; expected one for all",
+    ),
+    "far": (
+        "kuka",
+        change("scan_001.csv", "x,z\n", "x,z\n1,99999\n"),
+        r"profiles, in mm .*, reach 1e\+05 mm; expected 1 to 10000: .* or where nothing was seen \(--missing\)",
+    ),
     "fewer": ("ros", lambda f: (f / "cloud3.ply").unlink(), "11 profiles .* and 12 poses"),
     "unnamed": (
         "of a tool",

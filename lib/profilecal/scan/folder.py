@@ -4,7 +4,7 @@ data/README.md describes the format. Lengths are millimetres once read, whatever
 """
 
 import stat
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -44,25 +44,31 @@ def read_scan(folder) -> Scan:
     if not is_there(folder, stat.S_ISDIR, "folder"):
         raise ScanError(f"{folder}: no such folder")
     header = read_header(folder / "scan.toml")
-    target, scale = header["target"], SCALE[header["units"]]
-    poses, doubts = read_poses(folder, scale, target.get("side", 0))
+    scale, truth = SCALE[header["units"]], folder / "truth.toml"
+    poses, doubts = read_poses(folder, scale, header["target"].get("side", 0))
     measured, values = read_measurements(folder, poses["labels"], scale)
-    fits = TARGETS[target["kind"]].tables
+    scan = scan_of(folder, header, poses, doubts, measured, values)
+    return replace(scan, truth=read_toml(truth)) if is_file(truth) else scan
+
+
+def scan_of(folder: Path, header: dict, poses: dict, doubts: list[str], measured: str, values) -> Scan:
+    """The scan of a checked header, entries of a Scan with doubts about them, and rows in mm by pose."""
+    target = header["target"]
+    kind, scale = target["kind"], SCALE[header["units"]]
+    fits = TARGETS[kind].tables
     if measured not in fits:
-        raise ScanError(f"{folder}: a target of kind {target['kind']!r} needs {' or '.join(fits)}, not {measured}")
+        raise ScanError(f"{folder}: a target of kind {kind!r} needs {' or '.join(fits)}, not {measured}")
     if measured == "profiles":
-        doubts += exchanged(values)
-    truth = folder / "truth.toml"
+        doubts = [*doubts, *exchanged(values)]
     return Scan(
         **poses,
-        kind=target["kind"],
+        kind=kind,
         measured=measured,
         values=values,
-        sizes=tuple(target[name] * scale for name in TARGETS[target["kind"]].lengths),
+        sizes=tuple(target[name] * scale for name in TARGETS[kind].lengths),
         noise=header["noise"],
         mount=header["mount"],
         title=header["title"],
-        truth=read_toml(truth) if is_file(truth) else {},
         warnings=tuple(doubts),
     )
 
@@ -74,7 +80,11 @@ def read_header(path: Path) -> dict:
             f'{path}: no such file; expected it to name the target: [target] kind = "edge" '
             "(other files: profilecal import)"
         )
-    header = read_toml(path)
+    return check_header(path, read_toml(path))
+
+
+def check_header(path: Path, header: dict) -> dict:
+    """The same of what it says. Raises ScanError."""
     for section, known in KEYS.items():
         entries = header.setdefault(section, {}) if section else header
         if not isinstance(entries, dict):
@@ -121,7 +131,9 @@ def check_sizes(path: Path, target: dict, scale: float) -> None:
             if value is not None:
                 raise ScanError(f"{path}: a target of kind {kind!r} has no {name}; leave it out")
         elif value is None:
-            raise ScanError(f"{path}: the {kind}'s {name} is missing; expected {name} = … under [target]")
+            raise ScanError(
+                f"{path}: the {kind}'s {name} is missing; expected {name} = … under [target] (import: --{name})"
+            )
         elif not is_number(value) or not low <= value <= high:
             raise ScanError(f"{path}: {name} is {shown(value)}; expected {low:g} to {high:g} in the folder's units")
 

@@ -11,19 +11,19 @@ import pandas as pd
 from pandas.api.types import is_numeric_dtype
 
 from profilecal.geometry.poses import carry, inverse
-from profilecal.scan.columns import ANGLES, LENGTHS, names_and_units, numbered, read_columns, unit_of, unnamed
+from profilecal.scan.columns import ANGLES, LENGTHS, nameless, names_and_units, read_columns, unit_of, unnamed
 from profilecal.scan.conventions import CONVENTIONS, find_convention, named, to_rotations
-from profilecal.scan.folder import FARTHEST_MM, REACH_MM, check_poses, check_sizes, exchanged
+from profilecal.scan.folder import FARTHEST_MM, REACH_MM, check_header, check_poses, scan_of
 from profilecal.scan.scan import Scan, ScanError
-from profilecal.scan.tables import Table, listed, shown
-from profilecal.targets import TARGETS
+from profilecal.scan.tables import Table, listed
 
 OF_POSES = re.compile(r"pose|robot|flange|tcp|calib|\.ls$", re.I)  # in a file's name
 LABELS = ("pose", "name", "label", "id", "index", "file", "n")  # columns that say which profile a pose has
 OF_A_POSE = ["x", "y", "z", *(name for convention in CONVENTIONS for name in convention.columns)]
-STANDSTILL = 0.01  # mm or degrees by which an external axis may differ between poses
+MATRIX = {k: "r11,r12,r13,x,r21,r22,r23,y,r31,r32,r33,z" + ",_" * (k - 12) for k in (12, 16)}
+UNITS = {"deg": ANGLES, "rad": ("rad",), "1": ("1", "-")}  # in titles, by a convention's unit
 FRAMES = {"uf": "user frame", "ut": "tool"}
-MATRIX = ("r11", "r12", "r13", "x", "r21", "r22", "r23", "y", "r31", "r32", "r33", "z", *"____")
+FIXED = r"^(uf|ut|e\d|gp\d.*)$"  # columns of frames and external axes
 
 
 @dataclass(frozen=True)
@@ -47,32 +47,13 @@ def import_scan(folder, kind: str, sizes: dict, layout: Layout = Layout()) -> tu
     Raises ScanError.
     """
     folder = Path(folder)
-    if kind not in TARGETS:
-        raise ScanError(f"target is {shown(kind)}; expected one of {', '.join(TARGETS)}")
-    target = TARGETS[kind]
-    if missing := [name for name in target.lengths if name not in sizes]:
-        raise ScanError(f"{folder}: the {kind}'s {missing[0]} is missing; expected --{missing[0]}, in mm")
-    check_sizes(folder, {"kind": kind} | sizes, 1.0)
+    header = check_header(folder, {"title": folder.resolve().name, "target": {"kind": kind} | sizes})
     profiles, of_poses, left = sort_files(folder, layout)
     poses, units = pose_table(of_poses, layout)
     poses, profiles, matched = match(poses, of_poses, profiles)
     entries, taken_poses, doubts = read_poses(folder / names_of(of_poses), poses, units, layout)
-    values, taken = read_profiles(profiles, layout)
-    single = [path for path, rows in zip(profiles, values, strict=True) if len(rows) == 1]
-    measured = "points" if len(single) == len(profiles) else "profiles"
-    if single and measured == "profiles":
-        raise ScanError(f"{single[0]}: a single point, where other files hold profiles")
-    if measured not in target.tables:
-        raise ScanError(f"{folder}: a target of kind {kind!r} needs {' or '.join(target.tables)}, not {measured}")
-    scan = Scan(
-        **entries,
-        kind=kind,
-        measured=measured,
-        values=values,
-        sizes=tuple(sizes[name] for name in target.lengths),
-        title=folder.resolve().name,
-        warnings=(*doubts, *exchanged(values)),
-    )
+    measured, values, taken = read_profiles(profiles, layout)
+    scan = scan_of(folder, header, entries, doubts, measured, values)
     guessed = [
         f"poses      {names_of(of_poses)}: {taken_poses}",
         f"of         {'the tool given, taken off' if layout.tool else 'the flange (--tool if they are of a tool)'}",
@@ -92,12 +73,10 @@ def sort_files(folder: Path, layout: Layout) -> tuple[list[Path], list[Path], li
     for path in files(folder, "*"):
         if path not in (*profiles, *poses):
             families.setdefault(re.sub(r"\d+", "#", path.name), []).append(path)
-    if not (profiles or poses or families):
-        raise ScanError(f"{folder}: no such folder, or no files in it")
     if not poses:
         likely = [family for family in families if OF_POSES.search(family)]
         if len(likely) != 1:
-            found = f"{listed(likely)} may all be" if likely else "nothing is named like"
+            found = f"{listed(likely)} may all be" if likely else "no such folder, or nothing in it is named like"
             raise ScanError(f"{folder}: {found} the robot's poses; say which: --poses FILE")
         poses = families.pop(likely[0])
     if not profiles:
@@ -120,48 +99,43 @@ def names_of(paths: list[Path]) -> str:
     return paths[0].name if len(paths) == 1 else f"{paths[0].name} … {paths[-1].name}"
 
 
-def last_number(name: str) -> int | str:
-    """The last whole number in a name; the name if there is none."""
-    found = re.findall(r"\d+", name)
-    return int(found[-1]) if found else name
-
-
-def name_columns(paths: list[Path], tables: list[pd.DataFrame]) -> dict[str, str]:
-    """Call the columns of tables by the names in their titles, which must be the same. Returns the columns' units."""
+def read_alike(paths: list[Path], turned, entry: str = "") -> tuple[list[pd.DataFrame], dict[str, str]]:
+    """The tables in files, `turned` as they should lie, whose columns must be the same; and the columns' units."""
+    tables = [turned(read_columns(path, entry)) for path in paths]
     for path, table in zip(paths, tables, strict=True):
         if [*table] != [*tables[0]]:
             raise ScanError(f"{path}: columns {listed(table)}, where {paths[0].name} has {listed(tables[0])}")
-    names, units = names_and_units(tables[0])
-    for table in tables:
-        table.columns = names
-    return units
+    units = names_and_units(tables[0])
+    return [table.set_axis([*units], axis=1) for table in tables], units
+
+
+def in_a_row(table: pd.DataFrame) -> pd.DataFrame:
+    """A matrix as one row."""
+    return unnamed(table.to_numpy().reshape(1, -1)) if table.shape in ((3, 4), (4, 4)) else table
+
+
+def in_columns(table: pd.DataFrame) -> pd.DataFrame:
+    """Rows of x and z as columns."""
+    return unnamed(table.to_numpy().T) if len(table) <= 3 < table.shape[1] and nameless(table) else table
 
 
 def pose_table(paths: list[Path], layout: Layout) -> tuple[pd.DataFrame, dict[str, str]]:
     """The poses in a table or a listing, or in files of one each, with columns as conventions name them; and units."""
-    tables = [read_columns(path) for path in paths]
-    if all(table.shape in ((3, 4), (4, 4)) for table in tables):
-        tables = [unnamed(table.to_numpy().reshape(1, -1)) for table in tables]
-    units = name_columns(paths, tables)
-    poses = pd.concat(tables, ignore_index=True) if len(tables) > 1 else tables[0]
+    tables, units = read_alike(paths, in_a_row)
+    poses = pd.concat(tables)
+    if len(tables) > 1:
+        poses.index = pd.RangeIndex(1, len(poses) + 1, name="row")
     where, k = paths[0].parent / names_of(paths), poses.shape[1]
-    if layout.pose_columns or [*poses] == numbered(k):
-        titles = layout.pose_columns.split(",") if layout.pose_columns else MATRIX[:k] if k in (12, 16) else []
+    if layout.pose_columns or nameless(poses):
+        titles = re.findall("[^,]+", layout.pose_columns or MATRIX.get(k, ""))
         if len(titles) != k:
             examples = "--pose-columns x,y,z,a,b,c or x,y,z,qw,qx,qy,qz"
             raise ScanError(f"{where}: {k} columns and {len(titles)} names for them; say what they are: {examples}")
-        names, said = names_and_units(titles)
-        units = {name: said[name] or units[old] for name, old in zip(names, poses, strict=True)}
-        poses = poses.set_axis(names, axis=1).loc[:, [title.strip() != "_" for title in titles]]
+        said = names_and_units(titles)
+        units = {name: unit or units[old] for (name, unit), old in zip(said.items(), poses, strict=True)}
+        poses = poses.set_axis([*units], axis=1).loc[:, [title.strip() != "_" for title in titles]]
     if missing := [name for name in "xyz" if name not in poses]:
         raise ScanError(f"{where}: no column {missing[0]}; there are {listed(poses)} (--pose-columns)")
-    for name, what in FRAMES.items():
-        if name in poses and poses[name].nunique() > 1:
-            raise ScanError(f"{where}: the {what} differs between poses; expected one for all")
-    if paths[0].suffix.lower() == ".ls" and "other" in poses:
-        axes = poses["other"].astype(str).str.split(expand=True).astype(float)
-        if not (np.ptp(axes, axis=0) <= STANDSTILL).all():
-            raise ScanError(f"{where}: external axes move between poses; expected them to stand still")
     return poses, units
 
 
@@ -180,81 +154,91 @@ def match(poses: pd.DataFrame, of_poses: list[Path], profiles: list[Path]) -> tu
         raise ScanError(f"{folder}: no profile for pose {labels[found.index(None)]} of {source}")
     if spare := [path for path in profiles if path not in found]:
         raise ScanError(f"{spare[0]}: no such pose in {source}")
-    if len(found) != len(poses):
+    if len({*found}) != len(poses):
         raise ScanError(f"{folder}: {len(profiles)} profiles ({names_of(profiles)}) and {len(poses)} poses ({source})")
     how = "by their names" if labels else "in order, the first pose with the first profile"
     return poses.assign(pose=labels or [path.stem for path in found]), found, how
 
 
+def last_number(name: str) -> int | str:
+    """The last whole number in a name; the name if there is none."""
+    found = re.findall(r"\d+", name)
+    return int(found[-1]) if found else name
+
+
 def read_poses(path: Path, poses: pd.DataFrame, units: dict, layout: Layout) -> tuple[dict, str, list[str]]:
     """Entries of a Scan, what the poses were taken for, and doubts about them."""
-    table = in_rows(path, poses.filter(items=["pose", *OF_A_POSE]))
     try:
         convention = find_convention(poses)
     except ValueError as error:
         raise ScanError(f"{path}: {error}; say what the columns are: --pose-columns") from error
-    known = {"deg": ANGLES, "rad": {"rad": 1.0}, "1": {"1": 1.0, "-": 1.0}}[convention.unit]
-    if angle := unit_of(path, units, convention.columns, known):
-        table.frame[[*convention.columns]] = table.numbers(convention.columns) * known[angle]
+    table = Table(path, poses.filter(items=["pose", *OF_A_POSE]))
+    angle = unit_of(path, units, convention.columns, UNITS[convention.unit])
+    if angle == "rad" and convention.unit != "rad":
+        table.frame[[*convention.columns]] = np.degrees(table.numbers(convention.columns))
     largest = np.abs(table.numbers("xyz")).max()
     scale, lengths = to_mm(path, units, "xyz", layout.pose_units, largest, REACH_MM[1] / 1000)
     entries, doubts = check_poses(table, scale)
     called = convention.name if convention.sequence else ", ".join(name for name in poses if name in convention.columns)
     if angle in ANGLES:
         called, doubts = f"{called} in {angle}, as the file says", []
-    frames = [f", {what} {poses[name].iloc[0]}".removesuffix(".0") for name, what in FRAMES.items() if name in poses]
     if layout.tool:
         of_tool = convention if convention.sequence else named("FANUC angles")
         back = inverse(to_rotations(of_tool, [layout.tool[3:]])[0], np.array(layout.tool[:3]))
         R, T = entries["R_base_flange"], entries["T_base_flange"]
         entries |= {"R_base_flange": R @ back[0], "T_base_flange": carry(R, T, back[1]), "orientation": None}
-    taken = f"{len(poses)}, {convention.meaning} ({called}){''.join(frames)}, {lengths}"
-    return entries, taken, doubts
+    return entries, f"{len(poses)}, {convention.meaning} ({called}){frames(path, poses)}, {lengths}", doubts
 
 
-def read_profiles(paths: list[Path], layout: Layout) -> tuple[tuple[np.ndarray, ...], str]:
-    """The profiles in mm, NaN where nothing was seen, and what they were taken for."""
-    tables = [read_columns(path, layout.entry) for path in paths]
-    if all(len(table) <= 3 < table.shape[1] and [*table] == numbered(table.shape[1]) for table in tables):
-        tables = [unnamed(table.to_numpy().T) for table in tables]  # rows of x and z
-    units = name_columns(paths, tables)
+def frames(path: Path, poses: pd.DataFrame) -> str:
+    """The robot's frames and external axes, in words. Raises ScanError where one of them differs between poses."""
+    told = ""
+    for name, cells in poses.round(1).filter(regex=FIXED).items():  # an axis that stands still may tremble
+        what = FRAMES.get(name, f"external axis {name}")
+        if cells.nunique(dropna=False) > 1:
+            raise ScanError(f"{path}: the {what} differs between poses; expected one for all")
+        told += f", {what} {cells.iloc[0]}".removesuffix(".0")
+    return told
+
+
+def read_profiles(paths: list[Path], layout: Layout) -> tuple[str, tuple[np.ndarray, ...], str]:
+    """Whether files hold profiles or points, what they hold in mm, NaN where nothing was seen, and what it was taken
+    for."""
+    tables, units = read_alike(paths, in_columns, layout.entry)
     names = x_and_z(paths[0], pd.concat(tables), layout.columns)
-    values = [in_rows(*of).numbers(names, blank=True) for of in zip(paths, tables, strict=True)]
-    raw = np.concatenate(values)
-    z, missing = raw[:, 1], layout.missing
-    largest = np.abs(raw[(np.abs(raw) <= FARTHEST_MM).all(axis=1) & (z != missing)]).max(initial=0)
-    scale, lengths = to_mm(paths[0], units, names, layout.units, largest, 1.0)
-    points = raw * scale
-    seen = (np.abs(points) <= FARTHEST_MM).all(axis=1)
-    rest = z[seen & (z != 0)]
-    if missing is None and 0 < len(rest) < seen.sum() and not rest.min() < 0 < rest.max():
+    counts = [len(table) for table in tables]
+    measured = "points" if max(counts) == 1 else "profiles"
+    if measured == "profiles" and 1 in counts:
+        raise ScanError(f"{paths[counts.index(1)]}: a single point, where other files hold profiles")
+    points = np.concatenate([Table(*of).numbers(names, blank=True) for of in zip(paths, tables, strict=True)])
+    seen, z, missing = ~np.isnan(points).any(axis=1), points[:, 1], layout.missing
+    if missing is None and {*np.sign(z[seen])} in ({0, 1}, {0, -1}):
         missing = 0.0
     seen &= z != missing
-    if np.abs(points[seen]).max(initial=0) < 1:
-        raise ScanError(f"{paths[0].parent}: the profiles, {lengths}, hold no point within 10 m, or all within 1 mm")
     points[~seen] = np.nan
+    largest = np.nanmax(np.abs(points), initial=0)
+    scale, lengths = to_mm(paths[0], units, names, layout.units, largest, 1.0)
+    points *= scale
+    if not 1 <= largest * scale <= FARTHEST_MM:
+        hint = f"expected 1 to {FARTHEST_MM:g}: is it the unit (--units), or where nothing was seen (--missing)?"
+        raise ScanError(f"{paths[0].parent}: the profiles, {lengths}, reach {largest * scale:.4g} mm; {hint}")
     where = "" if missing is None else f", where z is {missing:g}"
     told = "all seen" if seen.all() else f"nothing seen in {(~seen).sum()} of them{where}"
     ends = zip("xz", names, points[seen].min(axis=0), points[seen].max(axis=0), strict=True)
     ranges = ", ".join(f"{axis} (column {name}) from {low:.4g} to {high:.4g} mm" for axis, name, low, high in ends)
-    profiles = np.split(points, np.cumsum([len(rows) for rows in values])[:-1])
-    return tuple(profiles), f"{len(points)} points, {lengths}, {ranges}, {told}"
+    values = tuple(np.split(points, np.cumsum(counts)[:-1]))
+    return measured, values, f"{len(points)} points, {lengths}, {ranges}, {told}"
 
 
 def x_and_z(path: Path, points: pd.DataFrame, columns: str) -> list[str]:
     """The columns of x and z: those given, those of these names, or where columns have no names the two that vary."""
     varying = [name for name in points if points[name].nunique() > 1]
-    names = [name.strip().lower() for name in columns.split(",")] if columns else ["x", "z"]
-    if not columns and all(map(str.isdigit, points)):
-        names = [*points] if points.shape[1] == 2 else varying
+    names = varying if nameless(points) else ["x", "z"]
+    if columns:
+        names = [name.strip().lower() for name in columns.split(",")]
     if not len(names) == len({*names} & {*points}) == 2 or (not columns and "y" in varying):
         raise ScanError(f"{path}: columns {listed(points)}; say which are x and z: --columns x,z")
     return names
-
-
-def in_rows(path: Path, table: pd.DataFrame) -> Table:
-    """A table whose index is the line in a file, or a number, less one."""
-    return Table(path, table, table.index.name or "row", 1)
 
 
 def to_mm(path: Path, units: dict, names, option: str, largest: float, below: float) -> tuple[float, str]:

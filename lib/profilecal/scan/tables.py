@@ -35,16 +35,14 @@ def listed(names) -> str:
 
 @dataclass(frozen=True)
 class Table:
-    """A table and the file that it is from. The frame's index is the line in the file less two."""
+    """A table and the file that it is from. The frame's index is the line in the file; or what its name says."""
 
     path: Path
     frame: pd.DataFrame
-    noun: str = "line"  # what a row is called
-    first: int = 2  # its number, where the index is 0
 
     def line(self, row: int) -> str:
         """Where a row is; lines as an editor counts them."""
-        return f"{self.path} {self.noun} {self.frame.index[row] + self.first}"
+        return f"{self.path} {self.frame.index.name or 'line'} {self.frame.index[row]}"
 
     def refuse(self, bad, sentence) -> None:
         """Raise ScanError for the first row that is bad (rows,): where it is, and `sentence` of its number."""
@@ -102,6 +100,7 @@ def read_table(folder: Path, name: str, required) -> Table:
         except (ValueError, OSError, ImportError, csv.Error) as error:  # pandas and pyarrow name the line
             raise ScanError(f"{path}: cannot be read: {str(error).strip().splitlines()[-1][:200]}") from error
     frame.columns = [str(column).strip().lower() for column in frame.columns]
+    frame.index = pd.RangeIndex(2, len(frame) + 2)
     for column in required:
         if column not in frame:
             hint = " (columns are separated by commas)" if len(frame.columns) == 1 else ""
