@@ -70,7 +70,7 @@ def remove(information: Information, variances, member) -> Information:
     M, log_determinant = information.normal, information.log_determinant
     if np.any(variances):
         inflated = inflation(A, variances)
-        whole = np.linalg.inv(inflated) @ whole
+        whole = np.linalg.solve(inflated, whole)
         weighed = np.swapaxes(S, -1, -2) * whole[..., 6:]
         stacked, weighed = (part.reshape(*part.shape[:-3], -1, part.shape[-1]) for part in (B, weighed))
         M = M - np.swapaxes(stacked, -1, -2) @ weighed  # summed over the K errors
