@@ -105,7 +105,7 @@ def cells() -> dict[str, Cell]:
         few = {"groups": poses, "positions": 1}
         found[f"{kind}, {poses} poses, unstated"] = Cell((kind,), BOTH, {}, few, total=True)
     for kind in KINDS:
-        found[f"{kind}, shared by 10 orientations, unstated"] = Cell((kind,), SHARED, total=True)
+        found[f"{kind}, shared by 10 orientations, unstated"] = Cell((kind,), SHARED)
         for arm, (robot, accuracy) in ARMS.items():
             for statement, stated in (("unstated", {}), ("accuracy stated", accuracy)):
                 found[f"{kind}, {arm}, {statement}"] = Cell((kind,), {}, stated, {"robot": robot}, total=True)

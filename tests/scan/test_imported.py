@@ -251,7 +251,7 @@ def test_a_title_is_believed_where_numbers_look_otherwise(tmp_path):
     for path in folder.glob("scan*"):
         retitled(path, ["x", "z"], ["x_mm", "z_mm"], 0.001)
     with pytest.raises(
-        ScanError, match=r"the profiles, in mm, as the file says, reach 0\.1\d* mm; expected 1 to 10000: is it the unit"
+        ScanError, match=r"the profiles, in mm, as the file says, reach 0\.1\d*; expected 1 to 10000 mm: is it the unit"
     ):
         import_scan(folder, "edge", {})
 
@@ -356,8 +356,8 @@ MISTAKES = {
     ),
     "far": (
         "kuka",
-        change("scan_001.csv", "x,z\n", "x,z\n1,99999\n"),
-        r"profiles, in mm .*, reach 1e\+05 mm; expected 1 to 10000: .* or where nothing was seen \(--missing\)",
+        change("scan_001.csv", "x,z\n", "x,z\n1,-99999.9999\n"),
+        r"profiles, in mm .*, reach -99999.9999; expected 1 to 10000 mm: .* where nothing was seen \(--missing\)",
     ),
     "fewer": ("ros", lambda f: (f / "cloud3.ply").unlink(), "11 profiles .* and 12 poses"),
     "unnamed": (

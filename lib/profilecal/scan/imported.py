@@ -220,8 +220,9 @@ def read_profiles(paths: list[Path], layout: Layout) -> tuple[str, tuple[np.ndar
     scale, lengths = to_mm(paths[0], units, names, layout.units, largest, 1.0)
     points *= scale
     if not 1 <= largest * scale <= FARTHEST_MM:
-        hint = f"expected 1 to {FARTHEST_MM:g}: is it the unit (--units), or where nothing was seen (--missing)?"
-        raise ScanError(f"{paths[0].parent}: the profiles, {lengths}, reach {largest * scale:.4g} mm; {hint}")
+        farthest = max((points[seen] / scale).flat, key=abs, default=0.0)
+        hint = f"expected 1 to {FARTHEST_MM:g} mm: is it the unit (--units), or where nothing was seen (--missing)?"
+        raise ScanError(f"{paths[0].parent}: the profiles, {lengths}, reach {farthest:.10g}; {hint}")
     where = "" if missing is None else f", where z is {missing:g}"
     told = "all seen" if seen.all() else f"nothing seen in {(~seen).sum()} of them{where}"
     ends = zip("xz", names, points[seen].min(axis=0), points[seen].max(axis=0), strict=True)
