@@ -67,7 +67,7 @@ def test_a_batch_equals_its_members():
         (lambda d: [*d[:3], 2], "translating poses: 2 given, at least 3 needed"),
         (lambda d: [*d[:3], 6], "turning poses: 2 given, at least 3 needed"),
         (lambda d: [*d[:3], 5], "the 5 translating poses differ in orientation by"),
-        (lambda d: [d[0], d[1], d[2] * np.nan, 4], "q row 0 is .*expected finite"),
+        (lambda d: [d[0], d[1], d[2] * np.nan, 4], r"q\[0\] is .*expected finite"),
         (lambda d: [d[0][:, ::-1], *d[1:]], r"R_tcp\[0\] is a reflection"),
     ],
 )

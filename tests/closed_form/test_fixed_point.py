@@ -59,8 +59,8 @@ def test_a_batch_equals_its_members():
     ("change", "sentence"),
     [
         (lambda R, T, q: (R[:3], T[:3], q[:3]), "readings of the point: 3 given, at least 4 needed"),
-        (lambda R, T, q: (R, T, q + np.array([0, 0.5, 0])), r"q row 0 is .*expected y = 0"),
-        (lambda R, T, q: (R, T, q * np.nan), "q row 0 is .*expected finite"),
+        (lambda R, T, q: (R, T, q + np.array([0, 0.5, 0])), r"q\[0\] is .*expected y = 0"),
+        (lambda R, T, q: (R, T, q * np.nan), r"q\[0\] is .*expected finite"),
         (lambda R, T, q: (R[:, ::-1], T, q), r"R_tcp\[0\] is a reflection"),
     ],
 )

@@ -33,13 +33,13 @@ def test_relative_error_is_the_scatter_of_a_reading(reading):
     np.testing.assert_allclose(stated, values.std() / values.mean(), rtol=0.1)  # 1.6 % by chance, and its own bias
 
 
-def test_misfit_is_zero_where_the_values_are_met_and_ignores_scale_if_told():
+def test_misfit_is_zero_where_the_ratios_are_met_whatever_the_scale():
     printed = printed_values()
     unit = np.random.default_rng(2).normal(size=(4, 5000, 3))
     errors = unit * (printed["published"].to_numpy() / READINGS[STD](unit))[:, None, None]
     assert misfit(STD, errors, printed) < 1e-20
-    assert misfit(STD, 1.1 * errors, printed) > 10
-    assert misfit(STD, 1.1 * errors, printed, any_scale=True) < 1e-20
+    assert misfit(STD, 1.1 * errors, printed) < 1e-20
+    assert misfit(STD, errors * np.array([1.2, 1, 1, 1])[:, None, None], printed) > 10
 
 
 def test_the_level_of_the_map_is_that_of_many_trials():

@@ -19,7 +19,9 @@ def test_shapes_and_digits():
 def test_every_number_is_printed_with_no_more_digits_than_stated(paper):
     table = published.table(paper)
     digits = table["printed"].str.partition(".")[2].str.len()
-    assert (digits <= table["decimals"].astype(int)).all()
+    exact = table["decimals"] == ""
+    assert (table.loc[exact, "printed"] == "0").all()
+    assert (digits <= table["decimals"].mask(exact, "0").astype(int)).all()
     assert not table.duplicated(["item", "quantity", "row", "component"]).any()
 
 
@@ -63,6 +65,7 @@ def test_the_rounding_box_holds_the_tables_that_print_alike():
     assert drawn["q"].shape == (500, 4, 3)
     np.testing.assert_array_equal(drawn["q"].round(3), np.broadcast_to(printed, drawn["q"].shape))
     np.testing.assert_array_equal(box.at(np.zeros(box.size))["q"], printed)
+    np.testing.assert_array_equal(np.ptp(drawn["q"], axis=0) > 0, np.tile([True, False, True], (4, 1)))  # y is exact
 
 
 def test_reach_finds_a_place_where_there_is_one_and_says_how_far_out_another_is():

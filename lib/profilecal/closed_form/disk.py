@@ -196,14 +196,14 @@ def solve_disk_from_chords(
 def _check_tips(i: int, tips) -> np.ndarray:
     tips = np.asarray(tips, dtype=float)
     if tips.ndim != 3 or tips.shape[1:] != (2, 2):
-        raise ValueError(f"scan {i}: tips has shape {tips.shape}; expected (m, 2, 2), two tips x, z per chord")
-    check_count(f"scan {i}: chords", len(tips), 3, "an ellipse has five unknowns, a chord two tips")
+        raise ValueError(f"tips[{i}] has shape {tips.shape}; expected (m, 2, 2), two tips x, z per chord")
+    check_count(f"chords in tips[{i}]", len(tips), 3, "an ellipse has five unknowns, a chord two tips")
     bad = np.flatnonzero(~np.isfinite(tips).all(axis=(1, 2)))
     if bad.size:
-        raise ValueError(f"scan {i}: chord {bad[0]} is {tips[bad[0]].tolist()}; expected finite numbers (disk missed?)")
+        raise ValueError(f"tips[{i}][{bad[0]}] is {tips[bad[0]].tolist()}; expected finite numbers (disk missed?)")
     if (tips[:, 1, 0] <= tips[:, 0, 0]).any():
         bad = np.flatnonzero(tips[:, 1, 0] <= tips[:, 0, 0])[0]
-        raise ValueError(f"scan {i}: chord {bad} is {tips[bad].tolist()}; expected the tip of smaller x first")
+        raise ValueError(f"tips[{i}][{bad}] is {tips[bad].tolist()}; expected the tip of smaller x first")
     return tips
 
 
@@ -211,19 +211,19 @@ def _check_motion(i: int, scan: SensingData, tips, travel: float) -> None:
     """Refuse a motion within 1° of the disk's plane or of the scan plane."""
     least = np.sin(np.radians(LEAST_SPREAD_DEG))
     if not travel > 0:
-        raise ValueError(f"scan {i}: T_start and T_end are the same; expected a motion")
+        raise ValueError(f"T_start[{i}] and T_end[{i}] are the same; expected a motion")
     climb = abs(scan.e[4, 1] - scan.e[3, 1]) / travel  # sin of the angle to the disk is this times sin α
     sin_disk = climb if scan.clipped else climb * np.sin(scan.alpha)
     if not sin_disk > least:
         raise UnobservableError(
-            f"scan {i}: the motion is within {LEAST_SPREAD_DEG:g}° of the disk's plane (chords climb by {climb:.2g} of "
-            "the way moved), so they show no ellipse; tilt the motion against the disk"
+            f"the motion to T_end[{i}] is within {LEAST_SPREAD_DEG:g}° of the disk's plane (chords climb by "
+            f"{climb:.2g} of the way moved), so they show no ellipse; tilt the motion against the disk"
         )
     sin_plane = 1.0 if scan.clipped else abs(scan.D_i[1]) / np.linalg.norm(scan.D_i)  # without α only the bend tells
     bend = _bend(tips, scan.direction)
     if not sin_plane > least or bend < LEAST_BEND:
         raise UnobservableError(
-            f"scan {i}: the motion is within {LEAST_SPREAD_DEG:g}° of the scan plane, or covers too little of the "
+            f"the motion to T_end[{i}] is within {LEAST_SPREAD_DEG:g}° of the scan plane, or covers too little of the "
             f"disk: found {np.degrees(np.arcsin(sin_plane)):.2g}°, and the squared lengths of the chords bend by "
             f"{bend:.2g} standard errors, at least {LEAST_BEND:g} needed; move along the sensor's y axis, over more "
             "of the disk"
@@ -251,9 +251,9 @@ def _check_sides(X, Y) -> None:
         return
     flips, left = best_signs(X, Y)
     if left < found / 3:
-        wrong = ", ".join(str(i) for i in np.flatnonzero(flips < 0))
+        wrong = ", ".join(f"s[{i}]" for i in np.flatnonzero(flips < 0))
         raise ValueError(
-            f"s seems wrong for scan {wrong}: with it turned round, the largest angle between R D_i and D_b falls from "
+            f"wrong sign of {wrong}: turned round, the largest angle between R D_i and D_b falls from "
             f"{found:.2g}° to {left:.2g}°; expected +1 where the motion is towards the sensor's +y"
         )
 
@@ -280,12 +280,12 @@ def _remarks(sensing: SensingData):
     for i, (first, last) in enumerate(sensing.extent):
         if first * last > 0:
             yield (
-                f"scan {i}: its chords lie on one side of the disk's centre, from {first:.2f} to {last:.2f} of the "
+                f"tips[{i}]: the chords lie on one side of the disk's centre, from {first:.2f} to {last:.2f} of the "
                 "radius, so the centre is extrapolated; scan across it"
             )
     for i in np.flatnonzero(sensing.clipped):
         yield (
-            f"scan {i}: Eq. 9 asks for the arccos of {sensing.cos_alpha[i]:.3f}, which does not exist; the nearest "
+            f"tips[{i}]: Eq. 9 asks for the arccos of {sensing.cos_alpha[i]:.3f}, which does not exist; the nearest "
             "that does is used. The noise is too large for this scan, or the scan plane nearly lies in the disk"
         )
 

@@ -35,7 +35,7 @@ def solve_fixed_point(R_tcp, T_tcp, q, pairs: str = "consecutive") -> TwoStepSol
     q = check_vectors("q", q, n)
     off = np.flatnonzero(q[:, 1])
     if off.size:
-        raise ValueError(f"q row {off[0]} is {q[off[0]]}; expected y = 0, as the laser line passes through the point")
+        raise ValueError(f"q[{off[0]}] is {q[off[0]]}; expected y = 0, as the laser line passes through the point")
     check_orientations(R_tcp)
     _check_readings(R_tcp, q)
 

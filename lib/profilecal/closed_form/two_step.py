@@ -108,7 +108,7 @@ def check_directions(X: np.ndarray, what: str) -> None:
     """Refuse vectors X (3, n) that are all parallel: a turn about them would stay free."""
     lengths = np.linalg.norm(X, axis=0)
     if not lengths.all():
-        raise ValueError(f"{what} {int(np.argmin(lengths))} has zero length; expected a direction")
+        raise ValueError(f"{what}[{int(np.argmin(lengths))}] has zero length; expected a direction")
     singular = np.linalg.svd(X / lengths, compute_uv=False)
     spread = np.degrees(np.arctan2(singular[1], singular[0]))
     if spread < LEAST_SPREAD_DEG:

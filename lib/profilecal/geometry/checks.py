@@ -12,7 +12,7 @@ class UnobservableError(ValueError):
 def check_vectors(name: str, values, count: int | None = None) -> np.ndarray:
     """Return `values` as a float array (n, 3).
 
-    Raises ValueError naming the first offending row, the value and what was expected.
+    Raises ValueError naming the first offending row as Python does, from 0, the value and what was expected.
     """
     array = np.asarray(values, dtype=float)
     if array.ndim != 2 or array.shape[1] != 3:
@@ -21,7 +21,7 @@ def check_vectors(name: str, values, count: int | None = None) -> np.ndarray:
         raise ValueError(f"{name} has {len(array)} rows; expected {count}, one per pose")
     bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
     if bad.size:
-        raise ValueError(f"{name} row {bad[0]} is {array[bad[0]]}; expected finite numbers")
+        raise ValueError(f"{name}[{bad[0]}] is {array[bad[0]]}; expected finite numbers")
     return array
 
 

@@ -44,8 +44,8 @@ def relative_error(reading: str, errors, count: int) -> np.ndarray:
     return influence[reading].std(axis=-1) / np.sqrt(count) / value
 
 
-def misfit(reading: str, errors, printed: pd.DataFrame, any_scale: bool = False) -> float:
-    """χ² of the printed values, from errors (rows, trials, 3) at their settings; with `any_scale` of their ratios only.
+def misfit(reading: str, errors, printed: pd.DataFrame) -> float:
+    """χ² of the printed values but for one common scale, from errors (rows, trials, 3) at their settings.
 
     Chance: in the 500 trials behind each printed value, in ours, and in the rounding.
     """
@@ -53,8 +53,7 @@ def misfit(reading: str, errors, printed: pd.DataFrame, any_scale: bool = False)
     rounding = (printed["half_unit"] / printed["published"]).to_numpy() / np.sqrt(3)
     chance = [relative_error(reading, errors, count) for count in (PAPER_TRIALS, errors.shape[1])]
     variance = np.square([*chance, rounding]).sum(axis=0)
-    if any_scale:
-        off = off - np.average(off, weights=1 / variance)
+    off = off - np.average(off, weights=1 / variance)
     return float((off**2 / variance).sum())
 
 

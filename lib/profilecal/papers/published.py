@@ -24,13 +24,14 @@ def table(paper: str) -> pd.DataFrame:
     """All published numbers of one paper ("disk" or "edge"), one a row.
 
     Columns: paper, item (table, equation, figure or section), quantity, row, component, printed (text), decimals
-    (of the last digit that the quantity is printed to: the papers drop trailing zeros), unit, note, value, half_unit.
+    (of the last digit that the quantity is printed to: the papers drop trailing zeros; none for a number that is zero
+    by definition), unit, note, value, half_unit.
     """
     if paper not in FILES:
         raise ValueError(f"paper is {paper!r}; expected one of {', '.join(FILES)}")
     frame = pd.read_csv(folder() / FILES[paper], dtype=str, keep_default_na=False)
     frame["value"] = frame["printed"].astype(float)
-    frame["half_unit"] = 0.5 * 10.0 ** -frame["decimals"].astype(int)
+    frame["half_unit"] = (0.5 * 10.0 ** -pd.to_numeric(frame["decimals"])).fillna(0.0)
     return frame
 
 
@@ -62,7 +63,10 @@ def half_unit(paper: str, item: str, quantity: str) -> float:
 
 @dataclass(frozen=True)
 class RoundingBox:
-    """All tables that would be printed as this one is: each number free within half a unit of its last digit."""
+    """All tables that would be printed as this one is: each number free within half a unit of its last digit.
+
+    Numbers that are zero by definition stay.
+    """
 
     paper: str
     item: str
@@ -71,10 +75,12 @@ class RoundingBox:
     @cached_property
     def _printed(self) -> dict:
         """Of each quantity: the printed numbers, and half of their last digit."""
-        return {
-            name: (values(self.paper, self.item, name), half_unit(self.paper, self.item, name))
-            for name in self.quantities
-        }
+        found = {}
+        for name in self.quantities:
+            printed = values(self.paper, self.item, name)
+            half = _entries(self.paper, self.item, name)["half_unit"].to_numpy().reshape(printed.shape)
+            found[name] = printed, half
+        return found
 
     @property
     def size(self) -> int:

@@ -227,7 +227,7 @@ def noisy_middles(figure, drawn: Drawn, noisy, fitted) -> None:
     R, true = drawn.rotated, drawn.tips @ drawn.rotated.T
     seen, height = noisy @ R.T, true[:, 0, 1]
     off = seen - true
-    left.axvline(0, color="0.5", ls="--", label="line e1 e2")
+    left.axvline(0, color="0.5", ls="--", label="true line e1 e2")
     left.plot(off[..., 0].mean(axis=1), height, "o", color=figures.BLUE, ms=4, label="middles of the chords")
     centre, S = R @ fitted.centre, R @ fitted.shape @ R.T
     for side, colour, name in ((0, figures.GREEN, "first tips"), (1, figures.PURPLE, "second tips")):

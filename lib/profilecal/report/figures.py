@@ -220,8 +220,9 @@ def draw_box(axes, points, published=None) -> None:
 
     `published`: sides (3,), mm, of a box to draw about the mean as well.
     """
-    axes.scatter(*points.T, color=BLUE, s=14, depthshade=False)
+    axes.scatter(*points.T, color=BLUE, s=14, depthshade=False, label="simulated centres")
     axes.scatter(*points.mean(axis=0), color="black", s=40, depthshade=False, label="mean")
+    axes.plot([], [], color="0.6", label="their box")
     boxes = [(points.min(axis=0), points.max(axis=0), {"color": "0.6", "lw": 0.8})]
     if published is not None:
         half, middle = np.asarray(published) / 2, points.mean(axis=0)
