@@ -2,12 +2,14 @@
 
 from dataclasses import replace
 
+import numpy as np
 from scipy.stats import binom
 from simulated import scan_of
 
 from profilecal.calibrate.calibration import calibrate
 from profilecal.calibrate.check import affine_outliers, check
 from profilecal.calibrate.observe import as_observations, observe
+from profilecal.geometry.poses import rotations
 from profilecal.simulate.spec import Spec, simulate_scan
 
 
@@ -31,6 +33,15 @@ def test_one_of_a_group_is_doubted_where_nothing_tells_which():
     said = "\n".join(check(replace(scan, values=tuple(values))))
     assert f"one of the poses {group} does not fit: one more would tell which" in said
     assert "does not fit its group" not in said
+
+
+def test_check_says_about_which_axis_the_flange_turns():
+    scan = simulate_scan(Spec(seed=7, groups=5, positions=5))
+    about_x = rotations(np.radians([-20.0, -10, 0, 10, 20])[:, None] * np.array([1.0, 0, 0]))
+    lines = check(replace(scan, R_base_flange=scan.R_base_flange[0] @ about_x.repeat(5, axis=0)))
+    (said,) = (line for line in lines if line.startswith("turns"))
+    assert said.split(maxsplit=1)[1] == "14.1, 0.0, 0.0° rms about three axes, most about the flange's x"
+    assert any("add poses tilted by 15° or more about two axes" in line for line in lines)
 
 
 def test_check_rarely_doubts_a_good_scan():

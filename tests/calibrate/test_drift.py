@@ -101,7 +101,7 @@ def test_the_command_keeps_a_log_and_draws_it(tmp_path):
     given = ("--with", tmp_path / "T.json", "--before", tmp_path / "before", "--log", tmp_path / "drift.csv")
     still, moved = (run("verify", tmp_path / name, *given) for name in ("later", "last"))
     assert still.exit_code == 0, still.output
-    assert "not moved; a false alarm in 1% of all checks" in still.output
+    assert "not moved; a false alarm in 1 % of all checks" in still.output
     assert moved.exit_code == 1
     assert pd.read_csv(tmp_path / "drift.csv")["moved"].tolist() == [False, True]
     assert (tmp_path / "drift.png").stat().st_size > 1000

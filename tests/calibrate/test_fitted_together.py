@@ -5,6 +5,7 @@ from dataclasses import replace
 import matplotlib.pyplot as plt
 import numpy as np
 from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
 
 from profilecal.calibrate.calibration import calibrate
 from profilecal.calibrate.suspects import fitted_together
@@ -23,24 +24,25 @@ def wrong(seed: int, x: float, z: float, radius: float):
 
 
 def test_sizes_come_out_as_stated():
-    true, z = np.array([0.002, -0.001, 0.1]), []
+    true, square = np.array([0.002, -0.001, 0.1]), []
     for seed in range(4):
         found = wrong(seed, *true)
         prior = replace(
             found.solution.level.systematic, scale_percent=1.0, tolerance_mm=1.0, shear_percent=0, bend_mm=0
         )
-        _, sizes = fitted_together(found.observed, found.solution, prior)
-        size, sd = np.array(sizes).T
+        _, size, C = fitted_together(found.observed, found.solution, prior)
+        sd = np.sqrt(np.diag(C))
         assert (sd[2] < 0.1) & (sd[:2] < 0.003).all()
-        z.append((size - true) / sd)
-    assert np.abs(z).max() < 4
+        square.append((size - true) @ np.linalg.solve(C, size - true))
+    assert chi2.ppf(1e-4, 12) < sum(square) < chi2.isf(1e-4, 12)
 
 
 def test_what_is_not_free_stays():
     found = wrong(5, 0.0, 0.0, 0.0)
-    state, sizes = fitted_together(found.observed, found.solution, Systematic(tolerance_mm=1e-6))
-    assert len(sizes) == 1
-    assert abs(sizes[0][0]) < 1e-5
+    state, size, covariance = fitted_together(found.observed, found.solution, Systematic(tolerance_mm=1e-6))
+    assert size.shape == (1,)
+    assert covariance.shape == (1, 1)
+    assert abs(size[0]) < 1e-5
     moved = Rotation.from_matrix(state.rotation[0].T @ found.solution.rotation).magnitude()
     assert moved < np.radians(0.1)
 

@@ -130,6 +130,24 @@ def test_words():
     assert explain(healthy, np.eye(3), about_z) == []
 
 
+@pytest.mark.parametrize("k", range(3))
+def test_turns_are_told_about_the_axis_they_are_about(k):
+    """Turns of up to 30° about one axis of the flange, from any start; then two poses more, by 5° about another."""
+    start, own = rotations([0.4, -0.8, 1.1]), np.eye(3)[[k, (k + 1) % 3]]
+    one = np.radians([-30, -10, 0, 10, 30])[:, None] * own[0]
+    angles, axis = turns(start @ rotations(one))
+    expected = np.degrees(np.std(one[:, k]))
+    np.testing.assert_allclose(angles, [expected, 0, 0], atol=1e-6)
+    assert abs(axis[k]) > 1 - 1e-12
+    two = start @ rotations(np.vstack([one, np.radians([[-5], [5]]) * own[1]]))
+    weak = Spectrum(np.eye(6), np.r_[0.5, np.full(5, 0.01)], np.eye(6), np.array(9), 9)
+    (said,) = explain(weak, np.eye(3), two)
+    others = " or ".join("xyz".replace("xyz"[k], ""))
+    small = f"{np.sqrt(2 / 7) * 5:.2g}"
+    assert f"but for turns about the flange's {'xyz'[k]}, the orientations differ by only {small}°" in said
+    assert said.endswith(f"tilt the flange about {others} by 15° or more")
+
+
 def test_solution_says_it_all():
     rng = np.random.default_rng(36)
     scene = random_scene("disk", rng, axis=Z, mount=(np.eye(3), np.zeros(3)), positions=20)

@@ -27,10 +27,10 @@ def check(scan: Scan) -> list[str]:
         f"positions      {reach.min():.0f} to {reach.max():.0f} mm from the base",
         f"groups         {groups} of one orientation, {'given' if scan.group_given else 'found'}: "
         + ", ".join(f"{count} of {size} poses" for size, count in Counter(np.bincount(scan.group).tolist()).items()),
-        f"turns          {angles[0]:.3g}, {angles[1]:.3g}, {angles[2]:.3g}° about the flange's axes, "
-        f"least about {name_axis(axis, 'flange')}",
+        f"turns          {angles[0]:.1f}, {angles[1]:.1f}, {angles[2]:.1f}° rms about three axes, "
+        f"most about {name_axis(axis, 'flange')}",
     ]
-    if angles[2] < LEAST_TURN_DEG:
+    if np.linalg.norm(angles[1:]) < LEAST_TURN_DEG:
         lines.append("note           add poses tilted by 15° or more about two axes, or something stays unknown")
     if scan.target.affine and len(poses):
         observed = as_observations(scan, seen)

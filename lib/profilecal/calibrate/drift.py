@@ -122,6 +122,6 @@ def to_text(found: Drift) -> str:
         [
             *found.lines("moved by", "if nothing moved"),
             f"poses          {found.shared} of the first scan again",
-            f"verdict        {VERDICT[found.moved]}; a false alarm in {FALSE_ALARM:.0%} of all checks",
+            f"verdict        {VERDICT[found.moved]}; a false alarm in {100 * FALSE_ALARM:.0f} % of all checks",
         ]
     )

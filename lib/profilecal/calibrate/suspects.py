@@ -72,11 +72,11 @@ def suspects(observed, solution: Solution) -> list[Suspect]:
     return found
 
 
-def fitted_together(observed, solution: Solution, systematic: Systematic) -> tuple[State, list[tuple[float, float]]]:
+def fitted_together(observed, solution: Solution, systematic: Systematic) -> tuple[State, np.ndarray, np.ndarray]:
     """The solution's refit where what `systematic` allows for is free within it, the noise as it was.
 
-    Returns the state, and for each of `Problem.considered` by how much the data, or the target's length, is to be
-    changed, and the standard deviation of that, in its own unit (1: all of it; mm).
+    Returns the state, and for each of the n `Problem.considered` by how much the data, or the target's length, is to
+    be changed (n,), in its own unit (1: all of it; mm), and the covariance of that (n, n).
     """
     problem = Problem(observed, solution.noise, systematic)
     state = refine(problem, solution.state, weights=solution.kept).state
@@ -88,8 +88,7 @@ def fitted_together(observed, solution: Solution, systematic: Systematic) -> tup
         information = remove(information, variances, member)
     M = information.normal[0]
     free = M[:-1, :-1] + np.diag(np.r_[np.zeros(first), effects.precision])
-    size, sd = -np.linalg.solve(free, M[:-1, -1])[first:], np.sqrt(np.diag(np.linalg.inv(free))[first:])
-    return state, list(zip(size.tolist(), sd.tolist(), strict=True))
+    return state, -np.linalg.solve(free, M[:-1, -1])[first:], np.linalg.inv(free)[first:, first:]
 
 
 def of_robot():

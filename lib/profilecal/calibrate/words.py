@@ -4,14 +4,14 @@ import numpy as np
 
 from profilecal.calibrate.calibration import Calibration
 from profilecal.geometry.poses import xyz_angles_from_rotation
-from profilecal.joint.levels import Levels, Size
+from profilecal.joint.levels import ACCURACY, Levels, Size
 from profilecal.joint.solution import in_mm_deg
 
 PLACES = {
     "at each visit": ("repeatability_mm", "repeatability_deg"),
     "at each pose": ("position_mm", "orientation_deg"),
     "shared by the poses of an orientation": ("group_position_mm", "group_orientation_deg"),
-    "over the workspace": ("accuracy_mm", "accuracy_deg"),
+    "over the workspace": ACCURACY,
 }
 WORTH_A_WORD = 1.25  # times as large a standard deviation
 
@@ -59,6 +59,8 @@ def robot_errors(levels: Levels | None) -> list[str]:
         if any(size.middle for size in pair):
             said = " and ".join(f"{s.middle:.2g}{unit(s)} ({s.low:.2g} to {s.high:.2g})" for s in pair)
             said += "" if any(size.told for size in pair) else ", mostly as assumed: these poses hardly show it"
+            if names == ACCURACY:  # whose prior excludes 0: it reads as found even where the robot is exact
+                said += f"; {' and '.join(f'{s.scale:g}{unit(s)}' for s in pair)} were expected"
         elif any(size.high for size in pair):
             said = "none, or at most " + " and ".join(f"{size.high:.2g}{unit(size)}" for size in pair)
         else:

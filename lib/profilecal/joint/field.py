@@ -4,7 +4,7 @@ A robot whose joints have other zeros and whose links have other lengths than it
 the workspace. Most of that is a shift and turn of its base, which the target's place absorbs. What is left has two
 parts, whose sizes go together: a field that differs between orientations 45° and places 300 mm apart, which shows in
 the residuals; and an error of the flange that is the same at all poses, which does not, and which goes into the answer.
-Their ratio and the field's lengths differ from arm to arm; those below are cautious for the arms of notebook 43.
+Their ratio and the field's lengths differ from arm to arm; those below are cautious for the arm of notebook 43.
 """
 
 from dataclasses import dataclass, replace

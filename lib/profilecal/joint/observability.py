@@ -12,6 +12,7 @@ millimetres and degrees compare, and it says what "determined" means. A directio
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 BY_HAND_MM, BY_HAND_DEG = 10.0, 5.0
 WEAK = 0.1  # of the measurement by hand
@@ -61,11 +62,12 @@ def of_covariance(covariance, rank, parameters: int) -> Spectrum:
 
 
 def turns(R_flange) -> tuple[np.ndarray, np.ndarray]:
-    """How much flange orientations (P, 3, 3) differ: angles (3,) in degrees, largest first, and the axis (3,) in the
-    flange's frame that turns least: the one they all turn about, where the last angle is zero."""
-    centred = (R_flange - R_flange.mean(axis=0)).reshape(-1, 3)
-    _, singular, Vt = np.linalg.svd(centred, full_matrices=False)
-    return np.degrees(singular / np.sqrt(len(R_flange))), Vt[2]
+    """How far flange orientations (P, 3, 3) turn from their mean: rms angles (3,) in degrees about three axes, largest
+    first, and the first of these axes (3,), in the flange's frame. If all turn about one axis, the others are zero."""
+    rotations = Rotation.from_matrix(R_flange)
+    turned = (rotations.mean().inv() * rotations).as_rotvec(degrees=True)
+    _, square, axes = np.linalg.svd(turned.T @ turned / len(turned))
+    return np.sqrt(square), axes[0]
 
 
 def name_axis(vector, frame: str) -> str:
@@ -97,6 +99,9 @@ def explain(found: Spectrum, R_sensor, R_flange, frame: str = "flange") -> list[
     if found.status == "ok":
         return []
     angles, axis = turns(R_flange)
+    spread, about_others, main = np.linalg.norm(angles), np.linalg.norm(angles[1:]), name_axis(axis, frame)
+    others = [c for c in "xyz" if not main.endswith(f"'s {c}")]
+    other = f"{others[0]} or {others[1]}" if len(others) == 2 else "another axis"
     bad = int((found.sd >= (1 if found.status == "unobservable" else WEAK)).sum()) or 1
     if bad >= 3 and np.linalg.norm(found.directions[:3, 3:]) < 0.3:
         what = "translation in every direction"
@@ -105,16 +110,16 @@ def explain(found: Spectrum, R_sensor, R_flange, frame: str = "flange") -> list[
     sd = found.sd[0]
     known = f"known only to {sd * BY_HAND_MM:.2g} mm or {sd * BY_HAND_DEG:.2g}°" if sd < 10 else "left open"
     verb = "cannot be determined" if found.status == "unobservable" else "is poorly determined"
-    if angles[0] < LEAST_TURN_DEG:
-        spread = max(angles[0], 0.01)
-        why = f"all flange orientations agree within {spread:.2g}°; add poses tilted by 15° or more about two axes"
-    elif angles[2] < LEAST_TURN_DEG:
-        tilt = name_axis(axis, frame)
-        others = [c for c in "xyz" if not tilt.endswith(f"'s {c}")]
-        other = f"{others[0]} or {others[1]}" if len(others) == 2 else "another axis"
-        why = f"all rotations are about {tilt}; add a pose tilted about {other} by 15° or more"
-    elif angles[2] < 10:
-        why = f"the orientations differ by only {angles[2]:.2g}° about their least axis; tilt the flange by 15° or more"
+    if spread < LEAST_TURN_DEG:
+        same = f"all flange orientations agree within {max(spread, 0.01):.2g}°"
+        why = f"{same}; add poses tilted by 15° or more about two axes"
+    elif about_others < LEAST_TURN_DEG:
+        why = f"all rotations are about {main}; add a pose tilted about {other} by 15° or more"
+    elif about_others < 10:
+        why = (
+            f"but for turns about {main}, the orientations differ by only {about_others:.2g}°; "
+            f"tilt the flange about {other} by 15° or more"
+        )
     else:
         why = "cross the target at other places and in other directions of motion, inside each group of poses too"
     return [f"{what} {verb} ({known}): {why}"]

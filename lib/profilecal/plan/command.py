@@ -20,7 +20,7 @@ from profilecal.scan.tables import read_toml
 from profilecal.simulate.guess import planned_poses
 from profilecal.simulate.spec import read_specs
 
-ENOUGH_TURN_DEG = 10.0  # about the least axis: motions that `check` need not worry about
+ENOUGH_TURN_DEG = 10.0  # rms, apart from turns about one axis: motions that `check` need not worry about
 
 
 @dataclass(frozen=True)
@@ -101,8 +101,9 @@ def write(task: Task, plans: list[Plan], folder: Path) -> dict[str, Plan]:
 
 
 def mending_of(scan: Scan, folder: Path, seed: int) -> str:
-    """`mend.mending` for a scan whose orientations hardly differ about some axis, before anybody calibrates it."""
-    if turns(scan.R_base_flange)[0][2] >= ENOUGH_TURN_DEG:
+    """`mend.mending` for a scan whose orientations hardly differ but for turns about one axis, before anybody
+    calibrates it."""
+    if np.linalg.norm(turns(scan.R_base_flange)[0][1:]) >= ENOUGH_TURN_DEG:
         return ""
     try:
         return mending(calibrate([scan]), folder, np.random.default_rng(seed))

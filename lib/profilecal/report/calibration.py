@@ -16,7 +16,11 @@ from profilecal.report.figures import GREEN, ORANGE, RED
 from profilecal.scan.conventions import VENDORS, Convention, for_controller, from_rotations, named
 
 VERDICTS = {
-    "ok": ("The scanner's pose is determined", GREEN, "Every direction of it is known to better than 1 mm and 0.5°."),
+    "ok": (
+        "The scanner's pose is determined",
+        GREEN,
+        "The standard deviation of every direction is below 1 mm and 0.5°, on this robot near these poses.",
+    ),
     "weak": (
         "Solved, but not well enough to rely on",
         ORANGE,

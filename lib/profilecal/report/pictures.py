@@ -151,7 +151,7 @@ def plot_view(found) -> plt.Figure:
     if field is not None:
         seen = np.concatenate([np.asarray(o.points).reshape(-1, 2) for o in found.observed])
         across, deep = (np.nanmax(seen, axis=0) - np.nanmin(seen, axis=0)) / np.ptp(field, axis=0)
-        title = f"Features span {across:.0%} of the width, {deep:.0%} of the depth"
+        title = f"Features span {100 * across:.0f} % of the width, {100 * deep:.0f} % of the depth"
         axes.fill(*field.T, color="0.92", label="field of view, as far as the profiles reach")
     for k, (scan, o) in enumerate(zip(found.scans, found.observed, strict=True)):
         colour, points = (BLUE, GREEN, ORANGE, PURPLE)[k % 4], np.asarray(o.points)[0]
