@@ -24,6 +24,7 @@ MATRIX = {k: "r11,r12,r13,x,r21,r22,r23,y,r31,r32,r33,z" + ",_" * (k - 12) for k
 UNITS = {"deg": ANGLES, "rad": ("rad",), "1": ("1", "-")}  # in titles, by a convention's unit
 FRAMES = {"uf": "user frame", "ut": "tool"}
 FIXED = r"^(uf|ut|e\d|gp\d.*)$"  # columns of frames and external axes
+STANDSTILL = 0.01  # mm or degrees by which an axis that stands still may tremble
 
 
 @dataclass(frozen=True)
@@ -193,11 +194,12 @@ def read_poses(path: Path, poses: pd.DataFrame, units: dict, layout: Layout) -> 
 def frames(path: Path, poses: pd.DataFrame) -> str:
     """The robot's frames and external axes, in words. Raises ScanError where one of them differs between poses."""
     told = ""
-    for name, cells in poses.round(1).filter(regex=FIXED).items():  # an axis that stands still may tremble
+    for name, cells in poses.filter(regex=FIXED).items():
         what = FRAMES.get(name, f"external axis {name}")
-        if cells.nunique(dropna=False) > 1:
+        still = is_numeric_dtype(cells) and np.ptp(cells) <= STANDSTILL
+        if not still and cells.nunique(dropna=False) > 1:
             raise ScanError(f"{path}: the {what} differs between poses; expected one for all")
-        told += f", {what} {cells.iloc[0]}".removesuffix(".0")
+        told += f", {what} {poses.round(1)[name].iloc[0]}".removesuffix(".0")
     return told
 
 
