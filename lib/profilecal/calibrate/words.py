@@ -4,13 +4,13 @@ import numpy as np
 
 from profilecal.calibrate.calibration import Calibration
 from profilecal.geometry.poses import xyz_angles_from_rotation
-from profilecal.joint.levels import ACCURACY, Levels, Size
+from profilecal.joint.levels import ACCURACY, OF_POSES, SHARED, Levels, Size
 from profilecal.joint.solution import in_mm_deg
 
 PLACES = {
     "at each visit": ("repeatability_mm", "repeatability_deg"),
-    "at each pose": ("position_mm", "orientation_deg"),
-    "shared by the poses of an orientation": ("group_position_mm", "group_orientation_deg"),
+    "at each pose": OF_POSES,
+    "shared by the poses of an orientation": SHARED,
     "over the workspace": ACCURACY,
 }
 WORTH_A_WORD = 1.25  # times as large a standard deviation

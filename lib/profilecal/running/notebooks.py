@@ -71,9 +71,8 @@ def parameters_of(path: Path) -> dict[str, str]:
 
 
 def _papermill():
-    """The module papermill, imported without what takes most of the time and is of no use here: a grammar of web
-    addresses, which jsonschema compiles, and pyarrow. Both jsonschema and papermill do without where these are missing.
-    """
+    """The module papermill, imported without what takes time and is of no use here: a grammar of web addresses, which
+    jsonschema compiles, and pyarrow. Both jsonschema and papermill do without where these are missing."""
     dear = ("rfc3987_syntax", "pyarrow")
     for name in dear:
         sys.modules.setdefault(name, None)

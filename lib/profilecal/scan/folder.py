@@ -84,7 +84,7 @@ def read_header(path: Path) -> dict:
 
 
 def check_header(path: Path, header: dict) -> dict:
-    """The same of what it says. Raises ScanError."""
+    """What such a file says, checked, with defaults filled in; errors name `path`. Raises ScanError."""
     for section, known in KEYS.items():
         entries = header.setdefault(section, {}) if section else header
         if not isinstance(entries, dict):
