@@ -23,7 +23,7 @@ from profilecal.scan.scan import ScanError
 CRITERIA = ("worst", "A", "D")
 SQUARINGS = 4  # p = 2⁴
 NEGLIGIBLE = 1e-2  # of a block, in units of what is known by hand, whose own information is 1
-RIDGE = 1e-6  # of what is known by hand: an empty plan's information
+RIDGE = 1e-3  # of what is known by hand: an empty plan's information; with far less, rounding would choose
 APART_DEG = 1.0  # orientations that differ by less are no new ones to the robot's errors
 EACH, EVERY = 12, 6  # poses up to which a growing plan is exchanged at each step, and steps between later exchanges
 SWEEPS, SETTLED = 6, 2e-3  # of exchanges at most; a gain that ends them
