@@ -1,4 +1,4 @@
-"""The notebooks under other parameters: any number halved or doubled, the sizes of studies down to 20.
+"""The notebooks under other parameters: any number halved or doubled, the sizes of studies down to 8.
 
 The suite runs each once with all of them altered; `PROFILECAL_ALTERED=5 pytest -s tests/running/test_notebooks.py` runs
 each five times with some altered. `PROFILECAL_ALTERED_SEED` chooses other ones.
@@ -22,7 +22,7 @@ from profilecal.running.record import MIME, recorded
 
 RUNS = int(os.environ.get("PROFILECAL_ALTERED", "1"))
 SEED = int(os.environ.get("PROFILECAL_ALTERED_SEED", "1"))
-SIZE, LEAST = 20, 20  # an integer from there on is the size of a study, which goes down to that
+SIZE, LEAST = 20, 8  # an integer from there on is the size of a study, which goes down to this
 THERE = notebooks.find([])
 RUNNABLE = [path for path in THERE if not path.stem.startswith("00")]  # 00 reads what the others found
 

@@ -46,6 +46,7 @@ FARTHEST = 5.0  # of a size's coordinate
 DRAWS, TAILS = 128, 4.0  # sizes looked at, drawn from a t law of that many degrees of freedom
 NEGLIGIBLE = 30.0  # minus twice the logarithm of one density over another: its draws need not be looked at
 STEP, BROAD_STEP = 1e-3, 0.1  # of a size's coordinate, for the first derivative and for the second
+ENOUGH = 1e-7  # of minus twice the logarithm of the density: less moves an answer by some thousandths of its deviation
 TOLD = 0.6  # a size is known from the data if they leave it less open than that, the prior being 1
 
 
@@ -178,7 +179,7 @@ class Likelihood:
         return unlikely, self.pose @ inverse @ self.pose.T, (self.pose @ step)[..., 0]
 
 
-def likeliest(model: Likelihood, start: dict[str, float], tolerance: float = 1e-10) -> np.ndarray:
+def likeliest(model: Likelihood, start: dict[str, float], tolerance: float = ENOUGH) -> np.ndarray:
     """The coordinates (d,) of the likeliest sizes, from those of `start`; ends where a step improves minus twice the
     logarithm of the density by less than `tolerance` of it."""
     y = np.clip(model.coordinates(start), -FARTHEST, FARTHEST)
@@ -247,7 +248,7 @@ def spread_at(model: Likelihood, likely) -> np.ndarray:
     return vectors / np.sqrt(np.maximum(values, 0.2))
 
 
-def levels(model: Likelihood, likely, field: Field, accuracy: dict[str, float], tolerance: float = 1e-10) -> Levels:
+def levels(model: Likelihood, likely, field: Field, accuracy: dict[str, float], tolerance: float = ENOUGH) -> Levels:
     """All sizes that data and prior allow, where `likely` (d,) are the likeliest of the whole model.
 
     `accuracy`: scales of the robot's accuracy, none to leave it out. `tolerance`: as `likeliest` takes it.

@@ -4,9 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from profilecal.geometry.noise import ROBOT, Noise, variances
-from profilecal.geometry.poses import SAME_ORIENTATION_DEG, angle_between
+from profilecal.geometry.poses import SAME_ORIENTATION_DEG, angle_between, parallel
 from profilecal.joint.observations import Observations
 
 SAME_MM, SAME_DEG = 0.05, 0.01  # commanded poses that differ by less are one: no controller comes back any closer
@@ -66,30 +67,27 @@ def sharing(observations: Sequence[Observations]) -> Sharing:
         [np.asarray(o.T_flange, dtype=float).reshape(-1, *o.T_flange.shape[-2:])[0] for o in observations]
     )
     orientation = same_orientations(R, [o.labels for o in observations])
-    pose, firsts = np.full(len(R), -1), []
-    for k in range(len(R)):
-        if pose[k] < 0:
-            near = (orientation == orientation[k]) & (pose < 0) & (np.abs(T - T[k]) < SAME_MM).all(axis=1)
-            if near.sum() > 1:
-                near[near] = np.degrees(angle_between(R[near], R[k])) < SAME_DEG
-            pose[near] = len(firsts)
-            firsts.append(k)
+    pairs = cKDTree(T).query_pairs(SAME_MM, p=np.inf, output_type="ndarray")
+    i, j = pairs[np.lexsort(pairs.T[::-1])].T
+    alike = (orientation[i] == orientation[j]) & (np.degrees(angle_between(R[i], R[j])) < SAME_DEG)
+    first = np.arange(len(R))
+    for one, other in zip(i[alike], j[alike], strict=True):
+        if first[one] == one and first[other] == other:
+            first[other] = one
+    firsts, pose = np.unique(first, return_inverse=True)
     return Sharing(pose, orientation[firsts], R[firsts], T[firsts])
 
 
 def same_orientations(R, labels) -> np.ndarray:
     """Numbers (profiles,) of the orientations R (profiles, 3, 3): one for each of a target's groups, `labels` (P,), and
     the same for that of another target that points the same way."""
-    numbers, firsts = [], np.empty((0, 3, 3))
-    begin = 0
+    numbers, firsts, begin = [], np.empty((0, 3, 3)), 0
     for own in labels:
         rows = R[begin : begin + len(own)][np.unique(own, return_index=True)[1]]
-        earlier = len(firsts)
-        number = np.empty(len(rows), dtype=int)
-        for g, row in enumerate(rows):
-            near = np.flatnonzero(np.degrees(angle_between(firsts[:earlier], row)) < SAME_ORIENTATION_DEG)
-            number[g] = near[0] if near.size else len(firsts)
-            firsts = firsts if near.size else np.concatenate([firsts, row[None]])
+        there = np.pad(parallel(rows, firsts, SAME_ORIENTATION_DEG), [(0, 0), (0, 1)], constant_values=True)
+        number = there.argmax(axis=1)  # the first that it is parallel to, if any
+        new = number == len(firsts)
+        number[new] += np.arange(new.sum())
         numbers.append(number[own])
-        begin += len(own)
+        firsts, begin = np.concatenate([firsts, rows[new]]), begin + len(own)
     return np.concatenate(numbers)

@@ -3,9 +3,9 @@
 import numpy as np
 from scipy.optimize import linprog
 
-ROUNDS = 60  # linear programs at most; five or ten are usual
+ROUNDS = 30  # at most; ten or fifteen are usual
 STEP = 1e-4  # of the differences that stand for derivatives
-SETTLED = 1e-5  # change from one round to the next, and of the trust, at which the search ends
+SETTLED = 1e-4  # change from one round to the next, and of the trust, at which the search ends
 INSIDE = 0.99  # of the way from the middle of an interval to its ends: room for what is not linear
 DEAR = 10.0  # cost of missing an interval by its own half width, where a change of 1 costs 1
 
@@ -15,27 +15,39 @@ def least_change(compute, low, high, size: int) -> tuple[np.ndarray, float]:
 
     `compute` maps (..., size) to (..., k). Each round puts derivatives at the last x in its place and solves what is
     left, a linear program, no farther than `trust` away, a distance that grows or shrinks with how well that went
-    (sequential linear programming with an exact penalty). Returns x and max |x|; infinity if an interval is missed.
+    (sequential linear programming with an exact penalty). Where the values curve, the program is solved once more with
+    what the values at its solution really are (Fletcher 1982). Returns x and max |x|; infinity if an interval is
+    missed.
     """
     middle, half = (low + high) / 2, (high - low) / 2
-    x, trust = np.zeros(size), 1.0
-    values, J = (compute(x) - middle) / half, None
+
+    def look(y):
+        found = (compute(y) - middle) / half
+        return found, _cost(y, found)
+
+    x, trust, J = np.zeros(size), 1.0, None
+    values, cost = look(x)
     for _ in range(ROUNDS):
         if J is None:  # of a new x
             moved = (compute(x + STEP * np.vstack([np.eye(size), -np.eye(size)])) - middle) / half
             J = (moved[:size] - moved[size:]).T / (2 * STEP)
-        tried = _linear_least_change(J, values - J @ x, x, trust)
-        found = (compute(tried) - middle) / half
-        promised = _cost(x, values) - _cost(tried, values + J @ (tried - x))
-        kept = _cost(x, values) - _cost(tried, found)
+        constant = values - J @ x
+        tried = _linear_least_change(J, constant, x, trust)
+        promised = cost - _cost(tried, J @ tried + constant)
         if promised < SETTLED or trust < SETTLED:
             break
-        if kept > 0.75 * promised:
+        found, after = look(tried)
+        if cost - after < 0.75 * promised:  # the second-order correction
+            again = _linear_least_change(J, found - J @ tried, x, trust)
+            seen, less = look(again)
+            if less < after:
+                tried, found, after = again, seen, less
+        if cost - after > 0.75 * promised:
             trust = max(trust, 2 * np.abs(tried - x).max())
-        elif kept < 0.25 * promised:
+        elif cost - after < 0.25 * promised:
             trust = trust / 4
-        if kept > 0:
-            x, values, J = tried, found, None
+        if after < cost:
+            x, values, cost, J = tried, found, after, None
     return x, np.abs(x).max() if np.abs(values).max() <= 1 else np.inf
 
 
