@@ -73,6 +73,21 @@ def test_the_intervals_hold_the_true_sizes():
     assert min(inside.values()) >= binom.ppf(0.01, 20, 0.95)
 
 
+def test_where_less_is_stated_than_is_usual_the_usual_is_as_likely():
+    """So a statement that is far too small leaves the region nearly as large as none does."""
+    model, problem, state = linear_model(3, groups=4, positions=3)
+    kept = [np.ones(problem.terms[0].P, dtype=bool)]
+    field = field_over(model.sharing, state.rotation[0], state.translation[0], eye_to_hand=False)
+    scales, sd = {}, {}
+    for stated in (0.0, 1e-4, 0.2):
+        prior = Prior(replace(USUAL, position_mm=stated), frozenset({"position_mm"})) if stated else Prior(USUAL)
+        model = Likelihood(problem, state, kept, prior)
+        scales[stated] = [rival.scales.get("position_mm") for rival in model.rivals()]
+        sd[stated] = np.sqrt(np.diag(levels(model, likeliest(model, asdict(TRUE)), field, {}).covariance))
+    assert scales == {0.0: [0.05, 0.05, None], 1e-4: [1e-4, 1e-4, None, 0.05, 0.05], 0.2: [0.2, 0.2, None]}
+    np.testing.assert_array_less(0.9 * sd[0.0], sd[1e-4])
+
+
 @pytest.mark.parametrize(("stated", "middle", "beyond_five"), [((), 0.765, 0.0154), (("position_mm",), 1.0, 0.1257)])
 def test_a_size_is_standard_normal_beforehand(stated, middle, beyond_five):
     """Half-t laws of three degrees of freedom and, where the scale is stated, of one: the middle, and how many sizes

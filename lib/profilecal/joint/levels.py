@@ -5,9 +5,9 @@ linear model: the residuals at a solution with their derivatives. The restricted
 1971) says how well errors of any sizes explain the residuals. What is known beforehand is a prior: the robot errs at
 its poses or does not; if it does, the poses of an orientation share errors or do not; each as likely. Where an error is
 there, its size follows a half-t law (Gelman 2006), whose scale is what the user states or what robots usually do. What
-is stated may be far too small, a data sheet's repeatability for instance: its law has the longer tail. Few poses leave
-the sizes open. The covariance of the answer is therefore its average over all sizes, as likely as data and prior make
-them.
+is stated may be far too small, a data sheet's repeatability for instance: its law has the longer tail, and where less
+is stated than is usual, the usual is as likely. Few poses leave the sizes open. The covariance of the answer is
+therefore its average over all sizes, as likely as data and prior make them.
 
 The robot's accuracy (`joint.field`) is one more component. Its prior is log-normal: nobody's robot is exact.
 """
@@ -61,6 +61,12 @@ class Prior:
     def with_scanner(self, noise_mm: float) -> "Prior":
         """The same with this scale of the scanner's noise."""
         return replace(self, scales=replace(self.scales, profile_mm=noise_mm))
+
+    def usual(self) -> "Prior":
+        """The same with the usual scales in place of smaller ones that are stated."""
+        small = {name for name in self.stated if 0 < getattr(self.scales, name) < getattr(USUAL, name)}
+        scales = replace(self.scales, **{name: getattr(USUAL, name) for name in small})
+        return replace(self, scales=scales, stated=self.stated - small)
 
     def law(self, name: str):
         """From the coordinate of a size, standard normal beforehand, to the size over its scale, and back."""
@@ -118,8 +124,7 @@ class Likelihood:
         self.pose = basis[:6, :-1]
         self.precision = np.r_[np.zeros(rank), effects.precision]
         self.count, self.noise, self.sharing = problem.counted(kept), problem.noise, effects.sharing
-        self.field = None
-        self.law, scales = prior.law, asdict(prior.scales)
+        self.field, self.prior, scales = None, prior, asdict(prior.scales)
         self.scales = {"profile_mm": scales["profile_mm"]} if prior.profile_spread else {}
         self.scales |= {name: scales[name] for name in effects.sharing.told_apart if scales[name]}
 
@@ -135,23 +140,32 @@ class Likelihood:
         other.field, other.scales = field, self.scales | accuracy
         return other
 
-    def simpler(self) -> Iterator["Likelihood"]:
-        """This model, that without errors that orientations share, and that without errors of poses either."""
+    def rivals(self) -> Iterator["Likelihood"]:
+        """Models as likely beforehand as this one, which comes first: without errors that orientations share, without
+        errors of poses either; and with the usual errors where less is stated."""
         there = [kind for kind in (SHARED, OF_POSES) if not self.scales.keys().isdisjoint(kind)]
-        for k in range(len(there) + 1):
-            yield self.without(sum(there[:k], ()))
+        usual = copy(self)
+        usual.prior = self.prior.usual()
+        usual.scales = {name: getattr(usual.prior.scales, name) for name in self.scales}
+        tried = []
+        for model in (self, usual):
+            for k in range(len(there) + 1):
+                rival = model.without(sum(there[:k], ()))
+                if rival.scales not in tried:
+                    tried.append(rival.scales)
+                    yield rival
 
     def sizes(self, y) -> dict[str, np.ndarray]:
         """The sizes at coordinates y (d,), or at each of y (S, d)."""
         return {
-            name: scale * self.law(name)[0](values)
+            name: scale * self.prior.law(name)[0](values)
             for (name, scale), values in zip(self.scales.items(), np.asarray(y).T, strict=True)
         }
 
     def coordinates(self, sizes: dict[str, float]) -> np.ndarray:
         """Those (d,) of some sizes; of those that are missing or zero, the prior's middle."""
         ratios = {name: sizes.get(name, 0) / scale for name, scale in self.scales.items()}
-        return np.array([self.law(name)[1](ratio) if ratio else 0.0 for name, ratio in ratios.items()])
+        return np.array([self.prior.law(name)[1](ratio) if ratio else 0.0 for name, ratio in ratios.items()])
 
     def noise_of(self, sizes: dict) -> Noise:
         """The noise with these sizes, and no other error of the robot."""
@@ -254,7 +268,8 @@ def levels(model: Likelihood, likely, field: Field, accuracy: dict[str, float], 
     `accuracy`: scales of the robot's accuracy, none to leave it out. `tolerance`: as `likeliest` takes it.
     """
     sizes = model.sizes(likely)
-    tried = [(m, likely if m.scales == model.scales else likeliest(m, sizes, tolerance)) for m in model.simpler()]
+    whole, *rivals = model.rivals()
+    tried = [(whole, likely), *((rival, likeliest(rival, sizes, tolerance)) for rival in rivals)]
     unlikely = np.array([m.at(y[None])[0][0] for m, y in tried])
     matters = unlikely < unlikely.min() + NEGLIGIBLE
     matters[0] = True  # the whole model, which tells how well each size is known
