@@ -55,12 +55,12 @@ def squared_error(scan, found):
 def test_the_truth_lies_in_the_stated_region(kind, mount):
     """The sum of n squared errors is χ² of 6 n degrees of freedom at most: the regions also allow for what no simulated
     scanner or robot does here."""
-    found = [calibration_of(Spec(kind=kind, mount=mount, seed=seed, groups=10, positions=6)) for seed in range(6)]
-    assert sum(squared_error(f.scans[0], f) for f in found) < chi2.isf(1e-4, 6 * 6)
+    found = [calibration_of(Spec(kind=kind, mount=mount, seed=seed, groups=10, positions=6)) for seed in range(3)]
+    assert sum(squared_error(f.scans[0], f) for f in found) < chi2.isf(1e-4, 6 * 3)
 
 
 def test_arcs_give_the_pose_within_their_noise():
-    for seed in range(10):
+    for seed in range(4):
         found = calibration_of(Spec(kind="ball", seed=seed))
         assert found.solution.noise_source == "estimated"
         assert squared_error(found.scans[0], found) < chi2.ppf(0.9999, 6)
