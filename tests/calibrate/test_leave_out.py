@@ -9,6 +9,7 @@ from scipy.stats import norm
 from profilecal.calibrate.calibration import calibrate
 from profilecal.calibrate.leave_out import leave_out
 from profilecal.geometry.noise import Noise
+from profilecal.joint.state import normalised_square
 from profilecal.simulate.spec import Spec, simulate_scan
 from profilecal.targets import TARGETS
 
@@ -49,3 +50,11 @@ def test_only_a_joint_answer_can_be_cross_validated():
     found = calibrate([simulate_scan(Spec("edge"))], method="closed-form", rng=np.random.default_rng(1))
     with pytest.raises(ValueError, match="only a joint calibration that has an answer"):
         leave_out(found)
+
+
+@pytest.mark.parametrize("kind", ["edge", "ball"])
+def test_the_answer_moves_by_what_one_orientation_of_many_knows(kind):
+    """Of G orientations that know alike, δ's covariance grows by 1 / (G - 1) without one, and the answer moves by that."""
+    found = calibrate([simulate_scan(Spec(kind, seed=4, groups=12, positions=5))])
+    squares = normalised_square(found.solution.covariance, leave_out(found).moved)
+    assert squares.mean() < 6 / 11 * 2

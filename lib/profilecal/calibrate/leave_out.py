@@ -9,9 +9,10 @@ from tqdm import tqdm
 from profilecal.calibrate.calibration import Calibration
 from profilecal.geometry.noise import FALSE_ALARM, Noise
 from profilecal.joint.descent import Fit, refine
+from profilecal.joint.effects import remove
 from profilecal.joint.levels import Likelihood, draw, likeliest
 from profilecal.joint.observability import spectrum
-from profilecal.joint.problem import Problem
+from profilecal.joint.problem import Problem, by_pose, gram_by_pose
 from profilecal.joint.sharing import level_variances, sharing
 from profilecal.joint.solution import Solution
 from profilecal.joint.solve import SHARED
@@ -35,11 +36,11 @@ class LeftOut:
         if len(kept):
             total, expected = (np.sqrt(np.mean(v[kept] ** 2)) for v in (self.rms_mm, self.expected_mm))
             shift, turn = (np.linalg.norm(self.moved[kept, part], axis=1) for part in (slice(3), slice(3, 6)))
-            worst = kept[np.argmax(shift)]
+            farthest, most = (name(self.poses[kept[np.argmax(size)]]) for size in (shift, turn))
             lines.append(
                 f"{len(kept)} orientations left out one at a time: the others predict them to {total:.2g} mm rms, "
-                f"{expected:.2g} expected; the sensor moves by up to {shift.max():.2g} mm (without "
-                f"{name(self.poses[worst])}) and {np.degrees(turn.max()):.2g}°"
+                f"{expected:.2g} expected; the sensor moves by up to {shift.max():.2g} mm (without {farthest}) and turns "
+                f"by up to {np.degrees(turn.max()):.2g}° (without {most})"
             )
         for g in np.flatnonzero(self.doubted):
             lines.append(
@@ -64,8 +65,7 @@ def leave_out(found: Calibration) -> LeftOut:
     solution = found.solution
     if found.status == "unobservable" or found.method != "joint":
         raise ValueError("only a joint calibration that has an answer can be cross-validated")
-    problem = Problem(found.observed, solution.noise)
-    state = solution.state
+    problem, state = Problem(found.observed, solution.noise, solution.level.systematic), solution.state
     kept, units = solution.kept, problem.units
     stretch = 1.0 if solution.level.levels else max(1.0, solution.chi2_per_dof)  # larger than the noise explains
     groups = [
@@ -78,12 +78,12 @@ def leave_out(found: Calibration) -> LeftOut:
     for index, rows in tqdm(groups, desc="leaving out", unit="orientation", disable=None, leave=False, delay=1):
         weights = [used.copy() for used in kept]
         weights[index][rows] = False
-        problem = Problem(found.observed, noise_without(problem, solution, weights))
+        problem = Problem(found.observed, noise_without(problem, solution, weights), solution.level.systematic)
         fit = refine(problem, state, weights=weights)
         if str(spectrum(fit.information[0], units).status) == "unobservable":
             rows_out.append((np.nan, np.nan, False, np.full(6, np.nan)))
             continue
-        r, S, rms = prediction(problem, fit, index, rows)
+        r, S, rms = prediction(problem, fit, weights, index, rows)
         S = stretch * S
         square, excess = r @ np.linalg.solve(S, r), np.sqrt(r @ r / np.trace(S))
         moved = pose_error(state.rotation, state.translation, fit.state.rotation, fit.state.translation)[0]
@@ -105,24 +105,30 @@ def noise_without(problem: Problem, solution: Solution, kept) -> Noise:
     return model.noise_of({name: float(np.sqrt(drawn.weight @ size**2)) for name, size in drawn.sizes.items()})
 
 
-def prediction(problem: Problem, fit: Fit, index: int, rows) -> tuple[np.ndarray, np.ndarray, float]:
-    """Residuals (k,) of some poses of one target at a fit that did not use them, independent and over the noise; their
-    covariance (k, k) from noise, robot errors and the uncertainty of the fit; and their root mean square in mm."""
-    linear = problem.linear(fit.state, with_flange=True)[index]
+def prediction(problem: Problem, fit: Fit, kept, index: int, rows) -> tuple[np.ndarray, np.ndarray, float]:
+    """Residuals (k,) of some poses of one target at a fit to those kept (P,), less the systematic errors that these
+    suggest, independent and over the noise; their covariance (k, k) from noise, robot errors and the uncertainty of the
+    fit; and their root mean square in mm."""
+    effects, n = problem.effects_at(fit.state), problem.n
+    linears, common = problem.linear(fit.state), len(effects.precision)
+    triples = zip(effects.rows, linears, kept, strict=True)
+    grams = [gram_by_pose(own, linear.columns) * good[:, None, None] for own, linear, good in triples]
+    known = problem.information(grams, common)
+    for variances, member in effects.sharing.levels(problem.noise):
+        known = remove(known, variances, member)
+    covariance = np.linalg.inv(known.normal[0, :-1, :-1] + np.diag(np.r_[np.zeros(n), effects.precision]))
+    suggested = -(covariance @ known.normal[0, :-1, -1])[n:]
+
+    linear = linears[index]
     there = np.ones(linear.residual.shape[1:], dtype=bool) if linear.present is None else linear.present[0]
     there = there[:, rows].T
-
-    def by_residual(columns):
-        """(k, columns), pose by pose, from (B, columns, K, P)."""
-        return columns[0][..., rows].transpose(2, 1, 0)[there]
-
-    left = problem.residuals(fit.state)[index][0][:, rows].T[there]
-    z = by_residual(linear.with_residual)
-    J = np.zeros((len(z), problem.n))
-    J[:, problem.columns(index)[:-1]] = z[:, :-1]
-    E, visit = by_residual(linear.by_flange), np.nonzero(there)[0]
+    z, by_effect = by_pose(linear.columns)[0, rows][there], effects.rows[index][0, rows][there]
+    J = np.zeros((len(z), n + common))
+    J[:, problem.columns(index)[:-1]], J[:, n:] = z[:, :-1], by_effect[:, 6:]
+    E, visit = by_effect[:, :6], np.nonzero(there)[0]
     pose = sharing([problem.observations[index].keep(rows)]).pose[visit]
     at_visit, at_pose, at_orientation = (E * variances @ E.T for variances in level_variances(problem.noise))
     robot = np.equal.outer(visit, visit) * at_visit + np.equal.outer(pose, pose) * at_pose + at_orientation
-    covariance = np.eye(len(z)) + robot + J @ np.linalg.solve(fit.information[0], J.T)
-    return z[:, -1], covariance, float(np.sqrt(np.mean(left**2)))
+    left = problem.without_systematic(fit.state, kept).residuals(fit.state)[index][0][:, rows].T[there]
+    residual = z[:, -1] + J[:, n:] @ suggested
+    return residual, np.eye(len(z)) + robot + J @ covariance @ J.T, float(np.sqrt(np.mean(left**2)))
