@@ -54,7 +54,7 @@ def test_only_a_joint_answer_can_be_cross_validated():
 
 @pytest.mark.parametrize("kind", ["edge", "ball"])
 def test_the_answer_moves_by_what_one_orientation_of_many_knows(kind):
-    """Of G orientations that know alike, δ's covariance grows by 1 / (G - 1) without one, and the answer moves by that."""
+    """Without one of G orientations that know alike, δ's covariance grows by 1 / (G - 1); the answer moves by that."""
     found = calibrate([simulate_scan(Spec(kind, seed=4, groups=12, positions=5))])
     squares = normalised_square(found.solution.covariance, leave_out(found).moved)
     assert squares.mean() < 6 / 11 * 2

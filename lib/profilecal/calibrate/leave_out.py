@@ -39,8 +39,8 @@ class LeftOut:
             farthest, most = (name(self.poses[kept[np.argmax(size)]]) for size in (shift, turn))
             lines.append(
                 f"{len(kept)} orientations left out one at a time: the others predict them to {total:.2g} mm rms, "
-                f"{expected:.2g} expected; the sensor moves by up to {shift.max():.2g} mm (without {farthest}) and turns "
-                f"by up to {np.degrees(turn.max()):.2g}° (without {most})"
+                f"{expected:.2g} expected; the sensor moves by up to {shift.max():.2g} mm (without {farthest}) and "
+                f"turns by up to {np.degrees(turn.max()):.2g}° (without {most})"
             )
         for g in np.flatnonzero(self.doubted):
             lines.append(

@@ -82,13 +82,20 @@ def name_axis(vector, frame: str) -> str:
 
 def name_direction(direction, R_sensor, frame: str = "flange") -> str:
     """A direction (6,) of the sensor pose in units of the measurement by hand, in the frame that the pose is in."""
-    shift, turn = R_sensor @ direction[:3], R_sensor @ direction[3:]
-    names = []
-    if shift @ shift > 0.2:
-        names.append(f"translation along {name_axis(shift, frame)}")
-    if turn @ turn > 0.2:
-        names.append(f"rotation about {name_axis(turn, frame)}")
-    return " with ".join(names if shift @ shift > 0.5 else names[::-1])
+    words, parts = ("translation along", "rotation about"), np.reshape(direction, (2, 3))
+    return " with ".join(f"{words[k]} {name_axis(R_sensor @ parts[k], frame)}" for k in main_parts(direction))
+
+
+def size_direction(sd: float, direction) -> str:
+    """The shift and the turn that a standard deviation along a direction (6,) consists of."""
+    units, parts = ((BY_HAND_MM, " mm"), (BY_HAND_DEG, "°")), np.linalg.norm(np.reshape(direction, (2, 3)), axis=1)
+    return " with ".join(f"{sd * units[k][0] * parts[k]:.2g}{units[k][1]}" for k in main_parts(direction))
+
+
+def main_parts(direction) -> list[int]:
+    """Shift (0), turn (1), or both, the larger first: those that matter in a direction (6,)."""
+    square = np.sum(np.reshape(direction, (2, 3)) ** 2, axis=1)
+    return [k for k in np.argsort(-square) if square[k] > 0.2]
 
 
 def explain(found: Spectrum, R_sensor, R_flange, frame: str = "flange") -> list[str]:

@@ -11,7 +11,7 @@ from scipy.stats import chi2
 
 from profilecal.calibrate.words import deviations, robot_errors
 from profilecal.geometry.noise import FALSE_ALARM
-from profilecal.joint.observability import BY_HAND_DEG, BY_HAND_MM, name_direction
+from profilecal.joint.observability import name_direction, size_direction
 from profilecal.report.figures import GREEN, ORANGE, RED
 from profilecal.scan.conventions import VENDORS, Convention, for_controller, from_rotations, named
 
@@ -223,7 +223,7 @@ def directions_table(found) -> Html:
         return paragraphs("There are fewer measurements than unknowns.")
     s = found.solution.observability
     words = [name_direction(d, found.solution.rotation, found.frame) for d in s.directions]
-    size = [f"{sd * BY_HAND_MM:.2g} mm or {sd * BY_HAND_DEG:.2g}°" if sd < 10 else "unknown" for sd in s.sd]
+    size = [size_direction(sd, d) if sd < 10 else "unknown" for sd, d in zip(s.sd, s.directions, strict=True)]
     frame = pd.DataFrame({" ": range(1, 7), "direction of the sensor's pose": words, "standard deviation": size})
     return html_table(frame)
 

@@ -4,7 +4,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from profilecal.geometry.poses import angle_between, carry, circle_around, nearest_rotation
-from profilecal.joint.observability import BY_HAND_DEG, BY_HAND_MM, WEAK
+from profilecal.joint.observability import BY_HAND_DEG, BY_HAND_MM, WEAK, size_direction
 from profilecal.report.calibration import chance_limits, features_of, field_of_view
 from profilecal.report.figures import (
     BLUE,
@@ -98,7 +98,9 @@ def plot_residuals(found) -> plt.Figure | None:
         top = 1.15 * max(np.append(size[~bad], limit))
         even = np.unique(group, return_inverse=True)[1] % 2 == 0
         axes.bar(seen[~bad], size[~bad], color=np.where(even[~bad], BLUE, SKY), width=0.8)
-        axes.scatter(seen[bad], np.minimum(size[bad], 0.97 * top), marker="x", color=RED, zorder=3, label="rejected")
+        if any(map(np.any, found.solution.rejected)):
+            where = np.minimum(size[bad], 0.97 * top)
+            axes.scatter(seen[bad], where, marker="x", color=RED, zorder=3, label="rejected")
         for g in np.unique(group):
             kept = (group == g) & ~bad
             if kept.sum() > 1:
@@ -246,7 +248,7 @@ def plot_directions(found) -> plt.Figure | None:
     draw_scan(view, np.eye(3), np.zeros(3), 1.3, SKY, "scan plane")
     draw_direction(view, s.directions[0])
     equal_axes(view, np.array([[-0.8, -0.8, -0.6], [0.8, 0.8, 1.0]]))
-    view.set_box_aspect((1, 1, 1), zoom=1.7)
+    view.set_box_aspect((1, 1, 1), zoom=1.5)
     view.set_axis_off()
     view.view_init(elev=-155, azim=-60)
     view.legend(loc="upper left", fontsize=9)
@@ -262,7 +264,7 @@ def plot_directions(found) -> plt.Figure | None:
         scale.text(place, 0.3, text, ha="center", va="center", fontsize=9)
     scale.set_xlabel("standard deviation")
     name = "good" if s.sd[0] < WEAK else "weak" if s.sd[0] < 1 else "unknown"
-    size = f": {BY_HAND_MM * s.sd[0]:.2g} mm or {BY_HAND_DEG * s.sd[0]:.2g}°" if s.sd[0] < 1 else ""
+    size = f": {size_direction(s.sd[0], s.directions[0])}" if s.sd[0] < 1 else ""
     figure.suptitle(f"The weakest direction is {name}{size}")
     return figure
 
