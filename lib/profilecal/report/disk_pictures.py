@@ -236,7 +236,7 @@ def noisy_middles(figure, drawn: Drawn, noisy, fitted) -> None:
         on_fit = centre[0] + S[0, 1] / S[1, 1] * (seen[:, side, 1] - centre[1]) + (2 * side - 1) * half
         right.plot(off[:, side, 0], height, "o", color=colour, ms=4, label=name)
         right.plot(on_fit - true[:, side, 0], height, "-", color=colour, lw=2, label=f"{name}, fitted ellipse")
-    right.axvline(0, color="0.5", ls="--")
+    right.axvline(0, color="0.5", ls="--", label="true ellipse")
     left.set(xlabel="off the line, along x̄ [mm]", ylabel="z̄ [mm]", title="the middles of the chords")
     right.set(xlabel="off the true ellipse, along x̄ [mm]", title="the tips, and the ellipse fitted to all of them")
     left.invert_yaxis()
