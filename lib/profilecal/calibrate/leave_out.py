@@ -9,10 +9,9 @@ from tqdm import tqdm
 from profilecal.calibrate.calibration import Calibration
 from profilecal.geometry.noise import FALSE_ALARM, Noise
 from profilecal.joint.descent import Fit, refine
-from profilecal.joint.effects import remove
 from profilecal.joint.levels import Likelihood, draw, likeliest
 from profilecal.joint.observability import spectrum
-from profilecal.joint.problem import Problem, by_pose, gram_by_pose
+from profilecal.joint.problem import Problem, by_pose
 from profilecal.joint.sharing import level_variances, sharing
 from profilecal.joint.solution import Solution
 from profilecal.joint.solve import SHARED
@@ -110,20 +109,16 @@ def prediction(problem: Problem, fit: Fit, kept, index: int, rows) -> tuple[np.n
     suggest, independent and over the noise; their covariance (k, k) from noise, robot errors and the uncertainty of the
     fit; and their root mean square in mm."""
     effects, n = problem.effects_at(fit.state), problem.n
-    linears, common = problem.linear(fit.state), len(effects.precision)
-    triples = zip(effects.rows, linears, kept, strict=True)
-    grams = [gram_by_pose(own, linear.columns) * good[:, None, None] for own, linear, good in triples]
-    known = problem.information(grams, common)
-    for variances, member in effects.sharing.levels(problem.noise):
-        known = remove(known, variances, member)
-    covariance = np.linalg.inv(known.normal[0, :-1, :-1] + np.diag(np.r_[np.zeros(n), effects.precision]))
-    suggested = -(covariance @ known.normal[0, :-1, -1])[n:]
+    linears = problem.linear(fit.state)
+    known = problem.with_systematic(effects, linears, kept)
+    covariance = np.linalg.inv(known[:-1, :-1])
+    suggested = -(covariance @ known[:-1, -1])[n:]
 
     linear = linears[index]
     there = np.ones(linear.residual.shape[1:], dtype=bool) if linear.present is None else linear.present[0]
     there = there[:, rows].T
     z, by_effect = by_pose(linear.columns)[0, rows][there], effects.rows[index][0, rows][there]
-    J = np.zeros((len(z), n + common))
+    J = np.zeros((len(z), len(covariance)))
     J[:, problem.columns(index)[:-1]], J[:, n:] = z[:, :-1], by_effect[:, 6:]
     E, visit = by_effect[:, :6], np.nonzero(there)[0]
     pose = sharing([problem.observations[index].keep(rows)]).pose[visit]

@@ -13,9 +13,8 @@ from scipy.stats import norm
 from profilecal.geometry.noise import FALSE_ALARM, Systematic
 from profilecal.geometry.poses import inverse
 from profilecal.joint.descent import refine
-from profilecal.joint.effects import remove
 from profilecal.joint.observations import Observations
-from profilecal.joint.problem import Problem, gram_by_pose
+from profilecal.joint.problem import Problem
 from profilecal.joint.solution import Solution
 from profilecal.joint.state import State
 from profilecal.joint.systematic import STEP, Change, of_scanner, of_target
@@ -81,13 +80,8 @@ def fitted_together(observed, solution: Solution, systematic: Systematic) -> tup
     problem = Problem(observed, solution.noise, systematic)
     state = refine(problem, solution.state, weights=solution.kept).state
     effects, first = problem.effects(state), problem.n
-    parts = zip(effects.rows, problem.linear(state), solution.kept, strict=True)
-    grams = [gram_by_pose(rows, linear.columns) * np.asarray(kept)[:, None, None] for rows, linear, kept in parts]
-    information = problem.information(grams, len(effects.precision))
-    for variances, member in effects.sharing.levels(solution.noise):
-        information = remove(information, variances, member)
-    M = information.normal[0]
-    free = M[:-1, :-1] + np.diag(np.r_[np.zeros(first), effects.precision])
+    M = problem.with_systematic(effects, problem.linear(state), solution.kept)
+    free = M[:-1, :-1]
     return state, -np.linalg.solve(free, M[:-1, -1])[first:], np.linalg.inv(free)[first:, first:]
 
 

@@ -194,6 +194,17 @@ class Problem:
             information = remove(information, variances, member)
         return remove_common(information.normal, self.n, effects.precision)
 
+    def with_systematic(self, effects: Effects, linears, kept) -> np.ndarray:
+        """Normal equations (n + c + 1, n + c + 1) of the unknowns, the systematic errors and the residual, from the
+        poses kept (P,) of each target, with effects and `linear` at a state; errors of the flange are integrated out,
+        and what one knows of the systematic ones is added."""
+        triples = zip(effects.rows, linears, kept, strict=True)
+        grams = [gram_by_pose(rows, linear.columns) * good[:, None, None] for rows, linear, good in triples]
+        information = self.information(grams, len(effects.precision))
+        for variances, member in effects.sharing.levels(self.noise):
+            information = remove(information, variances, member)
+        return information.normal[0] + np.diag(np.r_[np.zeros(self.n), effects.precision, 0.0])
+
     def without_systematic(self, state: State, kept) -> "Problem":
         """The problem of the data less the systematic errors that the poses kept (P,) of each target suggest at a state
         (a batch of one)."""
