@@ -3,11 +3,10 @@
 from collections import Counter
 
 import numpy as np
-from scipy.stats import chi2
 
 from profilecal.calibrate.observe import as_observations, observe
 from profilecal.geometry.fitting import affine_residuals
-from profilecal.geometry.noise import FALSE_ALARM
+from profilecal.geometry.noise import FALSE_ALARM, chi2_limit
 from profilecal.joint.noise import affine_noise
 from profilecal.joint.observability import LEAST_TURN_DEG, name_axis, turns
 from profilecal.joint.observations import Observations
@@ -59,7 +58,7 @@ def affine_outliers(observations: Observations) -> list[list[int]]:
     """
     noise, bad = affine_noise(observations)[0], []
     points = np.asarray(observations.points)[0].reshape(len(observations.labels), -1)
-    limit = chi2.isf(FALSE_ALARM / len(points), points.shape[1])
+    limit = chi2_limit(FALSE_ALARM / len(points), points.shape[1])
     for label in np.unique(observations.group):
         rows = np.flatnonzero(observations.group == label)
         while len(rows) > 3:

@@ -14,7 +14,7 @@ from profilecal.calibrate.observe import observe_all, stated_noise
 from profilecal.calibrate.verify import Difference
 from profilecal.geometry.noise import FALSE_ALARM
 from profilecal.joint.descent import settle_targets
-from profilecal.joint.effects import Information, remove
+from profilecal.joint.effects import Information, remove_each
 from profilecal.joint.noise import expect
 from profilecal.joint.observability import POSE_UNITS, spectrum
 from profilecal.joint.problem import Problem, gram_by_pose
@@ -104,9 +104,7 @@ def normal_of_movement(problem: Problem, state: State, effects) -> np.ndarray:
         B.append(gram[..., :6, 6:] @ to_whole)
         normal += to_whole.T @ gram[..., 6:, 6:].sum(axis=1) @ to_whole
     left = Information(np.concatenate(A, axis=1), np.concatenate(B, axis=1), normal)
-    for variances, member in effects.sharing.levels(problem.noise):
-        left = remove(left, variances, member)
-    return left.normal[0]
+    return remove_each(left, effects.sharing.levels(problem.noise)).normal[0]
 
 
 def state_by(problem: Problem, T) -> State:

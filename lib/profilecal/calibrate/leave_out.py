@@ -3,11 +3,10 @@
 from dataclasses import asdict, dataclass
 
 import numpy as np
-from scipy.stats import chi2
 from tqdm import tqdm
 
 from profilecal.calibrate.calibration import Calibration
-from profilecal.geometry.noise import FALSE_ALARM, Noise
+from profilecal.geometry.noise import FALSE_ALARM, Noise, chi2_limit
 from profilecal.joint.descent import Fit, refine
 from profilecal.joint.levels import Likelihood, draw, likeliest
 from profilecal.joint.observability import spectrum
@@ -86,7 +85,7 @@ def leave_out(found: Calibration) -> LeftOut:
         S = stretch * S
         square, excess = r @ np.linalg.solve(S, r), np.sqrt(r @ r / np.trace(S))
         moved = pose_error(state.rotation, state.translation, fit.state.rotation, fit.state.translation)[0]
-        beyond_chance = square > chi2.isf(FALSE_ALARM / len(groups), len(r))
+        beyond_chance = square > chi2_limit(FALSE_ALARM / len(groups), len(r))
         rows_out.append((rms, rms / excess, beyond_chance and excess > 1, moved))
     rms, expected, doubted, moved = (np.array(column) for column in zip(*rows_out, strict=True))
     names = tuple(tuple(labels[index][k] for k in rows) for index, rows in groups)

@@ -8,16 +8,17 @@ import re
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from profilecal.geometry.noise import FALSE_ALARM, Systematic
 from profilecal.geometry.poses import inverse
 from profilecal.joint.descent import refine
+from profilecal.joint.effects import remove_common
 from profilecal.joint.observations import Observations
 from profilecal.joint.problem import Problem
 from profilecal.joint.solution import Solution
 from profilecal.joint.state import State
-from profilecal.joint.systematic import STEP, Change, of_scanner, of_target
+from profilecal.joint.systematic import Change, of_scanner, of_target
 
 ABSORBED = 1e-9  # of a suspect's own pattern: less is left of it beside the unknowns than rounding
 
@@ -35,7 +36,7 @@ class Suspect:
     @property
     def is_clear(self) -> bool:
         """Whether chance does not explain it."""
-        return abs(self.clear) > norm.isf(FALSE_ALARM / 2 / self.among)
+        return abs(self.clear) > -ndtri(FALSE_ALARM / 2 / self.among)
 
     @property
     def sentence(self) -> str:
@@ -46,25 +47,18 @@ class Suspect:
 
 def suspects(observed, solution: Solution) -> list[Suspect]:
     """What might be wrong everywhere, each by itself, with the size that fits the residuals best."""
-    state, noise = solution.state, solution.noise
-    effects = Problem(observed, noise, solution.level.systematic).effects(state)
-
-    def normal(change, step):
-        changed = Problem([change(o, step) for o in observed], noise)
-        return changed.moments(state, weights=solution.kept, effects=effects).normal[0]
-
-    M = normal(lambda o, step: o, 0.0)
-    A = np.linalg.pinv(M[:-1, :-1], hermitian=True)
-    tried, found = [*of_scanner(), *of_target(observed), *of_robot()], []
-    for change in tried:
-        more, less = normal(change.apply, STEP), normal(change.apply, -STEP)
-        # with d the derivative of the residuals r by the suspect: Jᵀ C⁻¹ d, rᵀ C⁻¹ d, dᵀ C⁻¹ d by differences
-        Jd = (more - less)[:-1, -1] / (2 * STEP)
-        rd = (more - less)[-1, -1] / (4 * STEP)
-        dd = (more + less - 2 * M)[-1, -1] / (2 * STEP**2)
+    state, tried = solution.state, [*of_scanner(), *of_target(observed), *of_robot()]
+    problem = Problem(observed, solution.noise, solution.level.systematic)
+    n, known = problem.n, len(problem.considered)
+    effects = problem.effects_at(state, tried)
+    M = problem.with_systematic(effects, problem.linear(state), solution.kept)
+    M, _ = remove_common(M, n, np.zeros(known))
+    A, found = np.linalg.pinv(M[:n, :n], hermitian=True), []
+    for k, change in enumerate(tried, n):
+        Jd, rd, dd = M[:n, k], M[k, -1], M[k, k]  # d the derivative of the residuals r by the suspect, all over C
         own = dd - Jd @ A @ Jd  # what the other unknowns cannot imitate
         if own > ABSORBED * dd:
-            size = -(rd - M[:-1, -1] @ A @ Jd) / own
+            size = -(rd - M[:n, -1] @ A @ Jd) / own
             found.append(
                 Suspect(change.words, -size * change.unit, size * np.sqrt(own), (A @ Jd * size)[:6], len(tried))
             )

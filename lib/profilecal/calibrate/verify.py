@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from profilecal.calibrate.calibration import Calibration, calibrate
 from profilecal.calibrate.observe import stated_noise
@@ -45,7 +45,7 @@ class Difference:
     @property
     def chance(self) -> float:
         """That more is found where nothing is wrong; 0 for a pose that the scan makes no sense of."""
-        return float(np.nan_to_num(chi2.sf(np.sum(self.apart**2), len(self.apart))))
+        return float(np.nan_to_num(chdtrc(len(self.apart), np.sum(self.apart**2))))
 
     @property
     def as_expected(self) -> bool:

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import chdtri
 
 FALSE_ALARM = 0.01  # the chance that one kind of test doubts anything at all of a good scan
 
@@ -46,6 +47,11 @@ class Systematic:
     tolerance_mm: float = 0.0  # of the target's lengths
     accuracy_mm: float = 0.0  # robot position over its workspace, each axis
     accuracy_deg: float = 0.0  # robot orientation over its workspace, about each axis
+
+
+def chi2_limit(chance, freedom):
+    """What χ² of some degrees of freedom exceeds by a chance, as `scipy.stats`, slow to import, has it too."""
+    return chdtri(freedom, chance)
 
 
 def variances(position_mm, orientation_deg) -> np.ndarray:

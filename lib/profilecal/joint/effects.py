@@ -11,6 +11,7 @@ and the determinant of the residuals' covariance grows by |1 + A S|.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -39,15 +40,30 @@ class Rows:
     by_unknowns: np.ndarray  # (K, r, n) z, with Eᵀz = B
     rest: np.ndarray  # (n, n) what of the normal equations the rows z do not make up
 
-    def without_errors(self, variances, factor, member) -> Information:
+    @cached_property
+    def products(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Of the rows i, j of a profile: E_ic E_jc (6, K r r), z_i z_j (K r r, n n), and E_i [E z]_j (K, r r, .)."""
+        E, z = self.by_errors, self.by_unknowns
+        K, r, n = z.shape
+        both = np.concatenate([E, z], axis=-1)
+        return (
+            np.einsum("kic,kjc->ckij", E, E).reshape(6, -1),
+            (z[:, :, None, :, None] * z[:, None, :, None]).reshape(K * r * r, n * n),
+            (E[:, :, None, :, None] * both[:, None, :, None]).reshape(K, r * r, -1),
+        )
+
+    def without_errors(self, variances, member, factor) -> Information:
         """What `remove` leaves where the noise has variances 1 / factor, for S sets: variances (S, 6), factor (S,)."""
-        K, r, n = self.by_unknowns.shape
-        E, over = self.by_errors, factor[:, None, None]
-        inflated = np.eye(r) + over[:, None] * ((E * variances[:, None, None]) @ np.swapaxes(E, 1, 2))
-        left = over[:, None] * np.linalg.inv(inflated) @ np.concatenate([E, self.by_unknowns], axis=-1)
-        normal = over * self.rest + self.by_unknowns.reshape(K * r, n).T @ left[..., 6:].reshape(-1, K * r, n)
+        (K, r, n), S = self.by_unknowns.shape, len(factor)
+        by_errors, by_unknowns, crossed = self.products
+        inflated = np.eye(r) + ((factor[:, None] * variances) @ by_errors).reshape(S, K, r, r)
+        weight = factor[:, None] * np.linalg.inv(inflated).reshape(S, -1)
+        normal = factor[:, None, None] * self.rest + (weight @ by_unknowns).reshape(S, n, n)
         log_determinant = np.log(np.abs(np.linalg.det(inflated))).sum(axis=-1)
-        return summed(np.swapaxes(E, 1, 2) @ left, member, normal, log_determinant)
+        if member is None:
+            return of_unknowns_alone(normal, log_determinant)
+        left = weight.reshape(S, K, -1).swapaxes(0, 1) @ crossed
+        return summed(left.swapaxes(0, 1).reshape(S, K, 6, 6 + n), member, normal, log_determinant)
 
 
 def rows_of(information: Information) -> Rows:
@@ -61,21 +77,34 @@ def rows_of(information: Information) -> Rows:
     return Rows(root * across / POSE_UNITS, z, information.normal - (np.swapaxes(z, 1, 2) @ z).sum(axis=0))
 
 
-def remove(information: Information, variances, member) -> Information:
+def remove(information: Information, variances, member=None) -> Information:
     """What is left once independent errors of some variances (..., 6) are integrated out; those that are a `member`
-    (K,) of the same error of the next level are one from there on."""
+    (K,) of the same error of the next level are one from there on. Without it, what is left of the unknowns alone."""
     A, B = information.of_errors, information.crossed
-    S = variances[..., None, None, :]
-    whole = np.concatenate([A, B], axis=-1)
+    whole = B if member is None else np.concatenate([A, B], axis=-1)
     M, log_determinant = information.normal, information.log_determinant
     if np.any(variances):
         inflated = inflation(A, variances)
         whole = np.linalg.solve(inflated, whole)
-        weighed = np.swapaxes(S, -1, -2) * whole[..., 6:]
+        weighed = variances[..., None, :, None] * whole[..., -B.shape[-1] :]
         stacked, weighed = (part.reshape(*part.shape[:-3], -1, part.shape[-1]) for part in (B, weighed))
         M = M - np.swapaxes(stacked, -1, -2) @ weighed  # summed over the K errors
         log_determinant = log_determinant + np.log(np.abs(np.linalg.det(inflated))).sum(axis=-1)
-    return summed(whole, member, M, log_determinant)
+    return of_unknowns_alone(M, log_determinant) if member is None else summed(whole, member, M, log_determinant)
+
+
+def remove_each(information: Information, levels) -> Information:
+    """What is left of the unknowns without the errors of some levels, finest first (`Sharing.levels`)."""
+    *finer, (coarsest, _) = levels
+    for variances, member in finer:
+        information = remove(information, variances, member)
+    return remove(information, coarsest)
+
+
+def of_unknowns_alone(normal, log_determinant) -> Information:
+    """Where no error of the flange is left."""
+    nothing = np.zeros((*normal.shape[:-2], 0, 6, 6 + normal.shape[-1]))
+    return Information(nothing[..., :6], nothing[..., 6:], normal, log_determinant)
 
 
 def summed(whole, member, normal, log_determinant) -> Information:

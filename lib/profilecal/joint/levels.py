@@ -15,11 +15,11 @@ The robot's accuracy (`joint.field`) is one more component. Its prior is log-nor
 from collections.abc import Iterator
 from copy import copy
 from dataclasses import asdict, dataclass, replace
+from functools import cache
 
 import numpy as np
-from scipy.optimize import minimize
-from scipy.special import gammaln, ndtr, ndtri, stdtr, stdtrit
-from scipy.stats import chi2, norm, qmc
+from scipy.optimize import brentq, minimize
+from scipy.special import chdtri, gammaln, ndtr, ndtri, stdtr, stdtrit
 
 from profilecal.geometry.noise import ROBOT, Noise
 from profilecal.joint.effects import Information, remove, rows_of
@@ -46,7 +46,7 @@ FARTHEST = 5.0  # of a size's coordinate
 DRAWS, TAILS = 128, 4.0  # sizes looked at, drawn from a t law of that many degrees of freedom
 NEGLIGIBLE = 30.0  # minus twice the logarithm of one density over another: its draws need not be looked at
 STEP, BROAD_STEP = 1e-3, 0.1  # of a size's coordinate, for the first derivative and for the second
-ENOUGH = 1e-7  # of minus twice the logarithm of the density: less moves an answer by some thousandths of its deviation
+ENOUGH = 1e-6  # of minus twice the logarithm of the density: less moves an answer by a hundredth of its deviation
 TOLD = 0.6  # a size is known from the data if they leave it less open than that, the prior being 1
 
 
@@ -178,10 +178,12 @@ class Likelihood:
         sizes = self.sizes(y)
         noise = self.noise_of(sizes)
         factor = (np.asarray(noise.profile_mm) / self.noise.profile_mm) ** -2.0 * np.ones(len(y))
-        (finest, member), *coarser = self.sharing.levels(noise)
-        left = self.rows.without_errors(np.broadcast_to(finest, (len(y), 6)), factor, member)
-        for variances, member in coarser:
-            left = remove(left, np.broadcast_to(variances, (len(y), 6)), member)
+        levels = [(np.broadcast_to(size, (len(y), 6)), member) for size, member in self.sharing.levels(noise)]
+        if not self.field:
+            levels[-1] = levels[-1][0], None
+        left = self.rows.without_errors(*levels[0], factor)
+        for variances, member in levels[1:]:
+            left = remove(left, variances, member)
         if self.field:
             left = self.field.remove(left, *(sizes[name] for name in ACCURACY))
         H, g = left.normal[:, :-1, :-1] + np.diag(self.precision), left.normal[:, :-1, -1:]
@@ -227,14 +229,10 @@ class Draws:
 
 
 def draw(model: Likelihood, likely) -> Draws:
-    """Importance sampling about the likeliest coordinates (d,): evenly spread points of a t law as wide as the
-    posterior is at its maximum."""
+    """Importance sampling about the likeliest coordinates (d,): points of a t law as wide as the posterior is at its
+    maximum."""
     d = len(likely)
-    z, root = np.zeros((1, 0)), np.zeros((0, 0))
-    if d:
-        root = spread_at(model, likely)
-        points = (qmc.Sobol(d + 1, scramble=False).random(DRAWS) + 0.5 / DRAWS) % 1
-        z = norm.ppf(points[:, :d]) * np.sqrt(TAILS / chi2.ppf(points[:, d:], TAILS))
+    z, root = (of_t_law(d), spread_at(model, likely)) if d else (np.zeros((1, 0)), np.zeros((0, 0)))
     y = np.clip(likely + z @ root.T, -FARTHEST, FARTHEST)
     unlikely, covariance, moved = model.at(y)
     proposed = gammaln((TAILS + d) / 2) - gammaln(TAILS / 2) - d / 2 * np.log(TAILS * np.pi)
@@ -247,6 +245,15 @@ def draw(model: Likelihood, likely) -> Draws:
     )
     spread = np.sqrt(np.maximum(found.weight @ y**2 - (found.weight @ y) ** 2, 0))
     return replace(found, spread=dict(zip(model.scales, spread, strict=True)))
+
+
+@cache
+def of_t_law(d: int) -> np.ndarray:
+    """Points (DRAWS, d) of a t law, evenly spread: in the unit cube, multiples of the powers of a generalised golden
+    ratio (Roberts 2018)."""
+    ratio = brentq(lambda x: x ** (d + 2) - x - 1, 1, 2)
+    points = (0.5 + np.arange(1, DRAWS + 1)[:, None] * ratio ** -np.arange(1.0, d + 2)) % 1
+    return ndtri(points[:, :d]) * np.sqrt(TAILS / chdtri(TAILS, points[:, d:]))
 
 
 def spread_at(model: Likelihood, likely) -> np.ndarray:

@@ -4,10 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
-from scipy.stats import chi2 as chi2_law
 
 from profilecal.geometry.fitting import affine_residuals
-from profilecal.geometry.noise import ROBOT, Noise, Systematic
+from profilecal.geometry.noise import ROBOT, Noise, Systematic, chi2_limit
 from profilecal.joint.levels import ACCURACY, USUAL, Levels, Prior
 from profilecal.joint.observations import Observations
 
@@ -106,6 +105,6 @@ def affine_noise(observations: Observations) -> tuple[float, int]:
             continue
         left, _, freedom = affine_residuals(observations.T_flange[0, rows], points[rows], weights[rows])
         if freedom > 0:
-            variances.append(np.sum(left**2) / chi2_law.median(2 * m * freedom))
+            variances.append(np.sum(left**2) / chi2_limit(0.5, 2 * m * freedom))
             freedoms.append(2 * m * freedom)
     return (float(np.sqrt(np.median(variances))), sum(freedoms)) if variances else (0.0, 0)

@@ -9,12 +9,12 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from profilecal.geometry.noise import Noise, Systematic
-from profilecal.joint.effects import Information, inflation, remove, remove_common
+from profilecal.joint.effects import Information, inflation, remove_common, remove_each
 from profilecal.joint.observability import POSE_UNITS
 from profilecal.joint.observations import Observations
 from profilecal.joint.sharing import Sharing, level_variances, sharing
 from profilecal.joint.state import State
-from profilecal.joint.systematic import STEP, considered
+from profilecal.joint.systematic import STEP, Change, considered
 from profilecal.joint.terms import Term
 
 CAUCHY = 2.385  # noise levels at which a residual's weight is a half: 95 % efficient on clean data (Rey 1983)
@@ -96,15 +96,16 @@ class Problem:
         """What the shared errors do to the residuals at this state; None where there are none."""
         return self.effects_at(state) if self.has_effects else None
 
-    def effects_at(self, state: State) -> Effects:
-        """What errors of the flange, and those considered, would do to the residuals at this state."""
+    def effects_at(self, state: State, tried: Sequence[Change] = ()) -> Effects:
+        """What errors of the flange, and those considered, would do to the residuals at this state; and then those
+        `tried`, of which nothing is known beforehand."""
         columns = [[linear.by_flange] for linear in self.linear(state, with_flange=True)]
-        for pair in self.changed:
+        for pair in [*self.changed, *map(self.changed_by, tried)]:
             more, less = (problem.linear(state) for problem in pair)
             for rows, plus, minus in zip(columns, more, less, strict=True):
                 rows.append((plus.residual - minus.residual)[:, None] / (2 * STEP))
         rows = [np.nan_to_num(by_pose(np.concatenate(c, axis=1)), posinf=0, neginf=0) for c in columns]
-        precision = np.array([size**-2.0 for _, size in self.considered])
+        precision = np.array([size**-2.0 for _, size in self.considered] + [0.0] * len(tried))
         return Effects(rows, self.shared, precision)
 
     @cached_property
@@ -114,11 +115,13 @@ class Problem:
 
     @cached_property
     def changed(self) -> list[tuple["Problem", "Problem"]]:
-        """The problem with each systematic error considered at plus and at minus `STEP`."""
-        return [
-            tuple(Problem([change.apply(o, step) for o in self.observations], self.noise) for step in (STEP, -STEP))
-            for change, _ in self.considered
-        ]
+        """The problem with each systematic error considered."""
+        return [self.changed_by(change) for change, _ in self.considered]
+
+    def changed_by(self, change: Change) -> tuple["Problem", "Problem"]:
+        """The problem with a systematic error of plus and of minus `STEP`."""
+        more, less = ([change.apply(o, step) for o in self.observations] for step in (STEP, -STEP))
+        return Problem(more, self.noise), Problem(less, self.noise)
 
     def moments(self, state: State, scale=None, weights=None, effects: Effects | None = None) -> Moments:
         """`scale` (B,): Cauchy's loss with that many noise levels as its unit; None: least squares. `weights`: one
@@ -190,8 +193,7 @@ class Problem:
     def without_effects(self, information: Information, effects: Effects) -> tuple[np.ndarray, np.ndarray]:
         """Normal equations (B, n + 1, n + 1) with all shared errors integrated out, and the systematic ones (B, c) that
         the residuals suggest."""
-        for variances, member in effects.sharing.levels(self.noise):
-            information = remove(information, variances, member)
+        information = remove_each(information, effects.sharing.levels(self.noise))
         return remove_common(information.normal, self.n, effects.precision)
 
     def with_systematic(self, effects: Effects, linears, kept) -> np.ndarray:
@@ -201,9 +203,8 @@ class Problem:
         triples = zip(effects.rows, linears, kept, strict=True)
         grams = [gram_by_pose(rows, linear.columns) * good[:, None, None] for rows, linear, good in triples]
         information = self.information(grams, len(effects.precision))
-        for variances, member in effects.sharing.levels(self.noise):
-            information = remove(information, variances, member)
-        return information.normal[0] + np.diag(np.r_[np.zeros(self.n), effects.precision, 0.0])
+        normal = remove_each(information, effects.sharing.levels(self.noise)).normal[0]
+        return normal + np.diag(np.r_[np.zeros(self.n), effects.precision, 0.0])
 
     def without_systematic(self, state: State, kept) -> "Problem":
         """The problem of the data less the systematic errors that the poses kept (P,) of each target suggest at a state

@@ -40,13 +40,14 @@ class Sharing:
 
     def levels(self, noise: Noise) -> list[tuple[np.ndarray, np.ndarray]]:
         """Of the errors, finest first: their variances (6,), mm² and rad², and which error (k,) of the next level each
-        of the k belongs to. Levels that cannot be told apart are one (`told_apart`)."""
-        visit, pose, orientation = level_variances(noise)
-        if not self.grouped:
-            pose, orientation = pose + orientation, np.zeros(6)
-        if not self.repeated:
-            visit, pose = visit + pose, np.zeros(6)
-        return [(visit, self.pose), (pose, self.orientation), (orientation, np.arange(self.orientation.max() + 1))]
+        of the k belongs to. A level that cannot be told from a finer one (`told_apart`), or is zero, is part of it."""
+        members = self.pose, self.orientation, np.arange(self.orientation.max() + 1)
+        found = list(zip(level_variances(noise), members, strict=True))
+        for k, told_apart in ((1, self.grouped), (0, self.repeated)):
+            (finer, own), (coarser, member) = found[k : k + 2]
+            if not (told_apart and np.any(coarser)):
+                found[k : k + 2] = [(finer + coarser, member[own])]
+        return found
 
 
 def level_variances(noise: Noise) -> list[np.ndarray]:

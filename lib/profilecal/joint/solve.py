@@ -4,10 +4,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import asdict, astuple, replace
 
 import numpy as np
-from scipy.stats import chi2 as chi2_law
 
 from profilecal.geometry.checks import UnobservableError
-from profilecal.geometry.noise import FALSE_ALARM, ROBOT, Noise
+from profilecal.geometry.noise import FALSE_ALARM, ROBOT, Noise, chi2_limit
 from profilecal.geometry.poses import angle_between
 from profilecal.joint.descent import Fit, refine
 from profilecal.joint.field import field_over
@@ -215,7 +214,7 @@ def beyond_chance(problem: Problem, fit: Fit, which: int, scale: float, most: in
     total, rejected = sum(term.P for term in problem.terms), []
     for term, own, k in zip(problem.terms, fit.per_pose, problem.freedoms(), strict=True):
         k = np.minimum(k, most or k)
-        bad = own[which] * k > scale**2 * chi2_law.isf(FALSE_ALARM / total, k)
+        bad = own[which] * k > scale**2 * chi2_limit(FALSE_ALARM / total, k)
         size = np.bincount(term.group)
         crowd = (np.bincount(term.group, bad) > size / 2) & (size > 2)
         rejected.append(bad | crowd[term.group])
@@ -242,7 +241,7 @@ def conclude(problem: Problem, level: NoiseLevel, fit: Fit, others: State, kept)
     factor = float(fit.chi2[0]) / dof
     if level.levels:
         found = of_covariance(level.levels.covariance, found.rank, found.parameters)
-    elif not level.unknown and factor > chi2_law.isf(UNLIKELY, dof) / dof:
+    elif not level.unknown and factor > chi2_limit(UNLIKELY, dof) / dof:
         found = of_covariance(found.covariance * factor, found.rank, found.parameters)
         than = "what the stated noise explains"
         if level.source == "groups":

@@ -4,11 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from scipy.stats import chi2
 
 from profilecal.closed_form.edge import EdgeSolution, edge_equations
 from profilecal.geometry.fitting import affine_residuals
-from profilecal.geometry.noise import FALSE_ALARM, Noise
+from profilecal.geometry.noise import FALSE_ALARM, Noise, chi2_limit
 from profilecal.geometry.poses import angle_between, frame_around
 from profilecal.joint.descent import Fit, refine
 from profilecal.joint.observability import spectrum
@@ -122,7 +121,7 @@ def beyond_chance(problem: Problem, per_pose, scale) -> np.ndarray:
     """Poses (B, P) with residuals larger than chance makes them, and groups of which more than half are
     (`joint.solve.beyond_chance`). `scale` (B,) or one: how many noise levels large residuals are."""
     (term,), (k,) = problem.terms, problem.freedoms()
-    bad = per_pose * k > np.reshape(scale, (-1, 1)) ** 2 * chi2.isf(FALSE_ALARM / term.P, k)
+    bad = per_pose * k > np.reshape(scale, (-1, 1)) ** 2 * chi2_limit(FALSE_ALARM / term.P, k)
     member = np.eye(term.group.max() + 1)[term.group]
     size = member.sum(axis=0)
     crowd = (bad @ member > size / 2) & (size > 2)
@@ -136,7 +135,7 @@ def concluded(problem: Problem, fit: Fit, rejected) -> Answers:
     enough, dof = dof > 0, np.maximum(dof, 1)
     nothing = 1e-20 * np.diag(problem.units**-2.0)
     factor = fit.chi2 / dof
-    factor = np.where(factor > chi2.isf(UNLIKELY, dof) / dof, factor, 1.0)[:, None, None]
+    factor = np.where(factor > chi2_limit(UNLIKELY, dof) / dof, factor, 1.0)[:, None, None]
     found = spectrum(np.where(enough[:, None, None], fit.information / factor, nothing), problem.units)
     return Answers(fit.state, found.covariance, found.status, rejected)
 
@@ -149,7 +148,7 @@ def screen(T_flange, points, noise_mm: float) -> np.ndarray:
     as long as two degrees of freedom are left: with one, all points of a group fit equally badly.
     """
     bad = np.zeros(points.shape[:-1], dtype=bool)
-    limit = chi2.isf(FALSE_ALARM / (bad.shape[-1] * bad.shape[-2]), 2)
+    limit = chi2_limit(FALSE_ALARM / (bad.shape[-1] * bad.shape[-2]), 2)
     while True:
         left, basis, freedom = affine_residuals(T_flange, points, np.where(bad, 0.0, 1.0))
         free = 1 - np.sum(basis**2, axis=-1)  # the part of a point's own error that its residual shows

@@ -8,7 +8,7 @@ import numpy as np
 from profilecal.calibrate.observe import three_points
 from profilecal.geometry.noise import Noise, Systematic
 from profilecal.geometry.poses import carry, rotation_groups, rotations
-from profilecal.joint.effects import Information, remove, remove_common
+from profilecal.joint.effects import Information, remove, remove_common, remove_each
 from profilecal.joint.observability import BY_HAND_DEG, BY_HAND_MM, Spectrum, name_direction, spectrum
 from profilecal.joint.observations import Observations
 from profilecal.joint.problem import Problem, gram_by_pose
@@ -173,7 +173,7 @@ def blocks(parts: Sequence[Part]) -> np.ndarray:
     variances, found = sum(level_variances(problem.noise)), []
     for (gram,), target in zip(grams, targets, strict=True):
         A, B, normal = gram[:, None, :6, :6], gram[:, None, :6, 6:-1], gram[:, 6:-1, 6:-1]
-        left = remove(Information(A, B, normal), np.broadcast_to(variances, (len(gram), 6)), np.arange(1)).normal
+        left = remove(Information(A, B, normal), np.broadcast_to(variances, (len(gram), 6))).normal
         columns = np.r_[common, 0:6, target]
         own = np.zeros((len(gram), size, size))
         own[:, columns[:, None], columns] = left
@@ -186,9 +186,7 @@ def information(parts: Sequence[Part]) -> np.ndarray:
     targets, common, size = unknowns(parts)
     problem, state = problem_of([part for part in parts if len(part[2])])
     effects, grams = grams_of(problem, state)
-    left = problem.information(grams, len(common))
-    for variances, member in effects.sharing.levels(problem.noise):
-        left = remove(left, variances, member)
+    left = remove_each(problem.information(grams, len(common)), effects.sharing.levels(problem.noise))
     columns, whole = np.concatenate([np.arange(6), *targets, common]), np.zeros((size, size))
     whole[columns[:, None], columns] = left.normal[0, :-1, :-1]
     return whole

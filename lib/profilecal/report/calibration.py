@@ -7,10 +7,9 @@ import numpy as np
 import pandas as pd
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
-from scipy.stats import chi2
 
 from profilecal.calibrate.words import deviations, robot_errors
-from profilecal.geometry.noise import FALSE_ALARM
+from profilecal.geometry.noise import FALSE_ALARM, chi2_limit
 from profilecal.joint.observability import name_direction, size_direction
 from profilecal.report.figures import GREEN, ORANGE, RED
 from profilecal.scan.conventions import VENDORS, Convention, for_controller, from_rotations, named
@@ -155,7 +154,7 @@ def chance_limits(found) -> list[np.ndarray]:
     """For each scan, the residual (P,) over the noise that a good pose exceeds so seldom that none of them should."""
     total = sum(map(len, found.seen))
     counts = [o.target.rows * np.isfinite(o.points[0, :, :, 0]).sum(axis=1) for o in found.observed]
-    return [np.sqrt(chi2.isf(FALSE_ALARM / total, count) / count) for count in counts]
+    return [np.sqrt(chi2_limit(FALSE_ALARM / total, count) / count) for count in counts]
 
 
 def rejected_table(found) -> Html:
