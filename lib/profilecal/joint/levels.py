@@ -46,7 +46,7 @@ FARTHEST = 5.0  # of a size's coordinate
 DRAWS, TAILS = 128, 4.0  # sizes looked at, drawn from a t law of that many degrees of freedom
 NEGLIGIBLE = 30.0  # minus twice the logarithm of one density over another: its draws need not be looked at
 STEP, BROAD_STEP = 1e-3, 0.1  # of a size's coordinate, for the first derivative and for the second
-ENOUGH = 1e-6  # of minus twice the logarithm of the density: less moves an answer by a hundredth of its deviation
+ENOUGH = 1e-5  # of minus twice the logarithm of the density: less moves an answer by a hundredth of its deviation
 TOLD = 0.6  # a size is known from the data if they leave it less open than that, the prior being 1
 
 

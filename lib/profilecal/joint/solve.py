@@ -98,11 +98,11 @@ def weigh(problem: Problem, level: NoiseLevel, found: State, robust: bool) -> So
     def weighed(noise, state, kept):
         """The likeliest sizes of all errors, and the fit with them."""
         problem = Problem(observations, noise, level.systematic)
-        state = refine(problem, state, weights=kept).state
+        state = refine(problem, state, weights=kept, tolerance=ROUGHLY).state
         model = Likelihood(problem, state, kept, prior)
         likely = likeliest(model, asdict(noise))
         problem = Problem(observations, model.noise_of(model.sizes(likely)), level.systematic)
-        return model, likely, problem, refine(problem, state, weights=kept)
+        return model, likely, problem, refine(problem, state, weights=kept, tolerance=ROUGHLY)
 
     many = lost(kept) > MANY  # then what is stated is doubted, else the poses
     believed = prior if many else replace(prior, stated=frozenset())
@@ -202,7 +202,7 @@ def robust_fit(problem: Problem, state: State, least: float) -> tuple[Fit, float
         state, per_pose = fit.state, fit.per_pose
         if abs(unit(per_pose)[0] - before) < 1e-3 * before:
             break
-    fit = refine(problem, state, scale=np.full(len(per_pose[0]), unit(per_pose).min()))
+    fit = refine(problem, state, scale=np.full(len(per_pose[0]), unit(per_pose).min()), tolerance=ROUGHLY)
     fit = fit[np.argsort(fit.loss)]
     return fit, float(unit(fit.per_pose)[0])
 
