@@ -28,6 +28,9 @@ OF_METHOD = {  # the same in every notebook
 }
 
 
+FEW_TICKS = 8  # values, each of which has its tick
+
+
 def use_style() -> None:
     """Matplotlib settings of every notebook."""
     plt.rcParams.update(
@@ -168,11 +171,14 @@ def plot_columns(frame: pd.DataFrame, x: str, y: str, hue: str, folder: Path) ->
     figure, axes = plt.subplots(figsize=(6, 4))
     for value, part in frame.groupby(hue) if hue else [("", frame)]:
         spread = part.groupby(x)[y].agg(["min", "median", "max"]).dropna()
-        (line,) = axes.plot(spread.index, spread["median"], "o-", label=f"{hue} = {value}")
+        label = f"{value:g}" if isinstance(value, float) else value
+        (line,) = axes.plot(spread.index, spread["median"], "o-", label=label)
         axes.fill_between(spread.index, spread["min"], spread["max"], color=line.get_color(), alpha=0.15, lw=0)
     axes.set(xlabel=x, ylabel=f"{y} (median, range)")
+    if pd.api.types.is_numeric_dtype(frame[x]) and frame[x].nunique() <= FEW_TICKS:
+        axes.set_xticks(frame[x].dropna().unique())
     if hue:
-        axes.legend()
+        axes.legend(title=hue)
     place = folder / f"{y}_over_{x}.png".replace("/", "-")
     figure.savefig(place, dpi=200)
     figure.savefig(place.with_suffix(".svg"))
