@@ -104,7 +104,7 @@ def normal_of_movement(problem: Problem, state: State, effects) -> np.ndarray:
         B.append(gram[..., :6, 6:] @ to_whole)
         normal += to_whole.T @ gram[..., 6:, 6:].sum(axis=1) @ to_whole
     left = Information(np.concatenate(A, axis=1), np.concatenate(B, axis=1), normal)
-    return remove_each(left, effects.sharing.levels(problem.noise)).normal[0]
+    return remove_each(left, effects.sharing.levels(problem.noise))[0]
 
 
 def state_by(problem: Problem, T) -> State:

@@ -25,8 +25,8 @@ ROUNDING = 1e-14  # of the largest entry: added to a diagonal whose ones it may 
 class Information:
     """What measurements say of K flange errors, of the unknowns, and of both together; leading axes are a batch."""
 
-    of_errors: np.ndarray  # (..., K, 6, 6) A
-    crossed: np.ndarray  # (..., K, 6, n) B
+    of_errors: np.ndarray | None  # (..., K, 6, 6) A; None where none is left
+    crossed: np.ndarray | None  # (..., K, 6, n) B
     normal: np.ndarray  # (..., n, n) zᵀz
     log_determinant: np.ndarray | float = 0.0  # of the residuals' covariance
 
@@ -61,7 +61,7 @@ class Rows:
         normal = factor[:, None, None] * self.rest + (weight @ by_unknowns).reshape(S, n, n)
         log_determinant = np.log(np.abs(np.linalg.det(inflated))).sum(axis=-1)
         if member is None:
-            return of_unknowns_alone(normal, log_determinant)
+            return Information(None, None, normal, log_determinant)
         left = weight.reshape(S, K, -1).swapaxes(0, 1) @ crossed
         return summed(left.swapaxes(0, 1).reshape(S, K, 6, 6 + n), member, normal, log_determinant)
 
@@ -90,21 +90,16 @@ def remove(information: Information, variances, member=None) -> Information:
         stacked, weighed = (part.reshape(*part.shape[:-3], -1, part.shape[-1]) for part in (B, weighed))
         M = M - np.swapaxes(stacked, -1, -2) @ weighed  # summed over the K errors
         log_determinant = log_determinant + np.log(np.abs(np.linalg.det(inflated))).sum(axis=-1)
-    return of_unknowns_alone(M, log_determinant) if member is None else summed(whole, member, M, log_determinant)
+    return Information(None, None, M, log_determinant) if member is None else summed(whole, member, M, log_determinant)
 
 
-def remove_each(information: Information, levels) -> Information:
-    """What is left of the unknowns without the errors of some levels, finest first (`Sharing.levels`)."""
+def remove_each(information: Information, levels) -> np.ndarray:
+    """The normal equations (..., n, n) of the unknowns without the errors of some levels, finest first
+    (`Sharing.levels`)."""
     *finer, (coarsest, _) = levels
     for variances, member in finer:
         information = remove(information, variances, member)
-    return remove(information, coarsest)
-
-
-def of_unknowns_alone(normal, log_determinant) -> Information:
-    """Where no error of the flange is left."""
-    nothing = np.zeros((*normal.shape[:-2], 0, 6, 6 + normal.shape[-1]))
-    return Information(nothing[..., :6], nothing[..., 6:], normal, log_determinant)
+    return remove(information, coarsest).normal
 
 
 def summed(whole, member, normal, log_determinant) -> Information:

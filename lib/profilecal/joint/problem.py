@@ -193,8 +193,8 @@ class Problem:
     def without_effects(self, information: Information, effects: Effects) -> tuple[np.ndarray, np.ndarray]:
         """Normal equations (B, n + 1, n + 1) with all shared errors integrated out, and the systematic ones (B, c) that
         the residuals suggest."""
-        information = remove_each(information, effects.sharing.levels(self.noise))
-        return remove_common(information.normal, self.n, effects.precision)
+        normal = remove_each(information, effects.sharing.levels(self.noise))
+        return remove_common(normal, self.n, effects.precision)
 
     def with_systematic(self, effects: Effects, linears, kept) -> np.ndarray:
         """Normal equations (n + c + 1, n + c + 1) of the unknowns, the systematic errors and the residual, from the
@@ -203,8 +203,8 @@ class Problem:
         triples = zip(effects.rows, linears, kept, strict=True)
         grams = [gram_by_pose(rows, linear.columns) * good[:, None, None] for rows, linear, good in triples]
         information = self.information(grams, len(effects.precision))
-        normal = remove_each(information, effects.sharing.levels(self.noise)).normal[0]
-        return normal + np.diag(np.r_[np.zeros(self.n), effects.precision, 0.0])
+        normal = remove_each(information, effects.sharing.levels(self.noise))
+        return normal[0] + np.diag(np.r_[np.zeros(self.n), effects.precision, 0.0])
 
     def without_systematic(self, state: State, kept) -> "Problem":
         """The problem of the data less the systematic errors that the poses kept (P,) of each target suggest at a state

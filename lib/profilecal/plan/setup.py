@@ -188,7 +188,7 @@ def information(parts: Sequence[Part]) -> np.ndarray:
     effects, grams = grams_of(problem, state)
     left = remove_each(problem.information(grams, len(common)), effects.sharing.levels(problem.noise))
     columns, whole = np.concatenate([np.arange(6), *targets, common]), np.zeros((size, size))
-    whole[columns[:, None], columns] = left.normal[0, :-1, :-1]
+    whole[columns[:, None], columns] = left[0, :-1, :-1]
     return whole
 
 
