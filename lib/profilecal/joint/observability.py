@@ -115,7 +115,7 @@ def explain(found: Spectrum, R_sensor, R_flange, frame: str = "flange") -> list[
     else:
         what = "; ".join(name_direction(v, R_sensor, frame) for v in found.directions[: min(bad, 3)])
     sd = found.sd[0]
-    known = f"known only to {sd * BY_HAND_MM:.2g} mm or {sd * BY_HAND_DEG:.2g}°" if sd < 10 else "left open"
+    known = f"known only to {size_direction(sd, found.directions[0])}" if sd < 10 else "left open"
     verb = "cannot be determined" if found.status == "unobservable" else "is poorly determined"
     if spread < LEAST_TURN_DEG:
         same = f"all flange orientations agree within {max(spread, 0.01):.2g}°"

@@ -9,7 +9,7 @@ from profilecal.calibrate.observe import three_points
 from profilecal.geometry.noise import Noise, Systematic
 from profilecal.geometry.poses import carry, rotation_groups, rotations
 from profilecal.joint.effects import Information, remove, remove_common, remove_each
-from profilecal.joint.observability import BY_HAND_DEG, BY_HAND_MM, Spectrum, name_direction, spectrum
+from profilecal.joint.observability import Spectrum, name_direction, size_direction, spectrum
 from profilecal.joint.observations import Observations
 from profilecal.joint.problem import Problem, gram_by_pose
 from profilecal.joint.sharing import level_variances
@@ -124,9 +124,10 @@ class Prediction:
     @property
     def weakest(self) -> str:
         """The weakest direction in words, with its standard deviation."""
-        frame, sd = "base" if self.setup.to_hand else "flange", self.spectrum.sd[0]
-        direction = name_direction(self.spectrum.directions[0], self.setup.R_sensor, frame)
-        return f"{direction}, {sd * BY_HAND_MM:.2g} mm or {sd * BY_HAND_DEG:.2g}°" if sd < 10 else f"{direction}, open"
+        frame = "base" if self.setup.to_hand else "flange"
+        sd, direction = self.spectrum.sd[0], self.spectrum.directions[0]
+        name = name_direction(direction, self.setup.R_sensor, frame)
+        return f"{name}, {size_direction(sd, direction)}" if sd < 10 else f"{name}, open"
 
 
 Part = tuple[Setup, np.ndarray, np.ndarray]  # one target's setup, flange poses (P, 3, 3), (P, 3), mm
