@@ -50,7 +50,7 @@ class Systematic:
 
 
 def chi2_limit(chance, freedom):
-    """What χ² of some degrees of freedom exceeds by a chance, as `scipy.stats`, slow to import, has it too."""
+    """What χ² of some degrees of freedom exceeds by a chance: `chi2.isf` without the long import of `scipy.stats`."""
     return chdtri(freedom, chance)
 
 

@@ -19,9 +19,9 @@ from functools import cache
 
 import numpy as np
 from scipy.optimize import brentq, minimize
-from scipy.special import chdtri, gammaln, ndtr, ndtri, stdtr, stdtrit
+from scipy.special import gammaln, ndtr, ndtri, stdtr, stdtrit
 
-from profilecal.geometry.noise import ROBOT, Noise
+from profilecal.geometry.noise import ROBOT, Noise, chi2_limit
 from profilecal.joint.effects import Information, remove, rows_of
 from profilecal.joint.field import Field
 from profilecal.joint.observability import POSE_UNITS, RANK
@@ -180,7 +180,7 @@ class Likelihood:
         factor = (np.asarray(noise.profile_mm) / self.noise.profile_mm) ** -2.0 * np.ones(len(y))
         levels = [(np.broadcast_to(size, (len(y), 6)), member) for size, member in self.sharing.levels(noise)]
         if not self.field:
-            levels[-1] = levels[-1][0], None
+            levels[-1] = levels[-1][0], None  # nothing is left but the unknowns
         left = self.rows.without_errors(*levels[0], factor)
         for variances, member in levels[1:]:
             left = remove(left, variances, member)
@@ -253,7 +253,7 @@ def of_t_law(d: int) -> np.ndarray:
     ratio (Roberts 2018)."""
     ratio = brentq(lambda x: x ** (d + 2) - x - 1, 1, 2)
     points = (0.5 + np.arange(1, DRAWS + 1)[:, None] * ratio ** -np.arange(1.0, d + 2)) % 1
-    return ndtri(points[:, :d]) * np.sqrt(TAILS / chdtri(TAILS, points[:, d:]))
+    return ndtri(points[:, :d]) * np.sqrt(TAILS / chi2_limit(points[:, d:], TAILS))
 
 
 def spread_at(model: Likelihood, likely) -> np.ndarray:

@@ -211,10 +211,8 @@ class Problem:
         (a batch of one)."""
         if not self.considered:
             return self
-        effects, observations = self.effects_at(state), self.observations
-        triples = zip(effects.rows, self.linear(state), kept, strict=True)
-        grams = [gram_by_pose(rows, linear.columns) * good[:, None, None] for rows, linear, good in triples]
-        (common,) = self.without_effects(self.information(grams, len(self.considered)), effects)[1]
+        normal, observations = self.with_systematic(self.effects_at(state), self.linear(state), kept), self.observations
+        _, common = remove_common(normal, self.n, np.zeros(len(self.considered)))
         for (change, _), size in zip(self.considered, common, strict=True):
             observations = [change.apply(o, size) for o in observations]
         return Problem(observations, self.noise, self.systematic)

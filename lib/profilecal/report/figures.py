@@ -26,8 +26,6 @@ OF_METHOD = {  # the same in every notebook
     "published": RED,
     "bound": "black",
 }
-
-
 FEW_TICKS = 8  # values, each of which has its tick
 
 
