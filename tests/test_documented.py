@@ -3,12 +3,15 @@
 import ast
 import doctest
 import functools
+import re
 from importlib import import_module
 from pathlib import Path
 
 import pytest
+from command import run
 
-PACKAGE = Path(__file__).parents[1] / "lib" / "profilecal"
+ROOT = Path(__file__).parents[1]
+PACKAGE = ROOT / "lib" / "profilecal"
 MODULES = sorted(PACKAGE.rglob("[a-z]*.py"))
 CONTRACTS = ("Target", "Curve")  # what their methods do is said there, once
 
@@ -50,3 +53,10 @@ def test_examples_run():
         assert not found.failed, name
         examples += found.attempted
     assert examples >= 5
+
+
+def test_the_readme_shows_what_the_command_prints():
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    (shown,) = re.findall(r"^```\n(status .*?)^```", text, re.DOTALL | re.MULTILINE)
+    assert "profilecal calibrate data/examples/edge --to kuka " in text
+    assert run("calibrate", ROOT / "data" / "examples" / "edge", "--to", "kuka").stdout == shown

@@ -28,11 +28,11 @@ from profilecal.joint.observability import POSE_UNITS, RANK
 from profilecal.joint.problem import Problem, gram_by_pose
 from profilecal.joint.state import State
 
-USUAL = Noise(  # of robots, where nothing is stated: scales of the prior
+USUAL = Noise(  # of robots, where nothing is stated: scales of the prior, the same at a pose and at an orientation
     position_mm=0.05,
     orientation_deg=0.02,
-    group_position_mm=0.03,
-    group_orientation_deg=0.01,
+    group_position_mm=0.05,
+    group_orientation_deg=0.02,
     repeatability_mm=0.02,
     repeatability_deg=0.005,
 )
