@@ -47,6 +47,6 @@ clean:
 	elif $(PYTHON) -c 'import ensurepip' 2>/dev/null; then \
 	  $(PYTHON) -m venv .venv && { .venv/bin/pip install -q uv || echo "No uv to be had: pip installs, in about two minutes."; }; \
 	else echo "Python's venv module is incomplete here. On Debian and Ubuntu: sudo apt install python3-venv"; exit 1; fi
-	@if command -v uv >/dev/null; then uv pip install -q --compile-bytecode --python .venv/bin/python -r environment.txt; \
-	else .venv/bin/pip install -q -r environment.txt; fi
+	@if command -v uv >/dev/null; then uv pip install -q --python .venv/bin/python -r environment.txt; \
+	else .venv/bin/pip install -q --no-compile -r environment.txt; fi
 	@touch $@
