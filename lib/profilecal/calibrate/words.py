@@ -58,7 +58,7 @@ def robot_errors(levels: Levels | None) -> list[str]:
         pair = [sizes[name] for name in names if name in sizes]
         if any(size.middle for size in pair):
             said = " and ".join(f"{s.middle:.2g}{unit(s)} ({s.low:.2g} to {s.high:.2g})" for s in pair)
-            said += "" if any(size.told for size in pair) else ", mostly as assumed: these poses hardly show it"
+            said += "" if any(size.told for size in pair) else ", which these poses hardly show"
             if names == ACCURACY:  # whose prior excludes 0: it reads as found even where the robot is exact
                 said += f"; {' and '.join(f'{s.scale:g}{unit(s)}' for s in pair)} were expected"
         elif any(size.high for size in pair):

@@ -323,6 +323,7 @@ def flange_positions(axes, drawn: Drawn) -> None:
     note(axes, "q2 = r2", drawn.q[1], (30 * np.sign(drawn.q[1, 0]), 0))
     axes.margins(0.1, 0.16)
     axes.set_aspect("auto")
+    axes.set_ylabel(f"{axes.get_ylabel()}; T drawn nearer than it is")
 
 
 def tangent_positions(axes, drawn: Drawn) -> None:

@@ -25,8 +25,8 @@ def plot_needs(needs: pd.DataFrame, errors, asked: dict[str, str], sought) -> pl
         for yes, colour, label in ((True, ORANGE, "determined"), (False, "0.6", "not determined")):
             at = (needs[name] == yes).to_numpy()
             ax.plot(ends[:, at], np.tile(place[at], (2, 1)), color=colour)
-            ax.plot(ends[0, at], place[at], "o", color=colour, label=f"{label}: error at the noise …")
-            ax.plot(ends[1, at], place[at], "o", color=colour, mfc="white", label="… and at the smaller one")
+            ax.plot(ends[0, at], place[at], "o", color=colour, ms=8, label=f"{label}: error at the noise …")
+            ax.plot(ends[1, at], place[at], "o", color=colour, mfc="white", ms=5, label="… and at the smaller one")
         ax.set(xscale="log", xlabel=f"median error of the {name} [{unit}]")
     for row, at in zip(needs.itertuples(), place, strict=True):
         if asked.get(row.method) == row.data:
