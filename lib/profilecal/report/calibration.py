@@ -104,7 +104,7 @@ def pose_table(found) -> Html:
     rows = {
         "": ["X", "Y", "Z", *names],
         "value": [f"{v:.{places[u]}f}" for v, u in zip(value, units, strict=True)],
-        "standard deviation": [f"{v:.2g}" for v in sd],
+        "sd near these poses": [f"{v:.2g}" for v in sd],
         "95 %": [f"±\u00a0{1.96 * v:.2g}" for v in sd],
         "unit": units,
     }
@@ -124,8 +124,8 @@ def pose_words(found) -> Html:
         f"Position of the sensor's origin and orientation of its axes in the {found.frame} frame; {meaning}.",
         f"Standard deviations along and about the sensor's own x, y, z: {deviations(s.covariance)} on this robot near "
         f"these poses; {deviations(s.covariance_total)} elsewhere, with the robot's accuracy over its workspace.",
-        f"A point in the middle of the scans (x = {x:.0f}, z = {z:.0f} mm) is placed within {placed:.2g} mm rms by "
-        "this calibration; the robot's and the scanner's own errors come on top.",
+        f"A point in the middle of the scans (x = {x:.0f}, z = {z:.0f} mm) is placed with an error of {placed:.2g} mm "
+        "rms by this calibration, near these poses; the robot's and the scanner's own errors come on top.",
     )
 
 
@@ -143,7 +143,7 @@ def facts_table(found) -> Html:
         rows += [
             ("Method", method),
             ("Poses", f"{len(found.labels(rejected=False))} used, {len(found.labels(rejected=True))} rejected"),
-            ("Scanner noise", f"{s.noise_mm:.3g} mm, {s.level.how}"),
+            ("Noise", f"{s.noise_mm:.3g} mm, {s.level.how}"),
             *(("Robot errors", line) for line in robot_errors(s.level.levels)),
             ("Residuals", f"{s.rms_mm:.3g} mm rms; χ²/dof = {s.chi2_per_dof:.3g} (1: as the noise explains)"),
         ]
@@ -188,7 +188,7 @@ def profile_words(found) -> Html:
     if raw:
         curves = {f"the points taken for the {scan.kind}" for scan in raw if not scan.target.points}
         marked = {"the points that the feature rests on" for scan in raw if scan.target.points}
-        text = "Each profile as the scanner saw it, depth downwards, all at one scale, around the feature. Blue: "
+        text = "Each profile in the scanner's x and z, z downwards, all at one scale, around the feature. Blue: "
         text += " or ".join(sorted(curves | marked)) + ("; red circle: the feature found." if marked else ".")
     else:
         kinds = " and ".join(sorted({scan.measured for scan in found.scans}))
@@ -208,11 +208,11 @@ def view_words(found) -> Html:
     """How much of the field of view the features cover."""
     seen = np.concatenate([np.asarray(o.points).reshape(-1, 2) for o in found.observed])
     (x, z), (x_end, z_end) = np.nanmin(seen, axis=0), np.nanmax(seen, axis=0)
-    text = f"The features cover x from {x:.0f} to {x_end:.0f} mm and depths from {z:.0f} to {z_end:.0f} mm"
+    text = f"The features cover x from {x:.0f} to {x_end:.0f} mm and z from {z:.0f} to {z_end:.0f} mm"
     field = field_of_view(found.scans)
     if field is not None:
         (x, z), (x_end, z_end) = field.min(axis=0), field.max(axis=0)
-        text += f"; the profiles reach x from {x:.0f} to {x_end:.0f} mm and depths from {z:.0f} to {z_end:.0f} mm"
+        text += f"; the profiles reach x from {x:.0f} to {x_end:.0f} mm and z from {z:.0f} to {z_end:.0f} mm"
     return paragraphs(text + ".")
 
 

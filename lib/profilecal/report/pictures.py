@@ -22,6 +22,7 @@ from profilecal.report.figures import (
 
 FRAMES_DRAWN, SCANS_DRAWN = 24, 8  # flange frames and scan planes in a picture
 SCAN_COLOURS = ("black", PURPLE, YELLOW)
+TO_SENSOR = "from the flange to the sensor's origin"
 PROFILES_DRAWN = 20  # profiles in one figure, so that figures fit on a page
 
 
@@ -34,9 +35,12 @@ def plot_robot(found) -> plt.Figure:
     size = 0.08 * np.ptp(origins, axis=0).max() + 5
     drawn = [origins]
     if known and not on_flange:
-        s, depth = found.solution, depth_of(found.observed)
-        draw_frame(axes, s.rotation, s.translation, 0.35 * depth)
-        drawn.append(draw_scan(axes, s.rotation, s.translation, depth, SKY, "scan plane"))
+        s = found.solution
+        for observed in found.observed:
+            corners = seen_in_plane(observed) @ s.rotation.T + s.translation
+            draw_patch(axes, corners, SKY, label="seen in the scan plane")
+            drawn += [corners, s.translation[None]]
+        draw_frame(axes, s.rotation, s.translation, 0.35 * np.ptp(corners, axis=0).max())
     for k, (scan, observed) in enumerate(zip(found.scans, found.observed, strict=True)):
         R, T, colour = scan.R_base_flange, scan.T_base_flange, SCAN_COLOURS[k % 3]
         few = np.unique(np.linspace(0, len(T) - 1, max(1, FRAMES_DRAWN // len(found.scans))).round().astype(int))
@@ -49,7 +53,10 @@ def plot_robot(found) -> plt.Figure:
         if on_flange:
             for i in few[:: -(-len(few) * len(found.scans) // SCANS_DRAWN)]:
                 rotation, origin = R[i] @ found.solution.rotation, T[i] + R[i] @ found.solution.translation
-                drawn.append(draw_scan(axes, rotation, origin, depth_of([observed]), SKY, "scan plane"))
+                corners = seen_in_plane(observed) @ rotation.T + origin
+                draw_patch(axes, corners, SKY, label="seen in the scan plane")
+                axes.plot(*np.stack([T[i], origin]).T, color="0.6", lw=0.8, ls="--", label=TO_SENSOR)
+                drawn += [corners, origin[None]]
             drawn.append(draw_lines(axes, lines, colour, f"{scan.kind}, where the scans place it"))
         else:
             for i in few:
@@ -66,9 +73,10 @@ def plot_robot(found) -> plt.Figure:
     return figure
 
 
-def depth_of(observed) -> float:
-    """Middle depth of what was seen, mm."""
-    return float(np.nanmedian(np.concatenate([np.asarray(o.points)[..., 1].ravel() for o in observed])))
+def seen_in_plane(observed) -> np.ndarray:
+    """The corners (4, 3), sensor frame, of the part of the scan plane in which nearly all was seen."""
+    x, z = np.nanpercentile(np.asarray(observed.points)[0].reshape(-1, 2), [1, 99], axis=0).T
+    return np.stack([x[[0, 1, 1, 0]], np.zeros(4), z[[0, 0, 1, 1]]], axis=-1)
 
 
 def draw_lines(axes, lines, colour: str, label: str, width: float = 3.0) -> np.ndarray:
@@ -153,7 +161,7 @@ def plot_view(found) -> plt.Figure:
     if field is not None:
         seen = np.concatenate([np.asarray(o.points).reshape(-1, 2) for o in found.observed])
         across, deep = (np.nanmax(seen, axis=0) - np.nanmin(seen, axis=0)) / np.ptp(field, axis=0)
-        title = f"Features span {100 * across:.0f} % of the width, {100 * deep:.0f} % of the depth"
+        title = f"Features span {100 * across:.0f} % of the width, {100 * deep:.0f} % of the height"
         axes.fill(*field.T, color="0.92", label="field of view, as far as the profiles reach")
     for k, (scan, o) in enumerate(zip(found.scans, found.observed, strict=True)):
         colour, points = (BLUE, GREEN, ORANGE, PURPLE)[k % 4], np.asarray(o.points)[0]
@@ -168,7 +176,7 @@ def plot_view(found) -> plt.Figure:
                 name = ""
         else:
             axes.scatter(*points.reshape(-1, 2).T, s=8 if o.target.points else 1, color=colour, label=name, alpha=0.7)
-    axes.set(xlabel="sensor x [mm]", ylabel="sensor z, depth [mm]", aspect="equal")
+    axes.set(xlabel="sensor x [mm]", ylabel="sensor z [mm]", aspect="equal")
     axes.invert_yaxis()
     figure.suptitle(title)
     figure.legend(loc="outside lower center", ncols=2)
@@ -220,7 +228,7 @@ def profile_page(scan, features, page, cell, rejected, columns: int = 4) -> plt.
 
 
 def draw_profile(axes, scan, values, feature, corner, cell) -> None:
-    """One profile, depth downwards, within a cell around `corner`: the points that its feature rests on in blue."""
+    """One profile, z downwards, within a cell around `corner`: the points that its feature rests on in blue."""
     there = np.isfinite(values).all(axis=1)
     if not there.any():
         return
@@ -245,10 +253,10 @@ def plot_directions(found) -> plt.Figure | None:
     draw_frame(view, np.eye(3), np.zeros(3), 0.5)
     for axis, name in zip(0.6 * np.eye(3), "xyz", strict=True):
         view.text(*axis, name, ha="center", va="center")
-    draw_scan(view, np.eye(3), np.zeros(3), 1.3, SKY, "scan plane")
+    draw_scan(view, np.eye(3), np.zeros(3), 1.1, SKY, "scan plane")
     draw_direction(view, s.directions[0])
     equal_axes(view, np.array([[-0.8, -0.8, -0.6], [0.8, 0.8, 1.0]]))
-    view.set_box_aspect((1, 1, 1), zoom=1.5)
+    view.set_box_aspect((1, 1, 1), zoom=1.25)
     view.set_axis_off()
     view.view_init(elev=-155, azim=-60)
     view.legend(loc="upper left", fontsize=9)
@@ -274,7 +282,6 @@ def draw_direction(axes, direction) -> None:
     shift, turn = direction[:3], direction[3:]
     if shift @ shift > 0.2:
         axes.quiver(0, 0, 0, *(0.8 * shift), color="black", lw=2.5, label="shift")
-        axes.quiver(0, 0, 0, *(-0.8 * shift), color="black", lw=2.5)
     if turn @ turn > 0.2:
         axis = turn / np.linalg.norm(turn)
         axes.plot(*np.outer(axis, [-0.9, 0.9]), color=PURPLE, lw=1, ls="--")
@@ -286,7 +293,7 @@ def draw_direction(axes, direction) -> None:
 def plot_setting(found) -> plt.Figure:
     """Where targets and scanner are, from results alone: flange, sensor frame and scan plane in the middle of each
     scan's poses, twice the standard deviation of its positions as a cross, and how far it turns. No pose is drawn."""
-    figure = plt.figure(figsize=(9, 4.6))
+    figure = plt.figure(figsize=(7, 6))
     axes, drawn, turned_by, s = figure.add_subplot(projection="3d"), [], [], found.solution
     parts = zip(found.scans, found.observed, s.placements, (BLUE, GREEN, ORANGE, PURPLE), strict=False)
     for scan, observed, placement, colour in parts:
@@ -294,28 +301,25 @@ def plot_setting(found) -> plt.Figure:
         origins = observed.T_flange[0] + observed.R_flange[0] @ s.translation
         middle, turned = origins.mean(axis=0), nearest_rotation(rotation.mean(axis=0))
         turns = np.sqrt(np.mean(np.degrees(angle_between(turned, rotation)) ** 2))
-        turned_by.append(turns)
-        label = f"{scan.kind}; scanner turned\nby {turns:.0f}° rms"
-        drawn.append(draw_lines(axes, target_lines(placement, s, observed), colour, label))
-        x, z = np.nanpercentile(observed.points[0].reshape(-1, 2), [1, 99], axis=0).T
-        seen = np.stack([x[[0, 1, 1, 0]], np.zeros(4), z[[0, 0, 1, 1]]], axis=-1)
-        corners = middle + seen @ turned.T
+        turned_by.append(f"{turns:.0f}° over the {scan.kind}")
+        drawn.append(draw_lines(axes, target_lines(placement, s, observed), colour, scan.kind))
+        corners = middle + seen_in_plane(observed) @ turned.T
         draw_patch(axes, corners, SKY, label="seen in the scan plane")
         flange = middle - turned @ s.rotation.T @ s.translation
-        axes.plot(*np.stack([flange, middle]).T, color="0.4", lw=1.5, ls="--", label="from flange to sensor")
+        axes.plot(*np.stack([flange, middle]).T, color="0.4", lw=1.5, ls="--", label=TO_SENSOR)
         draw_frame(axes, turned @ s.rotation.T, flange, 50)
         draw_frame(axes, turned, middle, 50)
         values, directions = np.linalg.eigh(np.cov(origins.T))
         for value, direction in zip(values, directions.T, strict=True):
-            axes.plot(*(middle + np.outer([-2, 2], np.sqrt(value) * direction)).T, color="black", lw=1)
+            axes.plot(*(middle + np.outer([-2, 2], np.sqrt(value) * direction)).T, color="black", lw=1, label="± 2 sd of the positions")
         drawn += [corners, flange[None]]
     equal_axes(axes, np.concatenate(drawn))
     axes.set(xlabel="base x [mm]", ylabel="base y [mm]", zlabel="base z [mm]")
     axes.set_box_aspect((1, 1, 1), zoom=1.1)
-    lever, (least, most) = np.linalg.norm(s.translation), (f(turned_by) for f in (min, max))
-    figure.suptitle(f"The sensor is {lever:.0f} mm from the flange; it turned by {least:.0f}° to {most:.0f}° rms")
+    lever = np.linalg.norm(s.translation)
+    figure.suptitle(f"The sensor's origin is {lever:.0f} mm from the flange; rms turns: {', '.join(turned_by)}")
     axes.locator_params(nbins=5)
     handles, labels = axes.get_legend_handles_labels()
     once = dict(zip(labels, handles, strict=True))
-    figure.legend(once.values(), once, loc="outside right center")
+    figure.legend(once.values(), once, loc="outside lower center", ncols=2)
     return figure

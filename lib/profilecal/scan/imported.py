@@ -152,7 +152,9 @@ def match(poses: pd.DataFrame, of_poses: list[Path], profiles: list[Path]) -> tu
             break
     found = [by_name.get(name, by_name.get(last_number(name))) for name in labels] if labels else profiles
     if None in found:
-        raise ScanError(f"{folder}: no profile for pose {labels[found.index(None)]} of {source}")
+        all_in_one = f"; if {profiles[0].name} holds them all, write a scan folder (data/README.md) instead"
+        missing = f"{folder}: no profile for pose {labels[found.index(None)]} of {source}"
+        raise ScanError(missing + all_in_one * (len(profiles) == 1))
     if spare := [path for path in profiles if path not in found]:
         raise ScanError(f"{spare[0]}: no such pose in {source}")
     if len({*found}) != len(poses):
