@@ -311,7 +311,12 @@ def plot_setting(found) -> plt.Figure:
         draw_frame(axes, turned, middle, 50)
         values, directions = np.linalg.eigh(np.cov(origins.T))
         for value, direction in zip(values, directions.T, strict=True):
-            axes.plot(*(middle + np.outer([-2, 2], np.sqrt(value) * direction)).T, color="black", lw=1, label="± 2 sd of the positions")
+            axes.plot(
+                *(middle + np.outer([-2, 2], np.sqrt(value) * direction)).T,
+                color="black",
+                lw=1,
+                label="± 2 sd of the positions",
+            )
         drawn += [corners, flange[None]]
     equal_axes(axes, np.concatenate(drawn))
     axes.set(xlabel="base x [mm]", ylabel="base y [mm]", zlabel="base z [mm]")
