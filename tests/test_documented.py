@@ -59,4 +59,6 @@ def test_the_readme_shows_what_the_command_prints():
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     (shown,) = re.findall(r"^```\n(status .*?)^```", text, re.DOTALL | re.MULTILINE)
     assert "profilecal calibrate data/examples/edge --to kuka " in text
-    assert run("calibrate", ROOT / "data" / "examples" / "edge", "--to", "kuka").stdout == shown
+    printed = run("calibrate", ROOT / "data" / "examples" / "edge", "--to", "kuka").stdout
+    short = [re.sub(r"(\.\d{4})\d+", r"\1", said) for said in (printed, shown)]  # processors differ in later digits
+    assert short[0] == short[1]
