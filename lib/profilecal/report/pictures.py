@@ -37,8 +37,7 @@ def plot_robot(found) -> plt.Figure:
     if known and not on_flange:
         s = found.solution
         for observed in found.observed:
-            corners = seen_in_plane(observed) @ s.rotation.T + s.translation
-            draw_patch(axes, corners, SKY, label="seen in the scan plane")
+            corners = draw_seen(axes, observed, s.rotation, s.translation)
             drawn += [corners, s.translation[None]]
         draw_frame(axes, s.rotation, s.translation, 0.35 * np.ptp(corners, axis=0).max())
     for k, (scan, observed) in enumerate(zip(found.scans, found.observed, strict=True)):
@@ -53,10 +52,8 @@ def plot_robot(found) -> plt.Figure:
         if on_flange:
             for i in few[:: -(-len(few) * len(found.scans) // SCANS_DRAWN)]:
                 rotation, origin = R[i] @ found.solution.rotation, T[i] + R[i] @ found.solution.translation
-                corners = seen_in_plane(observed) @ rotation.T + origin
-                draw_patch(axes, corners, SKY, label="seen in the scan plane")
                 axes.plot(*np.stack([T[i], origin]).T, color="0.6", lw=0.8, ls="--", label=TO_SENSOR)
-                drawn += [corners, origin[None]]
+                drawn += [draw_seen(axes, observed, rotation, origin), origin[None]]
             drawn.append(draw_lines(axes, lines, colour, f"{scan.kind}, where the scans place it"))
         else:
             for i in few:
@@ -73,10 +70,12 @@ def plot_robot(found) -> plt.Figure:
     return figure
 
 
-def seen_in_plane(observed) -> np.ndarray:
-    """The corners (4, 3), sensor frame, of the part of the scan plane in which nearly all was seen."""
+def draw_seen(axes, observed, rotation, origin) -> np.ndarray:
+    """Draw the part of the scan plane in which nearly all was seen, by a sensor there; return its corners (4, 3)."""
     x, z = np.nanpercentile(np.asarray(observed.points)[0].reshape(-1, 2), [1, 99], axis=0).T
-    return np.stack([x[[0, 1, 1, 0]], np.zeros(4), z[[0, 0, 1, 1]]], axis=-1)
+    corners = origin + np.stack([x[[0, 1, 1, 0]], np.zeros(4), z[[0, 0, 1, 1]]], axis=-1) @ rotation.T
+    draw_patch(axes, corners, SKY, label="seen in the scan plane")
+    return corners
 
 
 def draw_lines(axes, lines, colour: str, label: str, width: float = 3.0) -> np.ndarray:
@@ -303,20 +302,15 @@ def plot_setting(found) -> plt.Figure:
         turns = np.sqrt(np.mean(np.degrees(angle_between(turned, rotation)) ** 2))
         turned_by.append(f"{turns:.0f}° over the {scan.kind}")
         drawn.append(draw_lines(axes, target_lines(placement, s, observed), colour, scan.kind))
-        corners = middle + seen_in_plane(observed) @ turned.T
-        draw_patch(axes, corners, SKY, label="seen in the scan plane")
+        corners = draw_seen(axes, observed, turned, middle)
         flange = middle - turned @ s.rotation.T @ s.translation
         axes.plot(*np.stack([flange, middle]).T, color="0.4", lw=1.5, ls="--", label=TO_SENSOR)
         draw_frame(axes, turned @ s.rotation.T, flange, 50)
         draw_frame(axes, turned, middle, 50)
         values, directions = np.linalg.eigh(np.cov(origins.T))
         for value, direction in zip(values, directions.T, strict=True):
-            axes.plot(
-                *(middle + np.outer([-2, 2], np.sqrt(value) * direction)).T,
-                color="black",
-                lw=1,
-                label="± 2 sd of the positions",
-            )
+            ends = middle + np.outer([-2, 2], np.sqrt(value) * direction)
+            axes.plot(*ends.T, color="black", lw=1, label="± 2 sd of the positions")
         drawn += [corners, flange[None]]
     equal_axes(axes, np.concatenate(drawn))
     axes.set(xlabel="base x [mm]", ylabel="base y [mm]", zlabel="base z [mm]")
