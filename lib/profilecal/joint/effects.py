@@ -28,7 +28,7 @@ class Information:
     of_errors: np.ndarray | None  # (..., K, 6, 6) A; None where none is left
     crossed: np.ndarray | None  # (..., K, 6, n) B
     normal: np.ndarray  # (..., n, n) zᵀz
-    log_determinant: np.ndarray | float = 0.0  # of the residuals' covariance
+    log_determinant: np.ndarray | None = None  # (...) of the residuals' covariance; None where nobody asks for it
 
 
 @dataclass(frozen=True)
@@ -85,11 +85,12 @@ def remove(information: Information, variances, member=None) -> Information:
     M, log_determinant = information.normal, information.log_determinant
     if np.any(variances):
         inflated = inflation(A, variances)
-        whole = np.linalg.solve(inflated, whole)
+        whole = np.linalg.inv(inflated) @ whole  # many right-hand sides: several times faster than to solve
         weighed = variances[..., None, :, None] * whole[..., -B.shape[-1] :]
         stacked, weighed = (part.reshape(*part.shape[:-3], -1, part.shape[-1]) for part in (B, weighed))
         M = M - np.swapaxes(stacked, -1, -2) @ weighed  # summed over the K errors
-        log_determinant = log_determinant + np.log(np.abs(np.linalg.det(inflated))).sum(axis=-1)
+        if log_determinant is not None:
+            log_determinant = log_determinant + np.log(np.abs(np.linalg.det(inflated))).sum(axis=-1)
     return Information(None, None, M, log_determinant) if member is None else summed(whole, member, M, log_determinant)
 
 

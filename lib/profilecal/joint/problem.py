@@ -85,12 +85,19 @@ class Problem:
     def linear(self, state: State, with_flange: bool = False) -> list:
         """Each term's residuals and derivatives (`terms.Linear`) over the noise."""
         pairs = zip(self.terms, state.placements, strict=True)
-        return [term.over_noise(term.linearise(state, p, with_flange), self.sigma) for term, p in pairs]
+        linears = [term.linearise(state, p, with_flange) for term, p in pairs]
+        for term, linear in zip(self.terms, linears, strict=True):
+            term.over_noise(linear.columns, self.sigma)
+        return linears
 
     def residuals(self, state: State) -> list[np.ndarray]:
         """Each term's residuals (B, K, P), mm."""
+        return [term.residuals(state, p)[:, 0] for term, p in zip(self.terms, state.placements, strict=True)]
+
+    def residuals_over_noise(self, state: State) -> list[np.ndarray]:
+        """Each term's residuals (B, 1, K, P) over the noise."""
         pairs = zip(self.terms, state.placements, strict=True)
-        return [term.linearise(state, p).residual for term, p in pairs]
+        return [term.over_noise(term.residuals(state, p), self.sigma) for term, p in pairs]
 
     def effects(self, state: State) -> Effects | None:
         """What the shared errors do to the residuals at this state; None where there are none."""
@@ -101,9 +108,9 @@ class Problem:
         `tried`, of which nothing is known beforehand."""
         columns = [[linear.by_flange] for linear in self.linear(state, with_flange=True)]
         for pair in [*self.changed, *map(self.changed_by, tried)]:
-            more, less = (problem.linear(state) for problem in pair)
+            more, less = (problem.residuals_over_noise(state) for problem in pair)
             for rows, plus, minus in zip(columns, more, less, strict=True):
-                rows.append((plus.residual - minus.residual)[:, None] / (2 * STEP))
+                rows.append((plus - minus) / (2 * STEP))
         rows = [np.nan_to_num(by_pose(np.concatenate(c, axis=1)), posinf=0, neginf=0) for c in columns]
         precision = np.array([size**-2.0 for _, size in self.considered] + [0.0] * len(tried))
         return Effects(rows, self.shared, precision)

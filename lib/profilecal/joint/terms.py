@@ -83,18 +83,38 @@ class Term:
         points = np.full((1, self.P), self.m) if self.present is None else self.present.sum(axis=1)
         return points * self.target.rows
 
-    def linearise(self, state: State, placement, with_flange: bool = False) -> Linear:
-        """Residuals and derivatives, mm and rad, with those by the flange pose if asked for."""
+    def _look(self, state: State, placement) -> tuple:
+        """Where the sensor sees the target's origin and axes, by components, and what `Target.residual` says there."""
         vectors = np.concatenate([placement[0][:, None], placement[1].swapaxes(1, 2)], axis=1)  # origin and axes
-        B = len(vectors)
-        local = (vectors @ self.R_flange).reshape(B, 4, 3, self.P)  # in the flange frames
+        local = (vectors @ self.R_flange).reshape(len(vectors), 4, 3, self.P)  # in the flange frames
         local[:, 0] -= self.T_in_flange + state.translation[:, :, None]
         local = np.swapaxes(state.rotation, 1, 2)[:, None] @ local  # in the sensor frames
         origin, *axes = ([local[:, j, None, i] for i in range(3)] for j in range(4))
         residual = self.target.residual_in_space if self.in_space else self.target.residual
         with np.errstate(divide="ignore", invalid="ignore"):
-            r, force, torque = residual(origin, axes, self.seen, self.sizes)
+            return origin, axes, *residual(origin, axes, self.seen, self.sizes)
 
+    def _flat(self, z) -> tuple[np.ndarray, np.ndarray | None]:
+        """Columns (B, columns, m, rows, P) as (B, columns, K, P), zero where no point is, and where points are."""
+        z = z.reshape(*z.shape[:2], -1, self.P)
+        if self.present is None:
+            return z, None
+        present = np.repeat(self.present, self.target.rows, axis=1)
+        z *= present[:, None]
+        return z, present
+
+    def residuals(self, state: State, placement) -> np.ndarray:
+        """(B, 1, K, P), mm: of the columns of `linearise` the last."""
+        r = self._look(state, placement)[2]
+        z = np.empty((len(state.rotation), 1, self.m, len(r), self.P))
+        for k, row in enumerate(r):
+            z[:, 0, :, k] = row
+        return self._flat(z)[0]
+
+    def linearise(self, state: State, placement, with_flange: bool = False) -> Linear:
+        """Residuals and derivatives, mm and rad, with those by the flange pose if asked for."""
+        origin, axes, r, force, torque = self._look(state, placement)
+        B = len(state.rotation)
         rows = len(r)
         z = np.empty((B, 7 + self.n + 6 * with_flange, self.m, rows, self.P))
         for k in range(rows):
@@ -108,22 +128,17 @@ class Term:
             for j, axis in enumerate(self.free_turns, 6 + len(self.free_shifts)):
                 column[:, j] = dot(torque[k], axes[axis])
             column[:, 6 + self.n] = r[k]
-        z = z.reshape(B, -1, self.m * rows, self.P)
+        z, present = self._flat(z)
         if with_flange:
             arm = state.translation[:, :, None] + (self.T_in_flange if self.eye_to_hand else 0)  # from flange to sensor
             arm = np.moveaxis(np.swapaxes(state.rotation, 1, 2) @ arm, 1, 0)[:, :, None]  # (3, B, 1, P)
             z[:, -6:-3] = z[:, :3]
             z[:, -3:] = z[:, 3:6] + np.stack(cross(arm, np.moveaxis(z[:, :3], 1, 0)), axis=1)
-        present = None
-        if self.present is not None:
-            present = np.repeat(self.present, rows, axis=1)
-            z *= present[:, None]
         return Linear(z, self.n, present)
 
-    def over_noise(self, linear: Linear, sigma) -> Linear:
-        """Residuals and derivatives, changed in place, over the noise sigma (B|1, 1, 1), mm, and as precise as each
+    def over_noise(self, z, sigma) -> np.ndarray:
+        """Columns (B, columns, K, P), changed in place, over the noise sigma (B|1, 1, 1), mm, and as precise as each
         point is."""
-        z = linear.columns
         z /= sigma[..., None]
         if not self.in_space and (self.row_sd != 1).any():
             z /= np.tile(self.row_sd, self.m)[:, None]
@@ -134,7 +149,7 @@ class Term:
                     z[:, :, k] += self.whiten[:, None, k, j] * z[:, :, j]
         elif self.sd is not None:
             z /= np.repeat(self.sd, z.shape[2] // self.m, axis=1)[:, None]
-        return linear
+        return z
 
     def move(self, placement, step):
         """A placement after a step (B, n) of its free shifts and turns."""

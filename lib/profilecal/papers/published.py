@@ -104,18 +104,21 @@ class RoundingBox:
         """Look for the least change of the printed numbers with which `compute` gives `target`.
 
         `compute(tables)` maps tables with any leading axes to (..., k), and each value is to come within its `unit`
-        (k,) of its target (k,). With `largest_of`, so many values at the end have one target and unit, the last: it is
-        the largest of them that has to meet it.
+        (k,) of its target (k,). With `largest_of`, so many values at the end have one target and unit, the last: the
+        largest of them has to meet it.
 
         Returns the place (size,) found and the largest change there, in half units of the last printed digit: up to 1
         the table prints alike; infinity if nothing was found at all. The search follows derivatives from the table as
         printed: a large value is no proof of absence.
         """
         target, unit = np.asarray(target, dtype=float), np.asarray(unit, dtype=float)
-        high = np.append((target + unit)[:-1], np.full(largest_of, target[-1] + unit[-1]))
-        found = []
-        for largest in range(largest_of):
-            low = np.append((target - unit)[:-1], np.zeros(largest_of))
-            low[largest - largest_of] = target[-1] - unit[-1]
-            found.append(least_change(lambda place: compute(self.at(place)), low, high, self.size))
-        return min(found, key=lambda one: one[1])
+        others = np.ones(largest_of - 1)
+        low = np.append(target - unit, 0 * others)
+        high = np.append(target + unit, (target + unit)[-1] * others)
+
+        def values(place):
+            found = np.array(compute(self.at(place)))
+            found[..., -largest_of:] = -np.sort(-found[..., -largest_of:], axis=-1)  # the largest first
+            return found
+
+        return least_change(values, low, high, self.size)
