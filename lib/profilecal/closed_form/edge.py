@@ -142,8 +142,8 @@ def transposed_skew(a) -> np.ndarray:
 
 
 def row_kron(v, R) -> np.ndarray:
-    """vᵀ ⊗ R of Eqs 9-11, (..., P, 3, 9), from v (..., P, 3) and R (..., 3, 3)."""
-    product = v[..., :, None, :, None] * R[..., None, :, None, :]
+    """vᵀ ⊗ R of Eqs 9-11, (..., 3, 9), from v (..., 3) and R (..., 3, 3)."""
+    product = v[..., None, :, None] * R[..., :, None, :]
     return product.reshape(*product.shape[:-2], 9)
 
 
@@ -161,13 +161,11 @@ def rotation_system(R_b, T_b, p_s, pairs: str = "reduced") -> tuple[np.ndarray, 
     count = u_s.shape[-2]
     i, j = (np.arange(count - 1), np.arange(1, count)) if pairs == "consecutive" else np.triu_indices(count, 1)
 
-    B_1 = row_kron(np.cross(u_s[..., i, :], u_s[..., j, :]), R_b)  # Eq. 13
-    B_2 = row_kron(u_s[..., i, :], R_b)  # Eq. 14
-    B_3 = row_kron(u_s[..., j, :], R_b)  # Eq. 15
+    R, crossed = R_b[..., None, :, :], transposed_skew(u_t) @ R_b[..., None, :, :]
     b_r = -np.cross(u_t[..., i, :], u_t[..., j, :])  # Eq. 16
-    A_1 = B_1  # Eq. 21
-    A_2 = transposed_skew(u_t[..., j, :]) @ B_2  # Eq. 22
-    A_3 = transposed_skew(u_t[..., i, :]) @ B_3  # Eq. 23
+    A_1 = row_kron(np.cross(u_s[..., i, :], u_s[..., j, :]), R)  # Eqs 13 and 21
+    A_2 = row_kron(u_s[..., i, :], crossed[..., j, :, :])  # Eqs 14 and 22: a product with vᵀ ⊗ R is one with R
+    A_3 = row_kron(u_s[..., j, :], crossed[..., i, :, :])  # Eqs 15 and 23
     A_r = A_1 + A_2 - A_3  # Eq. 24
     batch = A_r.shape[:-4]
     return A_r.reshape(*batch, -1, 9), b_r.reshape(*batch, -1)

@@ -65,6 +65,7 @@ class Results:
         if self.folder:
             for suffix in (".png", ".svg"):
                 figure.savefig(self._place("figures", name).with_suffix(suffix), dpi=200)
+                figure.set_layout_engine("none")  # it is laid out
         plt.show()
 
     def table(self, frame: pd.DataFrame, name: str, digits: int = 4) -> pd.DataFrame:
