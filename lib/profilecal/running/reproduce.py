@@ -50,7 +50,7 @@ def reproduce(paths: list[Path], given: dict, output: Path) -> tuple[pd.DataFram
 
         def execute(path: Path) -> float:
             start = time.perf_counter()
-            notebooks.run(path, output / "notebooks" / path.name, parameters[path], bar.update)
+            notebooks.run(path, output / "notebooks" / path.name, parameters[path], bar.update, keep=True)
             return time.perf_counter() - start
 
         for group in ([path for path in paths if path not in readers], readers):
@@ -67,6 +67,7 @@ def reproduce(paths: list[Path], given: dict, output: Path) -> tuple[pd.DataFram
                     pool.shutdown(wait=False, cancel_futures=True)
                     notebooks.stop_all()
                     raise
+    notebooks.stop_idle()
 
     gathered = scorecard.gather(output / "notebooks")
     scorecard.write(gathered, output)
