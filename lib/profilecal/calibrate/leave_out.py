@@ -76,7 +76,7 @@ def leave_out(found: Calibration) -> LeftOut:
     for index, rows in tqdm(groups, desc="leaving out", unit="orientation", disable=None, leave=False, delay=1):
         weights = [used.copy() for used in kept]
         weights[index][rows] = False
-        problem = Problem(found.observed, noise_without(problem, solution, weights), solution.level.systematic)
+        problem = problem.with_noise(noise_without(problem, solution, weights))
         fit = refine(problem, state, weights=weights)
         if str(spectrum(fit.information[0], units).status) == "unobservable":
             rows_out.append((np.nan, np.nan, False, np.full(6, np.nan)))

@@ -76,13 +76,13 @@ def solve_in_closed_form(observations: Observations, level: NoiseLevel, side, rn
     if level.unknown:
         level = replace(level, noise=replace(level.noise, profile_mm=seen_noise))
     everything, accuracy = [np.ones(len(points), dtype=bool)], level.accuracy
-    problem = Problem([observations], level.noise)
+    problem = alone.with_noise(level.noise)
     noise = level.noise
     if level.prior:
         model = Likelihood(problem, state, everything, level.prior.with_scanner(noise.profile_mm))
         noise = model.noise_of(model.sizes(likeliest(model, asdict(noise))))
         level = replace(level, noise=noise, systematic=Systematic())
-        problem = Problem([observations], noise)
+        problem = problem.with_noise(noise)
     moments = problem.moments(state)
 
     shared = sharing([observations])

@@ -3,6 +3,8 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from profilecal.geometry.components import cross, dot
+
 SAME_ORIENTATION_DEG = 0.05  # poses that differ by less form a rotation group
 
 
@@ -119,9 +121,15 @@ def carry(rotation, translation, points) -> np.ndarray:
 def frame_around(axis) -> np.ndarray:
     """Frames (..., 3, 3), in columns, whose z is the unit vector `axis` (..., 3)."""
     axis = np.asarray(axis, dtype=float)
-    x = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis), axis=-1)])
-    x = x / np.linalg.norm(x, axis=-1, keepdims=True)
-    return np.stack([x, np.cross(axis, x), axis], axis=-1)
+    away = np.eye(3)[np.argmin(np.abs(axis), axis=-1)]
+    z, away = ([vector[..., k] for k in range(3)] for vector in (axis, away))
+    x = cross(z, away)
+    x = [component / np.sqrt(dot(x, x)) for component in x]
+    frame = np.empty((*axis.shape, 3))
+    for k, column in enumerate((x, cross(z, x), z)):
+        for j, component in enumerate(column):
+            frame[..., j, k] = component
+    return frame
 
 
 def circle_around(centre, axis, radius: float, count: int = 90) -> np.ndarray:

@@ -162,7 +162,7 @@ def estimate(
     for first in range(0, len(start.rotation), chunk):
         part = slice(first, first + chunk)
         problem = Problem([entry.take(part) for entry in observations], noise)
-        fit = refine(problem, start[part], iterations=steps, tolerance=1e-8, damping=1e-9)
+        fit = refine(problem, start[part], iterations=steps, tolerance=1e-6, damping=1e-9)
         states.append(fit.state)
         spectra.append(spectrum(fit.information, problem.units))
         chi2.append(fit.chi2)

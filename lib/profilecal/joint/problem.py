@@ -1,6 +1,7 @@
 """All that was seen, with its noise, as one least-squares problem."""
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -53,13 +54,23 @@ class Problem:
         in_space: bool = False,
     ):
         self.observations, self.noise, self.systematic = list(observations), noise, systematic
-        self.terms = [Term(entry, noise, in_space) for entry in self.observations]
-        self.sigma = np.asarray(noise.profile_mm, dtype=float).reshape(-1, 1, 1)
+        self.terms = [Term(entry, in_space) for entry in self.observations]
         self.considered = considered(self.observations, systematic)
-        self.has_effects = noise.of_robot or bool(self.considered)
+        self.changed = [self.changed_by(change) for change, _ in self.considered]  # the terms with each of these
         ends = np.cumsum([6, *(term.n for term in self.terms)])
         self.n = int(ends[-1])
         self.parts = [np.arange(*ends) for ends in pairwise(ends)]  # of the unknowns
+
+    def with_noise(self, noise: Noise) -> "Problem":
+        """The same measurements with other noise."""
+        other = copy(self)
+        other.noise = noise
+        return other
+
+    @property
+    def has_effects(self) -> bool:
+        """Whether residuals share any errors."""
+        return self.noise.of_robot or bool(self.considered)
 
     @property
     def units(self) -> np.ndarray:
@@ -68,7 +79,7 @@ class Problem:
 
     def columns(self, index: int) -> np.ndarray:
         """Which of the n unknowns, and the residual as the last, a term's columns are."""
-        return np.r_[0:6, self.parts[index], self.n]
+        return np.concatenate([np.arange(6), self.parts[index], [self.n]])
 
     def count(self) -> np.ndarray:
         """How many residuals, (1,) or (B,)."""
@@ -87,17 +98,12 @@ class Problem:
         pairs = zip(self.terms, state.placements, strict=True)
         linears = [term.linearise(state, p, with_flange) for term, p in pairs]
         for term, linear in zip(self.terms, linears, strict=True):
-            term.over_noise(linear.columns, self.sigma)
+            term.over_noise(linear.columns, self.noise)
         return linears
 
     def residuals(self, state: State) -> list[np.ndarray]:
         """Each term's residuals (B, K, P), mm."""
         return [term.residuals(state, p)[:, 0] for term, p in zip(self.terms, state.placements, strict=True)]
-
-    def residuals_over_noise(self, state: State) -> list[np.ndarray]:
-        """Each term's residuals (B, 1, K, P) over the noise."""
-        pairs = zip(self.terms, state.placements, strict=True)
-        return [term.over_noise(term.residuals(state, p), self.sigma) for term, p in pairs]
 
     def effects(self, state: State) -> Effects | None:
         """What the shared errors do to the residuals at this state; None where there are none."""
@@ -107,9 +113,9 @@ class Problem:
         """What errors of the flange, and those considered, would do to the residuals at this state; and then those
         `tried`, of which nothing is known beforehand."""
         columns = [[linear.by_flange] for linear in self.linear(state, with_flange=True)]
-        for pair in [*self.changed, *map(self.changed_by, tried)]:
-            more, less = (problem.residuals_over_noise(state) for problem in pair)
-            for rows, plus, minus in zip(columns, more, less, strict=True):
+        for changed in [*self.changed, *map(self.changed_by, tried)]:
+            for rows, terms, placement in zip(columns, changed, state.placements, strict=True):
+                plus, minus = (term.over_noise(term.residuals(state, placement), self.noise) for term in terms)
                 rows.append((plus - minus) / (2 * STEP))
         rows = [np.nan_to_num(by_pose(np.concatenate(c, axis=1)), posinf=0, neginf=0) for c in columns]
         precision = np.array([size**-2.0 for _, size in self.considered] + [0.0] * len(tried))
@@ -120,15 +126,9 @@ class Problem:
         """Which profiles share errors of the flange."""
         return sharing(self.observations)
 
-    @cached_property
-    def changed(self) -> list[tuple["Problem", "Problem"]]:
-        """The problem with each systematic error considered."""
-        return [self.changed_by(change) for change, _ in self.considered]
-
-    def changed_by(self, change: Change) -> tuple["Problem", "Problem"]:
-        """The problem with a systematic error of plus and of minus `STEP`."""
-        more, less = ([change.apply(o, step) for o in self.observations] for step in (STEP, -STEP))
-        return Problem(more, self.noise), Problem(less, self.noise)
+    def changed_by(self, change: Change) -> list[tuple[Term, Term]]:
+        """The terms with a systematic error of plus and of minus `STEP`."""
+        return [(Term(change.apply(o, STEP)), Term(change.apply(o, -STEP))) for o in self.observations]
 
     def moments(self, state: State, scale=None, weights=None, effects: Effects | None = None) -> Moments:
         """`scale` (B,): Cauchy's loss with that many noise levels as its unit; None: least squares. `weights`: one

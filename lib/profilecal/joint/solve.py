@@ -95,19 +95,21 @@ def weigh(problem: Problem, level: NoiseLevel, found: State, robust: bool) -> So
     prior = level.prior.with_scanner(features_mm)
     others, state = fit.state, fit.state[[0]]
 
+    with_all = Problem(observations, noise, level.systematic)
+
     def weighed(noise, state, kept):
         """The likeliest sizes of all errors, and the fit with them."""
-        problem = Problem(observations, noise, level.systematic)
+        problem = with_all.with_noise(noise)
         state = refine(problem, state, weights=kept, tolerance=ROUGHLY).state
         model = Likelihood(problem, state, kept, prior)
         likely = likeliest(model, asdict(noise))
-        problem = Problem(observations, model.noise_of(model.sizes(likely)), level.systematic)
+        problem = problem.with_noise(model.noise_of(model.sizes(likely)))
         return model, likely, problem, refine(problem, state, weights=kept, tolerance=ROUGHLY)
 
     many = lost(kept) > MANY  # then what is stated is doubted, else the poses
     believed = prior if many else replace(prior, stated=frozenset())
     large = {name: believed.law(name)[0](UNUSUAL) * getattr(prior.scales, name) for name in ("profile_mm", *ROBOT)}
-    by_large = Problem(observations, replace(noise, **large), level.systematic)
+    by_large = with_all.with_noise(replace(noise, **large))
     for fewer in fewer_rejected(fit, kept):
         if not all_belong(by_large, refine(by_large, state, weights=fewer, iterations=10, tolerance=ROUGHLY), fewer):
             continue  # no robot errs like that
@@ -128,7 +130,7 @@ def weigh(problem: Problem, level: NoiseLevel, found: State, robust: bool) -> So
             break
     field = field_over(model.sharing, state.rotation[0], state.translation[0], observations[0].eye_to_hand)
     found = levels(model, likely, field, level.accuracy)
-    problem = Problem(observations, found.noise, level.systematic)
+    problem = with_all.with_noise(found.noise)
     level = replace(level, noise=found.noise, prior=prior, levels=found)
     return conclude(problem, level, refine(problem, state, weights=kept), others, kept)
 
@@ -227,7 +229,7 @@ def rescale(problem: Problem, state: State, kept) -> Problem:
     for _ in range(20):
         factor = np.sqrt(float(refine(problem, state, weights=kept).chi2[0]) / dof)
         noise = replace(problem.noise, profile_mm=max(problem.noise.profile_mm * factor, 1e-12))
-        problem = Problem(problem.observations, noise)
+        problem = problem.with_noise(noise)
         if abs(factor - 1) < 1e-6:
             break
     return problem

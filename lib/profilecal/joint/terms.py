@@ -39,7 +39,7 @@ class Linear:
 class Term:
     """Poses are the last axis, a batch (B, or 1 for all) is the first."""
 
-    def __init__(self, observations: Observations, noise: Noise, in_space: bool = False):
+    def __init__(self, observations: Observations, in_space: bool = False):
         self.target, self.sizes = observations.target, observations.sizes
         self.in_space, self.eye_to_hand = in_space, observations.eye_to_hand
         free = self.target.shifts, self.target.turns
@@ -57,7 +57,6 @@ class Term:
         self.present = None if there.all() else there  # (B|1, m, P)
         self.seen = np.where(there, seen, 0.0)
         self.group = observations.labels
-        self.row_sd = np.array(self.target.residual_sd(noise))
         self.sd = self.whiten = None
         if observations.covariance is not None:
             self._weigh(np.asarray(observations.covariance, float), observations.on_curve)
@@ -136,12 +135,12 @@ class Term:
             z[:, -3:] = z[:, 3:6] + np.stack(cross(arm, np.moveaxis(z[:, :3], 1, 0)), axis=1)
         return Linear(z, self.n, present)
 
-    def over_noise(self, z, sigma) -> np.ndarray:
-        """Columns (B, columns, K, P), changed in place, over the noise sigma (B|1, 1, 1), mm, and as precise as each
-        point is."""
-        z /= sigma[..., None]
-        if not self.in_space and (self.row_sd != 1).any():
-            z /= np.tile(self.row_sd, self.m)[:, None]
+    def over_noise(self, z, noise: Noise) -> np.ndarray:
+        """Columns (B, columns, K, P), changed in place, over the scanner's noise, and as precise as each point is."""
+        z /= np.reshape(noise.profile_mm, (-1, 1, 1, 1))
+        row_sd = np.array(self.target.residual_sd(noise))
+        if not self.in_space and (row_sd != 1).any():
+            z /= np.tile(row_sd, self.m)[:, None]
         if self.whiten is not None and not self.in_space:
             for k in reversed(range(z.shape[2])):
                 z[:, :, k] *= self.whiten[:, None, k, k]
