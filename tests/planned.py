@@ -49,7 +49,7 @@ def measured(setup: Setup, R, T, trials: int, rng) -> Observations:
 def one_scan(setup: Setup, seen: Observations, R, T, rng) -> np.ndarray:
     """The points (1, P, m, 2) of one of them, before the scanner's noise."""
     sizes, changes = np.array(setup.sizes), []
-    for change, size in considered([seen], setup.systematic):
+    for change, size in considered([seen.target], setup.systematic):
         if change.prior == "tolerance_mm":
             sizes = sizes + size * rng.normal()
         else:

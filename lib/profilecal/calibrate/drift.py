@@ -16,7 +16,7 @@ from profilecal.geometry.noise import FALSE_ALARM
 from profilecal.joint.descent import settle_targets
 from profilecal.joint.effects import Information, remove_each
 from profilecal.joint.noise import expect
-from profilecal.joint.observability import POSE_UNITS, spectrum
+from profilecal.joint.observability import POSE_UNITS, spectrum, units_by_hand
 from profilecal.joint.problem import Problem, gram_by_pose
 from profilecal.joint.solve import LARGEST_ERROR_MM
 from profilecal.joint.state import State
@@ -75,9 +75,9 @@ def drift(before: Scan, after: Scan, T, covariance, noise_mm: float) -> Drift:
             f"{after.title or 'the scan'}: no pose is one of the other scan's; expected the same poses again"
         )
 
-    normal, target_units = normal_of_movement(problem, state, effects), problem.terms[0].units
-    units = np.r_[POSE_UNITS, POSE_UNITS, target_units]
-    free = np.zeros((len(target_units), len(target_units)))
+    normal, target = normal_of_movement(problem, state, effects), problem.terms[0].target
+    units = np.r_[POSE_UNITS, units_by_hand([target])]
+    free = np.zeros((len(units) - 12, len(units) - 12))
     known = block_diag(np.zeros((6, 6)), np.linalg.pinv(covariance, hermitian=True), free)
     known += np.diag(units**-2.0)  # what nothing determines is known as by hand
     H, g = normal[:-1, :-1] + known, normal[:-1, -1]

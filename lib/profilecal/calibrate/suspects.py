@@ -47,7 +47,7 @@ class Suspect:
 
 def suspects(observed, solution: Solution) -> list[Suspect]:
     """What might be wrong everywhere, each by itself, with the size that fits the residuals best."""
-    state, tried = solution.state, [*of_scanner(), *of_target(observed), *of_robot()]
+    state, tried = solution.state, [*of_scanner(), *of_target([entry.target for entry in observed]), *of_robot()]
     problem = Problem(observed, solution.noise, solution.level.systematic)
     n, known = problem.n, len(problem.considered)
     effects = problem.effects_at(state, tried)

@@ -9,6 +9,7 @@ millimetres and degrees compare, and it says what "determined" means. A directio
 - ok otherwise.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +21,13 @@ RANK = 1e-10  # smallest eigenvalue over largest that is not rounding
 LEAST_TURN_DEG = 1.0  # flange orientations that differ by less are taken for one
 NEAR_AXIS_DEG = 15.0  # a direction this near to an axis is called by its name
 POSE_UNITS = np.r_[np.full(3, BY_HAND_MM), np.full(3, np.radians(BY_HAND_DEG))]
+
+
+def units_by_hand(targets: Sequence) -> np.ndarray:
+    """What one would know by hand of the sensor pose, and of the free shifts and turns of each target, (n,), mm and
+    rad."""
+    mm, rad = POSE_UNITS[0], POSE_UNITS[3]
+    return np.concatenate([POSE_UNITS, *([mm] * len(t.shifts) + [rad] * len(t.turns) for t in targets)])
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from profilecal.geometry.noise import Noise, Systematic
 from profilecal.joint.effects import Information, inflation, remove_common, remove_each
-from profilecal.joint.observability import POSE_UNITS
+from profilecal.joint.observability import units_by_hand
 from profilecal.joint.observations import Observations
 from profilecal.joint.sharing import Sharing, level_variances, sharing
 from profilecal.joint.state import State
@@ -55,7 +55,7 @@ class Problem:
     ):
         self.observations, self.noise, self.systematic = list(observations), noise, systematic
         self.terms = [Term(entry, in_space) for entry in self.observations]
-        self.considered = considered(self.observations, systematic)
+        self.considered = considered([entry.target for entry in self.observations], systematic)
         self.changed = [self.changed_by(change) for change, _ in self.considered]  # the terms with each of these
         ends = np.cumsum([6, *(term.n for term in self.terms)])
         self.n = int(ends[-1])
@@ -75,7 +75,7 @@ class Problem:
     @property
     def units(self) -> np.ndarray:
         """What one would know of each parameter (n,) by hand, mm and rad (`observability`)."""
-        return np.concatenate([POSE_UNITS, *(term.units for term in self.terms)])
+        return units_by_hand([term.target for term in self.terms])
 
     def columns(self, index: int) -> np.ndarray:
         """Which of the n unknowns, and the residual as the last, a term's columns are."""

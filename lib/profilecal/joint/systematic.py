@@ -36,16 +36,16 @@ def of_scanner() -> list[Change]:
     ]
 
 
-def of_target(observations: Sequence[Observations]) -> list[Change]:
+def of_target(targets: Sequence) -> list[Change]:
     """Wrong lengths."""
-    names = dict.fromkeys(name for o in observations for name in o.target.lengths)
+    names = dict.fromkeys(name for target in targets for name in target.lengths)
     words = "the {} was too [large|small] by {{:.2g}} mm"
     return [Change(words.format(name), 1, lengthened(name), "tolerance_mm") for name in names]
 
 
-def considered(observations: Sequence[Observations], prior: Systematic) -> list[tuple[Change, float]]:
+def considered(targets: Sequence, prior: Systematic) -> list[tuple[Change, float]]:
     """What may be wrong, with its standard deviation in its own unit, of which there is none where that is 0."""
-    changes = [*of_scanner(), *of_target(observations)]
+    changes = [*of_scanner(), *of_target(targets)]
     sizes = [getattr(prior, change.prior) / change.unit for change in changes]
     return [(change, size) for change, size in zip(changes, sizes, strict=True) if size]
 

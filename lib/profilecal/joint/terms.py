@@ -7,7 +7,6 @@ import numpy as np
 from profilecal.geometry.components import cross, dot
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import rotations
-from profilecal.joint.observability import POSE_UNITS
 from profilecal.joint.observations import Observations
 from profilecal.joint.state import State
 
@@ -60,11 +59,6 @@ class Term:
         self.sd = self.whiten = None
         if observations.covariance is not None:
             self._weigh(np.asarray(observations.covariance, float), observations.on_curve)
-
-    @property
-    def units(self) -> list[float]:
-        """What one would know of each parameter (n,) of the placement by hand, as `observability` has it."""
-        return [POSE_UNITS[0]] * len(self.free_shifts) + [POSE_UNITS[3]] * len(self.free_turns)
 
     def _weigh(self, covariance, on_curve: bool) -> None:
         """Standard deviations (B|1, m, P) of the points, as multiples of the noise; where poses have a fixed number of

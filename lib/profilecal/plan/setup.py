@@ -9,11 +9,12 @@ from profilecal.calibrate.observe import three_points
 from profilecal.geometry.noise import Noise, Systematic
 from profilecal.geometry.poses import carry, rotation_groups, rotations
 from profilecal.joint.effects import Information, remove, remove_common, remove_each
-from profilecal.joint.observability import Spectrum, name_direction, size_direction, spectrum
+from profilecal.joint.observability import Spectrum, name_direction, size_direction, spectrum, units_by_hand
 from profilecal.joint.observations import Observations
 from profilecal.joint.problem import Problem, gram_by_pose
 from profilecal.joint.sharing import level_variances
 from profilecal.joint.state import State
+from profilecal.joint.systematic import considered
 from profilecal.simulate.guess import Margins
 from profilecal.simulate.scanner import Scanner
 from profilecal.simulate.scene import in_unit_ball
@@ -195,8 +196,8 @@ def information(parts: Sequence[Part]) -> np.ndarray:
 
 def scales(parts: Sequence[Part]) -> tuple[np.ndarray, np.ndarray]:
     """Of the unknowns (n,): what is known by hand, mm and rad; of what is wrong at every pose (c,): how large it is."""
-    problem, _ = problem_of([(setup, np.eye(3)[None], np.zeros((1, 3))) for setup, _, _ in parts])
-    return problem.units, np.array([size for _, size in problem.considered])
+    targets = [setup.target for setup, _, _ in parts]
+    return units_by_hand(targets), np.array([size for _, size in considered(targets, parts[0][0].systematic)])
 
 
 def predict(parts: Sequence[Part], rng: np.random.Generator | None = None) -> Prediction:
