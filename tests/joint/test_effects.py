@@ -8,7 +8,7 @@ from many_scenes import KINDS, ROBOT, SIGMA
 from scipy.spatial.transform import Rotation
 
 from profilecal.closed_form.edge import edge_equations
-from profilecal.geometry.noise import Noise
+from profilecal.geometry.noise import Noise, Systematic
 from profilecal.geometry.poses import angle_between
 from profilecal.joint.descent import estimate
 from profilecal.joint.problem import Problem
@@ -77,3 +77,19 @@ def test_errors_common_to_a_rotation_group(motion):
         found.covariance, pose_error(state.rotation, state.translation, scene.R_sensor, scene.T_sensor)
     )
     assert abs(nees.mean() - 6) < 3 * np.sqrt(12 / 200)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_other_noise_is_that_of_a_problem_of_its_own(kind):
+    rng = np.random.default_rng(KINDS.index(kind))
+    scene, may_be_wrong = random_scene(kind, rng), Systematic(scale_percent=0.5)
+    seen = scene.noisy(SIGMA, rng)
+    quiet = Problem([seen], Noise(profile_mm=SIGMA, steering_mm=0.2), may_be_wrong)
+    before = quiet.moments(scene.truth).normal
+    loud = replace(ROBOT, profile_mm=2 * SIGMA, steering_mm=0.3)
+    found, own = (
+        problem.moments(scene.truth) for problem in (quiet.with_noise(loud), Problem([seen], loud, may_be_wrong))
+    )
+    np.testing.assert_array_equal(found.normal, own.normal)
+    np.testing.assert_array_equal(quiet.moments(scene.truth).normal, before)
+    assert not np.allclose(found.normal, before)

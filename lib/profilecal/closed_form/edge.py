@@ -164,7 +164,7 @@ def rotation_system(R_b, T_b, p_s, pairs: str = "reduced") -> tuple[np.ndarray, 
     R, crossed = R_b[..., None, :, :], transposed_skew(u_t) @ R_b[..., None, :, :]
     b_r = -np.cross(u_t[..., i, :], u_t[..., j, :])  # Eq. 16
     A_1 = row_kron(np.cross(u_s[..., i, :], u_s[..., j, :]), R)  # Eqs 13 and 21
-    A_2 = row_kron(u_s[..., i, :], crossed[..., j, :, :])  # Eqs 14 and 22: a product with vᵀ ⊗ R is one with R
+    A_2 = row_kron(u_s[..., i, :], crossed[..., j, :, :])  # Eqs 14 and 22: M (vᵀ ⊗ R) = vᵀ ⊗ (M R)
     A_3 = row_kron(u_s[..., j, :], crossed[..., i, :, :])  # Eqs 15 and 23
     A_r = A_1 + A_2 - A_3  # Eq. 24
     batch = A_r.shape[:-4]
