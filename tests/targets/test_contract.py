@@ -1,5 +1,6 @@
 """What the library asks of every target: residuals with their derivatives, a fit, distances, outlines, lines."""
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -85,6 +86,22 @@ def test_residuals_vanish_where_the_target_meets_the_scan_plane(kind):
     for in_space in (False, True):
         (r,) = Problem([scene.observations], Noise(0.05), in_space=in_space).residuals(scene.truth)
         assert np.abs(r).max() < 1e-9
+
+
+@pytest.mark.parametrize("in_space", [False, True])
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_missing_point_has_no_part_in_anything(kind, in_space):
+    scene = random_scene(kind, np.random.default_rng(8))
+    seen = scene.noisy(0.05, np.random.default_rng(9))
+    points = seen.points.copy()
+    points[0, 1, 0] = np.nan
+    whole, part = (Problem([o], Noise(0.05), in_space=in_space) for o in (seen, replace(seen, points=points)))
+    (full,), (some,) = (problem.linear(scene.truth, with_flange=True) for problem in (whole, part))
+    rows = some.present.shape[1] // points.shape[2]
+    assert not some.present[0, :rows, 1].any()
+    assert some.present[0, :, 0].all()
+    np.testing.assert_array_equal(some.columns, full.columns * some.present[:, None])
+    np.testing.assert_array_equal(part.residuals(scene.truth)[0], whole.residuals(scene.truth)[0] * some.present)
 
 
 def in_base(scene):

@@ -94,7 +94,6 @@ def weigh(problem: Problem, level: NoiseLevel, found: State, robust: bool) -> So
     features_mm = noise.profile_mm if level.source == "residuals" else problem.noise.profile_mm
     prior = level.prior.with_scanner(features_mm)
     others, state = fit.state, fit.state[[0]]
-
     with_all = Problem(observations, noise, level.systematic)
 
     def weighed(noise, state, kept):

@@ -25,11 +25,6 @@ class Linear:
         return self.columns[:, 6 + self.n]
 
     @property
-    def with_residual(self) -> np.ndarray:
-        """By all unknowns, then the residual: (B, 7 + n, K, P)."""
-        return self.columns[:, : 7 + self.n]
-
-    @property
     def by_flange(self) -> np.ndarray:
         """By position and orientation of the flange: (B, 6, K, P)."""
         return self.columns[:, 7 + self.n :]
@@ -87,14 +82,13 @@ class Term:
         with np.errstate(divide="ignore", invalid="ignore"):
             return origin, axes, *residual(origin, axes, self.seen, self.sizes)
 
-    def _flat(self, z) -> tuple[np.ndarray, np.ndarray | None]:
-        """Columns (B, columns, m, rows, P) as (B, columns, K, P), zero where no point is, and where points are."""
-        z = z.reshape(*z.shape[:2], -1, self.P)
+    def _zero_missing(self, z) -> np.ndarray | None:
+        """Make columns (B, columns, K, P) zero where no point is. Returns where points are, (B|1, K, P), or None."""
         if self.present is None:
-            return z, None
-        present = np.repeat(self.present, self.target.rows, axis=1)
+            return None
+        present = np.repeat(self.present, z.shape[2] // self.m, axis=1)
         z *= present[:, None]
-        return z, present
+        return present
 
     def residuals(self, state: State, placement) -> np.ndarray:
         """(B, 1, K, P), mm: of the columns of `linearise` the last."""
@@ -102,7 +96,9 @@ class Term:
         z = np.empty((len(state.rotation), 1, self.m, len(r), self.P))
         for k, row in enumerate(r):
             z[:, 0, :, k] = row
-        return self._flat(z)[0]
+        z = z.reshape(len(z), 1, -1, self.P)
+        self._zero_missing(z)
+        return z
 
     def linearise(self, state: State, placement, with_flange: bool = False) -> Linear:
         """Residuals and derivatives, mm and rad, with those by the flange pose if asked for."""
@@ -121,13 +117,13 @@ class Term:
             for j, axis in enumerate(self.free_turns, 6 + len(self.free_shifts)):
                 column[:, j] = dot(torque[k], axes[axis])
             column[:, 6 + self.n] = r[k]
-        z, present = self._flat(z)
+        z = z.reshape(B, -1, self.m * rows, self.P)
         if with_flange:
             arm = state.translation[:, :, None] + (self.T_in_flange if self.eye_to_hand else 0)  # from flange to sensor
             arm = np.moveaxis(np.swapaxes(state.rotation, 1, 2) @ arm, 1, 0)[:, :, None]  # (3, B, 1, P)
             z[:, -6:-3] = z[:, :3]
             z[:, -3:] = z[:, 3:6] + np.stack(cross(arm, np.moveaxis(z[:, :3], 1, 0)), axis=1)
-        return Linear(z, self.n, present)
+        return Linear(z, self.n, self._zero_missing(z))
 
     def over_noise(self, z, noise: Noise) -> np.ndarray:
         """Columns (B, columns, K, P), changed in place, over the scanner's noise, and as precise as each point is."""

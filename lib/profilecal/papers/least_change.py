@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.optimize import linprog
 
-ROUNDS = 60  # at most; ten or fifteen are usual
+ROUNDS = 60  # at most; ten to thirty are usual
 STEP = 1e-4  # of the differences that stand for derivatives
 SETTLED = 1e-4  # change from one round to the next, and of the trust, at which the search ends
 INSIDE = 0.99  # of the way from the middle of an interval to its ends: room for what is not linear
