@@ -36,7 +36,7 @@ def linear_model(seed, noise=TRUE, **plan):
 def test_the_restricted_likelihood_is_that_of_the_dense_covariance():
     model, problem, state = linear_model(1, groups=4, positions=3)
     linear = problem.linear(state, with_flange=True)[0]
-    z, E = (part[0].transpose(2, 1, 0) for part in np.split(linear.columns, [7 + linear.n], axis=1))  # (P, K, columns)
+    z, E = (part[0].transpose(2, 1, 0) for part in (linear.with_residual, linear.by_flange))  # (P, K, columns)
     P, K, _ = z.shape
     J, r = z[..., :-1].reshape(P * K, -1), z[..., -1].ravel()
     group = problem.terms[0].group

@@ -25,6 +25,11 @@ class Linear:
         return self.columns[:, 6 + self.n]
 
     @property
+    def with_residual(self) -> np.ndarray:
+        """By all unknowns, then the residual: (B, 7 + n, K, P)."""
+        return self.columns[:, : 7 + self.n]
+
+    @property
     def by_flange(self) -> np.ndarray:
         """By position and orientation of the flange: (B, 6, K, P)."""
         return self.columns[:, 7 + self.n :]
