@@ -1,6 +1,7 @@
 # `make reproduce` and `make test` first bring .venv up to environment.txt; the stamp is written only after success.
 PYTHON ?= python3
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
+unexport PYTHONDONTWRITEBYTECODE # or each of some hundred processes would compile all that it imports
 
 .PHONY: install reproduce test bench site notebooks lock clean
 
