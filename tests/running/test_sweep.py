@@ -40,16 +40,6 @@ def write_notebook(path: Path, code: str = DRAW) -> Path:
     return path
 
 
-@pytest.fixture(autouse=True, scope="module")
-def kept_processes():
-    """The processes that execute notebooks stay for the next sweep, which then need not import papermill again."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(notebooks, "stop_idle", lambda: None)
-        yield
-    notebooks.stop_idle()
-    assert not notebooks._idle
-
-
 @pytest.fixture
 def notebook(tmp_path):
     return write_notebook(tmp_path / "draw.ipynb")
