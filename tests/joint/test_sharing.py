@@ -48,3 +48,21 @@ def test_levels_that_cannot_be_told_apart_are_one():
     noise = Noise(position_mm=0.3, group_position_mm=0.4, repeatability_mm=1.2)
     ((visit, _),) = sharing([seen]).levels(noise)
     assert np.allclose(visit[:3], 1.3**2)
+
+
+def test_an_error_that_is_not_there_has_no_level():
+    """What belonged to it belongs to the next one."""
+    found = sharing([observations().keep(np.repeat(np.arange(12), 2))])
+    by_orientation = np.repeat([0, 1, 2], 8).tolist()
+    noise = Noise(position_mm=0.3, group_position_mm=0.4, repeatability_mm=1.2)
+    assert len(found.levels(noise)) == 3
+    (visit, member), (shared, _) = found.levels(replace(noise, position_mm=0.0))
+    assert member.tolist() == by_orientation
+    assert np.allclose([visit[:3], shared[:3]], [[1.2**2], [0.4**2]])
+    (visit, member), (pose, last) = found.levels(replace(noise, group_position_mm=0.0))
+    assert member.tolist() == np.repeat(np.arange(12), 2).tolist()
+    assert last.tolist() == np.repeat([0, 1, 2], 4).tolist()
+    assert np.allclose([visit[:3], pose[:3]], [[1.2**2], [0.3**2]])
+    ((visit, member),) = found.levels(Noise(repeatability_mm=1.2))
+    assert member.tolist() == by_orientation
+    assert np.allclose(visit[:3], 1.2**2)
