@@ -62,7 +62,9 @@ def run(*arguments):
     return CliRunner().invoke(main, ["reproduce", *arguments])
 
 
-def test_notebooks_run_and_their_results_are_gathered(scored):
+def test_notebooks_run_and_their_results_are_gathered(scored, monkeypatch):
+    stopped = []
+    monkeypatch.setattr(notebooks, "stop_idle", lambda: stopped.extend(notebooks._idle))
     result = run("-p", "count", "3")
     assert result.exit_code == 0, result.output
     assert "differs" in result.output
@@ -71,6 +73,7 @@ def test_notebooks_run_and_their_results_are_gathered(scored):
     assert "1.5" in (scored / "results/scorecard.csv").read_text()
     executed = json.loads((scored / "results/notebooks/10_good.ipynb").read_text())
     assert all(cell["execution_count"] for cell in executed["cells"])
+    assert stopped  # the process that ran it
 
 
 def test_a_failing_notebook_keeps_its_traceback_and_the_others_run(scored):

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from datetime import datetime
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from profilecal.calibrate.observe import observe_all, stated_noise
 from profilecal.calibrate.verify import Difference
@@ -77,9 +76,8 @@ def drift(before: Scan, after: Scan, T, covariance, noise_mm: float) -> Drift:
 
     normal, target = normal_of_movement(problem, state, effects), problem.terms[0].target
     units = np.r_[POSE_UNITS, units_by_hand([target])]
-    free = np.zeros((len(units) - 12, len(units) - 12))
-    known = block_diag(np.zeros((6, 6)), np.linalg.pinv(covariance, hermitian=True), free)
-    known += np.diag(units**-2.0)  # what nothing determines is known as by hand
+    known = np.diag(units**-2.0)  # what nothing determines is known as by hand
+    known[6:12, 6:12] += np.linalg.pinv(covariance, hermitian=True)
     H, g = normal[:-1, :-1] + known, normal[:-1, -1]
     result = Drift(-np.linalg.solve(H, g)[:6], spectrum(H, units), shared)
     if not len(result.apart):

@@ -125,11 +125,7 @@ def frame_around(axis) -> np.ndarray:
     z, away = ([vector[..., k] for k in range(3)] for vector in (axis, away))
     x = cross(z, away)
     x = [component / np.sqrt(dot(x, x)) for component in x]
-    frame = np.empty((*axis.shape, 3))
-    for k, column in enumerate((x, cross(z, x), z)):
-        for j, component in enumerate(column):
-            frame[..., j, k] = component
-    return frame
+    return np.stack([np.stack(column, axis=-1) for column in (x, cross(z, x), z)], axis=-1)
 
 
 def circle_around(centre, axis, radius: float, count: int = 90) -> np.ndarray:
