@@ -326,7 +326,7 @@ def cluster(tmp_path):
             return process
 
         start("distributed.cli.dask_scheduler", *where, "--port", "0", "--scheduler-file", str(file))
-        wait_for(file.exists)
+        wait_for(lambda: file.exists() and file.read_text())  # it is there before its text is
         address = json.loads(file.read_text())["address"]
         workers = [
             start(
@@ -360,7 +360,7 @@ def test_a_cluster_gives_the_same_table_even_when_a_worker_is_killed(notebook, t
     killer.start()
     again = sweep.sweep(notebook, grid, tmp_path / "again", repeat=2, scheduler=address)
     killer.join()
-    assert workers[0].wait() == -signal.SIGKILL
+    assert workers[0].wait(30) == -signal.SIGKILL
     assert without_duration(again.table) == without_duration(here.table)
 
 
