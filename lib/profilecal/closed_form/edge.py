@@ -29,7 +29,6 @@ class EdgeRotation:
     rank: np.ndarray  # (...) of A_r, up to rounding
     r_s: np.ndarray  # (..., 9) the solution before its projection, vec(R_s) column by column
     R_sensor: np.ndarray  # (..., 3, 3)
-    noise_gain: np.ndarray  # (...) what noise of 1 mm in the sensed points adds to the smallest singular value, mm²
 
 
 @dataclass(frozen=True)
@@ -141,12 +140,6 @@ def transposed_skew(a) -> np.ndarray:
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
-def row_kron(v, R) -> np.ndarray:
-    """vᵀ ⊗ R of Eqs 9-11, (..., 3, 9), from v (..., 3) and R (..., 3, 3)."""
-    product = v[..., None, :, None] * R[..., :, None, :]
-    return product.reshape(*product.shape[:-2], 9)
-
-
 def rotation_system(R_b, T_b, p_s, pairs: str = "reduced") -> tuple[np.ndarray, np.ndarray]:
     """A_r (..., k, 9) and b_r (..., k) of Eq. 25, stacked over pairs within each group.
 
@@ -161,12 +154,13 @@ def rotation_system(R_b, T_b, p_s, pairs: str = "reduced") -> tuple[np.ndarray, 
     count = u_s.shape[-2]
     i, j = (np.arange(count - 1), np.arange(1, count)) if pairs == "consecutive" else np.triu_indices(count, 1)
 
-    R, crossed = R_b[..., None, :, :], transposed_skew(u_t) @ R_b[..., None, :, :]
+    C = transposed_skew(u_t) @ R_b[..., None, :, :]
+    x, z = u_s[..., 0, None, None], u_s[..., 2, None, None]
+    x_i, z_i, C_i, x_j, z_j, C_j = (a[..., k, :, :] for k in (i, j) for a in (x, z, C))
+    # Eqs 13-15 and 21-24, a column of R_s at a time: u_s has no y, and u_s[i] × u_s[j] has nothing else
+    columns = x_i * C_j - x_j * C_i, (z_i * x_j - z_j * x_i) * R_b[..., None, :, :], z_i * C_j - z_j * C_i
+    A_r = np.concatenate(columns, axis=-1)
     b_r = -np.cross(u_t[..., i, :], u_t[..., j, :])  # Eq. 16
-    A_1 = row_kron(np.cross(u_s[..., i, :], u_s[..., j, :]), R)  # Eqs 13 and 21
-    A_2 = row_kron(u_s[..., i, :], crossed[..., j, :, :])  # Eqs 14 and 22: M (vᵀ ⊗ R) = vᵀ ⊗ (M R)
-    A_3 = row_kron(u_s[..., j, :], crossed[..., i, :, :])  # Eqs 15 and 23
-    A_r = A_1 + A_2 - A_3  # Eq. 24
     batch = A_r.shape[:-4]
     return A_r.reshape(*batch, -1, 9), b_r.reshape(*batch, -1)
 
@@ -193,9 +187,8 @@ def solve_rotation(R_b, T_b, p_s, pairs: str = "reduced") -> EdgeRotation:
     """Phase one, Eqs 25-27."""
     A_r, b_r = rotation_system(R_b, T_b, p_s, pairs)
     r_s, S, V, rank = least_squares(A_r, b_r, rounding_of_rotation(T_b, p_s))
-    gain = noise_gain(V[..., -1], R_b, T_b, p_s)
     R_sensor = nearest_rotation(unvec(r_s))
-    return EdgeRotation(A_r=A_r, b_r=b_r, S=S, V=V, rank=rank, r_s=r_s, R_sensor=R_sensor, noise_gain=gain)
+    return EdgeRotation(A_r=A_r, b_r=b_r, S=S, V=V, rank=rank, r_s=r_s, R_sensor=R_sensor)
 
 
 def rounding_of_rotation(T_b, p_s) -> np.ndarray:
@@ -310,8 +303,9 @@ def judge(R_b, T_b, p_s, solution: EdgeSolution, noise_mm=None) -> EdgeEvidence:
         )
     G, N = T_b.shape[-3:-1]
     rotation, translation = solution.rotation, solution.translation
+    from_noise = noise_mm * noise_gain(rotation.V[..., -1], R_b, T_b, p_s)
     with np.errstate(divide="ignore", invalid="ignore"):
-        strength = np.where(rotation.rank < 9, 0, rotation.S[..., -1] / (noise_mm * rotation.noise_gain))
+        strength = np.where(rotation.rank < 9, 0, rotation.S[..., -1] / from_noise)
         sd = np.where(translation.rank < 3, np.inf, noise_mm * np.sqrt(G * N) / translation.S[..., -1])
     return EdgeEvidence(noise_mm=noise_mm, rotation_strength=strength, translation_sd_mm=sd)
 
