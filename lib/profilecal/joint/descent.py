@@ -121,14 +121,14 @@ def reach(step) -> np.ndarray:
 def damped_step(normal, damping) -> tuple[np.ndarray, np.ndarray]:
     """The steps (B, n) that normal equations (B, n + 1, n + 1) ask for, damped by (B,) relative to each parameter's
     own size, and by how much they promise to lower the loss, (B,)."""
-    size = np.sqrt(np.einsum("bii->bi", normal)[:, :-1])
+    size = np.sqrt(np.einsum("bii->bi", normal))
     size = np.where(size > 0, size, 1.0)
-    H = normal[:, :-1, :-1] / (size[:, :, None] * size[:, None])
-    H = np.where(np.isfinite(H), H, 0.0) + damping[:, None, None] * np.eye(size.shape[1])
-    g = normal[:, :-1, -1] / size
-    g = np.where(np.isfinite(g), g, 0.0)
-    scaled = -np.linalg.solve(H, g[..., None])[..., 0]
-    return scaled / size, damping * np.sum(scaled**2, axis=1) - np.sum(g * scaled, axis=1)
+    size[:, -1] = 1.0  # of the residual
+    relative = normal / (size[:, :, None] * size[:, None])
+    relative = np.where(np.isfinite(relative), relative, 0.0)
+    H, g = relative[:, :-1, :-1] + damping[:, None, None] * np.eye(size.shape[1] - 1), relative[:, :-1, -1]
+    step = -np.linalg.solve(H, g[..., None])[..., 0]
+    return step / size[:, :-1], (step * (damping[:, None] * step - g)).sum(axis=1)
 
 
 def settle_targets(problem: Problem, rotation, translation, weights=None) -> State:

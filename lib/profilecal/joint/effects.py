@@ -42,13 +42,13 @@ class Rows:
 
     @cached_property
     def products(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Of the rows i, j of a profile: E_ic E_jc (6, K r r), z_i z_j (K r r, n n), and E_i [E z]_j (K, r r, .)."""
+        """Of the rows i, j of a profile: E_ic E_jc (6, r r K), z_i z_j (r r K, n n), and E_i [E z]_j (K, r r, .)."""
         E, z = self.by_errors, self.by_unknowns
         K, r, n = z.shape
         both = np.concatenate([E, z], axis=-1)
         return (
-            np.einsum("kic,kjc->ckij", E, E).reshape(6, -1),
-            (z[:, :, None, :, None] * z[:, None, :, None]).reshape(K * r * r, n * n),
+            np.einsum("kic,kjc->cijk", E, E).reshape(6, -1),
+            np.einsum("kim,kjn->ijkmn", z, z).reshape(r * r * K, n * n),
             (E[:, :, None, :, None] * both[:, None, :, None]).reshape(K, r * r, -1),
         )
 
@@ -56,14 +56,28 @@ class Rows:
         """What `remove` leaves where the noise has variances 1 / factor, for S sets: variances (S, 6), factor (S,)."""
         (K, r, n), S = self.by_unknowns.shape, len(factor)
         by_errors, by_unknowns, crossed = self.products
-        inflated = np.eye(r) + ((factor[:, None] * variances) @ by_errors).reshape(S, K, r, r)
-        weight = factor[:, None] * np.linalg.inv(inflated).reshape(S, -1)
+        inflated = np.eye(r)[..., None] + ((factor[:, None] * variances) @ by_errors).reshape(S, r, r, K)
+        inverse, determinant = inverse_of(inflated)
+        weight = factor[:, None] * inverse.reshape(S, -1)
         normal = factor[:, None, None] * self.rest + (weight @ by_unknowns).reshape(S, n, n)
-        log_determinant = np.log(np.abs(np.linalg.det(inflated))).sum(axis=-1)
+        log_determinant = np.log(determinant).sum(axis=-1)
         if member is None:
             return Information(None, None, normal, log_determinant)
-        left = weight.reshape(S, K, -1).swapaxes(0, 1) @ crossed
+        left = weight.reshape(S, -1, K).transpose(2, 0, 1) @ crossed
         return summed(left.swapaxes(0, 1).reshape(S, K, 6, 6 + n), member, normal, log_determinant)
+
+
+def inverse_of(matrices) -> tuple[np.ndarray, np.ndarray]:
+    """Inverses, and determinants (S, K), of positive definite matrices (S, r, r, K): by Gauss-Jordan elimination, each
+    step for all of them at once, as they are many and small."""
+    left, determinant = matrices.copy(), 1.0
+    for k in range(matrices.shape[1]):
+        pivot = left[:, k, k].copy()
+        row, column = left[:, k] / pivot[:, None], left[:, :, k].copy()
+        left -= column[:, :, None] * row[:, None]
+        left[:, k], left[:, :, k], left[:, k, k] = row, -column / pivot[:, None], 1 / pivot
+        determinant = determinant * pivot
+    return left, determinant
 
 
 def rows_of(information: Information) -> Rows:
