@@ -63,8 +63,9 @@ class Rows:
         log_determinant = np.log(determinant).sum(axis=-1)
         if member is None:
             return Information(None, None, normal, log_determinant)
-        left = weight.reshape(S, -1, K).transpose(2, 0, 1) @ crossed
-        return summed(left.swapaxes(0, 1).reshape(S, K, 6, 6 + n), member, normal, log_determinant)
+        left = summed(weight.reshape(S, -1, K).transpose(2, 0, 1) @ crossed, member)
+        left = left.reshape(-1, S, 6, 6 + n).swapaxes(0, 1)
+        return Information(left[..., :6], left[..., 6:], normal, log_determinant)
 
 
 def inverse_of(matrices) -> tuple[np.ndarray, np.ndarray]:
@@ -105,7 +106,10 @@ def remove(information: Information, variances, member=None) -> Information:
         M = M - np.swapaxes(stacked, -1, -2) @ weighed  # summed over the K errors
         if log_determinant is not None:
             log_determinant = log_determinant + np.log(np.abs(np.linalg.det(inflated))).sum(axis=-1)
-    return Information(None, None, M, log_determinant) if member is None else summed(whole, member, M, log_determinant)
+    if member is None:
+        return Information(None, None, M, log_determinant)
+    whole = np.moveaxis(summed(np.moveaxis(whole, -3, 0), member), 0, -3)
+    return Information(whole[..., :6], whole[..., 6:], M, log_determinant)
 
 
 def remove_each(information: Information, levels) -> np.ndarray:
@@ -117,14 +121,12 @@ def remove_each(information: Information, levels) -> np.ndarray:
     return remove(information, coarsest).normal
 
 
-def summed(whole, member, normal, log_determinant) -> Information:
-    """Of [A B] (..., K, 6, 6 + n), those of each member together."""
+def summed(parts, member) -> np.ndarray:
+    """Of parts (K, ...), those of each member together."""
     if np.array_equal(member, np.arange(len(member))):
-        return Information(whole[..., :6], whole[..., 6:], normal, log_determinant)
-    flat = whole.reshape(*whole.shape[:-2], -1)
+        return parts
     belongs = (np.arange(member.max() + 1)[:, None] == member).astype(float)
-    whole = (belongs @ flat).reshape(*flat.shape[:-2], len(belongs), *whole.shape[-2:])
-    return Information(whole[..., :6], whole[..., 6:], normal, log_determinant)
+    return (belongs @ parts.reshape(len(parts), -1)).reshape(-1, *parts.shape[1:])
 
 
 def inflation(of_errors, variances) -> np.ndarray:
