@@ -311,24 +311,25 @@ def test_a_header_with_a_byte_order_mark_is_read(tmp_path):
 
 
 @pytest.mark.parametrize("command", [["calibrate"], ["calibrate", "--json"], ["check"], ["verify", "--with", "T.json"]])
-@pytest.mark.parametrize("locked", ["scan", "scan/poses.csv"])
 @pytest.mark.skipif(os.name != "posix" or os.getuid() != 0, reason="gives up root's permissions")
-def test_without_permission_a_command_says_so_and_writes_nothing(command, locked):
+def test_without_permission_a_command_says_so_and_writes_nothing(command):
     with tempfile.TemporaryDirectory() as above:  # not below pytest's folder, which is root's alone
         os.chmod(above, 0o755)
         folder = Path(above) / "scan"
         write_scan(random_scan(np.random.default_rng(9)), folder)
         arguments = [command[0], str(folder), *command[1:]]
         CliRunner().invoke(main, arguments)  # which imports what root alone may read
-        (Path(above) / locked).chmod(0)
-        os.seteuid(65534)
-        try:
-            done = CliRunner().invoke(main, arguments)
-        finally:
-            os.seteuid(0)
-    assert (done.exit_code, done.stdout) == (2, "")
-    unread = folder / ("scan.toml" if locked == "scan" else "poses.csv")
-    assert done.stderr == f"profilecal: {unread}: Permission denied\n"
+        for locked, unread in ((folder, folder / "scan.toml"), (folder / "poses.csv", folder / "poses.csv")):
+            mode = locked.stat().st_mode
+            locked.chmod(0)
+            os.seteuid(65534)
+            try:
+                done = CliRunner().invoke(main, arguments)
+            finally:
+                os.seteuid(0)
+                locked.chmod(mode)
+            assert (done.exit_code, done.stdout) == (2, "")
+            assert done.stderr == f"profilecal: {unread}: Permission denied\n"
 
 
 @pytest.mark.parametrize("mistake", ["no header", "text", "cut short", "symlink loop", "a pipe", "nested deeply"])
