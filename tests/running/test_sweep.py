@@ -348,8 +348,8 @@ def test_a_cluster_gives_the_same_table_even_when_a_worker_is_killed(notebook, t
     address, workers = cluster
     monkeypatch.setattr(notebooks, "cores", lambda: 1)
     grid = {"n": [1, 2]}
-    here = sweep.sweep(notebook, grid, tmp_path / "here", repeat=2)
-    there = sweep.sweep(notebook, grid, tmp_path / "there", repeat=2, scheduler=address)
+    here = sweep.sweep(notebook, grid, tmp_path / "here")
+    there = sweep.sweep(notebook, grid, tmp_path / "there", scheduler=address)
     assert without_duration(here.table) == without_duration(there.table)
 
     def kill_a_worker_at_work():
@@ -358,7 +358,7 @@ def test_a_cluster_gives_the_same_table_even_when_a_worker_is_killed(notebook, t
 
     killer = threading.Thread(target=kill_a_worker_at_work)
     killer.start()
-    again = sweep.sweep(notebook, grid, tmp_path / "again", repeat=2, scheduler=address)
+    again = sweep.sweep(notebook, grid, tmp_path / "again", scheduler=address)
     killer.join()
     assert workers[0].wait(30) == -signal.SIGKILL
     assert without_duration(again.table) == without_duration(here.table)
