@@ -11,6 +11,7 @@ from profilecal.closed_form.edge import edge_equations
 from profilecal.geometry.noise import Noise, Systematic
 from profilecal.geometry.poses import angle_between
 from profilecal.joint.descent import estimate
+from profilecal.joint.effects import inverse_of
 from profilecal.joint.problem import Problem
 from profilecal.joint.sharing import level_variances
 from profilecal.joint.state import normalised_square, pose_error
@@ -93,3 +94,20 @@ def test_other_noise_is_that_of_a_problem_of_its_own(kind):
     np.testing.assert_array_equal(found.normal, own.normal)
     np.testing.assert_array_equal(quiet.moments(scene.truth).normal, before)
     assert not np.allclose(found.normal, before)
+
+
+@pytest.mark.parametrize("rows", [1, 2, 4])
+def test_small_matrices_are_inverted_entry_by_entry(rows):
+    factor = np.random.default_rng(5).normal(size=(3, 7, rows, rows))
+    matrices = np.eye(rows) + factor @ np.swapaxes(factor, -1, -2)
+    inverse, determinant = inverse_of(np.moveaxis(matrices, 1, -1))
+    assert np.moveaxis(inverse, -1, 1) == pytest.approx(np.linalg.inv(matrices), rel=1e-9, abs=1e-9)
+    assert determinant == pytest.approx(np.linalg.det(matrices), rel=1e-9)
+
+
+def test_ones_that_rounding_swallows_leave_no_zero_to_divide_by():
+    E = np.random.default_rng(6).normal(size=(100, 3, 2))  # three rows, two errors: but for the ones of rank two
+    matrices = np.eye(3) + 1e20 * E @ np.swapaxes(E, -1, -2)
+    inverse, determinant = inverse_of(np.moveaxis(matrices, 0, -1)[None])
+    assert np.isfinite(inverse).all()
+    assert (determinant > 0).all()

@@ -56,8 +56,8 @@ class Rows:
         """What `remove` leaves where the noise has variances 1 / factor, for S sets: variances (S, 6), factor (S,)."""
         (K, r, n), S = self.by_unknowns.shape, len(factor)
         by_errors, by_unknowns, crossed = self.products
-        inflated = np.eye(r)[..., None] + ((factor[:, None] * variances) @ by_errors).reshape(S, r, r, K)
-        inverse, determinant = inverse_of(inflated)
+        grown = ((factor[:, None] * variances) @ by_errors).reshape(S, r, r, K)
+        inverse, determinant = inverse_of(np.eye(r)[..., None] + grown)
         weight = factor[:, None] * inverse.reshape(S, -1)
         normal = factor[:, None, None] * self.rest + (weight @ by_unknowns).reshape(S, n, n)
         log_determinant = np.log(determinant).sum(axis=-1)
@@ -71,7 +71,8 @@ class Rows:
 def inverse_of(matrices) -> tuple[np.ndarray, np.ndarray]:
     """Inverses, and determinants (S, K), of positive definite matrices (S, r, r, K): by Gauss-Jordan elimination, each
     step for all of them at once, as they are many and small."""
-    left, determinant = matrices.copy(), 1.0
+    ridge = ROUNDING * np.abs(matrices).max(axis=(1, 2), keepdims=True)
+    left, determinant = matrices + ridge * np.eye(matrices.shape[1])[..., None], 1.0
     for k in range(matrices.shape[1]):
         pivot = left[:, k, k].copy()
         row, column = left[:, k] / pivot[:, None], left[:, :, k].copy()
