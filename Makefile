@@ -2,8 +2,6 @@
 PYTHON ?= python3
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 unexport PYTHONDONTWRITEBYTECODE # or each of some hundred processes would compile all that it imports
-export MALLOC_MMAP_THRESHOLD_ = 268435456# glibc keeps what NumPy frees and asks for again at once;
-export MALLOC_TRIM_THRESHOLD_ = 268435456# else the system takes every large array back and clears new memory for it
 
 .PHONY: install reproduce test bench site notebooks lock clean
 
