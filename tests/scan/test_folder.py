@@ -319,17 +319,15 @@ def test_without_permission_a_command_says_so_and_writes_nothing(command):
         write_scan(random_scan(np.random.default_rng(9)), folder)
         arguments = [command[0], str(folder), *command[1:]]
         CliRunner().invoke(main, arguments)  # which imports what root alone may read
-        for locked, unread in ((folder, folder / "scan.toml"), (folder / "poses.csv", folder / "poses.csv")):
-            mode = locked.stat().st_mode
-            locked.chmod(0)
+        for locked, unread in (("poses.csv", "poses.csv"), (".", "scan.toml")):
+            (folder / locked).chmod(0)
             os.seteuid(65534)
             try:
                 done = CliRunner().invoke(main, arguments)
             finally:
                 os.seteuid(0)
-                locked.chmod(mode)
             assert (done.exit_code, done.stdout) == (2, "")
-            assert done.stderr == f"profilecal: {unread}: Permission denied\n"
+            assert done.stderr == f"profilecal: {folder / unread}: Permission denied\n"
 
 
 @pytest.mark.parametrize("mistake", ["no header", "text", "cut short", "symlink loop", "a pipe", "nested deeply"])
