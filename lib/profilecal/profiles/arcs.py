@@ -67,10 +67,10 @@ def find_arc(profile, start, fit, why_not, missing: str) -> Feature:
     `fit(points, curve)` the one nearest to points near the last one. `why_not(curve, points, on, limit)` says what
     speaks against it, with the points that are `on` it (k,), or "", and `missing` that there is none.
     """
-    count = int(present(profile).sum())
-    if count < LEAST_ARC_POINTS:
-        return nothing(profile, f"{count} points; an arc needs {LEAST_ARC_POINTS}")
-    rows, limit = surface(profile)
+    seen = np.flatnonzero(present(profile))
+    if len(seen) < LEAST_ARC_POINTS:
+        return nothing(profile, f"{len(seen)} points; an arc needs {LEAST_ARC_POINTS}")
+    rows, limit = surface(profile, seen)
     if limit == LARGEST_TOLERANCE:
         return nothing(profile, "neighbouring points differ too much to be of one surface")
     points = profile[rows]
@@ -115,19 +115,15 @@ def best_circle(points, limit: float, least: float, largest: float, parts: int =
     from one of so many `parts` of the profile to all of it, so that some see the arc alone, without spikes.
     """
     k = len(points)
-    spans = np.unique(np.geomspace(max(8, k // parts), k - 1, 7).astype(int))
-    triples = [
-        np.stack([s, s + span // 2, s + span], axis=-1)
-        for span in spans
-        for s in [np.unique(np.linspace(0, k - 1 - span, 40).astype(int))]
-    ]
-    circles = circles_through(*points[np.concatenate(triples)].transpose(1, 0, 2))
+    spans = np.unique(np.geomspace(max(8, k // parts), k - 1, 7).astype(int))[:, None]
+    starts = (np.linspace(0, 1, 40) * (k - 1 - spans)).astype(int)
+    circles = circles_through(*(points[(starts + step).ravel()] for step in (0, spans // 2, spans)))
     circles = circles[(least < circles[:, 2]) & (circles[:, 2] < largest)]  # false for NaN
     if not len(circles):
         return None
     few = points[:: max(1, k // 250)]
-    off = np.hypot(few[:, 0] - circles[:, :1], few[:, 1] - circles[:, 1:2]) - circles[:, 2:]
-    count = (np.abs(off) < limit).sum(axis=1)
+    distance = np.sqrt((few[:, 0] - circles[:, :1]) ** 2 + (few[:, 1] - circles[:, 1:2]) ** 2)  # faster than hypot
+    count = np.count_nonzero(np.abs(distance - circles[:, 2:]) < limit, axis=1)
     best = (
         count / np.sqrt(circles[:, 2])
     ).argmax()  # a line comes as near to a circle for a length that grows like this

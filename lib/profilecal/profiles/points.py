@@ -1,5 +1,7 @@
 """Which of a profile's points show a surface, and how they scatter about it."""
 
+from itertools import pairwise
+
 import numpy as np
 from scipy.ndimage import median_filter
 
@@ -14,11 +16,13 @@ def present(profile) -> np.ndarray:
 
     A zero is a depth only between points within a millimetre of it.
     """
-    z = profile[:, 1]
-    finite = np.isfinite(profile).all(axis=1)
+    x, z = profile.T
+    finite = np.isfinite(x) & np.isfinite(z)
     zero = finite & (z == 0)
+    if not zero.any():
+        return finite
     real = np.flatnonzero(finite & ~zero)
-    if zero.any() and real.size:
+    if real.size:
         zero &= np.interp(np.arange(len(z)), real, np.abs(z[real]) >= 1) > 0  # one neighbour at least is far from it
     return finite & ~zero
 
@@ -33,24 +37,24 @@ def tolerance(z) -> float:
     return float(np.clip(NOISE_LIMIT * sigma, LEAST_TOLERANCE, LARGEST_TOLERANCE))
 
 
-def surface(profile) -> tuple[np.ndarray, float]:
-    """The rows (k,) of a profile (n, 2) that may show a surface, no missing points nor spikes, and its tolerance, mm.
+def surface(profile, seen) -> tuple[np.ndarray, float]:
+    """The rows (k,) among those `seen` (m,) in a profile (n, 2) that are no spikes, and the surface's tolerance, mm.
 
     No rows where neighbours differ too much to be of one surface.
     """
-    rows = np.flatnonzero(present(profile))
-    z = profile[rows, 1]
+    z = profile[seen, 1]
     limit = tolerance(z)
     if limit == LARGEST_TOLERANCE:
-        return rows[:0], limit
+        return seen[:0], limit
     if len(z) < WINDOW:
-        return rows, limit
-    return rows[np.abs(z - median_filter(z, WINDOW, mode="nearest")) <= SPIKE * limit], limit
+        return seen, limit
+    return seen[np.abs(z - median_filter(z, WINDOW, mode="nearest")) <= SPIKE * limit], limit
 
 
 def stretches(rows, gap: int) -> list[np.ndarray]:
     """Rows (k,) in rising order, apart where more than `gap` steps lie between neighbours."""
-    return np.split(rows, np.flatnonzero(np.diff(rows) > gap) + 1)
+    cuts = np.flatnonzero(np.diff(rows) > gap) + 1
+    return [rows[start:stop] for start, stop in pairwise([0, *cuts, len(rows)])]
 
 
 def correlation(errors, lags: int = 40) -> float:

@@ -30,12 +30,13 @@ class Run:
     @staticmethod
     def through(profile, rows) -> "Run":
         """The run of some rows of a profile, with the line nearest to them."""
-        points = profile[rows]
-        middle = points.mean(axis=0)
-        x, z = (points - middle).T
-        angle = np.arctan2(2 * x @ z, x @ x - z @ z) / 2
+        x, z = (column.take(rows) for column in profile.T)
+        middle = np.array([x.mean(), z.mean()])
+        x, z = x - middle[0], z - middle[1]
+        angle = np.arctan2(2 * (x @ z), x @ x - z @ z) / 2
         direction = np.array([np.cos(angle), np.sin(angle)])
-        return Run(profile, rows, middle, -direction if direction @ (points[-1] - points[0]) < 0 else direction)
+        back = direction @ (x[-1] - x[0], z[-1] - z[0]) < 0
+        return Run(profile, rows, middle, -direction if back else direction)
 
     def reversed(self) -> "Run":
         """The same in the profile from its last point to its first."""
@@ -43,23 +44,28 @@ class Run:
 
     def coordinates(self, points) -> tuple[np.ndarray, np.ndarray]:
         """How far points (k, 2) are along the line and off it, mm."""
-        x, z = (points - self.point).T
+        x, z = points[:, 0] - self.point[0], points[:, 1] - self.point[1]
         return x * self.direction[0] + z * self.direction[1], z * self.direction[0] - x * self.direction[1]
 
     @cached_property
     def points(self) -> np.ndarray:
         """(k, 2) mm."""
-        return self.profile[self.rows]
+        return self.profile.take(self.rows, axis=0)
 
     @cached_property
+    def along_and_off(self) -> tuple[np.ndarray, np.ndarray]:
+        """The `coordinates` of its points."""
+        return self.coordinates(self.points)
+
+    @property
     def along(self) -> np.ndarray:
         """(k,) mm from `point`."""
-        return self.coordinates(self.points)[0]
+        return self.along_and_off[0]
 
-    @cached_property
+    @property
     def off(self) -> np.ndarray:
         """(k,) mm from the line."""
-        return self.coordinates(self.points)[1]
+        return self.along_and_off[1]
 
     @property
     def normal(self) -> np.ndarray:
@@ -71,7 +77,7 @@ class Run:
         """From the first point to the last, mm."""
         return float(np.ptp(self.along))
 
-    @property
+    @cached_property
     def spacing(self) -> float:
         """Between neighbouring points, mm."""
         rows = self.rows - self.rows.mean()
@@ -87,25 +93,24 @@ class Run:
 def straight_runs(profile) -> tuple[list[Run], float]:
     """The straight runs of a profile (n, 2), in scan order, and the tolerance that told them apart, mm."""
     profile = np.asarray(profile, dtype=float)
-    rows, limit = surface(profile)
-    points = profile[rows]
-    pieces = merge(split(points, limit), points, limit)
     seen = np.flatnonzero(present(profile))
+    rows, limit = surface(profile, seen)
+    points = profile.take(rows, axis=0)
+    pieces = merge(split(points, limit), points, limit)
     runs = [run_through(profile, seen, rows[piece], limit) for piece in pieces]
     return distinct([run for run in runs if is_run(run, seen)]), limit
 
 
 def split(points, limit: float) -> list[np.ndarray]:
     """Pieces of points (k, 2), as indices, none of which leaves the chord between its ends by more than `limit`."""
-    pieces, todo = [], [(0, len(points))]
+    (x, z), pieces, todo = points.T, [], [(0, len(points))]
     while todo:
         start, stop = todo.pop()
         if stop - start < LEAST_POINTS:
             continue
         first, last = points[start : start + 3].mean(axis=0), points[stop - 3 : stop].mean(axis=0)
         chord = last - first
-        offset = points[start:stop] - first
-        apart = np.abs(offset[:, 0] * chord[1] - offset[:, 1] * chord[0])
+        apart = np.abs((x[start:stop] - first[0]) * chord[1] - (z[start:stop] - first[1]) * chord[0])
         worst = int(apart.argmax())
         if apart[worst] <= limit * np.hypot(*chord) or stop - start < 2 * LEAST_POINTS:
             pieces.append(np.arange(start, stop))
@@ -119,8 +124,8 @@ def merge(pieces, points, limit: float) -> list[np.ndarray]:
     """Neighbouring pieces of one line as one piece, the best match first."""
 
     def match(first, second):
-        line = Run.through(points, np.concatenate([first, second]))
-        return max(np.sqrt(np.mean(off**2)) for off in np.split(line.off, [len(first)]))
+        square = Run.through(points, np.concatenate([first, second])).off ** 2
+        return np.sqrt(max(square[: len(first)].mean(), square[len(first) :].mean()))
 
     matches = [match(*pair) for pair in pairwise(pieces)]
     while matches and min(matches) < SAME_LINE * limit:
@@ -135,8 +140,9 @@ def merge(pieces, points, limit: float) -> list[np.ndarray]:
 
 def run_through(profile, seen, rows, limit: float) -> Run:
     """The run of a piece: the line refitted to the points near it, between the piece's ends and on from there."""
+    points = profile.take(seen, axis=0)
     for _ in range(2):
-        on = np.abs(Run.through(profile, rows).coordinates(profile[seen])[1]) <= limit
+        on = np.abs(Run.through(profile, rows).coordinates(points)[1]) <= limit
         first, last = np.searchsorted(seen, (rows[0], rows[-1]))
         near = on.copy()
         near[first : last + 1] = True

@@ -145,10 +145,11 @@ def chords(runs, limit: float, radius: float, view: View) -> list[Candidate]:
     """Straight runs no longer than the disk's diameter that end on both sides before a step or nothing."""
     found = []
     for run in facing(runs):
-        beyond = {step_beyond(side, limit, view) for side in (run.reversed(), run)}
+        sides = run.reversed(), run
+        beyond = {step_beyond(side, limit, view) for side in sides}
         if None in beyond or {-1, 1} <= beyond:
             continue
-        ends = sorted((run_end(side) for side in (run.reversed(), run)), key=lambda end: end.tip[0])
+        ends = sorted(map(run_end, sides), key=lambda end: end.tip[0])
         tips = np.stack([end.tip for end in ends])
         if np.linalg.norm(tips[1] - tips[0]) > 2 * radius + 4 * run.spacing:
             continue

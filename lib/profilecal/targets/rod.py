@@ -173,35 +173,35 @@ class Section:
         return float(np.sqrt(1 + self.lean @ self.lean))
 
     def squared(self, w) -> np.ndarray:
-        """B w for vectors (k, 2) in the scan plane."""
-        return w - (w @ self.lean)[:, None] * self.lean / (self.secant * (1 + self.secant))
+        """B w for vectors (2, k) in the scan plane."""
+        return w - self.lean[:, None] * (self.lean @ w / (self.secant * (1 + self.secant)))
 
     def off(self, points) -> np.ndarray:
         """To first order: small beside the radius."""
-        u = self.squared(points - self.centre)
-        distance = np.hypot(*u.T)
-        return (distance - self.radius) * distance / np.hypot(*self.squared(u).T)
+        u = self.squared(points.T - self.centre[:, None])
+        distance = np.hypot(*u)
+        return (distance - self.radius) * distance / np.hypot(*self.squared(u))
 
     def normals(self, u) -> np.ndarray:
-        """Unit normals (k, 2), outwards, where B takes the curve to the directions of u (k, 2)."""
+        """Unit normals (2, k), outwards, where B takes the curve to the directions of u (2, k)."""
         normal = self.squared(u)
-        return normal / np.hypot(*normal.T)[:, None]
+        return normal / np.hypot(*normal)
 
     def angles(self, points) -> np.ndarray:
         """About the rod's axis."""
-        x, z = self.squared(points - self.centre).T
+        x, z = self.squared(points.T - self.centre[:, None])
         return np.unwrap(np.arctan2(z, x))
 
     def points(self, angles, off) -> np.ndarray:
-        u = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
-        w = u + (u @ self.lean)[:, None] * self.lean / (1 + self.secant)
-        return self.centre + self.radius * w + off[:, None] * self.normals(u)
+        u = np.stack([np.cos(angles), np.sin(angles)])
+        w = u + self.lean[:, None] * (self.lean @ u / (1 + self.secant))
+        return self.centre + (self.radius * w + off * self.normals(u)).T
 
     def derivatives(self, points) -> np.ndarray:
         """Of `off` by centre and lean, (k, 4), to the same order."""
-        w = points - self.centre
+        w = points.T - self.centre[:, None]
         normal = self.normals(self.squared(w))
-        return -np.hstack([normal, normal * (w @ self.lean / self.secant**2)[:, None]])
+        return -np.vstack([normal, normal * (self.lean @ w / self.secant**2)]).T
 
 
 def sections_in(profiles, sizes) -> list[Feature]:
