@@ -49,3 +49,10 @@ def test_a_box_has_twelve_edges_around_all_points():
 def test_a_matrix_shows_its_numbers_and_leaves_out_what_is_missing(axes):
     figures.draw_matrix(axes, pd.DataFrame([[1.0, 20.0], [np.nan, 0.123]], ["a", "b"], ["c", "d"]))
     assert [text.get_text() for text in axes.texts] == ["1", "20", "", "0.12"]
+
+
+def test_nothing_is_cut_off_a_written_figure(axes, tmp_path):
+    figures.use_style()
+    axes.set_title("a title wider than its figure " * 5)
+    figures.Results("10", str(tmp_path)).figure(axes.figure, "title")
+    assert plt.imread(tmp_path / "figures/10_title.png").shape[1] > 200 * axes.figure.get_figwidth()

@@ -40,6 +40,7 @@ def use_style() -> None:
             "axes.spines.right": False,
             "font.size": 10,
             "legend.frameon": False,
+            "savefig.bbox": "tight",  # as notebooks show them: nothing is cut off
             "svg.hashsalt": "profilecal",
         }
     )
