@@ -148,25 +148,31 @@ def neighbours(setup: Setup, limits: Limits, R, T, each: int, rng: np.random.Gen
 
 def worst_clearance(setup: Setup, R, T) -> np.ndarray:
     """How far inside the field of view the target stays at flange poses (P, 3, 3), (P, 3), in the worst case of a guess
-    that is wrong by up to its margins: (P,) mm; -inf where it may leave or be missed.
+    that is wrong by up to its margins: (P,) mm; -inf where it may be missed. Below zero it may be still less.
 
     The worst case for each border of the view is the one that its derivatives say; it is looked at to first order and
     as it is. What moves the scan plane off the target altogether is looked at besides.
     """
-    frames = setup.planes(R, T)
-    here, sizes = clearances(setup, *frames), margins(setup)
+    frames, sizes = setup.planes(R, T), margins(setup)
+    here = clearances(setup, *frames)
+    worst = here.min(axis=1)
+    left = np.flatnonzero(worst >= 0)  # false for NaN
+    frames, here = [part[left] for part in frames], here[left]
     with np.errstate(invalid="ignore"):
         by_error = [(clearances(setup, *wrong(setup, *frames, STEP * row)) - here) / STEP for row in np.eye(9)]
         by_error = np.stack(by_error, axis=-1).reshape(*here.shape, 3, 3)
         length = np.linalg.norm(by_error, axis=-1, keepdims=True)
         steps = -sizes[:, None] * by_error / np.maximum(length, 1e-12)
-        cases = [here - (length[..., 0] @ sizes)]
-        cases += [clearances(setup, *wrong(setup, *frames, steps[:, k].reshape(-1, 9))) for k in range(here.shape[1])]
+        worst[left] = (here - length[..., 0] @ sizes).min(axis=1)
+        good = worst[left] >= 0
+        left, frames, steps = left[good], [part[good] for part in frames], steps[good]
+        cases = [clearances(setup, *wrong(setup, *frames, steps[:, k].reshape(-1, 9))) for k in range(here.shape[1])]
         for way in (1.0, -1.0):  # along the sensor's y
             for turn in (1.0, -1.0):
                 off = way * sizes[:, None] * [[0, -1, 0], [1, 0, 0], [turn, 0, 0]]
                 cases.append(clearances(setup, *wrong(setup, *frames, off.ravel())))
-    return np.nan_to_num(np.concatenate(cases, axis=1), nan=-np.inf).min(axis=1)
+    worst[left] = np.minimum(worst[left], np.concatenate(cases, axis=1).min(axis=1))  # NaN stays
+    return np.nan_to_num(worst, nan=-np.inf)
 
 
 def margins(setup: Setup) -> np.ndarray:
@@ -180,7 +186,7 @@ def margins(setup: Setup) -> np.ndarray:
 def wrong(setup: Setup, R_view, T_view, by):
     """Sensor frames (P, 3, 3), (P, 3) shifted and turned by (P, 9) or (9,) in their own axes, mm and rad: the first six
     about their own origin; by the last three as they are seen by a target that turns about its."""
-    shift, turn, target_turn = np.split(np.array(np.broadcast_to(by, (len(T_view), 9))), 3, axis=1)
+    shift, turn, target_turn = np.split(np.atleast_2d(by), 3, axis=1)
     about, back = setup.target.frame[0], R_view @ rotations(-target_turn)
     from_target = (np.swapaxes(R_view, 1, 2) @ (T_view - about)[..., None])[..., 0] + shift
     return back @ rotations(turn), carry(back, about, from_target)
