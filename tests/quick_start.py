@@ -1,0 +1,6 @@
+"""A plugin that `make test` loads before nbval's: jsonschema then does without a grammar of web addresses, which
+nothing here needs and each process would compile for as long as it takes to collect the tests."""
+
+import sys
+
+sys.modules["rfc3987_syntax"] = None
