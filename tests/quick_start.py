@@ -1,5 +1,5 @@
 """A plugin that `make test` loads before nbval's: jsonschema then does without a grammar of web addresses, which
-nothing here needs and each process would compile for as long as it takes to collect the tests."""
+nothing here needs and each process would take over a second to compile."""
 
 import sys
 
