@@ -19,7 +19,7 @@ from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import homogeneous, rotations
 from profilecal.scan.folder import write_scan
 from profilecal.scan.scan import ScanError
-from profilecal.simulate.plan import actual_poses
+from profilecal.simulate.poses import actual_poses
 from profilecal.simulate.scene import random_scene
 from profilecal.simulate.spec import WIDE, Spec, record, sizes_of
 

@@ -8,7 +8,7 @@ from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import angle_between, rotations
 from profilecal.papers.edge_plan import EdgePlan, above
 from profilecal.papers.edge_scenes import edge_scenes, sense_edge
-from profilecal.simulate.plan import Poses
+from profilecal.simulate.poses import Poses
 from profilecal.targets.edge import Edge
 
 SPACE = EdgePlan(motion="space")

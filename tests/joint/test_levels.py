@@ -13,7 +13,7 @@ from profilecal.joint.field import field_over
 from profilecal.joint.levels import USUAL, Likelihood, Prior, levels, likeliest
 from profilecal.joint.problem import Problem
 from profilecal.joint.sharing import level_variances
-from profilecal.simulate.plan import actual_poses, scan_planes
+from profilecal.simulate.poses import actual_poses, scan_planes
 from profilecal.simulate.scene import random_scene
 
 TRUE = Noise(SIGMA, position_mm=0.08, orientation_deg=0.03)

@@ -4,7 +4,7 @@ import pytest
 from profilecal.geometry.noise import Noise
 from profilecal.papers.edge_plan import STANDOFF, EdgePlan, plan_ball
 from profilecal.papers.edge_scenes import ball_points, edge_profiles, edge_scenes, find_edges, sense_edge
-from profilecal.simulate.plan import actual_poses
+from profilecal.simulate.poses import actual_poses
 from profilecal.simulate.scanner import Scanner
 from profilecal.targets.ball import Ball
 from profilecal.targets.edge import SPECIMENS

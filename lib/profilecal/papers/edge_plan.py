@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from profilecal.geometry.poses import directions, frame_along, random_turns
-from profilecal.simulate.plan import Poses
+from profilecal.simulate.poses import Poses
 from profilecal.targets.edge import Edge
 
 STANDOFF = 75.0  # mm, the middle of the 60 to 90 mm for which the paper's scanner does best

@@ -8,7 +8,7 @@ from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import directions, random_turns
 from profilecal.joint.observations import Observations
 from profilecal.papers.edge_plan import EdgePlan, plan_edge
-from profilecal.simulate.plan import Poses, actual_poses, scan_planes
+from profilecal.simulate.poses import Poses, actual_poses, scan_planes
 from profilecal.simulate.scanner import Scanner
 from profilecal.targets.ball import Ball
 from profilecal.targets.edge import Edge

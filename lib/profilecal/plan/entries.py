@@ -13,7 +13,7 @@ from profilecal.plan.plan import Wishes
 from profilecal.plan.setup import Setup
 from profilecal.scan.scan import ScanError
 from profilecal.scan.tables import is_number, shown
-from profilecal.simulate.plan import Poses
+from profilecal.simulate.poses import Poses
 from profilecal.simulate.scene import Scene
 from profilecal.simulate.spec import Spec, raw_profiles, sizes_of
 from profilecal.targets import TARGETS

@@ -11,7 +11,7 @@ from profilecal.joint.state import State
 from profilecal.scan.folder import read_poses
 from profilecal.scan.scan import ScanError
 from profilecal.scan.tables import is_number, shown
-from profilecal.simulate.plan import Poses
+from profilecal.simulate.poses import Poses
 from profilecal.simulate.scene import Scene, in_unit_ball
 from profilecal.targets import TARGETS
 from profilecal.targets.target import Target

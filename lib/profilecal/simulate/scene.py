@@ -7,7 +7,7 @@ import numpy as np
 from profilecal.geometry.poses import rotations
 from profilecal.joint.observations import Observations
 from profilecal.joint.state import State
-from profilecal.simulate.plan import Poses
+from profilecal.simulate.poses import Poses
 from profilecal.targets import TARGETS
 from profilecal.targets.target import Target
 

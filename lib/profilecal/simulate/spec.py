@@ -14,7 +14,7 @@ from profilecal.scan.conventions import CONVENTIONS
 from profilecal.scan.folder import MOUNTS
 from profilecal.scan.scan import Scan, ScanError
 from profilecal.simulate.guess import Guess, planned_scene, read_guess
-from profilecal.simulate.plan import actual_poses
+from profilecal.simulate.poses import actual_poses
 from profilecal.simulate.robot import Robot
 from profilecal.simulate.scanner import Scanner
 from profilecal.simulate.scene import Scene, random_scene
