@@ -9,7 +9,7 @@ import click
 SCAN = click.Path(path_type=Path, readable=False)  # what cannot be read, read_scan says in one sentence
 PLACE = click.Path(path_type=Path)
 LENGTH_UNITS = click.Choice(["", "mm", "cm", "m", "um"])  # "": as the files say, or guessed
-SEED = 0  # of drawn errors (closed form), so that a command says the same each time
+SEED = 0  # of drawn plans, so that a command says the same each time
 
 
 class Refused(click.ClickException):
@@ -77,12 +77,9 @@ def reproduce(names, parameters, output):
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of a table.")
 @click.option("--to", "vendor", metavar="NAME", help="abb, kuka, ur, fanuc, staubli, ros or matrix: a pose to paste.")
 @click.option("--guess", nargs=6, type=float, metavar="X Y Z W P R", help="Mount to start from, mm and degrees.")
-@click.option(
-    "--method", type=click.Choice(["joint", "closed-form"]), default="joint", help="closed-form: as the papers do it."
-)
 @click.option("--leave-out", is_flag=True, help="Cross-validate: predict each flange orientation from the others.")
 @click.option("--report", type=PLACE, help="Write a report with pictures to this HTML file.")
-def calibrate(folders, as_json, vendor, guess, method, leave_out, report):
+def calibrate(folders, as_json, vendor, guess, leave_out, report):
     """Find the sensor pose from one scan folder, or several of one sensor."""
     import json
     from dataclasses import replace
@@ -106,10 +103,8 @@ def calibrate(folders, as_json, vendor, guess, method, leave_out, report):
         if guess and not np.isfinite(guess).all():
             raise ValueError(f"--guess is {' '.join(map(str, guess))}; expected six numbers, mm and degrees")
         mount = homogeneous(rotation_from_xyz_angles(np.radians(guess[3:])), guess[:3]) if guess else None
-        if leave_out and method != "joint":
-            raise ValueError("--leave-out is for the method joint")
         scans = [read_scan(folder) for folder in folders]
-        found = calibration.calibrate(scans, mount, method, np.random.default_rng(SEED))
+        found = calibration.calibrate(scans, mount)
     known = found.status != "unobservable"
     if leave_out and known:
         from profilecal.calibrate.leave_out import leave_out as cross_validate
@@ -130,7 +125,7 @@ def calibrate(folders, as_json, vendor, guess, method, leave_out, report):
         if found.status == "weak":
             click.echo("profilecal: status weak, see the notes: this pose is not to be relied on", err=True)
     if report:
-        write_the_report(folders, report, guess=list(guess or []), method=method)
+        write_the_report(folders, report, guess=list(guess or []))
     raise SystemExit(0 if known else 3)
 
 
@@ -216,8 +211,7 @@ def check(folder):
 @click.argument("folder", type=SCAN)
 @click.option("--with", "pose", required=True, type=SCAN, help="What calibrate --json printed.")
 @click.option("--before", type=SCAN, help="A scan of the same target and poses: has the sensor moved since?")
-@click.option("--log", type=PLACE, help="With --before: a CSV file to which the result is added, and drawn beside it.")
-def verify(folder, pose, before, log):
+def verify(folder, pose, before):
     """Compare a sensor pose with what a scan FOLDER says that was not used to find it; status 1 if they contradict.
 
     With --before, tell whether the sensor has moved between two scans; status 1 if it has.
@@ -228,8 +222,6 @@ def verify(folder, pose, before, log):
     from profilecal.scan.folder import read_scan
     from profilecal.scan.scan import ScanError
 
-    if log and not before:
-        raise Refused("--log needs --before; it keeps what that finds")
     with refusing():
         scan = read_scan(folder)
         T, covariance, noise_mm, to_hand = read_pose(pose)
@@ -240,10 +232,6 @@ def verify(folder, pose, before, log):
         else:
             found = verify_pose(scan, T, covariance, noise_mm)
         click.echo(drift.to_text(found) if before else to_text(found))
-        if log:
-            from profilecal.report.drift import add_to_log
-
-            click.echo(f"log            {log}, drawn in {add_to_log(log, found.row(str(before), str(folder)))}")
     raise SystemExit(0 if found.as_expected else 1)
 
 

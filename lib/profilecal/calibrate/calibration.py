@@ -7,7 +7,6 @@ import numpy as np
 from profilecal.calibrate.doubts import judge
 from profilecal.calibrate.observe import LEAST_POSES, names, observe_all, stated_noise
 from profilecal.calibrate.readings import better_readings
-from profilecal.closed_form.solve import solve_in_closed_form
 from profilecal.geometry.checks import UnobservableError
 from profilecal.joint.noise import expect
 from profilecal.joint.observability import name_direction
@@ -15,8 +14,6 @@ from profilecal.joint.observations import Observations
 from profilecal.joint.solution import Solution, in_mm_deg
 from profilecal.joint.solve import solve
 from profilecal.scan.scan import Scan, ScanError
-
-METHODS = ("joint", "closed-form")
 
 
 @dataclass(frozen=True)
@@ -28,7 +25,6 @@ class Calibration:
     observed: tuple[Observations, ...]  # for each scan, what was seen from them
     solution: Solution | None = None  # None: fewer measurements than unknowns
     messages: tuple[str, ...] = ()  # sentences a person can act on
-    method: str = "joint"
     misread: bool = False  # another reading of the poses explains the data; `messages` says which
 
     def noting(self, messages) -> "Calibration":
@@ -90,17 +86,16 @@ class Calibration:
             "poses_used": self.labels(rejected=False),
             "poses_rejected": self.labels(rejected=True),
             "observability": observability,
-            "method": self.method,
+            "method": "joint",
             "target": targets,
             "messages": list(self.messages),
         }
 
 
-def calibrate(scans, guess=None, method: str = "joint", rng: np.random.Generator | None = None) -> Calibration:
+def calibrate(scans, guess=None) -> Calibration:
     """The sensor pose from one scan or several of one sensor, with its covariance.
 
-    `guess`: a mount pose (4, 4), mm, to start from besides a search over all orientations. `method`: "joint", or
-    "closed-form" for what the papers make of one scan; its covariance is drawn with `rng`, without one of seed 0.
+    `guess`: a mount pose (4, 4), mm, to start from besides a search over all orientations.
 
     Raises ScanError for scans that do not belong together or hold too little. Fewer measurements than unknowns give a
     Calibration without a solution.
@@ -115,10 +110,6 @@ def calibrate(scans, guess=None, method: str = "joint", rng: np.random.Generator
     True
     """
     scans = tuple(scans)
-    if method not in METHODS:
-        raise ScanError(f"method is {method!r}; expected {' or '.join(METHODS)}")
-    if method == "closed-form" and (len(scans) > 1 or guess is not None):
-        raise ScanError("the closed form takes one scan and no guess; the method joint takes more")
     if len({scan.mount for scan in scans}) > 1:
         raise ScanError("some scans are eye-in-hand and others eye-to-hand; expected one mount")
     stated = stated_noise(scans)
@@ -126,18 +117,13 @@ def calibrate(scans, guess=None, method: str = "joint", rng: np.random.Generator
     seen, observed, features_mm = observe_all(scans, LEAST_POSES)
     shared_mm = max(entry.shared_mm for entry in seen)
 
-    found = Calibration(scans, tuple(entry.poses for entry in seen), observed, method=method)
+    found = Calibration(scans, tuple(entry.poses for entry in seen), observed)
     notes = [*(scan.warnings for scan in scans), *(entry.remarks for entry in seen)]
     found = found.noting([name + m for name, said in zip(2 * names(scans), notes, strict=True) for m in said])
     try:
         level = expect(stated, features_mm, shared_mm)
-        if method == "closed-form":
-            solution = solve_in_closed_form(
-                observed[0], level, scans[0].side[seen[0].poses], rng or np.random.default_rng(0)
-            )
-        else:
-            solution = solve(observed, level, starts=[] if guess is None else [(guess[:3, :3], guess[:3, 3])])
-            solution = judge(observed, solution)
+        solution = solve(observed, level, starts=[] if guess is None else [(guess[:3, :3], guess[:3, 3])])
+        solution = judge(observed, solution)
     except UnobservableError as error:
         if readings := on_readings(scans, seen):
             return found.misread_as(readings)

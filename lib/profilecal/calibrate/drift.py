@@ -5,7 +5,6 @@ commanded pose. What is left is the scanner's noise and how well the robot comes
 """
 
 from dataclasses import dataclass, replace
-from datetime import datetime
 
 import numpy as np
 
@@ -34,16 +33,6 @@ class Drift(Difference):
     def moved(self) -> bool:
         """Whether chance does not explain the movement."""
         return not self.as_expected
-
-    def row(self, before: str, after: str) -> dict:
-        """A line of the log: when, what, mm and degrees with their standard deviations, and the verdict."""
-        sd = np.sqrt(np.diag(self.expected.covariance))
-        values = {f"{axis}_mm": v for axis, v in zip("xyz", self.delta[:3], strict=True)}
-        values |= {f"r{axis}_deg": np.degrees(v) for axis, v in zip("xyz", self.delta[3:], strict=True)}
-        values |= {f"sd_{axis}_mm": v for axis, v in zip("xyz", sd[:3], strict=True)}
-        values |= {f"sd_r{axis}_deg": np.degrees(v) for axis, v in zip("xyz", sd[3:], strict=True)}
-        said = {"time": datetime.now().isoformat(timespec="seconds"), "before": before, "after": after}
-        return said | values | {"chance": self.chance, "moved": self.moved}
 
 
 def drift(before: Scan, after: Scan, T, covariance, noise_mm: float) -> Drift:

@@ -56,13 +56,13 @@ def name(poses) -> str:
 
 
 def leave_out(found: Calibration) -> LeftOut:
-    """Calibrations without one orientation each, at the noise that all of them show, of a joint calibration.
+    """Calibrations without one orientation each, at the noise that all of them show.
 
-    Rejected poses stay out. Raises ValueError for a calibration without an answer, or of another method.
+    Rejected poses stay out. Raises ValueError for a calibration without an answer.
     """
     solution = found.solution
-    if found.status == "unobservable" or found.method != "joint":
-        raise ValueError("only a joint calibration that has an answer can be cross-validated")
+    if found.status == "unobservable":
+        raise ValueError("only a calibration that has an answer can be cross-validated")
     problem, state = Problem(found.observed, solution.noise, solution.level.systematic), solution.state
     kept, units = solution.kept, problem.units
     stretch = 1.0 if solution.level.levels else max(1.0, solution.chi2_per_dof)  # larger than the noise explains

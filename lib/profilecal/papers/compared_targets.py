@@ -5,12 +5,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from profilecal.closed_form.ball import solve_tetra_ball
-from profilecal.closed_form.solve import METHODS
+from profilecal.closed_form.disk import solve_disk_from_chords
+from profilecal.closed_form.edge import solve_edge
+from profilecal.closed_form.two_step import check_directions, check_orientations, solve_rotation, solve_translation
 from profilecal.geometry.fitting import fit_circle
 from profilecal.geometry.poses import rotations
 from profilecal.joint.observations import Observations
 from profilecal.joint.state import State, pose_error
 from profilecal.simulate.scene import random_scene, stack
+from profilecal.targets.ball import Ball
 
 POINTS = 10  # of a curve: they stand for all that a profile shows of it
 MEANS = 40  # along a curve, whose error is known
@@ -114,6 +117,18 @@ def tetra_pairs(case: Case, b: int, k: int, error) -> tuple[np.ndarray, np.ndarr
     return in_flange, seen.target(place, *seen.sizes).centre_from_circle(fit_circle(seen.points[b]), side)
 
 
+def ball_in_groups(R, T, q) -> tuple[np.ndarray, np.ndarray]:
+    """The two-step ball method with the differences inside every group in place of those of one: R (3, 3) and T (3,)
+    from orientations (G, 3, 3), positions and centres (G, N, 3) in mm."""
+    check_orientations(R)
+    moved = (T[:, 1:] - T[:, :1]) @ R
+    length = np.linalg.norm(moved, axis=-1, keepdims=True)
+    X, Y = ((part / length).reshape(-1, 3).T for part in (q[:, :1] - q[:, 1:], moved))
+    check_directions(Y, "motion inside a group of one orientation")
+    rotation = solve_rotation(X, Y).R_sensor
+    return rotation, solve_translation(R, T.mean(axis=1), q.mean(axis=1), rotation, "all").T_sensor
+
+
 def in_closed_form(case: Case, b: int, probe_mm: float, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """The papers' answer for one scan, R (3, 3) and T (3,), mm; of a tetra-ball probed to `probe_mm`, the rigid
     transform between the balls' centres in both frames. Raises ValueError where their method refuses it."""
@@ -122,8 +137,19 @@ def in_closed_form(case: Case, b: int, probe_mm: float, rng: np.random.Generator
         found = solve_tetra_ball(*(np.concatenate(part) for part in zip(*pairs, strict=True)))
         return found.R, found.T
     (seen,) = case.seen
-    one = replace(seen.take([b]), covariance=None)
-    return METHODS[seen.kind](one, side_of(seen, case.truth, b))[0](one)
+    side, groups = side_of(seen, case.truth, b), seen.labels.max() + 1
+    R, T, points = (
+        part[b].reshape(groups, -1, *part.shape[2:]) for part in (seen.R_flange, seen.T_flange, seen.points)
+    )
+    R = R[:, 0]
+    if seen.kind == "ball":
+        ball = Ball(np.zeros(3), *seen.sizes)
+        return ball_in_groups(R, T, ball.centre_from_circle(fit_circle(points), side.reshape(groups, -1)))
+    if seen.kind == "edge":
+        found = solve_edge(R, T, points[:, :, 0])
+    else:
+        found = solve_disk_from_chords(R, T[:, 0], T[:, -1], points, side.reshape(groups, -1)[:, 0], *seen.sizes)
+    return found.R_sensor, found.T_sensor
 
 
 def errors_in_closed_form(case: Case, probe_mm: float, rng: np.random.Generator) -> np.ndarray:

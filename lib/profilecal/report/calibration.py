@@ -139,9 +139,8 @@ def facts_table(found) -> Html:
     mounts = {"eye-in-hand": "on the flange (eye-in-hand)", "eye-to-hand": "fixed in the cell (eye-to-hand)"}
     rows += [("Scanner", mounts[found.scans[0].mount])]
     if s:
-        method = {"joint": "joint maximum likelihood", "closed-form": "closed form, as the papers do it"}[found.method]
         rows += [
-            ("Method", method),
+            ("Method", "joint maximum likelihood"),
             ("Poses", f"{len(found.labels(rejected=False))} used, {len(found.labels(rejected=True))} rejected"),
             ("Noise", f"{s.noise_mm:.3g} mm, {s.level.how}"),
             *(("Robot errors", line) for line in robot_errors(s.level.levels)),
