@@ -29,6 +29,7 @@ site: .venv/installed # the notebooks as they are committed, README, reference; 
 notebooks: .venv/installed # execute the committed notebooks in place, keeping only the metadata that matters
 	@jupyter nbconvert --log-level=WARN --to notebook --execute --inplace --ExecutePreprocessor.record_timing=False \
 	    --ClearMetadataPreprocessor.enabled=True --ClearMetadataPreprocessor.preserve_cell_metadata_mask=tags \
+	    --ClearMetadataPreprocessor.preserve_cell_metadata_mask=jupyter \
 	    --ClearMetadataPreprocessor.preserve_nb_metadata_mask=kernelspec \
 	    $(sort $(filter-out notebooks/00_%,$(wildcard notebooks/*.ipynb))) $(wildcard notebooks/00_*.ipynb)
 

@@ -7,9 +7,10 @@ from pathlib import Path
 
 import pandas as pd
 
+from profilecal.papers.items import PAPERS, items_of
+
 MIME = "application/vnd.profilecal.scorecard+json"
 COLUMNS = ["paper", "item", "quantity", "published", "ours", "unit", "tolerance", "verdict", "notebook", "note"]
-PAPERS = {"disk": "Chen 2018", "edge": "Xu 2021"}
 
 
 def readable(value: float | None, tolerance: float | None) -> float | None:
@@ -61,9 +62,23 @@ def rows_of(notebook: Path) -> list[dict]:
     return [entry | {"notebook": notebook.stem} for entry in stored]
 
 
+def rows_of_items(notebook: Path) -> list[dict]:
+    """A row for each printed number that an executed notebook compares."""
+    rows = []
+    for item in items_of(notebook):
+        for row in item.rows:
+            name = ", ".join(filter(None, (row.quantity, row.row, row.column)))
+            numbers = float(row.printed), row.ours, row.unit, (row.high - row.low) / 2
+            notes = "; ".join(filter(None, (f"free: {item.free}" if item.free else "", row.why)))
+            values = (PAPERS[item.paper], item.item, name, *numbers, item.verdict(row), notebook.stem, notes)
+            rows.append(dict(zip(COLUMNS, values, strict=True)))
+    return rows
+
+
 def gather(folder: Path) -> pd.DataFrame:
     """The scorecard of all executed notebooks in a folder, in reading order."""
-    return to_frame([entry for path in sorted(folder.glob("[!.]*.ipynb")) for entry in rows_of(path)])
+    paths = sorted(folder.glob("[!.]*.ipynb"))
+    return to_frame([entry for path in paths for entry in (*rows_of_items(path), *rows_of(path))])
 
 
 def to_text(frame: pd.DataFrame) -> pd.DataFrame:

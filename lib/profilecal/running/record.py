@@ -3,6 +3,7 @@
 Notebooks import this, so it costs them nothing.
 """
 
+import ast
 import json
 
 MIME = "application/vnd.profilecal.record"
@@ -20,8 +21,19 @@ def record(table=None, /, **values) -> None:
     display({"text/plain": f"recorded: {', '.join([*values, *(table if rows else ())])}", MIME: payload}, raw=True)
 
 
-def at_defaults(names: dict, /, **defaults) -> bool:
-    """Whether a notebook's parameters, among `names`, its `globals()`, are those that its findings are asserted for."""
+def at_defaults(names: dict | None = None, /, **defaults) -> bool:
+    """Whether a notebook's parameters are those that its findings are asserted for.
+
+    Without arguments: those of the cell tagged `parameters`, the first that the notebook's kernel ran. Otherwise
+    `defaults`, among `names`, its `globals()`.
+    """
+    if names is None:
+        from IPython import get_ipython
+
+        names = get_ipython().user_ns
+        cell = [entry for entry in ast.parse(names["In"][1]).body if isinstance(entry, ast.AnnAssign)]
+        defaults = {entry.target.id: ast.literal_eval(entry.value) for entry in cell}
+        defaults.pop("results_dir", None)
     return all(names[name] == value for name, value in defaults.items())
 
 

@@ -1,0 +1,188 @@
+"""What a paper prints beside what we found: one `Item` for each table, equation or figure.
+
+A notebook shows an item in the paper's own rows and columns. The same output holds it as data (`MIME`), from which the
+page of all items and the scorecard are gathered. Every verdict follows from the numbers shown.
+"""
+
+import json
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from profilecal.papers import published
+
+MIME = "application/vnd.profilecal.item+json"
+PAPERS = {"edge": "Xu 2021", "disk": "Chen 2018"}
+DIGITS = 2  # of ours, beyond the printed ones, that the data hold
+
+
+@dataclass(frozen=True)
+class Row:
+    """One printed number, ours, and the range `low` to `high` in which ours lets us expect the printed one."""
+
+    row: str  # as the paper names it
+    column: str
+    quantity: str
+    printed: str
+    decimals: int  # to which the paper prints it
+    unit: str
+    ours: float
+    low: float
+    high: float
+    why: str = ""  # it differs
+
+    @property
+    def difference(self) -> float:
+        """Ours less the printed number."""
+        return self.ours - float(self.printed)
+
+    @property
+    def inside(self) -> bool:
+        """Whether the printed number, within its rounding, lies in our range."""
+        half = 0.5 * 10.0**-self.decimals + 10.0 ** -(self.decimals + DIGITS)  # and the rounding of ours
+        return self.low - half <= float(self.printed) <= self.high + half
+
+    @property
+    def over_tolerance(self) -> float:
+        """The difference as a multiple of the range on its side and half a printed digit; up to 1 is inside."""
+        end = self.high if float(self.printed) > self.ours else self.low
+        return abs(self.difference) / (abs(end - self.ours) + 0.5 * 10.0**-self.decimals)
+
+    @property
+    def as_printed(self) -> str:
+        """The printed number, with a minus sign."""
+        return self.printed.replace("-", "−")
+
+    def shown(self, value: float) -> str:
+        """A number to as many decimals as the paper prints."""
+        text = f"{value:.{self.decimals}f}"
+        return text.replace("-", "−") if float(text) else text.replace("-", "")
+
+
+@dataclass(frozen=True)
+class Item:
+    """A table, equation or figure of a paper beside ours. As a cell's last expression it shows itself.
+
+    `layout`: "table", the paper's rows and columns, printed above ours; "list", a line for each number; "matrix",
+    printed, ours and their difference side by side.
+    """
+
+    paper: str  # "edge" or "disk"
+    item: str  # such as "Table 1"
+    what: str  # it is, in our words
+    rows: tuple[Row, ...]
+    range_from: str  # "rounding", "Monte Carlo" or "settings": where low and high are from
+    free: str = ""  # settings that were chosen to agree
+    layout: str = "table"
+
+    def verdict(self, row: Row) -> str:
+        """reproduced, compatible (where settings were free) or differs."""
+        return ("compatible" if self.free else "reproduced") if row.inside else "differs"
+
+    @property
+    def summary(self) -> str:
+        """How many of the printed numbers lie inside our ranges."""
+        inside, count = sum(row.inside for row in self.rows), len(self.rows)
+        expected = f", about {0.95 * count:.0f} are expected" if self.range_from == "Monte Carlo" else ""
+        free = f" Free: {self.free}." if self.free else ""
+        return f"{inside} of {count} printed numbers lie inside our ranges ({self.range_from}){expected}.{free}"
+
+    def _repr_mimebundle_(self, include=None, exclude=None) -> dict:
+        frame = {"table": as_table, "list": as_list, "matrix": as_matrices}[self.layout](self)
+        html = frame.to_html(escape=False, index=self.layout == "table")
+        text = frame.replace({"<br>": " | ", "</?b>": ""}, regex=True).to_string(index=self.layout == "table")
+        title = f"{PAPERS[self.paper]}, {self.item}: {self.what}"
+        return {
+            "text/plain": f"{title}\n{text}\n{self.summary}",
+            "text/html": f"<p><b>{title}</b></p>\n{html}\n<p>{self.summary}</p>",
+            MIME: asdict(self),
+        }
+
+
+def compare(paper, item, what, ours, low=None, high=None, *, within=None, why=None, labels=None, **about) -> Item:
+    """An item from what `published` has of it.
+
+    `ours`, `low`, `high`: for each quantity an array shaped as `published.values` has it; or `within`, for each
+    quantity how far from ours the printed numbers may be; neither: not at all, but for rounding. A quantity that can be
+    read in two ways stands twice, as (quantity, reading). `why`: for each quantity, why it differs. `labels`: how the
+    paper writes names of rows, columns and quantities. `about` goes to `Item`.
+
+    Raises ValueError for a number that differs without a reason.
+    """
+    frame, labels, rows = published.table(paper), labels or {}, []
+    for key, values in ours.items():
+        quantity, *reading = key if isinstance(key, tuple) else (key,)
+        entries = frame[(frame["item"] == item) & (frame["quantity"] == quantity)]
+        spread = (within or {}).get(key, 0.0)
+        ends = [(low or {}).get(key, values - spread), (high or {}).get(key, values + spread)]
+        numbers = zip(*(np.ravel(array) for array in (values, *ends)), strict=True)
+        for entry, found in zip(entries.itertuples(), numbers, strict=True):
+            decimals = int(entry.decimals)
+            names = [labels.get(name, name) for name in (entry.row, entry.component, quantity)]
+            names[2] = ", ".join([names[2], *reading])
+            ours_low_high = [round(float(value), decimals + DIGITS) for value in found]
+            row = Row(*names, entry.printed, decimals, entry.unit, *ours_low_high)
+            if not row.inside:
+                row = replace(row, why=(why or {}).get(key, ""))
+                if not row.why:
+                    raise ValueError(f"{item}, {', '.join(names)}: {row.ours} differs from {row.printed}; say why")
+            rows.append(row)
+    return Item(paper, item, what, tuple(rows), **about)
+
+
+def as_table(item: Item) -> pd.DataFrame:
+    """The paper's rows and columns; printed above ours with its range, and a mark inside or outside."""
+    cells = {}
+    for row in item.rows:
+        range_ = f" [{row.shown(row.low)}, {row.shown(row.high)}]" if row.low < row.high else ""
+        text = f"<b>{row.as_printed}</b> {'✓' if row.inside else '✗'}<br>{row.shown(row.ours)}{range_}"
+        cells.setdefault((row.column, row.quantity), {})[row.row] = text
+    columns = sorted(cells, key=lambda names: [name for name, _ in cells].index(names[0]))
+    frame = pd.DataFrame({names: cells[names] for names in columns}).fillna("")
+    frame.columns = pd.MultiIndex.from_tuples(columns)
+    return frame
+
+
+def as_list(item: Item) -> pd.DataFrame:
+    """A line for each number."""
+    lines = []
+    for row in item.rows:
+        name = " ".join(filter(None, (row.quantity, row.row, row.column)))
+        numbers = [row.as_printed, row.shown(row.ours), row.shown(row.difference)]
+        over = f"{row.over_tolerance:.2g}"
+        unit = "" if row.unit == "1" else row.unit
+        lines.append([name, *numbers, unit, over, item.verdict(row), row.why])
+    columns = ["quantity", "published", "ours", "difference", "unit", "over tolerance", "verdict", "why"]
+    frame = pd.DataFrame(lines, columns=columns)
+    return frame if frame["why"].any() else frame.drop(columns="why")
+
+
+def as_matrices(item: Item) -> pd.DataFrame:
+    """Printed, ours and their difference side by side; a rigid transform with its last row."""
+    blocks = {
+        "published": lambda row: row.as_printed,
+        "ours": lambda row: row.shown(row.ours),
+        "difference": lambda row: row.shown(row.difference),
+    }
+    names = dict.fromkeys(row.row for row in item.rows)
+    lines = {name: [row for row in item.rows if row.row == name] for name in names}
+    table = [[text(row) for text in blocks.values() for row in line] for line in lines.values()]
+    width = len(table[0]) // 3
+    if (len(table), width) == (3, 4):
+        table.append([*"0001", *"0001", *"0000"])
+    columns = pd.MultiIndex.from_tuples([(block, " " * k) for block in blocks for k in range(width)])
+    return pd.DataFrame(table, columns=columns)
+
+
+def from_json(entry: dict) -> Item:
+    """The item that an output of a notebook holds."""
+    return Item(**(entry | {"rows": tuple(Row(**row) for row in entry["rows"])}))
+
+
+def items_of(notebook: Path) -> list[Item]:
+    """The items that an executed notebook holds, in its order."""
+    cells = json.loads(notebook.read_text(encoding="utf-8"))["cells"]
+    outputs = [output.get("data", {}) for cell in cells for output in cell.get("outputs", [])]
+    return [from_json(data[MIME]) for data in outputs if MIME in data]

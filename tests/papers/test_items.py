@@ -1,0 +1,66 @@
+"""Items: the paper's table with ours beside it, as shown and as data."""
+
+import json
+
+import numpy as np
+import pytest
+
+from profilecal.papers import items, published, scorecard
+
+MEAN = "mean of delta d"
+
+
+def table(ours, half=0.02, **about):
+    printed = published.values("edge", "Table 2", MEAN)
+    within = {MEAN: np.full(printed.shape, half)}
+    about = {"range_from": "Monte Carlo"} | about
+    return items.compare("edge", "Table 2", "distances", {MEAN: printed + ours}, within=within, **about)
+
+
+def test_every_verdict_follows_from_the_numbers():
+    inside, outside = table(0.01), table(0.03, why={MEAN: "drawn too large"}, free="radius")
+    assert {inside.verdict(row) for row in inside.rows} == {"reproduced"}
+    assert "12 of 12 printed numbers lie inside our ranges (Monte Carlo), about 11 are expected." in inside.summary
+    assert {(outside.verdict(row), row.why) for row in outside.rows} == {("differs", "drawn too large")}
+    assert table(0.01, free="radius").verdict(inside.rows[0]) == "compatible"
+    assert outside.rows[0].over_tolerance == pytest.approx(0.03 / (0.02 + 0.005))
+
+
+def test_what_rounds_to_the_printed_number_is_inside():
+    assert table(0.0049, half=0.0).rows[0].inside
+    with pytest.raises(ValueError, match=r"Table 2, G=10, parallel bar, .*: .* differs from 0.27; say why"):
+        table(0.0062, half=0.0)
+
+
+def test_shown_as_the_paper_prints_it():
+    html = table(0.01, labels={MEAN: "mean(Δd)"})._repr_mimebundle_()["text/html"]
+    for text in published.table("edge").query("item == 'Table 2' and quantity == @MEAN")["printed"]:
+        assert f"<b>{text}</b> ✓<br>" in html
+    assert "mean(Δd)" in html
+    pose = published.values("disk", "Eq. 49", "Lambda")
+    half = {"Lambda": 0 * pose}
+    about = {"range_from": "rounding", "layout": "matrix"}
+    matrix = items.compare("disk", "Eq. 49", "pose", {"Lambda": pose}, within=half, **about)
+    lines = matrix._repr_mimebundle_()["text/plain"].splitlines()
+    assert lines[-3].split()[3::4] == ["364.25534", "364.25534", "0.00000"]
+    assert lines[-2].split() == [*"000100010000"]
+
+
+def test_a_quantity_read_in_two_ways_stands_twice():
+    key = "standard deviation from Eq. 49"
+    ours = {(key, "mean of the norms"): np.array(0.326), (key, "root mean square"): np.array(0.342)}
+    why = {(key, "mean of the norms"): "the paper computed the other"}
+    found = items.compare("disk", "Section V-D2", "spread", ours, why=why, range_from="rounding", layout="list")
+    assert [found.verdict(row) for row in found.rows] == ["differs", "reproduced"]
+    assert found.rows[1].quantity.endswith(", root mean square")
+
+
+def test_read_back_from_a_notebook(tmp_path):
+    item = table(0.01)
+    data = json.loads(json.dumps(item._repr_mimebundle_()))
+    notebook = {"cells": [{"cell_type": "code", "outputs": [{"data": data}]}]}
+    (tmp_path / "11.ipynb").write_text(json.dumps(notebook), encoding="utf-8")
+    assert items.items_of(tmp_path / "11.ipynb") == [item]
+    frame = scorecard.gather(tmp_path)
+    assert (frame["verdict"] == "reproduced").all()
+    assert frame["published"].tolist() == published.values("edge", "Table 2", MEAN).ravel().tolist()
