@@ -137,11 +137,11 @@ def simulate(spec, folder):
     in it for each."""
     from profilecal.scan.files import new_folder
     from profilecal.scan.folder import write_scan
-    from profilecal.scan.tables import read_toml
+    from profilecal.scan.toml import read_toml
     from profilecal.simulate.spec import names_of, read_specs, simulate_scans
 
     with refusing():
-        specs = read_specs(read_toml(spec), spec.parent)
+        specs = read_specs(read_toml(spec), spec)
         names = names_of([one.kind for one in specs])
         scans = simulate_scans(specs)
         if len(scans) == 1:

@@ -9,7 +9,7 @@ import pandas as pd
 from scipy.spatial.transform import Rotation
 
 from profilecal.scan.conventions import CONVENTIONS, find_convention, from_rotations, to_rotations
-from profilecal.scan.tables import toml_text
+from profilecal.scan.toml import toml_text
 
 EXAMPLES = Path(__file__).parents[2] / "data" / "examples"
 SLIGHT = 4e-3  # of wrong scales: in these scans residuals do not show less, which moves the answer all the same

@@ -1,7 +1,7 @@
 """A scan.toml that says what is not so, or what nobody can read."""
 
 from corruptions.folder import SLIGHT, any_size, corruption
-from profilecal.scan.tables import toml_text
+from profilecal.scan.toml import toml_text
 
 NASTY = (
     *(0, -1, 1e-300, 1e308, 1e400, float("nan"), -0.0, True, "", "edge", "50", [], [1.0], {}, 10**400, 1, 25.0, 3000.0),

@@ -15,7 +15,7 @@ from profilecal.geometry.noise import Noise
 from profilecal.joint.state import normalised_square, pose_error
 from profilecal.plan.command import designed, task
 from profilecal.scan.folder import write_scan
-from profilecal.scan.tables import read_toml
+from profilecal.scan.toml import read_toml
 from profilecal.simulate.spec import Spec, simulate_scan
 
 PLANNED = Path(__file__).parents[2] / "data" / "examples" / "planned.toml"

@@ -15,6 +15,8 @@ from profilecal.scan.conventions import CONVENTIONS
 from profilecal.scan.folder import MEASURED, read_scan, write_scan
 from profilecal.scan.scan import Scan, ScanError
 
+TRUTH = {"seed": 1, "T_flange_sensor": np.eye(4).tolist(), "target": {"centre": [1.0, 2.0, 3.0]}}
+
 
 def random_scan(rng, measured="points", kind="edge", **changes):
     R = np.repeat(Rotation.random(4, rng=rng).as_matrix(), 3, axis=0)
@@ -62,10 +64,10 @@ def test_a_scan_written_is_read_back(tmp_path, table, mount, convention):
 )
 def test_every_kind_of_measurement_comes_back(tmp_path, measured, kind):
     side = np.where(np.arange(12) % 2, 1.0, -1.0)
-    scan = random_scan(np.random.default_rng(2), measured, kind, side=side, truth={"T": [[1.0, 0], [0, 1]]})
+    scan = random_scan(np.random.default_rng(2), measured, kind, side=side, truth=TRUTH)
     write_scan(scan, tmp_path / "scan")
     assert_same(read_scan(tmp_path / "scan"), scan)
-    assert read_scan(tmp_path / "scan").truth == {"T": [[1.0, 0], [0, 1]]}
+    assert read_scan(tmp_path / "scan").truth == TRUTH
 
 
 def test_metres_and_millimetres_are_the_same_scan(tmp_path):
@@ -132,16 +134,16 @@ MISTAKES = {
     "unknown noise": (edit("scan.toml", "profile_mm", "profile"), r"unknown entry 'profile' in \[noise\]"),
     "negative noise": (
         edit("scan.toml", "0.05", "-0.05"),
-        "noise profile_mm is -0.05; expected zero, or 1e-06 to 100",
+        r"profile_mm is -0.05 in \[noise\]; expected zero, or 1e-06 to 100",
     ),
     "unknown unit": (edit("scan.toml", '"mm"', '"inch"'), "units is 'inch'; expected mm or m"),
-    "unknown kind": (edit("scan.toml", '"ball"', '"sphere"'), "target kind is 'sphere'; expected edge or"),
+    "unknown kind": (edit("scan.toml", '"ball"', '"sphere"'), r"kind is 'sphere' in \[target\]; expected edge or"),
     "no radius": (edit("scan.toml", "radius = 40.0", ""), "the ball's radius is missing"),
     "absurd radius": (
         edit("scan.toml", "radius = 40.0", "radius = 40000.0"),
-        "radius is 40000.0; expected 0.5 to 1000",
+        r"radius is 40000.0 in \[target\]; expected 0.5 to 1000",
     ),
-    "metres for mm": (edit("scan.toml", '"mm"', '"m"'), "radius is 40.0; expected 0.0005 to 1"),
+    "metres for mm": (edit("scan.toml", '"mm"', '"m"'), r"radius is 40.0 in \[target\]; expected 0.0005 to 1"),
     "no poses": (lambda f: (f / "poses.csv").unlink(), r"poses.csv: no such file"),
     "no measurement": (lambda f: (f / "arcs.csv").unlink(), r"expected one of profiles, .*; found none"),
     "two measurements": (lambda f: (f / "points.csv").write_text("pose,x,z\n"), "found points and arcs"),
@@ -254,12 +256,19 @@ MISTAKES = {
         rewrite("poses.csv", lambda t: t.assign(x=t["x"].where(t.index != 4, 1e200))),
         r"line 6: the farthest flange position, of pose 'P4', is 1e\+200 mm|line 6: .* is inf mm",
     ),
-    "no table": (lambda f: (f / "scan.toml").write_text("target = 5"), r"target is 5; expected a table \[target\]"),
+    "no table": (lambda f: (f / "scan.toml").write_text("target = 5"), "target is 5; expected a table"),
+    "truth": (
+        lambda f: (f / "truth.toml").write_text("T_flange_sensor = [[1, 0]]"),
+        r"truth.toml: T_flange_sensor is \[\[1, 0\]\]; expected 4 x 4 numbers",
+    ),
     "title": (edit("scan.toml", "title = ", "title = 5 #"), "title is 5; expected one line of text"),
-    "radius is true": (edit("scan.toml", "radius = 40.0", "radius = true"), "radius is True; expected 0.5 to 1000"),
+    "radius is true": (
+        edit("scan.toml", "radius = 40.0", "radius = true"),
+        r"radius is True in \[target\]; expected 0.5 to 1000",
+    ),
     "a huge radius": (
         edit("scan.toml", "radius = 40.0", f"radius = 1{'0' * 400}"),
-        "radius is a huge number; expected 0.5 to 1000",
+        r"radius is a huge number in \[target\]; expected 0.5 to 1000",
     ),
     "thousands of digits": (edit("scan.toml", "40.0", "9" * 5000), "scan.toml: Exceeds the limit"),
     "nested deeply": (edit("scan.toml", "40.0", "[" * 20_000), "scan.toml: nested too deeply"),

@@ -2,7 +2,7 @@
 
 import tomllib
 
-from profilecal.scan.tables import toml_text
+from profilecal.scan.toml import toml_text
 
 
 def test_tables_and_lists_of_tables_come_back():

@@ -16,7 +16,7 @@ from profilecal.plan.plan import Plan, Wishes, design_together, merged
 from profilecal.plan.setup import Part, Prediction, Setup, predict
 from profilecal.scan.folder import read_scan
 from profilecal.scan.scan import Scan, ScanError
-from profilecal.scan.tables import read_toml
+from profilecal.scan.toml import read_toml
 from profilecal.simulate.guess import planned_poses
 from profilecal.simulate.spec import read_specs
 
@@ -56,7 +56,7 @@ def task(spec: Path, after: Sequence[Path] = (), **options) -> Task:
         return Task([setup], wishes, rng, [before], scan.convention, stated_noise([scan]), title, None)
     entries = read_toml(spec)
     wishes = replace(read_wishes(entries), **options)
-    found, stated = read_specs(entries, spec.parent), entries.get("noise", {})
+    found, stated = read_specs(entries, spec), entries.get("noise", {})
     rng = np.random.default_rng(found[0].seed)
     setups = [setup_of(one, stated, rng) for one in found]
     before = [part_of_scan(setups, folder) for folder in after]

@@ -12,7 +12,8 @@ from profilecal.plan.design import CRITERIA
 from profilecal.plan.plan import Wishes
 from profilecal.plan.setup import Setup
 from profilecal.scan.scan import ScanError
-from profilecal.scan.tables import is_number, shown
+from profilecal.scan.tables import shown
+from profilecal.scan.toml import is_number
 from profilecal.simulate.poses import Poses
 from profilecal.simulate.scene import Scene
 from profilecal.simulate.spec import Spec, raw_profiles, sizes_of

@@ -14,7 +14,7 @@ from profilecal.plan.candidates import turned, worst_clearance
 from profilecal.plan.plan import Plan
 from profilecal.scan.files import new_folder
 from profilecal.scan.folder import poses_table
-from profilecal.scan.tables import toml_text
+from profilecal.scan.toml import toml_text
 from profilecal.simulate.spec import names_of
 
 

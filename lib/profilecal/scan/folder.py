@@ -15,7 +15,20 @@ from profilecal.geometry.poses import angle_between, rotation_groups
 from profilecal.scan.conventions import RowError, find_convention, from_rotations, named, to_rotations
 from profilecal.scan.files import is_file, is_there, naming, new_folder
 from profilecal.scan.scan import Scan, ScanError
-from profilecal.scan.tables import Table, is_number, read_table, read_toml, shown, toml_text
+from profilecal.scan.tables import Table, read_table, shown
+from profilecal.scan.toml import (
+    TABLE,
+    TEXT,
+    Rule,
+    check_entries,
+    is_number,
+    number,
+    numbers,
+    one_of,
+    read_toml,
+    toml_text,
+    whole,
+)
 from profilecal.targets import TARGETS
 
 MEASURED = {
@@ -24,18 +37,17 @@ MEASURED = {
     "chords": ("x_a", "z_a", "x_b", "z_b"),
     "arcs": ("x", "z", "r"),
 }
-KEYS = {
-    "": ("title", "units", "mount", "target", "noise"),
-    "target": ("kind", "side"),  # and its lengths
-    "noise": tuple(field.name for kind in (Noise, Systematic) for field in fields(kind)),
-}
 SCALE = {"mm": 1.0, "m": 1000.0}
 MOUNTS = ("eye-in-hand", "eye-to-hand")
 WIDEST_GROUP_DEG = 1.0  # of the groups that a user gives
+NOISE = dict.fromkeys(  # an error that is there is no rounding error
+    (field.name for kind in (Noise, Systematic) for field in fields(kind)),
+    (lambda value: is_number(value) and (value == 0 or 1e-6 <= value <= 100), "zero, or 1e-06 to 100"),
+)
+TRUTH = {"seed": whole(), "T_flange_sensor": numbers(4, 4), "T_base_sensor": numbers(4, 4), "target": TABLE}
 SIZE_MM = (0.5, 1000.0)  # of a target that a profile scanner can see
 REACH_MM = (10.0, 20_000.0)  # farthest flange position from the base: a robot's size
 FARTHEST_MM = 10_000.0  # from the scanner; no profile scanner sees as far, and some print such numbers for no point
-NOISE_RANGE = (1e-6, 100.0)  # mm or degrees
 
 
 def read_scan(folder) -> Scan:
@@ -48,7 +60,7 @@ def read_scan(folder) -> Scan:
     poses, doubts = read_poses(folder, scale, header["target"].get("side", 0))
     measured, values = read_measurements(folder, poses["labels"], scale)
     scan = scan_of(folder, header, poses, doubts, measured, values)
-    return replace(scan, truth=read_toml(truth)) if is_file(truth) else scan
+    return replace(scan, truth=check_entries(truth, read_toml(truth), TRUTH)) if is_file(truth) else scan
 
 
 def scan_of(folder: Path, header: dict, poses: dict, doubts: list[str], measured: str, values) -> Scan:
@@ -85,57 +97,22 @@ def read_header(path: Path) -> dict:
 
 def check_header(path: Path, header: dict) -> dict:
     """What such a file says, checked, with defaults filled in; errors name `path`. Raises ScanError."""
-    for section, known in KEYS.items():
-        entries = header.setdefault(section, {}) if section else header
-        if not isinstance(entries, dict):
-            raise ScanError(f"{path}: {section} is {shown(entries)}; expected a table [{section}]")
-        if section == "target":
-            known = (known[0], *lengths(), *known[1:])
-        for key in entries:
-            if key not in known:
-                where = f" in [{section}]" if section else ""
-                raise ScanError(f"{path}: unknown entry {shown(key)}{where}; there are {', '.join(known)}")
-    header = {"title": "", "units": "mm", "mount": "eye-in-hand"} | header
-    target = header["target"]
-    for name, value, choices in (
-        ("units", header["units"], tuple(SCALE)),
-        ("mount", header["mount"], MOUNTS),
-        ("target kind", target.get("kind"), tuple(TARGETS)),
-        ("target side", target.get("side", 1), (1, -1)),
-    ):
-        if value not in choices or isinstance(value, bool):
-            raise ScanError(f"{path}: {name} is {shown(value)}; expected {' or '.join(map(str, choices))}")
-    low, high = NOISE_RANGE
-    for name, value in header["noise"].items():
-        if not is_number(value) or not (value == 0 or low <= value <= high):
-            raise ScanError(f"{path}: noise {name} is {shown(value)}; expected zero, or {low:g} to {high:g}")
-    title = header["title"]
-    if not isinstance(title, str) or not title.isprintable() or len(title) > 200:
-        raise ScanError(f"{path}: title is {shown(title)}; expected one line of text")
-    check_sizes(path, target, SCALE[header["units"]])
+    rules = {"title": TEXT, "units": one_of(SCALE), "mount": one_of(MOUNTS), "target": TABLE, "noise": NOISE}
+    header = {"title": "", "units": "mm", "mount": "eye-in-hand", "target": {}, "noise": {}} | header
+    target = check_entries(path, header, rules)["target"]
+    check_entries(path, {"kind": target.get("kind")}, {"kind": one_of(TARGETS)}, "target")
+    lengths = length_rules(target["kind"], SCALE[header["units"]])
+    check_entries(path, target, {"kind": TEXT, "side": one_of((1, -1))} | lengths, "target")
+    for name in lengths.keys() - target:
+        text = f"the {target['kind']}'s {name} is missing; expected {name} = … under [target] (import: --{name})"
+        raise ScanError(f"{path}: {text}")
     return header
 
 
-def lengths() -> list[str]:
-    """The names of all targets' known measures."""
-    return list(dict.fromkeys(name for target in TARGETS.values() for name in target.lengths))
-
-
-def check_sizes(path: Path, target: dict, scale: float) -> None:
-    """Raise ScanError unless a target has its lengths, which a scanner can see, and no others."""
-    kind = target["kind"]
-    low, high = (v / scale for v in SIZE_MM)
-    for name in lengths():
-        value = target.get(name)
-        if name not in TARGETS[kind].lengths:
-            if value is not None:
-                raise ScanError(f"{path}: a target of kind {kind!r} has no {name}; leave it out")
-        elif value is None:
-            raise ScanError(
-                f"{path}: the {kind}'s {name} is missing; expected {name} = … under [target] (import: --{name})"
-            )
-        elif not is_number(value) or not low <= value <= high:
-            raise ScanError(f"{path}: {name} is {shown(value)}; expected {low:g} to {high:g} in the folder's units")
+def length_rules(kind: str, scale: float = 1.0) -> dict[str, Rule]:
+    """What the lengths of a kind of target may be, in units of `scale` mm."""
+    low, high = SIZE_MM
+    return dict.fromkeys(TARGETS[kind].lengths, number(low / scale, high / scale))
 
 
 def read_poses(folder: Path, scale: float, side: int) -> tuple[dict, list[str]]:

@@ -1,9 +1,7 @@
-"""The files of a scan folder one by one: tables in CSV or Parquet and headers in TOML, with every mistake named."""
+"""The files of a scan folder one by one: tables in CSV or Parquet, with every mistake named."""
 
 import csv
-import json
 import re
-import tomllib
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +13,6 @@ from profilecal.scan.files import is_file, naming
 from profilecal.scan.scan import ScanError
 
 LARGEST_FILE = 400_000_000  # bytes
-LARGEST_HEADER = 1_000_000
 
 
 def shown(value) -> str:
@@ -142,39 +139,3 @@ def read_csv(path: Path) -> pd.DataFrame:
         line = frame.dropna(how="all").index.max() + 2
         raise ScanError(f"{path} line {line}: {fields} of {len(names)} columns in the last row; is the file cut short?")
     return frame
-
-
-# TOML
-
-
-def read_toml(path) -> dict:
-    """The content of a TOML file. Raises ScanError."""
-    path = Path(path)
-    with naming(path):
-        if is_file(path) and path.stat().st_size > LARGEST_HEADER:
-            raise ScanError(f"{path}: {path.stat().st_size} bytes; expected at most {LARGEST_HEADER}")
-        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
-
-
-def is_number(value) -> bool:
-    """Whether an entry of a TOML file is one."""
-    return isinstance(value, int | float) and not isinstance(value, bool)
-
-
-def toml_text(entries: dict) -> str:
-    """A dictionary of numbers, texts, nested lists of numbers, and one level of such dictionaries or lists of such, as
-    TOML."""
-
-    def lines(table):
-        text = {key: json.dumps(value, ensure_ascii=False, default=np.ndarray.tolist) for key, value in table.items()}
-        return [f"{key} = {value}" for key, value in text.items()]
-
-    def tables(value):
-        several = value if isinstance(value, list) else [value]
-        return several if several and all(isinstance(part, dict) for part in several) else []
-
-    parts = lines({name: value for name, value in entries.items() if not tables(value) and value != {}})
-    for name, value in entries.items():
-        head = f"[[{name}]]" if isinstance(value, list) else f"[{name}]"
-        parts += [line for table in tables(value) if table for line in ("", head, *lines(table))]
-    return "\n".join(parts) + "\n"

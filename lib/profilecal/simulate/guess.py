@@ -10,13 +10,11 @@ from profilecal.joint.observations import Observations
 from profilecal.joint.state import State
 from profilecal.scan.folder import read_poses
 from profilecal.scan.scan import ScanError
-from profilecal.scan.tables import is_number, shown
+from profilecal.scan.toml import check_entries, number, numbers
 from profilecal.simulate.poses import Poses
 from profilecal.simulate.scene import Scene, in_unit_ball
 from profilecal.targets import TARGETS
 from profilecal.targets.target import Target
-
-LENGTHS = {"mount": 6, "target": 3, "axis": 3, "up": 3}  # of the entries that are lists
 
 
 @dataclass(frozen=True)
@@ -60,27 +58,21 @@ class Guess:
         return TARGETS[kind].at(np.array(self.target, float), self.facing(kind) @ TARGETS[kind].stance, sizes)
 
 
-def read_guess(entries: dict) -> Guess:
+GUESS = {"mount": numbers(6), "target": numbers(3), "axis": numbers(3), "up": numbers(3)}
+GUESS |= {f.name: number(0, 90) for f in fields(Margins)}
+
+
+def read_guess(entries: dict, path="the specification") -> Guess:
     """A guess from the table [guess] of a specification. Raises ScanError."""
-    entries, margins = dict(entries), {}
-    for name in (f.name for f in fields(Margins)):
-        if name in entries:
-            value = margins[name] = entries.pop(name)
-            if not is_number(value) or not 0 <= value < 90:
-                raise ScanError(f"{name} is {shown(value)} in [guess]; expected 0 to 90 mm or degrees")
-    for name, value in entries.items():
-        if name not in LENGTHS:
-            known = ", ".join([*LENGTHS, *(f.name for f in fields(Margins))])
-            raise ScanError(f"unknown entry {name!r} in [guess]; there are {known}")
-        numbers = isinstance(value, list) and len(value) == LENGTHS[name] and all(map(is_number, value))
-        if not numbers or not np.isfinite(value).all():
-            raise ScanError(f"{name} is {shown(value)} in [guess]; expected {LENGTHS[name]} numbers")
+    check_entries(path, entries, GUESS, "guess")
     for name in ("mount", "target"):
         if name not in entries:
-            raise ScanError(f"{name} is missing in [guess]; expected roughly where it is")
-    guess = Guess(**{name: tuple(value) for name, value in entries.items()}, margins=Margins(**margins))
+            raise ScanError(f"{path}: {name} is missing in [guess]; expected roughly where it is")
+    margins = {f.name: entries[f.name] for f in fields(Margins) if f.name in entries}
+    places = {name: tuple(value) for name, value in entries.items() if name not in margins}
+    guess = Guess(**places, margins=Margins(**margins))
     if np.linalg.norm(np.cross(guess.axis, guess.up)) < 1e-3 * np.linalg.norm(guess.axis) * np.linalg.norm(guess.up):
-        raise ScanError("axis and up in [guess] are parallel or zero; expected axis across up")
+        raise ScanError(f"{path}: axis and up in [guess] are parallel or zero; expected axis across up")
     return guess
 
 

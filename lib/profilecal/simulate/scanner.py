@@ -19,16 +19,11 @@ class Scanner:
     points: int = 980  # of a profile
     resolution: float = 0.25  # mm in x: a sample comes from anywhere within this width around its ray
     quantum: float = 0.1  # mm, coordinates are whole multiples of it
-    noise_mm: float = 0.06  # standard deviation of z at `near`: of a resolution of 0.2 mm, as a uniform error's width
-    noise_growth: float = 0.0  # of the standard deviation, as a fraction of `noise_mm`, per mm beyond `near`
+    noise_mm: float = 0.06  # standard deviation of z: of a resolution of 0.2 mm, as a uniform error's width
 
     def half_width(self, z) -> np.ndarray:
         """Half the field of view in x at depth z, mm."""
         return (self.near_width + (self.far_width - self.near_width) * (z - self.near) / (self.far - self.near)) / 2
-
-    def sigma(self, z) -> np.ndarray:
-        """Standard deviation of z at depth z, mm."""
-        return self.noise_mm * (1 + self.noise_growth * (np.asarray(z) - self.near))
 
     def count(self, outline, rng: np.random.Generator) -> np.ndarray:
         """Profiles (..., points, 2) as the scanner sends them: 16-bit integers, in `quantum`; z = 0 where nothing is.
@@ -39,7 +34,7 @@ class Scanner:
         middle = self.half_width(outline[..., 1].mean(axis=-1))[..., None]
         spot = rng.uniform(-0.5, 0.5, (*middle.shape[:-1], self.points)) * self.resolution / middle
         z = nearest_on_rays(outline, rays + spot, self)
-        z = z + self.sigma(z) * rng.normal(size=z.shape)
+        z = z + self.noise_mm * rng.normal(size=z.shape)
         x = rays * self.half_width(z)
         seen = (self.near <= z) & (z <= self.far)  # false for NaN: nothing there
         counts = np.stack([x, z], axis=-1) / self.quantum

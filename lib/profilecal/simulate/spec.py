@@ -1,6 +1,5 @@
 """Synthetic scans: a specification in, a scan folder's content out, with the truth that made it."""
 
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
@@ -11,9 +10,10 @@ from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import carry, homogeneous, inverse
 from profilecal.joint.state import State
 from profilecal.scan.conventions import CONVENTIONS
-from profilecal.scan.folder import MOUNTS
+from profilecal.scan.folder import MOUNTS, length_rules
 from profilecal.scan.scan import Scan, ScanError
-from profilecal.simulate.guess import Guess, planned_scene, read_guess
+from profilecal.scan.toml import TABLE, TEXT, check_entries, number, one_of, whole
+from profilecal.simulate.guess import GUESS, Guess, planned_scene, read_guess
 from profilecal.simulate.poses import actual_poses
 from profilecal.simulate.robot import Robot
 from profilecal.simulate.scanner import Scanner
@@ -22,7 +22,6 @@ from profilecal.targets import TARGETS
 
 WIDE = Scanner(near=40.0, far=260.0, near_width=100.0, far_width=220.0)  # sees a whole disk of 50 mm radius
 OF_TARGET = ("target", "axis", "up", "target_mm", "target_deg")  # entries of [guess] that a target may have of its own
-ELSEWHERE = ("noise", "robot", "scanner", "sizes", "guess")  # fields of Spec that are no entries of their own
 
 
 @dataclass(frozen=True)
@@ -40,58 +39,54 @@ class Spec:
     groups: int = 0  # flange orientations; 0: what the kind needs
     positions: int = 0  # in each
     spread_deg: float = 30.0  # the flange turns by up to this
-    motion: str = "space"  # inside a group, anywhere ("space") or along an "arc", where the target leaves a choice
-    frame: str = "base"  # edge: translations in the axes of the "base" or the "tool"
     repeats: int = 1  # measurements at each stop, while the robot stands still
-    rounds: int = 1  # through all poses
     poses: str = ""  # a file poses.csv that says where the robot goes; empty: groups, positions and so on do
     guess: Guess | None = None  # where sensor and target are if there is such a file, but for the guess's margins
     noise: Noise = field(default_factory=lambda: Noise(profile_mm=0.05))
     robot: Robot = field(default_factory=Robot)
     scanner: Scanner = WIDE
 
-    def __post_init__(self):
-        _choose("kind", self.kind, TARGETS)
-        target = TARGETS[self.kind]
-        _choose("mount", self.mount, MOUNTS)
-        _choose("measured", self.measured, ("", *target.tables))
-        _choose("specimen", self.specimen, ("", *target.specimens))
-        _choose("motion", self.motion, ("space", "arc"))
-        _choose("frame", self.frame, ("base", "tool"))
-        _choose("convention", self.convention, [c.name for c in CONVENTIONS])
-        for name in self.sizes:
-            _choose("a size", name, target.lengths)
-        for name in ("repeats", "rounds"):
-            if getattr(self, name) < 1:
-                raise ScanError(f"{name} is {getattr(self, name)}; expected 1 or more")
+
+def rules_for(kind: str) -> dict:
+    """What a specification for a kind of target may say."""
+    target = TARGETS[kind]
+    return {
+        "kind": one_of(TARGETS),
+        "title": TEXT,
+        "seed": whole(),
+        "measured": one_of(target.tables),
+        "mount": one_of(MOUNTS),
+        "convention": one_of(convention.name for convention in CONVENTIONS),
+        "specimen": one_of(target.specimens),
+        "groups": whole(0, 10_000),
+        "positions": whole(0, 10_000),
+        "spread_deg": number(0, 180),
+        "repeats": whole(1, 1000),
+        "poses": TEXT,
+        "noise": {f.name: number(0, 100) for f in fields(Noise)},
+        "robot": {f.name: number(0, 100) for f in fields(Robot)},
+        "scanner": {f.name: number() for f in fields(Scanner)} | {"points": whole(1), "quantum": number(1e-6)},
+        "guess": GUESS,
+        "plan": TABLE,
+    } | length_rules(kind)
 
 
-def _choose(name: str, value, choices) -> None:
-    if value not in choices:
-        raise ScanError(f"{name} is {value!r}; expected one of {', '.join(filter(None, choices))}")
-
-
-def read_spec(entries: dict, folder=".") -> Spec:
-    """A specification from the content of a TOML file: Spec's fields, the target's lengths, [noise], [robot],
-    [scanner] and [guess]. `folder` is where the path `poses` begins; [plan] is left to `profilecal plan`.
-
-    Raises ScanError."""
-    entries = {name: value for name, value in entries.items() if name != "plan"}
-    for name in ("noise", "robot", "scanner", "guess"):
-        if not isinstance(entries.get(name, {}), dict):
-            raise ScanError(f"{name} is {entries[name]!r} in the specification; expected a table [{name}]")
-    guess = read_guess(entries.pop("guess")) if "guess" in entries else None
-    noise = _filled(Noise(profile_mm=0.05), entries.pop("noise", {}), "[noise]")
-    robot = _filled(Robot(), entries.pop("robot", {}), "[robot]")
-    scanner = _filled(replace(WIDE, noise_mm=noise.profile_mm), entries.pop("scanner", {}), "[scanner]")
-    sizes = {name: entries.pop(name) for name in lengths_of(entries) if name in entries}
-    for name, value in sizes.items():
-        _check(name, value, float, "the specification")
-    spec = _filled(Spec(), entries, "the specification")
+def read_spec(entries: dict, path="specification") -> Spec:
+    """A specification from the content of a TOML file `path`: Spec's fields, the target's lengths, [noise], [robot],
+    [scanner] and [guess]; [plan] is left to `profilecal plan`. Raises ScanError."""
+    entries = {"kind": Spec.kind} | entries
+    check_entries(path, {"kind": entries["kind"]}, {"kind": one_of(TARGETS)})
+    check_entries(path, entries, rules_for(entries["kind"]))
+    entries.pop("plan", None)
+    guess = read_guess(entries.pop("guess"), path) if "guess" in entries else None
+    noise = replace(Spec().noise, **entries.pop("noise", {}))
+    scanner = replace(WIDE, **{"noise_mm": noise.profile_mm} | entries.pop("scanner", {}))
+    robot = Robot(**entries.pop("robot", {}))
+    sizes = {name: entries.pop(name) for name in TARGETS[entries["kind"]].lengths if name in entries}
+    spec = Spec(**entries, noise=noise, robot=robot, scanner=scanner, sizes=sizes, guess=guess)
     if spec.poses and guess is None:
-        raise ScanError("poses are given, but no [guess]; expected roughly where sensor and target are")
-    poses = str(Path(folder) / spec.poses) if spec.poses else ""
-    return replace(spec, noise=noise, robot=robot, scanner=scanner, sizes=sizes, guess=guess, poses=poses)
+        raise ScanError(f"{path}: poses are given, but no [guess]; expected roughly where sensor and target are")
+    return replace(spec, poses=str(Path(path).parent / spec.poses)) if spec.poses else spec
 
 
 def lengths_of(entries: dict) -> tuple[str, ...]:
@@ -100,7 +95,7 @@ def lengths_of(entries: dict) -> tuple[str, ...]:
     return TARGETS[kind].lengths if isinstance(kind, str) and kind in TARGETS else ()
 
 
-def read_specs(entries: dict, folder=".") -> list[Spec]:
+def read_specs(entries: dict, path="specification") -> list[Spec]:
     """One for each of [[targets]]: what its table says goes before the entries outside, and its place before that in
     [guess]. Without [[targets]], the one of `read_spec`. Raises ScanError."""
     entries = dict(entries)
@@ -119,7 +114,7 @@ def read_specs(entries: dict, folder=".") -> list[Spec]:
         whole = entries | own
         if placed:
             whole["guess"] = entries.get("guess", {}) | placed
-        found.append(read_spec(whole, folder))
+        found.append(read_spec(whole, path))
     if len(found) > 1 and not all(spec.guess for spec in found):
         raise ScanError("there are several targets, but no [guess]; expected roughly where sensor and targets are")
     return found
@@ -130,21 +125,6 @@ def names_of(kinds: Sequence[str]) -> list[str]:
     if len(kinds) == 1:
         return [""]
     return [f"{k}-{kinds[:i].count(k) + 1}" if kinds.count(k) > 1 else k for i, k in enumerate(kinds)]
-
-
-def _filled(default, entries: dict, where: str):
-    known = {f.name: type(getattr(default, f.name)) for f in fields(default) if f.name not in ELSEWHERE}
-    for key, value in entries.items():
-        if key not in known:
-            raise ScanError(f"unknown entry {key!r} in {where}; there are {', '.join(known)}")
-        _check(key, value, known[key], where)
-    return replace(default, **entries)
-
-
-def _check(key: str, value, kind: type, where: str) -> None:
-    expected = (int, float) if kind is float else kind
-    if not isinstance(value, expected) or isinstance(value, bool) or (not isinstance(value, str) and value < 0):
-        raise ScanError(f"{key} is {value!r} in {where}; expected {kind.__name__}, zero or more")
 
 
 def simulate_scan(spec: Spec) -> Scan:
@@ -188,8 +168,6 @@ def scene_of(spec: Spec, rng: np.random.Generator, sensor: State | None = None) 
         positions=spec.positions,
         sizes=sizes_of(spec),
         spread_deg=spec.spread_deg,
-        motion=spec.motion,
-        frame=spec.frame,
         steering_mm=spec.noise.steering_mm,
     )
 
@@ -204,10 +182,8 @@ def sizes_of(spec: Spec) -> tuple[float, ...]:
 def record(scene: Scene, poses, spec: Spec, robot: Robot, rng: np.random.Generator) -> Scan:
     """The scan of a scene by a robot that takes its flange to `poses` (P, 3, 3), (P, 3), mm."""
     (R_sensor,), (T_sensor,) = scene.truth.rotation, scene.truth.translation
-    which = np.tile(np.arange(len(poses[1])), spec.rounds)
-    visited = robot.visiting(*(p[which] for p in poses), spec.noise, rng)
-    R_actual, T_actual = (np.repeat(p, spec.repeats, axis=0) for p in visited)
-    which = np.repeat(which, spec.repeats)
+    which = np.repeat(np.arange(len(poses[1])), spec.repeats)
+    R_actual, T_actual = (part[which] for part in robot.visiting(*poses, spec.noise, rng))
     planes = R_actual @ R_sensor, carry(R_actual, T_actual, T_sensor)
     measured = spec.measured or scene.target.tables[-1]
     if measured == "profiles":
@@ -220,7 +196,7 @@ def record(scene: Scene, poses, spec: Spec, robot: Robot, rng: np.random.Generat
     R, T = inverse(R, T) if to_hand else (R, T)
     return Scan(
         kind=spec.kind,
-        labels=labels(scene.labels or numbered(scene.poses.positions.shape[:2]), which),
+        labels=labels(scene.labels or numbered(scene.poses.positions.shape[:2]), spec.repeats),
         R_base_flange=R,
         T_base_flange=T,
         measured=measured,
@@ -243,8 +219,7 @@ def record(scene: Scene, poses, spec: Spec, robot: Robot, rng: np.random.Generat
 def title(spec: Spec, scene: Scene) -> str:
     """What a scan is, where the specification does not call it otherwise."""
     G, N = scene.poses.positions.shape[:2]
-    times = spec.repeats * spec.rounds
-    often = f", {times} times" if times > 1 else ""
+    often = f", {spec.repeats} times" if spec.repeats > 1 else ""
     poses = f"{G} planned poses" if spec.poses else f"{G} orientations x {N} positions"
     return f"simulated {spec.kind}, {poses}{often}"
 
@@ -254,15 +229,9 @@ def numbered(shape) -> list[str]:
     return [f"g{g + 1}p{n + 1}" for g in range(shape[0]) for n in range(shape[1])]
 
 
-def labels(names, which) -> tuple[str, ...]:
-    """Of measurements from the poses `which` (n,), which have `names`."""
-    if len(which) == len(names):
-        return tuple(names)
-    count, several = Counter(), []
-    for pose in which:
-        count[pose] += 1
-        several.append(f"{names[pose]}m{count[pose]}")
-    return tuple(several)
+def labels(names, repeats: int) -> tuple[str, ...]:
+    """Of measurements from poses that have `names`."""
+    return tuple(names) if repeats == 1 else tuple(f"{name}m{k + 1}" for name in names for k in range(repeats))
 
 
 def raw_profiles(scene: Scene, planes, spec: Spec, rng) -> list[np.ndarray]:

@@ -1,0 +1,97 @@
+"""TOML files whose entries are declared: which there are, and which values each may have."""
+
+import json
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from profilecal.scan.files import is_file, naming
+from profilecal.scan.scan import ScanError
+from profilecal.scan.tables import shown
+
+LARGEST = 1_000_000  # bytes: such a file is written by hand
+
+Rule = tuple[Callable[[object], bool], str]  # whether a value is allowed, and what is, in words
+
+TABLE: Rule = (lambda value: isinstance(value, dict), "a table")
+TEXT: Rule = (lambda value: isinstance(value, str) and value.isprintable() and len(value) <= 200, "one line of text")
+
+
+def is_number(value) -> bool:
+    """Whether an entry of a TOML file is one."""
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def number(low: float = 0.0, high: float = 1e6) -> Rule:
+    """A number within these limits."""
+    return lambda value: is_number(value) and low <= value <= high, f"{low:g} to {high:g}"
+
+
+def whole(low: int = 0, high: int = 1_000_000) -> Rule:
+    """A whole number within these limits."""
+    return lambda value: isinstance(value, int) and number(low, high)[0](value), f"a whole number, {low} to {high}"
+
+
+def numbers(*shape: int) -> Rule:
+    """Nested lists of finite numbers, of this shape."""
+
+    def allowed(value, shape=shape):
+        if not shape:
+            return number(-1e6)[0](value)
+        return isinstance(value, list) and len(value) == shape[0] and all(allowed(part, shape[1:]) for part in value)
+
+    return allowed, f"{' x '.join(map(str, shape))} numbers"
+
+
+def one_of(choices) -> Rule:
+    """One of these."""
+    choices = tuple(choices)
+    return lambda value: value in choices and not isinstance(value, bool), " or ".join(map(str, choices))
+
+
+def check_entries(path, entries: dict, rules: dict[str, Rule | dict], table: str = "") -> dict:
+    """The entries of a file, or of a table in it, if all are known and allowed; rules in a dict are those of a table.
+
+    Raises ScanError.
+    """
+    where = f" in [{table}]" if table else ""
+    for name, value in entries.items():
+        if name not in rules:
+            raise ScanError(f"{path}: unknown entry {shown(name)}{where}; there are {', '.join(rules)}")
+        inner = isinstance(rules[name], dict)
+        allowed, expected = TABLE if inner else rules[name]
+        if not allowed(value):
+            raise ScanError(f"{path}: {name} is {shown(value)}{where}; expected {expected}")
+        if inner:
+            check_entries(path, value, rules[name], name)
+    return entries
+
+
+def read_toml(path) -> dict:
+    """The content of a TOML file. Raises ScanError."""
+    path = Path(path)
+    with naming(path):
+        if is_file(path) and path.stat().st_size > LARGEST:
+            raise ScanError(f"{path}: {path.stat().st_size} bytes; expected at most {LARGEST}")
+        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
+
+
+def toml_text(entries: dict) -> str:
+    """A dictionary of numbers, texts, nested lists of numbers, and one level of such dictionaries or lists of such, as
+    TOML."""
+
+    def lines(table):
+        text = {key: json.dumps(value, ensure_ascii=False, default=np.ndarray.tolist) for key, value in table.items()}
+        return [f"{key} = {value}" for key, value in text.items()]
+
+    def tables(value):
+        several = value if isinstance(value, list) else [value]
+        return several if several and all(isinstance(part, dict) for part in several) else []
+
+    parts = lines({name: value for name, value in entries.items() if not tables(value) and value != {}})
+    for name, value in entries.items():
+        head = f"[[{name}]]" if isinstance(value, list) else f"[{name}]"
+        parts += [line for table in tables(value) if table for line in ("", head, *lines(table))]
+    return "\n".join(parts) + "\n"
