@@ -18,11 +18,13 @@ from profilecal.calibrate.calibration import calibrate
 from profilecal.calibrate.observe import covariances
 from profilecal.geometry.noise import Noise, Systematic
 from profilecal.joint.state import pose_error
+from profilecal.profiles.edges import LEAST_SIDE
 from profilecal.scan.folder import read_scan, write_scan
 from profilecal.simulate.scanner import Scanner
 from profilecal.simulate.spec import Spec
 from profilecal.targets.disk import Disk
-from profilecal.targets.edge import LEAST_SIDE, Edge
+from profilecal.targets.edge import Edge
+from profilecal.targets.target import find_features
 
 SCANS = int(os.environ.get("PROFILECAL_COVERAGE", "3"))
 BESIDE = 8.0  # mm from an edge, in which LEAST_SIDE points of a face show it
@@ -112,7 +114,7 @@ def features_in_view(case, seed):
         near = [b[np.linalg.norm(b, axis=1) < BESIDE, 0] for b in beside]
         sides = np.array([[(x < 0).sum(), (x > 0).sum()] for x in near])
         shown &= (sides.min(axis=1) if case == "bar" else sides.max(axis=1)) >= LEAST_SIDE
-    found = scan.target.features(scan.values, scan.sizes)
+    found = find_features(scan.target, scan.values, scan.sizes)
     return [(feature, truth) for feature, truth, show in zip(found, true, shown, strict=True) if show]
 
 

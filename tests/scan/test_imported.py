@@ -21,6 +21,7 @@ from profilecal.scan.folder import read_scan
 from profilecal.scan.imported import Layout, import_scan, x_and_z
 from profilecal.scan.scan import ScanError
 from profilecal.simulate.spec import WIDE, Spec, simulate_scan
+from profilecal.targets.target import find_features
 
 FUZZ = int(os.environ.get("PROFILECAL_FUZZ", "60"))
 TOOL = (10.0, -20.0, 150.0, 12.0, -5.0, 30.0)
@@ -485,12 +486,13 @@ def test_corrupted_files_give_a_sentence_or_a_scan(tmp_path):
 @pytest.mark.parametrize(("name", "shape", "largest_mm"), [("edge", "corner", 0.15), ("sphere", "arc", 0.25)])
 def test_the_real_measurements_are_found_in_every_profile_and_calibrate(name, shape, largest_mm):
     scan = real_scan(name)
-    features = scan.target.features(scan.values, scan.sizes)
+    features = find_features(scan.target, scan.values, scan.sizes)
     assert [feature.shape for feature in features] == [shape] * len(scan.labels)
     assert calibrate([scan]).solution.rms_mm <= largest_mm
 
 
 def test_picked_points_lie_on_the_ridge_that_is_found():
-    features, picked = (scan := real_scan("edge")).target.features(scan.values), real_scan("edge", "feature_point")
+    scan, picked = real_scan("edge"), real_scan("edge", "feature_point")
+    features = find_features(scan.target, scan.values)
     apart = np.array([feature.points[0] for feature in features]) - np.concatenate(picked.values)
     assert np.abs(apart).max() < 0.5  # mm: the same ridge; picks err by 0.1 and the edge is round

@@ -15,6 +15,7 @@ from profilecal.simulate.spec import Spec, simulate_scan
 from profilecal.targets import TARGETS
 from profilecal.targets.plane import Plane
 from profilecal.targets.point import Point
+from profilecal.targets.target import find_features
 
 KINDS = list(TARGETS)
 
@@ -153,7 +154,7 @@ def test_its_lines_lie_on_it(kind):
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if "profiles" in TARGETS[kind].tables])
 def test_it_is_found_in_the_profiles_that_it_is_simulated_with(kind):
     scan = simulate_scan(Spec(kind=kind, measured="profiles", groups=5, positions=4))
-    assert np.mean([feature.found for feature in scan.target.features(scan.values, scan.sizes)]) > 0.5
+    assert np.mean([feature.found for feature in find_features(scan.target, scan.values, scan.sizes)]) > 0.5
 
 
 def test_a_plane_meets_the_scan_plane_in_a_line_on_both():

@@ -6,19 +6,21 @@ from raw_profiles import RADIUS, balls, disks, edges, planes, rods, spoil, table
 from scipy.differentiate import jacobian
 
 from profilecal.geometry.fitting import fit_circle
+from profilecal.profiles.arcs import Section
+from profilecal.profiles.edges import TIP_DEPTH
 from profilecal.simulate.scanner import Scanner
 from profilecal.simulate.spec import Spec, simulate_scan
 from profilecal.targets import TARGETS
-from profilecal.targets.edge import SPECIMENS, TIP_DEPTH, Edge
-from profilecal.targets.rod import Section
+from profilecal.targets.edge import SPECIMENS, Edge
+from profilecal.targets.target import find_features
 
 BLANK = np.full((980, 2), np.nan)
 ALONG = (4, 20, 35)  # of an arc's 40 points: near its steep ends and in its middle
 
 
-def find_features(kind, profiles, radius=RADIUS):
+def features_of(kind, profiles, radius=RADIUS):
     """What a target's finder makes of profiles (P, n, 2)."""
-    return TARGETS[kind].features(profiles, (radius,) if TARGETS[kind].lengths and radius else ())
+    return find_features(TARGETS[kind], profiles, (radius,) if TARGETS[kind].lengths and radius else ())
 
 
 def found(features):
@@ -48,7 +50,7 @@ def test_points_are_found_and_as_exact_as_stated(target, spoiled):
     kind, shape, make = SHOWN[target]
     rng = np.random.default_rng(1)
     profiles, truth = make(rng)
-    features = find_features(kind, spoil(profiles, truth, rng) if spoiled else profiles, RADIUS)
+    features = features_of(kind, spoil(profiles, truth, rng) if spoiled else profiles, RADIUS)
     assert found(features).mean() >= 0.99
     assert {f.shape for f in features if f.found} == {shape}
     ratio, count = normalised(features, truth)
@@ -66,7 +68,7 @@ WITHIN = {"parallel bar": SPACING / 2, "straight scale": 2 * SPACING, "knife bla
 def test_a_perfect_scanner_shows_the_edge_within_its_sampling(specimen):
     """Of a blade that leans it may see one facet as a face, so exactly, and then no tip."""
     profiles, truth = edges(specimen, np.random.default_rng(1), scanner=SHARP)
-    features = find_features("edge", profiles)
+    features = features_of("edge", profiles)
     assert found(features).mean() > 0.9 if specimen == "knife blade" else found(features).all()
     error = np.concatenate([f.points - t for f, t in zip(features, truth, strict=True) if f.found])
     assert np.abs(error).max() < WITHIN[specimen]
@@ -76,7 +78,7 @@ def test_a_perfect_scanner_shows_the_edge_within_its_sampling(specimen):
 def test_corners_and_ends_of_faces_are_found_no_worse_than_the_scanner_resolves(specimen, sd):
     """Half of its resolution; of corners, where lines of about a hundred points each cross, a fraction of its noise."""
     profiles, truth = edges(specimen, np.random.default_rng(1))
-    features = find_features("edge", profiles)
+    features = features_of("edge", profiles)
     assert found(features).all()
     error = np.concatenate([feature.points for feature in features]) - truth[:, 0]
     assert (error.std(axis=0) < sd).all()
@@ -85,14 +87,14 @@ def test_corners_and_ends_of_faces_are_found_no_worse_than_the_scanner_resolves(
 
 def test_a_blade_at_the_end_of_a_profile_is_not_found():
     x = np.linspace(-20, 20, 980)
-    (feature,) = find_features("edge", [np.stack([x, np.where(x > 19.95, 80.0, 100.0)], axis=-1)])
+    (feature,) = features_of("edge", [np.stack([x, np.where(x > 19.95, 80.0, 100.0)], axis=-1)])
     assert feature.reason
 
 
 def test_a_perfect_plane_has_no_edge():
     x = np.linspace(-20, 20, 980)
     for slope in (0.0, 0.5):
-        (feature,) = find_features("edge", [np.stack([x, 80 + slope * x], axis=-1)])
+        (feature,) = features_of("edge", [np.stack([x, 80 + slope * x], axis=-1)])
         assert feature.reason
 
 
@@ -100,7 +102,7 @@ def test_a_perfect_plane_has_no_edge():
 def test_arcs_are_found_and_as_exact_as_stated(spoiled):
     rng = np.random.default_rng(2)
     profiles, circles = balls(rng)
-    features = find_features("ball", spoil(profiles, circles[:, None, :2], rng) if spoiled else profiles, RADIUS)
+    features = features_of("ball", spoil(profiles, circles[:, None, :2], rng) if spoiled else profiles, RADIUS)
     assert found(features).mean() >= 0.99
     for k in ALONG:
         shown = [(f.points[k], f.covariance[k, 0, 0], c) for f, c in zip(features, circles, strict=True) if f.found]
@@ -114,7 +116,7 @@ def test_arcs_are_found_and_as_exact_as_stated(spoiled):
 def test_faces_are_found_and_as_exact_as_stated(spoiled):
     rng = np.random.default_rng(3)
     profiles, faces = planes(rng)
-    features = find_features("plane", spoil(profiles, faces[:, 1:], rng) if spoiled else profiles)
+    features = features_of("plane", spoil(profiles, faces[:, 1:], rng) if spoiled else profiles)
     assert found(features).mean() >= 0.99
     squares = []
     for feature, (start, end) in zip(features, faces, strict=True):
@@ -142,7 +144,7 @@ def test_rods_are_found_and_as_exact_as_stated(spoiled, background, radius):
     """No mean is drawn inwards by the bend of its block: their own mean is zero to within its standard error."""
     rng = np.random.default_rng(3)
     profiles, ellipses = rods(rng, radius=radius, background=background)
-    features = find_features("rod", spoil(profiles, ellipses[:, None, :2], rng) if spoiled else profiles, radius)
+    features = features_of("rod", spoil(profiles, ellipses[:, None, :2], rng) if spoiled else profiles, radius)
     assert found(features).mean() >= 0.99
     assert {f.shape for f in features if f.found} == {"arc"}
     off = [outside(f.points, ellipse, radius) for f, ellipse in zip(features, ellipses, strict=True) if f.found]
@@ -177,10 +179,10 @@ def test_a_section_is_an_ellipse_and_its_distances_have_their_derivatives(lean):
 def test_a_rod_or_ball_of_another_size_is_not_found(radius):
     """A circle up to a quarter larger may pass for a leaning rod, all but its flanks."""
     rng = np.random.default_rng(4)
-    assert found(find_features("rod", rods(rng, 100)[0], radius)).mean() < 0.01
+    assert found(features_of("rod", rods(rng, 100)[0], radius)).mean() < 0.01
     profiles, circles = balls(rng, 100)
     other = np.abs(circles[:, 2] / radius - 1) > 0.25
-    assert not found(find_features("rod", profiles[other], radius)).any()
+    assert not found(features_of("rod", profiles[other], radius)).any()
 
 
 @pytest.mark.parametrize("kind", ["edge", "disk", "ball", "rod"])
@@ -190,7 +192,7 @@ def test_a_table_alone_shows_nothing(kind, spoiled):
     profiles = tables(rng)
     if spoiled:
         profiles = spoil(profiles, np.full((len(profiles), 1, 2), np.inf), rng)
-    features = find_features(kind, profiles, RADIUS)
+    features = features_of(kind, profiles, RADIUS)
     assert found(features).mean() < 0.005
     assert all(f.reason and not f.used.any() and f.points.shape == (0, 2) for f in features if not f.found)
 
@@ -199,7 +201,7 @@ def test_where_both_ends_of_a_face_show_the_corner_tells_which_is_the_edge():
     """A narrow bar in front of nothing, its side face seen from few poses."""
     spec = Spec(measured="profiles", seed=502, groups=10, positions=4, scanner=Scanner(points=300))
     scan = simulate_scan(spec)
-    features = find_features("edge", scan.values)
+    features = features_of("edge", scan.values)
     assert {feature.shape for feature in features if feature.found} == {"corner"}
     assert 0.2 < found(features).mean() < 0.5
     T = np.array(scan.truth["T_flange_sensor"])
@@ -214,13 +216,13 @@ def test_a_bevel_is_no_side_wall(bevel_deg, wide):
     inside = np.abs(x) < 25
     z = np.where(inside, 100 + np.tan(np.radians(bevel_deg)) * np.maximum(np.abs(x) - 25 + wide, 0), 120)
     profiles = [np.stack([x, z + 0.02 * np.random.default_rng(k).normal(size=801)], axis=-1) for k in range(6)]
-    for feature in find_features("disk", profiles, RADIUS):
+    for feature in features_of("disk", profiles, RADIUS):
         assert not feature.found or np.abs(np.abs(feature.points[:, 0]) - 25).max() < 0.5
 
 
 def test_a_profile_recorded_forth_and_back_is_no_disk():
     forth = [profile for profile in disks(np.random.default_rng(1))[0][:6]]
-    features = find_features("disk", [np.concatenate([p, p[::-1]]) for p in forth], RADIUS)
+    features = features_of("disk", [np.concatenate([p, p[::-1]]) for p in forth], RADIUS)
     assert not found(features).any()
 
 
@@ -240,7 +242,7 @@ def test_a_target_outside_the_view_is_not_found_among_profiles_that_show_it(kind
     visible, truth = inside(rng)
     shown = spoil(visible[:100], truth[:100].reshape(100, -1, truth.shape[-1])[..., :2], rng)
     hidden = spoil(outside(rng), np.full((200, 1, 2), np.inf), rng)
-    features = find_features(kind, [*shown, *hidden], RADIUS)
+    features = features_of(kind, [*shown, *hidden], RADIUS)
     assert found(features[:100]).mean() >= 0.99
     assert found(features[100:]).mean() < 0.005
 
@@ -255,7 +257,7 @@ def test_a_corner_with_a_side_of_few_points_says_so():
             np.linspace([0.1, 0.6], [3.0, 18], count),
         )
         profiles.append(np.concatenate(sides) + np.array([0, 100]) + rng.normal(0, 0.02, (30 + count, 2)))
-    features = find_features("edge", profiles)
+    features = features_of("edge", profiles)
     assert found(features).tolist() == [True] * 8 + [False] * 2
     assert features[8].reason == "one side of the corner shows fewer than 10 points beyond its rounding"
     assert features[9].reason == "one side of the corner shows too few points for a line"
@@ -279,8 +281,8 @@ def test_it_does_not_matter_how_the_scanner_counts(target, view):
     profiles = profiles[:50]
     change, back = VIEWS[view]
     shift = np.array([0, np.nanmedian(profiles[..., 1])])
-    plain = find_features(kind, profiles, RADIUS)
-    other = find_features(kind, change(profiles), RADIUS)
+    plain = features_of(kind, profiles, RADIUS)
+    other = features_of(kind, change(profiles), RADIUS)
     points, seen = (np.array([f.points for f in features]) for features in (plain, other))
     seen = back(seen) if back else seen + shift
     np.testing.assert_allclose(seen, points, atol=1e-9)
@@ -290,7 +292,7 @@ def test_it_does_not_matter_how_the_scanner_counts(target, view):
 def test_it_does_not_matter_for_a_rod_either(view):
     """An ellipse is fitted until noise decides the rest, which may move a point or two over a threshold."""
     profiles, _ = rods(np.random.default_rng(6), 50)
-    plain, other = find_features("rod", profiles, RADIUS), find_features("rod", VIEWS[view][0](profiles), RADIUS)
+    plain, other = features_of("rod", profiles, RADIUS), features_of("rod", VIEWS[view][0](profiles), RADIUS)
     assert found(plain).all()
     used, seen = (np.array([f.used for f in features]) for features in (plain, other))
     assert ((seen[:, ::-1] if view == "last point first" else seen) != used).sum(axis=1).max() <= 2
@@ -299,7 +301,7 @@ def test_it_does_not_matter_for_a_rod_either(view):
 def test_points_left_out_of_a_file_are_missing_points():
     rng = np.random.default_rng(7)
     profiles, truth = edges("parallel bar", rng, groups=5)
-    dense = find_features("edge", [p[np.isfinite(p).all(axis=1)] for p in profiles])
+    dense = features_of("edge", [p[np.isfinite(p).all(axis=1)] for p in profiles])
     ratio, count = normalised(dense, truth)
     assert found(dense).all()
     assert abs(ratio - 1) < 4 / np.sqrt(count)
@@ -312,7 +314,7 @@ def test_points_left_out_of_a_file_are_missing_points():
     ids=["no rows", "NaN", "zeros", "one point", "one place", "four rows"],
 )
 def test_profiles_with_nothing_in_them_have_a_reason(kind, profile):
-    (feature,) = find_features(kind, [profile], RADIUS)
+    (feature,) = features_of(kind, [profile], RADIUS)
     assert not feature.found
     assert feature.reason
     assert feature.used.shape == (len(profile),)
@@ -322,7 +324,7 @@ def test_noise_alone_shows_nothing():
     rng = np.random.default_rng(8)
     profiles = rng.uniform([-50, 150], [50, 250], (50, 980, 2))
     for kind in ("edge", "disk", "ball", "plane", "rod"):
-        assert not found(find_features(kind, profiles, RADIUS)).any()
+        assert not found(features_of(kind, profiles, RADIUS)).any()
 
 
 CORRUPTIONS = (
@@ -347,7 +349,7 @@ def test_whatever_is_in_a_profile_gives_a_feature_or_a_reason(kind):
         for corrupt in rng.choice(CORRUPTIONS, size=rng.integers(1, 4)):
             i, j = np.sort(rng.integers(0, len(profile) + 1, 2))
             profile = corrupt(profile, i, j, rng)
-        (feature,) = find_features(kind, [profile], RADIUS)
+        (feature,) = features_of(kind, [profile], RADIUS)
         assert feature.found != bool(feature.reason)
         assert np.isfinite(feature.points).all()
         assert (np.linalg.eigvalsh(feature.covariance) >= 0).all()
@@ -355,6 +357,6 @@ def test_whatever_is_in_a_profile_gives_a_feature_or_a_reason(kind):
 
 def test_wrong_input_is_refused_in_words():
     with pytest.raises(ValueError, match=r"the ball's radius is None; expected a length in mm"):
-        find_features("ball", [BLANK], None)
+        features_of("ball", [BLANK], None)
     with pytest.raises(ValueError, match=r"profile 1 has shape \(980, 3\); expected \(n, 2\)"):
-        find_features("edge", [BLANK, np.zeros((980, 3))])
+        features_of("edge", [BLANK, np.zeros((980, 3))])

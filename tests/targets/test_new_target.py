@@ -103,7 +103,7 @@ class Groove(Target):
         return np.stack([edge.meet(rotation, origin) for edge in chain], axis=-2)
 
     @staticmethod
-    def find(profiles, sizes):
+    def find(profiles, width, depth):
         return [groove_in(profile) for profile in profiles]
 
     def lines(self, points):

@@ -10,6 +10,7 @@ from profilecal.papers.settings import fig15_scans, fig17_scans
 from profilecal.targets import TARGETS
 from profilecal.targets.ball import Ball
 from profilecal.targets.disk import Disk
+from profilecal.targets.target import find_features
 
 STEP = 0.1  # mm between points of a profile
 X = np.arange(-90, 90, STEP)
@@ -47,7 +48,7 @@ def test_chords_are_found_to_the_resolution(step):
         T_tcp = (1 - way) * scans.T_start[i] + way * scans.T_end[i]
         rotation = scans.R_tcp[i] @ scans.R_sensor
         z = depth_of_disk(scans.disk, rotation, T_tcp + scans.R_tcp[i] @ scans.T_sensor, X, step)
-        found = Disk.features(as_profiles(z + rng.normal(0, 0.02, z.shape)), (scans.disk.radius,))
+        found = find_features(Disk, as_profiles(z + rng.normal(0, 0.02, z.shape)), (scans.disk.radius,))
         tips[i] = [feature.points for feature in found]
         covariance[i] = [feature.covariance for feature in found]
     off = tips - scans.tips(m)
@@ -68,11 +69,11 @@ def test_arcs_are_found_among_background_and_outliers():
     z += rng.normal(0, 0.02, z.shape)
     for row in z:
         row[rng.choice(len(X), 20, replace=False)] += rng.uniform(-1.5, 1.5, 20)
-    for feature, circle in zip(Ball.features(as_profiles(z), (scans.ball.radius,)), circles, strict=True):
+    for feature, circle in zip(find_features(Ball, as_profiles(z), (scans.ball.radius,)), circles, strict=True):
         np.testing.assert_allclose(fit_circle(feature.points), circle, rtol=0, atol=0.05)
 
 
 @pytest.mark.parametrize("kind", ["disk", "ball"])
 def test_an_empty_profile_has_no_feature(kind):
-    (feature,) = TARGETS[kind].features(as_profiles(np.full((1, len(X)), np.nan)), (50.0,))
+    (feature,) = find_features(TARGETS[kind], as_profiles(np.full((1, len(X)), np.nan)), (50.0,))
     assert not feature.found

@@ -8,6 +8,7 @@ from profilecal.calibrate.doubts import judge
 from profilecal.calibrate.observe import LEAST_POSES, names, observe_all, stated_noise
 from profilecal.calibrate.readings import better_readings
 from profilecal.geometry.checks import UnobservableError
+from profilecal.geometry.poses import carry
 from profilecal.joint.noise import expect
 from profilecal.joint.observability import name_direction
 from profilecal.joint.observations import Observations
@@ -144,12 +145,21 @@ def on_readings(scans, seen) -> list[str]:
 
 
 def remarks_on_targets(scans, seen, solution: Solution) -> tuple[list[str], bool]:
-    """What is odd about where the solution puts the targets, in words, and whether it speaks against the solution."""
-    sensor, remarks, wrong = (solution.rotation, solution.translation), [], False
+    """Targets that the solution puts on the other side of the scan plane than the scan states, in words, and whether
+    they speak against the solution: one pose may be in error, but not most of them."""
+    remarks, wrong = [], False
     for name, scan, entry, target in zip(names(scans), scans, seen, solution.placements, strict=True):
-        remark, against = target.remark(scan, entry.poses, sensor)
-        remarks += [name + remark] if remark else []
-        wrong |= against
+        if scan.side is None:
+            continue
+        stated, (R, T) = scan.side[entry.poses], scan.base_flange(entry.poses)
+        other = stated * target.sides(R @ solution.rotation, carry(R, T, solution.translation)) < 0
+        if other.any():
+            labels = ", ".join(scan.labels[i] for i in entry.poses[other])
+            remarks.append(
+                f"{name}the {scan.kind}'s centre lies on the other side of the scan plane than stated for pose "
+                f"{labels}; check side, x and z of the profiles, or turn the sensor's y axis round"
+            )
+            wrong |= bool(2 * other.sum() > np.count_nonzero(stated))
     return remarks, wrong
 
 

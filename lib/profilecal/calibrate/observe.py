@@ -7,6 +7,7 @@ import numpy as np
 
 from profilecal.joint.observations import Observations
 from profilecal.scan.scan import Scan, ScanError
+from profilecal.targets.target import find_features
 
 LEAST_POSES = 3
 FINEST_MM = 1e-4  # of features: points exactly on a line have no scatter to tell their noise by
@@ -54,7 +55,7 @@ def observe(scan: Scan, least: int = 0) -> Seen:
 
 def from_profiles(scan: Scan) -> Seen:
     """The target as raw profiles show it."""
-    features = scan.target.features(scan.values, scan.sizes)
+    features = find_features(scan.target, scan.values, scan.sizes)
     reasons = {}
     for label, feature in zip(scan.labels, features, strict=True):
         if feature.reason:

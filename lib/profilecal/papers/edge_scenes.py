@@ -12,6 +12,7 @@ from profilecal.simulate.poses import Poses, actual_poses, scan_planes
 from profilecal.simulate.scanner import Scanner
 from profilecal.targets.ball import Ball
 from profilecal.targets.edge import Edge
+from profilecal.targets.target import find_features
 
 
 def sense_edge(edge: Edge, R_sensor, T_sensor, poses: Poses, noise: Noise, rng: np.random.Generator) -> np.ndarray:
@@ -57,7 +58,7 @@ def edge_profiles(scene: EdgeScene, specimen: str, scanner: Scanner, noise: Nois
 
 def find_edges(profiles) -> np.ndarray:
     """The edge (G, N, 2) that the library finds in raw profiles (G, N, points, 2), mm; NaN where it finds none."""
-    features = Edge.features(profiles.reshape(-1, *profiles.shape[2:]))
+    features = find_features(Edge, profiles.reshape(-1, *profiles.shape[2:]))
     points = [feature.points[0] if feature.found else (np.nan, np.nan) for feature in features]
     return np.reshape(points, (*profiles.shape[:2], 2))
 

@@ -18,6 +18,7 @@ from profilecal.simulate.poses import Poses
 from profilecal.simulate.scene import Scene
 from profilecal.simulate.spec import Spec, raw_profiles, sizes_of
 from profilecal.targets import TARGETS
+from profilecal.targets.target import find_features
 
 SAMPLE = 24  # simulated profiles that tell how well their features are known
 LISTS = {"until": 2, "low": 3, "high": 3}
@@ -94,7 +95,7 @@ def with_features(setup: Setup, spec: Spec, rng: np.random.Generator) -> Setup:
     planes = [part[good][:SAMPLE] for part in views]
     nowhere = Poses(np.empty((0, 3, 3)), np.empty((0, 1, 3)))
     profiles = raw_profiles(Scene(setup.target, setup.facing, nowhere, None, None), planes, spec, rng)
-    found = [f for f in setup.target.features(profiles, setup.sizes) if f.found]
+    found = [f for f in find_features(setup.target, profiles, setup.sizes) if f.found]
     if not found:
         raise ScanError(f"no {spec.kind} is found in simulated profiles; look at [scanner] and the target's sizes")
     on_curve, count = setup.target.points is None, int(np.median([len(feature.points) for feature in found]))

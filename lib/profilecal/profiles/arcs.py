@@ -1,71 +1,117 @@
-"""The arc of a circle, or of a curve like it, in a raw profile."""
+"""The arc of a curve in a raw profile: of the circle that a ball shows, or of the ellipse of a rod."""
 
 from dataclasses import dataclass
-from typing import Protocol
+from functools import cached_property
 
 import numpy as np
+from scipy.optimize import least_squares
 
 from profilecal.geometry.fitting import fit_circle
 from profilecal.profiles.feature import Feature, block_means, mask, nothing
-from profilecal.profiles.points import LARGEST_TOLERANCE, present, stretches, surface
+from profilecal.profiles.points import LARGEST_TOLERANCE, correlation, present, stretches, surface
 
 LEAST_ARC_DEG, LEAST_ARC_POINTS = 30.0, 20  # of a curve that must be seen
 LARGEST_RMS = 0.5  # tolerances, of an arc's points from the curve; pieces of lines near a curve have more
 LEAST_ON_ARC = 0.9  # of the points along an arc that must lie on it
 LARGEST_GAP = 20  # rows from one point of an arc to the next
-ROUNDS = 6  # of fitting a curve and choosing the points on it
-
-
-class Curve(Protocol):
-    """A closed curve in the scan plane, convex, and what it means to be on it."""
-
-    shape: str  # in words
-    fitted: int  # parameters that a fit of it takes from points
-    radius: float  # mm, about
-
-    def off(self, points) -> np.ndarray:
-        """How far points (k, 2) are outside, mm."""
-
-    def angles(self, points) -> np.ndarray:
-        """Where on it points (k, 2) in scan order are, rad, without jumps."""
-
-    def points(self, angles, off) -> np.ndarray:
-        """At angles (k,) and so far outside (k,), mm: (k, 2)."""
+LARGEST_TILT_DEG = 60.0  # of the scan plane against square to a rod
+LEAST_STEP = 3.0  # tolerances, from a rod's section to what is seen beyond its arc
 
 
 @dataclass(frozen=True)
-class Circle:
-    """The points at `radius` mm from `centre` (2,): a `Curve`."""
+class Section:
+    """The ellipse |w|² - (w·t)² = R², w from its centre, in which the scan plane cuts a rod.
 
-    centre: np.ndarray
-    radius: float
-    shape = "circle"
-    fitted = 3
+    t is what of the rod's unit axis is in the plane; `lean` q = t / √(1 - |t|²) is as long as the tangent of the tilt,
+    zero for a circle. The map B = 1 - q qᵀ / (s (1 + s)), s² = 1 + |q|², takes w to the circle that the rod shows along
+    its axis, and back with B⁻¹ = 1 + q qᵀ / (1 + s).
+    """
 
-    @staticmethod
-    def through(points) -> "Circle | None":
-        """The one nearest to points (k, 2); None if they are too few places to tell."""
-        with np.errstate(divide="ignore", invalid="ignore"):  # repeated points: NaN
-            circle = fit_circle(points)
-        return Circle(circle[:2], circle[2]) if np.isfinite(circle).all() else None
+    centre: np.ndarray  # (2,) mm
+    lean: np.ndarray  # (2,)
+    radius: float  # mm, of the rod
+
+    @cached_property
+    def secant(self) -> float:
+        """Of the tilt: s."""
+        return float(np.sqrt(1 + self.lean @ self.lean))
+
+    def squared(self, w) -> np.ndarray:
+        """B w for vectors (2, k) in the scan plane."""
+        return w - self.lean[:, None] * (self.lean @ w / (self.secant * (1 + self.secant)))
+
+    def around(self, points) -> np.ndarray:
+        """Points (k, 2), from the rod's axis and as seen along it, (2, k) mm."""
+        return self.squared(points.T - self.centre[:, None])
 
     def off(self, points) -> np.ndarray:
-        return np.hypot(*(points - self.centre).T) - self.radius
+        """How far points (k, 2) are outside, mm; of an ellipse to first order: small beside the radius."""
+        u = self.around(points)
+        distance = np.hypot(*u)
+        return (distance - self.radius) * distance / np.hypot(*self.squared(u))
+
+    def normals(self, u) -> np.ndarray:
+        """Unit normals (2, k), outwards, where B takes the curve to the directions of u (2, k)."""
+        normal = self.squared(u)
+        return normal / np.hypot(*normal)
 
     def angles(self, points) -> np.ndarray:
-        x, z = (points - self.centre).T
+        """Where on it points (k, 2) in scan order are, about the rod's axis, rad, without jumps."""
+        x, z = self.around(points)
         return np.unwrap(np.arctan2(z, x))
 
     def points(self, angles, off) -> np.ndarray:
-        return self.centre + (self.radius + off)[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+        """At angles (k,) and so far outside (k,), mm: (k, 2)."""
+        u = np.stack([np.cos(angles), np.sin(angles)])
+        w = u + self.lean[:, None] * (self.lean @ u / (1 + self.secant))
+        return self.centre + (self.radius * w + off * self.normals(u)).T
+
+    def derivatives(self, points) -> np.ndarray:
+        """Of `off` by centre and lean, (k, 4), to the same order."""
+        w = points.T - self.centre[:, None]
+        normal = self.normals(self.squared(w))
+        return -np.vstack([normal, normal * (self.lean @ w / self.secant**2)]).T
 
 
-def find_arc(profile, start, fit, why_not, missing: str) -> Feature:
+def find_balls(profiles, radius: float) -> list[Feature]:
+    """The arc of the ball in each profile (n, 2), mm, as up to 40 means over its points."""
+
+    def start(points, limit):
+        return best_circle(points, limit, least=10 * limit, largest=1.2 * radius)
+
+    def fit(points, _):
+        return nearest_circle(points)
+
+    def why_not(circle, points, on, _):
+        return why_no_ball(circle, points[on], radius)
+
+    missing = "no arc of a circle as large as the ball or smaller"
+    return [find_arc(profile, start, fit, why_not, missing, fitted=3) for profile in profiles]
+
+
+def find_rods(profiles, radius: float) -> list[Feature]:
+    """The arc of the rod in each profile (n, 2), mm, as up to 40 means over its points."""
+
+    def start(points, limit):
+        # a thin rod fills one or two parts in sixty
+        return best_circle(points, limit, least=0.5 * radius, largest=2.5 * radius, parts=60)
+
+    def fit(points, curve):
+        return nearest_section(points, curve if curve.lean.any() else leaning(curve, points, radius))
+
+    missing = (
+        f"no arc of a rod of {radius:.4g} mm whose axis is within {LARGEST_TILT_DEG:.0f}° of square to the profile"
+    )
+    return [find_arc(profile, start, fit, why_no_rod, missing, fitted=4) for profile in profiles]
+
+
+def find_arc(profile, start, fit, why_not, missing: str, fitted: int) -> Feature:
     """The arc that a profile (n, 2) shows of a curve, as up to 40 means over its points.
 
-    `start(points, limit)` gives a rough curve of which points (k, 2) may show an arc to within `limit` mm, or None, and
-    `fit(points, curve)` the one nearest to points near the last one. `why_not(curve, points, on, limit)` says what
-    speaks against it, with the points that are `on` it (k,), or "", and `missing` that there is none.
+    `start(points, limit)` gives a circle of which points (k, 2) may show an arc to within `limit` mm, or None, and
+    `fit(points, curve)` the curve nearest to points near the last one, by so many parameters `fitted`. What speaks
+    against it, or "", is told by `why_not(curve, points, on, limit)`, with the points that are `on` it (k,), and that
+    there is none by `missing`.
     """
     seen = np.flatnonzero(present(profile))
     if len(seen) < LEAST_ARC_POINTS:
@@ -75,7 +121,7 @@ def find_arc(profile, start, fit, why_not, missing: str) -> Feature:
         return nothing(profile, "neighbouring points differ too much to be of one surface")
     points = profile[rows]
     curve, on = start(points, limit), None
-    for _ in range(ROUNDS):
+    for _ in range(6):  # two or three are usual
         if curve is None:
             break
         before, on = on, largest_part(np.abs(curve.off(points)) <= limit)
@@ -88,12 +134,11 @@ def find_arc(profile, start, fit, why_not, missing: str) -> Feature:
     if reason:
         return nothing(profile, reason)
     angles, off = curve.angles(points[on]), curve.off(points[on])
-    normals = curve.points(angles, np.ones_like(off)) - curve.points(angles, np.zeros_like(off))
-    angles, means, covariance = block_means(angles, off, normals, curve.fitted)
+    angles, means, covariance = block_means(angles, off, curve.normals(curve.around(points[on])).T, fitted)
     return Feature(curve.points(angles, means), covariance, mask(profile, rows[on]), "arc")
 
 
-def why_no_arc(curve: Curve, points, on, limit: float) -> str:
+def why_no_arc(curve: Section, points, on, limit: float) -> str:
     """What speaks against the points that are `on` a curve being an arc of it, in words; "" if nothing does."""
     extent = float(np.ptp(curve.angles(points[on])))
     if extent < np.radians(LEAST_ARC_DEG):
@@ -101,14 +146,38 @@ def why_no_arc(curve: Curve, points, on, limit: float) -> str:
     if curve.radius * (1 - np.cos(min(extent / 2, np.pi))) < 4 * limit:
         return "an arc too flat to be told from a line"
     if np.sqrt(np.mean(curve.off(points[on]) ** 2)) > LARGEST_RMS * limit:
-        return f"points that follow no {curve.shape}"
+        return f"points that follow no {'ellipse' if curve.lean.any() else 'circle'}"
     share = on[on.argmax() : len(on) - on[::-1].argmax()].mean()
     if share < LEAST_ON_ARC:
         return f"only {100 * share:.0f} % of the points along the arc are on it"
     return ""
 
 
-def best_circle(points, limit: float, least: float, largest: float, parts: int = 12) -> Circle | None:
+def why_no_ball(circle: Section, points, radius: float) -> str:
+    """What speaks against a circle through points (k, 2) being the ball's, in words; "" if nothing does."""
+    if circle.radius > 1.01 * radius + 4 * circle_radius_sd(circle.angles(points), circle.off(points)):
+        return f"a circle of {circle.radius:.4g} mm; expected at most the ball's {radius:.4g} mm"
+    return ""
+
+
+def circle_radius_sd(angles, off) -> float:
+    """Standard deviation of the radius of a circle fitted to points at angles (k,) that are `off` (k,) it, mm."""
+    J = np.stack([np.cos(angles), np.sin(angles), np.ones_like(angles)], axis=-1)
+    variance = (off**2).sum() / max(len(off) - 3, 1) * correlation(off)
+    return float(np.sqrt(variance * np.linalg.inv(J.T @ J)[2, 2]))
+
+
+def why_no_rod(section: Section, points, on, limit: float) -> str:
+    """Says so if the surface leaves the section gradually, as larger or smaller ones do, and not by a step."""
+    first, last = np.flatnonzero(on)[[0, -1]]
+    for beyond in (points[:first][::-1], points[last + 1 :]):
+        off = np.abs(section.off(beyond[3:9]))  # the first ones may show both
+        if len(off) >= 3 and np.median(off) < LEAST_STEP * limit:
+            return f"an arc that goes on where a rod of {section.radius:.4g} mm bends away"
+    return ""
+
+
+def best_circle(points, limit: float, least: float, largest: float, parts: int = 12) -> Section | None:
     """Of circles through three points of a profile (k, 2) each, the one on which most points are for its size, or None.
 
     Its radius is between `least` and `largest`, mm. The three points are spread over stretches of different length,
@@ -124,10 +193,8 @@ def best_circle(points, limit: float, least: float, largest: float, parts: int =
     few = points[:: max(1, k // 250)]
     distance = np.sqrt((few[:, 0] - circles[:, :1]) ** 2 + (few[:, 1] - circles[:, 1:2]) ** 2)  # faster than hypot
     count = np.count_nonzero(np.abs(distance - circles[:, 2:]) < limit, axis=1)
-    best = (
-        count / np.sqrt(circles[:, 2])
-    ).argmax()  # a line comes as near to a circle for a length that grows like this
-    return Circle(circles[best, :2], circles[best, 2]) if count[best] >= 10 else None
+    best = (count / np.sqrt(circles[:, 2])).argmax()  # a line is as near to a circle over √radius of length
+    return section_of(circles[best]) if count[best] >= 10 else None
 
 
 def circles_through(p, q, r) -> np.ndarray:
@@ -138,6 +205,43 @@ def circles_through(p, q, r) -> np.ndarray:
         aa, bb = (a**2).sum(axis=1) / twice, (b**2).sum(axis=1) / twice
         x, z = b[:, 1] * aa - a[:, 1] * bb, a[:, 0] * bb - b[:, 0] * aa  # of the centre, from p
     return np.stack([p[:, 0] + x, p[:, 1] + z, np.hypot(x, z)], axis=-1)
+
+
+def section_of(circle) -> Section:
+    """A circle (3,), x, z and radius, as a section."""
+    return Section(circle[:2], np.zeros(2), circle[2])
+
+
+def nearest_circle(points) -> Section | None:
+    """The circle nearest to points (k, 2); None if they are too few places to tell."""
+    with np.errstate(divide="ignore", invalid="ignore"):  # repeated points: NaN
+        circle = fit_circle(points)
+    return section_of(circle) if np.isfinite(circle).all() else None
+
+
+def leaning(circle: Section, points, radius: float) -> Section:
+    """The section of a rod that leans by 30° towards the middle of points (k, 2) on a circle, and touches it there."""
+    middle = points[len(points) // 2]
+    outwards = (middle - circle.centre) / np.hypot(*(middle - circle.centre))
+    tilt = np.radians(30)
+    return Section(middle - radius / np.cos(tilt) * outwards, np.tan(tilt) * outwards, radius)
+
+
+def nearest_section(points, section: Section) -> Section | None:
+    """By least squares from points (k, 2), k ≥ 4, starting at a section near them; None if it leans too far."""
+
+    def of(state):
+        return Section(state[:2], state[2:], section.radius)
+
+    found = least_squares(
+        lambda state: of(state).off(points),
+        np.concatenate([section.centre, section.lean]),
+        lambda state: of(state).derivatives(points),
+        method="lm",
+        x_scale="jac",
+        ftol=1e-4,  # of the sum of squares: far below what noise changes
+    )
+    return of(found.x) if np.hypot(*found.x[2:]) < np.tan(np.radians(LARGEST_TILT_DEG)) else None  # false for NaN
 
 
 def largest_part(on) -> np.ndarray:

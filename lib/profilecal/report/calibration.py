@@ -13,6 +13,7 @@ from profilecal.geometry.noise import FALSE_ALARM, chi2_limit
 from profilecal.joint.observability import name_direction, size_direction
 from profilecal.report.figures import GREEN, ORANGE, RED
 from profilecal.scan.conventions import VENDORS, Convention, for_controller, from_rotations, named
+from profilecal.targets.target import find_features
 
 VERDICTS = {
     "ok": (
@@ -178,7 +179,7 @@ def rejected_table(found) -> Html:
 
 def features_of(scan) -> list:
     """What is found in each profile of a scan; nothing where the scan holds no raw profiles."""
-    return scan.target.features(scan.values, scan.sizes) if scan.measured == "profiles" else []
+    return find_features(scan.target, scan.values, scan.sizes) if scan.measured == "profiles" else []
 
 
 def profile_words(found) -> Html:

@@ -6,10 +6,8 @@ import numpy as np
 
 from profilecal.geometry.components import root
 from profilecal.geometry.fitting import algebraic_centre
-from profilecal.geometry.poses import carry, circle_around, inverse
-from profilecal.profiles.arcs import Circle, best_circle, find_arc
-from profilecal.profiles.feature import Feature
-from profilecal.profiles.points import correlation
+from profilecal.geometry.poses import circle_around
+from profilecal.profiles.arcs import find_balls
 from profilecal.targets.plane import BELOW_MM, Plane
 from profilecal.targets.target import Target
 
@@ -26,6 +24,7 @@ class Ball(Target):
     kind, shape, lengths, tables = "ball", "sphere", ("radius",), ("profiles", "arcs")
     shifts, turns, rows, fit_is_best = "xyz", "", 1, False
     groups, positions, sizes, with_tool = 10, 4, (25.0,), True
+    find = staticmethod(find_balls)
 
     @classmethod
     def at(cls, origin, axes, sizes):
@@ -87,10 +86,6 @@ class Ball(Target):
     def sides(self, rotation, origin):
         return np.sign(np.einsum("na,na->n", self.centre - origin, rotation[:, :, 1]))
 
-    @staticmethod
-    def find(profiles, sizes):
-        return arcs_in(profiles, sizes)
-
     def outline(self, specimen, rotation, origin, away):
         """Above a table."""
         table = Plane(self.centre + (self.radius + BELOW_MM) * away, away)
@@ -108,51 +103,3 @@ class Ball(Target):
 
     def lines(self, points):
         return [circle_around(self.centre, axis, self.radius) for axis in np.eye(3)]
-
-    def remark(self, scan, poses, sensor):
-        """Where the centre lies on the other side of the scan plane than the scan states."""
-        if scan.mount != "eye-in-hand":
-            return "", False
-        in_flange = carry(*inverse(scan.R_base_flange[poses], scan.T_base_flange[poses]), self.centre)
-        y = (in_flange - sensor[1]) @ sensor[0][:, 1]
-        other = [scan.labels[i] for i, side in zip(poses, scan.side[poses] * y, strict=True) if side < 0]
-        if not other:
-            return "", False
-        return (
-            "the ball's centre lies on the other side of the scan plane than stated for pose "
-            f"{', '.join(other)}; check side, x and z of the profiles, or turn the sensor's y axis round"
-        ), 2 * len(other) > np.count_nonzero(scan.side[poses])
-
-
-# A ball in raw profiles: the arc of a circle no larger than the ball
-
-
-def arcs_in(profiles, sizes) -> list[Feature]:
-    """The arc of the ball in each profile (n, 2), mm, as up to 40 means over its points; `sizes` is its radius, mm."""
-    (radius,) = sizes
-
-    def start(points, limit):
-        return best_circle(points, limit, least=10 * limit, largest=1.2 * radius)
-
-    def fit(points, _):
-        return Circle.through(points)
-
-    def why_not(circle, points, on, _):
-        return why_no_ball(circle, points[on], radius)
-
-    missing = "no arc of a circle as large as the ball or smaller"
-    return [find_arc(profile, start, fit, why_not, missing) for profile in profiles]
-
-
-def why_no_ball(circle: Circle, points, radius: float) -> str:
-    """What speaks against a circle through points (k, 2) being the ball's, in words; "" if nothing does."""
-    if circle.radius > 1.01 * radius + 4 * circle_radius_sd(circle.angles(points), circle.off(points)):
-        return f"a circle of {circle.radius:.4g} mm; expected at most the ball's {radius:.4g} mm"
-    return ""
-
-
-def circle_radius_sd(angles, off) -> float:
-    """Standard deviation of the radius of a circle fitted to points at angles (k,) that are `off` (k,) it, mm."""
-    J = np.stack([np.cos(angles), np.sin(angles), np.ones_like(angles)], axis=-1)
-    variance = (off**2).sum() / max(len(off) - 3, 1) * correlation(off)
-    return float(np.sqrt(variance * np.linalg.inv(J.T @ J)[2, 2]))

@@ -1,17 +1,13 @@
 """A planar disk: the scan plane meets it in a chord."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from profilecal.geometry.components import cross, dot, root
 from profilecal.geometry.fitting import algebraic_centre, principal_axes
 from profilecal.geometry.poses import circle_around, frame_around
-from profilecal.profiles.choice import Candidate, choose
-from profilecal.profiles.ends import facing, run_end, step_beyond, with_end_variance
-from profilecal.profiles.feature import Feature, mask
-from profilecal.profiles.runs import straight_runs
-from profilecal.profiles.view import View
+from profilecal.profiles.faces import find_chords
 from profilecal.targets.plane import BELOW_MM, Plane
 from profilecal.targets.target import Target
 
@@ -27,6 +23,7 @@ class Disk(Target):
     kind, shape, lengths, tables = "disk", "circle", ("radius",), ("profiles", "chords")
     shifts, turns, points, rows, fit_is_best = "xyz", "xy", 2, 2, False
     groups, positions, sizes, with_tool = 4, 40, (50.0,), True
+    find = staticmethod(find_chords)
 
     @classmethod
     def at(cls, origin, axes, sizes):
@@ -105,10 +102,6 @@ class Disk(Target):
     def points_seen(self, rotation, origin, count):
         return self.meet(rotation, origin)
 
-    @staticmethod
-    def find(profiles, sizes):
-        return chords_in(profiles, sizes)
-
     def outline(self, specimen, rotation, origin, away):
         """On top of a cylinder, above a table."""
         table = Plane(self.centre + BELOW_MM * away, away)
@@ -128,40 +121,3 @@ class Disk(Target):
 
     def lines(self, points):
         return [circle_around(self.centre, self.normal, self.radius)]
-
-
-# A disk in raw profiles: a chord, whose tips lie on the rim
-
-
-def chords_in(profiles, sizes) -> list[Feature]:
-    """The tips of the disk's chord in each profile (n, 2), mm; `sizes` is its radius, mm."""
-    found = [straight_runs(profile) for profile in profiles]
-    view = View.of([runs for runs, _ in found])
-    candidates = in_front([chords(runs, limit, *sizes, view) for runs, limit in found], view)
-    return with_end_variance(choose(profiles, candidates, ("chord", 0)))
-
-
-def chords(runs, limit: float, radius: float, view: View) -> list[Candidate]:
-    """Straight runs no longer than the disk's diameter that end on both sides before a step or nothing."""
-    found = []
-    for run in facing(runs):
-        sides = run.reversed(), run
-        beyond = {step_beyond(side, limit, view) for side in sides}
-        if None in beyond or {-1, 1} <= beyond:
-            continue
-        ends = sorted(map(run_end, sides), key=lambda end: end.tip[0])
-        tips = np.stack([end.tip for end in ends])
-        if np.linalg.norm(tips[1] - tips[0]) > 2 * radius + 4 * run.spacing:
-            continue
-        line = ends[0].line  # both lie on it
-        across = line.offset_covariance(tips)[..., None, None] * np.outer(line.normal, line.normal)  # (2, 2, 2, 2)
-        used = mask(run.profile, run.rows)
-        feature = Feature(tips, across[[0, 1], [0, 1]], used, "chord", between=across[0, 1])
-        found.append(Candidate(feature, sum(beyond), run.length, ends=tuple(ends)))
-    return found
-
-
-def in_front(candidates, view: View) -> list[list[Candidate]]:
-    """Chords without those that lie behind what surrounds them; which way that is, most of them tell if need be."""
-    away = view.away or np.sign(sum(c.side for found in candidates for c in found))
-    return [[replace(c, side=0) for c in found if c.side * away >= 0] for found in candidates]

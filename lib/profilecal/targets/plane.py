@@ -7,9 +7,7 @@ import numpy as np
 from profilecal.geometry.components import cross, dot
 from profilecal.geometry.fitting import principal_axes
 from profilecal.geometry.poses import circle_around, frame_around
-from profilecal.profiles.choice import AMBIGUOUS
-from profilecal.profiles.feature import Feature, block_means, mask, nothing
-from profilecal.profiles.runs import straight_runs
+from profilecal.profiles.faces import find_lines
 from profilecal.targets.target import Target
 
 BELOW_MM = 20.0  # other targets, in simulated profiles: a table
@@ -26,6 +24,7 @@ class Plane(Target):
     kind, shape = "plane", "plane"
     shifts, turns, rows = "z", "xy", 1
     groups, positions = 12, 3
+    find = staticmethod(find_lines)
 
     @classmethod
     def at(cls, origin, axes, sizes):
@@ -82,10 +81,6 @@ class Plane(Target):
     def points_seen(self, rotation, origin, count):
         return self.line_at(rotation, origin, np.linspace(-20, 20, count))
 
-    @staticmethod
-    def find(profiles, sizes):
-        return lines_in(profiles, sizes)
-
     def outline(self, specimen, rotation, origin, away):
         """A face that fills the field of view."""
         return self.line_at(rotation, origin, FAR)
@@ -104,26 +99,3 @@ class Plane(Target):
     def lines(self, points):
         """A square."""
         return [circle_around(self.point, self.normal, 60.0, count=5)]
-
-
-# A face in raw profiles: the dominant straight run
-
-
-def lines_in(profiles, sizes) -> list[Feature]:
-    """The face in each profile (n, 2), mm, as up to 40 means over points of a line."""
-    return [find_line(profile) for profile in profiles]
-
-
-def find_line(profile) -> Feature:
-    """A profile's longest straight run, if no other is nearly as long."""
-    runs = sorted(straight_runs(profile)[0], key=lambda run: -run.length)
-    if not runs:
-        return nothing(profile, "no straight run in this profile")
-    if len(runs) > 1 and runs[1].length > AMBIGUOUS * runs[0].length:
-        lengths = f"{runs[0].length:.0f} and {runs[1].length:.0f} mm"
-        return nothing(profile, f"two straight runs of similar length, {lengths}")
-    best = runs[0]
-    normals = np.broadcast_to(best.normal, (len(best.off), 2))
-    along, off, covariance = block_means(best.along, best.off, normals, fitted=2)
-    points = best.point + along[:, None] * best.direction + off[:, None] * best.normal
-    return Feature(points, covariance, mask(profile, best.rows), "line")

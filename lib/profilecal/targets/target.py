@@ -13,6 +13,8 @@ To add one:
 Nothing else decides on a target's kind, but for the papers' closed forms.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 
 from profilecal.geometry.noise import Noise
@@ -29,6 +31,7 @@ class Target:
     shape: str  # what all its points make up, in words
     lengths: tuple[str, ...] = ()  # its known measures, mm: entries of [target] in scan.toml, fields of the class
     tables: tuple[str, ...] = ("profiles",)  # what a scan folder may hold of it (`scan.folder.MEASURED`)
+    find: Callable[..., list[Feature]]  # its features in profiles, given them and its lengths; may be missing
     # The joint solution
     beside_mm = 0.0  # around a point of it, that a raw profile must show
     shifts: str  # axes of its frame along which a shift changes it
@@ -100,25 +103,6 @@ class Target:
         """The `side` (P,) that a scan folder states for scan planes (P, 3, 3), (P, 3); 0 where it says nothing."""
         return np.zeros(len(origin))
 
-    @staticmethod
-    def find(profiles, sizes) -> list[Feature]:
-        """What each of a scan's raw profiles (n, 2), mm, shows of it. A target that leaves no trace leaves this out."""
-        raise NotImplementedError
-
-    @classmethod
-    def features(cls, profiles, sizes=()) -> list[Feature]:
-        """`find`, for profiles and sizes as they come: all of one target, seen by one scanner. They are read together:
-        what most of them show clearly settles which of several candidates the others show.
-
-        Raises ValueError for a missing size, or a profile of another shape.
-        """
-        cls.check_sizes(sizes)
-        profiles = [np.asarray(profile, dtype=float) for profile in profiles]
-        for k, profile in enumerate(profiles):
-            if profile.ndim != 2 or profile.shape[1] != 2:
-                raise ValueError(f"profile {k} has shape {profile.shape}; expected (n, 2), x and z")
-        return cls.find(profiles, tuple(sizes))
-
     @classmethod
     def check_sizes(cls, sizes) -> None:
         """Raise ValueError unless each of its lengths is there, in mm."""
@@ -152,7 +136,16 @@ class Target:
         """Polylines (n, 3) that draw it, as far as it was seen at points (k, 3)."""
         raise NotImplementedError
 
-    def remark(self, scan, poses, sensor) -> tuple[str, bool]:
-        """What is odd about it in a scan's `poses` (k,) that an answer, `sensor` (3, 3), (3,), puts there: a sentence
-        or none, and whether that speaks against the answer."""
-        return "", False
+
+def find_features(target: type[Target], profiles, sizes=()) -> list[Feature]:
+    """What each of a scan's raw profiles, (n, 2) in mm, shows of a target of some `sizes`, mm.
+
+    All are of one target, seen by one scanner, and read together: what most of them show clearly settles which of
+    several candidates the others show. Raises ValueError for a missing size, or a profile of another shape.
+    """
+    target.check_sizes(sizes)
+    profiles = [np.asarray(profile, dtype=float) for profile in profiles]
+    for k, profile in enumerate(profiles):
+        if profile.ndim != 2 or profile.shape[1] != 2:
+            raise ValueError(f"profile {k} has shape {profile.shape}; expected (n, 2), x and z")
+    return target.find(profiles, *sizes)
