@@ -87,7 +87,7 @@ def calibrate(folders, as_json, vendor, guess, leave_out, report):
     import numpy as np
 
     from profilecal.calibrate import calibration
-    from profilecal.calibrate.words import to_text
+    from profilecal.calibrate.summary import to_text
     from profilecal.geometry.poses import homogeneous, rotation_from_xyz_angles
     from profilecal.running.page import check_report
     from profilecal.scan.conventions import check_vendor, for_controller

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from command import run
 from scipy.stats import binom, chi2
-from simulated import calibration_of
+from simulated import calibration_of, scan_of
 
 from profilecal.calibrate.calibration import calibrate
 from profilecal.calibrate.observe import observe
-from profilecal.calibrate.words import to_text
+from profilecal.calibrate.summary import to_text
 from profilecal.geometry.noise import Noise
 from profilecal.joint.state import pose_error
 from profilecal.scan.folder import write_scan
@@ -195,11 +195,23 @@ def test_options_that_cannot_be_met_are_refused(tmp_path, options, sentence):
     assert result.output.startswith(f"profilecal: {sentence}")
 
 
-def test_a_scan_given_twice_is_refused(tmp_path):
-    scan = simulate_scan(Spec(kind="ball", measured="profiles"))
-    copy = replace(scan, title="a copy", labels=tuple(reversed(scan.labels)))
-    with pytest.raises(ScanError, match=r"a copy: .*: the same measurement as simulated ball"):
+def with_first_pose_again(scan):
+    R, T, values = ([*part, part[0]] for part in (scan.R_base_flange, scan.T_base_flange, scan.values))
+    labels = (*scan.labels, "again")
+    return replace(scan, labels=labels, R_base_flange=np.array(R), T_base_flange=np.array(T), values=tuple(values))
+
+
+def test_a_measurement_given_twice_is_refused(tmp_path):
+    scan = replace(scan_of(Spec(kind="ball")), title="first")
+    write_scan(scan, tmp_path / "scan")
+    twice = run("calibrate", tmp_path / "scan", tmp_path / "scan").output
+    assert "pose g1p1 of scan 2 (first) holds the same measurement as pose g1p1 of scan 1 (first)" in twice
+    copy = replace(scan, title="a copy", labels=tuple(reversed(scan.labels)), convention="FANUC angles")
+    copy = replace(copy, T_base_flange=scan.T_base_flange + 1e-9)  # as another convention's digits have it
+    with pytest.raises(ScanError, match=r"of scan 2 \(a copy\) holds the same measurement as pose g1p1 of scan 1"):
         calibrate([scan, copy])
+    with pytest.raises(ScanError, match=r"pose again of scan 1 \(first\) .* as pose g1p1 of scan 1 \(first\)"):
+        calibrate([with_first_pose_again(scan)])
 
 
 def test_notes_on_several_scans_name_the_scan():

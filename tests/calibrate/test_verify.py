@@ -67,6 +67,14 @@ def test_one_pose_determines_nothing():
         verify(scan, np.array(scan.truth["T_flange_sensor"]), np.diag(np.full(6, 1e-4)), 0.05)
 
 
+def test_the_scan_that_the_pose_is_from_cannot_verify_it(tmp_path):
+    write_scan(replace(scan_of(Spec(kind="ball", seed=5)), title="mine"), tmp_path / "ball")
+    (tmp_path / "T.json").write_text(run("calibrate", tmp_path / "ball", "--json").output)
+    result = run("verify", tmp_path / "ball", "--with", tmp_path / "T.json")
+    assert result.exit_code == 2
+    assert result.output == "profilecal: mine: the pose was found from this very scan; expected another\n"
+
+
 @pytest.mark.parametrize("old", [False, True])
 def test_verify_reads_what_calibrate_printed(old, tmp_path):
     write_scan(simulate_scan(Spec(seed=5)), tmp_path / "edge")

@@ -9,8 +9,8 @@ from scipy.stats import chi2
 
 from profilecal.calibrate.calibration import calibrate
 from profilecal.calibrate.check import check
+from profilecal.calibrate.summary import to_text
 from profilecal.calibrate.verify import verify
-from profilecal.calibrate.words import to_text
 from profilecal.geometry.components import cross
 from profilecal.geometry.noise import Noise
 from profilecal.joint.solve import solve
@@ -172,7 +172,7 @@ def test_from_raw_profiles_in_a_folder_to_an_answer_with_its_report(tmp_path):
     other = simulate_scan(Spec(kind="groove", seed=99))
     T, covariance = found.solution.T_flange_sensor, found.solution.covariance
     assert not verify(other, T, covariance, 0.05).as_expected  # another sensor pose
-    seen = verify(scan, T, covariance, found.solution.noise_mm)
+    seen = verify(scan, truth, covariance, found.solution.noise_mm)
     assert seen.lengths == pytest.approx({"width": 20.0, "depth": 9.0}, abs=0.1)
 
 

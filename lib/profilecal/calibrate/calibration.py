@@ -4,9 +4,9 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
-from profilecal.calibrate.doubts import judge
+from profilecal.calibrate import plausibility
 from profilecal.calibrate.observe import LEAST_POSES, names, observe_all, stated_noise
-from profilecal.calibrate.readings import better_readings
+from profilecal.calibrate.other_conventions import better_readings
 from profilecal.geometry.checks import UnobservableError
 from profilecal.geometry.poses import carry
 from profilecal.joint.noise import expect
@@ -124,7 +124,7 @@ def calibrate(scans, guess=None) -> Calibration:
     try:
         level = expect(stated, features_mm, shared_mm)
         solution = solve(observed, level, starts=[] if guess is None else [(guess[:3, :3], guess[:3, 3])])
-        solution = judge(observed, solution)
+        solution = plausibility.check(observed, solution)
     except UnobservableError as error:
         if readings := on_readings(scans, seen):
             return found.misread_as(readings)
@@ -164,10 +164,12 @@ def remarks_on_targets(scans, seen, solution: Solution) -> tuple[list[str], bool
 
 
 def check_different(scans) -> None:
-    """Raise ScanError where a measurement is there twice: it would count as a new one."""
-    known = {}
-    for name, scan in zip(names(scans), scans, strict=True):
-        for label, T, values in zip(scan.labels, scan.T_base_flange, scan.values, strict=True):
-            key = (T.tobytes(), values.tobytes())
-            if np.isfinite(values).any() and known.setdefault(key, name + label) != name + label:
-                raise ScanError(f"{name}{label}: the same measurement as {known[key]}; expected different ones")
+    """Raise ScanError where a measurement is there twice, by its values and its pose: it would count as a new one."""
+    known, titles = {}, [f"scan {number} ({scan.title or scan.kind})" for number, scan in enumerate(scans, 1)]
+    for title, scan in zip(titles, scans, strict=True):
+        poses = np.dstack([scan.R_base_flange, scan.T_base_flange]).round(3) + 0.0  # not -0
+        for label, pose, values in zip(scan.labels, poses, scan.values, strict=True):
+            valid, name = values[np.isfinite(values).all(axis=1)], f"pose {label} of {title}"
+            if len(valid) and known.setdefault((pose.tobytes(), valid.tobytes()), name) != name:
+                first = known[pose.tobytes(), valid.tobytes()]
+                raise ScanError(f"{name} holds the same measurement as {first}; expected each measurement once")

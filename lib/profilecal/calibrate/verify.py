@@ -18,6 +18,7 @@ from scipy.special import chdtrc
 
 from profilecal.calibrate.calibration import Calibration, calibrate
 from profilecal.calibrate.observe import stated_noise
+from profilecal.calibrate.plausibility import distance
 from profilecal.geometry.checks import check_rotations
 from profilecal.geometry.noise import FALSE_ALARM, ROBOT
 from profilecal.geometry.poses import carry
@@ -27,6 +28,8 @@ from profilecal.joint.observability import POSE_UNITS, Spectrum, name_direction,
 from profilecal.joint.problem import Problem
 from profilecal.joint.state import pose_error
 from profilecal.scan.scan import Scan, ScanError
+
+SAME = 1e-3  # standard deviations: no other scan's answer comes so close by chance
 
 
 @dataclass(frozen=True)
@@ -110,19 +113,22 @@ def verify(scan: Scan, T, covariance, noise_mm: float) -> Verification:
     `covariance` (6, 6): of the sensor pose, mm and rad, with what no residual can show (`covariance_total`).
     `noise_mm`: the scanner's, where the scan is too short to tell it.
 
-    Raises ScanError for a scan that shows too little of its target or determines nothing.
+    Raises ScanError for a scan that shows too little of its target or determines nothing, and for the very one that T
+    is from.
     """
     alone = calibrate([scan], guess=T)
-    s, said = alone.solution, []
+    s, said, title = alone.solution, [], scan.title or f"the {scan.kind}"
     kept = s.kept if s else [np.ones(len(alone.seen[0]), dtype=bool)]
     if alone.status != "unobservable":
-        said.append((pose_error(T[:3, :3], T[:3, 3], s.rotation, s.translation), s.covariance))
+        delta = pose_error(T[:3, :3], T[:3, 3], s.rotation, s.translation)
+        if distance(delta, s.covariance) < SAME:
+            raise ScanError(f"{title}: the pose was found from this very scan; expected another")
+        said.append((delta, s.covariance))
     if alone.status != "ok":  # a weak answer may be one of several
         said.append(linearised(alone, kept, T, noise_mm))
     both = [(delta, of_covariance(covariance + own, rank=6, parameters=6)) for delta, own in said]
     found = max((Verification(*pair, alone, *target_by(T, alone, kept)) for pair in both), key=lambda v: v.chance)
     if not len(found.apart):
-        title = scan.title or f"the {scan.kind}"
         raise ScanError(f"{title}: determines no direction of the sensor's pose; expected poses that differ")
     return found
 

@@ -1,6 +1,6 @@
 """What `profilecal plan` prints for people."""
 
-from profilecal.calibrate.words import deviations
+from profilecal.calibrate.summary import deviations
 from profilecal.plan.folder import way_mm
 from profilecal.plan.plan import Plan
 from profilecal.plan.setup import GUESSES, Prediction, Setup

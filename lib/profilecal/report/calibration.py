@@ -8,7 +8,7 @@ import pandas as pd
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
-from profilecal.calibrate.words import deviations, robot_errors
+from profilecal.calibrate.summary import deviations, robot_errors
 from profilecal.geometry.noise import FALSE_ALARM, chi2_limit
 from profilecal.joint.observability import name_direction, size_direction
 from profilecal.report.figures import GREEN, ORANGE, RED

@@ -18,13 +18,13 @@ MOVES = 1.0  # standard deviations of the pose that a suspect must move it by to
 MOVES_MUCH = 3.0  # and to make it weak
 CLEAR_AS_DAY = 7.0  # standard deviations at which a suspect that moves the pose makes it weak
 SHADOW = 0.8  # of the clearest suspect's clarity: less is taken for its shadow
-CHECK = (
+ADVICE = (
     "check the mount, units and convention of the poses, which pose each profile belongs to, x and z of the profiles, "
     "the radius"
 )
 
 
-def judge(observed, solution: Solution) -> Solution:
+def check(observed, solution: Solution) -> Solution:
     """The solution with the status, covariance and messages that its residuals leave."""
     objections = contradictions(solution)
     messages = [*solution.messages, *objections]
@@ -48,17 +48,17 @@ def contradictions(solution: Solution) -> list[str]:
     noise, messages = solution.noise, []
     misfit = np.sqrt(solution.chi2_per_dof)
     if solution.noise_source == "given" and misfit > LARGEST_MISFIT:
-        messages.append(f"the residuals are {misfit:.2g} times what the stated noise explains; {CHECK}")
+        messages.append(f"the residuals are {misfit:.2g} times what the stated noise explains; {ADVICE}")
 
     scales = solution.level.prior.scales if solution.level.prior else noise
     stated = 3 * max(noise.steering_mm, scales.position_mm, scales.group_position_mm)
     error = max(solution.rms_mm, noise.position_mm)
     if error > max(LARGEST_ERROR_MM, stated):
-        messages.append(f"the data contradict each other by {error:.2g} mm, more than a robot errs; {CHECK}")
+        messages.append(f"the data contradict each other by {error:.2g} mm, more than a robot errs; {ADVICE}")
 
     rejected = np.concatenate(solution.rejected)
     if rejected.mean() > LARGEST_REJECTED:
-        messages.append(f"{rejected.sum()} of {len(rejected)} poses contradict the others; {CHECK}")
+        messages.append(f"{rejected.sum()} of {len(rejected)} poses contradict the others; {ADVICE}")
     return messages
 
 

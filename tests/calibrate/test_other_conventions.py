@@ -12,7 +12,7 @@ from simulated import scan_of
 
 from profilecal.calibrate.calibration import calibrate
 from profilecal.calibrate.observe import observe
-from profilecal.calibrate.readings import better_readings, misfit, observed
+from profilecal.calibrate.other_conventions import better_readings, misfit, observed
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import inverse
 from profilecal.scan.conventions import from_rotations, named, to_rotations
