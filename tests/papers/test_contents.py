@@ -49,7 +49,7 @@ def test_the_map_keeps_every_row_and_links_what_is_there(tmp_path):
     card = scorecard.to_frame(rows).assign(notebook="10_edge")
     lines = contents.contents_map(card, tmp_path).splitlines()
     (eqs,) = [line for line in lines if "Eqs 1-35" in line]
-    assert "| [10](10_edge.ipynb) 13 | 1 reproduced |" in eqs
+    assert "| [10](10_edge.ipynb) 12 | 1 reproduced |" in eqs
     assert lines[-1] == "| Xu 2021 | Appendix |  | [10](10_edge.ipynb) | 1 unpublished |"
     assert len(lines) == 2 + len(contents.CONTENTS) + 1
 

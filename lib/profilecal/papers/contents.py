@@ -10,7 +10,7 @@ from profilecal.papers.scorecard import PAPERS
 # paper, part of it, what it is about, numbers of the notebooks
 CONTENTS = (
     ("edge", "Figs 1-3", "the frames; groups of scans of one edge", "00 10"),
-    ("edge", "Sections 2, 2.1 and 2.2, Eqs 1-35", "the two-phase method; how it behaves", "10 13"),
+    ("edge", "Sections 2, 2.1 and 2.2, Eqs 1-35", "the two-phase method; how it errs", "10 12"),
     ("edge", "Section 3, Fig. 4", "robot, scanner, three specimens", "11"),
     ("edge", "Sections 4 and 4.1, Fig. 5", "the criteria Δα and Δd; are 15 rotations enough?", "11 50"),
     ("edge", "Table 1, Fig. 6", "Δα by number of rotations", "11"),

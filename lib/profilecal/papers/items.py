@@ -73,7 +73,7 @@ class Item:
     item: str  # such as "Table 1"
     what: str  # it is, in our words
     rows: tuple[Row, ...]
-    range_from: str  # "rounding", "Monte Carlo" or "settings": where low and high are from
+    range_from: str = ""  # "rounding", "Monte Carlo" or "settings": where low and high are from; "": ours are exact
     free: str = ""  # settings that were chosen to agree
     layout: str = "table"
 
@@ -87,7 +87,8 @@ class Item:
         inside, count = sum(row.inside for row in self.rows), len(self.rows)
         expected = f", about {0.95 * count:.0f} are expected" if self.range_from == "Monte Carlo" else ""
         free = f" Free: {self.free}." if self.free else ""
-        return f"{inside} of {count} printed numbers lie inside our ranges ({self.range_from}){expected}.{free}"
+        where = f"lie inside our ranges ({self.range_from}){expected}" if self.range_from else "are ours, too"
+        return f"{inside} of {count} printed numbers {where}.{free}"
 
     def _repr_mimebundle_(self, include=None, exclude=None) -> dict:
         frame = {"table": as_table, "list": as_list, "matrix": as_matrices}[self.layout](self)

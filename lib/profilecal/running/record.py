@@ -5,6 +5,7 @@ Notebooks import this, so it costs them nothing.
 
 import ast
 import json
+from pathlib import Path
 
 MIME = "application/vnd.profilecal.record"
 
@@ -24,16 +25,21 @@ def record(table=None, /, **values) -> None:
 def at_defaults(names: dict | None = None, /, **defaults) -> bool:
     """Whether a notebook's parameters are those that its findings are asserted for.
 
-    Without arguments: those of the cell tagged `parameters`, the first that the notebook's kernel ran. Otherwise
-    `defaults`, among `names`, its `globals()`.
+    Without arguments: those of the cell tagged `parameters` in the notebook's file, which stands in the working folder
+    and is called as its `results` say; no file, no findings. Otherwise `defaults`, among `names`, its `globals()`.
     """
     if names is None:
         from IPython import get_ipython
 
         names = get_ipython().user_ns
-        cell = [entry for entry in ast.parse(names["In"][1]).body if isinstance(entry, ast.AnnAssign)]
-        defaults = {entry.target.id: ast.literal_eval(entry.value) for entry in cell}
-        defaults.pop("results_dir", None)
+        file = Path(f"{names['results'].notebook}.ipynb")
+        if not file.exists():
+            return False
+        cells = json.loads(file.read_text(encoding="utf-8"))["cells"]
+        (source,) = (cell["source"] for cell in cells if "parameters" in cell["metadata"].get("tags", []))
+        entries = [entry for entry in ast.parse("".join(source)).body if isinstance(entry, ast.AnnAssign)]
+        defaults = {entry.target.id: ast.literal_eval(entry.value) for entry in entries}
+        del defaults["results_dir"]
     return all(names[name] == value for name, value in defaults.items())
 
 
