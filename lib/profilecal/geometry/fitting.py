@@ -67,39 +67,34 @@ def moments(u, v, work=(None, None, None)) -> dict:
 def ellipse_from_moments(mean: dict) -> Ellipse:
     """The ellipse-specific direct fit from the means of x^a z^b, {(a, b): (...)}, as `moments` gives them.
 
-    Minimises ⟨(A x² + B xz + C z² + D x + E z + F)²⟩ with 4AC - B² fixed. With p = x² + z², q = x² - z² and t = 2xz the
-    polynomial is a multiple of p + β q + γ t + D x + E z + F, and the constraint holds 1 - β² - γ² fixed.
+    Minimises ⟨(A x² + B xz + C z² + D x + E z + F)²⟩ with 4AC - B² = 4. The linear coefficients follow from the
+    quadratic ones; these are a multiple of A, C = 1 ± β and B = 2γ, for which the constraint holds 1 - β² - γ² fixed.
     """
-    x, z, xx, xz, zz = (mean[power] for power in ((1, 0), (0, 1), (2, 0), (1, 1), (0, 2)))
-    means = {"x": x, "z": z, "p": xx + zz, "q": xx - zz, "t": 2 * xz} | {"xx": xx, "xz": xz, "zz": zz}
-    means |= {"px": mean[3, 0] + mean[1, 2], "qx": mean[3, 0] - mean[1, 2], "tx": 2 * mean[2, 1]}
-    means |= {"pz": mean[2, 1] + mean[0, 3], "qz": mean[2, 1] - mean[0, 3], "tz": 2 * mean[1, 2]}
-    means |= {"pt": 2 * (mean[3, 1] + mean[1, 3]), "qt": 2 * (mean[3, 1] - mean[1, 3]), "tt": 4 * mean[2, 2]}
-    ends = mean[4, 0] + mean[0, 4]
-    means |= {"pp": ends + 2 * mean[2, 2], "pq": mean[4, 0] - mean[0, 4], "qq": ends - 2 * mean[2, 2]}
+    linear, quadratic = [(1, 0), (0, 1)], [(2, 0), (1, 1), (0, 2)]
+    mean = dict(zip(mean, np.broadcast_arrays(*mean.values()), strict=True))
 
-    def covariance(f, g):
-        return means[f + g] - means[f] * means[g]
+    def covariances(first, second):
+        return np.array([[mean[a + c, b + d] - mean[a, b] * mean[c, d] for c, d in second] for a, b in first])
 
-    xx, xz, zz = covariance("x", "x"), covariance("x", "z"), covariance("z", "z")
-    determinant = xx * zz - xz * xz
-    with_x, with_z = ({f: covariance(f, g) for f in "pqt"} for g in "xz")
-    D = {f: (zz * with_x[f] - xz * with_z[f]) / determinant for f in "pqt"}
-    E = {f: (xx * with_z[f] - xz * with_x[f]) / determinant for f in "pqt"}
+    (xx, xz), (_, zz) = covariances(linear, linear)
+    crossed = covariances(linear, quadratic)
+    inverse = np.array([[zz, -xz], [-xz, xx]]) / (xx * zz - xz * xz)
+    slopes = np.einsum("ij...,jk...->ik...", inverse, crossed)  # D and E take these multiples of -A, -B and -C
+    unexplained = covariances(quadratic, quadratic) - np.einsum("ij...,ik...->jk...", crossed, slopes)
 
-    def unexplained(f, g):  # by the linear terms
-        return covariance(f, g) - with_x[f] * D[g] - with_z[f] * E[g]
+    basis = np.array([[1.0, 1.0, 0.0], [0.0, 0.0, 2.0], [1.0, -1.0, 0.0]])  # A, B and C by 1, β and γ
+    half = np.tensordot(basis.T, unexplained, 1)
+    reduced = np.tensordot(basis.T, np.swapaxes(half, 0, 1), 1)
+    beta, gamma = _secular(reduced[np.triu_indices(3)], sign=1)
+    A, B, C = 1 + beta, 2 * gamma, 1 - beta
+    D, E = -np.einsum("ij...,j...->i...", slopes, np.array([A, B, C]))
 
-    beta, gamma = _secular([unexplained(*pair) for pair in ("pp", "pq", "pt", "qq", "qt", "tt")], sign=1)
-    D, E = (-(of["p"] + of["q"] * beta + of["t"] * gamma) for of in (D, E))
-    F = -(means["p"] + beta * means["q"] + gamma * means["t"] + D * x + E * z)
-
-    A, C = 1 + beta, 1 - beta
-    area = A * C - gamma * gamma
-    centre_x, centre_z = (gamma * E - C * D) / (2 * area), (gamma * D - A * E) / (2 * area)
-    scale = -(F + (D * centre_x + E * centre_z) / 2) / area
-    shape = from_components(scale * C, -scale * gamma, -scale * gamma, scale * A)
-    return Ellipse(from_components(centre_x, centre_z), shape.reshape(*shape.shape[:-1], 2, 2))
+    determinant = 4 * A * C - B * B
+    x, z = (B * E - 2 * C * D) / determinant, (B * D - 2 * A * E) / determinant
+    at_mean = A * mean[2, 0] + B * mean[1, 1] + C * mean[0, 2] + D * mean[1, 0] + E * mean[0, 1]  # it is -F
+    scale = 2 * (at_mean - (D * x + E * z) / 2) / determinant
+    shape = from_components(2 * scale * C, -scale * B, -scale * B, 2 * scale * A)
+    return Ellipse(from_components(x, z), shape.reshape(*shape.shape[:-1], 2, 2))
 
 
 def _secular(entries, sign: int):
@@ -156,44 +151,22 @@ def circle_from_moments(mean: dict, method: str = "taubin") -> np.ndarray:
     return np.stack([-B / 2, -C / 2, np.sqrt(w + (B * B + C * C) / 4)], axis=-1)
 
 
-@dataclass(frozen=True)
-class Sphere:
-    """Spheres with `centre` and `radius`, mm."""
+def fit_sphere(points) -> tuple[np.ndarray, np.ndarray]:
+    """Centres (..., d) and radii (...) of the spheres, or circles, algebraically nearest to points (..., n, d).
 
-    centre: np.ndarray  # (..., 3)
-    radius: np.ndarray  # (...)
-    rms: np.ndarray  # (...) of the distances of the points from the sphere that was fitted to them
-
-
-def fit_sphere(points) -> Sphere:
-    """Spheres through points (..., n, 3), n ≥ 4, not all in one plane.
-
-    The linear least-squares fit of |p|² = 2 c·p + k that the edge paper takes (its ref. [36]), about the points' mean.
-    """
-    mean = points.mean(axis=-2, keepdims=True)
-    p = points - mean
-    squares = (p**2).sum(axis=-1)
-    A = np.concatenate([2 * p, np.ones_like(p[..., :1])], axis=-1)
-    AtA, Atb = np.swapaxes(A, -1, -2) @ A, (np.swapaxes(A, -1, -2) @ squares[..., None])
-    solution = np.linalg.solve(AtA, Atb)[..., 0]
-    c = solution[..., :3]
-    radius = np.sqrt(solution[..., 3] + (c**2).sum(axis=-1))
-    residuals = np.linalg.norm(p - c[..., None, :], axis=-1) - radius[..., None]
-    return Sphere(c + mean[..., 0, :], radius, np.sqrt((residuals**2).mean(axis=-1)))
-
-
-def algebraic_centre(points) -> np.ndarray:
-    """The centre (..., d) of the sphere or circle nearest to points (..., n, d) algebraically: |p|² = 2 p·c + constant.
-
-    Where the points leave it open, as those on one circle do, it is the nearest to their middle.
+    By the linear least squares of |p|² = 2 c·p + k, as the edge paper does it (its ref. [36]). Where the points leave
+    the centre open, as those on one circle in space do, it is the nearest to their middle.
     """
     middle = points.mean(axis=-2, keepdims=True)
     p = points - middle
     square = np.sum(p**2, axis=-1, keepdims=True)
-    square = square - square.mean(axis=-2, keepdims=True)
-    H = np.swapaxes(p, -1, -2) @ p
-    ridge = 1e-9 * np.trace(H, axis1=-2, axis2=-1)[..., None, None] * np.eye(points.shape[-1])
-    return middle[..., 0, :] + 0.5 * np.linalg.solve(H + ridge, np.swapaxes(p, -1, -2) @ square)[..., 0]
+    mean_square = square.mean(axis=-2, keepdims=True)
+    pt = np.swapaxes(p, -1, -2)
+    H = pt @ p
+    ridge = 1e-13 * np.trace(H, axis1=-2, axis2=-1)[..., None, None] * np.eye(points.shape[-1])  # rounding is less
+    centre = np.linalg.solve(H + ridge, pt @ (square - mean_square))[..., 0] / 2
+    radius = np.sqrt(mean_square[..., 0, 0] + np.sum(centre**2, axis=-1))
+    return middle[..., 0, :] + centre, radius
 
 
 def principal_axes(points) -> np.ndarray:

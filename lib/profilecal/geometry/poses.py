@@ -13,15 +13,12 @@ def rotation_from_xyz_angles(angles) -> np.ndarray:
 
     Tables I and III of the disk paper print orientations so ("ZYX Euler angle").
     """
-    angles = np.asarray(angles, dtype=float)
-    matrices = Rotation.from_euler("xyz", angles.reshape(-1, 3)).as_matrix()
-    return matrices.reshape(*angles.shape[:-1], 3, 3)
+    return Rotation.from_euler("xyz", angles).as_matrix()
 
 
 def xyz_angles_from_rotation(matrix) -> np.ndarray:
     """The angles (a, b, c) in radians, (..., 3), of R = Rz(c) Ry(b) Rx(a); a in [0, 2π), which does not jump near π."""
-    matrix = np.asarray(matrix, dtype=float)
-    angles = Rotation.from_matrix(matrix.reshape(-1, 3, 3)).as_euler("xyz").reshape(*matrix.shape[:-2], 3)
+    angles = Rotation.from_matrix(matrix).as_euler("xyz")
     angles[..., 0] %= 2 * np.pi
     return angles
 
@@ -82,8 +79,7 @@ def directions(rng: np.random.Generator, shape) -> np.ndarray:
 
 def rotations(vectors) -> np.ndarray:
     """Rotation matrices (..., 3, 3) from rotation vectors (..., 3), rad."""
-    vectors = np.asarray(vectors, dtype=float)
-    return Rotation.from_rotvec(vectors.reshape(-1, 3)).as_matrix().reshape(*vectors.shape[:-1], 3, 3)
+    return Rotation.from_rotvec(vectors).as_matrix()
 
 
 def random_turns(rng: np.random.Generator, shape, spread: float, axis=None) -> np.ndarray:

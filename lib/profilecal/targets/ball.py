@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from profilecal.geometry.components import root
-from profilecal.geometry.fitting import algebraic_centre
+from profilecal.geometry.fitting import fit_sphere
 from profilecal.geometry.poses import circle_around
 from profilecal.profiles.arcs import find_balls
 from profilecal.targets.plane import BELOW_MM, Plane
@@ -53,9 +53,8 @@ class Ball(Target):
 
     @staticmethod
     def fit(points):
-        centre = algebraic_centre(points)
-        square = np.mean(np.sum((points - centre[..., None, :]) ** 2, axis=-1), axis=-1)
-        return centre, np.broadcast_to(np.eye(3), (*centre.shape, 3)), (np.sqrt(square),)
+        centre, radius = fit_sphere(points)
+        return centre, np.broadcast_to(np.eye(3), (*centre.shape, 3)), (radius,)
 
     def distance(self, points):
         return np.linalg.norm(points - self.centre, axis=-1) - self.radius

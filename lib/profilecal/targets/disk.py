@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from profilecal.geometry.components import cross, dot, root
-from profilecal.geometry.fitting import algebraic_centre, principal_axes
+from profilecal.geometry.fitting import fit_sphere, principal_axes
 from profilecal.geometry.poses import circle_around, frame_around
 from profilecal.profiles.faces import find_chords
 from profilecal.targets.plane import BELOW_MM, Plane
@@ -70,10 +70,8 @@ class Disk(Target):
     def fit(points):
         axes = frame_around(principal_axes(points)[..., 2, :])
         middle = points.mean(axis=-2, keepdims=True)
-        flat = (points - middle) @ axes[..., :2]
-        centre = algebraic_centre(flat)
-        square = np.mean(np.sum((flat - centre[..., None, :]) ** 2, axis=-1), axis=-1)
-        return middle[..., 0, :] + (axes[..., :2] @ centre[..., None])[..., 0], axes, (np.sqrt(square),)
+        centre, radius = fit_sphere((points - middle) @ axes[..., :2])
+        return middle[..., 0, :] + (axes[..., :2] @ centre[..., None])[..., 0], axes, (radius,)
 
     def distance(self, points):
         """From the rim."""
