@@ -25,6 +25,13 @@ def test_every_number_is_printed_with_no_more_digits_than_stated(paper):
     assert not table.duplicated(["item", "quantity", "row", "component"]).any()
 
 
+def test_each_number_of_the_disk_paper_has_its_role():
+    roles = published.table("disk").groupby("role")["item"].unique()
+    assert set(roles.index) == {"result", "input", "setting"}
+    assert set(roles["input"]) == {"Table I", "Table III", "Table IV"}
+    assert {"Eq. 49", "Eq. 53", "Fig. 15", "Section V-C", "Section V-D2"} < set(roles["result"])
+
+
 def test_rotations_and_unit_vectors_are_what_they_should_be_within_their_digits():
     for item, name in (("Eq. 49", "Lambda"), ("Eq. 53", "Upsilon")):
         R = published.values("disk", item, name)[:, :3]
