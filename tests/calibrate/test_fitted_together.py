@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import matplotlib.pyplot as plt
 import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
@@ -10,7 +9,6 @@ from scipy.stats import chi2
 from profilecal.calibrate.calibration import calibrate
 from profilecal.calibrate.suspects import fitted_together
 from profilecal.geometry.noise import Noise, Systematic
-from profilecal.report import pictures
 from profilecal.simulate.spec import Spec, simulate_scan
 
 BALL = Spec(kind="ball", groups=12, positions=3, noise=Noise(0.03), measured="profiles")
@@ -45,14 +43,3 @@ def test_what_is_not_free_stays():
     assert abs(size[0]) < 1e-5
     moved = Rotation.from_matrix(state.rotation[0].T @ found.solution.rotation).magnitude()
     assert moved < np.radians(0.1)
-
-
-def test_the_setting_is_drawn_without_a_single_pose():
-    scan = simulate_scan(replace(BALL, seed=6))
-    figure = pictures.plot_setting(calibrate([scan]))
-    drawn = [np.stack(line.get_data_3d(), axis=-1) for line in figure.axes[0].lines]
-    figure.canvas.draw()
-    ends = np.concatenate(drawn)
-    for T in scan.T_base_flange:
-        assert np.linalg.norm(ends - T, axis=1).min() > 1e-6
-    plt.close(figure)
