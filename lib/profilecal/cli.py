@@ -1,5 +1,6 @@
 """The command line: thin. Wrong input ends with status 2 and one sentence, a failed notebook with status 1."""
 
+import os
 import signal
 from contextlib import contextmanager
 from pathlib import Path
@@ -48,6 +49,8 @@ def interruptible(sentence: str):
 @click.version_option(package_name="profilecal")
 def main():
     """Hand-eye calibration of 2D laser profile scanners on robots."""
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ.setdefault(name, "1")  # before NumPy loads: more threads gain nothing here, and wait for each other
 
 
 @main.command()
@@ -57,15 +60,15 @@ def main():
 def reproduce(names, parameters, output):
     """Execute the notebooks whose NAMES (or beginnings of names) are given, or all, and print the scorecard."""
     from profilecal.running import notebooks
-    from profilecal.running.reproduce import reproduce as run
 
     with refusing(), interruptible("The next run starts clean."):
-        chosen = notebooks.find(names)
-        scorecard, failed = run(chosen, {name: notebooks.parse_value(text) for name, text in parameters}, output)
+        given = {name: notebooks.parse_value(text) for name, text in parameters}
+        scorecard, failed = notebooks.reproduce(notebooks.find(names), given, output)
 
     for path in notebooks.without_data() if not names else ():
         click.echo(f"Left out {path.stem}: {notebooks.REAL_DATA} is not set (see data/README.md)")
-    print_scorecard(scorecard)
+    columns = ["paper", "item", "quantity", "published", "ours", "unit", "tolerance", "verdict"]
+    click.echo(scorecard[columns].to_string(index=False, na_rep="", float_format="{:.7g}".format))
     click.echo(f"Notebooks, figures, tables and scorecard: {output}/")
     for name, why in failed.items():
         click.echo(f"FAILED {name}: {why} (see {output / 'notebooks' / name}.ipynb)")
@@ -89,7 +92,6 @@ def calibrate(folders, as_json, vendor, guess, leave_out, report):
     from profilecal.calibrate import calibration
     from profilecal.calibrate.summary import to_text
     from profilecal.geometry.poses import homogeneous, rotation_from_xyz_angles
-    from profilecal.running.page import check_report
     from profilecal.scan.conventions import check_vendor, for_controller
     from profilecal.scan.folder import read_scan
 
@@ -99,6 +101,8 @@ def calibrate(folders, as_json, vendor, guess, leave_out, report):
         if vendor:
             check_vendor(vendor)
         if report:
+            from profilecal.running.page import check_report
+
             check_report(report)
         if guess and not np.isfinite(guess).all():
             raise ValueError(f"--guess is {' '.join(map(str, guess))}; expected six numbers, mm and degrees")
@@ -268,12 +272,10 @@ def import_(files, folder, kind, radius, **said):
 @click.argument("notebook")
 @click.argument("grid", required=False, type=PLACE)
 @click.option("-p", "given", multiple=True, metavar="NAME=A,B,…", help="A parameter's values, beside those of GRID.")
-@click.option("--zip", "zipped", is_flag=True, help="First values together, second values together, …; else all pairs.")
-@click.option("--repeat", type=click.IntRange(1), help="Run each point so often, with seeds of their own.")
+@click.option("--repeat", type=click.IntRange(1), help="So many runs of each point, with seeds of their own.")
 @click.option("--output", required=True, type=PLACE, help="The folder for runs and table.")
-@click.option("--scheduler", envvar="DASK_SCHEDULER_ADDRESS", help="Address of a Dask scheduler; else all cores here.")
-@click.option("--timeout", type=click.FloatRange(0, min_open=True), help="Seconds after which a run counts as hung.")
-@click.option("--parquet", is_flag=True, help="Write table.parquet instead of table.csv.")
+@click.option("--scheduler", envvar="DASK_SCHEDULER_ADDRESS", help="Of a Dask cluster; else all cores here.")
+@click.option("--timeout", type=click.IntRange(1), help="Seconds after which a cell counts as hung.")
 @click.option("--plot", nargs=2, metavar="X Y", help="Draw column Y of the table over column X.")
 @click.option("--hue", default="", metavar="COLUMN", help="A line for each value of this column.")
 def sweep(notebook, grid, given, output, plot, hue, **options):
@@ -282,23 +284,21 @@ def sweep(notebook, grid, given, output, plot, hue, **options):
     Started again it goes on where it was, and repeats no finished run.
     """
     from profilecal.running import notebooks
-    from profilecal.running.grid import read_grid
+    from profilecal.running.sweep import read_grid
     from profilecal.running.sweep import sweep as run
 
     with refusing(), interruptible("The same command goes on from here."):
         path = Path(notebook) if notebook.endswith(".ipynb") else notebooks.find([notebook])[0]
-        done = run(path, read_grid(grid, given), output, **options)
+        table, failed = run(path, read_grid(grid, given), output, **options)
         if plot:
             from profilecal.report.figures import plot_columns
 
-            click.echo(f"Figure: {plot_columns(done.table, *plot, hue, output)}")
+            click.echo(f"Figure: {plot_columns(table, *plot, hue, output)}")
 
-    click.echo(f"{done.table['run'].nunique() - len(done.failed)} runs done, {len(done.failed)} failed: {done.path}")
-    if done.others:
-        click.echo(f"{done.others} runs of other grids stay in {output / 'runs'}; the table holds this grid's alone")
-    for name, why in done.failed.items():
+    click.echo(f"{table['run'].nunique() - len(failed)} runs done, {len(failed)} failed: {output / 'table.csv'}")
+    for name, why in failed.items():
         click.echo(f"FAILED {name}: {why} (see {output / 'runs' / name}.ipynb)")
-    raise SystemExit(1 if done.failed else 0)
+    raise SystemExit(1 if failed else 0)
 
 
 def write_the_report(folders, path, **parameters):
@@ -313,21 +313,3 @@ def write_the_report(folders, path, **parameters):
         click.echo(f"profilecal: no report: {error}", err=True)
         raise SystemExit(1) from error
     click.echo(f"Report: {path}", err=True)
-
-
-def print_scorecard(frame):
-    """The scorecard as a table on the terminal."""
-    from rich.console import Console
-    from rich.table import Column, Table
-
-    from profilecal.papers.scorecard import to_text
-
-    colours = {"reproduced": "green", "compatible": "yellow", "differs": "red"}
-    columns = ["paper", "item", "quantity", "published", "ours", "unit", "tolerance", "verdict"]
-    sides = {"published": "right", "ours": "right", "tolerance": "right"}
-    table = Table(*(Column(name, justify=sides.get(name, "left"), overflow="fold") for name in columns), padding=0)
-    for values in to_text(frame)[columns].to_dict("records"):
-        values["verdict"] = f"[{colours.get(values['verdict'], 'default')}]{values['verdict']}[/]"
-        table.add_row(*values.values())
-    console = Console()
-    Console(width=console.width if console.is_terminal else 140).print(table)

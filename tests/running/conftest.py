@@ -1,15 +1,14 @@
-"""What the tests of running notebooks share."""
+"""Dask workers that the tests of running notebooks share, which spares their start."""
+
+import logging
 
 import pytest
+from distributed import LocalCluster
 
-from profilecal.running import notebooks
 
-
-@pytest.fixture(autouse=True, scope="module")
-def kept_processes():
-    """The processes that execute notebooks stay for the next run, which then need not import papermill again."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(notebooks, "stop_idle", lambda: None)
-        yield
-    notebooks.stop_idle()
-    assert not notebooks._idle
+@pytest.fixture(scope="module")
+def cluster():
+    """Two Dask workers, processes as a sweep starts them."""
+    quiet = {"dashboard_address": "127.0.0.1:0", "silence_logs": logging.CRITICAL}
+    with LocalCluster(n_workers=2, threads_per_worker=1, memory_limit=None, **quiet) as found:
+        yield found

@@ -1,20 +1,25 @@
-"""Notebooks as programs: which there are, what parameters they take, and one run of one in a process of its own."""
+"""Notebooks as programs: which there are, what parameters they take, one run of one, runs of many."""
 
-import contextlib
 import json
+import logging
 import os
-import queue
-import signal
-import subprocess
+import platform
 import sys
-import threading
+import tempfile
 import time
+from contextlib import ExitStack, contextmanager
+from hashlib import sha256
+from importlib import metadata
 from pathlib import Path
+
+sys.modules.setdefault("rfc3987_syntax", None)  # a grammar that jsonschema compiles in a second, and does without
 
 REAL_DATA = "PROFILECAL_REAL_DATA"
 TYPES = {"int": int, "float": (int, float), "bool": bool, "str": str, "list": list}
-_running: set[subprocess.Popen] = set()
-_idle: list[subprocess.Popen] = []
+ATTEMPTS = 2  # at a run whose kernel dies or hangs
+ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+CTRL_C_IS_FOR_US = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"  # not for the workers
+OWNED = ("notebooks", "figures", "tables", "scorecard.csv", "scorecard.md")  # what `reproduce` writes
 
 
 class NotebookError(Exception):
@@ -22,7 +27,10 @@ class NotebookError(Exception):
 
 
 class NotebookLost(NotebookError):
-    """A kernel or the process that runs it died, or did not finish in time: another attempt may succeed."""
+    """A kernel died, or a cell did not end in time: another attempt may succeed."""
+
+
+# Which there are, and their parameters
 
 
 def folder() -> Path:
@@ -66,22 +74,9 @@ def without_data() -> list[Path]:
 
 def parameters_of(path: Path) -> dict[str, str]:
     """Name and type ("float", "str", …) of each parameter that a notebook declares."""
-    declared = _papermill().inspect_notebook(str(path))
-    return {name: entry["inferred_type_name"] for name, entry in declared.items()}
+    from papermill import inspect_notebook
 
-
-def _papermill():
-    """The module papermill, imported without what takes time and is of no use here: a grammar of web addresses, which
-    jsonschema compiles, and pyarrow. Both jsonschema and papermill do without where these are missing."""
-    dear = ("rfc3987_syntax", "pyarrow")
-    for name in dear:
-        sys.modules.setdefault(name, None)
-    import papermill
-
-    for name in dear:
-        if sys.modules[name] is None:
-            del sys.modules[name]
-    return papermill
+    return {name: entry["inferred_type_name"] for name, entry in inspect_notebook(str(path)).items()}
 
 
 def parse_value(text: str):
@@ -94,201 +89,158 @@ def parse_value(text: str):
         return text
 
 
-def check_value(name: str, value, kind: str) -> None:
-    """Raise ValueError unless a parameter's value is of the type that the notebook declares."""
-    expected = TYPES.get(kind)
-    if expected and (not isinstance(value, expected) or (isinstance(value, bool) and kind != "bool")):
-        raise ValueError(f"parameter {name} is {value!r}; expected {kind}")
-
-
-def check_parameters(declared: dict[Path, dict[str, str]], given: dict) -> None:
-    """Raise ValueError for a name that no notebook declares (`parameters_of`), and for a value of the wrong type."""
-    for name, value in given.items():
-        kinds = {types[name] for types in declared.values() if name in types}
-        if not kinds:
-            names = sorted({name for types in declared.values() for name in types})
+def check_parameters(given: dict[str, list], declared: list[dict[str, str]]) -> None:
+    """Raise ValueError for a name that none of the notebooks declares (`parameters_of`), and for a value of another
+    type than one of them does; `given` has the values of each name."""
+    names = list(dict.fromkeys(name for kinds in declared for name in kinds))
+    for name, values in given.items():
+        if name not in names:
             raise ValueError(f"no parameter named {name!r}; there are {', '.join(names) or 'none'}")
-        for kind in kinds:
-            check_value(name, value, kind)
+        for kind in {kinds[name] for kinds in declared if name in kinds} & TYPES.keys():
+            for value in values:
+                if not isinstance(value, TYPES[kind]) or (isinstance(value, bool) and kind != "bool"):
+                    raise ValueError(f"parameter {name} is {value!r}; expected {kind}")
 
 
-def count_cells(path: Path) -> int:
-    """The number of cells that papermill goes through."""
-    return len(json.loads(path.read_text(encoding="utf-8"))["cells"])
+# Running them
 
 
-def run(
-    source: Path,
-    output: Path,
-    parameters: dict,
-    on_cell=lambda: None,
-    *,
-    folder: Path | None = None,
-    timeout: float | None = None,
-    keep: bool = False,
-) -> None:
-    """Execute `source` with papermill in a process of its own and write the executed copy to `output`.
+def versions() -> dict[str, str]:
+    """What a run's result depends on beside its notebook; a change of profilecal's source shows in its version."""
+    source = sha256()
+    for path in sorted(Path(__file__).parents[1].rglob("*.py")):
+        source.update(path.read_bytes())
+    found = {name: metadata.version(name) for name in ("profilecal", "numpy", "scipy", "pandas")}
+    found["profilecal"] += f"+{source.hexdigest()[:8]}"
+    return {"python": platform.python_version()} | found
 
-    The copy appears whole or not at all; a notebook that fails leaves it too, with its traceback. `on_cell` is
-    called as each cell is done. The notebook runs in `folder`, by default its own. With `keep` the process stays
-    for the next run, which then need not import papermill. Raises NotebookError; NotebookLost where the kernel or
-    the process died or took longer than `timeout` seconds; OSError where the copy could not be written. An
-    interruption ends the process too.
+
+def run(source: Path, output: Path, parameters: dict, cwd: Path, timeout: int | None = None, progress=False) -> None:
+    """Execute `source` with papermill in the folder `cwd`; write the executed copy, even of a failure, to `output`.
+
+    Raises NotebookError; NotebookLost where the kernel died or a cell took longer than `timeout` seconds; OSError.
     """
-    partial = output.with_name(f".{output.name}")  # papermill writes after every cell
-    job = {"source": str(source), "output": str(partial), "parameters": parameters, "cwd": str(folder or source.parent)}
-    process, late = _take(), threading.Event()
-    clock = threading.Timer(timeout or 0, lambda: (late.set(), _end(process)))
-    _running.add(process)
-    if timeout:
-        clock.start()
+    import papermill
+
+    options = {"cwd": cwd, "execution_timeout": timeout, "progress_bar": progress}
+    options["extra_arguments"] = ["--log-level=CRITICAL"]  # of the kernel, which else says how it talks
     try:
-        kind, text = _converse(process, job, on_cell)
-    except BaseException:
-        _end(process)
+        papermill.execute_notebook(source, output, parameters, **options)
+    except papermill.PapermillExecutionError as error:
+        raise NotebookError(f"error in cell {error.cell_index}: {error.ename}: {error.evalue}") from error
+    except TimeoutError as error:
+        raise NotebookLost(f"a cell took longer than {timeout} s") from error
+    except OSError:
         raise
-    finally:
-        clock.cancel()
-        stopped = process not in _running
-        _running.discard(process)
-    if late.is_set():
-        kind, text = "lost", f"not done after {timeout:g} s"
-    if keep and kind in ("done", "failed") and process.poll() is None:
-        _idle.append(process)
-    else:
-        _end(process)
-        process.stdout.close()
-    if partial.exists():
-        partial.replace(output)
-    if kind == "done":
-        return
-    if kind == "system":
-        code, _, text = text.partition(" ")
-        raise OSError(int(code), text)
-    raise (NotebookLost if kind == "lost" and not stopped else NotebookError)(text)
+    except RuntimeError as error:  # nbclient's for a kernel that dies or does not start
+        raise NotebookLost(str(error)) from error
+    except Exception as error:
+        raise NotebookError(f"{type(error).__name__}: {error}") from error
 
 
-def _take() -> subprocess.Popen:
-    """A process that executes notebooks: one that is idle, else a new one."""
-    with contextlib.suppress(IndexError):
-        return _idle.pop()
-    environment = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", **os.environ}  # notebooks share the cores
-    command = [sys.executable, "-m", "profilecal.running.notebooks"]
-    streams = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
-    return subprocess.Popen(command, **streams, env=environment, start_new_session=True)  # Ctrl-C is for us alone
+def execute(expected: dict, source: str, parameters: dict, cwd: str, timeout: int | None) -> tuple[str, str, float]:
+    """Carry out one run in a Dask worker: the executed notebook's text, why it failed, how many seconds it took.
 
-
-def _converse(process: subprocess.Popen, job: dict, on_cell) -> tuple[str, str]:
-    """Give a process its job; what it answers at the end: "done", "failed", "lost" or "system", and why."""
-    reason = ""
-    with contextlib.suppress(BrokenPipeError):
-        print(json.dumps(job), file=process.stdin, flush=True)
-    for line in process.stdout:
-        kind, _, text = line.strip().partition(" ")
-        if kind == "cell":
-            on_cell()
-        elif kind in ("done", "failed", "lost", "system"):
-            return kind, text
-        else:
-            reason = line.strip() or reason
-    status = process.wait()
-    return ("lost" if status < 0 else "failed"), reason or f"its process ended with status {status}"
-
-
-def _end(process: subprocess.Popen) -> None:
-    """End a process, and the kernel under it."""
-    with contextlib.suppress(BrokenPipeError):
-        process.stdin.close()  # which it takes as the wish to end
-    try:
-        process.wait(10)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.wait()
-
-
-def stop_all() -> None:
-    """End the runs that are under way, each of which then raises NotebookError, and the processes kept for more."""
-    running = list(_running)
-    _running.clear()
-    for process in running:
-        process.terminate()
-    for process in running:
-        _end(process)
-    stop_idle()
-
-
-def stop_idle() -> None:
-    """End the processes kept for more runs."""
-    while _idle:
-        process = _idle.pop()
-        _end(process)
-        process.stdout.close()
-
-
-def cores() -> int:
-    """How many cores this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-def _main() -> None:
-    """The process that `run` starts: executes the jobs it reads, a line each, until there are no more.
-
-    It answers "cell" for each cell done, then a line for the job. When its input ends during a job, whoever started
-    it is gone or has had enough, and it takes its kernel with it.
+    Raises ValueError where other versions than the expected ones are installed.
     """
-    papermill = _papermill()
-    from papermill.engines import NBClientEngine, papermill_engines
+    from distributed import get_worker
 
-    answers = os.fdopen(os.dup(1), "w", buffering=1)  # not inherited by kernels, so that it ends with this process
-    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
-    os.dup2(1, 2)
+    there = versions()
+    for name, version in expected.items():
+        if there[name] != version:
+            raise ValueError(f"a worker has {name} {there[name]}; expected {version}, as where this was started")
+    with tempfile.TemporaryDirectory(dir=get_worker().local_directory) as scratch:
+        begin, end = Path(scratch, "source.ipynb"), Path(scratch, "executed.ipynb")
+        begin.write_text(source, encoding="utf-8")
+        for attempt in range(1, ATTEMPTS + 1):
+            start, why = time.perf_counter(), ""
+            try:
+                run(begin, end, parameters, Path(cwd if Path(cwd).is_dir() else scratch), timeout)
+            except NotebookLost as lost:
+                why = f"{lost} ({attempt} attempts)"
+                continue
+            except NotebookError as error:
+                why = str(error)
+            break
+        took = time.perf_counter() - start
+        return (end if end.exists() else begin).read_text(encoding="utf-8"), why, took
 
-    class Reporting(NBClientEngine):
-        @classmethod
-        def execute_managed_notebook(cls, nb_man, kernel_name, **options):
-            complete = nb_man.cell_complete
 
-            def cell_complete(cell, cell_index=None, **rest):
-                complete(cell, cell_index=cell_index, **rest)
-                print("cell", file=answers)
+@contextmanager
+def workers(scheduler: str | None = None):
+    """A Dask client of the scheduler at an address, else of new processes here, one for each core."""
+    import dask
+    from distributed import Client, LocalCluster
 
-            nb_man.cell_complete = cell_complete
-            super().execute_managed_notebook(nb_man, kernel_name, **options)
+    with ExitStack() as stack:
+        if not scheduler:
+            # and not Dask's own choice for memory, under which NumPy's large arrays are slow
+            stack.enter_context(dask.config.set({"distributed.nanny.pre-spawn-environ": ONE_THREAD}))
+            options = {"threads_per_worker": 1, "memory_limit": None, "preload": [CTRL_C_IS_FOR_US]}
+            quiet = {"dashboard_address": "127.0.0.1:0", "silence_logs": logging.CRITICAL}
+            scheduler = stack.enter_context(LocalCluster(**options, **quiet))
+        yield stack.enter_context(Client(scheduler, timeout=10, set_as_default=False))
 
-    def execute(source, output, parameters, cwd) -> str:
-        options = {"engine_name": "reporting", "progress_bar": False, "cwd": cwd}
+
+def outcomes(client, jobs: dict[str, tuple]):
+    """Carry out runs on Dask's workers; yields, as each ends, its name and what `execute` returns.
+
+    `jobs` has for each name what `execute` takes after the versions.
+    """
+    from distributed import KilledWorker, as_completed
+
+    here = versions()
+    futures = {client.submit(execute, here, *job, pure=False): name for name, job in jobs.items()}
+    for future in as_completed(list(futures), loop=client.loop):
+        name = futures.pop(future)
         try:
-            papermill.execute_notebook(source, output, parameters, **options)
-        except papermill.PapermillExecutionError as error:
-            return f"failed error in cell {error.cell_index}: {error.ename}: {error.evalue}"
-        except OSError as error:
-            return f"system {error.errno or 5} {error.strerror or error}"
-        except RuntimeError as error:  # nbclient's for a kernel that dies or does not start
-            return f"lost {error}"
-        except Exception as error:
-            return f"failed {type(error).__name__}: {error}"
-        return "done"
-
-    papermill_engines.register("reporting", Reporting)
-    jobs, busy = queue.SimpleQueue(), threading.Event()
-    threading.Thread(target=_read_jobs, args=(jobs, busy), daemon=True).start()
-    for job in iter(jobs.get, None):
-        answer = execute(**job).replace("\n", " ")
-        busy.clear()
-        print(answer, file=answers)
+            text, why, took = future.result()
+        except (KilledWorker, ImportError) as error:
+            text, why, took = jobs[name][0], f"its worker failed: {error}", 0.0
+        del future  # or the workers keep its text
+        yield name, text, why, took
 
 
-def _read_jobs(jobs: queue.SimpleQueue, busy: threading.Event) -> None:
-    """Hand on the jobs read; at the end of input stop the one that is under way."""
-    for line in sys.stdin:
-        busy.set()
-        jobs.put(json.loads(line))
-    jobs.put(None)
-    if busy.is_set():
-        os.kill(os.getpid(), signal.SIGTERM)  # nbclient asks its kernel to end, and kills it after five seconds
-        time.sleep(8)
-        os._exit(1)
+def reproduce(paths: list[Path], given: dict, output: Path):
+    """Execute notebooks, gather their scorecards under `output`; return the table and, by name, why some failed.
 
+    A notebook that declares `executed_dir` reads the others' results and runs after them. Nothing of an earlier run
+    stays in `output`. Raises ValueError for parameters that do not fit, and when what is in the way was not written
+    by an earlier run.
+    """
+    from tqdm import tqdm
 
-if __name__ == "__main__":
-    _main()
+    from profilecal.papers import scorecard
+    from profilecal.scan.files import remove
+
+    output = output.resolve()
+    declared = {path: parameters_of(path) for path in paths}
+    check_parameters({name: [value] for name, value in given.items()}, list(declared.values()))
+    marker, in_the_way = output / "run.json", [output / name for name in OWNED if (output / name).exists()]
+    if in_the_way and not marker.exists():
+        raise ValueError(f"{in_the_way[0]} was not written by this command; name a new or empty folder")
+    for path in in_the_way:
+        remove(path)
+    for name in OWNED[:3]:
+        (output / name).mkdir(parents=True)
+    marker.write_text(json.dumps({"notebooks": [path.stem for path in paths], "parameters": given}))
+
+    values = {"results_dir": str(output), "executed_dir": str(output / "notebooks")} | given
+    failed = {}
+    with workers() as client, tqdm(total=len(paths), unit="notebook", disable=None) as bar:
+        for reading in (False, True):
+            jobs = {}
+            for path in paths:
+                if ("executed_dir" in declared[path]) == reading:
+                    parameters = {name: value for name, value in values.items() if name in declared[path]}
+                    jobs[path.stem] = path.read_text(encoding="utf-8"), parameters, str(path.parent), None
+            for name, text, why, took in outcomes(client, jobs):
+                (output / "notebooks" / f"{name}.ipynb").write_text(text, encoding="utf-8")
+                if why:
+                    failed[name] = why
+                bar.write(f"  {name}: {'FAILED' if why else f'{took:.1f} s'}")
+                bar.update()
+
+    gathered = scorecard.gather(output / "notebooks")
+    scorecard.write(gathered, output)
+    return gathered, failed

@@ -9,8 +9,6 @@ from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
 
-from tqdm import tqdm
-
 from profilecal.running import notebooks
 from profilecal.running.record import MIME
 from profilecal.scan.files import partial_of, remove, whole
@@ -56,10 +54,10 @@ def write_report(folders, path, **parameters) -> None:
     source = notebook()
     parameters |= {"scan": [str(Path(folder).resolve()) for folder in folders]}
 
-    bar = tqdm(total=notebooks.count_cells(source) + 1, desc="report", unit="cell", disable=None, leave=False)
-    with tempfile.TemporaryDirectory() as place, bar:
+    with tempfile.TemporaryDirectory() as place:
         executed = Path(place) / NOTEBOOK
-        notebooks.run(source, executed, parameters, bar.update)
+        bar = {"desc": "report", "disable": None, "leave": False}
+        notebooks.run(source, executed, parameters, source.parent, progress=bar)
         page = to_page(executed, "Scanner calibration: " + ", ".join(Path(f).resolve().name for f in folders))
     with whole(path) as partial:
         partial.write_text(page, encoding="utf-8")

@@ -51,13 +51,8 @@ def _plain(value):
 
 
 def recorded(notebook: dict) -> list[dict]:
-    """The rows an executed notebook recorded; without any, its own figures of the scorecard."""
-    from profilecal.papers import scorecard
-
+    """The rows that an executed notebook recorded."""
     outputs = [output for cell in notebook["cells"] for output in cell.get("outputs", [])]
     stored = [json.loads("".join(output["data"][MIME])) for output in outputs if MIME in output.get("data", {})]
     values = {name: value for entry in stored for name, value in entry["values"].items()}
-    if not stored:
-        ours = [row for output in outputs for row in output.get("data", {}).get(scorecard.MIME, [])]
-        values = {f"{row['item']}: {row['quantity']}": row["ours"] for row in ours}
     return [values | row for entry in stored for row in entry["rows"]] or [values]

@@ -4,170 +4,178 @@ An executed notebook holds all there is to know about its run: parameters, seed,
 under `runs/` in one move, so a sweep that is killed leaves whole runs or none, and goes on from there.
 """
 
-import contextlib
 import itertools
 import json
-import logging
 import os
-import platform
-import shutil
-import tempfile
-import time
+from contextlib import contextmanager
 from dataclasses import dataclass
 from hashlib import sha256
-from importlib import metadata
 from pathlib import Path
 
 import pandas as pd
 from tqdm import tqdm
 
 from profilecal.running import notebooks
-from profilecal.running.grid import Run, digest, plan
 from profilecal.running.record import recorded
 from profilecal.scan.files import whole
 
-ATTEMPTS = 2  # at a run whose kernel dies or hangs
-PATIENCE_S = 10  # with a scheduler that does not answer
 BAR = "{l_bar}{bar}| {n}/{total} runs{postfix}, {elapsed} gone, {remaining} left"
 
 
 @dataclass(frozen=True)
-class Sweep:
-    """What a sweep found: the table and where it is written, by name of the run why some failed, and how many runs of
-    other grids are beside them."""
+class Run:
+    """One execution: a name that says what it is, every parameter given, and which of the repeats it is."""
 
-    path: Path
-    table: pd.DataFrame
-    failed: dict[str, str]
-    others: int
+    name: str
+    parameters: dict
+    repeat: int | None
 
 
-# One run
+# The runs that a grid means
 
 
-def versions() -> dict[str, str]:
-    """What a run's result depends on beside its notebook; a change of profilecal's source shows in its version."""
-    source = sha256()
-    for path in sorted(Path(__file__).parents[1].rglob("*.py")):
-        source.update(path.read_bytes())
-    found = {name: metadata.version(name) for name in ("profilecal", "numpy", "scipy", "pandas")}
-    found["profilecal"] += f"+{source.hexdigest()[:8]}"
-    return {"python": platform.python_version()} | found
+def read_grid(path: Path | None, texts=()) -> dict:
+    """The grid of a YAML file (a list of values, or one value, for each name), then of texts NAME=A,B,…
 
-
-def without_outputs(path: Path) -> str:
-    """A notebook as it is before its execution."""
-    notebook = json.loads(path.read_text(encoding="utf-8"))
-    for cell in notebook["cells"]:
-        if cell["cell_type"] == "code":
-            cell.update(outputs=[], execution_count=None)
-    return json.dumps(notebook, sort_keys=True)
-
-
-def execute(run: Run, key: str, source: str, folder: str, expected: dict, timeout: float | None) -> str:
-    """Carry out one run, wherever this is called, and return the executed notebook's text.
-
-    Raises ValueError where other versions are installed than where the sweep was started.
+    Raises ValueError where it is something else.
     """
-    from distributed import get_worker
+    grid = {}
+    if path:
+        import yaml
 
-    there = versions()
-    for name, version in expected.items():
-        if there[name] != version:
-            raise ValueError(f"a worker has {name} {there[name]}; expected {version}, as where the sweep was started")
-    with tempfile.TemporaryDirectory(prefix="run-", dir=get_worker().local_directory) as scratch:
-        begin, end = Path(scratch, "source.ipynb"), Path(scratch, "executed.ipynb")
-        begin.write_text(source, encoding="utf-8")
-        cwd = Path(folder) if Path(folder).is_dir() else begin.parent
-        for attempt in range(1, ATTEMPTS + 1):
-            start = time.perf_counter()
-            error = ""
-            try:
-                notebooks.run(begin, end, run.parameters, folder=cwd, timeout=timeout, keep=True)
-            except notebooks.NotebookLost as lost:
-                error = f"{lost} ({attempt} attempts)"
-                continue
-            except notebooks.NotebookError as failure:
-                error = str(failure)
-            break
-        took = time.perf_counter() - start
-        executed = _read(end) or json.loads(source)
-    clash = sorted(set(run.parameters) & {name for row in recorded(executed) for name in row})
-    if clash and not error:
-        error = f"it records {', '.join(clash)}, which is a parameter's name"
-    return _stamp(executed, key, error, took)
+        try:
+            grid = yaml.safe_load(path.read_text(encoding="utf-8"))
+        except yaml.YAMLError as error:
+            raise ValueError(f"{path} is not YAML: {' '.join(str(error).split())}") from error
+        if not isinstance(grid, dict):
+            raise ValueError(f"{path} holds {grid!r}; expected parameters, each with its list of values")
+    for text in texts:
+        name, equals, values = text.partition("=")
+        if not equals:
+            raise ValueError(f"-p {text}; expected name=value,value,…")
+        grid[name] = [notebooks.parse_value(value) for value in values.split(",")]
+    return grid
 
 
-def _stamp(notebook: dict, key: str, error: str, took: float) -> str:
-    """The notebook's text, with what the sweep knows about the run."""
-    notebook["metadata"]["profilecal"] = {"key": key, "error": error, "duration_s": round(took, 3)}
-    return json.dumps(notebook, indent=1, ensure_ascii=False)
+def plan(notebook: Path, grid: dict | list[dict], repeat: int | None = None) -> list[Run]:
+    """The runs of a grid, or of several: each value of a parameter with each of the others.
+
+    With `repeat`, each is run that often, with seeds made from its parameter `seed`. They depend on the parameters and
+    the count of the repeat, on nothing else: a grid that grows keeps the runs it has.
+
+    Raises ValueError for a grid that does not fit the notebook's parameters.
+    """
+    kinds = notebooks.parameters_of(notebook)
+    if not grid and not repeat:
+        raise ValueError(f"the grid is empty; {notebook.stem} has the parameters {', '.join(kinds) or '(none)'}")
+    if repeat and "seed" not in kinds:
+        raise ValueError(f"{notebook.stem} has no parameter 'seed', so its repeats would all be the same")
+    points = []
+    for part in grid if isinstance(grid, list) else [grid]:
+        lists = {name: values if isinstance(values, list) else [values] for name, values in part.items()}
+        notebooks.check_parameters(lists, [kinds])
+        for name, values in lists.items():
+            if not values:
+                raise ValueError(f"the grid has no values for {name}")
+            if kinds[name] == "float":
+                lists[name] = [float(value) for value in values]  # 1 and 1.0 are one setting
+        points += [dict(zip(lists, values, strict=True)) for values in itertools.product(*lists.values())]
+    if "seed" in kinds:
+        points = [point if "seed" in point else point | {"seed": _seed_of(notebook)} for point in points]
+    if repeat:
+        runs = [_run(point | {"seed": int(_digest([point, k], 13), 16)}, k) for point in points for k in range(repeat)]
+    else:
+        runs = [_run(point, None) for point in points]
+    if len({run.name for run in runs}) < len(runs):
+        raise ValueError("the grid names a run twice; expected different values")
+    return runs
 
 
-def _read(path: Path) -> dict | None:
-    """A notebook, or None where there is none that can be read."""
-    try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except (FileNotFoundError, ValueError):
-        return None
+def _seed_of(notebook: Path) -> int:
+    """The value that a notebook gives its parameter `seed`."""
+    from papermill import inspect_notebook
+
+    return int(inspect_notebook(str(notebook))["seed"]["default"])
 
 
-def _state(path: Path, key: str) -> str:
-    """ "done", "failed", or "missing", which a run with another notebook or other versions is too."""
-    about = (_read(path) or {}).get("metadata", {}).get("profilecal", {})
-    if about.get("key") != key:
-        return "missing"
-    return "failed" if about["error"] else "done"
+def _run(parameters: dict, repeat: int | None) -> Run:
+    """A run and its name: what of the parameters is readable, and a digest of them all."""
+    said = "_".join(f"{name}={value}" for name, value in parameters.items() if name != "seed")
+    said = "".join(letter if letter.isalnum() or letter in "=_.-" else "-" for letter in said)[:100]
+    return Run(f"{said}_{_digest(parameters, 8)}", parameters, repeat)
 
 
-# All of them
+def _digest(values, length: int) -> str:
+    """A digest of plain values, in hexadecimal."""
+    return sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()[:length]
+
+
+# Carrying them out
 
 
 def sweep(
     notebook: Path,
-    grid: dict,
+    grid: dict | list[dict],
     output: Path,
     *,
-    zipped: bool = False,
     repeat: int | None = None,
     scheduler: str | None = None,
-    timeout: float | None = None,
-    parquet: bool = False,
-) -> Sweep:
-    """Carry out the runs of a grid that are not there yet, and gather all of them in a table.
+    timeout: int | None = None,
+) -> tuple[pd.DataFrame, dict[str, str]]:
+    """Carry out the runs of a grid that are not there yet; return a table of all, and by name why some failed.
 
-    `output` gets the executed notebooks under `runs/` and `table.csv` (or `.parquet`). A run is there when it did not
-    fail and its notebook, parameters and versions are the present ones. The runs share this machine's cores, or go to
-    the Dask scheduler at the address `scheduler`. A run whose kernel dies, or that takes longer than `timeout`
-    seconds, is tried once more. See `grid.plan` for the grid.
+    `output` gets the executed notebooks under `runs/` and `table.csv`. A run is there when it did not fail and its
+    notebook, parameters and versions are the present ones. The runs share this machine's cores, or go to the Dask
+    scheduler at the address `scheduler`. A run whose kernel dies, or where a cell takes longer than `timeout` seconds,
+    is tried once more. See `plan` for the grid.
 
     Raises ValueError for a grid that does not fit, OSError where something cannot be written or reached.
     """
-    runs = plan(notebook, grid, zipped=zipped, repeat=repeat)
-    source, present, folder = without_outputs(notebook), versions(), output / "runs"
-    code = _code(source)
-    keys = {run.name: digest([code, run.parameters, present], 16) for run in runs}
-    folder.mkdir(parents=True, exist_ok=True)
+    runs = plan(notebook, grid, repeat)
+    source, present = notebook.read_text(encoding="utf-8"), notebooks.versions()
+    code = [(cell["cell_type"], "".join(cell["source"])) for cell in json.loads(source)["cells"]]
+    keys = {run.name: _digest([code, run.parameters, present], 16) for run in runs}
+    files = {run.name: output / "runs" / f"{run.name}.ipynb" for run in runs}
+    (output / "runs").mkdir(parents=True, exist_ok=True)
 
-    with _alone(output) as scratch:
-        missing = [run for run in runs if _state(folder / run.file, keys[run.name]) != "done"]
+    with _alone(output):
+        missing = {run.name: run.parameters for run in runs if not _is_done(files[run.name], keys[run.name])}
         if missing:
-            arguments = source, str(notebook.resolve().parent), present, timeout
-            with _cluster(scheduler, scratch) as client:
-                _carry_out(client, missing, keys, arguments, folder, scratch)
-        table, failed = gather(folder, runs, present)
-        path = output / f"table.{'parquet' if parquet else 'csv'}"
-        with whole(path, scratch) as part:
-            table.to_parquet(part) if parquet else table.to_csv(part, index=False)
-    others = {file.stem for file in folder.glob("*.ipynb")} - keys.keys()
-    return Sweep(path, table, failed, len(others))
+            cwd, failures = str(notebook.resolve().parent), 0
+            jobs = {name: (source, parameters, cwd, timeout) for name, parameters in missing.items()}
+            with notebooks.workers(scheduler) as client, tqdm(total=len(jobs), disable=None, bar_format=BAR) as bar:
+                for name, text, why, took in notebooks.outcomes(client, jobs):
+                    executed = json.loads(text)
+                    clash = {entry for row in recorded(executed) for entry in row} & missing[name].keys()
+                    if clash and not why:
+                        why = f"it records {', '.join(sorted(clash))}, which is a parameter's name"
+                    about = {"key": keys[name], "error": why, "duration_s": round(took, 3)}
+                    executed["metadata"]["profilecal"] = about
+                    with whole(files[name]) as part:
+                        part.write_text(json.dumps(executed, indent=1, ensure_ascii=False), encoding="utf-8")
+                    failures += bool(why)
+                    bar.set_postfix_str(f"{failures} failed", refresh=False)
+                    bar.update()
+        table, failed = _gather(runs, files, present)
+        with whole(output / "table.csv") as part:
+            table.to_csv(part, index=False)
+    return table, failed
 
 
-def gather(folder: Path, runs: list[Run], present: dict[str, str]) -> tuple[pd.DataFrame, dict[str, str]]:
+def _is_done(path: Path, key: str) -> bool:
+    """Whether there is an executed notebook that did not fail, of the same notebook, parameters and versions."""
+    try:
+        about = json.loads(path.read_text(encoding="utf-8"))["metadata"]["profilecal"]
+    except (FileNotFoundError, ValueError, KeyError):
+        return False
+    return about["key"] == key and not about["error"]
+
+
+def _gather(runs: list[Run], files: dict[str, Path], present: dict[str, str]) -> tuple[pd.DataFrame, dict[str, str]]:
     """The table of runs that have ended, in the order of the grid, and why some failed."""
     rows, failed = [], {}
     for run in runs:
-        notebook = _read(folder / run.file)
+        notebook = json.loads(files[run.name].read_text(encoding="utf-8"))
         about = notebook["metadata"]["profilecal"]
         if about["error"]:
             failed[run.name] = about["error"]
@@ -179,86 +187,20 @@ def gather(folder: Path, runs: list[Run], present: dict[str, str]) -> tuple[pd.D
     return pd.DataFrame(rows, columns=columns + list(end)), failed
 
 
-def _code(source: str) -> str:
-    """What a run's result depends on in a notebook: not how it was last executed, nor its metadata."""
-    return digest([(cell["cell_type"], "".join(cell["source"])) for cell in json.loads(source)["cells"]], 64)
-
-
-def _carry_out(client, runs: list[Run], keys: dict[str, str], arguments: tuple, folder: Path, scratch: Path) -> None:
-    """Write each run's executed notebook into a folder as it ends; on the way out, call off the rest.
-
-    `arguments` are those of `execute` that all runs share.
-    """
-    from distributed import KilledWorker, as_completed
-
-    jobs, failures = {}, 0
-    for run in runs:
-        key = keys[run.name]
-        jobs[client.submit(execute, run, key, *arguments, key=f"{run.name}-{key}", pure=False)] = run
-    bar = tqdm(total=len(runs), disable=None, bar_format=BAR)
-    try:
-        for future in as_completed(list(jobs), loop=client.loop):
-            run = jobs.pop(future)
-            try:
-                text = future.result()
-            except KilledWorker:
-                text = _stamp(json.loads(arguments[0]), keys[run.name], "its worker died each time", 0.0)
-            except ImportError as error:
-                raise ValueError(f"a worker cannot load the library: {error}; install it there") from error
-            with whole(folder / run.file, scratch) as part:
-                part.write_text(text, encoding="utf-8")
-            del future  # or the cluster keeps its text
-            failures += _state(folder / run.file, keys[run.name]) == "failed"
-            running = min(len(jobs), sum(client.nthreads().values()))
-            bar.set_postfix_str(f"{failures} failed, {running} running", refresh=False)
-            bar.update()
-    finally:
-        bar.close()
-        client.cancel(list(jobs))
-
-
-@contextlib.contextmanager
-def _cluster(scheduler: str | None, scratch: Path):
-    """A client of the scheduler at an address, else of this machine's cores.
-
-    Here the workers are threads, for each run is a process anyway, that listen on no network but the loopback.
-    """
-    from distributed import Client, LocalCluster
-
-    if scheduler:
-        try:
-            client = Client(scheduler, timeout=PATIENCE_S, set_as_default=False)
-        except (OSError, ValueError) as error:
-            raise OSError(f"no Dask scheduler answers at {scheduler}") from error
-        with client:
-            yield client
-            client.run(notebooks.stop_idle, on_error="ignore")
-        return
-    workers = {"processes": False, "n_workers": 1, "threads_per_worker": notebooks.cores(), "memory_limit": None}
-    address = {"protocol": "tcp", "host": "127.0.0.1", "dashboard_address": "127.0.0.1:0"}
-    here = LocalCluster(**workers, **address, silence_logs=logging.CRITICAL, local_directory=str(scratch))
-    with here as cluster, Client(cluster, set_as_default=False) as client:
-        try:
-            yield client
-        finally:
-            notebooks.stop_all()
-
-
-@contextlib.contextmanager
+@contextmanager
 def _alone(output: Path):
-    """A folder for what is unfinished, gone before and after; refuses while another sweep writes to `output`."""
-    scratch = output / ".unfinished"
-    with contextlib.ExitStack() as stack:
-        if os.name == "posix":
-            import fcntl
+    """Refuse to go on while another sweep writes to `output`."""
+    if os.name != "posix":
+        yield
+        return
+    import fcntl
 
-            handle = os.open(output, os.O_RDONLY)
-            stack.callback(os.close, handle)
-            try:
-                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)  # the system frees it, however we end
-            except BlockingIOError:
-                raise ValueError(f"another sweep is writing to {output}; wait for it or name another folder") from None
-        shutil.rmtree(scratch, ignore_errors=True)
-        scratch.mkdir(exist_ok=True)
-        stack.callback(shutil.rmtree, scratch, ignore_errors=True)
-        yield scratch
+    handle = os.open(output, os.O_RDONLY)
+    try:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)  # the system frees it, however we end
+        except BlockingIOError:
+            raise ValueError(f"another sweep is writing to {output}; wait for it or name another folder") from None
+        yield
+    finally:
+        os.close(handle)
