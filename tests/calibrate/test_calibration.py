@@ -88,7 +88,7 @@ def test_the_json_is_the_contract(tmp_path):
 
 def test_eye_to_hand_has_its_own_key(tmp_path):
     scan = simulate_scan(Spec(kind="disk", mount="eye-to-hand", seed=5))
-    write_scan(scan, tmp_path / "scan", ".parquet")
+    write_scan(scan, tmp_path / "scan")
     found = json.loads(run("calibrate", tmp_path / "scan", "--json").output)
     assert "T_flange_sensor" not in found
     np.testing.assert_allclose(found["T_base_sensor"], truth(scan), atol=0.5)

@@ -50,9 +50,9 @@ def spec(case, seed, position_mm=0.0):
     return Spec(measured="profiles", seed=seed, noise=noise, **CASES[case])
 
 
-def normalised_square(scan, folder, table):
-    """The squared error of the printed pose over its printed covariance, from a scan folder of CSV or Parquet files."""
-    write_scan(scan, folder, table)
+def normalised_square(scan, folder):
+    """The squared error of the printed pose over its printed covariance, from a scan folder."""
+    write_scan(scan, folder)
     printed = json.loads(json.dumps(calibrate([read_scan(folder)]).to_json()))
     found, true = np.array(printed["T_flange_sensor"]), np.array(scan.truth["T_flange_sensor"])
     units = np.r_[1, 1, 1, np.full(3, 180 / np.pi)]
@@ -65,8 +65,7 @@ def test_the_truth_lies_in_the_stated_region_of_raw_profiles(case, position_mm, 
     """Inside: as often as a binomial law allows, 1 in 10⁴ at either end. The sum of n squared errors follows χ² of 6 n
     degrees of freedom: its bounds are narrower, and see regions that are too large, too."""
     scans = [scan_of(spec(case, seed, position_mm)) for seed in range(SCANS)]
-    tables = [".csv", *[".parquet"] * (SCANS - 1)]  # CSV takes ten times as long to write
-    squares = np.array([normalised_square(s, tmp_path / str(i), tables[i]) for i, s in enumerate(scans)])
+    squares = np.array([normalised_square(s, tmp_path / str(i)) for i, s in enumerate(scans)])
     inside = np.sum(squares < chi2.ppf(0.95, 6))
     print(f"{case}: {inside} of {SCANS} inside, mean square {squares.mean():.2f} of 6")
     assert inside >= binom.ppf(1e-4, SCANS, 0.95)
@@ -90,7 +89,7 @@ def test_the_truth_lies_in_the_stated_region_whatever_the_robot_does(kind, robot
     for seed in range(SCANS):
         scan = scan_of(Spec(kind=kind, seed=seed, noise=noise, groups=15, positions=3, **entries))
         stated = {"profile_mm": 0.05} | exact
-        squares.append(normalised_square(replace(scan, noise=stated), tmp_path / str(seed), ".parquet"))
+        squares.append(normalised_square(replace(scan, noise=stated), tmp_path / str(seed)))
     print(f"{kind}, {robot}: mean square {np.mean(squares):.2f} of 6")
     assert np.sum(np.array(squares) < chi2.ppf(0.95, 6)) >= binom.ppf(1e-4, SCANS, 0.95)
     assert chi2.ppf(1e-4, 6 * SCANS) < np.sum(squares) < chi2.isf(1e-4, 6 * SCANS)

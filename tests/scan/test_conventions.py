@@ -4,8 +4,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from profilecal.scan import conventions
-from profilecal.scan.conventions import CONVENTIONS, find_convention, for_controller, from_rotations, to_rotations
+from profilecal.scan.conventions import (
+    CONTROLLERS,
+    CONVENTIONS,
+    find_convention,
+    for_controller,
+    from_rotations,
+    to_rotations,
+)
 
 
 def turn(axis, degrees):
@@ -86,9 +92,8 @@ def test_names_decide_not_their_order():
 def test_impossible_orientations_are_refused_with_their_row(name, row, sentence):
     convention = next(c for c in CONVENTIONS if c.name == name)
     good = from_rotations(convention, np.eye(3)[None])[0]
-    with pytest.raises(conventions.RowError, match=sentence) as caught:
+    with pytest.raises(ValueError, match=f"row 1: {sentence}"):
         to_rotations(convention, [good, row])
-    assert caught.value.row == 1
 
 
 POSE = np.eye(4)
@@ -96,7 +101,7 @@ POSE[:3, :3] = turn("z", 30) @ turn("y", -20) @ turn("x", 170)
 POSE[:3, 3] = 6.0252, 54.18211, 364.25534
 
 
-@pytest.mark.parametrize("vendor", conventions.VENDORS)
+@pytest.mark.parametrize("vendor", CONTROLLERS)
 def test_what_is_pasted_into_a_controller_is_the_pose(vendor):
     text = for_controller(vendor, POSE)
     numbers = [float(n) for n in re.findall(r"-?\d+\.?\d*(?:e-?\d+)?", text.replace("tf2_ros", "").replace("ros2", ""))]

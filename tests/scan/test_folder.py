@@ -49,12 +49,11 @@ def assert_same(first, second):
     np.testing.assert_array_equal(first.side, second.side)
 
 
-@pytest.mark.parametrize("table", [".csv", ".parquet"])
 @pytest.mark.parametrize("mount", ["eye-in-hand", "eye-to-hand"])
 @pytest.mark.parametrize("convention", CONVENTIONS, ids=lambda c: c.name)
-def test_a_scan_written_is_read_back(tmp_path, table, mount, convention):
+def test_a_scan_written_is_read_back(tmp_path, mount, convention):
     scan = random_scan(np.random.default_rng(1), convention=convention.name, mount=mount)
-    write_scan(scan, tmp_path / "scan", table)
+    write_scan(scan, tmp_path / "scan")
     assert_same(read_scan(tmp_path / "scan"), scan)
 
 
@@ -181,7 +180,7 @@ MISTAKES = {
     ),
     "ragged": (
         lambda f: (f / "arcs.csv").write_text("pose,x,z,r\nP0,1,2,3\nP1,1,2,3,4,5\n"),
-        "arcs.csv line 3: 6 columns where the header has 4",
+        "arcs.csv line 3: 6 columns; expected 4 as the header",
     ),
     "not text": (
         lambda f: (f / "arcs.csv").write_bytes(b"pose,x,z,r\nP\xff\xfe,1,2,3\n"),
@@ -216,13 +215,16 @@ MISTAKES = {
     ),
     "decimal commas": (
         lambda f: (f / "arcs.csv").write_text("pose,x,z,r\nP0,1,5,2,0,3,0\nP1,1,5,2,0,3,0\n"),
-        r"more columns where the header has 4; expected one number in each \(decimal commas",
+        "line 2: 7 columns; expected 4 as the header: .* are there decimal commas",
     ),
     "cut short": (
         lambda f: (f / "arcs.csv").write_text("pose,x,z,r\nP0,1,2,3\nP1,1"),
-        "arcs.csv line 3: 2 of 4 columns in the last row; is the file cut short",
+        "arcs.csv line 3: 2 columns; expected 4 as the header: is the file cut short",
     ),
-    "open quote": (lambda f: (f / "arcs.csv").write_text('pose,x,z,r\n"P0,1,2,3\n'), "cannot be read: .*EOF inside"),
+    "open quote": (
+        lambda f: (f / "arcs.csv").write_text('pose,x,z,r\n"P0,1,2,3\n'),
+        "cannot be read: unexpected end of data",
+    ),
     "a code for no point": (
         rewrite("arcs.csv", lambda t: t.assign(z=-32768)),
         "line 2: z is -32768; expected at most 10000: .* Missing points are left out or blank",
@@ -280,11 +282,6 @@ MISTAKES = {
     "not a point": (
         edit("scan.toml", 'kind = "ball"\nradius = 40.0', 'kind = "point"'),
         "'point' needs points, not arcs",
-    ),
-    "both formats": (lambda f: (f / "poses.parquet").write_text(""), "both .csv and .parquet are there"),
-    "broken parquet": (
-        lambda f: ((f / "poses.csv").unlink(), (f / "poses.parquet").write_text("nonsense")),
-        "poses.parquet: cannot be read",
     ),
     "too large": (lambda f: os.truncate(f / "arcs.csv", 500_000_000), "arcs.csv: 500 MB; expected at most 400 MB"),
 }

@@ -13,7 +13,7 @@ from profilecal.geometry.poses import inverse
 from profilecal.plan.candidates import turned, worst_clearance
 from profilecal.plan.plan import Plan
 from profilecal.scan.files import new_folder
-from profilecal.scan.folder import poses_table
+from profilecal.scan.folder import poses_columns
 from profilecal.scan.toml import toml_text
 from profilecal.simulate.spec import names_of
 
@@ -83,7 +83,7 @@ def write_plan(plan: Plan, folder: Path, convention: str, stated: dict, title: s
     target = {"kind": setup.target.kind} | dict(zip(setup.target.lengths, setup.sizes, strict=True))
     mount = "eye-to-hand" if setup.to_hand else "eye-in-hand"
     header = {"title": title, "units": "mm", "mount": mount, "target": target, "noise": stated}
-    poses = poses_table(labels(plan), *robot_poses(plan), convention)
+    poses = pd.DataFrame(poses_columns(labels(plan), *robot_poses(plan), convention))
     poses.to_csv(folder / "poses.csv", index=False, float_format="%.12g")
     (folder / "scan.toml").write_text(toml_text(header), encoding="utf-8")
     details_table(plan).to_csv(folder / "plan.csv", index=False)

@@ -9,7 +9,7 @@ import pandas as pd
 from profilecal.calibrate.summary import to_text
 from profilecal.geometry.noise import FALSE_ALARM, chi2_limit
 from profilecal.report.figures import GREEN, ORANGE, RED
-from profilecal.scan.conventions import VENDORS, for_controller
+from profilecal.scan.conventions import CONTROLLERS, for_controller
 from profilecal.targets.target import find_features
 
 VERDICTS = {
@@ -75,9 +75,9 @@ def for_controllers(found) -> Html:
     """The sensor's pose as each controller takes it."""
     if found.status == "unobservable":
         return words(["nothing to paste"])
-    lines = {vendor: for_controller(vendor, found.solution.T_flange_sensor, found.frame) for vendor in VENDORS}
-    html = "".join(f"<h4>{VENDORS[vendor]}</h4><pre>{escape(line)}</pre>" for vendor, line in lines.items())
-    return Html(html, "\n".join(f"{VENDORS[vendor]}\n{line}\n" for vendor, line in lines.items()))
+    lines = {vendor: for_controller(vendor, found.solution.T_flange_sensor, found.frame) for vendor in CONTROLLERS}
+    html = "".join(f"<h4>{CONTROLLERS[vendor][0]}</h4><pre>{escape(line)}</pre>" for vendor, line in lines.items())
+    return Html(html, "\n".join(f"{CONTROLLERS[vendor][0]}\n{line}\n" for vendor, line in lines.items()))
 
 
 def chance_limits(found) -> list[np.ndarray]:

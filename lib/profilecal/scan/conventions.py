@@ -30,25 +30,37 @@ CONVENTIONS = (
     Convention("Stäubli angles", ("alpha", "beta", "gamma"), "deg", "R = Rx(alpha) Ry(beta) Rz(gamma)", "XYZ"),
     Convention("matrix", tuple(f"r{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3)), "1", "a matrix"),
 )
-VENDORS = {
-    "abb": "ABB (RAPID)",
-    "kuka": "KUKA (KRL)",
-    "ur": "Universal Robots (URScript; metres, radians)",
-    "fanuc": "FANUC",
-    "staubli": "Stäubli (VAL 3)",
-    "ros": "ROS 2 (metres)",
-    "matrix": "Matrix, mm",
+CONTROLLERS = {  # what they are called, and how a pose is pasted into one
+    "abb": (
+        "ABB (RAPID)",
+        "PERS tooldata tScanner:=[{held},[[{x:.4f},{y:.4f},{z:.4f}],[{qw:.8f},{qx:.8f},{qy:.8f},{qz:.8f}]],"
+        "[1,[0,0,1],[1,0,0,0],0,0,0]];  ! set the load",
+    ),
+    "kuka": ("KUKA (KRL)", "{{X {x:.4f},Y {y:.4f},Z {z:.4f},A {a:.6f},B {b:.6f},C {c:.6f}}}"),
+    "ur": (
+        "Universal Robots (URScript; metres, radians)",
+        "p[{x_m:.7f},{y_m:.7f},{z_m:.7f},{rx:.8f},{ry:.8f},{rz:.8f}]",
+    ),
+    "fanuc": ("FANUC", "X {x:.4f}  Y {y:.4f}  Z {z:.4f}  W {w:.6f}  P {p:.6f}  R {r:.6f}"),
+    "staubli": ("Stäubli (VAL 3)", "{{{x:.4f},{y:.4f},{z:.4f},{alpha:.6f},{beta:.6f},{gamma:.6f}}}"),
+    "ros": (
+        "ROS 2 (metres)",
+        "ros2 run tf2_ros static_transform_publisher --x {x_m:.7f} --y {y_m:.7f} --z {z_m:.7f} --qx {qx:.8f} "
+        "--qy {qy:.8f} --qz {qz:.8f} --qw {qw:.8f} --frame-id {frame} --child-frame-id scanner",
+    ),
+    "matrix": (
+        "Matrix, mm",
+        "{r11:.9g} {r12:.9g} {r13:.9g} {x:.9g}\n{r21:.9g} {r22:.9g} {r23:.9g} {y:.9g}\n"
+        "{r31:.9g} {r32:.9g} {r33:.9g} {z:.9g}\n0 0 0 1",
+    ),
 }
-UNIT_TOLERANCE = 1e-3  # quaternions printed to four decimals pass
-LARGEST_ANGLE_DEG = 720.0  # controllers print angles within a turn
 
 
-class RowError(ValueError):
-    """A row of a table is wrong; `row` counts from 0."""
-
-    def __init__(self, row: int, sentence: str):
-        super().__init__(sentence)
-        self.row = row
+def refuse(bad, sentence) -> None:
+    """Raise ValueError for the first row that is bad (rows,): its number from 0, and `sentence` of that."""
+    if np.any(bad):
+        row = int(np.argmax(bad))
+        raise ValueError(f"row {row}: {sentence(row)}")
 
 
 def find_convention(columns) -> Convention:
@@ -78,32 +90,33 @@ def named(name: str) -> Convention:
 
 
 @np.errstate(over="ignore", invalid="ignore")
-def to_rotations(convention: Convention, values) -> np.ndarray:
+def to_rotations(convention: Convention, values, refuse=refuse) -> np.ndarray:
     """Matrices (n, 3, 3) from a block of columns (n, k), in the order of the convention.
 
-    Raises ValueError with the row, counted from 0, for a quaternion that is not of length one, a rotation vector
-    longer than a full turn, angles of more than two turns, or a matrix that is no rotation.
+    Has `refuse` refuse rows with a quaternion that is not of length one, a rotation vector longer than a full turn,
+    angles of more than two turns, or a matrix that is no rotation.
     """
     values = np.asarray(values, dtype=float)
     if convention.sequence:
         largest = np.abs(values).max(axis=1)
-        _refuse(largest > LARGEST_ANGLE_DEG, largest, "angle of {:.6g}; expected degrees, at most 720")
+        refuse(largest > 720, lambda row: f"angle of {largest[row]:.6g}; expected degrees, at most 720")
         return Rotation.from_euler(convention.sequence, values, degrees=True).as_matrix()
-    if convention.name == "quaternion":
-        length = np.linalg.norm(values, axis=1)
-        _refuse(np.abs(length - 1) > UNIT_TOLERANCE, length, "quaternion of length {:.4g}; expected length 1")
+    length = np.linalg.norm(values, axis=1)
+    if convention.name == "quaternion":  # printed to four decimals, too
+        refuse(np.abs(length - 1) > 1e-3, lambda row: f"quaternion of length {length[row]:.4g}; expected length 1")
         return Rotation.from_quat(values, scalar_first=True).as_matrix()
     if convention.name == "rotation vector":
-        length = np.linalg.norm(values, axis=1)
-        sentence = "rotation vector of length {:.4g}; expected radians, at most 2π: are they degrees?"
-        _refuse(length > 2 * np.pi, length, sentence)
+        hint = "expected radians, at most 2π: are they degrees?"
+        refuse(length > 2 * np.pi, lambda row: f"rotation vector of length {length[row]:.4g}; {hint}")
         return Rotation.from_rotvec(values).as_matrix()
     matrices = values.reshape(-1, 3, 3)
-    excess = np.abs(matrices @ matrices.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
-    sentence = "matrix with R Rᵀ off the identity by {:.2g}; expected a rotation"
-    _refuse(~(excess <= ORTHONORMAL_TOLERANCE), excess, sentence)
-    determinant = np.linalg.det(matrices)
-    _refuse(determinant < 0, determinant, "matrix with determinant {:.2g}, a reflection; expected a rotation")
+    excess, turned = np.abs(matrices @ matrices.mT - np.eye(3)).max(axis=(1, 2)), np.linalg.det(matrices)
+    hint = "expected a rotation"
+    refuse(
+        ~(excess <= ORTHONORMAL_TOLERANCE),
+        lambda row: f"matrix with R Rᵀ off the identity by {excess[row]:.2g}; {hint}",
+    )
+    refuse(turned < 0, lambda row: f"matrix with determinant {turned[row]:.2g}, a reflection; {hint}")
     return Rotation.from_matrix(matrices).as_matrix()
 
 
@@ -117,17 +130,10 @@ def from_rotations(convention: Convention, rotations) -> np.ndarray:
     return rotation.as_rotvec() if convention.name == "rotation vector" else rotation.as_matrix().reshape(-1, 9)
 
 
-def _refuse(bad, values, sentence: str) -> None:
-    """Raise RowError for the first row that is bad."""
-    if bad.any():
-        row = int(np.argmax(bad))
-        raise RowError(row, sentence.format(values[row]))
-
-
 def check_vendor(vendor: str) -> None:
     """Raise ValueError with the names there are."""
-    if vendor not in VENDORS:
-        raise ValueError(f"controller is {vendor!r}; expected one of {', '.join(VENDORS)}")
+    if vendor not in CONTROLLERS:
+        raise ValueError(f"controller is {vendor!r}; expected one of {', '.join(CONTROLLERS)}")
 
 
 def for_controller(vendor: str, matrix, frame: str = "flange") -> str:
@@ -140,23 +146,9 @@ def for_controller(vendor: str, matrix, frame: str = "flange") -> str:
     """
     check_vendor(vendor)
     matrix = np.asarray(matrix, dtype=float)
-    T, columns = matrix[:3, 3], {c.name: from_rotations(c, matrix[None, :3, :3])[0] for c in CONVENTIONS}
-    qw, *qxyz = columns["quaternion"]
-    match vendor:
-        case "abb":
-            held = "TRUE" if frame == "flange" else "FALSE"
-            pose = "[[{:.4f},{:.4f},{:.4f}],[{:.8f},{:.8f},{:.8f},{:.8f}]]".format(*T, qw, *qxyz)
-            return f"PERS tooldata tScanner:=[{held},{pose},[1,[0,0,1],[1,0,0,0],0,0,0]];  ! set the load"
-        case "kuka":
-            return "{{X {:.4f},Y {:.4f},Z {:.4f},A {:.6f},B {:.6f},C {:.6f}}}".format(*T, *columns["KUKA angles"])
-        case "ur":
-            return "p[{:.7f},{:.7f},{:.7f},{:.8f},{:.8f},{:.8f}]".format(*T / 1000, *columns["rotation vector"])
-        case "fanuc":
-            return "X {:.4f}  Y {:.4f}  Z {:.4f}  W {:.6f}  P {:.6f}  R {:.6f}".format(*T, *columns["FANUC angles"])
-        case "staubli":
-            return "{{{:.4f},{:.4f},{:.4f},{:.6f},{:.6f},{:.6f}}}".format(*T, *columns["Stäubli angles"])
-        case "ros":
-            names = "--x {:.7f} --y {:.7f} --z {:.7f} --qx {:.8f} --qy {:.8f} --qz {:.8f} --qw {:.8f}"
-            pose = f"{names.format(*T / 1000, *qxyz, qw)} --frame-id {frame} --child-frame-id scanner"
-            return f"ros2 run tf2_ros static_transform_publisher {pose}"
-    return "\n".join(" ".join(f"{v:.9g}" for v in row) for row in matrix)
+    entries = {"frame": frame, "held": "TRUE" if frame == "flange" else "FALSE"}
+    for axis, value in zip("xyz", matrix[:3, 3], strict=True):
+        entries |= {axis: value, f"{axis}_m": value / 1000}
+    for convention in CONVENTIONS:
+        entries |= zip(convention.columns, from_rotations(convention, matrix[None, :3, :3])[0], strict=True)
+    return CONTROLLERS[vendor][1].format(**entries)

@@ -8,14 +8,13 @@ from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
 from profilecal.geometry.noise import Noise, Systematic
 from profilecal.geometry.poses import angle_between, rotation_groups
-from profilecal.scan.conventions import RowError, find_convention, from_rotations, named, to_rotations
+from profilecal.scan.conventions import find_convention, from_rotations, named, to_rotations
 from profilecal.scan.files import is_file, is_there, naming, new_folder
 from profilecal.scan.scan import Scan, ScanError
-from profilecal.scan.tables import Table, read_table, shown
+from profilecal.scan.tables import Table, listed, read_table, shown, write_table
 from profilecal.scan.toml import (
     TABLE,
     TEXT,
@@ -116,27 +115,25 @@ def length_rules(kind: str, scale: float = 1.0) -> dict[str, Rule]:
 
 
 def read_poses(folder: Path, scale: float, side: int) -> tuple[dict, list[str]]:
-    """What poses.csv or poses.parquet says: entries of a Scan, and doubts about them.
+    """What poses.csv says: entries of a Scan, and doubts about them.
 
     `side` is that of poses for which the table says nothing.
     """
-    return check_poses(read_table(folder, "poses", ("pose", "x", "y", "z")), scale, side)
+    return check_poses(read_table(folder / "poses.csv", ("pose", "x", "y", "z")), scale, side)
 
 
 def check_poses(table: Table, scale: float, side: int = 0) -> tuple[dict, list[str]]:
     """The same of a table, in units of `scale` mm. Raises ScanError."""
     labels = table.labels()
-    table.refuse(pd.Index(labels).duplicated(), lambda row: f"pose {shown(labels[row])} is there twice")
+    first, which = np.unique(labels, return_index=True, return_inverse=True)[1:]
+    table.refuse(first[which] < np.arange(len(labels)), lambda row: f"pose {shown(labels[row])} is there twice")
     with np.errstate(over="ignore"):
         T = table.numbers(("x", "y", "z")) * scale
         reach = np.linalg.norm(T, axis=1)
     with naming(table.path):
-        convention = find_convention(table.frame.columns)
+        convention = find_convention(table.columns)
         block = table.numbers(convention.columns)
-        try:
-            R = to_rotations(convention, block)
-        except RowError as error:
-            raise ScanError(f"{table.line(error.row)}: {error}") from error
+        R = to_rotations(convention, block, table.refuse)
 
     low, high = REACH_MM
     farthest = reach.max()
@@ -152,20 +149,20 @@ def check_poses(table: Table, scale: float, side: int = 0) -> tuple[dict, list[s
         angles = ", ".join(convention.columns)
         doubts = [f"{table.path.name}: all angles {angles} lie within ±2π; the columns mean degrees, are they radians?"]
     sides = np.full(len(labels), float(side))
-    if "side" in table.frame:
+    if "side" in table.columns:
         given = table.numbers(("side",), blank=True)[:, 0]
         sides = np.where(np.isnan(given), sides, given)
         table.refuse(
             ~np.isin(given, (-1, 1)) & ~np.isnan(given), lambda row: f"side is {given[row]:g}; expected 1 or -1"
         )
-    if "group" in table.frame:
-        group = np.unique(table.frame["group"].astype(str).to_numpy(), return_inverse=True)[1]
+    if "group" in table.columns:
+        group = np.unique(table.columns["group"], return_inverse=True)[1]
         check_groups(table.path, R, group, labels)
     else:
         group = rotation_groups(R)
     entries = {"labels": tuple(labels), "R_base_flange": R, "T_base_flange": T, "side": sides}
     entries |= {"convention": convention.name, "orientation": block}
-    return entries | {"group": group, "group_given": "group" in table.frame}, doubts
+    return entries | {"group": group, "group_given": "group" in table.columns}, doubts
 
 
 def check_groups(path: Path, R, group, labels) -> None:
@@ -183,14 +180,15 @@ def check_groups(path: Path, R, group, labels) -> None:
 
 def read_measurements(folder: Path, labels, scale: float) -> tuple[str, tuple[np.ndarray, ...]]:
     """What the scanner saw: which of the four files there is, and its rows in mm by pose."""
-    there = [name for name in MEASURED if any([is_file(folder / f"{name}{end}") for end in (".csv", ".parquet")])]
+    there = [name for name in MEASURED if is_file(folder / f"{name}.csv")]
     if len(there) != 1:
         found = f"found {' and '.join(there)}" if there else "found none of them"
-        raise ScanError(f"{folder}: expected one of profiles, points, chords, arcs (.csv or .parquet); {found}")
+        raise ScanError(f"{folder}: expected one of {listed(MEASURED)} (.csv); {found}")
     (measured,) = there
-    table = read_table(folder, measured, ("pose", *MEASURED[measured]))
+    table = read_table(folder / f"{measured}.csv", ("pose", *MEASURED[measured]))
     seen = table.labels()
-    pose = pd.Index(labels).get_indexer(seen)
+    known = {label: pose for pose, label in enumerate(labels)}
+    pose = np.array([known.get(label, -1) for label in seen])
     table.refuse(pose < 0, lambda row: f"pose {shown(seen[row])} is not in poses")
     numbers = table.numbers(MEASURED[measured], blank=True, largest=FARTHEST_MM / scale) * scale
     counts = np.bincount(pose, minlength=len(labels))
@@ -225,33 +223,28 @@ def exchanged(profiles) -> list[str]:
     return []
 
 
-def poses_table(labels, R, T, convention: str) -> pd.DataFrame:
-    """The table of poses R (P, 3, 3), T (P, 3), mm, with angles in a named convention."""
+def poses_columns(labels, R, T, convention: str) -> dict:
+    """The columns of poses R (P, 3, 3), T (P, 3), mm, with angles in a named convention."""
     angles = named(convention)
-    table = pd.DataFrame({"pose": labels} | dict(zip("xyz", T.T, strict=True)))
-    table[list(angles.columns)] = from_rotations(angles, R)
-    return table
+    names, block = ("pose", *"xyz", *angles.columns), np.hstack([T, from_rotations(angles, R)])
+    return dict(zip(names, (labels, *block.T), strict=True))
 
 
-def write_scan(scan: Scan, folder, table: str = ".csv") -> None:
-    """Write a scan as a folder of its own, in mm; `table` is ".csv" or ".parquet". Raises ScanError if it is taken."""
-    poses = poses_table(scan.labels, scan.R_base_flange, scan.T_base_flange, scan.convention)
+def write_scan(scan: Scan, folder) -> None:
+    """Write a scan as a folder of its own, in mm. Raises ScanError if it is taken."""
+    poses = poses_columns(scan.labels, scan.R_base_flange, scan.T_base_flange, scan.convention)
     if scan.group_given:
         poses["group"] = scan.group
     if scan.side is not None and np.any(scan.side):
         poses["side"] = scan.side.astype(int)
-    values = pd.DataFrame(np.concatenate(scan.values), columns=MEASURED[scan.measured])
-    values.insert(0, "pose", np.repeat(scan.labels, [len(rows) for rows in scan.values]))
+    values = dict(zip(MEASURED[scan.measured], np.concatenate(scan.values).T, strict=True))
+    labels = np.repeat(np.array(scan.labels, dtype=object), [len(rows) for rows in scan.values])
 
     with new_folder(Path(folder)) as partial:
         target = {"kind": scan.kind} | scan.measures
         header = {"title": scan.title, "units": "mm", "mount": scan.mount, "target": target, "noise": scan.noise}
         (partial / "scan.toml").write_text(toml_text(header), encoding="utf-8")
-        for name, frame in (("poses", poses), (scan.measured, values)):
-            path = partial / f"{name}{table}"
-            if table == ".csv":
-                frame.to_csv(path, index=False, float_format="%.12g")
-            else:
-                frame.to_parquet(path, index=False)
+        write_table(partial / "poses.csv", poses)
+        write_table(partial / f"{scan.measured}.csv", {"pose": labels} | values)
         if scan.truth:
             (partial / "truth.toml").write_text(toml_text(scan.truth), encoding="utf-8")

@@ -175,10 +175,11 @@ def read_poses(path: Path, poses: pd.DataFrame, units: dict, layout: Layout) -> 
         convention = find_convention(poses)
     except ValueError as error:
         raise ScanError(f"{path}: {error}; say what the columns are: --pose-columns") from error
-    table = Table(path, poses.filter(items=["pose", *OF_A_POSE]))
+    table = from_frame(path, poses.filter(items=["pose", *OF_A_POSE]))
     angle = unit_of(path, units, convention.columns, UNITS[convention.unit])
     if angle == "rad" and convention.unit != "rad":
-        table.frame[[*convention.columns]] = np.degrees(table.numbers(convention.columns))
+        degrees = np.degrees(table.numbers(convention.columns)).T
+        table.columns.update(zip(convention.columns, degrees, strict=True))
     largest = np.abs(table.numbers("xyz")).max()
     scale, lengths = to_mm(path, units, "xyz", layout.pose_units, largest, REACH_MM[1] / 1000)
     entries, doubts = check_poses(table, scale)
@@ -191,6 +192,11 @@ def read_poses(path: Path, poses: pd.DataFrame, units: dict, layout: Layout) -> 
         R, T = entries["R_base_flange"], entries["T_base_flange"]
         entries |= {"R_base_flange": R @ back[0], "T_base_flange": carry(R, T, back[1]), "orientation": None}
     return entries, f"{len(poses)}, {convention.meaning} ({called}){frames(path, poses)}, {lengths}", doubts
+
+
+def from_frame(path: Path, frame: pd.DataFrame) -> Table:
+    """The table in a frame whose index says where a row is in a file."""
+    return Table(path, {name: frame[name].tolist() for name in frame}, [*frame.index], frame.index.name or "line")
 
 
 def frames(path: Path, poses: pd.DataFrame) -> str:
@@ -214,7 +220,7 @@ def read_profiles(paths: list[Path], layout: Layout) -> tuple[str, tuple[np.ndar
     measured = "points" if max(counts) == 1 else "profiles"
     if measured == "profiles" and 1 in counts:
         raise ScanError(f"{paths[counts.index(1)]}: a single point, where other files hold profiles")
-    points = np.concatenate([Table(*of).numbers(names, blank=True) for of in zip(paths, tables, strict=True)])
+    points = np.concatenate([from_frame(*of).numbers(names, blank=True) for of in zip(paths, tables, strict=True)])
     seen, z, missing = ~np.isnan(points).any(axis=1), points[:, 1], layout.missing
     if missing is None and {*np.sign(z[seen])} in ({0, 1}, {0, -1}):
         missing = 0.0

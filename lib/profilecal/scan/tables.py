@@ -1,18 +1,17 @@
-"""The files of a scan folder one by one: tables in CSV or Parquet, with every mistake named."""
+"""Tables in files, with every mistake named: the file, the line, the value, what was expected."""
 
 import csv
-import re
-import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
 from profilecal.scan.files import is_file, naming
 from profilecal.scan.scan import ScanError
 
-LARGEST_FILE = 400_000_000  # bytes
+LARGEST_FILE = 400_000_000  # bytes: more does not fit into the memory of a usual computer
+NOTHING = ("", "nan", "-nan", ".nan", "na", "n/a", "null", "none", "-", ".")  # cells of points that were not seen
 
 
 def shown(value) -> str:
@@ -27,115 +26,113 @@ def listed(names) -> str:
     return shown(text) if len(text) > 200 or not text.isprintable() else text
 
 
-# Tables
+def number(cell) -> float:
+    """What a cell says: NaN for nothing, infinity for a word."""
+    try:
+        return float(cell)
+    except ValueError:
+        return np.nan if cell.strip().lower() in NOTHING else np.inf
 
 
 @dataclass(frozen=True)
 class Table:
-    """A table and the file that it is from. The frame's index is the line in the file; or what its name says."""
+    """The columns of a file by their names, and where each row stands in it."""
 
     path: Path
-    frame: pd.DataFrame
-
-    def line(self, row: int) -> str:
-        """Where a row is; lines as an editor counts them."""
-        return f"{self.path} {self.frame.index.name or 'line'} {self.frame.index[row]}"
+    columns: dict[str, Sequence]  # text, or numbers
+    lines: Sequence[int]
+    unit: str = "line"  # of `lines`; "row" where a file has no lines
 
     def refuse(self, bad, sentence) -> None:
         """Raise ScanError for the first row that is bad (rows,): where it is, and `sentence` of its number."""
         if np.any(bad):
             row = int(np.argmax(bad))
-            raise ScanError(f"{self.line(row)}: {sentence(row)}")
+            raise ScanError(f"{self.path} {self.unit} {self.lines[row]}: {sentence(row)}")
 
     def labels(self) -> np.ndarray:
         """The poses' labels (rows,)."""
-        self.refuse(self.frame["pose"].isna(), lambda row: "no pose label")
-        return self.frame["pose"].astype(str).str.strip().to_numpy()
+        labels = np.array([str(cell).strip() for cell in self.columns["pose"]], dtype=object)
+        self.refuse(labels == "", lambda row: "no pose label")
+        return labels
 
-    def numbers(self, columns, blank: bool = False, largest: float = np.inf) -> np.ndarray:
+    def numbers(self, names, blank: bool = False, largest: float = np.inf) -> np.ndarray:
         """Columns as numbers (rows, columns), at most `largest`; cells may be blank or NaN only where `blank`."""
-        return np.column_stack([self._column(name, blank, largest) for name in columns])
+        return np.column_stack([self._numbers(name, blank, largest) for name in names])
 
-    def _column(self, name: str, blank: bool, largest: float) -> np.ndarray:
-        cells = self.frame[name]
-        if not pd.api.types.is_numeric_dtype(cells) or pd.api.types.is_bool_dtype(cells):
-            cells = cells.astype(str).where(cells.notna())  # no dates, lists, or True for numbers
-        numbers = pd.to_numeric(cells, errors="coerce").to_numpy(dtype=float, na_value=np.nan)
-
-        def found(row):
-            return "is empty or NaN" if pd.isna(cells.iloc[row]) else f"is {shown(str(self.frame[name].iloc[row]))}"
-
-        missing = np.isnan(numbers) & (cells.notna() | (not blank))
-        called = f"column {name}" if name.isdigit() else name
-        self.refuse(missing | np.isinf(numbers), lambda row: f"{called} {found(row)}; expected a finite number")
-        self.refuse(
-            np.abs(numbers) > largest,
-            lambda row: (
-                f"{name} is {numbers[row]:.6g}; expected at most {largest:g}: are the units in scan.toml right? "
-                "Missing points are left out or blank"
-            ),
-        )
-        return numbers
-
-
-def read_table(folder: Path, name: str, required) -> Table:
-    """A table by its name, without its empty rows. Raises ScanError, also where a required column is missing."""
-    paths = [path for end in (".csv", ".parquet") if is_file(path := folder / f"{name}{end}")]
-    if len(paths) != 1:
-        both = "both .csv and .parquet are there; keep one" if paths else "no such file"
-        raise ScanError(f"{folder / name}.csv: {both}")
-    (path,) = paths
-    size = path.stat().st_size
-    if size > LARGEST_FILE:
-        megabytes = f"{size / 1e6:.0f} MB; expected at most {LARGEST_FILE / 1e6:.0f} MB"
-        raise ScanError(f"{path}: {megabytes}: thin the profiles out")
-    with naming(path):
+    def _numbers(self, name: str, blank: bool, largest: float) -> np.ndarray:
+        cells = self.columns[name]
         try:
-            frame = read_csv(path) if path.suffix == ".csv" else pd.read_parquet(path)
-        except (ScanError, UnicodeDecodeError, PermissionError):
-            raise
-        except (ValueError, OSError, ImportError, csv.Error) as error:  # pandas and pyarrow name the line
-            raise ScanError(f"{path}: cannot be read: {str(error).strip().splitlines()[-1][:200]}") from error
-    frame.columns = [str(column).strip().lower() for column in frame.columns]
-    frame.index = pd.RangeIndex(2, len(frame) + 2)
-    for column in required:
-        if column not in frame:
-            hint = " (columns are separated by commas)" if len(frame.columns) == 1 else ""
-            raise ScanError(f"{path}: no column {column!r}; there are {listed(frame.columns)}{hint}")
-    frame = frame.dropna(how="all")
-    if frame.empty:
+            found = np.array(cells, dtype=float)
+        except ValueError:
+            found = np.array([number(cell) for cell in cells])
+        called = f"column {name}" if name.isdigit() else name
+
+        def is_none(row):
+            what = "empty or NaN" if np.isnan(found[row]) else shown(str(cells[row]))
+            return f"{called} is {what}; expected a finite number"
+
+        def is_large(row):
+            hint = "are the units in scan.toml right? Missing points are left out or blank"
+            return f"{called} is {found[row]:.6g}; expected at most {largest:g}: {hint}"
+
+        self.refuse(np.isinf(found) | (np.isnan(found) & (not blank)), is_none)
+        self.refuse(np.abs(found) > largest, is_large)
+        return found
+
+
+def read_table(path: Path, required) -> Table:
+    """A CSV file without its empty rows. Raises ScanError, also where a required column is missing."""
+    if not is_file(path):
+        raise ScanError(f"{path}: no such file")
+    if path.stat().st_size > LARGEST_FILE:
+        megabytes = f"{path.stat().st_size / 1e6:.0f} MB; expected at most {LARGEST_FILE / 1e6:.0f} MB"
+        raise ScanError(f"{path}: {megabytes}: thin the profiles out")
+    lines = []
+    with naming(path), path.open(encoding="utf-8-sig", newline="") as file:
+        reader = csv.reader(file, strict=True)
+        try:
+            names = check_names(path, next(reader, []), required)
+            columns = [[] for _ in names]
+            for row in filter(any, reader):
+                if len(row) != len(names):
+                    hint = (
+                        f"expected {len(names)} as in the header: is the file cut short, or are there decimal commas?"
+                    )
+                    raise ScanError(f"{path} line {reader.line_num}: {len(row)} columns; {hint}")
+                lines.append(reader.line_num)
+                for cells, cell in zip(columns, row, strict=True):
+                    cells.append(cell)
+        except csv.Error as error:
+            raise ScanError(f"{path} line {reader.line_num}: cannot be read: {error}") from error
+    if not lines:
         raise ScanError(f"{path}: no rows")
-    return Table(path, frame)
+    return Table(path, dict(zip(names, columns, strict=True)), lines)
 
 
-def read_csv(path: Path) -> pd.DataFrame:
-    """A CSV file whose rows are as long as its header, or shorter, but for the last one: a file cut short."""
-    with path.open(encoding="utf-8-sig", newline="") as file:
-        names = [name.strip().lower() for name in next(csv.reader([file.readline(100_000)]), [])]
+def check_names(path: Path, header: list[str], required) -> list[str]:
+    """The names of columns, in lower case. Raises ScanError."""
+    names = [name.strip().lower() for name in header]
     if not names:
         raise ScanError(f"{path}: the first line is empty; expected column names")
     for name in names:
         if name and names.count(name) > 1:
             raise ScanError(f"{path}: column {shown(name)} is there twice")
-    text = {"dtype": {"pose": str, "group": str}, "encoding": "utf-8-sig"}
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", pd.errors.ParserWarning)
-        try:
-            frame = pd.read_csv(path, index_col=False, skip_blank_lines=False, low_memory=False, **text)
-        except (pd.errors.ParserWarning, pd.errors.ParserError) as error:
-            found = re.search(r"in line (\d+), saw (\d+)", str(error))
-            if isinstance(error, pd.errors.ParserError) and not found:
-                raise
-            where, many = (f" line {found[1]}", found[2]) if found else ("", "more")
-            raise ScanError(
-                f"{path}{where}: {many} columns where the header has {len(names)}; expected one number in each "
-                "(decimal commas?)"
-            ) from error
-    with path.open("rb") as file:
-        file.seek(max(0, path.stat().st_size - 10_000))
-        last = file.read().decode(errors="replace").rstrip().splitlines()[-1:]
-    fields = len(next(csv.reader(last), []))
-    if len(frame) and fields < len(names):
-        line = frame.dropna(how="all").index.max() + 2
-        raise ScanError(f"{path} line {line}: {fields} of {len(names)} columns in the last row; is the file cut short?")
-    return frame
+    for name in required:
+        if name not in names:
+            hint = " (columns are separated by commas)" if len(names) == 1 else ""
+            raise ScanError(f"{path}: no column {name!r}; there are {listed(names)}{hint}")
+    return names
+
+
+def write_table(path: Path, columns: dict[str, Sequence]) -> None:
+    """Write a CSV file; numbers to twelve digits, NaN as an empty cell."""
+
+    def cell(value):
+        if not isinstance(value, float):
+            return value
+        return "" if np.isnan(value) else f"{value:.12g}"
+
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(columns)
+        writer.writerows(zip(*([cell(value) for value in values] for values in columns.values()), strict=True))
