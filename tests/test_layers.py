@@ -49,7 +49,7 @@ def test_matplotlib_is_imported_by_report_alone():
 
 
 def test_the_command_line_starts_without_heavy_imports():
-    heavy = {"numpy", "scipy", "matplotlib", "pandas", "jupyter_client", "papermill", "dask", "sympy", "rich"}
+    heavy = {"numpy", "scipy", "matplotlib", "pandas", "jupyter_client", "papermill", "dask", "sympy"}
     code = "import sys, profilecal.cli; print(*{name.split('.')[0] for name in sys.modules})"
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
     assert not heavy & set(loaded)

@@ -12,8 +12,6 @@ import sys
 from pathlib import Path
 
 import pandas as pd
-from rich.console import Console
-from rich.table import Table
 
 COLUMNS = ["name", "ours_s", "reference", "reference_s", "ratio", "target", "met"]
 HERE = Path(__file__).parent
@@ -52,23 +50,11 @@ def write(rows: list[dict], output: Path) -> pd.DataFrame:
     return frame
 
 
-def show(rows: list[dict]) -> None:
-    """The rows as a table on the terminal."""
-    table = Table()
-    for column in COLUMNS:
-        table.add_column(column, justify="right" if column in ("ours_s", "reference_s", "ratio") else "left")
-    for row in rows:
-        values = [f"{value:.3g}" if isinstance(value, float) else str(value) for value in row.values()]
-        table.add_row(*values, style=None if row["met"] else "red")
-    console = Console()
-    Console(width=console.width if console.is_terminal else 160).print(table)
-
-
 def main(names: list[str]) -> int:
     rows = []
     for path in find(names):
         found = rows_of(path)
-        show(found)
+        print(pd.DataFrame(found).to_string(index=False, float_format="{:.3g}".format))
         rows += found
     write(rows, OUTPUT)
     print(f"Written: {OUTPUT}")
