@@ -95,9 +95,7 @@ def read_table(path: Path, required) -> Table:
             columns = [[] for _ in names]
             for row in filter(any, reader):
                 if len(row) != len(names):
-                    hint = (
-                        f"expected {len(names)} as in the header: is the file cut short, or are there decimal commas?"
-                    )
+                    hint = f"expected {len(names)} as the header: is the file cut short, or are there decimal commas?"
                     raise ScanError(f"{path} line {reader.line_num}: {len(row)} columns; {hint}")
                 lines.append(reader.line_num)
                 for cells, cell in zip(columns, row, strict=True):
