@@ -44,6 +44,9 @@ def test_shown_as_the_paper_prints_it():
     lines = matrix._repr_mimebundle_()["text/plain"].splitlines()
     assert lines[-3].split()[3::4] == ["364.25534", "364.25534", "0.00000"]
     assert lines[-2].split() == [*"000100010000"]
+    about["within"] = {"Lambda": half["Lambda"] + 0.00123}
+    wide = items.compare("disk", "Eq. 49", "pose", {"Lambda": pose}, **about)
+    assert "<td>0.00000<br>±0.00123</td>" in wide._repr_mimebundle_()["text/html"]
 
 
 def test_a_quantity_read_in_two_ways_stands_twice():

@@ -29,23 +29,6 @@ def test_a_logarithmic_axis_has_plain_numbers(axes):
     assert shown == ["0.05", "0.1", "0.2", "0.5", "1", "2"]
 
 
-def test_a_box_has_twelve_edges_around_all_points():
-    figure = plt.figure()
-    axes = figure.add_subplot(projection="3d")
-    points = np.random.default_rng(0).normal(size=(9, 3))
-    sides = np.array([0.1, 0.2, 0.3])
-    figures.draw_box(axes, points, published=sides)
-    edges = np.array([line.get_data_3d() for line in axes.lines if len(line.get_data_3d()[0])])
-    assert edges.shape == (24, 3, 2)
-    for box, low, high in (
-        (edges[:12], points.min(axis=0), points.max(axis=0)),
-        (edges[12:], points.mean(axis=0) - sides / 2, points.mean(axis=0) + sides / 2),
-    ):
-        np.testing.assert_allclose(box.min(axis=(0, 2)), low)
-        np.testing.assert_allclose(box.max(axis=(0, 2)), high)
-    plt.close(figure)
-
-
 def test_a_matrix_shows_its_numbers_and_leaves_out_what_is_missing(axes):
     figures.draw_matrix(axes, pd.DataFrame([[1.0, 20.0], [np.nan, 0.123]], ["a", "b"], ["c", "d"]))
     assert [text.get_text() for text in axes.texts] == ["1", "20", "", "0.12"]

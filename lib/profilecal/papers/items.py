@@ -45,10 +45,14 @@ class Row:
         return self.low - half <= float(self.printed) <= self.high + half
 
     @property
+    def allowed(self) -> float:
+        """How far from ours the range reaches, on the printed number's side."""
+        return abs((self.high if float(self.printed) > self.ours else self.low) - self.ours)
+
+    @property
     def over_tolerance(self) -> float:
-        """The difference as a multiple of the range on its side and half a printed digit; up to 1 is inside."""
-        end = self.high if float(self.printed) > self.ours else self.low
-        return abs(self.difference) / (abs(end - self.ours) + 0.5 * 10.0**-self.decimals)
+        """The difference as a multiple of what is allowed and half a printed digit; up to 1 is inside."""
+        return abs(self.difference) / (self.allowed + 0.5 * 10.0**-self.decimals)
 
     @property
     def as_printed(self) -> str:
@@ -66,7 +70,7 @@ class Item:
     """A table, equation or figure of a paper beside ours. As a cell's last expression it shows itself.
 
     `layout`: "table", the paper's rows and columns, printed above ours; "list", a line for each number; "matrix",
-    printed, ours and their difference side by side.
+    printed, ours and their difference side by side, with how large it may be.
     """
 
     paper: str  # "edge" or "disk"
@@ -85,7 +89,8 @@ class Item:
     def summary(self) -> str:
         """How many of the printed numbers lie inside our ranges."""
         inside, count = sum(row.inside for row in self.rows), len(self.rows)
-        expected = f", about {0.95 * count:.0f} are expected" if self.range_from == "Monte Carlo" else ""
+        many = self.range_from == "Monte Carlo" and self.layout == "table"
+        expected = f", about {0.95 * count:.0f} are expected" if many else ""
         free = f" Free: {self.free}." if self.free else ""
         where = f"lie inside our ranges ({self.range_from}){expected}" if self.range_from else "are ours, too"
         return f"{inside} of {count} printed numbers {where}.{free}"
@@ -161,11 +166,11 @@ def as_list(item: Item) -> pd.DataFrame:
 
 
 def as_matrices(item: Item) -> pd.DataFrame:
-    """Printed, ours and their difference side by side; a rigid transform with its last row."""
+    """Printed, ours and their difference side by side, with what is allowed; a rigid transform with its last row."""
     blocks = {
         "published": lambda row: row.as_printed,
         "ours": lambda row: row.shown(row.ours),
-        "difference": lambda row: row.shown(row.difference),
+        "difference": lambda row: row.shown(row.difference) + (f"<br>±{row.shown(row.allowed)}" if row.allowed else ""),
     }
     names = dict.fromkeys(row.row for row in item.rows)
     lines = {name: [row for row in item.rows if row.row == name] for name in names}

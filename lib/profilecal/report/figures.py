@@ -1,7 +1,6 @@
 """Figures and what notebooks hand out. Nothing else in the library imports matplotlib."""
 
 from dataclasses import dataclass
-from itertools import combinations, product
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -219,26 +218,3 @@ def plain_log(*scales) -> None:
         axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
         axis.set_major_formatter("{x:g}")
         axis.set_minor_locator(plt.NullLocator())
-
-
-def draw_box(axes, points, published=None) -> None:
-    """Draw points (n, 3), mm, in a 3D plot, with their mean and the box of the base's directions around them.
-
-    `published`: sides (3,), mm, of a box to draw about the mean as well.
-    """
-    axes.scatter(*points.T, color=BLUE, s=14, depthshade=False, label="simulated centres")
-    axes.scatter(*points.mean(axis=0), color="black", s=40, depthshade=False, label="mean")
-    axes.plot([], [], color="0.6", label="their box")
-    boxes = [(points.min(axis=0), points.max(axis=0), {"color": "0.6", "lw": 0.8})]
-    if published is not None:
-        half, middle = np.asarray(published) / 2, points.mean(axis=0)
-        boxes.append((middle - half, middle + half, {"color": RED, "lw": 1.5}))
-        axes.plot([], [], color=RED, label="published box, about the mean")
-    for low, high, style in boxes:
-        for first, second in combinations(product(*zip(low, high, strict=True)), 2):
-            if np.sum(np.not_equal(first, second)) == 1:
-                axes.plot(*zip(first, second, strict=True), **style)
-    equal_axes(axes, points)
-    axes.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")
-    axes.locator_params(nbins=4)
-    axes.view_init(20, -40)
