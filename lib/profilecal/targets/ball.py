@@ -11,8 +11,6 @@ from profilecal.profiles.arcs import find_balls
 from profilecal.targets.plane import BELOW_MM, Plane
 from profilecal.targets.target import Target
 
-STEEPEST_DEG = 50.0  # of the arc that a perfect scanner sees
-
 
 @dataclass(frozen=True)
 class Ball(Target):
@@ -66,11 +64,14 @@ class Ball(Target):
             r = np.sqrt(self.radius**2 - c[..., 1] ** 2)
         return np.stack([c[..., 0], c[..., 2], r], axis=-1)
 
+    def arc(self, rotation, origin, reach_deg: float, count: int) -> np.ndarray:
+        """Points (P, count, 2) of the circles, by angles to either side of the point nearest to the scanner."""
+        circle = self.meet(rotation, origin)[:, None]
+        angle = np.radians(np.linspace(-reach_deg, reach_deg, count))
+        return circle[..., :2] + circle[..., 2:] * np.stack([np.sin(angle), -np.cos(angle)], axis=-1)
+
     def points_seen(self, rotation, origin, count):
-        circle = self.meet(rotation, origin)
-        angle = np.radians(np.linspace(-STEEPEST_DEG, STEEPEST_DEG, count))
-        arc = np.stack([np.sin(angle), -np.cos(angle)], axis=-1)
-        return circle[:, None, :2] + circle[:, None, 2:] * arc
+        return self.arc(rotation, origin, 50, count)
 
     def centre_from_circle(self, circle, side) -> np.ndarray:
         """The ball's centre in the sensor frame, (..., 3), from circles (..., 3) x, z, r.
@@ -88,11 +89,7 @@ class Ball(Target):
     def outline(self, specimen, rotation, origin, away):
         """Above a table."""
         table = Plane(self.centre + (self.radius + BELOW_MM) * away, away)
-        circle = self.meet(rotation, origin)
-        angle = np.radians(np.linspace(-90, 90, 721))
-        around = np.stack([np.sin(angle), -np.cos(angle)], axis=-1)
-        arcs = circle[:, None, :2] + circle[:, None, 2:] * around
-        return table.behind(arcs, rotation, origin)
+        return table.behind(self.arc(rotation, origin, 90, 721), rotation, origin)
 
     @staticmethod
     def offsets(shape, motion, normals, sizes, steering_mm, rng):

@@ -25,10 +25,6 @@ class Disk(Target):
     groups, positions, sizes, with_tool = 4, 40, (50.0,), True
     find = staticmethod(find_chords)
 
-    @classmethod
-    def at(cls, origin, axes, sizes):
-        return cls(origin, axes[..., 2], *sizes)
-
     @property
     def frame(self):
         return self.centre, frame_around(self.normal)
@@ -85,20 +81,14 @@ class Disk(Target):
 
         The two tips, the one of smaller x first, each as x and z in the sensor frame; NaN where the disk is missed.
         """
-        c = ((self.centre - origin)[..., None, :] @ rotation)[..., 0, :]
-        n = self.normal @ rotation
-        along = np.stack([n[..., 2], np.zeros_like(n[..., 0]), -n[..., 0]], axis=-1)  # of the chord: y × n
-        along *= np.where(along[..., :1] < 0, -1, 1) / np.linalg.norm(along, axis=-1, keepdims=True)
-        across = np.cross(n, along)  # from the centre to the chord, within the disk
+        point, along = np.moveaxis(Plane(self.centre, self.normal).meet(rotation, origin), -2, 0)
+        cx, cy, cz = np.moveaxis(((self.centre - origin)[..., None, :] @ rotation)[..., 0, :], -1, 0)
         with np.errstate(divide="ignore", invalid="ignore"):
-            distance = -c[..., 1] / across[..., 1]
-            half = np.sqrt(self.radius**2 - distance**2)
-        middle = c + distance[..., None] * across
-        tips = np.stack([middle - half[..., None] * along, middle + half[..., None] * along], axis=-2)
-        return tips[..., [0, 2]]
-
-    def points_seen(self, rotation, origin, count):
-        return self.meet(rotation, origin)
+            to_centre = np.stack([cx, cz], axis=-1) - point
+            middle = point + np.sum(to_centre * along, axis=-1, keepdims=True) * along
+            off = np.stack([cx, cz], axis=-1) - middle
+            half = np.sqrt(self.radius**2 - cy**2 - np.sum(off**2, axis=-1))[..., None]
+            return np.stack([middle - half * along, middle + half * along], axis=-2)
 
     def outline(self, specimen, rotation, origin, away):
         """On top of a cylinder, above a table."""

@@ -37,10 +37,6 @@ class Edge(Target):
     groups, positions, stance, specimens = 25, 10, ALONG_Y, tuple(SPECIMENS)
     find = staticmethod(find_edges)
 
-    @classmethod
-    def at(cls, origin, axes, sizes):
-        return cls(origin, axes[..., 2])
-
     @property
     def frame(self):
         return self.point, frame_around(self.direction)
@@ -79,9 +75,6 @@ class Edge(Target):
         with np.errstate(divide="ignore", invalid="ignore"):
             along = -p[..., 1] / d[..., 1]
         return (p + along[..., None] * d)[..., [0, 2]]
-
-    def points_seen(self, rotation, origin, count):
-        return self.meet(rotation, origin)[..., None, :]
 
     def outline(self, specimen, rotation, origin, away) -> np.ndarray:
         """The chains (..., V, 2) that scan planes cut from a specimen with this edge, x and z in the sensor frame, mm.

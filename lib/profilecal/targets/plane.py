@@ -8,7 +8,7 @@ from profilecal.geometry.components import cross, dot
 from profilecal.geometry.fitting import principal_axes
 from profilecal.geometry.poses import circle_around, frame_around
 from profilecal.profiles.faces import find_lines
-from profilecal.targets.target import Target
+from profilecal.targets.target import Target, Y, in_scan_plane
 
 BELOW_MM = 20.0  # other targets, in simulated profiles: a table
 FAR = np.array([-500.0, 500.0])  # mm along the line, beyond any field of view
@@ -26,10 +26,6 @@ class Plane(Target):
     groups, positions = 12, 3
     find = staticmethod(find_lines)
 
-    @classmethod
-    def at(cls, origin, axes, sizes):
-        return cls(origin, axes[..., 2])
-
     @property
     def frame(self):
         return self.point, frame_around(self.normal)
@@ -37,12 +33,8 @@ class Plane(Target):
     @staticmethod
     def residual(origin, axes, seen, sizes):
         """Distance from the line in which the planes meet."""
-        nx, _, nz = axes[2]
-        scale = 1 / np.hypot(nx, nz)
         (height,), (force,), (torque,) = Plane.residual_in_space(origin, axes, seen, sizes)
-        r = scale * height
-        by_scale = cross(axes[2], (r * scale**2 * nx, 0.0, r * scale**2 * nz))
-        return [r], [[scale * f for f in force]], [[scale * t - s for t, s in zip(torque, by_scale, strict=True)]]
+        return in_scan_plane(height, force, torque, ey_by_turn=cross(axes[2], Y))
 
     @staticmethod
     def residual_in_space(origin, axes, seen, sizes):

@@ -54,9 +54,6 @@ class Point(Target):
         """The point's x and z in the sensor frames, (..., 2), wherever the scan planes pass it."""
         return ((self.point - origin)[..., None, :] @ rotation)[..., 0, [0, 2]]
 
-    def points_seen(self, rotation, origin, count):
-        return self.meet(rotation, origin)[..., None, :]
-
     @staticmethod
     def offsets(shape, motion, normals, sizes, steering_mm, rng):
         x, y, z = rng.uniform(-25, 25, shape), steering_mm * rng.normal(size=shape), rng.uniform(-25, 25, shape)

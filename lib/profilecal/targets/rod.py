@@ -9,10 +9,7 @@ from profilecal.geometry.poses import frame_around
 from profilecal.profiles.arcs import find_rods
 from profilecal.targets.edge import Edge
 from profilecal.targets.plane import BELOW_MM, Plane
-from profilecal.targets.target import ALONG_Y, Target
-
-STEEPEST_DEG = 60.0  # of the bar's cross-section that a perfect scanner sees, to either side
-STEPS = 6  # of fitting: two or three are usual
+from profilecal.targets.target import ALONG_Y, Target, Y, in_scan_plane
 
 
 @dataclass(frozen=True)
@@ -28,28 +25,23 @@ class Rod(Target):
     groups, positions, sizes, stance = 15, 4, (15.0,), ALONG_Y
     find = staticmethod(find_rods)
 
-    @classmethod
-    def at(cls, origin, axes, sizes):
-        return cls(origin, axes[..., 2], *sizes)
-
     @property
     def frame(self):
         return self.point, frame_around(self.direction)
 
     @staticmethod
     def residual(origin, axes, seen, sizes):
-        """Distance from the ellipse, to first order: that from the bar, f, over its slope h in the scan plane.
+        """Distance from the ellipse, to first order.
 
-        With e the unit vector from the axis to the point, h² = 1 - ey². A shift of the bar changes ey by -j.
+        v is the point from the origin of the bar, e the unit vector to it from the axis. A move of the point changes ey
+        by j: the part of the y axis that is square to bar and e, over the distance from the axis. Shifts of the bar
+        move the point the other way. Turns do as well, and turn e.
         """
         (f,), (force,), (torque,) = Rod.residual_in_space(origin, axes, seen, sizes)
-        e, d = [-c for c in force], axes[2]
-        h = np.sqrt(np.maximum(1 - e[1] ** 2, 1e-12))
-        j = [((k == 1) - d[1] * d[k] - e[1] * e[k]) / (f + sizes[0]) for k in range(3)]
-        by_ey = f * e[1] / h**3
-        turn = zip(cross(e, (0.0, 1.0, 0.0)), cross(Rod.offset(origin, seen), j), strict=True)
-        torque = [t / h + by_ey * (a - b) for t, (a, b) in zip(torque, turn, strict=True)]
-        return [f / h], [[p / h - by_ey * q for p, q in zip(force, j, strict=True)]], [torque]
+        e, d, v = [-c for c in force], axes[2], Rod.offset(origin, seen)
+        j = [(Y[k] - d[1] * d[k] - e[1] * e[k]) / (f + sizes[0]) for k in range(3)]
+        ey_by_turn = [own - moved for own, moved in zip(cross(e, Y), cross(v, j), strict=True)]
+        return in_scan_plane(f, force, torque, ey_by_turn, ey_by_shift=[-part for part in j])
 
     @staticmethod
     def residual_in_space(origin, axes, seen, sizes):
@@ -85,7 +77,7 @@ class Rod(Target):
         centre = (across @ x[..., 6:9, None])[..., 0]
         radius = np.sqrt(np.maximum(x[..., 9] + np.sum(centre**2, axis=-1), 1e-6))
         origin = (axes[..., :2] @ centre[..., None])[..., 0]
-        for _ in range(STEPS):
+        for _ in range(6):  # two or three are usual
             origin, axes, radius = Rod.nearer(p, origin, axes, radius)
         return middle[..., 0, :] + scale[..., 0] * origin, axes, (scale[..., 0, 0] * radius,)
 
@@ -108,9 +100,10 @@ class Rod(Target):
     def distance(self, points):
         return Edge(self.point, self.direction).distance(points) - self.radius
 
-    def arc(self, rotation, origin, angle) -> np.ndarray:
-        """Points (P, k, 2) where scan planes (P, 3, 3), (P, 3) meet the bar's generators at angles (k,), rad, about its
-        axis from the one that faces the scanner."""
+    def arc(self, rotation, origin, reach_deg: float, count: int) -> np.ndarray:
+        """Points (P, count, 2) where scan planes (P, 3, 3), (P, 3) meet the bar's generators, by angles about its axis
+        to either side of the one that faces the scanner."""
+        angle = np.radians(np.linspace(-reach_deg, reach_deg, count))
         d, z = self.direction, rotation[..., 2]
         up = (z @ d)[:, None] * d - z
         up /= np.linalg.norm(up, axis=-1, keepdims=True)
@@ -124,16 +117,15 @@ class Rod(Target):
         return (p + step * along[:, None])[..., [0, 2]]
 
     def points_seen(self, rotation, origin, count):
-        return self.arc(rotation, origin, np.radians(np.linspace(-STEEPEST_DEG, STEEPEST_DEG, count)))
+        return self.arc(rotation, origin, 60, count)
 
     def outline(self, specimen, rotation, origin, away):
         """Above a table."""
         table = Plane(self.point + (self.radius + BELOW_MM) * away, away)
-        return table.behind(self.arc(rotation, origin, np.radians(np.linspace(-90, 90, 721))), rotation, origin)
+        return table.behind(self.arc(rotation, origin, 90, 721), rotation, origin)
 
     def lines(self, points):
         """Four generators, as long as the bar was seen."""
-        low, high = np.nanpercentile((points - self.point) @ self.direction, [1, 99])
-        ends = self.point + np.array([[low], [high]]) * self.direction
+        (axis,) = Edge(self.point, self.direction).lines(points)
         x, y, _ = self.frame[1].T
-        return [ends + self.radius * around for around in (x, y, -x, -y)]
+        return [axis + self.radius * around for around in (x, y, -x, -y)]

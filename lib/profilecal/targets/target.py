@@ -21,6 +21,7 @@ from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import directions
 from profilecal.profiles.feature import Feature
 
+Y = (0.0, 1.0, 0.0)  # across the scan plane, in the sensor frame
 ALONG_Y = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])  # a stance: z along the sensor's y, y towards the scanner
 
 
@@ -51,8 +52,9 @@ class Target:
 
     @classmethod
     def at(cls, origin, axes, sizes) -> "Target":
-        """The target whose frame has an origin (3,) and axes (3, 3), in columns, and whose lengths are `sizes`."""
-        raise NotImplementedError
+        """The target whose frame has an origin (3,) and axes (3, 3), in columns, and whose lengths are `sizes`. Usually
+        its fields are the origin, the z axis and the lengths."""
+        return cls(origin, axes[..., 2], *sizes)
 
     @property
     def frame(self) -> tuple[np.ndarray, np.ndarray]:
@@ -96,8 +98,9 @@ class Target:
         raise NotImplementedError
 
     def points_seen(self, rotation, origin, count: int) -> np.ndarray:
-        """What a perfect scanner at sensor frames (P, 3, 3), (P, 3) sees, (P, m, 2): `count` points of a curve."""
-        raise NotImplementedError
+        """What a perfect scanner at sensor frames (P, 3, 3), (P, 3) sees, (P, m, 2): `count` points of a curve.
+        Usually the points in which the scan planes `meet` it."""
+        return self.meet(rotation, origin).reshape(len(origin), -1, 2)
 
     def sides(self, rotation, origin) -> np.ndarray:
         """The `side` (P,) that a scan folder states for scan planes (P, 3, 3), (P, 3); 0 where it says nothing."""
@@ -135,6 +138,22 @@ class Target:
     def lines(self, points) -> list[np.ndarray]:
         """Polylines (n, 3) that draw it, as far as it was seen at points (k, 3)."""
         raise NotImplementedError
+
+
+def in_scan_plane(distance, force, torque, ey_by_turn, ey_by_shift=None):
+    """What `Target.residual` returns of a distance in space, mm, taken within the scan plane, to first order.
+
+    The distance f grows by one along the unit vector e, and by h within the scan plane, where h² = ex² + ez² = 1 - ey².
+    The residual is f / h, its derivative df / h + (f ey / h³) dey. `force`, which is -e, and `torque` are what a shift
+    and a turn of the target change in f; beside them is what they change in ey, all by components.
+    """
+    h = np.sqrt(np.maximum(force[0] ** 2 + force[2] ** 2, 1e-12))
+    by_ey = -distance * force[1] / h**3
+    force = [part / h for part in force]
+    if ey_by_shift is not None:
+        force = [part + by_ey * of_ey for part, of_ey in zip(force, ey_by_shift, strict=True)]
+    torque = [part / h + by_ey * of_ey for part, of_ey in zip(torque, ey_by_turn, strict=True)]
+    return [distance / h], [force], [torque]
 
 
 def find_features(target: type[Target], profiles, sizes=()) -> list[Feature]:
