@@ -2,13 +2,12 @@
 
 import numpy as np
 from scipy.spatial.transform import Rotation
-from scipy.stats import quantile_test
 
 from profilecal.geometry.poses import nearest_rotation
 from profilecal.papers import monte_carlo
 from profilecal.papers.ball_study import ball_study
 from profilecal.papers.disk_study import disk_study
-from profilecal.papers.monte_carlo import noisy_blocks, quantile_between, rotations_near
+from profilecal.papers.monte_carlo import noisy_blocks, rotations_near
 from profilecal.papers.settings import fig15_scans, fig17_scans
 
 
@@ -50,15 +49,3 @@ def test_quaternion_equals_svd_and_turns_it_cannot_take_go_to_the_svd():
     np.testing.assert_allclose(found, expected, atol=1e-11)
     assert by_svd[angle > 1.65].all()
     assert not by_svd[angle < 1.5].any()
-
-
-def test_the_interval_of_a_quantile_is_the_shortest_that_order_allows_and_holds_it():
-    rng = np.random.default_rng(13)
-    values = rng.exponential(size=(2000, 100))
-    found = np.array([quantile_between(row) for row in values])
-    held = (found[:, 1] <= -np.log(0.05)) & (-np.log(0.05) <= found[:, 2])
-    assert 0.95 - 3 * np.sqrt(0.05 * 0.95 / 2000) < held.mean()
-    expected = quantile_test(values[0], p=0.95).confidence_interval()
-    np.testing.assert_allclose(found[0], [np.quantile(values[0], 0.95), *expected])
-    assert np.isnan(quantile_between(values[0, :71])[2])
-    assert np.isfinite(quantile_between(values[0, :73])[2])

@@ -9,13 +9,6 @@ from profilecal.report import figures
 TABLE = pd.DataFrame({"x": [5, 10, 15], "y": [3.0, 2.0, 1.0], "y_low": [2.5, 1.5, 0.5], "y_high": [5.0, 4.0, np.nan]})
 
 
-def test_bars_go_from_low_to_high_and_one_without_an_end_is_left_out(axes):
-    figures.plot_with_interval(axes, TABLE, "x", "y", color="k")
-    (bars,) = axes.collections
-    np.testing.assert_allclose(axes.lines[0].get_xydata(), TABLE[["x", "y"]])
-    np.testing.assert_allclose([segment[:, 1] for segment in bars.get_segments()[:2]], [[2.5, 5.0], [1.5, 4.0]])
-
-
 def test_each_row_of_a_table_is_a_row_of_the_figure(axes):
     figures.plot_rows(axes, TABLE, "y", 0.25, color="k")
     np.testing.assert_allclose(axes.lines[0].get_xydata(), [[3, 0.25], [2, 1.25], [1, 2.25]])
@@ -27,11 +20,6 @@ def test_a_logarithmic_axis_has_plain_numbers(axes):
     axes.figure.canvas.draw()
     shown = [label.get_text() for label in axes.get_yticklabels() if 0.04 < label.get_position()[1] < 3]
     assert shown == ["0.05", "0.1", "0.2", "0.5", "1", "2"]
-
-
-def test_a_matrix_shows_its_numbers_and_leaves_out_what_is_missing(axes):
-    figures.draw_matrix(axes, pd.DataFrame([[1.0, 20.0], [np.nan, 0.123]], ["a", "b"], ["c", "d"]))
-    assert [text.get_text() for text in axes.texts] == ["1", "20", "", "0.12"]
 
 
 def test_nothing_is_cut_off_a_written_figure(axes, tmp_path):

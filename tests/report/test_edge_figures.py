@@ -7,7 +7,7 @@ import pandas as pd
 from profilecal.geometry.noise import Noise
 from profilecal.papers.edge_plan import EdgePlan
 from profilecal.papers.edge_scenes import edge_scenes
-from profilecal.report import edge_pictures, figures
+from profilecal.report import edge_pictures
 
 
 def test_vectors_start_at_the_first_point_and_end_at_the_others(axes):
@@ -44,13 +44,6 @@ def test_error_bars_hold_95_in_100(axes):
     (bar,) = axes.collections
     assert np.allclose([segment[:, 1] for segment in bar.get_segments()], [[25, 975]] * 2)
     assert [tick.get_text() for tick in axes.get_xticklabels()] == ["1", "2"]
-
-
-def test_an_arrow_names_itself(space):
-    figures.draw_arrow(space, (0, 0, 0), (0, 0, 100), "black", "sought", (10, 0, 0))
-    (text,) = space.texts
-    assert text.get_text() == "sought"
-    assert np.allclose(text.get_position_3d(), (10, 0, 50))
 
 
 RUNS = pd.DataFrame({"name": ["b", "b", "b", "a", "a", "a"], "n": [1, 1, 2, 1, 1, 2], "error": [1.0, 3, 5, 2, 4, 8]})

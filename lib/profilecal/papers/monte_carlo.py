@@ -8,7 +8,6 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import bdtr
 from tqdm import tqdm
 
 from profilecal.geometry.fitting import ROUNDS, SETTLED
@@ -151,16 +150,3 @@ def rotations_near(B, count: int) -> tuple[np.ndarray, np.ndarray]:
         R[..., ~sure] = np.nan
         R[..., rest] = np.moveaxis(nearest_rotation(np.moveaxis(B[..., rest], -1, 0)), 0, -1)
     return R, ~sure
-
-
-def quantile_between(values, share: float = 0.95) -> tuple[float, float, float]:
-    """What a `share` of values (k,) stays below, and the ends of its 95 % interval, from the order of the values alone.
-
-    How many of k values lie below the true quantile is binomial, whatever their law. An end is NaN where there are too
-    few values to have it.
-    """
-    k = len(values)
-    at_most = bdtr(np.arange(k + 1), k, share)  # the chance that so many or fewer lie below
-    ordered = np.concatenate([[np.nan], np.sort(values), [np.nan]])
-    low, high = ordered[(at_most <= 0.025).sum()], ordered[(at_most < 0.975).sum() + 1]
-    return float(np.quantile(values, share)), float(low), float(high)

@@ -107,15 +107,6 @@ def draw_frame(axes, rotation, origin, length: float, name: str = "") -> None:
         axes.text(*(origin - 0.25 * length * np.asarray(rotation)[:, 2]), name, ha="center", va="center")
 
 
-def draw_arrow(axes, start, end, colour: str, text: str, aside, lw: float = 2, ls: str = "-") -> None:
-    """Draw an arrow in a 3D plot, with a text beside its middle."""
-    start, way = np.asarray(start, dtype=float), np.subtract(end, start)
-    tip = 18 / np.linalg.norm(way)
-    axes.quiver(*start, *way, color=colour, lw=lw, ls=ls, arrow_length_ratio=tip)
-    box = {"facecolor": "white", "alpha": 0.8, "lw": 0, "pad": 1}
-    axes.text(*(start + 0.5 * way + aside), text, color=colour, ha="center", va="center", bbox=box)
-
-
 def draw_patch(axes, corners, colour: str, alpha: float = 0.25, label: str = "") -> None:
     """Draw a filled polygon with corners (n, 3) in a 3D plot."""
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
@@ -185,29 +176,9 @@ def plot_columns(frame: pd.DataFrame, x: str, y: str, hue: str, folder: Path) ->
     return place
 
 
-def draw_matrix(axes, table: pd.DataFrame) -> None:
-    """Draw a table of positive numbers as shades, on a logarithmic scale, with the numbers; dark is large."""
-    values = np.log10(table.to_numpy(dtype=float))
-    low, high = np.nanmin(values), np.nanmax(values)
-    axes.imshow(values, cmap="Blues", vmin=low, vmax=high + 0.2 * (high - low), aspect="auto")
-    for (i, j), value in np.ndenumerate(values):
-        colour = "white" if value > 0.3 * low + 0.7 * high else "black"
-        text = f"{10**value:.2g}" if np.isfinite(value) else ""
-        axes.text(j, i, text, ha="center", va="center", color=colour)
-    axes.set(xticks=range(table.shape[1]), yticks=range(table.shape[0]), yticklabels=table.index)
-    axes.set_xticklabels(table.columns, rotation=30, ha="right", rotation_mode="anchor")
-    axes.spines[:].set_visible(False)
-    axes.tick_params(length=0)
-
-
-def plot_with_interval(axes, frame: pd.DataFrame, x: str, y: str, **style) -> None:
-    """Draw column y of a table over column x, with bars from column y_low to column y_high."""
-    bars = [frame[y] - frame[f"{y}_low"], frame[f"{y}_high"] - frame[y]]
-    axes.errorbar(frame[x], frame[y], bars, **{"marker": "o", "ms": 4, "capsize": 2} | style)
-
-
 def plot_rows(axes, frame: pd.DataFrame, x: str, shift: float, **style) -> None:
-    """Draw column x of a table, a row of the figure for each of its rows, `shift` below it, with bars as above."""
+    """Draw column x of a table, a row of the figure for each of its rows, `shift` below it, with bars from column
+    x_low to column x_high."""
     bars = [frame[x] - frame[f"{x}_low"], frame[f"{x}_high"] - frame[x]]
     axes.errorbar(frame[x], np.arange(len(frame)) + shift, xerr=bars, **{"fmt": "o", "ms": 5, "capsize": 2} | style)
 
