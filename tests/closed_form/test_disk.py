@@ -74,18 +74,15 @@ def test_a_batch_equals_its_members():
         np.testing.assert_allclose(batch.flat()[k], solve_disk(*member).flat(), rtol=1e-12, atol=1e-10)
 
 
-def test_coplanar_directions_give_reflections_as_printed_and_rotations_as_corrected():
+def test_coplanar_directions_give_rotations():
     rng = np.random.default_rng(7)
-    printed = []
-    for _ in range(200):
+    for _ in range(50):
         (R_sensor, _), (R_tcp, T_tcp, q, D_i, _) = scenes.disk_data(rng)
         D_i = D_i - D_i.mean(axis=0)
         U, S, Vt = np.linalg.svd(D_i, full_matrices=False)
         D_i = U[:, :2] * S[:2] @ Vt[:2]
         D_b = np.einsum("nab,bc,nc->na", R_tcp, R_sensor, D_i) + rng.normal(scale=0.1, size=D_i.shape)
-        printed.append(np.linalg.det(disk_equations(R_tcp, T_tcp, q, D_i, D_b, proper=False).R_sensor))
         assert np.degrees(angle_between(solve_disk(R_tcp, T_tcp, q, D_i, D_b).R_sensor, R_sensor)) < 1
-    assert 70 < np.sum(np.array(printed) < 0) < 130  # half of 200, within more than four standard deviations
 
 
 @pytest.mark.parametrize(

@@ -48,3 +48,9 @@ def test_the_measured_page_compares_every_printed_result():
         printed = results.loc[results["item"] == name, "printed"].tolist()
         readings = 2 if name in ("Section V-C", "Fig. 16") else 1  # of "standard deviation"
         assert [row.printed for row in item.rows] == readings * printed
+
+
+def test_every_value_printed_for_fig_15_is_marked_and_compared():
+    (item,) = items_of(NOTEBOOKS / "22_disk_noise.ipynb")
+    printed = published.table("disk").query("item == 'Fig. 15'")["printed"]
+    assert [row.printed for row in item.rows] == printed.tolist()

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from profilecal.closed_form.disk import sensing_data, solve_disk
-from profilecal.papers.disk_study import DiskScans, disk_study, scan_at_angles
+from profilecal.papers.disk_study import DiskScans, disk_study
 from profilecal.papers.settings import fig15_scans
 
 TRIALS = 12
@@ -77,15 +77,3 @@ def test_impossible_arccos_is_counted_not_hidden():
     np.testing.assert_array_equal(study.clipped[0, 0], plain.clipped.any(axis=1))
     assert study.clipped.any()
     assert np.isfinite(study.centre_error).all()
-
-
-@pytest.mark.parametrize("s", [1, -1])
-@pytest.mark.parametrize("alpha", [0.4, 1.9])
-def test_a_scan_at_angles_shows_them(alpha, s):
-    scans = scan_at_angles(40.0, alpha, 0.3, (0.2, -0.4), (5.0, 150.0), (-0.8, 0.6), s)
-    found = sensing_data(scans.tips(20), scans.T_start, scans.T_end, scans.s, 40.0)
-    assert scans.s == s
-    np.testing.assert_allclose(found.alpha, alpha)
-    np.testing.assert_allclose(found.q, [[5, 0, 150]], atol=1e-9)
-    np.testing.assert_allclose(found.extent, [[-0.8, 0.6]])
-    np.testing.assert_allclose(found.direction, [[np.cos(0.3), np.sin(0.3)]])

@@ -311,17 +311,15 @@ def solve_disk(R_tcp, T_tcp, q, D_i, D_b, **readings) -> TwoStepSolution:
     return disk_equations(R_tcp, T_tcp, q, D_i, D_b, **readings)
 
 
-def disk_equations(
-    R_tcp, T_tcp, q, D_i, D_b, *, normalise: bool = True, proper: bool = True, pairs: str = "consecutive"
-) -> TwoStepSolution:
+def disk_equations(R_tcp, T_tcp, q, D_i, D_b, *, normalise: bool = True, pairs: str = "consecutive") -> TwoStepSolution:
     """`solve_disk` without its guards, with any leading batch axes: (..., n, 3, 3) and (..., n, 3).
 
-    `normalise=False` and `proper=False` are Eqs 14 and 16 as printed; `pairs` says which differences make up Eq. 18.
+    `normalise=False` is Eq. 14 as printed; `pairs` says which differences make up Eq. 18.
     """
     if normalise:
         D_i = D_i / np.linalg.norm(D_i, axis=-1, keepdims=True)
         D_b = D_b / np.linalg.norm(D_b, axis=-1, keepdims=True)
     X = np.swapaxes(D_i, -1, -2)
     Y = np.einsum("...nba,...nb->...an", R_tcp, D_b)  # columns R_tcp⁻¹ D_b
-    rotation = solve_rotation(X, Y, proper=proper)
+    rotation = solve_rotation(X, Y)
     return TwoStepSolution(rotation, solve_translation(R_tcp, T_tcp, q, rotation.R_sensor, pairs))

@@ -58,16 +58,12 @@ class TwoStepSolution:
         return np.concatenate(parts, axis=-1)
 
 
-def solve_rotation(X, Y, *, proper: bool = True) -> RotationSolution:
+def solve_rotation(X, Y) -> RotationSolution:
     """R_sensor from vectors X in the sensor frame and Y in the flange frame, both (..., 3, n), with R_sensor X = Y.
 
-    `proper=False` is Eq. 16 as printed, V Uᵀ, which can be a reflection.
+    Eq. 16, kept from being a reflection.
     """
-    transposed_H = Y @ np.swapaxes(X, -1, -2)
-    if proper:
-        return RotationSolution(X=X, Y=Y, R_sensor=nearest_rotation(transposed_H))
-    V, _, Ut = np.linalg.svd(transposed_H)
-    return RotationSolution(X=X, Y=Y, R_sensor=V @ Ut)
+    return RotationSolution(X=X, Y=Y, R_sensor=nearest_rotation(Y @ np.swapaxes(X, -1, -2)))
 
 
 def pose_pairs(n: int, pairs: str) -> tuple[np.ndarray, np.ndarray]:

@@ -7,7 +7,6 @@ import numpy as np
 from profilecal.closed_form.disk import chord_weights, sensing_data_from_ellipse
 from profilecal.geometry.checks import check_count
 from profilecal.geometry.fitting import ellipse_from_moments, fit_ellipse, moments, transformed
-from profilecal.geometry.poses import rotations
 from profilecal.papers.monte_carlo import Study, in_chunks, noisy_blocks, two_step_errors
 from profilecal.targets.disk import Disk
 
@@ -52,21 +51,6 @@ def disk_scans(disk: Disk, R_sensor, T_sensor, R_tcp, centre_seen, direction, ex
     return DiskScans(
         disk, R_sensor, T_sensor, R_tcp, T_centre + extent[0] * to_tangent, T_centre + extent[1] * to_tangent
     )
-
-
-def scan_at_angles(radius: float, alpha: float, theta: float, motion, centre_seen, extent, s: int = 1) -> DiskScans:
-    """One scan given by its angles, as the disk paper draws it: a scanner above a disk that lies at the base's origin.
-
-    alpha, rad: from z̄ to the disk, across the chords; theta, rad: from the sensor's x to the chords, which are along x̄.
-    The motion is along (motion[0], s, motion[1]) of x̄, y, z̄: s = -1 mirrors disk and motion in the scan plane.
-    `centre_seen` (2,), mm: x and z of the disk's centre in the sensor frame; `extent`: see `disk_scans`.
-    """
-    R_sensor = rotations([0, theta, 0])  # so x̄, y and z̄ are the flange's axes
-    R_tcp = np.diag([1.0, -1, -1])  # it looks down
-    disk = Disk(np.zeros(3), R_tcp @ [0, -np.cos(alpha), s * np.sin(alpha)], radius)
-    direction = R_tcp @ [motion[0], s, motion[1]]
-    seen = np.array([[centre_seen[0], 0, centre_seen[1]]])
-    return disk_scans(disk, R_sensor, np.zeros(3), R_tcp[None], seen, direction[None], extent)
 
 
 def disk_study(
