@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 
 from profilecal.calibrate import plausibility
-from profilecal.calibrate.observe import LEAST_POSES, names, observe_all, stated_noise
+from profilecal.calibrate.observe import names, observe_all, stated_noise
 from profilecal.calibrate.other_conventions import better_readings
 from profilecal.geometry.checks import UnobservableError
 from profilecal.geometry.poses import carry
@@ -27,14 +27,6 @@ class Calibration:
     solution: Solution | None = None  # None: fewer measurements than unknowns
     messages: tuple[str, ...] = ()  # sentences a person can act on
     misread: bool = False  # another reading of the poses explains the data; `messages` says which
-
-    def noting(self, messages) -> "Calibration":
-        """This one with more to say."""
-        return replace(self, messages=(*self.messages, *messages))
-
-    def misread_as(self, readings) -> "Calibration":
-        """This one, first of all with the readings of the poses that explain the data."""
-        return replace(self, messages=(*readings, *self.messages), misread=True)
 
     @property
     def status(self) -> str:
@@ -115,33 +107,29 @@ def calibrate(scans, guess=None) -> Calibration:
         raise ScanError("some scans are eye-in-hand and others eye-to-hand; expected one mount")
     stated = stated_noise(scans)
     check_different(scans)
-    seen, observed, features_mm = observe_all(scans, LEAST_POSES)
-    shared_mm = max(entry.shared_mm for entry in seen)
-
-    found = Calibration(scans, tuple(entry.poses for entry in seen), observed)
-    notes = [*(scan.warnings for scan in scans), *(entry.remarks for entry in seen)]
-    found = found.noting([name + m for name, said in zip(2 * names(scans), notes, strict=True) for m in said])
+    seen, observed, features_mm = observe_all(scans)
+    level = expect(stated, features_mm, max(entry.shared_mm for entry in seen))
+    solution = None
     try:
-        level = expect(stated, features_mm, shared_mm)
         solution = solve(observed, level, starts=[] if guess is None else [(guess[:3, :3], guess[:3, 3])])
         solution = plausibility.check(observed, solution)
+        remarks, wrong = remarks_on_targets(scans, seen, solution)
+        if wrong and solution.status == "ok":
+            solution = replace(solution, status="weak")
+        messages = [*solution.messages, *remarks]
     except UnobservableError as error:
-        if readings := on_readings(scans, seen):
-            return found.misread_as(readings)
-        return found.noting([str(error)])
-    remarks, wrong = remarks_on_targets(scans, seen, solution)
-    if wrong and solution.status == "ok":
-        solution = replace(solution, status="weak")
-    found = replace(found, solution=solution)
-    if solution.status != "ok" and (readings := on_readings(scans, seen)):
-        return found.misread_as(readings)
-    return found.noting([*solution.messages, *remarks])
+        messages = [str(error)]
 
+    def by_scan(sentences) -> list[str]:
+        return [name + said for name, own in zip(names(scans), sentences, strict=True) for said in own]
 
-def on_readings(scans, seen) -> list[str]:
-    """Which other reading of each scan's poses would explain it far better."""
-    triples = zip(names(scans), scans, seen, strict=True)
-    return [name + said for name, scan, entry in triples for said in better_readings(scan, entry)]
+    notes = by_scan(scan.warnings for scan in scans) + by_scan(entry.remarks for entry in seen)
+    readings = []
+    if solution is None or solution.status != "ok":
+        readings = by_scan(map(better_readings, scans, seen))
+    messages = [*readings, *notes] if readings else [*notes, *messages]
+    poses = tuple(entry.poses for entry in seen)
+    return Calibration(scans, poses, observed, solution, tuple(messages), misread=bool(readings))
 
 
 def remarks_on_targets(scans, seen, solution: Solution) -> tuple[list[str], bool]:

@@ -9,7 +9,6 @@ from profilecal.joint.observations import Observations
 from profilecal.scan.scan import Scan, ScanError
 from profilecal.targets.target import find_features
 
-LEAST_POSES = 3
 FINEST_MM = 1e-4  # of features: points exactly on a line have no scatter to tell their noise by
 
 
@@ -133,7 +132,7 @@ def as_observations(scan: Scan, seen: Seen, reference_mm: float = 0.0) -> Observ
     )
 
 
-def observe_all(scans, least: int) -> tuple[list[Seen], tuple[Observations, ...], float]:
+def observe_all(scans, least: int = 3) -> tuple[list[Seen], tuple[Observations, ...], float]:
     """Each scan's target as it shows it, and for the joint solution, in units of the third: the typical standard
     deviation of features of profiles, mm (0 where there are none)."""
     seen = [observe(scan, least) for scan in scans]

@@ -24,13 +24,10 @@ from profilecal.scan.conventions import CONVENTIONS, from_rotations, named
 from profilecal.scan.folder import REACH_MM
 from profilecal.scan.scan import Scan
 
-EXACT_MM, FINE_MM = 1e-9, 0.1  # residuals that are rounding, and those at which no other reading is looked for
-FAR_BETTER = 2.0  # times smaller residuals
+FINE_MM = 0.1  # residuals at which no other reading is looked for
+FAR_BETTER = 2.0  # times smaller residuals; others than the best within that of it are as good
 LUCK = 25.0  # logarithm of the odds against residuals so much smaller by chance, among all readings and starts
-ALIKE = 1.5  # times the residuals of the best reading
-POSES, ROUNDS = 30, 4  # a reading is judged by that many poses, and so often are the bad ones among them weighed down
-ROBOT = "check how the robot prints its poses"
-UNITS = {"m instead of mm": 1000.0, "mm instead of m": 0.001, "inches instead of mm": 25.4}
+EXACT_MM = 1e-9  # residuals that are rounding
 SEQUENCES = (  # of three angles, as scipy names them
     *((f"{c.name} {', '.join(c.columns)}", c.sequence) for c in CONVENTIONS if c.sequence),
     ("angles about the fixed axes z, y, x", "zyx"),
@@ -59,7 +56,7 @@ def better_readings(scan: Scan, seen: Seen) -> list[str]:
     best = max(best, EXACT_MM)
     if best > LARGEST_ERROR_MM or stated < FAR_BETTER * best or freedom * np.log(stated / best) < LUCK:
         return []
-    alike = [r for size, _, r in sorted(tried, key=itemgetter(0)) if size < ALIKE * best]
+    alike = [r for size, _, r in sorted(tried, key=itemgetter(0)) if size < FAR_BETTER * best]
     words, checks = " or ".join(r.words for r in alike), "; ".join(dict.fromkeys(r.check for r in alike))
     return [f"with {words} the residuals are {best:.2g} mm instead of {stated:.2g} mm; {checks}"]
 
@@ -74,7 +71,7 @@ def observed(scan: Scan, seen: Seen, shift: int = 0) -> Observations:
 def misfit(observations: Observations, widely: bool = False) -> tuple[float, int]:
     """How large most residuals from the best sensor pose are, mm, infinite where none is found, and by how many the
     coordinates, two for each pose, exceed the unknowns. `widely`: searched for as where many poses are bad."""
-    few = thin(observations, POSES)
+    few = thin(observations, 30)
     problem = in_space([few], Noise(1.0))
     freedom = 2 * problem.terms[0].P - problem.n
     if freedom <= 0:
@@ -83,7 +80,7 @@ def misfit(observations: Observations, widely: bool = False) -> tuple[float, int
     if widely:
         state = search_among_outliers([observations], problem.noise, state)
     size = typical_residual(problem.moments(state).per_pose, problem.freedoms())
-    for _ in range(ROUNDS):
+    for _ in range(4):  # each weighs bad poses down further
         fit = refine(problem, state, scale=np.maximum(size, EXACT_MM), iterations=8)
         state, size = fit.state, typical_residual(fit.per_pose, problem.freedoms())
     best = np.min(size, where=np.isfinite(size), initial=np.inf)
@@ -102,17 +99,18 @@ def readings(scan: Scan):
         words = f"each profile taken from the {which} row's pose"
         yield Reading(words, "check which pose each profile belongs to", scan, shift)
     (low, high), farthest = REACH_MM, np.linalg.norm(scan.T_base_flange, axis=1).max()
-    for words, factor in UNITS.items():
+    units = (("m instead of mm", 1000.0), ("mm instead of m", 0.001), ("inches instead of mm", 25.4))
+    for words, factor in units:
         if low < farthest * factor < high:
             scaled = replace(scan, T_base_flange=scan.T_base_flange * factor)
             yield Reading(f"the poses' x, y, z in {words}", "check the units of poses and profiles", scaled)
     stated = named(scan.convention)
     block = from_rotations(stated, scan.R_base_flange) if scan.orientation is None else scan.orientation
-    columns = ", ".join(stated.columns) if len(stated.columns) < 9 else "r11 … r33"
-    for words, rotation in orientations(block, stated.sequence):
-        yield Reading(f"{columns} read as {words}", ROBOT, replace(scan, R_base_flange=rotation.as_matrix()))
-    transposed = replace(scan, R_base_flange=np.swapaxes(scan.R_base_flange, 1, 2))
-    yield Reading("every rotation inverted (matrices transposed)", ROBOT, transposed)
+    turned = [(f"{', '.join(stated.columns)} read as {words}", R) for words, R in orientations(block, stated.sequence)]
+    turned.append(("every rotation inverted (matrices transposed)", Rotation.from_matrix(scan.R_base_flange).inv()))
+    for words, rotation in turned:
+        robot = replace(scan, R_base_flange=rotation.as_matrix())
+        yield Reading(words, "check how the robot prints its poses", robot)
 
 
 def orientations(block, sequence: str):
