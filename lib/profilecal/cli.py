@@ -9,7 +9,7 @@ import click
 
 SCAN = click.Path(path_type=Path, readable=False)  # what cannot be read, read_scan says in one sentence
 PLACE = click.Path(path_type=Path)
-LENGTH_UNITS = click.Choice(["", "mm", "cm", "m", "um"])  # "": as the files say, or guessed
+MOUNTS = ("eye-in-hand", "eye-to-hand")
 SEED = 0  # of drawn plans, so that a command says the same each time
 
 
@@ -244,17 +244,16 @@ def verify(folder, pose, before):
 @click.argument("folder", type=PLACE)
 @click.option("--target", "kind", required=True, metavar="KIND", help="What was scanned: edge, disk, ball, plane, …")
 @click.option("--radius", type=float, help="Of a disk, ball or rod, mm.")
-@click.option("--poses", default="", metavar="FILES", help="What holds the robot's poses, a name or a pattern.")
-@click.option("--pose-columns", default="", metavar="NAMES", help="Of a table of poses: x,y,z,a,b,c; _ for others.")
-@click.option("--pose-units", default="", type=LENGTH_UNITS, help="Of the poses' positions.")
-@click.option("--tool", nargs=6, type=float, metavar="X Y Z A B C", help="The tool's frame, if poses are of a tool.")
+@click.option("--mount", type=click.Choice(MOUNTS), default=MOUNTS[0], help="Where the scanner is.")
+@click.option("--poses", default="", metavar="FILES", help="What holds the robot's poses.")
+@click.option("--pose-columns", default="", metavar="NAMES", help='"x [m],y [m],z [m],w,p,r"; _ for others.')
+@click.option("--tool", nargs=6, type=float, metavar="X Y Z A B C", help="Frame of the tool that poses are of.")
 @click.option("--profiles", default="", metavar="FILES", help="The profiles, a pattern.")
-@click.option("--columns", default="", metavar="X,Z", help="Names or numbers of the columns of x and z.")
-@click.option("--entry", default="", metavar="NAME", help="Which list of a YAML or NPZ file is the profile.")
-@click.option("--units", default="", type=LENGTH_UNITS, help="Of the profiles.")
-@click.option("--missing", type=float, help="The z of points where nothing was seen.")
+@click.option("--columns", default="", metavar="X,Z", help='Names or numbers: x,z or "1 [mm],3 [mm]".')
+@click.option("--entry", default="", metavar="NAME", help="Which list of a YAML or NPZ file.")
+@click.option("--missing", type=float, help="z of points where nothing was seen.")
 def import_(files, folder, kind, radius, **said):
-    """Write the files of a DIR, one profile each and the robot's poses, as a scan into a new FOLDER.
+    """Write the profiles and robot poses in the files of DIR as a scan into a new FOLDER.
 
     What is not said is guessed, and every guess is printed.
     """

@@ -1,6 +1,7 @@
-"""Scans from the files that people have: ten layouts of one scan, wrong guesses, corrupted files, real ones."""
+"""Scans from the files that people have: one scan in many syntaxes, wrong guesses, corrupted files, real ones."""
 
 import functools
+import json
 import os
 import re
 import shutil
@@ -8,7 +9,6 @@ from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
-import pandas as pd
 import pytest
 from command import run
 from real_scans import real_scan
@@ -18,7 +18,7 @@ from profilecal.calibrate.calibration import calibrate
 from profilecal.geometry.poses import homogeneous
 from profilecal.scan.conventions import from_rotations, named
 from profilecal.scan.folder import read_scan
-from profilecal.scan.imported import Layout, import_scan, x_and_z
+from profilecal.scan.imported import Layout, import_scan
 from profilecal.scan.scan import ScanError
 from profilecal.simulate.spec import WIDE, Spec, simulate_scan
 from profilecal.targets.target import find_features
@@ -29,415 +29,380 @@ TOOL = (10.0, -20.0, 150.0, 12.0, -5.0, 30.0)
 
 @functools.cache
 def scan():
-    """An edge in twelve raw profiles; nothing seen is NaN."""
-    spec = Spec(measured="profiles", groups=4, positions=3, seed=4, scanner=replace(WIDE, points=120))
-    found = simulate_scan(spec)
-    values = tuple(np.where(np.arange(len(v))[:, None] % 17 == 3, np.nan, v) for v in found.values)
-    return replace(found, values=values)
+    """An edge in twelve raw profiles of as many points; nothing seen is NaN."""
+    found = simulate_scan(
+        Spec(measured="profiles", groups=4, positions=3, seed=4, scanner=replace(WIDE, points=120, quantum=0.125))
+    )
+    count = min(map(len, found.values))
+    return replace(
+        found, values=tuple(np.where(np.arange(count)[:, None] % 17 == 3, np.nan, v[:count]) for v in found.values)
+    )
 
 
-def angles(name, R=None):
-    return from_rotations(named(name), scan().R_base_flange if R is None else R)
+def poses(convention, scale=1.0):
+    """The numbers of each pose (12, 3 + k)."""
+    return np.hstack([scan().T_base_flange * scale, from_rotations(named(convention), scan().R_base_flange)])
 
 
-def fanuc(folder):
-    poses = []
-    for k, (t, a) in enumerate(zip(scan().T_base_flange, angles("FANUC angles"), strict=True), 1):
-        entries = zip("XYZWPR", (*t, *a), ("mm",) * 3 + ("deg",) * 3, strict=True)
-        inner = ",\t".join(f"{name} = {value:.12f} {unit}" for name, value, unit in entries)
-        poses.append(f"P[{k}]{{\n   GP1:\n\tUF : 0, UT : 0,\n\t{inner}\n}};\n")
-    (folder / "CALIB.LS").write_text("/PROG\n/POS\n" + "".join(poses) + "/END\n")
-    for k, v in enumerate(scan().values, 1):
-        triplets = np.insert(v, 1, 0.0, axis=1).ravel()
-        listed = ", ".join(".Nan" if np.isnan(x) else f"{x:.15g}" for x in triplets)
-        (folder / f"p{k}.yml").write_text(f"%YAML:1.0\n---\nprofile: [ {listed} ]\npicked: [ 1., 0., 2. ]\n")
+def text(numbers, separator=","):
+    return separator.join(f"{value:.12f}" for value in numbers)
 
 
 def kuka(folder):
-    frame = pd.DataFrame(np.hstack([scan().T_base_flange, angles("KUKA angles")]), columns=list("XYZABC"))
-    frame.insert(0, "name", [f"scan_{k:03d}" for k in range(12)])
-    frame.to_csv(folder / "robot_poses.csv", index=False)
-    for k, v in enumerate(scan().values):
-        pd.DataFrame(v, columns=["x", "z"]).to_csv(folder / f"scan_{k:03d}.csv", index=False)
+    rows = [
+        f"DECL E6POS XP{k}={{{','.join(f'{n} {v:.12f}' for n, v in zip('XYZABC', row, strict=True))},S 2,T 35}}\n"
+        f"DECL FDAT FP{k}={{TOOL_NO 1,BASE_NO 0}}\n"
+        for k, row in enumerate(poses("KUKA angles"), 1)
+    ]
+    (folder / "scan.dat").write_text("DEFDAT SCAN PUBLIC\n;FOLD X 1, Y 2\n" + "".join(rows) + "ENDDAT\n")
 
 
-def rows_and_matrices(folder):
-    for k, (v, T) in enumerate(
-        zip(scan().values, homogeneous(scan().R_base_flange, scan().T_base_flange), strict=True)
-    ):
-        np.savetxt(folder / f"profile{k}.txt", v.T, header="x above z")
+def abb(folder):
+    rows = [
+        f"  CONST robtarget p{10 * k}:=[[{text(row[:3])}],[{text(row[3:])}],[-1,0,-1,0],[9E9,9E9,9E9,9E9,9E9,9E9]];\n"
+        for k, row in enumerate(poses("quaternion"), 1)
+    ]
+    tool = "  PERS tooldata tScan:=[TRUE,[[0,0,100],[1,0,0,0]],[1,[0,0,1],[1,0,0,0],0,0,0]];\n"
+    (folder / "scan.mod").write_text("MODULE Scan\n" + tool + "".join(rows) + "ENDMODULE\n")
+
+
+def ur(folder):
+    rows = [
+        f"  global P_{k}_p=p[{text(row)}]\n  movej([0,1,2,3,4,5], a=1.4)\n"
+        for k, row in enumerate(poses("rotation vector", 0.001))
+    ]
+    (folder / "scan.script").write_text("def scan():\n" + "".join(rows) + "end\n")
+
+
+def as_json(folder):
+    (folder / "poses.json").write_text(json.dumps({"RobPoses": poses("FANUC angles").tolist()}, indent=4))
+
+
+def fanuc(folder, tool=0, more=""):
+    units = ("mm",) * 3 + ("deg",) * 3
+    rows = [
+        f"P[{k}]{{\n   GP1:\n\tUF : 0, UT : {tool},\t\tCONFIG : 'N U T, 0, 0, -1',\n\t"
+        + ",\t".join(f"{n} = {v:.12f} {unit}" for n, v, unit in zip("XYZWPR", row, units, strict=True))
+        + f"{more}\n}};\n"
+        for k, row in enumerate(poses("FANUC angles"), 1)
+    ]
+    (folder / "CALIB.LS").write_text(
+        "/PROG  SCAN\n/MN\n   1:L P[1] 500mm/sec FINE ;\n/POS\n" + "".join(rows) + "/END\n"
+    )
+
+
+def key_lines(folder):
+    rows = [f"r {text(row[3:], ' ')}\nt {text(row[:3], ' ')}\n" for row in poses("matrix")]
+    (folder / "poses.txt").write_text("".join(rows))
+
+
+def csv(folder):
+    rows = [f"scan_{k:03d};{text(row, ';').replace('.', ',')}\n" for k, row in enumerate(poses("Stäubli angles"))]
+    order = np.random.default_rng(1).permutation(12)
+    (folder / "robot.csv").write_text(
+        "Name;X [mm];Y [mm];Z [mm];Alpha [°];Beta [°];Gamma [°]\n" + "".join(rows[k] for k in order)
+    )
+
+
+def tum(folder, header="# timestamp tx ty tz qx qy qz qw\n"):
+    rows = [
+        f"{1.7e9 + k} {text(row[[0, 1, 2, 4, 5, 6, 3]], ' ')}\n" for k, row in enumerate(poses("quaternion", 0.001))
+    ]
+    (folder / "poses.tum").write_text(header + "".join(rows))
+
+
+def matrices(folder):
+    for k, T in enumerate(homogeneous(scan().R_base_flange, scan().T_base_flange)):
         np.savetxt(folder / f"pose{k}.txt", T)
 
 
-def numpys(folder):
+def array_of_matrices(folder):
     np.save(folder / "poses.npy", homogeneous(scan().R_base_flange, scan().T_base_flange))
+
+
+POSES = {f.__name__: f for f in (kuka, abb, ur, as_json, fanuc, key_lines, csv, tum, matrices, array_of_matrices)}
+SAID = {"as_json": Layout(pose_columns="x,y,z,w,p,r")}  # the numbers have no names there
+
+
+def one_each(folder):
+    for k, v in enumerate(scan().values):
+        np.savetxt(folder / f"scan_{k:03d}.csv", v, delimiter=",", header="x,z", comments="")
+
+
+def lists(folder):
+    for k, v in enumerate(scan().values, 1):
+        listed = ", ".join(".Nan" if np.isnan(x) else f"{x:.15g}" for x in np.insert(v, 1, 0.0, axis=1).ravel())
+        (folder / f"p{k}.yml").write_text(f"%YAML:1.0\n---\nprofile: [ {listed} ]\npicked: [ 1., 0., 2. ]\n")
+
+
+def archives(folder):
     for k, v in enumerate(scan().values):
         np.savez(folder / f"{k}.npz", profile=np.insert(v, 1, 0.0, axis=1), time=np.zeros((3, 2)))
 
 
-def ros(folder):
-    turned = Rotation.from_matrix(scan().R_base_flange).as_quat()
-    frame = pd.DataFrame(
-        np.hstack([scan().T_base_flange / 1000, turned]), columns=["tx", "ty", "tz", "qx", "qy", "qz", "qw"]
-    )
-    frame.to_csv(folder / "tcp.csv", index=False)
-    for k, v in enumerate(scan().values):
-        head = f"ply\nformat ascii 1.0\nelement vertex {len(v)}\n" + "".join(f"property float {c}\n" for c in "xyz")
-        body = "\n".join(f"{x / 1000:.15g} 0 {z / 1000:.15g}" for x, z in v)
-        (folder / f"cloud{k}.ply").write_text(f"{head}end_header\n{body}\n")
-
-
-def universal(folder):
-    frame = pd.DataFrame(np.hstack([scan().T_base_flange / 1000, angles("rotation vector")]))
-    frame.columns = ["x [m]", "y [m]", "z [m]", "rx [rad]", "ry [rad]", "rz [rad]"]
-    frame.to_csv(folder / "poses.txt", index=False, sep="\t")
-    for k, v in enumerate(np.nan_to_num(v) for v in scan().values):
-        head = f"VERSION .7\nFIELDS x y z\nPOINTS {len(v)}\nDATA ascii\n"
-        (folder / f"c{k}.pcd").write_text(head + "\n".join(f"{x:.15g} 0 {z:.15g}" for x, z in v))
-
-
-def commas(folder):
-    block = np.hstack([scan().T_base_flange, angles("Stäubli angles")])
-    lines = [";".join(f"{value:.12f}".replace(".", ",") for value in row) for row in block]
-    (folder / "poses.csv").write_text("X;Y;Z;Alpha;Beta;Gamma\n" + "\n".join(lines) + "\n")
-    for k, v in enumerate(scan().values):
-        lines = [";".join("" if np.isnan(x) else f"{x:.15g}".replace(".", ",") for x in row) for row in v]
-        (folder / f"line{k}.asc").write_text("X [mm];Z [mm]\n" + "\n".join(lines) + "\n")
-
-
-def of_a_tool(folder):
-    R, t = Rotation.from_euler("xyz", TOOL[3:], degrees=True).as_matrix(), np.array(TOOL[:3])
-    R_tool, T_tool = scan().R_base_flange @ R, scan().T_base_flange + scan().R_base_flange @ t
-    np.savetxt(folder / "robot.dat", np.hstack([T_tool, angles("quaternion", R_tool)]))
+def codes(folder):
+    """Without names, with a column of numbers, one of intensities, and a code where nothing was seen."""
     for k, v in enumerate(scan().values):
         filled = np.column_stack([np.arange(len(v)), np.where(np.isnan(v), -999.0, v), np.full(len(v), 80)])
-        np.savetxt(folder / f"s{k}.dat", filled)
+        np.savetxt(folder / f"s{k}.asc", filled)
 
 
-def shuffled(folder):
-    """The poses in another order than their profiles; a column of a name of its own says which is which."""
-    frame = pd.DataFrame(np.hstack([scan().T_base_flange, angles("KUKA angles")]), columns=list("XYZABC"))
-    frame.insert(0, "Take", np.arange(12) + 5)
-    frame.iloc[np.random.default_rng(1).permutation(12)].to_csv(folder / "robot.csv", index=False, sep=";")
+def zeros(folder):
     for k, v in enumerate(scan().values):
-        np.savetxt(folder / f"scan_{k + 5:03d}.txt", v)
+        np.savetxt(folder / f"s{k}.asc", np.nan_to_num(v), header="X [m]  Z [m]")
 
 
-def a_row_each(folder):
-    block = np.hstack([scan().T_base_flange, angles("quaternion")])
-    for k, (v, row) in enumerate(zip(scan().values, block, strict=True)):
-        np.savetxt(folder / f"p{k:02d}.csv", v.T, delimiter=",")
-        np.savetxt(folder / f"p{k:02d}.pose", row[None], delimiter=" ")
+def long_table(folder):
+    rows = [f"scan_{k:03d},{x:.15g},{z:.15g}\n" for k, v in enumerate(scan().values) for x, z in v]
+    (folder / "all.csv").write_text("pose,x,z\n" + "".join(rows))
 
 
-LAYOUTS = {
-    "fanuc": (fanuc, Layout()),
-    "kuka": (kuka, Layout()),
-    "rows and matrices": (rows_and_matrices, Layout()),
-    "numpy": (numpys, Layout()),
-    "ros": (ros, Layout()),
-    "universal": (universal, Layout()),
-    "commas": (commas, Layout()),
-    "shuffled": (shuffled, Layout()),
-    "a row each": (a_row_each, Layout(pose_columns="x,y,z,qw,qx,qy,qz")),
-    "of a tool": (
-        of_a_tool,
-        Layout(pose_columns="x,y,z,qw,qx,qy,qz", columns="2,3", missing=-999.0, tool=TOOL, poses="robot.dat"),
-    ),
-}
+def wide_table(folder):
+    np.savetxt(folder / "all.txt", [v.ravel() for v in scan().values])
 
 
-def written(name, folder):
-    folder.mkdir(parents=True)
-    LAYOUTS[name][0](folder)
+def one_array(folder):
+    np.save(folder / "all.npy", np.stack(scan().values).swapaxes(1, 2))
+
+
+PROFILES_OF = {"fanuc": lists}  # counted from 1
+PROFILES = {f.__name__: f for f in (one_each, lists, archives, codes, zeros, long_table, wide_table, one_array)}
+
+
+def written(folder, of_poses=csv, of_profiles=one_each):
+    folder.mkdir()
+    of_poses(folder)
+    of_profiles(folder)
     return folder
 
 
-@pytest.mark.parametrize("name", LAYOUTS)
-def test_ten_layouts_are_one_scan(name, tmp_path):
-    found, guessed = import_scan(written(name, tmp_path / "files"), "edge", {}, LAYOUTS[name][1])
+def check_poses(found):
     order = np.argsort([int(re.findall(r"\d+", label)[-1]) for label in found.labels])
     np.testing.assert_allclose(found.R_base_flange[order], scan().R_base_flange, atol=1e-9)
-    np.testing.assert_allclose(found.T_base_flange[order], scan().T_base_flange, atol=1e-9)
-    for ours, theirs in zip([found.values[k] for k in order], scan().values, strict=True):
-        seen = np.isfinite(theirs[:, 1])
-        np.testing.assert_array_equal(np.isfinite(ours[:, 1]), seen)
-        np.testing.assert_allclose(ours[seen], theirs[seen], atol=1e-9)
+    np.testing.assert_allclose(found.T_base_flange[order], scan().T_base_flange, atol=1e-8)
+    return order
+
+
+@pytest.mark.parametrize("name", POSES)
+def test_poses_in_any_syntax_are_the_same(name, tmp_path):
+    found, guessed = import_scan(
+        written(tmp_path / "files", POSES[name], PROFILES_OF.get(name, one_each)), "edge", {}, SAID.get(name, Layout())
+    )
+    check_poses(found)
     assert len(guessed) == 5
 
 
-def test_poses_are_called_as_their_files(tmp_path):
-    found, guessed = import_scan(written("a row each", tmp_path / "files"), "edge", {}, LAYOUTS["a row each"][1])
-    assert found.labels == tuple(f"p{k:02d}" for k in range(12))
-    points, nothing = (sum(map(count, scan().values)) for count in (len, lambda v: np.isnan(v[:, 1]).sum()))
-    (x, z), (x_most, z_most) = (f(np.concatenate(scan().values), axis=0) for f in (np.nanmin, np.nanmax))
-    ranges = f"x (column 1) from {x:.4g} to {x_most:.4g} mm, z (column 2) from {z:.4g} to {z_most:.4g} mm"
-    assert f"{points} points, in mm (the largest is {max(x_most, z_most):.3g}), {ranges}" in guessed[2]
-    assert guessed[2].endswith(f"nothing seen in {nothing} of them")
-    assert guessed[3] == "matched    by their names"
+@pytest.mark.parametrize("name", PROFILES)
+def test_profiles_in_any_layout_are_the_same(name, tmp_path):
+    layout = {"codes": Layout(columns="2,3", missing=-999.0), "zeros": Layout(columns="x [mm],z [mm]")}.get(
+        name, Layout()
+    )
+    found, guessed = import_scan(written(tmp_path / "files", tum, PROFILES[name]), "edge", {}, layout)
+    for ours, theirs in zip([found.values[k] for k in check_poses(found)], scan().values, strict=True):
+        seen = np.isfinite(theirs[:, 1])
+        np.testing.assert_array_equal(np.isfinite(ours[:, 1]), seen)
+        np.testing.assert_allclose(ours[seen], theirs[seen], atol=1e-9)
+    assert f"nothing seen in {sum(np.isnan(v[:, 1]).sum() for v in scan().values)} of them" in guessed[2]
 
 
-def test_from_the_command_line_to_a_scan_that_calibrates(tmp_path):
-    result = run("import", written("ros", tmp_path / "files"), tmp_path / "scan", "--target", "edge")
+def test_a_tool_is_taken_off_and_a_mount_said(tmp_path):
+    R, t = Rotation.from_euler("xyz", TOOL[3:], degrees=True).as_matrix(), np.array(TOOL[:3])
+    R_tool, T_tool = scan().R_base_flange @ R, scan().T_base_flange + scan().R_base_flange @ t
+
+    def of_tool(folder):
+        np.savetxt(folder / "poses.txt", np.hstack([T_tool, from_rotations(named("quaternion"), R_tool)]))
+
+    layout = Layout(pose_columns="x,y,z,qw,qx,qy,qz", tool=TOOL, mount="eye-to-hand")
+    found, _ = import_scan(written(tmp_path / "files", of_tool), "edge", {}, layout)
+    check_poses(found)
+    assert found.mount == "eye-to-hand"
+
+
+def test_from_the_command_line_to_a_scan_that_is_read(tmp_path):
+    result = run("import", written(tmp_path / "files", tum), tmp_path / "scan", "--target", "edge")
     assert result.exit_code == 0, result.output
-    assert "tcp.csv: 12, a quaternion (qx, qy, qz, qw), in m (the largest is" in result.output
-    assert len(read_scan(tmp_path / "scan").labels) == 12
+    assert "poses.tum: 12, a quaternion (qx, qy, qz, qw), in m (the largest is" in result.output
+    check_poses(read_scan(tmp_path / "scan"))
 
 
-def test_what_a_profile_does_not_show_first_is_no_title(tmp_path):
-    folder = written("kuka", tmp_path / "files")
-    for path in folder.glob("scan_*.csv"):
-        table = pd.read_csv(path)[["z", "x"]]
-        blank = pd.DataFrame({"z": [np.nan] * 2, "x": [-99, -98]})
-        pd.concat([blank, table]).to_csv(path, index=False)
-    found, guessed = import_scan(folder, "edge", {})
-    assert "x (column x) from" in guessed[2]
-    np.testing.assert_allclose(found.values[0][2:], scan().values[0])
+def notes(folder, **said):
+    return [line for line in import_scan(folder, "edge", {}, Layout(**said))[1] if line.startswith("note")]
 
 
-def test_files_in_folders_of_their_own_are_found(tmp_path):
-    folder = written("kuka", tmp_path / "files" / "monday")
-    layout = Layout(profiles="monday/scan*.csv", poses="monday/robot*.csv")
-    (by_pattern, _), (alone, _) = import_scan(tmp_path / "files", "edge", {}, layout), import_scan(folder, "edge", {})
-    np.testing.assert_allclose(np.concatenate(by_pattern.values), np.concatenate(alone.values))
+def test_what_matters_of_frames_and_axes_is_told(tmp_path):
+    folder = written(tmp_path / "files", functools.partial(fanuc, tool=2, more=",\tE1 =   12.500  mm"), lists)
+    (note,) = notes(folder)
+    assert note.endswith(
+        "of tool 2, and so will be the sensor pose; for one on the flange give its frame: --tool X Y Z W P R"
+    )
+    assert not notes(folder, tool=TOOL)
+    listing = folder / "CALIB.LS"
+    for other, told in (("12.509", 1), ("12.8", 2)):
+        listing.write_text(re.sub(r"12\.\d+(?=  mm\n)", other, listing.read_text(), count=1))
+        assert len(notes(folder)) == told
+    assert "e1 differs by up to 0.3 between poses" in notes(folder)[1]
 
 
 def test_doubts_about_a_guess_are_told_with_it(tmp_path):
-    _, guessed = import_scan(written("kuka", tmp_path / "files"), "edge", {}, Layout(columns="z,x"))
-    assert guessed[-1].startswith("note       x of the profiles runs from")
-    assert guessed[-1].endswith("are x and z exchanged?")
+    (note,) = notes(written(tmp_path / "files"), columns="z,x")
+    assert note.startswith("note       x of the profiles runs from")
+    assert note.endswith("are x and z exchanged?")
 
 
-def retitled(path, old, new, factor=1.0, decimals=12):
-    """A CSV file with columns of other titles, in other units."""
-    table = pd.read_csv(path)
-    table[old] = (table[old] * factor).round(decimals)
-    table.rename(columns=dict(zip(old, new, strict=True))).to_csv(path, index=False)
+def test_files_in_folders_of_their_own_are_found(tmp_path):
+    written(tmp_path / "monday")
+    layout = Layout(profiles="monday/scan*.csv", poses="monday/robot*.csv")
+    check_poses(import_scan(tmp_path, "edge", {}, layout)[0])
 
 
-TITLES = {  # columns of a file, their titles, how much larger the numbers are, and what is told
-    "angles in rad": (
-        "robot*",
-        "ABC",
-        ["A [rad]", "B (rad)", "C_rad"],
-        np.pi / 180,
-        "angles in rad, as the file says)",
-    ),
-    "angles in °": ("robot*", "ABC", ["A [°]", "B [°]", "C [°]"], 1.0, "(KUKA angles in deg, as the file says)"),
-    "positions": ("robot*", "XYZ", ["X (m)", "Y (m)", "Z (m)"], 0.001, "in m, as the file says"),
-    "centimetres": ("robot*", "XYZ", ["tX [cm]", "tY [cm]", "tZ [cm]"], 0.1, "in cm, as the file says"),
-    "suffixes": ("scan*", "xz", ["x_mm", "z_mm"], 1.0, "points, in mm, as the file says"),
-    "micrometres": ("scan*", "xz", ["x/um", "z [µm]"], 1000.0, "points, in um, as the file says"),
-    "metres": ("scan*", "xz", ["X m", "Z m"], 0.001, "points, in m, as the file says"),
-}
-
-
-@pytest.mark.parametrize("case", TITLES)
-def test_a_unit_in_a_title_is_used(case, tmp_path):
-    files, old, new, factor, told = TITLES[case]
-    folder = written("kuka", tmp_path / "files")
-    for path in folder.glob(files):
-        retitled(path, list(old), new, factor)
-    found, guessed = import_scan(folder, "edge", {})
-    assert told in "\n".join(guessed)
-    np.testing.assert_allclose(found.R_base_flange, scan().R_base_flange, atol=1e-9)
-    np.testing.assert_allclose(found.T_base_flange, scan().T_base_flange, atol=1e-6)
-    np.testing.assert_allclose(np.concatenate(found.values), np.concatenate(scan().values), atol=1e-6)
-
-
-def test_a_title_is_believed_where_numbers_look_otherwise(tmp_path):
-    folder = written("kuka", tmp_path / "files")
-    retitled(folder / "robot_poses.csv", list("ABC"), ["A [deg]", "B [deg]", "C [deg]"], 0.01)
-    assert not import_scan(folder, "edge", {})[0].warnings
-    for path in folder.glob("scan*"):
-        retitled(path, ["x", "z"], ["x_mm", "z_mm"], 0.001)
-    with pytest.raises(
-        ScanError, match=r"the profiles, in mm, as the file says, reach 0\.1\d*; expected 1 to 10000 mm: is it the unit"
-    ):
-        import_scan(folder, "edge", {})
-
-
-def test_an_option_wins_over_a_title_and_says_so(tmp_path):
-    folder = written("kuka", tmp_path / "files")
-    for path in folder.glob("scan*"):
-        retitled(path, ["x", "z"], ["x [inch]", "z [inch]"])
-    retitled(folder / "robot_poses.csv", list("XYZ"), ["x [m]", "y [m]", "z [m]"])
-    retitled(folder / "robot_poses.csv", list("ABC"), ["A [grad]", "B [grad]", "C [grad]"])
-    with pytest.raises(ScanError, match=r"title of column a says the unit 'grad'; expected deg or rad, the same for"):
-        import_scan(folder, "edge", {})
-    layout = Layout(units="mm", pose_units="mm", pose_columns="_,x,y,z,a [deg],b [deg],c [deg]")
-    found, guessed = import_scan(folder, "edge", {}, layout)
-    assert guessed[0].endswith("in mm, as you say, where the file says m")
-    assert "in mm, as you say, where the file says inch" in guessed[2]
-    np.testing.assert_allclose(found.T_base_flange, scan().T_base_flange, atol=1e-9)
-
-
-def test_titles_may_stand_in_a_remark_and_units_in_a_row_of_their_own(tmp_path):
-    folder = written("kuka", tmp_path / "files")
-    for path in folder.glob("scan*"):
-        path.write_text(path.read_text().replace("x,z", "# Profile A\n# z [m], x [m]"))
-    robot = folder / "robot_poses.csv"
-    robot.write_text(robot.read_text().replace("\n", "\n,m,m,m,deg,deg,deg\n", 1))
-    found, guessed = import_scan(folder, "edge", {}, Layout(pose_units="mm", units="mm"))
-    np.testing.assert_allclose(np.concatenate(found.values)[:, ::-1], np.concatenate(scan().values))
-    assert guessed[0].endswith("in mm, as you say, where the file says m")
-    assert "where the file says m" in guessed[2]
-    for path in folder.glob("scan*"):
-        path.write_text("# Profile A\n" + path.read_text().partition("\n")[2].partition("\n")[2])
-    assert "x (column 1) from" in import_scan(folder, "edge", {}, Layout(pose_units="mm"))[1][2]
-
-
-@pytest.mark.parametrize(
-    ("titles", "values", "names"),
-    [
-        ("z,x,intensity", [100, 2, 3], ("x", "z")),
-        ("x,y,z", [2, 0, 100], ("x", "z")),
-        ("1,2,3", [2, 0, 100], ("1", "3")),
-        ("a,x,y,z", [1, 2, 0, 100], ("x", "z")),
-    ],
-)
-def test_x_and_z_are_the_columns_of_these_names_or_without_names_those_that_vary(titles, values, names, tmp_path):
-    table = pd.DataFrame([values, values], columns=titles.split(","), dtype=float)
-    table.iloc[1] += np.array(values) != 0
-    assert tuple(x_and_z(tmp_path, table, "")) == names
-
-
-@pytest.mark.parametrize("titles", ["x,y,z", "position,height", "x,height"])
-def test_where_names_do_not_say_which_are_x_and_z_the_user_must(titles, tmp_path):
-    table = pd.DataFrame(np.arange(9.0).reshape(3, 3)[:, : titles.count(",") + 1], columns=titles.split(","))
-    with pytest.raises(ScanError, match="say which are x and z"):
-        x_and_z(tmp_path, table, "")
-    first, *_, last = titles.split(",")
-    assert x_and_z(tmp_path, table, f"{first}, {last}") == [first, last]
-
-
-def change(name, old, new):
+def change(name, old, new, count=1):
     def changed(folder):
-        text = (folder / name).read_text()
-        assert old in text
-        (folder / name).write_text(text.replace(old, new))
+        content = (folder / name).read_text()
+        assert old in content
+        (folder / name).write_text(content.replace(old, new, count))
 
     return changed
 
 
-def other_frame(folder):
-    """The last three positions in a listing of their own, of another tool."""
-    listing = (folder / "CALIB.LS").read_text()
-    cut = listing.index("P[10]")
-    (folder / "CALIB.LS").unlink()
-    (folder / "CALIB1.LS").write_text(listing[:cut] + "/END\n")
-    (folder / "CALIB2.LS").write_text("/PROG\n/POS\n" + listing[cut:].replace("UT : 0", "UT : 2"))
+def cut_short(name):
+    def changed(folder):
+        content = (folder / name).read_text()
+        (folder / name).write_text(content[: content.rindex(",")])
+
+    return changed
+
+
+NONSENSE = {  # in each syntax of poses
+    "kuka": ("scan.dat", "XP3={X ", "XP3={X oops", "12 profiles for 11 poses"),
+    "abb": ("scan.mod", "],[-1,0,-1,0]", ",1],[-1,0,-1,0]", "12 profiles for 11 poses"),
+    "ur": ("scan.script", "p[", "p[oops,", "12 profiles for 11 poses"),
+    "as_json": ("poses.json", "[\n            ", '[\n            "oops",', "12 profiles for 11 poses"),
+    "fanuc": ("CALIB.LS", "X = ", "X = ********  mm, Q = ", "CALIB.LS line 7: x is '\\*+'; expected a finite number"),
+    "key_lines": ("poses.txt", "\nt ", "\nt oops ", "12 profiles for 11 poses"),
+    "csv": ("robot.csv", "scan_003;", "scan_003;oops", "robot.csv line .*: x.* is 'oops"),
+    "tum": ("poses.tum", "0 ", "0 oops", "poses.tum line 2: x is 'oops"),
+}
+
+
+@pytest.mark.parametrize("name", NONSENSE)
+def test_nonsense_in_any_syntax_is_one_sentence(name, tmp_path):
+    file, old, new, sentence = NONSENSE[name]
+    folder = written(tmp_path / "files", POSES[name], PROFILES_OF.get(name, one_each))
+    change(file, old, new)(folder)
+    with pytest.raises(ScanError, match=sentence) as caught:
+        import_scan(folder, "edge", {}, SAID.get(name, Layout()))
+    assert "\n" not in str(caught.value)
 
 
 MISTAKES = {
-    "nothing": ("kuka", shutil.rmtree, "no such folder, or nothing in it is named like the robot's poses"),
+    "nothing": (csv, one_each, shutil.rmtree, "no such folder, or nothing in it is named like the robot's poses"),
     "no poses": (
-        "kuka",
-        lambda f: (f / "robot_poses.csv").rename(f / "b.csv"),
-        "nothing in it is named like the robot's poses",
+        csv,
+        one_each,
+        lambda f: (f / "robot.csv").rename(f / "b.csv"),
+        "nothing in it is named like the robot",
     ),
-    "two": (
-        "kuka",
-        lambda f: shutil.copy(f / "robot_poses.csv", f / "tcp.csv"),
-        "robot_poses.csv, tcp.csv may all be the",
+    "two": (csv, one_each, lambda f: shutil.copy(f / "robot.csv", f / "tcp.csv"), "robot.csv, tcp.csv may all be the"),
+    "no profile": (csv, one_each, lambda f: (f / "scan_003.csv").unlink(), "robot.csv: no profile for pose scan_003"),
+    "spare": (
+        csv,
+        one_each,
+        lambda f: shutil.copy(f / "scan_003.csv", f / "scan_055.csv"),
+        "no pose for profile scan_055",
     ),
-    "no profile": ("kuka", lambda f: (f / "scan_003.csv").unlink(), "no profile for pose scan_003 of robot_poses.csv"),
-    "spare": ("kuka", lambda f: shutil.copy(f / "scan_003.csv", f / "scan_055.csv"), "scan_055.csv: no such pose in"),
-    "one for two": (
-        "kuka",
-        lambda f: [(f / "scan_003.csv").unlink(), change("robot_poses.csv", "scan_003", "again_002")(f)],
-        "11 profiles .* and 12 poses",
-    ),
-    "rail": (
-        "kuka",
-        lambda f: (
-            pd.read_csv(f / "robot_poses.csv").assign(E1=np.arange(12)).to_csv(f / "robot_poses.csv", index=False)
-        ),
-        "robot_poses.csv: the external axis e1 differs between poses; expected one for all",
-    ),
-    "far": (
-        "kuka",
-        change("scan_001.csv", "x,z\n", "x,z\n1,-99999.9999\n"),
-        r"profiles, in mm .*, reach -99999.9999; expected 1 to 10000 mm: .* where nothing was seen \(--missing\)",
-    ),
-    "fewer": ("ros", lambda f: (f / "cloud3.ply").unlink(), "11 profiles .* and 12 poses"),
+    "fewer": (tum, one_each, lambda f: (f / "scan_003.csv").unlink(), "11 profiles for 12 poses"),
     "unnamed": (
-        "of a tool",
+        as_json,
+        one_each,
         lambda f: None,
-        "7 columns and 0 names for them; say what they are: --pose-columns x,y",
+        "poses.json: 6 columns, 1, 2, .*; say what they are, in their order: --pose-columns .*; w,p,r; alpha",
     ),
-    "binary": (
-        "ros",
-        change("cloud2.ply", "ascii", "binary_little_endian"),
-        "cloud2.ply: expected a header with 'format a",
+    "half": (csv, one_each, change("robot.csv", "Alpha [°]", "tilt"), "the orientation lacks alpha .*--pose-columns"),
+    "two units": (
+        csv,
+        one_each,
+        change("robot.csv", "Y [mm]", "Y [m]"),
+        "robot.csv: the title of column y says the unit",
     ),
-    "cut": (
-        "ros",
-        lambda f: (f / "cloud1.ply").write_text((f / "cloud1.ply").read_text()[:200]),
-        "cloud1.ply.*cut short",
+    "no unit": (
+        csv,
+        one_each,
+        change("robot.csv", "[°]", "[grad]", 3),
+        "column alpha says the unit 'grad'; expected deg or",
+    ),
+    "twice": (
+        fanuc,
+        lists,
+        change("CALIB.LS", "P[2]{", "P[1]{"),
+        "CALIB.LS: no pose for profile p2",
+    ),
+    "not closed": (
+        fanuc,
+        lists,
+        change("CALIB.LS", "};", ""),
+        "CALIB.LS: not as many } as {; is the file cut short",
+    ),
+    "other tool": (
+        fanuc,
+        lists,
+        change("CALIB.LS", "UT : 0", "UT : 3"),
+        "CALIB.LS: tool differs between poses; expected",
+    ),
+    "reflection": (matrices, one_each, lambda f: np.savetxt(f / "pose4.txt", -np.eye(4)), "row 5: matrix with determ"),
+    "other file": (
+        matrices,
+        one_each,
+        lambda f: (f / "pose4.txt").rename(f / "pose44.txt"),
+        "no profile for pose pose44",
+    ),
+    "not text": (tum, one_each, lambda f: (f / "poses.tum").write_bytes(b"1 2\xff"), "poses.tum: not UTF-8 text"),
+    "far": (
+        csv,
+        one_each,
+        change("scan_001.csv", "x,z\n", "x,z\n1,-99999.9\n"),
+        r"files: the profiles .* \(--missing\)",
     ),
     "word": (
-        "kuka",
+        csv,
+        one_each,
         change("scan_001.csv", "x,z\n", "x,z\n1,2\n3,oops\n"),
-        "scan_001.csv line 3: z is 'oops'; expected a finite number",
+        "scan_001.csv line 3: z is 'oops'; exp",
     ),
+    "titles": (
+        csv,
+        one_each,
+        change("scan_001.csv", "x,z", "x,height"),
+        "scan_001.csv: columns x, height, where scan_000",
+    ),
+    "cut": (csv, one_each, cut_short("scan_001.csv"), "scan_001.csv line .* 1 fields; expected 2 for each point"),
     "columns": (
-        "numpy",
+        tum,
+        archives,
         lambda f: np.savez(f / "3.npz", profile=np.ones((9, 5))),
-        "3.npz: columns 1, 2, 3, 4, 5, where 0.npz has 1, 2, 3",
+        "3.npz: columns 1, 2, 3, 4, 5, w",
     ),
-    "no entry": ("fanuc", change("p2.yml", "profile:", "outline:"), "no list 'profile'; there are outline, picked"),
-    "not closed": ("fanuc", change("p2.yml", " ]", ""), "p2.yml line 3: the list profile is not closed"),
-    "nested": (
-        "fanuc",
-        change("p2.yml", "profile: [", "profile: [["),
-        r"p2.yml line 3: column 1 is '\[.*'; expected a fin",
+    "no entry": (tum, lists, change("p2.yml", "profile:", "outline:"), "no list 'profile'; there are outline, picked"),
+    "open list": (tum, lists, change("p2.yml", " ]", ""), "p2.yml: not as many ] as \\["),
+    "pairs": (
+        tum,
+        lists,
+        change("p2.yml", "profile: [", "profile: [ 1.,"),
+        "p2.yml line 3: . fields; expected 3 for each",
     ),
-    "two frames": ("fanuc", other_frame, "LS: the tool differs between poses; expected one"),
-    "one point": ("kuka", lambda f: (f / "scan_002.csv").write_text("x,z\n1,90\n"), "scan_002.csv: a single point"),
-    "pairs": ("fanuc", change("p2.yml", "profile: [", "profile: [ 1.,"), "fields; expected 3 for each point"),
-    "two units": (
-        "universal",
-        change("poses.txt", "y [m]", "y [mm]"),
-        "poses.txt: the title of column y says the unit",
-    ),
-    "half": (
-        "universal",
-        change("poses.txt", "z [m]", "z"),
-        "poses.txt: the title of column z says no unit; expected mm",
-    ),
-    "degrees": (
-        "universal",
-        lambda f: [change("poses.txt", f"r{axis} [rad]", f"r{axis} [deg]")(f) for axis in "xyz"],
-        "poses.txt: the title of column rx says the unit 'deg'; expected rad, the same for rx, ry, rz",
-    ),
-    "no length": (
-        "commas",
-        change("line3.asc", "Z [mm]", "Z [px]"),
-        r"line3.asc: columns x \[mm\], z \[px\], where line0",
-    ),
-    "reflection": (
-        "rows and matrices",
-        lambda f: np.savetxt(f / "pose4.txt", -np.eye(4)),
-        "row 5: matrix with determ",
-    ),
-    "untitled": (
-        "commas",
-        change("poses.csv", "Alpha", "tilt"),
-        "lacks alpha of alpha, beta, gamma; say what the columns are: --pose-columns",
-    ),
-    "other numbers": (
-        "rows and matrices",
-        lambda f: (f / "pose4.txt").rename(f / "pose44.txt"),
-        "no profile for pose",
+    "unknown pose": (csv, long_table, change("all.csv", "scan_003", "scan_033", 999), "no profile for pose scan_003"),
+    "not alike": (
+        tum,
+        wide_table,
+        lambda f: np.savetxt(f / "all.txt", np.ones((9, 40))),
+        "say which are x and z: --columns",
     ),
 }
 
 
 @pytest.mark.parametrize("mistake", MISTAKES)
 def test_a_guess_that_cannot_be_made_is_refused_in_a_sentence(mistake, tmp_path):
-    name, spoil, sentence = MISTAKES[mistake]
-    folder = written(name, tmp_path / "files")
+    of_poses, of_profiles, spoil, sentence = MISTAKES[mistake]
+    folder = written(tmp_path / "files", of_poses, of_profiles)
     spoil(folder)
     with pytest.raises(ScanError, match=sentence) as caught:
         import_scan(folder, "edge", {})
@@ -449,37 +414,31 @@ def corrupted(folder, rng):
     path = rng.choice(sorted(folder.iterdir()))
     content = path.read_bytes()
     place = int(rng.integers(len(content)))
-    match rng.integers(7):
+    nasty = rng.choice([b"1e400", b"-", b"nan", b"[", b"\n\n", b"x", b"\0"])
+    match rng.integers(6):
         case 0:
             path.unlink()
         case 1:
             path.write_bytes(content[:place])
         case 2:
-            path.write_bytes(content[:place] + bytes(rng.integers(0, 256, 4).tolist()) + content[place:])
-        case 3:
             path.write_bytes(content.replace(b".", b",", int(rng.integers(1, 50))))
+        case 3:
+            path.write_bytes(b"".join(rng.permutation(np.array(content.splitlines(keepends=True), dtype=object))))
         case 4:
-            lines = content.splitlines(keepends=True)
-            path.write_bytes(b"".join(rng.permutation(np.array(lines, dtype=object))))
+            path.write_bytes(content[:place] + nasty + content[place + 3 :])
         case 5:
-            path.write_bytes(
-                content[:place]
-                + rng.choice([b"1e400", b"-", b"nan", b"[", b"\n\n", b"x", b"\0"])
-                + content[place + 3 :]
-            )
-        case 6:
             path.rename(path.with_name(f"{rng.choice(['pose', 'p1', 'x'])}{path.name}"))
 
 
 def test_corrupted_files_give_a_sentence_or_a_scan(tmp_path):
     for seed in range(FUZZ):
         rng, folder = np.random.default_rng([7, seed]), tmp_path / str(seed)
-        name = [*LAYOUTS][seed % len(LAYOUTS)]
-        written(name, folder)
+        name = [*POSES][seed % len(POSES)]
+        written(folder, POSES[name], [*PROFILES.values()][seed % len(PROFILES)])
         for _ in range(1 + seed % 2):
             corrupted(folder, rng)
         with suppress(ScanError):
-            import_scan(folder, "edge", {}, LAYOUTS[name][1])
+            import_scan(folder, "edge", {}, SAID.get(name, Layout()))
         shutil.rmtree(folder)
 
 

@@ -1,5 +1,5 @@
-"""A scan from files that people have: a folder with one profile file for each pose, and the robot's poses in a table, a
-FANUC listing, or a file each. What is not said is guessed, and every guess is told."""
+"""A scan from files that people have: profiles in a file each or all in one, and the robot's poses in any text or
+array. What is not said is guessed, and every guess is told."""
 
 import re
 from dataclasses import dataclass
@@ -7,24 +7,22 @@ from glob import glob
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
-from pandas.api.types import is_numeric_dtype
 
 from profilecal.geometry.poses import carry, inverse
-from profilecal.scan.columns import ANGLES, LENGTHS, nameless, names_and_units, read_columns, unit_of, unnamed
+from profilecal.scan.columns import LENGTHS, name_and_unit, names_and_units, read_columns, read_poses, unit_of
 from profilecal.scan.conventions import CONVENTIONS, find_convention, named, to_rotations
-from profilecal.scan.folder import FARTHEST_MM, REACH_MM, check_header, check_poses, scan_of
+from profilecal.scan.folder import FARTHEST_MM, MOUNTS, REACH_MM, check_header, check_poses, scan_of
 from profilecal.scan.scan import Scan, ScanError
 from profilecal.scan.tables import Table, listed
 
-OF_POSES = re.compile(r"pose|robot|flange|tcp|calib|\.ls$", re.I)  # in a file's name
-LABELS = ("pose", "name", "label", "id", "index", "file", "n")  # columns that say which profile a pose has
-OF_A_POSE = ["x", "y", "z", *(name for convention in CONVENTIONS for name in convention.columns)]
-MATRIX = {k: "r11,r12,r13,x,r21,r22,r23,y,r31,r32,r33,z" + ",_" * (k - 12) for k in (12, 16)}
-UNITS = {"deg": ANGLES, "rad": ("rad",), "1": ("1", "-")}  # in titles, by a convention's unit
+OF_POSES = re.compile(r"pose|robot|flange|tcp|calib|\.(ls|dat|mod|script|rob)$", re.IGNORECASE)  # in a file's name
+LABELS = ("", "pose", "name", "label", "id", "index", "file", "n")  # columns that tell profiles apart
+MATRIX = "r11,r12,r13,x,r21,r22,r23,y,r31,r32,r33,z"
+USUAL = {8: "timestamp,x,y,z,qx,qy,qz,qw", 12: MATRIX, 16: f"{MATRIX},_,_,_,_"}  # without names: TUM, matrices
+ANGLES = {"deg": ("deg", "rad"), "rad": ("rad",), "1": ("1", "-")}  # in titles, by a convention's unit
 FRAMES = {"uf": "user frame", "ut": "tool"}
-FIXED = r"^(uf|ut|e\d|gp\d.*)$"  # columns of frames and external axes
-STANDSTILL = 0.01  # mm or degrees by which an axis that stands still may tremble
+FIXED = re.compile(r"uf|ut|e\d|gp\d .*")  # columns of frames and external axes
+STILL, ASTRAY = 0.01, 0.5  # mm or degrees by which such an axis may tremble, or differ with a warning
 
 
 @dataclass(frozen=True)
@@ -33,13 +31,12 @@ class Layout:
 
     profiles: str = ""  # which files, as a shell pattern
     poses: str = ""  # which file or files
-    columns: str = ""  # names or numbers, from 1, of x and z in a profile: "x,z"
-    pose_columns: str = ""  # a pose table's columns in order, names with or without units, "_" for no meaning
+    columns: str = ""  # names or numbers, from 1, of x and z in a profile: "x,z" or "1 [mm],3 [mm]"
+    pose_columns: str = ""  # what a pose's numbers are, in their order: "x [m],y [m],z [m],a,b,c"; "_" for no meaning
     entry: str = ""  # the list in a YAML or NPZ file that is the profile
-    units: str = ""  # of the profiles: mm, cm, m or um
-    pose_units: str = ""  # of the poses' positions
     missing: float | None = None  # z where the scanner saw nothing
     tool: tuple[float, ...] | None = None  # x, y, z, mm, and three angles of the poses' frame, in the flange's
+    mount: str = MOUNTS[0]
 
 
 def import_scan(folder, kind: str, sizes: dict, layout: Layout = Layout()) -> tuple[Scan, list[str]]:
@@ -48,17 +45,22 @@ def import_scan(folder, kind: str, sizes: dict, layout: Layout = Layout()) -> tu
     Raises ScanError.
     """
     folder = Path(folder)
-    header = check_header(folder, {"title": folder.resolve().name, "target": {"kind": kind} | sizes})
-    profiles, of_poses, left = sort_files(folder, layout)
+    target = {"kind": kind} | sizes
+    header = check_header(folder, {"title": folder.resolve().name, "mount": layout.mount, "target": target})
+    of_profiles, of_poses, left = sort_files(folder, layout)
     poses, units = pose_table(of_poses, layout)
-    poses, profiles, matched = match(poses, of_poses, profiles)
-    entries, taken_poses, doubts = read_poses(folder / names_of(of_poses), poses, units, layout)
-    measured, values, taken = read_profiles(profiles, layout)
-    scan = scan_of(folder, header, entries, doubts, measured, values)
+    names, profiles, of_axes = profiles_of(of_profiles, len(poses.lines), layout)
+    values, taken = seen_in_mm(folder, profiles, of_axes, layout.missing)
+    if len(of_poses) == len(poses.lines) > 1:
+        poses.columns["pose"] = [path.stem for path in of_poses]
+    poses.columns["pose"], order, matched = match(poses, names)
+    entries, taken_poses, doubts = taken_as(poses, units, layout)
+    measured = "points" if max(map(len, values)) == 1 else "profiles"
+    scan = scan_of(folder, header, entries, doubts, measured, tuple(values[k] for k in order))
     guessed = [
         f"poses      {names_of(of_poses)}: {taken_poses}",
         f"of         {'the tool given, taken off' if layout.tool else 'the flange (--tool if they are of a tool)'}",
-        f"profiles   {names_of(profiles)}: {taken}",
+        f"profiles   {names_of(of_profiles)}: {taken}",
         f"matched    {matched}",
         f"target     {scan.description}",
         *([f"left out   {listed(left)}"] if left else []),
@@ -92,7 +94,7 @@ def files(folder: Path, pattern: str) -> list[Path]:
     paths = [path for name in glob(pattern, root_dir=folder) if (path := folder / name).is_file()]
     if pattern.strip("*") and not paths:
         raise ScanError(f"{folder}: no file matches {pattern!r}; is the folder right?")
-    return sorted(paths, key=lambda path: re.sub(r"\d+", lambda number: number[0].zfill(20), path.name))
+    return sorted(paths, key=lambda path: re.sub(r"\d+", lambda digits: digits[0].zfill(20), path.name))
 
 
 def names_of(paths: list[Path]) -> str:
@@ -100,67 +102,55 @@ def names_of(paths: list[Path]) -> str:
     return paths[0].name if len(paths) == 1 else f"{paths[0].name} … {paths[-1].name}"
 
 
-def read_alike(paths: list[Path], turned, entry: str = "") -> tuple[list[pd.DataFrame], dict[str, str]]:
-    """The tables in files, `turned` as they should lie, whose columns must be the same; and the columns' units."""
-    tables = [turned(read_columns(path, entry)) for path in paths]
-    for path, table in zip(paths, tables, strict=True):
-        if [*table] != [*tables[0]]:
-            raise ScanError(f"{path}: columns {listed(table)}, where {paths[0].name} has {listed(tables[0])}")
-    units = names_and_units(tables[0])
-    return [table.set_axis([*units], axis=1) for table in tables], units
+def alike(tables: list[Table]) -> dict[str, str]:
+    """The names of columns and their units, which are the same in all tables. Raises ScanError for others."""
+    for table in tables:
+        if [*table.columns] != [*tables[0].columns]:
+            there = f"columns {listed(table.columns)}, where {tables[0].path.name} has {listed(tables[0].columns)}"
+            raise ScanError(f"{table.path}: {there}")
+    return names_and_units(tables[0].columns)
 
 
-def in_a_row(table: pd.DataFrame) -> pd.DataFrame:
+def pose_table(paths: list[Path], layout: Layout) -> tuple[Table, dict[str, str]]:
+    """The poses of a file, or of files of one each, with columns as conventions name them; and the columns' units."""
+    tables = [in_a_row(read_poses(path)) for path in paths]
+    units, table, path = alike(tables), tables[0], paths[0].parent / names_of(paths)
+    cells = [[cell for table in tables for cell in table.columns[name]] for name in table.columns]
+    lines, unit = (table.lines, table.unit) if len(paths) == 1 else (range(1, len(cells[0]) + 1), "row")
+    said = layout.pose_columns or (USUAL.get(len(cells), "") if all(map(str.isdigit, units)) else "")
+    if said:
+        titles = names_and_units(said.split(","))
+        units = {name: unit or old for (name, unit), old in zip(titles.items(), units.values(), strict=False)}
+    if not {"x", "y", "z"} <= units.keys() or len(units) != len(cells):
+        known = "; ".join(",".join(convention.columns) for convention in CONVENTIONS)
+        text = f"say what they are, in their order: --pose-columns x,y,z and one of {known} (_ for others)"
+        raise ScanError(f"{path}: {len(cells)} columns, {listed(units)}; {text}")
+    return Table(path, dict(zip(units, cells, strict=True)), lines, unit), units
+
+
+def in_a_row(table: Table) -> Table:
     """A matrix as one row."""
-    return unnamed(table.to_numpy().reshape(1, -1)) if table.shape in ((3, 4), (4, 4)) else table
+    cells = np.array([*table.columns.values()], dtype=object).T
+    if cells.shape not in ((3, 4), (4, 4)) or "1" not in table.columns:
+        return table
+    return Table(table.path, {str(j + 1): [cell] for j, cell in enumerate(cells.flat)}, table.lines, table.unit)
 
 
-def in_columns(table: pd.DataFrame) -> pd.DataFrame:
-    """Rows of x and z as columns."""
-    return unnamed(table.to_numpy().T) if len(table) <= 3 < table.shape[1] and nameless(table) else table
-
-
-def pose_table(paths: list[Path], layout: Layout) -> tuple[pd.DataFrame, dict[str, str]]:
-    """The poses in a table or a listing, or in files of one each, with columns as conventions name them; and units."""
-    tables, units = read_alike(paths, in_a_row)
-    poses = pd.concat(tables)
-    if len(tables) > 1:
-        poses.index = pd.RangeIndex(1, len(poses) + 1, name="row")
-    where, k = paths[0].parent / names_of(paths), poses.shape[1]
-    if layout.pose_columns or nameless(poses):
-        titles = re.findall("[^,]+", layout.pose_columns or MATRIX.get(k, ""))
-        if len(titles) != k:
-            examples = "--pose-columns x,y,z,a,b,c or x,y,z,qw,qx,qy,qz"
-            raise ScanError(f"{where}: {k} columns and {len(titles)} names for them; say what they are: {examples}")
-        said = names_and_units(titles)
-        units = {name: unit or units[old] for (name, unit), old in zip(said.items(), poses, strict=True)}
-        poses = poses.set_axis([*units], axis=1).loc[:, [title.strip() != "_" for title in titles]]
-    if missing := [name for name in "xyz" if name not in poses]:
-        raise ScanError(f"{where}: no column {missing[0]}; there are {listed(poses)} (--pose-columns)")
-    return poses, units
-
-
-def match(poses: pd.DataFrame, of_poses: list[Path], profiles: list[Path]) -> tuple[pd.DataFrame, list[Path], str]:
-    """The poses with labels, the profile of each, and how it was found: by its name or its last number, or by order."""
-    folder, source = profiles[0].parent, names_of(of_poses)
-    by_number = {last_number(path.stem): path for path in profiles}
-    by_name = by_number | {name: path for path in profiles for name in (path.name, path.stem)}
-    labels = [path.stem for path in of_poses] if len(of_poses) == len(poses) > 1 else None
-    for name, column in poses.drop(columns=OF_A_POSE, errors="ignore").items():
-        if name in LABELS or not is_numeric_dtype(column) or {*column} == by_number.keys():
-            labels = [str(cell).removesuffix(".0") for cell in column]
-            break
-    found = [by_name.get(name, by_name.get(last_number(name))) for name in labels] if labels else profiles
-    if None in found:
-        all_in_one = f"; if {profiles[0].name} holds them all, write a scan folder (data/README.md) instead"
-        missing = f"{folder}: no profile for pose {labels[found.index(None)]} of {source}"
-        raise ScanError(missing + all_in_one * (len(profiles) == 1))
-    if spare := [path for path in profiles if path not in found]:
-        raise ScanError(f"{spare[0]}: no such pose in {source}")
-    if len({*found}) != len(poses):
-        raise ScanError(f"{folder}: {len(profiles)} profiles ({names_of(profiles)}) and {len(poses)} poses ({source})")
-    how = "by their names" if labels else "in order, the first pose with the first profile"
-    return poses.assign(pose=labels or [path.stem for path in found]), found, how
+def match(poses: Table, names: list) -> tuple[list[str], list[int], str]:
+    """The poses' labels, which profile each has, and how it was found: by its name or its last number, or by order."""
+    known = {key: k for k, name in enumerate(names) if isinstance(name, str) for key in (last_number(name), name)}
+    for name, cells in poses.columns.items():
+        labels = [str(cell).removesuffix(".0") for cell in cells]
+        found = [known.get(label, known.get(last_number(label))) for label in labels]
+        if known and (name in LABELS or {*found} == {*range(len(names))}):
+            if None in found:
+                raise ScanError(f"{poses.path}: no profile for pose {labels[found.index(None)]}")
+            if spare := {*range(len(names))} - {*found}:
+                raise ScanError(f"{poses.path}: no pose for profile {names[min(spare)]}")
+            return labels, found, "by their names"
+    if len(names) != len(poses.lines):
+        raise ScanError(f"{poses.path}: {len(names)} profiles for {len(poses.lines)} poses")
+    return [str(name) for name in names], [*range(len(names))], "in order, the first pose with the first profile"
 
 
 def last_number(name: str) -> int | str:
@@ -169,95 +159,107 @@ def last_number(name: str) -> int | str:
     return int(found[-1]) if found else name
 
 
-def read_poses(path: Path, poses: pd.DataFrame, units: dict, layout: Layout) -> tuple[dict, str, list[str]]:
+def taken_as(poses: Table, units: dict, layout: Layout) -> tuple[dict, str, list[str]]:
     """Entries of a Scan, what the poses were taken for, and doubts about them."""
     try:
-        convention = find_convention(poses)
+        convention = find_convention(poses.columns)
     except ValueError as error:
-        raise ScanError(f"{path}: {error}; say what the columns are: --pose-columns") from error
-    table = from_frame(path, poses.filter(items=["pose", *OF_A_POSE]))
-    angle = unit_of(path, units, convention.columns, UNITS[convention.unit])
+        raise ScanError(f"{poses.path}: {error}; say what the columns are: --pose-columns") from error
+    columns = {name: poses.columns[name] for name in ("pose", "x", "y", "z", *convention.columns)}
+    angle = unit_of(poses.path, units, convention.columns, ANGLES[convention.unit])
     if angle == "rad" and convention.unit != "rad":
-        degrees = np.degrees(table.numbers(convention.columns)).T
-        table.columns.update(zip(convention.columns, degrees, strict=True))
-    largest = np.abs(table.numbers("xyz")).max()
-    scale, lengths = to_mm(path, units, "xyz", layout.pose_units, largest, REACH_MM[1] / 1000)
-    entries, doubts = check_poses(table, scale)
-    called = convention.name if convention.sequence else ", ".join(name for name in poses if name in convention.columns)
-    if angle in ANGLES:
-        called, doubts = f"{called} in {angle}, as the file says", []
+        columns |= zip(convention.columns, np.degrees(poses.numbers(convention.columns)).T, strict=True)
+    scale, lengths = to_mm(poses.path, units, "xyz", poses.numbers("xyz"), REACH_MM[1] / 1000)
+    entries, doubts = check_poses(Table(poses.path, columns, poses.lines, poses.unit), scale)
     if layout.tool:
         of_tool = convention if convention.sequence else named("FANUC angles")
         back = inverse(to_rotations(of_tool, [layout.tool[3:]])[0], np.array(layout.tool[:3]))
         R, T = entries["R_base_flange"], entries["T_base_flange"]
         entries |= {"R_base_flange": R @ back[0], "T_base_flange": carry(R, T, back[1]), "orientation": None}
-    return entries, f"{len(poses)}, {convention.meaning} ({called}){frames(path, poses)}, {lengths}", doubts
+    called = ", ".join(name for name in poses.columns if name in convention.columns)
+    said = f"{len(poses.lines)}, {convention.meaning} ({called}{angle and f' in {angle}, as said'}), {lengths}"
+    return entries, said, [*([] if angle else doubts), *frames_of(poses, layout)]
 
 
-def from_frame(path: Path, frame: pd.DataFrame) -> Table:
-    """The table in a frame whose index says where a row is in a file."""
-    return Table(path, {name: frame[name].tolist() for name in frame}, [*frame.index], frame.index.name or "line")
+def frames_of(poses: Table, layout: Layout) -> list[str]:
+    """Doubts about the robot's frames and external axes. Raises ScanError where they differ between poses."""
+    doubts = []
+    for name in filter(FIXED.fullmatch, poses.columns):
+        several = len({*poses.columns[name]}) > 1
+        apart = several * (np.inf if name in FRAMES else np.ptp(poses.numbers([name])))
+        if apart > ASTRAY:
+            raise ScanError(f"{poses.path}: {FRAMES.get(name, name)} differs between poses; expected one for all")
+        if apart > STILL:
+            doubts.append(f"{name} differs by up to {apart:.2g} between poses, and is taken to stand still")
+        elsewhere = layout.mount != MOUNTS[0] if name == "uf" else name == "ut" and not layout.tool
+        if elsewhere and poses.columns[name][0] not in ("0", "F"):
+            frame = f"{FRAMES[name]} {poses.columns[name][0]}"
+            hint = "; for one on the flange give its frame: --tool X Y Z W P R" if name == "ut" else ""
+            doubts.append(f"the poses are of {frame}, and so will be the sensor pose{hint}")
+    return doubts
 
 
-def frames(path: Path, poses: pd.DataFrame) -> str:
-    """The robot's frames and external axes, in words. Raises ScanError where one of them differs between poses."""
-    told = ""
-    for name, cells in poses.filter(regex=FIXED).items():
-        what = FRAMES.get(name, f"external axis {name}")
-        still = is_numeric_dtype(cells) and np.ptp(cells) <= STANDSTILL
-        if not still and cells.nunique(dropna=False) > 1:
-            raise ScanError(f"{path}: the {what} differs between poses; expected one for all")
-        told += f", {what} {poses.round(1)[name].iloc[0]}".removesuffix(".0")
-    return told
+def profiles_of(paths: list[Path], count: int, layout: Layout) -> tuple[list, list[np.ndarray], dict[str, str]]:
+    """The names of profiles, or numbers, their points (n, 2), and titles and units of x and z.
+
+    In one file for `count` poses are rows that share a label; or a profile a row, x and z in turn, or z under the x of
+    the first row.
+    """
+    tables = [read_columns(path, layout.entry) for path in paths]
+    if len(paths) > 1:
+        units = x_and_z(tables, layout.columns)
+        return [path.stem for path in paths], [table.numbers(units, blank=True) for table in tables], units
+    (table,) = tables
+    label = next((name for name in LABELS if name in table.columns), None)
+    if label is None and len(table.columns) > 4 and len(table.lines) in (count, count + 1):
+        cells = table.numbers(table.columns, blank=True)
+        x, z = (cells[:, ::2], cells[:, 1::2]) if len(cells) == count else np.broadcast_arrays(cells[:1], cells[1:])
+        return [*range(count)], [*np.stack([x, z], axis=-1)], {"x": "", "z": ""}
+    names, which = np.unique(table.columns.pop(label, [0] * len(table.lines)), return_inverse=True)
+    units = x_and_z(tables, layout.columns)
+    points = table.numbers(units, blank=True)
+    return names.tolist(), [points[which == k] for k in range(len(names))], units
 
 
-def read_profiles(paths: list[Path], layout: Layout) -> tuple[str, tuple[np.ndarray, ...], str]:
-    """Whether files hold profiles or points, what they hold in mm, NaN where nothing was seen, and what it was taken
-    for."""
-    tables, units = read_alike(paths, in_columns, layout.entry)
-    names = x_and_z(paths[0], pd.concat(tables), layout.columns)
-    counts = [len(table) for table in tables]
-    measured = "points" if max(counts) == 1 else "profiles"
-    if measured == "profiles" and 1 in counts:
-        raise ScanError(f"{paths[counts.index(1)]}: a single point, where other files hold profiles")
-    points = np.concatenate([from_frame(*of).numbers(names, blank=True) for of in zip(paths, tables, strict=True)])
-    seen, z, missing = ~np.isnan(points).any(axis=1), points[:, 1], layout.missing
+def seen_in_mm(folder: Path, profiles: list[np.ndarray], units: dict, missing: float | None) -> tuple[list, str]:
+    """The points (n, 2) of profiles, mm, NaN where nothing was seen, and what they were taken for."""
+    points = np.concatenate(profiles)
+    seen, z = ~np.isnan(points).any(axis=1), points[:, 1]
     if missing is None and {*np.sign(z[seen])} in ({0, 1}, {0, -1}):
         missing = 0.0
     seen &= z != missing
     points[~seen] = np.nan
-    largest = np.nanmax(np.abs(points), initial=0)
-    scale, lengths = to_mm(paths[0], units, names, layout.units, largest, 1.0)
+    scale, lengths = to_mm(folder, units, units, points, 1.0)
     points *= scale
-    if not 1 <= largest * scale <= FARTHEST_MM:
-        farthest = max((points[seen] / scale).flat, key=abs, default=0.0)
-        hint = f"expected 1 to {FARTHEST_MM:g} mm: is it the unit (--units), or where nothing was seen (--missing)?"
-        raise ScanError(f"{paths[0].parent}: the profiles, {lengths}, reach {farthest:.10g}; {hint}")
-    where = "" if missing is None else f", where z is {missing:g}"
-    told = "all seen" if seen.all() else f"nothing seen in {(~seen).sum()} of them{where}"
-    ends = zip("xz", names, points[seen].min(axis=0), points[seen].max(axis=0), strict=True)
+    if not 1 <= np.nanmax(np.abs(points), initial=0) <= FARTHEST_MM:
+        hint = f"expected 1 to {FARTHEST_MM:g} mm: is it the unit, or where nothing was seen (--missing)?"
+        raise ScanError(f"{folder}: the profiles are {lengths}; {hint}")
+    ends = zip("xz", units, points[seen].min(axis=0), points[seen].max(axis=0), strict=True)
     ranges = ", ".join(f"{axis} (column {name}) from {low:.4g} to {high:.4g} mm" for axis, name, low, high in ends)
-    values = tuple(np.split(points, np.cumsum(counts)[:-1]))
-    return measured, values, f"{len(points)} points, {lengths}, {ranges}, {told}"
+    unseen = f"nothing seen in {(~seen).sum()} of them{'' if missing is None else f', where z is {missing:g}'}"
+    values = np.split(points, np.cumsum([len(profile) for profile in profiles])[:-1])
+    return values, f"{len(points)} points, {lengths}, {ranges}, {'all seen' if seen.all() else unseen}"
 
 
-def x_and_z(path: Path, points: pd.DataFrame, columns: str) -> list[str]:
-    """The columns of x and z: those given, those of these names, or where columns have no names the two that vary."""
-    varying = [name for name in points if points[name].nunique() > 1]
-    names = varying if nameless(points) else ["x", "z"]
-    if columns:
-        names = [name.strip().lower() for name in columns.split(",")]
-    if not len(names) == len({*names} & {*points}) == 2 or (not columns and "y" in varying):
-        raise ScanError(f"{path}: columns {listed(points)}; say which are x and z: --columns x,z")
-    return names
+def x_and_z(tables: list[Table], said: str) -> dict[str, str]:
+    """The titles of x and z and their units: as said, of these names, or where columns have no names the two that vary.
+
+    Raises ScanError.
+    """
+    units = alike(tables)
+    titles = dict(zip(units, tables[0].columns, strict=True))
+    varying = [n for n, title in titles.items() if len({cell for table in tables for cell in table.columns[title]}) > 1]
+    names = dict.fromkeys(varying if all(map(str.isdigit, units)) else "xz", "")
+    if said:
+        names = dict(name_and_unit(title) for title in said.split(","))
+    if not len(names) == len(names.keys() & units) == 2 or (not said and "y" in varying):
+        raise ScanError(f"{tables[0].path}: columns {listed(titles.values())}; say which are x and z: --columns x,z")
+    return {titles[name]: unit or units[name] for name, unit in names.items()}
 
 
-def to_mm(path: Path, units: dict, names, option: str, largest: float, below: float) -> tuple[float, str]:
-    """From a file's units to mm, and in words; metres if all is less than `below` and neither option nor title says."""
-    if option:
-        others = ", ".join({units[name] for name in names} - {"", option})
-        return LENGTHS[option], f"in {option}, as you say" + (f", where the file says {others}" if others else "")
-    if unit := unit_of(path, units, names, LENGTHS):
-        return LENGTHS[unit], f"in {unit}, as the file says"
-    unit = "m" if largest < below else "mm"
-    return LENGTHS[unit], f"in {unit} (the largest is {largest:.3g})"
+def to_mm(path: Path, units: dict, names, values, below: float) -> tuple[float, str]:
+    """From a file's units to mm, and in words; metres if all is less than `below` and no title says."""
+    largest = np.nanmax(np.abs(values), initial=0)
+    said = unit_of(path, units, [*names], LENGTHS)
+    unit = said or ("m" if largest < below else "mm")
+    return LENGTHS[unit], f"in {unit} ({'as said, ' if said else ''}the largest is {largest:.10g})"
