@@ -61,7 +61,7 @@ class Plane(Target):
         with np.errstate(divide="ignore", invalid="ignore"):
             nearest = height[..., None] * across / squared
             along = along * np.where(along[..., :1] < 0, -1, 1) / np.sqrt(squared)
-        return np.stack([nearest, along], axis=-2)
+        return np.stack(np.broadcast_arrays(nearest, along), axis=-2)
 
     def line_at(self, rotation, origin, x) -> np.ndarray:
         """Points (P, k, 2) at x (P, k) or (k,) of the lines in which scan planes (P, 3, 3), (P, 3) meet the face."""
