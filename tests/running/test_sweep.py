@@ -49,20 +49,24 @@ def wait_for(condition, seconds: float = 60) -> None:
 
 
 def test_grids_mean_each_value_with_each_other(notebook):
-    product = [tuple(run.parameters.values()) for run in sweep.plan(notebook, {"n": [1, 2], "x": [0.1, 3], "seed": 5})]
-    assert product == [(1, 0.1, 5), (1, 3.0, 5), (2, 0.1, 5), (2, 3.0, 5)]
-    several = [tuple(run.parameters.values()) for run in sweep.plan(notebook, [{"n": 1}, {"n": 2, "x": [3, 4]}])]
-    assert several == [(1, 7), (2, 3.0, 7), (2, 4.0, 7)]  # with the notebook's own seed
+    product = sweep.plan(notebook, {"n": [1, 2], "x": [0.1, 3], "seed": 5}).values()
+    assert [tuple(point.values()) for point in product] == [(1, 0.1, 5), (1, 3.0, 5), (2, 0.1, 5), (2, 3.0, 5)]
+    several = sweep.plan(notebook, [{"n": 1}, {"n": 2, "x": [3, 4]}]).values()
+    assert [tuple(point.values()) for point in several] == [
+        (1, 7),
+        (2, 3.0, 7),
+        (2, 4.0, 7),
+    ]  # with the notebook's own seed
 
 
 def test_seeds_depend_on_the_point_and_the_repeat_only(notebook):
     small = sweep.plan(notebook, {"n": [1], "x": [0.1, 3]}, 2)
     large = sweep.plan(notebook, {"n": [2, 1], "x": [3, 0.1, 7.0]}, 3)
-    assert {run.name for run in small} < {run.name for run in large}
-    seeds = [run.parameters["seed"] for run in large]
+    assert small.items() < large.items()
+    seeds = [point["seed"] for point in large.values()]
     assert len(set(seeds)) == len(seeds) == 18
     other = sweep.plan(notebook, {"n": [1], "x": [0.1, 3], "seed": 8}, 2)
-    assert not {run.parameters["seed"] for run in other} & set(seeds)
+    assert not {point["seed"] for point in other.values()} & set(seeds)
 
 
 @pytest.mark.parametrize(
@@ -83,18 +87,17 @@ def test_a_grid_that_does_not_fit_is_refused(tmp_path, grid, repeat, sentence):
         sweep.plan(notebook, grid, repeat)
 
 
-def test_a_grid_is_read_from_yaml_and_the_command_line(tmp_path):
-    path = tmp_path / "grid.yaml"
-    path.write_text("n: [1, 2]\nx: 0.5\n")
+def test_a_grid_is_read_from_a_file_and_the_command_line(tmp_path):
+    path = tmp_path / "grid.toml"
+    path.write_text("n = [1, 2]\nx = 0.5\n")
     assert sweep.read_grid(path, ["x=1,2.5"]) == {"n": [1, 2], "x": [1, 2.5]}
-    for text, sentence in (("- 1\n", "expected parameters"), ("n: [1", "is not YAML")):
-        path.write_text(text)
-        with pytest.raises(ValueError, match=sentence):
-            sweep.read_grid(path)
+    path.write_text("n: [1, 2]")
+    with pytest.raises(ValueError, match=r"grid.toml: .*line 1"):
+        sweep.read_grid(path)
     with pytest.raises(ValueError, match="expected name=value"):
         sweep.read_grid(None, ["x"])
     there = notebooks.folder()
-    runs = sweep.plan(there / "51_one_plan.ipynb", sweep.read_grid(there / "50_sweeping_grid.yaml"))
+    runs = sweep.plan(there / "51_one_plan.ipynb", sweep.read_grid(there / "50_sweeping_grid.toml"))
     assert len(runs) == 54  # as the file, the notebook and the README say
 
 
@@ -139,7 +142,7 @@ def test_finished_runs_are_kept_and_stale_or_failed_ones_repeated(tmp_path, clus
     assert sum(time != after[run] for run, time in landed(output).items()) == 2
     other = notebooks.versions() | {"numpy": "another"}
     monkeypatch.setattr(notebooks, "versions", lambda: other)
-    with pytest.raises(ValueError, match=r"a worker has numpy .*; expected another, as where this was started"):
+    with pytest.raises(ValueError, match=r"a worker has .*; expected .*another.* as where this was started"):
         sweep.sweep(notebook, {"n": [1]}, output, **there)
     assert sorted(path.name for path in output.iterdir()) == ["runs", "table.csv"]
 
@@ -148,12 +151,12 @@ def test_finished_runs_are_kept_and_stale_or_failed_ones_repeated(tmp_path, clus
     ("code", "why"),
     [
         ("from profilecal.running.record import record\nrecord(x=1)", "it records x, which is a parameter's name"),
-        ("import os\nos._exit(3)", "Kernel died (2 attempts)"),
+        ("import os\nos._exit(3)", "Kernel died"),
         (
             "import os, pathlib\nif not pathlib.Path('mark').exists():\n    open('mark', 'w').close()\n    os._exit(3)",
             "",
         ),
-        ("import time\ntime.sleep(60)", "a cell took longer than 1 s (2 attempts)"),
+        ("import time\ntime.sleep(60)", "a cell took longer than 1 s"),
     ],
     ids=["clash", "dies", "dies once", "hangs"],
 )

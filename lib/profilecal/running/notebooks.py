@@ -17,9 +17,6 @@ sys.modules.setdefault("rfc3987_syntax", None)  # a grammar that jsonschema comp
 REAL_DATA = "PROFILECAL_REAL_DATA"
 TYPES = {"int": int, "float": (int, float), "bool": bool, "str": str, "list": list}
 ATTEMPTS = 2  # at a run whose kernel dies or hangs
-ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-CTRL_C_IS_FOR_US = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"  # not for the workers
-OWNED = ("notebooks", "figures", "tables", "scorecard.csv", "scorecard.md")  # what `reproduce` writes
 
 
 class NotebookError(Exception):
@@ -145,22 +142,19 @@ def execute(expected: dict, source: str, parameters: dict, cwd: str, timeout: in
     """
     from distributed import get_worker
 
-    there = versions()
-    for name, version in expected.items():
-        if there[name] != version:
-            raise ValueError(f"a worker has {name} {there[name]}; expected {version}, as where this was started")
+    if versions() != expected:
+        raise ValueError(f"a worker has {versions()}; expected {expected}, as where this was started")
     with tempfile.TemporaryDirectory(dir=get_worker().local_directory) as scratch:
         begin, end = Path(scratch, "source.ipynb"), Path(scratch, "executed.ipynb")
         begin.write_text(source, encoding="utf-8")
-        for attempt in range(1, ATTEMPTS + 1):
+        for _ in range(ATTEMPTS):
             start, why = time.perf_counter(), ""
             try:
                 run(begin, end, parameters, Path(cwd if Path(cwd).is_dir() else scratch), timeout)
-            except NotebookLost as lost:
-                why = f"{lost} ({attempt} attempts)"
-                continue
             except NotebookError as error:
                 why = str(error)
+                if isinstance(error, NotebookLost):
+                    continue
             break
         took = time.perf_counter() - start
         return (end if end.exists() else begin).read_text(encoding="utf-8"), why, took
@@ -174,11 +168,11 @@ def workers(scheduler: str | None = None):
 
     with ExitStack() as stack:
         if not scheduler:
-            # and not Dask's own choice for memory, under which NumPy's large arrays are slow
-            stack.enter_context(dask.config.set({"distributed.nanny.pre-spawn-environ": ONE_THREAD}))
-            options = {"threads_per_worker": 1, "memory_limit": None, "preload": [CTRL_C_IS_FOR_US]}
-            quiet = {"dashboard_address": "127.0.0.1:0", "silence_logs": logging.CRITICAL}
-            scheduler = stack.enter_context(LocalCluster(**options, **quiet))
+            # Dask has memory given back at once, which makes NumPy's large arrays slow
+            stack.enter_context(dask.config.set({"distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": None}))
+            options = {"threads_per_worker": 1, "memory_limit": None, "dashboard_address": "127.0.0.1:0"}
+            options["preload"] = ["import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"]  # Ctrl-C is for us
+            scheduler = stack.enter_context(LocalCluster(**options, silence_logs=logging.CRITICAL))
         yield stack.enter_context(Client(scheduler, timeout=10, set_as_default=False))
 
 
@@ -216,13 +210,12 @@ def reproduce(paths: list[Path], given: dict, output: Path):
     output = output.resolve()
     declared = {path: parameters_of(path) for path in paths}
     check_parameters({name: [value] for name, value in given.items()}, list(declared.values()))
-    marker, in_the_way = output / "run.json", [output / name for name in OWNED if (output / name).exists()]
-    if in_the_way and not marker.exists():
-        raise ValueError(f"{in_the_way[0]} was not written by this command; name a new or empty folder")
-    for path in in_the_way:
-        remove(path)
-    for name in OWNED[:3]:
-        (output / name).mkdir(parents=True)
+    marker = output / "run.json"
+    for name in ("notebooks", "figures", "tables", "scorecard.csv", "scorecard.md"):
+        if (output / name).exists() and not marker.exists():
+            raise ValueError(f"{output / name} was not written by this command; name a new or empty folder")
+        remove(output / name)
+    (output / "notebooks").mkdir(parents=True)
     marker.write_text(json.dumps({"notebooks": [path.stem for path in paths], "parameters": given}))
 
     values = {"results_dir": str(output), "executed_dir": str(output / "notebooks")} | given

@@ -21,8 +21,8 @@ LINK = re.compile(r"\[([^\]]+)\]\([^)]+\)")
 def notebook() -> Path:
     """The report's notebook: inside an installed package, or in the clone."""
     package = Path(__file__).parents[1]
-    places = (package / "data" / "notebooks", package.parents[1] / "notebooks")
-    return next((place / NOTEBOOK for place in places if (place / NOTEBOOK).is_file()), places[0] / NOTEBOOK)
+    inside = package / "data" / "notebooks" / NOTEBOOK
+    return inside if inside.is_file() else package.parents[1] / "notebooks" / NOTEBOOK
 
 
 def check_report(path: Path) -> None:
@@ -34,8 +34,6 @@ def check_report(path: Path) -> None:
         )
     if path.is_dir():
         raise ValueError(f"{path} is a folder; name a file for the report")
-    if not path.parent.is_dir():
-        raise ValueError(f"{path.parent}: no such folder to write the report to")
     try:
         partial_of(path).touch()
         remove(partial_of(path))
@@ -46,11 +44,9 @@ def check_report(path: Path) -> None:
 def write_report(folders, path, **parameters) -> None:
     """Write the report on one scan folder or several of one scanner to the HTML file `path`, whole or not at all.
 
-    `parameters` are further parameters of the notebook. Raises ValueError for a path that cannot be written and
+    `parameters` are further parameters of the notebook; `check_report` says whether the path will do. Raises
     notebooks.NotebookError with the reason where the notebook fails.
     """
-    path = Path(path)
-    check_report(path)
     source = notebook()
     parameters |= {"scan": [str(Path(folder).resolve()) for folder in folders]}
 

@@ -17,9 +17,8 @@ def record(table=None, /, **values) -> None:
     """
     from IPython.display import display
 
-    rows = [] if table is None else table.to_dict("records")
-    payload = json.dumps({"values": values, "rows": rows}, default=_plain)
-    display({"text/plain": f"recorded: {', '.join([*values, *(table if rows else ())])}", MIME: payload}, raw=True)
+    rows = [values | row for row in ([] if table is None else table.to_dict("records"))] or [values]
+    display({"text/plain": f"recorded: {', '.join(rows[0])}", MIME: json.dumps(rows, default=_plain)}, raw=True)
 
 
 def at_defaults(names: dict | None = None, /, **defaults) -> bool:
@@ -51,8 +50,6 @@ def _plain(value):
 
 
 def recorded(notebook: dict) -> list[dict]:
-    """The rows that an executed notebook recorded."""
-    outputs = [output for cell in notebook["cells"] for output in cell.get("outputs", [])]
-    stored = [json.loads("".join(output["data"][MIME])) for output in outputs if MIME in output.get("data", {})]
-    values = {name: value for entry in stored for name, value in entry["values"].items()}
-    return [values | row for entry in stored for row in entry["rows"]] or [values]
+    """The rows that an executed notebook recorded; one without columns where it recorded nothing."""
+    outputs = [output.get("data", {}) for cell in notebook["cells"] for output in cell.get("outputs", [])]
+    return [row for data in outputs for row in json.loads("".join(data.get(MIME, "[]")))] or [{}]

@@ -8,7 +8,6 @@ import itertools
 import json
 import os
 from contextlib import contextmanager
-from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
 
@@ -18,37 +17,15 @@ from tqdm import tqdm
 from profilecal.running import notebooks
 from profilecal.running.record import recorded
 from profilecal.scan.files import whole
-
-BAR = "{l_bar}{bar}| {n}/{total} runs{postfix}, {elapsed} gone, {remaining} left"
-
-
-@dataclass(frozen=True)
-class Run:
-    """One execution: a name that says what it is, every parameter given, and which of the repeats it is."""
-
-    name: str
-    parameters: dict
-    repeat: int | None
-
-
-# The runs that a grid means
+from profilecal.scan.toml import read_toml
 
 
 def read_grid(path: Path | None, texts=()) -> dict:
-    """The grid of a YAML file (a list of values, or one value, for each name), then of texts NAME=A,B,…
+    """The grid of a TOML file (a list of values, or one value, for each name), then of texts NAME=A,B,…
 
     Raises ValueError where it is something else.
     """
-    grid = {}
-    if path:
-        import yaml
-
-        try:
-            grid = yaml.safe_load(path.read_text(encoding="utf-8"))
-        except yaml.YAMLError as error:
-            raise ValueError(f"{path} is not YAML: {' '.join(str(error).split())}") from error
-        if not isinstance(grid, dict):
-            raise ValueError(f"{path} holds {grid!r}; expected parameters, each with its list of values")
+    grid = read_toml(path) if path else {}
     for text in texts:
         name, equals, values = text.partition("=")
         if not equals:
@@ -57,14 +34,16 @@ def read_grid(path: Path | None, texts=()) -> dict:
     return grid
 
 
-def plan(notebook: Path, grid: dict | list[dict], repeat: int | None = None) -> list[Run]:
-    """The runs of a grid, or of several: each value of a parameter with each of the others.
+def plan(notebook: Path, grid: dict | list[dict], repeat: int | None = None) -> dict[str, dict]:
+    """By name the parameters of each run of a grid, or of several: each value of one with each of the others.
 
     With `repeat`, each is run that often, with seeds made from its parameter `seed`. They depend on the parameters and
     the count of the repeat, on nothing else: a grid that grows keeps the runs it has.
 
     Raises ValueError for a grid that does not fit the notebook's parameters.
     """
+    from papermill import inspect_notebook
+
     kinds = notebooks.parameters_of(notebook)
     if not grid and not repeat:
         raise ValueError(f"the grid is empty; {notebook.stem} has the parameters {', '.join(kinds) or '(none)'}")
@@ -81,28 +60,21 @@ def plan(notebook: Path, grid: dict | list[dict], repeat: int | None = None) -> 
                 lists[name] = [float(value) for value in values]  # 1 and 1.0 are one setting
         points += [dict(zip(lists, values, strict=True)) for values in itertools.product(*lists.values())]
     if "seed" in kinds:
-        points = [point if "seed" in point else point | {"seed": _seed_of(notebook)} for point in points]
+        seed = int(inspect_notebook(str(notebook))["seed"]["default"])
+        points = [{**point, "seed": point.get("seed", seed)} for point in points]
     if repeat:
-        runs = [_run(point | {"seed": int(_digest([point, k], 13), 16)}, k) for point in points for k in range(repeat)]
-    else:
-        runs = [_run(point, None) for point in points]
-    if len({run.name for run in runs}) < len(runs):
+        points = [point | {"seed": int(_digest([point, k], 13), 16)} for point in points for k in range(repeat)]
+    runs = {_name(point): point for point in points}
+    if len(runs) < len(points):
         raise ValueError("the grid names a run twice; expected different values")
     return runs
 
 
-def _seed_of(notebook: Path) -> int:
-    """The value that a notebook gives its parameter `seed`."""
-    from papermill import inspect_notebook
-
-    return int(inspect_notebook(str(notebook))["seed"]["default"])
-
-
-def _run(parameters: dict, repeat: int | None) -> Run:
-    """A run and its name: what of the parameters is readable, and a digest of them all."""
+def _name(parameters: dict) -> str:
+    """What of a run's parameters is readable, and a digest of them all."""
     said = "_".join(f"{name}={value}" for name, value in parameters.items() if name != "seed")
     said = "".join(letter if letter.isalnum() or letter in "=_.-" else "-" for letter in said)[:100]
-    return Run(f"{said}_{_digest(parameters, 8)}", parameters, repeat)
+    return f"{said}_{_digest(parameters, 8)}"
 
 
 def _digest(values, length: int) -> str:
@@ -133,28 +105,25 @@ def sweep(
     """
     runs = plan(notebook, grid, repeat)
     source, present = notebook.read_text(encoding="utf-8"), notebooks.versions()
-    code = [(cell["cell_type"], "".join(cell["source"])) for cell in json.loads(source)["cells"]]
-    keys = {run.name: _digest([code, run.parameters, present], 16) for run in runs}
-    files = {run.name: output / "runs" / f"{run.name}.ipynb" for run in runs}
+    code = [(cell["cell_type"], cell["source"]) for cell in json.loads(source)["cells"]]
+    keys = {name: _digest([code, parameters, present], 16) for name, parameters in runs.items()}
+    files = {name: output / "runs" / f"{name}.ipynb" for name in runs}
     (output / "runs").mkdir(parents=True, exist_ok=True)
 
     with _alone(output):
-        missing = {run.name: run.parameters for run in runs if not _is_done(files[run.name], keys[run.name])}
+        missing = [name for name in runs if not _is_done(files[name], keys[name])]
         if missing:
-            cwd, failures = str(notebook.resolve().parent), 0
-            jobs = {name: (source, parameters, cwd, timeout) for name, parameters in missing.items()}
-            with notebooks.workers(scheduler) as client, tqdm(total=len(jobs), disable=None, bar_format=BAR) as bar:
+            jobs = {name: (source, runs[name], str(notebook.resolve().parent), timeout) for name in missing}
+            with notebooks.workers(scheduler) as client, tqdm(total=len(jobs), unit="run", disable=None) as bar:
                 for name, text, why, took in notebooks.outcomes(client, jobs):
                     executed = json.loads(text)
-                    clash = {entry for row in recorded(executed) for entry in row} & missing[name].keys()
+                    clash = runs[name].keys() & {column for row in recorded(executed) for column in row}
                     if clash and not why:
                         why = f"it records {', '.join(sorted(clash))}, which is a parameter's name"
                     about = {"key": keys[name], "error": why, "duration_s": round(took, 3)}
                     executed["metadata"]["profilecal"] = about
                     with whole(files[name]) as part:
                         part.write_text(json.dumps(executed, indent=1, ensure_ascii=False), encoding="utf-8")
-                    failures += bool(why)
-                    bar.set_postfix_str(f"{failures} failed", refresh=False)
                     bar.update()
         table, failed = _gather(runs, files, present)
         with whole(output / "table.csv") as part:
@@ -171,19 +140,18 @@ def _is_done(path: Path, key: str) -> bool:
     return about["key"] == key and not about["error"]
 
 
-def _gather(runs: list[Run], files: dict[str, Path], present: dict[str, str]) -> tuple[pd.DataFrame, dict[str, str]]:
+def _gather(runs: dict, files: dict[str, Path], present: dict[str, str]) -> tuple[pd.DataFrame, dict[str, str]]:
     """The table of runs that have ended, in the order of the grid, and why some failed."""
     rows, failed = [], {}
-    for run in runs:
-        notebook = json.loads(files[run.name].read_text(encoding="utf-8"))
+    for name, parameters in runs.items():
+        notebook = json.loads(files[name].read_text(encoding="utf-8"))
         about = notebook["metadata"]["profilecal"]
         if about["error"]:
-            failed[run.name] = about["error"]
-        begin = run.parameters if run.repeat is None else {"repeat": run.repeat} | run.parameters
+            failed[name] = about["error"]
         end = {"status": "failed" if about["error"] else "done", "duration_s": about["duration_s"]}
-        end |= present | {"run": run.name}
-        rows += [begin | row | end for row in ([{}] if about["error"] else recorded(notebook))]
-    columns = [name for name in dict.fromkeys(itertools.chain(*rows)) if name not in end]
+        end |= present | {"run": name}
+        rows += [parameters | row | end for row in ([{}] if about["error"] else recorded(notebook))]
+    columns = [column for column in dict.fromkeys(itertools.chain(*rows)) if column not in end]
     return pd.DataFrame(rows, columns=columns + list(end)), failed
 
 
