@@ -40,15 +40,21 @@ def test_three_groups_of_three_positions_suffice():
 
 
 @pytest.mark.parametrize("plan", [SPACE, EdgePlan(groups=4, positions=4), EdgePlan(groups=3, positions=3)])
-def test_the_reduced_system_has_the_solution_and_singular_values_of_all_pairs(plan):
-    scene = edge_scenes(plan, Noise(0.05), np.random.default_rng(2))
-    reduced, plain = (edge_equations(*data(scene), pairs=pairs) for pairs in ("reduced", "all"))
-    assert len(reduced.rotation.b_r) <= len(plain.rotation.b_r)
-    np.testing.assert_allclose(reduced.rotation.S, plain.rotation.S, rtol=1e-11)
-    np.testing.assert_allclose(reduced.translation.S, plain.translation.S, rtol=1e-11)
-    condition = plain.rotation.S[0] / plain.rotation.S[-1]
-    np.testing.assert_allclose(reduced.R_sensor, plain.R_sensor, atol=1e-14 * condition**2)
-    np.testing.assert_allclose(reduced.T_sensor, plain.T_sensor, atol=1e-11 * condition**2)
+def test_the_few_equations_have_the_solution_and_singular_values_of_all_pairs(plan):
+    R_b, T_b, p_s = data(edge_scenes(plan, Noise(0.05), np.random.default_rng(2)))
+    few = edge_equations(R_b, T_b, p_s)
+    A_r, b_r = edge.pair_equations(R_b, *edge.difference_vectors(T_b, p_s))
+    assert len(few.rotation.b_r) <= len(b_r)
+    S = np.linalg.svd(A_r, compute_uv=False)
+    np.testing.assert_allclose(few.rotation.S, S, rtol=1e-11)
+    np.testing.assert_allclose(few.rotation.r_s, np.linalg.lstsq(A_r, b_r)[0], atol=1e-14 * (S[0] / S[-1]) ** 2)
+
+    i, j = np.triu_indices(len(R_b), 1)  # Eqs 30-34, of all pairs of points of different groups
+    p, along = few.p_b - (R_b @ few.T_sensor)[:, None], edge.transposed_skew(few.u_b)
+    A_t = np.repeat(along @ (R_b[j] - R_b[i]), p.shape[1] ** 2, axis=0).reshape(-1, 3)
+    b_t = -np.cross(p[j][:, None, :] - p[i][:, :, None], few.u_b).reshape(-1)
+    np.testing.assert_allclose(few.translation.S, np.linalg.svd(A_t, compute_uv=False), rtol=1e-11)
+    np.testing.assert_allclose(few.T_sensor, np.linalg.lstsq(A_t, b_t)[0], atol=1e-9)
 
 
 def test_a_batch_is_solved_as_its_members_are():
@@ -91,8 +97,8 @@ def test_noise_gain_is_the_derivative_of_the_singular_value_summed_over_all_poin
     for index in np.ndindex(p_s.shape):  # A_r is linear in each coordinate, so a difference is a derivative
         moved = p_s.copy()
         moved[index] += 1
-        change = edge.rotation_system(R_b, T_b, moved, "all")[0] - edge.rotation_system(R_b, T_b, p_s, "all")[0]
-        squares += np.sum((change @ v) ** 2)
+        before, after = (edge.pair_equations(R_b, *edge.difference_vectors(T_b, p))[0] for p in (p_s, moved))
+        squares += np.sum(((after - before) @ v) ** 2)
     assert edge.noise_gain(v, R_b, T_b, p_s) == pytest.approx(np.sqrt(squares), rel=1e-9)
 
 
@@ -198,8 +204,3 @@ def test_malformed_data_are_refused_in_a_sentence(change, sentence):
     scene = edge_scenes(EdgePlan(spread_deg=40), Noise(0.05), np.random.default_rng(11))
     with pytest.raises(ValueError, match=sentence):
         solve_edge(*change(*data(scene)))
-
-
-def test_unknown_pairs_are_refused():
-    with pytest.raises(ValueError, match="pairs is 'some'"):
-        edge_equations(*data(edge_scenes(SPACE, Noise(), np.random.default_rng(12))), pairs="some")

@@ -109,10 +109,10 @@ def solve_edge(R_b, T_b, p_s, noise_mm: float | None = None) -> EdgeSolution:
     return solution
 
 
-def edge_equations(R_b, T_b, p_s, *, pairs: str = "reduced") -> EdgeSolution:
-    """Both phases without guards; `pairs` as in `rotation_system` and `translation_system`."""
-    rotation = solve_rotation(R_b, T_b, p_s, pairs)
-    return EdgeSolution(rotation, solve_translation(R_b, T_b, p_s, rotation.R_sensor, pairs))
+def edge_equations(R_b, T_b, p_s) -> EdgeSolution:
+    """Both phases without guards."""
+    rotation = solve_rotation(R_b, T_b, p_s)
+    return EdgeSolution(rotation, solve_translation(R_b, T_b, p_s, rotation.R_sensor))
 
 
 def difference_vectors(T_b, p_s) -> tuple[np.ndarray, np.ndarray]:
@@ -140,20 +140,14 @@ def transposed_skew(a) -> np.ndarray:
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
-def rotation_system(R_b, T_b, p_s, pairs: str = "reduced") -> tuple[np.ndarray, np.ndarray]:
-    """A_r (..., k, 9) and b_r (..., k) of Eq. 25, stacked over pairs within each group.
+def rotation_system(R_b, T_b, p_s) -> tuple[np.ndarray, np.ndarray]:
+    """A_r (..., k, 9) and b_r (..., k) of Eq. 25, from `fewer_vectors` with the least-squares problem of all pairs."""
+    return pair_equations(R_b, *fewer_vectors(*difference_vectors(T_b, p_s)))
 
-    `pairs`: "all" or "consecutive" pairs of the vectors of Eq. 5, or "reduced" to fewer rows with the same
-    least-squares problem as "all" (`fewer_vectors`).
-    """
-    u_s, u_t = difference_vectors(T_b, p_s)
-    if pairs == "reduced":
-        u_s, u_t = fewer_vectors(u_s, u_t)
-    elif pairs not in ("all", "consecutive"):
-        raise ValueError(f"pairs is {pairs!r}; expected 'reduced', 'all' or 'consecutive'")
-    count = u_s.shape[-2]
-    i, j = (np.arange(count - 1), np.arange(1, count)) if pairs == "consecutive" else np.triu_indices(count, 1)
 
+def pair_equations(R_b, u_s, u_t) -> tuple[np.ndarray, np.ndarray]:
+    """A_r and b_r, stacked over all pairs, within each group, of vectors u_s and u_t (..., G, n, 3)."""
+    i, j = np.triu_indices(u_s.shape[-2], 1)
     C = transposed_skew(u_t) @ R_b[..., None, :, :]
     x, z = u_s[..., 0, None, None], u_s[..., 2, None, None]
     x_i, z_i, C_i, x_j, z_j, C_j = (a[..., k, :, :] for k in (i, j) for a in (x, z, C))
@@ -183,9 +177,9 @@ def unvec(r) -> np.ndarray:
     return np.swapaxes(r.reshape(*r.shape[:-1], 3, 3), -1, -2)
 
 
-def solve_rotation(R_b, T_b, p_s, pairs: str = "reduced") -> EdgeRotation:
+def solve_rotation(R_b, T_b, p_s) -> EdgeRotation:
     """Phase one, Eqs 25-27."""
-    A_r, b_r = rotation_system(R_b, T_b, p_s, pairs)
+    A_r, b_r = rotation_system(R_b, T_b, p_s)
     r_s, S, V, rank = least_squares(A_r, b_r, rounding_of_rotation(T_b, p_s))
     R_sensor = nearest_rotation(unvec(r_s))
     return EdgeRotation(A_r=A_r, b_r=b_r, S=S, V=V, rank=rank, r_s=r_s, R_sensor=R_sensor)
@@ -225,38 +219,28 @@ def principal_direction(vectors) -> np.ndarray:
     return direction * np.sign(largest)
 
 
-def translation_system(R_b, p, u_b, pairs: str = "reduced") -> tuple[np.ndarray, np.ndarray]:
-    """A_t (..., k, 3) and b_t (..., k) of Eq. 34 from p = R_b R_s p_s + T_b (..., G, N, 3), mm.
+def translation_system(R_b, p, u_b) -> tuple[np.ndarray, np.ndarray]:
+    """A_t (..., 3 G, 3) and b_t (..., 3 G) of Eq. 34 from p = R_b R_s p_s + T_b (..., G, N, 3), mm.
 
-    `pairs`: "all" pairs of points of different groups; "consecutive" groups, points of equal number; or "reduced":
-    differences from the mean in place of those between all pairs, scaled to the same sum of squares.
+    Each group's difference from the mean of all, in place of those between all pairs of points of different groups
+    (Eqs 30-33), scaled to the same sum of squares.
     """
     G, N = p.shape[-3:-1]
-    if pairs == "reduced":
-        weight = N * np.sqrt(G)
-        C = weight * (R_b - R_b.mean(axis=-3, keepdims=True))
-        d = weight * (p.mean(axis=-2) - p.mean(axis=(-3, -2))[..., None, :])
-    else:
-        group, number = np.divmod(np.arange(G * N), N)
-        i, j = np.triu_indices(G * N, 1)
-        keep = group[i] != group[j]
-        if pairs == "consecutive":
-            keep = (group[i] + 1 == group[j]) & (number[i] == number[j])
-        i, j = i[keep], j[keep]
-        C = R_b[..., group[j], :, :] - R_b[..., group[i], :, :]  # Eq. 30
-        d = p[..., group[j], number[j], :] - p[..., group[i], number[i], :]
+    weight = N * np.sqrt(G)
+    C = weight * (R_b - R_b.mean(axis=-3, keepdims=True))
+    d = weight * (p.mean(axis=-2) - p.mean(axis=(-3, -2))[..., None, :])
     A_t = transposed_skew(u_b)[..., None, :, :] @ C  # Eq. 33
     b_t = -np.cross(d, u_b[..., None, :])  # Eq. 31
     return A_t.reshape(*A_t.shape[:-3], -1, 3), b_t.reshape(*b_t.shape[:-2], -1)
 
 
-def solve_translation(R_b, T_b, p_s, R_sensor, pairs: str = "reduced") -> EdgeTranslation:
+def solve_translation(R_b, T_b, p_s, R_sensor) -> EdgeTranslation:
     """Phase two, Eqs 28-35, with the rotation R_sensor (..., 3, 3) of phase one."""
     in_flange = p_s @ np.swapaxes(R_sensor[..., ::2], -1, -2)[..., None, :, :]
     p = in_flange @ np.swapaxes(R_b, -1, -2) + T_b
     vectors = p[..., 1:, :] - p[..., :1, :]  # Eq. 5
     u_b = principal_direction(vectors.reshape(*vectors.shape[:-3], -1, 3))
-    A_t, b_t = translation_system(R_b, p, u_b, pairs)
+    A_t, b_t = translation_system(R_b, p, u_b)
     rounding = 12 * np.finfo(float).eps * p.shape[-3] * p.shape[-2]  # of nine entries of R_b, in each of G N equations
     T_sensor, S, _, rank = least_squares(A_t, b_t, rounding)
     p_b = p + (R_b @ T_sensor[..., None, :, None])[..., None, :, 0]
@@ -291,7 +275,7 @@ def estimate_noise(T_b, p_s) -> np.ndarray:
 
 
 def judge(R_b, T_b, p_s, solution: EdgeSolution, noise_mm=None) -> EdgeEvidence:
-    """How well the data determine a solution of `edge_equations` with "reduced" or "all" pairs; batches as there.
+    """How well the data determine a solution of `edge_equations`; batches as there.
 
     Raises ValueError where the noise is not given and cannot be estimated.
     """
