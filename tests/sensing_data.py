@@ -33,7 +33,7 @@ def disk_data(rng, poses=4):
 
 
 def ball_data(rng, translating=4, turning=4):
-    """(R_sensor, T_sensor), (R_tcp, T_tcp, q, translating)."""
+    """(R_sensor, T_sensor), (R_tcp, T_tcp, q), the first `translating` poses in one orientation."""
     R_sensor, T_sensor = sensor(rng)
     turned = tilted(rng, turning)
     R_tcp = np.concatenate([np.repeat(Rotation.random(rng=rng).as_matrix()[None], translating, axis=0), turned])
@@ -42,4 +42,18 @@ def ball_data(rng, translating=4, turning=4):
     shift = corners + rng.uniform(-5, 5, (translating, 3)) - q[:translating]
     q[:translating] += shift
     T_tcp[:translating] -= np.einsum("nab,bc,nc->na", R_tcp[:translating], R_sensor, shift)
-    return (R_sensor, T_sensor), (R_tcp, T_tcp, q, translating)
+    return (R_sensor, T_sensor), (R_tcp, T_tcp, q)
+
+
+def point_data(rng, poses=10, translating=0):
+    """(R_sensor, T_sensor), (R_tcp, T_tcp, q): a point in the scan plane, the first `translating` poses in one
+    orientation."""
+    R_sensor, T_sensor = sensor(rng)
+    around = 2 * np.pi * np.arange(poses) / poses
+    turns = Rotation.from_rotvec(0.5 * np.column_stack([np.cos(around), np.sin(around), np.cos(3 * around)]))
+    R_tcp = (Rotation.random(rng=rng) * turns).as_matrix()
+    R_tcp[:translating] = R_tcp[:1]
+    q = np.column_stack([40 * np.cos(2 * around + 1), 0 * around, 40 * np.sin(2 * around + 1)])
+    q += rng.uniform(-15, 15, (poses, 3)) * [1, 0, 1]
+    point = rng.uniform(-500, 500, 3)
+    return (R_sensor, T_sensor), (R_tcp, point - np.einsum("nab,nb->na", R_tcp, q @ R_sensor.T + T_sensor), q)

@@ -1,0 +1,131 @@
+"""Disk, ball and fixed point, from their sensing data: exact without noise, refused in words where nothing follows."""
+
+import numpy as np
+import pytest
+import sensing_data as scenes
+
+from profilecal.closed_form.ball import ball_equations, solve_ball
+from profilecal.closed_form.disk import disk_equations, solve_disk
+from profilecal.closed_form.fixed_point import fixed_point_equations, solve_fixed_point
+from profilecal.geometry.checks import UnobservableError
+from profilecal.geometry.poses import angle_between, rotation_from_xyz_angles
+
+METHODS = {
+    "disk": (solve_disk, disk_equations, scenes.disk_data),
+    "ball": (lambda R, T, q: solve_ball(R, T, q, 4), lambda R, T, q: ball_equations(R, T, q, 4), scenes.ball_data),
+    "fixed point": (solve_fixed_point, fixed_point_equations, scenes.point_data),
+}
+
+
+def exact(solution, sensor, rounding=1e-12):
+    """Whether a solution is the sensor's pose, and meets the fixed point, but for rounding in a hundred mm."""
+    off = angle_between(solution.R_sensor, sensor[0]), np.linalg.norm(solution.T_sensor - sensor[1]) / 100
+    return max(*off, solution.translation.accuracy / 100) < rounding
+
+
+@pytest.mark.parametrize("poses", [3, 4, 8])
+@pytest.mark.parametrize("pairs", ["consecutive", "first", "all"])
+def test_a_disk_without_noise_gives_the_answer_exactly(poses, pairs):
+    rng = np.random.default_rng(poses)
+    for _ in range(200):
+        sensor, data = scenes.disk_data(rng, poses)
+        assert exact(solve_disk(*data, pairs=pairs), sensor)
+
+
+@pytest.mark.parametrize(("translating", "turning"), [(3, 3), (4, 4), (6, 8)])
+def test_a_ball_without_noise_gives_the_answer_exactly(translating, turning):
+    rng = np.random.default_rng(translating)
+    for _ in range(200):
+        sensor, (R, T, q) = scenes.ball_data(rng, translating, turning)
+        assert exact(solve_ball(R, T, q, translating), sensor)
+
+
+@pytest.mark.parametrize("poses", [6, 10, 20])
+def test_a_point_without_noise_gives_the_answer_exactly_and_the_ball_s_steps_the_same(poses):
+    rng = np.random.default_rng(poses)
+    for _ in range(200):
+        sensor, data = scenes.point_data(rng, poses)
+        assert exact(solve_fixed_point(*data), sensor, 1e-10)
+    sensor, data = scenes.point_data(rng, 9, translating=4)
+    assert exact(solve_fixed_point(*data), sensor, 1e-10)
+    assert exact(solve_ball(*data, 4), sensor)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_batch_equals_its_members(method):
+    solve, equations, data = METHODS[method]
+    rng = np.random.default_rng(6)
+    members = [data(rng)[1] for _ in range(5)]
+    noisy = [(R, T, q + rng.normal(scale=[0.1, 0, 0.1], size=q.shape), *rest) for R, T, q, *rest in members]
+    batch = equations(*(np.stack(arrays) for arrays in zip(*noisy, strict=True)))
+    for k, member in enumerate(noisy):
+        np.testing.assert_allclose(batch.flat()[k], solve(*member).flat(), rtol=1e-10, atol=1e-9)
+
+
+MALFORMED = [
+    ("disk", lambda R, *d: [a[:2] for a in (R, *d)], "disk sensing data: 2 given, at least 3 needed"),
+    ("disk", lambda R, *d: [R[:3], *d], "R_tcp has 3 matrices; expected 4"),
+    ("disk", lambda R, T, *d: [R, T[:, :2], *d], r"T_tcp has shape \(4, 2\); expected \(n, 3\)"),
+    ("disk", lambda R, *d: [R * 1.01, *d], r"R_tcp\[0\] is not orthonormal: R Rᵀ differs from the identity by 0.02"),
+    ("disk", lambda R, *d: [R * np.nan, *d], r"R_tcp\[0\] holds a value that is not finite"),
+    ("disk", lambda R, T, q, D, B: [R, T, q, D * [[0], [1], [1], [1]], B], r"D_i\[0\] has zero length"),
+    ("ball", lambda R, T, q: [R[:6], T[:6], q[:6]], "turning poses: 2 given, at least 3 needed"),
+    ("ball", lambda R, T, q: [R[::-1], T, q], "the 4 translating poses differ in orientation by"),
+    ("fixed point", lambda R, T, q: [R[:3], T[:3], q[:3]], "readings of the point: 3 given, at least 4 needed"),
+    ("fixed point", lambda R, T, q: [R, T, q + np.array([0, 0.5, 0])], r"q\[0\] is .*expected y = 0"),
+    *((name, lambda R, T, q, *d: [R, T, q * np.nan, *d], r"q\[0\] is .*expected finite") for name in METHODS),
+    *((name, lambda R, *d: [R[:, ::-1], *d], r"R_tcp\[0\] is a reflection") for name in METHODS),
+]
+
+
+@pytest.mark.parametrize(("method", "change", "sentence"), MALFORMED)
+def test_malformed_input_is_refused_in_words(method, change, sentence):
+    solve, _, data = METHODS[method]
+    with pytest.raises(ValueError, match=sentence):
+        solve(*change(*data(np.random.default_rng(5))[1]))
+
+
+def about_x(R):
+    """As many orientations as R, turned about one axis."""
+    return rotation_from_xyz_angles(np.outer(np.linspace(0, 1, len(R)), [1, 0, 0]))
+
+
+ONE_LINE = np.outer(np.arange(8), [10.0, 20, 30])
+SMALL = rotation_from_xyz_angles(0.05 * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]))
+OPEN = [
+    *((name, lambda R, *d: [R[[0] * len(R)], *d], "poses have one orientation") for name in METHODS),
+    ("disk", lambda R, *d: [about_x(R), *d], r"turn about one axis, \[.*1.*\] of the flange"),
+    ("ball", lambda R, *d: [np.concatenate([R[:4] * 0 + np.eye(3), about_x(R[4:])]), *d], "turn about one axis"),
+    ("fixed point", lambda R, *d: [about_x(R), *d], "turn about one axis"),
+    ("disk", lambda R, T, q, D, B: [R, T, q, D[[0] * 4], B], "D_i: all 4 are parallel"),
+    ("ball", lambda R, T, q: [R, T, ONE_LINE], "difference of ball centres: all 3 are parallel"),
+    ("fixed point", lambda R, T, q: [R, T, q * [1, 0, 0]], "all 10 readings lie on one line of the scan plane"),
+    ("fixed point", lambda R, T, q: [SMALL, T[:4], q[:4]], "leave a combination of rotation and translation open"),
+]
+
+
+@pytest.mark.parametrize("sigma", [0, 1e-4])
+@pytest.mark.parametrize(("method", "change", "sentence"), OPEN)
+def test_poses_that_cannot_determine_the_answer_are_refused_with_noise_too(method, change, sentence, sigma):
+    solve, _, data = METHODS[method]
+    rng = np.random.default_rng(8)
+    R, T, q, *directions = change(*data(rng)[1])
+    R = R @ rotation_from_xyz_angles(rng.normal(scale=sigma, size=(len(R), 3)))
+    q, *directions = (v + sigma * rng.normal(size=v.shape) * [1, 0, 1] for v in (q, *directions))
+    with pytest.raises(UnobservableError, match=sentence):
+        solve(R, T, q, *directions)
+
+
+def test_an_unknown_set_of_pairs_is_refused():
+    with pytest.raises(ValueError, match="pairs is 'some'; expected 'consecutive', 'first' or 'all'"):
+        solve_disk(*scenes.disk_data(np.random.default_rng(5))[1], pairs="some")
+
+
+def test_coplanar_directions_give_rotations():
+    rng = np.random.default_rng(7)
+    for _ in range(50):
+        (R_sensor, _), (R_tcp, T_tcp, q, D_i, _) = scenes.disk_data(rng)
+        U, S, Vt = np.linalg.svd(D_i - D_i.mean(axis=0), full_matrices=False)
+        D_i = U[:, :2] * S[:2] @ Vt[:2]
+        D_b = np.einsum("nab,bc,nc->na", R_tcp, R_sensor, D_i) + rng.normal(scale=0.1, size=D_i.shape)
+        assert np.degrees(angle_between(solve_disk(R_tcp, T_tcp, q, D_i, D_b).R_sensor, R_sensor)) < 1
