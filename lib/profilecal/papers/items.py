@@ -32,6 +32,7 @@ class Row:
     low: float
     high: float
     why: str = ""  # it differs
+    reading: str = ""  # of a quantity that can be read in several ways
 
     @property
     def difference(self) -> float:
@@ -86,14 +87,23 @@ class Item:
         return ("compatible" if self.free else "reproduced") if row.inside else "differs"
 
     @property
+    def inside(self) -> list[bool]:
+        """Of each printed number, whether it lies inside our range, under one reading at least."""
+        found = {}
+        for row in self.rows:
+            found.setdefault((row.row, row.column, row.quantity), []).append(row.inside)
+        return list(map(any, found.values()))
+
+    @property
     def summary(self) -> str:
         """How many of the printed numbers lie inside our ranges."""
-        inside, count = sum(row.inside for row in self.rows), len(self.rows)
+        inside, count = sum(self.inside), len(self.inside)
         many = self.range_from == "Monte Carlo" and self.layout == "table"
         expected = f", about {0.95 * count:.0f} are expected" if many else ""
         free = f" Free: {self.free}." if self.free else ""
         where = f"lie inside our ranges ({self.range_from}){expected}" if self.range_from else "are ours, too"
-        return f"{inside} of {count} printed numbers {where}.{free}"
+        reading = " under one reading at least" if count < len(self.rows) else ""
+        return f"{inside} of {count} printed numbers {where}{reading}.{free}"
 
     def _repr_mimebundle_(self, include=None, exclude=None) -> dict:
         frame = {"table": as_table, "list": as_list, "matrix": as_matrices}[self.layout](self)
@@ -127,9 +137,8 @@ def compare(paper, item, what, ours, low=None, high=None, *, within=None, why=No
         for entry, found in zip(entries.itertuples(), numbers, strict=True):
             decimals = int(entry.decimals)
             names = [labels.get(name, name) for name in (entry.row, entry.component, quantity)]
-            names[2] = ", ".join([names[2], *reading])
             ours_low_high = [round(float(value), decimals + DIGITS) for value in found]
-            row = Row(*names, entry.printed, decimals, entry.unit, *ours_low_high)
+            row = Row(*names, entry.printed, decimals, entry.unit, *ours_low_high, reading="".join(reading))
             if not row.inside:
                 row = replace(row, why=(why or {}).get(key, ""))
                 if not row.why:
@@ -155,7 +164,7 @@ def as_list(item: Item) -> pd.DataFrame:
     """A line for each number."""
     lines = []
     for row in item.rows:
-        name = " ".join(filter(None, (row.quantity, row.row, row.column)))
+        name = ", ".join(filter(None, (" ".join(filter(None, (row.quantity, row.row, row.column))), row.reading)))
         numbers = [row.as_printed, row.shown(row.ours), row.shown(row.difference)]
         over = f"{row.over_tolerance:.2g}"
         unit = "" if row.unit == "1" else row.unit

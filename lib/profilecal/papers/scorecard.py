@@ -67,7 +67,7 @@ def rows_of_items(notebook: Path) -> list[dict]:
     rows = []
     for item in items_of(notebook):
         for row in item.rows:
-            name = ", ".join(filter(None, (row.quantity, row.row, row.column)))
+            name = ", ".join(filter(None, (row.quantity, row.row, row.column, row.reading)))
             numbers = float(row.printed), row.ours, row.unit, (row.high - row.low) / 2
             notes = "; ".join(filter(None, (f"free: {item.free}" if item.free else "", row.why)))
             values = (PAPERS[item.paper], item.item, name, *numbers, item.verdict(row), notebook.stem, notes)
