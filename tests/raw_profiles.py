@@ -65,17 +65,23 @@ def disks(rng, count=250, background=20.0, aside=0.0):
     return scan(chains, rng), np.array(tips)
 
 
+def arc_of(radius, middle, reach_deg):
+    """Points (k, 2) on a circle about zero, to either side of an angle; lines that join them are on it on average."""
+    angle = middle + np.radians(np.arange(-reach_deg, reach_deg + 0.1, 1.5))
+    return radius * (1 + np.radians(1.5) ** 2 / 12) * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+
+
+def above_table(arc, z):
+    """A chain of an arc (k, 2) and a table at a depth behind it."""
+    return np.array([[-300, z], [arc[0, 0], z], *arc, [arc[-1, 0], z], [300, z]])
+
+
 def balls(rng, count=250, background=30.0):
     """Profiles of balls on a table, and their circles (P, 3)."""
-    chains, circles = [], []
-    for r in RADIUS * np.sqrt(1 - rng.uniform(0, 0.8, count) ** 2):
-        x, z = rng.uniform(-8, 8), rng.uniform(190, 240)
-        angle = np.linspace(-np.pi, 0, 120)  # chords 2 µm deep
-        arc = np.stack([x + r * np.cos(angle), z + r * np.sin(angle)], axis=-1)
-        table = np.array([[x - 300, z + background], [x - r, z + background]])
-        chains.append(np.concatenate([table, arc, [[x + r, z + background], [x + 300, z + background]]]))
-        circles.append([x, z, r])
-    return scan(chains, rng), np.array(circles)
+    r = RADIUS * np.sqrt(1 - rng.uniform(0, 0.8, count) ** 2)
+    circles = np.stack([rng.uniform(-8, 8, count), rng.uniform(190, 240, count), r], axis=-1)
+    chains = [above_table(c[:2] + arc_of(c[2], -np.pi / 2, 90), c[1] + background) for c in circles]
+    return scan(chains, rng), circles
 
 
 def rods(rng, count=250, radius=RADIUS, background=30.0):
@@ -83,7 +89,6 @@ def rods(rng, count=250, radius=RADIUS, background=30.0):
 
     Their ellipses (P, 4): the centre, and what of the axis' unit direction lies in the plane.
     """
-    step = np.radians(1.5)
     chains, ellipses = [], []
     for sine in np.sin(rng.uniform(0, np.pi / 4, count)):
         axis = turned([sine, 0], rng.uniform(-np.pi, np.pi), 0.0)
@@ -91,14 +96,9 @@ def rods(rng, count=250, radius=RADIUS, background=30.0):
         oblique = np.eye(2) + np.outer(axis, axis) / (cosine * (1 + cosine))  # from the rod seen along its axis
         centre = np.array([rng.uniform(-8, 8), rng.uniform(190, 240) + max(radius - RADIUS, 0)])
         nearest = np.arctan2(*oblique[::-1, 1]) + np.pi  # where the ellipse is square to z
-        angle = nearest + np.arange(-np.radians(120), np.radians(120), step)
-        circle = (
-            radius * (1 + step**2 / 12) * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-        )  # chords: on it on average
-        arc = centre + circle @ oblique
+        arc = centre + arc_of(radius, nearest, 120) @ oblique
         if background is not None:
-            floor = arc[:, 1].max() + background
-            arc = np.array([[-300, floor], [arc[0, 0], floor], *arc, [arc[-1, 0], floor], [300, floor]])
+            arc = above_table(arc, arc[:, 1].max() + background)
         chains.append(arc)
         ellipses.append([*centre, *axis])
     return scan(chains, rng), np.array(ellipses)

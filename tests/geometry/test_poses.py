@@ -4,20 +4,10 @@ from scipy.spatial.transform import Rotation
 from profilecal.geometry import poses
 
 
-def axis_rotation(axis, angle):
-    c, s = np.cos(angle), np.sin(angle)
-    i, j = [(1, 2), (2, 0), (0, 1)][axis]
-    matrix = np.eye(3)
-    matrix[i, i] = matrix[j, j] = c
-    matrix[j, i], matrix[i, j] = s, -s
-    return matrix
-
-
 def test_angles_mean_rz_ry_rx():
-    rng = np.random.default_rng(1)
-    for a, b, c in rng.uniform(-np.pi, np.pi, (50, 3)):
-        expected = axis_rotation(2, c) @ axis_rotation(1, b) @ axis_rotation(0, a)
-        np.testing.assert_allclose(poses.rotation_from_xyz_angles([a, b, c]), expected, atol=1e-15)
+    a, b, c = np.random.default_rng(1).uniform(-np.pi, np.pi, (3, 4, 50))
+    x, y, z = (poses.rotations(angle[..., None] * axis) for angle, axis in zip((a, b, c), np.eye(3), strict=True))
+    np.testing.assert_allclose(poses.rotation_from_xyz_angles(np.stack([a, b, c], axis=-1)), z @ y @ x, atol=1e-15)
 
 
 def test_angles_come_back():

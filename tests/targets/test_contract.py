@@ -13,8 +13,8 @@ from profilecal.joint.problem import Problem
 from profilecal.simulate.scene import random_scene
 from profilecal.simulate.spec import Spec, simulate_scan
 from profilecal.targets import TARGETS
-from profilecal.targets.plane import Plane
-from profilecal.targets.point import Point
+from profilecal.targets.ball import Ball
+from profilecal.targets.disk import Disk
 from profilecal.targets.target import find_features
 
 KINDS = list(TARGETS)
@@ -157,23 +157,14 @@ def test_it_is_found_in_the_profiles_that_it_is_simulated_with(kind):
     assert np.mean([feature.found for feature in find_features(scan.target, scan.values, scan.sizes)]) > 0.5
 
 
-def test_a_plane_meets_the_scan_plane_in_a_line_on_both():
-    rng = np.random.default_rng(8)
-    rotation, origin = rotations(rng.normal(size=(100, 3))), rng.uniform(-50, 50, (100, 3))
-    plane = Plane(rng.uniform(-50, 50, 3), directions(rng, ()))
-    nearest, along = np.moveaxis(plane.meet(rotation, origin), 1, 0)
-    for s in (-30, 0, 40):
-        x, z = (nearest + s * along).T
-        p = origin + x[:, None] * rotation[:, :, 0] + z[:, None] * rotation[:, :, 2]
-        scale = 1 + np.linalg.norm(p - plane.point, axis=1)
-        assert np.abs((p - plane.point) @ plane.normal / scale).max() < 1e-12
-
-
-def test_a_point_is_seen_at_its_coordinates():
-    rng = np.random.default_rng(9)
-    rotation, origin = rotations(rng.normal(size=(50, 3))), rng.uniform(-50, 50, (50, 3))
-    point = Point(rng.uniform(-50, 50, 3))
-    seen = point.meet(rotation, origin)
-    y = ((point.point - origin)[:, None] @ rotation)[:, 0, 1]
-    back = origin + (rotation @ np.column_stack([seen[:, 0], y, seen[:, 1]])[..., None])[..., 0]
-    np.testing.assert_allclose(back, np.broadcast_to(point.point, back.shape), atol=1e-12 * 200)
+def test_a_missed_disk_has_no_chord_and_a_circle_gives_the_ball_back_on_its_side():
+    rng = np.random.default_rng(3)
+    rotation, origin = rotations(rng.normal(size=(200, 3))), rng.uniform(-20, 20, (200, 3))
+    tips = Disk(np.zeros(3), directions(rng, ()), 25.0).meet(rotation, origin)
+    hit = np.isfinite(tips).all(axis=(1, 2))
+    assert 100 < hit.sum() < 200
+    assert (tips[hit, 0, 0] <= tips[hit, 1, 0]).all()
+    ball = Ball(np.array([5.0, 0.0, -4.0]), 40.0)
+    in_sensor = ((ball.centre - origin)[:, None] @ rotation)[:, 0]
+    found = ball.centre_from_circle(ball.meet(rotation, origin), ball.sides(rotation, origin))
+    np.testing.assert_allclose(found, in_sensor, atol=1e-11)

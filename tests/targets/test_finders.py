@@ -5,7 +5,6 @@ import pytest
 from raw_profiles import RADIUS, balls, disks, edges, planes, rods, spoil, tables
 from scipy.differentiate import jacobian
 
-from profilecal.geometry.fitting import fit_circle
 from profilecal.profiles.arcs import Section
 from profilecal.profiles.edges import TIP_DEPTH
 from profilecal.simulate.scanner import Scanner
@@ -85,45 +84,13 @@ def test_corners_and_ends_of_faces_are_found_no_worse_than_the_scanner_resolves(
     assert (np.abs(error.mean(axis=0)) < 0.1).all()  # one quantum
 
 
-def test_a_blade_at_the_end_of_a_profile_is_not_found():
+@pytest.mark.parametrize(
+    "z", [lambda x: 80 + 0 * x, lambda x: 80 + 0.5 * x, lambda x: np.where(x > 19.95, 80.0, 100.0)]
+)
+def test_a_perfect_plane_has_no_edge_nor_has_a_blade_where_the_profile_ends(z):
     x = np.linspace(-20, 20, 980)
-    (feature,) = features_of("edge", [np.stack([x, np.where(x > 19.95, 80.0, 100.0)], axis=-1)])
+    (feature,) = features_of("edge", [np.stack([x, z(x)], axis=-1)])
     assert feature.reason
-
-
-def test_a_perfect_plane_has_no_edge():
-    x = np.linspace(-20, 20, 980)
-    for slope in (0.0, 0.5):
-        (feature,) = features_of("edge", [np.stack([x, 80 + slope * x], axis=-1)])
-        assert feature.reason
-
-
-@pytest.mark.parametrize("spoiled", [False, True], ids=["clean", "spoiled"])
-def test_arcs_are_found_and_as_exact_as_stated(spoiled):
-    rng = np.random.default_rng(2)
-    profiles, circles = balls(rng)
-    features = features_of("ball", spoil(profiles, circles[:, None, :2], rng) if spoiled else profiles, RADIUS)
-    assert found(features).mean() >= 0.99
-    for k in ALONG:
-        shown = [(f.points[k], f.covariance[k, 0, 0], c) for f, c in zip(features, circles, strict=True) if f.found]
-        squares = [(np.hypot(*(p - c[:2])) - c[2]) ** 2 / variance for p, variance, c in shown]
-        assert np.mean(squares) == pytest.approx(1, abs=4 * np.sqrt(2 / len(squares)))
-    centres = np.array([fit_circle(f.points) - c for f, c in zip(features, circles, strict=True) if f.found])
-    assert (np.abs(centres.mean(axis=0)) < 4 * centres.std(axis=0) / np.sqrt(len(centres))).all()
-
-
-@pytest.mark.parametrize("spoiled", [False, True], ids=["clean", "spoiled"])
-def test_faces_are_found_and_as_exact_as_stated(spoiled):
-    rng = np.random.default_rng(3)
-    profiles, faces = planes(rng)
-    features = features_of("plane", spoil(profiles, faces[:, 1:], rng) if spoiled else profiles)
-    assert found(features).mean() >= 0.99
-    squares = []
-    for feature, (start, end) in zip(features, faces, strict=True):
-        along = (end - start) / np.hypot(*(end - start))
-        x, z = feature.points[20] - start
-        squares.append((z * along[0] - x * along[1]) ** 2 / feature.covariance[20, 0, 0])
-    assert np.mean(squares) == pytest.approx(1, abs=4 * np.sqrt(2 / len(squares)))
 
 
 def outside(points, ellipse, radius):
@@ -138,21 +105,50 @@ def outside(points, ellipse, radius):
     return (distance - radius) / slope
 
 
-@pytest.mark.parametrize(("radius", "background"), [(5.0, 30.0), (5.0, None), (25.0, None), (60.0, 30.0)])
+def off_circle(points, circle):
+    return np.hypot(*(points - circle[:2]).T) - circle[2]
+
+
+def off_face(points, ends):
+    along = (ends[1] - ends[0]) / np.hypot(*(ends[1] - ends[0]))
+    return (points - ends[0]) @ [-along[1], along[0]]
+
+
+def of_rods(radius, background):
+    """How the rods of a radius are made, what is near them, how far points are off them, and the radius."""
+    return (
+        lambda rng: rods(rng, radius=radius, background=background),
+        lambda ellipses: ellipses[:, None, :2],
+        lambda points, ellipse: outside(points, ellipse, radius),
+        radius,
+    )
+
+
+CURVES = {
+    "ball": (balls, lambda circles: circles[:, None, :2], off_circle, RADIUS),
+    "plane": (planes, lambda faces: faces[:, 1:], off_face, RADIUS),
+    "rod, thin": of_rods(5.0, 30.0),
+    "rod, thin, alone": of_rods(5.0, None),
+    "rod, alone": of_rods(25.0, None),
+    "rod, thick": of_rods(60.0, 30.0),
+}
+
+
 @pytest.mark.parametrize("spoiled", [False, True], ids=["clean", "spoiled"])
-def test_rods_are_found_and_as_exact_as_stated(spoiled, background, radius):
+@pytest.mark.parametrize("curve", CURVES)
+def test_curves_are_found_and_as_exact_as_stated(curve, spoiled):
     """No mean is drawn inwards by the bend of its block: their own mean is zero to within its standard error."""
+    make, near, distance, radius = CURVES[curve]
     rng = np.random.default_rng(3)
-    profiles, ellipses = rods(rng, radius=radius, background=background)
-    features = features_of("rod", spoil(profiles, ellipses[:, None, :2], rng) if spoiled else profiles, radius)
+    profiles, truth = make(rng)
+    shown = spoil(profiles, near(truth), rng) if spoiled else profiles
+    features = features_of(curve.split(",")[0], shown, radius)
     assert found(features).mean() >= 0.99
-    assert {f.shape for f in features if f.found} == {"arc"}
-    off = [outside(f.points, ellipse, radius) for f, ellipse in zip(features, ellipses, strict=True) if f.found]
+    pairs = [(f, distance(f.points, where)) for f, where in zip(features, truth, strict=True) if f.found]
     for k in ALONG:
-        variance = np.array([f.covariance[k, 0, 0] for f in features if f.found])
-        squares = np.array([o[k] for o in off]) ** 2 / variance
-        assert squares.mean() == pytest.approx(1, abs=4 * np.sqrt(2 / len(squares)))
-    means = np.array([o.mean() for o in off])
+        squares = [off[k] ** 2 / f.covariance[k, 0, 0] for f, off in pairs]
+        assert np.mean(squares) == pytest.approx(1, abs=4 * np.sqrt(2 / len(squares)))
+    means = np.array([off.mean() for _, off in pairs])
     assert abs(means.mean()) < 4 * means.std() / np.sqrt(len(means))
 
 
@@ -267,7 +263,6 @@ VIEWS = {
     "height for depth": (lambda p: p * [1, -1], lambda t: t * [1, -1]),
     "right for left": (lambda p: p * [-1, 1], lambda t: (t * [-1, 1])[:, ::-1]),
     "last point first": (lambda p: p[:, ::-1], lambda t: t),
-    "depth about zero": (lambda p: p - [0, np.nanmedian(p[..., 1])], None),
 }
 
 
@@ -276,26 +271,10 @@ VIEWS = {
 def test_it_does_not_matter_how_the_scanner_counts(target, view):
     """Orders and signs change the arithmetic's rounding only, which may move a point over a threshold: 1e-9 mm."""
     kind, _, make = SHOWN[target]
-    rng = np.random.default_rng(6)
-    profiles, _ = make(rng)
-    profiles = profiles[:50]
+    profiles = make(np.random.default_rng(6))[0][:50]
     change, back = VIEWS[view]
-    shift = np.array([0, np.nanmedian(profiles[..., 1])])
-    plain = features_of(kind, profiles, RADIUS)
-    other = features_of(kind, change(profiles), RADIUS)
-    points, seen = (np.array([f.points for f in features]) for features in (plain, other))
-    seen = back(seen) if back else seen + shift
-    np.testing.assert_allclose(seen, points, atol=1e-9)
-
-
-@pytest.mark.parametrize("view", ["height for depth", "right for left", "last point first"])
-def test_it_does_not_matter_for_a_rod_either(view):
-    """An ellipse is fitted until noise decides the rest, which may move a point or two over a threshold."""
-    profiles, _ = rods(np.random.default_rng(6), 50)
-    plain, other = features_of("rod", profiles, RADIUS), features_of("rod", VIEWS[view][0](profiles), RADIUS)
-    assert found(plain).all()
-    used, seen = (np.array([f.used for f in features]) for features in (plain, other))
-    assert ((seen[:, ::-1] if view == "last point first" else seen) != used).sum(axis=1).max() <= 2
+    points, seen = (np.array([f.points for f in features_of(kind, shown)]) for shown in (profiles, change(profiles)))
+    np.testing.assert_allclose(back(seen), points, atol=1e-9)
 
 
 def test_points_left_out_of_a_file_are_missing_points():

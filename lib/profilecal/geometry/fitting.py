@@ -11,7 +11,6 @@ import numpy as np
 
 ROUNDS = 60  # Newton's steps at most; four or five are usual
 SETTLED = 1e-14  # a step this small, as a fraction of the eigenvalue's scale, is rounding: the next would be its square
-LEAST_WIDTH = 1e-3  # of the positions' length: an arc leaves its plane, and a line its direction, by rounding only
 
 
 def from_components(*components) -> np.ndarray:
@@ -190,7 +189,7 @@ def affine_residuals(positions, values, weights=None) -> tuple[np.ndarray, np.nd
     offsets = weight * (positions - (constant**2 * positions).sum(axis=-2, keepdims=True))
     U, S, _ = np.linalg.svd(offsets, full_matrices=False)
     rounding = n * np.finfo(float).eps * np.abs(weight * positions).max(axis=(-2, -1))[..., None]
-    extends = np.maximum(LEAST_WIDTH * S[..., :1], rounding) < S
+    extends = np.maximum(1e-3 * S[..., :1], rounding) < S  # an arc leaves its plane, a line itself, by less
     basis = np.concatenate([np.broadcast_to(constant, (*U.shape[:-1], 1)), U * extends[..., None, :]], axis=-1)
     residuals = weight * values
     residuals = residuals - basis @ (np.swapaxes(basis, -1, -2) @ residuals)

@@ -1,21 +1,17 @@
 """The arc of a curve in a raw profile: of the circle that a ball shows, or of the ellipse of a rod."""
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from scipy.optimize import least_squares
 
 from profilecal.geometry.fitting import fit_circle
 from profilecal.profiles.feature import Feature, block_means, mask, nothing
-from profilecal.profiles.points import LARGEST_TOLERANCE, correlation, present, stretches, surface
+from profilecal.profiles.points import FOLLOWS, LARGEST_TOLERANCE, correlation, present, stretches, surface
 
 LEAST_ARC_DEG, LEAST_ARC_POINTS = 30.0, 20  # of a curve that must be seen
-LARGEST_RMS = 0.5  # tolerances, of an arc's points from the curve; pieces of lines near a curve have more
-LEAST_ON_ARC = 0.9  # of the points along an arc that must lie on it
-LARGEST_GAP = 20  # rows from one point of an arc to the next
 LARGEST_TILT_DEG = 60.0  # of the scan plane against square to a rod
-LEAST_STEP = 3.0  # tolerances, from a rod's section to what is seen beyond its arc
 
 
 @dataclass(frozen=True)
@@ -23,8 +19,7 @@ class Section:
     """The ellipse |w|² - (w·t)² = R², w from its centre, in which the scan plane cuts a rod.
 
     t is what of the rod's unit axis is in the plane; `lean` q = t / √(1 - |t|²) is as long as the tangent of the tilt,
-    zero for a circle. The map B = 1 - q qᵀ / (s (1 + s)), s² = 1 + |q|², takes w to the circle that the rod shows along
-    its axis, and back with B⁻¹ = 1 + q qᵀ / (1 + s).
+    zero for a circle. Points are rows (k, 2).
     """
 
     centre: np.ndarray  # (2,) mm
@@ -32,86 +27,80 @@ class Section:
     radius: float  # mm, of the rod
 
     @cached_property
-    def secant(self) -> float:
-        """Of the tilt: s."""
-        return float(np.sqrt(1 + self.lean @ self.lean))
-
-    def squared(self, w) -> np.ndarray:
-        """B w for vectors (2, k) in the scan plane."""
-        return w - self.lean[:, None] * (self.lean @ w / (self.secant * (1 + self.secant)))
+    def maps(self) -> tuple[np.ndarray, np.ndarray]:
+        """From w to the circle that the rod shows along its axis, B = 1 - q qᵀ / (s (1 + s)) with s² = 1 + |q|², and
+        back, B⁻¹ = 1 + q qᵀ / (1 + s)."""
+        s, square = np.sqrt(1 + self.lean @ self.lean), np.outer(self.lean, self.lean)
+        return np.eye(2) - square / (s * (1 + s)), np.eye(2) + square / (1 + s)
 
     def around(self, points) -> np.ndarray:
-        """Points (k, 2), from the rod's axis and as seen along it, (2, k) mm."""
-        return self.squared(points.T - self.centre[:, None])
+        """Points from the rod's axis, seen along it, mm."""
+        return (points - self.centre) @ self.maps[0]
 
     def off(self, points) -> np.ndarray:
-        """How far points (k, 2) are outside, mm; of an ellipse to first order: small beside the radius."""
+        """How far points are outside, (k,) mm; of an ellipse to first order: small beside the radius."""
         u = self.around(points)
-        distance = np.hypot(*u)
-        return (distance - self.radius) * distance / np.hypot(*self.squared(u))
+        distance = lengths(u)
+        return (distance - self.radius) * distance / lengths(u @ self.maps[0])
 
     def normals(self, u) -> np.ndarray:
-        """Unit normals (2, k), outwards, where B takes the curve to the directions of u (2, k)."""
-        normal = self.squared(u)
-        return normal / np.hypot(*normal)
+        """Unit normals, outwards, where the rod seen along its axis has the directions of u (k, 2)."""
+        normal = u @ self.maps[0]
+        return normal / lengths(normal)[:, None]
 
     def angles(self, points) -> np.ndarray:
-        """Where on it points (k, 2) in scan order are, about the rod's axis, rad, without jumps."""
-        x, z = self.around(points)
+        """Where on it points in scan order are, about the rod's axis, (k,) rad, without jumps."""
+        x, z = self.around(points).T
         return np.unwrap(np.arctan2(z, x))
 
     def points(self, angles, off) -> np.ndarray:
-        """At angles (k,) and so far outside (k,), mm: (k, 2)."""
-        u = np.stack([np.cos(angles), np.sin(angles)])
-        w = u + self.lean[:, None] * (self.lean @ u / (1 + self.secant))
-        return self.centre + (self.radius * w + off * self.normals(u)).T
+        """At angles (k,) and so far outside (k,), mm."""
+        u = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+        return self.centre + self.radius * u @ self.maps[1] + off[:, None] * self.normals(u)
 
     def derivatives(self, points) -> np.ndarray:
         """Of `off` by centre and lean, (k, 4), to the same order."""
-        w = points.T - self.centre[:, None]
-        normal = self.normals(self.squared(w))
-        return -np.vstack([normal, normal * (self.lean @ w / self.secant**2)]).T
+        normal = self.normals(self.around(points))
+        along = (points - self.centre) @ self.lean / (1 + self.lean @ self.lean)
+        return -np.hstack([normal, normal * along[:, None]])
+
+
+def lengths(vectors) -> np.ndarray:
+    """Of vectors (k, 2)."""
+    return np.hypot(*vectors.T)
 
 
 def find_balls(profiles, radius: float) -> list[Feature]:
     """The arc of the ball in each profile (n, 2), mm, as up to 40 means over its points."""
 
-    def start(points, limit):
-        return best_circle(points, limit, least=10 * limit, largest=1.2 * radius)
-
-    def fit(points, _):
-        return nearest_circle(points)
-
     def why_not(circle, points, on, _):
         return why_no_ball(circle, points[on], radius)
 
+    start = partial(best_circle, largest=1.2 * radius)
     missing = "no arc of a circle as large as the ball or smaller"
-    return [find_arc(profile, start, fit, why_not, missing, fitted=3) for profile in profiles]
+    return [find_arc(profile, start, nearest_circle, 3, why_not, missing) for profile in profiles]
 
 
 def find_rods(profiles, radius: float) -> list[Feature]:
     """The arc of the rod in each profile (n, 2), mm, as up to 40 means over its points."""
 
-    def start(points, limit):
-        # a thin rod fills one or two parts in sixty
-        return best_circle(points, limit, least=0.5 * radius, largest=2.5 * radius, parts=60)
-
     def fit(points, curve):
         return nearest_section(points, curve if curve.lean.any() else leaning(curve, points, radius))
 
+    start = partial(best_circle, largest=2.5 * radius, least=0.5 * radius, parts=60)  # a thin rod fills one or two
     missing = (
         f"no arc of a rod of {radius:.4g} mm whose axis is within {LARGEST_TILT_DEG:.0f}° of square to the profile"
     )
-    return [find_arc(profile, start, fit, why_no_rod, missing, fitted=4) for profile in profiles]
+    return [find_arc(profile, start, fit, 4, why_no_rod, missing) for profile in profiles]
 
 
-def find_arc(profile, start, fit, why_not, missing: str, fitted: int) -> Feature:
+def find_arc(profile, start, fit, fitted: int, why_not, missing: str) -> Feature:
     """The arc that a profile (n, 2) shows of a curve, as up to 40 means over its points.
 
     `start(points, limit)` gives a circle of which points (k, 2) may show an arc to within `limit` mm, or None, and
-    `fit(points, curve)` the curve nearest to points near the last one, by so many parameters `fitted`. What speaks
-    against it, or "", is told by `why_not(curve, points, on, limit)`, with the points that are `on` it (k,), and that
-    there is none by `missing`.
+    `fit(points, curve)` the curve nearest to points near the last one, of so many parameters `fitted`. What speaks
+    against it, or "", is told by `why_not(curve, points, on, limit)`, with the points that are `on` it (k,); that there
+    is none by `missing`.
     """
     seen = np.flatnonzero(present(profile))
     if len(seen) < LEAST_ARC_POINTS:
@@ -134,7 +123,7 @@ def find_arc(profile, start, fit, why_not, missing: str, fitted: int) -> Feature
     if reason:
         return nothing(profile, reason)
     angles, off = curve.angles(points[on]), curve.off(points[on])
-    angles, means, covariance = block_means(angles, off, curve.normals(curve.around(points[on])).T, fitted)
+    angles, means, covariance = block_means(angles, off, curve.normals(curve.around(points[on])), fitted)
     return Feature(curve.points(angles, means), covariance, mask(profile, rows[on]), "arc")
 
 
@@ -145,10 +134,10 @@ def why_no_arc(curve: Section, points, on, limit: float) -> str:
         return f"an arc of {np.degrees(extent):.0f}°; expected {LEAST_ARC_DEG:.0f}° or more"
     if curve.radius * (1 - np.cos(min(extent / 2, np.pi))) < 4 * limit:
         return "an arc too flat to be told from a line"
-    if np.sqrt(np.mean(curve.off(points[on]) ** 2)) > LARGEST_RMS * limit:
+    if np.sqrt(np.mean(curve.off(points[on]) ** 2)) > FOLLOWS * limit:
         return f"points that follow no {'ellipse' if curve.lean.any() else 'circle'}"
     share = on[on.argmax() : len(on) - on[::-1].argmax()].mean()
-    if share < LEAST_ON_ARC:
+    if share < 0.9:  # pieces of other things cross the curve
         return f"only {100 * share:.0f} % of the points along the arc are on it"
     return ""
 
@@ -172,22 +161,23 @@ def why_no_rod(section: Section, points, on, limit: float) -> str:
     first, last = np.flatnonzero(on)[[0, -1]]
     for beyond in (points[:first][::-1], points[last + 1 :]):
         off = np.abs(section.off(beyond[3:9]))  # the first ones may show both
-        if len(off) >= 3 and np.median(off) < LEAST_STEP * limit:
+        if len(off) >= 3 and np.median(off) < 3 * limit:
             return f"an arc that goes on where a rod of {section.radius:.4g} mm bends away"
     return ""
 
 
-def best_circle(points, limit: float, least: float, largest: float, parts: int = 12) -> Section | None:
+def best_circle(points, limit: float, largest: float, least: float = 0.0, parts: int = 12) -> Section | None:
     """Of circles through three points of a profile (k, 2) each, the one on which most points are for its size, or None.
 
-    Its radius is between `least` and `largest`, mm. The three points are spread over stretches of different length,
-    from one of so many `parts` of the profile to all of it, so that some see the arc alone, without spikes.
+    Its radius is between `least`, or what noise alone may bend, and `largest`, mm. The three points are spread over
+    stretches of different length, from one of so many `parts` of the profile to all of it, so that some see the arc
+    alone, without spikes.
     """
     k = len(points)
     spans = np.unique(np.geomspace(max(8, k // parts), k - 1, 7).astype(int))[:, None]
     starts = (np.linspace(0, 1, 40) * (k - 1 - spans)).astype(int)
     circles = circles_through(*(points[(starts + step).ravel()] for step in (0, spans // 2, spans)))
-    circles = circles[(least < circles[:, 2]) & (circles[:, 2] < largest)]  # false for NaN
+    circles = circles[((least or 10 * limit) < circles[:, 2]) & (circles[:, 2] < largest)]  # false for NaN
     if not len(circles):
         return None
     few = points[:: max(1, k // 250)]
@@ -212,7 +202,7 @@ def section_of(circle) -> Section:
     return Section(circle[:2], np.zeros(2), circle[2])
 
 
-def nearest_circle(points) -> Section | None:
+def nearest_circle(points, _) -> Section | None:
     """The circle nearest to points (k, 2); None if they are too few places to tell."""
     with np.errstate(divide="ignore", invalid="ignore"):  # repeated points: NaN
         circle = fit_circle(points)
@@ -222,7 +212,7 @@ def nearest_circle(points) -> Section | None:
 def leaning(circle: Section, points, radius: float) -> Section:
     """The section of a rod that leans by 30° towards the middle of points (k, 2) on a circle, and touches it there."""
     middle = points[len(points) // 2]
-    outwards = (middle - circle.centre) / np.hypot(*(middle - circle.centre))
+    (outwards,) = circle.normals(circle.around(middle[None]))
     tilt = np.radians(30)
     return Section(middle - radius / np.cos(tilt) * outwards, np.tan(tilt) * outwards, radius)
 
@@ -245,5 +235,5 @@ def nearest_section(points, section: Section) -> Section | None:
 
 
 def largest_part(on) -> np.ndarray:
-    """Of points that are `on` (k,), the stretch with most of them."""
-    return mask(on, max(stretches(np.flatnonzero(on), LARGEST_GAP), key=len))
+    """Of points that are `on` (k,), the stretch with most of them; an arc goes on behind a gap of up to 20 rows."""
+    return mask(on, max(stretches(np.flatnonzero(on), 20), key=len))

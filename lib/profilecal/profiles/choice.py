@@ -10,7 +10,6 @@ from profilecal.profiles.ends import End
 from profilecal.profiles.feature import Feature, nothing
 from profilecal.profiles.points import present
 
-LIKE_ANGLES_DEG = 20.0, 30.0  # from a corner's usual angle, and from that if tilted planes see nothing nearer to it
 AMBIGUOUS = 0.5  # a second candidate with this share of the first one's support leaves the choice open
 
 
@@ -58,10 +57,13 @@ def choose(profiles, candidates, key: tuple[str, int] | None, missed: Callable[[
         return [Candidate(nothing(profile, "nothing like the target in this profile")) for profile in profiles]
     usual = np.median(angles)
     spread = 6 * np.median(np.abs(angles - usual)) if len(angles) >= 5 else np.inf
+    like = np.maximum(
+        np.radians([20, 30]), spread
+    )  # tilted planes see corners at other angles, if nothing nearer to it
     chosen = []
     for number, (profile, found) in enumerate(zip(profiles, alike, strict=True)):
-        like = [[c for c in found if abs(c.angle - usual) <= max(a, spread)] for a in np.radians(LIKE_ANGLES_DEG)]
-        near = like[0] or like[1]
+        near, far = ([c for c in found if abs(c.angle - usual) <= most] for most in like)
+        near = near or far
         if not present(profile).any():
             reason = "nothing in this profile"
         elif not found:

@@ -6,23 +6,16 @@ from itertools import pairwise
 import numpy as np
 
 from profilecal.profiles.choice import Candidate, choose, common_key, votes
-from profilecal.profiles.ends import facing, run_end, step_beyond, with_end_variance
+from profilecal.profiles.ends import BLUNT, ZONE, View, facing, run_end, step_beyond, with_end_variance
 from profilecal.profiles.feature import Feature, mask, nothing
 from profilecal.profiles.points import NOISE_LIMIT, present, stretches
 from profilecal.profiles.runs import Run, straight_runs
-from profilecal.profiles.view import View
 
 SHAPES = ("corner", "step end", "tip")  # in this order if many profiles show several
 LEAST_BEND_DEG = 15.0  # between the sides of a corner
-BLUNT = 0.5  # mm around a corner that its rounding and the laser spot spoil
-LEAST_SIDE = 10  # points on either side of it
-REACH = 2.0  # mm from the end of a straight side to the corner, at most
-ALIKE = 0.8  # as many profiles that show the other end of a face leave open which is the edge
-LEAST_CORNERS = 3  # profiles that show which end of a face is the edge
-TIP_DEPTH, TIP_WIDTH = 0.5, 2.0  # mm of a blade that make up its tip, and its width there at most
-LEAST_TIP_POINTS = 3
-AROUND = 12  # points on either side of a tip that must be behind it
-BOTH_ENDS = "both ends of a face are seen, in this profile or others: which is the edge? Show one of them only"
+LEAST_SIDE = 10  # points on either side of a corner
+NEAR = 2.0  # mm: from the ends of straight sides to their corner, and across a blade's tip, at most
+TIP_DEPTH = 0.5  # mm of a blade that make up its tip
 
 
 def find_edges(profiles) -> list[Feature]:
@@ -43,8 +36,9 @@ def find_edges(profiles) -> list[Feature]:
     if key and key[0] == "step end" and shows_both_ends(votes(candidates), key):
         at_faces = Counter(c.key for found in candidates for c in corners_of_faces(found) if rank(c.key) == 0)
         key, often = max(at_faces.items(), key=lambda item: item[1], default=(None, 0))  # where a side face is seen
-        if often < LEAST_CORNERS:
-            return [nothing(profile, BOTH_ENDS) for profile in profiles]
+        if often < 3:
+            reason = "both ends of a face are seen, in this profile or others: which is the edge? Show one of them only"
+            return [nothing(profile, reason) for profile in profiles]
 
     def missed(number: int) -> str:
         return why_no_corner(found[number][0]) if key and key[0] == "corner" else ""
@@ -54,7 +48,7 @@ def find_edges(profiles) -> list[Feature]:
 
 def shows_both_ends(count, key) -> bool:
     """Whether nearly as many profiles show the end of a face on the other side than that of the key."""
-    return any(k[0] == key[0] and k != key and count[k] > ALIKE * count[key] for k in count)
+    return any(k[0] == key[0] and k != key and count[k] > 0.8 * count[key] for k in count)
 
 
 def corners_of_faces(found) -> list[Candidate]:
@@ -63,7 +57,7 @@ def corners_of_faces(found) -> list[Candidate]:
     longest = max((c.support for c in ends), default=0.0)
     tips = [c.feature.points[0] for c in ends if c.support == longest]
     corners = [c for c in found if c.feature.shape == "corner"]
-    return [c for c in corners if any(np.hypot(*(c.feature.points[0] - tip)) < REACH for tip in tips)]
+    return [c for c in corners if any(np.hypot(*(c.feature.points[0] - tip)) < NEAR for tip in tips)]
 
 
 def corners(runs) -> list[Candidate]:
@@ -110,7 +104,7 @@ def ends_at(first: Run, second: Run, apex) -> bool:
     """Whether the first run ends and the second begins within reach of the apex."""
     end = (apex - first.point) @ first.direction - first.along[-1]
     start = (apex - second.point) @ second.direction - second.along[0]
-    return abs(end) < REACH and abs(start) < REACH
+    return abs(end) < NEAR and abs(start) < NEAR
 
 
 def beyond_blunt(run: Run, apex) -> Run | None:
@@ -159,13 +153,13 @@ def top_of(profile, seen, cluster, away: int) -> np.ndarray | None:
     depth = away * profile[cluster, 1]
     for nearest in np.sort(depth)[:3]:  # up to two spikes in front
         top = cluster[(depth >= nearest) & (depth < nearest + TIP_DEPTH)]
-        if len(top) >= LEAST_TIP_POINTS:
+        if len(top) >= 3:
             break
     else:
         return None
-    if np.ptp(profile[top, 0]) > TIP_WIDTH:
+    if np.ptp(profile[top, 0]) > NEAR:
         return None
-    for around in (np.arange(top[0] - AROUND, top[0]), np.arange(top[-1] + 1, top[-1] + 1 + AROUND)):
+    for around in (np.arange(top[0] - ZONE, top[0]), np.arange(top[-1] + 1, top[-1] + 1 + ZONE)):
         if around[0] < 0 or around[-1] >= len(profile):
             return None
         if seen[around].any() and np.median(away * profile[around[seen[around]], 1]) < nearest + TIP_DEPTH:

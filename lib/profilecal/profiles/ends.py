@@ -10,13 +10,40 @@ import numpy as np
 from profilecal.profiles.feature import Feature
 from profilecal.profiles.points import present
 from profilecal.profiles.runs import Run
-from profilecal.profiles.view import CLEAR, View
 
+CLEAR = 5.0  # mm beyond a run in which the scanner sees nothing, though it looked: the run ends there
 STEEPEST_DEG = 65.0  # of a face that faces the scanner
-LEAST_STEP = 0.5  # mm off a run's line: a step, not a bend
+BLUNT = 0.5  # mm around a corner that its rounding and the laser spot spoil: what is farther off a line is a step
 THICKNESS = 3.0  # mm of a face whose side wall may be seen
-ZONE = 12  # points at the end of a run among which the scanner may see both sides of a step
+ZONE = 12  # points at a step among which the scanner may see both of its sides
 ON_FACE = 3.5  # standard deviations from a run's line
+
+
+@dataclass(frozen=True)
+class View:
+    """The outermost points that a scanner sees at each depth, and which way is away from it."""
+
+    points: np.ndarray  # (k, 2) mm
+    away: int  # sign of z that points away from the scanner, told by its standoff; 0: not known
+
+    @staticmethod
+    def of(runs) -> "View":
+        """From each profile's straight runs; spikes could be anywhere."""
+        straight = [np.concatenate([run.points for run in found]) for found in runs if found]
+        points = np.concatenate([*straight, np.zeros((0, 2))])
+        z = points[:, 1]
+        far = len(z) and np.abs(z).min() > np.median([np.ptp(p[:, 1]) for p in straight]) / 2
+        away = int(np.sign(z[0])) if far and (np.sign(z) == np.sign(z[0])).all() else 0
+        layer = np.round(z / 2)  # mm of depth that count as one
+        order = np.lexsort((points[:, 0], layer))
+        first, last = (np.diff(layer[order], **{end: np.nan}) != 0 for end in ("prepend", "append"))
+        return View(points[order[first | last]], away)
+
+    def reaches_beyond(self, end, direction) -> bool:
+        """Whether some profile has a point at about this depth, or nearer, clearly farther out along x."""
+        deeper = self.points[:, 1] - end[1]
+        like = self.away * deeper < CLEAR if self.away else np.abs(deeper) < CLEAR  # the view widens with depth
+        return bool((like & ((self.points[:, 0] - end[0]) * np.sign(direction[0]) > CLEAR)).any())
 
 
 @dataclass(frozen=True)
@@ -60,7 +87,7 @@ def step_to(points, run: Run, limit: float) -> int | None:
     along, off = run.coordinates(points[: wall + 9])
     off = off * np.sign(run.direction[0])
     soon = np.median(off[3:9] if len(off) >= 6 else off)  # a curve leaves the line more slowly
-    if abs(soon) > max(LEAST_STEP, 2 * limit):
+    if abs(soon) > max(BLUNT, 2 * limit):
         return int(np.sign(soon))
     after = np.median(off[wall:]) if len(off) > wall + 6 else 0.0
     near = np.abs(off) < CLEAR / 2

@@ -5,10 +5,9 @@ from dataclasses import replace
 import numpy as np
 
 from profilecal.profiles.choice import AMBIGUOUS, Candidate, choose
-from profilecal.profiles.ends import facing, run_end, step_beyond, with_end_variance
+from profilecal.profiles.ends import View, facing, run_end, step_beyond, with_end_variance
 from profilecal.profiles.feature import Feature, block_means, mask, nothing
 from profilecal.profiles.runs import straight_runs
-from profilecal.profiles.view import View
 
 
 def find_chords(profiles, radius: float) -> list[Feature]:

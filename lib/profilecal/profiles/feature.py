@@ -7,8 +7,6 @@ from scipy.optimize import nnls
 
 from profilecal.profiles.points import correlation
 
-LEAST_VARIANCE = 0.1  # of a point, over the mean of all: the estimate is not trusted below
-LEAST_POINTS = 100  # to tell a scanner's errors in x from those in z; fewer points have one variance
 BLOCKS = 40  # points that stand for an arc or a line, each the mean of its neighbours
 
 
@@ -58,7 +56,7 @@ def block_means(along, off, normals, fitted: int) -> tuple[np.ndarray, np.ndarra
 def variances_across(off, normals) -> np.ndarray:
     """Variances (k,), mm², of points across a curve, from their distances `off` it (k,) and its normals (k, 2):
     nx² σx² + nz² σz², fitted to the squares, since a scanner errs in x otherwise than in z."""
-    if len(off) < LEAST_POINTS:
+    if len(off) < 100:  # too few to tell the two apart
         return np.full(len(off), np.mean(off**2))
     both, _ = nnls(normals**2, off**2)
-    return np.maximum(normals**2 @ both, LEAST_VARIANCE * np.mean(off**2))
+    return np.maximum(normals**2 @ both, 0.1 * np.mean(off**2))  # less is not to be trusted

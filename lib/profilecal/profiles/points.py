@@ -7,8 +7,7 @@ from scipy.ndimage import median_filter
 
 NOISE_LIMIT = 5.0  # standard deviations of the noise from an outline within which points are on it
 LEAST_TOLERANCE, LARGEST_TOLERANCE = 0.1, 2.0  # mm, however quiet; a profile that needs more shows no surface
-WINDOW = 7  # points whose median a spike leaves
-SPIKE = 5.0  # tolerances
+FOLLOWS = 2 / NOISE_LIMIT  # tolerances, rms, of points from the line or curve that they follow: twice the noise
 
 
 def present(profile) -> np.ndarray:
@@ -46,9 +45,9 @@ def surface(profile, seen) -> tuple[np.ndarray, float]:
     limit = tolerance(z)
     if limit == LARGEST_TOLERANCE:
         return seen[:0], limit
-    if len(z) < WINDOW:
+    if len(z) < 7:
         return seen, limit
-    return seen[np.abs(z - median_filter(z, WINDOW, mode="nearest")) <= SPIKE * limit], limit
+    return seen[np.abs(z - median_filter(z, 7, mode="nearest")) <= 5 * limit], limit  # a spike is far beyond noise
 
 
 def stretches(rows, gap: int) -> list[np.ndarray]:

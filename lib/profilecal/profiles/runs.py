@@ -9,13 +9,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from profilecal.profiles.points import correlation, present, stretches, surface
+from profilecal.profiles.points import FOLLOWS, correlation, present, stretches, surface
 
 LEAST_POINTS = 6  # of a piece that is worth merging
-SAME_LINE = 0.4  # tolerances, rms, of two pieces from the line through both
 LARGEST_GAP = 8  # rows from one point on a line to the next: it goes on
 SHORTEST = 1.5  # mm of a run
-LEAST_SHARE = 0.5  # of the points between a run's ends
 
 
 @dataclass(frozen=True)
@@ -128,7 +126,7 @@ def merge(pieces, points, limit: float) -> list[np.ndarray]:
         return np.sqrt(max(square[: len(first)].mean(), square[len(first) :].mean()))
 
     matches = [match(*pair) for pair in pairwise(pieces)]
-    while matches and min(matches) < SAME_LINE * limit:
+    while matches and min(matches) < FOLLOWS * limit:
         k = int(np.argmin(matches))
         pieces[k : k + 2] = [np.concatenate(pieces[k : k + 2])]
         matches[k : k + 1] = []
@@ -156,7 +154,7 @@ def run_through(profile, seen, rows, limit: float) -> Run:
 def is_run(run: Run, seen) -> bool:
     """Whether a run is long enough and most of the points seen between its ends are on it."""
     between = np.searchsorted(seen, run.rows[-1]) - np.searchsorted(seen, run.rows[0]) + 1
-    return len(run.rows) >= max(LEAST_POINTS, LEAST_SHARE * between) and run.length >= SHORTEST
+    return len(run.rows) >= max(LEAST_POINTS, between / 2) and run.length >= SHORTEST
 
 
 def distinct(runs) -> list[Run]:
