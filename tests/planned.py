@@ -5,12 +5,12 @@ from functools import cache
 
 import numpy as np
 
+from profilecal.geometry.noise import ROBOT
 from profilecal.geometry.poses import carry, rotations
-from profilecal.joint.descent import refine
 from profilecal.joint.observations import Observations
-from profilecal.joint.sharing import level_variances, sharing
+from profilecal.joint.perturbations import considered
+from profilecal.joint.pose_groups import pose_groups
 from profilecal.joint.state import pose_error
-from profilecal.joint.systematic import considered
 from profilecal.plan.entries import setup_of
 from profilecal.plan.setup import Setup, problem_of
 from profilecal.simulate.spec import read_spec
@@ -33,16 +33,16 @@ def setup_for(kind: str, measured: str = "") -> Setup:
 def measured(setup: Setup, R, T, trials: int, rng) -> Observations:
     """A batch of what is seen from flange poses (P, 3, 3), (P, 3) if everything errs that the setup says errs."""
     seen = setup.observed(R, T)
-    shared, P = sharing([seen]), len(T)
-    of_pose, of_orientation = shared.pose, shared.orientation[shared.pose]
-    error = np.zeros((trials, P, 6))
-    for variances, member in zip(level_variances(setup.noise), (np.arange(P), of_pose, of_orientation), strict=True):
-        error += (np.sqrt(variances) * rng.normal(size=(trials, member.max() + 1, 6)))[:, member]
+    shared, error = pose_groups([seen]), np.zeros((trials, len(T), 6))
+    for name in ROBOT:
+        member, size = shared.sharing(name), getattr(setup.noise, name)
+        part, sd = (slice(3), size) if name.endswith("mm") else (slice(3, 6), np.radians(size))
+        error[:, :, part] += sd * rng.normal(size=(trials, member.max() + 1, 3))[:, member]
     R, T = rotations(error[..., 3:]) @ R, T + error[..., :3]
     points = np.concatenate([one_scan(setup, seen, *poses, rng) for poses in zip(R, T, strict=True)])
     noise = rng.normal(size=points.shape)
     if setup.covariance is not None and not seen.on_curve:  # of x and z of all points of a pose
-        noise = (noise.reshape(trials, P, -1) @ np.linalg.cholesky(setup.covariance).T).reshape(points.shape)
+        noise = (noise.reshape(trials, len(T[0]), -1) @ np.linalg.cholesky(setup.covariance).T).reshape(points.shape)
     return replace(seen, points=points + setup.noise.profile_mm * noise)
 
 
@@ -58,13 +58,19 @@ def one_scan(setup: Setup, seen: Observations, R, T, rng) -> np.ndarray:
     planes = R @ setup.R_sensor, carry(R, T, setup.T_sensor)
     found = replace(seen, points=setup.shown(target, planes)[None])
     for change, size in changes:
-        found = change.apply(found, size)
+        moved = change.points(found.points[..., 0], found.points[..., 1])
+        found = replace(found, points=found.points + size * np.stack(moved, axis=-1))
     return found.points
 
 
 def errors(setup: Setup, R, T, trials: int, rng) -> np.ndarray:
     """Of as many calibrations, (trials, 6), mm and rad."""
     problem, state = problem_of([(setup, R, T)])
-    problem = type(problem)([measured(setup, R, T, trials, rng)], problem.noise, problem.systematic)
-    fit = refine(problem, state.repeat(trials), iterations=15, tolerance=1e-7)
-    return pose_error(fit.state.rotation, fit.state.translation, setup.R_sensor, setup.T_sensor)
+    seen, names = measured(setup, R, T, trials, rng), [name for name in ROBOT if getattr(setup.noise, name)]
+    v, found = np.array([[1.0, *(getattr(setup.noise, name) ** 2 for name in names)]]), []
+    for k in range(trials):
+        one, at = type(problem)([seen.take([k])], problem.noise, setup.systematic), state
+        for _ in range(4):
+            at = one.move(at, one.model(at, names).posterior(v).mean[:, : one.n])
+        found.append(pose_error(at.rotation[0], at.translation[0], setup.R_sensor, setup.T_sensor))
+    return np.array(found)

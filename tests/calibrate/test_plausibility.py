@@ -129,7 +129,7 @@ def test_contradictions_are_no_robot_errors(kind):
 def test_many_rejected_poses_are_doubted():
     scan = example("ball")
     bad = np.arange(len(scan.labels)) % 5 < 2  # two fifths, in every group
-    found = calibrate([moved(scan, np.where(bad, 1.0, 0.0)[:, None] * np.random.default_rng(2).normal(size=(30, 3)))])
+    found = calibrate([moved(scan, np.where(bad, 5.0, 0.0)[:, None] * np.random.default_rng(2).normal(size=(30, 3)))])
     assert found.status == "weak"
     assert any("poses contradict the others" in message for message in found.messages)
 

@@ -14,7 +14,7 @@ from profilecal.closed_form.solve import closed_form
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import angle_between
 from profilecal.joint.descent import estimate, refine
-from profilecal.joint.noise import expect
+from profilecal.joint.noise import prior_from
 from profilecal.joint.problem import Problem
 from profilecal.joint.solve import solve
 from profilecal.joint.state import normalised_square, pose_error
@@ -152,7 +152,7 @@ def test_poses_that_leave_a_flat_valley_take_no_longer(kind, monkeypatch):
     T, points = (a + sd * rng.normal(size=a.shape) for a, sd in ((one.T_flange, 1e-3), (one.points, SIGMA)))
     seen, evaluations, moments = replace(one, T_flange=T, points=points, group=None), [], Problem.moments
     monkeypatch.setattr(Problem, "moments", lambda *args, **more: evaluations.append(1) or moments(*args, **more))
-    assert solve([seen], expect({}, features_mm=SIGMA)).status == "unobservable"
+    assert solve([seen], prior_from({}, features_mm=SIGMA)).status == "unobservable"
     assert len(evaluations) < 500
 
 

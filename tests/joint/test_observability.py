@@ -6,7 +6,7 @@ import pytest
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import angle_between, rotations
 from profilecal.joint.descent import estimate
-from profilecal.joint.observability import POSE_UNITS, Spectrum, explain, name_axis, spectrum, turns
+from profilecal.joint.observability import HAND_PRECISION, Spectrum, explain, name_axis, spectrum, turns
 from profilecal.joint.solve import solve
 from profilecal.simulate.scene import random_scene, stack
 
@@ -95,7 +95,7 @@ def test_units_do_not_matter():
     rng = np.random.default_rng(35)
     J = rng.normal(size=(40, 9))
     information = J.T @ J
-    units = np.r_[POSE_UNITS, 10.0, 10.0, 10.0]
+    units = np.r_[HAND_PRECISION, 10.0, 10.0, 10.0]
     in_metres = np.r_[np.full(3, 1e-3), np.ones(3), np.full(3, 1e-3)]
     first = spectrum(information, units)
     second = spectrum(information / in_metres[:, None] / in_metres, units * in_metres)
@@ -105,7 +105,7 @@ def test_units_do_not_matter():
 
 def test_thresholds():
     def status(mm):
-        return str(spectrum(np.diag(1 / np.r_[mm, np.full(5, 0.01) * POSE_UNITS[1:]] ** 2), POSE_UNITS).status)
+        return str(spectrum(np.diag(1 / np.r_[mm, np.full(5, 0.01) * HAND_PRECISION[1:]] ** 2), HAND_PRECISION).status)
 
     assert [status(mm) for mm in (0.5, 0.99, 1.01, 9.9, 10.1)] == ["ok", "ok", "weak", "weak", "unobservable"]
 

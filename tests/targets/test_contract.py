@@ -9,6 +9,7 @@ from scipy.differentiate import jacobian
 
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import carry, directions, rotations
+from profilecal.joint.perturbations import of_scanner
 from profilecal.joint.problem import Problem
 from profilecal.simulate.scene import random_scene
 from profilecal.simulate.spec import Spec, simulate_scan
@@ -77,7 +78,7 @@ def test_derivatives_of_whole_problem_agree_with_numerical_ones(kind):
         return np.moveaxis(r.reshape(len(steps), -1), 0, 1).reshape(-1, *step.shape[1:])
 
     numerical = jacobian(residual, np.zeros(problem.n), initial_step=0.01).df
-    ours = term.linearise(state, state.placements[0]).columns[0, :-1].reshape(problem.n, -1).T
+    ours = term.linearise(state, state.placements[0]).values[0, :-1].reshape(problem.n, -1).T
     np.testing.assert_allclose(ours, numerical, atol=1e-7 * np.abs(numerical).max())
 
 
@@ -97,12 +98,14 @@ def test_a_missing_point_has_no_part_in_anything(kind, in_space):
     points = seen.points.copy()
     points[0, 1, 0] = np.nan
     whole, part = (Problem([o], Noise(0.05), in_space=in_space) for o in (seen, replace(seen, points=points)))
-    (full,), (some,) = (problem.linear(scene.truth, with_flange=True) for problem in (whole, part))
+    (full,), (some,) = (problem.linear(scene.truth) for problem in (whole, part))
     rows = some.present.shape[1] // points.shape[2]
     assert not some.present[0, :rows, 1].any()
     assert some.present[0, :, 0].all()
-    np.testing.assert_array_equal(some.columns, full.columns * some.present[:, None])
+    np.testing.assert_array_equal(some.values, full.values * some.present[:, None])
     np.testing.assert_array_equal(part.residuals(scene.truth)[0], whole.residuals(scene.truth)[0] * some.present)
+    (full,), (some_too,) = (problem.columns_in_mm(scene.truth, of_scanner()) for problem in (whole, part))
+    np.testing.assert_array_equal(some_too, full * some.present[:, None])
 
 
 def in_base(scene):

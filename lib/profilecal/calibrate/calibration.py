@@ -9,7 +9,7 @@ from profilecal.calibrate.observe import names, observe_all, stated_noise
 from profilecal.calibrate.other_conventions import better_readings
 from profilecal.geometry.checks import UnobservableError
 from profilecal.geometry.poses import carry
-from profilecal.joint.noise import expect
+from profilecal.joint.noise import prior_from
 from profilecal.joint.observability import name_direction
 from profilecal.joint.observations import Observations
 from profilecal.joint.solution import Solution, in_mm_deg
@@ -108,11 +108,11 @@ def calibrate(scans, guess=None) -> Calibration:
     stated = stated_noise(scans)
     check_different(scans)
     seen, observed, features_mm = observe_all(scans)
-    level = expect(stated, features_mm, max(entry.shared_mm for entry in seen))
+    level = prior_from(stated, features_mm, max(entry.shared_mm for entry in seen))
     solution = None
     try:
         solution = solve(observed, level, starts=[] if guess is None else [(guess[:3, :3], guess[:3, 3])])
-        solution = plausibility.check(observed, solution)
+        solution = plausibility.check(solution)
         remarks, wrong = remarks_on_targets(scans, seen, solution)
         if wrong and solution.status == "ok":
             solution = replace(solution, status="weak")

@@ -10,12 +10,11 @@ import numpy as np
 
 from profilecal.calibrate.observe import observe_all, stated_noise
 from profilecal.calibrate.verify import Difference
-from profilecal.geometry.noise import FALSE_ALARM
+from profilecal.geometry.noise import FALSE_ALARM, ROBOT
 from profilecal.joint.descent import settle_targets
-from profilecal.joint.effects import Information, remove_each
-from profilecal.joint.noise import expect
-from profilecal.joint.observability import POSE_UNITS, spectrum, units_by_hand
-from profilecal.joint.problem import Problem, gram_by_pose
+from profilecal.joint.noise import prior_from
+from profilecal.joint.observability import HAND_PRECISION, of_covariance, units_by_hand
+from profilecal.joint.problem import Problem
 from profilecal.joint.solve import LARGEST_ERROR_MM
 from profilecal.joint.state import State
 from profilecal.scan.scan import Scan, ScanError
@@ -45,7 +44,7 @@ def drift(before: Scan, after: Scan, T, covariance, noise_mm: float) -> Drift:
     if (before.kind, before.sizes, before.mount) != (after.kind, after.sizes, after.mount):
         raise ScanError(f"the scans show {before.description} and {after.description}; expected one target and mount")
     seen, observed, features_mm = observe_all((before, after), 1)
-    level = expect(stated_noise((before, after)), features_mm)
+    level = prior_from(stated_noise((before, after)), features_mm)
     noise = replace(level.prior.scales, profile_mm=noise_mm if level.source == "residuals" else level.noise.profile_mm)
     problem = Problem(observed, noise)
     state = state_by(problem, T)
@@ -55,20 +54,20 @@ def drift(before: Scan, after: Scan, T, covariance, noise_mm: float) -> Drift:
             f"{before.title or 'the first scan'}: with the sensor pose given, what it saw is {off:.2g} mm from any "
             f"{before.kind}; expected at most {LARGEST_ERROR_MM:g}: is it of another sensor?"
         )
-    effects = problem.effects_at(state)
-    first, second = (np.unique(part) for part in np.split(effects.sharing.pose, [len(seen[0].poses)]))
+    first, second = (np.unique(part) for part in np.split(problem.groups.pose, [len(seen[0].poses)]))
     shared = len(np.intersect1d(first, second))
     if not shared:
         raise ScanError(
             f"{after.title or 'the scan'}: no pose is one of the other scan's; expected the same poses again"
         )
 
-    normal, target = normal_of_movement(problem, state, effects), problem.terms[0].target
-    units = np.r_[POSE_UNITS, units_by_hand([target])]
-    known = np.diag(units**-2.0)  # what nothing determines is known as by hand
-    known[6:12, 6:12] += np.linalg.pinv(covariance, hermitian=True)
-    H, g = normal[:-1, :-1] + known, normal[:-1, -1]
-    result = Drift(-np.linalg.solve(H, g)[:6], spectrum(H, units), shared)
+    units = np.r_[HAND_PRECISION, units_by_hand([problem.terms[0].target])]
+    precision = np.diag(units**-2.0)  # what nothing determines is known as by hand
+    precision[6:12, 6:12] += np.linalg.pinv(covariance, hermitian=True)
+    names = [name for name in ROBOT if getattr(noise, name)]
+    model = problem.model(state, names, columns=columns_of_movement(problem, state), precision=precision)
+    found = model.posterior(np.array([[1.0, *(getattr(noise, name) ** 2 for name in names)]]))
+    result = Drift(found.mean[0, :6], of_covariance(found.covariance[0, :6, :6], model.n, model.n), shared)
     if not len(result.apart):
         raise ScanError(
             f"{after.title or 'the scan'}: determines no movement of the sensor; expected poses that differ"
@@ -76,22 +75,14 @@ def drift(before: Scan, after: Scan, T, covariance, noise_mm: float) -> Drift:
     return result
 
 
-def normal_of_movement(problem: Problem, state: State, effects) -> np.ndarray:
-    """The normal matrix of the movement (6), the sensor pose before it (6), the target; and last of the residual."""
-    n_target = problem.terms[0].n
-    whole = 12 + n_target + 1
-    A, B, normal = [], [], np.zeros((1, whole, whole))
-    for rows, linear, is_after in zip(effects.rows, problem.linear(state), (False, True), strict=True):
-        gram = gram_by_pose(rows, linear.columns)
-        to_whole = np.zeros((gram.shape[-1] - 6, whole))
-        to_whole[:6, 6:12] = np.eye(6)
-        to_whole[:6, :6] = is_after * np.eye(6)
-        to_whole[6:, 12:] = np.eye(n_target + 1)
-        A.append(gram[..., :6, :6])
-        B.append(gram[..., :6, 6:] @ to_whole)
-        normal += to_whole.T @ gram[..., 6:, 6:].sum(axis=1) @ to_whole
-    left = Information(np.concatenate(A, axis=1), np.concatenate(B, axis=1), normal)
-    return remove_each(left, effects.sharing.levels(problem.noise))[0]
+def columns_of_movement(problem: Problem, state: State) -> list[np.ndarray]:
+    """The residuals' derivatives, as `Problem.columns_in_mm` has them, by the movement (6), the sensor pose before it
+    (6), and the target, which is the same in both scans; then the residual, and the derivatives by the flange pose."""
+    found = []
+    for z, part, is_after in zip(problem.columns_in_mm(state), problem.parts, (False, True), strict=True):
+        sensor, target, rest = z[:, :6], z[:, part], z[:, problem.n :]
+        found.append(np.concatenate([is_after * sensor, sensor, target, rest], axis=1))
+    return found
 
 
 def state_by(problem: Problem, T) -> State:

@@ -1,20 +1,15 @@
 """Cross-validation: each flange orientation left out in turn, and predicted from the others."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import numpy as np
-from tqdm import tqdm
 
 from profilecal.calibrate.calibration import Calibration
-from profilecal.geometry.noise import FALSE_ALARM, Noise, chi2_limit
-from profilecal.joint.descent import Fit, refine
-from profilecal.joint.levels import Likelihood, draw, likeliest
-from profilecal.joint.observability import spectrum
-from profilecal.joint.problem import Problem, by_pose
-from profilecal.joint.sharing import level_variances, sharing
+from profilecal.geometry.noise import FALSE_ALARM, chi2_limit
+from profilecal.joint.error_sizes import draw, likeliest, normalised
+from profilecal.joint.linear_model import LinearModel
+from profilecal.joint.observability import of_covariance
 from profilecal.joint.solution import Solution
-from profilecal.joint.solve import SHARED
-from profilecal.joint.state import pose_error
 
 
 @dataclass(frozen=True)
@@ -56,73 +51,50 @@ def name(poses) -> str:
 
 
 def leave_out(found: Calibration) -> LeftOut:
-    """Calibrations without one orientation each, at the noise that all of them show.
+    """Calibrations without one orientation each, with errors of the size that the others show, to first order at the
+    solution. An orientation that does not fit can then not excuse itself.
 
     Rejected poses stay out. Raises ValueError for a calibration without an answer.
     """
-    solution = found.solution
     if found.status == "unobservable":
         raise ValueError("only a calibration that has an answer can be cross-validated")
-    problem, state = Problem(found.observed, solution.noise, solution.level.systematic), solution.state
-    kept, units = solution.kept, problem.units
-    stretch = 1.0 if solution.level.levels else max(1.0, solution.chi2_per_dof)  # larger than the noise explains
-    groups = [
-        (index, np.flatnonzero((term.group == g) & used))
-        for index, (term, used) in enumerate(zip(problem.terms, kept, strict=True))
-        for g in range(term.group.max() + 1)
-    ]
-    groups = [(index, rows) for index, rows in groups if len(rows)]
-    labels, rows_out = found.labels_by_scan(), []
-    for index, rows in tqdm(groups, desc="leaving out", unit="orientation", disable=None, leave=False, delay=1):
-        weights = [used.copy() for used in kept]
-        weights[index][rows] = False
-        problem = problem.with_noise(noise_without(problem, solution, weights))
-        fit = refine(problem, state, weights=weights)
-        if str(spectrum(fit.information[0], units).status) == "unobservable":
-            rows_out.append((np.nan, np.nan, False, np.full(6, np.nan)))
-            continue
-        r, S, rms = prediction(problem, fit, weights, index, rows)
-        S = stretch * S
-        square, excess = r @ np.linalg.solve(S, r), np.sqrt(r @ r / np.trace(S))
-        moved = pose_error(state.rotation, state.translation, fit.state.rotation, fit.state.translation)[0]
-        beyond_chance = square > chi2_limit(FALSE_ALARM / len(groups), len(r))
-        rows_out.append((rms, rms / excess, beyond_chance and excess > 1, moved))
-    rms, expected, doubted, moved = (np.array(column) for column in zip(*rows_out, strict=True))
-    names = tuple(tuple(labels[index][k] for k in rows) for index, rows in groups)
-    return LeftOut(names, rms, expected, doubted, moved)
+    solution = found.solution
+    problem, whole = solution.problem, solution.model()[0]
+    labels = [label for part in found.labels_by_scan() for label in part]
+    members, first = [], 0
+    for term in problem.terms:
+        there = whole.kept[first : first + term.P]
+        members += [first + np.flatnonzero((term.group == g) & there) for g in range(term.group.max() + 1)]
+        first += term.P
+    members = [profiles for profiles in members if len(profiles)]
+    rows = [without(solution, whole, profiles, FALSE_ALARM / len(members)) for profiles in members]
+    rms, expected, doubted, moved = (np.array(column) for column in zip(*rows, strict=True))
+    return LeftOut(tuple(tuple(labels[k] for k in some) for some in members), rms, expected, doubted, moved)
 
 
-def noise_without(problem: Problem, solution: Solution, kept) -> Noise:
-    """The noise that the poses kept (P,) show, so that one which does not fit cannot excuse itself; as stated, where it
-    is not estimated."""
-    level = solution.level
-    if level.prior is None or sum(map(np.sum, kept)) * SHARED <= problem.n:
-        return solution.noise
-    model = Likelihood(problem, solution.state, kept, level.prior)
-    drawn = draw(model, likeliest(model, asdict(solution.noise)))
-    return model.noise_of({name: float(np.sqrt(drawn.weight @ size**2)) for name, size in drawn.sizes.items()})
+def without(solution: Solution, whole: LinearModel, profiles, chance: float) -> tuple[float, float, bool, np.ndarray]:
+    """What the others say of some profiles (k,): rms in mm, the same as expected, whether they are doubted, and by how
+    much the sensor moves (6,)."""
+    problem, names = solution.problem, whole.names
+    kept = whole.kept.copy()
+    kept[profiles] = False
+    model, v = whole.keeping(kept), solution.level.found.v
+    prior, unit = solution.level.prior, problem.noise.profile_mm
+    if not prior.robot_known and whole.counts[kept].sum() > problem.n:
+        law = prior.law(names, unit)
+        drawn = draw(model, law, *likeliest(model, law, law.coordinates(np.sqrt(v))))
+        v = normalised(drawn.log_weight) @ drawn.v
+    found = model.posterior(v[None])
+    if str(of_covariance(found.covariance[0, :6, :6], problem.n, problem.n).status) == "unobservable":
+        return np.nan, np.nan, False, np.full(6, np.nan)
 
-
-def prediction(problem: Problem, fit: Fit, kept, index: int, rows) -> tuple[np.ndarray, np.ndarray, float]:
-    """Residuals (k,) of some poses of one target at a fit to those kept (P,), less the systematic errors that these
-    suggest, independent and over the noise; their covariance (k, k) from noise, robot errors and the uncertainty of the
-    fit; and their root mean square in mm."""
-    effects, n = problem.effects_at(fit.state), problem.n
-    linears = problem.linear(fit.state)
-    known = problem.with_systematic(effects, linears, kept)
-    covariance = np.linalg.inv(known[:-1, :-1])
-    suggested = -(covariance @ known[:-1, -1])[n:]
-
-    linear = linears[index]
-    there = np.ones(linear.residual.shape[1:], dtype=bool) if linear.present is None else linear.present[0]
-    there = there[:, rows].T
-    z, by_effect = by_pose(linear.columns)[0, rows][there], effects.rows[index][0, rows][there]
-    J = np.zeros((len(z), len(covariance)))
-    J[:, problem.columns(index)[:-1]], J[:, n:] = z[:, :-1], by_effect[:, 6:]
-    E, visit = by_effect[:, :6], np.nonzero(there)[0]
-    pose = sharing([problem.observations[index].keep(rows)]).pose[visit]
-    at_visit, at_pose, at_orientation = (E * variances @ E.T for variances in level_variances(problem.noise))
-    robot = np.equal.outer(visit, visit) * at_visit + np.equal.outer(pose, pose) * at_pose + at_orientation
-    left = problem.without_systematic(fit.state, kept).residuals(fit.state)[index][0][:, rows].T[there]
-    residual = z[:, -1] + J[:, n:] @ suggested
-    return residual, np.eye(len(z)) + robot + J @ covariance @ J.T, float(np.sqrt(np.mean(left**2)))
+    stretch = max(1.0, solution.chi2_per_dof) if prior.robot_known else 1.0  # larger than the noise explains
+    error, S = model.predicted(found, profiles)
+    S, x = stretch * S, np.append(found.mean[0], 1.0)
+    rest = x @ whole.rest[profiles].sum(axis=0) @ x
+    count, ranks = whole.counts[profiles].sum(), whole.ranks[profiles].sum()
+    square, expected = error @ error + rest, np.trace(S) + (count - len(S)) * stretch * v[0]
+    excess = np.sqrt(square / expected)
+    in_mm = problem.rms_mm(solution.state, found.mean[0], np.isin(np.arange(len(kept)), profiles))
+    beyond_chance = error @ np.linalg.solve(S, error) > chi2_limit(chance, ranks)
+    return in_mm, in_mm / excess, beyond_chance and excess > 1, found.mean[0, :6]

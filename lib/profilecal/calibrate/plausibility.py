@@ -1,14 +1,15 @@
 """Is a solution to be believed? What its residuals say that its covariance does not.
 
-A covariance speaks of noise, which differs from pose to pose. What is wrong in the same way everywhere (`suspects`)
-moves the answer by more. Contradictions, many rejected poses and a misfit larger than noise speak against it too.
+A covariance speaks of noise, which differs from pose to pose. What is wrong in the same way everywhere
+(`systematic_tests`) moves the answer by more. Contradictions, many rejected poses and a misfit larger than noise speak
+against it too.
 """
 
 from dataclasses import replace
 
 import numpy as np
 
-from profilecal.calibrate.suspects import Suspect, suspects
+from profilecal.calibrate.systematic_tests import Finding, systematic_tests
 from profilecal.joint.observability import WEAK, of_covariance
 from profilecal.joint.solution import Solution
 from profilecal.joint.solve import LARGEST_ERROR_MM, LARGEST_REJECTED
@@ -24,14 +25,14 @@ ADVICE = (
 )
 
 
-def check(observed, solution: Solution) -> Solution:
+def check(solution: Solution) -> Solution:
     """The solution with the status, covariance and messages that its residuals leave."""
     objections = contradictions(solution)
     messages = [*solution.messages, *objections]
     if solution.status == "unobservable":
         return replace(solution, messages=tuple(messages))
     C, weak = solution.covariance, bool(objections)
-    guilty = clear_suspects(suspects(observed, solution))
+    guilty = clear_findings(systematic_tests(solution))
     if guilty:
         farthest = max(distance(s.moves, C) for s in guilty)
         weak |= farthest > MOVES_MUCH or (farthest > MOVES and abs(guilty[0].clear) > CLEAR_AS_DAY)
@@ -50,7 +51,7 @@ def contradictions(solution: Solution) -> list[str]:
     if solution.noise_source == "given" and misfit > LARGEST_MISFIT:
         messages.append(f"the residuals are {misfit:.2g} times what the stated noise explains; {ADVICE}")
 
-    scales = solution.level.prior.scales if solution.level.prior else noise
+    scales = solution.level.prior.scales
     stated = 3 * max(noise.steering_mm, scales.position_mm, scales.group_position_mm)
     error = max(solution.rms_mm, noise.position_mm)
     if error > max(LARGEST_ERROR_MM, stated):
@@ -62,7 +63,7 @@ def contradictions(solution: Solution) -> list[str]:
     return messages
 
 
-def clear_suspects(found: list[Suspect]) -> list[Suspect]:
+def clear_findings(found: list[Finding]) -> list[Finding]:
     """Those that chance does not explain, clearest first."""
     clear = sorted((s for s in found if s.is_clear), key=lambda s: -abs(s.clear))
     return [s for s in clear if abs(s.clear) > SHADOW * abs(clear[0].clear)]
@@ -73,7 +74,7 @@ def distance(delta, covariance) -> float:
     return float(np.sqrt(delta @ np.linalg.solve(covariance, delta)))
 
 
-def accusation(guilty: list[Suspect], enlarged: bool) -> str:
+def accusation(guilty: list[Finding], enlarged: bool) -> str:
     """What the residuals look like, and what it would do."""
     verb = "is enlarged to match" if enlarged else "allows for it"
     most = max(guilty, key=lambda s: np.linalg.norm(s.moves[:3]))

@@ -20,11 +20,11 @@ from profilecal.calibrate.calibration import Calibration, calibrate
 from profilecal.calibrate.observe import stated_noise
 from profilecal.calibrate.plausibility import distance
 from profilecal.geometry.checks import check_rotations
-from profilecal.geometry.noise import FALSE_ALARM, ROBOT
+from profilecal.geometry.noise import FALSE_ALARM
 from profilecal.geometry.poses import carry
 from profilecal.joint.descent import settle_targets
-from profilecal.joint.noise import expect
-from profilecal.joint.observability import POSE_UNITS, Spectrum, name_direction, of_covariance, spectrum
+from profilecal.joint.noise import prior_from
+from profilecal.joint.observability import HAND_PRECISION, Spectrum, name_direction, of_covariance
 from profilecal.joint.problem import Problem
 from profilecal.joint.state import pose_error
 from profilecal.scan.scan import Scan, ScanError
@@ -43,7 +43,7 @@ class Difference:
     def apart(self) -> np.ndarray:
         """(k,) standard deviations of δ in the directions that the scans determine: the last k of `expected`."""
         found = self.expected
-        return ((found.directions @ (self.delta / POSE_UNITS)) / found.sd)[found.sd < 1]
+        return ((found.directions @ (self.delta / HAND_PRECISION)) / found.sd)[found.sd < 1]
 
     @property
     def chance(self) -> float:
@@ -137,14 +137,14 @@ def linearised(alone: Calibration, kept, T, noise_mm: float) -> tuple[np.ndarray
     """δ (6,), mm and rad, from a sensor pose T (4, 4) to what a scan says, to first order, and its covariance (6, 6),
     enormous where the scan says nothing. Such a scan hardly tells the robot's errors: they are as usual at least."""
     s = alone.solution
-    level = s.level if s else expect(stated_noise(alone.scans))
-    robot = {name: max(getattr(level.noise, name), getattr(level.prior.scales, name)) for name in ROBOT}
-    noise = replace(level.noise, profile_mm=max(s.noise_mm if s else 0, noise_mm), **robot)
+    level = s.level if s else prior_from(stated_noise(alone.scans))
+    noise = replace(level.noise, profile_mm=max(s.noise_mm if s else 0, noise_mm))
     problem = Problem(alone.observed, noise, level.systematic)
     state = settle_targets(problem, T[None, :3, :3], T[None, :3, 3], kept)
-    normal = problem.moments(state, weights=kept).normal[0]
-    found = spectrum(normal[:-1, :-1], problem.units)
-    return -found.covariance @ normal[:6, -1], found.covariance
+    names = level.prior.names(problem.groups.distinguishable)
+    sizes = [1.0, *(max(getattr(level.noise, name), getattr(level.prior.scales, name)) for name in names)]
+    found = problem.model(state, names).keeping(np.concatenate(kept)).posterior(np.array([sizes]) ** 2)
+    return found.mean[0, :6], found.covariance[0, :6, :6]
 
 
 def target_by(T, alone: Calibration, kept) -> tuple[dict[str, float], float]:
@@ -183,5 +183,5 @@ def to_text(found: Verification) -> str:
 def by_axis(delta, sd) -> str:
     """δ (6,), mm and rad, in words; "open" where its standard deviation says that nothing is known."""
     values = np.r_[delta[:3], np.degrees(delta[3:])]
-    said = ["open" if wide else f"{value:.2g}" for value, wide in zip(values, sd >= POSE_UNITS, strict=True)]
+    said = ["open" if wide else f"{value:.2g}" for value, wide in zip(values, sd >= HAND_PRECISION, strict=True)]
     return f"{'  '.join(said[:3])} mm along and {'  '.join(said[3:])}°"

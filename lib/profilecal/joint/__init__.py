@@ -8,7 +8,7 @@ changes with the target's own frame (`targets.target`); everything else is the s
 The sensor pose is perturbed as T · exp(δ), δ = (ρ, φ) in the sensor's frame: a point at p there moves to p - ρ + p × φ.
 Every function takes a batch of problems along the leading axis.
 
-Robot errors are random effects: `sharing` says which profiles share one, `effects` removes them from the normal
-equations, `levels` finds how large they are, `field` is the robot's accuracy over its workspace, and `systematic` what
-may be wrong at every pose alike.
+`problem` arranges the residuals of all targets (`residuals`), `search` and `descent` find the least squares. At a
+state all else is one linear Gaussian model (`linear_model`): errors of the robot that profiles share (`pose_groups`),
+what may be wrong at every pose alike (`perturbations`), and how large they are (`error_sizes`).
 """

@@ -5,14 +5,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from profilecal.geometry.noise import Noise
+from profilecal.geometry.noise import ROBOT, Noise
 from profilecal.joint.observability import Spectrum, spectrum
 from profilecal.joint.observations import Observations
 from profilecal.joint.problem import Moments, Problem
-from profilecal.joint.state import State, pose_error
+from profilecal.joint.state import State
 
 REACH = np.r_[100, 100, 100, 1, 1, 1]  # mm and rad: a step as large in one as in the other
-ROUNDS = 8  # of bringing shared errors up to date, at most
+ROUNDS = 8  # of Gauss-Newton steps with errors of the robot, at most
 ROUNDING = 1e-14  # of a loss: less is no difference
 FLAT = 1e-6  # of a loss: of a thousand residuals, a thirtieth of a standard deviation
 KEEPS = 0.9  # of what they promise, good steps
@@ -54,24 +54,9 @@ def refine(
     tolerance: float = 1e-10,
     damping: float = 1e-4,
 ) -> Fit:
-    """The state of least loss nearest to each of B states, with what shared errors do held fixed meanwhile and then
-    brought up to date, until that moves nothing. `scale`, `weights`: as `Problem.moments` takes them."""
-    before = np.inf
-    for _ in range(ROUNDS):
-        effects = problem.effects(state)
-
-        def moments(state, effects=effects):
-            return problem.moments(state, scale, weights, effects)
-
-        fit = descend(moments, problem.move, state, iterations, tolerance, damping)
-        if not problem.has_effects:
-            break
-        moved = pose_error(state.rotation, state.translation, fit.state.rotation, fit.state.translation)
-        state = fit.state
-        if reach(moved).max() < 1e3 * tolerance or (np.abs(before - fit.loss) <= FLAT * fit.loss).all():
-            break
-        before = fit.loss
-    return fit
+    """The state of least loss nearest to each of B states, by the scanner's noise alone. `scale`, `weights`: as
+    `Problem.moments` takes them."""
+    return descend(lambda at: problem.moments(at, scale, weights), problem.move, state, iterations, tolerance, damping)
 
 
 def descend(moments, move, state: State, iterations: int, tolerance: float = 1e-10, damping: float = 1e-3) -> Fit:
@@ -154,18 +139,40 @@ def _where(mask, first: Moments, second: Moments) -> Moments:
 def estimate(
     observations: Sequence[Observations], noise: Noise, start: State, *, chunk: int = 64, steps: int = 60
 ) -> tuple[State, Spectrum, np.ndarray]:
-    """For noise studies: batches of problems refined from known starts by least squares, chunk by chunk.
+    """For noise studies: batches of problems refined from known starts, chunk by chunk, by least squares with errors of
+    the scanner and the robot that are as large as `noise` says.
 
     Returns the states (B), the sensor poses' spectra and χ² (B,).
     """
-    states, spectra, chi2 = [], [], []
+    states, information, chi2 = [], [], []
     for first in range(0, len(start.rotation), chunk):
         part = slice(first, first + chunk)
-        problem = Problem([entry.take(part) for entry in observations], noise)
+        seen = [entry.take(part) for entry in observations]
+        problem = Problem(seen, noise)
         fit = refine(problem, start[part], iterations=steps, tolerance=1e-6, damping=1e-9)
-        states.append(fit.state)
-        spectra.append(spectrum(fit.information, problem.units))
-        chi2.append(fit.chi2)
-    fields = ("covariance", "sd", "directions", "rank")
-    together = {name: np.concatenate([getattr(s, name) for s in spectra]) for name in fields}
-    return states[0].join(*states[1:]), Spectrum(**together, parameters=problem.n), np.concatenate(chi2)
+        state, normal = fit.state, fit.normal
+        if noise.of_robot:
+            alone = (Problem([entry.take([k]) for entry in seen], noise) for k in range(len(state.rotation)))
+            found = [with_robot(one, state[[k]]) for k, one in enumerate(alone)]
+            state, normal = found[0][0].join(*(one for one, _ in found[1:])), np.array([n for _, n in found])
+        states.append(state)
+        information.append(normal[:, :-1, :-1])
+        chi2.append(normal[:, -1, -1])
+    return (
+        states[0].join(*states[1:]),
+        spectrum(np.concatenate(information), problem.units),
+        np.concatenate(chi2),
+    )
+
+
+def with_robot(problem: Problem, state: State) -> tuple[State, np.ndarray]:
+    """The generalised least squares of one problem from a state nearby, with errors of the robot as large as its noise
+    says, and its normal equations (n + 1, n + 1): Gauss-Newton steps on the linear model."""
+    names = [name for name in ROBOT if getattr(problem.noise, name)]
+    v = np.array([[1.0, *(getattr(problem.noise, name) ** 2 for name in names)]])
+    for _ in range(ROUNDS):
+        found = problem.model(state, names).posterior(v)
+        state = problem.move(state, found.mean)
+        if reach(found.mean).max() < 1e-6:
+            break
+    return state, problem.model(state, names).posterior(v).normal[0]

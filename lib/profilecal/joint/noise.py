@@ -1,17 +1,18 @@
 """The noise that a solution rests on, decided once, before it."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields, replace
 
 import numpy as np
 
 from profilecal.geometry.fitting import affine_residuals
 from profilecal.geometry.noise import ROBOT, Noise, Systematic, chi2_limit
-from profilecal.joint.levels import ACCURACY, USUAL, Levels, Prior
+from profilecal.joint.error_sizes import USUAL, ErrorSizes, Prior
 from profilecal.joint.observations import Observations
 
 FROM_PROFILES = "of the features that the profiles show"
-PROFILE_SPREAD = {"given": 0.0, "profiles": 0.5, "residuals": 2.0}  # of the logarithm of the scanner's noise
+PROFILE_SPREAD = {"given": 0.0, "groups": 0.0, "profiles": 0.5, "residuals": 2.0}  # of the scanner's logarithm
+FINEST_MM = 1e-5  # scanner noise: residuals of exact data are rounding
 LEAST_FREEDOM = 10  # degrees of freedom that a scatter inside rotation groups must have to be trusted
 
 
@@ -32,41 +33,62 @@ class NoiseLevel:
     noise: Noise
     source: str  # given; groups: scatter inside rotation groups; residuals: still to be found; profiles: raw profiles
     how: str  # in words
-    prior: Prior | None = None  # where the robot's errors are to be estimated
+    prior: Prior  # of how large all errors are
     systematic: Systematic = Systematic()  # noqa: RUF009
-    levels: Levels | None = None  # the errors as estimated
-
-    @property
-    def accuracy(self) -> dict[str, float]:
-        """Of the robot over its workspace, none where it is exact."""
-        found = {name: getattr(self.systematic, name) for name in ACCURACY}
-        return found if all(found.values()) else {}
+    found: ErrorSizes | None = None  # the errors as estimated
 
     @property
     def unknown(self) -> bool:
         """Whether the residuals have to tell the scanner's noise."""
         return self.source in ("residuals", "profiles")
 
+    @property
+    def usual_mm(self) -> float:
+        """About how large residuals are if all errors are as large as expected, 100 mm from the flange."""
+        scales, known = self.prior.scales, self.source != "residuals"
+        robot = [
+            size if name.endswith("mm") else 100 * np.radians(size)
+            for name, size in asdict(scales).items()
+            if name in ROBOT
+        ]
+        return float(np.linalg.norm([known * scales.profile_mm, *robot]))
 
-def decide(observations: Sequence[Observations], stated: Noise) -> NoiseLevel:
-    """The noise to begin with: as stated, from rotation groups, or 1 mm until the residuals tell.
+    @property
+    def without_robot(self) -> "NoiseLevel":
+        """The same with no errors but the scanner's noise."""
+        exact = dict.fromkeys(ROBOT, 0.0)
+        prior = replace(self.prior, scales=replace(self.prior.scales, **exact))
+        return replace(self, noise=replace(self.noise, **exact), prior=prior, systematic=Systematic())
+
+    def with_scanner(self, noise_mm: float) -> "NoiseLevel":
+        """The same with another scanner's noise."""
+        prior = replace(self.prior, scales=replace(self.prior.scales, profile_mm=noise_mm))
+        return replace(self, noise=replace(self.noise, profile_mm=noise_mm), prior=prior)
+
+
+def noise_from_groups(observations: Sequence[Observations], stated: Noise) -> NoiseLevel:
+    """The noise to begin with where the robot errs as stated: the scanner's as stated, from rotation groups, or 1 mm
+    until the residuals tell.
 
     Raises ValueError for a noise that is none.
     """
-    if stated.profile_mm:
-        if not stated.profile_mm > 0:
-            raise ValueError(f"profile_mm is {stated.profile_mm}; expected a standard deviation, 0 if unknown")
-        return NoiseLevel(stated, "given", "as given")
-    found = [affine_noise(o) for o in observations if o.target.affine and o.group is not None]
-    freedom = sum(f for _, f in found)
-    if freedom >= LEAST_FREEDOM:
-        level = max(float(np.sqrt(sum(f * s**2 for s, f in found) / freedom)), 1e-12)
-        how = f"from the scatter inside rotation groups, {freedom} degrees of freedom"
-        return NoiseLevel(replace(stated, profile_mm=level), "groups", how)
-    return NoiseLevel(replace(stated, profile_mm=1.0), "residuals", "from the residuals")
+    noise, source, how = stated, "given", "as given"
+    if not stated.profile_mm:
+        found = [affine_noise(o) for o in observations if o.target.affine and o.group is not None]
+        freedom = sum(f for _, f in found)
+        if freedom >= LEAST_FREEDOM:
+            scatter = max(float(np.sqrt(sum(f * s**2 for s, f in found) / freedom)), FINEST_MM)
+            source, how = "groups", f"from the scatter inside rotation groups, {freedom} degrees of freedom"
+        else:
+            scatter, source, how = 1.0, "residuals", "from the residuals"
+        noise = replace(stated, profile_mm=scatter)
+    elif not stated.profile_mm > 0:
+        raise ValueError(f"profile_mm is {stated.profile_mm}; expected a standard deviation, 0 if unknown")
+    prior = Prior(noise, profile_spread=PROFILE_SPREAD[source], robot_known=True)
+    return NoiseLevel(noise, source, how, prior)
 
 
-def expect(stated: dict[str, float], features_mm: float = 0.0, shared_mm: float = 0.0) -> NoiseLevel:
+def prior_from(stated: dict[str, float], features_mm: float = 0.0, shared_mm: float = 0.0) -> NoiseLevel:
     """The noise to begin with where the robot's errors are to be estimated. What is `stated` of them, entries of
     `Noise` and `Systematic`, is the scale of what is believed beforehand, 0 that there is none; the rest is as usual.
 
@@ -84,7 +106,7 @@ def expect(stated: dict[str, float], features_mm: float = 0.0, shared_mm: float 
         source, how = "profiles", FROM_PROFILES
     elif stated.get("profile_mm"):
         source, how = "given", "as given"
-    prior = Prior(Noise(**robot), frozenset(ROBOT) & stated.keys(), PROFILE_SPREAD[source])
+    prior = Prior(replace(noise, **robot), frozenset(ROBOT) & stated.keys(), PROFILE_SPREAD[source])
     return NoiseLevel(noise, source, how, prior, systematic)
 
 

@@ -20,14 +20,14 @@ WEAK = 0.1  # of the measurement by hand
 RANK = 1e-10  # smallest eigenvalue over largest that is not rounding
 LEAST_TURN_DEG = 1.0  # flange orientations that differ by less are taken for one
 NEAR_AXIS_DEG = 15.0  # a direction this near to an axis is called by its name
-POSE_UNITS = np.r_[np.full(3, BY_HAND_MM), np.full(3, np.radians(BY_HAND_DEG))]
+HAND_PRECISION = np.r_[np.full(3, BY_HAND_MM), np.full(3, np.radians(BY_HAND_DEG))]
 
 
 def units_by_hand(targets: Sequence) -> np.ndarray:
     """What one would know by hand of the sensor pose, and of the free shifts and turns of each target, (n,), mm and
     rad."""
-    mm, rad = POSE_UNITS[0], POSE_UNITS[3]
-    return np.concatenate([POSE_UNITS, *([mm] * len(t.shifts) + [rad] * len(t.turns) for t in targets)])
+    mm, rad = HAND_PRECISION[0], HAND_PRECISION[3]
+    return np.concatenate([HAND_PRECISION, *([mm] * len(t.shifts) + [rad] * len(t.turns) for t in targets)])
 
 
 @dataclass(frozen=True)
@@ -59,12 +59,12 @@ def spectrum(information, units) -> Spectrum:
     inverse = 1 / np.maximum(values, 1e-14 * largest)
     pose = vectors[..., :6, :]
     C = (pose * inverse[..., None, :]) @ np.swapaxes(pose, -1, -2)
-    return of_covariance(C * POSE_UNITS[:, None] * POSE_UNITS, rank, len(units))
+    return of_covariance(C * HAND_PRECISION[:, None] * HAND_PRECISION, rank, len(units))
 
 
 def of_covariance(covariance, rank, parameters: int) -> Spectrum:
     """Of covariances (..., 6, 6) of the sensor pose, mm and rad, and the rank (...) behind them."""
-    variance, axes = np.linalg.eigh(covariance / POSE_UNITS[:, None] / POSE_UNITS)
+    variance, axes = np.linalg.eigh(covariance / HAND_PRECISION[:, None] / HAND_PRECISION)
     sd, directions = np.sqrt(np.maximum(variance, 0))[..., ::-1], np.swapaxes(axes, -1, -2)[..., ::-1, :]
     return Spectrum(covariance, sd, directions, rank, parameters)
 

@@ -1,13 +1,16 @@
 """What a calibration found, with its evidence."""
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from profilecal.geometry.noise import Noise
+from profilecal.geometry.noise import Noise, variances
 from profilecal.geometry.poses import homogeneous
+from profilecal.joint.linear_model import LinearModel, Posterior
 from profilecal.joint.noise import NoiseLevel
 from profilecal.joint.observability import Spectrum
+from profilecal.joint.perturbations import Perturbation
 from profilecal.joint.problem import Problem
 from profilecal.joint.state import State, pose_error
 
@@ -28,13 +31,25 @@ class Solution:
     status: str  # "ok", "weak" or "unobservable"
     observability: Spectrum
     messages: tuple  # sentences a person can act on
-    converged: bool = True
-    unseen: np.ndarray = field(default_factory=lambda: np.zeros((6, 6)))  # what no residual can show, see `joint.field`
+    problem: Problem
 
     @property
     def covariance_total(self) -> np.ndarray:
-        """(6, 6) with what no residual can show: the robot's accuracy over its workspace."""
-        return self.covariance + self.unseen
+        """(6, 6) with what no residual can show: the robot's accuracy over its workspace.
+
+        Most of it is a shift and turn of the base, which the target's place absorbs. An error of the flange that is the
+        same at all poses is not, and goes into the answer."""
+        lever, accuracy = np.eye(6), self.level.systematic
+        if not self.problem.observations[0].eye_to_hand:  # from the flange to the sensor, in the sensor's frame
+            lever[:3, 3:] = np.cross(np.eye(3), self.rotation.T @ self.translation).T
+        return self.covariance + lever * variances(accuracy.accuracy_mm, accuracy.accuracy_deg) @ lever.T
+
+    def model(self, tried: Sequence[Perturbation] = ()) -> tuple[LinearModel, Posterior]:
+        """The linear model at the solution, of the poses kept, with errors `tried` besides, of which nothing is known
+        beforehand; and what it says with errors of the sizes found."""
+        names = [size.name for size in self.level.found.sizes[1:]]
+        model = self.problem.model(self.state, names, tried).keeping(~np.concatenate(self.rejected))
+        return model, model.posterior(self.level.found.v[None])
 
     @property
     def rotation(self) -> np.ndarray:
@@ -91,36 +106,6 @@ def in_mm_deg(covariance) -> np.ndarray:
     """A covariance (6, 6) of δ with the rotation vector in degrees."""
     units = np.r_[1, 1, 1, np.full(3, 180 / np.pi)]
     return covariance * units[:, None] * units
-
-
-def solution_of(
-    problem: Problem, state: State, fit, kept, level: NoiseLevel, found: Spectrum, status: str, messages, converged=True
-) -> Solution:
-    """The solution that a state (a batch of one) is, with its targets and residuals.
-
-    `fit`: normal equations and residuals by pose there (`descent.Fit` or `problem.Moments`); `kept`: poses (P,) of each
-    target that count.
-    """
-    terms = zip(problem.terms, state.placements, strict=True)
-    counted = problem.counted(kept)
-    left = problem.without_systematic(state, kept).residuals(state)
-    square = sum(float((r[0] ** 2 * good).sum()) for r, good in zip(left, kept, strict=True))
-    return Solution(
-        state=state,
-        covariance=found.covariance,
-        placements=tuple(term.target.at(origin[0], axes[0], term.sizes) for term, (origin, axes) in terms),
-        level=level,
-        chi2=float(fit.normal[0, -1, -1]),
-        dof=counted - problem.n,
-        rms_mm=float(np.sqrt(square / counted)),
-        normalised=tuple(np.sqrt(own[0]) for own in fit.per_pose),
-        rejected=tuple(~good for good in kept),
-        status=status,
-        observability=found,
-        messages=tuple(messages),
-        converged=bool(converged),
-        unseen=level.levels.unseen if level.levels else np.zeros((6, 6)),
-    )
 
 
 def difference(first: Solution, second: Solution) -> tuple[np.ndarray, np.ndarray]:

@@ -1,38 +1,36 @@
-"""From observations to a solution, in four steps: decide the noise, search, reject what does not belong, rescale."""
+"""From observations to a solution: search, leave out what does not belong, estimate all errors, conclude."""
 
-from collections.abc import Iterator, Sequence
-from dataclasses import asdict, astuple, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from profilecal.geometry.checks import UnobservableError
 from profilecal.geometry.noise import FALSE_ALARM, ROBOT, Noise, chi2_limit
 from profilecal.geometry.poses import angle_between
-from profilecal.joint.descent import Fit, refine
-from profilecal.joint.field import field_over
-from profilecal.joint.levels import Likelihood, levels, likeliest
-from profilecal.joint.noise import NoiseLevel, decide
+from profilecal.joint.descent import Fit, reach, refine
+from profilecal.joint.error_sizes import ErrorSizes, Prior, average, likeliest
+from profilecal.joint.linear_model import LinearModel
+from profilecal.joint.noise import FINEST_MM, NoiseLevel, noise_from_groups
 from profilecal.joint.observability import Spectrum, explain, of_covariance, spectrum
 from profilecal.joint.observations import Observations
 from profilecal.joint.problem import Problem
 from profilecal.joint.search import search, search_among_outliers, typical_residual
-from profilecal.joint.solution import Solution, solution_of
+from profilecal.joint.solution import Solution
 from profilecal.joint.state import State, normalised_square, pose_error
 
 UNLIKELY = 1e-3  # the chance of residuals so large that the covariance is enlarged
 TWIN_APART, TWIN_AS_GOOD = 50.0, 12.0  # χ² that another sensor pose is away, and by how much it may fit worse
-TWIN_TYPICAL = 10.0  # times the answer's residuals; a sensor pose that fits worse before refinement is not refined
-ROUNDS = 6  # of estimating robot errors; two or three are usual
+FAR_WORSE = 10.0  # times the least loss: no answer
 LARGEST_ERROR_MM = 2.0  # of a robot's position; what is larger is a mistake, not an error
 LARGEST_REJECTED = 1 / 3  # of the poses
-ROUGHLY = 1e-6  # tolerance of refinements that are not the last
-HOPELESS = 10.0  # measurements by hand that an answer is open by
-FINEST_MM = 1e-5  # scanner noise: residuals of exact data are rounding
-SETTLED = 0.02  # of an error's size
-TRIED = 4  # of sets of poses that leave fewer out
 MANY = 0.2  # of the poses: more mistakes than anyone makes
-UNUSUAL = 1.5  # standard deviations above what is known of the errors' sizes beforehand
-SHARED = 2  # coordinates of a profile that a shared error moves, at least: it may explain that many large ones
+ROUGHLY = 1e-6  # tolerance of refinements
+HOPELESS = 10.0  # measurements by hand that an answer is open by
+ROUNDS = 10  # of linearising, estimating and rejecting; three are usual
+SETTLED = 0.02  # standard deviations: a smaller step is none
+LARGEST_STEP = 0.1  # rad, and a hundred times that in mm
+LARGE = 1.5  # standard deviations above what is known of the errors' sizes beforehand
 CONTRADICTING = "most poses contradict each other: no sensor pose explains half of them"
 
 
@@ -41,245 +39,232 @@ def solve(
 ) -> Solution:
     """The sensor pose from all observations together, with its covariance and what it can be believed.
 
-    `noise`: `profile_mm` 0 is not known, to be estimated; or what `joint.noise.decide` makes of it and more.
+    `noise`: `profile_mm` 0 is not known, to be estimated; or what `joint.noise` makes of it and more.
     `starts`: poses (R (3, 3), T (3,) mm) to start from besides the grid: closed forms, a mount measured by hand.
-    `robust=False` is plain least squares throughout: nothing is rejected.
+    `robust=False`: nothing is rejected.
 
     Raises ValueError for malformed input and UnobservableError for fewer residuals than unknowns.
     """
     observations = list(observations)
     if not observations:
         raise ValueError("no observations given; expected at least one target")
-    level = noise if isinstance(noise, NoiseLevel) else decide(observations, noise or Noise())
-    problem = Problem(observations, level.noise)
+    level = noise if isinstance(noise, NoiseLevel) else noise_from_groups(observations, noise or Noise())
+    problem = Problem(observations, level.noise, level.systematic)
     total = int(problem.count()[0])
     if total <= problem.n:
         raise UnobservableError(f"{total} measured coordinates cannot determine {problem.n} unknowns; add poses")
 
-    found = search(observations, level.noise, starts)
-    return settle(problem, level, found, robust) if level.prior is None else weigh(problem, level, found, robust)
-
-
-def settle(problem: Problem, level: NoiseLevel, found: State, robust: bool) -> Solution:
-    """The solution from sensor poses worth refining: what does not belong rejected, an unknown noise rescaled."""
-    fits, kept = refine(problem, found, tolerance=ROUGHLY), [np.ones(term.P, dtype=bool) for term in problem.terms]
+    fits = refine(problem, search(observations, level.noise, starts), tolerance=ROUGHLY)
+    fits = fits[np.argsort(fits.loss)]
+    fits = fits[fits.loss <= FAR_WORSE * fits.loss[0]]
+    others, scale = fits.state, 1.0
     if robust:
-        fits, kept = reject(problem, level, fits.state)
-    best = fits.state[[int(np.argmin(fits.loss))]]
+        fits = fits_of_most(problem, fits, level.usual_mm)
     if level.unknown:
-        problem = rescale(problem, best, kept)
-        level = replace(level, noise=problem.noise)
-    return conclude(problem, level, refine(problem, best, weights=kept), fits.state, kept)
+        scale = typical(problem, fits)[0]
+    if is_hopeless(problem, fits[[0]], scale):
+        problem, level = Problem(observations, level.noise), level.without_robot
+    if level.source == "residuals":
+        level = level.with_scanner(max(level.noise.profile_mm * scale, FINEST_MM))
+        problem = problem.with_noise(level.noise)
+    return conclude(estimate(problem, level, fits.state[[0]], robust), level, others.join(fits.state))
 
 
-def weigh(problem: Problem, level: NoiseLevel, found: State, robust: bool) -> Solution:
-    """The solution from sensor poses worth refining, with the size of every error as the residuals have it: what does
-    not belong is rejected by errors of that size, and they are estimated without it, until nothing changes. Residuals
-    that are larger than any robot errs, and answers that are open whatever it does, are left to the scanner's."""
-    observations, kept = problem.observations, [np.ones(term.P, dtype=bool) for term in problem.terms]
-    fit, scale = robust_fit_widely(problem, refine(problem, found, tolerance=ROUGHLY).state, 0.0)
-    if robust:
-        kept = [~bad for bad in beyond_chance(problem, fit, 0, scale, SHARED)]
-    if problem.counted(kept) <= problem.n:  # too few to tell which are good: a fit to most of them is nearly exact
-        kept, fit = [np.ones(term.P, dtype=bool) for term in problem.terms], refine(problem, fit.state)
-        fit = fit[np.argsort(fit.loss)]
-        scale = float(np.sqrt(fit.loss[0] / (problem.counted(kept) - problem.n)))
-    grossly = kept
+def typical(problem: Problem, fits: Fit) -> np.ndarray:
+    """How many noise levels large the residuals of most poses are, (B,)."""
+    return typical_residual(fits.per_pose, problem.freedoms())
+
+
+def is_hopeless(problem: Problem, fit: Fit, scale: float) -> bool:
+    """Whether residuals are larger than any robot errs, or answers are open whatever it does: then all is left to the
+    scanner's noise, `scale` times as large as assumed."""
     seen = spectrum(fit.information[0], problem.units)
-    if seen.rank < problem.n or seen.sd[0] * scale > HOPELESS or scale * problem.noise.profile_mm > LARGEST_ERROR_MM:
-        return settle(problem, level, fit.state, robust)
-    noise = problem.noise
-    if level.unknown:
-        noise = replace(noise, profile_mm=max(noise.profile_mm * scale, FINEST_MM))
-    features_mm = noise.profile_mm if level.source == "residuals" else problem.noise.profile_mm
-    prior = level.prior.with_scanner(features_mm)
-    others, state = fit.state, fit.state[[0]]
-    with_all = Problem(observations, noise, level.systematic)
-
-    def weighed(noise, state, kept):
-        """The likeliest sizes of all errors, and the fit with them."""
-        problem = with_all.with_noise(noise)
-        state = refine(problem, state, weights=kept, tolerance=ROUGHLY).state
-        model = Likelihood(problem, state, kept, prior)
-        likely = likeliest(model, asdict(noise))
-        problem = problem.with_noise(model.noise_of(model.sizes(likely)))
-        return model, likely, problem, refine(problem, state, weights=kept, tolerance=ROUGHLY)
-
-    many = lost(kept) > MANY  # then what is stated is doubted, else the poses
-    believed = prior if many else replace(prior, stated=frozenset())
-    large = {name: believed.law(name)[0](UNUSUAL) * getattr(prior.scales, name) for name in ("profile_mm", *ROBOT)}
-    by_large = with_all.with_noise(replace(noise, **large))
-    for fewer in fewer_rejected(fit, kept):
-        if not all_belong(by_large, refine(by_large, state, weights=fewer, iterations=10, tolerance=ROUGHLY), fewer):
-            continue  # no robot errs like that
-        model, likely, by_robot, trial = weighed(noise, state, fewer)
-        small = all(size < large[name] for name, size in model.sizes(likely).items())
-        if small and all_belong(by_robot, trial, fewer):
-            noise, state, kept = by_robot.noise, trial.state, fewer
-            break
-    for _ in range(ROUNDS):
-        model, likely, problem, fit = weighed(noise, state, kept)
-        before, noise = noise, problem.noise
-        after = [~bad for bad in beyond_chance(problem, fit, 0, 1.0)] if robust else kept
-        if lost(after) > lost(grossly) + LARGEST_REJECTED or problem.counted(after) <= problem.n:
-            after = grossly  # the model is at fault, not the poses
-        settled = all((a == b).all() for a, b in zip(after, kept, strict=True)) and alike(noise, before)
-        state, kept = fit.state, after
-        if settled:
-            break
-    field = field_over(model.sharing, state.rotation[0], state.translation[0], observations[0].eye_to_hand)
-    found = levels(model, likely, field, level.accuracy)
-    problem = with_all.with_noise(found.noise)
-    level = replace(level, noise=found.noise, prior=prior, levels=found)
-    return conclude(problem, level, refine(problem, state, weights=kept), others, kept)
+    too_large = typical(problem, fit)[0] * problem.noise.profile_mm > LARGEST_ERROR_MM
+    return bool(too_large or seen.rank < problem.n or seen.sd[0] * scale > HOPELESS)
 
 
-def fewer_rejected(fit: Fit, kept) -> Iterator[list[np.ndarray]]:
-    """Poses (P,) of each target to keep besides those `kept`: all, all but the one that fits worst, and so on. A robust
-    fit to few poses comes near to most and leaves the others out."""
-    ends = np.cumsum([len(good) for good in kept])[:-1]
-    square = np.concatenate([own[0] for own in fit.per_pose])
-    rejected = np.flatnonzero(~np.concatenate(kept))
-    for count in range(min(len(rejected), TRIED)):
-        worst = rejected[np.argsort(-square[rejected])[:count]]
-        yield np.split(~np.isin(np.arange(len(square)), worst), ends)
+def fits_of_most(problem: Problem, fits: Fit, usual_mm: float) -> Fit:
+    """Fits to most of the poses, best first: by Cauchy's loss where least squares leave poses that contradict the
+    others, or residuals that are large for all (many bad poses hide each other); and after another search among them
+    where that does too. Least squares for a handful of poses, where some fit to most of them is nearly exact."""
+    large = typical(problem, fits)[0] * problem.noise.profile_mm > 2 * usual_mm
+    if not large and not any(bad.any() for bad in contradicting(problem, fits)):
+        return fits
+    found = robust_fit(problem, fits.state)
+    if any(bad.any() for bad in contradicting(problem, found)):
+        found = robust_fit(problem, search_among_outliers(problem.observations, problem.noise, found.state))
+    kept = [~bad for bad in contradicting(problem, found)]
+    return found if problem.counted(kept) > problem.n else fits
 
 
-def all_belong(problem: Problem, fit: Fit, kept) -> bool:
-    """Whether chance explains the residuals of all the poses kept (P,) of each target, in the first of a batch."""
-    bad = beyond_chance(problem, fit, 0, 1.0)
-    return not any((b & k).any() for b, k in zip(bad, kept, strict=True))
+def contradicting(problem: Problem, fits: Fit) -> list[np.ndarray]:
+    """Poses (P,) of each target whose residuals in the best fit are larger than those of most let expect."""
+    scale, total = typical(problem, fits)[0], sum(term.P for term in problem.terms)
+    pairs = zip(fits.per_pose, problem.freedoms(), strict=True)
+    return [own[0] * k > scale**2 * chi2_limit(FALSE_ALARM / total, k) for own, k in pairs]
 
 
-def lost(kept) -> float:
-    """The share of poses that are not kept (P,)."""
-    return 1 - float(np.mean(np.concatenate(kept)))
+def robust_fit(problem: Problem, state: State) -> Fit:
+    """Cauchy's loss, its unit lowered from what the residuals look like to what the noise is."""
 
+    def unit(fits):
+        return np.maximum(typical(problem, fits), FINEST_MM / problem.noise.profile_mm)
 
-def alike(noise: Noise, other: Noise) -> bool:
-    """Whether no error is larger or smaller in one than in the other by more than matters."""
-    pair = np.array([astuple(noise), astuple(other)])
-    return bool((np.abs(pair[0] - pair[1]) <= SETTLED * (pair.max(axis=0) + noise.profile_mm)).all())
-
-
-def robust_fit_widely(problem: Problem, state: State, least: float) -> tuple[Fit, float]:
-    """`robust_fit`; where poses are bad, after another search among them."""
-    fit, scale = robust_fit(problem, state, least)
-    if any(bad.any() for bad in beyond_chance(problem, fit, 0, least or scale)):
-        fit, scale = robust_fit(problem, search_among_outliers(problem.observations, problem.noise, fit.state), least)
-    return fit, scale
-
-
-def reject(problem: Problem, level: NoiseLevel, state: State) -> tuple[Fit, list[np.ndarray]]:
-    """Fits from a batch of states, and the poses (P,) of each target that do not contradict the best one."""
-    fit, scale = robust_fit_widely(problem, state, 0.0 if level.unknown else 1.0)
-    after = [~b for b in beyond_chance(problem, fit, 0, scale)]
-    for _ in range(5):
-        kept = after
-        if problem.counted(kept) <= problem.n:
-            raise UnobservableError(CONTRADICTING)
-        fit = refine(problem, fit.state, weights=kept, tolerance=ROUGHLY)
-        best = int(np.argmin(fit.loss))
-        if level.unknown:
-            scale = float(typical_residual(fit.per_pose, problem.freedoms())[best])
-        after = [~b for b in beyond_chance(problem, fit, best, scale)]
-        if all((a == b).all() for a, b in zip(after, kept, strict=True)):
-            break
-    return fit, kept
-
-
-def robust_fit(problem: Problem, state: State, least: float) -> tuple[Fit, float]:
-    """Cauchy's loss, its unit lowered from what the residuals look like to what the noise is: the fits, best first,
-    and that unit."""
-
-    def unit(per_pose):
-        return np.maximum(typical_residual(per_pose, problem.freedoms()), max(least, 1e-9))
-
-    per_pose = problem.moments(state).per_pose
+    fits = problem.moments(state)
     for _ in range(4):
-        before = unit(per_pose).min()
-        fit = refine(problem, state, scale=unit(per_pose), iterations=10, tolerance=ROUGHLY)
-        fit = fit[np.argsort(unit(fit.per_pose), kind="stable")[:3]]
-        state, per_pose = fit.state, fit.per_pose
-        if abs(unit(per_pose)[0] - before) < 1e-3 * before:
+        before = unit(fits).min()
+        fits = refine(problem, state, scale=unit(fits), iterations=10, tolerance=ROUGHLY)
+        fits = fits[np.argsort(unit(fits), kind="stable")[:3]]
+        state = fits.state
+        if abs(unit(fits)[0] - before) < 1e-3 * before:
             break
-    fit = refine(problem, state, scale=np.full(len(per_pose[0]), unit(per_pose).min()), tolerance=ROUGHLY)
-    fit = fit[np.argsort(fit.loss)]
-    return fit, float(unit(fit.per_pose)[0])
+    fits = refine(problem, state, scale=np.full(len(state.rotation), unit(fits).min()), tolerance=ROUGHLY)
+    return fits[np.argsort(fits.loss)]
 
 
-def beyond_chance(problem: Problem, fit: Fit, which: int, scale: float, most: int | None = None) -> list[np.ndarray]:
-    """Poses (P,) of each target whose residuals in one fit of a batch are larger than chance makes them, and groups of
-    which more than half are. `scale`: how many noise levels large residuals are. `most`: so many residuals of a pose
-    are independent."""
-    total, rejected = sum(term.P for term in problem.terms), []
-    for term, own, k in zip(problem.terms, fit.per_pose, problem.freedoms(), strict=True):
-        k = np.minimum(k, most or k)
-        bad = own[which] * k > scale**2 * chi2_limit(FALSE_ALARM / total, k)
+@dataclass(frozen=True)
+class Estimate:
+    """The linear model of the profiles that belong together, and what it says with errors of the sizes found."""
+
+    problem: Problem
+    state: State  # where it was linearised
+    columns: list  # of the targets there, as `Problem.columns_in_mm` has them
+    model: LinearModel
+    found: ErrorSizes
+
+
+def estimate(problem: Problem, level: NoiseLevel, state: State, robust: bool) -> Estimate:
+    """The state and the size of every error as the residuals have them, from a state nearby: what does not belong is
+    left out, the sizes are estimated without it, and a Gauss-Newton step is taken, until nothing changes."""
+    names, unit = level.prior.names(problem.groups.distinguishable), problem.noise.profile_mm
+    law = level.prior.law(names, unit)
+    y, kept = np.zeros(len(law.free)), None
+    for turn in range(ROUNDS):
+        columns = problem.columns_in_mm(state)
+        whole = problem.model(state, names, columns=columns)
+        if kept is None:
+            kept = grossly = of_large_errors(problem, state, whole, level.prior) if robust else whole.kept
+        model = whole.keeping(kept)
+        y, root = likeliest(model, law, y)
+        found = model.posterior(law.variances(y[None])[0])
+        after = kept
+        if robust:
+            after = belonging(problem, whole, *model.left_out(found), found.mean[0], found.v[0])
+            if np.mean(grossly) - np.mean(after) > LARGEST_REJECTED or whole.counts[after].sum() <= problem.n:
+                after = grossly  # the model is at fault, not the poses
+        small = np.abs(found.mean[0]) < SETTLED * np.sqrt(np.diag(found.covariance[0]))
+        if ((after == kept).all() and small.all()) or turn == ROUNDS - 1:
+            break
+        state, kept = after_step(problem, state, found.mean[0]), after
+    return Estimate(problem, state, columns, model, average(model, level.prior, names, unit, y, root))
+
+
+def after_step(problem: Problem, state: State, mean) -> State:
+    """The state after a step (n + c,); not all of one that is too large for the first order, as where most is open."""
+    step = mean[None, : problem.n]
+    return problem.move(state, step * min(1.0, LARGEST_STEP / reach(step)[0]))
+
+
+def of_large_errors(problem: Problem, state: State, model: LinearModel, prior: Prior) -> np.ndarray:
+    """The profiles (profiles,) whose residuals errors of large, but usual sizes explain, each by itself. What is stated
+    is believed, unless that leaves out more poses than anyone makes mistakes. All of them, if the others are too few: a
+    fit to few poses comes near to most and leaves the others out."""
+    scanner = np.maximum(1.0, typical(problem, problem.moments(state))[0]) if prior.profile_spread else 1.0
+    for believed in (replace(prior, stated=frozenset()), prior):
+        law = believed.law(model.names, problem.noise.profile_mm)
+        v = law.variances(np.full((1, len(law.free)), LARGE))[0][0]
+        v[0] = (scanner * law.scales[0]) ** 2
+        kept = belonging(problem, model, model.Y[:, :, -1], model.own(v), np.zeros(model.n), v)
+        if np.mean(~kept) <= MANY:
+            break
+    return kept if model.counts[kept].sum() > problem.n else model.kept
+
+
+def belonging(problem: Problem, model: LinearModel, errors, covariances, x, v) -> np.ndarray:
+    """The profiles (profiles,) whose residuals chance explains, but for those of groups of which it does not explain
+    more than half. `errors` (profiles, q), `covariances`: of the rows that speak of the flange; `x` (n,): the unknowns.
+    """
+    chance, x = FALSE_ALARM / len(errors), np.append(x, 1.0)
+    of_flange, others = squares(model, errors, covariances, x, v)
+    rest = model.counts - model.ranks
+    bad = of_flange > chi2_limit(chance, np.maximum(model.ranks, 1))
+    bad |= (rest > 0) & (others > chi2_limit(chance, np.maximum(rest, 1)))
+    for part, term in zip(problem.split(np.arange(len(bad))), problem.terms, strict=True):
         size = np.bincount(term.group)
-        crowd = (np.bincount(term.group, bad) > size / 2) & (size > 2)
-        rejected.append(bad | crowd[term.group])
-    return rejected
+        crowd = (np.bincount(term.group, bad[part]) > size / 2) & (size > 2)
+        bad[part] |= crowd[term.group]
+    return ~bad
 
 
-def rescale(problem: Problem, state: State, kept) -> Problem:
-    """The problem with the scanner noise that makes χ² what its degrees of freedom are."""
-    dof = problem.counted(kept) - problem.n
-    for _ in range(20):
-        factor = np.sqrt(float(refine(problem, state, weights=kept).chi2[0]) / dof)
-        noise = replace(problem.noise, profile_mm=max(problem.noise.profile_mm * factor, 1e-12))
-        problem = problem.with_noise(noise)
-        if abs(factor - 1) < 1e-6:
-            break
-    return problem
+def squares(model: LinearModel, errors, covariances, x, v) -> tuple[np.ndarray, np.ndarray]:
+    """χ² (profiles,) of the rows that speak of the flange, and of the rest of the residuals."""
+    of_flange = np.sum(errors * np.linalg.solve(covariances, errors[..., None])[..., 0], axis=1)
+    return of_flange, np.maximum(x @ model.rest @ x, 0) / v[0]
 
 
-def conclude(problem: Problem, level: NoiseLevel, fit: Fit, others: State, kept) -> Solution:
-    """What to say of a fit: its covariance, enlarged where the noise does not explain the residuals, and whether one of
-    the `others` fits as well."""
-    state, found, messages = fit.state, spectrum(fit.information[0], problem.units), []
-    dof = problem.counted(kept) - problem.n
-    factor = float(fit.chi2[0]) / dof
-    if level.levels:
-        found = of_covariance(level.levels.covariance, found.rank, found.parameters)
-    elif not level.unknown and factor > chi2_limit(UNLIKELY, dof) / dof:
-        found = of_covariance(found.covariance * factor, found.rank, found.parameters)
+def conclude(estimated: Estimate, level: NoiseLevel, others: State) -> Solution:
+    """What to say of an estimate: its covariance, enlarged where the noise does not explain the residuals, and whether
+    one of the `others` fits as well."""
+    problem, model, found, messages = estimated.problem, estimated.model, estimated.found, []
+    state = after_step(problem, estimated.state, found.mean)
+    posterior = model.posterior(found.v[None])
+    chi2, dof = float(posterior.square[0]), int(model.counts[model.kept].sum()) - problem.n
+    covariance, factor = found.covariance[:6, :6], chi2 / dof
+    if level.source in ("given", "groups") and level.prior.robot_known and factor > chi2_limit(UNLIKELY, dof) / dof:
+        covariance = covariance * factor
         than = "what the stated noise explains"
         if level.source == "groups":
             than = "the scatter inside rotation groups, so groups differ by more than scanner noise (robot errors?)"
         messages.append(f"residuals are {factor**0.5:.2g} times {than}; the covariance is enlarged to match")
-    status = str(found.status)
-    seen = problem.observations
-    R_flange = np.concatenate([np.asarray(o.R_flange).reshape(-1, 3, 3) for o in seen])
-    messages += explain(found, state.rotation[0], R_flange, "base" if seen[0].eye_to_hand else "flange")
+    kept = problem.split(model.kept)
+    rank = spectrum(problem.moments(state, weights=kept).normal[0, :-1, :-1], problem.units).rank
+    seen = of_covariance(covariance, rank, problem.n)
+    status, observations = str(seen.status), problem.observations
+    R_flange = np.concatenate([np.asarray(o.R_flange).reshape(-1, 3, 3) for o in observations])
+    messages += explain(seen, state.rotation[0], R_flange, "base" if observations[0].eye_to_hand else "flange")
     if status != "unobservable":
-        twin = twin_of(problem, fit, found, others, kept)
+        twin = twin_of(estimated, state, seen, chi2 + TWIN_AS_GOOD * max(1.0, factor), others)
         status, messages = ("weak", [*messages, twin]) if twin else (status, messages)
-    return solution_of(problem, state, fit, kept, level, found, status, messages, fit.converged[0])
 
-
-def twin_of(problem: Problem, fit: Fit, found: Spectrum, others: State, kept) -> str:
-    """A sentence on another sensor pose that fits as well, if there is one."""
-
-    state = fit.state
-
-    def apart(poses: State):
-        delta = pose_error(state.rotation, state.translation, poses.rotation, poses.translation)
-        return normalised_square(found.covariance, delta)
-
-    def typical(per_pose):
-        return typical_residual(per_pose, problem.freedoms())
-
-    as_good = typical(problem.moments(others).per_pose) < TWIN_TYPICAL * max(1.0, typical(fit.per_pose)[0])
-    others = others[(apart(others) > TWIN_APART) & as_good]
-    if not len(others.rotation):
-        return ""
-    other = refine(problem, others, weights=kept, tolerance=ROUGHLY)
-    twins = np.flatnonzero((apart(other.state) > TWIN_APART) & (other.loss < fit.loss[0] + TWIN_AS_GOOD))
-    if not twins.size:
-        return ""
-    R, T = other.state.rotation[twins[0]], other.state.translation[twins[0]]
-    return (
-        f"another sensor pose explains the data as well, {np.degrees(angle_between(R, state.rotation[0])):.3g}° and "
-        f"{np.linalg.norm(T - state.translation[0]):.3g} mm away; add poses from other directions"
+    of_flange, rest = squares(model, *model.left_out(posterior), np.append(posterior.mean[0], 1.0), found.v)
+    terms = zip(problem.terms, state.placements, strict=True)
+    sizes = {size.name: size.middle for size in found.sizes}
+    return Solution(
+        state=state,
+        covariance=covariance,
+        placements=tuple(term.target.at(origin[0], axes[0], term.sizes) for term, (origin, axes) in terms),
+        level=replace(level, noise=replace(problem.noise, **(dict.fromkeys(ROBOT, 0.0) | sizes)), found=found),
+        chi2=chi2,
+        dof=dof,
+        rms_mm=problem.rms_mm(estimated.state, found.mean, model.kept, estimated.columns),
+        normalised=tuple(problem.split(np.sqrt((of_flange + rest) / np.maximum(model.counts, 1)))),
+        rejected=tuple(~good for good in kept),
+        status=status,
+        observability=seen,
+        messages=tuple(messages),
+        problem=problem,
     )
+
+
+def twin_of(estimated: Estimate, state: State, seen: Spectrum, largest: float, others: State) -> str:
+    """A sentence on another sensor pose that fits as well, if there is one: with a χ² of at most `largest`."""
+    problem, kept, v = estimated.problem, estimated.model.kept, estimated.found.v[None]
+
+    def apart(other: State) -> bool:
+        delta = pose_error(state.rotation, state.translation, other.rotation, other.translation)
+        return normalised_square(seen.covariance, delta)[0] > TWIN_APART
+
+    for other in (others[[k]] for k in range(len(others.rotation))):
+        if not apart(other):
+            continue
+        other = refine(problem, other, weights=problem.split(kept), tolerance=ROUGHLY).state
+        found = problem.model(other, estimated.model.names).keeping(kept).posterior(v)
+        other = problem.move(other, found.mean[:, : problem.n])
+        if apart(other) and found.square[0] < largest:
+            turn = np.degrees(angle_between(other.rotation[0], state.rotation[0]))
+            shift = np.linalg.norm(other.translation[0] - state.translation[0])
+            return (
+                f"another sensor pose explains the data as well, {turn:.3g}° and {shift:.3g} mm away; "
+                "add poses from other directions"
+            )
+    return ""

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from profilecal.geometry.poses import parallel
-from profilecal.joint.observability import POSE_UNITS
+from profilecal.joint.observability import HAND_PRECISION
 from profilecal.scan.scan import ScanError
 
 CRITERIA = ("worst", "A", "D")
@@ -54,10 +54,10 @@ class Pool:
             prior = prior + before * across
         root, counted = np.eye(6), 1.0
         if until is not None:
-            root = np.diag(POSE_UNITS / np.repeat([until[0], np.radians(until[1])], 3))
+            root = np.diag(HAND_PRECISION / np.repeat([until[0], np.radians(until[1])], 3))
             counted = np.kron(np.eye(2), np.ones((3, 3)))
         elif reference is not None:
-            root = np.linalg.inv(np.linalg.cholesky(reference / POSE_UNITS[:, None] / POSE_UNITS))
+            root = np.linalg.inv(np.linalg.cholesky(reference / HAND_PRECISION[:, None] / HAND_PRECISION))
         return cls(R, roots, prior, root, counted)
 
     def covariance(self, chosen) -> np.ndarray:

@@ -6,7 +6,7 @@ import numpy as np
 
 from profilecal.calibrate.observe import covariances
 from profilecal.geometry.noise import ROBOT, Noise
-from profilecal.joint.noise import expect
+from profilecal.joint.noise import prior_from
 from profilecal.plan.candidates import Limits, inverse_mount, random_views, refused
 from profilecal.plan.design import CRITERIA
 from profilecal.plan.plan import Wishes
@@ -67,7 +67,7 @@ def setup_of(spec: Spec, stated: dict[str, float], rng: np.random.Generator) -> 
     if not spec.noise.profile_mm:
         raise ScanError("profile_mm is 0 in [noise]; a plan needs the scanner's noise")
     measured = spec.measured or TARGETS[spec.kind].tables[-1]
-    level, profile_mm = expect(stated), spec.noise.profile_mm
+    level, profile_mm = prior_from(stated), spec.noise.profile_mm
     if measured == "arcs":  # errors of centre and radius, as those of three points a third of a turn apart
         profile_mm = np.sqrt(2) * profile_mm
     robot = {name: getattr(level.prior.scales, name) for name in ROBOT}

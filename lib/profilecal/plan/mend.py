@@ -9,7 +9,7 @@ from profilecal.calibrate.observe import Seen, as_observations, stated_noise
 from profilecal.geometry.noise import ROBOT
 from profilecal.geometry.poses import inverse, nearest_rotation
 from profilecal.joint.descent import settle_targets
-from profilecal.joint.noise import expect
+from profilecal.joint.noise import prior_from
 from profilecal.joint.observations import Observations
 from profilecal.joint.problem import Problem
 from profilecal.plan.candidates import Limits, aside
@@ -37,12 +37,12 @@ def setup_of_scan(found: Calibration) -> tuple[Setup, Limits, Part]:
         raise ScanError("the scan holds fewer measurements than unknowns; plan from a specification with [guess]")
     kept = s.kept[0]
     R, T = observed.R_flange[0][kept], observed.T_flange[0][kept]
-    level = expect(stated_noise(found.scans))
+    level = prior_from(stated_noise(found.scans))
     robot = {name: getattr(level.prior.scales, name) for name in ROBOT}
-    if s.level.levels:
-        sizes = s.level.levels.sizes
+    if s.level.found:
+        sizes = s.level.found.sizes[1:]
         part_of_others = {*ROBOT} - {size.name for size in sizes}  # where no pose is repeated, the errors of a visit
-        robot |= {size.name: size.middle for size in sizes if size.told and size.name in ROBOT}
+        robot |= {size.name: size.middle for size in sizes if size.from_data and size.name in ROBOT}
         robot |= dict.fromkeys(part_of_others, 0.0)
     setup = Setup(
         target=s.placements[0],

@@ -7,7 +7,7 @@ from itertools import zip_longest
 import numpy as np
 from tqdm import tqdm
 
-from profilecal.joint.observability import POSE_UNITS
+from profilecal.joint.observability import HAND_PRECISION
 from profilecal.plan.candidates import AT_LIMIT, Limits, draw, neighbours
 from profilecal.plan.design import CRITERIA, Pool, exchange, growing, leaving_out, ranked, shortest
 from profilecal.plan.setup import Part, Prediction, Setup, blocks, information, predict, scales
@@ -232,6 +232,6 @@ def merged(parts: Sequence[Part]) -> list[Part]:
 def largest(scaled) -> tuple[float, float]:
     """The largest standard deviations of a translation, mm, and of a rotation, degrees, of a covariance (6, 6) in the
     units of `observability`."""
-    C = scaled * POSE_UNITS[:, None] * POSE_UNITS
+    C = scaled * HAND_PRECISION[:, None] * HAND_PRECISION
     mm, rad = (float(np.sqrt(np.linalg.eigvalsh(part)[-1])) for part in (C[:3, :3], C[3:, 3:]))
     return mm, float(np.degrees(rad))

@@ -6,15 +6,14 @@ from dataclasses import astuple, dataclass, replace
 import numpy as np
 
 from profilecal.calibrate.observe import three_points
-from profilecal.geometry.noise import Noise, Systematic
+from profilecal.geometry.noise import ROBOT, Noise, Systematic
 from profilecal.geometry.poses import carry, rotation_groups, rotations
-from profilecal.joint.effects import Information, remove, remove_common, remove_each
+from profilecal.joint.linear_model import LinearModel, marginal
 from profilecal.joint.observability import Spectrum, name_direction, size_direction, spectrum, units_by_hand
 from profilecal.joint.observations import Observations
-from profilecal.joint.problem import Problem, gram_by_pose
-from profilecal.joint.sharing import level_variances
+from profilecal.joint.perturbations import considered
+from profilecal.joint.problem import Problem
 from profilecal.joint.state import State
-from profilecal.joint.systematic import considered
 from profilecal.simulate.guess import Margins
 from profilecal.simulate.scanner import Scanner
 from profilecal.simulate.scene import in_unit_ball
@@ -149,11 +148,11 @@ def problem_of(parts: Sequence[Part]) -> tuple[Problem, State]:
     return Problem(observations, first.noise, first.systematic), replace(state, placements=tuple(placements))
 
 
-def grams_of(problem: Problem, state: State):
-    """The errors that residuals share, and inner products (1, P, ., .) of their derivatives for each target."""
-    effects = problem.effects_at(state)
-    pairs = zip(effects.rows, problem.linear(state), strict=True)
-    return effects, [gram_by_pose(rows, np.nan_to_num(linear.columns)) for rows, linear in pairs]
+def model_of(parts: Sequence[Part]) -> tuple[LinearModel, np.ndarray]:
+    """The linear model of what targets seen from flange poses will show, and the variances (1 + k,) of all errors."""
+    problem, state = problem_of([part for part in parts if len(part[2])])
+    names = [name for name in ROBOT if getattr(problem.noise, name)]
+    return problem.model(state, names), np.array([1.0, *(getattr(problem.noise, name) ** 2 for name in names)])
 
 
 def unknowns(parts: Sequence[Part]) -> tuple[list[np.ndarray], np.ndarray, int]:
@@ -170,27 +169,18 @@ def blocks(parts: Sequence[Part]) -> np.ndarray:
     """What each pose adds, (poses, q, q): its information on the q `unknowns`, the pose's own robot error integrated
     out. True of poses that all have orientations of their own."""
     targets, common, size = unknowns(parts)
-    problem, state = problem_of([part for part in parts if len(part[2])])
-    _, grams = grams_of(problem, state)
-    variances, found = sum(level_variances(problem.noise)), []
-    for (gram,), target in zip(grams, targets, strict=True):
-        A, B, normal = gram[:, None, :6, :6], gram[:, None, :6, 6:-1], gram[:, 6:-1, 6:-1]
-        left = remove(Information(A, B, normal), np.broadcast_to(variances, (len(gram), 6))).normal
-        columns = np.r_[common, 0:6, target]
-        own = np.zeros((len(gram), size, size))
-        own[:, columns[:, None], columns] = left
-        found.append(own)
-    return np.concatenate(found)
+    model, v = model_of(parts)
+    columns, whole = np.concatenate([np.arange(6), *targets, common]), np.zeros((len(model.counts), size, size))
+    whole[:, columns[:, None], columns] = model.alone(v)[:, :-1, :-1]
+    return whole
 
 
 def information(parts: Sequence[Part]) -> np.ndarray:
     """The same of all poses together, (q, q), whichever orientations they share."""
     targets, common, size = unknowns(parts)
-    problem, state = problem_of([part for part in parts if len(part[2])])
-    effects, grams = grams_of(problem, state)
-    left = remove_each(problem.information(grams, len(common)), effects.sharing.levels(problem.noise))
+    model, v = model_of(parts)
     columns, whole = np.concatenate([np.arange(6), *targets, common]), np.zeros((size, size))
-    whole[columns[:, None], columns] = left[0, :-1, :-1]
+    whole[columns[:, None], columns] = model.posterior(v[None]).normal[0, :-1, :-1]
     return whole
 
 
@@ -205,7 +195,9 @@ def predict(parts: Sequence[Part], rng: np.random.Generator | None = None) -> Pr
     wrong by anything within its margins."""
     parts = [part for part in parts if len(part[2])]
     known, (problem, _) = scales(parts), problem_of(parts)
-    spectrum_of = spectrum(remove_common(information(parts), problem.n, known[1] ** -2.0)[0], known[0])
+    spectrum_of = spectrum(
+        marginal(information(parts) + np.diag(np.r_[np.zeros(problem.n), known[1] ** -2.0]), problem.n), known[0]
+    )
     poses, spare = sum(len(T) for _, _, T in parts), int(problem.count()[0]) - problem.n
     found = Prediction(spectrum_of, parts[0][0], poses, spare)
     if rng is None or not any(astuple(parts[0][0].margins)):

@@ -1,5 +1,6 @@
-"""One target's observations with the derivatives of their residuals, arranged for speed."""
+"""One target's residuals and their derivatives, arranged for speed."""
 
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,30 +13,32 @@ from profilecal.joint.state import State
 
 
 @dataclass(frozen=True)
-class Linear:
-    """A term's residuals at a state and their derivatives: (B, columns, K, P), K residuals of each of P poses."""
+class Columns:
+    """Residuals at a state and their derivatives: (B, columns, K, P), K residuals of each of P poses."""
 
-    columns: np.ndarray  # by the sensor pose (6), by the placement (n), the residual, by the flange pose (6, or none)
+    values: (
+        np.ndarray
+    )  # by the sensor pose (6), by the target's frame (n), the residual, by the flange pose (6, or none)
     n: int
     present: np.ndarray | None  # (B|1, K, P) which residuals there are; None: all
 
     @property
     def residual(self) -> np.ndarray:
         """(B, K, P)."""
-        return self.columns[:, 6 + self.n]
+        return self.values[:, 6 + self.n]
 
     @property
     def with_residual(self) -> np.ndarray:
         """By all unknowns, then the residual: (B, 7 + n, K, P)."""
-        return self.columns[:, : 7 + self.n]
+        return self.values[:, : 7 + self.n]
 
     @property
     def by_flange(self) -> np.ndarray:
-        """By position and orientation of the flange: (B, 6, K, P)."""
-        return self.columns[:, 7 + self.n :]
+        """By position and orientation of the flange, about the sensor's axes: (B, 6, K, P)."""
+        return self.values[:, 7 + self.n :]
 
 
-class Term:
+class Residuals:
     """Poses are the last axis, a batch (B, or 1 for all) is the first."""
 
     def __init__(self, observations: Observations, in_space: bool = False):
@@ -56,19 +59,16 @@ class Term:
         self.present = None if there.all() else there  # (B|1, m, P)
         self.seen = np.where(there, seen, 0.0)
         self.group = observations.labels
-        self.sd = self.whiten = None
-        if observations.covariance is not None:
-            self._weigh(np.asarray(observations.covariance, float), observations.on_curve)
-
-    def _weigh(self, covariance, on_curve: bool) -> None:
-        """Standard deviations (B|1, m, P) of the points, as multiples of the noise; where poses have a fixed number of
-        points, also the triangular matrices (B|1, 2m, 2m, P) that make the residuals of a pose independent."""
-        if on_curve:
+        self.sd = self.whiten = None  # of points, over the noise (B|1, m, P); of a pose's residuals (B|1, K, K, P)
+        if observations.covariance is None:
+            return
+        covariance = np.asarray(observations.covariance, float)
+        if observations.on_curve:
             self.sd = np.sqrt(covariance.reshape(-1, self.P, self.m).swapaxes(1, 2))
             return
         covariance = covariance.reshape(-1, self.P, 2 * self.m, 2 * self.m)
-        variances = np.diagonal(covariance, axis1=-2, axis2=-1).reshape(-1, self.P, self.m, 2)
-        self.sd = np.sqrt(variances.mean(axis=-1)).swapaxes(1, 2)
+        of_x_and_z = np.diagonal(covariance, axis1=2, axis2=3).reshape(-1, self.P, self.m, 2)
+        self.sd = np.sqrt(of_x_and_z.mean(axis=3)).swapaxes(1, 2)
         self.whiten = np.moveaxis(np.linalg.inv(np.linalg.cholesky(covariance)), 1, -1)
 
     def counts(self) -> np.ndarray:
@@ -105,7 +105,7 @@ class Term:
         self._zero_missing(z)
         return z
 
-    def linearise(self, state: State, placement, with_flange: bool = False) -> Linear:
+    def linearise(self, state: State, placement, with_flange: bool = False) -> Columns:
         """Residuals and derivatives, mm and rad, with those by the flange pose if asked for."""
         origin, axes, r, force, torque = self._look(state, placement)
         B = len(state.rotation)
@@ -128,7 +128,30 @@ class Term:
             arm = np.moveaxis(np.swapaxes(state.rotation, 1, 2) @ arm, 1, 0)[:, :, None]  # (3, B, 1, P)
             z[:, -6:-3] = z[:, :3]
             z[:, -3:] = z[:, 3:6] + np.stack(cross(arm, np.moveaxis(z[:, :3], 1, 0)), axis=1)
-        return Linear(z, self.n, self._zero_missing(z))
+        return Columns(z, self.n, self._zero_missing(z))
+
+    def with_points(self, seen) -> "Residuals":
+        """Those of other points (2, B|1, m, P), x and z."""
+        other = copy(self)
+        other.seen = seen
+        return other
+
+    def with_sizes(self, sizes) -> "Residuals":
+        """Those of a target with other lengths, mm."""
+        other = copy(self)
+        other.sizes = tuple(sizes)
+        return other
+
+    def by_point(self, columns: Columns) -> np.ndarray:
+        """The derivatives (2, B, m, rows, P) of each point's residuals by its own x and z: what moves the point alone
+        moves its residuals as what moves the whole scanner."""
+        x_and_z = columns.values[:, [0, 2]].swapaxes(0, 1)
+        return x_and_z.reshape(2, len(columns.values), self.m, -1, self.P)
+
+    def on_target(self, columns: Columns) -> "Residuals":
+        """Those of points where the state of `columns` has them on the target. Slopes of residuals have length one."""
+        r = columns.residual.reshape(len(columns.values), self.m, -1, self.P)
+        return self.with_points(self.seen - np.sum(self.by_point(columns) * r, axis=3))
 
     def over_noise(self, z, noise: Noise) -> np.ndarray:
         """Columns (B, columns, K, P), changed in place, over the scanner's noise, and as precise as each point is."""
@@ -137,10 +160,7 @@ class Term:
         if not self.in_space and (row_sd != 1).any():
             z /= np.tile(row_sd, self.m)[:, None]
         if self.whiten is not None and not self.in_space:
-            for k in reversed(range(z.shape[2])):
-                z[:, :, k] *= self.whiten[:, None, k, k]
-                for j in range(k):
-                    z[:, :, k] += self.whiten[:, None, k, j] * z[:, :, j]
+            z[:] = np.einsum("bijp,bcjp->bcip", self.whiten, z)
         elif self.sd is not None:
             z /= np.repeat(self.sd, z.shape[2] // self.m, axis=1)[:, None]
         return z

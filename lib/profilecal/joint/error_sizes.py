@@ -1,0 +1,240 @@
+"""How large the errors are that a solution rests on, and what the answer owes to not knowing them better.
+
+The scanner's noise and the flange's errors, at each visit, commanded pose and orientation, are variance components of
+the linear model at the solution. Its restricted likelihood says how well errors of any sizes explain the residuals.
+What is known beforehand is a prior: the robot errs, or it does not; each as likely. Where an error is there, its size
+follows a half-t law (Gelman 2006), whose scale is what the user states or what robots usually do. What is stated may be
+far too small, a data sheet's repeatability for instance: its law has the longer tail, and where less is stated than is
+usual, the usual is as likely. Few poses leave the sizes open. The answer is therefore its average over all sizes, as
+likely as data and prior make them.
+
+A size that is known has a prior without spread.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+from scipy.optimize import brentq
+from scipy.special import gammaln, ndtr, ndtri, stdtr, stdtrit
+
+from profilecal.geometry.noise import ROBOT, Noise, chi2_limit
+from profilecal.joint.linear_model import LinearModel
+
+USUAL = Noise(  # of robots, where nothing is stated: scales of the prior, the same at a pose and at an orientation
+    position_mm=0.05,
+    orientation_deg=0.02,
+    group_position_mm=0.05,
+    group_orientation_deg=0.02,
+    repeatability_mm=0.02,
+    repeatability_deg=0.005,
+)
+FREEDOM, FREEDOM_OF_STATED = 3.0, 1.0  # degrees of freedom of the half-t law
+LARGEST = 100.0  # times a scale: a larger error is a mistake
+FARTHEST = 5.0  # of a size's coordinate
+DRAWS, TAILS = 32, 4.0  # sizes looked at, drawn from a t law of that many degrees of freedom
+
+
+@dataclass(frozen=True)
+class Prior:
+    """What is known beforehand of how large errors are. Each size has a coordinate y, standard normal beforehand."""
+
+    scales: Noise
+    stated: frozenset[str] = frozenset()  # by the user; the other scales are usual ones
+    profile_spread: float = 0.0  # of the logarithm of the scanner's noise; 0: it is known
+    robot_known: bool = False  # the robot's errors are as large as their scales
+
+    def law(self, names: Sequence[str], unit_mm: float) -> "Law":
+        """Of the sizes of the scanner's noise, over `unit_mm`, and of the robot's errors of these names."""
+        spreads = [0.0 if self.robot_known else FREEDOM_OF_STATED if name in self.stated else FREEDOM for name in names]
+        scales = [self.scales.profile_mm / unit_mm, *(getattr(self.scales, name) for name in names)]
+        return Law(np.array(scales), np.array([self.profile_spread, *spreads]))
+
+    def names(self, distinguishable) -> list[str]:
+        """The errors of the robot that there are, entries of `Noise`; of those to be estimated the distinguishable."""
+        return [name for name in ROBOT if getattr(self.scales, name) and (self.robot_known or name in distinguishable)]
+
+    @property
+    def usual(self) -> "Prior | None":
+        """The same with the usual scales in place of smaller ones that are stated, if there are any."""
+        small = {name for name in self.stated if 0 < getattr(self.scales, name) < getattr(USUAL, name)}
+        scales = replace(self.scales, **{name: getattr(USUAL, name) for name in small})
+        return replace(self, scales=scales, stated=self.stated - small) if small and not self.robot_known else None
+
+
+@dataclass(frozen=True)
+class Law:
+    """The prior law of 1 + k sizes, the scanner's first."""
+
+    scales: np.ndarray  # (1 + k,)
+    spreads: np.ndarray  # (1 + k,) of the scanner's logarithm; degrees of freedom of the others; 0: known
+
+    @property
+    def free(self) -> np.ndarray:
+        """Which (d,) of the sizes are not known."""
+        return np.flatnonzero(self.spreads)
+
+    def sizes(self, y) -> np.ndarray:
+        """(S, 1 + k) at coordinates y (S, d) of the free ones."""
+        return np.sqrt(self.variances(y)[0])
+
+    def coordinates(self, sizes) -> np.ndarray:
+        """Those (d,) of sizes (1 + k,); of sizes that are zero, the middle."""
+        ratio, f = np.asarray(sizes)[self.free] / self.scales[self.free], self.spreads[self.free]
+        with np.errstate(divide="ignore"):
+            y = np.where(self.free == 0, np.log(ratio) / f, -ndtri(2 * stdtr(f, -ratio)))
+        return np.clip(np.where(ratio > 0, y, 0.0), -FARTHEST, FARTHEST)
+
+    def variances(self, y) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The squares (S, 1 + k) of the sizes at coordinates y (S, d), and their first and second derivatives (S, d).
+
+        A size over its scale is t with P(|T| > t) = Φ(-y), T of f degrees of freedom; the scanner's is exp(f y).
+        """
+        f, scale = self.spreads[self.free], self.scales[self.free]
+        t = np.minimum(-stdtrit(f, ndtr(-y) / 2), LARGEST)
+        density = np.exp(gammaln((f + 1) / 2) - gammaln(f / 2) - (f + 1) / 2 * np.log1p(t**2 / f)) / np.sqrt(f * np.pi)
+        first = np.exp(-(y**2) / 2) / np.sqrt(2 * np.pi) / (2 * density)
+        second = first * ((f + 1) * t * first / (f + t**2) - y)
+        growth = np.exp(f * y)
+        of_scanner = growth, f * growth, f**2 * growth
+        t, first, second = scale * np.where(self.free == 0, of_scanner, (t, first, second))
+        v = np.tile(self.scales**2, (len(y), 1))
+        v[:, self.free] = t**2
+        return v, 2 * t * first, 2 * (first**2 + t * second)
+
+
+def likeliest(model: LinearModel, law: Law, y, tolerance: float = 1e-3, most: int = 30):
+    """The likeliest coordinates (d,), by Newton's method from some, and a root (d, d) of the inverse curvature there.
+
+    Ends where a step promises less than `tolerance` of the log density. Steps that do not raise it are damped.
+    """
+
+    def look(y):
+        y = np.clip(y, -FARTHEST, FARTHEST)
+        v, (first,), (second,) = law.variances(y[None])
+        found = model.posterior(v)
+        return found.log_evidence[0] - y @ y / 2, y, first, second, found
+
+    here, damping = look(np.asarray(y, dtype=float)), 0.0
+    for _ in range(most):
+        height, y, first, second, found = here
+        gradient, information = (part[..., law.free] for part in model.gradient(found))
+        information = first[:, None] * information[law.free] * first
+        values, vectors = np.linalg.eigh(information + np.diag(1 - gradient * second))
+        values = np.maximum(values, 0.5)  # a half of the prior's
+        uphill = gradient * first - y
+        step = vectors @ (vectors.T @ uphill / (values + damping))
+        if not len(y) or uphill @ step / 2 < tolerance:
+            break
+        there = look(y + step * min(1.0, 2 / np.abs(step).max()))
+        here, damping = (there, damping / 4) if there[0] > height else (here, 4 * damping + 1)
+    return y, vectors / np.sqrt(values)
+
+
+@dataclass(frozen=True)
+class Draws:
+    """Sizes that a model allows, and what follows from them; weights are relative to those of other models."""
+
+    log_weight: np.ndarray  # (S,)
+    v: np.ndarray  # (S, 1 + k)
+    mean: np.ndarray  # (S, n)
+    covariance: np.ndarray  # (S, n, n)
+    spread: np.ndarray  # (d,) of the free sizes' coordinates
+
+
+def draw(model: LinearModel, law: Law, likely, root, count: int = DRAWS) -> Draws:
+    """Importance sampling from a t law about the likeliest coordinates (d,). Along each axis of `root` (d, d) it is as
+    wide, in either direction, as the density is one standard deviation off (Rue, Martino and Chopin 2009)."""
+    d = len(likely)
+    if not d:
+        count = 1
+    ends = likely + np.concatenate([np.zeros((1, d)), root.T, -root.T])
+    height = model.posterior(law.variances(ends)[0]).log_evidence - np.sum(ends**2, axis=1) / 2
+    wide = 1 / np.sqrt(2 * np.maximum(height[0] - height[1:], 1 / 18)).reshape(2, d)  # at most three times as wide
+    z = t_points(d, count)
+    stretch = np.where(z > 0, *wide)
+    y = likely + stretch * z @ root.T
+    found = model.posterior(law.variances(y)[0])
+    proposed = gammaln((TAILS + d) / 2) - gammaln(TAILS / 2) - d / 2 * np.log(TAILS / 2)
+    proposed = proposed - (TAILS + d) / 2 * np.log1p(np.sum(z**2, axis=1) / TAILS)
+    proposed = proposed - np.log(stretch).sum(axis=1) - np.linalg.slogdet(root)[1]
+    log_weight = found.log_evidence - np.sum(y**2, axis=1) / 2 - proposed - np.log(count)
+    weight = normalised(log_weight)
+    spread = np.sqrt(np.maximum(weight @ y**2 - (weight @ y) ** 2, 0))
+    return Draws(log_weight, found.v, found.mean, found.covariance, spread)
+
+
+def normalised(log_weight) -> np.ndarray:
+    """Weights that sum to one."""
+    weight = np.exp(log_weight - log_weight.max())
+    return weight / weight.sum()
+
+
+@cache
+def t_points(d: int, count: int) -> np.ndarray:
+    """Points (count, d) of a t law, evenly spread: in the unit cube, multiples of the powers of a generalised golden
+    ratio (Roberts 2018), as many on either side of the middle."""
+    if not d:
+        return np.zeros((count, 0))
+    ratio = brentq(lambda x: x ** (d + 2) - x - 1, 1, 2)
+    points = (0.5 + (np.arange(count)[:, None] - (count - 1) / 2) * ratio ** -np.arange(1.0, d + 2)) % 1
+    return ndtri(points[:, :d]) * np.sqrt(TAILS / chi2_limit(points[:, d:], TAILS))
+
+
+@dataclass(frozen=True)
+class Size:
+    """How large one error is."""
+
+    name: str  # the entry of `Noise`
+    scale: float  # of the prior
+    low: float  # 95 % between these
+    middle: float
+    high: float
+    from_data: bool  # whether the data say it rather than the prior
+
+
+@dataclass(frozen=True)
+class ErrorSizes:
+    """The sizes of all errors, and what is known of x (n,) if they are not known any better."""
+
+    sizes: tuple[Size, ...]
+    v: np.ndarray  # (1 + k,) the variances in their middle
+    mean: np.ndarray  # (n,)
+    covariance: np.ndarray  # (n, n)
+    exact_robot: np.ndarray  # (n, n) the covariance if the robot did not err
+
+
+def average(model: LinearModel, prior: Prior, names: Sequence[str], unit_mm: float, likely, root) -> ErrorSizes:
+    """What is known over all sizes that data and prior allow, where `likely` and `root` are the `likeliest` of a model
+    with errors of these names. `unit_mm`: the noise that the model's residuals are over."""
+    law, k = prior.law(names, unit_mm), len(names)
+    parts = [draw(model, law, likely, root)]
+    exact, alone = model.without_robot(), Prior(prior.scales, profile_spread=prior.profile_spread).law((), unit_mm)
+    scanner = likely[: len(alone.free)]
+    parts.append(draw(exact, alone, *likeliest(exact, alone, scanner)))
+    if not prior.robot_known and names:
+        if prior.usual:
+            usual = prior.usual.law(names, unit_mm)
+            start = usual.coordinates(law.sizes(likely[None])[0])
+            parts.append(draw(model, usual, *likeliest(model, usual, start)))
+    else:
+        parts = parts[:1]
+    weight = normalised(np.concatenate([part.log_weight for part in parts]))
+    means, covariances = (np.concatenate([getattr(p, name) for p in parts]) for name in ("mean", "covariance"))
+    v = np.concatenate([np.pad(part.v, [(0, 0), (0, 1 + k - part.v.shape[1])]) for part in parts])
+    mean = weight @ means
+    covariance = np.tensordot(weight, covariances, 1) + (weight * (means - mean).T) @ (means - mean)
+    found, spread = [], np.zeros(1 + k)
+    spread[law.free] = parts[0].spread
+    for name, scale, size, wide in zip(("profile_mm", *names), law.scales, np.sqrt(v).T, spread, strict=True):
+        unit = unit_mm if name == "profile_mm" else 1.0
+        order = np.argsort(size)
+        low, middle, high = np.interp(
+            [0.025, 0.5, 0.975], np.cumsum(weight[order]) - weight[order] / 2, unit * size[order]
+        )
+        from_data = name == "profile_mm" or wide < 0.6  # of the prior's 1
+        found.append(Size(name, float(unit * scale), float(low), float(middle), float(high), bool(from_data)))
+    middles = np.array([size.middle for size in found]) / np.r_[unit_mm, np.ones(k)]
+    (no_robot,) = exact.posterior(middles[None, :1] ** 2).covariance
+    return ErrorSizes(tuple(found), middles**2, mean, covariance, no_robot)

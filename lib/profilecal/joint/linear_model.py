@@ -1,0 +1,260 @@
+"""All that is known at a state, to first order, as one linear Gaussian model (a mixed model; Henderson 1975):
+
+    r + A x = Σ_k s_k Z_k u_k + e        x ~ N(0, Π⁻¹)    u_k ~ N(0, 1)    e ~ N(0, s_0²)
+
+r are the residuals and A their derivatives, both over the scanner's noise. x are steps of the unknowns: the sensor
+pose, the targets, and systematic errors, which Π knows to be about zero (considered parameters; Schmidt 1966). u_k are
+errors of the flange, of size s_k in mm or degrees, that the profiles of one visit, commanded pose or orientation share;
+s_0 is the scanner's noise over the assumed one. With the variances v = s² and M_k = Z_k Z_kᵀ,
+
+    C = v_0 1 + Σ_k v_k M_k    H = Aᵀ C⁻¹ A + Π    V = H⁻¹    x̂ = -V Aᵀ C⁻¹ r    P = C⁻¹ - C⁻¹ A V Aᵀ C⁻¹
+
+Four answers: `posterior`, what is known of x; `whitener`, rows that are independent; `left_out`, how far profiles are
+from what the others say; `score`, what a further error would have to be.
+
+Profiles of different orientations share no error. Orientations with about as many profiles are one batch, a `Block`.
+What residuals say beside the errors of their flange needs no C: it is kept as products, `rest`.
+"""
+
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import dataclass
+
+import numpy as np
+
+from profilecal.joint.observability import HAND_PRECISION
+from profilecal.joint.pose_groups import PoseGroups
+
+ROUNDING = 1e-12  # of the largest eigenvalue of EᵀE; smaller ones are rounding
+RIDGE = 1e-13  # of the diagonal of H: it keeps what no residual says finite
+
+
+@dataclass(frozen=True)
+class Linearised:
+    """One target's residuals at a state and their derivatives, over the scanner's noise; zeros where no point is."""
+
+    by_flange: np.ndarray  # (P, K, 6) E, mm and rad
+    columns: np.ndarray  # (P, K, n + 1) [A | r]
+    counts: np.ndarray  # (P,) how many residuals there are
+
+
+def compress(E, Y) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rows R E (P, q, 6) and R Y (P, q, n + 1) that say all that profiles E (P, K, 6), Y (P, K, n + 1) do about the
+    errors of their flange, and the products (P, n + 1, n + 1) of what is left of Y.
+
+    A straight edge has two such rows, a ball three. R are the left singular vectors of E, from the eigenvectors of EᵀE.
+    """
+    E = E * HAND_PRECISION
+    Et = E.swapaxes(1, 2)
+    values, vectors = np.linalg.eigh(Et @ E)
+    least = ROUNDING * values.max()
+    q = int((values > least).sum(axis=1).max(initial=1))
+    singular = np.sqrt(np.maximum(values[:, -q:, None], least))
+    right = vectors[:, :, -q:].swapaxes(1, 2)
+    rows = right @ (Et @ Y) / singular
+    return singular * right / HAND_PRECISION, rows, Y.swapaxes(1, 2) @ Y - rows.swapaxes(1, 2) @ rows
+
+
+@dataclass(frozen=True)
+class Block:
+    """B orientations with at most Q profiles of q rows each, m = Q q in all; zeros where one has fewer."""
+
+    profiles: np.ndarray  # (B, Q) which profiles they are; -1: none
+    M: np.ndarray  # (k, B, m, m) Z Zᵀ of each error of the robot
+    Y: np.ndarray  # (B, m, n + 1) [A | r]
+
+    def only(self, there) -> "Block":
+        """Zeros in place of the rows where `there` (B, m) is zero."""
+        return Block(self.profiles, self.M * there[:, :, None] * there[:, None], self.Y * there[:, :, None])
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """What is known of x for S sets of variances."""
+
+    v: np.ndarray  # (S, 1 + k)
+    mean: np.ndarray  # (S, n) x̂
+    covariance: np.ndarray  # (S, n, n) V
+    log_evidence: np.ndarray  # (S,) of the variances: the restricted log likelihood (Patterson and Thompson 1971)
+    square: np.ndarray  # (S,) rᵀ P r, the χ² of the residuals
+    normal: np.ndarray  # (S, n + 1, n + 1) [A | r]ᵀ C⁻¹ [A | r]
+    solved: list  # for each block C⁻¹ (S, B, m, m) and C⁻¹ [A | r] (S, B, m, n + 1)
+
+
+class LinearModel:
+    """Profiles are counted through, target by target."""
+
+    def __init__(self, targets: Sequence[Linearised], groups: PoseGroups, names: Sequence[str], precision):
+        """`names` (k): the robot's errors, entries of `Noise`. `precision` (n, n): Π."""
+        self.precision, self.n = precision, len(precision)
+        self.groups, self.names = groups, tuple(names)
+        self.counts = np.concatenate([target.counts for target in targets])
+        parts = [compress(target.by_flange, target.columns) for target in targets]
+        self.q = max(E.shape[1] for E, _, _ in parts)
+        self.E, self.Y = (np.concatenate([padded(part[i], self.q) for part in parts]) for i in (0, 1))
+        self.rest = np.concatenate([rest for _, _, rest in parts])
+        ranks = np.concatenate([np.full(len(E), E.shape[1]) for E, _, _ in parts])
+        self.ranks = np.minimum(ranks, self.counts)  # (profiles,) how many rows speak of the flange
+        self.mm, self.deg = (np.array([name.endswith(unit) for name in names], dtype=bool) for unit in ("mm", "deg"))
+        members = alike_in_size(groups.orientation_of_profile)
+        self.blocks = [block(self.E, self.Y, profiles, groups, names) for profiles in members]
+        self.whole, self.kept = self.blocks, np.ones(len(self.counts), dtype=bool)
+
+    def keeping(self, kept) -> "LinearModel":
+        """The model of some profiles (profiles,) only."""
+        other = copy(self)
+        other.kept = np.asarray(kept)
+        other.blocks = [b.only((kept[b.profiles] & (b.profiles >= 0)).repeat(self.q, axis=1)) for b in self.whole]
+        return other
+
+    def without_robot(self) -> "LinearModel":
+        """The model in which the robot does not err: no residuals share anything."""
+        other, rest = copy(self), self.rest.copy()
+        for b in self.whole:
+            rows = b.Y.reshape(*b.profiles.shape, self.q, -1)
+            there = b.profiles >= 0
+            rest[b.profiles[there]] += (rows.swapaxes(-1, -2) @ rows)[there]
+        other.rest, other.blocks, other.whole = rest, [], []
+        return other
+
+    @property
+    def rest_of_kept(self) -> tuple[np.ndarray, int]:
+        """Products (n + 1, n + 1) of all that no error of the flange moves, and how many residuals it is. Rows of zeros
+        were counted in the blocks and are taken off here."""
+        rows = sum(b.Y.shape[0] * b.Y.shape[1] for b in self.blocks)
+        return self.rest[self.kept].sum(axis=0), int(self.counts[self.kept].sum()) - rows
+
+    def posterior(self, v) -> Posterior:
+        """What is known of x for variances v (S, 1 + k), the scanner's first."""
+        (rest, count), n, v0 = self.rest_of_kept, self.n, v[:, 0]
+        N, log_det_C, solved = rest / v0[:, None, None], count * np.log(v0), []
+        for b in self.blocks:
+            C = np.tensordot(v[:, 1:], b.M, 1) + v0[:, None, None, None] * np.eye(b.Y.shape[1])
+            roots = np.diagonal(np.linalg.cholesky(C), axis1=2, axis2=3)
+            log_det_C = log_det_C + 2 * np.log(roots).sum(axis=(1, 2))
+            inverse = np.linalg.inv(C)
+            X = inverse @ b.Y
+            N = N + b.Y.reshape(-1, n + 1).T @ X.reshape(len(v), -1, n + 1)
+            solved.append((inverse, X))
+        H, g = N[:, :n, :n] + self.precision, N[:, :n, n:]
+        H = H + RIDGE * np.einsum("sii->si", H)[:, :, None] * np.eye(n)
+        V = np.linalg.inv(H)
+        mean = -(V @ g)
+        square = N[:, n, n] + (g * mean).sum(axis=(1, 2))
+        log_evidence = -(square + log_det_C + np.linalg.slogdet(H)[1]) / 2
+        return Posterior(v, mean[..., 0], V, log_evidence, square, N, solved)
+
+    def gradient(self, found: Posterior) -> tuple[np.ndarray, np.ndarray]:
+        """The derivative (1 + k,) of the log evidence by the variances, for one set of them, and its average
+        information (Gilmour, Thompson and Cullis 1995); with w = P r,
+
+        ∂/∂v_k = -(tr P M_k - wᵀ M_k w) / 2        I_kl = wᵀ M_k P M_l w / 2
+        """
+        (rest, count), n, v0 = self.rest_of_kept, self.n, found.v[0, 0]
+        V, x = found.covariance[0], np.append(found.mean[0], 1.0)
+        k = found.v.shape[1]
+        slope, within, across = np.zeros(k), np.zeros((k, k)), np.zeros((n, k))  # tr P M - wᵀ M w; FᵀC⁻¹F; AᵀC⁻¹F
+        slope[0] = count / v0 - (x @ rest @ x + np.sum(V * rest[:n, :n])) / v0**2
+        within[0, 0], across[:, 0] = x @ rest @ x / v0**3, rest[:n] @ x / v0**2
+        for b, (inverse, X) in zip(self.blocks, found.solved, strict=True):
+            CA, w = X[0, :, :, :n], X[0] @ x
+            P = inverse[0] - CA @ V @ CA.swapaxes(1, 2)
+            less = P - w[:, :, None] * w[:, None]
+            slope[0] += np.trace(less, axis1=1, axis2=2).sum()
+            slope[1:] += np.tensordot(b.M, less, 3)
+            F = np.stack([w, *(b.M @ w[:, :, None])[..., 0]], axis=-1)  # M_k w, of the scanner w
+            within += (F.swapaxes(1, 2) @ inverse[0] @ F).sum(axis=0)
+            across += (CA.swapaxes(1, 2) @ F).sum(axis=0)
+        return -slope / 2, (within - across.T @ V @ across) / 2
+
+    def whitener(self, found: Posterior) -> list[np.ndarray]:
+        """For each block W (B, m, m) with Wᵀ W = C⁻¹: the errors of W r are independent, of variance one."""
+        return [np.linalg.cholesky(inverse[0]).swapaxes(1, 2) for inverse, _ in found.solved]
+
+    def own(self, v) -> np.ndarray:
+        """Covariances (profiles, q, q) of the rows of each profile by itself, for variances v (1 + k,)."""
+        of_flange = np.r_[np.full(3, v[1:][self.mm].sum()), np.full(3, v[1:][self.deg].sum() * np.radians(1) ** 2)]
+        return v[0] * np.eye(self.q) + self.E * of_flange @ self.E.swapaxes(1, 2)
+
+    def alone(self, v) -> np.ndarray:
+        """What each profile by itself says of the unknowns, (profiles, n + 1, n + 1): [A | r]ᵀ C⁻¹ [A | r]."""
+        return self.Y.swapaxes(1, 2) @ np.linalg.solve(self.own(v), self.Y) + self.rest / v[0]
+
+    def predicted(self, found: Posterior, profiles) -> tuple[np.ndarray, np.ndarray]:
+        """How far the rows of some profiles (k,), none of them kept, are from what those kept say of them, (k q,), and
+        the covariance (k q, k q) of that."""
+        M = block(self.E, self.Y, np.array([profiles]), self.groups, self.names).M[:, 0]
+        Y = self.Y[profiles].reshape(-1, self.n + 1)
+        C = found.v[0, 0] * np.eye(len(Y)) + np.tensordot(found.v[0, 1:], M, 1)
+        A = Y[:, : self.n]
+        return Y @ np.append(found.mean[0], 1.0), C + A @ found.covariance[0] @ A.T
+
+    def left_out(self, found: Posterior) -> tuple[np.ndarray, np.ndarray]:
+        """How far the rows of each profile (profiles, q) are from what all other profiles kept say of them, and the
+        covariance (profiles, q, q) of that.
+
+        Of a profile b that is not kept, r_b + A_b x̂ with covariance C_bb + A_b V A_bᵀ; of one that is kept,
+        P_bb⁻¹ (P r)_b with covariance P_bb⁻¹ (Christensen, Pearson and Johnson 1992)."""
+        x, V, n, q = np.append(found.mean[0], 1.0), found.covariance[0], self.n, self.q
+        A = self.Y[:, :, :n]
+        errors, covariances = self.Y @ x, self.own(found.v[0]) + A @ V @ A.swapaxes(1, 2)
+        for b, (inverse, X) in zip(self.blocks, found.solved, strict=True):
+            B, Q = b.profiles.shape
+            CA = X[0, :, :, :n]
+            P = (inverse[0] - CA @ V @ CA.swapaxes(1, 2)).reshape(B, Q, q, Q, q)
+            P_bb = P[:, np.arange(Q), :, np.arange(Q)].swapaxes(0, 1)
+            covariance = np.linalg.pinv(P_bb, hermitian=True)
+            error = covariance @ (X[0] @ x).reshape(B, Q, q, 1)
+            kept = (b.profiles >= 0) & self.kept[b.profiles]
+            errors[b.profiles[kept]], covariances[b.profiles[kept]] = error[kept][..., 0], covariance[kept]
+        return errors, covariances
+
+
+def score(normal, n: int, precision) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rao's score test (1948) of further directions D (d of them), each alone: the size that the residuals ask for, its
+    standard deviation (d,), and by how much one unit of it moves x (n, d).
+
+    `normal` (n + d + 1, n + d + 1): [A | D | r]ᵀ C⁻¹ [A | D | r]; `precision` (n, n): Π.
+    """
+    A, D, r = slice(n), slice(n, -1), -1
+    moves = -np.linalg.solve(normal[A, A] + precision, normal[A, D])
+    own = np.diag(normal)[D] + np.sum(normal[A, D] * moves, axis=0)  # what x cannot imitate
+    return -(normal[D, r] + moves.T @ normal[A, r]) / own, own**-0.5, moves
+
+
+def marginal(information, n: int) -> np.ndarray:
+    """What information matrices (..., N, N) say of the first n unknowns if the others are not known any better."""
+    known, across = information[..., :n, :n], information[..., :n, n:]
+    return known - across @ np.linalg.solve(information[..., n:, n:], np.swapaxes(across, -1, -2))
+
+
+def padded(rows, q: int) -> np.ndarray:
+    """Rows (P, ≤ q, c) of profiles with rows of zeros after them, (P, q, c)."""
+    return np.pad(rows, [(0, 0), (0, q - rows.shape[1]), (0, 0)])
+
+
+def alike_in_size(orientation) -> list[np.ndarray]:
+    """The profiles of each orientation, from the orientations' numbers (profiles,): arrays (B, Q), -1 where there is
+    none, one for all orientations whose numbers of profiles have the same power of two above them."""
+    sizes = np.unique(orientation, return_counts=True)[1]
+    members = np.split(np.argsort(orientation, kind="stable"), np.cumsum(sizes)[:-1])
+    power, found = np.ceil(np.log2(sizes)), []
+    for one in np.unique(power):
+        Q = sizes[power == one].max()
+        chosen = [members[g] for g in np.flatnonzero(power == one)]
+        found.append(np.array([np.pad(m, (0, Q - len(m)), constant_values=-1) for m in chosen]))
+    return found
+
+
+def block(E, Y, profiles, groups: PoseGroups, names) -> Block:
+    """The block of some profiles (B, Q), from the rows E (profiles, q, 6) and Y (profiles, q, n + 1) of all."""
+    B, Q = profiles.shape
+    q, there = E.shape[1], (profiles >= 0)[:, :, None, None]
+    e, y = (np.where(there, rows[profiles], 0.0).reshape(B, Q * q, -1) for rows in (E, Y))
+    M = np.empty((len(names), B, Q * q, Q * q))
+    for name, out in zip(names, M, strict=True):
+        Z = np.radians(e[:, :, 3:]) if name.endswith("deg") else e[:, :, :3]
+        number = groups.sharing(name)[profiles]
+        shared = (number[:, :, None] == number[:, None]).repeat(q, axis=1).repeat(q, axis=2)
+        out[:] = Z @ Z.swapaxes(1, 2) * shared
+    return Block(profiles, M, y)
