@@ -9,7 +9,7 @@ pose that they stand for:
 - a left-handed robot frame, y and two angles negated: the mirror image of the flange and the sensor;
 - all lengths in another unit: the sensor pose in that unit;
 - the other mount with inverted poses: the same numbers;
-- all poses moved by one motion of the base, negated quaternions, rows in another order: no change.
+- all poses moved by one motion of the base, negated quaternions: no change.
 """
 
 from importlib import import_module
@@ -18,5 +18,5 @@ from corruptions.folder import CORRUPTIONS, Folder
 
 __all__ = ["CORRUPTIONS", "Folder"]
 
-for part in ("lines", "columns", "header", "values", "poses", "sensors", "profiles"):  # in which seeds count them
+for part in ("files", "tables", "poses", "profiles"):  # in which seeds count them
     import_module(f"corruptions.{part}")

@@ -61,14 +61,6 @@ def corruption(function):
     return function
 
 
-def any_file(rng, folder):
-    return str(rng.choice([name for name in sorted(folder.files) if name != "truth.toml"]))
-
-
-def any_table(rng):
-    return str(rng.choice(["poses", "profiles"]))
-
-
 def some(rng, count, least=1, most=None):
     """A few of `count` rows, or a share of them."""
     most = most or max(least, count // 2)
@@ -79,6 +71,11 @@ def some(rng, count, least=1, most=None):
 def any_size(rng, low, high):
     """Log-uniform, either sign."""
     return float(np.exp(rng.uniform(np.log(low), np.log(high))) * rng.choice([-1, 1]))
+
+
+def one(rng, choices):
+    """One of these, as it is."""
+    return choices[rng.integers(len(choices))]
 
 
 def turned(folder, axis):

@@ -1,136 +1,116 @@
-"""Poses that are not where the robot was, or are given otherwise than stated."""
+"""Poses that are not where the robot was, or are given otherwise than stated; faultless scans of another sensor."""
+
+from functools import wraps
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from corruptions.folder import CONVENTIONS_COLUMNS, SLIGHT, any_size, corruption, some
+from corruptions.folder import CONVENTIONS_COLUMNS, SLIGHT, any_size, corruption, one, some
 from profilecal.scan.conventions import CONVENTIONS
 
 
-@corruption
-def angles_in_other_unit(rng, folder):
-    table, convention, _, _ = folder.poses()
-    columns = list(convention.columns)
-    folder.put("poses", table.assign(**(table[columns] * [np.pi / 180, 180 / np.pi, 10, 0.1][rng.integers(4)])))
+def on_poses(function):
+    """A corruption (rng, R, T, folder) that gives other R and T."""
+
+    @wraps(function)
+    def change(rng, folder):
+        table, convention, R, T = folder.poses()
+        folder.put_poses(table, convention, *function(rng, R, T, folder))
+
+    return corruption(change)
+
+
+def turns(rng, deg, shape):
+    return Rotation.from_rotvec(np.radians(deg) * rng.normal(size=shape)).as_matrix()
 
 
 @corruption
 def angles_in_other_sequence(rng, folder):
     table, _, R, _ = folder.poses()
-    angles = Rotation.from_matrix(R).as_euler(str(rng.choice(["XYZ", "xyz", "ZYX", "zyx", "ZYZ", "YXZ"])), degrees=True)
+    angles = Rotation.from_matrix(R).as_euler(one(rng, ["XYZ", "xyz", "ZYX", "zyx", "ZYZ", "YXZ"]), degrees=True)
     table = table.drop(columns=[c for c in CONVENTIONS_COLUMNS if c in table])
-    table[list(rng.choice(["a b c", "w p r", "alpha beta gamma"]).split())] = angles
+    table[one(rng, ["a b c", "w p r", "alpha beta gamma"]).split()] = angles
     folder.put("poses", table)
 
 
-@corruption
-def rotations_inverted(rng, folder):
-    table, convention, R, T = folder.poses()
-    folder.put_poses(table, convention, R.transpose(0, 2, 1), T)
+@on_poses
+def inverted(rng, R, T, folder):
+    return R.mT, T if rng.uniform() < 0.5 else -np.einsum("nba,nb->na", R, T)
 
 
-@corruption
-def poses_inverted(rng, folder):
-    table, convention, R, T = folder.poses()
-    Rt = R.transpose(0, 2, 1)
-    folder.put_poses(table, convention, Rt, -np.einsum("nab,nb->na", Rt, T))
-
-
-@corruption
-def other_convention_valid(rng, folder):
-    """The same poses, in another convention."""
-    table, _, R, T = folder.poses()
-    folder.put_poses(table, CONVENTIONS[rng.integers(len(CONVENTIONS))], R, T)
-
-
-@corruption
-def some_poses_wrong(rng, folder):
-    table, convention, R, T = folder.poses()
+@on_poses
+def some_poses_wrong(rng, R, T, folder):
     rows = some(rng, len(T))
     T[rows] += any_size(rng, 0.05, 2000) * rng.normal(size=(len(rows), 3))
     if rng.uniform() < 0.5:
-        turn = np.radians(any_size(rng, 0.02, 90))
-        R[rows] = R[rows] @ Rotation.from_rotvec(turn * rng.normal(size=(len(rows), 3))).as_matrix()
-    folder.put_poses(table, convention, R, T)
+        R[rows] = R[rows] @ turns(rng, any_size(rng, 0.02, 90), (len(rows), 3))
+    return R, T
 
 
-@corruption
-def one_shift_of_some_poses(rng, folder):
-    table, convention, R, T = folder.poses()
-    T[some(rng, len(T))] += any_size(rng, 0.05, 500) * rng.normal(size=3)
-    folder.put_poses(table, convention, R, T)
-
-
-@corruption
-def groups_shifted(rng, folder):
-    table, convention, R, T = folder.poses()
-    group = np.unique(R.round(4).reshape(len(R), -1), axis=0, return_inverse=True)[1].ravel()
-    for g in some(rng, group.max() + 1):
-        T[group == g] += any_size(rng, 0.05, 100) * rng.normal(size=3)
-    folder.put_poses(table, convention, R, T)
-
-
-@corruption
-def drift(rng, folder):
-    """The robot warms up or the target creeps: positions change with the number of the pose."""
-    table, convention, R, T = folder.poses()
-    T += np.linspace(0, 1, len(T))[:, None] ** rng.choice([1, 2, 0.5]) * any_size(rng, 0.02, 20) * rng.normal(size=3)
-    folder.put_poses(table, convention, R, T)
-
-
-@corruption
-def target_moved(rng, folder):
+@on_poses
+def target_moved(rng, R, T, folder):
     """Somebody knocked against it in the middle of the scan."""
-    table, convention, R, T = folder.poses()
     T[rng.integers(len(T)) :] += any_size(rng, 0.05, 50) * rng.normal(size=3)
-    folder.put_poses(table, convention, R, T)
+    return R, T
 
 
-@corruption
-def robot_scaled(rng, folder):
-    table, convention, R, T = folder.poses()
-    folder.put_poses(table, convention, R, T * (1 + any_size(rng, SLIGHT, 0.5)))
+@on_poses
+def robot_scaled(rng, R, T, folder):
+    return R, T * (1 + any_size(rng, SLIGHT, 0.5))
 
 
-@corruption
-def robot_noise(rng, folder):
-    table, convention, R, T = folder.poses()
-    T += any_size(rng, 0.01, 30) * rng.normal(size=T.shape)
-    turn = np.radians(any_size(rng, 0.001, 5)) * rng.normal(size=(len(R), 3))
-    folder.put_poses(table, convention, R @ Rotation.from_rotvec(turn).as_matrix(), T)
+@on_poses
+def robot_noise(rng, R, T, folder):
+    T = T + any_size(rng, 0.01, 30) * rng.normal(size=T.shape)
+    return R @ turns(rng, any_size(rng, 0.001, 5), T.shape), T
+
+
+@on_poses
+def one_orientation(rng, R, T, folder):
+    about_z = Rotation.from_rotvec([0, 0, 1] * rng.normal(size=(len(R), 1))).as_matrix()
+    return R[:1] @ (about_z if rng.uniform() < 0.5 else np.eye(3) + 0 * R), T
+
+
+@on_poses
+def base_moved(rng, R, T, folder):
+    X = Rotation.random(rng=rng).as_matrix()
+    return X @ R, T @ X.T + rng.uniform(-500, 500, 3)
+
+
+@on_poses
+def poses_of_a_tool(rng, R, T, folder):
+    X = np.eye(4)
+    X[:3, :3], X[:3, 3] = Rotation.random(rng=rng).as_matrix(), rng.uniform(-300, 300, 3)
+    folder.truth = np.linalg.inv(X) @ folder.truth
+    return R @ X[:3, :3], T + R @ X[:3, 3]
+
+
+@on_poses
+def left_handed_robot(rng, R, T, folder):
+    M = np.diag([1.0, -1, 1, 1])
+    folder.truth = M @ folder.truth @ M
+    return M[:3, :3] @ R @ M[:3, :3], T @ M[:3, :3]
 
 
 @corruption
 def quaternions_wrong(rng, folder):
     table, _, R, T = folder.poses()
     folder.put_poses(table, CONVENTIONS[0], R, T)
-    table = folder.table("poses")
-    names = list(CONVENTIONS[0].columns)
-    rows, how = some(rng, len(table)), rng.integers(5)
-    q = table[names].to_numpy()
-    if how == 0:
-        q[rows] *= -1  # the same rotation
-    elif how == 1:
-        q[rows] *= 1 + any_size(rng, 1e-4, 0.5)
-    elif how == 2:
-        q[rows] = 0
-    elif how == 3:
-        q = q[:, [1, 2, 3, 0]]
-    else:
-        q[rows] *= [1, -1, -1, -1]
+    table, names = folder.table("poses"), list(CONVENTIONS[0].columns)
+    rows, q = some(rng, len(table)), table[names].to_numpy()
+    match rng.integers(5):
+        case 0:
+            q[rows] *= -1  # the same rotation
+        case 1:
+            q[rows] *= 1 + any_size(rng, 1e-4, 0.5)
+        case 2:
+            q[rows] = 0
+        case 3:
+            q = q[:, [1, 2, 3, 0]]
+        case 4:
+            q[rows] *= [1, -1, -1, -1]
     table[names] = q
     folder.put("poses", table)
-
-
-@corruption
-def one_orientation(rng, folder):
-    table, convention, R, T = folder.poses()
-    R[:] = (
-        R[0]
-        if rng.uniform() < 0.5
-        else R[0] @ Rotation.from_rotvec([0, 0, 1] * rng.normal(size=(len(R), 1))).as_matrix()
-    )
-    folder.put_poses(table, convention, R, T)
 
 
 @corruption
@@ -142,19 +122,14 @@ def few_poses(rng, folder):
 
 
 @corruption
-def same_pose_everywhere(rng, folder):
-    table = folder.table("poses")
-    rows = some(rng, len(table), 2)
-    columns = [c for c in table.columns if c != "pose"]
-    table.loc[rows, columns] = table.loc[rows[0], columns].to_numpy()
-    folder.put("poses", table)
-
-
-@corruption
-def wrong_group_or_side(rng, folder):
-    table = folder.table("poses")
-    if rng.uniform() < 0.5:
-        table["group"] = rng.integers(0, 4, len(table)) if rng.uniform() < 0.5 else np.arange(len(table)) // 2
-    else:
-        table["side"] = rng.choice([1, -1], len(table))
-    folder.put("poses", table)
+def everything_in_other_lengths(rng, folder):
+    factor = one(rng, [1.01, 0.5, 1 / 25.4, 10, 1000, 0.001])
+    for name, columns in (("poses", ["x", "y", "z"]), ("profiles", ["x", "z"])):
+        table = folder.table(name)
+        folder.put(name, table.assign(**(table[columns] * factor)))
+    header = folder.header()
+    if "radius" in header["target"]:
+        header["target"]["radius"] *= factor
+        folder.put_header(header)
+    folder.truth = folder.truth @ np.eye(4)
+    folder.truth[:3, 3] *= factor

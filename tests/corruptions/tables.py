@@ -1,0 +1,95 @@
+"""Tables whose columns are twice there or misnamed; numbers that are none, of the wrong sign or size, or coarse."""
+
+from functools import wraps
+
+import numpy as np
+
+from corruptions.folder import SLIGHT, any_size, corruption, one, some, turned
+from profilecal.scan.conventions import CONVENTIONS
+
+
+def on_table(function):
+    """A corruption of the rows of any table: (rng, table, one of its columns of numbers, name, folder)."""
+
+    @wraps(function)
+    def change(rng, folder):
+        name = str(rng.choice(["poses", "profiles"]))
+        table = folder.table(name)
+        column = str(rng.choice([c for c in table.columns if c not in ("pose", "side")]))
+        folder.put(name, function(rng, table, column, name, folder))
+
+    return corruption(change)
+
+
+@on_table
+def column_renamed(rng, table, column, *_):
+    old = one(rng, ["pose", column])
+    return table.rename(columns={old: one(rng, ["", "X", f" {old} ", f"{old}_mm", "pose", "x", "qx"])})
+
+
+@on_table
+def column_doubled(rng, table, column, *_):
+    again = table[column] if rng.uniform() < 0.5 else table[column].sample(frac=1, random_state=1).to_numpy()
+    table.insert(int(rng.integers(table.shape[1] + 1)), f"{column}#", again)
+    return table.rename(columns={f"{column}#": str(rng.choice([column, column.upper(), f" {column}"]))})
+
+
+@on_table
+def header_missing(rng, table, *_):
+    return table.iloc[1:].set_axis(table.iloc[0].astype(str), axis=1)
+
+
+@on_table
+def names_of_columns_exchanged(rng, table, column, name, folder):
+    """Only the header line: x for y, qw for qx, a for c."""
+    other = str(rng.choice([c for c in table.columns if c not in ("pose", "side", column)]))
+    if name == "profiles":  # x for z
+        turned(folder, [1, 0, 1])
+    return table.rename(columns={column: other, other: column})
+
+
+@on_table
+def cells_replaced(rng, table, *_):
+    table = table.astype(object)
+    numbers = (np.nan, np.inf, -np.inf, 1e308, -1e308, 1e-320, 0, 9999.99, -32768, 1e9)
+    for i in some(rng, len(table), 1, 20):
+        table.iat[i, rng.integers(table.shape[1])] = one(rng, (*numbers, "text", "", "NA", "1,5", "None", "1.5 mm"))
+    return table
+
+
+@on_table
+def a_column_negated(rng, table, column, name, folder):
+    if name == "profiles":
+        turned(folder, [0, 0, 1] if column == "x" else [1, 0, 0])
+    return table.assign(**{column: -table[column]})
+
+
+@on_table
+def a_column_scaled(rng, table, column, *_):
+    factor = one(rng, [1000, 0.001, 10, 0.1, 25.4, 180 / np.pi, np.pi / 180, 1 + any_size(rng, SLIGHT, 0.1)])
+    return table.assign(**{column: table[column] * factor})
+
+
+@on_table
+def digits_lost(rng, table, *_):
+    """Values printed coarsely."""
+    columns = [c for c in table.columns if c not in ("pose", "side")]
+    return table.assign(**table[columns].round(int(rng.integers(-1, 3))))
+
+
+@on_table
+def labels_permuted(rng, table, *_):
+    old = table["pose"].unique()
+    new, rows = np.roll(old, rng.choice([1, -1, 2])), some(rng, len(old), 2, len(old))
+    if rng.uniform() < 0.5:
+        new = old.copy()
+        new[rows] = old[rng.permutation(rows)]
+    return table.assign(pose=table["pose"].map(dict(zip(old, new, strict=True))))
+
+
+@corruption
+def other_convention_named(rng, folder):
+    """The angles of one convention under the names of another."""
+    table, old, _, _ = folder.poses()
+    new = one(rng, [c for c in CONVENTIONS if len(c.columns) == len(old.columns)])
+    folder.put("poses", table.rename(columns=dict(zip(old.columns, rng.permutation(new.columns), strict=True))))
