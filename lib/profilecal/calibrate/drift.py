@@ -19,8 +19,6 @@ from profilecal.joint.solve import LARGEST_ERROR_MM
 from profilecal.joint.state import State
 from profilecal.scan.scan import Scan, ScanError
 
-VERDICT = {False: "not moved", True: "moved: the sensor on the flange, or the target"}
-
 
 @dataclass(frozen=True)
 class Drift(Difference):
@@ -94,10 +92,11 @@ def state_by(problem: Problem, T) -> State:
 
 def to_text(found: Drift) -> str:
     """What `profilecal verify --before` prints."""
+    verdict = "moved: the sensor on the flange, or the target" if found.moved else "not moved"
     return "\n".join(
         [
             *found.lines("moved by", "if nothing moved"),
             f"poses          {found.shared} of the first scan again",
-            f"verdict        {VERDICT[found.moved]}; a false alarm in {100 * FALSE_ALARM:.0f} % of all checks",
+            f"verdict        {verdict}; a false alarm in {100 * FALSE_ALARM:.0f} % of all checks",
         ]
     )
