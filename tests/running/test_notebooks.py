@@ -76,6 +76,7 @@ def shell(monkeypatch, tmp_path):
 
 def outcomes(shell, path, parameters: dict) -> list[dict]:
     """What a notebook records under other parameters."""
+    shell.push({"__spec__": None})  # as in a kernel, for the processes of a sweep
     cells = [cell for cell in json.loads(path.read_text(encoding="utf-8"))["cells"] if cell["cell_type"] == "code"]
     for cell in cells:
         with capture_output() as shown:
