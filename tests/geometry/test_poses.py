@@ -35,8 +35,3 @@ def test_angle_between_is_exact_from_tiny_to_half_a_turn():
         second = first * Rotation.from_rotvec(angle * axis / np.linalg.norm(axis))
         measured = poses.angle_between(first.as_matrix(), second.as_matrix())
         np.testing.assert_allclose(measured, angle, rtol=1e-7, atol=1e-15)
-
-
-def test_homogeneous_broadcasts():
-    matrices = poses.homogeneous(np.eye(3), np.arange(6.0).reshape(2, 3))
-    np.testing.assert_array_equal(matrices[1], [[1, 0, 0, 3], [0, 1, 0, 4], [0, 0, 1, 5], [0, 0, 0, 1]])

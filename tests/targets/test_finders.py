@@ -6,11 +6,10 @@ from raw_profiles import RADIUS, balls, disks, edges, planes, rods, spoil, table
 from scipy.differentiate import jacobian
 
 from profilecal.profiles.arcs import Section
-from profilecal.profiles.edges import TIP_DEPTH
 from profilecal.simulate.scanner import Scanner
 from profilecal.simulate.spec import Spec, simulate_scan
 from profilecal.targets import TARGETS
-from profilecal.targets.edge import SPECIMENS, Edge
+from profilecal.targets.edge import Edge
 from profilecal.targets.target import find_features
 
 BLANK = np.full((980, 2), np.nan)
@@ -56,32 +55,6 @@ def test_points_are_found_and_as_exact_as_stated(target, spoiled):
     assert ratio < 1 + 4 / np.sqrt(count)
     if shape != "tip":  # a tip's variance is an upper bound
         assert ratio > 1 - 4 / np.sqrt(count)
-
-
-SHARP = Scanner(resolution=0.0, quantum=0.01, noise_mm=0.0)
-SPACING = 2 * SHARP.half_width(90) / 979  # mm between rays
-WITHIN = {"parallel bar": SPACING / 2, "straight scale": 2 * SPACING, "knife blade": TIP_DEPTH}
-
-
-@pytest.mark.parametrize("specimen", SPECIMENS)
-def test_a_perfect_scanner_shows_the_edge_within_its_sampling(specimen):
-    """Of a blade that leans it may see one facet as a face, so exactly, and then no tip."""
-    profiles, truth = edges(specimen, np.random.default_rng(1), scanner=SHARP)
-    features = features_of("edge", profiles)
-    assert found(features).mean() > 0.9 if specimen == "knife blade" else found(features).all()
-    error = np.concatenate([f.points - t for f, t in zip(features, truth, strict=True) if f.found])
-    assert np.abs(error).max() < WITHIN[specimen]
-
-
-@pytest.mark.parametrize(("specimen", "sd"), [("parallel bar", 0.05), ("straight scale", 0.125)])
-def test_corners_and_ends_of_faces_are_found_no_worse_than_the_scanner_resolves(specimen, sd):
-    """Half of its resolution; of corners, where lines of about a hundred points each cross, a fraction of its noise."""
-    profiles, truth = edges(specimen, np.random.default_rng(1))
-    features = features_of("edge", profiles)
-    assert found(features).all()
-    error = np.concatenate([feature.points for feature in features]) - truth[:, 0]
-    assert (error.std(axis=0) < sd).all()
-    assert (np.abs(error.mean(axis=0)) < 0.1).all()  # one quantum
 
 
 @pytest.mark.parametrize(
@@ -181,14 +154,17 @@ def test_a_rod_or_ball_of_another_size_is_not_found(radius):
     assert not found(features_of("rod", profiles[other], radius)).any()
 
 
+NOTHING = {
+    "a table": lambda rng: tables(rng),
+    "a spoiled table": lambda rng: spoil(tables(rng), np.full((250, 1, 2), np.inf), rng),
+    "noise": lambda rng: rng.uniform([-50, 150], [50, 250], (50, 980, 2)),
+}
+
+
 @pytest.mark.parametrize("kind", ["edge", "disk", "ball", "rod"])
-@pytest.mark.parametrize("spoiled", [False, True], ids=["clean", "spoiled"])
-def test_a_table_alone_shows_nothing(kind, spoiled):
-    rng = np.random.default_rng(4)
-    profiles = tables(rng)
-    if spoiled:
-        profiles = spoil(profiles, np.full((len(profiles), 1, 2), np.inf), rng)
-    features = features_of(kind, profiles, RADIUS)
+@pytest.mark.parametrize("shown", NOTHING)
+def test_a_table_or_noise_alone_shows_nothing(kind, shown):
+    features = features_of(kind, NOTHING[shown](np.random.default_rng(4)))
     assert found(features).mean() < 0.005
     assert all(f.reason and not f.used.any() and f.points.shape == (0, 2) for f in features if not f.found)
 
@@ -297,13 +273,6 @@ def test_profiles_with_nothing_in_them_have_a_reason(kind, profile):
     assert not feature.found
     assert feature.reason
     assert feature.used.shape == (len(profile),)
-
-
-def test_noise_alone_shows_nothing():
-    rng = np.random.default_rng(8)
-    profiles = rng.uniform([-50, 150], [50, 250], (50, 980, 2))
-    for kind in ("edge", "disk", "ball", "plane", "rod"):
-        assert not found(features_of(kind, profiles, RADIUS)).any()
 
 
 CORRUPTIONS = (

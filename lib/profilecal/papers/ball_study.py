@@ -1,6 +1,7 @@
 """The disk paper's noise study of the two-step ball method, Section V-D3, from simulated noisy arcs."""
 
 from dataclasses import dataclass, replace
+from math import comb
 
 import numpy as np
 
@@ -130,33 +131,31 @@ def mean_centres(scans: BallScans, pose: int, counts, sigma_mm, size: int, rng, 
 def noisy_circles(circle, x, sigma_mm, size: int, rng, fit: str = "taubin") -> np.ndarray:
     """Circles (k, size, 3) fitted to the upper side of a circle (3,) seen at x (points,), z noisy by sigma_mm (k,).
 
-    Only z is noisy, z + s ε: the sums that the fit needs are polynomials in s, whose coefficients are sums over powers
-    of x, z and ε, the same for each sigma_mm. Units: the circle's radius, about the mean of the noise-free arc.
+    Only z is noisy, z + s ε. By the binomial theorem the means that the fit needs, of x^a (z + s ε)^b, are polynomials
+    in s, whose coefficients are means of x^a z^i ε^j: the same for each sigma_mm. Units: the circle's radius, about the
+    mean of the noise-free arc.
     """
     cx, cz, r = circle
     z = cz + np.sqrt(r * r - (x - cx) ** 2)
     shift = np.array([x.mean(), z.mean(), 0.0])
     x, z = (x - shift[0]) / r, (z - shift[1]) / r
-    one = np.ones_like(x)
-    with_noise = np.stack([one, x, x * x, z, x * z, x * x * z, z * z, z * z * z])
-    with_square, with_cube = np.stack([one, x, x * x, z, z * z]), np.stack([one, z])
-    sums = np.empty((16, size))
+    needed = [(0, 1), (1, 1), (2, 1), (0, 2), (1, 2), (2, 2), (0, 3), (0, 4)]  # a and b
+    of_noise = {j: sorted({(a, b - j) for a, b in needed if b >= j}) for j in (1, 2, 3, 4)}  # a and i beside ε^j
+    factors = {j: np.stack([x**a * z**i for a, i in pairs]) for j, pairs in of_noise.items()}
+    sums = {j: np.empty((len(pairs), size)) for j, pairs in of_noise.items()}
     for part, noise, square, cube in noisy_blocks(np.zeros_like(x), 1.0, size, rng, spare=2):
         np.multiply(noise, noise, out=square)
         np.multiply(square, noise, out=cube)
-        np.matmul(with_noise, noise.T, out=sums[:8, part])
-        np.matmul(with_square, square.T, out=sums[8:13, part])
-        np.matmul(with_cube, cube.T, out=sums[13:15, part])
-        np.vecdot(square, square, out=sums[15, part])
-    n, xn, xxn, zn, xzn, xxzn, zzn, zzzn, nn, xnn, xxnn, znn, zznn, nnn, znnn, nnnn = sums / len(x)
+        for j, power in ((1, noise), (2, square), (3, cube)):
+            np.matmul(factors[j], power.T, out=sums[j][:, part])
+        np.vecdot(square, square, out=sums[4][0, part])
+    means = {(a, i, 0): np.mean(x**a * z**i) for a, i in needed}
+    means |= {(a, i, j): row / len(x) for j in sums for (a, i), row in zip(of_noise[j], sums[j], strict=True)}
 
     s = np.asarray(sigma_mm, dtype=float)[:, None] / r
     mean = {"x" * a: np.mean(x**a) for a in (2, 3, 4)}
-    mean |= {"x" * a + "z": np.mean(x**a * z) + s * own for a, own in enumerate((n, xn, xxn))}
-    squares = enumerate(((zn, nn), (xzn, xnn), (xxzn, xxnn)))
-    mean |= {"x" * a + "zz": np.mean(x**a * z * z) + 2 * s * own + s**2 * two for a, (own, two) in squares}
-    mean["zzz"] = np.mean(z**3) + 3 * s * zzn + 3 * s**2 * znn + s**3 * nnn
-    mean["zzzz"] = np.mean(z**4) + 4 * s * zzzn + 6 * s**2 * zznn + 4 * s**3 * znnn + s**4 * nnnn
+    for a, b in needed:
+        mean["x" * a + "z" * b] = sum(comb(b, j) * s**j * means[a, b - j, j] for j in range(b + 1))
     return shift + r * circles_about_zero(mean, fit)
 
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from tqdm import tqdm
 
+from profilecal.geometry.components import cross, dot
 from profilecal.geometry.fitting import ROUNDS, SETTLED
 from profilecal.geometry.poses import nearest_rotation
 
@@ -119,20 +120,18 @@ def rotation_vectors(R) -> np.ndarray:
 def rotations_near(B, count: int) -> tuple[np.ndarray, np.ndarray]:
     """The rotations R (3, 3, k), expected near the identity, that best take `count` unit vectors x to unit vectors y.
 
-    B (3, 3, k) is the sum of all y xᵀ. Davenport's quaternion q maximises qᵀ K q; with q = (1, g), its eigenvalue
-    solves a scalar equation by Newton's steps. q has no such form for a half turn, so what is not surely within a
-    quarter turn is solved by SVD; the flags (k,) say where.
+    B (3, 3, k) is the sum of all y xᵀ. Davenport's quaternion q maximises qᵀ K q; with q = (1, g), its eigenvalue λ
+    solves a scalar equation by Newton's steps, each with (λ + tr B - B - Bᵀ) g = z. q has no such form for a half turn,
+    so what is not surely within a quarter turn is solved by SVD; the flags (k,) say where.
     """
     trace, S = np.trace(B), B + np.swapaxes(B, 0, 1)
     z = np.stack([B[2, 1] - B[1, 2], B[0, 2] - B[2, 0], B[1, 0] - B[0, 1]])
     value = np.full(B.shape[2], float(count))
     with np.errstate(all="ignore"):
         for _ in range(ROUNDS):
-            a, b, c = (value + trace) - S[0, 0], (value + trace) - S[1, 1], (value + trace) - S[2, 2]
-            d, e, f = -S[0, 1], -S[0, 2], -S[1, 2]
-            p, q, r, s, t, u = b * c - f * f, e * f - c * d, d * f - b * e, a * c - e * e, d * e - a * f, a * b - d * d
-            determinant = a * p + d * q + e * r
-            adjugate = np.array([[p, q, r], [q, s, t], [r, t, u]])
+            rows = (value + trace) * np.eye(3)[..., None] - S
+            adjugate = np.array([cross(rows[1], rows[2]), cross(rows[2], rows[0]), cross(rows[0], rows[1])])
+            determinant = dot(rows[0], adjugate[0])
             g = np.einsum("abk,bk->ak", adjugate, z) / determinant
             square = np.einsum("ak,ak->k", g, g)
             step = (trace - value + np.einsum("ak,ak->k", z, g)) / (1 + square)
@@ -144,7 +143,8 @@ def rotations_near(B, count: int) -> tuple[np.ndarray, np.ndarray]:
         R[[1, 2, 0], [2, 0, 1]] -= 2 * g
         R[[0, 1, 2], [0, 1, 2]] += 1 - square
         R /= 1 + square
-        sure = (determinant > 0) & (a > 0) & (u > 0) & (square < 1) & (np.abs(step) < 1e-12)
+        definite = (rows[0, 0] > 0) & (adjugate[2, 2] > 0) & (determinant > 0)  # the leading minors
+        sure = definite & (square < 1) & (np.abs(step) < 1e-12)
     if not sure.all():
         rest = ~sure & np.isfinite(B).all(axis=(0, 1))
         R[..., ~sure] = np.nan
