@@ -70,9 +70,7 @@ def reproduce(names, parameters, output):
     columns = ["paper", "item", "quantity", "published", "ours", "unit", "tolerance", "verdict"]
     click.echo(scorecard[columns].to_string(index=False, na_rep="", float_format="{:.7g}".format))
     click.echo(f"Notebooks, figures, tables and scorecard: {output}/")
-    for name, why in failed.items():
-        click.echo(f"FAILED {name}: {why} (see {output / 'notebooks' / name}.ipynb)")
-    raise SystemExit(1 if failed else 0)
+    end_with(failed, output / "notebooks")
 
 
 @main.command()
@@ -295,8 +293,13 @@ def sweep(notebook, grid, given, output, plot, hue, **options):
             click.echo(f"Figure: {plot_columns(table, *plot, hue, output)}")
 
     click.echo(f"{table['run'].nunique() - len(failed)} runs done, {len(failed)} failed: {output / 'table.csv'}")
+    end_with(failed, output / "runs")
+
+
+def end_with(failed, folder):
+    """Name the runs that failed, whose notebooks are in a folder, and end with status 1 if there are any."""
     for name, why in failed.items():
-        click.echo(f"FAILED {name}: {why} (see {output / 'runs' / name}.ipynb)")
+        click.echo(f"FAILED {name}: {why} (see {folder / name}.ipynb)")
     raise SystemExit(1 if failed else 0)
 
 

@@ -60,12 +60,9 @@ def is_there(path: Path, fits, noun: str) -> bool:
 
 
 @contextmanager
-def whole(path: Path, scratch: Path | None = None):
-    """A place to write a file or a folder that then appears at `path` whole, or after an error not at all.
-
-    The place is in the folder `scratch`, by default beside `path`.
-    """
-    partial = partial_of(path, scratch)
+def whole(path: Path):
+    """A place beside `path` for a file or a folder that then appears at `path` whole, or after an error not at all."""
+    partial = partial_of(path)
     remove(partial)
     try:
         yield partial
@@ -87,9 +84,9 @@ def new_folder(path: Path):
         yield partial
 
 
-def partial_of(path: Path, scratch: Path | None = None) -> Path:
+def partial_of(path: Path) -> Path:
     """Where `whole` has a file while it is being written."""
-    return (scratch or path.parent) / f".{path.name}.partial"
+    return path.parent / f".{path.name}.partial"
 
 
 def remove(path: Path) -> None:
