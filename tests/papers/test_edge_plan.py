@@ -63,6 +63,16 @@ def test_each_group_starts_with_the_edge_in_the_middle_of_the_scan():
     np.testing.assert_allclose(scene.points[:, :, 5], np.broadcast_to([0, STANDOFF], (3, 25, 2)), atol=1e-10)
 
 
+def test_numbers_may_differ_from_scene_to_scene():
+    """Two scenes at once are as each with its own numbers; turns and offsets come from one stream of random numbers."""
+    radius, spread = np.array([[10.0], [40.0]]), np.array([[10.0], [60.0]])
+    both = scene_of(shape=(2,), radius=radius, spread_deg=spread, span_deg=np.full((2, 1), 90.0))
+    for k, (r, turn) in enumerate([(10.0, 10.0), (40.0, 60.0)]):
+        one = scene_of(shape=(2,), radius=r, spread_deg=turn)
+        np.testing.assert_allclose(both.poses.positions[k], one.poses.positions[k])
+        np.testing.assert_allclose(both.points[k], one.points[k])
+
+
 def test_first_groups_are_the_first():
     poses = scene_of().poses
     np.testing.assert_array_equal(poses.first(10).rotations, poses.rotations[:10])

@@ -3,7 +3,7 @@ import pytest
 
 from profilecal.geometry.noise import Noise
 from profilecal.papers.edge_plan import STANDOFF, EdgePlan, plan_ball
-from profilecal.papers.edge_scenes import ball_points, edge_profiles, edge_scenes, find_edges, sense_edge
+from profilecal.papers.edge_scenes import ball_points, edge_profiles, edge_scenes, sense_edge
 from profilecal.simulate.poses import actual_poses
 from profilecal.simulate.scanner import Scanner
 from profilecal.targets.ball import Ball
@@ -61,13 +61,3 @@ def test_every_specimen_shows_its_edge_where_the_scene_has_it():
         assert profiles.shape == (25, 10, 980, 2)
         away = np.linalg.norm(profiles - scene.points[..., None, :], axis=-1)
         assert np.nanmin(away, axis=-1).max() < 0.5
-
-
-def test_edges_are_found_where_the_scene_has_them_and_missed_where_nothing_is():
-    scene = edge_scenes(EdgePlan(groups=4, spread_deg=5, radius=5), Noise(), np.random.default_rng(11))
-    profiles = edge_profiles(scene, "parallel bar", Scanner(), Noise(), np.random.default_rng(12))
-    profiles[1, 2] = np.nan
-    found = find_edges(profiles)
-    assert np.isnan(found[1, 2]).all()
-    found[1, 2] = scene.points[1, 2]
-    assert np.abs(found - scene.points).max() < 0.1  # a corner scatters by 0.01 mm

@@ -15,7 +15,7 @@ CONTENTS = (
     ("edge", "Sections 4 and 4.1, Fig. 5", "the criteria Δα and Δd; are 15 rotations enough?", "11 50"),
     ("edge", "Table 1, Fig. 6", "Δα by number of rotations", "11"),
     ("edge", "Table 2, Fig. 7", "Δd by number of rotations", "11"),
-    ("edge", "Section 4.2, Table 3, Fig. 8", "the radius of a sphere as a check", "12"),
+    ("edge", "Section 4.2, Table 3, Fig. 8", "the radius of a sphere as a check", "11 12"),
     ("edge", "Section 5", "the wish for a single-phase method", "40 41"),
     ("disk", "Section II, Fig. 1", "the frames", "00 20"),
     ("disk", "Section III, Eqs 1-20, Figs 2-5", "the method: from chords to the sensor pose", "20 21"),

@@ -1,19 +1,22 @@
-"""The edge paper's own measures of error, Δα and Δd (Section 4.1, Fig. 5), in every reading that its text allows."""
+"""The edge paper's own measures of error, Δα and Δd (Section 4.1, Fig. 5), beside the truth of simulated scenes."""
+
+from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from tqdm import tqdm
 
-from profilecal.closed_form.edge import EdgeSolution, edge_equations, judge
-from profilecal.geometry.noise import Noise
-from profilecal.geometry.poses import angle_between
-from profilecal.papers.edge_plan import EdgePlan
-from profilecal.papers.edge_scenes import EdgeScene, edge_scenes
-from profilecal.papers.published import half_unit, values
-from profilecal.papers.scorecard import row
+from profilecal.closed_form.edge import (
+    EdgeSolution,
+    edge_equations,
+    judge,
+    rotation_system,
+    translation_system,
+    unvec,
+)
+from profilecal.geometry.poses import angle_between, nearest_rotation
+from profilecal.papers.edge_scenes import EdgeScene
+from profilecal.papers.published import values
 
-DIRECTIONS = ("group", "sum", "vector")  # the readings of a part of the edge, see `edge_directions`
-READINGS = {f"{of}, {sign}": (of, sign == "signed") for of in DIRECTIONS for sign in ("signed", "unsigned")}
 CRITERIA = {  # where the paper prints them: a row for each of ROTATIONS, a column for each of its specimens
     "mean Δα": ("Table 1", "mean of delta alpha"),
     "std Δα": ("Table 1", "std of delta alpha"),
@@ -29,83 +32,79 @@ def printed(criterion: str) -> np.ndarray:
     return np.abs(values("edge", *CRITERIA[criterion]))
 
 
-def printed_range(criterion: str, counts=ROTATIONS[1:]) -> tuple[float, float]:
-    """The least and the greatest value that print like the table's at `counts` rotations, signs aside."""
-    entries = printed(criterion)[[ROTATIONS.index(count) for count in counts]]
-    rounding = half_unit("edge", *CRITERIA[criterion])
-    return entries.min() - rounding, entries.max() + rounding
+@dataclass(frozen=True)
+class Calibration:
+    """What both phases find of scenes (S)."""
+
+    R_sensor: np.ndarray  # (S, 3, 3)
+    T_sensor: np.ndarray  # (S, 3) mm
+    u_b: np.ndarray  # (S, 3) direction of the edge
+    p_b: np.ndarray  # (S, G, N, 3) the edge points in the base frame, mm
 
 
-def printed_ratio(part: str, whole: str) -> tuple[float, float]:
-    """The least and the greatest ratio of two criteria that print like the tables' from 15 rotations on."""
-    (a, r), (b, s) = ((printed(c)[1:], half_unit("edge", *CRITERIA[c])) for c in (part, whole))
-    return ((a - r) / (b + s)).min(), ((a + r) / (b - s)).max()
+def nested_calibrations(scene: EdgeScene, counts=ROTATIONS, about_mean: bool = True):
+    """Calibrations of scenes (S) from their first groups, as many as each of `counts` says: one after the other.
 
-
-def range_row(item: str, quantity: str, limits, ours: float, unit: str, *, free="", note="") -> dict:
-    """A row of the scorecard where the paper prints a range: its middle, with half its width for tolerance."""
-    low, high = limits
-    words = f"{quantity} (middle of {low:.3g} to {high:.3g}, not printed as such)"
-    return row("edge", item, words, (low + high) / 2, ours, unit, (high - low) / 2, free=free, note=note)
-
-
-def edge_directions(p_b, of: str) -> np.ndarray:
-    """Directions of the edge, (..., k, 3), not of unit length, from points p_b (..., G, N, 3) in the base frame, mm.
-
-    `of`: "group", the principal direction of each group's points; "sum", the sum of each group's vectors from its
-    first point (Eq. 5); "vector", every one of these vectors by itself.
+    The normal equations of Eq. 26 are sums over groups, so that four counts take hardly longer than one. They square
+    the condition of A_r, which costs digits that noise has spoilt before: for noisy data only. The principal direction
+    u_b is that of the vectors of Eq. 5 about their mean, or as they are.
     """
-    if of == "group":
-        return np.linalg.svd(p_b - p_b.mean(axis=-2, keepdims=True), full_matrices=False)[2][..., 0, :]
-    vectors = p_b[..., 1:, :] - p_b[..., :1, :]
-    if of == "sum":
-        return vectors.sum(axis=-2)
-    if of == "vector":
-        return vectors.reshape(*vectors.shape[:-3], -1, 3)
-    raise ValueError(f"of is {of!r}; expected one of {', '.join(DIRECTIONS)}")
+    R_b, T_b, p_s = scene.poses.rotations, scene.poses.positions, scene.points
+    A_r, b_r = rotation_system(R_b, T_b, p_s)
+    rows = np.concatenate([A_r, b_r[..., None]], axis=-1)
+    rows = rows.reshape(*rows.shape[:-2], R_b.shape[-3], -1, 10)
+    squares = np.cumsum(np.swapaxes(rows, -1, -2) @ rows, axis=-3)
+    for count in counts:
+        normal, turns = squares[..., count - 1, :9, :], R_b[..., :count, :, :]
+        R_sensor = nearest_rotation(unvec(np.linalg.solve(normal[..., :9], normal[..., 9:])[..., 0]))
+        in_flange = p_s[..., :count, :, :] @ np.swapaxes(R_sensor[..., ::2], -1, -2)[..., None, :, :]
+        points = in_flange @ np.swapaxes(turns, -1, -2) + T_b[..., :count, :, :]
+        vectors = (points[..., 1:, :] - points[..., :1, :]).reshape(*points.shape[:-3], -1, 3)
+        u_b = principal(vectors, about_mean)
+        A_t, b_t = translation_system(turns, points, u_b)
+        A_tT = np.swapaxes(A_t, -1, -2)
+        T_sensor = np.linalg.solve(A_tT @ A_t, A_tT @ b_t[..., None])
+        points = points + np.swapaxes(turns @ T_sensor[..., None, :, :], -1, -2)
+        yield Calibration(R_sensor, T_sensor[..., 0], u_b, points)
 
 
-def angle_deviations(solution: EdgeSolution, of: str = "group", signed: bool = False) -> np.ndarray:
-    """Δα (..., k), rad: between the edge's direction u_b and the directions of its parts.
+def principal(vectors, about_mean: bool = True) -> np.ndarray:
+    """Unit vectors (..., 3) along which vectors (..., n, 3) extend most."""
+    vectors = vectors - about_mean * vectors.mean(axis=-2, keepdims=True)
+    return np.linalg.eigh(np.swapaxes(vectors, -1, -2) @ vectors)[1][..., -1]
 
-    Unsigned, the angle between the two lines, 0 to π/2. Signed, that angle as seen along a fixed axis perpendicular
-    to u_b: left and right differ, and what leans along the axis is not seen.
+
+def angle_deviations(solution: EdgeSolution | Calibration, about_mean: bool = True) -> np.ndarray:
+    """Δα (..., G), rad: between the edge's direction u_b and the principal direction of each group.
+
+    They are seen along one fixed axis perpendicular to u_b: left and right differ, what leans along it is not seen.
+    `about_mean` as for `nested_calibrations`.
     """
-    parts, u_b = edge_directions(solution.p_b, of), solution.u_b[..., None, :]
-    along = (parts * u_b).sum(axis=-1)
-    if not signed:
-        return np.arctan2(np.linalg.norm(np.cross(parts, u_b), axis=-1), np.abs(along))
+    u_b = solution.u_b
+    groups = principal(solution.p_b - solution.p_b[..., :1, :], about_mean)
     aside = np.cross(u_b, np.eye(3)[np.argmin(np.abs(u_b), axis=-1)])
     aside /= np.linalg.norm(aside, axis=-1, keepdims=True)
-    return np.arctan((parts * aside).sum(axis=-1) / along)
+    along, across = (np.sum(groups * axis[..., None, :], axis=-1) for axis in (u_b, aside))
+    return np.arctan(across / along)
 
 
-def line_distances(solution: EdgeSolution) -> np.ndarray:
+def line_distances(solution: EdgeSolution | Calibration) -> np.ndarray:
     """Δd (..., G N), mm: of all points from the line along u_b through their mean."""
     points = solution.p_b.reshape(*solution.p_b.shape[:-3], -1, 3)
     offset = points - points.mean(axis=-2, keepdims=True)
     return np.linalg.norm(np.cross(offset, solution.u_b[..., None, :]), axis=-1)
 
 
-def study(plan: EdgePlan, noise: Noise, seeds: int, rng, counts=ROTATIONS, of="group", signed=False):
-    """`evaluate` over random scenes: a DataFrame with one row for each scene and number of rotation groups used."""
-    frames = []
-    for start in tqdm(range(0, seeds, CHUNK), unit=f"{CHUNK} scenes", disable=None):
-        scene = edge_scenes(plan, noise, rng, (min(CHUNK, seeds - start),))
-        frames += [evaluate(scene, count, noise.profile_mm, of, signed) for count in counts]
-    return pd.concat(frames, ignore_index=True)
-
-
-def evaluate(scene: EdgeScene, rotations: int, noise_mm=None, of="group", signed=False) -> pd.DataFrame:
+def evaluate(scene: EdgeScene, rotations: int, noise_mm=None) -> pd.DataFrame:
     """The paper's criteria beside the truth of scenes (S) calibrated from their first groups (Section 4.1).
 
-    `of` and `signed` as in `angle_deviations`. "strength" and "sd" are those of `judge`, told the noise of the sensed
-    points, or left to estimate it. Angles in degrees, lengths in mm.
+    "strength" and "sd" are those of `judge`, told the noise of the sensed points, or left to estimate it. Angles in
+    degrees, lengths in mm.
     """
     poses, points = scene.poses.first(rotations), scene.points[..., :rotations, :, :]
     solution = edge_equations(poses.rotations, poses.positions, points)
     evidence = judge(poses.rotations, poses.positions, points, solution, noise_mm)
-    angles, distances = np.degrees(angle_deviations(solution, of, signed)), line_distances(solution)
+    angles, distances = np.degrees(angle_deviations(solution)), line_distances(solution)
     return pd.DataFrame(
         {
             "rotations": rotations,

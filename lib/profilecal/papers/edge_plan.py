@@ -16,10 +16,10 @@ def arc(count: int, radius: float, span: float, middle=0.0) -> np.ndarray:
 
     `middle` (...), rad, is where on the circle that lies.
     """
-    angle = np.asarray(middle)[..., None] + np.linspace(-span / 2, span / 2, count)
-    points = radius * np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=-1)
-    centre = radius * np.stack([np.cos(middle), np.sin(middle), np.zeros_like(middle)], axis=-1)
-    return points - centre[..., None, :]
+    radius, span, middle = (np.asarray(number)[..., None] for number in (radius, span, middle))
+    angle = middle + span * np.linspace(-0.5, 0.5, count)
+    x, y = np.cos(angle) - np.cos(middle), np.sin(angle) - np.sin(middle)
+    return radius[..., None] * np.stack([x, y, np.zeros_like(x)], axis=-1)
 
 
 def arc_planes(direction, tilt, azimuth) -> np.ndarray:
@@ -28,7 +28,7 @@ def arc_planes(direction, tilt, azimuth) -> np.ndarray:
     `direction` (..., 3) is the edge's; `azimuth` (...) turns the plane about it. x is the plane's direction nearest
     to the edge, y is perpendicular to the edge. With `tilt` zero the plane contains the edge.
     """
-    frame = frame_along(direction, azimuth)
+    frame, tilt = frame_along(direction, azimuth), np.asarray(tilt)[..., None]
     across, along = frame[..., 0], frame[..., 1]
     x = np.cos(tilt) * along - np.sin(tilt) * across
     normal = np.sin(tilt) * along + np.cos(tilt) * across
@@ -46,7 +46,10 @@ def above(point, flange, R_sensor, T_sensor, standoff: float = STANDOFF) -> np.n
 
 @dataclass(frozen=True)
 class EdgePlan:
-    """How to move over an edge: `groups` orientations, each held for `positions` positions."""
+    """How to move over an edge: `groups` orientations, each held for `positions` positions.
+
+    Spread, radius, span and tilt of arcs may be arrays (S, 1), one number for each of S scenes.
+    """
 
     groups: int = 25
     positions: int = 10
@@ -86,7 +89,7 @@ def plan_edge(plan: EdgePlan, edge: Edge, R_sensor, T_sensor, rng: np.random.Gen
     square = frame_along(edge.direction, rng.uniform(0, 2 * np.pi, shape))
     start = random_turns(rng, shape, np.radians(20)) @ square @ np.swapaxes(R_sensor, -1, -2)
     axis = directions(rng, shape)[..., None, :] if plan.one_axis else None
-    turned = random_turns(rng, (*shape, plan.groups), np.radians(plan.spread_deg), axis)
+    turned = random_turns(rng, (*shape, plan.groups), np.radians(plan.spread_deg)[..., None], axis)
     offsets = plan.offsets(edge.direction, rng)
     if plan.frame == "tool":
         offsets = offsets @ np.swapaxes(turned, -1, -2)

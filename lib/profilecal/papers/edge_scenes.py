@@ -12,7 +12,6 @@ from profilecal.simulate.poses import Poses, actual_poses, scan_planes
 from profilecal.simulate.scanner import Scanner
 from profilecal.targets.ball import Ball
 from profilecal.targets.edge import Edge
-from profilecal.targets.target import find_features
 
 
 def sense_edge(edge: Edge, R_sensor, T_sensor, poses: Poses, noise: Noise, rng: np.random.Generator) -> np.ndarray:
@@ -37,7 +36,10 @@ class EdgeScene:
 
 
 def edge_scenes(plan: EdgePlan, noise: Noise, rng: np.random.Generator, shape=()) -> EdgeScene:
-    """Random scenes, `shape` of them: any edge 1 m in front of the robot, any mount within 150 mm of the flange."""
+    """Random scenes, `shape` of them: any edge 1 m in front of the robot, any mount within 150 mm of the flange.
+
+    The entries of `noise` may be arrays (S, 1, 1, 1), one for each of S scenes.
+    """
     edge = Edge(np.array([1000.0, 0.0, 300.0]) + rng.uniform(-100, 100, (*shape, 3)), directions(rng, shape))
     R_sensor = random_turns(rng, shape, np.pi)
     T_sensor = rng.uniform(50, 150, (*shape, 1)) * directions(rng, shape)
@@ -54,13 +56,6 @@ def edge_profiles(scene: EdgeScene, specimen: str, scanner: Scanner, noise: Nois
     away = rotation.mean(axis=(0, 1))[:, 2]
     outline = scene.edge.outline(specimen, rotation, origin, away)
     return scanner.decode(scanner.count(outline, rng))
-
-
-def find_edges(profiles) -> np.ndarray:
-    """The edge (G, N, 2) that the library finds in raw profiles (G, N, points, 2), mm; NaN where it finds none."""
-    features = find_features(Edge, profiles.reshape(-1, *profiles.shape[2:]))
-    points = [feature.points[0] if feature.found else (np.nan, np.nan) for feature in features]
-    return np.reshape(points, (*profiles.shape[:2], 2))
 
 
 def ball_points(ball: Ball, R_sensor, T_sensor, poses: Poses, noise: Noise, rng, count: int = 40) -> np.ndarray:
