@@ -79,8 +79,8 @@ def test_metres_and_millimetres_are_the_same_scan(tmp_path):
         sizes=tuple(size / 1000 for size in scan.sizes),
     )
     write_scan(in_metres, tmp_path / "m")
-    header = tmp_path / "m" / "scan.toml"
-    header.write_text(header.read_text().replace('units = "mm"', 'units = "m"'))
+    path = tmp_path / "m" / "scan.toml"
+    path.write_text(path.read_text().replace('units = "mm"', 'units = "m"'))
     assert_same(read_scan(tmp_path / "m"), read_scan(tmp_path / "mm"))
 
 
@@ -125,137 +125,118 @@ def rewrite(name, function):
     return change
 
 
+def header(old, new):
+    return edit("scan.toml", old, new)
+
+
+def poses(function):
+    return rewrite("poses.csv", function)
+
+
+def arcs(function):
+    return rewrite("arcs.csv", function)
+
+
+def put(text):
+    return lambda folder: (folder / "arcs.csv").write_text(text)
+
+
+def loop(name):
+    return lambda folder: ((folder / name).unlink(), (folder / name).symlink_to(name))
+
+
 MISTAKES = {
     "no folder": (lambda f: f.rename(f.with_name("gone")), "no such folder"),
     "no header": (lambda f: (f / "scan.toml").unlink(), r"scan.toml: no such file; expected it to name the target"),
-    "broken header": (edit("scan.toml", "[target]", "[target"), r"scan.toml: .*\(at line"),
-    "unknown entry": (edit("scan.toml", "units", "unit"), "unknown entry 'unit'; there are title, units"),
-    "unknown noise": (edit("scan.toml", "profile_mm", "profile"), r"unknown entry 'profile' in \[noise\]"),
-    "negative noise": (
-        edit("scan.toml", "0.05", "-0.05"),
-        r"profile_mm is -0.05 in \[noise\]; expected zero, or 1e-06 to 100",
-    ),
-    "unknown unit": (edit("scan.toml", '"mm"', '"inch"'), "units is 'inch'; expected mm or m"),
-    "unknown kind": (edit("scan.toml", '"ball"', '"sphere"'), r"kind is 'sphere' in \[target\]; expected edge or"),
-    "no radius": (edit("scan.toml", "radius = 40.0", ""), "the ball's radius is missing"),
+    "broken header": (header("[target]", "[target"), r"scan.toml: .*\(at line"),
+    "unknown entry": (header("units", "unit"), "unknown entry 'unit'; there are title, units"),
+    "unknown noise": (header("profile_mm", "profile"), r"unknown entry 'profile' in \[noise\]"),
+    "negative noise": (header("0.05", "-0.05"), r"profile_mm is -0.05 in \[noise\]; expected zero, or 1e-06 to 100"),
+    "unknown unit": (header('"mm"', '"inch"'), "units is 'inch'; expected mm or m"),
+    "unknown kind": (header('"ball"', '"sphere"'), r"kind is 'sphere' in \[target\]; expected edge or"),
+    "no radius": (header("radius = 40.0", ""), "the ball's radius is missing"),
     "absurd radius": (
-        edit("scan.toml", "radius = 40.0", "radius = 40000.0"),
+        header("radius = 40.0", "radius = 40000.0"),
         r"radius is 40000.0 in \[target\]; expected 0.5 to 1000",
     ),
-    "metres for mm": (edit("scan.toml", '"mm"', '"m"'), r"radius is 40.0 in \[target\]; expected 0.0005 to 1"),
+    "metres for mm": (header('"mm"', '"m"'), r"radius is 40.0 in \[target\]; expected 0.0005 to 1"),
     "no poses": (lambda f: (f / "poses.csv").unlink(), r"poses.csv: no such file"),
     "no measurement": (lambda f: (f / "arcs.csv").unlink(), r"expected one of profiles, .*; found none"),
     "two measurements": (lambda f: (f / "points.csv").write_text("pose,x,z\n"), "found points and arcs"),
     "wrong measurement": (lambda f: (f / "arcs.csv").rename(f / "chords.csv"), r"chords.csv: no column 'x_a'"),
-    "not for a ball": (
-        edit("scan.toml", 'kind = "ball"\nradius = 40.0', 'kind = "edge"'),
-        "'edge' needs profiles or points",
-    ),
-    "no column": (
-        rewrite("poses.csv", lambda t: t.drop(columns="y")),
-        "poses.csv: no column 'y'; there are pose, x, z",
-    ),
-    "half an orientation": (rewrite("poses.csv", lambda t: t.drop(columns="qw")), "the orientation lacks qw"),
-    "two orientations": (rewrite("poses.csv", lambda t: t.assign(rx=0, ry=0, rz=0)), "two blocks of orientation"),
-    "long quaternion": (rewrite("poses.csv", lambda t: t.assign(qw=t["qw"] + 1)), "line 2: quaternion of length"),
-    "duplicate pose": (
-        rewrite("poses.csv", lambda t: t.replace({"pose": {"P3": "P2"}})),
-        "line 5: pose 'P2' is there twice",
-    ),
-    "unknown pose": (
-        rewrite("arcs.csv", lambda t: t.replace({"pose": {"P3": "P33"}})),
-        "line 5: pose 'P33' is not in poses",
-    ),
-    "no label": (rewrite("arcs.csv", lambda t: t.replace({"pose": {"P3": None}})), "line 5: no pose label"),
-    "NaN pose": (rewrite("poses.csv", lambda t: t.assign(z=t["z"].where(t.index != 4))), "line 6: z is empty"),
-    "text": (
-        rewrite("arcs.csv", lambda t: t.astype({"x": object}).replace({"x": {t["x"][1]: "abc"}})),
-        "line 3: x is 'abc'",
-    ),
-    "infinite": (rewrite("arcs.csv", lambda t: t.assign(x=np.inf)), "line 2: x is 'inf'; expected a finite number"),
-    "no rows": (lambda f: (f / "arcs.csv").write_text("pose,x,z,r\n"), "arcs.csv: no rows"),
-    "empty file": (
-        lambda f: (f / "arcs.csv").write_text(""),
-        "arcs.csv: the first line is empty; expected column names",
-    ),
-    "ragged": (
-        lambda f: (f / "arcs.csv").write_text("pose,x,z,r\nP0,1,2,3\nP1,1,2,3,4,5\n"),
-        "arcs.csv line 3: 6 columns; expected 4 as the header",
-    ),
+    "not for a ball": (header('kind = "ball"\nradius = 40.0', 'kind = "edge"'), "'edge' needs profiles or points"),
+    "no column": (poses(lambda t: t.drop(columns="y")), "poses.csv: no column 'y'; there are pose, x, z"),
+    "half an orientation": (poses(lambda t: t.drop(columns="qw")), "the orientation lacks qw"),
+    "two orientations": (poses(lambda t: t.assign(rx=0, ry=0, rz=0)), "two blocks of orientation"),
+    "long quaternion": (poses(lambda t: t.assign(qw=t["qw"] + 1)), "line 2: quaternion of length"),
+    "duplicate pose": (poses(lambda t: t.replace({"pose": {"P3": "P2"}})), "line 5: pose 'P2' is there twice"),
+    "unknown pose": (arcs(lambda t: t.replace({"pose": {"P3": "P33"}})), "line 5: pose 'P33' is not in poses"),
+    "no label": (arcs(lambda t: t.replace({"pose": {"P3": None}})), "line 5: no pose label"),
+    "NaN pose": (poses(lambda t: t.assign(z=t["z"].where(t.index != 4))), "line 6: z is empty"),
+    "text": (arcs(lambda t: t.astype({"x": object}).replace({"x": {t["x"][1]: "abc"}})), "line 3: x is 'abc'"),
+    "infinite": (arcs(lambda t: t.assign(x=np.inf)), "line 2: x is 'inf'; expected a finite number"),
+    "no rows": (put("pose,x,z,r\n"), "arcs.csv: no rows"),
+    "empty file": (put(""), "arcs.csv: the first line is empty; expected column names"),
+    "ragged": (put("pose,x,z,r\nP0,1,2,3\nP1,1,2,3,4,5\n"), "arcs.csv line 3: 6 columns; expected 4 as the header"),
     "not text": (
         lambda f: (f / "arcs.csv").write_bytes(b"pose,x,z,r\nP\xff\xfe,1,2,3\n"),
         "not UTF-8 text, b'.xff' in line 2; save it as UTF-8",
     ),
-    "bad side": (rewrite("poses.csv", lambda t: t.assign(side=2)), "line 2: side is 2; expected 1 or -1"),
-    "mixed group": (rewrite("poses.csv", lambda t: t.assign(group="a")), "poses 'P0' and .* share a group but differ"),
-    "positions in m": (
-        rewrite("poses.csv", lambda t: t.assign(x=t.x / 1e3, y=t.y / 1e3, z=t.z / 1e3)),
-        "are the units",
-    ),
-    "arcs in m": (rewrite("arcs.csv", lambda t: t.assign(x=t.x / 1e3, z=t.z / 1e3, r=t.r / 1e3)), "are the units"),
-    "symlink loop": (
-        lambda f: ((f / "arcs.csv").unlink(), (f / "arcs.csv").symlink_to("arcs.csv")),
-        "arcs.csv: Too many levels of symbolic links",
-    ),
+    "bad side": (poses(lambda t: t.assign(side=2)), "line 2: side is 2; expected 1 or -1"),
+    "mixed group": (poses(lambda t: t.assign(group="a")), "poses 'P0' and .* share a group but differ"),
+    "positions in m": (poses(lambda t: t.assign(x=t.x / 1e3, y=t.y / 1e3, z=t.z / 1e3)), "are the units"),
+    "arcs in m": (arcs(lambda t: t.assign(x=t.x / 1e3, z=t.z / 1e3, r=t.r / 1e3)), "are the units"),
+    "symlink loop": (loop("arcs.csv"), "arcs.csv: Too many levels of symbolic links"),
     "folder is a loop": (lambda f: (f.rename(f.with_name("s")), f.symlink_to(f)), "scan: Too many levels of symbolic"),
-    "header is a loop": (
-        lambda f: ((f / "scan.toml").unlink(), (f / "scan.toml").symlink_to("scan.toml")),
-        "scan.toml: Too many levels of symbolic links",
-    ),
+    "header is a loop": (loop("scan.toml"), "scan.toml: Too many levels of symbolic links"),
     "folder is a file": (lambda f: (f.rename(f.with_name("s")), f.write_text("")), "scan: not a folder"),
     "a pipe": (lambda f: ((f / "poses.csv").unlink(), os.mkfifo(f / "poses.csv")), "poses.csv: not a file"),
     "a folder for a file": (lambda f: ((f / "arcs.csv").unlink(), (f / "arcs.csv").mkdir()), "arcs.csv: not a file"),
-    "column twice": (
-        lambda f: (f / "arcs.csv").write_text("pose,x,X ,z,r\nP0,1,1,2,3\n"),
-        "arcs.csv: column 'x' is there twice",
-    ),
+    "column twice": (put("pose,x,X ,z,r\nP0,1,1,2,3\n"), "arcs.csv: column 'x' is there twice"),
     "semicolons": (
-        lambda f: (f / "arcs.csv").write_text("pose;x;z;r\nP0;1;2;3\n"),
+        put("pose;x;z;r\nP0;1;2;3\n"),
         r"no column 'pose'; there are pose;x;z;r \(columns are separated by commas\)",
     ),
     "decimal commas": (
-        lambda f: (f / "arcs.csv").write_text("pose,x,z,r\nP0,1,5,2,0,3,0\nP1,1,5,2,0,3,0\n"),
+        put("pose,x,z,r\nP0,1,5,2,0,3,0\nP1,1,5,2,0,3,0\n"),
         "line 2: 7 columns; expected 4 as the header: .* are there decimal commas",
     ),
     "cut short": (
-        lambda f: (f / "arcs.csv").write_text("pose,x,z,r\nP0,1,2,3\nP1,1"),
+        put("pose,x,z,r\nP0,1,2,3\nP1,1"),
         "arcs.csv line 3: 2 columns; expected 4 as the header: is the file cut short",
     ),
-    "open quote": (
-        lambda f: (f / "arcs.csv").write_text('pose,x,z,r\n"P0,1,2,3\n'),
-        "cannot be read: unexpected end of data",
-    ),
+    "open quote": (put('pose,x,z,r\n"P0,1,2,3\n'), "cannot be read: unexpected end of data"),
     "a code for no point": (
-        rewrite("arcs.csv", lambda t: t.assign(z=-32768)),
+        arcs(lambda t: t.assign(z=-32768)),
         "line 2: z is -32768; expected at most 10000: .* Missing points are left out or blank",
     ),
-    "true for a number": (rewrite("arcs.csv", lambda t: t.assign(z=True)), "line 2: z is 'True'; expected a finite"),
+    "true for a number": (arcs(lambda t: t.assign(z=True)), "line 2: z is 'True'; expected a finite"),
     "two arcs": (
-        rewrite("arcs.csv", lambda t: t.replace({"pose": {"P3": "P2"}})),
+        arcs(lambda t: t.replace({"pose": {"P3": "P2"}})),
         "arcs.csv: pose 'P2' has more than one arc; expected one",
     ),
     "a long label": (
-        rewrite("arcs.csv", lambda t: t.replace({"pose": {"P3": "long\n" * 1000}})),
+        arcs(lambda t: t.replace({"pose": {"P3": "long\n" * 1000}})),
         r"pose 'long\\nlong.*…' is not in poses|pose 'long\\nlong.* is not in poses",
     ),
     "unknown convention": (
-        rewrite("poses.csv", lambda t: t.rename(columns={"qw": "i", "qx": "j", "qy": "k", "qz": "l"})),
+        poses(lambda t: t.rename(columns={"qw": "i", "qx": "j", "qy": "k", "qz": "l"})),
         "no orientation columns; expected one block of: qw, qx, qy, qz; rx",
     ),
     "NaN for a pose": (
-        rewrite("poses.csv", lambda t: t.astype({"qx": object}).replace({"qx": {t["qx"][4]: "nan"}})),
+        poses(lambda t: t.astype({"qx": object}).replace({"qx": {t["qx"][4]: "nan"}})),
         "poses.csv line 5: qx is empty or NaN; expected a finite number",
     ),
     "degrees for radians": (
-        rewrite("poses.csv", lambda t: t.rename(columns={"qx": "rx", "qy": "ry", "qz": "rz"}).assign(rz=90)),
+        poses(lambda t: t.rename(columns={"qx": "rx", "qy": "ry", "qz": "rz"}).assign(rz=90)),
         "line 2: rotation vector of length 90.*; expected radians, at most 2π: are they degrees",
     ),
     "absurd angles": (
-        rewrite("poses.csv", lambda t: t.rename(columns={"qx": "w", "qy": "p", "qz": "r"}).assign(r=1e308)),
+        poses(lambda t: t.rename(columns={"qx": "w", "qy": "p", "qz": "r"}).assign(r=1e308)),
         r"line 2: angle of 1e\+308; expected degrees, at most 720",
     ),
     "one pose far away": (
-        rewrite("poses.csv", lambda t: t.assign(x=t["x"].where(t.index != 4, 1e200))),
+        poses(lambda t: t.assign(x=t["x"].where(t.index != 4, 1e200))),
         r"line 6: the farthest flange position, of pose 'P4', is 1e\+200 mm|line 6: .* is inf mm",
     ),
     "no table": (lambda f: (f / "scan.toml").write_text("target = 5"), "target is 5; expected a table"),
@@ -263,26 +244,17 @@ MISTAKES = {
         lambda f: (f / "truth.toml").write_text("T_flange_sensor = [[1, 0]]"),
         r"truth.toml: T_flange_sensor is \[\[1, 0\]\]; expected 4 x 4 numbers",
     ),
-    "title": (edit("scan.toml", "title = ", "title = 5 #"), "title is 5; expected one line of text"),
-    "radius is true": (
-        edit("scan.toml", "radius = 40.0", "radius = true"),
-        r"radius is True in \[target\]; expected 0.5 to 1000",
-    ),
+    "title": (header("title = ", "title = 5 #"), "title is 5; expected one line of text"),
+    "radius is true": (header("radius = 40.0", "radius = true"), r"radius is True in \[target\]; expected 0.5 to 1000"),
     "a huge radius": (
-        edit("scan.toml", "radius = 40.0", f"radius = 1{'0' * 400}"),
+        header("radius = 40.0", f"radius = 1{'0' * 400}"),
         r"radius is a huge number in \[target\]; expected 0.5 to 1000",
     ),
-    "thousands of digits": (edit("scan.toml", "40.0", "9" * 5000), "scan.toml: Exceeds the limit"),
-    "nested deeply": (edit("scan.toml", "40.0", "[" * 20_000), "scan.toml: nested too deeply"),
-    "a long header": (
-        edit("scan.toml", "[target]", "#" * 1_000_000 + "\n[target]"),
-        r"scan.toml: \d+ bytes; expected at",
-    ),
+    "thousands of digits": (header("40.0", "9" * 5000), "scan.toml: Exceeds the limit"),
+    "nested deeply": (header("40.0", "[" * 20_000), "scan.toml: nested too deeply"),
+    "a long header": (header("[target]", "#" * 1_000_000 + "\n[target]"), r"scan.toml: \d+ bytes; expected at"),
     "header is no text": (lambda f: (f / "scan.toml").write_bytes(b"\n#\xe4"), r"not UTF-8 text, b'\\xe4' in line 2"),
-    "not a point": (
-        edit("scan.toml", 'kind = "ball"\nradius = 40.0', 'kind = "point"'),
-        "'point' needs points, not arcs",
-    ),
+    "not a point": (header('kind = "ball"\nradius = 40.0', 'kind = "point"'), "'point' needs points, not arcs"),
     "too large": (lambda f: os.truncate(f / "arcs.csv", 500_000_000), "arcs.csv: 500 MB; expected at most 400 MB"),
 }
 
@@ -311,8 +283,8 @@ def test_a_pose_with_one_point_is_no_profile(tmp_path):
 def test_a_header_with_a_byte_order_mark_is_read(tmp_path):
     scan = random_scan(np.random.default_rng(9))
     write_scan(scan, tmp_path / "scan")
-    header = tmp_path / "scan" / "scan.toml"
-    header.write_bytes(b"\xef\xbb\xbf" + header.read_bytes())
+    path = tmp_path / "scan" / "scan.toml"
+    path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())
     assert_same(read_scan(tmp_path / "scan"), scan)
 
 
@@ -354,7 +326,7 @@ def test_every_command_refuses_in_one_line_with_status_2(tmp_path, mistake, comm
 def test_small_angles_in_a_degrees_block_are_warned_about(tmp_path):
     scan = random_scan(np.random.default_rng(7), convention="FANUC angles")
     write_scan(scan, tmp_path / "scan")
-    rewrite("poses.csv", lambda t: t.assign(**{c: np.radians(t[c]) for c in "wpr"}))(tmp_path / "scan")
+    poses(lambda t: t.assign(**{c: np.radians(t[c]) for c in "wpr"}))(tmp_path / "scan")
     (warning,) = read_scan(tmp_path / "scan").warnings
     assert warning == "poses.csv: all angles w, p, r lie within ±2π; the columns mean degrees, are they radians?"
 

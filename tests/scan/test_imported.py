@@ -165,14 +165,14 @@ def one_array(folder):
     np.save(folder / "all.npy", np.stack(scan().values).swapaxes(1, 2))
 
 
-PROFILES_OF = {"fanuc": lists}  # counted from 1
+PROFILES_OF = {fanuc: lists}  # counted from 1
 PROFILES = {f.__name__: f for f in (one_each, lists, archives, codes, zeros, long_table, wide_table, one_array)}
 
 
-def written(folder, of_poses=csv, of_profiles=one_each):
+def written(folder, of_poses=csv, of_profiles=None):
     folder.mkdir()
     of_poses(folder)
-    of_profiles(folder)
+    (of_profiles or PROFILES_OF.get(of_poses, one_each))(folder)
     return folder
 
 
@@ -185,9 +185,7 @@ def check_poses(found):
 
 @pytest.mark.parametrize("name", POSES)
 def test_poses_in_any_syntax_are_the_same(name, tmp_path):
-    found, guessed = import_scan(
-        written(tmp_path / "files", POSES[name], PROFILES_OF.get(name, one_each)), "edge", {}, SAID.get(name, Layout())
-    )
+    found, guessed = import_scan(written(tmp_path / "files", POSES[name]), "edge", {}, SAID.get(name, Layout()))
     check_poses(found)
     assert len(guessed) == 5
 
@@ -287,7 +285,7 @@ NONSENSE = {  # in each syntax of poses
 @pytest.mark.parametrize("name", NONSENSE)
 def test_nonsense_in_any_syntax_is_one_sentence(name, tmp_path):
     file, old, new, sentence = NONSENSE[name]
-    folder = written(tmp_path / "files", POSES[name], PROFILES_OF.get(name, one_each))
+    folder = written(tmp_path / "files", POSES[name])
     change(file, old, new)(folder)
     with pytest.raises(ScanError, match=sentence) as caught:
         import_scan(folder, "edge", {}, SAID.get(name, Layout()))
@@ -295,114 +293,58 @@ def test_nonsense_in_any_syntax_is_one_sentence(name, tmp_path):
 
 
 MISTAKES = {
-    "nothing": (csv, one_each, shutil.rmtree, "no such folder, or nothing in it is named like the robot's poses"),
-    "no poses": (
-        csv,
-        one_each,
-        lambda f: (f / "robot.csv").rename(f / "b.csv"),
-        "nothing in it is named like the robot",
-    ),
-    "two": (csv, one_each, lambda f: shutil.copy(f / "robot.csv", f / "tcp.csv"), "robot.csv, tcp.csv may all be the"),
-    "no profile": (csv, one_each, lambda f: (f / "scan_003.csv").unlink(), "robot.csv: no profile for pose scan_003"),
-    "spare": (
-        csv,
-        one_each,
-        lambda f: shutil.copy(f / "scan_003.csv", f / "scan_055.csv"),
-        "no pose for profile scan_055",
-    ),
-    "fewer": (tum, one_each, lambda f: (f / "scan_003.csv").unlink(), "11 profiles for 12 poses"),
+    "nothing": (csv, shutil.rmtree, "no such folder, or nothing in it is named like the robot's poses"),
+    "no poses": (csv, lambda f: (f / "robot.csv").rename(f / "b.csv"), "nothing in it is named like the robot"),
+    "two": (csv, lambda f: shutil.copy(f / "robot.csv", f / "tcp.csv"), "robot.csv, tcp.csv may all be the"),
+    "no profile": (csv, lambda f: (f / "scan_003.csv").unlink(), "robot.csv: no profile for pose scan_003"),
+    "spare": (csv, lambda f: shutil.copy(f / "scan_003.csv", f / "scan_055.csv"), "no pose for profile scan_055"),
+    "fewer": (tum, lambda f: (f / "scan_003.csv").unlink(), "11 profiles for 12 poses"),
     "unnamed": (
         as_json,
-        one_each,
         lambda f: None,
         "poses.json: 6 columns, 1, 2, .*; say what they are, in their order: --pose-columns .*; w,p,r; alpha",
     ),
-    "half": (csv, one_each, change("robot.csv", "Alpha [°]", "tilt"), "the orientation lacks alpha .*--pose-columns"),
-    "two units": (
-        csv,
-        one_each,
-        change("robot.csv", "Y [mm]", "Y [m]"),
-        "robot.csv: the title of column y says the unit",
-    ),
-    "no unit": (
-        csv,
-        one_each,
-        change("robot.csv", "[°]", "[grad]", 3),
-        "column alpha says the unit 'grad'; expected deg or",
-    ),
-    "twice": (
-        fanuc,
-        lists,
-        change("CALIB.LS", "P[2]{", "P[1]{"),
-        "CALIB.LS: no pose for profile p2",
-    ),
-    "not closed": (
-        fanuc,
-        lists,
-        change("CALIB.LS", "};", ""),
-        "CALIB.LS: not as many } as {; is the file cut short",
-    ),
-    "other tool": (
-        fanuc,
-        lists,
-        change("CALIB.LS", "UT : 0", "UT : 3"),
-        "CALIB.LS: tool differs between poses; expected",
-    ),
-    "reflection": (matrices, one_each, lambda f: np.savetxt(f / "pose4.txt", -np.eye(4)), "row 5: matrix with determ"),
-    "other file": (
-        matrices,
-        one_each,
-        lambda f: (f / "pose4.txt").rename(f / "pose44.txt"),
-        "no profile for pose pose44",
-    ),
-    "not text": (tum, one_each, lambda f: (f / "poses.tum").write_bytes(b"1 2\xff"), "poses.tum: not UTF-8 text"),
-    "far": (
-        csv,
-        one_each,
-        change("scan_001.csv", "x,z\n", "x,z\n1,-99999.9\n"),
-        r"files: the profiles .* \(--missing\)",
-    ),
-    "word": (
-        csv,
-        one_each,
-        change("scan_001.csv", "x,z\n", "x,z\n1,2\n3,oops\n"),
-        "scan_001.csv line 3: z is 'oops'; exp",
-    ),
-    "titles": (
-        csv,
-        one_each,
-        change("scan_001.csv", "x,z", "x,height"),
-        "scan_001.csv: columns x, height, where scan_000",
-    ),
-    "cut": (csv, one_each, cut_short("scan_001.csv"), "scan_001.csv line .* 1 fields; expected 2 for each point"),
+    "half": (csv, change("robot.csv", "Alpha [°]", "tilt"), "the orientation lacks alpha .*--pose-columns"),
+    "two units": (csv, change("robot.csv", "Y [mm]", "Y [m]"), "robot.csv: the title of column y says the unit"),
+    "no unit": (csv, change("robot.csv", "[°]", "[grad]", 3), "column alpha says the unit 'grad'; expected deg or"),
+    "twice": (fanuc, change("CALIB.LS", "P[2]{", "P[1]{"), "CALIB.LS: no pose for profile p2"),
+    "not closed": (fanuc, change("CALIB.LS", "};", ""), "CALIB.LS: not as many } as {; is the file cut short"),
+    "other tool": (fanuc, change("CALIB.LS", "UT : 0", "UT : 3"), "CALIB.LS: tool differs between poses; expected"),
+    "reflection": (matrices, lambda f: np.savetxt(f / "pose4.txt", -np.eye(4)), "row 5: matrix with determ"),
+    "other file": (matrices, lambda f: (f / "pose4.txt").rename(f / "pose44.txt"), "no profile for pose pose44"),
+    "not text": (tum, lambda f: (f / "poses.tum").write_bytes(b"1 2\xff"), "poses.tum: not UTF-8 text"),
+    "far": (csv, change("scan_001.csv", "z\n", "z\n1,-99999.9\n"), r"files: the profiles .* \(--missing\)"),
+    "word": (csv, change("scan_001.csv", "z\n", "z\n1,2\n3,oops\n"), "scan_001.csv line 3: z is 'oops'; exp"),
+    "titles": (csv, change("scan_001.csv", "x,z", "x,height"), "scan_001.csv: columns x, height, where scan_000"),
+    "cut": (csv, cut_short("scan_001.csv"), "scan_001.csv line .* 1 fields; expected 2 for each point"),
     "columns": (
         tum,
-        archives,
         lambda f: np.savez(f / "3.npz", profile=np.ones((9, 5))),
         "3.npz: columns 1, 2, 3, 4, 5, w",
+        archives,
     ),
-    "no entry": (tum, lists, change("p2.yml", "profile:", "outline:"), "no list 'profile'; there are outline, picked"),
-    "open list": (tum, lists, change("p2.yml", " ]", ""), "p2.yml: not as many ] as \\["),
+    "no entry": (tum, change("p2.yml", "profile:", "outline:"), "no list 'profile'; there are outline, picked", lists),
+    "open list": (tum, change("p2.yml", " ]", ""), "p2.yml: not as many ] as \\[", lists),
     "pairs": (
         tum,
-        lists,
         change("p2.yml", "profile: [", "profile: [ 1.,"),
         "p2.yml line 3: . fields; expected 3 for each",
+        lists,
     ),
-    "unknown pose": (csv, long_table, change("all.csv", "scan_003", "scan_033", 999), "no profile for pose scan_003"),
+    "unknown pose": (csv, change("all.csv", "scan_003", "scan_033", 999), "no profile for pose scan_003", long_table),
     "not alike": (
         tum,
-        wide_table,
         lambda f: np.savetxt(f / "all.txt", np.ones((9, 40))),
         "say which are x and z: --columns",
+        wide_table,
     ),
 }
 
 
 @pytest.mark.parametrize("mistake", MISTAKES)
 def test_a_guess_that_cannot_be_made_is_refused_in_a_sentence(mistake, tmp_path):
-    of_poses, of_profiles, spoil, sentence = MISTAKES[mistake]
-    folder = written(tmp_path / "files", of_poses, of_profiles)
+    of_poses, spoil, sentence, *of_profiles = MISTAKES[mistake]
+    folder = written(tmp_path / "files", of_poses, *of_profiles)
     spoil(folder)
     with pytest.raises(ScanError, match=sentence) as caught:
         import_scan(folder, "edge", {})
