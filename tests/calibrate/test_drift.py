@@ -61,7 +61,7 @@ def test_a_movement_is_told_and_rest_is_not_taken_for_one(kind, repeatability):
         scan, _, T = cell(kind, seed, repeatability)
         before = scan()
         for what, moved in (("rest", (0, 0)), ("0.1 mm", (0.1, 0)), ("0.05°", (0, 0.05))):
-            said[what] += drift(before, scan(*moved), T, KNOWN, NOISE_MM).moved
+            said[what] += not drift(before, scan(*moved), T, KNOWN, NOISE_MM).as_expected
     print(f"{kind}, the robot comes back to {repeatability} mm: {said} of {CELLS}")
     assert binom.ppf(1e-4, CELLS, FALSE_ALARMS[0]) <= said["rest"] <= binom.isf(1e-4, CELLS, FALSE_ALARMS[1])
     if not repeatability:

@@ -26,11 +26,6 @@ class Drift(Difference):
 
     shared: int  # so many commanded poses are in both scans
 
-    @property
-    def moved(self) -> bool:
-        """Whether chance does not explain the movement."""
-        return not self.as_expected
-
 
 def drift(before: Scan, after: Scan, T, covariance, noise_mm: float) -> Drift:
     """By how much a sensor whose pose was T (4, 4), mm, has moved between two scans of one target in one place.
@@ -92,11 +87,8 @@ def state_by(problem: Problem, T) -> State:
 
 def to_text(found: Drift) -> str:
     """What `profilecal verify --before` prints."""
-    verdict = "moved: the sensor on the flange, or the target" if found.moved else "not moved"
-    return "\n".join(
-        [
-            *found.lines("moved by", "if nothing moved"),
-            f"poses          {found.shared} of the first scan again",
-            f"verdict        {verdict}; a false alarm in {100 * FALSE_ALARM:.0f} % of all checks",
-        ]
-    )
+    verdict = "not moved" if found.as_expected else "moved: the sensor on the flange, or the target"
+    lines = found.lines("moved by", "if nothing moved")
+    lines.append(f"poses          {found.shared} of the first scan again")
+    lines.append(f"verdict        {verdict}; a false alarm in {100 * FALSE_ALARM:.0f} % of all checks")
+    return "\n".join(lines)

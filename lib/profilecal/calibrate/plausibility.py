@@ -15,10 +15,8 @@ from profilecal.joint.solution import Solution
 from profilecal.joint.solve import LARGEST_ERROR_MM, LARGEST_REJECTED
 
 LARGEST_MISFIT = 3.0  # residuals over what the stated noise explains
-MOVES = 1.0  # standard deviations of the pose that a suspect must move it by to be added to its covariance
-MOVES_MUCH = 3.0  # and to make it weak
-CLEAR_AS_DAY = 7.0  # standard deviations at which a suspect that moves the pose makes it weak
-SHADOW = 0.8  # of the clearest suspect's clarity: less is taken for its shadow
+MOVES_MUCH = 3.0  # standard deviations of the pose that an error must move it by to make it weak
+SHADOW = 0.8  # of the clearest error's clarity: less is taken for its shadow
 ADVICE = (
     "check the mount, units and convention of the poses, which pose each profile belongs to, x and z of the profiles, "
     "the radius"
@@ -34,11 +32,9 @@ def check(solution: Solution) -> Solution:
     C, weak = solution.covariance, bool(objections)
     guilty = clear_findings(systematic_tests(solution))
     if guilty:
-        farthest = max(distance(s.moves, C) for s in guilty)
-        weak |= farthest > MOVES_MUCH or (farthest > MOVES and abs(guilty[0].clear) > CLEAR_AS_DAY)
-        if farthest > MOVES:
-            C = C + sum(np.outer(s.moves, s.moves) for s in guilty)
-        messages.append(accusation(guilty, farthest > MOVES))
+        weak |= max(distance(s.moves, C) for s in guilty) > MOVES_MUCH
+        C = C + sum(np.outer(s.moves, s.moves) for s in guilty)
+        messages.append(accusation(guilty))
     found = of_covariance(C, solution.observability.rank, solution.observability.parameters)
     status = "weak" if weak or found.sd[0] > WEAK else solution.status
     return replace(solution, covariance=C, observability=found, messages=tuple(messages), status=status)
@@ -74,13 +70,12 @@ def distance(delta, covariance) -> float:
     return float(np.sqrt(delta @ np.linalg.solve(covariance, delta)))
 
 
-def accusation(guilty: list[Finding], enlarged: bool) -> str:
+def accusation(guilty: list[Finding]) -> str:
     """What the residuals look like, and what it would do."""
-    verb = "is enlarged to match" if enlarged else "allows for it"
     most = max(guilty, key=lambda s: np.linalg.norm(s.moves[:3]))
     return (
         f"the residuals look as if {', or as if '.join(s.sentence for s in guilty[:4])} "
         f"({abs(guilty[0].clear):.0f} standard deviations), "
         f"which would move the sensor by up to {np.linalg.norm(most.moves[:3]):.2g} mm and "
-        f"{np.degrees(np.linalg.norm(most.moves[3:])):.2g}°; the covariance {verb}"
+        f"{np.degrees(np.linalg.norm(most.moves[3:])):.2g}°; the covariance is enlarged to match"
     )

@@ -164,19 +164,18 @@ def target_by(T, alone: Calibration, kept) -> tuple[dict[str, float], float]:
 def to_text(found: Verification) -> str:
     """What `profilecal verify` prints."""
     (scan,), alone = found.alone.scans, found.alone
-    lines = [
-        f"scan alone     {alone.status}" + ("" if alone.status == "ok" else ", so also looked at near the pose"),
-        *(f"note           {message}" for message in alone.messages if alone.status != "ok"),
-        *found.lines("differs by", "between right answers"),
-    ]
+    lines = [f"scan alone     {alone.status}"]
+    if alone.status != "ok":
+        lines[0] += ", so also looked at near the pose"
+        lines += [f"note           {message}" for message in alone.messages]
+    lines += found.lines("differs by", "between right answers")
     for name, length in found.lengths.items():
         lines.append(f"{name:<15}{length:.3f} mm by the pose, {scan.measures[name]:g} given")
-    lines += [
-        f"residuals      {found.rms_mm:.3g} mm rms from a {scan.target.shape}, by the pose",
-        "verdict        the stated uncertainties explain what was found"
-        if found.as_expected
-        else "verdict        more is wrong than the stated uncertainties explain: robot, target, or calibration",
-    ]
+    lines.append(f"residuals      {found.rms_mm:.3g} mm rms from a {scan.target.shape}, by the pose")
+    verdict = "more is wrong than the stated uncertainties explain: robot, target, or calibration"
+    lines.append(
+        f"verdict        {'the stated uncertainties explain what was found' if found.as_expected else verdict}"
+    )
     return "\n".join(lines)
 
 
