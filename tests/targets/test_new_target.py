@@ -15,6 +15,7 @@ from profilecal.geometry.components import cross
 from profilecal.geometry.noise import Noise
 from profilecal.joint.solve import solve
 from profilecal.joint.state import normalised_square, pose_error
+from profilecal.profiles.edges import crossing, crossing_covariance
 from profilecal.profiles.feature import Feature, mask, nothing
 from profilecal.profiles.runs import Run, straight_runs
 from profilecal.report import pictures
@@ -115,23 +116,13 @@ def groove_in(profile) -> Feature:
     runs, _ = straight_runs(profile)
     if len(runs) != 4:
         return nothing(profile, f"{len(runs)} straight runs; a groove has 4")
-    rough = [corner for corner, _ in corners(runs)]
+    rough = [crossing(*pair) for pair in pairwise(runs)]
     away = [np.min([np.linalg.norm(profile[run.rows] - corner, axis=1) for corner in rough], axis=0) for run in runs]
     runs = [Run.through(profile, run.rows[distance > 0.5]) for run, distance in zip(runs, away, strict=True)]
-    points, covariances = zip(*sorted(corners(runs), key=lambda pair: pair[0][0]), strict=True)
+    corners = sorted(((crossing(*pair), pair) for pair in pairwise(runs)), key=lambda corner: corner[0][0])
+    covariances = [crossing_covariance(*pair, point) for point, pair in corners]
     used = mask(profile, np.concatenate([run.rows for run in runs]))
-    return Feature(np.array(points), np.array(covariances), used, "groove")
-
-
-def corners(runs) -> list:
-    """Where neighbouring runs meet, each with its covariance."""
-    found = []
-    for first, second in pairwise(runs):
-        inverse = np.linalg.inv(np.stack([first.normal, second.normal]))
-        corner = inverse @ [first.normal @ first.point, second.normal @ second.point]
-        variance = np.diag([run.offset_covariance(corner[None])[0, 0] for run in (first, second)])
-        found.append((corner, inverse @ variance @ inverse.T))
-    return found
+    return Feature(np.array([point for point, _ in corners]), np.array(covariances), used, "groove")
 
 
 @pytest.fixture(autouse=True)

@@ -71,10 +71,8 @@ def corners(runs) -> list[Candidate]:
         if None in sides or not is_bent(*sides) or not ends_at(first, second, apex):
             continue
         apex = crossing(*sides)
-        variance = np.diag([side.offset_covariance(apex[None])[0, 0] for side in sides])
-        inverse = np.linalg.inv(np.stack([side.normal for side in sides]))
         used = mask(first.profile, np.concatenate([side.rows for side in sides]))
-        feature = Feature(apex[None], (inverse @ variance @ inverse.T)[None], used, "corner")
+        feature = Feature(apex[None], crossing_covariance(*sides, apex)[None], used, "corner")
         towards = first.direction - second.direction  # from between the sides to the apex and on
         bend = np.arccos(first.direction @ second.direction)
         found.append(Candidate(feature, int(np.sign(towards[1])), min(side.length for side in sides), np.pi - bend))
@@ -98,6 +96,13 @@ def crossing(first: Run, second: Run) -> np.ndarray:
     """Where the lines of two runs meet, (2,)."""
     normals = np.stack([first.normal, second.normal])
     return np.linalg.solve(normals, [first.normal @ first.point, second.normal @ second.point])
+
+
+def crossing_covariance(first: Run, second: Run, apex) -> np.ndarray:
+    """Of the place where the lines of two runs meet, (2, 2) mm²."""
+    variance = np.diag([run.offset_covariance(apex[None])[0, 0] for run in (first, second)])
+    inverse = np.linalg.inv(np.stack([first.normal, second.normal]))
+    return inverse @ variance @ inverse.T
 
 
 def ends_at(first: Run, second: Run, apex) -> bool:

@@ -1,5 +1,6 @@
-"""Calibration targets, one class a file, each wholly in its own: its geometry, what the joint solution asks of it, how
-it is found in raw profiles, simulated, verified and drawn. `target.py` holds the contract and says how to add one.
+"""Calibration targets, one class a file: its geometry, its residuals, a start for them, how it is simulated and drawn.
+How it is found in raw profiles is a function of `profiles`, which the class names. `target.py` holds the contract and
+says how to add one.
 
 In: poses, points, profiles as arrays. Out: residuals with their derivatives, features, outlines, lines to draw."""
 

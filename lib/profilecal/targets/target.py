@@ -6,7 +6,8 @@ frame whose scan plane is y = 0; x runs along the laser line, z is the depth.
 
 To add one:
 
-1. Write `targets/NAME.py` with a class that derives from `Target` and offers all that has no default below.
+1. Write `targets/NAME.py` with a class that derives from `Target` and offers all that has no default below. Its finder
+   is a function there, or in `profiles` if other targets may use it.
 2. Name it in `TARGETS` of `targets/__init__.py`.
 3. Test it: `tests/targets/test_contract.py` runs every registered target through what the library asks of it.
 
@@ -32,7 +33,7 @@ class Target:
     shape: str  # what all its points make up, in words
     lengths: tuple[str, ...] = ()  # its known measures, mm: entries of [target] in scan.toml, fields of the class
     tables: tuple[str, ...] = ("profiles",)  # what a scan folder may hold of it (`scan.folder.MEASURED`)
-    find: Callable[..., list[Feature]]  # its features in profiles, given them and its lengths; may be missing
+    find: Callable[..., list[Feature]]  # its finder: from profiles and its lengths; none if it leaves no trace
     # The joint solution
     beside_mm = 0.0  # around a point of it, that a raw profile must show
     shifts: str  # axes of its frame along which a shift changes it
