@@ -35,8 +35,9 @@ def serial(notebook: Path, folder: Path) -> None:
     """papermill alone, in this process, one run after the other."""
     import papermill
 
+    quiet = {"progress_bar": False, "extra_arguments": ["--log-level=CRITICAL"]}
     for n in range(RUNS):
-        papermill.execute_notebook(str(notebook), str(folder / "out.ipynb"), {"n": n}, progress_bar=False)
+        papermill.execute_notebook(str(notebook), str(folder / "out.ipynb"), {"n": n}, **quiet)
 
 
 def first_run(folder: Path) -> tuple[float, float]:
