@@ -17,7 +17,6 @@ GREEN = "#009E73"
 RED = "#D55E00"
 SKY = "#56B4E9"
 PURPLE = "#CC79A7"
-YELLOW = "#F0E442"
 OF_METHOD = {  # the same in every notebook
     "closed form": ORANGE,
     "joint": BLUE,
@@ -25,7 +24,6 @@ OF_METHOD = {  # the same in every notebook
     "published": RED,
     "bound": "black",
 }
-FEW_TICKS = 8  # values, each of which has its tick
 
 
 def use_style() -> None:
@@ -165,7 +163,7 @@ def plot_columns(frame: pd.DataFrame, x: str, y: str, hue: str, folder: Path) ->
         (line,) = axes.plot(spread.index, spread["median"], "o-", label=label)
         axes.fill_between(spread.index, spread["min"], spread["max"], color=line.get_color(), alpha=0.15, lw=0)
     axes.set(xlabel=x, ylabel=f"{y} (median, range)")
-    if pd.api.types.is_numeric_dtype(frame[x]) and frame[x].nunique() <= FEW_TICKS:
+    if pd.api.types.is_numeric_dtype(frame[x]) and frame[x].nunique() <= 8:  # few enough for a tick each
         axes.set_xticks(frame[x].dropna().unique())
     if hue:
         axes.legend(title=hue)
