@@ -112,11 +112,11 @@ def calibrate(folders, as_json, vendor, guess, leave_out, report):
         from profilecal.calibrate.leave_out import leave_out as cross_validate
 
         found = replace(found, messages=(*found.messages, *cross_validate(found).messages()))
-    if found.status != "ok" and len(folders) == 1:
-        from profilecal.plan.mend import mending
+    if found.status == "weak":
+        from profilecal.plan.command import next_poses
 
-        mended = mending(found, folders[0], np.random.default_rng(SEED))
-        found = replace(found, messages=(*found.messages, *filter(None, [mended])))
+        advice = next_poses(found, folders[0], np.random.default_rng(SEED))
+        found = replace(found, messages=(*found.messages, *filter(None, [advice])))
 
     if as_json:
         click.echo(json.dumps(found.to_json(), indent=2))
@@ -161,37 +161,32 @@ def simulate(spec, folder):
 @click.argument("folder", required=False, type=PLACE)
 @click.option("--poses", type=click.IntRange(1, 1000), help="So many; else as many as --until takes.")
 @click.option("--until", nargs=2, type=float, metavar="MM DEG", help="Largest standard deviations in any direction.")
-@click.option("--criterion", type=click.Choice(["worst", "A", "D"]), help="What a plan makes small.")
-@click.option("--after", type=SCAN, multiple=True, help="A scan folder whose poses are there already, of any target.")
-@click.option(
-    "--of",
-    "given",
-    type=SCAN,
-    multiple=True,
-    help="Predict the poses of this folder or poses.csv, of several targets one for each; nothing is designed.",
-)
-def plan(spec, folder, after, given, **options):
+@click.option("--of", "given", type=SCAN, metavar="POSES", help="Predict these instead: a CSV file, a scan folder.")
+def plan(spec, folder, poses, until, given):
     """Choose the poses from which SPEC.toml is calibrated best, and write them, ready to run, into a new FOLDER.
 
     SPEC may be a scan folder: its answer says where everything is, and the next best poses are chosen.
     """
     from profilecal.plan import command
-    from profilecal.plan.words import believed, predicted, to_text
+    from profilecal.scan.files import new_folder
 
-    with refusing():
-        task = command.task(spec, after, **options)
+    with refusing(), interruptible("Nothing was written."):
+        task = command.task(spec, poses, until)
         if given:
-            click.echo("\n".join([*believed(task.setups[0]), *predicted(command.prediction_of(task, given))]))
+            click.echo(
+                "\n".join([*command.believed(task.model), *command.predicted(task.prediction_of(given), task.model)])
+            )
             return
-        plans = command.designed(task)
-        written = command.write(task, plans, folder) if folder else {}
-    click.echo(to_text(plans))
-    for name, found in written.items():
-        from profilecal.report.plan import save_plan
+        found = task.plan()
+        if folder:
+            from profilecal.report.plan import save_plan
 
-        there = folder / name
-        save_plan(found, there / "plan.png")
-        click.echo(f"{there}/ written; look at {there / 'plan.html'}, drive {there / 'poses.csv'}")
+            with new_folder(folder) as partial:
+                command.write_plan(task, found, partial)
+                save_plan(found, partial / "plan.png")
+    click.echo(command.to_text(found, task.asked))
+    if folder:
+        click.echo(f"{folder}/ written; look at {folder / 'plan.png'}, drive {folder / 'poses.csv'}")
 
 
 @main.command()
@@ -199,14 +194,10 @@ def plan(spec, folder, after, given, **options):
 def check(folder):
     """Say what a scan FOLDER holds, before any calibration: poses, groups, noise, outliers, motions."""
     from profilecal.calibrate.check import check as check_scan
-    from profilecal.plan.command import mending_of
     from profilecal.scan.folder import read_scan
 
     with refusing():
-        scan = read_scan(folder)
-        click.echo("\n".join(check_scan(scan)))
-        if mended := mending_of(scan, folder, SEED):
-            click.echo(f"note           {mended}")
+        click.echo("\n".join(check_scan(read_scan(folder))))
 
 
 @main.command()

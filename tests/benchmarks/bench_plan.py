@@ -6,10 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
-from profilecal.plan.plan import Wishes, design
+from profilecal.plan.candidates import Limits
+from profilecal.plan.design import design
 
 sys.path.append(str(Path(__file__).parents[1]))
-from planned import setup_for
+from planned import model_for
 
 LIMIT_S = 10.0
 
@@ -18,8 +19,8 @@ def rows() -> list[dict]:
     """CPU seconds of one design."""
     found = []
     for kind in ("edge", "disk", "ball", "plane", "rod"):
-        setup, start = setup_for(kind), time.process_time()
-        design(setup, Wishes(poses=30), np.random.default_rng(6))
+        model, start = model_for(kind), time.process_time()
+        design(model, Limits(), np.random.default_rng(6), poses=30)
         ours = time.process_time() - start
         found.append(
             {

@@ -1,111 +1,138 @@
-"""`profilecal plan`: a specification or a scan in, a prediction or a plan out."""
+"""`profilecal plan`: a specification or a scan in; a prediction, or a plan and its folder out."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from profilecal.calibrate.calibration import calibrate
-from profilecal.calibrate.observe import observe, stated_noise
-from profilecal.joint.observability import turns
-from profilecal.plan.entries import read_wishes, setup_of
-from profilecal.plan.folder import write_plans
-from profilecal.plan.mend import OPEN, apart, is_open, mending, other_target, setup_of_scan
-from profilecal.plan.plan import Plan, Wishes, design_together, merged
-from profilecal.plan.setup import Part, Prediction, Setup, predict
-from profilecal.scan.folder import read_scan
-from profilecal.scan.scan import Scan, ScanError
-from profilecal.scan.toml import read_toml
+from profilecal.calibrate.calibration import Calibration, calibrate
+from profilecal.calibrate.observe import stated_noise
+from profilecal.calibrate.summary import deviations
+from profilecal.geometry.noise import ROBOT
+from profilecal.joint.observability import name_direction, size_direction
+from profilecal.plan.candidates import Limits
+from profilecal.plan.design import NOWHERE, Plan, design
+from profilecal.plan.known import model_of_scan, model_of_spec, read_plan
+from profilecal.plan.scan_model import GUESSES, Prediction, ScanModel, predict
+from profilecal.scan.folder import poses_columns, read_scan
+from profilecal.scan.scan import ScanError
+from profilecal.scan.tables import write_table
+from profilecal.scan.toml import read_toml, toml_text
 from profilecal.simulate.guess import planned_poses
-from profilecal.simulate.spec import read_specs
+from profilecal.simulate.spec import read_spec
 
-ENOUGH_TURN_DEG = 10.0  # rms, apart from turns about one axis: motions that `check` need not worry about
+FEW_SPARE = 20  # measurements beyond the unknowns: they tell the size of the errors to about 15 %
 
 
 @dataclass(frozen=True)
 class Task:
     """What there is to plan."""
 
-    setups: list[Setup]  # one for each target
-    wishes: Wishes
+    model: ScanModel
+    limits: Limits
+    asked: dict  # options of `design`
     rng: np.random.Generator
-    after: list[Part]
-    convention: str
-    stated: dict[str, float]
+    convention: str  # of the poses
     title: str
-    entries: dict | None  # of the specification
+    noise: dict[str, float]  # as stated
+    entries: dict | None = None  # of the specification
+    before: tuple = NOWHERE  # poses R (P, 3, 3), T (P, 3) that are there already
+
+    def prediction_of(self, place: Path) -> Prediction:
+        """What the poses of a folder or a file will be worth, after those that are there already. Raises ScanError."""
+        given = planned_poses(place, self.model.to_hand)
+        return predict(
+            self.model, *map(np.concatenate, zip(self.before, (given["R"], given["T"]), strict=True)), self.rng
+        )
+
+    def plan(self) -> Plan:
+        """The poses that serve best. Raises ScanError."""
+        return design(self.model, self.limits, self.rng, before=self.before, **self.asked)
 
 
-def task(spec: Path, after: Sequence[Path] = (), **options) -> Task:
-    """From a file SPEC.toml or a scan folder. `options`: fields of `Wishes` that are not None go before what is in the
-    file. Raises ScanError."""
-    options = {name: value for name, value in options.items() if value is not None}
-    if "until" in options:
-        options = {"poses": 0} | options
+def task(spec: Path, poses: int | None = None, until: tuple | None = None) -> Task:
+    """From a file SPEC.toml or a scan folder; `poses` and `until` go before what it says. Raises ScanError."""
+    given = {"poses": poses or 0} if poses or until else {}
+    given |= {"until": until} if until else {}
     if spec.is_dir():
-        if after:
-            raise ScanError(f"{spec} is a scan folder itself; --after is for a specification")
         scan = read_scan(spec)
-        found = calibrate([scan])
-        setup, limits, before = setup_of_scan(found)
-        if is_open(found):
-            raise ScanError(f"{spec}: {OPEN}")
-        wishes, rng = replace(Wishes(limits=limits), **options), np.random.default_rng(0)
+        model, limits, before = model_of_scan(calibrate([scan]))
         title = f"more poses for {scan.title or spec.resolve().name}"[:200]
-        return Task([setup], wishes, rng, [before], scan.convention, stated_noise([scan]), title, None)
+        rng, noise = np.random.default_rng(0), stated_noise([scan])
+        return Task(model, limits, given, rng, scan.convention, title, noise, before=before)
     entries = read_toml(spec)
-    wishes = replace(read_wishes(entries), **options)
-    found, stated = read_specs(entries, spec), entries.get("noise", {})
-    rng = np.random.default_rng(found[0].seed)
-    setups = [setup_of(one, stated, rng) for one in found]
-    before = [part_of_scan(setups, folder) for folder in after]
-    title = found[0].title or "planned " + " and ".join(dict.fromkeys(one.kind for one in found))
-    return Task(setups, wishes, rng, before, found[0].convention, stated, title, entries)
+    found, noise = read_spec(entries, spec), entries.get("noise", {})
+    limits, asked = read_plan(entries.get("plan", {}), spec)
+    rng, title = np.random.default_rng(found.seed), found.title or f"planned {found.kind}"
+    return Task(model_of_spec(found, noise, rng), limits, asked | given, rng, found.convention, title, noise, entries)
 
 
-def part_of_scan(setups: list[Setup], folder: Path) -> Part:
-    """The poses of a scan that show its target: the nearest of these of its kind, or else another one, which stands
-    where a sensor mounted as they have it sees it. Raises ScanError."""
-    scan, first = read_scan(folder), setups[0]
-    mount = "eye-to-hand" if first.to_hand else "eye-in-hand"
-    if scan.mount != mount:
-        raise ScanError(f"{folder} is {scan.mount}; the plan is {mount}")
-    seen = observe(scan, 1)
-    there = other_target(first, scan, seen)
-    alike = [setup for setup in setups if (setup.target.kind, setup.sizes) == (scan.kind, scan.sizes)]
-    setup = min(alike, key=lambda setup: apart(setup.target, there.target), default=there)
-    return setup, *scan.base_flange(seen.poses)
+def write_plan(task: Task, plan: Plan, folder: Path) -> None:
+    """Write a plan into a folder that exists: a scan folder without measurements; from a specification, one that
+    simulates these as well, with the robot's errors that the prediction counts with."""
+    model, digits = plan.model, len(str(len(plan.T)))
+    labels = [f"{k + 1:0{digits}d}" for k in range(len(plan.T))]
+    write_table(folder / "poses.csv", poses_columns(labels, *plan.robot_poses, task.convention))
+    target = {"kind": model.target.kind} | dict(zip(model.target.lengths, model.sizes, strict=True))
+    mount = "eye-to-hand" if model.to_hand else "eye-in-hand"
+    files = {"scan.toml": {"title": task.title, "units": "mm", "mount": mount, "target": target, "noise": task.noise}}
+    if task.entries:
+        noise = task.noise | {name: getattr(model.noise, name) for name in ROBOT}
+        files["simulate.toml"] = task.entries | {"plan": {}, "poses": "poses.csv", "noise": noise}
+    for name, entries in files.items():
+        (folder / name).write_text(toml_text(entries), encoding="utf-8")
 
 
-def prediction_of(task: Task, given: Sequence[Path]) -> Prediction:
-    """What the poses of folders or files poses.csv will be worth, after those that are there already; of several
-    targets, one for each. Raises ScanError."""
-    if len(given) != len(task.setups) > 1:
-        raise ScanError(f"there are {len(task.setups)} targets; expected --of as often, in their order")
-    found = [planned_poses(place, task.setups[0].to_hand) for place in given]
-    setups = task.setups if len(task.setups) > 1 else task.setups * len(given)
-    parts = [(setup, poses["R"], poses["T"]) for setup, poses in zip(setups, found, strict=True)]
-    return predict(merged([*parts, *task.after]), task.rng)
+def believed(model: ScanModel) -> list[str]:
+    """What a prediction counts with, in lines."""
+    n = model.noise
+    robot = (
+        f"{n.position_mm:.2g} mm and {n.orientation_deg:.2g}° at each pose, {n.group_position_mm:.2g} mm and "
+        f"{n.group_orientation_deg:.2g}° at each orientation, {n.repeatability_mm:.2g} mm and "
+        f"{n.repeatability_deg:.2g}° at each visit"
+    )
+    return [f"noise          {n.profile_mm:.2g} mm of a feature's coordinates", f"robot errors   {robot}"]
 
 
-def designed(task: Task) -> list[Plan]:
-    """The plans, one for each target."""
-    return design_together(task.setups, task.wishes, task.rng, task.after)
+def predicted(found: Prediction, model: ScanModel) -> list[str]:
+    """A prediction in lines."""
+    sd, direction = found.spectrum.sd[0], found.spectrum.directions[0]
+    weakest = name_direction(direction, model.R_sensor, "base" if model.to_hand else "flange")
+    lines = [
+        f"status         {found.spectrum.status}, predicted for {found.poses} poses",
+        f"one sd         {deviations(found.covariance)} about the sensor's x, y, z",
+        f"worst          {found.mm:.2g} mm and {found.deg:.2g}° in any direction",
+        f"weakest        {weakest}, {size_direction(sd, direction) if sd < 10 else 'open'}",
+    ]
+    if found.between:
+        (mm, deg), (most_mm, most_deg) = found.between
+        between = f"{mm:.2g} to {most_mm:.2g} mm and {deg:.2g} to {most_deg:.2g}°"
+        lines.insert(3, f"               {between} in {GUESSES} draws of how wrong the guess is")
+    if found.spare < FEW_SPARE:
+        few = f"few poses: only {found.spare} measurements more than unknowns"
+        lines.append(f"note           {few}, so that what calibrate states will scatter widely")
+    return lines
 
 
-def write(task: Task, plans: list[Plan], folder: Path) -> dict[str, Plan]:
-    """The plans' folder; they by the names of their own folders in it."""
-    options = {"convention": task.convention, "stated": task.stated, "entries": task.entries, "title": task.title}
-    return write_plans(plans, folder, **options)
+def to_text(plan: Plan, asked: dict) -> str:
+    """A plan in lines."""
+    (mm, deg), found = plan.until, plan.predicted
+    lines = [*believed(plan.model), *predicted(found, plan.model)]
+    if not asked.get("poses") and (found.mm > mm or found.deg > deg):
+        lines.append(f"note           {len(plan.T)} poses are not enough for {mm:g} mm and {deg:g}°")
+    return "\n".join(lines)
 
 
-def mending_of(scan: Scan, folder: Path, seed: int) -> str:
-    """`mend.mending` for a scan whose orientations hardly differ but for turns about one axis, before anybody
-    calibrates it."""
-    if np.linalg.norm(turns(scan.R_base_flange)[0][1:]) >= ENOUGH_TURN_DEG:
+def next_poses(found: Calibration, folder: Path, rng: np.random.Generator) -> str:
+    """Which poses would help an answer that is weak, in a sentence; "" where nothing would."""
+    if found.misread or found.status != "weak" or len(found.scans) > 1:
         return ""
     try:
-        return mending(calibrate([scan]), folder, np.random.default_rng(seed))
+        model, limits, before = model_of_scan(found)
+        plan = design(model, limits, rng, most=8, before=before, candidates=300)
     except ScanError:
         return ""
+    p = plan.predicted
+    if p.spectrum.status != "ok":
+        return ""
+    return f"{len(plan.T)} poses more would give {p.mm:.2g} mm and {p.deg:.2g}°: profilecal plan {folder} NEW-FOLDER"

@@ -1,117 +1,149 @@
 """Which of many candidates to take: those whose blocks of information make the sensor pose's covariance small.
 
-The criterion is a function of the covariance C (6, 6) in the units of `observability`, a mount measured by hand:
-
-- "worst", the largest variance in any direction, E-optimal; in its place (tr Cᵖ)^(1/p), p = 16, which is at most 12 %
-  larger and sees the directions behind it too; where limits are given for translation and rotation (`Pool.until`),
-  the larger of the two worst directions, each over its limit, likewise;
-- "A", the mean variance tr C; "D", the volume |C|.
+What is made small is the larger of two: the largest standard deviation of the translation in any direction, and that of
+the rotation about any axis, each over the limit that is asked for. In place of a largest variance, the choice looks at
+(tr Cᵖ)^(1/p), p = 16: hardly larger, and it sees the directions behind the worst one too.
 
 A greedy start adds the candidate that helps most; then each pose in turn is exchanged for whatever serves best in its
 place, until none does (Fedorov 1972). A block V Vᵀ of low rank changes C by C V (1 + Vᵀ C V)⁻¹ Vᵀ C.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from tqdm import tqdm
 
-from profilecal.geometry.poses import parallel
-from profilecal.joint.observability import HAND_PRECISION
+from profilecal.geometry.poses import angle_between, inverse, parallel
+from profilecal.plan.candidates import BEYOND, Limits, draw, neighbours
+from profilecal.plan.scan_model import Prediction, ScanModel, information, predict
 from profilecal.scan.scan import ScanError
 
-CRITERIA = ("worst", "A", "D")
-SQUARINGS = 4  # p = 2⁴
-NEGLIGIBLE = 1e-2  # of a block, in units of what is known by hand, whose own information is 1
-RIDGE = 1e-3  # of what is known by hand: an empty plan's information; with far less, rounding would choose
+CANDIDATES = 2000  # twice as many take twice as long, and plans are 2 % better
+ROUNDS = 6  # of exchanges for neighbours in the end: without them, standard deviations are 10 % larger
 APART_DEG = 1.0  # orientations that differ by less are no new ones to the robot's errors
-EACH, EVERY = 12, 6  # poses up to which a growing plan is exchanged at each step, and steps between later exchanges
-SWEEPS, SETTLED = 6, 2e-3  # of exchanges at most; a gain that ends them
+OPEN = 100.0  # times what is asked for, a standard deviation is no better than one by hand
+RIDGE = 1e-3  # of what is known by hand: an empty plan's information; with far less, rounding would choose
+NEGLIGIBLE = 1e-7  # of the largest eigenvalue of a block
+PARTS = np.kron(np.eye(2), np.ones((3, 3)))  # of a covariance: translation and rotation, each by itself
+NOWHERE = np.empty((0, 3, 3)), np.empty((0, 3))  # no poses
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Poses in the order in which to go through them, and what they are predicted to give."""
+
+    model: ScanModel
+    R: np.ndarray  # (P, 3, 3) of the flange as the joint solution has it
+    T: np.ndarray  # (P, 3) mm
+    predicted: Prediction  # with the poses that were there before
+    until: tuple[float, float]  # mm and degrees that were asked for
+
+    @property
+    def robot_poses(self) -> tuple[np.ndarray, np.ndarray]:
+        """Where the robot takes its flange, (P, 3, 3), (P, 3) mm in the base frame."""
+        return inverse(self.R, self.T) if self.model.to_hand else (self.R, self.T)
 
 
 @dataclass(frozen=True)
 class Pool:
-    """Candidates, their blocks of information on unknowns in units that make all of them comparable."""
+    """Candidates, and their blocks of information on the unknowns, the sensor pose in units of what is asked for."""
 
-    R: np.ndarray  # (N, 3, 3) flange orientations, which a plan does not repeat
+    R: np.ndarray  # (N, 3, 3) flange poses
+    T: np.ndarray  # (N, 3) mm
     roots: np.ndarray  # (N, q, r) V of each block V Vᵀ
     prior: np.ndarray  # (q, q) what is there without them
-    root: np.ndarray  # (6, 6) W: the criterion is one of W C Wᵀ
-    counted: np.ndarray | float = 1.0  # (6, 6) 1 for the entries of W C Wᵀ that count, else 0
 
     @classmethod
-    def of(cls, R, blocks, known, before=None, reference=None, until=None) -> "Pool":
-        """`blocks` (N, q, q), mm and rad; `known`: the unknowns' `setup.scales`; `before` (q, q): information that is
-        there already; `reference` (6, 6): a covariance in place of the measurement by hand; `until`: limits, mm and
-        degrees, of the standard deviations in any direction, each by itself, in its place."""
-        unit = np.concatenate(known)
-        across = unit[:, None] * unit
-        values, vectors = np.linalg.eigh(blocks * across)
-        rank = max(1, int((values > NEGLIGIBLE).sum(axis=1).max()))
+    def of(cls, model: ScanModel, R, T, until, before=0.0) -> "Pool":
+        """`until`: standard deviations that are asked for, mm and degrees; `before` (q, q): `information` that is there
+        already."""
+        by_hand, systematic = model.known
+        unit = np.r_[np.repeat([until[0], np.radians(until[1])], 3), by_hand[6:], systematic]
+        values, vectors = np.linalg.eigh(information(model, R, T, each=True) * unit[:, None] * unit)
+        rank = int((values > NEGLIGIBLE * values.max()).sum(axis=1).max())
         roots = vectors[..., -rank:] * np.sqrt(np.maximum(values[:, None, -rank:], 0))
-        prior = np.diag(np.r_[np.full(len(known[0]), RIDGE), np.ones(len(known[1]))])
-        if before is not None:
-            prior = prior + before * across
-        root, counted = np.eye(6), 1.0
-        if until is not None:
-            root = np.diag(HAND_PRECISION / np.repeat([until[0], np.radians(until[1])], 3))
-            counted = np.kron(np.eye(2), np.ones((3, 3)))
-        elif reference is not None:
-            root = np.linalg.inv(np.linalg.cholesky(reference / HAND_PRECISION[:, None] / HAND_PRECISION))
-        return cls(R, roots, prior, root, counted)
+        precision = np.r_[RIDGE / by_hand**2, systematic**-2.0]
+        return cls(R, T, roots, (np.diag(precision) + before) * unit[:, None] * unit)
 
     def covariance(self, chosen) -> np.ndarray:
         """Of all unknowns (q, q) after the candidates `chosen`."""
         V = self.roots[chosen].transpose(1, 0, 2).reshape(len(self.prior), -1)
         return np.linalg.inv(self.prior + V @ V.T)
 
-    def value(self, chosen, criterion: str) -> float:
-        """The criterion of a plan; less is better."""
-        return float(self.judged(self.covariance(chosen), criterion))
+    def lacks(self, chosen) -> float:
+        """How many times as large as asked for the standard deviations of a plan are."""
+        return float(np.sqrt(np.linalg.norm(self.covariance(chosen)[:6, :6] * PARTS, 2)))
 
-    def judged(self, C, criterion: str) -> np.ndarray:
-        """The criterion of covariances (..., q, q) of all unknowns."""
-        return judge(self.root @ C[..., :6, :6] @ self.root.T * self.counted, criterion)
-
-    def values_with(self, C, criterion: str) -> np.ndarray:
-        """The criterion (N,) after each candidate by itself, from the covariance (q, q) before; whole: of all unknowns
-        if the criterion is "whole"."""
+    def with_each(self, chosen) -> np.ndarray:
+        """How good a plan is with one of the candidates (N,) more, less is better: `smooth_worst`; while there are too
+        few for that, the volume of what is left open. inf for candidates whose orientation it has."""
+        C = self.covariance(chosen)
         N, q, r = self.roots.shape
         W = (C @ self.roots.transpose(1, 0, 2).reshape(q, -1)).reshape(q, N, r).transpose(1, 0, 2)
         inner = np.eye(r) + np.swapaxes(self.roots, 1, 2) @ W
-        if criterion == "whole":
-            return -np.linalg.slogdet(inner)[1]
-        pose = self.root @ W[:, :6]
-        change = pose @ np.linalg.solve(inner, np.swapaxes(pose, 1, 2))
-        return judge((self.root @ C[:6, :6] @ self.root.T - change) * self.counted, criterion)
-
-    def taken(self, chosen) -> np.ndarray:
-        """Candidates (N,) too near to one that is chosen."""
-        return parallel(self.R, self.R[chosen], APART_DEG).any(axis=1)
-
-
-def judge(C, criterion: str) -> np.ndarray:
-    """The criterion of covariances (..., 6, 6): in standard deviations; of A and D, of an average direction."""
-    mean = np.maximum(np.trace(C, axis1=-2, axis2=-1) / 6, np.finfo(float).tiny)
-    if criterion == "A":
-        return np.sqrt(mean)
-    if criterion == "D":
-        return np.exp(np.linalg.slogdet(C)[1] / 12)
-    with np.errstate(over="ignore", invalid="ignore"):  # of candidates that leave a direction open, by rounding
-        power = C / mean[..., None, None]
-        for _ in range(SQUARINGS):
-            power = power @ power
-        value = np.sqrt(mean * np.abs(np.trace(power, axis1=-2, axis2=-1)) ** (0.5**SQUARINGS))
-    return np.where(np.isfinite(value), value, np.inf)
+        if self.lacks(chosen) > OPEN:
+            values = 1 / np.linalg.det(inner)
+        else:
+            pose = W[:, :6]
+            values = smooth_worst(C[:6, :6] - pose @ np.linalg.solve(inner, np.swapaxes(pose, 1, 2)))
+        if len(chosen):
+            values[parallel(self.R, self.R[chosen], APART_DEG).any(axis=1)] = np.inf
+        return values
 
 
-def add(pool: Pool, chosen: list[int], criterion: str) -> list[int]:
-    """A plan with one pose more, the one that helps most; while some direction is open, that adds most to anything."""
-    C = pool.covariance(chosen)
-    few = np.trace(C[:6, :6]) > 6  # no better than by hand
-    values = pool.values_with(C, "whole" if few else criterion)
-    if chosen:
-        values[pool.taken(chosen)] = np.inf
+def smooth_worst(C) -> np.ndarray:
+    """As `Pool.lacks`, but hardly larger and smooth, of covariances (..., 6, 6) of the sensor pose."""
+    scale = np.maximum(np.trace(C, axis1=-2, axis2=-1), np.finfo(float).tiny)
+    power = C * PARTS / scale[..., None, None]
+    for _ in range(4):
+        power = power @ power
+    return np.sqrt(scale * np.abs(np.trace(power, axis1=-2, axis2=-1)) ** (1 / 16))
+
+
+def design(
+    model: ScanModel,
+    limits: Limits,
+    rng: np.random.Generator,
+    *,
+    poses: int = 0,
+    until: tuple[float, float] = (0.1, 0.05),
+    most: int = 100,
+    before: tuple = NOWHERE,
+    candidates: int = CANDIDATES,
+) -> Plan:
+    """The poses that serve a calibration best: so many `poses`, or as many as it takes `until` the standard deviations
+    of translation and rotation are below mm and degrees in every direction, `most` of them at most.
+
+    `before`: poses R (P, 3, 3), T (P, 3) that are there already. Raises ScanError where the limits leave too few poses.
+    """
+    if not all(0 < value < np.inf for value in until):
+        raise ScanError(f"until is {list(until)}; expected mm and degrees, both positive")
+
+    given = information(model, *before) if len(before[0]) else 0.0
+    pool = Pool.of(model, *draw(model, limits, candidates, rng, BEYOND), until, given)
+    chosen = []
+    steps = (poses or most) + ROUNDS
+    with tqdm(desc="planning", total=steps, disable=None, leave=False, delay=2.0) as bar:
+        while not chosen or (len(chosen) < (poses or most) and (poses or pool.lacks(chosen) > 1)):
+            chosen = added(pool, chosen)
+            bar.update()
+        for _ in range(ROUNDS):
+            R, T = pool.R[chosen], pool.T[chosen]
+            near = neighbours(model, limits, R, T, 40, rng)
+            R, T = (np.concatenate(pair) for pair in zip((R, T), near, strict=True))
+            pool = Pool.of(model, R, T, until, given)
+            chosen = exchanged(pool, list(range(len(chosen))))
+            chosen = chosen if poses else trimmed(pool, chosen)
+            bar.update()
+    R, T = pool.R[chosen], pool.T[chosen]
+    way = short_way(R, T)
+    whole = map(np.concatenate, zip(before, (R, T), strict=True))
+    return Plan(model, R[way], T[way], predict(model, *whole, rng), until)
+
+
+def added(pool: Pool, chosen: list[int]) -> list[int]:
+    """A plan with the candidate more that helps most. Raises ScanError where none is left."""
+    values = pool.with_each(chosen)
     best = int(np.argmin(values))
     if values[best] == np.inf:
         raise ScanError(
@@ -121,74 +153,33 @@ def add(pool: Pool, chosen: list[int], criterion: str) -> list[int]:
     return [*chosen, best]
 
 
-def exchange(pool: Pool, chosen: list[int], criterion: str, sweeps: int = SWEEPS) -> list[int]:
-    """A plan of as many poses in which no exchange of one of them helps."""
-    chosen, value = list(chosen), pool.value(chosen, criterion)
-    for _ in range(sweeps):
-        before = value
-        for place in range(len(chosen)):
-            others = chosen[:place] + chosen[place + 1 :]
-            values = pool.values_with(pool.covariance(others), criterion)
-            if others:
-                values[pool.taken(others)] = np.inf
-            best = int(np.argmin(values))
-            if values[best] < value * (1 - 1e-6):
-                chosen[place], value = best, float(values[best])
-        if value > (1 - SETTLED) * before:
+def exchanged(pool: Pool, chosen: list[int]) -> list[int]:
+    """A plan in which each pose in turn is exchanged for whatever serves best in its place."""
+    found, value = list(chosen), smooth_worst(pool.covariance(chosen)[:6, :6])
+    for place in range(len(found)):
+        values = pool.with_each(found[:place] + found[place + 1 :])
+        best = int(np.argmin(values))
+        if values[best] < value:
+            found[place], value = best, values[best]
+    return min(chosen, found, key=pool.lacks)
+
+
+def trimmed(pool: Pool, chosen: list[int]) -> list[int]:
+    """A plan without the poses that it does not take to be good enough."""
+    while len(chosen) > 1:
+        fewer = min((chosen[:k] + chosen[k + 1 :] for k in range(len(chosen))), key=pool.lacks)
+        if pool.lacks(fewer) > 1:
             break
+        chosen = fewer
     return chosen
 
 
-def growing(pool: Pool, criterion: str, most: int) -> Iterator[list[int]]:
-    """Plans of one pose, two, and so on."""
-    chosen = []
-    while len(chosen) < min(most, len(pool.R)):
-        chosen = add(pool, chosen, criterion)
-        if len(chosen) <= EACH or len(chosen) % EVERY == 0:
-            chosen = exchange(pool, chosen, criterion, sweeps=1)
-        yield chosen
-
-
-def leaving_out(pool: Pool, chosen: list[int], criterion: str) -> int:
-    """The pose of a plan that is missed least."""
-    V = pool.roots[chosen]
-    own = V @ np.swapaxes(V, 1, 2)
-    left = np.linalg.inv(pool.prior + own.sum(axis=0) - own)
-    values = pool.judged(left, criterion)
-    if np.trace(left[np.argmin(values), :6, :6]) > 6:  # too few, as in `add`
-        values = np.linalg.slogdet(left)[1]
-    return chosen[int(np.argmin(values))]
-
-
-def ranked(pool: Pool, chosen: list[int], criterion: str) -> list[int]:
-    """The poses of a plan, last the one that is missed least; before it the one that is missed least of the others; and
-    so on."""
-    left, order = list(chosen), []
+def short_way(R, T) -> list[int]:
+    """An order of poses (P, 3, 3), (P, 3) in which the way through them is short: to the nearest each time. A degree
+    counts as 3 mm."""
+    far = np.linalg.norm(T[:, None] - T, axis=-1) + 3 * np.degrees(angle_between(R[:, None], R))
+    order, left = [0], set(range(1, len(T)))
     while left:
-        order.append(leaving_out(pool, left, criterion))
+        order.append(min(left, key=lambda pose: far[order[-1], pose]))
         left.remove(order[-1])
-    return order[::-1]
-
-
-def shortest(R, T, mm_per_deg: float = 3.0) -> np.ndarray:
-    """An order (P,) in which the way through poses (P, 3, 3), (P, 3) is short: to the nearest each time, then turning
-    parts of the way round as long as that shortens it. A degree counts as `mm_per_deg`."""
-    trace = np.einsum("iab,jab->ij", R, R)
-    far = np.linalg.norm(T[:, None] - T, axis=-1) + mm_per_deg * np.degrees(np.arccos(np.clip((trace - 1) / 2, -1, 1)))
-    order, left = [0][: len(T)], set(range(1, len(T)))
-    while left:
-        order.append(min(left, key=lambda k: far[order[-1], k]))
-        left.remove(order[-1])
-    order, better = np.array(order, dtype=int), True
-    while better:
-        better = False
-        for i in range(len(order) - 2):
-            a, b, ends = order[i], order[i + 1], order[i + 2 :]
-            after = np.r_[order[i + 3 :], -1]
-            open_end = after < 0
-            saved = far[a, b] - far[a, ends] + np.where(open_end, 0, far[ends, after] - far[b, after])
-            k = int(np.argmax(saved))
-            if saved[k] > 1e-9:
-                order[i + 1 : i + 3 + k] = order[i + 1 : i + 3 + k][::-1]
-                better = True
     return order

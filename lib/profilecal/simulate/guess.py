@@ -8,8 +8,9 @@ import numpy as np
 from profilecal.geometry.poses import carry, inverse, rotation_from_xyz_angles, rotations
 from profilecal.joint.observations import Observations
 from profilecal.joint.state import State
-from profilecal.scan.folder import read_poses
+from profilecal.scan.folder import SCALE, check_poses, read_header, read_poses
 from profilecal.scan.scan import ScanError
+from profilecal.scan.tables import read_table
 from profilecal.scan.toml import check_entries, number, numbers
 from profilecal.simulate.poses import Poses
 from profilecal.simulate.scene import Scene, in_unit_ball
@@ -87,11 +88,14 @@ def off_by(guess: Guess, kind: str, sizes, rng: np.random.Generator) -> tuple:
 
 
 def planned_poses(place, to_hand: bool) -> dict:
-    """What a file poses.csv says, as `scan.folder.read_poses` has it; R and T as the calibration takes them."""
+    """What a table of poses says, or that of a scan folder, as `scan.folder.read_poses` has it; R and T as the
+    calibration takes them. Raises ScanError."""
     place = Path(place)
-    if place.suffix and place.stem != "poses":
-        raise ScanError(f"{place}: expected a file poses.csv or the folder that it is in")
-    found, _ = read_poses(place.parent if place.suffix else place, 1.0, 0)
+    if place.is_dir():
+        header = place / "scan.toml"
+        found, _ = read_poses(place, SCALE[read_header(header)["units"]] if header.exists() else 1.0, 0)
+    else:
+        found, _ = check_poses(read_table(place, ("pose", "x", "y", "z")), 1.0)
     R, T = found["R_base_flange"], found["T_base_flange"]
     return found | dict(zip("RT", inverse(R, T) if to_hand else (R, T), strict=True))
 

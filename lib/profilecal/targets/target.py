@@ -101,7 +101,8 @@ class Target:
     def points_seen(self, rotation, origin, count: int) -> np.ndarray:
         """What a perfect scanner at sensor frames (P, 3, 3), (P, 3) sees, (P, m, 2): `count` points of a curve.
         Usually the points in which the scan planes `meet` it."""
-        return self.meet(rotation, origin).reshape(len(origin), -1, 2)
+        found = self.meet(rotation, origin)
+        return found.reshape(len(origin), int(np.prod(found.shape[1:])) // 2, 2)
 
     def sides(self, rotation, origin) -> np.ndarray:
         """The `side` (P,) that a scan folder states for scan planes (P, 3, 3), (P, 3); 0 where it says nothing."""

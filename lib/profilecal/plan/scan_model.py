@@ -1,0 +1,161 @@
+"""What is known before a scan, and what poses will be worth: the information that their profiles will hold."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from profilecal.calibrate.observe import three_points
+from profilecal.geometry.noise import ROBOT, Noise, Systematic
+from profilecal.geometry.poses import carry, rotation_groups
+from profilecal.joint.linear_model import marginal
+from profilecal.joint.observability import Spectrum, spectrum, units_by_hand
+from profilecal.joint.observations import Observations
+from profilecal.joint.perturbations import considered
+from profilecal.joint.problem import Problem
+from profilecal.joint.state import State
+from profilecal.simulate.guess import Guess, off_by
+from profilecal.simulate.scanner import Scanner
+from profilecal.targets.target import Target
+
+FACE_IN_VIEW = 0.9  # share of the field of view that a face fills: features leave out its ends
+GUESSES = 20  # draws of how wrong the guess is: they show most of the range
+
+
+@dataclass(frozen=True)
+class ScanModel:
+    """A sensor, a target and a robot, as they are believed to be. The frames are those of the joint solution: eye-to-
+    hand, "flange" is the base and "base" the flange."""
+
+    target: Target  # where it stands, mm
+    facing: np.ndarray  # (3, 3) a sensor frame that looks at it squarely
+    R_sensor: np.ndarray  # (3, 3) on the flange
+    T_sensor: np.ndarray  # (3,) mm
+    scanner: Scanner
+    noise: Noise  # the variances that predictions count with
+    systematic: Systematic = Systematic()  # noqa: RUF009
+    to_hand: bool = False
+    measured: str = "profiles"
+    covariance: np.ndarray | None = None  # of what a pose shows, over the noise's profile_mm², as `Observations` has it
+    guess: Guess | None = None  # where all this is from, with margins; None: known well enough
+    count: int = 40  # points of a curve that a pose gives
+
+    @property
+    def sizes(self) -> tuple[float, ...]:
+        """The target's lengths, mm."""
+        return tuple(getattr(self.target, name) for name in self.target.lengths)
+
+    @property
+    def state(self) -> State:
+        """The unknowns, a batch of one."""
+        placed = tuple(part[None] for part in self.target.frame)
+        return State(self.R_sensor[None], self.T_sensor[None], (placed,))
+
+    @property
+    def known(self) -> tuple[np.ndarray, np.ndarray]:
+        """Of the unknowns (n,): what is known by hand, mm and rad; of what is wrong at every pose (c,): how large it
+        is."""
+        sizes = [size for _, size in considered([self.target], self.systematic)]
+        return units_by_hand([self.target]), np.array(sizes)
+
+    def elsewhere(self, rng: np.random.Generator) -> "ScanModel":
+        """The same where the guess is wrong by anything within its margins."""
+        R_sensor, T_sensor, target, facing = off_by(self.guess, self.target.kind, self.sizes, rng)
+        return replace(self, R_sensor=R_sensor, T_sensor=T_sensor, target=target, facing=facing)
+
+    def planes(self, R, T) -> tuple[np.ndarray, np.ndarray]:
+        """Sensor frames (P, 3, 3), (P, 3) at flange poses."""
+        return R @ self.R_sensor, carry(R, T, self.T_sensor)
+
+    @property
+    def shows_beside(self) -> bool:
+        """Whether raw profiles show the target by what is around it."""
+        return self.measured == "profiles" and self.target.beside_mm > 0
+
+    def seen(self, R_view, T_view, count: int) -> np.ndarray:
+        """What a perfect scanner at sensor frames (P, 3, 3), (P, 3) sees of the target, (P, m, 2), mm; `count` points
+        of a curve; NaN where it misses it."""
+        points = self.target.points_seen(R_view, T_view, count)
+        is_face = len(self.target.shifts) == 1
+        return self.across_view(points, count) if is_face else points
+
+    def across_view(self, points, count: int) -> np.ndarray:
+        """Points (P, count, 2) from one side of the field of view to the other, on the lines through some (P, m, 2)."""
+        first, last = points[:, 0], points[:, -1]
+        slope = (last[:, 1] - first[:, 1]) / (last[:, 0] - first[:, 0])
+        depth = first[:, 1] - slope * first[:, 0]  # where the line crosses x = 0
+        at_depth = FACE_IN_VIEW * self.scanner.half_width(depth)
+        growth = FACE_IN_VIEW * (self.scanner.half_width(1.0) - self.scanner.half_width(0.0)) * slope  # per mm of x
+        left, right = -at_depth / (1 + growth), at_depth / (1 - growth)
+        x = np.linspace(left, right, count, axis=1)
+        return np.stack([x, depth[:, None] + slope[:, None] * x], axis=-1)
+
+    def points(self, R_view, T_view) -> np.ndarray:
+        """What sensor frames give, (P, m, 2): what is seen, or of an arc three points that stand for it."""
+        if self.measured == "arcs":
+            return three_points(self.target.meet(R_view, T_view))
+        return self.seen(R_view, T_view, self.count)
+
+    def observed(self, R, T) -> Observations:
+        """What the scanner will see of the target from flange poses (P, 3, 3), (P, 3), mm; NaN where it misses it."""
+        points = self.points(*self.planes(R, T))
+        covariance = self.covariance
+        if covariance is not None:
+            covariance = np.broadcast_to(covariance, (1, len(R), *covariance.shape))
+        group = rotation_groups(R)
+        return Observations(
+            self.target.kind, R[None], T[None], points[None], self.sizes, group, self.to_hand, covariance
+        )
+
+    def problem(self, R, T) -> Problem:
+        """The least-squares problem of what is seen from flange poses."""
+        return Problem([self.observed(R, T)], self.noise, self.systematic)
+
+
+def information(model: ScanModel, R, T, each: bool = False) -> np.ndarray:
+    """What flange poses (P, 3, 3), (P, 3) tell of the unknowns and then of what is wrong at all poses, (q, q), the
+    robot's errors integrated out. `each`: of each pose by itself, (P, q, q); where all have orientations of their own,
+    these add up to the whole."""
+    names = [name for name in ROBOT if getattr(model.noise, name)]
+    v = np.array([1.0, *(getattr(model.noise, name) ** 2 for name in names)])
+    linear = model.problem(R, T).model(model.state, names)
+    return linear.alone(v)[:, :-1, :-1] if each else linear.posterior(v[None]).normal[0, :-1, :-1]
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """How well poses will determine the sensor pose."""
+
+    spectrum: Spectrum
+    poses: int
+    spare: int  # measured coordinates beyond the unknowns
+    between: tuple = ()  # smallest and largest (`mm`, `deg`) if the guess is wrong
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """(6, 6) of δ = (ρ, φ) in the sensor's frame, mm and rad: as `calibrate` will state it."""
+        return self.spectrum.covariance
+
+    @property
+    def mm(self) -> float:
+        """The largest standard deviation of the translation in any direction."""
+        return float(np.sqrt(np.linalg.norm(self.covariance[:3, :3], 2)))
+
+    @property
+    def deg(self) -> float:
+        """The largest standard deviation of the rotation about any axis."""
+        return float(np.degrees(np.sqrt(np.linalg.norm(self.covariance[3:, 3:], 2))))
+
+
+def predict(model: ScanModel, R, T, rng: np.random.Generator | None = None) -> Prediction:
+    """How well flange poses (P, 3, 3), (P, 3) will determine the sensor pose. With `rng`: and how well if the guess is
+    wrong by anything within its margins."""
+    units, systematic = model.known
+    whole = information(model, R, T) + np.diag(np.r_[0 * units, systematic**-2.0])
+    seen = np.isfinite(model.observed(R, T).points[0]).all(axis=-1)
+    spare = model.target.rows * int(seen.sum()) - len(units)
+    found = Prediction(spectrum(marginal(whole, len(units)), units), len(T), spare)
+    if rng is None or model.guess is None:
+        return found
+    others = [predict(model.elsewhere(rng), R, T) for _ in range(GUESSES)]
+    sizes = np.array([(other.mm, other.deg) for other in others])
+    return replace(found, between=(sizes.min(axis=0), sizes.max(axis=0)))
