@@ -1,13 +1,11 @@
-"""What the noise studies share: neither workers nor blocks change a number, and the quick rotation is the right one."""
+"""What the noise studies share: neither workers nor blocks change a number."""
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from profilecal.geometry.poses import nearest_rotation
 from profilecal.papers import monte_carlo
 from profilecal.papers.ball_study import ball_study
 from profilecal.papers.disk_study import disk_study
-from profilecal.papers.monte_carlo import noisy_blocks, rotations_near
+from profilecal.papers.monte_carlo import noisy_blocks
 from profilecal.papers.settings import fig15_scans, fig17_scans
 
 
@@ -32,20 +30,3 @@ def test_the_size_of_a_block_changes_nothing(monkeypatch):
     assert whole.shape == (50, 2, 3)
     np.testing.assert_array_equal(drawn(70), whole)
     np.testing.assert_array_equal(drawn(1), whole)
-
-
-def test_quaternion_equals_svd_and_turns_it_cannot_take_go_to_the_svd():
-    rng = np.random.default_rng(12)
-    X = rng.normal(size=(500, 4, 3))
-    X /= np.linalg.norm(X, axis=-1, keepdims=True)
-    angle = np.where(np.arange(500) < 250, rng.uniform(0, 1.5, 500), rng.uniform(1.6, np.pi, 500))
-    axis = rng.normal(size=(500, 3))
-    turn = Rotation.from_rotvec(angle[:, None] * axis / np.linalg.norm(axis, axis=1, keepdims=True)).as_matrix()
-    Y = X @ turn.transpose(0, 2, 1) + 0.01 * rng.normal(size=X.shape)
-    Y /= np.linalg.norm(Y, axis=-1, keepdims=True)
-    found, by_svd = rotations_near(np.einsum("kna,knb->abk", Y, X), 4)
-    found = np.moveaxis(found, -1, 0)
-    expected = nearest_rotation(np.einsum("kna,knb->kab", Y, X))
-    np.testing.assert_allclose(found, expected, atol=1e-11)
-    assert by_svd[angle > 1.65].all()
-    assert not by_svd[angle < 1.5].any()

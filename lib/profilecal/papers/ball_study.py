@@ -107,7 +107,7 @@ def ball_study(
         for study, of_rotation in zip(studies.values(), (0, of_turning), strict=True):
             q_fixed, T_fixed = q[i, of_rotation, fixed], T_tcp[of_rotation, fixed]
             X, Y = q_fixed[:1] - q_fixed[1:], (to_flange @ (T_fixed[1:] - T_fixed[:1]))[..., 0]
-            study.errors[i, j], study.by_svd[i, j] = two_step_errors(scans, scans.ball.centre, *seen, X, Y)
+            study.errors[i, j] = two_step_errors(scans, scans.ball.centre, *seen, X, Y)
             study.clipped[i, j] = clipped.sum(axis=0)[i]
     return studies
 

@@ -85,9 +85,7 @@ def disk_study(
         found = sensing_data_from_ellipse(*seen, start, end, s, scans.disk.radius)
         study.clipped[i, j, part] = found.clipped.any(axis=0)
         T_tcp, q, D_i = (np.swapaxes(vectors, -1, -2) for vectors in (found.T_tcp, found.q, found.D_i))
-        study.errors[i, j, :, part], study.by_svd[i, j, part] = two_step_errors(
-            scans, scans.disk.centre, scans.R_tcp, T_tcp, q, D_i, motion
-        )
+        study.errors[i, j, :, part] = two_step_errors(scans, scans.disk.centre, scans.R_tcp, T_tcp, q, D_i, motion)
 
     in_chunks(run, study.clipped.shape[:2], trials, rng, workers)
     return study

@@ -10,8 +10,6 @@ from dataclasses import dataclass
 import numpy as np
 from tqdm import tqdm
 
-from profilecal.geometry.components import cross, dot
-from profilecal.geometry.fitting import ROUNDS, SETTLED
 from profilecal.geometry.poses import nearest_rotation
 
 CHUNK = 1000  # trials that share one random stream: memory stays flat, and workers wait little for each other
@@ -25,7 +23,6 @@ class Study:
     sigma_mm: np.ndarray  # (k,) noise, mm
     m: np.ndarray  # (l,) chords of a scan, or arcs of a pose
     errors: np.ndarray  # (k, l, 9, trials), see `two_step_errors`
-    by_svd: np.ndarray  # (k, l, trials) too far from the truth for the quaternion; solved by SVD instead
     clipped: np.ndarray  # (k, l, trials) how often noise asked for a root or an arccos that does not exist
 
     @classmethod
@@ -33,8 +30,7 @@ class Study:
         """With everything still to be filled in, for one or more sigma_mm and m."""
         sigma_mm, m = np.atleast_1d(np.asarray(sigma_mm, dtype=float)), np.atleast_1d(np.asarray(m, dtype=int))
         shape = (len(sigma_mm), len(m))
-        by_svd, clipped = np.zeros((*shape, trials), dtype=bool), np.zeros((*shape, trials), dtype=int)
-        return cls(sigma_mm=sigma_mm, m=m, errors=np.empty((*shape, 9, trials)), by_svd=by_svd, clipped=clipped)
+        return cls(sigma_mm, m, np.empty((*shape, 9, trials)), np.zeros((*shape, trials), dtype=int))
 
     @property
     def centre_error(self) -> np.ndarray:
@@ -88,17 +84,19 @@ def noisy_blocks(exact, sd, size: int, rng: np.random.Generator, spare: int):
         yield part, block, *work
 
 
-def two_step_errors(scans, centre, R_tcp, T_tcp, q, X, Y) -> tuple[np.ndarray, np.ndarray]:
+def two_step_errors(scans, centre, R_tcp, T_tcp, q, X, Y) -> np.ndarray:
     """Errors (9, k) of k trials: of the fixed point `centre`, mm, of the rotation, rad, and of the translation, mm.
 
     Eqs 14-20 of the disk paper with the truth `scans.R_sensor`, `scans.T_sensor`: the rotation from directions X
     (n, 3, k) and Y (n, 3), the translation from R_tcp (l, 3, 3), T_tcp and q (l, 3, k) or (l, 3, 1). The flange
-    orientations are the same in all trials, so the least squares of Eq. 19 is one fixed matrix. Also returns which
-    trials (k,) took the SVD.
+    orientations are the same in all trials, so the least squares of Eq. 19 is one fixed matrix.
     """
     X = X / np.linalg.norm(X, axis=1, keepdims=True)
     Y = Y / np.linalg.norm(Y, axis=1, keepdims=True)
-    turn, by_svd = rotations_near(np.tensordot(Y, scans.R_sensor @ X, (0, 0)), len(X))
+    H = np.moveaxis(np.tensordot(Y, scans.R_sensor @ X, (0, 0)), -1, 0)  # Eq. 15, transposed, seen from the truth
+    solved = np.isfinite(H).all(axis=(1, 2))
+    turn = np.full((3, 3, len(H)), np.nan)
+    turn[..., solved] = np.moveaxis(nearest_rotation(H[solved]), 0, -1)
 
     in_flange = np.einsum("abk,nbk->nak", turn, scans.R_sensor @ q)
     seen = R_tcp @ in_flange + T_tcp
@@ -106,7 +104,7 @@ def two_step_errors(scans, centre, R_tcp, T_tcp, q, X, Y) -> tuple[np.ndarray, n
     T_sensor = np.linalg.pinv(M) @ N
     point = seen.mean(axis=0) + R_tcp.mean(axis=0) @ T_sensor
     errors = point - centre[:, None], rotation_vectors(turn), T_sensor - scans.T_sensor[:, None]
-    return np.concatenate(errors), by_svd
+    return np.concatenate(errors)
 
 
 def rotation_vectors(R) -> np.ndarray:
@@ -115,38 +113,3 @@ def rotation_vectors(R) -> np.ndarray:
     sine = np.linalg.norm(sine_axis, axis=0)
     angle = np.arctan2(sine, (np.trace(R) - 1) / 2)
     return sine_axis * (angle / np.maximum(sine, np.finfo(float).tiny))
-
-
-def rotations_near(B, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """The rotations R (3, 3, k), expected near the identity, that best take `count` unit vectors x to unit vectors y.
-
-    B (3, 3, k) is the sum of all y xᵀ. Davenport's quaternion q maximises qᵀ K q; with q = (1, g), its eigenvalue λ
-    solves a scalar equation by Newton's steps, each with (λ + tr B - B - Bᵀ) g = z. q has no such form for a half turn,
-    so what is not surely within a quarter turn is solved by SVD; the flags (k,) say where.
-    """
-    trace, S = np.trace(B), B + np.swapaxes(B, 0, 1)
-    z = np.stack([B[2, 1] - B[1, 2], B[0, 2] - B[2, 0], B[1, 0] - B[0, 1]])
-    value = np.full(B.shape[2], float(count))
-    with np.errstate(all="ignore"):
-        for _ in range(ROUNDS):
-            rows = (value + trace) * np.eye(3)[..., None] - S
-            adjugate = np.array([cross(rows[1], rows[2]), cross(rows[2], rows[0]), cross(rows[0], rows[1])])
-            determinant = dot(rows[0], adjugate[0])
-            g = np.einsum("abk,bk->ak", adjugate, z) / determinant
-            square = np.einsum("ak,ak->k", g, g)
-            step = (trace - value + np.einsum("ak,ak->k", z, g)) / (1 + square)
-            value = value + step
-            if not (np.abs(step) > SETTLED * count).any():
-                break
-        R = 2 * g[:, None] * g
-        R[[2, 0, 1], [1, 2, 0]] += 2 * g
-        R[[1, 2, 0], [2, 0, 1]] -= 2 * g
-        R[[0, 1, 2], [0, 1, 2]] += 1 - square
-        R /= 1 + square
-        definite = (rows[0, 0] > 0) & (adjugate[2, 2] > 0) & (determinant > 0)  # the leading minors
-        sure = definite & (square < 1) & (np.abs(step) < 1e-12)
-    if not sure.all():
-        rest = ~sure & np.isfinite(B).all(axis=(0, 1))
-        R[..., ~sure] = np.nan
-        R[..., rest] = np.moveaxis(nearest_rotation(np.moveaxis(B[..., rest], -1, 0)), 0, -1)
-    return R, ~sure
