@@ -242,10 +242,11 @@ def test_what_matters_of_frames_and_axes_is_told(tmp_path):
     )
     assert not notes(folder, tool=TOOL)
     listing = folder / "CALIB.LS"
-    for other, told in (("12.509", 1), ("12.8", 2)):
-        listing.write_text(re.sub(r"12\.\d+(?=  mm\n)", other, listing.read_text(), count=1))
-        assert len(notes(folder)) == told
-    assert "e1 differs by up to 0.3 between poses" in notes(folder)[1]
+    listing.write_text(listing.read_text().replace("12.500  mm", "12.8  mm", 1))
+    assert "e1 differs by up to 0.3 between poses" in notes(folder, tool=TOOL)[0]
+    listing.write_text(listing.read_text().replace("12.8  mm", "13.1  mm", 1))
+    with pytest.raises(ScanError, match=r"CALIB.LS: e1 differs between poses; expected one for all"):
+        notes(folder)
 
 
 def test_doubts_about_a_guess_are_told_with_it(tmp_path):

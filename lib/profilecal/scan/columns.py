@@ -12,8 +12,6 @@ from profilecal.scan.files import naming, text_of
 from profilecal.scan.scan import ScanError
 from profilecal.scan.tables import Table, listed, number, shown
 
-ARRAYS = (".npy", ".npz")
-LENGTHS = {"mm": 1.0, "m": 1000.0}  # in mm
 TITLE = re.compile(r"(.*?)[\s_]*(?:[\[(]\s*([^\])]*?)\s*[\])].*|[\s_/]\s*(mm|m|deg|rad))?")
 ALIASES = {"q1": "qw", "q2": "qx", "q3": "qy", "q4": "qz"} | {f"{t}{axis}": axis for t in "tp" for axis in "xyz"}
 SEVERAL = {("t", 3): ("x", "y", "z"), ("r", 9): CONVENTIONS[-1].columns}  # numbers behind one name
@@ -23,9 +21,6 @@ TOKEN = re.compile(  # a brace and the name before it; a group of a FANUC robot'
     rf"\b([a-z]\w*)\"?\s*[:=]?[ \t]*({NUMBER}(?:[ \t]+{NUMBER})*)",
     re.IGNORECASE,
 )
-LIST = re.compile(r"\[([^\[\]]*)\]")
-PAIR = re.compile(r"\[\s*\[((?:[^\[\],]*,){2}[^\[\],]*)\]\s*,\s*\[([^\[\]]*)\]")  # position and orientation
-YAML = re.compile(r"^ *(\w+) *:\s*\[([^\[\]]*)\]", re.MULTILINE)
 REMARK = re.compile(r"\s*(?:#|%|//|!)[\s#%/]*")
 
 Rows = list[tuple[int, list[str]]]  # lines' numbers and fields
@@ -36,10 +31,10 @@ def read_columns(path: Path, entry: str = "") -> Table:
 
     `entry`: the name of the list or array, where there are several. Raises ScanError.
     """
-    if path.suffix.lower() in ARRAYS:
+    if path.suffix.lower() in (".npy", ".npz"):
         return array(path, entry)
     text = closed_text(path)
-    lists = {found[1]: found for found in YAML.finditer(text)}
+    lists = {found[1]: found for found in re.finditer(r"(?m)^ *(\w+) *:\s*\[([^\[\]]*)\]", text)}  # YAML
     if not lists:
         return from_rows(path, lines_of(text))
     found = lists[chosen(path, lists, entry)]
@@ -49,7 +44,7 @@ def read_columns(path: Path, entry: str = "") -> Table:
 
 def read_poses(path: Path) -> Table:
     """The same of poses: also KUKA's {X 1,Y 2,…}, FANUC listings, lines t … and r …, ABB's robtargets, UR's p[…]."""
-    if path.suffix.lower() in ARRAYS:
+    if path.suffix.lower() in (".npy", ".npz"):
         return array(path, "")
     text = closed_text(path)
     return behind_names(path, text) or from_rows(path, in_brackets(text) or lines_of(text))
@@ -94,7 +89,9 @@ def in_brackets(text: str) -> Rows:
         text, titles = re.sub(r"(?im)^(?!.*robtarget).*$", "", text), "x y z qw qx qy qz"
     elif re.search(r"\bp\[", text):  # of UR
         text, titles = re.sub(r"(?<!\bp)\[[^\]]*\]", "", text), "x y z rx ry rz"
-    found = [*PAIR.finditer(text)] or [one for one in LIST.finditer(text) if one[1].count(",") > 4]
+    three, some = r"\[((?:[^\[\],]*,){2}[^\[\],]*)\]", r"\[([^\[\]]*)\]"
+    found = [*re.finditer(rf"\[\s*{three}\s*,\s*{some}", text)]  # position and orientation
+    found = found or [one for one in re.finditer(some, text) if one[1].count(",") > 4]
     rows = [(line_of(text, one.start()), re.split(r"[\s,]+", ",".join(one.groups()).strip())) for one in found]
     return [(0, titles.split()), *rows] if rows else []
 

@@ -38,7 +38,6 @@ MEASURED = {
 }
 SCALE = {"mm": 1.0, "m": 1000.0}
 MOUNTS = ("eye-in-hand", "eye-to-hand")
-WIDEST_GROUP_DEG = 1.0  # of the groups that a user gives
 NOISE = dict.fromkeys(  # an error that is there is no rounding error
     (field.name for kind in (Noise, Systematic) for field in fields(kind)),
     (lambda value: is_number(value) and (value == 0 or 1e-6 <= value <= 100), "zero, or 1e-06 to 100"),
@@ -170,7 +169,7 @@ def check_groups(path: Path, R, group, labels) -> None:
     for label in np.unique(group):
         rows = np.flatnonzero(group == label)
         apart = np.degrees(angle_between(R[rows], R[rows[0]]))
-        if apart.max() > WIDEST_GROUP_DEG:
+        if apart.max() > 1:
             other = labels[rows[np.argmax(apart)]]
             raise ScanError(
                 f"{path}: poses {shown(labels[rows[0]])} and {shown(other)} share a group but differ in orientation by "

@@ -9,20 +9,18 @@ from pathlib import Path
 import numpy as np
 
 from profilecal.geometry.poses import carry, inverse
-from profilecal.scan.columns import LENGTHS, name_and_unit, names_and_units, read_columns, read_poses, unit_of
+from profilecal.scan.columns import name_and_unit, names_and_units, read_columns, read_poses, unit_of
 from profilecal.scan.conventions import CONVENTIONS, find_convention, named, to_rotations
-from profilecal.scan.folder import FARTHEST_MM, MOUNTS, REACH_MM, check_header, check_poses, scan_of
+from profilecal.scan.folder import FARTHEST_MM, MOUNTS, REACH_MM, SCALE, check_header, check_poses, scan_of
 from profilecal.scan.scan import Scan, ScanError
 from profilecal.scan.tables import Table, listed
 
 OF_POSES = re.compile(r"pose|robot|flange|tcp|calib|\.(ls|dat|mod|script|rob)$", re.IGNORECASE)  # in a file's name
 LABELS = ("", "pose", "name", "label", "id", "index", "file", "n")  # columns that tell profiles apart
-MATRIX = "r11,r12,r13,x,r21,r22,r23,y,r31,r32,r33,z"
-USUAL = {8: "timestamp,x,y,z,qx,qy,qz,qw", 12: MATRIX, 16: f"{MATRIX},_,_,_,_"}  # without names: TUM, matrices
+USUAL = {8: "timestamp,x,y,z,qx,qy,qz,qw", 12: "r11,r12,r13,x,r21,r22,r23,y,r31,r32,r33,z"}  # TUM; a matrix
+USUAL[16] = f"{USUAL[12]},_,_,_,_"
 ANGLES = {"deg": ("deg", "rad"), "rad": ("rad",), "1": ("1", "-")}  # in titles, by a convention's unit
 FRAMES = {"uf": "user frame", "ut": "tool"}
-FIXED = re.compile(r"uf|ut|e\d|gp\d .*")  # columns of frames and external axes
-STILL, ASTRAY = 0.01, 0.5  # mm or degrees by which such an axis may tremble, or differ with a warning
 
 
 @dataclass(frozen=True)
@@ -184,12 +182,11 @@ def taken_as(poses: Table, units: dict, layout: Layout) -> tuple[dict, str, list
 def frames_of(poses: Table, layout: Layout) -> list[str]:
     """Doubts about the robot's frames and external axes. Raises ScanError where they differ between poses."""
     doubts = []
-    for name in filter(FIXED.fullmatch, poses.columns):
-        several = len({*poses.columns[name]}) > 1
-        apart = several * (np.inf if name in FRAMES else np.ptp(poses.numbers([name])))
-        if apart > ASTRAY:
-            raise ScanError(f"{poses.path}: {FRAMES.get(name, name)} differs between poses; expected one for all")
-        if apart > STILL:
+    for name in filter(re.compile(r"uf|ut|e\d|gp\d .*").fullmatch, poses.columns):
+        if len({*poses.columns[name]}) > 1:
+            apart = np.inf if name in FRAMES else np.ptp(poses.numbers([name]))
+            if apart > 0.5:  # mm or degrees
+                raise ScanError(f"{poses.path}: {FRAMES.get(name, name)} differs between poses; expected one for all")
             doubts.append(f"{name} differs by up to {apart:.2g} between poses, and is taken to stand still")
         elsewhere = layout.mount != MOUNTS[0] if name == "uf" else name == "ut" and not layout.tool
         if elsewhere and poses.columns[name][0] not in ("0", "F"):
@@ -260,6 +257,6 @@ def x_and_z(tables: list[Table], said: str) -> dict[str, str]:
 def to_mm(path: Path, units: dict, names, values, below: float) -> tuple[float, str]:
     """From a file's units to mm, and in words; metres if all is less than `below` and no title says."""
     largest = np.nanmax(np.abs(values), initial=0)
-    said = unit_of(path, units, [*names], LENGTHS)
+    said = unit_of(path, units, [*names], SCALE)
     unit = said or ("m" if largest < below else "mm")
-    return LENGTHS[unit], f"in {unit} ({'as said, ' if said else ''}the largest is {largest:.10g})"
+    return SCALE[unit], f"in {unit} ({'as said, ' if said else ''}the largest is {largest:.10g})"

@@ -10,7 +10,6 @@ import numpy as np
 from profilecal.scan.files import is_file, naming
 from profilecal.scan.scan import ScanError
 
-LARGEST_FILE = 400_000_000  # bytes: more does not fit into the memory of a usual computer
 NOTHING = ("", "nan", "-nan", ".nan", "na", "n/a", "null", "none", "-", ".")  # cells of points that were not seen
 
 
@@ -84,9 +83,8 @@ def read_table(path: Path, required) -> Table:
     """A CSV file without its empty rows. Raises ScanError, also where a required column is missing."""
     if not is_file(path):
         raise ScanError(f"{path}: no such file")
-    if path.stat().st_size > LARGEST_FILE:
-        megabytes = f"{path.stat().st_size / 1e6:.0f} MB; expected at most {LARGEST_FILE / 1e6:.0f} MB"
-        raise ScanError(f"{path}: {megabytes}: thin the profiles out")
+    if (megabytes := path.stat().st_size // 1_000_000) > 400:  # more than the memory of a usual computer takes
+        raise ScanError(f"{path}: {megabytes} MB; expected at most 400 MB: thin the profiles out")
     lines = []
     with naming(path), path.open(encoding="utf-8-sig", newline="") as file:
         reader = csv.reader(file, strict=True)

@@ -11,8 +11,6 @@ from profilecal.scan.files import is_file, naming
 from profilecal.scan.scan import ScanError
 from profilecal.scan.tables import shown
 
-LARGEST = 1_000_000  # bytes: such a file is written by hand
-
 Rule = tuple[Callable[[object], bool], str]  # whether a value is allowed, and what is, in words
 
 TABLE: Rule = (lambda value: isinstance(value, dict), "a table")
@@ -73,8 +71,8 @@ def read_toml(path) -> dict:
     """The content of a TOML file. Raises ScanError."""
     path = Path(path)
     with naming(path):
-        if is_file(path) and path.stat().st_size > LARGEST:
-            raise ScanError(f"{path}: {path.stat().st_size} bytes; expected at most {LARGEST}")
+        if is_file(path) and path.stat().st_size > 1_000_000:  # such a file is written by hand
+            raise ScanError(f"{path}: {path.stat().st_size} bytes; expected at most 1000000")
         return tomllib.loads(path.read_text(encoding="utf-8-sig"))
 
 
