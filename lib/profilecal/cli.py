@@ -135,25 +135,14 @@ def calibrate(folders, as_json, vendor, guess, leave_out, report):
 @click.argument("spec", type=PLACE)
 @click.argument("folder", type=PLACE)
 def simulate(spec, folder):
-    """Write the scan that SPEC.toml describes, with its truth, into a new FOLDER; of several targets, one into a folder
-    in it for each."""
-    from profilecal.scan.files import new_folder
+    """Write the scan that SPEC.toml describes, with its truth, into a new FOLDER."""
     from profilecal.scan.folder import write_scan
     from profilecal.scan.toml import read_toml
-    from profilecal.simulate.spec import names_of, read_specs, simulate_scans
+    from profilecal.simulate.spec import read_spec, simulate_scan
 
     with refusing():
-        specs = read_specs(read_toml(spec), spec)
-        names = names_of([one.kind for one in specs])
-        scans = simulate_scans(specs)
-        if len(scans) == 1:
-            write_scan(scans[0], folder)
-        else:
-            with new_folder(folder) as partial:
-                for name, scan in zip(names, scans, strict=True):
-                    write_scan(scan, partial / name)
-    for name in names:
-        click.echo(f"{folder / name}/ written; its truth is in truth.toml")
+        write_scan(simulate_scan(read_spec(read_toml(spec), spec)), folder)
+    click.echo(f"{folder}/ written; its truth is in truth.toml")
 
 
 @main.command()

@@ -20,7 +20,6 @@ from profilecal.scan.toml import (
     TEXT,
     Rule,
     check_entries,
-    is_number,
     number,
     numbers,
     one_of,
@@ -40,7 +39,7 @@ SCALE = {"mm": 1.0, "m": 1000.0}
 MOUNTS = ("eye-in-hand", "eye-to-hand")
 NOISE = dict.fromkeys(  # an error that is there is no rounding error
     (field.name for kind in (Noise, Systematic) for field in fields(kind)),
-    (lambda value: is_number(value) and (value == 0 or 1e-6 <= value <= 100), "zero, or 1e-06 to 100"),
+    (lambda value: number(1e-6, 100)[0](value) or (value == 0 and number()[0](value)), "zero, or 1e-06 to 100"),
 )
 TRUTH = {"seed": whole(), "T_flange_sensor": numbers(4, 4), "T_base_sensor": numbers(4, 4), "target": TABLE}
 SIZE_MM = (0.5, 1000.0)  # of a target that a profile scanner can see

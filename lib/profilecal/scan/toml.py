@@ -17,14 +17,13 @@ TABLE: Rule = (lambda value: isinstance(value, dict), "a table")
 TEXT: Rule = (lambda value: isinstance(value, str) and value.isprintable() and len(value) <= 200, "one line of text")
 
 
-def is_number(value) -> bool:
-    """Whether an entry of a TOML file is one."""
-    return isinstance(value, int | float) and not isinstance(value, bool)
-
-
 def number(low: float = 0.0, high: float = 1e6) -> Rule:
     """A number within these limits."""
-    return lambda value: is_number(value) and low <= value <= high, f"{low:g} to {high:g}"
+
+    def allowed(value):
+        return isinstance(value, int | float) and not isinstance(value, bool) and low <= value <= high
+
+    return allowed, f"{low:g} to {high:g}"
 
 
 def whole(low: int = 0, high: int = 1_000_000) -> Rule:
@@ -77,19 +76,14 @@ def read_toml(path) -> dict:
 
 
 def toml_text(entries: dict) -> str:
-    """A dictionary of numbers, texts, nested lists of numbers, and one level of such dictionaries or lists of such, as
-    TOML."""
+    """A dictionary of numbers, texts and nested lists of numbers, and one level of such dictionaries, as TOML."""
 
     def lines(table):
         text = {key: json.dumps(value, ensure_ascii=False, default=np.ndarray.tolist) for key, value in table.items()}
         return [f"{key} = {value}" for key, value in text.items()]
 
-    def tables(value):
-        several = value if isinstance(value, list) else [value]
-        return several if several and all(isinstance(part, dict) for part in several) else []
-
-    parts = lines({name: value for name, value in entries.items() if not tables(value) and value != {}})
-    for name, value in entries.items():
-        head = f"[[{name}]]" if isinstance(value, list) else f"[{name}]"
-        parts += [line for table in tables(value) if table for line in ("", head, *lines(table))]
+    tables = {name: table for name, table in entries.items() if isinstance(table, dict)}
+    parts = lines({name: value for name, value in entries.items() if name not in tables})
+    for name, table in tables.items():
+        parts += ["", f"[{name}]", *lines(table)] if table else []
     return "\n".join(parts) + "\n"

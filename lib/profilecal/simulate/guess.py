@@ -108,14 +108,11 @@ def planned_scene(
     to_hand: bool,
     steering_mm: float,
     rng: np.random.Generator,
-    sensor: State | None = None,
 ) -> Scene:
     """The poses of a plan, and a sensor and a target that are where the guess has them, but for its margins; where
-    the operator steers, by `steering_mm` well, the poses that this takes. `sensor`: that of another target's scene."""
+    the operator steers, by `steering_mm` well, the poses that this takes."""
     plan = planned_poses(place, to_hand)
     R_sensor, T_sensor, target, facing = off_by(guess, kind, sizes, rng)
-    if sensor is not None:
-        R_sensor, T_sensor = sensor.rotation[0], sensor.translation[0]
     R, T = plan["R"], plan["T"]
     if target.steered:
         y = (R @ R_sensor)[..., 1]

@@ -8,7 +8,6 @@ import numpy as np
 
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import carry, homogeneous, inverse
-from profilecal.joint.state import State
 from profilecal.scan.conventions import CONVENTIONS
 from profilecal.scan.folder import MOUNTS, length_rules
 from profilecal.scan.scan import Scan, ScanError
@@ -21,7 +20,6 @@ from profilecal.simulate.scene import Scene, random_scene
 from profilecal.targets import TARGETS
 
 WIDE = Scanner(near=40.0, far=260.0, near_width=100.0, far_width=220.0)  # sees a whole disk of 50 mm radius
-OF_TARGET = ("target", "axis", "up", "target_mm", "target_deg")  # entries of [guess] that a target may have of its own
 
 
 @dataclass(frozen=True)
@@ -95,81 +93,30 @@ def lengths_of(entries: dict) -> tuple[str, ...]:
     return TARGETS[kind].lengths if isinstance(kind, str) and kind in TARGETS else ()
 
 
-def read_specs(entries: dict, path="specification") -> list[Spec]:
-    """One for each of [[targets]]: what its table says goes before the entries outside, and its place before that in
-    [guess]. Without [[targets]], the one of `read_spec`. Raises ScanError."""
-    entries = dict(entries)
-    targets = entries.pop("targets", [{}])
-    if not isinstance(targets, list) or not targets or not all(isinstance(target, dict) for target in targets):
-        raise ScanError(f"targets is {targets!r} in the specification; expected tables [[targets]]")
-    found = []
-    for target in targets:
-        placed = {name: value for name, value in target.items() if name in OF_TARGET}
-        own = {name: value for name, value in target.items() if name not in OF_TARGET}
-        for name in own:
-            if name not in ("kind", "measured", "specimen", "poses", *lengths_of(own)):
-                raise ScanError(
-                    f"unknown entry {name!r} in [[targets]]; there are kind, measured, …, {', '.join(OF_TARGET)}"
-                )
-        whole = entries | own
-        if placed:
-            whole["guess"] = entries.get("guess", {}) | placed
-        found.append(read_spec(whole, path))
-    if len(found) > 1 and not all(spec.guess for spec in found):
-        raise ScanError("there are several targets, but no [guess]; expected roughly where sensor and targets are")
-    return found
-
-
-def names_of(kinds: Sequence[str]) -> list[str]:
-    """Names for targets of these kinds: numbered where there are several of one, "" if there is one in all."""
-    if len(kinds) == 1:
-        return [""]
-    return [f"{k}-{kinds[:i].count(k) + 1}" if kinds.count(k) > 1 else k for i, k in enumerate(kinds)]
-
-
 def simulate_scan(spec: Spec) -> Scan:
     """The scan that a robot with these errors and a scanner with this noise would record, and its truth."""
     return simulate_scans([spec])[0]
 
 
 def simulate_scans(specs: Sequence[Spec]) -> list[Scan]:
-    """One scan for each specification, by one sensor on one robot.
-
-    The first specification says how the robot errs. If it has poses of its own, so have the others, and all of them
-    have their guess off by the same mount. Otherwise the targets stand in the same place one after the other and are
-    seen from the same poses, where the robot errs alike but for what is fresh at each visit; the first says where.
-    """
+    """One scan for each specification, of targets that stand in the same place one after the other: by one sensor from
+    the same poses, where the robot errs alike but for what is fresh at each visit. The first says where and how."""
     first = specs[0]
     rng = np.random.default_rng(first.seed)
-    scenes = [scene_of(first, rng)]
-    if first.poses:
-        scenes += [scene_of(spec, rng, scenes[0].truth) for spec in specs[1:]]
-    same = [scene.observations.group if first.poses else slice(None) for scene in scenes]
-    poses = [actual_poses(scene.poses, first.noise, rng, group) for scene, group in zip(scenes, same, strict=True)]
-    R, T = (np.concatenate([p.reshape(-1, *p.shape[2:]) for p in part]) for part in zip(*poses, strict=True))
-    R, T = first.robot.built(R, T, first.mount == "eye-to-hand", rng)
-    if not first.poses:
-        scenes = [scenes[0].showing(spec.kind, sizes_of(spec)) for spec in specs]
-        return [record(scene, (R, T), spec, first.robot, rng) for scene, spec in zip(scenes, specs, strict=True)]
-    ends = np.cumsum([len(scene.observations.group) for scene in scenes])[:-1]
-    each = zip(scenes, np.split(R, ends), np.split(T, ends), specs, strict=True)
-    return [record(scene, (R, T), spec, first.robot, rng) for scene, R, T, spec in each]
+    scene = scene_of(first, rng)
+    shared = scene.observations.group if first.poses else slice(None)
+    R, T = (part.reshape(-1, *part.shape[2:]) for part in actual_poses(scene.poses, first.noise, rng, shared))
+    poses = first.robot.built(R, T, first.mount == "eye-to-hand", rng)
+    return [record(scene.showing(spec.kind, sizes_of(spec)), poses, spec, first.robot, rng) for spec in specs]
 
 
-def scene_of(spec: Spec, rng: np.random.Generator, sensor: State | None = None) -> Scene:
-    """The target and the poses of a specification; those of a file, seen by a `sensor` if there is one already."""
+def scene_of(spec: Spec, rng: np.random.Generator) -> Scene:
+    """The target and the poses of a specification."""
+    sizes, steering_mm = sizes_of(spec), spec.noise.steering_mm
     if spec.poses:
-        to_hand, steering_mm = spec.mount == "eye-to-hand", spec.noise.steering_mm
-        return planned_scene(spec.kind, sizes_of(spec), spec.guess, spec.poses, to_hand, steering_mm, rng, sensor)
-    return random_scene(
-        spec.kind,
-        rng,
-        groups=spec.groups,
-        positions=spec.positions,
-        sizes=sizes_of(spec),
-        spread_deg=spec.spread_deg,
-        steering_mm=spec.noise.steering_mm,
-    )
+        return planned_scene(spec.kind, sizes, spec.guess, spec.poses, spec.mount == "eye-to-hand", steering_mm, rng)
+    shape = {"groups": spec.groups, "positions": spec.positions, "spread_deg": spec.spread_deg}
+    return random_scene(spec.kind, rng, sizes=sizes, steering_mm=steering_mm, **shape)
 
 
 def sizes_of(spec: Spec) -> tuple[float, ...]:
