@@ -6,14 +6,7 @@ import pytest
 from profilecal.closed_form.edge import edge_equations
 from profilecal.geometry.noise import Noise
 from profilecal.papers import items, published
-from profilecal.papers.edge_criteria import (
-    ROTATIONS,
-    angle_deviations,
-    evaluate,
-    line_distances,
-    nested_calibrations,
-    printed,
-)
+from profilecal.papers.edge_criteria import angle_deviations, evaluate, line_distances, printed
 from profilecal.papers.edge_plan import EdgePlan
 from profilecal.papers.edge_scenes import edge_scenes
 
@@ -33,7 +26,7 @@ def test_criteria_vanish_without_noise(about_mean):
 def test_angles_are_signed_and_turn_with_a_group():
     """A group turned about the edge's normal by a small angle deviates by that much more, to one side."""
     scene = edge_scenes(SPACE, Noise(0.1), np.random.default_rng(1), (3,))
-    found = list(nested_calibrations(scene))[-1]
+    found = edge_equations(scene.poses.rotations, scene.poses.positions, scene.points).translation
     angles = angle_deviations(found)
     assert angles.shape == (3, 25)
     assert (angles < 0).any()
@@ -45,23 +38,14 @@ def test_angles_are_signed_and_turn_with_a_group():
     assert angle_deviations(found)[0, 0] - angles[0, 0] == pytest.approx(0.01, rel=0.05)
 
 
-def test_nested_calibrations_are_those_of_their_first_groups():
-    """As `edge_equations` finds them, which takes the vectors as they are."""
-    scene = edge_scenes(EdgePlan(), Noise(0.1), np.random.default_rng(2), (4,))
-    for count, found in zip(ROTATIONS, nested_calibrations(scene, about_mean=False), strict=True):
-        poses = scene.poses.first(count)
-        alone = edge_equations(poses.rotations, poses.positions, scene.points[:, :count])
-        np.testing.assert_allclose(found.R_sensor, alone.R_sensor, atol=1e-9)
-        np.testing.assert_allclose(found.T_sensor, alone.T_sensor, atol=1e-7)
-        np.testing.assert_allclose(found.p_b, alone.p_b, atol=1e-7)
-
-
 def test_criteria_of_many_scenes_are_those_of_each():
     scene = edge_scenes(EdgePlan(), Noise(0.1), np.random.default_rng(2), (4,))
     frame = evaluate(scene, 10, 0.1)
-    found = next(nested_calibrations(scene, about_mean=False))
-    np.testing.assert_allclose(frame["std Δα"], np.degrees(angle_deviations(found)).std(axis=-1), rtol=1e-6)
-    np.testing.assert_allclose(frame["mean Δd"], line_distances(found).mean(axis=-1), rtol=1e-6)
+    poses = scene.poses.first(10)
+    for k in range(4):
+        found = edge_equations(poses.rotations[k], poses.positions[k], scene.points[k, :10])
+        assert frame["std Δα"][k] == pytest.approx(np.degrees(angle_deviations(found)).std())
+        assert frame["mean Δd"][k] == pytest.approx(line_distances(found).mean())
 
 
 def test_printed_tables():
