@@ -66,16 +66,16 @@ class Table:
             found = np.array([number(cell) for cell in cells])
         called = f"column {name}" if name.isdigit() else name
 
-        def is_none(row):
+        def bad_cell(row):
             what = "empty or NaN" if np.isnan(found[row]) else shown(str(cells[row]))
             return f"{called} is {what}; expected a finite number"
 
-        def is_large(row):
-            hint = "are the units in scan.toml right? Missing points are left out or blank"
-            return f"{called} is {found[row]:.6g}; expected at most {largest:g}: {hint}"
-
-        self.refuse(np.isinf(found) | (np.isnan(found) & (not blank)), is_none)
-        self.refuse(np.abs(found) > largest, is_large)
+        hint = "are the units in scan.toml right? Missing points are left out or blank"
+        self.refuse(np.isinf(found) | (np.isnan(found) & (not blank)), bad_cell)
+        self.refuse(
+            np.abs(found) > largest,
+            lambda row: f"{called} is {found[row]:.6g}; expected at most {largest:g}: {hint}",
+        )
         return found
 
 

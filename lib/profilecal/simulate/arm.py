@@ -57,9 +57,8 @@ def joints_at(rotation, position) -> np.ndarray:
     elbow = np.arccos(bend)
     shoulder = np.arctan2(out, high) - np.arctan2(fore * np.sin(elbow), upper + fore * np.cos(elbow))
     first = np.stack([np.arctan2(wrist[..., 1], wrist[..., 0]), shoulder + elbow], axis=-1)
-    forearm = Rotation.from_euler("ZY", first.reshape(-1, 2)).as_matrix().reshape(rotation.shape)
-    hand_turn = (np.swapaxes(forearm, -1, -2) @ rotation).reshape(-1, 3, 3)
-    last = Rotation.from_matrix(hand_turn).as_euler("ZYZ").reshape(position.shape)
+    forearm = Rotation.from_euler("ZY", first).as_matrix()
+    last = Rotation.from_matrix(forearm.mT @ rotation).as_euler("ZYZ")
     return np.concatenate([first[..., :1], np.stack([shoulder, elbow], axis=-1), last], axis=-1)
 
 

@@ -26,7 +26,7 @@ class Poses:
         """
         R = (self.rotations @ R_sensor[..., None, :, :])[..., None, :, :]
         T = self.positions + (self.rotations @ T_sensor[..., None, :, None])[..., None, :, 0]
-        return points @ np.swapaxes(R[..., ::2], -1, -2) + T[..., None, :]
+        return points @ R[..., ::2].mT + T[..., None, :]
 
 
 def actual_poses(
