@@ -46,16 +46,16 @@ def first_run(folder: Path) -> tuple[float, float]:
     Ends after ten runs. Linux only, where /proc tells the memory.
     """
     notebook = write_notebook(folder / "quick.ipynb", "n: int = 0", "open('started', 'w').close()")
-    (folder / "grid.yaml").write_text(f"n: {list(range(1000))}\n")
+    (folder / "grid.toml").write_text(f"n = {list(range(1000))}\n")
     output = folder / "thousand"
-    command = [str(Path(sys.executable).with_name("profilecal")), "sweep", str(notebook), str(folder / "grid.yaml")]
+    command = [str(Path(sys.executable).with_name("profilecal")), "sweep", str(notebook), str(folder / "grid.toml")]
     start = time.perf_counter()
     with subprocess.Popen([*command, "--output", str(output)], stderr=subprocess.DEVNULL) as process:
         try:
-            while not (folder / "started").exists():
+            while not (folder / "started").exists() and process.poll() is None:
                 time.sleep(0.02)
             took = time.perf_counter() - start
-            while len(list((output / "runs").glob("*"))) < 10:
+            while len(list((output / "runs").glob("*"))) < 10 and process.poll() is None:
                 time.sleep(0.1)
             status = Path(f"/proc/{process.pid}/status").read_text()
         finally:
