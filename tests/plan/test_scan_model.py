@@ -6,13 +6,15 @@ import numpy as np
 import pytest
 from planned import KINDS, errors, model_for
 
+from profilecal.geometry.noise import Systematic
 from profilecal.geometry.poses import angle_between
 from profilecal.plan.candidates import Limits, draw
 from profilecal.plan.scan_model import information, predict
 
 
 def assert_predicted(model, R, T, rng, most):
-    """Errors of simulated calibrations scatter as is predicted."""
+    """Errors of simulated calibrations scatter as is predicted, but for what is wrong at every pose."""
+    model = replace(model, systematic=Systematic())
     found = errors(model, R, T, 300, rng)
     ratio = np.sqrt(np.mean(found**2, axis=0) / np.diag(predict(model, R, T).covariance))
     assert np.abs(np.sqrt(np.mean(ratio**2)) - 1) < 0.1
@@ -48,7 +50,7 @@ def test_a_prediction_says_how_far_it_depends_on_the_guess():
         poses = draw(model, Limits(), 15, rng)
         found, exact = predict(model, *poses, rng), predict(replace(model, guess=None), *poses, rng)
         assert exact.between == ()
-        assert exact.mm == found.mm
+        assert exact.mm == found.mm > predict(replace(model, systematic=Systematic()), *poses).mm
         (low, _), (high, _) = found.between
         spread[kind] = high / low
     assert 1 < spread["edge"] < 1.3 < spread["ball"]  # where a plane cuts a ball depends on the guess
@@ -56,11 +58,10 @@ def test_a_prediction_says_how_far_it_depends_on_the_guess():
 
 def test_a_wrong_guess_is_wrong_within_its_margins():
     model, rng = model_for("ball"), np.random.default_rng(4)
-    others = [model.elsewhere(rng) for _ in range(50)]
-    off = [np.linalg.norm(other.T_sensor - model.T_sensor) for other in others]
-    assert 4 < max(off) <= 5
-    assert max(np.linalg.norm(other.target.centre - model.target.centre) for other in others) <= 5
-    assert max(np.degrees(angle_between(other.R_sensor, model.R_sensor)) for other in others) <= 3 + 1e-6
+    for other in [model.elsewhere(rng) for _ in range(50)]:
+        assert np.linalg.norm(other.T_sensor - model.T_sensor) <= 5
+        assert np.linalg.norm(other.target.centre - model.target.centre) <= 5
+        assert 0 < np.degrees(angle_between(other.R_sensor, model.R_sensor)) <= 3 + 1e-6
 
 
 def test_a_face_is_seen_from_one_side_of_the_view_to_the_other():
@@ -70,10 +71,3 @@ def test_a_face_is_seen_from_one_side_of_the_view_to_the_other():
     assert np.allclose(np.abs(x[:, [0, -1]]), 0.9 * model.scanner.half_width(z[:, [0, -1]]))
     flat = np.stack([x, 0 * x, z], axis=-1) @ np.swapaxes(frames[0], 1, 2) + frames[1][:, None]
     assert np.abs(model.target.distance(flat.reshape(-1, 3))).max() < 1e-9
-
-
-def test_robot_errors_are_counted():
-    model = model_for("edge")
-    poses = draw(model, Limits(), 20, np.random.default_rng(10))
-    worse = replace(model, noise=replace(model.noise, position_mm=0.5))
-    assert predict(worse, *poses).mm > 3 * predict(model, *poses).mm

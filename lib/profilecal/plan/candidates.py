@@ -13,7 +13,6 @@ from profilecal.simulate.scene import in_unit_ball
 
 BORDER = 0.05  # of the field of view, on each side: features need what is around them
 BEYOND = 0.5  # of the limits are drawn and cut off: a third of the candidates is at a limit, where good plans are
-TRIES = 40  # draws of candidates before giving up
 
 
 @dataclass(frozen=True)
@@ -37,7 +36,7 @@ def draw(model: ScanModel, limits: Limits, count: int, rng: np.random.Generator,
     """Flange poses (count, 3, 3), (count, 3) from anywhere within the limits; with `beyond`, more of them at the
     limits. Raises ScanError, with the reason, where there are too few."""
     found, why = [], Counter()
-    for _ in range(TRIES):
+    for _ in range(40):  # then too few are possible
         R, T = flange_at(model, *random_views(model, limits, 2 * count, rng, beyond))
         reasons = refused(model, limits, R, T)
         why.update(reasons)
@@ -102,7 +101,7 @@ def refused(model: ScanModel, limits: Limits, R, T) -> np.ndarray:
     """Why flange poses (P, 3, 3), (P, 3) are not possible, in words, (P,); "" for those that are."""
     flange, sensor = T, model.planes(R, T)[1]
     if model.to_hand:
-        flange, sensor = inverse(R, T)[1], np.broadcast_to(model.T_sensor, T.shape)
+        flange, sensor = inverse(R, T)[1], model.T_sensor
     reasons = np.full(len(T), "", dtype=object)
     tilt, spin = turned(model, R)
     if model.shows_beside:
@@ -110,7 +109,7 @@ def refused(model: ScanModel, limits: Limits, R, T) -> np.ndarray:
     far = (tilt > limits.tilt_deg) | (np.abs(spin) > limits.spin_deg) | (aside(model, R, T) > limits.extent_mm)
     reasons[far] = "are tilted, turned or aside too far"
     for *centre, radius in limits.avoid:
-        near = np.minimum(*(np.linalg.norm(place - centre, axis=1) for place in (flange, sensor))) < radius
+        near = np.minimum(*(np.linalg.norm(place - centre, axis=-1) for place in (flange, sensor))) < radius
         reasons[near] = "are in a zone to avoid"
     reasons[((flange < limits.low) | (flange > limits.high)).any(axis=1)] = "are outside the box"
     left = np.flatnonzero(reasons == "")  # this takes the longest
@@ -162,8 +161,7 @@ def worst_clearance(model: ScanModel, R, T) -> np.ndarray:
     here = clearances(model, *frames)
     lost = np.zeros((3, 3, *here.shape))
     for kind, axis in np.ndindex(3, 3):
-        error = np.zeros((3, 3))
-        error[kind, axis] = sizes[kind]
+        error = sizes[kind] * np.outer(np.eye(3)[kind], np.eye(3)[axis])
         for way in (error, -error):
             lost[kind, axis] = np.maximum(lost[kind, axis], here - clearances(model, *wrong(model, *frames, way)))
     worst = (here - np.linalg.norm(lost, axis=1).sum(axis=0)).min(axis=1)
@@ -186,8 +184,8 @@ def wrong(model: ScanModel, R_view, T_view, error):
     rad, and a turn of the target about its origin, in these axes too."""
     shift, turn, target_turn = error
     origin, back = model.target.frame[0], R_view @ rotations(-target_turn)
-    from_origin = (np.swapaxes(R_view, 1, 2) @ (T_view - origin)[..., None])[..., 0]
-    return back @ rotations(turn), carry(back, origin, from_origin + shift)
+    in_view = carry(*inverse(R_view, T_view), origin)
+    return back @ rotations(turn), carry(back, origin, shift - in_view)
 
 
 def clearances(model: ScanModel, R_view, T_view) -> np.ndarray:

@@ -6,22 +6,19 @@ from pathlib import Path
 import numpy as np
 
 from profilecal.calibrate.calibration import Calibration, calibrate
-from profilecal.calibrate.observe import stated_noise
 from profilecal.calibrate.summary import deviations
 from profilecal.geometry.noise import ROBOT
 from profilecal.joint.observability import name_direction, size_direction
 from profilecal.plan.candidates import Limits
-from profilecal.plan.design import NOWHERE, Plan, design
+from profilecal.plan.design import NOWHERE, Plan, design, joined
 from profilecal.plan.known import model_of_scan, model_of_spec, read_plan
 from profilecal.plan.scan_model import GUESSES, Prediction, ScanModel, predict
 from profilecal.scan.folder import poses_columns, read_scan
-from profilecal.scan.scan import ScanError
+from profilecal.scan.scan import Scan, ScanError
 from profilecal.scan.tables import write_table
 from profilecal.scan.toml import read_toml, toml_text
 from profilecal.simulate.guess import planned_poses
-from profilecal.simulate.spec import read_spec
-
-FEW_SPARE = 20  # measurements beyond the unknowns: they tell the size of the errors to about 15 %
+from profilecal.simulate.spec import Spec, read_spec
 
 
 @dataclass(frozen=True)
@@ -32,18 +29,15 @@ class Task:
     limits: Limits
     asked: dict  # options of `design`
     rng: np.random.Generator
-    convention: str  # of the poses
-    title: str
-    noise: dict[str, float]  # as stated
+    source: Spec | Scan
+    noise: dict[str, float]  # as stated there
     entries: dict | None = None  # of the specification
     before: tuple = NOWHERE  # poses R (P, 3, 3), T (P, 3) that are there already
 
     def prediction_of(self, place: Path) -> Prediction:
         """What the poses of a folder or a file will be worth, after those that are there already. Raises ScanError."""
         given = planned_poses(place, self.model.to_hand)
-        return predict(
-            self.model, *map(np.concatenate, zip(self.before, (given["R"], given["T"]), strict=True)), self.rng
-        )
+        return predict(self.model, *joined(self.before, (given["R"], given["T"])), self.rng)
 
     def plan(self) -> Plan:
         """The poses that serve best. Raises ScanError."""
@@ -57,25 +51,23 @@ def task(spec: Path, poses: int | None = None, until: tuple | None = None) -> Ta
     if spec.is_dir():
         scan = read_scan(spec)
         model, limits, before = model_of_scan(calibrate([scan]))
-        title = f"more poses for {scan.title or spec.resolve().name}"[:200]
-        rng, noise = np.random.default_rng(0), stated_noise([scan])
-        return Task(model, limits, given, rng, scan.convention, title, noise, before=before)
+        return Task(model, limits, given, np.random.default_rng(0), scan, scan.noise, before=before)
     entries = read_toml(spec)
     found, noise = read_spec(entries, spec), entries.get("noise", {})
     limits, asked = read_plan(entries.get("plan", {}), spec)
-    rng, title = np.random.default_rng(found.seed), found.title or f"planned {found.kind}"
-    return Task(model_of_spec(found, noise, rng), limits, asked | given, rng, found.convention, title, noise, entries)
+    rng = np.random.default_rng(found.seed)
+    return Task(model_of_spec(found, noise, rng), limits, asked | given, rng, found, noise, entries)
 
 
 def write_plan(task: Task, plan: Plan, folder: Path) -> None:
     """Write a plan into a folder that exists: a scan folder without measurements; from a specification, one that
     simulates these as well, with the robot's errors that the prediction counts with."""
-    model, digits = plan.model, len(str(len(plan.T)))
-    labels = [f"{k + 1:0{digits}d}" for k in range(len(plan.T))]
-    write_table(folder / "poses.csv", poses_columns(labels, *plan.robot_poses, task.convention))
+    model, labels = plan.model, [f"{k:03d}" for k in range(1, len(plan.T) + 1)]
+    write_table(folder / "poses.csv", poses_columns(labels, *plan.robot_poses, task.source.convention))
     target = {"kind": model.target.kind} | dict(zip(model.target.lengths, model.sizes, strict=True))
-    mount = "eye-to-hand" if model.to_hand else "eye-in-hand"
-    files = {"scan.toml": {"title": task.title, "units": "mm", "mount": mount, "target": target, "noise": task.noise}}
+    title = task.source.title or f"planned {model.target.kind}"
+    header = {"title": title, "units": "mm", "mount": task.source.mount}
+    files = {"scan.toml": header | {"target": target, "noise": task.noise}}
     if task.entries:
         noise = task.noise | {name: getattr(model.noise, name) for name in ROBOT}
         files["simulate.toml"] = task.entries | {"plan": {}, "poses": "poses.csv", "noise": noise}
@@ -108,9 +100,8 @@ def predicted(found: Prediction, model: ScanModel) -> list[str]:
         (mm, deg), (most_mm, most_deg) = found.between
         between = f"{mm:.2g} to {most_mm:.2g} mm and {deg:.2g} to {most_deg:.2g}°"
         lines.insert(3, f"               {between} in {GUESSES} draws of how wrong the guess is")
-    if found.spare < FEW_SPARE:
-        few = f"few poses: only {found.spare} measurements more than unknowns"
-        lines.append(f"note           {few}, so that what calibrate states will scatter widely")
+    if found.poses < 15:  # which tell the size of the errors to about 15 %
+        lines.append("note           few poses: what calibrate states will scatter widely")
     return lines
 
 
@@ -125,7 +116,7 @@ def to_text(plan: Plan, asked: dict) -> str:
 
 def next_poses(found: Calibration, folder: Path, rng: np.random.Generator) -> str:
     """Which poses would help an answer that is weak, in a sentence; "" where nothing would."""
-    if found.misread or found.status != "weak" or len(found.scans) > 1:
+    if found.misread or len(found.scans) > 1:
         return ""
     try:
         model, limits, before = model_of_scan(found)
@@ -135,4 +126,5 @@ def next_poses(found: Calibration, folder: Path, rng: np.random.Generator) -> st
     p = plan.predicted
     if p.spectrum.status != "ok":
         return ""
-    return f"{len(plan.T)} poses more would give {p.mm:.2g} mm and {p.deg:.2g}°: profilecal plan {folder} NEW-FOLDER"
+    n = len(plan.T)
+    return f"{n} poses more would give {p.mm:.2g} mm and {p.deg:.2g}°: profilecal plan {folder} NEW-FOLDER --poses {n}"

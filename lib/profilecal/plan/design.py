@@ -24,7 +24,6 @@ APART_DEG = 1.0  # orientations that differ by less are no new ones to the robot
 OPEN = 100.0  # times what is asked for, a standard deviation is no better than one by hand
 RIDGE = 1e-3  # of what is known by hand: an empty plan's information; with far less, rounding would choose
 NEGLIGIBLE = 1e-7  # of the largest eigenvalue of a block
-PARTS = np.kron(np.eye(2), np.ones((3, 3)))  # of a covariance: translation and rotation, each by itself
 NOWHERE = np.empty((0, 3, 3)), np.empty((0, 3))  # no poses
 
 
@@ -72,7 +71,8 @@ class Pool:
 
     def lacks(self, chosen) -> float:
         """How many times as large as asked for the standard deviations of a plan are."""
-        return float(np.sqrt(np.linalg.norm(self.covariance(chosen)[:6, :6] * PARTS, 2)))
+        C = self.covariance(chosen)
+        return float(np.sqrt(max(np.linalg.norm(C[:3, :3], 2), np.linalg.norm(C[3:6, 3:6], 2))))
 
     def with_each(self, chosen) -> np.ndarray:
         """How good a plan is with one of the candidates (N,) more, less is better: `smooth_worst`; while there are too
@@ -94,7 +94,7 @@ class Pool:
 def smooth_worst(C) -> np.ndarray:
     """As `Pool.lacks`, but hardly larger and smooth, of covariances (..., 6, 6) of the sensor pose."""
     scale = np.maximum(np.trace(C, axis1=-2, axis2=-1), np.finfo(float).tiny)
-    power = C * PARTS / scale[..., None, None]
+    power = C * np.kron(np.eye(2), np.ones((3, 3))) / scale[..., None, None]  # translation and rotation by themselves
     for _ in range(4):
         power = power @ power
     return np.sqrt(scale * np.abs(np.trace(power, axis1=-2, axis2=-1)) ** (1 / 16))
@@ -130,15 +130,18 @@ def design(
         for _ in range(ROUNDS):
             R, T = pool.R[chosen], pool.T[chosen]
             near = neighbours(model, limits, R, T, 40, rng)
-            R, T = (np.concatenate(pair) for pair in zip((R, T), near, strict=True))
-            pool = Pool.of(model, R, T, until, given)
+            pool = Pool.of(model, *joined((R, T), near), until, given)
             chosen = exchanged(pool, list(range(len(chosen))))
             chosen = chosen if poses else trimmed(pool, chosen)
             bar.update()
     R, T = pool.R[chosen], pool.T[chosen]
     way = short_way(R, T)
-    whole = map(np.concatenate, zip(before, (R, T), strict=True))
-    return Plan(model, R[way], T[way], predict(model, *whole, rng), until)
+    return Plan(model, R[way], T[way], predict(model, *joined(before, (R, T)), rng), until)
+
+
+def joined(first: tuple, second: tuple):
+    """Poses R, T and further ones together."""
+    return map(np.concatenate, zip(first, second, strict=True))
 
 
 def added(pool: Pool, chosen: list[int]) -> list[int]:

@@ -6,7 +6,7 @@ import numpy as np
 
 from profilecal.calibrate.calibration import Calibration
 from profilecal.calibrate.observe import as_observations, observe, stated_noise
-from profilecal.geometry.noise import ROBOT, Noise
+from profilecal.geometry.noise import ROBOT
 from profilecal.geometry.poses import inverse, nearest_rotation
 from profilecal.joint.noise import prior_from
 from profilecal.joint.observations import Observations
@@ -18,12 +18,12 @@ from profilecal.simulate.scanner import Scanner
 from profilecal.simulate.spec import Spec, sizes_of
 from profilecal.targets import TARGETS
 
-SAMPLE = 24  # simulated profiles that tell how well their features are known
-MORE_MM = 10.0  # than was seen, a scanner is believed to see
 REACH_MM = 200.0  # beyond the poses of a scan, the robot is believed to reach
 
-ASKED = {"poses": whole(0, 1000), "most": whole(1, 1000), "until": numbers(2)}
-PLAN = ASKED | {
+PLAN = {
+    "poses": whole(0, 1000),
+    "most": whole(1, 1000),
+    "until": numbers(2),
     "low": numbers(3),
     "high": numbers(3),
     "tilt_deg": number(0, 80),
@@ -40,7 +40,7 @@ def read_plan(table: dict, path) -> tuple[Limits, dict]:
     """The table [plan] of a specification: where the robot may go, and what is asked of `design`. Raises ScanError."""
     check_entries(path, table, PLAN, "plan")
     given = {name: tuple(value) if isinstance(value, list) else value for name, value in table.items()}
-    asked = {name: given.pop(name) for name in ASKED if name in given}
+    asked = {name: given.pop(name) for name in ("poses", "most", "until") if name in given}
     return Limits(**given), asked
 
 
@@ -57,15 +57,12 @@ def model_of_spec(spec: Spec, stated: dict[str, float], rng: np.random.Generator
     level, profile_mm = prior_from(stated), spec.noise.profile_mm
     if measured == "arcs":  # errors of centre and radius, as those of three points a third of a turn apart
         profile_mm = np.sqrt(2) * profile_mm
-    robot = {name: getattr(level.prior.scales, name) for name in ROBOT}
-    R_sensor, T_sensor = spec.guess.sensor
     model = ScanModel(
-        target=spec.guess.placed(spec.kind, sizes_of(spec)),
-        facing=spec.guess.facing(spec.kind),
-        R_sensor=R_sensor,
-        T_sensor=T_sensor,
+        spec.guess.placed(spec.kind, sizes_of(spec)),
+        spec.guess.facing(spec.kind),
+        *spec.guess.sensor,
         scanner=spec.scanner,
-        noise=Noise(profile_mm=profile_mm, steering_mm=spec.noise.steering_mm, **robot),
+        noise=replace(level.prior.scales, profile_mm=profile_mm, steering_mm=spec.noise.steering_mm),
         systematic=level.systematic,
         to_hand=spec.mount == "eye-to-hand",
         measured=measured,
@@ -77,9 +74,9 @@ def model_of_spec(spec: Spec, stated: dict[str, float], rng: np.random.Generator
 def with_features(model: ScanModel, spec: Spec, rng: np.random.Generator) -> ScanModel:
     """The model with as much noise as features of its raw profiles have, in a few simulated ones. Raises ScanError
     where these do not show the target."""
-    views = random_views(model, Limits(), 10 * SAMPLE, rng)
+    views = random_views(model, Limits(), 240, rng)
     R, T = flange_at(model, *views)
-    good = np.flatnonzero(refused(model, Limits(), R, T) == "")[:SAMPLE]
+    good = np.flatnonzero(refused(model, Limits(), R, T) == "")[:24]
     if len(good) < 3:
         return model  # the plan will say that nothing is in view
     R, T = R[good], T[good]
@@ -110,19 +107,18 @@ def model_of_scan(found: Calibration) -> tuple[ScanModel, Limits, tuple[np.ndarr
         raise ScanError("the scan leaves the mount open; plan from a SPEC.toml whose [guess] states it roughly")
     R, T = observed.R_flange[0][s.kept[0]], observed.T_flange[0][s.kept[0]]
     level = prior_from(stated_noise(found.scans))
-    robot = {name: getattr(level.prior.scales, name) for name in ROBOT}
-    if s.level.found:
-        sizes = s.level.found.sizes[1:]
-        robot |= {size.name: size.middle for size in sizes if size.from_data and size.name in ROBOT}
-        # where no pose is repeated, the errors of a visit are part of those of a pose
-        robot |= dict.fromkeys({*ROBOT} - {size.name for size in sizes}, 0.0)
+    noise = replace(level.prior.scales, profile_mm=s.noise_mm, steering_mm=s.noise.steering_mm)
+    sizes = s.level.found.sizes[1:]
+    # where no pose is repeated, the errors of a visit are part of those of a pose
+    noise = replace(noise, **dict.fromkeys({*ROBOT} - {size.name for size in sizes}, 0.0))
+    noise = replace(noise, **{size.name: size.middle for size in sizes if size.from_data})
     model = ScanModel(
-        target=s.placements[0],
-        facing=nearest_rotation((R @ s.rotation).mean(axis=0)),
-        R_sensor=s.rotation,
-        T_sensor=s.translation,
+        s.placements[0],
+        nearest_rotation((R @ s.rotation).mean(axis=0)),
+        s.rotation,
+        s.translation,
         scanner=scanner_of(scan, observed),
-        noise=replace(s.noise, **robot),
+        noise=noise,
         systematic=level.systematic,
         to_hand=observed.eye_to_hand,
         measured=scan.measured,
@@ -138,9 +134,9 @@ def model_of_scan(found: Calibration) -> tuple[ScanModel, Limits, tuple[np.ndarr
 
 
 def scanner_of(scan: Scan, observed: Observations) -> Scanner:
-    """A scanner that sees as far as this one was seen to see."""
+    """A scanner that sees 10 mm farther than this one was seen to see."""
     points = np.concatenate(scan.values)[:, :2] if scan.measured == "profiles" else observed.points[0].reshape(-1, 2)
     points = points[np.isfinite(points).all(axis=1) & points.any(axis=1)]
-    (_, near), (_, far) = points.min(axis=0) - MORE_MM, points.max(axis=0) + MORE_MM
-    width = 2 * (np.abs(points[:, 0]).max() + MORE_MM)
+    (_, near), (_, far) = points.min(axis=0) - 10, points.max(axis=0) + 10
+    width = 2 * (np.abs(points[:, 0]).max() + 10)
     return Scanner(near=max(near, 1.0), far=far, near_width=width, far_width=width)

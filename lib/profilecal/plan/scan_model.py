@@ -17,7 +17,6 @@ from profilecal.simulate.guess import Guess, off_by
 from profilecal.simulate.scanner import Scanner
 from profilecal.targets.target import Target
 
-FACE_IN_VIEW = 0.9  # share of the field of view that a face fills: features leave out its ends
 GUESSES = 20  # draws of how wrong the guess is: they show most of the range
 
 
@@ -79,14 +78,14 @@ class ScanModel:
         return self.across_view(points, count) if is_face else points
 
     def across_view(self, points, count: int) -> np.ndarray:
-        """Points (P, count, 2) from one side of the field of view to the other, on the lines through some (P, m, 2)."""
+        """Points (P, count, 2) from one side of the field of view to the other, but for a tenth at the sides that
+        features leave out, on the lines through some (P, m, 2)."""
         first, last = points[:, 0], points[:, -1]
         slope = (last[:, 1] - first[:, 1]) / (last[:, 0] - first[:, 0])
         depth = first[:, 1] - slope * first[:, 0]  # where the line crosses x = 0
-        at_depth = FACE_IN_VIEW * self.scanner.half_width(depth)
-        growth = FACE_IN_VIEW * (self.scanner.half_width(1.0) - self.scanner.half_width(0.0)) * slope  # per mm of x
-        left, right = -at_depth / (1 + growth), at_depth / (1 - growth)
-        x = np.linspace(left, right, count, axis=1)
+        half = 0.9 * self.scanner.half_width(depth)
+        growth = 0.9 * self.scanner.half_width(depth + slope) - half  # per mm of x
+        x = np.linspace(-half / (1 + growth), half / (1 - growth), count, axis=1)
         return np.stack([x, depth[:, None] + slope[:, None] * x], axis=-1)
 
     def points(self, R_view, T_view) -> np.ndarray:
@@ -127,7 +126,6 @@ class Prediction:
 
     spectrum: Spectrum
     poses: int
-    spare: int  # measured coordinates beyond the unknowns
     between: tuple = ()  # smallest and largest (`mm`, `deg`) if the guess is wrong
 
     @property
@@ -151,9 +149,7 @@ def predict(model: ScanModel, R, T, rng: np.random.Generator | None = None) -> P
     wrong by anything within its margins."""
     units, systematic = model.known
     whole = information(model, R, T) + np.diag(np.r_[0 * units, systematic**-2.0])
-    seen = np.isfinite(model.observed(R, T).points[0]).all(axis=-1)
-    spare = model.target.rows * int(seen.sum()) - len(units)
-    found = Prediction(spectrum(marginal(whole, len(units)), units), len(T), spare)
+    found = Prediction(spectrum(marginal(whole, len(units)), units), len(T))
     if rng is None or model.guess is None:
         return found
     others = [predict(model.elsewhere(rng), R, T) for _ in range(GUESSES)]
