@@ -192,13 +192,8 @@ def check(folder):
 @main.command()
 @click.argument("folder", type=SCAN)
 @click.option("--with", "pose", required=True, type=SCAN, help="What calibrate --json printed.")
-@click.option("--before", type=SCAN, help="A scan of the same target and poses: has the sensor moved since?")
-def verify(folder, pose, before):
-    """Compare a sensor pose with what a scan FOLDER says that was not used to find it; status 1 if they contradict.
-
-    With --before, tell whether the sensor has moved between two scans; status 1 if it has.
-    """
-    from profilecal.calibrate import drift
+def verify(folder, pose):
+    """Compare a sensor pose with what a scan FOLDER says that was not used to find it; status 1 if they contradict."""
     from profilecal.calibrate.verify import read_pose, to_text
     from profilecal.calibrate.verify import verify as verify_pose
     from profilecal.scan.folder import read_scan
@@ -209,11 +204,8 @@ def verify(folder, pose, before):
         T, covariance, noise_mm, to_hand = read_pose(pose)
         if to_hand != (scan.mount == "eye-to-hand"):
             raise ScanError(f"{pose} and {folder} disagree about the mount, which is {scan.mount} in the scan")
-        if before:
-            found = drift.drift(read_scan(before), scan, T, covariance, noise_mm)
-        else:
-            found = verify_pose(scan, T, covariance, noise_mm)
-        click.echo(drift.to_text(found) if before else to_text(found))
+        found = verify_pose(scan, T, covariance, noise_mm)
+        click.echo(to_text(found))
     raise SystemExit(0 if found.as_expected else 1)
 
 

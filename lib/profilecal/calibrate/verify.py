@@ -33,11 +33,14 @@ SAME = 1e-3  # standard deviations: no other scan's answer comes so close by cha
 
 
 @dataclass(frozen=True)
-class Difference:
-    """Between two sensor poses, and what is to be expected of it."""
+class Verification:
+    """How far the answer of a second scan is from a sensor pose, and what is to be expected."""
 
-    delta: np.ndarray  # (6,) from the first to the second, its frame, mm and rad
+    delta: np.ndarray  # (6,) from the pose to the answer, the pose's frame, mm and rad
     expected: Spectrum  # of δ
+    alone: Calibration  # the second scan by itself
+    lengths: dict[str, float]  # of the target, mm, as the scan has them by the sensor pose
+    rms_mm: float  # of the points' distances from the target
 
     @property
     def apart(self) -> np.ndarray:
@@ -54,28 +57,6 @@ class Difference:
     def as_expected(self) -> bool:
         """Whether the stated uncertainties explain the difference."""
         return self.chance > FALSE_ALARM
-
-    def lines(self, verb: str, where: str) -> list[str]:
-        """δ in words: what was found, what is to be expected, in which direction it is largest, and its chance."""
-        worst = int(np.argmax(np.abs(self.apart)))
-        direction = name_direction(self.expected.directions[6 - len(self.apart) + worst], np.eye(3), "sensor")
-        sd = np.sqrt(np.diag(self.expected.covariance))
-        return [
-            f"{verb:<15}{by_axis(self.delta, sd)} about the sensor's x, y, z",
-            f"expected       {by_axis(sd, sd)}, one standard deviation",
-            f"most apart     {direction}, {abs(self.apart[worst]):.2g} standard deviations",
-            f"chance         {self.chance:.2g} of more {where}, in {len(self.apart)} of 6 directions; "
-            f"doubted below {FALSE_ALARM:g}",
-        ]
-
-
-@dataclass(frozen=True)
-class Verification(Difference):
-    """How far the answer of a second scan is from a sensor pose, and what is to be expected."""
-
-    alone: Calibration  # the second scan by itself
-    lengths: dict[str, float]  # of the target, mm, as the scan has them by the sensor pose
-    rms_mm: float  # of the points' distances from the target
 
 
 def read_pose(path) -> tuple[np.ndarray, np.ndarray, float, bool]:
@@ -168,7 +149,16 @@ def to_text(found: Verification) -> str:
     if alone.status != "ok":
         lines[0] += ", so also looked at near the pose"
         lines += [f"note           {message}" for message in alone.messages]
-    lines += found.lines("differs by", "between right answers")
+    worst, count = int(np.argmax(np.abs(found.apart))), len(found.apart)
+    direction = name_direction(found.expected.directions[6 - count + worst], np.eye(3), "sensor")
+    sd = np.sqrt(np.diag(found.expected.covariance))
+    lines += [
+        f"differs by     {by_axis(found.delta, sd)} about the sensor's x, y, z",
+        f"expected       {by_axis(sd, sd)}, one standard deviation",
+        f"most apart     {direction}, {abs(found.apart[worst]):.2g} standard deviations",
+        f"chance         {found.chance:.2g} of more between right answers, in {count} of 6 directions; "
+        f"doubted below {FALSE_ALARM:g}",
+    ]
     for name, length in found.lengths.items():
         lines.append(f"{name:<15}{length:.3f} mm by the pose, {scan.measures[name]:g} given")
     lines.append(f"residuals      {found.rms_mm:.3g} mm rms from a {scan.target.shape}, by the pose")
