@@ -156,21 +156,22 @@ def plan(spec, folder, poses, until, given):
 
     SPEC may be a scan folder: its answer says where everything is, and the next best poses are chosen.
     """
+    from contextlib import nullcontext
+
     from profilecal.plan import command
     from profilecal.scan.files import new_folder
 
     with refusing(), interruptible("Nothing was written."):
         task = command.task(spec, poses, until)
         if given:
-            click.echo(
-                "\n".join([*command.believed(task.model), *command.predicted(task.prediction_of(given), task.model)])
-            )
+            predicted = command.predicted(task.prediction_of(given), task.model)
+            click.echo("\n".join([*command.believed(task.model), *predicted]))
             return
-        found = task.plan()
-        if folder:
-            from profilecal.report.plan import save_plan
+        with new_folder(folder) if folder else nullcontext() as partial:
+            found = task.plan()
+            if folder:
+                from profilecal.report.plan import save_plan
 
-            with new_folder(folder) as partial:
                 command.write_plan(task, found, partial)
                 save_plan(found, partial / "plan.png")
     click.echo(command.to_text(found, task.asked))

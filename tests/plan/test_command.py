@@ -71,9 +71,8 @@ def test_plan_simulate_calibrate_states_what_was_predicted_and_holds_the_truth(t
     delta = pose_error(T[:3, :3], T[:3, 3], truth[:3, :3], truth[:3, 3])
     C, to_rad = np.array(found["covariance"]), np.r_[np.ones(3), np.full(3, np.pi / 180)]
     assert normalised_square(C * to_rad * to_rad[:, None], delta) < chi2.ppf(0.99, 6)
-    if name == "T_flange_sensor":
-        stated = np.sqrt([np.linalg.eigvalsh(part)[-1] for part in (C[:3, :3], C[3:, 3:])])
-        assert np.abs(np.log(stated / said(planned.output))).max() < np.log(1.4)  # the calibration finds its own noise
+    stated = np.sqrt([np.linalg.eigvalsh(part)[-1] for part in (C[:3, :3], C[3:, 3:])])
+    assert np.abs(np.log(stated / said(planned.output))).max() < np.log(1.4)  # the calibration finds its own noise
     poses, driven = (pd.read_csv(folder / "poses.csv") for folder in (plan, scan))
     assert list(poses)[4:] == list(driven)[4:] == columns
     assert np.allclose(poses, driven)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from profilecal.geometry.noise import Noise
-from profilecal.geometry.poses import rotations
+from profilecal.geometry.poses import inverse, rotations
 
 
 @dataclass(frozen=True)
@@ -30,11 +30,12 @@ class Poses:
 
 
 def actual_poses(
-    poses: Poses, noise: Noise, rng: np.random.Generator, same=slice(None)
+    poses: Poses, noise: Noise, rng: np.random.Generator, same=slice(None), to_hand: bool = False
 ) -> tuple[np.ndarray, np.ndarray]:
     """Where the flange really is, rotations (..., G, N, 3, 3) and positions (..., G, N, 3), mm.
 
-    `same` (G,): groups with one number share the error of a group.
+    `same` (G,): groups with one number share the error of a group. `to_hand`: poses are of the base in the flange's
+    frame; what is returned is the flange in the base.
     """
     shape = poses.positions.shape
     group = (*shape[:-2], 1, 3)
@@ -44,7 +45,10 @@ def actual_poses(
 
     position = error(noise.position_mm, noise.group_position_mm)
     turn = error(noise.orientation_deg, noise.group_orientation_deg)
-    return rotations(np.radians(turn)) @ poses.rotations[..., None, :, :], poses.positions + position
+    R, T = poses.rotations[..., None, :, :], poses.positions
+    if to_hand:
+        R, T = inverse(R, T)
+    return rotations(np.radians(turn)) @ R, T + position
 
 
 def scan_planes(R_sensor, T_sensor, rotations, positions) -> tuple[np.ndarray, np.ndarray]:

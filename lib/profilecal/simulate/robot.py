@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from profilecal.geometry.noise import Noise
-from profilecal.geometry.poses import inverse, rotations
+from profilecal.geometry.poses import rotations
 from profilecal.simulate.arm import Arm, where_it_is
 
 
@@ -17,15 +17,12 @@ class Robot:
     link_mm: float = 0.0  # of the x, y and z of each link, for good
     drift_mm: float = 0.0  # along each axis, from the first pose to the last
 
-    def built(self, rotation, position, to_hand: bool, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-        """Where an arm built like this has its flange when it reports poses (P, 3, 3), (P, 3), mm; `to_hand`: the base
-        in the flange frame. Raises ValueError for poses out of reach."""
+    def built(self, rotation, position, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+        """Where an arm built like this has its flange when it reports poses (P, 3, 3), (P, 3), mm. Raises ValueError
+        for poses out of reach."""
         if not (self.joint_deg or self.link_mm):
             return rotation, position
-        arm = Arm.erring(self.joint_deg, self.link_mm, rng)
-        if to_hand:
-            return inverse(*where_it_is(arm, *inverse(rotation, position)))
-        return where_it_is(arm, rotation, position)
+        return where_it_is(Arm.erring(self.joint_deg, self.link_mm, rng), rotation, position)
 
     def visiting(self, rotation, position, noise: Noise, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
         """Where the flange is when the robot goes through poses (P, 3, 3), (P, 3), mm, once and in this order."""

@@ -105,8 +105,8 @@ def simulate_scans(specs: Sequence[Spec]) -> list[Scan]:
     rng = np.random.default_rng(first.seed)
     scene = scene_of(first, rng)
     shared = scene.observations.group if first.poses else slice(None)
-    R, T = (part.reshape(-1, *part.shape[2:]) for part in actual_poses(scene.poses, first.noise, rng, shared))
-    poses = first.robot.built(R, T, first.mount == "eye-to-hand", rng)
+    actual = actual_poses(scene.poses, first.noise, rng, shared, first.mount == "eye-to-hand")
+    poses = first.robot.built(*(part.reshape(-1, *part.shape[2:]) for part in actual), rng)
     return [record(scene.showing(spec.kind, sizes_of(spec)), poses, spec, first.robot, rng) for spec in specs]
 
 
@@ -131,6 +131,9 @@ def record(scene: Scene, poses, spec: Spec, robot: Robot, rng: np.random.Generat
     (R_sensor,), (T_sensor,) = scene.truth.rotation, scene.truth.translation
     which = np.repeat(np.arange(len(poses[1])), spec.repeats)
     R_actual, T_actual = (part[which] for part in robot.visiting(*poses, spec.noise, rng))
+    to_hand = spec.mount == "eye-to-hand"  # the same measurement with the roles of base and flange exchanged
+    if to_hand:
+        R_actual, T_actual = inverse(R_actual, T_actual)
     planes = R_actual @ R_sensor, carry(R_actual, T_actual, T_sensor)
     measured = spec.measured or scene.target.tables[-1]
     if measured == "profiles":
@@ -139,7 +142,6 @@ def record(scene: Scene, poses, spec: Spec, robot: Robot, rng: np.random.Generat
         seen = scene.target.meet(*planes).reshape(len(which), 1, -1)
         values = list(seen + spec.noise.profile_mm * rng.normal(size=seen.shape))
     R, T = scene.observations.R_flange[0, which], scene.observations.T_flange[0, which]
-    to_hand = spec.mount == "eye-to-hand"  # the same measurement with the roles of base and flange exchanged
     R, T = inverse(R, T) if to_hand else (R, T)
     return Scan(
         kind=spec.kind,
