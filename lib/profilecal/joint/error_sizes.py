@@ -2,11 +2,11 @@
 
 The scanner's noise and the flange's errors, at each visit, commanded pose and orientation, are variance components of
 the linear model at the solution. Its restricted likelihood says how well errors of any sizes explain the residuals.
-What is known beforehand is a prior: the robot errs, or it does not; each as likely. Where an error is there, its size
-follows a half-t law (Gelman 2006), whose scale is what the user states or what robots usually do. What is stated may be
-far too small, a data sheet's repeatability for instance: its law has the longer tail, and where less is stated than is
-usual, the usual is as likely. Few poses leave the sizes open. The answer is therefore its average over all sizes, as
-likely as data and prior make them.
+What is known beforehand is a prior: now and then a robot's errors are too small to matter. Where an error is there, its
+size follows a half-t law (Gelman 2006), whose scale is what the user states or what robots usually do. What is stated
+may be far too small, a data sheet's repeatability for instance: its law has the longer tail, and where less is stated
+than is usual, the usual is as likely. Few poses leave the sizes open. The answer is therefore its average over all
+sizes, as likely as data and prior make them, and its region is one that holds over all of them.
 
 A size that is known has a prior without spread.
 """
@@ -17,7 +17,7 @@ from functools import cache
 
 import numpy as np
 from scipy.optimize import brentq
-from scipy.special import gammaln, ndtr, ndtri, stdtr, stdtrit
+from scipy.special import chdtrc, gammaln, ndtr, ndtri, stdtr, stdtrit
 
 from profilecal.geometry.noise import ROBOT, Noise, chi2_limit
 from profilecal.joint.linear_model import LinearModel
@@ -32,6 +32,8 @@ USUAL = Noise(  # of robots, where nothing is stated: scales of the prior, the s
 )
 FREEDOM, FREEDOM_OF_STATED = 3.0, 1.0  # degrees of freedom of the half-t law
 LARGEST = 100.0  # times a scale: a larger error is a mistake
+EXACT_ROBOT = 0.1  # odds that the robot's errors are far too small to matter
+REGION = 0.99  # that is to hold
 FARTHEST = 5.0  # of a size's coordinate
 DRAWS, TAILS = 32, 4.0  # sizes looked at, drawn from a t law of that many degrees of freedom
 
@@ -143,12 +145,11 @@ class Draws:
     spread: np.ndarray  # (d,) of the free sizes' coordinates
 
 
-def draw(model: LinearModel, law: Law, likely, root, count: int = DRAWS) -> Draws:
+def draw(model: LinearModel, law: Law, likely, root) -> Draws:
     """Importance sampling from a t law about the likeliest coordinates (d,). Along each axis of `root` (d, d) it is as
     wide, in either direction, as the density is one standard deviation off (Rue, Martino and Chopin 2009)."""
     d = len(likely)
-    if not d:
-        count = 1
+    count = DRAWS if d else 1
     ends = likely + np.concatenate([np.zeros((1, d)), root.T, -root.T])
     height = model.posterior(law.variances(ends)[0]).log_evidence - np.sum(ends**2, axis=1) / 2
     wide = 1 / np.sqrt(2 * np.maximum(height[0] - height[1:], 1 / 18)).reshape(2, d)  # at most three times as wide
@@ -209,32 +210,44 @@ def average(model: LinearModel, prior: Prior, names: Sequence[str], unit_mm: flo
     """What is known over all sizes that data and prior allow, where `likely` and `root` are the `likeliest` of a model
     with errors of these names. `unit_mm`: the noise that the model's residuals are over."""
     law, k = prior.law(names, unit_mm), len(names)
-    parts = [draw(model, law, likely, root)]
     exact, alone = model.without_robot(), Prior(prior.scales, profile_spread=prior.profile_spread).law((), unit_mm)
-    scanner = likely[: len(alone.free)]
-    parts.append(draw(exact, alone, *likeliest(exact, alone, scanner)))
-    if not prior.robot_known and names:
+    parts, odds = [draw(model, law, likely, root)], [1.0]
+    if names and not prior.robot_known:
+        parts.append(draw(exact, alone, *likeliest(exact, alone, likely[: len(alone.free)])))
+        odds.append(EXACT_ROBOT)
         if prior.usual:
             usual = prior.usual.law(names, unit_mm)
             start = usual.coordinates(law.sizes(likely[None])[0])
             parts.append(draw(model, usual, *likeliest(model, usual, start)))
-    else:
-        parts = parts[:1]
-    weight = normalised(np.concatenate([part.log_weight for part in parts]))
+            odds.append(1.0)
+    weight = normalised(np.concatenate([part.log_weight + np.log(o) for part, o in zip(parts, odds, strict=True)]))
     means, covariances = (np.concatenate([getattr(p, name) for p in parts]) for name in ("mean", "covariance"))
     v = np.concatenate([np.pad(part.v, [(0, 0), (0, 1 + k - part.v.shape[1])]) for part in parts])
     mean = weight @ means
-    covariance = np.tensordot(weight, covariances, 1) + (weight * (means - mean).T) @ (means - mean)
-    found, spread = [], np.zeros(1 + k)
-    spread[law.free] = parts[0].spread
-    for name, scale, size, wide in zip(("profile_mm", *names), law.scales, np.sqrt(v).T, spread, strict=True):
-        unit = unit_mm if name == "profile_mm" else 1.0
-        order = np.argsort(size)
-        low, middle, high = np.interp(
-            [0.025, 0.5, 0.975], np.cumsum(weight[order]) - weight[order] / 2, unit * size[order]
-        )
-        from_data = name == "profile_mm" or wide < 0.6  # of the prior's 1
+    off = means - mean
+    squares = covariances + off[:, :, None] * off[:, None]
+    covariance = np.tensordot(weight, squares, 1)
+    found = []
+    for j, (name, scale, size) in enumerate(zip(("profile_mm", *names), law.scales, np.sqrt(v).T, strict=True)):
+        unit, order = (1.0 if j else unit_mm), np.argsort(size)
+        share = np.cumsum(weight[order]) - weight[order] / 2
+        low, middle, high = np.interp([0.025, 0.5, 0.975], share, unit * size[order])
+        from_data = j == 0 or parts[0].spread[law.free == j].max(initial=0.0) < 0.6  # of the prior's 1
         found.append(Size(name, float(unit * scale), float(low), float(middle), float(high), bool(from_data)))
     middles = np.array([size.middle for size in found]) / np.r_[unit_mm, np.ones(k)]
     (no_robot,) = exact.posterior(middles[None, :1] ** 2).covariance
-    return ErrorSizes(tuple(found), middles**2, mean, covariance, no_robot)
+    return ErrorSizes(tuple(found), middles**2, mean, covariance * growth(squares[:, :6, :6], weight), no_robot)
+
+
+def growth(squares, weight) -> float:
+    """How much larger than its mean the covariance of the sensor pose has to be for its region of chance REGION to hold
+    over all sizes, where squares (S, 6, 6) with weights (S,) are mean squares of the error. The squared error over the
+    covariance is taken for a multiple of χ² for each of them (Satterthwaite 1946)."""
+    ratio = np.linalg.solve(np.tensordot(weight, squares, 1), squares)
+    first, second = np.trace(ratio, axis1=1, axis2=2), np.einsum("sij,sji->s", ratio, ratio)
+    limit = chi2_limit(1 - REGION, 6)
+
+    def excess(factor):
+        return weight @ chdtrc(first**2 / second, factor * limit * first / second) - (1 - REGION)
+
+    return brentq(excess, 1.0, 1e3) if excess(1.0) > 0 else 1.0

@@ -57,7 +57,7 @@ class NoiseLevel:
     def without_robot(self) -> "NoiseLevel":
         """The same with no errors but the scanner's noise."""
         exact = dict.fromkeys(ROBOT, 0.0)
-        prior = replace(self.prior, scales=replace(self.prior.scales, **exact))
+        prior = replace(self.prior, scales=replace(self.prior.scales, **exact), robot_known=True)
         return replace(self, noise=replace(self.noise, **exact), prior=prior, systematic=Systematic())
 
     def with_scanner(self, noise_mm: float) -> "NoiseLevel":

@@ -20,8 +20,8 @@ from profilecal.joint.solution import Solution
 from profilecal.joint.state import State, normalised_square, pose_error
 
 UNLIKELY = 1e-3  # the chance of residuals so large that the covariance is enlarged
+FAR_WORSE = 100.0  # times the least loss: no answer
 TWIN_APART, TWIN_AS_GOOD = 50.0, 12.0  # χ² that another sensor pose is away, and by how much it may fit worse
-FAR_WORSE = 10.0  # times the least loss: no answer
 LARGEST_ERROR_MM = 2.0  # of a robot's position; what is larger is a mistake, not an error
 LARGEST_REJECTED = 1 / 3  # of the poses
 MANY = 0.2  # of the poses: more mistakes than anyone makes
@@ -54,9 +54,7 @@ def solve(
     if total <= problem.n:
         raise UnobservableError(f"{total} measured coordinates cannot determine {problem.n} unknowns; add poses")
 
-    fits = refine(problem, search(observations, level.noise, starts), tolerance=ROUGHLY)
-    fits = fits[np.argsort(fits.loss)]
-    fits = fits[fits.loss <= FAR_WORSE * fits.loss[0]]
+    fits = least_squares(problem, search(observations, level.noise, starts))
     others, scale = fits.state, 1.0
     if robust:
         fits = fits_of_most(problem, fits, level.usual_mm)
@@ -68,6 +66,13 @@ def solve(
         level = level.with_scanner(max(level.noise.profile_mm * scale, FINEST_MM))
         problem = problem.with_noise(level.noise)
     return conclude(estimate(problem, level, fits.state[[0]], robust), level, others.join(fits.state))
+
+
+def least_squares(problem: Problem, state: State) -> Fit:
+    """Fits by least squares, best first, but for those that are far from any answer early on."""
+    fits = refine(problem, state, iterations=10, tolerance=ROUGHLY)
+    fits = refine(problem, fits.state[fits.loss <= FAR_WORSE * np.nanmin(fits.loss)], tolerance=ROUGHLY)
+    return fits[np.argsort(fits.loss)]
 
 
 def typical(problem: Problem, fits: Fit) -> np.ndarray:
@@ -87,14 +92,20 @@ def fits_of_most(problem: Problem, fits: Fit, usual_mm: float) -> Fit:
     """Fits to most of the poses, best first: by Cauchy's loss where least squares leave poses that contradict the
     others, or residuals that are large for all (many bad poses hide each other); and after another search among them
     where that does too. Least squares for a handful of poses, where some fit to most of them is nearly exact."""
-    large = typical(problem, fits)[0] * problem.noise.profile_mm > 2 * usual_mm
-    if not large and not any(bad.any() for bad in contradicting(problem, fits)):
+
+    def doubtful(fits: Fit) -> bool:
+        large = typical(problem, fits)[0] * problem.noise.profile_mm > 2 * usual_mm
+        return bool(large) or any(bad.any() for bad in contradicting(problem, fits))
+
+    if not doubtful(fits):
         return fits
     found = robust_fit(problem, fits.state)
-    if any(bad.any() for bad in contradicting(problem, found)):
+    if doubtful(found):
         found = robust_fit(problem, search_among_outliers(problem.observations, problem.noise, found.state))
     kept = [~bad for bad in contradicting(problem, found)]
-    return found if problem.counted(kept) > problem.n else fits
+    if problem.counted(kept) > problem.n:
+        return found
+    return least_squares(problem, fits.state.join(found.state))
 
 
 def contradicting(problem: Problem, fits: Fit) -> list[np.ndarray]:
@@ -153,7 +164,7 @@ def estimate(problem: Problem, level: NoiseLevel, state: State, robust: bool) ->
             if np.mean(grossly) - np.mean(after) > LARGEST_REJECTED or whole.counts[after].sum() <= problem.n:
                 after = grossly  # the model is at fault, not the poses
         small = np.abs(found.mean[0]) < SETTLED * np.sqrt(np.diag(found.covariance[0]))
-        if ((after == kept).all() and small.all()) or turn == ROUNDS - 1:
+        if ((after == kept).all() and small[: problem.n].all()) or turn == ROUNDS - 1:
             break
         state, kept = after_step(problem, state, found.mean[0]), after
     return Estimate(problem, state, columns, model, average(model, level.prior, names, unit, y, root))
