@@ -7,15 +7,11 @@ import pytest
 from planned import KINDS, model_for
 
 from profilecal.geometry.poses import inverse
-from profilecal.plan.candidates import BEYOND, Limits, draw, flange_at, random_views, refused, turned
+from profilecal.plan.candidates import BEYOND, Limits, draw, turned
 from profilecal.plan.design import design
 from profilecal.scan.scan import ScanError
 
 BOX = Limits(low=(700, -200, 250), high=(1100, 250, 800), avoid=((850.0, 0.0, 500.0, 60.0),))
-
-
-def with_margins(model, **margins):
-    return replace(model, guess=replace(model.guess, margins=replace(model.guess.margins, **margins)))
 
 
 @pytest.mark.parametrize("kind", [*KINDS, "point"])
@@ -24,10 +20,8 @@ def test_planned_poses_keep_the_target_in_view_for_any_guess_as_wrong_as_stated(
     plan = design(model, Limits(), rng, poses=12, candidates=600)
     for _ in range(1000):
         wrong = model.elsewhere(rng)
-        x, z = np.moveaxis(wrong.seen(*wrong.planes(plan.R, plan.T), 9), -1, 0)
-        assert np.isfinite(x).all()
-        assert (z > model.scanner.near).all()
-        assert (z < model.scanner.far).all()
+        x, z = np.moveaxis(wrong.seen(*wrong.planes(plan.R, plan.T), 9), -1, 0)  # NaN where it is missed
+        assert (np.abs(2 * z - model.scanner.near - model.scanner.far) < model.scanner.far - model.scanner.near).all()
         assert (np.abs(x) < model.scanner.half_width(z)).all()
 
 
@@ -44,14 +38,6 @@ def test_poses_stay_in_the_box_out_of_the_zones_and_within_the_tilt(mount, zone)
     assert 35 < np.abs(spin).max() <= 45
 
 
-def test_larger_margins_leave_fewer_poses():
-    model = model_for("edge")
-    R, T = flange_at(model, *random_views(model, Limits(), 500, np.random.default_rng(3)))
-    wrong = [with_margins(model, mount_mm=size, target_mm=size) for size in (0.0, 5.0, 10.0)]
-    counts = [(refused(one, Limits(), R, T) == "").sum() for one in wrong]
-    assert counts[0] > counts[1] > counts[2] > 0
-
-
 @pytest.mark.parametrize(
     ("limits", "margin_mm", "sentence"),
     [
@@ -61,6 +47,8 @@ def test_larger_margins_leave_fewer_poses():
     ],
 )
 def test_limits_and_guesses_that_leave_no_pose_are_refused_in_words(limits, margin_mm, sentence):
+    model = model_for("edge")
+    guess = replace(model.guess, margins=replace(model.guess.margins, mount_mm=margin_mm))
     with pytest.raises(ScanError, match="only 0 of") as error:
-        draw(with_margins(model_for("edge"), mount_mm=margin_mm), limits, 10, np.random.default_rng(4))
+        draw(replace(model, guess=guess), limits, 10, np.random.default_rng(4))
     assert sentence in str(error.value)

@@ -7,7 +7,6 @@ import pytest
 from planned import KINDS, errors, model_for
 
 from profilecal.geometry.noise import Systematic
-from profilecal.geometry.poses import angle_between
 from profilecal.plan.candidates import Limits, draw
 from profilecal.plan.scan_model import information, predict
 
@@ -54,14 +53,8 @@ def test_a_prediction_says_how_far_it_depends_on_the_guess():
         (low, _), (high, _) = found.between
         spread[kind] = high / low
     assert 1 < spread["edge"] < 1.3 < spread["ball"]  # where a plane cuts a ball depends on the guess
-
-
-def test_a_wrong_guess_is_wrong_within_its_margins():
-    model, rng = model_for("ball"), np.random.default_rng(4)
-    for other in [model.elsewhere(rng) for _ in range(50)]:
-        assert np.linalg.norm(other.T_sensor - model.T_sensor) <= 5
-        assert np.linalg.norm(other.target.centre - model.target.centre) <= 5
-        assert 0 < np.degrees(angle_between(other.R_sensor, model.R_sensor)) <= 3 + 1e-6
+    shifts = [np.linalg.norm(model.elsewhere(rng).T_sensor - model.T_sensor) for _ in range(50)]
+    assert 4 < max(shifts) <= model.guess.margins.mount_mm
 
 
 def test_a_face_is_seen_from_one_side_of_the_view_to_the_other():
