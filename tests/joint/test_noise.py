@@ -1,9 +1,10 @@
 """The noise that a solution rests on."""
 
 import numpy as np
+import pytest
 from many_scenes import SIGMA
 
-from profilecal.joint.noise import affine_noise
+from profilecal.calibrate.check import affine_noise
 from profilecal.joint.solve import solve
 from profilecal.simulate.scene import random_scene
 
@@ -16,7 +17,7 @@ def test_noise_is_estimated_and_said_how():
     assert abs(level / SIGMA - 1) < 4 * np.sqrt(0.5 / freedom) * np.sqrt(np.pi / 2)  # of a median over the groups
     found = solve([edge])
     assert found.noise_source == "estimated"
-    assert "rotation groups" in found.level.how
+    assert found.noise_mm == pytest.approx(SIGMA, rel=4 * np.sqrt(0.5 / found.dof))
     ball = solve([random_scene("ball", rng, count=20).noisy(SIGMA, rng)])
     assert ball.level.how == "from the residuals"
     assert abs(ball.noise_mm / SIGMA - 1) < 4 * np.sqrt(0.5 / ball.dof)

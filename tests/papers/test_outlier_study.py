@@ -5,10 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from profilecal.calibrate.check import affine_outliers
+from profilecal.calibrate.check import affine_noise, affine_outliers
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import directions, rotations
-from profilecal.joint.noise import affine_noise
 from profilecal.joint.problem import Problem
 from profilecal.joint.solve import solve
 from profilecal.papers.edge_plan import EdgePlan

@@ -7,7 +7,6 @@ import numpy as np
 from profilecal.calibrate.observe import as_observations, observe
 from profilecal.geometry.fitting import affine_residuals
 from profilecal.geometry.noise import FALSE_ALARM, chi2_limit
-from profilecal.joint.noise import affine_noise
 from profilecal.joint.observability import LEAST_TURN_DEG, name_axis, turns
 from profilecal.joint.observations import Observations
 from profilecal.scan.scan import Scan
@@ -75,3 +74,25 @@ def affine_outliers(observations: Observations) -> list[list[int]]:
             bad.append([int(rows[size.argmax()])])
             rows = np.delete(rows, size.argmax())
     return sorted(bad)
+
+
+def affine_noise(observations: Observations) -> tuple[float, int]:
+    """Scanner noise from an edge or a marked point before anything is calibrated, mm, and its degrees of freedom.
+
+    Inside a rotation group the sensed point is an affine function of the flange position, whatever the calibration:
+    what is left of a regression is noise. The median over the groups keeps a bad point from counting.
+    """
+    P, m = observations.points.shape[-3:-1]
+    points, weights = np.asarray(observations.points)[0].reshape(P, 2 * m), np.ones(P)
+    if observations.covariance is not None:
+        weights = np.sqrt(2 * m / np.trace(observations.covariance[0], axis1=1, axis2=2))
+    variances, freedoms = [], []
+    for label in np.unique(observations.group):
+        rows = (observations.group == label) & np.isfinite(points).all(axis=1)
+        if rows.sum() < 3:
+            continue
+        left, _, freedom = affine_residuals(observations.T_flange[0, rows], points[rows], weights[rows])
+        if freedom > 0:
+            variances.append(np.sum(left**2) / chi2_limit(0.5, 2 * m * freedom))
+            freedoms.append(2 * m * freedom)
+    return (float(np.sqrt(np.median(variances))), sum(freedoms)) if variances else (0.0, 0)

@@ -82,7 +82,7 @@ def without(solution: Solution, whole: LinearModel, profiles, chance: float) -> 
     prior, unit = solution.level.prior, problem.noise.profile_mm
     if not prior.robot_known and whole.counts[kept].sum() > problem.n:
         law = prior.law(names, unit)
-        drawn = draw(model, law, *likeliest(model, law, law.coordinates(np.sqrt(v))))
+        drawn = draw(model, law, *likeliest(model, law, np.zeros(len(law.free))))
         v = normalised(drawn.log_weight) @ drawn.v
     found = model.posterior(v[None])
     if str(of_covariance(found.covariance[0, :6, :6], problem.n, problem.n).status) == "unobservable":

@@ -17,7 +17,7 @@ from functools import cache
 
 import numpy as np
 from scipy.optimize import brentq
-from scipy.special import chdtrc, gammaln, ndtr, ndtri, stdtr, stdtrit
+from scipy.special import chdtrc, gammaln, ndtr, ndtri, stdtrit
 
 from profilecal.geometry.noise import ROBOT, Noise, chi2_limit
 from profilecal.joint.linear_model import LinearModel
@@ -76,17 +76,6 @@ class Law:
     def free(self) -> np.ndarray:
         """Which (d,) of the sizes are not known."""
         return np.flatnonzero(self.spreads)
-
-    def sizes(self, y) -> np.ndarray:
-        """(S, 1 + k) at coordinates y (S, d) of the free ones."""
-        return np.sqrt(self.variances(y)[0])
-
-    def coordinates(self, sizes) -> np.ndarray:
-        """Those (d,) of sizes (1 + k,); of sizes that are zero, the middle."""
-        ratio, f = np.asarray(sizes)[self.free] / self.scales[self.free], self.spreads[self.free]
-        with np.errstate(divide="ignore"):
-            y = np.where(self.free == 0, np.log(ratio) / f, -ndtri(2 * stdtr(f, -ratio)))
-        return np.clip(np.where(ratio > 0, y, 0.0), -FARTHEST, FARTHEST)
 
     def variances(self, y) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The squares (S, 1 + k) of the sizes at coordinates y (S, d), and their first and second derivatives (S, d).
@@ -217,8 +206,7 @@ def average(model: LinearModel, prior: Prior, names: Sequence[str], unit_mm: flo
         odds.append(EXACT_ROBOT)
         if prior.usual:
             usual = prior.usual.law(names, unit_mm)
-            start = usual.coordinates(law.sizes(likely[None])[0])
-            parts.append(draw(model, usual, *likeliest(model, usual, start)))
+            parts.append(draw(model, usual, *likeliest(model, usual, likely)))
             odds.append(1.0)
     weight = normalised(np.concatenate([part.log_weight + np.log(o) for part, o in zip(parts, odds, strict=True)]))
     means, covariances = (np.concatenate([getattr(p, name) for p in parts]) for name in ("mean", "covariance"))

@@ -1,19 +1,14 @@
 """The noise that a solution rests on, decided once, before it."""
 
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields, replace
 
 import numpy as np
 
-from profilecal.geometry.fitting import affine_residuals
-from profilecal.geometry.noise import ROBOT, Noise, Systematic, chi2_limit
+from profilecal.geometry.noise import ROBOT, Noise, Systematic
 from profilecal.joint.error_sizes import USUAL, ErrorSizes, Prior
-from profilecal.joint.observations import Observations
 
-FROM_PROFILES = "of the features that the profiles show"
-PROFILE_SPREAD = {"given": 0.0, "groups": 0.0, "profiles": 0.5, "residuals": 2.0}  # of the scanner's logarithm
+PROFILE_SPREAD = {"given": 0.0, "profiles": 0.5, "residuals": 2.0}  # of the scanner's logarithm
 FINEST_MM = 1e-5  # scanner noise: residuals of exact data are rounding
-LEAST_FREEDOM = 10  # degrees of freedom that a scatter inside rotation groups must have to be trusted
 
 
 TYPICAL = Systematic(  # where nothing is stated
@@ -31,7 +26,7 @@ class NoiseLevel:
     """The noise of a solution, and where it is from."""
 
     noise: Noise
-    source: str  # given; groups: scatter inside rotation groups; residuals: still to be found; profiles: raw profiles
+    source: str  # given; residuals: still to be found; profiles: raw profiles
     how: str  # in words
     prior: Prior  # of how large all errors are
     systematic: Systematic = Systematic()  # noqa: RUF009
@@ -66,26 +61,16 @@ class NoiseLevel:
         return replace(self, noise=replace(self.noise, profile_mm=noise_mm), prior=prior)
 
 
-def noise_from_groups(observations: Sequence[Observations], stated: Noise) -> NoiseLevel:
-    """The noise to begin with where the robot errs as stated: the scanner's as stated, from rotation groups, or 1 mm
-    until the residuals tell.
+def as_stated(noise: Noise) -> NoiseLevel:
+    """The noise to begin with where the robot errs as stated, and the scanner too, or as the residuals tell.
 
     Raises ValueError for a noise that is none.
     """
-    noise, source, how = stated, "given", "as given"
-    if not stated.profile_mm:
-        found = [affine_noise(o) for o in observations if o.target.affine and o.group is not None]
-        freedom = sum(f for _, f in found)
-        if freedom >= LEAST_FREEDOM:
-            scatter = max(float(np.sqrt(sum(f * s**2 for s, f in found) / freedom)), FINEST_MM)
-            source, how = "groups", f"from the scatter inside rotation groups, {freedom} degrees of freedom"
-        else:
-            scatter, source, how = 1.0, "residuals", "from the residuals"
-        noise = replace(stated, profile_mm=scatter)
-    elif not stated.profile_mm > 0:
-        raise ValueError(f"profile_mm is {stated.profile_mm}; expected a standard deviation, 0 if unknown")
-    prior = Prior(noise, profile_spread=PROFILE_SPREAD[source], robot_known=True)
-    return NoiseLevel(noise, source, how, prior)
+    if noise.profile_mm < 0:
+        raise ValueError(f"profile_mm is {noise.profile_mm}; expected a standard deviation, 0 if unknown")
+    source, how = ("given", "as given") if noise.profile_mm else ("residuals", "from the residuals")
+    noise = replace(noise, profile_mm=noise.profile_mm or 1.0)
+    return NoiseLevel(noise, source, how, Prior(noise, profile_spread=PROFILE_SPREAD[source], robot_known=True))
 
 
 def prior_from(stated: dict[str, float], features_mm: float = 0.0, shared_mm: float = 0.0) -> NoiseLevel:
@@ -103,30 +88,8 @@ def prior_from(stated: dict[str, float], features_mm: float = 0.0, shared_mm: fl
     )
     source, how = "residuals", "from the residuals"
     if features_mm:
-        source, how = "profiles", FROM_PROFILES
+        source, how = "profiles", "of the features that the profiles show"
     elif stated.get("profile_mm"):
         source, how = "given", "as given"
     prior = Prior(replace(noise, **robot), frozenset(ROBOT) & stated.keys(), PROFILE_SPREAD[source])
     return NoiseLevel(noise, source, how, prior, systematic)
-
-
-def affine_noise(observations: Observations) -> tuple[float, int]:
-    """Scanner noise from an edge or a marked point before anything is calibrated, mm, and its degrees of freedom.
-
-    Inside a rotation group the sensed point is an affine function of the flange position, whatever the calibration:
-    what is left of a regression is noise. The median over the groups keeps a bad point from counting.
-    """
-    P, m = observations.points.shape[-3:-1]
-    points, weights = np.asarray(observations.points)[0].reshape(P, 2 * m), np.ones(P)
-    if observations.covariance is not None:
-        weights = np.sqrt(2 * m / np.trace(observations.covariance[0], axis1=1, axis2=2))
-    variances, freedoms = [], []
-    for label in np.unique(observations.group):
-        rows = (observations.group == label) & np.isfinite(points).all(axis=1)
-        if rows.sum() < 3:
-            continue
-        left, _, freedom = affine_residuals(observations.T_flange[0, rows], points[rows], weights[rows])
-        if freedom > 0:
-            variances.append(np.sum(left**2) / chi2_limit(0.5, 2 * m * freedom))
-            freedoms.append(2 * m * freedom)
-    return (float(np.sqrt(np.median(variances))), sum(freedoms)) if variances else (0.0, 0)

@@ -17,7 +17,7 @@ from profilecal.joint.state import State
 POSES, POINTS = 40, 5  # the search looks at that many poses, and points in each
 COARSE, GRID = "T", "I"  # scipy's names for 12 and 60 rotations: any rotation is within 45° of one of the 60
 STEPS, TIMES, AGREEING = 8, 2, 5  # from the coarse grid: steps, how often, and how many starts with one end are enough
-ROUNDS = ((12, 30), (20, 12))  # from the grid: steps, and how many starts go on after them
+ROUNDS = ((6, 24), (8, 10), (16, 6))  # from the grid: steps, and how many starts go on after them
 HOPELESS = 100.0  # times the noise, or the best loss
 KEPT = 6  # starts that all poses are looked at from
 SUBSET = 24  # poses that one start looks at where some are bad: few enough to be lucky

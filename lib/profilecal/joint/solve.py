@@ -11,7 +11,7 @@ from profilecal.geometry.poses import angle_between
 from profilecal.joint.descent import Fit, reach, refine
 from profilecal.joint.error_sizes import ErrorSizes, Prior, average, likeliest
 from profilecal.joint.linear_model import LinearModel
-from profilecal.joint.noise import FINEST_MM, NoiseLevel, noise_from_groups
+from profilecal.joint.noise import FINEST_MM, NoiseLevel, as_stated
 from profilecal.joint.observability import Spectrum, explain, of_covariance, spectrum
 from profilecal.joint.observations import Observations
 from profilecal.joint.problem import Problem
@@ -48,7 +48,7 @@ def solve(
     observations = list(observations)
     if not observations:
         raise ValueError("no observations given; expected at least one target")
-    level = noise if isinstance(noise, NoiseLevel) else noise_from_groups(observations, noise or Noise())
+    level = noise if isinstance(noise, NoiseLevel) else as_stated(noise or Noise())
     problem = Problem(observations, level.noise, level.systematic)
     total = int(problem.count()[0])
     if total <= problem.n:
@@ -195,7 +195,7 @@ def belonging(problem: Problem, model: LinearModel, errors, covariances, x, v) -
     """The profiles (profiles,) whose residuals chance explains, but for those of groups of which it does not explain
     more than half. `errors` (profiles, q), `covariances`: of the rows that speak of the flange; `x` (n,): the unknowns.
     """
-    chance, x = FALSE_ALARM / len(errors), np.append(x, 1.0)
+    chance, x = FALSE_ALARM / 2 / len(errors), np.append(x, 1.0)  # two tests of each
     of_flange, others = squares(model, errors, covariances, x, v)
     rest = model.counts - model.ranks
     bad = of_flange > chi2_limit(chance, np.maximum(model.ranks, 1))
@@ -221,12 +221,10 @@ def conclude(estimated: Estimate, level: NoiseLevel, others: State) -> Solution:
     posterior = model.posterior(found.v[None])
     chi2, dof = float(posterior.square[0]), int(model.counts[model.kept].sum()) - problem.n
     covariance, factor = found.covariance[:6, :6], chi2 / dof
-    if level.source in ("given", "groups") and level.prior.robot_known and factor > chi2_limit(UNLIKELY, dof) / dof:
+    if level.source == "given" and level.prior.robot_known and factor > chi2_limit(UNLIKELY, dof) / dof:
         covariance = covariance * factor
-        than = "what the stated noise explains"
-        if level.source == "groups":
-            than = "the scatter inside rotation groups, so groups differ by more than scanner noise (robot errors?)"
-        messages.append(f"residuals are {factor**0.5:.2g} times {than}; the covariance is enlarged to match")
+        than = "what the stated noise explains; the covariance is enlarged to match"
+        messages.append(f"residuals are {factor**0.5:.2g} times {than}")
     kept = problem.split(model.kept)
     rank = spectrum(problem.moments(state, weights=kept).normal[0, :-1, :-1], problem.units).rank
     seen = of_covariance(covariance, rank, problem.n)
