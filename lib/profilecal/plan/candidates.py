@@ -45,7 +45,7 @@ def draw(model: ScanModel, limits: Limits, count: int, rng: np.random.Generator,
             break
     R, T = (np.concatenate(part)[:count] for part in zip(*found, strict=True))
     if len(T) < count:
-        total = sum(why.values())
+        total = why.total()
         said = "; ".join(f"{n / total:.0%} {reason}" for reason, n in why.most_common() if reason)
         raise ScanError(
             f"only {len(T)} of {total} poses within the limits are possible: {said}. "

@@ -65,8 +65,7 @@ def write_plan(task: Task, plan: Plan, folder: Path) -> None:
     model, labels = plan.model, [f"{k:03d}" for k in range(1, len(plan.T) + 1)]
     write_table(folder / "poses.csv", poses_columns(labels, *plan.robot_poses, task.source.convention))
     target = {"kind": model.target.kind} | dict(zip(model.target.lengths, model.sizes, strict=True))
-    title = task.source.title or f"planned {model.target.kind}"
-    header = {"title": title, "units": "mm", "mount": task.source.mount}
+    header = {"title": task.source.title or f"planned {model.target.kind}", "units": "mm", "mount": task.source.mount}
     files = {"scan.toml": header | {"target": target, "noise": task.noise}}
     if task.entries:
         noise = task.noise | {name: getattr(model.noise, name) for name in ROBOT}

@@ -122,8 +122,7 @@ def design(
     given = information(model, *before) if len(before[0]) else 0.0
     pool = Pool.of(model, *draw(model, limits, candidates, rng, BEYOND), until, given)
     chosen = []
-    steps = (poses or most) + ROUNDS
-    with tqdm(desc="planning", total=steps, disable=None, leave=False, delay=2.0) as bar:
+    with tqdm(desc="planning", total=(poses or most) + ROUNDS, disable=None, leave=False, delay=2.0) as bar:
         while not chosen or (len(chosen) < (poses or most) and (poses or pool.lacks(chosen) > 1)):
             chosen = added(pool, chosen)
             bar.update()
