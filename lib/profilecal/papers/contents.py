@@ -23,7 +23,7 @@ CONTENTS = (
     ("disk", "Section V-A, Fig. 14, Table I, Eqs 48-51", "the measured calibration", "21"),
     ("disk", "Section V-B, Eq. 52, Fig. 15", "simulated noise of the chords", "22"),
     ("disk", "Section V-C, Fig. 16", "repeatability", "21"),
-    ("disk", "Section V-D1, Table II", "what disk, ball and tetra-ball methods need", "29 32"),
+    ("disk", "Section V-D1, Table II", "what disk, ball and tetra-ball methods need", "29 30"),
     ("disk", "Section V-D2, Tables III and IV, Eqs 53-56", "the measured ball calibration", "29 30"),
     ("disk", "Section V-D3, Fig. 17", "simulated noise of the ball's arcs", "31"),
 )

@@ -1,0 +1,41 @@
+"""The ball's pages hold what the paper prints, and all pages together compare each of its results once."""
+
+import json
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+from profilecal.papers import published
+from profilecal.papers.items import items_of
+
+NOTEBOOKS = Path(__file__).parents[2] / "notebooks"
+
+
+def test_the_pages_compare_each_printed_result_of_the_disk_paper_once():
+    pages = sorted(NOTEBOOKS.rglob("*.ipynb"))
+    items = [item for page in pages for item in items_of(page) if item.paper == "disk"]
+    compared = Counter(item.item for item in items)
+    results = published.table("disk").query("role == 'result'")
+    assert compared == dict.fromkeys(results["item"], 1)
+    for item in items:
+        readings = Counter(row.reading for row in item.rows)
+        printed = results.loc[results["item"] == item.item, "printed"].tolist()
+        for reading in readings:
+            assert [row.printed for row in item.rows if row.reading == reading] == printed
+
+
+@pytest.mark.parametrize("item", ["Table III", "Table IV"])
+def test_the_measured_page_shows_the_tables_as_printed(item):
+    cells = json.loads((NOTEBOOKS / "30_ball_measured.ipynb").read_text(encoding="utf-8"))["cells"]
+    outputs = [output.get("data", {}) for cell in cells for output in cell.get("outputs", [])]
+    shown = "".join("".join(data.get("text/markdown", "")) for data in outputs)
+    vectors = published.table("disk").query("item == @item").groupby(["quantity", "row"])["printed"]
+    assert len(vectors) in (18, 24)
+    for _, vector in vectors:
+        assert f"({', '.join(vector)})".replace("-", "−") in shown
+
+
+def test_a_number_that_differs_says_why():
+    rows = [row for page in sorted(NOTEBOOKS.rglob("*.ipynb")) for item in items_of(page) for row in item.rows]
+    assert [row for row in rows if not row.inside and not row.why] == []
