@@ -6,10 +6,9 @@ import numpy as np
 
 from profilecal.calibrate.calibration import Calibration
 from profilecal.geometry.noise import FALSE_ALARM, chi2_limit
-from profilecal.joint.error_sizes import draw, likeliest, normalised
-from profilecal.joint.linear_model import LinearModel
+from profilecal.joint.error_sizes import Law, likeliest
+from profilecal.joint.linear_model import LinearModel, Posterior
 from profilecal.joint.observability import of_covariance
-from profilecal.joint.solution import Solution
 
 
 @dataclass(frozen=True)
@@ -59,42 +58,48 @@ def leave_out(found: Calibration) -> LeftOut:
     if found.status == "unobservable":
         raise ValueError("only a calibration that has an answer can be cross-validated")
     solution = found.solution
-    problem, whole = solution.problem, solution.model()[0]
+    problem, (whole, _) = solution.problem, solution.model()
+    law = solution.level.prior.law(whole.names, problem.noise.profile_mm)
+    columns, start = problem.columns_in_mm(solution.state), likeliest(whole, law, np.zeros(len(law.free)))[0]
     labels = [label for part in found.labels_by_scan() for label in part]
-    members, first = [], 0
-    for term in problem.terms:
-        there = whole.kept[first : first + term.P]
-        members += [first + np.flatnonzero((term.group == g) & there) for g in range(term.group.max() + 1)]
-        first += term.P
+    members = [
+        profiles[(term.group == g) & whole.kept[profiles]]
+        for profiles, term in zip(problem.split(np.arange(len(labels))), problem.terms, strict=True)
+        for g in range(term.group.max() + 1)
+    ]
     members = [profiles for profiles in members if len(profiles)]
-    rows = [without(solution, whole, profiles, FALSE_ALARM / len(members)) for profiles in members]
+    rows = []
+    for profiles in members:
+        chosen = np.isin(np.arange(len(labels)), profiles)
+        others = whole.keeping(whole.kept & ~chosen)
+        left = others.posterior(mean_variances(law, *likeliest(others, law, start))[None])
+        if str(of_covariance(left.covariance[0, :6, :6], problem.n, problem.n).status) == "unobservable":
+            rows.append((np.nan, np.nan, False, np.full(6, np.nan)))
+            continue
+        error, S, excess = predicted(others, left, profiles)
+        rms = problem.rms_mm(solution.state, left.mean[0], chosen, columns)
+        beyond_chance = error @ np.linalg.solve(S, error) > chi2_limit(
+            FALSE_ALARM / len(members), whole.ranks[profiles].sum()
+        )
+        rows.append((rms, rms / excess, beyond_chance and excess > 1, left.mean[0, :6]))
     rms, expected, doubted, moved = (np.array(column) for column in zip(*rows, strict=True))
     return LeftOut(tuple(tuple(labels[k] for k in some) for some in members), rms, expected, doubted, moved)
 
 
-def without(solution: Solution, whole: LinearModel, profiles, chance: float) -> tuple[float, float, bool, np.ndarray]:
-    """What the others say of some profiles (k,): rms in mm, the same as expected, whether they are doubted, and by how
-    much the sensor moves (6,)."""
-    problem, names = solution.problem, whole.names
-    kept = whole.kept.copy()
-    kept[profiles] = False
-    model, v = whole.keeping(kept), solution.level.found.v
-    prior, unit = solution.level.prior, problem.noise.profile_mm
-    if not prior.robot_known and whole.counts[kept].sum() > problem.n:
-        law = prior.law(names, unit)
-        drawn = draw(model, law, *likeliest(model, law, np.zeros(len(law.free))))
-        v = normalised(drawn.log_weight) @ drawn.v
-    found = model.posterior(v[None])
-    if str(of_covariance(found.covariance[0, :6, :6], problem.n, problem.n).status) == "unobservable":
-        return np.nan, np.nan, False, np.full(6, np.nan)
+def mean_variances(law: Law, likely, root) -> np.ndarray:
+    """The mean (1 + k,) of variances over coordinates with that middle (d,) and a root (d, d) of their covariance, by
+    points on the axes (cubature)."""
+    axes = np.sqrt(max(len(likely), 1)) * root.T
+    return (
+        law.variances(np.concatenate([likely + axes, likely - axes]))[0].mean(axis=0) if len(likely) else law.scales**2
+    )
 
-    stretch = max(1.0, solution.chi2_per_dof) if prior.robot_known else 1.0  # larger than the noise explains
+
+def predicted(model: LinearModel, found: Posterior, profiles) -> tuple[np.ndarray, np.ndarray, float]:
+    """How far profiles (k,) are from what those kept say of them (`LinearModel.predicted`), and how many times as large
+    their residuals are as they are to be expected."""
     error, S = model.predicted(found, profiles)
-    S, x = stretch * S, np.append(found.mean[0], 1.0)
-    rest = x @ whole.rest[profiles].sum(axis=0) @ x
-    count, ranks = whole.counts[profiles].sum(), whole.ranks[profiles].sum()
-    square, expected = error @ error + rest, np.trace(S) + (count - len(S)) * stretch * v[0]
-    excess = np.sqrt(square / expected)
-    in_mm = problem.rms_mm(solution.state, found.mean[0], np.isin(np.arange(len(kept)), profiles))
-    beyond_chance = error @ np.linalg.solve(S, error) > chi2_limit(chance, ranks)
-    return in_mm, in_mm / excess, beyond_chance and excess > 1, found.mean[0, :6]
+    x = np.append(found.mean[0], 1.0)
+    square = error @ error + x @ model.rest[profiles].sum(axis=0) @ x
+    expected = np.trace(S) + (model.counts[profiles].sum() - len(S)) * found.v[0, 0]
+    return error, S, float(np.sqrt(square / expected))
