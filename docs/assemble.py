@@ -1,4 +1,4 @@
-"""Put the site's pages together from what is in the repository; nothing is executed but what `moving` computes.
+"""Put the site's pages together from what is in the repository; nothing is executed.
 
 python docs/assemble.py results/site/source
 """
@@ -16,11 +16,9 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from api import pages_of_rooms
-from moving import moving_pictures
 from PIL import Image
 
-from profilecal.papers import scorecard
-from profilecal.papers.contents import verdicts
+from profilecal.papers import items
 
 ROOT = Path(__file__).parents[1]
 COPIED = (
@@ -33,6 +31,7 @@ COPIED = (
     "data/examples/planned.toml",
     "docs/frames.png",
     "docs/sweep.png",
+    "docs/tiles.png",
     "tests/targets/test_new_target.py",
 )
 THUMBNAIL = 420  # pixels wide
@@ -63,14 +62,19 @@ def assemble(source: Path) -> None:
     (source / "notebooks").mkdir()
     figures = [figure for path in notebooks for figure in page_of(path, source / "notebooks", static / "gallery")]
     (source / "gallery.md").write_text(gallery(figures), encoding="utf-8")
-    rows = scorecard.gather(ROOT / "notebooks")
-    (source / "scorecard.md").write_text(scorecard_page(rows), encoding="utf-8")
-    (source / "moving.md").write_text(moving_pictures(), encoding="utf-8")
+    shutil.copy(ROOT / "docs" / "errata.md", source)
+    (static / "tiles.png").write_bytes(first_picture(ROOT / "notebooks" / "01_side_by_side.ipynb"))
     index = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
-    names = {"NOTEBOOKS": [f"notebooks/{path.stem}" for path in notebooks], "ROOMS": [f"api/{room}" for room in rooms]}
-    for word, entries in names.items():
-        index = index.replace(word, "\n".join(entries))
-    (source / "index.md").write_text(index.replace("EXCERPT", verdicts(rows)), encoding="utf-8")
+    index = index.replace("ROOMS", "\n".join(f"api/{room}" for room in rooms))
+    index = index.replace("SENTENCE", items.sentence(items.gather(ROOT / "notebooks")))
+    (source / "index.md").write_text(index, encoding="utf-8")
+
+
+def first_picture(path: Path) -> bytes:
+    """The first figure of a notebook, PNG."""
+    cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
+    data = [output.get("data", {}) for cell in cells for output in cell.get("outputs", [])]
+    return b64decode(next(entry["image/png"] for entry in data if "image/png" in entry))
 
 
 def page_of(path: Path, folder: Path, gallery: Path) -> list[dict]:
@@ -85,7 +89,6 @@ def page_of(path: Path, folder: Path, gallery: Path) -> list[dict]:
         )
         pictures = [entry["image/png"] for entry in data if "image/png" in entry]
         anchors = [f"figure-{k}" for k, _ in enumerate(pictures, len(figures) + 1)]
-        anchors += ["scorecard"] * any(scorecard.MIME in entry for entry in data)
         if anchors:
             cells.append(markdown("".join(f'<a id="{anchor}"></a>' for anchor in anchors)))
         for k, (anchor, picture) in enumerate(zip(anchors, pictures, strict=False)):
@@ -159,22 +162,6 @@ def gallery(figures: list[dict]) -> str:
             )
         parts.append("</div>\n")
     return "\n".join(parts)
-
-
-def scorecard_page(rows) -> str:
-    """The scorecard; each verdict is a link to the cell that gives it."""
-    frame = scorecard.to_text(rows)
-    frame["verdict"] = [
-        f"<a class='{row.verdict}' href='notebooks/{row.notebook}.html#scorecard'>{row.verdict}</a>"
-        for row in frame.itertuples()
-    ]
-    table = frame.drop(columns=["notebook"]).to_html(index=False, escape=False, classes="scorecard", border=0)
-    words = (
-        "*Reproduced*: within the tolerance, which is the rounding of the printed digits wherever that is what limits. "
-        "*Compatible*: within it, with settings that the paper leaves open. *Differs*: outside. *Unpublished*: the "
-        "paper gives nothing to compare with. Each verdict is a link to the cell that gives it."
-    )
-    return f"# Scorecard\n\nWhat the papers print beside what this repository computes.\n\n{words}\n\n{table}\n"
 
 
 if __name__ == "__main__":

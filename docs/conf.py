@@ -12,7 +12,6 @@ html_show_copyright, html_copy_source, html_show_sourcelink = False, False, Fals
 
 nb_execution_mode, nb_ipywidgets_js = "off", {}  # as committed; no scripts from elsewhere
 nb_render_markdown_format = "myst"  # outputs have tables and links, too
-nb_mime_priority_overrides = [("html", "application/vnd.profilecal.scorecard+json", None)]
 myst_enable_extensions = ["dollarmath", "amsmath"]
 myst_dmath_double_inline, myst_heading_anchors = True, 4
 suppress_warnings = ["mystnb.unknown_mime_type", "myst.header"]

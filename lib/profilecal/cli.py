@@ -58,17 +58,18 @@ def main():
 @click.option("-p", "parameters", nargs=2, multiple=True, metavar="NAME VALUE", help="Set a notebook's parameter.")
 @click.option("--output", default="results", show_default=True, type=PLACE, help="Where it all goes.")
 def reproduce(names, parameters, output):
-    """Execute the notebooks whose NAMES (or beginnings of names) are given, or all, and print the scorecard."""
+    """Execute the notebooks whose NAMES (or beginnings) are given, or all, and count the results that come out."""
+    from profilecal.papers import items
     from profilecal.running import notebooks
 
     with refusing(), interruptible("The next run starts clean."):
         given = {name: notebooks.parse_value(text) for name, text in parameters}
-        scorecard, failed = notebooks.reproduce(notebooks.find(names), given, output)
+        gathered, failed = notebooks.reproduce(notebooks.find(names), given, output)
 
     for path in notebooks.without_data() if not names else ():
         click.echo(f"Left out {path.stem}: {notebooks.REAL_DATA} is not set (see data/README.md)")
-    columns = ["paper", "item", "quantity", "published", "ours", "unit", "tolerance", "verdict"]
-    click.echo(scorecard[columns].to_string(index=False, na_rep="", float_format="{:.7g}".format))
+    if gathered:
+        click.echo(f"{items.tally(gathered).to_string(index=False)}\n\n{items.sentence(gathered)}\n")
     click.echo(f"Notebooks, figures, tables and scorecard: {output}/")
     end_with(failed, output / "notebooks")
 

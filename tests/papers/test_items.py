@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from profilecal.papers import items, published, scorecard
+from profilecal.papers import items, published
 
 MEAN = "mean of delta d"
 
@@ -65,6 +65,10 @@ def test_read_back_from_a_notebook(tmp_path):
     notebook = {"cells": [{"cell_type": "code", "outputs": [{"data": data}]}]}
     (tmp_path / "11.ipynb").write_text(json.dumps(notebook), encoding="utf-8")
     assert items.items_of(tmp_path / "11.ipynb") == [item]
-    frame = scorecard.gather(tmp_path)
+    gathered = items.gather(tmp_path)
+    assert gathered == [("11", item)]
+    assert items.tally(gathered).iloc[0].tolist() == ["Xu 2021", "Table 2", 12, 12, 0, 0, "11"]
+    assert items.sentence(gathered).startswith("12 of 12 printed results come out")
+    frame = items.scorecard(gathered)
     assert (frame["verdict"] == "reproduced").all()
-    assert frame["published"].tolist() == published.values("edge", "Table 2", MEAN).ravel().tolist()
+    assert frame["printed"].astype(float).tolist() == published.values("edge", "Table 2", MEAN).ravel().tolist()

@@ -15,6 +15,7 @@ from profilecal.papers import published
 
 MIME = "application/vnd.profilecal.item+json"
 PAPERS = {"edge": "Xu 2021", "disk": "Chen 2018"}
+VERDICTS = "reproduced", "compatible", "differs"
 DIGITS = 2  # of ours, beyond the printed ones, that the data hold
 
 
@@ -201,3 +202,39 @@ def items_of(notebook: Path) -> list[Item]:
     cells = json.loads(notebook.read_text(encoding="utf-8"))["cells"]
     outputs = [output.get("data", {}) for cell in cells for output in cell.get("outputs", [])]
     return [from_json(data[MIME]) for data in outputs if MIME in data]
+
+
+def gather(folder: Path) -> list[tuple[str, Item]]:
+    """All items of the executed notebooks in a folder, each with its notebook's name, in reading order."""
+    return [(path.stem, item) for path in sorted(folder.glob("[!.]*.ipynb")) for item in items_of(path)]
+
+
+def tally(gathered) -> pd.DataFrame:
+    """For each item how many printed numbers are reproduced, compatible, or differ, and the notebook that says so."""
+    lines = []
+    for stem, item in gathered:
+        inside, count = sum(item.inside), len(item.inside)
+        agree = {"reproduced": 0 if item.free else inside, "compatible": inside if item.free else 0}
+        where = {"paper": PAPERS[item.paper], "item": item.item}
+        lines.append(where | {"printed": count} | agree | {"differs": count - inside, "notebook": stem})
+    return pd.DataFrame(lines, columns=["paper", "item", "printed", *VERDICTS, "notebook"])
+
+
+def sentence(gathered) -> str:
+    """How many printed results come out."""
+    found = tally(gathered)
+    good = found["reproduced"].sum() + found["compatible"].sum()
+    return (
+        f"{good} of {found['printed'].sum()} printed results come out within what rounding, chance or unprinted "
+        "settings allow; each of the others stands with its reason."
+    )
+
+
+def scorecard(gathered) -> pd.DataFrame:
+    """A row for each printed number and reading, with its verdict."""
+    lines = []
+    for stem, item in gathered:
+        for row in item.rows:
+            about = {"paper": PAPERS[item.paper], "item": item.item} | asdict(row)
+            lines.append(about | {"verdict": item.verdict(row), "free": item.free, "notebook": stem})
+    return pd.DataFrame(lines)

@@ -48,7 +48,7 @@ def find(names) -> list[Path]:
 
     Raises ValueError naming what is there when a name fits none.
     """
-    there = sorted(folder().glob("*.ipynb"))
+    there = sorted(folder().rglob("[!.]*.ipynb"))
     if not names:
         missing = without_data()
         return [path for path in there if path not in missing]
@@ -196,7 +196,7 @@ def outcomes(client, jobs: dict[str, tuple]):
 
 
 def reproduce(paths: list[Path], given: dict, output: Path):
-    """Execute notebooks, gather their scorecards under `output`; return the table and, by name, why some failed.
+    """Execute notebooks into `output`; return the items of the papers that they compare and, by name, why some failed.
 
     A notebook that declares `executed_dir` reads the others' results and runs after them. Nothing of an earlier run
     stays in `output`. Raises ValueError for parameters that do not fit, and when what is in the way was not written
@@ -204,14 +204,14 @@ def reproduce(paths: list[Path], given: dict, output: Path):
     """
     from tqdm import tqdm
 
-    from profilecal.papers import scorecard
+    from profilecal.papers import items
     from profilecal.scan.files import remove
 
     output = output.resolve()
     declared = {path: parameters_of(path) for path in paths}
     check_parameters({name: [value] for name, value in given.items()}, list(declared.values()))
     marker = output / "run.json"
-    for name in ("notebooks", "figures", "tables", "scorecard.csv", "scorecard.md"):
+    for name in ("notebooks", "figures", "tables", "scorecard.csv"):
         if (output / name).exists() and not marker.exists():
             raise ValueError(f"{output / name} was not written by this command; name a new or empty folder")
         remove(output / name)
@@ -234,6 +234,6 @@ def reproduce(paths: list[Path], given: dict, output: Path):
                 bar.write(f"  {name}: {'FAILED' if why else f'{took:.1f} s'}")
                 bar.update()
 
-    gathered = scorecard.gather(output / "notebooks")
-    scorecard.write(gathered, output)
+    gathered = items.gather(output / "notebooks")
+    items.scorecard(gathered).to_csv(output / "scorecard.csv", index=False)
     return gathered, failed
