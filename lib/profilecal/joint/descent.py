@@ -12,10 +12,7 @@ from profilecal.joint.problem import Moments, Problem
 from profilecal.joint.state import State
 
 REACH = np.r_[100, 100, 100, 1, 1, 1]  # mm and rad: a step as large in one as in the other
-ROUNDS = 8  # of Gauss-Newton steps with errors of the robot, at most
-ROUNDING = 1e-14  # of a loss: less is no difference
 FLAT = 1e-6  # of a loss: of a thousand residuals, a thirtieth of a standard deviation
-KEEPS = 0.9  # of what they promise, good steps
 UNDAMPED = 1e-12
 
 
@@ -81,13 +78,13 @@ def descend(moments, move, state: State, iterations: int, tolerance: float = 1e-
             trial = move(state, step)
             if small.any():  # nothing to look at there
                 state = trial.where(small & ~done, state)
-            done |= small | (promise <= ROUNDING * here.loss)
+            done |= small | (promise <= 1e-14 * here.loss)  # less is rounding
             if done.all():
                 break
             there = moments(trial)
             kept = np.nan_to_num((here.loss - there.loss) / promise, nan=-1.0)
             better = (there.loss <= here.loss) & ~done  # false for NaN
-            done |= (promise <= FLAT * here.loss) & (kept < KEEPS)
+            done |= (promise <= FLAT * here.loss) & (kept < 0.9)
             if better.all():
                 state, here = trial, there
             elif better.any():
@@ -170,7 +167,7 @@ def with_robot(problem: Problem, state: State) -> tuple[State, np.ndarray]:
     says, and its normal equations (n + 1, n + 1): Gauss-Newton steps on the linear model."""
     names = [name for name in ROBOT if getattr(problem.noise, name)]
     v = np.array([[1.0, *(getattr(problem.noise, name) ** 2 for name in names)]])
-    for _ in range(ROUNDS):
+    for _ in range(8):
         found = problem.model(state, names).posterior(v)
         state = problem.move(state, found.mean)
         if reach(found.mean).max() < 1e-6:

@@ -31,10 +31,8 @@ USUAL = Noise(  # of robots, where nothing is stated: scales of the prior, the s
     repeatability_deg=0.005,
 )
 FREEDOM, FREEDOM_OF_STATED = 3.0, 1.0  # degrees of freedom of the half-t law
-LARGEST = 100.0  # times a scale: a larger error is a mistake
 EXACT_ROBOT = 0.1  # odds that the robot's errors are far too small to matter
 REGION = 0.99  # that is to hold
-FARTHEST = 5.0  # of a size's coordinate
 DRAWS, TAILS = 32, 4.0  # sizes looked at, drawn from a t law of that many degrees of freedom
 
 
@@ -83,7 +81,7 @@ class Law:
         A size over its scale is t with P(|T| > t) = Φ(-y), T of f degrees of freedom; the scanner's is exp(f y).
         """
         f, scale = self.spreads[self.free], self.scales[self.free]
-        t = np.minimum(-stdtrit(f, ndtr(-y) / 2), LARGEST)
+        t = np.minimum(-stdtrit(f, ndtr(-y) / 2), 100.0)  # a larger error is a mistake
         density = np.exp(gammaln((f + 1) / 2) - gammaln(f / 2) - (f + 1) / 2 * np.log1p(t**2 / f)) / np.sqrt(f * np.pi)
         first = np.exp(-(y**2) / 2) / np.sqrt(2 * np.pi) / (2 * density)
         second = first * ((f + 1) * t * first / (f + t**2) - y)
@@ -102,7 +100,7 @@ def likeliest(model: LinearModel, law: Law, y, tolerance: float = 1e-3, most: in
     """
 
     def look(y):
-        y = np.clip(y, -FARTHEST, FARTHEST)
+        y = np.clip(y, -5.0, 5.0)  # standard deviations of the prior
         v, (first,), (second,) = law.variances(y[None])
         found = model.posterior(v)
         return found.log_evidence[0] - y @ y / 2, y, first, second, found

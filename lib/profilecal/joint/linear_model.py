@@ -25,8 +25,7 @@ import numpy as np
 from profilecal.joint.observability import HAND_PRECISION
 from profilecal.joint.pose_groups import PoseGroups
 
-ROUNDING = 1e-12  # of the largest eigenvalue of EᵀE; smaller ones are rounding
-RIDGE = 1e-13  # of the diagonal of H: it keeps what no residual says finite
+ROUNDING = 1e-13  # of the largest entry of a matrix of products
 
 
 @dataclass(frozen=True)
@@ -137,7 +136,7 @@ class LinearModel:
             N = N + b.Y.reshape(-1, n + 1).T @ X.reshape(len(v), -1, n + 1)
             solved.append((inverse, X))
         H, g = N[:, :n, :n] + self.precision, N[:, :n, n:]
-        H = H + RIDGE * np.einsum("sii->si", H)[:, :, None] * np.eye(n)
+        H = H + ROUNDING * np.einsum("sii->si", H)[:, :, None] * np.eye(n)
         V = np.linalg.inv(H)
         mean = -(V @ g)
         square = N[:, n, n] + (g * mean).sum(axis=(1, 2))

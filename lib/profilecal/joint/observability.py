@@ -19,7 +19,6 @@ BY_HAND_MM, BY_HAND_DEG = 10.0, 5.0
 WEAK = 0.1  # of the measurement by hand
 RANK = 1e-10  # smallest eigenvalue over largest that is not rounding
 LEAST_TURN_DEG = 1.0  # flange orientations that differ by less are taken for one
-NEAR_AXIS_DEG = 15.0  # a direction this near to an axis is called by its name
 HAND_PRECISION = np.r_[np.full(3, BY_HAND_MM), np.full(3, np.radians(BY_HAND_DEG))]
 
 
@@ -82,7 +81,7 @@ def name_axis(vector, frame: str) -> str:
     """A direction as people say it: "the flange's z", or by its components."""
     vector = np.asarray(vector) / np.linalg.norm(vector)
     k = int(np.argmax(np.abs(vector)))
-    if np.degrees(np.arccos(min(1, abs(vector[k])))) <= NEAR_AXIS_DEG:
+    if np.degrees(np.arccos(min(1, abs(vector[k])))) <= 15:
         return f"the {frame}'s {'xyz'[k]}"
     vector = vector * np.sign(vector[k])
     return f"({', '.join(f'{c + 0.0:.2f}' for c in vector)}) in the {frame}'s frame"

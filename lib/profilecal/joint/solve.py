@@ -15,23 +15,14 @@ from profilecal.joint.noise import FINEST_MM, NoiseLevel, as_stated
 from profilecal.joint.observability import Spectrum, explain, of_covariance, spectrum
 from profilecal.joint.observations import Observations
 from profilecal.joint.problem import Problem
-from profilecal.joint.search import search, search_among_outliers, typical_residual
+from profilecal.joint.search import HOPELESS, search, search_among_outliers, typical_residual
 from profilecal.joint.solution import Solution
 from profilecal.joint.state import State, normalised_square, pose_error
 
 UNLIKELY = 1e-3  # the chance of residuals so large that the covariance is enlarged
-FAR_WORSE = 100.0  # times the least loss: no answer
-TWIN_APART, TWIN_AS_GOOD = 50.0, 12.0  # χ² that another sensor pose is away, and by how much it may fit worse
 LARGEST_ERROR_MM = 2.0  # of a robot's position; what is larger is a mistake, not an error
 LARGEST_REJECTED = 1 / 3  # of the poses
-MANY = 0.2  # of the poses: more mistakes than anyone makes
 ROUGHLY = 1e-6  # tolerance of refinements
-HOPELESS = 10.0  # measurements by hand that an answer is open by
-ROUNDS = 10  # of linearising, estimating and rejecting; three are usual
-SETTLED = 0.02  # standard deviations: a smaller step is none
-LARGEST_STEP = 0.1  # rad, and a hundred times that in mm
-LARGE = 1.5  # standard deviations above what is known of the errors' sizes beforehand
-CONTRADICTING = "most poses contradict each other: no sensor pose explains half of them"
 
 
 def solve(
@@ -71,7 +62,7 @@ def solve(
 def least_squares(problem: Problem, state: State) -> Fit:
     """Fits by least squares, best first, but for those that are far from any answer early on."""
     fits = refine(problem, state, iterations=10, tolerance=ROUGHLY)
-    fits = refine(problem, fits.state[fits.loss <= FAR_WORSE * np.nanmin(fits.loss)], tolerance=ROUGHLY)
+    fits = refine(problem, fits.state[fits.loss <= HOPELESS * np.nanmin(fits.loss)], tolerance=ROUGHLY)
     return fits[np.argsort(fits.loss)]
 
 
@@ -85,7 +76,7 @@ def is_hopeless(problem: Problem, fit: Fit, scale: float) -> bool:
     scanner's noise, `scale` times as large as assumed."""
     seen = spectrum(fit.information[0], problem.units)
     too_large = typical(problem, fit)[0] * problem.noise.profile_mm > LARGEST_ERROR_MM
-    return bool(too_large or seen.rank < problem.n or seen.sd[0] * scale > HOPELESS)
+    return bool(too_large or seen.rank < problem.n or seen.sd[0] * scale > 10)  # measurements by hand
 
 
 def fits_of_most(problem: Problem, fits: Fit, usual_mm: float) -> Fit:
@@ -150,7 +141,7 @@ def estimate(problem: Problem, level: NoiseLevel, state: State, robust: bool) ->
     names, unit = level.prior.names(problem.groups.distinguishable), problem.noise.profile_mm
     law = level.prior.law(names, unit)
     y, kept = np.zeros(len(law.free)), None
-    for turn in range(ROUNDS):
+    for turn in range(10):  # three are usual
         columns = problem.columns_in_mm(state)
         whole = problem.model(state, names, columns=columns)
         if kept is None:
@@ -163,17 +154,17 @@ def estimate(problem: Problem, level: NoiseLevel, state: State, robust: bool) ->
             after = belonging(problem, whole, *model.left_out(found), found.mean[0], found.v[0])
             if np.mean(grossly) - np.mean(after) > LARGEST_REJECTED or whole.counts[after].sum() <= problem.n:
                 after = grossly  # the model is at fault, not the poses
-        small = np.abs(found.mean[0]) < SETTLED * np.sqrt(np.diag(found.covariance[0]))
-        if ((after == kept).all() and small[: problem.n].all()) or turn == ROUNDS - 1:
+        small = np.abs(found.mean[0]) < 0.02 * np.sqrt(np.diag(found.covariance[0]))  # it moves the answer by nothing
+        if ((after == kept).all() and small[: problem.n].all()) or turn == 9:
             break
         state, kept = after_step(problem, state, found.mean[0]), after
     return Estimate(problem, state, columns, model, average(model, level.prior, names, unit, y, root))
 
 
 def after_step(problem: Problem, state: State, mean) -> State:
-    """The state after a step (n + c,); not all of one that is too large for the first order, as where most is open."""
+    """The state after a step (n + c,), or as much of it as turns by no more than 0.1 rad and shifts by 10 mm."""
     step = mean[None, : problem.n]
-    return problem.move(state, step * min(1.0, LARGEST_STEP / reach(step)[0]))
+    return problem.move(state, step * min(1.0, 0.1 / reach(step)[0]))
 
 
 def of_large_errors(problem: Problem, state: State, model: LinearModel, prior: Prior) -> np.ndarray:
@@ -183,10 +174,10 @@ def of_large_errors(problem: Problem, state: State, model: LinearModel, prior: P
     scanner = np.maximum(1.0, typical(problem, problem.moments(state))[0]) if prior.profile_spread else 1.0
     for believed in (replace(prior, stated=frozenset()), prior):
         law = believed.law(model.names, problem.noise.profile_mm)
-        v = law.variances(np.full((1, len(law.free)), LARGE))[0][0]
+        v = law.variances(np.full((1, len(law.free)), 1.5))[0][0]  # standard deviations beforehand
         v[0] = (scanner * law.scales[0]) ** 2
         kept = belonging(problem, model, model.Y[:, :, -1], model.own(v), np.zeros(model.n), v)
-        if np.mean(~kept) <= MANY:
+        if np.mean(~kept) <= 0.2:
             break
     return kept if model.counts[kept].sum() > problem.n else model.kept
 
@@ -232,7 +223,7 @@ def conclude(estimated: Estimate, level: NoiseLevel, others: State) -> Solution:
     R_flange = np.concatenate([np.asarray(o.R_flange).reshape(-1, 3, 3) for o in observations])
     messages += explain(seen, state.rotation[0], R_flange, "base" if observations[0].eye_to_hand else "flange")
     if status != "unobservable":
-        twin = twin_of(estimated, state, seen, chi2 + TWIN_AS_GOOD * max(1.0, factor), others)
+        twin = twin_of(estimated, state, seen, chi2 + 12 * max(1.0, factor), others)
         status, messages = ("weak", [*messages, twin]) if twin else (status, messages)
 
     of_flange, rest = squares(model, *model.left_out(posterior), np.append(posterior.mean[0], 1.0), found.v)
@@ -261,7 +252,7 @@ def twin_of(estimated: Estimate, state: State, seen: Spectrum, largest: float, o
 
     def apart(other: State) -> bool:
         delta = pose_error(state.rotation, state.translation, other.rotation, other.translation)
-        return normalised_square(seen.covariance, delta)[0] > TWIN_APART
+        return normalised_square(seen.covariance, delta)[0] > 50
 
     for other in (others[[k]] for k in range(len(others.rotation))):
         if not apart(other):
