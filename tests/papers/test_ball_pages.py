@@ -1,6 +1,7 @@
 """The ball's pages hold what the paper prints, and all pages together compare each of its results once."""
 
 import json
+import re
 from collections import Counter
 from pathlib import Path
 
@@ -39,3 +40,9 @@ def test_the_measured_page_shows_the_tables_as_printed(item):
 def test_a_number_that_differs_says_why():
     rows = [row for page in sorted(NOTEBOOKS.rglob("*.ipynb")) for item in items_of(page) for row in item.rows]
     assert [row for row in rows if not row.inside and not row.why] == []
+
+
+def test_the_derivation_numbers_its_equations_one_by_one():
+    cells = json.loads((NOTEBOOKS / "29_ball_derivation.ipynb").read_text(encoding="utf-8"))["cells"]
+    text = "".join("".join(cell["source"]) for cell in cells if cell["cell_type"] == "markdown")
+    assert re.findall(r"\\tag\{B(\d+)\}", text) == [str(n) for n in range(1, 23)]
