@@ -85,6 +85,7 @@ def test_names_decide_not_their_order():
     [
         ("quaternion", [1, 1, 0, 0], "quaternion of length 1.414; expected length 1"),
         ("rotation vector", [180, 0, 0], "rotation vector of length 180; expected radians"),
+        ("FANUC angles", [0, 0, 1e308], r"angle of 1e\+308; expected degrees, at most 720"),
         ("matrix", [1, 0, 0, 0, 1, 0, 0, 0, 2], "matrix with R Rᵀ off the identity by 3"),
         ("matrix", [1, 0, 0, 0, 1, 0, 0, 0, -1], "matrix with determinant -1, a reflection"),
     ],

@@ -10,7 +10,7 @@ import numpy as np
 from profilecal.scan.conventions import CONVENTIONS
 from profilecal.scan.files import naming, text_of
 from profilecal.scan.scan import ScanError
-from profilecal.scan.tables import Table, listed, number, shown
+from profilecal.scan.tables import Rows, Table, in_columns, listed, number, shown
 
 TITLE = re.compile(r"(.*?)[\s_]*(?:[\[(]\s*([^\])]*?)\s*[\])].*|[\s_/]\s*(mm|m|deg|rad))?")
 ALIASES = {"q1": "qw", "q2": "qx", "q3": "qy", "q4": "qz"} | {f"{t}{axis}": axis for t in "tp" for axis in "xyz"}
@@ -23,11 +23,9 @@ TOKEN = re.compile(  # a brace and the name before it; a group of a FANUC robot'
 )
 REMARK = re.compile(r"\s*(?:#|%|//|!)[\s#%/]*")
 
-Rows = list[tuple[int, list[str]]]  # lines' numbers and fields
-
 
 def read_columns(path: Path, entry: str = "") -> Table:
-    """A file's table under its titles in lower case, or "1", "2", …; in a column "" the numbers of an array's profiles.
+    """A file's table under the names in its titles, or "1", "2", …; in a column "" the numbers of an array's profiles.
 
     `entry`: the name of the list or array, where there are several. Raises ScanError.
     """
@@ -78,8 +76,9 @@ def behind_names(path: Path, text: str) -> Table | None:
                 poses[-1].setdefault("", line_of(text, found.start()))
                 poses[-1] |= zip(names, cells, strict=True)
     poses = [pose for pose in poses if {"x", "y", "z"} <= pose.keys() or "uf" in pose]
-    lines, names = [pose.pop("") for pose in poses], dict.fromkeys(name for pose in poses for name in pose)
-    return Table(path, {name: [pose.get(name, "") for pose in poses] for name in names}, lines) if poses else None
+    units = {name: "" for pose in poses for name in pose if name}
+    rows = [(pose[""], [pose.get(name, "") for name in units]) for pose in poses]
+    return in_columns(path, units, rows) if rows else None
 
 
 def in_brackets(text: str) -> Rows:
@@ -128,13 +127,8 @@ def from_rows(path: Path, rows: Rows) -> Table:
         raise ScanError(f"{path}: no numbers in columns")
     k = mode(len(rows[j][1]) for j in numeric)
     first = next(j for j in numeric if len(rows[j][1]) == k)
-    for line, fields in rows[first:]:
-        if len(fields) != k:
-            text = f"{len(fields)} fields; expected {k} for each point or pose; is the file cut short?"
-            raise ScanError(f"{path} line {line}: {text}")
-    titles = next((fields for _, fields in rows[:first][::-1] if len(fields) == k), [str(j + 1) for j in range(k)])
-    lines, fields = zip(*rows[first:], strict=True)
-    return Table(path, dict(zip(map(str.lower, titles), zip(*fields, strict=True), strict=True)), lines)
+    titles = next((fields for _, fields in rows[:first][::-1] if len(fields) == k), k * ["1"])
+    return in_columns(path, names_and_units(titles), rows[first:])
 
 
 def name_and_unit(title: str) -> tuple[str, str]:
@@ -151,14 +145,13 @@ def names_and_units(titles) -> dict[str, str]:
     return {name if alone[j] else str(j + 1): unit for j, (name, unit) in enumerate(pairs)}
 
 
-def unit_of(path: Path, units: dict[str, str], names, known) -> str:
+def unit_of(path: Path, units: dict[str, str], known) -> str:
     """The one unit that the titles of some columns say, "" if they say none. Raises ScanError for one not known."""
-    for name in names:
-        if units[name] not in ("", *known) or units[name] != units[names[0]]:
-            found = f"the unit {shown(units[name])}" if units[name] else "no unit"
-            text = f"expected {' or '.join(known)}, the same for {', '.join(names)}"
-            raise ScanError(f"{path}: the title of column {name} says {found}; {text}")
-    return units[names[0]]
+    said = {*units.values()}
+    if len(said) > 1 or not said <= {"", *known}:
+        there = listed(f"{name} [{unit}]" for name, unit in units.items())
+        raise ScanError(f"{path}: the columns are {there}; expected one unit for all of them, {' or '.join(known)}")
+    return said.pop()
 
 
 def array(path: Path, entry: str) -> Table:
@@ -176,8 +169,8 @@ def array(path: Path, entry: str) -> Table:
         values = values.mT if values.shape[1] <= 3 < values.shape[2] else values
         numbers = {"": np.repeat(np.arange(len(values)), values.shape[1])}
         values = values.reshape(-1, values.shape[2])
-    columns = {str(j + 1): column for j, column in enumerate(values.reshape(len(values), -1).T)}
-    return Table(path, numbers | columns, range(1, len(values) + 1), "row")
+    columns = numbers | {str(j + 1): column for j, column in enumerate(values.reshape(len(values), -1).T)}
+    return Table(path, columns, range(1, len(values) + 1), "row", dict.fromkeys(columns, ""))
 
 
 def chosen(path: Path, lists, entry: str) -> str:

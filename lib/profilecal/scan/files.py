@@ -16,7 +16,8 @@ def naming(path: Path):
     except ScanError:
         raise
     except UnicodeDecodeError as error:
-        raise ScanError(f"{path}: {_not_utf8(path, error)}") from error
+        line, byte = error.object.count(b"\n", 0, error.start) + 1, error.object[error.start : error.start + 1]
+        raise ScanError(f"{path}: not UTF-8 text, {byte!r} in line {line}; save it as UTF-8") from error
     except OSError as error:
         raise ScanError(f"{path}: {error.strerror or error}") from error
     except RecursionError as error:
@@ -28,34 +29,18 @@ def naming(path: Path):
 def text_of(path: Path) -> str:
     """A file's text. Raises ScanError."""
     with naming(path):
-        return path.read_text(encoding="utf-8-sig")
-
-
-def _not_utf8(path: Path, error: UnicodeDecodeError) -> str:
-    """Where a file is no text: in the file, for `error` may count from the start of a block."""
-    content = path.read_bytes()
-    try:
-        content.decode()
-    except UnicodeDecodeError as first:
-        line = content.count(b"\n", 0, first.start) + 1
-        return f"not UTF-8 text, {content[first.start : first.start + 1]!r} in line {line}; save it as UTF-8"
-    return f"not UTF-8 text ({error.reason})"
+        return path.read_bytes().decode("utf-8-sig")
 
 
 def is_file(path: Path) -> bool:
     """Whether there is a file. Raises ScanError for what is no file, or cannot be told (a loop of links, no right)."""
-    return is_there(path, stat.S_ISREG, "file")
-
-
-def is_there(path: Path, fits, noun: str) -> bool:
-    """Whether there is something at a path. Raises ScanError where its mode does not fit, or cannot be told."""
     with naming(path):
         try:
             mode = path.stat().st_mode
         except FileNotFoundError:
             return False
-    if not fits(mode):
-        raise ScanError(f"{path}: not a {noun}")
+    if not stat.S_ISREG(mode):
+        raise ScanError(f"{path}: not a file")
     return True
 
 

@@ -3,16 +3,15 @@
 data/README.md describes the format. Lengths are millimetres once read, whatever the folder's units.
 """
 
-import stat
 from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
 
 from profilecal.geometry.noise import Noise, Systematic
-from profilecal.geometry.poses import angle_between, rotation_groups
+from profilecal.geometry.poses import rotation_groups
 from profilecal.scan.conventions import find_convention, from_rotations, named, to_rotations
-from profilecal.scan.files import is_file, is_there, naming, new_folder
+from profilecal.scan.files import is_file, naming, new_folder
 from profilecal.scan.scan import Scan, ScanError
 from profilecal.scan.tables import Table, listed, read_table, shown, write_table
 from profilecal.scan.toml import (
@@ -50,25 +49,21 @@ FARTHEST_MM = 10_000.0  # from the scanner; no profile scanner sees as far, and 
 def read_scan(folder) -> Scan:
     """Read and check a scan folder. Raises ScanError."""
     folder = Path(folder)
-    if not is_there(folder, stat.S_ISDIR, "folder"):
-        raise ScanError(f"{folder}: no such folder")
     header = read_header(folder / "scan.toml")
     scale, truth = SCALE[header["units"]], folder / "truth.toml"
-    poses, doubts = read_poses(folder, scale, header["target"].get("side", 0))
+    poses = read_poses(folder / "poses.csv", scale, header["target"].get("side", 0))
     measured, values = read_measurements(folder, poses["labels"], scale)
-    scan = scan_of(folder, header, poses, doubts, measured, values)
+    scan = scan_of(folder, header, poses, measured, values)
     return replace(scan, truth=check_entries(truth, read_toml(truth), TRUTH)) if is_file(truth) else scan
 
 
-def scan_of(folder: Path, header: dict, poses: dict, doubts: list[str], measured: str, values) -> Scan:
-    """The scan of a checked header, entries of a Scan with doubts about them, and rows in mm by pose."""
+def scan_of(folder: Path, header: dict, poses: dict, measured: str, values) -> Scan:
+    """The scan of a checked header, entries of a Scan, and rows in mm by pose."""
     target = header["target"]
     kind, scale = target["kind"], SCALE[header["units"]]
     fits = TARGETS[kind].tables
     if measured not in fits:
         raise ScanError(f"{folder}: a target of kind {kind!r} needs {' or '.join(fits)}, not {measured}")
-    if measured == "profiles":
-        doubts = [*doubts, *exchanged(values)]
     return Scan(
         **poses,
         kind=kind,
@@ -78,7 +73,6 @@ def scan_of(folder: Path, header: dict, poses: dict, doubts: list[str], measured
         noise=header["noise"],
         mount=header["mount"],
         title=header["title"],
-        warnings=tuple(doubts),
     )
 
 
@@ -112,16 +106,16 @@ def length_rules(kind: str, scale: float = 1.0) -> dict[str, Rule]:
     return dict.fromkeys(TARGETS[kind].lengths, number(low / scale, high / scale))
 
 
-def read_poses(folder: Path, scale: float, side: int) -> tuple[dict, list[str]]:
-    """What poses.csv says: entries of a Scan, and doubts about them.
+def read_poses(path: Path, scale: float, side: int = 0) -> dict:
+    """What a table of poses says, in units of `scale` mm: entries of a Scan.
 
-    `side` is that of poses for which the table says nothing.
+    `side` is that of poses for which the table says nothing. Raises ScanError.
     """
-    return check_poses(read_table(folder / "poses.csv", ("pose", "x", "y", "z")), scale, side)
+    return check_poses(read_table(path, ("pose", "x", "y", "z")), scale, side)
 
 
-def check_poses(table: Table, scale: float, side: int = 0) -> tuple[dict, list[str]]:
-    """The same of a table, in units of `scale` mm. Raises ScanError."""
+def check_poses(table: Table, scale: float, side: int = 0) -> dict:
+    """The same of a table that has been read."""
     labels = table.labels()
     first, which = np.unique(labels, return_index=True, return_inverse=True)[1:]
     table.refuse(first[which] < np.arange(len(labels)), lambda row: f"pose {shown(labels[row])} is there twice")
@@ -142,38 +136,16 @@ def check_poses(table: Table, scale: float, side: int = 0) -> tuple[dict, list[s
             f"expected a robot's size, {low:g} to {high:g} mm: are the units right?"
         ),
     )
-    doubts = []
-    if convention.sequence and np.abs(block).max() <= 2 * np.pi:
-        angles = ", ".join(convention.columns)
-        doubts = [f"{table.path.name}: all angles {angles} lie within ±2π; the columns mean degrees, are they radians?"]
     sides = np.full(len(labels), float(side))
     if "side" in table.columns:
-        given = table.numbers(("side",), blank=True)[:, 0]
-        sides = np.where(np.isnan(given), sides, given)
-        table.refuse(
-            ~np.isin(given, (-1, 1)) & ~np.isnan(given), lambda row: f"side is {given[row]:g}; expected 1 or -1"
-        )
-    if "group" in table.columns:
-        group = np.unique(table.columns["group"], return_inverse=True)[1]
-        check_groups(table.path, R, group, labels)
-    else:
-        group = rotation_groups(R)
+        stated = table.numbers(("side",), blank=True)[:, 0]
+        sides = np.where(np.isnan(stated), sides, stated)
+        table.refuse(~np.isin(sides, (-1, 0, 1)), lambda row: f"side is {sides[row]:g}; expected 1 or -1")
+    given = table.columns.get("group")
+    group = rotation_groups(R) if given is None else np.unique(given, return_inverse=True)[1]
     entries = {"labels": tuple(labels), "R_base_flange": R, "T_base_flange": T, "side": sides}
     entries |= {"convention": convention.name, "orientation": block}
-    return entries | {"group": group, "group_given": "group" in table.columns}, doubts
-
-
-def check_groups(path: Path, R, group, labels) -> None:
-    """Raise ScanError where poses of one group (P,) differ in their orientations (P, 3, 3)."""
-    for label in np.unique(group):
-        rows = np.flatnonzero(group == label)
-        apart = np.degrees(angle_between(R[rows], R[rows[0]]))
-        if apart.max() > 1:
-            other = labels[rows[np.argmax(apart)]]
-            raise ScanError(
-                f"{path}: poses {shown(labels[rows[0]])} and {shown(other)} share a group but differ in orientation by "
-                f"{apart.max():.2g}°; expected one orientation in a group"
-            )
+    return entries | {"group": group, "group_given": given is not None}
 
 
 def read_measurements(folder: Path, labels, scale: float) -> tuple[str, tuple[np.ndarray, ...]]:
@@ -190,35 +162,14 @@ def read_measurements(folder: Path, labels, scale: float) -> tuple[str, tuple[np
     table.refuse(pose < 0, lambda row: f"pose {shown(seen[row])} is not in poses")
     numbers = table.numbers(MEASURED[measured], blank=True, largest=FARTHEST_MM / scale) * scale
     counts = np.bincount(pose, minlength=len(labels))
-    if measured == "profiles":
-        table.refuse(
-            counts[pose] == 1,
-            lambda row: (
-                f"pose {shown(seen[row])} has a single point; expected a whole profile, or none where the scanner saw "
-                "nothing (single sensed points belong into points.csv)"
-            ),
-        )
-    elif counts.max() > 1:
-        label = shown(labels[np.argmax(counts > 1)])
-        raise ScanError(f"{table.path}: pose {label} has more than one {measured[:-1]}; expected one")
+    whole_profile = "more, or none where the scanner saw nothing (single sensed points belong into points.csv)"
+    wrong, expected = (counts == 1, whole_profile) if measured == "profiles" else (counts > 1, "one")
+    table.refuse(wrong[pose], lambda row: f"pose {shown(seen[row])} has {counts[pose[row]]} rows; expected {expected}")
     largest = np.nanmax(np.abs(numbers), initial=0.0)
     if 0 < largest < 1:
         raise ScanError(f"{table.path}: no value is larger than {largest:.3g} mm; are the units in scan.toml right?")
     by_pose = numbers[np.argsort(pose, kind="stable")]
     return measured, tuple(np.split(by_pose, np.cumsum(counts)[:-1]))
-
-
-def exchanged(profiles) -> list[str]:
-    """Says so where x of all profiles (k, 2) looks like a depth and z does not: as if the scanner were turned."""
-    points = np.concatenate(profiles)
-    points = points[np.isfinite(points).all(axis=1) & points.any(axis=1)]
-    if not len(points):
-        return []
-    (x, z), (x_most, z_most) = points.min(axis=0), points.max(axis=0)
-    away = x * x_most > 0 and min(abs(x), abs(x_most)) > (x_most - x) / 10  # x may begin at 0
-    if away and z < 0 < z_most:
-        return [f"x of the profiles runs from {x:.3g} to {x_most:.3g} mm, as a depth does; are x and z exchanged?"]
-    return []
 
 
 def poses_columns(labels, R, T, convention: str) -> dict:

@@ -2,9 +2,10 @@
 array. What is not said is guessed, and every guess is told."""
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from glob import glob
 from pathlib import Path
+from statistics import mode
 
 import numpy as np
 
@@ -13,13 +14,12 @@ from profilecal.scan.columns import name_and_unit, names_and_units, read_columns
 from profilecal.scan.conventions import CONVENTIONS, find_convention, named, to_rotations
 from profilecal.scan.folder import FARTHEST_MM, MOUNTS, REACH_MM, SCALE, check_header, check_poses, scan_of
 from profilecal.scan.scan import Scan, ScanError
-from profilecal.scan.tables import Table, listed
+from profilecal.scan.tables import Table, in_columns, listed
 
 OF_POSES = re.compile(r"pose|robot|flange|tcp|calib|\.(ls|dat|mod|script|rob)$", re.IGNORECASE)  # in a file's name
 LABELS = ("", "pose", "name", "label", "id", "index", "file", "n")  # columns that tell profiles apart
 USUAL = {8: "timestamp,x,y,z,qx,qy,qz,qw", 12: "r11,r12,r13,x,r21,r22,r23,y,r31,r32,r33,z"}  # TUM; a matrix
 USUAL[16] = f"{USUAL[12]},_,_,_,_"
-ANGLES = {"deg": ("deg", "rad"), "rad": ("rad",), "1": ("1", "-")}  # in titles, by a convention's unit
 FRAMES = {"uf": "user frame", "ut": "tool"}
 
 
@@ -46,15 +46,13 @@ def import_scan(folder, kind: str, sizes: dict, layout: Layout = Layout()) -> tu
     target = {"kind": kind} | sizes
     header = check_header(folder, {"title": folder.resolve().name, "mount": layout.mount, "target": target})
     of_profiles, of_poses, left = sort_files(folder, layout)
-    poses, units = pose_table(of_poses, layout)
+    poses = pose_table(of_poses, layout)
     names, profiles, of_axes = profiles_of(of_profiles, len(poses.lines), layout)
     values, taken = seen_in_mm(folder, profiles, of_axes, layout.missing)
-    if len(of_poses) == len(poses.lines) > 1:
-        poses.columns["pose"] = [path.stem for path in of_poses]
     poses.columns["pose"], order, matched = match(poses, names)
-    entries, taken_poses, doubts = taken_as(poses, units, layout)
+    entries, taken_poses, doubts = taken_as(poses, layout)
     measured = "points" if max(map(len, values)) == 1 else "profiles"
-    scan = scan_of(folder, header, entries, doubts, measured, tuple(values[k] for k in order))
+    scan = scan_of(folder, header, entries | {"warnings": tuple(doubts)}, measured, tuple(values[k] for k in order))
     guessed = [
         f"poses      {names_of(of_poses)}: {taken_poses}",
         f"of         {'the tool given, taken off' if layout.tool else 'the flange (--tool if they are of a tool)'}",
@@ -68,23 +66,19 @@ def import_scan(folder, kind: str, sizes: dict, layout: Layout = Layout()) -> tu
 
 
 def sort_files(folder: Path, layout: Layout) -> tuple[list[Path], list[Path], list[str]]:
-    """The profiles, what holds the poses, and the names of other files. Files alike but for numbers belong together."""
-    profiles, poses = files(folder, layout.profiles), files(folder, layout.poses)
-    families = {}
-    for path in files(folder, "*"):
-        if path not in (*profiles, *poses):
-            families.setdefault(re.sub(r"\d+", "#", path.name), []).append(path)
+    """The profiles, what holds the poses, and the names of other files."""
+    profiles, every = files(folder, layout.profiles), files(folder, "*")
+    named = [path for path in every if OF_POSES.search(path.name) and path not in profiles]
+    poses = files(folder, layout.poses) or named
     if not poses:
-        likely = [family for family in families if OF_POSES.search(family)]
-        if len(likely) != 1:
-            found = f"{listed(likely)} may all be" if likely else "no such folder, or nothing in it is named like"
-            raise ScanError(f"{folder}: {found} the robot's poses; say which: --poses FILE")
-        poses = families.pop(likely[0])
-    if not profiles:
-        if not families:
-            raise ScanError(f"{folder}: no profiles beside {names_of(poses)}")
-        profiles = families.pop(max(families, key=lambda family: len(families[family])))
-    return profiles, poses, [path.name for family in families.values() for path in family]
+        there = "no such folder, or nothing in it is named like the robot's poses"
+        raise ScanError(f"{folder}: {there}; say what holds them: --poses FILE")
+    others = [path for path in every if path not in poses]
+    if not profiles and not others:
+        raise ScanError(f"{folder}: no profiles beside {names_of(poses)}")
+    families = [re.sub(r"\d+", "#", path.name) for path in others]  # files alike but for numbers belong together
+    profiles = profiles or [path for path, family in zip(others, families, strict=True) if family == mode(families)]
+    return profiles, poses, [path.name for path in others if path not in profiles]
 
 
 def files(folder: Path, pattern: str) -> list[Path]:
@@ -100,52 +94,57 @@ def names_of(paths: list[Path]) -> str:
     return paths[0].name if len(paths) == 1 else f"{paths[0].name} … {paths[-1].name}"
 
 
-def alike(tables: list[Table]) -> dict[str, str]:
-    """The names of columns and their units, which are the same in all tables. Raises ScanError for others."""
+def check_alike(tables: list[Table]) -> None:
+    """Raise ScanError where tables do not have the same columns."""
     for table in tables:
-        if [*table.columns] != [*tables[0].columns]:
-            there = f"columns {listed(table.columns)}, where {tables[0].path.name} has {listed(tables[0].columns)}"
-            raise ScanError(f"{table.path}: {there}")
-    return names_and_units(tables[0].columns)
+        if table.units != tables[0].units:
+            there = f"columns {listed(table.units)}, where {tables[0].path.name} has {listed(tables[0].units)}"
+            raise ScanError(f"{table.path}: {there}; say which files belong together: --poses, --profiles")
 
 
-def pose_table(paths: list[Path], layout: Layout) -> tuple[Table, dict[str, str]]:
-    """The poses of a file, or of files of one each, with columns as conventions name them; and the columns' units."""
+def pose_table(paths: list[Path], layout: Layout) -> Table:
+    """The poses of a file, or of files of one each, with columns as conventions name them."""
     tables = [in_a_row(read_poses(path)) for path in paths]
-    units, table, path = alike(tables), tables[0], paths[0].parent / names_of(paths)
-    cells = [[cell for table in tables for cell in table.columns[name]] for name in table.columns]
-    lines, unit = (table.lines, table.unit) if len(paths) == 1 else (range(1, len(cells[0]) + 1), "row")
-    said = layout.pose_columns or (USUAL.get(len(cells), "") if all(map(str.isdigit, units)) else "")
+    check_alike(tables)
+    if max(len(table.lines) for table in tables) > 1 < len(paths):
+        text = "may all be the robot's poses; expected one file, or one for each pose: --poses FILE"
+        raise ScanError(f"{paths[0].parent}: {names_of(paths)} {text}")
+    table, units = tables[0], tables[0].units
+    said = layout.pose_columns or (USUAL.get(len(units), "") if all(map(str.isdigit, units)) else "")
     if said:
         titles = names_and_units(said.split(","))
         units = {name: unit or old for (name, unit), old in zip(titles.items(), units.values(), strict=False)}
-    if not {"x", "y", "z"} <= units.keys() or len(units) != len(cells):
+    if not {"x", "y", "z"} <= units.keys() or len(units) != len(table.columns):
         known = "; ".join(",".join(convention.columns) for convention in CONVENTIONS)
         text = f"say what they are, in their order: --pose-columns x,y,z and one of {known} (_ for others)"
-        raise ScanError(f"{path}: {len(cells)} columns, {listed(units)}; {text}")
-    return Table(path, dict(zip(units, cells, strict=True)), lines, unit), units
+        raise ScanError(f"{table.path}: {len(table.columns)} columns, {listed(table.columns)}; {text}")
+    if len(paths) == 1:
+        return replace(table, columns=dict(zip(units, table.columns.values(), strict=True)), units=units)
+    labels = [path.stem for path in paths]
+    columns = {new: [table.columns[old][0] for table in tables] for new, old in zip(units, table.columns, strict=True)}
+    return Table(paths[0].parent, {"pose": labels} | columns, labels, "pose", units)
 
 
 def in_a_row(table: Table) -> Table:
     """A matrix as one row."""
-    cells = np.array([*table.columns.values()], dtype=object).T
-    if cells.shape not in ((3, 4), (4, 4)) or "1" not in table.columns:
+    if table.units.keys() != {"1", "2", "3", "4"} or len(table.lines) not in (3, 4):
         return table
-    return Table(table.path, {str(j + 1): [cell] for j, cell in enumerate(cells.flat)}, table.lines, table.unit)
+    cells = [cell for row in zip(*table.columns.values(), strict=True) for cell in row]
+    return in_columns(table.path, {str(j + 1): "" for j in range(len(cells))}, [(table.lines[0], cells)])
 
 
 def match(poses: Table, names: list) -> tuple[list[str], list[int], str]:
     """The poses' labels, which profile each has, and how it was found: by its name or its last number, or by order."""
     known = {key: k for k, name in enumerate(names) if isinstance(name, str) for key in (last_number(name), name)}
-    for name, cells in poses.columns.items():
-        labels = [str(cell).removesuffix(".0") for cell in cells]
+    of_poses = next((name for name in LABELS if name in poses.columns), None)
+    if known and of_poses:
+        labels = [str(cell).removesuffix(".0") for cell in poses.columns[of_poses]]
         found = [known.get(label, known.get(last_number(label))) for label in labels]
-        if known and (name in LABELS or {*found} == {*range(len(names))}):
-            if None in found:
-                raise ScanError(f"{poses.path}: no profile for pose {labels[found.index(None)]}")
-            if spare := {*range(len(names))} - {*found}:
-                raise ScanError(f"{poses.path}: no pose for profile {names[min(spare)]}")
-            return labels, found, "by their names"
+        if None in found:
+            raise ScanError(f"{poses.path}: no profile for pose {labels[found.index(None)]}")
+        if spare := {*range(len(names))} - {*found}:
+            raise ScanError(f"{poses.path}: no pose for profile {names[min(spare)]}")
+        return labels, found, "by their names"
     if len(names) != len(poses.lines):
         raise ScanError(f"{poses.path}: {len(names)} profiles for {len(poses.lines)} poses")
     return [str(name) for name in names], [*range(len(names))], "in order, the first pose with the first profile"
@@ -157,26 +156,27 @@ def last_number(name: str) -> int | str:
     return int(found[-1]) if found else name
 
 
-def taken_as(poses: Table, units: dict, layout: Layout) -> tuple[dict, str, list[str]]:
+def taken_as(poses: Table, layout: Layout) -> tuple[dict, str, list[str]]:
     """Entries of a Scan, what the poses were taken for, and doubts about them."""
     try:
         convention = find_convention(poses.columns)
     except ValueError as error:
         raise ScanError(f"{poses.path}: {error}; say what the columns are: --pose-columns") from error
     columns = {name: poses.columns[name] for name in ("pose", "x", "y", "z", *convention.columns)}
-    angle = unit_of(poses.path, units, convention.columns, ANGLES[convention.unit])
-    if angle == "rad" and convention.unit != "rad":
+    said = {name: poses.units[name] for name in convention.columns}
+    angle = unit_of(poses.path, said, ("deg", "rad") if convention.sequence else (convention.unit,))
+    if angle == "rad" and convention.sequence:
         columns |= zip(convention.columns, np.degrees(poses.numbers(convention.columns)).T, strict=True)
-    scale, lengths = to_mm(poses.path, units, "xyz", poses.numbers("xyz"), REACH_MM[1] / 1000)
-    entries, doubts = check_poses(Table(poses.path, columns, poses.lines, poses.unit), scale)
+    along = {axis: poses.units[axis] for axis in "xyz"}
+    scale, lengths = to_mm(poses.path, along, poses.numbers("xyz"), REACH_MM[1] / 1000)
+    entries = check_poses(replace(poses, columns=columns), scale)
     if layout.tool:
         of_tool = convention if convention.sequence else named("FANUC angles")
         back = inverse(to_rotations(of_tool, [layout.tool[3:]])[0], np.array(layout.tool[:3]))
         R, T = entries["R_base_flange"], entries["T_base_flange"]
         entries |= {"R_base_flange": R @ back[0], "T_base_flange": carry(R, T, back[1]), "orientation": None}
-    called = ", ".join(name for name in poses.columns if name in convention.columns)
-    said = f"{len(poses.lines)}, {convention.meaning} ({called}{angle and f' in {angle}, as said'}), {lengths}"
-    return entries, said, [*([] if angle else doubts), *frames_of(poses, layout)]
+    meaning = f"{convention.meaning} ({', '.join(said)}{angle and f' in {angle}, as said'})"
+    return entries, f"{len(poses.lines)}, {meaning}, {lengths}", frames_of(poses, layout)
 
 
 def frames_of(poses: Table, layout: Layout) -> list[str]:
@@ -197,15 +197,16 @@ def frames_of(poses: Table, layout: Layout) -> list[str]:
 
 
 def profiles_of(paths: list[Path], count: int, layout: Layout) -> tuple[list, list[np.ndarray], dict[str, str]]:
-    """The names of profiles, or numbers, their points (n, 2), and titles and units of x and z.
+    """The names of profiles, or numbers, their points (n, 2), and the columns of x and z with their units.
 
     In one file for `count` poses are rows that share a label; or a profile a row, x and z in turn, or z under the x of
     the first row.
     """
     tables = [read_columns(path, layout.entry) for path in paths]
+    check_alike(tables)
     if len(paths) > 1:
-        units = x_and_z(tables, layout.columns)
-        return [path.stem for path in paths], [table.numbers(units, blank=True) for table in tables], units
+        axes = x_and_z(tables, layout.columns)
+        return [path.stem for path in paths], [table.numbers(axes, blank=True) for table in tables], axes
     (table,) = tables
     label = next((name for name in LABELS if name in table.columns), None)
     if label is None and len(table.columns) > 4 and len(table.lines) in (count, count + 1):
@@ -213,12 +214,27 @@ def profiles_of(paths: list[Path], count: int, layout: Layout) -> tuple[list, li
         x, z = (cells[:, ::2], cells[:, 1::2]) if len(cells) == count else np.broadcast_arrays(cells[:1], cells[1:])
         return [*range(count)], [*np.stack([x, z], axis=-1)], {"x": "", "z": ""}
     names, which = np.unique(table.columns.pop(label, [0] * len(table.lines)), return_inverse=True)
-    units = x_and_z(tables, layout.columns)
-    points = table.numbers(units, blank=True)
-    return names.tolist(), [points[which == k] for k in range(len(names))], units
+    axes = x_and_z(tables, layout.columns)
+    points = table.numbers(axes, blank=True)
+    return names.tolist(), [points[which == k] for k in range(len(names))], axes
 
 
-def seen_in_mm(folder: Path, profiles: list[np.ndarray], units: dict, missing: float | None) -> tuple[list, str]:
+def x_and_z(tables: list[Table], said: str) -> dict[str, str]:
+    """The columns of x and z and their units: as said, of these names, or where there are no names, the two that vary.
+
+    Raises ScanError.
+    """
+    units = tables[0].units
+    varying = [name for name in tables[0].columns if len({cell for t in tables for cell in t.columns[name]}) > 1]
+    axes = dict.fromkeys(varying if all(map(str.isdigit, varying)) else "xz", "")
+    if said:
+        axes = dict(name_and_unit(title) for title in said.split(","))
+    if not len(axes) == len(axes.keys() & tables[0].columns) == 2 or (not said and "y" in varying):
+        raise ScanError(f"{tables[0].path}: columns {listed(tables[0].columns)}; say which are x and z: --columns x,z")
+    return {name: unit or units[name] for name, unit in axes.items()}
+
+
+def seen_in_mm(folder: Path, profiles: list[np.ndarray], axes: dict, missing: float | None) -> tuple[list, str]:
     """The points (n, 2) of profiles, mm, NaN where nothing was seen, and what they were taken for."""
     points = np.concatenate(profiles)
     seen, z = ~np.isnan(points).any(axis=1), points[:, 1]
@@ -226,37 +242,21 @@ def seen_in_mm(folder: Path, profiles: list[np.ndarray], units: dict, missing: f
         missing = 0.0
     seen &= z != missing
     points[~seen] = np.nan
-    scale, lengths = to_mm(folder, units, units, points, 1.0)
+    scale, lengths = to_mm(folder, axes, points, 1.0)
     points *= scale
     if not 1 <= np.nanmax(np.abs(points), initial=0) <= FARTHEST_MM:
         hint = f"expected 1 to {FARTHEST_MM:g} mm: is it the unit, or where nothing was seen (--missing)?"
         raise ScanError(f"{folder}: the profiles are {lengths}; {hint}")
-    ends = zip("xz", units, points[seen].min(axis=0), points[seen].max(axis=0), strict=True)
+    ends = zip("xz", axes, points[seen].min(axis=0), points[seen].max(axis=0), strict=True)
     ranges = ", ".join(f"{axis} (column {name}) from {low:.4g} to {high:.4g} mm" for axis, name, low, high in ends)
     unseen = f"nothing seen in {(~seen).sum()} of them{'' if missing is None else f', where z is {missing:g}'}"
     values = np.split(points, np.cumsum([len(profile) for profile in profiles])[:-1])
-    return values, f"{len(points)} points, {lengths}, {ranges}, {'all seen' if seen.all() else unseen}"
+    return values, f"{len(points)} points, {lengths}, {ranges}, {unseen}"
 
 
-def x_and_z(tables: list[Table], said: str) -> dict[str, str]:
-    """The titles of x and z and their units: as said, of these names, or where columns have no names the two that vary.
-
-    Raises ScanError.
-    """
-    units = alike(tables)
-    titles = dict(zip(units, tables[0].columns, strict=True))
-    varying = [n for n, title in titles.items() if len({cell for table in tables for cell in table.columns[title]}) > 1]
-    names = dict.fromkeys(varying if all(map(str.isdigit, units)) else "xz", "")
-    if said:
-        names = dict(name_and_unit(title) for title in said.split(","))
-    if not len(names) == len(names.keys() & units) == 2 or (not said and "y" in varying):
-        raise ScanError(f"{tables[0].path}: columns {listed(titles.values())}; say which are x and z: --columns x,z")
-    return {titles[name]: unit or units[name] for name, unit in names.items()}
-
-
-def to_mm(path: Path, units: dict, names, values, below: float) -> tuple[float, str]:
+def to_mm(path: Path, units: dict, values, below: float) -> tuple[float, str]:
     """From a file's units to mm, and in words; metres if all is less than `below` and no title says."""
     largest = np.nanmax(np.abs(values), initial=0)
-    said = unit_of(path, units, [*names], SCALE)
+    said = unit_of(path, units, SCALE)
     unit = said or ("m" if largest < below else "mm")
     return SCALE[unit], f"in {unit} ({'as said, ' if said else ''}the largest is {largest:.10g})"

@@ -2,14 +2,16 @@
 
 import csv
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
 
-from profilecal.scan.files import is_file, naming
+from profilecal.scan.files import is_file, text_of
 from profilecal.scan.scan import ScanError
 
+Rows = list[tuple[int, list[str]]]  # lines' numbers and fields
 NOTHING = ("", "nan", "-nan", ".nan", "na", "n/a", "null", "none", "-", ".")  # cells of points that were not seen
 
 
@@ -40,13 +42,14 @@ class Table:
     path: Path
     columns: dict[str, Sequence]  # text, or numbers
     lines: Sequence[int]
-    unit: str = "line"  # of `lines`; "row" where a file has no lines
+    counted: str = "line"  # what `lines` counts; "row" where a file has no lines
+    units: dict[str, str] = field(default_factory=dict)  # that titles say, "" where they say none
 
     def refuse(self, bad, sentence) -> None:
         """Raise ScanError for the first row that is bad (rows,): where it is, and `sentence` of its number."""
         if np.any(bad):
             row = int(np.argmax(bad))
-            raise ScanError(f"{self.path} {self.unit} {self.lines[row]}: {sentence(row)}")
+            raise ScanError(f"{self.path} {self.counted} {self.lines[row]}: {sentence(row)}")
 
     def labels(self) -> np.ndarray:
         """The poses' labels (rows,)."""
@@ -80,44 +83,34 @@ class Table:
 
 
 def read_table(path: Path, required) -> Table:
-    """A CSV file without its empty rows. Raises ScanError, also where a required column is missing."""
+    """A CSV file without its empty rows, under its names in lower case. Raises ScanError, also where one is missing."""
     if not is_file(path):
         raise ScanError(f"{path}: no such file")
     if (megabytes := path.stat().st_size // 1_000_000) > 400:  # more than the memory of a usual computer takes
         raise ScanError(f"{path}: {megabytes} MB; expected at most 400 MB: thin the profiles out")
-    lines = []
-    with naming(path), path.open(encoding="utf-8-sig", newline="") as file:
-        reader = csv.reader(file, strict=True)
-        try:
-            names = check_names(path, next(reader, []), required)
-            columns = [[] for _ in names]
-            for row in filter(any, reader):
-                if len(row) != len(names):
-                    hint = f"expected {len(names)} as the header: is the file cut short, or are there decimal commas?"
-                    raise ScanError(f"{path} line {reader.line_num}: {len(row)} columns; {hint}")
-                lines.append(reader.line_num)
-                for cells, cell in zip(columns, row, strict=True):
-                    cells.append(cell)
-        except csv.Error as error:
-            raise ScanError(f"{path} line {reader.line_num}: cannot be read: {error}") from error
-    if not lines:
-        raise ScanError(f"{path}: no rows")
-    return Table(path, dict(zip(names, columns, strict=True)), lines)
+    reader = csv.reader(StringIO(text_of(path), newline=""), strict=True)
+    try:
+        rows = [(reader.line_num, row) for row in reader if any(row)]
+    except csv.Error as error:
+        raise ScanError(f"{path} line {reader.line_num}: cannot be read: {error}") from error
+    if len(rows) < 2:
+        raise ScanError(f"{path}: no rows; expected names of columns, and a row for each pose or point")
+    names = [name.strip().lower() for name in rows[0][1]]
+    for name in (*required, *filter(None, names)):
+        if names.count(name) != 1:
+            found = f"{names.count(name) or 'no'} columns {shown(name)}; expected one"
+            raise ScanError(f"{path}: {found}; there are {listed(names)} (separated by commas)")
+    return in_columns(path, dict.fromkeys(names, ""), rows[1:])
 
 
-def check_names(path: Path, header: list[str], required) -> list[str]:
-    """The names of columns, in lower case. Raises ScanError."""
-    names = [name.strip().lower() for name in header]
-    if not names:
-        raise ScanError(f"{path}: the first line is empty; expected column names")
-    for name in names:
-        if name and names.count(name) > 1:
-            raise ScanError(f"{path}: column {shown(name)} is there twice")
-    for name in required:
-        if name not in names:
-            hint = " (columns are separated by commas)" if len(names) == 1 else ""
-            raise ScanError(f"{path}: no column {name!r}; there are {listed(names)}{hint}")
-    return names
+def in_columns(path: Path, units: dict[str, str], rows: Rows) -> Table:
+    """The table of rows under names with units. Raises ScanError for a row that is shorter or longer."""
+    for line, fields in rows:
+        if len(fields) != len(units):
+            hint = f"expected {len(units)}: is the file cut short, or are there decimal commas?"
+            raise ScanError(f"{path} line {line}: {len(fields)} fields; {hint}")
+    lines, fields = zip(*rows, strict=True)
+    return Table(path, dict(zip(units, zip(*fields, strict=True), strict=True)), lines, units=units)
 
 
 def write_table(path: Path, columns: dict[str, Sequence]) -> None:

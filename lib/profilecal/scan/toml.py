@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from profilecal.scan.files import is_file, naming
+from profilecal.scan.files import is_file, naming, text_of
 from profilecal.scan.scan import ScanError
 from profilecal.scan.tables import shown
 
@@ -72,7 +72,7 @@ def read_toml(path) -> dict:
     with naming(path):
         if is_file(path) and path.stat().st_size > 1_000_000:  # such a file is written by hand
             raise ScanError(f"{path}: {path.stat().st_size} bytes; expected at most 1000000")
-        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        return tomllib.loads(text_of(path))
 
 
 def toml_text(entries: dict) -> str:

@@ -8,9 +8,8 @@ import numpy as np
 from profilecal.geometry.poses import carry, inverse, rotation_from_xyz_angles, rotations
 from profilecal.joint.observations import Observations
 from profilecal.joint.state import State
-from profilecal.scan.folder import SCALE, check_poses, read_header, read_poses
+from profilecal.scan.folder import SCALE, read_header, read_poses
 from profilecal.scan.scan import ScanError
-from profilecal.scan.tables import read_table
 from profilecal.scan.toml import check_entries, number, numbers
 from profilecal.simulate.poses import Poses
 from profilecal.simulate.scene import Scene, in_unit_ball
@@ -93,9 +92,10 @@ def planned_poses(place, to_hand: bool) -> dict:
     place = Path(place)
     if place.is_dir():
         header = place / "scan.toml"
-        found, _ = read_poses(place, SCALE[read_header(header)["units"]] if header.exists() else 1.0, 0)
+        scale = SCALE[read_header(header)["units"]] if header.exists() else 1.0
+        found = read_poses(place / "poses.csv", scale)
     else:
-        found, _ = check_poses(read_table(place, ("pose", "x", "y", "z")), 1.0)
+        found = read_poses(place, 1.0)
     R, T = found["R_base_flange"], found["T_base_flange"]
     return found | dict(zip("RT", inverse(R, T) if to_hand else (R, T), strict=True))
 
