@@ -65,10 +65,8 @@ def test_noise_free_chords_give_the_pose_back(extent, heights):
         sides.update(scans.s)
         assert np.abs(found.R_sensor - scans.R_sensor).max() < 1e-12
         assert np.abs(found.T_sensor - scans.T_sensor).max() < 1e-10
-        assert np.abs(found.solution.translation.q_b - scans.disk.centre).max() < 1e-10
-        assert found.solution.translation.accuracy < 1e-10
-        np.testing.assert_allclose(found.sensing.extent, [extent] * 4, rtol=1e-9)
-        assert len(found.remarks) == (4 if extent[0] * extent[1] > 0 else 0)  # halves are said to be halves
+        assert np.abs(found.translation.q_b - scans.disk.centre).max() < 1e-10
+        assert found.translation.accuracy < 1e-10
     assert sides == {-1, 1}
 
 
@@ -139,20 +137,6 @@ def test_motion_within_a_degree_of_a_plane_is_refused(scans, plane, words, angle
 def test_motion_well_off_both_planes_is_accepted(scans, plane):
     fine = moved(scans, 2, 20, plane)
     assert np.abs(solve(fine).T_sensor - fine.T_sensor).max() < 1e-8
-
-
-def test_chords_on_one_side_are_said(scans):
-    half = fig15_scans((-0.9, -0.15))
-    remarks = solve(half, noisy(half)).remarks
-    assert len(remarks) == 4
-    assert "tips[1]: the chords lie on one side of the disk's centre" in remarks[1]
-    assert solve(scans, noisy(scans)).remarks == ()
-
-
-def test_impossible_arccos_is_said(scans):
-    with_wrong_radius = solve(fig15_scans((-0.9, 0.7)), radius=20.0)
-    assert with_wrong_radius.sensing.clipped.any()
-    assert any("which does not exist" in remark for remark in with_wrong_radius.remarks)
 
 
 @pytest.mark.parametrize(

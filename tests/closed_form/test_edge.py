@@ -31,14 +31,6 @@ def test_noise_free_data_give_the_sensor_pose_back():
         assert np.abs(from_edge).max() < 1e-9
 
 
-def test_three_groups_of_three_positions_suffice():
-    scene = edge_scenes(EdgePlan(groups=3, positions=3), Noise(), np.random.default_rng(14), (200,))
-    solution = edge_equations(*data(scene))
-    condition = solution.rotation.S[:, 0] / solution.rotation.S[:, 8]
-    rounding = 1000 / 25 * np.finfo(float).eps  # of coordinates of a metre, over the arc's radius
-    assert (angle_between(solution.R_sensor, scene.R_sensor) < 10 * rounding * condition).all()
-
-
 @pytest.mark.parametrize("plan", [SPACE, EdgePlan(groups=4, positions=4), EdgePlan(groups=3, positions=3)])
 def test_the_few_equations_have_the_solution_and_singular_values_of_all_pairs(plan):
     R_b, T_b, p_s = data(edge_scenes(plan, Noise(0.05), np.random.default_rng(2)))
@@ -132,21 +124,17 @@ def test_over_a_thousand_scenes_the_detector_neither_misses_nor_cries_wolf():
         assert (strengths(plan) > edge.REFUSED).sum() == 0
 
 
-@pytest.mark.parametrize(
-    ("plan", "reason", "cure"),
-    [
-        (DEGENERATE["arc contains the edge"], "a plane that contains the edge", "tilt that plane"),
-        (DEGENERATE["arcs contain the edge"], "a plane that contains the edge", "tilt that plane"),
-        (DEGENERATE["arc turns with the tool"], "one plane of the tool", "base frame"),
-        (DEGENERATE["collinear"], "on one line", "in 3-D"),
-        (EdgePlan(spread_deg=3), "turns too little", "more of both"),
-        (EdgePlan(motion="space", one_axis=True), "turn about one axis", "tilted about another axis"),
-        (EdgePlan(motion="space", spread_deg=0.3), "one orientation", "turn the flange"),
-    ],
-)
-def test_motion_that_determines_nothing_is_refused_with_reason_and_cure(plan, reason, cure):
+UNTURNED = {
+    "turn about one axis": EdgePlan(motion="space", one_axis=True),
+    "one orientation": EdgePlan(motion="space", spread_deg=0.3),
+}
+
+
+@pytest.mark.parametrize("why", [*DEGENERATE, *UNTURNED])
+def test_motion_that_determines_nothing_is_refused_with_a_cure(why):
+    plan, words = (DEGENERATE | UNTURNED)[why], why if why in UNTURNED else "the rotation cannot be known"
     for seed in range(10):
-        with pytest.raises(UnobservableError, match=f"{reason}.*{cure}"):
+        with pytest.raises(UnobservableError, match=f"{words}.*(turn the flange|tilted)"):
             solve_edge(*data(edge_scenes(plan, Noise(0.05), np.random.default_rng(seed))))
 
 
@@ -162,11 +150,6 @@ def test_turns_that_move_a_direction_along_the_edge_only_are_refused():
     points = sense_edge(target, R_sensor, T_sensor, poses, Noise(), rng)
     with pytest.raises(UnobservableError, match=r"A_t has rank 2, 3 needed.*add a group"):
         solve_edge(flange, poses.positions, points, noise_mm=0.05)
-
-
-def test_a_translation_that_small_turns_leave_loose_is_seen():
-    scene = edge_scenes(EdgePlan(motion="space", spread_deg=1.5), Noise(0.5), np.random.default_rng(9))
-    assert judge(*data(scene), edge_equations(*data(scene))).translation_sd_mm > 1
 
 
 def test_translation_sd_is_that_of_its_worst_direction():

@@ -43,13 +43,6 @@ class SensingData:
         """Where Eq. 9's arccos does not exist, (...)."""
         return ~(np.abs(self.cos_alpha) <= 1)
 
-    @property
-    def extent(self) -> np.ndarray:
-        """First and last chord as signed fractions of the radius, (..., 2), -1 and 1 where the plane is tangent."""
-        t = self.eta[..., 2:3]  # where along the way from first to last chord, counted from the last, the centre is
-        half = (self.eta[..., 0:1] - self.eta[..., 1:2]) / 2
-        return np.concatenate([(t - 1) / half, t / half], axis=-1)
-
 
 def sensing_data(tips, T_start, T_end, s, radius: float, heights: str = "regression") -> SensingData:
     """Sensing data of scans from their chords' tips (..., m, 2, 2), in order of the motion: Eqs 4-13, no guards.
@@ -139,37 +132,17 @@ def sensing_data_from_ellipse(ellipse: Ellipse, vectors, T_start, T_end, s, radi
     )
 
 
-@dataclass(frozen=True)
-class DiskSolution:
-    """The sensor pose from raw chords, the sensing data it rests on, and what is to be said about them."""
-
-    sensing: SensingData  # leading axis: scans
-    solution: TwoStepSolution
-    remarks: tuple[str, ...]
-
-    @property
-    def R_sensor(self) -> np.ndarray:
-        """(..., 3, 3) from sensor to flange."""
-        return self.solution.R_sensor
-
-    @property
-    def T_sensor(self) -> np.ndarray:
-        """(..., 3) mm, the sensor's origin in the flange frame."""
-        return self.solution.T_sensor
-
-
 def solve_disk_from_chords(
-    R_tcp, T_start, T_end, tips, s, radius: float, heights: str = "regression", **readings
-) -> DiskSolution:
+    R_tcp, T_start, T_end, tips, s, radius: float, heights: str = "regression"
+) -> TwoStepSolution:
     """Sensor pose from n ≥ 3 scans across a disk of known radius, mm, each at one flange orientation R_tcp (n, 3, 3).
 
     T_start, T_end (n, 3), mm: flange positions of each scan's first and last chord; tips: n arrays (m, 2, 2), m ≥ 3, as
     `Disk.meet` gives them; s (n,): +1 where the motion is towards the sensor's +y, else -1. `heights`: see
-    `sensing_data`; `readings`: see `disk_equations`.
+    `sensing_data`.
 
     Raises ValueError for malformed input and for a wrong s, UnobservableError for motions that cannot determine the
     answer.
-    Chords on one side of the centre and an arccos out of range are said in `remarks`.
     """
     T_start = check_vectors("T_start", T_start)
     n = len(T_start)
@@ -188,9 +161,9 @@ def solve_disk_from_chords(
         _check_motion(i, scan, tips[i], np.linalg.norm(T_end[i] - T_start[i]))
     names = [field.name for field in fields(SensingData)]
     sensing = SensingData(**{name: np.stack([getattr(scan, name) for scan in scans]) for name in names})
-    solution = solve_disk(R_tcp, sensing.T_tcp, sensing.q, sensing.D_i, sensing.D_b, **readings)
+    solution = solve_disk(R_tcp, sensing.T_tcp, sensing.q, sensing.D_i, sensing.D_b)
     _check_sides(solution.rotation.X, solution.rotation.Y)
-    return DiskSolution(sensing, solution, tuple(_remarks(sensing)))
+    return solution
 
 
 def _check_tips(i: int, tips) -> np.ndarray:
@@ -245,28 +218,24 @@ def _bend(tips, along) -> float:
 
 
 def _check_sides(X, Y) -> None:
-    """Refuse directions X, Y (3, n) that fit much better once some of the signs s are turned round."""
-    found = _misfit_deg(X / np.linalg.norm(X, axis=0), Y / np.linalg.norm(Y, axis=0))
-    if found <= WRONG_SIDE_DEG:
-        return
-    flips, left = best_signs(X, Y)
-    if left < found / 3:
-        wrong = ", ".join(f"s[{i}]" for i in np.flatnonzero(flips < 0))
-        raise ValueError(
-            f"wrong sign of {wrong}: turned round, the largest angle between R D_i and D_b falls from "
-            f"{found:.2g}° to {left:.2g}°; expected +1 where the motion is towards the sensor's +y"
-        )
+    """Refuse directions X, Y (3, n) that fit much better once some signs s are turned round.
 
-
-def best_signs(X, Y) -> tuple[np.ndarray, float]:
-    """The factors s (n,) of ±1 on the y components of X (3, n) with which R X = Y fits best, and the largest angle that
-    they leave, degrees. Up to ten columns all combinations are tried, beyond that one change at most."""
+    Up to ten columns all combinations are tried, beyond that one change at most.
+    """
     n = X.shape[1]
     X, Y = X / np.linalg.norm(X, axis=0), Y / np.linalg.norm(Y, axis=0)
+    found = _misfit_deg(X, Y)
+    if found <= WRONG_SIDE_DEG:
+        return
     flips = np.array(list(product((1, -1), repeat=n))) if n <= 10 else np.vstack([np.ones(n), 1 - 2 * np.eye(n)])
     left = _misfit_deg(X * np.stack([np.ones_like(flips), flips, np.ones_like(flips)], axis=1), Y)
     best = left.argmin()
-    return flips[best], float(left[best])
+    if left[best] < found / 3:
+        wrong = ", ".join(f"s[{i}]" for i in np.flatnonzero(flips[best] < 0))
+        raise ValueError(
+            f"wrong sign of {wrong}: turned round, the largest angle between R D_i and D_b falls from "
+            f"{found:.2g}° to {left[best]:.2g}°; expected +1 where the motion is towards the sensor's +y"
+        )
 
 
 def _misfit_deg(X, Y):
@@ -274,20 +243,6 @@ def _misfit_deg(X, Y):
     R = solve_rotation(X, Y).R_sensor
     sine = np.linalg.norm(R @ X - Y, axis=-2) / 2
     return np.degrees(2 * np.arcsin(np.clip(sine, 0, 1))).max(axis=-1)
-
-
-def _remarks(sensing: SensingData):
-    for i, (first, last) in enumerate(sensing.extent):
-        if first * last > 0:
-            yield (
-                f"tips[{i}]: the chords lie on one side of the disk's centre, from {first:.2f} to {last:.2f} of the "
-                "radius, so the centre is extrapolated; scan across it"
-            )
-    for i in np.flatnonzero(sensing.clipped):
-        yield (
-            f"tips[{i}]: Eq. 9 asks for the arccos of {sensing.cos_alpha[i]:.3f}, which does not exist; the nearest "
-            "that does is used. The noise is too large for this scan, or the scan plane nearly lies in the disk"
-        )
 
 
 def solve_disk(R_tcp, T_tcp, q, D_i, D_b, **readings) -> TwoStepSolution:

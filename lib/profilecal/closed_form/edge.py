@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from profilecal.closed_form.two_step import LEAST_SPREAD_DEG, check_orientations
+from profilecal.closed_form.two_step import check_orientations
 from profilecal.geometry.checks import UnobservableError, check_count, check_rotations
 from profilecal.geometry.fitting import affine_residuals
 from profilecal.geometry.poses import nearest_rotation
@@ -86,7 +86,7 @@ def solve_edge(R_b, T_b, p_s, noise_mm: float | None = None) -> EdgeSolution:
 
     `noise_mm` is the standard deviation of the sensed points; left out, it is estimated, which takes N ≥ 5.
 
-    Raises ValueError for malformed input, UnobservableError, with the reason and a cure, where the motion cannot
+    Raises ValueError for malformed input, UnobservableError, with a cure, where the motion cannot
     determine the rotation or the translation at this noise. A weak answer, see `judge` and `WEAK_STRENGTH`, is given.
     """
     R_b, T_b, p_s = check_shapes(R_b, T_b, p_s)
@@ -98,7 +98,8 @@ def solve_edge(R_b, T_b, p_s, noise_mm: float | None = None) -> EdgeSolution:
         raise UnobservableError(
             f"the rotation cannot be known: the smallest singular value of A_r is {evidence.rotation_strength:.2g} "
             f"times what noise of {evidence.noise_mm:.2g} mm makes of a zero (at least {REFUSED:g} needed, "
-            f"{WEAK_STRENGTH:g} recommended); {cause(R_b, T_b, p_s, float(evidence.noise_mm))}"
+            f"{WEAK_STRENGTH:g} recommended); turn the flange more between groups, and move within them in space, "
+            "or in one plane of the base, tilted against the edge by 30° or more"
         )
     if not np.isfinite(evidence.translation_sd_mm):
         raise UnobservableError(
@@ -292,28 +293,3 @@ def judge(R_b, T_b, p_s, solution: EdgeSolution, noise_mm=None) -> EdgeEvidence:
         strength = np.where(rotation.rank < 9, 0, rotation.S[..., -1] / from_noise)
         sd = np.where(translation.rank < 3, np.inf, noise_mm * np.sqrt(G * N) / translation.S[..., -1])
     return EdgeEvidence(noise_mm=noise_mm, rotation_strength=strength, translation_sd_mm=sd)
-
-
-def cause(R_b, T_b, p_s, noise_mm: float) -> str:
-    """Why A_r of one data set is close to singular, and what to do, in words."""
-    offsets = T_b - T_b.mean(axis=1, keepdims=True)
-    seen = p_s - p_s.mean(axis=1, keepdims=True)
-    spread = np.linalg.svd(offsets, compute_uv=False)
-    flat = np.sin(np.radians(LEAST_SPREAD_DEG))
-    if np.median(spread[:, 1] / spread[:, 0]) < flat:
-        return "each group's translations lie on one line; move within a plane that crosses the edge, or in 3-D"
-    # a singular value of N points that noise alone moves stays below about √N + √2 times the noise
-    if np.median(np.linalg.svd(seen, compute_uv=False)[:, 1]) < 2 * noise_mm * np.sqrt(p_s.shape[1]):
-        return (
-            "each group's sensed points lie on one line, so its translations stay in a plane that contains the edge; "
-            "tilt that plane by 30° or more against the edge, or move in 3-D"
-        )
-    in_base, in_flange = (np.linalg.svd(o.reshape(-1, 3), compute_uv=False) for o in (offsets, offsets @ R_b))
-    if in_flange[2] < flat * in_flange[0] and in_base[2] > flat * in_base[0]:
-        return (
-            "the translations of all groups lie in one plane of the tool, which turned with it; repeat the same "
-            "translations in the robot's base frame, or move in 3-D"
-        )
-    return (
-        "the flange turns too little between groups, or moves too little within them, for this noise; do more of both"
-    )

@@ -49,6 +49,8 @@ FARTHEST_MM = 10_000.0  # from the scanner; no profile scanner sees as far, and 
 def read_scan(folder) -> Scan:
     """Read and check a scan folder. Raises ScanError."""
     folder = Path(folder)
+    if not folder.exists():
+        raise ScanError(f"{folder}: no such folder")
     header = read_header(folder / "scan.toml")
     scale, truth = SCALE[header["units"]], folder / "truth.toml"
     poses = read_poses(folder / "poses.csv", scale, header["target"].get("side", 0))
