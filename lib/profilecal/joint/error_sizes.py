@@ -105,6 +105,8 @@ def likeliest(model: LinearModel, law: Law, y, tolerance: float = 1e-3, most: in
         found = model.posterior(v)
         return found.log_evidence[0] - y @ y / 2, y, first, second, found
 
+    if not len(law.free):
+        return np.zeros(0), np.zeros((0, 0))
     here, damping = look(np.asarray(y, dtype=float)), 0.0
     for _ in range(most):
         height, y, first, second, found = here
@@ -114,7 +116,7 @@ def likeliest(model: LinearModel, law: Law, y, tolerance: float = 1e-3, most: in
         values = np.maximum(values, 0.5)  # a half of the prior's
         uphill = gradient * first - y
         step = vectors @ (vectors.T @ uphill / (values + damping))
-        if not len(y) or uphill @ step / 2 < tolerance:
+        if uphill @ step / 2 < tolerance:
             break
         there = look(y + step * min(1.0, 2 / np.abs(step).max()))
         here, damping = (there, damping / 4) if there[0] > height else (here, 4 * damping + 1)

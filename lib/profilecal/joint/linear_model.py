@@ -12,7 +12,8 @@ s_0 is the scanner's noise over the assumed one. With the variances v = s² and 
 Four answers: `posterior`, what is known of x; `whitener`, rows that are independent; `left_out`, how far profiles are
 from what the others say; `score`, what a further error would have to be.
 
-Profiles of different orientations share no error. Orientations with about as many profiles are one batch, a `Block`.
+Profiles of different orientations share no error. Orientations with about as many profiles are one batch, a `Block`;
+poses, or profiles, where these share nothing.
 What residuals say beside the errors of their flange needs no C: it is kept as products, `rest`.
 """
 
@@ -95,7 +96,7 @@ class LinearModel:
         ranks = np.concatenate([np.full(len(E), E.shape[1]) for E, _, _ in parts])
         self.ranks = np.minimum(ranks, self.counts)  # (profiles,) how many rows speak of the flange
         self.mm, self.deg = (np.array([name.endswith(unit) for name in names], dtype=bool) for unit in ("mm", "deg"))
-        members = alike_in_size(groups.orientation_of_profile)
+        members = alike_in_size(groups.sharing_anything(names))
         self.blocks = [block(self.E, self.Y, profiles, groups, names) for profiles in members]
         self.whole, self.kept = self.blocks, np.ones(len(self.counts), dtype=bool)
 
@@ -229,19 +230,18 @@ def marginal(information, n: int) -> np.ndarray:
 
 def padded(rows, q: int) -> np.ndarray:
     """Rows (P, ≤ q, c) of profiles with rows of zeros after them, (P, q, c)."""
-    return np.pad(rows, [(0, 0), (0, q - rows.shape[1]), (0, 0)])
+    return rows if rows.shape[1] == q else np.pad(rows, [(0, 0), (0, q - rows.shape[1]), (0, 0)])
 
 
 def alike_in_size(orientation) -> list[np.ndarray]:
     """The profiles of each orientation, from the orientations' numbers (profiles,): arrays (B, Q), -1 where there is
     none, one for all orientations whose numbers of profiles have the same power of two above them."""
-    sizes = np.unique(orientation, return_counts=True)[1]
-    members = np.split(np.argsort(orientation, kind="stable"), np.cumsum(sizes)[:-1])
-    power, found = np.ceil(np.log2(sizes)), []
+    order, sizes = np.argsort(orientation, kind="stable"), np.unique(orientation, return_counts=True)[1]
+    first, power, found = np.cumsum(sizes) - sizes, np.ceil(np.log2(sizes)), []
     for one in np.unique(power):
-        Q = sizes[power == one].max()
-        chosen = [members[g] for g in np.flatnonzero(power == one)]
-        found.append(np.array([np.pad(m, (0, Q - len(m)), constant_values=-1) for m in chosen]))
+        size, start = sizes[power == one, None], first[power == one, None]
+        place = np.arange(size.max())
+        found.append(np.where(place < size, order[np.minimum(start + place, len(order) - 1)], -1))
     return found
 
 

@@ -84,11 +84,11 @@ def fits_of_most(problem: Problem, fits: Fit, usual_mm: float) -> Fit:
     others, or residuals that are large for all (many bad poses hide each other); and after another search among them
     where that does too. Least squares for a handful of poses, where some fit to most of them is nearly exact."""
 
-    def doubtful(fits: Fit) -> bool:
-        large = typical(problem, fits)[0] * problem.noise.profile_mm > 2 * usual_mm
+    def doubtful(fits: Fit, unknown: bool = False) -> bool:
+        large = typical(problem, fits)[0] * problem.noise.profile_mm > 2 * usual_mm if usual_mm else unknown
         return bool(large) or any(bad.any() for bad in contradicting(problem, fits))
 
-    if not doubtful(fits):
+    if not doubtful(fits, unknown=True):
         return fits
     found = robust_fit(problem, fits.state)
     if doubtful(found):
