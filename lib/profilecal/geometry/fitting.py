@@ -116,11 +116,10 @@ def _secular(entries, sign: int):
     return q, t
 
 
-def fit_circle(points, method: str = "taubin") -> np.ndarray:
-    """Circles (..., 3) as x, z, r through points (..., k, 2), k ≥ 3.
+def fit_circle(points) -> np.ndarray:
+    """Circles (..., 3) as x, z, r through points (..., k, 2), k ≥ 3, by Taubin's fit.
 
-    "taubin" minimises ⟨d²⟩/⟨|∇d|²⟩ of the algebraic distance d, "kasa" ⟨d²⟩ alone, whose circles are too small on noisy
-    arcs.
+    It minimises ⟨d²⟩/⟨|∇d|²⟩ of the algebraic distance d; ⟨d²⟩ alone makes circles too small on noisy arcs.
     """
     points = np.asarray(points, dtype=float)
     mean = points.mean(axis=-2)
@@ -128,25 +127,19 @@ def fit_circle(points, method: str = "taubin") -> np.ndarray:
     w = x * x + z * z
     pairs = {"xx": (x, x), "xz": (x, z), "zz": (z, z), "wx": (w, x), "wz": (w, z), "ww": (w, w)}
     sums = {name: np.einsum("...i,...i->...", *pair) / x.shape[-1] for name, pair in pairs.items()}
-    circle = circle_from_moments(sums, method)
+    circle = circle_from_moments(sums)
     circle[..., :2] += mean
     return circle
 
 
-def circle_from_moments(mean: dict, method: str = "taubin") -> np.ndarray:
+def circle_from_moments(mean: dict) -> np.ndarray:
     """As `fit_circle`, from the means of xx, xz, zz, wx, wz and ww about the centroid, where w = x² + z²."""
-    if method not in ("taubin", "kasa"):
-        raise ValueError(f"method is {method!r}; expected 'taubin' or 'kasa'")
     xx, xz, zz, wx, wz = (mean[name] for name in ("xx", "xz", "zz", "wx", "wz"))
     w = xx + zz
-    if method == "kasa":
-        determinant = xx * zz - xz * xz
-        B, C = (xz * wz - zz * wx) / determinant, (xz * wx - xx * wz) / determinant
-    else:
-        # (w - ⟨w⟩) + B x + C z, with 4⟨w⟩ + B² + C² fixed: unit weights once the first column is divided by 2√⟨w⟩
-        unit = 2 * np.sqrt(w)
-        B, C = _secular(((mean["ww"] - w * w) / unit**2, wx / unit, wz / unit, xx, xz, zz), sign=-1)
-        B, C = unit * B, unit * C
+    # (w - ⟨w⟩) + B x + C z, with 4⟨w⟩ + B² + C² fixed: unit weights once the first column is divided by 2√⟨w⟩
+    unit = 2 * np.sqrt(w)
+    B, C = _secular(((mean["ww"] - w * w) / unit**2, wx / unit, wz / unit, xx, xz, zz), sign=-1)
+    B, C = unit * B, unit * C
     return np.stack([-B / 2, -C / 2, np.sqrt(w + (B * B + C * C) / 4)], axis=-1)
 
 

@@ -11,7 +11,6 @@ from profilecal.papers.monte_carlo import Study, in_chunks, noisy_blocks, two_st
 from profilecal.targets.ball import Ball
 
 WELL_INSIDE = 0.95  # of the ball's radius: scan planes further out meet it too flat to see an arc
-LEAST_POINTS = 20  # that a pose must see of the ball
 PROTOCOLS = ("one arc", "m arcs")  # of the poses that fix the rotation; those for the translation have m arcs
 
 
@@ -54,13 +53,6 @@ class BallScans:
         beside = np.sqrt(self.ball.radius**2 - circle[:, 2] ** 2)
         return float(WELL_INSIDE * self.ball.radius - beside.max())
 
-    def where_seen(self) -> tuple["BallScans", np.ndarray]:
-        """The scans with those poses alone that see enough of the ball all along, and the indices of the others."""
-        points = np.array([[len(self.x_seen(circle)) for circle in row] for row in self.circles(100)])
-        sees = points.min(axis=1) >= LEAST_POINTS
-        kept = replace(self, R_tcp=self.R_tcp[sees], T_tcp=self.T_tcp[sees], translating=sees[: self.translating].sum())
-        return kept, np.flatnonzero(~sees)
-
     def x_seen(self, circle) -> np.ndarray:
         """The scanner's x at which it sees the upper side of a circle x, z, r."""
         reach = circle[2] * np.sin(np.radians(self.steepest_deg))
@@ -76,7 +68,6 @@ def ball_study(
     trials: int,
     rng: np.random.Generator,
     *,
-    fit: str = "taubin",
     workers: int | None = None,
 ) -> dict[str, Study]:
     """The two-step ball method from simulated noisy arcs, for each sigma_mm (k,) of z and m (l,), by protocol.
@@ -94,7 +85,7 @@ def ball_study(
 
     def run(setting, part, stream):
         (pose,) = setting
-        seen = mean_centres(scans, pose, counts, sigma_mm, part.stop - part.start, stream, fit)
+        seen = mean_centres(scans, pose, counts, sigma_mm, part.stop - part.start, stream)
         q[:, :, pose, :, part], clipped[pose, :, part] = seen
 
     in_chunks(run, (n,), trials, rng, workers)
@@ -112,7 +103,7 @@ def ball_study(
     return studies
 
 
-def mean_centres(scans: BallScans, pose: int, counts, sigma_mm, size: int, rng, fit: str = "taubin"):
+def mean_centres(scans: BallScans, pose: int, counts, sigma_mm, size: int, rng):
     """Means (k, l, 3, size), mm, of the ball's centres, sensor frame, that circles fitted to the first counts (l,) of
     a pose's noisy arcs give, for each sigma_mm (k,); and how many of those circles are larger than the ball, (k, size).
     """
@@ -121,14 +112,14 @@ def mean_centres(scans: BallScans, pose: int, counts, sigma_mm, size: int, rng, 
     found, clipped = np.empty((len(sigma_mm), len(counts), 3, size)), np.zeros((len(sigma_mm), size), dtype=int)
     total = np.zeros((len(sigma_mm), size, 3))
     for k, (circle, side) in enumerate(zip(circles, sides, strict=True), 1):
-        fitted = noisy_circles(circle, scans.x_seen(circle), sigma_mm, size, rng, fit)
+        fitted = noisy_circles(circle, scans.x_seen(circle), sigma_mm, size, rng)
         total += scans.ball.centre_from_circle(fitted, side)
         clipped += fitted[..., 2] > scans.ball.radius
         found[:, np.asarray(counts) == k] = np.swapaxes(total / k, -1, -2)[:, None]
     return found, clipped
 
 
-def noisy_circles(circle, x, sigma_mm, size: int, rng, fit: str = "taubin") -> np.ndarray:
+def noisy_circles(circle, x, sigma_mm, size: int, rng) -> np.ndarray:
     """Circles (k, size, 3) fitted to the upper side of a circle (3,) seen at x (points,), z noisy by sigma_mm (k,).
 
     Only z is noisy, z + s ε. By the binomial theorem the means that the fit needs, of x^a (z + s ε)^b, are polynomials
@@ -156,10 +147,10 @@ def noisy_circles(circle, x, sigma_mm, size: int, rng, fit: str = "taubin") -> n
     mean = {"x" * a: np.mean(x**a) for a in (2, 3, 4)}
     for a, b in needed:
         mean["x" * a + "z" * b] = sum(comb(b, j) * s**j * means[a, b - j, j] for j in range(b + 1))
-    return shift + r * circles_about_zero(mean, fit)
+    return shift + r * circles_about_zero(mean)
 
 
-def circles_about_zero(mean: dict, fit: str) -> np.ndarray:
+def circles_about_zero(mean: dict) -> np.ndarray:
     """Circles (..., 3) from the means of products of x and z, where that of x is 0; moments about z's are expanded."""
     z, zz = mean["z"], mean["zz"]
     z2 = z * z
@@ -168,6 +159,6 @@ def circles_about_zero(mean: dict, fit: str) -> np.ndarray:
     about["wz"] = mean["xxz"] - mean["xx"] * z + mean["zzz"] - 3 * z * zz + 2 * z * z2
     about["ww"] = mean["xxxx"] + 2 * (mean["xxzz"] - 2 * z * mean["xxz"] + z2 * mean["xx"])
     about["ww"] = about["ww"] + mean["zzzz"] - 4 * z * mean["zzz"] + 6 * z2 * zz - 3 * z2 * z2
-    circles = circle_from_moments(about, fit)
+    circles = circle_from_moments(about)
     circles[..., 1] += z
     return circles
