@@ -196,7 +196,7 @@ def rows() -> list[dict]:
         disk_row(),
         files_row(),
         scan_row("edge points", "edge", "points", 16),
-        scan_row("ball arcs", "ball", "arcs", 25),
+        scan_row("ball arcs", "ball", "arcs", 4),
         scan_row("ball profiles", "ball", "profiles", 4),
         scan_row("plane profiles", "plane", "profiles", 4),
         search_row("solve, edge 25 x 10", "edge", groups=25, positions=10),

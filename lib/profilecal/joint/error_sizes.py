@@ -177,7 +177,6 @@ class Size:
     """How large one error is."""
 
     name: str  # the entry of `Noise`
-    scale: float  # of the prior
     low: float  # 95 % between these
     middle: float
     high: float
@@ -216,12 +215,12 @@ def average(model: LinearModel, prior: Prior, names: Sequence[str], unit_mm: flo
     squares = covariances + off[:, :, None] * off[:, None]
     covariance = np.tensordot(weight, squares, 1)
     found = []
-    for j, (name, scale, size) in enumerate(zip(("profile_mm", *names), law.scales, np.sqrt(v).T, strict=True)):
+    for j, (name, size) in enumerate(zip(("profile_mm", *names), np.sqrt(v).T, strict=True)):
         unit, order = (1.0 if j else unit_mm), np.argsort(size)
         share = np.cumsum(weight[order]) - weight[order] / 2
         low, middle, high = np.interp([0.025, 0.5, 0.975], share, unit * size[order])
         from_data = j == 0 or parts[0].spread[law.free == j].max(initial=0.0) < 0.6  # of the prior's 1
-        found.append(Size(name, float(unit * scale), float(low), float(middle), float(high), bool(from_data)))
+        found.append(Size(name, float(low), float(middle), float(high), bool(from_data)))
     middles = np.array([size.middle for size in found]) / np.r_[unit_mm, np.ones(k)]
     (no_robot,) = exact.posterior(middles[None, :1] ** 2).covariance
     return ErrorSizes(tuple(found), middles**2, mean, covariance * growth(squares[:, :6, :6], weight), no_robot)

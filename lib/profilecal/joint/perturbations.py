@@ -66,7 +66,9 @@ def derivative(error: Perturbation, state, placement, observed: Observations, re
             residuals.with_sizes(
                 size + step * (name == error.length)
                 for name, size in zip(residuals.target.lengths, residuals.sizes, strict=True)
-            ).residuals(state, placement)[:, 0]
+            )
+            .linearise(state, placement)
+            .residual
             for step in (STEP, -STEP)
         )
         return (plus - minus) / (2 * STEP)

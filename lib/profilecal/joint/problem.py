@@ -100,7 +100,7 @@ class Problem:
 
     def residuals(self, state: State) -> list[np.ndarray]:
         """Each target's residuals (B, K, P), mm."""
-        return [term.residuals(state, p)[:, 0] for term, p in zip(self.terms, state.placements, strict=True)]
+        return [term.linearise(state, p).residual for term, p in zip(self.terms, state.placements, strict=True)]
 
     def moments(self, state: State, scale=None, weights=None) -> Moments:
         """`scale` (B,): Cauchy's loss with that many noise levels as its unit; None: least squares. `weights`: one

@@ -95,16 +95,6 @@ class Residuals:
         z *= present[:, None]
         return present
 
-    def residuals(self, state: State, placement) -> np.ndarray:
-        """(B, 1, K, P), mm: of the columns of `linearise` the last."""
-        r = self._look(state, placement)[2]
-        z = np.empty((len(state.rotation), 1, self.m, len(r), self.P))
-        for k, row in enumerate(r):
-            z[:, 0, :, k] = row
-        z = z.reshape(len(z), 1, -1, self.P)
-        self._zero_missing(z)
-        return z
-
     def linearise(self, state: State, placement, with_flange: bool = False) -> Columns:
         """Residuals and derivatives, mm and rad, with those by the flange pose if asked for."""
         origin, axes, r, force, torque = self._look(state, placement)
