@@ -81,7 +81,8 @@ class Law:
         A size over its scale is t with P(|T| > t) = Φ(-y), T of f degrees of freedom; the scanner's is exp(f y).
         """
         f, scale = self.spreads[self.free], self.scales[self.free]
-        t = np.minimum(-stdtrit(f, ndtr(-y) / 2), 100.0)  # a larger error is a mistake
+        chance = ndtr(-np.minimum(y, 8.0))  # smaller ones: SciPy's quantile of them has the wrong sign
+        t = np.minimum(-stdtrit(f, chance / 2), 100.0)  # a larger error is a mistake
         density = np.exp(gammaln((f + 1) / 2) - gammaln(f / 2) - (f + 1) / 2 * np.log1p(t**2 / f)) / np.sqrt(f * np.pi)
         first = np.exp(-(y**2) / 2) / np.sqrt(2 * np.pi) / (2 * density)
         second = first * ((f + 1) * t * first / (f + t**2) - y)
