@@ -15,14 +15,10 @@ THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 @pytest.mark.parametrize("command", ["", *main.commands])
 def test_help_fits_a_screen(command, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
-    for option in ("--help", "-h"):
+    for option in ("--help", "-h", *(["--version"] if not command else [])):
         shown = run(*filter(None, [command]), option)
         assert shown.exit_code == 0
         assert len(shown.output.splitlines()) <= 24
-
-
-def test_the_version_is_said():
-    assert run("--version").exit_code == 0
 
 
 @pytest.mark.parametrize("given", [{}, {"OPENBLAS_NUM_THREADS": "3"}])

@@ -12,13 +12,10 @@ import time
 from collections import Counter, defaultdict
 
 import numpy as np
-import pytest
-from click.testing import CliRunner
 from corruptions import CORRUPTIONS, Folder
 
 from profilecal.calibrate.calibration import calibrate
 from profilecal.calibrate.check import check
-from profilecal.cli import main
 from profilecal.joint.state import pose_error
 from profilecal.scan.folder import read_scan
 from profilecal.scan.scan import ScanError
@@ -116,19 +113,3 @@ def test_corrupted_scans_are_refused_or_doubted_or_right(tmp_path):
     for name, counts in sorted(table.items()):
         print(f"{name:30}", ", ".join(f"{count} {what}" for what, count in sorted(counts.items())))
     assert not failed, "\n".join(failed)
-
-
-@pytest.mark.parametrize("seed", range(7, 7 * len(CORRUPTIONS), 61))
-def test_the_command_line_says_it_in_its_exit_status(tmp_path, seed):
-    folder, _ = corrupt(seed)
-    folder.write(tmp_path / "scan")
-    before = sorted(tmp_path.rglob("*"))
-    done = CliRunner().invoke(main, ["calibrate", str(tmp_path / "scan"), "--json"])
-    assert sorted(tmp_path.rglob("*")) == before
-    if done.exit_code == 2:
-        assert done.stdout == ""
-        assert done.stderr.startswith("profilecal: ")
-        assert done.stderr.count("\n") == 1
-    else:
-        status = json.loads(done.stdout)["status"]
-        assert done.exit_code == (3 if status == "unobservable" else 0)

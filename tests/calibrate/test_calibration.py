@@ -147,20 +147,14 @@ def test_a_guess_and_a_controller_are_taken(tmp_path):
     assert result.exit_code == 0
     assert result.output.splitlines()[0] == "status         ok"
     assert result.output.splitlines()[-1].startswith("{X ")
-    refused = run("calibrate", tmp_path / "scan", "--to", "acme")
-    assert refused.exit_code == 2
-    assert (
-        refused.output
-        == "profilecal: controller is 'acme'; expected one of abb, kuka, ur, fanuc, staubli, ros, matrix\n"
-    )
 
 
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
+        (["--to", "acme"], "controller is 'acme'; expected one of abb, kuka, ur, fanuc, staubli, ros, matrix"),
         (["--json", "--to", "kuka"], "--json prints one JSON object and nothing else; ask for --to without it"),
         (["--guess", *["nan"] * 6], "--guess is nan nan nan nan nan nan; expected six numbers, mm and degrees"),
-        (["--report", "/proc/report.html"], "/proc/report.html: no report can be written there"),
     ],
 )
 def test_options_that_cannot_be_met_are_refused(tmp_path, options, sentence):
@@ -189,25 +183,13 @@ def test_a_measurement_given_twice_is_refused(tmp_path):
         calibrate([with_first_pose_again(scan)])
 
 
-@pytest.mark.parametrize("wrong", ["side", "x and z"])
-def test_a_ball_on_the_other_side_is_not_ok(wrong, tmp_path):
+def test_a_ball_on_the_other_side_is_not_ok(tmp_path):
     scan = simulate_scan(Spec(kind="ball", measured="profiles", convention="FANUC angles", seed=1))
-    if wrong == "side":
-        scan = replace(scan, side=-scan.side)
-    else:
-        scan = replace(scan, values=tuple(profile[:, ::-1] for profile in scan.values))
-    write_scan(scan, tmp_path / "scan")
+    write_scan(replace(scan, side=-scan.side), tmp_path / "scan")
     result = run("calibrate", tmp_path / "scan", "--to", "kuka")
     assert "status         weak" in result.output
     assert "the ball's centre lies on the other side" in result.output
     assert "not to be relied on" in result.output
-
-
-@pytest.mark.parametrize("command", [["calibrate"], ["check"], ["verify", "--with", "x.json"]])
-def test_a_missing_folder_is_one_sentence(tmp_path, command):
-    result = run(command[0], tmp_path / "nowhere", *command[1:])
-    assert result.exit_code == 2
-    assert result.output == f"profilecal: {tmp_path / 'nowhere'}: no such folder\n"
 
 
 def test_robot_errors_are_part_of_the_stated_uncertainty():

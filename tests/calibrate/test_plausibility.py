@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from real_scans import real_scan
 from scipy.stats import binom, chi2
 from simulated import calibration_of
 
@@ -151,8 +150,3 @@ def test_eye_to_hand_drifts_are_named_too():
     scan = simulate_scan(Spec(kind="disk", mount="eye-to-hand", seed=5))
     found = calibrate([moved(scan, [0, 0, 0.5] * steps(scan))])
     assert any("drifted along the base's z by 0." in message for message in found.messages), found.messages
-
-
-@pytest.mark.parametrize("name", ["edge", "sphere"])
-def test_real_scans_stay_ok(name):
-    assert calibrate([real_scan(name)]).status == "ok"

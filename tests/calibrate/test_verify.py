@@ -93,20 +93,19 @@ def test_verify_reads_what_calibrate_printed(old, tmp_path):
     assert "most apart     translation along" in result.output
 
 
+def changed(name, change):
+    """What `calibrate` printed, with one entry changed."""
+    return lambda found: found | {name: change(np.array(found[name])).tolist()}
+
+
 WRONG = {
     "nothing": (lambda found: {}, "not what `profilecal calibrate --json` prints"),
     "no pose": (lambda found: found | {"T_flange_sensor": None}, "no sensor pose"),
-    "a scaled pose": (lambda found: found | {"T_flange_sensor": np.diag([2, 2, 2, 1]).tolist()}, "not orthonormal"),
-    "a reflection": (lambda found: found | {"T_flange_sensor": np.diag([-1, 1, 1, 1]).tolist()}, "a reflection"),
-    "a row lost": (lambda found: found | {"T_flange_sensor": found["T_flange_sensor"][:3]}, "a 4x4 transform"),
-    "transposed": (
-        lambda found: found | {"T_flange_sensor": np.transpose(found["T_flange_sensor"]).tolist()},
-        "last row",
-    ),
-    "a negative variance": (
-        lambda found: found | {"covariance_total": (-np.array(found["covariance"])).tolist()},
-        "positive",
-    ),
+    "a scaled pose": (changed("T_flange_sensor", lambda T: T @ np.diag([2, 2, 2, 1])), "not orthonormal"),
+    "a reflection": (changed("T_flange_sensor", lambda T: T @ np.diag([-1, 1, 1, 1])), "a reflection"),
+    "a row lost": (changed("T_flange_sensor", lambda T: T[:3]), "a 4x4 transform"),
+    "transposed": (changed("T_flange_sensor", np.transpose), "last row"),
+    "a negative variance": (changed("covariance_total", np.negative), "positive"),
 }
 
 

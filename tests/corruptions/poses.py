@@ -6,7 +6,6 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from corruptions.folder import CONVENTIONS_COLUMNS, SLIGHT, any_size, corruption, one, some
-from profilecal.scan.conventions import CONVENTIONS
 
 
 def on_poses(function):
@@ -90,27 +89,6 @@ def left_handed_robot(rng, R, T, folder):
     M = np.diag([1.0, -1, 1, 1])
     folder.truth = M @ folder.truth @ M
     return M[:3, :3] @ R @ M[:3, :3], T @ M[:3, :3]
-
-
-@corruption
-def quaternions_wrong(rng, folder):
-    table, _, R, T = folder.poses()
-    folder.put_poses(table, CONVENTIONS[0], R, T)
-    table, names = folder.table("poses"), list(CONVENTIONS[0].columns)
-    rows, q = some(rng, len(table)), table[names].to_numpy()
-    match rng.integers(5):
-        case 0:
-            q[rows] *= -1  # the same rotation
-        case 1:
-            q[rows] *= 1 + any_size(rng, 1e-4, 0.5)
-        case 2:
-            q[rows] = 0
-        case 3:
-            q = q[:, [1, 2, 3, 0]]
-        case 4:
-            q[rows] *= [1, -1, -1, -1]
-    table[names] = q
-    folder.put("poses", table)
 
 
 @corruption

@@ -5,7 +5,6 @@ from functools import wraps
 import numpy as np
 
 from corruptions.folder import SLIGHT, any_size, corruption, one, some, turned
-from profilecal.scan.conventions import CONVENTIONS
 
 
 def on_table(function):
@@ -32,11 +31,6 @@ def column_doubled(rng, table, column, *_):
     again = table[column] if rng.uniform() < 0.5 else table[column].sample(frac=1, random_state=1).to_numpy()
     table.insert(int(rng.integers(table.shape[1] + 1)), f"{column}#", again)
     return table.rename(columns={f"{column}#": str(rng.choice([column, column.upper(), f" {column}"]))})
-
-
-@on_table
-def header_missing(rng, table, *_):
-    return table.iloc[1:].set_axis(table.iloc[0].astype(str), axis=1)
 
 
 @on_table
@@ -85,11 +79,3 @@ def labels_permuted(rng, table, *_):
         new = old.copy()
         new[rows] = old[rng.permutation(rows)]
     return table.assign(pose=table["pose"].map(dict(zip(old, new, strict=True))))
-
-
-@corruption
-def other_convention_named(rng, folder):
-    """The angles of one convention under the names of another."""
-    table, old, _, _ = folder.poses()
-    new = one(rng, [c for c in CONVENTIONS if len(c.columns) == len(old.columns)])
-    folder.put("poses", table.rename(columns=dict(zip(old.columns, rng.permutation(new.columns), strict=True))))

@@ -14,33 +14,21 @@ from profilecal.scan.conventions import (
 )
 
 
-def turn(axis, degrees):
-    """Elementary rotation, written out."""
-    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
-    return np.array(
-        {
-            "x": [[1, 0, 0], [0, c, -s], [0, s, c]],
-            "y": [[c, 0, s], [0, 1, 0], [-s, 0, c]],
-            "z": [[c, -s, 0], [s, c, 0], [0, 0, 1]],
-        }[axis]
-    )
-
-
-def from_quaternion(w, x, y, z):
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
-
-
-def rodrigues(rx, ry, rz):
-    angle = np.sqrt(rx * rx + ry * ry + rz * rz)
-    x, y, z = np.array([rx, ry, rz]) / angle
+def rodrigues(*vector):
+    """The rotation about a vector by its length."""
+    angle = np.linalg.norm(vector)
+    x, y, z = np.array(vector) / angle
     K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     return np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K
+
+
+def turn(axis, degrees):
+    return rodrigues(*np.radians(degrees) * np.eye(3)["xyz".index(axis)])
+
+
+def from_quaternion(w, *vector):
+    sine = np.linalg.norm(vector)
+    return rodrigues(*2 * np.arctan2(sine, w) / sine * np.array(vector))
 
 
 FORMULA = {
@@ -102,6 +90,10 @@ POSE[:3, :3] = turn("z", 30) @ turn("y", -20) @ turn("x", 170)
 POSE[:3, 3] = 6.0252, 54.18211, 364.25534
 
 
+PASTED = {"abb": "quaternion", "ros": "quaternion", "ur": "rotation vector", "kuka": "KUKA angles"}
+PASTED |= {"fanuc": "FANUC angles", "staubli": "Stäubli angles"}
+
+
 @pytest.mark.parametrize("vendor", CONTROLLERS)
 def test_what_is_pasted_into_a_controller_is_the_pose(vendor):
     text = for_controller(vendor, POSE)
@@ -113,15 +105,10 @@ def test_what_is_pasted_into_a_controller_is_the_pose(vendor):
     if vendor in ("ur", "ros"):
         T = T * 1000
     np.testing.assert_allclose(T, POSE[:3, 3], atol=1e-3)
-    R = {
-        "abb": lambda: from_quaternion(*rest),
-        "ros": lambda: from_quaternion(rest[3], *rest[:3]),
-        "ur": lambda: rodrigues(*rest[:3]),
-        "kuka": lambda: FORMULA["KUKA angles"](*rest[:3]),
-        "fanuc": lambda: FORMULA["FANUC angles"](*rest[:3]),
-        "staubli": lambda: FORMULA["Stäubli angles"](*rest[:3]),
-    }[vendor]()
-    np.testing.assert_allclose(R, POSE[:3, :3], atol=1e-6)
+    if vendor == "ros":
+        rest = rest[3:] + rest[:3]
+    formula = FORMULA[PASTED[vendor]]
+    np.testing.assert_allclose(formula(*rest[: 4 if formula is from_quaternion else 3]), POSE[:3, :3], atol=1e-6)
 
 
 def test_an_unknown_controller_is_refused_with_the_known_ones():

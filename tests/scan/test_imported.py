@@ -308,7 +308,7 @@ MISTAKES = {
     "unnamed": (
         as_json,
         lambda f: None,
-        "poses.json: 6 columns, 1, 2, .*; say what they are, in their order: --pose-columns .*; w,p,r; alpha",
+        "poses.json: 6 columns, 1, 2, .*; say what they are, .*--pose-columns .*; w,p,r",
     ),
     "half": (csv, change("robot.csv", "Alpha [°]", "tilt"), "the orientation lacks alpha .*--pose-columns"),
     "two units": (
@@ -334,24 +334,14 @@ MISTAKES = {
     "columns": (
         tum,
         lambda f: np.savez(f / "3.npz", profile=np.ones((9, 5))),
-        "3.npz: columns 1, 2, 3, 4, 5, w",
+        "3.npz: columns 1, 2, .*, 5, w",
         archives,
     ),
     "no entry": (tum, change("p2.yml", "profile:", "outline:"), "no list 'profile'; there are outline, picked", lists),
     "open list": (tum, change("p2.yml", " ]", ""), "p2.yml: not as many ] as \\[", lists),
-    "pairs": (
-        tum,
-        change("p2.yml", "profile: [", "profile: [ 1.,"),
-        "p2.yml line 3: . fields; expected 3: is",
-        lists,
-    ),
+    "pairs": (tum, change("p2.yml", "profile: [", "profile: [ 1.,"), "p2.yml line 3: . fields; expected 3: is", lists),
     "unknown pose": (csv, change("all.csv", "scan_003", "scan_033", 999), "no profile for pose scan_003", long_table),
-    "not alike": (
-        tum,
-        lambda f: np.savetxt(f / "all.txt", np.ones((9, 40))),
-        "say which are x and z: --columns",
-        wide_table,
-    ),
+    "not alike": (tum, lambda f: np.savetxt(f / "all.txt", np.ones((9, 40))), "say which are x and z", wide_table),
 }
 
 
@@ -403,7 +393,9 @@ def test_the_real_measurements_are_found_in_every_profile_and_calibrate(name, sh
     scan = real_scan(name)
     features = find_features(scan.target, scan.values, scan.sizes)
     assert [feature.shape for feature in features] == [shape] * len(scan.labels)
-    assert calibrate([scan]).solution.rms_mm <= largest_mm
+    found = calibrate([scan])
+    assert found.status == "ok"
+    assert found.solution.rms_mm <= largest_mm
 
 
 def test_picked_points_lie_on_the_ridge_that_is_found():

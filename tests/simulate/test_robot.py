@@ -6,7 +6,7 @@ from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import angle_between, inverse, rotations
 from profilecal.simulate.poses import Poses, actual_poses
 from profilecal.simulate.robot import Robot
-from profilecal.simulate.spec import Spec, read_spec, simulate_scan, simulate_scans
+from profilecal.simulate.spec import Spec, simulate_scan, simulate_scans
 
 SHAPE = {"groups": 3, "positions": 4}
 NOISELESS = Noise()
@@ -71,9 +71,3 @@ def test_a_scan_of_one_target_is_the_first_of_several():
     specs = [Spec(kind=kind, noise=Noise(profile_mm=0.05, position_mm=0.1), **SHAPE) for kind in ("edge", "plane")]
     alone, first = simulate_scan(specs[0]), simulate_scans(specs)[0]
     np.testing.assert_array_equal(np.concatenate(alone.values), np.concatenate(first.values))
-
-
-def test_a_specification_says_what_robot_it_is():
-    spec = read_spec({"kind": "edge", "repeats": 5, "robot": {"joint_deg": 0.02, "drift_mm": 0.1}})
-    assert spec.repeats == 5
-    assert spec.robot == Robot(joint_deg=0.02, drift_mm=0.1)

@@ -11,11 +11,9 @@ from profilecal.geometry.poses import carry, directions, rotations
 from profilecal.joint.perturbations import of_scanner
 from profilecal.joint.problem import Problem
 from profilecal.simulate.scene import random_scene
-from profilecal.simulate.spec import Spec, simulate_scan
 from profilecal.targets import TARGETS
 from profilecal.targets.ball import Ball
 from profilecal.targets.disk import Disk
-from profilecal.targets.target import find_features
 
 KINDS = list(TARGETS)
 
@@ -111,12 +109,6 @@ def test_its_lines_lie_on_it(kind):
     for line in lines:
         assert line.shape[1] == 3
         assert np.abs(scene.target.distance(line)).max() < (10 if kind == "point" else 0) + 1e-9
-
-
-@pytest.mark.parametrize("kind", [kind for kind in KINDS if "profiles" in TARGETS[kind].tables])
-def test_it_is_found_in_the_profiles_that_it_is_simulated_with(kind):
-    scan = simulate_scan(Spec(kind=kind, measured="profiles", groups=5, positions=4))
-    assert np.mean([feature.found for feature in find_features(scan.target, scan.values, scan.sizes)]) > 0.5
 
 
 def test_a_missed_disk_has_no_chord_and_a_circle_gives_the_ball_back_on_its_side():

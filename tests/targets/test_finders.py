@@ -5,6 +5,7 @@ import pytest
 from raw_profiles import RADIUS, balls, disks, edges, planes, rods, spoil, tables
 from scipy.differentiate import jacobian
 
+from profilecal.calibrate.observe import covariances
 from profilecal.profiles.arcs import Section
 from profilecal.simulate.scanner import Scanner
 from profilecal.simulate.spec import Spec, simulate_scan
@@ -55,6 +56,17 @@ def test_points_are_found_and_as_exact_as_stated(target, spoiled):
     assert ratio < 1 + 4 / np.sqrt(count)
     if shape != "tip":  # a tip's variance is an upper bound
         assert ratio > 1 - 4 / np.sqrt(count)
+
+
+def test_both_tips_of_a_chord_together_are_as_exact_as_stated():
+    """They lie on one fitted line, so that they err across it together: the mean of n squared errors in four
+    dimensions has the standard deviation √(8 / n)."""
+    profiles, truth = disks(np.random.default_rng(2), 500)
+    pairs = [(f, t) for f, t in zip(features_of("disk", profiles), truth, strict=True) if f.found]
+    error = np.array([(f.points - t).ravel() for f, t in pairs])
+    covariance = covariances([f for f, _ in pairs], 2, on_curve=False)
+    squares = np.einsum("na,na->n", error, np.linalg.solve(covariance, error[..., None])[..., 0])
+    assert abs(squares.mean() - 4) < 4 * np.sqrt(8 / len(squares))
 
 
 @pytest.mark.parametrize(
