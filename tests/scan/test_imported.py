@@ -310,7 +310,11 @@ MISTAKES = {
         lambda f: None,
         "poses.json: 6 columns, 1, 2, .*; say what they are, .*--pose-columns .*; w,p,r",
     ),
-    "half": (csv, change("robot.csv", "Alpha [°]", "tilt"), "the orientation lacks alpha .*--pose-columns"),
+    "half": (
+        csv,
+        change("robot.csv", "Alpha [°]", "tilt"),
+        "found none among .*tilt, beta.*--pose-columns",
+    ),
     "two units": (
         csv,
         change("robot.csv", "Y [mm]", "Y [m]"),

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from profilecal.geometry.checks import ORTHONORMAL_TOLERANCE
+from profilecal.scan.tables import listed
 
 
 @dataclass(frozen=True)
@@ -69,19 +70,12 @@ def find_convention(columns) -> Convention:
     >>> find_convention(["pose", "x", "y", "z", "w", "p", "r"]).meaning
     'R = Rz(R) Ry(P) Rx(W)'
     """
-    columns = set(columns)
-    there = [c for c in CONVENTIONS if columns.issuperset(c.columns)]
-    if len(there) == 1:
-        return there[0]
-    if there:
-        blocks = " and ".join(", ".join(c.columns) for c in there)
-        raise ValueError(f"two blocks of orientation columns ({blocks}); expected one")
-    partly = [c for c in CONVENTIONS if len(c.columns) > 1 and len(columns & set(c.columns)) > 1]
-    if partly:
-        missing = [name for name in partly[0].columns if name not in columns]
-        raise ValueError(f"the orientation lacks {', '.join(missing)} of {', '.join(partly[0].columns)}")
-    blocks = "; ".join(", ".join(c.columns) if len(c.columns) < 9 else "r11 … r33" for c in CONVENTIONS)
-    raise ValueError(f"no orientation columns; expected one block of: {blocks}")
+    there = [convention for convention in CONVENTIONS if {*convention.columns} <= {*columns}]
+    if len(there) != 1:
+        blocks = "; ".join(", ".join(convention.columns) for convention in CONVENTIONS)
+        found = " and ".join(convention.name for convention in there) or f"none among {listed(columns)}"
+        raise ValueError(f"expected one block of orientation columns, {blocks}; found {found}")
+    return there[0]
 
 
 def named(name: str) -> Convention:
