@@ -11,7 +11,6 @@ from simulated import calibration_of, scan_of
 
 from profilecal.calibrate.calibration import calibrate
 from profilecal.calibrate.observe import observe
-from profilecal.calibrate.summary import to_text
 from profilecal.geometry.noise import Noise
 from profilecal.joint.state import pose_error
 from profilecal.scan.folder import write_scan
@@ -197,11 +196,6 @@ def test_robot_errors_are_part_of_the_stated_uncertainty():
     scans = [simulate_scan(Spec(seed=seed, noise=noise, groups=12, positions=4)) for seed in range(12)]
     inside = sum(squared_error(scan, calibrate([scan])) < chi2.ppf(0.95, 6) for scan in scans)
     assert binom.ppf(1e-4, 12, 0.95) <= inside
-
-
-def test_the_robots_accuracy_is_said_beside_what_it_makes_of_the_answer():
-    (said,) = (line for line in to_text(calibrate([simulate_scan(Spec())])).splitlines() if "elsewhere" in line)
-    assert said.endswith("on a robot accurate to 0.3 mm and 0.03° over its workspace")
 
 
 def test_few_poses_are_kept_where_robots_err_and_one_that_is_wrong_is_not():
