@@ -180,6 +180,7 @@ def check_poses(found):
     order = np.argsort([int(re.findall(r"\d+", label)[-1]) for label in found.labels])
     np.testing.assert_allclose(found.R_base_flange[order], scan().R_base_flange, atol=1e-9)
     np.testing.assert_allclose(found.T_base_flange[order], scan().T_base_flange, atol=1e-8)
+    assert not found.side.any()
     return order
 
 
