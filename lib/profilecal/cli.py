@@ -119,14 +119,10 @@ def calibrate(folders, as_json, vendor, guess, leave_out, report):
         advice = next_poses(found, folders[0], np.random.default_rng(SEED))
         found = replace(found, messages=(*found.messages, *filter(None, [advice])))
 
-    if as_json:
-        click.echo(json.dumps(found.to_json(), indent=2))
-    else:
-        click.echo(to_text(found))
-    if vendor and known:
-        click.echo(for_controller(vendor, found.solution.T_flange_sensor, found.frame))
-        if found.status == "weak":
-            click.echo("profilecal: status weak, see the notes: this pose is not to be relied on", err=True)
+    to_paste = for_controller(vendor, found.solution.T_flange_sensor, found.frame) if vendor and known else ""
+    click.echo(json.dumps(found.to_json(), indent=2) if as_json else to_text(found, to_paste))
+    if to_paste and found.status == "weak":
+        click.echo("profilecal: status weak, see the notes: this pose is not to be relied on", err=True)
     if report:
         write_the_report(folders, report, guess=list(guess or []))
     raise SystemExit(0 if known else 3)

@@ -11,6 +11,7 @@ from simulated import calibration_of, scan_of
 
 from profilecal.calibrate.calibration import calibrate
 from profilecal.calibrate.observe import observe
+from profilecal.calibrate.summary import to_text
 from profilecal.geometry.noise import Noise
 from profilecal.joint.state import pose_error
 from profilecal.scan.folder import write_scan
@@ -145,7 +146,7 @@ def test_a_guess_and_a_controller_are_taken(tmp_path):
     result = run("calibrate", tmp_path / "scan", "--guess", 0, 0, 0, 10, 20, 30, "--to", "kuka")
     assert result.exit_code == 0
     assert result.output.splitlines()[0] == "status         ok"
-    assert result.output.splitlines()[-1].startswith("{X ")
+    assert result.output.splitlines()[3].startswith("{X ")
 
 
 @pytest.mark.parametrize(
@@ -196,6 +197,16 @@ def test_robot_errors_are_part_of_the_stated_uncertainty():
     scans = [simulate_scan(Spec(seed=seed, noise=noise, groups=12, positions=4)) for seed in range(12)]
     inside = sum(squared_error(scan, calibrate([scan])) < chi2.ppf(0.95, 6) for scan in scans)
     assert binom.ppf(1e-4, 12, 0.95) <= inside
+
+
+def test_the_answer_says_one_uncertainty_and_chi2_only_where_the_noise_is_stated():
+    stated = simulate_scan(Spec(measured="points"))
+    texts = [to_text(calibrate([scan]), "PASTE") for scan in (stated, replace(stated, noise={}))]
+    for text in texts:
+        names = [line.split()[0] for line in text.splitlines()]
+        assert names[:6] == ["status", "translation", "rotation", "PASTE", "uncertainty", "poses"]
+        assert text.count("standard deviation") == text.count("robot errors   ") == 1
+    assert ["χ²/dof" in text for text in texts] == [True, False]
 
 
 def test_few_poses_are_kept_where_robots_err_and_one_that_is_wrong_is_not():

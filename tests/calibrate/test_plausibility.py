@@ -64,8 +64,17 @@ WRONG = {
         lambda s: moved(s, [0, 0.01, 0] * s.T_base_flange),
         "along the base's y were too far apart by ",
     ),
-    "radius": ("disk", lambda s: replace(s, sizes=(50.5,)), "the radius was too large by "),
 }
+
+
+@pytest.mark.parametrize(("kind", "wrong", "right"), [("disk", 50.5, "50"), ("ball", 40.0, "25")])
+def test_a_wrong_radius_is_answered_by_the_one_that_fits_and_by_no_poses(kind, wrong, right):
+    found = calibrate([replace(example(kind), sizes=(wrong,))])
+    assert found.status != "ok"
+    assert found.misread
+    assert found.messages[0].startswith(f"with a radius of {right}")
+    assert found.messages[0].endswith(f"; {wrong:g} mm was given")
+    assert not any("add poses" in message or "tilt" in message for message in found.messages)
 
 
 @pytest.mark.parametrize("wrong", WRONG)

@@ -26,7 +26,7 @@ class Calibration:
     observed: tuple[Observations, ...]  # for each scan, what was seen from them
     solution: Solution | None = None  # None: fewer measurements than unknowns
     messages: tuple[str, ...] = ()  # sentences a person can act on
-    misread: bool = False  # another reading of the poses explains the data; `messages` says which
+    misread: bool = False  # the data contradict what is stated, as `messages` say: more poses would not mend it
 
     @property
     def status(self) -> str:
@@ -109,10 +109,10 @@ def calibrate(scans, guess=None) -> Calibration:
     check_different(scans)
     seen, observed, features_mm = observe_all(scans)
     level = prior_from(stated, features_mm, max(entry.shared_mm for entry in seen))
-    solution = None
+    solution, doubted = None, False
     try:
         solution = solve(observed, level, starts=[] if guess is None else [(guess[:3, :3], guess[:3, 3])])
-        solution = plausibility.check(solution)
+        solution, doubted = plausibility.check(solution)
         remarks, wrong = remarks_on_targets(scans, seen, solution)
         if wrong and solution.status == "ok":
             solution = replace(solution, status="weak")
@@ -129,7 +129,7 @@ def calibrate(scans, guess=None) -> Calibration:
         readings = by_scan(map(better_readings, scans, seen))
     messages = [*readings, *notes] if readings else [*notes, *messages]
     poses = tuple(entry.poses for entry in seen)
-    return Calibration(scans, poses, observed, solution, tuple(messages), misread=bool(readings))
+    return Calibration(scans, poses, observed, solution, tuple(messages), misread=doubted or bool(readings))
 
 
 def remarks_on_targets(scans, seen, solution: Solution) -> tuple[list[str], bool]:

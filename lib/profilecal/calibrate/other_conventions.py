@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from operator import itemgetter
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 from scipy.spatial.transform import Rotation
 
 from profilecal.calibrate.observe import Seen, as_observations
@@ -51,7 +52,7 @@ def better_readings(scan: Scan, seen: Seen) -> list[str]:
     stated, _ = misfit(observed(scan, seen), widely=True)
     if not FINE_MM < stated < np.inf:
         return []
-    tried = [(*misfit(observed(r.scan, seen, r.shift)), r) for r in readings(scan)]
+    tried = [(*misfit(observed(r.scan, seen, r.shift)), r) for r in (*readings(scan), *other_lengths(scan, seen))]
     best, freedom, _ = min(tried, key=itemgetter(0))
     best = max(best, EXACT_MM)
     if best > LARGEST_ERROR_MM or stated < FAR_BETTER * best or freedom * np.log(stated / best) < LUCK:
@@ -111,6 +112,22 @@ def readings(scan: Scan):
     for words, rotation in turned:
         robot = replace(scan, R_base_flange=rotation.as_matrix())
         yield Reading(words, "check how the robot prints its poses", robot)
+
+
+def other_lengths(scan: Scan, seen: Seen):
+    """The scan with each of its target's lengths as it fits best, the others as given."""
+    for k, name in enumerate(scan.measures):
+
+        def of(log, k=k):
+            sizes = [size * 2**log if i == k else size for i, size in enumerate(scan.sizes)]
+            return replace(scan, sizes=tuple(sizes))
+
+        def off(log, of=of):
+            return misfit(observed(of(log), seen))[0]
+
+        best = min(np.arange(-2, 2.1, 0.25), key=off)
+        found = of(minimize_scalar(off, bounds=(best - 0.25, best + 0.25), method="bounded", options={"xatol": 1e-3}).x)
+        yield Reading(f"a {name} of {found.sizes[k]:.3g} mm", f"{scan.sizes[k]:g} mm was given", found)
 
 
 def orientations(block, sequence: str):

@@ -23,21 +23,22 @@ ADVICE = (
 )
 
 
-def check(solution: Solution) -> Solution:
-    """The solution with the status, covariance and messages that its residuals leave."""
+def check(solution: Solution) -> tuple[Solution, bool]:
+    """The solution with the status, covariance and messages that its residuals leave, and whether they speak against
+    it: more poses would not mend that."""
     objections = contradictions(solution)
-    messages = [*solution.messages, *objections]
     if solution.status == "unobservable":
-        return replace(solution, messages=tuple(messages))
+        return replace(solution, messages=(*solution.messages, *objections)), bool(objections)
     C, weak = solution.covariance, bool(objections)
     guilty = clear_findings(systematic_tests(solution))
     if guilty:
         weak |= max(distance(s.moves, C) for s in guilty) > MOVES_MUCH
         C = C + sum(np.outer(s.moves, s.moves) for s in guilty)
-        messages.append(accusation(guilty))
+        objections.append(accusation(guilty))
     found = of_covariance(C, solution.observability.rank, solution.observability.parameters)
     status = "weak" if weak or found.sd[0] > WEAK else solution.status
-    return replace(solution, covariance=C, observability=found, messages=tuple(messages), status=status)
+    messages = tuple(objections or solution.messages)
+    return replace(solution, covariance=C, observability=found, messages=messages, status=status), bool(objections)
 
 
 def contradictions(solution: Solution) -> list[str]:

@@ -73,7 +73,10 @@ def read_pose(path) -> tuple[np.ndarray, np.ndarray, float, bool]:
     except OSError as error:
         raise ScanError(f"{path}: {error.strerror}") from error
     except (ValueError, TypeError, KeyError) as error:
-        raise ScanError(f"{path}: not what `profilecal calibrate --json` prints ({error!r})") from error
+        raise ScanError(
+            f"{path}: not what `profilecal calibrate --json` prints, a JSON object with a pose, its covariance and "
+            "noise_mm; write one from another scan: profilecal calibrate SCAN --json > T.json"
+        ) from error
     if T.shape != (4, 4) or covariance.shape != (6, 6) or not np.isfinite([*T.flat, *covariance.flat, noise]).all():
         raise ScanError(f"{path}: holds no sensor pose; expected a 4x4 transform and a 6x6 covariance")
     try:

@@ -6,12 +6,14 @@ from html import escape
 import numpy as np
 import pandas as pd
 
-from profilecal.calibrate.summary import to_text
+from profilecal.calibrate.summary import PLACES, deviations, to_text
 from profilecal.geometry.noise import FALSE_ALARM, chi2_limit
+from profilecal.joint.error_sizes import ErrorSizes, Size
 from profilecal.report.figures import GREEN, ORANGE, RED
 from profilecal.scan.conventions import CONTROLLERS, for_controller
 from profilecal.targets.target import find_features
 
+WORTH_A_WORD = 1.25  # times as large a standard deviation
 VERDICTS = {
     "ok": (
         "The scanner's pose is determined",
@@ -65,10 +67,44 @@ def verdict(found) -> Html:
 
 
 def answer(found) -> Html:
-    """What was scanned, and what `profilecal calibrate` prints of it without the notes."""
-    scans = [f"scan           {scan.title or scan.kind}: {scan.description}" for scan in found.scans]
-    text = "\n".join([*scans, to_text(replace(found, messages=()))])
+    """What was scanned, what `profilecal calibrate` prints of it without the notes, and the rest."""
+    lines = [f"scan           {scan.title or scan.kind}: {scan.description}" for scan in found.scans]
+    lines.append(to_text(replace(found, messages=())))
+    s = found.solution
+    if found.status != "unobservable":
+        robot = f"{s.level.systematic.accuracy_mm:g} mm and {s.level.systematic.accuracy_deg:g}°"
+        lines.append(
+            f"elsewhere      {deviations(s.covariance_total)}, on a robot accurate to {robot} over its workspace"
+        )
+    if s and not found.misread:
+        lines.append(f"noise          {s.noise_mm:.3g} mm, {s.level.how}; residuals {s.rms_mm:.3g} mm rms")
+        lines += [f"robot errors   {text}" for text in robot_errors(s.level.found)]
+    text = "\n".join(lines)
     return Html(f"<pre>{escape(text)}</pre>", text)
+
+
+def robot_errors(found: ErrorSizes) -> list[str]:
+    """How large the robot's errors are, a line for each place where they arise, with 95 % intervals."""
+    lines, sizes = [], {size.name: size for size in found.sizes}
+    for place, names in PLACES.items():
+        pair = [sizes[name] for name in names if name in sizes]
+        if any(size.middle for size in pair):
+            said = " and ".join(f"{s.middle:.2g}{unit(s)} ({s.low:.2g} to {s.high:.2g})" for s in pair)
+            said += "" if any(size.from_data for size in pair) else ", which these poses hardly show"
+        elif any(size.high for size in pair):
+            said = "none, or at most " + " and ".join(f"{size.high:.2g}{unit(size)}" for size in pair)
+        else:
+            said = "none"
+        lines += [f"{place}: {said}"] if pair else []
+    largest = [np.sqrt(np.linalg.eigvalsh(C[:3, :3])[-1]) for C in (found.covariance, found.exact_robot)]
+    if largest[0] > WORTH_A_WORD * largest[1]:
+        lines.append(f"in all: the largest standard deviation is {largest[0]:.2g} mm, {largest[1]:.2g} mm without them")
+    return lines
+
+
+def unit(size: Size) -> str:
+    """What to put behind a number."""
+    return " mm" if size.name.endswith("mm") else "°"
 
 
 def for_controllers(found) -> Html:
