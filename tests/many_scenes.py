@@ -5,7 +5,7 @@ import functools
 import numpy as np
 
 from profilecal.geometry.noise import Noise
-from profilecal.joint.state import State, pose_error
+from profilecal.joint.observations import State, pose_error
 from profilecal.simulate.scene import Scene, random_scene, stack
 from profilecal.targets import TARGETS
 

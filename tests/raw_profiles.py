@@ -3,8 +3,7 @@
 import numpy as np
 
 from profilecal.geometry.noise import Noise
-from profilecal.papers.edge_plan import EdgePlan
-from profilecal.papers.edge_scenes import edge_profiles, edge_scenes
+from profilecal.papers.edge_study import EdgePlan, edge_profiles, edge_scenes
 from profilecal.simulate.scanner import Scanner
 
 SCANNER = Scanner()

@@ -16,7 +16,7 @@ from corruptions import CORRUPTIONS, Folder
 
 from profilecal.calibrate.calibration import calibrate
 from profilecal.calibrate.check import check
-from profilecal.joint.state import pose_error
+from profilecal.joint.observations import pose_error
 from profilecal.scan.folder import read_scan
 from profilecal.scan.scan import ScanError
 

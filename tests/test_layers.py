@@ -8,7 +8,7 @@ from pathlib import Path
 import profilecal
 
 PACKAGE = Path(profilecal.__file__).parent
-# in reading order, as in the README's "Layout": a room imports from itself and from rooms before it
+# in reading order, as in CONTRIBUTING's "Layout": a room imports from itself and from rooms before it
 ROOMS = (
     "geometry",
     "profiles",

@@ -167,7 +167,7 @@ def plan(spec, folder, poses, until, given):
         with new_folder(folder) if folder else nullcontext() as partial:
             found = task.plan()
             if folder:
-                from profilecal.report.plan import save_plan
+                from profilecal.report.pictures import save_plan
 
                 command.write_plan(task, found, partial)
                 save_plan(found, partial / "plan.png")

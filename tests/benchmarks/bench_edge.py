@@ -6,8 +6,7 @@ import numpy as np
 
 from profilecal.closed_form.edge import edge_equations
 from profilecal.geometry.noise import Noise
-from profilecal.papers.edge_plan import EdgePlan
-from profilecal.papers.edge_scenes import edge_scenes
+from profilecal.papers.edge_study import EdgePlan, edge_scenes
 
 LIMIT_S = 5e-3
 

@@ -10,14 +10,13 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from profilecal.calibrate.observe import observe_all
-from profilecal.calibrate.systematic_tests import systematic_tests
+from profilecal.calibrate.plausibility import systematic_tests
 from profilecal.geometry.noise import Noise
 from profilecal.joint.descent import estimate
 from profilecal.joint.noise import prior_from
-from profilecal.joint.observations import Observations
+from profilecal.joint.observations import Observations, State
 from profilecal.joint.problem import Problem
 from profilecal.joint.solve import solve
-from profilecal.joint.state import State
 from profilecal.simulate.scene import random_scene
 from profilecal.simulate.spec import Spec, simulate_scan
 

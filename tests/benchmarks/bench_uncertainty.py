@@ -28,7 +28,7 @@ from tqdm import tqdm
 
 from profilecal.calibrate.calibration import calibrate
 from profilecal.geometry.noise import Noise
-from profilecal.joint.state import pose_error
+from profilecal.joint.observations import pose_error
 from profilecal.simulate.robot import Robot
 from profilecal.simulate.spec import WIDE, Spec, simulate_scans
 

@@ -13,7 +13,7 @@ from profilecal.calibrate.calibration import calibrate
 from profilecal.calibrate.observe import observe
 from profilecal.calibrate.summary import to_text
 from profilecal.geometry.noise import Noise
-from profilecal.joint.state import pose_error
+from profilecal.joint.observations import pose_error
 from profilecal.scan.folder import write_scan
 from profilecal.scan.scan import ScanError
 from profilecal.simulate.spec import WIDE, Spec, simulate_scan

@@ -15,7 +15,7 @@ from simulated import scan_of
 
 from profilecal.calibrate.calibration import calibrate
 from profilecal.geometry.noise import Noise, Systematic
-from profilecal.joint.state import pose_error
+from profilecal.joint.observations import pose_error
 from profilecal.scan.folder import read_scan, write_scan
 from profilecal.simulate.scanner import Scanner
 from profilecal.simulate.spec import Spec

@@ -11,7 +11,7 @@ from simulated import calibration_of
 
 from profilecal.calibrate.calibration import calibrate
 from profilecal.geometry.noise import FALSE_ALARM, Noise
-from profilecal.joint.state import pose_error
+from profilecal.joint.observations import pose_error
 from profilecal.scan.folder import read_scan
 from profilecal.simulate.spec import Spec, simulate_scan
 

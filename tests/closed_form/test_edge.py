@@ -6,8 +6,7 @@ from profilecal.closed_form.edge import edge_equations, judge, solve_edge
 from profilecal.geometry.checks import UnobservableError
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import angle_between, rotations
-from profilecal.papers.edge_plan import EdgePlan, above
-from profilecal.papers.edge_scenes import edge_scenes, sense_edge
+from profilecal.papers.edge_study import EdgePlan, above, edge_scenes, sense_edge
 from profilecal.simulate.poses import Poses
 from profilecal.targets.edge import Edge
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from profilecal.closed_form.solve import closed_form
-from profilecal.joint.state import pose_error
+from profilecal.joint.observations import pose_error
 from profilecal.simulate.scene import random_scene
 
 

@@ -14,11 +14,10 @@ from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import angle_between
 from profilecal.joint.descent import estimate, refine
 from profilecal.joint.noise import prior_from
+from profilecal.joint.observations import normalised_square, pose_error
 from profilecal.joint.problem import Problem
 from profilecal.joint.solve import solve
-from profilecal.joint.state import normalised_square, pose_error
-from profilecal.papers.edge_plan import EdgePlan
-from profilecal.papers.edge_scenes import edge_scenes, observations_of
+from profilecal.papers.edge_study import EdgePlan, edge_scenes, observations_of
 from profilecal.simulate.scene import random_scene
 from profilecal.targets.disk import Disk
 

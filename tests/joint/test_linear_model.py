@@ -8,18 +8,16 @@ from many_scenes import KINDS, SIGMA
 from scipy.linalg import block_diag
 from scipy.stats import multivariate_normal
 
-from profilecal.calibrate.systematic_tests import of_robot
+from profilecal.calibrate.plausibility import of_robot
 from profilecal.closed_form.edge import edge_equations
 from profilecal.geometry.noise import ROBOT, Noise, Systematic
 from profilecal.geometry.poses import angle_between, inverse, rotations
 from profilecal.joint.descent import estimate, refine
 from profilecal.joint.linear_model import Linearised, LinearModel, compress, marginal, score
-from profilecal.joint.perturbations import of_scanner, of_target
+from profilecal.joint.observations import normalised_square, of_scanner, of_target, pose_error
 from profilecal.joint.pose_groups import PoseGroups
 from profilecal.joint.problem import Problem
-from profilecal.joint.state import normalised_square, pose_error
-from profilecal.papers.edge_plan import EdgePlan
-from profilecal.papers.edge_scenes import edge_scenes, observations_of
+from profilecal.papers.edge_study import EdgePlan, edge_scenes, observations_of
 from profilecal.simulate.scene import random_scene
 
 # Two targets: profiles 0 to 4 have five residuals, 5 to 8 three; six poses of three orientations

@@ -8,10 +8,9 @@ from many_scenes import ROBOT, SIGMA, SMALL, mount_of
 
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import rotations
+from profilecal.joint.observations import normalised_square, pose_error
 from profilecal.joint.solve import solve
-from profilecal.joint.state import normalised_square, pose_error
-from profilecal.papers.edge_plan import EdgePlan
-from profilecal.papers.edge_scenes import observations_of, second_edge
+from profilecal.papers.edge_study import EdgePlan, observations_of, second_edge
 from profilecal.simulate.scene import random_scene
 
 

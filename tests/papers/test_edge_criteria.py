@@ -6,9 +6,7 @@ import pytest
 from profilecal.closed_form.edge import edge_equations
 from profilecal.geometry.noise import Noise
 from profilecal.papers import items, published
-from profilecal.papers.edge_criteria import angle_deviations, evaluate, line_distances, printed
-from profilecal.papers.edge_plan import EdgePlan
-from profilecal.papers.edge_scenes import edge_scenes
+from profilecal.papers.edge_study import EdgePlan, angle_deviations, edge_scenes, evaluate, line_distances, printed
 
 TABLES = Path(__file__).parents[2] / "notebooks" / "11_edge_tables.ipynb"
 SPACE = EdgePlan(motion="space")

@@ -3,8 +3,7 @@ import pytest
 
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import angle_between, directions, random_turns
-from profilecal.papers.edge_plan import STANDOFF, EdgePlan, arc, arc_planes, plan_edge
-from profilecal.papers.edge_scenes import edge_scenes
+from profilecal.papers.edge_study import STANDOFF, EdgePlan, arc, arc_planes, edge_scenes, plan_edge
 
 
 def scene_of(seed=1, shape=(), **plan):

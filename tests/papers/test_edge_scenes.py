@@ -2,8 +2,15 @@ import numpy as np
 import pytest
 
 from profilecal.geometry.noise import Noise
-from profilecal.papers.edge_plan import STANDOFF, EdgePlan, plan_ball
-from profilecal.papers.edge_scenes import ball_points, edge_profiles, edge_scenes, sense_edge
+from profilecal.papers.edge_study import (
+    STANDOFF,
+    EdgePlan,
+    ball_points,
+    edge_profiles,
+    edge_scenes,
+    plan_ball,
+    sense_edge,
+)
 from profilecal.simulate.poses import actual_poses
 from profilecal.simulate.scanner import Scanner
 from profilecal.targets.ball import Ball

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from profilecal.papers.least_change import least_change
+from profilecal.papers.published import least_change
 
 
 def test_a_linear_system_takes_what_its_norm_says():

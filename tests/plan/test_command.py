@@ -12,7 +12,7 @@ from command import run
 from scipy.stats import chi2
 
 from profilecal.geometry.noise import Noise
-from profilecal.joint.state import normalised_square, pose_error
+from profilecal.joint.observations import normalised_square, pose_error
 from profilecal.plan.command import task
 from profilecal.scan.folder import write_scan
 from profilecal.scan.toml import read_toml

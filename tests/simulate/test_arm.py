@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from profilecal.geometry.poses import angle_between, rotations
-from profilecal.simulate.arm import LINKS, MIDDLE, Arm, joints_at, where_it_is
+from profilecal.simulate.robot import LINKS, MIDDLE, Arm, joints_at, where_it_is
 from profilecal.simulate.scene import in_unit_ball
 
 POSES = 200

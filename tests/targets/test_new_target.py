@@ -11,12 +11,12 @@ from profilecal.calibrate.calibration import calibrate
 from profilecal.calibrate.check import check
 from profilecal.calibrate.summary import to_text
 from profilecal.calibrate.verify import verify
-from profilecal.geometry.components import cross
 from profilecal.geometry.noise import Noise
+from profilecal.geometry.poses import cross
+from profilecal.joint.observations import normalised_square, pose_error
 from profilecal.joint.solve import solve
-from profilecal.joint.state import normalised_square, pose_error
 from profilecal.profiles.edges import crossing, crossing_covariance
-from profilecal.profiles.feature import Feature, mask, nothing
+from profilecal.profiles.points import Feature, mask, nothing
 from profilecal.profiles.runs import Run, straight_runs
 from profilecal.report import pictures
 from profilecal.scan.folder import read_scan, write_scan

@@ -25,8 +25,8 @@ from profilecal.geometry.poses import carry
 from profilecal.joint.descent import settle_targets
 from profilecal.joint.noise import prior_from
 from profilecal.joint.observability import HAND_PRECISION, Spectrum, name_direction, of_covariance
+from profilecal.joint.observations import pose_error
 from profilecal.joint.problem import Problem
-from profilecal.joint.state import pose_error
 from profilecal.scan.scan import Scan, ScanError
 
 SAME = 1e-3  # standard deviations: no other scan's answer comes so close by chance

@@ -3,8 +3,6 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from profilecal.geometry.components import cross, dot
-
 SAME_ORIENTATION_DEG = 0.05  # poses that differ by less form a rotation group
 
 
@@ -129,3 +127,25 @@ def circle_around(centre, axis, radius: float, count: int = 90) -> np.ndarray:
     frame = frame_around(np.asarray(axis, dtype=float) / np.linalg.norm(axis))
     angle = np.linspace(0, 2 * np.pi, count)[:, None]
     return centre + radius * (np.cos(angle) * frame[:, 0] + np.sin(angle) * frame[:, 1])
+
+
+def cross(a, b) -> list:
+    """a × b."""
+    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+
+
+def dot(a, b):
+    """a · b."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def root(square, least):
+    """The square root and its derivative, continued as its tangent below `least`².
+
+    A scan plane that misses a ball or a disk has no circle or chord; a solver that tries such a pose needs a residual
+    all the same, one that leads back.
+    """
+    inside = square > least**2
+    value = np.sqrt(np.where(inside, square, least**2))
+    slope = 0.5 / value
+    return np.where(inside, value, (square + least**2) * slope), slope

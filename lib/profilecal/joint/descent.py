@@ -7,9 +7,8 @@ import numpy as np
 
 from profilecal.geometry.noise import ROBOT, Noise
 from profilecal.joint.observability import Spectrum, spectrum
-from profilecal.joint.observations import Observations
+from profilecal.joint.observations import Observations, State
 from profilecal.joint.problem import Moments, Problem
-from profilecal.joint.state import State
 
 REACH = np.r_[100, 100, 100, 1, 1, 1]  # mm and rad: a step as large in one as in the other
 FLAT = 1e-6  # of a loss: of a thousand residuals, a thirtieth of a standard deviation

@@ -13,11 +13,9 @@ from scipy.spatial.transform import Rotation
 from profilecal.geometry.noise import Noise, Systematic
 from profilecal.joint.linear_model import Linearised, LinearModel
 from profilecal.joint.observability import units_by_hand
-from profilecal.joint.observations import Observations
-from profilecal.joint.perturbations import Perturbation, considered, derivative
+from profilecal.joint.observations import Observations, Perturbation, State, considered, derivative
 from profilecal.joint.pose_groups import PoseGroups, pose_groups
 from profilecal.joint.residuals import Residuals
-from profilecal.joint.state import State
 
 CAUCHY = 2.385  # noise levels at which a residual's weight is a half: 95 % efficient on clean data (Rey 1983)
 NOTHING_KNOWN = 1e-8  # precision, over that of a measurement by hand: it keeps matrices without rank invertible

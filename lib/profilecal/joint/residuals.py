@@ -5,11 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from profilecal.geometry.components import cross, dot
 from profilecal.geometry.noise import Noise
-from profilecal.geometry.poses import rotations
-from profilecal.joint.observations import Observations
-from profilecal.joint.state import State
+from profilecal.geometry.poses import cross, dot, rotations
+from profilecal.joint.observations import Observations, State
 
 
 @dataclass(frozen=True)

@@ -10,9 +10,8 @@ from profilecal.geometry.poses import homogeneous
 from profilecal.joint.linear_model import LinearModel, Posterior
 from profilecal.joint.noise import NoiseLevel
 from profilecal.joint.observability import Spectrum
-from profilecal.joint.perturbations import Perturbation
+from profilecal.joint.observations import Perturbation, State, pose_error
 from profilecal.joint.problem import Problem
-from profilecal.joint.state import State, pose_error
 
 
 @dataclass(frozen=True)

@@ -13,11 +13,10 @@ from profilecal.joint.error_sizes import ErrorSizes, Prior, average, likeliest
 from profilecal.joint.linear_model import LinearModel
 from profilecal.joint.noise import FINEST_MM, NoiseLevel, as_stated
 from profilecal.joint.observability import Spectrum, explain, of_covariance, spectrum
-from profilecal.joint.observations import Observations
+from profilecal.joint.observations import Observations, State, normalised_square, pose_error
 from profilecal.joint.problem import Problem
 from profilecal.joint.search import HOPELESS, search, search_among_outliers, typical_residual
 from profilecal.joint.solution import Solution
-from profilecal.joint.state import State, normalised_square, pose_error
 
 UNLIKELY = 1e-3  # the chance of residuals so large that the covariance is enlarged
 LARGEST_ERROR_MM = 2.0  # of a robot's position; what is larger is a mistake, not an error

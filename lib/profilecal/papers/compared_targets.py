@@ -10,8 +10,7 @@ from profilecal.closed_form.edge import solve_edge
 from profilecal.closed_form.two_step import check_directions, check_orientations, solve_rotation, solve_translation
 from profilecal.geometry.fitting import fit_circle
 from profilecal.geometry.poses import rotations
-from profilecal.joint.observations import Observations
-from profilecal.joint.state import State, pose_error
+from profilecal.joint.observations import Observations, State, pose_error
 from profilecal.simulate.scene import random_scene, stack
 from profilecal.targets.ball import Ball
 

@@ -9,10 +9,8 @@ from profilecal.geometry.noise import ROBOT, Noise, Systematic
 from profilecal.geometry.poses import carry, rotation_groups
 from profilecal.joint.linear_model import marginal
 from profilecal.joint.observability import Spectrum, spectrum, units_by_hand
-from profilecal.joint.observations import Observations
-from profilecal.joint.perturbations import considered
+from profilecal.joint.observations import Observations, State, considered
 from profilecal.joint.problem import Problem
-from profilecal.joint.state import State
 from profilecal.simulate.guess import Guess, off_by
 from profilecal.simulate.scanner import Scanner
 from profilecal.targets.target import Target

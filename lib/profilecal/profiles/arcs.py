@@ -7,8 +7,18 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from profilecal.geometry.fitting import fit_circle
-from profilecal.profiles.feature import Feature, block_means, mask, nothing
-from profilecal.profiles.points import FOLLOWS, LARGEST_TOLERANCE, correlation, present, stretches, surface
+from profilecal.profiles.points import (
+    FOLLOWS,
+    LARGEST_TOLERANCE,
+    Feature,
+    block_means,
+    correlation,
+    mask,
+    nothing,
+    present,
+    stretches,
+    surface,
+)
 
 LEAST_ARC_DEG, LEAST_ARC_POINTS = 30.0, 20  # of a curve that must be seen
 LARGEST_TILT_DEG = 60.0  # of the scan plane against square to a rod

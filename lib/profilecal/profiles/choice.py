@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from profilecal.profiles.ends import End
-from profilecal.profiles.feature import Feature, nothing
-from profilecal.profiles.points import present
+from profilecal.profiles.points import Feature, nothing, present
 
 AMBIGUOUS = 0.5  # a second candidate with this share of the first one's support leaves the choice open
 

@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from profilecal.profiles.feature import Feature
-from profilecal.profiles.points import present
+from profilecal.profiles.points import Feature, present
 from profilecal.profiles.runs import Run
 
 CLEAR = 5.0  # mm beyond a run in which the scanner sees nothing, though it looked: the run ends there

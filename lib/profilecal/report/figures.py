@@ -8,8 +8,6 @@ import numpy as np
 import pandas as pd
 from matplotlib.ticker import LogLocator
 
-from profilecal.papers.scorecard import Scorecard
-
 # Okabe and Ito's colours, told apart by colour-blind readers and in grey print
 BLUE = "#0072B2"
 ORANGE = "#E69F00"
@@ -45,7 +43,7 @@ def use_style() -> None:
 
 @dataclass(frozen=True)
 class Results:
-    """What one notebook hands out: figures as PNG and SVG, tables as CSV, its rows of the scorecard.
+    """What one notebook hands out: figures as PNG and SVG, tables as CSV.
 
     `folder` is the notebook's parameter `results_dir`; empty, nothing is written.
     """
@@ -71,10 +69,6 @@ class Results:
         if self.folder:
             frame.to_csv(self._place("tables", name).with_suffix(".csv"), index=frame.index.name is not None)
         return frame.map(lambda v: f"{v:.{digits}g}" if isinstance(v, float | np.floating) else v)
-
-    def scorecard(self, rows: list[dict]) -> Scorecard:
-        """Show the notebook's rows of the scorecard; they are stored in the executed notebook."""
-        return Scorecard(rows)
 
 
 def plot_rounding(axes, draws, published: float, ours: float, name: str) -> None:

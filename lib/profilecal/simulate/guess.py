@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from profilecal.geometry.poses import carry, inverse, rotation_from_xyz_angles, rotations
-from profilecal.joint.observations import Observations
-from profilecal.joint.state import State
+from profilecal.joint.observations import Observations, State
 from profilecal.scan.folder import SCALE, read_header, read_poses
 from profilecal.scan.scan import ScanError
 from profilecal.scan.toml import check_entries, number, numbers

@@ -5,8 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from profilecal.geometry.poses import rotations
-from profilecal.joint.observations import Observations
-from profilecal.joint.state import State
+from profilecal.joint.observations import Observations, State
 from profilecal.simulate.poses import Poses
 from profilecal.targets import TARGETS
 from profilecal.targets.target import Target

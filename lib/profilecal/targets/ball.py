@@ -4,9 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from profilecal.geometry.components import root
 from profilecal.geometry.fitting import fit_sphere
-from profilecal.geometry.poses import circle_around
+from profilecal.geometry.poses import circle_around, root
 from profilecal.profiles.arcs import find_balls
 from profilecal.targets.plane import BELOW_MM, Plane
 from profilecal.targets.target import Target

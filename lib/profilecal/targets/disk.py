@@ -4,10 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from profilecal.geometry.components import cross, dot, root
 from profilecal.geometry.fitting import fit_sphere, principal_axes
-from profilecal.geometry.poses import circle_around, frame_around
-from profilecal.profiles.faces import find_chords
+from profilecal.geometry.poses import circle_around, cross, dot, frame_around, root
+from profilecal.profiles.edges import find_chords
 from profilecal.targets.plane import BELOW_MM, Plane
 from profilecal.targets.target import Target
 

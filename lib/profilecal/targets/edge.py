@@ -4,9 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from profilecal.geometry.components import cross
 from profilecal.geometry.fitting import principal_axes
-from profilecal.geometry.poses import frame_around
+from profilecal.geometry.poses import cross, frame_around
 from profilecal.profiles.edges import find_edges
 from profilecal.targets.target import ALONG_Y, Target
 

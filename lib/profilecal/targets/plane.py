@@ -4,10 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from profilecal.geometry.components import cross, dot
 from profilecal.geometry.fitting import principal_axes
-from profilecal.geometry.poses import circle_around, frame_around
-from profilecal.profiles.faces import find_lines
+from profilecal.geometry.poses import circle_around, cross, dot, frame_around
+from profilecal.profiles.edges import find_lines
 from profilecal.targets.target import Target, Y, in_scan_plane
 
 BELOW_MM = 20.0  # other targets, in simulated profiles: a table

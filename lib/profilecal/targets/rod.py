@@ -4,8 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from profilecal.geometry.components import cross, dot
-from profilecal.geometry.poses import frame_around
+from profilecal.geometry.poses import cross, dot, frame_around
 from profilecal.profiles.arcs import find_rods
 from profilecal.targets.edge import Edge
 from profilecal.targets.plane import BELOW_MM, Plane

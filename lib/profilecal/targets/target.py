@@ -20,7 +20,7 @@ import numpy as np
 
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import directions
-from profilecal.profiles.feature import Feature
+from profilecal.profiles.points import Feature
 
 Y = (0.0, 1.0, 0.0)  # across the scan plane, in the sensor frame
 ALONG_Y = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])  # a stance: z along the sensor's y, y towards the scanner

@@ -1,0 +1,261 @@
+"""The edge paper's experiments: where its robot goes (Sections 3 and 4.2), random scenes of an edge, what the scanner
+sees of them, and the paper's own measures of error, Δα and Δd (Section 4.1, Fig. 5)."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pandas as pd
+
+from profilecal.closed_form.edge import EdgeSolution, edge_equations, judge
+from profilecal.geometry.noise import Noise
+from profilecal.geometry.poses import angle_between, directions, frame_along, random_turns
+from profilecal.joint.observations import Observations
+from profilecal.papers.published import values
+from profilecal.simulate.poses import Poses, actual_poses, scan_planes
+from profilecal.simulate.scanner import Scanner
+from profilecal.targets.ball import Ball
+from profilecal.targets.edge import Edge
+
+STANDOFF = 75.0  # mm, the middle of the 60 to 90 mm for which the paper's scanner does best
+
+
+def arc(count: int, radius: float, span: float, middle=0.0) -> np.ndarray:
+    """Positions (..., count, 3) on a circular arc in the plane z = 0, mm, relative to its middle.
+
+    `middle` (...), rad, is where on the circle that lies.
+    """
+    radius, span, middle = (np.asarray(number)[..., None] for number in (radius, span, middle))
+    angle = middle + span * np.linspace(-0.5, 0.5, count)
+    x, y = np.cos(angle) - np.cos(middle), np.sin(angle) - np.sin(middle)
+    return radius[..., None] * np.stack([x, y, np.zeros_like(x)], axis=-1)
+
+
+def arc_planes(direction, tilt, azimuth) -> np.ndarray:
+    """Frames (..., 3, 3), in columns, of planes (their x and y axes) that make the angle `tilt` with the edge.
+
+    `direction` (..., 3) is the edge's; `azimuth` (...) turns the plane about it. x is the plane's direction nearest
+    to the edge, y is perpendicular to the edge. With `tilt` zero the plane contains the edge.
+    """
+    frame, tilt = frame_along(direction, azimuth), np.asarray(tilt)[..., None]
+    across, along = frame[..., 0], frame[..., 1]
+    x = np.cos(tilt) * along - np.sin(tilt) * across
+    normal = np.sin(tilt) * along + np.cos(tilt) * across
+    return np.stack([x, np.cross(normal, x), normal], axis=-1)
+
+
+def above(point, flange, R_sensor, T_sensor, standoff: float = STANDOFF) -> np.ndarray:
+    """Flange positions (..., G, 3) with `point` (..., 3) in the middle of the scan, at depth `standoff`.
+
+    The flange has the orientations `flange` (..., G, 3, 3).
+    """
+    seen = R_sensor @ np.array([0.0, 0.0, standoff]) + T_sensor
+    return point[..., None, :] - (flange @ seen[..., None, :, None])[..., 0]
+
+
+@dataclass(frozen=True)
+class EdgePlan:
+    """How to move over an edge: `groups` orientations, each held for `positions` positions.
+
+    Spread, radius, span and tilt of arcs may be arrays (S, 1), one number for each of S scenes.
+    """
+
+    groups: int = 25
+    positions: int = 10
+    spread_deg: float = 30.0  # the flange turns by up to this, either way
+    one_axis: bool = False  # all turns about one axis
+    motion: str = "arc"  # or "line", or "space": anywhere in a ball of the arc's radius
+    frame: str = "base"  # one arc for all groups; "group": each its own; "tool": it turns with the flange
+    radius: float = 25.0  # mm
+    span_deg: float = 90.0
+    tilt_deg: float = 45.0  # between the arc's plane and the edge
+
+    def __post_init__(self):
+        for name, known in (("motion", ("arc", "line", "space")), ("frame", ("base", "group", "tool"))):
+            if getattr(self, name) not in known:
+                raise ValueError(f"{name} is {getattr(self, name)!r}; expected one of {', '.join(known)}")
+
+    def offsets(self, direction, rng: np.random.Generator) -> np.ndarray:
+        """Translations within each group, (..., G or 1, N, 3), over edges along `direction` (..., 3), mm."""
+        shape = (*direction.shape[:-1], self.groups if self.frame == "group" else 1)
+        if self.motion == "space":
+            length = self.radius * np.cbrt(rng.uniform(size=(*shape, self.positions, 1)))
+            return length * directions(rng, (*shape, self.positions))
+        azimuth, middle = rng.uniform(0, 2 * np.pi, (2, *shape))
+        plane = arc_planes(direction[..., None, :], np.radians(self.tilt_deg), azimuth)
+        if self.motion == "line":
+            return self.radius * np.linspace(-1, 1, self.positions)[:, None] * plane[..., None, :, 0]
+        return arc(self.positions, self.radius, np.radians(self.span_deg), middle) @ np.swapaxes(plane, -1, -2)
+
+
+def plan_edge(plan: EdgePlan, edge: Edge, R_sensor, T_sensor, rng: np.random.Generator) -> Poses:
+    """Poses that carry the scanner at R_sensor (..., 3, 3), T_sensor (..., 3), mm, over the edge.
+
+    The operator first turns the scanner so that its scan plane crosses the edge at up to 20° from square, then turns
+    the flange from group to group, and starts each group with the edge in the middle of the scan.
+    """
+    shape = edge.point.shape[:-1]
+    square = frame_along(edge.direction, rng.uniform(0, 2 * np.pi, shape))
+    start = random_turns(rng, shape, np.radians(20)) @ square @ np.swapaxes(R_sensor, -1, -2)
+    axis = directions(rng, shape)[..., None, :] if plan.one_axis else None
+    turned = random_turns(rng, (*shape, plan.groups), np.radians(plan.spread_deg)[..., None], axis)
+    offsets = plan.offsets(edge.direction, rng)
+    if plan.frame == "tool":
+        offsets = offsets @ np.swapaxes(turned, -1, -2)
+    flange = turned @ start[..., None, :, :]
+    return Poses(flange, above(edge.point, flange, R_sensor, T_sensor)[..., None, :] + offsets)
+
+
+def plan_ball(centre, radius: float, R_sensor, T_sensor, rng, *, groups=10, positions=6, spread_deg=30.0) -> Poses:
+    """Poses that draw `positions` parallel profiles over a ball in each of some orientations (edge paper, Section 4.2).
+
+    `centre` (..., 3), mm. The profiles spread over 1.2 radii, along the sensor's y.
+    """
+    start = random_turns(rng, centre.shape[:-1], np.pi) @ np.swapaxes(R_sensor, -1, -2)
+    flange = random_turns(rng, (*centre.shape[:-1], groups), np.radians(spread_deg)) @ start[..., None, :, :]
+    y = (flange @ R_sensor[..., None, :, :])[..., 1]
+    steps = np.linspace(-0.6, 0.6, positions)[:, None] * radius * y[..., None, :]
+    return Poses(flange, above(centre, flange, R_sensor, T_sensor, STANDOFF + radius)[..., None, :] + steps)
+
+
+def sense_edge(edge: Edge, R_sensor, T_sensor, poses: Poses, noise: Noise, rng: np.random.Generator) -> np.ndarray:
+    """Edge points (..., G, N, 2), x and z in the sensor frame, mm, that a scanner on the flange reports.
+
+    R_sensor (..., 3, 3), T_sensor (..., 3), mm, the edge and the poses may share leading axes, one entry a scene.
+    """
+    planes = scan_planes(R_sensor, T_sensor, *actual_poses(poses, noise, rng))
+    seen = Edge(edge.point[..., None, None, :], edge.direction[..., None, None, :]).meet(*planes)
+    return seen + noise.profile_mm * rng.normal(size=seen.shape)
+
+
+@dataclass(frozen=True)
+class EdgeScene:
+    """An edge, a scanner on a flange, the poses that the robot reports and what the scanner sees."""
+
+    edge: Edge
+    R_sensor: np.ndarray  # (..., 3, 3)
+    T_sensor: np.ndarray  # (..., 3) mm
+    poses: Poses
+    points: np.ndarray  # (..., G, N, 2) mm
+
+
+def edge_scenes(plan: EdgePlan, noise: Noise, rng: np.random.Generator, shape=()) -> EdgeScene:
+    """Random scenes, `shape` of them: any edge 1 m in front of the robot, any mount within 150 mm of the flange.
+
+    The entries of `noise` may be arrays (S, 1, 1, 1), one for each of S scenes.
+    """
+    edge = Edge(np.array([1000.0, 0.0, 300.0]) + rng.uniform(-100, 100, (*shape, 3)), directions(rng, shape))
+    R_sensor = random_turns(rng, shape, np.pi)
+    T_sensor = rng.uniform(50, 150, (*shape, 1)) * directions(rng, shape)
+    poses = plan_edge(plan, edge, R_sensor, T_sensor, rng)
+    return EdgeScene(edge, R_sensor, T_sensor, poses, sense_edge(edge, R_sensor, T_sensor, poses, noise, rng))
+
+
+def edge_profiles(scene: EdgeScene, specimen: str, scanner: Scanner, noise: Noise, rng) -> np.ndarray:
+    """Raw profiles (G, N, points, 2), mm, of one scene whose edge is that of a specimen.
+
+    `noise` gives the robot's errors; the scanner has its own.
+    """
+    rotation, origin = scan_planes(scene.R_sensor, scene.T_sensor, *actual_poses(scene.poses, noise, rng))
+    away = rotation.mean(axis=(0, 1))[:, 2]
+    outline = scene.edge.outline(specimen, rotation, origin, away)
+    return scanner.decode(scanner.count(outline, rng))
+
+
+def ball_points(ball: Ball, R_sensor, T_sensor, poses: Poses, noise: Noise, rng, count: int = 40) -> np.ndarray:
+    """Points (..., G, N, count, 2) on a ball, x and z in the sensor frame, mm, that a scanner on the flange reports.
+
+    Each profile is the arc of up to 60° to either side of the point nearest to the scanner.
+    """
+    planes = scan_planes(R_sensor, T_sensor, *actual_poses(poses, noise, rng))
+    x, z, r = np.moveaxis(Ball(ball.centre[..., None, None, :], ball.radius).meet(*planes), -1, 0)[..., None]
+    angle = np.linspace(-np.pi / 3, np.pi / 3, count)
+    seen = np.stack([x + r * np.sin(angle), z - r * np.cos(angle)], axis=-1)
+    return seen + noise.profile_mm * rng.normal(size=seen.shape)
+
+
+def observations_of(scene: EdgeScene) -> Observations:
+    """Simulated edge scenes, with or without a batch axis, as observations."""
+    G, N = scene.points.shape[-3:-1]
+    batch = scene.points.shape[:-3] or (1,)
+    R = np.repeat(scene.poses.rotations, N, axis=-3).reshape(*batch, G * N, 3, 3)
+    T, points = scene.poses.positions.reshape(*batch, G * N, 3), scene.points.reshape(*batch, G * N, 1, 2)
+    return Observations("edge", R, T, points, group=np.repeat(np.arange(G), N))
+
+
+def second_edge(plan: EdgePlan, noise: Noise, planted, rng: np.random.Generator, offset_mm: float = 10.0):
+    """Edge scenes whose points of the groups and positions `planted` (..., G, N) lie on a parallel edge, `offset_mm`
+    away: the scenes with their points replaced."""
+    shape = np.shape(planted)[:-2]
+    scene = edge_scenes(plan, noise, rng, shape)
+    across = np.cross(scene.edge.direction, directions(rng, shape))
+    across = offset_mm * across / np.linalg.norm(across, axis=-1, keepdims=True)
+    other = Edge(scene.edge.point + across, scene.edge.direction)
+    wrong = sense_edge(other, scene.R_sensor, scene.T_sensor, scene.poses, noise, rng)
+    return replace(scene, points=np.where(planted[..., None], wrong, scene.points))
+
+
+CRITERIA = {  # where the paper prints them: a row for each of ROTATIONS, a column for each of its specimens
+    "mean Δα": ("Table 1", "mean of delta alpha"),
+    "std Δα": ("Table 1", "std of delta alpha"),
+    "mean Δd": ("Table 2", "mean of delta d"),
+    "std Δd": ("Table 2", "std of delta d"),
+}
+ROTATIONS = (10, 15, 20, 25)  # used for a calibration; the paper sums up its tables from 15 on
+CHUNK = 25  # scenes solved at a time, which stay near the cache
+
+
+def printed(criterion: str) -> np.ndarray:
+    """What Table 1 or 2 has of a criterion, (4, 3): ROTATIONS by specimens, signs aside; degrees or mm."""
+    return np.abs(values("edge", *CRITERIA[criterion]))
+
+
+def principal(vectors, about_mean: bool = True) -> np.ndarray:
+    """Unit vectors (..., 3) along which vectors (..., n, 3) extend most."""
+    vectors = vectors - about_mean * vectors.mean(axis=-2, keepdims=True)
+    return np.linalg.eigh(np.swapaxes(vectors, -1, -2) @ vectors)[1][..., -1]
+
+
+def angle_deviations(solution: EdgeSolution, about_mean: bool = True) -> np.ndarray:
+    """Δα (..., G), rad: between the edge's direction u_b and the principal direction of each group of p_b.
+
+    They are seen along one fixed axis perpendicular to u_b: left and right differ, what leans along it is not seen.
+    The principal direction is that of vectors about their mean (PCA), or as they are.
+    """
+    u_b = solution.u_b
+    groups = principal(solution.p_b - solution.p_b[..., :1, :], about_mean)
+    aside = np.cross(u_b, np.eye(3)[np.argmin(np.abs(u_b), axis=-1)])
+    aside /= np.linalg.norm(aside, axis=-1, keepdims=True)
+    along, across = (np.sum(groups * axis[..., None, :], axis=-1) for axis in (u_b, aside))
+    return np.arctan(across / along)
+
+
+def line_distances(solution: EdgeSolution) -> np.ndarray:
+    """Δd (..., G N), mm: of all points from the line along u_b through their mean."""
+    points = solution.p_b.reshape(*solution.p_b.shape[:-3], -1, 3)
+    offset = points - points.mean(axis=-2, keepdims=True)
+    return np.linalg.norm(np.cross(offset, solution.u_b[..., None, :]), axis=-1)
+
+
+def evaluate(scene: EdgeScene, rotations: int, noise_mm=None) -> pd.DataFrame:
+    """The paper's criteria beside the truth of scenes (S) calibrated from their first groups (Section 4.1).
+
+    "strength" and "sd" are those of `judge`, told the noise of the sensed points, or left to estimate it. Angles in
+    degrees, lengths in mm.
+    """
+    poses, points = scene.poses.first(rotations), scene.points[..., :rotations, :, :]
+    solution = edge_equations(poses.rotations, poses.positions, points)
+    evidence = judge(poses.rotations, poses.positions, points, solution, noise_mm)
+    angles, distances = np.degrees(angle_deviations(solution)), line_distances(solution)
+    return pd.DataFrame(
+        {
+            "rotations": rotations,
+            "mean Δα": angles.mean(axis=-1),
+            "std Δα": angles.std(axis=-1),
+            "mean Δd": distances.mean(axis=-1),
+            "std Δd": distances.std(axis=-1),
+            "rotation error": np.degrees(angle_between(solution.R_sensor, scene.R_sensor)),
+            "translation error": np.linalg.norm(solution.T_sensor - scene.T_sensor, axis=-1),
+            "strength": evidence.rotation_strength,
+            "sd": evidence.translation_sd_mm,
+        }
+    )
