@@ -1,11 +1,13 @@
-"""What the noise studies share: neither workers nor blocks change a number."""
+"""What the noise studies share: neither workers nor blocks change a number, and the quick rotation is the right one."""
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
+from profilecal.geometry.poses import nearest_rotation
 from profilecal.papers import monte_carlo
 from profilecal.papers.ball_study import ball_study
 from profilecal.papers.disk_study import disk_study
-from profilecal.papers.monte_carlo import noisy_blocks
+from profilecal.papers.monte_carlo import noisy_blocks, rotations_near
 from profilecal.papers.settings import fig15_scans, fig17_scans
 
 
@@ -30,3 +32,20 @@ def test_the_size_of_a_block_changes_nothing(monkeypatch):
     assert whole.shape == (50, 2, 3)
     np.testing.assert_array_equal(drawn(70), whole)
     np.testing.assert_array_equal(drawn(1), whole)
+
+
+def test_the_quick_rotation_is_that_of_the_svd_for_small_turns_and_large_ones():
+    rng = np.random.default_rng(12)
+    X = rng.normal(size=(500, 4, 3))
+    X /= np.linalg.norm(X, axis=-1, keepdims=True)
+    angle = np.where(np.arange(500) < 250, rng.uniform(0, 1.5, 500), rng.uniform(1.6, np.pi, 500))
+    axis = rng.normal(size=(500, 3))
+    turn = Rotation.from_rotvec(angle[:, None] * axis / np.linalg.norm(axis, axis=1, keepdims=True)).as_matrix()
+    Y = X @ turn.transpose(0, 2, 1) + 0.01 * rng.normal(size=X.shape)
+    Y /= np.linalg.norm(Y, axis=-1, keepdims=True)
+    B = np.einsum("kna,knb->abk", Y, X)
+    B[0, 0, 7] = np.nan
+    found = np.moveaxis(rotations_near(B, 4), -1, 0)
+    good = np.arange(500) != 7
+    np.testing.assert_allclose(found[good], nearest_rotation(np.moveaxis(B, -1, 0)[good]), atol=1e-11)
+    assert np.isnan(found[7]).all()
