@@ -1,6 +1,25 @@
-"""A plugin that `make test` loads before nbval's: jsonschema then does without a grammar of web addresses, which
-nothing here needs and each process would take over a second to compile."""
+"""A plugin that `make test` loads before nbval's.
 
+jsonschema does without a grammar of web addresses, which nothing here needs and each process would take over a second
+to compile. Kernels talk by sockets in files: of two that start at once, both may choose the same port.
+"""
+
+import itertools
+import os
 import sys
+import tempfile
 
 sys.modules["rfc3987_syntax"] = None
+
+
+def pytest_sessionstart():
+    from jupyter_client import KernelManager
+    from nbval import kernel
+
+    sockets, count = tempfile.TemporaryDirectory(), itertools.count()
+
+    def manager(**options):
+        return KernelManager(transport="ipc", ip=f"{sockets.name}/{next(count)}", **options)
+
+    if os.name == "posix":
+        kernel.KernelManager = manager

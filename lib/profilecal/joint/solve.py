@@ -50,7 +50,7 @@ def solve(
         fits = fits_of_most(problem, fits, level.usual_mm)
     if level.unknown:
         scale = typical(problem, fits)[0]
-    if is_hopeless(problem, fits[[0]], scale):
+    if not level.prior.robot_known and is_hopeless(problem, fits[[0]], scale):
         problem, level = Problem(observations, level.noise), level.without_robot
     if level.source == "residuals":
         level = level.with_scanner(max(level.noise.profile_mm * scale, FINEST_MM))

@@ -118,11 +118,15 @@ def run(source: Path, output: Path, parameters: dict, cwd: Path, timeout: int | 
     Raises NotebookError; NotebookLost where the kernel died or a cell took longer than `timeout` seconds; OSError.
     """
     import papermill
+    from traitlets.config import Config
 
     options = {"cwd": cwd, "execution_timeout": timeout, "progress_bar": progress}
     options["extra_arguments"] = ["--log-level=CRITICAL"]  # of the kernel, which else says how it talks
     try:
-        papermill.execute_notebook(source, output, parameters, **options)
+        with tempfile.TemporaryDirectory() as sockets:
+            if os.name == "posix":  # of two kernels that start at once, both may choose the same port
+                options["config"] = Config(KernelManager={"transport": "ipc", "ip": f"{sockets}/kernel"})
+            papermill.execute_notebook(source, output, parameters, **options)
     except papermill.PapermillExecutionError as error:
         raise NotebookError(f"error in cell {error.cell_index}: {error.ename}: {error.evalue}") from error
     except TimeoutError as error:
