@@ -40,7 +40,7 @@ def scipy_solution(problem: Problem, start: State) -> np.ndarray:
     def at(x):
         if last.get("x") != x.tobytes():
             state = problem.move(start, x[None])
-            z = problem.terms[0].linearise(state, state.placements[0]).values[0]
+            z = problem.terms[0].linearise(state, state.placements[0])[0]
             last.update(x=x.tobytes(), z=z.reshape(len(z), -1) / sigma)
         return last["z"]
 

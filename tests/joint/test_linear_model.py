@@ -102,13 +102,6 @@ def test_gradient_and_average_information_of_the_evidence():
     np.testing.assert_allclose(information * UNITS[:, None] * UNITS, moved @ P @ moved.T / 2, rtol=1e-6, atol=1e-9)
 
 
-def test_whitened_rows_have_the_inverse_covariance():
-    model = Dense().model
-    found = model.posterior((UNITS * V)[None])
-    for W, (solved, _) in zip(model.whitener(found), found.solved, strict=True):
-        np.testing.assert_allclose(W.swapaxes(1, 2) @ W, solved[0], atol=1e-12)
-
-
 @pytest.mark.parametrize("profile", range(9))
 def test_a_profile_left_out_is_predicted_as_by_the_model_without_it(profile):
     """With the errors that it shares with others, where it is kept; as a new one, where it is not."""

@@ -1,43 +1,18 @@
 """From a state to the nearest state of least loss."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 
 from profilecal.geometry.noise import ROBOT, Noise
 from profilecal.joint.observability import Spectrum, spectrum
 from profilecal.joint.observations import Observations, State
-from profilecal.joint.problem import Moments, Problem
+from profilecal.joint.problem import Fit, Problem
 
 REACH = np.r_[100, 100, 100, 1, 1, 1]  # mm and rad: a step as large in one as in the other
 FLAT = 1e-6  # of a loss: of a thousand residuals, a thirtieth of a standard deviation
 UNDAMPED = 1e-12
-
-
-@dataclass(frozen=True)
-class Fit:
-    """Where a refinement of B problems ended."""
-
-    state: State
-    normal: np.ndarray  # (B, n + 1, n + 1) normal equations there
-    loss: np.ndarray  # (B,)
-    per_pose: list  # (B, P) each pose's χ² per residual, for each target
-    converged: np.ndarray  # (B,)
-
-    def __getitem__(self, chosen) -> "Fit":
-        per_pose = [own[chosen] for own in self.per_pose]
-        return Fit(self.state[chosen], self.normal[chosen], self.loss[chosen], per_pose, self.converged[chosen])
-
-    @property
-    def information(self) -> np.ndarray:
-        """(B, n, n), mm and rad."""
-        return self.normal[:, :-1, :-1]
-
-    @property
-    def chi2(self) -> np.ndarray:
-        """(B,) squared residuals over the noise."""
-        return self.normal[:, -1, -1]
 
 
 def refine(
@@ -74,9 +49,9 @@ def descend(moments, move, state: State, iterations: int, tolerance: float = 1e-
                 damping = np.where(early, UNDAMPED, damping)
                 step, promise = damped_step(here.normal, damping)
                 small = reach(step) < tolerance
-            trial = move(state, step)
+            trial = move(here.state, step)
             if small.any():  # nothing to look at there
-                state = trial.where(small & ~done, state)
+                here = replace(here, state=trial.where(small & ~done, here.state))
             done |= small | (promise <= 1e-14 * here.loss)  # less is rounding
             if done.all():
                 break
@@ -85,13 +60,13 @@ def descend(moments, move, state: State, iterations: int, tolerance: float = 1e-
             better = (there.loss <= here.loss) & ~done  # false for NaN
             done |= (promise <= FLAT * here.loss) & (kept < 0.9)
             if better.all():
-                state, here = trial, there
+                here = there
             elif better.any():
-                state, here = trial.where(better, state), _where(better, there, here)
+                here = there.where(better, here)
             eased = damping * np.clip(1 - (2 * np.minimum(kept, 1) - 1) ** 3, 0.01, 2)
             damping = np.clip(np.where(better, eased, damping * growth), UNDAMPED, 1e8)
             growth = np.where(better, 2.0, 2 * growth)
-    return Fit(state, here.normal, here.loss, here.per_pose, done)
+    return here
 
 
 def reach(step) -> np.ndarray:
@@ -123,13 +98,6 @@ def settle_targets(problem: Problem, rotation, translation, weights=None) -> Sta
         if np.abs(step).max() < 1e-9:
             break
     return state
-
-
-def _where(mask, first: Moments, second: Moments) -> Moments:
-    """The first where the mask (B,) holds, the second elsewhere."""
-    per_pose = [np.where(mask[:, None], a, b) for a, b in zip(first.per_pose, second.per_pose, strict=True)]
-    normal = np.where(mask[:, None, None], first.normal, second.normal)
-    return Moments(normal, np.where(mask, first.loss, second.loss), per_pose)
 
 
 def estimate(

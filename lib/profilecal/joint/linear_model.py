@@ -9,8 +9,8 @@ s_0 is the scanner's noise over the assumed one. With the variances v = s² and 
 
     C = v_0 1 + Σ_k v_k M_k    H = Aᵀ C⁻¹ A + Π    V = H⁻¹    x̂ = -V Aᵀ C⁻¹ r    P = C⁻¹ - C⁻¹ A V Aᵀ C⁻¹
 
-Four answers: `posterior`, what is known of x; `whitener`, rows that are independent; `left_out`, how far profiles are
-from what the others say; `score`, what a further error would have to be.
+Three answers: `posterior`, what is known of x; `left_out`, how far profiles are from what the others say; `score`, what
+a further error would have to be.
 
 Profiles of different orientations share no error. Orientations with about as many profiles are one batch, a `Block`;
 poses, or profiles, where these share nothing.
@@ -166,10 +166,6 @@ class LinearModel:
             within += (F.swapaxes(1, 2) @ inverse[0] @ F).sum(axis=0)
             across += (CA.swapaxes(1, 2) @ F).sum(axis=0)
         return -slope / 2, (within - across.T @ V @ across) / 2
-
-    def whitener(self, found: Posterior) -> list[np.ndarray]:
-        """For each block W (B, m, m) with Wᵀ W = C⁻¹: the errors of W r are independent, of variance one."""
-        return [np.linalg.cholesky(inverse[0]).swapaxes(1, 2) for inverse, _ in found.solved]
 
     def own(self, v) -> np.ndarray:
         """Covariances (profiles, q, q) of the rows of each profile by itself, for variances v (1 + k,)."""

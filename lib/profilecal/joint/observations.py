@@ -7,7 +7,7 @@ considered: the answer gives way to them as far as they are likely (Schmidt 1966
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -95,38 +95,41 @@ class Observations:
         return replace(self, **{k: v[chosen] if len(v) == length else v for k, v in batch.items()})
 
 
+def each(function, first, *others):
+    """`function` of the arrays in the same place of batches, or of tuples, that are built alike."""
+    if isinstance(first, np.ndarray):
+        return function(first, *others)
+    if isinstance(first, tuple):
+        return tuple(each(function, *parts) for parts in zip(first, *others, strict=True))
+    return type(first)(*(each(function, *(getattr(one, f.name) for one in (first, *others))) for f in fields(first)))
+
+
+class Batch:
+    """A dataclass of arrays, tuples of them and further batches, all with one leading axis."""
+
+    def __getitem__(self, chosen):
+        return each(lambda array: array[chosen], self)
+
+    def repeat(self, count: int):
+        """The first one, `count` times."""
+        return self[np.zeros(count, dtype=int)]
+
+    def join(self, *others):
+        """Batches as one."""
+        return each(lambda *arrays: np.concatenate(arrays), self, *others)
+
+    def where(self, mask, other):
+        """This one where the mask (B,) holds, the other elsewhere."""
+        return each(lambda a, b: np.where(mask.reshape(-1, *[1] * (a.ndim - 1)), a, b), self, other)
+
+
 @dataclass(frozen=True)
-class State:
-    """A batch of sensor poses and, for each target, the frame that it stands in."""
+class State(Batch):
+    """Sensor poses and, for each target, the frame that it stands in."""
 
     rotation: np.ndarray  # (B, 3, 3)
     translation: np.ndarray  # (B, 3) mm
     placements: tuple  # for each target its origin (B, 3), mm, and axes (B, 3, 3), in columns
-
-    def _each(self, function, *others: "State") -> "State":
-        """The state whose arrays are `function` of this one's and the others'."""
-        states = (self, *others)
-        placements = zip(*(state.placements for state in states), strict=True)
-        return State(
-            function(*(state.rotation for state in states)),
-            function(*(state.translation for state in states)),
-            tuple(tuple(function(*arrays) for arrays in zip(*placed, strict=True)) for placed in placements),
-        )
-
-    def __getitem__(self, chosen) -> "State":
-        return self._each(lambda array: array[chosen])
-
-    def repeat(self, count: int) -> "State":
-        """The first problem's state, `count` times."""
-        return self[np.zeros(count, dtype=int)]
-
-    def join(self, *others: "State") -> "State":
-        """Batches as one."""
-        return self._each(lambda *arrays: np.concatenate(arrays), *others)
-
-    def where(self, mask, other: "State") -> "State":
-        """This one where the mask (B,) holds, the other elsewhere."""
-        return self._each(lambda a, b: np.where(mask.reshape(-1, *[1] * (a.ndim - 1)), a, b), other)
 
 
 def pose_error(rotation, translation, true_rotation, true_translation) -> np.ndarray:
@@ -188,28 +191,27 @@ def considered(targets: Sequence, prior: Systematic) -> list[tuple[Perturbation,
 
 
 def derivative(error: Perturbation, state, placement, observed: Observations, residuals, columns) -> np.ndarray:
-    """By the size of an error at a state, of a batch of one: (1, K, P). `columns`: of these `residuals`, there."""
+    """By the size of an error at a state, of a batch of one: (1, K, P). `columns`: of these `residuals`, there, with
+    those by the flange pose."""
     if error.length:
         plus, minus = (
             residuals.with_sizes(
                 size + step * (name == error.length)
                 for name, size in zip(residuals.target.lengths, residuals.sizes, strict=True)
-            )
-            .linearise(state, placement)
-            .residual
+            ).linearise(state, placement)[:, -1]
             for step in (STEP, -STEP)
         )
         return (plus - minus) / (2 * STEP)
     if error.points:
         dx, dz = error.points(*residuals.seen)  # (1, m, P) each
         by_x, by_z = residuals.by_point(columns)
-        return (by_x * dx[:, :, None] + by_z * dz[:, :, None]).reshape(columns.residual.shape)
+        return (by_x * dx[:, :, None] + by_z * dz[:, :, None]).reshape(1, *columns.shape[2:])
     moved = error.positions(positions_in_base(observed))
     if observed.eye_to_hand:
         in_sensor = -moved @ state.rotation[0]
     else:
         in_sensor = (moved[:, None] @ observed.R_flange[0])[:, 0] @ state.rotation[0]
-    return np.sum(columns.by_flange[:, :3] * in_sensor.T[:, None], axis=1)
+    return np.sum(columns[:, -6:-3] * in_sensor.T[:, None], axis=1)
 
 
 def positions_in_base(observed: Observations) -> np.ndarray:

@@ -4,6 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from profilecal.geometry.noise import ROBOT
@@ -57,15 +59,11 @@ def pose_groups(observations: Sequence[Observations]) -> PoseGroups:
         for name, k in (("R_flange", 3), ("T_flange", 2))
     )
     orientation = same_orientations(R, [o.labels for o in observations])
-    pairs = cKDTree(T).query_pairs(SAME_MM, p=np.inf, output_type="ndarray")
-    i, j = pairs[np.lexsort(pairs.T[::-1])].T
+    i, j = cKDTree(T).query_pairs(SAME_MM, p=np.inf, output_type="ndarray").T
     alike = (orientation[i] == orientation[j]) & (np.degrees(angle_between(R[i], R[j])) < SAME_DEG)
-    first = np.arange(len(R))
-    for one, other in zip(i[alike], j[alike], strict=True):
-        if first[one] == one and first[other] == other:
-            first[other] = one
-    firsts, pose = np.unique(first, return_inverse=True)
-    return PoseGroups(pose, orientation[firsts])
+    links = coo_array((alike, (i, j)), shape=(len(R), len(R)))
+    pose = connected_components(links, directed=False)[1]
+    return PoseGroups(pose, orientation[np.unique(pose, return_index=True)[1]])
 
 
 def same_orientations(R, labels) -> np.ndarray:

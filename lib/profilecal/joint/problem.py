@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from profilecal.geometry.noise import Noise, Systematic
 from profilecal.joint.linear_model import Linearised, LinearModel
 from profilecal.joint.observability import units_by_hand
-from profilecal.joint.observations import Observations, Perturbation, State, considered, derivative
+from profilecal.joint.observations import Batch, Observations, Perturbation, State, considered, derivative
 from profilecal.joint.pose_groups import PoseGroups, pose_groups
 from profilecal.joint.residuals import Residuals
 
@@ -22,12 +22,23 @@ NOTHING_KNOWN = 1e-8  # precision, over that of a measurement by hand: it keeps 
 
 
 @dataclass(frozen=True)
-class Moments:
-    """What the data say at a state, and how well it fits."""
+class Fit(Batch):
+    """What the data say at B states, and how well these fit."""
 
+    state: State
     normal: np.ndarray  # (B, n + 1, n + 1) normal equations [J r]ᵀ [J r]
     loss: np.ndarray  # (B,)
-    per_pose: list  # (B, P) each pose's χ² per residual, for each target
+    per_pose: tuple  # (B, P) each pose's χ² per residual, for each target
+
+    @property
+    def information(self) -> np.ndarray:
+        """(B, n, n), mm and rad."""
+        return self.normal[:, :-1, :-1]
+
+    @property
+    def chi2(self) -> np.ndarray:
+        """(B,) squared residuals over the noise."""
+        return self.normal[:, -1, -1]
 
 
 class Problem:
@@ -88,27 +99,23 @@ class Problem:
         """What is of all profiles (profiles, ...), for each target (P, ...)."""
         return np.split(profiles, np.cumsum([term.P for term in self.terms])[:-1])
 
-    def linear(self, state: State) -> list:
-        """Each target's residuals and derivatives (`residuals.Columns`) over the noise."""
+    def linear(self, state: State) -> list[np.ndarray]:
+        """Each target's residuals and derivatives (`Residuals.linearise`) over the noise."""
         pairs = zip(self.terms, state.placements, strict=True)
-        found = [term.linearise(state, placement) for term, placement in pairs]
-        for term, columns in zip(self.terms, found, strict=True):
-            term.over_noise(columns.values, self.noise)
-        return found
+        return [term.over_noise(term.linearise(state, placement), self.noise) for term, placement in pairs]
 
     def residuals(self, state: State) -> list[np.ndarray]:
         """Each target's residuals (B, K, P), mm."""
-        return [term.linearise(state, p).residual for term, p in zip(self.terms, state.placements, strict=True)]
+        return [term.linearise(state, p)[:, -1] for term, p in zip(self.terms, state.placements, strict=True)]
 
-    def moments(self, state: State, scale=None, weights=None) -> Moments:
+    def moments(self, state: State, scale=None, weights=None) -> Fit:
         """`scale` (B,): Cauchy's loss with that many noise levels as its unit; None: least squares. `weights`: one
         (B, P) or (P,) for each target."""
         B = len(state.rotation)
         normal, loss, per_pose = np.zeros((B, self.n + 1, self.n + 1)), np.zeros(B), []
-        for index, columns in enumerate(self.linear(state)):
-            z = columns.values
-            count = z.shape[2] if columns.present is None else np.maximum(columns.present.sum(axis=1), 1)
-            own = np.einsum("bkp,bkp->bp", columns.residual, columns.residual) / count
+        for index, z in enumerate(self.linear(state)):
+            count = np.maximum(self.terms[index].counts(), 1)
+            own = np.einsum("bkp,bkp->bp", z[:, -1], z[:, -1]) / count
             weight = None if weights is None else np.asarray(weights[index], dtype=float)
             if scale is not None:
                 unit = (CAUCHY * scale[:, None]) ** 2
@@ -122,7 +129,7 @@ class Problem:
             normal[:, to[:, None], to] += flat @ np.swapaxes(flat, 1, 2)
         if scale is None:
             loss = normal[:, -1, -1]
-        return Moments(normal, loss, per_pose)
+        return Fit(state, normal, loss, tuple(per_pose))
 
     def columns_in_mm(self, state: State, tried: Sequence[Perturbation] = ()) -> list[np.ndarray]:
         """Each target's residuals (first problem's) at a state, a batch of one, and their derivatives by all unknowns,
@@ -139,11 +146,11 @@ class Problem:
             measured = term.linearise(state, placement)
             there = term.on_target(measured)
             at = there.linearise(state, placement, with_flange=True)
-            z = np.zeros((1, total + 7, *at.values.shape[2:]))
-            z[:, :6], z[:, part] = at.values[:, :6], at.values[:, 6 : 6 + term.n]
+            z = np.zeros((1, total + 7, *at.shape[2:]))
+            z[:, :6], z[:, part] = at[:, :6], at[:, 6 : 6 + term.n]
             for k, error in enumerate(errors, self.n):
                 z[:, k] = derivative(error, state, placement, observed, there, at)
-            z[:, total], z[:, total + 1 :] = measured.residual, at.by_flange
+            z[:, total], z[:, total + 1 :] = measured[:, -1], at[:, -6:]
             found.append(np.nan_to_num(z, copy=False, posinf=0, neginf=0))
         return found
 

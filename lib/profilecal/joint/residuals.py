@@ -1,39 +1,12 @@
 """One target's residuals and their derivatives, arranged for speed."""
 
 from copy import copy
-from dataclasses import dataclass
 
 import numpy as np
 
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import cross, dot, rotations
 from profilecal.joint.observations import Observations, State
-
-
-@dataclass(frozen=True)
-class Columns:
-    """Residuals at a state and their derivatives: (B, columns, K, P), K residuals of each of P poses."""
-
-    values: (
-        np.ndarray
-    )  # by the sensor pose (6), by the target's frame (n), the residual, by the flange pose (6, or none)
-    n: int
-    present: np.ndarray | None  # (B|1, K, P) which residuals there are; None: all
-
-    @property
-    def residual(self) -> np.ndarray:
-        """(B, K, P)."""
-        return self.values[:, 6 + self.n]
-
-    @property
-    def with_residual(self) -> np.ndarray:
-        """By all unknowns, then the residual: (B, 7 + n, K, P)."""
-        return self.values[:, : 7 + self.n]
-
-    @property
-    def by_flange(self) -> np.ndarray:
-        """By position and orientation of the flange, about the sensor's axes: (B, 6, K, P)."""
-        return self.values[:, 7 + self.n :]
 
 
 class Residuals:
@@ -85,16 +58,10 @@ class Residuals:
         with np.errstate(divide="ignore", invalid="ignore"):
             return origin, axes, *residual(origin, axes, self.seen, self.sizes)
 
-    def _zero_missing(self, z) -> np.ndarray | None:
-        """Make columns (B, columns, K, P) zero where no point is. Returns where points are, (B|1, K, P), or None."""
-        if self.present is None:
-            return None
-        present = np.repeat(self.present, z.shape[2] // self.m, axis=1)
-        z *= present[:, None]
-        return present
-
-    def linearise(self, state: State, placement, with_flange: bool = False) -> Columns:
-        """Residuals and derivatives, mm and rad, with those by the flange pose if asked for."""
+    def linearise(self, state: State, placement, with_flange: bool = False) -> np.ndarray:
+        """K residuals of each of P poses and their derivatives, mm and rad, zero where no point is: (B, columns, K, P)
+        by the sensor pose (6) and the target's frame (n), then the residual; and, if asked for, by position and
+        orientation of the flange (6), about the sensor's axes."""
         origin, axes, r, force, torque = self._look(state, placement)
         B = len(state.rotation)
         rows = len(r)
@@ -116,7 +83,9 @@ class Residuals:
             arm = np.moveaxis(np.swapaxes(state.rotation, 1, 2) @ arm, 1, 0)[:, :, None]  # (3, B, 1, P)
             z[:, -6:-3] = z[:, :3]
             z[:, -3:] = z[:, 3:6] + np.stack(cross(arm, np.moveaxis(z[:, :3], 1, 0)), axis=1)
-        return Columns(z, self.n, self._zero_missing(z))
+        if self.present is not None:
+            z *= np.repeat(self.present, rows, axis=1)[:, None]
+        return z
 
     def with_points(self, seen) -> "Residuals":
         """Those of other points (2, B|1, m, P), x and z."""
@@ -130,15 +99,14 @@ class Residuals:
         other.sizes = tuple(sizes)
         return other
 
-    def by_point(self, columns: Columns) -> np.ndarray:
+    def by_point(self, columns) -> np.ndarray:
         """The derivatives (2, B, m, rows, P) of each point's residuals by its own x and z: what moves the point alone
         moves its residuals as what moves the whole scanner."""
-        x_and_z = columns.values[:, [0, 2]].swapaxes(0, 1)
-        return x_and_z.reshape(2, len(columns.values), self.m, -1, self.P)
+        return columns[:, [0, 2]].swapaxes(0, 1).reshape(2, len(columns), self.m, -1, self.P)
 
-    def on_target(self, columns: Columns) -> "Residuals":
+    def on_target(self, columns) -> "Residuals":
         """Those of points where the state of `columns` has them on the target. Slopes of residuals have length one."""
-        r = columns.residual.reshape(len(columns.values), self.m, -1, self.P)
+        r = columns[:, 6 + self.n].reshape(len(columns), self.m, -1, self.P)
         return self.with_points(self.seen - np.sum(self.by_point(columns) * r, axis=3))
 
     def over_noise(self, z, noise: Noise) -> np.ndarray:

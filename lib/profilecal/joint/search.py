@@ -9,9 +9,9 @@ from scipy.special import gammaincinv
 
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import angle_between
-from profilecal.joint.descent import Fit, descend, refine
+from profilecal.joint.descent import descend, refine
 from profilecal.joint.observations import BATCHED, Observations, State
-from profilecal.joint.problem import Problem
+from profilecal.joint.problem import Fit, Problem
 
 POSES, POINTS = 40, 5  # the search looks at that many poses, and points in each
 COARSE, GRID = "T", "I"  # scipy's names for 12 and 60 rotations: any rotation is within 45° of one of the 60

@@ -8,13 +8,13 @@ import numpy as np
 from profilecal.geometry.checks import UnobservableError
 from profilecal.geometry.noise import FALSE_ALARM, ROBOT, Noise, chi2_limit
 from profilecal.geometry.poses import angle_between
-from profilecal.joint.descent import Fit, reach, refine
+from profilecal.joint.descent import reach, refine
 from profilecal.joint.error_sizes import ErrorSizes, Prior, average, likeliest
 from profilecal.joint.linear_model import LinearModel
 from profilecal.joint.noise import FINEST_MM, NoiseLevel, as_stated
 from profilecal.joint.observability import Spectrum, explain, of_covariance, spectrum
 from profilecal.joint.observations import Observations, State, normalised_square, pose_error
-from profilecal.joint.problem import Problem
+from profilecal.joint.problem import Fit, Problem
 from profilecal.joint.search import HOPELESS, search, search_among_outliers, typical_residual
 from profilecal.joint.solution import Solution
 
