@@ -9,8 +9,6 @@ import click
 
 SCAN = click.Path(path_type=Path, readable=False)  # what cannot be read, read_scan says in one sentence
 PLACE = click.Path(path_type=Path)
-MOUNTS = ("eye-in-hand", "eye-to-hand")
-SEED = 0  # of drawn plans, so that a command says the same each time
 
 
 class Refused(click.ClickException):
@@ -116,7 +114,7 @@ def calibrate(folders, as_json, vendor, guess, leave_out, report):
     if found.status == "weak":
         from profilecal.plan.command import next_poses
 
-        advice = next_poses(found, folders[0], np.random.default_rng(SEED))
+        advice = next_poses(found, folders[0], np.random.default_rng(0))
         found = replace(found, messages=(*found.messages, *filter(None, [advice])))
 
     to_paste = for_controller(vendor, found.solution.T_flange_sensor, found.frame) if vendor and known else ""
@@ -212,7 +210,12 @@ def verify(folder, pose):
 @click.argument("folder", type=PLACE)
 @click.option("--target", "kind", required=True, metavar="KIND", help="What was scanned: edge, disk, ball, plane, …")
 @click.option("--radius", type=float, help="Of a disk, ball or rod, mm.")
-@click.option("--mount", type=click.Choice(MOUNTS), default=MOUNTS[0], help="Where the scanner is.")
+@click.option(
+    "--mount",
+    type=click.Choice(["eye-in-hand", "eye-to-hand"]),
+    default="eye-in-hand",
+    help="Where the scanner is.",
+)
 @click.option("--poses", default="", metavar="FILES", help="What holds the robot's poses.")
 @click.option("--pose-columns", default="", metavar="NAMES", help='"x [m],y [m],z [m],w,p,r"; _ for others.')
 @click.option("--tool", nargs=6, type=float, metavar="X Y Z A B C", help="Frame of the tool that poses are of.")

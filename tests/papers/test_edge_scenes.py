@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
+from raw_profiles import edge_profiles
 
 from profilecal.geometry.noise import Noise
 from profilecal.papers.edge_study import (
     STANDOFF,
     EdgePlan,
     ball_points,
-    edge_profiles,
     edge_scenes,
     plan_ball,
     sense_edge,
@@ -64,7 +64,7 @@ def test_every_specimen_shows_its_edge_where_the_scene_has_it():
     """Some point of each profile lies within half a millimetre of it."""
     scene = edge_scenes(EdgePlan(spread_deg=5, radius=5), Noise(), np.random.default_rng(9))
     for specimen in SPECIMENS:
-        profiles = edge_profiles(scene, specimen, Scanner(), Noise(), np.random.default_rng(10))
+        profiles = edge_profiles(scene, specimen, Scanner(), np.random.default_rng(10))
         assert profiles.shape == (25, 10, 980, 2)
         away = np.linalg.norm(profiles - scene.points[..., None, :], axis=-1)
         assert np.nanmin(away, axis=-1).max() < 0.5

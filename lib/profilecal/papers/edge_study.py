@@ -12,7 +12,6 @@ from profilecal.geometry.poses import angle_between, directions, frame_along, ra
 from profilecal.joint.observations import Observations
 from profilecal.papers.published import values
 from profilecal.simulate.poses import Poses, actual_poses, scan_planes
-from profilecal.simulate.scanner import Scanner
 from profilecal.targets.ball import Ball
 from profilecal.targets.edge import Edge
 
@@ -148,17 +147,6 @@ def edge_scenes(plan: EdgePlan, noise: Noise, rng: np.random.Generator, shape=()
     T_sensor = rng.uniform(50, 150, (*shape, 1)) * directions(rng, shape)
     poses = plan_edge(plan, edge, R_sensor, T_sensor, rng)
     return EdgeScene(edge, R_sensor, T_sensor, poses, sense_edge(edge, R_sensor, T_sensor, poses, noise, rng))
-
-
-def edge_profiles(scene: EdgeScene, specimen: str, scanner: Scanner, noise: Noise, rng) -> np.ndarray:
-    """Raw profiles (G, N, points, 2), mm, of one scene whose edge is that of a specimen.
-
-    `noise` gives the robot's errors; the scanner has its own.
-    """
-    rotation, origin = scan_planes(scene.R_sensor, scene.T_sensor, *actual_poses(scene.poses, noise, rng))
-    away = rotation.mean(axis=(0, 1))[:, 2]
-    outline = scene.edge.outline(specimen, rotation, origin, away)
-    return scanner.decode(scanner.count(outline, rng))
 
 
 def ball_points(ball: Ball, R_sensor, T_sensor, poses: Poses, noise: Noise, rng, count: int = 40) -> np.ndarray:

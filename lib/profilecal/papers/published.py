@@ -8,9 +8,9 @@ import numpy as np
 import pandas as pd
 from scipy.optimize import linprog
 
-ROUNDS = 60  # at most; ten to thirty are usual
-STEP = 1e-4  # of the differences that stand for derivatives
-SETTLED = 1e-4  # change from one round to the next, and of the trust, at which the search ends
+from profilecal.geometry.fitting import ROUNDS
+
+SMALL = 1e-4  # the step of the differences that stand for derivatives, and the change at which the search ends
 INSIDE = 0.99  # of the way from the middle of an interval to its ends: room for what is not linear
 DEAR = 10.0  # cost of missing an interval by its own half width, where a change of 1 costs 1
 
@@ -34,12 +34,12 @@ def least_change(compute, low, high, size: int) -> tuple[np.ndarray, float]:
     values, cost = look(x)
     for _ in range(ROUNDS):
         if J is None:  # of a new x
-            moved = (compute(x + STEP * np.vstack([np.eye(size), -np.eye(size)])) - middle) / half
-            J = (moved[:size] - moved[size:]).T / (2 * STEP)
+            moved = (compute(x + SMALL * np.vstack([np.eye(size), -np.eye(size)])) - middle) / half
+            J = (moved[:size] - moved[size:]).T / (2 * SMALL)
         constant = values - J @ x
         tried = _linear_least_change(J, constant, x, trust)
         promised = cost - _cost(tried, J @ tried + constant)
-        if promised < SETTLED or trust < SETTLED:
+        if promised < SMALL or trust < SMALL:
             break
         found, after = look(tried)
         if cost - after < 0.75 * promised:  # the second-order correction

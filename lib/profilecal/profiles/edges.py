@@ -15,7 +15,6 @@ SHAPES = ("corner", "step end", "tip")  # in this order if many profiles show se
 LEAST_BEND_DEG = 15.0  # between the sides of a corner
 LEAST_SIDE = 10  # points on either side of a corner
 NEAR = 2.0  # mm: from the ends of straight sides to their corner, and across a blade's tip, at most
-TIP_DEPTH = 0.5  # mm of a blade that make up its tip
 
 
 def find_edges(profiles) -> list[Feature]:
@@ -154,10 +153,10 @@ def tips(profile, runs, limit: float, view: View) -> list[Candidate]:
 
 
 def top_of(profile, seen, cluster, away: int) -> np.ndarray | None:
-    """The rows of a cluster's top TIP_DEPTH if they are narrow and what surrounds the cluster lies behind them."""
+    """The rows of a cluster's top BLUNT if they are narrow and what surrounds the cluster lies behind them."""
     depth = away * profile[cluster, 1]
     for nearest in np.sort(depth)[:3]:  # up to two spikes in front
-        top = cluster[(depth >= nearest) & (depth < nearest + TIP_DEPTH)]
+        top = cluster[(depth >= nearest) & (depth < nearest + BLUNT)]
         if len(top) >= 3:
             break
     else:
@@ -167,7 +166,7 @@ def top_of(profile, seen, cluster, away: int) -> np.ndarray | None:
     for around in (np.arange(top[0] - ZONE, top[0]), np.arange(top[-1] + 1, top[-1] + 1 + ZONE)):
         if around[0] < 0 or around[-1] >= len(profile):
             return None
-        if seen[around].any() and np.median(away * profile[around[seen[around]], 1]) < nearest + TIP_DEPTH:
+        if seen[around].any() and np.median(away * profile[around[seen[around]], 1]) < nearest + BLUNT:
             return None
     return top
 

@@ -12,7 +12,7 @@ from profilecal.profiles.runs import Run
 
 CLEAR = 5.0  # mm beyond a run in which the scanner sees nothing, though it looked: the run ends there
 STEEPEST_DEG = 65.0  # of a face that faces the scanner
-BLUNT = 0.5  # mm around a corner that its rounding and the laser spot spoil: what is farther off a line is a step
+BLUNT = 0.5  # mm that rounding and the laser spot spoil, of a corner or a blade; what is farther off a line is a step
 THICKNESS = 3.0  # mm of a face whose side wall may be seen
 ZONE = 12  # points at a step among which the scanner may see both of its sides
 ON_FACE = 3.5  # standard deviations from a run's line
