@@ -16,7 +16,7 @@ from profilecal.simulate.poses import actual_poses, scan_planes
 from profilecal.simulate.scene import random_scene
 
 TRUE = Noise(SIGMA, position_mm=0.08, orientation_deg=0.03)
-PRIOR = Prior(replace(USUAL, profile_mm=SIGMA), profile_spread=0.5)
+PRIOR = Prior(replace(USUAL, profile_mm=SIGMA), source="profiles")
 
 
 def edge_model(seed, names=None, **plan):
@@ -72,7 +72,7 @@ def test_the_intervals_hold_the_true_sizes():
     """95 % each."""
     inside = {"position_mm": 0, "orientation_deg": 0}
     for seed in range(20):
-        known = replace(PRIOR, profile_spread=0.0)  # an edge's robot looks like its scanner
+        known = replace(PRIOR, source="given")  # an edge's robot looks like its scanner
         for size in averaged(*edge_model(seed, groups=15, positions=4), known).sizes:
             if size.name in inside:
                 inside[size.name] += size.low <= getattr(TRUE, size.name) <= size.high
@@ -83,7 +83,7 @@ def test_where_less_is_stated_than_is_usual_the_usual_is_as_likely():
     """So a statement that is far too small leaves the region nearly as large as none does."""
     model, names = edge_model(3, groups=4, positions=3)
     stated = frozenset({"position_mm"})
-    small, large = (Prior(replace(PRIOR.scales, position_mm=mm), stated, 0.5) for mm in (1e-4, 0.2))
+    small, large = (Prior(replace(PRIOR.scales, position_mm=mm), stated, "profiles") for mm in (1e-4, 0.2))
     assert small.usual == PRIOR
     assert large.usual is None
     assert PRIOR.usual is None

@@ -36,7 +36,7 @@ def to_text(found: Calibration, to_paste: str = "") -> str:
         )
     lines += [f"note           {message}" for message in found.messages]
     if s and not found.misread:
-        lines.append(f"robot errors   {robot_errors(s.level.found)}")
+        lines.append(f"robot errors   {robot_errors(s.found)}")
         if s.noise_source == "given":  # an estimate makes it 1
             lines.append(f"residuals      {s.rms_mm:.3g} mm rms, χ²/dof {s.chi2_per_dof:.3g}")
     return "\n".join(lines)

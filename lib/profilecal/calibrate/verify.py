@@ -122,11 +122,12 @@ def linearised(alone: Calibration, kept, T, noise_mm: float) -> tuple[np.ndarray
     enormous where the scan says nothing. Such a scan hardly tells the robot's errors: they are as usual at least."""
     s = alone.solution
     level = s.level if s else prior_from(stated_noise(alone.scans))
-    noise = replace(level.noise, profile_mm=max(s.noise_mm if s else 0, noise_mm))
+    known = s.noise if s else level.scales
+    noise = replace(known, profile_mm=max(s.noise_mm if s else 0, noise_mm))
     problem = Problem(alone.observed, noise, level.systematic)
     state = settle_targets(problem, T[None, :3, :3], T[None, :3, 3], kept)
-    names = level.prior.names(problem.groups.distinguishable)
-    sizes = [1.0, *(max(getattr(level.noise, name), getattr(level.prior.scales, name)) for name in names)]
+    names = level.names(problem.groups.distinguishable)
+    sizes = [1.0, *(max(getattr(known, name), getattr(level.scales, name)) for name in names)]
     found = problem.model(state, names).keeping(np.concatenate(kept)).posterior(np.array([sizes]) ** 2)
     return found.mean[0, :6], found.covariance[0, :6, :6]
 

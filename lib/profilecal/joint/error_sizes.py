@@ -19,7 +19,7 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.special import chdtrc, gammaln, ndtr, ndtri, stdtrit
 
-from profilecal.geometry.noise import ROBOT, Noise, chi2_limit
+from profilecal.geometry.noise import ROBOT, Noise, Systematic, chi2_limit
 from profilecal.joint.linear_model import LinearModel
 
 USUAL = Noise(  # of robots, where nothing is stated: scales of the prior, the same at a pose and at an orientation
@@ -36,14 +36,50 @@ REGION = 0.99  # that is to hold
 DRAWS, TAILS = 32, 4.0  # sizes looked at, drawn from a t law of that many degrees of freedom
 
 
+SOURCES = {  # of the scanner's noise: in words, and the spread of its logarithm beforehand
+    "given": ("as given", 0.0),
+    "profiles": ("of the features that the profiles show", 0.5),
+    "residuals": ("from the residuals", 2.0),
+}
+
+
 @dataclass(frozen=True)
 class Prior:
     """What is known beforehand of how large errors are. Each size has a coordinate y, standard normal beforehand."""
 
     scales: Noise
     stated: frozenset[str] = frozenset()  # by the user; the other scales are usual ones
-    profile_spread: float = 0.0  # of the logarithm of the scanner's noise; 0: it is known
+    source: str = "given"  # of the scanner's noise
     robot_known: bool = False  # the robot's errors are as large as their scales
+    systematic: Systematic = Systematic()  # noqa: RUF009
+
+    @property
+    def how(self) -> str:
+        """Where the scanner's noise is from, in words."""
+        return SOURCES[self.source][0]
+
+    @property
+    def profile_spread(self) -> float:
+        """Of the logarithm of the scanner's noise; 0: it is known."""
+        return SOURCES[self.source][1]
+
+    @property
+    def usual_mm(self) -> float:
+        """About how large residuals are if all errors are as large as expected, 100 mm from the flange."""
+        sizes = [self.scales.profile_mm * (self.source != "residuals")]
+        for mm, deg in zip(ROBOT[::2], ROBOT[1::2], strict=True):
+            sizes += [getattr(self.scales, mm), 100 * np.radians(getattr(self.scales, deg))]
+        return float(np.linalg.norm(sizes))
+
+    @property
+    def without_robot(self) -> "Prior":
+        """The same with no errors but the scanner's noise."""
+        exact = replace(self.scales, **dict.fromkeys(ROBOT, 0.0))
+        return replace(self, scales=exact, robot_known=True, systematic=Systematic())
+
+    def with_scanner(self, noise_mm: float) -> "Prior":
+        """The same with another scanner's noise."""
+        return replace(self, scales=replace(self.scales, profile_mm=noise_mm))
 
     def law(self, names: Sequence[str], unit_mm: float) -> "Law":
         """Of the sizes of the scanner's noise, over `unit_mm`, and of the robot's errors of these names."""
@@ -199,7 +235,7 @@ def average(model: LinearModel, prior: Prior, names: Sequence[str], unit_mm: flo
     """What is known over all sizes that data and prior allow, where `likely` and `root` are the `likeliest` of a model
     with errors of these names. `unit_mm`: the noise that the model's residuals are over."""
     law, k = prior.law(names, unit_mm), len(names)
-    exact, alone = model.without_robot(), Prior(prior.scales, profile_spread=prior.profile_spread).law((), unit_mm)
+    exact, alone = model.without_robot(), prior.law((), unit_mm)
     parts, odds = [draw(model, law, likely, root)], [1.0]
     if names and not prior.robot_known:
         parts.append(draw(exact, alone, *likeliest(exact, alone, likely[: len(alone.free)])))

@@ -12,8 +12,8 @@ s_0 is the scanner's noise over the assumed one. With the variances v = s² and 
 Three answers: `posterior`, what is known of x; `left_out`, how far profiles are from what the others say; `score`, what
 a further error would have to be.
 
-Profiles of different orientations share no error. Orientations with about as many profiles are one batch, a `Block`;
-poses, or profiles, where these share nothing.
+Profiles of different orientations share no error. Orientations with as many profiles are one batch, a `Block`; poses,
+or profiles, where these share nothing.
 What residuals say beside the errors of their flange needs no C: it is kept as products, `rest`.
 """
 
@@ -57,9 +57,9 @@ def compress(E, Y) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 @dataclass(frozen=True)
 class Block:
-    """B orientations with at most Q profiles of q rows each, m = Q q in all; zeros where one has fewer."""
+    """B orientations with Q profiles of q rows each, m = Q q in all."""
 
-    profiles: np.ndarray  # (B, Q) which profiles they are; -1: none
+    profiles: np.ndarray  # (B, Q) which profiles they are
     M: np.ndarray  # (k, B, m, m) Z Zᵀ of each error of the robot
     Y: np.ndarray  # (B, m, n + 1) [A | r]
 
@@ -96,25 +96,21 @@ class LinearModel:
         ranks = np.concatenate([np.full(len(E), E.shape[1]) for E, _, _ in parts])
         self.ranks = np.minimum(ranks, self.counts)  # (profiles,) how many rows speak of the flange
         self.mm, self.deg = (np.array([name.endswith(unit) for name in names], dtype=bool) for unit in ("mm", "deg"))
-        members = alike_in_size(groups.sharing_anything(names))
-        self.blocks = [block(self.E, self.Y, profiles, groups, names) for profiles in members]
+        coarsest = min(map(groups.sharing, names), key=np.max, default=np.arange(len(self.counts)))
+        self.blocks = [block(self.E, self.Y, profiles, groups, names) for profiles in of_equal_size(coarsest)]
         self.whole, self.kept = self.blocks, np.ones(len(self.counts), dtype=bool)
 
     def keeping(self, kept) -> "LinearModel":
         """The model of some profiles (profiles,) only."""
         other = copy(self)
         other.kept = np.asarray(kept)
-        other.blocks = [b.only((kept[b.profiles] & (b.profiles >= 0)).repeat(self.q, axis=1)) for b in self.whole]
+        other.blocks = [b.only(other.kept[b.profiles].repeat(self.q, axis=1)) for b in self.whole]
         return other
 
     def without_robot(self) -> "LinearModel":
         """The model in which the robot does not err: no residuals share anything."""
-        other, rest = copy(self), self.rest.copy()
-        for b in self.whole:
-            rows = b.Y.reshape(*b.profiles.shape, self.q, -1)
-            there = b.profiles >= 0
-            rest[b.profiles[there]] += (rows.swapaxes(-1, -2) @ rows)[there]
-        other.rest, other.blocks, other.whole = rest, [], []
+        other = copy(self)
+        other.rest, other.blocks, other.whole = self.rest + self.Y.swapaxes(1, 2) @ self.Y, [], []
         return other
 
     @property
@@ -201,7 +197,7 @@ class LinearModel:
             P_bb = P[:, np.arange(Q), :, np.arange(Q)].swapaxes(0, 1)
             covariance = np.linalg.pinv(P_bb, hermitian=True)
             error = covariance @ (X[0] @ x).reshape(B, Q, q, 1)
-            kept = (b.profiles >= 0) & self.kept[b.profiles]
+            kept = self.kept[b.profiles]
             errors[b.profiles[kept]], covariances[b.profiles[kept]] = error[kept][..., 0], covariance[kept]
         return errors, covariances
 
@@ -229,23 +225,19 @@ def padded(rows, q: int) -> np.ndarray:
     return rows if rows.shape[1] == q else np.pad(rows, [(0, 0), (0, q - rows.shape[1]), (0, 0)])
 
 
-def alike_in_size(orientation) -> list[np.ndarray]:
-    """The profiles of each orientation, from the orientations' numbers (profiles,): arrays (B, Q), -1 where there is
-    none, one for all orientations whose numbers of profiles have the same power of two above them."""
+def of_equal_size(orientation) -> list[np.ndarray]:
+    """The profiles of each orientation, from the orientations' numbers (profiles,): arrays (B, Q), one for all
+    orientations that have as many."""
     order, sizes = np.argsort(orientation, kind="stable"), np.unique(orientation, return_counts=True)[1]
-    first, power, found = np.cumsum(sizes) - sizes, np.ceil(np.log2(sizes)), []
-    for one in np.unique(power):
-        size, start = sizes[power == one, None], first[power == one, None]
-        place = np.arange(size.max())
-        found.append(np.where(place < size, order[np.minimum(start + place, len(order) - 1)], -1))
-    return found
+    among = sizes.repeat(sizes)
+    return [order[among == size].reshape(-1, size) for size in np.unique(sizes)]
 
 
 def block(E, Y, profiles, groups: PoseGroups, names) -> Block:
     """The block of some profiles (B, Q), from the rows E (profiles, q, 6) and Y (profiles, q, n + 1) of all."""
     B, Q = profiles.shape
-    q, there = E.shape[1], (profiles >= 0)[:, :, None, None]
-    e, y = (np.where(there, rows[profiles], 0.0).reshape(B, Q * q, -1) for rows in (E, Y))
+    q = E.shape[1]
+    e, y = (rows[profiles].reshape(B, Q * q, -1) for rows in (E, Y))
     M = np.empty((len(names), B, Q * q, Q * q))
     for name, out in zip(names, M, strict=True):
         Z = np.radians(e[:, :, 3:]) if name.endswith("deg") else e[:, :, :3]

@@ -36,13 +36,6 @@ class PoseGroups:
                 return self.orientation_of_profile
         return self.pose
 
-    def sharing_anything(self, names: Sequence[str]) -> np.ndarray:
-        """Numbers (profiles,) that profiles have in common which share any of these errors, the coarsest."""
-        kinds = {name.split("_")[0] for name in names}
-        if "group" in kinds:
-            return self.orientation_of_profile
-        return self.pose if kinds else np.arange(len(self.pose))
-
     @property
     def distinguishable(self) -> list[str]:
         """The errors of the robot, entries of `Noise`, that are not the same as finer ones at these poses."""

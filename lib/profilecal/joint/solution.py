@@ -7,8 +7,8 @@ import numpy as np
 
 from profilecal.geometry.noise import Noise, variances
 from profilecal.geometry.poses import homogeneous
+from profilecal.joint.error_sizes import ErrorSizes, Prior
 from profilecal.joint.linear_model import LinearModel, Posterior
-from profilecal.joint.noise import NoiseLevel
 from profilecal.joint.observability import Spectrum
 from profilecal.joint.observations import Perturbation, State, pose_error
 from profilecal.joint.problem import Problem
@@ -21,7 +21,9 @@ class Solution:
     state: State  # the sensor pose and the targets, a batch of one
     covariance: np.ndarray  # (6, 6) of (ρ, φ) in the sensor's frame, mm and rad: T = T̂ · exp(δ)
     placements: tuple  # a `Target` for each set of observations
-    level: NoiseLevel
+    level: Prior  # of the errors
+    found: ErrorSizes
+    noise: Noise  # the sizes of all errors that the solution rests on
     chi2: float
     dof: int
     rms_mm: float  # of the residuals kept, less the systematic errors that they suggest
@@ -46,9 +48,9 @@ class Solution:
     def model(self, tried: Sequence[Perturbation] = ()) -> tuple[LinearModel, Posterior]:
         """The linear model at the solution, of the poses kept, with errors `tried` besides, of which nothing is known
         beforehand; and what it says with errors of the sizes found."""
-        names = [size.name for size in self.level.found.sizes[1:]]
+        names = [size.name for size in self.found.sizes[1:]]
         model = self.problem.model(self.state, names, tried).keeping(~np.concatenate(self.rejected))
-        return model, model.posterior(self.level.found.v[None])
+        return model, model.posterior(self.found.v[None])
 
     @property
     def rotation(self) -> np.ndarray:
@@ -61,14 +63,9 @@ class Solution:
         return self.state.translation[0]
 
     @property
-    def noise(self) -> Noise:
-        """The sizes of all errors that the solution rests on."""
-        return self.level.noise
-
-    @property
     def noise_mm(self) -> float:
         """The scanner's, in x and in z."""
-        return float(self.level.noise.profile_mm)
+        return float(self.noise.profile_mm)
 
     @property
     def noise_source(self) -> str:

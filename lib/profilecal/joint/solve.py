@@ -11,7 +11,7 @@ from profilecal.geometry.poses import angle_between
 from profilecal.joint.descent import reach, refine
 from profilecal.joint.error_sizes import ErrorSizes, Prior, average, likeliest
 from profilecal.joint.linear_model import LinearModel
-from profilecal.joint.noise import FINEST_MM, NoiseLevel, as_stated
+from profilecal.joint.noise import FINEST_MM, as_stated
 from profilecal.joint.observability import Spectrum, explain, of_covariance, spectrum
 from profilecal.joint.observations import Observations, State, normalised_square, pose_error
 from profilecal.joint.problem import Fit, Problem
@@ -25,7 +25,7 @@ ROUGHLY = 1e-6  # tolerance of refinements
 
 
 def solve(
-    observations: Sequence[Observations], noise: Noise | NoiseLevel | None = None, *, starts=(), robust: bool = True
+    observations: Sequence[Observations], noise: Noise | Prior | None = None, *, starts=(), robust: bool = True
 ) -> Solution:
     """The sensor pose from all observations together, with its covariance and what it can be believed.
 
@@ -38,23 +38,23 @@ def solve(
     observations = list(observations)
     if not observations:
         raise ValueError("no observations given; expected at least one target")
-    level = noise if isinstance(noise, NoiseLevel) else as_stated(noise or Noise())
-    problem = Problem(observations, level.noise, level.systematic)
+    level = noise if isinstance(noise, Prior) else as_stated(noise or Noise())
+    problem = Problem(observations, level.scales, level.systematic)
     total = int(problem.count()[0])
     if total <= problem.n:
         raise UnobservableError(f"{total} measured coordinates cannot determine {problem.n} unknowns; add poses")
 
-    fits = least_squares(problem, search(observations, level.noise, starts))
+    fits = least_squares(problem, search(observations, level.scales, starts))
     others, scale = fits.state, 1.0
     if robust:
         fits = fits_of_most(problem, fits, level.usual_mm)
-    if level.unknown:
+    if level.source != "given":
         scale = typical(problem, fits)[0]
-    if not level.prior.robot_known and is_hopeless(problem, fits[[0]], scale):
-        problem, level = Problem(observations, level.noise), level.without_robot
+    if not level.robot_known and is_hopeless(problem, fits[[0]], scale):
+        problem, level = Problem(observations, level.scales), level.without_robot
     if level.source == "residuals":
-        level = level.with_scanner(max(level.noise.profile_mm * scale, FINEST_MM))
-        problem = problem.with_noise(level.noise)
+        level = level.with_scanner(max(level.scales.profile_mm * scale, FINEST_MM))
+        problem = problem.with_noise(level.scales)
     return conclude(estimate(problem, level, fits.state[[0]], robust), level, others.join(fits.state))
 
 
@@ -134,17 +134,17 @@ class Estimate:
     found: ErrorSizes
 
 
-def estimate(problem: Problem, level: NoiseLevel, state: State, robust: bool) -> Estimate:
+def estimate(problem: Problem, prior: Prior, state: State, robust: bool) -> Estimate:
     """The state and the size of every error as the residuals have them, from a state nearby: what does not belong is
     left out, the sizes are estimated without it, and a Gauss-Newton step is taken, until nothing changes."""
-    names, unit = level.prior.names(problem.groups.distinguishable), problem.noise.profile_mm
-    law = level.prior.law(names, unit)
+    names, unit = prior.names(problem.groups.distinguishable), problem.noise.profile_mm
+    law = prior.law(names, unit)
     y, kept = np.zeros(len(law.free)), None
     for turn in range(10):  # three are usual
         columns = problem.columns_in_mm(state)
         whole = problem.model(state, names, columns=columns)
         if kept is None:
-            kept = grossly = of_large_errors(problem, state, whole, level.prior) if robust else whole.kept
+            kept = grossly = of_large_errors(problem, state, whole, prior) if robust else whole.kept
         model = whole.keeping(kept)
         y, root = likeliest(model, law, y)
         found = model.posterior(law.variances(y[None])[0])
@@ -157,7 +157,7 @@ def estimate(problem: Problem, level: NoiseLevel, state: State, robust: bool) ->
         if ((after == kept).all() and small[: problem.n].all()) or turn == 9:
             break
         state, kept = after_step(problem, state, found.mean[0]), after
-    return Estimate(problem, state, columns, model, average(model, level.prior, names, unit, y, root))
+    return Estimate(problem, state, columns, model, average(model, prior, names, unit, y, root))
 
 
 def after_step(problem: Problem, state: State, mean) -> State:
@@ -203,7 +203,7 @@ def squares(model: LinearModel, errors, covariances, x, v) -> tuple[np.ndarray, 
     return of_flange, np.maximum(x @ model.rest @ x, 0) / v[0]
 
 
-def conclude(estimated: Estimate, level: NoiseLevel, others: State) -> Solution:
+def conclude(estimated: Estimate, prior: Prior, others: State) -> Solution:
     """What to say of an estimate: its covariance, enlarged where the noise does not explain the residuals, and whether
     one of the `others` fits as well."""
     problem, model, found, messages = estimated.problem, estimated.model, estimated.found, []
@@ -211,7 +211,7 @@ def conclude(estimated: Estimate, level: NoiseLevel, others: State) -> Solution:
     posterior = model.posterior(found.v[None])
     chi2, dof = float(posterior.square[0]), int(model.counts[model.kept].sum()) - problem.n
     covariance, factor = found.covariance[:6, :6], chi2 / dof
-    if level.source == "given" and level.prior.robot_known and factor > chi2_limit(UNLIKELY, dof) / dof:
+    if prior.source == "given" and prior.robot_known and factor > chi2_limit(UNLIKELY, dof) / dof:
         covariance = covariance * factor
         than = "what the stated noise explains; the covariance is enlarged to match"
         messages.append(f"residuals are {factor**0.5:.2g} times {than}")
@@ -232,7 +232,9 @@ def conclude(estimated: Estimate, level: NoiseLevel, others: State) -> Solution:
         state=state,
         covariance=covariance,
         placements=tuple(term.target.at(origin[0], axes[0], term.sizes) for term, (origin, axes) in terms),
-        level=replace(level, noise=replace(problem.noise, **(dict.fromkeys(ROBOT, 0.0) | sizes)), found=found),
+        level=prior,
+        found=found,
+        noise=replace(problem.noise, **(dict.fromkeys(ROBOT, 0.0) | sizes)),
         chi2=chi2,
         dof=dof,
         rms_mm=problem.rms_mm(estimated.state, found.mean, model.kept, estimated.columns),

@@ -69,7 +69,7 @@ def model_of_spec(spec: Spec, stated: dict[str, float], rng: np.random.Generator
         spec.guess.facing(spec.kind),
         *spec.guess.sensor,
         scanner=spec.scanner,
-        noise=replace(level.prior.scales, profile_mm=profile_mm, steering_mm=spec.noise.steering_mm),
+        noise=replace(level.scales, profile_mm=profile_mm, steering_mm=spec.noise.steering_mm),
         systematic=level.systematic,
         to_hand=spec.mount == "eye-to-hand",
         measured=measured,
@@ -114,8 +114,8 @@ def model_of_scan(found: Calibration) -> tuple[ScanModel, Limits, tuple[np.ndarr
         raise ScanError("the scan leaves the mount open; plan from a SPEC.toml whose [guess] states it roughly")
     R, T = observed.R_flange[0][s.kept[0]], observed.T_flange[0][s.kept[0]]
     level = prior_from(stated_noise(found.scans))
-    noise = replace(level.prior.scales, profile_mm=s.noise_mm, steering_mm=s.noise.steering_mm)
-    sizes = s.level.found.sizes[1:]
+    noise = replace(level.scales, profile_mm=s.noise_mm, steering_mm=s.noise.steering_mm)
+    sizes = s.found.sizes[1:]
     # where no pose is repeated, the errors of a visit are part of those of a pose
     noise = replace(noise, **dict.fromkeys({*ROBOT} - {size.name for size in sizes}, 0.0))
     noise = replace(noise, **{size.name: size.middle for size in sizes if size.from_data})

@@ -78,7 +78,7 @@ def answer(found) -> Html:
         )
     if s and not found.misread:
         lines.append(f"noise          {s.noise_mm:.3g} mm, {s.level.how}; residuals {s.rms_mm:.3g} mm rms")
-        lines += [f"robot errors   {text}" for text in robot_errors(s.level.found)]
+        lines += [f"robot errors   {text}" for text in robot_errors(s.found)]
     text = "\n".join(lines)
     return Html(f"<pre>{escape(text)}</pre>", text)
 
