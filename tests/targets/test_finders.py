@@ -70,7 +70,9 @@ def test_both_tips_of_a_chord_together_are_as_exact_as_stated():
 
 
 @pytest.mark.parametrize(
-    "z", [lambda x: 80 + 0 * x, lambda x: 80 + 0.5 * x, lambda x: np.where(x > 19.95, 80.0, 100.0)]
+    "z",
+    [lambda x: 80 + 0 * x, lambda x: 80 + 0.5 * x, lambda x: np.where(x > 19.95, 80.0, 100.0)],
+    ids=["level", "slanted", "blade"],
 )
 def test_a_perfect_plane_has_no_edge_nor_has_a_blade_where_the_profile_ends(z):
     x = np.linspace(-20, 20, 980)
