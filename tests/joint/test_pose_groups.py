@@ -31,6 +31,12 @@ def test_repeats_are_recognised_as_far_as_a_controller_comes_back():
     assert "repeatability_mm" not in pose_groups([replace(twice, T_flange=moved)]).distinguishable
 
 
+def test_at_one_place_poses_that_point_elsewhere_are_others():
+    seen = observations()
+    found = pose_groups([replace(seen, T_flange=0 * seen.T_flange)])
+    assert found.pose.tolist() == np.repeat([0, 1, 2], 4).tolist()
+
+
 def test_profiles_share_errors_of_their_visit_pose_or_orientation():
     found = pose_groups([observations().keep(np.repeat(np.arange(12), 2))])
     assert found.sharing("repeatability_mm").tolist() == list(range(24))

@@ -54,7 +54,7 @@ def pose_groups(observations: Sequence[Observations]) -> PoseGroups:
     orientation = same_orientations(R, [o.labels for o in observations])
     i, j = cKDTree(T).query_pairs(SAME_MM, p=np.inf, output_type="ndarray").T
     alike = (orientation[i] == orientation[j]) & (np.degrees(angle_between(R[i], R[j])) < SAME_DEG)
-    links = coo_array((alike, (i, j)), shape=(len(R), len(R)))
+    links = coo_array((alike[alike], (i[alike], j[alike])), shape=(len(R), len(R)))  # a stored 0 would link, too
     pose = connected_components(links, directed=False)[1]
     return PoseGroups(pose, orientation[np.unique(pose, return_index=True)[1]])
 
