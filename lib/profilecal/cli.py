@@ -64,8 +64,6 @@ def reproduce(names, parameters, output):
         given = {name: notebooks.parse_value(text) for name, text in parameters}
         gathered, failed = notebooks.reproduce(notebooks.find(names), given, output)
 
-    for path in notebooks.without_data() if not names else ():
-        click.echo(f"Left out {path.stem}: {notebooks.REAL_DATA} is not set (see data/README.md)")
     if gathered:
         click.echo(f"{items.tally(gathered).to_string(index=False)}\n\n{items.sentence(gathered)}\n")
     click.echo(f"Notebooks, figures, tables and scorecard: {output}/")

@@ -14,7 +14,6 @@ from pathlib import Path
 
 sys.modules.setdefault("rfc3987_syntax", None)  # a grammar that jsonschema compiles in a second, and does without
 
-REAL_DATA = "PROFILECAL_REAL_DATA"
 TYPES = {"int": int, "float": (int, float), "bool": bool, "str": str, "list": list}
 ATTEMPTS = 2  # at a run whose kernel dies or hangs
 
@@ -44,14 +43,13 @@ def folder() -> Path:
 
 
 def find(names) -> list[Path]:
-    """The notebooks of the clone whose names, or beginnings of names, are given; when none is, all that can run here.
+    """The notebooks of the clone whose names, or beginnings of names, are given; when none is, all.
 
     Raises ValueError naming what is there when a name fits none.
     """
     there = sorted(folder().rglob("[!.]*.ipynb"))
     if not names:
-        missing = without_data()
-        return [path for path in there if path not in missing]
+        return there
     chosen = set()
     for name in names:
         fits = [path for path in there if path.stem.startswith(Path(name).stem)]
@@ -59,14 +57,6 @@ def find(names) -> list[Path]:
             raise ValueError(f"no notebook named {name!r}; there are {', '.join(path.stem for path in there)}")
         chosen.update(fits)
     return sorted(chosen)
-
-
-def without_data() -> list[Path]:
-    """The notebooks that cannot run here: they have a parameter `real_data`, for measurements that the repository does
-    not hold, and the environment does not say where these are (data/README.md)."""
-    if os.environ.get(REAL_DATA):
-        return []
-    return [path for path in sorted(folder().glob("*.ipynb")) if "real_data" in parameters_of(path)]
 
 
 def parameters_of(path: Path) -> dict[str, str]:
