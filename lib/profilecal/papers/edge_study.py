@@ -4,11 +4,10 @@ sees of them, and the paper's own measures of error, Δα and Δd (Section 4.1, 
 from dataclasses import dataclass, replace
 
 import numpy as np
-import pandas as pd
 
-from profilecal.closed_form.edge import EdgeSolution, edge_equations, judge
+from profilecal.closed_form.edge import EdgeSolution
 from profilecal.geometry.noise import Noise
-from profilecal.geometry.poses import angle_between, directions, frame_along, random_turns
+from profilecal.geometry.poses import directions, frame_along, random_turns
 from profilecal.joint.observations import Observations
 from profilecal.papers.published import values
 from profilecal.simulate.poses import Poses, actual_poses, scan_planes
@@ -222,28 +221,3 @@ def line_distances(solution: EdgeSolution) -> np.ndarray:
     points = solution.p_b.reshape(*solution.p_b.shape[:-3], -1, 3)
     offset = points - points.mean(axis=-2, keepdims=True)
     return np.linalg.norm(np.cross(offset, solution.u_b[..., None, :]), axis=-1)
-
-
-def evaluate(scene: EdgeScene, rotations: int, noise_mm=None) -> pd.DataFrame:
-    """The paper's criteria beside the truth of scenes (S) calibrated from their first groups (Section 4.1).
-
-    "strength" and "sd" are those of `judge`, told the noise of the sensed points, or left to estimate it. Angles in
-    degrees, lengths in mm.
-    """
-    poses, points = scene.poses.first(rotations), scene.points[..., :rotations, :, :]
-    solution = edge_equations(poses.rotations, poses.positions, points)
-    evidence = judge(poses.rotations, poses.positions, points, solution, noise_mm)
-    angles, distances = np.degrees(angle_deviations(solution)), line_distances(solution)
-    return pd.DataFrame(
-        {
-            "rotations": rotations,
-            "mean Δα": angles.mean(axis=-1),
-            "std Δα": angles.std(axis=-1),
-            "mean Δd": distances.mean(axis=-1),
-            "std Δd": distances.std(axis=-1),
-            "rotation error": np.degrees(angle_between(solution.R_sensor, scene.R_sensor)),
-            "translation error": np.linalg.norm(solution.T_sensor - scene.T_sensor, axis=-1),
-            "strength": evidence.rotation_strength,
-            "sd": evidence.translation_sd_mm,
-        }
-    )
