@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation
 from profilecal.calibrate.observe import Seen, as_observations
 from profilecal.geometry.noise import Noise
 from profilecal.joint.descent import refine
+from profilecal.joint.noise import FINEST_MM
 from profilecal.joint.observations import Observations
 from profilecal.joint.search import in_space, search, search_among_outliers, thin, typical_residual
 from profilecal.joint.solve import LARGEST_ERROR_MM
@@ -28,7 +29,6 @@ from profilecal.scan.scan import Scan
 FINE_MM = 0.1  # residuals at which no other reading is looked for
 FAR_BETTER = 2.0  # times smaller residuals; others than the best within that of it are as good
 LUCK = 25.0  # logarithm of the odds against residuals so much smaller by chance, among all readings and starts
-EXACT_MM = 1e-9  # residuals that are rounding
 SEQUENCES = (  # of three angles, as scipy names them
     *((f"{c.name} {', '.join(c.columns)}", c.sequence) for c in CONVENTIONS if c.sequence),
     ("angles about the fixed axes z, y, x", "zyx"),
@@ -54,7 +54,7 @@ def better_readings(scan: Scan, seen: Seen) -> list[str]:
         return []
     tried = [(*misfit(observed(r.scan, seen, r.shift)), r) for r in (*readings(scan), *other_lengths(scan, seen))]
     best, freedom, _ = min(tried, key=itemgetter(0))
-    best = max(best, EXACT_MM)
+    best = max(best, FINEST_MM)
     if best > LARGEST_ERROR_MM or stated < FAR_BETTER * best or freedom * np.log(stated / best) < LUCK:
         return []
     alike = [r for size, _, r in sorted(tried, key=itemgetter(0)) if size < FAR_BETTER * best]
@@ -82,7 +82,7 @@ def misfit(observations: Observations, widely: bool = False) -> tuple[float, int
         state = search_among_outliers([observations], problem.noise, state)
     size = typical_residual(problem.moments(state).per_pose, problem.freedoms())
     for _ in range(4):  # each weighs bad poses down further
-        fit = refine(problem, state, scale=np.maximum(size, EXACT_MM), iterations=8)
+        fit = refine(problem, state, scale=np.maximum(size, FINEST_MM), iterations=8)
         state, size = fit.state, typical_residual(fit.per_pose, problem.freedoms())
     best = np.min(size, where=np.isfinite(size), initial=np.inf)
     return float(best * np.sqrt(1 + problem.n / freedom)), freedom

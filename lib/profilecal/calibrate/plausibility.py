@@ -84,8 +84,7 @@ def of_robot() -> list[Perturbation]:
     ]
 
 
-LARGEST_MISFIT = 3.0  # residuals over what the stated noise explains
-MOVES_MUCH = 3.0  # standard deviations of the pose that an error must move it by to make it weak
+MUCH = 3.0  # standard deviations that an error moves a pose by, or times what the stated noise explains: no more "ok"
 SHADOW = 0.8  # of the clearest error's clarity: less is taken for its shadow
 ADVICE = (
     "check the mount, units and convention of the poses, which pose each profile belongs to, x and z of the profiles, "
@@ -102,7 +101,7 @@ def check(solution: Solution) -> tuple[Solution, bool]:
     C, weak = solution.covariance, bool(objections)
     guilty = clear_findings(systematic_tests(solution))
     if guilty:
-        weak |= max(distance(s.moves, C) for s in guilty) > MOVES_MUCH
+        weak |= max(distance(s.moves, C) for s in guilty) > MUCH
         C = C + sum(np.outer(s.moves, s.moves) for s in guilty)
         objections.append(accusation(guilty))
     found = of_covariance(C, solution.observability.rank, solution.observability.parameters)
@@ -115,7 +114,7 @@ def contradictions(solution: Solution) -> list[str]:
     """What in the residuals no noise explains, in words."""
     noise, messages = solution.noise, []
     misfit = np.sqrt(solution.chi2_per_dof)
-    if solution.noise_source == "given" and misfit > LARGEST_MISFIT:
+    if solution.noise_source == "given" and misfit > MUCH:
         messages.append(f"the residuals are {misfit:.2g} times what the stated noise explains; {ADVICE}")
 
     scales = solution.level.scales

@@ -19,7 +19,7 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.special import chdtrc, gammaln, ndtr, ndtri, stdtrit
 
-from profilecal.geometry.noise import ROBOT, Noise, Systematic, chi2_limit
+from profilecal.geometry.noise import FALSE_ALARM, ROBOT, Noise, Systematic, chi2_limit
 from profilecal.joint.linear_model import LinearModel
 
 USUAL = Noise(  # of robots, where nothing is stated: scales of the prior, the same at a pose and at an orientation
@@ -32,7 +32,6 @@ USUAL = Noise(  # of robots, where nothing is stated: scales of the prior, the s
 )
 FREEDOM, FREEDOM_OF_STATED = 3.0, 1.0  # degrees of freedom of the half-t law
 EXACT_ROBOT = 0.1  # odds that the robot's errors are far too small to matter
-REGION = 0.99  # that is to hold
 DRAWS, TAILS = 32, 4.0  # sizes looked at, drawn from a t law of that many degrees of freedom
 
 
@@ -264,14 +263,14 @@ def average(model: LinearModel, prior: Prior, names: Sequence[str], unit_mm: flo
 
 
 def growth(squares, weight) -> float:
-    """How much larger than its mean the covariance of the sensor pose has to be for its region of chance REGION to hold
-    over all sizes, where squares (S, 6, 6) with weights (S,) are mean squares of the error. The squared error over the
-    covariance is taken for a multiple of χ² for each of them (Satterthwaite 1946)."""
+    """How much larger than its mean the covariance of the sensor pose has to be for its region to hold over all sizes,
+    but for a chance FALSE_ALARM. Squares (S, 6, 6) with weights (S,) are mean squares of the error; the squared error
+    over the covariance is taken for a multiple of χ² for each of them (Satterthwaite 1946)."""
     ratio = np.linalg.solve(np.tensordot(weight, squares, 1), squares)
     first, second = np.trace(ratio, axis1=1, axis2=2), np.einsum("sij,sji->s", ratio, ratio)
-    limit = chi2_limit(1 - REGION, 6)
+    limit = chi2_limit(FALSE_ALARM, 6)
 
     def excess(factor):
-        return weight @ chdtrc(first**2 / second, factor * limit * first / second) - (1 - REGION)
+        return weight @ chdtrc(first**2 / second, factor * limit * first / second) - FALSE_ALARM
 
     return brentq(excess, 1.0, 1e3) if excess(1.0) > 0 else 1.0

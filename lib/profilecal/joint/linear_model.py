@@ -63,10 +63,6 @@ class Block:
     M: np.ndarray  # (k, B, m, m) Z Zᵀ of each error of the robot
     Y: np.ndarray  # (B, m, n + 1) [A | r]
 
-    def only(self, there) -> "Block":
-        """Zeros in place of the rows where `there` (B, m) is zero."""
-        return Block(self.profiles, self.M * there[:, :, None] * there[:, None], self.Y * there[:, :, None])
-
 
 @dataclass(frozen=True)
 class Posterior:
@@ -101,10 +97,12 @@ class LinearModel:
         self.whole, self.kept = self.blocks, np.ones(len(self.counts), dtype=bool)
 
     def keeping(self, kept) -> "LinearModel":
-        """The model of some profiles (profiles,) only."""
+        """The model of some profiles (profiles,) only: zeros stand in place of the other rows."""
         other = copy(self)
-        other.kept = np.asarray(kept)
-        other.blocks = [b.only(other.kept[b.profiles].repeat(self.q, axis=1)) for b in self.whole]
+        other.kept, other.blocks = np.asarray(kept), []
+        for b in self.whole:
+            there = other.kept[b.profiles].repeat(self.q, axis=1)[:, :, None]
+            other.blocks.append(Block(b.profiles, b.M * there * there.swapaxes(1, 2), b.Y * there))
         return other
 
     def without_robot(self) -> "LinearModel":

@@ -15,11 +15,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-BY_HAND_MM, BY_HAND_DEG = 10.0, 5.0
 WEAK = 0.1  # of the measurement by hand
 RANK = 1e-10  # smallest eigenvalue over largest that is not rounding
 LEAST_TURN_DEG = 1.0  # flange orientations that differ by less are taken for one
-HAND_PRECISION = np.r_[np.full(3, BY_HAND_MM), np.full(3, np.radians(BY_HAND_DEG))]
+HAND_PRECISION = np.r_[10.0, 10.0, 10.0, np.radians([5.0, 5.0, 5.0])]  # of the measurement by hand, mm and rad
 
 
 def units_by_hand(targets: Sequence) -> np.ndarray:
@@ -95,8 +94,9 @@ def name_direction(direction, R_sensor, frame: str = "flange") -> str:
 
 def size_direction(sd: float, direction) -> str:
     """The shift and the turn that a standard deviation along a direction (6,) consists of."""
-    units, parts = ((BY_HAND_MM, " mm"), (BY_HAND_DEG, "°")), np.linalg.norm(np.reshape(direction, (2, 3)), axis=1)
-    return " with ".join(f"{sd * units[k][0] * parts[k]:.2g}{units[k][1]}" for k in main_parts(direction))
+    shift, turn = np.linalg.norm(np.reshape(sd * direction * HAND_PRECISION, (2, 3)), axis=1)
+    parts = f"{shift:.2g} mm", f"{np.degrees(turn):.2g}°"
+    return " with ".join(parts[k] for k in main_parts(direction))
 
 
 def main_parts(direction) -> list[int]:

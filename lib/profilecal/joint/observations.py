@@ -17,8 +17,6 @@ from profilecal.geometry.poses import inverse
 from profilecal.targets import TARGETS
 from profilecal.targets.target import Target
 
-BATCHED = ("R_flange", "T_flange", "points", "covariance")  # the fields of Observations with a batch axis
-
 
 @dataclass(frozen=True)
 class Observations:
@@ -89,7 +87,7 @@ class Observations:
 
     def take(self, chosen) -> "Observations":
         """Some problems of a batch, by mask, index or slice."""
-        given = {name: getattr(self, name) for name in BATCHED}
+        given = {name: getattr(self, name) for name in ("R_flange", "T_flange", "points", "covariance")}
         batch = {name: np.asarray(value) for name, value in given.items() if value is not None}
         length = max(map(len, batch.values()))
         return replace(self, **{k: v[chosen] if len(v) == length else v for k, v in batch.items()})

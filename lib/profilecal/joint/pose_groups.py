@@ -4,8 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from profilecal.geometry.noise import ROBOT
@@ -52,11 +50,15 @@ def pose_groups(observations: Sequence[Observations]) -> PoseGroups:
         for name, k in (("R_flange", 3), ("T_flange", 2))
     )
     orientation = same_orientations(R, [o.labels for o in observations])
-    i, j = cKDTree(T).query_pairs(SAME_MM, p=np.inf, output_type="ndarray").T
+    pairs = cKDTree(T).query_pairs(SAME_MM, p=np.inf, output_type="ndarray")
+    i, j = pairs[np.lexsort(pairs.T[::-1])].T
     alike = (orientation[i] == orientation[j]) & (np.degrees(angle_between(R[i], R[j])) < SAME_DEG)
-    links = coo_array((alike[alike], (i[alike], j[alike])), shape=(len(R), len(R)))  # a stored 0 would link, too
-    pose = connected_components(links, directed=False)[1]
-    return PoseGroups(pose, orientation[np.unique(pose, return_index=True)[1]])
+    first = np.arange(len(R))
+    for one, other in zip(i[alike], j[alike], strict=True):
+        if first[one] == one and first[other] == other:
+            first[other] = one
+    firsts, pose = np.unique(first, return_inverse=True)
+    return PoseGroups(pose, orientation[firsts])
 
 
 def same_orientations(R, labels) -> np.ndarray:

@@ -91,10 +91,6 @@ class Problem:
         """How many residuals each pose (P,) of the first problem has, for each target, one at least."""
         return [np.maximum(term.counts()[0], 1) for term in self.terms]
 
-    def counted(self, kept) -> int:
-        """How many residuals the poses kept (P,) of each target have."""
-        return sum(int((good * count).sum()) for good, count in zip(kept, self.freedoms(), strict=True))
-
     def split(self, profiles) -> list[np.ndarray]:
         """What is of all profiles (profiles, ...), for each target (P, ...)."""
         return np.split(profiles, np.cumsum([term.P for term in self.terms])[:-1])

@@ -10,7 +10,7 @@ from scipy.special import gammaincinv
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import angle_between
 from profilecal.joint.descent import descend, refine
-from profilecal.joint.observations import BATCHED, Observations, State
+from profilecal.joint.observations import Observations, State
 from profilecal.joint.problem import Fit, Problem
 
 POSES, POINTS = 40, 5  # the search looks at that many poses, and points in each
@@ -20,7 +20,7 @@ ROUNDS = ((6, 24), (8, 10), (16, 6))  # from the grid: steps, and how many start
 HOPELESS = 100.0  # times the noise, or the best loss
 KEPT = 6  # starts that all poses are looked at from
 SUBSET = 24  # poses that one start looks at where some are bad: few enough to be lucky
-SAME_RAD, SAME_MM = 0.02, 2.0  # sensor poses nearer to each other are one
+SAME = 0.02  # rad, and hundreds of mm: sensor poses nearer to each other are one
 
 
 def search(observations: Sequence[Observations], noise: Noise, starts=()) -> State:
@@ -90,7 +90,7 @@ def search_among_outliers(observations: Sequence[Observations], noise: Noise, fo
 
 
 def in_space(observations: Sequence[Observations], noise: Noise) -> Problem:
-    """The problem with distances in space and no robot errors."""
+    """The problem with distances in space, all points equally precise, and no robot errors."""
     return Problem(observations, Noise(noise.profile_mm), in_space=True)
 
 
@@ -99,10 +99,7 @@ def thin(observations: Observations, count: int) -> Observations:
     P, m = observations.points.shape[-3:-1]
     step = max(1, m // POINTS) if observations.on_curve else 1
     few = observations.keep(np.unique(np.linspace(0, P - 1, min(P, count)).round().astype(int)))
-    if step == 1:
-        return few
-    covariance = None if few.covariance is None else few.covariance[..., step // 2 :: step]
-    return replace(few, points=few.points[..., step // 2 :: step, :], covariance=covariance)
+    return replace(few, points=few.points[..., step // 2 :: step, :], covariance=None)
 
 
 def few_groups(observations: Observations, count: int) -> Observations:
@@ -118,9 +115,8 @@ def few_groups(observations: Observations, count: int) -> Observations:
         chosen.append(np.concatenate([members[g] for g in shuffled])[: min(SUBSET, P)])
     short = min(map(len, chosen))
     chosen, few = np.array([poses[:short] for poses in chosen]), thin(observations, P)
-    given = {name: getattr(few, name) for name in BATCHED if getattr(few, name) is not None}
-    together = {name: np.concatenate(value[:, chosen]) for name, value in given.items()}
-    return replace(few, **together, group=None)
+    R, T, points = (np.concatenate(value[:, chosen]) for value in (few.R_flange, few.T_flange, few.points))
+    return replace(few, R_flange=R, T_flange=T, points=points, group=None)
 
 
 def distinct(state: State, count: int = KEPT) -> State:
@@ -136,7 +132,7 @@ def alike(state: State) -> np.ndarray:
     """Which two sensor poses of a batch are one, (B, B)."""
     turn = angle_between(state.rotation[:, None], state.rotation)
     shift = np.linalg.norm(state.translation[:, None] - state.translation, axis=-1)
-    return (turn < SAME_RAD) & (shift < SAME_MM)
+    return (turn < SAME) & (shift < 100 * SAME)
 
 
 def typical_residual(per_pose, freedoms) -> np.ndarray:

@@ -92,8 +92,7 @@ def fits_of_most(problem: Problem, fits: Fit, usual_mm: float) -> Fit:
     found = robust_fit(problem, fits.state)
     if doubtful(found):
         found = robust_fit(problem, search_among_outliers(problem.observations, problem.noise, found.state))
-    kept = [~bad for bad in contradicting(problem, found)]
-    if problem.counted(kept) > problem.n:
+    if (np.concatenate(problem.freedoms())[~np.concatenate(contradicting(problem, found))]).sum() > problem.n:
         return found
     return least_squares(problem, fits.state.join(found.state))
 

@@ -14,13 +14,12 @@ import numpy as np
 from tqdm import tqdm
 
 from profilecal.geometry.poses import angle_between, inverse, parallel
+from profilecal.joint.observability import LEAST_TURN_DEG
 from profilecal.plan.candidates import BEYOND, Limits, draw, neighbours
 from profilecal.plan.scan_model import Prediction, ScanModel, information, predict
 from profilecal.scan.scan import ScanError
 
-CANDIDATES = 2000  # twice as many take twice as long, and plans are 2 % better
 ROUNDS = 6  # of exchanges for neighbours in the end: without them, standard deviations are 10 % larger
-APART_DEG = 1.0  # orientations that differ by less are no new ones to the robot's errors
 OPEN = 100.0  # times what is asked for, a standard deviation is no better than one by hand
 RIDGE = 1e-3  # of what is known by hand: an empty plan's information; with far less, rounding would choose
 NEGLIGIBLE = 1e-7  # of the largest eigenvalue of a block
@@ -87,7 +86,7 @@ class Pool:
             pose = W[:, :6]
             values = smooth_worst(C[:6, :6] - pose @ np.linalg.solve(inner, np.swapaxes(pose, 1, 2)))
         if len(chosen):
-            values[parallel(self.R, self.R[chosen], APART_DEG).any(axis=1)] = np.inf
+            values[parallel(self.R, self.R[chosen], LEAST_TURN_DEG).any(axis=1)] = np.inf
         return values
 
 
@@ -109,7 +108,7 @@ def design(
     until: tuple[float, float] = (0.1, 0.05),
     most: int = 100,
     before: tuple = NOWHERE,
-    candidates: int = CANDIDATES,
+    candidates: int = 2000,  # twice as many take twice as long, and plans are 2 % better
 ) -> Plan:
     """The poses that serve a calibration best: so many `poses`, or as many as it takes `until` the standard deviations
     of translation and rotation are below mm and degrees in every direction, `most` of them at most.
@@ -149,7 +148,7 @@ def added(pool: Pool, chosen: list[int]) -> list[int]:
     best = int(np.argmin(values))
     if values[best] == np.inf:
         raise ScanError(
-            f"no pose is left whose orientation differs by {APART_DEG:g}° or more from those of the {len(chosen)} "
+            f"no pose is left whose orientation differs by {LEAST_TURN_DEG:g}° or more from those of the {len(chosen)} "
             "chosen; widen tilt_deg or spin_deg, or ask for fewer poses"
         )
     return [*chosen, best]

@@ -6,7 +6,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from profilecal.geometry.poses import carry
-from profilecal.joint.observability import BY_HAND_DEG, BY_HAND_MM, WEAK, name_direction, size_direction
+from profilecal.joint.observability import HAND_PRECISION, WEAK, name_direction, size_direction
 from profilecal.plan.design import Plan
 from profilecal.report.calibration import chance_limits, features_of
 from profilecal.report.figures import (
@@ -202,7 +202,7 @@ def plot_directions(found) -> plt.Figure | None:
         name = fill(f"{name_direction(direction, found.solution.rotation, found.frame)}: {size}", 80)
         axes.text(1.1 * low, y - 0.2, name, fontsize=8, va="bottom")
     axes.set(xscale="log", xlim=(low, 10), ylim=(5.5, -0.8), yticks=[], xlabel="standard deviation")
-    axes.xaxis.set_major_formatter(lambda v, _: f"{BY_HAND_MM * v:g} mm\n{BY_HAND_DEG * v:g}°")
+    axes.xaxis.set_major_formatter(lambda v, _: f"{HAND_PRECISION[0] * v:g} mm\n{np.degrees(HAND_PRECISION[3]) * v:g}°")
     name = "good" if s.sd[0] < WEAK else "weak" if s.sd[0] < 1 else "unknown"
     figure.suptitle(f"The weakest direction of the sensor's pose is {name}")
     return figure
