@@ -48,7 +48,7 @@ def test_the_report_states_what_the_command_prints(written):
     T = np.array(answer["T_flange_sensor"])
     assert "translation    {:.3f}  {:.3f}  {:.3f} mm".format(*T[:3, 3]) in page
     assert "R = Rz({:.4f})".format(Rotation.from_matrix(T[:3, :3]).as_euler("ZYX", degrees=True)[0]) in page
-    assert VERDICTS["ok"][0] in page
+    assert VERDICTS["ok"][0].partition("{")[0] in page
     assert "A &lt;bar&gt; &amp; more" in page
     assert "PERS tooldata" in page
     assert "import" not in page  # no code

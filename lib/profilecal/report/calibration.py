@@ -16,9 +16,9 @@ from profilecal.targets.target import find_features
 WORTH_A_WORD = 1.25  # times as large a standard deviation
 VERDICTS = {
     "ok": (
-        "The scanner's pose is determined",
+        "The scanner's pose is known to {:.2g} mm and {:.2g}°",
         GREEN,
-        "One standard deviation is at most {:.2g} mm and {:.2g}° in any direction, on this robot near these poses.",
+        "That is one standard deviation in the worst direction, on this robot near these poses.",
     ),
     "weak": (
         "Solved, but not well enough to rely on",
@@ -58,7 +58,7 @@ def verdict(found) -> Html:
     if found.status == "ok":
         C = found.solution.covariance
         mm, rad = (np.sqrt(np.linalg.eigvalsh(block)[-1]) for block in (C[:3, :3], C[3:, 3:]))
-        text = text.format(mm, np.degrees(rad))
+        title = title.format(mm, np.degrees(rad))
     notes = words(found.messages)
     html = f'<p style="margin:0"><strong style="font-size:1.15em">{title}.</strong> {text}</p>'
     html += notes.html if found.messages else ""
