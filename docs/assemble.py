@@ -29,6 +29,7 @@ COPIED = (
     "LICENSE",
     "data/README.md",
     "data/examples/planned.toml",
+    "docs/errata.md",
     "docs/frames.png",
     "docs/sweep.png",
     "docs/tiles.png",
@@ -62,7 +63,6 @@ def assemble(source: Path) -> None:
     (source / "notebooks").mkdir()
     figures = [figure for path in notebooks for figure in page_of(path, source / "notebooks", static / "gallery")]
     (source / "gallery.md").write_text(gallery(figures), encoding="utf-8")
-    shutil.copy(ROOT / "docs" / "errata.md", source)
     (static / "tiles.png").write_bytes(first_picture(ROOT / "notebooks" / "01_side_by_side.ipynb"))
     index = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
     index = index.replace("ROOMS", "\n".join(f"api/{room}" for room in rooms))
