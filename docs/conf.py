@@ -12,6 +12,7 @@ html_show_copyright, html_copy_source, html_show_sourcelink = False, False, Fals
 
 nb_execution_mode, nb_ipywidgets_js = "off", {}  # as committed; no scripts from elsewhere
 nb_render_markdown_format = "myst"  # outputs have tables and links, too
+nb_code_prompt_show = "code"
 myst_enable_extensions = ["dollarmath", "amsmath"]
 myst_dmath_double_inline, myst_heading_anchors = True, 4
 suppress_warnings = ["mystnb.unknown_mime_type", "myst.header"]

@@ -204,6 +204,18 @@ def test_profiles_in_any_layout_are_the_same(name, tmp_path):
     assert f"nothing seen in {sum(np.isnan(v[:, 1]).sum() for v in scan().values)} of them" in guessed[2]
 
 
+def test_poses_counted_from_1_have_the_profiles_counted_from_0(tmp_path):
+    folder = written(tmp_path / "in", fanuc, one_each)
+    for path in sorted(folder.glob("scan_*.csv")):
+        path.rename(folder / f"{int(path.stem[-3:])}.csv")
+    found, said = import_scan(folder, "edge", {})
+    assert check_poses(found).tolist() == [*range(len(found.labels))]
+    assert any("one counts from 0 and the other from 1" in line for line in said)
+    (folder / "0.csv").unlink()
+    with pytest.raises(ScanError, match="no profile for pose"):
+        import_scan(folder, "edge", {})
+
+
 def test_z_may_stand_under_the_x_of_the_first_row(tmp_path):
     x, z = np.linspace(-20, 20, 41), np.random.default_rng(2).uniform(90, 110, (12, 41))
     folder = written(tmp_path / "files", tum, lambda f: np.savetxt(f / "all.csv", [x, *z], delimiter=","))

@@ -140,6 +140,8 @@ def match(poses: Table, names: list) -> tuple[list[str], list[int], str]:
     if known and of_poses:
         labels = [str(cell).removesuffix(".0") for cell in poses.columns[of_poses]]
         found = [known.get(label, known.get(last_number(label))) for label in labels]
+        if counted := counted_from_0_and_1(labels, names):
+            return labels, counted, "by their numbers, where one counts from 0 and the other from 1"
         if None in found:
             raise ScanError(f"{poses.path}: no profile for pose {labels[found.index(None)]}")
         if spare := {*range(len(names))} - {*found}:
@@ -148,6 +150,15 @@ def match(poses: Table, names: list) -> tuple[list[str], list[int], str]:
     if len(names) != len(poses.lines):
         raise ScanError(f"{poses.path}: {len(names)} profiles for {len(poses.lines)} poses")
     return [str(name) for name in names], [*range(len(names))], "in order, the first pose with the first profile"
+
+
+def counted_from_0_and_1(labels: list[str], names: list[str]) -> list[int]:
+    """Which profile each pose has where the numbers of one are 0 … n - 1 and those of the other 1 … n; else none."""
+    poses, profiles = ([last_number(name) for name in some] for some in (labels, names))
+    runs = [[*range(begin, begin + len(labels))] for begin in (0, 1)]
+    if {str} & {*map(type, poses + profiles)} or [sorted(poses), sorted(profiles)] not in (runs, runs[::-1]):
+        return []
+    return [profiles.index(number - min(poses) + min(profiles)) for number in poses]
 
 
 def last_number(name: str) -> int | str:
