@@ -20,7 +20,7 @@ from profilecal.geometry.noise import Noise
 from profilecal.joint.descent import refine
 from profilecal.joint.noise import FINEST_MM
 from profilecal.joint.observations import Observations
-from profilecal.joint.search import in_space, search, search_among_outliers, thin, typical_residual
+from profilecal.joint.search import in_space, search, search_among_outliers, thin
 from profilecal.joint.solve import LARGEST_ERROR_MM
 from profilecal.scan.conventions import CONVENTIONS, from_rotations, named
 from profilecal.scan.folder import REACH_MM
@@ -80,10 +80,10 @@ def misfit(observations: Observations, widely: bool = False) -> tuple[float, int
     state = search([few], problem.noise)
     if widely:
         state = search_among_outliers([observations], problem.noise, state)
-    size = typical_residual(problem.moments(state).per_pose, problem.freedoms())
+    size = problem.typical(problem.moments(state))
     for _ in range(4):  # each weighs bad poses down further
         fit = refine(problem, state, scale=np.maximum(size, FINEST_MM), iterations=8)
-        state, size = fit.state, typical_residual(fit.per_pose, problem.freedoms())
+        state, size = fit.state, problem.typical(fit)
     best = np.min(size, where=np.isfinite(size), initial=np.inf)
     return float(best * np.sqrt(1 + problem.n / freedom)), freedom
 

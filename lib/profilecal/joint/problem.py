@@ -10,7 +10,7 @@ import numpy as np
 from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
-from profilecal.geometry.noise import Noise, Systematic
+from profilecal.geometry.noise import Noise, Systematic, chi2_limit
 from profilecal.joint.linear_model import Linearised, LinearModel
 from profilecal.joint.observability import units_by_hand
 from profilecal.joint.observations import Batch, Observations, Perturbation, State, considered, derivative
@@ -91,6 +91,11 @@ class Problem:
         """How many residuals each pose (P,) of the first problem has, for each target, one at least."""
         return [np.maximum(term.counts()[0], 1) for term in self.terms]
 
+    def typical(self, fit: Fit) -> np.ndarray:
+        """How many noise levels large the residuals of most poses are, (B,), from medians: bad poses do not count."""
+        pairs = zip(fit.per_pose, self.freedoms(), strict=True)
+        return np.sqrt(np.mean([np.median(own * (k / chi2_limit(0.5, k)), axis=1) for own, k in pairs], axis=0))
+
     def split(self, profiles) -> list[np.ndarray]:
         """What is of all profiles (profiles, ...), for each target (P, ...)."""
         return np.split(profiles, np.cumsum([term.P for term in self.terms])[:-1])
@@ -156,17 +161,14 @@ class Problem:
         names: Sequence[str] = (),
         tried: Sequence[Perturbation] = (),
         columns=None,
-        precision=None,
     ) -> LinearModel:
         """The linear model at a state, a batch of one, with errors of the robot of these `names`, entries of `Noise`.
-        Of the errors `tried` nothing is known beforehand. `columns`: as `columns_in_mm` has them, if known, or of other
-        unknowns, of which `precision` is known."""
+        Of the errors `tried` nothing is known beforehand. `columns`: as `columns_in_mm` has them, if known."""
         targets = []
         for term, z in zip(self.terms, columns or self.columns_in_mm(state, tried), strict=True):
             by_profile = np.ascontiguousarray(term.over_noise(z.copy(), self.noise)[0].transpose(2, 1, 0))
             targets.append(Linearised(by_profile[..., -6:], by_profile[..., :-6], term.counts()[0]))
-        if precision is None:
-            precision = block_diag(self.precision, NOTHING_KNOWN * np.eye(len(tried)))
+        precision = block_diag(self.precision, NOTHING_KNOWN * np.eye(len(tried)))
         return LinearModel(targets, self.groups, names, precision)
 
     def rms_mm(self, state: State, x, profiles, columns=None) -> float:

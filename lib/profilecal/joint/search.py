@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
-from scipy.special import gammaincinv
 
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import angle_between
@@ -19,7 +18,7 @@ STEPS, TIMES, AGREEING = 8, 2, 5  # from the coarse grid: steps, how often, and 
 ROUNDS = ((6, 24), (8, 10), (16, 6))  # from the grid: steps, and how many starts go on after them
 HOPELESS = 100.0  # times the noise, or the best loss
 KEPT = 6  # starts that all poses are looked at from
-SUBSET = 24  # poses that one start looks at where some are bad: few enough to be lucky
+SUBSET, OF_GROUP = 12, 3  # poses that one start looks at where some are bad, and of a group: few enough to be lucky
 SAME = 0.02  # rad, and hundreds of mm: sensor poses nearer to each other are one
 
 
@@ -80,7 +79,7 @@ def search_among_outliers(observations: Sequence[Observations], noise: Noise, fo
     problem = in_space([thin(entry, 2 * POSES) for entry in observations], noise)
 
     def of_most(state):
-        return typical_residual(problem.moments(state).per_pose, problem.freedoms())
+        return problem.typical(problem.moments(state))
 
     state = found.join(tried[np.isfinite(problem.moments(tried).loss)])
     state = state[np.argsort(of_most(state))[: 4 * KEPT]]
@@ -103,19 +102,17 @@ def thin(observations: Observations, count: int) -> Observations:
 
 
 def few_groups(observations: Observations, count: int) -> Observations:
-    """A batch of `count` different selections of about SUBSET poses of each problem, each from few groups."""
-    P, group = observations.points.shape[-3], observations.labels
-    groups = group.max() + 1
-    each = max(3, -(-SUBSET // groups), SUBSET // 5 if groups < P else 1)
-    members = [np.flatnonzero(group == g) for g in range(groups)]
-    members = [m[np.unique(np.linspace(0, len(m) - 1, min(each, len(m))).astype(int))] for m in members]
-    chosen = []
-    for k in range(count):
-        shuffled = np.argsort((np.arange(1, groups + 1) * (k + 1) * (np.sqrt(5) - 1) / 2) % 1, kind="stable")
-        chosen.append(np.concatenate([members[g] for g in shuffled])[: min(SUBSET, P)])
-    short = min(map(len, chosen))
-    chosen, few = np.array([poses[:short] for poses in chosen]), thin(observations, P)
-    R, T, points = (np.concatenate(value[:, chosen]) for value in (few.R_flange, few.T_flange, few.points))
+    """A batch of `count` different selections of about SUBSET poses of the first problem, each from few groups."""
+    rng, group, P = np.random.default_rng(0), observations.labels, len(observations.labels)
+    size, chosen = np.bincount(group), []
+    rank = np.concatenate([np.arange(n) for n in size])
+    for _ in range(count):
+        poses = rng.permutation(P)
+        poses = poses[np.argsort(group[poses], kind="stable")]
+        order = np.argsort(rank // OF_GROUP + rng.random(len(size)).repeat(size))  # a few of each group, then others
+        chosen.append(poses[order[:SUBSET]])
+    few = thin(observations, P)
+    R, T, points = (value[0][chosen] for value in (few.R_flange, few.T_flange, few.points))
     return replace(few, R_flange=R, T_flange=T, points=points, group=None)
 
 
@@ -133,12 +130,3 @@ def alike(state: State) -> np.ndarray:
     turn = angle_between(state.rotation[:, None], state.rotation)
     shift = np.linalg.norm(state.translation[:, None] - state.translation, axis=-1)
     return (turn < SAME) & (shift < 100 * SAME)
-
-
-def typical_residual(per_pose, freedoms) -> np.ndarray:
-    """How many noise levels large the residuals of most poses are, (B,), from medians: bad poses do not count."""
-    # the median of χ² with k degrees of freedom is twice that of a gamma law with k/2
-    level = [
-        np.median(own * (k / (2 * gammaincinv(k / 2, 0.5))), axis=1) for own, k in zip(per_pose, freedoms, strict=True)
-    ]
-    return np.sqrt(np.mean(level, axis=0))

@@ -15,7 +15,7 @@ from profilecal.joint.noise import FINEST_MM, as_stated
 from profilecal.joint.observability import Spectrum, explain, of_covariance, spectrum
 from profilecal.joint.observations import Observations, State, normalised_square, pose_error
 from profilecal.joint.problem import Fit, Problem
-from profilecal.joint.search import HOPELESS, search, search_among_outliers, typical_residual
+from profilecal.joint.search import HOPELESS, search, search_among_outliers
 from profilecal.joint.solution import Solution
 
 UNLIKELY = 1e-3  # the chance of residuals so large that the covariance is enlarged
@@ -49,7 +49,7 @@ def solve(
     if robust:
         fits = fits_of_most(problem, fits, level.usual_mm)
     if level.source != "given":
-        scale = typical(problem, fits)[0]
+        scale = problem.typical(fits)[0]
     if not level.robot_known and is_hopeless(problem, fits[[0]], scale):
         problem, level = Problem(observations, level.scales), level.without_robot
     if level.source == "residuals":
@@ -65,16 +65,11 @@ def least_squares(problem: Problem, state: State) -> Fit:
     return fits[np.argsort(fits.loss)]
 
 
-def typical(problem: Problem, fits: Fit) -> np.ndarray:
-    """How many noise levels large the residuals of most poses are, (B,)."""
-    return typical_residual(fits.per_pose, problem.freedoms())
-
-
 def is_hopeless(problem: Problem, fit: Fit, scale: float) -> bool:
     """Whether residuals are larger than any robot errs, or answers are open whatever it does: then all is left to the
     scanner's noise, `scale` times as large as assumed."""
     seen = spectrum(fit.information[0], problem.units)
-    too_large = typical(problem, fit)[0] * problem.noise.profile_mm > LARGEST_ERROR_MM
+    too_large = problem.typical(fit)[0] * problem.noise.profile_mm > LARGEST_ERROR_MM
     return bool(too_large or seen.rank < problem.n or seen.sd[0] * scale > 10)  # measurements by hand
 
 
@@ -84,7 +79,7 @@ def fits_of_most(problem: Problem, fits: Fit, usual_mm: float) -> Fit:
     where that does too. Least squares for a handful of poses, where some fit to most of them is nearly exact."""
 
     def doubtful(fits: Fit, unknown: bool = False) -> bool:
-        large = typical(problem, fits)[0] * problem.noise.profile_mm > 2 * usual_mm if usual_mm else unknown
+        large = problem.typical(fits)[0] * problem.noise.profile_mm > 2 * usual_mm if usual_mm else unknown
         return bool(large) or any(bad.any() for bad in contradicting(problem, fits))
 
     if not doubtful(fits, unknown=True):
@@ -99,7 +94,7 @@ def fits_of_most(problem: Problem, fits: Fit, usual_mm: float) -> Fit:
 
 def contradicting(problem: Problem, fits: Fit) -> list[np.ndarray]:
     """Poses (P,) of each target whose residuals in the best fit are larger than those of most let expect."""
-    scale, total = typical(problem, fits)[0], sum(term.P for term in problem.terms)
+    scale, total = problem.typical(fits)[0], sum(term.P for term in problem.terms)
     pairs = zip(fits.per_pose, problem.freedoms(), strict=True)
     return [own[0] * k > scale**2 * chi2_limit(FALSE_ALARM / total, k) for own, k in pairs]
 
@@ -108,7 +103,7 @@ def robust_fit(problem: Problem, state: State) -> Fit:
     """Cauchy's loss, its unit lowered from what the residuals look like to what the noise is."""
 
     def unit(fits):
-        return np.maximum(typical(problem, fits), FINEST_MM / problem.noise.profile_mm)
+        return np.maximum(problem.typical(fits), FINEST_MM / problem.noise.profile_mm)
 
     fits = problem.moments(state)
     for _ in range(4):
@@ -169,7 +164,7 @@ def of_large_errors(problem: Problem, state: State, model: LinearModel, prior: P
     """The profiles (profiles,) whose residuals errors of large, but usual sizes explain, each by itself. What is stated
     is believed, unless that leaves out more poses than anyone makes mistakes. All of them, if the others are too few: a
     fit to few poses comes near to most and leaves the others out."""
-    scanner = np.maximum(1.0, typical(problem, problem.moments(state))[0]) if prior.profile_spread else 1.0
+    scanner = np.maximum(1.0, problem.typical(problem.moments(state))[0]) if prior.profile_spread else 1.0
     for believed in (replace(prior, stated=frozenset()), prior):
         law = believed.law(model.names, problem.noise.profile_mm)
         v = law.variances(np.full((1, len(law.free)), 1.5))[0][0]  # standard deviations beforehand
