@@ -1,5 +1,6 @@
 """A straight edge: the scan plane meets it in a point. Three specimens that have one."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,7 +18,7 @@ def turned(corners, angle_deg: float) -> list[tuple[float, float]]:
 
 
 # Cross-sections as chains of corners (aside, up) from the edge, mm; the paper's Fig. 4 gives no measures
-SPECIMENS = {
+SPECIMENS: dict[str, Sequence[tuple[float, float]]] = {
     "parallel bar": turned([(-20, 0), (0, 0), (0, -20)], 35),  # seen corner on: its top and a side wall
     "straight scale": [(-40, 0), (0, 0), (0, -1), (-39, -1), (-39, -20), (200, -20)],  # 1 mm thick, above a table
     "knife blade": [(-200, -20), (-0.3, -20), (-0.3, -1.2), (0, 0), (0.3, -1.2), (0.3, -20), (200, -20)],  # edge up

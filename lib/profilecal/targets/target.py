@@ -14,7 +14,7 @@ To add one:
 Nothing else decides on a target's kind, but for the papers' closed forms.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -55,7 +55,7 @@ class Target:
     def at(cls, origin, axes, sizes) -> "Target":
         """The target whose frame has an origin (3,) and axes (3, 3), in columns, and whose lengths are `sizes`. Usually
         its fields are the origin, the z axis and the lengths."""
-        return cls(origin, axes[..., 2], *sizes)
+        return cls(origin, axes[..., 2], *sizes)  # type: ignore[call-arg]  # fields of what inherits this
 
     @property
     def frame(self) -> tuple[np.ndarray, np.ndarray]:
@@ -116,7 +116,7 @@ class Target:
             if not (value and value > 0):
                 raise ValueError(f"the {cls.kind}'s {name} is {value}; expected a length in mm")
 
-    def outline(self, specimen: str, rotation, origin, away) -> list[np.ndarray]:
+    def outline(self, specimen: str, rotation, origin, away) -> Sequence[np.ndarray] | np.ndarray:
         """Chains (V, 2) that scan planes (P, 3, 3), (P, 3) cut from it, and from what is behind it.
 
         `away` (3,) points away from the scanner. A target that leaves no trace in profiles leaves this out.
