@@ -36,9 +36,11 @@ class Residuals:
         covariance = np.asarray(observations.covariance, float)
         if observations.on_curve:
             self.sd = np.sqrt(covariance.reshape(-1, self.P, self.m).swapaxes(1, 2))
-        else:
-            root = np.linalg.cholesky(covariance.reshape(-1, self.P, 2 * self.m, 2 * self.m))
-            self.whiten = np.moveaxis(np.linalg.inv(root), 1, -1)
+            return
+        covariance = covariance.reshape(-1, self.P, 2 * self.m, 2 * self.m)
+        of_x_and_z = np.diagonal(covariance, axis1=2, axis2=3).reshape(-1, self.P, self.m, 2)
+        self.sd = np.sqrt(of_x_and_z.mean(axis=3)).swapaxes(1, 2)
+        self.whiten = np.moveaxis(np.linalg.inv(np.linalg.cholesky(covariance)), 1, -1)
 
     def counts(self) -> np.ndarray:
         """How many residuals each pose has, (B|1, P)."""
@@ -104,15 +106,12 @@ class Residuals:
         return other
 
     def over_noise(self, z, noise: Noise) -> np.ndarray:
-        """Columns (B, columns, K, P), changed in place, over the scanner's noise, and as precise as each point is, but
-        for distances in space."""
+        """Columns (B, columns, K, P), changed in place, over the scanner's noise, and as precise as each point is."""
         z /= np.reshape(noise.profile_mm, (-1, 1, 1, 1))
-        if self.in_space:
-            return z
         row_sd = np.array(self.target.residual_sd(noise))
-        if (row_sd != 1).any():
+        if not self.in_space and (row_sd != 1).any():
             z /= np.tile(row_sd, self.m)[:, None]
-        if self.whiten is not None:
+        if self.whiten is not None and not self.in_space:
             z[:] = np.einsum("bijp,bcjp->bcip", self.whiten, z)
         elif self.sd is not None:
             z /= np.repeat(self.sd, z.shape[2] // self.m, axis=1)[:, None]

@@ -89,7 +89,7 @@ def search_among_outliers(observations: Sequence[Observations], noise: Noise, fo
 
 
 def in_space(observations: Sequence[Observations], noise: Noise) -> Problem:
-    """The problem with distances in space, all points equally precise, and no robot errors."""
+    """The problem with distances in space and no robot errors."""
     return Problem(observations, Noise(noise.profile_mm), in_space=True)
 
 
@@ -98,7 +98,10 @@ def thin(observations: Observations, count: int) -> Observations:
     P, m = observations.points.shape[-3:-1]
     step = max(1, m // POINTS) if observations.on_curve else 1
     few = observations.keep(np.unique(np.linspace(0, P - 1, min(P, count)).round().astype(int)))
-    return replace(few, points=few.points[..., step // 2 :: step, :], covariance=None)
+    if step == 1:
+        return few
+    covariance = None if few.covariance is None else few.covariance[..., step // 2 :: step]
+    return replace(few, points=few.points[..., step // 2 :: step, :], covariance=covariance)
 
 
 def few_groups(observations: Observations, count: int) -> Observations:
@@ -112,8 +115,9 @@ def few_groups(observations: Observations, count: int) -> Observations:
         order = np.argsort(rank // OF_GROUP + rng.random(len(size)).repeat(size))  # a few of each group, then others
         chosen.append(poses[order[:SUBSET]])
     few = thin(observations, P)
-    R, T, points = (value[0][chosen] for value in (few.R_flange, few.T_flange, few.points))
-    return replace(few, R_flange=R, T_flange=T, points=points, group=None)
+    given = {name: getattr(few, name) for name in ("R_flange", "T_flange", "points", "covariance")}
+    together = {name: value[0][chosen] for name, value in given.items() if value is not None}
+    return replace(few, **together, group=None)
 
 
 def distinct(state: State, count: int = KEPT) -> State:
