@@ -70,7 +70,7 @@ def outcome(path, truth, checking):
         delta = pose_error(s.rotation, s.translation, truth[:3, :3], truth[:3, 3])
         sds = np.abs(delta) / np.sqrt(np.diag(s.covariance))
         size = np.sqrt(delta @ np.linalg.solve(s.covariance, delta))
-        text = f"ok, but {size:.1f} standard deviations away, {np.abs(delta[:3]).max():.3g} mm; {s.level.how}; {said}"
+        text = f"ok, but {size:.1f} standard deviations away, {np.abs(delta[:3]).max():.3g} mm; {s.prior.how}; {said}"
         # the distance of six independent components that is as unlikely as 5 of one
         assert sds.max() <= BELIEVED, text
         assert size <= 6.3, text

@@ -19,6 +19,6 @@ def test_noise_is_estimated_and_said_how():
     assert found.noise_source == "estimated"
     assert found.noise_mm == pytest.approx(SIGMA, rel=4 * np.sqrt(0.5 / found.dof))
     ball = solve([random_scene("ball", rng, count=20).noisy(SIGMA, rng)])
-    assert ball.level.how == "from the residuals"
+    assert ball.prior.how == "from the residuals"
     assert abs(ball.noise_mm / SIGMA - 1) < 4 * np.sqrt(0.5 / ball.dof)
     assert abs(ball.chi2_per_dof - 1) < np.sqrt(2 / ball.dof)

@@ -108,10 +108,10 @@ def calibrate(scans, guess=None) -> Calibration:
     stated = stated_noise(scans)
     check_different(scans)
     seen, observed, features_mm = observe_all(scans)
-    level = prior_from(stated, features_mm, max(entry.shared_mm for entry in seen))
+    prior = prior_from(stated, features_mm, max(entry.shared_mm for entry in seen))
     solution, doubted = None, False
     try:
-        solution = solve(observed, level, starts=[] if guess is None else [(guess[:3, :3], guess[:3, 3])])
+        solution = solve(observed, prior, starts=[] if guess is None else [(guess[:3, :3], guess[:3, 3])])
         solution, doubted = plausibility.check(solution)
         remarks, wrong = remarks_on_targets(scans, seen, solution)
         if wrong and solution.status == "ok":

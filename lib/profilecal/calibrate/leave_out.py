@@ -59,7 +59,7 @@ def leave_out(found: Calibration) -> LeftOut:
         raise ValueError("only a calibration that has an answer can be cross-validated")
     solution = found.solution
     problem, (whole, _) = solution.problem, solution.model()
-    law = solution.level.law(whole.names, problem.noise.profile_mm)
+    law = solution.prior.law(whole.names, problem.noise.profile_mm)
     columns, start = problem.columns_in_mm(solution.state), likeliest(whole, law, np.zeros(len(law.free)))[0]
     labels = [label for part in found.labels_by_scan() for label in part]
     members = [

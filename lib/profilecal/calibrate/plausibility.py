@@ -117,7 +117,7 @@ def contradictions(solution: Solution) -> list[str]:
     if solution.noise_source == "given" and misfit > MUCH:
         messages.append(f"the residuals are {misfit:.2g} times what the stated noise explains; {ADVICE}")
 
-    scales = solution.level.scales
+    scales = solution.prior.scales
     stated = 3 * max(noise.steering_mm, scales.position_mm, scales.group_position_mm)
     error = max(solution.rms_mm, noise.position_mm)
     if error > max(LARGEST_ERROR_MM, stated):

@@ -121,13 +121,13 @@ def linearised(alone: Calibration, kept, T, noise_mm: float) -> tuple[np.ndarray
     """δ (6,), mm and rad, from a sensor pose T (4, 4) to what a scan says, to first order, and its covariance (6, 6),
     enormous where the scan says nothing. Such a scan hardly tells the robot's errors: they are as usual at least."""
     s = alone.solution
-    level = s.level if s else prior_from(stated_noise(alone.scans))
-    known = s.noise if s else level.scales
+    prior = s.prior if s else prior_from(stated_noise(alone.scans))
+    known = s.noise if s else prior.scales
     noise = replace(known, profile_mm=max(s.noise_mm if s else 0, noise_mm))
-    problem = Problem(alone.observed, noise, level.systematic)
+    problem = Problem(alone.observed, noise, prior.systematic)
     state = settle_targets(problem, T[None, :3, :3], T[None, :3, 3], kept)
-    names = level.names(problem.groups.distinguishable)
-    sizes = [1.0, *(max(getattr(known, name), getattr(level.scales, name)) for name in names)]
+    names = prior.names(problem.groups.distinguishable)
+    sizes = [1.0, *(max(getattr(known, name), getattr(prior.scales, name)) for name in names)]
     found = problem.model(state, names).keeping(np.concatenate(kept)).posterior(np.array([sizes]) ** 2)
     return found.mean[0, :6], found.covariance[0, :6, :6]
 

@@ -33,8 +33,6 @@ USUAL = Noise(  # of robots, where nothing is stated: scales of the prior, the s
 FREEDOM, FREEDOM_OF_STATED = 3.0, 1.0  # degrees of freedom of the half-t law
 EXACT_ROBOT = 0.1  # odds that the robot's errors are far too small to matter
 DRAWS, TAILS = 32, 4.0  # sizes looked at, drawn from a t law of that many degrees of freedom
-
-
 SOURCES = {  # of the scanner's noise: in words, and the spread of its logarithm beforehand
     "given": ("as given", 0.0),
     "profiles": ("of the features that the profiles show", 0.5),

@@ -21,7 +21,7 @@ class Solution:
     state: State  # the sensor pose and the targets, a batch of one
     covariance: np.ndarray  # (6, 6) of (ρ, φ) in the sensor's frame, mm and rad: T = T̂ · exp(δ)
     placements: tuple  # a `Target` for each set of observations
-    level: Prior  # of the errors
+    prior: Prior  # of the errors
     found: ErrorSizes
     noise: Noise  # the sizes of all errors that the solution rests on
     chi2: float
@@ -40,7 +40,7 @@ class Solution:
 
         Most of it is a shift and turn of the base, which the target's place absorbs. An error of the flange that is the
         same at all poses is not, and goes into the answer."""
-        lever, accuracy = np.eye(6), self.level.systematic
+        lever, accuracy = np.eye(6), self.prior.systematic
         if not self.problem.observations[0].eye_to_hand:  # from the flange to the sensor, in the sensor's frame
             lever[:3, 3:] = np.cross(np.eye(3), self.rotation.T @ self.translation).T
         return self.covariance + lever * variances(accuracy.accuracy_mm, accuracy.accuracy_deg) @ lever.T
@@ -70,7 +70,7 @@ class Solution:
     @property
     def noise_source(self) -> str:
         """ "given" or "estimated"."""
-        return "given" if self.level.source == "given" else "estimated"
+        return "given" if self.prior.source == "given" else "estimated"
 
     @property
     def chi2_per_dof(self) -> float:

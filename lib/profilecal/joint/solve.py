@@ -38,24 +38,24 @@ def solve(
     observations = list(observations)
     if not observations:
         raise ValueError("no observations given; expected at least one target")
-    level = noise if isinstance(noise, Prior) else as_stated(noise or Noise())
-    problem = Problem(observations, level.scales, level.systematic)
+    prior = noise if isinstance(noise, Prior) else as_stated(noise or Noise())
+    problem = Problem(observations, prior.scales, prior.systematic)
     total = int(problem.count()[0])
     if total <= problem.n:
         raise UnobservableError(f"{total} measured coordinates cannot determine {problem.n} unknowns; add poses")
 
-    fits = least_squares(problem, search(observations, level.scales, starts))
+    fits = least_squares(problem, search(observations, prior.scales, starts))
     others, scale = fits.state, 1.0
     if robust:
-        fits = fits_of_most(problem, fits, level.usual_mm)
-    if level.source != "given":
+        fits = fits_of_most(problem, fits, prior.usual_mm)
+    if prior.source != "given":
         scale = problem.typical(fits)[0]
-    if not level.robot_known and is_hopeless(problem, fits[[0]], scale):
-        problem, level = Problem(observations, level.scales), level.without_robot
-    if level.source == "residuals":
-        level = level.with_scanner(max(level.scales.profile_mm * scale, FINEST_MM))
-        problem = problem.with_noise(level.scales)
-    return conclude(estimate(problem, level, fits.state[[0]], robust), level, others.join(fits.state))
+    if not prior.robot_known and is_hopeless(problem, fits[[0]], scale):
+        problem, prior = Problem(observations, prior.scales), prior.without_robot
+    if prior.source == "residuals":
+        prior = prior.with_scanner(max(prior.scales.profile_mm * scale, FINEST_MM))
+        problem = problem.with_noise(prior.scales)
+    return conclude(estimate(problem, prior, fits.state[[0]], robust), prior, others.join(fits.state))
 
 
 def least_squares(problem: Problem, state: State) -> Fit:
@@ -226,7 +226,7 @@ def conclude(estimated: Estimate, prior: Prior, others: State) -> Solution:
         state=state,
         covariance=covariance,
         placements=tuple(term.target.at(origin[0], axes[0], term.sizes) for term, (origin, axes) in terms),
-        level=prior,
+        prior=prior,
         found=found,
         noise=replace(problem.noise, **(dict.fromkeys(ROBOT, 0.0) | sizes)),
         chi2=chi2,

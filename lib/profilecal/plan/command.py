@@ -61,7 +61,7 @@ def model_of_spec(spec: Spec, stated: dict[str, float], rng: np.random.Generator
     if not spec.noise.profile_mm:
         raise ScanError("profile_mm is 0 in [noise]; a plan needs the scanner's noise")
     measured = spec.measured or TARGETS[spec.kind].tables[-1]
-    level, profile_mm = prior_from(stated), spec.noise.profile_mm
+    prior, profile_mm = prior_from(stated), spec.noise.profile_mm
     if measured == "arcs":  # errors of centre and radius, as those of three points a third of a turn apart
         profile_mm = np.sqrt(2) * profile_mm
     model = ScanModel(
@@ -69,8 +69,8 @@ def model_of_spec(spec: Spec, stated: dict[str, float], rng: np.random.Generator
         spec.guess.facing(spec.kind),
         *spec.guess.sensor,
         scanner=spec.scanner,
-        noise=replace(level.scales, profile_mm=profile_mm, steering_mm=spec.noise.steering_mm),
-        systematic=level.systematic,
+        noise=replace(prior.scales, profile_mm=profile_mm, steering_mm=spec.noise.steering_mm),
+        systematic=prior.systematic,
         to_hand=spec.mount == "eye-to-hand",
         measured=measured,
         guess=spec.guess,
@@ -113,8 +113,8 @@ def model_of_scan(found: Calibration) -> tuple[ScanModel, Limits, tuple[np.ndarr
     if found.status == "unobservable":
         raise ScanError("the scan leaves the mount open; plan from a SPEC.toml whose [guess] states it roughly")
     R, T = observed.R_flange[0][s.kept[0]], observed.T_flange[0][s.kept[0]]
-    level = prior_from(stated_noise(found.scans))
-    noise = replace(level.scales, profile_mm=s.noise_mm, steering_mm=s.noise.steering_mm)
+    prior = prior_from(stated_noise(found.scans))
+    noise = replace(prior.scales, profile_mm=s.noise_mm, steering_mm=s.noise.steering_mm)
     sizes = s.found.sizes[1:]
     # where no pose is repeated, the errors of a visit are part of those of a pose
     noise = replace(noise, **dict.fromkeys({*ROBOT} - {size.name for size in sizes}, 0.0))
@@ -126,7 +126,7 @@ def model_of_scan(found: Calibration) -> tuple[ScanModel, Limits, tuple[np.ndarr
         s.translation,
         scanner=scanner_of(scan, observed),
         noise=noise,
-        systematic=level.systematic,
+        systematic=prior.systematic,
         to_hand=observed.eye_to_hand,
         measured=scan.measured,
         **features_of(observed),

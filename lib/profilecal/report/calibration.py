@@ -72,12 +72,12 @@ def answer(found) -> Html:
     lines.append(to_text(replace(found, messages=())))
     s = found.solution
     if found.status != "unobservable":
-        robot = f"{s.level.systematic.accuracy_mm:g} mm and {s.level.systematic.accuracy_deg:g}°"
+        robot = f"{s.prior.systematic.accuracy_mm:g} mm and {s.prior.systematic.accuracy_deg:g}°"
         lines.append(
             f"elsewhere      {deviations(s.covariance_total)}, on a robot accurate to {robot} over its workspace"
         )
     if s and not found.misread:
-        lines.append(f"noise          {s.noise_mm:.3g} mm, {s.level.how}; residuals {s.rms_mm:.3g} mm rms")
+        lines.append(f"noise          {s.noise_mm:.3g} mm, {s.prior.how}; residuals {s.rms_mm:.3g} mm rms")
         lines += [f"robot errors   {text}" for text in robot_errors(s.found)]
     text = "\n".join(lines)
     return Html(f"<pre>{escape(text)}</pre>", text)

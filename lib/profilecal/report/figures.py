@@ -175,6 +175,14 @@ def plot_rows(axes, frame: pd.DataFrame, x: str, shift: float, **style) -> None:
     axes.errorbar(frame[x], np.arange(len(frame)) + shift, xerr=bars, **{"fmt": "o", "ms": 5, "capsize": 2} | style)
 
 
+def table(header, rows) -> None:
+    """Show rows of texts under a header, as a notebook's text would have them: formulas in them are typeset."""
+    from IPython.display import Markdown, display
+
+    lines = [header, ["---"] * len(header), *rows]
+    display(Markdown("\n".join(f"| {' | '.join(line)} |" for line in lines)))
+
+
 def plain_log(*scales) -> None:
     """Label logarithmic x or y axes of plots with plain numbers, at 1, 2, 5, 10, …"""
     for axis in scales:

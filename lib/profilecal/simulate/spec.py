@@ -87,12 +87,6 @@ def read_spec(entries: dict, path="specification") -> Spec:
     return replace(spec, poses=str(Path(path).parent / spec.poses)) if spec.poses else spec
 
 
-def lengths_of(entries: dict) -> tuple[str, ...]:
-    """The names of the lengths of the target that a specification is for."""
-    kind = entries.get("kind", Spec.kind)
-    return TARGETS[kind].lengths if isinstance(kind, str) and kind in TARGETS else ()
-
-
 def simulate_scan(spec: Spec) -> Scan:
     """The scan that a robot with these errors and a scanner with this noise would record, and its truth."""
     return simulate_scans([spec])[0]
