@@ -26,9 +26,6 @@ from profilecal.scan.conventions import CONVENTIONS, from_rotations, named
 from profilecal.scan.folder import REACH_MM
 from profilecal.scan.scan import Scan
 
-FINE_MM = 0.1  # residuals at which no other reading is looked for
-FAR_BETTER = 2.0  # times smaller residuals; others than the best within that of it are as good
-LUCK = 25.0  # logarithm of the odds against residuals so much smaller by chance, among all readings and starts
 SEQUENCES = (  # of three angles, as scipy names them
     *((f"{c.name} {', '.join(c.columns)}", c.sequence) for c in CONVENTIONS if c.sequence),
     ("angles about the fixed axes z, y, x", "zyx"),
@@ -49,15 +46,18 @@ class Reading:
 def better_readings(scan: Scan, seen: Seen) -> list[str]:
     """A sentence on the reading, or those alike, that explains what was `seen` far better than the poses as stated;
     none where there is none."""
+    fine_mm = 0.1  # residuals at which no other reading is looked for
+    far_better = 2.0  # times smaller residuals; others than the best within that of it are as good
+    luck = 25.0  # logarithm of the odds against residuals so much smaller by chance, among all readings and starts
     stated, _ = misfit(observed(scan, seen), widely=True)
-    if not FINE_MM < stated < np.inf:
+    if not fine_mm < stated < np.inf:
         return []
     tried = [(*misfit(observed(r.scan, seen, r.shift)), r) for r in (*readings(scan), *other_lengths(scan, seen))]
     best, freedom, _ = min(tried, key=itemgetter(0))
     best = max(best, FINEST_MM)
-    if best > LARGEST_ERROR_MM or stated < FAR_BETTER * best or freedom * np.log(stated / best) < LUCK:
+    if best > LARGEST_ERROR_MM or stated < far_better * best or freedom * np.log(stated / best) < luck:
         return []
-    alike = [r for size, _, r in sorted(tried, key=itemgetter(0)) if size < FAR_BETTER * best]
+    alike = [r for size, _, r in sorted(tried, key=itemgetter(0)) if size < far_better * best]
     words, checks = " or ".join(r.words for r in alike), "; ".join(dict.fromkeys(r.check for r in alike))
     return [f"with {words} the residuals are {best:.2g} mm instead of {stated:.2g} mm; {checks}"]
 

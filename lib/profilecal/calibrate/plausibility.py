@@ -18,8 +18,6 @@ from profilecal.joint.observations import Perturbation, of_scanner, of_target
 from profilecal.joint.solution import Solution
 from profilecal.joint.solve import LARGEST_ERROR_MM, LARGEST_REJECTED
 
-ABSORBED = 1e-9  # of an error's own pattern: less is left of it beside the unknowns than rounding
-
 
 @dataclass(frozen=True)
 class Finding:
@@ -45,13 +43,14 @@ class Finding:
 
 def systematic_tests(solution: Solution) -> list[Finding]:
     """What might be wrong everywhere, each by itself, with the size that fits the residuals best."""
+    absorbed = 1e-9  # of an error's own pattern: less is left of it beside the unknowns than rounding
     targets = [entry.target for entry in solution.problem.observations]
     tried = [*of_scanner(), *of_target(targets), *of_robot()]
     model, found = solution.model(tried)
     n, (normal,) = model.n - len(tried), found.normal
     with np.errstate(invalid="ignore", divide="ignore"):
         sizes, sds, moves = score(normal, n, model.precision[:n, :n])
-        seen = sds**-2 > ABSORBED * np.diag(normal)[n:-1]
+        seen = sds**-2 > absorbed * np.diag(normal)[n:-1]
     # the size is what the data would have to change by, the error is the opposite
     return [
         Finding(error.words, -size * error.unit, size / sd, move * size, len(tried))
@@ -85,7 +84,6 @@ def of_robot() -> list[Perturbation]:
 
 
 MUCH = 3.0  # standard deviations that an error moves a pose by, or times what the stated noise explains: no more "ok"
-SHADOW = 0.8  # of the clearest error's clarity: less is taken for its shadow
 ADVICE = (
     "check the mount, units and convention of the poses, which pose each profile belongs to, x and z of the profiles, "
     "the radius"
@@ -131,8 +129,9 @@ def contradictions(solution: Solution) -> list[str]:
 
 def clear_findings(found: list[Finding]) -> list[Finding]:
     """Those that chance does not explain, clearest first."""
+    shadow = 0.8  # of the clearest error's clarity: less is taken for its shadow
     clear = sorted((s for s in found if s.is_clear), key=lambda s: -abs(s.clear))
-    return [s for s in clear if abs(s.clear) > SHADOW * abs(clear[0].clear)]
+    return [s for s in clear if abs(s.clear) > shadow * abs(clear[0].clear)]
 
 
 def distance(delta, covariance) -> float:

@@ -29,8 +29,6 @@ from profilecal.joint.observations import pose_error
 from profilecal.joint.problem import Problem
 from profilecal.scan.scan import Scan, ScanError
 
-SAME = 1e-3  # standard deviations: no other scan's answer comes so close by chance
-
 
 @dataclass(frozen=True)
 class Verification:
@@ -100,12 +98,13 @@ def verify(scan: Scan, T, covariance, noise_mm: float) -> Verification:
     Raises ScanError for a scan that shows too little of its target or determines nothing, and for the very one that T
     is from.
     """
+    same = 1e-3  # standard deviations: no other scan's answer comes so close by chance
     alone = calibrate([scan], guess=T)
     s, said, title = alone.solution, [], scan.title or f"the {scan.kind}"
     kept = s.kept if s else [np.ones(len(alone.seen[0]), dtype=bool)]
     if alone.status != "unobservable":
         delta = pose_error(T[:3, :3], T[:3, 3], s.rotation, s.translation)
-        if distance(delta, s.covariance) < SAME:
+        if distance(delta, s.covariance) < same:
             raise ScanError(f"{title}: the pose was found from this very scan; expected another")
         said.append((delta, s.covariance))
     if alone.status != "ok":  # a weak answer may be one of several

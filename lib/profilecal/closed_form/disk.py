@@ -16,9 +16,6 @@ from profilecal.closed_form.two_step import (
 from profilecal.geometry.checks import UnobservableError, check_count, check_rotations, check_vectors
 from profilecal.geometry.fitting import Ellipse, fit_ellipse, from_components
 
-LEAST_BEND = 5.0  # standard errors by which chord lengths must bend along a scan, to show a disk at all
-WRONG_SIDE_DEG = 3.0  # largest angle between R D_i and D_b that noise is believed to explain
-
 
 @dataclass(frozen=True)
 class SensingData:
@@ -182,6 +179,7 @@ def _check_tips(i: int, tips) -> np.ndarray:
 
 def _check_motion(i: int, scan: SensingData, tips, travel: float) -> None:
     """Refuse a motion within 1° of the disk's plane or of the scan plane."""
+    least_bend = 5.0  # standard errors by which chord lengths must bend along a scan, to show a disk at all
     least = np.sin(np.radians(LEAST_SPREAD_DEG))
     if not travel > 0:
         raise ValueError(f"T_start[{i}] and T_end[{i}] are the same; expected a motion")
@@ -194,11 +192,11 @@ def _check_motion(i: int, scan: SensingData, tips, travel: float) -> None:
         )
     sin_plane = 1.0 if scan.clipped else abs(scan.D_i[1]) / np.linalg.norm(scan.D_i)  # without α only the bend tells
     bend = _bend(tips, scan.direction)
-    if not sin_plane > least or bend < LEAST_BEND:
+    if not sin_plane > least or bend < least_bend:
         raise UnobservableError(
             f"the motion to T_end[{i}] is within {LEAST_SPREAD_DEG:g}° of the scan plane, or covers too little of the "
             f"disk: found {np.degrees(np.arcsin(sin_plane)):.2g}°, and the squared lengths of the chords bend by "
-            f"{bend:.2g} standard errors, at least {LEAST_BEND:g} needed; move along the sensor's y axis, over more "
+            f"{bend:.2g} standard errors, at least {least_bend:g} needed; move along the sensor's y axis, over more "
             "of the disk"
         )
 
@@ -222,10 +220,11 @@ def _check_sides(X, Y) -> None:
 
     Up to ten columns all combinations are tried, beyond that one change at most.
     """
+    wrong_side_deg = 3.0  # largest angle between R D_i and D_b that noise is believed to explain
     n = X.shape[1]
     X, Y = X / np.linalg.norm(X, axis=0), Y / np.linalg.norm(Y, axis=0)
     found = _misfit_deg(X, Y)
-    if found <= WRONG_SIDE_DEG:
+    if found <= wrong_side_deg:
         return
     flips = np.array(list(product((1, -1), repeat=n))) if n <= 10 else np.vstack([np.ones(n), 1 - 2 * np.eye(n)])
     left = _misfit_deg(X * np.stack([np.ones_like(flips), flips, np.ones_like(flips)], axis=1), Y)

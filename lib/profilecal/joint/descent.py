@@ -10,10 +10,6 @@ from profilecal.joint.observability import Spectrum, spectrum
 from profilecal.joint.observations import Observations, State
 from profilecal.joint.problem import Fit, Problem
 
-REACH = np.r_[100, 100, 100, 1, 1, 1]  # mm and rad: a step as large in one as in the other
-FLAT = 1e-6  # of a loss: of a thousand residuals, a thirtieth of a standard deviation
-UNDAMPED = 1e-12
-
 
 def refine(
     problem: Problem,
@@ -37,6 +33,8 @@ def descend(moments, move, state: State, iterations: int, tolerance: float = 1e-
     Ends where the undamped step is below `tolerance` (rad, and a hundred times that in mm), promises less than
     rounding, or, along a flat valley, promises nothing that noise would not hide and does not even keep that.
     """
+    flat = 1e-6  # of a loss: of a thousand residuals, a thirtieth of a standard deviation
+    undamped = 1e-12
     B = len(state.rotation)
     damping, growth, done = np.full(B, damping), np.full(B, 2.0), np.zeros(B, dtype=bool)
     with np.errstate(all="ignore"):
@@ -44,9 +42,9 @@ def descend(moments, move, state: State, iterations: int, tolerance: float = 1e-
         for _ in range(iterations):
             step, promise = damped_step(here.normal, damping)
             small = reach(step) < tolerance
-            early = small & (growth == 2.0) & (damping > UNDAMPED)  # perhaps small by damping only
+            early = small & (growth == 2.0) & (damping > undamped)  # perhaps small by damping only
             if early.any():
-                damping = np.where(early, UNDAMPED, damping)
+                damping = np.where(early, undamped, damping)
                 step, promise = damped_step(here.normal, damping)
                 small = reach(step) < tolerance
             trial = move(here.state, step)
@@ -58,20 +56,21 @@ def descend(moments, move, state: State, iterations: int, tolerance: float = 1e-
             there = moments(trial)
             kept = np.nan_to_num((here.loss - there.loss) / promise, nan=-1.0)
             better = (there.loss <= here.loss) & ~done  # false for NaN
-            done |= (promise <= FLAT * here.loss) & (kept < 0.9)
+            done |= (promise <= flat * here.loss) & (kept < 0.9)
             if better.all():
                 here = there
             elif better.any():
                 here = there.where(better, here)
             eased = damping * np.clip(1 - (2 * np.minimum(kept, 1) - 1) ** 3, 0.01, 2)
-            damping = np.clip(np.where(better, eased, damping * growth), UNDAMPED, 1e8)
+            damping = np.clip(np.where(better, eased, damping * growth), undamped, 1e8)
             growth = np.where(better, 2.0, 2 * growth)
     return here
 
 
 def reach(step) -> np.ndarray:
     """How far steps (B, 6 or more) move sensor poses, rad or hundreds of mm."""
-    return np.abs(step[:, :6] / REACH).max(axis=1)
+    reach = np.r_[100, 100, 100, 1, 1, 1]  # mm and rad: a step as large in one as in the other
+    return np.abs(step[:, :6] / reach).max(axis=1)
 
 
 def damped_step(normal, damping) -> tuple[np.ndarray, np.ndarray]:

@@ -16,7 +16,6 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 WEAK = 0.1  # of the measurement by hand
-RANK = 1e-10  # smallest eigenvalue over largest that is not rounding
 LEAST_TURN_DEG = 1.0  # flange orientations that differ by less are taken for one
 HAND_PRECISION = np.r_[10.0, 10.0, 10.0, np.radians([5.0, 5.0, 5.0])]  # of the measurement by hand, mm and rad
 
@@ -53,7 +52,7 @@ def spectrum(information, units) -> Spectrum:
     A = information * units[:, None] * units
     values, vectors = np.linalg.eigh(A)
     largest = values[..., -1:]
-    rank = (values > RANK * largest).sum(axis=-1)
+    rank = (values > 1e-10 * largest).sum(axis=-1)
     inverse = 1 / np.maximum(values, 1e-14 * largest)
     pose = vectors[..., :6, :]
     C = (pose * inverse[..., None, :]) @ np.swapaxes(pose, -1, -2)

@@ -143,9 +143,6 @@ def normalised_square(covariance, error) -> np.ndarray:
     return np.einsum("...i,...i", error, np.linalg.solve(covariance, error[..., None])[..., 0])
 
 
-STEP = 1e-4  # mm, of a length
-
-
 @dataclass(frozen=True)
 class Perturbation:
     """One error, which moves points, positions of the robot, or a length by so much for one unit of its size."""
@@ -192,14 +189,15 @@ def derivative(error: Perturbation, state, placement, observed: Observations, re
     """By the size of an error at a state, of a batch of one: (1, K, P). `columns`: of these `residuals`, there, with
     those by the flange pose."""
     if error.length:
+        h = 1e-4  # mm
         plus, minus = (
             residuals.with_sizes(
                 size + step * (name == error.length)
                 for name, size in zip(residuals.target.lengths, residuals.sizes, strict=True)
             ).linearise(state, placement)[:, -1]
-            for step in (STEP, -STEP)
+            for step in (h, -h)
         )
-        return (plus - minus) / (2 * STEP)
+        return (plus - minus) / (2 * h)
     if error.points:
         dx, dz = error.points(*residuals.seen)  # (1, m, P) each
         by_x, by_z = residuals.by_point(columns)

@@ -10,8 +10,6 @@ from profilecal.geometry.noise import ROBOT
 from profilecal.geometry.poses import SAME_ORIENTATION_DEG, angle_between, parallel
 from profilecal.joint.observations import Observations
 
-SAME_MM, SAME_DEG = 0.05, 0.01  # commanded poses that differ by less are one: no controller comes back any closer
-
 
 @dataclass(frozen=True)
 class PoseGroups:
@@ -45,14 +43,15 @@ class PoseGroups:
 
 def pose_groups(observations: Sequence[Observations]) -> PoseGroups:
     """Of the targets' poses; those of a batch are alike, and the first problem's are looked at."""
+    same_mm, same_deg = 0.05, 0.01  # commanded poses that differ by less are one: no controller comes back any closer
     R, T = (
         np.concatenate([np.reshape(getattr(o, name), (-1, *np.shape(getattr(o, name))[-k:]))[0] for o in observations])
         for name, k in (("R_flange", 3), ("T_flange", 2))
     )
     orientation = same_orientations(R, [o.labels for o in observations])
-    pairs = cKDTree(T).query_pairs(SAME_MM, p=np.inf, output_type="ndarray")
+    pairs = cKDTree(T).query_pairs(same_mm, p=np.inf, output_type="ndarray")
     i, j = pairs[np.lexsort(pairs.T[::-1])].T
-    alike = (orientation[i] == orientation[j]) & (np.degrees(angle_between(R[i], R[j])) < SAME_DEG)
+    alike = (orientation[i] == orientation[j]) & (np.degrees(angle_between(R[i], R[j])) < same_deg)
     first = np.arange(len(R))
     for one, other in zip(i[alike], j[alike], strict=True):
         if first[one] == one and first[other] == other:

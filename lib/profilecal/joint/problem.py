@@ -17,7 +17,6 @@ from profilecal.joint.observations import Batch, Observations, Perturbation, Sta
 from profilecal.joint.pose_groups import PoseGroups, pose_groups
 from profilecal.joint.residuals import Residuals
 
-CAUCHY = 2.385  # noise levels at which a residual's weight is a half: 95 % efficient on clean data (Rey 1983)
 NOTHING_KNOWN = 1e-8  # precision, over that of a measurement by hand: it keeps matrices without rank invertible
 
 
@@ -112,6 +111,7 @@ class Problem:
     def moments(self, state: State, scale=None, weights=None) -> Fit:
         """`scale` (B,): Cauchy's loss with that many noise levels as its unit; None: least squares. `weights`: one
         (B, P) or (P,) for each target."""
+        cauchy = 2.385  # noise levels at which a residual's weight is a half: 95 % efficient on clean data (Rey 1983)
         B = len(state.rotation)
         normal, loss, per_pose = np.zeros((B, self.n + 1, self.n + 1)), np.zeros(B), []
         for index, z in enumerate(self.linear(state)):
@@ -119,7 +119,7 @@ class Problem:
             own = np.einsum("bkp,bkp->bp", z[:, -1], z[:, -1]) / count
             weight = None if weights is None else np.asarray(weights[index], dtype=float)
             if scale is not None:
-                unit = (CAUCHY * scale[:, None]) ** 2
+                unit = (cauchy * scale[:, None]) ** 2
                 loss += (count * (1 if weight is None else weight) * unit * np.log1p(own / unit)).sum(axis=1)
                 weight = (1 if weight is None else weight) / (1 + own / unit)
             per_pose.append(own)

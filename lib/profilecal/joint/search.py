@@ -12,14 +12,10 @@ from profilecal.joint.descent import descend, refine
 from profilecal.joint.observations import Observations, State
 from profilecal.joint.problem import Fit, Problem
 
-POSES, POINTS = 40, 5  # the search looks at that many poses, and points in each
-COARSE, GRID = "T", "I"  # scipy's names for 12 and 60 rotations: any rotation is within 45° of one of the 60
-STEPS, TIMES, AGREEING = 8, 2, 5  # from the coarse grid: steps, how often, and how many starts with one end are enough
-ROUNDS = ((6, 24), (8, 10), (16, 6))  # from the grid: steps, and how many starts go on after them
+POSES = 40  # the search looks at that many
+GRID = "I"  # scipy's name for 60 rotations: any rotation is within 45° of one of them
 HOPELESS = 100.0  # times the noise, or the best loss
 KEPT = 6  # starts that all poses are looked at from
-SUBSET, OF_GROUP = 12, 3  # poses that one start looks at where some are bad, and of a group: few enough to be lucky
-SAME = 0.02  # rad, and hundreds of mm: sensor poses nearer to each other are one
 
 
 def search(observations: Sequence[Observations], noise: Noise, starts=()) -> State:
@@ -29,14 +25,14 @@ def search(observations: Sequence[Observations], noise: Noise, starts=()) -> Sta
     problem = in_space([thin(entry, POSES) for entry in observations], noise)
     count = problem.count()[0]
     if all(term.target.fit_is_best for term in problem.terms):
-        state = problem.place(*started(COARSE, starts))
-        for _ in range(TIMES):
-            found = onward(problem, state, STEPS)
+        state = problem.place(*started("T", starts))  # 12 rotations
+        for _ in range(2):
+            found = onward(problem, state, steps=8)
             state = found.state
-            if found.loss[0] < HOPELESS * count and np.count_nonzero(alike(state)[0]) >= AGREEING:
+            if found.loss[0] < HOPELESS * count and np.count_nonzero(alike(state)[0]) >= 5:
                 return distinct(state[found.loss < HOPELESS * max(found.loss[0], count)])
     state = problem.place(*started(GRID, starts))
-    for steps, kept in ROUNDS:
+    for steps, kept in ((6, 24), (8, 10), (16, 6)):
         found = onward(problem, state, steps)
         state = distinct(found.state, kept)
     return distinct(found.state[found.loss < HOPELESS * max(found.loss[0], count)])
@@ -94,9 +90,9 @@ def in_space(observations: Sequence[Observations], noise: Noise) -> Problem:
 
 
 def thin(observations: Observations, count: int) -> Observations:
-    """About `count` poses, and POINTS points in each where they lie on a curve."""
+    """About `count` poses, and five points in each where they lie on a curve."""
     P, m = observations.points.shape[-3:-1]
-    step = max(1, m // POINTS) if observations.on_curve else 1
+    step = max(1, m // 5) if observations.on_curve else 1
     few = observations.keep(np.unique(np.linspace(0, P - 1, min(P, count)).round().astype(int)))
     if step == 1:
         return few
@@ -105,15 +101,16 @@ def thin(observations: Observations, count: int) -> Observations:
 
 
 def few_groups(observations: Observations, count: int) -> Observations:
-    """A batch of `count` different selections of about SUBSET poses of the first problem, each from few groups."""
+    """A batch of `count` different selections of about a dozen poses of the first problem, each from few groups."""
+    subset, of_group = 12, 3  # poses that one start looks at where some are bad, and of a group: few enough to be lucky
     rng, group, P = np.random.default_rng(0), observations.labels, len(observations.labels)
     size, chosen = np.bincount(group), []
     rank = np.concatenate([np.arange(n) for n in size])
     for _ in range(count):
         poses = rng.permutation(P)
         poses = poses[np.argsort(group[poses], kind="stable")]
-        order = np.argsort(rank // OF_GROUP + rng.random(len(size)).repeat(size))  # a few of each group, then others
-        chosen.append(poses[order[:SUBSET]])
+        order = np.argsort(rank // of_group + rng.random(len(size)).repeat(size))  # a few of each group, then others
+        chosen.append(poses[order[:subset]])
     few = thin(observations, P)
     given = {name: getattr(few, name) for name in ("R_flange", "T_flange", "points", "covariance")}
     together = {name: value[0][chosen] for name, value in given.items() if value is not None}
@@ -131,6 +128,7 @@ def distinct(state: State, count: int = KEPT) -> State:
 
 def alike(state: State) -> np.ndarray:
     """Which two sensor poses of a batch are one, (B, B)."""
+    same = 0.02  # rad, and hundreds of mm: sensor poses nearer to each other are one
     turn = angle_between(state.rotation[:, None], state.rotation)
     shift = np.linalg.norm(state.translation[:, None] - state.translation, axis=-1)
-    return (turn < SAME) & (shift < 100 * SAME)
+    return (turn < same) & (shift < 100 * same)

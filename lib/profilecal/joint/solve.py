@@ -18,7 +18,6 @@ from profilecal.joint.problem import Fit, Problem
 from profilecal.joint.search import HOPELESS, search, search_among_outliers
 from profilecal.joint.solution import Solution
 
-UNLIKELY = 1e-3  # the chance of residuals so large that the covariance is enlarged
 LARGEST_ERROR_MM = 2.0  # of a robot's position; what is larger is a mistake, not an error
 LARGEST_REJECTED = 1 / 3  # of the poses
 ROUGHLY = 1e-6  # tolerance of refinements
@@ -200,12 +199,13 @@ def squares(model: LinearModel, errors, covariances, x, v) -> tuple[np.ndarray, 
 def conclude(estimated: Estimate, prior: Prior, others: State) -> Solution:
     """What to say of an estimate: its covariance, enlarged where the noise does not explain the residuals, and whether
     one of the `others` fits as well."""
+    unlikely = 1e-3  # the chance of residuals so large that the covariance is enlarged
     problem, model, found, messages = estimated.problem, estimated.model, estimated.found, []
     state = after_step(problem, estimated.state, found.mean)
     posterior = model.posterior(found.v[None])
     chi2, dof = float(posterior.square[0]), int(model.counts[model.kept].sum()) - problem.n
     covariance, factor = found.covariance[:6, :6], chi2 / dof
-    if prior.source == "given" and prior.robot_known and factor > chi2_limit(UNLIKELY, dof) / dof:
+    if prior.source == "given" and prior.robot_known and factor > chi2_limit(unlikely, dof) / dof:
         covariance = covariance * factor
         than = "what the stated noise explains; the covariance is enlarged to match"
         messages.append(f"residuals are {factor**0.5:.2g} times {than}")

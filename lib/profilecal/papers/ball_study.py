@@ -10,7 +10,6 @@ from profilecal.geometry.fitting import circle_from_moments
 from profilecal.papers.monte_carlo import Study, in_chunks, noisy_blocks, two_step_errors
 from profilecal.targets.ball import Ball
 
-WELL_INSIDE = 0.95  # of the ball's radius: scan planes further out meet it too flat to see an arc
 PROTOCOLS = ("one arc", "m arcs")  # of the poses that fix the rotation; those for the translation have m arcs
 
 
@@ -49,9 +48,10 @@ class BallScans:
     @property
     def longest_sweep_mm(self) -> float:
         """The longest way to either end that keeps the scan plane of every pose well inside the ball."""
+        well_inside = 0.95  # of the ball's radius: scan planes further out meet it too flat to see an arc
         circle = replace(self, sweep_mm=0.0).circles(1)[:, 0]
         beside = np.sqrt(self.ball.radius**2 - circle[:, 2] ** 2)
-        return float(WELL_INSIDE * self.ball.radius - beside.max())
+        return float(well_inside * self.ball.radius - beside.max())
 
     def x_seen(self, circle) -> np.ndarray:
         """The scanner's x at which it sees the upper side of a circle x, z, r."""

@@ -13,7 +13,6 @@ from tqdm import tqdm
 from profilecal.geometry.fitting import ROUNDS, SETTLED
 from profilecal.geometry.poses import cross, dot, nearest_rotation
 
-CHUNK = 1000  # trials that share one random stream: memory stays flat, and workers wait little for each other
 BLOCK = 2**15  # random numbers drawn at a time: 256 kB, which with their powers stay in a processor's own cache
 
 
@@ -60,7 +59,8 @@ def in_chunks(run, shape, trials: int, rng: np.random.Generator, workers: int | 
     Every chunk has its own random stream, so that the number of workers changes nothing; None: all cores. They are
     threads, as NumPy leaves the interpreter's lock while it computes.
     """
-    parts = [slice(first, min(first + CHUNK, trials)) for first in range(0, trials, CHUNK)]
+    chunk = 1000  # trials that share one random stream: memory stays flat, and workers wait little for each other
+    parts = [slice(first, min(first + chunk, trials)) for first in range(0, trials, chunk)]
     tasks = [(setting, part) for setting in np.ndindex(*shape) for part in parts]
     with ThreadPoolExecutor(max_workers=workers or os.cpu_count()) as pool:
         done = pool.map(lambda task, stream: run(*task, stream), tasks, rng.spawn(len(tasks)))

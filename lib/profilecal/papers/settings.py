@@ -11,8 +11,6 @@ from profilecal.papers.published import values
 from profilecal.targets.ball import Ball
 from profilecal.targets.disk import Disk
 
-BALL_TRANSLATING = 4  # disk paper, Section V-D2: the first four rows of Table III share one orientation
-
 # First and last chord of a scan, as signed fractions of the radius. Eq. 48's positions are not printed: notebook 22
 # fits these to the values printed for Fig. 15; other pairs fit as well.
 FIG15_EXTENT = (-0.9, 0.31)
@@ -55,9 +53,10 @@ def fig17_scans(**free) -> BallScans:
 
     The motion of the m arcs and the scanner's view are not printed; `free` sets them, see `BallScans`.
     """
+    ball_translating = 4  # disk paper, Section V-D2: the first four rows of Table III share one orientation
     R_sensor, T_sensor = sensor_pose("Eq. 53", "Upsilon")
     R_tcp = rotation_from_xyz_angles(values("disk", "Table III", "R_tcp"))
     T_tcp, q = values("disk", "Table III", "T_tcp"), values("disk", "Table III", "q")
     centres = carry(R_tcp, T_tcp, q @ R_sensor.T + T_sensor)
-    ball = Ball(centres[BALL_TRANSLATING:].mean(axis=0), float(values("disk", "Fig. 14", "ball radius")))
-    return BallScans(ball, R_sensor, T_sensor, R_tcp, T_tcp, BALL_TRANSLATING, **free)
+    ball = Ball(centres[ball_translating:].mean(axis=0), float(values("disk", "Fig. 14", "ball radius")))
+    return BallScans(ball, R_sensor, T_sensor, R_tcp, T_tcp, ball_translating, **free)

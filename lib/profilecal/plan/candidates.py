@@ -11,7 +11,6 @@ from profilecal.plan.scan_model import ScanModel
 from profilecal.scan.scan import ScanError
 from profilecal.simulate.scene import in_unit_ball
 
-BORDER = 0.05  # of the field of view, on each side: features need what is around them
 BEYOND = 0.5  # of the limits are drawn and cut off: a third of the candidates is at a limit, where good plans are
 
 
@@ -193,6 +192,7 @@ def clearances(model: ScanModel, R_view, T_view) -> np.ndarray:
     not."""
     scanner, (x, z) = model.scanner, np.moveaxis(model.seen(R_view, T_view, 5), -1, 0)
     beside = model.target.beside_mm if model.shows_beside else 0.0
-    border = BORDER * (scanner.far - scanner.near) + beside
-    side = (1 - BORDER) * scanner.half_width(z) - beside
+    share = 0.05  # of the field of view, on each side: features need what is around them
+    border = share * (scanner.far - scanner.near) + beside
+    side = (1 - share) * scanner.half_width(z) - beside
     return np.concatenate([z - scanner.near - border, scanner.far - border - z, side - x, side + x], axis=1)

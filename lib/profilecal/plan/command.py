@@ -25,8 +25,6 @@ from profilecal.simulate.scanner import Scanner
 from profilecal.simulate.spec import Spec, read_spec, sizes_of
 from profilecal.targets import TARGETS
 
-REACH_MM = 200.0  # beyond the poses of a scan, the robot is believed to reach
-
 PLAN = {
     "poses": whole(0, 1000),
     "most": whole(1, 1000),
@@ -109,6 +107,7 @@ def features_of(observed: Observations) -> dict:
 def model_of_scan(found: Calibration) -> tuple[ScanModel, Limits, tuple[np.ndarray, np.ndarray]]:
     """What the one scan of a calibration says of sensor, target and robot; where the robot may go from there; and the
     poses R (P, 3, 3), T (P, 3) that it used. Raises ScanError where it leaves the sensor pose open."""
+    reach_mm = 200.0  # beyond the poses of a scan, the robot is believed to reach
     s, scan, observed = found.solution, found.scans[0], found.observed[0]
     if found.status == "unobservable":
         raise ScanError("the scan leaves the mount open; plan from a SPEC.toml whose [guess] states it roughly")
@@ -133,8 +132,8 @@ def model_of_scan(found: Calibration) -> tuple[ScanModel, Limits, tuple[np.ndarr
     )
     flange = inverse(R, T)[1] if model.to_hand else T
     limits = Limits(
-        low=tuple(flange.min(axis=0) - REACH_MM),
-        high=tuple(flange.max(axis=0) + REACH_MM),
+        low=tuple(flange.min(axis=0) - reach_mm),
+        high=tuple(flange.max(axis=0) + reach_mm),
         extent_mm=max(20.0, float(aside(model, R, T).max())),
     )
     return model, limits, (R, T)

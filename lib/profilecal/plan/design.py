@@ -19,10 +19,6 @@ from profilecal.plan.candidates import BEYOND, Limits, draw, neighbours
 from profilecal.plan.scan_model import Prediction, ScanModel, information, predict
 from profilecal.scan.scan import ScanError
 
-ROUNDS = 6  # of exchanges for neighbours in the end: without them, standard deviations are 10 % larger
-OPEN = 100.0  # times what is asked for, a standard deviation is no better than one by hand
-RIDGE = 1e-3  # of what is known by hand: an empty plan's information; with far less, rounding would choose
-NEGLIGIBLE = 1e-7  # of the largest eigenvalue of a block
 NOWHERE = np.empty((0, 3, 3)), np.empty((0, 3))  # no poses
 
 
@@ -55,12 +51,14 @@ class Pool:
     def of(cls, model: ScanModel, R, T, until, before=0.0) -> "Pool":
         """`until`: standard deviations that are asked for, mm and degrees; `before` (q, q): `information` that is there
         already."""
+        ridge = 1e-3  # of what is known by hand: an empty plan's information; with far less, rounding would choose
+        negligible = 1e-7  # of the largest eigenvalue of a block
         by_hand, systematic = model.known
         unit = np.r_[np.repeat([until[0], np.radians(until[1])], 3), by_hand[6:], systematic]
         values, vectors = np.linalg.eigh(information(model, R, T, each=True) * unit[:, None] * unit)
-        rank = int((values > NEGLIGIBLE * values.max()).sum(axis=1).max())
+        rank = int((values > negligible * values.max()).sum(axis=1).max())
         roots = vectors[..., -rank:] * np.sqrt(np.maximum(values[:, None, -rank:], 0))
-        precision = np.r_[RIDGE / by_hand**2, systematic**-2.0]
+        precision = np.r_[ridge / by_hand**2, systematic**-2.0]
         return cls(R, T, roots, (np.diag(precision) + before) * unit[:, None] * unit)
 
     def covariance(self, chosen) -> np.ndarray:
@@ -76,11 +74,12 @@ class Pool:
     def with_each(self, chosen) -> np.ndarray:
         """How good a plan is with one of the candidates (N,) more, less is better: `smooth_worst`; while there are too
         few for that, the volume of what is left open. inf for candidates whose orientation it has."""
+        left_open = 100.0  # times what is asked for, a standard deviation is no better than one by hand
         C = self.covariance(chosen)
         N, q, r = self.roots.shape
         W = (C @ self.roots.transpose(1, 0, 2).reshape(q, -1)).reshape(q, N, r).transpose(1, 0, 2)
         inner = np.eye(r) + np.swapaxes(self.roots, 1, 2) @ W
-        if self.lacks(chosen) > OPEN:
+        if self.lacks(chosen) > left_open:
             values = 1 / np.linalg.det(inner)
         else:
             pose = W[:, :6]
@@ -121,11 +120,12 @@ def design(
     given = information(model, *before) if len(before[0]) else 0.0
     pool = Pool.of(model, *draw(model, limits, candidates, rng, BEYOND), until, given)
     chosen = []
-    with tqdm(desc="planning", total=(poses or most) + ROUNDS, disable=None, leave=False, delay=2.0) as bar:
+    exchanges = 6  # for neighbours in the end: without them, standard deviations are 10 % larger
+    with tqdm(desc="planning", total=(poses or most) + exchanges, disable=None, leave=False, delay=2.0) as bar:
         while not chosen or (len(chosen) < (poses or most) and (poses or pool.lacks(chosen) > 1)):
             chosen = added(pool, chosen)
             bar.update()
-        for _ in range(ROUNDS):
+        for _ in range(exchanges):
             R, T = pool.R[chosen], pool.T[chosen]
             near = neighbours(model, limits, R, T, 40, rng)
             pool = Pool.of(model, *joined((R, T), near), until, given)

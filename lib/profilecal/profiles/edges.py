@@ -12,7 +12,6 @@ from profilecal.profiles.points import NOISE_LIMIT, Feature, block_means, mask, 
 from profilecal.profiles.runs import Run, straight_runs
 
 SHAPES = ("corner", "step end", "tip")  # in this order if many profiles show several
-LEAST_BEND_DEG = 15.0  # between the sides of a corner
 LEAST_SIDE = 10  # points on either side of a corner
 NEAR = 2.0  # mm: from the ends of straight sides to their corner, and across a blade's tip, at most
 
@@ -88,7 +87,8 @@ def why_no_corner(runs) -> str:
 
 def is_bent(first: Run, second: Run) -> bool:
     """Whether two runs form a corner, neither straight on nor straight back."""
-    return bool(abs(first.direction @ second.direction) < np.cos(np.radians(LEAST_BEND_DEG)))
+    least_bend_deg = 15.0  # between the sides of a corner
+    return bool(abs(first.direction @ second.direction) < np.cos(np.radians(least_bend_deg)))
 
 
 def crossing(first: Run, second: Run) -> np.ndarray:

@@ -11,9 +11,7 @@ from profilecal.profiles.points import Feature, present
 from profilecal.profiles.runs import Run
 
 CLEAR = 5.0  # mm beyond a run in which the scanner sees nothing, though it looked: the run ends there
-STEEPEST_DEG = 65.0  # of a face that faces the scanner
 BLUNT = 0.5  # mm that rounding and the laser spot spoil, of a corner or a blade; what is farther off a line is a step
-THICKNESS = 3.0  # mm of a face whose side wall may be seen
 ZONE = 12  # points at a step among which the scanner may see both of its sides
 ON_FACE = 3.5  # standard deviations from a run's line
 
@@ -64,7 +62,8 @@ class End:
 
 def facing(runs) -> list[Run]:
     """Runs that face the scanner: no side walls, of which it sees as much as it can, not all."""
-    return [run for run in runs if abs(run.direction[0]) > np.cos(np.radians(STEEPEST_DEG))]
+    steepest_deg = 65.0  # of a face that faces the scanner
+    return [run for run in runs if abs(run.direction[0]) > np.cos(np.radians(steepest_deg))]
 
 
 def step_beyond(run: Run, limit: float, view: View) -> int | None:
@@ -82,7 +81,8 @@ def step_beyond(run: Run, limit: float, view: View) -> int | None:
 
 def step_to(points, run: Run, limit: float) -> int | None:
     """The sign of the change of z from a run to the `points` (k, 2) that follow it; None if that is no step."""
-    wall = int(THICKNESS / max(run.spacing, 1e-3))
+    thickness = 3.0  # mm of a face whose side wall may be seen
+    wall = int(thickness / max(run.spacing, 1e-3))
     along, off = run.coordinates(points[: wall + 9])
     off = off * np.sign(run.direction[0])
     soon = np.median(off[3:9] if len(off) >= 6 else off)  # a curve leaves the line more slowly

@@ -75,9 +75,6 @@ def correlation(errors, lags: int = 40) -> float:
     return total
 
 
-BLOCKS = 40  # points that stand for an arc or a line, each the mean of its neighbours
-
-
 @dataclass(frozen=True)
 class Feature:
     """What one profile shows of the target; no points and a reason where it shows none."""
@@ -108,13 +105,14 @@ def mask(profile, rows) -> np.ndarray:
 
 
 def block_means(along, off, normals, fitted: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Neighbouring points of a curve as up to `BLOCKS` means: `along` it (b,), `off` it (b,), covariance (b, 2, 2) mm².
+    """Neighbouring points of a curve as up to 40 means: `along` it (b,), `off` it (b,), covariance (b, 2, 2) mm².
 
     `off` (k,) are the points' distances from the curve, mm, of which `fitted` parameters have been taken, and `normals`
     (k, 2) the curve's unit normals there. Averaged across the curve, they are not drawn inwards by its bend within a
     block. A mean is as uncertain along as across.
     """
-    size = np.diff(np.linspace(0, len(off), min(BLOCKS, len(off)) + 1).astype(int))
+    blocks = 40  # points that stand for an arc or a line, each the mean of its neighbours
+    size = np.diff(np.linspace(0, len(off), min(blocks, len(off)) + 1).astype(int))
     starts = np.cumsum(size) - size
     variance = variances_across(off, normals) * len(off) / max(len(off) - fitted, 1) * correlation(off)
     along, off, variance = (np.add.reduceat(values, starts) / size for values in (along, off, variance))

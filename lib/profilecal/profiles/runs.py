@@ -12,8 +12,6 @@ import numpy as np
 from profilecal.profiles.points import FOLLOWS, correlation, present, stretches, surface
 
 LEAST_POINTS = 6  # of a piece that is worth merging
-LARGEST_GAP = 8  # rows from one point on a line to the next: it goes on
-SHORTEST = 1.5  # mm of a run
 
 
 @dataclass(frozen=True)
@@ -138,13 +136,14 @@ def merge(pieces, points, limit: float) -> list[np.ndarray]:
 
 def run_through(profile, seen, rows, limit: float) -> Run:
     """The run of a piece: the line refitted to the points near it, between the piece's ends and on from there."""
+    largest_gap = 8  # rows from one point on a line to the next: it goes on
     points = profile.take(seen, axis=0)
     for _ in range(2):
         on = np.abs(Run.through(profile, rows).coordinates(points)[1]) <= limit
         first, last = np.searchsorted(seen, (rows[0], rows[-1]))
         near = on.copy()
         near[first : last + 1] = True
-        part = next(part for part in stretches(np.flatnonzero(near), LARGEST_GAP) if part[-1] >= last)
+        part = next(part for part in stretches(np.flatnonzero(near), largest_gap) if part[-1] >= last)
         if on[part].sum() < 3:
             break
         rows = seen[part[on[part]]]
@@ -153,8 +152,9 @@ def run_through(profile, seen, rows, limit: float) -> Run:
 
 def is_run(run: Run, seen) -> bool:
     """Whether a run is long enough and most of the points seen between its ends are on it."""
+    shortest = 1.5  # mm of a run
     between = np.searchsorted(seen, run.rows[-1]) - np.searchsorted(seen, run.rows[0]) + 1
-    return len(run.rows) >= max(LEAST_POINTS, between / 2) and run.length >= SHORTEST
+    return len(run.rows) >= max(LEAST_POINTS, between / 2) and run.length >= shortest
 
 
 def distinct(runs) -> list[Run]:

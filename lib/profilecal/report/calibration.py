@@ -13,7 +13,6 @@ from profilecal.report.figures import GREEN, ORANGE, RED
 from profilecal.scan.conventions import CONTROLLERS, for_controller
 from profilecal.targets.target import find_features
 
-WORTH_A_WORD = 1.25  # times as large a standard deviation
 VERDICTS = {
     "ok": (
         "The scanner's pose is known to {:.2g} mm and {:.2g}°",
@@ -85,6 +84,7 @@ def answer(found) -> Html:
 
 def robot_errors(found: ErrorSizes) -> list[str]:
     """How large the robot's errors are, a line for each place where they arise, with 95 % intervals."""
+    worth_a_word = 1.25  # times as large a standard deviation
     lines, sizes = [], {size.name: size for size in found.sizes}
     for place, names in PLACES.items():
         pair = [sizes[name] for name in names if name in sizes]
@@ -97,7 +97,7 @@ def robot_errors(found: ErrorSizes) -> list[str]:
             said = "none"
         lines += [f"{place}: {said}"] if pair else []
     largest = [np.sqrt(np.linalg.eigvalsh(C[:3, :3])[-1]) for C in (found.covariance, found.exact_robot)]
-    if largest[0] > WORTH_A_WORD * largest[1]:
+    if largest[0] > worth_a_word * largest[1]:
         lines.append(f"in all: the largest standard deviation is {largest[0]:.2g} mm, {largest[1]:.2g} mm without them")
     return lines
 

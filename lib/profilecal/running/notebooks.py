@@ -15,7 +15,6 @@ from pathlib import Path
 sys.modules.setdefault("rfc3987_syntax", None)  # a grammar that jsonschema compiles in a second, and does without
 
 TYPES = {"int": int, "float": (int, float), "bool": bool, "str": str, "list": list}
-ATTEMPTS = 2  # at a run whose kernel dies or hangs
 
 
 class NotebookError(Exception):
@@ -134,6 +133,7 @@ def execute(expected: dict, source: str, parameters: dict, cwd: str, timeout: in
 
     Raises ValueError where other versions than the expected ones are installed.
     """
+    attempts = 2  # at a run whose kernel dies or hangs
     from distributed import get_worker
 
     if versions() != expected:
@@ -141,7 +141,7 @@ def execute(expected: dict, source: str, parameters: dict, cwd: str, timeout: in
     with tempfile.TemporaryDirectory(dir=get_worker().local_directory) as scratch:
         begin, end = Path(scratch, "source.ipynb"), Path(scratch, "executed.ipynb")
         begin.write_text(source, encoding="utf-8")
-        for _ in range(ATTEMPTS):
+        for _ in range(attempts):
             start, why = time.perf_counter(), ""
             try:
                 run(begin, end, parameters, Path(cwd if Path(cwd).is_dir() else scratch), timeout)

@@ -41,7 +41,6 @@ NOISE = dict.fromkeys(  # an error that is there is no rounding error
     (lambda value: number(1e-6, 100)[0](value) or (value == 0 and number()[0](value)), "zero, or 1e-06 to 100"),
 )
 TRUTH = {"seed": whole(), "T_flange_sensor": numbers(4, 4), "T_base_sensor": numbers(4, 4), "target": TABLE}
-SIZE_MM = (0.5, 1000.0)  # of a target that a profile scanner can see
 REACH_MM = (10.0, 20_000.0)  # farthest flange position from the base: a robot's size
 FARTHEST_MM = 10_000.0  # from the scanner; no profile scanner sees as far, and some print such numbers for no point
 
@@ -104,7 +103,7 @@ def check_header(path: Path, header: dict) -> dict:
 
 def length_rules(kind: str, scale: float = 1.0) -> dict[str, Rule]:
     """What the lengths of a kind of target may be, in units of `scale` mm."""
-    low, high = SIZE_MM
+    low, high = 0.5, 1000.0  # mm: of a target that a profile scanner can see
     return dict.fromkeys(TARGETS[kind].lengths, number(low / scale, high / scale))
 
 

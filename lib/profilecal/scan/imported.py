@@ -18,8 +18,8 @@ from profilecal.scan.tables import Table, in_columns, listed
 
 OF_POSES = re.compile(r"pose|robot|flange|tcp|calib|\.(ls|dat|mod|script|rob)$", re.IGNORECASE)  # in a file's name
 LABELS = ("", "pose", "name", "label", "id", "index", "file", "n")  # columns that tell profiles apart
-USUAL = {8: "timestamp,x,y,z,qx,qy,qz,qw", 12: "r11,r12,r13,x,r21,r22,r23,y,r31,r32,r33,z"}  # TUM; a matrix
-USUAL[16] = f"{USUAL[12]},_,_,_,_"
+MATRIX = "r11,r12,r13,x,r21,r22,r23,y,r31,r32,r33,z"
+USUAL = {8: "timestamp,x,y,z,qx,qy,qz,qw", 12: MATRIX, 16: f"{MATRIX},_,_,_,_"}  # by columns without names; TUM first
 FRAMES = {"uf": "user frame", "ut": "tool"}
 
 

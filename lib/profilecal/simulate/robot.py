@@ -11,9 +11,7 @@ from profilecal.geometry.poses import rotations
 
 AXES = np.eye(3)[[2, 1, 1, 2, 1, 2]]  # of the joints, all turned to zero: the arm then points straight up
 MIDDLE = np.array([900.0, 0.0, 600.0])  # mm from its foot, where it works best
-LINKS = np.zeros((6, 3))  # mm: reach 1.45 m, for 10 kg
-LINKS[0] = 150, 0, 486.5
-LINKS[1, 2], LINKS[2, 2], LINKS[5, 2] = 700, 600, 65
+LINKS = np.array([[150, 0, 486.5], [0, 0, 700], [0, 0, 600], [0, 0, 0], [0, 0, 0], [0, 0, 65]])  # mm: reach 1.45 m
 
 
 @dataclass(frozen=True)
