@@ -28,6 +28,7 @@ COPIED = (
     "CITATION.cff",
     "LICENSE",
     "data/README.md",
+    "data/examples/edge.toml",
     "data/examples/planned.toml",
     "docs/errata.md",
     "docs/frames.png",
