@@ -199,6 +199,17 @@ def test_robot_errors_are_part_of_the_stated_uncertainty():
     assert binom.ppf(1e-4, 12, 0.95) <= inside
 
 
+def test_the_status_is_the_same_for_poses_of_the_flange_and_of_a_tool():
+    """In a scan whose status hangs on where the robot's errors act; the seed is such."""
+    noise = Noise(profile_mm=0.03, position_mm=0.1, orientation_deg=0.05)
+    scan = replace(simulate_scan(Spec(kind="plane", seed=1031, groups=12, positions=1, noise=noise)), noise={})
+    at_sensor = scan.T_base_flange + scan.R_base_flange @ truth(scan)[:3, 3]
+    found = [calibrate([one]) for one in (scan, replace(scan, T_base_flange=at_sensor))]
+    assert [one.status for one in found] == ["weak", "weak"]
+    assert [any("the origin of the poses' frame" in m for m in one.messages) for one in found] == [True, False]
+    assert found[0].solution.observability.status == "ok"
+
+
 def test_the_answer_says_one_uncertainty_and_chi2_only_where_the_noise_is_stated():
     stated = simulate_scan(Spec(measured="points"))
     texts = [to_text(calibrate([scan]), "PASTE") for scan in (stated, replace(stated, noise={}))]

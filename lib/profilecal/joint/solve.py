@@ -12,7 +12,7 @@ from profilecal.joint.descent import reach, refine
 from profilecal.joint.error_sizes import ErrorSizes, Prior, average, likeliest
 from profilecal.joint.linear_model import LinearModel
 from profilecal.joint.noise import FINEST_MM, as_stated
-from profilecal.joint.observability import Spectrum, explain, of_covariance, spectrum
+from profilecal.joint.observability import WEAK, Spectrum, explain, of_covariance, spectrum
 from profilecal.joint.observations import Observations, State, normalised_square, pose_error
 from profilecal.joint.problem import Fit, Problem
 from profilecal.joint.search import HOPELESS, search, search_among_outliers
@@ -212,9 +212,17 @@ def conclude(estimated: Estimate, prior: Prior, others: State) -> Solution:
     kept = problem.split(model.kept)
     rank = spectrum(problem.moments(state, weights=kept).normal[0, :-1, :-1], problem.units).rank
     seen = of_covariance(covariance, rank, problem.n)
-    status, observations = str(seen.status), problem.observations
+    observations = problem.observations
     R_flange = np.concatenate([np.asarray(o.R_flange).reshape(-1, 3, 3) for o in observations])
-    messages += explain(seen, state.rotation[0], R_flange, "base" if observations[0].eye_to_hand else "flange")
+    there, worse = seen if prior.robot_known else at_sensor(estimated, prior, seen), seen
+    if there.status != seen.status:
+        worse = max(seen, there, key=lambda found: found.sd[0])
+        messages.append(
+            f"the status is {seen.status} if the robot's errors act at the origin of the poses' frame, {there.status} "
+            "if they act at the sensor; the weaker counts. If the poses are of a tool, give those of the flange"
+        )
+    status = str(worse.status)
+    messages += explain(worse, state.rotation[0], R_flange, "base" if observations[0].eye_to_hand else "flange")
     if status != "unobservable":
         twin = twin_of(estimated, state, seen, chi2 + 12 * max(1.0, factor), others)
         status, messages = ("weak", [*messages, twin]) if twin else (status, messages)
@@ -239,6 +247,20 @@ def conclude(estimated: Estimate, prior: Prior, others: State) -> Solution:
         messages=tuple(messages),
         problem=problem,
     )
+
+
+def at_sensor(estimated: Estimate, prior: Prior, seen: Spectrum) -> Spectrum:
+    """How well the pose is known if the robot's errors act at the sensor and not, as in `seen`, at the origin of the
+    frame that the poses are of, which a user chooses; `seen` where that is too far from any limit to matter."""
+    if not any(limit / 1.5 < seen.sd[0] < 1.5 * limit for limit in (WEAK, 1.0)):
+        return seen
+    problem, names = estimated.problem, list(estimated.model.names)
+    columns = [np.concatenate([z[:, :-6], z[:, :6]], axis=1) for z in estimated.columns]
+    model = problem.model(estimated.state, names, columns=columns).keeping(estimated.model.kept)
+    unit = problem.noise.profile_mm
+    law = prior.law(names, unit)
+    found = average(model, prior, names, unit, *likeliest(model, law, np.zeros(len(law.free))))
+    return of_covariance(found.covariance[:6, :6], seen.rank, seen.parameters)
 
 
 def twin_of(estimated: Estimate, state: State, seen: Spectrum, largest: float, others: State) -> str:
