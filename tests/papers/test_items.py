@@ -20,7 +20,7 @@ def table(ours, half=0.02, **about):
 def test_every_verdict_follows_from_the_numbers():
     inside, outside = table(0.01), table(0.03, why={MEAN: "drawn too large"}, free="radius")
     assert {inside.verdict(row) for row in inside.rows} == {"reproduced"}
-    assert "12 of 12 printed numbers lie inside our ranges (Monte Carlo), about 11 are expected." in inside.summary
+    assert inside.summary.endswith(f"inside our 95 % ranges: {MEAN} 12 of 12; about 11 of each are expected.")
     assert {(outside.verdict(row), row.why) for row in outside.rows} == {("differs", "drawn too large")}
     assert table(0.01, free="radius").verdict(inside.rows[0]) == "compatible"
     assert outside.rows[0].over_tolerance == pytest.approx(0.03 / (0.02 + 0.005))
@@ -67,7 +67,7 @@ def test_read_back_from_a_notebook(tmp_path):
     assert items.items_of(tmp_path / "11.ipynb") == [item]
     gathered = items.gather(tmp_path)
     assert gathered == [("11", item)]
-    assert items.tally(gathered).iloc[0].tolist() == ["Xu 2021", "Table 2", 12, 12, 0, 0, "11"]
+    assert items.tally(gathered).iloc[0].tolist() == ["Xu 2021", f"Table 2, {MEAN}", 12, 12, 0, 0, "11"]
     assert items.sentence(gathered).startswith("12 of 12 printed results come out")
     frame = items.scorecard(gathered)
     assert (frame["verdict"] == "reproduced").all()

@@ -96,13 +96,22 @@ class Item:
         return list(map(any, found.values()))
 
     @property
+    def statistics(self) -> "dict[str, Item]":
+        """Of a table, the part that each of its quantities takes."""
+        names = dict.fromkeys(row.quantity for row in self.rows)
+        return {name: replace(self, rows=tuple(row for row in self.rows if row.quantity == name)) for name in names}
+
+    @property
     def summary(self) -> str:
-        """How many of the printed numbers lie inside our ranges."""
+        """How many of the printed numbers lie inside our ranges; of a simulated table, for each quantity."""
         inside, count = sum(self.inside), len(self.inside)
-        many = self.range_from == "Monte Carlo" and self.layout == "table"
-        expected = f", about {0.95 * count:.0f} are expected" if many else ""
         free = f" Free: {self.free}." if self.free else ""
-        where = f"lie inside our ranges ({self.range_from}){expected}" if self.range_from else "are ours, too"
+        if self.range_from == "Monte Carlo" and self.layout == "table":
+            parts = {name: part.inside for name, part in self.statistics.items()}
+            counts = ", ".join(f"{name} {sum(part)} of {len(part)}" for name, part in parts.items())
+            expected = f"about {0.95 * count / len(parts):.0f} of each are expected"
+            return f"Printed numbers inside our 95 % ranges: {counts}; {expected}.{free}"
+        where = f"lie inside our ranges ({self.range_from})" if self.range_from else "are ours, too"
         reading = " under one reading at least" if count < len(self.rows) else ""
         return f"{inside} of {count} printed numbers {where}{reading}.{free}"
 
@@ -210,13 +219,17 @@ def gather(folder: Path) -> list[tuple[str, Item]]:
 
 
 def tally(gathered) -> pd.DataFrame:
-    """For each item how many printed numbers are reproduced, compatible, or differ, and the notebook that says so."""
+    """Of each item, and each quantity of a table, how many printed numbers are reproduced, compatible, or differ."""
     lines = []
     for stem, item in gathered:
-        inside, count = sum(item.inside), len(item.inside)
-        agree = {"reproduced": 0 if item.free else inside, "compatible": inside if item.free else 0}
-        where = {"paper": PAPERS[item.paper], "item": item.item}
-        lines.append(where | {"printed": count} | agree | {"differs": count - inside, "notebook": stem})
+        parts = {item.item: item}
+        if item.layout == "table":
+            parts = {f"{item.item}, {name}": part for name, part in item.statistics.items()}
+        for name, part in parts.items():
+            inside, count = sum(part.inside), len(part.inside)
+            agree = {"reproduced": 0 if item.free else inside, "compatible": inside if item.free else 0}
+            where = {"paper": PAPERS[item.paper], "item": name}
+            lines.append(where | {"printed": count} | agree | {"differs": count - inside, "notebook": stem})
     return pd.DataFrame(lines, columns=["paper", "item", "printed", *VERDICTS, "notebook"])
 
 
