@@ -10,7 +10,7 @@ from profilecal.calibrate.summary import PLACES, deviations, to_text
 from profilecal.geometry.noise import FALSE_ALARM, chi2_limit
 from profilecal.joint.error_sizes import ErrorSizes, Size
 from profilecal.report.figures import GREEN, ORANGE, RED
-from profilecal.scan.conventions import CONTROLLERS, for_controller
+from profilecal.scan.conventions import for_controller, named
 from profilecal.targets.target import find_features
 
 VERDICTS = {
@@ -66,10 +66,14 @@ def verdict(found) -> Html:
 
 
 def answer(found) -> Html:
-    """What was scanned, what `profilecal calibrate` prints of it without the notes, and the rest."""
+    """What was scanned, what `profilecal calibrate --to` prints of it without the notes for the maker of a robot that
+    writes poses like these, and the rest."""
     lines = [f"scan           {scan.title or scan.kind}: {scan.description}" for scan in found.scans]
-    lines.append(to_text(replace(found, messages=())))
-    s = found.solution
+    s, to_paste = found.solution, ""
+    if found.status != "unobservable":
+        maker = named(found.scans[0].convention).controller
+        to_paste = for_controller(maker, s.T_flange_sensor, found.frame)
+    lines += to_text(replace(found, messages=()), to_paste).splitlines()
     if found.status != "unobservable":
         robot = f"{s.prior.systematic.accuracy_mm:g} mm and {s.prior.systematic.accuracy_deg:g}°"
         lines.append(
@@ -77,7 +81,9 @@ def answer(found) -> Html:
         )
     if s and not found.misread:
         lines.append(f"noise          {s.noise_mm:.3g} mm, {s.prior.how}; residuals {s.rms_mm:.3g} mm rms")
-        lines += [f"robot errors   {text}" for text in robot_errors(s.found)]
+        if any(size.middle for size in s.found.sizes[1:]):  # in more words than above
+            lines = [line for line in lines if not line.startswith("robot errors")]
+            lines += [f"robot errors   {text}" for text in robot_errors(s.found)]
     text = "\n".join(lines)
     return Html(f"<pre>{escape(text)}</pre>", text)
 
@@ -105,15 +111,6 @@ def robot_errors(found: ErrorSizes) -> list[str]:
 def unit(size: Size) -> str:
     """What to put behind a number."""
     return " mm" if size.name.endswith("mm") else "°"
-
-
-def for_controllers(found) -> Html:
-    """The sensor's pose as each controller takes it."""
-    if found.status == "unobservable":
-        return words(["nothing to paste"])
-    lines = {vendor: for_controller(vendor, found.solution.T_flange_sensor, found.frame) for vendor in CONTROLLERS}
-    html = "".join(f"<h4>{CONTROLLERS[vendor][0]}</h4><pre>{escape(line)}</pre>" for vendor, line in lines.items())
-    return Html(html, "\n".join(f"{CONTROLLERS[vendor][0]}\n{line}\n" for vendor, line in lines.items()))
 
 
 def chance_limits(found) -> list[np.ndarray]:
