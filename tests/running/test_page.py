@@ -50,7 +50,7 @@ def test_the_report_states_what_the_command_prints(written):
     assert "R = Rz({:.4f})".format(Rotation.from_matrix(T[:3, :3]).as_euler("ZYX", degrees=True)[0]) in page
     assert VERDICTS["ok"][0].partition("{")[0] in page
     assert "A &lt;bar&gt; &amp; more" in page
-    assert "PERS tooldata" in page
+    assert "{{X {:.4f},Y {:.4f},Z {:.4f},A ".format(*T[:3, 3]) in page  # the line for the robot of these angles
     assert "import" not in page  # no code
     assert "recorded" not in page  # nor what a sweep would want
     assert "41 What motions can determine" in page  # without its link
