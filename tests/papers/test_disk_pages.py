@@ -50,7 +50,7 @@ def test_the_measured_page_compares_every_printed_result():
         assert [row.printed for row in item.rows] == readings * printed
 
 
-def test_every_value_printed_for_fig_15_is_marked_and_compared():
+def test_every_value_printed_for_fig_15_is_compared_under_three_readings():
     (item,) = items_of(NOTEBOOKS / "22_disk_noise.ipynb")
     printed = published.table("disk").query("item == 'Fig. 15'")["printed"]
-    assert [row.printed for row in item.rows] == printed.tolist()
+    assert [row.printed for row in item.rows] == 3 * printed.tolist()

@@ -5,6 +5,7 @@ page of all items and the scorecard are gathered. Every verdict follows from the
 """
 
 import json
+import re
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -118,6 +119,7 @@ class Item:
     def _repr_mimebundle_(self, include=None, exclude=None) -> dict:
         frame = {"table": as_table, "list": as_list, "matrix": as_matrices}[self.layout](self)
         html = frame.to_html(escape=False, index=self.layout == "table")
+        html = re.sub(r"<tr>\s*(<th></th>\s*)+</tr>\s*", "", html)  # names of columns that have none
         text = frame.replace({"<br>": " | ", "</?b>": ""}, regex=True).to_string(index=self.layout == "table")
         title = f"{PAPERS[self.paper]}, {self.item}: {self.what}"
         return {
@@ -157,6 +159,16 @@ def compare(paper, item, what, ours, low=None, high=None, *, within=None, why=No
     return Item(paper, item, what, tuple(rows), **about)
 
 
+def beside(item: str, what: str, quantity: str, ours, alike) -> Item:
+    """Ours beside a matrix, vector or number of the disk paper; `alike` (draws, ...): ours from tables that print so.
+
+    They allow the range in which 95 % of them lie.
+    """
+    low, high = np.quantile(alike, [0.025, 0.975], axis=0)
+    about = {"range_from": "rounding", "layout": "matrix", "why": {quantity: "outside what rounding allows"}}
+    return compare("disk", item, what, {quantity: ours}, {quantity: low}, {quantity: high}, **about)
+
+
 def as_table(item: Item) -> pd.DataFrame:
     """The paper's rows and columns; printed above ours with its range, and a mark inside or outside."""
     cells = {}
@@ -184,12 +196,22 @@ def as_list(item: Item) -> pd.DataFrame:
     return frame if frame["why"].any() else frame.drop(columns="why")
 
 
+def two_digits(value: float) -> str:
+    """A positive number to two significant digits, written out."""
+    return np.format_float_positional(value, precision=2, fractional=False, trim="-")
+
+
 def as_matrices(item: Item) -> pd.DataFrame:
     """Printed, ours and their difference side by side, with what is allowed; a rigid transform with its last row."""
+
+    def difference(row):
+        seen = row.allowed > 0.5 * 10.0**-row.decimals  # in the printed digits
+        return row.shown(row.difference) + (f"<br>±{two_digits(row.allowed)}" if seen else "")
+
     blocks = {
         "published": lambda row: row.as_printed,
         "ours": lambda row: row.shown(row.ours),
-        "difference": lambda row: row.shown(row.difference) + (f"<br>±{row.shown(row.allowed)}" if row.allowed else ""),
+        "difference": difference,
     }
     names = dict.fromkeys(row.row for row in item.rows)
     lines = {name: [row for row in item.rows if row.row == name] for name in names}

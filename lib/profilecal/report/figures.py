@@ -71,23 +71,23 @@ class Results:
         return frame.map(lambda v: f"{v:.{digits}g}" if isinstance(v, float | np.floating) else v)
 
 
-def plot_rounding(axes, draws, published: float, ours: float, name: str) -> None:
-    """One quantity under the rounding of a printed table: all results that the table allows, and the published one."""
-    low, high = np.percentile(draws, [2.5, 97.5])
-    band = "ours, from tables that round to it (band: 95 % of them)"
-    axes.hist(draws, bins=60, density=True, color=SKY, alpha=0.6, label=band)
-    axes.axvspan(low, high, color=SKY, alpha=0.25, lw=0)
-    axes.axvline(ours, color=BLUE, lw=1.5, label="ours, from the table as printed")
-    axes.axvline(published, color=RED, lw=2, ls="--", label="published")
-    axes.set(xlabel=name, yticks=[])
-    axes.spines["left"].set_visible(False)
-    axes.locator_params(axis="x", nbins=3)
-    axes.ticklabel_format(axis="x", useOffset=False)
+def plot_changes(parts: dict, size: float, of: str, met: str) -> plt.Figure:
+    """The changes of a table's numbers, in half units of the last digit: one bar each, coloured by part.
 
-
-def rounding_legend(figure: plt.Figure) -> None:
-    """The key to `plot_rounding`, once for a figure."""
-    figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=3, reverse=True)
+    `parts`: name and changes of each; `size`: the largest; `of`, `met`: what they are and what they achieve, for the
+    axis and the title. Within the grey band a number prints alike.
+    """
+    figure, axes = plt.subplots(figsize=(8, 2.8))
+    start = 0
+    for (name, changes), colour in zip(parts.items(), (BLUE, ORANGE, GREEN, PURPLE, SKY), strict=False):
+        axes.vlines(start + np.arange(len(changes)), 0, changes, color=colour, lw=3)
+        axes.annotate(name, (start + len(changes) / 2 - 0.5, 1.12), ha="center", color=colour)
+        start += len(changes)
+    axes.axhspan(-1, 1, color="0.92", zorder=0)
+    axes.axhline(0, color="0.6", lw=0.8)
+    axes.set(xlabel=of, ylabel="change [half units]", ylim=(-1.4, 1.4), xticks=[])
+    axes.set_title(f"No number changes by more than {size:.1f} half units; {met}", pad=12)
+    return figure
 
 
 def draw_frame(axes, rotation, origin, length: float, name: str = "") -> None:
@@ -177,10 +177,15 @@ def plot_rows(axes, frame: pd.DataFrame, x: str, shift: float, **style) -> None:
 
 def table(header, rows) -> None:
     """Show rows of texts under a header, as a notebook's text would have them: formulas in them are typeset."""
+    lines = [header, ["---"] * len(header), *rows]
+    text("\n".join(f"| {' | '.join(line)} |" for line in lines))
+
+
+def text(*sentences: str) -> None:
+    """Show sentences as a notebook's text would have them: formulas in them are typeset."""
     from IPython.display import Markdown, display
 
-    lines = [header, ["---"] * len(header), *rows]
-    display(Markdown("\n".join(f"| {' | '.join(line)} |" for line in lines)))
+    display(Markdown(" ".join(sentences)))
 
 
 def plain_log(*scales) -> None:
