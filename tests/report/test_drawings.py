@@ -3,6 +3,7 @@
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
+import pytest
 
 from profilecal.report import figures
 
@@ -27,3 +28,9 @@ def test_nothing_is_cut_off_a_written_figure(axes, tmp_path):
     axes.set_title("a title wider than its figure " * 5)
     figures.Results("10", str(tmp_path)).figure(axes.figure, "title")
     assert plt.imread(tmp_path / "figures/10_title.png").shape[1] > 200 * axes.figure.get_figwidth()
+
+
+def test_a_limit_in_words():
+    assert figures.below([1e-12, -1e-11], 1e-9) == "below 1e-9"
+    with pytest.raises(ValueError, match="a value is 2e-09; expected less than 1e-09"):
+        figures.below([0, -2e-9], 1e-9)

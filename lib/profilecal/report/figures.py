@@ -188,6 +188,18 @@ def text(*sentences: str) -> None:
     display(Markdown(" ".join(sentences)))
 
 
+def checked(*sentences: str) -> None:
+    """Show what a notebook checked, as a quotation."""
+    text("> **Checked.**", *sentences)
+
+
+def below(values, limit: float) -> str:
+    """The limit in words. Raises ValueError if a value is not nearer to zero."""
+    if not np.max(np.abs(values)) < limit:
+        raise ValueError(f"a value is {np.max(np.abs(values)):.2g}; expected less than {limit:g}")
+    return f"below {limit:g}".replace("e-0", "e-")
+
+
 def plain_log(*scales) -> None:
     """Label logarithmic x or y axes of plots with plain numbers, at 1, 2, 5, 10, …"""
     for axis in scales:
