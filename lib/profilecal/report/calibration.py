@@ -85,7 +85,7 @@ def answer(found) -> Html:
             lines = [line for line in lines if not line.startswith("robot errors")]
             lines += [f"robot errors   {text}" for text in robot_errors(s.found)]
     text = "\n".join(lines)
-    return Html(f"<pre>{escape(text)}</pre>", text)
+    return Html(f'<pre style="white-space:pre-wrap">{escape(text)}</pre>', text)
 
 
 def robot_errors(found: ErrorSizes) -> list[str]:
