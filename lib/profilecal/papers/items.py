@@ -189,6 +189,7 @@ def as_list(item: Item) -> pd.DataFrame:
         name = ", ".join(filter(None, (" ".join(filter(None, (row.quantity, row.row, row.column))), row.reading)))
         numbers = [row.as_printed, row.shown(row.ours), row.shown(row.difference)]
         over = f"{row.over_tolerance:.2g}"
+        over = f"{row.over_tolerance:.2f}" if over == "1" else over  # inside or outside, by a little
         unit = "" if row.unit == "1" else row.unit
         lines.append([name, *numbers, unit, over, item.verdict(row), row.why])
     columns = ["quantity", "published", "ours", "difference", "unit", "over tolerance", "verdict", "why"]
