@@ -129,6 +129,12 @@ def half_unit(paper: str, item: str, quantity: str) -> float:
     return _entries(paper, item, quantity)["half_unit"].max()
 
 
+def vectors(paper: str, item: str, quantity: str) -> list[str]:
+    """The rows of one quantity as the paper prints them, such as "(5.947, 0, 5.97)"."""
+    rows = _entries(paper, item, quantity).groupby("row", sort=False)["printed"]
+    return [f"({', '.join(row)})".replace("-", "−") for _, row in rows]
+
+
 @dataclass(frozen=True)
 class RoundingBox:
     """All tables that would be printed as this one is: each number free within half a unit of its last digit.
