@@ -262,8 +262,12 @@ def test_what_matters_of_frames_and_axes_is_told(tmp_path):
         notes(folder)
 
 
-def test_files_in_folders_of_their_own_are_found(tmp_path):
-    written(tmp_path / "monday")
+def test_other_files_are_left_out_and_files_in_folders_of_their_own_are_found(tmp_path):
+    folder = written(tmp_path / "monday")
+    (folder / "CalibConfig.json").write_text('{"HTM": [[1, 0], [0, 1]], "radius": 40}')
+    found, guessed = import_scan(folder, "edge", {})
+    check_poses(found)
+    assert guessed[-1] == "left out   CalibConfig.json"
     layout = Layout(profiles="monday/scan*.csv", poses="monday/robot*.csv")
     check_poses(import_scan(tmp_path, "edge", {}, layout)[0])
 

@@ -16,7 +16,7 @@ from profilecal.scan.folder import FARTHEST_MM, MOUNTS, REACH_MM, SCALE, check_h
 from profilecal.scan.scan import Scan, ScanError
 from profilecal.scan.tables import Table, in_columns, listed
 
-OF_POSES = re.compile(r"pose|robot|flange|tcp|calib|\.(ls|dat|mod|script|rob)$", re.IGNORECASE)  # in a file's name
+OF_POSES = re.compile(r"pose|(\b|_)rob|flange|tcp|\.(ls|dat|mod|script|rob)$", re.IGNORECASE)  # in a file's name
 LABELS = ("", "pose", "name", "label", "id", "index", "file", "n")  # columns that tell profiles apart
 MATRIX = "r11,r12,r13,x,r21,r22,r23,y,r31,r32,r33,z"
 USUAL = {8: "timestamp,x,y,z,qx,qy,qz,qw", 12: MATRIX, 16: f"{MATRIX},_,_,_,_"}  # by columns without names; TUM first
