@@ -13,8 +13,8 @@ from profilecal.calibrate.observe import observe_all
 from profilecal.calibrate.plausibility import systematic_tests
 from profilecal.geometry.noise import Noise
 from profilecal.joint.descent import estimate
-from profilecal.joint.noise import prior_from
 from profilecal.joint.observations import Observations, State
+from profilecal.joint.prior import prior_from
 from profilecal.joint.problem import Problem
 from profilecal.joint.solve import solve
 from profilecal.simulate.scene import random_scene

@@ -13,8 +13,8 @@ from profilecal.closed_form.edge import edge_equations
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import angle_between
 from profilecal.joint.descent import estimate, refine
-from profilecal.joint.noise import prior_from
 from profilecal.joint.observations import normalised_square, pose_error
+from profilecal.joint.prior import prior_from
 from profilecal.joint.problem import Problem
 from profilecal.joint.solve import solve
 from profilecal.papers.edge_study import EdgePlan, edge_scenes, observations_of

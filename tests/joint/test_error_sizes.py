@@ -10,7 +10,8 @@ from scipy.stats import binom, chi2, norm, t
 
 from profilecal.geometry.noise import Noise
 from profilecal.joint.descent import refine
-from profilecal.joint.error_sizes import FREEDOM, USUAL, Prior, average, draw, growth, likeliest, normalised
+from profilecal.joint.error_sizes import average, draw, growth, likeliest, normalised
+from profilecal.joint.prior import FREEDOM, USUAL, Prior
 from profilecal.joint.problem import Problem
 from profilecal.simulate.poses import actual_poses, scan_planes
 from profilecal.simulate.scene import random_scene

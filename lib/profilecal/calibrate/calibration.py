@@ -9,9 +9,9 @@ from profilecal.calibrate.observe import names, observe_all, stated_noise
 from profilecal.calibrate.other_conventions import better_readings
 from profilecal.geometry.checks import UnobservableError
 from profilecal.geometry.poses import carry
-from profilecal.joint.noise import prior_from
 from profilecal.joint.observability import name_direction
 from profilecal.joint.observations import Observations
+from profilecal.joint.prior import prior_from
 from profilecal.joint.solution import Solution, in_mm_deg
 from profilecal.joint.solve import solve
 from profilecal.scan.scan import Scan, ScanError

@@ -6,9 +6,10 @@ import numpy as np
 
 from profilecal.calibrate.calibration import Calibration
 from profilecal.geometry.noise import FALSE_ALARM, chi2_limit
-from profilecal.joint.error_sizes import Law, likeliest
+from profilecal.joint.error_sizes import likeliest
 from profilecal.joint.linear_model import LinearModel, Posterior
 from profilecal.joint.observability import of_covariance
+from profilecal.joint.prior import Law
 
 
 @dataclass(frozen=True)

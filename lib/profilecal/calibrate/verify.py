@@ -23,9 +23,9 @@ from profilecal.geometry.checks import check_rotations
 from profilecal.geometry.noise import FALSE_ALARM
 from profilecal.geometry.poses import carry
 from profilecal.joint.descent import settle_targets
-from profilecal.joint.noise import prior_from
 from profilecal.joint.observability import HAND_PRECISION, Spectrum, name_direction, of_covariance
 from profilecal.joint.observations import pose_error
+from profilecal.joint.prior import prior_from
 from profilecal.joint.problem import Problem
 from profilecal.scan.scan import Scan, ScanError
 

@@ -10,5 +10,5 @@ Every function takes a batch of problems along the leading axis.
 
 `problem` arranges the residuals of all targets (`residuals`), `search` and `descent` find the least squares. At a
 state all else is one linear Gaussian model (`linear_model`): errors of the robot that profiles share (`pose_groups`),
-what may be wrong at every pose alike (`observations`), and how large they are (`error_sizes`).
+what may be wrong at every pose alike (`observations`), how large it all may be (`prior`), and is (`error_sizes`).
 """

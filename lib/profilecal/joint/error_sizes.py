@@ -2,129 +2,25 @@
 
 The scanner's noise and the flange's errors, at each visit, commanded pose and orientation, are variance components of
 the linear model at the solution. Its restricted likelihood says how well errors of any sizes explain the residuals.
-What is known beforehand is a prior: now and then a robot's errors are too small to matter. Where an error is there, its
-size follows a half-t law (Gelman 2006), whose scale is what the user states or what robots usually do. What is stated
-may be far too small, a data sheet's repeatability for instance: its law has the longer tail, and where less is stated
-than is usual, the usual is as likely. Few poses leave the sizes open. The answer is therefore its average over all
-sizes, as likely as data and prior make them, and its region is one that holds over all of them.
-
-A size that is known has a prior without spread.
+Beforehand each size has its law (`prior`); now and then a robot's errors are too small to matter, and where less is
+stated than is usual, the usual is as likely. Few poses leave the sizes open. The answer is therefore its average over
+all sizes, as likely as data and prior make them, and its region is one that holds over all of them.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
 from scipy.optimize import brentq
-from scipy.special import chdtrc, gammaln, ndtr, ndtri, stdtrit
+from scipy.special import chdtrc, gammaln, ndtri
 
-from profilecal.geometry.noise import FALSE_ALARM, ROBOT, Noise, Systematic, chi2_limit
+from profilecal.geometry.noise import FALSE_ALARM, chi2_limit
 from profilecal.joint.linear_model import LinearModel
+from profilecal.joint.prior import Law, Prior
 
-USUAL = Noise(  # of robots, where nothing is stated: scales of the prior, the same at a pose and at an orientation
-    position_mm=0.05,
-    orientation_deg=0.02,
-    group_position_mm=0.05,
-    group_orientation_deg=0.02,
-    repeatability_mm=0.02,
-    repeatability_deg=0.005,
-)
-FREEDOM, FREEDOM_OF_STATED = 3.0, 1.0  # degrees of freedom of the half-t law
 EXACT_ROBOT = 0.1  # odds that the robot's errors are far too small to matter
 DRAWS, TAILS = 32, 4.0  # sizes looked at, drawn from a t law of that many degrees of freedom
-SOURCES = {  # of the scanner's noise: in words, and the spread of its logarithm beforehand
-    "given": ("as given", 0.0),
-    "profiles": ("of the features that the profiles show", 0.5),
-    "residuals": ("from the residuals", 2.0),
-}
-
-
-@dataclass(frozen=True)
-class Prior:
-    """What is known beforehand of how large errors are. Each size has a coordinate y, standard normal beforehand."""
-
-    scales: Noise
-    stated: frozenset[str] = frozenset()  # by the user; the other scales are usual ones
-    source: str = "given"  # of the scanner's noise
-    robot_known: bool = False  # the robot's errors are as large as their scales
-    systematic: Systematic = Systematic()  # noqa: RUF009
-
-    @property
-    def how(self) -> str:
-        """Where the scanner's noise is from, in words."""
-        return SOURCES[self.source][0]
-
-    @property
-    def profile_spread(self) -> float:
-        """Of the logarithm of the scanner's noise; 0: it is known."""
-        return SOURCES[self.source][1]
-
-    @property
-    def usual_mm(self) -> float:
-        """About how large residuals are if all errors are as large as expected, 100 mm from the flange."""
-        sizes = [self.scales.profile_mm * (self.source != "residuals")]
-        for mm, deg in zip(ROBOT[::2], ROBOT[1::2], strict=True):
-            sizes += [getattr(self.scales, mm), 100 * np.radians(getattr(self.scales, deg))]
-        return float(np.linalg.norm(sizes))
-
-    @property
-    def without_robot(self) -> "Prior":
-        """The same with no errors but the scanner's noise."""
-        exact = replace(self.scales, **dict.fromkeys(ROBOT, 0.0))
-        return replace(self, scales=exact, robot_known=True, systematic=Systematic())
-
-    def with_scanner(self, noise_mm: float) -> "Prior":
-        """The same with another scanner's noise."""
-        return replace(self, scales=replace(self.scales, profile_mm=noise_mm))
-
-    def law(self, names: Sequence[str], unit_mm: float) -> "Law":
-        """Of the sizes of the scanner's noise, over `unit_mm`, and of the robot's errors of these names."""
-        spreads = [0.0 if self.robot_known else FREEDOM_OF_STATED if name in self.stated else FREEDOM for name in names]
-        scales = [self.scales.profile_mm / unit_mm, *(getattr(self.scales, name) for name in names)]
-        return Law(np.array(scales), np.array([self.profile_spread, *spreads]))
-
-    def names(self, distinguishable) -> list[str]:
-        """The errors of the robot that there are, entries of `Noise`; of those to be estimated the distinguishable."""
-        return [name for name in ROBOT if getattr(self.scales, name) and (self.robot_known or name in distinguishable)]
-
-    @property
-    def usual(self) -> "Prior | None":
-        """The same with the usual scales in place of smaller ones that are stated, if there are any."""
-        small = {name for name in self.stated if 0 < getattr(self.scales, name) < getattr(USUAL, name)}
-        scales = replace(self.scales, **{name: getattr(USUAL, name) for name in small})
-        return replace(self, scales=scales, stated=self.stated - small) if small and not self.robot_known else None
-
-
-@dataclass(frozen=True)
-class Law:
-    """The prior law of 1 + k sizes, the scanner's first."""
-
-    scales: np.ndarray  # (1 + k,)
-    spreads: np.ndarray  # (1 + k,) of the scanner's logarithm; degrees of freedom of the others; 0: known
-
-    @property
-    def free(self) -> np.ndarray:
-        """Which (d,) of the sizes are not known."""
-        return np.flatnonzero(self.spreads)
-
-    def variances(self, y) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The squares (S, 1 + k) of the sizes at coordinates y (S, d), and their first and second derivatives (S, d).
-
-        A size over its scale is t with P(|T| > t) = Φ(-y), T of f degrees of freedom; the scanner's is exp(f y).
-        """
-        f, scale = self.spreads[self.free], self.scales[self.free]
-        chance = ndtr(-np.minimum(y, 8.0))  # smaller ones: SciPy's quantile of them has the wrong sign
-        t = np.minimum(-stdtrit(f, chance / 2), 100.0)  # a larger error is a mistake
-        density = np.exp(gammaln((f + 1) / 2) - gammaln(f / 2) - (f + 1) / 2 * np.log1p(t**2 / f)) / np.sqrt(f * np.pi)
-        first = np.exp(-(y**2) / 2) / np.sqrt(2 * np.pi) / (2 * density)
-        second = first * ((f + 1) * t * first / (f + t**2) - y)
-        growth = np.exp(f * y)
-        of_scanner = growth, f * growth, f**2 * growth
-        t, first, second = scale * np.where(self.free == 0, of_scanner, (t, first, second))
-        v = np.tile(self.scales**2, (len(y), 1))
-        v[:, self.free] = t**2
-        return v, 2 * t * first, 2 * (first**2 + t * second)
 
 
 def likeliest(model: LinearModel, law: Law, y, tolerance: float = 1e-3, most: int = 30):
@@ -233,7 +129,7 @@ def average(model: LinearModel, prior: Prior, names: Sequence[str], unit_mm: flo
     with errors of these names. `unit_mm`: the noise that the model's residuals are over."""
     law, k = prior.law(names, unit_mm), len(names)
     exact, alone = model.without_robot(), prior.law((), unit_mm)
-    parts, odds = [draw(model, law, likely, root)], [1.0]
+    parts, odds = [draw(model if names else exact, law, likely, root)], [1.0]
     if names and not prior.robot_known:
         parts.append(draw(exact, alone, *likeliest(exact, alone, likely[: len(alone.free)])))
         odds.append(EXACT_ROBOT)

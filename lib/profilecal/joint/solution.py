@@ -7,10 +7,11 @@ import numpy as np
 
 from profilecal.geometry.noise import Noise, variances
 from profilecal.geometry.poses import homogeneous
-from profilecal.joint.error_sizes import ErrorSizes, Prior
+from profilecal.joint.error_sizes import ErrorSizes
 from profilecal.joint.linear_model import LinearModel, Posterior
 from profilecal.joint.observability import Spectrum
 from profilecal.joint.observations import Perturbation, State, pose_error
+from profilecal.joint.prior import Prior
 from profilecal.joint.problem import Problem
 
 

@@ -9,13 +9,13 @@ from profilecal.geometry.checks import UnobservableError
 from profilecal.geometry.noise import FALSE_ALARM, ROBOT, Noise, chi2_limit
 from profilecal.geometry.poses import angle_between
 from profilecal.joint.descent import reach, refine
-from profilecal.joint.error_sizes import ErrorSizes, Prior, average, likeliest
+from profilecal.joint.error_sizes import ErrorSizes, average, likeliest
 from profilecal.joint.linear_model import LinearModel
-from profilecal.joint.noise import FINEST_MM, as_stated
 from profilecal.joint.observability import WEAK, Spectrum, explain, of_covariance, spectrum
 from profilecal.joint.observations import Observations, State, normalised_square, pose_error
+from profilecal.joint.prior import FINEST_MM, Prior, as_stated
 from profilecal.joint.problem import Fit, Problem
-from profilecal.joint.search import HOPELESS, search, search_among_outliers
+from profilecal.joint.search import HOPELESS, distinct, search, search_among_outliers
 from profilecal.joint.solution import Solution
 
 LARGEST_ERROR_MM = 2.0  # of a robot's position; what is larger is a mistake, not an error
@@ -28,7 +28,7 @@ def solve(
 ) -> Solution:
     """The sensor pose from all observations together, with its covariance and what it can be believed.
 
-    `noise`: `profile_mm` 0 is not known, to be estimated; or what `joint.noise` makes of it and more.
+    `noise`: `profile_mm` 0 is not known, to be estimated; or what `joint.prior` makes of it and more.
     `starts`: poses (R (3, 3), T (3,) mm) to start from besides the grid: closed forms, a mount measured by hand.
     `robust=False`: nothing is rejected.
 
@@ -59,8 +59,9 @@ def solve(
 
 def least_squares(problem: Problem, state: State) -> Fit:
     """Fits by least squares, best first, but for those that are far from any answer early on."""
-    fits = refine(problem, state, iterations=10, tolerance=ROUGHLY)
-    fits = refine(problem, fits.state[fits.loss <= HOPELESS * np.nanmin(fits.loss)], tolerance=ROUGHLY)
+    fits = refine(problem, state, iterations=5, tolerance=ROUGHLY)
+    fits = fits[np.argsort(fits.loss)]
+    fits = refine(problem, distinct(fits.state[fits.loss <= HOPELESS * fits.loss[0]]), tolerance=ROUGHLY)
     return fits[np.argsort(fits.loss)]
 
 
@@ -139,7 +140,7 @@ def estimate(problem: Problem, prior: Prior, state: State, robust: bool) -> Esti
         if kept is None:
             kept = grossly = of_large_errors(problem, state, whole, prior) if robust else whole.kept
         model = whole.keeping(kept)
-        y, root = likeliest(model, law, y)
+        y, root = likeliest(model if names else model.without_robot(), law, y)
         found = model.posterior(law.variances(y[None])[0])
         after = kept
         if robust:

@@ -10,9 +10,9 @@ from profilecal.calibrate.observe import as_observations, observe, stated_noise
 from profilecal.calibrate.summary import deviations
 from profilecal.geometry.noise import ROBOT
 from profilecal.geometry.poses import inverse, nearest_rotation
-from profilecal.joint.noise import prior_from
 from profilecal.joint.observability import name_direction, size_direction
 from profilecal.joint.observations import Observations
+from profilecal.joint.prior import prior_from
 from profilecal.plan.candidates import Limits, aside, flange_at, random_views, refused
 from profilecal.plan.design import NOWHERE, Plan, design, joined
 from profilecal.plan.scan_model import GUESSES, Prediction, ScanModel, predict

@@ -1,0 +1,152 @@
+"""What is believed of the errors before a solution: how large each may be, and which are known.
+
+A robot's error, where it is there, follows a half-t law (Gelman 2006), whose scale is what the user states or what
+robots usually do. What is stated may be far too small, a data sheet's repeatability for instance: its law has the
+longer tail. A size that is known has a prior without spread.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from scipy.special import gammaln, ndtr, stdtrit
+
+from profilecal.geometry.noise import ROBOT, Noise, Systematic
+
+USUAL = Noise(  # of robots, where nothing is stated: scales of the prior, the same at a pose and at an orientation
+    position_mm=0.05,
+    orientation_deg=0.02,
+    group_position_mm=0.05,
+    group_orientation_deg=0.02,
+    repeatability_mm=0.02,
+    repeatability_deg=0.005,
+)
+TYPICAL = Systematic(  # where nothing is stated
+    scale_percent=0.1,  # linearity as data sheets of laser profile scanners state it, of the measuring range
+    shear_percent=0.1,
+    bend_mm=0.02,
+    tolerance_mm=0.01,
+    accuracy_mm=0.3,  # each axis, after the base is fitted; Slamani et al. 2012, Nubiola and Bonev 2013
+    accuracy_deg=0.03,
+)
+FINEST_MM = 1e-5  # scanner noise: residuals of exact data are rounding
+FREEDOM, FREEDOM_OF_STATED = 3.0, 1.0  # degrees of freedom of the half-t law
+SOURCES = {  # of the scanner's noise: in words, and the spread of its logarithm beforehand
+    "given": ("as given", 0.0),
+    "profiles": ("of the features that the profiles show", 0.5),
+    "residuals": ("from the residuals", 2.0),
+}
+
+
+@dataclass(frozen=True)
+class Prior:
+    """What is known beforehand of how large errors are. Each size has a coordinate y, standard normal beforehand."""
+
+    scales: Noise
+    stated: frozenset[str] = frozenset()  # by the user; the other scales are usual ones
+    source: str = "given"  # of the scanner's noise
+    robot_known: bool = False  # the robot's errors are as large as their scales
+    systematic: Systematic = Systematic()  # noqa: RUF009
+
+    @property
+    def how(self) -> str:
+        """Where the scanner's noise is from, in words."""
+        return SOURCES[self.source][0]
+
+    @property
+    def profile_spread(self) -> float:
+        """Of the logarithm of the scanner's noise; 0: it is known."""
+        return SOURCES[self.source][1]
+
+    @property
+    def usual_mm(self) -> float:
+        """About how large residuals are if all errors are as large as expected, 100 mm from the flange."""
+        sizes = [self.scales.profile_mm * (self.source != "residuals")]
+        for mm, deg in zip(ROBOT[::2], ROBOT[1::2], strict=True):
+            sizes += [getattr(self.scales, mm), 100 * np.radians(getattr(self.scales, deg))]
+        return float(np.linalg.norm(sizes))
+
+    @property
+    def without_robot(self) -> "Prior":
+        """The same with no errors but the scanner's noise."""
+        exact = replace(self.scales, **dict.fromkeys(ROBOT, 0.0))
+        return replace(self, scales=exact, robot_known=True, systematic=Systematic())
+
+    def with_scanner(self, noise_mm: float) -> "Prior":
+        """The same with another scanner's noise."""
+        return replace(self, scales=replace(self.scales, profile_mm=noise_mm))
+
+    def law(self, names: Sequence[str], unit_mm: float) -> "Law":
+        """Of the sizes of the scanner's noise, over `unit_mm`, and of the robot's errors of these names."""
+        spreads = [0.0 if self.robot_known else FREEDOM_OF_STATED if name in self.stated else FREEDOM for name in names]
+        scales = [self.scales.profile_mm / unit_mm, *(getattr(self.scales, name) for name in names)]
+        return Law(np.array(scales), np.array([self.profile_spread, *spreads]))
+
+    def names(self, distinguishable) -> list[str]:
+        """The errors of the robot that there are, entries of `Noise`; of those to be estimated the distinguishable."""
+        return [name for name in ROBOT if getattr(self.scales, name) and (self.robot_known or name in distinguishable)]
+
+    @property
+    def usual(self) -> "Prior | None":
+        """The same with the usual scales in place of smaller ones that are stated, if there are any."""
+        small = {name for name in self.stated if 0 < getattr(self.scales, name) < getattr(USUAL, name)}
+        scales = replace(self.scales, **{name: getattr(USUAL, name) for name in small})
+        return replace(self, scales=scales, stated=self.stated - small) if small and not self.robot_known else None
+
+
+@dataclass(frozen=True)
+class Law:
+    """The prior law of 1 + k sizes, the scanner's first."""
+
+    scales: np.ndarray  # (1 + k,)
+    spreads: np.ndarray  # (1 + k,) of the scanner's logarithm; degrees of freedom of the others; 0: known
+
+    @property
+    def free(self) -> np.ndarray:
+        """Which (d,) of the sizes are not known."""
+        return np.flatnonzero(self.spreads)
+
+    def variances(self, y) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The squares (S, 1 + k) of the sizes at coordinates y (S, d), and their first and second derivatives (S, d).
+
+        A size over its scale is t with P(|T| > t) = Φ(-y), T of f degrees of freedom; the scanner's is exp(f y).
+        """
+        f, scale = self.spreads[self.free], self.scales[self.free]
+        chance = ndtr(-np.minimum(y, 8.0))  # smaller ones: SciPy's quantile of them has the wrong sign
+        t = np.minimum(-stdtrit(f, chance / 2), 100.0)  # a larger error is a mistake
+        density = np.exp(gammaln((f + 1) / 2) - gammaln(f / 2) - (f + 1) / 2 * np.log1p(t**2 / f)) / np.sqrt(f * np.pi)
+        first = np.exp(-(y**2) / 2) / np.sqrt(2 * np.pi) / (2 * density)
+        second = first * ((f + 1) * t * first / (f + t**2) - y)
+        growth = np.exp(f * y)
+        of_scanner = growth, f * growth, f**2 * growth
+        t, first, second = scale * np.where(self.free == 0, of_scanner, (t, first, second))
+        v = np.tile(self.scales**2, (len(y), 1))
+        v[:, self.free] = t**2
+        return v, 2 * t * first, 2 * (first**2 + t * second)
+
+
+def as_stated(noise: Noise) -> Prior:
+    """The noise to begin with where the robot errs as stated, and the scanner too, or as the residuals tell.
+
+    Raises ValueError for a noise that is none.
+    """
+    if noise.profile_mm < 0:
+        raise ValueError(f"profile_mm is {noise.profile_mm}; expected a standard deviation, 0 if unknown")
+    source = "given" if noise.profile_mm else "residuals"
+    return Prior(replace(noise, profile_mm=noise.profile_mm or 1.0), source=source, robot_known=True)
+
+
+def prior_from(stated: dict[str, float], features_mm: float = 0.0, shared_mm: float = 0.0) -> Prior:
+    """The noise to begin with where the robot's errors are to be estimated. What is `stated` of them, entries of
+    `Noise` and `Systematic`, is the scale of what is believed beforehand, 0 that there is none; the rest is as usual.
+
+    `features_mm`: the noise of features that raw profiles themselves show, 0 where there are none. `shared_mm`: what
+    features of one orientation err together; it counts as the robot's.
+    """
+    robot = {name: stated.get(name, getattr(USUAL, name)) for name in ROBOT}
+    robot["group_position_mm"] = float(np.hypot(robot["group_position_mm"], shared_mm))
+    systematic = Systematic(**{f.name: stated.get(f.name, getattr(TYPICAL, f.name)) for f in fields(Systematic)})
+    given_mm = stated.get("profile_mm", 0.0)
+    scales = Noise(features_mm or given_mm or 1.0, steering_mm=stated.get("steering_mm", 0.0), **robot)
+    source = "profiles" if features_mm else "given" if given_mm else "residuals"
+    return Prior(scales, frozenset(ROBOT) & stated.keys(), source, systematic=systematic)
