@@ -9,8 +9,6 @@ from profilecal.joint.observations import Observations
 from profilecal.scan.scan import Scan, ScanError
 from profilecal.targets.target import find_features
 
-FINEST_MM = 1e-4  # of features: points exactly on a line have no scatter to tell their noise by
-
 
 @dataclass(frozen=True)
 class Seen:
@@ -96,15 +94,16 @@ def from_table(scan: Scan) -> Seen:
 def covariances(found, most: int, on_curve: bool) -> np.ndarray:
     """Of `most` points of each feature, mm², as `Observations` has them: those on a curve are independent and as
     uncertain in every direction, chords have tips on one line."""
+    finest = 1e-4  # mm: points exactly on a line have no scatter to tell their noise by
     if on_curve:
         variance = np.ones((len(found), most))
         for row, feature in zip(variance, found, strict=True):
-            row[: len(feature.points)] = np.trace(feature.covariance, axis1=1, axis2=2) / 2 + FINEST_MM**2
+            row[: len(feature.points)] = np.trace(feature.covariance, axis1=1, axis2=2) / 2 + finest**2
         return variance
     covariance = np.zeros((len(found), most, 2, most, 2))
     for pairs, feature in zip(covariance, found, strict=True):
         for k in range(most):
-            pairs[k, :, k] = feature.covariance[k] + FINEST_MM**2 * np.eye(2)
+            pairs[k, :, k] = feature.covariance[k] + finest**2 * np.eye(2)
         if feature.between is not None:
             pairs[0, :, 1], pairs[1, :, 0] = feature.between, feature.between.T
     return covariance.reshape(len(found), 2 * most, 2 * most)

@@ -30,7 +30,7 @@ TYPICAL = Systematic(  # where nothing is stated
     accuracy_deg=0.03,
 )
 FINEST_MM = 1e-5  # scanner noise: residuals of exact data are rounding
-FREEDOM, FREEDOM_OF_STATED = 3.0, 1.0  # degrees of freedom of the half-t law
+FREEDOM = 3.0  # degrees of the half-t law; 1 of what is stated
 SOURCES = {  # of the scanner's noise: in words, and the spread of its logarithm beforehand
     "given": ("as given", 0.0),
     "profiles": ("of the features that the profiles show", 0.5),
@@ -78,7 +78,7 @@ class Prior:
 
     def law(self, names: Sequence[str], unit_mm: float) -> "Law":
         """Of the sizes of the scanner's noise, over `unit_mm`, and of the robot's errors of these names."""
-        spreads = [0.0 if self.robot_known else FREEDOM_OF_STATED if name in self.stated else FREEDOM for name in names]
+        spreads = [0.0 if self.robot_known else 1.0 if name in self.stated else FREEDOM for name in names]
         scales = [self.scales.profile_mm / unit_mm, *(getattr(self.scales, name) for name in names)]
         return Law(np.array(scales), np.array([self.profile_spread, *spreads]))
 

@@ -20,7 +20,7 @@ from profilecal.profiles.points import (
     surface,
 )
 
-LEAST_ARC_DEG, LEAST_ARC_POINTS = 30.0, 20  # of a curve that must be seen
+LEAST_ARC_POINTS = 20  # of a curve that must be seen
 LARGEST_TILT_DEG = 60.0  # of the scan plane against square to a rod
 
 
@@ -140,8 +140,8 @@ def find_arc(profile, start, fit, fitted: int, why_not, missing: str) -> Feature
 def why_no_arc(curve: Section, points, on, limit: float) -> str:
     """What speaks against the points that are `on` a curve being an arc of it, in words; "" if nothing does."""
     extent = float(np.ptp(curve.angles(points[on])))
-    if extent < np.radians(LEAST_ARC_DEG):
-        return f"an arc of {np.degrees(extent):.0f}°; expected {LEAST_ARC_DEG:.0f}° or more"
+    if extent < np.radians(30):
+        return f"an arc of {np.degrees(extent):.0f}°; expected 30° or more"
     if curve.radius * (1 - np.cos(min(extent / 2, np.pi))) < 4 * limit:
         return "an arc too flat to be told from a line"
     if np.sqrt(np.mean(curve.off(points[on]) ** 2)) > FOLLOWS * limit:

@@ -22,8 +22,6 @@ from profilecal.report.figures import (
     use_style,
 )
 
-FRAMES_DRAWN, PROFILES_DRAWN = 24, 20  # in one figure, so that it stays legible and fits on a page
-
 
 def plot_robot(found) -> plt.Figure:
     """The flange's poses, the scan planes and the targets where the calibration puts them, in the base frame."""
@@ -33,7 +31,7 @@ def plot_robot(found) -> plt.Figure:
     size = 0.08 * np.ptp(np.concatenate(drawn), axis=0).max() + 5
     for k, (scan, observed) in enumerate(zip(found.scans, found.observed, strict=True)):
         R, T = scan.R_base_flange, scan.T_base_flange
-        few = np.unique(np.linspace(0, len(T) - 1, max(1, FRAMES_DRAWN // len(found.scans))).round().astype(int))
+        few = np.unique(np.linspace(0, len(T) - 1, max(1, 24 // len(found.scans))).round().astype(int))
         axes.scatter(*T.T, color="0.35", s=6, depthshade=False, label="flange")
         for i in few:
             draw_frame(axes, R[i], T[i], size)
@@ -138,7 +136,7 @@ def plot_view(found) -> plt.Figure:
 
 
 def plot_profiles(scan, rejected=()) -> list[plt.Figure]:
-    """Every profile of a scan with what was found in it, PROFILES_DRAWN to a figure, all at one scale.
+    """Every profile of a scan with what was found in it, 20 to a figure, all at one scale.
 
     `rejected`: labels of the poses that the calibration rejects. No figures where the scan holds no raw profiles.
     """
@@ -148,7 +146,7 @@ def plot_profiles(scan, rejected=()) -> list[plt.Figure]:
     valid = [values[np.isfinite(values).all(axis=1)] for values in scan.values]
     width, height = 1.2 * np.percentile([np.ptp(values, axis=0) for values in valid if len(values)], 90, axis=0)
     cell = np.array([width, np.clip(height, 0.4 * width, 0.75 * width)])
-    pages = [range(i, min(i + PROFILES_DRAWN, len(features))) for i in range(0, len(features), PROFILES_DRAWN)]
+    pages = [range(i, min(i + 20, len(features))) for i in range(0, len(features), 20)]
     return [profile_page(scan, features, page, cell, set(rejected)) for page in pages]
 
 

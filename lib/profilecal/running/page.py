@@ -14,7 +14,6 @@ from profilecal.running.record import MIME
 from profilecal.scan.files import partial_of, remove, whole
 
 NOTEBOOK = "60_calibrate_your_scanner.ipynb"
-NEEDED = ("papermill", "nbconvert", "ipykernel")
 LINK = re.compile(r"\[([^\]]+)\]\([^)]+\)")
 
 
@@ -27,7 +26,7 @@ def notebook() -> Path:
 
 def check_report(path: Path) -> None:
     """Raise ValueError where no report can be written to `path`, before any work is done."""
-    missing = [name for name in NEEDED if find_spec(name) is None]
+    missing = [name for name in ("papermill", "nbconvert", "ipykernel") if find_spec(name) is None]
     if missing:
         raise ValueError(
             f'--report needs {", ".join(missing)}, not installed here: pip install "profilecal[notebooks]"'
