@@ -121,7 +121,8 @@ def explain(found: Spectrum, R_sensor, R_flange, frame: str = "flange") -> list[
     else:
         what = "; ".join(name_direction(v, R_sensor, frame) for v in found.directions[: min(bad, 3)])
     sd = found.sd[0]
-    known = f"known only to {size_direction(sd, found.directions[0])}" if sd < 10 else "left open"
+    left_open = found.rank < found.parameters or sd >= 10
+    known = "left open" if left_open else f"known only to {size_direction(sd, found.directions[0])}"
     verb = "cannot be determined" if found.status == "unobservable" else "is poorly determined"
     if spread < LEAST_TURN_DEG:
         same = f"all flange orientations agree within {max(spread, 0.01):.2g}°"
