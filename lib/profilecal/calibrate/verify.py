@@ -158,7 +158,7 @@ def to_text(found: Verification) -> str:
     lines += [
         f"differs by     {by_axis(found.delta, sd)} about the sensor's x, y, z",
         f"expected       {by_axis(sd, sd)}, one standard deviation",
-        f"most apart     {direction}, {abs(found.apart[worst]):.2g} standard deviations",
+        f"most apart     {direction}, {brief(abs(found.apart[worst]))} standard deviations",
         f"chance         {found.chance:.2g} of more between right answers, in {count} of 6 directions; "
         f"doubted below {FALSE_ALARM:g}",
     ]
@@ -175,5 +175,10 @@ def to_text(found: Verification) -> str:
 def by_axis(delta, sd) -> str:
     """δ (6,), mm and rad, in words; "open" where its standard deviation says that nothing is known."""
     values = np.r_[delta[:3], np.degrees(delta[3:])]
-    said = ["open" if wide else f"{value:.2g}" for value, wide in zip(values, sd >= HAND_PRECISION, strict=True)]
+    said = ["open" if wide else brief(value) for value, wide in zip(values, sd >= HAND_PRECISION, strict=True)]
     return f"{'  '.join(said[:3])} mm along and {'  '.join(said[3:])}°"
+
+
+def brief(value: float) -> str:
+    """Two digits, or a whole number."""
+    return f"{value:.2g}" if abs(value) < 100 else f"{value:.0f}"
