@@ -1,8 +1,11 @@
-"""Simulated scans and what calibrating one gives, each computed once for all cases that read it."""
+"""Simulated scans and what calibrating one gives, each computed once for all cases that read it; how far off it is."""
 
 from functools import wraps
 
+import numpy as np
+
 from profilecal.calibrate.calibration import Calibration, calibrate
+from profilecal.joint.observations import normalised_square, pose_error
 from profilecal.scan.scan import Scan
 from profilecal.simulate.spec import Spec, simulate_scan
 
@@ -29,3 +32,30 @@ def scan_of(spec: Spec) -> Scan:
 @once
 def calibration_of(spec: Spec) -> Calibration:
     return calibrate([scan_of(spec)])
+
+
+def truth_of(scan: Scan) -> np.ndarray:
+    """The true sensor pose (4, 4), on the flange or in the base."""
+    return np.array(scan.truth["T_flange_sensor" if scan.mount == "eye-in-hand" else "T_base_sensor"])
+
+
+def error_of(found, T) -> np.ndarray:
+    """Of an answer or solution from a pose (4, 4): (6,) mm and rad."""
+    solution = getattr(found, "solution", found)
+    return pose_error(solution.rotation, solution.translation, T[:3, :3], T[:3, 3])
+
+
+def squared_error(scan: Scan, found: Calibration) -> float:
+    """Of the answer from the truth over its covariance, 6 expected."""
+    return normalised_square(found.solution.covariance, error_of(found, truth_of(scan)))
+
+
+def printed_square(printed: dict, truth: dict, covariance: str = "covariance") -> float:
+    """The same of what is printed as JSON; NaN where no pose or no such covariance is."""
+    name = "T_base_sensor" if "T_base_sensor" in printed else "T_flange_sensor"
+    if not printed.get(name) or not printed.get(covariance):
+        return np.nan
+    T, true = np.array(printed[name]), np.array(truth[name])
+    units = np.r_[1, 1, 1, np.full(3, 180 / np.pi)]
+    error = units * pose_error(T[:3, :3], T[:3, 3], true[:3, :3], true[:3, 3])
+    return float(normalised_square(np.array(printed[covariance]), error))

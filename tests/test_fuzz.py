@@ -13,10 +13,11 @@ from collections import Counter, defaultdict
 
 import numpy as np
 from corruptions import CORRUPTIONS, Folder
+from simulated import error_of
 
 from profilecal.calibrate.calibration import calibrate
 from profilecal.calibrate.check import check
-from profilecal.joint.observations import pose_error
+from profilecal.joint.observations import normalised_square
 from profilecal.scan.folder import read_scan
 from profilecal.scan.scan import ScanError
 
@@ -67,9 +68,9 @@ def outcome(path, truth, checking):
         assert said, "a doubtful answer without a reason"
     if found.status == "ok":
         s = found.solution
-        delta = pose_error(s.rotation, s.translation, truth[:3, :3], truth[:3, 3])
+        delta = error_of(found, truth)
         sds = np.abs(delta) / np.sqrt(np.diag(s.covariance))
-        size = np.sqrt(delta @ np.linalg.solve(s.covariance, delta))
+        size = np.sqrt(normalised_square(s.covariance, delta))
         text = f"ok, but {size:.1f} standard deviations away, {np.abs(delta[:3]).max():.3g} mm; {s.prior.how}; {said}"
         # the distance of six independent components that is as unlikely as 5 of one
         assert sds.max() <= BELIEVED, text

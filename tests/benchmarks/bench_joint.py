@@ -1,11 +1,11 @@
 """The joint calibration against scipy's least_squares, and from files to result."""
 
 import tempfile
-import time
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from bench import best_of, row
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
@@ -21,16 +21,6 @@ from profilecal.simulate.scene import random_scene
 from profilecal.simulate.spec import Spec, simulate_scan
 
 SIGMA, TRIALS, AGREEMENT = 0.05, 320, 1e-8
-
-
-def best_of(count: int, run) -> float:
-    """Least CPU time in seconds of `count` runs."""
-    times = []
-    for _ in range(count):
-        start = time.process_time()
-        run()
-        times.append(time.process_time() - start)
-    return min(times)
 
 
 def scipy_solution(problem: Problem, start: State) -> np.ndarray:
@@ -66,15 +56,10 @@ def scan_row(name: str, kind: str, measured: str, most: float) -> dict:
         return scipy_solution(problem, problem.place(R[None], (T[:3, 3] + 5 * shift)[None]))
 
     theirs = best_of(9, plain)
-    return {
-        "name": f"joint: one scan of 60 poses, {name}",
-        "ours_s": ours,
-        "reference": "scipy least_squares(method='lm') from 5 mm and 3° off, with our derivatives; no robot errors",
-        "reference_s": theirs,
-        "ratio": theirs / ours,
-        "target": f"at most {most:g} times as long (now {ours / theirs:.1f})",
-        "met": bool(ours <= most * theirs),
-    }
+    reference = "scipy least_squares(method='lm') from 5 mm and 3° off, with our derivatives; no robot errors"
+    target = f"at most {most:g} times as long (now {ours / theirs:.1f})"
+    name = f"joint: one scan of 60 poses, {name}"
+    return row(name, ours, reference, theirs, theirs / ours, target, ours <= most * theirs)
 
 
 def disk_row() -> dict:
@@ -95,16 +80,10 @@ def disk_row() -> dict:
         other = problem.move(first, scipy_solution(problem, first)[None])
         apart.append(np.abs(other.rotation[0] - state.rotation[k]).max())
         apart.append(np.abs(other.translation[0] - state.translation[k]).max() / 100)
-    ratio = theirs / ours
-    return {
-        "name": f"joint: disk, 11 parameters, 1600 residuals, in batches of {TRIALS}, agreeing to {max(apart):.1g}",
-        "ours_s": ours,
-        "reference": "scipy least_squares(method='lm'), one problem at a time, with our derivatives",
-        "reference_s": theirs,
-        "ratio": ratio,
-        "target": f"4 x faster, agreeing to {AGREEMENT:g}",
-        "met": bool(ratio >= 4 and max(apart) < AGREEMENT),
-    }
+    name = f"joint: disk, 11 parameters, 1600 residuals, in batches of {TRIALS}, agreeing to {max(apart):.1g}"
+    reference = "scipy least_squares(method='lm'), one problem at a time, with our derivatives"
+    met = theirs >= 4 * ours and max(apart) < AGREEMENT
+    return row(name, ours, reference, theirs, theirs / ours, f"4 x faster, agreeing to {AGREEMENT:g}", met)
 
 
 def files_row() -> dict:
@@ -127,15 +106,8 @@ def files_row() -> dict:
         poses.assign(group=seen.group).to_csv(folder / "poses.csv", index=False)
         points.to_csv(folder / "points.csv", index=False)
         ours = best_of(3, lambda: run(folder))
-    return {
-        "name": "joint: 25 x 10 edge points, from files to result",
-        "ours_s": ours,
-        "reference": "one second",
-        "reference_s": 1.0,
-        "ratio": 1 / ours,
-        "target": "under 1 s beyond interpreter and imports",
-        "met": ours < 1,
-    }
+    name, target = "joint: 25 x 10 edge points, from files to result", "under 1 s beyond interpreter and imports"
+    return row(name, ours, "one second", 1.0, 1 / ours, target, ours < 1)
 
 
 def plain_solution(seen: Observations) -> float:
@@ -179,15 +151,10 @@ def search_row(name: str, kind: str, count: int = 40, scenes: int = 12, **choice
         solved += np.linalg.norm(found.translation - scene.truth.translation[0]) < 2.0
         lost += plain_solution(seen) > 2 * SIGMA
     ours, theirs = float(np.median(ours)), float(np.median(theirs))
-    return {
-        "name": f"joint: {name}, from no guess",
-        "ours_s": ours,
-        "reference": f"scipy least_squares(method='lm') on distances in space, which loses {lost} of {scenes}",
-        "reference_s": theirs,
-        "ratio": theirs / ours,
-        "target": f"at most twice the time of one plain descent, {scenes} of {scenes} solved (now {solved})",
-        "met": bool(2 * theirs >= ours and solved == scenes),
-    }
+    reference = f"scipy least_squares(method='lm') on distances in space, which loses {lost} of {scenes}"
+    target = f"at most twice the time of one plain descent, {scenes} of {scenes} solved (now {solved})"
+    met = 2 * theirs >= ours and solved == scenes
+    return row(f"joint: {name}, from no guess", ours, reference, theirs, theirs / ours, target, met)
 
 
 def rows() -> list[dict]:

@@ -6,11 +6,10 @@ import tempfile
 import time
 from pathlib import Path
 
+from bench import at_most, seconds
+from command import write_notebook
 from dask.system import CPU_COUNT
 from distributed import LocalCluster
-
-sys.path.append(str(Path(__file__).parents[1]))
-from command import write_notebook
 
 from profilecal.running.sweep import sweep
 
@@ -18,17 +17,9 @@ RUNS = 40
 SECOND = "import time\nfrom profilecal.running.record import record\ntime.sleep(1)\nrecord(y=n)"
 
 
-def row(name: str, ours: float, reference: str, other: float, target: float) -> dict:
-    """A line of results/bench.csv; the target is the largest ratio wanted."""
-    line = {"name": name, "ours_s": round(ours, 3), "reference": reference, "reference_s": round(other, 3)}
-    return line | {"ratio": round(ours / other, 3), "target": f"ratio ≤ {target:g}", "met": ours / other <= target}
-
-
-def seconds(function, *arguments, **options) -> float:
+def wall(function, *arguments, **options) -> float:
     """Wall time of a call."""
-    start = time.perf_counter()
-    function(*arguments, **options)
-    return time.perf_counter() - start
+    return seconds(lambda: function(*arguments, **options), time.perf_counter)
 
 
 def serial(notebook: Path, folder: Path) -> None:
@@ -68,22 +59,17 @@ def rows() -> list[dict]:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         notebook = write_notebook(folder / "second.ipynb", "n: int = 0", SECOND)
-        alone = seconds(serial, notebook, folder)
-        every = seconds(sweep, notebook, {"n": list(range(RUNS))}, folder / "every")
+        alone = wall(serial, notebook, folder)
+        every = wall(sweep, notebook, {"n": list(range(RUNS))}, folder / "every")
         with LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address="127.0.0.1:0") as one:
             there = {"scheduler": one.scheduler_address}
-            few = seconds(sweep, notebook, {"n": list(range(4))}, folder / "few", **there)
-            many = seconds(sweep, notebook, {"n": list(range(RUNS // 2))}, folder / "many", **there)
+            few = wall(sweep, notebook, {"n": list(range(4))}, folder / "few", **there)
+            many = wall(sweep, notebook, {"n": list(range(RUNS // 2))}, folder / "many", **there)
         took, memory = first_run(folder)
     more, reference = (many - few) / (RUNS // 2 - 4), "papermill, serial + 0.3 s"
     return [
-        row(f"sweep: {RUNS} runs of 1 s on {CPU_COUNT} cores", every, "papermill, serial", alone, 0.6),
-        row("sweep: a run more on one core, of 1 s", more, reference, alone / RUNS + 0.3, 1.0),
-        row("sweep: first of 1,000 runs started", took, "limit", 10.0, 1.0),
-        row("sweep: memory of the parent at 1,000 points, MB", memory, "limit", 500.0, 1.0),
+        at_most(0.6, f"sweep: {RUNS} runs of 1 s on {CPU_COUNT} cores", every, "papermill, serial", alone),
+        at_most(1, "sweep: a run more on one core, of 1 s", more, reference, alone / RUNS + 0.3),
+        at_most(1, "sweep: first of 1,000 runs started", took, "limit", 10.0),
+        at_most(1, "sweep: memory of the parent at 1,000 points, MB", memory, "limit", 500.0),
     ]
-
-
-if __name__ == "__main__":
-    for line in rows():
-        print(line)

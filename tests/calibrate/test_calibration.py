@@ -7,13 +7,12 @@ import numpy as np
 import pytest
 from command import run
 from scipy.stats import binom, chi2
-from simulated import calibration_of, scan_of
+from simulated import calibration_of, scan_of, squared_error, truth_of
 
 from profilecal.calibrate.calibration import calibrate
 from profilecal.calibrate.observe import observe
 from profilecal.calibrate.summary import to_text
 from profilecal.geometry.noise import Noise
-from profilecal.joint.observations import pose_error
 from profilecal.scan.folder import write_scan
 from profilecal.scan.scan import ScanError
 from profilecal.simulate.spec import WIDE, Spec, simulate_scan
@@ -38,18 +37,6 @@ KEYS = [
 ]
 
 
-def truth(scan):
-    key = "T_flange_sensor" if scan.mount == "eye-in-hand" else "T_base_sensor"
-    return np.array(scan.truth[key])
-
-
-def squared_error(scan, found):
-    """Of the sensor pose, in units of the stated covariance."""
-    T = truth(scan)
-    delta = pose_error(found.solution.rotation, found.solution.translation, T[:3, :3], T[:3, 3])
-    return delta @ np.linalg.solve(found.solution.covariance, delta)
-
-
 @pytest.mark.parametrize("kind", ["edge", "disk", "point", "ball"])
 @pytest.mark.parametrize("mount", ["eye-in-hand", "eye-to-hand"])
 def test_the_truth_lies_in_the_stated_region(kind, mount):
@@ -71,7 +58,7 @@ def test_the_json_is_the_contract(mount, tmp_path):
     pose = "T_flange_sensor" if mount == "eye-in-hand" else "T_base_sensor"
     assert list(found) == [pose if key == "T_flange_sensor" else key for key in KEYS]
     assert found["status"] == "ok"
-    np.testing.assert_allclose(found[pose], truth(scan), atol=0.5)
+    np.testing.assert_allclose(found[pose], truth_of(scan), atol=0.5)
     covariance = np.array(found["covariance"])
     assert covariance.shape == (6, 6)
     np.testing.assert_allclose(np.sqrt(np.diag(covariance)), found["translation_sd_mm"] + found["rotation_sd_deg"])
@@ -203,7 +190,7 @@ def test_the_status_is_the_same_for_poses_of_the_flange_and_of_a_tool():
     """In a scan whose status hangs on where the robot's errors act; the seed is such."""
     noise = Noise(profile_mm=0.03, position_mm=0.1, orientation_deg=0.05)
     scan = replace(simulate_scan(Spec(kind="plane", seed=1031, groups=12, positions=1, noise=noise)), noise={})
-    at_sensor = scan.T_base_flange + scan.R_base_flange @ truth(scan)[:3, 3]
+    at_sensor = scan.T_base_flange + scan.R_base_flange @ truth_of(scan)[:3, 3]
     found = [calibrate([one]) for one in (scan, replace(scan, T_base_flange=at_sensor))]
     assert [one.status for one in found] == ["weak", "weak"]
     assert [any("the origin of the poses' frame" in m for m in one.messages) for one in found] == [True, False]

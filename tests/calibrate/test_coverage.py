@@ -11,11 +11,10 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 from scipy.stats import binom, chi2
-from simulated import scan_of
+from simulated import printed_square, scan_of
 
 from profilecal.calibrate.calibration import calibrate
 from profilecal.geometry.noise import Noise, Systematic
-from profilecal.joint.observations import pose_error
 from profilecal.scan.folder import read_scan, write_scan
 from profilecal.simulate.scanner import Scanner
 from profilecal.simulate.spec import Spec
@@ -41,10 +40,7 @@ def normalised_square(scan, folder):
     """The squared error of the printed pose over its printed covariance, from a scan folder."""
     write_scan(scan, folder)
     printed = json.loads(json.dumps(calibrate([read_scan(folder)]).to_json()))
-    found, true = np.array(printed["T_flange_sensor"]), np.array(scan.truth["T_flange_sensor"])
-    units = np.r_[1, 1, 1, np.full(3, 180 / np.pi)]
-    delta = units * pose_error(found[:3, :3], found[:3, 3], true[:3, :3], true[:3, 3])
-    return delta @ np.linalg.solve(printed["covariance"], delta)
+    return printed_square(printed, scan.truth)
 
 
 @pytest.mark.parametrize(("case", "position_mm"), [*((case, 0.0) for case in CASES), ("disk", 0.05)])

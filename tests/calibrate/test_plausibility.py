@@ -7,11 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.stats import binom, chi2
-from simulated import calibration_of
+from simulated import calibration_of, error_of, squared_error, truth_of
 
 from profilecal.calibrate.calibration import calibrate
 from profilecal.geometry.noise import FALSE_ALARM, Noise
-from profilecal.joint.observations import pose_error
 from profilecal.scan.folder import read_scan
 from profilecal.simulate.spec import Spec, simulate_scan
 
@@ -30,9 +29,8 @@ def calibrated_example(kind):
 
 def distance(scan, found):
     """Of the answer from the truth, in standard deviations, and the largest of a component."""
-    T, s = np.array(scan.truth["T_flange_sensor"]), found.solution
-    delta = pose_error(s.rotation, s.translation, T[:3, :3], T[:3, 3])
-    return np.sqrt(delta @ np.linalg.solve(s.covariance, delta)), np.max(np.abs(delta) / np.sqrt(np.diag(s.covariance)))
+    delta, sd = error_of(found, truth_of(scan)), np.sqrt(np.diag(found.solution.covariance))
+    return np.sqrt(squared_error(scan, found)), np.max(np.abs(delta) / sd)
 
 
 def profiles(scan, A):

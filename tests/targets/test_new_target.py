@@ -5,7 +5,9 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from many_scenes import assert_exact, mount_of
 from scipy.stats import chi2
+from simulated import squared_error, truth_of
 
 from profilecal.calibrate.calibration import calibrate
 from profilecal.calibrate.check import check
@@ -13,7 +15,7 @@ from profilecal.calibrate.summary import to_text
 from profilecal.calibrate.verify import verify
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import cross
-from profilecal.joint.observations import normalised_square, pose_error
+from profilecal.joint.observations import pose_error
 from profilecal.joint.solve import solve
 from profilecal.profiles.edges import crossing, crossing_covariance
 from profilecal.profiles.points import Feature, mask, nothing
@@ -135,9 +137,7 @@ def test_noise_free_it_is_exact():
     for _ in range(10):
         scene = random_scene("groove", rng)
         found = solve([scene.observations], Noise(0.05))
-        delta = pose_error(found.rotation, found.translation, scene.truth.rotation[0], scene.truth.translation[0])
-        assert np.abs(delta[:3]).max() < 1e-9
-        assert np.degrees(np.abs(delta[3:])).max() < 1e-9
+        assert_exact(pose_error(found.rotation, found.translation, *mount_of(scene)))
         assert found.observability.parameters == 6 + 5
 
 
@@ -151,9 +151,7 @@ def test_from_raw_profiles_in_a_folder_to_an_answer_with_its_report(tmp_path):
         assert check(scan)[0] == "target         groove, width 20 mm, depth 9 mm"
         found = calibrate([scan])
         assert found.status == "ok"
-        truth = np.array(scan.truth["T_flange_sensor"])
-        delta = pose_error(found.solution.rotation, found.solution.translation, truth[:3, :3], truth[:3, 3])
-        inside.append(normalised_square(found.solution.covariance, delta))
+        inside.append(squared_error(scan, found))
     assert chi2.ppf(1e-4, 6 * 4) < np.sum(inside) < chi2.isf(1e-4, 6 * 4)
     assert found.to_json()["target"]["kind"] == "groove"
     assert "status         ok" in to_text(found)
@@ -163,7 +161,7 @@ def test_from_raw_profiles_in_a_folder_to_an_answer_with_its_report(tmp_path):
     other = simulate_scan(Spec(kind="groove", seed=99))
     T, covariance = found.solution.T_flange_sensor, found.solution.covariance
     assert not verify(other, T, covariance, 0.05).as_expected  # another sensor pose
-    seen = verify(scan, truth, covariance, found.solution.noise_mm)
+    seen = verify(scan, truth_of(scan), covariance, found.solution.noise_mm)
     assert seen.lengths == pytest.approx({"width": 20.0, "depth": 9.0}, abs=0.1)
 
 

@@ -1,0 +1,38 @@
+"""What benchmarks share: times of calls, lines of results/bench.csv, and, once it is imported, the tests' helpers."""
+
+import statistics
+import sys
+import time
+from pathlib import Path
+
+sys.path.append(str(Path(__file__).parents[1]))
+
+
+def seconds(function, clock=time.process_time) -> float:
+    """How long a call takes."""
+    start = clock()
+    function()
+    return clock() - start
+
+
+def best_of(count: int, function) -> float:
+    """Least CPU time of `count` calls."""
+    return min(seconds(function) for _ in range(count))
+
+
+def medians(*functions, repeats: int = 5, clock=time.process_time) -> list[float]:
+    """Median times of functions that take turns, so that a busy machine slows all alike."""
+    rounds = [[seconds(function, clock) for function in functions] for _ in range(repeats)]
+    return [statistics.median(taken) for taken in zip(*rounds, strict=True)]
+
+
+def row(name, ours_s, reference, reference_s, ratio, target, met) -> dict:
+    """A line of the table, with the keys that `run.py` asks for."""
+    times = {"name": name, "ours_s": float(ours_s), "reference": reference, "reference_s": float(reference_s)}
+    return times | {"ratio": float(ratio), "target": target, "met": bool(met)}
+
+
+def at_most(most: float, name, ours_s, reference, reference_s) -> dict:
+    """A line that is to take at most so many times as long as the reference."""
+    ratio = ours_s / reference_s
+    return row(name, ours_s, reference, reference_s, ratio, f"ratio ≤ {most:g}", ratio <= most)
