@@ -34,7 +34,7 @@ def search(observations: Sequence[Observations], noise: Noise, starts=()) -> Sta
     state = problem.place(*started(GRID, starts))
     for steps, kept in ((6, 24), (8, 10), (16, 6)):
         found = onward(problem, state, steps)
-        state = distinct(found.state[found.loss < HOPELESS**2 * max(found.loss[0], count)], kept)
+        state = distinct(found.state[found.loss < 10 * HOPELESS * max(found.loss[0], count)], kept)
     return distinct(found.state[found.loss < HOPELESS * max(found.loss[0], count)])
 
 
