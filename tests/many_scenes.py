@@ -13,7 +13,6 @@ KINDS = list(TARGETS)
 SMALL = {"disk": {"positions": 20}}
 SIGMA = 0.05
 KNOWN = Noise(SIGMA, steering_mm=0.2)
-ROBOT = Noise(SIGMA, position_mm=0.03, orientation_deg=0.02, group_position_mm=0.2, group_orientation_deg=0.05)
 
 
 @functools.cache

@@ -1,14 +1,14 @@
 """The disk method from chords: exact without noise, and it says what is wrong with the data."""
 
 import re
-from dataclasses import fields, replace
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from profilecal.closed_form.disk import SensingData, sensing_data, solve_disk, solve_disk_from_chords
+from profilecal.closed_form.disk import solve_disk, solve_disk_from_chords
 from profilecal.geometry.checks import UnobservableError
 from profilecal.geometry.poses import angle_between, nearest_rotation, rotation_from_xyz_angles
 from profilecal.papers import published
@@ -68,19 +68,6 @@ def test_noise_free_chords_give_the_pose_back(extent, heights):
         assert np.abs(found.translation.q_b - scans.disk.centre).max() < 1e-10
         assert found.translation.accuracy < 1e-10
     assert sides == {-1, 1}
-
-
-def test_a_batch_of_scans_equals_one_by_one():
-    rng = np.random.default_rng(12)
-    scans = random_scans(rng)
-    tips = scans.tips(30) + rng.normal(0, 0.1, (5, 4, 30, 2, 2))
-    for heights in ("regression", "published"):
-        together = sensing_data(tips, scans.T_start, scans.T_end, scans.s, scans.disk.radius, heights)
-        for place in np.ndindex(5, 4):
-            i = place[1]
-            alone = sensing_data(tips[place], scans.T_start[i], scans.T_end[i], scans.s[i], scans.disk.radius, heights)
-            for name in [field.name for field in fields(SensingData)]:
-                np.testing.assert_allclose(getattr(together, name)[place], getattr(alone, name), rtol=1e-9, atol=1e-9)
 
 
 def solve(scans, tips=None, **changed):

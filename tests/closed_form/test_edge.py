@@ -48,15 +48,6 @@ def test_the_few_equations_have_the_solution_and_singular_values_of_all_pairs(pl
     np.testing.assert_allclose(few.T_sensor, np.linalg.lstsq(A_t, b_t)[0], atol=1e-9)
 
 
-def test_a_batch_is_solved_as_its_members_are():
-    scene = edge_scenes(SPACE, Noise(0.05), np.random.default_rng(3), (2, 3))
-    batch = edge_equations(*data(scene))
-    for index in np.ndindex(2, 3):
-        single = edge_equations(*data(scene, index))
-        np.testing.assert_allclose(batch.R_sensor[index], single.R_sensor, atol=1e-13)
-        np.testing.assert_allclose(batch.T_sensor[index], single.T_sensor, atol=1e-10)
-
-
 ARC, SPATIAL = {"motion": "arc"}, {"motion": "space"}
 RANKS = [  # of A_r and A_t, for one, two, three and ten groups
     (ARC | {"positions": 3}, [(3, 0), (6, 2), (9, 3), (9, 3)]),

@@ -9,15 +9,13 @@ from scipy.linalg import block_diag
 from scipy.stats import multivariate_normal
 
 from profilecal.calibrate.plausibility import of_robot
-from profilecal.closed_form.edge import edge_equations
 from profilecal.geometry.noise import ROBOT, Noise, Systematic
-from profilecal.geometry.poses import angle_between, inverse, rotations
-from profilecal.joint.descent import estimate, refine
+from profilecal.geometry.poses import inverse, rotations
+from profilecal.joint.descent import refine
 from profilecal.joint.linear_model import Linearised, LinearModel, compress, marginal, score
-from profilecal.joint.observations import normalised_square, of_scanner, of_target, pose_error
+from profilecal.joint.observations import of_scanner, of_target
 from profilecal.joint.pose_groups import PoseGroups
 from profilecal.joint.problem import Problem
-from profilecal.papers.edge_study import EdgePlan, edge_scenes, observations_of
 from profilecal.simulate.scene import random_scene
 
 # Two targets: profiles 0 to 4 have five residuals, 5 to 8 three; six poses of three orientations
@@ -236,19 +234,3 @@ def test_lengths_do_not_look_too_small_because_of_noise():
         size, sd, _ = score(normal, model.n - 1, model.precision[:-1, :-1])
         clear.append(size[0] / sd[0])
     assert abs(np.mean(clear)) < 3 / np.sqrt(10)
-
-
-@pytest.mark.parametrize("motion", ["arc", "space"])
-def test_errors_common_to_a_rotation_group(motion):
-    noise, trials = Noise(SIGMA, group_position_mm=0.2), 100
-    scene = edge_scenes(EdgePlan(motion=motion), noise, np.random.default_rng(16), (trials,))
-    seen = observations_of(scene)
-    problem = Problem([seen], noise)
-    state, found, square = estimate([seen], noise, problem.place(scene.R_sensor, scene.T_sensor))
-    closed = edge_equations(scene.poses.rotations, scene.poses.positions, scene.points).R_sensor
-    ours, theirs = (np.sqrt(np.mean(angle_between(R, scene.R_sensor) ** 2)) for R in (state.rotation, closed))
-    assert ours < 0.7 * theirs
-    dof = int(problem.count()[0]) - problem.n
-    assert 0.9 < (square / dof).mean() < 1.1
-    error = pose_error(state.rotation, state.translation, scene.R_sensor, scene.T_sensor)
-    assert abs(normalised_square(found.covariance, error).mean() - 6) < 3 * np.sqrt(12 / trials)

@@ -12,10 +12,3 @@ def axes():
     figure, axes = plt.subplots()
     yield axes
     plt.close(figure)
-
-
-@pytest.fixture
-def space():
-    figure = plt.figure()
-    yield figure.add_subplot(projection="3d")
-    plt.close(figure)

@@ -103,17 +103,3 @@ def test_other_parameters_are_lived_with_and_outcomes_recorded(path, shell):
         shell.reset()
         (first, *_) = outcomes(shell, path, chosen)
         assert first
-
-
-@pytest.mark.parametrize("path", RUNNABLE, ids=lambda path: path.stem)
-def test_findings_are_asserted_at_the_declared_parameters(path):
-    """`at_defaults()` looks at all of them by itself; one with values has those of all numbers."""
-    cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
-    lines = [line for cell in cells if cell["cell_type"] == "code" for line in "".join(cell["source"]).splitlines()]
-    ours = "\n".join(line for line in lines if not line.startswith("%"))
-    for call in (node for node in ast.walk(ast.parse(ours)) if isinstance(node, ast.Call) and node.keywords):
-        if getattr(call.func, "id", "") == "at_defaults":
-            found = {k.arg: ast.literal_eval(k.value) for k in call.keywords}
-            numbers = {n for n, v in declared(path).items() if isinstance(v, int | float) and not isinstance(v, bool)}
-            assert numbers <= found.keys()
-            assert found.items() <= declared(path).items()

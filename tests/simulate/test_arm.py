@@ -16,19 +16,12 @@ def poses(seed=1, reach=400.0):
     return rotations(rng.uniform(-3, 3, (POSES, 3))), MIDDLE + reach * in_unit_ball(rng, POSES)
 
 
-def test_the_arm_points_up_when_its_joints_are_at_zero():
-    R, T = Arm().flange(np.zeros(6))
-    np.testing.assert_allclose(R, np.eye(3))
-    np.testing.assert_allclose(T, LINKS.sum(axis=0))
-
-
-def test_joint_angles_take_the_flange_where_they_were_found_for():
+def test_an_arm_without_errors_is_where_it_says_with_its_fifth_joint_bent_forwards():
     R, T = poses()
-    joints = joints_at(R, T)
-    found = Arm().flange(joints)
+    found = where_it_is(Arm(), R, T + AWAY)
     np.testing.assert_allclose(found[0], R, atol=1e-12)
-    np.testing.assert_allclose(found[1], T, atol=1e-9)
-    assert (joints[:, [2, 4]] >= 0).all()
+    np.testing.assert_allclose(found[1], T + AWAY, atol=1e-9)
+    assert (joints_at(R, T)[:, [2, 4]] >= 0).all()
 
 
 def test_a_place_out_of_reach_is_refused():
@@ -37,29 +30,15 @@ def test_a_place_out_of_reach_is_refused():
         joints_at(R, T + AWAY)
 
 
-def test_an_arm_without_errors_is_where_it_says():
+def test_zeros_of_the_first_and_the_last_joint_turn_the_base_and_the_flange_and_the_last_link_shifts_it():
     R, T = poses()
-    found = where_it_is(Arm(), R, T + AWAY)
-    np.testing.assert_allclose(found[0], R, atol=1e-12)
-    np.testing.assert_allclose(found[1], T + AWAY, atol=1e-9)
-
-
-def test_zeros_of_the_first_and_the_last_joint_turn_the_base_and_the_flange():
-    R, T = poses()
-    angle = 1e-3
-    about_z = rotations([0, 0, angle])
-    turned = Arm(zeros=np.array([angle, 0, 0, 0, 0, 0])).flange(joints_at(R, T))
-    np.testing.assert_allclose(turned[0], about_z @ R, atol=1e-12)
-    np.testing.assert_allclose(turned[1], T @ about_z.T, atol=1e-9)
-    turned = Arm(zeros=np.array([0, 0, 0, 0, 0, angle])).flange(joints_at(R, T))
-    np.testing.assert_allclose(turned[0], R @ about_z, atol=1e-12)
-    np.testing.assert_allclose(turned[1], T, atol=1e-9)
-
-
-def test_the_last_link_shifts_all_poses_alike_in_the_flange_frame():
-    R, T = poses()
-    shift = np.array([0.1, -0.2, 0.3])
-    moved = Arm(links=LINKS + np.eye(6)[:, 5:] * shift).flange(joints_at(R, T))
+    joints, about_z, shift = joints_at(R, T), rotations([0, 0, 1e-3]), np.array([0.1, -0.2, 0.3])
+    first, last = (Arm(zeros=1e-3 * np.eye(6)[k]).flange(joints) for k in (0, 5))
+    np.testing.assert_allclose(first[0], about_z @ R, atol=1e-12)
+    np.testing.assert_allclose(first[1], T @ about_z.T, atol=1e-9)
+    np.testing.assert_allclose(last[0], R @ about_z, atol=1e-12)
+    np.testing.assert_allclose(last[1], T, atol=1e-9)
+    moved = Arm(links=LINKS + np.eye(6)[:, 5:] * shift).flange(joints)
     np.testing.assert_allclose(moved[1] - T, R @ shift, atol=1e-9)
 
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from profilecal.simulate.scanner import Scanner, nearest_on_rays
+from profilecal.simulate.scanner import Scanner
 
 IDEAL = Scanner(resolution=0.0, quantum=0.001, noise_mm=0.0)
 WALL = np.array([[-30.0, 80.0], [30.0, 80.0]])
@@ -29,13 +29,6 @@ def test_the_nearer_of_two_surfaces_hides_the_other():
     x, z = profile[np.isfinite(profile[:, 0])].T
     np.testing.assert_allclose(z[x > 0.1], 80, atol=0.01)
     np.testing.assert_allclose(z[x < -0.1], 100, atol=0.01)
-
-
-def test_rays_meet_a_slope_where_it_is():
-    scanner = Scanner()
-    rays = np.linspace(-0.5, 0.5, 11)
-    z = nearest_on_rays(np.array([[-30.0, 70.0], [30.0, 130.0]]), rays, scanner)
-    np.testing.assert_allclose(rays * scanner.half_width(z), z - 100, atol=1e-12)
 
 
 def test_counts_are_sixteen_bit_and_whole_quanta():
