@@ -1,4 +1,4 @@
-"""The command line, as a user calls it, and small notebooks to give it."""
+"""The command line, as a user calls it, small notebooks to give it, and files with changes."""
 
 import json
 from pathlib import Path
@@ -24,3 +24,14 @@ def write_notebook(path: Path, parameters: str, *codes: str) -> Path:
     kernel = {"kernelspec": {"name": "python3", "language": "python", "display_name": "Python 3"}}
     path.write_text(json.dumps({"cells": cells, "metadata": kernel, "nbformat": 4, "nbformat_minor": 5}))
     return path
+
+
+def edited(name: str, old: str, new: str, count: int = 1):
+    """A change of a folder: in the text of a file, from something that is there."""
+
+    def change(folder: Path) -> None:
+        content = (folder / name).read_text()
+        assert old in content
+        (folder / name).write_text(content.replace(old, new, count))
+
+    return change

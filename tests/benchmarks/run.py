@@ -7,7 +7,7 @@ A benchmark offers `rows() -> list[dict]` with the keys of COLUMNS: our time and
 ratio, the target in words and whether it is met.
 """
 
-import importlib.util
+import importlib
 import sys
 from pathlib import Path
 
@@ -27,18 +27,6 @@ def find(names: list[str]) -> list[Path]:
     return [there[name] for name in names or there]
 
 
-def rows_of(path: Path) -> list[dict]:
-    """What one benchmark measures."""
-    spec = importlib.util.spec_from_file_location(path.stem, path)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    rows = module.rows()
-    for row in rows:
-        if list(row) != COLUMNS:
-            raise ValueError(f"{path.name}: a row has the keys {list(row)}; expected {COLUMNS}")
-    return rows
-
-
 def write(rows: list[dict], output: Path) -> pd.DataFrame:
     """Write the rows; those of other names that an earlier run left are kept."""
     frame = pd.DataFrame(rows, columns=COLUMNS)
@@ -53,7 +41,7 @@ def write(rows: list[dict], output: Path) -> pd.DataFrame:
 def main(names: list[str]) -> int:
     rows = []
     for path in find(names):
-        found = rows_of(path)
+        found = importlib.import_module(path.stem).rows()
         print(pd.DataFrame(found).to_string(index=False, float_format="{:.3g}".format))
         rows += found
     write(rows, OUTPUT)

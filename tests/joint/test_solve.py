@@ -1,4 +1,4 @@
-"""From observations to a solution: outliers, several targets, gaps."""
+"""From observations to a solution: outliers, several targets, gaps, the noise it rests on."""
 
 from dataclasses import replace
 
@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from many_scenes import SIGMA, mount_of
 
+from profilecal.calibrate.check import affine_noise
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import rotations
 from profilecal.joint.observations import normalised_square, pose_error
@@ -73,3 +74,18 @@ def test_missing_points_are_left_out():
     found = solve([replace(seen, points=points)], Noise(SIGMA))
     assert found.dof == (~gaps).sum() - 9
     assert normalised_square(found.covariance, pose_error(found.rotation, found.translation, *mount_of(scene))) < 30
+
+
+def test_noise_is_estimated_and_said_how():
+    rng = np.random.default_rng(18)
+    edge = random_scene("edge", rng).noisy(SIGMA, rng)
+    level, freedom = affine_noise(edge)
+    assert freedom == 25 * (10 - 4) * 2
+    assert abs(level / SIGMA - 1) < 4 * np.sqrt(0.5 / freedom) * np.sqrt(np.pi / 2)  # of a median over the groups
+    found = solve([edge])
+    assert found.noise_source == "estimated"
+    assert found.noise_mm == pytest.approx(SIGMA, rel=4 * np.sqrt(0.5 / found.dof))
+    ball = solve([random_scene("ball", rng, count=20).noisy(SIGMA, rng)])
+    assert ball.prior.how == "from the residuals"
+    assert abs(ball.noise_mm / SIGMA - 1) < 4 * np.sqrt(0.5 / ball.dof)
+    assert abs(ball.chi2_per_dof - 1) < np.sqrt(2 / ball.dof)

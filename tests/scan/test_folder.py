@@ -6,10 +6,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from click.testing import CliRunner
+from command import edited, run
 from scipy.spatial.transform import Rotation
 
-from profilecal.cli import main
 from profilecal.geometry.poses import rotation_groups
 from profilecal.scan.conventions import CONVENTIONS
 from profilecal.scan.folder import MEASURED, read_scan, write_scan
@@ -49,24 +48,21 @@ def assert_same(first, second):
     np.testing.assert_array_equal(first.side, second.side)
 
 
+SHOWN = [("profiles", "plane"), ("profiles", "disk"), ("chords", "disk"), ("arcs", "ball"), ("points", "point")]
+
+
 @pytest.mark.parametrize("mount", ["eye-in-hand", "eye-to-hand"])
-@pytest.mark.parametrize("convention", CONVENTIONS, ids=lambda c: c.name)
-def test_a_scan_written_is_read_back(tmp_path, mount, convention):
-    scan = random_scan(np.random.default_rng(1), convention=convention.name, mount=mount)
-    write_scan(scan, tmp_path / "scan")
-    assert_same(read_scan(tmp_path / "scan"), scan)
-
-
 @pytest.mark.parametrize(
-    ("measured", "kind"),
-    [("profiles", "plane"), ("profiles", "disk"), ("chords", "disk"), ("arcs", "ball"), ("points", "point")],
+    ("convention", "measured", "kind"),
+    [*((c.name, "points", "edge") for c in CONVENTIONS), *(("quaternion", *shown) for shown in SHOWN)],
 )
-def test_every_kind_of_measurement_comes_back(tmp_path, measured, kind):
-    side = np.where(np.arange(12) % 2, 1.0, -1.0)
-    scan = random_scan(np.random.default_rng(2), measured, kind, side=side, truth=TRUTH)
+def test_a_scan_written_is_read_back(tmp_path, mount, convention, measured, kind):
+    about = {"side": np.where(np.arange(12) % 2, 1.0, -1.0), "truth": TRUTH, "convention": convention, "mount": mount}
+    scan = random_scan(np.random.default_rng(1), measured, kind, **about)
     write_scan(scan, tmp_path / "scan")
-    assert_same(read_scan(tmp_path / "scan"), scan)
-    assert read_scan(tmp_path / "scan").truth == TRUTH
+    read = read_scan(tmp_path / "scan")
+    assert_same(read, scan)
+    assert read.truth == TRUTH
 
 
 def test_metres_and_millimetres_are_the_same_scan(tmp_path):
@@ -107,16 +103,6 @@ def test_blank_and_nan_points_are_missing_and_extra_columns_ignored(tmp_path):
     assert np.isfinite(read.values[2]).all()
 
 
-def edit(name, old, new):
-    def change(folder):
-        path = folder / name
-        text = path.read_text()
-        assert old in text
-        path.write_text(text.replace(old, new, 1))
-
-    return change
-
-
 def rewrite(name, function):
     def change(folder):
         table = pd.read_csv(folder / name)
@@ -126,7 +112,7 @@ def rewrite(name, function):
 
 
 def header(old, new):
-    return edit("scan.toml", old, new)
+    return edited("scan.toml", old, new)
 
 
 def poses(function):
@@ -222,13 +208,13 @@ def test_without_permission_a_command_says_so_and_writes_nothing(command):
         os.chmod(above, 0o755)
         folder = Path(above) / "scan"
         write_scan(random_scan(np.random.default_rng(9)), folder)
-        arguments = [command[0], str(folder), *command[1:]]
-        CliRunner().invoke(main, arguments)  # which imports what root alone may read
+        arguments = command[0], folder, *command[1:]
+        run(*arguments)  # which imports what root alone may read
         for locked, unread in (("poses.csv", "poses.csv"), (".", "scan.toml")):
             (folder / locked).chmod(0)
             os.seteuid(65534)
             try:
-                done = CliRunner().invoke(main, arguments)
+                done = run(*arguments)
             finally:
                 os.seteuid(0)
             assert (done.exit_code, done.stdout) == (2, "")
@@ -242,8 +228,8 @@ def test_every_command_refuses_in_one_line_with_status_2(tmp_path, mistake, comm
     write_scan(random_scan(np.random.default_rng(6), "arcs", "ball"), folder)
     MISTAKES[mistake][0](folder)
     before = sorted(tmp_path.rglob("*"))
-    options = {"calibrate": ["--json", "--report", str(tmp_path / "report.html")], "verify": ["--with", "T.json"]}
-    done = CliRunner().invoke(main, [command, str(folder), *options.get(command, [])])
+    options = {"calibrate": ["--json", "--report", tmp_path / "report.html"], "verify": ["--with", "T.json"]}
+    done = run(command, folder, *options.get(command, []))
     assert (done.exit_code, done.stdout) == (2, "")
     assert done.stderr.startswith("profilecal: ")
     assert done.stderr.count("\n") == 1

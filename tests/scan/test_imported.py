@@ -7,10 +7,12 @@ import re
 import shutil
 from contextlib import suppress
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from command import run
+from command import edited, run
+from corruptions import CORRUPTIONS
 from real_scans import real_scan
 from scipy.spatial.transform import Rotation
 
@@ -272,15 +274,6 @@ def test_other_files_are_left_out_and_files_in_folders_of_their_own_are_found(tm
     check_poses(import_scan(tmp_path, "edge", {}, layout)[0])
 
 
-def change(name, old, new, count=1):
-    def changed(folder):
-        content = (folder / name).read_text()
-        assert old in content
-        (folder / name).write_text(content.replace(old, new, count))
-
-    return changed
-
-
 def cut_short(name):
     def changed(folder):
         content = (folder / name).read_text()
@@ -305,7 +298,7 @@ NONSENSE = {  # in each syntax of poses
 def test_nonsense_in_any_syntax_is_one_sentence(name, tmp_path):
     file, old, new, sentence = NONSENSE[name]
     folder = written(tmp_path / "files", POSES[name])
-    change(file, old, new)(folder)
+    edited(file, old, new)(folder)
     with pytest.raises(ScanError, match=sentence) as caught:
         import_scan(folder, "edge", {}, SAID.get(name, Layout()))
     assert "\n" not in str(caught.value)
@@ -329,28 +322,28 @@ MISTAKES = {
     ),
     "half": (
         csv,
-        change("robot.csv", "Alpha [°]", "tilt"),
+        edited("robot.csv", "Alpha [°]", "tilt"),
         "found none among .*tilt, beta.*--pose-columns",
     ),
     "two units": (
         csv,
-        change("robot.csv", "Y [mm]", "Y [m]"),
+        edited("robot.csv", "Y [mm]", "Y [m]"),
         r"robot.csv: the columns are x \[mm\], y \[m\], z \[mm\]; expected one unit",
     ),
     "no unit": (
         csv,
-        change("robot.csv", "[°]", "[grad]", 3),
+        edited("robot.csv", "[°]", "[grad]", 3),
         r"alpha \[grad\], .*; expected one unit for all of them, deg or rad",
     ),
-    "twice": (fanuc, change("CALIB.LS", "P[2]{", "P[1]{"), "CALIB.LS: no pose for profile p2"),
-    "not closed": (fanuc, change("CALIB.LS", "};", ""), "CALIB.LS: not as many } as {; is the file cut short"),
-    "other tool": (fanuc, change("CALIB.LS", "UT : 0", "UT : 3"), "CALIB.LS: tool differs between poses; expected"),
+    "twice": (fanuc, edited("CALIB.LS", "P[2]{", "P[1]{"), "CALIB.LS: no pose for profile p2"),
+    "not closed": (fanuc, edited("CALIB.LS", "};", ""), "CALIB.LS: not as many } as {; is the file cut short"),
+    "other tool": (fanuc, edited("CALIB.LS", "UT : 0", "UT : 3"), "CALIB.LS: tool differs between poses; expected"),
     "reflection": (matrices, lambda f: np.savetxt(f / "pose4.txt", -np.eye(4)), "pose pose4: matrix with determ"),
     "other file": (matrices, lambda f: (f / "pose4.txt").rename(f / "pose44.txt"), "no profile for pose pose44"),
     "not text": (tum, lambda f: (f / "poses.tum").write_bytes(b"1 2\xff"), "poses.tum: not UTF-8 text"),
-    "far": (csv, change("scan_001.csv", "z\n", "z\n1,-99999.9\n"), r"files: the profiles .* \(--missing\)"),
-    "word": (csv, change("scan_001.csv", "z\n", "z\n1,2\n3,oops\n"), "scan_001.csv line 3: z is 'oops'; exp"),
-    "titles": (csv, change("scan_001.csv", "x,z", "x,height"), "scan_001.csv: columns x, height, where scan_000"),
+    "far": (csv, edited("scan_001.csv", "z\n", "z\n1,-99999.9\n"), r"files: the profiles .* \(--missing\)"),
+    "word": (csv, edited("scan_001.csv", "z\n", "z\n1,2\n3,oops\n"), "scan_001.csv line 3: z is 'oops'; exp"),
+    "titles": (csv, edited("scan_001.csv", "x,z", "x,height"), "scan_001.csv: columns x, height, where scan_000"),
     "cut": (csv, cut_short("scan_001.csv"), "scan_001.csv line .* 1 fields; expected 2: is the file cut short"),
     "columns": (
         tum,
@@ -358,10 +351,10 @@ MISTAKES = {
         "3.npz: columns 1, 2, .*, 5, w",
         archives,
     ),
-    "no entry": (tum, change("p2.yml", "profile:", "outline:"), "no list 'profile'; there are outline, picked", lists),
-    "open list": (tum, change("p2.yml", " ]", ""), "p2.yml: not as many ] as \\[", lists),
-    "pairs": (tum, change("p2.yml", "profile: [", "profile: [ 1.,"), "p2.yml line 3: . fields; expected 3: is", lists),
-    "unknown pose": (csv, change("all.csv", "scan_003", "scan_033", 999), "no profile for pose scan_003", long_table),
+    "no entry": (tum, edited("p2.yml", "profile:", "outline:"), "no list 'profile'; there are outline, picked", lists),
+    "open list": (tum, edited("p2.yml", " ]", ""), "p2.yml: not as many ] as \\[", lists),
+    "pairs": (tum, edited("p2.yml", "profile: [", "profile: [ 1.,"), "p2.yml line 3: . fields; expected 3: is", lists),
+    "unknown pose": (csv, edited("all.csv", "scan_003", "scan_033", 999), "no profile for pose scan_003", long_table),
     "not alike": (tum, lambda f: np.savetxt(f / "all.txt", np.ones((9, 40))), "say which are x and z", wide_table),
 }
 
@@ -376,25 +369,20 @@ def test_a_guess_that_cannot_be_made_is_refused_in_a_sentence(mistake, tmp_path)
     assert "\n" not in str(caught.value)
 
 
+ON_BYTES = ("bytes_flipped", "lines_lost_or_doubled", "cut_short", "other_separators", "something_inserted")
+
+
 def corrupted(folder, rng):
-    """One file changed, as disks, editors and people do."""
-    path = rng.choice(sorted(folder.iterdir()))
-    content = path.read_bytes()
-    place = int(rng.integers(len(content)))
-    nasty = rng.choice([b"1e400", b"-", b"nan", b"[", b"\n\n", b"x", b"\0"])
-    match rng.integers(6):
-        case 0:
-            path.unlink()
-        case 1:
-            path.write_bytes(content[:place])
-        case 2:
-            path.write_bytes(content.replace(b".", b",", int(rng.integers(1, 50))))
-        case 3:
-            path.write_bytes(b"".join(rng.permutation(np.array(content.splitlines(keepends=True), dtype=object))))
-        case 4:
-            path.write_bytes(content[:place] + nasty + content[place + 3 :])
-        case 5:
-            path.rename(path.with_name(f"{rng.choice(['pose', 'p1', 'x'])}{path.name}"))
+    """One file lost, misnamed, or changed as disks, editors and people do."""
+    path, how = rng.choice(sorted(folder.iterdir())), rng.choice(["lost", "misnamed", *ON_BYTES])
+    if how == "lost" or not path.stat().st_size:
+        path.unlink()
+    elif how == "misnamed":
+        path.rename(path.with_name(f"{rng.choice(['pose', 'p1', 'x'])}{path.name}"))
+    else:
+        changed = SimpleNamespace(files={path.name: path.read_bytes()})
+        CORRUPTIONS[how](rng, changed)
+        path.write_bytes(changed.files[path.name])
 
 
 def test_corrupted_files_give_a_sentence_or_a_scan(tmp_path):
