@@ -36,16 +36,16 @@ def descend(moments, move, state: State, iterations: int, tolerance: float = 1e-
     flat = 1e-6  # of a loss: of a thousand residuals, a thirtieth of a standard deviation
     undamped = 1e-12
     B = len(state.rotation)
-    damping, growth, done = np.full(B, damping), np.full(B, 2.0), np.zeros(B, dtype=bool)
+    factor, growth, done = np.full(B, damping), np.full(B, 2.0), np.zeros(B, dtype=bool)
     with np.errstate(all="ignore"):
         here = moments(state)
         for _ in range(iterations):
-            step, promise = damped_step(here.normal, damping)
+            step, promise = damped_step(here.normal, factor)
             small = reach(step) < tolerance
-            early = small & (growth == 2.0) & (damping > undamped)  # perhaps small by damping only
+            early = small & (growth == 2.0) & (factor > undamped)  # perhaps small by damping only
             if early.any():
-                damping = np.where(early, undamped, damping)
-                step, promise = damped_step(here.normal, damping)
+                factor = np.where(early, undamped, factor)
+                step, promise = damped_step(here.normal, factor)
                 small = reach(step) < tolerance
             trial = move(here.state, step)
             if small.any():  # nothing to look at there
@@ -61,8 +61,8 @@ def descend(moments, move, state: State, iterations: int, tolerance: float = 1e-
                 here = there
             elif better.any():
                 here = there.where(better, here)
-            eased = damping * np.clip(1 - (2 * np.minimum(kept, 1) - 1) ** 3, 0.01, 2)
-            damping = np.clip(np.where(better, eased, damping * growth), undamped, 1e8)
+            eased = factor * np.clip(1 - (2 * np.minimum(kept, 1) - 1) ** 3, 0.01, 2)
+            factor = np.clip(np.where(better, eased, factor * growth), undamped, 1e8)
             growth = np.where(better, 2.0, 2 * growth)
     return here
 

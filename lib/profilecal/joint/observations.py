@@ -8,6 +8,7 @@ considered: the answer gives way to them as far as they are likely (Schmidt 1966
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -88,7 +89,7 @@ class Observations:
     def take(self, chosen) -> "Observations":
         """Some problems of a batch, by mask, index or slice."""
         given = {name: getattr(self, name) for name in ("R_flange", "T_flange", "points", "covariance")}
-        batch = {name: np.asarray(value) for name, value in given.items() if value is not None}
+        batch: dict[str, Any] = {name: np.asarray(value) for name, value in given.items() if value is not None}
         length = max(map(len, batch.values()))
         return replace(self, **{k: v[chosen] if len(v) == length else v for k, v in batch.items()})
 
@@ -151,7 +152,7 @@ class Perturbation:
     unit: float  # what the size is to be multiplied by, for the words
     prior: str = ""  # the entry of `Systematic` that says how large it can be
     points: Callable | None = None  # of points x and z (...): by how much both are wrong, mm
-    positions: Callable | None = None  # of flange positions (P, 3) in the base: by how much they are wrong, mm
+    positions: Callable = np.zeros_like  # of flange positions (P, 3) in the base: by how much they are wrong, mm
     length: str = ""  # of the target
 
 

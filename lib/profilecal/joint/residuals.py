@@ -65,9 +65,9 @@ class Residuals:
         origin, axes, r, force, torque = self._look(state, placement)
         B = len(state.rotation)
         rows = len(r)
-        z = np.empty((B, 7 + self.n + 6 * with_flange, self.m, rows, self.P))
+        by_point = np.empty((B, 7 + self.n + 6 * with_flange, self.m, rows, self.P))
         for k in range(rows):
-            column = z[:, :, :, k]
+            column = by_point[:, :, :, k]
             lever = cross(origin, force[k])
             for j in range(3):
                 column[:, j] = -force[k][j]
@@ -77,7 +77,7 @@ class Residuals:
             for j, axis in enumerate(self.free_turns, 6 + len(self.free_shifts)):
                 column[:, j] = dot(torque[k], axes[axis])
             column[:, 6 + self.n] = r[k]
-        z = z.reshape(B, -1, self.m * rows, self.P)
+        z = by_point.reshape(B, -1, self.m * rows, self.P)
         if with_flange:
             arm = state.translation[:, :, None] + (self.T_in_flange if self.eye_to_hand else 0)  # from flange to sensor
             arm = np.moveaxis(np.swapaxes(state.rotation, 1, 2) @ arm, 1, 0)[:, :, None]  # (3, B, 1, P)

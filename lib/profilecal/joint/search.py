@@ -119,7 +119,8 @@ def few_groups(observations: Observations, count: int) -> Observations:
 
 def distinct(state: State, count: int = KEPT) -> State:
     """At most `count` sensor poses of a batch, in order, without those that repeat an earlier one."""
-    repeats, kept = alike(state), []
+    repeats = alike(state)
+    kept: list[int] = []
     for i in range(len(repeats)):
         if not repeats[i, kept].any():
             kept.append(i)
