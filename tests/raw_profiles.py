@@ -32,19 +32,13 @@ def spoil(profiles, truth, rng):
     return profiles
 
 
-def edge_profiles(scene, specimen, scanner, rng):
-    """Raw profiles (G, N, points, 2), mm, of one scene whose edge is that of a specimen."""
+def edges(specimen, rng, groups=25, scanner=SCANNER):
+    """Profiles (P, n, 2) of a specimen, and its edge (P, 1, 2)."""
+    scene = edge_scenes(EdgePlan(groups=groups, spread_deg=20, frame="group", radius=15), Noise(), rng)
     rotation, origin = scan_planes(scene.R_sensor, scene.T_sensor, *actual_poses(scene.poses, Noise(), rng))
     away = rotation.mean(axis=(0, 1))[:, 2]
     outline = scene.edge.outline(specimen, rotation, origin, away)
-    return scanner.decode(scanner.count(outline, rng))
-
-
-def edges(specimen, rng, groups=25, scanner=SCANNER):
-    """Profiles (P, n, 2) of a specimen, and its edge (P, 1, 2)."""
-    plan = EdgePlan(groups=groups, spread_deg=20, frame="group", radius=15)
-    scene = edge_scenes(plan, Noise(), rng)
-    profiles = edge_profiles(scene, specimen, scanner, rng)
+    profiles = scanner.decode(scanner.count(outline, rng))
     return profiles.reshape(-1, scanner.points, 2), scene.points.reshape(-1, 1, 2)
 
 

@@ -95,10 +95,10 @@ def test_poses_without_a_measurement_are_left_out_and_named_by_scan():
 
 def test_several_targets_know_more_than_each():
     edge, disk = (simulate_scan(Spec(kind=kind, seed=6, title=kind)) for kind in ("edge", "disk"))
-    alone = [calibrate([scan]).solution.covariance for scan in (edge, disk)]
     together = calibrate([edge, disk])
-    for covariance in alone:
-        assert np.linalg.eigvalsh(covariance - together.solution.covariance).min() > -1e-12
+    for scan in (edge, disk):
+        more = calibrate([scan]).solution.covariance - together.solution.covariance
+        assert np.linalg.eigvalsh(more).min() > -1e-12
     assert squared_error(edge, together) < chi2.ppf(0.9999, 6)
     assert together.labels(rejected=False)[0] == "edge: g1p1"
     assert [target["kind"] for target in together.to_json()["target"]] == ["edge", "disk"]

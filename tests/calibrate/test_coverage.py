@@ -31,30 +31,6 @@ CASES = {
 }
 
 
-def spec(case, seed, position_mm=0.0):
-    noise = Noise(profile_mm=0.05, position_mm=position_mm)
-    return Spec(measured="profiles", seed=seed, noise=noise, **CASES[case])
-
-
-def normalised_square(scan, folder):
-    """The squared error of the printed pose over its printed covariance, from a scan folder."""
-    write_scan(scan, folder)
-    printed = json.loads(json.dumps(calibrate([read_scan(folder)]).to_json()))
-    return printed_square(printed, scan.truth)
-
-
-@pytest.mark.parametrize(("case", "position_mm"), [*((case, 0.0) for case in CASES), ("disk", 0.05)])
-def test_the_truth_lies_in_the_stated_region_of_raw_profiles(case, position_mm, tmp_path):
-    """Inside: as often as a binomial law allows, 1 in 10⁴ at either end. The sum of n squared errors follows χ² of 6 n
-    degrees of freedom: its bounds are narrower, and see regions that are too large, too."""
-    scans = [scan_of(spec(case, seed, position_mm)) for seed in range(SCANS)]
-    squares = np.array([normalised_square(s, tmp_path / str(i)) for i, s in enumerate(scans)])
-    inside = np.sum(squares < chi2.ppf(0.95, 6))
-    print(f"{case}: {inside} of {SCANS} inside, mean square {squares.mean():.2f} of 6")
-    assert inside >= binom.ppf(1e-4, SCANS, 0.95)
-    assert chi2.ppf(1e-4, 6 * SCANS) < squares.sum() < chi2.isf(1e-4, 6 * SCANS)
-
-
 ROBOTS = {
     "position and orientation": ({"position_mm": 0.05, "orientation_deg": 0.02}, {}),
     "five repeats": ({"position_mm": 0.05, "orientation_deg": 0.02}, {"repeats": 5}),
@@ -62,17 +38,34 @@ ROBOTS = {
 }
 
 
+def assert_held(scans, folder):
+    """By the printed covariance, from scan folders. Inside: as often as a binomial law allows, 1 in 10⁴ at either end.
+    The sum of n squared errors follows χ² of 6 n degrees of freedom: its bounds are narrower, and see regions that are
+    too large, too."""
+    squares = []
+    for k, scan in enumerate(scans):
+        write_scan(scan, folder / str(k))
+        printed = calibrate([read_scan(folder / str(k))]).to_json()
+        squares.append(printed_square(json.loads(json.dumps(printed)), scan.truth))
+    inside = np.sum(np.array(squares) < chi2.ppf(0.95, 6))
+    print(f"{folder.name}: {inside} of {SCANS} inside, mean square {np.mean(squares):.2f} of 6")
+    assert inside >= binom.ppf(1e-4, SCANS, 0.95)
+    assert chi2.ppf(1e-4, 6 * SCANS) < np.sum(squares) < chi2.isf(1e-4, 6 * SCANS)
+
+
+@pytest.mark.parametrize(("case", "position_mm"), [*((case, 0.0) for case in CASES), ("disk", 0.05)])
+def test_the_truth_lies_in_the_stated_region_of_raw_profiles(case, position_mm, tmp_path):
+    noise = Noise(profile_mm=0.05, position_mm=position_mm)
+    specs = [Spec(measured="profiles", seed=seed, noise=noise, **CASES[case]) for seed in range(SCANS)]
+    assert_held(map(scan_of, specs), tmp_path)
+
+
 @pytest.mark.parametrize("robot", ROBOTS)
 @pytest.mark.parametrize("kind", ["edge", "disk"])
 def test_the_truth_lies_in_the_stated_region_whatever_the_robot_does(kind, robot, tmp_path):
     """Nothing of the robot is stated. All cells of the kind: `tests/benchmarks/bench_uncertainty.py`."""
     errors, entries = ROBOTS[robot]
-    noise, exact = Noise(profile_mm=0.05, **errors), {field.name: 0.0 for field in fields(Systematic)}
-    squares = []
-    for seed in range(SCANS):
-        scan = scan_of(Spec(kind=kind, seed=seed, noise=noise, groups=15, positions=3, **entries))
-        stated = {"profile_mm": 0.05} | exact
-        squares.append(normalised_square(replace(scan, noise=stated), tmp_path / str(seed)))
-    print(f"{kind}, {robot}: mean square {np.mean(squares):.2f} of 6")
-    assert np.sum(np.array(squares) < chi2.ppf(0.95, 6)) >= binom.ppf(1e-4, SCANS, 0.95)
-    assert chi2.ppf(1e-4, 6 * SCANS) < np.sum(squares) < chi2.isf(1e-4, 6 * SCANS)
+    noise = Noise(profile_mm=0.05, **errors)
+    specs = [Spec(kind=kind, seed=k, noise=noise, groups=15, positions=3, **entries) for k in range(SCANS)]
+    stated = {"profile_mm": 0.05} | {field.name: 0.0 for field in fields(Systematic)}
+    assert_held([replace(scan_of(spec), noise=stated) for spec in specs], tmp_path)

@@ -23,30 +23,27 @@ def exact(solution, sensor, rounding=1e-12):
     return max(*off, solution.translation.accuracy / 100) < rounding
 
 
-@pytest.mark.parametrize("poses", [3, 4, 8])
-@pytest.mark.parametrize("pairs", ["consecutive", "first", "all"])
-def test_a_disk_without_noise_gives_the_answer_exactly(poses, pairs):
-    rng = np.random.default_rng(poses)
+def by_pairs(pairs):
+    return lambda *data: solve_disk(*data, pairs=pairs)
+
+
+EXACT = [  # how, and numbers of poses
+    *((by_pairs(pairs), scenes.disk_data, (n,)) for pairs in ("consecutive", "first", "all") for n in (3, 4, 8)),
+    *((lambda *data, k=n[0]: solve_ball(*data, k), scenes.ball_data, n) for n in ((3, 3), (4, 4), (6, 8))),
+    *((solve_fixed_point, scenes.point_data, (n,)) for n in (6, 10, 20)),
+]
+
+
+@pytest.mark.parametrize(("solve", "data", "poses"), EXACT)
+def test_without_noise_the_answer_is_exact(solve, data, poses):
+    rng = np.random.default_rng(poses[0])
     for _ in range(200):
-        sensor, data = scenes.disk_data(rng, poses)
-        assert exact(solve_disk(*data, pairs=pairs), sensor)
+        sensor, given = data(rng, *poses)
+        assert exact(solve(*given), sensor, 1e-10 if solve is solve_fixed_point else 1e-12)
 
 
-@pytest.mark.parametrize(("translating", "turning"), [(3, 3), (4, 4), (6, 8)])
-def test_a_ball_without_noise_gives_the_answer_exactly(translating, turning):
-    rng = np.random.default_rng(translating)
-    for _ in range(200):
-        sensor, (R, T, q) = scenes.ball_data(rng, translating, turning)
-        assert exact(solve_ball(R, T, q, translating), sensor)
-
-
-@pytest.mark.parametrize("poses", [6, 10, 20])
-def test_a_point_without_noise_gives_the_answer_exactly_and_the_ball_s_steps_the_same(poses):
-    rng = np.random.default_rng(poses)
-    for _ in range(200):
-        sensor, data = scenes.point_data(rng, poses)
-        assert exact(solve_fixed_point(*data), sensor, 1e-10)
-    sensor, data = scenes.point_data(rng, 9, translating=4)
+def test_the_ball_s_steps_and_the_fixed_point_s_give_the_same():
+    sensor, data = scenes.point_data(np.random.default_rng(9), 9, translating=4)
     assert exact(solve_fixed_point(*data), sensor, 1e-10)
     assert exact(solve_ball(*data, 4), sensor)
 

@@ -1,4 +1,4 @@
-"""Straight runs of a profile, from either end."""
+"""Straight runs of a profile."""
 
 import numpy as np
 import pytest
@@ -15,15 +15,3 @@ def test_a_run_goes_on_behind_a_gap_and_spikes():
     assert len(run.rows) == 400 - 3 - 60
     assert run.length == pytest.approx(np.hypot(40, 12), abs=1e-9)
     np.testing.assert_allclose(run.direction, np.array([1, 0.3]) / np.hypot(1, 0.3), atol=1e-12)
-
-
-def test_a_run_is_the_same_from_its_other_end():
-    profile = np.column_stack([np.linspace(0, 40, 400), np.random.default_rng(1).normal(100, 0.05, 400)])
-    ((run,), _) = straight_runs(profile)
-    other = run.reversed()
-    np.testing.assert_array_equal(other.points, run.points[::-1])
-    np.testing.assert_array_equal(other.along, -run.along[::-1])
-    np.testing.assert_array_equal(other.direction, -run.direction)
-    ((seen,), _) = straight_runs(profile[::-1])
-    np.testing.assert_array_equal(seen.rows, other.rows)
-    np.testing.assert_allclose(seen.off, other.off, rtol=0, atol=1e-12)

@@ -12,6 +12,7 @@ from profilecal.report import calibration, pictures
 from profilecal.simulate.spec import Spec, simulate_scan
 
 EDGE = Spec(groups=8, positions=6, seed=3, title="A <bar> & more", convention="KUKA angles", noise=Noise(0.03))
+plt.switch_backend("agg")  # which needs no screen
 PARTS = ("verdict", "answer", "rejected_table")
 
 

@@ -55,10 +55,7 @@ def test_every_convention_goes_in_and_out_and_means_its_formula(convention):
     ("columns", "sentence"),
     [
         (["rx", "ry", "rz", "w", "p", "r"], "a, b, c; w, p, r; .*; found rotation vector and FANUC angles"),
-        (
-            ["qx", "qy", "qz"],
-            "one block of orientation columns, .*; found none among pose, x, y, z, qx, qy, qz",
-        ),
+        (["qx", "qy", "qz"], "one block of orientation columns, .*; found none among pose, x, y, z, qx, qy, qz"),
     ],
 )
 def test_unclear_columns_are_refused(columns, sentence):

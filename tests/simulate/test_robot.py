@@ -18,7 +18,7 @@ def points(kind="edge", **entries):
     return np.concatenate(scan.values), scan
 
 
-def test_repeats_share_the_error_of_their_pose():
+def test_repeats_share_the_error_of_their_pose_and_not_the_noise_of_the_scanner():
     noise = Noise(position_mm=0.5)
     seen, scan = points(noise=noise, repeats=3)
     once, _ = points(noise=noise)
@@ -26,11 +26,8 @@ def test_repeats_share_the_error_of_their_pose():
     np.testing.assert_array_equal(scan.T_base_flange[::3], scan.T_base_flange[2::3])
     assert scan.labels[:4] == ("g1p1m1", "g1p1m2", "g1p1m3", "g1p2m1")
     assert scan.group.tolist() == np.repeat([0, 1, 2], 12).tolist()
-
-
-def test_repeats_do_not_share_the_noise_of_the_scanner():
-    seen, _ = points(noise=Noise(profile_mm=0.1), repeats=2)
-    assert np.abs(seen[::2] - seen[1::2]).min() > 0
+    noisy, _ = points(noise=Noise(profile_mm=0.1), repeats=2)
+    assert np.abs(noisy[::2] - noisy[1::2]).min() > 0
 
 
 def test_a_drift_grows_from_the_first_pose_to_the_last():

@@ -92,14 +92,6 @@ def test_a_fit_to_its_points_is_the_target(kind):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_frame_makes_the_target_and_the_target_its_frame(kind):
-    scene = random_scene(kind, np.random.default_rng(11))
-    again = TARGETS[kind].at(*scene.target.frame, TARGETS[kind].sizes)
-    for name, value in vars(scene.target).items():
-        np.testing.assert_allclose(vars(again)[name], value, atol=1e-12)
-
-
-@pytest.mark.parametrize("kind", KINDS)
 def test_its_lines_lie_on_it(kind):
     """A point's cross reaches 10 mm from it."""
     scene = random_scene(kind, np.random.default_rng(12))
