@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Final, Literal
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -13,7 +14,7 @@ from profilecal.joint.observations import Observations, State
 from profilecal.joint.problem import Fit, Problem
 
 POSES = 40  # the search looks at that many
-GRID = "I"  # scipy's name for 60 rotations: any rotation is within 45° of one of them
+GRID: Final = "I"  # scipy's name for 60 rotations: any rotation is within 45° of one of them
 HOPELESS = 100.0  # times the noise, or the best loss
 KEPT = 6  # starts that all poses are looked at from
 
@@ -38,7 +39,7 @@ def search(observations: Sequence[Observations], noise: Noise, starts=()) -> Sta
     return distinct(found.state[found.loss < HOPELESS * max(found.loss[0], count)])
 
 
-def started(grid: str, starts) -> tuple[np.ndarray, np.ndarray]:
+def started(grid: Literal["I", "T"], starts) -> tuple[np.ndarray, np.ndarray]:
     """Sensor poses (B, 3, 3), (B, 3): the starts, and those of a grid, at the flange."""
     rotation = Rotation.create_group(grid).as_matrix()
     R, T = [R for R, _ in starts], [T for _, T in starts]
