@@ -1,7 +1,9 @@
 """From a scan folder to the answer, through the command line where the contract is the command line's."""
 
 import json
+import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,24 +19,9 @@ from profilecal.scan.folder import write_scan
 from profilecal.scan.scan import ScanError
 from profilecal.simulate.spec import WIDE, Spec, simulate_scan
 
-KEYS = [
-    "status",
-    "T_flange_sensor",
-    "covariance",
-    "covariance_total",
-    "translation_sd_mm",
-    "rotation_sd_deg",
-    "rms_mm",
-    "chi2_per_dof",
-    "noise_mm",
-    "noise_source",
-    "poses_used",
-    "poses_rejected",
-    "observability",
-    "method",
-    "target",
-    "messages",
-]
+README = (Path(__file__).parents[2] / "data" / "README.md").read_text(encoding="utf-8")
+FIRST_COLUMN = re.findall(r"^\| (`.*?`) \|", README.partition("## What comes back")[2], re.M)
+KEYS = re.findall(r"`(\w+)`", " ".join(FIRST_COLUMN))  # as promised, in this order
 
 
 @pytest.mark.parametrize("kind", ["edge", "disk", "point", "ball"])

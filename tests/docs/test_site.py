@@ -93,17 +93,11 @@ def server():
 def test_a_browser_complains_of_nothing(name, server, tmp_path):
     """No request elsewhere (no name but this machine's resolves), none that fails, no error in the console."""
     address, missed = server
-    options = [
-        "--headless",
-        "--no-sandbox",
-        "--disable-gpu",
-        f"--user-data-dir={tmp_path}",
-        "--virtual-time-budget=20000",
-    ]
-    options += ["--host-resolver-rules=MAP * ~NOTFOUND , EXCLUDE 127.0.0.1", "--enable-logging=stderr", "--dump-dom"]
-    done = subprocess.run(
-        [BROWSER, *options, f"{address}/{name}"], capture_output=True, text=True, timeout=120, check=True
-    )
+    options = ["--headless", "--no-sandbox", "--disable-gpu", "--dump-dom", "--enable-logging=stderr"]
+    options += [f"--user-data-dir={tmp_path}", "--virtual-time-budget=20000"]
+    options += ["--host-resolver-rules=MAP * ~NOTFOUND , EXCLUDE 127.0.0.1"]
+    command = [BROWSER, *options, f"{address}/{name}"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
     complaints = [line for line in done.stderr.splitlines() if "CONSOLE" in line]
     assert not complaints
     assert not [path for path in missed if path != "/favicon.ico"]

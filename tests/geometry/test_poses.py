@@ -4,17 +4,13 @@ from scipy.spatial.transform import Rotation
 from profilecal.geometry import poses
 
 
-def test_angles_mean_rz_ry_rx():
-    a, b, c = np.random.default_rng(1).uniform(-np.pi, np.pi, (3, 4, 50))
-    x, y, z = (poses.rotations(angle[..., None] * axis) for angle, axis in zip((a, b, c), np.eye(3), strict=True))
-    np.testing.assert_allclose(poses.rotation_from_xyz_angles(np.stack([a, b, c], axis=-1)), z @ y @ x, atol=1e-15)
-
-
-def test_angles_come_back():
-    rng = np.random.default_rng(2)
+def test_angles_mean_rz_ry_rx_and_come_back():
+    rng = np.random.default_rng(1)
     angles = rng.uniform([0, -1.5, -3], [2 * np.pi, 1.5, 3], (4, 50, 3))
-    back = poses.xyz_angles_from_rotation(poses.rotation_from_xyz_angles(angles))
-    np.testing.assert_allclose(back, angles, atol=1e-13)
+    x, y, z = (poses.rotations(angles[..., [k]] * axis) for k, axis in enumerate(np.eye(3)))
+    matrices = poses.rotation_from_xyz_angles(angles)
+    np.testing.assert_allclose(matrices, z @ y @ x, atol=1e-15)
+    np.testing.assert_allclose(poses.xyz_angles_from_rotation(matrices), angles, atol=1e-13)
 
 
 def test_nearest_rotation_is_proper_and_nearer_than_any_other():
