@@ -9,6 +9,8 @@ from profilecal.joint.observations import normalised_square, pose_error
 from profilecal.scan.scan import Scan
 from profilecal.simulate.spec import Spec, simulate_scan
 
+EXACT_SCANNER = dict.fromkeys(("scale_percent", "shear_percent", "bend_mm", "tolerance_mm"), 0.0)  # and target
+
 
 def once(function):
     """A function of a specification that remembers its answers, by the specification's text: it may hold a dict."""

@@ -1,6 +1,7 @@
 """Rooms import only from the rooms before them, and the library imports without heavy company."""
 
 import ast
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -8,21 +9,8 @@ from pathlib import Path
 import profilecal
 
 PACKAGE = Path(profilecal.__file__).parent
-# in reading order, as in CONTRIBUTING's "Layout": a room imports from itself and from rooms before it
-ROOMS = (
-    "geometry",
-    "profiles",
-    "targets",
-    "scan",
-    "joint",
-    "closed_form",
-    "simulate",
-    "calibrate",
-    "plan",
-    "papers",
-    "running",
-)
-ROOMS += ("report", "cli")
+CONTRIBUTING = (Path(__file__).parents[1] / "CONTRIBUTING.md").read_text(encoding="utf-8")
+ROOMS = re.findall(r"^\| `(\w+)` \|", CONTRIBUTING, re.M)  # in reading order, as its "Layout" lists them
 
 
 def imported_rooms(path):

@@ -25,7 +25,7 @@ import numpy as np
 import pandas as pd
 from bench import at_most
 from scipy.stats import binom, chi2
-from simulated import printed_square
+from simulated import EXACT_SCANNER, printed_square
 from tqdm import tqdm
 
 from profilecal.calibrate.calibration import calibrate
@@ -37,7 +37,6 @@ OUTPUT = Path(__file__).parents[2] / "results" / "uncertainty.csv"
 KINDS = ("edge", "disk", "ball", "plane", "rod")
 BESIDE = {"edge": "plane", "disk": "edge", "ball": "edge", "plane": "edge", "rod": "plane"}  # the second target
 PROFILE_MM = 0.05
-EXACT_SCANNER = {"scale_percent": 0.0, "shear_percent": 0.0, "bend_mm": 0.0, "tolerance_mm": 0.0}
 BOTH = {"position_mm": 0.05, "orientation_deg": 0.02}
 SHARED = {"group_position_mm": 0.05, "group_orientation_deg": 0.01}
 SITUATIONS = {  # the robot's errors, and what else there is to say of the scan

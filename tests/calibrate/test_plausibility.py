@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.stats import binom, chi2
-from simulated import calibration_of, error_of, squared_error, truth_of
+from simulated import EXACT_SCANNER, calibration_of, error_of, squared_error, truth_of
 
 from profilecal.calibrate.calibration import calibrate
 from profilecal.geometry.noise import FALSE_ALARM, Noise
@@ -45,7 +45,6 @@ def steps(scan):
     return np.linspace(0, 1, len(scan.labels))[:, None]
 
 
-SCANNER = ("scale_percent", "shear_percent", "bend_mm", "tolerance_mm")
 WRONG = {
     "edge scale": (
         "edge",
@@ -96,7 +95,7 @@ def test_a_scanner_and_a_target_as_they_may_be_are_allowed_for(kind):
     assert found.status == "ok"
     assert distance(scan, found)[0] < np.sqrt(chi2.isf(1e-4, 6))
     assert found.solution.rms_mm < 1.1 * calibrate([example(kind)]).solution.rms_mm  # what they explain is no residual
-    exact = calibrate([replace(scan, noise=scan.noise | dict.fromkeys(SCANNER, 0.0))])
+    exact = calibrate([replace(scan, noise=scan.noise | EXACT_SCANNER)])
     assert distance(scan, exact)[0] > distance(scan, found)[0]
 
 

@@ -67,10 +67,15 @@ def test_one_pose_determines_nothing():
         verify(scan, np.array(scan.truth["T_flange_sensor"]), np.diag(np.full(6, 1e-4)), 0.05)
 
 
+def held_against_the_ball(found, folder):
+    """What `verify` says of the scan there named so, with what `calibrate` printed."""
+    (folder / "T.json").write_text(json.dumps(found))
+    return run("verify", folder / "ball", "--with", folder / "T.json")
+
+
 def test_the_scan_that_the_pose_is_from_cannot_verify_it(tmp_path):
     write_scan(replace(scan_of(Spec(kind="ball", seed=5)), title="mine"), tmp_path / "ball")
-    (tmp_path / "T.json").write_text(run("calibrate", tmp_path / "ball", "--json").output)
-    result = run("verify", tmp_path / "ball", "--with", tmp_path / "T.json")
+    result = held_against_the_ball(json.loads(run("calibrate", tmp_path / "ball", "--json").output), tmp_path)
     assert result.exit_code == 2
     assert result.output == "profilecal: mine: the pose was found from this very scan; expected another\n"
 
@@ -82,13 +87,11 @@ def test_verify_reads_what_calibrate_printed(old, tmp_path):
     found = json.loads(run("calibrate", tmp_path / "edge", "--json").output)
     if old:
         del found["covariance_total"]
-    (tmp_path / "T.json").write_text(json.dumps(found))
-    result = run("verify", tmp_path / "ball", "--with", tmp_path / "T.json")
+    result = held_against_the_ball(found, tmp_path)
     assert result.exit_code == 0, result.output
     assert "from a sphere" in result.output
     found["T_flange_sensor"] = wrong_by(np.array(found["T_flange_sensor"]), [0, 0, 2], [0, 0, 0]).tolist()
-    (tmp_path / "T.json").write_text(json.dumps(found))
-    result = run("verify", tmp_path / "ball", "--with", tmp_path / "T.json")
+    result = held_against_the_ball(found, tmp_path)
     assert result.exit_code == 1
     assert "most apart     translation along" in result.output
 
@@ -114,8 +117,7 @@ def test_verify_refuses_what_is_no_pose(wrong, tmp_path):
     change, why = WRONG[wrong]
     found = calibration_of(Spec(kind="ball", seed=5))
     write_scan(found.scans[0], tmp_path / "ball")
-    (tmp_path / "T.json").write_text(json.dumps(change(found.to_json())))
-    result = run("verify", tmp_path / "ball", "--with", tmp_path / "T.json")
+    result = held_against_the_ball(change(found.to_json()), tmp_path)
     assert result.exit_code == 2
     assert why in result.output
     assert "T.json" in result.output

@@ -15,7 +15,7 @@ WRONG = [
     (
         "edge",
         lambda o: {"covariance": np.ones((12, 3, 3))},
-        r"covariance has shape \(12, 3, 3\); expected \(..., 12, 2, 2",
+        r"covariance has shape \(12, 3, 3\); expected \(..., 12, 2, 2\)",
     ),
     ("point", lambda o: {"covariance": np.ones((4, 2, 2))}, "a point has no covariance of its own"),
     ("ball", lambda o: {"kind": "cone"}, "kind is 'cone'; expected one of edge"),

@@ -5,7 +5,6 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from many_scenes import assert_exact, mount_of
 from scipy.stats import chi2
 from simulated import squared_error, truth_of
 
@@ -13,16 +12,12 @@ from profilecal.calibrate.calibration import calibrate
 from profilecal.calibrate.check import check
 from profilecal.calibrate.summary import to_text
 from profilecal.calibrate.verify import verify
-from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import cross
-from profilecal.joint.observations import pose_error
-from profilecal.joint.solve import solve
 from profilecal.profiles.edges import crossing, crossing_covariance
 from profilecal.profiles.points import Feature, mask, nothing
 from profilecal.profiles.runs import Run, straight_runs
 from profilecal.report import pictures
 from profilecal.scan.folder import read_scan, write_scan
-from profilecal.simulate.scene import random_scene
 from profilecal.simulate.spec import Spec, read_spec, simulate_scan
 from profilecal.targets import TARGETS
 from profilecal.targets.edge import Edge
@@ -130,15 +125,6 @@ def groove_in(profile) -> Feature:
 @pytest.fixture(autouse=True)
 def known(monkeypatch):
     monkeypatch.setitem(TARGETS, "groove", Groove)
-
-
-def test_noise_free_it_is_exact():
-    rng = np.random.default_rng(1)
-    for _ in range(10):
-        scene = random_scene("groove", rng)
-        found = solve([scene.observations], Noise(0.05))
-        assert_exact(pose_error(found.rotation, found.translation, *mount_of(scene)))
-        assert found.observability.parameters == 6 + 5
 
 
 def test_from_raw_profiles_in_a_folder_to_an_answer_with_its_report(tmp_path):
