@@ -1,5 +1,7 @@
 """Disk, ball and fixed point, from their sensing data: exact without noise, refused in words where nothing follows."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 import sensing_data as scenes
@@ -23,12 +25,9 @@ def exact(solution, sensor, rounding=1e-12):
     return max(*off, solution.translation.accuracy / 100) < rounding
 
 
-def by_pairs(pairs):
-    return lambda *data: solve_disk(*data, pairs=pairs)
-
-
+PAIRS = "consecutive", "first", "all"
 EXACT = [  # how, and numbers of poses
-    *((by_pairs(pairs), scenes.disk_data, (n,)) for pairs in ("consecutive", "first", "all") for n in (3, 4, 8)),
+    *((partial(solve_disk, pairs=pairs), scenes.disk_data, (n,)) for pairs in PAIRS for n in (3, 4, 8)),
     *((lambda *data, k=n[0]: solve_ball(*data, k), scenes.ball_data, n) for n in ((3, 3), (4, 4), (6, 8))),
     *((solve_fixed_point, scenes.point_data, (n,)) for n in (6, 10, 20)),
 ]

@@ -12,7 +12,7 @@ from profilecal.calibrate.plausibility import of_robot
 from profilecal.geometry.noise import ROBOT, Noise, Systematic
 from profilecal.geometry.poses import inverse, rotations
 from profilecal.joint.descent import refine
-from profilecal.joint.linear_model import Linearised, LinearModel, compress, marginal, score
+from profilecal.joint.linear_model import Linearised, LinearModel, marginal, score
 from profilecal.joint.observations import of_scanner, of_target
 from profilecal.joint.pose_groups import PoseGroups
 from profilecal.joint.problem import Problem
@@ -153,18 +153,6 @@ def test_a_score_is_one_step_of_a_model_with_one_more_unknown():
         np.testing.assert_allclose(alone + moves[:, k] * sizes[k], mean[:n], rtol=1e-8)
         information = with_one.T @ W @ with_one + block_diag(known, 0)
         np.testing.assert_allclose(np.linalg.inv(marginal(information, n)), covariance[:n, :n], rtol=1e-8)
-
-
-def test_compressed_rows_say_the_same_of_the_flange():
-    rng = np.random.default_rng(2)
-    E, Y = rng.normal(size=(4, 9, 3)) @ rng.normal(size=(3, 6)), rng.normal(size=(4, 9, 5))
-    few, rows, rest = compress(E, Y)
-    assert few.shape == (4, 3, 6)
-    both = (np.swapaxes(few, 1, 2) @ np.concatenate([few, rows], axis=2), np.swapaxes(rows, 1, 2) @ rows + rest)
-    for found, expected in zip(
-        both, (np.swapaxes(E, 1, 2) @ np.concatenate([E, Y], axis=2), np.swapaxes(Y, 1, 2) @ Y), strict=True
-    ):
-        np.testing.assert_allclose(found, expected, atol=1e-9)
 
 
 def erring(seen, error, h: float):

@@ -7,13 +7,13 @@ import re
 import shutil
 from contextlib import suppress
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from command import edited, run
 from corruptions import CORRUPTIONS
-from real_scans import real_scan
 from scipy.spatial.transform import Rotation
 
 from profilecal.calibrate.calibration import calibrate
@@ -320,11 +320,7 @@ MISTAKES = {
         lambda f: None,
         "poses.json: 6 columns, 1, 2, .*; say what they are, .*--pose-columns .*; w,p,r",
     ),
-    "half": (
-        csv,
-        edited("robot.csv", "Alpha [°]", "tilt"),
-        "found none among .*tilt, beta.*--pose-columns",
-    ),
+    "half": (csv, edited("robot.csv", "Alpha [°]", "tilt"), "found none among .*tilt, beta.*--pose-columns"),
     "two units": (
         csv,
         edited("robot.csv", "Y [mm]", "Y [m]"),
@@ -395,6 +391,15 @@ def test_corrupted_files_give_a_sentence_or_a_scan(tmp_path):
         with suppress(ScanError):
             import_scan(folder, "edge", {}, SAID.get(name, Layout()))
         shutil.rmtree(folder)
+
+
+def real_scan(name, entry=""):
+    """ "edge", or "sphere", of HandEyeSync, where a user has it (data/README.md); `entry`: such as "feature_point"."""
+    folder = os.environ.get("PROFILECAL_REAL_DATA")
+    if not folder:
+        pytest.skip("the measurements of HandEyeSync are not here: PROFILECAL_REAL_DATA is not set")
+    kind, sizes = ("edge", {}) if name == "edge" else ("ball", {"radius": 40.0})
+    return import_scan(Path(folder) / "handeyesync" / name, kind, sizes, Layout(entry=entry))[0]
 
 
 @pytest.mark.parametrize(("name", "shape", "largest_mm"), [("edge", "corner", 0.15), ("sphere", "arc", 0.25)])
