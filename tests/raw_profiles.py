@@ -32,14 +32,13 @@ def spoil(profiles, truth, rng):
     return profiles
 
 
-def edges(specimen, rng, groups=25, scanner=SCANNER):
+def edges(specimen, rng, groups=25):
     """Profiles (P, n, 2) of a specimen, and its edge (P, 1, 2)."""
     scene = edge_scenes(EdgePlan(groups=groups, spread_deg=20, frame="group", radius=15), Noise(), rng)
     rotation, origin = scan_planes(scene.R_sensor, scene.T_sensor, *actual_poses(scene.poses, Noise(), rng))
     away = rotation.mean(axis=(0, 1))[:, 2]
     outline = scene.edge.outline(specimen, rotation, origin, away)
-    profiles = scanner.decode(scanner.count(outline, rng))
-    return profiles.reshape(-1, scanner.points, 2), scene.points.reshape(-1, 1, 2)
+    return scan(outline, rng).reshape(-1, SCANNER.points, 2), scene.points.reshape(-1, 1, 2)
 
 
 def scan(outlines, rng):

@@ -27,16 +27,6 @@ SPECS = [
 ]
 
 
-def printed(R, name):
-    return from_rotations(named(name), R)
-
-
-def taken_for(scan, name, block):
-    """Columns of the convention of that name that hold this block."""
-    R = to_rotations(named(name), block)
-    return replace(scan, R_base_flange=R, convention=name, orientation=block)
-
-
 def inverted(scan):
     R, T = inverse(scan.R_base_flange, scan.T_base_flange)
     return replace(scan, R_base_flange=R, T_base_flange=T)
@@ -48,7 +38,12 @@ def on_another_mount(scan):
 
 def misread(name, printed_as, change=lambda block: block):
     """Orientations printed in one convention, changed, and read in another."""
-    return lambda scan: taken_for(scan, name, change(printed(scan.R_base_flange, printed_as)))
+
+    def wrong(scan):
+        block = change(from_rotations(named(printed_as), scan.R_base_flange))
+        return replace(scan, R_base_flange=to_rotations(named(name), block), convention=name, orientation=block)
+
+    return wrong
 
 
 WRONG = {

@@ -94,7 +94,7 @@ def test_a_scanner_and_a_target_as_they_may_be_are_allowed_for(kind):
     found = calibrate([scan])
     assert found.status == "ok"
     assert distance(scan, found)[0] < np.sqrt(chi2.isf(1e-4, 6))
-    assert found.solution.rms_mm < 1.1 * calibrate([example(kind)]).solution.rms_mm  # what they explain is no residual
+    assert found.solution.rms_mm < 1.1 * calibrated_example(kind).solution.rms_mm  # what they explain is no residual
     exact = calibrate([replace(scan, noise=scan.noise | EXACT_SCANNER)])
     assert distance(scan, exact)[0] > distance(scan, found)[0]
 
