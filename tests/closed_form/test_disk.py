@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from profilecal.closed_form.disk import solve_disk, solve_disk_from_chords
+from profilecal.closed_form.disk import sensing_data, solve_disk, solve_disk_from_chords
 from profilecal.geometry.checks import UnobservableError
 from profilecal.geometry.poses import angle_between, nearest_rotation, rotation_from_xyz_angles
 from profilecal.papers import published
@@ -83,6 +83,18 @@ def scans():
 
 def noisy(scans, sigma=0.1, m=60):
     return scans.tips(m) + np.random.default_rng(3).normal(0, sigma, (4, m, 2, 2))
+
+
+def test_the_published_heights_are_where_the_first_and_last_chord_meet_the_line_of_middles(scans):
+    """They lean against the mean chord when there is noise."""
+    tips = noisy(scans)
+    found = sensing_data(tips, scans.T_start, scans.T_end, scans.s, scans.disk.radius, "published")
+    x, z = found.direction.T
+    frame = np.array([[x, -z], [z, x]]).transpose(2, 0, 1)  # the rotated one, in columns
+    first, second = np.moveaxis(tips[:, [0, -1]] @ frame[:, None], 2, 0)
+    to_e, along = found.e[:, 3:] - first, second - first
+    np.testing.assert_allclose(to_e[..., 0] * along[..., 1], to_e[..., 1] * along[..., 0], atol=1e-9)
+    assert np.abs(along[..., 1]).min() > 1e-3
 
 
 @pytest.mark.parametrize("wrong", [[0], [1], [2], [3], [0, 2], [0, 1, 2, 3]], ids=str)
