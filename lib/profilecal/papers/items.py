@@ -192,7 +192,7 @@ def as_list(item: Item) -> pd.DataFrame:
         over = f"{row.over_tolerance:.2f}" if over == "1" else over  # inside or outside, by a little
         unit = "" if row.unit == "1" else row.unit
         lines.append([name, *numbers, unit, over, item.verdict(row), row.why])
-    columns = ["quantity", "published", "ours", "difference", "unit", "over tolerance", "verdict", "why"]
+    columns = ["quantity", "published", "ours", "difference", "unit", "difference / tolerance", "verdict", "why"]
     frame = pd.DataFrame(lines, columns=columns)
     return frame if frame["why"].any() else frame.drop(columns="why")
 
