@@ -10,6 +10,7 @@ from scipy.stats import binom, chi2
 from simulated import EXACT_SCANNER, calibration_of, error_of, squared_error, truth_of
 
 from profilecal.calibrate.calibration import calibrate
+from profilecal.calibrate.plausibility import Finding, accusation
 from profilecal.geometry.noise import FALSE_ALARM, Noise
 from profilecal.scan.folder import read_scan
 from profilecal.simulate.spec import Spec, simulate_scan
@@ -156,3 +157,9 @@ def test_eye_to_hand_drifts_are_named_too():
     scan = simulate_scan(Spec(kind="disk", mount="eye-to-hand", seed=5))
     found = calibrate([moved(scan, [0, 0, 0.5] * steps(scan))])
     assert any("drifted along the base's z by 0." in message for message in found.messages), found.messages
+
+
+def test_an_accusation_names_the_largest_shift_and_its_turn():
+    moves = np.array([[3.0, 0, 4, 0, 0.01, 0], [0, 1, 0, 9, 0, 0]])
+    said = accusation([Finding("it is {:.2g} mm wrong", 0.1, 7.0, row, 2) for row in moves])
+    assert "(7 standard deviations), which would move the sensor by up to 5 mm and 0.57°" in said

@@ -10,7 +10,7 @@ from scipy.stats import binom, chi2, norm, t
 
 from profilecal.geometry.noise import Noise
 from profilecal.joint.descent import refine
-from profilecal.joint.error_sizes import average, draw, growth, likeliest, normalised
+from profilecal.joint.error_sizes import average, draw, growth, likeliest, normalised, t_points
 from profilecal.joint.prior import FREEDOM, USUAL, Prior
 from profilecal.joint.problem import Problem
 from profilecal.simulate.poses import actual_poses, scan_planes
@@ -132,3 +132,9 @@ def test_a_region_holds_over_all_sizes():
     sizes = np.where(rng.random(40_000) < weight[0], 1.0, 4.0)
     square = np.sum((sizes[:, None] * rng.normal(size=(40_000, 6))) ** 2, axis=1) / covariance[0, 0]
     assert binom.ppf(1e-3, 40_000, 0.01) < np.sum(square > chi2.ppf(0.99, 6)) < binom.isf(1e-3, 40_000, 0.01)
+
+
+def test_points_of_the_t_law_stand_on_either_side_alike():
+    z = t_points(3, 32)
+    np.testing.assert_array_equal(np.sign(z), -np.sign(z[::-1]))
+    np.testing.assert_allclose(np.median(np.abs(t_points(1, 4096))), t.ppf(0.75, 4), rtol=0.01)
