@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from profilecal.closed_form.disk import _bend, sensing_data, solve_disk, solve_disk_from_chords
+from profilecal.closed_form.disk import sensing_data, solve_disk, solve_disk_from_chords
 from profilecal.geometry.checks import UnobservableError
 from profilecal.geometry.poses import angle_between, nearest_rotation, rotation_from_xyz_angles
 from profilecal.papers import published
@@ -162,14 +162,3 @@ def test_malformed_chords_are_refused_in_a_sentence(scans, change, sentence):
 def test_standing_still_is_refused(scans):
     with pytest.raises(ValueError, match=r"T_start\[0\] and T_end\[0\] are the same"):
         solve(scans, T_end=scans.T_start)
-
-
-def test_chords_bend_alike_however_they_lie_in_the_scan_plane():
-    rng, heights, turn = (
-        np.random.default_rng(4),
-        np.linspace(-30, 10, 40),
-        Rotation.from_euler("z", 0.4).as_matrix()[:2, :2],
-    )
-    half = np.sqrt(40**2 - heights**2) + 0.1 * rng.normal(size=40)
-    tips = np.stack([np.column_stack([side * half, heights]) for side in (-1, 1)], axis=1)
-    np.testing.assert_allclose(_bend(tips @ turn.T, turn[:, 0]), _bend(tips, np.array([1.0, 0.0])))
