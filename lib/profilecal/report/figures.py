@@ -86,7 +86,7 @@ def plot_changes(parts: dict, size: float, of: str, met: str) -> plt.Figure:
     axes.axhspan(-1, 1, color="0.92", zorder=0)
     axes.axhline(0, color="0.6", lw=0.8)
     axes.set(xlabel=of, ylabel="change [half units]", ylim=(-1.4, 1.4), xticks=[])
-    axes.set_title(f"No number changes by more than {size:.1f} half units; {met}", pad=12)
+    axes.set_title(f"The largest change is {size:.1f} half units; {met}", pad=12)
     return figure
 
 
@@ -131,11 +131,10 @@ def noise_curves(axes, m, sigma_mm, e) -> None:
     """Draw e (k, l) over m (l,), one curve for each sigma_mm (k,), named at its right end."""
     sigma_mm, e = np.asarray(sigma_mm), np.asarray(e)
     shades = plt.get_cmap("viridis")(np.linspace(0, 0.85, len(sigma_mm)))
-    level = np.average(e[:, -3:].mean(axis=1) / sigma_mm, weights=sigma_mm)  # evenly spaced names do not collide
     for sigma, curve, shade in zip(sigma_mm, e, shades, strict=True):
         axes.plot(m, curve, color=shade, lw=1.5)
-        place = m[-1], level * sigma
-        axes.annotate(f"{sigma:.3g}", place, (5, 0), textcoords="offset points", va="center", color=shade, fontsize=9)
+        place = m[-1], curve[-1]
+        axes.annotate(f"{sigma:.3g}", place, (5, 0), textcoords="offset points", va="center", color=shade, fontsize=8)
     axes.annotate("σ [mm]", place, (5, 10), textcoords="offset points", fontsize=9)
 
 
