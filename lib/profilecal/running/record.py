@@ -21,24 +21,20 @@ def record(table=None, /, **values) -> None:
     display({"text/plain": f"recorded: {', '.join(rows[0])}", MIME: json.dumps(rows, default=_plain)}, raw=True)
 
 
-def at_defaults(names: dict | None = None, /, **defaults) -> bool:
-    """Whether a notebook's parameters are those that its findings are asserted for.
+def at_defaults() -> bool:
+    """Whether a notebook's parameters are those that its findings are asserted for: those of the cell tagged
+    `parameters` in its file, which stands in the working folder and is called as its `results` say. No file, no
+    findings."""
+    from IPython import get_ipython
 
-    Without arguments: those of the cell tagged `parameters` in the notebook's file, which stands in the working folder
-    and is called as its `results` say; no file, no findings. Otherwise `defaults`, among `names`, its `globals()`.
-    """
-    if names is None:
-        from IPython import get_ipython
-
-        names = get_ipython().user_ns
-        file = Path(f"{names['results'].notebook}.ipynb")
-        if not file.exists():
-            return False
-        cells = json.loads(file.read_text(encoding="utf-8"))["cells"]
-        (source,) = (cell["source"] for cell in cells if "parameters" in cell["metadata"].get("tags", []))
-        entries = [entry for entry in ast.parse("".join(source)).body if isinstance(entry, ast.AnnAssign)]
-        defaults = {entry.target.id: ast.literal_eval(entry.value) for entry in entries}
-        del defaults["results_dir"]
+    names = get_ipython().user_ns
+    file = Path(f"{names['results'].notebook}.ipynb")
+    if not file.exists():
+        return False
+    cells = json.loads(file.read_text(encoding="utf-8"))["cells"]
+    (source,) = (cell["source"] for cell in cells if "parameters" in cell["metadata"].get("tags", []))
+    entries = [entry for entry in ast.parse("".join(source)).body if isinstance(entry, ast.AnnAssign)]
+    defaults = {entry.target.id: ast.literal_eval(entry.value) for entry in entries if entry.target.id != "results_dir"}
     return all(names[name] == value for name, value in defaults.items())
 
 
