@@ -126,7 +126,7 @@ def features_of(scan) -> list:
 
 
 def rejected_table(found) -> Html:
-    """The poses that do not count, and why."""
+    """The poses whose residuals are too large, and how large."""
     rows = []
     if found.solution:
         parts = zip(found.scans, found.seen, found.solution.normalised, found.solution.rejected, strict=True)
@@ -135,12 +135,8 @@ def rejected_table(found) -> Html:
                 alone = f"{value:.1f} times the noise; chance explains up to {most:.1f}"
                 crowd = f"most of its group is off; itself {value:.1f} times the noise"
                 rows.append((scan.title, scan.labels[i], alone if value > most else crowd))
-    for scan, seen in zip(found.scans, found.seen, strict=True):
-        why = {i: feature.reason for i, feature in enumerate(features_of(scan)) if feature.reason}
-        missed = np.setdiff1d(np.arange(len(scan.labels)), seen)
-        rows += [(scan.title, scan.labels[i], why.get(i, "nothing measured")) for i in missed]
     if not rows:
-        return words(["none: every pose counts"])
+        return words(["none"])
     frame = pd.DataFrame(rows, columns=["scan", "pose", "why"])
     frame = frame if len(found.scans) > 1 else frame.drop(columns="scan")
     return Html(f'<div class="scroll">{frame.to_html(index=False, border=0)}</div>', frame.to_string(index=False))

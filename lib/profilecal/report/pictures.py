@@ -196,13 +196,12 @@ def plot_directions(found) -> plt.Figure | None:
     place, sd, low = np.arange(6), np.minimum(s.sd, 10), 10 ** np.floor(np.log10(min(s.sd[-1], 0.01)))
     axes.barh(place, sd, 0.3, color=[RED if v >= 1 else ORANGE if v >= WEAK else GREEN for v in sd])
     for y, value, direction in zip(place, s.sd, s.directions, strict=True):
-        size = size_direction(value, direction) if value < 1 else "unknown"
+        size = size_direction(value, direction) if value < 1 else "unobservable"
         name = fill(f"{name_direction(direction, found.solution.rotation, found.frame)}: {size}", 80)
         axes.text(1.1 * low, y - 0.2, name, fontsize=8, va="bottom")
     axes.set(xscale="log", xlim=(low, 10), ylim=(5.5, -0.8), yticks=[], xlabel="standard deviation")
     axes.xaxis.set_major_formatter(lambda v, _: f"{HAND_PRECISION[0] * v:g} mm\n{np.degrees(HAND_PRECISION[3]) * v:g}°")
-    name = "good" if s.sd[0] < WEAK else "weak" if s.sd[0] < 1 else "unknown"
-    figure.suptitle(f"The weakest direction of the sensor's pose is {name}")
+    figure.suptitle(f"The weakest direction of the sensor's pose is {s.status}")
     return figure
 
 
