@@ -14,9 +14,12 @@ from profilecal.simulate.spec import Spec, simulate_scan
 from profilecal.targets import TARGETS
 
 
-@pytest.mark.parametrize("kind", ["edge", "disk", "ball", "plane", "point"])
-def test_predictions_are_as_far_off_as_expected(kind):
-    noise = Noise(profile_mm=0.05, position_mm=0.03, group_position_mm=0.05)
+@pytest.mark.parametrize(
+    ("kind", "robot"),
+    [*((kind, (0.03, 0.05)) for kind in ("edge", "disk", "ball", "plane", "point")), ("plane", (0, 0))],
+)
+def test_predictions_are_as_far_off_as_expected(kind, robot):
+    noise = Noise(profile_mm=0.05, position_mm=robot[0], group_position_mm=robot[1])
     squares, doubted, count = 0.0, 0, 0
     for seed in range(3):
         positions = min(TARGETS[kind].positions, 10)

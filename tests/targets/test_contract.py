@@ -14,7 +14,6 @@ from profilecal.simulate.scene import random_scene
 from profilecal.targets import TARGETS
 from profilecal.targets.ball import Ball
 from profilecal.targets.disk import Disk
-from profilecal.targets.edge import Edge
 
 KINDS = list(TARGETS)
 
@@ -101,12 +100,6 @@ def test_its_lines_lie_on_it(kind):
     for line in lines:
         assert line.shape[1] == 3
         assert np.abs(scene.target.distance(line)).max() < (10 if kind == "point" else 0) + 1e-9
-
-
-def test_an_edge_is_drawn_a_tenth_longer_than_it_was_seen():
-    edge = Edge(np.array([3.0, 0, 0]), np.array([0, 1.0, 0]))
-    (line,) = edge.lines(edge.point + np.linspace(-50, 50, 101)[:, None] * edge.direction)
-    np.testing.assert_allclose(line[:, 1], [-58.8, 58.8])  # a hundredth at either end does not count
 
 
 def test_a_missed_disk_has_no_chord_and_a_circle_gives_the_ball_back_on_its_side():
