@@ -93,7 +93,7 @@ def test_a_grid_is_read_from_a_file_and_the_command_line(tmp_path):
     with pytest.raises(ValueError, match="expected name=value"):
         sweep.read_grid(None, ["x"])
     there = notebooks.folder()
-    runs = sweep.plan(there / "51_one_plan.ipynb", sweep.read_grid(there / "50_sweeping_grid.toml"))
+    runs = sweep.plan(there / "51_one_plan.ipynb", sweep.read_grid(there / "51_sweeping_grid.toml"))
     assert len(runs) == 54  # as the file, the notebook and the README say
 
 
