@@ -58,7 +58,7 @@ def test_a_quantity_read_in_two_ways_stands_twice():
     found = items.compare("disk", "Section V-D2", "spread", ours, why=why, range_from="rounding", layout="list")
     assert [found.verdict(row) for row in found.rows] == ["differs", "reproduced"]
     assert "root mean square" in found._repr_mimebundle_()["text/plain"]
-    assert found.summary == "1 of 1 printed numbers lie inside our ranges (rounding) under one reading at least."
+    assert found.summary == "Printed numbers inside our ranges (rounding): 1 of 1, under one reading at least."
 
 
 def test_read_back_from_a_notebook(tmp_path):

@@ -112,9 +112,9 @@ class Item:
             counts = ", ".join(f"{name} {sum(part)} of {len(part)}" for name, part in parts.items())
             expected = f"about {0.95 * count / len(parts):.0f} of each are expected"
             return f"Printed numbers inside our 95 % ranges: {counts}; {expected}.{free}"
-        where = f"lie inside our ranges ({self.range_from})" if self.range_from else "are ours, too"
-        reading = " under one reading at least" if count < len(self.rows) else ""
-        return f"{inside} of {count} printed numbers {where}{reading}.{free}"
+        which = f"inside our ranges ({self.range_from})" if self.range_from else "that agree with ours"
+        reading = ", under one reading at least" if count < len(self.rows) else ""
+        return f"Printed numbers {which}: {inside} of {count}{reading}.{free}"
 
     def _repr_mimebundle_(self, include=None, exclude=None) -> dict:
         frame = {"table": as_table, "list": as_list, "matrix": as_matrices}[self.layout](self)
