@@ -126,7 +126,7 @@ class Law:
 
 
 def as_stated(noise: Noise) -> Prior:
-    """The noise to begin with where the robot errs as stated, and the scanner too, or as the residuals tell.
+    """The prior where the robot errs as stated, and the scanner too, or as the residuals tell.
 
     Raises ValueError for a noise that is none.
     """
@@ -137,7 +137,7 @@ def as_stated(noise: Noise) -> Prior:
 
 
 def prior_from(stated: dict[str, float], features_mm: float = 0.0, shared_mm: float = 0.0) -> Prior:
-    """The noise to begin with where the robot's errors are to be estimated. What is `stated` of them, entries of
+    """The prior where the robot's errors are to be estimated. What is `stated` of them, entries of
     `Noise` and `Systematic`, is the scale of what is believed beforehand, 0 that there is none; the rest is as usual.
 
     `features_mm`: the noise of features that raw profiles themselves show, 0 where there are none. `shared_mm`: what
