@@ -85,7 +85,7 @@ def calibrate(folders, as_json, vendor, guess, leave_out, report):
     import numpy as np
 
     from profilecal.calibrate import calibration
-    from profilecal.calibrate.summary import to_text
+    from profilecal.calibrate.calibration import to_text
     from profilecal.geometry.poses import homogeneous, rotation_from_xyz_angles
     from profilecal.scan.conventions import check_vendor, for_controller
     from profilecal.scan.folder import read_scan
@@ -152,7 +152,7 @@ def plan(spec, folder, poses, until, given):
     from contextlib import nullcontext
 
     from profilecal.plan import command
-    from profilecal.scan.files import new_folder
+    from profilecal.scan.tables import new_folder
 
     with refusing(), interruptible("Nothing was written."):
         task = command.task(spec, poses, until)

@@ -11,9 +11,8 @@ from command import run
 from scipy.stats import binom, chi2
 from simulated import EXACT_SCANNER, calibration_of, scan_of, squared_error, truth_of
 
-from profilecal.calibrate.calibration import calibrate
+from profilecal.calibrate.calibration import calibrate, to_text
 from profilecal.calibrate.observe import observe
-from profilecal.calibrate.summary import to_text
 from profilecal.geometry.noise import Noise
 from profilecal.scan.folder import write_scan
 from profilecal.scan.scan import ScanError

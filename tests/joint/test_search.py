@@ -6,9 +6,8 @@ from many_scenes import KINDS, SIGMA, assert_exact, errors, many
 
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import directions, rotations
-from profilecal.joint.descent import refine
+from profilecal.joint.descent import refine, search
 from profilecal.joint.problem import Problem
-from profilecal.joint.search import search
 from profilecal.joint.solve import solve
 
 SCENES = 60

@@ -17,10 +17,9 @@ from scipy.spatial.transform import Rotation
 
 from profilecal.calibrate.observe import Seen, as_observations
 from profilecal.geometry.noise import Noise
-from profilecal.joint.descent import refine
+from profilecal.joint.descent import in_space, refine, search, search_among_outliers, thin
 from profilecal.joint.observations import Observations
 from profilecal.joint.prior import FINEST_MM
-from profilecal.joint.search import in_space, search, search_among_outliers, thin
 from profilecal.joint.solve import LARGEST_ERROR_MM
 from profilecal.scan.conventions import CONVENTIONS, from_rotations, named
 from profilecal.scan.folder import REACH_MM

@@ -1,19 +1,17 @@
 """The disk method of Chen et al. 2018: chords to sensing data (Section III-B), sensing data to pose (III-C, III-D)."""
 
-from dataclasses import dataclass, fields
-from itertools import product
+from dataclasses import dataclass
 
 import numpy as np
 
 from profilecal.closed_form.two_step import (
-    LEAST_SPREAD_DEG,
     TwoStepSolution,
     check_directions,
     check_orientations,
     solve_rotation,
     solve_translation,
 )
-from profilecal.geometry.checks import UnobservableError, check_count, check_rotations, check_vectors
+from profilecal.geometry.checks import check_count, check_rotations, check_vectors
 from profilecal.geometry.fitting import Ellipse, fit_ellipse, from_components
 
 
@@ -127,121 +125,6 @@ def sensing_data_from_ellipse(ellipse: Ellipse, vectors, T_start, T_end, s, radi
         eta=np.moveaxis(eta, 0, -1),
         cos_alpha=cos_alpha,
     )
-
-
-def solve_disk_from_chords(
-    R_tcp, T_start, T_end, tips, s, radius: float, heights: str = "regression"
-) -> TwoStepSolution:
-    """Sensor pose from n ≥ 3 scans across a disk of known radius, mm, each at one flange orientation R_tcp (n, 3, 3).
-
-    T_start, T_end (n, 3), mm: flange positions of each scan's first and last chord; tips: n arrays (m, 2, 2), m ≥ 3, as
-    `Disk.meet` gives them; s (n,): +1 where the motion is towards the sensor's +y, else -1. `heights`: see
-    `sensing_data`.
-
-    Raises ValueError for malformed input and for a wrong s, UnobservableError for motions that cannot determine the
-    answer.
-    """
-    T_start = check_vectors("T_start", T_start)
-    n = len(T_start)
-    T_end = check_vectors("T_end", T_end, n)
-    if len(tips) != n:
-        raise ValueError(f"tips has {len(tips)} scans; expected {n}, one per pose")
-    tips = [_check_tips(i, scan) for i, scan in enumerate(tips)]
-    s = np.asarray(s, dtype=float)
-    if s.shape != (n,) or not np.isin(s, (-1, 1)).all():
-        raise ValueError(f"s is {s.tolist()}; expected {n} values, each +1 or -1")
-    if not radius > 0:
-        raise ValueError(f"radius is {radius}; expected a length in mm above 0")
-
-    scans = [sensing_data(*scan, radius, heights) for scan in zip(tips, T_start, T_end, s, strict=True)]
-    for i, scan in enumerate(scans):
-        _check_motion(i, scan, tips[i], np.linalg.norm(T_end[i] - T_start[i]))
-    names = [field.name for field in fields(SensingData)]
-    sensing = SensingData(**{name: np.stack([getattr(scan, name) for scan in scans]) for name in names})
-    solution = solve_disk(R_tcp, sensing.T_tcp, sensing.q, sensing.D_i, sensing.D_b)
-    _check_sides(solution.rotation.X, solution.rotation.Y)
-    return solution
-
-
-def _check_tips(i: int, tips) -> np.ndarray:
-    tips = np.asarray(tips, dtype=float)
-    if tips.ndim != 3 or tips.shape[1:] != (2, 2):
-        raise ValueError(f"tips[{i}] has shape {tips.shape}; expected (m, 2, 2), two tips x, z per chord")
-    check_count(f"chords in tips[{i}]", len(tips), 3, "an ellipse has five unknowns, a chord two tips")
-    bad = np.flatnonzero(~np.isfinite(tips).all(axis=(1, 2)))
-    if bad.size:
-        raise ValueError(f"tips[{i}][{bad[0]}] is {tips[bad[0]].tolist()}; expected finite numbers (disk missed?)")
-    if (tips[:, 1, 0] <= tips[:, 0, 0]).any():
-        bad = np.flatnonzero(tips[:, 1, 0] <= tips[:, 0, 0])[0]
-        raise ValueError(f"tips[{i}][{bad}] is {tips[bad].tolist()}; expected the tip of smaller x first")
-    return tips
-
-
-def _check_motion(i: int, scan: SensingData, tips, travel: float) -> None:
-    """Refuse a motion within 1° of the disk's plane or of the scan plane."""
-    least_bend = 5.0  # standard errors by which chord lengths must bend along a scan, to show a disk at all
-    least = np.sin(np.radians(LEAST_SPREAD_DEG))
-    if not travel > 0:
-        raise ValueError(f"T_start[{i}] and T_end[{i}] are the same; expected a motion")
-    climb = abs(scan.e[4, 1] - scan.e[3, 1]) / travel  # sin of the angle to the disk is this times sin α
-    sin_disk = climb if scan.clipped else climb * np.sin(scan.alpha)
-    if not sin_disk > least:
-        raise UnobservableError(
-            f"the motion to T_end[{i}] is within {LEAST_SPREAD_DEG:g}° of the disk's plane (chords climb by "
-            f"{climb:.2g} of the way moved), so they show no ellipse; tilt the motion against the disk"
-        )
-    sin_plane = 1.0 if scan.clipped else abs(scan.D_i[1]) / np.linalg.norm(scan.D_i)  # without α only the bend tells
-    bend = _bend(tips, scan.direction)
-    if not sin_plane > least or bend < least_bend:
-        raise UnobservableError(
-            f"the motion to T_end[{i}] is within {LEAST_SPREAD_DEG:g}° of the scan plane, or covers too little of the "
-            f"disk: found {np.degrees(np.arcsin(sin_plane)):.2g}°, and the squared lengths of the chords bend by "
-            f"{bend:.2g} standard errors, at least {least_bend:g} needed; move along the sensor's y axis, over more "
-            "of the disk"
-        )
-
-
-def _bend(tips, along) -> float:
-    """Curvature of the chords' squared lengths over their heights, in its standard errors."""
-    m = len(tips)
-    if m < 4:
-        return np.inf  # nothing left to judge the noise by
-    heights = tips.mean(axis=1) @ [-along[1], along[0]]
-    heights = (heights - heights.mean()) / np.ptp(heights)
-    squares = ((tips[:, 1] - tips[:, 0]) ** 2).sum(axis=1)
-    basis = np.linalg.qr(np.vander(heights, 3, increasing=True))[0]
-    fitted = basis.T @ squares
-    noise = np.linalg.norm(squares - basis @ fitted) / np.sqrt(m - 3)
-    return abs(fitted[2]) / noise if noise > 0 else np.inf
-
-
-def _check_sides(X, Y) -> None:
-    """Refuse directions X, Y (3, n) that fit much better once some signs s are turned round.
-
-    Up to ten columns all combinations are tried, beyond that one change at most.
-    """
-    wrong_side_deg = 3.0  # largest angle between R D_i and D_b that noise is believed to explain
-    n = X.shape[1]
-    X, Y = X / np.linalg.norm(X, axis=0), Y / np.linalg.norm(Y, axis=0)
-    found = _misfit_deg(X, Y)
-    if found <= wrong_side_deg:
-        return
-    flips = np.array(list(product((1, -1), repeat=n))) if n <= 10 else np.vstack([np.ones(n), 1 - 2 * np.eye(n)])
-    left = _misfit_deg(X * np.stack([np.ones_like(flips), flips, np.ones_like(flips)], axis=1), Y)
-    best = left.argmin()
-    if left[best] < found / 3:
-        wrong = ", ".join(f"s[{i}]" for i in np.flatnonzero(flips[best] < 0))
-        raise ValueError(
-            f"wrong sign of {wrong}: turned round, the largest angle between R D_i and D_b falls from "
-            f"{found:.2g}° to {left[best]:.2g}°; expected +1 where the motion is towards the sensor's +y"
-        )
-
-
-def _misfit_deg(X, Y):
-    """Largest angle between R X and Y (..., 3, n) after the best rotation, degrees."""
-    R = solve_rotation(X, Y).R_sensor
-    sine = np.linalg.norm(R @ X - Y, axis=-2) / 2
-    return np.degrees(2 * np.arcsin(np.clip(sine, 0, 1))).max(axis=-1)
 
 
 def solve_disk(R_tcp, T_tcp, q, D_i, D_b, **readings) -> TwoStepSolution:

@@ -8,14 +8,13 @@ import numpy as np
 from profilecal.geometry.checks import UnobservableError
 from profilecal.geometry.noise import FALSE_ALARM, ROBOT, Noise, chi2_limit
 from profilecal.geometry.poses import angle_between
-from profilecal.joint.descent import reach, refine
+from profilecal.joint.descent import HOPELESS, distinct, reach, refine, search, search_among_outliers
 from profilecal.joint.error_sizes import ErrorSizes, average, likeliest
 from profilecal.joint.linear_model import LinearModel
 from profilecal.joint.observability import WEAK, Spectrum, explain, of_covariance, spectrum
 from profilecal.joint.observations import Observations, State, normalised_square, pose_error
 from profilecal.joint.prior import FINEST_MM, Prior, as_stated
 from profilecal.joint.problem import Fit, Problem
-from profilecal.joint.search import HOPELESS, distinct, search, search_among_outliers
 from profilecal.joint.solution import Solution
 
 LARGEST_ERROR_MM = 2.0  # of a robot's position; what is larger is a mistake, not an error

@@ -5,9 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from profilecal.calibrate.calibration import Calibration, calibrate
+from profilecal.calibrate.calibration import Calibration, calibrate, deviations
 from profilecal.calibrate.observe import as_observations, observe, stated_noise
-from profilecal.calibrate.summary import deviations
 from profilecal.geometry.noise import ROBOT
 from profilecal.geometry.poses import inverse, nearest_rotation
 from profilecal.joint.observability import name_direction, size_direction

@@ -6,7 +6,7 @@ from html import escape
 import numpy as np
 import pandas as pd
 
-from profilecal.calibrate.summary import PLACES, deviations, to_text
+from profilecal.calibrate.calibration import PLACES, deviations, to_text
 from profilecal.geometry.noise import FALSE_ALARM, chi2_limit
 from profilecal.joint.error_sizes import ErrorSizes, Size
 from profilecal.report.figures import GREEN, ORANGE, RED

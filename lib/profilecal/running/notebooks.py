@@ -199,7 +199,7 @@ def reproduce(paths: list[Path], given: dict, output: Path):
     from tqdm import tqdm
 
     from profilecal.papers import items
-    from profilecal.scan.files import remove
+    from profilecal.scan.tables import remove
 
     output = output.resolve()
     declared = {path: parameters_of(path) for path in paths}

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from profilecal.running import notebooks
 from profilecal.running.record import MIME
-from profilecal.scan.files import partial_of, remove, whole
+from profilecal.scan.tables import partial_of, remove, whole
 
 NOTEBOOK = "60_calibrate_your_scanner.ipynb"
 LINK = re.compile(r"\[([^\]]+)\]\([^)]+\)")

@@ -16,7 +16,7 @@ from tqdm import tqdm
 
 from profilecal.running import notebooks
 from profilecal.running.record import recorded
-from profilecal.scan.files import whole
+from profilecal.scan.tables import whole
 from profilecal.scan.toml import read_toml
 
 

@@ -8,9 +8,8 @@ from zipfile import BadZipFile
 import numpy as np
 
 from profilecal.scan.conventions import CONVENTIONS
-from profilecal.scan.files import naming, text_of
 from profilecal.scan.scan import ScanError
-from profilecal.scan.tables import Rows, Table, in_columns, listed, number, shown
+from profilecal.scan.tables import Rows, Table, in_columns, listed, naming, number, shown, text_of
 
 TITLE = re.compile(r"(.*?)[\s_]*(?:[\[(]\s*([^\])]*?)\s*[\])].*|[\s_/]\s*(mm|m|deg|rad))?")
 ALIASES = {"q1": "qw", "q2": "qx", "q3": "qy", "q4": "qz"} | {f"{t}{axis}": axis for t in "tp" for axis in "xyz"}

@@ -11,9 +11,8 @@ import numpy as np
 from profilecal.geometry.noise import Noise, Systematic
 from profilecal.geometry.poses import rotation_groups
 from profilecal.scan.conventions import find_convention, from_rotations, named, to_rotations
-from profilecal.scan.files import is_file, naming, new_folder
 from profilecal.scan.scan import Scan, ScanError
-from profilecal.scan.tables import Table, listed, read_table, shown, write_table
+from profilecal.scan.tables import Table, is_file, listed, naming, new_folder, read_table, shown, write_table
 from profilecal.scan.toml import (
     TABLE,
     TEXT,

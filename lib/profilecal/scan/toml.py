@@ -7,9 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from profilecal.scan.files import is_file, naming, text_of
 from profilecal.scan.scan import ScanError
-from profilecal.scan.tables import shown
+from profilecal.scan.tables import is_file, naming, shown, text_of
 
 Rule = tuple[Callable[[object], bool], str]  # whether a value is allowed, and what is, in words
 
