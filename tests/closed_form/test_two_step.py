@@ -1,7 +1,5 @@
 """Disk, ball and fixed point, from their sensing data: exact without noise, refused in words where nothing follows."""
 
-from functools import partial
-
 import numpy as np
 import pytest
 import sensing_data as scenes
@@ -25,9 +23,8 @@ def exact(solution, sensor, rounding=1e-12):
     return max(*off, solution.translation.accuracy / 100) < rounding
 
 
-PAIRS = "consecutive", "first", "all"
 EXACT = [  # how, and numbers of poses
-    *((partial(solve_disk, pairs=pairs), scenes.disk_data, (n,)) for pairs in PAIRS for n in (3, 4, 8)),
+    *((solve_disk, scenes.disk_data, (n,)) for n in (3, 4, 8)),
     *((lambda *data, k=n[0]: solve_ball(*data, k), scenes.ball_data, n) for n in ((3, 3), (4, 4), (6, 8))),
     *((solve_fixed_point, scenes.point_data, (n,)) for n in (6, 10, 20)),
 ]
@@ -110,8 +107,3 @@ def test_poses_that_cannot_determine_the_answer_are_refused_with_noise_too(metho
     q, *directions = (v + sigma * rng.normal(size=v.shape) * [1, 0, 1] for v in (q, *directions))
     with pytest.raises(UnobservableError, match=sentence):
         solve(R, T, q, *directions)
-
-
-def test_an_unknown_set_of_pairs_is_refused():
-    with pytest.raises(ValueError, match="pairs is 'some'; expected 'consecutive', 'first' or 'all'"):
-        solve_disk(*scenes.disk_data(np.random.default_rng(5))[1], pairs="some")

@@ -1,13 +1,9 @@
 """What the helpers of figures draw is what they are given."""
 
 import matplotlib.pyplot as plt
-import numpy as np
-import pandas as pd
 import pytest
 
 from profilecal.report import figures
-
-TABLE = pd.DataFrame({"x": [5, 10, 15], "y": [3.0, 2.0, 1.0], "y_low": [2.5, 1.5, 0.5], "y_high": [5.0, 4.0, np.nan]})
 
 
 @pytest.fixture
@@ -15,11 +11,6 @@ def axes():
     plt.switch_backend("agg")
     yield plt.figure().subplots()
     plt.close("all")
-
-
-def test_each_row_of_a_table_is_a_row_of_the_figure(axes):
-    figures.plot_rows(axes, TABLE, "y", 0.25, color="k")
-    np.testing.assert_allclose(axes.lines[0].get_xydata(), [[3, 0.25], [2, 1.25], [1, 2.25]])
 
 
 def test_a_logarithmic_axis_has_plain_numbers(axes):

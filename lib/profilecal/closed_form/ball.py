@@ -9,7 +9,6 @@ from profilecal.closed_form.two_step import (
     TwoStepSolution,
     check_directions,
     check_orientations,
-    pose_pairs,
     solve_rotation,
     solve_translation,
 )
@@ -17,13 +16,12 @@ from profilecal.geometry.checks import UnobservableError, check_count, check_rot
 from profilecal.geometry.poses import angle_between
 
 
-def solve_ball(R_tcp, T_tcp, q, translating: int, **readings) -> TwoStepSolution:
+def solve_ball(R_tcp, T_tcp, q, translating: int) -> TwoStepSolution:
     """Sensor pose from ball centres q (n, 3) in the sensor frame, seen from n flange poses, mm.
 
     The first `translating` poses (at least 3) share one orientation and fix the rotation:
     R_sensor (q¹ - qʲ) = R_tcp⁻¹ (Tʲ - T¹). The others (at least 3) turn about two axes or more and fix the
-    translation, Eqs 17-19 of the disk paper. Section V-D describes the method without its equations;
-    `readings` of it: see `ball_equations`.
+    translation, Eqs 17-19 of the disk paper. Section V-D describes the method without its equations.
 
     Raises ValueError for malformed input, UnobservableError for poses that cannot determine the answer.
     """
@@ -38,38 +36,22 @@ def solve_ball(R_tcp, T_tcp, q, translating: int, **readings) -> TwoStepSolution
         raise ValueError(
             f"the {translating} translating poses differ in orientation by {apart:.2g}°; expected one orientation"
         )
-    i, j = pose_pairs(translating, "first")
-    check_directions((q[i] - q[j]).T, "difference of ball centres")
+    check_directions((q[0] - q[1:translating]).T, "difference of ball centres")
     check_orientations(R_tcp[translating:])
 
-    return ball_equations(R_tcp, T_tcp, q, translating, **readings)
+    return ball_equations(R_tcp, T_tcp, q, translating)
 
 
-def ball_equations(
-    R_tcp,
-    T_tcp,
-    q,
-    translating: int,
-    *,
-    normalise: bool = True,
-    rotation_pairs: str = "first",
-    translation_pairs: str = "consecutive",
-) -> TwoStepSolution:
+def ball_equations(R_tcp, T_tcp, q, translating: int) -> TwoStepSolution:
     """`solve_ball` without its guards, with any leading batch axes: (..., n, 3, 3) and (..., n, 3)."""
-    i, j = pose_pairs(translating, rotation_pairs)
-    X = np.swapaxes(q[..., i, :] - q[..., j, :], -1, -2)
-    Y = np.einsum("...nba,...nb->...an", R_tcp[..., i, :, :], T_tcp[..., j, :] - T_tcp[..., i, :])
-    if normalise:
-        X = X / np.linalg.norm(X, axis=-2, keepdims=True)
-        Y = Y / np.linalg.norm(Y, axis=-2, keepdims=True)
+    others, turning = slice(1, translating), slice(translating, None)
+    X = np.swapaxes(q[..., :1, :] - q[..., others, :], -1, -2)
+    Y = np.einsum("...ba,...nb->...an", R_tcp[..., 0, :, :], T_tcp[..., others, :] - T_tcp[..., :1, :])
+    X = X / np.linalg.norm(X, axis=-2, keepdims=True)
+    Y = Y / np.linalg.norm(Y, axis=-2, keepdims=True)
     rotation = solve_rotation(X, Y)
-    turning = slice(translating, None)
     translation = solve_translation(
-        R_tcp[..., turning, :, :],
-        T_tcp[..., turning, :],
-        q[..., turning, :],
-        rotation.R_sensor,
-        translation_pairs,
+        R_tcp[..., turning, :, :], T_tcp[..., turning, :], q[..., turning, :], rotation.R_sensor
     )
     return TwoStepSolution(rotation, translation)
 

@@ -127,12 +127,12 @@ def sensing_data_from_ellipse(ellipse: Ellipse, vectors, T_start, T_end, s, radi
     )
 
 
-def solve_disk(R_tcp, T_tcp, q, D_i, D_b, **readings) -> TwoStepSolution:
+def solve_disk(R_tcp, T_tcp, q, D_i, D_b) -> TwoStepSolution:
     """Sensor pose from the disk method's sensing data, n ≥ 3 poses.
 
     R_tcp (n, 3, 3) and T_tcp (n, 3), mm: flange poses at which the scan plane passes through the disk's centre;
     q (n, 3), mm: that centre in the sensor frame; D_i and D_b (n, 3): the offset between the two tangent positions
-    in the sensor and in the base frame. `readings` of the text: see `disk_equations`.
+    in the sensor and in the base frame.
 
     Raises ValueError for malformed input, UnobservableError for poses that cannot determine the answer.
     """
@@ -145,18 +145,16 @@ def solve_disk(R_tcp, T_tcp, q, D_i, D_b, **readings) -> TwoStepSolution:
     check_directions(np.einsum("nba,nb->an", R_tcp, D_b), "R_tcp⁻¹ D_b")  # D_b itself may be one direction
     check_orientations(R_tcp)
 
-    return disk_equations(R_tcp, T_tcp, q, D_i, D_b, **readings)
+    return disk_equations(R_tcp, T_tcp, q, D_i, D_b)
 
 
-def disk_equations(R_tcp, T_tcp, q, D_i, D_b, *, normalise: bool = True, pairs: str = "consecutive") -> TwoStepSolution:
+def disk_equations(R_tcp, T_tcp, q, D_i, D_b) -> TwoStepSolution:
     """`solve_disk` without its guards, with any leading batch axes: (..., n, 3, 3) and (..., n, 3).
 
-    `normalise=False` is Eq. 14 as printed; `pairs` says which differences make up Eq. 18.
+    Eq. 14's vectors are given unit length.
     """
-    if normalise:
-        D_i = D_i / np.linalg.norm(D_i, axis=-1, keepdims=True)
-        D_b = D_b / np.linalg.norm(D_b, axis=-1, keepdims=True)
-    X = np.swapaxes(D_i, -1, -2)
+    X = np.swapaxes(D_i / np.linalg.norm(D_i, axis=-1, keepdims=True), -1, -2)
+    D_b = D_b / np.linalg.norm(D_b, axis=-1, keepdims=True)
     Y = np.einsum("...nba,...nb->...an", R_tcp, D_b)  # columns R_tcp⁻¹ D_b
     rotation = solve_rotation(X, Y)
-    return TwoStepSolution(rotation, solve_translation(R_tcp, T_tcp, q, rotation.R_sensor, pairs))
+    return TwoStepSolution(rotation, solve_translation(R_tcp, T_tcp, q, rotation.R_sensor))

@@ -20,11 +20,11 @@ from profilecal.closed_form.two_step import (
 from profilecal.geometry.checks import UnobservableError, check_count, check_rotations, check_vectors
 
 
-def solve_fixed_point(R_tcp, T_tcp, q, pairs: str = "consecutive") -> TwoStepSolution:
+def solve_fixed_point(R_tcp, T_tcp, q) -> TwoStepSolution:
     """Sensor pose from a marked point, read as q (n, 3), mm, with y = 0, from n ≥ 4 flange poses.
 
-    R_tcp (n, 3, 3) and T_tcp (n, 3), mm: the flange in the base frame. `pairs`: the differences that make up Eq. 18 of
-    the disk paper, see `pose_pairs`. Where some poses share an orientation, `solve_ball` takes the readings as well.
+    R_tcp (n, 3, 3) and T_tcp (n, 3), mm: the flange in the base frame. Where some poses share an orientation,
+    `solve_ball` takes the readings as well.
 
     Raises ValueError for malformed input, UnobservableError for poses that cannot determine the answer.
     """
@@ -39,10 +39,10 @@ def solve_fixed_point(R_tcp, T_tcp, q, pairs: str = "consecutive") -> TwoStepSol
     check_orientations(R_tcp)
     _check_readings(R_tcp, q)
 
-    return fixed_point_equations(R_tcp, T_tcp, q, pairs)
+    return fixed_point_equations(R_tcp, T_tcp, q)
 
 
-def fixed_point_equations(R_tcp, T_tcp, q, pairs: str = "consecutive") -> TwoStepSolution:
+def fixed_point_equations(R_tcp, T_tcp, q) -> TwoStepSolution:
     """`solve_fixed_point` without its guards, with any leading batch axes: (..., n, 3, 3) and (..., n, 3).
 
     The least-squares columns r_1 and r_3 are not orthonormal: the nearest rotation is taken, then Eq. 19 once more.
@@ -52,7 +52,7 @@ def fixed_point_equations(R_tcp, T_tcp, q, pairs: str = "consecutive") -> TwoSte
     columns = (np.linalg.pinv(M) @ N.reshape(*N.shape[:-2], -1, 1))[..., :6, 0]
     Y = np.swapaxes(columns.reshape(*columns.shape[:-1], 2, 3), -1, -2)
     rotation = solve_rotation(np.eye(3)[:, [0, 2]], Y)
-    return TwoStepSolution(rotation, solve_translation(R_tcp, T_tcp, q, rotation.R_sensor, pairs))
+    return TwoStepSolution(rotation, solve_translation(R_tcp, T_tcp, q, rotation.R_sensor))
 
 
 def linear_equations(R_tcp, q) -> np.ndarray:

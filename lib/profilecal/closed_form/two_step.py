@@ -66,30 +66,15 @@ def solve_rotation(X, Y) -> RotationSolution:
     return RotationSolution(X=X, Y=Y, R_sensor=nearest_rotation(Y @ np.swapaxes(X, -1, -2)))
 
 
-def pose_pairs(n: int, pairs: str) -> tuple[np.ndarray, np.ndarray]:
-    """Indices (i, j) of the differences taken between n poses.
-
-    "consecutive": (0,1), (1,2), … as in Eq. 17; "first": (0,1), (0,2), …; "all": every pair.
-    """
-    if pairs == "consecutive":
-        return np.arange(n - 1), np.arange(1, n)
-    if pairs == "first":
-        return np.zeros(n - 1, dtype=int), np.arange(1, n)
-    if pairs == "all":
-        return np.triu_indices(n, 1)
-    raise ValueError(f"pairs is {pairs!r}; expected 'consecutive', 'first' or 'all'")
-
-
-def solve_translation(R_tcp, T_tcp, q, R_sensor, pairs: str = "consecutive") -> TranslationSolution:
+def solve_translation(R_tcp, T_tcp, q, R_sensor) -> TranslationSolution:
     """T_sensor from poses R_tcp (..., n, 3, 3), T_tcp (..., n, 3) and one fixed point seen as q (..., n, 3).
 
     Eqs 17-20 of the disk paper. The least-squares solution of Eq. 19 is taken from an orthogonal
     factorisation rather than from the normal equations, which square the condition number.
     """
-    i, j = pose_pairs(R_tcp.shape[-3], pairs)
     seen = np.einsum("...nab,...bc,...nc->...na", R_tcp, R_sensor, q) + T_tcp
-    R_i = R_tcp[..., i, :, :] - R_tcp[..., j, :, :]
-    N_i = seen[..., j, :] - seen[..., i, :]
+    R_i = R_tcp[..., :-1, :, :] - R_tcp[..., 1:, :, :]
+    N_i = seen[..., 1:, :] - seen[..., :-1, :]
     M = R_i.reshape(*R_i.shape[:-3], -1, 3)
     N = N_i.reshape(*N_i.shape[:-2], -1)
     T_sensor = (np.linalg.pinv(M) @ N[..., None])[..., 0]
@@ -116,7 +101,7 @@ def check_directions(X: np.ndarray, what: str) -> None:
 
 def check_orientations(R_tcp: np.ndarray) -> None:
     """Refuse poses (n, 3, 3) of one orientation, or that all turn about one axis."""
-    i, j = pose_pairs(len(R_tcp), "all")
+    i, j = np.triu_indices(len(R_tcp), 1)
     M = (R_tcp[i] - R_tcp[j]).reshape(-1, 3)
     _, singular, Vt = np.linalg.svd(M)
     turn = np.degrees(singular / np.sqrt(len(i)))  # rms over the pairs of |ΔR v|, an angle while small

@@ -167,13 +167,6 @@ def plot_columns(frame: pd.DataFrame, x: str, y: str, hue: str, folder: Path) ->
     return place
 
 
-def plot_rows(axes, frame: pd.DataFrame, x: str, shift: float, **style) -> None:
-    """Draw column x of a table, a row of the figure for each of its rows, `shift` below it, with bars from column
-    x_low to column x_high."""
-    bars = [frame[x] - frame[f"{x}_low"], frame[f"{x}_high"] - frame[x]]
-    axes.errorbar(frame[x], np.arange(len(frame)) + shift, xerr=bars, **{"fmt": "o", "ms": 5, "capsize": 2} | style)
-
-
 def table(header, rows) -> None:
     """Show rows of texts under a header, as a notebook's text would have them: formulas in them are typeset."""
     lines = [header, ["---"] * len(header), *rows]
