@@ -8,8 +8,7 @@ import numpy as np
 from profilecal.geometry.noise import ROBOT
 from profilecal.geometry.poses import rotations
 from profilecal.joint.descent import estimate
-from profilecal.joint.observations import pose_error
-from profilecal.joint.pose_groups import pose_groups
+from profilecal.joint.observations import pose_error, pose_groups
 from profilecal.plan.command import model_of_spec
 from profilecal.plan.scan_model import ScanModel
 from profilecal.simulate.spec import read_spec

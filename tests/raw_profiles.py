@@ -4,8 +4,7 @@ import numpy as np
 
 from profilecal.geometry.noise import Noise
 from profilecal.papers.edge_study import EdgePlan, edge_scenes
-from profilecal.simulate.poses import actual_poses, scan_planes
-from profilecal.simulate.scanner import Scanner
+from profilecal.simulate.robot import Scanner, actual_poses, scan_planes
 
 SCANNER = Scanner()
 RADIUS = 25.0  # mm of disks and balls

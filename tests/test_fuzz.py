@@ -16,7 +16,7 @@ from corruptions import CORRUPTIONS, Folder
 from simulated import error_of
 
 from profilecal.calibrate.calibration import calibrate
-from profilecal.calibrate.check import check
+from profilecal.calibrate.observe import check
 from profilecal.joint.observations import normalised_square
 from profilecal.scan.folder import read_scan
 from profilecal.scan.scan import ScanError

@@ -106,7 +106,7 @@ def calibrate(folders, as_json, vendor, guess, leave_out, report):
         found = calibration.calibrate(scans, mount)
     known = found.status != "unobservable"
     if leave_out and known:
-        from profilecal.calibrate.leave_out import leave_out as cross_validate
+        from profilecal.calibrate.verify import leave_out as cross_validate
 
         found = replace(found, messages=(*found.messages, *cross_validate(found).messages()))
     if found.status == "weak":
@@ -176,7 +176,7 @@ def plan(spec, folder, poses, until, given):
 @click.argument("folder", type=SCAN)
 def check(folder):
     """Say what a scan FOLDER holds, before any calibration: poses, groups, noise, outliers, motions."""
-    from profilecal.calibrate.check import check as check_scan
+    from profilecal.calibrate.observe import check as check_scan
     from profilecal.scan.folder import read_scan
 
     with refusing():

@@ -7,10 +7,9 @@ from bench import at_most, medians, row
 
 from profilecal.closed_form.disk import chord_weights, sensing_data_from_ellipse, solve_disk
 from profilecal.geometry.fitting import Ellipse
-from profilecal.papers.ball_study import mean_centres
-from profilecal.papers.disk_study import disk_study
+from profilecal.papers.ball_study import fig17_scans, mean_centres
+from profilecal.papers.disk_study import disk_study, fig15_scans
 from profilecal.papers.monte_carlo import BLOCK
-from profilecal.papers.settings import fig15_scans, fig17_scans
 
 SCANS = fig15_scans()
 SIGMA_MM, M, TRIALS = np.arange(1, 10) / 10, np.arange(10, 201, 10), 500

@@ -14,7 +14,7 @@ from distributed import LocalCluster
 from profilecal.running.sweep import sweep
 
 RUNS = 40
-SECOND = "import time\nfrom profilecal.running.record import record\ntime.sleep(1)\nrecord(y=n)"
+SECOND = "import time\nfrom profilecal.running.notebooks import record\ntime.sleep(1)\nrecord(y=n)"
 
 
 def wall(function, *arguments, **options) -> float:

@@ -7,8 +7,7 @@ from scipy.stats import binom
 from simulated import scan_of
 
 from profilecal.calibrate.calibration import calibrate
-from profilecal.calibrate.check import affine_outliers, check
-from profilecal.calibrate.observe import as_observations, observe
+from profilecal.calibrate.observe import affine_outliers, as_observations, check, observe
 from profilecal.geometry.poses import rotations
 from profilecal.simulate.spec import Spec, simulate_scan
 

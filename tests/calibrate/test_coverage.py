@@ -16,7 +16,7 @@ from simulated import EXACT_SCANNER, printed_square, scan_of
 from profilecal.calibrate.calibration import calibrate
 from profilecal.geometry.noise import Noise
 from profilecal.scan.folder import read_scan, write_scan
-from profilecal.simulate.scanner import Scanner
+from profilecal.simulate.robot import Scanner
 from profilecal.simulate.spec import Spec
 
 SCANS = int(os.environ.get("PROFILECAL_COVERAGE", "3"))

@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import norm
 
 from profilecal.calibrate.calibration import calibrate
-from profilecal.calibrate.leave_out import leave_out
+from profilecal.calibrate.verify import leave_out
 from profilecal.geometry.noise import Noise
 from profilecal.joint.observations import normalised_square
 from profilecal.simulate.spec import Spec, simulate_scan

@@ -9,8 +9,7 @@ from scipy.spatial.transform import Rotation
 from profilecal.closed_form.disk import sensing_data, solve_disk
 from profilecal.geometry.poses import angle_between, nearest_rotation, rotation_from_xyz_angles
 from profilecal.papers import published
-from profilecal.papers.disk_study import DiskScans, disk_scans
-from profilecal.papers.settings import fig15_scans
+from profilecal.papers.disk_study import DiskScans, disk_scans, fig15_scans
 from profilecal.targets.disk import Disk
 
 

@@ -7,7 +7,7 @@ from profilecal.geometry.checks import UnobservableError
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import angle_between, rotations
 from profilecal.papers.edge_study import EdgePlan, above, edge_scenes, sense_edge
-from profilecal.simulate.poses import Poses
+from profilecal.simulate.robot import Poses
 from profilecal.targets.edge import Edge
 
 SPACE = EdgePlan(motion="space")

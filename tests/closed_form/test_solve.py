@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from profilecal.closed_form.solve import closed_form
+from profilecal.closed_form import closed_form
 from profilecal.joint.observations import pose_error
 from profilecal.simulate.scene import random_scene
 

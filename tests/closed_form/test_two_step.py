@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 import sensing_data as scenes
 
-from profilecal.closed_form.ball import ball_equations, solve_ball
+from profilecal.closed_form.ball import ball_equations, fixed_point_equations, solve_ball, solve_fixed_point
 from profilecal.closed_form.disk import disk_equations, solve_disk
-from profilecal.closed_form.fixed_point import fixed_point_equations, solve_fixed_point
 from profilecal.geometry.checks import UnobservableError
 from profilecal.geometry.poses import angle_between, rotation_from_xyz_angles
 

@@ -13,7 +13,7 @@ from profilecal.joint.descent import refine
 from profilecal.joint.error_sizes import average, draw, growth, likeliest, normalised, t_points
 from profilecal.joint.prior import FREEDOM, USUAL, Prior
 from profilecal.joint.problem import Problem
-from profilecal.simulate.poses import actual_poses, scan_planes
+from profilecal.simulate.robot import actual_poses, scan_planes
 from profilecal.simulate.scene import random_scene
 
 TRUE = Noise(SIGMA, position_mm=0.08, orientation_deg=0.03)

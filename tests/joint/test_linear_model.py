@@ -13,8 +13,7 @@ from profilecal.geometry.noise import ROBOT, Noise, Systematic
 from profilecal.geometry.poses import inverse, rotations
 from profilecal.joint.descent import refine
 from profilecal.joint.linear_model import Linearised, LinearModel, marginal, score
-from profilecal.joint.observations import of_scanner, of_target
-from profilecal.joint.pose_groups import PoseGroups
+from profilecal.joint.observations import PoseGroups, of_scanner, of_target
 from profilecal.joint.problem import Problem
 from profilecal.simulate.scene import random_scene
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from many_scenes import SIGMA, mount_of
 
-from profilecal.calibrate.check import affine_noise
+from profilecal.calibrate.observe import affine_noise
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import rotations
 from profilecal.joint.observations import normalised_square, pose_error

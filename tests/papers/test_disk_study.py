@@ -7,8 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from profilecal.closed_form.disk import sensing_data, solve_disk
-from profilecal.papers.disk_study import DiskScans, disk_study
-from profilecal.papers.settings import fig15_scans
+from profilecal.papers.disk_study import DiskScans, disk_study, fig15_scans
 
 TRIALS = 12
 

@@ -8,7 +8,7 @@ from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import angle_between, directions, random_turns
 from profilecal.papers import edge_study as study
 from profilecal.papers.edge_study import STANDOFF, EdgePlan, edge_scenes
-from profilecal.simulate.poses import actual_poses
+from profilecal.simulate.robot import actual_poses
 from profilecal.targets.ball import Ball
 
 

@@ -5,10 +5,9 @@ from scipy.spatial.transform import Rotation
 
 from profilecal.geometry.poses import nearest_rotation
 from profilecal.papers import monte_carlo
-from profilecal.papers.ball_study import ball_study
-from profilecal.papers.disk_study import disk_study
+from profilecal.papers.ball_study import ball_study, fig17_scans
+from profilecal.papers.disk_study import disk_study, fig15_scans
 from profilecal.papers.monte_carlo import noisy_blocks, rotations_near
-from profilecal.papers.settings import fig15_scans, fig17_scans
 
 
 def test_the_number_of_workers_changes_nothing():

@@ -20,7 +20,7 @@ from IPython.utils.capture import capture_output
 from traitlets.config import Config
 
 from profilecal.running import notebooks
-from profilecal.running.record import recorded
+from profilecal.running.notebooks import recorded
 
 RUNS = int(os.environ.get("PROFILECAL_ALTERED", "1"))
 SEED = int(os.environ.get("PROFILECAL_ALTERED_SEED", "1"))

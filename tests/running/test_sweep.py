@@ -15,10 +15,12 @@ import pytest
 from command import run, write_notebook
 
 from profilecal.running import notebooks, sweep
-from profilecal.running.record import record, recorded
+from profilecal.running.notebooks import record, recorded
 
 PARAMETERS = "n: int = 3  # count\nx: float = 0.5  # [mm] width\nseed: int = 7  # of the noise"
-DRAW = "import random\nfrom profilecal.running.record import record\nrecord(y=n * x, u=random.Random(seed).gauss(0, 1))"
+DRAW = (
+    "import random\nfrom profilecal.running.notebooks import record\nrecord(y=n * x, u=random.Random(seed).gauss(0, 1))"
+)
 GRID = {"n": [1, 2], "x": [0.1, 3]}
 
 
@@ -143,7 +145,7 @@ def test_finished_runs_are_kept_and_stale_or_failed_ones_repeated(tmp_path, clus
 @pytest.mark.parametrize(
     ("code", "why"),
     [
-        ("from profilecal.running.record import record\nrecord(x=1)", "it records x, which is a parameter's name"),
+        ("from profilecal.running.notebooks import record\nrecord(x=1)", "it records x, which is a parameter's name"),
         ("import os\nos._exit(3)", "Kernel died"),
         (
             "import os, pathlib\nif not pathlib.Path('mark').exists():\n    open('mark', 'w').close()\n    os._exit(3)",

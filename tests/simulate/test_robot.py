@@ -4,8 +4,7 @@ import numpy as np
 
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import angle_between, inverse, rotations
-from profilecal.simulate.poses import Poses, actual_poses
-from profilecal.simulate.robot import Robot
+from profilecal.simulate.robot import Poses, Robot, actual_poses
 from profilecal.simulate.spec import Spec, simulate_scan, simulate_scans
 
 SHAPE = {"groups": 3, "positions": 4}

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from profilecal.simulate.scanner import Scanner
+from profilecal.simulate.robot import Scanner
 
 IDEAL = Scanner(resolution=0.0, quantum=0.001, noise_mm=0.0)
 WALL = np.array([[-30.0, 80.0], [30.0, 80.0]])

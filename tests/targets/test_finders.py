@@ -7,7 +7,7 @@ from scipy.differentiate import jacobian
 
 from profilecal.calibrate.observe import covariances
 from profilecal.profiles.arcs import Section
-from profilecal.simulate.scanner import Scanner
+from profilecal.simulate.robot import Scanner
 from profilecal.simulate.spec import Spec, simulate_scan
 from profilecal.targets import TARGETS
 from profilecal.targets.edge import Edge

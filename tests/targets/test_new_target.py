@@ -9,7 +9,7 @@ from scipy.stats import chi2
 from simulated import squared_error, truth_of
 
 from profilecal.calibrate.calibration import calibrate, to_text
-from profilecal.calibrate.check import check
+from profilecal.calibrate.observe import check
 from profilecal.calibrate.verify import verify
 from profilecal.geometry.poses import cross
 from profilecal.profiles.edges import crossing, crossing_covariance

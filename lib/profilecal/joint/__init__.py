@@ -8,7 +8,7 @@ changes with the target's own frame (`targets.target`); everything else is the s
 The sensor pose is perturbed as T · exp(δ), δ = (ρ, φ) in the sensor's frame: a point at p there moves to p - ρ + p × φ.
 Every function takes a batch of problems along the leading axis.
 
-`problem` arranges the residuals of all targets (`residuals`), `descent` finds the least squares. At a
-state all else is one linear Gaussian model (`linear_model`): errors of the robot that profiles share (`pose_groups`),
-what may be wrong at every pose alike (`observations`), how large it all may be (`prior`), and is (`error_sizes`).
+`problem` arranges the residuals of all targets (`residuals`), `descent` finds the least squares. At a state all else is
+one linear Gaussian model (`linear_model`): errors of the robot that profiles share, and what may be wrong at every pose
+alike (`observations`), how large it all may be (`prior`), and is (`error_sizes`).
 """

@@ -24,7 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from profilecal.joint.observability import HAND_PRECISION
-from profilecal.joint.pose_groups import PoseGroups
+from profilecal.joint.observations import PoseGroups
 
 ROUNDING = 1e-13  # of the largest entry of a matrix of products
 

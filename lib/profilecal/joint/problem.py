@@ -13,8 +13,16 @@ from scipy.spatial.transform import Rotation
 from profilecal.geometry.noise import Noise, Systematic, chi2_limit
 from profilecal.joint.linear_model import Linearised, LinearModel
 from profilecal.joint.observability import units_by_hand
-from profilecal.joint.observations import Batch, Observations, Perturbation, State, considered, derivative
-from profilecal.joint.pose_groups import PoseGroups, pose_groups
+from profilecal.joint.observations import (
+    Batch,
+    Observations,
+    Perturbation,
+    PoseGroups,
+    State,
+    considered,
+    derivative,
+    pose_groups,
+)
 from profilecal.joint.residuals import Residuals
 
 NOTHING_KNOWN = 1e-8  # precision, over that of a measurement by hand: it keeps matrices without rank invertible

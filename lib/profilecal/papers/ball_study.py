@@ -7,6 +7,8 @@ import numpy as np
 
 from profilecal.geometry.checks import check_count
 from profilecal.geometry.fitting import circle_from_moments
+from profilecal.geometry.poses import carry, rotation_from_xyz_angles
+from profilecal.papers import published
 from profilecal.papers.monte_carlo import Study, in_chunks, noisy_blocks, two_step_errors
 from profilecal.targets.ball import Ball
 
@@ -59,6 +61,20 @@ class BallScans:
         first = np.ceil(max(-self.half_view_mm, circle[0] - reach) / self.x_resolution_mm)
         last = np.floor(min(self.half_view_mm, circle[0] + reach) / self.x_resolution_mm)
         return self.x_resolution_mm * np.arange(first, last + 1)
+
+
+def fig17_scans(**free) -> BallScans:
+    """Disk paper, Section V-D3: the poses of Table III, the sensor at Eq. 53, the ball where Eq. 53 puts it.
+
+    The motion of the m arcs and the scanner's view are not printed; `free` sets them, see `BallScans`.
+    """
+    ball_translating = 4  # disk paper, Section V-D2: the first four rows of Table III share one orientation
+    R_sensor, T_sensor = published.sensor_pose("Eq. 53", "Upsilon")
+    R_tcp = rotation_from_xyz_angles(published.values("disk", "Table III", "R_tcp"))
+    T_tcp, q = published.values("disk", "Table III", "T_tcp"), published.values("disk", "Table III", "q")
+    centres = carry(R_tcp, T_tcp, q @ R_sensor.T + T_sensor)
+    ball = Ball(centres[ball_translating:].mean(axis=0), float(published.values("disk", "Fig. 14", "ball radius")))
+    return BallScans(ball, R_sensor, T_sensor, R_tcp, T_tcp, ball_translating, **free)
 
 
 def ball_study(

@@ -1,14 +1,21 @@
 """The disk paper's noise study, Section V-B: calibrations from simulated noisy chords, as many as wanted."""
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
 from profilecal.closed_form.disk import chord_weights, sensing_data_from_ellipse
 from profilecal.geometry.checks import check_count
 from profilecal.geometry.fitting import ellipse_from_moments, fit_ellipse, moments, transformed
+from profilecal.geometry.poses import rotation_from_xyz_angles
+from profilecal.papers import published
 from profilecal.papers.monte_carlo import Study, in_chunks, noisy_blocks, two_step_errors
 from profilecal.targets.disk import Disk
+
+# First and last chord of a scan, as signed fractions of the radius. Eq. 48's positions are not printed: notebook 22
+# fits the last one to the values printed for Fig. 15; other pairs fit as well.
+FIG15_EXTENT = (-0.9, 0.31)
 
 
 @dataclass(frozen=True)
@@ -51,6 +58,26 @@ def disk_scans(disk: Disk, R_sensor, T_sensor, R_tcp, centre_seen, direction, ex
     return DiskScans(
         disk, R_sensor, T_sensor, R_tcp, T_centre + extent[0] * to_tangent, T_centre + extent[1] * to_tangent
     )
+
+
+def fig15_scans(extent=FIG15_EXTENT) -> DiskScans:
+    """Disk paper, Section V-B: the disk at Eq. 50, the sensor at Eq. 49, orientations and motions of Table I.
+
+    `extent`: first and last chord as signed fractions of the radius.
+    """
+    return disk_scans(*_fig15(), extent)
+
+
+@cache
+def _fig15() -> tuple:
+    """What `disk_scans` takes of Section V-B, but for the extent."""
+    normal = published.values("disk", "Section V-B", "disk normal of the simulation")
+    radius = float(published.values("disk", "Fig. 14", "disk radius"))
+    disk = Disk(published.values("disk", "Eq. 50", "q_b"), normal, radius)
+    motion = published.values("disk", "Table I", "D_b")
+    motion = motion / np.linalg.norm(motion, axis=1, keepdims=True)
+    R_tcp = rotation_from_xyz_angles(published.values("disk", "Table I", "R_tcp"))
+    return disk, *published.sensor_pose("Eq. 49", "Lambda"), R_tcp, published.values("disk", "Table I", "q"), motion
 
 
 def disk_study(

@@ -10,7 +10,7 @@ from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import directions, frame_along, random_turns
 from profilecal.joint.observations import Observations
 from profilecal.papers.published import values
-from profilecal.simulate.poses import Poses, actual_poses, scan_planes
+from profilecal.simulate.robot import Poses, actual_poses, scan_planes
 from profilecal.targets.ball import Ball
 from profilecal.targets.edge import Edge
 

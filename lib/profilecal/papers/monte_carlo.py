@@ -15,6 +15,13 @@ from profilecal.geometry.poses import cross, dot, nearest_rotation
 
 BLOCK = 2**15  # random numbers drawn at a time: 256 kB, which with their powers stay in a processor's own cache
 
+# Readings of "the standard deviation e" of the disk paper's Figs 15 and 17: from errors (..., trials, 3) to (...)
+READINGS = {
+    "standard deviation of the norms": lambda errors: np.linalg.norm(errors, axis=-1).std(axis=-1),
+    "root mean square": lambda errors: np.sqrt((errors**2).sum(axis=-1).mean(axis=-1)),
+    "mean of the norms": lambda errors: np.linalg.norm(errors, axis=-1).mean(axis=-1),
+}
+
 
 @dataclass(frozen=True)
 class Study:

@@ -9,6 +9,7 @@ import pandas as pd
 from scipy.optimize import linprog
 
 from profilecal.geometry.fitting import ROUNDS
+from profilecal.geometry.poses import nearest_rotation
 
 SMALL = 1e-4  # the step of the differences that stand for derivatives, and the change at which the search ends
 INSIDE = 0.99  # of the way from the middle of an interval to its ends: room for what is not linear
@@ -133,6 +134,12 @@ def vectors(paper: str, item: str, quantity: str) -> list[str]:
     """The rows of one quantity as the paper prints them, such as "(5.947, 0, 5.97)"."""
     rows = _entries(paper, item, quantity).groupby("row", sort=False)["printed"]
     return [f"({', '.join(row)})".replace("-", "−") for _, row in rows]
+
+
+def sensor_pose(item: str, quantity: str) -> tuple[np.ndarray, np.ndarray]:
+    """R_sensor (3, 3), projected to a rotation, and T_sensor (3,), mm, of a matrix that the disk paper prints."""
+    matrix = values("disk", item, quantity).reshape(-1, 4)[:3]
+    return nearest_rotation(matrix[:, :3]), matrix[:, 3]
 
 
 @dataclass(frozen=True)

@@ -19,8 +19,8 @@ from profilecal.scan.folder import poses_columns, read_scan
 from profilecal.scan.scan import Scan, ScanError
 from profilecal.scan.tables import write_table
 from profilecal.scan.toml import check_entries, number, numbers, read_toml, toml_text, whole
-from profilecal.simulate.guess import planned_poses
-from profilecal.simulate.scanner import Scanner
+from profilecal.simulate.robot import Scanner
+from profilecal.simulate.scene import planned_poses
 from profilecal.simulate.spec import Spec, read_spec, sizes_of
 from profilecal.targets import TARGETS
 

@@ -11,8 +11,8 @@ from profilecal.joint.linear_model import marginal
 from profilecal.joint.observability import Spectrum, spectrum, units_by_hand
 from profilecal.joint.observations import Observations, State, considered
 from profilecal.joint.problem import Problem
-from profilecal.simulate.guess import Guess, off_by
-from profilecal.simulate.scanner import Scanner
+from profilecal.simulate.robot import Scanner
+from profilecal.simulate.scene import Guess, off_by
 from profilecal.targets.target import Target
 
 GUESSES = 20  # draws of how wrong the guess is: they show most of the range

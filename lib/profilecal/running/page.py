@@ -10,7 +10,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from profilecal.running import notebooks
-from profilecal.running.record import MIME
+from profilecal.running.notebooks import MIME
 from profilecal.scan.tables import partial_of, remove, whole
 
 NOTEBOOK = "60_calibrate_your_scanner.ipynb"

@@ -15,7 +15,7 @@ import pandas as pd
 from tqdm import tqdm
 
 from profilecal.running import notebooks
-from profilecal.running.record import recorded
+from profilecal.running.notebooks import recorded
 from profilecal.scan.tables import whole
 from profilecal.scan.toml import read_toml
 

@@ -1,5 +1,6 @@
-"""What a robot does beyond the errors that a scan's [noise] states: it drifts, and its arm is built
-differently than its controller believes."""
+"""What a robot and a scanner do. The robot errs at each pose that it reports, it drifts, and its arm is built
+differently than its controller believes; the scanner reports the outline that its scan plane cuts from a scene.
+"""
 
 from dataclasses import dataclass, field
 
@@ -7,7 +8,61 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from profilecal.geometry.noise import Noise
-from profilecal.geometry.poses import rotations
+from profilecal.geometry.poses import inverse, rotations
+
+
+@dataclass(frozen=True)
+class Poses:
+    """G rotation groups of N positions: what the robot reports, base frame, mm."""
+
+    rotations: np.ndarray  # (..., G, 3, 3) of the flange
+    positions: np.ndarray  # (..., G, N, 3) of the flange
+
+    def first(self, groups: int) -> "Poses":
+        """The first groups only, in the order they were collected."""
+        return Poses(self.rotations[..., :groups, :, :], self.positions[..., :groups, :, :])
+
+    def carry(self, points, R_sensor, T_sensor) -> np.ndarray:
+        """Sensed points (..., G, N, M, 2), mm, in the base frame, (..., G, N, M, 3), by the poses reported.
+
+        The sensor is at R_sensor (..., 3, 3), T_sensor (..., 3), mm, on the flange.
+        """
+        R = (self.rotations @ R_sensor[..., None, :, :])[..., None, :, :]
+        T = self.positions + (self.rotations @ T_sensor[..., None, :, None])[..., None, :, 0]
+        return points @ R[..., ::2].mT + T[..., None, :]
+
+
+def actual_poses(
+    poses: Poses, noise: Noise, rng: np.random.Generator, same=slice(None), to_hand: bool = False
+) -> tuple[np.ndarray, np.ndarray]:
+    """Where the flange really is, rotations (..., G, N, 3, 3) and positions (..., G, N, 3), mm.
+
+    `same` (G,): groups with one number share the error of a group. `to_hand`: poses are of the base in the flange's
+    frame; what is returned is the flange in the base.
+    """
+    shape = poses.positions.shape
+    group = (*shape[:-2], 1, 3)
+
+    def error(own, shared):
+        return own * rng.normal(size=shape) + shared * rng.normal(size=group)[..., same, :, :]
+
+    position = error(noise.position_mm, noise.group_position_mm)
+    turn = error(noise.orientation_deg, noise.group_orientation_deg)
+    R, T = poses.rotations[..., None, :, :], poses.positions
+    if to_hand:
+        R, T = inverse(R, T)
+    return rotations(np.radians(turn)) @ R, T + position
+
+
+def scan_planes(R_sensor, T_sensor, rotations, positions) -> tuple[np.ndarray, np.ndarray]:
+    """Orientations (..., G, N, 3, 3) and origins (..., G, N, 3), mm, of scan planes in the base frame.
+
+    `rotations` and `positions` are the flange's, of the same shapes.
+    """
+    return rotations @ R_sensor[..., None, None, :, :], positions + (rotations @ T_sensor[..., None, None, :, None])[
+        ..., 0
+    ]
+
 
 AXES = np.eye(3)[[2, 1, 1, 2, 1, 2]]  # of the joints, all turned to zero: the arm then points straight up
 MIDDLE = np.array([900.0, 0.0, 600.0])  # mm from its foot, where it works best
@@ -96,3 +151,63 @@ class Robot:
         if noise.repeatability_deg:
             rotation = rotations(np.radians(noise.repeatability_deg) * rng.normal(size=position.shape)) @ rotation
         return rotation, position
+
+
+@dataclass(frozen=True)
+class Scanner:
+    """A laser triangulation scanner; the defaults are those of the edge paper's VLM350 (its Section 3).
+
+    Its rays fan out from behind the housing: `points` of them, evenly spaced at every depth.
+    """
+
+    near: float = 60.0  # mm, the measuring range in z
+    far: float = 350.0  # mm
+    near_width: float = 40.0  # mm, the field of view in x at `near`
+    far_width: float = 160.0  # mm, at `far`
+    points: int = 980  # of a profile
+    resolution: float = 0.25  # mm in x: a sample comes from anywhere within this width around its ray
+    quantum: float = 0.1  # mm, coordinates are whole multiples of it
+    noise_mm: float = 0.06  # standard deviation of z: of a resolution of 0.2 mm, as a uniform error's width
+
+    def half_width(self, z) -> np.ndarray:
+        """Half the field of view in x at depth z, mm."""
+        return (self.near_width + (self.far_width - self.near_width) * (z - self.near) / (self.far - self.near)) / 2
+
+    def count(self, outline, rng: np.random.Generator) -> np.ndarray:
+        """Profiles (..., points, 2) as the scanner sends them: 16-bit integers, in `quantum`; z = 0 where nothing is.
+
+        `outline` (..., V, 2) is a chain of straight pieces in the scan plane, x and z in mm.
+        """
+        rays = np.linspace(-1, 1, self.points)
+        middle = self.half_width(outline[..., 1].mean(axis=-1))[..., None]
+        spot = rng.uniform(-0.5, 0.5, (*middle.shape[:-1], self.points)) * self.resolution / middle
+        z = nearest_on_rays(outline, rays + spot, self)
+        z = z + self.noise_mm * rng.normal(size=z.shape)
+        x = rays * self.half_width(z)
+        seen = (self.near <= z) & (z <= self.far)  # false for NaN: nothing there
+        counts = np.stack([x, z], axis=-1) / self.quantum
+        return np.where(seen[..., None], np.rint(counts), 0).astype(np.int16)
+
+    def decode(self, counts) -> np.ndarray:
+        """Profiles in mm, NaN where the scanner saw nothing."""
+        return np.where(counts[..., 1:] > 0, counts * self.quantum, np.nan)
+
+
+def nearest_on_rays(outline, rays, scanner: Scanner) -> np.ndarray:
+    """Depth z (..., n) at which rays (..., n), as fractions of the half width, first meet an outline (..., V, 2).
+
+    NaN where they miss it. Along a ray x is a linear function of z, so that a ray meets a straight piece where x less
+    that function, linear along the piece, passes through zero.
+    """
+    x, z = np.moveaxis(outline, -1, 0)  # (..., V)
+    half, depth = scanner.half_width(z), np.full(rays.shape, np.inf)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        beyond = (x / half)[..., None] > rays[..., None, :]  # of all pairs, few pass through zero
+        beyond ^= (half < 0)[..., None]
+        *scan, piece, ray = np.nonzero(beyond[..., :-1, :] != beyond[..., 1:, :])
+        begin, stop, ray = (*scan, piece), (*scan, piece + 1), (*scan, ray)
+        start, end = x[begin] - rays[ray] * half[begin], x[stop] - rays[ray] * half[stop]
+        t = start / (start - end)
+        met = z[begin] + t * (z[stop] - z[begin])
+    np.minimum.at(depth, ray, np.where((t >= 0) & (t <= 1), met, np.inf))
+    return np.where(np.isfinite(depth), depth, np.nan)

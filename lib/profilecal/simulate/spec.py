@@ -12,11 +12,8 @@ from profilecal.scan.conventions import CONVENTIONS
 from profilecal.scan.folder import MOUNTS, length_rules
 from profilecal.scan.scan import Scan, ScanError
 from profilecal.scan.toml import TABLE, TEXT, check_entries, number, one_of, whole
-from profilecal.simulate.guess import GUESS, Guess, planned_scene, read_guess
-from profilecal.simulate.poses import actual_poses
-from profilecal.simulate.robot import Robot
-from profilecal.simulate.scanner import Scanner
-from profilecal.simulate.scene import Scene, random_scene
+from profilecal.simulate.robot import Robot, Scanner, actual_poses
+from profilecal.simulate.scene import GUESS, Guess, Scene, planned_scene, random_scene, read_guess
 from profilecal.targets import TARGETS
 
 WIDE = Scanner(near=40.0, far=260.0, near_width=100.0, far_width=220.0)  # sees a whole disk of 50 mm radius
