@@ -154,9 +154,7 @@ def ball_points(ball: Ball, R_sensor, T_sensor, poses: Poses, noise: Noise, rng,
     Each profile is the arc of up to 60° to either side of the point nearest to the scanner.
     """
     planes = scan_planes(R_sensor, T_sensor, *actual_poses(poses, noise, rng))
-    x, z, r = np.moveaxis(Ball(ball.centre[..., None, None, :], ball.radius).meet(*planes), -1, 0)[..., None]
-    angle = np.linspace(-np.pi / 3, np.pi / 3, count)
-    seen = np.stack([x + r * np.sin(angle), z - r * np.cos(angle)], axis=-1)
+    seen = Ball(ball.centre[..., None, None, :], ball.radius).arc(*planes, 60, count)
     return seen + noise.profile_mm * rng.normal(size=seen.shape)
 
 

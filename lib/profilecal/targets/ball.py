@@ -64,8 +64,8 @@ class Ball(Target):
         return np.stack([c[..., 0], c[..., 2], r], axis=-1)
 
     def arc(self, rotation, origin, reach_deg: float, count: int) -> np.ndarray:
-        """Points (P, count, 2) of the circles, by angles to either side of the point nearest to the scanner."""
-        circle = self.meet(rotation, origin)[:, None]
+        """Points (..., count, 2) of the circles, by angles to either side of the point nearest to the scanner."""
+        circle = self.meet(rotation, origin)[..., None, :]
         angle = np.radians(np.linspace(-reach_deg, reach_deg, count))
         return circle[..., :2] + circle[..., 2:] * np.stack([np.sin(angle), -np.cos(angle)], axis=-1)
 
