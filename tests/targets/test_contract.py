@@ -113,6 +113,15 @@ def test_its_lines_lie_on_it(kind):
         assert np.abs(scene.target.distance(line)).max() < (10 if kind == "point" else 0) + 1e-9
 
 
+@pytest.mark.parametrize("kind", ["edge", "rod"])
+def test_what_has_no_ends_is_drawn_as_long_as_it_was_seen(kind):
+    scene = random_scene(kind, np.random.default_rng(12))
+    along = (in_base(scene) - scene.target.point) @ scene.target.direction
+    drawn = (scene.target.lines(in_base(scene))[0] - scene.target.point) @ scene.target.direction
+    assert np.ptp(along) < np.ptp(drawn) < 1.3 * np.ptp(along)
+    assert abs(drawn.mean() - (along.min() + along.max()) / 2) < 0.1 * np.ptp(along)
+
+
 def test_a_missed_disk_has_no_chord_and_a_circle_gives_the_ball_back_on_its_side():
     rng = np.random.default_rng(3)
     rotation, origin = rotations(rng.normal(size=(200, 3))), rng.uniform(-20, 20, (200, 3))
