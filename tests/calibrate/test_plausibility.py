@@ -75,6 +75,12 @@ def test_a_wrong_radius_is_answered_by_the_one_that_fits_and_by_no_poses(kind, w
     assert not any("add poses" in message or "tilt" in message for message in found.messages)
 
 
+def test_a_robot_s_scale_is_named_where_the_scanner_stands_still_too():
+    scan = simulate_scan(Spec(kind="disk", mount="eye-to-hand", groups=12, positions=5, seed=4))
+    found = calibrate([moved(scan, 0.01 * scan.T_base_flange)])
+    assert any("the robot's positions were too far apart by" in message for message in found.messages)
+
+
 @pytest.mark.parametrize("wrong", WRONG)
 def test_what_is_wrong_everywhere_is_named_and_widens_the_region(wrong):
     kind, change, sentence = WRONG[wrong]

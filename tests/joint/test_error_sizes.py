@@ -53,14 +53,17 @@ def test_the_likeliest_sizes_are_those_that_scipy_finds():
     assert np.linalg.eigvalsh(root @ root.T).min() > 0
 
 
-def test_draws_have_the_mean_of_a_fine_grid():
-    """Of one size."""
+def test_draws_have_the_mean_and_the_sum_of_a_fine_grid():
+    """Of one size. The sum is the evidence of the model, which stands beside that of others."""
     model, names = edge_model(2, ["position_mm"], groups=3, positions=2)
     law = Prior(replace(USUAL, profile_mm=SIGMA)).law(names, SIGMA)
     drawn = draw(model, law, *likeliest(model, law, np.zeros(1)))
     grid = np.linspace(-4.5, 4.5, 400)[:, None]
     found = model.posterior(law.variances(grid)[0])
-    weight = normalised(found.log_evidence - grid[:, 0] ** 2 / 2)
+    height = found.log_evidence + norm.logpdf(grid[:, 0])
+    evidence = np.logaddexp.reduce(height) + np.log(grid[1, 0] - grid[0, 0])
+    assert np.logaddexp.reduce(drawn.log_weight) == pytest.approx(evidence, abs=0.03)
+    weight = normalised(height)
     by_grid, by_draws = (w @ (v[:, 1:] ** 0.5) for w, v in ((weight, found.v), (normalised(drawn.log_weight), drawn.v)))
     assert by_draws == pytest.approx(by_grid, rel=0.02)
     by_grid, by_draws = (

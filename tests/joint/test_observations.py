@@ -8,6 +8,7 @@ from many_scenes import SIGMA
 
 from profilecal.geometry.checks import UnobservableError
 from profilecal.geometry.noise import Noise
+from profilecal.joint.problem import Problem
 from profilecal.joint.solve import solve
 from profilecal.simulate.scene import random_scene
 
@@ -46,3 +47,16 @@ def test_what_cannot_be_solved_is_refused():
         solve([few], Noise(-1))
     with pytest.raises(UnobservableError, match="9 measured coordinates cannot determine 9 unknowns; add poses"):
         solve([few], Noise(SIGMA))
+
+
+def test_points_that_are_missing_do_not_move_the_place_of_an_edge():
+    rng = np.random.default_rng(5)
+    scene = random_scene("edge", rng)
+    points = scene.observations.points.copy()
+    points[:, rng.permutation(points.shape[1])[: points.shape[1] // 5]] = np.nan
+    state = Problem([replace(scene.observations, points=points)], Noise(SIGMA)).place(
+        scene.truth.rotation, scene.truth.translation
+    )
+    (origin, axes), truth = state.placements[0], scene.target
+    assert np.linalg.norm(np.cross(axes[0, :, 2], truth.direction)) < 1e-9
+    assert truth.distance(origin).max() < 1e-9
