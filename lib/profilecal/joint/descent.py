@@ -13,6 +13,11 @@ from profilecal.joint.observability import Spectrum, spectrum
 from profilecal.joint.observations import Observations, State
 from profilecal.joint.problem import Fit, Problem
 
+POSES = 40  # the search looks at that many
+GRID: Final = "I"  # scipy's name for 60 rotations: any rotation is within 45° of one of them
+HOPELESS = 100.0  # times the noise, or the best loss
+KEPT = 6  # starts that all poses are looked at from
+
 
 def refine(
     problem: Problem,
@@ -142,12 +147,6 @@ def with_robot(problem: Problem, state: State) -> tuple[State, np.ndarray]:
         if reach(found.mean).max() < 1e-6:
             break
     return state, problem.model(state, names).posterior(v).normal[0]
-
-
-POSES = 40  # the search looks at that many
-GRID: Final = "I"  # scipy's name for 60 rotations: any rotation is within 45° of one of them
-HOPELESS = 100.0  # times the noise, or the best loss
-KEPT = 6  # starts that all poses are looked at from
 
 
 def search(observations: Sequence[Observations], noise: Noise, starts=()) -> State:

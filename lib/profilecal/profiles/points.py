@@ -59,15 +59,16 @@ def stretches(rows, gap: int) -> list[np.ndarray]:
     return [rows[start:stop] for start, stop in pairwise([0, *cuts, len(rows)])]
 
 
-def correlation(errors, lags: int = 40) -> float:
+def correlation(errors) -> float:
     """How many times the variance of a mean of `errors` (k,) exceeds that of independent ones: 1 + 2 Σ ρ.
 
     Summed up to the first autocorrelation that is not twice its own standard error away from zero.
     """
+    longest = 40  # lag, in points
     k = len(errors)
     square = (errors**2).sum()
     total = 1.0
-    for lag in range(1, min(lags, k // 4)):
+    for lag in range(1, min(longest, k // 4)):
         rho = (errors[lag:] * errors[:-lag]).sum() / square if square else 0.0
         if rho < 2 / np.sqrt(k):
             break

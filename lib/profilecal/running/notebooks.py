@@ -234,6 +234,9 @@ def reproduce(paths: list[Path], given: dict, output: Path):
     return gathered, failed
 
 
+# What they hand out
+
+
 MIME = "application/vnd.profilecal.record"
 
 
