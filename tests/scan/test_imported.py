@@ -93,11 +93,6 @@ def fanuc(folder, tool=0, more=""):
     )
 
 
-def key_lines(folder):
-    rows = [f"r {text(row[3:], ' ')}\nt {text(row[:3], ' ')}\n" for row in poses("matrix")]
-    (folder / "poses.txt").write_text("".join(rows))
-
-
 def csv(folder):
     rows = [f"scan_{k:03d};{text(row, ';').replace('.', ',')}\n" for k, row in enumerate(poses("Stäubli angles"))]
     order = np.random.default_rng(1).permutation(12)
@@ -122,7 +117,7 @@ def array_of_matrices(folder):
     np.save(folder / "poses.npy", homogeneous(scan().R_base_flange, scan().T_base_flange))
 
 
-POSES = {f.__name__: f for f in (kuka, abb, ur, as_json, fanuc, key_lines, csv, tum, matrices, array_of_matrices)}
+POSES = {f.__name__: f for f in (kuka, abb, ur, as_json, fanuc, csv, tum, matrices, array_of_matrices)}
 SAID = {"as_json": Layout(pose_columns="x,y,z,w,p,r")}  # the numbers have no names there
 
 
@@ -287,8 +282,7 @@ NONSENSE = {  # in each syntax of poses
     "abb": ("scan.mod", "],[-1,0,-1,0]", ",1],[-1,0,-1,0]", "12 profiles for 11 poses"),
     "ur": ("scan.script", "p[", "p[oops,", "12 profiles for 11 poses"),
     "as_json": ("poses.json", "[\n            ", '[\n            "oops",', "12 profiles for 11 poses"),
-    "fanuc": ("CALIB.LS", "X = ", "X = ********  mm, Q = ", "CALIB.LS line 7: x is '\\*+'; expected a finite number"),
-    "key_lines": ("poses.txt", "\nt ", "\nt oops ", "12 profiles for 11 poses"),
+    "fanuc": ("CALIB.LS", "X = ", "X = ********  mm, Q = ", "CALIB.LS line 5: x is '\\*+'; expected a finite number"),
     "csv": ("robot.csv", "scan_003;", "scan_003;oops", "robot.csv line .*: x.* is 'oops"),
     "tum": ("poses.tum", "0 ", "0 oops", "poses.tum line 2: x is 'oops"),
 }

@@ -7,19 +7,20 @@ from zipfile import BadZipFile
 
 import numpy as np
 
-from profilecal.scan.conventions import CONVENTIONS
 from profilecal.scan.scan import ScanError
 from profilecal.scan.tables import Rows, Table, in_columns, listed, naming, number, shown, text_of
 
 TITLE = re.compile(r"(.*?)[\s_]*(?:[\[(]\s*([^\])]*?)\s*[\])].*|[\s_/]\s*(mm|m|deg|rad))?")
 ALIASES = {"q1": "qw", "q2": "qx", "q3": "qy", "q4": "qz"} | {f"{t}{axis}": axis for t in "tp" for axis in "xyz"}
-SEVERAL = {("t", 3): ("x", "y", "z"), ("r", 9): CONVENTIONS[-1].columns}  # numbers behind one name
-NUMBER = r"(?:[+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?|\*+)"  # or what FANUC prints for a position that was not taught
-TOKEN = re.compile(  # a brace and the name before it; a group of a FANUC robot's axes; a name and its numbers
-    rf"(?:\b([a-z]\w*)(?:\[(\d+)[^\]]*\])?\s*=?\s*)?(\{{)|\bgp(\d+)\s*:|"
-    rf"\b([a-z]\w*)\"?\s*[:=]?[ \t]*({NUMBER}(?:[ \t]+{NUMBER})*)",
-    re.IGNORECASE,
-)
+NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?|\*+"  # or what FANUC prints for a position that was not taught
+NAMED = re.compile(rf"\b([a-z]\w*)\"?\s*[:=]?\s*({NUMBER})")
+BRACES = re.compile(r"(?:\b([a-z]\w*)\[(\d+)[^\]]*\]\s*=?\s*)?\{([^{}]*)\}", re.IGNORECASE)  # P[7:"label"]{…}
+ONE = r"[^\[\],]*"  # of the numbers in brackets
+BRACKETS = {  # poses, and what a robot's language has in them
+    rf"\[\s*\[({ONE},{ONE},{ONE})\]\s*,\s*\[({ONE},{ONE},{ONE},{ONE})\]\s*,\s*\[": "x y z qw qx qy qz",  # ABB
+    r"\bp\[([^\[\]]*)\]": "x y z rx ry rz",  # Universal Robots
+    rf"\[((?:{ONE},){{5,}}{ONE})\]": "",  # JSON
+}
 REMARK = re.compile(r"\s*(?:#|%|//|!)[\s#%/]*")
 
 
@@ -40,7 +41,7 @@ def read_columns(path: Path, entry: str = "") -> Table:
 
 
 def read_poses(path: Path) -> Table:
-    """The same of poses: also KUKA's {X 1,Y 2,…}, FANUC listings, lines t … and r …, ABB's robtargets, UR's p[…]."""
+    """The same of poses: also KUKA's {X 1,Y 2,…}, FANUC listings, ABB's robtargets, UR's p[…]."""
     if path.suffix.lower() in (".npy", ".npz"):
         return array(path, "")
     text = closed_text(path)
@@ -57,41 +58,27 @@ def closed_text(path: Path) -> str:
 
 
 def behind_names(path: Path, text: str) -> Table | None:
-    """Poses whose numbers have names; another one begins at a brace, or where a name comes again."""
-    poses, prefix = [{}], ""
-    for found in TOKEN.finditer(text):
-        label, index, brace, group, key, numbers = found.groups()
-        if group:
-            prefix = "" if group == "1" else f"gp{group} "
-        elif brace:
-            poses.append({"pose": f"{label}{index}"} if index else {})
-            prefix = ""
-        else:
-            key, cells = prefix + key.lower(), numbers.split()
-            names = SEVERAL.get((key, len(cells)), (ALIASES.get(key, key),))
-            if not poses[-1].keys().isdisjoint(names):
-                poses.append({})
-            if len(names) == len(cells):
-                poses[-1].setdefault("", line_of(text, found.start()))
-                poses[-1] |= zip(names, cells, strict=True)
-    poses = [pose for pose in poses if {"x", "y", "z"} <= pose.keys() or "uf" in pose]
-    units = {name: "" for pose in poses for name in pose if name}
-    rows = [(pose[""], [pose.get(name, "") for name in units]) for pose in poses]
+    """Poses in braces, whose numbers have names. Only the first group of a FANUC robot's axes counts."""
+    poses = []
+    for found in BRACES.finditer(text):
+        label, index, inside = found.groups()
+        first_group = re.split(r"\bgp[2-9]\s*:", inside.lower())[0]
+        pose = {ALIASES.get(name, name): cell for name, cell in NAMED.findall(first_group)}
+        pose |= {"pose": f"{label}{index}"} if index else {}
+        if {"x", "y", "z"} <= pose.keys() or "uf" in pose:
+            poses.append((line_of(text, found.start()), pose))
+    units = {name: "" for _, pose in poses for name in pose}
+    rows = [(line, [pose.get(name, "") for name in units]) for line, pose in poses]
     return in_columns(path, units, rows) if rows else None
 
 
 def in_brackets(text: str) -> Rows:
     """Poses in brackets, under titles where a robot's language says what the numbers are."""
-    titles = ""
-    if "robtarget" in text.lower():  # of ABB, where other lines hold joints and tools
-        text, titles = re.sub(r"(?im)^(?!.*robtarget).*$", "", text), "x y z qw qx qy qz"
-    elif re.search(r"\bp\[", text):  # of UR
-        text, titles = re.sub(r"(?<!\bp)\[[^\]]*\]", "", text), "x y z rx ry rz"
-    three, some = r"\[((?:[^\[\],]*,){2}[^\[\],]*)\]", r"\[([^\[\]]*)\]"
-    found = [*re.finditer(rf"\[\s*{three}\s*,\s*{some}", text)]  # position and orientation
-    found = found or [one for one in re.finditer(some, text) if one[1].count(",") > 4]
-    rows = [(line_of(text, one.start()), re.split(r"[\s,]+", ",".join(one.groups()).strip())) for one in found]
-    return [(0, titles.split()), *rows] if rows else []
+    for pattern, titles in BRACKETS.items():
+        found = [(line_of(text, one.start()), ",".join(one.groups())) for one in re.finditer(pattern, text)]
+        if found:
+            return [(0, titles.split()), *((line, fields_of(numbers)) for line, numbers in found)]
+    return []
 
 
 def line_of(text: str, place: int) -> int:
@@ -123,7 +110,7 @@ def from_rows(path: Path, rows: Rows) -> Table:
     the row of that length above."""
     numeric = [j for j, (_, fields) in enumerate(rows) if np.isinf([*map(number, fields)]).sum() < len(fields) / 2]
     if not numeric:
-        raise ScanError(f"{path}: no numbers in columns")
+        raise ScanError(f"{path}: no numbers in columns; expected a row for each pose or point")
     k = mode(len(rows[j][1]) for j in numeric)
     first = next(j for j in numeric if len(rows[j][1]) == k)
     titles = next((fields for _, fields in rows[:first][::-1] if len(fields) == k), k * ["1"])
