@@ -124,7 +124,7 @@ def calibrate(scans, guess=None) -> Calibration:
     def by_scan(sentences) -> list[str]:
         return [name + said for name, own in zip(names(scans), sentences, strict=True) for said in own]
 
-    notes = by_scan(scan.warnings for scan in scans) + by_scan(entry.remarks for entry in seen)
+    notes = by_scan(entry.remarks for entry in seen)
     readings = []
     if solution is None or solution.status != "ok":
         readings = by_scan(map(better_readings, scans, seen))

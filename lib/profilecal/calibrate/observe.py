@@ -194,7 +194,7 @@ def check(scan: Scan) -> list[str]:
                 )
         else:
             lines.append("noise          unknown before the calibration: groups have too few poses (5 or more each)")
-    return [*lines, *(f"note           {text}" for text in (*scan.warnings, *seen.remarks))]
+    return [*lines, *(f"note           {text}" for text in seen.remarks)]
 
 
 def affine_outliers(observations: Observations) -> list[list[int]]:

@@ -33,7 +33,6 @@ class Scan:
     convention: str = "quaternion"
     orientation: np.ndarray | None = None  # (P, k) the convention's columns as they were read
     truth: dict = field(default_factory=dict)
-    warnings: tuple[str, ...] = ()
 
     @property
     def target(self) -> type[Target]:

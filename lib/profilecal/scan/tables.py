@@ -186,7 +186,7 @@ def in_columns(path: Path, units: dict[str, str], rows: Rows) -> Table:
     """The table of rows under names with units. Raises ScanError for a row that is shorter or longer."""
     for line, fields in rows:
         if len(fields) != len(units):
-            hint = f"expected {len(units)}: is the file cut short, are there decimal commas, or several rows for a pose?"
+            hint = f"expected {len(units)}: is the file cut short? Are there decimal commas, or rows of a matrix?"
             raise ScanError(f"{path} line {line}: {len(fields)} fields; {hint}")
     lines, fields = zip(*rows, strict=True)
     return Table(path, dict(zip(units, zip(*fields, strict=True), strict=True)), lines, units=units)
