@@ -34,28 +34,22 @@ CONVENTIONS = (
     ),
     Convention("matrix", tuple(f"r{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3)), "1", "a matrix", "matrix"),
 )
-CONTROLLERS = {  # what they are called, and how a pose is pasted into one
+CONTROLLERS = {  # how a pose is pasted into one
     "abb": (
-        "ABB (RAPID)",
         "PERS tooldata tScanner:=[{held},[[{x:.4f},{y:.4f},{z:.4f}],[{qw:.8f},{qx:.8f},{qy:.8f},{qz:.8f}]],"
-        "[1,[0,0,1],[1,0,0,0],0,0,0]];  ! set the load",
+        "[1,[0,0,1],[1,0,0,0],0,0,0]];  ! set the load"
     ),
-    "kuka": ("KUKA (KRL)", "{{X {x:.4f},Y {y:.4f},Z {z:.4f},A {a:.6f},B {b:.6f},C {c:.6f}}}"),
-    "ur": (
-        "Universal Robots (URScript; metres, radians)",
-        "p[{x_m:.7f},{y_m:.7f},{z_m:.7f},{rx:.8f},{ry:.8f},{rz:.8f}]",
-    ),
-    "fanuc": ("FANUC", "X {x:.4f}  Y {y:.4f}  Z {z:.4f}  W {w:.6f}  P {p:.6f}  R {r:.6f}"),
-    "staubli": ("Stäubli (VAL 3)", "{{{x:.4f},{y:.4f},{z:.4f},{alpha:.6f},{beta:.6f},{gamma:.6f}}}"),
+    "kuka": "{{X {x:.4f},Y {y:.4f},Z {z:.4f},A {a:.6f},B {b:.6f},C {c:.6f}}}",
+    "ur": "p[{x_m:.7f},{y_m:.7f},{z_m:.7f},{rx:.8f},{ry:.8f},{rz:.8f}]",
+    "fanuc": "X {x:.4f}  Y {y:.4f}  Z {z:.4f}  W {w:.6f}  P {p:.6f}  R {r:.6f}",
+    "staubli": "{{{x:.4f},{y:.4f},{z:.4f},{alpha:.6f},{beta:.6f},{gamma:.6f}}}",
     "ros": (
-        "ROS 2 (metres)",
         "ros2 run tf2_ros static_transform_publisher --x {x_m:.7f} --y {y_m:.7f} --z {z_m:.7f} --qx {qx:.8f} "
-        "--qy {qy:.8f} --qz {qz:.8f} --qw {qw:.8f} --frame-id {frame} --child-frame-id scanner",
+        "--qy {qy:.8f} --qz {qz:.8f} --qw {qw:.8f} --frame-id {frame} --child-frame-id scanner"
     ),
     "matrix": (
-        "Matrix, mm",
         "{r11:.9g} {r12:.9g} {r13:.9g} {x:.9g}\n{r21:.9g} {r22:.9g} {r23:.9g} {y:.9g}\n"
-        "{r31:.9g} {r32:.9g} {r33:.9g} {z:.9g}\n0 0 0 1",
+        "{r31:.9g} {r32:.9g} {r33:.9g} {z:.9g}\n0 0 0 1"
     ),
 }
 
@@ -148,4 +142,4 @@ def for_controller(vendor: str, matrix, frame: str = "flange") -> str:
         entries |= {axis: value, f"{axis}_m": value / 1000}
     for convention in CONVENTIONS:
         entries |= zip(convention.columns, from_rotations(convention, matrix[None, :3, :3])[0], strict=True)
-    return CONTROLLERS[vendor][1].format(**entries)
+    return CONTROLLERS[vendor].format(**entries)

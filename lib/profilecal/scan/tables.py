@@ -194,13 +194,6 @@ def in_columns(path: Path, units: dict[str, str], rows: Rows) -> Table:
 
 def write_table(path: Path, columns: dict[str, Sequence]) -> None:
     """Write a CSV file; numbers to twelve digits, NaN as an empty cell."""
+    from pandas import DataFrame  # slow to load, and only what writes needs it
 
-    def cell(value):
-        if not isinstance(value, float):
-            return value
-        return "" if np.isnan(value) else f"{value:.12g}"
-
-    with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(columns)
-        writer.writerows(zip(*([cell(value) for value in values] for values in columns.values()), strict=True))
+    DataFrame(columns).to_csv(path, index=False, float_format="%.12g", lineterminator="\n")

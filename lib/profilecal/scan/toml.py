@@ -5,8 +5,6 @@ import tomllib
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
-
 from profilecal.scan.scan import ScanError
 from profilecal.scan.tables import is_file, naming, shown, text_of
 
@@ -76,13 +74,9 @@ def read_toml(path) -> dict:
 
 def toml_text(entries: dict) -> str:
     """A dictionary of numbers, texts and nested lists of numbers, and one level of such dictionaries, as TOML."""
-
-    def lines(table):
-        text = {key: json.dumps(value, ensure_ascii=False, default=np.ndarray.tolist) for key, value in table.items()}
-        return [f"{key} = {value}" for key, value in text.items()]
-
-    tables = {name: table for name, table in entries.items() if isinstance(table, dict)}
-    parts = lines({name: value for name, value in entries.items() if name not in tables})
-    for name, table in tables.items():
-        parts += ["", f"[{name}]", *lines(table)] if table else []
-    return "\n".join(parts) + "\n"
+    text, tables = "", {name: table for name, table in entries.items() if isinstance(table, dict)}
+    for name, table in ({"": {key: entries[key] for key in entries if key not in tables}} | tables).items():
+        text += f"\n[{name}]\n" if name and table else ""
+        for key, value in table.items():
+            text += f"{key} = {json.dumps(value, ensure_ascii=False)}\n"
+    return text
