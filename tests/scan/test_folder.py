@@ -138,7 +138,7 @@ MISTAKES = {
     "negative noise": (header("0.05", "-0.05"), r"profile_mm is -0.05 in \[noise\]; expected zero, or 1e-06 to 100"),
     "unknown unit": (header('"mm"', '"inch"'), "units is 'inch'; expected mm or m"),
     "unknown kind": (header('"ball"', '"sphere"'), r"kind is 'sphere' in \[target\]; expected edge or"),
-    "no radius": (header("radius = 40.0", ""), "the ball's radius is missing"),
+    "no radius": (header("radius = 40.0", ""), r"radius is missing in \[target\]; expected 0.5 to 1000"),
     "absurd radius": (header("40.0", "40000.0"), r"radius is 40000.0 in \[target\]; expected 0.5 to 1000"),
     "no poses": (lambda f: (f / "poses.csv").unlink(), r"poses.csv: no such file"),
     "no measurement": (lambda f: (f / "arcs.csv").unlink(), r"expected one of profiles, .*; found none"),
@@ -177,7 +177,7 @@ MISTAKES = {
     "radius is true": (header("radius = 40.0", "radius = true"), r"radius is True in \[target\]; expected 0.5 to 1000"),
     "a huge radius": (header("40.0", f"1{'0' * 400}"), r"radius is a huge number in \[target\]; expected 0.5 to 1000"),
     "nested deeply": (header("40.0", "[" * 20_000), "scan.toml: nested too deeply"),
-    "a long header": (header("[target]", "#" * 1_000_000 + "\n[target]"), r"scan.toml: \d+ bytes; expected at"),
+    "a long header": (header("[target]", "#" * 1_000_000 + "\n[target]"), r"scan.toml: 1.0\d+ MB; expected at most"),
     "too large": (lambda f: os.truncate(f / "arcs.csv", 500_000_000), "arcs.csv: 500 MB; expected at most 400 MB"),
 }
 

@@ -28,7 +28,7 @@ def test_simulate_writes_a_scan_that_calibrates_to_its_truth(tmp_path):
         ("[robot]\njoint_deg = -1", "joint_deg is -1 in [robot]; expected 0 to 100"),
         ('measured = "chords"', "measured is 'chords'; expected profiles or points"),
         ('poses = "poses.csv"', "poses are given, but no [guess]; expected roughly where sensor and target are"),
-        ("[guess]\ntarget = [1, 2, 3]", "mount is missing in [guess]; expected roughly where it is"),
+        ("[guess]\ntarget = [1, 2, 3]", "mount is missing in [guess]; expected 6 numbers"),
         ("[guess]\nmount = [1, 2]", "mount is [1, 2] in [guess]; expected 6 numbers"),
         ("kind = ", "spec.toml: Invalid value"),
     ],

@@ -155,5 +155,5 @@ def test_a_folder_without_its_lengths_is_refused(tmp_path):
     header = tmp_path / "scan" / "scan.toml"
     lines = header.read_text(encoding="utf-8").splitlines()
     header.write_text("\n".join(line for line in lines if not line.startswith("depth")), encoding="utf-8")
-    with pytest.raises(ValueError, match=r"the groove's depth is missing; expected depth = … under \[target\]"):
+    with pytest.raises(ValueError, match=r"depth is missing in \[target\]; expected 0.5 to 1000"):
         read_scan(tmp_path / "scan")

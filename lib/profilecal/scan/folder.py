@@ -93,10 +93,7 @@ def check_header(path: Path, header: dict) -> dict:
     target = check_entries(path, header, rules)["target"]
     check_entries(path, {"kind": target.get("kind")}, {"kind": one_of(TARGETS)}, "target")
     lengths = length_rules(target["kind"], SCALE[header["units"]])
-    check_entries(path, target, {"kind": TEXT, "side": one_of((1, -1))} | lengths, "target")
-    for name in lengths.keys() - target:
-        text = f"the {target['kind']}'s {name} is missing; expected {name} = … under [target] (import: --{name})"
-        raise ScanError(f"{path}: {text}")
+    check_entries(path, target, {"kind": TEXT, "side": one_of((1, -1))} | lengths, "target", needed=lengths)
     return header
 
 

@@ -34,9 +34,13 @@ def naming(path: Path):
         raise ScanError(f"{path}: {error}") from error
 
 
-def text_of(path: Path) -> str:
-    """A file's text. Raises ScanError."""
+def text_of(path: Path, megabytes: int = 400) -> str:
+    """A file's text, of at most so many megabytes: more than 400 a usual computer does not hold. Raises ScanError."""
+    if not is_file(path):
+        raise ScanError(f"{path}: no such file")
     with naming(path):
+        if (size := path.stat().st_size / 1e6) > megabytes:
+            raise ScanError(f"{path}: {size:.7g} MB; expected at most {megabytes} MB; thin profiles out")
         return path.read_bytes().decode("utf-8-sig")
 
 
@@ -163,10 +167,6 @@ class Table:
 
 def read_table(path: Path, required) -> Table:
     """A CSV file without its empty rows, under its names in lower case. Raises ScanError, also where one is missing."""
-    if not is_file(path):
-        raise ScanError(f"{path}: no such file")
-    if (megabytes := path.stat().st_size // 1_000_000) > 400:  # more than the memory of a usual computer takes
-        raise ScanError(f"{path}: {megabytes} MB; expected at most 400 MB: thin the profiles out")
     reader = csv.reader(StringIO(text_of(path), newline=""), strict=True)
     try:
         rows = [(reader.line_num, row) for row in reader if any(row)]

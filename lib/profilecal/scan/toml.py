@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from profilecal.scan.scan import ScanError
-from profilecal.scan.tables import is_file, naming, shown, text_of
+from profilecal.scan.tables import naming, shown, text_of
 
 Rule = tuple[Callable[[object], bool], str]  # whether a value is allowed, and what is, in words
 
@@ -45,12 +45,14 @@ def one_of(choices) -> Rule:
     return lambda value: value in choices and not isinstance(value, bool), " or ".join(map(str, choices))
 
 
-def check_entries(path, entries: dict, rules: dict[str, Rule | dict], table: str = "") -> dict:
-    """The entries of a file, or of a table in it, if all are known and allowed; rules in a dict are those of a table.
-
-    Raises ScanError.
+def check_entries(path, entries: dict, rules: dict[str, Rule | dict], table: str = "", needed=()) -> dict:
+    """The entries of a file, or of a table in it, if all are known and allowed, and those `needed` are there; rules in
+    a dict are those of a table. Raises ScanError.
     """
     where = f" in [{table}]" if table else ""
+    for name in needed:
+        if name not in entries:
+            raise ScanError(f"{path}: {name} is missing{where}; expected {rules[name][1]}")
     for name, value in entries.items():
         if name not in rules:
             raise ScanError(f"{path}: unknown entry {shown(name)}{where}; there are {', '.join(rules)}")
@@ -67,9 +69,7 @@ def read_toml(path) -> dict:
     """The content of a TOML file. Raises ScanError."""
     path = Path(path)
     with naming(path):
-        if is_file(path) and path.stat().st_size > 1_000_000:  # such a file is written by hand
-            raise ScanError(f"{path}: {path.stat().st_size} bytes; expected at most 1000000")
-        return tomllib.loads(text_of(path))
+        return tomllib.loads(text_of(path, megabytes=1))  # such a file is written by hand
 
 
 def toml_text(entries: dict) -> str:

@@ -156,10 +156,7 @@ GUESS |= {f.name: number(0, 90) for f in fields(Margins)}
 
 def read_guess(entries: dict, path="the specification") -> Guess:
     """A guess from the table [guess] of a specification. Raises ScanError."""
-    check_entries(path, entries, GUESS, "guess")
-    for name in ("mount", "target"):
-        if name not in entries:
-            raise ScanError(f"{path}: {name} is missing in [guess]; expected roughly where it is")
+    check_entries(path, entries, GUESS, "guess", needed=("mount", "target"))
     margins = {f.name: entries[f.name] for f in fields(Margins) if f.name in entries}
     places = {name: tuple(value) for name, value in entries.items() if name not in margins}
     guess = Guess(**places, margins=Margins(**margins))
@@ -183,9 +180,7 @@ def planned_poses(place, to_hand: bool) -> dict:
     calibration takes them. Raises ScanError."""
     place = Path(place)
     if place.is_dir():
-        header = place / "scan.toml"
-        scale = SCALE[read_header(header)["units"]] if header.exists() else 1.0
-        found = read_poses(place / "poses.csv", scale)
+        found = read_poses(place / "poses.csv", SCALE[read_header(place / "scan.toml")["units"]])
     else:
         found = read_poses(place, 1.0)
     R, T = found["R_base_flange"], found["T_base_flange"]
