@@ -192,13 +192,6 @@ def test_profiles_in_any_layout_are_the_same(name, tmp_path):
     assert f"nothing seen in {sum(np.isnan(v[:, 1]).sum() for v in scan().values)} of them" in guessed[2]
 
 
-def test_z_may_stand_under_the_x_of_the_first_row(tmp_path):
-    x, z = np.linspace(-20, 20, 41), np.random.default_rng(2).uniform(90, 110, (12, 41))
-    folder = written(tmp_path / "files", tum, lambda f: np.savetxt(f / "all.csv", [x, *z], delimiter=","))
-    found, _ = import_scan(folder, "edge", {})
-    np.testing.assert_allclose(found.values, [np.column_stack([x, row]) for row in z])
-
-
 def test_a_tool_is_taken_off_and_a_mount_said(tmp_path):
     R, t = Rotation.from_euler("xyz", TOOL[3:], degrees=True).as_matrix(), np.array(TOOL[:3])
     R_tool, T_tool = scan().R_base_flange @ R, scan().T_base_flange + scan().R_base_flange @ t

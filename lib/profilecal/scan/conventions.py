@@ -18,21 +18,18 @@ class Convention:
 
     name: str
     columns: tuple[str, ...]
-    unit: str  # deg, rad, or 1
     meaning: str
     controller: str  # of CONTROLLERS, one that writes orientations like this
     sequence: str = ""  # of scipy's Euler angles in degrees, lower case about fixed axes; "" for the others
 
 
 CONVENTIONS = (
-    Convention("quaternion", ("qw", "qx", "qy", "qz"), "1", "a quaternion", "abb"),  # ROS too
-    Convention("rotation vector", ("rx", "ry", "rz"), "rad", "a rotation vector", "ur"),
-    Convention("KUKA angles", ("a", "b", "c"), "deg", "R = Rz(A) Ry(B) Rx(C)", "kuka", "ZYX"),
-    Convention("FANUC angles", ("w", "p", "r"), "deg", "R = Rz(R) Ry(P) Rx(W)", "fanuc", "xyz"),  # Yaskawa too
-    Convention(
-        "Stäubli angles", ("alpha", "beta", "gamma"), "deg", "R = Rx(alpha) Ry(beta) Rz(gamma)", "staubli", "XYZ"
-    ),
-    Convention("matrix", tuple(f"r{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3)), "1", "a matrix", "matrix"),
+    Convention("quaternion", ("qw", "qx", "qy", "qz"), "a quaternion", "abb"),  # ROS too
+    Convention("rotation vector", ("rx", "ry", "rz"), "a rotation vector", "ur"),
+    Convention("KUKA angles", ("a", "b", "c"), "R = Rz(A) Ry(B) Rx(C)", "kuka", "ZYX"),
+    Convention("FANUC angles", ("w", "p", "r"), "R = Rz(R) Ry(P) Rx(W)", "fanuc", "xyz"),  # Yaskawa too
+    Convention("Stäubli angles", ("alpha", "beta", "gamma"), "R = Rx(alpha) Ry(beta) Rz(gamma)", "staubli", "XYZ"),
+    Convention("matrix", tuple(f"r{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3)), "a matrix", "matrix"),
 )
 CONTROLLERS = {  # how a pose is pasted into one
     "abb": (

@@ -10,14 +10,14 @@ from statistics import mode
 import numpy as np
 
 from profilecal.geometry.poses import carry, inverse
-from profilecal.scan.columns import name_and_unit, names_and_units, read_columns, read_poses, unit_of
+from profilecal.scan.columns import name_and_unit, names_and_units, read_poses, read_profiles, unit_of
 from profilecal.scan.conventions import CONVENTIONS, Convention, named, to_rotations
 from profilecal.scan.folder import FARTHEST_MM, MOUNTS, REACH_MM, SCALE, check_header, check_poses, scan_of
 from profilecal.scan.scan import Scan, ScanError
 from profilecal.scan.tables import Table, listed
 
 OF_POSES = re.compile(r"pose|(\b|_)rob|flange|tcp|\.(ls|dat|mod|script|rob)$", re.IGNORECASE)  # in a file's name
-LABELS = ("", "pose", "name", "label", "id", "index", "file", "n")  # columns that tell profiles apart
+LABELS = ("pose", "name", "label", "id", "index", "file", "n")  # columns that tell profiles apart
 MATRIX = "r11,r12,r13,x,r21,r22,r23,y,r31,r32,r33,z"
 USUAL = {8: "timestamp,x,y,z,qx,qy,qz,qw", 12: MATRIX, 16: f"{MATRIX},_,_,_,_"}  # by columns without names; TUM first
 
@@ -46,7 +46,7 @@ def import_scan(folder, kind: str, sizes: dict, layout: Layout = Layout()) -> tu
     header = check_header(folder, {"title": folder.resolve().name, "mount": layout.mount, "target": target})
     of_profiles, of_poses, left = sort_files(folder, layout)
     poses, convention = pose_table(of_poses, layout.pose_columns)
-    names, profiles, of_axes = profiles_of(of_profiles, len(poses.lines), layout)
+    names, profiles, of_axes = profiles_of(of_profiles, layout)
     values, taken = seen_in_mm(folder, profiles, of_axes, layout.missing)
     poses.columns["pose"], order, matched = match(poses, names)
     entries, taken_poses = taken_as(poses, convention, layout)
@@ -137,7 +137,7 @@ def taken_as(poses: Table, convention: Convention, layout: Layout) -> tuple[dict
     """Entries of a Scan, and what the poses were taken for."""
     columns = {name: poses.columns[name] for name in ("pose", "x", "y", "z", *convention.columns)}
     said = {name: poses.units[name] for name in convention.columns}
-    angle = unit_of(poses.path, said, ("deg", "rad") if convention.sequence else (convention.unit,))
+    angle = unit_of(poses.path, said, ("deg", "rad") if convention.sequence else ("1", "rad"))
     if angle == "rad" and convention.sequence:
         columns |= zip(convention.columns, np.degrees(poses.numbers(convention.columns)).T, strict=True)
     along = {axis: poses.units[axis] for axis in "xyz"}
@@ -168,28 +168,26 @@ def frames_of(poses: Table, layout: Layout) -> list[str]:
     return doubts
 
 
-def profiles_of(paths: list[Path], count: int, layout: Layout) -> tuple[list, list[np.ndarray], dict[str, str]]:
+def profiles_of(paths: list[Path], layout: Layout) -> tuple[list, list[np.ndarray], dict[str, str]]:
     """The names of profiles, or numbers, their points (n, 2), and the columns of x and z with their units.
 
-    In one file for `count` poses are rows that share a label; or rows of z, a profile each, under one of their x.
+    In one table of all are rows that share a label.
     """
-    tables = [read_columns(path, layout.entry) for path in paths]
+    tables = [table for path in paths for table in read_profiles(path, layout.entry)]
+    first = tables[0]
     for table in tables:
-        if table.units != tables[0].units:
-            there = f"columns {listed(table.units)}, where {paths[0].name} has {listed(tables[0].units)}"
+        if table.units != first.units:
+            there = f"columns {listed(table.units)}, where {first.path.name} has {listed(first.units)}"
             raise ScanError(f"{table.path}: {there}; say which files belong together: --profiles FILES")
-    table, labels = tables[0], []
-    if len(paths) == 1:
-        labels = next((table.columns.pop(name) for name in LABELS if name in table.columns), [])
-        if not len(labels) and len(table.columns) > 4 and len(table.lines) == count + 1:
-            x, *z = table.numbers(table.columns, blank=True)
-            return [*range(count)], [np.column_stack([x, row]) for row in z], {"x": "", "z": ""}
+    label = next((name for name in LABELS if name in first.columns), None)
+    if len(tables) > 1 or label is None:
+        axes, names = x_and_z(tables, layout.columns), [path.stem for path in paths]
+        names = names if len(names) == len(tables) else [*range(len(tables))]
+        return names, [table.numbers(axes, blank=True) for table in tables], axes
+    names, which = np.unique(first.columns.pop(label), return_inverse=True)
     axes = x_and_z(tables, layout.columns)
-    points = [table.numbers(axes, blank=True) for table in tables]
-    if not len(labels):
-        return [path.stem for path in paths], points, axes
-    names, which = np.unique(labels, return_inverse=True)
-    return names.tolist(), [points[0][which == k] for k in range(len(names))], axes
+    points = first.numbers(axes, blank=True)
+    return names.tolist(), [points[which == k] for k in range(len(names))], axes
 
 
 def x_and_z(tables: list[Table], said: str) -> dict[str, str]:
@@ -203,7 +201,7 @@ def x_and_z(tables: list[Table], said: str) -> dict[str, str]:
     if said:
         axes = dict(name_and_unit(title) for title in said.split(","))
     if not len(axes) == len(axes.keys() & tables[0].columns) == 2 or (not said and "y" in varying):
-        hint = "say which are x and z: --columns x,z (rows of z stand below a row of their x)"
+        hint = "say which are x and z of a point: --columns x,z"
         raise ScanError(f"{tables[0].path}: columns {listed(tables[0].columns)}; {hint}")
     return {name: unit or units[name] for name, unit in axes.items()}
 
