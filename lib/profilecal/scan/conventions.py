@@ -4,12 +4,13 @@ Angles about fixed axes multiply from the right: "xyz" of (w, p, r) is R = Rz(r)
 """
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from profilecal.geometry.checks import ORTHONORMAL_TOLERANCE
-from profilecal.scan.tables import listed
+from profilecal.scan.tables import Table, listed
 
 
 @dataclass(frozen=True)
@@ -51,13 +52,6 @@ CONTROLLERS = {  # how a pose is pasted into one
 }
 
 
-def refuse(bad, sentence) -> None:
-    """Raise ValueError for the first row that is bad (rows,): its number from 0, and `sentence` of that."""
-    if np.any(bad):
-        row = int(np.argmax(bad))
-        raise ValueError(f"row {row}: {sentence(row)}")
-
-
 def find_convention(columns) -> Convention:
     """The one whose columns are all there. Raises ValueError where there is none, or more than one.
 
@@ -78,33 +72,31 @@ def named(name: str) -> Convention:
 
 
 @np.errstate(over="ignore", invalid="ignore")
-def to_rotations(convention: Convention, values, refuse=refuse) -> np.ndarray:
-    """Matrices (n, 3, 3) from a block of columns (n, k), in the order of the convention.
+def to_rotations(convention: Convention, values, table: Table | None = None) -> np.ndarray:
+    """Matrices (n, 3, 3) from a block of columns (n, k) of a table, in the order of the convention.
 
-    Has `refuse` refuse rows with a quaternion that is not of length one, a rotation vector longer than a full turn,
-    angles of more than two turns, or a matrix that is no rotation.
+    Raises ScanError for a quaternion that is not of length one, a rotation vector longer than a full turn, angles of
+    more than two turns, or a matrix that is no rotation.
     """
     values = np.asarray(values, dtype=float)
+    refuse = (table or Table(Path("orientations"), {}, range(len(values)), "row")).refuse
     if convention.sequence:
         largest = np.abs(values).max(axis=1)
-        refuse(largest > 720, lambda row: f"angle of {largest[row]:.6g}; expected degrees, at most 720")
+        refuse(largest > 720, "angle of {:.6g}; expected degrees, at most 720", largest)
         return Rotation.from_euler(convention.sequence, values, degrees=True).as_matrix()
     length = np.linalg.norm(values, axis=1)
     if convention.name == "quaternion":  # printed to four decimals, too
-        refuse(np.abs(length - 1) > 1e-3, lambda row: f"quaternion of length {length[row]:.4g}; expected length 1")
+        refuse(np.abs(length - 1) > 1e-3, "quaternion of length {:.4g}; expected length 1", length)
         return Rotation.from_quat(values, scalar_first=True).as_matrix()
     if convention.name == "rotation vector":
         hint = "expected radians, at most 2π: are they degrees?"
-        refuse(length > 2 * np.pi, lambda row: f"rotation vector of length {length[row]:.4g}; {hint}")
+        refuse(length > 2 * np.pi, f"rotation vector of length {{:.4g}}; {hint}", length)
         return Rotation.from_rotvec(values).as_matrix()
     matrices = values.reshape(-1, 3, 3)
     excess, turned = np.abs(matrices @ matrices.mT - np.eye(3)).max(axis=(1, 2)), np.linalg.det(matrices)
-    hint = "expected a rotation"
-    refuse(
-        ~(excess <= ORTHONORMAL_TOLERANCE),
-        lambda row: f"matrix with R Rᵀ off the identity by {excess[row]:.2g}; {hint}",
-    )
-    refuse(turned < 0, lambda row: f"matrix with determinant {turned[row]:.2g}, a reflection; {hint}")
+    off = ~(excess <= ORTHONORMAL_TOLERANCE)
+    refuse(off, "matrix with R Rᵀ off the identity by {:.2g}; expected a rotation", excess)
+    refuse(turned < 0, "matrix with determinant {:.2g}, a reflection; expected a rotation", turned)
     return Rotation.from_matrix(matrices).as_matrix()
 
 

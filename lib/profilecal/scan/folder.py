@@ -12,7 +12,7 @@ from profilecal.geometry.noise import Noise, Systematic
 from profilecal.geometry.poses import rotation_groups
 from profilecal.scan.conventions import find_convention, from_rotations, named, to_rotations
 from profilecal.scan.scan import Scan, ScanError
-from profilecal.scan.tables import Table, is_file, listed, naming, new_folder, read_table, shown, write_table
+from profilecal.scan.tables import Table, is_file, listed, naming, new_folder, read_table, write_table
 from profilecal.scan.toml import (
     TABLE,
     TEXT,
@@ -115,29 +115,29 @@ def check_poses(table: Table, scale: float, side: int = 0) -> dict:
     """The same of a table that has been read."""
     labels = table.labels()
     first, which = np.unique(labels, return_index=True, return_inverse=True)[1:]
-    table.refuse(first[which] < np.arange(len(labels)), lambda row: f"pose {shown(labels[row])} is there twice")
+    table.refuse(first[which] < np.arange(len(labels)), "pose {} is there twice", labels)
     with np.errstate(over="ignore"):
         T = table.numbers(("x", "y", "z")) * scale
         reach = np.linalg.norm(T, axis=1)
     with naming(table.path):
         convention = find_convention(table.columns)
         block = table.numbers(convention.columns)
-        R = to_rotations(convention, block, table.refuse)
+        R = to_rotations(convention, block, table)
 
     low, high = REACH_MM
     farthest = reach.max()
     table.refuse(
         (reach == farthest) & ~(low <= farthest <= high),
-        lambda row: (
-            f"the farthest flange position, of pose {shown(labels[row])}, is {farthest:.3g} mm from the base; "
-            f"expected a robot's size, {low:g} to {high:g} mm: are the units right?"
-        ),
+        "the farthest flange position, of pose {}, is {:.3g} mm from the base; "
+        f"expected a robot's size, {low:g} to {high:g} mm: are the units right?",
+        labels,
+        reach,
     )
     sides = np.full(len(labels), float(side))
     if "side" in table.columns:
         stated = table.numbers(("side",), blank=True)[:, 0]
         sides = np.where(np.isnan(stated), sides, stated)
-        table.refuse(~np.isin(sides, (-1, 0, 1)), lambda row: f"side is {sides[row]:g}; expected 1 or -1")
+        table.refuse(~np.isin(sides, (-1, 0, 1)), "side is {:g}; expected 1 or -1", sides)
     given = table.columns.get("group")
     group = rotation_groups(R) if given is None else np.unique(given, return_inverse=True)[1]
     entries = {"labels": tuple(labels), "R_base_flange": R, "T_base_flange": T, "side": sides}
@@ -156,12 +156,12 @@ def read_measurements(folder: Path, labels, scale: float) -> tuple[str, tuple[np
     seen = table.labels()
     known = {label: pose for pose, label in enumerate(labels)}
     pose = np.array([known.get(label, -1) for label in seen])
-    table.refuse(pose < 0, lambda row: f"pose {shown(seen[row])} is not in poses")
+    table.refuse(pose < 0, "pose {} is not in poses", seen)
     numbers = table.numbers(MEASURED[measured], blank=True, largest=FARTHEST_MM / scale) * scale
     counts = np.bincount(pose, minlength=len(labels))
     whole_profile = "more, or none where the scanner saw nothing (single sensed points belong into points.csv)"
     wrong, expected = (counts == 1, whole_profile) if measured == "profiles" else (counts > 1, "one")
-    table.refuse(wrong[pose], lambda row: f"pose {shown(seen[row])} has {counts[pose[row]]} rows; expected {expected}")
+    table.refuse(wrong[pose], f"pose {{}} has {{}} rows; expected {expected}", seen, counts[pose])
     largest = np.nanmax(np.abs(numbers), initial=0.0)
     if 0 < largest < 1:
         raise ScanError(f"{table.path}: no value is larger than {largest:.3g} mm; are the units in scan.toml right?")

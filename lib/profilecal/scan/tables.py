@@ -128,16 +128,18 @@ class Table:
     counted: str = "line"  # what `lines` counts; "row" where a file has no lines
     units: dict[str, str] = field(default_factory=dict)  # that titles say, "" where they say none
 
-    def refuse(self, bad, sentence) -> None:
-        """Raise ScanError for the first row that is bad (rows,): where it is, and `sentence` of its number."""
+    def refuse(self, bad, sentence: str, *values) -> None:
+        """Raise ScanError for the first row that is bad (rows,): where it is, and `sentence` filled in with `values`
+        (rows,) of that row."""
         if np.any(bad):
             row = int(np.argmax(bad))
-            raise ScanError(f"{self.path} {self.counted} {self.lines[row]}: {sentence(row)}")
+            there = [shown(some[row]) if isinstance(some[row], str) else some[row] for some in values]
+            raise ScanError(f"{self.path} {self.counted} {self.lines[row]}: {sentence.format(*there)}")
 
     def labels(self) -> np.ndarray:
         """The poses' labels (rows,)."""
         labels = np.array([str(cell).strip() for cell in self.columns["pose"]], dtype=object)
-        self.refuse(labels == "", lambda row: "no pose label")
+        self.refuse(labels == "", "no pose label")
         return labels
 
     def numbers(self, names, blank: bool = False, largest: float = np.inf) -> np.ndarray:
@@ -151,17 +153,10 @@ class Table:
         except ValueError:
             found = np.array([number(cell) for cell in cells])
         called = f"column {name}" if name.isdigit() else name
-
-        def bad_cell(row):
-            what = "empty or NaN" if np.isnan(found[row]) else shown(str(cells[row]))
-            return f"{called} is {what}; expected a finite number"
-
         hint = "are the units in scan.toml right? Missing points are left out or blank"
-        self.refuse(np.isinf(found) | (np.isnan(found) & (not blank)), bad_cell)
-        self.refuse(
-            np.abs(found) > largest,
-            lambda row: f"{called} is {found[row]:.6g}; expected at most {largest:g}: {hint}",
-        )
+        self.refuse(np.isnan(found) & (not blank), f"{called} is empty or NaN; expected a finite number")
+        self.refuse(np.isinf(found), f"{called} is {{}}; expected a finite number", cells)
+        self.refuse(np.abs(found) > largest, f"{called} is {{:.6g}}; expected at most {largest:g}: {hint}", found)
         return found
 
 
