@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 from command import edited, run
 from corruptions import CORRUPTIONS
-from scipy.spatial.transform import Rotation
 
 from profilecal.calibrate.calibration import calibrate
 from profilecal.geometry.poses import homogeneous
@@ -26,7 +25,6 @@ from profilecal.simulate.spec import WIDE, Spec, simulate_scan
 from profilecal.targets.target import find_features
 
 FUZZ = int(os.environ.get("PROFILECAL_FUZZ", "60"))
-TOOL = (10.0, -20.0, 150.0, 12.0, -5.0, 30.0)
 
 
 @functools.cache
@@ -192,19 +190,6 @@ def test_profiles_in_any_layout_are_the_same(name, tmp_path):
     assert f"nothing seen in {sum(np.isnan(v[:, 1]).sum() for v in scan().values)} of them" in guessed[2]
 
 
-def test_a_tool_is_taken_off_and_a_mount_said(tmp_path):
-    R, t = Rotation.from_euler("xyz", TOOL[3:], degrees=True).as_matrix(), np.array(TOOL[:3])
-    R_tool, T_tool = scan().R_base_flange @ R, scan().T_base_flange + scan().R_base_flange @ t
-
-    def of_tool(folder):
-        np.savetxt(folder / "poses.txt", np.hstack([T_tool, from_rotations(named("quaternion"), R_tool)]))
-
-    layout = Layout(pose_columns="x,y,z,qw,qx,qy,qz", tool=TOOL, mount="eye-to-hand")
-    found, _ = import_scan(written(tmp_path / "files", of_tool), "edge", {}, layout)
-    check_poses(found)
-    assert found.mount == "eye-to-hand"
-
-
 def test_from_the_command_line_to_a_scan_that_is_read(tmp_path):
     result = run("import", written(tmp_path / "files", tum), tmp_path / "scan", "--target", "edge")
     assert result.exit_code == 0, result.output
@@ -212,17 +197,11 @@ def test_from_the_command_line_to_a_scan_that_is_read(tmp_path):
     check_poses(read_scan(tmp_path / "scan"))
 
 
-def notes(folder, **said):
-    return [line for line in import_scan(folder, "edge", {}, Layout(**said))[1] if line.startswith("note")]
-
-
-def test_what_matters_of_frames_is_told(tmp_path):
+def test_the_frame_of_the_poses_and_the_mount_are_told(tmp_path):
     folder = written(tmp_path / "files", functools.partial(fanuc, tool=2), lists)
-    (note,) = notes(folder)
-    assert note.endswith(
-        "of tool 2, and so will be the sensor pose; for one on the flange give its frame: --tool X Y Z W P R"
-    )
-    assert not notes(folder, tool=TOOL)
+    found, said = import_scan(folder, "edge", {}, Layout(mount="eye-to-hand"))
+    assert found.mount == "eye-to-hand"
+    assert "of         tool 2 in user frame 0 (the sensor pose will be in the frame" in said[1]
 
 
 def test_other_files_are_left_out_and_files_in_folders_of_their_own_are_found(tmp_path):

@@ -9,9 +9,8 @@ from statistics import mode
 
 import numpy as np
 
-from profilecal.geometry.poses import carry, inverse
 from profilecal.scan.columns import name_and_unit, names_and_units, read_poses, read_profiles, unit_of
-from profilecal.scan.conventions import CONVENTIONS, Convention, named, to_rotations
+from profilecal.scan.conventions import CONVENTIONS, Convention
 from profilecal.scan.folder import FARTHEST_MM, MOUNTS, REACH_MM, SCALE, check_header, check_poses, scan_of
 from profilecal.scan.scan import Scan, ScanError
 from profilecal.scan.tables import Table, listed
@@ -32,7 +31,6 @@ class Layout:
     pose_columns: str = ""  # what a pose's numbers are, in their order: "x [m],y [m],z [m],a,b,c"; "_" for no meaning
     entry: str = ""  # the list in a YAML or NPZ file that is the profile
     missing: float | None = None  # z where the scanner saw nothing
-    tool: tuple[float, ...] | None = None  # x, y, z, mm, and three angles of the poses' frame, in the flange's
     mount: str = MOUNTS[0]
 
 
@@ -49,17 +47,16 @@ def import_scan(folder, kind: str, sizes: dict, layout: Layout = Layout()) -> tu
     names, profiles, of_axes = profiles_of(of_profiles, layout)
     values, taken = seen_in_mm(folder, profiles, of_axes, layout.missing)
     poses.columns["pose"], order, matched = match(poses, names)
-    entries, taken_poses = taken_as(poses, convention, layout)
+    entries, taken_poses = taken_as(poses, convention)
     measured = "points" if max(map(len, values)) == 1 else "profiles"
     scan = scan_of(folder, header, entries, measured, tuple(values[k] for k in order))
     guessed = [
         f"poses      {of_poses.name}: {taken_poses}",
-        f"of         {'the tool given, taken off' if layout.tool else 'the flange (--tool if they are of a tool)'}",
+        f"of         {frame_of(poses)} (the sensor pose will be in the frame, flange or tool, that the poses are of)",
         f"profiles   {names_of(of_profiles)}: {taken}",
         f"matched    {matched}",
         f"target     {scan.description}",
         *([f"left out   {listed(left)}"] if left else []),
-        *(f"note       {doubt}" for doubt in frames_of(poses, layout)),
     ]
     return scan, guessed
 
@@ -133,39 +130,27 @@ def last_number(name: str) -> int | str:
     return int(found[-1]) if found else name
 
 
-def taken_as(poses: Table, convention: Convention, layout: Layout) -> tuple[dict, str]:
+def taken_as(poses: Table, convention: Convention) -> tuple[dict, str]:
     """Entries of a Scan, and what the poses were taken for."""
-    columns = {name: poses.columns[name] for name in ("pose", "x", "y", "z", *convention.columns)}
     said = {name: poses.units[name] for name in convention.columns}
     angle = unit_of(poses.path, said, ("deg", "rad") if convention.sequence else ("1", "rad"))
     if angle == "rad" and convention.sequence:
-        columns |= zip(convention.columns, np.degrees(poses.numbers(convention.columns)).T, strict=True)
+        poses.columns.update(zip(said, np.degrees(poses.numbers(said)).T, strict=True))
     along = {axis: poses.units[axis] for axis in "xyz"}
     scale, lengths = to_mm(poses.path, along, poses.numbers("xyz"), REACH_MM[1] / 1000)
-    entries = check_poses(replace(poses, columns=columns), scale)
-    if layout.tool:
-        of_tool = convention if convention.sequence else named("FANUC angles")
-        back = inverse(to_rotations(of_tool, [layout.tool[3:]])[0], np.array(layout.tool[:3]))
-        R, T = entries["R_base_flange"], entries["T_base_flange"]
-        entries |= {"R_base_flange": R @ back[0], "T_base_flange": carry(R, T, back[1]), "orientation": None}
     meaning = f"{convention.meaning} ({', '.join(said)}{angle and f' in {angle}, as said'})"
-    return entries, f"{len(poses.lines)}, {meaning}, {lengths}"
+    return check_poses(poses, scale), f"{len(poses.lines)}, {meaning}, {lengths}"
 
 
-def frames_of(poses: Table, layout: Layout) -> list[str]:
-    """Doubts about the frames that a FANUC robot names. Raises ScanError where they differ between poses."""
-    doubts = []
-    to_flange = "; for one on the flange give its frame: --tool X Y Z W P R"
-    for name, frame, matters, hint in (
-        ("uf", "user frame", layout.mount != MOUNTS[0], ""),
-        ("ut", "tool", not layout.tool, to_flange),
-    ):
-        numbers = {*poses.columns.get(name, "0")}
+def frame_of(poses: Table) -> str:
+    """What a FANUC robot's poses are of, or the flange. Raises ScanError where that differs between poses."""
+    said = []
+    for name, frame in (("ut", "tool"), ("uf", "user frame")):
+        numbers = {*poses.columns.get(name, ())}
         if len(numbers) > 1:
             raise ScanError(f"{poses.path}: {frame} differs between poses; expected one for all")
-        if matters and numbers.isdisjoint(("0", "F")):
-            doubts.append(f"the poses are of {frame} {numbers.pop()}, and so will be the sensor pose{hint}")
-    return doubts
+        said += [f"{frame} {number}" for number in numbers]
+    return " in ".join(said) or "the flange in the robot's base frame"
 
 
 def profiles_of(paths: list[Path], layout: Layout) -> tuple[list, list[np.ndarray], dict[str, str]]:
