@@ -122,18 +122,15 @@ def from_rows(path: Path, rows: Rows) -> Table:
     return in_columns(path, names_and_units(titles), rows[first:])
 
 
-def name_and_unit(title: str) -> tuple[str, str]:
-    """What a title says: "X [mm]" is x, mm."""
-    name, *unit = TITLE.fullmatch(title.strip().lower()).groups(default="")
-    return ALIASES.get(name, name), "".join(unit).replace("°", "deg")
-
-
 def names_and_units(titles) -> dict[str, str]:
-    """The names in titles, or columns' numbers where a name is there twice; and the units that the titles say."""
-    pairs = [name_and_unit(title) for title in titles]
-    names = [name for name, _ in pairs]
-    alone = [names.count(name) == 1 and not name.isdigit() for name in names]
-    return {name if alone[j] else str(j + 1): unit for j, (name, unit) in enumerate(pairs)}
+    """What titles say: "X [mm]" is x, in mm. Where a name is there twice, columns' numbers take its place."""
+    names, units = [], []
+    for title in titles:
+        name, *unit = TITLE.fullmatch(title.strip().lower()).groups(default="")
+        names.append(ALIASES.get(name, name))
+        units.append("".join(unit).replace("°", "deg"))
+    names = [name if names.count(name) == 1 else str(j) for j, name in enumerate(names, 1)]
+    return dict(zip(names, units, strict=True))
 
 
 def unit_of(path: Path, units: dict[str, str], known) -> str:

@@ -140,9 +140,16 @@ def check_poses(table: Table, scale: float, side: int = 0) -> dict:
         table.refuse(~np.isin(sides, (-1, 0, 1)), "side is {:g}; expected 1 or -1", sides)
     given = table.columns.get("group")
     group = rotation_groups(R) if given is None else np.unique(given, return_inverse=True)[1]
-    entries = {"labels": tuple(labels), "R_base_flange": R, "T_base_flange": T, "side": sides}
-    entries |= {"convention": convention.name, "orientation": block}
-    return entries | {"group": group, "group_given": given is not None}
+    return {
+        "labels": tuple(labels),
+        "R_base_flange": R,
+        "T_base_flange": T,
+        "side": sides,
+        "group": group,
+        "group_given": given is not None,
+        "convention": convention.name,
+        "orientation": block,
+    }
 
 
 def read_measurements(folder: Path, labels, scale: float) -> tuple[str, tuple[np.ndarray, ...]]:
@@ -181,7 +188,7 @@ def write_scan(scan: Scan, folder) -> None:
     poses = poses_columns(scan.labels, scan.R_base_flange, scan.T_base_flange, scan.convention)
     if scan.group_given:
         poses["group"] = scan.group
-    if scan.side is not None and np.any(scan.side):
+    if np.any(scan.side):
         poses["side"] = scan.side.astype(int)
     values = dict(zip(MEASURED[scan.measured], np.concatenate(scan.values).T, strict=True))
     labels = np.repeat(np.array(scan.labels, dtype=object), [len(rows) for rows in scan.values])

@@ -9,7 +9,7 @@ from statistics import mode
 
 import numpy as np
 
-from profilecal.scan.columns import name_and_unit, names_and_units, read_poses, read_profiles, unit_of
+from profilecal.scan.columns import names_and_units, read_poses, read_profiles, unit_of
 from profilecal.scan.conventions import CONVENTIONS, Convention
 from profilecal.scan.folder import FARTHEST_MM, MOUNTS, REACH_MM, SCALE, check_header, check_poses, scan_of
 from profilecal.scan.scan import Scan, ScanError
@@ -114,7 +114,7 @@ def match(poses: Table, names: list) -> tuple[list[str], list[int], str]:
             raise ScanError(f"{poses.path}: {len(names)} profiles for {len(poses.lines)} poses")
         return [str(name) for name in names], [*range(len(names))], "in order, the first pose with the first profile"
     known = {key: k for k, name in enumerate(names) for key in (last_number(name), name)}
-    labels = [str(cell).removesuffix(".0") for cell in poses.columns[of_poses]]
+    labels = [str(cell) for cell in poses.columns[of_poses]]
     found = [known.get(label, known.get(last_number(label))) for label in labels]
     if None in found:
         there = f"there are {names[0]} … {names[-1]}; expected the same numbers or names"
@@ -184,7 +184,7 @@ def x_and_z(tables: list[Table], said: str) -> dict[str, str]:
     varying = [name for name in tables[0].columns if len({cell for t in tables for cell in t.columns[name]}) > 1]
     axes = dict.fromkeys(varying if all(map(str.isdigit, varying)) else "xz", "")
     if said:
-        axes = dict(name_and_unit(title) for title in said.split(","))
+        axes = names_and_units(said.split(","))
     if not len(axes) == len(axes.keys() & tables[0].columns) == 2 or (not said and "y" in varying):
         hint = "say which are x and z of a point: --columns x,z"
         raise ScanError(f"{tables[0].path}: columns {listed(tables[0].columns)}; {hint}")
