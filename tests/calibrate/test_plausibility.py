@@ -13,6 +13,7 @@ from profilecal.calibrate.calibration import calibrate
 from profilecal.calibrate.plausibility import Finding, accusation
 from profilecal.geometry.noise import FALSE_ALARM, Noise
 from profilecal.scan.folder import read_scan
+from profilecal.scan.toml import read_toml
 from profilecal.simulate.spec import Spec, simulate_scan
 
 EXAMPLES = Path(__file__).parents[2] / "data" / "examples"
@@ -20,7 +21,7 @@ EXAMPLES = Path(__file__).parents[2] / "data" / "examples"
 
 @functools.cache
 def example(kind):
-    return read_scan(EXAMPLES / kind)
+    return replace(read_scan(EXAMPLES / kind), truth=read_toml(EXAMPLES / kind / "truth.toml"))
 
 
 @functools.cache

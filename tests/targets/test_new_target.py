@@ -130,13 +130,14 @@ def test_from_raw_profiles_in_a_folder_to_an_answer_with_its_report(tmp_path):
     inside = []
     for seed in range(4):
         entries = {"kind": "groove", "seed": seed, "measured": "profiles", "depth": 9.0, "scanner": {"points": 500}}
-        write_scan(simulate_scan(read_spec(entries)), tmp_path / str(seed))
+        simulated = simulate_scan(read_spec(entries))
+        write_scan(simulated, tmp_path / str(seed))
         scan = read_scan(tmp_path / str(seed))
         assert scan.measures == {"width": 20.0, "depth": 9.0}
         assert check(scan)[0] == "target         groove, width 20 mm, depth 9 mm"
         found = calibrate([scan])
         assert found.status == "ok"
-        inside.append(squared_error(scan, found))
+        inside.append(squared_error(simulated, found))
     assert chi2.ppf(1e-4, 6 * 4) < np.sum(inside) < chi2.isf(1e-4, 6 * 4)
     assert found.to_json()["target"]["kind"] == "groove"
     assert "status         ok" in to_text(found)
@@ -146,7 +147,7 @@ def test_from_raw_profiles_in_a_folder_to_an_answer_with_its_report(tmp_path):
     other = simulate_scan(Spec(kind="groove", seed=99))
     T, covariance = found.solution.T_flange_sensor, found.solution.covariance
     assert not verify(other, T, covariance, 0.05).as_expected  # another sensor pose
-    seen = verify(scan, truth_of(scan), covariance, found.solution.noise_mm)
+    seen = verify(scan, truth_of(simulated), covariance, found.solution.noise_mm)
     assert seen.lengths == pytest.approx({"width": 20.0, "depth": 9.0}, abs=0.1)
 
 

@@ -3,7 +3,7 @@
 data/README.md describes the format. Lengths are millimetres once read, whatever the folder's units.
 """
 
-from dataclasses import fields, replace
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -19,11 +19,9 @@ from profilecal.scan.toml import (
     Rule,
     check_entries,
     number,
-    numbers,
     one_of,
     read_toml,
     toml_text,
-    whole,
 )
 from profilecal.targets import TARGETS
 
@@ -39,7 +37,6 @@ NOISE = dict.fromkeys(  # an error that is there is no rounding error
     (field.name for kind in (Noise, Systematic) for field in fields(kind)),
     (lambda value: number(1e-6, 100)[0](value) or (value == 0 and number()[0](value)), "zero, or 1e-06 to 100"),
 )
-TRUTH = {"seed": whole(), "T_flange_sensor": numbers(4, 4), "T_base_sensor": numbers(4, 4), "target": TABLE}
 REACH_MM = (10.0, 20_000.0)  # farthest flange position from the base: a robot's size
 FARTHEST_MM = 10_000.0  # from the scanner; no profile scanner sees as far, and some print such numbers for no point
 
@@ -50,11 +47,10 @@ def read_scan(folder) -> Scan:
     if not folder.exists():
         raise ScanError(f"{folder}: no such folder")
     header = read_header(folder / "scan.toml")
-    scale, truth = SCALE[header["units"]], folder / "truth.toml"
+    scale = SCALE[header["units"]]
     poses = read_poses(folder / "poses.csv", scale, header["target"].get("side", 0))
     measured, values = read_measurements(folder, poses["labels"], scale)
-    scan = scan_of(folder, header, poses, measured, values)
-    return replace(scan, truth=check_entries(truth, read_toml(truth), TRUTH)) if is_file(truth) else scan
+    return scan_of(folder, header, poses, measured, values)
 
 
 def scan_of(folder: Path, header: dict, poses: dict, measured: str, values) -> Scan:

@@ -32,7 +32,7 @@ class Scan:
     title: str = ""
     convention: str = "quaternion"
     orientation: np.ndarray | None = None  # (P, k) the convention's columns as they were read
-    truth: dict = field(default_factory=dict)
+    truth: dict = field(default_factory=dict)  # of a simulated one; it is written, and not read
 
     @property
     def target(self) -> type[Target]:
