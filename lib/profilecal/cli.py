@@ -87,14 +87,14 @@ def calibrate(folders, as_json, vendor, guess, leave_out, report):
     from profilecal.calibrate import calibration
     from profilecal.calibrate.calibration import to_text
     from profilecal.geometry.poses import homogeneous, rotation_from_xyz_angles
-    from profilecal.scan.conventions import check_vendor, for_controller
+    from profilecal.scan.conventions import for_controller
     from profilecal.scan.folder import read_scan
 
     with refusing():
         if vendor and as_json:
             raise ValueError("--json prints one JSON object and nothing else; ask for --to without it")
         if vendor:
-            check_vendor(vendor)
+            for_controller(vendor, np.eye(4))  # refuses a name that there is not, before any work
         if report:
             from profilecal.running.page import check_report
 

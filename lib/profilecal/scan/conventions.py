@@ -110,12 +110,6 @@ def from_rotations(convention: Convention, rotations) -> np.ndarray:
     return rotation.as_rotvec() if convention.name == "rotation vector" else rotation.as_matrix().reshape(-1, 9)
 
 
-def check_vendor(vendor: str) -> None:
-    """Raise ValueError with the names there are."""
-    if vendor not in CONTROLLERS:
-        raise ValueError(f"controller is {vendor!r}; expected one of {', '.join(CONTROLLERS)}")
-
-
 def for_controller(vendor: str, matrix, frame: str = "flange") -> str:
     """A pose (4, 4), mm, as a line or lines to paste into a controller or a program. Raises ValueError for others.
 
@@ -124,7 +118,8 @@ def for_controller(vendor: str, matrix, frame: str = "flange") -> str:
     >>> for_controller("kuka", np.eye(4))
     '{X 0.0000,Y 0.0000,Z 0.0000,A 0.000000,B 0.000000,C 0.000000}'
     """
-    check_vendor(vendor)
+    if vendor not in CONTROLLERS:
+        raise ValueError(f"controller is {vendor!r}; expected one of {', '.join(CONTROLLERS)}")
     matrix = np.asarray(matrix, dtype=float)
     entries = {"frame": frame, "held": "TRUE" if frame == "flange" else "FALSE"}
     for axis, value in zip("xyz", matrix[:3, 3], strict=True):

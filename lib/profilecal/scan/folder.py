@@ -152,8 +152,8 @@ def read_measurements(folder: Path, labels, scale: float) -> tuple[str, tuple[np
     """What the scanner saw: which of the four files there is, and its rows in mm by pose."""
     there = [name for name in MEASURED if is_file(folder / f"{name}.csv")]
     if len(there) != 1:
-        found = f"found {' and '.join(there)}" if there else "found none of them"
-        raise ScanError(f"{folder}: expected one of {listed(MEASURED)} (.csv); {found}")
+        found = " and ".join(there) or "none of them"
+        raise ScanError(f"{folder}: expected one of {listed(MEASURED)} (.csv); found {found}")
     (measured,) = there
     table = read_table(folder / f"{measured}.csv", ("pose", *MEASURED[measured]))
     seen = table.labels()

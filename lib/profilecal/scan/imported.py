@@ -204,8 +204,10 @@ def seen_in_mm(folder: Path, profiles: list[np.ndarray], axes: dict, missing: fl
     if not 1 <= np.nanmax(np.abs(points), initial=0) <= FARTHEST_MM:
         hint = f"expected 1 to {FARTHEST_MM:g} mm: is it the unit, or where nothing was seen (--missing)?"
         raise ScanError(f"{folder}: the profiles are {lengths}; {hint}")
-    ends = zip("xz", axes, points[seen].min(axis=0), points[seen].max(axis=0), strict=True)
-    ranges = ", ".join(f"{axis} (column {name}) from {low:.4g} to {high:.4g} mm" for axis, name, low, high in ends)
+    ranges = ", ".join(
+        f"{axis} (column {name}) from {np.nanmin(values):.4g} to {np.nanmax(values):.4g} mm"
+        for axis, name, values in zip("xz", axes, points.T, strict=True)
+    )
     unseen = f"nothing seen in {(~seen).sum()} of them{'' if missing is None else f', where z is {missing:g}'}"
     values = np.split(points, np.cumsum([len(profile) for profile in profiles])[:-1])
     return values, f"{len(points)} points, {lengths}, {ranges}, {unseen}"

@@ -18,7 +18,7 @@ from profilecal.scan.scan import ScanError
 
 @contextmanager
 def naming(path: Path):
-    """What goes wrong in reading a file becomes a ScanError that names it."""
+    """What goes wrong with a file becomes a ScanError that names it."""
     try:
         yield
     except ScanError:
@@ -74,10 +74,8 @@ def new_folder(path: Path):
     if path.exists() and any(path.iterdir()):
         raise ScanError(f"{path}: not empty; name a new folder")
     with whole(path) as partial:
-        try:
+        with naming(path):
             partial.mkdir(parents=True)
-        except OSError as error:
-            raise ScanError(f"{path}: cannot be written there: {error.strerror}") from error
         yield partial
 
 
@@ -90,8 +88,8 @@ def remove(path: Path) -> None:
     """Remove a file or a folder, if it is there."""
     if path.is_dir():
         shutil.rmtree(path)
-    elif path.exists():
-        path.unlink()
+    else:
+        path.unlink(missing_ok=True)
 
 
 Rows = list[tuple[int, list[str]]]  # lines' numbers and fields
