@@ -272,7 +272,7 @@ MISTAKES = {
     ),
     "twice": (fanuc, edited("CALIB.LS", "P[2]{", "P[1]{"), "CALIB.LS: no pose for profile p2"),
     "not closed": (fanuc, edited("CALIB.LS", "};", ""), "CALIB.LS: not as many } as {; is the file cut short"),
-    "other tool": (fanuc, edited("CALIB.LS", "UT : 0", "UT : 3"), "CALIB.LS: tool differs between poses; expected"),
+    "other tool": (fanuc, edited("CALIB.LS", "UT : 0", "UT : 3"), "of tool 0 in user frame 0 and of tool 3 in user"),
     "reflection": (
         array_of_matrices,
         lambda f: np.save(f / "poses.npy", [-np.eye(4)] * 12),

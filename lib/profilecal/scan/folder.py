@@ -129,11 +129,10 @@ def check_poses(table: Table, scale: float, side: int = 0) -> dict:
         labels,
         reach,
     )
-    sides = np.full(len(labels), float(side))
-    if "side" in table.columns:
-        stated = table.numbers(("side",), blank=True)[:, 0]
-        sides = np.where(np.isnan(stated), sides, stated)
-        table.refuse(~np.isin(sides, (-1, 0, 1)), "side is {:g}; expected 1 or -1", sides)
+    table.columns.setdefault("side", [side] * len(labels))
+    sides = table.numbers(("side",), blank=True)[:, 0]
+    sides[np.isnan(sides)] = side
+    table.refuse(~np.isin(sides, (-1, 0, 1)), "side is {:g}; expected 1 or -1", sides)
     given = table.columns.get("group")
     group = rotation_groups(R) if given is None else np.unique(given, return_inverse=True)[1]
     return {

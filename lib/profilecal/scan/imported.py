@@ -144,13 +144,11 @@ def taken_as(poses: Table, convention: Convention) -> tuple[dict, str]:
 
 def frame_of(poses: Table) -> str:
     """What a FANUC robot's poses are of, or the flange. Raises ScanError where that differs between poses."""
-    said = []
-    for name, frame in (("ut", "tool"), ("uf", "user frame")):
-        numbers = {*poses.columns.get(name, ())}
-        if len(numbers) > 1:
-            raise ScanError(f"{poses.path}: {frame} differs between poses; expected one for all")
-        said += [f"{frame} {number}" for number in numbers]
-    return " in ".join(said) or "the flange in the robot's base frame"
+    numbers = zip(poses.columns.get("ut", ()), poses.columns.get("uf", ()), strict=False)
+    said = sorted({f"tool {tool} in user frame {frame}" for tool, frame in numbers})
+    if len(said) > 1:
+        raise ScanError(f"{poses.path}: poses of {' and of '.join(said)}; expected one for all")
+    return said[0] if said else "the flange in the robot's base frame"
 
 
 def profiles_of(paths: list[Path], layout: Layout) -> tuple[list, list[np.ndarray], dict[str, str]]:

@@ -4,7 +4,6 @@ written is whole, or leaves nothing.
 
 import csv
 import shutil
-import stat
 from collections.abc import Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -48,10 +47,10 @@ def is_file(path: Path) -> bool:
     """Whether there is a file. Raises ScanError for what is no file, or cannot be told (a loop of links, no right)."""
     with naming(path):
         try:
-            mode = path.stat().st_mode
+            path.stat()
         except FileNotFoundError:
             return False
-    if not stat.S_ISREG(mode):
+    if not path.is_file():
         raise ScanError(f"{path}: not a file")
     return True
 
