@@ -89,8 +89,8 @@ def to_rotations(convention: Convention, values, table: Table | None = None) -> 
         refuse(np.abs(length - 1) > 1e-3, "quaternion of length {:.4g}; expected length 1", length)
         return Rotation.from_quat(values, scalar_first=True).as_matrix()
     if convention.name == "rotation vector":
-        hint = "expected radians, at most 2π: are they degrees?"
-        refuse(length > 2 * np.pi, f"rotation vector of length {{:.4g}}; {hint}", length)
+        sentence = "rotation vector of length {:.4g}; expected radians, at most 2π: are they degrees?"
+        refuse(length > 2 * np.pi, sentence, length)
         return Rotation.from_rotvec(values).as_matrix()
     matrices = values.reshape(-1, 3, 3)
     excess, turned = np.abs(matrices @ matrices.mT - np.eye(3)).max(axis=(1, 2)), np.linalg.det(matrices)
@@ -102,7 +102,7 @@ def to_rotations(convention: Convention, values, table: Table | None = None) -> 
 
 def from_rotations(convention: Convention, rotations) -> np.ndarray:
     """A block of columns (n, k) from matrices (n, 3, 3)."""
-    rotation = Rotation.from_matrix(np.asarray(rotations, dtype=float))
+    rotation = Rotation.from_matrix(rotations)
     if convention.sequence:
         return rotation.as_euler(convention.sequence, degrees=True, suppress_warnings=True)
     if convention.name == "quaternion":
@@ -120,7 +120,6 @@ def for_controller(vendor: str, matrix, frame: str = "flange") -> str:
     """
     if vendor not in CONTROLLERS:
         raise ValueError(f"controller is {vendor!r}; expected one of {', '.join(CONTROLLERS)}")
-    matrix = np.asarray(matrix, dtype=float)
     entries = {"frame": frame, "held": "TRUE" if frame == "flange" else "FALSE"}
     for axis, value in zip("xyz", matrix[:3, 3], strict=True):
         entries |= {axis: value, f"{axis}_m": value / 1000}

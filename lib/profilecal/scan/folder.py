@@ -13,16 +13,7 @@ from profilecal.geometry.poses import rotation_groups
 from profilecal.scan.conventions import find_convention, from_rotations, named, to_rotations
 from profilecal.scan.scan import Scan, ScanError
 from profilecal.scan.tables import Table, is_file, listed, naming, new_folder, read_table, write_table
-from profilecal.scan.toml import (
-    TABLE,
-    TEXT,
-    Rule,
-    check_entries,
-    number,
-    one_of,
-    read_toml,
-    toml_text,
-)
+from profilecal.scan.toml import TABLE, TEXT, check_entries, number, one_of, read_toml, toml_text
 from profilecal.targets import TARGETS
 
 MEASURED = {
@@ -93,10 +84,10 @@ def check_header(path: Path, header: dict) -> dict:
     return header
 
 
-def length_rules(kind: str, scale: float = 1.0) -> dict[str, Rule]:
+def length_rules(kind: str, scale: float = 1.0) -> dict:
     """What the lengths of a kind of target may be, in units of `scale` mm."""
-    low, high = 0.5, 1000.0  # mm: of a target that a profile scanner can see
-    return dict.fromkeys(TARGETS[kind].lengths, number(low / scale, high / scale))
+    rule = number(0.5 / scale, 1000 / scale)  # of a target that a profile scanner can see
+    return dict.fromkeys(TARGETS[kind].lengths, rule)
 
 
 def read_poses(path: Path, scale: float, side: int = 0) -> dict:

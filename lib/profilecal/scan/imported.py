@@ -162,15 +162,15 @@ def profiles_of(paths: list[Path], layout: Layout) -> tuple[list, list[np.ndarra
         if table.units != first.units:
             there = f"columns {listed(table.units)}, where {first.path.name} has {listed(first.units)}"
             raise ScanError(f"{table.path}: {there}; say which files belong together: --profiles FILES")
+    names, which = [path.stem for path in paths], None
     label = next((name for name in LABELS if name in first.columns), None)
-    if len(tables) > 1 or label is None:
-        axes, names = x_and_z(tables, layout.columns), [path.stem for path in paths]
-        names = names if len(names) == len(tables) else [*range(len(tables))]
-        return names, [table.numbers(axes, blank=True) for table in tables], axes
-    names, which = np.unique(first.columns.pop(label), return_inverse=True)
+    if len(tables) == 1 and label:
+        names, which = np.unique(first.columns.pop(label), return_inverse=True)
     axes = x_and_z(tables, layout.columns)
-    points = first.numbers(axes, blank=True)
-    return names.tolist(), [points[which == k] for k in range(len(names))], axes
+    points = [table.numbers(axes, blank=True) for table in tables]
+    if which is not None:
+        points = [points[0][which == k] for k in range(len(names))]
+    return list(names if len(names) == len(points) else range(len(points))), points, axes
 
 
 def x_and_z(tables: list[Table], said: str) -> dict[str, str]:
@@ -178,15 +178,15 @@ def x_and_z(tables: list[Table], said: str) -> dict[str, str]:
 
     Raises ScanError.
     """
-    units = tables[0].units
-    varying = [name for name in tables[0].columns if len({cell for t in tables for cell in t.columns[name]}) > 1]
+    first = tables[0]
+    varying = [name for name in first.columns if len({cell for table in tables for cell in table.columns[name]}) > 1]
     axes = dict.fromkeys(varying if all(map(str.isdigit, varying)) else "xz", "")
     if said:
         axes = names_and_units(said.split(","))
-    if not len(axes) == len(axes.keys() & tables[0].columns) == 2 or (not said and "y" in varying):
+    if not len(axes) == len(axes.keys() & first.columns) == 2 or (not said and "y" in varying):
         hint = "say which are x and z of a point: --columns x,z"
-        raise ScanError(f"{tables[0].path}: columns {listed(tables[0].columns)}; {hint}")
-    return {name: unit or units[name] for name, unit in axes.items()}
+        raise ScanError(f"{first.path}: columns {listed(first.columns)}; {hint}")
+    return {name: unit or first.units[name] for name, unit in axes.items()}
 
 
 def seen_in_mm(folder: Path, profiles: list[np.ndarray], axes: dict, missing: float | None) -> tuple[list, str]:

@@ -150,10 +150,14 @@ class Table:
         except ValueError:
             found = np.array([number(cell) for cell in cells])
         called = f"column {name}" if name.isdigit() else name
-        hint = "are the units in scan.toml right? Missing points are left out or blank"
         self.refuse(np.isnan(found) & (not blank), f"{called} is empty or NaN; expected a finite number")
         self.refuse(np.isinf(found), f"{called} is {{}}; expected a finite number", cells)
-        self.refuse(np.abs(found) > largest, f"{called} is {{:.6g}}; expected at most {largest:g}: {hint}", found)
+        self.refuse(
+            np.abs(found) > largest,
+            f"{called} is {{:.6g}}; expected at most {largest:g}: are the units in scan.toml right? "
+            "Missing points are left out or blank",
+            found,
+        )
         return found
 
 
