@@ -14,7 +14,6 @@ from profilecal.simulate.scene import random_scene
 from profilecal.targets import TARGETS
 from profilecal.targets.ball import Ball
 from profilecal.targets.disk import Disk
-from profilecal.targets.rod import Rod
 
 KINDS = list(TARGETS)
 
