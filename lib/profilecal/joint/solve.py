@@ -133,7 +133,7 @@ def estimate(problem: Problem, prior: Prior, state: State, robust: bool) -> Esti
     names, unit = prior.names(problem.groups.distinguishable), problem.noise.profile_mm
     law = prior.law(names, unit)
     y, kept = np.zeros(len(law.free)), None
-    for turn in range(10):  # three are usual
+    for turn in range(10):  # one or two are usual
         columns = problem.columns_in_mm(state)
         whole = problem.model(state, names, columns=columns)
         if kept is None:
@@ -146,7 +146,9 @@ def estimate(problem: Problem, prior: Prior, state: State, robust: bool) -> Esti
             after = belonging(problem, whole, *model.left_out(found), found.mean[0], found.v[0])
             if np.mean(grossly) - np.mean(after) > LARGEST_REJECTED or whole.counts[after].sum() <= problem.n:
                 after = grossly  # the model is at fault, not the poses
-        small = np.abs(found.mean[0]) < 0.02 * np.sqrt(np.diag(found.covariance[0]))  # it moves the answer by nothing
+        # what a step leaves to the next one is as much smaller than it as it is a part of a radian or of 100 mm
+        left = np.abs(found.mean[0]) * reach(found.mean)
+        small = left < 0.002 * np.sqrt(np.diag(found.covariance[0]))
         if ((after == kept).all() and small[: problem.n].all()) or turn == 9:
             break
         state, kept = after_step(problem, state, found.mean[0]), after
