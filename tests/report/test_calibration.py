@@ -17,11 +17,9 @@ PARTS = ("verdict", "answer", "rejected_table")
 
 
 def everything(found) -> str:
-    """All words of the report, plain; all figures drawn."""
-    figures = [pictures.plot_robot(found), pictures.plot_view(found), pictures.plot_residuals(found)]
-    figures += [pictures.plot_directions(found)]
-    figures += [figure for scan in found.scans for figure in pictures.plot_profiles(scan, found.labels(rejected=True))]
-    for figure in filter(None, figures):
+    """All words of the report, plain; the figures of the library drawn."""
+    figures = [figure for scan in found.scans for figure in pictures.plot_profiles(scan, found.labels(rejected=True))]
+    for figure in [pictures.plot_robot(found), *figures]:
         figure.canvas.draw()
     plt.close("all")
     return "\n".join(getattr(calibration, name)(found).plain for name in PARTS)

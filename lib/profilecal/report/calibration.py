@@ -11,7 +11,6 @@ from profilecal.geometry.noise import FALSE_ALARM, chi2_limit
 from profilecal.joint.error_sizes import ErrorSizes, Size
 from profilecal.report.figures import GREEN, ORANGE, RED
 from profilecal.scan.conventions import for_controller, named
-from profilecal.targets.target import find_features
 
 VERDICTS = {
     "ok": (
@@ -118,11 +117,6 @@ def chance_limits(found) -> list[np.ndarray]:
     total = sum(map(len, found.seen))
     counts = [o.target.rows * np.isfinite(o.points[0, :, :, 0]).sum(axis=1) for o in found.observed]
     return [np.sqrt(chi2_limit(FALSE_ALARM / total, count) / count) for count in counts]
-
-
-def features_of(scan) -> list:
-    """What is found in each profile of a scan; nothing where the scan holds no raw profiles."""
-    return find_features(scan.target, scan.values, scan.sizes) if scan.measured == "profiles" else []
 
 
 def rejected_table(found) -> Html:
