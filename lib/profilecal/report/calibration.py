@@ -6,9 +6,8 @@ from html import escape
 import numpy as np
 import pandas as pd
 
-from profilecal.calibrate.calibration import PLACES, deviations, to_text
+from profilecal.calibrate.calibration import deviations, to_text
 from profilecal.geometry.noise import FALSE_ALARM, chi2_limit
-from profilecal.joint.error_sizes import ErrorSizes, Size
 from profilecal.report.figures import GREEN, ORANGE, RED
 from profilecal.scan.conventions import for_controller, named
 
@@ -80,36 +79,8 @@ def answer(found) -> Html:
         )
     if s and not found.misread:
         lines.append(f"noise          {s.noise_mm:.3g} mm, {s.prior.how}; residuals {s.rms_mm:.3g} mm rms")
-        if any(size.middle for size in s.found.sizes[1:]):  # in more words than above
-            lines = [line for line in lines if not line.startswith("robot errors")]
-            lines += [f"robot errors   {text}" for text in robot_errors(s.found)]
     text = "\n".join(lines)
     return Html(f'<pre style="white-space:pre-wrap">{escape(text)}</pre>', text)
-
-
-def robot_errors(found: ErrorSizes) -> list[str]:
-    """How large the robot's errors are, a line for each place where they arise, with 95 % intervals."""
-    worth_a_word = 1.25  # times as large a standard deviation
-    lines, sizes = [], {size.name: size for size in found.sizes}
-    for place, names in PLACES.items():
-        pair = [sizes[name] for name in names if name in sizes]
-        if any(size.middle for size in pair):
-            said = " and ".join(f"{s.middle:.2g}{unit(s)} ({s.low:.2g} to {s.high:.2g})" for s in pair)
-            said += "" if any(size.from_data for size in pair) else ", which these poses hardly show"
-        elif any(size.high for size in pair):
-            said = "none, or at most " + " and ".join(f"{size.high:.2g}{unit(size)}" for size in pair)
-        else:
-            said = "none"
-        lines += [f"{place}: {said}"] if pair else []
-    largest = [np.sqrt(np.linalg.eigvalsh(C[:3, :3])[-1]) for C in (found.covariance, found.exact_robot)]
-    if largest[0] > worth_a_word * largest[1]:
-        lines.append(f"in all: the largest standard deviation is {largest[0]:.2g} mm, {largest[1]:.2g} mm without them")
-    return lines
-
-
-def unit(size: Size) -> str:
-    """What to put behind a number."""
-    return " mm" if size.name.endswith("mm") else "°"
 
 
 def chance_limits(found) -> list[np.ndarray]:
