@@ -143,27 +143,20 @@ def plot_columns(frame: pd.DataFrame, x: str, y: str, hue: str, folder: Path) ->
 
     Raises ValueError for a column that is not there or holds no numbers.
     """
-    for name in filter(None, (x, y, hue)):
-        if name not in frame:
-            raise ValueError(f"no column named {name!r}; there are {', '.join(frame)}")
-    if not pd.api.types.is_numeric_dtype(frame[y]):
+    if missing := {x, y, hue or x} - {*frame}:
+        raise ValueError(f"no column named {missing.pop()!r}; there are {', '.join(frame)}")
+    numbers = frame.assign(**{y: pd.to_numeric(frame[y], "coerce").astype(float)})
+    shown = numbers.pivot_table(y, x, hue or None, ["min", "median", "max"])
+    if shown.empty:
         raise ValueError(f"column {y} holds no numbers, so it cannot be drawn")
     use_style()
-    figure, axes = plt.subplots(figsize=(6, 4))
-    for value, part in frame.groupby(hue) if hue else [("", frame)]:
-        spread = part.groupby(x)[y].agg(["min", "median", "max"]).dropna()
-        label = f"{value:g}" if isinstance(value, float) else value
-        (line,) = axes.plot(spread.index, spread["median"], "o-", label=label)
-        axes.fill_between(spread.index, spread["min"], spread["max"], color=line.get_color(), alpha=0.15, lw=0)
-    axes.set(xlabel=x, ylabel=f"{y} (median, range)")
-    if pd.api.types.is_numeric_dtype(frame[x]) and frame[x].nunique() <= 8:  # few enough for a tick each
-        axes.set_xticks(frame[x].dropna().unique())
-    if hue:
-        axes.legend(title=hue)
+    axes = shown["median"].plot(style="o-", ylabel=f"{y} (median, range)", figsize=(6, 4), legend=bool(hue))
+    for name in shown["median"]:
+        axes.fill_between(shown.index, shown["min", name], shown["max", name], alpha=0.15, lw=0)
     place = folder / f"{y}_over_{x}.png".replace("/", "-")
-    figure.savefig(place, dpi=200)
-    figure.savefig(place.with_suffix(".svg"))
-    plt.close(figure)
+    axes.figure.savefig(place, dpi=200)
+    axes.figure.savefig(place.with_suffix(".svg"))
+    plt.close(axes.figure)
     return place
 
 
