@@ -15,25 +15,16 @@ GREEN = "#009E73"
 RED = "#D55E00"
 SKY = "#56B4E9"
 PURPLE = "#CC79A7"
-OF_METHOD = {  # the same in every notebook
-    "closed form": ORANGE,
-    "joint": BLUE,
-    "robust joint": GREEN,
-    "published": RED,
-    "bound": "black",
-}
 
 
 def use_style() -> None:
     """Matplotlib settings of every notebook."""
     plt.rcParams.update(
         {
-            "figure.dpi": 100,
             "figure.constrained_layout.use": True,
             "axes.prop_cycle": plt.cycler(color=[BLUE, ORANGE, GREEN, RED, SKY, PURPLE]),
             "axes.spines.top": False,
             "axes.spines.right": False,
-            "font.size": 10,
             "legend.frameon": False,
             "savefig.bbox": "tight",  # as notebooks show them: nothing is cut off
             "svg.hashsalt": "profilecal",
@@ -90,13 +81,11 @@ def plot_changes(parts: dict, size: float, of: str, met: str) -> plt.Figure:
     return figure
 
 
-def draw_frame(axes, rotation, origin, length: float, name: str = "") -> None:
+def draw_frame(axes, rotation, origin, length: float) -> None:
     """Draw a coordinate frame in a 3D plot: x red, y green, z blue."""
     for axis, colour in zip(np.asarray(rotation).T, (RED, GREEN, BLUE), strict=True):
         tip = origin + length * axis
         axes.plot(*np.column_stack([origin, tip]), color=colour, lw=2)
-    if name:
-        axes.text(*(origin - 0.25 * length * np.asarray(rotation)[:, 2]), name, ha="center", va="center")
 
 
 def draw_patch(axes, corners, colour: str, alpha: float = 0.25, label: str = "") -> None:
@@ -115,7 +104,7 @@ def equal_axes(axes, points) -> None:
     axes.set(zlim=(middle[2] - half, middle[2] + half), box_aspect=(1, 1, 1))
 
 
-def draw_scan(axes, rotation, origin, depth: float, colour: str, label: str = "") -> np.ndarray:
+def draw_scan(axes, rotation, origin, depth: float, colour: str) -> np.ndarray:
     """Draw a scanner's fan of light in a 3D plot, from its origin to `depth`, as wide as it is deep.
 
     Returns its corners (3, 3).
@@ -123,7 +112,7 @@ def draw_scan(axes, rotation, origin, depth: float, colour: str, label: str = ""
     rotation = np.asarray(rotation)
     ends = [origin + depth * (rotation[:, 2] + side * rotation[:, 0] / 2) for side in (-1, 1)]
     corners = np.array([origin, *ends])
-    draw_patch(axes, corners, colour, alpha=0.15, label=label)
+    draw_patch(axes, corners, colour, alpha=0.15)
     return corners
 
 

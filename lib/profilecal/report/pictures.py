@@ -87,9 +87,10 @@ def plot_profiles(scan, rejected=()) -> list[plt.Figure]:
     return [profile_page(scan, features, page, cell, set(rejected)) for page in pages]
 
 
-def profile_page(scan, features, page, cell, rejected, columns: int = 4) -> plt.Figure:
+def profile_page(scan, features, page, cell, rejected) -> plt.Figure:
     """One figure of `plot_profiles`: all in one set of axes, each profile moved to its place, which draws fast."""
-    step, rows = cell * [1.05, -1.35], -(-len(page) // columns)
+    columns, step = 4, cell * [1.05, -1.35]
+    rows = -(-len(page) // columns)
     figure, axes = plt.subplots(figsize=(5.6, 5.6 / columns * (rows + 0.2) * step[1] / -step[0]))
     for k, i in enumerate(page):
         feature, corner = features[i], step * [k % columns, k // columns]
@@ -127,7 +128,7 @@ def draw_profile(axes, scan, values, feature, corner, cell) -> None:
 def save_plan(plan: Plan, path) -> None:
     """Write the picture as a PNG file."""
     use_style()
-    figure, axes = plt.subplots(figsize=(7, 5.5), layout="constrained", subplot_kw={"projection": "3d"})
+    figure, axes = plt.subplots(figsize=(7, 5.5), subplot_kw={"projection": "3d"})
     draw_way(axes, plan)
     found, kind = plan.predicted, plan.model.target.kind
     axes.set_title(f"{len(plan.T)} poses over the {kind} (black): {found.mm:.2g} mm and {found.deg:.2g}° predicted")
@@ -140,16 +141,15 @@ def draw_way(axes, plan: Plan) -> None:
     stands still."""
     R, T = plan.R, plan.T
     fans = field_of_view(plan.model) @ np.swapaxes(R, 1, 2) + T[:, None]
-    origins, lines = fans[:, 0], planned_target_lines(plan)
+    origins = fans[:, 0]
     axes.plot(*origins.T, color=BLUE, lw=0.8, alpha=0.6)
     axes.scatter(*origins.T, color=BLUE, s=8, depthshade=False, label="sensor, on its way")
     few = np.unique(np.linspace(0, len(T) - 1, 5).round().astype(int))
     for k in few:
         draw_patch(axes, fans[k, 1:], SKY, 0.12, "field of view" if k == few[0] else "")
         draw_frame(axes, R[k] @ plan.model.R_sensor, origins[k], 0.06 * np.ptp(fans, axis=(0, 1)).max())
-    for line in lines:
-        axes.plot(*line.T, color="black", lw=4 if len(lines) == 1 else 1.5, zorder=5)
-    equal_axes(axes, np.vstack([origins, fans[few].reshape(-1, 3), *lines]))
+    target = draw_lines(axes, planned_target_lines(plan), "black", "")
+    equal_axes(axes, np.vstack([origins, fans[few].reshape(-1, 3), target]))
     frame = "flange" if plan.model.to_hand else "base"
     axes.set(xlabel=f"{frame} x [mm]", ylabel=f"{frame} y [mm]", zlabel=f"{frame} z [mm]")
     axes.locator_params(nbins=4)
@@ -170,4 +170,4 @@ def planned_target_lines(plan: Plan) -> list[np.ndarray]:
     R_view, T_view = plan.model.planes(plan.R, plan.T)
     x, z = np.moveaxis(plan.model.seen(R_view, T_view, 5)[..., None], 2, 0)
     seen = x * R_view[:, None, :, 0] + z * R_view[:, None, :, 2] + T_view[:, None]
-    return [np.asarray(line)[:: max(1, len(line) // 40)] for line in plan.model.target.lines(seen.reshape(-1, 3))]
+    return plan.model.target.lines(seen.reshape(-1, 3))
