@@ -9,12 +9,13 @@ import numpy as np
 from profilecal.closed_form.two_step import (
     LEAST_SPREAD_DEG,
     TwoStepSolution,
-    check_directions,
+    check_line,
     check_orientations,
+    check_spread,
     solve_rotation,
     solve_translation,
 )
-from profilecal.geometry.checks import UnobservableError, check_count, check_rotations, check_vectors
+from profilecal.geometry.checks import check_count, check_rotations, check_vectors
 from profilecal.geometry.poses import angle_between
 
 
@@ -38,7 +39,12 @@ def solve_ball(R_tcp, T_tcp, q, translating: int) -> TwoStepSolution:
         raise ValueError(
             f"the {translating} translating poses differ in orientation by {apart:.2g}°; expected one orientation"
         )
-    check_directions((q[0] - q[1:translating]).T, "difference of ball centres")
+    lines = q[0] - q[1:translating]
+    lengths = np.linalg.norm(lines, axis=1)
+    if not lengths.all():
+        raise ValueError(f"q[{lengths.argmin() + 1}] is q[0], {q[0]}; expected ball centres apart from the first")
+    what = f"all {translating - 1} differences of ball centres are parallel in the sensor frame"
+    check_line(lines / lengths[:, None], what, "the rotation about them cannot be known; translate along another line")
     check_orientations(R_tcp[translating:])
 
     return ball_equations(R_tcp, T_tcp, q, translating)
@@ -79,15 +85,11 @@ def solve_tetra_ball(q_b, q_i) -> TetraBallSolution:
     q_b = check_vectors("q_b", q_b)
     check_count("conjugate pairs", len(q_b), 3, "three points that are not on one line fix a rigid transform")
     q_i = check_vectors("q_i", q_i, len(q_b))
-    for name, points in (("q_b", q_b), ("q_i", q_i)):
-        singular = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-        if singular[1] < np.radians(LEAST_SPREAD_DEG) * singular[0] or singular[0] == 0:
-            raise UnobservableError(
-                f"{name}: all {len(points)} points lie on one line (within {singular[1]:.3f} mm), so "
-                "the rotation about it cannot be known; add a point off the line"
-            )
-
     centre_b, centre_i = q_b.mean(axis=0), q_i.mean(axis=0)
+    for name, offsets in (("q_b", q_b - centre_b), ("q_i", q_i - centre_i)):
+        what = f"{name}: all {len(offsets)} points lie on one line"
+        check_line(offsets, what, "the rotation about it cannot be known; add a point off the line")
+
     R = solve_rotation((q_i - centre_i).T, (q_b - centre_b).T).R_sensor
     T = centre_b - R @ centre_i
     return TetraBallSolution(R, T, q_i @ R.T + T - q_b)
@@ -117,7 +119,15 @@ def solve_fixed_point(R_tcp, T_tcp, q) -> TwoStepSolution:
     if off.size:
         raise ValueError(f"q[{off[0]}] is {q[off[0]]}; expected y = 0, as the laser line passes through the point")
     check_orientations(R_tcp)
-    _check_readings(R_tcp, q)
+    what = f"q: all {n} readings lie on one line of the scan plane"
+    offsets = q - q.mean(axis=0)
+    check_line(offsets, what, "the rotation cannot be known; see the point at left and right, near and far")
+    largest = np.linalg.norm(offsets, 2)
+    unit = np.repeat([largest, largest, np.sqrt(n)], 3)  # then each unknown moves the points alike
+    weakest = np.linalg.svd(linear_equations(R_tcp, offsets) / unit, compute_uv=False)[-1]
+    what = f"the {n} orientations and readings together leave a combination of rotation and translation open"
+    so = "add poses, turned about other axes while the point is read elsewhere in the scan"
+    check_spread(np.degrees(weakest), what, so)
 
     return fixed_point_equations(R_tcp, T_tcp, q)
 
@@ -141,23 +151,3 @@ def linear_equations(R_tcp, q) -> np.ndarray:
     M = np.einsum("...nab,...nk->...nakb", R_tcp, factors)
     M = M - M.mean(axis=-4, keepdims=True)
     return M.reshape(*M.shape[:-4], -1, 9)
-
-
-def _check_readings(R_tcp, q) -> None:
-    """Refuse readings on one line of the scan, and poses that only together with them leave something open."""
-    offsets = q - q.mean(axis=0)
-    singular = np.linalg.svd(offsets, compute_uv=False)
-    least = np.radians(LEAST_SPREAD_DEG)
-    if not singular[1] > least * singular[0]:
-        raise UnobservableError(
-            f"q: all {len(q)} readings lie on one line of the scan plane (within {singular[1]:.3f} mm), so the "
-            "rotation cannot be known; see the point at left and right, near and far"
-        )
-    unit = np.repeat([singular[0], singular[0], np.sqrt(len(q))], 3)  # then each unknown moves the points alike
-    weakest = np.linalg.svd(linear_equations(R_tcp, offsets) / unit, compute_uv=False)[-1]
-    if not weakest > least:
-        raise UnobservableError(
-            f"the {len(q)} orientations and readings together leave a combination of rotation and translation open "
-            f"(within {np.degrees(weakest):.2g}°, at least {LEAST_SPREAD_DEG:g}° needed); add poses, turned about "
-            "other axes while the point is read elsewhere in the scan"
-        )

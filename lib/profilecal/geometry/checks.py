@@ -52,6 +52,6 @@ def check_rotations(name: str, values, count: int | None = None) -> np.ndarray:
 
 
 def check_count(name: str, count: int, least: int, why: str) -> None:
-    """Raise ValueError unless there are at least `least`."""
+    """Raise UnobservableError unless there are at least `least`."""
     if count < least:
-        raise ValueError(f"{name}: {count} given, at least {least} needed ({why})")
+        raise UnobservableError(f"{name}: {count} given, at least {least} needed ({why})")
