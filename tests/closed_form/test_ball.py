@@ -45,5 +45,5 @@ def test_tetra_ball_refuses_points_on_one_line_and_too_few():
         solve_tetra_ball(line, line)
     with pytest.raises(ValueError, match="conjugate pairs: 2 given, at least 3 needed"):
         solve_tetra_ball(line[:2], line[:2])
-    with pytest.raises(ValueError, match="q_i has 2 rows; expected 3"):
+    with pytest.raises(ValueError, match=r"q_i has shape \(2, 3\); expected \(3, 3\)"):
         solve_tetra_ball(np.eye(3), line[:2])

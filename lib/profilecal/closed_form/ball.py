@@ -15,7 +15,7 @@ from profilecal.closed_form.two_step import (
     solve_rotation,
     solve_translation,
 )
-from profilecal.geometry.checks import check_count, check_rotations, check_vectors
+from profilecal.geometry.checks import check_array, check_count, check_rotations
 from profilecal.geometry.poses import angle_between
 
 
@@ -28,12 +28,12 @@ def solve_ball(R_tcp, T_tcp, q, translating: int) -> TwoStepSolution:
 
     Raises ValueError for malformed input, UnobservableError for poses that cannot determine the answer.
     """
-    T_tcp = check_vectors("T_tcp", T_tcp)
+    T_tcp = check_array("T_tcp", T_tcp, (None, 3))
     n = len(T_tcp)
     check_count("translating poses", translating, 3, "two differences that are not parallel fix the rotation")
     check_count("turning poses", n - translating, 3, "two turns about different axes fix the translation")
     R_tcp = check_rotations("R_tcp", R_tcp, n)
-    q = check_vectors("q", q, n)
+    q = check_array("q", q, (n, 3))
     apart = np.degrees(angle_between(R_tcp[0], R_tcp[:translating])).max()
     if apart > LEAST_SPREAD_DEG:
         raise ValueError(
@@ -82,9 +82,9 @@ def solve_tetra_ball(q_b, q_i) -> TetraBallSolution:
 
     Raises ValueError for malformed input, UnobservableError for points on one line.
     """
-    q_b = check_vectors("q_b", q_b)
+    q_b = check_array("q_b", q_b, (None, 3))
     check_count("conjugate pairs", len(q_b), 3, "three points that are not on one line fix a rigid transform")
-    q_i = check_vectors("q_i", q_i, len(q_b))
+    q_i = check_array("q_i", q_i, (len(q_b), 3))
     centre_b, centre_i = q_b.mean(axis=0), q_i.mean(axis=0)
     for name, offsets in (("q_b", q_b - centre_b), ("q_i", q_i - centre_i)):
         what = f"{name}: all {len(offsets)} points lie on one line"
@@ -110,11 +110,11 @@ def solve_fixed_point(R_tcp, T_tcp, q) -> TwoStepSolution:
 
     Raises ValueError for malformed input, UnobservableError for poses that cannot determine the answer.
     """
-    T_tcp = check_vectors("T_tcp", T_tcp)
+    T_tcp = check_array("T_tcp", T_tcp, (None, 3))
     n = len(T_tcp)
     check_count("readings of the point", n, 4, "three equations each, twelve unknowns")
     R_tcp = check_rotations("R_tcp", R_tcp, n)
-    q = check_vectors("q", q, n)
+    q = check_array("q", q, (n, 3))
     off = np.flatnonzero(q[:, 1])
     if off.size:
         raise ValueError(f"q[{off[0]}] is {q[off[0]]}; expected y = 0, as the laser line passes through the point")
