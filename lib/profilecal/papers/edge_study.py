@@ -1,7 +1,7 @@
 """The edge paper's experiments: where its robot goes (Sections 3 and 4.2), random scenes of an edge, what the scanner
 sees of them, and the paper's own measures of error, Δα and Δd (Section 4.1, Fig. 5)."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -165,18 +165,6 @@ def observations_of(scene: EdgeScene) -> Observations:
     R = np.repeat(scene.poses.rotations, N, axis=-3).reshape(*batch, G * N, 3, 3)
     T, points = scene.poses.positions.reshape(*batch, G * N, 3), scene.points.reshape(*batch, G * N, 1, 2)
     return Observations("edge", R, T, points, group=np.repeat(np.arange(G), N))
-
-
-def second_edge(plan: EdgePlan, noise: Noise, planted, rng: np.random.Generator, offset_mm: float = 10.0):
-    """Edge scenes whose points of the groups and positions `planted` (..., G, N) lie on a parallel edge, `offset_mm`
-    away: the scenes with their points replaced."""
-    shape = np.shape(planted)[:-2]
-    scene = edge_scenes(plan, noise, rng, shape)
-    across = np.cross(scene.edge.direction, directions(rng, shape))
-    across = offset_mm * across / np.linalg.norm(across, axis=-1, keepdims=True)
-    other = Edge(scene.edge.point + across, scene.edge.direction)
-    wrong = sense_edge(other, scene.R_sensor, scene.T_sensor, scene.poses, noise, rng)
-    return replace(scene, points=np.where(planted[..., None], wrong, scene.points))
 
 
 CRITERIA = {  # where the paper prints them: a row for each of ROTATIONS, a column for each of its specimens
