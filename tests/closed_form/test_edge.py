@@ -47,7 +47,8 @@ def test_the_few_equations_have_the_solution_and_singular_values_of_all_pairs(pl
     p, along = few.p_b - (R_b @ few.T_sensor)[:, None], edge.transposed_skew(few.u_b)
     A_t = np.repeat(along @ (R_b[j] - R_b[i]), p.shape[1] ** 2, axis=0).reshape(-1, 3)
     b_t = -np.cross(p[j][:, None, :] - p[i][:, :, None], few.u_b).reshape(-1)
-    np.testing.assert_allclose(few.translation.S, np.linalg.svd(A_t, compute_uv=False), rtol=1e-11)
+    of_few, of_all = (np.linalg.svd(A, compute_uv=False) for A in (edge.translation_system(R_b, p, few.u_b)[0], A_t))
+    np.testing.assert_allclose(of_few, of_all, rtol=1e-11)
     np.testing.assert_allclose(few.T_sensor, np.linalg.lstsq(A_t, b_t)[0], atol=1e-9)
 
 

@@ -2,8 +2,6 @@
 point through which the laser line is steered, the fixed-point method (its ref. [16]).
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from profilecal.closed_form.two_step import (
@@ -64,17 +62,8 @@ def ball_equations(R_tcp, T_tcp, q, translating: int) -> TwoStepSolution:
     return TwoStepSolution(rotation, translation)
 
 
-@dataclass(frozen=True)
-class TetraBallSolution:
-    """The transform H with H q^i = q^b."""
-
-    R: np.ndarray  # (3, 3)
-    T: np.ndarray  # (3,) mm
-    residuals: np.ndarray  # (n, 3) H q^i - q^b, mm
-
-
-def solve_tetra_ball(q_b, q_i) -> TetraBallSolution:
-    """The rigid transform that takes the points q_i (n, 3) to q_b (n, 3), n ≥ 3, in the least-squares sense.
+def solve_tetra_ball(q_b, q_i) -> tuple[np.ndarray, np.ndarray]:
+    """R (3, 3) and T (3,), mm, that take the points q_i (n, 3) to q_b (n, 3), n ≥ 3, in the least-squares sense.
 
     Section V-D1 of the disk paper states ref. [15] as a Lagrangian whose four constraints (unit rows; second and
     third column perpendicular) leave non-rotations in; this solves the same sum of squares on SO(3), where it has
@@ -91,8 +80,7 @@ def solve_tetra_ball(q_b, q_i) -> TetraBallSolution:
         check_line(offsets, what, "the rotation about it cannot be known; add a point off the line")
 
     R = solve_rotation((q_i - centre_i).T, (q_b - centre_b).T).R_sensor
-    T = centre_b - R @ centre_i
-    return TetraBallSolution(R, T, q_i @ R.T + T - q_b)
+    return R, centre_b - R @ centre_i
 
 
 def solve_fixed_point(R_tcp, T_tcp, q) -> TwoStepSolution:
@@ -103,7 +91,8 @@ def solve_fixed_point(R_tcp, T_tcp, q) -> TwoStepSolution:
 
         q^b = R_tcp,i (x r_1 + z r_3 + T_sensor) + T_tcp,i,
 
-    and is linear in r_1, r_3, T_sensor and q^b together: no pose need share another's orientation.
+    and is linear in r_1, r_3, T_sensor and q^b together: no pose need share another's orientation. The least-squares
+    r_1 and r_3 are not orthonormal: the nearest rotation is taken, then Eq. 19 once more.
 
     R_tcp (n, 3, 3) and T_tcp (n, 3), mm: the flange in the base frame. Where some poses share an orientation,
     `solve_ball` takes the readings as well.
@@ -129,18 +118,9 @@ def solve_fixed_point(R_tcp, T_tcp, q) -> TwoStepSolution:
     so = "add poses, turned about other axes while the point is read elsewhere in the scan"
     check_spread(np.degrees(weakest), what, so)
 
-    return fixed_point_equations(R_tcp, T_tcp, q)
-
-
-def fixed_point_equations(R_tcp, T_tcp, q) -> TwoStepSolution:
-    """`solve_fixed_point` without its guards, with any leading batch axes: (..., n, 3, 3) and (..., n, 3).
-
-    The least-squares columns r_1 and r_3 are not orthonormal: the nearest rotation is taken, then Eq. 19 once more.
-    """
     M = linear_equations(R_tcp, q)
-    N = T_tcp.mean(axis=-2, keepdims=True) - T_tcp
-    columns = (np.linalg.pinv(M) @ N.reshape(*N.shape[:-2], -1, 1))[..., :6, 0]
-    Y = np.swapaxes(columns.reshape(*columns.shape[:-1], 2, 3), -1, -2)
+    columns = (np.linalg.pinv(M) @ (T_tcp.mean(axis=0) - T_tcp).ravel())[:6]
+    Y = columns.reshape(2, 3).T
     rotation = solve_rotation(np.eye(3)[:, [0, 2]], Y)
     return TwoStepSolution(rotation, solve_translation(R_tcp, T_tcp, q, rotation.R_sensor))
 

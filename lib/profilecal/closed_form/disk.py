@@ -18,7 +18,6 @@ class SensingData:
     D_b: np.ndarray  # (..., 3) the same in the base frame, mm, Eq. 13
     direction: np.ndarray  # (..., 2) unit vector of the chords, x and z of the sensor frame
     e: np.ndarray  # (..., 5, 2) the elliptic points in the rotated frame, mm, Eq. 5
-    eta: np.ndarray  # (..., 5) Eq. 7
     cos_alpha: np.ndarray  # (...) the argument of Eq. 9's arccos; noise can push it out of [-1, 1]
 
     @property
@@ -115,7 +114,6 @@ def sensing_data_from_ellipse(ellipse: Ellipse, vectors, T_start, T_end, s, radi
         D_b=np.moveaxis(D_b, 0, -1),
         direction=from_components(cos, sin),
         e=np.moveaxis(np.stack([x, z]), (0, 1), (-1, -2)),
-        eta=np.moveaxis(eta, 0, -1),
         cos_alpha=cos_alpha,
     )
 

@@ -33,9 +33,6 @@ class EdgeTranslation:
     """A_t T_s = b_t, Eqs 28-35."""
 
     u_b: np.ndarray  # (..., 3) unit direction of the edge in the base frame
-    A_t: np.ndarray  # (..., k, 3)
-    b_t: np.ndarray  # (..., k) mm
-    S: np.ndarray  # (..., 3) singular values of A_t
     rank: np.ndarray  # (...) of A_t, up to rounding
     T_sensor: np.ndarray  # (..., 3) mm
     p_b: np.ndarray  # (..., G, N, 3) the edge points in the base frame, mm
@@ -202,9 +199,9 @@ def solve_translation(R_b, T_b, p_s, R_sensor) -> EdgeTranslation:
     u_b = principal_direction(vectors.reshape(*vectors.shape[:-3], -1, 3))
     A_t, b_t = translation_system(R_b, p, u_b)
     rounding = 12 * np.finfo(float).eps * p.shape[-3] * p.shape[-2]  # of nine entries of R_b, in each of G N equations
-    T_sensor, S, _, rank = least_squares(A_t, b_t, rounding)
+    T_sensor, _, _, rank = least_squares(A_t, b_t, rounding)
     p_b = p + (R_b @ T_sensor[..., None, :, None])[..., None, :, 0]
-    return EdgeTranslation(u_b=u_b, A_t=A_t, b_t=b_t, S=S, rank=rank, T_sensor=T_sensor, p_b=p_b)
+    return EdgeTranslation(u_b=u_b, rank=rank, T_sensor=T_sensor, p_b=p_b)
 
 
 def estimate_noise(T_b, p_s) -> np.ndarray:

@@ -51,12 +51,6 @@ class TwoStepSolution:
         """(..., 3) mm, the sensor's origin in the flange frame."""
         return self.translation.T_sensor
 
-    def flat(self) -> np.ndarray:
-        """What the paper prints of a solution, (..., 16): R_sensor row by row, T_sensor, q_b, accuracy."""
-        R_sensor = self.R_sensor.reshape(*self.R_sensor.shape[:-2], 9)
-        parts = [R_sensor, self.T_sensor, self.translation.q_b, self.translation.accuracy[..., None]]
-        return np.concatenate(parts, axis=-1)
-
 
 def solve_rotation(X, Y) -> RotationSolution:
     """R_sensor from vectors X in the sensor frame and Y in the flange frame, both (..., 3, n), with R_sensor X = Y.

@@ -142,7 +142,7 @@ def noisy_circles(circle, x, sigma_mm, size: int, rng) -> np.ndarray:
     of_noise = {j: sorted({(a, b - j) for a, b in needed if b >= j}) for j in (1, 2, 3, 4)}  # a and i beside ε^j
     factors = {j: np.stack([x**a * z**i for a, i in pairs]) for j, pairs in of_noise.items()}
     sums = {j: np.empty((len(pairs), size)) for j, pairs in of_noise.items()}
-    for part, noise, square, cube in noisy_blocks(np.zeros_like(x), 1.0, size, rng, spare=2):
+    for part, noise, square, cube in noisy_blocks(np.zeros_like(x), 1.0, size, rng):
         np.multiply(noise, noise, out=square)
         np.multiply(square, noise, out=cube)
         for j, power in ((1, noise), (2, square), (3, cube)):
