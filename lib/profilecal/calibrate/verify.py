@@ -20,7 +20,7 @@ from scipy.special import chdtrc
 from profilecal.calibrate.calibration import Calibration, calibrate
 from profilecal.calibrate.observe import stated_noise
 from profilecal.calibrate.plausibility import distance
-from profilecal.geometry.checks import check_rotations
+from profilecal.geometry.checks import check_array, check_rotations
 from profilecal.geometry.noise import FALSE_ALARM
 from profilecal.geometry.poses import carry
 from profilecal.joint.descent import settle_targets
@@ -78,12 +78,13 @@ def read_pose(path) -> tuple[np.ndarray, np.ndarray, float, bool]:
             f"{path}: not what `profilecal calibrate --json` prints, a JSON object with a pose, its covariance and "
             "noise_mm; write one from another scan: profilecal calibrate SCAN --json > T.json"
         ) from error
-    if T.shape != (4, 4) or covariance.shape != (6, 6) or not np.isfinite([*T.flat, *covariance.flat, noise]).all():
-        raise ScanError(f"{path}: holds no sensor pose; expected a 4x4 transform and a 6x6 covariance")
     try:
-        check_rotations(f"{path}: the sensor pose", T[None, :3, :3])
+        check_array("the sensor pose", T, (4, 4))
+        check_rotations("the sensor pose", T[None, :3, :3], 1)
+        check_array("its covariance", covariance, (6, 6))
+        check_array("noise_mm", [noise], (1,))
     except ValueError as error:
-        raise ScanError(str(error).replace("[0]", "")) from error
+        raise ScanError(f"{path}: {str(error).replace('[0]', '')}") from error
     if np.abs(T[3] - [0, 0, 0, 1]).max() > 0:
         raise ScanError(f"{path}: the last row of the sensor pose is {T[3].tolist()}; expected [0, 0, 0, 1]")
     values = np.linalg.eigvalsh(covariance)
