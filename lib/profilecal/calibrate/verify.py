@@ -21,7 +21,7 @@ from profilecal.calibrate.calibration import Calibration, calibrate
 from profilecal.calibrate.observe import stated_noise
 from profilecal.calibrate.plausibility import distance
 from profilecal.geometry.checks import check_array, check_rotations
-from profilecal.geometry.noise import FALSE_ALARM
+from profilecal.geometry.noise import FALSE_ALARM, chi2_limit
 from profilecal.geometry.poses import carry
 from profilecal.joint.descent import settle_targets
 from profilecal.joint.error_sizes import likeliest
@@ -29,7 +29,7 @@ from profilecal.joint.observability import HAND_PRECISION, Spectrum, name_direct
 from profilecal.joint.observations import pose_error
 from profilecal.joint.prior import Law, prior_from
 from profilecal.joint.problem import Problem
-from profilecal.joint.solve import belonging
+from profilecal.joint.solve import squares
 from profilecal.scan.scan import Scan, ScanError
 
 
@@ -245,7 +245,7 @@ def leave_out(found: Calibration) -> LeftOut:
         for g in range(term.group.max() + 1)
     ]
     members = [profiles for profiles in members if len(profiles)]
-    rows = []
+    rows, chance = [], FALSE_ALARM / whole.kept.sum()
     for profiles in members:
         chosen = np.isin(np.arange(len(labels)), profiles)
         others = whole.keeping(whole.kept & ~chosen)
@@ -260,8 +260,8 @@ def leave_out(found: Calibration) -> LeftOut:
         variance = np.trace(S[profiles], axis1=1, axis2=2).sum() + beside * left.v[0, 0]
         excess = float(np.sqrt(square / variance))
         rms = problem.rms_mm(solution.state, left.mean[0], chosen, columns)
-        by_chance = belonging(problem, others, error, S, left.mean[0], left.v[0])[profiles].all()
-        rows.append((rms, rms / excess, not by_chance and excess > 1, left.mean[0, :6]))
+        off = squares(whole, error, S, x, left.v[0])[0] > chi2_limit(chance, np.maximum(whole.ranks, 1))
+        rows.append((rms, rms / excess, off[profiles].any() and excess > 1, left.mean[0, :6]))
     rms, expected, doubted, moved = (np.array(column) for column in zip(*rows, strict=True))
     return LeftOut(tuple(tuple(labels[k] for k in some) for some in members), rms, expected, doubted, moved)
 
