@@ -221,18 +221,13 @@ class PoseGroups:
     pose: np.ndarray  # (profiles,) number of the commanded pose
     orientation: np.ndarray  # (poses,) number of its orientation
 
-    @property
-    def orientation_of_profile(self) -> np.ndarray:
-        """(profiles,)."""
-        return self.orientation[self.pose]
-
     def sharing(self, name: str) -> np.ndarray:
         """Numbers (profiles,) that profiles with the same error of the robot have in common; an entry of `Noise`."""
         match name.split("_")[0]:
             case "repeatability":
                 return np.arange(len(self.pose))
             case "group":
-                return self.orientation_of_profile
+                return self.orientation[self.pose]
         return self.pose
 
     @property

@@ -52,7 +52,7 @@ def solve(
         problem, prior = Problem(observations, prior.scales), prior.without_robot
     if prior.source == "residuals":
         prior = prior.with_scanner(max(prior.scales.profile_mm * scale, FINEST_MM))
-        problem = problem.with_noise(prior.scales)
+        problem = Problem(observations, prior.scales, prior.systematic)
     return conclude(estimate(problem, prior, fits.state[[0]], robust), prior, others.join(fits.state))
 
 
@@ -67,7 +67,7 @@ def least_squares(problem: Problem, state: State) -> Fit:
 def is_hopeless(problem: Problem, fit: Fit, scale: float) -> bool:
     """Whether residuals are larger than any robot errs, or answers are open whatever it does: then all is left to the
     scanner's noise, `scale` times as large as assumed."""
-    seen = spectrum(fit.information[0], problem.units)
+    seen = spectrum(fit.normal[0, :-1, :-1], problem.units)
     too_large = problem.typical(fit)[0] * problem.noise.profile_mm > LARGEST_ERROR_MM
     return bool(too_large or seen.rank < problem.n or seen.sd[0] * scale > 10)  # measurements by hand
 
