@@ -124,8 +124,7 @@ class LinearModel:
         N, log_det_C, solved = rest / v0[:, None, None], count * np.log(v0), []
         for b in self.blocks:
             C = np.tensordot(v[:, 1:], b.M, 1) + v0[:, None, None, None] * np.eye(b.Y.shape[1])
-            roots = np.diagonal(np.linalg.cholesky(C), axis1=2, axis2=3)
-            log_det_C = log_det_C + 2 * np.log(roots).sum(axis=(1, 2))
+            log_det_C = log_det_C + np.linalg.slogdet(C)[1].sum(axis=1)
             inverse = np.linalg.inv(C)
             X = inverse @ b.Y
             N = N + b.Y.reshape(-1, n + 1).T @ X.reshape(len(v), -1, n + 1)
