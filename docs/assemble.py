@@ -31,8 +31,6 @@ COPIED = (
     "data/examples/edge.toml",
     "data/examples/planned.toml",
     "docs/errata.md",
-    "docs/frames.png",
-    "docs/sweep.png",
     "docs/tiles.png",
     "tests/targets/test_new_target.py",
 )

@@ -214,8 +214,9 @@ def verify(folder, pose):
     default="eye-in-hand",
     help="Where the scanner is.",
 )
-@click.option("--poses", default="", metavar="FILE", help="What holds the robot's poses.")
+@click.option("--poses", default="", metavar="FILES", help="What holds the robot's poses.")
 @click.option("--pose-columns", default="", metavar="NAMES", help='"x [m],y [m],z [m],w,p,r"; _ for others.')
+@click.option("--tool", nargs=6, type=float, metavar="X Y Z A B C", help="Frame of the tool that poses are of.")
 @click.option("--profiles", default="", metavar="FILES", help="The profiles, a pattern.")
 @click.option("--columns", default="", metavar="X,Z", help='Names or numbers: x,z or "1 [mm],3 [mm]".')
 @click.option("--entry", default="", metavar="NAME", help="Which list of a YAML or NPZ file.")

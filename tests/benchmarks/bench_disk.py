@@ -5,7 +5,7 @@ import time
 import numpy as np
 from bench import at_most, medians, row
 
-from profilecal.closed_form.disk import chord_weights, sensing_data_from_ellipse, solve_disk
+from profilecal.closed_form.disk import chord_weights, disk_equations, sensing_data_from_ellipse
 from profilecal.geometry.fitting import Ellipse
 from profilecal.papers.ball_study import fig17_scans, mean_centres
 from profilecal.papers.disk_study import disk_study, fig15_scans
@@ -95,7 +95,7 @@ def loop(fit, m: int, trials: int, sigma_mm: float) -> np.ndarray:
             scan = scans.T_start[i], scans.T_end[i], scans.s[i], scans.disk.radius
             data.append(sensing_data_from_ellipse(ellipse, vectors[i], *scan))
         fields = (np.array([getattr(d, name) for d in data]) for name in ("T_tcp", "q", "D_i", "D_b"))
-        centres[k] = solve_disk(scans.R_tcp, *fields).translation.q_b
+        centres[k] = disk_equations(scans.R_tcp, *fields).translation.q_b
     return centres - scans.disk.centre
 
 

@@ -103,11 +103,13 @@ def changed(name, change):
 
 WRONG = {
     "nothing": (lambda found: {}, "not what `profilecal calibrate --json` prints"),
-    "no pose": (lambda found: found | {"T_flange_sensor": None}, "no sensor pose"),
+    "no pose": (lambda found: found | {"T_flange_sensor": None}, "the sensor pose has shape (); expected (4, 4)"),
     "a scaled pose": (changed("T_flange_sensor", lambda T: T @ np.diag([2, 2, 2, 1])), "not orthonormal"),
     "a reflection": (changed("T_flange_sensor", lambda T: T @ np.diag([-1, 1, 1, 1])), "a reflection"),
-    "a row lost": (changed("T_flange_sensor", lambda T: T[:3]), "a 4x4 transform"),
+    "a row lost": (changed("T_flange_sensor", lambda T: T[:3]), "the sensor pose has shape (3, 4); expected (4, 4)"),
     "transposed": (changed("T_flange_sensor", np.transpose), "last row"),
+    "no variance": (changed("covariance_total", lambda C: C * np.nan), "its covariance[0, 0] is nan; expected finite"),
+    "no noise": (changed("noise_mm", lambda noise: noise * np.nan), "noise_mm is nan; expected finite"),
     "a negative variance": (changed("covariance_total", np.negative), "positive"),
 }
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from profilecal.closed_form.disk import sensing_data, solve_disk
+from profilecal.closed_form.disk import disk_equations, sensing_data
 from profilecal.geometry.poses import angle_between, nearest_rotation, rotation_from_xyz_angles
 from profilecal.papers import published
 from profilecal.papers.disk_study import DiskScans, disk_scans, fig15_scans
@@ -16,7 +16,7 @@ from profilecal.targets.disk import Disk
 def test_table_I_gives_equations_49_to_51():
     table = {name: published.values("disk", "Table I", name) for name in ("R_tcp", "T_tcp", "q", "D_i", "D_b")}
     Lambda = published.values("disk", "Eq. 49", "Lambda")
-    solution = solve_disk(rotation_from_xyz_angles(table.pop("R_tcp")), *table.values())
+    solution = disk_equations(rotation_from_xyz_angles(table.pop("R_tcp")), *table.values())
     assert np.degrees(angle_between(solution.R_sensor, nearest_rotation(Lambda[:, :3]))) < 0.07
     assert np.linalg.norm(solution.T_sensor - Lambda[:, 3]) < 0.30
     assert np.linalg.norm(solution.translation.q_b - published.values("disk", "Eq. 50", "q_b")) < 0.20
@@ -68,7 +68,7 @@ def test_noise_free_chords_give_the_pose_back(extent, heights):
 
 def solve(scans, tips, heights):
     seen = sensing_data(tips, scans.T_start, scans.T_end, scans.s, scans.disk.radius, heights)
-    return solve_disk(scans.R_tcp, seen.T_tcp, seen.q, seen.D_i, seen.D_b)
+    return disk_equations(scans.R_tcp, seen.T_tcp, seen.q, seen.D_i, seen.D_b)
 
 
 @pytest.fixture

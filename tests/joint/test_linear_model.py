@@ -120,23 +120,11 @@ def test_a_profile_left_out_is_predicted_as_by_the_model_without_it(profile):
     assert squared(errors[profile], covariances[profile]) == pytest.approx(squared(error, S))
 
 
-def test_several_profiles_are_predicted_with_the_errors_they_share():
-    dense, v, some, others = Dense(), UNITS * V, [5, 6, 7], [0, 1, 2, 3, 8]
-    mean, covariance, _, _ = textbook(*dense.of(others), dense.precision)
-    r, A, C = dense.of(some)
-    model = dense.model.keeping(np.isin(np.arange(9), others))
-    found = squared(*pick(model.predicted(model.posterior(v[None]), some), 5, 3))
-    assert found == pytest.approx(squared(r + A @ mean, C + A @ covariance @ A.T))
+def test_what_each_profile_says_by_itself():
+    dense, v = Dense(), UNITS * V
     alone = [(np.c_[A, r], C) for r, A, C in map(dense.of, range(9))]
     expected = [Y.T @ np.linalg.solve(C, Y) for Y, C in alone]
     np.testing.assert_allclose(dense.model.alone(v), expected, rtol=1e-8)
-
-
-def pick(predicted, rows: int, real: int):
-    """Errors and covariance without the rows of zeros behind each profile's real ones."""
-    error, S = predicted
-    there = np.arange(len(error)) % rows < real
-    return error[there], S[np.ix_(there, there)]
 
 
 def test_a_score_is_one_step_of_a_model_with_one_more_unknown():

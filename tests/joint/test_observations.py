@@ -24,10 +24,10 @@ WRONG = [
     (
         "ball",
         lambda o: {"kind": "disk"},
-        r"points of the disk have shape \(1, 12, \d+, 2\); expected \(..., poses, 2, 2\)",
+        r"points \(disk\) has shape \(1, 12, \d+, 2\); expected \(..., n, 2, 2\)",
     ),
-    ("ball", lambda o: {"T_flange": o.T_flange[:, :3]}, r"T_flange has shape \(1, 3, 3\)"),
-    ("ball", lambda o: {"R_flange": o.R_flange * np.nan}, "R_flange holds a value that is not finite"),
+    ("ball", lambda o: {"T_flange": o.T_flange[:, :3]}, r"T_flange has shape \(1, 3, 3\); expected \(..., 12, 3\)"),
+    ("ball", lambda o: {"R_flange": o.R_flange * np.nan}, r"R_flange\[0, 0, 0, 0\] is nan; expected finite"),
     ("ball", lambda o: {"group": np.zeros(1)}, r"group has shape \(1,\); expected \(12,\)"),
 ]
 

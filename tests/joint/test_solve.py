@@ -8,10 +8,10 @@ from many_scenes import SIGMA, mount_of
 
 from profilecal.calibrate.observe import affine_noise
 from profilecal.geometry.noise import Noise
-from profilecal.geometry.poses import rotations
+from profilecal.geometry.poses import directions, rotations
 from profilecal.joint.observations import normalised_square, pose_error
 from profilecal.joint.solve import solve
-from profilecal.papers.edge_study import EdgePlan, observations_of, second_edge
+from profilecal.papers.edge_study import EdgePlan, edge_scenes, observations_of, sense_edge
 from profilecal.simulate.scene import random_scene
 
 
@@ -22,7 +22,11 @@ def test_bad_points_and_groups_are_found_and_left_out(what):
     error, exact = [], 0
     for _ in range(trials):
         planted = rng.permutation(np.arange(250) < 25) if what == "points" else rng.permutation(25).repeat(10) < 5
-        scene = second_edge(EdgePlan(motion="space"), Noise(SIGMA), planted.reshape(25, 10), rng)
+        scene = edge_scenes(EdgePlan(motion="space"), Noise(SIGMA), rng)
+        across = np.cross(scene.edge.direction, directions(rng, ()))
+        other = replace(scene.edge, point=scene.edge.point + 10 * across / np.linalg.norm(across))
+        wrong = sense_edge(other, scene.R_sensor, scene.T_sensor, scene.poses, Noise(SIGMA), rng)
+        scene = replace(scene, points=np.where(planted.reshape(25, 10, 1), wrong, scene.points))
         found = solve([observations_of(scene)], Noise(SIGMA))
         error.append(pose_error(found.rotation, found.translation, scene.R_sensor, scene.T_sensor))
         exact += (found.rejected[0] == planted).all()

@@ -1,7 +1,5 @@
 """The fast path of the ball's noise study equals the plain loop."""
 
-from dataclasses import replace
-
 import numpy as np
 
 from profilecal.closed_form.ball import solve_ball
@@ -29,9 +27,3 @@ def test_ball_study_equals_the_plain_loop():
             found = solve_ball(scene.R_tcp, T_mean, q_mean, scene.translating)
             expected = found.translation.q_b - scene.ball.centre
             np.testing.assert_allclose(study[protocol].centre_error[1, 1, trial], expected, rtol=0, atol=1e-9)
-
-
-def test_the_longest_sweep_ends_inside_the_ball():
-    scene = fig17_scans()
-    assert np.isfinite(replace(scene, sweep_mm=scene.longest_sweep_mm).circles(50)).all()
-    assert not np.isfinite(replace(scene, sweep_mm=1.5 * scene.longest_sweep_mm).circles(50)).all()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from profilecal.closed_form.disk import sensing_data, solve_disk
+from profilecal.closed_form.disk import disk_equations, sensing_data
 from profilecal.papers.disk_study import DiskScans, disk_study, fig15_scans
 
 TRIALS = 12
@@ -23,7 +23,7 @@ def loop(scans, tips, heights):
         for scan in zip(tips, scans.T_start, scans.T_end, scans.s, strict=True)
     ]
     fields = (np.array([getattr(d, name) for d in data]) for name in ("T_tcp", "q", "D_i", "D_b"))
-    found = solve_disk(scans.R_tcp, *fields)
+    found = disk_equations(scans.R_tcp, *fields)
     centre = found.translation.q_b - scans.disk.centre
     turn = Rotation.from_matrix(found.R_sensor @ scans.R_sensor.T).as_rotvec()
     return *centre, *turn, *(found.T_sensor - scans.T_sensor)

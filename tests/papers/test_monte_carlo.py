@@ -24,8 +24,8 @@ def test_the_number_of_workers_changes_nothing():
 def test_the_size_of_a_block_changes_nothing(monkeypatch):
     def drawn(block):
         monkeypatch.setattr(monte_carlo, "BLOCK", block)
-        blocks = noisy_blocks(np.ones((2, 3)), [[0.1], [2.0]], 50, np.random.default_rng(11), spare=0)
-        return np.concatenate([values.copy() for _, values in blocks])
+        blocks = noisy_blocks(np.ones((2, 3)), [[0.1], [2.0]], 50, np.random.default_rng(11))
+        return np.concatenate([values.copy() for _, values, *_ in blocks])
 
     whole = drawn(10**6)
     assert whole.shape == (50, 2, 3)

@@ -13,15 +13,13 @@ from profilecal.simulate.spec import Spec, simulate_scan
 
 EDGE = Spec(groups=8, positions=6, seed=3, title="A <bar> & more", convention="KUKA angles", noise=Noise(0.03))
 plt.switch_backend("agg")  # which needs no screen
-PARTS = ("verdict", "answer", "rejected_table")
+PARTS = ("verdict", "answer", "rejected_poses")
 
 
 def everything(found) -> str:
-    """All words of the report, plain; all figures drawn."""
-    figures = [pictures.plot_robot(found), pictures.plot_view(found), pictures.plot_residuals(found)]
-    figures += [pictures.plot_directions(found)]
-    figures += [figure for scan in found.scans for figure in pictures.plot_profiles(scan, found.labels(rejected=True))]
-    for figure in filter(None, figures):
+    """All words of the report, plain; the figures of the library drawn."""
+    figures = [figure for scan in found.scans for figure in pictures.plot_profiles(scan, found.labels(rejected=True))]
+    for figure in [pictures.plot_robot(found), *figures]:
         figure.canvas.draw()
     plt.close("all")
     return "\n".join(getattr(calibration, name)(found).plain for name in PARTS)
@@ -48,7 +46,7 @@ def test_several_scans_and_rejected_poses_are_named():
     values[10] += 5
     values[20] = values[20][:0]
     text = everything(calibrate([replace(edge, values=tuple(values)), ball]))
-    assert re.search(rf"A <bar> & more +{edge.labels[10]} +\d+\.\d times the noise", text)
+    assert re.search(rf"Pose A <bar> & more: {edge.labels[10]}: \d+\.\d times the noise", text)
     assert f"from pose {edge.labels[20]}" in text
     assert "Ball: ball, radius 25 mm" in text
 

@@ -11,6 +11,7 @@ import math
 import os
 import sys
 import warnings
+from dataclasses import replace
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -19,8 +20,10 @@ from IPython.core.interactiveshell import InteractiveShell
 from IPython.utils.capture import capture_output
 from traitlets.config import Config
 
-from profilecal.running import notebooks
+from profilecal.running import notebooks, page
 from profilecal.running.notebooks import recorded
+from profilecal.scan.folder import write_scan
+from profilecal.simulate.spec import Spec, simulate_scan
 
 RUNS = int(os.environ.get("PROFILECAL_ALTERED", "1"))
 SEED = int(os.environ.get("PROFILECAL_ALTERED_SEED", "1"))
@@ -103,3 +106,25 @@ def test_other_parameters_are_lived_with_and_outcomes_recorded(path, shell):
         shell.reset()
         (first, *_) = outcomes(shell, path, chosen)
         assert first
+
+
+@pytest.mark.parametrize(
+    ("given", "status", "drawn"),
+    [
+        ([{"spread_deg": 0.4}], "weak", 4),
+        ([{"groups": 1, "positions": 12}], "unobservable", 4),
+        ([{"groups": 1, "positions": 4}], "unobservable", 2),  # fewer measurements than unknowns
+        ([{"mount": "eye-to-hand"}], "ok", 4),
+        ([{"measured": "profiles"}, {"kind": "ball", "measured": "arcs"}], "ok", 4 + 3),
+    ],
+)
+def test_the_report_is_whole_whatever_the_scans(tmp_path, shell, given, status, drawn):
+    """And writes all of its figures."""
+    folders = [str(tmp_path / str(number)) for number, _ in enumerate(given)]
+    for folder, changed in zip(folders, given, strict=True):
+        scan = simulate_scan(Spec(**{"groups": 8, "positions": 6, "seed": 3} | changed))
+        spoiled = tuple(values + 9.0 * (i == 20) for i, values in enumerate(scan.values))
+        write_scan(replace(scan, values=spoiled), folder)
+    (recorded,) = outcomes(shell, page.notebook(), {"scan": folders, "results_dir": str(tmp_path)})
+    assert recorded["status"] == status
+    assert len([*(tmp_path / "figures").glob("*.png")]) == drawn

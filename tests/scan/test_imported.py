@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from command import edited, run
 from corruptions import CORRUPTIONS
+from scipy.spatial.transform import Rotation
 
 from profilecal.calibrate.calibration import calibrate
 from profilecal.geometry.poses import homogeneous
@@ -25,6 +26,7 @@ from profilecal.simulate.spec import WIDE, Spec, simulate_scan
 from profilecal.targets.target import find_features
 
 FUZZ = int(os.environ.get("PROFILECAL_FUZZ", "60"))
+TOOL = (10.0, -20.0, 150.0, 12.0, -5.0, 30.0)
 
 
 @functools.cache
@@ -78,17 +80,22 @@ def as_json(folder):
     (folder / "poses.json").write_text(json.dumps({"RobPoses": poses("FANUC angles").tolist()}, indent=4))
 
 
-def fanuc(folder, tool=0):
+def fanuc(folder, tool=0, more=""):
     units = ("mm",) * 3 + ("deg",) * 3
     rows = [
         f"P[{k}]{{\n   GP1:\n\tUF : 0, UT : {tool},\t\tCONFIG : 'N U T, 0, 0, -1',\n\t"
         + ",\t".join(f"{n} = {v:.12f} {unit}" for n, v, unit in zip("XYZWPR", row, units, strict=True))
-        + f"\n   GP2:\n\tUF : 0, UT : 9,\n\tX = {k} mm\n}};\n"
+        + f"{more}\n}};\n"
         for k, row in enumerate(poses("FANUC angles"), 1)
     ]
     (folder / "CALIB.LS").write_text(
         "/PROG  SCAN\n/MN\n   1:L P[1] 500mm/sec FINE ;\n/POS\n" + "".join(rows) + "/END\n"
     )
+
+
+def key_lines(folder):
+    rows = [f"r {text(row[3:], ' ')}\nt {text(row[:3], ' ')}\n" for row in poses("matrix")]
+    (folder / "poses.txt").write_text("".join(rows))
 
 
 def csv(folder):
@@ -106,11 +113,16 @@ def tum(folder, header="# timestamp tx ty tz qx qy qz qw\n"):
     (folder / "poses.tum").write_text(header + "".join(rows))
 
 
+def matrices(folder):
+    for k, T in enumerate(homogeneous(scan().R_base_flange, scan().T_base_flange)):
+        np.savetxt(folder / f"pose{k}.txt", T)
+
+
 def array_of_matrices(folder):
     np.save(folder / "poses.npy", homogeneous(scan().R_base_flange, scan().T_base_flange))
 
 
-POSES = {f.__name__: f for f in (kuka, abb, ur, as_json, fanuc, csv, tum, array_of_matrices)}
+POSES = {f.__name__: f for f in (kuka, abb, ur, as_json, fanuc, key_lines, csv, tum, matrices, array_of_matrices)}
 SAID = {"as_json": Layout(pose_columns="x,y,z,w,p,r")}  # the numbers have no names there
 
 
@@ -147,12 +159,16 @@ def long_table(folder):
     (folder / "all.csv").write_text("pose,x,z\n" + "".join(rows))
 
 
+def wide_table(folder):
+    np.savetxt(folder / "all.txt", [v.ravel() for v in scan().values])
+
+
 def one_array(folder):
     np.save(folder / "all.npy", np.stack(scan().values).swapaxes(1, 2))
 
 
 PROFILES_OF = {fanuc: lists}  # counted from 1
-PROFILES = {f.__name__: f for f in (one_each, lists, archives, codes, zeros, long_table, one_array)}
+PROFILES = {f.__name__: f for f in (one_each, lists, archives, codes, zeros, long_table, wide_table, one_array)}
 
 
 def written(folder, of_poses=csv, of_profiles=None):
@@ -190,6 +206,38 @@ def test_profiles_in_any_layout_are_the_same(name, tmp_path):
     assert f"nothing seen in {sum(np.isnan(v[:, 1]).sum() for v in scan().values)} of them" in guessed[2]
 
 
+def test_poses_counted_from_1_have_the_profiles_counted_from_0(tmp_path):
+    folder = written(tmp_path / "in", fanuc, one_each)
+    for path in sorted(folder.glob("scan_*.csv")):
+        path.rename(folder / f"{int(path.stem[-3:])}.csv")
+    found, said = import_scan(folder, "edge", {})
+    assert check_poses(found).tolist() == [*range(len(found.labels))]
+    assert any("one counts from 0 and the other from 1" in line for line in said)
+    (folder / "0.csv").unlink()
+    with pytest.raises(ScanError, match="no profile for pose"):
+        import_scan(folder, "edge", {})
+
+
+def test_z_may_stand_under_the_x_of_the_first_row(tmp_path):
+    x, z = np.linspace(-20, 20, 41), np.random.default_rng(2).uniform(90, 110, (12, 41))
+    folder = written(tmp_path / "files", tum, lambda f: np.savetxt(f / "all.csv", [x, *z], delimiter=","))
+    found, _ = import_scan(folder, "edge", {})
+    np.testing.assert_allclose(found.values, [np.column_stack([x, row]) for row in z])
+
+
+def test_a_tool_is_taken_off_and_a_mount_said(tmp_path):
+    R, t = Rotation.from_euler("xyz", TOOL[3:], degrees=True).as_matrix(), np.array(TOOL[:3])
+    R_tool, T_tool = scan().R_base_flange @ R, scan().T_base_flange + scan().R_base_flange @ t
+
+    def of_tool(folder):
+        np.savetxt(folder / "poses.txt", np.hstack([T_tool, from_rotations(named("quaternion"), R_tool)]))
+
+    layout = Layout(pose_columns="x,y,z,qw,qx,qy,qz", tool=TOOL, mount="eye-to-hand")
+    found, _ = import_scan(written(tmp_path / "files", of_tool), "edge", {}, layout)
+    check_poses(found)
+    assert found.mount == "eye-to-hand"
+
+
 def test_from_the_command_line_to_a_scan_that_is_read(tmp_path):
     result = run("import", written(tmp_path / "files", tum), tmp_path / "scan", "--target", "edge")
     assert result.exit_code == 0, result.output
@@ -197,11 +245,23 @@ def test_from_the_command_line_to_a_scan_that_is_read(tmp_path):
     check_poses(read_scan(tmp_path / "scan"))
 
 
-def test_the_frame_of_the_poses_and_the_mount_are_told(tmp_path):
-    folder = written(tmp_path / "files", functools.partial(fanuc, tool=2), lists)
-    found, said = import_scan(folder, "edge", {}, Layout(mount="eye-to-hand"))
-    assert found.mount == "eye-to-hand"
-    assert "of         tool 2 in user frame 0 (the sensor pose will be in the frame" in said[1]
+def notes(folder, **said):
+    return [line for line in import_scan(folder, "edge", {}, Layout(**said))[1] if line.startswith("note")]
+
+
+def test_what_matters_of_frames_and_axes_is_told(tmp_path):
+    folder = written(tmp_path / "files", functools.partial(fanuc, tool=2, more=",\tE1 =   12.500  mm"), lists)
+    (note,) = notes(folder)
+    assert note.endswith(
+        "of tool 2, and so will be the sensor pose; for one on the flange give its frame: --tool X Y Z W P R"
+    )
+    assert not notes(folder, tool=TOOL)
+    listing = folder / "CALIB.LS"
+    listing.write_text(listing.read_text().replace("12.500  mm", "12.8  mm", 1))
+    assert "e1 differs by up to 0.3 between poses" in notes(folder, tool=TOOL)[0]
+    listing.write_text(listing.read_text().replace("12.8  mm", "13.1  mm", 1))
+    with pytest.raises(ScanError, match=r"CALIB.LS: e1 differs between poses; expected one for all"):
+        notes(folder)
 
 
 def test_other_files_are_left_out_and_files_in_folders_of_their_own_are_found(tmp_path):
@@ -227,7 +287,8 @@ NONSENSE = {  # in each syntax of poses
     "abb": ("scan.mod", "],[-1,0,-1,0]", ",1],[-1,0,-1,0]", "12 profiles for 11 poses"),
     "ur": ("scan.script", "p[", "p[oops,", "12 profiles for 11 poses"),
     "as_json": ("poses.json", "[\n            ", '[\n            "oops",', "12 profiles for 11 poses"),
-    "fanuc": ("CALIB.LS", "X = ", "X = ********  mm, Q = ", "CALIB.LS line 5: x is '\\*+'; expected a finite number"),
+    "fanuc": ("CALIB.LS", "X = ", "X = ********  mm, Q = ", "CALIB.LS line 7: x is '\\*+'; expected a finite number"),
+    "key_lines": ("poses.txt", "\nt ", "\nt oops ", "12 profiles for 11 poses"),
     "csv": ("robot.csv", "scan_003;", "scan_003;oops", "robot.csv line .*: x.* is 'oops"),
     "tum": ("poses.tum", "0 ", "0 oops", "poses.tum line 2: x is 'oops"),
 }
@@ -259,7 +320,7 @@ MISTAKES = {
         lambda f: None,
         "poses.json: 6 columns, 1, 2, .*; say what they are, .*--pose-columns .*; w,p,r",
     ),
-    "half": (csv, edited("robot.csv", "Alpha [°]", "tilt"), "7 columns, name, .*tilt, beta.*--pose-columns"),
+    "half": (csv, edited("robot.csv", "Alpha [°]", "tilt"), "found none among .*tilt, beta.*--pose-columns"),
     "two units": (
         csv,
         edited("robot.csv", "Y [mm]", "Y [m]"),
@@ -272,12 +333,9 @@ MISTAKES = {
     ),
     "twice": (fanuc, edited("CALIB.LS", "P[2]{", "P[1]{"), "CALIB.LS: no pose for profile p2"),
     "not closed": (fanuc, edited("CALIB.LS", "};", ""), "CALIB.LS: not as many } as {; is the file cut short"),
-    "other tool": (fanuc, edited("CALIB.LS", "UT : 0", "UT : 3"), "of tool 0 in user frame 0 and of tool 3 in user"),
-    "reflection": (
-        array_of_matrices,
-        lambda f: np.save(f / "poses.npy", [-np.eye(4)] * 12),
-        "poses.npy row 1: matrix with determinant -1",
-    ),
+    "other tool": (fanuc, edited("CALIB.LS", "UT : 0", "UT : 3"), "CALIB.LS: tool differs between poses; expected"),
+    "reflection": (matrices, lambda f: np.savetxt(f / "pose4.txt", -np.eye(4)), "pose pose4: matrix with determ"),
+    "other file": (matrices, lambda f: (f / "pose4.txt").rename(f / "pose44.txt"), "no profile for pose pose44"),
     "not text": (tum, lambda f: (f / "poses.tum").write_bytes(b"1 2\xff"), "poses.tum: not UTF-8 text"),
     "far": (csv, edited("scan_001.csv", "z\n", "z\n1,-99999.9\n"), r"files: the profiles .* \(--missing\)"),
     "word": (csv, edited("scan_001.csv", "z\n", "z\n1,2\n3,oops\n"), "scan_001.csv line 3: z is 'oops'; exp"),
@@ -293,7 +351,7 @@ MISTAKES = {
     "open list": (tum, edited("p2.yml", " ]", ""), "p2.yml: not as many ] as \\[", lists),
     "pairs": (tum, edited("p2.yml", "profile: [", "profile: [ 1.,"), "p2.yml line 3: . fields; expected 3: is", lists),
     "unknown pose": (csv, edited("all.csv", "scan_003", "scan_033", 999), "no profile for pose scan_003", long_table),
-    "not alike": (tum, lambda f: np.save(f / "all.npy", np.ones((9, 40))), "say which are x and z", one_array),
+    "not alike": (tum, lambda f: np.savetxt(f / "all.txt", np.ones((9, 40))), "say which are x and z", wide_table),
 }
 
 

@@ -8,8 +8,8 @@ from profilecal.calibrate import plausibility
 from profilecal.calibrate.observe import names, observe_all, stated_noise
 from profilecal.calibrate.other_conventions import better_readings
 from profilecal.geometry.checks import UnobservableError
+from profilecal.geometry.noise import ROBOT, Noise
 from profilecal.geometry.poses import carry, xyz_angles_from_rotation
-from profilecal.joint.error_sizes import ErrorSizes
 from profilecal.joint.observability import name_direction
 from profilecal.joint.observations import Observations
 from profilecal.joint.prior import prior_from
@@ -164,13 +164,6 @@ def check_different(scans) -> None:
                 raise ScanError(f"{name} holds the same measurement as {first}; expected each measurement once")
 
 
-PLACES = {
-    "at each visit": ("repeatability_mm", "repeatability_deg"),
-    "at each pose": ("position_mm", "orientation_deg"),
-    "shared by the poses of an orientation": ("group_position_mm", "group_orientation_deg"),
-}
-
-
 def to_text(found: Calibration, to_paste: str = "") -> str:
     """What `profilecal calibrate` prints for people. `to_paste`: the pose as a controller takes it."""
     s, lines = found.solution, [f"status         {found.status}"]
@@ -193,7 +186,7 @@ def to_text(found: Calibration, to_paste: str = "") -> str:
         )
     lines += [f"note           {message}" for message in found.messages]
     if s and not found.misread:
-        lines.append(f"robot errors   {robot_errors(s.found)}")
+        lines.append(f"robot errors   {robot_errors(s.noise)}")
         if s.noise_source == "given":  # an estimate makes it 1
             lines.append(f"residuals      {s.rms_mm:.3g} mm rms, χ²/dof {s.chi2_per_dof:.3g}")
     return "\n".join(lines)
@@ -206,10 +199,10 @@ def deviations(covariance) -> str:
     return f"{mm} mm along and {deg}°"
 
 
-def robot_errors(found: ErrorSizes) -> str:
+def robot_errors(noise: Noise) -> str:
     """How large the robot's errors are, at each place where they arise."""
-    said, sizes = [], {size.name: size.middle for size in found.sizes}
-    for place, (mm, deg) in PLACES.items():
-        if sizes.get(mm) or sizes.get(deg):
-            said.append(f"{place} {sizes.get(mm, 0):.2g} mm and {sizes.get(deg, 0):.2g}°")
+    places, said = ("at each visit", "at each pose", "shared by the poses of an orientation"), []
+    for place, mm, deg in zip(places, ROBOT[::2], ROBOT[1::2], strict=True):
+        mm, deg = getattr(noise, mm), getattr(noise, deg)
+        said += [f"{place} {mm:.2g} mm and {deg:.2g}°"] if mm or deg else []
     return ", ".join(said) or "none that the residuals show"

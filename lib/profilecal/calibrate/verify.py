@@ -20,16 +20,16 @@ from scipy.special import chdtrc
 from profilecal.calibrate.calibration import Calibration, calibrate
 from profilecal.calibrate.observe import stated_noise
 from profilecal.calibrate.plausibility import distance
-from profilecal.geometry.checks import check_rotations
+from profilecal.geometry.checks import check_array, check_rotations
 from profilecal.geometry.noise import FALSE_ALARM, chi2_limit
 from profilecal.geometry.poses import carry
 from profilecal.joint.descent import settle_targets
 from profilecal.joint.error_sizes import likeliest
-from profilecal.joint.linear_model import LinearModel, Posterior
 from profilecal.joint.observability import HAND_PRECISION, Spectrum, name_direction, of_covariance
 from profilecal.joint.observations import pose_error
 from profilecal.joint.prior import Law, prior_from
 from profilecal.joint.problem import Problem
+from profilecal.joint.solve import squares
 from profilecal.scan.scan import Scan, ScanError
 
 
@@ -78,12 +78,13 @@ def read_pose(path) -> tuple[np.ndarray, np.ndarray, float, bool]:
             f"{path}: not what `profilecal calibrate --json` prints, a JSON object with a pose, its covariance and "
             "noise_mm; write one from another scan: profilecal calibrate SCAN --json > T.json"
         ) from error
-    if T.shape != (4, 4) or covariance.shape != (6, 6) or not np.isfinite([*T.flat, *covariance.flat, noise]).all():
-        raise ScanError(f"{path}: holds no sensor pose; expected a 4x4 transform and a 6x6 covariance")
     try:
-        check_rotations(f"{path}: the sensor pose", T[None, :3, :3])
+        check_array("the sensor pose", T, (4, 4))
+        check_rotations("the sensor pose", T[None, :3, :3], 1)
+        check_array("its covariance", covariance, (6, 6))
+        check_array("noise_mm", [noise], (1,))
     except ValueError as error:
-        raise ScanError(str(error).replace("[0]", "")) from error
+        raise ScanError(f"{path}: {str(error).replace('[0]', '')}") from error
     if np.abs(T[3] - [0, 0, 0, 1]).max() > 0:
         raise ScanError(f"{path}: the last row of the sensor pose is {T[3].tolist()}; expected [0, 0, 0, 1]")
     values = np.linalg.eigvalsh(covariance)
@@ -244,7 +245,7 @@ def leave_out(found: Calibration) -> LeftOut:
         for g in range(term.group.max() + 1)
     ]
     members = [profiles for profiles in members if len(profiles)]
-    rows = []
+    rows, chance = [], FALSE_ALARM / whole.kept.sum()
     for profiles in members:
         chosen = np.isin(np.arange(len(labels)), profiles)
         others = whole.keeping(whole.kept & ~chosen)
@@ -252,12 +253,15 @@ def leave_out(found: Calibration) -> LeftOut:
         if str(of_covariance(left.covariance[0, :6, :6], problem.n, problem.n).status) == "unobservable":
             rows.append((np.nan, np.nan, False, np.full(6, np.nan)))
             continue
-        error, S, excess = predicted(others, left, profiles)
+        error, S = others.left_out(left)
+        x = np.append(left.mean[0], 1.0)
+        square = np.sum(error[profiles] ** 2) + x @ whole.rest[profiles].sum(axis=0) @ x
+        beside = whole.counts[profiles].sum() - error[profiles].size  # residuals that no error of the flange moves
+        variance = np.trace(S[profiles], axis1=1, axis2=2).sum() + beside * left.v[0, 0]
+        excess = float(np.sqrt(square / variance))
         rms = problem.rms_mm(solution.state, left.mean[0], chosen, columns)
-        beyond_chance = error @ np.linalg.solve(S, error) > chi2_limit(
-            FALSE_ALARM / len(members), whole.ranks[profiles].sum()
-        )
-        rows.append((rms, rms / excess, beyond_chance and excess > 1, left.mean[0, :6]))
+        off = squares(whole, error, S, x, left.v[0])[0] > chi2_limit(chance, np.maximum(whole.ranks, 1))
+        rows.append((rms, rms / excess, off[profiles].any() and excess > 1, left.mean[0, :6]))
     rms, expected, doubted, moved = (np.array(column) for column in zip(*rows, strict=True))
     return LeftOut(tuple(tuple(labels[k] for k in some) for some in members), rms, expected, doubted, moved)
 
@@ -269,13 +273,3 @@ def mean_variances(law: Law, likely, root) -> np.ndarray:
     return (
         law.variances(np.concatenate([likely + axes, likely - axes]))[0].mean(axis=0) if len(likely) else law.scales**2
     )
-
-
-def predicted(model: LinearModel, found: Posterior, profiles) -> tuple[np.ndarray, np.ndarray, float]:
-    """How far profiles (k,) are from what those kept say of them (`LinearModel.predicted`), and how many times as large
-    their residuals are as they are to be expected."""
-    error, S = model.predicted(found, profiles)
-    x = np.append(found.mean[0], 1.0)
-    square = error @ error + x @ model.rest[profiles].sum(axis=0) @ x
-    expected = np.trace(S) + (model.counts[profiles].sum() - len(S)) * found.v[0, 0]
-    return error, S, float(np.sqrt(square / expected))

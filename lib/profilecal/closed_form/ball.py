@@ -2,19 +2,18 @@
 point through which the laser line is steered, the fixed-point method (its ref. [16]).
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from profilecal.closed_form.two_step import (
     LEAST_SPREAD_DEG,
     TwoStepSolution,
-    check_directions,
+    check_line,
     check_orientations,
+    check_spread,
     solve_rotation,
     solve_translation,
 )
-from profilecal.geometry.checks import UnobservableError, check_count, check_rotations, check_vectors
+from profilecal.geometry.checks import check_array, check_count, check_rotations
 from profilecal.geometry.poses import angle_between
 
 
@@ -27,18 +26,23 @@ def solve_ball(R_tcp, T_tcp, q, translating: int) -> TwoStepSolution:
 
     Raises ValueError for malformed input, UnobservableError for poses that cannot determine the answer.
     """
-    T_tcp = check_vectors("T_tcp", T_tcp)
+    T_tcp = check_array("T_tcp", T_tcp, (None, 3))
     n = len(T_tcp)
     check_count("translating poses", translating, 3, "two differences that are not parallel fix the rotation")
     check_count("turning poses", n - translating, 3, "two turns about different axes fix the translation")
     R_tcp = check_rotations("R_tcp", R_tcp, n)
-    q = check_vectors("q", q, n)
+    q = check_array("q", q, (n, 3))
     apart = np.degrees(angle_between(R_tcp[0], R_tcp[:translating])).max()
     if apart > LEAST_SPREAD_DEG:
         raise ValueError(
             f"the {translating} translating poses differ in orientation by {apart:.2g}°; expected one orientation"
         )
-    check_directions((q[0] - q[1:translating]).T, "difference of ball centres")
+    lines = q[0] - q[1:translating]
+    lengths = np.linalg.norm(lines, axis=1)
+    if not lengths.all():
+        raise ValueError(f"q[{lengths.argmin() + 1}] is q[0], {q[0]}; expected ball centres apart from the first")
+    what = f"all {translating - 1} differences of ball centres are parallel in the sensor frame"
+    check_line(lines / lengths[:, None], what, "the rotation about them cannot be known; translate along another line")
     check_orientations(R_tcp[translating:])
 
     return ball_equations(R_tcp, T_tcp, q, translating)
@@ -58,17 +62,8 @@ def ball_equations(R_tcp, T_tcp, q, translating: int) -> TwoStepSolution:
     return TwoStepSolution(rotation, translation)
 
 
-@dataclass(frozen=True)
-class TetraBallSolution:
-    """The transform H with H q^i = q^b."""
-
-    R: np.ndarray  # (3, 3)
-    T: np.ndarray  # (3,) mm
-    residuals: np.ndarray  # (n, 3) H q^i - q^b, mm
-
-
-def solve_tetra_ball(q_b, q_i) -> TetraBallSolution:
-    """The rigid transform that takes the points q_i (n, 3) to q_b (n, 3), n ≥ 3, in the least-squares sense.
+def solve_tetra_ball(q_b, q_i) -> tuple[np.ndarray, np.ndarray]:
+    """R (3, 3) and T (3,), mm, that take the points q_i (n, 3) to q_b (n, 3), n ≥ 3, in the least-squares sense.
 
     Section V-D1 of the disk paper states ref. [15] as a Lagrangian whose four constraints (unit rows; second and
     third column perpendicular) leave non-rotations in; this solves the same sum of squares on SO(3), where it has
@@ -76,21 +71,16 @@ def solve_tetra_ball(q_b, q_i) -> TetraBallSolution:
 
     Raises ValueError for malformed input, UnobservableError for points on one line.
     """
-    q_b = check_vectors("q_b", q_b)
+    q_b = check_array("q_b", q_b, (None, 3))
     check_count("conjugate pairs", len(q_b), 3, "three points that are not on one line fix a rigid transform")
-    q_i = check_vectors("q_i", q_i, len(q_b))
-    for name, points in (("q_b", q_b), ("q_i", q_i)):
-        singular = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-        if singular[1] < np.radians(LEAST_SPREAD_DEG) * singular[0] or singular[0] == 0:
-            raise UnobservableError(
-                f"{name}: all {len(points)} points lie on one line (within {singular[1]:.3f} mm), so "
-                "the rotation about it cannot be known; add a point off the line"
-            )
-
+    q_i = check_array("q_i", q_i, (len(q_b), 3))
     centre_b, centre_i = q_b.mean(axis=0), q_i.mean(axis=0)
+    for name, offsets in (("q_b", q_b - centre_b), ("q_i", q_i - centre_i)):
+        what = f"{name}: all {len(offsets)} points lie on one line"
+        check_line(offsets, what, "the rotation about it cannot be known; add a point off the line")
+
     R = solve_rotation((q_i - centre_i).T, (q_b - centre_b).T).R_sensor
-    T = centre_b - R @ centre_i
-    return TetraBallSolution(R, T, q_i @ R.T + T - q_b)
+    return R, centre_b - R @ centre_i
 
 
 def solve_fixed_point(R_tcp, T_tcp, q) -> TwoStepSolution:
@@ -101,36 +91,36 @@ def solve_fixed_point(R_tcp, T_tcp, q) -> TwoStepSolution:
 
         q^b = R_tcp,i (x r_1 + z r_3 + T_sensor) + T_tcp,i,
 
-    and is linear in r_1, r_3, T_sensor and q^b together: no pose need share another's orientation.
+    and is linear in r_1, r_3, T_sensor and q^b together: no pose need share another's orientation. The least-squares
+    r_1 and r_3 are not orthonormal: the nearest rotation is taken, then Eq. 19 once more.
 
     R_tcp (n, 3, 3) and T_tcp (n, 3), mm: the flange in the base frame. Where some poses share an orientation,
     `solve_ball` takes the readings as well.
 
     Raises ValueError for malformed input, UnobservableError for poses that cannot determine the answer.
     """
-    T_tcp = check_vectors("T_tcp", T_tcp)
+    T_tcp = check_array("T_tcp", T_tcp, (None, 3))
     n = len(T_tcp)
     check_count("readings of the point", n, 4, "three equations each, twelve unknowns")
     R_tcp = check_rotations("R_tcp", R_tcp, n)
-    q = check_vectors("q", q, n)
+    q = check_array("q", q, (n, 3))
     off = np.flatnonzero(q[:, 1])
     if off.size:
         raise ValueError(f"q[{off[0]}] is {q[off[0]]}; expected y = 0, as the laser line passes through the point")
     check_orientations(R_tcp)
-    _check_readings(R_tcp, q)
+    what = f"q: all {n} readings lie on one line of the scan plane"
+    offsets = q - q.mean(axis=0)
+    check_line(offsets, what, "the rotation cannot be known; see the point at left and right, near and far")
+    largest = np.linalg.norm(offsets, 2)
+    unit = np.repeat([largest, largest, np.sqrt(n)], 3)  # then each unknown moves the points alike
+    weakest = np.linalg.svd(linear_equations(R_tcp, offsets) / unit, compute_uv=False)[-1]
+    what = f"the {n} orientations and readings together leave a combination of rotation and translation open"
+    so = "add poses, turned about other axes while the point is read elsewhere in the scan"
+    check_spread(np.degrees(weakest), what, so)
 
-    return fixed_point_equations(R_tcp, T_tcp, q)
-
-
-def fixed_point_equations(R_tcp, T_tcp, q) -> TwoStepSolution:
-    """`solve_fixed_point` without its guards, with any leading batch axes: (..., n, 3, 3) and (..., n, 3).
-
-    The least-squares columns r_1 and r_3 are not orthonormal: the nearest rotation is taken, then Eq. 19 once more.
-    """
     M = linear_equations(R_tcp, q)
-    N = T_tcp.mean(axis=-2, keepdims=True) - T_tcp
-    columns = (np.linalg.pinv(M) @ N.reshape(*N.shape[:-2], -1, 1))[..., :6, 0]
-    Y = np.swapaxes(columns.reshape(*columns.shape[:-1], 2, 3), -1, -2)
+    columns = (np.linalg.pinv(M) @ (T_tcp.mean(axis=0) - T_tcp).ravel())[:6]
+    Y = columns.reshape(2, 3).T
     rotation = solve_rotation(np.eye(3)[:, [0, 2]], Y)
     return TwoStepSolution(rotation, solve_translation(R_tcp, T_tcp, q, rotation.R_sensor))
 
@@ -141,23 +131,3 @@ def linear_equations(R_tcp, q) -> np.ndarray:
     M = np.einsum("...nab,...nk->...nakb", R_tcp, factors)
     M = M - M.mean(axis=-4, keepdims=True)
     return M.reshape(*M.shape[:-4], -1, 9)
-
-
-def _check_readings(R_tcp, q) -> None:
-    """Refuse readings on one line of the scan, and poses that only together with them leave something open."""
-    offsets = q - q.mean(axis=0)
-    singular = np.linalg.svd(offsets, compute_uv=False)
-    least = np.radians(LEAST_SPREAD_DEG)
-    if not singular[1] > least * singular[0]:
-        raise UnobservableError(
-            f"q: all {len(q)} readings lie on one line of the scan plane (within {singular[1]:.3f} mm), so the "
-            "rotation cannot be known; see the point at left and right, near and far"
-        )
-    unit = np.repeat([singular[0], singular[0], np.sqrt(len(q))], 3)  # then each unknown moves the points alike
-    weakest = np.linalg.svd(linear_equations(R_tcp, offsets) / unit, compute_uv=False)[-1]
-    if not weakest > least:
-        raise UnobservableError(
-            f"the {len(q)} orientations and readings together leave a combination of rotation and translation open "
-            f"(within {np.degrees(weakest):.2g}°, at least {LEAST_SPREAD_DEG:g}° needed); add poses, turned about "
-            "other axes while the point is read elsewhere in the scan"
-        )

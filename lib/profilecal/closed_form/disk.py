@@ -4,14 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from profilecal.closed_form.two_step import (
-    TwoStepSolution,
-    check_directions,
-    check_orientations,
-    solve_rotation,
-    solve_translation,
-)
-from profilecal.geometry.checks import check_count, check_rotations, check_vectors
+from profilecal.closed_form.two_step import TwoStepSolution, solve_rotation, solve_translation
 from profilecal.geometry.fitting import Ellipse, fit_ellipse, from_components
 
 
@@ -25,7 +18,6 @@ class SensingData:
     D_b: np.ndarray  # (..., 3) the same in the base frame, mm, Eq. 13
     direction: np.ndarray  # (..., 2) unit vector of the chords, x and z of the sensor frame
     e: np.ndarray  # (..., 5, 2) the elliptic points in the rotated frame, mm, Eq. 5
-    eta: np.ndarray  # (..., 5) Eq. 7
     cos_alpha: np.ndarray  # (...) the argument of Eq. 9's arccos; noise can push it out of [-1, 1]
 
     @property
@@ -122,36 +114,16 @@ def sensing_data_from_ellipse(ellipse: Ellipse, vectors, T_start, T_end, s, radi
         D_b=np.moveaxis(D_b, 0, -1),
         direction=from_components(cos, sin),
         e=np.moveaxis(np.stack([x, z]), (0, 1), (-1, -2)),
-        eta=np.moveaxis(eta, 0, -1),
         cos_alpha=cos_alpha,
     )
 
 
-def solve_disk(R_tcp, T_tcp, q, D_i, D_b) -> TwoStepSolution:
-    """Sensor pose from the disk method's sensing data, n ≥ 3 poses.
-
-    R_tcp (n, 3, 3) and T_tcp (n, 3), mm: flange poses at which the scan plane passes through the disk's centre;
-    q (n, 3), mm: that centre in the sensor frame; D_i and D_b (n, 3): the offset between the two tangent positions
-    in the sensor and in the base frame.
-
-    Raises ValueError for malformed input, UnobservableError for poses that cannot determine the answer.
-    """
-    T_tcp = check_vectors("T_tcp", T_tcp)
-    n = len(T_tcp)
-    check_count("disk sensing data", n, 3, "two differences of orientation about different axes fix the translation")
-    R_tcp = check_rotations("R_tcp", R_tcp, n)
-    q, D_i, D_b = (check_vectors(name, v, n) for name, v in (("q", q), ("D_i", D_i), ("D_b", D_b)))
-    check_directions(D_i.T, "D_i")
-    check_directions(np.einsum("nba,nb->an", R_tcp, D_b), "R_tcp⁻¹ D_b")  # D_b itself may be one direction
-    check_orientations(R_tcp)
-
-    return disk_equations(R_tcp, T_tcp, q, D_i, D_b)
-
-
 def disk_equations(R_tcp, T_tcp, q, D_i, D_b) -> TwoStepSolution:
-    """`solve_disk` without its guards, with any leading batch axes: (..., n, 3, 3) and (..., n, 3).
+    """Sensor pose from the disk method's sensing data, without guards: `closed_form` has them.
 
-    Eq. 14's vectors are given unit length.
+    R_tcp (..., n, 3, 3) and T_tcp (..., n, 3), mm: flange poses at which the scan plane passes through the disk's
+    centre; q (..., n, 3), mm: that centre in the sensor frame; D_i and D_b (..., n, 3): the offset between the two
+    tangent positions in the sensor and in the base frame. Eq. 14's vectors are given unit length.
     """
     X = np.swapaxes(D_i / np.linalg.norm(D_i, axis=-1, keepdims=True), -1, -2)
     D_b = D_b / np.linalg.norm(D_b, axis=-1, keepdims=True)

@@ -9,13 +9,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from profilecal.closed_form.two_step import check_orientations
-from profilecal.geometry.checks import UnobservableError, check_count, check_rotations
 from profilecal.geometry.fitting import affine_residuals
 from profilecal.geometry.poses import nearest_rotation
 
-REFUSED = 2.0  # strength of the rotation below which noise alone would explain it
-WEAK_STRENGTH = 10.0  # strength below which the rotation can be a degree and more wrong
+REFUSED = 2.0  # strength of the rotation below which noise alone would explain it; below 10 a degree can be wrong
 
 
 @dataclass(frozen=True)
@@ -36,9 +33,6 @@ class EdgeTranslation:
     """A_t T_s = b_t, Eqs 28-35."""
 
     u_b: np.ndarray  # (..., 3) unit direction of the edge in the base frame
-    A_t: np.ndarray  # (..., k, 3)
-    b_t: np.ndarray  # (..., k) mm
-    S: np.ndarray  # (..., 3) singular values of A_t
     rank: np.ndarray  # (...) of A_t, up to rounding
     T_sensor: np.ndarray  # (..., 3) mm
     p_b: np.ndarray  # (..., G, N, 3) the edge points in the base frame, mm
@@ -72,46 +66,8 @@ class EdgeSolution:
         return self.translation.p_b
 
 
-@dataclass(frozen=True)
-class EdgeEvidence:
-    """What the data themselves say about the two phases, before anything is known about the truth."""
-
-    noise_mm: np.ndarray  # (...) standard deviation of the sensed points, given or estimated
-    rotation_strength: np.ndarray  # (...) smallest singular value of A_r over what noise makes of a zero
-    translation_sd_mm: np.ndarray  # (...) of T_sensor in its worst direction, from noise and A_t, if the rotation holds
-
-
-def solve_edge(R_b, T_b, p_s, noise_mm: float | None = None) -> EdgeSolution:
-    """Sensor pose from one straight edge: R_b (G, 3, 3), T_b (G, N, 3) and p_s (G, N, 2), mm, with G, N ≥ 3.
-
-    `noise_mm` is the standard deviation of the sensed points; left out, it is estimated, which takes N ≥ 5.
-
-    Raises ValueError for malformed input, UnobservableError, with a cure, where the motion cannot
-    determine the rotation or the translation at this noise. A weak answer, see `judge` and `WEAK_STRENGTH`, is given.
-    """
-    R_b, T_b, p_s = check_shapes(R_b, T_b, p_s)
-    check_orientations(R_b)
-
-    solution = edge_equations(R_b, T_b, p_s)
-    evidence = judge(R_b, T_b, p_s, solution, noise_mm)
-    if evidence.rotation_strength < REFUSED:
-        raise UnobservableError(
-            f"the rotation cannot be known: the smallest singular value of A_r is {evidence.rotation_strength:.2g} "
-            f"times what noise of {evidence.noise_mm:.2g} mm makes of a zero (at least {REFUSED:g} needed, "
-            f"{WEAK_STRENGTH:g} recommended); turn the flange more between groups, and move within them in space, "
-            "or in one plane of the base, tilted against the edge by 30° or more"
-        )
-    if not np.isfinite(evidence.translation_sd_mm):
-        raise UnobservableError(
-            f"the translation cannot be known: A_t has rank {solution.translation.rank}, 3 needed, because the turns "
-            "leave a direction of the flange in place but for shifts along the edge; add a group turned about another "
-            "axis"
-        )
-    return solution
-
-
 def edge_equations(R_b, T_b, p_s) -> EdgeSolution:
-    """Both phases without guards."""
+    """Both phases, without guards: `closed_form` has them."""
     rotation = solve_rotation(R_b, T_b, p_s)
     return EdgeSolution(rotation, solve_translation(R_b, T_b, p_s, rotation.R_sensor))
 
@@ -243,26 +199,9 @@ def solve_translation(R_b, T_b, p_s, R_sensor) -> EdgeTranslation:
     u_b = principal_direction(vectors.reshape(*vectors.shape[:-3], -1, 3))
     A_t, b_t = translation_system(R_b, p, u_b)
     rounding = 12 * np.finfo(float).eps * p.shape[-3] * p.shape[-2]  # of nine entries of R_b, in each of G N equations
-    T_sensor, S, _, rank = least_squares(A_t, b_t, rounding)
+    T_sensor, _, _, rank = least_squares(A_t, b_t, rounding)
     p_b = p + (R_b @ T_sensor[..., None, :, None])[..., None, :, 0]
-    return EdgeTranslation(u_b=u_b, A_t=A_t, b_t=b_t, S=S, rank=rank, T_sensor=T_sensor, p_b=p_b)
-
-
-def check_shapes(R_b, T_b, p_s) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The data of one calibration as float arrays, or a ValueError that says what is wrong with them."""
-    R_b, T_b, p_s = check_rotations("R_b", R_b), np.asarray(T_b, dtype=float), np.asarray(p_s, dtype=float)
-    G = len(R_b)
-    for name, array, last in (("T_b", T_b, 3), ("p_s", p_s, 2)):
-        if array.ndim != 3 or array.shape[0] != G or array.shape[2] != last:
-            raise ValueError(f"{name} has shape {array.shape}; expected ({G}, N, {last}): groups, positions, {last}")
-        bad = np.argwhere(~np.isfinite(array))
-        if bad.size:
-            raise ValueError(f"{name}[{bad[0][0]}, {bad[0][1]}] is {array[tuple(bad[0][:2])]}; expected finite numbers")
-    if T_b.shape[1] != p_s.shape[1]:
-        raise ValueError(f"T_b has {T_b.shape[1]} positions a group and p_s has {p_s.shape[1]}; expected as many")
-    check_count("rotation groups", G, 3, "two turns about different axes fix the translation")
-    check_count("positions per group", T_b.shape[1], 3, "two translations that are not parallel fix the rotation")
-    return R_b, T_b, p_s
+    return EdgeTranslation(u_b=u_b, rank=rank, T_sensor=T_sensor, p_b=p_b)
 
 
 def estimate_noise(T_b, p_s) -> np.ndarray:
@@ -275,21 +214,11 @@ def estimate_noise(T_b, p_s) -> np.ndarray:
     return np.sqrt(np.divide(squares, freedom, out=np.full_like(squares, np.nan), where=freedom > 0))
 
 
-def judge(R_b, T_b, p_s, solution: EdgeSolution, noise_mm=None) -> EdgeEvidence:
-    """How well the data determine a solution of `edge_equations`; batches as there.
+def rotation_strength(R_b, T_b, p_s, rotation: EdgeRotation) -> np.ndarray:
+    """Smallest singular value of A_r over what noise, estimated from the data, makes of a zero, (...).
 
-    Raises ValueError where the noise is not given and cannot be estimated.
+    0 where A_r lacks rank, else NaN where the noise cannot be estimated.
     """
-    noise_mm = estimate_noise(T_b, p_s) if noise_mm is None else np.asarray(noise_mm, dtype=float)
-    if np.isnan(noise_mm).any():
-        raise ValueError(
-            f"{T_b.shape[-2]} positions a group leave no residual to estimate the noise from; give noise_mm, "
-            "or measure at least 5 positions a group"
-        )
-    G, N = T_b.shape[-3:-1]
-    rotation, translation = solution.rotation, solution.translation
-    from_noise = noise_mm * noise_gain(rotation.V[..., -1], R_b, T_b, p_s)
+    from_noise = estimate_noise(T_b, p_s) * noise_gain(rotation.V[..., -1], R_b, T_b, p_s)
     with np.errstate(divide="ignore", invalid="ignore"):
-        strength = np.where(rotation.rank < 9, 0, rotation.S[..., -1] / from_noise)
-        sd = np.where(translation.rank < 3, np.inf, noise_mm * np.sqrt(G * N) / translation.S[..., -1])
-    return EdgeEvidence(noise_mm=noise_mm, rotation_strength=strength, translation_sd_mm=sd)
+        return np.where(rotation.rank < 9, 0, rotation.S[..., -1] / from_noise)

@@ -51,12 +51,6 @@ class TwoStepSolution:
         """(..., 3) mm, the sensor's origin in the flange frame."""
         return self.translation.T_sensor
 
-    def flat(self) -> np.ndarray:
-        """What the paper prints of a solution, (..., 16): R_sensor row by row, T_sensor, q_b, accuracy."""
-        R_sensor = self.R_sensor.reshape(*self.R_sensor.shape[:-2], 9)
-        parts = [R_sensor, self.T_sensor, self.translation.q_b, self.translation.accuracy[..., None]]
-        return np.concatenate(parts, axis=-1)
-
 
 def solve_rotation(X, Y) -> RotationSolution:
     """R_sensor from vectors X in the sensor frame and Y in the flange frame, both (..., 3, n), with R_sensor X = Y.
@@ -85,34 +79,27 @@ def solve_translation(R_tcp, T_tcp, q, R_sensor) -> TranslationSolution:
     return TranslationSolution(T_sensor=T_sensor, q_b_i=q_b_i, q_b=q_b, accuracy=accuracy)
 
 
-def check_directions(X: np.ndarray, what: str) -> None:
-    """Refuse vectors X (3, n) that are all parallel: a turn about them would stay free."""
-    lengths = np.linalg.norm(X, axis=0)
-    if not lengths.all():
-        raise ValueError(f"{what}[{int(np.argmin(lengths))}] has zero length; expected a direction")
-    singular = np.linalg.svd(X / lengths, compute_uv=False)
-    spread = np.degrees(np.arctan2(singular[1], singular[0]))
-    if spread < LEAST_SPREAD_DEG:
-        raise UnobservableError(
-            f"{what}: all {X.shape[1]} are parallel within {spread:.2g}° in the sensor frame, so the rotation about "
-            f"them cannot be known; expected directions that spread by {LEAST_SPREAD_DEG:g}° or more"
-        )
+def check_spread(spread_deg, what: str, so: str) -> None:
+    """Refuse a batch (...) of data of which none spreads by LEAST_SPREAD_DEG."""
+    widest = np.max(spread_deg)
+    if not widest >= LEAST_SPREAD_DEG:
+        raise UnobservableError(f"{what} (within {widest:.2g}°, at least {LEAST_SPREAD_DEG:g}° needed), so {so}")
 
 
-def check_orientations(R_tcp: np.ndarray) -> None:
-    """Refuse poses (n, 3, 3) of one orientation, or that all turn about one axis."""
-    i, j = np.triu_indices(len(R_tcp), 1)
-    M = (R_tcp[i] - R_tcp[j]).reshape(-1, 3)
-    _, singular, Vt = np.linalg.svd(M)
-    turn = np.degrees(singular / np.sqrt(len(i)))  # rms over the pairs of |ΔR v|, an angle while small
-    if turn[0] < LEAST_SPREAD_DEG:
-        raise UnobservableError(
-            f"all {len(R_tcp)} poses have one orientation (within {turn[0]:.2g}°), so the translation cannot be "
-            f"known; turn the flange by {LEAST_SPREAD_DEG:g}° or more between poses, about at least two axes"
-        )
-    if turn[2] < LEAST_SPREAD_DEG:
-        axis = np.array2string(Vt[2], precision=2, suppress_small=True)
-        raise UnobservableError(
-            f"all {len(R_tcp)} poses turn about one axis, {axis} of the flange, so the translation along it cannot "
-            "be known; add a pose tilted about another axis"
-        )
+def check_line(vectors, what: str, so: str) -> None:
+    """Refuse vectors (..., n, 3) that all run along one line."""
+    singular = np.linalg.svd(vectors, compute_uv=False)
+    check_spread(np.degrees(np.arctan2(singular[..., 1], singular[..., 0])), what, so)
+
+
+def check_orientations(R_tcp) -> None:
+    """Refuse poses (..., n, 3, 3) of one orientation, or that all turn about one axis."""
+    n = R_tcp.shape[-3]
+    M = (R_tcp - R_tcp.mean(axis=-3, keepdims=True)).reshape(*R_tcp.shape[:-3], -1, 3)
+    _, singular, Vt = np.linalg.svd(M, full_matrices=False)
+    turn = np.degrees(singular * np.sqrt(2 / (n - 1)))  # rms over all pairs of |ΔR v|, an angle while small
+    so = "the translation cannot be known; turn the flange between poses, about at least two axes"
+    check_spread(turn[..., 0], f"all {n} poses have one orientation", so)
+    axis = np.array2string(Vt.reshape(-1, 3, 3)[0, 2], precision=2, suppress_small=True)
+    so = "the translation along it cannot be known; add a pose tilted about another axis"
+    check_spread(turn[..., 2], f"all {n} poses turn about one axis, {axis} of the flange", so)

@@ -9,35 +9,29 @@ class UnobservableError(ValueError):
     """The data are well formed but cannot determine the answer, whatever the noise."""
 
 
-def check_vectors(name: str, values, count: int | None = None) -> np.ndarray:
-    """Return `values` as a float array (n, 3).
+def check_array(name: str, values, shape, finite: bool = True) -> np.ndarray:
+    """Return `values` as a float array of a shape, in which None is any length and a leading ... any axes.
 
-    Raises ValueError naming the first offending row as Python does, from 0, the value and what was expected.
+    Raises ValueError with what it has in place of that, or with the first entry that is not finite, unless it may be.
     """
     array = np.asarray(values, dtype=float)
-    if array.ndim != 2 or array.shape[1] != 3:
-        raise ValueError(f"{name} has shape {array.shape}; expected (n, 3), one row per pose")
-    if count is not None and len(array) != count:
-        raise ValueError(f"{name} has {len(array)} rows; expected {count}, one per pose")
-    bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
-    if bad.size:
-        raise ValueError(f"{name}[{bad[0]}] is {array[bad[0]]}; expected finite numbers")
+    wanted = shape[1:] if ... in shape else shape
+    found = array.shape[-len(wanted) :] if ... in shape else array.shape
+    if len(found) != len(wanted) or any(length not in (None, n) for length, n in zip(wanted, found, strict=True)):
+        expected = str(shape).replace("None", "n").replace("Ellipsis", "...")
+        raise ValueError(f"{name} has shape {array.shape}; expected {expected}")
+    bad = np.argwhere(~np.isfinite(array)) if finite else []
+    if len(bad):
+        raise ValueError(f"{name}{bad[0].tolist()} is {array[tuple(bad[0])]}; expected finite numbers")
     return array
 
 
-def check_rotations(name: str, values, count: int | None = None) -> np.ndarray:
-    """Return `values` as a float array (n, 3, 3) of rotation matrices.
+def check_rotations(name: str, values, count: int) -> np.ndarray:
+    """Return `values` as a float array (count, 3, 3) of rotation matrices.
 
     Raises ValueError for anything else: not finite, not orthonormal within 1e-3, or a reflection.
     """
-    array = np.asarray(values, dtype=float)
-    if array.ndim != 3 or array.shape[1:] != (3, 3):
-        raise ValueError(f"{name} has shape {array.shape}; expected (n, 3, 3), one matrix per pose")
-    if count is not None and len(array) != count:
-        raise ValueError(f"{name} has {len(array)} matrices; expected {count}, one per pose")
-    bad = np.flatnonzero(~np.isfinite(array).all(axis=(1, 2)))
-    if bad.size:
-        raise ValueError(f"{name}[{bad[0]}] holds a value that is not finite; expected a rotation matrix")
+    array = check_array(name, values, (count, 3, 3))
     excess = np.abs(array @ array.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2), initial=0.0)
     bad = np.flatnonzero(excess > ORTHONORMAL_TOLERANCE)
     if bad.size:
@@ -52,6 +46,6 @@ def check_rotations(name: str, values, count: int | None = None) -> np.ndarray:
 
 
 def check_count(name: str, count: int, least: int, why: str) -> None:
-    """Raise ValueError unless there are at least `least`."""
+    """Raise UnobservableError unless there are at least `least`."""
     if count < least:
-        raise ValueError(f"{name}: {count} given, at least {least} needed ({why})")
+        raise UnobservableError(f"{name}: {count} given, at least {least} needed ({why})")

@@ -121,7 +121,6 @@ class ErrorSizes:
     v: np.ndarray  # (1 + k,) the variances in their middle
     mean: np.ndarray  # (n,)
     covariance: np.ndarray  # (n, n)
-    exact_robot: np.ndarray  # (n, n) the covariance if the robot did not err
 
 
 def average(model: LinearModel, prior: Prior, names: Sequence[str], unit_mm: float, likely, root) -> ErrorSizes:
@@ -152,8 +151,7 @@ def average(model: LinearModel, prior: Prior, names: Sequence[str], unit_mm: flo
         from_data = j == 0 or parts[0].spread[law.free == j].max(initial=0.0) < 0.6  # of the prior's 1
         found.append(Size(name, float(low), float(middle), float(high), bool(from_data)))
     middles = np.array([size.middle for size in found]) / np.r_[unit_mm, np.ones(k)]
-    (no_robot,) = exact.posterior(middles[None, :1] ** 2).covariance
-    return ErrorSizes(tuple(found), middles**2, mean, covariance * growth(squares[:, :6, :6], weight), no_robot)
+    return ErrorSizes(tuple(found), middles**2, mean, covariance * growth(squares[:, :6, :6], weight))
 
 
 def growth(squares, weight) -> float:

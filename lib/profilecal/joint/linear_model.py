@@ -124,8 +124,7 @@ class LinearModel:
         N, log_det_C, solved = rest / v0[:, None, None], count * np.log(v0), []
         for b in self.blocks:
             C = np.tensordot(v[:, 1:], b.M, 1) + v0[:, None, None, None] * np.eye(b.Y.shape[1])
-            roots = np.diagonal(np.linalg.cholesky(C), axis1=2, axis2=3)
-            log_det_C = log_det_C + 2 * np.log(roots).sum(axis=(1, 2))
+            log_det_C = log_det_C + np.linalg.slogdet(C)[1].sum(axis=1)
             inverse = np.linalg.inv(C)
             X = inverse @ b.Y
             N = N + b.Y.reshape(-1, n + 1).T @ X.reshape(len(v), -1, n + 1)
@@ -169,15 +168,6 @@ class LinearModel:
     def alone(self, v) -> np.ndarray:
         """What each profile by itself says of the unknowns, (profiles, n + 1, n + 1): [A | r]ᵀ C⁻¹ [A | r]."""
         return self.Y.swapaxes(1, 2) @ np.linalg.solve(self.own(v), self.Y) + self.rest / v[0]
-
-    def predicted(self, found: Posterior, profiles) -> tuple[np.ndarray, np.ndarray]:
-        """How far the rows of some profiles (k,), none of them kept, are from what those kept say of them, (k q,), and
-        the covariance (k q, k q) of that."""
-        M = block(self.E, self.Y, np.array([profiles]), self.groups, self.names).M[:, 0]
-        Y = self.Y[profiles].reshape(-1, self.n + 1)
-        C = found.v[0, 0] * np.eye(len(Y)) + np.tensordot(found.v[0, 1:], M, 1)
-        A = Y[:, : self.n]
-        return Y @ np.append(found.mean[0], 1.0), C + A @ found.covariance[0] @ A.T
 
     def left_out(self, found: Posterior) -> tuple[np.ndarray, np.ndarray]:
         """How far the rows of each profile (profiles, q) are from what all other profiles kept say of them, and the

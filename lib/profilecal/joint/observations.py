@@ -14,6 +14,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
+from profilecal.geometry.checks import check_array
 from profilecal.geometry.noise import ROBOT, Systematic
 from profilecal.geometry.poses import SAME_ORIENTATION_DEG, angle_between, inverse, parallel
 from profilecal.targets import TARGETS
@@ -39,23 +40,17 @@ class Observations:
         if self.kind not in TARGETS:
             raise ValueError(f"kind is {self.kind!r}; expected one of {', '.join(TARGETS)}")
         self.target.check_sizes(self.sizes)
-        shape, count = np.shape(self.points), self.target.points
-        if len(shape) < 3 or shape[-1] != 2 or (count and shape[-2] != count):
-            raise ValueError(f"points of the {self.kind} have shape {shape}; expected (..., poses, {count or 'm'}, 2)")
-        for name, value, tail in (("R_flange", self.R_flange, (3, 3)), ("T_flange", self.T_flange, (3,))):
-            if np.shape(value)[-1 - len(tail) :] != (shape[-3], *tail):
-                raise ValueError(f"{name} has shape {np.shape(value)}; expected (..., {shape[-3]}, {tail})")
-            if not np.isfinite(value).all():
-                raise ValueError(f"{name} holds a value that is not finite; expected a pose for every profile")
-        if self.group is not None and np.shape(self.group) != (shape[-3],):
-            raise ValueError(f"group has shape {np.shape(self.group)}; expected ({shape[-3]},), one label per pose")
+        shape = (..., None, self.target.points, 2)
+        P, m, _ = check_array(f"points ({self.kind})", self.points, shape, finite=False).shape[-3:]
+        check_array("R_flange", self.R_flange, (..., P, 3, 3))
+        check_array("T_flange", self.T_flange, (..., P, 3))
+        if self.group is not None:
+            check_array("group", self.group, (P,), finite=False)
         if self.covariance is not None:
             if "profiles" not in self.target.tables:
                 raise ValueError(f"a {self.kind} has no covariance of its own; state profile_mm and steering_mm")
-            P, m = shape[-3:-1]
-            tail, given = (P, m) if self.on_curve else (P, 2 * m, 2 * m), np.shape(self.covariance)
-            if given[-len(tail) :] != tail:
-                raise ValueError(f"covariance has shape {given}; expected (..., {', '.join(map(str, tail))})")
+            tail = (P, m) if self.on_curve else (P, 2 * m, 2 * m)
+            check_array("covariance", self.covariance, (..., *tail), finite=False)
 
     @property
     def target(self) -> type[Target]:
@@ -226,18 +221,13 @@ class PoseGroups:
     pose: np.ndarray  # (profiles,) number of the commanded pose
     orientation: np.ndarray  # (poses,) number of its orientation
 
-    @property
-    def orientation_of_profile(self) -> np.ndarray:
-        """(profiles,)."""
-        return self.orientation[self.pose]
-
     def sharing(self, name: str) -> np.ndarray:
         """Numbers (profiles,) that profiles with the same error of the robot have in common; an entry of `Noise`."""
         match name.split("_")[0]:
             case "repeatability":
                 return np.arange(len(self.pose))
             case "group":
-                return self.orientation_of_profile
+                return self.orientation[self.pose]
         return self.pose
 
     @property

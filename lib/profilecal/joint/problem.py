@@ -1,7 +1,6 @@
 """All that was seen, with the scanner's noise, as one least-squares problem."""
 
 from collections.abc import Sequence
-from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -37,16 +36,6 @@ class Fit(Batch):
     loss: np.ndarray  # (B,)
     per_pose: tuple  # (B, P) each pose's χ² per residual, for each target
 
-    @property
-    def information(self) -> np.ndarray:
-        """(B, n, n), mm and rad."""
-        return self.normal[:, :-1, :-1]
-
-    @property
-    def chi2(self) -> np.ndarray:
-        """(B,) squared residuals over the noise."""
-        return self.normal[:, -1, -1]
-
 
 class Problem:
     """Residuals of each target over the scanner's noise. `noise.profile_mm` must be known; it may be an array (B,).
@@ -68,12 +57,6 @@ class Problem:
         ends = np.cumsum([6, *(term.n for term in self.terms)])
         self.n = int(ends[-1])
         self.parts = [np.arange(*ends) for ends in pairwise(ends)]  # of the unknowns
-
-    def with_noise(self, noise: Noise) -> "Problem":
-        """The same measurements with other noise."""
-        other = copy(self)
-        other.noise = noise
-        return other
 
     @property
     def units(self) -> np.ndarray:

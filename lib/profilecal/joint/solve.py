@@ -52,7 +52,7 @@ def solve(
         problem, prior = Problem(observations, prior.scales), prior.without_robot
     if prior.source == "residuals":
         prior = prior.with_scanner(max(prior.scales.profile_mm * scale, FINEST_MM))
-        problem = problem.with_noise(prior.scales)
+        problem = Problem(observations, prior.scales, prior.systematic)
     return conclude(estimate(problem, prior, fits.state[[0]], robust), prior, others.join(fits.state))
 
 
@@ -67,7 +67,7 @@ def least_squares(problem: Problem, state: State) -> Fit:
 def is_hopeless(problem: Problem, fit: Fit, scale: float) -> bool:
     """Whether residuals are larger than any robot errs, or answers are open whatever it does: then all is left to the
     scanner's noise, `scale` times as large as assumed."""
-    seen = spectrum(fit.information[0], problem.units)
+    seen = spectrum(fit.normal[0, :-1, :-1], problem.units)
     too_large = problem.typical(fit)[0] * problem.noise.profile_mm > LARGEST_ERROR_MM
     return bool(too_large or seen.rank < problem.n or seen.sd[0] * scale > 10)  # measurements by hand
 
@@ -133,7 +133,7 @@ def estimate(problem: Problem, prior: Prior, state: State, robust: bool) -> Esti
     names, unit = prior.names(problem.groups.distinguishable), problem.noise.profile_mm
     law = prior.law(names, unit)
     y, kept = np.zeros(len(law.free)), None
-    for turn in range(10):  # three are usual
+    for turn in range(10):  # one or two are usual
         columns = problem.columns_in_mm(state)
         whole = problem.model(state, names, columns=columns)
         if kept is None:
@@ -146,7 +146,9 @@ def estimate(problem: Problem, prior: Prior, state: State, robust: bool) -> Esti
             after = belonging(problem, whole, *model.left_out(found), found.mean[0], found.v[0])
             if np.mean(grossly) - np.mean(after) > LARGEST_REJECTED or whole.counts[after].sum() <= problem.n:
                 after = grossly  # the model is at fault, not the poses
-        small = np.abs(found.mean[0]) < 0.02 * np.sqrt(np.diag(found.covariance[0]))  # it moves the answer by nothing
+        # what a step leaves to the next one is as much smaller than it as it is a part of a radian or of 100 mm
+        left = np.abs(found.mean[0]) * reach(found.mean)
+        small = left < 0.002 * np.sqrt(np.diag(found.covariance[0]))
         if ((after == kept).all() and small[: problem.n].all()) or turn == 9:
             break
         state, kept = after_step(problem, state, found.mean[0]), after

@@ -1,6 +1,6 @@
 """The disk paper's noise study of the two-step ball method, Section V-D3, from simulated noisy arcs."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import comb
 
 import numpy as np
@@ -46,14 +46,6 @@ class BallScans:
         """+1 where the ball's centre lies towards the sensor's +y, else -1, (n, arcs)."""
         offset = self.ball.centre - self.positions(arcs) - (self.R_tcp @ self.T_sensor)[:, None]
         return np.sign(np.einsum("nka,na->nk", offset, (self.R_tcp @ self.R_sensor)[..., 1]))
-
-    @property
-    def longest_sweep_mm(self) -> float:
-        """The longest way to either end that keeps the scan plane of every pose well inside the ball."""
-        well_inside = 0.95  # of the ball's radius: scan planes further out meet it too flat to see an arc
-        circle = replace(self, sweep_mm=0.0).circles(1)[:, 0]
-        beside = np.sqrt(self.ball.radius**2 - circle[:, 2] ** 2)
-        return float(well_inside * self.ball.radius - beside.max())
 
     def x_seen(self, circle) -> np.ndarray:
         """The scanner's x at which it sees the upper side of a circle x, z, r."""
@@ -150,7 +142,7 @@ def noisy_circles(circle, x, sigma_mm, size: int, rng) -> np.ndarray:
     of_noise = {j: sorted({(a, b - j) for a, b in needed if b >= j}) for j in (1, 2, 3, 4)}  # a and i beside ε^j
     factors = {j: np.stack([x**a * z**i for a, i in pairs]) for j, pairs in of_noise.items()}
     sums = {j: np.empty((len(pairs), size)) for j, pairs in of_noise.items()}
-    for part, noise, square, cube in noisy_blocks(np.zeros_like(x), 1.0, size, rng, spare=2):
+    for part, noise, square, cube in noisy_blocks(np.zeros_like(x), 1.0, size, rng):
         np.multiply(noise, noise, out=square)
         np.multiply(square, noise, out=cube)
         for j, power in ((1, noise), (2, square), (3, cube)):

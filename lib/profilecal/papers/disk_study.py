@@ -166,7 +166,7 @@ class Chords:
         for i, (u, v) in enumerate(self.tips):
             powers = np.vander(v, 5, increasing=True).T
             sums[0][:, i, 0] = powers.sum(axis=1)
-            for part, noisy, square, cube in noisy_blocks(u, sigma_mm / self.unit[i, 0], size, rng, spare=2):
+            for part, noisy, square, cube in noisy_blocks(u, sigma_mm / self.unit[i, 0], size, rng):
                 np.multiply(noisy, noisy, out=square)
                 np.multiply(noisy, square, out=cube)
                 for a, values in ((1, noisy), (2, square), (3, cube)):
@@ -180,7 +180,7 @@ class Chords:
         mean = {(a, b): np.empty((len(self.tips), size)) for a in range(5) for b in range(5 - a) if a + b}
         vectors = np.empty((len(self.tips), 2, 5, size))
         for i, tips in enumerate(self.tips):
-            for part, noisy, *work in noisy_blocks(tips, sigma_mm / self.unit[i][:, None], size, rng, spare=2):
+            for part, noisy, *work in noisy_blocks(tips, sigma_mm / self.unit[i][:, None], size, rng):
                 products = work[0][:, 0], work[0][:, 1], work[1][:, 0]
                 for power, values in moments(noisy[:, 0], noisy[:, 1], products).items():
                     mean[power][i, part] = values

@@ -1,7 +1,7 @@
 """The edge paper's experiments: where its robot goes (Sections 3 and 4.2), random scenes of an edge, what the scanner
 sees of them, and the paper's own measures of error, Δα and Δd (Section 4.1, Fig. 5)."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from profilecal.targets.edge import Edge
 STANDOFF = 75.0  # mm, the middle of the 60 to 90 mm for which the paper's scanner does best
 
 
-def arc(count: int, radius: float, span: float, middle=0.0) -> np.ndarray:
+def arc(count: int, radius: float, span: float, middle) -> np.ndarray:
     """Positions (..., count, 3) on a circular arc in the plane z = 0, mm, relative to its middle.
 
     `middle` (...), rad, is where on the circle that lies.
@@ -103,15 +103,15 @@ def plan_edge(plan: EdgePlan, edge: Edge, R_sensor, T_sensor, rng: np.random.Gen
     return Poses(flange, above(edge.point, flange, R_sensor, T_sensor)[..., None, :] + offsets)
 
 
-def plan_ball(centre, radius: float, R_sensor, T_sensor, rng, *, groups=10, positions=6, spread_deg=30.0) -> Poses:
-    """Poses that draw `positions` parallel profiles over a ball in each of some orientations (edge paper, Section 4.2).
+def plan_ball(centre, radius: float, R_sensor, T_sensor, rng) -> Poses:
+    """Poses that draw six parallel profiles over a ball in each of ten orientations (edge paper, Section 4.2).
 
     `centre` (..., 3), mm. The profiles spread over 1.2 radii, along the sensor's y.
     """
     start = random_turns(rng, centre.shape[:-1], np.pi) @ np.swapaxes(R_sensor, -1, -2)
-    flange = random_turns(rng, (*centre.shape[:-1], groups), np.radians(spread_deg)) @ start[..., None, :, :]
+    flange = random_turns(rng, (*centre.shape[:-1], 10), np.radians(30)) @ start[..., None, :, :]
     y = (flange @ R_sensor[..., None, :, :])[..., 1]
-    steps = np.linspace(-0.6, 0.6, positions)[:, None] * radius * y[..., None, :]
+    steps = np.linspace(-0.6, 0.6, 6)[:, None] * radius * y[..., None, :]
     return Poses(flange, above(centre, flange, R_sensor, T_sensor, STANDOFF + radius)[..., None, :] + steps)
 
 
@@ -167,18 +167,6 @@ def observations_of(scene: EdgeScene) -> Observations:
     return Observations("edge", R, T, points, group=np.repeat(np.arange(G), N))
 
 
-def second_edge(plan: EdgePlan, noise: Noise, planted, rng: np.random.Generator, offset_mm: float = 10.0):
-    """Edge scenes whose points of the groups and positions `planted` (..., G, N) lie on a parallel edge, `offset_mm`
-    away: the scenes with their points replaced."""
-    shape = np.shape(planted)[:-2]
-    scene = edge_scenes(plan, noise, rng, shape)
-    across = np.cross(scene.edge.direction, directions(rng, shape))
-    across = offset_mm * across / np.linalg.norm(across, axis=-1, keepdims=True)
-    other = Edge(scene.edge.point + across, scene.edge.direction)
-    wrong = sense_edge(other, scene.R_sensor, scene.T_sensor, scene.poses, noise, rng)
-    return replace(scene, points=np.where(planted[..., None], wrong, scene.points))
-
-
 CRITERIA = {  # where the paper prints them: a row for each of ROTATIONS, a column for each of its specimens
     "mean Δα": ("Table 1", "mean of delta alpha"),
     "std Δα": ("Table 1", "std of delta alpha"),
@@ -186,7 +174,6 @@ CRITERIA = {  # where the paper prints them: a row for each of ROTATIONS, a colu
     "std Δd": ("Table 2", "std of delta d"),
 }
 ROTATIONS = (10, 15, 20, 25)  # used for a calibration; the paper sums up its tables from 15 on
-CHUNK = 25  # scenes solved at a time, which stay near the cache
 
 
 def printed(criterion: str) -> np.ndarray:

@@ -75,14 +75,13 @@ def in_chunks(run, shape, trials: int, rng: np.random.Generator, workers: int | 
             pass
 
 
-def noisy_blocks(exact, sd, size: int, rng: np.random.Generator, spare: int):
+def noisy_blocks(exact, sd, size: int, rng: np.random.Generator):
     """Blocks of `size` trials of `exact` (...) plus normal noise, whose standard deviation `sd` broadcasts against it.
 
-    Yields the trials, as a slice; their values (block, ...); and as many arrays of that shape as `spare` says, to be
-    filled: memory that is new to the processor would cost more than what is computed in it. The next block takes over
-    all of it.
+    Yields the trials, as a slice; their values (block, ...); and two arrays of that shape, to be filled: memory that
+    is new to the processor would cost more than what is computed in it. The next block takes over all of it.
     """
-    memory = np.empty((1 + spare, max(1, min(size, BLOCK // exact.size)), *exact.shape))
+    memory = np.empty((3, max(1, min(size, BLOCK // exact.size)), *exact.shape))
     for first in range(0, size, memory.shape[1]):
         part = slice(first, min(first + memory.shape[1], size))
         block, *work = memory[:, : part.stop - first]

@@ -6,76 +6,38 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from scipy.optimize import linprog
+from scipy.optimize import minimize
 
-from profilecal.geometry.fitting import ROUNDS
 from profilecal.geometry.poses import nearest_rotation
-
-SMALL = 1e-4  # the step of the differences that stand for derivatives, and the change at which the search ends
-INSIDE = 0.99  # of the way from the middle of an interval to its ends: room for what is not linear
-DEAR = 10.0  # cost of missing an interval by its own half width, where a change of 1 costs 1
 
 
 def least_change(compute, low, high, size: int) -> tuple[np.ndarray, float]:
     """The x (size,) with the smallest max |x| at which all values of `compute` lie between `low` and `high` (k,).
 
-    `compute` maps (..., size) to (..., k). Each round puts derivatives at the last x in its place and solves what is
-    left, a linear program, no farther than `trust` away, a distance that grows or shrinks with how well that went
-    (sequential linear programming with an exact penalty). Where the values curve, the program is solved once more with
-    what the values at its solution really are (Fletcher 1982). Returns x and max |x|; infinity if an interval is
-    missed.
+    `compute` maps (..., size) to (..., k). Sequential quadratic programming (Kraft 1988) in x and a bound s of
+    all |x|, from near 0. Returns x and max |x|; infinity if an interval is missed.
     """
+    step = 1e-4  # of the differences that stand for derivatives
+    inside = 0.99  # of the way from the middle of an interval to its ends: room for what is not linear
     middle, half = (low + high) / 2, (high - low) / 2
+    one, of_s = np.eye(size), np.eye(size + 1)[-1]
 
-    def look(y):
-        found = (compute(y) - middle) / half
-        return found, _cost(y, found)
+    def values(x):
+        return (compute(x) - middle) / half
 
-    x, trust, J = np.zeros(size), 1.0, None
-    values, cost = look(x)
-    for _ in range(ROUNDS):
-        if J is None:  # of a new x
-            moved = (compute(x + SMALL * np.vstack([np.eye(size), -np.eye(size)])) - middle) / half
-            J = (moved[:size] - moved[size:]).T / (2 * SMALL)
-        constant = values - J @ x
-        tried = _linear_least_change(J, constant, x, trust)
-        promised = cost - _cost(tried, J @ tried + constant)
-        if promised < SMALL or trust < SMALL:
-            break
-        found, after = look(tried)
-        if cost - after < 0.75 * promised:  # the second-order correction
-            again = _linear_least_change(J, found - J @ tried, x, trust)
-            seen, less = look(again)
-            if less < after:
-                tried, found, after = again, seen, less
-        if cost - after > 0.75 * promised:
-            trust = max(trust, 2 * np.abs(tried - x).max())
-        elif cost - after < 0.25 * promised:
-            trust = trust / 4
-        if after < cost:
-            x, values, cost, J = tried, found, after, None
-    return x, np.abs(x).max() if np.abs(values).max() <= 1 else np.inf
+    def room(y):
+        x, s = y[:-1], y[-1]
+        return np.concatenate([s - x, s + x, inside - values(x), inside + values(x)])
 
+    def room_by(y):
+        moved = values(y[:-1] + step * np.vstack([one, -one]))
+        J = (moved[:size] - moved[size:]).T / (2 * step)
+        return np.column_stack([np.vstack([-one, one, -J, J]), np.repeat([1, 0], [2 * size, 2 * len(J)])])
 
-def _cost(x, values) -> float:
-    return np.abs(x).max() + DEAR * max(np.abs(values).max() - INSIDE, 0)
-
-
-def _linear_least_change(J, constant, x, trust: float) -> np.ndarray:
-    """The y within `trust` of x that costs least, if the values are J y + constant: a linear program in (y, s, t)."""
-    k, size = J.shape
-    one, rows = np.ones((size, 1)), np.ones((k, 1))
-    A = np.block(
-        [
-            [J, 0 * rows, -rows],  # |J y + constant| ≤ INSIDE + t
-            [-J, 0 * rows, -rows],
-            [np.eye(size), -one, 0 * one],  # |y| ≤ s
-            [-np.eye(size), -one, 0 * one],
-        ]
-    )
-    b = np.concatenate([INSIDE - constant, INSIDE + constant, np.zeros(2 * size)])
-    bounds = [*zip(x - trust, x + trust, strict=True), (0, None), (0, None)]
-    return linprog(np.r_[np.zeros(size), 1, DEAR], A, b, bounds=bounds).x[:size]
+    limits = {"type": "ineq", "fun": room, "jac": room_by}
+    start = np.append(np.linspace(-0.01, 0.01, size), 0)  # at 0 several values may tie, and have no slope
+    x = minimize(lambda y: y[-1], start, jac=lambda _: of_s, method="SLSQP", constraints=limits).x[:-1]
+    return x, np.abs(x).max() if np.abs(values(x)).max() <= 1 else np.inf
 
 
 FILES = {"disk": "disk_chen_2018.csv", "edge": "edge_xu_2021.csv"}

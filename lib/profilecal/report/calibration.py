@@ -4,14 +4,11 @@ from dataclasses import dataclass, replace
 from html import escape
 
 import numpy as np
-import pandas as pd
 
-from profilecal.calibrate.calibration import PLACES, deviations, to_text
+from profilecal.calibrate.calibration import deviations, to_text
 from profilecal.geometry.noise import FALSE_ALARM, chi2_limit
-from profilecal.joint.error_sizes import ErrorSizes, Size
 from profilecal.report.figures import GREEN, ORANGE, RED
 from profilecal.scan.conventions import for_controller, named
-from profilecal.targets.target import find_features
 
 VERDICTS = {
     "ok": (
@@ -69,48 +66,18 @@ def answer(found) -> Html:
     """What was scanned, what `profilecal calibrate --to` prints of it without the notes for the maker of a robot that
     writes poses like these, and the rest."""
     lines = [f"scan           {scan.title or scan.kind}: {scan.description}" for scan in found.scans]
-    s, to_paste = found.solution, ""
-    if found.status != "unobservable":
-        maker = named(found.scans[0].convention).controller
-        to_paste = for_controller(maker, s.T_flange_sensor, found.frame)
+    s, known = found.solution, found.status != "unobservable"
+    maker = named(found.scans[0].convention).controller
+    to_paste = for_controller(maker, s.T_flange_sensor, found.frame) if known else ""
     lines += to_text(replace(found, messages=()), to_paste).splitlines()
-    if found.status != "unobservable":
+    if known:
         robot = f"{s.prior.systematic.accuracy_mm:g} mm and {s.prior.systematic.accuracy_deg:g}°"
-        lines.append(
-            f"elsewhere      {deviations(s.covariance_total)}, on a robot accurate to {robot} over its workspace"
-        )
+        elsewhere = f"{deviations(s.covariance_total)}, on a robot accurate to {robot} over its workspace"
+        lines.append(f"elsewhere      {elsewhere}")
     if s and not found.misread:
         lines.append(f"noise          {s.noise_mm:.3g} mm, {s.prior.how}; residuals {s.rms_mm:.3g} mm rms")
-        if any(size.middle for size in s.found.sizes[1:]):  # in more words than above
-            lines = [line for line in lines if not line.startswith("robot errors")]
-            lines += [f"robot errors   {text}" for text in robot_errors(s.found)]
     text = "\n".join(lines)
     return Html(f'<pre style="white-space:pre-wrap">{escape(text)}</pre>', text)
-
-
-def robot_errors(found: ErrorSizes) -> list[str]:
-    """How large the robot's errors are, a line for each place where they arise, with 95 % intervals."""
-    worth_a_word = 1.25  # times as large a standard deviation
-    lines, sizes = [], {size.name: size for size in found.sizes}
-    for place, names in PLACES.items():
-        pair = [sizes[name] for name in names if name in sizes]
-        if any(size.middle for size in pair):
-            said = " and ".join(f"{s.middle:.2g}{unit(s)} ({s.low:.2g} to {s.high:.2g})" for s in pair)
-            said += "" if any(size.from_data for size in pair) else ", which these poses hardly show"
-        elif any(size.high for size in pair):
-            said = "none, or at most " + " and ".join(f"{size.high:.2g}{unit(size)}" for size in pair)
-        else:
-            said = "none"
-        lines += [f"{place}: {said}"] if pair else []
-    largest = [np.sqrt(np.linalg.eigvalsh(C[:3, :3])[-1]) for C in (found.covariance, found.exact_robot)]
-    if largest[0] > worth_a_word * largest[1]:
-        lines.append(f"in all: the largest standard deviation is {largest[0]:.2g} mm, {largest[1]:.2g} mm without them")
-    return lines
-
-
-def unit(size: Size) -> str:
-    """What to put behind a number."""
-    return " mm" if size.name.endswith("mm") else "°"
 
 
 def chance_limits(found) -> list[np.ndarray]:
@@ -120,23 +87,13 @@ def chance_limits(found) -> list[np.ndarray]:
     return [np.sqrt(chi2_limit(FALSE_ALARM / total, count) / count) for count in counts]
 
 
-def features_of(scan) -> list:
-    """What is found in each profile of a scan; nothing where the scan holds no raw profiles."""
-    return find_features(scan.target, scan.values, scan.sizes) if scan.measured == "profiles" else []
-
-
-def rejected_table(found) -> Html:
+def rejected_poses(found) -> Html:
     """The poses whose residuals are too large, and how large."""
-    rows = []
+    said = []
     if found.solution:
-        parts = zip(found.scans, found.seen, found.solution.normalised, found.solution.rejected, strict=True)
-        for (scan, seen, size, bad), limit in zip(parts, chance_limits(found), strict=True):
-            for i, value, most in zip(seen[bad], size[bad], limit[bad], strict=True):
-                alone = f"{value:.1f} times the noise; chance explains up to {most:.1f}"
-                crowd = f"most of its group is off; itself {value:.1f} times the noise"
-                rows.append((scan.title, scan.labels[i], alone if value > most else crowd))
-    if not rows:
-        return words(["none"])
-    frame = pd.DataFrame(rows, columns=["scan", "pose", "why"])
-    frame = frame if len(found.scans) > 1 else frame.drop(columns="scan")
-    return Html(f'<div class="scroll">{frame.to_html(index=False, border=0)}</div>', frame.to_string(index=False))
+        parts = found.labels_by_scan(), found.solution.normalised, found.solution.rejected, chance_limits(found)
+        for labels, size, bad, limit in zip(*parts, strict=True):
+            for i in np.flatnonzero(bad):
+                why = f"chance explains up to {limit[i]:.1f}" if size[i] > limit[i] else "most of its group is off"
+                said.append(f"pose {labels[i]}: {size[i]:.1f} times the noise; {why}")
+    return words(said or ["none"])

@@ -15,25 +15,16 @@ GREEN = "#009E73"
 RED = "#D55E00"
 SKY = "#56B4E9"
 PURPLE = "#CC79A7"
-OF_METHOD = {  # the same in every notebook
-    "closed form": ORANGE,
-    "joint": BLUE,
-    "robust joint": GREEN,
-    "published": RED,
-    "bound": "black",
-}
 
 
 def use_style() -> None:
     """Matplotlib settings of every notebook."""
     plt.rcParams.update(
         {
-            "figure.dpi": 100,
             "figure.constrained_layout.use": True,
             "axes.prop_cycle": plt.cycler(color=[BLUE, ORANGE, GREEN, RED, SKY, PURPLE]),
             "axes.spines.top": False,
             "axes.spines.right": False,
-            "font.size": 10,
             "legend.frameon": False,
             "savefig.bbox": "tight",  # as notebooks show them: nothing is cut off
             "svg.hashsalt": "profilecal",
@@ -90,13 +81,11 @@ def plot_changes(parts: dict, size: float, of: str, met: str) -> plt.Figure:
     return figure
 
 
-def draw_frame(axes, rotation, origin, length: float, name: str = "") -> None:
+def draw_frame(axes, rotation, origin, length: float) -> None:
     """Draw a coordinate frame in a 3D plot: x red, y green, z blue."""
     for axis, colour in zip(np.asarray(rotation).T, (RED, GREEN, BLUE), strict=True):
         tip = origin + length * axis
         axes.plot(*np.column_stack([origin, tip]), color=colour, lw=2)
-    if name:
-        axes.text(*(origin - 0.25 * length * np.asarray(rotation)[:, 2]), name, ha="center", va="center")
 
 
 def draw_patch(axes, corners, colour: str, alpha: float = 0.25, label: str = "") -> None:
@@ -115,7 +104,7 @@ def equal_axes(axes, points) -> None:
     axes.set(zlim=(middle[2] - half, middle[2] + half), box_aspect=(1, 1, 1))
 
 
-def draw_scan(axes, rotation, origin, depth: float, colour: str, label: str = "") -> np.ndarray:
+def draw_scan(axes, rotation, origin, depth: float, colour: str) -> np.ndarray:
     """Draw a scanner's fan of light in a 3D plot, from its origin to `depth`, as wide as it is deep.
 
     Returns its corners (3, 3).
@@ -123,7 +112,7 @@ def draw_scan(axes, rotation, origin, depth: float, colour: str, label: str = ""
     rotation = np.asarray(rotation)
     ends = [origin + depth * (rotation[:, 2] + side * rotation[:, 0] / 2) for side in (-1, 1)]
     corners = np.array([origin, *ends])
-    draw_patch(axes, corners, colour, alpha=0.15, label=label)
+    draw_patch(axes, corners, colour, alpha=0.15)
     return corners
 
 
@@ -143,27 +132,20 @@ def plot_columns(frame: pd.DataFrame, x: str, y: str, hue: str, folder: Path) ->
 
     Raises ValueError for a column that is not there or holds no numbers.
     """
-    for name in filter(None, (x, y, hue)):
-        if name not in frame:
-            raise ValueError(f"no column named {name!r}; there are {', '.join(frame)}")
-    if not pd.api.types.is_numeric_dtype(frame[y]):
+    if missing := {x, y, hue or x} - {*frame}:
+        raise ValueError(f"no column named {missing.pop()!r}; there are {', '.join(frame)}")
+    numbers = frame.assign(**{y: pd.to_numeric(frame[y], "coerce").astype(float)})
+    shown = numbers.pivot_table(y, x, hue or None, ["min", "median", "max"])
+    if shown.empty:
         raise ValueError(f"column {y} holds no numbers, so it cannot be drawn")
     use_style()
-    figure, axes = plt.subplots(figsize=(6, 4))
-    for value, part in frame.groupby(hue) if hue else [("", frame)]:
-        spread = part.groupby(x)[y].agg(["min", "median", "max"]).dropna()
-        label = f"{value:g}" if isinstance(value, float) else value
-        (line,) = axes.plot(spread.index, spread["median"], "o-", label=label)
-        axes.fill_between(spread.index, spread["min"], spread["max"], color=line.get_color(), alpha=0.15, lw=0)
-    axes.set(xlabel=x, ylabel=f"{y} (median, range)")
-    if pd.api.types.is_numeric_dtype(frame[x]) and frame[x].nunique() <= 8:  # few enough for a tick each
-        axes.set_xticks(frame[x].dropna().unique())
-    if hue:
-        axes.legend(title=hue)
+    axes = shown["median"].plot(style="o-", ylabel=f"{y} (median, range)", figsize=(6, 4), legend=bool(hue))
+    for name in shown["median"]:
+        axes.fill_between(shown.index, shown["min", name], shown["max", name], alpha=0.15, lw=0)
     place = folder / f"{y}_over_{x}.png".replace("/", "-")
-    figure.savefig(place, dpi=200)
-    figure.savefig(place.with_suffix(".svg"))
-    plt.close(figure)
+    axes.figure.savefig(place, dpi=200)
+    axes.figure.savefig(place.with_suffix(".svg"))
+    plt.close(axes.figure)
     return place
 
 

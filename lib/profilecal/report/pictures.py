@@ -1,26 +1,12 @@
-"""Pictures of a calibration, for the report: its robot, its profiles, its residuals; and of a plan."""
-
-from textwrap import fill
+"""Pictures of a calibration, for the report: its robot and its profiles; and of a plan."""
 
 import matplotlib.pyplot as plt
 import numpy as np
 
 from profilecal.geometry.poses import carry
-from profilecal.joint.observability import HAND_PRECISION, WEAK, name_direction, size_direction
 from profilecal.plan.design import Plan
-from profilecal.report.calibration import chance_limits, features_of
-from profilecal.report.figures import (
-    BLUE,
-    GREEN,
-    ORANGE,
-    PURPLE,
-    RED,
-    SKY,
-    draw_frame,
-    draw_patch,
-    equal_axes,
-    use_style,
-)
+from profilecal.report.figures import BLUE, RED, SKY, draw_frame, draw_patch, equal_axes, use_style
+from profilecal.targets.target import find_features
 
 
 def plot_robot(found) -> plt.Figure:
@@ -86,63 +72,14 @@ def target_lines(target, solution, observed) -> list[np.ndarray]:
     return target.lines(in_base.reshape(-1, 3))
 
 
-def plot_residuals(found) -> plt.Figure | None:
-    """Each pose's residual over the noise, by scan, with the poses rejected and the limit of chance."""
-    if not found.solution:
-        return None
-    figure, rows = plt.subplots(len(found.scans), figsize=(5.6, 0.6 + 2.5 * len(found.scans)), squeeze=False)
-    parts = zip(rows[:, 0], found.scans, found.seen, found.solution.normalised, found.solution.rejected, strict=True)
-    good = 0
-    for (axes, scan, seen, size, bad), limit in zip(parts, chance_limits(found), strict=True):
-        group = seen if scan.group is None else scan.group[seen]
-        top = 1.15 * max(np.append(size[~bad], limit))
-        axes.bar(seen[~bad], size[~bad], color=np.where(group[~bad] % 2, SKY, BLUE), width=0.8)
-        axes.scatter(seen[bad], np.minimum(size[bad], 0.97 * top), marker="x", color=RED, zorder=3, label="rejected")
-        axes.plot(seen, limit, color=RED, lw=1, ls="--", label="limit of chance")
-        axes.axhline(1, color="0.5", lw=0.8, ls=":", label="as noise explains")
-        axes.set(xlabel="pose", ylabel="residual / noise", ylim=(0, top), title=scan.title if len(rows) > 1 else "")
-        names = [shorten(scan.labels[i], 8) for i in seen]
-        every = -(-len(names) * max(map(len, names)) // 40)
-        axes.set_xticks(seen[::every], names[::every])
-        good += np.count_nonzero((size <= limit) & ~bad)
-    figure.suptitle(f"{good} of {sum(map(len, found.seen))} residuals are no larger than chance explains")
-    key(figure, rows[0, 0])
-    return figure
-
-
-def shorten(text: str, length: int) -> str:
-    """The text, cut where it is longer."""
-    return text if len(text) <= length else text[: length - 1] + "…"
-
-
-def plot_view(found) -> plt.Figure:
-    """What was seen of the targets, in the scan plane, over all points of the profiles, where a scan holds them."""
-    figure, axes = plt.subplots(figsize=(5.6, 4.2))
-    raw = [values for scan in found.scans if scan.measured == "profiles" for values in scan.values]
-    if raw:
-        x, z = np.concatenate(raw)[:: 1 + sum(map(len, raw)) // 20_000].T
-        axes.plot(x, z, ".", ms=1, color="0.75", label="profiles", rasterized=True)
-    for k, (scan, observed, seen) in enumerate(zip(found.scans, found.observed, found.seen, strict=True)):
-        points = observed.points[0].reshape(-1, 2)
-        if scan.measured == "arcs":
-            points = np.array([[x, z - r] for x, z, r in (scan.values[i][0] for i in seen)])
-        name = scan.title if len(found.scans) > 1 else scan.kind
-        axes.scatter(*points.T, s=4, color=(BLUE, GREEN, ORANGE, PURPLE)[k % 4], alpha=0.7, label=name)
-    axes.set(xlabel="sensor x [mm]", ylabel="sensor z [mm]", aspect="equal")
-    axes.invert_yaxis()
-    figure.suptitle("Where the features lie in the scan plane")
-    key(figure, axes)
-    return figure
-
-
 def plot_profiles(scan, rejected=()) -> list[plt.Figure]:
     """Every profile of a scan with what was found in it, 20 to a figure, all at one scale.
 
     `rejected`: labels of the poses that the calibration rejects. No figures where the scan holds no raw profiles.
     """
-    features = features_of(scan)
-    if not features:
+    if scan.measured != "profiles":
         return []
+    features = find_features(scan.target, scan.values, scan.sizes)
     valid = [values[np.isfinite(values).all(axis=1)] for values in scan.values]
     width, height = 1.2 * np.percentile([np.ptp(values, axis=0) for values in valid if len(values)], 90, axis=0)
     cell = np.array([width, np.clip(height, 0.4 * width, 0.75 * width)])
@@ -150,15 +87,16 @@ def plot_profiles(scan, rejected=()) -> list[plt.Figure]:
     return [profile_page(scan, features, page, cell, set(rejected)) for page in pages]
 
 
-def profile_page(scan, features, page, cell, rejected, columns: int = 4) -> plt.Figure:
+def profile_page(scan, features, page, cell, rejected) -> plt.Figure:
     """One figure of `plot_profiles`: all in one set of axes, each profile moved to its place, which draws fast."""
-    step, rows = cell * [1.05, -1.35], -(-len(page) // columns)
+    columns, step = 4, cell * [1.05, -1.35]
+    rows = -(-len(page) // columns)
     figure, axes = plt.subplots(figsize=(5.6, 5.6 / columns * (rows + 0.2) * step[1] / -step[0]))
     for k, i in enumerate(page):
         feature, corner = features[i], step * [k % columns, k // columns]
         note = "not found" if feature.reason else "rejected" if scan.labels[i] in rejected else ""
         axes.add_patch(plt.Rectangle(corner - cell / 2, *cell, fill=False, ec="0.8", lw=0.6))
-        text = f"{shorten(scan.labels[i], 10)} {note}".strip()
+        text = f"{scan.labels[i][:10]} {note}".strip()
         axes.text(corner[0], corner[1] + 0.54 * cell[1], text, color=RED if note else "0.2", ha="center", fontsize=8)
         draw_profile(axes, scan, scan.values[i], feature, corner, cell)
     left, bottom = -0.51 * cell[0], (rows - 0.5) * step[1]
@@ -187,28 +125,10 @@ def draw_profile(axes, scan, values, feature, corner, cell) -> None:
         axes.plot(*((feature.points - middle) * [1, -1] + corner).T, "o", ms=5, mfc="none", mec=RED, mew=1.3)
 
 
-def plot_directions(found) -> plt.Figure | None:
-    """How well the six directions of the sensor's pose are known, worst first, each in words."""
-    if not found.solution:
-        return None
-    s = found.solution.observability
-    figure, axes = plt.subplots(figsize=(5.6, 4.8))
-    place, sd, low = np.arange(6), np.minimum(s.sd, 10), 10 ** np.floor(np.log10(min(s.sd[-1], 0.01)))
-    axes.barh(place, sd, 0.3, color=[RED if v >= 1 else ORANGE if v >= WEAK else GREEN for v in sd])
-    for y, value, direction in zip(place, s.sd, s.directions, strict=True):
-        size = size_direction(value, direction) if value < 1 else "unobservable"
-        name = fill(f"{name_direction(direction, found.solution.rotation, found.frame)}: {size}", 80)
-        axes.text(1.1 * low, y - 0.2, name, fontsize=8, va="bottom")
-    axes.set(xscale="log", xlim=(low, 10), ylim=(5.5, -0.8), yticks=[], xlabel="standard deviation")
-    axes.xaxis.set_major_formatter(lambda v, _: f"{HAND_PRECISION[0] * v:g} mm\n{np.degrees(HAND_PRECISION[3]) * v:g}°")
-    figure.suptitle(f"The weakest direction of the sensor's pose is {s.status}")
-    return figure
-
-
 def save_plan(plan: Plan, path) -> None:
     """Write the picture as a PNG file."""
     use_style()
-    figure, axes = plt.subplots(figsize=(7, 5.5), layout="constrained", subplot_kw={"projection": "3d"})
+    figure, axes = plt.subplots(figsize=(7, 5.5), subplot_kw={"projection": "3d"})
     draw_way(axes, plan)
     found, kind = plan.predicted, plan.model.target.kind
     axes.set_title(f"{len(plan.T)} poses over the {kind} (black): {found.mm:.2g} mm and {found.deg:.2g}° predicted")
@@ -221,16 +141,15 @@ def draw_way(axes, plan: Plan) -> None:
     stands still."""
     R, T = plan.R, plan.T
     fans = field_of_view(plan.model) @ np.swapaxes(R, 1, 2) + T[:, None]
-    origins, lines = fans[:, 0], planned_target_lines(plan)
+    origins = fans[:, 0]
     axes.plot(*origins.T, color=BLUE, lw=0.8, alpha=0.6)
     axes.scatter(*origins.T, color=BLUE, s=8, depthshade=False, label="sensor, on its way")
     few = np.unique(np.linspace(0, len(T) - 1, 5).round().astype(int))
     for k in few:
         draw_patch(axes, fans[k, 1:], SKY, 0.12, "field of view" if k == few[0] else "")
         draw_frame(axes, R[k] @ plan.model.R_sensor, origins[k], 0.06 * np.ptp(fans, axis=(0, 1)).max())
-    for line in lines:
-        axes.plot(*line.T, color="black", lw=4 if len(lines) == 1 else 1.5, zorder=5)
-    equal_axes(axes, np.vstack([origins, fans[few].reshape(-1, 3), *lines]))
+    target = draw_lines(axes, planned_target_lines(plan), "black", "")
+    equal_axes(axes, np.vstack([origins, fans[few].reshape(-1, 3), target]))
     frame = "flange" if plan.model.to_hand else "base"
     axes.set(xlabel=f"{frame} x [mm]", ylabel=f"{frame} y [mm]", zlabel=f"{frame} z [mm]")
     axes.locator_params(nbins=4)
@@ -251,4 +170,4 @@ def planned_target_lines(plan: Plan) -> list[np.ndarray]:
     R_view, T_view = plan.model.planes(plan.R, plan.T)
     x, z = np.moveaxis(plan.model.seen(R_view, T_view, 5)[..., None], 2, 0)
     seen = x * R_view[:, None, :, 0] + z * R_view[:, None, :, 2] + T_view[:, None]
-    return [np.asarray(line)[:: max(1, len(line) // 40)] for line in plan.model.target.lines(seen.reshape(-1, 3))]
+    return plan.model.target.lines(seen.reshape(-1, 3))

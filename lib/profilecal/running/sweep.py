@@ -34,34 +34,27 @@ def read_grid(path: Path | None, texts=()) -> dict:
     return grid
 
 
-def plan(notebook: Path, grid: dict | list[dict], repeat: int | None = None) -> dict[str, dict]:
-    """By name the parameters of each run of a grid, or of several: each value of one with each of the others.
+def plan(notebook: Path, grid: dict, repeat: int | None = None) -> dict[str, dict]:
+    """By name the parameters of each run of a grid: each value of one with each of the others.
 
-    With `repeat`, each is run that often, with seeds made from its parameter `seed`. They depend on the parameters and
-    the count of the repeat, on nothing else: a grid that grows keeps the runs it has.
+    With `repeat`, each is run that often, with seeds of their own. They depend on the parameters and the count of the
+    repeat, on nothing else: a grid that grows keeps the runs it has.
 
     Raises ValueError for a grid that does not fit the notebook's parameters.
     """
-    from papermill import inspect_notebook
-
     kinds = notebooks.parameters_of(notebook)
     if not grid and not repeat:
         raise ValueError(f"the grid is empty; {notebook.stem} has the parameters {', '.join(kinds) or '(none)'}")
     if repeat and "seed" not in kinds:
         raise ValueError(f"{notebook.stem} has no parameter 'seed', so its repeats would all be the same")
-    points = []
-    for part in grid if isinstance(grid, list) else [grid]:
-        lists = {name: values if isinstance(values, list) else [values] for name, values in part.items()}
-        notebooks.check_parameters(lists, [kinds])
-        for name, values in lists.items():
-            if not values:
-                raise ValueError(f"the grid has no values for {name}")
-            if kinds[name] == "float":
-                lists[name] = [float(value) for value in values]  # 1 and 1.0 are one setting
-        points += [dict(zip(lists, values, strict=True)) for values in itertools.product(*lists.values())]
-    if "seed" in kinds:
-        seed = int(inspect_notebook(str(notebook))["seed"]["default"])
-        points = [{**point, "seed": point.get("seed", seed)} for point in points]
+    lists = {name: values if isinstance(values, list) else [values] for name, values in grid.items()}
+    notebooks.check_parameters(lists, [kinds])
+    for name, values in lists.items():
+        if not values:
+            raise ValueError(f"the grid has no values for {name}")
+        if kinds[name] == "float":
+            lists[name] = [float(value) for value in values]  # 1 and 1.0 are one setting
+    points = [dict(zip(lists, values, strict=True)) for values in itertools.product(*lists.values())]
     if repeat:
         points = [point | {"seed": int(_digest([point, k], 13), 16)} for point in points for k in range(repeat)]
     runs = {_name(point): point for point in points}
@@ -87,7 +80,7 @@ def _digest(values, length: int) -> str:
 
 def sweep(
     notebook: Path,
-    grid: dict | list[dict],
+    grid: dict,
     output: Path,
     *,
     repeat: int | None = None,

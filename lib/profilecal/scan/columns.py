@@ -7,48 +7,42 @@ from zipfile import BadZipFile
 
 import numpy as np
 
+from profilecal.scan.conventions import CONVENTIONS
 from profilecal.scan.scan import ScanError
 from profilecal.scan.tables import Rows, Table, in_columns, listed, naming, number, shown, text_of
 
 TITLE = re.compile(r"(.*?)[\s_]*(?:[\[(]\s*([^\])]*?)\s*[\])].*|[\s_/]\s*(mm|m|deg|rad))?")
 ALIASES = {"q1": "qw", "q2": "qx", "q3": "qy", "q4": "qz"} | {f"{t}{axis}": axis for t in "tp" for axis in "xyz"}
-NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?|\*+"  # or what FANUC prints for a position that was not taught
-NAMED = re.compile(rf"\b([a-z]\w*)\"?\s*[:=]?\s*({NUMBER})")
-BRACES = re.compile(r"(?:\b([a-z]\w*)\[(\d+)[^\]]*\]\s*=?\s*)?\{([^{}]*)\}", re.IGNORECASE)  # P[7:"label"]{…}
-ONE = r"[^\[\],]*"  # of the numbers in brackets
-BRACKETS = {  # poses, and what a robot's language has in them
-    rf"\[\s*\[({ONE},{ONE},{ONE})\]\s*,\s*\[({ONE},{ONE},{ONE},{ONE})\]\s*,\s*\[": "x y z qw qx qy qz",  # ABB
-    r"\bp\[([^\[\]]*)\]": "x y z rx ry rz",  # Universal Robots
-    rf"\[((?:{ONE},){{5,}}{ONE})\]": "",  # JSON
-}
-ARRAYS = (".npy", ".npz")
+SEVERAL = {("t", 3): ("x", "y", "z"), ("r", 9): CONVENTIONS[-1].columns}  # numbers behind one name
+NUMBER = r"(?:[+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?|\*+)"  # or what FANUC prints for a position that was not taught
+TOKEN = re.compile(  # a brace and the name before it; a group of a FANUC robot's axes; a name and its numbers
+    rf"(?:\b([a-z]\w*)(?:\[(\d+)[^\]]*\])?\s*=?\s*)?(\{{)|\bgp(\d+)\s*:|"
+    rf"\b([a-z]\w*)\"?\s*[:=]?[ \t]*({NUMBER}(?:[ \t]+{NUMBER})*)",
+    re.IGNORECASE,
+)
 REMARK = re.compile(r"\s*(?:#|%|//|!)[\s#%/]*")
 
 
-def read_profiles(path: Path, entry: str = "") -> list[Table]:
-    """Points of a profile, or of several that share an array, under the names in titles, or "1", "2", ….
+def read_columns(path: Path, entry: str = "") -> Table:
+    """A file's table under the names in its titles, or "1", "2", …; in a column "" the numbers of an array's profiles.
 
     `entry`: the name of the list or array, where there are several. Raises ScanError.
     """
-    if path.suffix.lower() in ARRAYS:
-        values = array(path, entry)
-        values = values[None] if values.ndim == 2 else values
-        values = values.mT if values.shape[1] <= 3 < values.shape[2] else values
-        return [from_array(path, profile) for profile in values]
+    if path.suffix.lower() in (".npy", ".npz"):
+        return array(path, entry)
     text = closed_text(path)
     lists = {found[1]: found for found in re.finditer(r"(?m)^ *(\w+) *:\s*\[([^\[\]]*)\]", text)}  # YAML
     if not lists:
-        return [from_rows(path, lines_of(text))]
+        return from_rows(path, lines_of(text))
     found = lists[chosen(path, lists, entry)]
     line, fields = line_of(text, found.start(1)), found[2].split(",")
-    return [from_rows(path, [(line, fields[j : j + 3]) for j in range(0, len(fields), 3)])]  # x, 0, z
+    return from_rows(path, [(line, fields[j : j + 3]) for j in range(0, len(fields), 3)])  # x, 0, z
 
 
 def read_poses(path: Path) -> Table:
-    """The same of poses: also KUKA's {X 1,Y 2,…}, FANUC listings, ABB's robtargets, UR's p[…], arrays of matrices."""
-    if path.suffix.lower() in ARRAYS:
-        values = array(path, "")
-        return from_array(path, values.reshape(len(values), -1))
+    """The same of poses: also KUKA's {X 1,Y 2,…}, FANUC listings, lines t … and r …, ABB's robtargets, UR's p[…]."""
+    if path.suffix.lower() in (".npy", ".npz"):
+        return array(path, "")
     text = closed_text(path)
     return behind_names(path, text) or from_rows(path, in_brackets(text) or lines_of(text))
 
@@ -63,27 +57,41 @@ def closed_text(path: Path) -> str:
 
 
 def behind_names(path: Path, text: str) -> Table | None:
-    """Poses in braces, whose numbers have names. Only the first group of a FANUC robot's axes counts."""
-    poses = []
-    for found in BRACES.finditer(text):
-        label, index, inside = found.groups()
-        first_group = re.split(r"\bgp[2-9]\s*:", inside.lower())[0]
-        pose = {ALIASES.get(name, name): cell for name, cell in NAMED.findall(first_group)}
-        pose |= {"pose": f"{label}{index}"} if index else {}
-        if {"x", "y", "z"} <= pose.keys() or "uf" in pose:
-            poses.append((line_of(text, found.start()), pose))
-    units = {name: "" for _, pose in poses for name in pose}
-    rows = [(line, [pose.get(name, "") for name in units]) for line, pose in poses]
+    """Poses whose numbers have names; another one begins at a brace, or where a name comes again."""
+    poses, prefix = [{}], ""
+    for found in TOKEN.finditer(text):
+        label, index, brace, group, key, numbers = found.groups()
+        if group:
+            prefix = "" if group == "1" else f"gp{group} "
+        elif brace:
+            poses.append({"pose": f"{label}{index}"} if index else {})
+            prefix = ""
+        else:
+            key, cells = prefix + key.lower(), numbers.split()
+            names = SEVERAL.get((key, len(cells)), (ALIASES.get(key, key),))
+            if not poses[-1].keys().isdisjoint(names):
+                poses.append({})
+            if len(names) == len(cells):
+                poses[-1].setdefault("", line_of(text, found.start()))
+                poses[-1] |= zip(names, cells, strict=True)
+    poses = [pose for pose in poses if {"x", "y", "z"} <= pose.keys() or "uf" in pose]
+    units = {name: "" for pose in poses for name in pose if name}
+    rows = [(pose[""], [pose.get(name, "") for name in units]) for pose in poses]
     return in_columns(path, units, rows) if rows else None
 
 
 def in_brackets(text: str) -> Rows:
     """Poses in brackets, under titles where a robot's language says what the numbers are."""
-    for pattern, titles in BRACKETS.items():
-        found = [(line_of(text, one.start()), ",".join(one.groups())) for one in re.finditer(pattern, text)]
-        if found:
-            return [(0, titles.split()), *((line, fields_of(numbers)) for line, numbers in found)]
-    return []
+    titles = ""
+    if "robtarget" in text.lower():  # of ABB, where other lines hold joints and tools
+        text, titles = re.sub(r"(?im)^(?!.*robtarget).*$", "", text), "x y z qw qx qy qz"
+    elif re.search(r"\bp\[", text):  # of UR
+        text, titles = re.sub(r"(?<!\bp)\[[^\]]*\]", "", text), "x y z rx ry rz"
+    three, some = r"\[((?:[^\[\],]*,){2}[^\[\],]*)\]", r"\[([^\[\]]*)\]"
+    found = [*re.finditer(rf"\[\s*{three}\s*,\s*{some}", text)]  # position and orientation
+    found = found or [one for one in re.finditer(some, text) if one[1].count(",") > 4]
+    rows = [(line_of(text, one.start()), re.split(r"[\s,]+", ",".join(one.groups()).strip())) for one in found]
+    return [(0, titles.split()), *rows] if rows else []
 
 
 def line_of(text: str, place: int) -> int:
@@ -115,7 +123,7 @@ def from_rows(path: Path, rows: Rows) -> Table:
     the row of that length above."""
     numeric = [j for j, (_, fields) in enumerate(rows) if np.isinf([*map(number, fields)]).sum() < len(fields) / 2]
     if not numeric:
-        raise ScanError(f"{path}: no numbers in columns; expected a row for each pose or point")
+        raise ScanError(f"{path}: no numbers in columns")
     k = mode(len(rows[j][1]) for j in numeric)
     first = next(j for j in numeric if len(rows[j][1]) == k)
     titles = next((fields for _, fields in rows[:first][::-1] if len(fields) == k), k * ["1"])
@@ -142,8 +150,8 @@ def unit_of(path: Path, units: dict[str, str], known) -> str:
     return said.pop()
 
 
-def array(path: Path, entry: str) -> np.ndarray:
-    """The numbers of an array of two or three axes, or of one in an archive. Raises ScanError."""
+def array(path: Path, entry: str) -> Table:
+    """Rows of an array (n, k), matrices (n, 3, 4) or (n, 4, 4) as rows, profiles (n, points, k) or (n, k, points)."""
     with naming(path), path.open("rb") as file:
         try:
             found = np.load(file, allow_pickle=False)
@@ -152,12 +160,12 @@ def array(path: Path, entry: str) -> np.ndarray:
             raise ScanError(f"{path}: not an array of numbers ({error})") from error
     if values.ndim not in (2, 3) or not values.size:
         raise ScanError(f"{path}: an array of shape {values.shape}; expected a row for each point or pose")
-    return values
-
-
-def from_array(path: Path, values: np.ndarray) -> Table:
-    """The table in an array (n, k)."""
-    columns = {str(j + 1): column for j, column in enumerate(values.T)}
+    numbers = {}
+    if values.ndim == 3 and values.shape[1:] not in ((3, 4), (4, 4)):
+        values = values.mT if values.shape[1] <= 3 < values.shape[2] else values
+        numbers = {"": np.repeat(np.arange(len(values)), values.shape[1])}
+        values = values.reshape(-1, values.shape[2])
+    columns = numbers | {str(j + 1): column for j, column in enumerate(values.reshape(len(values), -1).T)}
     return Table(path, columns, range(1, len(values) + 1), "row", dict.fromkeys(columns, ""))
 
 

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from profilecal.geometry.fitting import fit_sphere
 from profilecal.geometry.poses import cross, dot, frame_around
 from profilecal.profiles.arcs import find_rods
 from profilecal.targets.edge import Edge
@@ -60,7 +61,7 @@ class Rod(Target):
 
     @staticmethod
     def fit(points):
-        """Algebraically, |p|² = pᵀ D p + 2 b·p + k with D = d dᵀ; then by Gauss-Newton steps on the distances."""
+        """The axis algebraically, from |p|² = pᵀ D p + 2 b·p + k with D = d dᵀ; around it the nearest circle."""
         middle = points.mean(axis=-2, keepdims=True)
         scale = np.sqrt(np.mean(np.sum((points - middle) ** 2, axis=-1), axis=-1))[..., None, None]
         p = (points - middle) / scale
@@ -72,29 +73,8 @@ class Rod(Target):
         D = np.empty((*x.shape[:-1], 3, 3))
         D[..., i, j] = D[..., j, i] = x[..., :6]
         axes = frame_around(np.linalg.eigh(D)[1][..., 2])
-        across = np.swapaxes(axes[..., :2], -1, -2)
-        centre = (across @ x[..., 6:9, None])[..., 0]
-        radius = np.sqrt(np.maximum(x[..., 9] + np.sum(centre**2, axis=-1), 1e-6))
-        origin = (axes[..., :2] @ centre[..., None])[..., 0]
-        for _ in range(6):  # two or three are usual
-            origin, axes, radius = Rod.nearer(p, origin, axes, radius)
-        return middle[..., 0, :] + scale[..., 0] * origin, axes, (scale[..., 0, 0] * radius,)
-
-    @staticmethod
-    def nearer(points, origin, axes, radius):
-        """One Gauss-Newton step of origin, axes and radius towards points (..., n, 3)."""
-        local = (points - origin[..., None, :]) @ axes
-        distance = np.linalg.norm(local[..., :2], axis=-1)
-        e, z = local[..., :2] / distance[..., None], local[..., 2:]
-        # by shifts along x and y, turns about x and y, and the radius
-        J = np.concatenate([-e, z * e[..., 1:], -z * e[..., :1], -np.ones_like(z)], axis=-1)
-        Jt = np.swapaxes(J, -1, -2)
-        ridge = 1e-12 * points.shape[-2] * np.eye(5)
-        step = -np.linalg.solve(Jt @ J + ridge, Jt @ (distance - radius[..., None])[..., None])[..., 0]
-        origin = origin + (axes[..., :2] @ step[..., :2, None])[..., 0]
-        turned = axes[..., 2] + (axes[..., :2] @ np.stack([step[..., 3], -step[..., 2]], axis=-1)[..., None])[..., 0]
-        axes = frame_around(turned / np.linalg.norm(turned, axis=-1, keepdims=True))
-        return origin, axes, radius + step[..., 4]
+        centre, radius = fit_sphere((points - middle) @ axes[..., :2])
+        return middle[..., 0, :] + (axes[..., :2] @ centre[..., None])[..., 0], axes, (radius,)
 
     def distance(self, points):
         return Edge(self.point, self.direction).distance(points) - self.radius

@@ -18,6 +18,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from profilecal.geometry.checks import check_array
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import directions
 from profilecal.profiles.points import Feature
@@ -165,8 +166,5 @@ def find_features(target: type[Target], profiles, sizes=()) -> list[Feature]:
     several candidates the others show. Raises ValueError for a missing size, or a profile of another shape.
     """
     target.check_sizes(sizes)
-    profiles = [np.asarray(profile, dtype=float) for profile in profiles]
-    for k, profile in enumerate(profiles):
-        if profile.ndim != 2 or profile.shape[1] != 2:
-            raise ValueError(f"profile {k} has shape {profile.shape}; expected (n, 2), x and z")
+    profiles = [check_array(f"profile {k}", values, (None, 2), finite=False) for k, values in enumerate(profiles)]
     return target.find(profiles, *sizes)
