@@ -232,17 +232,12 @@ def affine_noise(observations: Observations) -> tuple[float, int]:
     Inside a rotation group the sensed point is an affine function of the flange position, whatever the calibration:
     what is left of a regression is noise. The median over the groups keeps a bad point from counting.
     """
-    P, m = observations.points.shape[-3:-1]
-    points, weights = np.asarray(observations.points)[0].reshape(P, 2 * m), np.ones(P)
-    if observations.covariance is not None:
-        weights = np.sqrt(2 * m / np.trace(observations.covariance[0], axis1=1, axis2=2))
-    variances, freedoms = [], []
+    points, found = np.asarray(observations.points)[0].reshape(len(observations.labels), -1), []
     for label in np.unique(observations.group):
-        rows = (observations.group == label) & np.isfinite(points).all(axis=1)
-        if rows.sum() < 3:
-            continue
-        left, _, freedom = affine_residuals(observations.T_flange[0, rows], points[rows], weights[rows])
+        rows = observations.group == label
+        left, _, freedom = affine_residuals(observations.T_flange[0, rows], points[rows])
         if freedom > 0:
-            variances.append(np.sum(left**2) / chi2_limit(0.5, 2 * m * freedom))
-            freedoms.append(2 * m * freedom)
-    return (float(np.sqrt(np.median(variances))), sum(freedoms)) if variances else (0.0, 0)
+            freedom = points.shape[1] * freedom
+            found.append((np.sum(left**2) / chi2_limit(0.5, freedom), freedom))
+    variances, freedoms = zip(*found, strict=True) if found else ((0.0,), (0,))
+    return float(np.sqrt(np.median(variances))), int(sum(freedoms))
