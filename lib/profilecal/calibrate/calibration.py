@@ -66,13 +66,14 @@ class Calibration:
                 for scan, target in zip(self.scans, s.placements, strict=True)
             ]
             targets = targets[0] if len(targets) == 1 else targets
+            sd = np.sqrt(np.diag(in_mm_deg(s.covariance))).tolist()
         return {
             "status": self.status,
             f"T_{frame}_sensor": s.T_flange_sensor.tolist() if known else None,
             "covariance": in_mm_deg(s.covariance).tolist() if known else None,
             "covariance_total": in_mm_deg(s.covariance_total).tolist() if known else None,
-            "translation_sd_mm": s.translation_sd_mm.tolist() if known else None,
-            "rotation_sd_deg": s.rotation_sd_deg.tolist() if known else None,
+            "translation_sd_mm": sd[:3] if known else None,
+            "rotation_sd_deg": sd[3:] if known else None,
             "rms_mm": s.rms_mm if s else None,
             "chi2_per_dof": s.chi2_per_dof if s else None,
             "noise_mm": s.noise_mm if s else None,

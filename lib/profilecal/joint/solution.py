@@ -88,16 +88,6 @@ class Solution:
         """(4, 4) from sensor to flange, mm."""
         return homogeneous(self.rotation, self.translation)
 
-    @property
-    def translation_sd_mm(self) -> np.ndarray:
-        """(3,) along the sensor's x, y, z."""
-        return np.sqrt(np.diag(self.covariance)[:3])
-
-    @property
-    def rotation_sd_deg(self) -> np.ndarray:
-        """(3,) about the sensor's x, y, z."""
-        return np.degrees(np.sqrt(np.diag(self.covariance)[3:]))
-
 
 def in_mm_deg(covariance) -> np.ndarray:
     """A covariance (6, 6) of δ with the rotation vector in degrees."""
