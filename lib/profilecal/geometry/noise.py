@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 
-import numpy as np
 from scipy.special import chdtri
 
 FALSE_ALARM = 0.01  # the chance that one kind of test doubts anything at all of a good scan
@@ -52,11 +51,3 @@ class Systematic:
 def chi2_limit(chance, freedom):
     """What χ² of some degrees of freedom exceeds by a chance: `chi2.isf` without the long import of `scipy.stats`."""
     return chdtri(freedom, chance)
-
-
-def variances(position_mm, orientation_deg) -> np.ndarray:
-    """Of the six components of a flange pose's error, (..., 6), mm² and rad²."""
-    found = np.empty((*np.broadcast_shapes(np.shape(position_mm), np.shape(orientation_deg)), 6))
-    found[..., :3] = np.square(position_mm)[..., None]
-    found[..., 3:] = np.square(np.radians(orientation_deg))[..., None]
-    return found

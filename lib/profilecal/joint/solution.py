@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from profilecal.geometry.noise import Noise, variances
+from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import homogeneous
 from profilecal.joint.error_sizes import ErrorSizes
 from profilecal.joint.linear_model import LinearModel, Posterior
@@ -44,7 +44,8 @@ class Solution:
         lever, accuracy = np.eye(6), self.prior.systematic
         if not self.problem.observations[0].eye_to_hand:  # from the flange to the sensor, in the sensor's frame
             lever[:3, 3:] = np.cross(np.eye(3), self.rotation.T @ self.translation).T
-        return self.covariance + lever * variances(accuracy.accuracy_mm, accuracy.accuracy_deg) @ lever.T
+        sd = np.repeat([accuracy.accuracy_mm, np.radians(accuracy.accuracy_deg)], 3)
+        return self.covariance + lever * sd**2 @ lever.T
 
     def model(self, tried: Sequence[Perturbation] = ()) -> tuple[LinearModel, Posterior]:
         """The linear model at the solution, of the poses kept, with errors `tried` besides, of which nothing is known
