@@ -212,7 +212,7 @@ def conclude(estimated: Estimate, prior: Prior, others: State) -> Solution:
         than = "what the stated noise explains; the covariance is enlarged to match"
         messages.append(f"residuals are {factor**0.5:.2g} times {than}")
     kept = problem.split(model.kept)
-    rank = spectrum(problem.moments(state, weights=kept).normal[0, :-1, :-1], problem.units).rank
+    rank = spectrum(posterior.normal[0, : problem.n, : problem.n], problem.units).rank
     seen = of_covariance(covariance, rank, problem.n)
     observations = problem.observations
     R_flange = np.concatenate([np.asarray(o.R_flange).reshape(-1, 3, 3) for o in observations])
