@@ -25,10 +25,6 @@ class Rod(Target):
     groups, positions, sizes, stance = 15, 4, (15.0,), ALONG_Y
     find = staticmethod(find_rods)
 
-    @property
-    def frame(self):
-        return self.point, frame_around(self.direction)
-
     @staticmethod
     def residual(origin, axes, seen, sizes):
         """Distance from the ellipse, to first order.
