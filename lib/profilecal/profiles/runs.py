@@ -38,7 +38,8 @@ class Run:
 
     def reversed(self) -> "Run":
         """The same in the profile from its last point to its first."""
-        return Run.through(self.profile[::-1], len(self.profile) - 1 - self.rows[::-1])
+        rows = len(self.profile) - 1 - self.rows[::-1]
+        return Run(self.profile[::-1], rows, self.point, -self.direction, -self.along[::-1], -self.off[::-1])
 
     def coordinates(self, points) -> tuple[np.ndarray, np.ndarray]:
         """How far points (k, 2) are along the line and off it, mm."""
