@@ -13,7 +13,7 @@ from profilecal.calibrate.observe import check
 from profilecal.calibrate.verify import verify
 from profilecal.geometry.poses import cross
 from profilecal.profiles.edges import crossing, crossing_covariance
-from profilecal.profiles.points import Feature, mask, nothing
+from profilecal.profiles.points import Feature, nothing
 from profilecal.profiles.runs import Run, straight_runs
 from profilecal.report import pictures
 from profilecal.scan.folder import read_scan, write_scan
@@ -111,13 +111,13 @@ def groove_in(profile) -> Feature:
     """Where four neighbouring straight runs meet, of which the laser spot rounds the corners."""
     runs, _ = straight_runs(profile)
     if len(runs) != 4:
-        return nothing(profile, f"{len(runs)} straight runs; a groove has 4")
+        return nothing(f"{len(runs)} straight runs; a groove has 4")
     rough = [crossing(*pair) for pair in pairwise(runs)]
     away = [np.min([np.linalg.norm(profile[run.rows] - corner, axis=1) for corner in rough], axis=0) for run in runs]
     runs = [Run.through(profile, run.rows[distance > 0.5]) for run, distance in zip(runs, away, strict=True)]
     corners = sorted(((crossing(*pair), pair) for pair in pairwise(runs)), key=lambda corner: corner[0][0])
     covariances = [crossing_covariance(*pair, point) for point, pair in corners]
-    used = mask(profile, np.concatenate([run.rows for run in runs]))
+    used = np.concatenate([run.rows for run in runs])
     return Feature(np.array([point for point, _ in corners]), np.array(covariances), used, "groove")
 
 

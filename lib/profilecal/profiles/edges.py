@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from profilecal.profiles.ends import BLUNT, ZONE, End, View, facing, run_end, step_beyond, with_end_variance
-from profilecal.profiles.points import NOISE_LIMIT, Feature, block_means, mask, nothing, present, stretches
+from profilecal.profiles.points import NOISE_LIMIT, Feature, block_means, nothing, present, stretches
 from profilecal.profiles.runs import Run, straight_runs
 
 AMBIGUOUS = 0.5  # a second candidate with this share of the first one's support leaves the choice open
@@ -57,7 +57,7 @@ def choose(profiles, candidates, key: tuple[str, int] | None, missed: Callable[[
     alike = [sorted((c for c in found if c.key == key), key=lambda c: -c.support) for found in candidates]
     angles = np.array([found[0].angle for found in alike if found])
     if not len(angles):
-        return [Candidate(nothing(profile, "nothing like the target in this profile")) for profile in profiles]
+        return [Candidate(nothing("nothing like the target in this profile")) for profile in profiles]
     usual = np.median(angles)
     spread = 6 * np.median(np.abs(angles - usual)) if len(angles) >= 5 else np.inf
     like = np.maximum(
@@ -78,7 +78,7 @@ def choose(profiles, candidates, key: tuple[str, int] | None, missed: Callable[[
         else:
             chosen.append(near[0])
             continue
-        chosen.append(Candidate(nothing(profile, reason)))
+        chosen.append(Candidate(nothing(reason)))
     return chosen
 
 
@@ -107,7 +107,7 @@ def find_edges(profiles) -> list[Feature]:
         key, often = max(at_faces.items(), key=lambda item: item[1], default=(None, 0))  # where a side face is seen
         if often < 3:
             reason = "both ends of a face are seen, in this profile or others: which is the edge? Show one of them only"
-            return [nothing(profile, reason) for profile in profiles]
+            return [nothing(reason) for profile in profiles]
 
     def missed(number: int) -> str:
         return why_no_corner(found[number][0]) if key and key[0] == "corner" else ""
@@ -140,7 +140,7 @@ def corners(runs) -> list[Candidate]:
         if None in sides or not is_bent(*sides) or not ends_at(first, second, apex):
             continue
         apex = crossing(*sides)
-        used = mask(first.profile, np.concatenate([side.rows for side in sides]))
+        used = np.concatenate([side.rows for side in sides])
         feature = Feature(apex[None], crossing_covariance(*sides, apex)[None], used, "corner")
         towards = first.direction - second.direction  # from between the sides to the apex and on
         bend = np.arccos(first.direction @ second.direction)
@@ -197,7 +197,7 @@ def step_ends(runs, limit: float, view: View) -> list[Candidate]:
             step = step_beyond(side, limit, view)
             if step == 0 or (step and step * view.away > 0):
                 end = run_end(side)
-                feature = Feature(end.tip[None], end.across[None], mask(run.profile, run.rows), "step end")
+                feature = Feature(end.tip[None], end.across[None], run.rows, "step end")
                 found.append(Candidate(feature, int(np.sign(end.tip[0] - run.point[0])), run.length, ends=(end,)))
     return found
 
@@ -218,7 +218,7 @@ def tips(profile, runs, limit: float, view: View) -> list[Candidate]:
                 edge = [apex[0], away * (away * points[:, 1]).min()]  # or anywhere among them
                 noise = limit / NOISE_LIMIT
                 covariance = np.diag(np.maximum(((points - edge) ** 2).mean(axis=0), noise**2))
-                feature = Feature(apex[None], covariance[None], mask(profile, top), "tip")
+                feature = Feature(apex[None], covariance[None], top, "tip")
                 found.append(Candidate(feature, -away, 1.0))
     return found
 
@@ -264,7 +264,7 @@ def chords(runs, limit: float, radius: float, view: View) -> list[Candidate]:
             continue
         line = ends[0].line  # both lie on it
         across = line.offset_covariance(tips)[..., None, None] * np.outer(line.normal, line.normal)  # (2, 2, 2, 2)
-        used = mask(run.profile, run.rows)
+        used = run.rows
         feature = Feature(tips, across[[0, 1], [0, 1]], used, "chord", between=across[0, 1])
         found.append(Candidate(feature, sum(beyond), run.length, ends=tuple(ends)))
     return found
@@ -285,12 +285,11 @@ def find_line(profile) -> Feature:
     """A profile's longest straight run, if no other is nearly as long."""
     runs = sorted(straight_runs(profile)[0], key=lambda run: -run.length)
     if not runs:
-        return nothing(profile, "no straight run in this profile")
+        return nothing("no straight run in this profile")
     if len(runs) > 1 and runs[1].length > AMBIGUOUS * runs[0].length:
         lengths = f"{runs[0].length:.0f} and {runs[1].length:.0f} mm"
-        return nothing(profile, f"two straight runs of similar length, {lengths}")
+        return nothing(f"two straight runs of similar length, {lengths}")
     best = runs[0]
     normals = np.broadcast_to(best.normal, (len(best.off), 2))
-    along, off, covariance = block_means(best.along, best.off, normals, fitted=2)
-    points = best.point + along[:, None] * best.direction + off[:, None] * best.normal
-    return Feature(points, covariance, mask(profile, best.rows), "line")
+    points, _, covariance = block_means(best.points, best.off, normals)
+    return Feature(points, covariance, best.rows, "line")

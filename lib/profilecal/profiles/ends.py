@@ -52,7 +52,7 @@ class End:
     spacing: np.ndarray  # (2,) mm, from a point of the run to the next one, outwards
     overlaps: int  # how often the step's two sides alternate there
     wall: int  # points of the step's side wall between one and two thresholds from the run's line
-    variance: float  # of where that row is along the run, in points²
+    variance: float  # of where a row is along the run, in points²
 
     @property
     def across(self) -> np.ndarray:
@@ -116,11 +116,11 @@ def run_end(run: Run) -> End:
     end = rows[-1] - zone + on - wall + 0.5
     overlaps = int((np.diff(rows[rows > rows[-1] - zone]) > 1).sum())
 
-    near = slice(-4 * ZONE - 2 * wall, len(rows) - min(2 * wall, len(rows) // 2))  # a wall has no length along the line
-    place, spacing, variance = place_of(end, rows[near], along[near])
-    spacing = max(spacing, run.spacing / 10, 1e-3)
+    near = slice(-2 * ZONE - 2 * wall, len(rows) - min(2 * wall, len(rows) // 2))  # a wall has no length along the line
+    (spacing, place), covariance = np.polyfit(rows[near] - end, along[near], 1, cov=True)
+    spacing = max(spacing, 1e-3)
     tip = line.point + place * line.direction
-    return End(tip, line, spacing * line.direction, overlaps, wall, variance / spacing**2)
+    return End(tip, line, spacing * line.direction, overlaps, wall, covariance[1, 1] / spacing**2)
 
 
 def between_ends(run: Run) -> Run:
@@ -131,67 +131,32 @@ def between_ends(run: Run) -> Run:
     return inner if inner.length else run
 
 
-def place_of(end: float, rows, along) -> tuple[float, float, float]:
-    """Where a row between a profile's points is along a run, how far the next one is, mm, and its variance, mm².
-
-    By a parabola through rows (k,) that are `along` it (k,), mm: a fan of rays spaces the points of a sloping face
-    unevenly.
-    """
-    parabola, covariance = np.polyfit(rows - end, along, 2, cov="unscaled")
-    left = along - np.polyval(parabola, rows - end)
-    return parabola[2], parabola[1], float(covariance[2, 2] * (left @ left) / max(len(left) - 3, 1))
-
-
 def with_end_variance(chosen) -> list[Feature]:
     """The features of candidates, with the variance of run ends along their runs."""
-    variance = iter(end_variances([end for candidate in chosen for end in candidate.ends]))
+    counted = end_variance([end for candidate in chosen for end in candidate.ends])
     features = []
     for candidate in chosen:
         feature = candidate.feature
         if candidate.ends:
-            along = [next(variance) * np.outer(end.spacing, end.spacing) for end in candidate.ends]
+            along = [(counted + end.variance) * np.outer(end.spacing, end.spacing) for end in candidate.ends]
             feature = replace(feature, covariance=feature.covariance + along)
         features.append(feature)
     return features
 
 
-def end_variances(ends) -> np.ndarray:
-    """Of a scan's run ends along their runs, in points², as all of them together show, (n,).
+def end_variance(ends) -> float:
+    """Of where a scan's runs end, along them, in points², by counting points, as all of the ends together show.
 
     Samples that come from anywhere within k spacings of their rays leave a number of points on a run that has the
-    variance k/6 (k ≥ 1).
+    variance k/6 (k ≥ 1). The two sides of a step then alternate (k - 1)³ / 6k² times on average, which tells k. (Only
+    scanners that keep the rows of missing points show all overlaps.)
 
     Where M points of a side wall were taken off, the end is 2 N - N' with N and N' = N + M points within one and two
-    thresholds. Noise moves such a point by M / ON_FACE points along the run, as if k² were larger by 12 (M / ON_FACE)².
-    The same samples decide on N and N' if M is small: their covariance is k/6 (1 - M/k)³. A wall is perpendicular to
-    its face: a sample from s beside its ray, which is reported on the ray, counts as if it came from s cos² of the
-    slope, so that k is smaller by as much. Here M is its mean over faces of like slope, which see as much of the wall:
-    an end must not weigh more because it saw few points of it by chance.
+    thresholds. If M is small, the same samples decide on both: the variance is k/6 + 2 M. It is 5k/6 at most.
     """
     if not ends:
-        return np.zeros(0)
-    sine = np.array([end.spacing[1] / np.hypot(*end.spacing) for end in ends])  # of the slopes
-    wall = mean_of_like(sine, [end.wall for end in ends])
-    spot = spot_width(ends) * (1 - np.minimum(wall, 1) * sine**2)
-    width = np.sqrt(spot**2 + 12 * (wall / ON_FACE) ** 2)
-    counted = width / 6 * (5 - 4 * np.maximum(1 - wall / width, 0) ** 3)
-    return counted + [end.variance for end in ends]
-
-
-def spot_width(ends) -> float:
-    """From how many spacings k a sample may come, from how often the two sides of a step alternate.
-
-    They do so (k - 1)³ / 6k² times on average. Only scanners that keep the rows of missing points show all overlaps.
-    """
+        return 0.0
     overlaps = [end.overlaps for end in ends if not end.wall] or [end.overlaps for end in ends]
     k = np.linspace(1, 40, 400)
-    return float(np.interp(np.mean(overlaps), (k - 1) ** 3 / (6 * k**2), k))
-
-
-def mean_of_like(key, values, count: int = 15) -> np.ndarray:
-    """For each of values (n,) the mean of those whose keys (n,) come next in order, `count` together."""
-    order, count = np.argsort(key, kind="stable"), min(count, len(key))
-    running = np.lib.stride_tricks.sliding_window_view(np.asarray(values)[order], count).mean(axis=1)
-    means = np.empty(len(key))
-    means[order] = running[np.clip(np.arange(len(key)) - count // 2, 0, len(running) - 1)]
-    return means
+    spot = np.interp(np.mean(overlaps), (k - 1) ** 3 / (6 * k**2), k)
+    return spot / 6 + min(2 * np.mean([end.wall for end in ends]), 2 / 3 * spot)

@@ -82,7 +82,7 @@ class Feature:
 
     points: np.ndarray  # (m, 2) mm; edge: 1; disk: the tips, smaller x first; others: up to 40 on the curve
     covariance: np.ndarray  # (m, 2, 2) mm²
-    used: np.ndarray  # (n,) which of the profile's points it rests on
+    used: np.ndarray  # (k,) rows of the profile that it rests on
     shape: str = ""  # corner, step end, tip, chord, arc or line
     reason: str = ""  # why nothing was found
     between: np.ndarray | None = None  # (2, 2) mm², disk: covariance of the first tip with the second
@@ -93,31 +93,24 @@ class Feature:
         return not self.reason
 
 
-def nothing(profile, reason: str) -> Feature:
+def nothing(reason: str) -> Feature:
     """No feature."""
-    return Feature(np.zeros((0, 2)), np.zeros((0, 2, 2)), mask(profile, []), reason=reason)
+    return Feature(np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0, dtype=int), reason=reason)
 
 
-def mask(profile, rows) -> np.ndarray:
-    """Which points of a profile are the given rows, (n,)."""
-    chosen = np.zeros(len(profile), dtype=bool)
-    chosen[rows] = True
-    return chosen
+def block_means(points, off, normals) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Neighbouring points (k, 2) of a curve as up to 40 means (b, 2), how far the points of each are off it, (b,) mm,
+    and the means' covariance (b, 2, 2), mm².
 
-
-def block_means(along, off, normals, fitted: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Neighbouring points of a curve as up to 40 means: `along` it (b,), `off` it (b,), covariance (b, 2, 2) mm².
-
-    `off` (k,) are the points' distances from the curve, mm, of which `fitted` parameters have been taken, and `normals`
-    (k, 2) the curve's unit normals there. Averaged across the curve, they are not drawn inwards by its bend within a
-    block. A mean is as uncertain along as across.
+    `off` (k,) are the points' distances from the curve, mm, and `normals` (k, 2) its unit normals there. A mean is as
+    uncertain along the curve as across.
     """
-    blocks = 40  # points that stand for an arc or a line, each the mean of its neighbours
+    blocks, fitted = 40, 4  # points that stand for an arc or a line; parameters of a curve, at most
     size = np.diff(np.linspace(0, len(off), min(blocks, len(off)) + 1).astype(int))
-    starts = np.cumsum(size) - size
     variance = variances_across(off, normals) * len(off) / max(len(off) - fitted, 1) * correlation(off)
-    along, off, variance = (np.add.reduceat(values, starts) / size for values in (along, off, variance))
-    return along, off, (variance / size)[:, None, None] * np.eye(2)
+    values = np.column_stack([points, off, variance])
+    means = np.add.reduceat(values, np.cumsum(size) - size) / size[:, None]
+    return means[:, :2], means[:, 2], (means[:, 3] / size)[:, None, None] * np.eye(2)
 
 
 def variances_across(off, normals) -> np.ndarray:

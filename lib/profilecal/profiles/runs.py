@@ -4,7 +4,6 @@ A run survives gaps, spikes and missing points; it ends where the profile leaves
 """
 
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -22,6 +21,8 @@ class Run:
     rows: np.ndarray  # (k,) in scan order
     point: np.ndarray  # (2,) mm, the middle
     direction: np.ndarray  # (2,) in scan order
+    along: np.ndarray  # (k,) mm, of its points from `point` along the line
+    off: np.ndarray  # (k,) mm, of its points from the line
 
     @staticmethod
     def through(profile, rows) -> "Run":
@@ -30,38 +31,25 @@ class Run:
         middle = np.array([x.mean(), z.mean()])
         x, z = x - middle[0], z - middle[1]
         angle = np.arctan2(2 * (x @ z), x @ x - z @ z) / 2
-        direction = np.array([np.cos(angle), np.sin(angle)])
-        back = direction @ (x[-1] - x[0], z[-1] - z[0]) < 0
-        return Run(profile, rows, middle, -direction if back else direction)
+        if np.cos(angle) * (x[-1] - x[0]) + np.sin(angle) * (z[-1] - z[0]) < 0:
+            angle += np.pi
+        c, s = np.cos(angle), np.sin(angle)
+        return Run(profile, rows, middle, np.array([c, s]), c * x + s * z, c * z - s * x)
 
     def reversed(self) -> "Run":
         """The same in the profile from its last point to its first."""
-        return Run(self.profile[::-1], len(self.profile) - 1 - self.rows[::-1], self.point, -self.direction)
+        rows = len(self.profile) - 1 - self.rows[::-1]
+        return Run(self.profile[::-1], rows, self.point, -self.direction, -self.along[::-1], -self.off[::-1])
 
     def coordinates(self, points) -> tuple[np.ndarray, np.ndarray]:
         """How far points (k, 2) are along the line and off it, mm."""
-        x, z = points[:, 0] - self.point[0], points[:, 1] - self.point[1]
-        return x * self.direction[0] + z * self.direction[1], z * self.direction[0] - x * self.direction[1]
+        away = points - self.point
+        return away @ self.direction, away @ self.normal
 
-    @cached_property
+    @property
     def points(self) -> np.ndarray:
         """(k, 2) mm."""
         return self.profile.take(self.rows, axis=0)
-
-    @cached_property
-    def along_and_off(self) -> tuple[np.ndarray, np.ndarray]:
-        """The `coordinates` of its points."""
-        return self.coordinates(self.points)
-
-    @property
-    def along(self) -> np.ndarray:
-        """(k,) mm from `point`."""
-        return self.along_and_off[0]
-
-    @property
-    def off(self) -> np.ndarray:
-        """(k,) mm from the line."""
-        return self.along_and_off[1]
 
     @property
     def normal(self) -> np.ndarray:
@@ -73,7 +61,7 @@ class Run:
         """From the first point to the last, mm."""
         return float(np.ptp(self.along))
 
-    @cached_property
+    @property
     def spacing(self) -> float:
         """Between neighbouring points, mm."""
         rows = self.rows - self.rows.mean()

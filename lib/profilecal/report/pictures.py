@@ -115,7 +115,7 @@ def draw_profile(axes, scan, values, feature, corner, cell) -> None:
     there = np.isfinite(values).all(axis=1)
     if not there.any():
         return
-    used = np.asarray(feature.used, dtype=bool) & there
+    used = there & np.isin(np.arange(len(values)), feature.used)
     shown = values[used] if used.any() else values[there]
     middle = (shown.min(axis=0) + shown.max(axis=0)) / 2
     inside = there & (np.abs(values - middle) < cell / 2).all(axis=1)

@@ -8,7 +8,7 @@ from profilecal.geometry.fitting import fit_sphere
 from profilecal.geometry.poses import circle_around, root
 from profilecal.profiles.arcs import find_balls
 from profilecal.targets.plane import BELOW_MM, Plane
-from profilecal.targets.target import Target
+from profilecal.targets.target import Target, in_sensor
 
 
 @dataclass(frozen=True)
@@ -22,14 +22,6 @@ class Ball(Target):
     shifts, turns, rows, fit_is_best = "xyz", "", 1, False
     groups, positions, sizes, with_tool = 10, 4, (25.0,), True
     find = staticmethod(find_balls)
-
-    @classmethod
-    def at(cls, origin, axes, sizes):
-        return cls(origin, *sizes)
-
-    @property
-    def frame(self):
-        return self.centre, np.eye(3)
 
     @staticmethod
     def residual(origin, axes, seen, sizes):
@@ -58,7 +50,7 @@ class Ball(Target):
 
     def meet(self, rotation, origin) -> np.ndarray:
         """The circles that scan planes cut from the ball, (..., 3): x, z, r; r NaN where they miss it."""
-        c = ((self.centre - origin)[..., None, :] @ rotation)[..., 0, :]
+        c = in_sensor(rotation, self.centre - origin)
         with np.errstate(invalid="ignore"):
             r = np.sqrt(self.radius**2 - c[..., 1] ** 2)
         return np.stack([c[..., 0], c[..., 2], r], axis=-1)

@@ -8,7 +8,7 @@ from profilecal.geometry.fitting import fit_sphere, principal_axes
 from profilecal.geometry.poses import circle_around, cross, dot, frame_around, root
 from profilecal.profiles.edges import find_chords
 from profilecal.targets.plane import BELOW_MM, Plane
-from profilecal.targets.target import Target
+from profilecal.targets.target import Target, in_sensor
 
 
 @dataclass(frozen=True)
@@ -23,10 +23,6 @@ class Disk(Target):
     shifts, turns, points, rows, fit_is_best = "xyz", "xy", 2, 2, False
     groups, positions, sizes, with_tool = 4, 40, (50.0,), True
     find = staticmethod(find_chords)
-
-    @property
-    def frame(self):
-        return self.centre, frame_around(self.normal)
 
     @staticmethod
     def residual(origin, axes, seen, sizes):
@@ -80,14 +76,14 @@ class Disk(Target):
 
         The two tips, the one of smaller x first, each as x and z in the sensor frame; NaN where the disk is missed.
         """
-        point, along = np.moveaxis(Plane(self.centre, self.normal).meet(rotation, origin), -2, 0)
-        cx, cy, cz = np.moveaxis(((self.centre - origin)[..., None, :] @ rotation)[..., 0, :], -1, 0)
+        c, n = in_sensor(rotation, self.centre - origin), self.normal @ rotation
+        cy, ny, c, n = c[..., 1:2], n[..., 1:2], c[..., [0, 2]], n[..., [0, 2]]
         with np.errstate(divide="ignore", invalid="ignore"):
-            to_centre = np.stack([cx, cz], axis=-1) - point
-            middle = point + np.sum(to_centre * along, axis=-1, keepdims=True) * along
-            off = np.stack([cx, cz], axis=-1) - middle
-            half = np.sqrt(self.radius**2 - cy**2 - np.sum(off**2, axis=-1))[..., None]
-            return np.stack([middle - half * along, middle + half * along], axis=-2)
+            squared = np.sum(n**2, axis=-1, keepdims=True)
+            middle = c + cy * ny / squared * n
+            along = n[..., ::-1] * np.where(n[..., 1:] < 0, [-1, 1], [1, -1])  # as long as n
+            half = np.sqrt((self.radius**2 - cy**2 / squared) / squared) * along
+            return np.stack([middle - half, middle + half], axis=-2)
 
     def outline(self, specimen, rotation, origin, away):
         """On top of a cylinder, above a table."""

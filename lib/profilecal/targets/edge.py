@@ -8,7 +8,7 @@ import numpy as np
 from profilecal.geometry.fitting import principal_axes
 from profilecal.geometry.poses import cross, frame_around
 from profilecal.profiles.edges import find_edges
-from profilecal.targets.target import ALONG_Y, Target
+from profilecal.targets.target import ALONG_Y, Target, in_sensor
 
 
 def turned(corners, angle_deg: float) -> list[tuple[float, float]]:
@@ -36,10 +36,6 @@ class Edge(Target):
     shifts, turns, points, rows, affine, beside_mm = "xy", "xy", 1, 2, True, 6.0
     groups, positions, stance, specimens = 25, 10, ALONG_Y, tuple(SPECIMENS)
     find = staticmethod(find_edges)
-
-    @property
-    def frame(self):
-        return self.point, frame_around(self.direction)
 
     @staticmethod
     def residual(origin, axes, seen, sizes):
@@ -70,8 +66,7 @@ class Edge(Target):
 
     def meet(self, rotation, origin) -> np.ndarray:
         """Where scan planes meet the line: x and z in the sensor frame, (..., 2); infinite where they are parallel."""
-        p = ((self.point - origin)[..., None, :] @ rotation)[..., 0, :]
-        d = (self.direction[..., None, :] @ rotation)[..., 0, :]
+        p, d = in_sensor(rotation, self.point - origin), in_sensor(rotation, self.direction)
         with np.errstate(divide="ignore", invalid="ignore"):
             along = -p[..., 1] / d[..., 1]
         return (p + along[..., None] * d)[..., [0, 2]]

@@ -25,10 +25,6 @@ class Plane(Target):
     groups, positions = 12, 3
     find = staticmethod(find_lines)
 
-    @property
-    def frame(self):
-        return self.point, frame_around(self.normal)
-
     @staticmethod
     def residual(origin, axes, seen, sizes):
         """Distance from the line in which the planes meet."""
@@ -49,25 +45,13 @@ class Plane(Target):
     def distance(self, points):
         return (points - self.point) @ self.normal
 
-    def meet(self, rotation, origin) -> np.ndarray:
-        """The lines in which scan planes meet the face, (..., 2, 2): the point nearest to the sensor's origin and the
-        direction, x ≥ 0, each as x and z in the sensor frame; not finite where they are parallel."""
-        height = (self.point - origin) @ self.normal
-        n = self.normal @ rotation
-        across = n[..., [0, 2]]
-        squared = np.sum(across**2, axis=-1, keepdims=True)
-        along = np.stack([across[..., 1], -across[..., 0]], axis=-1)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            nearest = height[..., None] * across / squared
-            along = along * np.where(along[..., :1] < 0, -1, 1) / np.sqrt(squared)
-        return np.stack(np.broadcast_arrays(nearest, along), axis=-2)
-
     def line_at(self, rotation, origin, x) -> np.ndarray:
-        """Points (P, k, 2) at x (P, k) or (k,) of the lines in which scan planes (P, 3, 3), (P, 3) meet the face."""
-        nearest, along = np.moveaxis(self.meet(rotation, origin), 1, 0)
-        x = np.broadcast_to(x, (len(nearest), np.shape(x)[-1]))
-        z = nearest[:, None, 1] + (x - nearest[:, None, 0]) * (along[:, 1] / along[:, 0])[:, None]
-        return np.stack([x, z], axis=-1)
+        """Points (P, k, 2) at x (P, k) or (k,) of the lines in which scan planes (P, 3, 3), (P, 3) meet the face; not
+        finite where these are parallel to the depth."""
+        height, n = (self.point - origin) @ self.normal, self.normal @ rotation
+        x = np.broadcast_to(x, (len(n), np.shape(x)[-1]))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.stack([x, (height[:, None] - n[:, :1] * x) / n[:, 2:]], axis=-1)
 
     def points_seen(self, rotation, origin, count):
         return self.line_at(rotation, origin, np.linspace(-20, 20, count))

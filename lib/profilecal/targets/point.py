@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from profilecal.targets.target import Target
+from profilecal.targets.target import Target, in_sensor
 
 
 @dataclass(frozen=True)
@@ -20,14 +20,6 @@ class Point(Target):
     kind, shape, tables = "point", "one point", ("points",)
     shifts, turns, points, rows, affine, steered = "xyz", "", 1, 3, True, True
     groups, positions, with_tool = 20, 1, True
-
-    @classmethod
-    def at(cls, origin, axes, sizes):
-        return cls(origin)
-
-    @property
-    def frame(self):
-        return self.point, np.eye(3)
 
     @staticmethod
     def residual(origin, axes, seen, sizes):
@@ -52,7 +44,7 @@ class Point(Target):
 
     def meet(self, rotation, origin) -> np.ndarray:
         """The point's x and z in the sensor frames, (..., 2), wherever the scan planes pass it."""
-        return ((self.point - origin)[..., None, :] @ rotation)[..., 0, [0, 2]]
+        return in_sensor(rotation, self.point - origin)[..., [0, 2]]
 
     @staticmethod
     def offsets(shape, motion, normals, sizes, steering_mm, rng):

@@ -25,10 +25,6 @@ class Rod(Target):
     groups, positions, sizes, stance = 15, 4, (15.0,), ALONG_Y
     find = staticmethod(find_rods)
 
-    @property
-    def frame(self):
-        return self.point, frame_around(self.direction)
-
     @staticmethod
     def residual(origin, axes, seen, sizes):
         """Distance from the ellipse, to first order.
@@ -89,11 +85,7 @@ class Rod(Target):
         aside = np.cross(up, d)
         aside *= np.sign(np.einsum("pa,pa->p", aside, rotation[..., 0]))[:, None]
         around = np.cos(angle)[:, None] * up[:, None] + np.sin(angle)[:, None] * aside[:, None]
-        p = (self.point + self.radius * around - origin[:, None]) @ rotation
-        along = d @ rotation
-        with np.errstate(divide="ignore", invalid="ignore"):
-            step = -p[..., 1:2] / along[:, None, 1:2]
-        return (p + step * along[:, None])[..., [0, 2]]
+        return Edge(self.point + self.radius * around, self.direction).meet(rotation[:, None], origin[:, None])
 
     def points_seen(self, rotation, origin, count):
         return self.arc(rotation, origin, 60, count)

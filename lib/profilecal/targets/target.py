@@ -20,7 +20,7 @@ import numpy as np
 
 from profilecal.geometry.checks import check_array
 from profilecal.geometry.noise import Noise
-from profilecal.geometry.poses import directions
+from profilecal.geometry.poses import directions, frame_around
 from profilecal.profiles.points import Feature
 
 Y = (0.0, 1.0, 0.0)  # across the scan plane, in the sensor frame
@@ -55,13 +55,15 @@ class Target:
     @classmethod
     def at(cls, origin, axes, sizes) -> "Target":
         """The target whose frame has an origin (3,) and axes (3, 3), in columns, and whose lengths are `sizes`. Usually
-        its fields are the origin, the z axis and the lengths."""
-        return cls(origin, axes[..., 2], *sizes)  # type: ignore[call-arg]  # fields of what inherits this
+        its fields are the origin, the z axis where turns change it, and the lengths."""
+        z = [axes[..., 2]] if cls.turns else []
+        return cls(origin, *z, *sizes)
 
     @property
     def frame(self) -> tuple[np.ndarray, np.ndarray]:
         """Its origin (3,), mm, and axes (3, 3), in columns."""
-        raise NotImplementedError
+        origin, *others = vars(self).values()
+        return origin, frame_around(others[0]) if self.turns else np.eye(3)
 
     @staticmethod
     def residual(origin, axes, seen, sizes):
@@ -141,6 +143,11 @@ class Target:
     def lines(self, points) -> list[np.ndarray]:
         """Polylines (n, 3) that draw it, as far as it was seen at points (k, 3)."""
         raise NotImplementedError
+
+
+def in_sensor(rotation, vectors) -> np.ndarray:
+    """Components of vectors (..., 3) along the axes of sensor frames (..., 3, 3)."""
+    return (vectors[..., None, :] @ rotation)[..., 0, :]
 
 
 def in_scan_plane(distance, force, torque, ey_by_turn, ey_by_shift=None):
