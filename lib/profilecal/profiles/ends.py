@@ -18,7 +18,7 @@ ON_FACE = 3.5  # standard deviations from a run's line
 
 @dataclass(frozen=True)
 class View:
-    """The outermost points that a scanner sees at each depth, and which way is away from it."""
+    """Where what a scanner sees ends, and which way is away from it."""
 
     points: np.ndarray  # (k, 2) mm
     away: int  # sign of z that points away from the scanner, told by its standoff; 0: not known
@@ -26,15 +26,11 @@ class View:
     @staticmethod
     def of(runs) -> "View":
         """From each profile's straight runs; spikes could be anywhere."""
-        straight = [np.concatenate([run.points for run in found]) for found in runs if found]
-        points = np.concatenate([*straight, np.zeros((0, 2))])
+        ends = [np.concatenate([run.points[[0, -1]] for run in found]) for found in runs if found]
+        points = np.concatenate([*ends, np.zeros((0, 2))])
         z = points[:, 1]
-        far = len(z) and np.abs(z).min() > np.median([np.ptp(p[:, 1]) for p in straight]) / 2
-        away = int(np.sign(z[0])) if far and (np.sign(z) == np.sign(z[0])).all() else 0
-        layer = np.round(z / 2)  # mm of depth that count as one
-        order = np.lexsort((points[:, 0], layer))
-        first, last = (np.diff(layer[order], **{end: np.nan}) != 0 for end in ("prepend", "append"))
-        return View(points[order[first | last]], away)
+        far = len(z) and np.abs(z).min() > np.median([np.ptp(p[:, 1]) for p in ends]) / 2
+        return View(points, int(np.sign(z[0])) if far and (np.sign(z) == np.sign(z[0])).all() else 0)
 
     def reaches_beyond(self, end, direction) -> bool:
         """Whether some profile has a point at about this depth, or nearer, clearly farther out along x."""
