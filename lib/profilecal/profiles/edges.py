@@ -175,7 +175,9 @@ def step_ends(runs, limit: float, view: View) -> list[Candidate]:
             step = step_beyond(side, limit, view)
             if step == 0 or (step and step * view.away > 0):
                 end = run_end(side)
-                feature = Feature(end.tip[None], end.across[None], run.rows, "step end")
+                tip = end.tip[None]
+                across = run.offset_covariance(tip)[..., None] * np.outer(run.normal, run.normal)
+                feature = Feature(tip, across, run.rows, "step end")
                 found.append(Candidate(feature, int(np.sign(end.tip[0] - run.point[0])), run.length, ends=(end,)))
     return found
 
@@ -242,8 +244,7 @@ def chords(runs, limit: float, radius: float, view: View) -> list[Candidate]:
         tips = np.stack([end.tip for end in ends])
         if np.linalg.norm(tips[1] - tips[0]) > 2 * radius + 4 * run.spacing:
             continue
-        line = ends[0].line  # both lie on it
-        across = line.offset_covariance(tips)[..., None, None] * np.outer(line.normal, line.normal)  # (2, 2, 2, 2)
+        across = run.offset_covariance(tips)[..., None, None] * np.outer(run.normal, run.normal)  # (2, 2, 2, 2)
         used = run.rows
         feature = Feature(tips, across[[0, 1], [0, 1]], used, "chord", between=across[0, 1])
         found.append(Candidate(feature, sum(beyond), run.length, ends=tuple(ends)))

@@ -44,16 +44,10 @@ class End:
     """Where a run ends."""
 
     tip: np.ndarray  # (2,) mm
-    line: Run  # what of the run its line was fitted to
     spacing: np.ndarray  # (2,) mm, from a point of the run to the next one, outwards
     overlaps: int  # how often the step's two sides alternate there
     wall: int  # points of the step's side wall between one and two thresholds from the run's line
     variance: float  # of where a row is along the run, in points²
-
-    @property
-    def across(self) -> np.ndarray:
-        """Covariance of the tip across the run, (2, 2) mm²."""
-        return self.line.offset_covariance(self.tip[None]) * np.outer(self.line.normal, self.line.normal)
 
 
 def facing(runs) -> list[Run]:
@@ -98,15 +92,13 @@ def run_end(run: Run) -> End:
     about half of what the scanner resolves.) A side wall that is seen adds points near the run's line, as many within
     a threshold as between that and twice it.
     """
-    line = between_ends(run)
-    threshold = ON_FACE * np.sqrt(np.mean(line.off**2))
-    along, off = line.coordinates(run.points)
-    face = np.abs(off) <= threshold
-    rows, along = run.rows[face], along[face]
+    threshold = ON_FACE * np.sqrt(np.mean(run.off**2))
+    face = np.abs(run.off) <= threshold
+    rows, along = run.rows[face], run.along[face]
 
     zone = min(ZONE, len(rows) // 2)
     around = run.profile[rows[-1] + 1 - zone : rows[-1] + 1 + zone]
-    off = np.abs(line.coordinates(around)[1])
+    off = np.abs(run.coordinates(around)[1])
     on = int((off <= threshold).sum())  # false for NaN
     wall = int((off <= 2 * threshold).sum()) - on
     end = rows[-1] - zone + on - wall + 0.5
@@ -115,16 +107,8 @@ def run_end(run: Run) -> End:
     near = slice(-2 * ZONE - 2 * wall, len(rows) - min(2 * wall, len(rows) // 2))  # a wall has no length along the line
     (spacing, place), covariance = np.polyfit(rows[near] - end, along[near], 1, cov=True)
     spacing = max(spacing, 1e-3)
-    tip = line.point + place * line.direction
-    return End(tip, line, spacing * line.direction, overlaps, wall, covariance[1, 1] / spacing**2)
-
-
-def between_ends(run: Run) -> Run:
-    """The run without the points at its ends, of which some may show a side wall, if what is left makes a line."""
-    if len(run.rows) <= 5 * ZONE:
-        return run
-    inner = Run.through(run.profile, run.rows[ZONE:-ZONE])
-    return inner if inner.length else run
+    tip = run.point + place * run.direction
+    return End(tip, spacing * run.direction, overlaps, wall, covariance[1, 1] / spacing**2)
 
 
 def with_end_variance(chosen) -> list[Feature]:
