@@ -3,9 +3,8 @@ a scan show tells which is the target's.
 """
 
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import chain, pairwise
 
 import numpy as np
 
@@ -32,45 +31,26 @@ class Candidate:
         return self.feature.shape, self.side
 
 
-def votes(candidates) -> Counter:
-    """In how many profiles there are candidates of each key."""
-    return Counter(key for found in candidates for key in {c.key for c in found})
+def choose(profiles, candidates, key: tuple[str, int] | None, missed) -> list[Candidate]:
+    """For each profile its candidate with the scan's key, if just one is clear; else nothing, with the reason.
 
-
-def common_key(candidates, rank: Callable[[tuple[str, int]], int]) -> tuple[str, int] | None:
-    """The key of the target's feature in this scan: the one of least `rank` of those that many profiles show.
-
-    Many: half as many as show the most frequent one, or more. None if there are no candidates.
-    """
-    count, support = votes(candidates), Counter()
-    for c in (c for found in candidates for c in found):
-        support[c.key] += c.support
-    often = [key for key in count if 2 * count[key] >= max(count.values())]
-    return min(often, key=lambda key: (rank(key), -count[key], -support[key]), default=None)
-
-
-def choose(profiles, candidates, key: tuple[str, int] | None, missed: Callable[[int], str] | None = None):
-    """For each profile its `Candidate` with the scan's key, if just one is clear; else nothing, with the reason.
-
-    `missed`: what a target says of a profile, by its number, that has no such candidate; "" where it cannot tell.
+    `missed` says for each profile why it has no such candidate; "" where it cannot tell.
     """
     alike = [sorted((c for c in found if c.key == key), key=lambda c: -c.support) for found in candidates]
     angles = np.array([found[0].angle for found in alike if found])
     if not len(angles):
-        return [Candidate(nothing("nothing like the target in this profile")) for profile in profiles]
+        return [Candidate(nothing("nothing like the target in this profile"))] * len(profiles)
     usual = np.median(angles)
     spread = 6 * np.median(np.abs(angles - usual)) if len(angles) >= 5 else np.inf
-    like = np.maximum(
-        np.radians([20, 30]), spread
-    )  # tilted planes see corners at other angles, if nothing nearer to it
+    limits = np.maximum(np.radians([20, 30]), spread)  # tilted planes see corners at other angles, if nothing nearer
     chosen = []
-    for number, (profile, found) in enumerate(zip(profiles, alike, strict=True)):
-        near, far = ([c for c in found if abs(c.angle - usual) <= most] for most in like)
+    for profile, found, why in zip(profiles, alike, missed, strict=True):
+        near, far = ([c for c in found if abs(c.angle - usual) <= most] for most in limits)
         near = near or far
         if not present(profile).any():
             reason = "nothing in this profile"
         elif not found:
-            reason = (missed and missed(number)) or f"no {key[0]} as in other profiles"
+            reason = why or f"no {key[0]} as in other profiles"
         elif not near:
             reason = f"a corner of {np.degrees(found[0].angle):.0f}°, {np.degrees(usual):.0f}° in other profiles"
         elif len(near) > 1 and near[1].support > AMBIGUOUS * near[0].support:
@@ -101,23 +81,21 @@ def find_edges(profiles) -> list[Feature]:
         hollow = key[0] == "corner" and key[1] * view.away > 0
         return len(SHAPES) if hollow else SHAPES.index(key[0])
 
-    key = common_key(candidates, rank)
-    if key and key[0] == "step end" and shows_both_ends(votes(candidates), key):
+    count, support = Counter(key for found in candidates for key in {c.key for c in found}), Counter()
+    for c in chain.from_iterable(candidates):
+        support[c.key] += c.support
+    often = [key for key in count if 2 * count[key] >= max(count.values())]
+    key = min(often, key=lambda key: (rank(key), -count[key], -support[key]), default=None)
+    if key and key[0] == "step end" and count[key[0], -key[1]] > 0.8 * count[key]:
         at_faces = Counter(c.key for found in candidates for c in corners_of_faces(found) if rank(c.key) == 0)
         key, often = max(at_faces.items(), key=lambda item: item[1], default=(None, 0))  # where a side face is seen
         if often < 3:
             reason = "both ends of a face are seen, in this profile or others: which is the edge? Show one of them only"
-            return [nothing(reason) for profile in profiles]
+            return [nothing(reason) for _ in profiles]
 
-    def missed(number: int) -> str:
-        return why_no_corner(found[number][0]) if key and key[0] == "corner" else ""
-
+    is_corner = key and key[0] == "corner"
+    missed = [why_no_corner(runs) if is_corner else "" for runs, _ in found]
     return with_end_variance(choose(profiles, candidates, key, missed))
-
-
-def shows_both_ends(count, key) -> bool:
-    """Whether nearly as many profiles show the end of a face on the other side than that of the key."""
-    return any(k[0] == key[0] and k != key and count[k] > 0.8 * count[key] for k in count)
 
 
 def corners_of_faces(found) -> list[Candidate]:
@@ -197,7 +175,9 @@ def step_ends(runs, limit: float, view: View) -> list[Candidate]:
             step = step_beyond(side, limit, view)
             if step == 0 or (step and step * view.away > 0):
                 end = run_end(side)
-                feature = Feature(end.tip[None], end.across[None], run.rows, "step end")
+                tip = end.tip[None]
+                across = run.offset_covariance(tip)[..., None] * np.outer(run.normal, run.normal)
+                feature = Feature(tip, across, run.rows, "step end")
                 found.append(Candidate(feature, int(np.sign(end.tip[0] - run.point[0])), run.length, ends=(end,)))
     return found
 
@@ -246,8 +226,10 @@ def find_chords(profiles, radius: float) -> list[Feature]:
     """The tips of the disk's chord in each profile (n, 2), mm."""
     found = [straight_runs(profile) for profile in profiles]
     view = View.of([runs for runs, _ in found])
-    candidates = in_front([chords(runs, limit, radius, view) for runs, limit in found], view)
-    return with_end_variance(choose(profiles, candidates, ("chord", 0)))
+    candidates = [chords(runs, limit, radius, view) for runs, limit in found]
+    away = view.away or np.sign(sum(c.side for found in candidates for c in found))  # most chords are in front
+    in_front = [[replace(c, side=0) for c in found if c.side * away >= 0] for found in candidates]
+    return with_end_variance(choose(profiles, in_front, ("chord", 0), [""] * len(profiles)))
 
 
 def chords(runs, limit: float, radius: float, view: View) -> list[Candidate]:
@@ -262,18 +244,11 @@ def chords(runs, limit: float, radius: float, view: View) -> list[Candidate]:
         tips = np.stack([end.tip for end in ends])
         if np.linalg.norm(tips[1] - tips[0]) > 2 * radius + 4 * run.spacing:
             continue
-        line = ends[0].line  # both lie on it
-        across = line.offset_covariance(tips)[..., None, None] * np.outer(line.normal, line.normal)  # (2, 2, 2, 2)
+        across = run.offset_covariance(tips)[..., None, None] * np.outer(run.normal, run.normal)  # (2, 2, 2, 2)
         used = run.rows
         feature = Feature(tips, across[[0, 1], [0, 1]], used, "chord", between=across[0, 1])
         found.append(Candidate(feature, sum(beyond), run.length, ends=tuple(ends)))
     return found
-
-
-def in_front(candidates, view: View) -> list[list[Candidate]]:
-    """Chords without those that lie behind what surrounds them; which way that is, most of them tell if need be."""
-    away = view.away or np.sign(sum(c.side for found in candidates for c in found))
-    return [[replace(c, side=0) for c in found if c.side * away >= 0] for found in candidates]
 
 
 def find_lines(profiles) -> list[Feature]:

@@ -18,7 +18,7 @@ ON_FACE = 3.5  # standard deviations from a run's line
 
 @dataclass(frozen=True)
 class View:
-    """The outermost points that a scanner sees at each depth, and which way is away from it."""
+    """Where what a scanner sees ends, and which way is away from it."""
 
     points: np.ndarray  # (k, 2) mm
     away: int  # sign of z that points away from the scanner, told by its standoff; 0: not known
@@ -26,15 +26,11 @@ class View:
     @staticmethod
     def of(runs) -> "View":
         """From each profile's straight runs; spikes could be anywhere."""
-        straight = [np.concatenate([run.points for run in found]) for found in runs if found]
-        points = np.concatenate([*straight, np.zeros((0, 2))])
+        ends = [np.concatenate([run.points[[0, -1]] for run in found]) for found in runs if found]
+        points = np.concatenate([*ends, np.zeros((0, 2))])
         z = points[:, 1]
-        far = len(z) and np.abs(z).min() > np.median([np.ptp(p[:, 1]) for p in straight]) / 2
-        away = int(np.sign(z[0])) if far and (np.sign(z) == np.sign(z[0])).all() else 0
-        layer = np.round(z / 2)  # mm of depth that count as one
-        order = np.lexsort((points[:, 0], layer))
-        first, last = (np.diff(layer[order], **{end: np.nan}) != 0 for end in ("prepend", "append"))
-        return View(points[order[first | last]], away)
+        far = len(z) and np.abs(z).min() > np.median([np.ptp(p[:, 1]) for p in ends]) / 2
+        return View(points, int(np.sign(z[0])) if far and (np.sign(z) == np.sign(z[0])).all() else 0)
 
     def reaches_beyond(self, end, direction) -> bool:
         """Whether some profile has a point at about this depth, or nearer, clearly farther out along x."""
@@ -48,16 +44,10 @@ class End:
     """Where a run ends."""
 
     tip: np.ndarray  # (2,) mm
-    line: Run  # what of the run its line was fitted to
     spacing: np.ndarray  # (2,) mm, from a point of the run to the next one, outwards
     overlaps: int  # how often the step's two sides alternate there
     wall: int  # points of the step's side wall between one and two thresholds from the run's line
     variance: float  # of where a row is along the run, in points²
-
-    @property
-    def across(self) -> np.ndarray:
-        """Covariance of the tip across the run, (2, 2) mm²."""
-        return self.line.offset_covariance(self.tip[None]) * np.outer(self.line.normal, self.line.normal)
 
 
 def facing(runs) -> list[Run]:
@@ -102,15 +92,13 @@ def run_end(run: Run) -> End:
     about half of what the scanner resolves.) A side wall that is seen adds points near the run's line, as many within
     a threshold as between that and twice it.
     """
-    line = between_ends(run)
-    threshold = ON_FACE * np.sqrt(np.mean(line.off**2))
-    along, off = line.coordinates(run.points)
-    face = np.abs(off) <= threshold
-    rows, along = run.rows[face], along[face]
+    threshold = ON_FACE * np.sqrt(np.mean(run.off**2))
+    face = np.abs(run.off) <= threshold
+    rows, along = run.rows[face], run.along[face]
 
     zone = min(ZONE, len(rows) // 2)
     around = run.profile[rows[-1] + 1 - zone : rows[-1] + 1 + zone]
-    off = np.abs(line.coordinates(around)[1])
+    off = np.abs(run.coordinates(around)[1])
     on = int((off <= threshold).sum())  # false for NaN
     wall = int((off <= 2 * threshold).sum()) - on
     end = rows[-1] - zone + on - wall + 0.5
@@ -119,16 +107,8 @@ def run_end(run: Run) -> End:
     near = slice(-2 * ZONE - 2 * wall, len(rows) - min(2 * wall, len(rows) // 2))  # a wall has no length along the line
     (spacing, place), covariance = np.polyfit(rows[near] - end, along[near], 1, cov=True)
     spacing = max(spacing, 1e-3)
-    tip = line.point + place * line.direction
-    return End(tip, line, spacing * line.direction, overlaps, wall, covariance[1, 1] / spacing**2)
-
-
-def between_ends(run: Run) -> Run:
-    """The run without the points at its ends, of which some may show a side wall, if what is left makes a line."""
-    if len(run.rows) <= 5 * ZONE:
-        return run
-    inner = Run.through(run.profile, run.rows[ZONE:-ZONE])
-    return inner if inner.length else run
+    tip = run.point + place * run.direction
+    return End(tip, spacing * run.direction, overlaps, wall, covariance[1, 1] / spacing**2)
 
 
 def with_end_variance(chosen) -> list[Feature]:
