@@ -42,7 +42,7 @@ def edges(specimen, rng, groups=25):
 
 def scan(outlines, rng):
     """Profiles (P, n, 2) of outlines (P, V, 2)."""
-    return SCANNER.decode(SCANNER.count(np.asarray(outlines), rng))
+    return SCANNER.profile(np.asarray(outlines), rng)
 
 
 def turned(points, angle, place):

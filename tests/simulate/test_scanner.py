@@ -8,7 +8,7 @@ WALL = np.array([[-30.0, 80.0], [30.0, 80.0]])
 
 
 def profile_of(scanner, outline, seed=1):
-    return scanner.decode(scanner.count(np.asarray(outline), np.random.default_rng(seed)))
+    return scanner.profile(np.asarray(outline), np.random.default_rng(seed))
 
 
 def test_field_of_view_has_its_printed_corners():
@@ -31,11 +31,12 @@ def test_the_nearer_of_two_surfaces_hides_the_other():
     np.testing.assert_allclose(z[x < -0.1], 100, atol=0.01)
 
 
-def test_counts_are_sixteen_bit_and_whole_quanta():
-    counts = Scanner().count(WALL, np.random.default_rng(2))
-    assert counts.dtype == np.int16
-    assert counts.shape == (980, 2)
-    assert set(np.unique(counts[:, 1])) <= set(range(796, 805))  # 80 mm within six standard deviations
+def test_a_profile_is_of_whole_quanta():
+    profile = profile_of(Scanner(), WALL, 2)
+    assert profile.shape == (980, 2)
+    counts = profile[:, 1] / Scanner().quantum
+    np.testing.assert_allclose(counts, counts.round(), atol=1e-9)
+    assert set(counts.round()) <= set(range(796, 805))  # 80 mm within six standard deviations
 
 
 def test_noise_has_its_size():

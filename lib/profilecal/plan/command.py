@@ -86,7 +86,7 @@ def with_features(model: ScanModel, spec: Spec, rng: np.random.Generator) -> Sca
     R, T = R[good], T[good]
     specimen = spec.specimen or model.target.specimens[0]
     outlines = model.target.outline(specimen, *model.planes(R, T), model.facing[:, 2])
-    profiles = [spec.scanner.decode(spec.scanner.count(outline, rng)) for outline in outlines]
+    profiles = [spec.scanner.profile(outline, rng) for outline in outlines]
     scan = Scan(
         spec.kind, tuple(map(str, good)), R, T, "profiles", tuple(profiles), model.sizes, title="simulated profiles"
     )

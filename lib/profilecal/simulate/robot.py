@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from profilecal.geometry.noise import Noise
-from profilecal.geometry.poses import inverse, rotations
+from profilecal.geometry.poses import carry, inverse, rotations
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class Poses:
         The sensor is at R_sensor (..., 3, 3), T_sensor (..., 3), mm, on the flange.
         """
         R = (self.rotations @ R_sensor[..., None, :, :])[..., None, :, :]
-        T = self.positions + (self.rotations @ T_sensor[..., None, :, None])[..., None, :, 0]
+        T = carry(self.rotations[..., None, :, :], self.positions, T_sensor[..., None, None, :])
         return points @ R[..., ::2].mT + T[..., None, :]
 
 
@@ -59,9 +59,7 @@ def scan_planes(R_sensor, T_sensor, rotations, positions) -> tuple[np.ndarray, n
 
     `rotations` and `positions` are the flange's, of the same shapes.
     """
-    return rotations @ R_sensor[..., None, None, :, :], positions + (rotations @ T_sensor[..., None, None, :, None])[
-        ..., 0
-    ]
+    return rotations @ R_sensor[..., None, None, :, :], carry(rotations, positions, T_sensor[..., None, None, :])
 
 
 AXES = np.eye(3)[[2, 1, 1, 2, 1, 2]]  # of the joints, all turned to zero: the arm then points straight up
@@ -173,8 +171,8 @@ class Scanner:
         """Half the field of view in x at depth z, mm."""
         return (self.near_width + (self.far_width - self.near_width) * (z - self.near) / (self.far - self.near)) / 2
 
-    def count(self, outline, rng: np.random.Generator) -> np.ndarray:
-        """Profiles (..., points, 2) as the scanner sends them: 16-bit integers, in `quantum`; z = 0 where nothing is.
+    def profile(self, outline, rng: np.random.Generator) -> np.ndarray:
+        """Profiles (..., points, 2) as the scanner sends them, mm, NaN where nothing is.
 
         `outline` (..., V, 2) is a chain of straight pieces in the scan plane, x and z in mm.
         """
@@ -185,29 +183,20 @@ class Scanner:
         z = z + self.noise_mm * rng.normal(size=z.shape)
         x = rays * self.half_width(z)
         seen = (self.near <= z) & (z <= self.far)  # false for NaN: nothing there
-        counts = np.stack([x, z], axis=-1) / self.quantum
-        return np.where(seen[..., None], np.rint(counts), 0).astype(np.int16)
-
-    def decode(self, counts) -> np.ndarray:
-        """Profiles in mm, NaN where the scanner saw nothing."""
-        return np.where(counts[..., 1:] > 0, counts * self.quantum, np.nan)
+        return np.where(seen[..., None], np.rint(np.stack([x, z], axis=-1) / self.quantum) * self.quantum, np.nan)
 
 
 def nearest_on_rays(outline, rays, scanner: Scanner) -> np.ndarray:
     """Depth z (..., n) at which rays (..., n), as fractions of the half width, first meet an outline (..., V, 2).
 
-    NaN where they miss it. Along a ray x is a linear function of z, so that a ray meets a straight piece where x less
-    that function, linear along the piece, passes through zero.
+    NaN where they miss it. A ray passes through a straight piece whose ends lie to either side of it, where the
+    distance in x, linear along the piece, is zero.
     """
     x, z = np.moveaxis(outline, -1, 0)  # (..., V)
-    half, depth = scanner.half_width(z), np.full(rays.shape, np.inf)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        beyond = (x / half)[..., None] > rays[..., None, :]  # of all pairs, few pass through zero
-        beyond ^= (half < 0)[..., None]
-        *scan, piece, ray = np.nonzero(beyond[..., :-1, :] != beyond[..., 1:, :])
-        begin, stop, ray = (*scan, piece), (*scan, piece + 1), (*scan, ray)
-        start, end = x[begin] - rays[ray] * half[begin], x[stop] - rays[ray] * half[stop]
-        t = start / (start - end)
-        met = z[begin] + t * (z[stop] - z[begin])
-    np.minimum.at(depth, ray, np.where((t >= 0) & (t <= 1), met, np.inf))
-    return np.where(np.isfinite(depth), depth, np.nan)
+    half, depth = scanner.half_width(z), np.full(rays.shape, np.nan)
+    right = x[..., None] > half[..., None] * rays[..., None, :]
+    *scan, piece, ray = np.nonzero(right[..., :-1, :] != right[..., 1:, :])  # of all pairs, few
+    begin, stop, ray = (*scan, piece), (*scan, piece + 1), (*scan, ray)
+    start, end = (x[at] - half[at] * rays[ray] for at in (begin, stop))
+    np.fmin.at(depth, ray, z[begin] + start / (start - end) * (z[stop] - z[begin]))
+    return depth

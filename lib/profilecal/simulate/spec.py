@@ -174,8 +174,8 @@ def labels(names, repeats: int) -> tuple[str, ...]:
     return tuple(names) if repeats == 1 else tuple(f"{name}m{k + 1}" for name in names for k in range(repeats))
 
 
-def raw_profiles(scene: Scene, planes, spec: Spec, rng) -> list[np.ndarray]:
+def raw_profiles(scene, planes, spec: Spec, rng) -> list[np.ndarray]:
     """Profiles (points, 2) in mm, one for each scan plane (P, 3, 3), (P, 3)."""
     specimen = spec.specimen or scene.target.specimens[0]
     outlines = scene.target.outline(specimen, *planes, scene.facing[:, 2])
-    return [spec.scanner.decode(spec.scanner.count(outline, rng)) for outline in outlines]
+    return [spec.scanner.profile(outline, rng) for outline in outlines]
