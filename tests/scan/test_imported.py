@@ -320,7 +320,7 @@ MISTAKES = {
         lambda f: None,
         "poses.json: 6 columns, 1, 2, .*; say what they are, .*--pose-columns .*; w,p,r",
     ),
-    "half": (csv, edited("robot.csv", "Alpha [°]", "tilt"), "found none among .*tilt, beta.*--pose-columns"),
+    "half": (csv, edited("robot.csv", "Alpha [°]", "tilt"), "7 columns, name, .*tilt, beta.*--pose-columns"),
     "two units": (
         csv,
         edited("robot.csv", "Y [mm]", "Y [m]"),
