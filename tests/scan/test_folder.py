@@ -63,7 +63,10 @@ def test_a_scan_written_is_read_back(tmp_path, mount, convention, measured, kind
     write_scan(scan, tmp_path / "scan")
     read = read_scan(tmp_path / "scan")
     assert_same(read, scan)
-    assert read_toml(tmp_path / "scan" / "truth.toml") == TRUTH
+    truth = tmp_path / "scan" / "truth.toml"
+    assert read_toml(truth) == TRUTH
+    truth.write_text("broken = [", encoding="utf-8")
+    assert_same(read_scan(tmp_path / "scan"), scan)
 
 
 def test_metres_and_millimetres_are_the_same_scan(tmp_path):

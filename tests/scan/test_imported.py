@@ -154,9 +154,14 @@ def zeros(folder):
         np.savetxt(folder / f"s{k}.asc", np.nan_to_num(v), header="X [m]  Z [m]")
 
 
-def long_table(folder):
-    rows = [f"scan_{k:03d},{x:.15g},{z:.15g}\n" for k, v in enumerate(scan().values) for x, z in v]
+def long_table(folder, name="scan_{:03d}"):
+    rows = [f"{name.format(k)},{x:.15g},{z:.15g}\n" for k, v in enumerate(scan().values) for x, z in v]
     (folder / "all.csv").write_text("pose,x,z\n" + "".join(rows))
+
+
+def numbered_table(folder):
+    """2 before 10, in the order of the file."""
+    long_table(folder, "{}")
 
 
 def wide_table(folder):
@@ -168,7 +173,10 @@ def one_array(folder):
 
 
 PROFILES_OF = {fanuc: lists}  # counted from 1
-PROFILES = {f.__name__: f for f in (one_each, lists, archives, codes, zeros, long_table, wide_table, one_array)}
+PROFILES = {
+    f.__name__: f
+    for f in (one_each, lists, archives, codes, zeros, long_table, numbered_table, wide_table, one_array)
+}
 
 
 def written(folder, of_poses=csv, of_profiles=None):
@@ -320,7 +328,7 @@ MISTAKES = {
         lambda f: None,
         "poses.json: 6 columns, 1, 2, .*; say what they are, .*--pose-columns .*; w,p,r",
     ),
-    "half": (csv, edited("robot.csv", "Alpha [°]", "tilt"), "found none among .*tilt, beta.*--pose-columns"),
+    "half": (csv, edited("robot.csv", "Alpha [°]", "tilt"), "7 columns, name, .*tilt, beta.*--pose-columns"),
     "two units": (
         csv,
         edited("robot.csv", "Y [mm]", "Y [m]"),

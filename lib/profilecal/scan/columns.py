@@ -20,31 +20,49 @@ TOKEN = re.compile(  # a brace and the name before it; a group of a FANUC robot'
     rf"\b([a-z]\w*)\"?\s*[:=]?[ \t]*({NUMBER}(?:[ \t]+{NUMBER})*)",
     re.IGNORECASE,
 )
+ONE = r"[^\[\],]*"  # of the numbers in brackets
+POSITION = rf"\[\s*\[({ONE},{ONE},{ONE})\]\s*,\s*"
+BRACKETS = {  # poses, and what a robot's language has in them
+    rf"{POSITION}\[({ONE},{ONE},{ONE},{ONE})\]\s*,\s*\[": "x y z qw qx qy qz",  # ABB
+    r"\bp\[([^\[\]]*)\]": "x y z rx ry rz",  # Universal Robots
+    rf"{POSITION}\[([^\[\]]*)\]": "",  # JSON
+    rf"\[((?:{ONE},){{5,}}{ONE})\]": "",
+}
+ARRAYS = (".npy", ".npz")
 REMARK = re.compile(r"\s*(?:#|%|//|!)[\s#%/]*")
 
 
-def read_columns(path: Path, entry: str = "") -> Table:
-    """A file's table under the names in its titles, or "1", "2", …; in a column "" the numbers of an array's profiles.
+def read_profiles(path: Path, entry: str = "") -> list[Table]:
+    """Points of a profile, or of several that share an array, under the names in titles, or "1", "2", ….
 
     `entry`: the name of the list or array, where there are several. Raises ScanError.
     """
-    if path.suffix.lower() in (".npy", ".npz"):
-        return array(path, entry)
+    if path.suffix.lower() in ARRAYS:
+        values = array(path, entry)
+        values = values[None] if values.ndim == 2 else values
+        values = values.mT if values.shape[1] <= 3 < values.shape[2] else values
+        return [from_array(path, profile) for profile in values]
     text = closed_text(path)
     lists = {found[1]: found for found in re.finditer(r"(?m)^ *(\w+) *:\s*\[([^\[\]]*)\]", text)}  # YAML
     if not lists:
-        return from_rows(path, lines_of(text))
+        return [from_rows(path, lines_of(text))]
     found = lists[chosen(path, lists, entry)]
     line, fields = line_of(text, found.start(1)), found[2].split(",")
-    return from_rows(path, [(line, fields[j : j + 3]) for j in range(0, len(fields), 3)])  # x, 0, z
+    return [from_rows(path, [(line, fields[j : j + 3]) for j in range(0, len(fields), 3)])]  # x, 0, z
 
 
 def read_poses(path: Path) -> Table:
-    """The same of poses: also KUKA's {X 1,Y 2,…}, FANUC listings, lines t … and r …, ABB's robtargets, UR's p[…]."""
-    if path.suffix.lower() in (".npy", ".npz"):
-        return array(path, "")
-    text = closed_text(path)
-    return behind_names(path, text) or from_rows(path, in_brackets(text) or lines_of(text))
+    """Poses, one a row, or one matrix: also KUKA's {X 1,Y 2,…}, FANUC listings, lines t … and r …, ABB's robtargets,
+    UR's p[…], arrays of matrices. Raises ScanError."""
+    if path.suffix.lower() in ARRAYS:
+        values = array(path, "")
+        table = from_array(path, values.reshape(len(values), -1))
+    else:
+        text = closed_text(path)
+        table = behind_names(path, text) or from_rows(path, in_brackets(text) or lines_of(text))
+    if len(table.lines) in (3, 4) and table.units.keys() == {*"1234"}:
+        return from_array(path, table.numbers(table.units).reshape(1, -1))
+    return table
 
 
 def closed_text(path: Path) -> str:
@@ -69,7 +87,7 @@ def behind_names(path: Path, text: str) -> Table | None:
         else:
             key, cells = prefix + key.lower(), numbers.split()
             names = SEVERAL.get((key, len(cells)), (ALIASES.get(key, key),))
-            if not poses[-1].keys().isdisjoint(names):
+            if poses[-1].keys() & names:
                 poses.append({})
             if len(names) == len(cells):
                 poses[-1].setdefault("", line_of(text, found.start()))
@@ -82,16 +100,11 @@ def behind_names(path: Path, text: str) -> Table | None:
 
 def in_brackets(text: str) -> Rows:
     """Poses in brackets, under titles where a robot's language says what the numbers are."""
-    titles = ""
-    if "robtarget" in text.lower():  # of ABB, where other lines hold joints and tools
-        text, titles = re.sub(r"(?im)^(?!.*robtarget).*$", "", text), "x y z qw qx qy qz"
-    elif re.search(r"\bp\[", text):  # of UR
-        text, titles = re.sub(r"(?<!\bp)\[[^\]]*\]", "", text), "x y z rx ry rz"
-    three, some = r"\[((?:[^\[\],]*,){2}[^\[\],]*)\]", r"\[([^\[\]]*)\]"
-    found = [*re.finditer(rf"\[\s*{three}\s*,\s*{some}", text)]  # position and orientation
-    found = found or [one for one in re.finditer(some, text) if one[1].count(",") > 4]
-    rows = [(line_of(text, one.start()), re.split(r"[\s,]+", ",".join(one.groups()).strip())) for one in found]
-    return [(0, titles.split()), *rows] if rows else []
+    for pattern, titles in BRACKETS.items():
+        found = [(line_of(text, one.start()), ",".join(one.groups())) for one in re.finditer(pattern, text)]
+        if found:
+            return [(0, titles.split()), *((line, re.split(r"[\s,]+", cells.strip())) for line, cells in found)]
+    return []
 
 
 def line_of(text: str, place: int) -> int:
@@ -150,8 +163,8 @@ def unit_of(path: Path, units: dict[str, str], known) -> str:
     return said.pop()
 
 
-def array(path: Path, entry: str) -> Table:
-    """Rows of an array (n, k), matrices (n, 3, 4) or (n, 4, 4) as rows, profiles (n, points, k) or (n, k, points)."""
+def array(path: Path, entry: str) -> np.ndarray:
+    """The numbers of an array of two or three axes, or of one in an archive. Raises ScanError."""
     with naming(path), path.open("rb") as file:
         try:
             found = np.load(file, allow_pickle=False)
@@ -160,12 +173,12 @@ def array(path: Path, entry: str) -> Table:
             raise ScanError(f"{path}: not an array of numbers ({error})") from error
     if values.ndim not in (2, 3) or not values.size:
         raise ScanError(f"{path}: an array of shape {values.shape}; expected a row for each point or pose")
-    numbers = {}
-    if values.ndim == 3 and values.shape[1:] not in ((3, 4), (4, 4)):
-        values = values.mT if values.shape[1] <= 3 < values.shape[2] else values
-        numbers = {"": np.repeat(np.arange(len(values)), values.shape[1])}
-        values = values.reshape(-1, values.shape[2])
-    columns = numbers | {str(j + 1): column for j, column in enumerate(values.reshape(len(values), -1).T)}
+    return values
+
+
+def from_array(path: Path, values: np.ndarray) -> Table:
+    """The table in an array (n, k)."""
+    columns = {str(j + 1): column for j, column in enumerate(values.T)}
     return Table(path, columns, range(1, len(values) + 1), "row", dict.fromkeys(columns, ""))
 
 

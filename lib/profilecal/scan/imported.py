@@ -2,6 +2,7 @@
 array. What is not said is guessed, and every guess is told."""
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from glob import glob
 from pathlib import Path
@@ -10,14 +11,14 @@ from statistics import mode
 import numpy as np
 
 from profilecal.geometry.poses import carry, inverse
-from profilecal.scan.columns import names_and_units, read_columns, read_poses, unit_of
-from profilecal.scan.conventions import CONVENTIONS, find_convention, named, to_rotations
+from profilecal.scan.columns import from_array, names_and_units, read_poses, read_profiles, unit_of
+from profilecal.scan.conventions import CONVENTIONS, Convention, named, to_rotations
 from profilecal.scan.folder import FARTHEST_MM, MOUNTS, REACH_MM, SCALE, check_header, check_poses, scan_of
 from profilecal.scan.scan import Scan, ScanError
-from profilecal.scan.tables import Table, in_columns, listed
+from profilecal.scan.tables import Table, listed
 
 OF_POSES = re.compile(r"pose|(\b|_)rob|flange|tcp|\.(ls|dat|mod|script|rob)$", re.IGNORECASE)  # in a file's name
-LABELS = ("", "pose", "name", "label", "id", "index", "file", "n")  # columns that tell profiles apart
+LABELS = ("pose", "name", "label", "id", "index", "file", "n")  # columns that tell profiles apart
 MATRIX = "r11,r12,r13,x,r21,r22,r23,y,r31,r32,r33,z"
 USUAL = {8: "timestamp,x,y,z,qx,qy,qz,qw", 12: MATRIX, 16: f"{MATRIX},_,_,_,_"}  # by columns without names; TUM first
 FRAMES = {"uf": "user frame", "ut": "tool"}
@@ -46,11 +47,11 @@ def import_scan(folder, kind: str, sizes: dict, layout: Layout = Layout()) -> tu
     target = {"kind": kind} | sizes
     header = check_header(folder, {"title": folder.resolve().name, "mount": layout.mount, "target": target})
     of_profiles, of_poses, left = sort_files(folder, layout)
-    poses = pose_table(of_poses, layout)
+    poses, convention = pose_table(of_poses, layout.pose_columns)
     names, profiles, of_axes = profiles_of(of_profiles, len(poses.lines), layout)
     values, taken = seen_in_mm(folder, profiles, of_axes, layout.missing)
     poses.columns["pose"], order, matched = match(poses, names)
-    entries, taken_poses, doubts = taken_as(poses, layout)
+    entries, taken_poses = taken_as(poses, convention, layout.tool)
     measured = "points" if max(map(len, values)) == 1 else "profiles"
     scan = scan_of(folder, header, entries, measured, tuple(values[k] for k in order))
     guessed = [
@@ -60,7 +61,7 @@ def import_scan(folder, kind: str, sizes: dict, layout: Layout = Layout()) -> tu
         f"matched    {matched}",
         f"target     {scan.description}",
         *([f"left out   {listed(left)}"] if left else []),
-        *(f"note       {doubt}" for doubt in doubts),
+        *(f"note       {doubt}" for doubt in frames_of(poses, layout)),
     ]
     return scan, guessed
 
@@ -102,63 +103,53 @@ def check_alike(tables: list[Table]) -> None:
             raise ScanError(f"{table.path}: {there}; say which files belong together: --poses, --profiles")
 
 
-def pose_table(paths: list[Path], layout: Layout) -> Table:
-    """The poses of a file, or of files of one each, with columns as conventions name them."""
-    tables = [in_a_row(read_poses(path)) for path in paths]
+def pose_table(paths: list[Path], said: str) -> tuple[Table, Convention]:
+    """The poses in a file, or in files of one each, with columns as conventions name them: as said, or as titles or
+    usual numbers have them."""
+    tables = [read_poses(path) for path in paths]
     check_alike(tables)
-    if max(len(table.lines) for table in tables) > 1 < len(paths):
-        text = "may all be the robot's poses; expected one file, or one for each pose: --poses FILE"
-        raise ScanError(f"{paths[0].parent}: {names_of(paths)} {text}")
     table, units = tables[0], tables[0].units
-    said = layout.pose_columns or (USUAL.get(len(units), "") if all(map(str.isdigit, units)) else "")
+    if len(tables) > 1:
+        if max(len(one.lines) for one in tables) > 1:
+            text = "may all be the robot's poses; expected one file, or one for each pose: --poses FILE"
+            raise ScanError(f"{paths[0].parent}: {names_of(paths)} {text}")
+        columns = {name: [one.columns[name][0] for one in tables] for name in units}
+        table = Table(paths[0].parent, columns, [path.stem for path in paths], "pose")
+    said = said or (USUAL.get(len(units), "") if all(map(str.isdigit, units)) else "")
     if said:
         titles = names_and_units(said.split(","))
         units = {name: unit or old for (name, unit), old in zip(titles.items(), units.values(), strict=False)}
-    if not {"x", "y", "z"} <= units.keys() or len(units) != len(table.columns):
+    blocks = [convention for convention in CONVENTIONS if {*"xyz", *convention.columns} <= units.keys()]
+    if len(blocks) != 1 or len(units) != len(table.columns):
         known = "; ".join(",".join(convention.columns) for convention in CONVENTIONS)
         text = f"say what they are, in their order: --pose-columns x,y,z and one of {known} (_ for others)"
         raise ScanError(f"{table.path}: {len(table.columns)} columns, {listed(table.columns)}; {text}")
-    if len(paths) == 1:
-        return replace(table, columns=dict(zip(units, table.columns.values(), strict=True)), units=units)
-    labels = [path.stem for path in paths]
-    columns = {new: [table.columns[old][0] for table in tables] for new, old in zip(units, table.columns, strict=True)}
-    return Table(paths[0].parent, {"pose": labels} | columns, labels, "pose", units)
+    columns = dict(zip(units, table.columns.values(), strict=True))
+    if len(tables) > 1:
+        columns.setdefault("pose", table.lines)
+    return replace(table, columns=columns, units=units), blocks[0]
 
 
-def in_a_row(table: Table) -> Table:
-    """A matrix as one row."""
-    if table.units.keys() != {"1", "2", "3", "4"} or len(table.lines) not in (3, 4):
-        return table
-    cells = [cell for row in zip(*table.columns.values(), strict=True) for cell in row]
-    return in_columns(table.path, {str(j + 1): "" for j in range(len(cells))}, [(table.lines[0], cells)])
-
-
-def match(poses: Table, names: list) -> tuple[list[str], list[int], str]:
+def match(poses: Table, names: Sequence) -> tuple[list[str], list[int], str]:
     """The poses' labels, which profile each has, and how it was found: by its name or its last number, or by order."""
-    known = {key: k for k, name in enumerate(names) if isinstance(name, str) for key in (last_number(name), name)}
     of_poses = next((name for name in LABELS if name in poses.columns), None)
-    if known and of_poses:
-        labels = [str(cell).removesuffix(".0") for cell in poses.columns[of_poses]]
-        found = [known.get(label, known.get(last_number(label))) for label in labels]
-        if counted := counted_from_0_and_1(labels, names):
-            return labels, counted, "by their numbers, where one counts from 0 and the other from 1"
-        if None in found:
-            raise ScanError(f"{poses.path}: no profile for pose {labels[found.index(None)]}")
-        if spare := {*range(len(names))} - {*found}:
-            raise ScanError(f"{poses.path}: no pose for profile {names[min(spare)]}")
-        return labels, found, "by their names"
-    if len(names) != len(poses.lines):
-        raise ScanError(f"{poses.path}: {len(names)} profiles for {len(poses.lines)} poses")
-    return [str(name) for name in names], [*range(len(names))], "in order, the first pose with the first profile"
-
-
-def counted_from_0_and_1(labels: list[str], names: list[str]) -> list[int]:
-    """Which profile each pose has where the numbers of one are 0 … n - 1 and those of the other 1 … n; else none."""
-    poses, profiles = ([last_number(name) for name in some] for some in (labels, names))
-    runs = [[*range(begin, begin + len(labels))] for begin in (0, 1)]
-    if {str} & {*map(type, poses + profiles)} or [sorted(poses), sorted(profiles)] not in (runs, runs[::-1]):
-        return []
-    return [profiles.index(number - min(poses) + min(profiles)) for number in poses]
+    if not of_poses or not isinstance(names[0], str):
+        if len(names) != len(poses.lines):
+            raise ScanError(f"{poses.path}: {len(names)} profiles for {len(poses.lines)} poses")
+        return [str(name) for name in names], [*range(len(names))], "in order, the first pose with the first profile"
+    known, how = {key: k for k, name in enumerate(names) for key in (last_number(name), name)}, "by their names"
+    labels = [str(cell).removesuffix(".0") for cell in poses.columns[of_poses]]
+    numbers = [{*map(last_number, some)} for some in (labels, names)]
+    runs = [{*range(first, first + len(names))} for first in (0, 1)]
+    if numbers in (runs, runs[::-1]):
+        known = {ours: known[theirs] for ours, theirs in zip(*map(sorted, numbers), strict=True)}
+        how = "by their numbers, where one counts from 0 and the other from 1"
+    found = [known.get(label, known.get(last_number(label))) for label in labels]
+    if None in found:
+        raise ScanError(f"{poses.path}: no profile for pose {labels[found.index(None)]}")
+    if spare := {*range(len(names))} - {*found}:
+        raise ScanError(f"{poses.path}: no pose for profile {names[min(spare)]}")
+    return labels, found, how
 
 
 def last_number(name: str) -> int | str:
@@ -167,27 +158,23 @@ def last_number(name: str) -> int | str:
     return int(found[-1]) if found else name
 
 
-def taken_as(poses: Table, layout: Layout) -> tuple[dict, str, list[str]]:
-    """Entries of a Scan, what the poses were taken for, and doubts about them."""
-    try:
-        convention = find_convention(poses.columns)
-    except ValueError as error:
-        raise ScanError(f"{poses.path}: {error}; say what the columns are: --pose-columns") from error
-    columns = {name: poses.columns[name] for name in ("pose", "x", "y", "z", *convention.columns)}
+def taken_as(poses: Table, convention: Convention, tool: tuple | None) -> tuple[dict, str]:
+    """Entries of a Scan, the tool taken off, and what the poses were taken for."""
     said = {name: poses.units[name] for name in convention.columns}
+    columns = {name: poses.columns[name] for name in ("pose", *"xyz", *said)}
     angle = unit_of(poses.path, said, ("deg", "rad") if convention.sequence else ("1", "rad"))
     if angle == "rad" and convention.sequence:
-        columns |= zip(convention.columns, np.degrees(poses.numbers(convention.columns)).T, strict=True)
+        columns |= zip(said, np.degrees(poses.numbers(said)).T, strict=True)
     along = {axis: poses.units[axis] for axis in "xyz"}
     scale, lengths = to_mm(poses.path, along, poses.numbers("xyz"), REACH_MM[1] / 1000)
     entries = check_poses(replace(poses, columns=columns), scale)
-    if layout.tool:
+    if tool:
         of_tool = convention if convention.sequence else named("FANUC angles")
-        back = inverse(to_rotations(of_tool, [layout.tool[3:]])[0], np.array(layout.tool[:3]))
+        back = inverse(to_rotations(of_tool, [tool[3:]])[0], np.array(tool[:3]))
         R, T = entries["R_base_flange"], entries["T_base_flange"]
         entries |= {"R_base_flange": R @ back[0], "T_base_flange": carry(R, T, back[1]), "orientation": None}
     meaning = f"{convention.meaning} ({', '.join(said)}{angle and f' in {angle}, as said'})"
-    return entries, f"{len(poses.lines)}, {meaning}, {lengths}", frames_of(poses, layout)
+    return entries, f"{len(poses.lines)}, {meaning}, {lengths}"
 
 
 def frames_of(poses: Table, layout: Layout) -> list[str]:
@@ -195,39 +182,41 @@ def frames_of(poses: Table, layout: Layout) -> list[str]:
     doubts = []
     for name in filter(re.compile(r"uf|ut|e\d|gp\d .*").fullmatch, poses.columns):
         if len({*poses.columns[name]}) > 1:
-            apart = np.inf if name in FRAMES else np.ptp(poses.numbers([name]))
+            apart = np.ptp(poses.numbers([name]))
             if apart > 0.5:  # mm or degrees
                 raise ScanError(f"{poses.path}: {FRAMES.get(name, name)} differs between poses; expected one for all")
             doubts.append(f"{name} differs by up to {apart:.2g} between poses, and is taken to stand still")
         elsewhere = layout.mount != MOUNTS[0] if name == "uf" else name == "ut" and not layout.tool
-        if elsewhere and poses.columns[name][0] not in ("0", "F"):
-            frame = f"{FRAMES[name]} {poses.columns[name][0]}"
+        if elsewhere and poses.columns[name][0] != "0":
             hint = "; for one on the flange give its frame: --tool X Y Z W P R" if name == "ut" else ""
-            doubts.append(f"the poses are of {frame}, and so will be the sensor pose{hint}")
+            doubts.append(
+                f"the poses are of {FRAMES[name]} {poses.columns[name][0]}, and so will be the sensor pose{hint}"
+            )
     return doubts
 
 
-def profiles_of(paths: list[Path], count: int, layout: Layout) -> tuple[list, list[np.ndarray], dict[str, str]]:
+def profiles_of(paths: list[Path], count: int, layout: Layout) -> tuple[Sequence, list[np.ndarray], dict[str, str]]:
     """The names of profiles, or numbers, their points (n, 2), and the columns of x and z with their units.
 
-    In one file for `count` poses are rows that share a label; or a profile a row, x and z in turn, or z under the x of
+    In one table for `count` poses are rows that share a label; or a profile a row, x and z in turn, or z under the x of
     the first row.
     """
-    tables = [read_columns(path, layout.entry) for path in paths]
+    tables = [table for path in paths for table in read_profiles(path, layout.entry)]
     check_alike(tables)
-    if len(paths) > 1:
-        axes = x_and_z(tables, layout.columns)
-        return [path.stem for path in paths], [table.numbers(axes, blank=True) for table in tables], axes
-    (table,) = tables
-    label = next((name for name in LABELS if name in table.columns), None)
-    if label is None and len(table.columns) > 4 and len(table.lines) in (count, count + 1):
-        cells = table.numbers(table.columns, blank=True)
-        x, z = (cells[:, ::2], cells[:, 1::2]) if len(cells) == count else np.broadcast_arrays(cells[:1], cells[1:])
-        return [*range(count)], [*np.stack([x, z], axis=-1)], {"x": "", "z": ""}
-    names, which = np.unique(table.columns.pop(label, [0] * len(table.lines)), return_inverse=True)
+    first = tables[0]
+    label = next((name for name in LABELS if name in first.columns), None)
+    if not label and len(paths) == 1 and len(first.columns) > 4 and len(first.lines) in (count, count + 1):
+        rows = first.numbers(first.columns, blank=True)
+        x, z = (rows[:, ::2], rows[:, 1::2]) if len(rows) == count else np.broadcast_arrays(rows[:1], rows[1:])
+        tables = [from_array(first.path, profile) for profile in np.stack([x, z], axis=-1)]
+    of_rows = np.array(first.columns.pop(label, ()))
     axes = x_and_z(tables, layout.columns)
-    points = table.numbers(axes, blank=True)
-    return names.tolist(), [points[which == k] for k in range(len(names))], axes
+    points = [table.numbers(axes, blank=True) for table in tables]
+    names = [path.stem for path in paths] if len(points) == len(paths) > 1 else range(len(points))
+    if label and len(paths) == 1:
+        names = [*dict.fromkeys(of_rows.tolist())]
+        points = [points[0][of_rows == name] for name in names]
+    return names, points, axes
 
 
 def x_and_z(tables: list[Table], said: str) -> dict[str, str]:
@@ -258,8 +247,10 @@ def seen_in_mm(folder: Path, profiles: list[np.ndarray], axes: dict, missing: fl
     if not 1 <= np.nanmax(np.abs(points), initial=0) <= FARTHEST_MM:
         hint = f"expected 1 to {FARTHEST_MM:g} mm: is it the unit, or where nothing was seen (--missing)?"
         raise ScanError(f"{folder}: the profiles are {lengths}; {hint}")
-    ends = zip("xz", axes, points[seen].min(axis=0), points[seen].max(axis=0), strict=True)
-    ranges = ", ".join(f"{axis} (column {name}) from {low:.4g} to {high:.4g} mm" for axis, name, low, high in ends)
+    ranges = ", ".join(
+        f"{axis} (column {name}) from {np.nanmin(values):.4g} to {np.nanmax(values):.4g} mm"
+        for axis, name, values in zip("xz", axes, points.T, strict=True)
+    )
     unseen = f"nothing seen in {(~seen).sum()} of them{'' if missing is None else f', where z is {missing:g}'}"
     values = np.split(points, np.cumsum([len(profile) for profile in profiles])[:-1])
     return values, f"{len(points)} points, {lengths}, {ranges}, {unseen}"
