@@ -174,8 +174,7 @@ def one_array(folder):
 
 PROFILES_OF = {fanuc: lists}  # counted from 1
 PROFILES = {
-    f.__name__: f
-    for f in (one_each, lists, archives, codes, zeros, long_table, numbered_table, wide_table, one_array)
+    f.__name__: f for f in (one_each, lists, archives, codes, zeros, long_table, numbered_table, wide_table, one_array)
 }
 
 
