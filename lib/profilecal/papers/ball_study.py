@@ -1,7 +1,6 @@
 """The disk paper's noise study of the two-step ball method, Section V-D3, from simulated noisy arcs."""
 
 from dataclasses import dataclass
-from math import comb
 
 import numpy as np
 
@@ -130,43 +129,33 @@ def mean_centres(scans: BallScans, pose: int, counts, sigma_mm, size: int, rng):
 def noisy_circles(circle, x, sigma_mm, size: int, rng) -> np.ndarray:
     """Circles (k, size, 3) fitted to the upper side of a circle (3,) seen at x (points,), z noisy by sigma_mm (k,).
 
-    Only z is noisy, z + s ε. By the binomial theorem the means that the fit needs, of x^a (z + s ε)^b, are polynomials
-    in s, whose coefficients are means of x^a z^i ε^j: the same for each sigma_mm. Units: the circle's radius, about the
-    mean of the noise-free arc.
+    Only z is noisy, z + s ε, with ε about its mean. What the fit needs are then polynomials in s, whose coefficients
+    are means of ε, ε², ε³ and ε⁴ times functions of x and z: the same for each sigma_mm. Units: the circle's radius,
+    about the mean of the noise-free arc.
     """
     cx, cz, r = circle
     z = cz + np.sqrt(r * r - (x - cx) ** 2)
-    shift = np.array([x.mean(), z.mean(), 0.0])
-    x, z = (x - shift[0]) / r, (z - shift[1]) / r
-    needed = [(0, 1), (1, 1), (2, 1), (0, 2), (1, 2), (2, 2), (0, 3), (0, 4)]  # a and b
-    of_noise = {j: sorted({(a, b - j) for a, b in needed if b >= j}) for j in (1, 2, 3, 4)}  # a and i beside ε^j
-    factors = {j: np.stack([x**a * z**i for a, i in pairs]) for j, pairs in of_noise.items()}
-    sums = {j: np.empty((len(pairs), size)) for j, pairs in of_noise.items()}
-    for part, noise, square, cube in noisy_blocks(np.zeros_like(x), 1.0, size, rng):
+    middle = np.array([x.mean(), z.mean(), 0.0])
+    x, z = (x - middle[0]) / r, (z - middle[1]) / r
+    w, one = x * x + z * z, np.ones_like(x)
+    beside = [x, 2 * z, 2 * x * z, w + 2 * z * z, 4 * w * z], [one, x, 3 * z, 2 * w + 4 * z * z], [one, 4 * z], [one]
+    sums = [np.empty((len(factors), size)) for factors in beside]
+    mean_noise = np.empty(size)
+    for part, noise, square, cube in noisy_blocks(0 * x, 1.0, size, rng):
+        mean_noise[part] = noise.mean(axis=1)
+        noise -= mean_noise[part, None]
         np.multiply(noise, noise, out=square)
         np.multiply(square, noise, out=cube)
-        for j, power in ((1, noise), (2, square), (3, cube)):
-            np.matmul(factors[j], power.T, out=sums[j][:, part])
-        np.vecdot(square, square, out=sums[4][0, part])
-    means = {(a, i, 0): np.mean(x**a * z**i) for a, i in needed}
-    means |= {(a, i, j): row / len(x) for j in sums for (a, i), row in zip(of_noise[j], sums[j], strict=True)}
+        for factors, total, power in zip(beside, sums, (noise, square, cube), strict=False):
+            np.matmul(factors, power.T, out=total[:, part])
+        np.vecdot(square, square, out=sums[3][0, part])
+    (xe, ze, xze, wze, wwe), (ee, xee, zee, wee), (eee, zeee), (eeee,) = (total / len(x) for total in sums)
 
     s = np.asarray(sigma_mm, dtype=float)[:, None] / r
-    mean = {"x" * a: np.mean(x**a) for a in (2, 3, 4)}
-    for a, b in needed:
-        mean["x" * a + "z" * b] = sum(comb(b, j) * s**j * means[a, b - j, j] for j in range(b + 1))
-    return shift + r * circles_about_zero(mean)
-
-
-def circles_about_zero(mean: dict) -> np.ndarray:
-    """Circles (..., 3) from the means of products of x and z, where that of x is 0; moments about z's are expanded."""
-    z, zz = mean["z"], mean["zz"]
-    z2 = z * z
-    about = {"xx": mean["xx"], "xz": mean["xz"], "zz": zz - z2}
-    about["wx"] = mean["xxx"] + mean["xzz"] - 2 * z * mean["xz"]
-    about["wz"] = mean["xxz"] - mean["xx"] * z + mean["zzz"] - 3 * z * zz + 2 * z * z2
-    about["ww"] = mean["xxxx"] + 2 * (mean["xxzz"] - 2 * z * mean["xxz"] + z2 * mean["xx"])
-    about["ww"] = about["ww"] + mean["zzzz"] - 4 * z * mean["zzz"] + 6 * z2 * zz - 3 * z2 * z2
-    circles = circle_from_moments(about)
-    circles[..., 1] += z
+    mean = {"xx": np.mean(x * x), "xz": np.mean(x * z) + s * xe, "zz": np.mean(z * z) + s * (ze + s * ee)}
+    mean["wx"] = np.mean(w * x) + s * (xze + s * xee)
+    mean["wz"] = np.mean(w * z) + s * (wze + s * (zee + s * eee))
+    mean["ww"] = np.mean(w * w) + s * (wwe + s * (wee + s * (zeee + s * eeee)))
+    circles = middle + r * circle_from_moments(mean)
+    circles[..., 1] += r * s * mean_noise
     return circles

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from tqdm import tqdm
 
-from profilecal.geometry.fitting import ROUNDS, SETTLED
-from profilecal.geometry.poses import cross, dot, nearest_rotation
+from profilecal.geometry.fitting import ROUNDS
+from profilecal.geometry.poses import cross
 
 BLOCK = 2**15  # random numbers drawn at a time: 256 kB, which with their powers stay in a processor's own cache
 
@@ -100,7 +100,7 @@ def two_step_errors(scans, centre, R_tcp, T_tcp, q, X, Y) -> np.ndarray:
     """
     X = X / np.linalg.norm(X, axis=1, keepdims=True)
     Y = Y / np.linalg.norm(Y, axis=1, keepdims=True)
-    turn = rotations_near(np.tensordot(Y, scans.R_sensor @ X, (0, 0)), len(X))  # of Eq. 15, seen from the truth
+    turn = rotations_near(np.tensordot(Y, scans.R_sensor @ X, (0, 0)))  # of Eq. 15, seen from the truth
 
     in_flange = np.einsum("abk,nbk->nak", turn, scans.R_sensor @ q)
     seen = R_tcp @ in_flange + T_tcp
@@ -119,35 +119,18 @@ def rotation_vectors(R) -> np.ndarray:
     return sine_axis * (angle / np.maximum(sine, np.finfo(float).tiny))
 
 
-def rotations_near(B, count: int) -> np.ndarray:
-    """The rotations R (3, 3, k), expected near the identity, that best take `count` unit vectors x to unit vectors y.
+def rotations_near(B) -> np.ndarray:
+    """The rotations R (3, 3, k) that best take unit vectors x to unit vectors y; B (3, 3, k) is the sum of all y xᵀ.
 
-    B (3, 3, k) is the sum of all y xᵀ. Davenport's quaternion q maximises qᵀ K q; with q = (1, g), its eigenvalue λ
-    solves a scalar equation by Newton's steps, each with (λ + tr B - B - Bᵀ) g = z: a third of the time of an SVD. q
-    has no such form for a half turn, so what is not surely within a quarter turn is solved by SVD.
+    They are the rotations nearest to B. A matrix of norm √3 is a rotation where it equals its cofactors; the mean of
+    both has the same nearest rotation, and is closer to it, near it by the square: an eighth of the time of an SVD.
     """
-    trace, S = np.trace(B), B + np.swapaxes(B, 0, 1)
-    z = np.stack([B[2, 1] - B[1, 2], B[0, 2] - B[2, 0], B[1, 0] - B[0, 1]])
-    value = np.full(B.shape[2], float(count))
-    with np.errstate(all="ignore"):
-        for _ in range(ROUNDS):
-            rows = (value + trace) * np.eye(3)[..., None] - S
-            adjugate = np.array([cross(rows[1], rows[2]), cross(rows[2], rows[0]), cross(rows[0], rows[1])])
-            determinant = dot(rows[0], adjugate[0])
-            g = np.einsum("abk,bk->ak", adjugate, z) / determinant
-            square = np.einsum("ak,ak->k", g, g)
-            step = (trace - value + np.einsum("ak,ak->k", z, g)) / (1 + square)
-            value = value + step
-            if not (np.abs(step) > SETTLED * count).any():
-                break
-        R = 2 * g[:, None] * g
-        R[[2, 0, 1], [1, 2, 0]] += 2 * g
-        R[[1, 2, 0], [2, 0, 1]] -= 2 * g
-        R[[0, 1, 2], [0, 1, 2]] += 1 - square
-        R /= 1 + square
-        definite = (rows[0, 0] > 0) & (adjugate[2, 2] > 0) & (determinant > 0)  # the leading minors
-        sure = definite & (square < 1) & (np.abs(step) < 1e-12)
-    rest = ~sure & np.isfinite(B).all(axis=(0, 1))
-    R[..., ~sure] = np.nan
-    R[..., rest] = np.moveaxis(nearest_rotation(np.moveaxis(B[..., rest], -1, 0)), 0, -1)
+    R = B
+    for _ in range(ROUNDS):
+        R = R * np.sqrt(3 / np.einsum("abk,abk->k", R, R))
+        cofactors = np.array([cross(R[1], R[2]), cross(R[2], R[0]), cross(R[0], R[1])])
+        apart = np.abs(cofactors - R)
+        R = (R + cofactors) / 2
+        if not (apart > 1e-8).any():  # its square is rounding
+            break
     return R
