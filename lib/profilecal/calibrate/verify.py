@@ -140,9 +140,8 @@ def target_by(T, alone: Calibration, kept) -> tuple[dict[str, float], float]:
     (scan,), (seen,) = alone.scans, alone.observed
     there = np.isfinite(seen.points[0]).all(axis=-1) & kept[0][:, None]
     pose, _ = np.nonzero(there)
-    x, z = seen.points[0][there].T
-    points = carry(T[:3, :3], T[:3, 3], np.stack([x, np.zeros_like(x), z], axis=-1))
-    in_base = carry(seen.R_flange[0, pose], seen.T_flange[0, pose], points)
+    in_flange = seen.points[0][there] @ T[:3, [0, 2]].T + T[:3, 3]
+    in_base = carry(seen.R_flange[0, pose], seen.T_flange[0, pose], in_flange)
     origin, axes, sizes = scan.target.fit(in_base)
     distance = scan.target.at(origin, axes, sizes).distance(in_base)
     lengths = dict(zip(scan.measures, map(float, sizes), strict=True)) if sizes else {}

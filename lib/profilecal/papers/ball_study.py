@@ -81,19 +81,17 @@ def ball_study(
 
     A trial draws max(m) arcs a pose and averages ball centres and flange positions of the first m (the equations are
     linear in both). All sigma_mm and m share one draw, so that curves over them differ by less than chance makes them.
-    `workers`: see `in_chunks`. Clipped are arcs, of all that are drawn, whose circle is larger than the ball.
+    `workers`: see `in_chunks`.
     """
     studies = {protocol: Study.blank(sigma_mm, m, trials) for protocol in PROTOCOLS}
     sigma_mm, m = studies[PROTOCOLS[0]].sigma_mm, studies[PROTOCOLS[0]].m
     check_count("arcs", int(m.min()), 1, "a ball's centre comes from one arc")
     counts, n = np.union1d(1, m), len(scans.R_tcp)
     q = np.empty((len(sigma_mm), len(counts), n, 3, trials))
-    clipped = np.zeros((n, len(sigma_mm), trials), dtype=int)
 
     def run(setting, part, stream):
         (pose,) = setting
-        seen = mean_centres(scans, pose, counts, sigma_mm, part.stop - part.start, stream)
-        q[:, :, pose, :, part], clipped[pose, :, part] = seen
+        q[:, :, pose, :, part] = mean_centres(scans, pose, counts, sigma_mm, part.stop - part.start, stream)
 
     in_chunks(run, (n,), trials, rng, workers)
     T_tcp = np.stack([scans.positions(k).mean(axis=1) for k in counts])[..., None]
@@ -106,24 +104,21 @@ def ball_study(
             q_fixed, T_fixed = q[i, of_rotation, fixed], T_tcp[of_rotation, fixed]
             X, Y = q_fixed[:1] - q_fixed[1:], (to_flange @ (T_fixed[1:] - T_fixed[:1]))[..., 0]
             study.errors[i, j] = two_step_errors(scans, scans.ball.centre, *seen, X, Y)
-            study.clipped[i, j] = clipped.sum(axis=0)[i]
     return studies
 
 
-def mean_centres(scans: BallScans, pose: int, counts, sigma_mm, size: int, rng):
+def mean_centres(scans: BallScans, pose: int, counts, sigma_mm, size: int, rng) -> np.ndarray:
     """Means (k, l, 3, size), mm, of the ball's centres, sensor frame, that circles fitted to the first counts (l,) of
-    a pose's noisy arcs give, for each sigma_mm (k,); and how many of those circles are larger than the ball, (k, size).
-    """
+    a pose's noisy arcs give, for each sigma_mm (k,)."""
     arcs = int(np.max(counts))
     circles, sides = scans.circles(arcs)[pose], scans.sides(arcs)[pose]
-    found, clipped = np.empty((len(sigma_mm), len(counts), 3, size)), np.zeros((len(sigma_mm), size), dtype=int)
+    found = np.empty((len(sigma_mm), len(counts), 3, size))
     total = np.zeros((len(sigma_mm), size, 3))
     for k, (circle, side) in enumerate(zip(circles, sides, strict=True), 1):
         fitted = noisy_circles(circle, scans.x_seen(circle), sigma_mm, size, rng)
         total += scans.ball.centre_from_circle(fitted, side)
-        clipped += fitted[..., 2] > scans.ball.radius
         found[:, np.asarray(counts) == k] = np.swapaxes(total / k, -1, -2)[:, None]
-    return found, clipped
+    return found
 
 
 def noisy_circles(circle, x, sigma_mm, size: int, rng) -> np.ndarray:

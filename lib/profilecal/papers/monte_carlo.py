@@ -25,19 +25,18 @@ READINGS = {
 
 @dataclass(frozen=True)
 class Study:
-    """Errors for every setting (sigma_mm, m) and trial, and what went wrong on the way."""
+    """Errors for every setting (sigma_mm, m) and trial."""
 
     sigma_mm: np.ndarray  # (k,) noise, mm
     m: np.ndarray  # (l,) chords of a scan, or arcs of a pose
     errors: np.ndarray  # (k, l, 9, trials), see `two_step_errors`
-    clipped: np.ndarray  # (k, l, trials) how often noise asked for a root or an arccos that does not exist
+    clipped: np.ndarray | None = None  # (k, l, trials) of a disk: whether some scan has no arccos in Eq. 9
 
     @classmethod
     def blank(cls, sigma_mm, m, trials: int) -> "Study":
         """With everything still to be filled in, for one or more sigma_mm and m."""
         sigma_mm, m = np.atleast_1d(np.asarray(sigma_mm, dtype=float)), np.atleast_1d(np.asarray(m, dtype=int))
-        shape = (len(sigma_mm), len(m))
-        return cls(sigma_mm, m, np.empty((*shape, 9, trials)), np.zeros((*shape, trials), dtype=int))
+        return cls(sigma_mm, m, np.empty((len(sigma_mm), len(m), 9, trials)))
 
     @property
     def centre_error(self) -> np.ndarray:
