@@ -6,7 +6,7 @@ import numpy as np
 
 from profilecal.closed_form.disk import chord_weights, sensing_data_from_ellipse
 from profilecal.geometry.checks import check_count
-from profilecal.geometry.fitting import ellipse_from_moments, fit_ellipse, moments, transformed
+from profilecal.geometry.fitting import ellipse_from_moments, moments, transformed
 from profilecal.geometry.poses import rotation_from_xyz_angles
 from profilecal.papers import published
 from profilecal.papers.monte_carlo import Study, in_chunks, noisy_blocks, two_step_errors
@@ -97,7 +97,7 @@ def disk_study(
     study = Study.blank(sigma_mm, m, trials)
     clipped = np.empty(study.failed.shape, dtype=bool)
     check_count("chords", int(study.m.min()), 3, "an ellipse has five unknowns, a chord two tips")
-    chords = [Chords.of(scans, count, heights, sheared=noise == "chord") for count in study.m]
+    chords = [Chords.of(scans, count, heights) for count in study.m]
     motion = np.einsum("nba,nb->na", scans.R_tcp, scans.T_end - scans.T_start)  # R_tcp⁻¹ D_b but for its length
     start, end, s = scans.T_start[:, None], scans.T_end[:, None], scans.s[:, None]  # one for all trials
 
@@ -127,21 +127,17 @@ class Chords:
     weights: np.ndarray  # (2m, 5), see `chord_weights`
 
     @classmethod
-    def of(cls, scans: DiskScans, m: int, heights: str, sheared: bool) -> "Chords":
-        """Of m evenly spaced chords a scan. If `sheared`, the ellipse is the unit circle, whose fit settles soonest."""
+    def of(cls, scans: DiskScans, m: int, heights: str) -> "Chords":
+        """Of m evenly spaced chords a scan."""
         tips = np.swapaxes(scans.tips(m), 1, 2).reshape(-1, 2 * m, 2)
-        ellipse = fit_ellipse(tips)
         along = tips[:, m] - tips[:, 0]
         along /= np.linalg.norm(along, axis=-1, keepdims=True)
         frame = np.stack([along, along[:, ::-1] * [-1, 1]], axis=-1)
-        S = np.swapaxes(frame, 1, 2) @ ellipse.shape @ frame
-        rise = np.sqrt(S[:, 1, 1])
-        shear = S[:, 0, 1] / rise * sheared
-        unit = np.stack([np.sqrt(S[:, 0, 0] - shear**2), rise], axis=-1)
-        to_sensor = frame * unit[:, None, :]
-        to_sensor[:, :, 1] += shear[:, None] * along
-        in_units = np.linalg.solve(to_sensor, np.swapaxes(tips - ellipse.centre[:, None], 1, 2))
-        return cls(in_units, ellipse.centre, to_sensor, unit, chord_weights(m, heights))
+        centre = tips.mean(axis=1)
+        in_frame = (tips - centre[:, None]) @ frame
+        unit = in_frame.std(axis=1)
+        in_units = np.swapaxes(in_frame / unit[:, None], 1, 2)
+        return cls(in_units, centre, frame * unit[:, None], unit, chord_weights(m, heights))
 
     def in_sensor(self, mean: dict, vectors):
         """Ellipses, from moments {(a, b): (n, size)}, and `vectors` (n, 2, 5, size): in mm, in the sensor frame."""

@@ -66,6 +66,7 @@ def table(paper: str) -> pd.DataFrame:
     return frame
 
 
+@cache
 def _entries(paper: str, item: str, quantity: str) -> pd.DataFrame:
     frame = table(paper)
     if item not in set(frame["item"]):
