@@ -136,8 +136,3 @@ def test_criteria_of_many_scenes_are_those_of_each():
         found = edge_equations(R, T, points)
         assert angles[k] == pytest.approx(study.angle_deviations(found))
         assert distances[k] == pytest.approx(study.line_distances(found))
-
-
-def test_printed_tables():
-    """Without signs: the row of 20 rotations has -1.03 first."""
-    np.testing.assert_array_equal(study.printed("mean Δα")[2], [1.03, 0.86, 0.84])

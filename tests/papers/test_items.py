@@ -66,7 +66,6 @@ def test_read_back_from_a_notebook(tmp_path):
     data = json.loads(json.dumps(item._repr_mimebundle_()))
     notebook = {"cells": [{"cell_type": "code", "outputs": [{"data": data}]}]}
     (tmp_path / "11.ipynb").write_text(json.dumps(notebook), encoding="utf-8")
-    assert items.items_of(tmp_path / "11.ipynb") == [item]
     gathered = items.gather(tmp_path)
     assert gathered == [("11", item)]
     assert items.tally(gathered).iloc[0].tolist() == ["Xu 2021", f"Table 2, {MEAN}", 12, 12, 0, 0, "11"]

@@ -44,7 +44,7 @@ def test_the_quick_rotation_is_that_of_the_svd_for_small_turns_and_large_ones():
     Y /= np.linalg.norm(Y, axis=-1, keepdims=True)
     B = np.einsum("kna,knb->abk", Y, X)
     B[0, 0, 7] = np.nan
-    found = np.moveaxis(rotations_near(B, 4), -1, 0)
+    found = np.moveaxis(rotations_near(B), -1, 0)
     good = np.arange(500) != 7
     np.testing.assert_allclose(found[good], nearest_rotation(np.moveaxis(B, -1, 0)[good]), atol=1e-11)
     assert np.isnan(found[7]).all()

@@ -10,7 +10,7 @@ from profilecal.calibrate.other_conventions import better_readings
 from profilecal.geometry.checks import UnobservableError
 from profilecal.geometry.noise import ROBOT, Noise
 from profilecal.geometry.poses import carry, xyz_angles_from_rotation
-from profilecal.joint.observability import name_direction
+from profilecal.joint.observability import HAND_PRECISION, name_direction
 from profilecal.joint.observations import Observations
 from profilecal.joint.prior import prior_from
 from profilecal.joint.solution import Solution, in_mm_deg
@@ -195,9 +195,20 @@ def to_text(found: Calibration, to_paste: str = "") -> str:
 
 def deviations(covariance) -> str:
     """Standard deviations of δ in words."""
-    sd = np.sqrt(np.diag(in_mm_deg(covariance)))
-    mm, deg = ("  ".join(f"{v:.2g}" for v in part) for part in (sd[:3], sd[3:]))
-    return f"{mm} mm along and {deg}°"
+    sd = np.sqrt(np.diag(covariance))
+    return by_axis(sd, sd)
+
+
+def by_axis(delta, sd) -> str:
+    """δ (6,), mm and rad, in words; "open" where its standard deviation says that nothing is known."""
+    values = np.r_[delta[:3], np.degrees(delta[3:])]
+    said = ["open" if wide else brief(value) for value, wide in zip(values, sd >= HAND_PRECISION, strict=True)]
+    return f"{'  '.join(said[:3])} mm along and {'  '.join(said[3:])}°"
+
+
+def brief(value: float) -> str:
+    """Two digits, or a whole number."""
+    return f"{value:.2g}" if abs(value) < 100 else f"{value:.0f}"
 
 
 def robot_errors(noise: Noise) -> str:

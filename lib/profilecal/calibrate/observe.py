@@ -138,10 +138,10 @@ def as_observations(scan: Scan, seen: Seen, reference_mm: float = 0.0) -> Observ
     )
 
 
-def observe_all(scans, least: int = 3) -> tuple[list[Seen], tuple[Observations, ...], float]:
+def observe_all(scans) -> tuple[list[Seen], tuple[Observations, ...], float]:
     """Each scan's target as it shows it, and for the joint solution, in units of the third: the typical standard
     deviation of features of profiles, mm (0 where there are none)."""
-    seen = [observe(scan, least) for scan in scans]
+    seen = [observe(scan, 3) for scan in scans]
     features_mm = next((entry.typical_mm for entry in seen if entry.typical_mm), 0.0)
     observed = [as_observations(scan, entry, features_mm) for scan, entry in zip(scans, seen, strict=True)]
     return seen, tuple(observed), features_mm
@@ -213,16 +213,14 @@ def affine_outliers(observations: Observations) -> list[list[int]]:
         while len(rows) > 3:
             left, basis, freedom = affine_residuals(observations.T_flange[0, rows], points[rows])
             free = 1 - np.sum(basis**2, axis=1)
-            if freedom <= 0 or free.min() < 1e-6:
+            if free.min() < 1e-6:  # nothing is left over to judge a pose by
                 break
             size = np.sum(left**2, axis=1) / free / noise**2
             if size.max() < limit:
                 break
-            if freedom == 1:
-                bad.append(rows.tolist())
-                break
-            bad.append([int(rows[size.argmax()])])
-            rows = np.delete(rows, size.argmax())
+            worst = slice(None) if freedom == 1 else [size.argmax()]
+            bad.append(rows[worst].tolist())
+            rows = np.delete(rows, worst)
     return sorted(bad)
 
 

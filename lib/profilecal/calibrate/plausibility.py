@@ -61,26 +61,22 @@ def systematic_tests(solution: Solution) -> list[Finding]:
 
 def of_robot() -> list[Perturbation]:
     """Scales of the positions, drifts."""
-    along, scale = "along the base's ", "too [far apart|close together] by {:.2g} %"
-    words = [
-        f"the robot's positions were {scale}",
-        *(f"the robot's positions {along}{axis} were {scale}" for axis in "xyz"),
-    ]
-    axes = [np.ones(3), *np.eye(3)]
-    return [
-        *(
-            Perturbation(said, 100, positions=lambda T, a=a: (T - T.mean(axis=0)) * a)
-            for said, a in zip(words, axes, strict=True)
-        ),
-        *(
-            Perturbation(
-                f"the robot or the target drifted {along}{axis} by {{:.2g}} mm",
-                1,
-                positions=lambda T, a=a: np.linspace(0, 1, len(T))[:, None] * a,
-            )
-            for axis, a in zip("xyz", np.eye(3), strict=True)
-        ),
-    ]
+
+    def off_middle(T):
+        return T - T.mean(axis=0)
+
+    def so_far(T):
+        return np.linspace(0, 1, len(T))[:, None]
+
+    positions, far = "the robot's positions", "too [far apart|close together] by {:.2g} %"
+    found = [Perturbation(f"{positions} were {far}", 100, positions=off_middle)]
+    for axis, a in zip("xyz", np.eye(3), strict=True):
+        along, drifted = f"along the base's {axis}", "the robot or the target drifted"
+        found += [
+            Perturbation(f"{positions} {along} were {far}", 100, positions=lambda T, a=a: a * off_middle(T)),
+            Perturbation(f"{drifted} {along} by {{:.2g}} mm", 1, positions=lambda T, a=a: a * so_far(T)),
+        ]
+    return found
 
 
 MUCH = 3.0  # standard deviations that an error moves a pose by, or times what the stated noise explains: no more "ok"

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from scipy.special import chdtrc
 
-from profilecal.calibrate.calibration import Calibration, calibrate
+from profilecal.calibrate.calibration import Calibration, brief, by_axis, calibrate, deviations
 from profilecal.calibrate.observe import stated_noise
 from profilecal.calibrate.plausibility import distance
 from profilecal.geometry.checks import check_array, check_rotations
@@ -140,9 +140,8 @@ def target_by(T, alone: Calibration, kept) -> tuple[dict[str, float], float]:
     (scan,), (seen,) = alone.scans, alone.observed
     there = np.isfinite(seen.points[0]).all(axis=-1) & kept[0][:, None]
     pose, _ = np.nonzero(there)
-    x, z = seen.points[0][there].T
-    points = carry(T[:3, :3], T[:3, 3], np.stack([x, np.zeros_like(x), z], axis=-1))
-    in_base = carry(seen.R_flange[0, pose], seen.T_flange[0, pose], points)
+    in_flange = seen.points[0][there] @ T[:3, [0, 2]].T + T[:3, 3]
+    in_base = carry(seen.R_flange[0, pose], seen.T_flange[0, pose], in_flange)
     origin, axes, sizes = scan.target.fit(in_base)
     distance = scan.target.at(origin, axes, sizes).distance(in_base)
     lengths = dict(zip(scan.measures, map(float, sizes), strict=True)) if sizes else {}
@@ -156,12 +155,11 @@ def to_text(found: Verification) -> str:
     if alone.status != "ok":
         lines[0] += ", so also looked at near the pose"
         lines += [f"note           {message}" for message in alone.messages]
-    worst, count = int(np.argmax(np.abs(found.apart))), len(found.apart)
+    worst, count, expected = int(np.argmax(np.abs(found.apart))), len(found.apart), found.expected.covariance
     direction = name_direction(found.expected.directions[6 - count + worst], np.eye(3), "sensor")
-    sd = np.sqrt(np.diag(found.expected.covariance))
     lines += [
-        f"differs by     {by_axis(found.delta, sd)} about the sensor's x, y, z",
-        f"expected       {by_axis(sd, sd)}, one standard deviation",
+        f"differs by     {by_axis(found.delta, np.sqrt(np.diag(expected)))} about the sensor's x, y, z",
+        f"expected       {deviations(expected)}, one standard deviation",
         f"most apart     {direction}, {brief(abs(found.apart[worst]))} standard deviations",
         f"chance         {found.chance:.2g} of more between right answers, in {count} of 6 directions; "
         f"doubted below {FALSE_ALARM:g}",
@@ -174,18 +172,6 @@ def to_text(found: Verification) -> str:
         f"verdict        {'the stated uncertainties explain what was found' if found.as_expected else verdict}"
     )
     return "\n".join(lines)
-
-
-def by_axis(delta, sd) -> str:
-    """δ (6,), mm and rad, in words; "open" where its standard deviation says that nothing is known."""
-    values = np.r_[delta[:3], np.degrees(delta[3:])]
-    said = ["open" if wide else brief(value) for value, wide in zip(values, sd >= HAND_PRECISION, strict=True)]
-    return f"{'  '.join(said[:3])} mm along and {'  '.join(said[3:])}°"
-
-
-def brief(value: float) -> str:
-    """Two digits, or a whole number."""
-    return f"{value:.2g}" if abs(value) < 100 else f"{value:.0f}"
 
 
 @dataclass(frozen=True)

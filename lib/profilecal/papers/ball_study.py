@@ -1,7 +1,6 @@
 """The disk paper's noise study of the two-step ball method, Section V-D3, from simulated noisy arcs."""
 
 from dataclasses import dataclass
-from math import comb
 
 import numpy as np
 
@@ -82,19 +81,17 @@ def ball_study(
 
     A trial draws max(m) arcs a pose and averages ball centres and flange positions of the first m (the equations are
     linear in both). All sigma_mm and m share one draw, so that curves over them differ by less than chance makes them.
-    `workers`: see `in_chunks`. Clipped are arcs, of all that are drawn, whose circle is larger than the ball.
+    `workers`: see `in_chunks`.
     """
     studies = {protocol: Study.blank(sigma_mm, m, trials) for protocol in PROTOCOLS}
     sigma_mm, m = studies[PROTOCOLS[0]].sigma_mm, studies[PROTOCOLS[0]].m
     check_count("arcs", int(m.min()), 1, "a ball's centre comes from one arc")
     counts, n = np.union1d(1, m), len(scans.R_tcp)
     q = np.empty((len(sigma_mm), len(counts), n, 3, trials))
-    clipped = np.zeros((n, len(sigma_mm), trials), dtype=int)
 
     def run(setting, part, stream):
         (pose,) = setting
-        seen = mean_centres(scans, pose, counts, sigma_mm, part.stop - part.start, stream)
-        q[:, :, pose, :, part], clipped[pose, :, part] = seen
+        q[:, :, pose, :, part] = mean_centres(scans, pose, counts, sigma_mm, part.stop - part.start, stream)
 
     in_chunks(run, (n,), trials, rng, workers)
     T_tcp = np.stack([scans.positions(k).mean(axis=1) for k in counts])[..., None]
@@ -107,66 +104,53 @@ def ball_study(
             q_fixed, T_fixed = q[i, of_rotation, fixed], T_tcp[of_rotation, fixed]
             X, Y = q_fixed[:1] - q_fixed[1:], (to_flange @ (T_fixed[1:] - T_fixed[:1]))[..., 0]
             study.errors[i, j] = two_step_errors(scans, scans.ball.centre, *seen, X, Y)
-            study.clipped[i, j] = clipped.sum(axis=0)[i]
     return studies
 
 
-def mean_centres(scans: BallScans, pose: int, counts, sigma_mm, size: int, rng):
+def mean_centres(scans: BallScans, pose: int, counts, sigma_mm, size: int, rng) -> np.ndarray:
     """Means (k, l, 3, size), mm, of the ball's centres, sensor frame, that circles fitted to the first counts (l,) of
-    a pose's noisy arcs give, for each sigma_mm (k,); and how many of those circles are larger than the ball, (k, size).
-    """
+    a pose's noisy arcs give, for each sigma_mm (k,)."""
     arcs = int(np.max(counts))
     circles, sides = scans.circles(arcs)[pose], scans.sides(arcs)[pose]
-    found, clipped = np.empty((len(sigma_mm), len(counts), 3, size)), np.zeros((len(sigma_mm), size), dtype=int)
+    found = np.empty((len(sigma_mm), len(counts), 3, size))
     total = np.zeros((len(sigma_mm), size, 3))
     for k, (circle, side) in enumerate(zip(circles, sides, strict=True), 1):
         fitted = noisy_circles(circle, scans.x_seen(circle), sigma_mm, size, rng)
         total += scans.ball.centre_from_circle(fitted, side)
-        clipped += fitted[..., 2] > scans.ball.radius
         found[:, np.asarray(counts) == k] = np.swapaxes(total / k, -1, -2)[:, None]
-    return found, clipped
+    return found
 
 
 def noisy_circles(circle, x, sigma_mm, size: int, rng) -> np.ndarray:
     """Circles (k, size, 3) fitted to the upper side of a circle (3,) seen at x (points,), z noisy by sigma_mm (k,).
 
-    Only z is noisy, z + s ε. By the binomial theorem the means that the fit needs, of x^a (z + s ε)^b, are polynomials
-    in s, whose coefficients are means of x^a z^i ε^j: the same for each sigma_mm. Units: the circle's radius, about the
-    mean of the noise-free arc.
+    Only z is noisy, z + s ε, with ε about its mean. What the fit needs are then polynomials in s, whose coefficients
+    are means of ε, ε², ε³ and ε⁴ times functions of x and z: the same for each sigma_mm. Units: the circle's radius,
+    about the mean of the noise-free arc.
     """
     cx, cz, r = circle
     z = cz + np.sqrt(r * r - (x - cx) ** 2)
-    shift = np.array([x.mean(), z.mean(), 0.0])
-    x, z = (x - shift[0]) / r, (z - shift[1]) / r
-    needed = [(0, 1), (1, 1), (2, 1), (0, 2), (1, 2), (2, 2), (0, 3), (0, 4)]  # a and b
-    of_noise = {j: sorted({(a, b - j) for a, b in needed if b >= j}) for j in (1, 2, 3, 4)}  # a and i beside ε^j
-    factors = {j: np.stack([x**a * z**i for a, i in pairs]) for j, pairs in of_noise.items()}
-    sums = {j: np.empty((len(pairs), size)) for j, pairs in of_noise.items()}
-    for part, noise, square, cube in noisy_blocks(np.zeros_like(x), 1.0, size, rng):
+    middle = np.array([x.mean(), z.mean(), 0.0])
+    x, z = (x - middle[0]) / r, (z - middle[1]) / r
+    w, one = x * x + z * z, np.ones_like(x)
+    beside = [x, 2 * z, 2 * x * z, w + 2 * z * z, 4 * w * z], [one, x, 3 * z, 2 * w + 4 * z * z], [one, 4 * z], [one]
+    sums = [np.empty((len(factors), size)) for factors in beside]
+    mean_noise = np.empty(size)
+    for part, noise, square, cube in noisy_blocks(0 * x, 1.0, size, rng):
+        mean_noise[part] = noise.mean(axis=1)
+        noise -= mean_noise[part, None]
         np.multiply(noise, noise, out=square)
         np.multiply(square, noise, out=cube)
-        for j, power in ((1, noise), (2, square), (3, cube)):
-            np.matmul(factors[j], power.T, out=sums[j][:, part])
-        np.vecdot(square, square, out=sums[4][0, part])
-    means = {(a, i, 0): np.mean(x**a * z**i) for a, i in needed}
-    means |= {(a, i, j): row / len(x) for j in sums for (a, i), row in zip(of_noise[j], sums[j], strict=True)}
+        for factors, total, power in zip(beside, sums, (noise, square, cube), strict=False):
+            np.matmul(factors, power.T, out=total[:, part])
+        np.vecdot(square, square, out=sums[3][0, part])
+    (xe, ze, xze, wze, wwe), (ee, xee, zee, wee), (eee, zeee), (eeee,) = (total / len(x) for total in sums)
 
     s = np.asarray(sigma_mm, dtype=float)[:, None] / r
-    mean = {"x" * a: np.mean(x**a) for a in (2, 3, 4)}
-    for a, b in needed:
-        mean["x" * a + "z" * b] = sum(comb(b, j) * s**j * means[a, b - j, j] for j in range(b + 1))
-    return shift + r * circles_about_zero(mean)
-
-
-def circles_about_zero(mean: dict) -> np.ndarray:
-    """Circles (..., 3) from the means of products of x and z, where that of x is 0; moments about z's are expanded."""
-    z, zz = mean["z"], mean["zz"]
-    z2 = z * z
-    about = {"xx": mean["xx"], "xz": mean["xz"], "zz": zz - z2}
-    about["wx"] = mean["xxx"] + mean["xzz"] - 2 * z * mean["xz"]
-    about["wz"] = mean["xxz"] - mean["xx"] * z + mean["zzz"] - 3 * z * zz + 2 * z * z2
-    about["ww"] = mean["xxxx"] + 2 * (mean["xxzz"] - 2 * z * mean["xxz"] + z2 * mean["xx"])
-    about["ww"] = about["ww"] + mean["zzzz"] - 4 * z * mean["zzz"] + 6 * z2 * zz - 3 * z2 * z2
-    circles = circle_from_moments(about)
-    circles[..., 1] += z
+    mean = {"xx": np.mean(x * x), "xz": np.mean(x * z) + s * xe, "zz": np.mean(z * z) + s * (ze + s * ee)}
+    mean["wx"] = np.mean(w * x) + s * (xze + s * xee)
+    mean["wz"] = np.mean(w * z) + s * (wze + s * (zee + s * eee))
+    mean["ww"] = np.mean(w * w) + s * (wwe + s * (wee + s * (zeee + s * eeee)))
+    circles = middle + r * circle_from_moments(mean)
+    circles[..., 1] += r * s * mean_noise
     return circles

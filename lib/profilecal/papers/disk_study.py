@@ -1,13 +1,12 @@
 """The disk paper's noise study, Section V-B: calibrations from simulated noisy chords, as many as wanted."""
 
-from dataclasses import dataclass
-from functools import cache
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from profilecal.closed_form.disk import chord_weights, sensing_data_from_ellipse
 from profilecal.geometry.checks import check_count
-from profilecal.geometry.fitting import ellipse_from_moments, fit_ellipse, moments, transformed
+from profilecal.geometry.fitting import ellipse_from_moments, moments, transformed
 from profilecal.geometry.poses import rotation_from_xyz_angles
 from profilecal.papers import published
 from profilecal.papers.monte_carlo import Study, in_chunks, noisy_blocks, two_step_errors
@@ -65,19 +64,14 @@ def fig15_scans(extent=FIG15_EXTENT) -> DiskScans:
 
     `extent`: first and last chord as signed fractions of the radius.
     """
-    return disk_scans(*_fig15(), extent)
-
-
-@cache
-def _fig15() -> tuple:
-    """What `disk_scans` takes of Section V-B, but for the extent."""
     normal = published.values("disk", "Section V-B", "disk normal of the simulation")
     radius = float(published.values("disk", "Fig. 14", "disk radius"))
     disk = Disk(published.values("disk", "Eq. 50", "q_b"), normal, radius)
     motion = published.values("disk", "Table I", "D_b")
     motion = motion / np.linalg.norm(motion, axis=1, keepdims=True)
     R_tcp = rotation_from_xyz_angles(published.values("disk", "Table I", "R_tcp"))
-    return disk, *published.sensor_pose("Eq. 49", "Lambda"), R_tcp, published.values("disk", "Table I", "q"), motion
+    q, pose = published.values("disk", "Table I", "q"), published.sensor_pose("Eq. 49", "Lambda")
+    return disk_scans(disk, *pose, R_tcp, q, motion, extent)
 
 
 def disk_study(
@@ -101,8 +95,9 @@ def disk_study(
     if noise not in fitted:
         raise ValueError(f"noise is {noise!r}; expected 'chord' or 'isotropic'")
     study = Study.blank(sigma_mm, m, trials)
+    clipped = np.empty(study.failed.shape, dtype=bool)
     check_count("chords", int(study.m.min()), 3, "an ellipse has five unknowns, a chord two tips")
-    chords = [Chords.of(scans, count, heights, sheared=noise == "chord") for count in study.m]
+    chords = [Chords.of(scans, count, heights) for count in study.m]
     motion = np.einsum("nba,nb->na", scans.R_tcp, scans.T_end - scans.T_start)  # R_tcp⁻¹ D_b but for its length
     start, end, s = scans.T_start[:, None], scans.T_end[:, None], scans.s[:, None]  # one for all trials
 
@@ -110,12 +105,12 @@ def disk_study(
         i, j = setting
         seen = fitted[noise](chords[j], study.sigma_mm[i], part.stop - part.start, stream)
         found = sensing_data_from_ellipse(*seen, start, end, s, scans.disk.radius)
-        study.clipped[i, j, part] = found.clipped.any(axis=0)
+        clipped[i, j, part] = found.clipped.any(axis=0)
         T_tcp, q, D_i = (np.swapaxes(vectors, -1, -2) for vectors in (found.T_tcp, found.q, found.D_i))
         study.errors[i, j, :, part] = two_step_errors(scans, scans.disk.centre, scans.R_tcp, T_tcp, q, D_i, motion)
 
-    in_chunks(run, study.clipped.shape[:2], trials, rng, workers)
-    return study
+    in_chunks(run, clipped.shape[:2], trials, rng, workers)
+    return replace(study, clipped=clipped)
 
 
 @dataclass(frozen=True)
@@ -132,21 +127,17 @@ class Chords:
     weights: np.ndarray  # (2m, 5), see `chord_weights`
 
     @classmethod
-    def of(cls, scans: DiskScans, m: int, heights: str, sheared: bool) -> "Chords":
-        """Of m evenly spaced chords a scan. If `sheared`, the ellipse is the unit circle, whose fit settles soonest."""
+    def of(cls, scans: DiskScans, m: int, heights: str) -> "Chords":
+        """Of m evenly spaced chords a scan."""
         tips = np.swapaxes(scans.tips(m), 1, 2).reshape(-1, 2 * m, 2)
-        ellipse = fit_ellipse(tips)
         along = tips[:, m] - tips[:, 0]
         along /= np.linalg.norm(along, axis=-1, keepdims=True)
         frame = np.stack([along, along[:, ::-1] * [-1, 1]], axis=-1)
-        S = np.swapaxes(frame, 1, 2) @ ellipse.shape @ frame
-        rise = np.sqrt(S[:, 1, 1])
-        shear = S[:, 0, 1] / rise * sheared
-        unit = np.stack([np.sqrt(S[:, 0, 0] - shear**2), rise], axis=-1)
-        to_sensor = frame * unit[:, None, :]
-        to_sensor[:, :, 1] += shear[:, None] * along
-        in_units = np.linalg.solve(to_sensor, np.swapaxes(tips - ellipse.centre[:, None], 1, 2))
-        return cls(in_units, ellipse.centre, to_sensor, unit, chord_weights(m, heights))
+        centre = tips.mean(axis=1)
+        in_frame = (tips - centre[:, None]) @ frame
+        unit = in_frame.std(axis=1)
+        in_units = np.swapaxes(in_frame / unit[:, None], 1, 2)
+        return cls(in_units, centre, frame * unit[:, None], unit, chord_weights(m, heights))
 
     def in_sensor(self, mean: dict, vectors):
         """Ellipses, from moments {(a, b): (n, size)}, and `vectors` (n, 2, 5, size): in mm, in the sensor frame."""

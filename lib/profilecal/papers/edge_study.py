@@ -9,7 +9,6 @@ from profilecal.closed_form.edge import EdgeSolution
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import directions, frame_along, random_turns
 from profilecal.joint.observations import Observations
-from profilecal.papers.published import values
 from profilecal.simulate.robot import Poses, actual_poses, scan_planes
 from profilecal.targets.ball import Ball
 from profilecal.targets.edge import Edge
@@ -167,18 +166,7 @@ def observations_of(scene: EdgeScene) -> Observations:
     return Observations("edge", R, T, points, group=np.repeat(np.arange(G), N))
 
 
-CRITERIA = {  # where the paper prints them: a row for each of ROTATIONS, a column for each of its specimens
-    "mean Δα": ("Table 1", "mean of delta alpha"),
-    "std Δα": ("Table 1", "std of delta alpha"),
-    "mean Δd": ("Table 2", "mean of delta d"),
-    "std Δd": ("Table 2", "std of delta d"),
-}
 ROTATIONS = (10, 15, 20, 25)  # used for a calibration; the paper sums up its tables from 15 on
-
-
-def printed(criterion: str) -> np.ndarray:
-    """What Table 1 or 2 has of a criterion, (4, 3): ROTATIONS by specimens, signs aside; degrees or mm."""
-    return np.abs(values("edge", *CRITERIA[criterion]))
 
 
 def principal(vectors, about_mean: bool = True) -> np.ndarray:

@@ -229,16 +229,14 @@ def from_json(entry: dict) -> Item:
     return Item(**(entry | {"rows": tuple(Row(**row) for row in entry["rows"])}))
 
 
-def items_of(notebook: Path) -> list[Item]:
-    """The items that an executed notebook holds, in its order."""
-    cells = json.loads(notebook.read_text(encoding="utf-8"))["cells"]
-    outputs = [output.get("data", {}) for cell in cells for output in cell.get("outputs", [])]
-    return [from_json(data[MIME]) for data in outputs if MIME in data]
-
-
 def gather(folder: Path) -> list[tuple[str, Item]]:
     """All items of the executed notebooks in a folder, each with its notebook's name, in reading order."""
-    return [(path.stem, item) for path in sorted(folder.glob("[!.]*.ipynb")) for item in items_of(path)]
+    found = []
+    for path in sorted(folder.glob("[!.]*.ipynb")):
+        cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
+        outputs = [output.get("data", {}) for cell in cells for output in cell.get("outputs", [])]
+        found += [(path.stem, from_json(data[MIME])) for data in outputs if MIME in data]
+    return found
 
 
 def tally(gathered) -> pd.DataFrame:

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from tqdm import tqdm
 
-from profilecal.geometry.fitting import ROUNDS, SETTLED
-from profilecal.geometry.poses import cross, dot, nearest_rotation
+from profilecal.geometry.fitting import ROUNDS
+from profilecal.geometry.poses import cross
 
 BLOCK = 2**15  # random numbers drawn at a time: 256 kB, which with their powers stay in a processor's own cache
 
@@ -25,19 +25,18 @@ READINGS = {
 
 @dataclass(frozen=True)
 class Study:
-    """Errors for every setting (sigma_mm, m) and trial, and what went wrong on the way."""
+    """Errors for every setting (sigma_mm, m) and trial."""
 
     sigma_mm: np.ndarray  # (k,) noise, mm
     m: np.ndarray  # (l,) chords of a scan, or arcs of a pose
     errors: np.ndarray  # (k, l, 9, trials), see `two_step_errors`
-    clipped: np.ndarray  # (k, l, trials) how often noise asked for a root or an arccos that does not exist
+    clipped: np.ndarray | None = None  # (k, l, trials) of a disk: whether some scan has no arccos in Eq. 9
 
     @classmethod
     def blank(cls, sigma_mm, m, trials: int) -> "Study":
         """With everything still to be filled in, for one or more sigma_mm and m."""
         sigma_mm, m = np.atleast_1d(np.asarray(sigma_mm, dtype=float)), np.atleast_1d(np.asarray(m, dtype=int))
-        shape = (len(sigma_mm), len(m))
-        return cls(sigma_mm, m, np.empty((*shape, 9, trials)), np.zeros((*shape, trials), dtype=int))
+        return cls(sigma_mm, m, np.empty((len(sigma_mm), len(m), 9, trials)))
 
     @property
     def centre_error(self) -> np.ndarray:
@@ -100,7 +99,7 @@ def two_step_errors(scans, centre, R_tcp, T_tcp, q, X, Y) -> np.ndarray:
     """
     X = X / np.linalg.norm(X, axis=1, keepdims=True)
     Y = Y / np.linalg.norm(Y, axis=1, keepdims=True)
-    turn = rotations_near(np.tensordot(Y, scans.R_sensor @ X, (0, 0)), len(X))  # of Eq. 15, seen from the truth
+    turn = rotations_near(np.tensordot(Y, scans.R_sensor @ X, (0, 0)))  # of Eq. 15, seen from the truth
 
     in_flange = np.einsum("abk,nbk->nak", turn, scans.R_sensor @ q)
     seen = R_tcp @ in_flange + T_tcp
@@ -119,35 +118,21 @@ def rotation_vectors(R) -> np.ndarray:
     return sine_axis * (angle / np.maximum(sine, np.finfo(float).tiny))
 
 
-def rotations_near(B, count: int) -> np.ndarray:
-    """The rotations R (3, 3, k), expected near the identity, that best take `count` unit vectors x to unit vectors y.
+def rotations_near(B) -> np.ndarray:
+    """The rotations R (3, 3, k) that best take unit vectors x to unit vectors y; B (3, 3, k) is the sum of all y xᵀ.
 
-    B (3, 3, k) is the sum of all y xᵀ. Davenport's quaternion q maximises qᵀ K q; with q = (1, g), its eigenvalue λ
-    solves a scalar equation by Newton's steps, each with (λ + tr B - B - Bᵀ) g = z: a third of the time of an SVD. q
-    has no such form for a half turn, so what is not surely within a quarter turn is solved by SVD.
+    They are the rotations nearest to B. A rotation equals its cofactors. The mean of another matrix and its cofactors,
+    both scaled to a rotation's norm, has the same nearest rotation and is closer to it, soon by the square of how far
+    apart the two were: an eighth of the time of an SVD.
     """
-    trace, S = np.trace(B), B + np.swapaxes(B, 0, 1)
-    z = np.stack([B[2, 1] - B[1, 2], B[0, 2] - B[2, 0], B[1, 0] - B[0, 1]])
-    value = np.full(B.shape[2], float(count))
-    with np.errstate(all="ignore"):
-        for _ in range(ROUNDS):
-            rows = (value + trace) * np.eye(3)[..., None] - S
-            adjugate = np.array([cross(rows[1], rows[2]), cross(rows[2], rows[0]), cross(rows[0], rows[1])])
-            determinant = dot(rows[0], adjugate[0])
-            g = np.einsum("abk,bk->ak", adjugate, z) / determinant
-            square = np.einsum("ak,ak->k", g, g)
-            step = (trace - value + np.einsum("ak,ak->k", z, g)) / (1 + square)
-            value = value + step
-            if not (np.abs(step) > SETTLED * count).any():
-                break
-        R = 2 * g[:, None] * g
-        R[[2, 0, 1], [1, 2, 0]] += 2 * g
-        R[[1, 2, 0], [2, 0, 1]] -= 2 * g
-        R[[0, 1, 2], [0, 1, 2]] += 1 - square
-        R /= 1 + square
-        definite = (rows[0, 0] > 0) & (adjugate[2, 2] > 0) & (determinant > 0)  # the leading minors
-        sure = definite & (square < 1) & (np.abs(step) < 1e-12)
-    rest = ~sure & np.isfinite(B).all(axis=(0, 1))
-    R[..., ~sure] = np.nan
-    R[..., rest] = np.moveaxis(nearest_rotation(np.moveaxis(B[..., rest], -1, 0)), 0, -1)
+
+    def half(A):  # of a matrix with a rotation's norm
+        return A * np.sqrt(0.75 / np.einsum("abk,abk->k", A, A))
+
+    R = B
+    for _ in range(ROUNDS):
+        first, second = half(R), half(np.array([cross(R[1], R[2]), cross(R[2], R[0]), cross(R[0], R[1])]))
+        R = first + second
+        if not (np.abs(first - second) > 1e-8).any():
+            break
     return R

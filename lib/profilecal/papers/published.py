@@ -66,6 +66,7 @@ def table(paper: str) -> pd.DataFrame:
     return frame
 
 
+@cache
 def _entries(paper: str, item: str, quantity: str) -> pd.DataFrame:
     frame = table(paper)
     if item not in set(frame["item"]):
@@ -132,11 +133,10 @@ class RoundingBox:
 
     def at(self, place) -> dict[str, np.ndarray]:
         """The tables at places (..., size) of the box, -1 to 1 along each axis; 0 is the table as printed."""
-        place, tables, start = np.asarray(place, dtype=float), {}, 0
-        for name, (printed, half) in self._printed.items():
-            offset = place[..., start : start + printed.size].reshape(*place.shape[:-1], *printed.shape)
-            tables[name] = printed + half * offset
-            start += printed.size
+        ends = np.cumsum([printed.size for printed, _ in self._printed.values()])
+        tables = {}
+        for (name, (printed, half)), part in zip(self._printed.items(), np.split(place, ends[:-1], -1), strict=True):
+            tables[name] = printed + half * part.reshape(*part.shape[:-1], *printed.shape)
         return tables
 
     def draw(self, count: int, rng: np.random.Generator) -> dict[str, np.ndarray]:

@@ -97,11 +97,10 @@ def draw_patch(axes, corners, colour: str, alpha: float = 0.25, label: str = "")
 
 def equal_axes(axes, points) -> None:
     """Give a 3D plot the same scale on its three axes, around points (n, 3)."""
-    points = np.asarray(points).reshape(-1, 3)
-    low, high = points.min(axis=0), points.max(axis=0)
-    middle, half = (low + high) / 2, (high - low).max() / 2
-    axes.set(xlim=(middle[0] - half, middle[0] + half), ylim=(middle[1] - half, middle[1] + half))
-    axes.set(zlim=(middle[2] - half, middle[2] + half), box_aspect=(1, 1, 1))
+    low, high = np.min(points, axis=0), np.max(points, axis=0)
+    half = np.array([-1, 1]) * (high - low).max() / 2
+    x, y, z = ((low + high) / 2)[:, None] + half
+    axes.set(xlim=x, ylim=y, zlim=z, box_aspect=(1, 1, 1))
 
 
 def draw_scan(axes, rotation, origin, depth: float, colour: str) -> np.ndarray:

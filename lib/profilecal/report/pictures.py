@@ -51,8 +51,8 @@ def key(figure, axes) -> None:
 
 def draw_seen(axes, observed, rotation, origin) -> np.ndarray:
     """Draw the part of the scan plane in which nearly all was seen, by a sensor there; return its corners (4, 3)."""
-    x, z = np.nanpercentile(np.asarray(observed.points)[0].reshape(-1, 2), [1, 99], axis=0).T
-    corners = origin + np.stack([x[[0, 1, 1, 0]], np.zeros(4), z[[0, 0, 1, 1]]], axis=-1) @ rotation.T
+    x, z = np.nanpercentile(observed.points[0].reshape(-1, 2), [1, 99], axis=0).T
+    corners = origin + np.stack([x[[0, 1, 1, 0]], z[[0, 0, 1, 1]]], axis=-1) @ rotation[:, ::2].T
     draw_patch(axes, corners, SKY, label="seen in the scan plane")
     return corners
 
@@ -66,8 +66,7 @@ def draw_lines(axes, lines, colour: str, label: str) -> np.ndarray:
 
 def target_lines(target, solution, observed) -> list[np.ndarray]:
     """A target as polylines (n, 3), as far as it was seen."""
-    x, z = np.moveaxis(np.asarray(observed.points)[0], -1, 0)
-    in_flange = np.stack([x, np.zeros_like(x), z], axis=-1) @ solution.rotation.T + solution.translation
+    in_flange = observed.points[0] @ solution.rotation[:, ::2].T + solution.translation
     in_base = carry(observed.R_flange[0][:, None], observed.T_flange[0][:, None], in_flange)
     return target.lines(in_base.reshape(-1, 3))
 
@@ -162,12 +161,11 @@ def field_of_view(model) -> np.ndarray:
     scanner = model.scanner
     z = np.array([0, scanner.near, scanner.far, scanner.far, scanner.near])
     x = scanner.half_width(z) * [0, -1, -1, 1, 1]
-    return np.stack([x, 0 * x, z], axis=1) @ model.R_sensor.T + model.T_sensor
+    return np.stack([x, z], axis=1) @ model.R_sensor[:, ::2].T + model.T_sensor
 
 
 def planned_target_lines(plan: Plan) -> list[np.ndarray]:
     """Polylines (n, 3) of the target, mm, in the frame that it is fixed to."""
     R_view, T_view = plan.model.planes(plan.R, plan.T)
-    x, z = np.moveaxis(plan.model.seen(R_view, T_view, 5)[..., None], 2, 0)
-    seen = x * R_view[:, None, :, 0] + z * R_view[:, None, :, 2] + T_view[:, None]
+    seen = plan.model.seen(R_view, T_view, 5) @ R_view[..., ::2].mT + T_view[:, None]
     return plan.model.target.lines(seen.reshape(-1, 3))
