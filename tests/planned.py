@@ -37,7 +37,7 @@ def errors(model: ScanModel, R, T, trials: int, rng) -> np.ndarray:
         part, sd = (slice(3), size) if name.endswith("mm") else (slice(3, 6), np.radians(size))
         error[:, :, part] += sd * rng.normal(size=(trials, member.max() + 1, 3))[:, member]
     actual = (rotations(error[..., 3:]) @ R).reshape(-1, 3, 3), (T + error[..., :3]).reshape(-1, 3)
-    points = model.points(*model.planes(*actual))
+    points = model.observed(*actual).points[0]
     noise = rng.normal(size=points.shape)
     if model.covariance is not None and not seen.on_curve:  # of x and z of all points of a pose
         noise = (noise.reshape(trials * P, -1) @ np.linalg.cholesky(model.covariance).T).reshape(points.shape)

@@ -31,7 +31,8 @@ from tqdm import tqdm
 from profilecal.calibrate.calibration import calibrate
 from profilecal.geometry.noise import Noise
 from profilecal.simulate.robot import Robot
-from profilecal.simulate.spec import WIDE, Spec, simulate_scans
+from profilecal.simulate.spec import WIDE, Spec, record, scene_of, taken
+from profilecal.targets import TARGETS
 
 OUTPUT = Path(__file__).parents[2] / "results" / "uncertainty.csv"
 KINDS = ("edge", "disk", "ball", "plane", "rod")
@@ -75,7 +76,20 @@ class Cell:
         raw = {"measured": "profiles"} if seed % 2 else {}
         specs = [Spec(kind=kind, seed=seed, noise=noise, **raw, **entries) for kind in self.kinds]
         stated = {"profile_mm": PROFILE_MM} | EXACT_SCANNER | self.stated
-        return [replace(scan, noise=stated) for scan in simulate_scans(specs)]
+        return [replace(scan, noise=stated) for scan in scans_of(*specs)]
+
+
+def scans_of(first: Spec, *others: Spec) -> list:
+    """Scans of targets that stand in the same place one after the other, where the robot errs alike."""
+    rng = np.random.default_rng(first.seed)
+    scene = scene_of(first, rng)
+    poses = taken(scene, first, rng)
+    scans = [record(scene, poses, first, rng)]
+    for spec in others:
+        target = TARGETS[spec.kind]
+        placed = target.at(scene.target.frame[0], scene.facing @ target.stance, target.sizes)
+        scans.append(record(replace(scene, target=placed), poses, spec, rng))
+    return scans
 
 
 def cells() -> dict[str, Cell]:

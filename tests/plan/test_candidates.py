@@ -48,7 +48,7 @@ def test_poses_stay_in_the_box_out_of_the_zones_and_within_the_tilt(mount, zone)
 )
 def test_limits_and_guesses_that_leave_no_pose_are_refused_in_words(limits, margin_mm, sentence):
     model = model_for("edge")
-    guess = replace(model.guess, margins=replace(model.guess.margins, mount_mm=margin_mm))
+    guess = replace(model.guess, mount_mm=margin_mm)
     with pytest.raises(ScanError, match="only 0 of") as error:
         draw(replace(model, guess=guess), limits, 10, np.random.default_rng(4))
     assert sentence in str(error.value)

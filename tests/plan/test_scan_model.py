@@ -54,7 +54,7 @@ def test_a_prediction_says_how_far_it_depends_on_the_guess():
         spread[kind] = high / low
     assert 1 < spread["edge"] < 1.3 < spread["ball"]  # where a plane cuts a ball depends on the guess
     shifts = [np.linalg.norm(model.elsewhere(rng).T_sensor - model.T_sensor) for _ in range(50)]
-    assert 4 < max(shifts) <= model.guess.margins.mount_mm
+    assert 4 < max(shifts) <= model.guess.mount_mm
 
 
 def test_a_face_is_seen_from_one_side_of_the_view_to_the_other():

@@ -5,7 +5,7 @@ import numpy as np
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import angle_between, inverse, rotations
 from profilecal.simulate.robot import Poses, Robot, actual_poses
-from profilecal.simulate.spec import Spec, simulate_scan, simulate_scans
+from profilecal.simulate.spec import Spec, simulate_scan
 
 SHAPE = {"groups": 3, "positions": 4}
 NOISELESS = Noise()
@@ -50,20 +50,3 @@ def test_a_robot_that_carries_the_target_errs_at_its_flange():
     actual, position = actual_poses(Poses(R_back, T_back[:, None]), Noise(orientation_deg=1.0), rng, to_hand=True)
     np.testing.assert_allclose(position[:, 0], T, atol=1e-9)
     assert 1 < np.degrees(angle_between(actual[:, 0], R)).mean() < 2.5
-
-
-def test_scans_of_two_targets_share_poses_and_errors():
-    robot = Robot(joint_deg=0.05)
-    noise = Noise(position_mm=0.1, orientation_deg=0.05)
-    specs = [Spec(kind="ball", measured="arcs", noise=noise, robot=robot, **SHAPE), Spec(kind="edge", noise=NOISELESS)]
-    ball, edge = simulate_scans(specs)
-    np.testing.assert_array_equal(ball.T_base_flange, edge.T_base_flange)
-    assert ball.truth["T_flange_sensor"] == edge.truth["T_flange_sensor"]
-    assert (ball.kind, edge.kind, ball.labels) == ("ball", "edge", edge.labels)
-    np.testing.assert_allclose(edge.truth["target"]["point"], ball.truth["target"]["centre"])
-
-
-def test_a_scan_of_one_target_is_the_first_of_several():
-    specs = [Spec(kind=kind, noise=Noise(profile_mm=0.05, position_mm=0.1), **SHAPE) for kind in ("edge", "plane")]
-    alone, first = simulate_scan(specs[0]), simulate_scans(specs)[0]
-    np.testing.assert_array_equal(np.concatenate(alone.values), np.concatenate(first.values))

@@ -1,7 +1,7 @@
 """Poses that a robot may take: the target in view however wrong the guess is, within reach, away from what is not."""
 
 from collections import Counter
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -173,9 +173,9 @@ def worst_clearance(model: ScanModel, R, T) -> np.ndarray:
 def margins(model: ScanModel) -> np.ndarray:
     """By how much a sensor frame may be wrong: in place, in orientation, and in the target's orientation, (3,) mm and
     rad; a view that 1 mm or 1° spoils is none."""
-    mount_mm, mount_deg, target_mm, target_deg = astuple(model.guess.margins) if model.guess else np.zeros(4)
-    found = np.maximum([mount_mm + target_mm, mount_deg, target_deg], 1.0)
-    return found * [1, np.radians(1), np.radians(bool(model.target.turns))]
+    mount_mm, mount_rad, target_mm, target_rad = model.guess.margins if model.guess else np.zeros(4)
+    found = np.maximum([mount_mm + target_mm, mount_rad, target_rad], [1, np.radians(1), np.radians(1)])
+    return found * [1, 1, bool(model.target.turns)]
 
 
 def wrong(model: ScanModel, R_view, T_view, error):

@@ -20,8 +20,7 @@ from profilecal.scan.scan import Scan, ScanError
 from profilecal.scan.tables import write_table
 from profilecal.scan.toml import check_entries, number, numbers, read_toml, toml_text, whole
 from profilecal.simulate.robot import Scanner
-from profilecal.simulate.scene import planned_poses
-from profilecal.simulate.spec import Spec, read_spec, sizes_of
+from profilecal.simulate.spec import Spec, planned_poses, raw_profiles, read_spec, sizes_of
 from profilecal.targets import TARGETS
 
 PLAN = {
@@ -62,9 +61,7 @@ def model_of_spec(spec: Spec, stated: dict[str, float], rng: np.random.Generator
     if measured == "arcs":  # errors of centre and radius, as those of three points a third of a turn apart
         profile_mm = np.sqrt(2) * profile_mm
     model = ScanModel(
-        spec.guess.placed(spec.kind, sizes_of(spec)),
-        spec.guess.facing(spec.kind),
-        *spec.guess.sensor,
+        **vars(spec.guess.setup(spec.kind, sizes_of(spec))),
         scanner=spec.scanner,
         noise=replace(prior.scales, profile_mm=profile_mm, steering_mm=spec.noise.steering_mm),
         systematic=prior.systematic,
@@ -84,9 +81,7 @@ def with_features(model: ScanModel, spec: Spec, rng: np.random.Generator) -> Sca
     if len(good) < 3:
         return model  # the plan will say that nothing is in view
     R, T = R[good], T[good]
-    specimen = spec.specimen or model.target.specimens[0]
-    outlines = model.target.outline(specimen, *model.planes(R, T), model.facing[:, 2])
-    profiles = [spec.scanner.profile(outline, rng) for outline in outlines]
+    profiles = raw_profiles(model, model.planes(R, T), spec, rng)
     scan = Scan(
         spec.kind, tuple(map(str, good)), R, T, "profiles", tuple(profiles), model.sizes, title="simulated profiles"
     )

@@ -6,27 +6,21 @@ import numpy as np
 
 from profilecal.calibrate.observe import three_points
 from profilecal.geometry.noise import ROBOT, Noise, Systematic
-from profilecal.geometry.poses import carry, rotation_groups
+from profilecal.geometry.poses import rotation_groups
 from profilecal.joint.linear_model import marginal
 from profilecal.joint.observability import Spectrum, spectrum, units_by_hand
-from profilecal.joint.observations import Observations, State, considered
+from profilecal.joint.observations import Observations, considered
 from profilecal.joint.problem import Problem
 from profilecal.simulate.robot import Scanner
-from profilecal.simulate.scene import Guess, off_by
-from profilecal.targets.target import Target
+from profilecal.simulate.scene import Guess, Setup
 
 GUESSES = 20  # draws of how wrong the guess is: they show most of the range
 
 
 @dataclass(frozen=True)
-class ScanModel:
-    """A sensor, a target and a robot, as they are believed to be. The frames are those of the joint solution: eye-to-
-    hand, "flange" is the base and "base" the flange."""
+class ScanModel(Setup):
+    """A sensor, a target and a robot, as they are believed to be."""
 
-    target: Target  # where it stands, mm
-    facing: np.ndarray  # (3, 3) a sensor frame that looks at it squarely
-    R_sensor: np.ndarray  # (3, 3) on the flange
-    T_sensor: np.ndarray  # (3,) mm
     scanner: Scanner
     noise: Noise  # the variances that predictions count with
     systematic: Systematic = Systematic()  # noqa: RUF009
@@ -37,17 +31,6 @@ class ScanModel:
     count: int = 40  # points of a curve that a pose gives
 
     @property
-    def sizes(self) -> tuple[float, ...]:
-        """The target's lengths, mm."""
-        return tuple(getattr(self.target, name) for name in self.target.lengths)
-
-    @property
-    def state(self) -> State:
-        """The unknowns, a batch of one."""
-        placed = tuple(part[None] for part in self.target.frame)
-        return State(self.R_sensor[None], self.T_sensor[None], (placed,))
-
-    @property
     def known(self) -> tuple[np.ndarray, np.ndarray]:
         """Of the unknowns (n,): what is known by hand, mm and rad; of what is wrong at every pose (c,): how large it
         is."""
@@ -56,12 +39,7 @@ class ScanModel:
 
     def elsewhere(self, rng: np.random.Generator) -> "ScanModel":
         """The same where the guess is wrong by anything within its margins."""
-        R_sensor, T_sensor, target, facing = off_by(self.guess, self.target.kind, self.sizes, rng)
-        return replace(self, R_sensor=R_sensor, T_sensor=T_sensor, target=target, facing=facing)
-
-    def planes(self, R, T) -> tuple[np.ndarray, np.ndarray]:
-        """Sensor frames (P, 3, 3), (P, 3) at flange poses."""
-        return R @ self.R_sensor, carry(R, T, self.T_sensor)
+        return replace(self, **vars(self.guess.setup(self.target.kind, self.sizes, rng)))
 
     @property
     def shows_beside(self) -> bool:
@@ -86,16 +64,12 @@ class ScanModel:
         x = np.linspace(-half / (1 + growth), half / (1 - growth), count, axis=1)
         return np.stack([x, depth[:, None] + slope[:, None] * x], axis=-1)
 
-    def points(self, R_view, T_view) -> np.ndarray:
-        """What sensor frames give, (P, m, 2): what is seen, or of an arc three points that stand for it."""
-        if self.measured == "arcs":
-            return three_points(self.target.meet(R_view, T_view))
-        return self.seen(R_view, T_view, self.count)
-
     def observed(self, R, T) -> Observations:
-        """What the scanner will see of the target from flange poses (P, 3, 3), (P, 3), mm; NaN where it misses it."""
-        points = self.points(*self.planes(R, T))
-        covariance = self.covariance
+        """What the scanner will see of the target from flange poses (P, 3, 3), (P, 3), mm, NaN where it misses it; of
+        an arc three points that stand for it."""
+        planes, covariance = self.planes(R, T), self.covariance
+        arcs = self.measured == "arcs"
+        points = three_points(self.target.meet(*planes)) if arcs else self.seen(*planes, self.count)
         if covariance is not None:
             covariance = np.broadcast_to(covariance, (1, len(R), *covariance.shape))
         group = rotation_groups(R)

@@ -2,14 +2,13 @@
 guess of where everything is, off by as much as the guess may be wrong.
 """
 
-from dataclasses import dataclass, field, fields, replace
-from pathlib import Path
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from profilecal.geometry.poses import carry, inverse, rotation_from_xyz_angles, rotations
+from profilecal.geometry.poses import carry, rotation_from_xyz_angles, rotations
 from profilecal.joint.observations import Observations, State
-from profilecal.scan.folder import SCALE, read_header, read_poses
 from profilecal.scan.scan import ScanError
 from profilecal.scan.toml import check_entries, number, numbers
 from profilecal.simulate.robot import Poses
@@ -20,22 +19,49 @@ STANDOFF = 100.0  # mm, depth of the target's middle in the scan
 
 
 @dataclass(frozen=True)
-class Scene:
-    """What a perfect scanner sees of a target, and the truth behind it; a batch of problems along the first axis."""
+class Setup:
+    """A target and a sensor where they are. The frames are those of the joint solution: eye-to-hand, "flange" is the
+    base and "base" the flange."""
 
-    target: Target  # of the first problem
+    target: Target
     facing: np.ndarray  # (3, 3) a sensor frame that looks at it squarely; its z points away from the scanner
+    R_sensor: np.ndarray  # (3, 3) on the flange
+    T_sensor: np.ndarray  # (3,) mm
+
+    @property
+    def sizes(self) -> tuple[float, ...]:
+        """The target's lengths, mm."""
+        return tuple(getattr(self.target, name) for name in self.target.lengths)
+
+    @property
+    def state(self) -> State:
+        """The unknowns, a batch of one."""
+        placed = tuple(part[None] for part in self.target.frame)
+        return State(self.R_sensor[None], self.T_sensor[None], (placed,))
+
+    def planes(self, R, T) -> tuple[np.ndarray, np.ndarray]:
+        """Sensor frames (P, 3, 3), (P, 3) at flange poses."""
+        return R @ self.R_sensor, carry(R, T, self.T_sensor)
+
+
+@dataclass(frozen=True)
+class Scene(Setup):
+    """What a perfect scanner sees of a target, and the truth behind it; a batch of problems along the first axis, of
+    which the setup is the first."""
+
     poses: Poses  # (G, N) that the robot reports, of the first problem
+    labels: tuple[str, ...]  # of them
     observations: Observations  # without noise
     truth: State
-    labels: tuple[str, ...] = ()  # of the poses, where they have any
 
-    def showing(self, kind: str, sizes: tuple[float, ...]) -> "Scene":
-        """Another target in the same place, without observations of it; the same scene where it is there already."""
-        if (kind, sizes) == (self.target.kind, self.observations.sizes):
-            return self
-        target = TARGETS[kind]
-        return replace(self, target=target.at(self.target.frame[0], self.facing @ target.stance, sizes))
+    @classmethod
+    def of(cls, setup: Setup, poses: Poses, labels, group, count: int = 40) -> "Scene":
+        """What is seen of a setup; `group` (P,) as `Observations` have it, `count` points of a curve."""
+        R = np.repeat(poses.rotations, poses.positions.shape[1], axis=0)
+        T = poses.positions.reshape(-1, 3)
+        points = setup.target.points_seen(*setup.planes(R, T), count)
+        seen = Observations(setup.target.kind, R[None], T[None], points[None], setup.sizes, group)
+        return cls(**vars(setup), poses=poses, labels=tuple(labels), observations=seen, truth=setup.state)
 
     def noisy(self, sigma_mm: float, rng: np.random.Generator, trials: int | None = None) -> Observations:
         """The observations with isotropic noise in the scan plane, fresh in each of `trials` copies."""
@@ -87,11 +113,8 @@ def random_scene(
     R_flange = turned @ R_sensor.T
     poses = Poses(R_flange, origin - (R_flange @ T_sensor)[:, None])
 
-    R, T = np.repeat(R_flange, N, axis=0), poses.positions.reshape(-1, 3)
-    points = placed.points_seen(R @ R_sensor, T + R @ T_sensor, count)
-    seen = Observations(kind, R[None], T[None], points[None], sizes, np.repeat(np.arange(G), N))
-    truth = State(R_sensor[None], T_sensor[None], (tuple(part[None] for part in placed.frame),))
-    return Scene(placed, facing, poses, seen, truth)
+    labels = [f"g{g + 1}p{n + 1}" for g, n in np.ndindex(shape)]
+    return Scene.of(Setup(placed, facing, R_sensor, T_sensor), poses, labels, np.repeat(np.arange(G), N), count)
 
 
 def in_unit_ball(rng: np.random.Generator, count: int) -> np.ndarray:
@@ -110,102 +133,47 @@ def stack(scenes) -> Scene:
 
 
 @dataclass(frozen=True)
-class Margins:
-    """By how much a rough guess may be wrong, at most, in any direction."""
+class Guess:
+    """Roughly where the sensor is on the flange and the target in the base frame; eye-to-hand: the sensor in the base,
+    the target on the flange. And by how much that may be wrong, at most, in any direction."""
 
+    mount: Sequence[float]  # X Y Z mm, W P R degrees, R = Rz(R) Ry(P) Rx(W)
+    target: Sequence[float]  # mm, its origin
+    axis: Sequence[float] = (0.0, 1.0, 0.0)  # along an edge or a rod; for others, across the laser line
+    up: Sequence[float] = (0.0, 0.0, 1.0)  # from the target towards the scanner; a face's or a disk's normal
     mount_mm: float = 5.0
     mount_deg: float = 3.0
     target_mm: float = 5.0
     target_deg: float = 3.0
 
-
-@dataclass(frozen=True)
-class Guess:
-    """Roughly where the sensor is on the flange and the target in the base frame; eye-to-hand: the sensor in the base,
-    the target on the flange."""
-
-    mount: tuple[float, ...] = ()  # X Y Z mm, W P R degrees, R = Rz(R) Ry(P) Rx(W)
-    target: tuple[float, ...] = ()  # mm, its origin
-    axis: tuple[float, ...] = (0.0, 1.0, 0.0)  # along an edge or a rod; for others, across the laser line
-    up: tuple[float, ...] = (0.0, 0.0, 1.0)  # from the target towards the scanner; a face's or a disk's normal
-    margins: Margins = field(default_factory=Margins)
-
     @property
-    def sensor(self) -> tuple[np.ndarray, np.ndarray]:
-        """R (3, 3) and T (3,), mm."""
-        return rotation_from_xyz_angles(np.radians(self.mount[3:])), np.array(self.mount[:3])
+    def margins(self) -> np.ndarray:
+        """By how much a shift and a turn of the sensor, then of the target, may be wrong, (4,) mm and rad."""
+        return np.array([self.mount_mm, np.radians(self.mount_deg), self.target_mm, np.radians(self.target_deg)])
 
-    def facing(self, kind: str) -> np.ndarray:
-        """A sensor frame (3, 3) that looks at the target squarely."""
-        y, z = np.array(self.axis, float), -np.array(self.up, float)
-        if abs(TARGETS[kind].stance[1, 2]) > 0.5:  # the target's own direction is the sensor's y
+    def setup(self, kind: str, sizes, rng: np.random.Generator | None = None) -> Setup:
+        """What is guessed; with `rng` a truth that the guess is wrong about by no more than its margins."""
+        target, y, z = TARGETS[kind], np.array(self.axis, float), -np.array(self.up, float)
+        if abs(target.stance[1, 2]) > 0.5:  # the target's own direction is the sensor's y
             z = z - (z @ y) / (y @ y) * y
         else:
             y = y - (y @ z) / (z @ z) * z
         y, z = y / np.linalg.norm(y), z / np.linalg.norm(z)
-        return np.stack([np.cross(y, z), y, z], axis=1)
-
-    def placed(self, kind: str, sizes) -> Target:
-        """The target there."""
-        return TARGETS[kind].at(np.array(self.target, float), self.facing(kind) @ TARGETS[kind].stance, sizes)
-
-
-GUESS = {"mount": numbers(6), "target": numbers(3), "axis": numbers(3), "up": numbers(3)}
-GUESS |= {f.name: number(0, 90) for f in fields(Margins)}
+        wrong = in_unit_ball(rng, 4) if rng else np.zeros((4, 3))
+        shift, turn, moved, turned = self.margins[:, None] * wrong
+        facing = rotations(turned) @ np.stack([np.cross(y, z), y, z], axis=1)
+        placed = target.at(self.target + moved, facing @ target.stance, sizes)
+        R_sensor = rotation_from_xyz_angles(np.radians(self.mount[3:])) @ rotations(turn)
+        return Setup(placed, facing, R_sensor, self.mount[:3] + shift)
 
 
-def read_guess(entries: dict, path="the specification") -> Guess:
+GUESS = dict.fromkeys(("mount_mm", "mount_deg", "target_mm", "target_deg"), number(0, 90))
+GUESS |= {"mount": numbers(6), "target": numbers(3), "axis": numbers(3), "up": numbers(3)}
+
+
+def read_guess(entries: dict, path) -> Guess:
     """A guess from the table [guess] of a specification. Raises ScanError."""
-    check_entries(path, entries, GUESS, "guess", needed=("mount", "target"))
-    margins = {f.name: entries[f.name] for f in fields(Margins) if f.name in entries}
-    places = {name: tuple(value) for name, value in entries.items() if name not in margins}
-    guess = Guess(**places, margins=Margins(**margins))
+    guess = Guess(**check_entries(path, entries, GUESS, "guess", needed=("mount", "target")))
     if np.linalg.norm(np.cross(guess.axis, guess.up)) < 1e-3 * np.linalg.norm(guess.axis) * np.linalg.norm(guess.up):
         raise ScanError(f"{path}: axis and up in [guess] are parallel or zero; expected axis across up")
     return guess
-
-
-def off_by(guess: Guess, kind: str, sizes, rng: np.random.Generator) -> tuple:
-    """A truth that the guess is wrong about by no more than its margins: the sensor's R and T, the target, `facing`."""
-    (R, T), facing, margins = guess.sensor, guess.facing(kind), guess.margins
-    shift, turn, moved, turned = in_unit_ball(rng, 4)
-    R = R @ rotations(np.radians(margins.mount_deg) * turn)
-    facing = rotations(np.radians(margins.target_deg) * turned) @ facing
-    origin = np.array(guess.target) + margins.target_mm * moved
-    return R, T + margins.mount_mm * shift, TARGETS[kind].at(origin, facing @ TARGETS[kind].stance, sizes), facing
-
-
-def planned_poses(place, to_hand: bool) -> dict:
-    """What a table of poses says, or that of a scan folder, as `scan.folder.read_poses` has it; R and T as the
-    calibration takes them. Raises ScanError."""
-    place = Path(place)
-    if place.is_dir():
-        found = read_poses(place / "poses.csv", SCALE[read_header(place / "scan.toml")["units"]])
-    else:
-        found = read_poses(place, 1.0)
-    R, T = found["R_base_flange"], found["T_base_flange"]
-    return found | dict(zip("RT", inverse(R, T) if to_hand else (R, T), strict=True))
-
-
-def planned_scene(
-    kind: str,
-    sizes,
-    guess: Guess,
-    place,
-    to_hand: bool,
-    steering_mm: float,
-    rng: np.random.Generator,
-) -> Scene:
-    """The poses of a plan, and a sensor and a target that are where the guess has them, but for its margins; where
-    the operator steers, by `steering_mm` well, the poses that this takes."""
-    plan = planned_poses(place, to_hand)
-    R_sensor, T_sensor, target, facing = off_by(guess, kind, sizes, rng)
-    R, T = plan["R"], plan["T"]
-    if target.steered:
-        y = (R @ R_sensor)[..., 1]
-        off = np.sum((target.frame[0] - carry(R, T, T_sensor)) * y, axis=1) - steering_mm * rng.normal(size=len(T))
-        T = T + off[:, None] * y
-    points = target.points_seen(R @ R_sensor, carry(R, T, T_sensor), 40)
-    seen = Observations(kind, R[None], T[None], points[None], sizes, plan["group"])
-    truth = State(R_sensor[None], T_sensor[None], (tuple(part[None] for part in target.frame),))
-    return Scene(target, facing, Poses(R, T[:, None]), seen, truth, plan["labels"])

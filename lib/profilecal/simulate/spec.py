@@ -1,19 +1,18 @@
 """Synthetic scans: a specification in, a scan folder's content out, with the truth that made it."""
 
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 
 import numpy as np
 
 from profilecal.geometry.noise import Noise
-from profilecal.geometry.poses import carry, homogeneous, inverse
+from profilecal.geometry.poses import homogeneous, inverse
 from profilecal.scan.conventions import CONVENTIONS
-from profilecal.scan.folder import MOUNTS, length_rules
+from profilecal.scan.folder import MOUNTS, SCALE, length_rules, read_header, read_poses
 from profilecal.scan.scan import Scan, ScanError
 from profilecal.scan.toml import TABLE, TEXT, check_entries, number, one_of, whole
-from profilecal.simulate.robot import Robot, Scanner, actual_poses
-from profilecal.simulate.scene import GUESS, Guess, Scene, planned_scene, random_scene, read_guess
+from profilecal.simulate.robot import Poses, Robot, Scanner, actual_poses
+from profilecal.simulate.scene import GUESS, Guess, Scene, Setup, random_scene, read_guess
 from profilecal.targets import TARGETS
 
 WIDE = Scanner(near=40.0, far=260.0, near_width=100.0, far_width=220.0)  # sees a whole disk of 50 mm radius
@@ -86,28 +85,39 @@ def read_spec(entries: dict, path="specification") -> Spec:
 
 def simulate_scan(spec: Spec) -> Scan:
     """The scan that a robot with these errors and a scanner with this noise would record, and its truth."""
-    return simulate_scans([spec])[0]
-
-
-def simulate_scans(specs: Sequence[Spec]) -> list[Scan]:
-    """One scan for each specification, of targets that stand in the same place one after the other: by one sensor from
-    the same poses, where the robot errs alike but for what is fresh at each visit. The first says where and how."""
-    first = specs[0]
-    rng = np.random.default_rng(first.seed)
-    scene = scene_of(first, rng)
-    shared = scene.observations.group if first.poses else slice(None)
-    actual = actual_poses(scene.poses, first.noise, rng, shared, first.mount == "eye-to-hand")
-    poses = first.robot.built(*(part.reshape(-1, *part.shape[2:]) for part in actual), rng)
-    return [record(scene.showing(spec.kind, sizes_of(spec)), poses, spec, first.robot, rng) for spec in specs]
+    rng = np.random.default_rng(spec.seed)
+    scene = scene_of(spec, rng)
+    return record(scene, taken(scene, spec, rng), spec, rng)
 
 
 def scene_of(spec: Spec, rng: np.random.Generator) -> Scene:
-    """The target and the poses of a specification."""
-    sizes, steering_mm = sizes_of(spec), spec.noise.steering_mm
-    if spec.poses:
-        return planned_scene(spec.kind, sizes, spec.guess, spec.poses, spec.mount == "eye-to-hand", steering_mm, rng)
-    shape = {"groups": spec.groups, "positions": spec.positions, "spread_deg": spec.spread_deg}
-    return random_scene(spec.kind, rng, sizes=sizes, steering_mm=steering_mm, **shape)
+    """The target and the poses of a specification: random ones, or those of a plan, and a sensor and a target that are
+    where the guess has them, but for its margins. Where the operator steers, the poses that this takes."""
+    sizes = sizes_of(spec)
+    if not spec.poses:
+        shape = {"groups": spec.groups, "positions": spec.positions, "spread_deg": spec.spread_deg}
+        return random_scene(spec.kind, rng, sizes=sizes, steering_mm=spec.noise.steering_mm, **shape)
+    plan = planned_poses(spec.poses, spec.mount == "eye-to-hand")
+    setup = spec.guess.setup(spec.kind, sizes, rng)
+    R, T = plan["R"], plan["T"]
+    if setup.target.steered:
+        R_view, origin = setup.planes(R, T)
+        y = R_view[..., 1]
+        off = np.sum((setup.target.frame[0] - origin) * y, axis=1) - spec.noise.steering_mm * rng.normal(size=len(T))
+        T = T + off[:, None] * y
+    return Scene.of(setup, Poses(R, T[:, None]), plan["labels"], plan["group"])
+
+
+def planned_poses(place, to_hand: bool) -> dict:
+    """What a table of poses says, or that of a scan folder, as `scan.folder.read_poses` has it; R and T as the
+    calibration takes them. Raises ScanError."""
+    place = Path(place)
+    if place.is_dir():
+        found = read_poses(place / "poses.csv", SCALE[read_header(place / "scan.toml")["units"]])
+    else:
+        found = read_poses(place, 1.0)
+    R, T = found["R_base_flange"], found["T_base_flange"]
+    return found | dict(zip("RT", inverse(R, T) if to_hand else (R, T), strict=True))
 
 
 def sizes_of(spec: Spec) -> tuple[float, ...]:
@@ -117,15 +127,19 @@ def sizes_of(spec: Spec) -> tuple[float, ...]:
     return tuple((usual | spec.sizes).values())
 
 
-def record(scene: Scene, poses, spec: Spec, robot: Robot, rng: np.random.Generator) -> Scan:
+def taken(scene: Scene, spec: Spec, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Where the flange is, (P, 3, 3), (P, 3) mm, whenever the robot is at the poses of a scene."""
+    shared = scene.observations.group if spec.poses else slice(None)
+    actual = actual_poses(scene.poses, spec.noise, rng, shared, spec.mount == "eye-to-hand")
+    return spec.robot.built(*(part.reshape(-1, *part.shape[2:]) for part in actual), rng)
+
+
+def record(scene: Scene, poses, spec: Spec, rng: np.random.Generator) -> Scan:
     """The scan of a scene by a robot that takes its flange to `poses` (P, 3, 3), (P, 3), mm."""
-    (R_sensor,), (T_sensor,) = scene.truth.rotation, scene.truth.translation
-    which = np.repeat(np.arange(len(poses[1])), spec.repeats)
-    R_actual, T_actual = (part[which] for part in robot.visiting(*poses, spec.noise, rng))
+    which = np.repeat(np.arange(len(scene.labels)), spec.repeats)
+    R_actual, T_actual = (part[which] for part in spec.robot.visiting(*poses, spec.noise, rng))
     to_hand = spec.mount == "eye-to-hand"  # the same measurement with the roles of base and flange exchanged
-    if to_hand:
-        R_actual, T_actual = inverse(R_actual, T_actual)
-    planes = R_actual @ R_sensor, carry(R_actual, T_actual, T_sensor)
+    planes = scene.planes(*(inverse(R_actual, T_actual) if to_hand else (R_actual, T_actual)))
     measured = spec.measured or scene.target.tables[-1]
     if measured == "profiles":
         values = raw_profiles(scene, planes, spec, rng)
@@ -134,48 +148,31 @@ def record(scene: Scene, poses, spec: Spec, robot: Robot, rng: np.random.Generat
         values = list(seen + spec.noise.profile_mm * rng.normal(size=seen.shape))
     R, T = scene.observations.R_flange[0, which], scene.observations.T_flange[0, which]
     R, T = inverse(R, T) if to_hand else (R, T)
+    again = [f"m{k + 1}" for k in range(spec.repeats)] if spec.repeats > 1 else [""]
     return Scan(
         kind=spec.kind,
-        labels=labels(scene.labels or numbered(scene.poses.positions.shape[:2]), spec.repeats),
+        labels=tuple(name + number for name in scene.labels for number in again),
         R_base_flange=R,
         T_base_flange=T,
         measured=measured,
         values=tuple(v[np.isfinite(v).all(axis=1)] for v in values),
-        sizes=sizes_of(spec),
+        sizes=scene.sizes,
         side=scene.target.sides(*planes),
         group=scene.observations.group[which],
         noise={name: value for name, value in asdict(spec.noise).items() if value},
         mount=spec.mount,
-        title=spec.title or title(spec, scene),
+        title=spec.title or f"simulated {spec.kind}",
         convention=spec.convention,
         truth={
             "seed": spec.seed,
-            "T_base_sensor" if to_hand else "T_flange_sensor": homogeneous(R_sensor, T_sensor).tolist(),
+            "T_base_sensor" if to_hand else "T_flange_sensor": homogeneous(scene.R_sensor, scene.T_sensor).tolist(),
             "target": {name: np.asarray(value).tolist() for name, value in asdict(scene.target).items()},
         },
     )
 
 
-def title(spec: Spec, scene: Scene) -> str:
-    """What a scan is, where the specification does not call it otherwise."""
-    G, N = scene.poses.positions.shape[:2]
-    often = f", {spec.repeats} times" if spec.repeats > 1 else ""
-    poses = f"{G} planned poses" if spec.poses else f"{G} orientations x {N} positions"
-    return f"simulated {spec.kind}, {poses}{often}"
-
-
-def numbered(shape) -> list[str]:
-    """Labels of poses in the order of `shape` (groups, positions)."""
-    return [f"g{g + 1}p{n + 1}" for g in range(shape[0]) for n in range(shape[1])]
-
-
-def labels(names, repeats: int) -> tuple[str, ...]:
-    """Of measurements from poses that have `names`."""
-    return tuple(names) if repeats == 1 else tuple(f"{name}m{k + 1}" for name in names for k in range(repeats))
-
-
-def raw_profiles(scene, planes, spec: Spec, rng) -> list[np.ndarray]:
+def raw_profiles(setup: Setup, planes, spec: Spec, rng: np.random.Generator) -> list[np.ndarray]:
     """Profiles (points, 2) in mm, one for each scan plane (P, 3, 3), (P, 3)."""
-    specimen = spec.specimen or scene.target.specimens[0]
-    outlines = scene.target.outline(specimen, *planes, scene.facing[:, 2])
+    specimen = spec.specimen or setup.target.specimens[0]
+    outlines = setup.target.outline(specimen, *planes, setup.facing[:, 2])
     return [spec.scanner.profile(outline, rng) for outline in outlines]
