@@ -20,27 +20,18 @@ KEPT = 6  # starts that all poses are looked at from
 
 
 def refine(
-    problem: Problem,
-    state: State,
-    *,
-    scale=None,
-    weights=None,
-    iterations: int = 60,
-    tolerance: float = 1e-10,
-    damping: float = 1e-4,
+    problem: Problem, state: State, *, scale=None, weights=None, iterations=60, tolerance=1e-10, damping=1e-4
 ) -> Fit:
-    """The state of least loss nearest to each of B states, by the scanner's noise alone. `scale`, `weights`: as
-    `Problem.moments` takes them."""
+    """The state of least loss nearest to each of B states; `scale`, `weights` as `Problem.moments` takes them."""
     return descend(lambda at: problem.moments(at, scale, weights), problem.move, state, iterations, tolerance, damping)
 
 
 def descend(moments, move, state: State, iterations: int, tolerance: float = 1e-10, damping: float = 1e-3) -> Fit:
-    """Damped Gauss-Newton (Levenberg and Marquardt) on what `moments(state)` says, each problem with its own damping,
-    which follows how much of what a step promised came true (Nielsen 1999). `move(state, step)` takes a step.
+    """Levenberg and Marquardt on what `moments(state)` says; `move(state, step)` takes a step. Each problem has its own
+    damping, which follows how much of what a step promised came true (Nielsen 1999).
 
     Ends where the undamped step is below `tolerance` (rad, and a hundred times that in mm), promises less than
-    rounding, or, along a flat valley, promises nothing that noise would not hide and does not even keep that.
-    """
+    rounding, or, along a flat valley, does not keep a promise that noise would hide."""
     flat = 1e-6  # of a loss: of a thousand residuals, a thirtieth of a standard deviation
     undamped = 1e-12
     B = len(state.rotation)
@@ -82,8 +73,8 @@ def reach(step) -> np.ndarray:
 
 
 def damped_step(normal, damping) -> tuple[np.ndarray, np.ndarray]:
-    """The steps (B, n) that normal equations (B, n + 1, n + 1) ask for, damped by (B,) relative to each parameter's
-    own size, and by how much they promise to lower the loss, (B,)."""
+    """The steps (B, n) that normal equations (B, n + 1, n + 1) ask for, damped by (B,) relative to each unknown's own
+    size, and by how much they promise to lower the loss, (B,)."""
     size = np.sqrt(np.einsum("bii->bi", normal))
     size = np.where(size > 0, size, 1.0)
     size[:, -1] = 1.0  # of the residual
@@ -95,8 +86,7 @@ def damped_step(normal, damping) -> tuple[np.ndarray, np.ndarray]:
 
 
 def settle_targets(problem: Problem, rotation, translation, weights=None) -> State:
-    """The sensor poses (1, 3, 3), (1, 3) with the targets where they see them best: Gauss-Newton steps of those alone,
-    which leave what no residual shows where it is."""
+    """The sensor pose (1, 3, 3), (1, 3) with the targets where it sees them best: Gauss-Newton steps of those alone."""
     state, step = problem.place(rotation, translation), np.zeros((1, problem.n))
     for _ in range(20):
         normal = problem.moments(state, weights=weights).normal[0, 6:, 6:]
@@ -110,11 +100,8 @@ def settle_targets(problem: Problem, rotation, translation, weights=None) -> Sta
 def estimate(
     observations: Sequence[Observations], noise: Noise, start: State, *, chunk: int = 64, steps: int = 60
 ) -> tuple[State, Spectrum, np.ndarray]:
-    """For noise studies: batches of problems refined from known starts, chunk by chunk, by least squares with errors of
-    the scanner and the robot that are as large as `noise` says.
-
-    Returns the states (B), the sensor poses' spectra and χ² (B,).
-    """
+    """For noise studies: states (B) of least squares from known starts, with errors of scanner and robot as large as
+    `noise` says, the sensor poses' spectra and χ² (B,)."""
     states, information, chi2 = [], [], []
     for first in range(0, len(start.rotation), chunk):
         part = slice(first, first + chunk)
@@ -129,16 +116,12 @@ def estimate(
         states.append(state)
         information.append(normal[:, :-1, :-1])
         chi2.append(normal[:, -1, -1])
-    return (
-        states[0].join(*states[1:]),
-        spectrum(np.concatenate(information), problem.units),
-        np.concatenate(chi2),
-    )
+    return states[0].join(*states[1:]), spectrum(np.concatenate(information), problem.units), np.concatenate(chi2)
 
 
 def with_robot(problem: Problem, state: State) -> tuple[State, np.ndarray]:
-    """The generalised least squares of one problem from a state nearby, with errors of the robot as large as its noise
-    says, and its normal equations (n + 1, n + 1): Gauss-Newton steps on the linear model."""
+    """Generalised least squares of one problem from a state nearby, with errors of the robot as large as its noise
+    says: Gauss-Newton steps on the linear model. And the normal equations (n + 1, n + 1) there."""
     names = [name for name in ROBOT if getattr(problem.noise, name)]
     v = np.array([[1.0, *(getattr(problem.noise, name) ** 2 for name in names)]])
     for _ in range(8):
@@ -150,9 +133,9 @@ def with_robot(problem: Problem, state: State) -> tuple[State, np.ndarray]:
 
 
 def search(observations: Sequence[Observations], noise: Noise, starts=()) -> State:
-    """Sensor poses worth refining, best first, at most KEPT: from `starts`, pairs (R (3, 3), T (3,) mm), and from a
-    grid of rotations, each with the targets placed where it sees them, by distances in space and on a few poses. Where
-    targets can be placed at every step, a coarse grid will do if several of its starts end at one pose that fits."""
+    """Sensor poses worth refining, best first, at most KEPT: from `starts`, pairs (R (3, 3), T (3,) mm), and a grid of
+    rotations, on a few poses, by distances in space. Where targets can be placed at every step, a coarse grid will do
+    if several of its starts end at one pose that fits."""
     problem = in_space([thin(entry, POSES) for entry in observations], noise)
     count = problem.count()[0]
     if all(term.target.fit_is_best for term in problem.terms):
@@ -183,8 +166,7 @@ def onward(problem: Problem, state: State, steps: int) -> Fit:
 
 
 def placing(problem: Problem):
-    """How to take steps, `problem.move`, that then place the targets anew where that is best: the search does not have
-    to follow a target that turns as the sensor pose does (variable projection; Golub and Pereyra 1973)."""
+    """A `problem.move` that then places targets anew where that is best (variable projection; Golub, Pereyra 1973)."""
 
     def move(state, step):
         moved = problem.move(state, step)
@@ -198,8 +180,8 @@ def placing(problem: Problem):
 
 
 def search_among_outliers(observations: Sequence[Observations], noise: Noise, found: State) -> State:
-    """`search` for data of which a part is wrong, in addition to what it `found`: each rotation of the grid looks at
-    another few groups of poses, some of which hold no bad one, and the medians of all residuals tell which."""
+    """`search` for data of which a part is wrong, beside what it `found`: each rotation of the grid looks at another
+    few groups of poses, some of which hold no bad one. The medians of all residuals tell which."""
     rotation = Rotation.create_group(GRID).as_matrix()
     subsets = in_space([few_groups(entry, len(rotation)) for entry in observations], noise)
     tried = refine(subsets, subsets.place(rotation, np.zeros((60, 3))), iterations=25).state

@@ -25,9 +25,7 @@ DRAWS, TAILS = 32, 4.0  # sizes looked at, drawn from a t law of that many degre
 
 def likeliest(model: LinearModel, law: Law, y, tolerance: float = 1e-3, most: int = 30):
     """The likeliest coordinates (d,), by Newton's method from some, and a root (d, d) of the inverse curvature there.
-
-    Ends where a step promises less than `tolerance` of the log density. Steps that do not raise it are damped.
-    """
+    Ends where a step promises less than `tolerance` of the log density; steps that do not raise it are damped."""
 
     def look(y):
         y = np.clip(y, -5.0, 5.0)  # standard deviations of the prior

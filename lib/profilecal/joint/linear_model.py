@@ -40,10 +40,8 @@ class Linearised:
 
 def compress(E, Y) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Rows R E (P, q, 6) and R Y (P, q, n + 1) that say all that profiles E (P, K, 6), Y (P, K, n + 1) do about the
-    errors of their flange, and the products (P, n + 1, n + 1) of what is left of Y.
-
-    A straight edge has two such rows, a ball three. R are the left singular vectors of E, from the eigenvectors of EᵀE.
-    """
+    errors of their flange, two of a straight edge, three of a ball; and the products (P, n + 1, n + 1) of the rest of
+    Y. R are the left singular vectors of E, from the eigenvectors of EᵀE."""
     E = E * HAND_PRECISION
     Et = E.swapaxes(1, 2)
     values, vectors = np.linalg.eigh(Et @ E)
@@ -191,11 +189,9 @@ class LinearModel:
 
 
 def score(normal, n: int, precision) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Rao's score test (1948) of further directions D (d of them), each alone: the size that the residuals ask for, its
-    standard deviation (d,), and by how much one unit of it moves x (n, d).
-
-    `normal` (n + d + 1, n + d + 1): [A | D | r]ᵀ C⁻¹ [A | D | r]; `precision` (n, n): Π.
-    """
+    """Rao's score test (1948) of d further directions D, each alone: the size that the residuals ask for, its standard
+    deviation (d,), and by how much one unit of it moves x (n, d). `normal`: [A | D | r]ᵀ C⁻¹ [A | D | r]; `precision`
+    (n, n): Π."""
     A, D, r = slice(n), slice(n, -1), -1
     moves = -np.linalg.solve(normal[A, A] + precision, normal[A, D])
     own = np.diag(normal)[D] + np.sum(normal[A, D] * moves, axis=0)  # what x cannot imitate

@@ -21,8 +21,7 @@ HAND_PRECISION = np.r_[10.0, 10.0, 10.0, np.radians([5.0, 5.0, 5.0])]  # of the 
 
 
 def units_by_hand(targets: Sequence) -> np.ndarray:
-    """What one would know by hand of the sensor pose, and of the free shifts and turns of each target, (n,), mm and
-    rad."""
+    """What one would know by hand of the sensor pose, then of each target's free shifts and turns, (n,) mm and rad."""
     mm, rad = HAND_PRECISION[0], HAND_PRECISION[3]
     return np.concatenate([HAND_PRECISION, *([mm] * len(t.shifts) + [rad] * len(t.turns) for t in targets)])
 
@@ -45,10 +44,7 @@ class Spectrum:
 
 
 def spectrum(information, units) -> Spectrum:
-    """Of information matrices (..., n, n), mm and rad, the sensor pose first.
-
-    `units` (n,): each parameter's measurement by hand, mm or rad.
-    """
+    """Of information matrices (..., n, n), the sensor pose first; `units` (n,) are known by hand, mm and rad."""
     A = information * units[:, None] * units
     values, vectors = np.linalg.eigh(A)
     largest = values[..., -1:]
@@ -68,7 +64,7 @@ def of_covariance(covariance, rank, parameters: int) -> Spectrum:
 
 def turns(R_flange) -> tuple[np.ndarray, np.ndarray]:
     """How far flange orientations (P, 3, 3) turn from their mean: rms angles (3,) in degrees about three axes, largest
-    first, and the first of these axes (3,), in the flange's frame. If all turn about one axis, the others are zero."""
+    first, and the first of these axes (3,), in the flange's frame."""
     rotations = Rotation.from_matrix(R_flange)
     turned = (rotations.mean().inv() * rotations).as_rotvec(degrees=True)
     _, square, axes = np.linalg.svd(turned.T @ turned / len(turned))
@@ -105,16 +101,14 @@ def main_parts(direction) -> list[int]:
 
 
 def explain(found: Spectrum, R_sensor, R_flange, frame: str = "flange") -> list[str]:
-    """Sentences a person can act on, none where all is well; one problem, flange orientations (P, 3, 3).
-
-    `frame`: that of the sensor pose, "base" for a sensor that stands still; R_flange then has the base in it.
-    """
+    """Sentences a person can act on, none where all is well. `R_flange` (P, 3, 3): the flange in the base, the other
+    way round for a sensor pose in the `frame` "base"."""
     if found.status == "ok":
         return []
     angles, axis = turns(R_flange)
     spread, about_others, main = np.linalg.norm(angles), np.linalg.norm(angles[1:]), name_axis(axis, frame)
     others = [c for c in "xyz" if not main.endswith(f"'s {c}")]
-    other = f"{others[0]} or {others[1]}" if len(others) == 2 else "another axis"
+    other = " or ".join(others) if len(others) == 2 else "another axis"
     bad = int((found.sd >= (1 if found.status == "unobservable" else WEAK)).sum()) or 1
     if bad >= 3 and np.linalg.norm(found.directions[:3, 3:]) < 0.3:
         what = "translation in every direction"

@@ -1,8 +1,8 @@
-"""What the scanner saw of a target, arranged for the joint solution; the unknowns, sensor poses and the frames in which
-the targets stand; which profiles share an error of the flange; and what may be wrong at every pose alike.
+"""What the scanner saw of a target; the unknowns: sensor poses and the frames of the targets; which profiles share an
+error of the flange; and what may be wrong at every pose alike.
 
 Nobody knows the scanner's and the target's systematic errors, but everybody knows about how large they can be. They are
-considered: the answer gives way to them as far as they are likely (Schmidt 1966). Those of the robot are tested only
+considered: the answer gives way to them as far as they are likely (Schmidt 1966). Those of the robot are only tested
 (`calibrate.plausibility`).
 """
 
@@ -187,12 +187,9 @@ def derivative(error: Perturbation, state, placement, observed: Observations, re
     those by the flange pose."""
     if error.length:
         h = 1e-4  # mm
+        step = h * (np.array(residuals.target.lengths) == error.length)
         plus, minus = (
-            residuals.with_sizes(
-                size + step * (name == error.length)
-                for name, size in zip(residuals.target.lengths, residuals.sizes, strict=True)
-            ).linearise(state, placement)[:, -1]
-            for step in (h, -h)
+            residuals.with_sizes(residuals.sizes + s).linearise(state, placement)[:, -1] for s in (step, -step)
         )
         return (plus - minus) / (2 * h)
     if error.points:

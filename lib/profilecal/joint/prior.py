@@ -1,8 +1,7 @@
 """What is believed of the errors before a solution: how large each may be, and which are known.
 
-A robot's error, where it is there, follows a half-t law (Gelman 2006), whose scale is what the user states or what
-robots usually do. What is stated may be far too small, a data sheet's repeatability for instance: its law has the
-longer tail. A size that is known has a prior without spread.
+The size of a robot's error follows a half-t law (Gelman 2006), whose scale is what the user states or what robots
+usually do. What is stated may be far too small, a data sheet's repeatability for instance: its law has the longer tail.
 """
 
 from collections.abc import Sequence
@@ -126,10 +125,7 @@ class Law:
 
 
 def as_stated(noise: Noise) -> Prior:
-    """The prior where the robot errs as stated, and the scanner too, or as the residuals tell.
-
-    Raises ValueError for a noise that is none.
-    """
+    """The prior where the robot errs as stated, and the scanner too, or as the residuals tell. Raises ValueError."""
     if noise.profile_mm < 0:
         raise ValueError(f"profile_mm is {noise.profile_mm}; expected a standard deviation, 0 if unknown")
     source = "given" if noise.profile_mm else "residuals"
@@ -137,12 +133,10 @@ def as_stated(noise: Noise) -> Prior:
 
 
 def prior_from(stated: dict[str, float], features_mm: float = 0.0, shared_mm: float = 0.0) -> Prior:
-    """The prior where the robot's errors are to be estimated. What is `stated` of them, entries of
-    `Noise` and `Systematic`, is the scale of what is believed beforehand, 0 that there is none; the rest is as usual.
-
-    `features_mm`: the noise of features that raw profiles themselves show, 0 where there are none. `shared_mm`: what
-    features of one orientation err together; it counts as the robot's.
-    """
+    """The prior where the robot's errors are to be estimated. What is `stated` of them, entries of `Noise` and
+    `Systematic`, is the scale of what is believed, 0 that there is none; the rest is as usual. `features_mm`: the noise
+    that raw profiles themselves show, 0 where there are none; `shared_mm`: what features of one orientation err
+    together, which counts as the robot's."""
     robot = {name: stated.get(name, getattr(USUAL, name)) for name in ROBOT}
     robot["group_position_mm"] = float(np.hypot(robot["group_position_mm"], shared_mm))
     systematic = Systematic(**{f.name: stated.get(f.name, getattr(TYPICAL, f.name)) for f in fields(Systematic)})

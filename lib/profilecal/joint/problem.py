@@ -12,16 +12,7 @@ from scipy.spatial.transform import Rotation
 from profilecal.geometry.noise import Noise, Systematic, chi2_limit
 from profilecal.joint.linear_model import Linearised, LinearModel
 from profilecal.joint.observability import units_by_hand
-from profilecal.joint.observations import (
-    Batch,
-    Observations,
-    Perturbation,
-    PoseGroups,
-    State,
-    considered,
-    derivative,
-    pose_groups,
-)
+from profilecal.joint.observations import Batch, Perturbation, PoseGroups, State, considered, derivative, pose_groups
 from profilecal.joint.residuals import Residuals
 
 NOTHING_KNOWN = 1e-8  # precision, over that of a measurement by hand: it keeps matrices without rank invertible
@@ -38,22 +29,14 @@ class Fit(Batch):
 
 
 class Problem:
-    """Residuals of each target over the scanner's noise. `noise.profile_mm` must be known; it may be an array (B,).
+    """Residuals of each of the `Observations` over the scanner's noise, which is known and may be an array (B,): in the
+    scan plane, where the noise arises; or, `in_space`, distances in space, which exist for any pose and serve a search.
+    Errors of the robot are part of the `model` alone."""
 
-    Residuals are distances in the scan plane, where the noise arises; or, `in_space`, distances in space, which exist
-    for any pose and serve a search. Errors of the robot are part of the `model` alone.
-    """
-
-    def __init__(
-        self,
-        observations: Sequence[Observations],
-        noise: Noise,
-        systematic: Systematic = Systematic(),  # noqa: B008
-        in_space: bool = False,
-    ):
+    def __init__(self, observations, noise: Noise, systematic: Systematic | None = None, in_space: bool = False):
         self.observations, self.noise = list(observations), noise
         self.terms = [Residuals(entry, in_space) for entry in self.observations]
-        self.considered = considered([entry.target for entry in self.observations], systematic)
+        self.considered = considered([entry.target for entry in self.observations], systematic or Systematic())
         ends = np.cumsum([6, *(term.n for term in self.terms)])
         self.n = int(ends[-1])
         self.parts = [np.arange(*ends) for ends in pairwise(ends)]  # of the unknowns
@@ -70,7 +53,7 @@ class Problem:
 
     @property
     def precision(self) -> np.ndarray:
-        """What is known of all unknowns beforehand: nothing of the n, and about how large the errors considered are."""
+        """What is known beforehand: nothing of the n unknowns, and about how large the errors considered are."""
         return np.diag(np.concatenate([NOTHING_KNOWN / self.units**2, [size**-2.0 for _, size in self.considered]]))
 
     def count(self) -> np.ndarray:
@@ -125,16 +108,12 @@ class Problem:
 
     def columns_in_mm(self, state: State, tried: Sequence[Perturbation] = ()) -> list[np.ndarray]:
         """Each target's residuals (first problem's) at a state, a batch of one, and their derivatives by all unknowns,
-        by the errors considered and those `tried`, and by the flange pose: (1, n + c + d + 7, K, P).
-
-        Derivatives are taken where the state has the points. At the noisy points they follow the noise: the residuals
-        then look as if all lengths were too small, which they are not.
-        """
+        by the errors considered and those `tried`, and by the flange pose: (1, n + c + d + 7, K, P). These are taken
+        where the state has the points: at the noisy ones they follow the noise, and all lengths look too small."""
         found, errors = [], [*(error for error, _ in self.considered), *tried]
         total = self.n + len(errors)
-        for part, term, observed, placement in zip(
-            self.parts, self.terms, self.observations, state.placements, strict=True
-        ):
+        targets = zip(self.parts, self.terms, self.observations, state.placements, strict=True)
+        for part, term, observed, placement in targets:
             measured = term.linearise(state, placement)
             there = term.on_target(measured)
             at = there.linearise(state, placement, with_flange=True)
@@ -146,13 +125,7 @@ class Problem:
             found.append(np.nan_to_num(z, copy=False, posinf=0, neginf=0))
         return found
 
-    def model(
-        self,
-        state: State,
-        names: Sequence[str] = (),
-        tried: Sequence[Perturbation] = (),
-        columns=None,
-    ) -> LinearModel:
+    def model(self, state: State, names=(), tried: Sequence[Perturbation] = (), columns=None) -> LinearModel:
         """The linear model at a state, a batch of one, with errors of the robot of these `names`, entries of `Noise`.
         Of the errors `tried` nothing is known beforehand. `columns`: as `columns_in_mm` has them, if known."""
         targets = []

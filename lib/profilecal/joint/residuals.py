@@ -18,11 +18,10 @@ class Residuals:
         free = self.target.shifts, self.target.turns
         self.free_shifts, self.free_turns = (["xyz".index(axis) for axis in axes] for axes in free)
         self.n = len(self.free_shifts) + len(self.free_turns)
-        R, T, points = (
-            np.asarray(a, float) for a in (observations.R_flange, observations.T_flange, observations.points)
-        )
-        self.P, self.m = points.shape[-3:-1]
-        R, T, points = R.reshape(-1, self.P, 3, 3), T.reshape(-1, self.P, 3), points.reshape(-1, self.P, self.m, 2)
+        self.P, self.m = np.shape(observations.points)[-3:-1]
+        R = np.asarray(observations.R_flange, float).reshape(-1, self.P, 3, 3)
+        T = np.asarray(observations.T_flange, float).reshape(-1, self.P, 3)
+        points = np.asarray(observations.points, float).reshape(-1, self.P, self.m, 2)
         self.R_flange = np.ascontiguousarray(R.transpose(0, 2, 3, 1)).reshape(-1, 3, 3 * self.P)  # (B|1, 3, 3P)
         self.T_in_flange = (np.swapaxes(R, -1, -2) @ T[..., None])[..., 0].swapaxes(-1, -2)  # Rᵀ T, (B|1, 3, P)
         seen = np.ascontiguousarray(points.transpose(3, 0, 2, 1))  # x and z, (2, B|1, m, P)

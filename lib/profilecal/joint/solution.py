@@ -37,10 +37,8 @@ class Solution:
 
     @property
     def covariance_total(self) -> np.ndarray:
-        """(6, 6) with what no residual can show: the robot's accuracy over its workspace.
-
-        Most of it is a shift and turn of the base, which the target's place absorbs. An error of the flange that is the
-        same at all poses is not, and goes into the answer."""
+        """(6, 6) with what no residual can show: an error of the flange that is the same at all poses, as large as the
+        robot's accuracy."""
         lever, accuracy = np.eye(6), self.prior.systematic
         if not self.problem.observations[0].eye_to_hand:  # from the flange to the sensor, in the sensor's frame
             lever[:3, 3:] = np.cross(np.eye(3), self.rotation.T @ self.translation).T
@@ -48,8 +46,8 @@ class Solution:
         return self.covariance + lever * sd**2 @ lever.T
 
     def model(self, tried: Sequence[Perturbation] = ()) -> tuple[LinearModel, Posterior]:
-        """The linear model at the solution, of the poses kept, with errors `tried` besides, of which nothing is known
-        beforehand; and what it says with errors of the sizes found."""
+        """The linear model of the poses kept at the solution, with errors `tried` of which nothing is known beforehand;
+        and what it says with errors of the sizes found."""
         names = [size.name for size in self.found.sizes[1:]]
         model = self.problem.model(self.state, names, tried).keeping(~np.concatenate(self.rejected))
         return model, model.posterior(self.found.v[None])

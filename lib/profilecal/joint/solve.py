@@ -25,11 +25,10 @@ ROUGHLY = 1e-6  # tolerance of refinements
 def solve(
     observations: Sequence[Observations], noise: Noise | Prior | None = None, *, starts=(), robust: bool = True
 ) -> Solution:
-    """The sensor pose from all observations together, with its covariance and what it can be believed.
+    """The sensor pose from all observations together, with its covariance and how far it can be believed.
 
-    `noise`: `profile_mm` 0 is not known, to be estimated; or what `joint.prior` makes of it and more.
-    `starts`: poses (R (3, 3), T (3,) mm) to start from besides the grid: closed forms, a mount measured by hand.
-    `robust=False`: nothing is rejected.
+    `noise`: `profile_mm` 0 is not known, to be estimated; or a `Prior`. `starts`: poses (R (3, 3), T (3,) mm) to start
+    from besides the grid: closed forms, a mount measured by hand. `robust=False`: nothing is rejected.
 
     Raises ValueError for malformed input and UnobservableError for fewer residuals than unknowns.
     """
@@ -162,9 +161,8 @@ def after_step(problem: Problem, state: State, mean) -> State:
 
 
 def of_large_errors(problem: Problem, state: State, model: LinearModel, prior: Prior) -> np.ndarray:
-    """The profiles (profiles,) whose residuals errors of large, but usual sizes explain, each by itself. What is stated
-    is believed, unless that leaves out more poses than anyone makes mistakes. All of them, if the others are too few: a
-    fit to few poses comes near to most and leaves the others out."""
+    """The profiles (profiles,) whose residuals errors of large, but usual sizes explain, each by itself; all, if these
+    are too few. What is stated is believed, unless that leaves out more poses than anyone makes mistakes."""
     scanner = np.maximum(1.0, problem.typical(problem.moments(state))[0]) if prior.profile_spread else 1.0
     for believed in (replace(prior, stated=frozenset()), prior):
         law = believed.law(model.names, problem.noise.profile_mm)
