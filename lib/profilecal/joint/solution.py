@@ -10,7 +10,7 @@ from profilecal.geometry.poses import homogeneous
 from profilecal.joint.error_sizes import ErrorSizes
 from profilecal.joint.linear_model import LinearModel, Posterior
 from profilecal.joint.observability import Spectrum
-from profilecal.joint.observations import Perturbation, State, pose_error
+from profilecal.joint.observations import Perturbation, State
 from profilecal.joint.prior import Prior
 from profilecal.joint.problem import Problem
 
@@ -92,11 +92,3 @@ def in_mm_deg(covariance) -> np.ndarray:
     """A covariance (6, 6) of δ with the rotation vector in degrees."""
     units = np.r_[1, 1, 1, np.full(3, 180 / np.pi)]
     return covariance * units[:, None] * units
-
-
-def difference(first: Solution, second: Solution) -> tuple[np.ndarray, np.ndarray]:
-    """δ (6,) from one sensor pose to another, mm and rad, the first one's frame, and its covariance (6, 6) if their
-    errors are independent."""
-    delta = pose_error(first.rotation, first.translation, second.rotation, second.translation)
-    turn = np.kron(np.eye(2), first.rotation.T @ second.rotation)
-    return delta, first.covariance + turn @ second.covariance @ turn.T
