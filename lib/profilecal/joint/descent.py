@@ -225,9 +225,7 @@ def few_groups(observations: Observations, count: int) -> Observations:
         order = np.argsort(rank // of_group + rng.random(len(size)).repeat(size))  # a few of each group, then others
         chosen.append(poses[order[:subset]])
     few = thin(observations, P)
-    given = {name: getattr(few, name) for name in ("R_flange", "T_flange", "points", "covariance")}
-    together = {name: value[0][chosen] for name, value in given.items() if value is not None}
-    return replace(few, **together, group=None)
+    return replace(few, **{name: array[0][chosen] for name, array in few.arrays.items()}, group=None)
 
 
 def distinct(state: State, count: int = KEPT) -> State:

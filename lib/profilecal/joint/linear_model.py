@@ -85,7 +85,10 @@ class LinearModel:
         self.counts = np.concatenate([target.counts for target in targets])
         parts = [compress(target.by_flange, target.columns) for target in targets]
         self.q = max(E.shape[1] for E, _, _ in parts)
-        self.E, self.Y = (np.concatenate([padded(part[i], self.q) for part in parts]) for i in (0, 1))
+        self.E, self.Y = (
+            np.concatenate([np.pad(part[i], [(0, 0), (0, self.q - part[i].shape[1]), (0, 0)]) for part in parts])
+            for i in (0, 1)
+        )
         self.rest = np.concatenate([rest for _, _, rest in parts])
         ranks = np.concatenate([np.full(len(E), E.shape[1]) for E, _, _ in parts])
         self.ranks = np.minimum(ranks, self.counts)  # (profiles,) how many rows speak of the flange
@@ -202,11 +205,6 @@ def marginal(information, n: int) -> np.ndarray:
     """What information matrices (..., N, N) say of the first n unknowns if the others are not known any better."""
     known, across = information[..., :n, :n], information[..., :n, n:]
     return known - across @ np.linalg.solve(information[..., n:, n:], np.swapaxes(across, -1, -2))
-
-
-def padded(rows, q: int) -> np.ndarray:
-    """Rows (P, ≤ q, c) of profiles with rows of zeros after them, (P, q, c)."""
-    return rows if rows.shape[1] == q else np.pad(rows, [(0, 0), (0, q - rows.shape[1]), (0, 0)])
 
 
 def of_equal_size(orientation) -> list[np.ndarray]:

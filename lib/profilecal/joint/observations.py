@@ -8,7 +8,6 @@ considered: the answer gives way to them as far as they are likely (Schmidt 1966
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -63,6 +62,12 @@ class Observations:
         return self.target.points is None
 
     @property
+    def arrays(self) -> dict[str, np.ndarray]:
+        """What leading axes are a batch of."""
+        names = ("R_flange", "T_flange", "points", "covariance")
+        return {name: np.asarray(getattr(self, name)) for name in names if getattr(self, name) is not None}
+
+    @property
     def labels(self) -> np.ndarray:
         """Numbers from 0 (P,) that the poses of one rotation group share; without groups, each its own."""
         poses = np.arange(np.shape(self.points)[-3])
@@ -70,24 +75,18 @@ class Observations:
 
     def keep(self, poses) -> "Observations":
         """Only some poses, by mask or index."""
-        covariance = self.covariance
-        if covariance is not None:
-            covariance = covariance[..., poses, :] if self.on_curve else covariance[..., poses, :, :]
-        return replace(
-            self,
-            R_flange=self.R_flange[..., poses, :, :],
-            T_flange=self.T_flange[..., poses, :],
-            points=self.points[..., poses, :, :],
-            group=None if self.group is None else np.asarray(self.group)[poses],
-            covariance=covariance,
-        )
+        one_axis = ("T_flange", "covariance") if self.on_curve else ("T_flange",)  # after that of the poses
+        kept = {
+            name: array[..., poses, :] if name in one_axis else array[..., poses, :, :]
+            for name, array in self.arrays.items()
+        }
+        return replace(self, **kept, group=None if self.group is None else np.asarray(self.group)[poses])
 
     def take(self, chosen) -> "Observations":
         """Some problems of a batch, by mask, index or slice."""
-        given = {name: getattr(self, name) for name in ("R_flange", "T_flange", "points", "covariance")}
-        batch: dict[str, Any] = {name: np.asarray(value) for name, value in given.items() if value is not None}
-        length = max(map(len, batch.values()))
-        return replace(self, **{k: v[chosen] if len(v) == length else v for k, v in batch.items()})
+        length = max(map(len, self.arrays.values()))
+        batch = {k: v[chosen] if len(v) == length else v for k, v in self.arrays.items()}
+        return replace(self, **batch)
 
 
 def each(function, first, *others):
@@ -220,12 +219,8 @@ class PoseGroups:
 
     def sharing(self, name: str) -> np.ndarray:
         """Numbers (profiles,) that profiles with the same error of the robot have in common; an entry of `Noise`."""
-        match name.split("_")[0]:
-            case "repeatability":
-                return np.arange(len(self.pose))
-            case "group":
-                return self.orientation[self.pose]
-        return self.pose
+        other = {"repeatability": np.arange(len(self.pose)), "group": self.orientation[self.pose]}
+        return other.get(name.split("_")[0], self.pose)
 
     @property
     def distinguishable(self) -> list[str]:
