@@ -8,6 +8,7 @@ considered: the answer gives way to them as far as they are likely (Schmidt 1966
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -62,7 +63,7 @@ class Observations:
         return self.target.points is None
 
     @property
-    def arrays(self) -> dict[str, np.ndarray]:
+    def arrays(self) -> dict[str, Any]:
         """What leading axes are a batch of."""
         names = ("R_flange", "T_flange", "points", "covariance")
         return {name: np.asarray(getattr(self, name)) for name in names if getattr(self, name) is not None}
