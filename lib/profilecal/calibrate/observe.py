@@ -1,6 +1,5 @@
 """What a scan shows of its target, as the joint solution takes it; and what it holds, in words, before any
-calibration.
-"""
+calibration."""
 
 from collections import Counter
 from dataclasses import dataclass, replace

@@ -194,8 +194,8 @@ def reproduce(paths: list[Path], given: dict, output: Path):
     """Execute notebooks into `output`; return the items of the papers that they compare and, by name, why some failed.
 
     A notebook that declares `executed_dir` reads the others' results and runs after them. Nothing of an earlier run
-    stays in `output`. Raises ValueError for parameters that do not fit, and when what is in the way was not written
-    by an earlier run.
+    stays in `output`. Raises ValueError for parameters that do not fit, and when what is in the way was not written by
+    an earlier run.
     """
     from tqdm import tqdm
 

@@ -1,7 +1,4 @@
-"""The scan folder: a user's measurements as plain files, read with every mistake named, and written.
-
-data/README.md describes the format. Lengths are millimetres once read, whatever the folder's units.
-"""
+"""Scan folders, as data/README.md describes them: read with every mistake named, and written. Lengths become mm."""
 
 from dataclasses import fields
 from pathlib import Path
@@ -51,16 +48,9 @@ def scan_of(folder: Path, header: dict, poses: dict, measured: str, values) -> S
     fits = TARGETS[kind].tables
     if measured not in fits:
         raise ScanError(f"{folder}: a target of kind {kind!r} needs {' or '.join(fits)}, not {measured}")
-    return Scan(
-        **poses,
-        kind=kind,
-        measured=measured,
-        values=values,
-        sizes=tuple(target[name] * scale for name in TARGETS[kind].lengths),
-        noise=header["noise"],
-        mount=header["mount"],
-        title=header["title"],
-    )
+    sizes = tuple(target[name] * scale for name in TARGETS[kind].lengths)
+    said = {name: header[name] for name in ("noise", "mount", "title")}
+    return Scan(kind=kind, measured=measured, values=values, sizes=sizes, **said, **poses)
 
 
 def read_header(path: Path) -> dict:
@@ -85,16 +75,13 @@ def check_header(path: Path, header: dict) -> dict:
 
 
 def length_rules(kind: str, scale: float = 1.0) -> dict:
-    """What the lengths of a kind of target may be, in units of `scale` mm."""
-    rule = number(0.5 / scale, 1000 / scale)  # of a target that a profile scanner can see
-    return dict.fromkeys(TARGETS[kind].lengths, rule)
+    """What the lengths of a target that a profile scanner can see may be, in units of `scale` mm."""
+    return dict.fromkeys(TARGETS[kind].lengths, number(0.5 / scale, 1000 / scale))
 
 
 def read_poses(path: Path, scale: float, side: int = 0) -> dict:
-    """What a table of poses says, in units of `scale` mm: entries of a Scan.
-
-    `side` is that of poses for which the table says nothing. Raises ScanError.
-    """
+    """What a table of poses, in units of `scale` mm, says: entries of a Scan. `side`: of poses for which it says none.
+    Raises ScanError."""
     return check_poses(read_table(path, ("pose", "x", "y", "z")), scale, side)
 
 
@@ -110,9 +97,7 @@ def check_poses(table: Table, scale: float, side: int = 0) -> dict:
         convention = find_convention(table.columns)
         block = table.numbers(convention.columns)
         R = to_rotations(convention, block, table)
-
-    low, high = REACH_MM
-    farthest = reach.max()
+    (low, high), farthest = REACH_MM, reach.max()
     table.refuse(
         (reach == farthest) & ~(low <= farthest <= high),
         "the farthest flange position, of pose {}, is {:.3g} mm from the base; "
@@ -178,7 +163,6 @@ def write_scan(scan: Scan, folder) -> None:
         poses["side"] = scan.side.astype(int)
     values = dict(zip(MEASURED[scan.measured], np.concatenate(scan.values).T, strict=True))
     labels = np.repeat(np.array(scan.labels, dtype=object), [len(rows) for rows in scan.values])
-
     with new_folder(Path(folder)) as partial:
         target = {"kind": scan.kind} | scan.measures
         header = {"title": scan.title, "units": "mm", "mount": scan.mount, "target": target, "noise": scan.noise}

@@ -1,6 +1,4 @@
-"""Files and the tables in them, with every mistake named: the file, the line, the value, what was expected. What is
-written is whole, or leaves nothing.
-"""
+"""Files and the tables in them, with every mistake named. What is written is whole, or leaves nothing."""
 
 import csv
 import shutil
@@ -152,12 +150,8 @@ class Table:
         called = f"column {name}" if name.isdigit() else name
         self.refuse(np.isnan(found) & (not blank), f"{called} is empty or NaN; expected a finite number")
         self.refuse(np.isinf(found), f"{called} is {{}}; expected a finite number", cells)
-        self.refuse(
-            np.abs(found) > largest,
-            f"{called} is {{:.6g}}; expected at most {largest:g}: are the units in scan.toml right? "
-            "Missing points are left out or blank",
-            found,
-        )
+        hint = "are the units in scan.toml right? Missing points are left out or blank"
+        self.refuse(np.abs(found) > largest, f"{called} is {{:.6g}}; expected at most {largest:g}: {hint}", found)
         return found
 
 
