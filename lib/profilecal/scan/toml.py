@@ -21,7 +21,7 @@ def number(low: float = 0.0, high: float = 1e6) -> Rule:
 
 def whole(low: int = 0, high: int = 1_000_000) -> Rule:
     """A whole number within these limits."""
-    return lambda value: isinstance(value, int) and number(low, high)[0](value), f"a whole number, {low} to {high}"
+    return lambda value: type(value) is int and low <= value <= high, f"a whole number, {low} to {high}"
 
 
 def numbers(count: int) -> Rule:
