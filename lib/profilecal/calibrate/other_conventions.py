@@ -48,12 +48,13 @@ def better_readings(scan: Scan, seen: Seen) -> list[str]:
     stated, _ = misfit(observed(scan, seen), widely=True)
     if not fine_mm < stated < np.inf:
         return []
-    tried = [(*misfit(observed(r.scan, seen, r.shift)), r) for r in (*readings(scan), *other_lengths(scan, seen))]
-    best, freedom, _ = min(tried, key=itemgetter(0))
+    others = (*readings(scan), *other_lengths(scan, seen))
+    tried = sorted([(*misfit(observed(r.scan, seen, r.shift)), r) for r in others], key=itemgetter(0))
+    best, freedom, _ = tried[0]
     best = max(best, FINEST_MM)
     if best > LARGEST_ERROR_MM or stated < far_better * best or freedom * np.log(stated / best) < luck:
         return []
-    alike = [r for size, _, r in sorted(tried, key=itemgetter(0)) if size < far_better * best]
+    alike = [r for size, _, r in tried if size < far_better * best]
     words, checks = " or ".join(r.words for r in alike), "; ".join(dict.fromkeys(r.check for r in alike))
     return [f"with {words} the residuals are {best:.2g} mm instead of {stated:.2g} mm; {checks}"]
 

@@ -61,17 +61,15 @@ class Verification:
 
 def read_pose(path) -> tuple[np.ndarray, np.ndarray, float, bool]:
     """From what `profilecal calibrate --json` printed: T (4, 4) mm, covariance (6, 6) of δ in mm and rad, the total
-    where it is stated, noise in mm, and whether it is eye-to-hand. Raises ScanError."""
+    where it is stated, noise in mm, and whether it is eye-to-hand. Raises ScanError, OSError."""
     try:
         found = json.loads(Path(path).read_text(encoding="utf-8"))
         to_hand = "T_base_sensor" in found
         T = np.asarray(found["T_base_sensor" if to_hand else "T_flange_sensor"], dtype=float)
-        units = np.r_[1, 1, 1, np.full(3, np.pi / 180)]
+        units = np.repeat([1, np.pi / 180], 3)
         stated = found.get("covariance_total", found["covariance"])  # old files have no total
         covariance = np.asarray(stated, dtype=float) * units[:, None] * units
         noise = float(found["noise_mm"])
-    except OSError as error:
-        raise ScanError(f"{path}: {error.strerror}") from error
     except (ValueError, TypeError, KeyError) as error:
         raise ScanError(
             f"{path}: not what `profilecal calibrate --json` prints, a JSON object with a pose, its covariance and "

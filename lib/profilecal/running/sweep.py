@@ -71,15 +71,7 @@ def _digest(values, length: int) -> str:
     return sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()[:length]
 
 
-def sweep(
-    notebook: Path,
-    grid: dict,
-    output: Path,
-    *,
-    repeat: int | None = None,
-    scheduler: str | None = None,
-    timeout: int | None = None,
-) -> tuple[pd.DataFrame, dict[str, str]]:
+def sweep(notebook: Path, grid: dict, output: Path, *, repeat=None, scheduler=None, timeout=None):
     """Carry out the runs of a grid (`plan`) that are not there yet; return a table of all, and by name why some failed.
 
     `output` gets the executed notebooks under `runs/` and `table.csv`. A run is there when it did not fail and its

@@ -56,10 +56,8 @@ def scan_of(folder: Path, header: dict, poses: dict, measured: str, values) -> S
 def read_header(path: Path) -> dict:
     """scan.toml, checked, with defaults filled in."""
     if not is_file(path):
-        raise ScanError(
-            f'{path}: no such file; expected it to name the target: [target] kind = "edge" '
-            "(other files: profilecal import)"
-        )
+        hint = 'expected it to name the target: [target] kind = "edge" (other files: profilecal import)'
+        raise ScanError(f"{path}: no such file; {hint}")
     return check_header(path, read_toml(path))
 
 
@@ -98,13 +96,10 @@ def check_poses(table: Table, scale: float, side: int = 0) -> dict:
         block = table.numbers(convention.columns)
         R = to_rotations(convention, block, table)
     (low, high), farthest = REACH_MM, reach.max()
-    table.refuse(
-        (reach == farthest) & ~(low <= farthest <= high),
-        "the farthest flange position, of pose {}, is {:.3g} mm from the base; "
-        f"expected a robot's size, {low:g} to {high:g} mm: are the units right?",
-        labels,
-        reach,
-    )
+    off = (reach == farthest) & ~(low <= farthest <= high)
+    hint = f"expected a robot's size, {low:g} to {high:g} mm: are the units right?"
+    said = f"the farthest flange position, of pose {{}}, is {{:.3g}} mm from the base; {hint}"
+    table.refuse(off, said, labels, reach)
     table.columns.setdefault("side", [side] * len(labels))
     sides = table.numbers(("side",), blank=True)[:, 0]
     sides[np.isnan(sides)] = side
