@@ -9,32 +9,27 @@ import click
 
 SCAN = click.Path(path_type=Path, readable=False)  # what cannot be read, read_scan says in one sentence
 PLACE = click.Path(path_type=Path)
+MOUNT = click.Choice(["eye-in-hand", "eye-to-hand"])
 
 
-class Refused(click.ClickException):
-    """Wrong input, said in one sentence."""
+class Commands(click.Group):
+    """Commands that say in one sentence what is wrong with their input."""
 
-    exit_code = 2
-
-    def show(self, file=None):
-        """Print the sentence on standard error."""
-        click.echo(f"profilecal: {self.message}", err=True)
-
-
-@contextmanager
-def refusing():
-    """Wrong input ends here, in one sentence."""
-    try:
-        yield
-    except OSError as error:
-        raise Refused(f"{error.filename}: {error.strerror}" if error.filename else str(error)) from error
-    except ValueError as error:
-        raise Refused(str(error)) from error
+    def invoke(self, ctx):
+        """Carry out a command; wrong input ends it with status 2."""
+        try:
+            return super().invoke(ctx)
+        except BrokenPipeError:
+            raise  # nobody reads on: click ends quietly
+        except (OSError, ValueError) as error:
+            name = getattr(error, "filename", None)
+            click.echo(f"profilecal: {f'{name}: {error.strerror}' if name else error}", err=True)
+            raise SystemExit(2) from error
 
 
 @contextmanager
 def interruptible(sentence: str):
-    """Ctrl-C, and `kill` and `timeout` as well, end here with status 130, after everything is cleaned up."""
+    """Ctrl-C, `kill` and `timeout` end here with status 130, after everything is cleaned up."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         yield
@@ -43,7 +38,7 @@ def interruptible(sentence: str):
         raise SystemExit(130) from None
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(package_name="profilecal")
 def main():
     """Hand-eye calibration of 2D laser profile scanners on robots."""
@@ -60,10 +55,9 @@ def reproduce(names, parameters, output):
     from profilecal.papers import items
     from profilecal.running import notebooks
 
-    with refusing(), interruptible("The next run starts clean."):
-        given = {name: notebooks.parse_value(text) for name, text in parameters}
+    given = {name: notebooks.parse_value(text) for name, text in parameters}
+    with interruptible("The next run starts clean."):
         gathered, failed = notebooks.reproduce(notebooks.find(names), given, output)
-
     if gathered:
         click.echo(f"{items.tally(gathered).to_string(index=False)}\n\n{items.sentence(gathered)}\n")
     click.echo(f"Notebooks, figures, tables and scorecard: {output}/")
@@ -85,25 +79,22 @@ def calibrate(folders, as_json, vendor, guess, leave_out, report):
     import numpy as np
 
     from profilecal.calibrate import calibration
-    from profilecal.calibrate.calibration import to_text
     from profilecal.geometry.poses import homogeneous, rotation_from_xyz_angles
     from profilecal.scan.conventions import for_controller
     from profilecal.scan.folder import read_scan
 
-    with refusing():
-        if vendor and as_json:
-            raise ValueError("--json prints one JSON object and nothing else; ask for --to without it")
-        if vendor:
-            for_controller(vendor, np.eye(4))  # refuses a name that there is not, before any work
-        if report:
-            from profilecal.running.page import check_report
+    if vendor and as_json:
+        raise ValueError("--json prints one JSON object and nothing else; ask for --to without it")
+    if vendor:
+        for_controller(vendor, np.eye(4))  # refuses a name that there is not, before any work
+    if report:
+        from profilecal.running.page import check_report
 
-            check_report(report)
-        if guess and not np.isfinite(guess).all():
-            raise ValueError(f"--guess is {' '.join(map(str, guess))}; expected six numbers, mm and degrees")
-        mount = homogeneous(rotation_from_xyz_angles(np.radians(guess[3:])), guess[:3]) if guess else None
-        scans = [read_scan(folder) for folder in folders]
-        found = calibration.calibrate(scans, mount)
+        check_report(report)
+    if guess and not np.isfinite(guess).all():
+        raise ValueError(f"--guess is {' '.join(map(str, guess))}; expected six numbers, mm and degrees")
+    mount = homogeneous(rotation_from_xyz_angles(np.radians(guess[3:])), guess[:3]) if guess else None
+    found = calibration.calibrate([read_scan(folder) for folder in folders], mount)
     known = found.status != "unobservable"
     if leave_out and known:
         from profilecal.calibrate.verify import leave_out as cross_validate
@@ -114,9 +105,8 @@ def calibrate(folders, as_json, vendor, guess, leave_out, report):
 
         advice = next_poses(found, folders[0], np.random.default_rng(0))
         found = replace(found, messages=(*found.messages, *filter(None, [advice])))
-
     to_paste = for_controller(vendor, found.solution.T_flange_sensor, found.frame) if vendor and known else ""
-    click.echo(json.dumps(found.to_json(), indent=2) if as_json else to_text(found, to_paste))
+    click.echo(json.dumps(found.to_json(), indent=2) if as_json else calibration.to_text(found, to_paste))
     if to_paste and found.status == "weak":
         click.echo("profilecal: status weak, see the notes: this pose is not to be relied on", err=True)
     if report:
@@ -133,8 +123,7 @@ def simulate(spec, folder):
     from profilecal.scan.toml import read_toml
     from profilecal.simulate.spec import read_spec, simulate_scan
 
-    with refusing():
-        write_scan(simulate_scan(read_spec(read_toml(spec), spec)), folder)
+    write_scan(simulate_scan(read_spec(read_toml(spec), spec)), folder)
     click.echo(f"{folder}/ written; its truth is in truth.toml")
 
 
@@ -154,7 +143,7 @@ def plan(spec, folder, poses, until, given):
     from profilecal.plan import command
     from profilecal.scan.tables import new_folder
 
-    with refusing(), interruptible("Nothing was written."):
+    with interruptible("Nothing was written."):
         task = command.task(spec, poses, until)
         if given:
             predicted = command.predicted(task.prediction_of(given), task.model)
@@ -179,8 +168,7 @@ def check(folder):
     from profilecal.calibrate.observe import check as check_scan
     from profilecal.scan.folder import read_scan
 
-    with refusing():
-        click.echo("\n".join(check_scan(read_scan(folder))))
+    click.echo("\n".join(check_scan(read_scan(folder))))
 
 
 @main.command()
@@ -188,18 +176,15 @@ def check(folder):
 @click.option("--with", "pose", required=True, type=SCAN, help="What calibrate --json printed.")
 def verify(folder, pose):
     """Compare a sensor pose with what a scan FOLDER says that was not used to find it; status 1 if they contradict."""
-    from profilecal.calibrate.verify import read_pose, to_text
-    from profilecal.calibrate.verify import verify as verify_pose
+    from profilecal.calibrate import verify
     from profilecal.scan.folder import read_scan
-    from profilecal.scan.scan import ScanError
 
-    with refusing():
-        scan = read_scan(folder)
-        T, covariance, noise_mm, to_hand = read_pose(pose)
-        if to_hand != (scan.mount == "eye-to-hand"):
-            raise ScanError(f"{pose} and {folder} disagree about the mount, which is {scan.mount} in the scan")
-        found = verify_pose(scan, T, covariance, noise_mm)
-        click.echo(to_text(found))
+    scan = read_scan(folder)
+    T, covariance, noise_mm, to_hand = verify.read_pose(pose)
+    if to_hand != (scan.mount == "eye-to-hand"):
+        raise ValueError(f"{pose} and {folder} disagree about the mount, which is {scan.mount} in the scan")
+    found = verify.verify(scan, T, covariance, noise_mm)
+    click.echo(verify.to_text(found))
     raise SystemExit(0 if found.as_expected else 1)
 
 
@@ -208,12 +193,7 @@ def verify(folder, pose):
 @click.argument("folder", type=PLACE)
 @click.option("--target", "kind", required=True, metavar="KIND", help="What was scanned: edge, disk, ball, plane, …")
 @click.option("--radius", type=float, help="Of a disk, ball or rod, mm.")
-@click.option(
-    "--mount",
-    type=click.Choice(["eye-in-hand", "eye-to-hand"]),
-    default="eye-in-hand",
-    help="Where the scanner is.",
-)
+@click.option("--mount", type=MOUNT, default="eye-in-hand", help="Where the scanner is.")
 @click.option("--poses", default="", metavar="FILES", help="What holds the robot's poses.")
 @click.option("--pose-columns", default="", metavar="NAMES", help='"x [m],y [m],z [m],w,p,r"; _ for others.')
 @click.option("--tool", nargs=6, type=float, metavar="X Y Z A B C", help="Frame of the tool that poses are of.")
@@ -229,9 +209,8 @@ def import_(files, folder, kind, radius, **said):
     from profilecal.scan.folder import write_scan
     from profilecal.scan.imported import Layout, import_scan
 
-    with refusing():
-        scan, guessed = import_scan(files, kind, {} if radius is None else {"radius": radius}, Layout(**said))
-        write_scan(scan, folder)
+    scan, guessed = import_scan(files, kind, {} if radius is None else {"radius": radius}, Layout(**said))
+    write_scan(scan, folder)
     click.echo("\n".join(guessed))
     click.echo(f"{folder}/ written; next: profilecal check {folder}")
 
@@ -251,31 +230,28 @@ def sweep(notebook, grid, given, output, plot, hue, **options):
 
     Started again it goes on where it was, and repeats no finished run.
     """
-    from profilecal.running import notebooks
-    from profilecal.running.sweep import read_grid
-    from profilecal.running.sweep import sweep as run
+    from profilecal.running import notebooks, sweep
 
-    with refusing(), interruptible("The same command goes on from here."):
+    with interruptible("The same command goes on from here."):
         path = Path(notebook) if notebook.endswith(".ipynb") else notebooks.find([notebook])[0]
-        table, failed = run(path, read_grid(grid, given), output, **options)
+        table, failed = sweep.sweep(path, sweep.read_grid(grid, given), output, **options)
         if plot:
             from profilecal.report.figures import plot_columns
 
             click.echo(f"Figure: {plot_columns(table, *plot, hue, output)}")
-
     click.echo(f"{table['run'].nunique() - len(failed)} runs done, {len(failed)} failed: {output / 'table.csv'}")
     end_with(failed, output / "runs")
 
 
 def end_with(failed, folder):
-    """Name the runs that failed, whose notebooks are in a folder, and end with status 1 if there are any."""
+    """Name the runs that failed, whose notebooks are in a folder; status 1 if there are any."""
     for name, why in failed.items():
         click.echo(f"FAILED {name}: {why} (see {folder / name}.ipynb)")
     raise SystemExit(1 if failed else 0)
 
 
 def write_the_report(folders, path, **parameters):
-    """The report on some scan folders; ends the program with status 1 where it fails."""
+    """The report on some scan folders; status 1 where it fails."""
     from profilecal.running.notebooks import NotebookError
     from profilecal.running.page import write_report
 

@@ -53,8 +53,7 @@ class Calibration:
 
     def to_json(self) -> dict:
         """The object that `profilecal calibrate --json` prints; data/README.md says what each entry is."""
-        s, known = self.solution, self.status != "unobservable"
-        frame = self.frame
+        s, known, frame = self.solution, self.status != "unobservable", self.frame
         observability, targets = None, None
         if s:
             observability = {
@@ -74,10 +73,7 @@ class Calibration:
             "covariance_total": in_mm_deg(s.covariance_total).tolist() if known else None,
             "translation_sd_mm": sd[:3] if known else None,
             "rotation_sd_deg": sd[3:] if known else None,
-            "rms_mm": s.rms_mm if s else None,
-            "chi2_per_dof": s.chi2_per_dof if s else None,
-            "noise_mm": s.noise_mm if s else None,
-            "noise_source": s.noise_source if s else None,
+            **{name: getattr(s, name, None) for name in ("rms_mm", "chi2_per_dof", "noise_mm", "noise_source")},
             "poses_used": self.labels(rejected=False),
             "poses_rejected": self.labels(rejected=True),
             "observability": observability,
@@ -88,12 +84,10 @@ class Calibration:
 
 
 def calibrate(scans, guess=None) -> Calibration:
-    """The sensor pose from one scan or several of one sensor, with its covariance.
+    """The sensor pose from one scan or several of one sensor; no solution where measurements are fewer than unknowns.
 
-    `guess`: a mount pose (4, 4), mm, to start from besides a search over all orientations.
-
-    Raises ScanError for scans that do not belong together or hold too little. Fewer measurements than unknowns give a
-    Calibration without a solution.
+    `guess`: a mount pose (4, 4), mm, to start from besides a search over all orientations. Raises ScanError for scans
+    that do not belong together or hold too little.
 
     >>> from profilecal.simulate.spec import Spec, simulate_scan
     >>> scan = simulate_scan(Spec(kind="disk", groups=6, positions=10))
@@ -126,9 +120,7 @@ def calibrate(scans, guess=None) -> Calibration:
         return [name + said for name, own in zip(names(scans), sentences, strict=True) for said in own]
 
     notes = by_scan(entry.remarks for entry in seen)
-    readings = []
-    if solution is None or solution.status != "ok":
-        readings = by_scan(map(better_readings, scans, seen))
+    readings = [] if solution and solution.status == "ok" else by_scan(map(better_readings, scans, seen))
     messages = [*readings, *notes] if readings else [*notes, *messages]
     poses = tuple(entry.poses for entry in seen)
     return Calibration(scans, poses, observed, solution, tuple(messages), misread=doubted or bool(readings))
@@ -180,11 +172,9 @@ def to_text(found: Calibration, to_paste: str = "") -> str:
             "poses, from noise, robot errors, tolerances",
         ]
     if s:
-        rejected = found.labels(rejected=True)
-        lines.append(
-            f"poses          {len(found.labels(rejected=False))} used, {len(rejected)} rejected"
-            + (f": {', '.join(rejected)}" if rejected else "")
-        )
+        used, rejected = found.labels(rejected=False), found.labels(rejected=True)
+        which = f": {', '.join(rejected)}" if rejected else ""
+        lines.append(f"poses          {len(used)} used, {len(rejected)} rejected{which}")
     lines += [f"note           {message}" for message in found.messages]
     if s and not found.misread:
         lines.append(f"robot errors   {robot_errors(s.noise)}")
@@ -193,14 +183,10 @@ def to_text(found: Calibration, to_paste: str = "") -> str:
     return "\n".join(lines)
 
 
-def deviations(covariance) -> str:
-    """Standard deviations of δ in words."""
+def deviations(covariance, delta=None) -> str:
+    """δ (6,), mm and rad, in words, or its standard deviations; "open" where these say that nothing is known."""
     sd = np.sqrt(np.diag(covariance))
-    return by_axis(sd, sd)
-
-
-def by_axis(delta, sd) -> str:
-    """δ (6,), mm and rad, in words; "open" where its standard deviation says that nothing is known."""
+    delta = sd if delta is None else delta
     values = np.r_[delta[:3], np.degrees(delta[3:])]
     said = ["open" if wide else brief(value) for value, wide in zip(values, sd >= HAND_PRECISION, strict=True)]
     return f"{'  '.join(said[:3])} mm along and {'  '.join(said[3:])}°"
@@ -213,8 +199,7 @@ def brief(value: float) -> str:
 
 def robot_errors(noise: Noise) -> str:
     """How large the robot's errors are, at each place where they arise."""
-    places, said = ("at each visit", "at each pose", "shared by the poses of an orientation"), []
-    for place, mm, deg in zip(places, ROBOT[::2], ROBOT[1::2], strict=True):
-        mm, deg = getattr(noise, mm), getattr(noise, deg)
-        said += [f"{place} {mm:.2g} mm and {deg:.2g}°"] if mm or deg else []
+    places = ("at each visit", "at each pose", "shared by the poses of an orientation")
+    sizes = np.reshape([getattr(noise, name) for name in ROBOT], (3, 2))
+    said = [f"{place} {mm:.2g} mm and {deg:.2g}°" for place, (mm, deg) in zip(places, sizes, strict=True) if mm or deg]
     return ", ".join(said) or "none that the residuals show"

@@ -1,6 +1,4 @@
-"""What a scan shows of its target, as the joint solution takes it; and what it holds, in words, before any
-calibration.
-"""
+"""What a scan shows of its target, as the joint solution takes it; and in words, before any calibration."""
 
 from collections import Counter
 from dataclasses import dataclass, replace
@@ -43,10 +41,8 @@ def names(scans) -> list[str]:
 
 
 def observe(scan: Scan, least: int = 0) -> Seen:
-    """The target as a scan's profiles show it, or as the points, chords or arcs that it holds.
-
-    Raises ScanError where fewer than `least` poses saw it.
-    """
+    """The target as a scan's profiles, points, chords or arcs show it. Raises ScanError where fewer than `least` poses
+    saw it."""
     seen = from_profiles(scan) if scan.measured == "profiles" else from_table(scan)
     if len(seen.poses) < least:
         why = "; ".join(remark.rsplit(": ", 1)[0] for remark in seen.remarks)
@@ -66,7 +62,7 @@ def from_profiles(scan: Scan) -> Seen:
             reasons.setdefault(feature.reason, []).append(label)
     remarks = [f"{len(labels)} left out, {reason}: {', '.join(labels)}" for reason, labels in reasons.items()]
     poses = np.flatnonzero([feature.found for feature in features])
-    found = [features[i] for i in poses]
+    found = [feature for feature in features if feature.found]
     most = max((len(feature.points) for feature in found), default=1)
     points = np.full((len(poses), most, 2), np.nan)
     for row, feature in zip(points, found, strict=True):
@@ -139,7 +135,7 @@ def as_observations(scan: Scan, seen: Seen, reference_mm: float = 0.0) -> Observ
 
 
 def observe_all(scans) -> tuple[list[Seen], tuple[Observations, ...], float]:
-    """Each scan's target as it shows it, and for the joint solution, in units of the third: the typical standard
+    """What each scan shows, the same for the joint solution, and the unit of its covariances: the typical standard
     deviation of features of profiles, mm (0 where there are none)."""
     seen = [observe(scan, 3) for scan in scans]
     features_mm = next((entry.typical_mm for entry in seen if entry.typical_mm), 0.0)
@@ -148,11 +144,8 @@ def observe_all(scans) -> tuple[list[Seen], tuple[Observations, ...], float]:
 
 
 def stated_noise(scans) -> dict[str, float]:
-    """The noise that the scans state; they speak of one scanner and one robot.
-
-    `profile_mm` is the noise of a profile's points. How well features of profiles and fitted arcs are known is another
-    matter, which is left to be estimated. Raises ScanError where they contradict each other.
-    """
+    """The noise that scans of one scanner and robot state, without that of a profile's points where features were
+    fitted to them: their noise is left to be estimated. Raises ScanError where the scans contradict each other."""
     stated = {}
     for scan in scans:
         for name, value in scan.noise.items():
@@ -164,7 +157,7 @@ def stated_noise(scans) -> dict[str, float]:
 
 
 def check(scan: Scan) -> list[str]:
-    """What a scan holds, in lines for people: convention, groups, noise and outliers known before any calibration."""
+    """What a scan holds, in lines for people: convention, groups, noise and outliers."""
     seen = observe(scan)
     poses, P, groups = seen.poses, len(scan.labels), scan.group.max() + 1
     reach = np.linalg.norm(scan.T_base_flange, axis=1)
@@ -187,23 +180,19 @@ def check(scan: Scan) -> list[str]:
             lines.append(f"noise          {noise:.3g} mm inside groups, from {freedom} degrees of freedom")
             for rows in affine_outliers(observed):
                 named = [scan.labels[i] for i in poses[rows]]
-                lines.append(
-                    f"note           pose {named[0]} does not fit its group"
-                    if len(named) == 1
-                    else f"note           one of the poses {listed(named)} does not fit: one more would tell which"
-                )
+                misfit = f"one of the poses {listed(named)} does not fit: one more would tell which"
+                misfit = misfit if len(named) > 1 else f"pose {named[0]} does not fit its group"
+                lines.append(f"note           {misfit}")
         else:
             lines.append("noise          unknown before the calibration: groups have too few poses (5 or more each)")
     return [*lines, *(f"note           {text}" for text in seen.remarks)]
 
 
 def affine_outliers(observations: Observations) -> list[list[int]]:
-    """Poses whose points do not fit their group, by the relation that needs no calibration: one each, or several where
-    it is one of them.
+    """Poses whose points do not fit their group as in `affine_noise`: one each, or several where it is one of them.
 
-    Inside a group the sensed points are an affine function of the flange position. The pose that fits worst is taken
-    out as long as chance does not explain it. With one degree of freedom left, all fit equally badly. A whole group on
-    a wrong edge is not seen.
+    The pose that fits worst is taken out as long as chance does not explain it. With one degree of freedom left, all
+    fit equally badly. A whole group on a wrong edge is not seen.
     """
     noise, bad = affine_noise(observations)[0], []
     points = np.asarray(observations.points)[0].reshape(len(observations.labels), -1)

@@ -1,11 +1,9 @@
 """Other readings of the same files, for a scan that contradicts itself: which one would explain the data?
 
-Poses read wrongly (angles in another order, a quaternion with its scalar last, the base in the flange, metres) fit
-nothing, which looks like motions that determine nothing. Each other reading is judged as a search judges a start, by
-distances in space and medians. The one that fits far better is named, never used.
-
-What no data can tell is not tried: mirrored x, or x and z exchanged, is what a scanner sees that is turned by 180°
-about its z, or about the line halfway between x and z.
+Poses read wrongly (angles in another order, the base in the flange, metres) fit nothing, which looks like motions that
+determine nothing. Each other reading is judged as a search judges a start, by distances in space and medians. The one
+that fits far better is named, never used. What no data can tell is not tried: mirrored x, or x and z exchanged, is what
+a scanner sees that is turned by 180° about its z, or about the line halfway between x and z.
 """
 
 from dataclasses import dataclass, replace
@@ -43,20 +41,20 @@ class Reading:
 
 
 def better_readings(scan: Scan, seen: Seen) -> list[str]:
-    """A sentence on the reading, or those alike, that explains what was `seen` far better than the poses as stated;
-    none where there is none."""
+    """A sentence on the readings, if any, that explain what was `seen` far better than the poses as stated."""
     fine_mm = 0.1  # residuals at which no other reading is looked for
     far_better = 2.0  # times smaller residuals; others than the best within that of it are as good
     luck = 25.0  # logarithm of the odds against residuals so much smaller by chance, among all readings and starts
     stated, _ = misfit(observed(scan, seen), widely=True)
     if not fine_mm < stated < np.inf:
         return []
-    tried = [(*misfit(observed(r.scan, seen, r.shift)), r) for r in (*readings(scan), *other_lengths(scan, seen))]
-    best, freedom, _ = min(tried, key=itemgetter(0))
+    others = (*readings(scan), *other_lengths(scan, seen))
+    tried = sorted([(*misfit(observed(r.scan, seen, r.shift)), r) for r in others], key=itemgetter(0))
+    best, freedom, _ = tried[0]
     best = max(best, FINEST_MM)
     if best > LARGEST_ERROR_MM or stated < far_better * best or freedom * np.log(stated / best) < luck:
         return []
-    alike = [r for size, _, r in sorted(tried, key=itemgetter(0)) if size < far_better * best]
+    alike = [r for size, _, r in tried if size < far_better * best]
     words, checks = " or ".join(r.words for r in alike), "; ".join(dict.fromkeys(r.check for r in alike))
     return [f"with {words} the residuals are {best:.2g} mm instead of {stated:.2g} mm; {checks}"]
 
@@ -99,8 +97,7 @@ def readings(scan: Scan):
         words = f"each profile taken from the {which} row's pose"
         yield Reading(words, "check which pose each profile belongs to", scan, shift)
     (low, high), farthest = REACH_MM, np.linalg.norm(scan.T_base_flange, axis=1).max()
-    units = (("m instead of mm", 1000.0), ("mm instead of m", 0.001), ("inches instead of mm", 25.4))
-    for words, factor in units:
+    for words, factor in (("m instead of mm", 1000.0), ("mm instead of m", 0.001), ("inches instead of mm", 25.4)):
         if low < farthest * factor < high:
             scaled = replace(scan, T_base_flange=scan.T_base_flange * factor)
             yield Reading(f"the poses' x, y, z in {words}", "check the units of poses and profiles", scaled)
@@ -131,9 +128,7 @@ def other_lengths(scan: Scan, seen: Seen):
 
 def orientations(block, sequence: str):
     """What a block of orientation columns (n, k) may mean besides what is stated, in words and as rotations.
-
-    `sequence`: of the angles that are stated, "" for others.
-    """
+    `sequence`: of the angles stated, "" for others."""
     match block.shape[1]:
         case 3:
             for unit, degrees in (("degrees", block), ("radians", np.degrees(block))):

@@ -1,8 +1,8 @@
 """Is a solution to be believed? What its residuals say that its covariance does not.
 
-A covariance speaks of noise, which differs from pose to pose. What is wrong in every pose alike, a scale, a drift, a
-wrong radius, leaves a pattern in the residuals and moves the answer by more: each is one more unknown, tested by Rao's
-score. Contradictions, many rejected poses and a misfit larger than noise speak against a solution too.
+A covariance speaks of noise. What is wrong in every pose alike (a scale, a drift, a radius) leaves a pattern in the
+residuals and moves the answer by more: each is one more unknown, tested by Rao's score. Contradictions, many rejected
+poses and a misfit larger than noise speak against a solution too.
 """
 
 import re
@@ -28,11 +28,6 @@ class Finding:
     clear: float  # the size over its standard deviation
     moves: np.ndarray  # (6,) the sensor pose, mm and rad
     among: int  # so many tests
-
-    @property
-    def is_clear(self) -> bool:
-        """Whether chance does not explain it."""
-        return abs(self.clear) > -ndtri(FALSE_ALARM / 2 / self.among)
 
     @property
     def sentence(self) -> str:
@@ -65,16 +60,14 @@ def of_robot() -> list[Perturbation]:
     def off_middle(T):
         return T - T.mean(axis=0)
 
-    def so_far(T):
-        return np.linspace(0, 1, len(T))[:, None]
-
     positions, far = "the robot's positions", "too [far apart|close together] by {:.2g} %"
     found = [Perturbation(f"{positions} were {far}", 100, positions=off_middle)]
     for axis, a in zip("xyz", np.eye(3), strict=True):
-        along, drifted = f"along the base's {axis}", "the robot or the target drifted"
+        along = f"along the base's {axis}"
+        drift = f"the robot or the target drifted {along} by {{:.2g}} mm"
         found += [
             Perturbation(f"{positions} {along} were {far}", 100, positions=lambda T, a=a: a * off_middle(T)),
-            Perturbation(f"{drifted} {along} by {{:.2g}} mm", 1, positions=lambda T, a=a: a * so_far(T)),
+            Perturbation(drift, 1, positions=lambda T, a=a: np.outer(np.linspace(0, 1, len(T)), a)),
         ]
     return found
 
@@ -106,17 +99,14 @@ def check(solution: Solution) -> tuple[Solution, bool]:
 
 def contradictions(solution: Solution) -> list[str]:
     """What in the residuals no noise explains, in words."""
-    noise, messages = solution.noise, []
-    misfit = np.sqrt(solution.chi2_per_dof)
+    noise, misfit, messages = solution.noise, np.sqrt(solution.chi2_per_dof), []
     if solution.noise_source == "given" and misfit > MUCH:
         messages.append(f"the residuals are {misfit:.2g} times what the stated noise explains; {ADVICE}")
-
     scales = solution.prior.scales
     stated = 3 * max(noise.steering_mm, scales.position_mm, scales.group_position_mm)
     error = max(solution.rms_mm, noise.position_mm)
     if error > max(LARGEST_ERROR_MM, stated):
         messages.append(f"the data contradict each other by {error:.2g} mm, more than a robot errs; {ADVICE}")
-
     rejected = np.concatenate(solution.rejected)
     if rejected.mean() > LARGEST_REJECTED:
         messages.append(f"{rejected.sum()} of {len(rejected)} poses contradict the others; {ADVICE}")
@@ -126,7 +116,8 @@ def contradictions(solution: Solution) -> list[str]:
 def clear_findings(found: list[Finding]) -> list[Finding]:
     """Those that chance does not explain, clearest first."""
     shadow = 0.8  # of the clearest error's clarity: less is taken for its shadow
-    clear = sorted((s for s in found if s.is_clear), key=lambda s: -abs(s.clear))
+    clear = [s for s in found if abs(s.clear) > -ndtri(FALSE_ALARM / 2 / s.among)]
+    clear.sort(key=lambda s: -abs(s.clear))
     return [s for s in clear if abs(s.clear) > shadow * abs(clear[0].clear)]
 
 

@@ -1,13 +1,12 @@
 """Is a sensor pose right? Each flange orientation is left out in turn and predicted from the others (`leave_out`). Or a
 scan that was not used to find it is solved by itself, and the two answers are compared (`verify`).
 
-Where that scan alone gives no answer to rely on (few poses, or poses that leave directions open), it is looked at near
-the pose in question, to first order: the directions that it determines are compared, the others do not count.
+Where that scan alone gives no answer to rely on, it is looked at near the pose in question, to first order: only the
+directions that it determines are compared.
 
-What no residual can show counts once, from the pose in question. An error of the flange that all poses share is in both
-answers where one robot made both scans, and cancels; the rest of the robot's accuracy differs between them. Of right
-answers on simulated arms whose joints are off by 0.02°, 1 in 5 is doubted if it is left out, 1 in 40 with it. On a
-robot that errs by chance only, fewer are doubted than stated.
+What no residual can show counts once, from the pose in question: an error of the flange that all poses share cancels
+where one robot made both scans; the rest of the robot's accuracy differs between them. Without it, of right answers on
+simulated arms whose joints are off by 0.02°, 1 in 5 is doubted; with it, 1 in 40.
 """
 
 import json
@@ -17,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from scipy.special import chdtrc
 
-from profilecal.calibrate.calibration import Calibration, brief, by_axis, calibrate, deviations
+from profilecal.calibrate.calibration import Calibration, brief, calibrate, deviations
 from profilecal.calibrate.observe import stated_noise
 from profilecal.calibrate.plausibility import distance
 from profilecal.geometry.checks import check_array, check_rotations
@@ -62,17 +61,15 @@ class Verification:
 
 def read_pose(path) -> tuple[np.ndarray, np.ndarray, float, bool]:
     """From what `profilecal calibrate --json` printed: T (4, 4) mm, covariance (6, 6) of δ in mm and rad, the total
-    where it is stated, noise in mm, and whether it is eye-to-hand. Raises ScanError."""
+    where it is stated, noise in mm, and whether it is eye-to-hand. Raises ScanError, OSError."""
     try:
         found = json.loads(Path(path).read_text(encoding="utf-8"))
         to_hand = "T_base_sensor" in found
         T = np.asarray(found["T_base_sensor" if to_hand else "T_flange_sensor"], dtype=float)
-        units = np.r_[1, 1, 1, np.full(3, np.pi / 180)]
+        units = np.repeat([1, np.pi / 180], 3)
         stated = found.get("covariance_total", found["covariance"])  # old files have no total
         covariance = np.asarray(stated, dtype=float) * units[:, None] * units
         noise = float(found["noise_mm"])
-    except OSError as error:
-        raise ScanError(f"{path}: {error.strerror}") from error
     except (ValueError, TypeError, KeyError) as error:
         raise ScanError(
             f"{path}: not what `profilecal calibrate --json` prints, a JSON object with a pose, its covariance and "
@@ -96,11 +93,8 @@ def read_pose(path) -> tuple[np.ndarray, np.ndarray, float, bool]:
 def verify(scan: Scan, T, covariance, noise_mm: float) -> Verification:
     """Compare a sensor pose T (4, 4), mm, with what a scan says that was not used to find it.
 
-    `covariance` (6, 6): of the sensor pose, mm and rad, with what no residual can show (`covariance_total`).
-    `noise_mm`: the scanner's, where the scan is too short to tell it.
-
-    Raises ScanError for a scan that shows too little of its target or determines nothing, and for the very one that T
-    is from.
+    `covariance` (6, 6): the pose's, mm and rad, with what no residual can show. `noise_mm`: the scanner's, where the
+    scan is too short to tell it. Raises ScanError for a scan that determines nothing, and for the one that T is from.
     """
     same = 1e-3  # standard deviations: no other scan's answer comes so close by chance
     alone = calibrate([scan], guess=T)
@@ -122,7 +116,7 @@ def verify(scan: Scan, T, covariance, noise_mm: float) -> Verification:
 
 def linearised(alone: Calibration, kept, T, noise_mm: float) -> tuple[np.ndarray, np.ndarray]:
     """δ (6,), mm and rad, from a sensor pose T (4, 4) to what a scan says, to first order, and its covariance (6, 6),
-    enormous where the scan says nothing. Such a scan hardly tells the robot's errors: they are as usual at least."""
+    enormous where the scan says nothing. The robot's errors, which it hardly tells, are as usual at least."""
     s = alone.solution
     prior = s.prior if s else prior_from(stated_noise(alone.scans))
     known = s.noise if s else prior.scales
@@ -155,11 +149,11 @@ def to_text(found: Verification) -> str:
     if alone.status != "ok":
         lines[0] += ", so also looked at near the pose"
         lines += [f"note           {message}" for message in alone.messages]
-    worst, count, expected = int(np.argmax(np.abs(found.apart))), len(found.apart), found.expected.covariance
+    worst, count, covariance = np.argmax(np.abs(found.apart)), len(found.apart), found.expected.covariance
     direction = name_direction(found.expected.directions[6 - count + worst], np.eye(3), "sensor")
     lines += [
-        f"differs by     {by_axis(found.delta, np.sqrt(np.diag(expected)))} about the sensor's x, y, z",
-        f"expected       {deviations(expected)}, one standard deviation",
+        f"differs by     {deviations(covariance, found.delta)} about the sensor's x, y, z",
+        f"expected       {deviations(covariance)}, one standard deviation",
         f"most apart     {direction}, {brief(abs(found.apart[worst]))} standard deviations",
         f"chance         {found.chance:.2g} of more between right answers, in {count} of 6 directions; "
         f"doubted below {FALSE_ALARM:g}",
@@ -167,11 +161,9 @@ def to_text(found: Verification) -> str:
     for name, length in found.lengths.items():
         lines.append(f"{name:<15}{length:.3f} mm by the pose, {scan.measures[name]:g} given")
     lines.append(f"residuals      {found.rms_mm:.3g} mm rms from a {scan.target.shape}, by the pose")
-    verdict = "more is wrong than the stated uncertainties explain: robot, target, or calibration"
-    lines.append(
-        f"verdict        {'the stated uncertainties explain what was found' if found.as_expected else verdict}"
-    )
-    return "\n".join(lines)
+    wrong = "more is wrong than the stated uncertainties explain: robot, target, or calibration"
+    verdict = "the stated uncertainties explain what was found" if found.as_expected else wrong
+    return "\n".join([*lines, f"verdict        {verdict}"])
 
 
 @dataclass(frozen=True)
@@ -213,15 +205,11 @@ def name(poses) -> str:
 
 
 def leave_out(found: Calibration) -> LeftOut:
-    """Calibrations without one orientation each, with errors of the size that the others show, to first order at the
-    solution. An orientation that does not fit can then not excuse itself.
-
-    Rejected poses stay out. Raises ValueError for a calibration without an answer.
-    """
+    """Calibrations without one orientation each, to first order at the solution, with errors of the size that the
+    others show: none can excuse itself. Rejected poses stay out. Raises ValueError for one without an answer."""
     if found.status == "unobservable":
         raise ValueError("only a calibration that has an answer can be cross-validated")
-    solution = found.solution
-    problem, (whole, _) = solution.problem, solution.model()
+    solution, problem, (whole, _) = found.solution, found.solution.problem, found.solution.model()
     law = solution.prior.law(whole.names, problem.noise.profile_mm)
     columns, start = problem.columns_in_mm(solution.state), likeliest(whole, law, np.zeros(len(law.free)))[0]
     labels = [label for part in found.labels_by_scan() for label in part]
@@ -255,7 +243,7 @@ def leave_out(found: Calibration) -> LeftOut:
 def mean_variances(law: Law, likely, root) -> np.ndarray:
     """The mean (1 + k,) of variances over coordinates with that middle (d,) and a root (d, d) of their covariance, by
     points on the axes (cubature)."""
-    axes = np.sqrt(max(len(likely), 1)) * root.T
-    return (
-        law.variances(np.concatenate([likely + axes, likely - axes]))[0].mean(axis=0) if len(likely) else law.scales**2
-    )
+    if not len(likely):
+        return law.scales**2
+    axes = np.sqrt(len(likely)) * root.T
+    return law.variances(np.concatenate([likely + axes, likely - axes]))[0].mean(axis=0)

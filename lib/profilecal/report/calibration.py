@@ -55,25 +55,23 @@ def verdict(found) -> Html:
         C = found.solution.covariance
         mm, rad = (np.sqrt(np.linalg.eigvalsh(block)[-1]) for block in (C[:3, :3], C[3:, 3:]))
         title = title.format(mm, np.degrees(rad))
-    notes = words(found.messages)
-    html = f'<p style="margin:0"><strong style="font-size:1.15em">{title}.</strong> {text}</p>'
-    html += notes.html if found.messages else ""
+    notes = words(found.messages) if found.messages else Html("", "")
+    html = f'<p style="margin:0"><strong style="font-size:1.15em">{title}.</strong> {text}</p>{notes.html}'
     html = f'<div class="verdict" style="border-left:6px solid {colour};padding:0.6em 1em">{html}</div>'
-    return Html(html, "\n".join(filter(None, [f"{title}. {text}", notes.plain])))
+    return Html(html, f"{title}. {text}\n{notes.plain}".strip())
 
 
 def answer(found) -> Html:
-    """What was scanned, what `profilecal calibrate --to` prints of it without the notes for the maker of a robot that
-    writes poses like these, and the rest."""
+    """What was scanned, what `profilecal calibrate` prints, without notes, for a robot that writes poses like these,
+    and the rest."""
     lines = [f"scan           {scan.title or scan.kind}: {scan.description}" for scan in found.scans]
     s, known = found.solution, found.status != "unobservable"
     maker = named(found.scans[0].convention).controller
     to_paste = for_controller(maker, s.T_flange_sensor, found.frame) if known else ""
     lines += to_text(replace(found, messages=()), to_paste).splitlines()
     if known:
-        robot = f"{s.prior.systematic.accuracy_mm:g} mm and {s.prior.systematic.accuracy_deg:g}°"
-        elsewhere = f"{deviations(s.covariance_total)}, on a robot accurate to {robot} over its workspace"
-        lines.append(f"elsewhere      {elsewhere}")
+        robot = f"{s.prior.systematic.accuracy_mm:g} mm and {s.prior.systematic.accuracy_deg:g}° over its workspace"
+        lines.append(f"elsewhere      {deviations(s.covariance_total)}, on a robot accurate to {robot}")
     if s and not found.misread:
         lines.append(f"noise          {s.noise_mm:.3g} mm, {s.prior.how}; residuals {s.rms_mm:.3g} mm rms")
     text = "\n".join(lines)

@@ -34,13 +34,10 @@ def use_style() -> None:
 
 @dataclass(frozen=True)
 class Results:
-    """What one notebook hands out: figures as PNG and SVG, tables as CSV.
-
-    `folder` is the notebook's parameter `results_dir`; empty, nothing is written.
-    """
+    """What one notebook hands out: figures as PNG and SVG, tables as CSV."""
 
     notebook: str
-    folder: str
+    folder: str  # the notebook's parameter `results_dir`; "" to write nothing
 
     def _place(self, kind: str, name: str) -> Path:
         place = Path(self.folder) / kind / f"{self.notebook}_{name}"
@@ -63,11 +60,8 @@ class Results:
 
 
 def plot_changes(parts: dict, size: float, of: str, met: str) -> plt.Figure:
-    """The changes of a table's numbers, in half units of the last digit: one bar each, coloured by part.
-
-    `parts`: name and changes of each; `size`: the largest; `of`, `met`: what they are and what they achieve, for the
-    axis and the title. Within the grey band a number prints alike.
-    """
+    """The changes of a table's numbers, in half units of the last digit, by part; within the grey band a number prints
+    alike. `size`: the largest; `of`, `met`: what they are and what they achieve, for the axis and the title."""
     figure, axes = plt.subplots(figsize=(8, 2.8))
     start = 0
     for (name, changes), colour in zip(parts.items(), (BLUE, ORANGE, GREEN, PURPLE, SKY), strict=False):
@@ -84,8 +78,7 @@ def plot_changes(parts: dict, size: float, of: str, met: str) -> plt.Figure:
 def draw_frame(axes, rotation, origin, length: float) -> None:
     """Draw a coordinate frame in a 3D plot: x red, y green, z blue."""
     for axis, colour in zip(np.asarray(rotation).T, (RED, GREEN, BLUE), strict=True):
-        tip = origin + length * axis
-        axes.plot(*np.column_stack([origin, tip]), color=colour, lw=2)
+        axes.plot(*np.column_stack([origin, origin + length * axis]), color=colour, lw=2)
 
 
 def draw_patch(axes, corners, colour: str, alpha: float = 0.25, label: str = "") -> None:
@@ -104,20 +97,15 @@ def equal_axes(axes, points) -> None:
 
 
 def draw_scan(axes, rotation, origin, depth: float, colour: str) -> np.ndarray:
-    """Draw a scanner's fan of light in a 3D plot, from its origin to `depth`, as wide as it is deep.
-
-    Returns its corners (3, 3).
-    """
-    rotation = np.asarray(rotation)
-    ends = [origin + depth * (rotation[:, 2] + side * rotation[:, 0] / 2) for side in (-1, 1)]
-    corners = np.array([origin, *ends])
+    """Draw a scanner's fan of light in a 3D plot, as wide as it is deep; return its corners (3, 3)."""
+    x, _, z = np.transpose(rotation)
+    corners = np.array([origin, origin + depth * (z - x / 2), origin + depth * (z + x / 2)])
     draw_patch(axes, corners, colour, alpha=0.15)
     return corners
 
 
 def noise_curves(axes, m, sigma_mm, e) -> None:
     """Draw e (k, l) over m (l,), one curve for each sigma_mm (k,), named at its right end."""
-    sigma_mm, e = np.asarray(sigma_mm), np.asarray(e)
     shades = plt.get_cmap("viridis")(np.linspace(0, 0.85, len(sigma_mm)))
     for sigma, curve, shade in zip(sigma_mm, e, shades, strict=True):
         axes.plot(m, curve, color=shade, lw=1.5)
@@ -127,10 +115,8 @@ def noise_curves(axes, m, sigma_mm, e) -> None:
 
 
 def plot_columns(frame: pd.DataFrame, x: str, y: str, hue: str, folder: Path) -> Path:
-    """Draw column y over column x, a line for each value of `hue`: the median, and the range from least to most.
-
-    Raises ValueError for a column that is not there or holds no numbers.
-    """
+    """Draw column y over column x, a line for each value of `hue`: the median, and the range from least to most. Raises
+    ValueError for a column that is not there or holds no numbers."""
     if missing := {x, y, hue or x} - {*frame}:
         raise ValueError(f"no column named {missing.pop()!r}; there are {', '.join(frame)}")
     numbers = frame.assign(**{y: pd.to_numeric(frame[y], "coerce").astype(float)})
@@ -150,8 +136,7 @@ def plot_columns(frame: pd.DataFrame, x: str, y: str, hue: str, folder: Path) ->
 
 def table(header, rows) -> None:
     """Show rows of texts under a header, as a notebook's text would have them: formulas in them are typeset."""
-    lines = [header, ["---"] * len(header), *rows]
-    text("\n".join(f"| {' | '.join(line)} |" for line in lines))
+    text("\n".join(f"| {' | '.join(line)} |" for line in (header, ["---"] * len(header), *rows)))
 
 
 def text(*sentences: str) -> None:
@@ -168,8 +153,9 @@ def checked(*sentences: str) -> None:
 
 def below(values, limit: float) -> str:
     """The limit in words. Raises ValueError if a value is not nearer to zero."""
-    if not np.max(np.abs(values)) < limit:
-        raise ValueError(f"a value is {np.max(np.abs(values)):.2g}; expected less than {limit:g}")
+    largest = np.max(np.abs(values))
+    if not largest < limit:
+        raise ValueError(f"a value is {largest:.2g}; expected less than {limit:g}")
     return f"below {limit:g}".replace("e-0", "e-")
 
 

@@ -72,10 +72,8 @@ def target_lines(target, solution, observed) -> list[np.ndarray]:
 
 
 def plot_profiles(scan, rejected=()) -> list[plt.Figure]:
-    """Every profile of a scan with what was found in it, 20 to a figure, all at one scale.
-
-    `rejected`: labels of the poses that the calibration rejects. No figures where the scan holds no raw profiles.
-    """
+    """Every profile of a scan with what was found in it, 20 to a figure, all at one scale; none where there are no raw
+    ones. `rejected`: labels of the poses that the calibration rejects."""
     if scan.measured != "profiles":
         return []
     features = find_features(scan.target, scan.values, scan.sizes)
@@ -101,11 +99,8 @@ def profile_page(scan, features, page, cell, rejected) -> plt.Figure:
     left, bottom = -0.51 * cell[0], (rows - 0.5) * step[1]
     axes.set(aspect="equal", xlim=(left, step[0] * (columns - 1) - left), ylim=(bottom, 0.8 * cell[1]))
     axes.axis("off")
-    there = sum(features[i].found for i in page)
-    figure.suptitle(
-        f"Profiles {page[0] + 1} to {page[-1] + 1} of {len(features)}: {there} features found; "
-        f"a frame is {cell[0]:.0f} mm wide"
-    )
+    found = f"{sum(features[i].found for i in page)} features found; a frame is {cell[0]:.0f} mm wide"
+    figure.suptitle(f"Profiles {page[0] + 1} to {page[-1] + 1} of {len(features)}: {found}")
     return figure
 
 
@@ -138,16 +133,17 @@ def save_plan(plan: Plan, path) -> None:
 def draw_way(axes, plan: Plan) -> None:
     """Draw the flange's way and some fields of view in a 3D plot; eye-to-hand, in the flange's frame, where the target
     stands still."""
-    R, T = plan.R, plan.T
-    fans = field_of_view(plan.model) @ np.swapaxes(R, 1, 2) + T[:, None]
+    fans = field_of_view(plan.model) @ plan.R.mT + plan.T[:, None]
     origins = fans[:, 0]
     axes.plot(*origins.T, color=BLUE, lw=0.8, alpha=0.6)
     axes.scatter(*origins.T, color=BLUE, s=8, depthshade=False, label="sensor, on its way")
-    few = np.unique(np.linspace(0, len(T) - 1, 5).round().astype(int))
+    few = np.unique(np.linspace(0, len(fans) - 1, 5).round().astype(int))
     for k in few:
         draw_patch(axes, fans[k, 1:], SKY, 0.12, "field of view" if k == few[0] else "")
-        draw_frame(axes, R[k] @ plan.model.R_sensor, origins[k], 0.06 * np.ptp(fans, axis=(0, 1)).max())
-    target = draw_lines(axes, planned_target_lines(plan), "black", "")
+        draw_frame(axes, plan.R[k] @ plan.model.R_sensor, origins[k], 0.06 * np.ptp(fans, axis=(0, 1)).max())
+    R_view, T_view = plan.model.planes(plan.R, plan.T)
+    seen = plan.model.seen(R_view, T_view, 5) @ R_view[..., ::2].mT + T_view[:, None]
+    target = draw_lines(axes, plan.model.target.lines(seen.reshape(-1, 3)), "black", "")
     equal_axes(axes, np.vstack([origins, fans[few].reshape(-1, 3), target]))
     frame = "flange" if plan.model.to_hand else "base"
     axes.set(xlabel=f"{frame} x [mm]", ylabel=f"{frame} y [mm]", zlabel=f"{frame} z [mm]")
@@ -158,14 +154,7 @@ def draw_way(axes, plan: Plan) -> None:
 
 def field_of_view(model) -> np.ndarray:
     """The sensor's origin and the corners of its field of view, (5, 3), mm, in the frame that it is fixed to."""
-    scanner = model.scanner
-    z = np.array([0, scanner.near, scanner.far, scanner.far, scanner.near])
-    x = scanner.half_width(z) * [0, -1, -1, 1, 1]
+    near, far = model.scanner.near, model.scanner.far
+    z = np.array([0, near, far, far, near])
+    x = model.scanner.half_width(z) * [0, -1, -1, 1, 1]
     return np.stack([x, z], axis=1) @ model.R_sensor[:, ::2].T + model.T_sensor
-
-
-def planned_target_lines(plan: Plan) -> list[np.ndarray]:
-    """Polylines (n, 3) of the target, mm, in the frame that it is fixed to."""
-    R_view, T_view = plan.model.planes(plan.R, plan.T)
-    seen = plan.model.seen(R_view, T_view, 5) @ R_view[..., ::2].mT + T_view[:, None]
-    return plan.model.target.lines(seen.reshape(-1, 3))

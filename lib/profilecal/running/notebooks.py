@@ -15,7 +15,7 @@ from pathlib import Path
 
 sys.modules.setdefault("rfc3987_syntax", None)  # a grammar that jsonschema compiles in a second, and does without
 
-TYPES = {"int": int, "float": (int, float), "bool": bool, "str": str, "list": list}
+TYPES = {"int": [int], "float": [int, float], "bool": [bool], "str": [str], "list": [list]}
 
 
 class NotebookError(Exception):
@@ -26,27 +26,18 @@ class NotebookLost(NotebookError):
     """A kernel died, or a cell did not end in time: another attempt may succeed."""
 
 
-# Which there are, and their parameters
-
-
 def folder() -> Path:
-    """The notebooks of the clone that this package was installed from.
-
-    Raises ValueError where there is no such clone.
-    """
+    """The notebooks of the clone that this package was installed from. Raises ValueError where there is none."""
     place = Path(__file__).resolve().parents[3] / "notebooks"
     if not place.is_dir():
-        raise ValueError(
-            f"no notebooks at {place}; this command works in a clone of the repository, installed from there"
-        )
+        hint = "this command works in a clone of the repository, installed from there"
+        raise ValueError(f"no notebooks at {place}; {hint}")
     return place
 
 
 def find(names) -> list[Path]:
-    """The notebooks of the clone whose names, or beginnings of names, are given; when none is, all.
-
-    Raises ValueError naming what is there when a name fits none.
-    """
+    """The notebooks of the clone whose names, or beginnings of names, are given; when none is, all. Raises ValueError
+    naming what is there when a name fits none."""
     there = sorted(folder().rglob("[!.]*.ipynb"))
     if not names:
         return there
@@ -77,26 +68,21 @@ def parse_value(text: str):
 
 
 def check_parameters(given: dict[str, list], declared: list[dict[str, str]]) -> None:
-    """Raise ValueError for a name that none of the notebooks declares (`parameters_of`), and for a value of another
-    type than one of them does; `given` has the values of each name."""
+    """Raise ValueError for a name that no notebook declares (`parameters_of`), and for a value of another type than one
+    of them does; `given` has the values of each name."""
     names = list(dict.fromkeys(name for kinds in declared for name in kinds))
     for name, values in given.items():
         if name not in names:
             raise ValueError(f"no parameter named {name!r}; there are {', '.join(names) or 'none'}")
         for kind in {kinds[name] for kinds in declared if name in kinds} & TYPES.keys():
             for value in values:
-                if not isinstance(value, TYPES[kind]) or (isinstance(value, bool) and kind != "bool"):
+                if type(value) not in TYPES[kind]:
                     raise ValueError(f"parameter {name} is {value!r}; expected {kind}")
-
-
-# Running them
 
 
 def versions() -> dict[str, str]:
     """What a run's result depends on beside its notebook; a change of profilecal's source shows in its version."""
-    source = sha256()
-    for path in sorted(Path(__file__).parents[1].rglob("*.py")):
-        source.update(path.read_bytes())
+    source = sha256(b"".join(path.read_bytes() for path in sorted(Path(__file__).parents[1].rglob("*.py"))))
     found = {name: metadata.version(name) for name in ("profilecal", "numpy", "scipy", "pandas")}
     found["profilecal"] += f"+{source.hexdigest()[:8]}"
     return {"python": platform.python_version()} | found
@@ -110,8 +96,8 @@ def run(source: Path, output: Path, parameters: dict, cwd: Path, timeout: int | 
     import papermill
     from traitlets.config import Config
 
-    options = {"cwd": cwd, "execution_timeout": timeout, "progress_bar": progress}
-    options["extra_arguments"] = ["--log-level=CRITICAL"]  # of the kernel, which else says how it talks
+    quiet = ["--log-level=CRITICAL"]  # a kernel else says how it talks
+    options = {"cwd": cwd, "execution_timeout": timeout, "progress_bar": progress, "extra_arguments": quiet}
     try:
         with tempfile.TemporaryDirectory() as sockets:
             if os.name == "posix":  # of two kernels that start at once, both may choose the same port
@@ -130,13 +116,11 @@ def run(source: Path, output: Path, parameters: dict, cwd: Path, timeout: int | 
 
 
 def execute(expected: dict, source: str, parameters: dict, cwd: str, timeout: int | None) -> tuple[str, str, float]:
-    """Carry out one run in a Dask worker: the executed notebook's text, why it failed, how many seconds it took.
-
-    Raises ValueError where other versions than the expected ones are installed.
-    """
-    attempts = 2  # at a run whose kernel dies or hangs
+    """Carry out one run in a Dask worker: the executed notebook's text, why it failed, how many seconds it took. Raises
+    ValueError where other versions than the expected ones are installed."""
     from distributed import get_worker
 
+    attempts = 2  # at a run whose kernel dies or hangs
     if versions() != expected:
         raise ValueError(f"a worker has {versions()}; expected {expected}, as where this was started")
     with tempfile.TemporaryDirectory(dir=get_worker().local_directory) as scratch:
@@ -172,10 +156,8 @@ def workers(scheduler: str | None = None):
 
 
 def outcomes(client, jobs: dict[str, tuple]):
-    """Carry out runs on Dask's workers; yields, as each ends, its name and what `execute` returns.
-
-    `jobs` has for each name what `execute` takes after the versions.
-    """
+    """Carry out runs on Dask's workers; yields, as each ends, its name and what `execute` returns. `jobs` has for each
+    name what `execute` takes after the versions."""
     from distributed import KilledWorker, as_completed
 
     here = versions()
@@ -194,8 +176,7 @@ def reproduce(paths: list[Path], given: dict, output: Path):
     """Execute notebooks into `output`; return the items of the papers that they compare and, by name, why some failed.
 
     A notebook that declares `executed_dir` reads the others' results and runs after them. Nothing of an earlier run
-    stays in `output`. Raises ValueError for parameters that do not fit, and when what is in the way was not written
-    by an earlier run.
+    stays in `output`. Raises ValueError for parameters that do not fit, and for what no earlier run wrote there.
     """
     from tqdm import tqdm
 
@@ -213,8 +194,7 @@ def reproduce(paths: list[Path], given: dict, output: Path):
     (output / "notebooks").mkdir(parents=True)
     marker.write_text(json.dumps({"notebooks": [path.stem for path in paths], "parameters": given}))
 
-    values = {"results_dir": str(output), "executed_dir": str(output / "notebooks")} | given
-    failed = {}
+    failed, values = {}, {"results_dir": str(output), "executed_dir": str(output / "notebooks")} | given
     with workers() as client, tqdm(total=len(paths), unit="notebook", disable=None) as bar:
         for reading in (False, True):
             jobs = {}
@@ -228,23 +208,17 @@ def reproduce(paths: list[Path], given: dict, output: Path):
                     failed[name] = why
                 bar.write(f"  {name}: {'FAILED' if why else f'{took:.1f} s'}")
                 bar.update()
-
     gathered = items.gather(output / "notebooks")
     items.scorecard(gathered).to_csv(output / "scorecard.csv", index=False)
     return gathered, failed
-
-
-# What they hand out
 
 
 MIME = "application/vnd.profilecal.record"
 
 
 def record(table=None, /, **values) -> None:
-    """Hand out values, or a pandas table, of the notebook that calls this: they become columns of the sweep's table.
-
-    A run with a table gets one row for each of the table's. Raises TypeError for a value that no table can hold.
-    """
+    """Hand out values of the notebook that calls this, or a pandas table: they become columns of the sweep's table,
+    with a row for each of the table's. Raises TypeError for a value that no table can hold."""
     from IPython.display import display
 
     rows = [values | row for row in ([] if table is None else table.to_dict("records"))] or [values]
@@ -252,9 +226,8 @@ def record(table=None, /, **values) -> None:
 
 
 def at_defaults() -> bool:
-    """Whether a notebook's parameters are those that its findings are asserted for: those of the cell tagged
-    `parameters` in its file, which stands in the working folder and is called as its `results` say. No file, no
-    findings."""
+    """Whether a notebook's parameters are those that its findings are asserted for, of the cell tagged `parameters` in
+    its file: in the working folder, called as its `results` say. No file, no findings."""
     from IPython import get_ipython
 
     names = get_ipython().user_ns

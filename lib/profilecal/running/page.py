@@ -26,11 +26,9 @@ def notebook() -> Path:
 
 def check_report(path: Path) -> None:
     """Raise ValueError where no report can be written to `path`, before any work is done."""
-    missing = [name for name in ("papermill", "nbconvert", "ipykernel") if find_spec(name) is None]
+    missing = ", ".join(name for name in ("papermill", "nbconvert", "ipykernel") if find_spec(name) is None)
     if missing:
-        raise ValueError(
-            f'--report needs {", ".join(missing)}, not installed here: pip install "profilecal[notebooks]"'
-        )
+        raise ValueError(f'--report needs {missing}, not installed here: pip install "profilecal[notebooks]"')
     if path.is_dir():
         raise ValueError(f"{path} is a folder; name a file for the report")
     try:
@@ -42,13 +40,9 @@ def check_report(path: Path) -> None:
 
 def write_report(folders, path, **parameters) -> None:
     """Write the report on one scan folder or several of one scanner to the HTML file `path`, whole or not at all.
-
-    `parameters` are further parameters of the notebook; `check_report` says whether the path will do. Raises
-    notebooks.NotebookError with the reason where the notebook fails.
-    """
+    `parameters`: others of the notebook. Raises notebooks.NotebookError with the reason where it fails."""
     source = notebook()
     parameters |= {"scan": [str(Path(folder).resolve()) for folder in folders]}
-
     with tempfile.TemporaryDirectory() as place:
         executed = Path(place) / NOTEBOOK
         bar = {"desc": "report", "disable": None, "leave": False}
@@ -72,9 +66,8 @@ def to_page(executed: Path, title: str) -> str:
         if cell.source.startswith("## "):
             heading = cell.source.splitlines()[0][3:]
         cell.metadata["alt"] = heading  # of its pictures
-    plain = {"template_name": "basic", "exclude_anchor_links": True}
-    exporter = HTMLExporter(exclude_input=True, exclude_output_prompt=True, **plain)
-    body, _ = exporter.from_notebook_node(book)
+    options = {"exclude_input": True, "exclude_output_prompt": True, "exclude_anchor_links": True}
+    body, _ = HTMLExporter(template_name="basic", **options).from_notebook_node(book)
     made = f"profilecal {version('profilecal')}, {date.today().isoformat()}"
     frame = string.Template(Path(__file__).with_name("page.html").read_text(encoding="utf-8"))
     return frame.substitute(title=escape(title), body=body, made=made)

@@ -1,7 +1,7 @@
 """One notebook over a grid of parameters, here or on a cluster, and one tidy table of what its runs record.
 
-An executed notebook holds all there is to know about its run: parameters, seed, versions, what it recorded. It appears
-under `runs/` in one move, so a sweep that is killed leaves whole runs or none, and goes on from there.
+An executed notebook holds all there is to know about its run. It appears under `runs/` in one move: a sweep that is
+killed leaves whole runs or none, and goes on from there.
 """
 
 import itertools
@@ -21,10 +21,8 @@ from profilecal.scan.toml import read_toml
 
 
 def read_grid(path: Path | None, texts=()) -> dict:
-    """The grid of a TOML file (a list of values, or one value, for each name), then of texts NAME=A,B,…
-
-    Raises ValueError where it is something else.
-    """
+    """The grid of a TOML file (a list of values, or one value, for each name), then of texts NAME=A,B,… Raises
+    ValueError where it is something else."""
     grid = read_toml(path) if path else {}
     for text in texts:
         name, equals, values = text.partition("=")
@@ -37,10 +35,8 @@ def read_grid(path: Path | None, texts=()) -> dict:
 def plan(notebook: Path, grid: dict, repeat: int | None = None) -> dict[str, dict]:
     """By name the parameters of each run of a grid: each value of one with each of the others.
 
-    With `repeat`, each is run that often, with seeds of their own. They depend on the parameters and the count of the
-    repeat, on nothing else: a grid that grows keeps the runs it has.
-
-    Raises ValueError for a grid that does not fit the notebook's parameters.
+    With `repeat`, each is run that often, with seeds that depend on the parameters and the count of the repeat: a grid
+    that grows keeps the runs it has. Raises ValueError for a grid that does not fit the notebook's parameters.
     """
     kinds = notebooks.parameters_of(notebook)
     if not grid and not repeat:
@@ -75,26 +71,13 @@ def _digest(values, length: int) -> str:
     return sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()[:length]
 
 
-# Carrying them out
-
-
-def sweep(
-    notebook: Path,
-    grid: dict,
-    output: Path,
-    *,
-    repeat: int | None = None,
-    scheduler: str | None = None,
-    timeout: int | None = None,
-) -> tuple[pd.DataFrame, dict[str, str]]:
-    """Carry out the runs of a grid that are not there yet; return a table of all, and by name why some failed.
+def sweep(notebook: Path, grid: dict, output: Path, *, repeat=None, scheduler=None, timeout=None):
+    """Carry out the runs of a grid (`plan`) that are not there yet; return a table of all, and by name why some failed.
 
     `output` gets the executed notebooks under `runs/` and `table.csv`. A run is there when it did not fail and its
     notebook, parameters and versions are the present ones. The runs share this machine's cores, or go to the Dask
     scheduler at the address `scheduler`. A run whose kernel dies, or where a cell takes longer than `timeout` seconds,
-    is tried once more. See `plan` for the grid.
-
-    Raises ValueError for a grid that does not fit, OSError where something cannot be written or reached.
+    is tried once more. Raises ValueError for a grid that does not fit, OSError.
     """
     runs = plan(notebook, grid, repeat)
     source, present = notebook.read_text(encoding="utf-8"), notebooks.versions()
@@ -102,7 +85,6 @@ def sweep(
     keys = {name: _digest([code, parameters, present], 16) for name, parameters in runs.items()}
     files = {name: output / "runs" / f"{name}.ipynb" for name in runs}
     (output / "runs").mkdir(parents=True, exist_ok=True)
-
     with _alone(output):
         missing = [name for name in runs if not _is_done(files[name], keys[name])]
         if missing:
@@ -113,8 +95,7 @@ def sweep(
                     clash = runs[name].keys() & {column for row in recorded(executed) for column in row}
                     if clash and not why:
                         why = f"it records {', '.join(sorted(clash))}, which is a parameter's name"
-                    about = {"key": keys[name], "error": why, "duration_s": round(took, 3)}
-                    executed["metadata"]["profilecal"] = about
+                    executed["metadata"]["profilecal"] = {"key": keys[name], "error": why, "duration_s": round(took, 3)}
                     with whole(files[name]) as part:
                         part.write_text(json.dumps(executed, indent=1, ensure_ascii=False), encoding="utf-8")
                     bar.update()
@@ -141,8 +122,8 @@ def _gather(runs: dict, files: dict[str, Path], present: dict[str, str]) -> tupl
         about = notebook["metadata"]["profilecal"]
         if about["error"]:
             failed[name] = about["error"]
-        end = {"status": "failed" if about["error"] else "done", "duration_s": about["duration_s"]}
-        end |= present | {"run": name}
+        status = "failed" if about["error"] else "done"
+        end = {"status": status, "duration_s": about["duration_s"]} | present | {"run": name}
         rows += [parameters | row | end for row in ([{}] if about["error"] else recorded(notebook))]
     columns = [column for column in dict.fromkeys(itertools.chain(*rows)) if column not in end]
     return pd.DataFrame(rows, columns=columns + list(end)), failed

@@ -1,6 +1,5 @@
-"""A user's measurements as a `Scan`: poses of the flange, what the scanner saw from each, and what is known beside.
+"""A user's measurements as a `Scan`: poses of the flange, and what the scanner saw from each.
 
-In come scan folders (data/README.md) and the measurements of another project; out go Scans in mm, or a ScanError that
-names file, line, value and what was expected. The room also writes scan folders, and knows how robot controllers write
-a pose.
+In come scan folders (data/README.md) and the files of other projects; out go Scans in mm, or a ScanError that names
+file, line, value and what was expected. The room also writes scan folders, and poses as robot controllers do.
 """

@@ -33,10 +33,8 @@ REMARK = re.compile(r"\s*(?:#|%|//|!)[\s#%/]*")
 
 
 def read_profiles(path: Path, entry: str = "") -> list[Table]:
-    """Points of a profile, or of several that share an array, under the names in titles, or "1", "2", ….
-
-    `entry`: the name of the list or array, where there are several. Raises ScanError.
-    """
+    """Points of a profile, or of several in one array, under the names in titles, or "1", "2", …; `entry` names the
+    list or array where there are several. Raises ScanError."""
     if path.suffix.lower() in ARRAYS:
         values = array(path, entry)
         values = values[None] if values.ndim == 2 else values
@@ -145,13 +143,10 @@ def from_rows(path: Path, rows: Rows) -> Table:
 
 def names_and_units(titles) -> dict[str, str]:
     """What titles say: "X [mm]" is x, in mm. Where a name is there twice, columns' numbers take its place."""
-    names, units = [], []
-    for title in titles:
-        name, *unit = TITLE.fullmatch(title.strip().lower()).groups(default="")
-        names.append(ALIASES.get(name, name))
-        units.append("".join(unit).replace("°", "deg"))
+    said = [TITLE.fullmatch(title.strip().lower()).groups(default="") for title in titles]
+    names = [ALIASES.get(name, name) for name, *_ in said]
     names = [name if names.count(name) == 1 else str(j) for j, name in enumerate(names, 1)]
-    return dict(zip(names, units, strict=True))
+    return {name: "".join(unit).replace("°", "deg") for name, (_, *unit) in zip(names, said, strict=True)}
 
 
 def unit_of(path: Path, units: dict[str, str], known) -> str:

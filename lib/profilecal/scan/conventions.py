@@ -73,11 +73,8 @@ def named(name: str) -> Convention:
 
 @np.errstate(over="ignore", invalid="ignore")
 def to_rotations(convention: Convention, values, table: Table | None = None) -> np.ndarray:
-    """Matrices (n, 3, 3) from a block of columns (n, k) of a table, in the order of the convention.
-
-    Raises ScanError for a quaternion that is not of length one, a rotation vector longer than a full turn, angles of
-    more than two turns, or a matrix that is no rotation.
-    """
+    """Matrices (n, 3, 3) from a convention's columns (n, k) of a table. Raises ScanError for a quaternion not of length
+    one, a rotation vector longer than a full turn, angles of more than two turns, a matrix that is no rotation."""
     values = np.asarray(values, dtype=float)
     refuse = (table or Table(Path("orientations"), {}, range(len(values)), "row")).refuse
     if convention.sequence:
@@ -111,9 +108,7 @@ def from_rotations(convention: Convention, rotations) -> np.ndarray:
 
 
 def for_controller(vendor: str, matrix, frame: str = "flange") -> str:
-    """A pose (4, 4), mm, as a line or lines to paste into a controller or a program. Raises ValueError for others.
-
-    `frame` is the one that the pose is in: "flange", or "base" where the scanner stands still.
+    """A pose (4, 4), mm, in the frame "flange" or "base", to paste into a controller. Raises ValueError for others.
 
     >>> for_controller("kuka", np.eye(4))
     '{X 0.0000,Y 0.0000,Z 0.0000,A 0.000000,B 0.000000,C 0.000000}'

@@ -1,7 +1,4 @@
-"""The scan folder: a user's measurements as plain files, read with every mistake named, and written.
-
-data/README.md describes the format. Lengths are millimetres once read, whatever the folder's units.
-"""
+"""Scan folders, as data/README.md describes them: read with every mistake named, and written. Lengths become mm."""
 
 from dataclasses import fields
 from pathlib import Path
@@ -26,7 +23,7 @@ SCALE = {"mm": 1.0, "m": 1000.0}
 MOUNTS = ("eye-in-hand", "eye-to-hand")
 NOISE = dict.fromkeys(  # an error that is there is no rounding error
     (field.name for kind in (Noise, Systematic) for field in fields(kind)),
-    (lambda value: number(1e-6, 100)[0](value) or (value == 0 and number()[0](value)), "zero, or 1e-06 to 100"),
+    (lambda value: type(value) in (int, float) and (value == 0 or 1e-6 <= value <= 100), "zero, or 1e-06 to 100"),
 )
 REACH_MM = (10.0, 20_000.0)  # farthest flange position from the base: a robot's size
 FARTHEST_MM = 10_000.0  # from the scanner; no profile scanner sees as far, and some print such numbers for no point
@@ -51,25 +48,16 @@ def scan_of(folder: Path, header: dict, poses: dict, measured: str, values) -> S
     fits = TARGETS[kind].tables
     if measured not in fits:
         raise ScanError(f"{folder}: a target of kind {kind!r} needs {' or '.join(fits)}, not {measured}")
-    return Scan(
-        **poses,
-        kind=kind,
-        measured=measured,
-        values=values,
-        sizes=tuple(target[name] * scale for name in TARGETS[kind].lengths),
-        noise=header["noise"],
-        mount=header["mount"],
-        title=header["title"],
-    )
+    sizes = tuple(target[name] * scale for name in TARGETS[kind].lengths)
+    said = {name: header[name] for name in ("noise", "mount", "title")}
+    return Scan(kind=kind, measured=measured, values=values, sizes=sizes, **said, **poses)
 
 
 def read_header(path: Path) -> dict:
     """scan.toml, checked, with defaults filled in."""
     if not is_file(path):
-        raise ScanError(
-            f'{path}: no such file; expected it to name the target: [target] kind = "edge" '
-            "(other files: profilecal import)"
-        )
+        hint = 'expected it to name the target: [target] kind = "edge" (other files: profilecal import)'
+        raise ScanError(f"{path}: no such file; {hint}")
     return check_header(path, read_toml(path))
 
 
@@ -85,16 +73,13 @@ def check_header(path: Path, header: dict) -> dict:
 
 
 def length_rules(kind: str, scale: float = 1.0) -> dict:
-    """What the lengths of a kind of target may be, in units of `scale` mm."""
-    rule = number(0.5 / scale, 1000 / scale)  # of a target that a profile scanner can see
-    return dict.fromkeys(TARGETS[kind].lengths, rule)
+    """What the lengths of a target that a profile scanner can see may be, in units of `scale` mm."""
+    return dict.fromkeys(TARGETS[kind].lengths, number(0.5 / scale, 1000 / scale))
 
 
 def read_poses(path: Path, scale: float, side: int = 0) -> dict:
-    """What a table of poses says, in units of `scale` mm: entries of a Scan.
-
-    `side` is that of poses for which the table says nothing. Raises ScanError.
-    """
+    """What a table of poses, in units of `scale` mm, says: entries of a Scan. `side`: of poses for which it says none.
+    Raises ScanError."""
     return check_poses(read_table(path, ("pose", "x", "y", "z")), scale, side)
 
 
@@ -110,16 +95,11 @@ def check_poses(table: Table, scale: float, side: int = 0) -> dict:
         convention = find_convention(table.columns)
         block = table.numbers(convention.columns)
         R = to_rotations(convention, block, table)
-
-    low, high = REACH_MM
-    farthest = reach.max()
-    table.refuse(
-        (reach == farthest) & ~(low <= farthest <= high),
-        "the farthest flange position, of pose {}, is {:.3g} mm from the base; "
-        f"expected a robot's size, {low:g} to {high:g} mm: are the units right?",
-        labels,
-        reach,
-    )
+    (low, high), farthest = REACH_MM, reach.max()
+    off = (reach == farthest) & ~(low <= farthest <= high)
+    hint = f"expected a robot's size, {low:g} to {high:g} mm: are the units right?"
+    said = f"the farthest flange position, of pose {{}}, is {{:.3g}} mm from the base; {hint}"
+    table.refuse(off, said, labels, reach)
     table.columns.setdefault("side", [side] * len(labels))
     sides = table.numbers(("side",), blank=True)[:, 0]
     sides[np.isnan(sides)] = side
@@ -178,7 +158,6 @@ def write_scan(scan: Scan, folder) -> None:
         poses["side"] = scan.side.astype(int)
     values = dict(zip(MEASURED[scan.measured], np.concatenate(scan.values).T, strict=True))
     labels = np.repeat(np.array(scan.labels, dtype=object), [len(rows) for rows in scan.values])
-
     with new_folder(Path(folder)) as partial:
         target = {"kind": scan.kind} | scan.measures
         header = {"title": scan.title, "units": "mm", "mount": scan.mount, "target": target, "noise": scan.noise}

@@ -39,10 +39,8 @@ class Layout:
 
 
 def import_scan(folder, kind: str, sizes: dict, layout: Layout = Layout()) -> tuple[Scan, list[str]]:
-    """The scan of a target of some sizes, mm by name, in a folder of files; and what was guessed, a line each.
-
-    Raises ScanError.
-    """
+    """The scan of a target of some sizes, mm by name, in a folder of files; and what was guessed, a line each. Raises
+    ScanError."""
     folder = Path(folder)
     target = {"kind": kind} | sizes
     header = check_header(folder, {"title": folder.resolve().name, "mount": layout.mount, "target": target})
@@ -181,26 +179,22 @@ def frames_of(poses: Table, layout: Layout) -> list[str]:
     """Doubts about the robot's frames and external axes. Raises ScanError where they differ between poses."""
     doubts = []
     for name in filter(re.compile(r"uf|ut|e\d|gp\d .*").fullmatch, poses.columns):
-        if len({*poses.columns[name]}) > 1:
+        cells = poses.columns[name]
+        if len({*cells}) > 1:
             apart = np.ptp(poses.numbers([name]))
             if apart > 0.5:  # mm or degrees
                 raise ScanError(f"{poses.path}: {FRAMES.get(name, name)} differs between poses; expected one for all")
             doubts.append(f"{name} differs by up to {apart:.2g} between poses, and is taken to stand still")
         elsewhere = layout.mount != MOUNTS[0] if name == "uf" else name == "ut" and not layout.tool
-        if elsewhere and poses.columns[name][0] != "0":
+        if elsewhere and cells[0] != "0":
             hint = "; for one on the flange give its frame: --tool X Y Z W P R" if name == "ut" else ""
-            doubts.append(
-                f"the poses are of {FRAMES[name]} {poses.columns[name][0]}, and so will be the sensor pose{hint}"
-            )
+            doubts.append(f"the poses are of {FRAMES[name]} {cells[0]}, and so will be the sensor pose{hint}")
     return doubts
 
 
 def profiles_of(paths: list[Path], count: int, layout: Layout) -> tuple[Sequence, list[np.ndarray], dict[str, str]]:
-    """The names of profiles, or numbers, their points (n, 2), and the columns of x and z with their units.
-
-    In one table for `count` poses are rows that share a label; or a profile a row, x and z in turn, or z under the x of
-    the first row.
-    """
+    """Names of profiles, or numbers, their points (n, 2), and the columns of x and z with their units. In one table for
+    `count` poses, a profile is the rows that share a label; or a row: x and z in turn, or z under the first row's x."""
     tables = [table for path in paths for table in read_profiles(path, layout.entry)]
     check_alike(tables)
     first = tables[0]
@@ -221,9 +215,7 @@ def profiles_of(paths: list[Path], count: int, layout: Layout) -> tuple[Sequence
 
 def x_and_z(tables: list[Table], said: str) -> dict[str, str]:
     """The columns of x and z and their units: as said, of these names, or where there are no names, the two that vary.
-
-    Raises ScanError.
-    """
+    Raises ScanError."""
     units = tables[0].units
     varying = [name for name in tables[0].columns if len({cell for t in tables for cell in t.columns[name]}) > 1]
     axes = dict.fromkeys(varying if all(map(str.isdigit, varying)) else "xz", "")

@@ -1,6 +1,4 @@
-"""Files and the tables in them, with every mistake named: the file, the line, the value, what was expected. What is
-written is whole, or leaves nothing.
-"""
+"""Files and the tables in them, with every mistake named. What is written is whole, or leaves nothing."""
 
 import csv
 import shutil
@@ -141,24 +139,18 @@ class Table:
 
     def numbers(self, names, blank: bool = False, largest: float = np.inf) -> np.ndarray:
         """Columns as numbers (rows, columns), at most `largest`; cells may be blank or NaN only where `blank`."""
-        return np.column_stack([self._numbers(name, blank, largest) for name in names])
-
-    def _numbers(self, name: str, blank: bool, largest: float) -> np.ndarray:
-        cells = self.columns[name]
-        try:
-            found = np.array(cells, dtype=float)
-        except ValueError:
-            found = np.array([number(cell) for cell in cells])
-        called = f"column {name}" if name.isdigit() else name
-        self.refuse(np.isnan(found) & (not blank), f"{called} is empty or NaN; expected a finite number")
-        self.refuse(np.isinf(found), f"{called} is {{}}; expected a finite number", cells)
-        self.refuse(
-            np.abs(found) > largest,
-            f"{called} is {{:.6g}}; expected at most {largest:g}: are the units in scan.toml right? "
-            "Missing points are left out or blank",
-            found,
-        )
-        return found
+        columns, hint = [], "are the units in scan.toml right? Missing points are left out or blank"
+        for name in names:
+            cells, called = self.columns[name], f"column {name}" if name.isdigit() else name
+            try:
+                found = np.array(cells, dtype=float)
+            except ValueError:
+                found = np.array([number(cell) for cell in cells])
+            self.refuse(np.isnan(found) & (not blank), f"{called} is empty or NaN; expected a finite number")
+            self.refuse(np.isinf(found), f"{called} is {{}}; expected a finite number", cells)
+            self.refuse(np.abs(found) > largest, f"{called} is {{:.6g}}; expected at most {largest:g}: {hint}", found)
+            columns.append(found)
+        return np.column_stack(columns)
 
 
 def read_table(path: Path, required) -> Table:

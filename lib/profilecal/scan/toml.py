@@ -16,25 +16,18 @@ TEXT: Rule = (lambda value: isinstance(value, str) and value.isprintable() and l
 
 def number(low: float = 0.0, high: float = 1e6) -> Rule:
     """A number within these limits."""
-
-    def allowed(value):
-        return isinstance(value, int | float) and not isinstance(value, bool) and low <= value <= high
-
-    return allowed, f"{low:g} to {high:g}"
+    return lambda value: type(value) in (int, float) and low <= value <= high, f"{low:g} to {high:g}"
 
 
 def whole(low: int = 0, high: int = 1_000_000) -> Rule:
     """A whole number within these limits."""
-    return lambda value: isinstance(value, int) and number(low, high)[0](value), f"a whole number, {low} to {high}"
+    return lambda value: type(value) is int and low <= value <= high, f"a whole number, {low} to {high}"
 
 
 def numbers(count: int) -> Rule:
     """A list of so many finite numbers."""
-
-    def allowed(value):
-        return isinstance(value, list) and len(value) == count and all(map(number(-1e6)[0], value))
-
-    return allowed, f"{count} numbers"
+    finite, _ = number(-1e6)
+    return lambda value: isinstance(value, list) and len(value) == count and all(map(finite, value)), f"{count} numbers"
 
 
 def one_of(choices) -> Rule:
@@ -44,9 +37,8 @@ def one_of(choices) -> Rule:
 
 
 def check_entries(path, entries: dict, rules: dict[str, Rule | dict], table: str = "", needed=()) -> dict:
-    """The entries of a file, or of a table in it, if all are known and allowed, and those `needed` are there; rules in
-    a dict are those of a table. Raises ScanError.
-    """
+    """The entries of a file, or of a table in it, if all are known and allowed, and those `needed` are there; a dict of
+    rules is a table's. Raises ScanError."""
     where = f" in [{table}]" if table else ""
     for name in needed:
         if name not in entries:
