@@ -20,7 +20,7 @@ def check_array(name: str, values, shape, finite: bool = True) -> np.ndarray:
     if len(found) != len(wanted) or any(length not in (None, n) for length, n in zip(wanted, found, strict=True)):
         expected = str(shape).replace("None", "n").replace("Ellipsis", "...")
         raise ValueError(f"{name} has shape {array.shape}; expected {expected}")
-    bad = np.argwhere(~np.isfinite(array)) if finite else []
+    bad = np.argwhere(~np.isfinite(array) & finite)
     if len(bad):
         raise ValueError(f"{name}{bad[0].tolist()} is {array[tuple(bad[0])]}; expected finite numbers")
     return array
