@@ -123,3 +123,10 @@ def test_motions_that_leave_the_two_phase_method_without_rank_are_solved_and_hon
     assert abs(nees.mean() - 6) < 3 * np.sqrt(12 / trials)
     closed = edge_equations(scene.poses.rotations, scene.poses.positions, scene.points).R_sensor
     assert np.median(angle_between(closed, scene.R_sensor)) > 5 * np.median(np.linalg.norm(error[:, 3:], axis=1))
+
+
+@pytest.mark.parametrize("kind", ["edge", "disk", "ball", "plane", "rod"])
+def test_the_typical_residual_is_as_large_as_the_noise(kind):
+    scene = random_scene(kind, np.random.default_rng(3), groups=20, positions=20)
+    problem = Problem([scene.noisy(0.05, np.random.default_rng(4))], Noise(0.05))
+    np.testing.assert_allclose(problem.typical(problem.moments(scene.truth)), 1.0, atol=0.1)
