@@ -61,7 +61,7 @@ class Verification:
 
 def read_pose(path) -> tuple[np.ndarray, np.ndarray, float, bool]:
     """From what `profilecal calibrate --json` printed: T (4, 4) mm, covariance (6, 6) of δ in mm and rad, the total
-    where it is stated, noise in mm, and whether it is eye-to-hand. Raises ScanError, OSError."""
+    where it is stated, noise in mm, and whether it is eye-to-hand. Raises ScanError."""
     try:
         found = json.loads(Path(path).read_text(encoding="utf-8"))
         to_hand = "T_base_sensor" in found
@@ -70,6 +70,8 @@ def read_pose(path) -> tuple[np.ndarray, np.ndarray, float, bool]:
         stated = found.get("covariance_total", found["covariance"])  # old files have no total
         covariance = np.asarray(stated, dtype=float) * units[:, None] * units
         noise = float(found["noise_mm"])
+    except OSError as error:
+        raise ScanError(f"{path}: {error.strerror}") from error
     except (ValueError, TypeError, KeyError) as error:
         raise ScanError(
             f"{path}: not what `profilecal calibrate --json` prints, a JSON object with a pose, its covariance and "

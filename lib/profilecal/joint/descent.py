@@ -22,7 +22,8 @@ KEPT = 6  # starts that all poses are looked at from
 def refine(
     problem: Problem, state: State, *, scale=None, weights=None, iterations=60, tolerance=1e-10, damping=1e-4
 ) -> Fit:
-    """The state of least loss nearest to each of B states; `scale`, `weights` as `Problem.moments` takes them."""
+    """The state of least loss nearest to each of B states, by the scanner's noise alone. `scale`, `weights`: as
+    `Problem.moments` takes them."""
     return descend(lambda at: problem.moments(at, scale, weights), problem.move, state, iterations, tolerance, damping)
 
 

@@ -85,9 +85,9 @@ class Observations:
 
     def take(self, chosen) -> "Observations":
         """Some problems of a batch, by mask, index or slice."""
-        length = max(map(len, self.arrays.values()))
-        batch = {k: v[chosen] if len(v) == length else v for k, v in self.arrays.items()}
-        return replace(self, **batch)
+        arrays = self.arrays
+        length = max(map(len, arrays.values()))
+        return replace(self, **{k: v[chosen] if len(v) == length else v for k, v in arrays.items()})
 
 
 def each(function, first, *others):

@@ -15,7 +15,7 @@ from pathlib import Path
 
 sys.modules.setdefault("rfc3987_syntax", None)  # a grammar that jsonschema compiles in a second, and does without
 
-TYPES = {"int": [int], "float": [int, float], "bool": [bool], "str": [str], "list": [list]}
+TYPES = {"int": int, "float": (int, float), "bool": bool, "str": str, "list": list}
 
 
 class NotebookError(Exception):
@@ -76,7 +76,7 @@ def check_parameters(given: dict[str, list], declared: list[dict[str, str]]) -> 
             raise ValueError(f"no parameter named {name!r}; there are {', '.join(names) or 'none'}")
         for kind in {kinds[name] for kinds in declared if name in kinds} & TYPES.keys():
             for value in values:
-                if type(value) not in TYPES[kind]:
+                if not isinstance(value, TYPES[kind]) or (isinstance(value, bool) and kind != "bool"):
                     raise ValueError(f"parameter {name} is {value!r}; expected {kind}")
 
 

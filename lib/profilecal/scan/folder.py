@@ -23,7 +23,7 @@ SCALE = {"mm": 1.0, "m": 1000.0}
 MOUNTS = ("eye-in-hand", "eye-to-hand")
 NOISE = dict.fromkeys(  # an error that is there is no rounding error
     (field.name for kind in (Noise, Systematic) for field in fields(kind)),
-    (lambda value: type(value) in (int, float) and (value == 0 or 1e-6 <= value <= 100), "zero, or 1e-06 to 100"),
+    (lambda value: number(0, 100)[0](value) and (value == 0 or value >= 1e-6), "zero, or 1e-06 to 100"),
 )
 REACH_MM = (10.0, 20_000.0)  # farthest flange position from the base: a robot's size
 FARTHEST_MM = 10_000.0  # from the scanner; no profile scanner sees as far, and some print such numbers for no point

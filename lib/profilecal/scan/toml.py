@@ -16,7 +16,11 @@ TEXT: Rule = (lambda value: isinstance(value, str) and value.isprintable() and l
 
 def number(low: float = 0.0, high: float = 1e6) -> Rule:
     """A number within these limits."""
-    return lambda value: type(value) in (int, float) and low <= value <= high, f"{low:g} to {high:g}"
+
+    def allowed(value):
+        return isinstance(value, int | float) and not isinstance(value, bool) and low <= value <= high
+
+    return allowed, f"{low:g} to {high:g}"
 
 
 def whole(low: int = 0, high: int = 1_000_000) -> Rule:

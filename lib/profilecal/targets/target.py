@@ -57,7 +57,7 @@ class Target:
         """The target whose frame has an origin (3,) and axes (3, 3), in columns, and whose lengths are `sizes`. Usually
         its fields are the origin, the z axis where turns change it, and the lengths."""
         z = [axes[..., 2]] if cls.turns else []
-        return cls(*[origin, *z, *sizes])
+        return cls(origin, *z, *sizes)  # type: ignore[call-arg]  # of the kinds of targets
 
     @property
     def frame(self) -> tuple[np.ndarray, np.ndarray]:
