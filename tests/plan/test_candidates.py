@@ -7,7 +7,7 @@ import pytest
 from planned import KINDS, model_for
 
 from profilecal.geometry.poses import inverse
-from profilecal.plan.candidates import BEYOND, Limits, draw, turned
+from profilecal.plan.candidates import BEYOND, Limits, draw, off_square
 from profilecal.plan.design import design
 from profilecal.scan.scan import ScanError
 
@@ -33,7 +33,7 @@ def test_poses_stay_in_the_box_out_of_the_zones_and_within_the_tilt(mount, zone)
     assert (flange >= limits.low).all()
     assert (flange <= limits.high).all()
     assert np.linalg.norm(flange - zone[:3], axis=1).min() >= zone[3]
-    tilt, spin = turned(model, R)
+    tilt, spin, _ = off_square(model, R, T)
     assert 25 < tilt.max() <= 30
     assert 35 < np.abs(spin).max() <= 45
 

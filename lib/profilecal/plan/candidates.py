@@ -36,7 +36,7 @@ def draw(model: ScanModel, limits: Limits, count: int, rng: np.random.Generator,
     limits. Raises ScanError, with the reason, where there are too few."""
     found, why = [], Counter()
     for _ in range(40):  # then too few are possible
-        R, T = flange_at(model, *random_views(model, limits, 2 * count, rng, beyond))
+        R, T = random_poses(model, limits, 2 * count, rng, beyond)
         reasons = refused(model, limits, R, T)
         why.update(reasons)
         found.append((R[reasons == ""], T[reasons == ""]))
@@ -53,8 +53,8 @@ def draw(model: ScanModel, limits: Limits, count: int, rng: np.random.Generator,
     return R, T
 
 
-def random_views(model: ScanModel, limits: Limits, count: int, rng: np.random.Generator, beyond: float = 0.0):
-    """Sensor frames (count, 3, 3), (count, 3) that look at the target, before anything forbids them."""
+def random_poses(model: ScanModel, limits: Limits, count: int, rng: np.random.Generator, beyond: float):
+    """Flange poses (count, 3, 3), (count, 3) that look at the target, before anything forbids them."""
 
     def share(*shape):  # of a limit, either way
         return np.clip((1 + beyond) * rng.uniform(-1, 1, (count, *shape)), -1, 1)
@@ -71,7 +71,7 @@ def random_views(model: ScanModel, limits: Limits, count: int, rng: np.random.Ge
     scanner = model.scanner
     z = (scanner.near + scanner.far) / 2 + (scanner.far - scanner.near) / 2 * share(1)
     x = scanner.half_width(z) * share(1)
-    return R, carry(R, aim, -np.hstack([x, 0 * x, z]))
+    return flange_at(model, R, carry(R, aim, -np.hstack([x, 0 * x, z])))
 
 
 def neighbours(model: ScanModel, limits: Limits, R, T, each: int, rng: np.random.Generator):
@@ -102,10 +102,8 @@ def refused(model: ScanModel, limits: Limits, R, T) -> np.ndarray:
     if model.to_hand:
         flange, sensor = inverse(R, T)[1], model.T_sensor
     reasons = np.full(len(T), "", dtype=object)
-    tilt, spin = turned(model, R)
-    if model.shows_beside:
-        tilt = np.maximum(tilt, ray_tilt(model, R, T))
-    far = (tilt > limits.tilt_deg) | (np.abs(spin) > limits.spin_deg) | (aside(model, R, T) > limits.extent_mm)
+    tilt, spin, aside = off_square(model, R, T)
+    far = (tilt > limits.tilt_deg) | (np.abs(spin) > limits.spin_deg) | (aside > limits.extent_mm)
     reasons[far] = "are tilted, turned or aside too far"
     for *centre, radius in limits.avoid:
         near = np.minimum(*(np.linalg.norm(place - centre, axis=-1) for place in (flange, sensor))) < radius
@@ -117,80 +115,58 @@ def refused(model: ScanModel, limits: Limits, R, T) -> np.ndarray:
     return reasons
 
 
-def turned(model: ScanModel, R) -> tuple[np.ndarray, np.ndarray]:
-    """By how much the sensor's direction of view is tilted off square, and how far it is turned about that direction,
-    (P,) degrees each, at flange orientations (P, 3, 3); rounded, so that what is at a limit is within it."""
-    x, y, z, w = Rotation.from_matrix(model.facing.T @ R @ model.R_sensor).as_quat(canonical=True).T
+def off_square(model: ScanModel, R, T) -> np.ndarray:
+    """How far flange poses (P, 3, 3), (P, 3) are from looking at the guess squarely, (3, P): the tilt of the direction
+    of view, or of the ray that hits the middle of what is seen where a side that is turned away is hidden; the turn
+    about that direction, both in degrees; how far that middle lies along an edge, a rod or a face, mm, inf where it is
+    missed. Rounded, so that what is at a limit is within it."""
+    R_view, T_view = model.planes(R, T)
+    x, y, z, w = Rotation.from_matrix(model.facing.T @ R_view).as_quat(canonical=True).T
     tilt, spin = 2 * np.arctan2(np.hypot(x, y), np.hypot(z, w)), 2 * np.arctan2(z, w)
-    return np.degrees(tilt).round(6), np.degrees(spin).round(6)
-
-
-def middle_seen(model: ScanModel, R, T) -> np.ndarray:
-    """The middle point of what is seen from flange poses, in the sensor's frame, (P, 3) mm; NaN where it is missed."""
-    points = model.seen(*model.planes(R, T), 5)
-    x, z = points[:, points.shape[1] // 2].T
-    return np.stack([x, 0 * x, z], axis=1)
-
-
-def ray_tilt(model: ScanModel, R, T) -> np.ndarray:
-    """How far off square the ray is that hits the middle of what is seen, (P,) degrees: a side of a corner turned away
-    by more is hidden."""
-    ray = middle_seen(model, R, T)
-    square = model.facing[:, 2] @ R @ model.R_sensor
-    return np.degrees(np.arccos(np.clip((ray * square).sum(axis=1) / np.linalg.norm(ray, axis=1), -1, 1))).round(6)
-
-
-def aside(model: ScanModel, R, T) -> np.ndarray:
-    """How far the middle of what is seen from flange poses lies from the guess along an edge, a rod or a face, (P,)
-    mm."""
+    points = model.seen(R_view, T_view, 5)
+    ray = (R_view[..., ::2] @ points[:, points.shape[1] // 2, :, None])[..., 0]
+    if model.shows_beside:
+        square = ray @ model.facing[:, 2] / np.linalg.norm(ray, axis=1)
+        tilt = np.maximum(tilt, np.arccos(np.minimum(square, 1)))
     origin, axes = model.target.frame
-    off = (carry(*model.planes(R, T), middle_seen(model, R, T)) - origin) @ axes
-    return np.nan_to_num(np.abs(off[:, free_axes(model)]).max(axis=1, initial=0.0), nan=np.inf).round(6)
+    aside = np.abs((T_view + ray - origin) @ axes)[:, free_axes(model)].max(axis=1, initial=0.0)
+    return np.array([np.degrees(tilt), np.degrees(spin), np.nan_to_num(aside, nan=np.inf)]).round(6)
 
 
 def worst_clearance(model: ScanModel, R, T) -> np.ndarray:
     """How far inside the field of view the target stays at flange poses (P, 3, 3), (P, 3), in the worst case of a guess
-    that is wrong by up to its margins: (P,) mm; -inf where it may be missed.
+    that is wrong by up to its margins, or by 1 mm and 1° (a view that these spoil is none): (P,) mm; -inf where it may
+    be missed.
 
     Each of the nine errors, shifts and turns of the sensor and turns of the target, is tried at its full size, either
     way. The worst case is their sum where each kind of error points in the worst direction. What moves the scan plane
     off the target altogether is tried besides.
     """
-    frames, sizes = model.planes(R, T), margins(model)
-    here = clearances(model, *frames)
+    mount_mm, mount_rad, target_mm, target_rad = model.guess.margins if model.guess else np.zeros(4)
+    sizes = np.maximum([mount_mm + target_mm, mount_rad, target_rad], [1, np.radians(1), np.radians(1)])
+    frames = model.planes(R, T)
+    here = clearances(model, *frames, np.zeros((3, 3)))
     lost = np.zeros((3, 3, *here.shape))
     for kind, axis in np.ndindex(3, 3):
         error = sizes[kind] * np.outer(np.eye(3)[kind], np.eye(3)[axis])
         for way in (error, -error):
-            lost[kind, axis] = np.maximum(lost[kind, axis], here - clearances(model, *wrong(model, *frames, way)))
+            lost[kind, axis] = np.maximum(lost[kind, axis], here - clearances(model, *frames, way))
     worst = (here - np.linalg.norm(lost, axis=1).sum(axis=0)).min(axis=1)
     for way, turn in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
         off_plane = way * sizes[:, None] * [[0, -1, 0], [1, 0, 0], [turn, 0, 0]]
-        worst += 0 * clearances(model, *wrong(model, *frames, off_plane)).min(axis=1)  # NaN where it is missed
+        worst += 0 * clearances(model, *frames, off_plane).min(axis=1)  # NaN where it is missed
     return np.nan_to_num(worst, nan=-np.inf)
 
 
-def margins(model: ScanModel) -> np.ndarray:
-    """By how much a sensor frame may be wrong: in place, in orientation, and in the target's orientation, (3,) mm and
-    rad; a view that 1 mm or 1° spoils is none."""
-    mount_mm, mount_rad, target_mm, target_rad = model.guess.margins if model.guess else np.zeros(4)
-    found = np.maximum([mount_mm + target_mm, mount_rad, target_rad], [1, np.radians(1), np.radians(1)])
-    return found * [1, 1, bool(model.target.turns)]
-
-
-def wrong(model: ScanModel, R_view, T_view, error):
-    """Sensor frames (P, 3, 3), (P, 3) as they are after an error (3, 3): a shift and a turn in their own axes, mm and
-    rad, and a turn of the target about its origin, in these axes too."""
+def clearances(model: ScanModel, R_view, T_view, error) -> np.ndarray:
+    """How far inside each border of the field of view the target is seen from sensor frames (P, 3, 3), (P, 3) after an
+    error (3, 3): a shift and a turn in their own axes, mm and rad, and a turn of the target about its origin, in these
+    axes too; (P, k) mm, NaN where it is not seen."""
     shift, turn, target_turn = error
     origin, back = model.target.frame[0], R_view @ rotations(-target_turn)
     in_view = carry(*inverse(R_view, T_view), origin)
-    return back @ rotations(turn), carry(back, origin, shift - in_view)
-
-
-def clearances(model: ScanModel, R_view, T_view) -> np.ndarray:
-    """How far inside each border of the field of view the target is seen from sensor frames, (P, k) mm, NaN where it is
-    not."""
-    scanner, (x, z) = model.scanner, np.moveaxis(model.seen(R_view, T_view, 5), -1, 0)
+    points = model.seen(back @ rotations(turn), carry(back, origin, shift - in_view), 5)
+    scanner, (x, z) = model.scanner, np.moveaxis(points, -1, 0)
     beside = model.target.beside_mm if model.shows_beside else 0.0
     share = 0.05  # of the field of view, on each side: features need what is around them
     border = share * (scanner.far - scanner.near) + beside

@@ -12,7 +12,7 @@ from profilecal.geometry.poses import inverse, nearest_rotation
 from profilecal.joint.observability import name_direction, size_direction
 from profilecal.joint.observations import Observations
 from profilecal.joint.prior import prior_from
-from profilecal.plan.candidates import Limits, aside, flange_at, random_views, refused
+from profilecal.plan.candidates import Limits, draw, off_square
 from profilecal.plan.design import NOWHERE, Plan, design, joined
 from profilecal.plan.scan_model import GUESSES, Prediction, ScanModel, predict
 from profilecal.scan.folder import poses_columns, read_scan
@@ -75,16 +75,9 @@ def model_of_spec(spec: Spec, stated: dict[str, float], rng: np.random.Generator
 def with_features(model: ScanModel, spec: Spec, rng: np.random.Generator) -> ScanModel:
     """The model with as much noise as features of its raw profiles have, in a few simulated ones. Raises ScanError
     where these do not show the target."""
-    views = random_views(model, Limits(), 240, rng)
-    R, T = flange_at(model, *views)
-    good = np.flatnonzero(refused(model, Limits(), R, T) == "")[:24]
-    if len(good) < 3:
-        return model  # the plan will say that nothing is in view
-    R, T = R[good], T[good]
+    R, T = draw(model, Limits(), 24, rng)
     profiles = raw_profiles(model, model.planes(R, T), spec, rng)
-    scan = Scan(
-        spec.kind, tuple(map(str, good)), R, T, "profiles", tuple(profiles), model.sizes, title="simulated profiles"
-    )
+    scan = Scan(spec.kind, ("",) * len(T), R, T, "profiles", tuple(profiles), model.sizes, title="simulated profiles")
     seen = observe(scan, 1)
     observed = as_observations(scan, seen, seen.typical_mm)
     return replace(model, noise=replace(model.noise, profile_mm=seen.typical_mm), **features_of(observed))
@@ -128,7 +121,7 @@ def model_of_scan(found: Calibration) -> tuple[ScanModel, Limits, tuple[np.ndarr
     limits = Limits(
         low=tuple(flange.min(axis=0) - reach_mm),
         high=tuple(flange.max(axis=0) + reach_mm),
-        extent_mm=max(20.0, float(aside(model, R, T).max())),
+        extent_mm=max(20.0, off_square(model, R, T)[2].max()),
     )
     return model, limits, (R, T)
 
