@@ -1,6 +1,5 @@
-"""Methods that see one point: two-step ball (refs [11]-[14] of the disk paper), tetra-ball (its ref [15]), and a marked
-point through which the laser line is steered, the fixed-point method (its ref. [16]).
-"""
+"""Methods that see one point: two-step ball (refs [11]-[14] of the disk paper), tetra-ball (its ref [15]), fixed-point
+(its ref. [16]), where the laser line is steered through a marked point."""
 
 import numpy as np
 
@@ -24,7 +23,7 @@ def solve_ball(R_tcp, T_tcp, q, translating: int) -> TwoStepSolution:
     R_sensor (q¹ - qʲ) = R_tcp⁻¹ (Tʲ - T¹). The others (at least 3) turn about two axes or more and fix the
     translation, Eqs 17-19 of the disk paper. Section V-D describes the method without its equations.
 
-    Raises ValueError for malformed input, UnobservableError for poses that cannot determine the answer.
+    Raises ValueError for malformed input, UnobservableError for poses that leave the answer open.
     """
     T_tcp = check_array("T_tcp", T_tcp, (None, 3))
     n = len(T_tcp)
@@ -44,7 +43,6 @@ def solve_ball(R_tcp, T_tcp, q, translating: int) -> TwoStepSolution:
     what = f"all {translating - 1} differences of ball centres are parallel in the sensor frame"
     check_line(lines / lengths[:, None], what, "the rotation about them cannot be known; translate along another line")
     check_orientations(R_tcp[translating:])
-
     return ball_equations(R_tcp, T_tcp, q, translating)
 
 
@@ -65,9 +63,9 @@ def ball_equations(R_tcp, T_tcp, q, translating: int) -> TwoStepSolution:
 def solve_tetra_ball(q_b, q_i) -> tuple[np.ndarray, np.ndarray]:
     """R (3, 3) and T (3,), mm, that take the points q_i (n, 3) to q_b (n, 3), n ≥ 3, in the least-squares sense.
 
-    Section V-D1 of the disk paper states ref. [15] as a Lagrangian whose four constraints (unit rows; second and
-    third column perpendicular) leave non-rotations in; this solves the same sum of squares on SO(3), where it has
-    one minimum in closed form: centre both sets, then project their covariance.
+    Section V-D1 of the disk paper states ref. [15] as a Lagrangian whose four constraints (unit rows; second and third
+    column perpendicular) leave non-rotations in. On SO(3) the same sum of squares has one minimum in closed form:
+    centre both sets, then project their covariance.
 
     Raises ValueError for malformed input, UnobservableError for points on one line.
     """
@@ -78,7 +76,6 @@ def solve_tetra_ball(q_b, q_i) -> tuple[np.ndarray, np.ndarray]:
     for name, offsets in (("q_b", q_b - centre_b), ("q_i", q_i - centre_i)):
         what = f"{name}: all {len(offsets)} points lie on one line"
         check_line(offsets, what, "the rotation about it cannot be known; add a point off the line")
-
     R = solve_rotation((q_i - centre_i).T, (q_b - centre_b).T).R_sensor
     return R, centre_b - R @ centre_i
 
@@ -86,18 +83,16 @@ def solve_tetra_ball(q_b, q_i) -> tuple[np.ndarray, np.ndarray]:
 def solve_fixed_point(R_tcp, T_tcp, q) -> TwoStepSolution:
     """Sensor pose from a marked point, read as q (n, 3), mm, with y = 0, from n ≥ 4 flange poses.
 
-    The disk paper describes the method in words only (Section I): the point stands still, and the flange is moved until
-    the laser line passes through it. The sensor then reads q^i = (x, 0, z). So Eq. 1 keeps two columns of R_sensor,
+    Section I of the disk paper has the method in words: the flange is moved until the laser line passes through the
+    point, so that the sensor reads q^i = (x, 0, z). Eq. 1 then keeps two columns of R_sensor,
 
         q^b = R_tcp,i (x r_1 + z r_3 + T_sensor) + T_tcp,i,
 
     and is linear in r_1, r_3, T_sensor and q^b together: no pose need share another's orientation. The least-squares
-    r_1 and r_3 are not orthonormal: the nearest rotation is taken, then Eq. 19 once more.
+    r_1 and r_3 are not orthonormal: the nearest rotation is taken, then Eq. 19 once more. R_tcp (n, 3, 3) and T_tcp
+    (n, 3), mm: the flange in the base frame.
 
-    R_tcp (n, 3, 3) and T_tcp (n, 3), mm: the flange in the base frame. Where some poses share an orientation,
-    `solve_ball` takes the readings as well.
-
-    Raises ValueError for malformed input, UnobservableError for poses that cannot determine the answer.
+    Raises ValueError for malformed input, UnobservableError for poses that leave the answer open.
     """
     T_tcp = check_array("T_tcp", T_tcp, (None, 3))
     n = len(T_tcp)
@@ -117,11 +112,9 @@ def solve_fixed_point(R_tcp, T_tcp, q) -> TwoStepSolution:
     what = f"the {n} orientations and readings together leave a combination of rotation and translation open"
     so = "add poses, turned about other axes while the point is read elsewhere in the scan"
     check_spread(np.degrees(weakest), what, so)
-
     M = linear_equations(R_tcp, q)
     columns = (np.linalg.pinv(M) @ (T_tcp.mean(axis=0) - T_tcp).ravel())[:6]
-    Y = columns.reshape(2, 3).T
-    rotation = solve_rotation(np.eye(3)[:, [0, 2]], Y)
+    rotation = solve_rotation(np.eye(3)[:, [0, 2]], columns.reshape(2, 3).T)
     return TwoStepSolution(rotation, solve_translation(R_tcp, T_tcp, q, rotation.R_sensor))
 
 

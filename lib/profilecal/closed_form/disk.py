@@ -34,9 +34,8 @@ class SensingData:
 def sensing_data(tips, T_start, T_end, s, radius: float, heights: str = "regression") -> SensingData:
     """Sensing data of scans from their chords' tips (..., m, 2, 2), in order of the motion: Eqs 4-13, no guards.
 
-    T_start and T_end (..., 3), mm: flange positions of the first and the last chord; s (...): +1 where the motion is
-    towards the sensor's +y, else -1. Each chord: the tip of smaller x, then the other, as x and z. `heights`: see
-    `chord_weights`.
+    Of each chord the tip of smaller x comes first. T_start and T_end (..., 3), mm: flange positions of the first and
+    the last; s (...): +1 where the motion is towards the sensor's +y, else -1. `heights`: see `chord_weights`.
     """
     m = tips.shape[-3]
     points = np.moveaxis(tips, -2, -3).reshape(*tips.shape[:-3], 2 * m, 2)
@@ -47,12 +46,10 @@ def sensing_data(tips, T_start, T_end, s, radius: float, heights: str = "regress
 def chord_weights(m: int, heights: str = "regression") -> np.ndarray:
     """Weights (2m, 5) that make five vectors of the tips of m chords, all first tips before all second ones.
 
-    They are the mean chord, then two points each of the lines that place e4 and e5 on the line e1e2. With `heights`
-    "published", these are the first and the last chord, so that their noise stays however many chords there are. With
-    "regression" they run along the mean chord, at the heights that a straight line fitted to the heights of all chords
-    has at its ends: the motion spaces them evenly.
-
-    Raises ValueError for other `heights`.
+    They are the mean chord, then two points each of the lines that place e4 and e5 on the line e1e2. `heights`
+    "published": these lines are the first and the last chord, whose noise stays however many chords there are;
+    "regression": they run along the mean chord, at the ends of the straight line fitted to the heights of all chords,
+    which the motion spaces evenly. Raises ValueError for others.
     """
     chord = np.repeat([-1 / m, 1 / m], m)
     if heights == "regression":
@@ -73,10 +70,9 @@ def line_ends(m: int) -> np.ndarray:
 
 
 def sensing_data_from_ellipse(ellipse: Ellipse, vectors, T_start, T_end, s, radius: float) -> SensingData:
-    """As `sensing_data`, from the fitted ellipse and the vectors (..., 2, 5), x and z, that `chord_weights` makes.
-
-    x̄ and z̄, the frame of Eq. 4, run along the chords and across. Components come first here: NumPy is fast along long
-    axes only.
+    """As `sensing_data`, from the fitted ellipse and the vectors (..., 2, 5), x and z, that `chord_weights` makes. x̄
+    and z̄, the frame of Eq. 4, run along the chords and across. Components come first: NumPy is fast along long axes
+    only.
     """
     chord, *lines = np.moveaxis(vectors, (-1, -2), (0, 1))
     cos, sin = chord / np.hypot(*chord)
@@ -100,7 +96,6 @@ def sensing_data_from_ellipse(ellipse: Ellipse, vectors, T_start, T_end, s, radi
     x = x3 + (z - z3) * slope
     with np.errstate(divide="ignore", invalid="ignore"):
         eta = (z - z5) / (z4 - z5)  # Eq. 7: all five points are on one line
-
     end, to_start = (np.moveaxis(np.broadcast_to(T, (*z3.shape, 3)), -1, 0) for T in (T_end, T_start - T_end))
     T_3, D_b = end + eta[2] * to_start, (eta[1] - eta[0]) * to_start  # Eqs 8, 13
     dx, dz = x[0] - x[1], z[0] - z[1]
@@ -121,9 +116,8 @@ def sensing_data_from_ellipse(ellipse: Ellipse, vectors, T_start, T_end, s, radi
 def disk_equations(R_tcp, T_tcp, q, D_i, D_b) -> TwoStepSolution:
     """Sensor pose from the disk method's sensing data, without guards: `closed_form` has them.
 
-    R_tcp (..., n, 3, 3) and T_tcp (..., n, 3), mm: flange poses at which the scan plane passes through the disk's
-    centre; q (..., n, 3), mm: that centre in the sensor frame; D_i and D_b (..., n, 3): the offset between the two
-    tangent positions in the sensor and in the base frame. Eq. 14's vectors are given unit length.
+    R_tcp (..., n, 3, 3), the flange's orientations; the others, (..., n, 3) mm, as `SensingData` has them. Eq. 14's
+    vectors are given unit length.
     """
     X = np.swapaxes(D_i / np.linalg.norm(D_i, axis=-1, keepdims=True), -1, -2)
     D_b = D_b / np.linalg.norm(D_b, axis=-1, keepdims=True)

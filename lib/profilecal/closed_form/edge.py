@@ -1,8 +1,7 @@
 """The edge method: Section 2 of the edge paper (Xu et al. 2021), Eqs 5-35, with its symbols.
 
-R_b (..., G, 3, 3) and T_b (..., G, N, 3) are the flange poses in the base frame, mm: G rotation groups, each of one
-orientation and N positions. p_s (..., G, N, 2) are the sensed edge points, x and z in the sensor frame, mm. Leading
-axes are batches of data sets.
+R_b (..., G, 3, 3) and T_b (..., G, N, 3) mm: flange poses in the base frame, G rotation groups of one orientation and N
+positions each. p_s (..., G, N, 2) mm: sensed edge points, x and z in the sensor frame. Leading axes are a batch.
 """
 
 from dataclasses import dataclass
@@ -81,8 +80,8 @@ def difference_vectors(T_b, p_s) -> tuple[np.ndarray, np.ndarray]:
 def fewer_vectors(u_s, u_t) -> tuple[np.ndarray, np.ndarray]:
     """At most five vectors a group, whose pairs make up the same sum of squares as all pairs of the given ones.
 
-    Eq. 8 holds 2×2 minors of the rows (u_s, u_t), five numbers each. By Cauchy and Binet, the products of these minors
-    summed over all pairs of rows follow from the rows' 5×5 moment matrix alone, which their QR factor shares.
+    Eq. 8 holds 2×2 minors of the rows (u_s, u_t), five numbers each. By Cauchy and Binet, sums of products of these
+    minors over all pairs of rows follow from the rows' 5×5 moment matrix alone, which their QR factor shares.
     """
     factor = np.linalg.qr(np.concatenate([u_s[..., ::2], u_t], axis=-1), mode="r")
     x, z = factor[..., 0], factor[..., 1]
@@ -117,10 +116,8 @@ def pair_equations(R_b, u_s, u_t) -> tuple[np.ndarray, np.ndarray]:
 
 
 def least_squares(A, b, zero) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """The solution V S⁺ Uᵀ b of least norm, S, V and the rank, for A (..., k, n) and b (..., k).
-
-    Singular values up to `zero` (...) count as zero. The text after Eq. 26 prints S where S⁺ is meant.
-    """
+    """The solution V S⁺ Uᵀ b of least norm, S, V and the rank, for A (..., k, n) and b (..., k). Singular values up to
+    `zero` (...) count as zero. The text after Eq. 26 prints S where S⁺ is meant."""
     U, S, Vt = np.linalg.svd(A, full_matrices=False)
     significant = np.asarray(zero)[..., None] < S
     c = (np.swapaxes(U, -1, -2) @ b[..., None])[..., 0]
@@ -138,16 +135,12 @@ def solve_rotation(R_b, T_b, p_s) -> EdgeRotation:
     """Phase one, Eqs 25-27."""
     A_r, b_r = rotation_system(R_b, T_b, p_s)
     r_s, S, V, rank = least_squares(A_r, b_r, rounding_of_rotation(T_b, p_s))
-    R_sensor = nearest_rotation(unvec(r_s))
-    return EdgeRotation(A_r=A_r, b_r=b_r, S=S, V=V, rank=rank, r_s=r_s, R_sensor=R_sensor)
+    return EdgeRotation(A_r, b_r, S, V, rank, r_s, nearest_rotation(unvec(r_s)))
 
 
 def rounding_of_rotation(T_b, p_s) -> np.ndarray:
-    """What rounding can add to a singular value of A_r, (...), mm².
-
-    Coordinates as large as T_b's move each vector u by up to δ, and the row block of a pair by δ (|u_i| + |u_j|);
-    the squares of those sum, over all pairs of m vectors a group, to at most 2 m δ² times the sum of all |u|².
-    """
+    """What rounding can add to a singular value of A_r, (...), mm². It moves each vector u by up to δ and the row block
+    of a pair by δ (|u_i| + |u_j|); over all pairs of m vectors a group, the squares sum to at most 2 m δ² Σ|u|²."""
     u_s, u_t = difference_vectors(T_b, p_s)
     delta = 4 * np.finfo(float).eps * np.abs(T_b).max(axis=(-3, -2, -1))
     return delta * np.sqrt(2 * u_s.shape[-2] * (u_s**2 + u_t**2).sum(axis=(-3, -2, -1)))
@@ -156,8 +149,8 @@ def rounding_of_rotation(T_b, p_s) -> np.ndarray:
 def noise_gain(v, R_b, T_b, p_s) -> np.ndarray:
     """Root mean square of |A_r v| (...), mm², where noise of 1 mm in the sensed points is all that makes it up.
 
-    For v (..., 9) of unit length, all pairs, to first order: the row block of pair (i, j) changes by g_j when u_s[i]
-    does, by -g_i when u_s[j] does, and by their difference when the common first point does.
+    For v (..., 9) of unit length, to first order: the row block of pair (i, j) changes by g_j when u_s[i] does, by -g_i
+    when u_s[j] does, and by their difference when the common first point does.
     """
     u_s, u_t = difference_vectors(T_b, p_s)
     W = R_b @ unvec(v)[..., None, :, :]  # (..., G, 3, 3)
@@ -177,11 +170,8 @@ def principal_direction(vectors) -> np.ndarray:
 
 
 def translation_system(R_b, p, u_b) -> tuple[np.ndarray, np.ndarray]:
-    """A_t (..., 3 G, 3) and b_t (..., 3 G) of Eq. 34 from p = R_b R_s p_s + T_b (..., G, N, 3), mm.
-
-    Each group's difference from the mean of all, in place of those between all pairs of points of different groups
-    (Eqs 30-33), scaled to the same sum of squares.
-    """
+    """A_t (..., 3 G, 3) and b_t (..., 3 G) of Eq. 34 from p = R_b R_s p_s + T_b (..., G, N, 3), mm: each group's
+    difference from the mean of all, scaled to the sum of squares of all pairs between groups (Eqs 30-33)."""
     G, N = p.shape[-3:-1]
     weight = N * np.sqrt(G)
     C = weight * (R_b - R_b.mean(axis=-3, keepdims=True))
@@ -201,24 +191,19 @@ def solve_translation(R_b, T_b, p_s, R_sensor) -> EdgeTranslation:
     rounding = 12 * np.finfo(float).eps * p.shape[-3] * p.shape[-2]  # of nine entries of R_b, in each of G N equations
     T_sensor, _, _, rank = least_squares(A_t, b_t, rounding)
     p_b = p + (R_b @ T_sensor[..., None, :, None])[..., None, :, 0]
-    return EdgeTranslation(u_b=u_b, rank=rank, T_sensor=T_sensor, p_b=p_b)
+    return EdgeTranslation(u_b, rank, T_sensor, p_b)
 
 
 def estimate_noise(T_b, p_s) -> np.ndarray:
-    """Standard deviation (...) of the sensed points, mm, from the data alone: from the groups' `affine_residuals`.
-
-    NaN where there are none.
-    """
+    """Standard deviation (...) of the sensed points, mm, from the groups' `affine_residuals`; NaN without any."""
     residuals, _, freedom = affine_residuals(T_b, p_s)
     squares, freedom = (residuals**2).sum(axis=(-3, -2, -1)), 2 * freedom.sum(axis=-1)
     return np.sqrt(np.divide(squares, freedom, out=np.full_like(squares, np.nan), where=freedom > 0))
 
 
 def rotation_strength(R_b, T_b, p_s, rotation: EdgeRotation) -> np.ndarray:
-    """Smallest singular value of A_r over what noise, estimated from the data, makes of a zero, (...).
-
-    0 where A_r lacks rank, else NaN where the noise cannot be estimated.
-    """
+    """Smallest singular value of A_r over what noise, estimated from the data, makes of a zero, (...): 0 where A_r
+    lacks rank, else NaN where the noise cannot be estimated."""
     from_noise = estimate_noise(T_b, p_s) * noise_gain(rotation.V[..., -1], R_b, T_b, p_s)
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(rotation.rank < 9, 0, rotation.S[..., -1] / from_noise)

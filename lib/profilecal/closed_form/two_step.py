@@ -1,8 +1,7 @@
 """What the disk and ball methods share: rotation from vector pairs, translation from one fixed point.
 
-Symbols as in the disk paper (Chen et al. 2018): R_tcp, T_tcp are the flange pose in the base frame, q the fixed
-point in the sensor frame, R_sensor and T_sensor the sensor pose on the flange. A leading batch axis is allowed
-wherever a shape starts with "...".
+Symbols as in the disk paper (Chen et al. 2018): R_tcp, T_tcp are the flange pose in the base frame, q the fixed point
+in the sensor frame, R_sensor and T_sensor the sensor pose on the flange.
 """
 
 from dataclasses import dataclass
@@ -53,18 +52,14 @@ class TwoStepSolution:
 
 
 def solve_rotation(X, Y) -> RotationSolution:
-    """R_sensor from vectors X in the sensor frame and Y in the flange frame, both (..., 3, n), with R_sensor X = Y.
-
-    Eq. 16, kept from being a reflection.
-    """
-    return RotationSolution(X=X, Y=Y, R_sensor=nearest_rotation(Y @ np.swapaxes(X, -1, -2)))
+    """R_sensor X = Y for vectors (..., 3, n): Eq. 16, kept from being a reflection."""
+    return RotationSolution(X, Y, nearest_rotation(Y @ np.swapaxes(X, -1, -2)))
 
 
 def solve_translation(R_tcp, T_tcp, q, R_sensor) -> TranslationSolution:
-    """T_sensor from poses R_tcp (..., n, 3, 3), T_tcp (..., n, 3) and one fixed point seen as q (..., n, 3).
+    """T_sensor from poses R_tcp (..., n, 3, 3), T_tcp (..., n, 3) and one fixed point seen as q (..., n, 3): Eqs 17-20.
 
-    Eqs 17-20 of the disk paper. The least-squares solution of Eq. 19 is taken from an orthogonal
-    factorisation rather than from the normal equations, which square the condition number.
+    Eq. 19 by an orthogonal factorisation, not by the normal equations, which square the condition number.
     """
     seen = np.einsum("...nab,...bc,...nc->...na", R_tcp, R_sensor, q) + T_tcp
     R_i = R_tcp[..., :-1, :, :] - R_tcp[..., 1:, :, :]
@@ -72,11 +67,10 @@ def solve_translation(R_tcp, T_tcp, q, R_sensor) -> TranslationSolution:
     M = R_i.reshape(*R_i.shape[:-3], -1, 3)
     N = N_i.reshape(*N_i.shape[:-2], -1)
     T_sensor = (np.linalg.pinv(M) @ N[..., None])[..., 0]
-
     q_b_i = seen + np.einsum("...nab,...b->...na", R_tcp, T_sensor)
     q_b = q_b_i.mean(axis=-2)
     accuracy = np.linalg.norm(q_b_i - q_b[..., None, :], axis=-1).max(axis=-1)
-    return TranslationSolution(T_sensor=T_sensor, q_b_i=q_b_i, q_b=q_b, accuracy=accuracy)
+    return TranslationSolution(T_sensor, q_b_i, q_b, accuracy)
 
 
 def check_spread(spread_deg, what: str, so: str) -> None:

@@ -10,10 +10,8 @@ class UnobservableError(ValueError):
 
 
 def check_array(name: str, values, shape, finite: bool = True) -> np.ndarray:
-    """Return `values` as a float array of a shape, in which None is any length and a leading ... any axes.
-
-    Raises ValueError with what it has in place of that, or with the first entry that is not finite, unless it may be.
-    """
+    """Return `values` as a float array of a shape, in which None is any length and a leading ... any axes. Raises
+    ValueError with the shape that it has instead, or with the first entry that is not finite, unless it may be."""
     array = np.asarray(values, dtype=float)
     wanted = shape[1:] if ... in shape else shape
     found = array.shape[-len(wanted) :] if ... in shape else array.shape
@@ -27,10 +25,8 @@ def check_array(name: str, values, shape, finite: bool = True) -> np.ndarray:
 
 
 def check_rotations(name: str, values, count: int) -> np.ndarray:
-    """Return `values` as a float array (count, 3, 3) of rotation matrices.
-
-    Raises ValueError for anything else: not finite, not orthonormal within 1e-3, or a reflection.
-    """
+    """Return `values` as an array (count, 3, 3). Raises ValueError for what is no rotation: entries that are not
+    finite, columns that are not orthonormal within 1e-3, a reflection."""
     array = check_array(name, values, (count, 3, 3))
     excess = np.abs(array @ array.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2), initial=0.0)
     bad = np.flatnonzero(excess > ORTHONORMAL_TOLERANCE)

@@ -1,8 +1,7 @@
 """Spheres, circles and ellipses through points, in batches; what affine functions leave of values.
 
-The fits of circle and ellipse minimise an algebraic distance under a quadratic constraint. Eliminating the linear
-coefficients leaves a symmetric 3×3 problem, whose eigenvalue solves one scalar equation: no iteration over the points,
-no `eig`.
+Circle and ellipse minimise an algebraic distance under a quadratic constraint. Eliminating the linear coefficients
+leaves a symmetric 3×3 problem, whose eigenvalue solves one scalar equation (`_secular`): no `eig`.
 """
 
 from dataclasses import dataclass
@@ -27,10 +26,8 @@ class Ellipse:
 
 
 def fit_ellipse(points) -> Ellipse:
-    """The ellipse-specific direct fit of Pilu, Fitzgibbon and Fisher (ref. [21] of the disk paper).
-
-    Points (..., k, 2), k ≥ 5. The fit is invariant under affine maps, so the points are first given unit covariance.
-    """
+    """The ellipse-specific direct fit of Pilu, Fitzgibbon and Fisher (disk paper's ref. [21]) to points (..., k, 2),
+    k ≥ 5. No affine map changes the fit, so the points are first given unit covariance."""
     points = np.asarray(points, dtype=float)
     mean = points.mean(axis=-2)
     x, z = np.moveaxis(points - mean[..., None, :], -1, 0)
@@ -80,14 +77,12 @@ def ellipse_from_moments(mean: dict) -> Ellipse:
     inverse = np.array([[zz, -xz], [-xz, xx]]) / (xx * zz - xz * xz)
     slopes = np.einsum("ij...,jk...->ik...", inverse, crossed)  # D and E take these multiples of -A, -B and -C
     unexplained = covariances(quadratic, quadratic) - np.einsum("ij...,ik...->jk...", crossed, slopes)
-
     basis = np.array([[1.0, 1.0, 0.0], [0.0, 0.0, 2.0], [1.0, -1.0, 0.0]])  # A, B and C by 1, β and γ
     half = np.tensordot(basis.T, unexplained, 1)
     reduced = np.tensordot(basis.T, np.swapaxes(half, 0, 1), 1)
     beta, gamma = _secular(reduced[np.triu_indices(3)], sign=1)
     A, B, C = 1 + beta, 2 * gamma, 1 - beta
     D, E = -np.einsum("ij...,j...->i...", slopes, np.array([A, B, C]))
-
     determinant = 4 * A * C - B * B
     x, z = (B * E - 2 * C * D) / determinant, (B * D - 2 * A * E) / determinant
     at_mean = A * mean[2, 0] + B * mean[1, 1] + C * mean[0, 2] + D * mean[1, 0] + E * mean[0, 1]  # it is -F
@@ -97,11 +92,10 @@ def ellipse_from_moments(mean: dict) -> Ellipse:
 
 
 def _secular(entries, sign: int):
-    """Minimise vᵀ M v with v₀² - sign (v₁² + v₂²) fixed, for symmetric M given as 00, 01, 02, 11, 12, 22; v₀ = 1.
+    """The v₁, v₂ that minimise vᵀ M v with v₀² - sign (v₁² + v₂²) fixed, v₀ = 1; symmetric M as 00, 01, 02, 11, 12, 22.
 
-    Returns v₁, v₂. The eigenvalue λ is a root of g(λ) = M₀₀ - λ - mᵀ (M₁₁ + sign λ I)⁻¹ m, which is concave and
-    falls. For sign = 1 Newton's steps from λ = M₀₀, where g ≤ 0, descend to the positive root without fail.
-    For sign = -1 the smallest root is sought, from λ = 0, where g ≥ 0.
+    The eigenvalue λ is a root of g(λ) = M₀₀ - λ - mᵀ (M₁₁ + sign λ I)⁻¹ m, which is concave and falls. For sign = 1
+    Newton's steps from λ = M₀₀, where g ≤ 0, descend to the positive root; for -1 from λ = 0 to the smallest.
     """
     pp, pq, pt, qq, qt, tt = entries
     value = pp if sign > 0 else np.zeros_like(pp)
@@ -117,10 +111,8 @@ def _secular(entries, sign: int):
 
 
 def fit_circle(points) -> np.ndarray:
-    """Circles (..., 3) as x, z, r through points (..., k, 2), k ≥ 3, by Taubin's fit.
-
-    It minimises ⟨d²⟩/⟨|∇d|²⟩ of the algebraic distance d; ⟨d²⟩ alone makes circles too small on noisy arcs.
-    """
+    """Circles (..., 3) as x, z, r through points (..., k, 2), k ≥ 3, by Taubin's fit, which minimises ⟨d²⟩/⟨|∇d|²⟩ of
+    the algebraic distance d; ⟨d²⟩ alone makes circles too small on noisy arcs."""
     points = np.asarray(points, dtype=float)
     mean = points.mean(axis=-2)
     x, z = np.moveaxis(points - mean[..., None, :], -1, 0)
@@ -169,12 +161,11 @@ def principal_axes(points) -> np.ndarray:
 def affine_residuals(positions, values, weights=None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """What an affine function of positions (..., n, 3) leaves of values (..., n, k).
 
-    Inside a rotation group the sensed point of a straight edge, or of a marked point, is such a function of the flange
-    position, whatever the calibration: what is left is noise. `weights` (..., n): one over the standard deviation of a
-    value; all alike if left out.
+    Inside a rotation group the sensed point of a straight edge, or a marked point, is such a function of the flange
+    position, whatever the calibration: what is left is noise. `weights` (..., n): 1 / standard deviation of a value.
 
-    Returns the residuals (..., n, k), weighted; the orthonormal basis (..., n, 4) of what is taken out, with zeros in
-    place of columns for directions in which the positions do not extend; and n less the other columns, (...).
+    Returns the weighted residuals (..., n, k); the orthonormal basis (..., n, 4) of what is taken out, its columns zero
+    for directions in which the positions do not extend; and n less the other columns, (...).
     """
     n = positions.shape[-2]
     weight = np.ones((n, 1)) if weights is None else np.asarray(weights)[..., None]

@@ -1,4 +1,4 @@
-"""Where the robot goes: flange orientations times translations over a straight edge (edge paper, Section 3)."""
+"""Rotations and rigid transforms, in batches; directions, frames and circles in space."""
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -7,10 +7,7 @@ SAME_ORIENTATION_DEG = 0.05  # poses that differ by less form a rotation group
 
 
 def rotation_from_xyz_angles(angles) -> np.ndarray:
-    """Rotation matrices (..., 3, 3) from angles (a, b, c) in radians, shape (..., 3): R = Rz(c) Ry(b) Rx(a).
-
-    Tables I and III of the disk paper print orientations so ("ZYX Euler angle").
-    """
+    """R = Rz(c) Ry(b) Rx(a), (..., 3, 3), of angles (a, b, c), (..., 3) rad: the disk paper's "ZYX Euler angle"."""
     return Rotation.from_euler("xyz", angles).as_matrix()
 
 
@@ -22,32 +19,24 @@ def xyz_angles_from_rotation(matrix) -> np.ndarray:
 
 
 def nearest_rotation(matrix) -> np.ndarray:
-    """The rotations closest in the Frobenius norm to matrices (..., 3, 3); never reflections.
-
-    Edge paper, Eq. 27, and the correction that Eq. 16 of the disk paper lacks.
-    """
+    """The rotations closest to matrices (..., 3, 3) in the Frobenius norm (edge paper, Eq. 27); never reflections,
+    which Eq. 16 of the disk paper lets pass."""
     U, _, Vt = np.linalg.svd(np.asarray(matrix, dtype=float))
     U[..., :, 2] *= np.sign(np.linalg.det(U @ Vt))[..., None]
     return U @ Vt
 
 
 def angle_between(first, second) -> np.ndarray:
-    """Angle in radians of the rotation that takes `first` to `second`, both (..., 3, 3).
+    """Angles, rad, of the rotations that take `first` to `second`, both (..., 3, 3).
 
     From the chord ‖A - B‖ = 2√2 sin(θ/2), which stays exact near zero where the trace does not.
-
-    >>> float(np.degrees(angle_between(np.eye(3), np.diag([1, -1, -1]))))
-    180.0
     """
     chord = np.linalg.norm(np.asarray(first) - np.asarray(second), axis=(-2, -1))
     return 2 * np.arcsin(np.clip(chord / np.sqrt(8), 0, 1))
 
 
 def parallel(first, second, within_deg: float) -> np.ndarray:
-    """Which orientations (N, 3, 3) differ by less than an angle from which others (M, 3, 3), (N, M).
-
-    From the trace, 1 + 2 cos θ: not for angles below 0.001°.
-    """
+    """Which orientations (N, 3, 3) differ from which others (M, 3, 3) by less than an angle of 0.001° or more, (N, M)."""
     return first.reshape(-1, 9) @ second.reshape(-1, 9).T > 1 + 2 * np.cos(np.radians(within_deg))
 
 
@@ -81,10 +70,7 @@ def rotations(vectors) -> np.ndarray:
 
 
 def random_turns(rng: np.random.Generator, shape, spread: float, axis=None) -> np.ndarray:
-    """Rotations (*shape, 3, 3) by up to `spread` rad either way, about random axes or all about `axis` (..., 3).
-
-    The angles are uniform.
-    """
+    """Rotations (*shape, 3, 3) by uniform angles up to ±`spread`, rad, about random axes or about `axis` (..., 3)."""
     angle = rng.uniform(-spread, spread, (*shape, 1))
     return rotations(angle * (directions(rng, shape) if axis is None else axis))
 
@@ -98,11 +84,7 @@ def frame_along(direction, angle) -> np.ndarray:
 
 
 def inverse(rotation, translation) -> tuple[np.ndarray, np.ndarray]:
-    """The inverses of rigid transforms (..., 3, 3), (..., 3).
-
-    >>> inverse(np.eye(3), np.array([1.0, 2.0, 3.0]))[1].tolist()
-    [-1.0, -2.0, -3.0]
-    """
+    """The inverses of rigid transforms (..., 3, 3), (..., 3)."""
     back = np.swapaxes(rotation, -1, -2)
     return back, -(back @ translation[..., None])[..., 0]
 
@@ -140,11 +122,8 @@ def dot(a, b):
 
 
 def root(square, least):
-    """The square root and its derivative, continued as its tangent below `least`².
-
-    A scan plane that misses a ball or a disk has no circle or chord; a solver that tries such a pose needs a residual
-    all the same, one that leads back.
-    """
+    """The square root and its derivative, continued as its tangent below `least`²: a scan plane that misses a ball or a
+    disk has no circle or chord, but a solver that tries it needs a residual that leads back."""
     inside = square > least**2
     value = np.sqrt(np.where(inside, square, least**2))
     slope = 0.5 / value
