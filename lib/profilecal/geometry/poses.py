@@ -36,7 +36,7 @@ def angle_between(first, second) -> np.ndarray:
 
 
 def parallel(first, second, within_deg: float) -> np.ndarray:
-    """Which orientations (N, 3, 3) differ from which others (M, 3, 3) by less than an angle of 0.001° or more, (N, M)."""
+    """Which orientations (N, 3, 3) differ from which (M, 3, 3) by less than an angle of 0.001° or more, (N, M)."""
     return first.reshape(-1, 9) @ second.reshape(-1, 9).T > 1 + 2 * np.cos(np.radians(within_deg))
 
 

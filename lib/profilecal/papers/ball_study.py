@@ -55,10 +55,8 @@ class BallScans:
 
 
 def fig17_scans(**free) -> BallScans:
-    """Disk paper, Section V-D3: the poses of Table III, the sensor at Eq. 53, the ball where Eq. 53 puts it.
-
-    The motion of the m arcs and the scanner's view are not printed; `free` sets them, see `BallScans`.
-    """
+    """Disk paper, Section V-D3: the poses of Table III, the sensor at Eq. 53, the ball where Eq. 53 puts it. The motion
+    of the m arcs and the scanner's view are not printed; `free` sets them, see `BallScans`."""
     ball_translating = 4  # disk paper, Section V-D2: the first four rows of Table III share one orientation
     R_sensor, T_sensor = published.sensor_pose("Eq. 53", "Upsilon")
     R_tcp = rotation_from_xyz_angles(published.values("disk", "Table III", "R_tcp"))
@@ -69,19 +67,12 @@ def fig17_scans(**free) -> BallScans:
 
 
 def ball_study(
-    scans: BallScans,
-    sigma_mm,
-    m,
-    trials: int,
-    rng: np.random.Generator,
-    *,
-    workers: int | None = None,
+    scans: BallScans, sigma_mm, m, trials: int, rng: np.random.Generator, *, workers: int | None = None
 ) -> dict[str, Study]:
     """The two-step ball method from simulated noisy arcs, for each sigma_mm (k,) of z and m (l,), by protocol.
 
-    A trial draws max(m) arcs a pose and averages ball centres and flange positions of the first m (the equations are
-    linear in both). All sigma_mm and m share one draw, so that curves over them differ by less than chance makes them.
-    `workers`: see `in_chunks`.
+    A trial draws max(m) arcs a pose and averages ball centres and flange positions of the first m: the equations are
+    linear in both. All sigma_mm and m share one draw, so curves over them are smooth. `workers`: see `in_chunks`.
     """
     studies = {protocol: Study.blank(sigma_mm, m, trials) for protocol in PROTOCOLS}
     sigma_mm, m = studies[PROTOCOLS[0]].sigma_mm, studies[PROTOCOLS[0]].m
@@ -124,9 +115,8 @@ def mean_centres(scans: BallScans, pose: int, counts, sigma_mm, size: int, rng) 
 def noisy_circles(circle, x, sigma_mm, size: int, rng) -> np.ndarray:
     """Circles (k, size, 3) fitted to the upper side of a circle (3,) seen at x (points,), z noisy by sigma_mm (k,).
 
-    Only z is noisy, z + s ε, with ε about its mean. What the fit needs are then polynomials in s, whose coefficients
-    are means of ε, ε², ε³ and ε⁴ times functions of x and z: the same for each sigma_mm. Units: the circle's radius,
-    about the mean of the noise-free arc.
+    Only z is noisy, z + s ε, so what the fit needs are polynomials in s. Their coefficients, means of ε, ε², ε³ and ε⁴
+    times functions of x and z, serve all sigma_mm. Units: the circle's radius, about the mean of the noise-free arc.
     """
     cx, cz, r = circle
     z = cz + np.sqrt(r * r - (x - cx) ** 2)
@@ -145,7 +135,6 @@ def noisy_circles(circle, x, sigma_mm, size: int, rng) -> np.ndarray:
             np.matmul(factors, power.T, out=total[:, part])
         np.vecdot(square, square, out=sums[3][0, part])
     (xe, ze, xze, wze, wwe), (ee, xee, zee, wee), (eee, zeee), (eeee,) = (total / len(x) for total in sums)
-
     s = np.asarray(sigma_mm, dtype=float)[:, None] / r
     mean = {"xx": np.mean(x * x), "xz": np.mean(x * z) + s * xe, "zz": np.mean(z * z) + s * (ze + s * ee)}
     mean["wx"] = np.mean(w * x) + s * (xze + s * xee)

@@ -12,8 +12,8 @@ from profilecal.papers import published
 from profilecal.papers.monte_carlo import Study, in_chunks, noisy_blocks, two_step_errors
 from profilecal.targets.disk import Disk
 
-# First and last chord of a scan, as signed fractions of the radius. Eq. 48's positions are not printed: notebook 22
-# fits the last one to the values printed for Fig. 15; other pairs fit as well.
+# First and last chord, as signed fractions of the radius. Eq. 48's positions are not printed: notebook 22 fits the last
+# one to the values printed for Fig. 15; other pairs fit as well.
 FIG15_EXTENT = (-0.9, 0.31)
 
 
@@ -42,9 +42,8 @@ class DiskScans:
 
 
 def disk_scans(disk: Disk, R_sensor, T_sensor, R_tcp, centre_seen, direction, extent) -> DiskScans:
-    """Scans at flange orientations R_tcp (n, 3, 3) that move along `direction` (n, 3), base frame.
-
-    On its way each sees the disk's centre at `centre_seen` (n, 3) of the sensor frame, mm.
+    """Scans at flange orientations R_tcp (n, 3, 3) that move along `direction` (n, 3), base frame, and on their way see
+    the disk's centre at `centre_seen` (n, 3), sensor frame, mm.
 
     `extent`: first and last chord as signed fractions of the radius; at -1 and 1 the scan plane is tangent to the disk.
     """
@@ -54,16 +53,13 @@ def disk_scans(disk: Disk, R_sensor, T_sensor, R_tcp, centre_seen, direction, ex
     across = np.einsum("na,na->n", direction, normal)
     to_tangent = (disk.radius * in_disk / np.abs(across))[:, None] * direction
     T_centre = disk.centre - np.einsum("nab,nb->na", rotation, centre_seen) - R_tcp @ T_sensor
-    return DiskScans(
-        disk, R_sensor, T_sensor, R_tcp, T_centre + extent[0] * to_tangent, T_centre + extent[1] * to_tangent
-    )
+    start, end = (T_centre + part * to_tangent for part in extent)
+    return DiskScans(disk, R_sensor, T_sensor, R_tcp, start, end)
 
 
 def fig15_scans(extent=FIG15_EXTENT) -> DiskScans:
-    """Disk paper, Section V-B: the disk at Eq. 50, the sensor at Eq. 49, orientations and motions of Table I.
-
-    `extent`: first and last chord as signed fractions of the radius.
-    """
+    """Disk paper, Section V-B: the disk at Eq. 50, the sensor at Eq. 49, orientations and motions of Table I; `extent`
+    as `disk_scans` takes it."""
     normal = published.values("disk", "Section V-B", "disk normal of the simulation")
     radius = float(published.values("disk", "Fig. 14", "disk radius"))
     disk = Disk(published.values("disk", "Eq. 50", "q_b"), normal, radius)
@@ -75,15 +71,7 @@ def fig15_scans(extent=FIG15_EXTENT) -> DiskScans:
 
 
 def disk_study(
-    scans: DiskScans,
-    sigma_mm,
-    m,
-    trials: int,
-    rng: np.random.Generator,
-    *,
-    noise: str = "chord",
-    heights: str = "regression",
-    workers: int | None = None,
+    scans: DiskScans, sigma_mm, m, trials: int, rng, *, noise="chord", heights="regression", workers: int | None = None
 ) -> Study:
     """The disk method from simulated noisy chords: `trials` calibrations for each sigma_mm (k,) and each m (l,).
 
@@ -115,10 +103,8 @@ def disk_study(
 
 @dataclass(frozen=True)
 class Chords:
-    """The tips of n scans without noise, in coordinates u along the chords and v across them, of about unit size.
-
-    The direct ellipse fit is invariant under affine maps, so it is done in these.
-    """
+    """The tips of n scans without noise, in coordinates u along the chords and v across them, of about unit size: no
+    affine map changes the direct fit of an ellipse."""
 
     tips: np.ndarray  # (n, 2, 2m) u and v; all first tips, then all second ones
     centre: np.ndarray  # (n, 2) mm, sensor frame: where u = v = 0
@@ -147,10 +133,8 @@ class Chords:
         return ellipse, np.moveaxis(vectors, (0, 1), (-2, -1))
 
     def with_chord_noise(self, sigma_mm: float, size: int, rng):
-        """What `sensing_data_from_ellipse` takes of `size` trials of Eq. 52: noise in u alone.
-
-        The means of u^a v^b are then products with fixed powers of v.
-        """
+        """What `sensing_data_from_ellipse` takes of `size` trials of Eq. 52: noise in u alone, so that the means of
+        u^a v^b are products with fixed powers of v."""
         n, _, count = self.tips.shape
         sums = {a: np.empty((5 - a, n, size)) for a in range(1, 5)}  # over u^a v^b, by b
         sums[0] = np.empty((5, n, 1))

@@ -17,10 +17,8 @@ STANDOFF = 75.0  # mm, the middle of the 60 to 90 mm for which the paper's scann
 
 
 def arc(count: int, radius: float, span: float, middle) -> np.ndarray:
-    """Positions (..., count, 3) on a circular arc in the plane z = 0, mm, relative to its middle.
-
-    `middle` (...), rad, is where on the circle that lies.
-    """
+    """Positions (..., count, 3), mm, on a circular arc in the plane z = 0, from its middle; that lies at the angle
+    `middle` (...), rad."""
     radius, span, middle = (np.asarray(number)[..., None] for number in (radius, span, middle))
     angle = middle + span * np.linspace(-0.5, 0.5, count)
     x, y = np.cos(angle) - np.cos(middle), np.sin(angle) - np.sin(middle)
@@ -28,11 +26,8 @@ def arc(count: int, radius: float, span: float, middle) -> np.ndarray:
 
 
 def arc_planes(direction, tilt, azimuth) -> np.ndarray:
-    """Frames (..., 3, 3), in columns, of planes (their x and y axes) that make the angle `tilt` with the edge.
-
-    `direction` (..., 3) is the edge's; `azimuth` (...) turns the plane about it. x is the plane's direction nearest
-    to the edge, y is perpendicular to the edge. With `tilt` zero the plane contains the edge.
-    """
+    """Frames (..., 3, 3), in columns, of planes (their x and y axes) that make the angle `tilt` with the edge, along
+    `direction` (..., 3). `azimuth` (...) turns the plane about it. x is nearest to the edge, y square to it."""
     frame, tilt = frame_along(direction, azimuth), np.asarray(tilt)[..., None]
     across, along = frame[..., 0], frame[..., 1]
     x = np.cos(tilt) * along - np.sin(tilt) * across
@@ -41,20 +36,16 @@ def arc_planes(direction, tilt, azimuth) -> np.ndarray:
 
 
 def above(point, flange, R_sensor, T_sensor, standoff: float = STANDOFF) -> np.ndarray:
-    """Flange positions (..., G, 3) with `point` (..., 3) in the middle of the scan, at depth `standoff`.
-
-    The flange has the orientations `flange` (..., G, 3, 3).
-    """
+    """Positions (..., G, 3) of the flange, at orientations (..., G, 3, 3), that put `point` (..., 3) into the middle of
+    the scan, at depth `standoff`."""
     seen = R_sensor @ np.array([0.0, 0.0, standoff]) + T_sensor
     return point[..., None, :] - (flange @ seen[..., None, :, None])[..., 0]
 
 
 @dataclass(frozen=True)
 class EdgePlan:
-    """How to move over an edge: `groups` orientations, each held for `positions` positions.
-
-    Spread, radius, span and tilt of arcs may be arrays (S, 1), one number for each of S scenes.
-    """
+    """How to move over an edge: `groups` orientations, each held for `positions` positions. Spread, radius, span and
+    tilt of arcs may be arrays (S, 1), one number for each of S scenes."""
 
     groups: int = 25
     positions: int = 10
@@ -85,11 +76,9 @@ class EdgePlan:
 
 
 def plan_edge(plan: EdgePlan, edge: Edge, R_sensor, T_sensor, rng: np.random.Generator) -> Poses:
-    """Poses that carry the scanner at R_sensor (..., 3, 3), T_sensor (..., 3), mm, over the edge.
-
-    The operator first turns the scanner so that its scan plane crosses the edge at up to 20° from square, then turns
-    the flange from group to group, and starts each group with the edge in the middle of the scan.
-    """
+    """Poses that carry the scanner at R_sensor (..., 3, 3), T_sensor (..., 3), mm, over the edge: the operator makes
+    the scan plane cross the edge at up to 20° from square, turns the flange from group to group, and starts each group
+    with the edge in the middle of the scan."""
     shape = edge.point.shape[:-1]
     square = frame_along(edge.direction, rng.uniform(0, 2 * np.pi, shape))
     start = random_turns(rng, shape, np.radians(20)) @ square @ np.swapaxes(R_sensor, -1, -2)
@@ -103,10 +92,8 @@ def plan_edge(plan: EdgePlan, edge: Edge, R_sensor, T_sensor, rng: np.random.Gen
 
 
 def plan_ball(centre, radius: float, R_sensor, T_sensor, rng) -> Poses:
-    """Poses that draw six parallel profiles over a ball in each of ten orientations (edge paper, Section 4.2).
-
-    `centre` (..., 3), mm. The profiles spread over 1.2 radii, along the sensor's y.
-    """
+    """Poses that draw six parallel profiles over a ball at `centre` (..., 3), mm, in each of ten orientations (edge
+    paper, Section 4.2). The profiles spread over 1.2 radii, along the sensor's y."""
     start = random_turns(rng, centre.shape[:-1], np.pi) @ np.swapaxes(R_sensor, -1, -2)
     flange = random_turns(rng, (*centre.shape[:-1], 10), np.radians(30)) @ start[..., None, :, :]
     y = (flange @ R_sensor[..., None, :, :])[..., 1]
@@ -115,10 +102,8 @@ def plan_ball(centre, radius: float, R_sensor, T_sensor, rng) -> Poses:
 
 
 def sense_edge(edge: Edge, R_sensor, T_sensor, poses: Poses, noise: Noise, rng: np.random.Generator) -> np.ndarray:
-    """Edge points (..., G, N, 2), x and z in the sensor frame, mm, that a scanner on the flange reports.
-
-    R_sensor (..., 3, 3), T_sensor (..., 3), mm, the edge and the poses may share leading axes, one entry a scene.
-    """
+    """Edge points (..., G, N, 2), x and z in the sensor frame, mm, that a scanner on the flange reports. Sensor poses
+    (..., 3, 3), (..., 3), the edge and the poses may share leading axes, one entry a scene."""
     planes = scan_planes(R_sensor, T_sensor, *actual_poses(poses, noise, rng))
     seen = Edge(edge.point[..., None, None, :], edge.direction[..., None, None, :]).meet(*planes)
     return seen + noise.profile_mm * rng.normal(size=seen.shape)
@@ -137,9 +122,7 @@ class EdgeScene:
 
 def edge_scenes(plan: EdgePlan, noise: Noise, rng: np.random.Generator, shape=()) -> EdgeScene:
     """Random scenes, `shape` of them: any edge 1 m in front of the robot, any mount within 150 mm of the flange.
-
-    The entries of `noise` may be arrays (S, 1, 1, 1), one for each of S scenes.
-    """
+    Entries of `noise` may be arrays (S, 1, 1, 1), one for each of S scenes."""
     edge = Edge(np.array([1000.0, 0.0, 300.0]) + rng.uniform(-100, 100, (*shape, 3)), directions(rng, shape))
     R_sensor = random_turns(rng, shape, np.pi)
     T_sensor = rng.uniform(50, 150, (*shape, 1)) * directions(rng, shape)
@@ -148,10 +131,8 @@ def edge_scenes(plan: EdgePlan, noise: Noise, rng: np.random.Generator, shape=()
 
 
 def ball_points(ball: Ball, R_sensor, T_sensor, poses: Poses, noise: Noise, rng, count: int = 40) -> np.ndarray:
-    """Points (..., G, N, count, 2) on a ball, x and z in the sensor frame, mm, that a scanner on the flange reports.
-
-    Each profile is the arc of up to 60° to either side of the point nearest to the scanner.
-    """
+    """Points (..., G, N, count, 2) on a ball, x and z in the sensor frame, mm, that a scanner on the flange reports: in
+    each profile up to 60° to either side of the point nearest to it."""
     planes = scan_planes(R_sensor, T_sensor, *actual_poses(poses, noise, rng))
     seen = Ball(ball.centre[..., None, None, :], ball.radius).arc(*planes, 60, count)
     return seen + noise.profile_mm * rng.normal(size=seen.shape)
@@ -176,11 +157,8 @@ def principal(vectors, about_mean: bool = True) -> np.ndarray:
 
 
 def angle_deviations(solution: EdgeSolution, about_mean: bool = True) -> np.ndarray:
-    """Δα (..., G), rad: between the edge's direction u_b and the principal direction of each group of p_b.
-
-    They are seen along one fixed axis perpendicular to u_b: left and right differ, what leans along it is not seen.
-    The principal direction is that of vectors about their mean (PCA), or as they are.
-    """
+    """Δα (..., G), rad: between the edge's direction u_b and the principal direction of each group of p_b, of vectors
+    about their mean (PCA) or as they are. Seen along one fixed axis perpendicular to u_b: left and right differ."""
     u_b = solution.u_b
     groups = principal(solution.p_b - solution.p_b[..., :1, :], about_mean)
     aside = np.cross(u_b, np.eye(3)[np.argmin(np.abs(u_b), axis=-1)])

@@ -1,7 +1,7 @@
 """What a paper prints beside what we found: one `Item` for each table, equation or figure.
 
 A notebook shows an item in the paper's own rows and columns. The same output holds it as data (`MIME`), from which the
-page of all items and the scorecard are gathered. Every verdict follows from the numbers shown.
+scorecard is gathered. Every verdict follows from the numbers shown.
 """
 
 import json
@@ -70,11 +70,9 @@ class Row:
 
 @dataclass(frozen=True)
 class Item:
-    """A table, equation or figure of a paper beside ours. As a cell's last expression it shows itself.
-
-    `layout`: "table", the paper's rows and columns, printed above ours; "list", a line for each number; "matrix",
-    printed, ours and their difference side by side, with how large it may be.
-    """
+    """A table, equation or figure of a paper beside ours, which shows itself. `layout`: "table", the paper's rows and
+    columns, printed above ours; "list", a line for each number; "matrix", printed, ours and their difference side by
+    side, with how large it may be."""
 
     paper: str  # "edge" or "disk"
     item: str  # such as "Table 1"
@@ -132,12 +130,11 @@ class Item:
 def compare(paper, item, what, ours, low=None, high=None, *, within=None, why=None, labels=None, **about) -> Item:
     """An item from what `published` has of it.
 
-    `ours`, `low`, `high`: for each quantity an array shaped as `published.values` has it; or `within`, for each
-    quantity how far from ours the printed numbers may be; neither: not at all, but for rounding. A quantity that can be
-    read in two ways stands twice, as (quantity, reading). `why`: for each quantity, why it differs. `labels`: how the
-    paper writes names of rows, columns and quantities. `about` goes to `Item`.
-
-    Raises ValueError for a number that differs without a reason.
+    `ours`, `low`, `high`: for each quantity an array shaped as `published.values` has it; or `within`: how far from
+    ours the printed numbers may be. Neither: not at all, but for rounding. A quantity that can be read in two ways
+    stands twice, as (quantity, reading). `why`: for each quantity, why it differs. `labels`: how the paper writes names
+    of rows, columns and quantities. `about` goes to `Item`. Raises ValueError for a number that differs without a
+    reason.
     """
     frame, labels, rows = published.table(paper), labels or {}, []
     for key, values in ours.items():
@@ -160,10 +157,8 @@ def compare(paper, item, what, ours, low=None, high=None, *, within=None, why=No
 
 
 def beside(item: str, what: str, quantity: str, ours, alike) -> Item:
-    """Ours beside a matrix, vector or number of the disk paper; `alike` (draws, ...): ours from tables that print so.
-
-    They allow the range in which 95 % of them lie.
-    """
+    """Ours beside a matrix, vector or number of the disk paper; `alike` (draws, ...): ours from tables that print so,
+    of which 95 % span the range allowed."""
     low, high = np.quantile(alike, [0.025, 0.975], axis=0)
     about = {"range_from": "rounding", "layout": "matrix", "why": {quantity: "outside what rounding allows"}}
     return compare("disk", item, what, {quantity: ours}, {quantity: low}, {quantity: high}, **about)
@@ -215,8 +210,8 @@ def as_matrices(item: Item) -> pd.DataFrame:
         "difference": difference,
     }
     names = dict.fromkeys(row.row for row in item.rows)
-    lines = {name: [row for row in item.rows if row.row == name] for name in names}
-    table = [[text(row) for text in blocks.values() for row in line] for line in lines.values()]
+    lines = [[row for row in item.rows if row.row == name] for name in names]
+    table = [[text(row) for text in blocks.values() for row in line] for line in lines]
     width = len(table[0]) // 3
     if (len(table), width) == (3, 4):
         table.append([*"0001", *"0001", *"0000"])

@@ -62,10 +62,10 @@ class Study:
 def in_chunks(run, shape, trials: int, rng: np.random.Generator, workers: int | None) -> None:
     """Call run(setting, part, stream) for each setting, an index into `shape`, and each chunk of its trials, a slice.
 
-    Every chunk has its own random stream, so that the number of workers changes nothing; None: all cores. They are
-    threads, as NumPy leaves the interpreter's lock while it computes.
+    Each chunk has its own random stream: the number of workers changes nothing. None: one for each core, as threads,
+    because NumPy leaves the interpreter's lock while it computes.
     """
-    chunk = 1000  # trials that share one random stream: memory stays flat, and workers wait little for each other
+    chunk = 1000  # trials: memory stays flat, and workers wait little for each other
     parts = [slice(first, min(first + chunk, trials)) for first in range(0, trials, chunk)]
     tasks = [(setting, part) for setting in np.ndindex(*shape) for part in parts]
     with ThreadPoolExecutor(max_workers=workers or os.cpu_count()) as pool:
@@ -77,8 +77,8 @@ def in_chunks(run, shape, trials: int, rng: np.random.Generator, workers: int | 
 def noisy_blocks(exact, sd, size: int, rng: np.random.Generator):
     """Blocks of `size` trials of `exact` (...) plus normal noise, whose standard deviation `sd` broadcasts against it.
 
-    Yields the trials, as a slice; their values (block, ...); and two arrays of that shape, to be filled: memory that
-    is new to the processor would cost more than what is computed in it. The next block takes over all of it.
+    Yields the trials, as a slice; their values (block, ...); and two arrays of that shape to be filled, until the next
+    block takes them over: new memory would cost more than what is computed in it.
     """
     memory = np.empty((3, max(1, min(size, BLOCK // exact.size)), *exact.shape))
     for first in range(0, size, memory.shape[1]):
@@ -93,14 +93,12 @@ def noisy_blocks(exact, sd, size: int, rng: np.random.Generator):
 def two_step_errors(scans, centre, R_tcp, T_tcp, q, X, Y) -> np.ndarray:
     """Errors (9, k) of k trials: of the fixed point `centre`, mm, of the rotation, rad, and of the translation, mm.
 
-    Eqs 14-20 of the disk paper with the truth `scans.R_sensor`, `scans.T_sensor`: the rotation from directions X
-    (n, 3, k) and Y (n, 3), the translation from R_tcp (l, 3, 3), T_tcp and q (l, 3, k) or (l, 3, 1). The flange
-    orientations are the same in all trials, so the least squares of Eq. 19 is one fixed matrix.
+    Eqs 14-20 of the disk paper; `scans` has the truth. The rotation comes from directions X (n, 3, k) and Y (n, 3), the
+    translation from R_tcp (l, 3, 3), T_tcp and q (l, 3, k) or (l, 3, 1), by one matrix for all trials (Eq. 19).
     """
     X = X / np.linalg.norm(X, axis=1, keepdims=True)
     Y = Y / np.linalg.norm(Y, axis=1, keepdims=True)
     turn = rotations_near(np.tensordot(Y, scans.R_sensor @ X, (0, 0)))  # of Eq. 15, seen from the truth
-
     in_flange = np.einsum("abk,nbk->nak", turn, scans.R_sensor @ q)
     seen = R_tcp @ in_flange + T_tcp
     M, N = (R_tcp[:-1] - R_tcp[1:]).reshape(-1, 3), (seen[1:] - seen[:-1]).reshape(-1, seen.shape[-1])
@@ -119,11 +117,10 @@ def rotation_vectors(R) -> np.ndarray:
 
 
 def rotations_near(B) -> np.ndarray:
-    """The rotations R (3, 3, k) that best take unit vectors x to unit vectors y; B (3, 3, k) is the sum of all y xᵀ.
+    """The rotations (3, 3, k) nearest to B (3, 3, k).
 
-    They are the rotations nearest to B. A rotation equals its cofactors. The mean of another matrix and its cofactors,
-    both scaled to a rotation's norm, has the same nearest rotation and is closer to it, soon by the square of how far
-    apart the two were: an eighth of the time of an SVD.
+    A rotation equals its cofactors. The mean of another matrix and its cofactors, both scaled to a rotation's norm, has
+    the same nearest rotation and is closer to it, soon by the square of their distance: an eighth of an SVD's time.
     """
 
     def half(A):  # of a matrix with a rotation's norm

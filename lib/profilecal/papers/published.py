@@ -12,10 +12,10 @@ from profilecal.geometry.poses import nearest_rotation
 
 
 def least_change(compute, low, high, size: int) -> tuple[np.ndarray, float]:
-    """The x (size,) with the smallest max |x| at which all values of `compute` lie between `low` and `high` (k,).
+    """The x (size,) with the smallest max |x| at which all values of `compute`, (..., size) to (..., k), lie between
+    `low` and `high` (k,); and that max |x|, infinity if an interval is missed.
 
-    `compute` maps (..., size) to (..., k). Sequential quadratic programming (Kraft 1988) in x and a bound s of
-    all |x|, from near 0. Returns x and max |x|; infinity if an interval is missed.
+    Sequential quadratic programming (Kraft 1988) in x and a bound s of all |x|, from near 0.
     """
     step = 1e-4  # of the differences that stand for derivatives
     inside = 0.99  # of the way from the middle of an interval to its ends: room for what is not linear
@@ -54,9 +54,8 @@ def folder() -> Path:
 def table(paper: str) -> pd.DataFrame:
     """All published numbers of one paper ("disk" or "edge"), one a row.
 
-    Columns: paper, item (table, equation, figure or section), quantity, row, component, printed (text), decimals
-    (of the last digit that the quantity is printed to: the papers drop trailing zeros; none for a number that is zero
-    by definition), unit, note, value, half_unit.
+    Columns: paper, item (table, equation, figure or section), quantity, row, component, printed (text), decimals (to
+    which the quantity is printed; none for a number that is zero by definition), unit, note, value, half_unit.
     """
     if paper not in FILES:
         raise ValueError(f"paper is {paper!r}; expected one of {', '.join(FILES)}")
@@ -78,14 +77,10 @@ def _entries(paper: str, item: str, quantity: str) -> pd.DataFrame:
 
 
 def values(paper: str, item: str, quantity: str) -> np.ndarray:
-    """The printed numbers of one quantity, (rows, components), without the axes of length one.
-
-    values("disk", "Table I", "T_tcp") is (4, 3); values("disk", "Eq. 51", "accuracy") has no axis.
-    Raises ValueError with the names there are.
-    """
+    """The printed numbers of one quantity, (rows, components), without axes of length one: ("disk", "Table I", "T_tcp")
+    is (4, 3), ("disk", "Eq. 51", "accuracy") has no axis. Raises ValueError with the names there are."""
     entries = _entries(paper, item, quantity)
-    rows = entries["row"].nunique()
-    return np.squeeze(entries["value"].to_numpy().reshape(rows, -1))
+    return np.squeeze(entries["value"].to_numpy().reshape(entries["row"].nunique(), -1))
 
 
 def half_unit(paper: str, item: str, quantity: str) -> float:
@@ -107,10 +102,8 @@ def sensor_pose(item: str, quantity: str) -> tuple[np.ndarray, np.ndarray]:
 
 @dataclass(frozen=True)
 class RoundingBox:
-    """All tables that would be printed as this one is: each number free within half a unit of its last digit.
-
-    Numbers that are zero by definition stay.
-    """
+    """All tables that would be printed as this one is: each number is free within half a unit of its last digit, but
+    for those that are zero by definition."""
 
     paper: str
     item: str
@@ -146,13 +139,12 @@ class RoundingBox:
     def reach(self, compute, target, unit, largest_of: int = 1) -> tuple[np.ndarray, float]:
         """Look for the least change of the printed numbers with which `compute` gives `target`.
 
-        `compute(tables)` maps tables with any leading axes to (..., k), and each value is to come within its `unit`
-        (k,) of its target (k,). With `largest_of`, so many values at the end have one target and unit, the last: the
-        largest of them has to meet it.
+        `compute(tables)` maps tables with any leading axes to (..., k); each value is to come within its `unit` (k,) of
+        its target (k,). Of the last `largest_of` values, the largest is to meet the last target.
 
         Returns the place (size,) found and the largest change there, in half units of the last printed digit: up to 1
-        the table prints alike; infinity if nothing was found at all. The search follows derivatives from the table as
-        printed: a large value is no proof of absence.
+        the table prints alike; infinity if nothing was found. The search follows derivatives from the table as printed:
+        a large value is no proof of absence.
         """
         target, unit = np.asarray(target, dtype=float), np.asarray(unit, dtype=float)
         others = np.ones(largest_of - 1)
