@@ -1,6 +1,5 @@
-"""What a robot and a scanner do. The robot errs at each pose that it reports, it drifts, and its arm is built
-differently than its controller believes; the scanner reports the outline that its scan plane cuts from a scene.
-"""
+"""What a robot and a scanner do. The robot errs at each pose that it reports, it drifts, and its arm is built otherwise
+than its controller believes; the scanner reports the outline that its scan plane cuts from a scene."""
 
 from dataclasses import dataclass, field
 
@@ -23,10 +22,8 @@ class Poses:
         return Poses(self.rotations[..., :groups, :, :], self.positions[..., :groups, :, :])
 
     def carry(self, points, R_sensor, T_sensor) -> np.ndarray:
-        """Sensed points (..., G, N, M, 2), mm, in the base frame, (..., G, N, M, 3), by the poses reported.
-
-        The sensor is at R_sensor (..., 3, 3), T_sensor (..., 3), mm, on the flange.
-        """
+        """Sensed points (..., G, N, M, 2), mm, in the base frame, (..., G, N, M, 3), by the poses reported and the
+        sensor's pose R_sensor (..., 3, 3), T_sensor (..., 3), mm, on the flange."""
         R = (self.rotations @ R_sensor[..., None, :, :])[..., None, :, :]
         T = carry(self.rotations[..., None, :, :], self.positions, T_sensor[..., None, None, :])
         return points @ R[..., ::2].mT + T[..., None, :]
@@ -35,11 +32,8 @@ class Poses:
 def actual_poses(
     poses: Poses, noise: Noise, rng: np.random.Generator, same=slice(None), to_hand: bool = False
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Where the flange really is, rotations (..., G, N, 3, 3) and positions (..., G, N, 3), mm.
-
-    `same` (G,): groups with one number share the error of a group. `to_hand`: poses are of the base in the flange's
-    frame; what is returned is the flange in the base.
-    """
+    """Where the flange really is, rotations (..., G, N, 3, 3) and positions (..., G, N, 3), mm. `same` (G,): groups
+    with one number share a group's error. `to_hand`: poses are of the base in the flange's frame; the result is not."""
     shape = poses.positions.shape
     group = (*shape[:-2], 1, 3)
 
@@ -55,10 +49,8 @@ def actual_poses(
 
 
 def scan_planes(R_sensor, T_sensor, rotations, positions) -> tuple[np.ndarray, np.ndarray]:
-    """Orientations (..., G, N, 3, 3) and origins (..., G, N, 3), mm, of scan planes in the base frame.
-
-    `rotations` and `positions` are the flange's, of the same shapes.
-    """
+    """Orientations (..., G, N, 3, 3) and origins (..., G, N, 3), mm, of scan planes in the base frame, from the
+    flange's `rotations` and `positions`, of the same shapes."""
     return rotations @ R_sensor[..., None, None, :, :], carry(rotations, positions, T_sensor[..., None, None, :])
 
 
@@ -92,10 +84,7 @@ class Arm:
 
 def joints_at(rotation, position) -> np.ndarray:
     """The angles (..., 6), rad, at which an arm without errors has its flange there, (..., 3, 3), (..., 3) mm: its
-    elbow above, its fifth joint bent forwards.
-
-    Raises ValueError for a place out of reach.
-    """
+    elbow above, its fifth joint bent forwards. Raises ValueError for a place out of reach."""
     (aside, _, up), upper, fore, hand = LINKS[0], LINKS[1, 2], LINKS[2, 2], LINKS[5, 2]
     wrist = position - hand * rotation[..., 2]
     out = np.hypot(wrist[..., 0], wrist[..., 1]) - aside
@@ -116,10 +105,8 @@ def joints_at(rotation, position) -> np.ndarray:
 
 
 def where_it_is(arm: Arm, rotation, position) -> tuple[np.ndarray, np.ndarray]:
-    """Where an arm really has its flange when it reports poses (P, 3, 3), (P, 3), mm.
-
-    It stands upright where the middle of the positions is before it: the poses are reported in a frame of the user's.
-    """
+    """Where an arm really has its flange when it reports poses (P, 3, 3), (P, 3), mm, in a frame of the user's: it
+    stands upright where the middle of the positions is before it."""
     foot = position.mean(axis=0) - MIDDLE
     R, T = arm.flange(joints_at(rotation, position - foot))
     return R, T + foot
@@ -153,10 +140,8 @@ class Robot:
 
 @dataclass(frozen=True)
 class Scanner:
-    """A laser triangulation scanner; the defaults are those of the edge paper's VLM350 (its Section 3).
-
-    Its rays fan out from behind the housing: `points` of them, evenly spaced at every depth.
-    """
+    """A laser triangulation scanner, by default the edge paper's VLM350 (its Section 3). Its rays fan out from behind
+    the housing, evenly spaced at every depth."""
 
     near: float = 60.0  # mm, the measuring range in z
     far: float = 350.0  # mm
@@ -172,10 +157,8 @@ class Scanner:
         return (self.near_width + (self.far_width - self.near_width) * (z - self.near) / (self.far - self.near)) / 2
 
     def profile(self, outline, rng: np.random.Generator) -> np.ndarray:
-        """Profiles (..., points, 2) as the scanner sends them, mm, NaN where nothing is.
-
-        `outline` (..., V, 2) is a chain of straight pieces in the scan plane, x and z in mm.
-        """
+        """Profiles (..., points, 2) as the scanner sends them, mm, NaN where nothing is, of chains (..., V, 2) of
+        straight pieces in the scan plane, x and z in mm."""
         rays = np.linspace(-1, 1, self.points)
         middle = self.half_width(outline[..., 1].mean(axis=-1))[..., None]
         spot = rng.uniform(-0.5, 0.5, (*middle.shape[:-1], self.points)) * self.resolution / middle
@@ -187,11 +170,9 @@ class Scanner:
 
 
 def nearest_on_rays(outline, rays, scanner: Scanner) -> np.ndarray:
-    """Depth z (..., n) at which rays (..., n), as fractions of the half width, first meet an outline (..., V, 2).
-
-    NaN where they miss it. A ray passes through a straight piece whose ends lie to either side of it, where the
-    distance in x, linear along the piece, is zero.
-    """
+    """Depth z (..., n) at which rays (..., n), as fractions of the half width, first meet an outline (..., V, 2), or
+    NaN: a ray meets a straight piece whose ends lie to either side of it, where the distance in x, linear along the
+    piece, is zero."""
     x, z = np.moveaxis(outline, -1, 0)  # (..., V)
     half, depth = scanner.half_width(z), np.full(rays.shape, np.nan)
     right = x[..., None] > half[..., None] * rays[..., None, :]

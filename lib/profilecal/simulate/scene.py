@@ -1,6 +1,5 @@
 """Scenes: a target, a scanner on a flange, and poses from which it sees the target; random ones, and those of a rough
-guess of where everything is, off by as much as the guess may be wrong.
-"""
+guess, off by as much as the guess may be wrong."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -85,13 +84,12 @@ def random_scene(
     count: int = 40,
     steering_mm: float = 0.0,
 ) -> Scene:
-    """A sensor anywhere within 150 mm of the flange along each axis, at any orientation (or at `mount`: R (3, 3),
-    T (3,) mm), the target in front of the robot and in view.
+    """A sensor anywhere within 150 mm of the flange along each axis, at any orientation, or at `mount`, (3, 3), (3,)
+    mm; the target in front of the robot and in view.
 
-    The sensor's first orientation is random; each of the `groups` turns from it by up to `spread_deg`, about any axis,
-    about `axis` (3,) of the base, or about the target's own z ("target"). Inside a group of `positions` it moves in
-    the base's axes ("base") or with the flange ("tool"), `motion` and `steering_mm` as the target's
-    `offsets` have them. `count`: points of a curve. What is left out is as usual for the target.
+    Each of the `groups` turns from a first orientation by up to `spread_deg`, about any axis, about `axis` (3,) of the
+    base, or about the target's own z ("target"). Inside a group of `positions` the sensor moves in the base's axes
+    ("base") or with the flange ("tool"); `motion` and `steering_mm`: see `Target.offsets`. `count`: points of a curve.
     """
     target = TARGETS[kind]
     shape = G, N = groups or target.groups, positions or target.positions
@@ -101,7 +99,6 @@ def random_scene(
     facing = first @ rotations(np.radians(30) * rng.uniform(-1, 1, 3))
     axes = facing @ target.stance
     placed = target.at(middle, axes, sizes)
-
     if axis is None:
         turn = in_unit_ball(rng, G)
     else:
@@ -112,7 +109,6 @@ def random_scene(
     origin = middle - STANDOFF * turned[:, None, :, 2] - moved
     R_flange = turned @ R_sensor.T
     poses = Poses(R_flange, origin - (R_flange @ T_sensor)[:, None])
-
     labels = [f"g{g + 1}p{n + 1}" for g, n in np.ndindex(shape)]
     return Scene.of(Setup(placed, facing, R_sensor, T_sensor), poses, labels, np.repeat(np.arange(G), N), count)
 

@@ -111,11 +111,10 @@ def scene_of(spec: Spec, rng: np.random.Generator) -> Scene:
 def planned_poses(place, to_hand: bool) -> dict:
     """What a table of poses says, or that of a scan folder, as `scan.folder.read_poses` has it; R and T as the
     calibration takes them. Raises ScanError."""
-    place = Path(place)
+    place, scale = Path(place), 1.0
     if place.is_dir():
-        found = read_poses(place / "poses.csv", SCALE[read_header(place / "scan.toml")["units"]])
-    else:
-        found = read_poses(place, 1.0)
+        place, scale = place / "poses.csv", SCALE[read_header(place / "scan.toml")["units"]]
+    found = read_poses(place, scale)
     R, T = found["R_base_flange"], found["T_base_flange"]
     return found | dict(zip("RT", inverse(R, T) if to_hand else (R, T), strict=True))
 

@@ -1,8 +1,5 @@
-"""Calibration targets, one class a file: its geometry, its residuals, a start for them, how it is simulated and drawn.
-How it is found in raw profiles is a function of `profiles`, which the class names. `target.py` holds the contract and
-says how to add one.
-
-In: poses, points, profiles as arrays. Out: residuals with their derivatives, features, outlines, lines to draw."""
+"""Calibration targets, one class a file: geometry, residuals with their derivatives, a start for them, how it is found
+(by a function of `profiles`), simulated and drawn. `target.py` holds the contract and says how to add one."""
 
 from profilecal.targets.ball import Ball
 from profilecal.targets.disk import Disk

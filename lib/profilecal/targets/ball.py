@@ -65,10 +65,9 @@ class Ball(Target):
         return self.arc(rotation, origin, 50, count)
 
     def centre_from_circle(self, circle, side) -> np.ndarray:
-        """The ball's centre in the sensor frame, (..., 3), from circles (..., 3) x, z, r.
-
-        `side` is +1 where the centre lies towards the sensor's +y, else -1 (disk paper, Section IV-A). A circle
-        larger than the ball, which noise can give, puts the centre into the scan plane.
+        """The ball's centre in the sensor frame, (..., 3), from circles (..., 3) x, z, r. `side`: +1 where it lies
+        towards the sensor's +y, else -1 (disk paper, Section IV-A). A circle larger than the ball puts it into the scan
+        plane.
         """
         circle = np.asarray(circle, dtype=float)
         y = side * np.sqrt(np.maximum(self.radius**2 - circle[..., 2] ** 2, 0))

@@ -72,10 +72,8 @@ class Disk(Target):
         return np.hypot(height, across - self.radius)
 
     def meet(self, rotation, origin) -> np.ndarray:
-        """The chords that scan planes cut from the disk, (..., 2, 2).
-
-        The two tips, the one of smaller x first, each as x and z in the sensor frame; NaN where the disk is missed.
-        """
+        """The chords that scan planes cut from the disk, (..., 2, 2): two tips, the one of smaller x first, each as x
+        and z in the sensor frame; NaN where the disk is missed."""
         c, n = in_sensor(rotation, self.centre - origin), self.normal @ rotation
         cy, ny, c, n = c[..., 1:2], n[..., 1:2], c[..., [0, 2]], n[..., [0, 2]]
         with np.errstate(divide="ignore", invalid="ignore"):

@@ -73,9 +73,7 @@ class Edge(Target):
 
     def outline(self, specimen, rotation, origin, away) -> np.ndarray:
         """The chains (..., V, 2) that scan planes cut from a specimen with this edge, x and z in the sensor frame, mm.
-
-        All its faces run along the edge; its top faces the scanner, on the side of smaller x.
-        """
+        All its faces run along the edge; its top faces the scanner, on the side of smaller x."""
         up = (away @ self.direction) * self.direction - away
         up = up / np.linalg.norm(up)
         aside = np.cross(self.direction, up)

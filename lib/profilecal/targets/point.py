@@ -1,8 +1,5 @@
-"""A marked point, a cross-hair or the apex of a pin, through which the operator steers the laser line.
-
-The fixed-point method that the disk paper cites as its ref. [16]. The scan plane passes through the point only as well
-as the operator steers: that error, across the plane, is noise like the scanner's own.
-"""
+"""A marked point, a cross-hair or the apex of a pin, through which the operator steers the laser line: the fixed-point
+method (disk paper's ref. [16]). How far the scan plane misses it is noise like the scanner's own."""
 
 from dataclasses import dataclass
 

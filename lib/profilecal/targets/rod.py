@@ -29,9 +29,9 @@ class Rod(Target):
     def residual(origin, axes, seen, sizes):
         """Distance from the ellipse, to first order.
 
-        v is the point from the origin of the bar, e the unit vector to it from the axis. A move of the point changes ey
-        by j: the part of the y axis that is square to bar and e, over the distance from the axis. Shifts of the bar
-        move the point the other way. Turns do as well, and turn e.
+        v runs from the bar's origin to the point, the unit vector e from its axis. A move of the point changes ey by j:
+        the part of the y axis square to bar and e, over the distance from the axis. Shifts of the bar move the point
+        the other way; so do turns, which turn e too.
         """
         (f,), (force,), (torque,) = Rod.residual_in_space(origin, axes, seen, sizes)
         e, d, v = [-c for c in force], axes[2], Rod.offset(origin, seen)

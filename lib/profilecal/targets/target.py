@@ -70,9 +70,9 @@ class Target:
         """Observed points minus where the scan plane meets the target, in the scan plane, where the noise arises.
 
         All in the sensor frame and by components: `seen` x and z of the points, arrays (batch, points, poses); `origin`
-        x, y, z and `axes` three times x, y, z, arrays (batch, 1, poses). Returns three lists, with one entry for each
-        of a point's residuals: the residuals, mm; forces, their derivatives by a shift of the target, and torques, by
-        a turn about its origin, rad, both by components. Torques are None where no turn changes the target.
+        x, y, z and `axes` three times x, y, z, arrays (batch, 1, poses). Returns three lists with an entry for each of
+        a point's residuals: the residuals, mm; forces, their derivatives by a shift of the target, by components; and
+        torques, by a turn about its origin, rad, or None where no turn changes the target.
         """
         raise NotImplementedError
 
@@ -120,19 +120,15 @@ class Target:
                 raise ValueError(f"the {cls.kind}'s {name} is {value}; expected a length in mm")
 
     def outline(self, specimen: str, rotation, origin, away) -> Sequence[np.ndarray] | np.ndarray:
-        """Chains (V, 2) that scan planes (P, 3, 3), (P, 3) cut from it, and from what is behind it.
-
-        `away` (3,) points away from the scanner. A target that leaves no trace in profiles leaves this out.
-        """
+        """Chains (V, 2) that scan planes (P, 3, 3), (P, 3) cut from it, and from what is behind it; `away` (3,) points
+        away from the scanner. A target that leaves no trace in profiles leaves this out."""
         raise NotImplementedError
 
     @staticmethod
     def offsets(shape, motion: str, normals, sizes, steering_mm: float, rng: np.random.Generator) -> np.ndarray:
         """A plan: by how much the target is off the middle of the scans, (*shape, 3) mm, shape (groups, positions), in
         the first sensor frame or, `with_tool`, in each. The usual one: along an "arc", or anywhere in a ball of 25 mm.
-
-        `normals` (groups, 3): in the sensor frames, what faces the scanner.
-        """
+        `normals` (groups, 3): in the sensor frames, what faces the scanner."""
         if motion == "arc":  # of 25 mm radius and 90°, in a plane at 45° to the sensor's y and x axes
             angle = np.linspace(-np.pi / 4, np.pi / 4, shape[1]) + rng.uniform(0, 2 * np.pi)
             arc = 25 * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
