@@ -189,11 +189,9 @@ def check(scan: Scan) -> list[str]:
 
 
 def affine_outliers(observations: Observations) -> list[list[int]]:
-    """Poses whose points do not fit their group as in `affine_noise`: one each, or several where it is one of them.
-
-    The pose that fits worst is taken out as long as chance does not explain it. With one degree of freedom left, all
-    fit equally badly. A whole group on a wrong edge is not seen.
-    """
+    """Poses whose points do not fit their group as in `affine_noise`: the one that fits worst is taken out as long as
+    chance does not explain it; with one degree of freedom left all fit equally badly, so each is named. A whole group
+    on a wrong edge is not seen."""
     noise, bad = affine_noise(observations)[0], []
     points = np.asarray(observations.points)[0].reshape(len(observations.labels), -1)
     limit = chi2_limit(FALSE_ALARM / len(points), points.shape[1])
@@ -214,11 +212,8 @@ def affine_outliers(observations: Observations) -> list[list[int]]:
 
 
 def affine_noise(observations: Observations) -> tuple[float, int]:
-    """Scanner noise from an edge or a marked point before anything is calibrated, mm, and its degrees of freedom.
-
-    Inside a rotation group the sensed point is an affine function of the flange position, whatever the calibration:
-    what is left of a regression is noise. The median over the groups keeps a bad point from counting.
-    """
+    """Scanner noise from an edge or a marked point before anything is calibrated, mm, and its degrees of freedom: what
+    `affine_residuals` finds in each group. The median over the groups keeps a bad point from counting."""
     points, found = np.asarray(observations.points)[0].reshape(len(observations.labels), -1), []
     for label in np.unique(observations.group):
         rows = observations.group == label

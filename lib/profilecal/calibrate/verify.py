@@ -93,11 +93,9 @@ def read_pose(path) -> tuple[np.ndarray, np.ndarray, float, bool]:
 
 
 def verify(scan: Scan, T, covariance, noise_mm: float) -> Verification:
-    """Compare a sensor pose T (4, 4), mm, with what a scan says that was not used to find it.
-
-    `covariance` (6, 6): the pose's, mm and rad, with what no residual can show. `noise_mm`: the scanner's, where the
-    scan is too short to tell it. Raises ScanError for a scan that determines nothing, and for the one that T is from.
-    """
+    """Compare a sensor pose T (4, 4), mm, with what a scan says that was not used to find it. `covariance` (6, 6): the
+    pose's, mm and rad, with what no residual can show. `noise_mm`: the scanner's, where the scan is too short to tell
+    it. Raises ScanError for a scan that determines nothing, and for the one that T is from."""
     same = 1e-3  # standard deviations: no other scan's answer comes so close by chance
     alone = calibrate([scan], guess=T)
     s, said, title = alone.solution, [], scan.title or f"the {scan.kind}"

@@ -114,11 +114,8 @@ def sensing_data_from_ellipse(ellipse: Ellipse, vectors, T_start, T_end, s, radi
 
 
 def disk_equations(R_tcp, T_tcp, q, D_i, D_b) -> TwoStepSolution:
-    """Sensor pose from the disk method's sensing data, without guards: `closed_form` has them.
-
-    R_tcp (..., n, 3, 3), the flange's orientations; the others, (..., n, 3) mm, as `SensingData` has them. Eq. 14's
-    vectors are given unit length.
-    """
+    """Sensor pose from the flange's orientations (..., n, 3, 3) and `SensingData`, each (..., n, 3) mm, without guards:
+    `closed_form` has them. Eq. 14's vectors are given unit length."""
     X = np.swapaxes(D_i / np.linalg.norm(D_i, axis=-1, keepdims=True), -1, -2)
     D_b = D_b / np.linalg.norm(D_b, axis=-1, keepdims=True)
     Y = np.einsum("...nba,...nb->...an", R_tcp, D_b)  # columns R_tcp⁻¹ D_b

@@ -57,10 +57,8 @@ def solve_rotation(X, Y) -> RotationSolution:
 
 
 def solve_translation(R_tcp, T_tcp, q, R_sensor) -> TranslationSolution:
-    """T_sensor from poses R_tcp (..., n, 3, 3), T_tcp (..., n, 3) and one fixed point seen as q (..., n, 3): Eqs 17-20.
-
-    Eq. 19 by an orthogonal factorisation, not by the normal equations, which square the condition number.
-    """
+    """T_sensor from poses R_tcp (..., n, 3, 3), T_tcp (..., n, 3) and one fixed point seen as q (..., n, 3): Eqs 17-20,
+    Eq. 19 by an orthogonal factorisation, not by the normal equations, which square the condition number."""
     seen = np.einsum("...nab,...bc,...nc->...na", R_tcp, R_sensor, q) + T_tcp
     R_i = R_tcp[..., :-1, :, :] - R_tcp[..., 1:, :, :]
     N_i = seen[..., 1:, :] - seen[..., :-1, :]

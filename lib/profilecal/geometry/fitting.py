@@ -136,11 +136,9 @@ def circle_from_moments(mean: dict) -> np.ndarray:
 
 
 def fit_sphere(points) -> tuple[np.ndarray, np.ndarray]:
-    """Centres (..., d) and radii (...) of the spheres, or circles, algebraically nearest to points (..., n, d).
-
-    By the linear least squares of |p|² = 2 c·p + k, as the edge paper does it (its ref. [36]). Where the points leave
-    the centre open, as those on one circle in space do, it is the nearest to their middle.
-    """
+    """Centres (..., d) and radii (...) of the spheres, or circles, algebraically nearest to points (..., n, d): |p|² =
+    2 c·p + k by linear least squares (edge paper's ref. [36]). Where the points leave the centre open, as those on one
+    circle in space do, it is the nearest to their middle."""
     middle = points.mean(axis=-2, keepdims=True)
     p = points - middle
     square = np.sum(p**2, axis=-1, keepdims=True)

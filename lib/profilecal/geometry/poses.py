@@ -27,10 +27,8 @@ def nearest_rotation(matrix) -> np.ndarray:
 
 
 def angle_between(first, second) -> np.ndarray:
-    """Angles, rad, of the rotations that take `first` to `second`, both (..., 3, 3).
-
-    From the chord ‖A - B‖ = 2√2 sin(θ/2), which stays exact near zero where the trace does not.
-    """
+    """Angles, rad, of the rotations that take `first` to `second`, both (..., 3, 3), from ‖A - B‖ = 2√2 sin(θ/2), which
+    stays exact near zero where the trace does not."""
     chord = np.linalg.norm(np.asarray(first) - np.asarray(second), axis=(-2, -1))
     return 2 * np.arcsin(np.clip(chord / np.sqrt(8), 0, 1))
 

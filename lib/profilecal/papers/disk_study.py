@@ -43,10 +43,8 @@ class DiskScans:
 
 def disk_scans(disk: Disk, R_sensor, T_sensor, R_tcp, centre_seen, direction, extent) -> DiskScans:
     """Scans at flange orientations R_tcp (n, 3, 3) that move along `direction` (n, 3), base frame, and on their way see
-    the disk's centre at `centre_seen` (n, 3), sensor frame, mm.
-
-    `extent`: first and last chord as signed fractions of the radius; at -1 and 1 the scan plane is tangent to the disk.
-    """
+    the disk's centre at `centre_seen` (n, 3), sensor frame, mm. `extent`: first and last chord as signed fractions of
+    the radius; at -1 and 1 the scan plane is tangent to the disk."""
     rotation = R_tcp @ R_sensor
     normal = rotation[..., 1]  # of the scan plane
     in_disk = np.linalg.norm(np.cross(normal, disk.normal), axis=-1)

@@ -13,10 +13,8 @@ from profilecal.geometry.poses import nearest_rotation
 
 def least_change(compute, low, high, size: int) -> tuple[np.ndarray, float]:
     """The x (size,) with the smallest max |x| at which all values of `compute`, (..., size) to (..., k), lie between
-    `low` and `high` (k,); and that max |x|, infinity if an interval is missed.
-
-    Sequential quadratic programming (Kraft 1988) in x and a bound s of all |x|, from near 0.
-    """
+    `low` and `high` (k,); and that max |x|, infinity if an interval is missed. By sequential quadratic programming
+    (Kraft 1988) in x and a bound s of all |x|, from near 0."""
     step = 1e-4  # of the differences that stand for derivatives
     inside = 0.99  # of the way from the middle of an interval to its ends: room for what is not linear
     middle, half = (low + high) / 2, (high - low) / 2

@@ -63,7 +63,6 @@ def random_poses(model: ScanModel, limits: Limits, count: int, rng: np.random.Ge
     tilt = np.radians(limits.tilt_deg) * tilt / np.maximum(np.linalg.norm(tilt, axis=1, keepdims=True), 1)
     R = model.facing @ rotations(np.pad(tilt, [(0, 0), (0, 1)]))
     R = R @ rotations(np.radians(limits.spin_deg) * np.pad(share(1), [(0, 0), (2, 0)]))
-
     origin, axes = model.target.frame
     aim = origin + limits.extent_mm * (free_axes(model) * share(3)) @ axes.T
     if model.sizes:

@@ -48,10 +48,8 @@ def read_plan(table: dict, path) -> tuple[Limits, dict]:
 
 
 def model_of_spec(spec: Spec, stated: dict[str, float], rng: np.random.Generator) -> ScanModel:
-    """What a specification with a guess says. `stated`: its [noise]; robot errors that it leaves out are as usual.
-
-    How well raw profiles show the target is looked up in a few simulated ones. Raises ScanError without a guess.
-    """
+    """What a specification with a guess says. `stated`: its [noise]; robot errors that it leaves out are as usual. How
+    well raw profiles show the target is looked up in a few simulated ones. Raises ScanError without a guess."""
     if spec.guess is None:
         raise ScanError("a plan needs [guess]: roughly where the sensor (mount) and the target are")
     if not spec.noise.profile_mm:

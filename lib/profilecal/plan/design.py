@@ -116,7 +116,6 @@ def design(
     """
     if not all(0 < value < np.inf for value in until):
         raise ScanError(f"until is {list(until)}; expected mm and degrees, both positive")
-
     given = information(model, *before) if len(before[0]) else 0.0
     pool = Pool.of(model, *draw(model, limits, candidates, rng, BEYOND), until, given)
     chosen = []

@@ -3,7 +3,6 @@
 A profile is (n, 2), x and z in mm in scan order, as scanners give it: with gaps, spikes, missing points (NaN or depth
 zero), backgrounds, the depth axis pointing either way. In come a scan's profiles; out go a `Feature` for each, with its
 covariance or, where the target is not clear, a reason in words: a missing observation costs little, a wrong one much.
-Straight runs (`runs`), where they end (`ends`), means over blocks of points (`feature`) and a choice between candidates
-that all profiles of the scan make together (`choice`) serve the finders: of edges (`edges`), of the chords of disks and
-the lines of planes (`faces`), of the arcs of balls and rods (`arcs`). A target's class names its finder.
+Finders of edges, chords and lines (`edges`) rest on straight runs (`runs`) and where they end (`ends`); those of balls
+and rods (`arcs`) on circles and ellipses. A target's class names its finder.
 """

@@ -24,19 +24,16 @@ LARGEST_TILT_DEG = 60.0  # of the scan plane against square to a rod
 
 @dataclass(frozen=True)
 class Section:
-    """The ellipse |w|² - (w·t)² = R², w from its centre, in which the scan plane cuts a rod.
-
-    t is what of the rod's unit axis is in the plane; `lean` t / √(1 - |t|²) is as long as the tangent of the tilt, zero
-    for a circle. Points are rows (k, 2).
-    """
+    """The ellipse |w|² - (w·t)² = R², w from its centre, in which the scan plane cuts a rod; t is what of the rod's
+    unit axis is in the plane. `lean`, t / √(1 - |t|²), is as long as the tangent of the tilt, zero for a circle."""
 
     centre: np.ndarray  # (2,) mm
     lean: np.ndarray  # (2,)
     radius: float  # mm, of the rod
 
     def off_and_normals(self, points) -> tuple[np.ndarray, np.ndarray]:
-        """How far points are outside, (k,) mm, and unit normals there, outwards, (k, 2); of an ellipse to first order:
-        near it. The distance from the rod's axis, over how fast it grows in the plane."""
+        """How far points (k, 2) are outside, (k,) mm, and unit normals there, outwards, (k, 2); of an ellipse to first
+        order: the distance from the rod's surface, over how fast it grows in the plane."""
         w, growth = points - self.centre, 1 + self.lean @ self.lean
         across = w[:, 0] * self.lean[1] - w[:, 1] * self.lean[0]
         distance = np.sqrt(((w**2).sum(axis=1) + across**2) / growth)
@@ -77,8 +74,8 @@ def find_arc(profile, largest: float, fit, why_not, missing: str) -> Feature:
     """The arc that a profile (n, 2) shows of a curve, as up to 40 means over its points.
 
     It begins as a circle, its radius at most `largest`, mm. `fit(points, curve)` gives the curve nearest to points
-    (k, 2) near the last one, or None. What speaks against it, or "", is told by `why_not(curve, points, on, limit)`,
-    with the points that are `on` it, as indices, to within `limit` mm; that there is none by `missing`.
+    (k, 2) near the last one, or None: `missing` says so. `why_not(curve, points, on, limit)` says what speaks against
+    it, or "", with the points that are `on` it, as indices, to within `limit` mm.
     """
     seen = np.flatnonzero(present(profile))
     if len(seen) < LEAST_ARC_POINTS:
@@ -143,11 +140,9 @@ def why_no_rod(section: Section, points, on, limit: float) -> str:
 
 
 def best_circle(points, limit: float, largest: float) -> Section | None:
-    """Of circles through three points of a profile (k, 2) each, the one on which most points are for its size, or None.
-
-    Its radius is between a fifth of `largest`, mm, and all of it. The three points are spread over stretches of
-    different length, from a sixtieth of the profile to all of it, so that some see the arc alone, without spikes.
-    """
+    """Of circles through three points of a profile (k, 2) each, none larger than `largest`, mm, nor smaller than a
+    fifth of it, the one on which most points are for its size, or None. The three points spread over a sixtieth of the
+    profile to all of it, so that some see the arc alone, without spikes."""
     k = len(points)
     spans = np.unique(np.geomspace(max(8, k // 60), k - 1, 7).astype(int))[:, None]
     starts = (np.linspace(0, 1, 40) * (k - 1 - spans)).astype(int)

@@ -1,6 +1,5 @@
 """Finders of straight edges, and of faces, in raw profiles. Where a profile shows several things, what most profiles of
-a scan show tells which is the target's.
-"""
+a scan show tells which is the target's."""
 
 from collections import Counter
 from dataclasses import dataclass, replace
@@ -32,10 +31,8 @@ class Candidate:
 
 
 def choose(profiles, candidates, key: tuple[str, int] | None, missed) -> list[Candidate]:
-    """For each profile its candidate with the scan's key, if just one is clear; else nothing, with the reason.
-
-    `missed` says for each profile why it has no such candidate; "" where it cannot tell.
-    """
+    """For each profile its candidate with the scan's key, if just one is clear; else nothing, with the reason. `missed`
+    says for each profile why it has no such candidate; "" where it cannot tell."""
     alike = [sorted((c for c in found if c.key == key), key=lambda c: -c.support) for found in candidates]
     angles = np.array([found[0].angle for found in alike if found])
     if not len(angles):
@@ -92,7 +89,6 @@ def find_edges(profiles) -> list[Feature]:
         if often < 3:
             reason = "both ends of a face are seen, in this profile or others: which is the edge? Show one of them only"
             return [nothing(reason) for _ in profiles]
-
     is_corner = key and key[0] == "corner"
     missed = [why_no_corner(runs) if is_corner else "" for runs, _ in found]
     return with_end_variance(choose(profiles, candidates, key, missed))
@@ -196,10 +192,8 @@ def tips(profile, runs, limit: float, view: View) -> list[Candidate]:
                 points = profile[top]
                 apex = points.mean(axis=0)
                 edge = [apex[0], away * (away * points[:, 1]).min()]  # or anywhere among them
-                noise = limit / NOISE_LIMIT
-                covariance = np.diag(np.maximum(((points - edge) ** 2).mean(axis=0), noise**2))
-                feature = Feature(apex[None], covariance[None], top, "tip")
-                found.append(Candidate(feature, -away, 1.0))
+                variances = np.maximum(((points - edge) ** 2).mean(axis=0), (limit / NOISE_LIMIT) ** 2)
+                found.append(Candidate(Feature(apex[None], np.diag(variances)[None], top, "tip"), -away, 1.0))
     return found
 
 
@@ -245,8 +239,7 @@ def chords(runs, limit: float, radius: float, view: View) -> list[Candidate]:
         if np.linalg.norm(tips[1] - tips[0]) > 2 * radius + 4 * run.spacing:
             continue
         across = run.offset_covariance(tips)[..., None, None] * np.outer(run.normal, run.normal)  # (2, 2, 2, 2)
-        used = run.rows
-        feature = Feature(tips, across[[0, 1], [0, 1]], used, "chord", between=across[0, 1])
+        feature = Feature(tips, across[[0, 1], [0, 1]], run.rows, "chord", between=across[0, 1])
         found.append(Candidate(feature, sum(beyond), run.length, ends=tuple(ends)))
     return found
 
@@ -262,8 +255,7 @@ def find_line(profile) -> Feature:
     if not runs:
         return nothing("no straight run in this profile")
     if len(runs) > 1 and runs[1].length > AMBIGUOUS * runs[0].length:
-        lengths = f"{runs[0].length:.0f} and {runs[1].length:.0f} mm"
-        return nothing(f"two straight runs of similar length, {lengths}")
+        return nothing(f"two straight runs of similar length, {runs[0].length:.0f} and {runs[1].length:.0f} mm")
     best = runs[0]
     normals = np.broadcast_to(best.normal, (len(best.off), 2))
     points, _, covariance = block_means(best.points, best.off, normals)

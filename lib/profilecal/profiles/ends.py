@@ -1,7 +1,5 @@
-"""Where straight runs end, finer than a profile's points are spaced, and what is beyond.
-
-Functions look at a run's last point; `Run.reversed` shows them the first one.
-"""
+"""Where straight runs end, finer than a profile's points are spaced, and what is beyond. Functions look at a run's last
+point; `Run.reversed` shows them the first one."""
 
 from dataclasses import dataclass, replace
 
@@ -57,10 +55,8 @@ def facing(runs) -> list[Run]:
 
 
 def step_beyond(run: Run, limit: float, view: View) -> int | None:
-    """What follows a run's last point: a step, as the sign of its change of z, or nothing, 0; None if that is unclear.
-
-    Nothing beyond counts only where the scanner looked: missing points follow, or other profiles reach farther.
-    """
+    """What follows a run's last point: a step, as the sign of its change of z; nothing, 0, where the scanner looked, as
+    missing points that follow or other profiles tell; None if that is unclear."""
     beyond = run.profile[run.rows[-1] + 1 :]
     seen = beyond[present(beyond)]
     if len(seen) >= 3:
@@ -88,14 +84,12 @@ def run_end(run: Run) -> End:
     """The end of a run, at its last point, on its line.
 
     The laser spot and the pixels blur a step over a few points, each of which shows one side or the other. Their number
-    on the run, not the last of them, is an unbiased measure of where the run ends. (Its last point lies outside by
-    about half of what the scanner resolves.) A side wall that is seen adds points near the run's line, as many within
-    a threshold as between that and twice it.
+    on the run, not the last of them, is an unbiased measure of where the run ends: that one lies outside by about half
+    of what the scanner resolves. A side wall adds as many points within a threshold of the line as between one and two.
     """
     threshold = ON_FACE * np.sqrt(np.mean(run.off**2))
     face = np.abs(run.off) <= threshold
     rows, along = run.rows[face], run.along[face]
-
     zone = min(ZONE, len(rows) // 2)
     around = run.profile[rows[-1] + 1 - zone : rows[-1] + 1 + zone]
     off = np.abs(run.coordinates(around)[1])
@@ -103,7 +97,6 @@ def run_end(run: Run) -> End:
     wall = int((off <= 2 * threshold).sum()) - on
     end = rows[-1] - zone + on - wall + 0.5
     overlaps = int((np.diff(rows[rows > rows[-1] - zone]) > 1).sum())
-
     near = slice(-2 * ZONE - 2 * wall, len(rows) - min(2 * wall, len(rows) // 2))  # a wall has no length along the line
     (spacing, place), covariance = np.polyfit(rows[near] - end, along[near], 1, cov=True)
     spacing = max(spacing, 1e-3)
@@ -114,14 +107,13 @@ def run_end(run: Run) -> End:
 def with_end_variance(chosen) -> list[Feature]:
     """The features of candidates, with the variance of run ends along their runs."""
     counted = end_variance([end for candidate in chosen for end in candidate.ends])
-    features = []
-    for candidate in chosen:
+
+    def widened(candidate):
+        along = [(counted + end.variance) * np.outer(end.spacing, end.spacing) for end in candidate.ends]
         feature = candidate.feature
-        if candidate.ends:
-            along = [(counted + end.variance) * np.outer(end.spacing, end.spacing) for end in candidate.ends]
-            feature = replace(feature, covariance=feature.covariance + along)
-        features.append(feature)
-    return features
+        return replace(feature, covariance=feature.covariance + along) if along else feature
+
+    return [widened(candidate) for candidate in chosen]
 
 
 def end_variance(ends) -> float:

@@ -14,10 +14,8 @@ FOLLOWS = 2 / NOISE_LIMIT  # tolerances, rms, of points from the line or curve t
 
 
 def present(profile) -> np.ndarray:
-    """Which points (n,) of a profile (n, 2) the scanner saw: finite, and no zero depth that stands for nothing.
-
-    A zero is a depth only between points within a millimetre of it.
-    """
+    """Which points (n,) of a profile (n, 2) the scanner saw: finite ones; a depth of zero stands for nothing, but for
+    zeros between points within a millimetre."""
     x, z = profile.T
     finite = np.isfinite(x) & np.isfinite(z)
     zero = finite & (z == 0)
@@ -40,10 +38,8 @@ def tolerance(z) -> float:
 
 
 def surface(profile, seen) -> tuple[np.ndarray, float]:
-    """The rows (k,) among those `seen` (m,) in a profile (n, 2) that are no spikes, and the surface's tolerance, mm.
-
-    No rows where neighbours differ too much to be of one surface.
-    """
+    """The rows (k,) among those `seen` (m,) in a profile (n, 2) that are no spikes, and the surface's tolerance, mm; no
+    rows where neighbours differ too much to be of one surface."""
     z = profile[seen, 1]
     limit = tolerance(z)
     if limit == LARGEST_TOLERANCE:
@@ -60,10 +56,8 @@ def stretches(rows, gap: int) -> list[np.ndarray]:
 
 
 def correlation(errors) -> float:
-    """How many times the variance of a mean of `errors` (k,) exceeds that of independent ones: 1 + 2 Σ ρ.
-
-    Summed up to the first autocorrelation that is not twice its own standard error away from zero.
-    """
+    """How many times the variance of a mean of `errors` (k,) exceeds that of independent ones: 1 + 2 Σ ρ, up to the
+    first autocorrelation that is not twice its own standard error away from zero."""
     longest = 40  # lag, in points
     k = len(errors)
     square = (errors**2).sum()
@@ -100,11 +94,8 @@ def nothing(reason: str) -> Feature:
 
 def block_means(points, off, normals) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Neighbouring points (k, 2) of a curve as up to 40 means (b, 2), how far the points of each are off it, (b,) mm,
-    and the means' covariance (b, 2, 2), mm².
-
-    `off` (k,) are the points' distances from the curve, mm, and `normals` (k, 2) its unit normals there. A mean is as
-    uncertain along the curve as across.
-    """
+    and the means' covariance (b, 2, 2), mm², along the curve as across. `off` (k,) are the points' distances from the
+    curve, mm, and `normals` (k, 2) its unit normals there."""
     blocks, fitted = 40, 4  # points that stand for an arc or a line; parameters of a curve, at most
     size = np.diff(np.linspace(0, len(off), min(blocks, len(off)) + 1).astype(int))
     variance = variances_across(off, normals) * len(off) / max(len(off) - fitted, 1) * correlation(off)

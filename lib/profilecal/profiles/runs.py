@@ -1,7 +1,5 @@
-"""The straight runs of a raw profile, by split and merge: what faces and chords leave in what a scanner sends.
-
-A run survives gaps, spikes and missing points; it ends where the profile leaves its line for good.
-"""
+"""The straight runs of a raw profile, by split and merge: what faces and chords leave in what a scanner sends. A run
+survives gaps, spikes and missing points; it ends where the profile leaves its line for good."""
 
 from dataclasses import dataclass
 from itertools import pairwise

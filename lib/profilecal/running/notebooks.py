@@ -90,9 +90,7 @@ def versions() -> dict[str, str]:
 
 def run(source: Path, output: Path, parameters: dict, cwd: Path, timeout: int | None = None, progress=False) -> None:
     """Execute `source` with papermill in the folder `cwd`; write the executed copy, even of a failure, to `output`.
-
-    Raises NotebookError; NotebookLost where the kernel died or a cell took longer than `timeout` seconds; OSError.
-    """
+    Raises NotebookError; NotebookLost where the kernel died or a cell took longer than `timeout` seconds; OSError."""
     import papermill
     from traitlets.config import Config
 

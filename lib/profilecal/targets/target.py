@@ -163,11 +163,9 @@ def in_scan_plane(distance, force, torque, ey_by_turn, ey_by_shift=None):
 
 
 def find_features(target: type[Target], profiles, sizes=()) -> list[Feature]:
-    """What each of a scan's raw profiles, (n, 2) in mm, shows of a target of some `sizes`, mm.
-
-    All are of one target, seen by one scanner, and read together: what most of them show clearly settles which of
-    several candidates the others show. Raises ValueError for a missing size, or a profile of another shape.
-    """
+    """What each of a scan's raw profiles, (n, 2) mm, shows of a target of some `sizes`, mm. They are read together:
+    what most of them show clearly settles which of several candidates the others show. Raises ValueError for a missing
+    size, or a profile of another shape."""
     target.check_sizes(sizes)
     profiles = [check_array(f"profile {k}", values, (None, 2), finite=False) for k, values in enumerate(profiles)]
     return target.find(profiles, *sizes)
