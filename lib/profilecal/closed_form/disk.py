@@ -72,8 +72,7 @@ def line_ends(m: int) -> np.ndarray:
 def sensing_data_from_ellipse(ellipse: Ellipse, vectors, T_start, T_end, s, radius: float) -> SensingData:
     """As `sensing_data`, from the fitted ellipse and the vectors (..., 2, 5), x and z, that `chord_weights` makes. x̄
     and z̄, the frame of Eq. 4, run along the chords and across. Components come first: NumPy is fast along long axes
-    only.
-    """
+    only."""
     chord, *lines = np.moveaxis(vectors, (-1, -2), (0, 1))
     cos, sin = chord / np.hypot(*chord)
 

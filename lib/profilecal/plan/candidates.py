@@ -126,7 +126,7 @@ def off_square(model: ScanModel, R, T) -> np.ndarray:
     ray = (R_view[..., ::2] @ points[:, points.shape[1] // 2, :, None])[..., 0]
     if model.shows_beside:
         square = ray @ model.facing[:, 2] / np.linalg.norm(ray, axis=1)
-        tilt = np.maximum(tilt, np.arccos(np.minimum(square, 1)))
+        tilt = np.maximum(tilt, np.arccos(np.clip(square, -1, 1)))
     origin, axes = model.target.frame
     aside = np.abs((T_view + ray - origin) @ axes)[:, free_axes(model)].max(axis=1, initial=0.0)
     return np.array([np.degrees(tilt), np.degrees(spin), np.nan_to_num(aside, nan=np.inf)]).round(6)

@@ -84,7 +84,7 @@ def run_end(run: Run) -> End:
     """The end of a run, at its last point, on its line.
 
     The laser spot and the pixels blur a step over a few points, each of which shows one side or the other. Their number
-    on the run, not the last of them, is an unbiased measure of where the run ends: that one lies outside by about half
+    on the run, not the last of them, is an unbiased measure of where the run ends: the last lies outside by about half
     of what the scanner resolves. A side wall adds as many points within a threshold of the line as between one and two.
     """
     threshold = ON_FACE * np.sqrt(np.mean(run.off**2))
