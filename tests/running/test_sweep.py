@@ -185,32 +185,35 @@ def test_what_cannot_be_begun(notebook, tmp_path):
         sweep.sweep(notebook, GRID, tmp_path, scheduler="tcp://127.0.0.1:9")
 
 
-@pytest.mark.parametrize("stop", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
-def test_stopped_it_leaves_no_kernel_and_goes_on(tmp_path, stop):
-    if signal.getsignal(stop) == signal.SIG_IGN:
-        pytest.skip("what a shell starts in the background ignores Ctrl-C")
+def test_stopped_it_leaves_no_kernel_and_goes_on(tmp_path):
     code = "import os, pathlib, time\nif n > 1:\n    pathlib.Path('kernel').write_text(str(os.getpid()))\n"
     code += "    while not pathlib.Path('go').exists():\n        time.sleep(0.1)"
     notebook = write_notebook(tmp_path / "slow.ipynb", PARAMETERS, code, DRAW)
     kernel, output = tmp_path / "kernel", tmp_path / "out"
     command = [str(Path(sys.executable).with_name("profilecal")), "sweep", str(notebook), "-p", "n=1,2"]
     command += ["--output", str(output)]
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True) as process:
-        wait_for(lambda: kernel.exists() and kernel.read_text() and len(landed(output)))
-        os.killpg(process.pid, stop) if stop == signal.SIGINT else process.send_signal(stop)  # as a terminal does
-        _, said = process.communicate(timeout=30)
-    if stop != signal.SIGKILL:
-        assert process.returncode == 130
-        assert said.strip().endswith("Interrupted. The same command goes on from here.")
-        assert "Traceback" not in said
-    wait_for(lambda: not Path("/proc", kernel.read_text()).exists(), 10)
-    before = landed(output)
-    assert len(before) == 1
+    kept = {}
+    for stop in (signal.SIGKILL, signal.SIGTERM, signal.SIGINT):
+        if signal.getsignal(stop) == signal.SIG_IGN:
+            continue  # what a shell starts in the background ignores Ctrl-C
+        with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True) as process:
+            wait_for(lambda: kernel.exists() and kernel.read_text() and len(landed(output)))
+            os.killpg(process.pid, stop) if stop == signal.SIGINT else process.send_signal(stop)  # as a terminal does
+            _, said = process.communicate(timeout=30)
+        if stop != signal.SIGKILL:
+            assert process.returncode == 130
+            assert said.strip().endswith("Interrupted. The same command goes on from here.")
+            assert "Traceback" not in said
+        wait_for(lambda: not Path("/proc", kernel.read_text()).exists(), 10)
+        kernel.unlink()
+        kept = kept or landed(output)
+        assert landed(output) == kept  # one run, and never again
+    assert len(kept) == 1
 
     (tmp_path / "go").touch()
     finished = subprocess.run(command, capture_output=True, text=True, timeout=60)
     assert finished.returncode == 0, finished.stderr
-    assert before.items() < landed(output).items()
+    assert kept.items() < landed(output).items()
     assert list(pd.read_csv(output / "table.csv")["n"]) == [1, 2]
     assert sorted(path.name for path in output.iterdir()) == ["runs", "table.csv"]
 

@@ -6,6 +6,7 @@ usually do. What is stated may be far too small, a data sheet's repeatability fo
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.special import gammaln, ndtr, stdtrit
@@ -100,7 +101,7 @@ class Law:
     scales: np.ndarray  # (1 + k,)
     spreads: np.ndarray  # (1 + k,) of the scanner's logarithm; degrees of freedom of the others; 0: known
 
-    @property
+    @cached_property
     def free(self) -> np.ndarray:
         """Which (d,) of the sizes are not known."""
         return np.flatnonzero(self.spreads)

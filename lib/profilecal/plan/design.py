@@ -79,7 +79,7 @@ class Pool:
         N, q, r = self.roots.shape
         W = (C @ self.roots.transpose(1, 0, 2).reshape(q, -1)).reshape(q, N, r).transpose(1, 0, 2)
         inner = np.eye(r) + np.swapaxes(self.roots, 1, 2) @ W
-        if self.lacks(chosen) > left_open:
+        if smooth_worst(C[:6, :6]) > left_open:
             values = 1 / np.linalg.det(inner)
         else:
             pose = W[:, :6]
@@ -91,11 +91,12 @@ class Pool:
 
 def smooth_worst(C) -> np.ndarray:
     """As `Pool.lacks`, but hardly larger and smooth, of covariances (..., 6, 6) of the sensor pose."""
+    power = np.stack([C[..., :3, :3], C[..., 3:, 3:]], axis=-3)  # of translation and of rotation
     scale = np.maximum(np.trace(C, axis1=-2, axis2=-1), np.finfo(float).tiny)
-    power = C * np.kron(np.eye(2), np.ones((3, 3))) / scale[..., None, None]  # translation and rotation by themselves
-    for _ in range(4):
+    power = power / scale[..., None, None, None]
+    for _ in range(3):
         power = power @ power
-    return np.sqrt(scale * np.abs(np.trace(power, axis1=-2, axis2=-1)) ** (1 / 16))
+    return np.sqrt(scale * np.sum(power**2, axis=(-3, -2, -1)) ** (1 / 16))
 
 
 def design(
