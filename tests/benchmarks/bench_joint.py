@@ -66,10 +66,8 @@ def disk_row() -> dict:
     rng = np.random.default_rng(1)
     scene = random_scene("disk", rng, positions=100)
     seen, noise = scene.noisy(SIGMA, rng, TRIALS), Noise(SIGMA)
-    start = scene.truth.repeat(TRIALS)
-    start = Problem([seen], noise).move(
-        start, np.r_[np.full(3, 1.0), np.full(3, 0.01), np.zeros(5)][None].repeat(TRIALS, 0)
-    )
+    off = np.r_[np.full(3, 1.0), np.full(3, 0.01), np.zeros(5)]
+    start = Problem([seen], noise).move(scene.truth.repeat(TRIALS), off[None].repeat(TRIALS, 0))
     ours = best_of(3, lambda: estimate([seen], noise, start, chunk=32)) / TRIALS
     few = [(Problem([seen.take([k])], noise), start[[k]]) for k in range(16)]
     theirs = best_of(3, lambda: [scipy_solution(*one) for one in few]) / len(few)
@@ -96,10 +94,9 @@ def files_row() -> dict:
     def run(folder):
         p = pd.read_csv(folder / "poses.csv")
         R = Rotation.from_quat(p[["qx", "qy", "qz", "qw"]].to_numpy()).as_matrix()
+        T = p[["x", "y", "z"]].to_numpy()
         xz = pd.read_csv(folder / "points.csv")[["x", "z"]].to_numpy()
-        return solve(
-            [Observations("edge", R[None], p[["x", "y", "z"]].to_numpy()[None], xz[None, :, None], group=p["group"])]
-        )
+        return solve([Observations("edge", R[None], T[None], xz[None, :, None], group=p["group"])])
 
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)

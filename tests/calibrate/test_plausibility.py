@@ -96,9 +96,8 @@ def test_what_is_wrong_everywhere_is_named_and_widens_the_region(wrong):
 @pytest.mark.parametrize("kind", ["edge", "disk", "ball"])
 def test_a_scanner_and_a_target_as_they_may_be_are_allowed_for(kind):
     """Errors of one prior's standard deviation move the answer by more than noise does, and no alarm is raised."""
-    scan = replace(
-        profiles(example(kind), [[1.001, 0], [0.001, 0.999]]), sizes=tuple(s + 0.01 for s in example(kind).sizes)
-    )
+    scan = profiles(example(kind), [[1.001, 0], [0.001, 0.999]])
+    scan = replace(scan, sizes=tuple(s + 0.01 for s in scan.sizes))
     found = calibrate([scan])
     assert found.status == "ok"
     assert distance(scan, found)[0] < np.sqrt(chi2.isf(1e-4, 6))

@@ -153,6 +153,15 @@ def test_too_few_groups_or_positions_are_refused(plan):
         closed_form(observations_of(scene))
 
 
+def test_a_strength_is_that_of_the_weakest_direction_and_none_without_rank():
+    R_b, T_b, p_s = data(edge_scenes(SPACE, Noise(0.05), np.random.default_rng(12)))
+    found = edge_equations(R_b, T_b, p_s).rotation
+    _, S, Vt = np.linalg.svd(edge.pair_equations(R_b, *edge.difference_vectors(T_b, p_s))[0])
+    from_noise = edge.estimate_noise(T_b, p_s) * edge.noise_gain(Vt[-1], R_b, T_b, p_s)
+    assert edge.rotation_strength(R_b, T_b, p_s, found) == pytest.approx(S[-1] / from_noise, rel=1e-6)
+    assert edge.rotation_strength(R_b, T_b, p_s, replace(found, rank=np.array(8))) == 0
+
+
 def test_noise_that_cannot_be_estimated_leaves_a_strength_open():
     """An edge's sensed point is a function of the flange position with four parameters a coordinate."""
     scene = edge_scenes(replace(SPACE, positions=4), Noise(0.05), np.random.default_rng(11))

@@ -31,11 +31,9 @@ def test_agrees_with_scipy_on_residuals_of_its_own():
 
     def residual(x):
         R = scene.truth.rotation[0] @ Rotation.from_rotvec(x[3:6]).as_matrix()
-        rotation, origin = (
-            seen.R_flange[0] @ R,
-            seen.R_flange[0] @ (scene.truth.translation[0] + x[:3]) + seen.T_flange[0],
-        )
-        normal = scene.target.normal + np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 1]])[:2].T @ x[9:]
+        rotation = seen.R_flange[0] @ R
+        origin = seen.R_flange[0] @ (scene.truth.translation[0] + x[:3]) + seen.T_flange[0]
+        normal = scene.target.normal + np.r_[x[9:], 0]
         disk = Disk(scene.truth.placements[0][0][0] + x[6:9], normal / np.linalg.norm(normal), *seen.sizes)
         return (seen.points[0] - disk.meet(rotation, origin)).ravel() / SIGMA
 

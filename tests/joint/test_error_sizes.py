@@ -11,7 +11,7 @@ from scipy.stats import binom, chi2, norm, t
 from profilecal.geometry.noise import Noise
 from profilecal.joint.descent import refine
 from profilecal.joint.error_sizes import average, draw, growth, likeliest, normalised, t_points
-from profilecal.joint.prior import FREEDOM, USUAL, Prior
+from profilecal.joint.prior import FREEDOM, USUAL, Prior, prior_from
 from profilecal.joint.problem import Problem
 from profilecal.simulate.robot import actual_poses, scan_planes
 from profilecal.simulate.scene import random_scene
@@ -27,11 +27,14 @@ def edge_model(seed, names=None, **plan):
     R, T = scene.truth.rotation[0], scene.truth.translation[0]
     planes = scan_planes(R, T, *actual_poses(scene.poses, TRUE, rng))
     points = scene.target.meet(*(p.reshape(-1, *p.shape[2:]) for p in planes))[None, :, None, :]
-    problem = Problem(
-        [replace(scene.observations, points=points + SIGMA * rng.normal(size=points.shape))], Noise(SIGMA)
-    )
+    points = points + SIGMA * rng.normal(size=points.shape)
+    problem = Problem([replace(scene.observations, points=points)], Noise(SIGMA))
     names = names or problem.groups.distinguishable
     return problem.model(refine(problem, scene.truth).state, names), names
+
+
+def test_errors_are_as_usual_where_nothing_is_stated():
+    assert prior_from({}).scales == replace(USUAL, profile_mm=1.0)
 
 
 def averaged(model, names, prior=PRIOR):
@@ -64,11 +67,10 @@ def test_draws_have_the_mean_and_the_sum_of_a_fine_grid():
     evidence = np.logaddexp.reduce(height) + np.log(grid[1, 0] - grid[0, 0])
     assert np.logaddexp.reduce(drawn.log_weight) == pytest.approx(evidence, abs=0.03)
     weight = normalised(height)
-    by_grid, by_draws = (w @ (v[:, 1:] ** 0.5) for w, v in ((weight, found.v), (normalised(drawn.log_weight), drawn.v)))
+    both = (weight, found), (normalised(drawn.log_weight), drawn)
+    by_grid, by_draws = (w @ (of.v[:, 1:] ** 0.5) for w, of in both)
     assert by_draws == pytest.approx(by_grid, rel=0.02)
-    by_grid, by_draws = (
-        np.tensordot(w, C, 1) for w, C in ((weight, found.covariance), (normalised(drawn.log_weight), drawn.covariance))
-    )
+    by_grid, by_draws = (np.tensordot(w, of.covariance, 1) for w, of in both)
     np.testing.assert_allclose(np.diag(by_draws)[:6], np.diag(by_grid)[:6], rtol=0.03)
 
 

@@ -54,9 +54,8 @@ def test_points_that_are_missing_do_not_move_the_place_of_an_edge():
     scene = random_scene("edge", rng)
     points = scene.observations.points.copy()
     points[:, rng.permutation(points.shape[1])[: points.shape[1] // 5]] = np.nan
-    state = Problem([replace(scene.observations, points=points)], Noise(SIGMA)).place(
-        scene.truth.rotation, scene.truth.translation
-    )
+    problem = Problem([replace(scene.observations, points=points)], Noise(SIGMA))
+    state = problem.place(scene.truth.rotation, scene.truth.translation)
     (origin, axes), truth = state.placements[0], scene.target
     assert np.linalg.norm(np.cross(axes[0, :, 2], truth.direction)) < 1e-9
     assert truth.distance(origin).max() < 1e-9

@@ -32,13 +32,11 @@ TOOL = (10.0, -20.0, 150.0, 12.0, -5.0, 30.0)
 @functools.cache
 def scan():
     """An edge in twelve raw profiles of as many points; nothing seen is NaN."""
-    found = simulate_scan(
-        Spec(measured="profiles", groups=4, positions=3, seed=4, scanner=replace(WIDE, points=120, quantum=0.125))
-    )
+    scanner = replace(WIDE, points=120, quantum=0.125)
+    found = simulate_scan(Spec(measured="profiles", groups=4, positions=3, seed=4, scanner=scanner))
     count = min(map(len, found.values))
-    return replace(
-        found, values=tuple(np.where(np.arange(count)[:, None] % 17 == 3, np.nan, v[:count]) for v in found.values)
-    )
+    missing = np.arange(count)[:, None] % 17 == 3
+    return replace(found, values=tuple(np.where(missing, np.nan, v[:count]) for v in found.values))
 
 
 def poses(convention, scale=1.0):
@@ -88,9 +86,8 @@ def fanuc(folder, tool=0, more=""):
         + f"{more}\n}};\n"
         for k, row in enumerate(poses("FANUC angles"), 1)
     ]
-    (folder / "CALIB.LS").write_text(
-        "/PROG  SCAN\n/MN\n   1:L P[1] 500mm/sec FINE ;\n/POS\n" + "".join(rows) + "/END\n"
-    )
+    header = "/PROG  SCAN\n/MN\n   1:L P[1] 500mm/sec FINE ;\n/POS\n"
+    (folder / "CALIB.LS").write_text(header + "".join(rows) + "/END\n")
 
 
 def key_lines(folder):
@@ -101,15 +98,13 @@ def key_lines(folder):
 def csv(folder):
     rows = [f"scan_{k:03d};{text(row, ';').replace('.', ',')}\n" for k, row in enumerate(poses("Stäubli angles"))]
     order = np.random.default_rng(1).permutation(12)
-    (folder / "robot.csv").write_text(
-        "Name;X [mm];Y [mm];Z [mm];Alpha [°];Beta [°];Gamma [°]\n" + "".join(rows[k] for k in order)
-    )
+    header = "Name;X [mm];Y [mm];Z [mm];Alpha [°];Beta [°];Gamma [°]\n"
+    (folder / "robot.csv").write_text(header + "".join(rows[k] for k in order))
 
 
 def tum(folder, header="# timestamp tx ty tz qx qy qz qw\n"):
-    rows = [
-        f"{1.7e9 + k} {text(row[[0, 1, 2, 4, 5, 6, 3]], ' ')}\n" for k, row in enumerate(poses("quaternion", 0.001))
-    ]
+    order = [0, 1, 2, 4, 5, 6, 3]
+    rows = [f"{1.7e9 + k} {text(row[order], ' ')}\n" for k, row in enumerate(poses("quaternion", 0.001))]
     (folder / "poses.tum").write_text(header + "".join(rows))
 
 

@@ -14,6 +14,7 @@ from profilecal.simulate.scene import random_scene
 from profilecal.targets import TARGETS
 from profilecal.targets.ball import Ball
 from profilecal.targets.disk import Disk
+from profilecal.targets.edge import SPECIMENS
 
 KINDS = list(TARGETS)
 
@@ -100,6 +101,13 @@ def test_its_lines_lie_on_it(kind):
     for line in lines:
         assert line.shape[1] == 3
         assert np.abs(scene.target.distance(line)).max() < (10 if kind == "point" else 0) + 1e-9
+    if kind == "rod":  # on all sides
+        np.testing.assert_allclose(scene.target.distance(np.mean(lines, axis=0)), -scene.target.radius)
+
+
+def test_a_knife_blade_is_the_same_from_both_sides():
+    blade = SPECIMENS["knife blade"]
+    assert blade == [(-aside, up) for aside, up in blade[::-1]]
 
 
 @pytest.mark.parametrize("kind", ["edge", "rod"])
