@@ -51,7 +51,7 @@ def main():
 @click.option("-p", "parameters", nargs=2, multiple=True, metavar="NAME VALUE", help="Set a notebook's parameter.")
 @click.option("--output", default="results", show_default=True, type=PLACE, help="Where it all goes.")
 def reproduce(names, parameters, output):
-    """Execute the notebooks whose NAMES (or beginnings) are given, or all, and count the results that come out."""
+    """Execute all notebooks, or those whose NAMES begin so. Counts the printed results that come out."""
     from profilecal.papers import items
     from profilecal.running import notebooks
 
@@ -72,7 +72,7 @@ def reproduce(names, parameters, output):
 @click.option("--leave-out", is_flag=True, help="Cross-validate: predict each flange orientation from the others.")
 @click.option("--report", type=PLACE, help="Write a report with pictures to this HTML file.")
 def calibrate(folders, as_json, vendor, guess, leave_out, report):
-    """Find the sensor pose from one scan folder, or several of one sensor."""
+    """Find the sensor pose from scan folders of one sensor."""
     import json
     from dataclasses import replace
 
@@ -118,7 +118,7 @@ def calibrate(folders, as_json, vendor, guess, leave_out, report):
 @click.argument("spec", type=PLACE)
 @click.argument("folder", type=PLACE)
 def simulate(spec, folder):
-    """Write the scan that SPEC.toml describes, with its truth, into a new FOLDER."""
+    """Write the scan that SPEC.toml describes into a new FOLDER. Its truth is in truth.toml."""
     from profilecal.scan.folder import write_scan
     from profilecal.scan.toml import read_toml
     from profilecal.simulate.spec import read_spec, simulate_scan
@@ -134,15 +134,17 @@ def simulate(spec, folder):
 @click.option("--until", nargs=2, type=float, metavar="MM DEG", help="Largest standard deviations in any direction.")
 @click.option("--of", "given", type=SCAN, metavar="POSES", help="Predict these instead: a CSV file, a scan folder.")
 def plan(spec, folder, poses, until, given):
-    """Choose the poses from which SPEC.toml is calibrated best, and write them, ready to run, into a new FOLDER.
+    """Choose the poses that calibrate SPEC.toml best.
 
-    SPEC may be a scan folder: its answer says where everything is, and the next best poses are chosen.
+    They go into a new FOLDER, ready to run. SPEC may be a scan folder: its answer says where everything is.
     """
     from contextlib import nullcontext
 
     from profilecal.plan import command
     from profilecal.scan.tables import new_folder
 
+    if given and (folder or poses or until):
+        raise ValueError("--of predicts the given poses and writes nothing; leave FOLDER, --poses and --until out")
     with interruptible("Nothing was written."):
         task = command.task(spec, poses, until)
         if given:
@@ -164,7 +166,7 @@ def plan(spec, folder, poses, until, given):
 @main.command()
 @click.argument("folder", type=SCAN)
 def check(folder):
-    """Say what a scan FOLDER holds, before any calibration: poses, groups, noise, outliers, motions."""
+    """Say what a scan FOLDER holds, before any calibration. Poses, groups, noise, outliers, motions."""
     from profilecal.calibrate.observe import check as check_scan
     from profilecal.scan.folder import read_scan
 
@@ -175,7 +177,7 @@ def check(folder):
 @click.argument("folder", type=SCAN)
 @click.option("--with", "pose", required=True, type=SCAN, help="What calibrate --json printed.")
 def verify(folder, pose):
-    """Compare a sensor pose with what a scan FOLDER says that was not used to find it; status 1 if they contradict."""
+    """Compare a sensor pose with a scan FOLDER not used to find it. Status 1 if they contradict."""
     from profilecal.calibrate import verify
     from profilecal.scan.folder import read_scan
 
@@ -196,13 +198,13 @@ def verify(folder, pose):
 @click.option("--mount", type=MOUNT, default="eye-in-hand", help="Where the scanner is.")
 @click.option("--poses", default="", metavar="FILES", help="What holds the robot's poses.")
 @click.option("--pose-columns", default="", metavar="NAMES", help='"x [m],y [m],z [m],w,p,r"; _ for others.')
-@click.option("--tool", nargs=6, type=float, metavar="X Y Z A B C", help="Frame of the tool that poses are of.")
+@click.option("--tool", nargs=6, type=float, metavar="X Y Z A B C", help="Poses' tool: mm; angles as theirs or W P R.")
 @click.option("--profiles", default="", metavar="FILES", help="The profiles, a pattern.")
 @click.option("--columns", default="", metavar="X,Z", help='Names or numbers: x,z or "1 [mm],3 [mm]".')
 @click.option("--entry", default="", metavar="NAME", help="Which list of a YAML or NPZ file.")
 @click.option("--missing", type=float, help="z of points where nothing was seen.")
 def import_(files, folder, kind, radius, **said):
-    """Write the profiles and robot poses in the files of DIR as a scan into a new FOLDER.
+    """Write the profiles and robot poses of DIR as a scan FOLDER.
 
     What is not said is guessed, and every guess is printed.
     """
@@ -226,9 +228,9 @@ def import_(files, folder, kind, radius, **said):
 @click.option("--plot", nargs=2, metavar="X Y", help="Draw column Y of the table over column X.")
 @click.option("--hue", default="", metavar="COLUMN", help="A line for each value of this column.")
 def sweep(notebook, grid, given, output, plot, hue, **options):
-    """Execute NOTEBOOK, a file or the name of one of ours, over the parameters in the file GRID and of -p.
+    """Execute NOTEBOOK over a grid of parameters.
 
-    Started again it goes on where it was, and repeats no finished run.
+    A file, or the name of one of ours. Started again it goes on where it was, and repeats no finished run.
     """
     from profilecal.running import notebooks, sweep
 

@@ -40,7 +40,7 @@ def test_an_orientation_that_does_not_fit_is_named():
     found = calibrate([replace(scan, values=tuple(values))])
     left = leave_out(found)
     assert np.flatnonzero(left.doubted).tolist() == [3]
-    assert "poses g4p1 to g4p10 does not fit the other orientations" in " ".join(left.messages())
+    assert "what poses g4p1 to g4p10 saw does not fit the other orientations" in " ".join(left.messages())
 
 
 def test_an_orientation_that_is_needed_is_named():

@@ -105,7 +105,7 @@ def test_an_open_scan_is_planned_from_a_specification(tmp_path):
     scan = tmp_path / "scan"
     write_scan(simulate_scan(Spec(kind="edge", seed=3, spread_deg=0, groups=1, positions=20)), scan)
     refused = run("plan", scan).output
-    assert "the scan leaves the mount open; plan from a SPEC.toml whose [guess] states it roughly" in refused
+    assert "else plan from a SPEC.toml whose [guess] states it roughly" in refused
 
 
 def test_poses_of_any_file_or_scan_are_predicted(tmp_path):
@@ -118,7 +118,7 @@ def test_poses_of_any_file_or_scan_are_predicted(tmp_path):
         assert "predicted for 8 poses" in result.output
         assert said(result.output) == pytest.approx(said(planned.output), rel=0.02)
     assert "predicted for 16 poses" in run("plan", scan, "--of", plan).output
-    assert "not empty; name a new folder" in run("plan", spec, plan).output
+    assert "already in use; name a new folder" in run("plan", spec, plan).output
     assert "nowhere: no such file" in run("plan", spec, "--of", tmp_path / "nowhere").output
 
 

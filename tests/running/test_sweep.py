@@ -91,8 +91,9 @@ def test_a_grid_is_read_from_a_file_and_the_command_line(tmp_path):
     path.write_text("n: [1, 2]")
     with pytest.raises(ValueError, match=r"grid.toml: .*line 1"):
         sweep.read_grid(path)
-    with pytest.raises(ValueError, match="expected name=value"):
-        sweep.read_grid(None, ["x"])
+    for texts in (["x"], ["x=1", "x=2"]):
+        with pytest.raises(ValueError, match="expected name=value"):
+            sweep.read_grid(None, texts)
     there = notebooks.folder()
     runs = sweep.plan(there / "51_one_plan.ipynb", sweep.read_grid(there / "51_sweeping_grid.toml"))
     assert len(runs) == 54  # as the file, the notebook and the README say

@@ -159,6 +159,7 @@ MISTAKES = {
     "no rows": (put("pose,x,z,r\n"), "arcs.csv: no rows"),
     "empty file": (put(""), "arcs.csv: no rows; expected names of columns"),
     "not text": (lambda f: (f / "arcs.csv").write_bytes(b"pose\nP\xff\xfe"), "not UTF-8 text, b'.xff' in line 2; save"),
+    "a group missing": (poses(lambda t: t.assign(group=[*"ab", *[None] * (len(t) - 2)])), "line 4: no group; expected"),
     "bad side": (poses(lambda t: t.assign(side=2)), "line 2: side is 2; expected 1 or -1"),
     "positions in m": (poses(lambda t: t.assign(x=t.x / 1e3, y=t.y / 1e3, z=t.z / 1e3)), "are the units"),
     "arcs in m": (arcs(lambda t: t.assign(x=t.x / 1e3, z=t.z / 1e3, r=t.r / 1e3)), "are the units"),
@@ -242,6 +243,6 @@ def test_every_command_refuses_in_one_line_with_status_2(tmp_path, mistake, comm
 def test_a_folder_with_something_in_it_is_not_overwritten(tmp_path):
     scan = random_scan(np.random.default_rng(8))
     (tmp_path / "note.txt").write_text("mine")
-    with pytest.raises(ScanError, match="not empty; name a new folder"):
+    with pytest.raises(ScanError, match="already in use; name a new folder"):
         write_scan(scan, tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["note.txt"]

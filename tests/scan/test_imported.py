@@ -227,14 +227,17 @@ def test_z_may_stand_under_the_x_of_the_first_row(tmp_path):
     np.testing.assert_allclose(found.values, [np.column_stack([x, row]) for row in z])
 
 
-def test_a_tool_is_taken_off_and_a_mount_said(tmp_path):
+@pytest.mark.parametrize("name", ["quaternion", "rotation vector"])
+def test_a_tool_is_taken_off_and_a_mount_said(tmp_path, name):
     R, t = Rotation.from_euler("xyz", TOOL[3:], degrees=True).as_matrix(), np.array(TOOL[:3])
     R_tool, T_tool = scan().R_base_flange @ R, scan().T_base_flange + scan().R_base_flange @ t
 
     def of_tool(folder):
-        np.savetxt(folder / "poses.txt", np.hstack([T_tool, from_rotations(named("quaternion"), R_tool)]))
+        np.savetxt(folder / "poses.txt", np.hstack([T_tool, from_rotations(named(name), R_tool)]))
 
-    layout = Layout(pose_columns="x,y,z,qw,qx,qy,qz", tool=TOOL, mount="eye-to-hand")
+    turn = TOOL[3:] if name == "quaternion" else Rotation.from_matrix(R).as_rotvec()
+    columns = ",".join(["x,y,z", *named(name).columns])
+    layout = Layout(pose_columns=columns, tool=(*TOOL[:3], *turn), mount="eye-to-hand")
     found, _ = import_scan(written(tmp_path / "files", of_tool), "edge", {}, layout)
     check_poses(found)
     assert found.mount == "eye-to-hand"

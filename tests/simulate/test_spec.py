@@ -12,7 +12,7 @@ def test_simulate_writes_a_scan_that_calibrates_to_its_truth(tmp_path):
     assert run("calibrate", tmp_path / "scan").exit_code == 0
     again = run("simulate", spec, tmp_path / "scan")
     assert again.exit_code == 2
-    assert "not empty; name a new folder" in again.output
+    assert "already in use; name a new folder" in again.output
 
 
 @pytest.mark.parametrize(
@@ -26,6 +26,7 @@ def test_simulate_writes_a_scan_that_calibrates_to_its_truth(tmp_path):
         ("[noise]\nprofile = 1", "unknown entry 'profile' in [noise]; there are profile_mm"),
         ("noise = 1", "noise is 1; expected a table"),
         ("[robot]\njoint_deg = -1", "joint_deg is -1 in [robot]; expected 0 to 100"),
+        ("[scanner]\nnear = 260\nfar = 40", "in [scanner] expected 0 <= near < far, near_width > 0"),
         ('measured = "chords"', "measured is 'chords'; expected profiles or points"),
         ('poses = "poses.csv"', "poses are given, but no [guess]; expected roughly where sensor and target are"),
         ("[guess]\ntarget = [1, 2, 3]", "mount is missing in [guess]; expected 6 numbers"),

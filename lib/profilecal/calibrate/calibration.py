@@ -12,7 +12,7 @@ from profilecal.geometry.noise import ROBOT, Noise
 from profilecal.geometry.poses import carry, xyz_angles_from_rotation
 from profilecal.joint.observability import HAND_PRECISION, name_direction
 from profilecal.joint.observations import Observations
-from profilecal.joint.prior import prior_from
+from profilecal.joint.prior import FINEST_MM, prior_from
 from profilecal.joint.solution import Solution, in_mm_deg
 from profilecal.joint.solve import solve
 from profilecal.scan.scan import Scan, ScanError
@@ -57,7 +57,7 @@ class Calibration:
         observability, targets = None, None
         if s:
             observability = {
-                "singular_values": (1 / s.observability.sd).tolist(),
+                "singular_values": (1 / np.maximum(s.observability.sd, np.finfo(float).eps)).tolist(),
                 "worst_direction": name_direction(s.observability.directions[0], s.rotation, frame),
             }
             targets = [
@@ -105,7 +105,7 @@ def calibrate(scans, guess=None) -> Calibration:
     check_different(scans)
     seen, observed, features_mm = observe_all(scans)
     prior = prior_from(stated, features_mm, max(entry.shared_mm for entry in seen))
-    solution, doubted = None, False
+    solution, doubted, wrong = None, False, False
     try:
         solution = solve(observed, prior, starts=[] if guess is None else [(guess[:3, :3], guess[:3, 3])])
         solution, doubted = plausibility.check(solution)
@@ -123,7 +123,7 @@ def calibrate(scans, guess=None) -> Calibration:
     readings = [] if solution and solution.status == "ok" else by_scan(map(better_readings, scans, seen))
     messages = [*readings, *notes] if readings else [*notes, *messages]
     poses = tuple(entry.poses for entry in seen)
-    return Calibration(scans, poses, observed, solution, tuple(messages), misread=doubted or bool(readings))
+    return Calibration(scans, poses, observed, solution, tuple(messages), misread=doubted or wrong or bool(readings))
 
 
 def remarks_on_targets(scans, seen, solution: Solution) -> tuple[list[str], bool]:
@@ -201,5 +201,6 @@ def robot_errors(noise: Noise) -> str:
     """How large the robot's errors are, at each place where they arise."""
     places = ("at each visit", "at each pose", "shared by the poses of an orientation")
     sizes = np.reshape([getattr(noise, name) for name in ROBOT], (3, 2))
-    said = [f"{place} {mm:.2g} mm and {deg:.2g}°" for place, (mm, deg) in zip(places, sizes, strict=True) if mm or deg]
+    there = zip(places, sizes, strict=True)
+    said = [f"{place} {mm:.2g} mm and {deg:.2g}°" for place, (mm, deg) in there if max(mm, deg) > FINEST_MM]
     return ", ".join(said) or "none that the residuals show"

@@ -23,6 +23,7 @@ from profilecal.scan.conventions import CONVENTIONS, from_rotations, named
 from profilecal.scan.folder import REACH_MM
 from profilecal.scan.scan import Scan
 
+UNITS = {"m instead of mm": 1000.0, "mm instead of m": 0.001, "cm instead of mm": 10.0, "inches instead of mm": 25.4}
 SEQUENCES = (  # of three angles, as scipy names them
     *((f"{c.name} {', '.join(c.columns)}", c.sequence) for c in CONVENTIONS if c.sequence),
     ("angles about the fixed axes z, y, x", "zyx"),
@@ -97,7 +98,7 @@ def readings(scan: Scan):
         words = f"each profile taken from the {which} row's pose"
         yield Reading(words, "check which pose each profile belongs to", scan, shift)
     (low, high), farthest = REACH_MM, np.linalg.norm(scan.T_base_flange, axis=1).max()
-    for words, factor in (("m instead of mm", 1000.0), ("mm instead of m", 0.001), ("inches instead of mm", 25.4)):
+    for words, factor in UNITS.items():
         if low < farthest * factor < high:
             scaled = replace(scan, T_base_flange=scan.T_base_flange * factor)
             yield Reading(f"the poses' x, y, z in {words}", "check the units of poses and profiles", scaled)

@@ -63,7 +63,7 @@ def read_pose(path) -> tuple[np.ndarray, np.ndarray, float, bool]:
     """From what `profilecal calibrate --json` printed: T (4, 4) mm, covariance (6, 6) of δ in mm and rad, the total
     where it is stated, noise in mm, and whether it is eye-to-hand. Raises ScanError."""
     try:
-        found = json.loads(Path(path).read_text(encoding="utf-8"))
+        found = json.loads(Path(path).read_bytes())
         to_hand = "T_base_sensor" in found
         T = np.asarray(found["T_base_sensor" if to_hand else "T_flange_sensor"], dtype=float)
         units = np.repeat([1, np.pi / 180], 3)
@@ -190,10 +190,9 @@ class LeftOut:
                 f"turns by up to {np.degrees(turn.max()):.2g}° (without {most})"
             )
         for g in np.flatnonzero(self.doubted):
-            lines.append(
-                f"{name(self.poses[g])} does not fit the other orientations: {self.rms_mm[g]:.2g} mm rms where "
-                f"{self.expected_mm[g]:.2g} is expected; measure it again or look for what moved"
-            )
+            found = f"{self.rms_mm[g]:.2g} mm rms where {self.expected_mm[g]:.2g} is expected"
+            what = f"what {name(self.poses[g])} saw does not fit the other orientations"
+            lines.append(f"{what}: {found}; measure it again or look for what moved")
         for g in np.flatnonzero(~np.isfinite(self.rms_mm)):
             lines.append(f"without {name(self.poses[g])} the answer is not determined; add orientations like it")
         return lines

@@ -49,7 +49,7 @@ def solve_ball(R_tcp, T_tcp, q, translating: int) -> TwoStepSolution:
 def ball_equations(R_tcp, T_tcp, q, translating: int) -> TwoStepSolution:
     """`solve_ball` without its guards, with any leading batch axes: (..., n, 3, 3) and (..., n, 3)."""
     others, turning = slice(1, translating), slice(translating, None)
-    X = np.swapaxes(q[..., :1, :] - q[..., others, :], -1, -2)
+    X = (q[..., :1, :] - q[..., others, :]).mT
     Y = np.einsum("...ba,...nb->...an", R_tcp[..., 0, :, :], T_tcp[..., others, :] - T_tcp[..., :1, :])
     X = X / np.linalg.norm(X, axis=-2, keepdims=True)
     Y = Y / np.linalg.norm(Y, axis=-2, keepdims=True)

@@ -39,7 +39,7 @@ def sensing_data(tips, T_start, T_end, s, radius: float, heights: str = "regress
     """
     m = tips.shape[-3]
     points = np.moveaxis(tips, -2, -3).reshape(*tips.shape[:-3], 2 * m, 2)
-    vectors = np.swapaxes(points, -1, -2) @ chord_weights(m, heights)
+    vectors = points.mT @ chord_weights(m, heights)
     return sensing_data_from_ellipse(fit_ellipse(points), vectors, T_start, T_end, s, radius)
 
 
@@ -115,7 +115,7 @@ def sensing_data_from_ellipse(ellipse: Ellipse, vectors, T_start, T_end, s, radi
 def disk_equations(R_tcp, T_tcp, q, D_i, D_b) -> TwoStepSolution:
     """Sensor pose from the flange's orientations (..., n, 3, 3) and `SensingData`, each (..., n, 3) mm, without guards:
     `closed_form` has them. Eq. 14's vectors are given unit length."""
-    X = np.swapaxes(D_i / np.linalg.norm(D_i, axis=-1, keepdims=True), -1, -2)
+    X = (D_i / np.linalg.norm(D_i, axis=-1, keepdims=True)).mT
     D_b = D_b / np.linalg.norm(D_b, axis=-1, keepdims=True)
     Y = np.einsum("...nba,...nb->...an", R_tcp, D_b)  # columns R_tcp⁻¹ D_b
     rotation = solve_rotation(X, Y)

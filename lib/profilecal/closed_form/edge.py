@@ -120,15 +120,15 @@ def least_squares(A, b, zero) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.nd
     `zero` (...) count as zero. The text after Eq. 26 prints S where S⁺ is meant."""
     U, S, Vt = np.linalg.svd(A, full_matrices=False)
     significant = np.asarray(zero)[..., None] < S
-    c = (np.swapaxes(U, -1, -2) @ b[..., None])[..., 0]
+    c = (U.mT @ b[..., None])[..., 0]
     c = np.divide(c, S, out=np.zeros_like(c), where=significant)
-    V = np.swapaxes(Vt, -1, -2)
+    V = Vt.mT
     return (V @ c[..., None])[..., 0], S, V, significant.sum(axis=-1)
 
 
 def unvec(r) -> np.ndarray:
     """The matrices (..., 3, 3) whose columns r (..., 9) lists one after the other."""
-    return np.swapaxes(r.reshape(*r.shape[:-1], 3, 3), -1, -2)
+    return r.reshape(*r.shape[:-1], 3, 3).mT
 
 
 def solve_rotation(R_b, T_b, p_s) -> EdgeRotation:
@@ -156,7 +156,7 @@ def noise_gain(v, R_b, T_b, p_s) -> np.ndarray:
     W = R_b @ unvec(v)[..., None, :, :]  # (..., G, 3, 3)
     count, total = u_s.shape[-2], 0
     for axis in np.eye(3)[::2]:  # x and z, the coordinates that carry noise
-        g = np.cross(axis, u_s) @ np.swapaxes(W, -1, -2) + np.cross((W @ axis)[..., None, :], u_t)
+        g = np.cross(axis, u_s) @ W.mT + np.cross((W @ axis)[..., None, :], u_t)
         squares = (g**2).sum(axis=(-3, -2, -1))
         total = total + (2 * count - 1) * squares - (g.sum(axis=-2) ** 2).sum(axis=(-2, -1))
     return np.sqrt(total)
@@ -183,8 +183,8 @@ def translation_system(R_b, p, u_b) -> tuple[np.ndarray, np.ndarray]:
 
 def solve_translation(R_b, T_b, p_s, R_sensor) -> EdgeTranslation:
     """Phase two, Eqs 28-35, with the rotation R_sensor (..., 3, 3) of phase one."""
-    in_flange = p_s @ np.swapaxes(R_sensor[..., ::2], -1, -2)[..., None, :, :]
-    p = in_flange @ np.swapaxes(R_b, -1, -2) + T_b
+    in_flange = p_s @ R_sensor[..., ::2].mT[..., None, :, :]
+    p = in_flange @ R_b.mT + T_b
     vectors = p[..., 1:, :] - p[..., :1, :]  # Eq. 5
     u_b = principal_direction(vectors.reshape(*vectors.shape[:-3], -1, 3))
     A_t, b_t = translation_system(R_b, p, u_b)

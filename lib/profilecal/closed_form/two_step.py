@@ -53,7 +53,7 @@ class TwoStepSolution:
 
 def solve_rotation(X, Y) -> RotationSolution:
     """R_sensor X = Y for vectors (..., 3, n): Eq. 16, kept from being a reflection."""
-    return RotationSolution(X, Y, nearest_rotation(Y @ np.swapaxes(X, -1, -2)))
+    return RotationSolution(X, Y, nearest_rotation(Y @ X.mT))
 
 
 def solve_translation(R_tcp, T_tcp, q, R_sensor) -> TranslationSolution:

@@ -143,7 +143,7 @@ def fit_sphere(points) -> tuple[np.ndarray, np.ndarray]:
     p = points - middle
     square = np.sum(p**2, axis=-1, keepdims=True)
     mean_square = square.mean(axis=-2, keepdims=True)
-    pt = np.swapaxes(p, -1, -2)
+    pt = p.mT
     H = pt @ p
     ridge = 1e-13 * np.trace(H, axis1=-2, axis2=-1)[..., None, None] * np.eye(points.shape[-1])  # rounding is less
     centre = np.linalg.solve(H + ridge, pt @ (square - mean_square))[..., 0] / 2
@@ -174,5 +174,5 @@ def affine_residuals(positions, values, weights=None) -> tuple[np.ndarray, np.nd
     extends = np.maximum(1e-3 * S[..., :1], rounding) < S  # an arc leaves its plane, a line itself, by less
     basis = np.concatenate([np.broadcast_to(constant, (*U.shape[:-1], 1)), U * extends[..., None, :]], axis=-1)
     residuals = weight * values
-    residuals = residuals - basis @ (np.swapaxes(basis, -1, -2) @ residuals)
+    residuals = residuals - basis @ (basis.mT @ residuals)
     return residuals, basis, n - 1 - extends.sum(axis=-1)

@@ -83,7 +83,7 @@ def frame_along(direction, angle) -> np.ndarray:
 
 def inverse(rotation, translation) -> tuple[np.ndarray, np.ndarray]:
     """The inverses of rigid transforms (..., 3, 3), (..., 3)."""
-    back = np.swapaxes(rotation, -1, -2)
+    back = rotation.mT
     return back, -(back @ translation[..., None])[..., 0]
 
 

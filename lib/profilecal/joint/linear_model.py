@@ -43,14 +43,14 @@ def compress(E, Y) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     errors of their flange, two of a straight edge, three of a ball; and the products (P, n + 1, n + 1) of the rest of
     Y. R are the left singular vectors of E, from the eigenvectors of EᵀE."""
     E = E * HAND_PRECISION
-    Et = E.swapaxes(1, 2)
+    Et = E.mT
     values, vectors = np.linalg.eigh(Et @ E)
     least = ROUNDING * values.max()
     q = int((values > least).sum(axis=1).max(initial=1))
     singular = np.sqrt(np.maximum(values[:, -q:, None], least))
-    right = vectors[:, :, -q:].swapaxes(1, 2)
+    right = vectors[:, :, -q:].mT
     rows = right @ (Et @ Y) / singular
-    return singular * right / HAND_PRECISION, rows, Y.swapaxes(1, 2) @ Y - rows.swapaxes(1, 2) @ rows
+    return singular * right / HAND_PRECISION, rows, Y.mT @ Y - rows.mT @ rows
 
 
 @dataclass(frozen=True)
@@ -103,13 +103,13 @@ class LinearModel:
         other.kept, other.blocks = np.asarray(kept), []
         for b in self.whole:
             there = other.kept[b.profiles].repeat(self.q, axis=1)[:, :, None]
-            other.blocks.append(Block(b.profiles, b.M * there * there.swapaxes(1, 2), b.Y * there))
+            other.blocks.append(Block(b.profiles, b.M * there * there.mT, b.Y * there))
         return other
 
     def without_robot(self) -> "LinearModel":
         """The model in which the robot does not err: no residuals share anything."""
         other = copy(self)
-        other.rest, other.blocks, other.whole = self.rest + self.Y.swapaxes(1, 2) @ self.Y, [], []
+        other.rest, other.blocks, other.whole = self.rest + self.Y.mT @ self.Y, [], []
         return other
 
     @property
@@ -152,23 +152,23 @@ class LinearModel:
         within[0, 0], across[:, 0] = x @ rest @ x / v0**3, rest[:n] @ x / v0**2
         for b, (inverse, X) in zip(self.blocks, found.solved, strict=True):
             CA, w = X[0, :, :, :n], X[0] @ x
-            P = inverse[0] - CA @ V @ CA.swapaxes(1, 2)
+            P = inverse[0] - CA @ V @ CA.mT
             less = P - w[:, :, None] * w[:, None]
             slope[0] += np.trace(less, axis1=1, axis2=2).sum()
             slope[1:] += np.tensordot(b.M, less, 3)
             F = np.stack([w, *(b.M @ w[:, :, None])[..., 0]], axis=-1)  # M_k w, of the scanner w
-            within += (F.swapaxes(1, 2) @ inverse[0] @ F).sum(axis=0)
-            across += (CA.swapaxes(1, 2) @ F).sum(axis=0)
+            within += (F.mT @ inverse[0] @ F).sum(axis=0)
+            across += (CA.mT @ F).sum(axis=0)
         return -slope / 2, (within - across.T @ V @ across) / 2
 
     def own(self, v) -> np.ndarray:
         """Covariances (profiles, q, q) of the rows of each profile by itself, for variances v (1 + k,)."""
         of_flange = np.r_[np.full(3, v[1:][self.mm].sum()), np.full(3, v[1:][self.deg].sum() * np.radians(1) ** 2)]
-        return v[0] * np.eye(self.q) + self.E * of_flange @ self.E.swapaxes(1, 2)
+        return v[0] * np.eye(self.q) + self.E * of_flange @ self.E.mT
 
     def alone(self, v) -> np.ndarray:
         """What each profile by itself says of the unknowns, (profiles, n + 1, n + 1): [A | r]ᵀ C⁻¹ [A | r]."""
-        return self.Y.swapaxes(1, 2) @ np.linalg.solve(self.own(v), self.Y) + self.rest / v[0]
+        return self.Y.mT @ np.linalg.solve(self.own(v), self.Y) + self.rest / v[0]
 
     def left_out(self, found: Posterior) -> tuple[np.ndarray, np.ndarray]:
         """How far the rows of each profile (profiles, q) are from what all other profiles kept say of them, and the
@@ -178,11 +178,11 @@ class LinearModel:
         P_bb⁻¹ (P r)_b with covariance P_bb⁻¹ (Christensen, Pearson and Johnson 1992)."""
         x, V, n, q = np.append(found.mean[0], 1.0), found.covariance[0], self.n, self.q
         A = self.Y[:, :, :n]
-        errors, covariances = self.Y @ x, self.own(found.v[0]) + A @ V @ A.swapaxes(1, 2)
+        errors, covariances = self.Y @ x, self.own(found.v[0]) + A @ V @ A.mT
         for b, (inverse, X) in zip(self.blocks, found.solved, strict=True):
             B, Q = b.profiles.shape
             CA = X[0, :, :, :n]
-            P = (inverse[0] - CA @ V @ CA.swapaxes(1, 2)).reshape(B, Q, q, Q, q)
+            P = (inverse[0] - CA @ V @ CA.mT).reshape(B, Q, q, Q, q)
             P_bb = P[:, np.arange(Q), :, np.arange(Q)].swapaxes(0, 1)
             covariance = np.linalg.pinv(P_bb, hermitian=True)
             error = covariance @ (X[0] @ x).reshape(B, Q, q, 1)
@@ -204,7 +204,7 @@ def score(normal, n: int, precision) -> tuple[np.ndarray, np.ndarray, np.ndarray
 def marginal(information, n: int) -> np.ndarray:
     """What information matrices (..., N, N) say of the first n unknowns if the others are not known any better."""
     known, across = information[..., :n, :n], information[..., :n, n:]
-    return known - across @ np.linalg.solve(information[..., n:, n:], np.swapaxes(across, -1, -2))
+    return known - across @ np.linalg.solve(information[..., n:, n:], across.mT)
 
 
 def of_equal_size(orientation) -> list[np.ndarray]:
@@ -225,5 +225,5 @@ def block(E, Y, profiles, groups: PoseGroups, names) -> Block:
         Z = np.radians(e[:, :, 3:]) if name.endswith("deg") else e[:, :, :3]
         number = groups.sharing(name)[profiles]
         shared = (number[:, :, None] == number[:, None]).repeat(q, axis=1).repeat(q, axis=2)
-        out[:] = Z @ Z.swapaxes(1, 2) * shared
+        out[:] = Z @ Z.mT * shared
     return Block(profiles, M, y)

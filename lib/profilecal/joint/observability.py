@@ -51,14 +51,14 @@ def spectrum(information, units) -> Spectrum:
     rank = (values > 1e-10 * largest).sum(axis=-1)
     inverse = 1 / np.maximum(values, 1e-14 * largest)
     pose = vectors[..., :6, :]
-    C = (pose * inverse[..., None, :]) @ np.swapaxes(pose, -1, -2)
+    C = (pose * inverse[..., None, :]) @ pose.mT
     return of_covariance(C * HAND_PRECISION[:, None] * HAND_PRECISION, rank, len(units))
 
 
 def of_covariance(covariance, rank, parameters: int) -> Spectrum:
     """Of covariances (..., 6, 6) of the sensor pose, mm and rad, and the rank (...) behind them."""
     variance, axes = np.linalg.eigh(covariance / HAND_PRECISION[:, None] / HAND_PRECISION)
-    sd, directions = np.sqrt(np.maximum(variance, 0))[..., ::-1], np.swapaxes(axes, -1, -2)[..., ::-1, :]
+    sd, directions = np.sqrt(np.maximum(variance, 0))[..., ::-1], axes.mT[..., ::-1, :]
     return Spectrum(covariance, sd, directions, rank, parameters)
 
 

@@ -129,8 +129,8 @@ class State(Batch):
 
 def pose_error(rotation, translation, true_rotation, true_translation) -> np.ndarray:
     """δ (..., 6), mm and rad, sensor frame, with T_true = T · exp(δ) to first order: what the covariance is of."""
-    turn = np.swapaxes(rotation, -1, -2) @ true_rotation
-    shift = np.swapaxes(rotation, -1, -2) @ (true_translation - translation)[..., None]
+    turn = rotation.mT @ true_rotation
+    shift = rotation.mT @ (true_translation - translation)[..., None]
     angles = Rotation.from_matrix(turn.reshape(-1, 3, 3)).as_rotvec().reshape(*turn.shape[:-2], 3)
     return np.concatenate([shift[..., 0], angles], axis=-1)
 

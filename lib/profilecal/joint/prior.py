@@ -70,7 +70,8 @@ class Prior:
     def without_robot(self) -> "Prior":
         """The same with no errors but the scanner's noise."""
         exact = replace(self.scales, **dict.fromkeys(ROBOT, 0.0))
-        return replace(self, scales=exact, robot_known=True, systematic=Systematic())
+        accuracy = {name: getattr(self.systematic, name) for name in ("accuracy_mm", "accuracy_deg")}
+        return replace(self, scales=exact, robot_known=True, systematic=Systematic(**accuracy))
 
     def with_scanner(self, noise_mm: float) -> "Prior":
         """The same with another scanner's noise."""

@@ -23,7 +23,7 @@ class Residuals:
         T = np.asarray(observations.T_flange, float).reshape(-1, self.P, 3)
         points = np.asarray(observations.points, float).reshape(-1, self.P, self.m, 2)
         self.R_flange = np.ascontiguousarray(R.transpose(0, 2, 3, 1)).reshape(-1, 3, 3 * self.P)  # (B|1, 3, 3P)
-        self.T_in_flange = (np.swapaxes(R, -1, -2) @ T[..., None])[..., 0].swapaxes(-1, -2)  # Rᵀ T, (B|1, 3, P)
+        self.T_in_flange = (R.mT @ T[..., None])[..., 0].mT  # Rᵀ T, (B|1, 3, P)
         seen = np.ascontiguousarray(points.transpose(3, 0, 2, 1))  # x and z, (2, B|1, m, P)
         there = np.isfinite(seen).all(axis=0)
         self.present = None if there.all() else there  # (B|1, m, P)
@@ -34,11 +34,11 @@ class Residuals:
             return
         covariance = np.asarray(observations.covariance, float)
         if observations.on_curve:
-            self.sd = np.sqrt(covariance.reshape(-1, self.P, self.m).swapaxes(1, 2))
+            self.sd = np.sqrt(covariance.reshape(-1, self.P, self.m).mT)
             return
         covariance = covariance.reshape(-1, self.P, 2 * self.m, 2 * self.m)
         of_x_and_z = np.diagonal(covariance, axis1=2, axis2=3).reshape(-1, self.P, self.m, 2)
-        self.sd = np.sqrt(of_x_and_z.mean(axis=3)).swapaxes(1, 2)
+        self.sd = np.sqrt(of_x_and_z.mean(axis=3)).mT
         self.whiten = np.moveaxis(np.linalg.inv(np.linalg.cholesky(covariance)), 1, -1)
 
     def counts(self) -> np.ndarray:
@@ -48,10 +48,10 @@ class Residuals:
 
     def _look(self, state: State, placement) -> tuple:
         """Where the sensor sees the target's origin and axes, by components, and what `Target.residual` says there."""
-        vectors = np.concatenate([placement[0][:, None], placement[1].swapaxes(1, 2)], axis=1)  # origin and axes
+        vectors = np.concatenate([placement[0][:, None], placement[1].mT], axis=1)  # origin and axes
         local = (vectors @ self.R_flange).reshape(len(vectors), 4, 3, self.P)  # in the flange frames
         local[:, 0] -= self.T_in_flange + state.translation[:, :, None]
-        local = np.swapaxes(state.rotation, 1, 2)[:, None] @ local  # in the sensor frames
+        local = state.rotation.mT[:, None] @ local  # in the sensor frames
         origin, *axes = ([local[:, j, None, i] for i in range(3)] for j in range(4))
         residual = self.target.residual_in_space if self.in_space else self.target.residual
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -79,7 +79,7 @@ class Residuals:
         z = by_point.reshape(B, -1, self.m * rows, self.P)
         if with_flange:
             arm = state.translation[:, :, None] + (self.T_in_flange if self.eye_to_hand else 0)  # from flange to sensor
-            arm = np.moveaxis(np.swapaxes(state.rotation, 1, 2) @ arm, 1, 0)[:, :, None]  # (3, B, 1, P)
+            arm = np.moveaxis(state.rotation.mT @ arm, 1, 0)[:, :, None]  # (3, B, 1, P)
             z[:, -6:-3] = z[:, :3]
             z[:, -3:] = z[:, 3:6] + np.stack(cross(arm, np.moveaxis(z[:, :3], 1, 0)), axis=1)
         if self.present is not None:

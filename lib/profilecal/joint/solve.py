@@ -39,7 +39,9 @@ def solve(
     problem = Problem(observations, prior.scales, prior.systematic)
     total = int(problem.count()[0])
     if total <= problem.n:
-        raise UnobservableError(f"{total} measured coordinates cannot determine {problem.n} unknowns; add poses")
+        raise UnobservableError(
+            f"{total} measured coordinates cannot determine {problem.n} unknowns and the noise; add poses"
+        )
 
     fits = least_squares(problem, search(observations, prior.scales, starts))
     others, scale = fits.state, 1.0
@@ -203,7 +205,7 @@ def conclude(estimated: Estimate, prior: Prior, others: State) -> Solution:
     problem, model, found, messages = estimated.problem, estimated.model, estimated.found, []
     state = after_step(problem, estimated.state, found.mean)
     posterior = model.posterior(found.v[None])
-    chi2, dof = float(posterior.square[0]), int(model.counts[model.kept].sum()) - problem.n
+    chi2, dof = float(posterior.square[0]), max(int(model.counts[model.kept].sum()) - problem.n, 1)
     covariance, factor = found.covariance[:6, :6], chi2 / dof
     if prior.source == "given" and prior.robot_known and factor > chi2_limit(unlikely, dof) / dof:
         covariance = covariance * factor

@@ -87,7 +87,7 @@ def ball_study(
     in_chunks(run, (n,), trials, rng, workers)
     T_tcp = np.stack([scans.positions(k).mean(axis=1) for k in counts])[..., None]
     fixed, turning = slice(None, scans.translating), slice(scans.translating, None)
-    to_flange = np.swapaxes(scans.R_tcp[1 : scans.translating], -1, -2)
+    to_flange = scans.R_tcp[1 : scans.translating].mT
     for i, j in np.ndindex(len(sigma_mm), len(m)):
         of_turning = np.searchsorted(counts, m[j])
         seen = scans.R_tcp[turning], T_tcp[of_turning, turning], q[i, of_turning, turning]
@@ -108,7 +108,7 @@ def mean_centres(scans: BallScans, pose: int, counts, sigma_mm, size: int, rng) 
     for k, (circle, side) in enumerate(zip(circles, sides, strict=True), 1):
         fitted = noisy_circles(circle, scans.x_seen(circle), sigma_mm, size, rng)
         total += scans.ball.centre_from_circle(fitted, side)
-        found[:, np.asarray(counts) == k] = np.swapaxes(total / k, -1, -2)[:, None]
+        found[:, np.asarray(counts) == k] = (total / k).mT[:, None]
     return found
 
 

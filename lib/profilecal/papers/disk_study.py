@@ -92,7 +92,7 @@ def disk_study(
         seen = fitted[noise](chords[j], study.sigma_mm[i], part.stop - part.start, stream)
         found = sensing_data_from_ellipse(*seen, start, end, s, scans.disk.radius)
         clipped[i, j, part] = found.clipped.any(axis=0)
-        T_tcp, q, D_i = (np.swapaxes(vectors, -1, -2) for vectors in (found.T_tcp, found.q, found.D_i))
+        T_tcp, q, D_i = (vectors.mT for vectors in (found.T_tcp, found.q, found.D_i))
         study.errors[i, j, :, part] = two_step_errors(scans, scans.disk.centre, scans.R_tcp, T_tcp, q, D_i, motion)
 
     in_chunks(run, clipped.shape[:2], trials, rng, workers)

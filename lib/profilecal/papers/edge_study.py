@@ -72,7 +72,7 @@ class EdgePlan:
         plane = arc_planes(direction[..., None, :], np.radians(self.tilt_deg), azimuth)
         if self.motion == "line":
             return self.radius * np.linspace(-1, 1, self.positions)[:, None] * plane[..., None, :, 0]
-        return arc(self.positions, self.radius, np.radians(self.span_deg), middle) @ np.swapaxes(plane, -1, -2)
+        return arc(self.positions, self.radius, np.radians(self.span_deg), middle) @ plane.mT
 
 
 def plan_edge(plan: EdgePlan, edge: Edge, R_sensor, T_sensor, rng: np.random.Generator) -> Poses:
@@ -81,12 +81,12 @@ def plan_edge(plan: EdgePlan, edge: Edge, R_sensor, T_sensor, rng: np.random.Gen
     with the edge in the middle of the scan."""
     shape = edge.point.shape[:-1]
     square = frame_along(edge.direction, rng.uniform(0, 2 * np.pi, shape))
-    start = random_turns(rng, shape, np.radians(20)) @ square @ np.swapaxes(R_sensor, -1, -2)
+    start = random_turns(rng, shape, np.radians(20)) @ square @ R_sensor.mT
     axis = directions(rng, shape)[..., None, :] if plan.one_axis else None
     turned = random_turns(rng, (*shape, plan.groups), np.radians(plan.spread_deg)[..., None], axis)
     offsets = plan.offsets(edge.direction, rng)
     if plan.frame == "tool":
-        offsets = offsets @ np.swapaxes(turned, -1, -2)
+        offsets = offsets @ turned.mT
     flange = turned @ start[..., None, :, :]
     return Poses(flange, above(edge.point, flange, R_sensor, T_sensor)[..., None, :] + offsets)
 
@@ -94,7 +94,7 @@ def plan_edge(plan: EdgePlan, edge: Edge, R_sensor, T_sensor, rng: np.random.Gen
 def plan_ball(centre, radius: float, R_sensor, T_sensor, rng) -> Poses:
     """Poses that draw six parallel profiles over a ball at `centre` (..., 3), mm, in each of ten orientations (edge
     paper, Section 4.2). The profiles spread over 1.2 radii, along the sensor's y."""
-    start = random_turns(rng, centre.shape[:-1], np.pi) @ np.swapaxes(R_sensor, -1, -2)
+    start = random_turns(rng, centre.shape[:-1], np.pi) @ R_sensor.mT
     flange = random_turns(rng, (*centre.shape[:-1], 10), np.radians(30)) @ start[..., None, :, :]
     y = (flange @ R_sensor[..., None, :, :])[..., 1]
     steps = np.linspace(-0.6, 0.6, 6)[:, None] * radius * y[..., None, :]
@@ -153,7 +153,7 @@ ROTATIONS = (10, 15, 20, 25)  # used for a calibration; the paper sums up its ta
 def principal(vectors, about_mean: bool = True) -> np.ndarray:
     """Unit vectors (..., 3) along which vectors (..., n, 3) extend most."""
     vectors = vectors - about_mean * vectors.mean(axis=-2, keepdims=True)
-    return np.linalg.eigh(np.swapaxes(vectors, -1, -2) @ vectors)[1][..., -1]
+    return np.linalg.eigh(vectors.mT @ vectors)[1][..., -1]
 
 
 def angle_deviations(solution: EdgeSolution, about_mean: bool = True) -> np.ndarray:

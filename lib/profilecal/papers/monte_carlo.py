@@ -41,17 +41,17 @@ class Study:
     @property
     def centre_error(self) -> np.ndarray:
         """Of the disk's or ball's centre in the base frame, (k, l, trials, 3), mm."""
-        return np.swapaxes(self.errors[:, :, :3], -1, -2)
+        return self.errors[:, :, :3].mT
 
     @property
     def rotation_error(self) -> np.ndarray:
         """Rotation vectors from true to found sensor, flange frame, (k, l, trials, 3), rad."""
-        return np.swapaxes(self.errors[:, :, 3:6], -1, -2)
+        return self.errors[:, :, 3:6].mT
 
     @property
     def translation_error(self) -> np.ndarray:
         """Of the sensor on the flange, (k, l, trials, 3), mm."""
-        return np.swapaxes(self.errors[:, :, 6:], -1, -2)
+        return self.errors[:, :, 6:].mT
 
     @property
     def failed(self) -> np.ndarray:

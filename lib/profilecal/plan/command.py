@@ -94,8 +94,9 @@ def model_of_scan(found: Calibration) -> tuple[ScanModel, Limits, tuple[np.ndarr
     poses R (P, 3, 3), T (P, 3) that it used. Raises ScanError where it leaves the sensor pose open."""
     reach_mm = 200.0  # beyond the poses of a scan, the robot is believed to reach
     s, scan, observed = found.solution, found.scans[0], found.observed[0]
-    if found.status == "unobservable":
-        raise ScanError("the scan leaves the mount open; plan from a SPEC.toml whose [guess] states it roughly")
+    if found.status == "unobservable" or found.misread:
+        said = "the scan leaves the mount open, or contradicts itself: profilecal calibrate says how"
+        raise ScanError(f"{said}; else plan from a SPEC.toml whose [guess] states it roughly")
     R, T = observed.R_flange[0][s.kept[0]], observed.T_flange[0][s.kept[0]]
     prior = prior_from(stated_noise(found.scans))
     noise = replace(prior.scales, profile_mm=s.noise_mm, steering_mm=s.noise.steering_mm)

@@ -78,12 +78,12 @@ class Pool:
         C = self.covariance(chosen)
         N, q, r = self.roots.shape
         W = (C @ self.roots.transpose(1, 0, 2).reshape(q, -1)).reshape(q, N, r).transpose(1, 0, 2)
-        inner = np.eye(r) + np.swapaxes(self.roots, 1, 2) @ W
+        inner = np.eye(r) + self.roots.mT @ W
         if smooth_worst(C[:6, :6]) > left_open:
             values = 1 / np.linalg.det(inner)
         else:
             pose = W[:, :6]
-            values = smooth_worst(C[:6, :6] - pose @ np.linalg.solve(inner, np.swapaxes(pose, 1, 2)))
+            values = smooth_worst(C[:6, :6] - pose @ np.linalg.solve(inner, pose.mT))
         if len(chosen):
             values[parallel(self.R, self.R[chosen], LEAST_TURN_DEG).any(axis=1)] = np.inf
         return values

@@ -52,9 +52,13 @@ def find(names) -> list[Path]:
 
 def parameters_of(path: Path) -> dict[str, str]:
     """Name and type ("float", "str", …) of each parameter that a notebook declares."""
+    from nbformat import ValidationError
     from papermill import inspect_notebook
 
-    return {name: entry["inferred_type_name"] for name, entry in inspect_notebook(str(path)).items()}
+    try:
+        return {name: entry["inferred_type_name"] for name, entry in inspect_notebook(str(path)).items()}
+    except ValidationError as error:
+        raise ValueError(f"{path}: not a notebook: {error.message}") from error
 
 
 def parse_value(text: str):

@@ -24,10 +24,10 @@ def read_grid(path: Path | None, texts=()) -> dict:
     """The grid of a TOML file (a list of values, or one value, for each name), then of texts NAME=A,B,… Raises
     ValueError where it is something else."""
     grid = read_toml(path) if path else {}
-    for text in texts:
-        name, equals, values = text.partition("=")
-        if not equals:
-            raise ValueError(f"-p {text}; expected name=value,value,…")
+    given = [text.partition("=") for text in texts]
+    for name, equals, values in given:
+        if not equals or [first for first, *_ in given].count(name) > 1:
+            raise ValueError(f"-p {name}{equals}{values}; expected name=value,value,…, and each name once")
         grid[name] = [notebooks.parse_value(value) for value in values.split(",")]
     return grid
 

@@ -104,15 +104,17 @@ def check_poses(table: Table, scale: float, side: int = 0) -> dict:
     sides = table.numbers(("side",), blank=True)[:, 0]
     sides[np.isnan(sides)] = side
     table.refuse(~np.isin(sides, (-1, 0, 1)), "side is {:g}; expected 1 or -1", sides)
-    given = table.columns.get("group")
-    group = rotation_groups(R) if given is None else np.unique(given, return_inverse=True)[1]
+    given = [str(cell).strip() for cell in table.columns.get("group", ())]
+    if any(given):
+        table.refuse([not cell for cell in given], "no group; expected one for each pose, or for none")
+    group = np.unique(given, return_inverse=True)[1] if any(given) else rotation_groups(R)
     return {
         "labels": tuple(labels),
         "R_base_flange": R,
         "T_base_flange": T,
         "side": sides,
         "group": group,
-        "group_given": given is not None,
+        "group_given": any(given),
         "convention": convention.name,
         "orientation": block,
     }

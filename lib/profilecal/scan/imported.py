@@ -167,12 +167,16 @@ def taken_as(poses: Table, convention: Convention, tool: tuple | None) -> tuple[
     scale, lengths = to_mm(poses.path, along, poses.numbers("xyz"), REACH_MM[1] / 1000)
     entries = check_poses(replace(poses, columns=columns), scale)
     if tool:
-        of_tool = convention if convention.sequence else named("FANUC angles")
-        back = inverse(to_rotations(of_tool, [tool[3:]])[0], np.array(tool[:3]))
+        if not np.isfinite(tool).all():
+            raise ScanError(f"--tool is {tool}; expected three mm and three angles")
+        of_tool = convention if len(said) == 3 else named("FANUC angles")
+        angles = np.degrees(tool[3:]) if angle == "rad" and convention.sequence else tool[3:]
+        back = inverse(to_rotations(of_tool, [angles])[0], np.array(tool[:3]))
         R, T = entries["R_base_flange"], entries["T_base_flange"]
         entries |= {"R_base_flange": R @ back[0], "T_base_flange": carry(R, T, back[1]), "orientation": None}
     meaning = f"{convention.meaning} ({', '.join(said)}{angle and f' in {angle}, as said'})"
-    return entries, f"{len(poses.lines)}, {meaning}, {lengths}"
+    of = f", of the tool at {tool[:3]} mm, turned by {tool[3:]}, {of_tool.meaning}" if tool else ""
+    return entries, f"{len(poses.lines)}, {meaning}, {lengths}{of}"
 
 
 def frames_of(poses: Table, layout: Layout) -> list[str]:

@@ -68,8 +68,8 @@ def whole(path: Path):
 @contextmanager
 def new_folder(path: Path):
     """A folder to fill that then appears at `path` whole. Raises ScanError where something is there, or cannot be."""
-    if path.exists() and any(path.iterdir()):
-        raise ScanError(f"{path}: not empty; name a new folder")
+    if path.exists() and (any(path.iterdir()) or path.samefile(".")):
+        raise ScanError(f"{path}: already in use; name a new folder")
     with whole(path) as partial:
         with naming(path):
             partial.mkdir(parents=True)
@@ -162,8 +162,8 @@ def read_table(path: Path, required) -> Table:
         raise ScanError(f"{path} line {reader.line_num}: cannot be read: {error}") from error
     if len(rows) < 2:
         raise ScanError(f"{path}: no rows; expected names of columns, and a row for each pose or point")
-    names = [name.strip().lower() for name in rows[0][1]]
-    for name in (*required, *filter(None, names)):
+    names = [name.strip().lower() or f"without a name, {k}" for k, name in enumerate(rows[0][1])]  # as spreadsheets add
+    for name in (*required, *names):
         if names.count(name) != 1:
             found = f"{names.count(name) or 'no'} columns {shown(name)}; expected one"
             raise ScanError(f"{path}: {found}; there are {listed(names)} (separated by commas)")

@@ -105,7 +105,7 @@ def random_scene(
         turn = rng.uniform(-1, 1, (G, 1)) * (axes[:, 2] if isinstance(axis, str) else axis)
     turned = rotations(np.radians(spread_deg) * turn) @ first
     moved = target.offsets(shape, motion, facing[:, 2] @ turned, sizes, steering_mm, rng)
-    moved = moved @ (np.swapaxes(turned, 1, 2) if frame == "tool" or target.with_tool else first.T)
+    moved = moved @ (turned.mT if frame == "tool" or target.with_tool else first.T)
     origin = middle - STANDOFF * turned[:, None, :, 2] - moved
     R_flange = turned @ R_sensor.T
     poses = Poses(R_flange, origin - (R_flange @ T_sensor)[:, None])
@@ -170,6 +170,6 @@ GUESS |= {"mount": numbers(6), "target": numbers(3), "axis": numbers(3), "up": n
 def read_guess(entries: dict, path) -> Guess:
     """A guess from the table [guess] of a specification. Raises ScanError."""
     guess = Guess(**check_entries(path, entries, GUESS, "guess", needed=("mount", "target")))
-    if np.linalg.norm(np.cross(guess.axis, guess.up)) < 1e-3 * np.linalg.norm(guess.axis) * np.linalg.norm(guess.up):
+    if np.linalg.norm(np.cross(guess.axis, guess.up)) <= 1e-3 * np.linalg.norm(guess.axis) * np.linalg.norm(guess.up):
         raise ScanError(f"{path}: axis and up in [guess] are parallel or zero; expected axis across up")
     return guess

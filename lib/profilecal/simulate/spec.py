@@ -75,6 +75,8 @@ def read_spec(entries: dict, path="specification") -> Spec:
     guess = read_guess(entries.pop("guess"), path) if "guess" in entries else None
     noise = replace(Spec().noise, **entries.pop("noise", {}))
     scanner = replace(WIDE, **{"noise_mm": noise.profile_mm} | entries.pop("scanner", {}))
+    if not 0 <= scanner.near < scanner.far or min(scanner.near_width, scanner.far_width) <= 0:
+        raise ScanError(f"{path}: in [scanner] expected 0 <= near < far, near_width > 0 and far_width > 0")
     robot = Robot(**entries.pop("robot", {}))
     sizes = {name: entries.pop(name) for name in TARGETS[entries["kind"]].lengths if name in entries}
     spec = Spec(**entries, noise=noise, robot=robot, scanner=scanner, sizes=sizes, guess=guess)

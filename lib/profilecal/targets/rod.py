@@ -63,7 +63,7 @@ class Rod(Target):
         p = (points - middle) / scale
         i, j = np.triu_indices(3)
         A = np.concatenate([p[..., i] * p[..., j] * np.where(i == j, 1, 2), 2 * p, np.ones_like(p[..., :1])], axis=-1)
-        At = np.swapaxes(A, -1, -2)
+        At = A.mT
         ridge = 1e-9 * np.eye(10) * p.shape[-2]
         x = np.linalg.solve(At @ A + ridge, At @ np.sum(p**2, axis=-1)[..., None])[..., 0]
         D = np.empty((*x.shape[:-1], 3, 3))
