@@ -200,7 +200,6 @@ def brief(value: float) -> str:
 def robot_errors(noise: Noise) -> str:
     """How large the robot's errors are, at each place where they arise."""
     places = ("at each visit", "at each pose", "shared by the poses of an orientation")
-    sizes = np.reshape([getattr(noise, name) for name in ROBOT], (3, 2))
-    there = zip(places, sizes, strict=True)
+    there = zip(places, np.reshape([getattr(noise, name) for name in ROBOT], (3, 2)), strict=True)
     said = [f"{place} {mm:.2g} mm and {deg:.2g}°" for place, (mm, deg) in there if max(mm, deg) > FINEST_MM]
     return ", ".join(said) or "none that the residuals show"

@@ -59,8 +59,9 @@ def from_profiles(scan: Scan) -> Seen:
     reasons = {}
     for label, feature in zip(scan.labels, features, strict=True):
         if feature.reason:
-            reasons.setdefault(feature.reason, []).append(label)
-    remarks = [f"{len(labels)} left out, {reason}: {', '.join(labels)}" for reason, labels in reasons.items()]
+            alike = "".join(filter(str.isalpha, feature.reason))  # numbers may differ
+            reasons.setdefault(alike, [feature.reason]).append(label)
+    remarks = [f"{len(labels)} left out, {reason}: {', '.join(labels)}" for reason, *labels in reasons.values()]
     poses = np.flatnonzero([feature.found for feature in features])
     found = [feature for feature in features if feature.found]
     most = max((len(feature.points) for feature in found), default=1)
