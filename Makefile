@@ -14,7 +14,8 @@ reproduce: .venv/installed
 test: .venv/installed
 	@ruff check . && ruff format --check .
 	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 PYTEST_DISABLE_PLUGIN_AUTOLOAD=1 PYTHONPATH=tests pytest -p quick_start \
-	    -p xdist -n auto --dist loadfile -p nbval --nbval --nbval-current-env --nbval-cell-timeout=600 tests notebooks
+	    -p xdist -n auto --dist loadfile --no-loadscope-reorder -p nbval --nbval --nbval-current-env --nbval-cell-timeout=600 \
+	    notebooks tests # the long ones first
 
 bench: .venv/installed # CPU time against peers, which the extra installs; writes results/bench.csv
 	@{ command -v uv >/dev/null && uv pip install -q --python .venv/bin/python -e ".[bench]" || .venv/bin/pip install -q -e ".[bench]"; }
