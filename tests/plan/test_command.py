@@ -105,7 +105,8 @@ def test_an_open_scan_is_planned_from_a_specification(tmp_path):
     scan = tmp_path / "scan"
     write_scan(simulate_scan(Spec(kind="edge", seed=3, spread_deg=0, groups=1, positions=20)), scan)
     refused = run("plan", scan).output
-    assert "else plan from a SPEC.toml whose [guess] states it roughly" in refused
+    assert "the scan leaves the mount open, or contradicts itself: profilecal calibrate says how; else plan" in refused
+    assert "from a SPEC.toml whose [guess] states it roughly" in refused
 
 
 def test_poses_of_any_file_or_scan_are_predicted(tmp_path):

@@ -68,10 +68,10 @@ class Prior:
 
     @property
     def without_robot(self) -> "Prior":
-        """The same with no errors but the scanner's noise."""
+        """The same with no errors but the scanner's noise, and the robot's accuracy, which no residual shows."""
         exact = replace(self.scales, **dict.fromkeys(ROBOT, 0.0))
-        accuracy = {name: getattr(self.systematic, name) for name in ("accuracy_mm", "accuracy_deg")}
-        return replace(self, scales=exact, robot_known=True, systematic=Systematic(**accuracy))
+        known = Systematic(accuracy_mm=self.systematic.accuracy_mm, accuracy_deg=self.systematic.accuracy_deg)
+        return replace(self, scales=exact, robot_known=True, systematic=known)
 
     def with_scanner(self, noise_mm: float) -> "Prior":
         """The same with another scanner's noise."""

@@ -40,7 +40,7 @@ def solve(
     total = int(problem.count()[0])
     if total <= problem.n:
         raise UnobservableError(
-            f"{total} measured coordinates cannot determine {problem.n} unknowns and the noise; add poses"
+            f"{total} measured coordinates cannot determine {problem.n} unknowns and noise; add poses"
         )
 
     fits = least_squares(problem, search(observations, prior.scales, starts))

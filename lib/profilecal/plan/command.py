@@ -91,7 +91,7 @@ def features_of(observed: Observations) -> dict:
 
 def model_of_scan(found: Calibration) -> tuple[ScanModel, Limits, tuple[np.ndarray, np.ndarray]]:
     """What the one scan of a calibration says of sensor, target and robot; where the robot may go from there; and the
-    poses R (P, 3, 3), T (P, 3) that it used. Raises ScanError where it leaves the sensor pose open."""
+    poses R (P, 3, 3), T (P, 3) that it used. Raises ScanError where it leaves the sensor pose open or is misread."""
     reach_mm = 200.0  # beyond the poses of a scan, the robot is believed to reach
     s, scan, observed = found.solution, found.scans[0], found.observed[0]
     if found.status == "unobservable" or found.misread:
@@ -228,7 +228,7 @@ def to_text(plan: Plan, asked: dict) -> str:
 
 def next_poses(found: Calibration, folder: Path, rng: np.random.Generator) -> str:
     """Which poses would help an answer that is weak, in a sentence; "" where nothing would."""
-    if found.misread or len(found.scans) > 1:
+    if len(found.scans) > 1:
         return ""
     try:
         model, limits, before = model_of_scan(found)
