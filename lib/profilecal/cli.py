@@ -241,7 +241,7 @@ def sweep(notebook, grid, given, output, plot, hue, **options):
             from profilecal.report.figures import plot_columns
 
             click.echo(f"Figure: {plot_columns(table, *plot, hue, output)}")
-    click.echo(f"{table['run'].nunique() - len(failed)} runs done, {len(failed)} failed: {output / 'table.csv'}")
+    click.echo(f"Runs: {table['run'].nunique() - len(failed)} done, {len(failed)} failed: {output / 'table.csv'}")
     end_with(failed, output / "runs")
 
 

@@ -15,8 +15,7 @@ from profilecal.simulate.spec import Spec, simulate_scan
 def test_planted_outliers_are_named_by_check_and_rejected_by_calibrate():
     scan = simulate_scan(Spec(seed=7))
     bad = [3, 77, 200]
-    values = [v + 0.7 * (i in bad) for i, v in enumerate(scan.values)]
-    scan = replace(scan, values=tuple(values))
+    scan = replace(scan, values=tuple(v + 0.7 * (i in bad) for i, v in enumerate(scan.values)))
     labels = [scan.labels[i] for i in bad]
     assert calibrate([scan]).labels(rejected=True) == labels
     said = "\n".join(check(scan))
@@ -27,8 +26,7 @@ def test_planted_outliers_are_named_by_check_and_rejected_by_calibrate():
 def test_one_of_a_group_is_doubted_where_nothing_tells_which():
     """Five positions in space leave one degree of freedom: every one of them fits equally badly."""
     scan = simulate_scan(Spec(seed=7, groups=12, positions=5))
-    values = [v + 3.0 * (i == 17) for i, v in enumerate(scan.values)]
-    group = ", ".join(scan.labels[15:20])
+    group, values = ", ".join(scan.labels[15:20]), (v + 3.0 * (i == 17) for i, v in enumerate(scan.values))
     said = "\n".join(check(replace(scan, values=tuple(values))))
     assert f"one of the poses {group} does not fit: one more would tell which" in said
     assert "does not fit its group" not in said
@@ -43,9 +41,11 @@ def test_check_says_about_which_axis_the_flange_turns():
     assert any("add poses tilted by 15° or more about two axes" in line for line in lines)
 
 
+def test_check_says_that_chords_do_not_tell_the_noise():
+    assert any("what a disk shows does not tell it" in line for line in check(simulate_scan(Spec(kind="disk"))))
+
+
 def test_check_rarely_doubts_a_good_scan():
-    doubted = 0
-    for seed in range(60):
-        scan = scan_of(Spec(seed=seed))
-        doubted += bool(affine_outliers(as_observations(scan, observe(scan))))
+    scans = (scan_of(Spec(seed=seed)) for seed in range(60))
+    doubted = sum(bool(affine_outliers(as_observations(scan, observe(scan)))) for scan in scans)
     assert doubted <= binom.ppf(0.9999, 60, 0.02)

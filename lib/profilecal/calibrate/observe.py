@@ -174,7 +174,8 @@ def check(scan: Scan) -> list[str]:
     ]
     if np.linalg.norm(angles[1:]) < LEAST_TURN_DEG:
         lines.append("note           add poses tilted by 15° or more about two axes, or something stays unknown")
-    if scan.target.affine and len(poses):
+    affine, freedom = scan.target.affine, 0
+    if affine and len(poses):
         observed = as_observations(scan, seen)
         noise, freedom = affine_noise(observed)
         if freedom:
@@ -184,8 +185,9 @@ def check(scan: Scan) -> list[str]:
                 misfit = f"one of the poses {listed(named)} does not fit: one more would tell which"
                 misfit = misfit if len(named) > 1 else f"pose {named[0]} does not fit its group"
                 lines.append(f"note           {misfit}")
-        else:
-            lines.append("noise          unknown before the calibration: groups have too few poses (5 or more each)")
+    if not freedom:
+        why = "groups have too few poses (5 or more each)" if affine else f"what a {scan.kind} shows does not tell it"
+        lines.append(f"noise          unknown before the calibration: {why}")
     return [*lines, *(f"note           {text}" for text in seen.remarks)]
 
 

@@ -37,8 +37,7 @@ class Solution:
 
     @property
     def covariance_total(self) -> np.ndarray:
-        """(6, 6) with what no residual can show: an error of the flange that is the same at all poses, as large as the
-        robot's accuracy."""
+        """(6, 6) with what no residual shows: one error of the flange at all poses, as large as its accuracy."""
         lever, accuracy = np.eye(6), self.prior.systematic
         if not self.problem.observations[0].eye_to_hand:  # from the flange to the sensor, in the sensor's frame
             lever[:3, 3:] = np.cross(np.eye(3), self.rotation.T @ self.translation).T

@@ -176,8 +176,7 @@ def trimmed(pool: Pool, chosen: list[int]) -> list[int]:
 
 
 def short_way(R, T) -> list[int]:
-    """An order of poses (P, 3, 3), (P, 3) in which the way through them is short: to the nearest each time. A degree
-    counts as 3 mm."""
+    """An order of poses (P, 3, 3), (P, 3) with a short way: to the nearest each time. A degree counts as 3 mm."""
     far = np.linalg.norm(T[:, None] - T, axis=-1) + 3 * np.degrees(angle_between(R[:, None], R))
     order, left = [0], set(range(1, len(T)))
     while left:

@@ -131,8 +131,7 @@ def save_plan(plan: Plan, path) -> None:
 
 
 def draw_way(axes, plan: Plan) -> None:
-    """Draw the flange's way and some fields of view in a 3D plot; eye-to-hand, in the flange's frame, where the target
-    stands still."""
+    """Draw the flange's way and some fields of view in 3D; eye-to-hand, in the frame of the flange and target."""
     fans = field_of_view(plan.model) @ plan.R.mT + plan.T[:, None]
     origins = fans[:, 0]
     axes.plot(*origins.T, color=BLUE, lw=0.8, alpha=0.6)

@@ -146,9 +146,12 @@ def workers(scheduler: str | None = None):
     """A Dask client of the scheduler at an address, else of new processes here, one for each core."""
     import dask
     from distributed import Client, LocalCluster
+    from distributed.comm import get_address_host_port
 
     with ExitStack() as stack:
-        if not scheduler:
+        if scheduler:
+            get_address_host_port(scheduler)  # refuses what is none: a Client would later complain of it again
+        else:
             # Dask has memory given back at once, which makes NumPy's large arrays slow
             stack.enter_context(dask.config.set({"distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": None}))
             options = {"threads_per_worker": 1, "memory_limit": None, "dashboard_address": "127.0.0.1:0"}

@@ -39,8 +39,7 @@ class Layout:
 
 
 def import_scan(folder, kind: str, sizes: dict, layout: Layout = Layout()) -> tuple[Scan, list[str]]:
-    """The scan of a target of some sizes, mm by name, in a folder of files; and what was guessed, a line each. Raises
-    ScanError."""
+    """The scan of a target of these sizes, mm by name, in a folder of files; and each guess. Raises ScanError."""
     folder = Path(folder)
     target = {"kind": kind} | sizes
     header = check_header(folder, {"title": folder.resolve().name, "mount": layout.mount, "target": target})

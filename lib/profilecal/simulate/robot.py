@@ -171,8 +171,7 @@ class Scanner:
 
 def nearest_on_rays(outline, rays, scanner: Scanner) -> np.ndarray:
     """Depth z (..., n) at which rays (..., n), as fractions of the half width, first meet an outline (..., V, 2), or
-    NaN: a ray meets a straight piece whose ends lie to either side of it, where the distance in x, linear along the
-    piece, is zero."""
+    NaN: a ray meets a straight piece with ends to either side of it, where the distance in x is zero."""
     x, z = np.moveaxis(outline, -1, 0)  # (..., V)
     half, depth = scanner.half_width(z), np.full(rays.shape, np.nan)
     right = x[..., None] > half[..., None] * rays[..., None, :]
