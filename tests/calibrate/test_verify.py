@@ -103,7 +103,7 @@ def changed(name, change):
 
 WRONG = {
     "nothing": (lambda found: {}, "not what `profilecal calibrate --json` prints"),
-    "no pose": (lambda found: found | {"T_flange_sensor": None}, "the sensor pose has shape (); expected (4, 4)"),
+    "no pose": (lambda found: found | {"T_flange_sensor": None}, "where it finds a sensor pose"),
     "a scaled pose": (changed("T_flange_sensor", lambda T: T @ np.diag([2, 2, 2, 1])), "not orthonormal"),
     "a reflection": (changed("T_flange_sensor", lambda T: T @ np.diag([-1, 1, 1, 1])), "a reflection"),
     "a row lost": (changed("T_flange_sensor", lambda T: T[:3]), "the sensor pose has shape (3, 4); expected (4, 4)"),

@@ -65,7 +65,7 @@ def read_pose(path) -> tuple[np.ndarray, np.ndarray, float, bool]:
     try:
         found = json.loads(Path(path).read_bytes())
         to_hand = "T_base_sensor" in found
-        T = np.asarray(found["T_base_sensor" if to_hand else "T_flange_sensor"], dtype=float)
+        T = np.asarray(list(found["T_base_sensor" if to_hand else "T_flange_sensor"]), dtype=float)
         units = np.repeat([1, np.pi / 180], 3)
         stated = found.get("covariance_total", found["covariance"])  # old files have no total
         covariance = np.asarray(stated, dtype=float) * units[:, None] * units
@@ -74,8 +74,8 @@ def read_pose(path) -> tuple[np.ndarray, np.ndarray, float, bool]:
         raise ScanError(f"{path}: {error.strerror}") from error
     except (ValueError, TypeError, KeyError) as error:
         raise ScanError(
-            f"{path}: not what `profilecal calibrate --json` prints, a JSON object with a pose, its covariance and "
-            "noise_mm; write one from another scan: profilecal calibrate SCAN --json > T.json"
+            f"{path}: not what `profilecal calibrate --json` prints where it finds a sensor pose, a JSON object with "
+            "that, its covariance and noise_mm; write one from another scan: profilecal calibrate SCAN --json > T.json"
         ) from error
     try:
         check_array("the sensor pose", T, (4, 4))
