@@ -185,7 +185,9 @@ def check(scan: Scan) -> list[str]:
                 misfit = f"one of the poses {listed(named)} does not fit: one more would tell which"
                 misfit = misfit if len(named) > 1 else f"pose {named[0]} does not fit its group"
                 lines.append(f"note           {misfit}")
-    if not freedom:
+    if not freedom and len(poses) and seen.typical_mm:
+        lines.append(f"noise          {seen.typical_mm:.2g} mm of a feature's coordinates, by the scatter in profiles")
+    elif not freedom:
         why = "groups have too few poses (5 or more each)" if affine else f"what a {scan.kind} shows does not tell it"
         lines.append(f"noise          unknown before the calibration: {why}")
     return [*lines, *(f"note           {text}" for text in seen.remarks)]

@@ -32,8 +32,7 @@ class ScanModel(Setup):
 
     @property
     def known(self) -> tuple[np.ndarray, np.ndarray]:
-        """Of the unknowns (n,): what is known by hand, mm and rad; of what is wrong at every pose (c,): how large it
-        is."""
+        """What is known by hand of the unknowns (n,), mm and rad, and of what is wrong at every pose (c,)."""
         sizes = [size for _, size in considered([self.target], self.systematic)]
         return units_by_hand([self.target]), np.array(sizes)
 

@@ -61,8 +61,7 @@ class Plane(Target):
         return self.line_at(rotation, origin, FAR)
 
     def behind(self, arcs, rotation, origin) -> list[np.ndarray]:
-        """Outlines of bodies above this face, from their arcs (P, k, 2), NaN where there is none: each arc with the
-        face on both sides."""
+        """Outlines of bodies above this face: their arcs (P, k, 2), NaN where there is none, between parts of it."""
         far = np.broadcast_to(FAR, (len(arcs), 2))
         ends = np.concatenate([far[:, :1], arcs[:, [0, -1], 0], far[:, 1:]], axis=1)
         around, alone = self.line_at(rotation, origin, ends), self.line_at(rotation, origin, FAR)
