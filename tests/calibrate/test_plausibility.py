@@ -58,11 +58,7 @@ WRONG = {
     "shear": ("disk", lambda s: profiles(s, [[1, 0], [0.006, 1]]), "the profiles' x grew with z by +0.6"),
     "drift": ("disk", lambda s: moved(s, [0.8, 0, 0] * steps(s)), "drifted along the base's x by 0.6"),  # sd 0.17
     "robot": ("edge", lambda s: moved(s, 0.01 * s.T_base_flange), "positions were too far apart by 0.9"),
-    "one axis": (
-        "ball",
-        lambda s: moved(s, [0, 0.01, 0] * s.T_base_flange),
-        "along the base's y were too far apart by 0.9",
-    ),
+    "one axis": ("ball", lambda s: moved(s, [0, 0.01, 0] * s.T_base_flange), "base's y were too far apart by 0.9"),
 }
 
 

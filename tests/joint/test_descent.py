@@ -12,7 +12,7 @@ from scipy.stats import chi2, f
 from profilecal.closed_form.edge import edge_equations
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import angle_between
-from profilecal.joint.descent import estimate, refine
+from profilecal.joint.descent import estimate, refine, thin
 from profilecal.joint.observations import normalised_square, pose_error
 from profilecal.joint.prior import prior_from
 from profilecal.joint.problem import Problem
@@ -42,6 +42,12 @@ def test_agrees_with_scipy_on_residuals_of_its_own():
     turned = scene.truth.rotation[0] @ Rotation.from_rotvec(x[3:6]).as_matrix()
     assert angle_between(fit.state.rotation[0], turned) < 1e-8
     np.testing.assert_allclose(fit.loss[0], (residual(x) ** 2).sum(), rtol=1e-10)
+
+
+def test_points_of_a_few_poses_keep_their_precision():
+    seen = random_scene("plane", np.random.default_rng(2)).observations
+    few = thin(replace(seen, covariance=1 + seen.points[..., 0] ** 2), 5)
+    np.testing.assert_array_equal(few.covariance, 1 + few.points[..., 0] ** 2)
 
 
 def of_unlike_precision(scene, rng):

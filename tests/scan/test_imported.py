@@ -320,11 +320,7 @@ MISTAKES = {
     "no profile": (csv, lambda f: (f / "scan_003.csv").unlink(), "robot.csv: no profile for pose scan_003"),
     "spare": (csv, lambda f: shutil.copy(f / "scan_003.csv", f / "scan_055.csv"), "no pose for profile scan_055"),
     "fewer": (tum, lambda f: (f / "scan_003.csv").unlink(), "11 profiles for 12 poses"),
-    "unnamed": (
-        as_json,
-        lambda f: None,
-        "poses.json: 6 columns, 1, 2, .*; say what they are, .*--pose-columns .*; w,p,r",
-    ),
+    "unnamed": (as_json, lambda f: None, "poses.json: 6 columns, 1, .*; say what they are, .*--pose-columns .*; w,p,r"),
     "half": (csv, edited("robot.csv", "Alpha [°]", "tilt"), "7 columns, name, .*tilt, beta.*--pose-columns"),
     "two units": (
         csv,
