@@ -6,7 +6,7 @@ import pytest
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import rotations
 from profilecal.joint.descent import estimate
-from profilecal.joint.observability import HAND_PRECISION, Spectrum, explain, name_axis, spectrum, turns
+from profilecal.joint.observability import HAND_PRECISION, Spectrum, explain, name_axis, name_direction, spectrum, turns
 from profilecal.simulate.scene import random_scene, stack
 
 SIGMA = 0.05
@@ -100,6 +100,8 @@ def test_thresholds():
 def test_words():
     assert name_axis([0.1, 0.0, -1.0], "flange") == "the flange's z"
     assert name_axis([0.0, -0.6, 0.8], "flange") == "(0.00, -0.60, 0.80) in the flange's frame"
+    said = name_direction([0, 0, 0.6, 0.8, 0, 0], np.eye(3))
+    assert said == "rotation about the flange's x with translation along the flange's z"
     about_z = rotations(np.radians([0, 20, 40])[:, None] * Z)
     directions, sd = np.eye(6)[[2, 0, 1, 3, 4, 5]], np.r_[1e4, np.full(5, 0.01)]
     said = explain(Spectrum(np.eye(6), sd, directions, np.array(9), 10), np.eye(3), about_z)
