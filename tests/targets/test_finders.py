@@ -153,6 +153,7 @@ def test_a_section_is_an_ellipse_and_its_distances_have_their_derivatives(lean):
     along = np.stack([-np.sin(angles), np.cos(angles)], axis=-1) @ oblique
     np.testing.assert_allclose((normals * along).sum(axis=1), 0, atol=1e-12)
     np.testing.assert_allclose(section.off_and_normals(on + 1e-4 * normals)[0], 1e-4, atol=1e-8)
+    assert np.isnan(section.off_and_normals(section.centre[None])[0])  # nowhere is outwards
 
     def off_by(states):
         flat = states.reshape(4, -1).T

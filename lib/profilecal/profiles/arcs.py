@@ -38,7 +38,7 @@ class Section:
         across = w[:, 0] * self.lean[1] - w[:, 1] * self.lean[0]
         distance = np.sqrt(((w**2).sum(axis=1) + across**2) / growth)
         outwards = w - np.outer(w @ self.lean, self.lean) / growth
-        size = np.hypot(*outwards.T)
+        size = np.where(outwards.any(axis=1), np.hypot(*outwards.T), np.nan)  # none at the centre
         return (distance - self.radius) * distance / size, outwards / size[:, None]
 
     def derivatives(self, points) -> np.ndarray:
