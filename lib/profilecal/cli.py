@@ -148,8 +148,8 @@ def plan(spec, folder, poses, until, given):
     with interruptible("Nothing was written."):
         task = command.task(spec, poses, until)
         if given:
-            predicted = command.predicted(task.prediction_of(given), task.model)
-            click.echo("\n".join([*command.believed(task.model), *predicted]))
+            found, unseen = task.prediction_of(given)
+            click.echo("\n".join([*command.believed(task.model), *command.predicted(found, task.model, unseen)]))
             return
         with new_folder(folder) if folder else nullcontext() as partial:
             found = task.plan()

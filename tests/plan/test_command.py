@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from command import run
+from command import edited, run
 from scipy.stats import chi2
 from simulated import printed_square
 
@@ -119,6 +119,8 @@ def test_poses_of_any_file_or_scan_are_predicted(tmp_path):
         assert "predicted for 8 poses" in result.output
         assert said(result.output) == pytest.approx(said(planned.output), rel=0.02)
     assert "predicted for 16 poses" in run("plan", scan, "--of", plan).output
+    edited("mine.csv", "pose,x,y,z", "pose,y,x,z")(tmp_path)
+    assert "mine.csv: no pose has the target in view" in run("plan", spec, "--of", tmp_path / "mine.csv").output
     assert "already in use; name a new folder" in run("plan", spec, plan).output
     assert "nowhere: no such file" in run("plan", spec, "--of", tmp_path / "nowhere").output
 

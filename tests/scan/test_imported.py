@@ -78,6 +78,11 @@ def as_json(folder):
     (folder / "poses.json").write_text(json.dumps({"RobPoses": poses("FANUC angles").tolist()}, indent=4))
 
 
+def nested(folder):
+    T = homogeneous(scan().R_base_flange, scan().T_base_flange)
+    (folder / "poses.json").write_text(json.dumps([{"T": one.tolist()} for one in T]))
+
+
 def fanuc(folder, tool=0, more=""):
     units = ("mm",) * 3 + ("deg",) * 3
     rows = [
@@ -113,11 +118,11 @@ def matrices(folder):
         np.savetxt(folder / f"pose{k}.txt", T)
 
 
-def array_of_matrices(folder):
+def array(folder):
     np.save(folder / "poses.npy", homogeneous(scan().R_base_flange, scan().T_base_flange))
 
 
-POSES = {f.__name__: f for f in (kuka, abb, ur, as_json, fanuc, key_lines, csv, tum, matrices, array_of_matrices)}
+POSES = {f.__name__: f for f in (kuka, abb, ur, as_json, nested, fanuc, key_lines, csv, tum, matrices, array)}
 SAID = {"as_json": Layout(pose_columns="x,y,z,w,p,r")}  # the numbers have no names there
 
 
@@ -327,12 +332,8 @@ MISTAKES = {
         edited("robot.csv", "Y [mm]", "Y [m]"),
         r"robot.csv: the columns are x \[mm\], y \[m\], z \[mm\]; expected one unit",
     ),
-    "no unit": (
-        csv,
-        edited("robot.csv", "[°]", "[grad]", 3),
-        r"alpha \[grad\], .*; expected one unit for all of them, deg or rad",
-    ),
-    "twice": (fanuc, edited("CALIB.LS", "P[2]{", "P[1]{"), "CALIB.LS: no pose for profile p2"),
+    "no unit": (csv, edited("robot.csv", "[°]", "[grad]", 3), r"alpha \[grad\], .*; expected one unit .*, deg or rad"),
+    "twice": (fanuc, edited("CALIB.LS", "P[2]{", "P[1]{"), "CALIB.LS line 12: profile 'p1' is of pose 'P1' already"),
     "not closed": (fanuc, edited("CALIB.LS", "};", ""), "CALIB.LS: not as many } as {; is the file cut short"),
     "other tool": (fanuc, edited("CALIB.LS", "UT : 0", "UT : 3"), "CALIB.LS: tool differs between poses; expected"),
     "reflection": (matrices, lambda f: np.savetxt(f / "pose4.txt", -np.eye(4)), "pose pose4: matrix with determ"),
@@ -342,12 +343,7 @@ MISTAKES = {
     "word": (csv, edited("scan_001.csv", "z\n", "z\n1,2\n3,oops\n"), "scan_001.csv line 3: z is 'oops'; exp"),
     "titles": (csv, edited("scan_001.csv", "x,z", "x,height"), "scan_001.csv: columns x, height, where scan_000"),
     "cut": (csv, cut_short("scan_001.csv"), "scan_001.csv line .* 1 fields; expected 2: is the file cut short"),
-    "columns": (
-        tum,
-        lambda f: np.savez(f / "3.npz", profile=np.ones((9, 5))),
-        "3.npz: columns 1, 2, .*, 5, w",
-        archives,
-    ),
+    "columns": (tum, lambda f: np.savez(f / "3.npz", profile=np.ones((9, 5))), "3.npz: columns 1, .*, 5, w", archives),
     "no entry": (tum, edited("p2.yml", "profile:", "outline:"), "no list 'profile'; there are outline, picked", lists),
     "open list": (tum, edited("p2.yml", " ]", ""), "p2.yml: not as many ] as \\[", lists),
     "pairs": (tum, edited("p2.yml", "profile: [", "profile: [ 1.,"), "p2.yml line 3: . fields; expected 3: is", lists),

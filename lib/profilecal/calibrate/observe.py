@@ -37,7 +37,10 @@ class Seen:
 
 def names(scans) -> list[str]:
     """What to put before a word on one of several scans: its title."""
-    return [f"{scan.title or scan.kind}: " if len(scans) > 1 else "" for scan in scans]
+    titles = [scan.title or scan.kind for scan in scans]
+    if len({*titles}) < len(titles):
+        titles = [f"{title} ({k})" for k, title in enumerate(titles, 1)]
+    return [f"{title}: " if len(scans) > 1 else "" for title in titles]
 
 
 def observe(scan: Scan, least: int = 0) -> Seen:

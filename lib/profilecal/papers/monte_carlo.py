@@ -49,11 +49,6 @@ class Study:
         return self.errors[:, :, 3:6].mT
 
     @property
-    def translation_error(self) -> np.ndarray:
-        """Of the sensor on the flange, (k, l, trials, 3), mm."""
-        return self.errors[:, :, 6:].mT
-
-    @property
     def failed(self) -> np.ndarray:
         """Trials without a finite result, (k, l, trials)."""
         return ~np.isfinite(self.errors).all(axis=2)

@@ -147,10 +147,15 @@ class Task:
     entries: dict | None = None  # of the specification
     before: tuple = NOWHERE  # poses R (P, 3, 3), T (P, 3) that are there already
 
-    def prediction_of(self, place: Path) -> Prediction:
-        """What the poses of a folder or a file will be worth, after those that are there already. Raises ScanError."""
+    def prediction_of(self, place: Path) -> tuple[Prediction, int]:
+        """What the poses of a folder or a file will be worth, after those that are there already, as far as they have
+        the target in view; and how many have not. Raises ScanError."""
         given = planned_poses(place, self.model.to_hand)
-        return predict(self.model, *joined(self.before, (given["R"], given["T"])), self.rng)
+        R, T = joined(self.before, (given["R"], given["T"]))
+        seen = self.model.in_view(R, T)
+        if not seen.any():
+            raise ScanError(f"{place}: no pose has the target in view; are sensor and target where they are guessed?")
+        return predict(self.model, R[seen], T[seen], self.rng), int((~seen).sum())
 
     def plan(self) -> Plan:
         """The poses that serve best. Raises ScanError."""
@@ -176,7 +181,8 @@ def write_plan(task: Task, plan: Plan, folder: Path) -> None:
     """Write a plan into a folder that exists: a scan folder without measurements; from a specification, one that
     simulates these as well, with the robot's errors that the prediction counts with."""
     model, labels = plan.model, [f"{k:03d}" for k in range(1, len(plan.T) + 1)]
-    write_table(folder / "poses.csv", poses_columns(labels, *plan.robot_poses, task.source.convention))
+    R, T = inverse(plan.R, plan.T) if model.to_hand else (plan.R, plan.T)
+    write_table(folder / "poses.csv", poses_columns(labels, R, T, task.source.convention))
     target = {"kind": model.target.kind} | dict(zip(model.target.lengths, model.sizes, strict=True))
     header = {"title": task.source.title or f"planned {model.target.kind}", "units": "mm", "mount": task.source.mount}
     files = {"scan.toml": header | {"target": target, "noise": task.noise}}
@@ -198,8 +204,8 @@ def believed(model: ScanModel) -> list[str]:
     return [f"noise          {n.profile_mm:.2g} mm of a feature's coordinates", f"robot errors   {robot}"]
 
 
-def predicted(found: Prediction, model: ScanModel) -> list[str]:
-    """A prediction in lines."""
+def predicted(found: Prediction, model: ScanModel, unseen: int = 0) -> list[str]:
+    """A prediction in lines; `unseen`: how many poses do not have the target in view."""
     sd, direction = found.spectrum.sd[0], found.spectrum.directions[0]
     weakest = name_direction(direction, model.R_sensor, "base" if model.to_hand else "flange")
     lines = [
@@ -212,6 +218,8 @@ def predicted(found: Prediction, model: ScanModel) -> list[str]:
         (mm, deg), (most_mm, most_deg) = found.between
         between = f"{mm:.2g} to {most_mm:.2g} mm and {deg:.2g} to {most_deg:.2g}°"
         lines.insert(3, f"               {between} in {GUESSES} draws of how wrong the guess is")
+    if unseen:
+        lines.append(f"note           {unseen} other poses do not have the target in view, where it is guessed to be")
     if found.poses < 15:  # which tell the size of the errors to about 15 %
         lines.append("note           few poses: what calibrate states will scatter widely")
     return lines

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from tqdm import tqdm
 
-from profilecal.geometry.poses import angle_between, inverse, parallel
+from profilecal.geometry.poses import angle_between, parallel
 from profilecal.joint.observability import LEAST_TURN_DEG
 from profilecal.plan.candidates import BEYOND, Limits, draw, neighbours
 from profilecal.plan.scan_model import Prediction, ScanModel, information, predict
@@ -31,11 +31,6 @@ class Plan:
     T: np.ndarray  # (P, 3) mm
     predicted: Prediction  # with the poses that were there before
     until: tuple[float, float]  # mm and degrees that were asked for
-
-    @property
-    def robot_poses(self) -> tuple[np.ndarray, np.ndarray]:
-        """Where the robot takes its flange, (P, 3, 3), (P, 3) mm in the base frame."""
-        return inverse(self.R, self.T) if self.model.to_hand else (self.R, self.T)
 
 
 @dataclass(frozen=True)

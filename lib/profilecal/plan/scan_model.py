@@ -52,6 +52,12 @@ class ScanModel(Setup):
         is_face = len(self.target.shifts) == 1
         return self.across_view(points, count) if is_face else points
 
+    def in_view(self, R, T) -> np.ndarray:
+        """Whether the middle of what is seen from flange poses (P, 3, 3), (P, 3) is in the field of view, (P,)."""
+        points = self.seen(*self.planes(R, T), 5)
+        x, z = points[:, points.shape[1] // 2].T
+        return (self.scanner.near <= z) & (z <= self.scanner.far) & (np.abs(x) <= self.scanner.half_width(z))
+
     def across_view(self, points, count: int) -> np.ndarray:
         """Points (P, count, 2) from one side of the field of view to the other, but for a tenth at the sides that
         features leave out, on the lines through some (P, m, 2)."""

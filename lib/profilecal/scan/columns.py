@@ -1,5 +1,6 @@
 """Tables in files of any common kind: numbers behind names, in brackets, in columns of a text, in arrays."""
 
+import json
 import re
 from pathlib import Path
 from statistics import mode
@@ -25,7 +26,6 @@ POSITION = rf"\[\s*\[({ONE},{ONE},{ONE})\]\s*,\s*"
 BRACKETS = {  # poses, and what a robot's language has in them
     rf"{POSITION}\[({ONE},{ONE},{ONE},{ONE})\]\s*,\s*\[": "x y z qw qx qy qz",  # ABB
     r"\bp\[([^\[\]]*)\]": "x y z rx ry rz",  # Universal Robots
-    rf"{POSITION}\[([^\[\]]*)\]": "",  # JSON
     rf"\[((?:{ONE},){{5,}}{ONE})\]": "",
 }
 ARRAYS = (".npy", ".npz")
@@ -57,7 +57,9 @@ def read_poses(path: Path) -> Table:
         table = from_array(path, values.reshape(len(values), -1))
     else:
         text = closed_text(path)
-        table = behind_names(path, text) or from_rows(path, in_brackets(text) or lines_of(text))
+        rows = in_lists(text)
+        table = None if rows else behind_names(path, text)
+        table = table or from_rows(path, rows or in_brackets(text) or lines_of(text))
     if len(table.lines) in (3, 4) and table.units.keys() == {*"1234"}:
         return from_array(path, table.numbers(table.units).reshape(1, -1))
     return table
@@ -94,6 +96,18 @@ def behind_names(path: Path, text: str) -> Table | None:
     units = {name: "" for pose in poses for name in pose if name}
     rows = [(pose[""], [pose.get(name, "") for name in units]) for pose in poses]
     return in_columns(path, units, rows) if rows else None
+
+
+def in_lists(text: str) -> Rows:
+    """Poses in JSON whose numbers are in lists of their own: a matrix, a position beside a quaternion."""
+    try:
+        poses = json.loads(text, object_hook=lambda named: [*named.values()])
+        while len(poses) == 1:
+            (poses,) = poses
+        apart = all(isinstance(part, list) for pose in poses for part in pose)
+    except (ValueError, TypeError, RecursionError):  # another language, or numbers beside each other
+        return []
+    return [(k, re.findall(NUMBER, json.dumps(pose))) for k, pose in enumerate(poses, 1) if apart]
 
 
 def in_brackets(text: str) -> Rows:

@@ -50,6 +50,7 @@ def import_scan(folder, kind: str, sizes: dict, layout: Layout = Layout()) -> tu
     poses.columns["pose"], order, matched = match(poses, names)
     entries, taken_poses = taken_as(poses, convention, layout.tool)
     measured = "points" if max(map(len, values)) == 1 else "profiles"
+    values = [v if len(v) > 1 or measured == "points" else v[:0] for v in values]  # one point is no profile
     scan = scan_of(folder, header, entries, measured, tuple(values[k] for k in order))
     guessed = [
         f"poses      {names_of(of_poses)}: {taken_poses}",
@@ -144,6 +145,9 @@ def match(poses: Table, names: Sequence) -> tuple[list[str], list[int], str]:
     found = [known.get(label, known.get(last_number(label))) for label in labels]
     if None in found:
         raise ScanError(f"{poses.path}: no profile for pose {labels[found.index(None)]}")
+    first = [found.index(k) for k in found]
+    twice = "profile {} is of pose {} already; give each profile its pose's name, or say which files: --profiles"
+    poses.refuse(first < np.arange(len(found)), twice, [names[k] for k in found], [labels[row] for row in first])
     if spare := {*range(len(names))} - {*found}:
         raise ScanError(f"{poses.path}: no pose for profile {names[min(spare)]}")
     return labels, found, how
@@ -159,9 +163,10 @@ def taken_as(poses: Table, convention: Convention, tool: tuple | None) -> tuple[
     """Entries of a Scan, the tool taken off, and what the poses were taken for."""
     said = {name: poses.units[name] for name in convention.columns}
     columns = {name: poses.columns[name] for name in ("pose", *"xyz", *said)}
-    angle = unit_of(poses.path, said, ("deg", "rad") if convention.sequence else ("1", "rad"))
-    if angle == "rad" and convention.sequence:
-        columns |= zip(said, np.degrees(poses.numbers(said)).T, strict=True)
+    angle = unit_of(poses.path, said, ("deg", "rad") if len(said) == 3 else ("1",))
+    turned, convert = ("rad", np.degrees) if convention.sequence else ("deg", np.radians)
+    if angle == turned:
+        columns |= zip(said, convert(poses.numbers(said)).T, strict=True)
     along = {axis: poses.units[axis] for axis in "xyz"}
     scale, lengths = to_mm(poses.path, along, poses.numbers("xyz"), REACH_MM[1] / 1000)
     entries = check_poses(replace(poses, columns=columns), scale)
@@ -169,7 +174,7 @@ def taken_as(poses: Table, convention: Convention, tool: tuple | None) -> tuple[
         if not np.isfinite(tool).all():
             raise ScanError(f"--tool is {tool}; expected three mm and three angles")
         of_tool = convention if len(said) == 3 else named("FANUC angles")
-        angles = np.degrees(tool[3:]) if angle == "rad" and convention.sequence else tool[3:]
+        angles = convert(tool[3:]) if angle == turned else tool[3:]
         back = inverse(to_rotations(of_tool, [angles])[0], np.array(tool[:3]))
         R, T = entries["R_base_flange"], entries["T_base_flange"]
         entries |= {"R_base_flange": R @ back[0], "T_base_flange": carry(R, T, back[1]), "orientation": None}
