@@ -7,8 +7,8 @@ import numpy as np
 
 from profilecal.geometry.noise import ROBOT
 from profilecal.geometry.poses import rotations
-from profilecal.joint.descent import estimate
 from profilecal.joint.observations import pose_error, pose_groups
+from profilecal.papers.monte_carlo import estimate
 from profilecal.plan.command import model_of_spec
 from profilecal.plan.scan_model import ScanModel
 from profilecal.simulate.spec import read_spec
@@ -42,5 +42,5 @@ def errors(model: ScanModel, R, T, trials: int, rng) -> np.ndarray:
     if model.covariance is not None and not seen.on_curve:  # of x and z of all points of a pose
         noise = (noise.reshape(trials * P, -1) @ np.linalg.cholesky(model.covariance).T).reshape(points.shape)
     seen = replace(seen, points=(points + model.noise.profile_mm * noise).reshape(trials, P, -1, 2))
-    states, *_ = estimate([seen], model.noise, model.state.repeat(trials))
+    states, *_ = estimate([seen], model.noise, model.state[[0] * trials])
     return pose_error(states.rotation, states.translation, model.R_sensor, model.T_sensor)

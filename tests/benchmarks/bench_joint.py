@@ -12,11 +12,11 @@ from scipy.spatial.transform import Rotation
 from profilecal.calibrate.observe import observe_all
 from profilecal.calibrate.plausibility import systematic_tests
 from profilecal.geometry.noise import Noise
-from profilecal.joint.descent import estimate
 from profilecal.joint.observations import Observations, State
 from profilecal.joint.prior import prior_from
 from profilecal.joint.problem import Problem
 from profilecal.joint.solve import solve
+from profilecal.papers.monte_carlo import estimate
 from profilecal.simulate.scene import random_scene
 from profilecal.simulate.spec import Spec, simulate_scan
 
@@ -67,7 +67,7 @@ def disk_row() -> dict:
     scene = random_scene("disk", rng, positions=100)
     seen, noise = scene.noisy(SIGMA, rng, TRIALS), Noise(SIGMA)
     off = np.r_[np.full(3, 1.0), np.full(3, 0.01), np.zeros(5)]
-    start = Problem([seen], noise).move(scene.truth.repeat(TRIALS), off[None].repeat(TRIALS, 0))
+    start = Problem([seen], noise).move(scene.truth[[0] * TRIALS], off[None].repeat(TRIALS, 0))
     ours = best_of(3, lambda: estimate([seen], noise, start, chunk=32)) / TRIALS
     few = [(Problem([seen.take([k])], noise), start[[k]]) for k in range(16)]
     theirs = best_of(3, lambda: [scipy_solution(*one) for one in few]) / len(few)

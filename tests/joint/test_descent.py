@@ -12,12 +12,13 @@ from scipy.stats import chi2, f
 from profilecal.closed_form.edge import edge_equations
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import angle_between
-from profilecal.joint.descent import estimate, refine, thin
+from profilecal.joint.descent import refine, thin
 from profilecal.joint.observations import normalised_square, pose_error
 from profilecal.joint.prior import prior_from
 from profilecal.joint.problem import Problem
 from profilecal.joint.solve import solve
 from profilecal.papers.edge_study import EdgePlan, edge_scenes, observations_of
+from profilecal.papers.monte_carlo import estimate
 from profilecal.simulate.scene import random_scene
 from profilecal.targets.disk import Disk
 
@@ -72,7 +73,7 @@ def test_stated_uncertainty_is_honest_where_points_differ_in_precision(kind):
     seen = of_unlike_precision(scene, rng)
     state, found, square = estimate([seen], Noise(SIGMA), scene.truth)
     error = errors(state, scene.truth)
-    dof = int(Problem([seen], Noise(SIGMA)).count()[0]) - found.parameters
+    dof = Problem([seen], Noise(SIGMA)).counts.sum() - found.parameters
     assert abs(normalised_square(found.covariance, error).mean() - 6) < 3 * np.sqrt(12 / trials)
     assert abs((square / dof).mean() - 1) < 3 * np.sqrt(2 / dof / trials) + 1e-3
     forgotten = estimate([replace(seen, covariance=None)], Noise(SIGMA), scene.truth)[0]
@@ -89,7 +90,7 @@ def test_stated_uncertainty_is_honest(kind):
     seen = scene.noisy(SIGMA, rng)
     state, found, square = estimate([seen], KNOWN, scene.truth)
     nees = normalised_square(found.covariance, errors(state, scene.truth))
-    dof = int(Problem([seen], KNOWN).count()[0]) - found.parameters
+    dof = Problem([seen], KNOWN).counts.sum() - found.parameters
     assert abs(nees.mean() - 6) < 3 * np.sqrt(12 / trials)
     assert 0.93 < (nees < chi2.ppf(0.95, 6)).mean() < 0.97
     assert abs((square / dof).mean() - 1) < min(0.05, 3 * np.sqrt(2 / dof / trials) + 1e-3)

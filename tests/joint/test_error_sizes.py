@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from many_scenes import SIGMA
 from scipy.optimize import minimize
+from scipy.special import softmax
 from scipy.stats import binom, chi2, norm, t
 
 from profilecal.geometry.noise import Noise
 from profilecal.joint.descent import refine
-from profilecal.joint.error_sizes import average, draw, growth, likeliest, normalised, t_points
+from profilecal.joint.error_sizes import average, draw, growth, likeliest, t_points
 from profilecal.joint.prior import FREEDOM, USUAL, Prior, prior_from
 from profilecal.joint.problem import Problem
 from profilecal.simulate.robot import actual_poses, scan_planes
@@ -38,13 +39,12 @@ def test_errors_are_as_usual_where_nothing_is_stated():
 
 
 def averaged(model, names, prior=PRIOR):
-    law = prior.law(names, SIGMA)
-    return average(model, prior, names, SIGMA, *likeliest(model, law, np.zeros(len(law.free))))
+    return average(model, prior, np.zeros(1 + len(names)))
 
 
 def test_the_likeliest_sizes_are_those_that_scipy_finds():
     model, names = edge_model(1, groups=6, positions=4)
-    law = PRIOR.law(names, SIGMA)
+    law = PRIOR.law(names)
 
     def unlikely(y):
         return y @ y / 2 - model.posterior(law.variances(y[None])[0]).log_evidence[0]
@@ -59,15 +59,15 @@ def test_the_likeliest_sizes_are_those_that_scipy_finds():
 def test_draws_have_the_mean_and_the_sum_of_a_fine_grid():
     """Of one size. The sum is the evidence of the model, which stands beside that of others."""
     model, names = edge_model(2, ["position_mm"], groups=3, positions=2)
-    law = Prior(replace(USUAL, profile_mm=SIGMA)).law(names, SIGMA)
-    drawn = draw(model, law, *likeliest(model, law, np.zeros(1)))
+    law = Prior(replace(USUAL, profile_mm=SIGMA)).law(names)
+    log_weight, drawn, _ = draw(model, law, *likeliest(model, law, np.zeros(1)))
     grid = np.linspace(-4.5, 4.5, 400)[:, None]
     found = model.posterior(law.variances(grid)[0])
     height = found.log_evidence + norm.logpdf(grid[:, 0])
     evidence = np.logaddexp.reduce(height) + np.log(grid[1, 0] - grid[0, 0])
-    assert np.logaddexp.reduce(drawn.log_weight) == pytest.approx(evidence, abs=0.03)
-    weight = normalised(height)
-    both = (weight, found), (normalised(drawn.log_weight), drawn)
+    assert np.logaddexp.reduce(log_weight) == pytest.approx(evidence, abs=0.03)
+    weight = softmax(height)
+    both = (weight, found), (softmax(log_weight), drawn)
     by_grid, by_draws = (w @ (of.v[:, 1:] ** 0.5) for w, of in both)
     assert by_draws == pytest.approx(by_grid, rel=0.02)
     by_grid, by_draws = (np.tensordot(w, of.covariance, 1) for w, of in both)
@@ -101,7 +101,7 @@ def test_where_less_is_stated_than_is_usual_the_usual_is_as_likely():
 def test_a_size_is_standard_normal_beforehand(stated, middle, beyond_five):
     """Half-t laws of three degrees of freedom and, where the scale is stated, of one: the middle, and how many sizes
     are more than five times their scale."""
-    law, scale = Prior(USUAL, frozenset(stated)).law(["position_mm"], 1.0), USUAL.position_mm
+    law, scale = Prior(USUAL, frozenset(stated)).law(["position_mm"]), USUAL.position_mm
     five = norm.isf(2 * t.sf(5.0, 1 if stated else FREEDOM))
     assert norm.sf(five) == pytest.approx(beyond_five, abs=1e-4)
     sizes = np.sqrt(law.variances(np.array([[0.0], [five]]))[0][:, 1])
@@ -110,7 +110,7 @@ def test_a_size_is_standard_normal_beforehand(stated, middle, beyond_five):
 
 
 def test_slopes_of_variances_are_those_of_differences():
-    law, h = PRIOR.law(["position_mm", "orientation_deg"], SIGMA), 1e-5
+    law, h = PRIOR.law(["position_mm", "orientation_deg"]), 1e-5
     y = np.array([[0.3, -1.2, 2.0]])
     _, first, second = law.variances(y)
     (plus, slope_plus, _), (minus, slope_minus, _) = law.variances(y + h), law.variances(y - h)

@@ -8,18 +8,19 @@ from many_scenes import KINDS, SIGMA
 from scipy.linalg import block_diag
 from scipy.stats import multivariate_normal
 
-from profilecal.calibrate.plausibility import of_robot
+from profilecal.calibrate.plausibility import of_robot, score
 from profilecal.geometry.noise import ROBOT, Noise, Systematic
 from profilecal.geometry.poses import inverse, rotations
 from profilecal.joint.descent import refine
-from profilecal.joint.linear_model import Linearised, LinearModel, marginal, score
+from profilecal.joint.linear_model import LinearModel
 from profilecal.joint.observations import PoseGroups, of_scanner, of_target
 from profilecal.joint.problem import Problem
+from profilecal.plan.scan_model import marginal
 from profilecal.simulate.scene import random_scene
 
 # Two targets: profiles 0 to 4 have five residuals, 5 to 8 three; six poses of three orientations
 POSE = np.array([0, 0, 1, 2, 3, 4, 5, 5, 2])
-GROUPS = PoseGroups(POSE, np.array([0, 0, 0, 1, 2, 2]))
+GROUPS = PoseGroups(POSE, np.array([0, 0, 0, 1, 2, 2]), POSE)
 COUNTS = np.array([5] * 5 + [3] * 4)
 ROW = np.repeat(np.arange(9), COUNTS)  # the profile that each residual is of
 V = np.array([1.3, 0.4, 0.9, 0.7, 0.5, 0.3, 0.2])  # of the scanner and the robot, mm² and rad²
@@ -38,8 +39,8 @@ class Dense:
             one[:] = rng.normal(size=(5, rank)) @ rng.normal(size=(rank, 6))
         root = rng.normal(size=(N, N))
         self.precision = root @ root.T
-        targets = [Linearised(*(np.array(a[part]) for a in (E, Y, COUNTS))) for part in (slice(0, 5), slice(5, 9))]
-        self.model = LinearModel(targets, GROUPS, ROBOT, self.precision)
+        padded = (np.array([np.pad(one, [(0, 5 - len(one)), (0, 0)]) for one in a]) for a in (E, Y))
+        self.model = LinearModel(*padded, COUNTS, GROUPS, ROBOT, self.precision)
         self.E, self.A, self.r = np.concatenate(E), np.concatenate(Y)[:, :N], np.concatenate(Y)[:, N]
         self.C = sum(v * M for v, M in zip(V, self.parts(), strict=True))
 
@@ -84,7 +85,7 @@ def test_posterior_and_evidence_are_those_of_the_dense_covariance(missing, rank)
     prior = A @ np.linalg.inv(precision) @ A.T
     by_law = [multivariate_normal(cov=factor * C + prior).logpdf(r) for factor in (1, 2)]
     assert np.diff(found.log_evidence)[0] == pytest.approx(np.diff(by_law)[0])
-    exact = model.without_robot().posterior(V[None, :1])
+    exact = model.without_robot().posterior(V[None])
     np.testing.assert_allclose(exact.mean[0], textbook(r, A, V[0] * np.eye(len(r)), precision)[0], rtol=1e-8)
 
 
@@ -185,7 +186,7 @@ def test_derivatives_by_all_that_may_be_wrong_are_those_of_differences(kind, eye
     changes += [lambda h, c=c: with_flange_error(seen, axes, c, h) for c in range(6)]
     derivatives, h = np.delete(columns[0, problem.n :], len(tried), axis=0), 1e-5  # without the residual
     for column, change in zip(derivatives, changes, strict=True):
-        plus, minus = (Problem([change(s * h)], problem.noise).residuals(truth)[0][0] for s in (1, -1))
+        plus, minus = (Problem([change(s * h)], Noise(1.0)).linear(truth)[0][0, -1] for s in (1, -1))
         expected = (plus - minus) / (2 * h)
         sign = -1 if eye_to_hand and change in changes[-6:] else 1  # of an error that is as likely either way
         np.testing.assert_allclose(sign * column, expected, atol=1e-4 * max(1, np.abs(expected).max()))

@@ -5,8 +5,8 @@ import pytest
 
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import rotations
-from profilecal.joint.descent import estimate
 from profilecal.joint.observability import HAND_PRECISION, Spectrum, explain, name_axis, name_direction, spectrum, turns
+from profilecal.papers.monte_carlo import estimate
 from profilecal.simulate.scene import random_scene, stack
 
 SIGMA = 0.05

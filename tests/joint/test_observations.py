@@ -17,8 +17,8 @@ WRONG = [
     ("point", lambda o: {"covariance": np.ones((4, 2, 2))}, "a point has no covariance of its own"),
     ("ball", lambda o: {"kind": "cone"}, "kind is 'cone'; expected one of edge"),
     ("ball", lambda o: {"sizes": ()}, "the ball's radius is None; expected a length in mm"),
-    ("ball", lambda o: {"kind": "disk"}, r"points \(disk\) has shape \(1, 12, \d+, 2\); expected \(..., n, 2, 2\)"),
-    ("ball", lambda o: {"T_flange": o.T_flange[:, :3]}, r"T_flange has shape \(1, 3, 3\); expected \(..., 12, 3\)"),
+    ("ball", lambda o: {"kind": "disk"}, r"points \(disk\) has shape \(1, 12, \d+, 2\); expected \(n, n, 2, 2\)"),
+    ("ball", lambda o: {"T_flange": o.T_flange[:, :3]}, r"T_flange has shape \(1, 3, 3\); expected \(n, 12, 3\)"),
     ("ball", lambda o: {"R_flange": o.R_flange * np.nan}, r"R_flange\[0, 0, 0, 0\] is nan; expected finite"),
     ("ball", lambda o: {"group": np.zeros(1)}, r"group has shape \(1,\); expected \(12,\)"),
 ]

@@ -45,8 +45,8 @@ def test_derivatives_agree_with_numerical_ones(kind, in_space):
 def test_residuals_vanish_where_the_target_meets_the_scan_plane(kind):
     scene = random_scene(kind, np.random.default_rng(7))
     for in_space in (False, True):
-        (r,) = Problem([scene.observations], Noise(0.05), in_space=in_space).residuals(scene.truth)
-        assert np.abs(r).max() < 1e-9
+        (z,) = Problem([scene.observations], Noise(1.0), in_space=in_space).linear(scene.truth)
+        assert np.abs(z[:, -1]).max() < 1e-9
 
 
 @pytest.mark.parametrize("in_space", [False, True])
@@ -61,7 +61,6 @@ def test_a_missing_point_has_no_part_in_anything(kind, in_space):
     present = np.ones(full.shape[2:])
     present[: full.shape[2] // points.shape[2], 1] = 0
     np.testing.assert_array_equal(some, full * present)
-    np.testing.assert_array_equal(part.residuals(scene.truth)[0], whole.residuals(scene.truth)[0] * present)
     (full,), (some_too,) = (problem.columns_in_mm(scene.truth, of_scanner()) for problem in (whole, part))
     np.testing.assert_array_equal(some_too, full * present)
 

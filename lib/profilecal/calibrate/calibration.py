@@ -13,7 +13,7 @@ from profilecal.geometry.poses import carry, xyz_angles_from_rotation
 from profilecal.joint.observability import HAND_PRECISION, name_direction
 from profilecal.joint.observations import Observations
 from profilecal.joint.prior import FINEST_MM, prior_from
-from profilecal.joint.solution import Solution, in_mm_deg
+from profilecal.joint.solution import Solution
 from profilecal.joint.solve import solve
 from profilecal.scan.scan import Scan, ScanError
 
@@ -124,6 +124,12 @@ def calibrate(scans, guess=None) -> Calibration:
     messages = [*readings, *notes] if readings else [*notes, *messages]
     poses = tuple(entry.poses for entry in seen)
     return Calibration(scans, poses, observed, solution, tuple(messages), misread=doubted or wrong or bool(readings))
+
+
+def in_mm_deg(covariance) -> np.ndarray:
+    """A covariance (6, 6) of δ with the rotation vector in degrees."""
+    units = np.repeat([1, 180 / np.pi], 3)
+    return covariance * units[:, None] * units
 
 
 def remarks_on_targets(scans, seen, solution: Solution) -> tuple[list[str], bool]:

@@ -15,9 +15,10 @@ from scipy.spatial.transform import Rotation
 
 from profilecal.calibrate.observe import Seen, as_observations
 from profilecal.geometry.noise import Noise
-from profilecal.joint.descent import in_space, refine, search, search_among_outliers, thin
+from profilecal.joint.descent import refine, search, search_among_outliers, thin
 from profilecal.joint.observations import Observations
 from profilecal.joint.prior import FINEST_MM
+from profilecal.joint.problem import Problem
 from profilecal.joint.solve import LARGEST_ERROR_MM
 from profilecal.scan.conventions import CONVENTIONS, from_rotations, named
 from profilecal.scan.folder import REACH_MM
@@ -71,7 +72,7 @@ def misfit(observations: Observations, widely: bool = False) -> tuple[float, int
     """How large most residuals from the best sensor pose are, mm, infinite where none is found, and by how many the
     coordinates, two for each pose, exceed the unknowns. `widely`: searched for as where many poses are bad."""
     few = thin(observations, 30)
-    problem = in_space([few], Noise(1.0))
+    problem = Problem([few], Noise(1.0), in_space=True)
     freedom = 2 * problem.terms[0].P - problem.n
     if freedom <= 0:
         return np.inf, freedom

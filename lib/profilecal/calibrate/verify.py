@@ -22,10 +22,9 @@ from profilecal.calibrate.plausibility import distance
 from profilecal.geometry.checks import check_array, check_rotations
 from profilecal.geometry.noise import FALSE_ALARM, chi2_limit
 from profilecal.geometry.poses import carry
-from profilecal.joint.descent import settle_targets
 from profilecal.joint.error_sizes import likeliest
 from profilecal.joint.observability import HAND_PRECISION, Spectrum, name_direction, of_covariance
-from profilecal.joint.observations import pose_error
+from profilecal.joint.observations import State, pose_error
 from profilecal.joint.prior import Law, prior_from
 from profilecal.joint.problem import Problem
 from profilecal.joint.solve import squares
@@ -129,6 +128,18 @@ def linearised(alone: Calibration, kept, T, noise_mm: float) -> tuple[np.ndarray
     return found.mean[0, :6], found.covariance[0, :6, :6]
 
 
+def settle_targets(problem: Problem, rotation, translation, weights=None) -> State:
+    """The sensor pose (1, 3, 3), (1, 3) with the targets where it sees them best: Gauss-Newton steps of those alone."""
+    state, step = problem.place(rotation, translation), np.zeros((1, problem.n))
+    for _ in range(20):
+        normal = problem.moments(state, weights=weights).normal[0, 6:, 6:]
+        step[0, 6:] = -np.linalg.solve(normal[:-1, :-1] + np.diag(problem.units[6:] ** -2), normal[:-1, -1])
+        state = problem.move(state, step)
+        if np.abs(step).max() < 1e-9:
+            break
+    return state
+
+
 def target_by(T, alone: Calibration, kept) -> tuple[dict[str, float], float]:
     """The target's lengths, mm, and the points' rms distance from it, where a sensor pose T (4, 4) takes the points."""
     (scan,), (seen,) = alone.scans, alone.observed
@@ -209,15 +220,11 @@ def leave_out(found: Calibration) -> LeftOut:
     if found.status == "unobservable":
         raise ValueError("only a calibration that has an answer can be cross-validated")
     solution, problem, (whole, _) = found.solution, found.solution.problem, found.solution.model()
-    law = solution.prior.law(whole.names, problem.noise.profile_mm)
+    law = solution.prior.law(whole.names)
     columns, start = problem.columns_in_mm(solution.state), likeliest(whole, law, np.zeros(len(law.free)))[0]
     labels = [label for part in found.labels_by_scan() for label in part]
-    members = [
-        profiles[(term.group == g) & whole.kept[profiles]]
-        for profiles, term in zip(problem.split(np.arange(len(labels))), problem.terms, strict=True)
-        for g in range(term.group.max() + 1)
-    ]
-    members = [profiles for profiles in members if len(profiles)]
+    group = problem.groups.group
+    members = [np.flatnonzero((group == g) & whole.kept) for g in np.unique(group[whole.kept])]
     rows, chance = [], FALSE_ALARM / whole.kept.sum()
     for profiles in members:
         chosen = np.isin(np.arange(len(labels)), profiles)
@@ -232,7 +239,7 @@ def leave_out(found: Calibration) -> LeftOut:
         beside = whole.counts[profiles].sum() - error[profiles].size  # residuals that no error of the flange moves
         variance = np.trace(S[profiles], axis1=1, axis2=2).sum() + beside * left.v[0, 0]
         excess = float(np.sqrt(square / variance))
-        rms = problem.rms_mm(solution.state, left.mean[0], chosen, columns)
+        rms = problem.rms_mm(columns, left.mean[0], chosen)
         off = squares(whole, error, S, x, left.v[0])[0] > chi2_limit(chance, np.maximum(whole.ranks, 1))
         rows.append((rms, rms / excess, off[profiles].any() and excess > 1, left.mean[0, :6]))
     rms, expected, doubted, moved = (np.array(column) for column in zip(*rows, strict=True))

@@ -10,14 +10,11 @@ class UnobservableError(ValueError):
 
 
 def check_array(name: str, values, shape, finite: bool = True) -> np.ndarray:
-    """Return `values` as a float array of a shape, in which None is any length and a leading ... any axes. Raises
-    ValueError with the shape that it has instead, or with the first entry that is not finite, unless it may be."""
+    """Return `values` as a float array of a shape, in which None is any length. Raises ValueError with the shape that
+    it has instead, or with the first entry that is not finite, unless it may be."""
     array = np.asarray(values, dtype=float)
-    wanted = shape[1:] if ... in shape else shape
-    found = array.shape[-len(wanted) :] if ... in shape else array.shape
-    if len(found) != len(wanted) or any(length not in (None, n) for length, n in zip(wanted, found, strict=True)):
-        expected = str(shape).replace("None", "n").replace("Ellipsis", "...")
-        raise ValueError(f"{name} has shape {array.shape}; expected {expected}")
+    if array.ndim != len(shape) or any(length not in (None, n) for length, n in zip(shape, array.shape, strict=True)):
+        raise ValueError(f"{name} has shape {array.shape}; expected {str(shape).replace('None', 'n')}")
     bad = np.argwhere(~np.isfinite(array) & finite)
     if len(bad):
         raise ValueError(f"{name}{bad[0].tolist()} is {array[tuple(bad[0])]}; expected finite numbers")

@@ -21,9 +21,9 @@ class Noise:
     steering_mm: float = 0.0  # marked points: how far the operator leaves the scan plane from the point
 
     @property
-    def of_robot(self) -> bool:
-        """Whether there is any error of the robot."""
-        return any(getattr(self, name) for name in ROBOT)
+    def of_robot(self) -> dict[str, float]:
+        """The errors of the robot that there are."""
+        return {name: getattr(self, name) for name in ROBOT if getattr(self, name)}
 
 
 ROBOT = (  # of them: at each visit, at each commanded pose, at each orientation

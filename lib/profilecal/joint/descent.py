@@ -2,19 +2,18 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Final, Literal
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from profilecal.geometry.noise import ROBOT, Noise
+from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import angle_between
-from profilecal.joint.observability import Spectrum, spectrum
 from profilecal.joint.observations import Observations, State
 from profilecal.joint.problem import Fit, Problem
 
 POSES = 40  # the search looks at that many
-GRID: Final = "I"  # scipy's name for 60 rotations: any rotation is within 45° of one of them
+GRID = Rotation.create_group("I").as_matrix()  # 60 rotations: any rotation is within 45° of one of them
+COARSE = Rotation.create_group("T").as_matrix()  # 12
 HOPELESS = 100.0  # times the noise, or the best loss
 KEPT = 6  # starts that all poses are looked at from
 
@@ -48,8 +47,7 @@ def descend(moments, move, state: State, iterations: int, tolerance: float = 1e-
                 step, promise = damped_step(here.normal, factor)
                 small = reach(step) < tolerance
             trial = move(here.state, step)
-            if small.any():  # nothing to look at there
-                here = replace(here, state=trial.where(small & ~done, here.state))
+            here = replace(here, state=trial.where(small & ~done, here.state))  # nothing to look at there
             done |= small | (promise <= 1e-14 * here.loss)  # less is rounding
             if done.all():
                 break
@@ -57,10 +55,7 @@ def descend(moments, move, state: State, iterations: int, tolerance: float = 1e-
             kept = np.nan_to_num((here.loss - there.loss) / promise, nan=-1.0)
             better = (there.loss <= here.loss) & ~done  # false for NaN
             done |= (promise <= flat * here.loss) & (kept < 0.9)
-            if better.all():
-                here = there
-            elif better.any():
-                here = there.where(better, here)
+            here = there.where(better, here)
             eased = factor * np.clip(1 - (2 * np.minimum(kept, 1) - 1) ** 3, 0.01, 2)
             factor = np.clip(np.where(better, eased, factor * growth), undamped, 1e8)
             growth = np.where(better, 2.0, 2 * growth)
@@ -69,8 +64,7 @@ def descend(moments, move, state: State, iterations: int, tolerance: float = 1e-
 
 def reach(step) -> np.ndarray:
     """How far steps (B, 6 or more) move sensor poses, rad or hundreds of mm."""
-    reach = np.r_[100, 100, 100, 1, 1, 1]  # mm and rad: a step as large in one as in the other
-    return np.abs(step[:, :6] / reach).max(axis=1)
+    return np.abs(step[:, :6] / [100, 100, 100, 1, 1, 1]).max(axis=1)
 
 
 def damped_step(normal, damping) -> tuple[np.ndarray, np.ndarray]:
@@ -80,90 +74,41 @@ def damped_step(normal, damping) -> tuple[np.ndarray, np.ndarray]:
     size = np.where(size > 0, size, 1.0)
     size[:, -1] = 1.0  # of the residual
     relative = normal / (size[:, :, None] * size[:, None])
-    relative = np.where(np.isfinite(relative), relative, 0.0)
+    relative[~np.isfinite(relative)] = 0.0
     H, g = relative[:, :-1, :-1] + damping[:, None, None] * np.eye(size.shape[1] - 1), relative[:, :-1, -1]
     step = -np.linalg.solve(H, g[..., None])[..., 0]
     return step / size[:, :-1], (step * (damping[:, None] * step - g)).sum(axis=1)
-
-
-def settle_targets(problem: Problem, rotation, translation, weights=None) -> State:
-    """The sensor pose (1, 3, 3), (1, 3) with the targets where it sees them best: Gauss-Newton steps of those alone."""
-    state, step = problem.place(rotation, translation), np.zeros((1, problem.n))
-    for _ in range(20):
-        normal = problem.moments(state, weights=weights).normal[0, 6:, 6:]
-        step[0, 6:] = -np.linalg.solve(normal[:-1, :-1] + np.diag(problem.units[6:] ** -2), normal[:-1, -1])
-        state = problem.move(state, step)
-        if np.abs(step).max() < 1e-9:
-            break
-    return state
-
-
-def estimate(
-    observations: Sequence[Observations], noise: Noise, start: State, *, chunk: int = 64, steps: int = 60
-) -> tuple[State, Spectrum, np.ndarray]:
-    """For noise studies: states (B) of least squares from known starts, with errors of scanner and robot as large as
-    `noise` says, the sensor poses' spectra and χ² (B,)."""
-    states, information, chi2 = [], [], []
-    for first in range(0, len(start.rotation), chunk):
-        part = slice(first, first + chunk)
-        seen = [entry.take(part) for entry in observations]
-        problem = Problem(seen, noise)
-        fit = refine(problem, start[part], iterations=steps, tolerance=1e-6, damping=1e-9)
-        state, normal = fit.state, fit.normal
-        if noise.of_robot:
-            alone = (Problem([entry.take([k]) for entry in seen], noise) for k in range(len(state.rotation)))
-            found = [with_robot(one, state[[k]]) for k, one in enumerate(alone)]
-            state, normal = found[0][0].join(*(one for one, _ in found[1:])), np.array([n for _, n in found])
-        states.append(state)
-        information.append(normal[:, :-1, :-1])
-        chi2.append(normal[:, -1, -1])
-    return states[0].join(*states[1:]), spectrum(np.concatenate(information), problem.units), np.concatenate(chi2)
-
-
-def with_robot(problem: Problem, state: State) -> tuple[State, np.ndarray]:
-    """Generalised least squares of one problem from a state nearby, with errors of the robot as large as its noise
-    says: Gauss-Newton steps on the linear model. And the normal equations (n + 1, n + 1) there."""
-    names = [name for name in ROBOT if getattr(problem.noise, name)]
-    v = np.array([[1.0, *(getattr(problem.noise, name) ** 2 for name in names)]])
-    for _ in range(8):
-        found = problem.model(state, names).posterior(v)
-        state = problem.move(state, found.mean)
-        if reach(found.mean).max() < 1e-6:
-            break
-    return state, problem.model(state, names).posterior(v).normal[0]
 
 
 def search(observations: Sequence[Observations], noise: Noise, starts=()) -> State:
     """Sensor poses worth refining, best first, at most KEPT: from `starts`, pairs (R (3, 3), T (3,) mm), and a grid of
     rotations, on a few poses, by distances in space. Where targets can be placed at every step, a coarse grid will do
     if several of its starts end at one pose that fits."""
-    problem = in_space([thin(entry, POSES) for entry in observations], noise)
-    count = problem.count()[0]
+    problem = Problem([thin(entry, POSES) for entry in observations], noise, in_space=True)
+    count = problem.counts.sum()
     if all(term.target.fit_is_best for term in problem.terms):
-        state = problem.place(*started("T", starts))  # 12 rotations
+        state = problem.place(*started(COARSE, starts))
         for _ in range(2):
             found = onward(problem, state, steps=8)
             state = found.state
             if found.loss[0] < HOPELESS * count and np.count_nonzero(alike(state)[0]) >= 5:
                 return distinct(state[found.loss < HOPELESS * max(found.loss[0], count)])
     state = problem.place(*started(GRID, starts))
-    for steps, kept in ((6, 24), (8, 10), (16, 6)):
+    for steps, kept, hopeless in ((6, 24, 10 * HOPELESS), (8, 10, 10 * HOPELESS), (16, KEPT, HOPELESS)):
         found = onward(problem, state, steps)
-        state = distinct(found.state[found.loss < 10 * HOPELESS * max(found.loss[0], count)], kept)
-    return distinct(found.state[found.loss < HOPELESS * max(found.loss[0], count)])
+        state = distinct(found.state[found.loss < hopeless * max(found.loss[0], count)], kept)
+    return state
 
 
-def started(grid: Literal["I", "T"], starts) -> tuple[np.ndarray, np.ndarray]:
-    """Sensor poses (B, 3, 3), (B, 3): the starts, and those of a grid, at the flange."""
-    rotation = Rotation.create_group(grid).as_matrix()
-    R, T = [R for R, _ in starts], [T for _, T in starts]
-    return np.array([*R, *rotation]), np.array([*T, *np.zeros((len(rotation), 3))])
+def started(grid, starts=()) -> tuple[np.ndarray, np.ndarray]:
+    """Sensor poses (B, 3, 3), (B, 3): the starts, and those of a grid of rotations, at the flange."""
+    R, T = zip(*starts, *((R, np.zeros(3)) for R in grid), strict=True)
+    return np.array(R), np.array(T)
 
 
 def onward(problem: Problem, state: State, steps: int) -> Fit:
     """Where that many steps lead, best first."""
-    found = descend(problem.moments, placing(problem), state, steps)
-    return found[np.argsort(np.where(np.isfinite(found.loss), found.loss, np.inf))]
+    return descend(problem.moments, placing(problem), state, steps).best_first
 
 
 def placing(problem: Problem):
@@ -183,10 +128,9 @@ def placing(problem: Problem):
 def search_among_outliers(observations: Sequence[Observations], noise: Noise, found: State) -> State:
     """`search` for data of which a part is wrong, beside what it `found`: each rotation of the grid looks at another
     few groups of poses, some of which hold no bad one. The medians of all residuals tell which."""
-    rotation = Rotation.create_group(GRID).as_matrix()
-    subsets = in_space([few_groups(entry, len(rotation)) for entry in observations], noise)
-    tried = refine(subsets, subsets.place(rotation, np.zeros((60, 3))), iterations=25).state
-    problem = in_space([thin(entry, 2 * POSES) for entry in observations], noise)
+    subsets = Problem([few_groups(entry, len(GRID)) for entry in observations], noise, in_space=True)
+    tried = refine(subsets, subsets.place(*started(GRID)), iterations=25).state
+    problem = Problem([thin(entry, 2 * POSES) for entry in observations], noise, in_space=True)
 
     def of_most(state):
         return problem.typical(problem.moments(state))
@@ -198,18 +142,11 @@ def search_among_outliers(observations: Sequence[Observations], noise: Noise, fo
     return distinct(state[np.argsort(of_most(state))])
 
 
-def in_space(observations: Sequence[Observations], noise: Noise) -> Problem:
-    """The problem with distances in space and no robot errors."""
-    return Problem(observations, Noise(noise.profile_mm), in_space=True)
-
-
 def thin(observations: Observations, count: int) -> Observations:
-    """About `count` poses, and five points in each where they lie on a curve."""
-    P, m = observations.points.shape[-3:-1]
+    """About `count` poses, and about five points in each where they lie on a curve."""
+    _, P, m, _ = observations.points.shape
     step = max(1, m // 5) if observations.on_curve else 1
     few = observations.keep(np.unique(np.linspace(0, P - 1, min(P, count)).round().astype(int)))
-    if step == 1:
-        return few
     covariance = None if few.covariance is None else few.covariance[..., step // 2 :: step]
     return replace(few, points=few.points[..., step // 2 :: step, :], covariance=covariance)
 

@@ -7,16 +7,15 @@ stated than is usual, the usual is as likely. Few poses leave the sizes open. Th
 all sizes, as likely as data and prior make them, and its region is one that holds over all of them.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
 from scipy.optimize import brentq
-from scipy.special import chdtrc, gammaln, ndtri
+from scipy.special import chdtrc, gammaln, ndtri, softmax
 
 from profilecal.geometry.noise import FALSE_ALARM, chi2_limit
-from profilecal.joint.linear_model import LinearModel
+from profilecal.joint.linear_model import LinearModel, Posterior
 from profilecal.joint.prior import Law, Prior
 
 EXACT_ROBOT = 0.1  # odds that the robot's errors are far too small to matter
@@ -33,9 +32,7 @@ def likeliest(model: LinearModel, law: Law, y, tolerance: float = 1e-3, most: in
         found = model.posterior(v)
         return found.log_evidence[0] - y @ y / 2, y, first, second, found
 
-    if not len(law.free):
-        return np.zeros(0), np.zeros((0, 0))
-    here, damping = look(np.asarray(y, dtype=float)), 0.0
+    here, damping = look(y), 0.0
     for _ in range(most):
         height, y, first, second, found = here
         gradient, information = (part[..., law.free] for part in model.gradient(found))
@@ -51,19 +48,11 @@ def likeliest(model: LinearModel, law: Law, y, tolerance: float = 1e-3, most: in
     return y, vectors / np.sqrt(values)
 
 
-@dataclass(frozen=True)
-class Draws:
-    """Sizes that a model allows, and what follows from them; weights are relative to those of other models."""
+def draw(model: LinearModel, law: Law, likely, root) -> tuple[np.ndarray, Posterior, np.ndarray]:
+    """Sizes that a model allows: the logarithms (S,) of their weights, relative to those of other models, what follows
+    from each, and the spread (d,) of the free ones' coordinates.
 
-    log_weight: np.ndarray  # (S,)
-    v: np.ndarray  # (S, 1 + k)
-    mean: np.ndarray  # (S, n)
-    covariance: np.ndarray  # (S, n, n)
-    spread: np.ndarray  # (d,) of the free sizes' coordinates
-
-
-def draw(model: LinearModel, law: Law, likely, root) -> Draws:
-    """Importance sampling from a t law about the likeliest coordinates (d,). Along each axis of `root` (d, d) it is as
+    Importance sampling from a t law about the likeliest coordinates (d,). Along each axis of `root` (d, d) it is as
     wide, in either direction, as the density is one standard deviation off (Rue, Martino and Chopin 2009)."""
     d = len(likely)
     count = DRAWS if d else 1
@@ -78,23 +67,15 @@ def draw(model: LinearModel, law: Law, likely, root) -> Draws:
     proposed = proposed - (TAILS + d) / 2 * np.log1p(np.sum(z**2, axis=1) / TAILS)
     proposed = proposed - np.log(stretch).sum(axis=1) - np.linalg.slogdet(root)[1]
     log_weight = found.log_evidence - np.sum(y**2, axis=1) / 2 - proposed - np.log(count)
-    weight = normalised(log_weight)
+    weight = softmax(log_weight)
     spread = np.sqrt(np.maximum(weight @ y**2 - (weight @ y) ** 2, 0))
-    return Draws(log_weight, found.v, found.mean, found.covariance, spread)
-
-
-def normalised(log_weight) -> np.ndarray:
-    """Weights that sum to one."""
-    weight = np.exp(log_weight - log_weight.max())
-    return weight / weight.sum()
+    return log_weight, found, spread
 
 
 @cache
 def t_points(d: int, count: int) -> np.ndarray:
     """Points (count, d) of a t law, evenly spread: in the unit cube, multiples of the powers of a generalised golden
     ratio (Roberts 2018), as many on either side of the middle."""
-    if not d:
-        return np.zeros((count, 0))
     ratio = brentq(lambda x: x ** (d + 2) - x - 1, 1, 2)
     points = (0.5 + (np.arange(count)[:, None] - (count - 1) / 2) * ratio ** -np.arange(1.0, d + 2)) % 1
     return ndtri(points[:, :d]) * np.sqrt(TAILS / chi2_limit(points[:, d:], TAILS))
@@ -121,35 +102,35 @@ class ErrorSizes:
     covariance: np.ndarray  # (n, n)
 
 
-def average(model: LinearModel, prior: Prior, names: Sequence[str], unit_mm: float, likely, root) -> ErrorSizes:
-    """What is known over all sizes that data and prior allow, where `likely` and `root` are the `likeliest` of a model
-    with errors of these names. `unit_mm`: the noise that the model's residuals are over."""
-    law, k = prior.law(names, unit_mm), len(names)
-    exact, alone = model.without_robot(), prior.law((), unit_mm)
-    parts, odds = [draw(model if names else exact, law, likely, root)], [1.0]
+def average(model: LinearModel, prior: Prior, start) -> ErrorSizes:
+    """What is known over all sizes that data and prior allow. `start` (1 + k,): coordinates to look for the likeliest
+    from, of which the first are taken."""
+    names, beliefs = model.names, [(model, prior, 1.0)]  # with odds
     if names and not prior.robot_known:
-        parts.append(draw(exact, alone, *likeliest(exact, alone, likely[: len(alone.free)])))
-        odds.append(EXACT_ROBOT)
+        beliefs.append((model.without_robot(), prior.without_robot, EXACT_ROBOT))
         if prior.usual:
-            usual = prior.usual.law(names, unit_mm)
-            parts.append(draw(model, usual, *likeliest(model, usual, likely)))
-            odds.append(1.0)
-    weight = normalised(np.concatenate([part.log_weight + np.log(o) for part, o in zip(parts, odds, strict=True)]))
-    means, covariances = (np.concatenate([getattr(p, name) for p in parts]) for name in ("mean", "covariance"))
-    v = np.concatenate([np.pad(part.v, [(0, 0), (0, 1 + k - part.v.shape[1])]) for part in parts])
+            beliefs.append((model, prior.usual, 1.0))
+    draws = []
+    for one, believed, odds in beliefs:
+        law = believed.law(names)
+        log_weight, found, spread = draw(one, law, *likeliest(one, law, start[: len(law.free)]))
+        draws.append((log_weight + np.log(odds), found, spread, law.free))
+    log_weights, parts, spreads, free = zip(*draws, strict=True)
+    weight = softmax(np.concatenate(log_weights))
+    v, means, covariances = (np.concatenate([getattr(p, name) for p in parts]) for name in ("v", "mean", "covariance"))
     mean = weight @ means
     off = means - mean
     squares = covariances + off[:, :, None] * off[:, None]
     covariance = np.tensordot(weight, squares, 1)
-    found = []
-    for j, (name, size) in enumerate(zip(("profile_mm", *names), np.sqrt(v).T, strict=True)):
-        unit, order = (1.0 if j else unit_mm), np.argsort(size)
+    sizes, units = [], np.r_[prior.scales.profile_mm, np.ones(len(names))]
+    for j, (name, size) in enumerate(zip(("profile_mm", *names), units[:, None] * np.sqrt(v).T, strict=True)):
+        order = np.argsort(size)
         share = np.cumsum(weight[order]) - weight[order] / 2
-        low, middle, high = np.interp([0.025, 0.5, 0.975], share, unit * size[order])
-        from_data = j == 0 or parts[0].spread[law.free == j].max(initial=0.0) < 0.6  # of the prior's 1
-        found.append(Size(name, float(low), float(middle), float(high), bool(from_data)))
-    middles = np.array([size.middle for size in found]) / np.r_[unit_mm, np.ones(k)]
-    return ErrorSizes(tuple(found), middles**2, mean, covariance * growth(squares[:, :6, :6], weight))
+        from_data = j == 0 or spreads[0][free[0] == j].max(initial=0.0) < 0.6  # of the prior's 1
+        low, middle, high = map(float, np.interp([0.025, 0.5, 0.975], share, size[order]))
+        sizes.append(Size(name, low, middle, high, bool(from_data)))
+    middles = np.array([size.middle for size in sizes]) / units
+    return ErrorSizes(tuple(sizes), middles**2, mean, covariance * growth(squares[:, :6, :6], weight))
 
 
 def growth(squares, weight) -> float:
@@ -157,7 +138,7 @@ def growth(squares, weight) -> float:
     but for a chance FALSE_ALARM. Squares (S, 6, 6) with weights (S,) are mean squares of the error; the squared error
     over the covariance is taken for a multiple of χ² for each of them (Satterthwaite 1946)."""
     ratio = np.linalg.solve(np.tensordot(weight, squares, 1), squares)
-    first, second = np.trace(ratio, axis1=1, axis2=2), np.einsum("sij,sji->s", ratio, ratio)
+    first, second = np.einsum("sii->s", ratio), np.einsum("sij,sji->s", ratio, ratio)
     limit = chi2_limit(FALSE_ALARM, 6)
 
     def excess(factor):

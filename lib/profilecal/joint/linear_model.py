@@ -9,11 +9,10 @@ s_0 is the scanner's noise over the assumed one. With the variances v = s² and 
 
     C = v_0 1 + Σ_k v_k M_k    H = Aᵀ C⁻¹ A + Π    V = H⁻¹    x̂ = -V Aᵀ C⁻¹ r    P = C⁻¹ - C⁻¹ A V Aᵀ C⁻¹
 
-Three answers: `posterior`, what is known of x; `left_out`, how far profiles are from what the others say; `score`, what
-a further error would have to be.
+Two answers: `posterior`, what is known of x; `left_out`, how far profiles are from what the others say.
 
-Profiles of different orientations share no error. Orientations with as many profiles are one batch, a `Block`; poses,
-or profiles, where these share nothing.
+Profiles of different orientations share no error. Orientations (or poses, or profiles, if only these share errors) with
+equally many profiles are one batch, a `Block`.
 What residuals say beside the errors of their flange needs no C: it is kept as products, `rest`.
 """
 
@@ -27,30 +26,6 @@ from profilecal.joint.observability import HAND_PRECISION
 from profilecal.joint.observations import PoseGroups
 
 ROUNDING = 1e-13  # of the largest entry of a matrix of products
-
-
-@dataclass(frozen=True)
-class Linearised:
-    """One target's residuals at a state and their derivatives, over the scanner's noise; zeros where no point is."""
-
-    by_flange: np.ndarray  # (P, K, 6) E, mm and rad
-    columns: np.ndarray  # (P, K, n + 1) [A | r]
-    counts: np.ndarray  # (P,) how many residuals there are
-
-
-def compress(E, Y) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Rows R E (P, q, 6) and R Y (P, q, n + 1) that say all that profiles E (P, K, 6), Y (P, K, n + 1) do about the
-    errors of their flange, two of a straight edge, three of a ball; and the products (P, n + 1, n + 1) of the rest of
-    Y. R are the left singular vectors of E, from the eigenvectors of EᵀE."""
-    E = E * HAND_PRECISION
-    Et = E.mT
-    values, vectors = np.linalg.eigh(Et @ E)
-    least = ROUNDING * values.max()
-    q = int((values > least).sum(axis=1).max(initial=1))
-    singular = np.sqrt(np.maximum(values[:, -q:, None], least))
-    right = vectors[:, :, -q:].mT
-    rows = right @ (Et @ Y) / singular
-    return singular * right / HAND_PRECISION, rows, Y.mT @ Y - rows.mT @ rows
 
 
 @dataclass(frozen=True)
@@ -76,40 +51,54 @@ class Posterior:
 
 
 class LinearModel:
-    """Profiles are counted through, target by target."""
+    """Profiles are counted through, target by target.
 
-    def __init__(self, targets: Sequence[Linearised], groups: PoseGroups, names: Sequence[str], precision):
-        """`names` (k): the robot's errors, entries of `Noise`. `precision` (n, n): Π."""
-        self.precision, self.n = precision, len(precision)
-        self.groups, self.names = groups, tuple(names)
-        self.counts = np.concatenate([target.counts for target in targets])
-        parts = [compress(target.by_flange, target.columns) for target in targets]
-        self.q = max(E.shape[1] for E, _, _ in parts)
-        self.E, self.Y = (
-            np.concatenate([np.pad(part[i], [(0, 0), (0, self.q - part[i].shape[1]), (0, 0)]) for part in parts])
-            for i in (0, 1)
-        )
-        self.rest = np.concatenate([rest for _, _, rest in parts])
-        ranks = np.concatenate([np.full(len(E), E.shape[1]) for E, _, _ in parts])
-        self.ranks = np.minimum(ranks, self.counts)  # (profiles,) how many rows speak of the flange
-        self.mm, self.deg = (np.array([name.endswith(unit) for name in names], dtype=bool) for unit in ("mm", "deg"))
-        coarsest = min(map(groups.sharing, names), key=np.max, default=np.arange(len(self.counts)))
-        self.blocks = [block(self.E, self.Y, profiles, groups, names) for profiles in of_equal_size(coarsest)]
-        self.whole, self.kept = self.blocks, np.ones(len(self.counts), dtype=bool)
+    Of each, `E` (profiles, q, 6) and `Y` (profiles, q, n + 1) are rows that say all about the errors of the flange, two
+    of a straight edge, three of a ball; `rest` (profiles, n + 1, n + 1) are products of what else the residuals say."""
+
+    def __init__(self, by_flange, columns, counts, groups: PoseGroups, names: Sequence[str], precision):
+        """Of each profile, over the scanner's noise, with zeros where no residual is: the derivatives `by_flange`
+        (profiles, K, 6), mm and rad, the `columns` [A | r] (profiles, K, n + 1), and how many residuals there are.
+        `names` (k): the robot's errors, entries of `Noise`. `precision` (n, n): Π."""
+        self.precision, self.n, self.counts, self.names = precision, len(precision), counts, tuple(names)
+        left, singular, right = np.linalg.svd(by_flange * HAND_PRECISION, full_matrices=False)
+        there = singular**2 > ROUNDING * singular.max() ** 2
+        self.ranks = there.sum(axis=1)  # (profiles,) how many rows speak of the flange
+        self.q = q = max(1, self.ranks.max())
+        self.E = (singular * there)[:, :q, None] * right[:, :q] / HAND_PRECISION
+        self.Y = (left * there[:, None])[:, :, :q].mT @ columns
+        self.rest = columns.mT @ columns - self.Y.mT @ self.Y
+        # variances (k, 6) of E's errors for one unit of each of v
+        units = [[1.0, 0.0] if name.endswith("mm") else [0.0, np.radians(1) ** 2] for name in names]
+        self.units = np.repeat(np.reshape(units, (-1, 2)), 3, axis=1)
+        coarsest = min(map(groups.sharing, names), key=np.max, default=np.arange(len(counts)))
+        self.blocks = [self.block(profiles, groups) for profiles in of_equal_size(coarsest)]
+        self.kept = np.ones(len(counts), dtype=bool)
+
+    def block(self, profiles, groups: PoseGroups) -> Block:
+        """The block of some profiles (B, Q)."""
+        B, Q = profiles.shape
+        e, y = (rows[profiles].reshape(B, Q * self.q, -1) for rows in (self.E, self.Y))
+        M = np.empty((len(self.names), B, Q * self.q, Q * self.q))
+        for name, unit, out in zip(self.names, self.units, M, strict=True):
+            number = groups.sharing(name)[profiles]
+            shared = (number[:, :, None] == number[:, None]).repeat(self.q, axis=1).repeat(self.q, axis=2)
+            out[:] = e * unit @ e.mT * shared
+        return Block(profiles, M, y)
 
     def keeping(self, kept) -> "LinearModel":
-        """The model of some profiles (profiles,) only: zeros stand in place of the other rows."""
+        """The model of some of its profiles (profiles,) only: zeros stand in place of the other rows."""
         other = copy(self)
-        other.kept, other.blocks = np.asarray(kept), []
-        for b in self.whole:
+        other.kept, other.blocks = kept, []
+        for b in self.blocks:
             there = other.kept[b.profiles].repeat(self.q, axis=1)[:, :, None]
             other.blocks.append(Block(b.profiles, b.M * there * there.mT, b.Y * there))
         return other
 
     def without_robot(self) -> "LinearModel":
-        """The model in which the robot does not err: no residuals share anything."""
+        """The same of a robot that does not err, whose variances do not count: no residuals share anything."""
         other = copy(self)
-        other.rest, other.blocks, other.whole = self.rest + self.Y.mT @ self.Y, [], []
+        other.rest, other.blocks = self.rest + self.Y.mT @ self.Y, []
         return other
 
     @property
@@ -130,8 +119,7 @@ class LinearModel:
             X = inverse @ b.Y
             N = N + b.Y.reshape(-1, n + 1).T @ X.reshape(len(v), -1, n + 1)
             solved.append((inverse, X))
-        H, g = N[:, :n, :n] + self.precision, N[:, :n, n:]
-        H = H + ROUNDING * np.einsum("sii->si", H)[:, :, None] * np.eye(n)
+        H, g = (N[:, :n, :n] + self.precision) * (1 + ROUNDING * np.eye(n)), N[:, :n, n:]
         V = np.linalg.inv(H)
         mean = -(V @ g)
         square = N[:, n, n] + (g * mean).sum(axis=(1, 2))
@@ -152,9 +140,8 @@ class LinearModel:
         within[0, 0], across[:, 0] = x @ rest @ x / v0**3, rest[:n] @ x / v0**2
         for b, (inverse, X) in zip(self.blocks, found.solved, strict=True):
             CA, w = X[0, :, :, :n], X[0] @ x
-            P = inverse[0] - CA @ V @ CA.mT
-            less = P - w[:, :, None] * w[:, None]
-            slope[0] += np.trace(less, axis1=1, axis2=2).sum()
+            less = inverse[0] - CA @ V @ CA.mT - w[:, :, None] * w[:, None]
+            slope[0] += np.einsum("bii->", less)
             slope[1:] += np.tensordot(b.M, less, 3)
             F = np.stack([w, *(b.M @ w[:, :, None])[..., 0]], axis=-1)  # M_k w, of the scanner w
             within += (F.mT @ inverse[0] @ F).sum(axis=0)
@@ -163,8 +150,7 @@ class LinearModel:
 
     def own(self, v) -> np.ndarray:
         """Covariances (profiles, q, q) of the rows of each profile by itself, for variances v (1 + k,)."""
-        of_flange = np.r_[np.full(3, v[1:][self.mm].sum()), np.full(3, v[1:][self.deg].sum() * np.radians(1) ** 2)]
-        return v[0] * np.eye(self.q) + self.E * of_flange @ self.E.mT
+        return v[0] * np.eye(self.q) + self.E * (v[1:] @ self.units) @ self.E.mT
 
     def alone(self, v) -> np.ndarray:
         """What each profile by itself says of the unknowns, (profiles, n + 1, n + 1): [A | r]ᵀ C⁻¹ [A | r]."""
@@ -183,47 +169,16 @@ class LinearModel:
             B, Q = b.profiles.shape
             CA = X[0, :, :, :n]
             P = (inverse[0] - CA @ V @ CA.mT).reshape(B, Q, q, Q, q)
-            P_bb = P[:, np.arange(Q), :, np.arange(Q)].swapaxes(0, 1)
-            covariance = np.linalg.pinv(P_bb, hermitian=True)
+            covariance = np.linalg.pinv(np.einsum("bqiqj->bqij", P), hermitian=True)  # P_bb⁻¹
             error = covariance @ (X[0] @ x).reshape(B, Q, q, 1)
             kept = self.kept[b.profiles]
             errors[b.profiles[kept]], covariances[b.profiles[kept]] = error[kept][..., 0], covariance[kept]
         return errors, covariances
 
 
-def score(normal, n: int, precision) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Rao's score test (1948) of d further directions D, each alone: the size that the residuals ask for, its standard
-    deviation (d,), and by how much one unit of it moves x (n, d). `normal`: [A | D | r]ᵀ C⁻¹ [A | D | r]; `precision`
-    (n, n): Π."""
-    A, D, r = slice(n), slice(n, -1), -1
-    moves = -np.linalg.solve(normal[A, A] + precision, normal[A, D])
-    own = np.diag(normal)[D] + np.sum(normal[A, D] * moves, axis=0)  # what x cannot imitate
-    return -(normal[D, r] + moves.T @ normal[A, r]) / own, own**-0.5, moves
-
-
-def marginal(information, n: int) -> np.ndarray:
-    """What information matrices (..., N, N) say of the first n unknowns if the others are not known any better."""
-    known, across = information[..., :n, :n], information[..., :n, n:]
-    return known - across @ np.linalg.solve(information[..., n:, n:], across.mT)
-
-
 def of_equal_size(orientation) -> list[np.ndarray]:
     """The profiles of each orientation, from the orientations' numbers (profiles,): arrays (B, Q), one for all
     orientations that have as many."""
-    order, sizes = np.argsort(orientation, kind="stable"), np.unique(orientation, return_counts=True)[1]
+    order, sizes = np.argsort(orientation, kind="stable"), np.bincount(orientation)
     among = sizes.repeat(sizes)
     return [order[among == size].reshape(-1, size) for size in np.unique(sizes)]
-
-
-def block(E, Y, profiles, groups: PoseGroups, names) -> Block:
-    """The block of some profiles (B, Q), from the rows E (profiles, q, 6) and Y (profiles, q, n + 1) of all."""
-    B, Q = profiles.shape
-    q = E.shape[1]
-    e, y = (rows[profiles].reshape(B, Q * q, -1) for rows in (E, Y))
-    M = np.empty((len(names), B, Q * q, Q * q))
-    for name, out in zip(names, M, strict=True):
-        Z = np.radians(e[:, :, 3:]) if name.endswith("deg") else e[:, :, :3]
-        number = groups.sharing(name)[profiles]
-        shared = (number[:, :, None] == number[:, None]).repeat(q, axis=1).repeat(q, axis=2)
-        out[:] = Z @ Z.mT * shared
-    return Block(profiles, M, y)

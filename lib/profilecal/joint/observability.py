@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 WEAK = 0.1  # of the measurement by hand
 LEAST_TURN_DEG = 1.0  # flange orientations that differ by less are taken for one
-HAND_PRECISION = np.r_[10.0, 10.0, 10.0, np.radians([5.0, 5.0, 5.0])]  # of the measurement by hand, mm and rad
+HAND_PRECISION = np.repeat([10.0, np.radians(5.0)], 3)  # of the measurement by hand, mm and rad
 
 
 def units_by_hand(targets: Sequence) -> np.ndarray:
@@ -75,7 +75,7 @@ def name_axis(vector, frame: str) -> str:
     """A direction as people say it: "the flange's z", or by its components."""
     vector = np.asarray(vector) / np.linalg.norm(vector)
     k = int(np.argmax(np.abs(vector)))
-    if np.degrees(np.arccos(min(1, abs(vector[k])))) <= 15:
+    if abs(vector[k]) >= np.cos(np.radians(15)):
         return f"the {frame}'s {'xyz'[k]}"
     vector = vector * np.sign(vector[k])
     return f"({', '.join(f'{c + 0.0:.2f}' for c in vector)}) in the {frame}'s frame"

@@ -5,7 +5,7 @@ usually do. What is stated may be far too small, a data sheet's repeatability fo
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -62,8 +62,8 @@ class Prior:
     def usual_mm(self) -> float:
         """About how large residuals are if all errors are as large as expected, 100 mm from the flange."""
         sizes = [self.scales.profile_mm * (self.source != "residuals")]
-        for mm, deg in zip(ROBOT[::2], ROBOT[1::2], strict=True):
-            sizes += [getattr(self.scales, mm), 100 * np.radians(getattr(self.scales, deg))]
+        for name, size in self.scales.of_robot.items():
+            sizes.append(size if name.endswith("mm") else 100 * np.radians(size))
         return float(np.linalg.norm(sizes))
 
     @property
@@ -77,22 +77,22 @@ class Prior:
         """The same with another scanner's noise."""
         return replace(self, scales=replace(self.scales, profile_mm=noise_mm))
 
-    def law(self, names: Sequence[str], unit_mm: float) -> "Law":
-        """Of the sizes of the scanner's noise, over `unit_mm`, and of the robot's errors of these names."""
+    def law(self, names: Sequence[str]) -> "Law":
+        """Of the sizes of the scanner's noise, over its scale, and of the robot's errors of these names."""
         spreads = [0.0 if self.robot_known else 1.0 if name in self.stated else FREEDOM for name in names]
-        scales = [self.scales.profile_mm / unit_mm, *(getattr(self.scales, name) for name in names)]
+        scales = [1.0, *(getattr(self.scales, name) for name in names)]
         return Law(np.array(scales), np.array([self.profile_spread, *spreads]))
 
     def names(self, distinguishable) -> list[str]:
-        """The errors of the robot that there are, entries of `Noise`; of those to be estimated the distinguishable."""
-        return [name for name in ROBOT if getattr(self.scales, name) and (self.robot_known or name in distinguishable)]
+        """The errors of the robot that there are, entries of `Noise`: all if known, else the distinguishable ones."""
+        return [name for name in self.scales.of_robot if self.robot_known or name in distinguishable]
 
     @property
     def usual(self) -> "Prior | None":
         """The same with the usual scales in place of smaller ones that are stated, if there are any."""
         small = {name for name in self.stated if 0 < getattr(self.scales, name) < getattr(USUAL, name)}
         scales = replace(self.scales, **{name: getattr(USUAL, name) for name in small})
-        return replace(self, scales=scales, stated=self.stated - small) if small and not self.robot_known else None
+        return replace(self, scales=scales, stated=self.stated - small) if small else None
 
 
 @dataclass(frozen=True)
@@ -141,7 +141,7 @@ def prior_from(stated: dict[str, float], features_mm: float = 0.0, shared_mm: fl
     together, which counts as the robot's."""
     robot = {name: stated.get(name, getattr(USUAL, name)) for name in ROBOT}
     robot["group_position_mm"] = float(np.hypot(robot["group_position_mm"], shared_mm))
-    systematic = Systematic(**{f.name: stated.get(f.name, getattr(TYPICAL, f.name)) for f in fields(Systematic)})
+    systematic = Systematic(**{name: stated.get(name, usual) for name, usual in vars(TYPICAL).items()})
     given_mm = stated.get("profile_mm", 0.0)
     scales = Noise(features_mm or given_mm or 1.0, steering_mm=stated.get("steering_mm", 0.0), **robot)
     source = "profiles" if features_mm else "given" if given_mm else "residuals"

@@ -85,9 +85,3 @@ class Solution:
     def T_flange_sensor(self) -> np.ndarray:
         """(4, 4) from sensor to flange, mm."""
         return homogeneous(self.rotation, self.translation)
-
-
-def in_mm_deg(covariance) -> np.ndarray:
-    """A covariance (6, 6) of δ with the rotation vector in degrees."""
-    units = np.r_[1, 1, 1, np.full(3, 180 / np.pi)]
-    return covariance * units[:, None] * units

@@ -27,7 +27,7 @@ def solve(
 ) -> Solution:
     """The sensor pose from all observations together, with its covariance and how far it can be believed.
 
-    `noise`: `profile_mm` 0 is not known, to be estimated; or a `Prior`. `starts`: poses (R (3, 3), T (3,) mm) to start
+    `noise`: a `Prior`, or what is known; `profile_mm` 0 is estimated. `starts`: poses (R (3, 3), T (3,) mm) to start
     from besides the grid: closed forms, a mount measured by hand. `robust=False`: nothing is rejected.
 
     Raises ValueError for malformed input and UnobservableError for fewer residuals than unknowns.
@@ -37,32 +37,30 @@ def solve(
         raise ValueError("no observations given; expected at least one target")
     prior = noise if isinstance(noise, Prior) else as_stated(noise or Noise())
     problem = Problem(observations, prior.scales, prior.systematic)
-    total = int(problem.count()[0])
+    total = problem.counts.sum()
     if total <= problem.n:
         raise UnobservableError(
             f"{total} measured coordinates cannot determine {problem.n} unknowns and noise; add poses"
         )
 
     fits = least_squares(problem, search(observations, prior.scales, starts))
-    others, scale = fits.state, 1.0
+    others = fits.state
     if robust:
         fits = fits_of_most(problem, fits, prior.usual_mm)
-    if prior.source != "given":
-        scale = problem.typical(fits)[0]
+    scale = 1.0 if prior.source == "given" else problem.typical(fits)[0]
     if not prior.robot_known and is_hopeless(problem, fits[[0]], scale):
-        problem, prior = Problem(observations, prior.scales), prior.without_robot
+        prior = prior.without_robot
     if prior.source == "residuals":
         prior = prior.with_scanner(max(prior.scales.profile_mm * scale, FINEST_MM))
-        problem = Problem(observations, prior.scales, prior.systematic)
+    problem = Problem(observations, prior.scales, prior.systematic)
     return conclude(estimate(problem, prior, fits.state[[0]], robust), prior, others.join(fits.state))
 
 
 def least_squares(problem: Problem, state: State) -> Fit:
     """Fits by least squares, best first, but for those that are far from any answer early on."""
-    fits = refine(problem, state, iterations=5, tolerance=ROUGHLY)
-    fits = fits[np.argsort(fits.loss)]
-    fits = refine(problem, distinct(fits.state[fits.loss <= HOPELESS * fits.loss[0]]), tolerance=ROUGHLY)
-    return fits[np.argsort(fits.loss)]
+    fits = refine(problem, state, iterations=5, tolerance=ROUGHLY).best_first
+    good = distinct(fits.state[fits.loss <= HOPELESS * fits.loss[0]])
+    return refine(problem, good, tolerance=ROUGHLY).best_first
 
 
 def is_hopeless(problem: Problem, fit: Fit, scale: float) -> bool:
@@ -80,23 +78,22 @@ def fits_of_most(problem: Problem, fits: Fit, usual_mm: float) -> Fit:
 
     def doubtful(fits: Fit, unknown: bool = False) -> bool:
         large = problem.typical(fits)[0] * problem.noise.profile_mm > 2 * usual_mm if usual_mm else unknown
-        return bool(large) or any(bad.any() for bad in contradicting(problem, fits))
+        return bool(large or contradicting(problem, fits).any())
 
     if not doubtful(fits, unknown=True):
         return fits
     found = robust_fit(problem, fits.state)
     if doubtful(found):
         found = robust_fit(problem, search_among_outliers(problem.observations, problem.noise, found.state))
-    if (np.concatenate(problem.freedoms())[~np.concatenate(contradicting(problem, found))]).sum() > problem.n:
+    if problem.freedoms[~contradicting(problem, found)].sum() > problem.n:
         return found
     return least_squares(problem, fits.state.join(found.state))
 
 
-def contradicting(problem: Problem, fits: Fit) -> list[np.ndarray]:
-    """Poses (P,) of each target whose residuals in the best fit are larger than those of most let expect."""
-    scale, total = problem.typical(fits)[0], sum(term.P for term in problem.terms)
-    pairs = zip(fits.per_pose, problem.freedoms(), strict=True)
-    return [own[0] * k > scale**2 * chi2_limit(FALSE_ALARM / total, k) for own, k in pairs]
+def contradicting(problem: Problem, fits: Fit) -> np.ndarray:
+    """The profiles (profiles,) whose residuals in the best fit are larger than those of most let expect."""
+    k = problem.freedoms
+    return fits.per_pose[0] * k > problem.typical(fits)[0] ** 2 * chi2_limit(FALSE_ALARM / len(k), k)
 
 
 def robust_fit(problem: Problem, state: State) -> Fit:
@@ -113,8 +110,8 @@ def robust_fit(problem: Problem, state: State) -> Fit:
         state = fits.state
         if abs(unit(fits)[0] - before) < 1e-3 * before:
             break
-    fits = refine(problem, state, scale=np.full(len(state.rotation), unit(fits).min()), tolerance=ROUGHLY)
-    return fits[np.argsort(fits.loss)]
+    scale = np.full(len(state.rotation), unit(fits).min())
+    return refine(problem, state, scale=scale, tolerance=ROUGHLY).best_first
 
 
 @dataclass(frozen=True)
@@ -131,8 +128,8 @@ class Estimate:
 def estimate(problem: Problem, prior: Prior, state: State, robust: bool) -> Estimate:
     """The state and the size of every error as the residuals have them, from a state nearby: what does not belong is
     left out, the sizes are estimated without it, and a Gauss-Newton step is taken, until nothing changes."""
-    names, unit = prior.names(problem.groups.distinguishable), problem.noise.profile_mm
-    law = prior.law(names, unit)
+    names = prior.names(problem.groups.distinguishable)
+    law = prior.law(names)
     y, kept = np.zeros(len(law.free)), None
     for turn in range(10):  # one or two are usual
         columns = problem.columns_in_mm(state)
@@ -140,7 +137,7 @@ def estimate(problem: Problem, prior: Prior, state: State, robust: bool) -> Esti
         if kept is None:
             kept = grossly = of_large_errors(problem, state, whole, prior) if robust else whole.kept
         model = whole.keeping(kept)
-        y, root = likeliest(model if names else model.without_robot(), law, y)
+        y, _ = likeliest(model, law, y)
         found = model.posterior(law.variances(y[None])[0])
         after = kept
         if robust:
@@ -153,7 +150,7 @@ def estimate(problem: Problem, prior: Prior, state: State, robust: bool) -> Esti
         if ((after == kept).all() and small[: problem.n].all()) or turn == 9:
             break
         state, kept = after_step(problem, state, found.mean[0]), after
-    return Estimate(problem, state, columns, model, average(model, prior, names, unit, y, root))
+    return Estimate(problem, state, columns, model, average(model, prior, y))
 
 
 def after_step(problem: Problem, state: State, mean) -> State:
@@ -167,9 +164,9 @@ def of_large_errors(problem: Problem, state: State, model: LinearModel, prior: P
     are too few. What is stated is believed, unless that leaves out more poses than anyone makes mistakes."""
     scanner = np.maximum(1.0, problem.typical(problem.moments(state))[0]) if prior.profile_spread else 1.0
     for believed in (replace(prior, stated=frozenset()), prior):
-        law = believed.law(model.names, problem.noise.profile_mm)
+        law = believed.law(model.names)
         v = law.variances(np.full((1, len(law.free)), 1.5))[0][0]  # standard deviations beforehand
-        v[0] = (scanner * law.scales[0]) ** 2
+        v[0] = scanner**2
         kept = belonging(problem, model, model.Y[:, :, -1], model.own(v), np.zeros(model.n), v)
         if np.mean(~kept) <= 0.2:
             break
@@ -185,11 +182,9 @@ def belonging(problem: Problem, model: LinearModel, errors, covariances, x, v) -
     rest = model.counts - model.ranks
     bad = of_flange > chi2_limit(chance, np.maximum(model.ranks, 1))
     bad |= (rest > 0) & (others > chi2_limit(chance, np.maximum(rest, 1)))
-    for part, term in zip(problem.split(np.arange(len(bad))), problem.terms, strict=True):
-        size = np.bincount(term.group)
-        crowd = (np.bincount(term.group, bad[part]) > size / 2) & (size > 2)
-        bad[part] |= crowd[term.group]
-    return ~bad
+    group, size = problem.groups.group, np.bincount(problem.groups.group)
+    crowd = (np.bincount(group, bad) > size / 2) & (size > 2)
+    return ~(bad | crowd[group])
 
 
 def squares(model: LinearModel, errors, covariances, x, v) -> tuple[np.ndarray, np.ndarray]:
@@ -215,7 +210,7 @@ def conclude(estimated: Estimate, prior: Prior, others: State) -> Solution:
     rank = spectrum(posterior.normal[0, : problem.n, : problem.n], problem.units).rank
     seen = of_covariance(covariance, rank, problem.n)
     observations = problem.observations
-    R_flange = np.concatenate([np.asarray(o.R_flange).reshape(-1, 3, 3) for o in observations])
+    R_flange = np.concatenate([o.R_flange[0] for o in observations])
     there, worse = seen if prior.robot_known else at_sensor(estimated, prior, seen), seen
     if there.status != seen.status:
         worse = max(seen, there, key=lambda found: found.sd[0])
@@ -225,9 +220,10 @@ def conclude(estimated: Estimate, prior: Prior, others: State) -> Solution:
         )
     status = str(worse.status)
     messages += explain(worse, state.rotation[0], R_flange, "base" if observations[0].eye_to_hand else "flange")
-    if status != "unobservable":
-        twin = twin_of(estimated, state, seen, chi2 + 12 * max(1.0, factor), others)
-        status, messages = ("weak", [*messages, twin]) if twin else (status, messages)
+    largest = chi2 + 12 * max(1.0, factor)
+    if status != "unobservable" and (twin := twin_of(estimated, state, seen, largest, others)):
+        status = "weak"
+        messages.append(twin)
 
     of_flange, rest = squares(model, *model.left_out(posterior), np.append(posterior.mean[0], 1.0), found.v)
     terms = zip(problem.terms, state.placements, strict=True)
@@ -241,7 +237,7 @@ def conclude(estimated: Estimate, prior: Prior, others: State) -> Solution:
         noise=replace(problem.noise, **(dict.fromkeys(ROBOT, 0.0) | sizes)),
         chi2=chi2,
         dof=dof,
-        rms_mm=problem.rms_mm(estimated.state, found.mean, model.kept, estimated.columns),
+        rms_mm=problem.rms_mm(estimated.columns, found.mean, model.kept),
         normalised=tuple(problem.split(np.sqrt((of_flange + rest) / np.maximum(model.counts, 1)))),
         rejected=tuple(~good for good in kept),
         status=status,
@@ -256,12 +252,10 @@ def at_sensor(estimated: Estimate, prior: Prior, seen: Spectrum) -> Spectrum:
     frame that the poses are of, which a user chooses; `seen` where that is too far from any limit to matter."""
     if not any(limit / 1.5 < seen.sd[0] < 1.5 * limit for limit in (WEAK, 1.0)):
         return seen
-    problem, names = estimated.problem, list(estimated.model.names)
+    problem, names = estimated.problem, estimated.model.names
     columns = [np.concatenate([z[:, :-6], z[:, :6]], axis=1) for z in estimated.columns]
     model = problem.model(estimated.state, names, columns=columns).keeping(estimated.model.kept)
-    unit = problem.noise.profile_mm
-    law = prior.law(names, unit)
-    found = average(model, prior, names, unit, *likeliest(model, law, np.zeros(len(law.free))))
+    found = average(model, prior, np.zeros(1 + len(names)))
     return of_covariance(found.covariance[:6, :6], seen.rank, seen.parameters)
 
 
@@ -269,14 +263,12 @@ def twin_of(estimated: Estimate, state: State, seen: Spectrum, largest: float, o
     """A sentence on another sensor pose that fits as well, if there is one: with a χ² of at most `largest`."""
     problem, kept, v = estimated.problem, estimated.model.kept, estimated.found.v[None]
 
-    def apart(other: State) -> bool:
-        delta = pose_error(state.rotation, state.translation, other.rotation, other.translation)
-        return normalised_square(seen.covariance, delta)[0] > 50
+    def apart(others: State) -> np.ndarray:
+        delta = pose_error(state.rotation, state.translation, others.rotation, others.translation)
+        return normalised_square(seen.covariance, delta) > 50
 
-    for other in (others[[k]] for k in range(len(others.rotation))):
-        if not apart(other):
-            continue
-        other = refine(problem, other, weights=problem.split(kept), tolerance=ROUGHLY).state
+    for k in np.flatnonzero(apart(others)):
+        other = refine(problem, others[[k]], weights=problem.split(kept), tolerance=ROUGHLY).state
         found = problem.model(other, estimated.model.names).keeping(kept).posterior(v)
         other = problem.move(other, found.mean[:, : problem.n])
         if apart(other) and found.square[0] < largest:

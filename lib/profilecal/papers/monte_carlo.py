@@ -1,9 +1,11 @@
-"""What the noise studies of the disk and the ball share: random numbers in chunks, and both methods' two last steps.
+"""What noise studies share: random numbers in chunks, the two last steps of the disk and the ball method, and the joint
+solution of many problems.
 
-Trials run along the last axis of every array here: NumPy is fast along long axes only.
+Trials run along the last axis of both methods' arrays: NumPy is fast along long axes only.
 """
 
 import os
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -11,7 +13,12 @@ import numpy as np
 from tqdm import tqdm
 
 from profilecal.geometry.fitting import ROUNDS
+from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import cross
+from profilecal.joint.descent import reach, refine
+from profilecal.joint.observability import Spectrum, spectrum
+from profilecal.joint.observations import Observations, State
+from profilecal.joint.problem import Problem
 
 BLOCK = 2**15  # random numbers drawn at a time: 256 kB, which with their powers stay in a processor's own cache
 
@@ -47,6 +54,11 @@ class Study:
     def rotation_error(self) -> np.ndarray:
         """Rotation vectors from true to found sensor, flange frame, (k, l, trials, 3), rad."""
         return self.errors[:, :, 3:6].mT
+
+    @property
+    def translation_error(self) -> np.ndarray:
+        """Of the sensor on the flange, (k, l, trials, 3), mm."""
+        return self.errors[:, :, 6:].mT
 
     @property
     def failed(self) -> np.ndarray:
@@ -128,3 +140,38 @@ def rotations_near(B) -> np.ndarray:
         if not (np.abs(first - second) > 1e-8).any():
             break
     return R
+
+
+def estimate(
+    observations: Sequence[Observations], noise: Noise, start: State, *, chunk: int = 64, steps: int = 60
+) -> tuple[State, Spectrum, np.ndarray]:
+    """States (B) of least squares from known starts, with errors of scanner and robot as large as
+    `noise` says, the sensor poses' spectra and χ² (B,)."""
+    found = []
+    for first in range(0, len(start.rotation), chunk):
+        part = slice(first, first + chunk)
+        seen = [entry.take(part) for entry in observations]
+        problem = Problem(seen, noise)
+        fit = refine(problem, start[part], iterations=steps, tolerance=1e-6, damping=1e-9)
+        if noise.of_robot:
+            for k in range(len(fit.loss)):
+                alone = Problem([entry.take([k]) for entry in seen], noise)
+                found.append(with_robot(alone, fit.state[[k]]))
+        else:
+            found.append((fit.state, fit.normal))
+    states, normals = zip(*found, strict=True)
+    normal = np.concatenate(normals)
+    return State.join(*states), spectrum(normal[:, :-1, :-1], problem.units), normal[:, -1, -1]
+
+
+def with_robot(problem: Problem, state: State) -> tuple[State, np.ndarray]:
+    """Generalised least squares of one problem from a state nearby, with errors of the robot as large as its noise
+    says: Gauss-Newton steps on the linear model. And the normal equations (1, n + 1, n + 1) there."""
+    sizes = problem.noise.of_robot
+    v = np.array([[1.0, *sizes.values()]]) ** 2
+    for _ in range(8):
+        found = problem.model(state, sizes).posterior(v)
+        state = problem.move(state, found.mean)
+        if reach(found.mean).max() < 1e-6:
+            break
+    return state, problem.model(state, sizes).posterior(v).normal

@@ -5,9 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from profilecal.calibrate.observe import three_points
-from profilecal.geometry.noise import ROBOT, Noise, Systematic
+from profilecal.geometry.noise import Noise, Systematic
 from profilecal.geometry.poses import rotation_groups
-from profilecal.joint.linear_model import marginal
 from profilecal.joint.observability import Spectrum, spectrum, units_by_hand
 from profilecal.joint.observations import Observations, considered
 from profilecal.joint.problem import Problem
@@ -91,10 +90,16 @@ def information(model: ScanModel, R, T, each: bool = False) -> np.ndarray:
     """What flange poses (P, 3, 3), (P, 3) tell of the unknowns and then of what is wrong at all poses, (q, q), the
     robot's errors integrated out. `each`: of each pose by itself, (P, q, q); where all have orientations of their own,
     these add up to the whole."""
-    names = [name for name in ROBOT if getattr(model.noise, name)]
-    v = np.array([1.0, *(getattr(model.noise, name) ** 2 for name in names)])
-    linear = model.problem(R, T).model(model.state, names)
+    sizes = model.noise.of_robot
+    v = np.array([1.0, *sizes.values()]) ** 2
+    linear = model.problem(R, T).model(model.state, sizes)
     return linear.alone(v)[:, :-1, :-1] if each else linear.posterior(v[None]).normal[0, :-1, :-1]
+
+
+def marginal(information, n: int) -> np.ndarray:
+    """What information matrices (..., N, N) say of the first n unknowns if the others are not known any better."""
+    known, across = information[..., :n, :n], information[..., :n, n:]
+    return known - across @ np.linalg.solve(information[..., n:, n:], across.mT)
 
 
 @dataclass(frozen=True)

@@ -121,11 +121,10 @@ def in_unit_ball(rng: np.random.Generator, count: int) -> np.ndarray:
 
 def stack(scenes) -> Scene:
     """Scenes of one kind and size as a batch."""
-    first, *others = scenes
     names = ("R_flange", "T_flange", "points")
     batch = {name: np.concatenate([getattr(s.observations, name) for s in scenes]) for name in names}
-    truth = first.truth.join(*(scene.truth for scene in others))
-    return replace(first, observations=replace(first.observations, **batch), truth=truth)
+    truth = State.join(*(scene.truth for scene in scenes))
+    return replace(scenes[0], observations=replace(scenes[0].observations, **batch), truth=truth)
 
 
 @dataclass(frozen=True)
