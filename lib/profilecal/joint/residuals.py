@@ -82,9 +82,9 @@ class Residuals:
         return other
 
     def by_point(self, columns) -> np.ndarray:
-        """The derivatives (2, 1, m, rows, P) of each point's residuals, of a batch of one, by its own x and z: what
-        moves the point alone moves its residuals as what moves the whole scanner."""
-        return columns[0, [0, 2]].reshape(2, 1, self.m, -1, self.P)
+        """The derivatives (2, B, m, rows, P) of each point's residuals by its own x and z: what moves the point alone
+        moves its residuals as what moves the whole scanner."""
+        return columns[:, [0, 2]].swapaxes(0, 1).reshape(2, len(columns), self.m, -1, self.P)
 
     def by_error(self, error: Perturbation, state: State, placement, columns) -> np.ndarray:
         """By the size of an error at a state, of a batch of one: (1, K, P). `columns`: of these residuals, there, with
