@@ -56,9 +56,7 @@ def test_every_link_leads_somewhere_and_nothing_comes_from_elsewhere(name):
         target = target.resolve()
         assert target.exists(), f"{name} links to {address}"
         if parts.fragment and target.suffix == ".html":
-            assert unquote(parts.fragment) in page(target.relative_to(SITE).as_posix()).ids, (
-                f"{name} links to {address}"
-            )
+            assert unquote(parts.fragment) in page(target.relative_to(SITE).as_posix()).ids, f"{name}: {address}"
 
 
 def test_from_the_first_page_to_any_item_in_two_clicks():

@@ -170,10 +170,7 @@ MISTAKES = {
     "column twice": (put("pose,x,X ,z,r\nP0,1,1,2,3\n"), "arcs.csv: 2 columns 'x'; expected one"),
     "cut short": (put("pose,x,z,r\nP0,1,2,3\nP1,1"), "arcs.csv line 3: 2 fields; expected 4: is the file cut short"),
     "open quote": (put('pose,x,z,r\n"P0,1,2,3\n'), "cannot be read: unexpected end of data"),
-    "a code for no point": (
-        arcs(lambda t: t.assign(z=-32768)),
-        "line 2: z is -32768; expected at most 10000: .* blank",
-    ),
+    "a code for no point": (arcs(lambda t: t.assign(z=-32768)), "line 2: z is -32768; expected at most 10000: .*blank"),
     "two arcs": (arcs(lambda t: t.replace({"pose": {"P3": "P2"}})), "line 4: pose 'P2' has 2 rows; expected one"),
     "a long label": (arcs(lambda t: t.replace({"pose": {"P3": "long\n" * 99}})), r"'long\\nlong.*… is not in poses"),
     "too far away": (poses(lambda t: t.assign(x=25e3 * (t.index == 4))), r"line 6: .* pose 'P4', is 2.5e\+04 mm"),

@@ -159,7 +159,7 @@ def long_table(folder, name="scan_{:03d}"):
     (folder / "all.csv").write_text("pose,x,z\n" + "".join(rows))
 
 
-def numbered_table(folder):
+def numbered(folder):
     """2 before 10, in the order of the file."""
     long_table(folder, "{}")
 
@@ -168,14 +168,12 @@ def wide_table(folder):
     np.savetxt(folder / "all.txt", [v.ravel() for v in scan().values])
 
 
-def one_array(folder):
+def stacked(folder):
     np.save(folder / "all.npy", np.stack(scan().values).swapaxes(1, 2))
 
 
 PROFILES_OF = {fanuc: lists}  # counted from 1
-PROFILES = {
-    f.__name__: f for f in (one_each, lists, archives, codes, zeros, long_table, numbered_table, wide_table, one_array)
-}
+PROFILES = {f.__name__: f for f in (one_each, lists, archives, codes, zeros, long_table, numbered, wide_table, stacked)}
 
 
 def written(folder, of_poses=csv, of_profiles=None):
@@ -197,15 +195,13 @@ def check_poses(found):
 def test_poses_in_any_syntax_are_the_same(name, tmp_path):
     found, guessed = import_scan(written(tmp_path / "files", POSES[name]), "edge", {}, SAID.get(name, Layout()))
     check_poses(found)
-    assert len(guessed) == 5
+    assert len(guessed) == 6
 
 
 @pytest.mark.parametrize("name", PROFILES)
 def test_profiles_in_any_layout_are_the_same(name, tmp_path):
-    layout = {"codes": Layout(columns="2,3", missing=-999.0), "zeros": Layout(columns="x [mm],z [mm]")}.get(
-        name, Layout()
-    )
-    found, guessed = import_scan(written(tmp_path / "files", tum, PROFILES[name]), "edge", {}, layout)
+    said = {"codes": Layout(columns="2,3", missing=-999), "zeros": Layout(columns="x [mm],z [mm]")}.get(name, Layout())
+    found, guessed = import_scan(written(tmp_path / "files", tum, PROFILES[name]), "edge", {}, said)
     for ours, theirs in zip([found.values[k] for k in check_poses(found)], scan().values, strict=True):
         seen = np.isfinite(theirs[:, 1])
         np.testing.assert_array_equal(np.isfinite(ours[:, 1]), seen)
@@ -249,8 +245,11 @@ def test_a_tool_is_taken_off_and_a_mount_said(tmp_path, name):
 
 
 def test_from_the_command_line_to_a_scan_that_is_read(tmp_path):
-    result = run("import", written(tmp_path / "files", tum), tmp_path / "scan", "--target", "edge")
+    folder = written(tmp_path / "files", tum)
+    (folder / "scan_003.csv").write_text("x,z\n")
+    result = run("import", folder, tmp_path / "scan", "--target", "edge")
     assert result.exit_code == 0, result.output
+    assert [len(v) for v in read_scan(tmp_path / "scan").values].count(0) == 1
     assert "poses.tum: 12, a quaternion (qw, qx, qy, qz), in m (the largest is" in result.output
     check_poses(read_scan(tmp_path / "scan"))
 

@@ -42,6 +42,8 @@ def read_profiles(path: Path, entry: str = "") -> list[Table]:
         return [from_array(path, profile) for profile in values]
     text = closed_text(path)
     lists = {found[1]: found for found in re.finditer(r"(?m)^ *(\w+) *:\s*\[([^\[\]]*)\]", text)}  # YAML
+    if not lists and not re.search(r"\d", re.sub(r"[a-z_]\w*", "", text, flags=re.IGNORECASE)):
+        return [Table(path, {}, [])]  # at most titles
     if not lists:
         return [from_rows(path, lines_of(text))]
     found = lists[chosen(path, lists, entry)]

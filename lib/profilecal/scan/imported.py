@@ -47,7 +47,7 @@ def import_scan(folder, kind: str, sizes: dict, layout: Layout = Layout()) -> tu
     poses, convention = pose_table(of_poses, layout.pose_columns)
     names, profiles, of_axes = profiles_of(of_profiles, len(poses.lines), layout)
     values, taken = seen_in_mm(folder, profiles, of_axes, layout.missing)
-    poses.columns["pose"], order, matched = match(poses, names)
+    poses.columns["pose"], order, matched = match(poses, names, left)
     entries, taken_poses = taken_as(poses, convention, layout.tool)
     measured = "points" if max(map(len, values)) == 1 else "profiles"
     values = [v if len(v) > 1 or measured == "points" else v[:0] for v in values]  # one point is no profile
@@ -57,6 +57,7 @@ def import_scan(folder, kind: str, sizes: dict, layout: Layout = Layout()) -> tu
         f"of         {'the tool given, taken off' if layout.tool else 'the flange (--tool if they are of a tool)'}",
         f"profiles   {names_of(of_profiles)}: {taken}",
         f"matched    {matched}",
+        f"mount      {scan.mount} (--mount)",
         f"target     {scan.description}",
         *([f"left out   {listed(left)}"] if left else []),
         *(f"note       {doubt}" for doubt in frames_of(poses, layout)),
@@ -128,8 +129,9 @@ def pose_table(paths: list[Path], said: str) -> tuple[Table, Convention]:
     return replace(table, columns=columns, units=units), blocks[0]
 
 
-def match(poses: Table, names: Sequence) -> tuple[list[str], list[int], str]:
-    """The poses' labels, which profile each has, and how it was found: by its name or its last number, or by order."""
+def match(poses: Table, names: Sequence, left: Sequence[str]) -> tuple[list[str], list[int], str]:
+    """The poses' labels, which profile each has, and how it was found: by its name or its last number, or by order.
+    `left`: files that were left out."""
     of_poses = next((name for name in LABELS if name in poses.columns), None)
     if not of_poses or not isinstance(names[0], str):
         if len(names) != len(poses.lines):
@@ -144,7 +146,8 @@ def match(poses: Table, names: Sequence) -> tuple[list[str], list[int], str]:
         how = "by their numbers, where one counts from 0 and the other from 1"
     found = [known.get(label, known.get(last_number(label))) for label in labels]
     if None in found:
-        raise ScanError(f"{poses.path}: no profile for pose {labels[found.index(None)]}")
+        among = f"; left out: {listed(left)} (--profiles)" if left else ""
+        raise ScanError(f"{poses.path}: no profile for pose {labels[found.index(None)]}{among}")
     first = [found.index(k) for k in found]
     twice = "profile {} is of pose {} already; give each profile its pose's name, or say which files: --profiles"
     poses.refuse(first < np.arange(len(found)), twice, [names[k] for k in found], [labels[row] for row in first])
@@ -163,10 +166,12 @@ def taken_as(poses: Table, convention: Convention, tool: tuple | None) -> tuple[
     """Entries of a Scan, the tool taken off, and what the poses were taken for."""
     said = {name: poses.units[name] for name in convention.columns}
     columns = {name: poses.columns[name] for name in ("pose", *"xyz", *said)}
-    angle = unit_of(poses.path, said, ("deg", "rad") if len(said) == 3 else ("1",))
-    turned, convert = ("rad", np.degrees) if convention.sequence else ("deg", np.radians)
-    if angle == turned:
-        columns |= zip(said, convert(poses.numbers(said)).T, strict=True)
+    if {*said.values()} == {"deg"} and not convention.sequence:
+        hint = "are angles in some order: say in which, --pose-columns x,y,z and a,b,c; w,p,r or alpha,beta,gamma"
+        raise ScanError(f"{poses.path}: {listed(said)} in degrees {hint}")
+    angle = unit_of(poses.path, said, ("deg", "rad") if convention.sequence else ("1", "rad"))
+    if angle == "rad" and convention.sequence:
+        columns |= zip(said, np.degrees(poses.numbers(said)).T, strict=True)
     along = {axis: poses.units[axis] for axis in "xyz"}
     scale, lengths = to_mm(poses.path, along, poses.numbers("xyz"), REACH_MM[1] / 1000)
     entries = check_poses(replace(poses, columns=columns), scale)
@@ -174,8 +179,9 @@ def taken_as(poses: Table, convention: Convention, tool: tuple | None) -> tuple[
         if not np.isfinite(tool).all():
             raise ScanError(f"--tool is {tool}; expected three mm and three angles")
         of_tool = convention if len(said) == 3 else named("FANUC angles")
-        angles = convert(tool[3:]) if angle == turned else tool[3:]
-        back = inverse(to_rotations(of_tool, [angles])[0], np.array(tool[:3]))
+        angles = np.degrees(tool[3:]) if angle == "rad" and convention.sequence else tool[3:]
+        said_there = Table(Path("--tool"), {}, ["4 to 6"], "numbers")
+        back = inverse(to_rotations(of_tool, [angles], said_there)[0], np.array(tool[:3]))
         R, T = entries["R_base_flange"], entries["T_base_flange"]
         entries |= {"R_base_flange": R @ back[0], "T_base_flange": carry(R, T, back[1]), "orientation": None}
     meaning = f"{convention.meaning} ({', '.join(said)}{angle and f' in {angle}, as said'})"
@@ -204,16 +210,19 @@ def profiles_of(paths: list[Path], count: int, layout: Layout) -> tuple[Sequence
     """Names of profiles, or numbers, their points (n, 2), and the columns of x and z with their units. In one table for
     `count` poses, a profile is the rows that share a label; or a row: x and z in turn, or z under the first row's x."""
     tables = [table for path in paths for table in read_profiles(path, layout.entry)]
-    check_alike(tables)
-    first = tables[0]
+    full = [table for table in tables if table.columns]  # in the others nothing was seen
+    if not full:
+        raise ScanError(f"{names_of(paths)}: no numbers in columns")
+    check_alike(full)
+    first = full[0]
     label = next((name for name in LABELS if name in first.columns), None)
     if not label and len(paths) == 1 and len(first.columns) > 4 and len(first.lines) in (count, count + 1):
         rows = first.numbers(first.columns, blank=True)
         x, z = (rows[:, ::2], rows[:, 1::2]) if len(rows) == count else np.broadcast_arrays(rows[:1], rows[1:])
-        tables = [from_array(first.path, profile) for profile in np.stack([x, z], axis=-1)]
+        full = tables = [from_array(first.path, profile) for profile in np.stack([x, z], axis=-1)]
     of_rows = np.array(first.columns.pop(label, ()))
-    axes = x_and_z(tables, layout.columns)
-    points = [table.numbers(axes, blank=True) for table in tables]
+    axes = x_and_z(full, layout.columns)
+    points = [table.numbers(axes, blank=True) if table.columns else np.empty((0, 2)) for table in tables]
     names = [path.stem for path in paths] if len(points) == len(paths) > 1 else range(len(points))
     if label and len(paths) == 1:
         names = [*dict.fromkeys(of_rows.tolist())]

@@ -21,6 +21,8 @@ def naming(path: Path):
     except ScanError:
         raise
     except UnicodeDecodeError as error:
+        if b"\0" in error.object:
+            raise ScanError(f"{path}: binary data; save it as text") from error
         line, byte = error.object.count(b"\n", 0, error.start) + 1, error.object[error.start : error.start + 1]
         raise ScanError(f"{path}: not UTF-8 text, {byte!r} in line {line}; save it as UTF-8") from error
     except OSError as error:
@@ -90,7 +92,8 @@ def remove(path: Path) -> None:
 
 
 Rows = list[tuple[int, list[str]]]  # lines' numbers and fields
-NOTHING = ("", "nan", "-nan", ".nan", "na", "n/a", "null", "none", "-", ".")  # cells of points that were not seen
+# cells of points that were not seen
+NOTHING = ("", "nan", "-nan", ".nan", "-nan(ind)", "1.#qnan", "na", "n/a", "#n/a", "null", "none", "-", "--", ".")
 
 
 def shown(value) -> str:

@@ -86,10 +86,14 @@ def read_spec(entries: dict, path="specification") -> Spec:
 
 
 def simulate_scan(spec: Spec) -> Scan:
-    """The scan that a robot with these errors and a scanner with this noise would record, and its truth."""
+    """The scan that a robot with these errors and a scanner with this noise would record, and its truth. Raises
+    ScanError where it shows nothing."""
     rng = np.random.default_rng(spec.seed)
     scene = scene_of(spec, rng)
-    return record(scene, taken(scene, spec, rng), spec, rng)
+    scan = record(scene, taken(scene, spec, rng), spec, rng)
+    if not any(map(len, scan.values)):
+        raise ScanError("from none of these poses is anything in the scanner's range: look at [guess] and [scanner]")
+    return scan
 
 
 def scene_of(spec: Spec, rng: np.random.Generator) -> Scene:
