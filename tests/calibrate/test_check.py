@@ -45,12 +45,6 @@ def test_check_says_that_chords_do_not_tell_the_noise():
     assert any("what a disk shows does not tell it" in line for line in check(simulate_scan(Spec(kind="disk"))))
 
 
-def test_exchanged_axes_are_asked_about():
-    scan = simulate_scan(Spec(kind="plane", measured="profiles"))
-    lines = check(replace(scan, values=tuple(v[:, ::-1] for v in scan.values)))
-    assert any("are they exchanged?" in line for line in lines)
-
-
 def test_check_rarely_doubts_a_good_scan():
     scans = (scan_of(Spec(seed=seed)) for seed in range(60))
     doubted = sum(bool(affine_outliers(as_observations(scan, observe(scan)))) for scan in scans)

@@ -54,14 +54,13 @@ WRONG = {
     "FANUC angles w, p, r in radians": misread("rotation vector", "FANUC angles", np.radians),
     "a rotation vector in degrees": misread("FANUC angles", "rotation vector", np.degrees),
     "qw, qx, qy, qz read as x, y, z, w": misread("quaternion", "quaternion", lambda q: q[:, [1, 2, 3, 0]]),
-    "every rotation inverted (matrices transposed)": misread(
-        "matrix", "matrix", lambda block: block.reshape(-1, 3, 3).mT.reshape(-1, 9)
-    ),
+    "every rotation inverted": misread("matrix", "matrix", lambda block: block.reshape(-1, 3, 3).mT.reshape(-1, 9)),
     "every pose inverted (base in flange)": inverted,
     'mount = "eye-': on_another_mount,
     "the poses' x, y, z in m instead of mm": lambda s: replace(s, T_base_flange=s.T_base_flange / 1000),
     "taken from the next row's pose": lambda s: replace(s, values=(*s.values[1:], s.values[0])),
     "taken from the previous row's pose": lambda s: replace(s, values=(s.values[0][:0], *s.values[:-1])),
+    "the poses' x, y, z in inches instead of mm": lambda s: replace(s, T_base_flange=s.T_base_flange / 25.4),
 }
 
 

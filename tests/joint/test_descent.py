@@ -51,6 +51,14 @@ def test_points_of_a_few_poses_keep_their_precision():
     np.testing.assert_array_equal(few.covariance, 1 + few.points[..., 0] ** 2)
 
 
+def test_points_of_a_batch_are_moved_onto_the_targets_of_their_own_problems():
+    scene, rng = many("plane", 3, 5), np.random.default_rng(1)
+    (term,), (placement,) = Problem([scene.noisy(SIGMA, rng)], KNOWN).terms, scene.truth.placements
+    z = term.linearise(scene.truth, placement)
+    left = term.on_target(z).linearise(scene.truth, placement)
+    assert np.abs(left[:, -1]).max() < 1e-9 < SIGMA < np.abs(z[:, -1]).max()
+
+
 def of_unlike_precision(scene, rng):
     """Noisy observations of which each point has a covariance of its own, between 1/10 and 3 noise levels large."""
     clean = scene.observations

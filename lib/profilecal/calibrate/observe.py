@@ -67,9 +67,6 @@ def from_profiles(scan: Scan) -> Seen:
     remarks = [f"{len(labels)} left out, {reason}: {', '.join(labels)}" for reason, *labels in reasons.values()]
     poses = np.flatnonzero([feature.found for feature in features])
     found = [feature for feature in features if feature.found]
-    x, z = np.sign(np.concatenate(scan.values)).T
-    if {*z} >= {-1, 1} and not {*x} >= {-1, 1}:
-        remarks.append("all x have one sign, and z has both: are they exchanged?")
     most = max((len(feature.points) for feature in found), default=1)
     points = np.full((len(poses), most, 2), np.nan)
     for row, feature in zip(points, found, strict=True):
