@@ -8,11 +8,11 @@ from many_scenes import KINDS, SIGMA
 from scipy.linalg import block_diag
 from scipy.stats import multivariate_normal
 
-from profilecal.calibrate.plausibility import of_robot, score
+from profilecal.calibrate.plausibility import of_robot
 from profilecal.geometry.noise import ROBOT, Noise, Systematic
 from profilecal.geometry.poses import inverse, rotations
 from profilecal.joint.descent import refine
-from profilecal.joint.linear_model import LinearModel
+from profilecal.joint.linear_model import LinearModel, score
 from profilecal.joint.observations import PoseGroups, of_scanner, of_target
 from profilecal.joint.problem import Problem
 from profilecal.plan.scan_model import marginal

@@ -12,6 +12,7 @@ import numpy as np
 from scipy.special import ndtri
 
 from profilecal.geometry.noise import FALSE_ALARM
+from profilecal.joint.linear_model import score
 from profilecal.joint.observability import WEAK, of_covariance
 from profilecal.joint.observations import Perturbation, of_scanner, of_target
 from profilecal.joint.solution import Solution
@@ -51,16 +52,6 @@ def systematic_tests(solution: Solution) -> list[Finding]:
         for error, size, sd, move, good in zip(tried, sizes, sds, moves.T[:, :6], seen, strict=True)
         if good
     ]
-
-
-def score(normal, n: int, precision) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Rao's score test (1948) of d further directions D, each alone: the size that the residuals ask for, its standard
-    deviation (d,), and by how much one unit of it moves x (n, d). `normal`: [A | D | r]ᵀ C⁻¹ [A | D | r]; `precision`
-    (n, n): Π."""
-    A, D, r = slice(n), slice(n, -1), -1
-    moves = -np.linalg.solve(normal[A, A] + precision, normal[A, D])
-    own = np.diag(normal)[D] + np.sum(normal[A, D] * moves, axis=0)  # what x cannot imitate
-    return -(normal[D, r] + moves.T @ normal[A, r]) / own, own**-0.5, moves
 
 
 def of_robot() -> list[Perturbation]:

@@ -1,7 +1,7 @@
 """One calibration for every target: the sensor pose and where each target is, in one maximum-likelihood step.
 
 In: `Observations`, what the scanner saw of each target and the flange poses that the robot reports, and a `Noise`. Out:
-a `Solution`, the sensor pose with its covariance and what speaks for and against it; or states for noise studies.
+a `Solution`, the sensor pose with its covariance and what speaks for and against it.
 
 A residual is an observed point minus where the scan plane meets the target, in the scan plane. A target says how it
 changes with the target's own frame (`targets.target`); everything else is the same for all of them and stands here.

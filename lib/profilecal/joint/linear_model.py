@@ -9,7 +9,8 @@ s_0 is the scanner's noise over the assumed one. With the variances v = s² and 
 
     C = v_0 1 + Σ_k v_k M_k    H = Aᵀ C⁻¹ A + Π    V = H⁻¹    x̂ = -V Aᵀ C⁻¹ r    P = C⁻¹ - C⁻¹ A V Aᵀ C⁻¹
 
-Two answers: `posterior`, what is known of x; `left_out`, how far profiles are from what the others say.
+Three answers: `posterior`, what is known of x; `left_out`, how far profiles are from what the others say; `score`, what
+a further error would have to be.
 
 Profiles of different orientations share no error. Orientations (or poses, or profiles, if only these share errors) with
 equally many profiles are one batch, a `Block`.
@@ -174,6 +175,16 @@ class LinearModel:
             kept = self.kept[b.profiles]
             errors[b.profiles[kept]], covariances[b.profiles[kept]] = error[kept][..., 0], covariance[kept]
         return errors, covariances
+
+
+def score(normal, n: int, precision) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rao's score test (1948) of d further directions D, each alone: the size that the residuals ask for, its standard
+    deviation (d,), and by how much one unit of it moves x (n, d). `normal`: [A | D | r]ᵀ C⁻¹ [A | D | r]; `precision`
+    (n, n): Π."""
+    A, D, r = slice(n), slice(n, -1), -1
+    moves = -np.linalg.solve(normal[A, A] + precision, normal[A, D])
+    own = np.diag(normal)[D] + np.sum(normal[A, D] * moves, axis=0)  # what x cannot imitate
+    return -(normal[D, r] + moves.T @ normal[A, r]) / own, own**-0.5, moves
 
 
 def of_equal_size(orientation) -> list[np.ndarray]:
