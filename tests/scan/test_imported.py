@@ -337,6 +337,7 @@ MISTAKES = {
     "other tool": (fanuc, edited("CALIB.LS", "UT : 0", "UT : 3"), "CALIB.LS: tool differs between poses; expected"),
     "reflection": (matrices, lambda f: np.savetxt(f / "pose4.txt", -np.eye(4)), "pose pose4: matrix with determ"),
     "other file": (matrices, lambda f: (f / "pose4.txt").rename(f / "pose44.txt"), "no profile for pose pose44"),
+    "a word": (as_json, lambda f: (f / "poses.json").write_text('["a"]'), "poses.json: no numbers in columns"),
     "not text": (tum, lambda f: (f / "poses.tum").write_bytes(b"1 2\xff"), "poses.tum: not UTF-8 text"),
     "far": (csv, edited("scan_001.csv", "z\n", "z\n1,-99999.9\n"), r"files: the profiles .* \(--missing\)"),
     "word": (csv, edited("scan_001.csv", "z\n", "z\n1,2\n3,oops\n"), "scan_001.csv line 3: z is 'oops'; exp"),

@@ -15,7 +15,6 @@ from profilecal.targets import TARGETS
 from profilecal.targets.ball import Ball
 from profilecal.targets.disk import Disk
 from profilecal.targets.edge import SPECIMENS
-from profilecal.targets.plane import Plane
 
 KINDS = list(TARGETS)
 
@@ -112,7 +111,7 @@ def test_a_knife_blade_is_the_same_from_both_sides():
 
 def test_a_face_shows_on_both_sides_of_what_lies_on_it():
     arc = np.array([[[-5.0, 80], [0, 75], [5, 80]]])
-    (outline,) = Plane(np.zeros(3), np.r_[0, 0, 1.0]).behind(arc, np.eye(3)[None], np.array([[0, 0, -100.0]]))
+    (outline,) = TARGETS["plane"](np.zeros(3), np.r_[0, 0, 1.0]).behind(arc, np.eye(3)[None], np.array([[0, 0, -100]]))
     assert outline.tolist() == [[-500, 100], [-5, 100], *arc[0].tolist(), [5, 100], [500, 100]]
 
 

@@ -64,7 +64,7 @@ def read_pose(path) -> tuple[np.ndarray, np.ndarray, float, bool]:
     try:
         found = json.loads(Path(path).read_bytes())
         to_hand = "T_base_sensor" in found
-        T = np.asarray(list(found["T_base_sensor" if to_hand else "T_flange_sensor"]), dtype=float)
+        T = np.asarray(list(found["T_base_sensor" if to_hand else "T_flange_sensor"]), dtype=float)  # null has no list
         units = np.repeat([1, np.pi / 180], 3)
         stated = found.get("covariance_total", found["covariance"])  # old files have no total
         covariance = np.asarray(stated, dtype=float) * units[:, None] * units

@@ -42,10 +42,8 @@ def read_profiles(path: Path, entry: str = "") -> list[Table]:
         return [from_array(path, profile) for profile in values]
     text = closed_text(path)
     lists = {found[1]: found for found in re.finditer(r"(?m)^ *(\w+) *:\s*\[([^\[\]]*)\]", text)}  # YAML
-    if not lists and not re.search(r"\d", re.sub(r"[a-z_]\w*", "", text, flags=re.IGNORECASE)):
-        return [Table(path, {}, [])]  # at most titles
-    if not lists:
-        return [from_rows(path, lines_of(text))]
+    if not lists:  # without a number there are titles at most
+        return [from_rows(path, lines_of(text)) if re.search(r"\b\d", text) else Table(path, {}, [])]
     found = lists[chosen(path, lists, entry)]
     line, fields = line_of(text, found.start(1)), found[2].split(",")
     return [from_rows(path, [(line, fields[j : j + 3]) for j in range(0, len(fields), 3)])]  # x, 0, z
@@ -104,7 +102,7 @@ def in_lists(text: str) -> Rows:
     """Poses in JSON whose numbers are in lists of their own: a matrix, a position beside a quaternion."""
     try:
         poses = json.loads(text, object_hook=lambda named: [*named.values()])
-        while len(poses) == 1:
+        while isinstance(poses, list) and len(poses) == 1:
             (poses,) = poses
         apart = all(isinstance(part, list) for pose in poses for part in pose)
     except (ValueError, TypeError, RecursionError):  # another language, or numbers beside each other

@@ -212,7 +212,7 @@ def profiles_of(paths: list[Path], count: int, layout: Layout) -> tuple[Sequence
     tables = [table for path in paths for table in read_profiles(path, layout.entry)]
     full = [table for table in tables if table.columns]  # in the others nothing was seen
     if not full:
-        raise ScanError(f"{names_of(paths)}: no numbers in columns")
+        raise ScanError(f"{paths[0]}: no numbers in columns")
     check_alike(full)
     first = full[0]
     label = next((name for name in LABELS if name in first.columns), None)
