@@ -41,11 +41,6 @@ def descend(moments, move, state: State, iterations: int, tolerance: float = 1e-
         for _ in range(iterations):
             step, promise = damped_step(here.normal, factor)
             small = reach(step) < tolerance
-            early = small & (growth == 2.0) & (factor > undamped)  # perhaps small by damping only
-            if early.any():
-                factor = np.where(early, undamped, factor)
-                step, promise = damped_step(here.normal, factor)
-                small = reach(step) < tolerance
             trial = move(here.state, step)
             here = replace(here, state=trial.where(small & ~done, here.state))  # nothing to look at there
             done |= small | (promise <= 1e-14 * here.loss)  # less is rounding
@@ -70,14 +65,11 @@ def reach(step) -> np.ndarray:
 def damped_step(normal, damping) -> tuple[np.ndarray, np.ndarray]:
     """The steps (B, n) that normal equations (B, n + 1, n + 1) ask for, damped by (B,) relative to each unknown's own
     size, and by how much they promise to lower the loss, (B,)."""
-    size = np.sqrt(np.einsum("bii->bi", normal))
-    size = np.where(size > 0, size, 1.0)
-    size[:, -1] = 1.0  # of the residual
-    relative = normal / (size[:, :, None] * size[:, None])
-    relative[~np.isfinite(relative)] = 0.0
-    H, g = relative[:, :-1, :-1] + damping[:, None, None] * np.eye(size.shape[1] - 1), relative[:, :-1, -1]
-    step = -np.linalg.solve(H, g[..., None])[..., 0]
-    return step / size[:, :-1], (step * (damping[:, None] * step - g)).sum(axis=1)
+    H, g = np.nan_to_num(normal[:, :-1, :-1]), normal[:, :-1, -1]
+    size = np.einsum("bii->bi", H)
+    more = damping[:, None] * np.where(size > 0, size, 1.0)
+    step = -np.linalg.solve(H + more[:, None] * np.eye(size.shape[1]), g[..., None])[..., 0]
+    return step, (step * (more * step - g)).sum(axis=1)
 
 
 def search(observations: Sequence[Observations], noise: Noise, starts=()) -> State:
