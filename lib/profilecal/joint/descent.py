@@ -32,7 +32,6 @@ def descend(moments, move, state: State, iterations: int, tolerance: float = 1e-
 
     Ends where the undamped step is below `tolerance` (rad, and a hundred times that in mm), promises less than
     rounding, or, along a flat valley, does not keep a promise that noise would hide."""
-    flat = 1e-6  # of a loss: of a thousand residuals, a thirtieth of a standard deviation
     undamped = 1e-12
     B = len(state.rotation)
     factor, growth, done = np.full(B, damping), np.full(B, 2.0), np.zeros(B, dtype=bool)
@@ -49,7 +48,6 @@ def descend(moments, move, state: State, iterations: int, tolerance: float = 1e-
             there = moments(trial)
             kept = np.nan_to_num((here.loss - there.loss) / promise, nan=-1.0)
             better = (there.loss <= here.loss) & ~done  # false for NaN
-            done |= (promise <= flat * here.loss) & (kept < 0.9)
             here = there.where(better, here)
             eased = factor * np.clip(1 - (2 * np.minimum(kept, 1) - 1) ** 3, 0.01, 2)
             factor = np.clip(np.where(better, eased, factor * growth), undamped, 1e8)
