@@ -5,9 +5,10 @@ import functools
 import numpy as np
 
 from profilecal.geometry.noise import Noise
-from profilecal.joint.observations import State, pose_error
+from profilecal.geometry.poses import pose_error
 from profilecal.simulate.scene import Scene, random_scene, stack
 from profilecal.targets import TARGETS
+from profilecal.targets.observations import State
 
 KINDS = list(TARGETS)
 SMALL = {"disk": {"positions": 20}}

@@ -5,7 +5,8 @@ from functools import wraps
 import numpy as np
 
 from profilecal.calibrate.calibration import Calibration, calibrate
-from profilecal.joint.observations import normalised_square, pose_error
+from profilecal.geometry.noise import normalised_square
+from profilecal.geometry.poses import pose_error
 from profilecal.scan.scan import Scan
 from profilecal.simulate.spec import Spec, simulate_scan
 

@@ -17,7 +17,7 @@ from simulated import error_of
 
 from profilecal.calibrate.calibration import calibrate
 from profilecal.calibrate.observe import check
-from profilecal.joint.observations import normalised_square
+from profilecal.geometry.noise import normalised_square
 from profilecal.scan.folder import read_scan
 from profilecal.scan.scan import ScanError
 

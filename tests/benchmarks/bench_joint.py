@@ -12,13 +12,13 @@ from scipy.spatial.transform import Rotation
 from profilecal.calibrate.observe import observe_all
 from profilecal.calibrate.plausibility import systematic_tests
 from profilecal.geometry.noise import Noise
-from profilecal.joint.observations import Observations, State
 from profilecal.joint.prior import prior_from
 from profilecal.joint.problem import Problem
 from profilecal.joint.solve import solve
 from profilecal.papers.monte_carlo import estimate
 from profilecal.simulate.scene import random_scene
 from profilecal.simulate.spec import Spec, simulate_scan
+from profilecal.targets.observations import Observations, State
 
 SIGMA, TRIALS, AGREEMENT = 0.05, 320, 1e-8
 

@@ -8,8 +8,7 @@ from scipy.stats import norm
 
 from profilecal.calibrate.calibration import calibrate
 from profilecal.calibrate.verify import leave_out
-from profilecal.geometry.noise import Noise
-from profilecal.joint.observations import normalised_square
+from profilecal.geometry.noise import Noise, normalised_square
 from profilecal.simulate.spec import Spec, simulate_scan
 from profilecal.targets import TARGETS
 

@@ -9,9 +9,8 @@ from command import run
 from simulated import calibration_of, scan_of
 
 from profilecal.calibrate.verify import linearised, verify
-from profilecal.geometry.noise import Noise
-from profilecal.geometry.poses import homogeneous, rotations
-from profilecal.joint.observations import normalised_square, pose_error
+from profilecal.geometry.noise import Noise, normalised_square
+from profilecal.geometry.poses import homogeneous, pose_error, rotations
 from profilecal.scan.folder import write_scan
 from profilecal.scan.scan import ScanError
 from profilecal.simulate.spec import Spec, simulate_scan

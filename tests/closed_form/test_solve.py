@@ -5,7 +5,7 @@ import pytest
 
 from profilecal.closed_form import closed_form
 from profilecal.geometry.checks import UnobservableError
-from profilecal.joint.observations import pose_error
+from profilecal.geometry.poses import pose_error
 from profilecal.simulate.scene import random_scene
 
 

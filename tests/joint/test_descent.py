@@ -10,10 +10,9 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2, f
 
 from profilecal.closed_form.edge import edge_equations
-from profilecal.geometry.noise import Noise
-from profilecal.geometry.poses import angle_between
+from profilecal.geometry.noise import Noise, normalised_square
+from profilecal.geometry.poses import angle_between, pose_error
 from profilecal.joint.descent import refine, thin
-from profilecal.joint.observations import normalised_square, pose_error
 from profilecal.joint.prior import prior_from
 from profilecal.joint.problem import Problem
 from profilecal.joint.solve import solve

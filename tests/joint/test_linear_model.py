@@ -13,10 +13,11 @@ from profilecal.geometry.noise import ROBOT, Noise, Systematic
 from profilecal.geometry.poses import inverse, rotations
 from profilecal.joint.descent import refine
 from profilecal.joint.linear_model import LinearModel, score
-from profilecal.joint.observations import PoseGroups, of_scanner, of_target
+from profilecal.joint.prior import of_scanner, of_target
 from profilecal.joint.problem import Problem
 from profilecal.plan.scan_model import marginal
 from profilecal.simulate.scene import random_scene
+from profilecal.targets.observations import PoseGroups
 
 # Two targets: profiles 0 to 4 have five residuals, 5 to 8 three; six poses of three orientations
 POSE = np.array([0, 0, 1, 2, 3, 4, 5, 5, 2])

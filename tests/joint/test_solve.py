@@ -7,9 +7,8 @@ import pytest
 from many_scenes import SIGMA, mount_of
 
 from profilecal.calibrate.observe import affine_noise
-from profilecal.geometry.noise import Noise
-from profilecal.geometry.poses import directions, rotations
-from profilecal.joint.observations import normalised_square, pose_error
+from profilecal.geometry.noise import Noise, normalised_square
+from profilecal.geometry.poses import directions, pose_error, rotations
 from profilecal.joint.solve import solve
 from profilecal.papers.edge_study import EdgePlan, edge_scenes, observations_of, sense_edge
 from profilecal.simulate.scene import random_scene

@@ -8,7 +8,7 @@ from scipy.differentiate import jacobian
 
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import carry, directions, rotations
-from profilecal.joint.observations import of_scanner
+from profilecal.joint.prior import of_scanner
 from profilecal.joint.problem import Problem
 from profilecal.simulate.scene import random_scene
 from profilecal.targets import TARGETS

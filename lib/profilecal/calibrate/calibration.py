@@ -9,13 +9,13 @@ from profilecal.calibrate.observe import names, observe_all, stated_noise
 from profilecal.calibrate.other_conventions import better_readings
 from profilecal.geometry.checks import UnobservableError
 from profilecal.geometry.noise import ROBOT, Noise
+from profilecal.geometry.observability import HAND_PRECISION, name_direction
 from profilecal.geometry.poses import carry, xyz_angles_from_rotation
-from profilecal.joint.observability import HAND_PRECISION, name_direction
-from profilecal.joint.observations import Observations
 from profilecal.joint.prior import FINEST_MM, prior_from
 from profilecal.joint.solution import Solution
 from profilecal.joint.solve import solve
 from profilecal.scan.scan import Scan, ScanError
+from profilecal.targets.observations import Observations
 
 
 @dataclass(frozen=True)

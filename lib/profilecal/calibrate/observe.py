@@ -8,10 +8,10 @@ import numpy as np
 
 from profilecal.geometry.fitting import affine_residuals
 from profilecal.geometry.noise import FALSE_ALARM, chi2_limit
-from profilecal.joint.observability import LEAST_TURN_DEG, name_axis, turns
-from profilecal.joint.observations import Observations
+from profilecal.geometry.observability import LEAST_TURN_DEG, name_axis, turns
 from profilecal.scan.scan import Scan, ScanError
 from profilecal.scan.tables import listed
+from profilecal.targets.observations import Observations
 from profilecal.targets.target import find_features
 
 

@@ -16,13 +16,13 @@ from scipy.spatial.transform import Rotation
 from profilecal.calibrate.observe import Seen, as_observations
 from profilecal.geometry.noise import Noise
 from profilecal.joint.descent import refine, search, search_among_outliers, thin
-from profilecal.joint.observations import Observations
 from profilecal.joint.prior import FINEST_MM
 from profilecal.joint.problem import Problem
 from profilecal.joint.solve import LARGEST_ERROR_MM
 from profilecal.scan.conventions import CONVENTIONS, from_rotations, named
 from profilecal.scan.folder import REACH_MM
 from profilecal.scan.scan import Scan
+from profilecal.targets.observations import Observations
 
 UNITS = {"m instead of mm": 1000.0, "mm instead of m": 0.001, "cm instead of mm": 10.0, "inches instead of mm": 25.4}
 SEQUENCES = (  # of three angles, as scipy names them

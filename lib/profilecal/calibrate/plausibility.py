@@ -12,9 +12,9 @@ import numpy as np
 from scipy.special import ndtri
 
 from profilecal.geometry.noise import FALSE_ALARM
+from profilecal.geometry.observability import WEAK, of_covariance
 from profilecal.joint.linear_model import score
-from profilecal.joint.observability import WEAK, of_covariance
-from profilecal.joint.observations import Perturbation, of_scanner, of_target
+from profilecal.joint.prior import Perturbation, of_scanner, of_target
 from profilecal.joint.solution import Solution
 from profilecal.joint.solve import LARGEST_ERROR_MM, LARGEST_REJECTED
 

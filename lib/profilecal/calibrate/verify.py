@@ -21,14 +21,14 @@ from profilecal.calibrate.observe import stated_noise
 from profilecal.calibrate.plausibility import distance
 from profilecal.geometry.checks import check_array, check_rotations
 from profilecal.geometry.noise import FALSE_ALARM, chi2_limit
-from profilecal.geometry.poses import carry
+from profilecal.geometry.observability import HAND_PRECISION, Spectrum, name_direction, of_covariance
+from profilecal.geometry.poses import carry, pose_error
 from profilecal.joint.error_sizes import likeliest
-from profilecal.joint.observability import HAND_PRECISION, Spectrum, name_direction, of_covariance
-from profilecal.joint.observations import State, pose_error
 from profilecal.joint.prior import Law, prior_from
 from profilecal.joint.problem import Problem
 from profilecal.joint.solve import squares
 from profilecal.scan.scan import Scan, ScanError
+from profilecal.targets.observations import State
 
 
 @dataclass(frozen=True)

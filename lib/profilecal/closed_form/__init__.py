@@ -11,7 +11,7 @@ from profilecal.closed_form.edge import REFUSED, EdgeSolution, edge_equations, r
 from profilecal.closed_form.two_step import TwoStepSolution, check_line, check_orientations
 from profilecal.geometry.checks import UnobservableError, check_count
 from profilecal.geometry.fitting import affine_residuals
-from profilecal.joint.observations import Observations
+from profilecal.targets.observations import Observations
 
 
 def closed_form(

@@ -1,7 +1,8 @@
-"""Standard deviations of what goes wrong in a measurement."""
+"""Standard deviations of what goes wrong in a measurement, and χ²."""
 
 from dataclasses import dataclass
 
+import numpy as np
 from scipy.special import chdtri
 
 FALSE_ALARM = 0.01  # the chance that one kind of test doubts anything at all of a good scan
@@ -51,3 +52,8 @@ class Systematic:
 def chi2_limit(chance, freedom):
     """What χ² of some degrees of freedom exceeds by a chance: `chi2.isf` without the long import of `scipy.stats`."""
     return chdtri(freedom, chance)
+
+
+def normalised_square(covariance, error) -> np.ndarray:
+    """Errors (..., 6) squared over their covariances (..., 6, 6): follows χ² with 6 degrees of freedom if honest."""
+    return np.einsum("...i,...i", error, np.linalg.solve(covariance, error[..., None])[..., 0])

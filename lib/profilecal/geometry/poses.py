@@ -47,6 +47,13 @@ def rotation_groups(R) -> np.ndarray:
     return group
 
 
+def pose_error(rotation, translation, true_rotation, true_translation) -> np.ndarray:
+    """δ (..., 6), mm and rad, sensor frame, with T_true = T · exp(δ) to first order: what the covariance is of."""
+    turn = rotation.mT @ true_rotation
+    shift = rotation.mT @ (true_translation - translation)[..., None]
+    return np.concatenate([shift[..., 0], Rotation.from_matrix(turn).as_rotvec()], axis=-1)
+
+
 def homogeneous(rotation, translation) -> np.ndarray:
     """4×4 matrices (..., 4, 4) from rotations (..., 3, 3) and translations (..., 3)."""
     rotation, translation = np.asarray(rotation, dtype=float), np.asarray(translation, dtype=float)

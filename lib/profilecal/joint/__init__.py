@@ -10,5 +10,5 @@ The first axis is a batch of problems; the linear model and `solve` take one.
 
 `problem` arranges the residuals of all targets (`residuals`), `descent` finds the least squares. At a state all else is
 one linear Gaussian model (`linear_model`): errors of the robot that profiles share, and what may be wrong at every pose
-alike (`observations`), how large it all may be (`prior`), and is (`error_sizes`).
+alike; how large it all may be (`prior`), and is (`error_sizes`).
 """

@@ -8,8 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import angle_between
-from profilecal.joint.observations import Observations, State
 from profilecal.joint.problem import Fit, Problem
+from profilecal.targets.observations import Observations, State
 
 POSES = 40  # the search looks at that many
 GRID = Rotation.create_group("I").as_matrix()  # 60 rotations: any rotation is within 45° of one of them
@@ -30,9 +30,7 @@ def descend(moments, move, state: State, iterations: int, tolerance: float = 1e-
     """Levenberg and Marquardt on what `moments(state)` says; `move(state, step)` takes a step. Each problem has its own
     damping, which follows how much of what a step promised came true (Nielsen 1999).
 
-    Ends where the undamped step is below `tolerance` (rad, and a hundred times that in mm), promises less than
-    rounding, or, along a flat valley, does not keep a promise that noise would hide."""
-    undamped = 1e-12
+    Ends where a step is below `tolerance` (rad, and a hundred times that in mm) or promises less than rounding."""
     B = len(state.rotation)
     factor, growth, done = np.full(B, damping), np.full(B, 2.0), np.zeros(B, dtype=bool)
     with np.errstate(all="ignore"):
@@ -50,7 +48,7 @@ def descend(moments, move, state: State, iterations: int, tolerance: float = 1e-
             better = (there.loss <= here.loss) & ~done  # false for NaN
             here = there.where(better, here)
             eased = factor * np.clip(1 - (2 * np.minimum(kept, 1) - 1) ** 3, 0.01, 2)
-            factor = np.clip(np.where(better, eased, factor * growth), undamped, 1e8)
+            factor = np.clip(np.where(better, eased, factor * growth), 1e-12, 1e8)
             growth = np.where(better, 2.0, 2 * growth)
     return here
 
@@ -97,12 +95,8 @@ def started(grid, starts=()) -> tuple[np.ndarray, np.ndarray]:
 
 
 def onward(problem: Problem, state: State, steps: int) -> Fit:
-    """Where that many steps lead, best first."""
-    return descend(problem.moments, placing(problem), state, steps).best_first
-
-
-def placing(problem: Problem):
-    """A `problem.move` that then places targets anew where that is best (variable projection; Golub, Pereyra 1973)."""
+    """Where that many steps lead, best first. After each, targets are placed anew where that is best (variable
+    projection; Golub and Pereyra 1973)."""
 
     def move(state, step):
         moved = problem.move(state, step)
@@ -112,7 +106,7 @@ def placing(problem: Problem):
         )
         return replace(moved, placements=placements)
 
-    return move
+    return descend(problem.moments, move, state, steps).best_first
 
 
 def search_among_outliers(observations: Sequence[Observations], noise: Noise, found: State) -> State:

@@ -23,8 +23,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from profilecal.joint.observability import HAND_PRECISION
-from profilecal.joint.observations import PoseGroups
+from profilecal.geometry.observability import HAND_PRECISION
+from profilecal.targets.observations import PoseGroups
 
 ROUNDING = 1e-13  # of the largest entry of a matrix of products
 
@@ -34,7 +34,7 @@ class Block:
     """B orientations with Q profiles of q rows each, m = Q q in all."""
 
     profiles: np.ndarray  # (B, Q) which profiles they are
-    M: np.ndarray  # (k, B, m, m) Z Zᵀ of each error of the robot
+    M: np.ndarray  # (1 + k, B, m, m) 1 of the scanner's noise, Z Zᵀ of each error of the robot
     Y: np.ndarray  # (B, m, n + 1) [A | r]
 
 
@@ -80,8 +80,8 @@ class LinearModel:
         """The block of some profiles (B, Q)."""
         B, Q = profiles.shape
         e, y = (rows[profiles].reshape(B, Q * self.q, -1) for rows in (self.E, self.Y))
-        M = np.empty((len(self.names), B, Q * self.q, Q * self.q))
-        for name, unit, out in zip(self.names, self.units, M, strict=True):
+        M = np.tile(np.eye(Q * self.q), (1 + len(self.names), B, 1, 1))
+        for name, unit, out in zip(self.names, self.units, M[1:], strict=True):
             number = groups.sharing(name)[profiles]
             shared = (number[:, :, None] == number[:, None]).repeat(self.q, axis=1).repeat(self.q, axis=2)
             out[:] = e * unit @ e.mT * shared
@@ -93,7 +93,8 @@ class LinearModel:
         other.kept, other.blocks = kept, []
         for b in self.blocks:
             there = other.kept[b.profiles].repeat(self.q, axis=1)[:, :, None]
-            other.blocks.append(Block(b.profiles, b.M * there * there.mT, b.Y * there))
+            M = np.concatenate([b.M[:1], b.M[1:] * there * there.mT])
+            other.blocks.append(Block(b.profiles, M, b.Y * there))
         return other
 
     def without_robot(self) -> "LinearModel":
@@ -114,7 +115,7 @@ class LinearModel:
         (rest, count), n, v0 = self.rest_of_kept, self.n, v[:, 0]
         N, log_det_C, solved = rest / v0[:, None, None], count * np.log(v0), []
         for b in self.blocks:
-            C = np.tensordot(v[:, 1:], b.M, 1) + v0[:, None, None, None] * np.eye(b.Y.shape[1])
+            C = np.tensordot(v, b.M, 1)
             log_det_C = log_det_C + np.linalg.slogdet(C)[1].sum(axis=1)
             inverse = np.linalg.inv(C)
             X = inverse @ b.Y
@@ -142,9 +143,8 @@ class LinearModel:
         for b, (inverse, X) in zip(self.blocks, found.solved, strict=True):
             CA, w = X[0, :, :, :n], X[0] @ x
             less = inverse[0] - CA @ V @ CA.mT - w[:, :, None] * w[:, None]
-            slope[0] += np.einsum("bii->", less)
-            slope[1:] += np.tensordot(b.M, less, 3)
-            F = np.stack([w, *(b.M @ w[:, :, None])[..., 0]], axis=-1)  # M_k w, of the scanner w
+            slope += np.tensordot(b.M, less, 3)
+            F = np.moveaxis((b.M @ w[:, :, None])[..., 0], 0, -1)  # M_k w
             within += (F.mT @ inverse[0] @ F).sum(axis=0)
             across += (CA.mT @ F).sum(axis=0)
         return -slope / 2, (within - across.T @ V @ across) / 2

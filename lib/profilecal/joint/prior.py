@@ -1,10 +1,14 @@
 """What is believed of the errors before a solution: how large each may be, and which are known.
 
+Nobody knows the scanner's and the target's systematic errors, but everybody knows about how large they can be. They are
+considered: the answer gives way to them as far as they are likely (Schmidt 1966). Those of the robot are only tested
+(`calibrate.plausibility`).
+
 The size of a robot's error follows a half-t law (Gelman 2006), whose scale is what the user states or what robots
 usually do. What is stated may be far too small, a data sheet's repeatability for instance: its law has the longer tail.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -124,6 +128,47 @@ class Law:
         v = np.tile(self.scales**2, (len(y), 1))
         v[:, self.free] = t**2
         return v, 2 * t * first, 2 * (first**2 + t * second)
+
+
+@dataclass(frozen=True)
+class Perturbation:
+    """One error, which moves points, positions of the robot, or a length by so much for one unit of its size."""
+
+    words: str  # with a place for the size, and [one word|another] for its sign
+    unit: float  # what the size is to be multiplied by, for the words
+    prior: str = ""  # the entry of `Systematic` that says how large it can be
+    points: Callable | None = None  # of points x and z (...): by how much both are wrong, mm
+    positions: Callable = np.zeros_like  # of flange positions (P, 3) in the base: by how much they are wrong, mm
+    length: str = ""  # of the target
+
+
+def of_scanner() -> list[Perturbation]:
+    """Scales of the profiles, x that grows with z, and a bend."""
+    words, scale = "the profiles' {} were too [large|small] by {{:.2g}} %", "scale_percent"
+    return [
+        Perturbation(words.format("x"), 100, scale, points=lambda x, z: (x, 0 * z)),
+        Perturbation(words.format("z"), 100, scale, points=lambda x, z: (0 * x, z)),
+        Perturbation("the profiles' x grew with z by {:+.2g} %", 100, "shear_percent", points=lambda x, z: (z, 0 * z)),
+        Perturbation(
+            "the profiles were bent by {:+.2g} mm, 50 mm from the middle",
+            1,
+            "bend_mm",
+            points=lambda x, z: (0 * x, (x / 50) ** 2),
+        ),
+    ]
+
+
+def of_target(targets: Sequence) -> list[Perturbation]:
+    """Wrong lengths."""
+    names = dict.fromkeys(name for target in targets for name in target.lengths)
+    words = "the {} was too [large|small] by {{:.2g}} mm"
+    return [Perturbation(words.format(name), 1, "tolerance_mm", length=name) for name in names]
+
+
+def considered(targets: Sequence, prior: Systematic) -> list[tuple[Perturbation, float]]:
+    """What may be wrong and how large that is, a standard deviation in its own unit; without what is 0."""
+    errors = [*of_scanner(), *of_target(targets)]
+    return [(error, size) for error in errors if (size := getattr(prior, error.prior) / error.unit)]
 
 
 def as_stated(noise: Noise) -> Prior:

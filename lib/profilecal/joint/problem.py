@@ -8,11 +8,12 @@ from itertools import pairwise
 import numpy as np
 
 from profilecal.geometry.noise import Noise, Systematic, chi2_limit
+from profilecal.geometry.observability import units_by_hand
 from profilecal.geometry.poses import carry, rotations
 from profilecal.joint.linear_model import LinearModel
-from profilecal.joint.observability import units_by_hand
-from profilecal.joint.observations import Batch, Perturbation, PoseGroups, State, considered, pose_groups
+from profilecal.joint.prior import Perturbation, considered
 from profilecal.joint.residuals import Residuals
+from profilecal.targets.observations import Batch, PoseGroups, State, pose_groups
 
 NOTHING_KNOWN = 1e-8  # precision, over that of a measurement by hand: it keeps matrices without rank invertible
 
@@ -49,7 +50,7 @@ class Problem:
 
     @property
     def units(self) -> np.ndarray:
-        """What one would know of each parameter (n,) by hand, mm and rad (`observability`)."""
+        """What one would know of each parameter (n,) by hand, mm and rad (`geometry.observability`)."""
         return units_by_hand([term.target for term in self.terms])
 
     @cached_property
@@ -80,7 +81,7 @@ class Problem:
         for index, z in enumerate(self.linear(state)):
             count = np.maximum(self.terms[index].counts(), 1)
             own = np.einsum("bkp,bkp->bp", z[:, -1], z[:, -1]) / count
-            weight = np.ones_like(own) if weights is None else np.broadcast_to(weights[index], own.shape)
+            weight = np.broadcast_to(1.0 if weights is None else weights[index], own.shape)
             if scale is not None:
                 unit = (cauchy * scale[:, None]) ** 2
                 loss += (count * weight * unit * np.log1p(own / unit)).sum(axis=1)

@@ -6,7 +6,8 @@ import numpy as np
 
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import carry, cross, dot, inverse, rotations
-from profilecal.joint.observations import Observations, Perturbation, State
+from profilecal.joint.prior import Perturbation
+from profilecal.targets.observations import Observations, State
 
 
 class Residuals:

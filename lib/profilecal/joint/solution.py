@@ -6,13 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from profilecal.geometry.noise import Noise
+from profilecal.geometry.observability import Spectrum
 from profilecal.geometry.poses import homogeneous
 from profilecal.joint.error_sizes import ErrorSizes
 from profilecal.joint.linear_model import LinearModel, Posterior
-from profilecal.joint.observability import Spectrum
-from profilecal.joint.observations import Perturbation, State
-from profilecal.joint.prior import Prior
+from profilecal.joint.prior import Perturbation, Prior
 from profilecal.joint.problem import Problem
+from profilecal.targets.observations import State
 
 
 @dataclass(frozen=True)

@@ -6,16 +6,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from profilecal.geometry.checks import UnobservableError
-from profilecal.geometry.noise import FALSE_ALARM, ROBOT, Noise, chi2_limit
-from profilecal.geometry.poses import angle_between
+from profilecal.geometry.noise import FALSE_ALARM, ROBOT, Noise, chi2_limit, normalised_square
+from profilecal.geometry.observability import WEAK, Spectrum, explain, of_covariance, spectrum
+from profilecal.geometry.poses import angle_between, pose_error
 from profilecal.joint.descent import HOPELESS, distinct, reach, refine, search, search_among_outliers
 from profilecal.joint.error_sizes import ErrorSizes, average, likeliest
 from profilecal.joint.linear_model import LinearModel
-from profilecal.joint.observability import WEAK, Spectrum, explain, of_covariance, spectrum
-from profilecal.joint.observations import Observations, State, normalised_square, pose_error
 from profilecal.joint.prior import FINEST_MM, Prior, as_stated
 from profilecal.joint.problem import Fit, Problem
 from profilecal.joint.solution import Solution
+from profilecal.targets.observations import Observations, State
 
 LARGEST_ERROR_MM = 2.0  # of a robot's position; what is larger is a mistake, not an error
 LARGEST_REJECTED = 1 / 3  # of the poses
@@ -110,7 +110,7 @@ def robust_fit(problem: Problem, state: State) -> Fit:
         state = fits.state
         if abs(unit(fits)[0] - before) < 1e-3 * before:
             break
-    scale = np.full(len(state.rotation), unit(fits).min())
+    scale = np.full_like(fits.loss, unit(fits).min())
     return refine(problem, state, scale=scale, tolerance=ROUGHLY).best_first
 
 

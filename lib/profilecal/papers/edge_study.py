@@ -8,10 +8,10 @@ import numpy as np
 from profilecal.closed_form.edge import EdgeSolution
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import directions, frame_along, random_turns
-from profilecal.joint.observations import Observations
 from profilecal.simulate.robot import Poses, actual_poses, scan_planes
 from profilecal.targets.ball import Ball
 from profilecal.targets.edge import Edge
+from profilecal.targets.observations import Observations
 
 STANDOFF = 75.0  # mm, the middle of the 60 to 90 mm for which the paper's scanner does best
 

@@ -14,11 +14,11 @@ from tqdm import tqdm
 
 from profilecal.geometry.fitting import ROUNDS
 from profilecal.geometry.noise import Noise
+from profilecal.geometry.observability import Spectrum, spectrum
 from profilecal.geometry.poses import cross
 from profilecal.joint.descent import reach, refine
-from profilecal.joint.observability import Spectrum, spectrum
-from profilecal.joint.observations import Observations, State
 from profilecal.joint.problem import Problem
+from profilecal.targets.observations import Observations, State
 
 BLOCK = 2**15  # random numbers drawn at a time: 256 kB, which with their powers stay in a processor's own cache
 

@@ -8,9 +8,8 @@ import numpy as np
 from profilecal.calibrate.calibration import Calibration, calibrate, deviations
 from profilecal.calibrate.observe import as_observations, observe, stated_noise
 from profilecal.geometry.noise import ROBOT
+from profilecal.geometry.observability import name_direction, size_direction
 from profilecal.geometry.poses import inverse, nearest_rotation
-from profilecal.joint.observability import name_direction, size_direction
-from profilecal.joint.observations import Observations
 from profilecal.joint.prior import prior_from
 from profilecal.plan.candidates import Limits, draw, off_square
 from profilecal.plan.design import NOWHERE, Plan, design, joined
@@ -22,6 +21,7 @@ from profilecal.scan.toml import check_entries, number, numbers, read_toml, toml
 from profilecal.simulate.robot import Scanner
 from profilecal.simulate.spec import Spec, planned_poses, raw_profiles, read_spec, sizes_of
 from profilecal.targets import TARGETS
+from profilecal.targets.observations import Observations
 
 PLAN = {
     "poses": whole(0, 1000),

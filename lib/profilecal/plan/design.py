@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from tqdm import tqdm
 
+from profilecal.geometry.observability import LEAST_TURN_DEG
 from profilecal.geometry.poses import angle_between, parallel
-from profilecal.joint.observability import LEAST_TURN_DEG
 from profilecal.plan.candidates import BEYOND, Limits, draw, neighbours
 from profilecal.plan.scan_model import Prediction, ScanModel, information, predict
 from profilecal.scan.scan import ScanError

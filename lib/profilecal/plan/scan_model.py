@@ -6,12 +6,13 @@ import numpy as np
 
 from profilecal.calibrate.observe import three_points
 from profilecal.geometry.noise import Noise, Systematic
+from profilecal.geometry.observability import Spectrum, spectrum, units_by_hand
 from profilecal.geometry.poses import rotation_groups
-from profilecal.joint.observability import Spectrum, spectrum, units_by_hand
-from profilecal.joint.observations import Observations, considered
+from profilecal.joint.prior import considered
 from profilecal.joint.problem import Problem
 from profilecal.simulate.robot import Scanner
 from profilecal.simulate.scene import Guess, Setup
+from profilecal.targets.observations import Observations
 
 GUESSES = 20  # draws of how wrong the guess is: they show most of the range
 

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from profilecal.geometry.poses import carry, rotation_from_xyz_angles, rotations
-from profilecal.joint.observations import Observations, State
 from profilecal.scan.scan import ScanError
 from profilecal.scan.toml import check_entries, number, numbers
 from profilecal.simulate.robot import Poses
 from profilecal.targets import TARGETS
+from profilecal.targets.observations import Observations, State
 from profilecal.targets.target import Target
 
 STANDOFF = 100.0  # mm, depth of the target's middle in the scan

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from many_scenes import many
 
-from profilecal.joint.observations import pose_groups
+from profilecal.targets.observations import pose_groups
 
 
 def observations(kind="edge", groups=3, positions=4):

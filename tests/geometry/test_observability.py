@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from profilecal.geometry.noise import Noise
+from profilecal.geometry.observability import Spectrum, explain, name_axis, name_direction, spectrum, turns
 from profilecal.geometry.poses import rotations
-from profilecal.joint.observability import HAND_PRECISION, Spectrum, explain, name_axis, name_direction, spectrum, turns
 from profilecal.papers.monte_carlo import estimate
 from profilecal.simulate.scene import random_scene, stack
 
@@ -20,6 +20,7 @@ SMALL = {
     "point": {"positions": 4},
 }
 Z = np.array([0.0, 0.0, 1.0])  # of the base
+BY_HAND = np.repeat([10.0, np.radians(5.0)], 3)  # what a measurement by hand is good to, mm and rad
 MOTIONS = {  # what is chosen, and the free direction: "all" translations, or along the axis that all turns share
     "one orientation": ({"spread_deg": 0.0}, "all"),
     "one axis": ({"axis": Z}, "axis"),
@@ -82,7 +83,7 @@ def test_units_do_not_matter():
     rng = np.random.default_rng(35)
     J = rng.normal(size=(40, 9))
     information = J.T @ J
-    units = np.r_[HAND_PRECISION, 10.0, 10.0, 10.0]
+    units = np.r_[BY_HAND, 10.0, 10.0, 10.0]
     in_metres = np.r_[np.full(3, 1e-3), np.ones(3), np.full(3, 1e-3)]
     first = spectrum(information, units)
     second = spectrum(information / in_metres[:, None] / in_metres, units * in_metres)
@@ -92,7 +93,7 @@ def test_units_do_not_matter():
 
 def test_thresholds():
     def status(mm):
-        return str(spectrum(np.diag(1 / np.r_[mm, np.full(5, 0.01) * HAND_PRECISION[1:]] ** 2), HAND_PRECISION).status)
+        return str(spectrum(np.diag(1 / np.r_[mm, np.full(5, 0.01) * BY_HAND[1:]] ** 2), BY_HAND).status)
 
     assert [status(mm) for mm in (0.5, 0.99, 1.01, 9.9, 10.1)] == ["ok", "ok", "weak", "weak", "unobservable"]
 

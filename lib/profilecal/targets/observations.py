@@ -1,21 +1,15 @@
-"""What the scanner saw of a target; the unknowns: sensor poses and the frames of the targets; which profiles share an
-error of the flange; and what may be wrong at every pose alike.
+"""What the scanner saw of a target; what is unknown: sensor poses and the frames of the targets; and which profiles
+share an error of the flange."""
 
-Nobody knows the scanner's and the target's systematic errors, but everybody knows about how large they can be. They are
-considered: the answer gives way to them as far as they are likely (Schmidt 1966). Those of the robot are only tested
-(`calibrate.plausibility`).
-"""
-
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from scipy.spatial.distance import cdist
-from scipy.spatial.transform import Rotation
 
 from profilecal.geometry.checks import check_array
-from profilecal.geometry.noise import ROBOT, Systematic
+from profilecal.geometry.noise import ROBOT
 from profilecal.geometry.poses import SAME_ORIENTATION_DEG, angle_between, parallel
 from profilecal.targets import TARGETS
 from profilecal.targets.target import Target
@@ -116,60 +110,6 @@ class State(Batch):
     rotation: np.ndarray  # (B, 3, 3)
     translation: np.ndarray  # (B, 3) mm
     placements: tuple  # for each target its origin (B, 3), mm, and axes (B, 3, 3), in columns
-
-
-def pose_error(rotation, translation, true_rotation, true_translation) -> np.ndarray:
-    """δ (..., 6), mm and rad, sensor frame, with T_true = T · exp(δ) to first order: what the covariance is of."""
-    turn = rotation.mT @ true_rotation
-    shift = rotation.mT @ (true_translation - translation)[..., None]
-    return np.concatenate([shift[..., 0], Rotation.from_matrix(turn).as_rotvec()], axis=-1)
-
-
-def normalised_square(covariance, error) -> np.ndarray:
-    """Errors (..., 6) squared over their covariances (..., 6, 6): follows χ² with 6 degrees of freedom if honest."""
-    return np.einsum("...i,...i", error, np.linalg.solve(covariance, error[..., None])[..., 0])
-
-
-@dataclass(frozen=True)
-class Perturbation:
-    """One error, which moves points, positions of the robot, or a length by so much for one unit of its size."""
-
-    words: str  # with a place for the size, and [one word|another] for its sign
-    unit: float  # what the size is to be multiplied by, for the words
-    prior: str = ""  # the entry of `Systematic` that says how large it can be
-    points: Callable | None = None  # of points x and z (...): by how much both are wrong, mm
-    positions: Callable = np.zeros_like  # of flange positions (P, 3) in the base: by how much they are wrong, mm
-    length: str = ""  # of the target
-
-
-def of_scanner() -> list[Perturbation]:
-    """Scales of the profiles, x that grows with z, and a bend."""
-    words, scale = "the profiles' {} were too [large|small] by {{:.2g}} %", "scale_percent"
-    return [
-        Perturbation(words.format("x"), 100, scale, points=lambda x, z: (x, 0 * z)),
-        Perturbation(words.format("z"), 100, scale, points=lambda x, z: (0 * x, z)),
-        Perturbation("the profiles' x grew with z by {:+.2g} %", 100, "shear_percent", points=lambda x, z: (z, 0 * z)),
-        Perturbation(
-            "the profiles were bent by {:+.2g} mm, 50 mm from the middle",
-            1,
-            "bend_mm",
-            points=lambda x, z: (0 * x, (x / 50) ** 2),
-        ),
-    ]
-
-
-def of_target(targets: Sequence) -> list[Perturbation]:
-    """Wrong lengths."""
-    names = dict.fromkeys(name for target in targets for name in target.lengths)
-    words = "the {} was too [large|small] by {{:.2g}} mm"
-    return [Perturbation(words.format(name), 1, "tolerance_mm", length=name) for name in names]
-
-
-def considered(targets: Sequence, prior: Systematic) -> list[tuple[Perturbation, float]]:
-    """What may be wrong and how large that is, a standard deviation in its own unit; without what is 0."""
-    errors = [*of_scanner(), *of_target(targets)]
-    sizes = [getattr(prior, error.prior) / error.unit for error in errors]
-    return [(error, size) for error, size in zip(errors, sizes, strict=True) if size]
 
 
 @dataclass(frozen=True)
