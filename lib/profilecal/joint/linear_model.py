@@ -5,9 +5,9 @@
 r are the residuals and A their derivatives, both over the scanner's noise. x are steps of the unknowns: the sensor
 pose, the targets, and systematic errors, which Π knows to be about zero (considered parameters; Schmidt 1966). u_k are
 errors of the flange, of size s_k in mm or degrees, that the profiles of one visit, commanded pose or orientation share;
-s_0 is the scanner's noise over the assumed one. With the variances v = s² and M_k = Z_k Z_kᵀ,
+s_0 is the scanner's noise over the assumed one. With the variances v = s², M_0 = 1 and M_k = Z_k Z_kᵀ,
 
-    C = v_0 1 + Σ_k v_k M_k    H = Aᵀ C⁻¹ A + Π    V = H⁻¹    x̂ = -V Aᵀ C⁻¹ r    P = C⁻¹ - C⁻¹ A V Aᵀ C⁻¹
+    C = Σ_k v_k M_k    H = Aᵀ C⁻¹ A + Π    V = H⁻¹    x̂ = -V Aᵀ C⁻¹ r    P = C⁻¹ - C⁻¹ A V Aᵀ C⁻¹
 
 Three answers: `posterior`, what is known of x; `left_out`, how far profiles are from what the others say; `score`, what
 a further error would have to be.
@@ -34,7 +34,7 @@ class Block:
     """B orientations with Q profiles of q rows each, m = Q q in all."""
 
     profiles: np.ndarray  # (B, Q) which profiles they are
-    M: np.ndarray  # (1 + k, B, m, m) 1 of the scanner's noise, Z Zᵀ of each error of the robot
+    M: np.ndarray  # (1 + k, B, m, m) the scanner's first
     Y: np.ndarray  # (B, m, n + 1) [A | r]
 
 
