@@ -46,8 +46,7 @@ def ball_data(rng, translating=4, turning=4):
 
 
 def point_data(rng, poses=10, translating=0):
-    """(R_sensor, T_sensor), (R_tcp, T_tcp, q): a point in the scan plane, the first `translating` poses in one
-    orientation."""
+    """(R_sensor, T_sensor), (R_tcp, T_tcp, q): a point in the scan plane; `translating` poses of one orientation."""
     R_sensor, T_sensor = sensor(rng)
     around = 2 * np.pi * np.arange(poses) / poses
     turns = Rotation.from_rotvec(0.5 * np.column_stack([np.cos(around), np.sin(around), np.cos(3 * around)]))

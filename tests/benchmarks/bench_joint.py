@@ -109,8 +109,7 @@ def files_row() -> dict:
 
 def plain_solution(seen: Observations) -> float:
     """Root mean square, mm, of what plain least squares from the flange itself leave: Levenberg and Marquardt on
-    (point - place) × direction of an edge, on the height above a plane, with differences for derivatives, all at once.
-    """
+    (point - place) × direction of an edge, on the height above a plane, with differences for derivatives, at once."""
     R, T, (x, z) = seen.R_flange[0], seen.T_flange[0], np.moveaxis(seen.points[0], -1, 0)
     local = np.stack([x, np.zeros_like(x), z], axis=-1)
     middle = T.mean(axis=0)

@@ -41,8 +41,9 @@ def test_check_says_about_which_axis_the_flange_turns():
     assert any("add poses tilted by 15° or more about two axes" in line for line in lines)
 
 
-def test_check_says_that_chords_do_not_tell_the_noise():
-    assert any("what a disk shows does not tell it" in line for line in check(simulate_scan(Spec(kind="disk"))))
+def test_check_says_what_tells_the_noise():
+    for kind, said in (("disk", "what a disk shows does not tell it"), ("point", "mm inside groups, from 48")):
+        assert any(said in line for line in check(simulate_scan(Spec(kind=kind, groups=12, positions=5))))
 
 
 def test_check_rarely_doubts_a_good_scan():

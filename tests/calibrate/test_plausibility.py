@@ -162,6 +162,6 @@ def test_eye_to_hand_drifts_are_named_too():
 
 
 def test_an_accusation_names_the_largest_shift_and_its_turn():
-    moves = np.array([[3.0, 0, 4, 0, 0.01, 0], [0, 1, 0, 9, 0, 0]])
+    moves = np.array([[3.0, 0, 4, 0.006, 0.008, 0], [0, 1, 0, 9, 0, 0]])
     said = accusation([Finding("it is {:.2g} mm wrong", 0.1, 7.0, row, 2) for row in moves])
     assert "(7 standard deviations), which would move the sensor by up to 5 mm and 0.57°" in said

@@ -26,8 +26,7 @@ def test_noise_free_from_no_guess_at_all(kind):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_noise_free_from_a_mount_guess(kind):
-    """20° and 30 mm wrong. Descent alone does it nearly always, for a rod mostly; the others need the grid that `solve`
-    adds."""
+    """20° and 30 mm wrong. Descent alone does it nearly always, for a rod mostly; the others need `solve`'s grid."""
     scene = many(kind, SCENES, 7, spread_deg=20.0)
     rng, noise = np.random.default_rng(8), Noise(SIGMA)
     R = scene.truth.rotation @ rotations(np.radians(20) * directions(rng, (SCENES,)))

@@ -57,12 +57,12 @@ class Rod(Target):
 
     @staticmethod
     def fit(points):
-        """The axis algebraically, from |p|² = pᵀ D p + 2 b·p + k with D = d dᵀ; around it the nearest circle."""
+        """The axis algebraically, from |p|² = pᵀ D p + b·p + k with D = d dᵀ; around it the nearest circle."""
         middle = points.mean(axis=-2, keepdims=True)
         scale = np.sqrt(np.mean(np.sum((points - middle) ** 2, axis=-1), axis=-1))[..., None, None]
         p = (points - middle) / scale
         i, j = np.triu_indices(3)
-        A = np.concatenate([p[..., i] * p[..., j] * np.where(i == j, 1, 2), 2 * p, np.ones_like(p[..., :1])], axis=-1)
+        A = np.concatenate([p[..., i] * p[..., j] * np.where(i == j, 1, 2), p, np.ones_like(p[..., :1])], axis=-1)
         At = A.mT
         ridge = 1e-9 * np.eye(10) * p.shape[-2]
         x = np.linalg.solve(At @ A + ridge, At @ np.sum(p**2, axis=-1)[..., None])[..., 0]
