@@ -89,9 +89,10 @@ def test_verify_reads_what_calibrate_printed(old, tmp_path):
     result = held_against_the_ball(found, tmp_path)
     assert result.exit_code == 0, result.output
     assert "from a sphere" in result.output
-    found["T_flange_sensor"] = wrong_by(np.array(found["T_flange_sensor"]), [0, 0, 2], [0, 0, 0]).tolist()
-    result = held_against_the_ball(found, tmp_path)
-    assert result.exit_code == 1
+    for shift, turn in (([0, 0, 0], [0, 1, 0]), ([0, 0, 2], [0, 0, 0])):
+        wrong = wrong_by(np.array(found["T_flange_sensor"]), shift, turn).tolist()
+        result = held_against_the_ball(found | {"T_flange_sensor": wrong}, tmp_path)
+        assert result.exit_code == 1
     assert "most apart     translation along" in result.output
 
 
