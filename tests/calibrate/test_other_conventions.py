@@ -12,7 +12,7 @@ from simulated import scan_of
 
 from profilecal.calibrate.calibration import calibrate
 from profilecal.calibrate.observe import observe
-from profilecal.calibrate.other_conventions import better_readings
+from profilecal.calibrate.other_conventions import better_readings, observed
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import inverse
 from profilecal.scan.conventions import from_rotations, named, to_rotations
@@ -119,6 +119,7 @@ def test_outliers_and_few_poses_are_blamed_on_no_reading():
         values = tuple(v + 20 * b * rng.normal(size=v.shape[1]) for v, b in zip(scan.values, bad, strict=True))
         spoilt = replace(scan, values=values)
         assert not better_readings(spoilt, observe(spoilt))
+        assert [len(observed(scan, observe(scan), k).labels) - len(scan.labels) for k in (0, 1, -1)] == [0, -1, -1]
     few = scan_of(Spec(kind="ball", groups=3, positions=2, seed=1))
     assert not better_readings(few, observe(few))
 

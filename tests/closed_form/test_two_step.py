@@ -97,7 +97,7 @@ OPEN = [
     ("ball", lambda R, *d: [np.concatenate([R[:4] * 0 + np.eye(3), about_x(R[4:])]), *d], "turn about one axis"),
     ("fixed point", lambda R, *d: [about_x(R), *d], r"turn about one axis, \[.*1.*\] of the flange"),
     ("ball", lambda R, T, q: [R, T, ONE_LINE], "all 3 differences of ball centres are parallel"),
-    ("fixed point", lambda R, T, q: [R, T, q * [1, 0, 0]], "all 10 readings lie on one line of the scan plane"),
+    ("fixed point", lambda R, T, q: [R, T, q * [1, 0, 0] + [0, 0, 9]], "all 10 readings lie on one line of the scan"),
     ("fixed point", lambda R, T, q: [SMALL, T[:4], q[:4]], "leave a combination of rotation and translation open"),
 ]
 

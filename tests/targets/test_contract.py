@@ -131,6 +131,7 @@ def test_a_missed_disk_has_no_chord_and_a_circle_gives_the_ball_back_on_its_side
     hit = np.isfinite(tips).all(axis=(1, 2))
     assert 100 < hit.sum() < 200
     assert (tips[hit, 0, 0] <= tips[hit, 1, 0]).all()
+    assert not Disk.offsets((2, 3), "space", np.array([[0, 0.6, 0.8]] * 2), (25.0,), 0.0, rng)[..., 0].any()
     ball = Ball(np.array([5.0, 0.0, -4.0]), 40.0)
     in_sensor = ((ball.centre - origin)[:, None] @ rotation)[:, 0]
     found = ball.centre_from_circle(ball.meet(rotation, origin), ball.sides(rotation, origin))

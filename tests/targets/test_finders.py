@@ -81,10 +81,8 @@ def test_a_perfect_plane_has_no_edge_nor_has_a_blade_where_the_profile_ends(z):
 
 
 def outside(points, ellipse, radius):
-    """How far points (..., m, 2) are outside ellipses (..., 4) that planes cut from rods, mm, to first order.
-
-    The distance from the rod's axis, over how fast it grows across the ellipse.
-    """
+    """How far points (..., m, 2) are outside ellipses (..., 4) that planes cut from rods, mm, to first order: the
+    distance from the rod's axis, over how fast it grows across the ellipse."""
     w, axis = points - ellipse[..., None, :2], ellipse[..., 2:, None]
     along = w @ axis
     distance = np.sqrt((w**2).sum(axis=-1) - along[..., 0] ** 2)
