@@ -123,7 +123,7 @@ def test_a_profile_left_out_is_predicted_as_by_the_model_without_it(profile):
 
 
 def test_what_each_profile_says_by_itself():
-    dense, v = Dense(), UNITS * V
+    dense, v = Dense(rank=2), UNITS * V
     alone = [(np.c_[A, r], C) for r, A, C in map(dense.of, range(9))]
     expected = [Y.T @ np.linalg.solve(C, Y) for Y, C in alone]
     np.testing.assert_allclose(dense.model.alone(v), expected, rtol=1e-8)
