@@ -111,14 +111,14 @@ def test_stated_uncertainty_is_honest(kind):
 
 @pytest.mark.parametrize("kind", ["ball", "plane"])
 def test_poses_that_leave_a_flat_valley_take_no_longer(kind, monkeypatch):
-    """48 times nearly one pose: most directions are open, and the loss hardly changes along them."""
+    """48 times nearly one pose: the loss hardly changes along most directions; descents go to their limits, no more."""
     rng = np.random.default_rng(3)
     one = random_scene(kind, rng).observations.keep(np.zeros(48, dtype=int))
     T, points = (a + sd * rng.normal(size=a.shape) for a, sd in ((one.T_flange, 1e-3), (one.points, SIGMA)))
     seen, evaluations, moments = replace(one, T_flange=T, points=points, group=None), [], Problem.moments
     monkeypatch.setattr(Problem, "moments", lambda *args, **more: evaluations.append(1) or moments(*args, **more))
     assert solve([seen], prior_from({}, features_mm=SIGMA)).status == "unobservable"
-    assert len(evaluations) < 500
+    assert len(evaluations) <= {"ball": 101, "plane": 119}[kind]
 
 
 @pytest.mark.parametrize("choices", [{"motion": "line"}, {"tilt_deg": 0.0}, {"frame": "tool"}], ids=str)
