@@ -26,7 +26,7 @@ KEYS = re.findall(r"`(\w+)`", " ".join(FIRST_COLUMN))  # as promised, in this or
 @pytest.mark.parametrize("kind", ["edge", "disk", "point", "ball"])
 @pytest.mark.parametrize("mount", ["eye-in-hand", "eye-to-hand"])
 def test_the_truth_lies_in_the_stated_region(kind, mount):
-    """The sum of n squared errors is χ² of 6 n degrees of freedom at most: regions allow for what nothing does here."""
+    """The sum of n squared errors is χ² of 6 n degrees of freedom at most: regions allow for errors not made here."""
     found = [calibration_of(Spec(kind=kind, mount=mount, seed=seed, groups=10, positions=6)) for seed in range(3)]
     assert not any(f.messages for f in found)
     assert {f.solution.noise_source for f in found} == {"estimated" if kind == "ball" else "given"}

@@ -40,7 +40,7 @@ ROBOTS = {
 
 def assert_held(scans, folder):
     """By the printed covariance, from scan folders. Inside: as often as a binomial law allows, 1 in 10⁴ at either end.
-    The sum of n squared errors follows χ² of 6 n degrees of freedom: narrower, it sees too large regions too."""
+    The sum of n squared errors follows χ² of 6 n degrees of freedom: its bounds also see regions that are too large."""
     squares = []
     for k, scan in enumerate(scans):
         write_scan(scan, folder / str(k))

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import ndtri
 
-from profilecal.geometry.noise import FALSE_ALARM
+from profilecal.geometry.noise import FALSE_ALARM, normalised_square
 from profilecal.geometry.observability import WEAK, of_covariance
 from profilecal.joint.linear_model import score
 from profilecal.joint.prior import Perturbation, of_scanner, of_target
@@ -88,7 +88,7 @@ def check(solution: Solution) -> tuple[Solution, bool]:
     C, weak = solution.covariance, bool(objections)
     guilty = clear_findings(systematic_tests(solution))
     if guilty:
-        weak |= max(distance(s.moves, C) for s in guilty) > MUCH
+        weak |= max(normalised_square(C, s.moves) for s in guilty) > MUCH**2
         C = C + sum(np.outer(s.moves, s.moves) for s in guilty)
         objections.append(accusation(guilty))
     found = of_covariance(C, solution.observability.rank, solution.observability.parameters)
@@ -119,11 +119,6 @@ def clear_findings(found: list[Finding]) -> list[Finding]:
     clear = [s for s in found if abs(s.clear) > -ndtri(FALSE_ALARM / 2 / s.among)]
     clear.sort(key=lambda s: -abs(s.clear))
     return [s for s in clear if abs(s.clear) > shadow * abs(clear[0].clear)]
-
-
-def distance(delta, covariance) -> float:
-    """How many standard deviations a change (6,) of the sensor pose is."""
-    return float(np.sqrt(delta @ np.linalg.solve(covariance, delta)))
 
 
 def accusation(guilty: list[Finding]) -> str:

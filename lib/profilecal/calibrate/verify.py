@@ -18,9 +18,8 @@ from scipy.special import chdtrc
 
 from profilecal.calibrate.calibration import Calibration, brief, calibrate, deviations
 from profilecal.calibrate.observe import stated_noise
-from profilecal.calibrate.plausibility import distance
 from profilecal.geometry.checks import check_array, check_rotations
-from profilecal.geometry.noise import FALSE_ALARM, chi2_limit
+from profilecal.geometry.noise import FALSE_ALARM, chi2_limit, normalised_square
 from profilecal.geometry.observability import HAND_PRECISION, Spectrum, name_direction, of_covariance
 from profilecal.geometry.poses import carry, pose_error
 from profilecal.joint.error_sizes import likeliest
@@ -101,7 +100,7 @@ def verify(scan: Scan, T, covariance, noise_mm: float) -> Verification:
     kept = s.kept if s else [np.ones(len(alone.seen[0]), dtype=bool)]
     if alone.status != "unobservable":
         delta = pose_error(T[:3, :3], T[:3, 3], s.rotation, s.translation)
-        if distance(delta, s.covariance) < same:
+        if normalised_square(s.covariance, delta) < same**2:
             raise ScanError(f"{title}: the pose was found from this very scan; expected another")
         said.append((delta, s.covariance))
     if alone.status != "ok":  # a weak answer may be one of several

@@ -55,5 +55,5 @@ def chi2_limit(chance, freedom):
 
 
 def normalised_square(covariance, error) -> np.ndarray:
-    """Errors (..., 6) squared over their covariances (..., 6, 6): follows χ² with 6 degrees of freedom if honest."""
+    """Errors (..., n) squared over their covariances (..., n, n): follows χ² with n degrees of freedom if honest."""
     return np.einsum("...i,...i", error, np.linalg.solve(covariance, error[..., None])[..., 0])

@@ -189,7 +189,7 @@ def belonging(problem: Problem, model: LinearModel, errors, covariances, x, v) -
 
 def squares(model: LinearModel, errors, covariances, x, v) -> tuple[np.ndarray, np.ndarray]:
     """χ² (profiles,) of the rows that speak of the flange, and of the rest of the residuals."""
-    of_flange = np.sum(errors * np.linalg.solve(covariances, errors[..., None])[..., 0], axis=1)
+    of_flange = normalised_square(covariances, errors)
     return np.maximum(of_flange, 0), np.maximum(x @ model.rest @ x, 0) / v[0]  # below it is rounding
 
 
