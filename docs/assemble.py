@@ -18,7 +18,7 @@ from pathlib import Path
 from api import pages_of_rooms
 from PIL import Image
 
-from profilecal.papers import items
+from profilecal_pages import items
 
 ROOT = Path(__file__).parents[1]
 COPIED = (

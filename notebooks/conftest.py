@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from profilecal.running.notebooks import MIME
+from profilecal_pages.notebooks import MIME
 
 REAL_DATA = "PROFILECAL_REAL_DATA"
 

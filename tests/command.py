@@ -5,7 +5,7 @@ from pathlib import Path
 
 from click.testing import CliRunner
 
-from profilecal.cli import main
+from profilecal_tool.cli import main
 
 
 def run(*arguments):

@@ -6,7 +6,7 @@ import numpy as np
 
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import pose_error
-from profilecal.simulate.scene import Scene, random_scene, stack
+from profilecal.simulation.scene import Scene, random_scene, stack
 from profilecal.targets import TARGETS
 from profilecal.targets.observations import State
 

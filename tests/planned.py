@@ -7,11 +7,11 @@ import numpy as np
 
 from profilecal.geometry.noise import ROBOT
 from profilecal.geometry.poses import pose_error, rotations
-from profilecal.papers.monte_carlo import estimate
-from profilecal.plan.command import model_of_spec
-from profilecal.plan.scan_model import ScanModel
-from profilecal.simulate.spec import read_spec
+from profilecal.simulation.spec import read_spec
 from profilecal.targets.observations import pose_groups
+from profilecal_papers.monte_carlo import estimate
+from profilecal_tool.plan.command import model_of_spec
+from profilecal_tool.plan.scan_model import ScanModel
 
 GUESS = {"mount": [60, -40, 110, 170, 10, 30], "target": [900, 50, 300]}
 KINDS = ("edge", "disk", "ball", "plane", "rod")

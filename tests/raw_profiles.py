@@ -3,8 +3,8 @@
 import numpy as np
 
 from profilecal.geometry.noise import Noise
-from profilecal.papers.edge_study import EdgePlan, edge_scenes
-from profilecal.simulate.robot import Scanner, actual_poses, scan_planes
+from profilecal.simulation.robot import Scanner, actual_poses, scan_planes
+from profilecal_papers.edge_study import EdgePlan, edge_scenes
 
 SCANNER = Scanner()
 RADIUS = 25.0  # mm of disks and balls

@@ -4,11 +4,11 @@ from functools import wraps
 
 import numpy as np
 
-from profilecal.calibrate.calibration import Calibration, calibrate
+from profilecal.calibration.calibration import Calibration, calibrate
 from profilecal.geometry.noise import normalised_square
 from profilecal.geometry.poses import pose_error
 from profilecal.scan.scan import Scan
-from profilecal.simulate.spec import Spec, simulate_scan
+from profilecal.simulation.spec import Spec, simulate_scan
 
 EXACT_SCANNER = dict.fromkeys(("scale_percent", "shear_percent", "bend_mm", "tolerance_mm"), 0.0)  # and target
 

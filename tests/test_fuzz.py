@@ -15,8 +15,8 @@ import numpy as np
 from corruptions import CORRUPTIONS, Folder
 from simulated import error_of
 
-from profilecal.calibrate.calibration import calibrate
-from profilecal.calibrate.observe import check
+from profilecal.calibration.calibration import calibrate
+from profilecal.calibration.observe import check
 from profilecal.geometry.noise import normalised_square
 from profilecal.scan.folder import read_scan
 from profilecal.scan.scan import ScanError

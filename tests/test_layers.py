@@ -1,4 +1,4 @@
-"""Rooms import only from the rooms before them, and the library imports without heavy company."""
+"""Rooms import from the rooms before them alone, and the library in light company."""
 
 import ast
 import re
@@ -6,38 +6,87 @@ import subprocess
 import sys
 from pathlib import Path
 
-import profilecal
+import pytest
 
-PACKAGE = Path(profilecal.__file__).parent
-CONTRIBUTING = (Path(__file__).parents[1] / "CONTRIBUTING.md").read_text(encoding="utf-8")
-ROOMS = re.findall(r"^\| `(\w+)` \|", CONTRIBUTING, re.M)  # in reading order, as its "Layout" lists them
-
-
-def imported_rooms(path):
-    for node in ast.walk(ast.parse(path.read_text())):
-        names = [alias.name for alias in node.names] if isinstance(node, ast.Import | ast.ImportFrom) else []
-        if isinstance(node, ast.ImportFrom) and node.module == "profilecal":
-            yield from names
-        for module in [node.module] if isinstance(node, ast.ImportFrom) else names:
-            if module and module.startswith("profilecal."):
-                yield module.split(".")[1]
+ROOT = Path(__file__).parents[1]
+LIB = ROOT / "lib"
+CONTRIBUTING = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+ROOMS = re.findall(r"^\| `(\w+\.\w+)` \|", CONTRIBUTING, re.M)  # as "Layout" lists them
+MAY_IMPORT = {
+    "profilecal": set(),
+    "profilecal_pages": {"profilecal"},
+    "profilecal_papers": {"profilecal", "profilecal_pages"},
+    "profilecal_tool": {"profilecal", "profilecal_pages"},
+}
+MODULES = sorted(LIB.rglob("*.py"))
 
 
-def test_rooms_import_from_earlier_rooms_alone():
-    for path in PACKAGE.rglob("*.py"):
-        room = path.relative_to(PACKAGE).parts[0].removesuffix(".py")
-        if room != "__init__":
-            for other in imported_rooms(path):
-                assert ROOMS.index(other) <= ROOMS.index(room), f"{path.name} imports {other}, which is a later room"
+def imported_modules(path):
+    """The modules of ours that a file imports, by their full names."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom):
+            named = [f"{node.module}.{alias.name}" for alias in node.names]
+        elif isinstance(node, ast.Import):
+            named = [alias.name for alias in node.names]
+        else:
+            named = []
+        yield from (name for name in named if name.startswith("profilecal"))
 
 
-def test_matplotlib_is_imported_by_report_alone():
-    users = [path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py") if "matplotlib" in path.read_text()]
-    assert {path.parts[0] for path in users} == {"report"}
+def package_of(module):
+    return module.split(".")[0]
+
+
+def room_of(module):
+    """The room that a module is in: a folder or a file of a package."""
+    package, *inside = module.split(".")
+    return f"{package}.{inside[0]}" if inside else package
+
+
+def module_of(path):
+    inside = path.relative_to(LIB).with_suffix("").parts
+    return ".".join(part for part in inside if part != "__init__")
+
+
+def test_every_room_is_listed():
+    rooms = {room_of(module_of(path)) for path in MODULES}
+    assert rooms - MAY_IMPORT.keys() == set(ROOMS)
+
+
+@pytest.mark.parametrize("path", MODULES, ids=module_of)
+def test_a_package_imports_from_those_it_may(path):
+    package = package_of(module_of(path))
+    others = {package_of(name) for name in imported_modules(path)} - {package}
+    assert others <= MAY_IMPORT[package]
+
+
+@pytest.mark.parametrize("path", MODULES, ids=module_of)
+def test_a_room_imports_from_earlier_rooms_alone(path):
+    room = room_of(module_of(path))
+    if room in MAY_IMPORT:  # the first page of a package
+        return
+    for name in imported_modules(path):
+        other = room_of(name)
+        if package_of(other) == package_of(room):
+            assert ROOMS.index(other) <= ROOMS.index(room), f"{other} is a later room"
+
+
+def loaded_by(statement):
+    """The packages that a fresh interpreter has loaded after a statement."""
+    code = f"import sys; {statement}; print(*{{n.split('.')[0] for n in sys.modules}})"
+    run = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
+    return set(run.stdout.split())
+
+
+def test_the_library_stands_on_numpy_and_scipy_alone():
+    modules = [module_of(path) for path in MODULES if "profilecal/" in path.as_posix()]
+    loaded = loaded_by("import " + ", ".join(modules))
+    assert not loaded & {"pandas", "matplotlib", "click", "tqdm", "jupyter_client"}
 
 
 def test_the_command_line_starts_without_heavy_imports():
-    heavy = {"numpy", "scipy", "matplotlib", "pandas", "jupyter_client", "papermill", "dask", "sympy"}
-    code = "import sys, profilecal.cli; print(*{name.split('.')[0] for name in sys.modules})"
-    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
-    assert not heavy & set(loaded)
+    heavy = {"numpy", "scipy", "matplotlib", "pandas", "jupyter_client"}
+    heavy |= {"papermill", "dask", "sympy"}
+    assert not heavy & loaded_by("import profilecal_tool.cli")

@@ -7,9 +7,9 @@ from bench import at_most, medians, row
 
 from profilecal.closed_form.disk import chord_weights, disk_equations, sensing_data_from_ellipse
 from profilecal.geometry.fitting import Ellipse
-from profilecal.papers.ball_study import fig17_scans, mean_centres
-from profilecal.papers.disk_study import disk_study, fig15_scans
-from profilecal.papers.monte_carlo import BLOCK
+from profilecal_papers.ball_study import fig17_scans, mean_centres
+from profilecal_papers.disk_study import disk_study, fig15_scans
+from profilecal_papers.monte_carlo import BLOCK
 
 SCANS = fig15_scans()
 SIGMA_MM, M, TRIALS = np.arange(1, 10) / 10, np.arange(10, 201, 10), 500

@@ -5,7 +5,7 @@ from bench import at_most, medians
 
 from profilecal.closed_form.edge import edge_equations
 from profilecal.geometry.noise import Noise
-from profilecal.papers.edge_study import EdgePlan, edge_scenes
+from profilecal_papers.edge_study import EdgePlan, edge_scenes
 
 LIMIT_S = 5e-3
 

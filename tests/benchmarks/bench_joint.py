@@ -9,16 +9,16 @@ from bench import best_of, row
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from profilecal.calibrate.observe import observe_all
-from profilecal.calibrate.plausibility import systematic_tests
+from profilecal.calibration.observe import observe_all
+from profilecal.calibration.plausibility import systematic_tests
 from profilecal.geometry.noise import Noise
 from profilecal.joint.prior import prior_from
 from profilecal.joint.problem import Problem
 from profilecal.joint.solve import solve
-from profilecal.papers.monte_carlo import estimate
-from profilecal.simulate.scene import random_scene
-from profilecal.simulate.spec import Spec, simulate_scan
+from profilecal.simulation.scene import random_scene
+from profilecal.simulation.spec import Spec, simulate_scan
 from profilecal.targets.observations import Observations, State
+from profilecal_papers.monte_carlo import estimate
 
 SIGMA, TRIALS, AGREEMENT = 0.05, 320, 1e-8
 

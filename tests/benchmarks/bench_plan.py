@@ -4,8 +4,8 @@ import numpy as np
 from bench import at_most, seconds
 from planned import KINDS, model_for
 
-from profilecal.plan.candidates import Limits
-from profilecal.plan.design import design
+from profilecal_tool.plan.candidates import Limits
+from profilecal_tool.plan.design import design
 
 LIMIT_S = 10.0
 

@@ -11,10 +11,10 @@ from command import write_notebook
 from dask.system import CPU_COUNT
 from distributed import LocalCluster
 
-from profilecal.running.sweep import sweep
+from profilecal_tool.sweep import sweep
 
 RUNS = 40
-SECOND = "import time\nfrom profilecal.running.notebooks import record\ntime.sleep(1)\nrecord(y=n)"
+SECOND = "import time\nfrom profilecal_pages.notebooks import record\ntime.sleep(1)\nrecord(y=n)"
 
 
 def wall(function, *arguments, **options) -> float:

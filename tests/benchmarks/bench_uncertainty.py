@@ -28,10 +28,10 @@ from scipy.stats import binom, chi2
 from simulated import EXACT_SCANNER, printed_square
 from tqdm import tqdm
 
-from profilecal.calibrate.calibration import calibrate
+from profilecal.calibration.calibration import calibrate
 from profilecal.geometry.noise import Noise
-from profilecal.simulate.robot import Robot
-from profilecal.simulate.spec import WIDE, Spec, record, scene_of, taken
+from profilecal.simulation.robot import Robot
+from profilecal.simulation.spec import WIDE, Spec, record, scene_of, taken
 from profilecal.targets import TARGETS
 
 OUTPUT = Path(__file__).parents[2] / "results" / "uncertainty.csv"

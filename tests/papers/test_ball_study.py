@@ -4,7 +4,7 @@ import numpy as np
 
 from profilecal.closed_form.ball import solve_ball
 from profilecal.geometry.fitting import fit_circle
-from profilecal.papers.ball_study import PROTOCOLS, ball_study, fig17_scans
+from profilecal_papers.ball_study import PROTOCOLS, ball_study, fig17_scans
 
 
 def test_ball_study_equals_the_plain_loop():

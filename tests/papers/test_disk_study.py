@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from profilecal.closed_form.disk import disk_equations, sensing_data
-from profilecal.papers.disk_study import DiskScans, disk_study, fig15_scans
+from profilecal_papers.disk_study import DiskScans, disk_study, fig15_scans
 
 TRIALS = 12
 

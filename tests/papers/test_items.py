@@ -5,7 +5,9 @@ import json
 import numpy as np
 import pytest
 
-from profilecal.papers import items, published
+from profilecal_pages import items
+from profilecal_papers import published
+from profilecal_papers.comparison import compare
 
 MEAN = "mean of delta d"
 
@@ -14,7 +16,7 @@ def table(ours, half=0.02, **about):
     printed = published.values("edge", "Table 2", MEAN)
     within = {MEAN: np.full(printed.shape, half)}
     about = {"range_from": "Monte Carlo"} | about
-    return items.compare("edge", "Table 2", "distances", {MEAN: printed + ours}, within=within, **about)
+    return compare("edge", "Table 2", "distances", {MEAN: printed + ours}, within=within, **about)
 
 
 def test_every_verdict_follows_from_the_numbers():
@@ -40,12 +42,12 @@ def test_shown_as_the_paper_prints_it():
     pose = published.values("disk", "Eq. 49", "Lambda")
     half = {"Lambda": 0 * pose}
     about = {"range_from": "rounding", "layout": "matrix"}
-    matrix = items.compare("disk", "Eq. 49", "pose", {"Lambda": pose}, within=half, **about)
+    matrix = compare("disk", "Eq. 49", "pose", {"Lambda": pose}, within=half, **about)
     lines = matrix._repr_mimebundle_()["text/plain"].splitlines()
     assert lines[-3].split()[3::4] == ["364.25534", "364.25534", "0.00000"]
     assert lines[-2].split() == [*"000100010000"]
     about["within"] = {"Lambda": half["Lambda"] + 0.00123}
-    wide = items.compare("disk", "Eq. 49", "pose", {"Lambda": pose}, **about)
+    wide = compare("disk", "Eq. 49", "pose", {"Lambda": pose}, **about)
     html = wide._repr_mimebundle_()["text/html"]
     assert "<td>0.00000<br>±0.0012</td>" in html
     assert "<th></th>" not in html
@@ -55,7 +57,7 @@ def test_a_quantity_read_in_two_ways_stands_twice():
     key = "standard deviation from Eq. 49"
     ours = {(key, "mean of the norms"): np.array(0.326), (key, "root mean square"): np.array(0.342)}
     why = {(key, "mean of the norms"): "the paper computed the other"}
-    found = items.compare("disk", "Section V-D2", "spread", ours, why=why, range_from="rounding", layout="list")
+    found = compare("disk", "Section V-D2", "spread", ours, why=why, range_from="rounding", layout="list")
     assert [found.verdict(row) for row in found.rows] == ["differs", "reproduced"]
     assert "root mean square" in found._repr_mimebundle_()["text/plain"]
     assert found.summary == "Printed numbers inside our ranges (rounding): 1 of 1, under one reading at least."

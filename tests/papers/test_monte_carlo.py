@@ -4,10 +4,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from profilecal.geometry.poses import nearest_rotation
-from profilecal.papers import monte_carlo
-from profilecal.papers.ball_study import ball_study, fig17_scans
-from profilecal.papers.disk_study import disk_study, fig15_scans
-from profilecal.papers.monte_carlo import noisy_blocks, rotations_near
+from profilecal_papers import monte_carlo
+from profilecal_papers.ball_study import ball_study, fig17_scans
+from profilecal_papers.disk_study import disk_study, fig15_scans
+from profilecal_papers.monte_carlo import noisy_blocks, rotations_near
 
 
 def test_the_number_of_workers_changes_nothing():

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from profilecal.papers import published
-from profilecal.papers.items import MIME, from_json
+from profilecal_pages.items import MIME, from_json
+from profilecal_papers import published
 
 PAGES = {
     path.stem: json.loads(path.read_text(encoding="utf-8"))["cells"]

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from profilecal.papers import published
+from profilecal_papers import published
 
 
 def test_shapes_and_digits():

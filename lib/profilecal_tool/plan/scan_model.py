@@ -1,0 +1,140 @@
+"""What is known before a scan, and what poses will be worth: the information that their profiles will hold."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from profilecal.calibration.observe import three_points
+from profilecal.geometry.noise import Noise, Systematic
+from profilecal.geometry.observability import Spectrum, spectrum, units_by_hand
+from profilecal.geometry.poses import rotation_groups
+from profilecal.joint.prior import considered
+from profilecal.joint.problem import Problem
+from profilecal.simulation.robot import Scanner
+from profilecal.simulation.scene import Guess, Setup
+from profilecal.targets.observations import Observations
+
+GUESSES = 20  # draws of how wrong the guess is: they show most of the range
+
+
+@dataclass(frozen=True)
+class ScanModel(Setup):
+    """A sensor, a target and a robot, as they are believed to be."""
+
+    scanner: Scanner
+    noise: Noise  # the variances that predictions count with
+    systematic: Systematic = Systematic()  # noqa: RUF009
+    to_hand: bool = False
+    measured: str = "profiles"
+    covariance: np.ndarray | None = None  # of what a pose shows, over the noise's profile_mm², as `Observations` has it
+    guess: Guess | None = None  # where all this is from, with margins; None: known well enough
+    count: int = 40  # points of a curve that a pose gives
+
+    @property
+    def known(self) -> tuple[np.ndarray, np.ndarray]:
+        """What is known by hand of the unknowns (n,), mm and rad, and of what is wrong at every pose (c,)."""
+        sizes = [size for _, size in considered([self.target], self.systematic)]
+        return units_by_hand([self.target]), np.array(sizes)
+
+    def elsewhere(self, rng: np.random.Generator) -> "ScanModel":
+        """The same where the guess is wrong by anything within its margins."""
+        return replace(self, **vars(self.guess.setup(self.target.kind, self.sizes, rng)))
+
+    @property
+    def shows_beside(self) -> bool:
+        """Whether raw profiles show the target by what is around it."""
+        return self.measured == "profiles" and self.target.beside_mm > 0
+
+    def seen(self, R_view, T_view, count: int) -> np.ndarray:
+        """What a perfect scanner at sensor frames (P, 3, 3), (P, 3) sees of the target, (P, m, 2), mm; `count` points
+        of a curve; NaN where it misses it."""
+        points = self.target.points_seen(R_view, T_view, count)
+        is_face = len(self.target.shifts) == 1
+        return self.across_view(points, count) if is_face else points
+
+    def in_view(self, R, T) -> np.ndarray:
+        """Whether the middle of what is seen from flange poses (P, 3, 3), (P, 3) is in the field of view, (P,)."""
+        points = self.seen(*self.planes(R, T), 5)
+        x, z = points[:, points.shape[1] // 2].T
+        return (self.scanner.near <= z) & (z <= self.scanner.far) & (np.abs(x) <= self.scanner.half_width(z))
+
+    def across_view(self, points, count: int) -> np.ndarray:
+        """Points (P, count, 2) from one side of the field of view to the other, but for a tenth at the sides that
+        features leave out, on the lines through some (P, m, 2)."""
+        first, last = points[:, 0], points[:, -1]
+        slope = (last[:, 1] - first[:, 1]) / (last[:, 0] - first[:, 0])
+        depth = first[:, 1] - slope * first[:, 0]  # where the line crosses x = 0
+        half = 0.9 * self.scanner.half_width(depth)
+        growth = 0.9 * self.scanner.half_width(depth + slope) - half  # per mm of x
+        x = np.linspace(-half / (1 + growth), half / (1 - growth), count, axis=1)
+        return np.stack([x, depth[:, None] + slope[:, None] * x], axis=-1)
+
+    def observed(self, R, T) -> Observations:
+        """What the scanner will see of the target from flange poses (P, 3, 3), (P, 3), mm, NaN where it misses it; of
+        an arc three points that stand for it."""
+        planes, covariance = self.planes(R, T), self.covariance
+        arcs = self.measured == "arcs"
+        points = three_points(self.target.meet(*planes)) if arcs else self.seen(*planes, self.count)
+        if covariance is not None:
+            covariance = np.broadcast_to(covariance, (1, len(R), *covariance.shape))
+        group = rotation_groups(R)
+        return Observations(
+            self.target.kind, R[None], T[None], points[None], self.sizes, group, self.to_hand, covariance
+        )
+
+    def problem(self, R, T) -> Problem:
+        """The least-squares problem of what is seen from flange poses."""
+        return Problem([self.observed(R, T)], self.noise, self.systematic)
+
+
+def information(model: ScanModel, R, T, each: bool = False) -> np.ndarray:
+    """What flange poses (P, 3, 3), (P, 3) tell of the unknowns and then of what is wrong at all poses, (q, q), the
+    robot's errors integrated out. `each`: of each pose by itself, (P, q, q); where all have orientations of their own,
+    these add up to the whole."""
+    sizes = model.noise.of_robot
+    v = np.array([1.0, *sizes.values()]) ** 2
+    linear = model.problem(R, T).model(model.state, sizes)
+    return linear.alone(v)[:, :-1, :-1] if each else linear.posterior(v[None]).normal[0, :-1, :-1]
+
+
+def marginal(information, n: int) -> np.ndarray:
+    """What information matrices (..., N, N) say of the first n unknowns if the others are not known any better."""
+    known, across = information[..., :n, :n], information[..., :n, n:]
+    return known - across @ np.linalg.solve(information[..., n:, n:], across.mT)
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """How well poses will determine the sensor pose."""
+
+    spectrum: Spectrum
+    poses: int
+    between: tuple = ()  # smallest and largest (`mm`, `deg`) if the guess is wrong
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """(6, 6) of δ = (ρ, φ) in the sensor's frame, mm and rad: as `calibrate` will state it."""
+        return self.spectrum.covariance
+
+    @property
+    def mm(self) -> float:
+        """The largest standard deviation of the translation in any direction."""
+        return float(np.sqrt(np.linalg.norm(self.covariance[:3, :3], 2)))
+
+    @property
+    def deg(self) -> float:
+        """The largest standard deviation of the rotation about any axis."""
+        return float(np.degrees(np.sqrt(np.linalg.norm(self.covariance[3:, 3:], 2))))
+
+
+def predict(model: ScanModel, R, T, rng: np.random.Generator | None = None) -> Prediction:
+    """How well flange poses (P, 3, 3), (P, 3) will determine the sensor pose. With `rng`: and how well if the guess is
+    wrong by anything within its margins."""
+    units, systematic = model.known
+    whole = information(model, R, T) + np.diag(np.r_[0 * units, systematic**-2.0])
+    found = Prediction(spectrum(marginal(whole, len(units)), units), len(T))
+    if rng is None or model.guess is None:
+        return found
+    others = [predict(model.elsewhere(rng), R, T) for _ in range(GUESSES)]
+    sizes = np.array([(other.mm, other.deg) for other in others])
+    return replace(found, between=(sizes.min(axis=0), sizes.max(axis=0)))

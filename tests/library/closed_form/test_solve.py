@@ -1,0 +1,38 @@
+"""The papers' methods on batches of what the joint calibration takes."""
+
+import numpy as np
+import pytest
+
+from profilecal.closed_form import closed_form
+from profilecal.geometry.checks import UnobservableError
+from profilecal.geometry.poses import pose_error
+from profilecal.simulation.scene import random_scene
+
+
+@pytest.mark.parametrize("kind", ["edge", "disk"])
+@pytest.mark.parametrize("how", ["published", "regression"])
+def test_a_batch_without_noise_is_solved_exactly(kind, how):
+    scene = random_scene(kind, np.random.default_rng(4))
+    seen, truth = scene.noisy(0.0, np.random.default_rng(5), 3), scene.truth[[0] * 3]
+    found = closed_form(seen, truth.rotation, how)
+    assert found.R_sensor.shape == (3, 3, 3)
+    assert np.abs(pose_error(found.R_sensor, found.T_sensor, truth.rotation, truth.translation)).max() < 1e-7
+
+
+OPEN = {
+    "orientations: 2 given, at least 3 needed": {"groups": 2},
+    "all 4 poses have one orientation": {"spread_deg": 0.1},
+    r"all 4 poses turn about one axis, \[.*\] of the flange": {"axis": np.array([0.0, 0, 1])},
+    "the 4 motions are parallel in the sensor frame": {"motion": "equal", "frame": "tool"},
+}
+
+
+@pytest.mark.parametrize("sentence", OPEN)
+@pytest.mark.parametrize("sigma", [0.0, 1e-3])
+def test_disks_that_leave_the_answer_open_are_refused_unless_asked_for(sentence, sigma):
+    rng = np.random.default_rng(4)
+    scene = random_scene("disk", rng, **{"groups": 4, "positions": 20} | OPEN[sentence])
+    seen, R = scene.noisy(sigma, rng, 3), scene.truth.rotation
+    with pytest.raises(UnobservableError, match=sentence):
+        closed_form(seen, R)
+    assert np.isfinite(closed_form(seen, R, refuse=False).T_sensor).all()

@@ -1,0 +1,53 @@
+"""What observations must be."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from many_scenes import SIGMA
+
+from profilecal.geometry.checks import UnobservableError
+from profilecal.geometry.noise import Noise
+from profilecal.joint.problem import Problem
+from profilecal.joint.solve import solve
+from profilecal.simulation.scene import random_scene
+
+WRONG = [
+    ("edge", lambda o: {"covariance": np.ones((12, 3, 3))}, r"covariance has shape \(12, 3, 3\); expected .*12, 2, 2"),
+    ("point", lambda o: {"covariance": np.ones((4, 2, 2))}, "a point has no covariance of its own"),
+    ("ball", lambda o: {"kind": "cone"}, "kind is 'cone'; expected one of edge"),
+    ("ball", lambda o: {"sizes": ()}, "the ball's radius is None; expected a length in mm"),
+    ("ball", lambda o: {"kind": "disk"}, r"points \(disk\) has shape \(1, 12, \d+, 2\); expected \(n, n, 2, 2\)"),
+    ("ball", lambda o: {"T_flange": o.T_flange[:, :3]}, r"T_flange has shape \(1, 3, 3\); expected \(n, 12, 3\)"),
+    ("ball", lambda o: {"R_flange": o.R_flange * np.nan}, r"R_flange\[0, 0, 0, 0\] is nan; expected finite"),
+    ("ball", lambda o: {"group": np.zeros(1)}, r"group has shape \(1,\); expected \(12,\)"),
+]
+
+
+@pytest.mark.parametrize(("kind", "change", "sentence"), WRONG)
+def test_guards_say_what_is_wrong(kind, change, sentence):
+    seen = random_scene(kind, np.random.default_rng(22), groups=4, positions=1 if kind == "point" else 3).observations
+    with pytest.raises(ValueError, match=sentence):
+        replace(seen, **change(seen))
+
+
+def test_what_cannot_be_solved_is_refused():
+    few = random_scene("point", np.random.default_rng(22), groups=3).observations
+    with pytest.raises(ValueError, match="no observations given"):
+        solve([])
+    with pytest.raises(ValueError, match="profile_mm is -1"):
+        solve([few], Noise(-1))
+    with pytest.raises(UnobservableError, match="9 measured coordinates cannot determine 9 unknowns and noise; add"):
+        solve([few], Noise(SIGMA))
+
+
+def test_points_that_are_missing_do_not_move_the_place_of_an_edge():
+    rng = np.random.default_rng(5)
+    scene = random_scene("edge", rng)
+    points = scene.observations.points.copy()
+    points[:, rng.permutation(points.shape[1])[: points.shape[1] // 5]] = np.nan
+    problem = Problem([replace(scene.observations, points=points)], Noise(SIGMA))
+    state = problem.place(scene.truth.rotation, scene.truth.translation)
+    (origin, axes), truth = state.placements[0], scene.target
+    assert np.linalg.norm(np.cross(axes[0, :, 2], truth.direction)) < 1e-9
+    assert truth.distance(origin).max() < 1e-9

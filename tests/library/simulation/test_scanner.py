@@ -1,0 +1,44 @@
+import numpy as np
+import pytest
+
+from profilecal.simulation.robot import Scanner
+
+IDEAL = Scanner(resolution=0.0, quantum=0.001, noise_mm=0.0)
+WALL = np.array([[-30.0, 80.0], [30.0, 80.0]])
+
+
+def profile_of(scanner, outline, seed=1):
+    return scanner.profile(np.asarray(outline), np.random.default_rng(seed))
+
+
+def test_field_of_view_has_its_printed_corners():
+    np.testing.assert_allclose(2 * Scanner().half_width(np.array([60, 350])), [40, 160])
+
+
+def test_a_wall_fills_the_field_of_view_and_lies_at_its_depth():
+    profile = profile_of(IDEAL, 0.3 * WALL)  # at 24 mm: too near
+    assert np.isnan(profile).all()
+    profile = profile_of(Scanner(resolution=0, noise_mm=0, quantum=0.01), WALL)
+    np.testing.assert_allclose(profile[:, 1], 80, atol=0.005)
+    np.testing.assert_allclose(profile[[0, -1], 0], [-IDEAL.half_width(80), IDEAL.half_width(80)], atol=0.005)
+
+
+def test_the_nearer_of_two_surfaces_hides_the_other():
+    outline = np.array([[-10.0, 100], [0, 100], [0, 80], [10, 80]])
+    profile = profile_of(Scanner(resolution=0, noise_mm=0, quantum=0.01), outline)
+    x, z = profile[np.isfinite(profile[:, 0])].T
+    np.testing.assert_allclose(z[x > 0.1], 80, atol=0.01)
+    np.testing.assert_allclose(z[x < -0.1], 100, atol=0.01)
+
+
+def test_a_profile_is_of_whole_quanta():
+    profile = profile_of(Scanner(), WALL, 2)
+    assert profile.shape == (980, 2)
+    counts = profile[:, 1] / Scanner().quantum
+    np.testing.assert_allclose(counts, counts.round(), atol=1e-9)
+    assert set(counts.round()) <= set(range(796, 805))  # 80 mm within six standard deviations
+
+
+def test_noise_has_its_size():
+    z = profile_of(Scanner(quantum=1e-2, noise_mm=0.05), np.array([[-30.0, 90.0], [30.0, 90.0]]))[:, 1]
+    assert z.std() == pytest.approx(0.05, rel=4 / np.sqrt(2 * 980))
