@@ -36,7 +36,9 @@ COPIED = (
 )
 THUMBNAIL = 420  # pixels wide
 ENVIRONMENT = hashlib.sha256((ROOT / "environment.txt").read_bytes()).hexdigest()[:12]
-RUNS = ROOT / "results" / "notebooks"  # of `make reproduce`, which know how long they took
+RUNS = (
+    ROOT / "results" / "notebooks"
+)  # of `make reproduce`, which know how long they took
 
 
 def assemble(source: Path) -> None:
@@ -49,9 +51,14 @@ def assemble(source: Path) -> None:
         shutil.copy(ROOT / name, source / name)
     shutil.copy(ROOT / "docs" / "conf.py", source)
     shutil.copy(ROOT / "docs" / "style.css", static)
-    mathjax = shutil.copytree(Path(find_spec("jupyter_server_mathjax").origin).parent / "static", static / "MathJax")
+    mathjax = shutil.copytree(
+        Path(find_spec("jupyter_server_mathjax").origin).parent / "static",
+        static / "MathJax",
+    )
     script = mathjax / "config" / "TeX-AMS-MML_HTMLorMML-full.js"
-    loadable = script.read_text(encoding="utf-8").replace("url('about:blank')", "local('none')")  # browsers refuse it
+    loadable = script.read_text(encoding="utf-8").replace(
+        "url('about:blank')", "local('none')"
+    )  # browsers refuse it
     script.write_text(loadable, encoding="utf-8")
 
     notebooks = sorted((ROOT / "notebooks").glob("*.ipynb"))
@@ -60,9 +67,15 @@ def assemble(source: Path) -> None:
     for room, text in rooms.items():
         (source / "api" / f"{room}.md").write_text(text, encoding="utf-8")
     (source / "notebooks").mkdir()
-    figures = [figure for path in notebooks for figure in page_of(path, source / "notebooks", static / "gallery")]
+    figures = [
+        figure
+        for path in notebooks
+        for figure in page_of(path, source / "notebooks", static / "gallery")
+    ]
     (source / "gallery.md").write_text(gallery(figures), encoding="utf-8")
-    (static / "tiles.png").write_bytes(first_picture(ROOT / "notebooks" / "01_side_by_side.ipynb"))
+    (static / "tiles.png").write_bytes(
+        first_picture(ROOT / "notebooks" / "01_side_by_side.ipynb")
+    )
     index = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
     index = index.replace("ROOMS", "\n".join(f"api/{room}" for room in rooms))
     index = index.replace("SENTENCE", items.sentence(items.gather(ROOT / "notebooks")))
@@ -72,29 +85,49 @@ def assemble(source: Path) -> None:
 def first_picture(path: Path) -> bytes:
     """The first figure of a notebook, PNG."""
     cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
-    data = [output.get("data", {}) for cell in cells for output in cell.get("outputs", [])]
+    data = [
+        output.get("data", {}) for cell in cells for output in cell.get("outputs", [])
+    ]
     return b64decode(next(entry["image/png"] for entry in data if "image/png" in entry))
 
 
 def page_of(path: Path, folder: Path, gallery: Path) -> list[dict]:
-    """Write a notebook with places to link to and a last word on how it was run. Returns its figures."""
+    """Write a notebook with places to link to and a last word on how it was run.
+    Returns its figures.
+    """
     notebook = json.loads(path.read_text(encoding="utf-8"))
-    title = next(line for line in text_of(notebook["cells"][0]).splitlines() if line.startswith("# "))[2:]
+    title = next(
+        line
+        for line in text_of(notebook["cells"][0]).splitlines()
+        if line.startswith("# ")
+    )[2:]
     cells, figures = [], []
     for cell in notebook["cells"]:
         data = [output.get("data", {}) for output in cell.get("outputs", [])]
         names = (
-            re.findall(r"results\.figure\(\w+, f?\"([^\"]+)\"", text_of(cell)) if cell["cell_type"] == "code" else []
+            re.findall(r"results\.figure\(\w+, f?\"([^\"]+)\"", text_of(cell))
+            if cell["cell_type"] == "code"
+            else []
         )
         pictures = [entry["image/png"] for entry in data if "image/png" in entry]
         anchors = [f"figure-{k}" for k, _ in enumerate(pictures, len(figures) + 1)]
         if anchors:
-            cells.append(markdown("".join(f'<a id="{anchor}"></a>' for anchor in anchors)))
+            cells.append(
+                markdown("".join(f'<a id="{anchor}"></a>' for anchor in anchors))
+            )
         for k, (anchor, picture) in enumerate(zip(anchors, pictures, strict=False)):
             thumbnail = f"{path.stem}_{anchor}.png"
             shrink(b64decode("".join(picture)), gallery / thumbnail)
             name = names[k] if k < len(names) and "{" not in names[k] else anchor
-            figures.append({"notebook": path.stem, "title": title, "anchor": anchor, "name": name, "image": thumbnail})
+            figures.append(
+                {
+                    "notebook": path.stem,
+                    "title": title,
+                    "anchor": anchor,
+                    "name": name,
+                    "image": thumbnail,
+                }
+            )
         cells.append(cell)
     cells.append(markdown(how_it_was_run(path, notebook)))
     notebook["cells"] = cells
@@ -126,18 +159,29 @@ def shrink(png: bytes, path: Path) -> None:
 
 def parameters(notebook: dict) -> str:
     """A notebook's parameters in a line."""
-    (cell,) = [c for c in notebook["cells"] if "parameters" in c["metadata"].get("tags", [])]
-    pairs = [(node.target.id, ast.literal_eval(node.value)) for node in ast.parse(text_of(cell)).body]
-    return ", ".join(f"{name} = {value}" for name, value in pairs if not name.endswith("_dir"))
+    (cell,) = [
+        c for c in notebook["cells"] if "parameters" in c["metadata"].get("tags", [])
+    ]
+    pairs = [
+        (node.target.id, ast.literal_eval(node.value))
+        for node in ast.parse(text_of(cell)).body
+    ]
+    return ", ".join(
+        f"{name} = {value}" for name, value in pairs if not name.endswith("_dir")
+    )
 
 
 def how_it_was_run(path: Path, notebook: dict) -> str:
     """The last cell of a notebook's page."""
     took = ""
     if (RUNS / path.name).exists():
-        metadata = json.loads((RUNS / path.name).read_text(encoding="utf-8"))["metadata"].get("papermill", {})
+        metadata = json.loads((RUNS / path.name).read_text(encoding="utf-8"))[
+            "metadata"
+        ].get("papermill", {})
         took = (
-            f" It took {metadata['duration']:.0f} s in the last `make reproduce`." if metadata.get("duration") else ""
+            f" It took {metadata['duration']:.0f} s in the last `make reproduce`."
+            if metadata.get("duration")
+            else ""
         )
     return (
         f"---\n*This page is `notebooks/{path.name}` as executed with {parameters(notebook)}; environment "

@@ -1,4 +1,6 @@
-"""The command line, as a user calls it, small notebooks to give it, and files with changes."""
+"""The command line, as a user calls it, small notebooks to give it, and files with
+changes.
+"""
 
 import json
 from pathlib import Path
@@ -16,13 +18,30 @@ def run(*arguments):
 def write_notebook(path: Path, parameters: str, *codes: str) -> Path:
     """A notebook with a cell of parameters and cells of code."""
     cells = [
-        {"cell_type": "code", "id": f"c{k}", "metadata": {"tags": tags}, "source": source}
-        for k, (source, tags) in enumerate([(parameters, ["parameters"]), *[(code, []) for code in codes]])
+        {
+            "cell_type": "code",
+            "id": f"c{k}",
+            "metadata": {"tags": tags},
+            "source": source,
+        }
+        for k, (source, tags) in enumerate(
+            [(parameters, ["parameters"]), *[(code, []) for code in codes]]
+        )
     ]
     for cell in cells:
         cell.update(execution_count=None, outputs=[])
-    kernel = {"kernelspec": {"name": "python3", "language": "python", "display_name": "Python 3"}}
-    path.write_text(json.dumps({"cells": cells, "metadata": kernel, "nbformat": 4, "nbformat_minor": 5}))
+    kernel = {
+        "kernelspec": {
+            "name": "python3",
+            "language": "python",
+            "display_name": "Python 3",
+        }
+    }
+    path.write_text(
+        json.dumps(
+            {"cells": cells, "metadata": kernel, "nbformat": 4, "nbformat_minor": 5}
+        )
+    )
     return path
 
 

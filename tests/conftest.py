@@ -11,5 +11,7 @@ def cluster():
     from distributed import LocalCluster
 
     quiet = {"dashboard_address": "127.0.0.1:0", "silence_logs": logging.CRITICAL}
-    with LocalCluster(n_workers=2, threads_per_worker=1, memory_limit=None, **quiet) as found:
+    with LocalCluster(
+        n_workers=2, threads_per_worker=1, memory_limit=None, **quiet
+    ) as found:
         yield found

@@ -20,11 +20,18 @@ KNOWN = Noise(SIGMA, steering_mm=0.2)
 def many(kind: str, count: int, seed: int, **choices) -> Scene:
     """`count` random scenes as a batch."""
     rng = np.random.default_rng(seed)
-    return stack([random_scene(kind, rng, count=10, **SMALL.get(kind, {}), **choices) for _ in range(count)])
+    return stack(
+        [
+            random_scene(kind, rng, count=10, **SMALL.get(kind, {}), **choices)
+            for _ in range(count)
+        ]
+    )
 
 
 def errors(state: State, truth: State) -> np.ndarray:
-    return pose_error(state.rotation, state.translation, truth.rotation, truth.translation)
+    return pose_error(
+        state.rotation, state.translation, truth.rotation, truth.translation
+    )
 
 
 def assert_exact(error):

@@ -1,7 +1,8 @@
 """A plugin that `make test` loads before nbval's.
 
-jsonschema does without a grammar of web addresses, which nothing here needs and each process would take over a second
-to compile. Kernels talk by sockets in files: of two that start at once, both may choose the same port.
+jsonschema does without a grammar of web addresses, which nothing here needs and each
+process would take over a second to compile. Kernels talk by sockets in files: of two
+that start at once, both may choose the same port.
 """
 
 import itertools
@@ -19,7 +20,9 @@ def pytest_sessionstart():
     sockets, count = tempfile.TemporaryDirectory(), itertools.count()
 
     def manager(**options):
-        return KernelManager(transport="ipc", ip=f"{sockets.name}/{next(count)}", **options)
+        return KernelManager(
+            transport="ipc", ip=f"{sockets.name}/{next(count)}", **options
+        )
 
     if os.name == "posix":
         kernel.KernelManager = manager

@@ -1,4 +1,6 @@
-"""Random well-conditioned scenes with known answers, for the closed forms that start from sensing data."""
+"""Random well-conditioned scenes with known answers, for the closed forms that start
+from sensing data.
+"""
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -10,9 +12,13 @@ def sensor(rng):
 
 
 def tilted(rng, count):
-    """Flange orientations: one of any kind, tilted by 30° about axes spread evenly around a circle."""
+    """Flange orientations: one of any kind, tilted by 30° about axes spread evenly
+    around a circle.
+    """
     around = 2 * np.pi * np.arange(count) / count
-    tilts = Rotation.from_rotvec(np.radians(30) * np.column_stack([np.cos(around), np.sin(around), 0 * around]))
+    tilts = Rotation.from_rotvec(
+        np.radians(30) * np.column_stack([np.cos(around), np.sin(around), 0 * around])
+    )
     return (Rotation.random(rng=rng) * tilts).as_matrix()
 
 
@@ -27,32 +33,65 @@ def disk_data(rng, poses=4):
     R_sensor, T_sensor = sensor(rng)
     R_tcp = tilted(rng, poses)
     T_tcp, q = see(rng, R_tcp, R_sensor, T_sensor)
-    directions = Rotation.random(rng=rng).as_matrix() @ np.array([[1, 0, 0.3], [0, 1, 0.3], [-1, -1, 1], [1, -1, 1]]).T
+    directions = (
+        Rotation.random(rng=rng).as_matrix()
+        @ np.array([[1, 0, 0.3], [0, 1, 0.3], [-1, -1, 1], [1, -1, 1]]).T
+    )
     D_i = directions.T[np.arange(poses) % 4] * rng.uniform(100, 300, (poses, 1))
-    return (R_sensor, T_sensor), (R_tcp, T_tcp, q, D_i, np.einsum("nab,bc,nc->na", R_tcp, R_sensor, D_i))
+    return (R_sensor, T_sensor), (
+        R_tcp,
+        T_tcp,
+        q,
+        D_i,
+        np.einsum("nab,bc,nc->na", R_tcp, R_sensor, D_i),
+    )
 
 
 def ball_data(rng, translating=4, turning=4):
-    """(R_sensor, T_sensor), (R_tcp, T_tcp, q), the first `translating` poses in one orientation."""
+    """(R_sensor, T_sensor), (R_tcp, T_tcp, q), the first `translating` poses in one
+    orientation.
+    """
     R_sensor, T_sensor = sensor(rng)
     turned = tilted(rng, turning)
-    R_tcp = np.concatenate([np.repeat(Rotation.random(rng=rng).as_matrix()[None], translating, axis=0), turned])
+    R_tcp = np.concatenate(
+        [
+            np.repeat(Rotation.random(rng=rng).as_matrix()[None], translating, axis=0),
+            turned,
+        ]
+    )
     T_tcp, q = see(rng, R_tcp, R_sensor, T_sensor)
-    corners = 40 * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])[np.arange(translating) % 4]
+    corners = (
+        40
+        * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])[
+            np.arange(translating) % 4
+        ]
+    )
     shift = corners + rng.uniform(-5, 5, (translating, 3)) - q[:translating]
     q[:translating] += shift
-    T_tcp[:translating] -= np.einsum("nab,bc,nc->na", R_tcp[:translating], R_sensor, shift)
+    T_tcp[:translating] -= np.einsum(
+        "nab,bc,nc->na", R_tcp[:translating], R_sensor, shift
+    )
     return (R_sensor, T_sensor), (R_tcp, T_tcp, q)
 
 
 def point_data(rng, poses=10, translating=0):
-    """(R_sensor, T_sensor), (R_tcp, T_tcp, q): a point in the scan plane; `translating` poses of one orientation."""
+    """(R_sensor, T_sensor), (R_tcp, T_tcp, q): a point in the scan plane; `translating`
+    poses of one orientation.
+    """
     R_sensor, T_sensor = sensor(rng)
     around = 2 * np.pi * np.arange(poses) / poses
-    turns = Rotation.from_rotvec(0.5 * np.column_stack([np.cos(around), np.sin(around), np.cos(3 * around)]))
+    turns = Rotation.from_rotvec(
+        0.5 * np.column_stack([np.cos(around), np.sin(around), np.cos(3 * around)])
+    )
     R_tcp = (Rotation.random(rng=rng) * turns).as_matrix()
     R_tcp[:translating] = R_tcp[:1]
-    q = np.column_stack([40 * np.cos(2 * around + 1), 0 * around, 40 * np.sin(2 * around + 1)])
+    q = np.column_stack(
+        [40 * np.cos(2 * around + 1), 0 * around, 40 * np.sin(2 * around + 1)]
+    )
     q += rng.uniform(-15, 15, (poses, 3)) * [1, 0, 1]
     point = rng.uniform(-500, 500, 3)
-    return (R_sensor, T_sensor), (R_tcp, point - np.einsum("nab,nb->na", R_tcp, q @ R_sensor.T + T_sensor), q)
+    return (R_sensor, T_sensor), (
+        R_tcp,
+        point - np.einsum("nab,nb->na", R_tcp, q @ R_sensor.T + T_sensor),
+        q,
+    )

@@ -1,4 +1,6 @@
-"""Simulated scans and what calibrating one gives, each computed once for all cases that read it; how far off it is."""
+"""Simulated scans and what calibrating one gives, each computed once for all cases that
+read it; how far off it is.
+"""
 
 from functools import wraps
 
@@ -10,11 +12,15 @@ from profilecal.geometry.poses import pose_error
 from profilecal.scan.scan import Scan
 from profilecal.simulation.spec import Spec, simulate_scan
 
-EXACT_SCANNER = dict.fromkeys(("scale_percent", "shear_percent", "bend_mm", "tolerance_mm"), 0.0)  # and target
+EXACT_SCANNER = dict.fromkeys(
+    ("scale_percent", "shear_percent", "bend_mm", "tolerance_mm"), 0.0
+)  # and target
 
 
 def once(function):
-    """A function of a specification that remembers its answers, by the specification's text: it may hold a dict."""
+    """A function of a specification that remembers its answers, by the specification's
+    text: it may hold a dict.
+    """
     known = {}
 
     @wraps(function)
@@ -39,7 +45,11 @@ def calibration_of(spec: Spec) -> Calibration:
 
 def truth_of(scan: Scan) -> np.ndarray:
     """The true sensor pose (4, 4), on the flange or in the base."""
-    return np.array(scan.truth["T_flange_sensor" if scan.mount == "eye-in-hand" else "T_base_sensor"])
+    return np.array(
+        scan.truth[
+            "T_flange_sensor" if scan.mount == "eye-in-hand" else "T_base_sensor"
+        ]
+    )
 
 
 def error_of(found, T) -> np.ndarray:

@@ -1,7 +1,9 @@
-"""Random corruptions of the example scans: never a traceback, a hang, or a wrong answer that claims to be right.
+"""Random corruptions of the example scans: never a traceback, a hang, or a wrong answer
+that claims to be right.
 
-The suite tries 24; `PROFILECAL_FUZZ=2000 pytest -s tests/test_fuzz.py` tries as many as it says and prints what came
-of each kind. A corruption is drawn from its own seed, the number in a failure's first line.
+The suite tries 24; `PROFILECAL_FUZZ=2000 pytest -s tests/test_fuzz.py` tries as many as
+it says and prints what came of each kind. A corruption is drawn from its own seed, the
+number in a failure's first line.
 """
 
 import json
@@ -27,7 +29,9 @@ BELIEVED = 5.0  # standard deviations
 
 
 def corrupt(seed):
-    """The folder of a seed and the names of what was done to it; one in five suffers twice."""
+    """The folder of a seed and the names of what was done to it; one in five suffers
+    twice.
+    """
     rng = np.random.default_rng(seed)
     kind = ("edge", "disk", "ball")[seed % 3]
     names = list(CORRUPTIONS)
@@ -41,14 +45,16 @@ def corrupt(seed):
         except Exception:
             if done == [kind]:
                 raise
-            # what the first corruption left is no table that the second one could change
+            # what the first corruption left is no table that the second one could
+            # change
     return folder, done
 
 
 def outcome(path, truth, checking):
     """What calibrating a folder ends in: "refused", "ok", "weak" or "unobservable".
 
-    Raises AssertionError for what must never be. Any exception but ScanError is such a thing too.
+    Raises AssertionError for what must never be. Any exception but ScanError is such a
+    thing too.
     """
     try:
         scan = read_scan(path)
@@ -96,11 +102,17 @@ def attempt(seed, path):
     finally:
         signal.alarm(0)
     seconds = time.process_time() - start
-    return names, what if seconds < LONGEST else f"FAILED, took {seconds:.0f} s", seconds
+    return (
+        names,
+        what if seconds < LONGEST else f"FAILED, took {seconds:.0f} s",
+        seconds,
+    )
 
 
 def test_corrupted_scans_are_refused_or_doubted_or_right(tmp_path):
-    """PROFILECAL_FUZZ of them, 24 if it is not set. Spread over the kinds of corruption in the suite's part."""
+    """PROFILECAL_FUZZ of them, 24 if it is not set. Spread over the kinds of corruption
+    in the suite's part.
+    """
     seeds = range(COUNT) if 3 * len(CORRUPTIONS) <= COUNT else range(0, 10 * COUNT, 10)
     table, slowest, failed = defaultdict(Counter), (0.0, 0), []
     for seed in seeds:
@@ -112,5 +124,8 @@ def test_corrupted_scans_are_refused_or_doubted_or_right(tmp_path):
             failed.append(f"{seed} {'+'.join(names)}: {what}")
     print(f"\nlongest: {slowest[0]:.1f} s, of {slowest[1]}")
     for name, counts in sorted(table.items()):
-        print(f"{name:30}", ", ".join(f"{count} {what}" for what, count in sorted(counts.items())))
+        print(
+            f"{name:30}",
+            ", ".join(f"{count} {what}" for what, count in sorted(counts.items())),
+        )
     assert not failed, "\n".join(failed)

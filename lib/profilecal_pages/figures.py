@@ -22,7 +22,9 @@ def use_style() -> None:
     plt.rcParams.update(
         {
             "figure.constrained_layout.use": True,
-            "axes.prop_cycle": plt.cycler(color=[BLUE, ORANGE, GREEN, RED, SKY, PURPLE]),
+            "axes.prop_cycle": plt.cycler(
+                color=[BLUE, ORANGE, GREEN, RED, SKY, PURPLE]
+            ),
             "axes.spines.top": False,
             "axes.spines.right": False,
             "legend.frameon": False,
@@ -48,25 +50,40 @@ class Results:
         """Show a figure and write it."""
         if self.folder:
             for suffix in (".png", ".svg"):
-                figure.savefig(self._place("figures", name).with_suffix(suffix), dpi=200)
+                figure.savefig(
+                    self._place("figures", name).with_suffix(suffix), dpi=200
+                )
                 figure.set_layout_engine("none")  # it is laid out
         plt.show()
 
     def table(self, frame: pd.DataFrame, name: str, digits: int = 4) -> pd.DataFrame:
-        """Write a table in full precision and return it rounded to `digits` significant digits for the reader."""
+        """Write a table in full precision and return it rounded to `digits` significant
+        digits for the reader.
+        """
         if self.folder:
-            frame.to_csv(self._place("tables", name).with_suffix(".csv"), index=frame.index.name is not None)
-        return frame.map(lambda v: f"{v:.{digits}g}" if isinstance(v, float | np.floating) else v)
+            frame.to_csv(
+                self._place("tables", name).with_suffix(".csv"),
+                index=frame.index.name is not None,
+            )
+        return frame.map(
+            lambda v: f"{v:.{digits}g}" if isinstance(v, float | np.floating) else v
+        )
 
 
 def plot_changes(parts: dict, size: float, of: str, met: str) -> plt.Figure:
-    """The changes of a table's numbers, in half units of the last digit, by part; within the grey band a number prints
-    alike. `size`: the largest; `of`, `met`: what they are and what they achieve, for the axis and the title."""
+    """The changes of a table's numbers, in half units of the last digit, by part;
+    within the grey band a number prints alike. `size`: the largest; `of`, `met`: what
+    they are and what they achieve, for the axis and the title.
+    """
     figure, axes = plt.subplots(figsize=(8, 2.8))
     start = 0
-    for (name, changes), colour in zip(parts.items(), (BLUE, ORANGE, GREEN, PURPLE, SKY), strict=False):
+    for (name, changes), colour in zip(
+        parts.items(), (BLUE, ORANGE, GREEN, PURPLE, SKY), strict=False
+    ):
         axes.vlines(start + np.arange(len(changes)), 0, changes, color=colour, lw=3)
-        axes.annotate(name, (start + len(changes) / 2 - 0.5, 1.12), ha="center", color=colour)
+        axes.annotate(
+            name, (start + len(changes) / 2 - 0.5, 1.12), ha="center", color=colour
+        )
         start += len(changes)
     axes.axhspan(-1, 1, color="0.92", zorder=0)
     axes.axhline(0, color="0.6", lw=0.8)
@@ -78,14 +95,22 @@ def plot_changes(parts: dict, size: float, of: str, met: str) -> plt.Figure:
 def draw_frame(axes, rotation, origin, length: float) -> None:
     """Draw a coordinate frame in a 3D plot: x red, y green, z blue."""
     for axis, colour in zip(np.asarray(rotation).T, (RED, GREEN, BLUE), strict=True):
-        axes.plot(*np.column_stack([origin, origin + length * axis]), color=colour, lw=2)
+        axes.plot(
+            *np.column_stack([origin, origin + length * axis]), color=colour, lw=2
+        )
 
 
-def draw_patch(axes, corners, colour: str, alpha: float = 0.25, label: str = "") -> None:
+def draw_patch(
+    axes, corners, colour: str, alpha: float = 0.25, label: str = ""
+) -> None:
     """Draw a filled polygon with corners (n, 3) in a 3D plot."""
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
-    axes.add_collection3d(Poly3DCollection([corners], facecolor=colour, edgecolor=colour, alpha=alpha, label=label))
+    axes.add_collection3d(
+        Poly3DCollection(
+            [corners], facecolor=colour, edgecolor=colour, alpha=alpha, label=label
+        )
+    )
 
 
 def equal_axes(axes, points) -> None:
@@ -97,36 +122,58 @@ def equal_axes(axes, points) -> None:
 
 
 def draw_scan(axes, rotation, origin, depth: float, colour: str) -> np.ndarray:
-    """Draw a scanner's fan of light in a 3D plot, as wide as it is deep; return its corners (3, 3)."""
+    """Draw a scanner's fan of light in a 3D plot, as wide as it is deep; return its
+    corners (3, 3).
+    """
     x, _, z = np.transpose(rotation)
-    corners = np.array([origin, origin + depth * (z - x / 2), origin + depth * (z + x / 2)])
+    corners = np.array(
+        [origin, origin + depth * (z - x / 2), origin + depth * (z + x / 2)]
+    )
     draw_patch(axes, corners, colour, alpha=0.15)
     return corners
 
 
 def noise_curves(axes, m, sigma_mm, e) -> None:
-    """Draw e (k, l) over m (l,), one curve for each sigma_mm (k,), named at its right end."""
+    """Draw e (k, l) over m (l,), one curve for each sigma_mm (k,), named at its right
+    end.
+    """
     shades = plt.get_cmap("viridis")(np.linspace(0, 0.85, len(sigma_mm)))
     for sigma, curve, shade in zip(sigma_mm, e, shades, strict=True):
         axes.plot(m, curve, color=shade, lw=1.5)
         place = m[-1], curve[-1]
-        axes.annotate(f"{sigma:.3g}", place, (5, 0), textcoords="offset points", va="center", color=shade, fontsize=8)
+        axes.annotate(
+            f"{sigma:.3g}",
+            place,
+            (5, 0),
+            textcoords="offset points",
+            va="center",
+            color=shade,
+            fontsize=8,
+        )
     axes.annotate("σ [mm]", place, (5, 10), textcoords="offset points", fontsize=9)
 
 
 def plot_columns(frame: pd.DataFrame, x: str, y: str, hue: str, folder: Path) -> Path:
-    """Draw column y over column x, a line for each value of `hue`: the median, and the range from least to most. Raises
-    ValueError for a column that is not there or holds no numbers."""
+    """Draw column y over column x, a line for each value of `hue`: the median, and the
+    range from least to most. Raises ValueError for a column that is not there or holds
+    no numbers.
+    """
     if missing := {x, y, hue or x} - {*frame}:
-        raise ValueError(f"no column named {missing.pop()!r}; there are {', '.join(frame)}")
+        raise ValueError(
+            f"no column named {missing.pop()!r}; there are {', '.join(frame)}"
+        )
     numbers = frame.assign(**{y: pd.to_numeric(frame[y], "coerce").astype(float)})
     shown = numbers.pivot_table(y, x, hue or None, ["min", "median", "max"])
     if shown.empty:
         raise ValueError(f"column {y} holds no numbers, so it cannot be drawn")
     use_style()
-    axes = shown["median"].plot(style="o-", ylabel=f"{y} (median, range)", figsize=(6, 4), legend=bool(hue))
+    axes = shown["median"].plot(
+        style="o-", ylabel=f"{y} (median, range)", figsize=(6, 4), legend=bool(hue)
+    )
     for name in shown["median"]:
-        axes.fill_between(shown.index, shown["min", name], shown["max", name], alpha=0.15, lw=0)
+        axes.fill_between(
+            shown.index, shown["min", name], shown["max", name], alpha=0.15, lw=0
+        )
     place = folder / f"{y}_over_{x}.png".replace("/", "-")
     axes.figure.savefig(place, dpi=200)
     axes.figure.savefig(place.with_suffix(".svg"))
@@ -135,12 +182,20 @@ def plot_columns(frame: pd.DataFrame, x: str, y: str, hue: str, folder: Path) ->
 
 
 def table(header, rows) -> None:
-    """Show rows of texts under a header, as a notebook's text would have them: formulas in them are typeset."""
-    text("\n".join(f"| {' | '.join(line)} |" for line in (header, ["---"] * len(header), *rows)))
+    """Show rows of texts under a header, as a notebook's text would have them: formulas
+    in them are typeset.
+    """
+    text(
+        "\n".join(
+            f"| {' | '.join(line)} |" for line in (header, ["---"] * len(header), *rows)
+        )
+    )
 
 
 def text(*sentences: str) -> None:
-    """Show sentences as a notebook's text would have them: formulas in them are typeset."""
+    """Show sentences as a notebook's text would have them: formulas in them are
+    typeset.
+    """
     from IPython.display import Markdown, display
 
     display(Markdown(" ".join(sentences)))

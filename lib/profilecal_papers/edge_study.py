@@ -1,5 +1,7 @@
-"""The edge paper's experiments: where its robot goes (Sections 3 and 4.2), random scenes of an edge, what the scanner
-sees of them, and the paper's own measures of error, Δα and Δd (Section 4.1, Fig. 5)."""
+"""The edge paper's experiments: where its robot goes (Sections 3 and 4.2), random
+scenes of an edge, what the scanner sees of them, and the paper's own measures of error,
+Δα and Δd (Section 4.1, Fig. 5).
+"""
 
 from dataclasses import dataclass
 
@@ -13,21 +15,28 @@ from profilecal.targets.ball import Ball
 from profilecal.targets.edge import Edge
 from profilecal.targets.observations import Observations
 
-STANDOFF = 75.0  # mm, the middle of the 60 to 90 mm for which the paper's scanner does best
+STANDOFF = (
+    75.0  # mm, the middle of the 60 to 90 mm for which the paper's scanner does best
+)
 
 
 def arc(count: int, radius: float, span: float, middle) -> np.ndarray:
-    """Positions (..., count, 3), mm, on a circular arc in the plane z = 0, from its middle; that lies at the angle
-    `middle` (...), rad."""
-    radius, span, middle = (np.asarray(number)[..., None] for number in (radius, span, middle))
+    """Positions (..., count, 3), mm, on a circular arc in the plane z = 0, from its
+    middle; that lies at the angle `middle` (...), rad.
+    """
+    radius, span, middle = (
+        np.asarray(number)[..., None] for number in (radius, span, middle)
+    )
     angle = middle + span * np.linspace(-0.5, 0.5, count)
     x, y = np.cos(angle) - np.cos(middle), np.sin(angle) - np.sin(middle)
     return radius[..., None] * np.stack([x, y, np.zeros_like(x)], axis=-1)
 
 
 def arc_planes(direction, tilt, azimuth) -> np.ndarray:
-    """Frames (..., 3, 3), in columns, of planes (their x and y axes) that make the angle `tilt` with the edge, along
-    `direction` (..., 3). `azimuth` (...) turns the plane about it. x is nearest to the edge, y square to it."""
+    """Frames (..., 3, 3), in columns, of planes (their x and y axes) that make the
+    angle `tilt` with the edge, along `direction` (..., 3). `azimuth` (...) turns the
+    plane about it. x is nearest to the edge, y square to it.
+    """
     frame, tilt = frame_along(direction, azimuth), np.asarray(tilt)[..., None]
     across, along = frame[..., 0], frame[..., 1]
     x = np.cos(tilt) * along - np.sin(tilt) * across
@@ -36,82 +45,127 @@ def arc_planes(direction, tilt, azimuth) -> np.ndarray:
 
 
 def above(point, flange, R_sensor, T_sensor, standoff: float = STANDOFF) -> np.ndarray:
-    """Positions (..., G, 3) of the flange, at orientations (..., G, 3, 3), that put `point` (..., 3) into the middle of
-    the scan, at depth `standoff`."""
+    """Positions (..., G, 3) of the flange, at orientations (..., G, 3, 3), that put
+    `point` (..., 3) into the middle of the scan, at depth `standoff`.
+    """
     seen = R_sensor @ np.array([0.0, 0.0, standoff]) + T_sensor
     return point[..., None, :] - (flange @ seen[..., None, :, None])[..., 0]
 
 
 @dataclass(frozen=True)
 class EdgePlan:
-    """How to move over an edge: `groups` orientations, each held for `positions` positions. Spread, radius, span and
-    tilt of arcs may be arrays (S, 1), one number for each of S scenes."""
+    """How to move over an edge: `groups` orientations, each held for `positions`
+    positions. Spread, radius, span and tilt of arcs may be arrays (S, 1), one number
+    for each of S scenes.
+    """
 
     groups: int = 25
     positions: int = 10
     spread_deg: float = 30.0  # the flange turns by up to this, either way
     one_axis: bool = False  # all turns about one axis
     motion: str = "arc"  # or "line", or "space": anywhere in a ball of the arc's radius
-    frame: str = "base"  # one arc for all groups; "group": each its own; "tool": it turns with the flange
+    # one arc for all groups; "group": each its own; "tool": it turns with the flange
+    frame: str = "base"
     radius: float = 25.0  # mm
     span_deg: float = 90.0
     tilt_deg: float = 45.0  # between the arc's plane and the edge
 
     def __post_init__(self):
-        for name, known in (("motion", ("arc", "line", "space")), ("frame", ("base", "group", "tool"))):
+        for name, known in (
+            ("motion", ("arc", "line", "space")),
+            ("frame", ("base", "group", "tool")),
+        ):
             if getattr(self, name) not in known:
-                raise ValueError(f"{name} is {getattr(self, name)!r}; expected one of {', '.join(known)}")
+                raise ValueError(
+                    f"{name} is {getattr(self, name)!r}; expected one of {', '.join(known)}"
+                )
 
     def offsets(self, direction, rng: np.random.Generator) -> np.ndarray:
-        """Translations within each group, (..., G or 1, N, 3), over edges along `direction` (..., 3), mm."""
+        """Translations within each group, (..., G or 1, N, 3), over edges along
+        `direction` (..., 3), mm.
+        """
         shape = (*direction.shape[:-1], self.groups if self.frame == "group" else 1)
         if self.motion == "space":
-            length = self.radius * np.cbrt(rng.uniform(size=(*shape, self.positions, 1)))
+            length = self.radius * np.cbrt(
+                rng.uniform(size=(*shape, self.positions, 1))
+            )
             return length * directions(rng, (*shape, self.positions))
         azimuth, middle = rng.uniform(0, 2 * np.pi, (2, *shape))
         plane = arc_planes(direction[..., None, :], np.radians(self.tilt_deg), azimuth)
         if self.motion == "line":
-            return self.radius * np.linspace(-1, 1, self.positions)[:, None] * plane[..., None, :, 0]
-        return arc(self.positions, self.radius, np.radians(self.span_deg), middle) @ plane.mT
+            return (
+                self.radius
+                * np.linspace(-1, 1, self.positions)[:, None]
+                * plane[..., None, :, 0]
+            )
+        return (
+            arc(self.positions, self.radius, np.radians(self.span_deg), middle)
+            @ plane.mT
+        )
 
 
-def plan_edge(plan: EdgePlan, edge: Edge, R_sensor, T_sensor, rng: np.random.Generator) -> Poses:
-    """Poses that carry the scanner at R_sensor (..., 3, 3), T_sensor (..., 3), mm, over the edge: the operator makes
-    the scan plane cross the edge at up to 20° from square, turns the flange from group to group, and starts each group
-    with the edge in the middle of the scan."""
+def plan_edge(
+    plan: EdgePlan, edge: Edge, R_sensor, T_sensor, rng: np.random.Generator
+) -> Poses:
+    """Poses that carry the scanner at R_sensor (..., 3, 3), T_sensor (..., 3), mm, over
+    the edge: the operator makes the scan plane cross the edge at up to 20° from square,
+    turns the flange from group to group, and starts each group with the edge in the
+    middle of the scan.
+    """
     shape = edge.point.shape[:-1]
     square = frame_along(edge.direction, rng.uniform(0, 2 * np.pi, shape))
     start = random_turns(rng, shape, np.radians(20)) @ square @ R_sensor.mT
     axis = directions(rng, shape)[..., None, :] if plan.one_axis else None
-    turned = random_turns(rng, (*shape, plan.groups), np.radians(plan.spread_deg)[..., None], axis)
+    turned = random_turns(
+        rng, (*shape, plan.groups), np.radians(plan.spread_deg)[..., None], axis
+    )
     offsets = plan.offsets(edge.direction, rng)
     if plan.frame == "tool":
         offsets = offsets @ turned.mT
     flange = turned @ start[..., None, :, :]
-    return Poses(flange, above(edge.point, flange, R_sensor, T_sensor)[..., None, :] + offsets)
+    return Poses(
+        flange, above(edge.point, flange, R_sensor, T_sensor)[..., None, :] + offsets
+    )
 
 
 def plan_ball(centre, radius: float, R_sensor, T_sensor, rng) -> Poses:
-    """Poses that draw six parallel profiles over a ball at `centre` (..., 3), mm, in each of ten orientations (edge
-    paper, Section 4.2). The profiles spread over 1.2 radii, along the sensor's y."""
+    """Poses that draw six parallel profiles over a ball at `centre` (..., 3), mm, in
+    each of ten orientations (edge paper, Section 4.2). The profiles spread over 1.2
+    radii, along the sensor's y.
+    """
     start = random_turns(rng, centre.shape[:-1], np.pi) @ R_sensor.mT
-    flange = random_turns(rng, (*centre.shape[:-1], 10), np.radians(30)) @ start[..., None, :, :]
+    flange = (
+        random_turns(rng, (*centre.shape[:-1], 10), np.radians(30))
+        @ start[..., None, :, :]
+    )
     y = (flange @ R_sensor[..., None, :, :])[..., 1]
     steps = np.linspace(-0.6, 0.6, 6)[:, None] * radius * y[..., None, :]
-    return Poses(flange, above(centre, flange, R_sensor, T_sensor, STANDOFF + radius)[..., None, :] + steps)
+    return Poses(
+        flange,
+        above(centre, flange, R_sensor, T_sensor, STANDOFF + radius)[..., None, :]
+        + steps,
+    )
 
 
-def sense_edge(edge: Edge, R_sensor, T_sensor, poses: Poses, noise: Noise, rng: np.random.Generator) -> np.ndarray:
-    """Edge points (..., G, N, 2), x and z in the sensor frame, mm, that a scanner on the flange reports. Sensor poses
-    (..., 3, 3), (..., 3), the edge and the poses may share leading axes, one entry a scene."""
+def sense_edge(
+    edge: Edge, R_sensor, T_sensor, poses: Poses, noise: Noise, rng: np.random.Generator
+) -> np.ndarray:
+    """Edge points (..., G, N, 2), x and z in the sensor frame, mm, that a scanner on
+    the flange reports. Sensor poses (..., 3, 3), (..., 3), the edge and the poses may
+    share leading axes, one entry a scene.
+    """
     planes = scan_planes(R_sensor, T_sensor, *actual_poses(poses, noise, rng))
-    seen = Edge(edge.point[..., None, None, :], edge.direction[..., None, None, :]).meet(*planes)
+    seen = Edge(
+        edge.point[..., None, None, :], edge.direction[..., None, None, :]
+    ).meet(*planes)
     return seen + noise.profile_mm * rng.normal(size=seen.shape)
 
 
 @dataclass(frozen=True)
 class EdgeScene:
-    """An edge, a scanner on a flange, the poses that the robot reports and what the scanner sees."""
+    """An edge, a scanner on a flange, the poses that the robot reports and what the
+    scanner sees.
+    """
 
     edge: Edge
     R_sensor: np.ndarray  # (..., 3, 3)
@@ -120,19 +174,36 @@ class EdgeScene:
     points: np.ndarray  # (..., G, N, 2) mm
 
 
-def edge_scenes(plan: EdgePlan, noise: Noise, rng: np.random.Generator, shape=()) -> EdgeScene:
-    """Random scenes, `shape` of them: any edge 1 m in front of the robot, any mount within 150 mm of the flange.
-    Entries of `noise` may be arrays (S, 1, 1, 1), one for each of S scenes."""
-    edge = Edge(np.array([1000.0, 0.0, 300.0]) + rng.uniform(-100, 100, (*shape, 3)), directions(rng, shape))
+def edge_scenes(
+    plan: EdgePlan, noise: Noise, rng: np.random.Generator, shape=()
+) -> EdgeScene:
+    """Random scenes, `shape` of them: any edge 1 m in front of the robot, any mount
+    within 150 mm of the flange. Entries of `noise` may be arrays (S, 1, 1, 1), one for
+    each of S scenes.
+    """
+    edge = Edge(
+        np.array([1000.0, 0.0, 300.0]) + rng.uniform(-100, 100, (*shape, 3)),
+        directions(rng, shape),
+    )
     R_sensor = random_turns(rng, shape, np.pi)
     T_sensor = rng.uniform(50, 150, (*shape, 1)) * directions(rng, shape)
     poses = plan_edge(plan, edge, R_sensor, T_sensor, rng)
-    return EdgeScene(edge, R_sensor, T_sensor, poses, sense_edge(edge, R_sensor, T_sensor, poses, noise, rng))
+    return EdgeScene(
+        edge,
+        R_sensor,
+        T_sensor,
+        poses,
+        sense_edge(edge, R_sensor, T_sensor, poses, noise, rng),
+    )
 
 
-def ball_points(ball: Ball, R_sensor, T_sensor, poses: Poses, noise: Noise, rng, count: int = 40) -> np.ndarray:
-    """Points (..., G, N, count, 2) on a ball, x and z in the sensor frame, mm, that a scanner on the flange reports: in
-    each profile up to 60° to either side of the point nearest to it."""
+def ball_points(
+    ball: Ball, R_sensor, T_sensor, poses: Poses, noise: Noise, rng, count: int = 40
+) -> np.ndarray:
+    """Points (..., G, N, count, 2) on a ball, x and z in the sensor frame, mm, that a
+    scanner on the flange reports: in each profile up to 60° to either side of the point
+    nearest to it.
+    """
     planes = scan_planes(R_sensor, T_sensor, *actual_poses(poses, noise, rng))
     seen = Ball(ball.centre[..., None, None, :], ball.radius).arc(*planes, 60, count)
     return seen + noise.profile_mm * rng.normal(size=seen.shape)
@@ -143,11 +214,19 @@ def observations_of(scene: EdgeScene) -> Observations:
     G, N = scene.points.shape[-3:-1]
     batch = scene.points.shape[:-3] or (1,)
     R = np.repeat(scene.poses.rotations, N, axis=-3).reshape(*batch, G * N, 3, 3)
-    T, points = scene.poses.positions.reshape(*batch, G * N, 3), scene.points.reshape(*batch, G * N, 1, 2)
+    T, points = (
+        scene.poses.positions.reshape(*batch, G * N, 3),
+        scene.points.reshape(*batch, G * N, 1, 2),
+    )
     return Observations("edge", R, T, points, group=np.repeat(np.arange(G), N))
 
 
-ROTATIONS = (10, 15, 20, 25)  # used for a calibration; the paper sums up its tables from 15 on
+ROTATIONS = (
+    10,
+    15,
+    20,
+    25,
+)  # used for a calibration; the paper sums up its tables from 15 on
 
 
 def principal(vectors, about_mean: bool = True) -> np.ndarray:
@@ -157,13 +236,17 @@ def principal(vectors, about_mean: bool = True) -> np.ndarray:
 
 
 def angle_deviations(solution: EdgeSolution, about_mean: bool = True) -> np.ndarray:
-    """Δα (..., G), rad: between the edge's direction u_b and the principal direction of each group of p_b, of vectors
-    about their mean (PCA) or as they are. Seen along one fixed axis perpendicular to u_b: left and right differ."""
+    """Δα (..., G), rad: between the edge's direction u_b and the principal direction of
+    each group of p_b, of vectors about their mean (PCA) or as they are. Seen along one
+    fixed axis perpendicular to u_b: left and right differ.
+    """
     u_b = solution.u_b
     groups = principal(solution.p_b - solution.p_b[..., :1, :], about_mean)
     aside = np.cross(u_b, np.eye(3)[np.argmin(np.abs(u_b), axis=-1)])
     aside /= np.linalg.norm(aside, axis=-1, keepdims=True)
-    along, across = (np.sum(groups * axis[..., None, :], axis=-1) for axis in (u_b, aside))
+    along, across = (
+        np.sum(groups * axis[..., None, :], axis=-1) for axis in (u_b, aside)
+    )
     return np.arctan(across / along)
 
 

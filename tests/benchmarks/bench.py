@@ -1,4 +1,6 @@
-"""What benchmarks share: times of calls, lines of results/bench.csv, and, once it is imported, the tests' helpers."""
+"""What benchmarks share: times of calls, lines of results/bench.csv, and, once it is
+imported, the tests' helpers.
+"""
 
 import statistics
 import sys
@@ -21,18 +23,29 @@ def best_of(count: int, function) -> float:
 
 
 def medians(*functions, repeats: int = 5, clock=time.process_time) -> list[float]:
-    """Median times of functions that take turns, so that a busy machine slows all alike."""
-    rounds = [[seconds(function, clock) for function in functions] for _ in range(repeats)]
+    """Median times of functions that take turns, so that a busy machine slows all
+    alike.
+    """
+    rounds = [
+        [seconds(function, clock) for function in functions] for _ in range(repeats)
+    ]
     return [statistics.median(taken) for taken in zip(*rounds, strict=True)]
 
 
 def row(name, ours_s, reference, reference_s, ratio, target, met) -> dict:
     """A line of the table, with the keys that `run.py` asks for."""
-    times = {"name": name, "ours_s": float(ours_s), "reference": reference, "reference_s": float(reference_s)}
+    times = {
+        "name": name,
+        "ours_s": float(ours_s),
+        "reference": reference,
+        "reference_s": float(reference_s),
+    }
     return times | {"ratio": float(ratio), "target": target, "met": bool(met)}
 
 
 def at_most(most: float, name, ours_s, reference, reference_s) -> dict:
     """A line that is to take at most so many times as long as the reference."""
     ratio = ours_s / reference_s
-    return row(name, ours_s, reference, reference_s, ratio, f"ratio ≤ {most:g}", ratio <= most)
+    return row(
+        name, ours_s, reference, reference_s, ratio, f"ratio ≤ {most:g}", ratio <= most
+    )

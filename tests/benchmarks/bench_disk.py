@@ -1,11 +1,17 @@
-"""The noise studies against their own random numbers, against loops over peers' ellipse fits, and on two workers."""
+"""The noise studies against their own random numbers, against loops over peers' ellipse
+fits, and on two workers.
+"""
 
 import time
 
 import numpy as np
 from bench import at_most, medians, row
 
-from profilecal.closed_form.disk import chord_weights, disk_equations, sensing_data_from_ellipse
+from profilecal.closed_form.disk import (
+    chord_weights,
+    disk_equations,
+    sensing_data_from_ellipse,
+)
 from profilecal.geometry.fitting import Ellipse
 from profilecal_papers.ball_study import fig17_scans, mean_centres
 from profilecal_papers.disk_study import disk_study, fig15_scans
@@ -16,11 +22,15 @@ SIGMA_MM, M, TRIALS = np.arange(1, 10) / 10, np.arange(10, 201, 10), 500
 
 
 def study(workers=1, sigma_mm=SIGMA_MM, m=M, trials=TRIALS, **kind):
-    return disk_study(SCANS, sigma_mm, m, trials, np.random.default_rng(0), workers=workers, **kind)
+    return disk_study(
+        SCANS, sigma_mm, m, trials, np.random.default_rng(0), workers=workers, **kind
+    )
 
 
 def draw(per_chord: int) -> None:
-    """The normals of the whole grid, from the streams and into the buffers that the study uses."""
+    """The normals of the whole grid, from the streams and into the buffers that the
+    study uses.
+    """
     for i, stream in enumerate(np.random.default_rng(0).spawn(len(SIGMA_MM) * len(M))):
         for _ in range(4):
             draw_blocks(per_chord * M[i % len(M)], stream)
@@ -62,7 +72,9 @@ def by_opencv(points) -> Ellipse:
 
     # the fit is in float32: about the mean, so that little is lost
     mean = points.mean(axis=0)
-    centre, diameters, degrees = cv2.fitEllipseDirect((points - mean).astype(np.float32))
+    centre, diameters, degrees = cv2.fitEllipseDirect(
+        (points - mean).astype(np.float32)
+    )
     return ellipse_of_axes(mean + centre, np.array(diameters) / 2, np.radians(degrees))
 
 
@@ -70,7 +82,9 @@ def by_skimage(points) -> Ellipse:
     from skimage.measure import EllipseModel
 
     found = EllipseModel.from_estimate(points)
-    return ellipse_of_axes(np.array(found.center), np.array(found.axis_lengths), found.theta)
+    return ellipse_of_axes(
+        np.array(found.center), np.array(found.axis_lengths), found.theta
+    )
 
 
 def ellipse_of_axes(centre, semi_axes, angle) -> Ellipse:
@@ -79,7 +93,9 @@ def ellipse_of_axes(centre, semi_axes, angle) -> Ellipse:
 
 
 def loop(fit, m: int, trials: int, sigma_mm: float) -> np.ndarray:
-    """Disk centres of `trials` calibrations one by one, from the random numbers of `disk_study`'s first stream."""
+    """Disk centres of `trials` calibrations one by one, from the random numbers of
+    `disk_study`'s first stream.
+    """
     scans = SCANS
     exact = np.swapaxes(scans.tips(m), 1, 2)
     along = exact[:, 1] - exact[:, 0]
@@ -94,19 +110,31 @@ def loop(fit, m: int, trials: int, sigma_mm: float) -> np.ndarray:
             ellipse = fit((tips + noise[i, k] * along[i]).reshape(-1, 2))
             scan = scans.T_start[i], scans.T_end[i], scans.s[i], scans.disk.radius
             data.append(sensing_data_from_ellipse(ellipse, vectors[i], *scan))
-        fields = (np.array([getattr(d, name) for d in data]) for name in ("T_tcp", "q", "D_i", "D_b"))
+        fields = (
+            np.array([getattr(d, name) for d in data])
+            for name in ("T_tcp", "q", "D_i", "D_b")
+        )
         centres[k] = disk_equations(scans.R_tcp, *fields).translation.q_b
     return centres - scans.disk.centre
 
 
 def against_a_loop(name: str, fit, least: int, closeness_mm: float) -> dict:
     m, sigma_mm, few, many = 100, 0.4, 100, 2000
-    ours_s, loop_s = medians(lambda: study(1, [sigma_mm], [m], many), lambda: loop(fit, m, few, sigma_mm), repeats=3)
+    ours_s, loop_s = medians(
+        lambda: study(1, [sigma_mm], [m], many),
+        lambda: loop(fit, m, few, sigma_mm),
+        repeats=3,
+    )
     ours_s, loop_s = ours_s / many, loop_s / few
-    fast = disk_study(SCANS, sigma_mm, m, few, np.random.default_rng(0), workers=1).centre_error[0, 0]
+    fast = disk_study(
+        SCANS, sigma_mm, m, few, np.random.default_rng(0), workers=1
+    ).centre_error[0, 0]
     apart = np.abs(fast - loop(fit, m, few, sigma_mm)).max()
     ours = f"one calibration, m = 100 (largest difference {apart:.0e} mm)"
-    target, met = f"≥ {least} × faster, within {closeness_mm:g} mm", loop_s >= least * ours_s and apart <= closeness_mm
+    target, met = (
+        f"≥ {least} × faster, within {closeness_mm:g} mm",
+        loop_s >= least * ours_s and apart <= closeness_mm,
+    )
     return row(ours, ours_s, name, loop_s, loop_s / ours_s, target, met)
 
 
@@ -117,7 +145,11 @@ def linear(name: str, factor: float, small: dict, **larger) -> dict:
 
 
 def two_workers() -> dict:
-    one_s, two_s = medians(lambda: study(1, trials=1000), lambda: study(2, trials=1000), clock=time.perf_counter)
+    one_s, two_s = medians(
+        lambda: study(1, trials=1000),
+        lambda: study(2, trials=1000),
+        clock=time.perf_counter,
+    )
     name, ratio = "Fig. 15 grid × 2, two workers (wall time)", one_s / two_s
     return row(name, two_s, "one worker", one_s, ratio, "≥ 1.7 × faster", ratio >= 1.7)
 
@@ -126,7 +158,9 @@ def rows() -> list[dict]:
     small = {"sigma_mm": [0.4], "m": [200]}
     return [
         against_the_draw("Fig. 15 grid, chord noise", study, 2, 2.0),
-        against_the_draw("Fig. 15 grid, isotropic noise", lambda: study(noise="isotropic"), 4, 2.5),
+        against_the_draw(
+            "Fig. 15 grid, isotropic noise", lambda: study(noise="isotropic"), 4, 2.5
+        ),
         ball_arcs(),
         against_a_loop("loop with OpenCV's fitEllipseDirect", by_opencv, 50, 1e-3),
         against_a_loop("loop with scikit-image's EllipseModel", by_skimage, 100, 1e-9),

@@ -12,7 +12,9 @@ LIMIT_S = 5e-3
 
 def rows() -> list[dict]:
     """One calibration of 25 rotations x 10 translations."""
-    scene = edge_scenes(EdgePlan(motion="space"), Noise(0.05), np.random.default_rng(13))
+    scene = edge_scenes(
+        EdgePlan(motion="space"), Noise(0.05), np.random.default_rng(13)
+    )
     data = scene.poses.rotations, scene.poses.positions, scene.points
     (ours,) = medians(lambda: edge_equations(*data), repeats=50)
     return [at_most(1, "edge: closed form, 25 x 10", ours, "limit", LIMIT_S)]

@@ -24,7 +24,9 @@ SIGMA, TRIALS, AGREEMENT = 0.05, 320, 1e-8
 
 
 def scipy_solution(problem: Problem, start: State) -> np.ndarray:
-    """The parameters' change from `start`, (n,), by MINPACK with our analytic derivatives: one problem at a time."""
+    """The parameters' change from `start`, (n,), by MINPACK with our analytic
+    derivatives: one problem at a time.
+    """
     last, sigma = {}, problem.noise.profile_mm
 
     def at(x):
@@ -34,16 +36,32 @@ def scipy_solution(problem: Problem, start: State) -> np.ndarray:
             last.update(x=x.tobytes(), z=z.reshape(len(z), -1) / sigma)
         return last["z"]
 
-    # the derivatives are by a step from where one is, as ours, which differ from those by x at second order only
-    found = least_squares(lambda x: at(x)[-1], np.zeros(problem.n), jac=lambda x: at(x)[:-1].T, method="lm")
+    # the derivatives are by a step from where one is, as ours, which differ from those
+    # by x at second order only
+    found = least_squares(
+        lambda x: at(x)[-1],
+        np.zeros(problem.n),
+        jac=lambda x: at(x)[:-1].T,
+        method="lm",
+    )
     return found.x
 
 
 def scan_row(name: str, kind: str, measured: str, most: float) -> dict:
-    """From what a scan of 60 poses shows to an answer with its tests: no guess, all errors estimated, what does not
-    belong left out. The other starts 5 mm and 3° off, with the target where that sees it, and knows the scanner's noise
-    alone."""
-    scan = simulate_scan(Spec(kind=kind, seed=3, groups=12, positions=5, noise=Noise(SIGMA), measured=measured))
+    """From what a scan of 60 poses shows to an answer with its tests: no guess, all
+    errors estimated, what does not belong left out. The other starts 5 mm and 3° off,
+    with the target where that sees it, and knows the scanner's noise alone.
+    """
+    scan = simulate_scan(
+        Spec(
+            kind=kind,
+            seed=3,
+            groups=12,
+            positions=5,
+            noise=Noise(SIGMA),
+            measured=measured,
+        )
+    )
     _, seen, features_mm = observe_all((scan,))
     level = prior_from({} if features_mm else {"profile_mm": SIGMA}, features_mm)
     ours = best_of(7, lambda: systematic_tests(solve(seen, level)))
@@ -53,13 +71,17 @@ def scan_row(name: str, kind: str, measured: str, most: float) -> dict:
 
     def plain():
         problem = Problem(seen, Noise(SIGMA))
-        return scipy_solution(problem, problem.place(R[None], (T[:3, 3] + 5 * shift)[None]))
+        return scipy_solution(
+            problem, problem.place(R[None], (T[:3, 3] + 5 * shift)[None])
+        )
 
     theirs = best_of(9, plain)
     reference = "scipy least_squares(method='lm') from 5 mm and 3° off, with our derivatives; no robot errors"
     target = f"at most {most:g} times as long (now {ours / theirs:.1f})"
     name = f"joint: one scan of 60 poses, {name}"
-    return row(name, ours, reference, theirs, theirs / ours, target, ours <= most * theirs)
+    return row(
+        name, ours, reference, theirs, theirs / ours, target, ours <= most * theirs
+    )
 
 
 def disk_row() -> dict:
@@ -67,7 +89,9 @@ def disk_row() -> dict:
     scene = random_scene("disk", rng, positions=100)
     seen, noise = scene.noisy(SIGMA, rng, TRIALS), Noise(SIGMA)
     off = np.r_[np.full(3, 1.0), np.full(3, 0.01), np.zeros(5)]
-    start = Problem([seen], noise).move(scene.truth[[0] * TRIALS], off[None].repeat(TRIALS, 0))
+    start = Problem([seen], noise).move(
+        scene.truth[[0] * TRIALS], off[None].repeat(TRIALS, 0)
+    )
     ours = best_of(3, lambda: estimate([seen], noise, start, chunk=32)) / TRIALS
     few = [(Problem([seen.take([k])], noise), start[[k]]) for k in range(16)]
     theirs = best_of(3, lambda: [scipy_solution(*one) for one in few]) / len(few)
@@ -79,16 +103,29 @@ def disk_row() -> dict:
         apart.append(np.abs(other.rotation[0] - state.rotation[k]).max())
         apart.append(np.abs(other.translation[0] - state.translation[k]).max() / 100)
     name = f"joint: disk, 11 parameters, 1600 residuals, in batches of {TRIALS}, agreeing to {max(apart):.1g}"
-    reference = "scipy least_squares(method='lm'), one problem at a time, with our derivatives"
+    reference = (
+        "scipy least_squares(method='lm'), one problem at a time, with our derivatives"
+    )
     met = theirs >= 4 * ours and max(apart) < AGREEMENT
-    return row(name, ours, reference, theirs, theirs / ours, f"4 x faster, agreeing to {AGREEMENT:g}", met)
+    return row(
+        name,
+        ours,
+        reference,
+        theirs,
+        theirs / ours,
+        f"4 x faster, agreeing to {AGREEMENT:g}",
+        met,
+    )
 
 
 def files_row() -> dict:
     rng = np.random.default_rng(2)
     seen = random_scene("edge", rng).noisy(SIGMA, rng)
     q = Rotation.from_matrix(seen.R_flange[0]).as_quat()
-    poses = pd.DataFrame(np.column_stack([seen.T_flange[0], q]), columns=["x", "y", "z", "qx", "qy", "qz", "qw"])
+    poses = pd.DataFrame(
+        np.column_stack([seen.T_flange[0], q]),
+        columns=["x", "y", "z", "qx", "qy", "qz", "qw"],
+    )
     points = pd.DataFrame(seen.points[0, :, 0], columns=["x", "z"])
 
     def run(folder):
@@ -96,31 +133,52 @@ def files_row() -> dict:
         R = Rotation.from_quat(p[["qx", "qy", "qz", "qw"]].to_numpy()).as_matrix()
         T = p[["x", "y", "z"]].to_numpy()
         xz = pd.read_csv(folder / "points.csv")[["x", "z"]].to_numpy()
-        return solve([Observations("edge", R[None], T[None], xz[None, :, None], group=p["group"])])
+        return solve(
+            [
+                Observations(
+                    "edge", R[None], T[None], xz[None, :, None], group=p["group"]
+                )
+            ]
+        )
 
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         poses.assign(group=seen.group).to_csv(folder / "poses.csv", index=False)
         points.to_csv(folder / "points.csv", index=False)
         ours = best_of(3, lambda: run(folder))
-    name, target = "joint: 25 x 10 edge points, from files to result", "under 1 s beyond interpreter and imports"
+    name, target = (
+        "joint: 25 x 10 edge points, from files to result",
+        "under 1 s beyond interpreter and imports",
+    )
     return row(name, ours, "one second", 1.0, 1 / ours, target, ours < 1)
 
 
 def plain_solution(seen: Observations) -> float:
-    """Root mean square, mm, of what plain least squares from the flange itself leave: Levenberg and Marquardt on
-    (point - place) × direction of an edge, on the height above a plane, with differences for derivatives, at once."""
-    R, T, (x, z) = seen.R_flange[0], seen.T_flange[0], np.moveaxis(seen.points[0], -1, 0)
+    """Root mean square, mm, of what plain least squares from the flange itself leave:
+    Levenberg and Marquardt on (point - place) × direction of an edge, on the height
+    above a plane, with differences for derivatives, at once.
+    """
+    R, T, (x, z) = (
+        seen.R_flange[0],
+        seen.T_flange[0],
+        np.moveaxis(seen.points[0], -1, 0),
+    )
     local = np.stack([x, np.zeros_like(x), z], axis=-1)
     middle = T.mean(axis=0)
 
     def residuals(parameters):
-        """(k, residuals) at parameters (k, 12): the sensor's position and rotation vector, the target's place and
-        direction, or normal."""
+        """(k, residuals) at parameters (k, 12): the sensor's position and rotation
+        vector, the target's place and direction, or normal.
+        """
         shift, turn, place, axis = np.split(parameters, 4, axis=1)
         rotation = np.swapaxes(Rotation.from_rotvec(turn).as_matrix(), 1, 2)[:, None]
-        points = (local @ rotation + shift[:, None, None]) @ np.swapaxes(R, 1, 2) + T[:, None]
-        off, axis = points - middle - place[:, None, None], axis / np.linalg.norm(axis, axis=1, keepdims=True)
+        points = (local @ rotation + shift[:, None, None]) @ np.swapaxes(R, 1, 2) + T[
+            :, None
+        ]
+        off, axis = (
+            points - middle - place[:, None, None],
+            axis / np.linalg.norm(axis, axis=1, keepdims=True),
+        )
         if seen.kind == "plane":
             return (off @ axis[:, None, :, None]).reshape(len(parameters), -1)
         return np.cross(off, axis[:, None, None]).reshape(len(parameters), -1)
@@ -130,11 +188,15 @@ def plain_solution(seen: Observations) -> float:
         return ((values[1:] - values[0]) / step).T
 
     start = np.r_[np.zeros(9), 0.6, 0.5, 0.62]  # no axis is special
-    found = least_squares(lambda p: residuals(p[None])[0], start, derivatives, method="lm", x_scale="jac")
+    found = least_squares(
+        lambda p: residuals(p[None])[0], start, derivatives, method="lm", x_scale="jac"
+    )
     return float(np.sqrt(np.mean(found.fun**2)))
 
 
-def search_row(name: str, kind: str, count: int = 40, scenes: int = 12, **choices) -> dict:
+def search_row(
+    name: str, kind: str, count: int = 40, scenes: int = 12, **choices
+) -> dict:
     """From no guess, over random scenes; the other is timed wherever it ends."""
     ours, theirs, solved, lost = [], [], 0, 0
     for seed in range(scenes):
@@ -150,7 +212,15 @@ def search_row(name: str, kind: str, count: int = 40, scenes: int = 12, **choice
     reference = f"scipy least_squares(method='lm') on distances in space, which loses {lost} of {scenes}"
     target = f"at most twice the time of one plain descent, {scenes} of {scenes} solved (now {solved})"
     met = 2 * theirs >= ours and solved == scenes
-    return row(f"joint: {name}, from no guess", ours, reference, theirs, theirs / ours, target, met)
+    return row(
+        f"joint: {name}, from no guess",
+        ours,
+        reference,
+        theirs,
+        theirs / ours,
+        target,
+        met,
+    )
 
 
 def rows() -> list[dict]:

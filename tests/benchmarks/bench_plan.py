@@ -15,6 +15,10 @@ def rows() -> list[dict]:
     found = []
     for kind in KINDS:
         model, rng = model_for(kind), np.random.default_rng(6)
-        ours = seconds(lambda model=model, rng=rng: design(model, Limits(), rng, poses=30))
-        found.append(at_most(1, f"plan: 30 poses over a {kind}", ours, "ten seconds", LIMIT_S))
+        ours = seconds(
+            lambda model=model, rng=rng: design(model, Limits(), rng, poses=30)
+        )
+        found.append(
+            at_most(1, f"plan: 30 poses over a {kind}", ours, "ten seconds", LIMIT_S)
+        )
     return found

@@ -1,4 +1,6 @@
-"""A sweep against papermill alone: wall time, because a sweep's gain is the other cores and its cost is waiting."""
+"""A sweep against papermill alone: wall time, because a sweep's gain is the other cores
+and its cost is waiting.
+"""
 
 import subprocess
 import sys
@@ -28,25 +30,39 @@ def serial(notebook: Path, folder: Path) -> None:
 
     quiet = {"progress_bar": False, "extra_arguments": ["--log-level=CRITICAL"]}
     for n in range(RUNS):
-        papermill.execute_notebook(str(notebook), str(folder / "out.ipynb"), {"n": n}, **quiet)
+        papermill.execute_notebook(
+            str(notebook), str(folder / "out.ipynb"), {"n": n}, **quiet
+        )
 
 
 def first_run(folder: Path) -> tuple[float, float]:
-    """Of a 1,000-point sweep, started as a command: seconds until its first run starts, and its memory later, MB.
+    """Of a 1,000-point sweep, started as a command: seconds until its first run starts,
+    and its memory later, MB.
 
     Ends after ten runs. Linux only, where /proc tells the memory.
     """
-    notebook = write_notebook(folder / "quick.ipynb", "n: int = 0", "open('started', 'w').close()")
+    notebook = write_notebook(
+        folder / "quick.ipynb", "n: int = 0", "open('started', 'w').close()"
+    )
     (folder / "grid.toml").write_text(f"n = {list(range(1000))}\n")
     output = folder / "thousand"
-    command = [str(Path(sys.executable).with_name("profilecal")), "sweep", str(notebook), str(folder / "grid.toml")]
+    command = [
+        str(Path(sys.executable).with_name("profilecal")),
+        "sweep",
+        str(notebook),
+        str(folder / "grid.toml"),
+    ]
     start = time.perf_counter()
-    with subprocess.Popen([*command, "--output", str(output)], stderr=subprocess.DEVNULL) as process:
+    with subprocess.Popen(
+        [*command, "--output", str(output)], stderr=subprocess.DEVNULL
+    ) as process:
         try:
             while not (folder / "started").exists() and process.poll() is None:
                 time.sleep(0.02)
             took = time.perf_counter() - start
-            while len(list((output / "runs").glob("*"))) < 10 and process.poll() is None:
+            while (
+                len(list((output / "runs").glob("*"))) < 10 and process.poll() is None
+            ):
                 time.sleep(0.1)
             status = Path(f"/proc/{process.pid}/status").read_text()
         finally:
@@ -55,21 +71,41 @@ def first_run(folder: Path) -> tuple[float, float]:
 
 
 def rows() -> list[dict]:
-    """Sweeps with one and with all cores, against serial papermill of the same notebook; a large grid's start."""
+    """Sweeps with one and with all cores, against serial papermill of the same
+    notebook; a large grid's start.
+    """
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         notebook = write_notebook(folder / "second.ipynb", "n: int = 0", SECOND)
         alone = wall(serial, notebook, folder)
         every = wall(sweep, notebook, {"n": list(range(RUNS))}, folder / "every")
-        with LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address="127.0.0.1:0") as one:
+        with LocalCluster(
+            n_workers=1, threads_per_worker=1, dashboard_address="127.0.0.1:0"
+        ) as one:
             there = {"scheduler": one.scheduler_address}
             few = wall(sweep, notebook, {"n": list(range(4))}, folder / "few", **there)
-            many = wall(sweep, notebook, {"n": list(range(RUNS // 2))}, folder / "many", **there)
+            many = wall(
+                sweep, notebook, {"n": list(range(RUNS // 2))}, folder / "many", **there
+            )
         took, memory = first_run(folder)
     more, reference = (many - few) / (RUNS // 2 - 4), "papermill, serial + 0.3 s"
     return [
-        at_most(0.6, f"sweep: {RUNS} runs of 1 s on {CPU_COUNT} cores", every, "papermill, serial", alone),
-        at_most(1, "sweep: a run more on one core, of 1 s", more, reference, alone / RUNS + 0.3),
+        at_most(
+            0.6,
+            f"sweep: {RUNS} runs of 1 s on {CPU_COUNT} cores",
+            every,
+            "papermill, serial",
+            alone,
+        ),
+        at_most(
+            1,
+            "sweep: a run more on one core, of 1 s",
+            more,
+            reference,
+            alone / RUNS + 0.3,
+        ),
         at_most(1, "sweep: first of 1,000 runs started", took, "limit", 10.0),
-        at_most(1, "sweep: memory of the parent at 1,000 points, MB", memory, "limit", 500.0),
+        at_most(
+            1, "sweep: memory of the parent at 1,000 points, MB", memory, "limit", 500.0
+        ),
     ]

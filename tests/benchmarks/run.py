@@ -1,10 +1,12 @@
-"""Run the benchmarks: every bench_*.py beside this file, or those named. Prints a table and writes results/bench.csv.
+"""Run the benchmarks: every bench_*.py beside this file, or those named. Prints a table
+and writes results/bench.csv.
 
     python tests/benchmarks/run.py            all
-    python tests/benchmarks/run.py disk       bench_disk.py; the others' rows in results/bench.csv stay
+    python tests/benchmarks/run.py disk       bench_disk.py; the others' rows in
+    results/bench.csv stay
 
-A benchmark offers `rows() -> list[dict]` with the keys of COLUMNS: our time and the reference's in seconds, their
-ratio, the target in words and whether it is met.
+A benchmark offers `rows() -> list[dict]` with the keys of COLUMNS: our time and the
+reference's in seconds, their ratio, the target in words and whether it is met.
 """
 
 import importlib
@@ -19,11 +21,18 @@ OUTPUT = HERE.parents[1] / "results" / "bench.csv"
 
 
 def find(names: list[str]) -> list[Path]:
-    """The benchmark files named, or all. Ends the program with one sentence when a name fits none."""
-    there = {path.stem.removeprefix("bench_"): path for path in sorted(HERE.glob("bench_*.py"))}
+    """The benchmark files named, or all. Ends the program with one sentence when a name
+    fits none.
+    """
+    there = {
+        path.stem.removeprefix("bench_"): path
+        for path in sorted(HERE.glob("bench_*.py"))
+    }
     unknown = set(names) - set(there)
     if unknown:
-        sys.exit(f"no benchmark named {', '.join(sorted(unknown))}; there are {', '.join(there)}")
+        sys.exit(
+            f"no benchmark named {', '.join(sorted(unknown))}; there are {', '.join(there)}"
+        )
     return [there[name] for name in names or there]
 
 

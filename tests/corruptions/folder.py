@@ -8,12 +8,21 @@ import numpy as np
 import pandas as pd
 from scipy.spatial.transform import Rotation
 
-from profilecal.scan.conventions import CONVENTIONS, find_convention, from_rotations, to_rotations
+from profilecal.scan.conventions import (
+    CONVENTIONS,
+    find_convention,
+    from_rotations,
+    to_rotations,
+)
 from profilecal.scan.toml import toml_text
 
 EXAMPLES = Path(__file__).parents[2] / "data" / "examples"
-SLIGHT = 4e-3  # of wrong scales: in these scans residuals do not show less, which moves the answer all the same
-CONVENTIONS_COLUMNS = {column for convention in CONVENTIONS for column in convention.columns}
+# of wrong scales: in these scans residuals do not show less, which moves the answer all
+# the same
+SLIGHT = 4e-3
+CONVENTIONS_COLUMNS = {
+    column for convention in CONVENTIONS for column in convention.columns
+}
 CORRUPTIONS = {}
 
 
@@ -21,15 +30,25 @@ class Folder:
     """A scan folder in memory, and the sensor pose that its measurements stand for."""
 
     def __init__(self, kind: str):
-        self.files = {path.name: path.read_bytes() for path in (EXAMPLES / kind).iterdir()}
-        self.truth = np.array(tomllib.loads(self.files["truth.toml"].decode())["T_flange_sensor"])
+        self.files = {
+            path.name: path.read_bytes() for path in (EXAMPLES / kind).iterdir()
+        }
+        self.truth = np.array(
+            tomllib.loads(self.files["truth.toml"].decode())["T_flange_sensor"]
+        )
 
     def table(self, name):
-        """The rows of a table, numbers where they are numbers. Another corruption may have left nothing to read."""
-        return pd.read_csv(StringIO(self.files[f"{name}.csv"].decode()), dtype={"pose": str})
+        """The rows of a table, numbers where they are numbers. Another corruption may
+        have left nothing to read.
+        """
+        return pd.read_csv(
+            StringIO(self.files[f"{name}.csv"].decode()), dtype={"pose": str}
+        )
 
     def put(self, name, table):
-        self.files[f"{name}.csv"] = table.to_csv(index=False, float_format="%.12g").encode()
+        self.files[f"{name}.csv"] = table.to_csv(
+            index=False, float_format="%.12g"
+        ).encode()
 
     def header(self):
         return tomllib.loads(self.files["scan.toml"].decode())
@@ -64,7 +83,10 @@ def corruption(function):
 def some(rng, count, least=1, most=None):
     """A few of `count` rows, or a share of them."""
     most = most or max(least, count // 2)
-    number = min(count, max(least, round(float(np.exp(rng.uniform(np.log(least), np.log(most)))))))
+    number = min(
+        count,
+        max(least, round(float(np.exp(rng.uniform(np.log(least), np.log(most)))))),
+    )
     return rng.choice(count, number, replace=False)
 
 
@@ -81,5 +103,7 @@ def one(rng, choices):
 def turned(folder, axis):
     """The scanner turned by 180°."""
     X = np.eye(4)
-    X[:3, :3] = Rotation.from_rotvec(np.pi * np.array(axis) / np.linalg.norm(axis)).as_matrix()
+    X[:3, :3] = Rotation.from_rotvec(
+        np.pi * np.array(axis) / np.linalg.norm(axis)
+    ).as_matrix()
     folder.truth = folder.truth @ X

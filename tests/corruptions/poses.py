@@ -1,11 +1,20 @@
-"""Poses that are not where the robot was, or are given otherwise than stated; faultless scans of another sensor."""
+"""Poses that are not where the robot was, or are given otherwise than stated; faultless
+scans of another sensor.
+"""
 
 from functools import wraps
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from corruptions.folder import CONVENTIONS_COLUMNS, SLIGHT, any_size, corruption, one, some
+from corruptions.folder import (
+    CONVENTIONS_COLUMNS,
+    SLIGHT,
+    any_size,
+    corruption,
+    one,
+    some,
+)
 
 
 def on_poses(function):
@@ -26,7 +35,9 @@ def turns(rng, deg, shape):
 @corruption
 def angles_in_other_sequence(rng, folder):
     table, _, R, _ = folder.poses()
-    angles = Rotation.from_matrix(R).as_euler(one(rng, ["XYZ", "xyz", "ZYX", "zyx", "ZYZ", "YXZ"]), degrees=True)
+    angles = Rotation.from_matrix(R).as_euler(
+        one(rng, ["XYZ", "xyz", "ZYX", "zyx", "ZYZ", "YXZ"]), degrees=True
+    )
     table = table.drop(columns=[c for c in CONVENTIONS_COLUMNS if c in table])
     table[one(rng, ["a b c", "w p r", "alpha beta gamma"]).split()] = angles
     folder.put("poses", table)
@@ -79,7 +90,10 @@ def base_moved(rng, R, T, folder):
 @on_poses
 def poses_of_a_tool(rng, R, T, folder):
     X = np.eye(4)
-    X[:3, :3], X[:3, 3] = Rotation.random(rng=rng).as_matrix(), rng.uniform(-300, 300, 3)
+    X[:3, :3], X[:3, 3] = (
+        Rotation.random(rng=rng).as_matrix(),
+        rng.uniform(-300, 300, 3),
+    )
     folder.truth = np.linalg.inv(X) @ folder.truth
     return R @ X[:3, :3], T + R @ X[:3, 3]
 
@@ -94,7 +108,9 @@ def left_handed_robot(rng, R, T, folder):
 @corruption
 def few_poses(rng, folder):
     table, profiles = folder.table("poses"), folder.table("profiles")
-    table = table.iloc[np.sort(rng.choice(len(table), rng.integers(0, 14), replace=False))]
+    table = table.iloc[
+        np.sort(rng.choice(len(table), rng.integers(0, 14), replace=False))
+    ]
     folder.put("poses", table)
     folder.put("profiles", profiles[profiles["pose"].isin(table["pose"])])
 

@@ -1,4 +1,6 @@
-"""Tables whose columns are twice there or misnamed; numbers that are none, of the wrong sign or size, or coarse."""
+"""Tables whose columns are twice there or misnamed; numbers that are none, of the wrong
+sign or size, or coarse.
+"""
 
 from functools import wraps
 
@@ -8,13 +10,17 @@ from corruptions.folder import SLIGHT, any_size, corruption, one, some, turned
 
 
 def on_table(function):
-    """A corruption of the rows of any table: (rng, table, one of its columns of numbers, name, folder)."""
+    """A corruption of the rows of any table: (rng, table, one of its columns of
+    numbers, name, folder).
+    """
 
     @wraps(function)
     def change(rng, folder):
         name = str(rng.choice(["poses", "profiles"]))
         table = folder.table(name)
-        column = str(rng.choice([c for c in table.columns if c not in ("pose", "side")]))
+        column = str(
+            rng.choice([c for c in table.columns if c not in ("pose", "side")])
+        )
         folder.put(name, function(rng, table, column, name, folder))
 
     return corruption(change)
@@ -23,20 +29,30 @@ def on_table(function):
 @on_table
 def column_renamed(rng, table, column, *_):
     old = one(rng, ["pose", column])
-    return table.rename(columns={old: one(rng, ["", "X", f" {old} ", f"{old}_mm", "pose", "x", "qx"])})
+    return table.rename(
+        columns={old: one(rng, ["", "X", f" {old} ", f"{old}_mm", "pose", "x", "qx"])}
+    )
 
 
 @on_table
 def column_doubled(rng, table, column, *_):
-    again = table[column] if rng.uniform() < 0.5 else table[column].sample(frac=1, random_state=1).to_numpy()
+    again = (
+        table[column]
+        if rng.uniform() < 0.5
+        else table[column].sample(frac=1, random_state=1).to_numpy()
+    )
     table.insert(int(rng.integers(table.shape[1] + 1)), f"{column}#", again)
-    return table.rename(columns={f"{column}#": str(rng.choice([column, column.upper(), f" {column}"]))})
+    return table.rename(
+        columns={f"{column}#": str(rng.choice([column, column.upper(), f" {column}"]))}
+    )
 
 
 @on_table
 def names_of_columns_exchanged(rng, table, column, name, folder):
     """Only the header line: x for y, qw for qx, a for c."""
-    other = str(rng.choice([c for c in table.columns if c not in ("pose", "side", column)]))
+    other = str(
+        rng.choice([c for c in table.columns if c not in ("pose", "side", column)])
+    )
     if name == "profiles":  # x for z
         turned(folder, [1, 0, 1])
     return table.rename(columns={column: other, other: column})
@@ -47,7 +63,9 @@ def cells_replaced(rng, table, *_):
     table = table.astype(object)
     numbers = (np.nan, np.inf, -np.inf, 1e308, -1e308, 1e-320, 0, 9999.99, -32768, 1e9)
     for i in some(rng, len(table), 1, 20):
-        table.iat[i, rng.integers(table.shape[1])] = one(rng, (*numbers, "text", "", "NA", "1,5", "None", "1.5 mm"))
+        table.iat[i, rng.integers(table.shape[1])] = one(
+            rng, (*numbers, "text", "", "NA", "1,5", "None", "1.5 mm")
+        )
     return table
 
 
@@ -60,7 +78,19 @@ def a_column_negated(rng, table, column, name, folder):
 
 @on_table
 def a_column_scaled(rng, table, column, *_):
-    factor = one(rng, [1000, 0.001, 10, 0.1, 25.4, 180 / np.pi, np.pi / 180, 1 + any_size(rng, SLIGHT, 0.1)])
+    factor = one(
+        rng,
+        [
+            1000,
+            0.001,
+            10,
+            0.1,
+            25.4,
+            180 / np.pi,
+            np.pi / 180,
+            1 + any_size(rng, SLIGHT, 0.1),
+        ],
+    )
     return table.assign(**{column: table[column] * factor})
 
 

@@ -1,5 +1,7 @@
-"""The site that `make site` built: every link leads somewhere, nothing comes from elsewhere, a browser complains of
-nothing. Skipped where there is no site, or no browser."""
+"""The site that `make site` built: every link leads somewhere, nothing comes from
+elsewhere, a browser complains of nothing. Skipped where there is no site, or no
+browser.
+"""
 
 import functools
 import http.server
@@ -14,8 +16,15 @@ from urllib.parse import unquote, urlparse
 import pytest
 
 SITE = Path(__file__).parents[2] / "results" / "site" / "html"
-BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-PAGES = sorted(path.relative_to(SITE).as_posix() for path in SITE.rglob("*.html") if "_static" not in path.parts)
+BROWSER = next(
+    filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))),
+    None,
+)
+PAGES = sorted(
+    path.relative_to(SITE).as_posix()
+    for path in SITE.rglob("*.html")
+    if "_static" not in path.parts
+)
 if not PAGES:
     pytest.skip("there is no site: make site", allow_module_level=True)
 
@@ -52,17 +61,30 @@ def test_every_link_leads_somewhere_and_nothing_comes_from_elsewhere(name):
         parts = urlparse(address)
         if parts.scheme:
             continue
-        target = (SITE / name).parent / unquote(parts.path) if parts.path else SITE / name
+        target = (
+            (SITE / name).parent / unquote(parts.path) if parts.path else SITE / name
+        )
         target = target.resolve()
         assert target.exists(), f"{name} links to {address}"
         if parts.fragment and target.suffix == ".html":
-            assert unquote(parts.fragment) in page(target.relative_to(SITE).as_posix()).ids, f"{name}: {address}"
+            assert (
+                unquote(parts.fragment) in page(target.relative_to(SITE).as_posix()).ids
+            ), f"{name}: {address}"
 
 
 def test_from_the_first_page_to_any_item_in_two_clicks():
-    assert any(link.startswith("notebooks/01_side_by_side.html") for link in page("index.html").links)
-    pages = {link.split("#")[0] for link in page("notebooks/01_side_by_side.html").links}
-    assert {"11_edge_tables.html", "21_disk_measured.html", "30_ball_measured.html"} <= pages
+    assert any(
+        link.startswith("notebooks/01_side_by_side.html")
+        for link in page("index.html").links
+    )
+    pages = {
+        link.split("#")[0] for link in page("notebooks/01_side_by_side.html").links
+    }
+    assert {
+        "11_edge_tables.html",
+        "21_disk_measured.html",
+        "30_ball_measured.html",
+    } <= pages
 
 
 @pytest.fixture(scope="module")
@@ -78,7 +100,9 @@ def server():
             missed.append(self.path)
             super().send_error(code, *more, **others)
 
-    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), functools.partial(Handler, directory=SITE)) as running:
+    with http.server.ThreadingHTTPServer(
+        ("127.0.0.1", 0), functools.partial(Handler, directory=SITE)
+    ) as running:
         threading.Thread(target=running.serve_forever, daemon=True).start()
         yield f"http://127.0.0.1:{running.server_port}", missed
         running.shutdown()
@@ -86,16 +110,32 @@ def server():
 
 @pytest.mark.skipif(not BROWSER, reason="there is no Chromium here")
 @pytest.mark.parametrize(
-    "name", ["index.html", "notebooks/01_side_by_side.html", "gallery.html", "notebooks/10_edge_derivation.html"]
+    "name",
+    [
+        "index.html",
+        "notebooks/01_side_by_side.html",
+        "gallery.html",
+        "notebooks/10_edge_derivation.html",
+    ],
 )
 def test_a_browser_complains_of_nothing(name, server, tmp_path):
-    """No request elsewhere (no name but this machine's resolves), none that fails, no error in the console."""
+    """No request elsewhere (no name but this machine's resolves), none that fails, no
+    error in the console.
+    """
     address, missed = server
-    options = ["--headless", "--no-sandbox", "--disable-gpu", "--dump-dom", "--enable-logging=stderr"]
+    options = [
+        "--headless",
+        "--no-sandbox",
+        "--disable-gpu",
+        "--dump-dom",
+        "--enable-logging=stderr",
+    ]
     options += [f"--user-data-dir={tmp_path}", "--virtual-time-budget=20000"]
     options += ["--host-resolver-rules=MAP * ~NOTFOUND , EXCLUDE 127.0.0.1"]
     command = [BROWSER, *options, f"{address}/{name}"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
+    done = subprocess.run(
+        command, capture_output=True, text=True, timeout=120, check=True
+    )
     complaints = [line for line in done.stderr.splitlines() if "CONSOLE" in line]
     assert not complaints
     assert not [path for path in missed if path != "/favicon.ico"]

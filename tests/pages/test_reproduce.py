@@ -22,25 +22,36 @@ items.Item("edge", "Table 1", "lengths", (row,), "rounding")
 
 @pytest.fixture
 def clone(tmp_path, monkeypatch, cluster):
-    """A clone with one good notebook, seen by the command. The notebook hands nothing out, and so imports nothing."""
+    """A clone with one good notebook, seen by the command. The notebook hands nothing
+    out, and so imports nothing.
+    """
     (tmp_path / "notebooks").mkdir()
     write_notebook(tmp_path / "notebooks/10_good.ipynb", PARAMETERS, "count * scale")
     monkeypatch.setattr(notebooks, "folder", lambda: tmp_path / "notebooks")
-    monkeypatch.setattr(notebooks, "workers", lambda: Client(cluster, set_as_default=False))
+    monkeypatch.setattr(
+        notebooks, "workers", lambda: Client(cluster, set_as_default=False)
+    )
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
 
 def test_notebooks_run_and_what_they_hand_out_is_gathered(clone):
-    write_notebook(clone / "notebooks/05_bad.ipynb", PARAMETERS, 'raise RuntimeError("the reason")')
+    write_notebook(
+        clone / "notebooks/05_bad.ipynb", PARAMETERS, 'raise RuntimeError("the reason")'
+    )
     write_notebook(clone / "notebooks/10_good.ipynb", PARAMETERS, GOOD)
     read_others = "from pathlib import Path\nprint(sorted(path.name for path in Path(executed_dir).iterdir()))"
-    write_notebook(clone / "notebooks/00_all.ipynb", 'executed_dir: str = ""', read_others)
+    write_notebook(
+        clone / "notebooks/00_all.ipynb", 'executed_dir: str = ""', read_others
+    )
     result = run("reproduce", "-p", "count", "3")
     assert result.exit_code == 1
     assert "differs" in result.output
     last = result.output.strip().splitlines()[-1]
-    assert re.match(r"FAILED 05_bad: error in cell \d: RuntimeError: the reason \(see results/notebooks/05_bad", last)
+    assert re.match(
+        r"FAILED 05_bad: error in cell \d: RuntimeError: the reason \(see results/notebooks/05_bad",
+        last,
+    )
     assert "the reason" in (clone / "results/notebooks/05_bad.ipynb").read_text()
     assert (clone / "results/tables/10_good_counts.csv").read_text() == "x\n3\n"
     assert "1.5" in (clone / "results/scorecard.csv").read_text()
@@ -50,7 +61,11 @@ def test_notebooks_run_and_what_they_hand_out_is_gathered(clone):
 
 
 def test_a_second_run_starts_clean(clone):
-    write_notebook(clone / "notebooks/11_more.ipynb", "seed: int = 1  # [1]", "open('ran', 'w').close()")
+    write_notebook(
+        clone / "notebooks/11_more.ipynb",
+        "seed: int = 1  # [1]",
+        "open('ran', 'w').close()",
+    )
     result = run("reproduce")
     assert result.exit_code == 0, result.output
     assert (clone / "notebooks/ran").exists()
@@ -58,7 +73,9 @@ def test_a_second_run_starts_clean(clone):
     (clone / "results/bench.csv").write_text("kept")
     (clone / "notebooks/11_more.ipynb").unlink()
     assert run("reproduce").exit_code == 0
-    assert [path.name for path in (clone / "results/notebooks").iterdir()] == ["10_good.ipynb"]
+    assert [path.name for path in (clone / "results/notebooks").iterdir()] == [
+        "10_good.ipynb"
+    ]
     assert (clone / "results/bench.csv").read_text() == "kept"
 
 
@@ -66,10 +83,16 @@ def test_a_second_run_starts_clean(clone):
     ("arguments", "sentence"),
     [
         (["12"], "no notebook named '12'; there are 10_good"),
-        (["-p", "cuont", "3"], "no parameter named 'cuont'; there are count, scale, results_dir"),
+        (
+            ["-p", "cuont", "3"],
+            "no parameter named 'cuont'; there are count, scale, results_dir",
+        ),
         (["-p", "count", "many"], "parameter count is 'many'; expected int"),
         (["-p", "scale", "true"], "parameter scale is True; expected float"),
-        (["--output", "."], "was not written by this command; name a new or empty folder"),
+        (
+            ["--output", "."],
+            "was not written by this command; name a new or empty folder",
+        ),
         (["--output", "notebooks/10_good.ipynb"], "Not a directory"),
     ],
 )
@@ -84,7 +107,15 @@ def test_mistakes_are_one_sentence_and_touch_nothing(clone, arguments, sentence)
 
 
 def test_parameters_typed_at_the_command_line():
-    typed = {"3": 3, "1e-3": 0.001, "true": True, "False": False, "[1, 2]": [1, 2], "plane": "plane", "": ""}
+    typed = {
+        "3": 3,
+        "1e-3": 0.001,
+        "true": True,
+        "False": False,
+        "[1, 2]": [1, 2],
+        "plane": "plane",
+        "": "",
+    }
     for text, value in typed.items():
         parsed = notebooks.parse_value(text)
         assert (parsed, type(parsed)) == (value, type(value))

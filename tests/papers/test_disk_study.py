@@ -1,4 +1,6 @@
-"""The fast paths of the disk's noise study equal the plain loop, and say what went wrong."""
+"""The fast paths of the disk's noise study equal the plain loop, and say what went
+wrong.
+"""
 
 import tracemalloc
 
@@ -17,12 +19,17 @@ def scans() -> DiskScans:
 
 
 def loop(scans, tips, heights):
-    """Centre, rotation and translation errors of one trial, tips (n, m, 2, 2), scan by scan."""
+    """Centre, rotation and translation errors of one trial, tips (n, m, 2, 2), scan by
+    scan.
+    """
     data = [
         sensing_data(*scan, scans.disk.radius, heights)
         for scan in zip(tips, scans.T_start, scans.T_end, scans.s, strict=True)
     ]
-    fields = (np.array([getattr(d, name) for d in data]) for name in ("T_tcp", "q", "D_i", "D_b"))
+    fields = (
+        np.array([getattr(d, name) for d in data])
+        for name in ("T_tcp", "q", "D_i", "D_b")
+    )
     found = disk_equations(scans.R_tcp, *fields)
     centre = found.translation.q_b - scans.disk.centre
     turn = Rotation.from_matrix(found.R_sensor @ scans.R_sensor.T).as_rotvec()
@@ -30,15 +37,25 @@ def loop(scans, tips, heights):
 
 
 def noisy_tips(scans, sigma, m, noise, rng, trials=TRIALS):
-    """The tips (trials, n, m, 2, 2) that the engine's stream stands for, put together as Eq. 52 says."""
+    """The tips (trials, n, m, 2, 2) that the engine's stream stands for, put together
+    as Eq. 52 says.
+    """
     exact = scans.tips(m)
     tips = np.repeat(exact[None], trials, axis=0)
-    along = (exact[:, :, 1] - exact[:, :, 0]) / np.linalg.norm(exact[:, :, 1] - exact[:, :, 0], axis=-1, keepdims=True)
+    along = (exact[:, :, 1] - exact[:, :, 0]) / np.linalg.norm(
+        exact[:, :, 1] - exact[:, :, 0], axis=-1, keepdims=True
+    )
     for i in range(len(exact)):
         if noise == "chord":
-            tips[:, i] += sigma * rng.standard_normal((trials, 2, m, 1)).swapaxes(1, 2) * along[i][:, None]
+            tips[:, i] += (
+                sigma
+                * rng.standard_normal((trials, 2, m, 1)).swapaxes(1, 2)
+                * along[i][:, None]
+            )
         else:
-            x, z = sigma * rng.standard_normal((trials, 2, 2, m, 1)).swapaxes(0, 1)  # along and across the chord
+            x, z = sigma * rng.standard_normal((trials, 2, 2, m, 1)).swapaxes(
+                0, 1
+            )  # along and across the chord
             across = np.stack([-along[i, :, 1], along[i, :, 0]], axis=-1)
             tips[:, i] += (x * along[i] + z * across).swapaxes(1, 2)
     return tips
@@ -46,14 +63,30 @@ def noisy_tips(scans, sigma, m, noise, rng, trials=TRIALS):
 
 @pytest.mark.parametrize("m", [5, 40])
 @pytest.mark.parametrize(
-    ("noise", "heights"), [("chord", "regression"), ("isotropic", "regression"), ("isotropic", "published")]
+    ("noise", "heights"),
+    [("chord", "regression"), ("isotropic", "regression"), ("isotropic", "published")],
 )
 def test_disk_study_equals_the_plain_loop(noise, heights, m):
     scene, sigma = scans(), 0.3
-    study = disk_study(scene, sigma, m, TRIALS, np.random.default_rng(5), noise=noise, heights=heights, workers=1)
+    study = disk_study(
+        scene,
+        sigma,
+        m,
+        TRIALS,
+        np.random.default_rng(5),
+        noise=noise,
+        heights=heights,
+        workers=1,
+    )
     tips = noisy_tips(scene, sigma, m, noise, np.random.default_rng(5).spawn(1)[0])
     expected = np.array([loop(scene, trial, heights) for trial in tips])
-    found = np.column_stack([study.centre_error[0, 0], study.rotation_error[0, 0], study.translation_error[0, 0]])
+    found = np.column_stack(
+        [
+            study.centre_error[0, 0],
+            study.rotation_error[0, 0],
+            study.translation_error[0, 0],
+        ]
+    )
     assert np.abs(expected).max() > 0.01  # there is something to compare
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-10)
     assert study.failed.sum() == 0
@@ -61,7 +94,9 @@ def test_disk_study_equals_the_plain_loop(noise, heights, m):
 
 def test_a_large_study_stays_under_500_mb():
     tracemalloc.start()
-    disk_study(scans(), [0.4], [1000], 5000, np.random.default_rng(9), noise="isotropic")
+    disk_study(
+        scans(), [0.4], [1000], 5000, np.random.default_rng(9), noise="isotropic"
+    )
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 500e6
@@ -70,9 +105,15 @@ def test_a_large_study_stays_under_500_mb():
 def test_impossible_arccos_is_counted_not_hidden():
     scene, sigma = scans(), 10.0  # mm: beyond what any scanner does
     kind = {"noise": "isotropic", "heights": "published"}
-    study = disk_study(scene, sigma, 10, 500, np.random.default_rng(10), workers=1, **kind)
-    tips = noisy_tips(scene, sigma, 10, "isotropic", np.random.default_rng(10).spawn(1)[0], 500)
-    plain = sensing_data(tips, scene.T_start, scene.T_end, scene.s, scene.disk.radius, "published")
+    study = disk_study(
+        scene, sigma, 10, 500, np.random.default_rng(10), workers=1, **kind
+    )
+    tips = noisy_tips(
+        scene, sigma, 10, "isotropic", np.random.default_rng(10).spawn(1)[0], 500
+    )
+    plain = sensing_data(
+        tips, scene.T_start, scene.T_end, scene.s, scene.disk.radius, "published"
+    )
     np.testing.assert_array_equal(study.clipped[0, 0], plain.clipped.any(axis=1))
     assert study.clipped.any()
     assert np.isfinite(study.centre_error).all()

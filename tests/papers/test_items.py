@@ -16,27 +16,41 @@ def table(ours, half=0.02, **about):
     printed = published.values("edge", "Table 2", MEAN)
     within = {MEAN: np.full(printed.shape, half)}
     about = {"range_from": "Monte Carlo"} | about
-    return compare("edge", "Table 2", "distances", {MEAN: printed + ours}, within=within, **about)
+    return compare(
+        "edge", "Table 2", "distances", {MEAN: printed + ours}, within=within, **about
+    )
 
 
 def test_every_verdict_follows_from_the_numbers():
-    inside, outside = table(0.01), table(0.03, why={MEAN: "drawn too large"}, free="radius")
+    inside, outside = (
+        table(0.01),
+        table(0.03, why={MEAN: "drawn too large"}, free="radius"),
+    )
     assert {inside.verdict(row) for row in inside.rows} == {"reproduced"}
-    assert inside.summary.endswith(f"inside our 95 % ranges: {MEAN} 12 of 12; about 11 of each are expected.")
-    assert {(outside.verdict(row), row.why) for row in outside.rows} == {("differs", "drawn too large")}
+    assert inside.summary.endswith(
+        f"inside our 95 % ranges: {MEAN} 12 of 12; about 11 of each are expected."
+    )
+    assert {(outside.verdict(row), row.why) for row in outside.rows} == {
+        ("differs", "drawn too large")
+    }
     assert table(0.01, free="radius").verdict(inside.rows[0]) == "compatible"
     assert outside.rows[0].over_tolerance == pytest.approx(0.03 / (0.02 + 0.005))
 
 
 def test_what_rounds_to_the_printed_number_is_inside():
     assert table(0.0049, half=0.0).rows[0].inside
-    with pytest.raises(ValueError, match=r"Table 2, G=10, parallel bar, .*: .* differs from 0.27; say why"):
+    with pytest.raises(
+        ValueError,
+        match=r"Table 2, G=10, parallel bar, .*: .* differs from 0.27; say why",
+    ):
         table(0.0062, half=0.0)
 
 
 def test_shown_as_the_paper_prints_it():
     html = table(0.01, labels={MEAN: "mean(Δd)"})._repr_mimebundle_()["text/html"]
-    for text in published.table("edge").query("item == 'Table 2' and quantity == @MEAN")["printed"]:
+    for text in published.table("edge").query(
+        "item == 'Table 2' and quantity == @MEAN"
+    )["printed"]:
         assert f"<b>{text}</b> ✓<br>" in html
     assert "mean(Δd)" in html
     pose = published.values("disk", "Eq. 49", "Lambda")
@@ -55,12 +69,26 @@ def test_shown_as_the_paper_prints_it():
 
 def test_a_quantity_read_in_two_ways_stands_twice():
     key = "standard deviation from Eq. 49"
-    ours = {(key, "mean of the norms"): np.array(0.326), (key, "root mean square"): np.array(0.342)}
+    ours = {
+        (key, "mean of the norms"): np.array(0.326),
+        (key, "root mean square"): np.array(0.342),
+    }
     why = {(key, "mean of the norms"): "the paper computed the other"}
-    found = compare("disk", "Section V-D2", "spread", ours, why=why, range_from="rounding", layout="list")
+    found = compare(
+        "disk",
+        "Section V-D2",
+        "spread",
+        ours,
+        why=why,
+        range_from="rounding",
+        layout="list",
+    )
     assert [found.verdict(row) for row in found.rows] == ["differs", "reproduced"]
     assert "root mean square" in found._repr_mimebundle_()["text/plain"]
-    assert found.summary == "Printed numbers inside our ranges (rounding): 1 of 1, under one reading at least."
+    assert (
+        found.summary
+        == "Printed numbers inside our ranges (rounding): 1 of 1, under one reading at least."
+    )
 
 
 def test_read_back_from_a_notebook(tmp_path):
@@ -70,8 +98,19 @@ def test_read_back_from_a_notebook(tmp_path):
     (tmp_path / "11.ipynb").write_text(json.dumps(notebook), encoding="utf-8")
     gathered = items.gather(tmp_path)
     assert gathered == [("11", item)]
-    assert items.tally(gathered).iloc[0].tolist() == ["Xu 2021", f"Table 2, {MEAN}", 12, 12, 0, 0, "11"]
+    assert items.tally(gathered).iloc[0].tolist() == [
+        "Xu 2021",
+        f"Table 2, {MEAN}",
+        12,
+        12,
+        0,
+        0,
+        "11",
+    ]
     assert items.sentence(gathered).startswith("12 of 12 printed results come out")
     frame = items.scorecard(gathered)
     assert (frame["verdict"] == "reproduced").all()
-    assert frame["printed"].astype(float).tolist() == published.values("edge", "Table 2", MEAN).ravel().tolist()
+    assert (
+        frame["printed"].astype(float).tolist()
+        == published.values("edge", "Table 2", MEAN).ravel().tolist()
+    )

@@ -29,6 +29,14 @@ def test_one_thread_unless_the_environment_says_otherwise(given):
         f"main.command('look')(lambda: print('numpy' in sys.modules, [os.environ[name] for name in {THREADS}]))\n"
         "main(['look'])"
     )
-    environment = {name: value for name, value in os.environ.items() if name not in THREADS} | given
-    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment)
+    environment = {
+        name: value for name, value in os.environ.items() if name not in THREADS
+    } | given
+    said = subprocess.run(
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        check=True,
+        env=environment,
+    )
     assert said.stdout == f"False {[given.get(name, '1') for name in THREADS]}\n"

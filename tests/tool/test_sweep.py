@@ -1,4 +1,6 @@
-"""Parameter sweeps: what a grid means, and that nothing is lost, repeated or reused wrongly, whatever happens."""
+"""Parameter sweeps: what a grid means, and that nothing is lost, repeated or reused
+wrongly, whatever happens.
+"""
 
 import os
 import random
@@ -18,10 +20,10 @@ from profilecal_pages import notebooks
 from profilecal_pages.notebooks import record, recorded
 from profilecal_tool import sweep
 
-PARAMETERS = "n: int = 3  # count\nx: float = 0.5  # [mm] width\nseed: int = 7  # of the noise"
-DRAW = (
-    "import random\nfrom profilecal_pages.notebooks import record\nrecord(y=n * x, u=random.Random(seed).gauss(0, 1))"
+PARAMETERS = (
+    "n: int = 3  # count\nx: float = 0.5  # [mm] width\nseed: int = 7  # of the noise"
 )
+DRAW = "import random\nfrom profilecal_pages.notebooks import record\nrecord(y=n * x, u=random.Random(seed).gauss(0, 1))"
 GRID = {"n": [1, 2], "x": [0.1, 3]}
 
 
@@ -37,7 +39,9 @@ def without_duration(table: pd.DataFrame) -> str:
 
 def landed(folder: Path) -> dict[str, int]:
     """The executed notebooks of a sweep, each with the time it was written."""
-    return {path.stem: path.stat().st_mtime_ns for path in (folder / "runs").glob("*.ipynb")}
+    return {
+        path.stem: path.stat().st_mtime_ns for path in (folder / "runs").glob("*.ipynb")
+    }
 
 
 def wait_for(condition, seconds: float = 60) -> None:
@@ -53,8 +57,16 @@ def wait_for(condition, seconds: float = 60) -> None:
 
 def test_grids_mean_each_value_with_each_other(notebook):
     product = sweep.plan(notebook, {"n": [1, 2], "x": [0.1, 3], "seed": 5}).values()
-    assert [tuple(point.values()) for point in product] == [(1, 0.1, 5), (1, 3.0, 5), (2, 0.1, 5), (2, 3.0, 5)]
-    assert [*sweep.plan(notebook, {"n": 2, "x": [3, 4]}).values()] == [{"n": 2, "x": 3.0}, {"n": 2, "x": 4.0}]
+    assert [tuple(point.values()) for point in product] == [
+        (1, 0.1, 5),
+        (1, 3.0, 5),
+        (2, 0.1, 5),
+        (2, 3.0, 5),
+    ]
+    assert [*sweep.plan(notebook, {"n": 2, "x": [3, 4]}).values()] == [
+        {"n": 2, "x": 3.0},
+        {"n": 2, "x": 4.0},
+    ]
 
 
 def test_seeds_depend_on_the_point_and_the_repeat_only(notebook):
@@ -76,11 +88,17 @@ def test_seeds_depend_on_the_point_and_the_repeat_only(notebook):
         ({"n": [1, 2.5]}, None, "parameter n is 2.5; expected int"),
         ({"x": ["wide"]}, None, "parameter x is 'wide'; expected float"),
         ({"x": [1, 1.0]}, None, "names a run twice"),
-        ({"n": [1]}, 2, "plain has no parameter 'seed', so its repeats would all be the same"),
+        (
+            {"n": [1]},
+            2,
+            "plain has no parameter 'seed', so its repeats would all be the same",
+        ),
     ],
 )
 def test_a_grid_that_does_not_fit_is_refused(tmp_path, grid, repeat, sentence):
-    notebook = write_notebook(tmp_path / "plain.ipynb", PARAMETERS.replace("seed", "grain"))
+    notebook = write_notebook(
+        tmp_path / "plain.ipynb", PARAMETERS.replace("seed", "grain")
+    )
     with pytest.raises(ValueError, match=sentence):
         sweep.plan(notebook, grid, repeat)
 
@@ -96,29 +114,52 @@ def test_a_grid_is_read_from_a_file_and_the_command_line(tmp_path):
         with pytest.raises(ValueError, match="expected name=value"):
             sweep.read_grid(None, texts)
     there = notebooks.folder()
-    runs = sweep.plan(there / "51_one_plan.ipynb", sweep.read_grid(there / "51_sweeping_grid.toml"))
+    runs = sweep.plan(
+        there / "51_one_plan.ipynb", sweep.read_grid(there / "51_sweeping_grid.toml")
+    )
     assert len(runs) == 54  # as the file, the notebook and the README say
 
 
 def test_recorded_values_come_back_exactly(monkeypatch):
     shown = []
-    monkeypatch.setattr("IPython.display.display", lambda data, raw: shown.append({"outputs": [{"data": data}]}))
-    values = {"a": np.float64(0.1) + 0.2, "b": np.int64(3), "c": "text", "d": True, "e": None, "f": float("inf")}
+    monkeypatch.setattr(
+        "IPython.display.display",
+        lambda data, raw: shown.append({"outputs": [{"data": data}]}),
+    )
+    values = {
+        "a": np.float64(0.1) + 0.2,
+        "b": np.int64(3),
+        "c": "text",
+        "d": True,
+        "e": None,
+        "f": float("inf"),
+    }
     record(**values)
     record(pd.DataFrame({"k": [1, 2]}), a=1)
     record(pd.DataFrame({"k": []}), a=2)
-    assert recorded({"cells": shown}) == [values, {"a": 1, "k": 1}, {"a": 1, "k": 2}, {"a": 2}]
+    assert recorded({"cells": shown}) == [
+        values,
+        {"a": 1, "k": 1},
+        {"a": 1, "k": 2},
+        {"a": 2},
+    ]
     assert recorded({"cells": []}) == [{}]
-    with pytest.raises(TypeError, match="is a set; expected a number, text, true or false"):
+    with pytest.raises(
+        TypeError, match="is a set; expected a number, text, true or false"
+    ):
         record(a={1})
 
 
 # What a sweep does
 
 
-def test_finished_runs_are_kept_and_stale_or_failed_ones_repeated(tmp_path, cluster, monkeypatch):
+def test_finished_runs_are_kept_and_stale_or_failed_ones_repeated(
+    tmp_path, cluster, monkeypatch
+):
     output, there = tmp_path / "out", {"scheduler": cluster.scheduler_address}
-    notebook = write_notebook(tmp_path / "draw.ipynb", PARAMETERS, "assert n < 2, 'too many'\n" + DRAW)
+    notebook = write_notebook(
+        tmp_path / "draw.ipynb", PARAMETERS, "assert n < 2, 'too many'\n" + DRAW
+    )
     table, failed = sweep.sweep(notebook, {"n": [1, 2]}, output, **there)
     before = landed(output)
     ((name, why),) = failed.items()
@@ -126,7 +167,9 @@ def test_finished_runs_are_kept_and_stale_or_failed_ones_repeated(tmp_path, clus
     assert "Traceback" in (output / "runs" / f"{name}.ipynb").read_text()
     assert list(table["status"]) == ["done", "failed"]
     assert table["y"][0] == 0.5
-    assert without_duration(pd.read_csv(output / "table.csv")) == without_duration(table)
+    assert without_duration(pd.read_csv(output / "table.csv")) == without_duration(
+        table
+    )
 
     table, _ = sweep.sweep(notebook, {"n": [0, 1, 2]}, output, **there)
     after = landed(output)
@@ -138,7 +181,10 @@ def test_finished_runs_are_kept_and_stale_or_failed_ones_repeated(tmp_path, clus
     assert sum(time != after[run] for run, time in landed(output).items()) == 2
     other = notebooks.versions() | {"numpy": "another"}
     monkeypatch.setattr(notebooks, "versions", lambda: other)
-    with pytest.raises(ValueError, match=r"a worker has .*; expected .*another.* as where this was started"):
+    with pytest.raises(
+        ValueError,
+        match=r"a worker has .*; expected .*another.* as where this was started",
+    ):
         sweep.sweep(notebook, {"n": [1]}, output, **there)
     assert sorted(path.name for path in output.iterdir()) == ["runs", "table.csv"]
 
@@ -146,7 +192,10 @@ def test_finished_runs_are_kept_and_stale_or_failed_ones_repeated(tmp_path, clus
 @pytest.mark.parametrize(
     ("code", "why"),
     [
-        ("from profilecal_pages.notebooks import record\nrecord(x=1)", "it records x, which is a parameter's name"),
+        (
+            "from profilecal_pages.notebooks import record\nrecord(x=1)",
+            "it records x, which is a parameter's name",
+        ),
         ("import os\nos._exit(3)", "Kernel died"),
         (
             "import os, pathlib\nif not pathlib.Path('mark').exists():\n    open('mark', 'w').close()\n    os._exit(3)",
@@ -159,7 +208,13 @@ def test_finished_runs_are_kept_and_stale_or_failed_ones_repeated(tmp_path, clus
 def test_runs_that_go_wrong(tmp_path, cluster, code, why):
     notebook = write_notebook(tmp_path / "wrong.ipynb", PARAMETERS, code)
     timeout = 1 if "sleep" in code else None
-    _, failed = sweep.sweep(notebook, {"x": 2}, tmp_path, scheduler=cluster.scheduler_address, timeout=timeout)
+    _, failed = sweep.sweep(
+        notebook,
+        {"x": 2},
+        tmp_path,
+        scheduler=cluster.scheduler_address,
+        timeout=timeout,
+    )
     assert list(failed.values()) == [why] * bool(why)
 
 
@@ -174,14 +229,19 @@ def test_a_worker_that_is_killed_costs_nothing(tmp_path, cluster):
 
     killer = threading.Thread(target=kill)
     killer.start()
-    table, failed = sweep.sweep(notebook, {"n": [1, 2]}, tmp_path, scheduler=cluster.scheduler_address)
+    table, failed = sweep.sweep(
+        notebook, {"n": [1, 2]}, tmp_path, scheduler=cluster.scheduler_address
+    )
     killer.join()
     assert not failed
     assert list(table["u"]) == [random.Random(7).gauss(0, 1)] * 2
 
 
 def test_what_cannot_be_begun(notebook, tmp_path):
-    with sweep._alone(tmp_path), pytest.raises(ValueError, match="another sweep is writing to"):
+    with (
+        sweep._alone(tmp_path),
+        pytest.raises(ValueError, match="another sweep is writing to"),
+    ):
         sweep.sweep(notebook, GRID, tmp_path)
     for nowhere, error in (("localhost", ValueError), ("tcp://127.0.0.1:9", OSError)):
         with pytest.raises(error, match=nowhere):
@@ -193,19 +253,35 @@ def test_stopped_it_leaves_no_kernel_and_goes_on(tmp_path):
     code += "    while not pathlib.Path('go').exists():\n        time.sleep(0.1)"
     notebook = write_notebook(tmp_path / "slow.ipynb", PARAMETERS, code, DRAW)
     kernel, output = tmp_path / "kernel", tmp_path / "out"
-    command = [str(Path(sys.executable).with_name("profilecal")), "sweep", str(notebook), "-p", "n=1,2"]
+    command = [
+        str(Path(sys.executable).with_name("profilecal")),
+        "sweep",
+        str(notebook),
+        "-p",
+        "n=1,2",
+    ]
     command += ["--output", str(output)]
     kept = {}
     for stop in (signal.SIGKILL, signal.SIGTERM, signal.SIGINT):
         if signal.getsignal(stop) == signal.SIG_IGN:
             continue  # what a shell starts in the background ignores Ctrl-C
-        with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True) as process:
-            wait_for(lambda: kernel.exists() and kernel.read_text() and len(landed(output)))
-            os.killpg(process.pid, stop) if stop == signal.SIGINT else process.send_signal(stop)  # as a terminal does
+        with subprocess.Popen(
+            command, stderr=subprocess.PIPE, text=True, start_new_session=True
+        ) as process:
+            wait_for(
+                lambda: kernel.exists() and kernel.read_text() and len(landed(output))
+            )
+            os.killpg(
+                process.pid, stop
+            ) if stop == signal.SIGINT else process.send_signal(
+                stop
+            )  # as a terminal does
             _, said = process.communicate(timeout=30)
         if stop != signal.SIGKILL:
             assert process.returncode == 130
-            assert said.strip().endswith("Interrupted. The same command goes on from here.")
+            assert said.strip().endswith(
+                "Interrupted. The same command goes on from here."
+            )
             assert "Traceback" not in said
         wait_for(lambda: not Path("/proc", kernel.read_text()).exists(), 10)
         kernel.unlink()
@@ -222,11 +298,23 @@ def test_stopped_it_leaves_no_kernel_and_goes_on(tmp_path):
 
 
 def test_the_command(tmp_path, cluster):
-    notebook = write_notebook(tmp_path / "draw.ipynb", PARAMETERS, "assert n < 3, 'too many'\n" + DRAW)
+    notebook = write_notebook(
+        tmp_path / "draw.ipynb", PARAMETERS, "assert n < 3, 'too many'\n" + DRAW
+    )
     output = tmp_path / "out"
-    start = ["sweep", notebook, "--output", output, "--scheduler", cluster.scheduler_address]
+    start = [
+        "sweep",
+        notebook,
+        "--output",
+        output,
+        "--scheduler",
+        cluster.scheduler_address,
+    ]
     refused = run(*start, "-p", "m=1")
-    assert (refused.exit_code, refused.stderr) == (2, "profilecal: no parameter named 'm'; there are n, x, seed\n")
+    assert (refused.exit_code, refused.stderr) == (
+        2,
+        "profilecal: no parameter named 'm'; there are n, x, seed\n",
+    )
     assert not output.exists()
     done = run(*start, "-p", "n=1,3", "-p", "x=0.5,2", "--plot", "x", "y", "--hue", "n")
     assert done.exit_code == 1

@@ -1,4 +1,6 @@
-"""From a user's scans to a sensor pose with its evidence: observations, joint solution, and what to tell the user."""
+"""From a user's scans to a sensor pose with its evidence: observations, joint solution,
+and what to tell the user.
+"""
 
 from dataclasses import asdict, dataclass, replace
 
@@ -20,14 +22,20 @@ from profilecal.targets.observations import Observations
 
 @dataclass(frozen=True)
 class Calibration:
-    """A sensor pose from scans, or the reason why there is none. `to_json` is the contract with programs."""
+    """A sensor pose from scans, or the reason why there is none. `to_json` is the
+    contract with programs.
+    """
 
     scans: tuple[Scan, ...]
-    seen: tuple[np.ndarray, ...]  # for each scan, indices of the poses from which the target was found
+    seen: tuple[
+        np.ndarray, ...
+    ]  # for each scan, indices of the poses from which the target was found
     observed: tuple[Observations, ...]  # for each scan, what was seen from them
     solution: Solution | None = None  # None: fewer measurements than unknowns
     messages: tuple[str, ...] = ()  # sentences a person can act on
-    misread: bool = False  # the data contradict what is stated, as `messages` say: more poses would not mend it
+    # the data contradict what is stated, as `messages` say: more poses would not mend
+    # it
+    misread: bool = False
 
     @property
     def status(self) -> str:
@@ -36,7 +44,9 @@ class Calibration:
 
     @property
     def frame(self) -> str:
-        """The one that the sensor's pose is in: "flange", or "base" where the scanner stands still."""
+        """The one that the sensor's pose is in: "flange", or "base" where the scanner
+        stands still.
+        """
         return "flange" if self.scans[0].mount == "eye-in-hand" else "base"
 
     def labels(self, rejected: bool) -> list[str]:
@@ -44,24 +54,43 @@ class Calibration:
         if not self.solution:
             return []
         pairs = zip(self.labels_by_scan(), self.solution.rejected, strict=True)
-        return [label for labels, bad in pairs for label, b in zip(labels, bad, strict=True) if b == rejected]
+        return [
+            label
+            for labels, bad in pairs
+            for label, b in zip(labels, bad, strict=True)
+            if b == rejected
+        ]
 
     def labels_by_scan(self) -> list[list[str]]:
-        """Of the poses from which the target was found; with the scan's title before them where there are several."""
+        """Of the poses from which the target was found; with the scan's title before
+        them where there are several.
+        """
         triples = zip(names(self.scans), self.scans, self.seen, strict=True)
-        return [[before + scan.labels[i] for i in seen] for before, scan, seen in triples]
+        return [
+            [before + scan.labels[i] for i in seen] for before, scan, seen in triples
+        ]
 
     def to_json(self) -> dict:
-        """The object that `profilecal calibrate --json` prints; data/README.md says what each entry is."""
+        """The object that `profilecal calibrate --json` prints; data/README.md says
+        what each entry is.
+        """
         s, known, frame = self.solution, self.status != "unobservable", self.frame
         observability, targets = None, None
         if s:
             observability = {
-                "singular_values": (1 / np.maximum(s.observability.sd, np.finfo(float).eps)).tolist(),
-                "worst_direction": name_direction(s.observability.directions[0], s.rotation, frame),
+                "singular_values": (
+                    1 / np.maximum(s.observability.sd, np.finfo(float).eps)
+                ).tolist(),
+                "worst_direction": name_direction(
+                    s.observability.directions[0], s.rotation, frame
+                ),
             }
             targets = [
-                {"kind": scan.kind} | {key: np.asarray(value).tolist() for key, value in asdict(target).items()}
+                {"kind": scan.kind}
+                | {
+                    key: np.asarray(value).tolist()
+                    for key, value in asdict(target).items()
+                }
                 for scan, target in zip(self.scans, s.placements, strict=True)
             ]
             targets = targets[0] if len(targets) == 1 else targets
@@ -70,10 +99,15 @@ class Calibration:
             "status": self.status,
             f"T_{frame}_sensor": s.T_flange_sensor.tolist() if known else None,
             "covariance": in_mm_deg(s.covariance).tolist() if known else None,
-            "covariance_total": in_mm_deg(s.covariance_total).tolist() if known else None,
+            "covariance_total": in_mm_deg(s.covariance_total).tolist()
+            if known
+            else None,
             "translation_sd_mm": sd[:3] if known else None,
             "rotation_sd_deg": sd[3:] if known else None,
-            **{name: getattr(s, name, None) for name in ("rms_mm", "chi2_per_dof", "noise_mm", "noise_source")},
+            **{
+                name: getattr(s, name, None)
+                for name in ("rms_mm", "chi2_per_dof", "noise_mm", "noise_source")
+            },
             "poses_used": self.labels(rejected=False),
             "poses_rejected": self.labels(rejected=True),
             "observability": observability,
@@ -84,10 +118,12 @@ class Calibration:
 
 
 def calibrate(scans, guess=None) -> Calibration:
-    """The sensor pose from one scan or several of one sensor; no solution where measurements are fewer than unknowns.
+    """The sensor pose from one scan or several of one sensor; no solution where
+    measurements are fewer than unknowns.
 
-    `guess`: a mount pose (4, 4), mm, to start from besides a search over all orientations. Raises ScanError for scans
-    that do not belong together or hold too little.
+    `guess`: a mount pose (4, 4), mm, to start from besides a search over all
+    orientations. Raises ScanError for scans that do not belong together or hold too
+    little.
 
     >>> from profilecal.simulation.spec import Spec, simulate_scan
     >>> scan = simulate_scan(Spec(kind="disk", groups=6, positions=10))
@@ -100,14 +136,20 @@ def calibrate(scans, guess=None) -> Calibration:
     """
     scans = tuple(scans)
     if len({scan.mount for scan in scans}) > 1:
-        raise ScanError("some scans are eye-in-hand and others eye-to-hand; expected one mount")
+        raise ScanError(
+            "some scans are eye-in-hand and others eye-to-hand; expected one mount"
+        )
     stated = stated_noise(scans)
     check_different(scans)
     seen, observed, features_mm = observe_all(scans)
     prior = prior_from(stated, features_mm, max(entry.shared_mm for entry in seen))
     solution, doubted, wrong = None, False, False
     try:
-        solution = solve(observed, prior, starts=[] if guess is None else [(guess[:3, :3], guess[:3, 3])])
+        solution = solve(
+            observed,
+            prior,
+            starts=[] if guess is None else [(guess[:3, :3], guess[:3, 3])],
+        )
         solution, doubted = plausibility.check(solution)
         remarks, wrong = remarks_on_targets(scans, seen, solution)
         if wrong and solution.status == "ok":
@@ -117,13 +159,28 @@ def calibrate(scans, guess=None) -> Calibration:
         messages = [str(error)]
 
     def by_scan(sentences) -> list[str]:
-        return [name + said for name, own in zip(names(scans), sentences, strict=True) for said in own]
+        return [
+            name + said
+            for name, own in zip(names(scans), sentences, strict=True)
+            for said in own
+        ]
 
     notes = by_scan(entry.remarks for entry in seen)
-    readings = [] if solution and solution.status == "ok" else by_scan(map(better_readings, scans, seen))
+    readings = (
+        []
+        if solution and solution.status == "ok"
+        else by_scan(map(better_readings, scans, seen))
+    )
     messages = [*readings, *notes] if readings else [*notes, *messages]
     poses = tuple(entry.poses for entry in seen)
-    return Calibration(scans, poses, observed, solution, tuple(messages), misread=doubted or wrong or bool(readings))
+    return Calibration(
+        scans,
+        poses,
+        observed,
+        solution,
+        tuple(messages),
+        misread=doubted or wrong or bool(readings),
+    )
 
 
 def in_mm_deg(covariance) -> np.ndarray:
@@ -133,14 +190,22 @@ def in_mm_deg(covariance) -> np.ndarray:
 
 
 def remarks_on_targets(scans, seen, solution: Solution) -> tuple[list[str], bool]:
-    """Targets that the solution puts on the other side of the scan plane than the scan states, in words, and whether
-    they speak against the solution: one pose may be in error, but not most of them."""
+    """Targets that the solution puts on the other side of the scan plane than the scan
+    states, in words, and whether they speak against the solution: one pose may be in
+    error, but not most of them.
+    """
     remarks, wrong = [], False
-    for name, scan, entry, target in zip(names(scans), scans, seen, solution.placements, strict=True):
+    for name, scan, entry, target in zip(
+        names(scans), scans, seen, solution.placements, strict=True
+    ):
         if scan.side is None:
             continue
         stated, (R, T) = scan.side[entry.poses], scan.base_flange(entry.poses)
-        other = stated * target.sides(R @ solution.rotation, carry(R, T, solution.translation)) < 0
+        other = (
+            stated
+            * target.sides(R @ solution.rotation, carry(R, T, solution.translation))
+            < 0
+        )
         if other.any():
             labels = ", ".join(scan.labels[i] for i in entry.poses[other])
             remarks.append(
@@ -152,19 +217,39 @@ def remarks_on_targets(scans, seen, solution: Solution) -> tuple[list[str], bool
 
 
 def check_different(scans) -> None:
-    """Raise ScanError where a measurement is there twice, by its values and its pose: it would count as a new one."""
-    known, titles = {}, [f"scan {number} ({scan.title or scan.kind})" for number, scan in enumerate(scans, 1)]
+    """Raise ScanError where a measurement is there twice, by its values and its pose:
+    it would count as a new one.
+    """
+    known, titles = (
+        {},
+        [
+            f"scan {number} ({scan.title or scan.kind})"
+            for number, scan in enumerate(scans, 1)
+        ],
+    )
     for title, scan in zip(titles, scans, strict=True):
-        poses = np.dstack([scan.R_base_flange, scan.T_base_flange]).round(3) + 0.0  # not -0
+        poses = (
+            np.dstack([scan.R_base_flange, scan.T_base_flange]).round(3) + 0.0
+        )  # not -0
         for label, pose, values in zip(scan.labels, poses, scan.values, strict=True):
-            valid, name = values[np.isfinite(values).all(axis=1)], f"pose {label} of {title}"
-            if len(valid) and known.setdefault((pose.tobytes(), valid.tobytes()), name) != name:
+            valid, name = (
+                values[np.isfinite(values).all(axis=1)],
+                f"pose {label} of {title}",
+            )
+            if (
+                len(valid)
+                and known.setdefault((pose.tobytes(), valid.tobytes()), name) != name
+            ):
                 first = known[pose.tobytes(), valid.tobytes()]
-                raise ScanError(f"{name} holds the same measurement as {first}; expected each measurement once")
+                raise ScanError(
+                    f"{name} holds the same measurement as {first}; expected each measurement once"
+                )
 
 
 def to_text(found: Calibration, to_paste: str = "") -> str:
-    """What `profilecal calibrate` prints for people. `to_paste`: the pose as a controller takes it."""
+    """What `profilecal calibrate` prints for people. `to_paste`: the pose as a
+    controller takes it.
+    """
     s, lines = found.solution, [f"status         {found.status}"]
     if found.status != "unobservable":
         W, P, R = np.degrees(xyz_angles_from_rotation(s.rotation))
@@ -180,21 +265,30 @@ def to_text(found: Calibration, to_paste: str = "") -> str:
     if s:
         used, rejected = found.labels(rejected=False), found.labels(rejected=True)
         which = f": {', '.join(rejected)}" if rejected else ""
-        lines.append(f"poses          {len(used)} used, {len(rejected)} rejected{which}")
+        lines.append(
+            f"poses          {len(used)} used, {len(rejected)} rejected{which}"
+        )
     lines += [f"note           {message}" for message in found.messages]
     if s and not found.misread:
         lines.append(f"robot errors   {robot_errors(s.noise)}")
         if s.noise_source == "given":  # an estimate makes it 1
-            lines.append(f"residuals      {s.rms_mm:.3g} mm rms, χ²/dof {s.chi2_per_dof:.3g}")
+            lines.append(
+                f"residuals      {s.rms_mm:.3g} mm rms, χ²/dof {s.chi2_per_dof:.3g}"
+            )
     return "\n".join(lines)
 
 
 def deviations(covariance, delta=None) -> str:
-    """δ (6,), mm and rad, in words, or its standard deviations; "open" where these say that nothing is known."""
+    """δ (6,), mm and rad, in words, or its standard deviations; "open" where these say
+    that nothing is known.
+    """
     sd = np.sqrt(np.diag(covariance))
     delta = sd if delta is None else delta
     values = np.r_[delta[:3], np.degrees(delta[3:])]
-    said = ["open" if wide else brief(value) for value, wide in zip(values, sd >= HAND_PRECISION, strict=True)]
+    said = [
+        "open" if wide else brief(value)
+        for value, wide in zip(values, sd >= HAND_PRECISION, strict=True)
+    ]
     return f"{'  '.join(said[:3])} mm along and {'  '.join(said[3:])}°"
 
 
@@ -206,6 +300,14 @@ def brief(value: float) -> str:
 def robot_errors(noise: Noise) -> str:
     """How large the robot's errors are, at each place where they arise."""
     places = ("at each visit", "at each pose", "shared by the poses of an orientation")
-    there = zip(places, np.reshape([getattr(noise, name) for name in ROBOT], (3, 2)), strict=True)
-    said = [f"{place} {mm:.2g} mm and {deg:.2g}°" for place, (mm, deg) in there if max(mm, deg) > FINEST_MM]
+    there = zip(
+        places,
+        np.reshape([getattr(noise, name) for name in ROBOT], (3, 2)),
+        strict=True,
+    )
+    said = [
+        f"{place} {mm:.2g} mm and {deg:.2g}°"
+        for place, (mm, deg) in there
+        if max(mm, deg) > FINEST_MM
+    ]
     return ", ".join(said) or "none that the residuals show"

@@ -1,7 +1,9 @@
-"""What the disk and ball methods share: rotation from vector pairs, translation from one fixed point.
+"""What the disk and ball methods share: rotation from vector pairs, translation from
+one fixed point.
 
-Symbols as in the disk paper (Chen et al. 2018): R_tcp, T_tcp are the flange pose in the base frame, q the fixed point
-in the sensor frame, R_sensor and T_sensor the sensor pose on the flange.
+Symbols as in the disk paper (Chen et al. 2018): R_tcp, T_tcp are the flange pose in the
+base frame, q the fixed point in the sensor frame, R_sensor and T_sensor the sensor pose
+on the flange.
 """
 
 from dataclasses import dataclass
@@ -11,7 +13,9 @@ import numpy as np
 from profilecal.geometry.checks import UnobservableError
 from profilecal.geometry.poses import nearest_rotation
 
-LEAST_SPREAD_DEG = 1.0  # directions or orientations that differ by less are taken for one
+LEAST_SPREAD_DEG = (
+    1.0  # directions or orientations that differ by less are taken for one
+)
 
 
 @dataclass(frozen=True)
@@ -25,10 +29,14 @@ class RotationSolution:
 
 @dataclass(frozen=True)
 class TranslationSolution:
-    """T_sensor in the least-squares sense, and how well the fixed point is met: Eqs 17-20, Section III-D."""
+    """T_sensor in the least-squares sense, and how well the fixed point is met: Eqs
+    17-20, Section III-D.
+    """
 
     T_sensor: np.ndarray  # (..., 3) mm
-    q_b_i: np.ndarray  # (..., n, 3) the fixed point in the base frame, from each pose, mm
+    q_b_i: (
+        np.ndarray
+    )  # (..., n, 3) the fixed point in the base frame, from each pose, mm
     q_b: np.ndarray  # (..., 3) their mean, Eq. 20
     accuracy: np.ndarray  # (...) largest distance from the mean, mm
 
@@ -57,8 +65,10 @@ def solve_rotation(X, Y) -> RotationSolution:
 
 
 def solve_translation(R_tcp, T_tcp, q, R_sensor) -> TranslationSolution:
-    """T_sensor from poses R_tcp (..., n, 3, 3), T_tcp (..., n, 3) and one fixed point seen as q (..., n, 3): Eqs 17-20,
-    Eq. 19 by an orthogonal factorisation, not by the normal equations, which square the condition number."""
+    """T_sensor from poses R_tcp (..., n, 3, 3), T_tcp (..., n, 3) and one fixed point
+    seen as q (..., n, 3): Eqs 17-20, Eq. 19 by an orthogonal factorisation, not by the
+    normal equations, which square the condition number.
+    """
     seen = np.einsum("...nab,...bc,...nc->...na", R_tcp, R_sensor, q) + T_tcp
     R_i = R_tcp[..., :-1, :, :] - R_tcp[..., 1:, :, :]
     N_i = seen[..., 1:, :] - seen[..., :-1, :]
@@ -75,7 +85,9 @@ def check_spread(spread_deg, what: str, so: str) -> None:
     """Refuse a batch (...) of data of which none spreads by LEAST_SPREAD_DEG."""
     widest = np.max(spread_deg)
     if not widest >= LEAST_SPREAD_DEG:
-        raise UnobservableError(f"{what} (within {widest:.2g}°, at least {LEAST_SPREAD_DEG:g}° needed), so {so}")
+        raise UnobservableError(
+            f"{what} (within {widest:.2g}°, at least {LEAST_SPREAD_DEG:g}° needed), so {so}"
+        )
 
 
 def check_line(vectors, what: str, so: str) -> None:
@@ -89,9 +101,15 @@ def check_orientations(R_tcp) -> None:
     n = R_tcp.shape[-3]
     M = (R_tcp - R_tcp.mean(axis=-3, keepdims=True)).reshape(*R_tcp.shape[:-3], -1, 3)
     _, singular, Vt = np.linalg.svd(M, full_matrices=False)
-    turn = np.degrees(singular * np.sqrt(2 / (n - 1)))  # rms over all pairs of |ΔR v|, an angle while small
+    turn = np.degrees(
+        singular * np.sqrt(2 / (n - 1))
+    )  # rms over all pairs of |ΔR v|, an angle while small
     so = "the translation cannot be known; turn the flange between poses, about at least two axes"
     check_spread(turn[..., 0], f"all {n} poses have one orientation", so)
     axis = np.array2string(Vt.reshape(-1, 3, 3)[0, 2], precision=2, suppress_small=True)
-    so = "the translation along it cannot be known; add a pose tilted about another axis"
-    check_spread(turn[..., 2], f"all {n} poses turn about one axis, {axis} of the flange", so)
+    so = (
+        "the translation along it cannot be known; add a pose tilted about another axis"
+    )
+    check_spread(
+        turn[..., 2], f"all {n} poses turn about one axis, {axis} of the flange", so
+    )

@@ -1,8 +1,12 @@
-"""Guards of the public entries: each says in one sentence what is wrong, where, and what was expected."""
+"""Guards of the public entries: each says in one sentence what is wrong, where, and
+what was expected.
+"""
 
 import numpy as np
 
-ORTHONORMAL_TOLERANCE = 1e-3  # matrices printed to four decimals pass, a scaled or sheared one does not
+ORTHONORMAL_TOLERANCE = (
+    1e-3  # matrices printed to four decimals pass, a scaled or sheared one does not
+)
 
 
 class UnobservableError(ValueError):
@@ -10,22 +14,34 @@ class UnobservableError(ValueError):
 
 
 def check_array(name: str, values, shape, finite: bool = True) -> np.ndarray:
-    """Return `values` as a float array of a shape, in which None is any length. Raises ValueError with the shape that
-    it has instead, or with the first entry that is not finite, unless it may be."""
+    """Return `values` as a float array of a shape, in which None is any length. Raises
+    ValueError with the shape that it has instead, or with the first entry that is not
+    finite, unless it may be.
+    """
     array = np.asarray(values, dtype=float)
-    if array.ndim != len(shape) or any(length not in (None, n) for length, n in zip(shape, array.shape, strict=True)):
-        raise ValueError(f"{name} has shape {array.shape}; expected {str(shape).replace('None', 'n')}")
+    if array.ndim != len(shape) or any(
+        length not in (None, n) for length, n in zip(shape, array.shape, strict=True)
+    ):
+        raise ValueError(
+            f"{name} has shape {array.shape}; expected {str(shape).replace('None', 'n')}"
+        )
     bad = np.argwhere(~np.isfinite(array) & finite)
     if len(bad):
-        raise ValueError(f"{name}{bad[0].tolist()} is {array[tuple(bad[0])]}; expected finite numbers")
+        raise ValueError(
+            f"{name}{bad[0].tolist()} is {array[tuple(bad[0])]}; expected finite numbers"
+        )
     return array
 
 
 def check_rotations(name: str, values, count: int) -> np.ndarray:
-    """Return `values` as an array (count, 3, 3). Raises ValueError for what is no rotation: entries that are not
-    finite, columns that are not orthonormal within 1e-3, a reflection."""
+    """Return `values` as an array (count, 3, 3). Raises ValueError for what is no
+    rotation: entries that are not finite, columns that are not orthonormal within 1e-3,
+    a reflection.
+    """
     array = check_array(name, values, (count, 3, 3))
-    excess = np.abs(array @ array.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2), initial=0.0)
+    excess = np.abs(array @ array.transpose(0, 2, 1) - np.eye(3)).max(
+        axis=(1, 2), initial=0.0
+    )
     bad = np.flatnonzero(excess > ORTHONORMAL_TOLERANCE)
     if bad.size:
         raise ValueError(
@@ -34,11 +50,15 @@ def check_rotations(name: str, values, count: int) -> np.ndarray:
         )
     bad = np.flatnonzero(np.linalg.det(array) < 0)
     if bad.size:
-        raise ValueError(f"{name}[{bad[0]}] is a reflection (determinant -1); expected a rotation (+1)")
+        raise ValueError(
+            f"{name}[{bad[0]}] is a reflection (determinant -1); expected a rotation (+1)"
+        )
     return array
 
 
 def check_count(name: str, count: int, least: int, why: str) -> None:
     """Raise UnobservableError unless there are at least `least`."""
     if count < least:
-        raise UnobservableError(f"{name}: {count} given, at least {least} needed ({why})")
+        raise UnobservableError(
+            f"{name}: {count} given, at least {least} needed ({why})"
+        )

@@ -5,21 +5,32 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtri
 
-FALSE_ALARM = 0.01  # the chance that one kind of test doubts anything at all of a good scan
+FALSE_ALARM = (
+    0.01  # the chance that one kind of test doubts anything at all of a good scan
+)
 
 
 @dataclass(frozen=True)
 class Noise:
-    """Standard deviations of the errors that differ from pose to pose: entries that a scan folder's [noise] has."""
+    """Standard deviations of the errors that differ from pose to pose: entries that a
+    scan folder's [noise] has.
+    """
 
     profile_mm: float = 0.0  # scanner, in x and in z
     position_mm: float = 0.0  # robot position, each axis, fresh at each commanded pose
-    orientation_deg: float = 0.0  # robot orientation, about each axis, fresh at each commanded pose
-    group_position_mm: float = 0.0  # the part of the position error that the poses of one orientation share
+    orientation_deg: float = (
+        0.0  # robot orientation, about each axis, fresh at each commanded pose
+    )
+    group_position_mm: float = (
+        0.0  # the part of the position error that the poses of one orientation share
+    )
     group_orientation_deg: float = 0.0
-    repeatability_mm: float = 0.0  # the part of the position error that is fresh whenever the robot comes to a pose
+    # the part of the position error that is fresh whenever the robot comes to a pose
+    repeatability_mm: float = 0.0
     repeatability_deg: float = 0.0
-    steering_mm: float = 0.0  # marked points: how far the operator leaves the scan plane from the point
+    steering_mm: float = (
+        0.0  # marked points: how far the operator leaves the scan plane from the point
+    )
 
     @property
     def of_robot(self) -> dict[str, float]:
@@ -39,7 +50,9 @@ ROBOT = (  # of them: at each visit, at each commanded pose, at each orientation
 
 @dataclass(frozen=True)
 class Systematic:
-    """Standard deviations of what is wrong in the same way at all poses; entries of [noise] too, 0 where it is not."""
+    """Standard deviations of what is wrong in the same way at all poses; entries of
+    [noise] too, 0 where it is not.
+    """
 
     scale_percent: float = 0.0  # of the profiles, along x and along z
     shear_percent: float = 0.0  # of the profiles: x that grows with z
@@ -50,10 +63,16 @@ class Systematic:
 
 
 def chi2_limit(chance, freedom):
-    """What χ² of some degrees of freedom exceeds by a chance: `chi2.isf` without the long import of `scipy.stats`."""
+    """What χ² of some degrees of freedom exceeds by a chance: `chi2.isf` without the
+    long import of `scipy.stats`.
+    """
     return chdtri(freedom, chance)
 
 
 def normalised_square(covariance, error) -> np.ndarray:
-    """Errors (..., n) squared over their covariances (..., n, n): follows χ² with n degrees of freedom if honest."""
-    return np.einsum("...i,...i", error, np.linalg.solve(covariance, error[..., None])[..., 0])
+    """Errors (..., n) squared over their covariances (..., n, n): follows χ² with n
+    degrees of freedom if honest.
+    """
+    return np.einsum(
+        "...i,...i", error, np.linalg.solve(covariance, error[..., None])[..., 0]
+    )

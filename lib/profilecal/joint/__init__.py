@@ -1,14 +1,19 @@
-"""One calibration for every target: the sensor pose and where each target is, in one maximum-likelihood step.
+"""One calibration for every target: the sensor pose and where each target is, in one
+maximum-likelihood step.
 
-In: `Observations`, what the scanner saw of each target and the flange poses that the robot reports, and a `Noise`. Out:
-a `Solution`, the sensor pose with its covariance and what speaks for and against it.
+In: `Observations`, what the scanner saw of each target and the flange poses that the
+robot reports, and a `Noise`. Out: a `Solution`, the sensor pose with its covariance and
+what speaks for and against it.
 
-A residual is an observed point minus where the scan plane meets the target, in the scan plane. A target says how it
-changes with the target's own frame (`targets.target`); everything else is the same for all of them and stands here.
-The sensor pose is perturbed as T · exp(δ), δ = (ρ, φ) in the sensor's frame: a point at p there moves to p - ρ + p × φ.
-The first axis is a batch of problems; the linear model and `solve` take one.
+A residual is an observed point minus where the scan plane meets the target, in the scan
+plane. A target says how it changes with the target's own frame (`targets.target`);
+everything else is the same for all of them and stands here. The sensor pose is
+perturbed as T · exp(δ), δ = (ρ, φ) in the sensor's frame: a point at p there moves to p
+- ρ + p × φ. The first axis is a batch of problems; the linear model and `solve` take
+one.
 
-`problem` arranges the residuals of all targets (`residuals`), `descent` finds the least squares. At a state all else is
-one linear Gaussian model (`linear_model`): errors of the robot that profiles share, and what may be wrong at every pose
-alike; how large it all may be (`prior`), and is (`error_sizes`).
+`problem` arranges the residuals of all targets (`residuals`), `descent` finds the least
+squares. At a state all else is one linear Gaussian model (`linear_model`): errors of
+the robot that profiles share, and what may be wrong at every pose alike; how large it
+all may be (`prior`), and is (`error_sizes`).
 """

@@ -16,14 +16,24 @@ class Residuals:
     def __init__(self, observations: Observations, in_space: bool = False):
         self.observed, self.in_space = observations, in_space
         self.target, self.sizes = observations.target, observations.sizes
-        self.free = ["xyz".index(axis) for axis in self.target.shifts]  # of three shifts and three turns
+        self.free = [
+            "xyz".index(axis) for axis in self.target.shifts
+        ]  # of three shifts and three turns
         self.free += [3 + "xyz".index(axis) for axis in self.target.turns]
         self.n = len(self.free)
         _, self.P, self.m, _ = observations.points.shape
-        R, T, covariance = observations.R_flange, observations.T_flange, observations.covariance
-        self.R_flange = R.transpose(0, 2, 3, 1).reshape(-1, 3, 3 * self.P)  # (B|1, 3, 3P)
+        R, T, covariance = (
+            observations.R_flange,
+            observations.T_flange,
+            observations.covariance,
+        )
+        self.R_flange = R.transpose(0, 2, 3, 1).reshape(
+            -1, 3, 3 * self.P
+        )  # (B|1, 3, 3P)
         self.T_in_flange = -inverse(R, T)[1].mT  # Rᵀ T, (B|1, 3, P)
-        seen = observations.points.transpose(3, 0, 2, 1).copy()  # x and z, (2, B|1, m, P)
+        seen = observations.points.transpose(
+            3, 0, 2, 1
+        ).copy()  # x and z, (2, B|1, m, P)
         self.present = np.isfinite(seen).all(axis=0)  # (B|1, m, P)
         self.seen = np.where(self.present, seen, 0.0)
         # of points, over the noise (B|1, m, P); of a pose's residuals (B|1, K, K, P)
@@ -33,26 +43,40 @@ class Residuals:
         if observations.on_curve:
             self.sd = np.sqrt(covariance.mT)
         elif in_space:
-            of_x_and_z = np.diagonal(covariance, axis1=2, axis2=3).reshape(-1, self.P, self.m, 2)
+            of_x_and_z = np.diagonal(covariance, axis1=2, axis2=3).reshape(
+                -1, self.P, self.m, 2
+            )
             self.sd = np.sqrt(of_x_and_z.mean(axis=3)).mT
         else:
-            self.whiten = np.moveaxis(np.linalg.inv(np.linalg.cholesky(covariance)), 1, -1)
+            self.whiten = np.moveaxis(
+                np.linalg.inv(np.linalg.cholesky(covariance)), 1, -1
+            )
 
     def counts(self) -> np.ndarray:
         """How many residuals each pose has, (B|1, P)."""
         return self.present.sum(axis=1) * self.target.rows
 
-    def linearise(self, state: State, placement, with_flange: bool = False) -> np.ndarray:
-        """K residuals of each of P poses and their derivatives, mm and rad, zero where no point is: (B, columns, K, P)
-        by the sensor pose (6) and the target's frame (n), then the residual; and, if asked for, by position and
-        orientation of the flange (6), about the sensor's axes."""
+    def linearise(
+        self, state: State, placement, with_flange: bool = False
+    ) -> np.ndarray:
+        """K residuals of each of P poses and their derivatives, mm and rad, zero where
+        no point is: (B, columns, K, P) by the sensor pose (6) and the target's frame
+        (n), then the residual; and, if asked for, by position and orientation of the
+        flange (6), about the sensor's axes.
+        """
         B = len(state.rotation)
-        vectors = np.concatenate([placement[0][:, None], placement[1].mT], axis=1)  # the target's origin and axes
-        local = (vectors @ self.R_flange).reshape(B, 4, 3, self.P)  # in the flange frames
+        vectors = np.concatenate(
+            [placement[0][:, None], placement[1].mT], axis=1
+        )  # the target's origin and axes
+        local = (vectors @ self.R_flange).reshape(
+            B, 4, 3, self.P
+        )  # in the flange frames
         local[:, 0] -= self.T_in_flange + state.translation[:, :, None]
         local = state.rotation.mT[:, None] @ local  # in the sensor frames
         origin, *axes = ([local[:, j, None, i] for i in range(3)] for j in range(4))
-        residual = self.target.residual_in_space if self.in_space else self.target.residual
+        residual = (
+            self.target.residual_in_space if self.in_space else self.target.residual
+        )
         with np.errstate(divide="ignore", invalid="ignore"):
             r, force, torque = residual(origin, axes, self.seen, self.sizes)
         rows = len(r)
@@ -62,16 +86,23 @@ class Residuals:
             lever = cross(origin, force[k])
             for j in range(3):
                 column[:, j] = -force[k][j]
-                column[:, 3 + j] = -lever[j] if torque is None else -(lever[j] + torque[k][j])
+                column[:, 3 + j] = (
+                    -lever[j] if torque is None else -(lever[j] + torque[k][j])
+                )
             for j, axis in enumerate(self.free, 6):
                 column[:, j] = dot((force if axis < 3 else torque)[k], axes[axis % 3])
             column[:, 6 + self.n] = r[k]
         z = by_point.reshape(B, -1, self.m * rows, self.P)
         if with_flange:
-            arm = state.translation[:, :, None] + self.observed.eye_to_hand * self.T_in_flange  # from flange to sensor
+            arm = (
+                state.translation[:, :, None]
+                + self.observed.eye_to_hand * self.T_in_flange
+            )  # from flange to sensor
             arm = np.moveaxis(state.rotation.mT @ arm, 1, 0)[:, :, None]  # (3, B, 1, P)
             z[:, -6:-3] = z[:, :3]
-            z[:, -3:] = z[:, 3:6] + np.stack(cross(arm, np.moveaxis(z[:, :3], 1, 0)), axis=1)
+            z[:, -3:] = z[:, 3:6] + np.stack(
+                cross(arm, np.moveaxis(z[:, :3], 1, 0)), axis=1
+            )
         if not self.present.all():
             z *= np.repeat(self.present, rows, axis=1)[:, None]
         return z
@@ -83,22 +114,36 @@ class Residuals:
         return other
 
     def by_point(self, columns) -> np.ndarray:
-        """The derivatives (2, B, m, rows, P) of each point's residuals by its own x and z: what moves the point alone
-        moves its residuals as what moves the whole scanner."""
-        return columns[:, [0, 2]].swapaxes(0, 1).reshape(2, len(columns), self.m, -1, self.P)
+        """The derivatives (2, B, m, rows, P) of each point's residuals by its own x and
+        z: what moves the point alone moves its residuals as what moves the whole
+        scanner.
+        """
+        return (
+            columns[:, [0, 2]]
+            .swapaxes(0, 1)
+            .reshape(2, len(columns), self.m, -1, self.P)
+        )
 
-    def by_error(self, error: Perturbation, state: State, placement, columns) -> np.ndarray:
-        """By the size of an error at a state, of a batch of one: (1, K, P). `columns`: of these residuals, there, with
-        those by the flange pose."""
+    def by_error(
+        self, error: Perturbation, state: State, placement, columns
+    ) -> np.ndarray:
+        """By the size of an error at a state, of a batch of one: (1, K, P). `columns`:
+        of these residuals, there, with those by the flange pose.
+        """
         if error.length:
             h = 1e-4  # mm
             step = h * (np.array(self.target.lengths) == error.length)
-            plus, minus = (self.with_sizes(self.sizes + s).linearise(state, placement)[:, -1] for s in (step, -step))
+            plus, minus = (
+                self.with_sizes(self.sizes + s).linearise(state, placement)[:, -1]
+                for s in (step, -step)
+            )
             return (plus - minus) / (2 * h)
         if error.points:
             dx, dz = error.points(*self.seen)  # (1, m, P) each
             by_x, by_z = self.by_point(columns)
-            return (by_x * dx[:, :, None] + by_z * dz[:, :, None]).reshape(1, *columns.shape[2:])
+            return (by_x * dx[:, :, None] + by_z * dz[:, :, None]).reshape(
+                1, *columns.shape[2:]
+            )
         R, T = self.observed.R_flange[0], self.observed.T_flange[0]
         if self.observed.eye_to_hand:
             in_sensor = -error.positions(inverse(R, T)[1]) @ state.rotation[0]
@@ -107,14 +152,18 @@ class Residuals:
         return np.sum(columns[:, -6:-3] * in_sensor.T[:, None], axis=1)
 
     def on_target(self, columns) -> "Residuals":
-        """Those of points where the state of `columns` has them on the target. Slopes of residuals have length one."""
+        """Those of points where the state of `columns` has them on the target. Slopes
+        of residuals have length one.
+        """
         r = columns[:, 6 + self.n].reshape(len(columns), self.m, -1, self.P)
         other = copy(self)
         other.seen = self.seen - np.sum(self.by_point(columns) * r, axis=3)
         return other
 
     def over_noise(self, z, noise: Noise) -> np.ndarray:
-        """Columns (B, columns, K, P), changed in place, over the scanner's noise, and as precise as each point is."""
+        """Columns (B, columns, K, P), changed in place, over the scanner's noise, and
+        as precise as each point is.
+        """
         sd = noise.profile_mm * self.sd.repeat(z.shape[2] // self.m, axis=1)
         if not self.in_space:
             sd = sd * np.tile(self.target.residual_sd(noise), self.m)[:, None]
@@ -131,14 +180,22 @@ class Residuals:
         return carry(axes, origin, moved[:, :3]), axes @ rotations(moved[:, 3:])
 
     def place(self, rotation, translation):
-        """The target's frame where sensor poses (B, 3, 3), (B, 3) see it: origin (B, 3) and axes (B, 3, 3)."""
+        """The target's frame where sensor poses (B, 3, 3), (B, 3) see it: origin (B, 3)
+        and axes (B, 3, 3).
+        """
         B, (x, z) = len(rotation), self.seen.reshape(2, -1, 1, self.m * self.P)
         seen = rotation[:, :, :1] * x + rotation[:, :, 2:] * z + translation[:, :, None]
         seen = seen.reshape(B, 3, self.m, self.P) + self.T_in_flange[:, :, None]
         # R_flange has base (a) and flange (b) components, then poses
-        points = np.einsum("nabp,nbmp->npma", self.R_flange.reshape(-1, 3, 3, self.P), seen)
+        points = np.einsum(
+            "nabp,nbmp->npma", self.R_flange.reshape(-1, 3, 3, self.P), seen
+        )
         there = self.present.mT[..., None]
-        middle = (points * there).sum(axis=(1, 2), keepdims=True) / there.sum(axis=(1, 2), keepdims=True)
-        points = np.where(there, points, middle)  # the missing ones go into the middle of the others
+        middle = (points * there).sum(axis=(1, 2), keepdims=True) / there.sum(
+            axis=(1, 2), keepdims=True
+        )
+        points = np.where(
+            there, points, middle
+        )  # the missing ones go into the middle of the others
         origin, axes, _ = self.target.fit(points.reshape(B, -1, 3))
         return origin, axes

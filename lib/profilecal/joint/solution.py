@@ -20,7 +20,9 @@ class Solution:
     """One calibration with its evidence."""
 
     state: State  # the sensor pose and the targets, a batch of one
-    covariance: np.ndarray  # (6, 6) of (ρ, φ) in the sensor's frame, mm and rad: T = T̂ · exp(δ)
+    covariance: (
+        np.ndarray
+    )  # (6, 6) of (ρ, φ) in the sensor's frame, mm and rad: T = T̂ · exp(δ)
     placements: tuple  # a `Target` for each set of observations
     prior: Prior  # of the errors
     found: ErrorSizes
@@ -28,7 +30,9 @@ class Solution:
     chi2: float
     dof: int
     rms_mm: float  # of the residuals kept, less the systematic errors that they suggest
-    normalised: tuple  # (P,) for each target: each pose's residual over its expected size
+    normalised: (
+        tuple  # (P,) for each target: each pose's residual over its expected size
+    )
     rejected: tuple  # (P,) bool for each target
     status: str  # "ok", "weak" or "unobservable"
     observability: Spectrum
@@ -37,18 +41,28 @@ class Solution:
 
     @property
     def covariance_total(self) -> np.ndarray:
-        """(6, 6) with what no residual shows: one error of the flange at all poses, as large as its accuracy."""
+        """(6, 6) with what no residual shows: one error of the flange at all poses, as
+        large as its accuracy.
+        """
         lever, accuracy = np.eye(6), self.prior.systematic
-        if not self.problem.observations[0].eye_to_hand:  # from the flange to the sensor, in the sensor's frame
+        if not self.problem.observations[
+            0
+        ].eye_to_hand:  # from the flange to the sensor, in the sensor's frame
             lever[:3, 3:] = np.cross(np.eye(3), self.rotation.T @ self.translation).T
         sd = np.repeat([accuracy.accuracy_mm, np.radians(accuracy.accuracy_deg)], 3)
         return self.covariance + lever * sd**2 @ lever.T
 
-    def model(self, tried: Sequence[Perturbation] = ()) -> tuple[LinearModel, Posterior]:
-        """The linear model of the poses kept at the solution, with errors `tried` of which nothing is known beforehand;
-        and what it says with errors of the sizes found."""
+    def model(
+        self, tried: Sequence[Perturbation] = ()
+    ) -> tuple[LinearModel, Posterior]:
+        """The linear model of the poses kept at the solution, with errors `tried` of
+        which nothing is known beforehand; and what it says with errors of the sizes
+        found.
+        """
         names = [size.name for size in self.found.sizes[1:]]
-        model = self.problem.model(self.state, names, tried).keeping(~np.concatenate(self.rejected))
+        model = self.problem.model(self.state, names, tried).keeping(
+            ~np.concatenate(self.rejected)
+        )
         return model, model.posterior(self.found.v[None])
 
     @property

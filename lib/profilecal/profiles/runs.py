@@ -1,5 +1,7 @@
-"""The straight runs of a raw profile, by split and merge: what faces and chords leave in what a scanner sends. A run
-survives gaps, spikes and missing points; it ends where the profile leaves its line for good."""
+"""The straight runs of a raw profile, by split and merge: what faces and chords leave
+in what a scanner sends. A run survives gaps, spikes and missing points; it ends where
+the profile leaves its line for good.
+"""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -32,12 +34,21 @@ class Run:
         if np.cos(angle) * (x[-1] - x[0]) + np.sin(angle) * (z[-1] - z[0]) < 0:
             angle += np.pi
         c, s = np.cos(angle), np.sin(angle)
-        return Run(profile, rows, middle, np.array([c, s]), c * x + s * z, c * z - s * x)
+        return Run(
+            profile, rows, middle, np.array([c, s]), c * x + s * z, c * z - s * x
+        )
 
     def reversed(self) -> "Run":
         """The same in the profile from its last point to its first."""
         rows = len(self.profile) - 1 - self.rows[::-1]
-        return Run(self.profile[::-1], rows, self.point, -self.direction, -self.along[::-1], -self.off[::-1])
+        return Run(
+            self.profile[::-1],
+            rows,
+            self.point,
+            -self.direction,
+            -self.along[::-1],
+            -self.off[::-1],
+        )
 
     def coordinates(self, points) -> tuple[np.ndarray, np.ndarray]:
         """How far points (k, 2) are along the line and off it, mm."""
@@ -66,14 +77,22 @@ class Run:
         return float(abs((rows * self.along).sum() / (rows**2).sum()))
 
     def offset_covariance(self, places) -> np.ndarray:
-        """Of the line, across it, at places (m, 2) on it, (m, m) mm²; larger where neighbouring points err alike."""
-        variance = (self.off**2).sum() / max(len(self.off) - 2, 1) * correlation(self.off)
+        """Of the line, across it, at places (m, 2) on it, (m, m) mm²; larger where
+        neighbouring points err alike.
+        """
+        variance = (
+            (self.off**2).sum() / max(len(self.off) - 2, 1) * correlation(self.off)
+        )
         away = (places - self.point) @ self.direction
-        return variance * (1 / len(self.along) + np.outer(away, away) / (self.along**2).sum())
+        return variance * (
+            1 / len(self.along) + np.outer(away, away) / (self.along**2).sum()
+        )
 
 
 def straight_runs(profile) -> tuple[list[Run], float]:
-    """The straight runs of a profile (n, 2), in scan order, and the tolerance that told them apart, mm."""
+    """The straight runs of a profile (n, 2), in scan order, and the tolerance that told
+    them apart, mm.
+    """
     profile = np.asarray(profile, dtype=float)
     seen = np.flatnonzero(present(profile))
     rows, limit = surface(profile, seen)
@@ -84,15 +103,23 @@ def straight_runs(profile) -> tuple[list[Run], float]:
 
 
 def split(points, limit: float) -> list[np.ndarray]:
-    """Pieces of points (k, 2), as indices, none of which leaves the chord between its ends by more than `limit`."""
+    """Pieces of points (k, 2), as indices, none of which leaves the chord between its
+    ends by more than `limit`.
+    """
     (x, z), pieces, todo = points.T, [], [(0, len(points))]
     while todo:
         start, stop = todo.pop()
         if stop - start < LEAST_POINTS:
             continue
-        first, last = points[start : start + 3].mean(axis=0), points[stop - 3 : stop].mean(axis=0)
+        first, last = (
+            points[start : start + 3].mean(axis=0),
+            points[stop - 3 : stop].mean(axis=0),
+        )
         chord = last - first
-        apart = np.abs((x[start:stop] - first[0]) * chord[1] - (z[start:stop] - first[1]) * chord[0])
+        apart = np.abs(
+            (x[start:stop] - first[0]) * chord[1]
+            - (z[start:stop] - first[1]) * chord[0]
+        )
         worst = int(apart.argmax())
         if apart[worst] <= limit * np.hypot(*chord) or stop - start < 2 * LEAST_POINTS:
             pieces.append(np.arange(start, stop))
@@ -121,7 +148,9 @@ def merge(pieces, points, limit: float) -> list[np.ndarray]:
 
 
 def run_through(profile, seen, rows, limit: float) -> Run:
-    """The run of a piece: the line refitted to the points near it, between the piece's ends and on from there."""
+    """The run of a piece: the line refitted to the points near it, between the piece's
+    ends and on from there.
+    """
     largest_gap = 8  # rows from one point on a line to the next: it goes on
     points = profile.take(seen, axis=0)
     for _ in range(2):
@@ -129,7 +158,11 @@ def run_through(profile, seen, rows, limit: float) -> Run:
         first, last = np.searchsorted(seen, (rows[0], rows[-1]))
         near = on.copy()
         near[first : last + 1] = True
-        part = next(part for part in stretches(np.flatnonzero(near), largest_gap) if part[-1] >= last)
+        part = next(
+            part
+            for part in stretches(np.flatnonzero(near), largest_gap)
+            if part[-1] >= last
+        )
         if on[part].sum() < 3:
             break
         rows = seen[part[on[part]]]
@@ -137,9 +170,13 @@ def run_through(profile, seen, rows, limit: float) -> Run:
 
 
 def is_run(run: Run, seen) -> bool:
-    """Whether a run is long enough and most of the points seen between its ends are on it."""
+    """Whether a run is long enough and most of the points seen between its ends are on
+    it.
+    """
     shortest = 1.5  # mm of a run
-    between = np.searchsorted(seen, run.rows[-1]) - np.searchsorted(seen, run.rows[0]) + 1
+    between = (
+        np.searchsorted(seen, run.rows[-1]) - np.searchsorted(seen, run.rows[0]) + 1
+    )
     return len(run.rows) >= max(LEAST_POINTS, between / 2) and run.length >= shortest
 
 

@@ -10,7 +10,9 @@ from profilecal.targets.target import Target
 
 
 class ScanError(ValueError):
-    """The folder's content is wrong; one sentence with the file, the row, the value and what was expected."""
+    """The folder's content is wrong; one sentence with the file, the row, the value and
+    what was expected.
+    """
 
 
 @dataclass(frozen=True)
@@ -22,7 +24,9 @@ class Scan:
     R_base_flange: np.ndarray  # (P, 3, 3)
     T_base_flange: np.ndarray  # (P, 3)
     measured: str  # profiles, points, chords or arcs
-    values: tuple[np.ndarray, ...]  # (P,) of (rows, columns), empty where the scanner saw nothing
+    values: tuple[
+        np.ndarray, ...
+    ]  # (P,) of (rows, columns), empty where the scanner saw nothing
     sizes: tuple[float, ...] = ()  # the target's lengths
     side: np.ndarray | None = None  # (P,) +1, -1, or 0 where the program is to decide
     group: np.ndarray | None = None  # (P,) whole numbers from 0
@@ -31,8 +35,12 @@ class Scan:
     mount: str = "eye-in-hand"
     title: str = ""
     convention: str = "quaternion"
-    orientation: np.ndarray | None = None  # (P, k) the convention's columns as they were read
-    truth: dict = field(default_factory=dict)  # of a simulated one; it is written, and not read
+    orientation: np.ndarray | None = (
+        None  # (P, k) the convention's columns as they were read
+    )
+    truth: dict = field(
+        default_factory=dict
+    )  # of a simulated one; it is written, and not read
 
     @property
     def target(self) -> type[Target]:
@@ -47,10 +55,17 @@ class Scan:
     @property
     def description(self) -> str:
         """The target in words."""
-        return ", ".join([self.kind, *(f"{name} {value:g} mm" for name, value in self.measures.items())])
+        return ", ".join(
+            [
+                self.kind,
+                *(f"{name} {value:g} mm" for name, value in self.measures.items()),
+            ]
+        )
 
     def base_flange(self, poses) -> tuple[np.ndarray, np.ndarray]:
-        """Some poses (k,) as the calibration takes them: rotations (k, 3, 3), translations (k, 3) of the flange in the
-        base frame; eye-to-hand, of the base in the flange frame."""
+        """Some poses (k,) as the calibration takes them: rotations (k, 3, 3),
+        translations (k, 3) of the flange in the base frame; eye-to-hand, of the base in
+        the flange frame.
+        """
         R, T = self.R_base_flange[poses], self.T_base_flange[poses]
         return inverse(R, T) if self.mount == "eye-to-hand" else (R, T)

@@ -1,5 +1,6 @@
-"""Scenes: a target, a scanner on a flange, and poses from which it sees the target; random ones, and those of a rough
-guess, off by as much as the guess may be wrong."""
+"""Scenes: a target, a scanner on a flange, and poses from which it sees the target;
+random ones, and those of a rough guess, off by as much as the guess may be wrong.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -19,11 +20,14 @@ STANDOFF = 100.0  # mm, depth of the target's middle in the scan
 
 @dataclass(frozen=True)
 class Setup:
-    """A target and a sensor where they are. The frames are those of the joint solution: eye-to-hand, "flange" is the
-    base and "base" the flange."""
+    """A target and a sensor where they are. The frames are those of the joint solution:
+    eye-to-hand, "flange" is the base and "base" the flange.
+    """
 
     target: Target
-    facing: np.ndarray  # (3, 3) a sensor frame that looks at it squarely; its z points away from the scanner
+    # (3, 3) a sensor frame that looks at it squarely; its z points away from the
+    # scanner
+    facing: np.ndarray
     R_sensor: np.ndarray  # (3, 3) on the flange
     T_sensor: np.ndarray  # (3,) mm
 
@@ -45,8 +49,9 @@ class Setup:
 
 @dataclass(frozen=True)
 class Scene(Setup):
-    """What a perfect scanner sees of a target, and the truth behind it; a batch of problems along the first axis, of
-    which the setup is the first."""
+    """What a perfect scanner sees of a target, and the truth behind it; a batch of
+    problems along the first axis, of which the setup is the first.
+    """
 
     poses: Poses  # (G, N) that the robot reports, of the first problem
     labels: tuple[str, ...]  # of them
@@ -55,18 +60,34 @@ class Scene(Setup):
 
     @classmethod
     def of(cls, setup: Setup, poses: Poses, labels, group, count: int = 40) -> "Scene":
-        """What is seen of a setup; `group` (P,) as `Observations` have it, `count` points of a curve."""
+        """What is seen of a setup; `group` (P,) as `Observations` have it, `count`
+        points of a curve.
+        """
         R = np.repeat(poses.rotations, poses.positions.shape[1], axis=0)
         T = poses.positions.reshape(-1, 3)
         points = setup.target.points_seen(*setup.planes(R, T), count)
-        seen = Observations(setup.target.kind, R[None], T[None], points[None], setup.sizes, group)
-        return cls(**vars(setup), poses=poses, labels=tuple(labels), observations=seen, truth=setup.state)
+        seen = Observations(
+            setup.target.kind, R[None], T[None], points[None], setup.sizes, group
+        )
+        return cls(
+            **vars(setup),
+            poses=poses,
+            labels=tuple(labels),
+            observations=seen,
+            truth=setup.state,
+        )
 
-    def noisy(self, sigma_mm: float, rng: np.random.Generator, trials: int | None = None) -> Observations:
-        """The observations with isotropic noise in the scan plane, fresh in each of `trials` copies."""
+    def noisy(
+        self, sigma_mm: float, rng: np.random.Generator, trials: int | None = None
+    ) -> Observations:
+        """The observations with isotropic noise in the scan plane, fresh in each of
+        `trials` copies.
+        """
         points = self.observations.points
         shape = points.shape if trials is None else (trials, *points.shape[1:])
-        return replace(self.observations, points=points + sigma_mm * rng.normal(size=shape))
+        return replace(
+            self.observations, points=points + sigma_mm * rng.normal(size=shape)
+        )
 
 
 def random_scene(
@@ -84,58 +105,96 @@ def random_scene(
     count: int = 40,
     steering_mm: float = 0.0,
 ) -> Scene:
-    """A sensor anywhere within 150 mm of the flange along each axis, at any orientation, or at `mount`, (3, 3), (3,)
-    mm; the target in front of the robot and in view.
+    """A sensor anywhere within 150 mm of the flange along each axis, at any
+    orientation, or at `mount`, (3, 3), (3,) mm; the target in front of the robot and in
+    view.
 
-    Each of the `groups` turns from a first orientation by up to `spread_deg`, about any axis, about `axis` (3,) of the
-    base, or about the target's own z ("target"). Inside a group of `positions` the sensor moves in the base's axes
-    ("base") or with the flange ("tool"); `motion` and `steering_mm`: see `Target.offsets`. `count`: points of a curve.
+    Each of the `groups` turns from a first orientation by up to `spread_deg`, about any
+    axis, about `axis` (3,) of the base, or about the target's own z ("target"). Inside
+    a group of `positions` the sensor moves in the base's axes ("base") or with the
+    flange ("tool"); `motion` and `steering_mm`: see `Target.offsets`. `count`: points
+    of a curve.
     """
     target = TARGETS[kind]
     shape = G, N = groups or target.groups, positions or target.positions
     sizes = sizes or target.sizes
-    R_sensor, T_sensor = mount or (rotations(rng.uniform(-np.pi, np.pi, 3) / np.sqrt(3)), rng.uniform(-150, 150, 3))
-    first, middle = rotations(rng.uniform(-1.5, 1.5, 3)), rng.uniform([600, -300, -100], [1200, 300, 500])
+    R_sensor, T_sensor = mount or (
+        rotations(rng.uniform(-np.pi, np.pi, 3) / np.sqrt(3)),
+        rng.uniform(-150, 150, 3),
+    )
+    first, middle = (
+        rotations(rng.uniform(-1.5, 1.5, 3)),
+        rng.uniform([600, -300, -100], [1200, 300, 500]),
+    )
     facing = first @ rotations(np.radians(30) * rng.uniform(-1, 1, 3))
     axes = facing @ target.stance
     placed = target.at(middle, axes, sizes)
     if axis is None:
         turn = in_unit_ball(rng, G)
     else:
-        turn = rng.uniform(-1, 1, (G, 1)) * (axes[:, 2] if isinstance(axis, str) else axis)
+        turn = rng.uniform(-1, 1, (G, 1)) * (
+            axes[:, 2] if isinstance(axis, str) else axis
+        )
     turned = rotations(np.radians(spread_deg) * turn) @ first
-    moved = target.offsets(shape, motion, facing[:, 2] @ turned, sizes, steering_mm, rng)
+    moved = target.offsets(
+        shape, motion, facing[:, 2] @ turned, sizes, steering_mm, rng
+    )
     moved = moved @ (turned.mT if frame == "tool" or target.with_tool else first.T)
     origin = middle - STANDOFF * turned[:, None, :, 2] - moved
     R_flange = turned @ R_sensor.T
     poses = Poses(R_flange, origin - (R_flange @ T_sensor)[:, None])
     labels = [f"g{g + 1}p{n + 1}" for g, n in np.ndindex(shape)]
-    return Scene.of(Setup(placed, facing, R_sensor, T_sensor), poses, labels, np.repeat(np.arange(G), N), count)
+    return Scene.of(
+        Setup(placed, facing, R_sensor, T_sensor),
+        poses,
+        labels,
+        np.repeat(np.arange(G), N),
+        count,
+    )
 
 
 def in_unit_ball(rng: np.random.Generator, count: int) -> np.ndarray:
     """Points (count, 3), uniform in the unit ball."""
     vectors = rng.normal(size=(count, 3))
-    return vectors * np.cbrt(rng.uniform(size=(count, 1))) / np.linalg.norm(vectors, axis=1, keepdims=True)
+    return (
+        vectors
+        * np.cbrt(rng.uniform(size=(count, 1)))
+        / np.linalg.norm(vectors, axis=1, keepdims=True)
+    )
 
 
 def stack(scenes) -> Scene:
     """Scenes of one kind and size as a batch."""
     names = ("R_flange", "T_flange", "points")
-    batch = {name: np.concatenate([getattr(s.observations, name) for s in scenes]) for name in names}
+    batch = {
+        name: np.concatenate([getattr(s.observations, name) for s in scenes])
+        for name in names
+    }
     truth = State.join(*(scene.truth for scene in scenes))
-    return replace(scenes[0], observations=replace(scenes[0].observations, **batch), truth=truth)
+    return replace(
+        scenes[0], observations=replace(scenes[0].observations, **batch), truth=truth
+    )
 
 
 @dataclass(frozen=True)
 class Guess:
-    """Roughly where the sensor is on the flange and the target in the base frame; eye-to-hand: the sensor in the base,
-    the target on the flange. And by how much that may be wrong, at most, in any direction."""
+    """Roughly where the sensor is on the flange and the target in the base frame;
+    eye-to-hand: the sensor in the base, the target on the flange. And by how much that
+    may be wrong, at most, in any direction.
+    """
 
     mount: Sequence[float]  # X Y Z mm, W P R degrees, R = Rz(R) Ry(P) Rx(W)
     target: Sequence[float]  # mm, its origin
-    axis: Sequence[float] = (0.0, 1.0, 0.0)  # along an edge or a rod; for others, across the laser line
-    up: Sequence[float] = (0.0, 0.0, 1.0)  # from the target towards the scanner; a face's or a disk's normal
+    axis: Sequence[float] = (
+        0.0,
+        1.0,
+        0.0,
+    )  # along an edge or a rod; for others, across the laser line
+    up: Sequence[float] = (
+        0.0,
+        0.0,
+        1.0,
+    )  # from the target towards the scanner; a face's or a disk's normal
     mount_mm: float = 5.0
     mount_deg: float = 3.0
     target_mm: float = 5.0
@@ -143,13 +202,30 @@ class Guess:
 
     @property
     def margins(self) -> np.ndarray:
-        """By how much a shift and a turn of the sensor, then of the target, may be wrong, (4,) mm and rad."""
-        return np.array([self.mount_mm, np.radians(self.mount_deg), self.target_mm, np.radians(self.target_deg)])
+        """By how much a shift and a turn of the sensor, then of the target, may be
+        wrong, (4,) mm and rad.
+        """
+        return np.array(
+            [
+                self.mount_mm,
+                np.radians(self.mount_deg),
+                self.target_mm,
+                np.radians(self.target_deg),
+            ]
+        )
 
     def setup(self, kind: str, sizes, rng: np.random.Generator | None = None) -> Setup:
-        """What is guessed; with `rng` a truth that the guess is wrong about by no more than its margins."""
-        target, y, z = TARGETS[kind], np.array(self.axis, float), -np.array(self.up, float)
-        if abs(target.stance[1, 2]) > 0.5:  # the target's own direction is the sensor's y
+        """What is guessed; with `rng` a truth that the guess is wrong about by no more
+        than its margins.
+        """
+        target, y, z = (
+            TARGETS[kind],
+            np.array(self.axis, float),
+            -np.array(self.up, float),
+        )
+        if (
+            abs(target.stance[1, 2]) > 0.5
+        ):  # the target's own direction is the sensor's y
             z = z - (z @ y) / (y @ y) * y
         else:
             y = y - (y @ z) / (z @ z) * z
@@ -158,17 +234,32 @@ class Guess:
         shift, turn, moved, turned = self.margins[:, None] * wrong
         facing = rotations(turned) @ np.stack([np.cross(y, z), y, z], axis=1)
         placed = target.at(self.target + moved, facing @ target.stance, sizes)
-        R_sensor = rotation_from_xyz_angles(np.radians(self.mount[3:])) @ rotations(turn)
+        R_sensor = rotation_from_xyz_angles(np.radians(self.mount[3:])) @ rotations(
+            turn
+        )
         return Setup(placed, facing, R_sensor, self.mount[:3] + shift)
 
 
-GUESS = dict.fromkeys(("mount_mm", "mount_deg", "target_mm", "target_deg"), number(0, 90))
-GUESS |= {"mount": numbers(6), "target": numbers(3), "axis": numbers(3), "up": numbers(3)}
+GUESS = dict.fromkeys(
+    ("mount_mm", "mount_deg", "target_mm", "target_deg"), number(0, 90)
+)
+GUESS |= {
+    "mount": numbers(6),
+    "target": numbers(3),
+    "axis": numbers(3),
+    "up": numbers(3),
+}
 
 
 def read_guess(entries: dict, path) -> Guess:
     """A guess from the table [guess] of a specification. Raises ScanError."""
-    guess = Guess(**check_entries(path, entries, GUESS, "guess", needed=("mount", "target")))
-    if np.linalg.norm(np.cross(guess.axis, guess.up)) <= 1e-3 * np.linalg.norm(guess.axis) * np.linalg.norm(guess.up):
-        raise ScanError(f"{path}: axis and up in [guess] are parallel or zero; expected axis across up")
+    guess = Guess(
+        **check_entries(path, entries, GUESS, "guess", needed=("mount", "target"))
+    )
+    if np.linalg.norm(np.cross(guess.axis, guess.up)) <= 1e-3 * np.linalg.norm(
+        guess.axis
+    ) * np.linalg.norm(guess.up):
+        raise ScanError(
+            f"{path}: axis and up in [guess] are parallel or zero; expected axis across up"
+        )
     return guess

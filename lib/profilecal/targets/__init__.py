@@ -1,6 +1,8 @@
-"""Calibration targets, one class a file: geometry, residuals with their derivatives, a start for them, how it is found
-(by a function of `profiles`), simulated and drawn. `target.py` holds the contract and says how to add one,
-`observations.py` what is seen of any."""
+"""Calibration targets, one class a file: geometry, residuals with their derivatives, a
+start for them, how it is found (by a function of `profiles`), simulated and drawn.
+`target.py` holds the contract and says how to add one, `observations.py` what is seen
+of any.
+"""
 
 from profilecal.targets.ball import Ball
 from profilecal.targets.disk import Disk

@@ -1,5 +1,6 @@
-"""What the scanner saw of a target; what is unknown: sensor poses and the frames of the targets; and which profiles
-share an error of the flange."""
+"""What the scanner saw of a target; what is unknown: sensor poses and the frames of the
+targets; and which profiles share an error of the flange.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -17,32 +18,46 @@ from profilecal.targets.target import Target
 
 @dataclass(frozen=True)
 class Observations:
-    """What the scanner saw of one target from P flange poses, in each of B problems; 1 of what is the same in all."""
+    """What the scanner saw of one target from P flange poses, in each of B problems; 1
+    of what is the same in all.
+    """
 
     kind: str  # of the target, one of TARGETS
-    R_flange: np.ndarray  # (B|1, P, 3, 3) flange in the base frame; eye-to-hand: base in the flange frame
+    R_flange: (
+        np.ndarray
+    )  # (B|1, P, 3, 3) flange in the base frame; eye-to-hand: base in the flange frame
     T_flange: np.ndarray  # (B|1, P, 3) mm
     points: np.ndarray  # (B|1, P, m, 2) x and z, m as the target's `points`; NaN: none
     sizes: tuple[float, ...] = ()  # the target's `lengths`, mm
-    group: np.ndarray | None = None  # (P,) poses of one flange orientation share a number
+    group: np.ndarray | None = (
+        None  # (P,) poses of one flange orientation share a number
+    )
     eye_to_hand: bool = False
-    # of what was seen from each pose, as a multiple of `Noise.profile_mm`²; None: 1 for each coordinate, independent.
-    # (B|1, P, m) of points' distances from a curve; else (B|1, P, 2m, 2m) of x and z of all points
+    # of what was seen from each pose, as a multiple of `Noise.profile_mm`²; None: 1 for
+    # each coordinate, independent.
+    # (B|1, P, m) of points' distances from a curve; else (B|1, P, 2m, 2m) of x and z of
+    # all points
     covariance: np.ndarray | None = None
 
     def __post_init__(self):
         if self.kind not in TARGETS:
-            raise ValueError(f"kind is {self.kind!r}; expected one of {', '.join(TARGETS)}")
+            raise ValueError(
+                f"kind is {self.kind!r}; expected one of {', '.join(TARGETS)}"
+            )
         self.target.check_sizes(self.sizes)
         shape = (None, None, self.target.points, 2)
-        _, P, m, _ = check_array(f"points ({self.kind})", self.points, shape, finite=False).shape
+        _, P, m, _ = check_array(
+            f"points ({self.kind})", self.points, shape, finite=False
+        ).shape
         check_array("R_flange", self.R_flange, (None, P, 3, 3))
         check_array("T_flange", self.T_flange, (None, P, 3))
         if self.group is not None:
             check_array("group", self.group, (P,), finite=False)
         if self.covariance is not None:
             if "profiles" not in self.target.tables:
-                raise ValueError(f"a {self.kind} has no covariance of its own; state profile_mm and steering_mm")
+                raise ValueError(
+                    f"a {self.kind} has no covariance of its own; state profile_mm and steering_mm"
+                )
             tail = (P, m) if self.on_curve else (P, 2 * m, 2 * m)
             check_array("covariance", self.covariance, (None, *tail), finite=False)
 
@@ -53,33 +68,51 @@ class Observations:
 
     @property
     def on_curve(self) -> bool:
-        """Whether points lie anywhere on a curve, so that only their distance from it says something."""
+        """Whether points lie anywhere on a curve, so that only their distance from it
+        says something.
+        """
         return self.target.points is None
 
     @property
     def arrays(self) -> dict[str, Any]:
         """What the first axis is a batch of."""
         names = ("R_flange", "T_flange", "points", "covariance")
-        return {name: getattr(self, name) for name in names if getattr(self, name) is not None}
+        return {
+            name: getattr(self, name)
+            for name in names
+            if getattr(self, name) is not None
+        }
 
     @property
     def labels(self) -> np.ndarray:
-        """Numbers from 0 (P,) that the poses of one rotation group share; without groups, each its own."""
+        """Numbers from 0 (P,) that the poses of one rotation group share; without
+        groups, each its own.
+        """
         poses = np.arange(self.points.shape[1])
-        return poses if self.group is None else np.unique(self.group, return_inverse=True)[1]
+        return (
+            poses
+            if self.group is None
+            else np.unique(self.group, return_inverse=True)[1]
+        )
 
     def keep(self, poses) -> "Observations":
         """Only some poses, by mask or index."""
         kept = {name: array[:, poses] for name, array in self.arrays.items()}
-        return replace(self, **kept, group=None if self.group is None else self.group[poses])
+        return replace(
+            self, **kept, group=None if self.group is None else self.group[poses]
+        )
 
     def take(self, chosen) -> "Observations":
         """Some problems of a batch, by mask, index or slice."""
-        return replace(self, **{k: v if len(v) == 1 else v[chosen] for k, v in self.arrays.items()})
+        return replace(
+            self, **{k: v if len(v) == 1 else v[chosen] for k, v in self.arrays.items()}
+        )
 
 
 def each(function, *batches):
-    """`function` of the arrays in the same place of batches, or of tuples, that are built alike."""
+    """`function` of the arrays in the same place of batches, or of tuples, that are
+    built alike.
+    """
     kind = type(batches[0])
     if kind is np.ndarray:
         return function(*batches)
@@ -89,7 +122,9 @@ def each(function, *batches):
 
 
 class Batch:
-    """A dataclass of arrays, tuples of them and further batches, all with one leading axis."""
+    """A dataclass of arrays, tuples of them and further batches, all with one leading
+    axis.
+    """
 
     def __getitem__(self, chosen):
         return each(lambda array: array[chosen], self)
@@ -100,7 +135,11 @@ class Batch:
 
     def where(self, mask, other):
         """This one where the mask (B,) holds, the other elsewhere."""
-        return each(lambda a, b: np.where(mask.reshape(-1, *[1] * (a.ndim - 1)), a, b), self, other)
+        return each(
+            lambda a, b: np.where(mask.reshape(-1, *[1] * (a.ndim - 1)), a, b),
+            self,
+            other,
+        )
 
 
 @dataclass(frozen=True)
@@ -109,25 +148,36 @@ class State(Batch):
 
     rotation: np.ndarray  # (B, 3, 3)
     translation: np.ndarray  # (B, 3) mm
-    placements: tuple  # for each target its origin (B, 3), mm, and axes (B, 3, 3), in columns
+    placements: (
+        tuple  # for each target its origin (B, 3), mm, and axes (B, 3, 3), in columns
+    )
 
 
 @dataclass(frozen=True)
 class PoseGroups:
-    """Profiles are counted through, target by target; a repeated pose, or one seen of two targets, has several."""
+    """Profiles are counted through, target by target; a repeated pose, or one seen of
+    two targets, has several.
+    """
 
     pose: np.ndarray  # (profiles,) number of the commanded pose
     orientation: np.ndarray  # (poses,) number of its orientation
     group: np.ndarray  # (profiles,) number of the rotation group of one target
 
     def sharing(self, name: str) -> np.ndarray:
-        """Numbers (profiles,) that profiles with the same error of the robot have in common; an entry of `Noise`."""
-        other = {"repeatability": np.arange(len(self.pose)), "group": self.orientation[self.pose]}
+        """Numbers (profiles,) that profiles with the same error of the robot have in
+        common; an entry of `Noise`.
+        """
+        other = {
+            "repeatability": np.arange(len(self.pose)),
+            "group": self.orientation[self.pose],
+        }
         return other.get(name.split("_")[0], self.pose)
 
     @property
     def distinguishable(self) -> list[str]:
-        """The errors of the robot, entries of `Noise`, that can be told apart at these poses."""
+        """The errors of the robot, entries of `Noise`, that can be told apart at these
+        poses.
+        """
         repeated = len(self.orientation) < len(self.pose)
         grouped = int(self.orientation.max()) + 1 < len(self.orientation)
         missing = ["repeatability_"] * (not repeated) + ["group_"] * (not grouped)
@@ -135,16 +185,23 @@ class PoseGroups:
 
 
 def pose_groups(observations: Sequence[Observations]) -> PoseGroups:
-    """Of the targets' poses; those of a batch are alike, and the first problem's are looked at. Each of a target's
-    groups is an orientation, and one with that of another target that points the same way."""
-    same_mm, same_deg = 0.05, 0.01  # commanded poses that differ by less are one: no controller comes back any closer
+    """Of the targets' poses; those of a batch are alike, and the first problem's are
+    looked at. Each of a target's groups is an orientation, and one with that of another
+    target that points the same way.
+    """
+    same_mm, same_deg = (
+        0.05,
+        0.01,
+    )  # commanded poses that differ by less are one: no controller comes back any closer
     R = np.concatenate([o.R_flange[0] for o in observations])
     T = np.concatenate([o.T_flange[0] for o in observations])
     labels = [o.labels for o in observations]
     target = np.repeat(np.arange(len(labels)), [len(own) for own in labels])
     numbers = len(target) * target + np.concatenate(labels)
     _, first, group = np.unique(numbers, return_index=True, return_inverse=True)
-    alike = parallel(R[first], R[first], SAME_ORIENTATION_DEG) & (target[first][:, None] != target[first])
+    alike = parallel(R[first], R[first], SAME_ORIENTATION_DEG) & (
+        target[first][:, None] != target[first]
+    )
     alike |= np.eye(len(first), dtype=bool)
     orientation = np.unique(alike.argmax(axis=1), return_inverse=True)[1][group]
     same = (cdist(T, T, "chebyshev") < same_mm) & (orientation[:, None] == orientation)

@@ -1,4 +1,6 @@
-"""A flat face: the scan plane meets it in a line (Carlson et al. 2015, Sharifzadeh et al. 2020)."""
+"""A flat face: the scan plane meets it in a line (Carlson et al. 2015, Sharifzadeh et
+al. 2020).
+"""
 
 from dataclasses import dataclass
 
@@ -28,7 +30,9 @@ class Plane(Target):
     @staticmethod
     def residual(origin, axes, seen, sizes):
         """Distance from the line in which the planes meet."""
-        (height,), (force,), (torque,) = Plane.residual_in_space(origin, axes, seen, sizes)
+        (height,), (force,), (torque,) = Plane.residual_in_space(
+            origin, axes, seen, sizes
+        )
         return in_scan_plane(height, force, torque, ey_by_turn=cross(axes[2], Y))
 
     @staticmethod
@@ -46,8 +50,9 @@ class Plane(Target):
         return (points - self.point) @ self.normal
 
     def line_at(self, rotation, origin, x) -> np.ndarray:
-        """Points (P, k, 2) at x (P, k) or (k,) of the lines in which scan planes (P, 3, 3), (P, 3) meet the face; not
-        finite where these are parallel to the depth."""
+        """Points (P, k, 2) at x (P, k) or (k,) of the lines in which scan planes (P, 3,
+        3), (P, 3) meet the face; not finite where these are parallel to the depth.
+        """
         height, n = (self.point - origin) @ self.normal, self.normal @ rotation
         x = np.broadcast_to(x, (len(n), np.shape(x)[-1]))
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -61,12 +66,19 @@ class Plane(Target):
         return self.line_at(rotation, origin, FAR)
 
     def behind(self, arcs, rotation, origin) -> list[np.ndarray]:
-        """Outlines of bodies above this face: their arcs (P, k, 2), NaN where there is none, between parts of it."""
+        """Outlines of bodies above this face: their arcs (P, k, 2), NaN where there is
+        none, between parts of it.
+        """
         far = np.broadcast_to(FAR, (len(arcs), 2))
         ends = np.concatenate([far[:, :1], arcs[:, [0, -1], 0], far[:, 1:]], axis=1)
-        around, alone = self.line_at(rotation, origin, ends), self.line_at(rotation, origin, FAR)
+        around, alone = (
+            self.line_at(rotation, origin, ends),
+            self.line_at(rotation, origin, FAR),
+        )
         return [
-            np.concatenate([face[:2], arc, face[2:]]) if np.isfinite(arc).all() else line
+            np.concatenate([face[:2], arc, face[2:]])
+            if np.isfinite(arc).all()
+            else line
             for face, arc, line in zip(around, arcs, alone, strict=True)
         ]
 

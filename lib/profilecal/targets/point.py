@@ -1,5 +1,7 @@
-"""A marked point, a cross-hair or the apex of a pin, through which the operator steers the laser line: the fixed-point
-method (disk paper's ref. [16]). How far the scan plane misses it is noise like the scanner's own."""
+"""A marked point, a cross-hair or the apex of a pin, through which the operator steers
+the laser line: the fixed-point method (disk paper's ref. [16]). How far the scan plane
+misses it is noise like the scanner's own.
+"""
 
 from dataclasses import dataclass
 
@@ -22,7 +24,11 @@ class Point(Target):
     def residual(origin, axes, seen, sizes):
         """x and z of the scan, and the distance from the scan plane."""
         (x, z), (px, py, pz) = seen, origin
-        return [x - px, z - pz, -py], [[-1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, -1.0, 0.0]], None
+        return (
+            [x - px, z - pz, -py],
+            [[-1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, -1.0, 0.0]],
+            None,
+        )
 
     residual_in_space = residual
 
@@ -40,12 +46,18 @@ class Point(Target):
         return np.linalg.norm(points - self.point, axis=-1)
 
     def meet(self, rotation, origin) -> np.ndarray:
-        """The point's x and z in the sensor frames, (..., 2), wherever the scan planes pass it."""
+        """The point's x and z in the sensor frames, (..., 2), wherever the scan planes
+        pass it.
+        """
         return in_sensor(rotation, self.point - origin)[..., [0, 2]]
 
     @staticmethod
     def offsets(shape, motion, normals, sizes, steering_mm, rng):
-        x, y, z = rng.uniform(-25, 25, shape), steering_mm * rng.normal(size=shape), rng.uniform(-25, 25, shape)
+        x, y, z = (
+            rng.uniform(-25, 25, shape),
+            steering_mm * rng.normal(size=shape),
+            rng.uniform(-25, 25, shape),
+        )
         return np.stack([x, y, z], axis=-1)
 
     def lines(self, points):

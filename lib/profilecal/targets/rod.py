@@ -1,4 +1,6 @@
-"""A straight round bar of known radius: the scan plane meets it in an ellipse, of which the scanner sees an arc."""
+"""A straight round bar of known radius: the scan plane meets it in an ellipse, of which
+the scanner sees an arc.
+"""
 
 from dataclasses import dataclass
 
@@ -14,7 +16,9 @@ from profilecal.targets.target import ALONG_Y, Target, Y, in_scan_plane
 
 @dataclass(frozen=True)
 class Rod(Target):
-    """The cylinder of `radius` around the line through `point` (3,) along the unit vector `direction` (3,), mm."""
+    """The cylinder of `radius` around the line through `point` (3,) along the unit
+    vector `direction` (3,), mm.
+    """
 
     point: np.ndarray
     direction: np.ndarray
@@ -29,15 +33,20 @@ class Rod(Target):
     def residual(origin, axes, seen, sizes):
         """Distance from the ellipse, to first order.
 
-        v runs from the bar's origin to the point, the unit vector e from its axis. A move of the point changes ey by j:
-        the part of the y axis square to bar and e, over the distance from the axis. Shifts of the bar move the point
-        the other way; so do turns, which turn e too.
+        v runs from the bar's origin to the point, the unit vector e from its axis. A
+        move of the point changes ey by j: the part of the y axis square to bar and e,
+        over the distance from the axis. Shifts of the bar move the point the other way;
+        so do turns, which turn e too.
         """
         (f,), (force,), (torque,) = Rod.residual_in_space(origin, axes, seen, sizes)
         e, d, v = [-c for c in force], axes[2], Rod.offset(origin, seen)
         j = [(Y[k] - d[1] * d[k] - e[1] * e[k]) / (f + sizes[0]) for k in range(3)]
-        ey_by_turn = [own - moved for own, moved in zip(cross(e, Y), cross(v, j), strict=True)]
-        return in_scan_plane(f, force, torque, ey_by_turn, ey_by_shift=[-part for part in j])
+        ey_by_turn = [
+            own - moved for own, moved in zip(cross(e, Y), cross(v, j), strict=True)
+        ]
+        return in_scan_plane(
+            f, force, torque, ey_by_turn, ey_by_shift=[-part for part in j]
+        )
 
     @staticmethod
     def residual_in_space(origin, axes, seen, sizes):
@@ -57,35 +66,59 @@ class Rod(Target):
 
     @staticmethod
     def fit(points):
-        """The axis algebraically, from |p|² = pᵀ D p + b·p + k with D = d dᵀ; around it the nearest circle."""
+        """The axis algebraically, from |p|² = pᵀ D p + b·p + k with D = d dᵀ; around it
+        the nearest circle.
+        """
         middle = points.mean(axis=-2, keepdims=True)
-        scale = np.sqrt(np.mean(np.sum((points - middle) ** 2, axis=-1), axis=-1))[..., None, None]
+        scale = np.sqrt(np.mean(np.sum((points - middle) ** 2, axis=-1), axis=-1))[
+            ..., None, None
+        ]
         p = (points - middle) / scale
         i, j = np.triu_indices(3)
-        A = np.concatenate([p[..., i] * p[..., j] * np.where(i == j, 1, 2), p, np.ones_like(p[..., :1])], axis=-1)
+        A = np.concatenate(
+            [
+                p[..., i] * p[..., j] * np.where(i == j, 1, 2),
+                p,
+                np.ones_like(p[..., :1]),
+            ],
+            axis=-1,
+        )
         At = A.mT
         ridge = 1e-9 * np.eye(10) * p.shape[-2]
-        x = np.linalg.solve(At @ A + ridge, At @ np.sum(p**2, axis=-1)[..., None])[..., 0]
+        x = np.linalg.solve(At @ A + ridge, At @ np.sum(p**2, axis=-1)[..., None])[
+            ..., 0
+        ]
         D = np.empty((*x.shape[:-1], 3, 3))
         D[..., i, j] = D[..., j, i] = x[..., :6]
         axes = frame_around(np.linalg.eigh(D)[1][..., 2])
         centre, radius = fit_sphere((points - middle) @ axes[..., :2])
-        return middle[..., 0, :] + (axes[..., :2] @ centre[..., None])[..., 0], axes, (radius,)
+        return (
+            middle[..., 0, :] + (axes[..., :2] @ centre[..., None])[..., 0],
+            axes,
+            (radius,),
+        )
 
     def distance(self, points):
         return Edge(self.point, self.direction).distance(points) - self.radius
 
     def arc(self, rotation, origin, reach_deg: float, count: int) -> np.ndarray:
-        """Points (P, count, 2) where scan planes (P, 3, 3), (P, 3) meet the bar's generators, by angles about its axis
-        to either side of the one that faces the scanner."""
+        """Points (P, count, 2) where scan planes (P, 3, 3), (P, 3) meet the bar's
+        generators, by angles about its axis to either side of the one that faces the
+        scanner.
+        """
         angle = np.radians(np.linspace(-reach_deg, reach_deg, count))
         d, z = self.direction, rotation[..., 2]
         up = (z @ d)[:, None] * d - z
         up /= np.linalg.norm(up, axis=-1, keepdims=True)
         aside = np.cross(up, d)
         aside *= np.sign(np.einsum("pa,pa->p", aside, rotation[..., 0]))[:, None]
-        around = np.cos(angle)[:, None] * up[:, None] + np.sin(angle)[:, None] * aside[:, None]
-        return Edge(self.point + self.radius * around, self.direction).meet(rotation[:, None], origin[:, None])
+        around = (
+            np.cos(angle)[:, None] * up[:, None]
+            + np.sin(angle)[:, None] * aside[:, None]
+        )
+        return Edge(self.point + self.radius * around, self.direction).meet(
+            rotation[:, None], origin[:, None]
+        )
 
     def points_seen(self, rotation, origin, count):
         return self.arc(rotation, origin, 60, count)

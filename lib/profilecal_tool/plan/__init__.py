@@ -1,8 +1,11 @@
-"""Which poses, and how many: what poses will be worth, and which are worth most, before anything is measured.
+"""Which poses, and how many: what poses will be worth, and which are worth most, before
+anything is measured.
 
-In: a `ScanModel`, what is known beforehand of scanner, robot and target, and `Limits` of the robot. Out: a
-`Prediction`, the covariance that `calibrate` will state; a `Plan`, poses that make it small; a folder ready to run.
+In: a `ScanModel`, what is known beforehand of scanner, robot and target, and `Limits`
+of the robot. Out: a `Prediction`, the covariance that `calibrate` will state; a `Plan`,
+poses that make it small; a folder ready to run.
 
-Each pose adds a block of information, its own robot error integrated out. Blocks of poses with different orientations
-add up, so a plan is a choice of blocks: a greedy start, then exchanges, one pose at a time.
+Each pose adds a block of information, its own robot error integrated out. Blocks of
+poses with different orientations add up, so a plan is a choice of blocks: a greedy
+start, then exchanges, one pose at a time.
 """

@@ -1,11 +1,14 @@
-"""Which of many candidates to take: those whose blocks of information make the sensor pose's covariance small.
+"""Which of many candidates to take: those whose blocks of information make the sensor
+pose's covariance small.
 
-What is made small is the larger of two: the largest standard deviation of the translation in any direction, and that of
-the rotation about any axis, each over the limit that is asked for. In place of a largest variance, the choice looks at
-(tr Cᵖ)^(1/p), p = 16: hardly larger, and it sees the directions behind the worst one too.
+What is made small is the larger of two: the largest standard deviation of the
+translation in any direction, and that of the rotation about any axis, each over the
+limit that is asked for. In place of a largest variance, the choice looks at (tr
+Cᵖ)^(1/p), p = 16: hardly larger, and it sees the directions behind the worst one too.
 
-A greedy start adds the candidate that helps most; then each pose in turn is exchanged for whatever serves best in its
-place, until none does (Fedorov 1972). A block V Vᵀ of low rank changes C by C V (1 + Vᵀ C V)⁻¹ Vᵀ C.
+A greedy start adds the candidate that helps most; then each pose in turn is exchanged
+for whatever serves best in its place, until none does (Fedorov 1972). A block V Vᵀ of
+low rank changes C by C V (1 + Vᵀ C V)⁻¹ Vᵀ C.
 """
 
 from dataclasses import dataclass
@@ -24,7 +27,9 @@ NOWHERE = np.empty((0, 3, 3)), np.empty((0, 3))  # no poses
 
 @dataclass(frozen=True)
 class Plan:
-    """Poses in the order in which to go through them, and what they are predicted to give."""
+    """Poses in the order in which to go through them, and what they are predicted to
+    give.
+    """
 
     model: ScanModel
     R: np.ndarray  # (P, 3, 3) of the flange as the joint solution has it
@@ -35,7 +40,9 @@ class Plan:
 
 @dataclass(frozen=True)
 class Pool:
-    """Candidates, and their blocks of information on the unknowns, the sensor pose in units of what is asked for."""
+    """Candidates, and their blocks of information on the unknowns, the sensor pose in
+    units of what is asked for.
+    """
 
     R: np.ndarray  # (N, 3, 3) flange poses
     T: np.ndarray  # (N, 3) mm
@@ -44,13 +51,20 @@ class Pool:
 
     @classmethod
     def of(cls, model: ScanModel, R, T, until, before=0.0) -> "Pool":
-        """`until`: standard deviations that are asked for, mm and degrees; `before` (q, q): `information` that is there
-        already."""
-        ridge = 1e-3  # of what is known by hand: an empty plan's information; with far less, rounding would choose
+        """`until`: standard deviations that are asked for, mm and degrees; `before` (q,
+        q): `information` that is there already.
+        """
+        # of what is known by hand: an empty plan's information; with far less, rounding
+        # would choose
+        ridge = 1e-3
         negligible = 1e-7  # of the largest eigenvalue of a block
         by_hand, systematic = model.known
-        unit = np.r_[np.repeat([until[0], np.radians(until[1])], 3), by_hand[6:], systematic]
-        values, vectors = np.linalg.eigh(information(model, R, T, each=True) * unit[:, None] * unit)
+        unit = np.r_[
+            np.repeat([until[0], np.radians(until[1])], 3), by_hand[6:], systematic
+        ]
+        values, vectors = np.linalg.eigh(
+            information(model, R, T, each=True) * unit[:, None] * unit
+        )
         rank = int((values > negligible * values.max()).sum(axis=1).max())
         roots = vectors[..., -rank:] * np.sqrt(np.maximum(values[:, None, -rank:], 0))
         precision = np.r_[ridge / by_hand**2, systematic**-2.0]
@@ -64,15 +78,24 @@ class Pool:
     def lacks(self, chosen) -> float:
         """How many times as large as asked for the standard deviations of a plan are."""
         C = self.covariance(chosen)
-        return float(np.sqrt(max(np.linalg.norm(C[:3, :3], 2), np.linalg.norm(C[3:6, 3:6], 2))))
+        return float(
+            np.sqrt(max(np.linalg.norm(C[:3, :3], 2), np.linalg.norm(C[3:6, 3:6], 2)))
+        )
 
     def with_each(self, chosen) -> np.ndarray:
-        """How good a plan is with one of the candidates (N,) more, less is better: `smooth_worst`; while there are too
-        few for that, the volume of what is left open. inf for candidates whose orientation it has."""
-        left_open = 100.0  # times what is asked for, a standard deviation is no better than one by hand
+        """How good a plan is with one of the candidates (N,) more, less is better:
+        `smooth_worst`; while there are too few for that, the volume of what is left
+        open. inf for candidates whose orientation it has.
+        """
+        # times what is asked for, a standard deviation is no better than one by hand
+        left_open = 100.0
         C = self.covariance(chosen)
         N, q, r = self.roots.shape
-        W = (C @ self.roots.transpose(1, 0, 2).reshape(q, -1)).reshape(q, N, r).transpose(1, 0, 2)
+        W = (
+            (C @ self.roots.transpose(1, 0, 2).reshape(q, -1))
+            .reshape(q, N, r)
+            .transpose(1, 0, 2)
+        )
         inner = np.eye(r) + self.roots.mT @ W
         if smooth_worst(C[:6, :6]) > left_open:
             values = 1 / np.linalg.det(inner)
@@ -80,13 +103,19 @@ class Pool:
             pose = W[:, :6]
             values = smooth_worst(C[:6, :6] - pose @ np.linalg.solve(inner, pose.mT))
         if len(chosen):
-            values[parallel(self.R, self.R[chosen], LEAST_TURN_DEG).any(axis=1)] = np.inf
+            values[parallel(self.R, self.R[chosen], LEAST_TURN_DEG).any(axis=1)] = (
+                np.inf
+            )
         return values
 
 
 def smooth_worst(C) -> np.ndarray:
-    """As `Pool.lacks`, but hardly larger and smooth, of covariances (..., 6, 6) of the sensor pose."""
-    power = np.stack([C[..., :3, :3], C[..., 3:, 3:]], axis=-3)  # of translation and of rotation
+    """As `Pool.lacks`, but hardly larger and smooth, of covariances (..., 6, 6) of the
+    sensor pose.
+    """
+    power = np.stack(
+        [C[..., :3, :3], C[..., 3:, 3:]], axis=-3
+    )  # of translation and of rotation
     scale = np.maximum(np.trace(C, axis1=-2, axis2=-1), np.finfo(float).tiny)
     power = power / scale[..., None, None, None]
     for _ in range(3):
@@ -103,21 +132,35 @@ def design(
     until: tuple[float, float] = (0.1, 0.05),
     most: int = 100,
     before: tuple = NOWHERE,
-    candidates: int = 2000,  # twice as many take twice as long, and plans are 2 % better
+    # twice as many take twice as long, and plans are 2 % better
+    candidates: int = 2000,
 ) -> Plan:
-    """The poses that serve a calibration best: so many `poses`, or as many as it takes `until` the standard deviations
-    of translation and rotation are below mm and degrees in every direction, `most` of them at most.
+    """The poses that serve a calibration best: so many `poses`, or as many as it takes
+    `until` the standard deviations of translation and rotation are below mm and degrees
+    in every direction, `most` of them at most.
 
-    `before`: poses R (P, 3, 3), T (P, 3) that are there already. Raises ScanError where the limits leave too few poses.
+    `before`: poses R (P, 3, 3), T (P, 3) that are there already. Raises ScanError where
+    the limits leave too few poses.
     """
     if not all(0 < value < np.inf for value in until):
-        raise ScanError(f"until is {list(until)}; expected mm and degrees, both positive")
+        raise ScanError(
+            f"until is {list(until)}; expected mm and degrees, both positive"
+        )
     given = information(model, *before) if len(before[0]) else 0.0
     pool = Pool.of(model, *draw(model, limits, candidates, rng, BEYOND), until, given)
     chosen = []
-    exchanges = 6  # for neighbours in the end: without them, standard deviations are 10 % larger
-    with tqdm(desc="planning", total=(poses or most) + exchanges, disable=None, leave=False, delay=2.0) as bar:
-        while not chosen or (len(chosen) < (poses or most) and (poses or pool.lacks(chosen) > 1)):
+    # for neighbours in the end: without them, standard deviations are 10 % larger
+    exchanges = 6
+    with tqdm(
+        desc="planning",
+        total=(poses or most) + exchanges,
+        disable=None,
+        leave=False,
+        delay=2.0,
+    ) as bar:
+        while not chosen or (
+            len(chosen) < (poses or most) and (poses or pool.lacks(chosen) > 1)
+        ):
             chosen = added(pool, chosen)
             bar.update()
         for _ in range(exchanges):
@@ -129,7 +172,9 @@ def design(
             bar.update()
     R, T = pool.R[chosen], pool.T[chosen]
     way = short_way(R, T)
-    return Plan(model, R[way], T[way], predict(model, *joined(before, (R, T)), rng), until)
+    return Plan(
+        model, R[way], T[way], predict(model, *joined(before, (R, T)), rng), until
+    )
 
 
 def joined(first: tuple, second: tuple):
@@ -138,7 +183,9 @@ def joined(first: tuple, second: tuple):
 
 
 def added(pool: Pool, chosen: list[int]) -> list[int]:
-    """A plan with the candidate more that helps most. Raises ScanError where none is left."""
+    """A plan with the candidate more that helps most. Raises ScanError where none is
+    left.
+    """
     values = pool.with_each(chosen)
     best = int(np.argmin(values))
     if values[best] == np.inf:
@@ -150,7 +197,9 @@ def added(pool: Pool, chosen: list[int]) -> list[int]:
 
 
 def exchanged(pool: Pool, chosen: list[int]) -> list[int]:
-    """A plan in which each pose in turn is exchanged for whatever serves best in its place."""
+    """A plan in which each pose in turn is exchanged for whatever serves best in its
+    place.
+    """
     found, value = list(chosen), smooth_worst(pool.covariance(chosen)[:6, :6])
     for place in range(len(found)):
         values = pool.with_each(found[:place] + found[place + 1 :])
@@ -163,7 +212,9 @@ def exchanged(pool: Pool, chosen: list[int]) -> list[int]:
 def trimmed(pool: Pool, chosen: list[int]) -> list[int]:
     """A plan without the poses that it does not take to be good enough."""
     while len(chosen) > 1:
-        fewer = min((chosen[:k] + chosen[k + 1 :] for k in range(len(chosen))), key=pool.lacks)
+        fewer = min(
+            (chosen[:k] + chosen[k + 1 :] for k in range(len(chosen))), key=pool.lacks
+        )
         if pool.lacks(fewer) > 1:
             break
         chosen = fewer
@@ -171,8 +222,12 @@ def trimmed(pool: Pool, chosen: list[int]) -> list[int]:
 
 
 def short_way(R, T) -> list[int]:
-    """An order of poses (P, 3, 3), (P, 3) with a short way: to the nearest each time. A degree counts as 3 mm."""
-    far = np.linalg.norm(T[:, None] - T, axis=-1) + 3 * np.degrees(angle_between(R[:, None], R))
+    """An order of poses (P, 3, 3), (P, 3) with a short way: to the nearest each time. A
+    degree counts as 3 mm.
+    """
+    far = np.linalg.norm(T[:, None] - T, axis=-1) + 3 * np.degrees(
+        angle_between(R[:, None], R)
+    )
     order, left = [0], set(range(1, len(T)))
     while left:
         order.append(min(left, key=lambda pose: far[order[-1], pose]))

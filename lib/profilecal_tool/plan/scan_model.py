@@ -1,4 +1,6 @@
-"""What is known before a scan, and what poses will be worth: the information that their profiles will hold."""
+"""What is known before a scan, and what poses will be worth: the information that their
+profiles will hold.
+"""
 
 from dataclasses import dataclass, replace
 
@@ -26,19 +28,28 @@ class ScanModel(Setup):
     systematic: Systematic = Systematic()  # noqa: RUF009
     to_hand: bool = False
     measured: str = "profiles"
-    covariance: np.ndarray | None = None  # of what a pose shows, over the noise's profile_mm², as `Observations` has it
-    guess: Guess | None = None  # where all this is from, with margins; None: known well enough
+    covariance: np.ndarray | None = (
+        # of what a pose shows, over the noise's profile_mm², as `Observations` has it
+        None
+    )
+    guess: Guess | None = (
+        None  # where all this is from, with margins; None: known well enough
+    )
     count: int = 40  # points of a curve that a pose gives
 
     @property
     def known(self) -> tuple[np.ndarray, np.ndarray]:
-        """What is known by hand of the unknowns (n,), mm and rad, and of what is wrong at every pose (c,)."""
+        """What is known by hand of the unknowns (n,), mm and rad, and of what is wrong
+        at every pose (c,).
+        """
         sizes = [size for _, size in considered([self.target], self.systematic)]
         return units_by_hand([self.target]), np.array(sizes)
 
     def elsewhere(self, rng: np.random.Generator) -> "ScanModel":
         """The same where the guess is wrong by anything within its margins."""
-        return replace(self, **vars(self.guess.setup(self.target.kind, self.sizes, rng)))
+        return replace(
+            self, **vars(self.guess.setup(self.target.kind, self.sizes, rng))
+        )
 
     @property
     def shows_beside(self) -> bool:
@@ -46,21 +57,30 @@ class ScanModel(Setup):
         return self.measured == "profiles" and self.target.beside_mm > 0
 
     def seen(self, R_view, T_view, count: int) -> np.ndarray:
-        """What a perfect scanner at sensor frames (P, 3, 3), (P, 3) sees of the target, (P, m, 2), mm; `count` points
-        of a curve; NaN where it misses it."""
+        """What a perfect scanner at sensor frames (P, 3, 3), (P, 3) sees of the target,
+        (P, m, 2), mm; `count` points of a curve; NaN where it misses it.
+        """
         points = self.target.points_seen(R_view, T_view, count)
         is_face = len(self.target.shifts) == 1
         return self.across_view(points, count) if is_face else points
 
     def in_view(self, R, T) -> np.ndarray:
-        """Whether the middle of what is seen from flange poses (P, 3, 3), (P, 3) is in the field of view, (P,)."""
+        """Whether the middle of what is seen from flange poses (P, 3, 3), (P, 3) is in
+        the field of view, (P,).
+        """
         points = self.seen(*self.planes(R, T), 5)
         x, z = points[:, points.shape[1] // 2].T
-        return (self.scanner.near <= z) & (z <= self.scanner.far) & (np.abs(x) <= self.scanner.half_width(z))
+        return (
+            (self.scanner.near <= z)
+            & (z <= self.scanner.far)
+            & (np.abs(x) <= self.scanner.half_width(z))
+        )
 
     def across_view(self, points, count: int) -> np.ndarray:
-        """Points (P, count, 2) from one side of the field of view to the other, but for a tenth at the sides that
-        features leave out, on the lines through some (P, m, 2)."""
+        """Points (P, count, 2) from one side of the field of view to the other, but for
+        a tenth at the sides that features leave out, on the lines through some (P, m,
+        2).
+        """
         first, last = points[:, 0], points[:, -1]
         slope = (last[:, 1] - first[:, 1]) / (last[:, 0] - first[:, 0])
         depth = first[:, 1] - slope * first[:, 0]  # where the line crosses x = 0
@@ -70,16 +90,28 @@ class ScanModel(Setup):
         return np.stack([x, depth[:, None] + slope[:, None] * x], axis=-1)
 
     def observed(self, R, T) -> Observations:
-        """What the scanner will see of the target from flange poses (P, 3, 3), (P, 3), mm, NaN where it misses it; of
-        an arc three points that stand for it."""
+        """What the scanner will see of the target from flange poses (P, 3, 3), (P, 3),
+        mm, NaN where it misses it; of an arc three points that stand for it.
+        """
         planes, covariance = self.planes(R, T), self.covariance
         arcs = self.measured == "arcs"
-        points = three_points(self.target.meet(*planes)) if arcs else self.seen(*planes, self.count)
+        points = (
+            three_points(self.target.meet(*planes))
+            if arcs
+            else self.seen(*planes, self.count)
+        )
         if covariance is not None:
             covariance = np.broadcast_to(covariance, (1, len(R), *covariance.shape))
         group = rotation_groups(R)
         return Observations(
-            self.target.kind, R[None], T[None], points[None], self.sizes, group, self.to_hand, covariance
+            self.target.kind,
+            R[None],
+            T[None],
+            points[None],
+            self.sizes,
+            group,
+            self.to_hand,
+            covariance,
         )
 
     def problem(self, R, T) -> Problem:
@@ -88,17 +120,25 @@ class ScanModel(Setup):
 
 
 def information(model: ScanModel, R, T, each: bool = False) -> np.ndarray:
-    """What flange poses (P, 3, 3), (P, 3) tell of the unknowns and then of what is wrong at all poses, (q, q), the
-    robot's errors integrated out. `each`: of each pose by itself, (P, q, q); where all have orientations of their own,
-    these add up to the whole."""
+    """What flange poses (P, 3, 3), (P, 3) tell of the unknowns and then of what is
+    wrong at all poses, (q, q), the robot's errors integrated out. `each`: of each pose
+    by itself, (P, q, q); where all have orientations of their own, these add up to the
+    whole.
+    """
     sizes = model.noise.of_robot
     v = np.array([1.0, *sizes.values()]) ** 2
     linear = model.problem(R, T).model(model.state, sizes)
-    return linear.alone(v)[:, :-1, :-1] if each else linear.posterior(v[None]).normal[0, :-1, :-1]
+    return (
+        linear.alone(v)[:, :-1, :-1]
+        if each
+        else linear.posterior(v[None]).normal[0, :-1, :-1]
+    )
 
 
 def marginal(information, n: int) -> np.ndarray:
-    """What information matrices (..., N, N) say of the first n unknowns if the others are not known any better."""
+    """What information matrices (..., N, N) say of the first n unknowns if the others
+    are not known any better.
+    """
     known, across = information[..., :n, :n], information[..., :n, n:]
     return known - across @ np.linalg.solve(information[..., n:, n:], across.mT)
 
@@ -113,7 +153,9 @@ class Prediction:
 
     @property
     def covariance(self) -> np.ndarray:
-        """(6, 6) of δ = (ρ, φ) in the sensor's frame, mm and rad: as `calibrate` will state it."""
+        """(6, 6) of δ = (ρ, φ) in the sensor's frame, mm and rad: as `calibrate` will
+        state it.
+        """
         return self.spectrum.covariance
 
     @property
@@ -127,9 +169,12 @@ class Prediction:
         return float(np.degrees(np.sqrt(np.linalg.norm(self.covariance[3:, 3:], 2))))
 
 
-def predict(model: ScanModel, R, T, rng: np.random.Generator | None = None) -> Prediction:
-    """How well flange poses (P, 3, 3), (P, 3) will determine the sensor pose. With `rng`: and how well if the guess is
-    wrong by anything within its margins."""
+def predict(
+    model: ScanModel, R, T, rng: np.random.Generator | None = None
+) -> Prediction:
+    """How well flange poses (P, 3, 3), (P, 3) will determine the sensor pose. With
+    `rng`: and how well if the guess is wrong by anything within its margins.
+    """
     units, systematic = model.known
     whole = information(model, R, T) + np.diag(np.r_[0 * units, systematic**-2.0])
     found = Prediction(spectrum(marginal(whole, len(units)), units), len(T))

@@ -1,4 +1,6 @@
-"""What people read: figures of the notebooks, words, tables and pictures of a calibration.
+"""What people read: figures of the notebooks, words, tables and pictures of a
+calibration.
 
-In come results of the other rooms; out go matplotlib figures, HTML and tables. No other room imports matplotlib.
+In come results of the other rooms; out go matplotlib figures, HTML and tables. No other
+room imports matplotlib.
 """

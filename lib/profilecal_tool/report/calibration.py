@@ -1,4 +1,6 @@
-"""What a calibration says, for the report: every function takes a `calibrate.Calibration`."""
+"""What a calibration says, for the report: every function takes a
+`calibrate.Calibration`.
+"""
 
 from dataclasses import dataclass, replace
 from html import escape
@@ -43,7 +45,10 @@ class Html:
 
 def words(sentences) -> Html:
     """Sentences as a list."""
-    listed = [sentence[0].upper() + sentence[1:] + "." * (sentence[-1] not in ".?!") for sentence in sentences]
+    listed = [
+        sentence[0].upper() + sentence[1:] + "." * (sentence[-1] not in ".?!")
+        for sentence in sentences
+    ]
     html = "".join(f"<li>{escape(sentence)}</li>" for sentence in listed)
     return Html(f"<ul>{html}</ul>", "\n".join(f"- {sentence}" for sentence in listed))
 
@@ -53,7 +58,9 @@ def verdict(found) -> Html:
     title, colour, text = VERDICTS[found.status]
     if found.status == "ok":
         C = found.solution.covariance
-        mm, rad = (np.sqrt(np.linalg.eigvalsh(block)[-1]) for block in (C[:3, :3], C[3:, 3:]))
+        mm, rad = (
+            np.sqrt(np.linalg.eigvalsh(block)[-1]) for block in (C[:3, :3], C[3:, 3:])
+        )
         title = title.format(mm, np.degrees(rad))
     notes = words(found.messages) if found.messages else Html("", "")
     html = f'<p style="margin:0"><strong style="font-size:1.15em">{title}.</strong> {text}</p>{notes.html}'
@@ -62,26 +69,39 @@ def verdict(found) -> Html:
 
 
 def answer(found) -> Html:
-    """What was scanned, what `profilecal calibrate` prints, without notes, for a robot that writes poses like these,
-    and the rest."""
-    lines = [f"scan           {scan.title or scan.kind}: {scan.description}" for scan in found.scans]
+    """What was scanned, what `profilecal calibrate` prints, without notes, for a robot
+    that writes poses like these, and the rest.
+    """
+    lines = [
+        f"scan           {scan.title or scan.kind}: {scan.description}"
+        for scan in found.scans
+    ]
     s, known = found.solution, found.status != "unobservable"
     maker = named(found.scans[0].convention).controller
     to_paste = for_controller(maker, s.T_flange_sensor, found.frame) if known else ""
     lines += to_text(replace(found, messages=()), to_paste).splitlines()
     if known:
         robot = f"{s.prior.systematic.accuracy_mm:g} mm and {s.prior.systematic.accuracy_deg:g}° over its workspace"
-        lines.append(f"elsewhere      {deviations(s.covariance_total)}, on a robot accurate to {robot}")
+        lines.append(
+            f"elsewhere      {deviations(s.covariance_total)}, on a robot accurate to {robot}"
+        )
     if s and not found.misread:
-        lines.append(f"noise          {s.noise_mm:.3g} mm, {s.prior.how}; residuals {s.rms_mm:.3g} mm rms")
+        lines.append(
+            f"noise          {s.noise_mm:.3g} mm, {s.prior.how}; residuals {s.rms_mm:.3g} mm rms"
+        )
     text = "\n".join(lines)
     return Html(f'<pre style="white-space:pre-wrap">{escape(text)}</pre>', text)
 
 
 def chance_limits(found) -> list[np.ndarray]:
-    """For each scan, the residual (P,) over the noise that a good pose exceeds so seldom that none of them should."""
+    """For each scan, the residual (P,) over the noise that a good pose exceeds so
+    seldom that none of them should.
+    """
     total = sum(map(len, found.seen))
-    counts = [o.target.rows * np.isfinite(o.points[0, :, :, 0]).sum(axis=1) for o in found.observed]
+    counts = [
+        o.target.rows * np.isfinite(o.points[0, :, :, 0]).sum(axis=1)
+        for o in found.observed
+    ]
     return [np.sqrt(chi2_limit(FALSE_ALARM / total, count) / count) for count in counts]
 
 
@@ -89,9 +109,18 @@ def rejected_poses(found) -> Html:
     """The poses whose residuals are too large, and how large."""
     said = []
     if found.solution:
-        parts = found.labels_by_scan(), found.solution.normalised, found.solution.rejected, chance_limits(found)
+        parts = (
+            found.labels_by_scan(),
+            found.solution.normalised,
+            found.solution.rejected,
+            chance_limits(found),
+        )
         for labels, size, bad, limit in zip(*parts, strict=True):
             for i in np.flatnonzero(bad):
-                why = f"chance explains up to {limit[i]:.1f}" if size[i] > limit[i] else "most of its group is off"
+                why = (
+                    f"chance explains up to {limit[i]:.1f}"
+                    if size[i] > limit[i]
+                    else "most of its group is off"
+                )
                 said.append(f"pose {labels[i]}: {size[i]:.1f} times the noise; {why}")
     return words(said or ["none"])

@@ -1,4 +1,6 @@
-"""From a scan folder to the answer, through the command line where the contract is the command line's."""
+"""From a scan folder to the answer, through the command line where the contract is the
+command line's.
+"""
 
 import json
 import re
@@ -19,17 +21,26 @@ from profilecal.scan.scan import ScanError
 from profilecal.simulation.spec import WIDE, Spec, simulate_scan
 
 README = (Path(__file__).parents[3] / "data" / "README.md").read_text(encoding="utf-8")
-FIRST_COLUMN = re.findall(r"^\| (`.*?`) \|", README.partition("## What comes back")[2], re.M)
+FIRST_COLUMN = re.findall(
+    r"^\| (`.*?`) \|", README.partition("## What comes back")[2], re.M
+)
 KEYS = re.findall(r"`(\w+)`", " ".join(FIRST_COLUMN))  # as promised, in this order
 
 
 @pytest.mark.parametrize("kind", ["edge", "disk", "point", "ball"])
 @pytest.mark.parametrize("mount", ["eye-in-hand", "eye-to-hand"])
 def test_the_truth_lies_in_the_stated_region(kind, mount):
-    """The sum of n squared errors is χ² of 6 n degrees of freedom at most: regions allow for errors not made here."""
-    found = [calibration_of(Spec(kind=kind, mount=mount, seed=seed, groups=10, positions=6)) for seed in range(3)]
+    """The sum of n squared errors is χ² of 6 n degrees of freedom at most: regions
+    allow for errors not made here.
+    """
+    found = [
+        calibration_of(Spec(kind=kind, mount=mount, seed=seed, groups=10, positions=6))
+        for seed in range(3)
+    ]
     assert not any(f.messages for f in found)
-    assert {f.solution.noise_source for f in found} == {"estimated" if kind == "ball" else "given"}
+    assert {f.solution.noise_source for f in found} == {
+        "estimated" if kind == "ball" else "given"
+    }
     assert sum(squared_error(f.scans[0], f) for f in found) < chi2.isf(1e-4, 6 * 3)
 
 
@@ -46,7 +57,10 @@ def test_the_json_is_the_contract(mount, tmp_path):
     np.testing.assert_allclose(found[pose], truth_of(scan), atol=0.5)
     covariance = np.array(found["covariance"])
     assert covariance.shape == (6, 6)
-    np.testing.assert_allclose(np.sqrt(np.diag(covariance)), found["translation_sd_mm"] + found["rotation_sd_deg"])
+    np.testing.assert_allclose(
+        np.sqrt(np.diag(covariance)),
+        found["translation_sd_mm"] + found["rotation_sd_deg"],
+    )
     assert (found["noise_mm"], found["noise_source"]) == (0.05, "given")
     assert (found["poses_used"], found["poses_rejected"]) == (list(scan.labels), [])
     assert found["target"]["kind"] == "edge"
@@ -54,7 +68,9 @@ def test_the_json_is_the_contract(mount, tmp_path):
 
 
 @pytest.mark.parametrize("few", [{"spread_deg": 0.0}, {"groups": 4, "positions": 1}])
-def test_poses_that_determine_nothing_are_unobservable_with_status_3_and_the_cure(few, tmp_path):
+def test_poses_that_determine_nothing_are_unobservable_with_status_3_and_the_cure(
+    few, tmp_path
+):
     write_scan(simulate_scan(Spec(seed=8, **few)), tmp_path / "scan")
     result = run("calibrate", tmp_path / "scan", "--json")
     assert result.exit_code == 3
@@ -69,7 +85,9 @@ def test_poses_that_determine_nothing_are_unobservable_with_status_3_and_the_cur
 
 def test_poses_without_a_measurement_are_left_out_and_named_by_scan():
     edge = simulate_scan(Spec(seed=9, title="edge"))
-    edge = replace(edge, values=tuple(v[:0] if i == 4 else v for i, v in enumerate(edge.values)))
+    edge = replace(
+        edge, values=tuple(v[:0] if i == 4 else v for i, v in enumerate(edge.values))
+    )
     disk = simulate_scan(Spec(kind="disk", measured="profiles", seed=9, title="disk"))
     disk = replace(disk, values=(np.full((9, 2), np.nan), *disk.values[1:]))
     found = calibrate([edge, disk])
@@ -79,16 +97,30 @@ def test_poses_without_a_measurement_are_left_out_and_named_by_scan():
 
 
 def test_several_targets_have_one_answer():
-    edge, disk = (simulate_scan(Spec(kind=kind, seed=6, title=kind)) for kind in ("edge", "disk"))
+    edge, disk = (
+        simulate_scan(Spec(kind=kind, seed=6, title=kind)) for kind in ("edge", "disk")
+    )
     together = calibrate([edge, disk])
     assert squared_error(edge, together) < chi2.ppf(0.9999, 6)
     assert together.labels(rejected=False)[0] == "edge: g1p1"
-    assert [target["kind"] for target in together.to_json()["target"]] == ["edge", "disk"]
+    assert [target["kind"] for target in together.to_json()["target"]] == [
+        "edge",
+        "disk",
+    ]
 
 
 def test_features_of_different_precision_are_weighed():
     edge, ball = (
-        simulate_scan(Spec(kind=kind, seed=6, title=kind, measured="profiles", groups=8, positions=4))
+        simulate_scan(
+            Spec(
+                kind=kind,
+                seed=6,
+                title=kind,
+                measured="profiles",
+                groups=8,
+                positions=4,
+            )
+        )
         for kind in ("edge", "ball")
     )
     together = calibrate([edge, ball])
@@ -103,16 +135,22 @@ def test_scans_that_do_not_belong_together_are_refused():
     scan = simulate_scan(Spec(seed=1))
     with pytest.raises(ScanError, match="expected one mount"):
         calibrate([scan, simulate_scan(Spec(seed=1, mount="eye-to-hand"))])
-    with pytest.raises(ScanError, match=r"noise profile_mm is 0\.05 in one scan and 0\.1 in another"):
+    with pytest.raises(
+        ScanError, match=r"noise profile_mm is 0\.05 in one scan and 0\.1 in another"
+    ):
         calibrate([scan, replace(scan, noise={"profile_mm": 0.1})])
-    with pytest.raises(ScanError, match="the target was found from 0 poses; expected 3 or more"):
+    with pytest.raises(
+        ScanError, match="the target was found from 0 poses; expected 3 or more"
+    ):
         calibrate([replace(scan, values=tuple(v[:0] for v in scan.values))])
 
 
 def test_a_guess_and_a_controller_are_taken(tmp_path):
     scan = simulate_scan(Spec(seed=2))
     write_scan(scan, tmp_path / "scan")
-    result = run("calibrate", tmp_path / "scan", "--guess", 0, 0, 0, 10, 20, 30, "--to", "kuka")
+    result = run(
+        "calibrate", tmp_path / "scan", "--guess", 0, 0, 0, 10, 20, 30, "--to", "kuka"
+    )
     assert result.exit_code == 0
     assert result.output.splitlines()[0] == "status         ok"
     assert result.output.splitlines()[3].startswith("{X ")
@@ -121,9 +159,18 @@ def test_a_guess_and_a_controller_are_taken(tmp_path):
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
-        (["--to", "acme"], "controller is 'acme'; expected one of abb, kuka, ur, fanuc, staubli, ros, matrix"),
-        (["--json", "--to", "kuka"], "--json prints one JSON object and nothing else; ask for --to without it"),
-        (["--guess", *["nan"] * 6], "--guess is nan nan nan nan nan nan; expected six numbers, mm and degrees"),
+        (
+            ["--to", "acme"],
+            "controller is 'acme'; expected one of abb, kuka, ur, fanuc, staubli, ros, matrix",
+        ),
+        (
+            ["--json", "--to", "kuka"],
+            "--json prints one JSON object and nothing else; ask for --to without it",
+        ),
+        (
+            ["--guess", *["nan"] * 6],
+            "--guess is nan nan nan nan nan nan; expected six numbers, mm and degrees",
+        ),
     ],
 )
 def test_options_that_cannot_be_met_are_refused(tmp_path, options, sentence):
@@ -134,26 +181,53 @@ def test_options_that_cannot_be_met_are_refused(tmp_path, options, sentence):
 
 
 def with_first_pose_again(scan):
-    R, T, values = ([*part, part[0]] for part in (scan.R_base_flange, scan.T_base_flange, scan.values))
+    R, T, values = (
+        [*part, part[0]]
+        for part in (scan.R_base_flange, scan.T_base_flange, scan.values)
+    )
     labels = (*scan.labels, "again")
-    return replace(scan, labels=labels, R_base_flange=np.array(R), T_base_flange=np.array(T), values=tuple(values))
+    return replace(
+        scan,
+        labels=labels,
+        R_base_flange=np.array(R),
+        T_base_flange=np.array(T),
+        values=tuple(values),
+    )
 
 
 def test_a_measurement_given_twice_is_refused(tmp_path):
     scan = replace(scan_of(Spec(kind="ball")), title="first")
     write_scan(scan, tmp_path / "scan")
     twice = run("calibrate", tmp_path / "scan", tmp_path / "scan").output
-    assert "pose g1p1 of scan 2 (first) holds the same measurement as pose g1p1 of scan 1 (first)" in twice
-    copy = replace(scan, title="a copy", labels=tuple(reversed(scan.labels)), convention="FANUC angles")
-    copy = replace(copy, T_base_flange=scan.T_base_flange + 1e-9)  # as another convention's digits have it
-    with pytest.raises(ScanError, match=r"of scan 2 \(a copy\) holds the same measurement as pose g1p1 of scan 1"):
+    assert (
+        "pose g1p1 of scan 2 (first) holds the same measurement as pose g1p1 of scan 1 (first)"
+        in twice
+    )
+    copy = replace(
+        scan,
+        title="a copy",
+        labels=tuple(reversed(scan.labels)),
+        convention="FANUC angles",
+    )
+    copy = replace(
+        copy, T_base_flange=scan.T_base_flange + 1e-9
+    )  # as another convention's digits have it
+    with pytest.raises(
+        ScanError,
+        match=r"of scan 2 \(a copy\) holds the same measurement as pose g1p1 of scan 1",
+    ):
         calibrate([scan, copy])
-    with pytest.raises(ScanError, match=r"pose again of scan 1 \(first\) .* as pose g1p1 of scan 1 \(first\)"):
+    with pytest.raises(
+        ScanError,
+        match=r"pose again of scan 1 \(first\) .* as pose g1p1 of scan 1 \(first\)",
+    ):
         calibrate([with_first_pose_again(scan)])
 
 
 def test_a_ball_on_the_other_side_is_not_ok(tmp_path):
-    scan = simulate_scan(Spec(kind="ball", measured="profiles", convention="FANUC angles", seed=1))
+    scan = simulate_scan(
+        Spec(kind="ball", measured="profiles", convention="FANUC angles", seed=1)
+    )
     write_scan(replace(scan, side=-scan.side), tmp_path / "scan")
     result = run("calibrate", tmp_path / "scan", "--to", "kuka")
     assert "status         weak" in result.output
@@ -162,76 +236,141 @@ def test_a_ball_on_the_other_side_is_not_ok(tmp_path):
 
 
 def test_robot_errors_are_part_of_the_stated_uncertainty():
-    noise = Noise(profile_mm=0.05, position_mm=0.05, orientation_deg=0.01, group_position_mm=0.2)
-    scans = [simulate_scan(Spec(seed=seed, noise=noise, groups=12, positions=4)) for seed in range(12)]
-    inside = sum(squared_error(scan, calibrate([scan])) < chi2.ppf(0.95, 6) for scan in scans)
+    noise = Noise(
+        profile_mm=0.05, position_mm=0.05, orientation_deg=0.01, group_position_mm=0.2
+    )
+    scans = [
+        simulate_scan(Spec(seed=seed, noise=noise, groups=12, positions=4))
+        for seed in range(12)
+    ]
+    inside = sum(
+        squared_error(scan, calibrate([scan])) < chi2.ppf(0.95, 6) for scan in scans
+    )
     assert binom.ppf(1e-4, 12, 0.95) <= inside
 
 
 def test_the_status_is_the_same_for_poses_of_the_flange_and_of_a_tool():
     """In a scan whose status hangs on where the robot's errors act; the seed is such."""
     noise = Noise(profile_mm=0.03, position_mm=0.1, orientation_deg=0.05)
-    scan = replace(simulate_scan(Spec(kind="plane", seed=1031, groups=12, positions=1, noise=noise)), noise={})
+    scan = replace(
+        simulate_scan(
+            Spec(kind="plane", seed=1031, groups=12, positions=1, noise=noise)
+        ),
+        noise={},
+    )
     at_sensor = scan.T_base_flange + scan.R_base_flange @ truth_of(scan)[:3, 3]
     found = [calibrate([one]) for one in (scan, replace(scan, T_base_flange=at_sensor))]
     assert [one.status for one in found] == ["weak", "weak"]
-    assert [any("the origin of the poses' frame" in m for m in one.messages) for one in found] == [True, False]
+    assert [
+        any("the origin of the poses' frame" in m for m in one.messages)
+        for one in found
+    ] == [True, False]
     assert found[0].solution.observability.status == "ok"
 
 
 def test_the_answer_says_one_uncertainty_and_chi2_only_where_the_noise_is_stated():
     stated = simulate_scan(Spec(measured="points"))
-    texts = [to_text(calibrate([scan]), "PASTE") for scan in (stated, replace(stated, noise={}))]
+    texts = [
+        to_text(calibrate([scan]), "PASTE")
+        for scan in (stated, replace(stated, noise={}))
+    ]
     for text in texts:
         names = [line.split()[0] for line in text.splitlines()]
-        assert names[:6] == ["status", "translation", "rotation", "PASTE", "uncertainty", "poses"]
+        assert names[:6] == [
+            "status",
+            "translation",
+            "rotation",
+            "PASTE",
+            "uncertainty",
+            "poses",
+        ]
         assert text.count("standard deviation") == text.count("robot errors   ") == 1
     assert ["χ²/dof" in text for text in texts] == [True, False]
 
 
 def test_robot_errors_are_told_apart_by_where_they_arise():
-    said = robot_errors(Noise(0.1, position_mm=0.123, group_position_mm=0.04, group_orientation_deg=0.02))
-    assert said == "at each pose 0.12 mm and 0°, shared by the poses of an orientation 0.04 mm and 0.02°"
+    said = robot_errors(
+        Noise(
+            0.1, position_mm=0.123, group_position_mm=0.04, group_orientation_deg=0.02
+        )
+    )
+    assert (
+        said
+        == "at each pose 0.12 mm and 0°, shared by the poses of an orientation 0.04 mm and 0.02°"
+    )
     assert robot_errors(Noise(0.1)) == "none that the residuals show"
 
 
 def test_few_poses_are_kept_where_robots_err_and_one_that_is_wrong_is_not():
-    """A robust fit to 14 poses comes near to most of them; what it leaves out, a robot's usual errors explain."""
-    noise, stated = Noise(profile_mm=0.05, position_mm=0.05, orientation_deg=0.02), {"profile_mm": 0.05}
+    """A robust fit to 14 poses comes near to most of them; what it leaves out, a
+    robot's usual errors explain.
+    """
+    noise, stated = (
+        Noise(profile_mm=0.05, position_mm=0.05, orientation_deg=0.02),
+        {"profile_mm": 0.05},
+    )
     squares, rejected = 0.0, 0
     for seed in range(8):
-        scan = replace(simulate_scan(Spec(seed=seed, noise=noise, groups=14, positions=1)), noise=stated)
+        scan = replace(
+            simulate_scan(Spec(seed=seed, noise=noise, groups=14, positions=1)),
+            noise=stated,
+        )
         found = calibrate([scan])
-        squares, rejected = squares + squared_error(scan, found), rejected + len(found.labels(rejected=True))
-        wrong = replace(scan, values=tuple(v + 3.0 * (k == 5) for k, v in enumerate(scan.values)))
+        squares, rejected = (
+            squares + squared_error(scan, found),
+            rejected + len(found.labels(rejected=True)),
+        )
+        wrong = replace(
+            scan, values=tuple(v + 3.0 * (k == 5) for k, v in enumerate(scan.values))
+        )
         assert calibrate([wrong]).labels(rejected=True) == [scan.labels[5]]
     assert rejected <= 1
     assert squares < chi2.isf(1e-4, 6 * 8)
 
 
 def test_too_small_a_statement_is_no_excuse_for_a_bad_pose():
-    """What is stated of a robot may be far too small; a pose that is 1 mm off is none the less more likely wrong."""
+    """What is stated of a robot may be far too small; a pose that is 1 mm off is none
+    the less more likely wrong.
+    """
     told, noise = 0, Noise(profile_mm=0.05, position_mm=0.02, orientation_deg=0.005)
     for seed in range(8):
-        scan = simulate_scan(Spec(kind="plane", seed=seed, groups=14, positions=1, noise=noise))
+        scan = simulate_scan(
+            Spec(kind="plane", seed=seed, groups=14, positions=1, noise=noise)
+        )
         off = np.random.default_rng(seed).normal(size=3)
         T = scan.T_base_flange + np.outer(np.arange(14) == 5, off / np.linalg.norm(off))
-        told += scan.labels[5] in calibrate([replace(scan, T_base_flange=T)]).labels(rejected=True)
+        told += scan.labels[5] in calibrate([replace(scan, T_base_flange=T)]).labels(
+            rejected=True
+        )
     assert told > 4
 
 
 def test_many_poses_out_of_line_are_the_robots_doing():
     """Three of ten orientations differ from the others by far more than is stated."""
     noise = Noise(profile_mm=0.05, group_position_mm=0.05, group_orientation_deg=0.01)
-    stated = {"profile_mm": 0.05, "group_position_mm": 0.01, "group_orientation_deg": 0.002}
-    spec = Spec(kind="disk", seed=27, measured="profiles", groups=10, positions=3, noise=noise)
+    stated = {
+        "profile_mm": 0.05,
+        "group_position_mm": 0.01,
+        "group_orientation_deg": 0.002,
+    }
+    spec = Spec(
+        kind="disk", seed=27, measured="profiles", groups=10, positions=3, noise=noise
+    )
     scan = simulate_scan(replace(spec, scanner=replace(WIDE, points=400)))
-    assert not calibrate([replace(scan, noise=stated | EXACT_SCANNER)]).labels(rejected=True)
+    assert not calibrate([replace(scan, noise=stated | EXACT_SCANNER)]).labels(
+        rejected=True
+    )
 
 
 @pytest.mark.parametrize("seed", [1, 9, 11])
-def test_the_noise_of_a_handful_of_poses_is_not_that_of_those_which_any_answer_fits(seed):
-    """Three balls of five leave nothing over: a fit that comes near to most poses is exact."""
+def test_the_noise_of_a_handful_of_poses_is_not_that_of_those_which_any_answer_fits(
+    seed,
+):
+    """Three balls of five leave nothing over: a fit that comes near to most poses is
+    exact.
+    """
     noise = Noise(profile_mm=0.05, position_mm=0.05, orientation_deg=0.01)
-    scan = simulate_scan(Spec(kind="ball", seed=seed, noise=noise, groups=5, positions=1))
+    scan = simulate_scan(
+        Spec(kind="ball", seed=seed, noise=noise, groups=5, positions=1)
+    )
     assert calibrate([replace(scan, noise={})]).solution.noise.profile_mm > 0.01

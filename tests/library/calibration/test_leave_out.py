@@ -1,4 +1,6 @@
-"""Cross-validation: predictions from the other orientations are as far off as stated, and a bad orientation shows."""
+"""Cross-validation: predictions from the other orientations are as far off as stated,
+and a bad orientation shows.
+"""
 
 from dataclasses import replace
 
@@ -15,18 +17,32 @@ from profilecal.targets import TARGETS
 
 @pytest.mark.parametrize(
     ("kind", "robot"),
-    [*((kind, (0.03, 0.05)) for kind in ("edge", "disk", "ball", "plane", "point")), ("plane", (0, 0))],
+    [
+        *((kind, (0.03, 0.05)) for kind in ("edge", "disk", "ball", "plane", "point")),
+        ("plane", (0, 0)),
+    ],
 )
 def test_predictions_are_as_far_off_as_expected(kind, robot):
     noise = Noise(profile_mm=0.05, position_mm=robot[0], group_position_mm=robot[1])
     squares, doubted, count = 0.0, 0, 0
     for seed in range(3):
         positions = min(TARGETS[kind].positions, 10)
-        left = leave_out(calibrate([simulate_scan(Spec(kind, seed=seed, noise=noise, groups=8, positions=positions))]))
+        left = leave_out(
+            calibrate(
+                [
+                    simulate_scan(
+                        Spec(
+                            kind, seed=seed, noise=noise, groups=8, positions=positions
+                        )
+                    )
+                ]
+            )
+        )
         squares += np.sum(left.rms_mm**2 / left.expected_mm**2)
         doubted, count = doubted + left.doubted.sum(), count + len(left.rms_mm)
     assert count >= 20
-    # the residuals of an orientation are few and correlated: at most as uncertain as one normal number each
+    # the residuals of an orientation are few and correlated: at most as uncertain as
+    # one normal number each
     assert squares / count == pytest.approx(1, abs=norm.isf(1e-3) * np.sqrt(2 / count))
     assert doubted <= 1
 
@@ -39,13 +55,22 @@ def test_an_orientation_that_does_not_fit_is_named():
     found = calibrate([replace(scan, values=tuple(values))])
     left = leave_out(found)
     assert np.flatnonzero(left.doubted).tolist() == [3]
-    assert "what poses g4p1 to g4p10 saw does not fit the other orientations" in " ".join(left.messages())
+    assert (
+        "what poses g4p1 to g4p10 saw does not fit the other orientations"
+        in " ".join(left.messages())
+    )
 
 
 def test_an_orientation_that_is_needed_is_named():
     scan = simulate_scan(Spec("ball", seed=2, groups=3, positions=4, spread_deg=40))
     left = leave_out(calibrate([scan]))
-    assert len(left.messages()) == 1 + np.isnan(left.rms_mm).sum() + left.doubted.sum() - np.isnan(left.rms_mm).all()
+    assert (
+        len(left.messages())
+        == 1
+        + np.isnan(left.rms_mm).sum()
+        + left.doubted.sum()
+        - np.isnan(left.rms_mm).all()
+    )
 
 
 def test_without_an_answer_nothing_can_be_cross_validated():
@@ -56,7 +81,9 @@ def test_without_an_answer_nothing_can_be_cross_validated():
 
 @pytest.mark.parametrize("kind", ["edge", "ball"])
 def test_the_answer_moves_by_what_one_orientation_of_many_knows(kind):
-    """Without one of G orientations that know alike, δ's covariance grows by 1 / (G - 1); the answer moves by that."""
+    """Without one of G orientations that know alike, δ's covariance grows by 1 / (G -
+    1); the answer moves by that.
+    """
     found = calibrate([simulate_scan(Spec(kind, seed=4, groups=12, positions=5))])
     squares = normalised_square(found.solution.covariance, leave_out(found).moved)
     assert squares.mean() < 6 / 11 * 2

@@ -33,7 +33,9 @@ def wrong_by(T, mm, deg):
 def test_verify_believes_a_right_pose_and_doubts_a_wrong_one(kind):
     for seed in range(2):
         first = calibration_of(Spec(seed=seed, **SMALL)).solution
-        other = untold(Spec(kind=kind, seed=seed, **SMALL | {"groups": 14}))  # the same seed: the same mount
+        other = untold(
+            Spec(kind=kind, seed=seed, **SMALL | {"groups": 14})
+        )  # the same seed: the same mount
         T, known = first.T_flange_sensor, (first.covariance_total, first.noise_mm)
         assert verify(other, T, *known).as_expected
         assert not verify(other, wrong_by(T, [1, 1, 1], [0, 0, 0]), *known).as_expected
@@ -48,7 +50,9 @@ def test_five_poses_suffice_for_the_directions_that_they_determine(kind):
         found = verify(five, T, *known)
         assert found.as_expected
         assert 3 <= len(found.apart) <= 6
-        assert not verify(five, wrong_by(T, [20, 20, 20], [8, 8, 8]), *known).as_expected
+        assert not verify(
+            five, wrong_by(T, [20, 20, 20], [8, 8, 8]), *known
+        ).as_expected
 
 
 def test_near_the_answer_the_first_order_says_the_same():
@@ -63,7 +67,12 @@ def test_near_the_answer_the_first_order_says_the_same():
 def test_one_pose_determines_nothing():
     scan = simulate_scan(Spec(kind="ball", groups=1, positions=1, repeats=5))
     with pytest.raises(ScanError, match="determines no direction of the sensor's pose"):
-        verify(scan, np.array(scan.truth["T_flange_sensor"]), np.diag(np.full(6, 1e-4)), 0.05)
+        verify(
+            scan,
+            np.array(scan.truth["T_flange_sensor"]),
+            np.diag(np.full(6, 1e-4)),
+            0.05,
+        )
 
 
 def held_against_the_ball(found, folder):
@@ -73,10 +82,17 @@ def held_against_the_ball(found, folder):
 
 
 def test_the_scan_that_the_pose_is_from_cannot_verify_it(tmp_path):
-    write_scan(replace(scan_of(Spec(kind="ball", seed=5)), title="mine"), tmp_path / "ball")
-    result = held_against_the_ball(json.loads(run("calibrate", tmp_path / "ball", "--json").output), tmp_path)
+    write_scan(
+        replace(scan_of(Spec(kind="ball", seed=5)), title="mine"), tmp_path / "ball"
+    )
+    result = held_against_the_ball(
+        json.loads(run("calibrate", tmp_path / "ball", "--json").output), tmp_path
+    )
     assert result.exit_code == 2
-    assert result.output == "profilecal: mine: the pose was found from this very scan; expected another\n"
+    assert (
+        result.output
+        == "profilecal: mine: the pose was found from this very scan; expected another\n"
+    )
 
 
 @pytest.mark.parametrize("old", [False, True])
@@ -103,13 +119,31 @@ def changed(name, change):
 
 WRONG = {
     "nothing": (lambda found: {}, "not what `profilecal calibrate --json` prints"),
-    "no pose": (lambda found: found | {"T_flange_sensor": None}, "where it finds a sensor pose"),
-    "a scaled pose": (changed("T_flange_sensor", lambda T: T @ np.diag([2, 2, 2, 1])), "not orthonormal"),
-    "a reflection": (changed("T_flange_sensor", lambda T: T @ np.diag([-1, 1, 1, 1])), "a reflection"),
-    "a row lost": (changed("T_flange_sensor", lambda T: T[:3]), "the sensor pose has shape (3, 4); expected (4, 4)"),
+    "no pose": (
+        lambda found: found | {"T_flange_sensor": None},
+        "where it finds a sensor pose",
+    ),
+    "a scaled pose": (
+        changed("T_flange_sensor", lambda T: T @ np.diag([2, 2, 2, 1])),
+        "not orthonormal",
+    ),
+    "a reflection": (
+        changed("T_flange_sensor", lambda T: T @ np.diag([-1, 1, 1, 1])),
+        "a reflection",
+    ),
+    "a row lost": (
+        changed("T_flange_sensor", lambda T: T[:3]),
+        "the sensor pose has shape (3, 4); expected (4, 4)",
+    ),
     "transposed": (changed("T_flange_sensor", np.transpose), "last row"),
-    "no variance": (changed("covariance_total", lambda C: C * np.nan), "its covariance[0, 0] is nan; expected finite"),
-    "no noise": (changed("noise_mm", lambda noise: noise * np.nan), "noise_mm is nan; expected finite"),
+    "no variance": (
+        changed("covariance_total", lambda C: C * np.nan),
+        "its covariance[0, 0] is nan; expected finite",
+    ),
+    "no noise": (
+        changed("noise_mm", lambda noise: noise * np.nan),
+        "noise_mm is nan; expected finite",
+    ),
     "a negative variance": (changed("covariance_total", np.negative), "positive"),
 }
 

@@ -11,14 +11,25 @@ from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import angle_between, rotations
 from profilecal.simulation.robot import Poses
 from profilecal.targets.edge import Edge
-from profilecal_papers.edge_study import EdgePlan, EdgeScene, above, edge_scenes, observations_of, sense_edge
+from profilecal_papers.edge_study import (
+    EdgePlan,
+    EdgeScene,
+    above,
+    edge_scenes,
+    observations_of,
+    sense_edge,
+)
 
 SPACE = EdgePlan(motion="space")
 
 
 def data(scene, index=...):
     """What edge_equations takes, of one scene of a batch."""
-    return scene.poses.rotations[index], scene.poses.positions[index], scene.points[index]
+    return (
+        scene.poses.rotations[index],
+        scene.poses.positions[index],
+        scene.points[index],
+    )
 
 
 def test_noise_free_data_give_the_sensor_pose_back():
@@ -28,12 +39,19 @@ def test_noise_free_data_give_the_sensor_pose_back():
         solution = edge_equations(*data(scene))
         assert np.degrees(angle_between(solution.R_sensor, scene.R_sensor)).max() < 1e-9
         assert np.linalg.norm(solution.T_sensor - scene.T_sensor, axis=-1).max() < 1e-9
-        np.testing.assert_allclose(np.abs((solution.u_b * scene.edge.direction).sum(axis=-1)), 1, rtol=1e-12)
-        from_edge = np.cross(solution.p_b - scene.edge.point[:, None, None], scene.edge.direction[:, None, None])
+        np.testing.assert_allclose(
+            np.abs((solution.u_b * scene.edge.direction).sum(axis=-1)), 1, rtol=1e-12
+        )
+        from_edge = np.cross(
+            solution.p_b - scene.edge.point[:, None, None],
+            scene.edge.direction[:, None, None],
+        )
         assert np.abs(from_edge).max() < 1e-9
 
 
-@pytest.mark.parametrize("plan", [SPACE, EdgePlan(groups=4, positions=4), EdgePlan(groups=3, positions=3)])
+@pytest.mark.parametrize(
+    "plan", [SPACE, EdgePlan(groups=4, positions=4), EdgePlan(groups=3, positions=3)]
+)
 def test_the_few_equations_have_the_solution_and_singular_values_of_all_pairs(plan):
     R_b, T_b, p_s = data(edge_scenes(plan, Noise(0.05), np.random.default_rng(2)))
     few = edge_equations(R_b, T_b, p_s)
@@ -41,13 +59,20 @@ def test_the_few_equations_have_the_solution_and_singular_values_of_all_pairs(pl
     assert len(few.rotation.b_r) <= len(b_r)
     S = np.linalg.svd(A_r, compute_uv=False)
     np.testing.assert_allclose(few.rotation.S, S, rtol=1e-11)
-    np.testing.assert_allclose(few.rotation.r_s, np.linalg.lstsq(A_r, b_r)[0], atol=1e-14 * (S[0] / S[-1]) ** 2)
+    np.testing.assert_allclose(
+        few.rotation.r_s, np.linalg.lstsq(A_r, b_r)[0], atol=1e-14 * (S[0] / S[-1]) ** 2
+    )
 
-    i, j = np.triu_indices(len(R_b), 1)  # Eqs 30-34, of all pairs of points of different groups
+    i, j = np.triu_indices(
+        len(R_b), 1
+    )  # Eqs 30-34, of all pairs of points of different groups
     p, along = few.p_b - (R_b @ few.T_sensor)[:, None], edge.transposed_skew(few.u_b)
     A_t = np.repeat(along @ (R_b[j] - R_b[i]), p.shape[1] ** 2, axis=0).reshape(-1, 3)
     b_t = -np.cross(p[j][:, None, :] - p[i][:, :, None], few.u_b).reshape(-1)
-    of_few, of_all = (np.linalg.svd(A, compute_uv=False) for A in (edge.translation_system(R_b, p, few.u_b)[0], A_t))
+    of_few, of_all = (
+        np.linalg.svd(A, compute_uv=False)
+        for A in (edge.translation_system(R_b, p, few.u_b)[0], A_t)
+    )
     np.testing.assert_allclose(of_few, of_all, rtol=1e-11)
     np.testing.assert_allclose(few.T_sensor, np.linalg.lstsq(A_t, b_t)[0], atol=1e-9)
 
@@ -69,7 +94,9 @@ RANKS = [  # of A_r and A_t, for one, two, three and ten groups
 @pytest.mark.parametrize(("motion", "expected"), RANKS)
 def test_rank_of_the_two_systems(motion, expected):
     for groups, ranks in zip((1, 2, 3, 10), expected, strict=True):
-        scene = edge_scenes(EdgePlan(groups=groups, **motion), Noise(), np.random.default_rng(4), (20,))
+        scene = edge_scenes(
+            EdgePlan(groups=groups, **motion), Noise(), np.random.default_rng(4), (20,)
+        )
         solution = edge_equations(*data(scene))
         assert (solution.rotation.rank == ranks[0]).all()
         assert (solution.translation.rank == ranks[1]).all()
@@ -80,12 +107,19 @@ def test_noise_gain_is_the_derivative_of_the_singular_value_summed_over_all_poin
     R_b, T_b, p_s = data(edge_scenes(EdgePlan(groups=3, positions=4), Noise(), rng))
     v = rng.normal(size=9)
     squares = 0.0
-    for index in np.ndindex(p_s.shape):  # A_r is linear in each coordinate, so a difference is a derivative
+    for index in np.ndindex(
+        p_s.shape
+    ):  # A_r is linear in each coordinate, so a difference is a derivative
         moved = p_s.copy()
         moved[index] += 1
-        before, after = (edge.pair_equations(R_b, *edge.difference_vectors(T_b, p))[0] for p in (p_s, moved))
+        before, after = (
+            edge.pair_equations(R_b, *edge.difference_vectors(T_b, p))[0]
+            for p in (p_s, moved)
+        )
         squares += np.sum(((after - before) @ v) ** 2)
-    assert edge.noise_gain(v, R_b, T_b, p_s) == pytest.approx(np.sqrt(squares), rel=1e-9)
+    assert edge.noise_gain(v, R_b, T_b, p_s) == pytest.approx(
+        np.sqrt(squares), rel=1e-9
+    )
 
 
 def test_noise_is_estimated_from_the_data_alone():
@@ -111,7 +145,9 @@ def test_over_a_thousand_scenes_the_detector_neither_misses_nor_cries_wolf():
 
     def strengths(plan):
         scene = edge_scenes(plan, Noise(0.05), rng, (1000,))
-        return edge.rotation_strength(*data(scene), edge_equations(*data(scene)).rotation)
+        return edge.rotation_strength(
+            *data(scene), edge_equations(*data(scene)).rotation
+        )
 
     assert (strengths(SPACE) < 10).sum() == 0
     for plan in DEGENERATE.values():
@@ -126,14 +162,26 @@ UNTURNED = {
 
 @pytest.mark.parametrize("why", [*DEGENERATE, *UNTURNED])
 def test_motion_that_determines_nothing_is_refused_with_a_cure(why):
-    plan, words = (DEGENERATE | UNTURNED)[why], why if why in UNTURNED else "times what noise makes of a zero"
+    plan, words = (
+        (DEGENERATE | UNTURNED)[why],
+        why if why in UNTURNED else "times what noise makes of a zero",
+    )
     for seed, how in product(range(10), ("published", "regression")):
-        with pytest.raises(UnobservableError, match=f"{words}.*(turn the flange|tilted)"):
-            closed_form(observations_of(edge_scenes(plan, Noise(0.05), np.random.default_rng(seed))), how=how)
+        with pytest.raises(
+            UnobservableError, match=f"{words}.*(turn the flange|tilted)"
+        ):
+            closed_form(
+                observations_of(
+                    edge_scenes(plan, Noise(0.05), np.random.default_rng(seed))
+                ),
+                how=how,
+            )
 
 
 def test_turns_that_move_a_direction_along_the_edge_only_are_refused():
-    """Groups one and two leave the flange's z in place, group three moves its tip along the edge."""
+    """Groups one and two leave the flange's z in place, group three moves its tip along
+    the edge.
+    """
     rng = np.random.default_rng(15)
     flange = rotations([[0, 0, 0], [0, 0, 0.7], [1.0, 0, 0]])
     along = flange[2, :, 2] - flange[0, :, 2]
@@ -142,27 +190,43 @@ def test_turns_that_move_a_direction_along_the_edge_only_are_refused():
     start = above(target.point, flange, R_sensor, T_sensor)
     poses = Poses(flange, start[:, None] + rng.uniform(-20, 20, (3, 10, 3)))
     points = sense_edge(target, R_sensor, T_sensor, poses, Noise(), rng)
-    with pytest.raises(UnobservableError, match=r"A_t has rank 2, 3 needed; turn the flange"):
-        closed_form(observations_of(EdgeScene(target, R_sensor, T_sensor, poses, points)))
+    with pytest.raises(
+        UnobservableError, match=r"A_t has rank 2, 3 needed; turn the flange"
+    ):
+        closed_form(
+            observations_of(EdgeScene(target, R_sensor, T_sensor, poses, points))
+        )
 
 
 @pytest.mark.parametrize("plan", [EdgePlan(groups=2), EdgePlan(positions=2)])
 def test_too_few_groups_or_positions_are_refused(plan):
     scene = edge_scenes(plan, Noise(0.05), np.random.default_rng(11))
-    with pytest.raises(UnobservableError, match=r"orientation.*: 2 given, at least 3 needed"):
+    with pytest.raises(
+        UnobservableError, match=r"orientation.*: 2 given, at least 3 needed"
+    ):
         closed_form(observations_of(scene))
 
 
 def test_a_strength_is_that_of_the_weakest_direction_and_none_without_rank():
     R_b, T_b, p_s = data(edge_scenes(SPACE, Noise(0.05), np.random.default_rng(12)))
     found = edge_equations(R_b, T_b, p_s).rotation
-    _, S, Vt = np.linalg.svd(edge.pair_equations(R_b, *edge.difference_vectors(T_b, p_s))[0])
+    _, S, Vt = np.linalg.svd(
+        edge.pair_equations(R_b, *edge.difference_vectors(T_b, p_s))[0]
+    )
     from_noise = edge.estimate_noise(T_b, p_s) * edge.noise_gain(Vt[-1], R_b, T_b, p_s)
-    assert edge.rotation_strength(R_b, T_b, p_s, found) == pytest.approx(S[-1] / from_noise, rel=1e-6)
+    assert edge.rotation_strength(R_b, T_b, p_s, found) == pytest.approx(
+        S[-1] / from_noise, rel=1e-6
+    )
     assert edge.rotation_strength(R_b, T_b, p_s, replace(found, rank=np.array(8))) == 0
 
 
 def test_noise_that_cannot_be_estimated_leaves_a_strength_open():
-    """An edge's sensed point is a function of the flange position with four parameters a coordinate."""
-    scene = edge_scenes(replace(SPACE, positions=4), Noise(0.05), np.random.default_rng(11))
-    assert np.isnan(edge.rotation_strength(*data(scene), edge_equations(*data(scene)).rotation))
+    """An edge's sensed point is a function of the flange position with four parameters
+    a coordinate.
+    """
+    scene = edge_scenes(
+        replace(SPACE, positions=4), Noise(0.05), np.random.default_rng(11)
+    )
+    assert np.isnan(
+        edge.rotation_strength(*data(scene), edge_equations(*data(scene)).rotation)
+    )

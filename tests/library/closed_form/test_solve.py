@@ -16,14 +16,26 @@ def test_a_batch_without_noise_is_solved_exactly(kind, how):
     seen, truth = scene.noisy(0.0, np.random.default_rng(5), 3), scene.truth[[0] * 3]
     found = closed_form(seen, truth.rotation, how)
     assert found.R_sensor.shape == (3, 3, 3)
-    assert np.abs(pose_error(found.R_sensor, found.T_sensor, truth.rotation, truth.translation)).max() < 1e-7
+    assert (
+        np.abs(
+            pose_error(
+                found.R_sensor, found.T_sensor, truth.rotation, truth.translation
+            )
+        ).max()
+        < 1e-7
+    )
 
 
 OPEN = {
     "orientations: 2 given, at least 3 needed": {"groups": 2},
     "all 4 poses have one orientation": {"spread_deg": 0.1},
-    r"all 4 poses turn about one axis, \[.*\] of the flange": {"axis": np.array([0.0, 0, 1])},
-    "the 4 motions are parallel in the sensor frame": {"motion": "equal", "frame": "tool"},
+    r"all 4 poses turn about one axis, \[.*\] of the flange": {
+        "axis": np.array([0.0, 0, 1])
+    },
+    "the 4 motions are parallel in the sensor frame": {
+        "motion": "equal",
+        "frame": "tool",
+    },
 }
 
 

@@ -1,4 +1,6 @@
-"""Disk, ball and fixed point, from their sensing data: exact without noise, refused in words where nothing follows."""
+"""Disk, ball and fixed point, from their sensing data: exact without noise, refused in
+words where nothing follows.
+"""
 
 import numpy as np
 import pytest
@@ -16,14 +18,22 @@ GUARDED = {
 
 
 def exact(solution, sensor, rounding=1e-12):
-    """Whether a solution is the sensor's pose, and meets the fixed point, but for rounding in a hundred mm."""
-    off = angle_between(solution.R_sensor, sensor[0]), np.linalg.norm(solution.T_sensor - sensor[1]) / 100
+    """Whether a solution is the sensor's pose, and meets the fixed point, but for
+    rounding in a hundred mm.
+    """
+    off = (
+        angle_between(solution.R_sensor, sensor[0]),
+        np.linalg.norm(solution.T_sensor - sensor[1]) / 100,
+    )
     return max(*off, solution.translation.accuracy / 100) < rounding
 
 
 EXACT = [  # how, and numbers of poses
     *((disk_equations, scenes.disk_data, (n,)) for n in (3, 4, 8)),
-    *((lambda *data, k=n[0]: solve_ball(*data, k), scenes.ball_data, n) for n in ((3, 3), (4, 4), (6, 8))),
+    *(
+        (lambda *data, k=n[0]: solve_ball(*data, k), scenes.ball_data, n)
+        for n in ((3, 3), (4, 4), (6, 8))
+    ),
     *((solve_fixed_point, scenes.point_data, (n,)) for n in (6, 10, 20)),
 ]
 
@@ -33,7 +43,9 @@ def test_without_noise_the_answer_is_exact(solve, data, poses):
     rng = np.random.default_rng(poses[0])
     for _ in range(200):
         sensor, given = data(rng, *poses)
-        assert exact(solve(*given), sensor, 1e-10 if solve is solve_fixed_point else 1e-12)
+        assert exact(
+            solve(*given), sensor, 1e-10 if solve is solve_fixed_point else 1e-12
+        )
 
 
 def test_the_ball_s_steps_and_the_fixed_point_s_give_the_same():
@@ -52,29 +64,78 @@ BATCHES = [
 def test_a_batch_equals_its_members(solve, equations, data):
     rng = np.random.default_rng(6)
     members = [data(rng)[1] for _ in range(5)]
-    noisy = [(R, T, q + rng.normal(scale=[0.1, 0, 0.1], size=q.shape), *rest) for R, T, q, *rest in members]
+    noisy = [
+        (R, T, q + rng.normal(scale=[0.1, 0, 0.1], size=q.shape), *rest)
+        for R, T, q, *rest in members
+    ]
     batch = equations(*(np.stack(arrays) for arrays in zip(*noisy, strict=True)))
     for k, member in enumerate(noisy):
         one = solve(*member)
-        np.testing.assert_allclose(batch.R_sensor[k], one.R_sensor, rtol=1e-10, atol=1e-9)
-        np.testing.assert_allclose(batch.T_sensor[k], one.T_sensor, rtol=1e-10, atol=1e-9)
+        np.testing.assert_allclose(
+            batch.R_sensor[k], one.R_sensor, rtol=1e-10, atol=1e-9
+        )
+        np.testing.assert_allclose(
+            batch.T_sensor[k], one.T_sensor, rtol=1e-10, atol=1e-9
+        )
         for name in ("q_b", "accuracy"):
             both = getattr(batch.translation, name)[k], getattr(one.translation, name)
             np.testing.assert_allclose(*both, rtol=1e-10, atol=1e-9)
 
 
 MALFORMED = [
-    ("fixed point", lambda R, *d: [R[:3], *d], r"R_tcp has shape \(3, 3, 3\); expected \(10, 3, 3\)"),
-    ("fixed point", lambda R, T, q: [R, T[:, :2], q], r"T_tcp has shape \(10, 2\); expected \(n, 3\)"),
-    ("fixed point", lambda R, *d: [R * 1.01, *d], r"R_tcp\[0\] is not orthonormal: R Rᵀ differs .* by 0.02"),
-    ("fixed point", lambda R, *d: [R * np.nan, *d], r"R_tcp\[0, 0, 0\] is nan; expected finite"),
-    ("ball", lambda R, T, q: [R, T, q[[0, 1, 0, *range(3, 8)]]], r"q\[2\] is q\[0\], .*expected ball centres apart"),
-    ("ball", lambda R, T, q: [R[:6], T[:6], q[:6]], "turning poses: 2 given, at least 3 needed"),
-    ("ball", lambda R, T, q: [R[::-1], T, q], "the 4 translating poses differ in orientation by"),
-    ("fixed point", lambda R, T, q: [R[:3], T[:3], q[:3]], "readings of the point: 3 given, at least 4 needed"),
-    ("fixed point", lambda R, T, q: [R, T, q + np.array([0, 0.5, 0])], r"q\[0\] is .*expected y = 0"),
-    *((name, lambda R, T, q: [R, T, q * np.nan], r"q\[0, 0\] is nan; expected finite") for name in GUARDED),
-    *((name, lambda R, *d: [R[:, ::-1], *d], r"R_tcp\[0\] is a reflection") for name in GUARDED),
+    (
+        "fixed point",
+        lambda R, *d: [R[:3], *d],
+        r"R_tcp has shape \(3, 3, 3\); expected \(10, 3, 3\)",
+    ),
+    (
+        "fixed point",
+        lambda R, T, q: [R, T[:, :2], q],
+        r"T_tcp has shape \(10, 2\); expected \(n, 3\)",
+    ),
+    (
+        "fixed point",
+        lambda R, *d: [R * 1.01, *d],
+        r"R_tcp\[0\] is not orthonormal: R Rᵀ differs .* by 0.02",
+    ),
+    (
+        "fixed point",
+        lambda R, *d: [R * np.nan, *d],
+        r"R_tcp\[0, 0, 0\] is nan; expected finite",
+    ),
+    (
+        "ball",
+        lambda R, T, q: [R, T, q[[0, 1, 0, *range(3, 8)]]],
+        r"q\[2\] is q\[0\], .*expected ball centres apart",
+    ),
+    (
+        "ball",
+        lambda R, T, q: [R[:6], T[:6], q[:6]],
+        "turning poses: 2 given, at least 3 needed",
+    ),
+    (
+        "ball",
+        lambda R, T, q: [R[::-1], T, q],
+        "the 4 translating poses differ in orientation by",
+    ),
+    (
+        "fixed point",
+        lambda R, T, q: [R[:3], T[:3], q[:3]],
+        "readings of the point: 3 given, at least 4 needed",
+    ),
+    (
+        "fixed point",
+        lambda R, T, q: [R, T, q + np.array([0, 0.5, 0])],
+        r"q\[0\] is .*expected y = 0",
+    ),
+    *(
+        (name, lambda R, T, q: [R, T, q * np.nan], r"q\[0, 0\] is nan; expected finite")
+        for name in GUARDED
+    ),
+    *(
+        (name, lambda R, *d: [R[:, ::-1], *d], r"R_tcp\[0\] is a reflection")
+        for name in GUARDED
+    ),
 ]
 
 
@@ -91,20 +152,47 @@ def about_x(R):
 
 
 ONE_LINE = np.outer(np.arange(8), [10.0, 20, 30])
-SMALL = rotation_from_xyz_angles(0.05 * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]))
+SMALL = rotation_from_xyz_angles(
+    0.05 * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+)
 OPEN = [
-    *((name, lambda R, *d: [R[[0] * len(R)], *d], "poses have one orientation") for name in GUARDED),
-    ("ball", lambda R, *d: [np.concatenate([R[:4] * 0 + np.eye(3), about_x(R[4:])]), *d], "turn about one axis"),
-    ("fixed point", lambda R, *d: [about_x(R), *d], r"turn about one axis, \[.*1.*\] of the flange"),
-    ("ball", lambda R, T, q: [R, T, ONE_LINE], "all 3 differences of ball centres are parallel"),
-    ("fixed point", lambda R, T, q: [R, T, q * [1, 0, 0] + [0, 0, 9]], "all 10 readings lie on one line of the scan"),
-    ("fixed point", lambda R, T, q: [SMALL, T[:4], q[:4]], "leave a combination of rotation and translation open"),
+    *(
+        (name, lambda R, *d: [R[[0] * len(R)], *d], "poses have one orientation")
+        for name in GUARDED
+    ),
+    (
+        "ball",
+        lambda R, *d: [np.concatenate([R[:4] * 0 + np.eye(3), about_x(R[4:])]), *d],
+        "turn about one axis",
+    ),
+    (
+        "fixed point",
+        lambda R, *d: [about_x(R), *d],
+        r"turn about one axis, \[.*1.*\] of the flange",
+    ),
+    (
+        "ball",
+        lambda R, T, q: [R, T, ONE_LINE],
+        "all 3 differences of ball centres are parallel",
+    ),
+    (
+        "fixed point",
+        lambda R, T, q: [R, T, q * [1, 0, 0] + [0, 0, 9]],
+        "all 10 readings lie on one line of the scan",
+    ),
+    (
+        "fixed point",
+        lambda R, T, q: [SMALL, T[:4], q[:4]],
+        "leave a combination of rotation and translation open",
+    ),
 ]
 
 
 @pytest.mark.parametrize("sigma", [0, 1e-4])
 @pytest.mark.parametrize(("method", "change", "sentence"), OPEN)
-def test_poses_that_cannot_determine_the_answer_are_refused_with_noise_too(method, change, sentence, sigma):
+def test_poses_that_cannot_determine_the_answer_are_refused_with_noise_too(
+    method, change, sentence, sigma
+):
     solve, data = GUARDED[method]
     rng = np.random.default_rng(8)
     R, T, q = change(*data(rng)[1])

@@ -1,10 +1,19 @@
-"""What the motions leave open is flagged, with noise, in the right direction; healthy motions are not."""
+"""What the motions leave open is flagged, with noise, in the right direction; healthy
+motions are not.
+"""
 
 import numpy as np
 import pytest
 
 from profilecal.geometry.noise import Noise
-from profilecal.geometry.observability import Spectrum, explain, name_axis, name_direction, spectrum, turns
+from profilecal.geometry.observability import (
+    Spectrum,
+    explain,
+    name_axis,
+    name_direction,
+    spectrum,
+    turns,
+)
 from profilecal.geometry.poses import rotations
 from profilecal.simulation.scene import random_scene, stack
 from profilecal_papers.monte_carlo import estimate
@@ -20,17 +29,26 @@ SMALL = {
     "point": {"positions": 4},
 }
 Z = np.array([0.0, 0.0, 1.0])  # of the base
-BY_HAND = np.repeat([10.0, np.radians(5.0)], 3)  # what a measurement by hand is good to, mm and rad
-MOTIONS = {  # what is chosen, and the free direction: "all" translations, or along the axis that all turns share
+BY_HAND = np.repeat(
+    [10.0, np.radians(5.0)], 3
+)  # what a measurement by hand is good to, mm and rad
+# what is chosen, and the free direction: "all" translations, or along the axis that all
+# turns share
+MOTIONS = {
     "one orientation": ({"spread_deg": 0.0}, "all"),
     "one axis": ({"axis": Z}, "axis"),
     "two orientations": ({"groups": 2}, "axis"),
-    "about the target's direction": ({"axis": "target"}, "axis"),  # the disk paper: all D equal
+    "about the target's direction": (
+        {"axis": "target"},
+        "axis",
+    ),  # the disk paper: all D equal
 }
 
 
 def judged(kind, seed, scene_count, **choices):
-    """Spectra of noisy random scenes, with the flange orientations (count, P, 3, 3) and the estimated states."""
+    """Spectra of noisy random scenes, with the flange orientations (count, P, 3, 3) and
+    the estimated states.
+    """
     rng = np.random.default_rng(seed)
     settings = SMALL.get(kind, {}) | {"steering_mm": 0.2 * (kind == "point")} | choices
     scene = stack([random_scene(kind, rng, **settings) for _ in range(scene_count)])
@@ -41,11 +59,21 @@ def judged(kind, seed, scene_count, **choices):
 
 def shared_axis(R_flange, R_sensor):
     """The axis that all orientations turn about, in the sensor frames, (count, 3)."""
-    return np.array([R.T @ turns(flange)[1] for flange, R in zip(R_flange, R_sensor, strict=True)])
+    return np.array(
+        [R.T @ turns(flange)[1] for flange, R in zip(R_flange, R_sensor, strict=True)]
+    )
 
 
-CASES = [(kind, name) for kind in ("edge", "disk", "ball", "point", "rod") for name in MOTIONS]
-CASES = [(kind, name) for kind, name in CASES if kind in ("edge", "disk", "rod") or "target" not in name]
+CASES = [
+    (kind, name)
+    for kind in ("edge", "disk", "ball", "point", "rod")
+    for name in MOTIONS
+]
+CASES = [
+    (kind, name)
+    for kind, name in CASES
+    if kind in ("edge", "disk", "rod") or "target" not in name
+]
 
 
 @pytest.mark.parametrize(("kind", "name"), CASES)
@@ -55,7 +83,9 @@ def test_degenerate_motions_are_flagged_with_the_direction_they_leave_open(kind,
     assert (found.status == "unobservable").all()
     worst = found.directions[:, 0]
     if free == "axis":
-        along = np.abs(np.einsum("bi,bi->b", worst[:, :3], shared_axis(R_flange, state.rotation)))
+        along = np.abs(
+            np.einsum("bi,bi->b", worst[:, :3], shared_axis(R_flange, state.rotation))
+        )
         assert (along > np.cos(np.radians(5))).all()
     else:  # all three translations lie in the span of the directions that are left open
         for k in range(0, 300, 15):
@@ -64,7 +94,13 @@ def test_degenerate_motions_are_flagged_with_the_direction_they_leave_open(kind,
 
 
 @pytest.mark.parametrize(
-    "choices", [{"spread_deg": 0.0}, {"axis": Z}, {"axis": "target"}, {"groups": 3, "positions": 10}]
+    "choices",
+    [
+        {"spread_deg": 0.0},
+        {"axis": Z},
+        {"axis": "target"},
+        {"groups": 3, "positions": 10},
+    ],
 )
 def test_a_single_plane_with_motions_that_leave_its_gauge_free_is_flagged(choices):
     found, _, _ = judged("plane", 32, 300, **choices)
@@ -79,7 +115,9 @@ def test_healthy_motions_are_not_flagged(kind):
 
 
 def test_units_do_not_matter():
-    """Lengths in metres change the information matrix by 10¹², and nothing that is said."""
+    """Lengths in metres change the information matrix by 10¹², and nothing that is
+    said.
+    """
     rng = np.random.default_rng(35)
     J = rng.normal(size=(40, 9))
     information = J.T @ J
@@ -93,26 +131,43 @@ def test_units_do_not_matter():
 
 def test_thresholds():
     def status(mm):
-        return str(spectrum(np.diag(1 / np.r_[mm, np.full(5, 0.01) * BY_HAND[1:]] ** 2), BY_HAND).status)
+        return str(
+            spectrum(
+                np.diag(1 / np.r_[mm, np.full(5, 0.01) * BY_HAND[1:]] ** 2), BY_HAND
+            ).status
+        )
 
-    assert [status(mm) for mm in (0.5, 0.99, 1.01, 9.9, 10.1)] == ["ok", "ok", "weak", "weak", "unobservable"]
+    assert [status(mm) for mm in (0.5, 0.99, 1.01, 9.9, 10.1)] == [
+        "ok",
+        "ok",
+        "weak",
+        "weak",
+        "unobservable",
+    ]
 
 
 def test_words():
     assert name_axis([0.1, 0.0, -1.0], "flange") == "the flange's z"
-    assert name_axis([0.0, -0.6, 0.8], "flange") == "(0.00, -0.60, 0.80) in the flange's frame"
+    assert (
+        name_axis([0.0, -0.6, 0.8], "flange")
+        == "(0.00, -0.60, 0.80) in the flange's frame"
+    )
     said = name_direction([0, 0, 0.6, 0.8, 0, 0], np.eye(3))
     assert said == "rotation about the flange's x with translation along the flange's z"
     about_z = rotations(np.radians([0, 20, 40])[:, None] * Z)
     directions, sd = np.eye(6)[[2, 0, 1, 3, 4, 5]], np.r_[1e4, np.full(5, 0.01)]
-    said = explain(Spectrum(np.eye(6), sd, directions, np.array(9), 10), np.eye(3), about_z)
+    said = explain(
+        Spectrum(np.eye(6), sd, directions, np.array(9), 10), np.eye(3), about_z
+    )
     assert said == [
         "translation along the flange's z cannot be determined (left open): all rotations are about the flange's z; "
         "add a pose tilted about x or y by 15° or more"
     ]
     sd = np.r_[1e4, 1e4, 1e4, 0.01, 0.01, 0.01]
     still = np.eye(3)[None].repeat(4, axis=0)
-    said = explain(Spectrum(np.eye(6), sd, np.eye(6), np.array(7), 10), np.eye(3), still)
+    said = explain(
+        Spectrum(np.eye(6), sd, np.eye(6), np.array(7), 10), np.eye(3), still
+    )
     everything = "translation in every direction cannot be determined (left open): all flange orientations"
     assert said[0].startswith(everything)
     healthy = Spectrum(np.eye(6), np.full(6, 0.01), np.eye(6), np.array(10), 10)
@@ -121,7 +176,9 @@ def test_words():
 
 @pytest.mark.parametrize("k", range(3))
 def test_turns_are_told_about_the_axis_they_are_about(k):
-    """Turns of up to 30° about one axis of the flange, from any start; then two poses more, by 5° about another."""
+    """Turns of up to 30° about one axis of the flange, from any start; then two poses
+    more, by 5° about another.
+    """
     start, own = rotations([0.4, -0.8, 1.1]), np.eye(3)[[k, (k + 1) % 3]]
     one = np.radians([-30, -10, 0, 10, 30])[:, None] * own[0]
     angles, axis = turns(start @ rotations(one))
@@ -133,5 +190,8 @@ def test_turns_are_told_about_the_axis_they_are_about(k):
     (said,) = explain(weak, np.eye(3), two)
     others = " or ".join("xyz".replace("xyz"[k], ""))
     small = f"{np.sqrt(2 / 7) * 5:.2g}"
-    assert f"but for turns about the flange's {'xyz'[k]}, the orientations differ by only {small}°" in said
+    assert (
+        f"but for turns about the flange's {'xyz'[k]}, the orientations differ by only {small}°"
+        in said
+    )
     assert said.endswith(f"tilt the flange about {others} by 15° or more")

@@ -7,10 +7,14 @@ from profilecal.geometry import poses
 def test_angles_mean_rz_ry_rx_and_come_back():
     rng = np.random.default_rng(1)
     angles = rng.uniform([0, -1.5, -3], [2 * np.pi, 1.5, 3], (4, 50, 3))
-    x, y, z = (poses.rotations(angles[..., [k]] * axis) for k, axis in enumerate(np.eye(3)))
+    x, y, z = (
+        poses.rotations(angles[..., [k]] * axis) for k, axis in enumerate(np.eye(3))
+    )
     matrices = poses.rotation_from_xyz_angles(angles)
     np.testing.assert_allclose(matrices, z @ y @ x, atol=1e-15)
-    np.testing.assert_allclose(poses.xyz_angles_from_rotation(matrices), angles, atol=1e-13)
+    np.testing.assert_allclose(
+        poses.xyz_angles_from_rotation(matrices), angles, atol=1e-13
+    )
 
 
 def test_nearest_rotation_is_proper_and_nearer_than_any_other():
@@ -20,7 +24,9 @@ def test_nearest_rotation_is_proper_and_nearer_than_any_other():
     np.testing.assert_allclose(np.linalg.det(nearest), 1, atol=1e-13)
     others = Rotation.random(500, rng=rng).as_matrix()
     distance = np.linalg.norm(matrices - nearest, axis=(1, 2))
-    assert (distance <= np.linalg.norm(matrices[:, None] - others, axis=(2, 3)).min(axis=1)).all()
+    assert (
+        distance <= np.linalg.norm(matrices[:, None] - others, axis=(2, 3)).min(axis=1)
+    ).all()
 
 
 def test_angle_between_is_exact_from_tiny_to_half_a_turn():

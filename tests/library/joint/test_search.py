@@ -26,17 +26,26 @@ def test_noise_free_from_no_guess_at_all(kind):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_noise_free_from_a_mount_guess(kind):
-    """20° and 30 mm wrong. Descent alone does it nearly always, for a rod mostly; the others need `solve`'s grid."""
+    """20° and 30 mm wrong. Descent alone does it nearly always, for a rod mostly; the
+    others need `solve`'s grid.
+    """
     scene = many(kind, SCENES, 7, spread_deg=20.0)
     rng, noise = np.random.default_rng(8), Noise(SIGMA)
     R = scene.truth.rotation @ rotations(np.radians(20) * directions(rng, (SCENES,)))
     T = scene.truth.translation + 30 * directions(rng, (SCENES,))
     problem = Problem([scene.observations], noise)
-    near = refine(Problem([scene.observations], noise, in_space=True), problem.place(R, T)).state
+    near = refine(
+        Problem([scene.observations], noise, in_space=True), problem.place(R, T)
+    ).state
     fit = refine(problem, near)
     lost = np.flatnonzero(fit.loss > 1e-9)
     assert len(lost) <= (0.3 if kind == "rod" else 0.1) * SCENES
     for i in lost:
-        solution = solve([scene.observations.take([i])], noise, starts=[(R[i], T[i])], robust=False)
-        fit.state.rotation[i], fit.state.translation[i] = solution.rotation, solution.translation
+        solution = solve(
+            [scene.observations.take([i])], noise, starts=[(R[i], T[i])], robust=False
+        )
+        fit.state.rotation[i], fit.state.translation[i] = (
+            solution.rotation,
+            solution.translation,
+        )
     assert_exact(errors(fit.state, scene.truth))

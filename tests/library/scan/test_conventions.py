@@ -54,8 +54,14 @@ def test_every_convention_goes_in_and_out_and_means_its_formula(convention):
 @pytest.mark.parametrize(
     ("columns", "sentence"),
     [
-        (["rx", "ry", "rz", "w", "p", "r"], "a, b, c; w, p, r; .*; found rotation vector and FANUC angles"),
-        (["qx", "qy", "qz"], "one block of orientation columns, .*; found none among pose, x, y, z, qx, qy, qz"),
+        (
+            ["rx", "ry", "rz", "w", "p", "r"],
+            "a, b, c; w, p, r; .*; found rotation vector and FANUC angles",
+        ),
+        (
+            ["qx", "qy", "qz"],
+            "one block of orientation columns, .*; found none among pose, x, y, z, qx, qy, qz",
+        ),
     ],
 )
 def test_unclear_columns_are_refused(columns, sentence):
@@ -64,17 +70,38 @@ def test_unclear_columns_are_refused(columns, sentence):
 
 
 def test_names_decide_not_their_order():
-    assert find_convention(["qx", "pose", "qw", "qz", "qy"]).columns == ("qw", "qx", "qy", "qz")
+    assert find_convention(["qx", "pose", "qw", "qz", "qy"]).columns == (
+        "qw",
+        "qx",
+        "qy",
+        "qz",
+    )
 
 
 @pytest.mark.parametrize(
     ("name", "row", "sentence"),
     [
         ("quaternion", [1, 1, 0, 0], "quaternion of length 1.414; expected length 1"),
-        ("rotation vector", [180, 0, 0], "rotation vector of length 180; expected radians"),
-        ("FANUC angles", [0, 0, 1e308], r"angle of 1e\+308; expected degrees, at most 720"),
-        ("matrix", [1, 0, 0, 0, 1, 0, 0, 0, 2], "matrix with R Rᵀ off the identity by 3"),
-        ("matrix", [1, 0, 0, 0, 1, 0, 0, 0, -1], "matrix with determinant -1, a reflection"),
+        (
+            "rotation vector",
+            [180, 0, 0],
+            "rotation vector of length 180; expected radians",
+        ),
+        (
+            "FANUC angles",
+            [0, 0, 1e308],
+            r"angle of 1e\+308; expected degrees, at most 720",
+        ),
+        (
+            "matrix",
+            [1, 0, 0, 0, 1, 0, 0, 0, 2],
+            "matrix with R Rᵀ off the identity by 3",
+        ),
+        (
+            "matrix",
+            [1, 0, 0, 0, 1, 0, 0, 0, -1],
+            "matrix with determinant -1, a reflection",
+        ),
     ],
 )
 def test_impossible_orientations_are_refused_with_their_row(name, row, sentence):
@@ -89,14 +116,24 @@ POSE[:3, :3] = turn("z", 30) @ turn("y", -20) @ turn("x", 170)
 POSE[:3, 3] = 6.0252, 54.18211, 364.25534
 
 
-PASTED = {"abb": "quaternion", "ros": "quaternion", "ur": "rotation vector", "kuka": "KUKA angles"}
+PASTED = {
+    "abb": "quaternion",
+    "ros": "quaternion",
+    "ur": "rotation vector",
+    "kuka": "KUKA angles",
+}
 PASTED |= {"fanuc": "FANUC angles", "staubli": "Stäubli angles"}
 
 
 @pytest.mark.parametrize("vendor", CONTROLLERS)
 def test_what_is_pasted_into_a_controller_is_the_pose(vendor):
     text = for_controller(vendor, POSE)
-    numbers = [float(n) for n in re.findall(r"-?\d+\.?\d*(?:e-?\d+)?", text.replace("tf2_ros", "").replace("ros2", ""))]
+    numbers = [
+        float(n)
+        for n in re.findall(
+            r"-?\d+\.?\d*(?:e-?\d+)?", text.replace("tf2_ros", "").replace("ros2", "")
+        )
+    ]
     if vendor == "matrix":
         np.testing.assert_allclose(np.reshape(numbers, (4, 4)), POSE, atol=1e-8)
         return
@@ -107,9 +144,15 @@ def test_what_is_pasted_into_a_controller_is_the_pose(vendor):
     if vendor == "ros":
         rest = rest[3:] + rest[:3]
     formula = FORMULA[PASTED[vendor]]
-    np.testing.assert_allclose(formula(*rest[: 4 if formula is from_quaternion else 3]), POSE[:3, :3], atol=1e-6)
+    np.testing.assert_allclose(
+        formula(*rest[: 4 if formula is from_quaternion else 3]),
+        POSE[:3, :3],
+        atol=1e-6,
+    )
 
 
 def test_an_unknown_controller_is_refused_with_the_known_ones():
-    with pytest.raises(ValueError, match="controller is 'acme'; expected one of abb, kuka"):
+    with pytest.raises(
+        ValueError, match="controller is 'acme'; expected one of abb, kuka"
+    ):
         for_controller("acme", POSE)

@@ -21,7 +21,9 @@ def test_repeats_share_the_error_of_their_pose_and_not_the_noise_of_the_scanner(
     noise = Noise(position_mm=0.5)
     seen, scan = points(noise=noise, repeats=3)
     once, _ = points(noise=noise)
-    np.testing.assert_array_equal(seen.reshape(12, 3, 2), np.repeat(once[:, None], 3, axis=1))
+    np.testing.assert_array_equal(
+        seen.reshape(12, 3, 2), np.repeat(once[:, None], 3, axis=1)
+    )
     np.testing.assert_array_equal(scan.T_base_flange[::3], scan.T_base_flange[2::3])
     assert scan.labels[:4] == ("g1p1m1", "g1p1m2", "g1p1m3", "g1p2m1")
     assert scan.group.tolist() == np.repeat([0, 1, 2], 12).tolist()
@@ -47,6 +49,8 @@ def test_a_robot_that_carries_the_target_errs_at_its_flange():
     rng = np.random.default_rng(4)
     R, T = rotations(rng.uniform(-0.3, 0.3, (20, 3))), rng.uniform(500, 900, (20, 3))
     R_back, T_back = inverse(R, T)
-    actual, position = actual_poses(Poses(R_back, T_back[:, None]), Noise(orientation_deg=1.0), rng, to_hand=True)
+    actual, position = actual_poses(
+        Poses(R_back, T_back[:, None]), Noise(orientation_deg=1.0), rng, to_hand=True
+    )
     np.testing.assert_allclose(position[:, 0], T, atol=1e-9)
     assert 1 < np.degrees(angle_between(actual[:, 0], R)).mean() < 2.5

@@ -20,7 +20,9 @@ def test_a_wall_fills_the_field_of_view_and_lies_at_its_depth():
     assert np.isnan(profile).all()
     profile = profile_of(Scanner(resolution=0, noise_mm=0, quantum=0.01), WALL)
     np.testing.assert_allclose(profile[:, 1], 80, atol=0.005)
-    np.testing.assert_allclose(profile[[0, -1], 0], [-IDEAL.half_width(80), IDEAL.half_width(80)], atol=0.005)
+    np.testing.assert_allclose(
+        profile[[0, -1], 0], [-IDEAL.half_width(80), IDEAL.half_width(80)], atol=0.005
+    )
 
 
 def test_the_nearer_of_two_surfaces_hides_the_other():
@@ -36,9 +38,13 @@ def test_a_profile_is_of_whole_quanta():
     assert profile.shape == (980, 2)
     counts = profile[:, 1] / Scanner().quantum
     np.testing.assert_allclose(counts, counts.round(), atol=1e-9)
-    assert set(counts.round()) <= set(range(796, 805))  # 80 mm within six standard deviations
+    assert set(counts.round()) <= set(
+        range(796, 805)
+    )  # 80 mm within six standard deviations
 
 
 def test_noise_has_its_size():
-    z = profile_of(Scanner(quantum=1e-2, noise_mm=0.05), np.array([[-30.0, 90.0], [30.0, 90.0]]))[:, 1]
+    z = profile_of(
+        Scanner(quantum=1e-2, noise_mm=0.05), np.array([[-30.0, 90.0], [30.0, 90.0]])
+    )[:, 1]
     assert z.std() == pytest.approx(0.05, rel=4 / np.sqrt(2 * 980))

@@ -6,7 +6,9 @@ from command import run
 
 def test_simulate_writes_a_scan_that_calibrates_to_its_truth(tmp_path):
     spec = tmp_path / "spec.toml"
-    spec.write_text('kind = "disk"\nseed = 4\nconvention = "KUKA angles"\n[noise]\nprofile_mm = 0.02\n')
+    spec.write_text(
+        'kind = "disk"\nseed = 4\nconvention = "KUKA angles"\n[noise]\nprofile_mm = 0.02\n'
+    )
     assert run("simulate", spec, tmp_path / "scan").exit_code == 0
     assert (tmp_path / "scan" / "truth.toml").exists()
     assert run("calibrate", tmp_path / "scan").exit_code == 0
@@ -23,13 +25,25 @@ def test_simulate_writes_a_scan_that_calibrates_to_its_truth(tmp_path):
         ("groups = 2.5", "groups is 2.5; expected a whole number, 0 to 10000"),
         ("repeats = 0", "repeats is 0; expected a whole number, 1 to 1000"),
         ("title = 5", "title is 5; expected one line of text"),
-        ("[noise]\nprofile = 1", "unknown entry 'profile' in [noise]; there are profile_mm"),
+        (
+            "[noise]\nprofile = 1",
+            "unknown entry 'profile' in [noise]; there are profile_mm",
+        ),
         ("noise = 1", "noise is 1; expected a table"),
         ("[robot]\njoint_deg = -1", "joint_deg is -1 in [robot]; expected 0 to 100"),
-        ("[scanner]\nnear = 260\nfar = 40", "in [scanner] expected 0 <= near < far, near_width > 0"),
+        (
+            "[scanner]\nnear = 260\nfar = 40",
+            "in [scanner] expected 0 <= near < far, near_width > 0",
+        ),
         ('measured = "chords"', "measured is 'chords'; expected profiles or points"),
-        ('poses = "poses.csv"', "poses are given, but no [guess]; expected roughly where sensor and target are"),
-        ("[guess]\ntarget = [1, 2, 3]", "mount is missing in [guess]; expected 6 numbers"),
+        (
+            'poses = "poses.csv"',
+            "poses are given, but no [guess]; expected roughly where sensor and target are",
+        ),
+        (
+            "[guess]\ntarget = [1, 2, 3]",
+            "mount is missing in [guess]; expected 6 numbers",
+        ),
         ("[guess]\nmount = [1, 2]", "mount is [1, 2] in [guess]; expected 6 numbers"),
         ("kind = ", "spec.toml: Invalid value"),
     ],

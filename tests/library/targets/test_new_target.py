@@ -1,4 +1,6 @@
-"""A target that the library does not know, a V-groove, defined here alone: from raw profiles to an answer."""
+"""A target that the library does not know, a V-groove, defined here alone: from raw
+profiles to an answer.
+"""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -25,7 +27,9 @@ from profilecal_tool.report import pictures
 
 @dataclass(frozen=True)
 class Groove(Target):
-    """A V-groove `width` wide and `depth` deep along z; x across it, y out of it, the origin between its shoulders."""
+    """A V-groove `width` wide and `depth` deep along z; x across it, y out of it, the
+    origin between its shoulders.
+    """
 
     point: np.ndarray
     axes: np.ndarray
@@ -46,9 +50,14 @@ class Groove(Target):
 
     @staticmethod
     def lines_of(sizes, origin, axes):
-        """Lever and origin of the left shoulder, the bottom and the right shoulder, by components (.., 3, ..)."""
+        """Lever and origin of the left shoulder, the bottom and the right shoulder, by
+        components (.., 3, ..).
+        """
         width, depth = sizes
-        x, y = np.array([[-width / 2], [0.0], [width / 2]]), np.array([[0.0], [-depth], [0.0]])
+        x, y = (
+            np.array([[-width / 2], [0.0], [width / 2]]),
+            np.array([[0.0], [-depth], [0.0]]),
+        )
         lever = [x * a + y * b for a, b in zip(axes[0], axes[1], strict=True)]
         return lever, [o + part for o, part in zip(origin, lever, strict=True)]
 
@@ -58,7 +67,8 @@ class Groove(Target):
         lever, points = cls.lines_of(sizes, origin, axes)
         r, force, torque = residual(points, axes, seen, ())
         about = [
-            [t + c for t, c in zip(turn, cross(lever, f), strict=True)] for turn, f in zip(torque, force, strict=True)
+            [t + c for t, c in zip(turn, cross(lever, f), strict=True)]
+            for turn, f in zip(torque, force, strict=True)
         ]
         return r, force, about
 
@@ -72,8 +82,16 @@ class Groove(Target):
 
     @staticmethod
     def fit(points):
-        left, bottom, right = np.moveaxis(points.reshape(*points.shape[:-2], -1, 3, 3), -2, 0)
-        along = np.concatenate([line - line.mean(axis=-2, keepdims=True) for line in (left, bottom, right)], axis=-2)
+        left, bottom, right = np.moveaxis(
+            points.reshape(*points.shape[:-2], -1, 3, 3), -2, 0
+        )
+        along = np.concatenate(
+            [
+                line - line.mean(axis=-2, keepdims=True)
+                for line in (left, bottom, right)
+            ],
+            axis=-2,
+        )
         z = np.linalg.svd(along, full_matrices=False)[2][..., 0, :]
         left, bottom, right = (line.mean(axis=-2) for line in (left, bottom, right))
         x = right - left - np.sum((right - left) * z, axis=-1, keepdims=True) * z
@@ -95,7 +113,10 @@ class Groove(Target):
         return np.stack([edge.meet(rotation, origin) for edge in self.edges()], axis=-2)
 
     def outline(self, specimen, rotation, origin, away):
-        far = [Edge(self.point + a * self.axes[:, 0], self.axes[:, 2]) for a in (-300.0, 300.0)]
+        far = [
+            Edge(self.point + a * self.axes[:, 0], self.axes[:, 2])
+            for a in (-300.0, 300.0)
+        ]
         chain = [far[0], *self.edges(), far[1]]
         return np.stack([edge.meet(rotation, origin) for edge in chain], axis=-2)
 
@@ -108,17 +129,33 @@ class Groove(Target):
 
 
 def groove_in(profile) -> Feature:
-    """Where four neighbouring straight runs meet, of which the laser spot rounds the corners."""
+    """Where four neighbouring straight runs meet, of which the laser spot rounds the
+    corners.
+    """
     runs, _ = straight_runs(profile)
     if len(runs) != 4:
         return nothing(f"{len(runs)} straight runs; a groove has 4")
     rough = [crossing(*pair) for pair in pairwise(runs)]
-    away = [np.min([np.linalg.norm(profile[run.rows] - corner, axis=1) for corner in rough], axis=0) for run in runs]
-    runs = [Run.through(profile, run.rows[distance > 0.5]) for run, distance in zip(runs, away, strict=True)]
-    corners = sorted(((crossing(*pair), pair) for pair in pairwise(runs)), key=lambda corner: corner[0][0])
+    away = [
+        np.min(
+            [np.linalg.norm(profile[run.rows] - corner, axis=1) for corner in rough],
+            axis=0,
+        )
+        for run in runs
+    ]
+    runs = [
+        Run.through(profile, run.rows[distance > 0.5])
+        for run, distance in zip(runs, away, strict=True)
+    ]
+    corners = sorted(
+        ((crossing(*pair), pair) for pair in pairwise(runs)),
+        key=lambda corner: corner[0][0],
+    )
     covariances = [crossing_covariance(*pair, point) for point, pair in corners]
     used = np.concatenate([run.rows for run in runs])
-    return Feature(np.array([point for point, _ in corners]), np.array(covariances), used, "groove")
+    return Feature(
+        np.array([point for point, _ in corners]), np.array(covariances), used, "groove"
+    )
 
 
 @pytest.fixture(autouse=True)
@@ -129,7 +166,13 @@ def known(monkeypatch):
 def test_from_raw_profiles_in_a_folder_to_an_answer_with_its_report(tmp_path):
     inside = []
     for seed in range(4):
-        entries = {"kind": "groove", "seed": seed, "measured": "profiles", "depth": 9.0, "scanner": {"points": 500}}
+        entries = {
+            "kind": "groove",
+            "seed": seed,
+            "measured": "profiles",
+            "depth": 9.0,
+            "scanner": {"points": 500},
+        }
         simulated = simulate_scan(read_spec(entries))
         write_scan(simulated, tmp_path / str(seed))
         scan = read_scan(tmp_path / str(seed))
@@ -155,6 +198,11 @@ def test_a_folder_without_its_lengths_is_refused(tmp_path):
     write_scan(simulate_scan(Spec(kind="groove")), tmp_path / "scan")
     header = tmp_path / "scan" / "scan.toml"
     lines = header.read_text(encoding="utf-8").splitlines()
-    header.write_text("\n".join(line for line in lines if not line.startswith("depth")), encoding="utf-8")
-    with pytest.raises(ValueError, match=r"depth is missing in \[target\]; expected 0.5 to 1000"):
+    header.write_text(
+        "\n".join(line for line in lines if not line.startswith("depth")),
+        encoding="utf-8",
+    )
+    with pytest.raises(
+        ValueError, match=r"depth is missing in \[target\]; expected 0.5 to 1000"
+    ):
         read_scan(tmp_path / "scan")

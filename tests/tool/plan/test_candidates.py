@@ -11,7 +11,9 @@ from profilecal.scan.scan import ScanError
 from profilecal_tool.plan.candidates import BEYOND, Limits, draw, off_square
 from profilecal_tool.plan.design import design
 
-BOX = Limits(low=(700, -200, 250), high=(1100, 250, 800), avoid=((850.0, 0.0, 500.0, 60.0),))
+BOX = Limits(
+    low=(700, -200, 250), high=(1100, 250, 800), avoid=((850.0, 0.0, 500.0, 60.0),)
+)
 
 
 @pytest.mark.parametrize("kind", [*KINDS, "point"])
@@ -20,12 +22,20 @@ def test_planned_poses_keep_the_target_in_view_for_any_guess_as_wrong_as_stated(
     plan = design(model, Limits(), rng, poses=12, candidates=600)
     for _ in range(1000):
         wrong = model.elsewhere(rng)
-        x, z = np.moveaxis(wrong.seen(*wrong.planes(plan.R, plan.T), 9), -1, 0)  # NaN where it is missed
-        assert (np.abs(2 * z - model.scanner.near - model.scanner.far) < model.scanner.far - model.scanner.near).all()
+        x, z = np.moveaxis(
+            wrong.seen(*wrong.planes(plan.R, plan.T), 9), -1, 0
+        )  # NaN where it is missed
+        assert (
+            np.abs(2 * z - model.scanner.near - model.scanner.far)
+            < model.scanner.far - model.scanner.near
+        ).all()
         assert (np.abs(x) < model.scanner.half_width(z)).all()
 
 
-@pytest.mark.parametrize(("mount", "zone"), [("eye-in-hand", BOX.avoid[0]), ("eye-to-hand", (900.0, 0, 350.0, 20.0))])
+@pytest.mark.parametrize(
+    ("mount", "zone"),
+    [("eye-in-hand", BOX.avoid[0]), ("eye-to-hand", (900.0, 0, 350.0, 20.0))],
+)
 def test_poses_stay_in_the_box_out_of_the_zones_and_within_the_tilt(mount, zone):
     model, limits = model_for("edge", "points", mount), replace(BOX, avoid=(zone,))
     R, T = draw(model, limits, 300, np.random.default_rng(2), BEYOND)
@@ -42,11 +52,21 @@ def test_poses_stay_in_the_box_out_of_the_zones_and_within_the_tilt(mount, zone)
     ("limits", "margin_mm", "sentence"),
     [
         (Limits(low=(0, 0, 0), high=(100, 100, 100)), 5, "100% are outside the box"),
-        (Limits(avoid=((900.0, 50.0, 300.0, 1000.0),)), 5, "100% are in a zone to avoid"),
-        (Limits(), 80, "may lose the target from view if the guess is as wrong as stated"),
+        (
+            Limits(avoid=((900.0, 50.0, 300.0, 1000.0),)),
+            5,
+            "100% are in a zone to avoid",
+        ),
+        (
+            Limits(),
+            80,
+            "may lose the target from view if the guess is as wrong as stated",
+        ),
     ],
 )
-def test_limits_and_guesses_that_leave_no_pose_are_refused_in_words(limits, margin_mm, sentence):
+def test_limits_and_guesses_that_leave_no_pose_are_refused_in_words(
+    limits, margin_mm, sentence
+):
     model = model_for("edge")
     guess = replace(model.guess, mount_mm=margin_mm)
     with pytest.raises(ScanError, match="only 0 of") as error:
