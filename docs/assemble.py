@@ -36,9 +36,8 @@ COPIED = (
 )
 THUMBNAIL = 420  # pixels wide
 ENVIRONMENT = hashlib.sha256((ROOT / "environment.txt").read_bytes()).hexdigest()[:12]
-RUNS = (
-    ROOT / "results" / "notebooks"
-)  # of `make reproduce`, which know how long they took
+# of `make reproduce`, which know how long they took
+RUNS = ROOT / "results" / "notebooks"
 
 
 def assemble(source: Path) -> None:

@@ -16,10 +16,8 @@ html_theme, html_title = "furo", "profilecal"
 html_static_path, html_css_files = ["_static"], ["style.css"]
 html_show_copyright, html_copy_source, html_show_sourcelink = False, False, False
 
-nb_execution_mode, nb_ipywidgets_js = (
-    "off",
-    {},
-)  # as committed; no scripts from elsewhere
+# as committed; no scripts from elsewhere
+nb_execution_mode, nb_ipywidgets_js = "off", {}
 nb_render_markdown_format = "myst"  # outputs have tables and links, too
 nb_code_prompt_show = "code"
 myst_enable_extensions = ["dollarmath", "amsmath"]

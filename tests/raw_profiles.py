@@ -125,15 +125,13 @@ def rods(rng, count=250, radius=RADIUS, background=30.0):
     for sine in np.sin(rng.uniform(0, np.pi / 4, count)):
         axis = turned([sine, 0], rng.uniform(-np.pi, np.pi), 0.0)
         cosine = np.sqrt(1 - sine**2)
-        oblique = np.eye(2) + np.outer(axis, axis) / (
-            cosine * (1 + cosine)
-        )  # from the rod seen along its axis
+        # from the rod seen along its axis
+        oblique = np.eye(2) + np.outer(axis, axis) / (cosine * (1 + cosine))
         centre = np.array(
             [rng.uniform(-8, 8), rng.uniform(190, 240) + max(radius - RADIUS, 0)]
         )
-        nearest = (
-            np.arctan2(*oblique[::-1, 1]) + np.pi
-        )  # where the ellipse is square to z
+        # where the ellipse is square to z
+        nearest = np.arctan2(*oblique[::-1, 1]) + np.pi
         arc = centre + arc_of(radius, nearest, 120) @ oblique
         if background is not None:
             arc = above_table(arc, arc[:, 1].max() + background)

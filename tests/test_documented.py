@@ -86,7 +86,6 @@ def test_the_readme_shows_what_the_command_prints():
     printed = run(
         "calibrate", ROOT / "data" / "examples" / "edge", "--to", "kuka"
     ).stdout
-    short = [
-        re.sub(r"(\.\d{4})\d+", r"\1", said) for said in (printed, shown)
-    ]  # processors differ in later digits
+    # processors differ in later digits
+    short = [re.sub(r"(\.\d{4})\d+", r"\1", said) for said in (printed, shown)]
     assert short[0] == short[1]

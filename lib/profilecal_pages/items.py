@@ -46,9 +46,8 @@ class Row:
     @property
     def inside(self) -> bool:
         """Whether the printed number, within its rounding, lies in our range."""
-        half = 0.5 * 10.0**-self.decimals + 10.0 ** -(
-            self.decimals + DIGITS
-        )  # and the rounding of ours
+        # and the rounding of ours
+        half = 0.5 * 10.0**-self.decimals + 10.0 ** -(self.decimals + DIGITS)
         return self.low - half <= float(self.printed) <= self.high + half
 
     @property
@@ -150,9 +149,8 @@ class Item:
             self.layout
         ](self)
         html = frame.to_html(escape=False, index=self.layout == "table")
-        html = re.sub(
-            r"<tr>\s*(<th></th>\s*)+</tr>\s*", "", html
-        )  # names of columns that have none
+        # names of columns that have none
+        html = re.sub(r"<tr>\s*(<th></th>\s*)+</tr>\s*", "", html)
         text = frame.replace({"<br>": " | ", "</?b>": ""}, regex=True).to_string(
             index=self.layout == "table"
         )
@@ -200,9 +198,8 @@ def as_list(item: Item) -> pd.DataFrame:
         )
         numbers = [row.as_printed, row.shown(row.ours), row.shown(row.difference)]
         over = f"{row.over_tolerance:.2g}"
-        over = (
-            f"{row.over_tolerance:.2f}" if over == "1" else over
-        )  # inside or outside, by a little
+        # inside or outside, by a little
+        over = f"{row.over_tolerance:.2f}" if over == "1" else over
         unit = "" if row.unit == "1" else row.unit
         lines.append([name, *numbers, unit, over, item.verdict(row), row.why])
     columns = [

@@ -18,10 +18,8 @@ from profilecal_papers.monte_carlo import (
     two_step_errors,
 )
 
-PROTOCOLS = (
-    "one arc",
-    "m arcs",
-)  # of the poses that fix the rotation; those for the translation have m arcs
+# of the poses that fix the rotation; those for the translation have m arcs
+PROTOCOLS = "one arc", "m arcs"
 
 
 @dataclass(frozen=True)
@@ -36,9 +34,8 @@ class BallScans:
     R_tcp: np.ndarray  # (n, 3, 3) flange in the base frame
     T_tcp: np.ndarray  # (n, 3) mm
     translating: int
-    sweep_mm: float = (
-        10.0  # way from the pose to either end of its motion, along the sensor's y
-    )
+    # way from the pose to either end of its motion, along the sensor's y
+    sweep_mm: float = 10.0
     half_view_mm: float = 45.0  # the scanner sees |x| up to here …
     steepest_deg: float = 60.0  # … and surfaces tilted against its z by up to this
     x_resolution_mm: float = 0.1

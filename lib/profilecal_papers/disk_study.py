@@ -129,14 +129,10 @@ def disk_study(
         "an ellipse has five unknowns, a chord two tips",
     )
     chords = [Chords.of(scans, count, heights) for count in study.m]
-    motion = np.einsum(
-        "nba,nb->na", scans.R_tcp, scans.T_end - scans.T_start
-    )  # R_tcp⁻¹ D_b but for its length
-    start, end, s = (
-        scans.T_start[:, None],
-        scans.T_end[:, None],
-        scans.s[:, None],
-    )  # one for all trials
+    # R_tcp⁻¹ D_b but for its length
+    motion = np.einsum("nba,nb->na", scans.R_tcp, scans.T_end - scans.T_start)
+    # one for all trials
+    start, end, s = scans.T_start[:, None], scans.T_end[:, None], scans.s[:, None]
 
     def run(setting, part, stream):
         i, j = setting
@@ -197,9 +193,8 @@ class Chords:
         alone, so that the means of u^a v^b are products with fixed powers of v.
         """
         n, _, count = self.tips.shape
-        sums = {
-            a: np.empty((5 - a, n, size)) for a in range(1, 5)
-        }  # over u^a v^b, by b
+        # over u^a v^b, by b
+        sums = {a: np.empty((5 - a, n, size)) for a in range(1, 5)}
         sums[0] = np.empty((5, n, 1))
         for i, (u, v) in enumerate(self.tips):
             powers = np.vander(v, 5, increasing=True).T

@@ -15,9 +15,8 @@ from profilecal.targets.ball import Ball
 from profilecal.targets.edge import Edge
 from profilecal.targets.observations import Observations
 
-STANDOFF = (
-    75.0  # mm, the middle of the 60 to 90 mm for which the paper's scanner does best
-)
+# mm, the middle of the 60 to 90 mm for which the paper's scanner does best
+STANDOFF = 75.0
 
 
 def arc(count: int, radius: float, span: float, middle) -> np.ndarray:
@@ -221,12 +220,8 @@ def observations_of(scene: EdgeScene) -> Observations:
     return Observations("edge", R, T, points, group=np.repeat(np.arange(G), N))
 
 
-ROTATIONS = (
-    10,
-    15,
-    20,
-    25,
-)  # used for a calibration; the paper sums up its tables from 15 on
+# used for a calibration; the paper sums up its tables from 15 on
+ROTATIONS = 10, 15, 20, 25
 
 
 def principal(vectors, about_mean: bool = True) -> np.ndarray:

@@ -21,9 +21,9 @@ from profilecal.joint.descent import reach, refine
 from profilecal.joint.problem import Problem
 from profilecal.targets.observations import Observations, State
 
-BLOCK = (
-    2**15
-)  # random numbers drawn at a time: 256 kB, which with their powers stay in a processor's own cache
+# random numbers drawn at a time: 256 kB, which with their powers stay in a processor's
+# own cache
+BLOCK = 2**15
 
 # Readings of "the standard deviation e" of the disk paper's Figs 15 and 17: from errors
 # (..., trials, 3) to (...)
@@ -43,9 +43,8 @@ class Study:
     sigma_mm: np.ndarray  # (k,) noise, mm
     m: np.ndarray  # (l,) chords of a scan, or arcs of a pose
     errors: np.ndarray  # (k, l, 9, trials), see `two_step_errors`
-    clipped: np.ndarray | None = (
-        None  # (k, l, trials) of a disk: whether some scan has no arccos in Eq. 9
-    )
+    # (k, l, trials) of a disk: whether some scan has no arccos in Eq. 9
+    clipped: np.ndarray | None = None
 
     @classmethod
     def blank(cls, sigma_mm, m, trials: int) -> "Study":
@@ -130,9 +129,8 @@ def two_step_errors(scans, centre, R_tcp, T_tcp, q, X, Y) -> np.ndarray:
     """
     X = X / np.linalg.norm(X, axis=1, keepdims=True)
     Y = Y / np.linalg.norm(Y, axis=1, keepdims=True)
-    turn = rotations_near(
-        np.tensordot(Y, scans.R_sensor @ X, (0, 0))
-    )  # of Eq. 15, seen from the truth
+    # of Eq. 15, seen from the truth
+    turn = rotations_near(np.tensordot(Y, scans.R_sensor @ X, (0, 0)))
     in_flange = np.einsum("abk,nbk->nak", turn, scans.R_sensor @ q)
     seen = R_tcp @ in_flange + T_tcp
     M, N = (

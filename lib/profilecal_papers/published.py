@@ -40,9 +40,8 @@ def least_change(compute, low, high, size: int) -> tuple[np.ndarray, float]:
         )
 
     limits = {"type": "ineq", "fun": room, "jac": room_by}
-    start = np.append(
-        np.linspace(-0.01, 0.01, size), 0
-    )  # at 0 several values may tie, and have no slope
+    # at 0 several values may tie, and have no slope
+    start = np.append(np.linspace(-0.01, 0.01, size), 0)
     x = minimize(
         lambda y: y[-1], start, jac=lambda _: of_s, method="SLSQP", constraints=limits
     ).x[:-1]
@@ -191,9 +190,8 @@ class RoundingBox:
 
         def values(place):
             found = np.array(compute(self.at(place)))
-            found[..., -largest_of:] = -np.sort(
-                -found[..., -largest_of:], axis=-1
-            )  # the largest first
+            # the largest first
+            found[..., -largest_of:] = -np.sort(-found[..., -largest_of:], axis=-1)
             return found
 
         return least_change(values, low, high, self.size)

@@ -9,9 +9,8 @@ from pathlib import Path
 
 import click
 
-SCAN = click.Path(
-    path_type=Path, readable=False
-)  # what cannot be read, read_scan says in one sentence
+# what cannot be read, read_scan says in one sentence
+SCAN = click.Path(path_type=Path, readable=False)
 PLACE = click.Path(path_type=Path)
 MOUNT = click.Choice(["eye-in-hand", "eye-to-hand"])
 

@@ -62,9 +62,8 @@ def plan(notebook: Path, grid: dict, repeat: int | None = None) -> dict[str, dic
         if not values:
             raise ValueError(f"the grid has no values for {name}")
         if kinds[name] == "float":
-            lists[name] = [
-                float(value) for value in values
-            ]  # 1 and 1.0 are one setting
+            # 1 and 1.0 are one setting
+            lists[name] = [float(value) for value in values]
     points = [
         dict(zip(lists, values, strict=True))
         for values in itertools.product(*lists.values())

@@ -68,10 +68,8 @@ ARMS = {  # with the accuracy that notebook 43 finds for such an arm
     ),
     "links 0.2 mm": (Robot(link_mm=0.2), {"accuracy_mm": 0.27, "accuracy_deg": 0.016}),
 }
-MEAN, INSIDE = (
-    (5.4, 6.6),
-    (0.93, 0.97),
-)  # where a cell is to be, as far as chance allows
+# where a cell is to be, as far as chance allows
+MEAN, INSIDE = (5.4, 6.6), (0.93, 0.97)
 CHANCE = 0.01  # that a good cell is flagged for one of them
 LIMIT = float(chi2.ppf(0.95, 6))
 
@@ -218,9 +216,8 @@ def table(chosen: dict[str, Cell], scans: int, workers: int) -> pd.DataFrame:
         if (name, seed) not in there
     ]
     OUTPUT.parent.mkdir(parents=True, exist_ok=True)
-    os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = (
-        "1"  # for the workers, which start afresh
-    )
+    # for the workers, which start afresh
+    os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = "1"
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
         jobs = {
             pool.submit(measure, chosen[name], seed): (name, seed)

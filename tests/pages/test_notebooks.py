@@ -29,14 +29,11 @@ from profilecal_tool.report import page
 
 RUNS = int(os.environ.get("PROFILECAL_ALTERED", "1"))
 SEED = int(os.environ.get("PROFILECAL_ALTERED_SEED", "1"))
-SIZE, LEAST = (
-    20,
-    8,
-)  # an integer from there on is the size of a study, which goes down to this
+# an integer from there on is the size of a study, which goes down to this
+SIZE, LEAST = 20, 8
 THERE = notebooks.find([])
-RUNNABLE = [
-    path for path in THERE if not path.stem.startswith("00")
-]  # 00 reads what the others found
+# 00 reads what the others found
+RUNNABLE = [path for path in THERE if not path.stem.startswith("00")]
 
 
 def declared(path) -> dict:

@@ -53,9 +53,8 @@ def noisy_tips(scans, sigma, m, noise, rng, trials=TRIALS):
                 * along[i][:, None]
             )
         else:
-            x, z = sigma * rng.standard_normal((trials, 2, 2, m, 1)).swapaxes(
-                0, 1
-            )  # along and across the chord
+            # along and across the chord
+            x, z = sigma * rng.standard_normal((trials, 2, 2, m, 1)).swapaxes(0, 1)
             across = np.stack([-along[i, :, 1], along[i, :, 0]], axis=-1)
             tips[:, i] += (x * along[i] + z * across).swapaxes(1, 2)
     return tips

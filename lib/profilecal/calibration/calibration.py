@@ -27,9 +27,8 @@ class Calibration:
     """
 
     scans: tuple[Scan, ...]
-    seen: tuple[
-        np.ndarray, ...
-    ]  # for each scan, indices of the poses from which the target was found
+    # for each scan, indices of the poses from which the target was found
+    seen: tuple[np.ndarray, ...]
     observed: tuple[Observations, ...]  # for each scan, what was seen from them
     solution: Solution | None = None  # None: fewer measurements than unknowns
     messages: tuple[str, ...] = ()  # sentences a person can act on
@@ -228,9 +227,8 @@ def check_different(scans) -> None:
         ],
     )
     for title, scan in zip(titles, scans, strict=True):
-        poses = (
-            np.dstack([scan.R_base_flange, scan.T_base_flange]).round(3) + 0.0
-        )  # not -0
+        # not -0
+        poses = np.dstack([scan.R_base_flange, scan.T_base_flange]).round(3) + 0.0
         for label, pose, values in zip(scan.labels, poses, scan.values, strict=True):
             valid, name = (
                 values[np.isfinite(values).all(axis=1)],

@@ -23,13 +23,11 @@ class Seen:
 
     poses: np.ndarray  # (k,) indices of those that saw it
     points: np.ndarray  # (k, m, 2) what they saw, mm
-    covariance: np.ndarray | None = (
-        None  # of it by the profiles themselves, mm², as `Observations` has it
-    )
+    # of it by the profiles themselves, mm², as `Observations` has it
+    covariance: np.ndarray | None = None
     shared_mm: float = 0.0  # the part of its error that poses of one orientation share
-    remarks: tuple[
-        str, ...
-    ] = ()  # why the other poses did not see it, and what else there is to say
+    # why the other poses did not see it, and what else there is to say
+    remarks: tuple[str, ...] = ()
 
     @property
     def typical_mm(self) -> float:

@@ -46,9 +46,8 @@ class Verification:
     delta: np.ndarray  # (6,) from the pose to the answer, the pose's frame, mm and rad
     expected: Spectrum  # of δ
     alone: Calibration  # the second scan by itself
-    lengths: dict[
-        str, float
-    ]  # of the target, mm, as the scan has them by the sensor pose
+    # of the target, mm, as the scan has them by the sensor pose
+    lengths: dict[str, float]
     rms_mm: float  # of the points' distances from the target
 
     @property
@@ -86,9 +85,8 @@ def read_pose(path) -> tuple[np.ndarray, np.ndarray, float, bool]:
             list(found["T_base_sensor" if to_hand else "T_flange_sensor"]), dtype=float
         )  # null has no list
         units = np.repeat([1, np.pi / 180], 3)
-        stated = found.get(
-            "covariance_total", found["covariance"]
-        )  # old files have no total
+        # old files have no total
+        stated = found.get("covariance_total", found["covariance"])
         covariance = np.asarray(stated, dtype=float) * units[:, None] * units
         noise = float(found["noise_mm"])
     except OSError as error:
@@ -258,9 +256,8 @@ class LeftOut:
 
     poses: tuple[tuple[str, ...], ...]  # (G,) labels of each orientation's poses
     rms_mm: np.ndarray  # (G,) of its residuals from the calibration without it
-    expected_mm: (
-        np.ndarray
-    )  # (G,) of it, from the noise and from how well the others determine the answer
+    # (G,) of it, from the noise and from how well the others determine the answer
+    expected_mm: np.ndarray
     doubted: np.ndarray  # (G,) farther off than expected, and beyond chance
     moved: np.ndarray  # (G, 6) of the sensor pose, its frame, mm and rad
 
@@ -342,9 +339,8 @@ def leave_out(found: Calibration) -> LeftOut:
         error, S = others.left_out(left)
         x = np.append(left.mean[0], 1.0)
         square = np.sum(error[profiles] ** 2) + x @ whole.rest[profiles].sum(axis=0) @ x
-        beside = (
-            whole.counts[profiles].sum() - error[profiles].size
-        )  # residuals that no error of the flange moves
+        # residuals that no error of the flange moves
+        beside = whole.counts[profiles].sum() - error[profiles].size
         variance = np.trace(S[profiles], axis1=1, axis2=2).sum() + beside * left.v[0, 0]
         excess = float(np.sqrt(square / variance))
         rms = problem.rms_mm(columns, left.mean[0], chosen)

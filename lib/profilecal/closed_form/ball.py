@@ -158,9 +158,8 @@ def solve_fixed_point(R_tcp, T_tcp, q) -> TwoStepSolution:
         "the rotation cannot be known; see the point at left and right, near and far",
     )
     largest = np.linalg.norm(offsets, 2)
-    unit = np.repeat(
-        [largest, largest, np.sqrt(n)], 3
-    )  # then each unknown moves the points alike
+    # then each unknown moves the points alike
+    unit = np.repeat([largest, largest, np.sqrt(n)], 3)
     weakest = np.linalg.svd(linear_equations(R_tcp, offsets) / unit, compute_uv=False)[
         -1
     ]

@@ -22,17 +22,14 @@ class SensingData:
     # mm, Eq. 10
     T_tcp: np.ndarray
     q: np.ndarray  # (..., 3) the disk's centre in the sensor frame, mm, Eq. 11
-    D_i: (
-        np.ndarray
-    )  # (..., 3) from one tangent position to the other, sensor frame, mm, Eq. 12
+    # (..., 3) from one tangent position to the other, sensor frame, mm, Eq. 12
+    D_i: np.ndarray
     D_b: np.ndarray  # (..., 3) the same in the base frame, mm, Eq. 13
-    direction: (
-        np.ndarray
-    )  # (..., 2) unit vector of the chords, x and z of the sensor frame
+    # (..., 2) unit vector of the chords, x and z of the sensor frame
+    direction: np.ndarray
     e: np.ndarray  # (..., 5, 2) the elliptic points in the rotated frame, mm, Eq. 5
-    cos_alpha: (
-        np.ndarray
-    )  # (...) the argument of Eq. 9's arccos; noise can push it out of [-1, 1]
+    # (...) the argument of Eq. 9's arccos; noise can push it out of [-1, 1]
+    cos_alpha: np.ndarray
 
     @property
     def alpha(self) -> np.ndarray:
@@ -113,9 +110,8 @@ def sensing_data_from_ellipse(
     x3, z3 = turned(np.moveaxis(ellipse.centre, -1, 0))
     S_x, S_z = np.moveaxis(ellipse.shape, (-2, -1), (0, 1))
     S_xz, S_zz = turned(cos * S_z - sin * S_x)
-    slope = (
-        S_xz / S_zz
-    )  # a chord at height z̄ has its middle at x̄_3 + slope (z̄ - z̄_3), on the line e1e2
+    # a chord at height z̄ has its middle at x̄_3 + slope (z̄ - z̄_3), on the line e1e2
+    slope = S_xz / S_zz
 
     def height(a, b):  # at which the line through a and b meets e1e2
         (xa, za), (xb, zb) = turned(a), turned(b)

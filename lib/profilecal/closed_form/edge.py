@@ -27,9 +27,8 @@ class EdgeRotation:
     S: np.ndarray  # (..., 9) singular values of A_r, mm²
     V: np.ndarray  # (..., 9, 9) right singular vectors of A_r, in columns
     rank: np.ndarray  # (...) of A_r, up to rounding
-    r_s: (
-        np.ndarray
-    )  # (..., 9) the solution before its projection, vec(R_s) column by column
+    # (..., 9) the solution before its projection, vec(R_s) column by column
+    r_s: np.ndarray
     R_sensor: np.ndarray  # (..., 3, 3)
 
 
@@ -225,9 +224,8 @@ def solve_translation(R_b, T_b, p_s, R_sensor) -> EdgeTranslation:
     vectors = p[..., 1:, :] - p[..., :1, :]  # Eq. 5
     u_b = principal_direction(vectors.reshape(*vectors.shape[:-3], -1, 3))
     A_t, b_t = translation_system(R_b, p, u_b)
-    rounding = (
-        12 * np.finfo(float).eps * p.shape[-3] * p.shape[-2]
-    )  # of nine entries of R_b, in each of G N equations
+    # of nine entries of R_b, in each of G N equations
+    rounding = 12 * np.finfo(float).eps * p.shape[-3] * p.shape[-2]
     T_sensor, _, _, rank = least_squares(A_t, b_t, rounding)
     p_b = p + (R_b @ T_sensor[..., None, :, None])[..., None, :, 0]
     return EdgeTranslation(u_b, rank, T_sensor, p_b)

@@ -13,9 +13,8 @@ import numpy as np
 from profilecal.geometry.checks import UnobservableError
 from profilecal.geometry.poses import nearest_rotation
 
-LEAST_SPREAD_DEG = (
-    1.0  # directions or orientations that differ by less are taken for one
-)
+# directions or orientations that differ by less are taken for one
+LEAST_SPREAD_DEG = 1.0
 
 
 @dataclass(frozen=True)
@@ -34,9 +33,8 @@ class TranslationSolution:
     """
 
     T_sensor: np.ndarray  # (..., 3) mm
-    q_b_i: (
-        np.ndarray
-    )  # (..., n, 3) the fixed point in the base frame, from each pose, mm
+    # (..., n, 3) the fixed point in the base frame, from each pose, mm
+    q_b_i: np.ndarray
     q_b: np.ndarray  # (..., 3) their mean, Eq. 20
     accuracy: np.ndarray  # (...) largest distance from the mean, mm
 
@@ -101,9 +99,8 @@ def check_orientations(R_tcp) -> None:
     n = R_tcp.shape[-3]
     M = (R_tcp - R_tcp.mean(axis=-3, keepdims=True)).reshape(*R_tcp.shape[:-3], -1, 3)
     _, singular, Vt = np.linalg.svd(M, full_matrices=False)
-    turn = np.degrees(
-        singular * np.sqrt(2 / (n - 1))
-    )  # rms over all pairs of |ΔR v|, an angle while small
+    # rms over all pairs of |ΔR v|, an angle while small
+    turn = np.degrees(singular * np.sqrt(2 / (n - 1)))
     so = "the translation cannot be known; turn the flange between poses, about at least two axes"
     check_spread(turn[..., 0], f"all {n} poses have one orientation", so)
     axis = np.array2string(Vt.reshape(-1, 3, 3)[0, 2], precision=2, suppress_small=True)

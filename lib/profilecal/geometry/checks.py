@@ -4,9 +4,8 @@ what was expected.
 
 import numpy as np
 
-ORTHONORMAL_TOLERANCE = (
-    1e-3  # matrices printed to four decimals pass, a scaled or sheared one does not
-)
+# matrices printed to four decimals pass, a scaled or sheared one does not
+ORTHONORMAL_TOLERANCE = 1e-3
 
 
 class UnobservableError(ValueError):

@@ -114,15 +114,13 @@ def ellipse_from_moments(mean: dict) -> Ellipse:
     (xx, xz), (_, zz) = covariances(linear, linear)
     crossed = covariances(linear, quadratic)
     inverse = np.array([[zz, -xz], [-xz, xx]]) / (xx * zz - xz * xz)
-    slopes = np.einsum(
-        "ij...,jk...->ik...", inverse, crossed
-    )  # D and E take these multiples of -A, -B and -C
+    # D and E take these multiples of -A, -B and -C
+    slopes = np.einsum("ij...,jk...->ik...", inverse, crossed)
     unexplained = covariances(quadratic, quadratic) - np.einsum(
         "ij...,ik...->jk...", crossed, slopes
     )
-    basis = np.array(
-        [[1.0, 1.0, 0.0], [0.0, 0.0, 2.0], [1.0, -1.0, 0.0]]
-    )  # A, B and C by 1, β and γ
+    # A, B and C by 1, β and γ
+    basis = np.array([[1.0, 1.0, 0.0], [0.0, 0.0, 2.0], [1.0, -1.0, 0.0]])
     half = np.tensordot(basis.T, unexplained, 1)
     reduced = np.tensordot(basis.T, np.swapaxes(half, 0, 1), 1)
     beta, gamma = _secular(reduced[np.triu_indices(3)], sign=1)
@@ -264,9 +262,8 @@ def affine_residuals(
         * np.finfo(float).eps
         * np.abs(weight * positions).max(axis=(-2, -1))[..., None]
     )
-    extends = (
-        np.maximum(1e-3 * S[..., :1], rounding) < S
-    )  # an arc leaves its plane, a line itself, by less
+    # an arc leaves its plane, a line itself, by less
+    extends = np.maximum(1e-3 * S[..., :1], rounding) < S
     basis = np.concatenate(
         [np.broadcast_to(constant, (*U.shape[:-1], 1)), U * extends[..., None, :]],
         axis=-1,

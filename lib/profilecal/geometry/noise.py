@@ -5,9 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtri
 
-FALSE_ALARM = (
-    0.01  # the chance that one kind of test doubts anything at all of a good scan
-)
+# the chance that one kind of test doubts anything at all of a good scan
+FALSE_ALARM = 0.01
 
 
 @dataclass(frozen=True)
@@ -18,19 +17,16 @@ class Noise:
 
     profile_mm: float = 0.0  # scanner, in x and in z
     position_mm: float = 0.0  # robot position, each axis, fresh at each commanded pose
-    orientation_deg: float = (
-        0.0  # robot orientation, about each axis, fresh at each commanded pose
-    )
-    group_position_mm: float = (
-        0.0  # the part of the position error that the poses of one orientation share
-    )
+    # robot orientation, about each axis, fresh at each commanded pose
+    orientation_deg: float = 0.0
+    # the part of the position error that the poses of one orientation share
+    group_position_mm: float = 0.0
     group_orientation_deg: float = 0.0
     # the part of the position error that is fresh whenever the robot comes to a pose
     repeatability_mm: float = 0.0
     repeatability_deg: float = 0.0
-    steering_mm: float = (
-        0.0  # marked points: how far the operator leaves the scan plane from the point
-    )
+    # marked points: how far the operator leaves the scan plane from the point
+    steering_mm: float = 0.0
 
     @property
     def of_robot(self) -> dict[str, float]:

@@ -19,9 +19,8 @@ from scipy.spatial.transform import Rotation
 
 WEAK = 0.1  # of the measurement by hand
 LEAST_TURN_DEG = 1.0  # flange orientations that differ by less are taken for one
-HAND_PRECISION = np.repeat(
-    [10.0, np.radians(5.0)], 3
-)  # of the measurement by hand, mm and rad
+# of the measurement by hand, mm and rad
+HAND_PRECISION = np.repeat([10.0, np.radians(5.0)], 3)
 
 
 def units_by_hand(targets: Sequence) -> np.ndarray:
@@ -43,9 +42,8 @@ class Spectrum:
     are a batch.
     """
 
-    covariance: (
-        np.ndarray
-    )  # (..., 6, 6) of δ = (ρ, φ) in the sensor's frame, mm and rad
+    # (..., 6, 6) of δ = (ρ, φ) in the sensor's frame, mm and rad
+    covariance: np.ndarray
     sd: np.ndarray  # (..., 6) standard deviations over the measurement by hand
     # (..., 6, 6) rows: the directions in units of the measurement by hand, length one
     directions: np.ndarray

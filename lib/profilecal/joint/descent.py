@@ -14,9 +14,8 @@ from profilecal.joint.problem import Fit, Problem
 from profilecal.targets.observations import Observations, State
 
 POSES = 40  # the search looks at that many
-GRID = Rotation.create_group(
-    "I"
-).as_matrix()  # 60 rotations: any rotation is within 45° of one of them
+# 60 rotations: any rotation is within 45° of one of them
+GRID = Rotation.create_group("I").as_matrix()
 COARSE = Rotation.create_group("T").as_matrix()  # 12
 HOPELESS = 100.0  # times the noise, or the best loss
 KEPT = 6  # starts that all poses are looked at from
@@ -68,9 +67,8 @@ def descend(
             step, promise = damped_step(here.normal, factor)
             small = reach(step) < tolerance
             trial = move(here.state, step)
-            here = replace(
-                here, state=trial.where(small & ~done, here.state)
-            )  # nothing to look at there
+            # nothing to look at there
+            here = replace(here, state=trial.where(small & ~done, here.state))
             done |= small | (promise <= 1e-14 * here.loss)  # less is rounding
             if done.all():
                 break
@@ -210,10 +208,9 @@ def few_groups(observations: Observations, count: int) -> Observations:
     """A batch of `count` different selections of about a dozen poses of the first
     problem, each from few groups.
     """
-    subset, of_group = (
-        12,
-        3,
-    )  # poses that one start looks at where some are bad, and of a group: few enough to be lucky
+    # poses that one start looks at where some are bad, and of a group: few enough to be
+    # lucky
+    subset, of_group = 12, 3
     rng, group, P = (
         np.random.default_rng(0),
         observations.labels,
@@ -224,9 +221,8 @@ def few_groups(observations: Observations, count: int) -> Observations:
     for _ in range(count):
         poses = rng.permutation(P)
         poses = poses[np.argsort(group[poses], kind="stable")]
-        order = np.argsort(
-            rank // of_group + rng.random(len(size)).repeat(size)
-        )  # a few of each group, then others
+        # a few of each group, then others
+        order = np.argsort(rank // of_group + rng.random(len(size)).repeat(size))
         chosen.append(poses[order[:subset]])
     few = thin(observations, P)
     return replace(

@@ -22,10 +22,8 @@ from profilecal.joint.linear_model import LinearModel, Posterior
 from profilecal.joint.prior import Law, Prior
 
 EXACT_ROBOT = 0.1  # odds that the robot's errors are far too small to matter
-DRAWS, TAILS = (
-    32,
-    4.0,
-)  # sizes looked at, drawn from a t law of that many degrees of freedom
+# sizes looked at, drawn from a t law of that many degrees of freedom
+DRAWS, TAILS = 32, 4.0
 
 
 def likeliest(model: LinearModel, law: Law, y, tolerance: float = 1e-3, most: int = 30):
@@ -76,9 +74,8 @@ def draw(
         model.posterior(law.variances(ends)[0]).log_evidence
         - np.sum(ends**2, axis=1) / 2
     )
-    wide = 1 / np.sqrt(2 * np.maximum(height[0] - height[1:], 1 / 18)).reshape(
-        2, d
-    )  # at most three times as wide
+    # at most three times as wide
+    wide = 1 / np.sqrt(2 * np.maximum(height[0] - height[1:], 1 / 18)).reshape(2, d)
     z = t_points(d, count)
     stretch = np.where(z > 0, *wide)
     y = likely + stretch * z @ root.T
@@ -164,9 +161,8 @@ def average(model: LinearModel, prior: Prior, start) -> ErrorSizes:
     ):
         order = np.argsort(size)
         share = np.cumsum(weight[order]) - weight[order] / 2
-        from_data = (
-            j == 0 or spreads[0][free[0] == j].max(initial=0.0) < 0.6
-        )  # of the prior's 1
+        # of the prior's 1
+        from_data = j == 0 or spreads[0][free[0] == j].max(initial=0.0) < 0.6
         low, middle, high = map(
             float, np.interp([0.025, 0.5, 0.975], share, size[order])
         )

@@ -186,11 +186,8 @@ class LinearModel:
         (rest, count), n, v0 = self.rest_of_kept, self.n, found.v[0, 0]
         V, x = found.covariance[0], np.append(found.mean[0], 1.0)
         k = found.v.shape[1]
-        slope, within, across = (
-            np.zeros(k),
-            np.zeros((k, k)),
-            np.zeros((n, k)),
-        )  # tr P M - wᵀ M w; FᵀC⁻¹F; AᵀC⁻¹F
+        # tr P M - wᵀ M w; FᵀC⁻¹F; AᵀC⁻¹F
+        slope, within, across = np.zeros(k), np.zeros((k, k)), np.zeros((n, k))
         slope[0] = count / v0 - (x @ rest @ x + np.sum(V * rest[:n, :n])) / v0**2
         within[0, 0], across[:, 0] = x @ rest @ x / v0**3, rest[:n] @ x / v0**2
         for b, (inverse, X) in zip(self.blocks, found.solved, strict=True):
@@ -229,9 +226,8 @@ class LinearModel:
             B, Q = b.profiles.shape
             CA = X[0, :, :, :n]
             P = (inverse[0] - CA @ V @ CA.mT).reshape(B, Q, q, Q, q)
-            covariance = np.linalg.pinv(
-                np.einsum("bqiqj->bqij", P), hermitian=True
-            )  # P_bb⁻¹
+            # P_bb⁻¹
+            covariance = np.linalg.pinv(np.einsum("bqiqj->bqij", P), hermitian=True)
             error = covariance @ (X[0] @ x).reshape(B, Q, q, 1)
             kept = self.kept[b.profiles]
             errors[b.profiles[kept]], covariances[b.profiles[kept]] = (
@@ -248,9 +244,8 @@ def score(normal, n: int, precision) -> tuple[np.ndarray, np.ndarray, np.ndarray
     """
     A, D, r = slice(n), slice(n, -1), -1
     moves = -np.linalg.solve(normal[A, A] + precision, normal[A, D])
-    own = np.diag(normal)[D] + np.sum(
-        normal[A, D] * moves, axis=0
-    )  # what x cannot imitate
+    # what x cannot imitate
+    own = np.diag(normal)[D] + np.sum(normal[A, D] * moves, axis=0)
     return -(normal[D, r] + moves.T @ normal[A, r]) / own, own**-0.5, moves
 
 

@@ -141,9 +141,8 @@ class Law:
     """The prior law of 1 + k sizes, the scanner's first."""
 
     scales: np.ndarray  # (1 + k,)
-    spreads: (
-        np.ndarray
-    )  # (1 + k,) of the scanner's logarithm; degrees of freedom of the others; 0: known
+    # (1 + k,) of the scanner's logarithm; degrees of freedom of the others; 0: known
+    spreads: np.ndarray
 
     @cached_property
     def free(self) -> np.ndarray:
@@ -158,9 +157,8 @@ class Law:
         the scanner's is exp(f y).
         """
         f, scale = self.spreads[self.free], self.scales[self.free]
-        chance = ndtr(
-            -np.minimum(y, 8.0)
-        )  # smaller ones: SciPy's quantile of them has the wrong sign
+        # smaller ones: SciPy's quantile of them has the wrong sign
+        chance = ndtr(-np.minimum(y, 8.0))
         t = np.minimum(-stdtrit(f, chance / 2), 100.0)  # a larger error is a mistake
         density = np.exp(
             gammaln((f + 1) / 2) - gammaln(f / 2) - (f + 1) / 2 * np.log1p(t**2 / f)
@@ -186,12 +184,10 @@ class Perturbation:
     words: str  # with a place for the size, and [one word|another] for its sign
     unit: float  # what the size is to be multiplied by, for the words
     prior: str = ""  # the entry of `Systematic` that says how large it can be
-    points: Callable | None = (
-        None  # of points x and z (...): by how much both are wrong, mm
-    )
-    positions: Callable = (
-        np.zeros_like
-    )  # of flange positions (P, 3) in the base: by how much they are wrong, mm
+    # of points x and z (...): by how much both are wrong, mm
+    points: Callable | None = None
+    # of flange positions (P, 3) in the base: by how much they are wrong, mm
+    positions: Callable = np.zeros_like
     length: str = ""  # of the target
 
 

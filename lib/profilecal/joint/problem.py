@@ -54,9 +54,8 @@ class Problem:
         self.considered = considered(
             [entry.target for entry in self.observations], systematic or Systematic()
         )
-        self.counts = np.concatenate(
-            [term.counts()[0] for term in self.terms]
-        )  # of residuals, in the first problem
+        # of residuals, in the first problem
+        self.counts = np.concatenate([term.counts()[0] for term in self.terms])
         self.freedoms = np.maximum(self.counts, 1)
         ends = np.cumsum([6, *(term.n for term in self.terms)])
         self.n = int(ends[-1])

@@ -16,9 +16,8 @@ class Residuals:
     def __init__(self, observations: Observations, in_space: bool = False):
         self.observed, self.in_space = observations, in_space
         self.target, self.sizes = observations.target, observations.sizes
-        self.free = [
-            "xyz".index(axis) for axis in self.target.shifts
-        ]  # of three shifts and three turns
+        # of three shifts and three turns
+        self.free = ["xyz".index(axis) for axis in self.target.shifts]
         self.free += [3 + "xyz".index(axis) for axis in self.target.turns]
         self.n = len(self.free)
         _, self.P, self.m, _ = observations.points.shape
@@ -27,13 +26,11 @@ class Residuals:
             observations.T_flange,
             observations.covariance,
         )
-        self.R_flange = R.transpose(0, 2, 3, 1).reshape(
-            -1, 3, 3 * self.P
-        )  # (B|1, 3, 3P)
+        # (B|1, 3, 3P)
+        self.R_flange = R.transpose(0, 2, 3, 1).reshape(-1, 3, 3 * self.P)
         self.T_in_flange = -inverse(R, T)[1].mT  # Rᵀ T, (B|1, 3, P)
-        seen = observations.points.transpose(
-            3, 0, 2, 1
-        ).copy()  # x and z, (2, B|1, m, P)
+        # x and z, (2, B|1, m, P)
+        seen = observations.points.transpose(3, 0, 2, 1).copy()
         self.present = np.isfinite(seen).all(axis=0)  # (B|1, m, P)
         self.seen = np.where(self.present, seen, 0.0)
         # of points, over the noise (B|1, m, P); of a pose's residuals (B|1, K, K, P)
@@ -65,12 +62,10 @@ class Residuals:
         flange (6), about the sensor's axes.
         """
         B = len(state.rotation)
-        vectors = np.concatenate(
-            [placement[0][:, None], placement[1].mT], axis=1
-        )  # the target's origin and axes
-        local = (vectors @ self.R_flange).reshape(
-            B, 4, 3, self.P
-        )  # in the flange frames
+        # the target's origin and axes
+        vectors = np.concatenate([placement[0][:, None], placement[1].mT], axis=1)
+        # in the flange frames
+        local = (vectors @ self.R_flange).reshape(B, 4, 3, self.P)
         local[:, 0] -= self.T_in_flange + state.translation[:, :, None]
         local = state.rotation.mT[:, None] @ local  # in the sensor frames
         origin, *axes = ([local[:, j, None, i] for i in range(3)] for j in range(4))
@@ -194,8 +189,7 @@ class Residuals:
         middle = (points * there).sum(axis=(1, 2), keepdims=True) / there.sum(
             axis=(1, 2), keepdims=True
         )
-        points = np.where(
-            there, points, middle
-        )  # the missing ones go into the middle of the others
+        # the missing ones go into the middle of the others
+        points = np.where(there, points, middle)
         origin, axes, _ = self.target.fit(points.reshape(B, -1, 3))
         return origin, axes

@@ -20,9 +20,8 @@ class Solution:
     """One calibration with its evidence."""
 
     state: State  # the sensor pose and the targets, a batch of one
-    covariance: (
-        np.ndarray
-    )  # (6, 6) of (ρ, φ) in the sensor's frame, mm and rad: T = T̂ · exp(δ)
+    # (6, 6) of (ρ, φ) in the sensor's frame, mm and rad: T = T̂ · exp(δ)
+    covariance: np.ndarray
     placements: tuple  # a `Target` for each set of observations
     prior: Prior  # of the errors
     found: ErrorSizes
@@ -30,9 +29,8 @@ class Solution:
     chi2: float
     dof: int
     rms_mm: float  # of the residuals kept, less the systematic errors that they suggest
-    normalised: (
-        tuple  # (P,) for each target: each pose's residual over its expected size
-    )
+    # (P,) for each target: each pose's residual over its expected size
+    normalised: tuple
     rejected: tuple  # (P,) bool for each target
     status: str  # "ok", "weak" or "unobservable"
     observability: Spectrum

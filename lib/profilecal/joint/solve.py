@@ -38,9 +38,8 @@ from profilecal.joint.problem import Fit, Problem
 from profilecal.joint.solution import Solution
 from profilecal.targets.observations import Observations, State
 
-LARGEST_ERROR_MM = (
-    2.0  # of a robot's position; what is larger is a mistake, not an error
-)
+# of a robot's position; what is larger is a mistake, not an error
+LARGEST_ERROR_MM = 2.0
 LARGEST_REJECTED = 1 / 3  # of the poses
 ROUGHLY = 1e-6  # tolerance of refinements
 
@@ -105,9 +104,8 @@ def is_hopeless(problem: Problem, fit: Fit, scale: float) -> bool:
     """
     seen = spectrum(fit.normal[0, :-1, :-1], problem.units)
     too_large = problem.typical(fit)[0] * problem.noise.profile_mm > LARGEST_ERROR_MM
-    return bool(
-        too_large or seen.rank < problem.n or seen.sd[0] * scale > 10
-    )  # measurements by hand
+    # measurements by hand
+    return bool(too_large or seen.rank < problem.n or seen.sd[0] * scale > 10)
 
 
 def fits_of_most(problem: Problem, fits: Fit, usual_mm: float) -> Fit:
@@ -244,9 +242,8 @@ def of_large_errors(
     )
     for believed in (replace(prior, stated=frozenset()), prior):
         law = believed.law(model.names)
-        v = law.variances(np.full((1, len(law.free)), 1.5))[0][
-            0
-        ]  # standard deviations beforehand
+        # standard deviations beforehand
+        v = law.variances(np.full((1, len(law.free)), 1.5))[0][0]
         v[0] = scanner**2
         kept = belonging(
             problem, model, model.Y[:, :, -1], model.own(v), np.zeros(model.n), v
@@ -280,9 +277,8 @@ def squares(
     residuals.
     """
     of_flange = normalised_square(covariances, errors)
-    return np.maximum(of_flange, 0), np.maximum(x @ model.rest @ x, 0) / v[
-        0
-    ]  # below it is rounding
+    # below it is rounding
+    return np.maximum(of_flange, 0), np.maximum(x @ model.rest @ x, 0) / v[0]
 
 
 def conclude(estimated: Estimate, prior: Prior, others: State) -> Solution:

@@ -44,9 +44,8 @@ class Section:
         across = w[:, 0] * self.lean[1] - w[:, 1] * self.lean[0]
         distance = np.sqrt(((w**2).sum(axis=1) + across**2) / growth)
         outwards = w - np.outer(w @ self.lean, self.lean) / growth
-        size = np.where(
-            outwards.any(axis=1), np.hypot(*outwards.T), np.nan
-        )  # none at the centre
+        # none at the centre
+        size = np.where(outwards.any(axis=1), np.hypot(*outwards.T), np.nan)
         return (distance - self.radius) * distance / size, outwards / size[:, None]
 
     def derivatives(self, points) -> np.ndarray:
@@ -110,9 +109,8 @@ def find_arc(profile, largest: float, fit, why_not, missing: str) -> Feature:
             on,
             np.flatnonzero(np.abs(curve.off_and_normals(points)[0]) <= limit),
         )
-        on = max(
-            stretches(near, 20), key=len
-        )  # an arc goes on behind a gap of up to 20 rows
+        # an arc goes on behind a gap of up to 20 rows
+        on = max(stretches(near, 20), key=len)
         if np.array_equal(on, before):
             break
         curve = fit(points[on], curve) if len(on) >= LEAST_ARC_POINTS else None
@@ -122,9 +120,8 @@ def find_arc(profile, largest: float, fit, why_not, missing: str) -> Feature:
     if reason:
         return nothing(reason)
     means, off, covariance = block_means(points[on], *curve.off_and_normals(points[on]))
-    inside, normals = curve.off_and_normals(
-        means
-    )  # the bend within a block draws its mean inwards
+    # the bend within a block draws its mean inwards
+    inside, normals = curve.off_and_normals(means)
     return Feature(
         means + (off - inside)[:, None] * normals, covariance, rows[on], "arc"
     )
@@ -166,9 +163,8 @@ def why_no_rod(section: Section, points, on, limit: float) -> str:
     do, and not by a step.
     """
     for beyond in (points[: on[0]][::-1], points[on[-1] + 1 :]):
-        off = np.abs(
-            section.off_and_normals(beyond[3:9])[0]
-        )  # the first ones may show both
+        # the first ones may show both
+        off = np.abs(section.off_and_normals(beyond[3:9])[0])
         if len(off) >= 3 and np.median(off) < 3 * limit:
             return (
                 f"an arc that goes on where a rod of {section.radius:.4g} mm bends away"
@@ -191,14 +187,12 @@ def best_circle(points, limit: float, largest: float) -> Section | None:
     )
     a, b = middle - first, last - first
     with np.errstate(divide="ignore", invalid="ignore"):  # three on one line: no number
-        arm = (abs(a) ** 2 * b - abs(b) ** 2 * a) / (
-            2j * (a.conj() * b).imag
-        )  # from the first point to the centre
+        # from the first point to the centre
+        arm = (abs(a) ** 2 * b - abs(b) ** 2 * a) / (2j * (a.conj() * b).imag)
     centre = first + arm
     circles = np.stack([centre.real, centre.imag, abs(arm)], axis=-1)
-    circles = circles[
-        (largest / 5 < circles[:, 2]) & (circles[:, 2] < largest)
-    ]  # false for NaN
+    # false for NaN
+    circles = circles[(largest / 5 < circles[:, 2]) & (circles[:, 2] < largest)]
     if not len(circles):
         return None
     few = points[:: max(1, k // 250)]
@@ -206,9 +200,8 @@ def best_circle(points, limit: float, largest: float) -> Section | None:
         (few[:, 0] - circles[:, :1]) ** 2 + (few[:, 1] - circles[:, 1:2]) ** 2
     )  # faster than hypot
     count = np.count_nonzero(np.abs(distance - circles[:, 2:]) < limit, axis=1)
-    best = (
-        count / np.sqrt(circles[:, 2])
-    ).argmax()  # a line is as near to a circle over √radius of length
+    # a line is as near to a circle over √radius of length
+    best = (count / np.sqrt(circles[:, 2])).argmax()
     return section_of(circles[best]) if count[best] >= 10 else None
 
 

@@ -66,9 +66,8 @@ def choose(
         )
     usual = np.median(angles)
     spread = 6 * np.median(np.abs(angles - usual)) if len(angles) >= 5 else np.inf
-    limits = np.maximum(
-        np.radians([20, 30]), spread
-    )  # tilted planes see corners at other angles, if nothing nearer
+    # tilted planes see corners at other angles, if nothing nearer
+    limits = np.maximum(np.radians([20, 30]), spread)
     chosen = []
     for profile, found, why in zip(profiles, alike, missed, strict=True):
         near, far = (
@@ -133,9 +132,8 @@ def find_edges(profiles) -> list[Feature]:
             for c in corners_of_faces(found)
             if rank(c.key) == 0
         )
-        key, often = max(
-            at_faces.items(), key=lambda item: item[1], default=(None, 0)
-        )  # where a side face is seen
+        # where a side face is seen
+        key, often = max(at_faces.items(), key=lambda item: item[1], default=(None, 0))
         if often < 3:
             reason = "both ends of a face are seen, in this profile or others: which is the edge? Show one of them only"
             return [nothing(reason) for _ in profiles]
@@ -172,9 +170,8 @@ def corners(runs) -> list[Candidate]:
         feature = Feature(
             apex[None], crossing_covariance(*sides, apex)[None], used, "corner"
         )
-        towards = (
-            first.direction - second.direction
-        )  # from between the sides to the apex and on
+        # from between the sides to the apex and on
+        towards = first.direction - second.direction
         bend = np.arccos(first.direction @ second.direction)
         found.append(
             Candidate(
@@ -279,10 +276,8 @@ def tips(profile, runs, limit: float, view: View) -> list[Candidate]:
             if top is not None:
                 points = profile[top]
                 apex = points.mean(axis=0)
-                edge = [
-                    apex[0],
-                    away * (away * points[:, 1]).min(),
-                ]  # or anywhere among them
+                # or anywhere among them
+                edge = [apex[0], away * (away * points[:, 1]).min()]
                 variances = np.maximum(
                     ((points - edge) ** 2).mean(axis=0), (limit / NOISE_LIMIT) ** 2
                 )
@@ -328,9 +323,8 @@ def find_chords(profiles, radius: float) -> list[Feature]:
     found = [straight_runs(profile) for profile in profiles]
     view = View.of([runs for runs, _ in found])
     candidates = [chords(runs, limit, radius, view) for runs, limit in found]
-    away = view.away or np.sign(
-        sum(c.side for found in candidates for c in found)
-    )  # most chords are in front
+    # most chords are in front
+    away = view.away or np.sign(sum(c.side for found in candidates for c in found))
     in_front = [
         [replace(c, side=0) for c in found if c.side * away >= 0]
         for found in candidates

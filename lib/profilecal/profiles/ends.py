@@ -50,9 +50,8 @@ class View:
         farther out along x.
         """
         deeper = self.points[:, 1] - end[1]
-        like = (
-            self.away * deeper < CLEAR if self.away else np.abs(deeper) < CLEAR
-        )  # the view widens with depth
+        # the view widens with depth
+        like = self.away * deeper < CLEAR if self.away else np.abs(deeper) < CLEAR
         return bool(
             (
                 like & ((self.points[:, 0] - end[0]) * np.sign(direction[0]) > CLEAR)
@@ -107,16 +106,14 @@ def step_to(points, run: Run, limit: float) -> int | None:
     wall = int(thickness / max(run.spacing, 1e-3))
     along, off = run.coordinates(points[: wall + 9])
     off = off * np.sign(run.direction[0])
-    soon = np.median(
-        off[3:9] if len(off) >= 6 else off
-    )  # a curve leaves the line more slowly
+    # a curve leaves the line more slowly
+    soon = np.median(off[3:9] if len(off) >= 6 else off)
     if abs(soon) > max(BLUNT, 2 * limit):
         return int(np.sign(soon))
     after = np.median(off[wall:]) if len(off) > wall + 6 else 0.0
     near = np.abs(off) < CLEAR / 2
-    steep = (
-        near.any() and np.ptp(along[near]) < np.abs(off[near]).max()
-    )  # a wall, no bevel
+    # a wall, no bevel
+    steep = near.any() and np.ptp(along[near]) < np.abs(off[near]).max()
     return int(np.sign(after)) if steep and abs(after) > CLEAR else None
 
 
@@ -139,9 +136,8 @@ def run_end(run: Run) -> End:
     wall = int((off <= 2 * threshold).sum()) - on
     end = rows[-1] - zone + on - wall + 0.5
     overlaps = int((np.diff(rows[rows > rows[-1] - zone]) > 1).sum())
-    near = slice(
-        -2 * ZONE - 2 * wall, len(rows) - min(2 * wall, len(rows) // 2)
-    )  # a wall has no length along the line
+    # a wall has no length along the line
+    near = slice(-2 * ZONE - 2 * wall, len(rows) - min(2 * wall, len(rows) // 2))
     (spacing, place), covariance = np.polyfit(
         rows[near] - end, along[near], 1, cov=True
     )

@@ -11,13 +11,10 @@ from scipy.optimize import nnls
 
 # standard deviations of the noise from an outline within which points are on it
 NOISE_LIMIT = 5.0
-LEAST_TOLERANCE, LARGEST_TOLERANCE = (
-    0.1,
-    2.0,
-)  # mm, however quiet; a profile that needs more shows no surface
-FOLLOWS = (
-    2 / NOISE_LIMIT
-)  # tolerances, rms, of points from the line or curve that they follow: twice the noise
+# mm, however quiet; a profile that needs more shows no surface
+LEAST_TOLERANCE, LARGEST_TOLERANCE = 0.1, 2.0
+# tolerances, rms, of points from the line or curve that they follow: twice the noise
+FOLLOWS = 2 / NOISE_LIMIT
 
 
 def present(profile) -> np.ndarray:
@@ -31,9 +28,8 @@ def present(profile) -> np.ndarray:
         return finite
     real = np.flatnonzero(finite & ~zero)
     if real.size:
-        zero &= (
-            np.interp(np.arange(len(z)), real, np.abs(z[real]) >= 1) > 0
-        )  # one neighbour at least is far from it
+        # one neighbour at least is far from it
+        zero &= np.interp(np.arange(len(z)), real, np.abs(z[real]) >= 1) > 0
     return finite & ~zero
 
 
@@ -60,9 +56,8 @@ def surface(profile, seen) -> tuple[np.ndarray, float]:
         return seen[:0], limit
     if len(z) < 7:
         return seen, limit
-    return seen[
-        np.abs(z - median_filter(z, 7, mode="nearest")) <= 5 * limit
-    ], limit  # a spike is far beyond noise
+    # a spike is far beyond noise
+    return seen[np.abs(z - median_filter(z, 7, mode="nearest")) <= 5 * limit], limit
 
 
 def stretches(rows, gap: int) -> list[np.ndarray]:
@@ -100,9 +95,8 @@ class Feature:
     used: np.ndarray  # (k,) rows of the profile that it rests on
     shape: str = ""  # corner, step end, tip, chord, arc or line
     reason: str = ""  # why nothing was found
-    between: np.ndarray | None = (
-        None  # (2, 2) mm², disk: covariance of the first tip with the second
-    )
+    # (2, 2) mm², disk: covariance of the first tip with the second
+    between: np.ndarray | None = None
 
     @property
     def found(self) -> bool:
@@ -123,10 +117,8 @@ def block_means(points, off, normals) -> tuple[np.ndarray, np.ndarray, np.ndarra
     the curve as across. `off` (k,) are the points' distances from the curve, mm, and
     `normals` (k, 2) its unit normals there.
     """
-    blocks, fitted = (
-        40,
-        4,
-    )  # points that stand for an arc or a line; parameters of a curve, at most
+    # points that stand for an arc or a line; parameters of a curve, at most
+    blocks, fitted = 40, 4
     size = np.diff(np.linspace(0, len(off), min(blocks, len(off)) + 1).astype(int))
     variance = (
         variances_across(off, normals)
@@ -147,6 +139,5 @@ def variances_across(off, normals) -> np.ndarray:
     if len(off) < 100:  # too few to tell the two apart
         return np.full(len(off), np.mean(off**2))
     both, _ = nnls(normals**2, off**2)
-    return np.maximum(
-        normals**2 @ both, 0.1 * np.mean(off**2)
-    )  # less is not to be trusted
+    # less is not to be trusted
+    return np.maximum(normals**2 @ both, 0.1 * np.mean(off**2))

@@ -24,9 +24,8 @@ class Scan:
     R_base_flange: np.ndarray  # (P, 3, 3)
     T_base_flange: np.ndarray  # (P, 3)
     measured: str  # profiles, points, chords or arcs
-    values: tuple[
-        np.ndarray, ...
-    ]  # (P,) of (rows, columns), empty where the scanner saw nothing
+    # (P,) of (rows, columns), empty where the scanner saw nothing
+    values: tuple[np.ndarray, ...]
     sizes: tuple[float, ...] = ()  # the target's lengths
     side: np.ndarray | None = None  # (P,) +1, -1, or 0 where the program is to decide
     group: np.ndarray | None = None  # (P,) whole numbers from 0
@@ -35,12 +34,10 @@ class Scan:
     mount: str = "eye-in-hand"
     title: str = ""
     convention: str = "quaternion"
-    orientation: np.ndarray | None = (
-        None  # (P, k) the convention's columns as they were read
-    )
-    truth: dict = field(
-        default_factory=dict
-    )  # of a simulated one; it is written, and not read
+    # (P, k) the convention's columns as they were read
+    orientation: np.ndarray | None = None
+    # of a simulated one; it is written, and not read
+    truth: dict = field(default_factory=dict)
 
     @property
     def target(self) -> type[Target]:

@@ -160,9 +160,8 @@ class Table:
     columns: dict[str, Sequence]  # text, or numbers
     lines: Sequence[int]
     counted: str = "line"  # what `lines` counts; "row" where a file has no lines
-    units: dict[str, str] = field(
-        default_factory=dict
-    )  # that titles say, "" where they say none
+    # that titles say, "" where they say none
+    units: dict[str, str] = field(default_factory=dict)
 
     def refuse(self, bad, sentence: str, *values) -> None:
         """Raise ScanError for the first row that is bad (rows,): where it is, and

@@ -10,9 +10,8 @@ from pathlib import Path
 from profilecal.scan.scan import ScanError
 from profilecal.scan.tables import naming, shown, text_of
 
-Rule = tuple[
-    Callable[[object], bool], str
-]  # whether a value is allowed, and what is, in words
+# whether a value is allowed, and what is, in words
+Rule = tuple[Callable[[object], bool], str]
 
 TABLE: Rule = (lambda value: isinstance(value, dict), "a table")
 TEXT: Rule = (
@@ -93,9 +92,8 @@ def read_toml(path) -> dict:
     """The content of a TOML file. Raises ScanError."""
     path = Path(path)
     with naming(path):
-        return tomllib.loads(
-            text_of(path, megabytes=1)
-        )  # such a file is written by hand
+        # such a file is written by hand
+        return tomllib.loads(text_of(path, megabytes=1))
 
 
 def toml_text(entries: dict) -> str:

@@ -78,9 +78,8 @@ def scan_planes(
     )
 
 
-AXES = np.eye(3)[
-    [2, 1, 1, 2, 1, 2]
-]  # of the joints, all turned to zero: the arm then points straight up
+# of the joints, all turned to zero: the arm then points straight up
+AXES = np.eye(3)[[2, 1, 1, 2, 1, 2]]
 MIDDLE = np.array([900.0, 0.0, 600.0])  # mm from its foot, where it works best
 LINKS = np.array(
     [[150, 0, 486.5], [0, 0, 700], [0, 0, 600], [0, 0, 0], [0, 0, 0], [0, 0, 65]]
@@ -93,12 +92,10 @@ class Arm:
     leads from each to the next.
     """
 
-    links: np.ndarray = field(
-        default_factory=LINKS.copy
-    )  # (6, 3) mm, the last from the wrist to the flange
-    zeros: np.ndarray = field(
-        default_factory=lambda: np.zeros(6)
-    )  # rad, where the joints are when they report zero
+    # (6, 3) mm, the last from the wrist to the flange
+    links: np.ndarray = field(default_factory=LINKS.copy)
+    # rad, where the joints are when they report zero
+    zeros: np.ndarray = field(default_factory=lambda: np.zeros(6))
 
     @classmethod
     def erring(
@@ -133,9 +130,8 @@ def joints_at(rotation, position) -> np.ndarray:
     wrist = position - hand * rotation[..., 2]
     out = np.hypot(wrist[..., 0], wrist[..., 1]) - aside
     high = wrist[..., 2] - up
-    bend = (out**2 + high**2 - upper**2 - fore**2) / (
-        2 * upper * fore
-    )  # cosine of the elbow's angle
+    # cosine of the elbow's angle
+    bend = (out**2 + high**2 - upper**2 - fore**2) / (2 * upper * fore)
     if (np.abs(bend) > 1).any():
         farthest = np.sqrt(out**2 + high**2).max()
         raise ValueError(
@@ -224,9 +220,8 @@ class Scanner:
     near_width: float = 40.0  # mm, the field of view in x at `near`
     far_width: float = 160.0  # mm, at `far`
     points: int = 980  # of a profile
-    resolution: float = (
-        0.25  # mm in x: a sample comes from anywhere within this width around its ray
-    )
+    # mm in x: a sample comes from anywhere within this width around its ray
+    resolution: float = 0.25
     quantum: float = 0.1  # mm, coordinates are whole multiples of it
     # standard deviation of z: of a resolution of 0.2 mm, as a uniform error's width
     noise_mm: float = 0.06
@@ -270,9 +265,8 @@ def nearest_on_rays(outline, rays, scanner: Scanner) -> np.ndarray:
     x, z = np.moveaxis(outline, -1, 0)  # (..., V)
     half, depth = scanner.half_width(z), np.full(rays.shape, np.nan)
     right = x[..., None] > half[..., None] * rays[..., None, :]
-    *scan, piece, ray = np.nonzero(
-        right[..., :-1, :] != right[..., 1:, :]
-    )  # of all pairs, few
+    # of all pairs, few
+    *scan, piece, ray = np.nonzero(right[..., :-1, :] != right[..., 1:, :])
     begin, stop, ray = (*scan, piece), (*scan, piece + 1), (*scan, ray)
     start, end = (x[at] - half[at] * rays[ray] for at in (begin, stop))
     np.fmin.at(depth, ray, z[begin] + start / (start - end) * (z[stop] - z[begin]))

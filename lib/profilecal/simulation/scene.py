@@ -185,16 +185,10 @@ class Guess:
 
     mount: Sequence[float]  # X Y Z mm, W P R degrees, R = Rz(R) Ry(P) Rx(W)
     target: Sequence[float]  # mm, its origin
-    axis: Sequence[float] = (
-        0.0,
-        1.0,
-        0.0,
-    )  # along an edge or a rod; for others, across the laser line
-    up: Sequence[float] = (
-        0.0,
-        0.0,
-        1.0,
-    )  # from the target towards the scanner; a face's or a disk's normal
+    # along an edge or a rod; for others, across the laser line
+    axis: Sequence[float] = 0.0, 1.0, 0.0
+    # from the target towards the scanner; a face's or a disk's normal
+    up: Sequence[float] = 0.0, 0.0, 1.0
     mount_mm: float = 5.0
     mount_deg: float = 3.0
     target_mm: float = 5.0

@@ -24,9 +24,8 @@ from profilecal.simulation.scene import (
 )
 from profilecal.targets import TARGETS
 
-WIDE = Scanner(
-    near=40.0, far=260.0, near_width=100.0, far_width=220.0
-)  # sees a whole disk of 50 mm radius
+# sees a whole disk of 50 mm radius
+WIDE = Scanner(near=40.0, far=260.0, near_width=100.0, far_width=220.0)
 
 
 @dataclass(frozen=True)
@@ -43,9 +42,8 @@ class Spec:
     measured: str = ""
     mount: str = "eye-in-hand"
     convention: str = "quaternion"
-    sizes: dict[str, float] = field(
-        default_factory=dict
-    )  # the target's lengths, mm; left out: as usual for it
+    # the target's lengths, mm; left out: as usual for it
+    sizes: dict[str, float] = field(default_factory=dict)
     specimen: str = ""  # which body raw profiles show; empty: the target's usual one
     groups: int = 0  # flange orientations; 0: what the kind needs
     positions: int = 0  # in each
@@ -215,9 +213,8 @@ def record(scene: Scene, poses, spec: Spec, rng: np.random.Generator) -> Scan:
     R_actual, T_actual = (
         part[which] for part in spec.robot.visiting(*poses, spec.noise, rng)
     )
-    to_hand = (
-        spec.mount == "eye-to-hand"
-    )  # the same measurement with the roles of base and flange exchanged
+    # the same measurement with the roles of base and flange exchanged
+    to_hand = spec.mount == "eye-to-hand"
     planes = scene.planes(
         *(inverse(R_actual, T_actual) if to_hand else (R_actual, T_actual))
     )

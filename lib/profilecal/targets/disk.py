@@ -38,9 +38,8 @@ class Disk(Target):
         g = np.hypot(nx, nz)
         N, A, t, q = (nx / g, nz / g), (nz / g, -nx / g), ny / g, cy / g
         half, slope = root(radius**2 - q**2, 0.1 * radius)
-        side = np.array([[-1.0], [1.0]]) * np.where(
-            nz < 0, -1, 1
-        )  # of the tips, smaller x first
+        # of the tips, smaller x first
+        side = np.array([[-1.0], [1.0]]) * np.where(nz < 0, -1, 1)
         end, by_q = side * half, -2 * q * slope * side
         r, force, torque = [], [], []
         for k, (observed, centre) in enumerate(zip(seen, (cx, cz), strict=True)):
@@ -104,9 +103,8 @@ class Disk(Target):
         with np.errstate(divide="ignore", invalid="ignore"):
             squared = np.sum(n**2, axis=-1, keepdims=True)
             middle = c + cy * ny / squared * n
-            along = n[..., ::-1] * np.where(
-                n[..., 1:] < 0, [-1, 1], [1, -1]
-            )  # as long as n
+            # as long as n
+            along = n[..., ::-1] * np.where(n[..., 1:] < 0, [-1, 1], [1, -1])
             half = np.sqrt((self.radius**2 - cy**2 / squared) / squared) * along
             return np.stack([middle - half, middle + half], axis=-2)
 

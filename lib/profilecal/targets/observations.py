@@ -23,15 +23,13 @@ class Observations:
     """
 
     kind: str  # of the target, one of TARGETS
-    R_flange: (
-        np.ndarray
-    )  # (B|1, P, 3, 3) flange in the base frame; eye-to-hand: base in the flange frame
+    # (B|1, P, 3, 3) flange in the base frame; eye-to-hand: base in the flange frame
+    R_flange: np.ndarray
     T_flange: np.ndarray  # (B|1, P, 3) mm
     points: np.ndarray  # (B|1, P, m, 2) x and z, m as the target's `points`; NaN: none
     sizes: tuple[float, ...] = ()  # the target's `lengths`, mm
-    group: np.ndarray | None = (
-        None  # (P,) poses of one flange orientation share a number
-    )
+    # (P,) poses of one flange orientation share a number
+    group: np.ndarray | None = None
     eye_to_hand: bool = False
     # of what was seen from each pose, as a multiple of `Noise.profile_mm`²; None: 1 for
     # each coordinate, independent.
@@ -148,9 +146,8 @@ class State(Batch):
 
     rotation: np.ndarray  # (B, 3, 3)
     translation: np.ndarray  # (B, 3) mm
-    placements: (
-        tuple  # for each target its origin (B, 3), mm, and axes (B, 3, 3), in columns
-    )
+    # for each target its origin (B, 3), mm, and axes (B, 3, 3), in columns
+    placements: tuple
 
 
 @dataclass(frozen=True)
@@ -189,10 +186,8 @@ def pose_groups(observations: Sequence[Observations]) -> PoseGroups:
     looked at. Each of a target's groups is an orientation, and one with that of another
     target that points the same way.
     """
-    same_mm, same_deg = (
-        0.05,
-        0.01,
-    )  # commanded poses that differ by less are one: no controller comes back any closer
+    # commanded poses that differ by less are one: no controller comes back any closer
+    same_mm, same_deg = 0.05, 0.01
     R = np.concatenate([o.R_flange[0] for o in observations])
     T = np.concatenate([o.T_flange[0] for o in observations])
     labels = [o.labels for o in observations]

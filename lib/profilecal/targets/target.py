@@ -28,9 +28,8 @@ from profilecal.geometry.poses import directions, frame_around
 from profilecal.profiles.points import Feature
 
 Y = (0.0, 1.0, 0.0)  # across the scan plane, in the sensor frame
-ALONG_Y = np.array(
-    [[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]
-)  # a stance: z along the sensor's y, y towards the scanner
+# a stance: z along the sensor's y, y towards the scanner
+ALONG_Y = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
 
 
 class Target:
@@ -40,23 +39,19 @@ class Target:
 
     kind: str  # its name in scan.toml, on the command line and in JSON
     shape: str  # what all its points make up, in words
-    lengths: tuple[
-        str, ...
-        # its known measures, mm: entries of [target] in scan.toml, fields of the class
-    ] = ()
+    # its known measures, mm: entries of [target] in scan.toml, fields of the class
+    lengths: tuple[str, ...] = ()
     tables: tuple[str, ...] = (
         "profiles",
     )  # what a scan folder may hold of it (`scan.folder.MEASURED`)
-    find: Callable[
-        ..., list[Feature]
-    ]  # its finder: from profiles and its lengths; none if it leaves no trace
+    # its finder: from profiles and its lengths; none if it leaves no trace
+    find: Callable[..., list[Feature]]
     # The joint solution
     beside_mm = 0.0  # around a point of it, that a raw profile must show
     shifts: str  # axes of its frame along which a shift changes it
     turns: str  # axes of its frame about which a turn changes it
-    points: int | None = (
-        None  # that a pose gives; None: any number, each anywhere on a curve
-    )
+    # that a pose gives; None: any number, each anywhere on a curve
+    points: int | None = None
     rows: int  # residuals of each point
     # of all placements `fit` leaves the least squares of distances; False: it is a
     # start
@@ -70,12 +65,10 @@ class Target:
     groups: int  # flange orientations
     positions: int  # in each
     sizes: tuple[float, ...] = ()  # the `lengths`, mm
-    stance = np.eye(
-        3
-    )  # its axes, in columns, in a sensor frame that looks at it squarely
-    with_tool = (
-        False  # inside a group the scanner moves with the flange's axes, not the base's
-    )
+    # its axes, in columns, in a sensor frame that looks at it squarely
+    stance = np.eye(3)
+    # inside a group the scanner moves with the flange's axes, not the base's
+    with_tool = False
     specimens: tuple[str, ...] = ("",)  # bodies that have it, the usual one first
 
     @classmethod

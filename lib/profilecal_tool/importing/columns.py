@@ -29,10 +29,8 @@ TITLE = re.compile(
 ALIASES = {"q1": "qw", "q2": "qx", "q3": "qy", "q4": "qz"} | {
     f"{t}{axis}": axis for t in "tp" for axis in "xyz"
 }
-SEVERAL = {
-    ("t", 3): ("x", "y", "z"),
-    ("r", 9): CONVENTIONS[-1].columns,
-}  # numbers behind one name
+# numbers behind one name
+SEVERAL = {("t", 3): ("x", "y", "z"), ("r", 9): CONVENTIONS[-1].columns}
 # or what FANUC prints for a position that was not taught
 NUMBER = r"(?:[+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?|\*+)"
 # a brace and the name before it; a group of a FANUC robot's axes; a name and its

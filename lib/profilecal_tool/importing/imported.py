@@ -36,21 +36,11 @@ from profilecal_tool.importing.columns import (
 OF_POSES = re.compile(
     r"pose|(\b|_)rob|flange|tcp|\.(ls|dat|mod|script|rob)$", re.IGNORECASE
 )  # in a file's name
-LABELS = (
-    "pose",
-    "name",
-    "label",
-    "id",
-    "index",
-    "file",
-    "n",
-)  # columns that tell profiles apart
+# columns that tell profiles apart
+LABELS = "pose", "name", "label", "id", "index", "file", "n"
 MATRIX = "r11,r12,r13,x,r21,r22,r23,y,r31,r32,r33,z"
-USUAL = {
-    8: "timestamp,x,y,z,qx,qy,qz,qw",
-    12: MATRIX,
-    16: f"{MATRIX},_,_,_,_",
-}  # by columns without names; TUM first
+# by columns without names; TUM first
+USUAL = {8: "timestamp,x,y,z,qx,qy,qz,qw", 12: MATRIX, 16: f"{MATRIX},_,_,_,_"}
 FRAMES = {"uf": "user frame", "ut": "tool"}
 
 
@@ -67,9 +57,8 @@ class Layout:
     pose_columns: str = ""
     entry: str = ""  # the list in a YAML or NPZ file that is the profile
     missing: float | None = None  # z where the scanner saw nothing
-    tool: tuple[float, ...] | None = (
-        None  # x, y, z, mm, and three angles of the poses' frame, in the flange's
-    )
+    # x, y, z, mm, and three angles of the poses' frame, in the flange's
+    tool: tuple[float, ...] | None = None
     mount: str = MOUNTS[0]
 
 
@@ -92,9 +81,8 @@ def import_scan(
     poses.columns["pose"], order, matched = match(poses, names, left)
     entries, taken_poses = taken_as(poses, convention, layout.tool)
     measured = "points" if max(map(len, values)) == 1 else "profiles"
-    values = [
-        v if len(v) > 1 or measured == "points" else v[:0] for v in values
-    ]  # one point is no profile
+    # one point is no profile
+    values = [v if len(v) > 1 or measured == "points" else v[:0] for v in values]
     scan = scan_of(folder, header, entries, measured, tuple(values[k] for k in order))
     guessed = [
         f"poses      {names_of(of_poses)}: {taken_poses}",
@@ -124,9 +112,8 @@ def sort_files(
     others = [path for path in every if path not in poses]
     if not profiles and not others:
         raise ScanError(f"{folder}: no profiles beside {names_of(poses)}")
-    families = [
-        re.sub(r"\d+", "#", path.name) for path in others
-    ]  # files alike but for numbers belong together
+    # files alike but for numbers belong together
+    families = [re.sub(r"\d+", "#", path.name) for path in others]
     profiles = profiles or [
         path
         for path, family in zip(others, families, strict=True)
@@ -345,9 +332,8 @@ def profiles_of(
     label; or a row: x and z in turn, or z under the first row's x.
     """
     tables = [table for path in paths for table in read_profiles(path, layout.entry)]
-    full = [
-        table for table in tables if table.columns
-    ]  # in the others nothing was seen
+    # in the others nothing was seen
+    full = [table for table in tables if table.columns]
     if not full:
         raise ScanError(f"{paths[0]}: no numbers in columns")
     check_alike(full)

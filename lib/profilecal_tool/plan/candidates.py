@@ -24,16 +24,13 @@ class Limits:
 
     low: tuple[float, ...] = (-np.inf,) * 3
     high: tuple[float, ...] = (np.inf,) * 3
-    tilt_deg: float = (
-        30.0  # of the direction of view against looking at the target squarely
-    )
+    # of the direction of view against looking at the target squarely
+    tilt_deg: float = 30.0
     spin_deg: float = 45.0  # about the direction of view
-    extent_mm: float = (
-        50.0  # how far from the guess an edge, a rod or a face is seen, to either side
-    )
-    avoid: tuple[
-        tuple[float, ...], ...
-    ] = ()  # x, y, z, radius: where neither flange nor sensor may be
+    # how far from the guess an edge, a rod or a face is seen, to either side
+    extent_mm: float = 50.0
+    # x, y, z, radius: where neither flange nor sensor may be
+    avoid: tuple[tuple[float, ...], ...] = ()
 
     def __post_init__(self):
         for axis, low, high in zip("xyz", self.low, self.high, strict=True):
@@ -220,9 +217,8 @@ def worst_clearance(model: ScanModel, R, T) -> np.ndarray:
     worst = (here - np.linalg.norm(lost, axis=1).sum(axis=0)).min(axis=1)
     for way, turn in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
         off_plane = way * sizes[:, None] * [[0, -1, 0], [1, 0, 0], [turn, 0, 0]]
-        worst += 0 * clearances(model, *frames, off_plane).min(
-            axis=1
-        )  # NaN where it is missed
+        # NaN where it is missed
+        worst += 0 * clearances(model, *frames, off_plane).min(axis=1)
     return np.nan_to_num(worst, nan=-np.inf)
 
 
@@ -238,9 +234,8 @@ def clearances(model: ScanModel, R_view, T_view, error) -> np.ndarray:
     points = model.seen(back @ rotations(turn), carry(back, origin, shift - in_view), 5)
     scanner, (x, z) = model.scanner, np.moveaxis(points, -1, 0)
     beside = model.target.beside_mm if model.shows_beside else 0.0
-    share = (
-        0.05  # of the field of view, on each side: features need what is around them
-    )
+    # of the field of view, on each side: features need what is around them
+    share = 0.05
     border = share * (scanner.far - scanner.near) + beside
     side = (1 - share) * scanner.half_width(z) - beside
     return np.concatenate(

@@ -113,9 +113,8 @@ def smooth_worst(C) -> np.ndarray:
     """As `Pool.lacks`, but hardly larger and smooth, of covariances (..., 6, 6) of the
     sensor pose.
     """
-    power = np.stack(
-        [C[..., :3, :3], C[..., 3:, 3:]], axis=-3
-    )  # of translation and of rotation
+    # of translation and of rotation
+    power = np.stack([C[..., :3, :3], C[..., 3:, 3:]], axis=-3)
     scale = np.maximum(np.trace(C, axis1=-2, axis2=-1), np.finfo(float).tiny)
     power = power / scale[..., None, None, None]
     for _ in range(3):

@@ -28,13 +28,10 @@ class ScanModel(Setup):
     systematic: Systematic = Systematic()  # noqa: RUF009
     to_hand: bool = False
     measured: str = "profiles"
-    covariance: np.ndarray | None = (
-        # of what a pose shows, over the noise's profile_mm², as `Observations` has it
-        None
-    )
-    guess: Guess | None = (
-        None  # where all this is from, with margins; None: known well enough
-    )
+    # of what a pose shows, over the noise's profile_mm², as `Observations` has it
+    covariance: np.ndarray | None = None
+    # where all this is from, with margins; None: known well enough
+    guess: Guess | None = None
     count: int = 40  # points of a curve that a pose gives
 
     @property

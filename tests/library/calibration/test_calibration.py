@@ -209,9 +209,8 @@ def test_a_measurement_given_twice_is_refused(tmp_path):
         labels=tuple(reversed(scan.labels)),
         convention="FANUC angles",
     )
-    copy = replace(
-        copy, T_base_flange=scan.T_base_flange + 1e-9
-    )  # as another convention's digits have it
+    # as another convention's digits have it
+    copy = replace(copy, T_base_flange=scan.T_base_flange + 1e-9)
     with pytest.raises(
         ScanError,
         match=r"of scan 2 \(a copy\) holds the same measurement as pose g1p1 of scan 1",

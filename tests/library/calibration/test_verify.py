@@ -33,9 +33,8 @@ def wrong_by(T, mm, deg):
 def test_verify_believes_a_right_pose_and_doubts_a_wrong_one(kind):
     for seed in range(2):
         first = calibration_of(Spec(seed=seed, **SMALL)).solution
-        other = untold(
-            Spec(kind=kind, seed=seed, **SMALL | {"groups": 14})
-        )  # the same seed: the same mount
+        # the same seed: the same mount
+        other = untold(Spec(kind=kind, seed=seed, **SMALL | {"groups": 14}))
         T, known = first.T_flange_sensor, (first.covariance_total, first.noise_mm)
         assert verify(other, T, *known).as_expected
         assert not verify(other, wrong_by(T, [1, 1, 1], [0, 0, 0]), *known).as_expected

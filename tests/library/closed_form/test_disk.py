@@ -40,13 +40,8 @@ def test_table_I_gives_equations_49_to_51():
     assert 0.19 < solution.translation.accuracy < 0.21
 
 
-EXTENTS = [
-    (-0.9, 0.9),
-    (-0.9, 0.3),
-    (-0.64, 0.64),
-    (-0.95, -0.05),
-    (0.1, 0.9),
-]  # whole, most, middle, halves
+# whole, most, middle, halves
+EXTENTS = [(-0.9, 0.9), (-0.9, 0.3), (-0.64, 0.64), (-0.95, -0.05), (0.1, 0.9)]
 
 
 def random_scans(rng, n: int = 4, extent=(-0.9, 0.9)) -> DiskScans:
@@ -129,9 +124,8 @@ def test_the_published_heights_are_where_the_first_and_last_chord_meet_the_line_
         tips, scans.T_start, scans.T_end, scans.s, scans.disk.radius, "published"
     )
     x, z = found.direction.T
-    frame = np.array([[x, -z], [z, x]]).transpose(
-        2, 0, 1
-    )  # the rotated one, in columns
+    # the rotated one, in columns
+    frame = np.array([[x, -z], [z, x]]).transpose(2, 0, 1)
     first, second = np.moveaxis(tips[:, [0, -1]] @ frame[:, None], 2, 0)
     to_e, along = found.e[:, 3:] - first, second - first
     np.testing.assert_allclose(

@@ -63,9 +63,8 @@ def test_the_few_equations_have_the_solution_and_singular_values_of_all_pairs(pl
         few.rotation.r_s, np.linalg.lstsq(A_r, b_r)[0], atol=1e-14 * (S[0] / S[-1]) ** 2
     )
 
-    i, j = np.triu_indices(
-        len(R_b), 1
-    )  # Eqs 30-34, of all pairs of points of different groups
+    # Eqs 30-34, of all pairs of points of different groups
+    i, j = np.triu_indices(len(R_b), 1)
     p, along = few.p_b - (R_b @ few.T_sensor)[:, None], edge.transposed_skew(few.u_b)
     A_t = np.repeat(along @ (R_b[j] - R_b[i]), p.shape[1] ** 2, axis=0).reshape(-1, 3)
     b_t = -np.cross(p[j][:, None, :] - p[i][:, :, None], few.u_b).reshape(-1)

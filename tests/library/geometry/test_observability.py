@@ -29,9 +29,8 @@ SMALL = {
     "point": {"positions": 4},
 }
 Z = np.array([0.0, 0.0, 1.0])  # of the base
-BY_HAND = np.repeat(
-    [10.0, np.radians(5.0)], 3
-)  # what a measurement by hand is good to, mm and rad
+# what a measurement by hand is good to, mm and rad
+BY_HAND = np.repeat([10.0, np.radians(5.0)], 3)
 # what is chosen, and the free direction: "all" translations, or along the axis that all
 # turns share
 MOTIONS = {

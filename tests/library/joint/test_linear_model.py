@@ -27,9 +27,8 @@ POSE = np.array([0, 0, 1, 2, 3, 4, 5, 5, 2])
 GROUPS = PoseGroups(POSE, np.array([0, 0, 0, 1, 2, 2]), POSE)
 COUNTS = np.array([5] * 5 + [3] * 4)
 ROW = np.repeat(np.arange(9), COUNTS)  # the profile that each residual is of
-V = np.array(
-    [1.3, 0.4, 0.9, 0.7, 0.5, 0.3, 0.2]
-)  # of the scanner and the robot, mm² and rad²
+# of the scanner and the robot, mm² and rad²
+V = np.array([1.3, 0.4, 0.9, 0.7, 0.5, 0.3, 0.2])
 UNITS = np.array(
     [1.0, *(1.0 if name.endswith("mm") else np.degrees(1) ** 2 for name in ROBOT)]
 )  # to mm² and degrees²
@@ -256,19 +255,16 @@ def test_derivatives_by_all_that_may_be_wrong_are_those_of_differences(
     )
     changes = [lambda h, error=error: erring(seen, error, h) for error in tried]
     changes += [lambda h, c=c: with_flange_error(seen, axes, c, h) for c in range(6)]
-    derivatives, h = (
-        np.delete(columns[0, problem.n :], len(tried), axis=0),
-        1e-5,
-    )  # without the residual
+    # without the residual
+    derivatives, h = np.delete(columns[0, problem.n :], len(tried), axis=0), 1e-5
     for column, change in zip(derivatives, changes, strict=True):
         plus, minus = (
             Problem([change(s * h)], Noise(1.0)).linear(truth)[0][0, -1]
             for s in (1, -1)
         )
         expected = (plus - minus) / (2 * h)
-        sign = (
-            -1 if eye_to_hand and change in changes[-6:] else 1
-        )  # of an error that is as likely either way
+        # of an error that is as likely either way
+        sign = -1 if eye_to_hand and change in changes[-6:] else 1
         np.testing.assert_allclose(
             sign * column, expected, atol=1e-4 * max(1, np.abs(expected).max())
         )

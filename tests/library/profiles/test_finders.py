@@ -174,9 +174,8 @@ def test_curves_are_found_and_as_exact_as_stated(curve, spoiled):
 def test_a_section_is_an_ellipse_and_its_distances_have_their_derivatives(lean):
     section = Section(np.array([1.0, 2.0]), np.array(lean), 10.0)
     size, angles = np.hypot(1, np.hypot(*lean)), np.linspace(-3, 3, 50)
-    oblique = np.eye(2) + np.outer(lean, lean) / (
-        1 + size
-    )  # from the rod seen along its axis
+    # from the rod seen along its axis
+    oblique = np.eye(2) + np.outer(lean, lean) / (1 + size)
     around = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
     on = section.centre + 10.0 * around @ oblique
     np.testing.assert_allclose(

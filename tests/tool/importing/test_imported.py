@@ -168,9 +168,8 @@ POSES = {
         array,
     )
 }
-SAID = {
-    "as_json": Layout(pose_columns="x,y,z,w,p,r")
-}  # the numbers have no names there
+# the numbers have no names there
+SAID = {"as_json": Layout(pose_columns="x,y,z,w,p,r")}
 
 
 def one_each(folder):
