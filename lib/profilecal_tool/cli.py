@@ -125,17 +125,16 @@ def calibrate(folders, as_json, vendor, guess, leave_out, report):
 
     from profilecal.calibration import calibration
     from profilecal.geometry.poses import homogeneous, rotation_from_xyz_angles
-    from profilecal.scan.conventions import for_controller
     from profilecal.scan.folder import read_scan
+    from profilecal_tool.controllers import check_controller, for_controller
+    from profilecal_tool.words import calibration_text
 
     if vendor and as_json:
         raise ValueError(
             "--json prints one JSON object and nothing else; ask for --to without it"
         )
     if vendor:
-        for_controller(
-            vendor, np.eye(4)
-        )  # refuses a name that there is not, before any work
+        check_controller(vendor)  # before any work
     if report:
         from profilecal_tool.report.page import check_report
 
@@ -163,14 +162,14 @@ def calibrate(folders, as_json, vendor, guess, leave_out, report):
         advice = next_poses(found, folders[0], np.random.default_rng(0))
         found = replace(found, messages=(*found.messages, *filter(None, [advice])))
     to_paste = (
-        for_controller(vendor, found.solution.T_flange_sensor, found.frame)
+        for_controller(vendor, found.solution.pose, found.frame)
         if vendor and known
         else ""
     )
     click.echo(
         json.dumps(found.to_json(), indent=2)
         if as_json
-        else calibration.to_text(found, to_paste)
+        else calibration_text(found, to_paste)
     )
     if to_paste and found.status == "weak":
         click.echo(
@@ -284,6 +283,7 @@ def verify(folder, pose):
     """
     from profilecal.calibration import verify
     from profilecal.scan.folder import read_scan
+    from profilecal_tool.words import verification_text
 
     scan = read_scan(folder)
     T, covariance, noise_mm, to_hand = verify.read_pose(pose)
@@ -292,7 +292,7 @@ def verify(folder, pose):
             f"{pose} and {folder} disagree about the mount, which is {scan.mount} in the scan"
         )
     found = verify.verify(scan, T, covariance, noise_mm)
-    click.echo(verify.to_text(found))
+    click.echo(verification_text(found))
     raise SystemExit(0 if found.as_expected else 1)
 
 

@@ -10,10 +10,9 @@ from profilecal.calibration import plausibility
 from profilecal.calibration.observe import names, observe_all, stated_noise
 from profilecal.calibration.other_conventions import better_readings
 from profilecal.geometry.checks import UnobservableError
-from profilecal.geometry.noise import ROBOT, Noise
-from profilecal.geometry.observability import HAND_PRECISION, name_direction
-from profilecal.geometry.poses import carry, xyz_angles_from_rotation
-from profilecal.joint.prior import FINEST_MM, prior_from
+from profilecal.geometry.observability import name_direction
+from profilecal.geometry.poses import carry
+from profilecal.joint.prior import prior_from
 from profilecal.joint.solution import Solution
 from profilecal.joint.solve import solve
 from profilecal.scan.scan import Scan, ScanError
@@ -96,7 +95,7 @@ class Calibration:
             sd = np.sqrt(np.diag(in_mm_deg(s.covariance))).tolist()
         return {
             "status": self.status,
-            f"T_{frame}_sensor": s.T_flange_sensor.tolist() if known else None,
+            f"T_{frame}_sensor": s.pose.tolist() if known else None,
             "covariance": in_mm_deg(s.covariance).tolist() if known else None,
             "covariance_total": in_mm_deg(s.covariance_total).tolist()
             if known
@@ -129,7 +128,7 @@ def calibrate(scans, guess=None) -> Calibration:
     >>> found = calibrate([scan])
     >>> found.status
     'ok'
-    >>> off = found.solution.T_flange_sensor - scan.truth["T_flange_sensor"]
+    >>> off = found.solution.pose - scan.truth["T_flange_sensor"]
     >>> bool(np.abs(off[:3, 3]).max() < 0.5)  # mm
     True
     """
@@ -242,70 +241,3 @@ def check_different(scans) -> None:
                 raise ScanError(
                     f"{name} holds the same measurement as {first}; expected each measurement once"
                 )
-
-
-def to_text(found: Calibration, to_paste: str = "") -> str:
-    """What `profilecal calibrate` prints for people. `to_paste`: the pose as a
-    controller takes it.
-    """
-    s, lines = found.solution, [f"status         {found.status}"]
-    if found.status != "unobservable":
-        W, P, R = np.degrees(xyz_angles_from_rotation(s.rotation))
-        W = (W + 180) % 360 - 180
-        tx, ty, tz = s.translation
-        lines += [
-            f"translation    {tx:.3f}  {ty:.3f}  {tz:.3f} mm, of the sensor's origin in the {found.frame} frame",
-            f"rotation       {W:.4f}  {P:.4f}  {R:.4f}°, R = Rz({R:.4f}) Ry({P:.4f}) Rx({W:.4f})",
-            *filter(None, [to_paste]),
-            f"uncertainty    {deviations(s.covariance)} about the sensor's x, y, z: one standard deviation near these "
-            "poses, from noise, robot errors, tolerances",
-        ]
-    if s:
-        used, rejected = found.labels(rejected=False), found.labels(rejected=True)
-        which = f": {', '.join(rejected)}" if rejected else ""
-        lines.append(
-            f"poses          {len(used)} used, {len(rejected)} rejected{which}"
-        )
-    lines += [f"note           {message}" for message in found.messages]
-    if s and not found.misread:
-        lines.append(f"robot errors   {robot_errors(s.noise)}")
-        if s.noise_source == "given":  # an estimate makes it 1
-            lines.append(
-                f"residuals      {s.rms_mm:.3g} mm rms, χ²/dof {s.chi2_per_dof:.3g}"
-            )
-    return "\n".join(lines)
-
-
-def deviations(covariance, delta=None) -> str:
-    """δ (6,), mm and rad, in words, or its standard deviations; "open" where these say
-    that nothing is known.
-    """
-    sd = np.sqrt(np.diag(covariance))
-    delta = sd if delta is None else delta
-    values = np.r_[delta[:3], np.degrees(delta[3:])]
-    said = [
-        "open" if wide else brief(value)
-        for value, wide in zip(values, sd >= HAND_PRECISION, strict=True)
-    ]
-    return f"{'  '.join(said[:3])} mm along and {'  '.join(said[3:])}°"
-
-
-def brief(value: float) -> str:
-    """Two digits, or a whole number."""
-    return f"{value:.2g}" if abs(value) < 100 else f"{value:.0f}"
-
-
-def robot_errors(noise: Noise) -> str:
-    """How large the robot's errors are, at each place where they arise."""
-    places = ("at each visit", "at each pose", "shared by the poses of an orientation")
-    there = zip(
-        places,
-        np.reshape([getattr(noise, name) for name in ROBOT], (3, 2)),
-        strict=True,
-    )
-    said = [
-        f"{place} {mm:.2g} mm and {deg:.2g}°"
-        for place, (mm, deg) in there
-        if max(mm, deg) > FINEST_MM
-    ]
-    return ", ".join(said) or "none that the residuals show"

@@ -18,14 +18,13 @@ from pathlib import Path
 import numpy as np
 from scipy.special import chdtrc
 
-from profilecal.calibration.calibration import Calibration, brief, calibrate, deviations
+from profilecal.calibration.calibration import Calibration, calibrate
 from profilecal.calibration.observe import stated_noise
 from profilecal.geometry.checks import check_array, check_rotations
 from profilecal.geometry.noise import FALSE_ALARM, chi2_limit, normalised_square
 from profilecal.geometry.observability import (
     HAND_PRECISION,
     Spectrum,
-    name_direction,
     of_covariance,
 )
 from profilecal.geometry.poses import carry, pose_error
@@ -208,44 +207,6 @@ def target_by(T, alone: Calibration, kept) -> tuple[dict[str, float], float]:
     distance = scan.target.at(origin, axes, sizes).distance(in_base)
     lengths = dict(zip(scan.measures, map(float, sizes), strict=True)) if sizes else {}
     return lengths, float(np.sqrt(np.mean(distance**2)))
-
-
-def to_text(found: Verification) -> str:
-    """What `profilecal verify` prints."""
-    (scan,), alone = found.alone.scans, found.alone
-    lines = [f"scan alone     {alone.status}"]
-    if alone.status != "ok":
-        lines[0] += ", so also looked at near the pose"
-        lines += [f"note           {message}" for message in alone.messages]
-    worst, count, covariance = (
-        np.argmax(np.abs(found.apart)),
-        len(found.apart),
-        found.expected.covariance,
-    )
-    direction = name_direction(
-        found.expected.directions[6 - count + worst], np.eye(3), "sensor"
-    )
-    lines += [
-        f"differs by     {deviations(covariance, found.delta)} about the sensor's x, y, z",
-        f"expected       {deviations(covariance)}, one standard deviation",
-        f"most apart     {direction}, {brief(abs(found.apart[worst]))} standard deviations",
-        f"chance         {found.chance:.2g} of more between right answers, in {count} of 6 directions; "
-        f"doubted below {FALSE_ALARM:g}",
-    ]
-    for name, length in found.lengths.items():
-        lines.append(
-            f"{name:<15}{length:.3f} mm by the pose, {scan.measures[name]:g} given"
-        )
-    lines.append(
-        f"residuals      {found.rms_mm:.3g} mm rms from a {scan.target.shape}, by the pose"
-    )
-    wrong = "more is wrong than the stated uncertainties explain: robot, target, or calibration"
-    verdict = (
-        "the stated uncertainties explain what was found"
-        if found.as_expected
-        else wrong
-    )
-    return "\n".join([*lines, f"verdict        {verdict}"])
 
 
 @dataclass(frozen=True)

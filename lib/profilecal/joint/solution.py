@@ -94,6 +94,6 @@ class Solution:
         return [~bad for bad in self.rejected]
 
     @property
-    def T_flange_sensor(self) -> np.ndarray:
-        """(4, 4) from sensor to flange, mm."""
+    def pose(self) -> np.ndarray:
+        """(4, 4) mm, the sensor in the flange frame (eye-to-hand: in the base frame)."""
         return homogeneous(self.rotation, self.translation)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from profilecal.calibration.calibration import Calibration, calibrate, deviations
+from profilecal.calibration.calibration import Calibration, calibrate
 from profilecal.calibration.observe import as_observations, observe, stated_noise
 from profilecal.geometry.noise import ROBOT
 from profilecal.geometry.observability import name_direction, size_direction
@@ -37,6 +37,7 @@ from profilecal.targets.observations import Observations
 from profilecal_tool.plan.candidates import Limits, draw, off_square
 from profilecal_tool.plan.design import NOWHERE, Plan, design, joined
 from profilecal_tool.plan.scan_model import GUESSES, Prediction, ScanModel, predict
+from profilecal_tool.words import deviations
 
 PLAN = {
     "poses": whole(0, 1000),

@@ -7,10 +7,10 @@ from html import escape
 
 import numpy as np
 
-from profilecal.calibration.calibration import deviations, to_text
 from profilecal.geometry.noise import FALSE_ALARM, chi2_limit
-from profilecal.scan.conventions import for_controller, named
 from profilecal_pages.figures import GREEN, ORANGE, RED
+from profilecal_tool.controllers import for_controller, writing_like
+from profilecal_tool.words import calibration_text, deviations
 
 VERDICTS = {
     "ok": (
@@ -77,9 +77,9 @@ def answer(found) -> Html:
         for scan in found.scans
     ]
     s, known = found.solution, found.status != "unobservable"
-    maker = named(found.scans[0].convention).controller
-    to_paste = for_controller(maker, s.T_flange_sensor, found.frame) if known else ""
-    lines += to_text(replace(found, messages=()), to_paste).splitlines()
+    maker = writing_like(found.scans[0].convention)
+    to_paste = for_controller(maker, s.pose, found.frame) if known else ""
+    lines += calibration_text(replace(found, messages=()), to_paste).splitlines()
     if known:
         robot = f"{s.prior.systematic.accuracy_mm:g} mm and {s.prior.systematic.accuracy_deg:g}° over its workspace"
         lines.append(

@@ -13,7 +13,7 @@ from command import run
 from scipy.stats import binom, chi2
 from simulated import EXACT_SCANNER, calibration_of, scan_of, squared_error, truth_of
 
-from profilecal.calibration.calibration import calibrate, robot_errors, to_text
+from profilecal.calibration.calibration import calibrate
 from profilecal.calibration.observe import observe
 from profilecal.geometry.noise import Noise
 from profilecal.scan.folder import write_scan
@@ -265,39 +265,6 @@ def test_the_status_is_the_same_for_poses_of_the_flange_and_of_a_tool():
         for one in found
     ] == [True, False]
     assert found[0].solution.observability.status == "ok"
-
-
-def test_the_answer_says_one_uncertainty_and_chi2_only_where_the_noise_is_stated():
-    stated = simulate_scan(Spec(measured="points"))
-    texts = [
-        to_text(calibrate([scan]), "PASTE")
-        for scan in (stated, replace(stated, noise={}))
-    ]
-    for text in texts:
-        names = [line.split()[0] for line in text.splitlines()]
-        assert names[:6] == [
-            "status",
-            "translation",
-            "rotation",
-            "PASTE",
-            "uncertainty",
-            "poses",
-        ]
-        assert text.count("standard deviation") == text.count("robot errors   ") == 1
-    assert ["χ²/dof" in text for text in texts] == [True, False]
-
-
-def test_robot_errors_are_told_apart_by_where_they_arise():
-    said = robot_errors(
-        Noise(
-            0.1, position_mm=0.123, group_position_mm=0.04, group_orientation_deg=0.02
-        )
-    )
-    assert (
-        said
-        == "at each pose 0.12 mm and 0°, shared by the poses of an orientation 0.04 mm and 0.02°"
-    )
-    assert robot_errors(Noise(0.1)) == "none that the residuals show"
 
 
 def test_few_poses_are_kept_where_robots_err_and_one_that_is_wrong_is_not():

@@ -35,7 +35,7 @@ def test_verify_believes_a_right_pose_and_doubts_a_wrong_one(kind):
         first = calibration_of(Spec(seed=seed, **SMALL)).solution
         # the same seed: the same mount
         other = untold(Spec(kind=kind, seed=seed, **SMALL | {"groups": 14}))
-        T, known = first.T_flange_sensor, (first.covariance_total, first.noise_mm)
+        T, known = first.pose, (first.covariance_total, first.noise_mm)
         assert verify(other, T, *known).as_expected
         assert not verify(other, wrong_by(T, [1, 1, 1], [0, 0, 0]), *known).as_expected
 
@@ -45,7 +45,7 @@ def test_five_poses_suffice_for_the_directions_that_they_determine(kind):
     for seed in range(2):
         first = calibration_of(Spec(seed=seed, **SMALL)).solution
         five = untold(Spec(kind=kind, seed=seed, noise=ERRING, groups=5, positions=1))
-        T, known = first.T_flange_sensor, (first.covariance_total, first.noise_mm)
+        T, known = first.pose, (first.covariance_total, first.noise_mm)
         found = verify(five, T, *known)
         assert found.as_expected
         assert 3 <= len(found.apart) <= 6
@@ -57,7 +57,7 @@ def test_five_poses_suffice_for_the_directions_that_they_determine(kind):
 def test_near_the_answer_the_first_order_says_the_same():
     found = calibration_of(Spec(kind="ball", seed=5, **SMALL))
     s = found.solution
-    T = wrong_by(s.T_flange_sensor, [0.2, -0.1, 0.1], [0.02, 0.03, -0.02])
+    T = wrong_by(s.pose, [0.2, -0.1, 0.1], [0.02, 0.03, -0.02])
     delta, covariance = linearised(found, s.kept, T, 0.0)
     exact = pose_error(T[:3, :3], T[:3, 3], s.rotation, s.translation)
     assert normalised_square(covariance, delta - exact) < 0.3

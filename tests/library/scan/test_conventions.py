@@ -1,14 +1,10 @@
-import re
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from profilecal.scan.conventions import (
-    CONTROLLERS,
     CONVENTIONS,
     find_convention,
-    for_controller,
     from_rotations,
     to_rotations,
 )
@@ -109,50 +105,3 @@ def test_impossible_orientations_are_refused_with_their_row(name, row, sentence)
     good = from_rotations(convention, np.eye(3)[None])[0]
     with pytest.raises(ValueError, match=f"row 1: {sentence}"):
         to_rotations(convention, [good, row])
-
-
-POSE = np.eye(4)
-POSE[:3, :3] = turn("z", 30) @ turn("y", -20) @ turn("x", 170)
-POSE[:3, 3] = 6.0252, 54.18211, 364.25534
-
-
-PASTED = {
-    "abb": "quaternion",
-    "ros": "quaternion",
-    "ur": "rotation vector",
-    "kuka": "KUKA angles",
-}
-PASTED |= {"fanuc": "FANUC angles", "staubli": "Stäubli angles"}
-
-
-@pytest.mark.parametrize("vendor", CONTROLLERS)
-def test_what_is_pasted_into_a_controller_is_the_pose(vendor):
-    text = for_controller(vendor, POSE)
-    numbers = [
-        float(n)
-        for n in re.findall(
-            r"-?\d+\.?\d*(?:e-?\d+)?", text.replace("tf2_ros", "").replace("ros2", "")
-        )
-    ]
-    if vendor == "matrix":
-        np.testing.assert_allclose(np.reshape(numbers, (4, 4)), POSE, atol=1e-8)
-        return
-    T, rest = np.array(numbers[:3]), numbers[3:7]
-    if vendor in ("ur", "ros"):
-        T = T * 1000
-    np.testing.assert_allclose(T, POSE[:3, 3], atol=1e-3)
-    if vendor == "ros":
-        rest = rest[3:] + rest[:3]
-    formula = FORMULA[PASTED[vendor]]
-    np.testing.assert_allclose(
-        formula(*rest[: 4 if formula is from_quaternion else 3]),
-        POSE[:3, :3],
-        atol=1e-6,
-    )
-
-
-def test_an_unknown_controller_is_refused_with_the_known_ones():
-    with pytest.raises(
-        ValueError, match="controller is 'acme'; expected one of abb, kuka"
-    ):
-        for_controller("acme", POSE)

@@ -10,7 +10,7 @@ import pytest
 from scipy.stats import chi2
 from simulated import squared_error, truth_of
 
-from profilecal.calibration.calibration import calibrate, to_text
+from profilecal.calibration.calibration import calibrate
 from profilecal.calibration.observe import check
 from profilecal.calibration.verify import verify
 from profilecal.geometry.poses import cross
@@ -23,6 +23,7 @@ from profilecal.targets import TARGETS
 from profilecal.targets.edge import Edge
 from profilecal.targets.target import ALONG_Y, Target
 from profilecal_tool.report import pictures
+from profilecal_tool.words import calibration_text
 
 
 @dataclass(frozen=True)
@@ -183,12 +184,12 @@ def test_from_raw_profiles_in_a_folder_to_an_answer_with_its_report(tmp_path):
         inside.append(squared_error(simulated, found))
     assert chi2.ppf(1e-4, 6 * 4) < np.sum(inside) < chi2.isf(1e-4, 6 * 4)
     assert found.to_json()["target"]["kind"] == "groove"
-    assert "status         ok" in to_text(found)
+    assert "status         ok" in calibration_text(found)
     pictures.plot_robot(found)
     pictures.plot_profiles(scan)
 
     other = simulate_scan(Spec(kind="groove", seed=99))
-    T, covariance = found.solution.T_flange_sensor, found.solution.covariance
+    T, covariance = found.solution.pose, found.solution.covariance
     assert not verify(other, T, covariance, 0.05).as_expected  # another sensor pose
     seen = verify(scan, truth_of(simulated), covariance, found.solution.noise_mm)
     assert seen.lengths == pytest.approx({"width": 20.0, "depth": 9.0}, abs=0.1)
