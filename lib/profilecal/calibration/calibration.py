@@ -227,7 +227,7 @@ def check_different(scans) -> None:
     )
     for title, scan in zip(titles, scans, strict=True):
         # not -0
-        poses = np.dstack([scan.R_base_flange, scan.T_base_flange]).round(3) + 0.0
+        poses = np.dstack([scan.R_base_flange, scan.p_base_flange]).round(3) + 0.0
         for label, pose, values in zip(scan.labels, poses, scan.values, strict=True):
             valid, name = (
                 values[np.isfinite(values).all(axis=1)],

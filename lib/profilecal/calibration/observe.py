@@ -206,7 +206,7 @@ def check(scan: Scan) -> list[str]:
     """What a scan holds, in lines for people: convention, groups, noise and outliers."""
     seen = observe(scan)
     poses, P, groups = seen.poses, len(scan.labels), scan.group.max() + 1
-    reach = np.linalg.norm(scan.T_base_flange, axis=1)
+    reach = np.linalg.norm(scan.p_base_flange, axis=1)
     angles, axis = turns(scan.R_base_flange)
     lines = [
         f"target         {scan.description}",

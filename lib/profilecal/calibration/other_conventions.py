@@ -129,10 +129,10 @@ def readings(scan: Scan):
     for shift, which in ((1, "next"), (-1, "previous")):
         words = f"each profile taken from the {which} row's pose"
         yield Reading(words, "check which pose each profile belongs to", scan, shift)
-    (low, high), farthest = REACH_MM, np.linalg.norm(scan.T_base_flange, axis=1).max()
+    (low, high), farthest = REACH_MM, np.linalg.norm(scan.p_base_flange, axis=1).max()
     for words, factor in UNITS.items():
         if low < farthest * factor < high:
-            scaled = replace(scan, T_base_flange=scan.T_base_flange * factor)
+            scaled = replace(scan, p_base_flange=scan.p_base_flange * factor)
             yield Reading(
                 f"the poses' x, y, z in {words}",
                 "check the units of poses and profiles",

@@ -3,6 +3,7 @@ what was expected.
 """
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 # matrices printed to four decimals pass, a scaled or sheared one does not
 ORTHONORMAL_TOLERANCE = 1e-3
@@ -61,3 +62,18 @@ def check_count(name: str, count: int, least: int, why: str) -> None:
         raise UnobservableError(
             f"{name}: {count} given, at least {least} needed ({why})"
         )
+
+
+def check_rigid(name: str, values: ArrayLike) -> np.ndarray:
+    """Return `values` as an array (n, 4, 4) of rigid transforms. Raises ValueError for
+    another shape, a last row that is not 0, 0, 0, 1, and what is no rotation.
+    """
+    array = check_array(name, values, (None, 4, 4))
+    bad = np.flatnonzero((array[:, 3] != [0, 0, 0, 1]).any(axis=1))
+    if bad.size:
+        raise ValueError(
+            f"the last row of {name}[{bad[0]}] is {array[bad[0], 3].tolist()}; "
+            "expected [0, 0, 0, 1]"
+        )
+    check_rotations(name, array[:, :3, :3], len(array))
+    return array

@@ -1,17 +1,24 @@
 """How robot controllers write an orientation: the columns of a file.
 
 Angles about fixed axes multiply from the right: "xyz" of (w, p, r) is R = Rz(r) Ry(p)
-Rx(w).
+Rx(w). A convention is added by a line in CONVENTIONS; nothing else names its columns.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from profilecal.geometry.checks import ORTHONORMAL_TOLERANCE
-from profilecal.scan.tables import Table, listed
+from profilecal.geometry.checks import ORTHONORMAL_TOLERANCE, check_array
+from profilecal.geometry.poses import homogeneous
+from profilecal.scan.tables import ScanError, Table, listed, naming
+
+LARGEST_ANGLE_DEG = 720.0  # two turns; what is larger is no angle
+UNIT_TOLERANCE = 1e-3  # of a quaternion's length: it may be printed to four decimals
 
 
 @dataclass(frozen=True)
@@ -44,91 +51,147 @@ CONVENTIONS = (
 )
 
 
-def find_convention(columns) -> Convention:
-    """The one whose columns are all there. Raises ValueError where there is none, or
-    more than one.
+def find_convention(columns: Iterable[str]) -> Convention:
+    """The convention whose columns are all there.
+
+    Raises ValueError where there is none, or more than one.
 
     >>> find_convention(["pose", "x", "y", "z", "w", "p", "r"]).meaning
     'R = Rz(R) Ry(P) Rx(W)'
     """
-    there = [
-        convention for convention in CONVENTIONS if {*convention.columns} <= {*columns}
-    ]
-    if len(there) != 1:
-        blocks = "; ".join(", ".join(convention.columns) for convention in CONVENTIONS)
-        found = (
-            " and ".join(convention.name for convention in there)
-            or f"none among {listed(columns)}"
-        )
+    titles = [*columns]
+    fitting = [one for one in CONVENTIONS if {*one.columns} <= {*titles}]
+    if len(fitting) != 1:
+        blocks = "; ".join(", ".join(one.columns) for one in CONVENTIONS)
+        names = " and ".join(one.name for one in fitting)
+        found = names or f"none among {listed(titles)}"
         raise ValueError(
             f"expected one block of orientation columns, {blocks}; found {found}"
         )
-    return there[0]
+    return fitting[0]
 
 
 def named(name: str) -> Convention:
-    """The convention of that name."""
-    return next(convention for convention in CONVENTIONS if convention.name == name)
+    """The convention of a name. Raises ScanError for one that there is not."""
+    for convention in CONVENTIONS:
+        if convention.name == name:
+            return convention
+    known = ", ".join(convention.name for convention in CONVENTIONS)
+    raise ScanError(f"convention is {name!r}; expected one of {known}")
+
+
+def pose_matrices(
+    positions: ArrayLike, orientations: ArrayLike, convention: str = "quaternion"
+) -> np.ndarray:
+    """Poses from positions and from orientations as a robot prints them.
+
+    Parameters
+    ----------
+    positions : array (P, 3)
+        Positions in mm.
+    orientations : array (P, k)
+        Their orientations, with the columns of the convention, in their order.
+    convention : str
+        "quaternion" (qw, qx, qy, qz: the scalar first, as ABB has it),
+        "rotation vector" (rx, ry, rz in radians: Universal Robots), "KUKA angles" (A,
+        B, C in degrees), "FANUC angles" (W, P, R in degrees; Yaskawa too), "Stäubli
+        angles" (degrees) or "matrix" (nine entries, row by row).
+
+    Returns
+    -------
+    array (P, 4, 4)
+        The poses, for `Scan.of`.
+
+    Raises
+    ------
+    ScanError
+        For arrays of another shape, and for orientations that the convention does not
+        have: a quaternion that is not of length 1, angles of more than two turns.
+
+    Examples
+    --------
+    >>> pose_matrices([[400, 0, 300]], [[90, 0, 0]], "KUKA angles")[0].round(3)
+    array([[  0.,  -1.,   0., 400.],
+           [  1.,   0.,   0.,   0.],
+           [  0.,   0.,   1., 300.],
+           [  0.,   0.,   0.,   1.]])
+    """
+    chosen = named(convention)
+    with naming(Path("pose_matrices")):
+        T = check_array("positions", positions, (None, 3))
+        shape = (len(T), len(chosen.columns))
+        block = check_array("orientations", orientations, shape)
+    return homogeneous(to_rotations(chosen, block), T)
 
 
 @np.errstate(over="ignore", invalid="ignore")
 def to_rotations(
-    convention: Convention, values, table: Table | None = None
+    convention: Convention, values: ArrayLike, table: Table | None = None
 ) -> np.ndarray:
-    """Matrices (n, 3, 3) from a convention's columns (n, k) of a table. Raises
-    ScanError for a quaternion not of length one, a rotation vector longer than a full
-    turn, angles of more than two turns, a matrix that is no rotation.
+    """Matrices (n, 3, 3) from a convention's columns (n, k) of a table.
+
+    Raises ScanError for a quaternion that is not of length one, a rotation vector
+    longer than a full turn, angles of more than two turns, a matrix that is no
+    rotation.
     """
-    values = np.asarray(values, dtype=float)
-    refuse = (
-        table or Table(Path("orientations"), {}, range(len(values)), "row")
-    ).refuse
+    block = np.asarray(values, dtype=float)
+    rows = table or Table(Path("orientations"), {}, range(len(block)), "row")
     if convention.sequence:
-        largest = np.abs(values).max(axis=1)
-        refuse(largest > 720, "angle of {:.6g}; expected degrees, at most 720", largest)
-        return Rotation.from_euler(
-            convention.sequence, values, degrees=True
-        ).as_matrix()
-    length = np.linalg.norm(values, axis=1)
-    if convention.name == "quaternion":  # printed to four decimals, too
-        refuse(
-            np.abs(length - 1) > 1e-3,
-            "quaternion of length {:.4g}; expected length 1",
-            length,
-        )
-        return Rotation.from_quat(values, scalar_first=True).as_matrix()
+        return from_angles(convention.sequence, block, rows)
+    if convention.name == "quaternion":
+        return from_quaternions(block, rows)
     if convention.name == "rotation vector":
-        sentence = "rotation vector of length {:.4g}; expected radians, at most 2π: are they degrees?"
-        refuse(length > 2 * np.pi, sentence, length)
-        return Rotation.from_rotvec(values).as_matrix()
-    matrices = values.reshape(-1, 3, 3)
-    excess, turned = (
-        np.abs(matrices @ matrices.mT - np.eye(3)).max(axis=(1, 2)),
-        np.linalg.det(matrices),
+        return from_rotation_vectors(block, rows)
+    return from_matrices(block.reshape(-1, 3, 3), rows)
+
+
+def from_angles(sequence: str, degrees: np.ndarray, rows: Table) -> np.ndarray:
+    """Matrices (n, 3, 3) from three angles (n, 3)."""
+    largest = np.abs(degrees).max(axis=1)
+    sentence = "angle of {:.6g}; expected degrees, at most 720"
+    rows.refuse(largest > LARGEST_ANGLE_DEG, sentence, largest)
+    return Rotation.from_euler(sequence, degrees, degrees=True).as_matrix()
+
+
+def from_quaternions(block: np.ndarray, rows: Table) -> np.ndarray:
+    """Matrices (n, 3, 3) from quaternions (n, 4), the scalar first."""
+    length = np.linalg.norm(block, axis=1)
+    off = np.abs(length - 1) > UNIT_TOLERANCE
+    rows.refuse(off, "quaternion of length {:.4g}; expected length 1", length)
+    return Rotation.from_quat(block, scalar_first=True).as_matrix()
+
+
+def from_rotation_vectors(block: np.ndarray, rows: Table) -> np.ndarray:
+    """Matrices (n, 3, 3) from rotation vectors (n, 3), rad."""
+    length = np.linalg.norm(block, axis=1)
+    sentence = (
+        "rotation vector of length {:.4g}; expected radians, at most 2π: "
+        "are they degrees?"
     )
+    rows.refuse(length > 2 * np.pi, sentence, length)
+    return Rotation.from_rotvec(block).as_matrix()
+
+
+def from_matrices(matrices: np.ndarray, rows: Table) -> np.ndarray:
+    """Matrices (n, 3, 3) as they are printed, made exactly orthonormal."""
+    excess = np.abs(matrices @ matrices.mT - np.eye(3)).max(axis=(1, 2))
     off = ~(excess <= ORTHONORMAL_TOLERANCE)
-    refuse(
-        off, "matrix with R Rᵀ off the identity by {:.2g}; expected a rotation", excess
-    )
-    refuse(
-        turned < 0,
-        "matrix with determinant {:.2g}, a reflection; expected a rotation",
-        turned,
-    )
+    sentence = "matrix with R Rᵀ off the identity by {:.2g}; expected a rotation"
+    rows.refuse(off, sentence, excess)
+    determinant = np.linalg.det(matrices)
+    sentence = "matrix with determinant {:.2g}, a reflection; expected a rotation"
+    rows.refuse(determinant < 0, sentence, determinant)
     return Rotation.from_matrix(matrices).as_matrix()
 
 
-def from_rotations(convention: Convention, rotations) -> np.ndarray:
+def from_rotations(convention: Convention, rotations: np.ndarray) -> np.ndarray:
     """A block of columns (n, k) from matrices (n, 3, 3)."""
     rotation = Rotation.from_matrix(rotations)
     if convention.sequence:
-        return rotation.as_euler(
-            convention.sequence, degrees=True, suppress_warnings=True
-        )
+        sequence: Any = convention.sequence
+        return rotation.as_euler(sequence, degrees=True, suppress_warnings=True)
     if convention.name == "quaternion":
         return rotation.as_quat(canonical=True, scalar_first=True)
-    return (
-        rotation.as_rotvec()
-        if convention.name == "rotation vector"
-        else rotation.as_matrix().reshape(-1, 9)
-    )
+    if convention.name == "rotation vector":
+        return rotation.as_rotvec()
+    return rotation.as_matrix().reshape(-1, 9)

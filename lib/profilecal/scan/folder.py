@@ -2,12 +2,12 @@
 written. Lengths become mm.
 """
 
-from dataclasses import fields
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from profilecal.geometry.noise import Noise, Systematic
 from profilecal.geometry.poses import rotation_groups
 from profilecal.scan.conventions import (
     find_convention,
@@ -15,8 +15,17 @@ from profilecal.scan.conventions import (
     named,
     to_rotations,
 )
-from profilecal.scan.scan import Scan, ScanError
+from profilecal.scan.scan import (
+    FARTHEST_MM,
+    MEASURED,
+    MOUNTS,
+    NOISE,
+    REACH_MM,
+    Scan,
+    length_rules,
+)
 from profilecal.scan.tables import (
+    ScanError,
     Table,
     is_file,
     listed,
@@ -29,36 +38,41 @@ from profilecal.scan.toml import (
     TABLE,
     TEXT,
     check_entries,
-    number,
     one_of,
     read_toml,
     toml_text,
 )
 from profilecal.targets import TARGETS
 
-MEASURED = {
-    "profiles": ("x", "z"),
-    "points": ("x", "z"),
-    "chords": ("x_a", "z_a", "x_b", "z_b"),
-    "arcs": ("x", "z", "r"),
-}
 SCALE = {"mm": 1.0, "m": 1000.0}
-MOUNTS = ("eye-in-hand", "eye-to-hand")
-NOISE = dict.fromkeys(  # an error that is there is no rounding error
-    (field.name for kind in (Noise, Systematic) for field in fields(kind)),
-    (
-        lambda value: number(0, 100)[0](value) and (value == 0 or value >= 1e-6),
-        "zero, or 1e-06 to 100",
-    ),
-)
-REACH_MM = (10.0, 20_000.0)  # farthest flange position from the base: a robot's size
-# from the scanner; no profile scanner sees as far, and some print such numbers for no
-# point
-FARTHEST_MM = 10_000.0
+DEFAULTS = {"title": "", "units": "mm", "mount": MOUNTS[0], "target": {}, "noise": {}}
 
 
-def read_scan(folder) -> Scan:
-    """Read and check a scan folder. Raises ScanError."""
+def read_scan(folder: str | Path) -> Scan:
+    """Read and check a scan folder.
+
+    Parameters
+    ----------
+    folder : str or Path
+        A folder with scan.toml, poses.csv and what the scanner saw, as data/README.md
+        describes it.
+
+    Returns
+    -------
+    Scan
+        The measurements, lengths in mm.
+
+    Raises
+    ------
+    ScanError
+        Where something is wrong: one sentence with the file, the row, the value and
+        what was expected.
+
+    See Also
+    --------
+    Scan.of : the same from arrays in memory.
+    write_scan : the way back.
+    """
     folder = Path(folder)
     if not folder.exists():
         raise ScanError(f"{folder}: no such folder")
@@ -69,34 +83,47 @@ def read_scan(folder) -> Scan:
     return scan_of(folder, header, poses, measured, values)
 
 
-def scan_of(folder: Path, header: dict, poses: dict, measured: str, values) -> Scan:
+def scan_of(
+    folder: Path,
+    header: dict[str, Any],
+    poses: dict[str, Any],
+    measured: str,
+    values: Sequence[np.ndarray],
+) -> Scan:
     """The scan of a checked header, entries of a Scan, and rows in mm by pose."""
     target = header["target"]
     kind, scale = target["kind"], SCALE[header["units"]]
-    fits = TARGETS[kind].tables
-    if measured not in fits:
-        raise ScanError(
-            f"{folder}: a target of kind {kind!r} needs {' or '.join(fits)}, not {measured}"
+    try:
+        return Scan(
+            kind=kind,
+            measured=measured,
+            values=tuple(values),
+            sizes=tuple(target[name] * scale for name in TARGETS[kind].lengths),
+            noise=header["noise"],
+            mount=header["mount"],
+            title=header["title"],
+            **poses,
         )
-    sizes = tuple(target[name] * scale for name in TARGETS[kind].lengths)
-    said = {name: header[name] for name in ("noise", "mount", "title")}
-    return Scan(
-        kind=kind, measured=measured, values=values, sizes=sizes, **said, **poses
-    )
+    except ScanError as error:
+        raise ScanError(f"{folder}: {error}") from error
 
 
-def read_header(path: Path) -> dict:
+def read_header(path: Path) -> dict[str, Any]:
     """scan.toml, checked, with defaults filled in."""
     if not is_file(path):
-        hint = 'expected it to name the target: [target] kind = "edge" (other files: profilecal import)'
-        raise ScanError(f"{path}: no such file; {hint}")
+        raise ScanError(
+            f"{path}: no such file; expected it to name the target: "
+            '[target] kind = "edge" (other files: profilecal import)'
+        )
     return check_header(path, read_toml(path))
 
 
-def check_header(path: Path, header: dict) -> dict:
+def check_header(path: Path, header: dict[str, Any]) -> dict[str, Any]:
     """What such a file says, checked, with defaults filled in; errors name `path`.
+
     Raises ScanError.
     """
+    header = DEFAULTS | header
     rules = {
         "title": TEXT,
         "units": one_of(SCALE),
@@ -104,163 +131,188 @@ def check_header(path: Path, header: dict) -> dict:
         "target": TABLE,
         "noise": NOISE,
     }
-    header = {
-        "title": "",
-        "units": "mm",
-        "mount": "eye-in-hand",
-        "target": {},
-        "noise": {},
-    } | header
-    target = check_entries(path, header, rules)["target"]
-    check_entries(
-        path, {"kind": target.get("kind")}, {"kind": one_of(TARGETS)}, "target"
-    )
-    lengths = length_rules(target["kind"], SCALE[header["units"]])
-    check_entries(
-        path,
-        target,
-        {"kind": TEXT, "side": one_of((1, -1))} | lengths,
-        "target",
-        needed=lengths,
-    )
+    check_entries(path, header, rules)
+    target = header["target"]
+    kind = target.get("kind")
+    check_entries(path, {"kind": kind}, {"kind": one_of(TARGETS)}, "target")
+    lengths = length_rules(kind, SCALE[header["units"]])
+    of_target = {"kind": TEXT, "side": one_of((1, -1))} | lengths
+    check_entries(path, target, of_target, "target", needed=lengths)
     return header
 
 
-def length_rules(kind: str, scale: float = 1.0) -> dict:
-    """What the lengths of a target that a profile scanner can see may be, in units of
-    `scale` mm.
-    """
-    return dict.fromkeys(TARGETS[kind].lengths, number(0.5 / scale, 1000 / scale))
+def read_poses(path: Path, scale: float, side: int = 0) -> dict[str, Any]:
+    """What a table of poses, in units of `scale` mm, says: entries of a Scan.
 
-
-def read_poses(path: Path, scale: float, side: int = 0) -> dict:
-    """What a table of poses, in units of `scale` mm, says: entries of a Scan. `side`:
-    of poses for which it says none. Raises ScanError.
+    `side` is that of poses for which the table says none. Raises ScanError.
     """
     return check_poses(read_table(path, ("pose", "x", "y", "z")), scale, side)
 
 
-def check_poses(table: Table, scale: float, side: int = 0) -> dict:
+def check_poses(table: Table, scale: float, side: int = 0) -> dict[str, Any]:
     """The same of a table that has been read."""
     labels = table.labels()
-    first, which = np.unique(labels, return_index=True, return_inverse=True)[1:]
-    table.refuse(
-        first[which] < np.arange(len(labels)), "pose {} is there twice", labels
-    )
-    with np.errstate(over="ignore"):
-        T = table.numbers(("x", "y", "z")) * scale
-        reach = np.linalg.norm(T, axis=1)
+    first, row = np.unique(labels, return_index=True, return_inverse=True)[1:]
+    table.refuse(first[row] < np.arange(len(labels)), "pose {} is there twice", labels)
+    positions = checked_positions(table, scale, labels)
     with naming(table.path):
         convention = find_convention(table.columns)
         block = table.numbers(convention.columns)
-        R = to_rotations(convention, block, table)
-    (low, high), farthest = REACH_MM, reach.max()
-    off = (reach == farthest) & ~(low <= farthest <= high)
-    hint = f"expected a robot's size, {low:g} to {high:g} mm: are the units right?"
-    said = f"the farthest flange position, of pose {{}}, is {{:.3g}} mm from the base; {hint}"
-    table.refuse(off, said, labels, reach)
-    table.columns.setdefault("side", [side] * len(labels))
-    sides = table.numbers(("side",), blank=True)[:, 0]
-    sides[np.isnan(sides)] = side
-    table.refuse(~np.isin(sides, (-1, 0, 1)), "side is {:g}; expected 1 or -1", sides)
-    given = [str(cell).strip() for cell in table.columns.get("group", ())]
-    if any(given):
-        table.refuse(
-            [not cell for cell in given],
-            "no group; expected one for each pose, or for none",
-        )
-    group = (
-        np.unique(given, return_inverse=True)[1] if any(given) else rotation_groups(R)
-    )
+        rotations = to_rotations(convention, block, table)
+    group, given = groups_of(table, rotations)
     return {
         "labels": tuple(labels),
-        "R_base_flange": R,
-        "T_base_flange": T,
-        "side": sides,
+        "R_base_flange": rotations,
+        "p_base_flange": positions,
+        "side": sides_of(table, side),
         "group": group,
-        "group_given": any(given),
+        "group_given": given,
         "convention": convention.name,
         "orientation": block,
     }
 
 
+def checked_positions(table: Table, scale: float, labels: np.ndarray) -> np.ndarray:
+    """The flange's positions (P, 3), mm, no farther from the base than robots reach."""
+    with np.errstate(over="ignore"):
+        positions = table.numbers(("x", "y", "z")) * scale
+        reach = np.linalg.norm(positions, axis=1)
+    low, high = REACH_MM
+    farthest = reach.max()
+    wrong = (reach == farthest) & ~(low <= farthest <= high)
+    table.refuse(
+        wrong,
+        "the farthest flange position, of pose {}, is {:.3g} mm from the base; "
+        f"expected a robot's size, {low:g} to {high:g} mm: are the units right?",
+        labels,
+        reach,
+    )
+    return positions
+
+
+def sides_of(table: Table, side: int) -> np.ndarray:
+    """The column `side` (P,), or `side` where it says nothing."""
+    if "side" not in table.columns:
+        return np.full(len(table.lines), float(side))
+    sides = table.numbers(("side",), blank=True)[:, 0]
+    sides[np.isnan(sides)] = side
+    known = np.isin(sides, (-1, 0, 1))
+    table.refuse(~known, "side is {:g}; expected 1 or -1", sides)
+    return sides
+
+
+def groups_of(table: Table, rotations: np.ndarray) -> tuple[np.ndarray, bool]:
+    """Numbers of the rotation groups (P,), and whether the table states them."""
+    cells = [str(cell).strip() for cell in table.columns.get("group", ())]
+    if not any(cells):
+        return rotation_groups(rotations), False
+    blank = [not cell for cell in cells]
+    table.refuse(blank, "no group; expected one for each pose, or for none")
+    return np.unique(cells, return_inverse=True)[1], True
+
+
 def read_measurements(
-    folder: Path, labels, scale: float
+    folder: Path, labels: Sequence[str], scale: float
 ) -> tuple[str, tuple[np.ndarray, ...]]:
     """What the scanner saw: which of the four files there is, and its rows in mm by
     pose.
     """
-    there = [name for name in MEASURED if is_file(folder / f"{name}.csv")]
-    if len(there) != 1:
-        found = " and ".join(there) or "none of them"
-        raise ScanError(
-            f"{folder}: expected one of {listed(MEASURED)} (.csv); found {found}"
-        )
-    (measured,) = there
-    table = read_table(folder / f"{measured}.csv", ("pose", *MEASURED[measured]))
-    seen = table.labels()
-    known = {label: pose for pose, label in enumerate(labels)}
-    pose = np.array([known.get(label, -1) for label in seen])
-    table.refuse(pose < 0, "pose {} is not in poses", seen)
-    numbers = (
-        table.numbers(MEASURED[measured], blank=True, largest=FARTHEST_MM / scale)
-        * scale
-    )
+    names = [name for name in MEASURED if is_file(folder / f"{name}.csv")]
+    if len(names) != 1:
+        found = " and ".join(names) or "none of them"
+        known = listed(MEASURED)
+        raise ScanError(f"{folder}: expected one of {known} (.csv); found {found}")
+    (measured,) = names
+    columns = MEASURED[measured]
+    table = read_table(folder / f"{measured}.csv", ("pose", *columns))
+    pose = row_of_label(table, labels)
+    most = FARTHEST_MM / scale
+    numbers = table.numbers(columns, blank=True, largest=most) * scale
     counts = np.bincount(pose, minlength=len(labels))
-    whole_profile = "more, or none where the scanner saw nothing (single sensed points belong into points.csv)"
-    wrong, expected = (
-        (counts == 1, whole_profile) if measured == "profiles" else (counts > 1, "one")
-    )
-    table.refuse(
-        wrong[pose], f"pose {{}} has {{}} rows; expected {expected}", seen, counts[pose]
-    )
+    check_counts(table, measured, pose, counts)
     largest = np.nanmax(np.abs(numbers), initial=0.0)
     if 0 < largest < 1:
         raise ScanError(
-            f"{table.path}: no value is larger than {largest:.3g} mm; are the units in scan.toml right?"
+            f"{table.path}: no value is larger than {largest:.3g} mm; "
+            "are the units in scan.toml right?"
         )
     by_pose = numbers[np.argsort(pose, kind="stable")]
     return measured, tuple(np.split(by_pose, np.cumsum(counts)[:-1]))
 
 
-def poses_columns(labels, R, T, convention: str) -> dict:
-    """The columns of poses R (P, 3, 3), T (P, 3), mm, with angles in a named
-    convention.
-    """
+def row_of_label(table: Table, labels: Sequence[str]) -> np.ndarray:
+    """Which of the poses with `labels` each row of a table is of."""
+    known = {label: pose for pose, label in enumerate(labels)}
+    said = table.labels()
+    pose = np.array([known.get(label, -1) for label in said])
+    table.refuse(pose < 0, "pose {} is not in poses", said)
+    return pose
+
+
+def check_counts(
+    table: Table, measured: str, pose: np.ndarray, counts: np.ndarray
+) -> None:
+    """Refuse a profile of one point, and a pose with two points, chords or arcs."""
+    if measured == "profiles":
+        wrong = counts == 1
+        expected = (
+            "more, or none where the scanner saw nothing "
+            "(single sensed points belong into points.csv)"
+        )
+    else:
+        wrong = counts > 1
+        expected = "one"
+    sentence = f"pose {{}} has {{}} rows; expected {expected}"
+    table.refuse(wrong[pose], sentence, table.labels(), counts[pose])
+
+
+def poses_columns(
+    labels: Sequence[str], R: np.ndarray, p: np.ndarray, convention: str
+) -> dict[str, Any]:
+    """The columns of poses R (P, 3, 3), p (P, 3), mm, with angles in a convention."""
     angles = named(convention)
-    names, block = (
-        ("pose", *"xyz", *angles.columns),
-        np.hstack([T, from_rotations(angles, R)]),
-    )
+    block = np.hstack([p, from_rotations(angles, R)])
+    names = ("pose", "x", "y", "z", *angles.columns)
     return dict(zip(names, (labels, *block.T), strict=True))
 
 
-def write_scan(scan: Scan, folder) -> None:
-    """Write a scan as a folder of its own, in mm. Raises ScanError if it is taken."""
+def write_scan(scan: Scan, folder: str | Path) -> None:
+    """Write a scan as a new folder of its own, in mm.
+
+    Parameters
+    ----------
+    scan : Scan
+        What to write; where it is simulated, its truth goes to truth.toml.
+    folder : str or Path
+        A folder that is not there yet, or is empty. It appears whole or not at all.
+
+    Raises
+    ------
+    ScanError
+        Where the folder is in use.
+    """
     poses = poses_columns(
-        scan.labels, scan.R_base_flange, scan.T_base_flange, scan.convention
+        scan.labels, scan.R_base_flange, scan.p_base_flange, scan.convention
     )
     if scan.group_given:
         poses["group"] = scan.group
     if np.any(scan.side):
         poses["side"] = scan.side.astype(int)
-    values = dict(
-        zip(MEASURED[scan.measured], np.concatenate(scan.values).T, strict=True)
-    )
-    labels = np.repeat(
-        np.array(scan.labels, dtype=object), [len(rows) for rows in scan.values]
-    )
+    counts = [len(rows) for rows in scan.values]
+    labels = np.repeat(np.array(scan.labels, dtype=object), counts)
+    columns = np.concatenate(scan.values).T
+    measurements = dict(zip(MEASURED[scan.measured], columns, strict=True))
+    header = {
+        "title": scan.title,
+        "units": "mm",
+        "mount": scan.mount,
+        "target": {"kind": scan.kind} | scan.measures,
+        "noise": dict(scan.noise),
+    }
     with new_folder(Path(folder)) as partial:
-        target = {"kind": scan.kind} | scan.measures
-        header = {
-            "title": scan.title,
-            "units": "mm",
-            "mount": scan.mount,
-            "target": target,
-            "noise": scan.noise,
-        }
         (partial / "scan.toml").write_text(toml_text(header), encoding="utf-8")
         write_table(partial / "poses.csv", poses)
-        write_table(partial / f"{scan.measured}.csv", {"pose": labels} | values)
+        write_table(partial / f"{scan.measured}.csv", {"pose": labels} | measurements)
         if scan.truth:
-            (partial / "truth.toml").write_text(toml_text(scan.truth), encoding="utf-8")
+            truth = toml_text(scan.truth)
+            (partial / "truth.toml").write_text(truth, encoding="utf-8")

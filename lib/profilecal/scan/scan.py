@@ -1,43 +1,271 @@
-"""A scan in memory, and the error that says what is wrong with one."""
+"""A scan in memory: poses of the flange, and what the scanner saw from each."""
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
 
 import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import RigidTransform
 
-from profilecal.geometry.poses import inverse
+from profilecal.geometry.checks import check_array, check_rigid, check_rotations
+from profilecal.geometry.noise import Noise, Systematic
+from profilecal.geometry.poses import homogeneous, inverse, rotation_groups
+from profilecal.scan.conventions import CONVENTIONS
+from profilecal.scan.tables import ScanError, naming
+from profilecal.scan.toml import TEXT, Rule, check_entries, number, one_of
 from profilecal.targets import TARGETS
 from profilecal.targets.target import Target
 
+MEASURED = {  # what a scan may hold, and its columns
+    "profiles": ("x", "z"),
+    "points": ("x", "z"),
+    "chords": ("x_a", "z_a", "x_b", "z_b"),
+    "arcs": ("x", "z", "r"),
+}
+MOUNTS = ("eye-in-hand", "eye-to-hand")
+NOISE: dict[str, Rule] = dict.fromkeys(  # an error that is there is no rounding error
+    (entry.name for kind in (Noise, Systematic) for entry in fields(kind)),
+    (
+        lambda value: number(0, 100)[0](value) and (value == 0 or value >= 1e-6),
+        "zero, or 1e-06 to 100",
+    ),
+)
+REACH_MM = (10.0, 20_000.0)  # farthest flange position from the base: a robot's size
+# from the scanner; no profile scanner sees as far, and some print such numbers for no
+# point
+FARTHEST_MM = 10_000.0
 
-class ScanError(ValueError):
-    """The folder's content is wrong; one sentence with the file, the row, the value and
-    what was expected.
+
+def length_rules(kind: str, scale: float = 1.0) -> dict[str, Rule]:
+    """What the lengths of a target that a profile scanner can see may be, in units of
+    `scale` mm.
+    """
+    limits = number(0.5 / scale, 1000 / scale)
+    return dict.fromkeys(TARGETS[kind].lengths, limits)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Scan:
+    """One scan: P poses of the flange, and what the scanner saw from each. Made from
+    arrays by `Scan.of`, from a folder by `read_scan`. Lengths are in mm.
+
+    It is checked where it is made: a Scan that exists is well formed.
     """
 
-
-@dataclass(frozen=True)
-class Scan:
-    """One scan: poses of the flange and what the scanner saw from each. Lengths in mm."""
-
-    kind: str  # edge, disk, ball, plane or point
-    labels: tuple[str, ...]  # (P,)
-    R_base_flange: np.ndarray  # (P, 3, 3)
-    T_base_flange: np.ndarray  # (P, 3)
+    kind: str  # of the target: edge, disk, ball, plane, point or rod
+    labels: tuple[str, ...]  # (P,) names of the poses
+    R_base_flange: np.ndarray  # (P, 3, 3) orientations of the flange in the base frame
+    p_base_flange: np.ndarray  # (P, 3) its positions there
     measured: str  # profiles, points, chords or arcs
-    # (P,) of (rows, columns), empty where the scanner saw nothing
+    # (P,) of (rows, columns of MEASURED), empty where the scanner saw nothing
     values: tuple[np.ndarray, ...]
     sizes: tuple[float, ...] = ()  # the target's lengths
-    side: np.ndarray | None = None  # (P,) +1, -1, or 0 where the program is to decide
-    group: np.ndarray | None = None  # (P,) whole numbers from 0
+    # (P,) +1, -1, or 0 where the program is to decide
+    side: np.ndarray = field(default_factory=lambda: np.array(0.0))
+    # (P,) numbers from 0, one for each orientation; left out, found from R_base_flange
+    group: np.ndarray = field(default_factory=lambda: np.array([]))
     group_given: bool = False
-    noise: dict[str, float] = field(default_factory=dict)
-    mount: str = "eye-in-hand"
+    noise: Mapping[str, float] = field(default_factory=dict)
+    mount: str = MOUNTS[0]
     title: str = ""
-    convention: str = "quaternion"
+    convention: str = CONVENTIONS[0].name
     # (P, k) the convention's columns as they were read
     orientation: np.ndarray | None = None
-    # of a simulated one; it is written, and not read
-    truth: dict = field(default_factory=dict)
+    truth: dict = field(default_factory=dict)  # of a simulated one; written, not read
+
+    @classmethod
+    def of(
+        cls,
+        kind: str,
+        T_base_flange: ArrayLike | RigidTransform,
+        *,
+        profiles: Sequence[ArrayLike] | None = None,
+        points: ArrayLike | None = None,
+        chords: ArrayLike | None = None,
+        arcs: ArrayLike | None = None,
+        mount: str = MOUNTS[0],
+        noise: Mapping[str, float] | None = None,
+        side: ArrayLike = 0,
+        group: ArrayLike | None = None,
+        labels: Sequence[str] | None = None,
+        title: str = "",
+        **lengths: float,
+    ) -> "Scan":
+        """A scan from arrays in memory.
+
+        Parameters
+        ----------
+        kind : str
+            What was scanned: "edge", "disk", "ball", "plane", "point" or "rod".
+        T_base_flange : array (P, 4, 4) or RigidTransform
+            Poses of the flange in the base frame, mm. `pose_matrices` makes them from
+            positions and the orientations that a robot prints.
+        profiles : sequence of P arrays (n, 2)
+            Raw profiles, x and z in mm in scan order; NaN or left out where nothing was
+            seen. One of `profiles`, `points`, `chords` and `arcs` is given.
+        points : array (P, 2)
+            Sensed points of an edge or a marked point, x and z in mm; NaN for none.
+        chords : array (P, 4) or (P, 2, 2)
+            Both ends of the chord that a disk leaves, x and z in mm; NaN for none.
+        arcs : array (P, 3)
+            The circle that a ball leaves, x, z and radius in mm; NaN for none.
+        mount : str
+            "eye-in-hand", the scanner on the flange, or "eye-to-hand", the target on
+            the flange and the scanner fixed.
+        noise : mapping of str to float
+            Standard deviations that are known, such as ``{"profile_mm": 0.05}``: the
+            entries of [noise] in scan.toml.
+        side : array (P,) or int
+            Disk and ball: +1 or -1, the side of the scan plane; 0 to decide from the
+            data.
+        group : array (P,), optional
+            Labels that poses of one flange orientation share; left out, they are found.
+        labels : sequence of P str, optional
+            Names of the poses; left out, their numbers from 1.
+        title : str
+            One line of text.
+        **lengths : float
+            The target's lengths in mm: ``radius`` of a disk, ball or rod.
+
+        Raises
+        ------
+        ScanError
+            Where an argument is wrong: one sentence with its name, the place, the value
+            and what was expected.
+
+        See Also
+        --------
+        read_scan : the same from a folder of files.
+        calibrate : the sensor pose from scans.
+
+        Examples
+        --------
+        >>> poses = np.tile(np.eye(4), (3, 1, 1))
+        >>> poses[:, :3, 3] = [[400, 0, 300], [400, 20, 300], [400, 0, 320]]
+        >>> scan = Scan.of("edge", poses, points=[[1, 90], [2, 91], [1, 95]])
+        >>> scan
+        Scan(edge, 3 poses of 1 orientation, points, eye-in-hand)
+        """
+        given = {
+            "profiles": profiles,
+            "points": points,
+            "chords": chords,
+            "arcs": arcs,
+        }
+        named = [name for name, values in given.items() if values is not None]
+        if len(named) != 1:
+            listed = " and ".join(named) or "none of them"
+            raise ScanError(f"expected one of {', '.join(MEASURED)}; found {listed}")
+        (measured,) = named
+        check_entries("Scan", {"kind": kind}, {"kind": one_of(TARGETS)})
+        known = length_rules(kind)
+        check_entries("Scan", lengths, known, "", needed=known)
+        with naming(measured):
+            values = rows_by_pose(measured, given[measured])
+        if isinstance(T_base_flange, RigidTransform):
+            T_base_flange = T_base_flange.as_matrix()
+        with naming("Scan"):
+            T = check_rigid("T_base_flange", T_base_flange)
+        if len(T) != len(values):
+            raise ScanError(
+                f"T_base_flange has shape {T.shape} for {len(values)} {measured}; "
+                f"expected a pose for each, ({len(values)}, 4, 4)"
+            )
+        return cls(
+            kind=kind,
+            labels=tuple(labels or map(str, range(1, len(T) + 1))),
+            R_base_flange=T[:, :3, :3],
+            p_base_flange=T[:, :3, 3],
+            measured=measured,
+            values=values,
+            sizes=tuple(lengths[name] for name in known),
+            side=np.asarray(side),
+            group=np.array([]) if group is None else np.asarray(group),
+            group_given=group is not None,
+            noise=noise or {},
+            mount=mount,
+            title=title,
+        )
+
+    def __post_init__(self) -> None:
+        said = {"kind": self.kind, "mount": self.mount, "title": self.title}
+        rules = {"kind": one_of(TARGETS), "mount": one_of(MOUNTS), "title": TEXT}
+        check_entries("Scan", said, rules)
+        self._check_measured()
+        self._check_noise()
+        with naming("Scan"):
+            self.target.check_sizes(self.sizes)
+            self._check_poses()
+
+    def _check_measured(self) -> None:
+        """Refuse measurements that do not fit the target, or that are not in mm."""
+        expected = self.target.tables
+        if self.measured not in expected:
+            raise ScanError(
+                f"a target of kind {self.kind!r} needs {' or '.join(expected)}, "
+                f"not {self.measured}"
+            )
+        largest = max((largest_of(rows) for rows in self.values), default=0.0)
+        if 0 < largest < 1 or largest > FARTHEST_MM:
+            raise ScanError(
+                f"the largest value of {self.measured} is {largest:.3g}; "
+                f"expected 1 to {FARTHEST_MM:g} mm: are they in mm?"
+            )
+
+    def _check_noise(self) -> None:
+        """Refuse entries that [noise] does not have, and values that they cannot."""
+        if not isinstance(self.noise, Mapping):
+            example = '{"profile_mm": 0.05}'
+            raise ScanError(f"noise is {self.noise!r}; expected entries, as {example}")
+        check_entries("noise", dict(self.noise), NOISE)
+
+    def _check_poses(self) -> None:
+        """Refuse poses that are none; fill in what is left out of them."""
+        P = len(self.values)
+        rotations = check_rotations("R_base_flange", self.R_base_flange, P)
+        positions = check_array("p_base_flange", self.p_base_flange, (P, 3))
+        low, high = REACH_MM
+        farthest = np.linalg.norm(positions, axis=1).max(initial=0.0)
+        if P and not low <= farthest <= high:
+            raise ValueError(
+                f"the farthest flange position is {farthest:.3g} mm from the base; "
+                f"expected a robot's size, {low:g} to {high:g} mm: are they in mm?"
+            )
+        if len({*self.labels}) != P:
+            raise ValueError(f"{len({*self.labels})} different labels for {P} poses")
+        group = np.asarray(self.group)
+        if not group.size:
+            group = rotation_groups(rotations)
+        elif group.shape != (P,):
+            raise ValueError(f"group has shape {group.shape}; expected ({P},)")
+        side = np.asarray(self.side)
+        if side.shape not in ((), (P,)) or not np.isin(side, (-1, 0, 1)).all():
+            raise ValueError(f"side is {self.side}; expected 1, -1 or 0, for each pose")
+        self._fill(
+            R_base_flange=rotations,
+            p_base_flange=positions,
+            group=np.unique(group, return_inverse=True)[1],
+            side=np.broadcast_to(side, P).astype(float),
+        )
+
+    def _fill(self, **entries: np.ndarray) -> None:
+        """Put entries in their final form while the scan is being made."""
+        for name, value in entries.items():
+            object.__setattr__(self, name, value)
+
+    def __repr__(self) -> str:
+        groups = int(self.group.max(initial=-1)) + 1
+        orientations = f"{groups} orientation{'s' * (groups != 1)}"
+        title = f", {self.title!r}" if self.title else ""
+        return (
+            f"Scan({self.description}, {len(self.labels)} poses of {orientations}, "
+            f"{self.measured}, {self.mount}{title})"
+        )
+
+    @property
+    def T_base_flange(self) -> np.ndarray:
+        """Poses (P, 4, 4) of the flange in the base frame, mm."""
+        return homogeneous(self.R_base_flange, self.p_base_flange)
 
     @property
     def target(self) -> type[Target]:
@@ -52,17 +280,41 @@ class Scan:
     @property
     def description(self) -> str:
         """The target in words."""
-        return ", ".join(
-            [
-                self.kind,
-                *(f"{name} {value:g} mm" for name, value in self.measures.items()),
-            ]
-        )
+        lengths = [f"{name} {value:g} mm" for name, value in self.measures.items()]
+        return ", ".join([self.kind, *lengths])
 
     def base_flange(self, poses) -> tuple[np.ndarray, np.ndarray]:
-        """Some poses (k,) as the calibration takes them: rotations (k, 3, 3),
+        """Some poses (k,) as the calibration takes them: rotations (k, 3, 3) and
         translations (k, 3) of the flange in the base frame; eye-to-hand, of the base in
         the flange frame.
         """
-        R, T = self.R_base_flange[poses], self.T_base_flange[poses]
-        return inverse(R, T) if self.mount == "eye-to-hand" else (R, T)
+        R, p = self.R_base_flange[poses], self.p_base_flange[poses]
+        return inverse(R, p) if self.mount == "eye-to-hand" else (R, p)
+
+
+def largest_of(rows: np.ndarray) -> float:
+    """The largest size of a number among those that are not NaN; 0 if all are."""
+    return float(np.nanmax(np.abs(rows), initial=0.0))
+
+
+def rows_by_pose(measured: str, values) -> tuple[np.ndarray, ...]:
+    """What was measured, as a `Scan` has it: (P,) of (rows, columns). Raises ValueError
+    for arrays of another shape.
+    """
+    columns = len(MEASURED[measured])
+    if measured != "profiles":
+        array = np.asarray(values, dtype=float)
+        flat = array.reshape(len(array), -1) if array.ndim == 3 else array
+        check_array(measured, flat, (None, columns), finite=False)
+        return tuple(flat[:, None, :][k] for k in range(len(flat)))
+    profiles = tuple(
+        check_array(f"profiles[{k}]", profile, (None, columns), finite=False)
+        for k, profile in enumerate(values)
+    )
+    for k, profile in enumerate(profiles):
+        if len(profile) == 1:
+            raise ValueError(
+                f"profiles[{k}] has one point; expected more, or none where nothing "
+                "was seen (single sensed points are points=)"
+            )
+    return profiles

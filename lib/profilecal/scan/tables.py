@@ -4,34 +4,36 @@ leaves nothing.
 
 import csv
 import shutil
-from collections.abc import Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from io import StringIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from profilecal.scan.scan import ScanError
+LARGEST_MB = 400  # of a text file: more a usual computer does not hold
+Rows = list[tuple[int, list[str]]]  # lines' numbers and fields
+# cells of points that were not seen
+NOTHING = {"", ".", "-", "--", "na", "n/a", "#n/a", "null", "none"}
+NOTHING |= {"nan", "-nan", ".nan", "-nan(ind)", "1.#qnan"}
+
+
+class ScanError(ValueError):
+    """A scan is wrong; one sentence says where, what it holds and what was expected."""
 
 
 @contextmanager
-def naming(path: Path):
-    """What goes wrong with a file becomes a ScanError that names it."""
+def naming(path: str | Path) -> Iterator[None]:
+    """What goes wrong with a file or argument becomes a ScanError that names it."""
     try:
         yield
     except ScanError:
         raise
     except UnicodeDecodeError as error:
-        if b"\0" in error.object:
-            raise ScanError(f"{path}: binary data; save it as text") from error
-        line, byte = (
-            error.object.count(b"\n", 0, error.start) + 1,
-            error.object[error.start : error.start + 1],
-        )
-        raise ScanError(
-            f"{path}: not UTF-8 text, {byte!r} in line {line}; save it as UTF-8"
-        ) from error
+        raise ScanError(f"{path}: {not_text(error)}") from error
     except OSError as error:
         raise ScanError(f"{path}: {error.strerror or error}") from error
     except RecursionError as error:
@@ -40,23 +42,31 @@ def naming(path: Path):
         raise ScanError(f"{path}: {error}") from error
 
 
-def text_of(path: Path, megabytes: int = 400) -> str:
-    """A file's text, of at most so many megabytes: more than 400 a usual computer does
-    not hold. Raises ScanError.
-    """
+def not_text(error: UnicodeDecodeError) -> str:
+    """Why a file is no text, and what to do."""
+    if b"\0" in error.object:
+        return "binary data; save it as text"
+    line = error.object.count(b"\n", 0, error.start) + 1
+    byte = error.object[error.start : error.start + 1]
+    return f"not UTF-8 text, {byte!r} in line {line}; save it as UTF-8"
+
+
+def text_of(path: Path, megabytes: int = LARGEST_MB) -> str:
+    """A file's text, of at most so many megabytes. Raises ScanError."""
     if not is_file(path):
         raise ScanError(f"{path}: no such file")
     with naming(path):
-        if (size := path.stat().st_size / 1e6) > megabytes:
-            raise ScanError(
-                f"{path}: {size:.7g} MB; expected at most {megabytes} MB; thin profiles out"
-            )
+        size = path.stat().st_size / 1e6
+        if size > megabytes:
+            expected = f"expected at most {megabytes} MB; thin profiles out"
+            raise ScanError(f"{path}: {size:.7g} MB; {expected}")
         return path.read_bytes().decode("utf-8-sig")
 
 
 def is_file(path: Path) -> bool:
-    """Whether there is a file. Raises ScanError for what is no file, or cannot be told
-    (a loop of links, no right).
+    """Whether there is a file.
+
+    Raises ScanError for what is no file, or cannot be told (a loop of links, no right).
     """
     with naming(path):
         try:
@@ -69,8 +79,8 @@ def is_file(path: Path) -> bool:
 
 
 @contextmanager
-def whole(path: Path):
-    """A place beside `path` for a file or a folder that then appears at `path` whole,
+def whole(path: Path) -> Iterator[Path]:
+    """A place beside `path` for a file or a folder, which then appears at `path` whole,
     or after an error not at all.
     """
     partial = partial_of(path)
@@ -83,9 +93,10 @@ def whole(path: Path):
 
 
 @contextmanager
-def new_folder(path: Path):
-    """A folder to fill that then appears at `path` whole. Raises ScanError where
-    something is there, or cannot be.
+def new_folder(path: Path) -> Iterator[Path]:
+    """A folder to fill, which then appears at `path` whole.
+
+    Raises ScanError where something is there, or cannot be.
     """
     if path.exists() and (any(path.iterdir()) or path.samefile(".")):
         raise ScanError(f"{path}: already in use; name a new folder")
@@ -108,43 +119,21 @@ def remove(path: Path) -> None:
         path.unlink(missing_ok=True)
 
 
-Rows = list[tuple[int, list[str]]]  # lines' numbers and fields
-# cells of points that were not seen
-NOTHING = (
-    "",
-    "nan",
-    "-nan",
-    ".nan",
-    "-nan(ind)",
-    "1.#qnan",
-    "na",
-    "n/a",
-    "#n/a",
-    "null",
-    "none",
-    "-",
-    "--",
-    ".",
-)
-
-
-def shown(value) -> str:
+def shown(value: Any) -> str:
     """A value, for a sentence: short and on one line."""
-    text = (
-        "a huge number"
-        if isinstance(value, int) and value.bit_length() > 200
-        else repr(value)
-    )
+    if isinstance(value, int) and value.bit_length() > 200:
+        return "a huge number"
+    text = repr(value)
     return text if len(text) <= 60 else f"{text[:60]}…"
 
 
-def listed(names) -> str:
+def listed(names: Iterable[Any]) -> str:
     """Names of columns, for a sentence."""
     text = ", ".join(str(name) for name in names)
     return shown(text) if len(text) > 200 or not text.isprintable() else text
 
 
-def number(cell) -> float:
+def number(cell: str) -> float:
     """What a cell says: NaN for nothing, infinity for a word."""
     try:
         return float(cell)
@@ -158,117 +147,118 @@ class Table:
 
     path: Path
     columns: dict[str, Sequence]  # text, or numbers
-    lines: Sequence[int]
+    lines: Sequence  # numbers or names of the rows
     counted: str = "line"  # what `lines` counts; "row" where a file has no lines
     # that titles say, "" where they say none
     units: dict[str, str] = field(default_factory=dict)
 
-    def refuse(self, bad, sentence: str, *values) -> None:
-        """Raise ScanError for the first row that is bad (rows,): where it is, and
-        `sentence` filled in with `values` (rows,) of that row.
+    def refuse(
+        self, bad: ArrayLike, sentence: str, *values: Sequence | np.ndarray
+    ) -> None:
+        """Raise ScanError for the first row that is `bad` (rows,): where it is, and the
+        sentence filled in with that row's entry of each of `values` (rows,).
         """
-        if np.any(bad):
-            row = int(np.argmax(bad))
-            there = [
-                shown(some[row]) if isinstance(some[row], str) else some[row]
-                for some in values
-            ]
-            raise ScanError(
-                f"{self.path} {self.counted} {self.lines[row]}: {sentence.format(*there)}"
-            )
+        if not np.any(bad):
+            return
+        row = int(np.argmax(bad))
+        entries = [of_rows[row] for of_rows in values]
+        words = [shown(one) if isinstance(one, str) else one for one in entries]
+        place = f"{self.path} {self.counted} {self.lines[row]}"
+        raise ScanError(f"{place}: {sentence.format(*words)}")
 
     def labels(self) -> np.ndarray:
         """The poses' labels (rows,)."""
-        labels = np.array(
-            [str(cell).strip() for cell in self.columns["pose"]], dtype=object
-        )
+        cells = [str(cell).strip() for cell in self.columns["pose"]]
+        labels = np.array(cells, dtype=object)
         self.refuse(labels == "", "no pose label")
         return labels
 
     def numbers(
-        self, names, blank: bool = False, largest: float = np.inf
+        self, names: Iterable[str], blank: bool = False, largest: float = np.inf
     ) -> np.ndarray:
-        """Columns as numbers (rows, columns), at most `largest`; cells may be blank or
-        NaN only where `blank`.
+        """Columns as numbers (rows, columns), at most `largest`.
+
+        Cells may be blank or NaN only where `blank` says so. Raises ScanError.
         """
-        columns, hint = (
-            [],
-            "are the units in scan.toml right? Missing points are left out or blank",
-        )
-        for name in names:
-            cells, called = (
-                self.columns[name],
-                f"column {name}" if name.isdigit() else name,
-            )
-            try:
-                found = np.array(cells, dtype=float)
-            except ValueError:
-                found = np.array([number(cell) for cell in cells])
-            self.refuse(
-                np.isnan(found) & (not blank),
-                f"{called} is empty or NaN; expected a finite number",
-            )
-            self.refuse(
-                np.isinf(found), f"{called} is {{}}; expected a finite number", cells
-            )
-            self.refuse(
-                np.abs(found) > largest,
-                f"{called} is {{:.6g}}; expected at most {largest:g}: {hint}",
-                found,
-            )
-            columns.append(found)
-        return np.column_stack(columns)
+        return np.column_stack([self.column(name, blank, largest) for name in names])
+
+    def column(self, name: str, blank: bool, largest: float) -> np.ndarray:
+        """One column (rows,) as numbers; as `numbers` says."""
+        cells = self.columns[name]
+        title = f"column {name}" if name.isdigit() else name
+        try:
+            values = np.array(cells, dtype=float)
+        except ValueError:
+            values = np.array([number(cell) for cell in cells])
+        if not blank:
+            empty = np.isnan(values)
+            self.refuse(empty, f"{title} is empty or NaN; expected a finite number")
+        words = np.isinf(values)
+        self.refuse(words, f"{title} is {{}}; expected a finite number", cells)
+        hint = "are the units in scan.toml right? Missing points are left out or blank"
+        sentence = f"{title} is {{:.6g}}; expected at most {largest:g}: {hint}"
+        self.refuse(np.abs(values) > largest, sentence, values)
+        return values
 
 
-def read_table(path: Path, required) -> Table:
-    """A CSV file without its empty rows, under its names in lower case. Raises
-    ScanError, also where one is missing.
+def read_table(path: Path, required: Collection[str]) -> Table:
+    """A CSV file without its empty rows, under its names in lower case.
+
+    Raises ScanError, also where one of the required names is missing.
     """
     reader = csv.reader(StringIO(text_of(path), newline=""), strict=True)
     try:
         rows = [(reader.line_num, row) for row in reader if any(row)]
     except csv.Error as error:
-        raise ScanError(
-            f"{path} line {reader.line_num}: cannot be read: {error}"
-        ) from error
+        place = f"{path} line {reader.line_num}"
+        raise ScanError(f"{place}: cannot be read: {error}") from error
     if len(rows) < 2:
-        raise ScanError(
-            f"{path}: no rows; expected names of columns, and a row for each pose or point"
-        )
+        expected = "expected names of columns, and a row for each pose or point"
+        raise ScanError(f"{path}: no rows; {expected}")
+    titles = rows[0][1]
     names = [
-        name.strip().lower() or f"without a name, {k}"
-        for k, name in enumerate(rows[0][1])
-    ]  # as spreadsheets add
+        # spreadsheets add columns without a name
+        title.strip().lower() or f"without a name, {k}"
+        for k, title in enumerate(titles)
+    ]
     for name in (*required, *names):
-        if names.count(name) != 1:
-            found = f"{names.count(name) or 'no'} columns {shown(name)}; expected one"
-            raise ScanError(
-                f"{path}: {found}; there are {listed(names)} (separated by commas)"
-            )
+        count = names.count(name)
+        if count != 1:
+            found = f"{count or 'no'} columns {shown(name)}; expected one"
+            known = f"there are {listed(names)} (separated by commas)"
+            raise ScanError(f"{path}: {found}; {known}")
     return in_columns(path, dict.fromkeys(names, ""), rows[1:])
 
 
 def in_columns(path: Path, units: dict[str, str], rows: Rows) -> Table:
-    """The table of rows under names with units. Raises ScanError for a row that is
-    shorter or longer.
+    """The table of rows under names with units.
+
+    Raises ScanError for a row that is shorter or longer.
     """
     for line, fields in rows:
         if len(fields) != len(units):
-            hint = f"expected {len(units)}: is the file cut short? Are there decimal commas, or rows of a matrix?"
-            raise ScanError(f"{path} line {line}: {len(fields)} fields; {hint}")
-    lines, fields = zip(*rows, strict=True)
-    return Table(
-        path,
-        dict(zip(units, zip(*fields, strict=True), strict=True)),
-        lines,
-        units=units,
-    )
+            found = f"{len(fields)} fields; expected {len(units)}"
+            raise ScanError(
+                f"{path} line {line}: {found}: is the file cut short? "
+                "Are there decimal commas, or rows of a matrix?"
+            )
+    lines, fields_by_row = zip(*rows, strict=True)
+    cells = zip(*fields_by_row, strict=True)
+    columns: dict[str, Sequence] = dict(zip(units, cells, strict=True))
+    return Table(path, columns, lines, units=units)
 
 
-def write_table(path: Path, columns: dict[str, Sequence]) -> None:
+def write_table(path: Path, columns: Mapping[str, Sequence]) -> None:
     """Write a CSV file; numbers to twelve digits, NaN as an empty cell."""
-    from pandas import DataFrame  # slow to load, and only what writes needs it
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(columns)
+        writer.writerows(zip(*map(cells_of, columns.values()), strict=True))
 
-    DataFrame(columns).to_csv(
-        path, index=False, float_format="%.12g", lineterminator="\n"
-    )
+
+def cells_of(column: Sequence) -> list:
+    """A column as `write_table` writes it."""
+    values = np.asarray(column)
+    if values.dtype.kind != "f":
+        return values.tolist()
+    return ["" if np.isnan(value) else f"{value:.12g}" for value in values]

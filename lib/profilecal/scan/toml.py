@@ -4,109 +4,111 @@ have.
 
 import json
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Iterable, Mapping
 from pathlib import Path
+from typing import Any
 
-from profilecal.scan.scan import ScanError
-from profilecal.scan.tables import naming, shown, text_of
+from profilecal.scan.tables import ScanError, naming, shown, text_of
 
 # whether a value is allowed, and what is, in words
-Rule = tuple[Callable[[object], bool], str]
+Rule = tuple[Callable[[Any], bool], str]
+
+
+def is_line(value: Any) -> bool:
+    """Whether a value is one line of text, not too long."""
+    return isinstance(value, str) and value.isprintable() and len(value) <= 200
+
 
 TABLE: Rule = (lambda value: isinstance(value, dict), "a table")
-TEXT: Rule = (
-    lambda value: isinstance(value, str) and value.isprintable() and len(value) <= 200,
-    "one line of text",
-)
+TEXT: Rule = (is_line, "one line of text")
 
 
 def number(low: float = 0.0, high: float = 1e6) -> Rule:
     """A number within these limits."""
 
-    def allowed(value):
-        return (
-            isinstance(value, int | float)
-            and not isinstance(value, bool)
-            and low <= value <= high
-        )
+    def allowed(value: Any) -> bool:
+        is_number = isinstance(value, int | float) and not isinstance(value, bool)
+        return is_number and low <= value <= high
 
     return allowed, f"{low:g} to {high:g}"
 
 
 def whole(low: int = 0, high: int = 1_000_000) -> Rule:
     """A whole number within these limits."""
-    return (
-        lambda value: type(value) is int and low <= value <= high,
-        f"a whole number, {low} to {high}",
-    )
+
+    def allowed(value: Any) -> bool:
+        return type(value) is int and low <= value <= high
+
+    return allowed, f"a whole number, {low} to {high}"
 
 
 def numbers(count: int) -> Rule:
     """A list of so many finite numbers."""
     finite, _ = number(-1e6)
-    return (
-        lambda value: (
-            isinstance(value, list) and len(value) == count and all(map(finite, value))
-        ),
-        f"{count} numbers",
-    )
+
+    def allowed(value: Any) -> bool:
+        is_list = isinstance(value, list) and len(value) == count
+        return is_list and all(map(finite, value))
+
+    return allowed, f"{count} numbers"
 
 
-def one_of(choices) -> Rule:
+def one_of(choices: Iterable[Any]) -> Rule:
     """One of these."""
-    choices = tuple(choices)
-    return lambda value: value in choices and not isinstance(value, bool), " or ".join(
-        map(str, choices)
-    )
+    known = tuple(choices)
+
+    def allowed(value: Any) -> bool:
+        return not isinstance(value, bool) and value in known
+
+    return allowed, " or ".join(map(str, known))
 
 
 def check_entries(
-    path, entries: dict, rules: dict[str, Rule | dict], table: str = "", needed=()
-) -> dict:
-    """The entries of a file, or of a table in it, if all are known and allowed, and
-    those `needed` are there; a dict of rules is a table's. Raises ScanError.
+    path: str | Path,
+    entries: Mapping[str, Any],
+    rules: Mapping[str, Any],
+    table: str = "",
+    needed: Collection[str] = (),
+) -> None:
+    """Refuse entries of a file, or of a table in it, that are unknown or not allowed,
+    and a file without those `needed`.
+
+    `rules` has a `Rule` for each entry, or the rules of a table. Raises ScanError.
     """
     where = f" in [{table}]" if table else ""
     for name in needed:
         if name not in entries:
-            raise ScanError(
-                f"{path}: {name} is missing{where}; expected {rules[name][1]}"
-            )
+            expected = rules[name][1]
+            raise ScanError(f"{path}: {name} is missing{where}; expected {expected}")
     for name, value in entries.items():
         if name not in rules:
-            raise ScanError(
-                f"{path}: unknown entry {shown(name)}{where}; there are {', '.join(rules)}"
-            )
+            known = ", ".join(rules) or "none"
+            unknown = f"unknown entry {shown(name)}{where}"
+            raise ScanError(f"{path}: {unknown}; there are {known}")
         inner = isinstance(rules[name], dict)
         allowed, expected = TABLE if inner else rules[name]
         if not allowed(value):
-            raise ScanError(
-                f"{path}: {name} is {shown(value)}{where}; expected {expected}"
-            )
+            said = f"{name} is {shown(value)}{where}"
+            raise ScanError(f"{path}: {said}; expected {expected}")
         if inner:
             check_entries(path, value, rules[name], name)
-    return entries
 
 
-def read_toml(path) -> dict:
+def read_toml(path: str | Path) -> dict[str, Any]:
     """The content of a TOML file. Raises ScanError."""
     path = Path(path)
     with naming(path):
-        # such a file is written by hand
-        return tomllib.loads(text_of(path, megabytes=1))
+        return tomllib.loads(text_of(path, megabytes=1))  # such a file is hand-written
 
 
-def toml_text(entries: dict) -> str:
+def toml_text(entries: Mapping[str, Any]) -> str:
     """A dictionary of numbers, texts and nested lists of numbers, and one level of such
     dictionaries, as TOML.
     """
-    text, tables = (
-        "",
-        {name: table for name, table in entries.items() if isinstance(table, dict)},
-    )
-    for name, table in (
-        {"": {key: entries[key] for key in entries if key not in tables}} | tables
-    ).items():
+    tables = {name: table for name, table in entries.items() if isinstance(table, dict)}
+    plain = {name: value for name, value in entries.items() if name not in tables}
+    text = ""
+    for name, table in ({"": plain} | tables).items():
         text += f"\n[{name}]\n" if name and table else ""
         for key, value in table.items():
             text += f"{key} = {json.dumps(value, ensure_ascii=False)}\n"

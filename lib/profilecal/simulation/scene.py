@@ -247,9 +247,8 @@ GUESS |= {
 
 def read_guess(entries: dict, path) -> Guess:
     """A guess from the table [guess] of a specification. Raises ScanError."""
-    guess = Guess(
-        **check_entries(path, entries, GUESS, "guess", needed=("mount", "target"))
-    )
+    check_entries(path, entries, GUESS, "guess", needed=("mount", "target"))
+    guess = Guess(**entries)
     if np.linalg.norm(np.cross(guess.axis, guess.up)) <= 1e-3 * np.linalg.norm(
         guess.axis
     ) * np.linalg.norm(guess.up):

@@ -179,7 +179,7 @@ def planned_poses(place, to_hand: bool) -> dict:
             SCALE[read_header(place / "scan.toml")["units"]],
         )
     found = read_poses(place, scale)
-    R, T = found["R_base_flange"], found["T_base_flange"]
+    R, T = found["R_base_flange"], found["p_base_flange"]
     return found | dict(zip("RT", inverse(R, T) if to_hand else (R, T), strict=True))
 
 
@@ -231,7 +231,7 @@ def record(scene: Scene, poses, spec: Spec, rng: np.random.Generator) -> Scan:
         kind=spec.kind,
         labels=tuple(name + number for name in scene.labels for number in again),
         R_base_flange=R,
-        T_base_flange=T,
+        p_base_flange=T,
         measured=measured,
         values=tuple(v[np.isfinite(v).all(axis=1)] for v in values),
         sizes=scene.sizes,

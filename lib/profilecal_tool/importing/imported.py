@@ -274,10 +274,10 @@ def taken_as(
         back = inverse(
             to_rotations(of_tool, [angles], said_there)[0], np.array(tool[:3])
         )
-        R, T = entries["R_base_flange"], entries["T_base_flange"]
+        R, T = entries["R_base_flange"], entries["p_base_flange"]
         entries |= {
             "R_base_flange": R @ back[0],
-            "T_base_flange": carry(R, T, back[1]),
+            "p_base_flange": carry(R, T, back[1]),
             "orientation": None,
         }
     meaning = (

@@ -23,10 +23,10 @@ def plot_robot(found) -> plt.Figure:
     """
     figure = plt.figure(figsize=(5.6, 5.2))
     axes, s = figure.add_subplot(projection="3d"), found.solution
-    drawn = [scan.T_base_flange for scan in found.scans]
+    drawn = [scan.p_base_flange for scan in found.scans]
     size = 0.08 * np.ptp(np.concatenate(drawn), axis=0).max() + 5
     for k, (scan, observed) in enumerate(zip(found.scans, found.observed, strict=True)):
-        R, T = scan.R_base_flange, scan.T_base_flange
+        R, T = scan.R_base_flange, scan.p_base_flange
         few = np.unique(
             np.linspace(0, len(T) - 1, max(1, 24 // len(found.scans)))
             .round()

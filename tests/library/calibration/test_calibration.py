@@ -183,14 +183,14 @@ def test_options_that_cannot_be_met_are_refused(tmp_path, options, sentence):
 def with_first_pose_again(scan):
     R, T, values = (
         [*part, part[0]]
-        for part in (scan.R_base_flange, scan.T_base_flange, scan.values)
+        for part in (scan.R_base_flange, scan.p_base_flange, scan.values)
     )
     labels = (*scan.labels, "again")
     return replace(
         scan,
         labels=labels,
         R_base_flange=np.array(R),
-        T_base_flange=np.array(T),
+        p_base_flange=np.array(T),
         values=tuple(values),
     )
 
@@ -210,7 +210,7 @@ def test_a_measurement_given_twice_is_refused(tmp_path):
         convention="FANUC angles",
     )
     # as another convention's digits have it
-    copy = replace(copy, T_base_flange=scan.T_base_flange + 1e-9)
+    copy = replace(copy, p_base_flange=scan.p_base_flange + 1e-9)
     with pytest.raises(
         ScanError,
         match=r"of scan 2 \(a copy\) holds the same measurement as pose g1p1 of scan 1",
@@ -257,8 +257,8 @@ def test_the_status_is_the_same_for_poses_of_the_flange_and_of_a_tool():
         ),
         noise={},
     )
-    at_sensor = scan.T_base_flange + scan.R_base_flange @ truth_of(scan)[:3, 3]
-    found = [calibrate([one]) for one in (scan, replace(scan, T_base_flange=at_sensor))]
+    at_sensor = scan.p_base_flange + scan.R_base_flange @ truth_of(scan)[:3, 3]
+    found = [calibrate([one]) for one in (scan, replace(scan, p_base_flange=at_sensor))]
     assert [one.status for one in found] == ["weak", "weak"]
     assert [
         any("the origin of the poses' frame" in m for m in one.messages)
@@ -304,8 +304,8 @@ def test_too_small_a_statement_is_no_excuse_for_a_bad_pose():
             Spec(kind="plane", seed=seed, groups=14, positions=1, noise=noise)
         )
         off = np.random.default_rng(seed).normal(size=3)
-        T = scan.T_base_flange + np.outer(np.arange(14) == 5, off / np.linalg.norm(off))
-        told += scan.labels[5] in calibrate([replace(scan, T_base_flange=T)]).labels(
+        T = scan.p_base_flange + np.outer(np.arange(14) == 5, off / np.linalg.norm(off))
+        told += scan.labels[5] in calibrate([replace(scan, p_base_flange=T)]).labels(
             rejected=True
         )
     assert told > 4

@@ -36,8 +36,8 @@ SPECS = [
 
 
 def inverted(scan):
-    R, T = inverse(scan.R_base_flange, scan.T_base_flange)
-    return replace(scan, R_base_flange=R, T_base_flange=T)
+    R, T = inverse(scan.R_base_flange, scan.p_base_flange)
+    return replace(scan, R_base_flange=R, p_base_flange=T)
 
 
 def on_another_mount(scan):
@@ -81,7 +81,7 @@ WRONG = {
     "every pose inverted (base in flange)": inverted,
     'mount = "eye-': on_another_mount,
     "the poses' x, y, z in m instead of mm": lambda s: replace(
-        s, T_base_flange=s.T_base_flange / 1000
+        s, p_base_flange=s.p_base_flange / 1000
     ),
     "taken from the next row's pose": lambda s: replace(
         s, values=(*s.values[1:], s.values[0])
@@ -90,7 +90,7 @@ WRONG = {
         s, values=(s.values[0][:0], *s.values[:-1])
     ),
     "the poses' x, y, z in inches instead of mm": lambda s: replace(
-        s, T_base_flange=s.T_base_flange / 25.4
+        s, p_base_flange=s.p_base_flange / 25.4
     ),
 }
 
@@ -149,7 +149,7 @@ def test_columns_count_as_they_were_printed(tmp_path, columns, sequence, words):
     scan = replace(
         scan,
         R_base_flange=over @ scan.R_base_flange,
-        T_base_flange=scan.T_base_flange @ over.T,
+        p_base_flange=scan.p_base_flange @ over.T,
     )
     turned = Rotation.from_matrix(scan.R_base_flange).as_euler(sequence)
     assert (

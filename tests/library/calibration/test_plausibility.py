@@ -49,7 +49,7 @@ def profiles(scan, A):
 
 
 def moved(scan, T):
-    return replace(scan, T_base_flange=scan.T_base_flange + T)
+    return replace(scan, p_base_flange=scan.p_base_flange + T)
 
 
 def steps(scan):
@@ -84,12 +84,12 @@ WRONG = {
     ),  # sd 0.17
     "robot": (
         "edge",
-        lambda s: moved(s, 0.01 * s.T_base_flange),
+        lambda s: moved(s, 0.01 * s.p_base_flange),
         "positions were too far apart by 0.9",
     ),
     "one axis": (
         "ball",
-        lambda s: moved(s, [0, 0.01, 0] * s.T_base_flange),
+        lambda s: moved(s, [0, 0.01, 0] * s.p_base_flange),
         "base's y were too far apart by 0.9",
     ),
 }
@@ -115,7 +115,7 @@ def test_a_robot_s_scale_is_named_where_the_scanner_stands_still_too():
     scan = simulate_scan(
         Spec(kind="disk", mount="eye-to-hand", groups=12, positions=5, seed=4)
     )
-    found = calibrate([moved(scan, 0.01 * scan.T_base_flange)])
+    found = calibrate([moved(scan, 0.01 * scan.p_base_flange)])
     assert any(
         "the robot's positions were too far apart by" in message
         for message in found.messages

@@ -251,7 +251,7 @@ def test_where_both_ends_of_a_face_show_the_corner_tells_which_is_the_edge():
     T = np.array(scan.truth["T_flange_sensor"])
     planes = (
         scan.R_base_flange @ T[:3, :3],
-        scan.T_base_flange + scan.R_base_flange @ T[:3, 3],
+        scan.p_base_flange + scan.R_base_flange @ T[:3, 3],
     )
     truth = Edge(**{k: np.array(v) for k, v in scan.truth["target"].items()}).meet(
         *planes

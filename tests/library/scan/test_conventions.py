@@ -56,7 +56,8 @@ def test_every_convention_goes_in_and_out_and_means_its_formula(convention):
         ),
         (
             ["qx", "qy", "qz"],
-            "one block of orientation columns, .*; found none among pose, x, y, z, qx, qy, qz",
+            "one block of orientation columns, .*; "
+            "found none among pose, x, y, z, qx, qy, qz",
         ),
     ],
 )

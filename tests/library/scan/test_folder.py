@@ -30,7 +30,7 @@ def random_scan(rng, measured="points", kind="edge", **changes):
         kind=kind,
         labels=tuple(f"P{k}" for k in range(12)),
         R_base_flange=R,
-        T_base_flange=rng.uniform(-800, 800, (12, 3)),
+        p_base_flange=rng.uniform(-800, 800, (12, 3)),
         measured=measured,
         values=tuple(rng.uniform(-60, 60, (rows, columns)) for _ in range(12)),
         sizes=(40.0,) if kind in ("ball", "disk") else (),
@@ -44,7 +44,7 @@ def random_scan(rng, measured="points", kind="edge", **changes):
 
 def assert_same(first, second):
     np.testing.assert_allclose(first.R_base_flange, second.R_base_flange, atol=1e-9)
-    np.testing.assert_allclose(first.T_base_flange, second.T_base_flange, atol=1e-9)
+    np.testing.assert_allclose(first.p_base_flange, second.p_base_flange, atol=1e-9)
     for a, b in zip(first.values, second.values, strict=True):
         np.testing.assert_allclose(a, b, atol=1e-9)
     for name in (
@@ -98,16 +98,18 @@ def test_a_scan_written_is_read_back(tmp_path, mount, convention, measured, kind
 
 def test_metres_and_millimetres_are_the_same_scan(tmp_path):
     scan = random_scan(np.random.default_rng(3), "arcs", "ball")
-    write_scan(scan, tmp_path / "mm")
-    in_metres = replace(
-        scan,
-        T_base_flange=scan.T_base_flange / 1000,
-        values=tuple(v / 1000 for v in scan.values),
-        sizes=tuple(size / 1000 for size in scan.sizes),
-    )
-    write_scan(in_metres, tmp_path / "m")
-    path = tmp_path / "m" / "scan.toml"
-    path.write_text(path.read_text().replace('units = "mm"', 'units = "m"'))
+    for unit in ("mm", "m"):
+        write_scan(scan, tmp_path / unit)
+    for name, columns in (
+        ("poses.csv", ["x", "y", "z"]),
+        ("arcs.csv", ["x", "z", "r"]),
+    ):
+        table = pd.read_csv(tmp_path / "m" / name)
+        table[columns] /= 1000
+        table.to_csv(tmp_path / "m" / name, index=False)
+    header = tmp_path / "m" / "scan.toml"
+    in_metres = header.read_text().replace('units = "mm"', 'units = "m"')
+    header.write_text(in_metres.replace("radius = 40.0", "radius = 0.04"))
     assert_same(read_scan(tmp_path / "m"), read_scan(tmp_path / "mm"))
 
 

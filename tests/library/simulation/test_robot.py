@@ -24,7 +24,7 @@ def test_repeats_share_the_error_of_their_pose_and_not_the_noise_of_the_scanner(
     np.testing.assert_array_equal(
         seen.reshape(12, 3, 2), np.repeat(once[:, None], 3, axis=1)
     )
-    np.testing.assert_array_equal(scan.T_base_flange[::3], scan.T_base_flange[2::3])
+    np.testing.assert_array_equal(scan.p_base_flange[::3], scan.p_base_flange[2::3])
     assert scan.labels[:4] == ("g1p1m1", "g1p1m2", "g1p1m3", "g1p2m1")
     assert scan.group.tolist() == np.repeat([0, 1, 2], 12).tolist()
     noisy, _ = points(noise=Noise(profile_mm=0.1), repeats=2)

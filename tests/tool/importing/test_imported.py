@@ -49,7 +49,7 @@ def poses(convention, scale=1.0):
     """The numbers of each pose (12, 3 + k)."""
     return np.hstack(
         [
-            scan().T_base_flange * scale,
+            scan().p_base_flange * scale,
             from_rotations(named(convention), scan().R_base_flange),
         ]
     )
@@ -96,7 +96,7 @@ def as_json(folder):
 
 
 def nested(folder):
-    T = homogeneous(scan().R_base_flange, scan().T_base_flange)
+    T = homogeneous(scan().R_base_flange, scan().p_base_flange)
     (folder / "poses.json").write_text(json.dumps([{"T": one.tolist()} for one in T]))
 
 
@@ -142,13 +142,13 @@ def tum(folder, header="# timestamp tx ty tz qx qy qz qw\n"):
 
 
 def matrices(folder):
-    for k, T in enumerate(homogeneous(scan().R_base_flange, scan().T_base_flange)):
+    for k, T in enumerate(homogeneous(scan().R_base_flange, scan().p_base_flange)):
         np.savetxt(folder / f"pose{k}.txt", T)
 
 
 def array(folder):
     np.save(
-        folder / "poses.npy", homogeneous(scan().R_base_flange, scan().T_base_flange)
+        folder / "poses.npy", homogeneous(scan().R_base_flange, scan().p_base_flange)
     )
 
 
@@ -267,7 +267,7 @@ def check_poses(found):
         found.R_base_flange[order], scan().R_base_flange, atol=1e-9
     )
     np.testing.assert_allclose(
-        found.T_base_flange[order], scan().T_base_flange, atol=1e-8
+        found.p_base_flange[order], scan().p_base_flange, atol=1e-8
     )
     assert not found.side.any()
     return order
@@ -334,7 +334,7 @@ def test_a_tool_is_taken_off_and_a_mount_said(tmp_path, name):
     )
     R_tool, T_tool = (
         scan().R_base_flange @ R,
-        scan().T_base_flange + scan().R_base_flange @ t,
+        scan().p_base_flange + scan().R_base_flange @ t,
     )
 
     def of_tool(folder):
