@@ -1,17 +1,18 @@
-"""Synthetic scans: a specification in, a scan folder's content out, with the truth that
-made it.
-"""
+"""Synthetic scans: a specification in, a scan out, with the truth that made it."""
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import homogeneous, inverse
 from profilecal.scan.conventions import CONVENTIONS
-from profilecal.scan.folder import MOUNTS, SCALE, length_rules, read_header, read_poses
-from profilecal.scan.scan import Scan, ScanError
+from profilecal.scan.folder import SCALE, read_header, read_poses
+from profilecal.scan.scan import MOUNTS, Scan, length_rules
+from profilecal.scan.tables import ScanError
 from profilecal.scan.toml import TABLE, TEXT, check_entries, number, one_of, whole
 from profilecal.simulation.robot import Poses, Robot, Scanner, actual_poses
 from profilecal.simulation.scene import (
@@ -23,8 +24,9 @@ from profilecal.simulation.scene import (
     read_guess,
 )
 from profilecal.targets import TARGETS
+from profilecal.targets.target import Target
 
-# sees a whole disk of 50 mm radius
+# it sees a whole disk of 50 mm radius
 WIDE = Scanner(near=40.0, far=260.0, near_width=100.0, far_width=220.0)
 
 
@@ -40,8 +42,8 @@ class Spec:
     # which of the target's tables; empty: the last, its points, chords or arcs if it
     # has such
     measured: str = ""
-    mount: str = "eye-in-hand"
-    convention: str = "quaternion"
+    mount: str = MOUNTS[0]
+    convention: str = CONVENTIONS[0].name
     # the target's lengths, mm; left out: as usual for it
     sizes: dict[str, float] = field(default_factory=dict)
     specimen: str = ""  # which body raw profiles show; empty: the target's usual one
@@ -52,19 +54,88 @@ class Spec:
     # a file poses.csv that says where the robot goes; empty: groups, positions and so
     # on do
     poses: str = ""
-    guess: Guess | None = (
-        # where sensor and target are if there is such a file, but for the guess's
-        # margins
-        None
-    )
+    # where sensor and target are if there is such a file, but for the guess's margins
+    guess: Guess | None = None
     noise: Noise = field(default_factory=lambda: Noise(profile_mm=0.05))
     robot: Robot = field(default_factory=Robot)
     scanner: Scanner = WIDE
 
 
-def rules_for(kind: str) -> dict:
+@dataclass(frozen=True)
+class Truth:
+    """What made a simulated scan."""
+
+    # (4, 4) mm, the sensor in the flange frame (eye-to-hand: in the base frame)
+    pose: np.ndarray
+    target: Target  # where it stands in the base frame (eye-to-hand: the flange frame)
+
+
+def simulate(kind: str = "edge", seed: int = 1, **entries: Any) -> tuple[Scan, Truth]:
+    """A scan that a robot and a scanner with errors would record, and its truth.
+
+    Parameters
+    ----------
+    kind : str
+        The target: "edge", "disk", "ball", "plane", "point" or "rod".
+    seed : int
+        The same seed gives the same scan.
+    **entries
+        Other entries of a specification, as in a file for ``profilecal simulate``:
+        ``measured="profiles"``, ``mount``, ``groups``, ``positions``, ``spread_deg``,
+        ``repeats``, ``radius`` in mm, and the tables ``noise``, ``robot``, ``scanner``
+        as dictionaries, such as ``noise={"profile_mm": 0.1, "position_mm": 0.05}``.
+
+    Returns
+    -------
+    scan : Scan
+        What would be recorded.
+    truth : Truth
+        The sensor's pose and the target's place.
+
+    Raises
+    ------
+    ScanError
+        For an entry that there is not, or a value that it cannot have.
+
+    See Also
+    --------
+    calibrate : find the sensor's pose again.
+    write_scan : write the scan as a folder.
+
+    Examples
+    --------
+    >>> scan, truth = simulate("disk", seed=1, groups=4, positions=20)
+    >>> scan
+    Scan(disk, radius 50 mm, 80 poses of 4 orientations, chords, eye-in-hand, \
+'simulated disk')
+    >>> truth.pose.shape
+    (4, 4)
+    """
+    said = {"kind": kind, "seed": seed} | entries
+    scan = simulate_scan(read_spec(said, "simulate"))
+    return scan, truth_of(scan)
+
+
+def truth_of(scan: Scan) -> Truth:
+    """The truth that a simulated scan carries."""
+    entries = scan.truth["target"]
+    fields_of_target = {name: np.array(value) for name, value in entries.items()}
+    return Truth(
+        pose=np.array(scan.truth[pose_name(scan.mount)]),
+        target=scan.target(**fields_of_target),
+    )
+
+
+def pose_name(mount: str) -> str:
+    """What the sensor's pose is called in files."""
+    return "T_flange_sensor" if mount == MOUNTS[0] else "T_base_sensor"
+
+
+def rules_for(kind: str) -> dict[str, Any]:
     """What a specification for a kind of target may say."""
     target = TARGETS[kind]
+    scanner = {entry.name: number() for entry in fields(Scanner)}
+    scanner |= {"points": whole(1), "quantum": number(1e-6)}
     return {
         "kind": one_of(TARGETS),
         "title": TEXT,
@@ -78,109 +149,121 @@ def rules_for(kind: str) -> dict:
         "spread_deg": number(0, 180),
         "repeats": whole(1, 1000),
         "poses": TEXT,
-        "noise": {f.name: number(0, 100) for f in fields(Noise)},
-        "robot": {f.name: number(0, 100) for f in fields(Robot)},
-        "scanner": {f.name: number() for f in fields(Scanner)}
-        | {"points": whole(1), "quantum": number(1e-6)},
+        "noise": {entry.name: number(0, 100) for entry in fields(Noise)},
+        "robot": {entry.name: number(0, 100) for entry in fields(Robot)},
+        "scanner": scanner,
         "guess": GUESS,
         "plan": TABLE,
     } | length_rules(kind)
 
 
-def read_spec(entries: dict, path="specification") -> Spec:
+def read_spec(said: Mapping[str, Any], path: str | Path = "specification") -> Spec:
     """A specification from the content of a TOML file `path`: Spec's fields, the
     target's lengths, [noise], [robot], [scanner] and [guess]; [plan] is left to
-    `profilecal plan`. Raises ScanError.
+    `profilecal plan`.
+
+    Raises ScanError.
     """
-    entries = {"kind": Spec.kind} | entries
+    entries = {"kind": Spec.kind} | dict(said)
     check_entries(path, {"kind": entries["kind"]}, {"kind": one_of(TARGETS)})
     check_entries(path, entries, rules_for(entries["kind"]))
     entries.pop("plan", None)
-    guess = read_guess(entries.pop("guess"), path) if "guess" in entries else None
-    noise = replace(Spec().noise, **entries.pop("noise", {}))
-    scanner = replace(
-        WIDE, **{"noise_mm": noise.profile_mm} | entries.pop("scanner", {})
-    )
-    if (
-        not 0 <= scanner.near < scanner.far
-        or min(scanner.near_width, scanner.far_width) <= 0
-    ):
-        raise ScanError(
-            f"{path}: in [scanner] expected 0 <= near < far, near_width > 0 and far_width > 0"
-        )
-    robot = Robot(**entries.pop("robot", {}))
-    sizes = {
-        name: entries.pop(name)
-        for name in TARGETS[entries["kind"]].lengths
-        if name in entries
-    }
-    spec = Spec(
-        **entries, noise=noise, robot=robot, scanner=scanner, sizes=sizes, guess=guess
-    )
-    if spec.poses and guess is None:
-        raise ScanError(
-            f"{path}: poses are given, but no [guess]; expected roughly where sensor and target are"
-        )
-    return (
-        replace(spec, poses=str(Path(path).parent / spec.poses)) if spec.poses else spec
-    )
+    if "guess" in entries:
+        entries["guess"] = read_guess(entries["guess"], path)
+    entries["noise"] = replace(Spec().noise, **entries.get("noise", {}))
+    entries["robot"] = Robot(**entries.get("robot", {}))
+    scanner = {"noise_mm": entries["noise"].profile_mm} | entries.get("scanner", {})
+    entries["scanner"] = checked_scanner(replace(WIDE, **scanner), path)
+    lengths = TARGETS[entries["kind"]].lengths
+    given = [name for name in lengths if name in entries]
+    entries["sizes"] = {name: entries.pop(name) for name in given}
+    spec = Spec(**entries)
+    if not spec.poses:
+        return spec
+    if spec.guess is None:
+        expected = "expected roughly where sensor and target are"
+        raise ScanError(f"{path}: poses are given, but no [guess]; {expected}")
+    return replace(spec, poses=str(Path(path).parent / spec.poses))
+
+
+def checked_scanner(scanner: Scanner, path: str | Path) -> Scanner:
+    """The scanner, if it has a field of view. Raises ScanError."""
+    widths = scanner.near_width, scanner.far_width
+    if not 0 <= scanner.near < scanner.far or min(widths) <= 0:
+        expected = "expected 0 <= near < far, near_width > 0 and far_width > 0"
+        raise ScanError(f"{path}: in [scanner] {expected}")
+    return scanner
 
 
 def simulate_scan(spec: Spec) -> Scan:
     """The scan that a robot with these errors and a scanner with this noise would
-    record, and its truth. Raises ScanError where it shows nothing.
+    record, and its truth.
+
+    Raises ScanError where it shows nothing.
     """
     rng = np.random.default_rng(spec.seed)
     scene = scene_of(spec, rng)
     scan = record(scene, taken(scene, spec, rng), spec, rng)
     if not any(map(len, scan.values)):
         raise ScanError(
-            "from none of these poses is anything in the scanner's range: look at [guess] and [scanner]"
+            "from none of these poses is anything in the scanner's range: "
+            "look at [guess] and [scanner]"
         )
     return scan
 
 
 def scene_of(spec: Spec, rng: np.random.Generator) -> Scene:
-    """The target and the poses of a specification: random ones, or those of a plan, and
-    a sensor and a target that are where the guess has them, but for its margins. Where
-    the operator steers, the poses that this takes.
+    """The target and the poses of a specification.
+
+    These are random ones, or those of a plan; then sensor and target are where the
+    guess has them, but for its margins, and where the operator steers, the poses are
+    those that this takes.
     """
     sizes = sizes_of(spec)
-    if not spec.poses:
-        shape = {
-            "groups": spec.groups,
-            "positions": spec.positions,
-            "spread_deg": spec.spread_deg,
-        }
-        return random_scene(
-            spec.kind, rng, sizes=sizes, steering_mm=spec.noise.steering_mm, **shape
-        )
+    if spec.poses and spec.guess:
+        return planned_scene(spec, spec.guess, sizes, rng)
+    return random_scene(
+        spec.kind,
+        rng,
+        sizes=sizes,
+        groups=spec.groups,
+        positions=spec.positions,
+        spread_deg=spec.spread_deg,
+        steering_mm=spec.noise.steering_mm,
+    )
+
+
+def planned_scene(
+    spec: Spec, guess: Guess, sizes: tuple[float, ...], rng: np.random.Generator
+) -> Scene:
+    """The scene of a plan's poses, as `scene_of` says."""
     plan = planned_poses(spec.poses, spec.mount == "eye-to-hand")
-    setup = spec.guess.setup(spec.kind, sizes, rng)
+    setup = guess.setup(spec.kind, sizes, rng)
     R, T = plan["R"], plan["T"]
     if setup.target.steered:
         R_view, origin = setup.planes(R, T)
-        y = R_view[..., 1]
-        off = np.sum(
-            (setup.target.frame[0] - origin) * y, axis=1
-        ) - spec.noise.steering_mm * rng.normal(size=len(T))
-        T = T + off[:, None] * y
+        across = R_view[..., 1]
+        off = np.sum((setup.target.frame[0] - origin) * across, axis=1)
+        off = off - spec.noise.steering_mm * rng.normal(size=len(T))
+        T = T + off[:, None] * across
     return Scene.of(setup, Poses(R, T[:, None]), plan["labels"], plan["group"])
 
 
-def planned_poses(place, to_hand: bool) -> dict:
+def planned_poses(place: str | Path, to_hand: bool) -> dict[str, Any]:
     """What a table of poses says, or that of a scan folder, as `scan.folder.read_poses`
-    has it; R and T as the calibration takes them. Raises ScanError.
+    has it; R and T as the calibration takes them.
+
+    Raises ScanError.
     """
     place, scale = Path(place), 1.0
     if place.is_dir():
-        place, scale = (
-            place / "poses.csv",
-            SCALE[read_header(place / "scan.toml")["units"]],
-        )
+        scale = SCALE[read_header(place / "scan.toml")["units"]]
+        place = place / "poses.csv"
     found = read_poses(place, scale)
     R, T = found["R_base_flange"], found["p_base_flange"]
-    return found | dict(zip("RT", inverse(R, T) if to_hand else (R, T), strict=True))
+    if to_hand:
+        R, T = inverse(R, T)
+    return found | {"R": R, "T": T}
 
 
 def sizes_of(spec: Spec) -> tuple[float, ...]:
@@ -197,65 +280,76 @@ def taken(
     a scene.
     """
     shared = scene.observations.group if spec.poses else slice(None)
-    actual = actual_poses(
-        scene.poses, spec.noise, rng, shared, spec.mount == "eye-to-hand"
-    )
-    return spec.robot.built(
-        *(part.reshape(-1, *part.shape[2:]) for part in actual), rng
-    )
+    to_hand = spec.mount == "eye-to-hand"
+    actual = actual_poses(scene.poses, spec.noise, rng, shared, to_hand)
+    R, T = (part.reshape(-1, *part.shape[2:]) for part in actual)
+    return spec.robot.built(R, T, rng)
 
 
-def record(scene: Scene, poses, spec: Spec, rng: np.random.Generator) -> Scan:
+def record(
+    scene: Scene,
+    poses: tuple[np.ndarray, np.ndarray],
+    spec: Spec,
+    rng: np.random.Generator,
+) -> Scan:
     """The scan of a scene by a robot that takes its flange to `poses` (P, 3, 3), (P,
     3), mm.
+
+    Eye-to-hand is the same measurement with the roles of base and flange exchanged.
     """
-    which = np.repeat(np.arange(len(scene.labels)), spec.repeats)
-    R_actual, T_actual = (
-        part[which] for part in spec.robot.visiting(*poses, spec.noise, rng)
-    )
-    # the same measurement with the roles of base and flange exchanged
     to_hand = spec.mount == "eye-to-hand"
-    planes = scene.planes(
-        *(inverse(R_actual, T_actual) if to_hand else (R_actual, T_actual))
-    )
+    visit = np.repeat(np.arange(len(scene.labels)), spec.repeats)
+    visited = spec.robot.visiting(*poses, spec.noise, rng)
+    R_actual, T_actual = (part[visit] for part in visited)
+    if to_hand:
+        R_actual, T_actual = inverse(R_actual, T_actual)
+    planes = scene.planes(R_actual, T_actual)
     measured = spec.measured or scene.target.tables[-1]
     if measured == "profiles":
         values = raw_profiles(scene, planes, spec, rng)
     else:
-        seen = scene.target.meet(*planes).reshape(len(which), 1, -1)
+        seen = scene.target.meet(*planes).reshape(len(visit), 1, -1)
         values = list(seen + spec.noise.profile_mm * rng.normal(size=seen.shape))
-    R, T = scene.observations.R_flange[0, which], scene.observations.T_flange[0, which]
-    R, T = inverse(R, T) if to_hand else (R, T)
-    again = [f"m{k + 1}" for k in range(spec.repeats)] if spec.repeats > 1 else [""]
+    R = scene.observations.R_flange[0, visit]
+    T = scene.observations.T_flange[0, visit]
+    if to_hand:
+        R, T = inverse(R, T)
+    number = [f"m{k + 1}" for k in range(spec.repeats)] if spec.repeats > 1 else [""]
+    stated = {name: value for name, value in asdict(spec.noise).items() if value}
     return Scan(
         kind=spec.kind,
-        labels=tuple(name + number for name in scene.labels for number in again),
+        labels=tuple(name + again for name in scene.labels for again in number),
         R_base_flange=R,
         p_base_flange=T,
         measured=measured,
-        values=tuple(v[np.isfinite(v).all(axis=1)] for v in values),
+        values=tuple(rows[np.isfinite(rows).all(axis=1)] for rows in values),
         sizes=scene.sizes,
         side=scene.target.sides(*planes),
-        group=scene.observations.group[which],
-        noise={name: value for name, value in asdict(spec.noise).items() if value},
+        group=scene.observations.labels[visit],
+        noise=stated,
         mount=spec.mount,
         title=spec.title or f"simulated {spec.kind}",
         convention=spec.convention,
-        truth={
-            "seed": spec.seed,
-            "T_base_sensor" if to_hand else "T_flange_sensor": homogeneous(
-                scene.R_sensor, scene.T_sensor
-            ).tolist(),
-            "target": {
-                name: np.asarray(value).tolist()
-                for name, value in asdict(scene.target).items()
-            },
-        },
+        truth=truth_entries(scene, spec),
     )
 
 
+def truth_entries(scene: Scene, spec: Spec) -> dict[str, Any]:
+    """What truth.toml says of a scene."""
+    pose = homogeneous(scene.R_sensor, scene.T_sensor)
+    target = vars(scene.target)
+    return {
+        "seed": spec.seed,
+        pose_name(spec.mount): pose.tolist(),
+        "target": {name: np.asarray(value).tolist() for name, value in target.items()},
+    }
+
+
 def raw_profiles(
-    setup: Setup, planes, spec: Spec, rng: np.random.Generator
+    setup: Setup,
+    planes: tuple[np.ndarray, np.ndarray],
+    spec: Spec,
+    rng: np.random.Generator,
 ) -> list[np.ndarray]:
     """Profiles (points, 2) in mm, one for each scan plane (P, 3, 3), (P, 3)."""
     specimen = spec.specimen or setup.target.specimens[0]
