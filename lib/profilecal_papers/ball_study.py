@@ -5,6 +5,7 @@ simulated noisy arcs.
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from profilecal.geometry.checks import check_count
 from profilecal.geometry.fitting import circle_from_moments
@@ -12,6 +13,7 @@ from profilecal.geometry.poses import carry, rotation_from_xyz_angles
 from profilecal.targets.ball import Ball
 from profilecal_papers import published
 from profilecal_papers.monte_carlo import (
+    Scans,
     Study,
     in_chunks,
     noisy_blocks,
@@ -23,16 +25,13 @@ PROTOCOLS = "one arc", "m arcs"
 
 
 @dataclass(frozen=True)
-class BallScans:
+class BallScans(Scans):
     """Poses that see a ball, the first `translating` in one orientation. Each is swept
     along the sensor's y.
     """
 
+    T_tcp: np.ndarray  # (n, 3) mm, flange in the base frame
     ball: Ball
-    R_sensor: np.ndarray  # (3, 3) sensor on the flange
-    T_sensor: np.ndarray  # (3,) mm
-    R_tcp: np.ndarray  # (n, 3, 3) flange in the base frame
-    T_tcp: np.ndarray  # (n, 3) mm
     translating: int
     # way from the pose to either end of its motion, along the sensor's y
     sweep_mm: float = 10.0
@@ -46,62 +45,55 @@ class BallScans:
         """
         golden = (np.sqrt(5) - 1) / 2
         way = 2 * ((0.5 + golden * np.arange(arcs)) % 1) - 1
-        y = (self.R_tcp @ self.R_sensor)[..., 1]
+        y = self.rotation[..., 1]
         return self.T_tcp[:, None] + self.sweep_mm * way[:, None] * y[:, None]
 
     def circles(self, arcs: int) -> np.ndarray:
         """The circles that the scan plane cuts, (n, arcs, 3): x, z, r."""
-        origin = self.positions(arcs) + (self.R_tcp @ self.T_sensor)[:, None]
-        return self.ball.meet((self.R_tcp @ self.R_sensor)[:, None], origin)
+        origins = self.origins(self.positions(arcs))
+        return self.ball.meet(self.rotation[:, None], origins)
 
     def sides(self, arcs: int) -> np.ndarray:
-        """+1 where the ball's centre lies towards the sensor's +y, else -1, (n, arcs)."""
-        offset = (
-            self.ball.centre
-            - self.positions(arcs)
-            - (self.R_tcp @ self.T_sensor)[:, None]
-        )
-        return np.sign(
-            np.einsum("nka,na->nk", offset, (self.R_tcp @ self.R_sensor)[..., 1])
-        )
+        """On which side of the scan plane the ball's centre lies, (n, arcs): +1 towards
+        the sensor's +y, else -1.
+        """
+        offset = self.ball.centre - self.origins(self.positions(arcs))
+        return np.sign(np.einsum("nka,na->nk", offset, self.rotation[..., 1]))
 
-    def x_seen(self, circle) -> np.ndarray:
+    def x_seen(self, circle: np.ndarray) -> np.ndarray:
         """The scanner's x at which it sees the upper side of a circle x, z, r."""
-        reach = circle[2] * np.sin(np.radians(self.steepest_deg))
-        first = np.ceil(
-            max(-self.half_view_mm, circle[0] - reach) / self.x_resolution_mm
-        )
-        last = np.floor(
-            min(self.half_view_mm, circle[0] + reach) / self.x_resolution_mm
-        )
+        x, _, r = circle
+        reach = r * np.sin(np.radians(self.steepest_deg))
+        low = max(-self.half_view_mm, x - reach)
+        high = min(self.half_view_mm, x + reach)
+        first = np.ceil(low / self.x_resolution_mm)
+        last = np.floor(high / self.x_resolution_mm)
         return self.x_resolution_mm * np.arange(first, last + 1)
 
 
-def fig17_scans(**free) -> BallScans:
-    """Disk paper, Section V-D3: the poses of Table III, the sensor at Eq. 53, the ball
-    where Eq. 53 puts it. The motion of the m arcs and the scanner's view are not
-    printed; `free` sets them, see `BallScans`.
+def fig17_scans(**free: float) -> BallScans:
+    """Scans of the disk paper's Section V-D3: the poses of Table III, the sensor at Eq.
+    53, the ball where Eq. 53 puts it.
+
+    The motion of the m arcs and the scanner's view are not printed; `free` sets them,
+    see `BallScans`.
     """
     # disk paper, Section V-D2: the first four rows of Table III share one orientation
-    ball_translating = 4
+    translating = 4
     R_sensor, T_sensor = published.sensor_pose("Eq. 53", "Upsilon")
     R_tcp = rotation_from_xyz_angles(published.values("disk", "Table III", "R_tcp"))
-    T_tcp, q = (
-        published.values("disk", "Table III", "T_tcp"),
-        published.values("disk", "Table III", "q"),
-    )
+    T_tcp = published.values("disk", "Table III", "T_tcp")
+    q = published.values("disk", "Table III", "q")
     centres = carry(R_tcp, T_tcp, q @ R_sensor.T + T_sensor)
-    ball = Ball(
-        centres[ball_translating:].mean(axis=0),
-        float(published.values("disk", "Fig. 14", "ball radius")),
-    )
-    return BallScans(ball, R_sensor, T_sensor, R_tcp, T_tcp, ball_translating, **free)
+    radius = float(published.values("disk", "Fig. 14", "ball radius"))
+    ball = Ball(centres[translating:].mean(axis=0), radius)
+    return BallScans(R_sensor, T_sensor, R_tcp, T_tcp, ball, translating, **free)
 
 
 def ball_study(
     scans: BallScans,
-    sigma_mm,
-    m,
+    sigma_mm: ArrayLike,
+    m: ArrayLike,
     trials: int,
     rng: np.random.Generator,
     *,
@@ -111,102 +103,167 @@ def ball_study(
     and m (l,), by protocol.
 
     A trial draws max(m) arcs a pose and averages ball centres and flange positions of
-    the first m: the equations are linear in both. All sigma_mm and m share one draw, so
-    curves over them are smooth. `workers`: see `in_chunks`.
+    the first m, because the equations are linear in both. All sigma_mm and m share one
+    draw, so that curves over them are smooth. `workers`: see `in_chunks`.
     """
     studies = {protocol: Study.blank(sigma_mm, m, trials) for protocol in PROTOCOLS}
-    sigma_mm, m = studies[PROTOCOLS[0]].sigma_mm, studies[PROTOCOLS[0]].m
+    one_arc = studies[PROTOCOLS[0]]
+    sigma_mm, m = one_arc.sigma_mm, one_arc.m
     check_count("arcs", int(m.min()), 1, "a ball's centre comes from one arc")
-    counts, n = np.union1d(1, m), len(scans.R_tcp)
+    counts = np.union1d(1, m)
+    n = len(scans.R_tcp)
     q = np.empty((len(sigma_mm), len(counts), n, 3, trials))
 
-    def run(setting, part, stream):
+    def run(setting: tuple, part: slice, stream: np.random.Generator) -> None:
+        """Fill in the centres that some trials see from one pose."""
         (pose,) = setting
+        size = part.stop - part.start
         q[:, :, pose, :, part] = mean_centres(
-            scans, pose, counts, sigma_mm, part.stop - part.start, stream
+            scans, pose, counts, sigma_mm, size, stream
         )
 
     in_chunks(run, (n,), trials, rng, workers)
     T_tcp = np.stack([scans.positions(k).mean(axis=1) for k in counts])[..., None]
-    fixed, turning = slice(None, scans.translating), slice(scans.translating, None)
-    to_flange = scans.R_tcp[1 : scans.translating].mT
+    turning = slice(scans.translating, None)
     for i, j in np.ndindex(len(sigma_mm), len(m)):
-        of_turning = np.searchsorted(counts, m[j])
-        seen = (
-            scans.R_tcp[turning],
-            T_tcp[of_turning, turning],
-            q[i, of_turning, turning],
-        )
-        for study, of_rotation in zip(studies.values(), (0, of_turning), strict=True):
-            q_fixed, T_fixed = q[i, of_rotation, fixed], T_tcp[of_rotation, fixed]
-            X, Y = (
-                q_fixed[:1] - q_fixed[1:],
-                (to_flange @ (T_fixed[1:] - T_fixed[:1]))[..., 0],
+        all_arcs = np.searchsorted(counts, m[j])
+        for study, arcs in zip(studies.values(), (0, all_arcs), strict=True):
+            study.errors[i, j] = two_step_errors(
+                scans,
+                scans.ball.centre,
+                scans.R_tcp[turning],
+                T_tcp[all_arcs, turning],
+                q[i, all_arcs, turning],
+                *rotation_directions(scans, T_tcp[arcs], q[i, arcs]),
             )
-            study.errors[i, j] = two_step_errors(scans, scans.ball.centre, *seen, X, Y)
     return studies
 
 
+def rotation_directions(
+    scans: BallScans, T_tcp: np.ndarray, q: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """X and Y of R_sensor X = Y, (translating - 1, 3, k) and (translating - 1, 3), from
+    flange positions T_tcp (n, 3, 1) and ball centres q (n, 3, k).
+
+    While the flange keeps its orientation R_tcp and moves from T_1 to T_i, the centre
+    moves by q_i - q_1 in the sensor frame: R_sensor (q_1 - q_i) = R_tcp⁻¹ (T_i - T_1).
+    """
+    q = q[: scans.translating]
+    T_tcp = T_tcp[: scans.translating]
+    to_flange = scans.R_tcp[1 : scans.translating].mT
+    return q[:1] - q[1:], (to_flange @ (T_tcp[1:] - T_tcp[:1]))[..., 0]
+
+
 def mean_centres(
-    scans: BallScans, pose: int, counts, sigma_mm, size: int, rng
+    scans: BallScans,
+    pose: int,
+    counts: ArrayLike,
+    sigma_mm: np.ndarray,
+    size: int,
+    rng: np.random.Generator,
 ) -> np.ndarray:
     """Means (k, l, 3, size), mm, of the ball's centres, sensor frame, that circles
     fitted to the first counts (l,) of a pose's noisy arcs give, for each sigma_mm (k,).
     """
-    arcs = int(np.max(counts))
-    circles, sides = scans.circles(arcs)[pose], scans.sides(arcs)[pose]
-    found = np.empty((len(sigma_mm), len(counts), 3, size))
+    counts = np.asarray(counts)
+    arcs = int(counts.max())
+    circles = scans.circles(arcs)[pose]
+    sides = scans.sides(arcs)[pose]
+    means = np.empty((len(sigma_mm), len(counts), 3, size))
     total = np.zeros((len(sigma_mm), size, 3))
     for k, (circle, side) in enumerate(zip(circles, sides, strict=True), 1):
         fitted = noisy_circles(circle, scans.x_seen(circle), sigma_mm, size, rng)
         total += scans.ball.centre_from_circle(fitted, side)
-        found[:, np.asarray(counts) == k] = (total / k).mT[:, None]
-    return found
+        means[:, counts == k] = (total / k).mT[:, None]
+    return means
 
 
-def noisy_circles(circle, x, sigma_mm, size: int, rng) -> np.ndarray:
+def noisy_circles(
+    circle: np.ndarray,
+    x: np.ndarray,
+    sigma_mm: ArrayLike,
+    size: int,
+    rng: np.random.Generator,
+) -> np.ndarray:
     """Circles (k, size, 3) fitted to the upper side of a circle (3,) seen at x
     (points,), z noisy by sigma_mm (k,).
 
-    Only z is noisy, z + s ε, so what the fit needs are polynomials in s. Their
-    coefficients, means of ε, ε², ε³ and ε⁴ times functions of x and z, serve all
-    sigma_mm. Units: the circle's radius, about the mean of the noise-free arc.
+    The fit needs means of products about the centroid. The unit of length is the radius
+    r, and x and z are of the noise-free arc about its middle. Noise makes z + s ε of z,
+    with s = sigma_mm / r and ε about its own mean, and of w = x² + z²
+
+        w + 2 s z ε + s² ε².
+
+    So the means are polynomials in s: ⟨xx⟩ has no noise, and
+
+        ⟨xz⟩ = ⟨x z⟩ + s ⟨x ε⟩
+        ⟨zz⟩ = ⟨z z⟩ + s ⟨2 z ε⟩ + s² ⟨ε²⟩
+        ⟨wx⟩ = ⟨w x⟩ + s ⟨2 x z ε⟩ + s² ⟨x ε²⟩
+        ⟨wz⟩ = ⟨w z⟩ + s ⟨(w + 2 z²) ε⟩ + s² ⟨3 z ε²⟩ + s³ ⟨ε³⟩
+        ⟨ww⟩ = ⟨w w⟩ + s ⟨4 w z ε⟩ + s² ⟨(2 w + 4 z²) ε²⟩ + s³ ⟨4 z ε³⟩ + s⁴ ⟨ε⁴⟩.
+
+    Their coefficients serve all sigma_mm. Last, the mean of the noise that ε lacks
+    shifts the circle along z.
     """
     cx, cz, r = circle
     z = cz + np.sqrt(r * r - (x - cx) ** 2)
     middle = np.array([x.mean(), z.mean(), 0.0])
-    x, z = (x - middle[0]) / r, (z - middle[1]) / r
-    w, one = x * x + z * z, np.ones_like(x)
-    beside = (
-        [x, 2 * z, 2 * x * z, w + 2 * z * z, 4 * w * z],
-        [one, x, 3 * z, 2 * w + 4 * z * z],
-        [one, 4 * z],
-        [one],
-    )
-    sums = [np.empty((len(factors), size)) for factors in beside]
+    x = (x - middle[0]) / r
+    z = (z - middle[1]) / r
+    w = x * x + z * z
+    one = np.ones_like(x)
+    exact = {
+        "xx": x * x,
+        "xz": x * z,
+        "zz": z * z,
+        "wx": w * x,
+        "wz": w * z,
+        "ww": w * w,
+    }
+    # of each power of ε
+    factors = {
+        1: {
+            "xz": x,
+            "zz": 2 * z,
+            "wx": 2 * x * z,
+            "wz": w + 2 * z * z,
+            "ww": 4 * w * z,
+        },
+        2: {"zz": one, "wx": x, "wz": 3 * z, "ww": 2 * w + 4 * z * z},
+        3: {"wz": one, "ww": 4 * z},
+        4: {"ww": one},
+    }
+    sums, mean_noise = noise_sums(factors, size, rng)
+    s = np.asarray(sigma_mm, dtype=float)[:, None] / r
+    mean: dict = dict.fromkeys(exact, 0.0)
+    for power in (4, 3, 2, 1):  # Horner's scheme
+        for name, total in zip(factors[power], sums[power], strict=True):
+            mean[name] = s * (total / len(x) + mean[name])
+    for name, product in exact.items():
+        mean[name] += np.mean(product)
+    circles = middle + r * circle_from_moments(mean)
+    circles[..., 1] += r * s * mean_noise
+    return circles
+
+
+def noise_sums(
+    factors: dict[int, dict[str, np.ndarray]], size: int, rng: np.random.Generator
+) -> tuple[dict[int, np.ndarray], np.ndarray]:
+    """Sums over the points of factors (points,) times powers of unit noise ε, whose
+    mean is taken out, and these means (size,).
+
+    The sums of each power, 1 to 4, are (factors, size). The only factor of ε⁴ is 1.
+    """
+    rows = {power: np.array([*by.values()]) for power, by in factors.items()}
+    sums = {power: np.empty((len(of), size)) for power, of in rows.items()}
     mean_noise = np.empty(size)
-    for part, noise, square, cube in noisy_blocks(0 * x, 1.0, size, rng):
+    no_noise = np.zeros(rows[1].shape[1])
+    for part, noise, square, cube in noisy_blocks(no_noise, 1.0, size, rng):
         mean_noise[part] = noise.mean(axis=1)
         noise -= mean_noise[part, None]
         np.multiply(noise, noise, out=square)
         np.multiply(square, noise, out=cube)
-        for factors, total, power in zip(
-            beside, sums, (noise, square, cube), strict=False
-        ):
-            np.matmul(factors, power.T, out=total[:, part])
-        np.vecdot(square, square, out=sums[3][0, part])
-    (xe, ze, xze, wze, wwe), (ee, xee, zee, wee), (eee, zeee), (eeee,) = (
-        total / len(x) for total in sums
-    )
-    s = np.asarray(sigma_mm, dtype=float)[:, None] / r
-    mean = {
-        "xx": np.mean(x * x),
-        "xz": np.mean(x * z) + s * xe,
-        "zz": np.mean(z * z) + s * (ze + s * ee),
-    }
-    mean["wx"] = np.mean(w * x) + s * (xze + s * xee)
-    mean["wz"] = np.mean(w * z) + s * (wze + s * (zee + s * eee))
-    mean["ww"] = np.mean(w * w) + s * (wwe + s * (wee + s * (zeee + s * eeee)))
-    circles = middle + r * circle_from_moments(mean)
-    circles[..., 1] += r * s * mean_noise
-    return circles
+        for power, values in enumerate((noise, square, cube), 1):
+            np.matmul(rows[power], values.T, out=sums[power][:, part])
+        np.vecdot(square, square, out=sums[4][0, part])
+    return sums, mean_noise

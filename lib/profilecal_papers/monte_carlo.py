@@ -1,16 +1,17 @@
 """What noise studies share: random numbers in chunks, the two last steps of the disk
 and the ball method, and the joint solution of many problems.
 
-Trials run along the last axis of both methods' arrays: NumPy is fast along long axes
-only.
+Trials run along the last axis of both methods' arrays, because NumPy is fast along long
+axes only.
 """
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 from tqdm import tqdm
 
 from profilecal.geometry.fitting import ROUNDS
@@ -21,19 +22,43 @@ from profilecal.joint.descent import reach, refine
 from profilecal.joint.problem import Problem
 from profilecal.targets.observations import Observations, State
 
-# random numbers drawn at a time: 256 kB, which with their powers stay in a processor's
-# own cache
+# Random numbers drawn at a time: 256 kB, which together with their powers stay in a
+# processor's own cache.
 BLOCK = 2**15
+
+
+def norms(errors: np.ndarray) -> np.ndarray:
+    """Lengths (...) of errors (..., 3)."""
+    return np.linalg.norm(errors, axis=-1)
+
 
 # Readings of "the standard deviation e" of the disk paper's Figs 15 and 17: from errors
 # (..., trials, 3) to (...)
 READINGS = {
-    "standard deviation of the norms": lambda errors: np.linalg.norm(
-        errors, axis=-1
-    ).std(axis=-1),
+    "standard deviation of the norms": lambda errors: norms(errors).std(axis=-1),
     "root mean square": lambda errors: np.sqrt((errors**2).sum(axis=-1).mean(axis=-1)),
-    "mean of the norms": lambda errors: np.linalg.norm(errors, axis=-1).mean(axis=-1),
+    "mean of the norms": lambda errors: norms(errors).mean(axis=-1),
 }
+
+
+@dataclass(frozen=True)
+class Scans:
+    """The truth behind simulated scans: where the sensor is, how the flange turns."""
+
+    R_sensor: np.ndarray  # (3, 3) sensor on the flange
+    T_sensor: np.ndarray  # (3,) mm
+    R_tcp: np.ndarray  # (n, 3, 3) flange in the base frame
+
+    @property
+    def rotation(self) -> np.ndarray:
+        """Orientations of the sensor in the base frame, (n, 3, 3)."""
+        return self.R_tcp @ self.R_sensor
+
+    def origins(self, T_tcp: np.ndarray) -> np.ndarray:
+        """Origins of the sensor in the base frame, mm, at flange positions T_tcp, both
+        (n, m, 3).
+        """
+        return T_tcp + (self.R_tcp @ self.T_sensor)[:, None]
 
 
 @dataclass(frozen=True)
@@ -47,17 +72,19 @@ class Study:
     clipped: np.ndarray | None = None
 
     @classmethod
-    def blank(cls, sigma_mm, m, trials: int) -> "Study":
-        """With everything still to be filled in, for one or more sigma_mm and m."""
-        sigma_mm, m = (
-            np.atleast_1d(np.asarray(sigma_mm, dtype=float)),
-            np.atleast_1d(np.asarray(m, dtype=int)),
-        )
+    def blank(cls, sigma_mm: ArrayLike, m: ArrayLike, trials: int) -> "Study":
+        """A study whose errors are still to be filled in, for one or more sigma_mm and
+        one or more m.
+        """
+        sigma_mm = np.atleast_1d(np.asarray(sigma_mm, dtype=float))
+        m = np.atleast_1d(np.asarray(m, dtype=int))
         return cls(sigma_mm, m, np.empty((len(sigma_mm), len(m), 9, trials)))
 
     @property
     def centre_error(self) -> np.ndarray:
-        """Of the disk's or ball's centre in the base frame, (k, l, trials, 3), mm."""
+        """Errors of the disk's or ball's centre in the base frame, (k, l, trials, 3),
+        mm.
+        """
         return self.errors[:, :, :3].mT
 
     @property
@@ -69,7 +96,7 @@ class Study:
 
     @property
     def translation_error(self) -> np.ndarray:
-        """Of the sensor on the flange, (k, l, trials, 3), mm."""
+        """Errors of the sensor's position on the flange, (k, l, trials, 3), mm."""
         return self.errors[:, :, 6:].mT
 
     @property
@@ -79,66 +106,90 @@ class Study:
 
 
 def in_chunks(
-    run, shape, trials: int, rng: np.random.Generator, workers: int | None
+    run: Callable,
+    shape: tuple[int, ...],
+    trials: int,
+    rng: np.random.Generator,
+    workers: int | None,
 ) -> None:
     """Call run(setting, part, stream) for each setting, an index into `shape`, and each
     chunk of its trials, a slice.
 
-    Each chunk has its own random stream: the number of workers changes nothing. None:
-    one for each core, as threads, because NumPy leaves the interpreter's lock while it
-    computes.
+    Each chunk has its own random stream, so that the number of workers changes nothing.
+    `workers` None stands for one for each core. They are threads, because NumPy leaves
+    the interpreter's lock while it computes.
     """
     chunk = 1000  # trials: memory stays flat, and workers wait little for each other
-    parts = [
-        slice(first, min(first + chunk, trials)) for first in range(0, trials, chunk)
-    ]
+    firsts = range(0, trials, chunk)
+    parts = [slice(first, min(first + chunk, trials)) for first in firsts]
     tasks = [(setting, part) for setting in np.ndindex(*shape) for part in parts]
+    streams = rng.spawn(len(tasks))
     with ThreadPoolExecutor(max_workers=workers or os.cpu_count()) as pool:
-        done = pool.map(
-            lambda task, stream: run(*task, stream), tasks, rng.spawn(len(tasks))
-        )
+        done = pool.map(lambda task, stream: run(*task, stream), tasks, streams)
         for _ in tqdm(done, total=len(tasks), disable=None, leave=False):
             pass
 
 
-def noisy_blocks(exact, sd, size: int, rng: np.random.Generator):
+def noisy_blocks(
+    exact: np.ndarray, sd: ArrayLike, size: int, rng: np.random.Generator
+) -> Iterator[tuple]:
     """Blocks of `size` trials of `exact` (...) plus normal noise, whose standard
     deviation `sd` broadcasts against it.
 
     Yields the trials, as a slice; their values (block, ...); and two arrays of that
-    shape to be filled, until the next block takes them over: new memory would cost more
-    than what is computed in it.
+    shape to compute in. The next block takes all three arrays over, because new memory
+    would cost more than what is computed in it.
     """
-    memory = np.empty((3, max(1, min(size, BLOCK // exact.size)), *exact.shape))
-    for first in range(0, size, memory.shape[1]):
-        part = slice(first, min(first + memory.shape[1], size))
-        block, *work = memory[:, : part.stop - first]
+    length = max(1, min(size, BLOCK // exact.size))
+    memory = np.empty((3, length, *exact.shape))
+    for first in range(0, size, length):
+        last = min(first + length, size)
+        block, *work = memory[:, : last - first]
         rng.standard_normal(out=block)
         block *= sd
         block += exact
-        yield part, block, *work
+        yield slice(first, last), block, *work
 
 
-def two_step_errors(scans, centre, R_tcp, T_tcp, q, X, Y) -> np.ndarray:
+def two_step_errors(
+    scans: Scans,
+    centre: np.ndarray,
+    R_tcp: np.ndarray,
+    T_tcp: np.ndarray,
+    q: np.ndarray,
+    X: np.ndarray,
+    Y: np.ndarray,
+) -> np.ndarray:
     """Errors (9, k) of k trials: of the fixed point `centre`, mm, of the rotation, rad,
     and of the translation, mm.
 
     Eqs 14-20 of the disk paper; `scans` has the truth. The rotation comes from
-    directions X (n, 3, k) and Y (n, 3), the translation from R_tcp (l, 3, 3), T_tcp and
-    q (l, 3, k) or (l, 3, 1), by one matrix for all trials (Eq. 19).
+    directions X (n, 3, k) and Y (n, 3) or (n, 3, k), the translation from R_tcp (l, 3,
+    3), T_tcp and q (l, 3, k) or (l, 3, 1).
+
+    With the true rotation R₀ and R_sensor = turn R₀, Eqs 14 and 15 ask for turn R₀ X_i
+    = Y_i, where X_i and Y_i have length one. The best turn is the rotation nearest to
+
+        B = Σ Y_i (R₀ X_i)ᵀ,
+
+    and is itself the error of the rotation. The fixed point, from pose i, is
+
+        p_i + R_tcp,i T_sensor,  p_i = R_tcp,i (turn R₀ q_i) + T_tcp,i.
+
+    It is the same from neighbouring poses: M T_sensor = N with the rows M_i = R_tcp,i -
+    R_tcp,i+1 and N_i = p_i+1 - p_i (Eqs 18, 19). M has no noise, so that one matrix M⁺
+    solves all trials. The point is the mean over the poses (Eq. 20).
     """
     X = X / np.linalg.norm(X, axis=1, keepdims=True)
     Y = Y / np.linalg.norm(Y, axis=1, keepdims=True)
-    # of Eq. 15, seen from the truth
-    turn = rotations_near(np.tensordot(Y, scans.R_sensor @ X, (0, 0)))
+    B = np.tensordot(Y, scans.R_sensor @ X, (0, 0))
+    turn = rotations_near(B)
     in_flange = np.einsum("abk,nbk->nak", turn, scans.R_sensor @ q)
-    seen = R_tcp @ in_flange + T_tcp
-    M, N = (
-        (R_tcp[:-1] - R_tcp[1:]).reshape(-1, 3),
-        (seen[1:] - seen[:-1]).reshape(-1, seen.shape[-1]),
-    )
+    p = R_tcp @ in_flange + T_tcp
+    M = (R_tcp[:-1] - R_tcp[1:]).reshape(-1, 3)
+    N = (p[1:] - p[:-1]).reshape(-1, p.shape[-1])
     T_sensor = np.linalg.pinv(M) @ N
-    point = seen.mean(axis=0) + R_tcp.mean(axis=0) @ T_sensor
+    point = p.mean(axis=0) + R_tcp.mean(axis=0) @ T_sensor
     errors = (
         point - centre[:, None],
         rotation_vectors(turn),
@@ -147,31 +198,45 @@ def two_step_errors(scans, centre, R_tcp, T_tcp, q, X, Y) -> np.ndarray:
     return np.concatenate(errors)
 
 
-def rotation_vectors(R) -> np.ndarray:
-    """Rotation vectors (3, k) of rotations (3, 3, k) by less than a half turn."""
+def rotation_vectors(R: np.ndarray) -> np.ndarray:
+    """Rotation vectors (3, k), rad, of rotations R (3, 3, k) by less than a half turn.
+
+    A rotation by θ about the unit vector a has R - Rᵀ = 2 sin θ [a]ₓ and trace R = 1 +
+    2 cos θ.
+    """
     sine_axis = np.stack([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]) / 2
     sine = np.linalg.norm(sine_axis, axis=0)
     angle = np.arctan2(sine, (np.trace(R) - 1) / 2)
     return sine_axis * (angle / np.maximum(sine, np.finfo(float).tiny))
 
 
-def rotations_near(B) -> np.ndarray:
+def rotations_near(B: np.ndarray) -> np.ndarray:
     """The rotations (3, 3, k) nearest to B (3, 3, k).
 
-    A rotation equals its cofactors. The mean of another matrix and its cofactors, both
-    scaled to a rotation's norm, has the same nearest rotation and is closer to it, soon
-    by the square of their distance: an eighth of an SVD's time.
+    Let B = U diag(s₁, s₂, s₃) Vᵀ with rotations U and V, where at most one sᵢ is
+    negative. The nearest rotation is U Vᵀ where all sᵢ + sⱼ > 0. The cofactors of B are
+
+        cof B = U diag(s₂ s₃, s₃ s₁, s₁ s₂) Vᵀ,
+
+    and those of a rotation are the rotation itself. A sum α B + β cof B, with α and β
+    that give both one norm, keeps U and V, and of s₁ + s₂ it makes (s₁ + s₂) (α + β s₃)
+    > 0, of the other pairs likewise: the nearest rotation stays the same.
+
+    The sum also comes closer to it. Where B and cof B have a rotation's norm √3 and
+    sᵢ = 1 + dᵢ, the dᵢ add up to zero but for their squares, and s₂ s₃ = 1 + d₂ + d₃ =
+    1 - d₁ but for squares: in the mean of both, dᵢ is gone and its square left. A few
+    rounds take an eighth of an SVD's time.
     """
 
-    def half(A):  # of a matrix with a rotation's norm
+    def halved(A: np.ndarray) -> np.ndarray:
+        """A with half a rotation's norm, √3 / 2."""
         return A * np.sqrt(0.75 / np.einsum("abk,abk->k", A, A))
 
     R = B
     for _ in range(ROUNDS):
-        first, second = (
-            half(R),
-            half(np.array([cross(R[1], R[2]), cross(R[2], R[0]), cross(R[0], R[1])])),
-        )
+        cofactors = [cross(R[1], R[2]), cross(R[2], R[0]), cross(R[0], R[1])]
+        first = halved(R)
+        second = halved(np.array(cofactors))
         R = first + second
         if not (np.abs(first - second) > 1e-8).any():
             break
@@ -189,39 +254,39 @@ def estimate(
     """States (B) of least squares from known starts, with errors of scanner and robot
     as large as `noise` says, the sensor poses' spectra and χ² (B,).
     """
-    found = []
+    solved = []
     for first in range(0, len(start.rotation), chunk):
         part = slice(first, first + chunk)
-        seen = [entry.take(part) for entry in observations]
-        problem = Problem(seen, noise)
+        taken = [entry.take(part) for entry in observations]
+        problem = Problem(taken, noise)
         fit = refine(
             problem, start[part], iterations=steps, tolerance=1e-6, damping=1e-9
         )
-        if noise.of_robot:
-            for k in range(len(fit.loss)):
-                alone = Problem([entry.take([k]) for entry in seen], noise)
-                found.append(with_robot(alone, fit.state[[k]]))
-        else:
-            found.append((fit.state, fit.normal))
-    states, normals = zip(*found, strict=True)
+        if not noise.of_robot:
+            solved.append((fit.state, fit.normal))
+            continue
+        for k in range(len(fit.loss)):
+            alone = Problem([entry.take([k]) for entry in taken], noise)
+            solved.append(with_robot(alone, fit.state[[k]]))
+    states, normals = zip(*solved, strict=True)
     normal = np.concatenate(normals)
-    return (
-        State.join(*states),
-        spectrum(normal[:, :-1, :-1], problem.units),
-        normal[:, -1, -1],
-    )
+    information = normal[:, :-1, :-1]
+    chi2 = normal[:, -1, -1]
+    return State.join(*states), spectrum(information, problem.units), chi2
 
 
 def with_robot(problem: Problem, state: State) -> tuple[State, np.ndarray]:
     """Generalised least squares of one problem from a state nearby, with errors of the
-    robot as large as its noise says: Gauss-Newton steps on the linear model. And the
-    normal equations (1, n + 1, n + 1) there.
+    robot as large as its noise says.
+
+    Takes Gauss-Newton steps on the linear model. Returns the state, and the normal
+    equations (1, n + 1, n + 1) there.
     """
     sizes = problem.noise.of_robot
-    v = np.array([[1.0, *sizes.values()]]) ** 2
+    variances = np.array([[1.0, *sizes.values()]]) ** 2
     for _ in range(8):
-        found = problem.model(state, sizes).posterior(v)
-        state = problem.move(state, found.mean)
-        if reach(found.mean).max() < 1e-6:
+        step = problem.model(state, sizes).posterior(variances).mean
+        state = problem.move(state, step)
+        if reach(step).max() < 1e-6:
             break
-    return state, problem.model(state, sizes).posterior(v).normal
+    return state, problem.model(state, sizes).posterior(variances).normal
