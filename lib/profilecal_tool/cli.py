@@ -345,7 +345,7 @@ def import_(files, folder, kind, radius, **said):
     What is not said is guessed, and every guess is printed.
     """
     from profilecal.scan.folder import write_scan
-    from profilecal_tool.importing.imported import Layout, import_scan
+    from profilecal_tool.importing.import_scan import Layout, import_scan
 
     scan, guessed = import_scan(
         files, kind, {} if radius is None else {"radius": radius}, Layout(**said)

@@ -25,7 +25,7 @@ from profilecal.scan.folder import read_scan
 from profilecal.scan.scan import ScanError
 from profilecal.simulation.spec import WIDE, Spec, simulate_scan
 from profilecal.targets.target import find_features
-from profilecal_tool.importing.imported import Layout, import_scan
+from profilecal_tool.importing.import_scan import Layout, import_scan
 
 FUZZ = int(os.environ.get("PROFILECAL_FUZZ", "60"))
 TOOL = (10.0, -20.0, 150.0, 12.0, -5.0, 30.0)
