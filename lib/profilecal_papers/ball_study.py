@@ -114,7 +114,7 @@ def ball_study(
     n = len(scans.R_tcp)
     q = np.empty((len(sigma_mm), len(counts), n, 3, trials))
 
-    def run(setting: tuple, part: slice, stream: np.random.Generator) -> None:
+    def run(setting, part, stream):
         """Fill in the centres that some trials see from one pose."""
         (pose,) = setting
         size = part.stop - part.start
@@ -126,7 +126,7 @@ def ball_study(
     T_tcp = np.stack([scans.positions(k).mean(axis=1) for k in counts])[..., None]
     turning = slice(scans.translating, None)
     for i, j in np.ndindex(len(sigma_mm), len(m)):
-        all_arcs = np.searchsorted(counts, m[j])
+        all_arcs = int(np.searchsorted(counts, m[j]))
         for study, arcs in zip(studies.values(), (0, all_arcs), strict=True):
             study.errors[i, j] = two_step_errors(
                 scans,
@@ -247,7 +247,7 @@ def noisy_circles(
 
 
 def noise_sums(
-    factors: dict[int, dict[str, np.ndarray]], size: int, rng: np.random.Generator
+    factors: dict[int, dict], size: int, rng: np.random.Generator
 ) -> tuple[dict[int, np.ndarray], np.ndarray]:
     """Sums over the points of factors (points,) times powers of unit noise ε, whose
     mean is taken out, and these means (size,).

@@ -2,6 +2,7 @@
 found.
 """
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -11,17 +12,17 @@ from profilecal_papers import published
 
 
 def compare(
-    paper,
-    item,
-    what,
-    ours,
-    low=None,
-    high=None,
+    paper: str,
+    item: str,
+    what: str,
+    ours: Mapping,
+    low: Mapping | None = None,
+    high: Mapping | None = None,
     *,
-    within=None,
-    why=None,
-    labels=None,
-    **about,
+    within: Mapping | None = None,
+    why: Mapping | None = None,
+    labels: Mapping | None = None,
+    **about: str,
 ) -> Item:
     """An item from what `published` has of it.
 
@@ -32,51 +33,65 @@ def compare(
     paper writes names of rows, columns and quantities. `about` goes to `Item`. Raises
     ValueError for a number that differs without a reason.
     """
-    frame, labels, rows = published.table(paper), labels or {}, []
+    rows = []
     for key, values in ours.items():
         quantity, *reading = key if isinstance(key, tuple) else (key,)
-        entries = frame[(frame["item"] == item) & (frame["quantity"] == quantity)]
+        entries = published.entries(paper, item, quantity).itertuples()
         spread = (within or {}).get(key, 0.0)
-        ends = [
-            (low or {}).get(key, values - spread),
-            (high or {}).get(key, values + spread),
-        ]
-        numbers = zip(*(np.ravel(array) for array in (values, *ends)), strict=True)
-        for entry, found in zip(entries.itertuples(), numbers, strict=True):
-            decimals = int(entry.decimals)
-            names = [
-                labels.get(name, name)
-                for name in (entry.row, entry.component, quantity)
-            ]
-            ours_low_high = [round(float(value), decimals + DIGITS) for value in found]
-            row = Row(
-                *names,
-                entry.printed,
-                decimals,
-                entry.unit,
-                *ours_low_high,
-                reading="".join(reading),
-            )
+        least = (low or {}).get(key, values - spread)
+        most = (high or {}).get(key, values + spread)
+        ranges = zip(*map(np.ravel, (values, least, most)), strict=True)
+        for entry, numbers in zip(entries, ranges, strict=True):
+            row = beside_printed(entry, numbers, labels or {}, "".join(reading))
             if not row.inside:
                 row = replace(row, why=(why or {}).get(key, ""))
-                if not row.why:
-                    raise ValueError(
-                        f"{item}, {', '.join(names)}: {row.ours} differs from {row.printed}; say why"
-                    )
+                check_reason(item, row)
             rows.append(row)
     return Item(paper, item, what, tuple(rows), **about)
 
 
-def beside(item: str, what: str, quantity: str, ours, alike) -> Item:
+def beside_printed(entry, numbers, labels: Mapping, reading: str) -> Row:
+    """A row of an item, from a row of `published.entries` and from ours, low and
+    high, rounded to what the data hold.
+    """
+    decimals = int(entry.decimals)
+    ours, low, high = (round(float(value), decimals + DIGITS) for value in numbers)
+    return Row(
+        row=labels.get(entry.row, entry.row),
+        column=labels.get(entry.component, entry.component),
+        quantity=labels.get(entry.quantity, entry.quantity),
+        printed=entry.printed,
+        decimals=decimals,
+        unit=entry.unit,
+        ours=ours,
+        low=low,
+        high=high,
+        reading=reading,
+    )
+
+
+def check_reason(item: str, row: Row) -> None:
+    """Raise ValueError for a number that differs without a reason."""
+    if not row.why:
+        where = f"{item}, {row.row}, {row.column}, {row.quantity}"
+        raise ValueError(f"{where}: {row.ours} differs from {row.printed}; say why")
+
+
+def beside(
+    item: str, what: str, quantity: str, ours: np.ndarray, alike: np.ndarray
+) -> Item:
     """Ours beside a matrix, vector or number of the disk paper; `alike` (draws, ...):
     ours from tables that print so, of which 95 % span the range allowed.
     """
     low, high = np.quantile(alike, [0.025, 0.975], axis=0)
-    about = {
-        "range_from": "rounding",
-        "layout": "matrix",
-        "why": {quantity: "outside what rounding allows"},
-    }
     return compare(
-        "disk", item, what, {quantity: ours}, {quantity: low}, {quantity: high}, **about
+        "disk",
+        item,
+        what,
+        {quantity: ours},
+        {quantity: low},
+        {quantity: high},
+        why={quantity: "outside what rounding allows"},
+        range_from="rounding",
+        layout="matrix",
     )

@@ -48,7 +48,9 @@ class DiskScans(Scans):
         return np.sign(np.einsum("na,na->n", motion, self.rotation[..., 1]))
 
     def tips(self, m: int) -> np.ndarray:
-        """The tips (n, m, 2, 2) of m evenly spaced chords of each scan, without noise."""
+        """The tips of m evenly spaced chords of each scan, without noise, (n, m, 2,
+        2).
+        """
         way = np.linspace(0, 1, m)[:, None]
         T_tcp = (1 - way) * self.T_start[:, None] + way * self.T_end[:, None]
         return self.disk.meet(self.rotation[:, None], self.origins(T_tcp))
@@ -132,7 +134,7 @@ def disk_study(
     motion = np.einsum("nba,nb->na", scans.R_tcp, scans.T_end - scans.T_start)
     way = scans.T_start[:, None], scans.T_end[:, None], scans.s[:, None]
 
-    def run(setting: tuple, part: slice, stream: np.random.Generator) -> None:
+    def run(setting, part, stream):
         """Fill in the errors of some trials of one setting."""
         i, j = setting
         size = part.stop - part.start

@@ -6,6 +6,7 @@ scenes of an edge, what the scanner sees of them, and the paper's own measures o
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from profilecal.closed_form.edge import EdgeSolution
 from profilecal.geometry.noise import Noise
@@ -19,36 +20,54 @@ from profilecal.targets.observations import Observations
 STANDOFF = 75.0
 
 
-def arc(count: int, radius: float, span: float, middle) -> np.ndarray:
-    """Positions (..., count, 3), mm, on a circular arc in the plane z = 0, from its
-    middle; that lies at the angle `middle` (...), rad.
+def arc(
+    count: int, radius: ArrayLike, span: ArrayLike, middle: ArrayLike
+) -> np.ndarray:
+    """Positions (..., count, 3), mm, on circular arcs in the plane z = 0, from their
+    middles. Of each arc: the radius, mm, the angle that it spans and the angle at which
+    its middle lies, rad, all (...).
     """
-    radius, span, middle = (
-        np.asarray(number)[..., None] for number in (radius, span, middle)
-    )
-    angle = middle + span * np.linspace(-0.5, 0.5, count)
-    x, y = np.cos(angle) - np.cos(middle), np.sin(angle) - np.sin(middle)
-    return radius[..., None] * np.stack([x, y, np.zeros_like(x)], axis=-1)
+    middle = np.asarray(middle)[..., None]
+    way = np.asarray(span)[..., None] * np.linspace(-0.5, 0.5, count)
+    x = np.cos(middle + way) - np.cos(middle)
+    y = np.sin(middle + way) - np.sin(middle)
+    offsets = np.stack([x, y, np.zeros_like(x)], axis=-1)
+    return np.asarray(radius)[..., None, None] * offsets
 
 
-def arc_planes(direction, tilt, azimuth) -> np.ndarray:
+def arc_planes(
+    direction: np.ndarray, tilt: ArrayLike, azimuth: ArrayLike
+) -> np.ndarray:
     """Frames (..., 3, 3), in columns, of planes (their x and y axes) that make the
     angle `tilt` with the edge, along `direction` (..., 3). `azimuth` (...) turns the
     plane about it. x is nearest to the edge, y square to it.
     """
-    frame, tilt = frame_along(direction, azimuth), np.asarray(tilt)[..., None]
+    frame = frame_along(direction, azimuth)
     across, along = frame[..., 0], frame[..., 1]
+    tilt = np.asarray(tilt)[..., None]
     x = np.cos(tilt) * along - np.sin(tilt) * across
     normal = np.sin(tilt) * along + np.cos(tilt) * across
     return np.stack([x, np.cross(normal, x), normal], axis=-1)
 
 
-def above(point, flange, R_sensor, T_sensor, standoff: float = STANDOFF) -> np.ndarray:
+def above(
+    point: np.ndarray,
+    flange: np.ndarray,
+    R_sensor: np.ndarray,
+    T_sensor: np.ndarray,
+    standoff: float = STANDOFF,
+) -> np.ndarray:
     """Positions (..., G, 3) of the flange, at orientations (..., G, 3, 3), that put
     `point` (..., 3) into the middle of the scan, at depth `standoff`.
     """
     seen = R_sensor @ np.array([0.0, 0.0, standoff]) + T_sensor
     return point[..., None, :] - (flange @ seen[..., None, :, None])[..., 0]
+
+
+def check_word(name: str, word: str, known: tuple[str, ...]) -> None:
+    """Raise ValueError for a word that is none of those known."""
+    if word not in known:
+        raise ValueError(f"{name} is {word!r}; expected one of {', '.join(known)}")
 
 
 @dataclass(frozen=True)
@@ -60,51 +79,44 @@ class EdgePlan:
 
     groups: int = 25
     positions: int = 10
-    spread_deg: float = 30.0  # the flange turns by up to this, either way
+    spread_deg: float | np.ndarray = 30.0  # the flange turns by up to this, either way
     one_axis: bool = False  # all turns about one axis
     motion: str = "arc"  # or "line", or "space": anywhere in a ball of the arc's radius
     # one arc for all groups; "group": each its own; "tool": it turns with the flange
     frame: str = "base"
-    radius: float = 25.0  # mm
-    span_deg: float = 90.0
-    tilt_deg: float = 45.0  # between the arc's plane and the edge
+    radius: float | np.ndarray = 25.0  # mm
+    span_deg: float | np.ndarray = 90.0
+    tilt_deg: float | np.ndarray = 45.0  # between the arc's plane and the edge
 
-    def __post_init__(self):
-        for name, known in (
-            ("motion", ("arc", "line", "space")),
-            ("frame", ("base", "group", "tool")),
-        ):
-            if getattr(self, name) not in known:
-                raise ValueError(
-                    f"{name} is {getattr(self, name)!r}; expected one of {', '.join(known)}"
-                )
+    def __post_init__(self) -> None:
+        check_word("motion", self.motion, ("arc", "line", "space"))
+        check_word("frame", self.frame, ("base", "group", "tool"))
 
-    def offsets(self, direction, rng: np.random.Generator) -> np.ndarray:
+    def offsets(self, direction: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """Translations within each group, (..., G or 1, N, 3), over edges along
         `direction` (..., 3), mm.
         """
-        shape = (*direction.shape[:-1], self.groups if self.frame == "group" else 1)
+        groups = self.groups if self.frame == "group" else 1
+        shape = (*direction.shape[:-1], groups)
         if self.motion == "space":
-            length = self.radius * np.cbrt(
-                rng.uniform(size=(*shape, self.positions, 1))
-            )
+            share = rng.uniform(size=(*shape, self.positions, 1))
+            length = self.radius * np.cbrt(share)
             return length * directions(rng, (*shape, self.positions))
         azimuth, middle = rng.uniform(0, 2 * np.pi, (2, *shape))
         plane = arc_planes(direction[..., None, :], np.radians(self.tilt_deg), azimuth)
         if self.motion == "line":
-            return (
-                self.radius
-                * np.linspace(-1, 1, self.positions)[:, None]
-                * plane[..., None, :, 0]
-            )
-        return (
-            arc(self.positions, self.radius, np.radians(self.span_deg), middle)
-            @ plane.mT
-        )
+            way = self.radius * np.linspace(-1, 1, self.positions)[:, None]
+            return way * plane[..., None, :, 0]
+        span = np.radians(self.span_deg)
+        return arc(self.positions, self.radius, span, middle) @ plane.mT
 
 
 def plan_edge(
-    plan: EdgePlan, edge: Edge, R_sensor, T_sensor, rng: np.random.Generator
+    plan: EdgePlan,
+    edge: Edge,
+    R_sensor: np.ndarray,
+    T_sensor: np.ndarray,
+    rng: np.random.Generator,
 ) -> Poses:
     """Poses that carry the scanner at R_sensor (..., 3, 3), T_sensor (..., 3), mm, over
     the edge: the operator makes the scan plane cross the edge at up to 20° from square,
@@ -115,48 +127,53 @@ def plan_edge(
     square = frame_along(edge.direction, rng.uniform(0, 2 * np.pi, shape))
     start = random_turns(rng, shape, np.radians(20)) @ square @ R_sensor.mT
     axis = directions(rng, shape)[..., None, :] if plan.one_axis else None
-    turned = random_turns(
-        rng, (*shape, plan.groups), np.radians(plan.spread_deg)[..., None], axis
-    )
+    spread = np.radians(plan.spread_deg)[..., None]
+    turned = random_turns(rng, (*shape, plan.groups), spread, axis)
     offsets = plan.offsets(edge.direction, rng)
     if plan.frame == "tool":
         offsets = offsets @ turned.mT
     flange = turned @ start[..., None, :, :]
-    return Poses(
-        flange, above(edge.point, flange, R_sensor, T_sensor)[..., None, :] + offsets
-    )
+    middle = above(edge.point, flange, R_sensor, T_sensor)
+    return Poses(flange, middle[..., None, :] + offsets)
 
 
-def plan_ball(centre, radius: float, R_sensor, T_sensor, rng) -> Poses:
+def plan_ball(
+    centre: np.ndarray,
+    radius: float,
+    R_sensor: np.ndarray,
+    T_sensor: np.ndarray,
+    rng: np.random.Generator,
+) -> Poses:
     """Poses that draw six parallel profiles over a ball at `centre` (..., 3), mm, in
     each of ten orientations (edge paper, Section 4.2). The profiles spread over 1.2
     radii, along the sensor's y.
     """
-    start = random_turns(rng, centre.shape[:-1], np.pi) @ R_sensor.mT
-    flange = (
-        random_turns(rng, (*centre.shape[:-1], 10), np.radians(30))
-        @ start[..., None, :, :]
-    )
+    shape = centre.shape[:-1]
+    start = random_turns(rng, shape, np.pi) @ R_sensor.mT
+    turned = random_turns(rng, (*shape, 10), np.radians(30))
+    flange = turned @ start[..., None, :, :]
     y = (flange @ R_sensor[..., None, :, :])[..., 1]
     steps = np.linspace(-0.6, 0.6, 6)[:, None] * radius * y[..., None, :]
-    return Poses(
-        flange,
-        above(centre, flange, R_sensor, T_sensor, STANDOFF + radius)[..., None, :]
-        + steps,
-    )
+    middle = above(centre, flange, R_sensor, T_sensor, STANDOFF + radius)
+    return Poses(flange, middle[..., None, :] + steps)
 
 
 def sense_edge(
-    edge: Edge, R_sensor, T_sensor, poses: Poses, noise: Noise, rng: np.random.Generator
+    edge: Edge,
+    R_sensor: np.ndarray,
+    T_sensor: np.ndarray,
+    poses: Poses,
+    noise: Noise,
+    rng: np.random.Generator,
 ) -> np.ndarray:
     """Edge points (..., G, N, 2), x and z in the sensor frame, mm, that a scanner on
     the flange reports. Sensor poses (..., 3, 3), (..., 3), the edge and the poses may
     share leading axes, one entry a scene.
     """
     planes = scan_planes(R_sensor, T_sensor, *actual_poses(poses, noise, rng))
-    seen = Edge(
-        edge.point[..., None, None, :], edge.direction[..., None, None, :]
-    ).meet(*planes)
+    point = edge.point[..., None, None, :]
+    direction = edge.direction[..., None, None, :]
+    seen = Edge(point, direction).meet(*planes)
     return seen + noise.profile_mm * rng.normal(size=seen.shape)
 
 
@@ -174,30 +191,32 @@ class EdgeScene:
 
 
 def edge_scenes(
-    plan: EdgePlan, noise: Noise, rng: np.random.Generator, shape=()
+    plan: EdgePlan,
+    noise: Noise,
+    rng: np.random.Generator,
+    shape: tuple[int, ...] = (),
 ) -> EdgeScene:
     """Random scenes, `shape` of them: any edge 1 m in front of the robot, any mount
     within 150 mm of the flange. Entries of `noise` may be arrays (S, 1, 1, 1), one for
     each of S scenes.
     """
-    edge = Edge(
-        np.array([1000.0, 0.0, 300.0]) + rng.uniform(-100, 100, (*shape, 3)),
-        directions(rng, shape),
-    )
+    point = np.array([1000.0, 0.0, 300.0]) + rng.uniform(-100, 100, (*shape, 3))
+    edge = Edge(point, directions(rng, shape))
     R_sensor = random_turns(rng, shape, np.pi)
     T_sensor = rng.uniform(50, 150, (*shape, 1)) * directions(rng, shape)
     poses = plan_edge(plan, edge, R_sensor, T_sensor, rng)
-    return EdgeScene(
-        edge,
-        R_sensor,
-        T_sensor,
-        poses,
-        sense_edge(edge, R_sensor, T_sensor, poses, noise, rng),
-    )
+    points = sense_edge(edge, R_sensor, T_sensor, poses, noise, rng)
+    return EdgeScene(edge, R_sensor, T_sensor, poses, points)
 
 
 def ball_points(
-    ball: Ball, R_sensor, T_sensor, poses: Poses, noise: Noise, rng, count: int = 40
+    ball: Ball,
+    R_sensor: np.ndarray,
+    T_sensor: np.ndarray,
+    poses: Poses,
+    noise: Noise,
+    rng: np.random.Generator,
+    count: int = 40,
 ) -> np.ndarray:
     """Points (..., G, N, count, 2) on a ball, x and z in the sensor frame, mm, that a
     scanner on the flange reports: in each profile up to 60° to either side of the point
@@ -211,12 +230,10 @@ def ball_points(
 def observations_of(scene: EdgeScene) -> Observations:
     """Simulated edge scenes, with or without a batch axis, as observations."""
     G, N = scene.points.shape[-3:-1]
-    batch = scene.points.shape[:-3] or (1,)
-    R = np.repeat(scene.poses.rotations, N, axis=-3).reshape(*batch, G * N, 3, 3)
-    T, points = (
-        scene.poses.positions.reshape(*batch, G * N, 3),
-        scene.points.reshape(*batch, G * N, 1, 2),
-    )
+    shape = (*(scene.points.shape[:-3] or (1,)), G * N)
+    R = np.repeat(scene.poses.rotations, N, axis=-3).reshape(*shape, 3, 3)
+    T = scene.poses.positions.reshape(*shape, 3)
+    points = scene.points.reshape(*shape, 1, 2)
     return Observations("edge", R, T, points, group=np.repeat(np.arange(G), N))
 
 
@@ -224,7 +241,7 @@ def observations_of(scene: EdgeScene) -> Observations:
 ROTATIONS = 10, 15, 20, 25
 
 
-def principal(vectors, about_mean: bool = True) -> np.ndarray:
+def principal(vectors: np.ndarray, about_mean: bool = True) -> np.ndarray:
     """Unit vectors (..., 3) along which vectors (..., n, 3) extend most."""
     vectors = vectors - about_mean * vectors.mean(axis=-2, keepdims=True)
     return np.linalg.eigh(vectors.mT @ vectors)[1][..., -1]
@@ -239,9 +256,8 @@ def angle_deviations(solution: EdgeSolution, about_mean: bool = True) -> np.ndar
     groups = principal(solution.p_b - solution.p_b[..., :1, :], about_mean)
     aside = np.cross(u_b, np.eye(3)[np.argmin(np.abs(u_b), axis=-1)])
     aside /= np.linalg.norm(aside, axis=-1, keepdims=True)
-    along, across = (
-        np.sum(groups * axis[..., None, :], axis=-1) for axis in (u_b, aside)
-    )
+    along = np.sum(groups * u_b[..., None, :], axis=-1)
+    across = np.sum(groups * aside[..., None, :], axis=-1)
     return np.arctan(across / along)
 
 

@@ -228,7 +228,7 @@ def rotations_near(B: np.ndarray) -> np.ndarray:
     rounds take an eighth of an SVD's time.
     """
 
-    def halved(A: np.ndarray) -> np.ndarray:
+    def halved(A):
         """A with half a rotation's norm, √3 / 2."""
         return A * np.sqrt(0.75 / np.einsum("abk,abk->k", A, A))
 
@@ -283,10 +283,11 @@ def with_robot(problem: Problem, state: State) -> tuple[State, np.ndarray]:
     equations (1, n + 1, n + 1) there.
     """
     sizes = problem.noise.of_robot
+    names = list(sizes)
     variances = np.array([[1.0, *sizes.values()]]) ** 2
     for _ in range(8):
-        step = problem.model(state, sizes).posterior(variances).mean
+        step = problem.model(state, names).posterior(variances).mean
         state = problem.move(state, step)
         if reach(step).max() < 1e-6:
             break
-    return state, problem.model(state, sizes).posterior(variances).normal
+    return state, problem.model(state, names).posterior(variances).normal

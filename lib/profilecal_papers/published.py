@@ -2,50 +2,79 @@
 were printed in.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
 from scipy.optimize import minimize
 
 from profilecal.geometry.poses import nearest_rotation
 
 
-def least_change(compute, low, high, size: int) -> tuple[np.ndarray, float]:
+def least_change(
+    compute: Callable,
+    low: np.ndarray,
+    high: np.ndarray,
+    size: int,
+) -> tuple[np.ndarray, float]:
     """The x (size,) with the smallest max |x| at which all values of `compute`, (...,
     size) to (..., k), lie between `low` and `high` (k,); and that max |x|, infinity if
-    an interval is missed. By sequential quadratic programming (Kraft 1988) in x and a
-    bound s of all |x|, from near 0.
+    an interval is missed.
+
+    With values v(x) that are -1 at `low` and 1 at `high`, and a bound s of all |xᵢ|,
+
+        minimise s, where s - x ≥ 0, s + x ≥ 0, 0.99 - v(x) ≥ 0 and 0.99 + v(x) ≥ 0.
+
+    It is a problem in y = (x, s). The derivatives of the four lines of constraints are
+
+        by x: -I, I, -J, J,  by s: 1, 1, 0, 0,  with J = ∂v/∂x
+
+    from central differences. Sequential quadratic programming (Kraft 1988) solves it
+    from near x = 0.
     """
     step = 1e-4  # of the differences that stand for derivatives
     # of the way from the middle of an interval to its ends: room for what is not linear
     inside = 0.99
     middle, half = (low + high) / 2, (high - low) / 2
-    one, of_s = np.eye(size), np.eye(size + 1)[-1]
+    one = np.eye(size)
 
-    def values(x):
+    def v(x):
         return (compute(x) - middle) / half
 
     def room(y):
         x, s = y[:-1], y[-1]
-        return np.concatenate([s - x, s + x, inside - values(x), inside + values(x)])
+        return np.concatenate([s - x, s + x, inside - v(x), inside + v(x)])
 
-    def room_by(y):
-        moved = values(y[:-1] + step * np.vstack([one, -one]))
-        J = (moved[:size] - moved[size:]).T / (2 * step)
-        return np.column_stack(
-            [np.vstack([-one, one, -J, J]), np.repeat([1, 0], [2 * size, 2 * len(J)])]
-        )
+    def slopes_of_room(y):
+        forth, back = np.split(v(y[:-1] + step * np.vstack([one, -one])), 2)
+        J = (forth - back).T / (2 * step)
+        by_x = np.vstack([-one, one, -J, J])
+        by_s = np.repeat([1, 0], [2 * size, 2 * len(J)])
+        return np.column_stack([by_x, by_s])
 
-    limits = {"type": "ineq", "fun": room, "jac": room_by}
+    by_y = np.append(np.zeros(size), 1.0)
+
+    def bound(y):
+        return y[-1]
+
+    def slopes_of_bound(y):
+        return by_y
+
     # at 0 several values may tie, and have no slope
     start = np.append(np.linspace(-0.01, 0.01, size), 0)
-    x = minimize(
-        lambda y: y[-1], start, jac=lambda _: of_s, method="SLSQP", constraints=limits
-    ).x[:-1]
-    return x, np.abs(x).max() if np.abs(values(x)).max() <= 1 else np.inf
+    y = minimize(
+        bound,
+        start,
+        jac=slopes_of_bound,
+        method="SLSQP",
+        constraints={"type": "ineq", "fun": room, "jac": slopes_of_room},
+    ).x
+    x = y[:-1]
+    return x, np.abs(x).max() if np.abs(v(x)).max() <= 1 else np.inf
 
 
 FILES = {"disk": "disk_chen_2018.csv", "edge": "edge_xu_2021.csv"}
@@ -75,18 +104,21 @@ def table(paper: str) -> pd.DataFrame:
 
 
 @cache
-def _entries(paper: str, item: str, quantity: str) -> pd.DataFrame:
-    frame = table(paper)
-    if item not in set(frame["item"]):
-        raise ValueError(
-            f"the {paper} paper has no {item!r}; there are {', '.join(frame['item'].unique())}"
-        )
-    frame = frame[frame["item"] == item]
-    if quantity not in set(frame["quantity"]):
-        raise ValueError(
-            f"{item} has no {quantity!r}; there are {', '.join(frame['quantity'].unique())}"
-        )
-    return frame[frame["quantity"] == quantity]
+def entries(paper: str, item: str, quantity: str) -> pd.DataFrame:
+    """The rows of `table` that one quantity of an item has. Raises ValueError with the
+    names there are.
+    """
+    frame = _chosen(table(paper), "item", item, f"the {paper} paper")
+    return _chosen(frame, "quantity", quantity, item)
+
+
+def _chosen(frame: pd.DataFrame, column: str, name: str, where: str) -> pd.DataFrame:
+    """The rows that have a name in a column."""
+    chosen = frame[frame[column] == name]
+    if chosen.empty:
+        names = ", ".join(frame[column].unique())
+        raise ValueError(f"{where} has no {name!r}; there are {names}")
+    return chosen
 
 
 def values(paper: str, item: str, quantity: str) -> np.ndarray:
@@ -94,20 +126,21 @@ def values(paper: str, item: str, quantity: str) -> np.ndarray:
     one: ("disk", "Table I", "T_tcp") is (4, 3), ("disk", "Eq. 51", "accuracy") has no
     axis. Raises ValueError with the names there are.
     """
-    entries = _entries(paper, item, quantity)
-    return np.squeeze(entries["value"].to_numpy().reshape(entries["row"].nunique(), -1))
+    found = entries(paper, item, quantity)
+    matrix = found["value"].to_numpy().reshape(found["row"].nunique(), -1)
+    return np.squeeze(matrix)
 
 
 def half_unit(paper: str, item: str, quantity: str) -> float:
     """Half of the last printed digit: how far the number behind a printed one can be
     from it.
     """
-    return _entries(paper, item, quantity)["half_unit"].max()
+    return entries(paper, item, quantity)["half_unit"].max()
 
 
 def vectors(paper: str, item: str, quantity: str) -> list[str]:
     """The rows of one quantity as the paper prints them, such as "(5.947, 0, 5.97)"."""
-    rows = _entries(paper, item, quantity).groupby("row", sort=False)["printed"]
+    rows = entries(paper, item, quantity).groupby("row", sort=False)["printed"]
     return [f"({', '.join(row)})".replace("-", "−") for _, row in rows]
 
 
@@ -130,17 +163,13 @@ class RoundingBox:
     quantities: tuple[str, ...]
 
     @cached_property
-    def _printed(self) -> dict:
+    def _printed(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         """Of each quantity: the printed numbers, and half of their last digit."""
         found = {}
         for name in self.quantities:
             printed = values(self.paper, self.item, name)
-            half = (
-                _entries(self.paper, self.item, name)["half_unit"]
-                .to_numpy()
-                .reshape(printed.shape)
-            )
-            found[name] = printed, half
+            half = entries(self.paper, self.item, name)["half_unit"].to_numpy()
+            found[name] = printed, half.reshape(printed.shape)
         return found
 
     @property
@@ -148,18 +177,17 @@ class RoundingBox:
         """How many numbers the table has."""
         return sum(printed.size for printed, _ in self._printed.values())
 
-    def at(self, place) -> dict[str, np.ndarray]:
+    def at(self, place: np.ndarray) -> dict[str, np.ndarray]:
         """The tables at places (..., size) of the box, -1 to 1 along each axis; 0 is
         the table as printed.
         """
-        ends = np.cumsum([printed.size for printed, _ in self._printed.values()])
         tables = {}
-        for (name, (printed, half)), part in zip(
-            self._printed.items(), np.split(place, ends[:-1], -1), strict=True
-        ):
-            tables[name] = printed + half * part.reshape(
-                *part.shape[:-1], *printed.shape
-            )
+        first = 0
+        for name, (printed, half) in self._printed.items():
+            last = first + printed.size
+            part = place[..., first:last].reshape(*place.shape[:-1], *printed.shape)
+            tables[name] = printed + half * part
+            first = last
         return tables
 
     def draw(self, count: int, rng: np.random.Generator) -> dict[str, np.ndarray]:
@@ -169,29 +197,37 @@ class RoundingBox:
         return self.at(rng.uniform(-1, 1, (count, self.size)))
 
     def reach(
-        self, compute, target, unit, largest_of: int = 1
+        self,
+        compute: Callable,
+        target: ArrayLike,
+        unit: ArrayLike,
+        largest_of: int = 1,
     ) -> tuple[np.ndarray, float]:
         """Look for the least change of the printed numbers with which `compute` gives
         `target`.
 
         `compute(tables)` maps tables with any leading axes to (..., k); each value is
         to come within its `unit` (k,) of its target (k,). Of the last `largest_of`
-        values, the largest is to meet the last target.
+        values, which are not negative, the largest is to meet the last target: in
+        falling order, the first of them lies in the last interval, and the others
+        between 0 and its upper end.
 
         Returns the place (size,) found and the largest change there, in half units of
         the last printed digit: up to 1 the table prints alike; infinity if nothing was
         found. The search follows derivatives from the table as printed: a large value
         is no proof of absence.
         """
-        target, unit = np.asarray(target, dtype=float), np.asarray(unit, dtype=float)
-        others = np.ones(largest_of - 1)
-        low = np.append(target - unit, 0 * others)
-        high = np.append(target + unit, (target + unit)[-1] * others)
+        target = np.asarray(target, dtype=float)
+        unit = np.asarray(unit, dtype=float)
+        low, high = target - unit, target + unit
+        others = largest_of - 1
+        low = np.append(low, np.zeros(others))
+        high = np.append(high, np.full(others, high[-1]))
 
-        def values(place):
+        def falling(place):
+            """The values, the last of them in falling order."""
             found = np.array(compute(self.at(place)))
-            # the largest first
             found[..., -largest_of:] = -np.sort(-found[..., -largest_of:], axis=-1)
             return found
 
-        return least_change(values, low, high, self.size)
+        return least_change(falling, low, high, self.size)
