@@ -11,25 +11,7 @@ from profilecal.scan.tables import ScanError, Table, listed, naming, shown
 ENDINGS = (".npy", ".npz")
 
 
-def poses_in_array(path: Path) -> Table:
-    """Poses, one a row or one a matrix. Raises ScanError."""
-    values = array(path, "")
-    return from_array(path, values.reshape(len(values), -1))
-
-
-def profiles_in_array(path: Path, entry: str) -> list[Table]:
-    """One profile, or several along the first axis; the points of each in rows or in
-    columns. Raises ScanError.
-    """
-    values = array(path, entry)
-    if values.ndim == 2:
-        values = values[None]
-    if values.shape[1] <= 3 < values.shape[2]:
-        values = values.mT
-    return [from_array(path, profile) for profile in values]
-
-
-def array(path: Path, entry: str) -> np.ndarray:
+def array(path: Path, entry: str = "") -> np.ndarray:
     """The numbers of an array of two or three axes, or of one in an archive.
 
     Raises ScanError.

@@ -66,11 +66,9 @@ def import_scan(
     by_pose = tuple(values[k] for k in order)
     scan = scan_of(folder, header, entries, measured, by_pose)
 
-    of = (
-        "the tool given, taken off"
-        if layout.tool
-        else ("the flange (--tool if they are of a tool)")
-    )
+    of = "the flange (--tool if they are of a tool)"
+    if layout.tool:
+        of = "the tool given, taken off"
     guesses = [
         f"poses      {names_of(of_poses)}: {taken_poses}",
         f"of         {of}",

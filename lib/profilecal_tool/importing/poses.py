@@ -13,7 +13,7 @@ from profilecal.scan.conventions import CONVENTIONS, Convention, named, to_rotat
 from profilecal.scan.folder import check_poses
 from profilecal.scan.scan import MOUNTS, REACH_MM
 from profilecal.scan.tables import ScanError, Table, listed
-from profilecal_tool.importing import arrays
+from profilecal_tool.importing.arrays import ENDINGS, array, from_array
 from profilecal_tool.importing.key_value import behind_names
 from profilecal_tool.importing.makers import FRAMES, FRAMES_AND_AXES, UNNAMED
 from profilecal_tool.importing.nested import poses_in_lists
@@ -31,22 +31,22 @@ from profilecal_tool.importing.tables import (
 
 
 def read_poses(path: Path) -> Table:
-    """Poses, one a row, of any structure. Raises ScanError."""
-    if path.suffix.lower() in arrays.ENDINGS:
-        table = arrays.poses_in_array(path)
+    """Poses, one a row or one a matrix, of the first structure that a file has.
+
+    Raises ScanError.
+    """
+    if path.suffix.lower() in ENDINGS:
+        values = array(path)
+        table = from_array(path, values.reshape(len(values), -1))
     else:
-        table = poses_in_text(path, closed_text(path))
+        text = closed_text(path)
+        rows = poses_in_lists(text)
+        named = None if rows else behind_names(path, text)
+        table = named or from_rows(path, rows or in_brackets(text) or lines_of(text))
     if len(table.lines) in (3, 4) and table.units.keys() == {*"1234"}:
         # the rows of one matrix
-        return arrays.from_array(path, table.numbers(table.units).reshape(1, -1))
+        return from_array(path, table.numbers(table.units).reshape(1, -1))
     return table
-
-
-def poses_in_text(path: Path, text: str) -> Table:
-    """Poses of the first structure that a text has. Raises ScanError."""
-    rows = poses_in_lists(text)
-    named = None if rows else behind_names(path, text)
-    return named or from_rows(path, rows or in_brackets(text) or lines_of(text))
 
 
 def pose_table(paths: list[Path], said: str) -> tuple[Table, Convention]:
@@ -144,11 +144,10 @@ def without_tool(entries: dict, tool: tuple, of_tool: Convention, radians) -> di
     where = Table(Path("--tool"), {}, ["4 to 6"], "numbers")
     R_flange_tool = to_rotations(of_tool, angles, where)[0]
     R_tool_flange, p_tool_flange = inverse(R_flange_tool, np.array(tool[:3]))
-    R_base_tool = entries["R_base_flange"]
-    p_base_tool = entries["p_base_flange"]
+    R, p = entries["R_base_flange"], entries["p_base_flange"]
     return {
-        "R_base_flange": R_base_tool @ R_tool_flange,
-        "p_base_flange": carry(R_base_tool, p_base_tool, p_tool_flange),
+        "R_base_flange": R @ R_tool_flange,
+        "p_base_flange": carry(R, p, p_tool_flange),
         "orientation": None,
     }
 

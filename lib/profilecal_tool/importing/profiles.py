@@ -10,7 +10,7 @@ import numpy as np
 
 from profilecal.scan.scan import FARTHEST_MM
 from profilecal.scan.tables import ScanError, Table, listed
-from profilecal_tool.importing import arrays
+from profilecal_tool.importing.arrays import ENDINGS, array, from_array
 from profilecal_tool.importing.makers import LABELS
 from profilecal_tool.importing.nested import points_in_list
 from profilecal_tool.importing.tables import (
@@ -29,8 +29,13 @@ def read_profiles(path: Path, entry: str = "") -> list[Table]:
 
     `entry` names the list or array where there are several. Raises ScanError.
     """
-    if path.suffix.lower() in arrays.ENDINGS:
-        return arrays.profiles_in_array(path, entry)
+    if path.suffix.lower() in ENDINGS:
+        values = array(path, entry)
+        if values.ndim == 2:
+            values = values[None]
+        if values.shape[1] <= 3 < values.shape[2]:  # a point a column
+            values = values.mT
+        return [from_array(path, profile) for profile in values]
     text = closed_text(path)
     rows = points_in_list(path, text, entry)
     if not rows and not re.search(r"\b\d", text):  # titles at most
@@ -48,9 +53,9 @@ def profiles_of(
     that share a label, or a row, or a part of an array. `entry` and `said`: see
     `read_profiles` and `x_and_z`. Raises ScanError.
     """
-    every = [table for path in paths for table in read_profiles(path, entry)]
+    tables = [table for path in paths for table in read_profiles(path, entry)]
     # in the others nothing was seen
-    full = [table for table in every if table.columns]
+    full = [table for table in tables if table.columns]
     if not full:
         raise ScanError(f"{paths[0]}: no numbers in columns")
     check_alike(full)
@@ -59,11 +64,11 @@ def profiles_of(
     labels = np.array(first.columns.pop(label)) if label else None
     in_rows = len(first.columns) > 4 and len(first.lines) in (count, count + 1)
     if in_rows and len(paths) == 1 and labels is None:
-        every = full = by_row(first, count)
+        tables = full = by_row(first, count)
     axes = x_and_z(full, said)
     points = [
         table.numbers(axes, blank=True) if table.columns else np.empty((0, 2))
-        for table in every
+        for table in tables
     ]
     if len(points) == len(paths) > 1:
         return [path.stem for path in paths], points, axes
@@ -83,18 +88,18 @@ def by_row(table: Table, count: int) -> list[Table]:
     else:
         x, z = np.broadcast_arrays(rows[:1], rows[1:])
     profiles = np.stack([x, z], axis=-1)
-    return [arrays.from_array(table.path, profile) for profile in profiles]
+    return [from_array(table.path, profile) for profile in profiles]
 
 
-def x_and_z(every: list[Table], said: str) -> dict[str, str]:
+def x_and_z(tables: list[Table], said: str) -> dict[str, str]:
     """The columns of x and z and their units: as said, of these names, or where there
     are no names, the two that vary. Raises ScanError.
     """
-    first = every[0]
+    first = tables[0]
     varying = [
         name
         for name in first.columns
-        if len({cell for table in every for cell in table.columns[name]}) > 1
+        if len({cell for table in tables for cell in table.columns[name]}) > 1
     ]
     if said:
         axes = names_and_units(said.split(","))

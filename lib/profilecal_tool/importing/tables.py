@@ -1,7 +1,7 @@
 """Text: its lines, tables in it with whatever parts their columns, titles and units."""
 
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 from pathlib import Path
 from statistics import mode
 
@@ -108,7 +108,7 @@ def names_and_units(titles: Collection[str]) -> dict[str, str]:
     }
 
 
-def unit_of(path: Path, units: Mapping[str, str], known: Collection[str]) -> str:
+def unit_of(path: Path, units: dict[str, str], known: Collection) -> str:
     """The one unit that the titles of some columns say, "" if they say none.
 
     Raises ScanError for several, or one that is not known.
@@ -124,7 +124,7 @@ def unit_of(path: Path, units: Mapping[str, str], known: Collection[str]) -> str
 
 
 def to_mm(
-    path: Path, units: Mapping[str, str], lengths: np.ndarray, below: float
+    path: Path, units: dict[str, str], lengths: np.ndarray, below: float
 ) -> tuple[float, str]:
     """From a file's units to mm, and in words.
 
