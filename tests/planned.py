@@ -12,7 +12,7 @@ from profilecal.geometry.poses import pose_error, rotations
 from profilecal.simulation.spec import read_spec
 from profilecal.targets.observations import pose_groups
 from profilecal_papers.monte_carlo import estimate
-from profilecal_tool.plan.command import model_of_spec
+from profilecal_tool.plan.knowledge import model_of_spec
 from profilecal_tool.plan.scan_model import ScanModel
 
 GUESS = {"mount": [60, -40, 110, 170, 10, 30], "target": [900, 50, 300]}

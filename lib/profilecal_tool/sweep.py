@@ -1,13 +1,14 @@
-"""One notebook over a grid of parameters, here or on a cluster, and one tidy table of
-what its runs record.
+"""One notebook over a grid of parameters, and one tidy table of what its runs record.
 
-An executed notebook holds all there is to know about its run. It appears under `runs/`
-in one move: a sweep that is killed leaves whole runs or none, and goes on from there.
+The runs are here or on a cluster. An executed notebook holds all there is to know about
+its run. It appears under `runs/` in one move: a sweep that is killed leaves whole runs
+or none, and goes on from there.
 """
 
 import itertools
 import json
 import os
+from collections.abc import Iterator
 from contextlib import contextmanager
 from hashlib import sha256
 from pathlib import Path
@@ -22,37 +23,33 @@ from profilecal_pages.notebooks import recorded
 
 
 def read_grid(path: Path | None, texts=()) -> dict:
-    """The grid of a TOML file (a list of values, or one value, for each name), then of
-    texts NAME=A,B,… Raises ValueError where it is something else.
+    """Read the grid of a TOML file, and then of texts NAME=A,B,…
+
+    The file has a list of values, or one value, for each name. Raises ValueError where
+    it is something else.
     """
     grid = read_toml(path) if path else {}
-    given = [text.partition("=") for text in texts]
-    for name, equals, values in given:
-        if not equals or [first for first, *_ in given].count(name) > 1:
+    names = [text.partition("=")[0] for text in texts]
+    for text in texts:
+        name, equals, values = text.partition("=")
+        if not equals or names.count(name) > 1:
             raise ValueError(
-                f"-p {name}{equals}{values}; expected name=value,value,…, and each name once"
+                f"-p {text}; expected name=value,value,…, and each name once"
             )
         grid[name] = [notebooks.parse_value(value) for value in values.split(",")]
     return grid
 
 
 def plan(notebook: Path, grid: dict, repeat: int | None = None) -> dict[str, dict]:
-    """By name the parameters of each run of a grid: each value of one with each of the
-    others.
+    """The parameters of each run of a grid, by the run's name.
 
-    With `repeat`, each is run that often, with seeds that depend on the parameters and
-    the count of the repeat: a grid that grows keeps the runs it has. Raises ValueError
-    for a grid that does not fit the notebook's parameters.
+    A run has each value of one parameter with each of the others. With `repeat`, each
+    is run that often, with seeds that depend on the parameters and the count of the
+    repeat: a grid that grows keeps the runs it has. Raises ValueError for a grid that
+    does not fit the notebook's parameters.
     """
     kinds = notebooks.parameters_of(notebook)
-    if not grid and not repeat:
-        raise ValueError(
-            f"the grid is empty; {notebook.stem} has the parameters {', '.join(kinds) or '(none)'}"
-        )
-    if repeat and "seed" not in kinds:
-        raise ValueError(
-            f"{notebook.stem} has no parameter 'seed', so its repeats would all be the same"
-        )
+    _check_asked(notebook.stem, kinds, grid, repeat)
     lists = {
         name: values if isinstance(values, list) else [values]
         for name, values in grid.items()
@@ -64,10 +61,8 @@ def plan(notebook: Path, grid: dict, repeat: int | None = None) -> dict[str, dic
         if kinds[name] == "float":
             # 1 and 1.0 are one setting
             lists[name] = [float(value) for value in values]
-    points = [
-        dict(zip(lists, values, strict=True))
-        for values in itertools.product(*lists.values())
-    ]
+    product = itertools.product(*lists.values())
+    points = [dict(zip(lists, values, strict=True)) for values in product]
     if repeat:
         points = [
             point | {"seed": int(_digest([point, k], 13), 16)}
@@ -80,15 +75,27 @@ def plan(notebook: Path, grid: dict, repeat: int | None = None) -> dict[str, dic
     return runs
 
 
+def _check_asked(notebook: str, kinds: dict, grid: dict, repeat: int | None) -> None:
+    """Refuse what leaves nothing to run, or the same again and again."""
+    if not grid and not repeat:
+        known = ", ".join(kinds) or "(none)"
+        raise ValueError(f"the grid is empty; {notebook} has the parameters {known}")
+    if repeat and "seed" not in kinds:
+        raise ValueError(
+            f"{notebook} has no parameter 'seed', so its repeats would all be the same"
+        )
+
+
 def _name(parameters: dict) -> str:
     """What of a run's parameters is readable, and a digest of them all."""
-    said = "_".join(
+    settings = [
         f"{name}={value}" for name, value in parameters.items() if name != "seed"
+    ]
+    readable = "".join(
+        letter if letter.isalnum() or letter in "=_.-" else "-"
+        for letter in "_".join(settings)
     )
-    said = "".join(
-        letter if letter.isalnum() or letter in "=_.-" else "-" for letter in said
-    )[:100]
-    return f"{said}_{_digest(parameters, 8)}"
+    return f"{readable[:100]}_{_digest(parameters, 8)}"
 
 
 def _digest(values, length: int) -> str:
@@ -101,68 +108,75 @@ def sweep(
     grid: dict,
     output: Path,
     *,
-    repeat=None,
-    scheduler=None,
-    timeout=None,
-):
-    """Carry out the runs of a grid (`plan`) that are not there yet; return a table of
-    all, and by name why some failed.
+    repeat: int | None = None,
+    scheduler: str | None = None,
+    timeout: int | None = None,
+) -> tuple[pd.DataFrame, dict[str, str]]:
+    """Carry out the runs of a grid (`plan`) that are not there yet.
 
-    `output` gets the executed notebooks under `runs/` and `table.csv`. A run is there
-    when it did not fail and its notebook, parameters and versions are the present ones.
+    Returns a table of all, and by name why some failed. `output` gets the executed
+    notebooks under `runs/` and `table.csv`. A run is there when it did not fail and its
+    notebook, parameters and versions are the present ones.
+
     The runs share this machine's cores, or go to the Dask scheduler at the address
     `scheduler`. A run whose kernel dies, or where a cell takes longer than `timeout`
     seconds, is tried once more. Raises ValueError for a grid that does not fit,
     OSError.
     """
     runs = plan(notebook, grid, repeat)
-    source, present = notebook.read_text(encoding="utf-8"), notebooks.versions()
+    source = notebook.read_text(encoding="utf-8")
+    versions = notebooks.versions()
     code = [(cell["cell_type"], cell["source"]) for cell in json.loads(source)["cells"]]
     keys = {
-        name: _digest([code, parameters, present], 16)
+        name: _digest([code, parameters, versions], 16)
         for name, parameters in runs.items()
     }
-    files = {name: output / "runs" / f"{name}.ipynb" for name in runs}
-    (output / "runs").mkdir(parents=True, exist_ok=True)
+    folder = output / "runs"
+    files = {name: folder / f"{name}.ipynb" for name in runs}
+    folder.mkdir(parents=True, exist_ok=True)
     with _alone(output):
-        missing = [name for name in runs if not _is_done(files[name], keys[name])]
-        if missing:
-            jobs = {
-                name: (source, runs[name], str(notebook.resolve().parent), timeout)
-                for name in missing
-            }
+        jobs = {
+            name: (source, parameters, str(notebook.resolve().parent), timeout)
+            for name, parameters in runs.items()
+            if not _is_done(files[name], keys[name])
+        }
+        if jobs:
             with (
                 notebooks.workers(scheduler) as client,
                 tqdm(total=len(jobs), unit="run", disable=None) as bar,
             ):
-                for name, text, why, took in notebooks.outcomes(client, jobs):
+                for name, text, why, seconds in notebooks.outcomes(client, jobs):
                     executed = json.loads(text)
-                    clash = runs[name].keys() & {
-                        column for row in recorded(executed) for column in row
-                    }
-                    if clash and not why:
-                        why = f"it records {', '.join(sorted(clash))}, which is a parameter's name"
                     executed["metadata"]["profilecal"] = {
                         "key": keys[name],
-                        "error": why,
-                        "duration_s": round(took, 3),
+                        "error": why or _clash(executed, runs[name]),
+                        "duration_s": round(seconds, 3),
                     }
-                    with whole(files[name]) as part:
-                        part.write_text(
-                            json.dumps(executed, indent=1, ensure_ascii=False),
-                            encoding="utf-8",
-                        )
+                    _write(files[name], executed)
                     bar.update()
-        table, failed = _gather(runs, files, present)
+        table, failed = _gather(runs, files, versions)
         with whole(output / "table.csv") as part:
             table.to_csv(part, index=False)
     return table, failed
 
 
+def _clash(executed: dict, parameters: dict) -> str:
+    """Why a run cannot be in the table: it records what is a parameter; or ""."""
+    clash = parameters.keys() & {*itertools.chain(*recorded(executed))}
+    if not clash:
+        return ""
+    return f"it records {', '.join(sorted(clash))}, which is a parameter's name"
+
+
+def _write(path: Path, executed: dict) -> None:
+    """Write an executed notebook, whole or not at all."""
+    text = json.dumps(executed, indent=1, ensure_ascii=False)
+    with whole(path) as part:
+        part.write_text(text, encoding="utf-8")
+
+
 def _is_done(path: Path, key: str) -> bool:
-    """Whether there is an executed notebook that did not fail, of the same notebook,
-    parameters and versions.
-    """
+    """Whether there is an executed notebook of this key that did not fail."""
     try:
         about = json.loads(path.read_text(encoding="utf-8"))["metadata"]["profilecal"]
     except (FileNotFoundError, ValueError, KeyError):
@@ -171,33 +185,34 @@ def _is_done(path: Path, key: str) -> bool:
 
 
 def _gather(
-    runs: dict, files: dict[str, Path], present: dict[str, str]
+    runs: dict, files: dict[str, Path], versions: dict[str, str]
 ) -> tuple[pd.DataFrame, dict[str, str]]:
-    """The table of runs that have ended, in the order of the grid, and why some failed."""
-    rows, failed = [], {}
+    """The table of runs that have ended, in the grid's order, and why some failed."""
+    rows = []
+    failed = {}
     for name, parameters in runs.items():
         notebook = json.loads(files[name].read_text(encoding="utf-8"))
         about = notebook["metadata"]["profilecal"]
+        records = recorded(notebook)
+        status = "done"
         if about["error"]:
             failed[name] = about["error"]
-        status = "failed" if about["error"] else "done"
-        end = (
-            {"status": status, "duration_s": about["duration_s"]}
-            | present
-            | {"run": name}
-        )
-        rows += [
-            parameters | row | end
-            for row in ([{}] if about["error"] else recorded(notebook))
-        ]
-    columns = [
-        column for column in dict.fromkeys(itertools.chain(*rows)) if column not in end
-    ]
-    return pd.DataFrame(rows, columns=columns + list(end)), failed
+            records = [{}]
+            status = "failed"
+        end = {
+            "status": status,
+            "duration_s": about["duration_s"],
+            **versions,
+            "run": name,
+        }
+        rows += [parameters | record | end for record in records]
+    columns = dict.fromkeys(itertools.chain(*rows))
+    first = [column for column in columns if column not in end]
+    return pd.DataFrame(rows, columns=[*first, *end]), failed
 
 
 @contextmanager
-def _alone(output: Path):
+def _alone(output: Path) -> Iterator[None]:
     """Refuse to go on while another sweep writes to `output`."""
     if os.name != "posix":
         yield
@@ -206,13 +221,13 @@ def _alone(output: Path):
 
     handle = os.open(output, os.O_RDONLY)
     try:
+        # the system frees it, however we end
         try:
-            fcntl.flock(
-                handle, fcntl.LOCK_EX | fcntl.LOCK_NB
-            )  # the system frees it, however we end
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             raise ValueError(
-                f"another sweep is writing to {output}; wait for it or name another folder"
+                f"another sweep is writing to {output}; "
+                "wait for it or name another folder"
             ) from None
         yield
     finally:

@@ -8,52 +8,70 @@ from profilecal.geometry.noise import FALSE_ALARM, ROBOT, Noise
 from profilecal.geometry.observability import HAND_PRECISION, name_direction
 from profilecal.geometry.poses import xyz_angles_from_rotation
 from profilecal.joint.prior import FINEST_MM
+from profilecal.joint.solution import Solution
 
 
-def calibration_text(found: Calibration, to_paste: str = "") -> str:
-    """What `profilecal calibrate` prints for people. `to_paste`: the pose as a
-    controller takes it.
+def calibration_text(calibration: Calibration, to_paste: str = "") -> str:
+    """What `profilecal calibrate` prints for people.
+
+    `to_paste`: the pose as a controller takes it.
     """
-    s, lines = found.solution, [f"status         {found.status}"]
-    if found.status != "unobservable":
-        W, P, R = np.degrees(xyz_angles_from_rotation(s.rotation))
-        W = (W + 180) % 360 - 180
-        tx, ty, tz = s.translation
-        lines += [
-            f"translation    {tx:.3f}  {ty:.3f}  {tz:.3f} mm, of the sensor's origin in the {found.frame} frame",
-            f"rotation       {W:.4f}  {P:.4f}  {R:.4f}°, R = Rz({R:.4f}) Ry({P:.4f}) Rx({W:.4f})",
-            *filter(None, [to_paste]),
-            f"uncertainty    {deviations(s.covariance)} about the sensor's x, y, z: one standard deviation near these "
-            "poses, from noise, robot errors, tolerances",
-        ]
-    if s:
-        used, rejected = found.labels(rejected=False), found.labels(rejected=True)
-        which = f": {', '.join(rejected)}" if rejected else ""
+    lines = [f"status         {calibration.status}"]
+    solution = calibration.solution_or_none
+    if solution:
+        if calibration.is_known:
+            lines += pose_lines(solution, calibration.frame, to_paste)
+        used = calibration.poses_used
+        rejected = calibration.poses_rejected
+        names = f": {', '.join(rejected)}" if rejected else ""
         lines.append(
-            f"poses          {len(used)} used, {len(rejected)} rejected{which}"
+            f"poses          {len(used)} used, {len(rejected)} rejected{names}"
         )
-    lines += [f"note           {message}" for message in found.messages]
-    if s and not found.misread:
-        lines.append(f"robot errors   {robot_errors(s.noise)}")
-        if s.noise_source == "given":  # an estimate makes it 1
+    lines += note_lines(calibration)
+    if solution and not calibration.misread:
+        lines.append(f"robot errors   {robot_errors(solution.noise)}")
+        if solution.noise_source == "given":  # an estimate makes χ²/dof 1
             lines.append(
-                f"residuals      {s.rms_mm:.3g} mm rms, χ²/dof {s.chi2_per_dof:.3g}"
+                f"residuals      {solution.rms_mm:.3g} mm rms, "
+                f"χ²/dof {solution.chi2_per_dof:.3g}"
             )
     return "\n".join(lines)
 
 
-def deviations(covariance, delta=None) -> str:
-    """δ (6,), mm and rad, in words, or its standard deviations; "open" where these say
-    that nothing is known.
+def pose_lines(solution: Solution, frame: str, to_paste: str) -> list[str]:
+    """The sensor's pose in a frame and its uncertainty, in lines."""
+    x, y, z = solution.translation
+    W, P, R = np.degrees(xyz_angles_from_rotation(solution.rotation))
+    W = (W + 180) % 360 - 180
+    return [
+        f"translation    {x:.3f}  {y:.3f}  {z:.3f} mm, "
+        f"of the sensor's origin in the {frame} frame",
+        f"rotation       {W:.4f}  {P:.4f}  {R:.4f}°, "
+        f"R = Rz({R:.4f}) Ry({P:.4f}) Rx({W:.4f})",
+        *([to_paste] if to_paste else []),
+        f"uncertainty    {deviations(solution.covariance)} about the sensor's x, y, z: "
+        "one standard deviation near these poses, from noise, robot errors, tolerances",
+    ]
+
+
+def note_lines(calibration: Calibration) -> list[str]:
+    """What else there is to say of a calibration, in lines."""
+    return [f"note           {message}" for message in calibration.messages]
+
+
+def deviations(covariance: np.ndarray, delta: np.ndarray | None = None) -> str:
+    """δ (6,), mm and rad, in words, or its standard deviations.
+
+    "open" where these say that nothing is known.
     """
     sd = np.sqrt(np.diag(covariance))
     delta = sd if delta is None else delta
     values = np.r_[delta[:3], np.degrees(delta[3:])]
-    said = [
-        "open" if wide else brief(value)
-        for value, wide in zip(values, sd >= HAND_PRECISION, strict=True)
+    words = [
+        "open" if is_open else brief(value)
+        for value, is_open in zip(values, sd >= HAND_PRECISION, strict=True)
     ]
-    return f"{'  '.join(said[:3])} mm along and {'  '.join(said[3:])}°"
+    return f"{'  '.join(words[:3])} mm along and {'  '.join(words[3:])}°"
 
 
 def brief(value: float) -> str:
@@ -64,52 +82,49 @@ def brief(value: float) -> str:
 def robot_errors(noise: Noise) -> str:
     """How large the robot's errors are, at each place where they arise."""
     places = ("at each visit", "at each pose", "shared by the poses of an orientation")
-    there = zip(
-        places,
-        np.reshape([getattr(noise, name) for name in ROBOT], (3, 2)),
-        strict=True,
-    )
-    said = [
+    sizes = np.reshape([getattr(noise, name) for name in ROBOT], (3, 2))
+    errors = [
         f"{place} {mm:.2g} mm and {deg:.2g}°"
-        for place, (mm, deg) in there
+        for place, (mm, deg) in zip(places, sizes, strict=True)
         if max(mm, deg) > FINEST_MM
     ]
-    return ", ".join(said) or "none that the residuals show"
+    return ", ".join(errors) or "none that the residuals show"
 
 
-def verification_text(found: Verification) -> str:
+def verification_text(verification: Verification) -> str:
     """What `profilecal verify` prints."""
-    (scan,), alone = found.alone.scans, found.alone
+    alone = verification.alone
+    (scan,) = alone.scans
     lines = [f"scan alone     {alone.status}"]
     if alone.status != "ok":
         lines[0] += ", so also looked at near the pose"
-        lines += [f"note           {message}" for message in alone.messages]
-    worst, count, covariance = (
-        np.argmax(np.abs(found.apart)),
-        len(found.apart),
-        found.expected.covariance,
-    )
-    direction = name_direction(
-        found.expected.directions[6 - count + worst], np.eye(3), "sensor"
-    )
+        lines += note_lines(alone)
+
+    expected = verification.expected
+    apart = verification.apart
+    worst = np.argmax(np.abs(apart))
+    determined = expected.directions[-len(apart) :]
+    direction = name_direction(determined[worst], np.eye(3), "sensor")
+    difference = deviations(expected.covariance, verification.delta)
     lines += [
-        f"differs by     {deviations(covariance, found.delta)} about the sensor's x, y, z",
-        f"expected       {deviations(covariance)}, one standard deviation",
-        f"most apart     {direction}, {brief(abs(found.apart[worst]))} standard deviations",
-        f"chance         {found.chance:.2g} of more between right answers, in {count} of 6 directions; "
-        f"doubted below {FALSE_ALARM:g}",
+        f"differs by     {difference} about the sensor's x, y, z",
+        f"expected       {deviations(expected.covariance)}, one standard deviation",
+        f"most apart     {direction}, {brief(abs(apart[worst]))} standard deviations",
+        f"chance         {verification.chance:.2g} of more between right answers, "
+        f"in {len(apart)} of 6 directions; doubted below {FALSE_ALARM:g}",
     ]
-    for name, length in found.lengths.items():
-        lines.append(
-            f"{name:<15}{length:.3f} mm by the pose, {scan.measures[name]:g} given"
-        )
+    for name, length in verification.lengths.items():
+        given = scan.measures[name]
+        lines.append(f"{name:<15}{length:.3f} mm by the pose, {given:g} given")
     lines.append(
-        f"residuals      {found.rms_mm:.3g} mm rms from a {scan.target.shape}, by the pose"
+        f"residuals      {verification.rms_mm:.3g} mm rms from a "
+        f"{scan.target.shape}, by the pose"
     )
-    wrong = "more is wrong than the stated uncertainties explain: robot, target, or calibration"
-    verdict = (
-        "the stated uncertainties explain what was found"
-        if found.as_expected
-        else wrong
-    )
+    if verification.as_expected:
+        verdict = "the stated uncertainties explain what was found"
+    else:
+        verdict = (
+            "more is wrong than the stated uncertainties explain: robot, target, or "
+            "calibration"
+        )
     return "\n".join([*lines, f"verdict        {verdict}"])

@@ -1,4 +1,4 @@
-"""The command line as such: its help, and what it sets before anything loads."""
+"""The command line as such: its help, and what it needs and sets before it begins."""
 
 import os
 import subprocess
@@ -10,33 +10,77 @@ from command import run
 from profilecal_tool.cli import main
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+WITHOUT_PACKAGES = """
+import sys
+sys.modules.update(dict.fromkeys({missing}))
+sys.argv = ["profilecal", "--version"]
+from profilecal_tool.__main__ import main
+main()
+"""
+THREADS_IN_A_COMMAND = f"""
+import os, sys
+from profilecal_tool.cli import main
+
+@main.command()
+def look():
+    print("numpy" in sys.modules, *[os.environ[name] for name in {THREADS}])
+
+main(["look"])
+"""
 
 
-@pytest.mark.parametrize("command", ["", *main.commands])
-def test_help_fits_a_screen(command, monkeypatch):
+def python(code, environment=None):
+    """What a fresh interpreter makes of some code."""
+    command = [sys.executable, "-c", code]
+    return subprocess.run(command, capture_output=True, text=True, env=environment)
+
+
+def assert_fits_a_screen(*arguments):
+    shown = run(*arguments)
+    assert shown.exit_code == 0
+    assert len(shown.output.splitlines()) <= 24
+
+
+@pytest.mark.parametrize("option", ["--help", "-h"])
+@pytest.mark.parametrize("command", main.commands)
+def test_the_help_of_a_command_fits_a_screen(command, option, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
-    for option in ("--help", "-h", *(["--version"] if not command else [])):
-        shown = run(*filter(None, [command]), option)
-        assert shown.exit_code == 0
-        assert len(shown.output.splitlines()) <= 24
+    assert_fits_a_screen(command, option)
+
+
+@pytest.mark.parametrize("option", ["--help", "-h", "--version"])
+def test_the_help_on_all_commands_fits_a_screen(option, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    assert_fits_a_screen(option)
 
 
 @pytest.mark.parametrize("given", [{}, {"OPENBLAS_NUM_THREADS": "3"}])
 def test_one_thread_unless_the_environment_says_otherwise(given):
-    code = (
-        "import os, sys\n"
-        "from profilecal_tool.cli import main\n"
-        f"main.command('look')(lambda: print('numpy' in sys.modules, [os.environ[name] for name in {THREADS}]))\n"
-        "main(['look'])"
-    )
-    environment = {
-        name: value for name, value in os.environ.items() if name not in THREADS
-    } | given
-    said = subprocess.run(
-        [sys.executable, "-c", code],
-        capture_output=True,
-        text=True,
-        check=True,
-        env=environment,
-    )
-    assert said.stdout == f"False {[given.get(name, '1') for name in THREADS]}\n"
+    environment = dict(os.environ)
+    for name in THREADS:
+        environment.pop(name, None)
+    shown = python(THREADS_IN_A_COMMAND, environment | given)
+    numbers = [given.get(name, "1") for name in THREADS]
+    assert shown.stdout.split() == ["False", *numbers], shown.stderr
+
+
+@pytest.mark.parametrize(
+    ("missing", "named"),
+    [
+        (["click"], "click"),
+        (["pandas", "matplotlib"], "matplotlib, pandas"),
+        (["click", "matplotlib", "pandas", "tqdm"], "click, matplotlib, pandas, tqdm"),
+    ],
+)
+def test_without_its_packages_the_command_says_how_to_install_them(missing, named):
+    ended = python(WITHOUT_PACKAGES.format(missing=missing))
+    assert ended.returncode == 2
+    assert ended.stdout == ""
+    install = 'pip install "profilecal[tool]"'
+    assert ended.stderr == f"profilecal: the command needs {named}: {install}\n"
+
+
+def test_with_its_packages_the_command_runs():
+    ended = python(WITHOUT_PACKAGES.format(missing=[]))
+    assert ended.returncode == 0
+    assert ended.stdout.startswith("profilecal, version ")

@@ -1,5 +1,6 @@
-"""What is known before a scan, and what poses will be worth: the information that their
-profiles will hold.
+"""What is known before a scan, and what poses will be worth.
+
+Their worth is the information that their profiles will hold.
 """
 
 from dataclasses import dataclass, replace
@@ -24,7 +25,8 @@ class ScanModel(Setup):
     """A sensor, a target and a robot, as they are believed to be."""
 
     scanner: Scanner
-    noise: Noise  # the variances that predictions count with
+    # the standard deviations that predictions count with
+    noise: Noise
     systematic: Systematic = Systematic()  # noqa: RUF009
     to_hand: bool = False
     measured: str = "profiles"
@@ -32,81 +34,88 @@ class ScanModel(Setup):
     covariance: np.ndarray | None = None
     # where all this is from, with margins; None: known well enough
     guess: Guess | None = None
-    count: int = 40  # points of a curve that a pose gives
+    # points of a curve that a pose gives
+    count: int = 40
 
     @property
     def known(self) -> tuple[np.ndarray, np.ndarray]:
-        """What is known by hand of the unknowns (n,), mm and rad, and of what is wrong
-        at every pose (c,).
+        """What is known by hand of the unknowns (n,) and of what all poses share (c,).
+
+        Standard deviations, in mm and rad where they are of the unknowns. What all
+        poses share are the systematic errors.
         """
         sizes = [size for _, size in considered([self.target], self.systematic)]
         return units_by_hand([self.target]), np.array(sizes)
 
     def elsewhere(self, rng: np.random.Generator) -> "ScanModel":
         """The same where the guess is wrong by anything within its margins."""
-        return replace(
-            self, **vars(self.guess.setup(self.target.kind, self.sizes, rng))
-        )
+        if self.guess is None:
+            return self
+        setup = self.guess.setup(self.target.kind, self.sizes, rng)
+        return replace(self, **vars(setup))
 
     @property
     def shows_beside(self) -> bool:
         """Whether raw profiles show the target by what is around it."""
         return self.measured == "profiles" and self.target.beside_mm > 0
 
-    def seen(self, R_view, T_view, count: int) -> np.ndarray:
-        """What a perfect scanner at sensor frames (P, 3, 3), (P, 3) sees of the target,
-        (P, m, 2), mm; `count` points of a curve; NaN where it misses it.
+    def points_seen(self, R_view, T_view, count: int) -> np.ndarray:
+        """What a perfect scanner at sensor frames (P, 3, 3), (P, 3) sees of the target.
+
+        Returns (P, m, 2), mm, `count` points of a curve; NaN where it is missed.
         """
         points = self.target.points_seen(R_view, T_view, count)
         is_face = len(self.target.shifts) == 1
         return self.across_view(points, count) if is_face else points
 
     def in_view(self, R, T) -> np.ndarray:
-        """Whether the middle of what is seen from flange poses (P, 3, 3), (P, 3) is in
-        the field of view, (P,).
+        """Whether flange poses (P, 3, 3), (P, 3) have the target in view, (P,).
+
+        They have if the middle of what is seen is in the field of view.
         """
-        points = self.seen(*self.planes(R, T), 5)
+        points = self.points_seen(*self.planes(R, T), 5)
         x, z = points[:, points.shape[1] // 2].T
-        return (
-            (self.scanner.near <= z)
-            & (z <= self.scanner.far)
-            & (np.abs(x) <= self.scanner.half_width(z))
-        )
+        scanner = self.scanner
+        in_range = (scanner.near <= z) & (z <= scanner.far)
+        return in_range & (np.abs(x) <= scanner.half_width(z))
 
     def across_view(self, points, count: int) -> np.ndarray:
-        """Points (P, count, 2) from one side of the field of view to the other, but for
-        a tenth at the sides that features leave out, on the lines through some (P, m,
-        2).
+        """Points (P, count, 2) across the field of view on lines through (P, m, 2).
+
+        They reach from one side to the other, but for a tenth at the sides, which
+        features leave out. The line z = d + s x meets the sides where ±x is the half
+        width at its depth, h(z) = h(d) + (h(d + s) - h(d)) x: at -h/(1 + g) and
+        h/(1 - g), where g is the growth h(d + s) - h(d).
         """
-        first, last = points[:, 0], points[:, -1]
+        first = points[:, 0]
+        last = points[:, -1]
         slope = (last[:, 1] - first[:, 1]) / (last[:, 0] - first[:, 0])
-        depth = first[:, 1] - slope * first[:, 0]  # where the line crosses x = 0
+        depth = first[:, 1] - slope * first[:, 0]
         half = 0.9 * self.scanner.half_width(depth)
-        growth = 0.9 * self.scanner.half_width(depth + slope) - half  # per mm of x
+        growth = 0.9 * self.scanner.half_width(depth + slope) - half
         x = np.linspace(-half / (1 + growth), half / (1 - growth), count, axis=1)
         return np.stack([x, depth[:, None] + slope[:, None] * x], axis=-1)
 
     def observed(self, R, T) -> Observations:
-        """What the scanner will see of the target from flange poses (P, 3, 3), (P, 3),
-        mm, NaN where it misses it; of an arc three points that stand for it.
+        """What the scanner will see of the target from flange poses (P, 3, 3), (P, 3).
+
+        In mm, NaN where it misses the target; of an arc three points that stand for it.
         """
-        planes, covariance = self.planes(R, T), self.covariance
-        arcs = self.measured == "arcs"
-        points = (
-            three_points(self.target.meet(*planes))
-            if arcs
-            else self.seen(*planes, self.count)
-        )
+        planes = self.planes(R, T)
+        if self.measured == "arcs":
+            points = three_points(self.target.meet(*planes))
+        else:
+            points = self.points_seen(*planes, self.count)
+        covariance = self.covariance
         if covariance is not None:
             covariance = np.broadcast_to(covariance, (1, len(R), *covariance.shape))
-        group = rotation_groups(R)
         return Observations(
             self.target.kind,
             R[None],
             T[None],
             points[None],
             self.sizes,
-            group,
+            rotation_groups(R),
             self.to_hand,
             covariance,
         )
@@ -117,27 +126,30 @@ class ScanModel(Setup):
 
 
 def information(model: ScanModel, R, T, each: bool = False) -> np.ndarray:
-    """What flange poses (P, 3, 3), (P, 3) tell of the unknowns and then of what is
-    wrong at all poses, (q, q), the robot's errors integrated out. `each`: of each pose
-    by itself, (P, q, q); where all have orientations of their own, these add up to the
-    whole.
+    """What flange poses (P, 3, 3), (P, 3) tell of the unknowns and the shared errors.
+
+    Returns (q, q), for the unknowns and then for what is wrong at all poses, the
+    robot's errors integrated out. `each`: of each pose by itself, (P, q, q); where all
+    have orientations of their own, these add up to the whole.
     """
     sizes = model.noise.of_robot
-    v = np.array([1.0, *sizes.values()]) ** 2
-    linear = model.problem(R, T).model(model.state, sizes)
-    return (
-        linear.alone(v)[:, :-1, :-1]
-        if each
-        else linear.posterior(v[None]).normal[0, :-1, :-1]
-    )
+    variances = np.array([1.0, *sizes.values()]) ** 2
+    linear = model.problem(R, T).model(model.state, list(sizes))
+    # the last row and column are of the residuals themselves
+    if each:
+        return linear.alone(variances)[:, :-1, :-1]
+    return linear.posterior(variances[None]).normal[0, :-1, :-1]
 
 
 def marginal(information, n: int) -> np.ndarray:
-    """What information matrices (..., N, N) say of the first n unknowns if the others
-    are not known any better.
+    """What information matrices (..., N, N) say of the first n unknowns alone.
+
+    The others are not known any better: A - B C⁻¹ Bᵀ of the blocks A, B; Bᵀ, C.
     """
-    known, across = information[..., :n, :n], information[..., :n, n:]
-    return known - across @ np.linalg.solve(information[..., n:, n:], across.mT)
+    known = information[..., :n, :n]
+    across = information[..., :n, n:]
+    others = information[..., n:, n:]
+    return known - across @ np.linalg.solve(others, across.mT)
 
 
 @dataclass(frozen=True)
@@ -146,12 +158,14 @@ class Prediction:
 
     spectrum: Spectrum
     poses: int
-    between: tuple = ()  # smallest and largest (`mm`, `deg`) if the guess is wrong
+    # smallest and largest (`mm`, `deg`) if the guess is wrong
+    between: tuple = ()
 
     @property
     def covariance(self) -> np.ndarray:
-        """(6, 6) of δ = (ρ, φ) in the sensor's frame, mm and rad: as `calibrate` will
-        state it.
+        """(6, 6) of δ = (ρ, φ) in the sensor's frame, mm and rad.
+
+        It is the one that `calibrate` will state.
         """
         return self.spectrum.covariance
 
@@ -169,14 +183,19 @@ class Prediction:
 def predict(
     model: ScanModel, R, T, rng: np.random.Generator | None = None
 ) -> Prediction:
-    """How well flange poses (P, 3, 3), (P, 3) will determine the sensor pose. With
-    `rng`: and how well if the guess is wrong by anything within its margins.
+    """Predict how well flange poses (P, 3, 3), (P, 3) will determine the sensor pose.
+
+    With `rng`: and how well if the guess is wrong by anything within its margins.
     """
     units, systematic = model.known
-    whole = information(model, R, T) + np.diag(np.r_[0 * units, systematic**-2.0])
-    found = Prediction(spectrum(marginal(whole, len(units)), units), len(T))
+    precision = np.r_[0 * units, systematic**-2.0]
+    total = information(model, R, T) + np.diag(precision)
+    pose_information = marginal(total, len(units))
+    prediction = Prediction(spectrum(pose_information, units), len(T))
     if rng is None or model.guess is None:
-        return found
-    others = [predict(model.elsewhere(rng), R, T) for _ in range(GUESSES)]
+        return prediction
+
+    draws = [model.elsewhere(rng) for _ in range(GUESSES)]
+    others = [predict(other, R, T) for other in draws]
     sizes = np.array([(other.mm, other.deg) for other in others])
-    return replace(found, between=(sizes.min(axis=0), sizes.max(axis=0)))
+    return replace(prediction, between=(sizes.min(axis=0), sizes.max(axis=0)))

@@ -1,10 +1,12 @@
-"""The report on a user's scans: the notebook run on them, as one HTML file that needs
-nothing else.
+"""The report on a user's scans, as one HTML file that needs nothing else.
+
+It is the notebook NOTEBOOK, run on them.
 """
 
 import re
 import string
 import tempfile
+from collections.abc import Sequence
 from datetime import date
 from html import escape
 from importlib.metadata import version
@@ -13,7 +15,6 @@ from pathlib import Path
 
 from profilecal.scan.tables import partial_of, remove, whole
 from profilecal_pages import notebooks
-from profilecal_pages.notebooks import MIME
 
 NOTEBOOK = "60_calibrate_your_scanner.ipynb"
 LINK = re.compile(r"\[([^\]]+)\]\([^)]+\)")
@@ -27,79 +28,80 @@ def notebook() -> Path:
 
 
 def check_report(path: Path) -> None:
-    """Raise ValueError where no report can be written to `path`, before any work is
-    done.
+    """Raise ValueError where no report can be written to `path`.
+
+    This is before any work is done.
     """
-    missing = ", ".join(
-        name
-        for name in ("papermill", "nbconvert", "ipykernel")
-        if find_spec(name) is None
-    )
+    packages = ("papermill", "nbconvert", "ipykernel")
+    missing = ", ".join(name for name in packages if find_spec(name) is None)
     if missing:
         raise ValueError(
-            f'--report needs {missing}, not installed here: pip install "profilecal[notebooks]"'
+            f"--report needs {missing}, not installed here: "
+            'pip install "profilecal[notebooks]"'
         )
     if path.is_dir():
         raise ValueError(f"{path} is a folder; name a file for the report")
+    partial = partial_of(path)
     try:
-        partial_of(path).touch()
-        remove(partial_of(path))
+        partial.touch()
+        remove(partial)
     except OSError as error:
         raise ValueError(
             f"{path}: no report can be written there: {error.strerror}"
         ) from error
 
 
-def write_report(folders, path, **parameters) -> None:
-    """Write the report on one scan folder or several of one scanner to the HTML file
-    `path`, whole or not at all. `parameters`: others of the notebook. Raises
-    notebooks.NotebookError with the reason where it fails.
+def write_report(folders: Sequence[Path], path: Path, **parameters) -> None:
+    """Write the report on one scan folder or several of one scanner to an HTML file.
+
+    The file `path` appears whole or not at all. `parameters`: others of the notebook.
+    Raises notebooks.NotebookError with the reason where it fails.
     """
     source = notebook()
-    parameters |= {"scan": [str(Path(folder).resolve()) for folder in folders]}
+    scans = [folder.resolve() for folder in folders]
+    parameters["scan"] = list(map(str, scans))
+    title = "Scanner calibration: " + ", ".join(scan.name for scan in scans)
     with tempfile.TemporaryDirectory() as place:
         executed = Path(place) / NOTEBOOK
         bar = {"desc": "report", "disable": None, "leave": False}
         notebooks.run(source, executed, parameters, source.parent, progress=bar)
-        page = to_page(
-            executed,
-            "Scanner calibration: "
-            + ", ".join(Path(f).resolve().name for f in folders),
-        )
+        page = to_page(executed, title)
     with whole(path) as partial:
         partial.write_text(page, encoding="utf-8")
 
 
 def to_page(executed: Path, title: str) -> str:
-    """An executed notebook as one HTML page: its text and outputs, no code, no scripts,
-    nothing from elsewhere.
+    """An executed notebook as one HTML page.
+
+    The page has the text and outputs, no code, no scripts, nothing from elsewhere.
     """
     import nbformat
     from nbconvert import HTMLExporter
 
-    book, heading = nbformat.read(executed, as_version=4), ""
-    book.cells = [
-        cell for cell in book.cells[1:] if cell.cell_type == "markdown" or cell.outputs
-    ]
-    book.cells = [
-        c
-        for c in book.cells
-        if not any(MIME in o.get("data", {}) for o in c.get("outputs", []))
-    ]
+    book = nbformat.read(executed, as_version=4)
+    book.cells = [cell for cell in book.cells[1:] if is_for_readers(cell)]
+    heading = ""
     for cell in book.cells:
         if cell.cell_type == "markdown":
             cell.source = LINK.sub(r"\1", cell.source)  # the page stands alone
         if cell.source.startswith("## "):
             heading = cell.source.splitlines()[0][3:]
         cell.metadata["alt"] = heading  # of its pictures
-    options = {
-        "exclude_input": True,
-        "exclude_output_prompt": True,
-        "exclude_anchor_links": True,
-    }
-    body, _ = HTMLExporter(template_name="basic", **options).from_notebook_node(book)
-    made = f"profilecal {version('profilecal')}, {date.today().isoformat()}"
-    frame = string.Template(
-        Path(__file__).with_name("page.html").read_text(encoding="utf-8")
+    exporter = HTMLExporter(
+        template_name="basic",
+        exclude_input=True,
+        exclude_output_prompt=True,
+        exclude_anchor_links=True,
     )
-    return frame.substitute(title=escape(title), body=body, made=made)
+    body, _ = exporter.from_notebook_node(book)
+    made = f"profilecal {version('profilecal')}, {date.today().isoformat()}"
+    frame = Path(__file__).with_name("page.html").read_text(encoding="utf-8")
+    return string.Template(frame).substitute(title=escape(title), body=body, made=made)
+
+
+def is_for_readers(cell) -> bool:
+    """Whether a cell is text, or has outputs that are not records for a sweep."""
+    if cell.cell_type == "markdown":
+        return True
+    records = [notebooks.MIME in output.get("data", {}) for output in cell.outputs]
+    return bool(records) and not any(records)

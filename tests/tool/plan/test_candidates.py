@@ -23,7 +23,7 @@ def test_planned_poses_keep_the_target_in_view_for_any_guess_as_wrong_as_stated(
     for _ in range(1000):
         wrong = model.elsewhere(rng)
         # NaN where it is missed
-        x, z = np.moveaxis(wrong.seen(*wrong.planes(plan.R, plan.T), 9), -1, 0)
+        x, z = np.moveaxis(wrong.points_seen(*wrong.planes(plan.R, plan.T), 9), -1, 0)
         assert (
             np.abs(2 * z - model.scanner.near - model.scanner.far)
             < model.scanner.far - model.scanner.near

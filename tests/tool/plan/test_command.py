@@ -16,7 +16,7 @@ from profilecal.geometry.noise import Noise
 from profilecal.scan.folder import write_scan
 from profilecal.scan.toml import read_toml
 from profilecal.simulation.spec import Spec, simulate_scan
-from profilecal_tool.plan.command import task
+from profilecal_tool.plan.task import read_task
 
 SPEC = """
 kind = "edge"
@@ -137,7 +137,7 @@ def test_a_plan_after_a_scan_counts_with_the_robot_errors_that_it_shows(tmp_path
         write_scan(
             replace(simulate_scan(spec), noise={}), folder
         )  # which does not state them
-        predicted.append(task(folder, poses=3).plan().predicted.mm)
+        predicted.append(read_task(folder, poses=3).plan().predicted.mm)
     assert predicted[1] > 4 * predicted[0]
 
 

@@ -18,7 +18,7 @@ def lacks(predicted):
 
 def pool_of(kind, count, rng):
     model = model_for(kind)
-    return Pool.of(model, *draw(model, Limits(), count, rng), UNTIL)
+    return Pool.from_poses(model, *draw(model, Limits(), count, rng), UNTIL)
 
 
 def test_the_value_with_one_more_pose_is_that_of_the_plan_with_it():

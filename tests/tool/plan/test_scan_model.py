@@ -86,7 +86,7 @@ def test_a_prediction_says_how_far_it_depends_on_the_guess():
 def test_a_face_is_seen_from_one_side_of_the_view_to_the_other():
     model = model_for("plane")
     frames = model.planes(*draw(model, Limits(), 20, np.random.default_rng(5)))
-    x, z = np.moveaxis(model.seen(*frames, 9), -1, 0)
+    x, z = np.moveaxis(model.points_seen(*frames, 9), -1, 0)
     assert np.allclose(
         np.abs(x[:, [0, -1]]), 0.9 * model.scanner.half_width(z[:, [0, -1]])
     )

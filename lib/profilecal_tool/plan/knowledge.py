@@ -1,0 +1,201 @@
+"""What is known before a plan, from a specification or from a scan."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from profilecal.calibration.calibration import Calibration
+from profilecal.calibration.observe import as_observations, observe, stated_noise
+from profilecal.geometry.noise import ROBOT
+from profilecal.geometry.poses import inverse, nearest_rotation
+from profilecal.joint.prior import prior_from
+from profilecal.scan.scan import Scan, ScanError
+from profilecal.scan.toml import check_entries, number, numbers, whole
+from profilecal.simulation.robot import Scanner
+from profilecal.simulation.spec import Spec, raw_profiles, sizes_of
+from profilecal.targets import TARGETS
+from profilecal.targets.observations import Observations
+from profilecal_tool.plan.candidates import Limits, draw, off_square
+from profilecal_tool.plan.scan_model import ScanModel
+
+
+def are_zones(value) -> bool:
+    """Whether an entry is a list of zones."""
+    is_zone, _ = numbers(4)
+    return isinstance(value, list) and all(map(is_zone, value))
+
+
+PLAN: dict = {
+    "poses": whole(0, 1000),
+    "most": whole(1, 1000),
+    "until": numbers(2),
+    "low": numbers(3),
+    "high": numbers(3),
+    "tilt_deg": number(0, 80),
+    "spin_deg": number(0, 180),
+    "extent_mm": number(0, 1000),
+    "avoid": (are_zones, "a list of zones, each of four numbers: x, y, z, radius"),
+}
+
+
+def read_plan(table: dict, path) -> tuple[Limits, dict]:
+    """Read the table [plan] of a specification `path`.
+
+    Returns where the robot may go, and what is asked of `design`. Raises ScanError.
+    """
+    check_entries(path, table, PLAN, "plan")
+    limits: dict = {}
+    asked = {}
+    for name, value in table.items():
+        entry = tuple(value) if isinstance(value, list) else value
+        if name in ("poses", "most", "until"):
+            asked[name] = entry
+        else:
+            limits[name] = entry
+    return Limits(**limits), asked
+
+
+def model_of_spec(
+    spec: Spec, stated: dict[str, float], rng: np.random.Generator
+) -> ScanModel:
+    """What a specification with a guess says.
+
+    `stated`: its [noise]; robot errors that it leaves out are as usual. How well raw
+    profiles show the target is looked up in a few simulated ones. Raises ScanError
+    without a guess.
+    """
+    if spec.guess is None:
+        raise ScanError(
+            "a plan needs [guess]: roughly where the sensor (mount) and the target are"
+        )
+    profile_mm = spec.noise.profile_mm
+    if not profile_mm:
+        raise ScanError("profile_mm is 0 in [noise]; a plan needs the scanner's noise")
+    measured = spec.measured or TARGETS[spec.kind].tables[-1]
+    if measured == "arcs":
+        # An error of centre and radius is as one of three points that are a third of a
+        # turn apart.
+        profile_mm *= np.sqrt(2)
+    prior = prior_from(stated)
+    noise = replace(
+        prior.scales, profile_mm=profile_mm, steering_mm=spec.noise.steering_mm
+    )
+    model = ScanModel(
+        **vars(spec.guess.setup(spec.kind, sizes_of(spec))),
+        scanner=spec.scanner,
+        noise=noise,
+        systematic=prior.systematic,
+        to_hand=spec.mount == "eye-to-hand",
+        measured=measured,
+        guess=spec.guess,
+    )
+    return with_features(model, spec, rng) if measured == "profiles" else model
+
+
+def with_features(model: ScanModel, spec: Spec, rng: np.random.Generator) -> ScanModel:
+    """The model with as much noise as features of a few simulated raw profiles have.
+
+    Raises ScanError where these do not show the target.
+    """
+    R, T = draw(model, Limits(), 24, rng)
+    scan = Scan(
+        kind=spec.kind,
+        labels=tuple(map(str, range(len(T)))),
+        R_base_flange=R,
+        p_base_flange=T,
+        measured="profiles",
+        values=tuple(raw_profiles(model, model.planes(R, T), spec, rng)),
+        sizes=model.sizes,
+        title="simulated profiles",
+    )
+    features = observe(scan, 1)
+    noise_mm = features.typical_mm
+    observed = as_observations(scan, features, noise_mm)
+    noise = replace(model.noise, profile_mm=noise_mm)
+    return replace(model, noise=noise, **features_of(observed))
+
+
+def features_of(observed: Observations) -> dict:
+    """What typical profiles show: the `count` of points and their `covariance`.
+
+    They are entries of `ScanModel`.
+    """
+    count = observed.points.shape[2]
+    covariance = observed.covariance
+    if covariance is None:
+        typical = None
+    elif observed.on_curve:
+        typical = np.full(count, np.median(covariance))
+    else:
+        typical = covariance[0].mean(axis=0)
+    return {"count": count, "covariance": typical}
+
+
+def model_of_scan(
+    calibration: Calibration,
+) -> tuple[ScanModel, Limits, tuple[np.ndarray, np.ndarray]]:
+    """What the one scan of a calibration says.
+
+    Returns what it says of sensor, target and robot; where the robot may go from there;
+    and the poses R (P, 3, 3), T (P, 3) that the calibration used. Raises ScanError
+    where it leaves the sensor pose open or is misread.
+    """
+    if not calibration.is_known or calibration.misread:
+        raise ScanError(
+            "the scan leaves the mount open, or contradicts itself: profilecal "
+            "calibrate says how; else plan from a SPEC.toml whose [guess] states it "
+            "roughly"
+        )
+    solution = calibration.solution
+    (scan,) = calibration.scans
+    (observed,) = calibration.observed
+    (kept,) = solution.kept
+    R = observed.R_flange[0][kept]
+    T = observed.T_flange[0][kept]
+
+    prior = prior_from(stated_noise([scan]))
+    # where no pose is repeated, the errors of a visit are part of those of a pose
+    robot = dict.fromkeys(ROBOT, 0.0)
+    for size in solution.found.sizes[1:]:
+        usual = getattr(prior.scales, size.name)
+        robot[size.name] = size.middle if size.from_data else usual
+    steering_mm = solution.noise.steering_mm
+    noise = replace(
+        prior.scales, profile_mm=solution.noise_mm, steering_mm=steering_mm, **robot
+    )
+    model = ScanModel(
+        solution.placements[0],
+        facing=nearest_rotation((R @ solution.rotation).mean(axis=0)),
+        R_sensor=solution.rotation,
+        T_sensor=solution.translation,
+        scanner=scanner_of(scan, observed),
+        noise=noise,
+        systematic=prior.systematic,
+        to_hand=observed.eye_to_hand,
+        measured=scan.measured,
+        **features_of(observed),
+    )
+
+    reach_mm = 200.0  # beyond the poses of a scan, the robot is believed to reach
+    flange = inverse(R, T)[1] if model.to_hand else T
+    aside = off_square(model, R, T)[2]
+    limits = Limits(
+        low=tuple(flange.min(axis=0) - reach_mm),
+        high=tuple(flange.max(axis=0) + reach_mm),
+        extent_mm=max(20.0, aside.max()),
+    )
+    return model, limits, (R, T)
+
+
+def scanner_of(scan: Scan, observed: Observations) -> Scanner:
+    """A scanner that sees 10 mm farther than this one was seen to see."""
+    more_mm = 10
+    if scan.measured == "profiles":
+        points = np.concatenate(scan.values)[:, :2]
+    else:
+        points = observed.points[0].reshape(-1, 2)
+    measured = np.isfinite(points).all(axis=1) & points.any(axis=1)
+    x, z = points[measured].T
+    near = max(z.min() - more_mm, 1.0)
+    width = 2 * (np.abs(x).max() + more_mm)
+    return Scanner(near=near, far=z.max() + more_mm, near_width=width, far_width=width)

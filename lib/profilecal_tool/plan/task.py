@@ -1,0 +1,130 @@
+"""The plan that is asked for: its task, and its folder."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from profilecal.calibration.calibration import Calibration, calibrate
+from profilecal.geometry.noise import ROBOT
+from profilecal.geometry.poses import inverse
+from profilecal.scan.folder import poses_columns, read_scan
+from profilecal.scan.scan import Scan, ScanError
+from profilecal.scan.tables import write_table
+from profilecal.scan.toml import read_toml, toml_text
+from profilecal.simulation.spec import Spec, planned_poses, read_spec
+from profilecal_tool.plan.candidates import Limits
+from profilecal_tool.plan.design import NOWHERE, Plan, design, joined
+from profilecal_tool.plan.knowledge import model_of_scan, model_of_spec, read_plan
+from profilecal_tool.plan.scan_model import Prediction, ScanModel, predict
+from profilecal_tool.plan.words import worst
+
+
+@dataclass(frozen=True)
+class Task:
+    """What there is to plan."""
+
+    model: ScanModel
+    limits: Limits
+    # options of `design`
+    asked: dict
+    rng: np.random.Generator
+    source: Spec | Scan
+    # as stated there
+    noise: dict[str, float]
+    # of the specification
+    entries: dict | None = None
+    # poses R (P, 3, 3), T (P, 3) that are there already
+    before: tuple = NOWHERE
+
+    def prediction_of(self, place: Path) -> tuple[Prediction, int]:
+        """Predict what the poses of a folder or a file will be worth.
+
+        They come after those that are there already, and count as far as they have the
+        target in view; returns also how many have not. Raises ScanError.
+        """
+        given = planned_poses(place, self.model.to_hand)
+        R, T = joined(self.before, (given["R"], given["T"]))
+        seen = self.model.in_view(R, T)
+        if not seen.any():
+            raise ScanError(
+                f"{place}: no pose has the target in view; "
+                "are sensor and target where they are guessed?"
+            )
+        return predict(self.model, R[seen], T[seen], self.rng), int((~seen).sum())
+
+    def plan(self) -> Plan:
+        """The poses that serve best. Raises ScanError."""
+        return design(
+            self.model, self.limits, self.rng, before=self.before, **self.asked
+        )
+
+
+def read_task(path: Path, poses: int | None = None, until: tuple | None = None) -> Task:
+    """The task that a file SPEC.toml or a scan folder sets.
+
+    `poses` and `until` go before what it says. Raises ScanError.
+    """
+    given: dict = {"poses": poses or 0} if poses or until else {}
+    if until:
+        given["until"] = until
+    if path.is_dir():
+        scan = read_scan(path)
+        model, limits, before = model_of_scan(calibrate([scan]))
+        rng = np.random.default_rng(0)
+        noise = dict(scan.noise)
+        return Task(model, limits, given, rng, scan, noise, before=before)
+    entries = read_toml(path)
+    spec = read_spec(entries, path)
+    noise = entries.get("noise", {})
+    limits, asked = read_plan(entries.get("plan", {}), path)
+    rng = np.random.default_rng(spec.seed)
+    model = model_of_spec(spec, noise, rng)
+    return Task(model, limits, asked | given, rng, spec, noise, entries)
+
+
+def write_plan(task: Task, plan: Plan, folder: Path) -> None:
+    """Write a plan into a folder that exists.
+
+    It becomes a scan folder without measurements; from a specification, one that
+    simulates these as well, with the robot's errors that the prediction counts with.
+    """
+    model = plan.model
+    labels = [f"{k:03d}" for k in range(1, len(plan.T) + 1)]
+    R, T = inverse(plan.R, plan.T) if model.to_hand else (plan.R, plan.T)
+    columns = poses_columns(labels, R, T, task.source.convention)
+    write_table(folder / "poses.csv", columns)
+
+    kind = model.target.kind
+    lengths = zip(model.target.lengths, model.sizes, strict=True)
+    header = {
+        "title": task.source.title or f"planned {kind}",
+        "units": "mm",
+        "mount": task.source.mount,
+        "target": {"kind": kind, **dict(lengths)},
+        "noise": task.noise,
+    }
+    (folder / "scan.toml").write_text(toml_text(header), encoding="utf-8")
+    if task.entries:
+        robot = {name: getattr(model.noise, name) for name in ROBOT}
+        changes = {"plan": {}, "poses": "poses.csv", "noise": task.noise | robot}
+        text = toml_text(task.entries | changes)
+        (folder / "simulate.toml").write_text(text, encoding="utf-8")
+
+
+def next_poses(
+    calibration: Calibration, folder: Path, rng: np.random.Generator
+) -> list[str]:
+    """Which poses would help an answer that is weak, in one sentence or in none."""
+    if len(calibration.scans) > 1:
+        return []
+    try:
+        model, limits, before = model_of_scan(calibration)
+        plan = design(model, limits, rng, most=8, before=before, candidates=300)
+    except ScanError:
+        return []
+    if plan.predicted.spectrum.status != "ok":
+        return []
+    count = len(plan.T)
+    command = f"profilecal plan {folder} NEW-FOLDER --poses {count}"
+    return [f"{count} poses more would give {worst(plan.predicted)}: {command}"]
