@@ -1,9 +1,11 @@
-"""Methods that see one point: two-step ball (refs [11]-[14] of the disk paper),
-tetra-ball (its ref [15]), fixed-point (its ref. [16]), where the laser line is steered
-through a marked point.
+"""Methods that see one point.
+
+Two-step ball (refs [11]-[14] of the disk paper), tetra-ball (its ref. [15]), and
+fixed-point (its ref. [16]), where the laser line is steered through a marked point.
 """
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from profilecal.closed_form.two_step import (
     LEAST_SPREAD_DEG,
@@ -14,62 +16,140 @@ from profilecal.closed_form.two_step import (
     solve_rotation,
     solve_translation,
 )
-from profilecal.geometry.checks import check_array, check_count, check_rotations
-from profilecal.geometry.poses import angle_between
+from profilecal.geometry.checks import (
+    check_array,
+    check_count,
+    check_rotations,
+    check_scan_plane,
+)
+from profilecal.geometry.poses import angle_between, rotation_groups
 
 
-def solve_ball(R_tcp, T_tcp, q, translating: int) -> TwoStepSolution:
-    """Sensor pose from ball centres q (n, 3) in the sensor frame, seen from n flange
-    poses, mm.
+def solve_ball(
+    R_tcp: ArrayLike,
+    T_tcp: ArrayLike,
+    q: ArrayLike,
+    translating: ArrayLike | None = None,
+) -> TwoStepSolution:
+    """The sensor pose from a ball's centre, seen in a scan from n flange poses.
 
-    The first `translating` poses (at least 3) share one orientation and fix the
-    rotation: R_sensor (q¹ - qʲ) = R_tcp⁻¹ (Tʲ - T¹). The others (at least 3) turn about
-    two axes or more and fix the translation, Eqs 17-19 of the disk paper. Section V-D
-    describes the method without its equations.
+    Poses of one orientation, which translate, fix the rotation by differences from
+    their first, R_sensor (q¹ - qʲ) = R_tcp⁻¹ (Tʲ - T¹). The others turn, about two axes
+    or more, and fix the translation, Eqs 17-19 of the disk paper (Chen et al. 2018).
+    Its Section V-D describes this two-step method without its equations.
 
-    Raises ValueError for malformed input, UnobservableError for poses that leave the
-    answer open.
+    Parameters
+    ----------
+    R_tcp, T_tcp : array_like, (n, 3, 3) and (n, 3)
+        Flange poses in the base frame, mm, in any order.
+    q : array_like, (n, 3)
+        The ball's centre in the sensor frame from each pose, mm.
+    translating : int or array_like, optional
+        Which poses translate, at least 3: the first so many, their indices, or a mask
+        (n,). Left out, it is the largest group of one orientation (within 0.05°).
+
+    Returns
+    -------
+    TwoStepSolution
+        `R_sensor` (3, 3) and `T_sensor` (3,) mm; `translation` also has the centre in
+        the base frame, from each pose that turns in their order, and its scatter.
+
+    Raises
+    ------
+    ValueError
+        For malformed input, with the argument, the index and the value.
+    UnobservableError
+        Where the poses leave the answer open, with the motion to add.
+
+    See Also
+    --------
+    solve_tetra_ball : From centres that are known in the flange frame too.
+    solve_fixed_point : From a marked point that is steered into the scan plane.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> R = [np.eye(3)] * 3 + [[[0, -1, 0], [1, 0, 0], [0, 0, 1]]]
+    >>> R += [[[1, 0, 0], [0, 0, -1], [0, 1, 0]], [[0, 0, 1], [0, 1, 0], [-1, 0, 0]]]
+    >>> q = [[0, 5, 90], [30, 5, 90], [0, 5, 60], [2, 4, 80], [3, 2, 70], [9, 1, 85]]
+    >>> T = [500, 0, 300] - np.einsum("nab,nb->na", R, np.add(q, [10, 20, 30]))
+    >>> solve_ball(R, T, q).T_sensor.round(6)
+    array([10., 20., 30.])
     """
     T_tcp = check_array("T_tcp", T_tcp, (None, 3))
     n = len(T_tcp)
+    R_tcp = check_rotations("R_tcp", R_tcp, n)
+    q = check_array("q", q, (n, 3))
+    first, *others = still = translating_poses(R_tcp, translating)
+    turning = np.delete(np.arange(n), still)
     check_count(
         "translating poses",
-        translating,
+        len(still),
         3,
         "two differences that are not parallel fix the rotation",
     )
     check_count(
         "turning poses",
-        n - translating,
+        len(turning),
         3,
         "two turns about different axes fix the translation",
     )
-    R_tcp = check_rotations("R_tcp", R_tcp, n)
-    q = check_array("q", q, (n, 3))
-    apart = np.degrees(angle_between(R_tcp[0], R_tcp[:translating])).max()
+    apart = np.degrees(angle_between(R_tcp[first], R_tcp[still])).max()
     if apart > LEAST_SPREAD_DEG:
         raise ValueError(
-            f"the {translating} translating poses differ in orientation by {apart:.2g}°; expected one orientation"
+            f"the {len(still)} translating poses differ in orientation by "
+            f"{apart:.2g}°; expected one orientation"
         )
-    lines = q[0] - q[1:translating]
+    lines = q[first] - q[others]
     lengths = np.linalg.norm(lines, axis=1)
     if not lengths.all():
         raise ValueError(
-            f"q[{lengths.argmin() + 1}] is q[0], {q[0]}; expected ball centres apart from the first"
+            f"q[{others[lengths.argmin()]}] is q[{first}], {q[first]}; "
+            "expected ball centres apart from the first"
         )
-    what = f"all {translating - 1} differences of ball centres are parallel in the sensor frame"
     check_line(
         lines / lengths[:, None],
-        what,
+        f"all {len(others)} differences of ball centres are parallel in the sensor "
+        "frame",
         "the rotation about them cannot be known; translate along another line",
     )
-    check_orientations(R_tcp[translating:])
-    return ball_equations(R_tcp, T_tcp, q, translating)
+    check_orientations(R_tcp[turning])
+
+    order = np.concatenate([still, turning])
+    return ball_equations(R_tcp[order], T_tcp[order], q[order], len(still))
 
 
-def ball_equations(R_tcp, T_tcp, q, translating: int) -> TwoStepSolution:
-    """`solve_ball` without its guards, with any leading batch axes: (..., n, 3, 3) and
-    (..., n, 3).
+def translating_poses(R_tcp: np.ndarray, translating: ArrayLike | None) -> np.ndarray:
+    """Indices of the poses that `solve_ball` takes for the rotation; `translating` is
+    what it takes.
+    """
+    poses = np.arange(len(R_tcp))
+    if translating is None:
+        group = rotation_groups(R_tcp)
+        return poses[group == np.bincount(group).argmax()]
+    chosen = np.asarray(translating)
+    if chosen.dtype == bool and chosen.shape == poses.shape:
+        return poses[chosen]
+    if not np.issubdtype(chosen.dtype, np.integer) or chosen.ndim > 1:
+        raise ValueError(
+            f"translating is {translating!r}; "
+            f"expected a number of poses, their indices, or a mask ({len(poses)},)"
+        )
+    if not chosen.ndim:
+        return poses[: max(chosen, 0)]
+    outside = chosen[(chosen < 0) | (chosen >= len(poses))]
+    if outside.size:
+        raise ValueError(
+            f"translating holds {outside[0]}; expected indices 0 to {len(poses) - 1}"
+        )
+    return np.unique(chosen)
+
+
+def ball_equations(
+    R_tcp: np.ndarray, T_tcp: np.ndarray, q: np.ndarray, translating: int
+) -> TwoStepSolution:
+    """`solve_ball` without its guards, for the first `translating` poses, with any
+    leading batch axes: (..., n, 3, 3) and (..., n, 3).
     """
     others, turning = slice(1, translating), slice(translating, None)
     X = (q[..., :1, :] - q[..., others, :]).mT
@@ -90,16 +170,42 @@ def ball_equations(R_tcp, T_tcp, q, translating: int) -> TwoStepSolution:
     return TwoStepSolution(rotation, translation)
 
 
-def solve_tetra_ball(q_b, q_i) -> tuple[np.ndarray, np.ndarray]:
-    """R (3, 3) and T (3,), mm, that take the points q_i (n, 3) to q_b (n, 3), n ≥ 3, in
-    the least-squares sense.
+def solve_tetra_ball(q_b: ArrayLike, q_i: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+    """The rigid transform that takes points q_i to q_b, in the least-squares sense.
 
-    Section V-D1 of the disk paper states ref. [15] as a Lagrangian whose four
+    Section V-D1 of the disk paper states its ref. [15] as a Lagrangian whose four
     constraints (unit rows; second and third column perpendicular) leave non-rotations
     in. On SO(3) the same sum of squares has one minimum in closed form: centre both
     sets, then project their covariance.
 
-    Raises ValueError for malformed input, UnobservableError for points on one line.
+    Parameters
+    ----------
+    q_b, q_i : array_like, (n, 3)
+        At least 3 points, such as centres of balls, in the frame to go to and in the
+        frame to come from, mm.
+
+    Returns
+    -------
+    R, T : numpy.ndarray, (3, 3) and (3,)
+        q_b = R q_i + T, mm.
+
+    Raises
+    ------
+    ValueError
+        For malformed input, with the argument, the index and the value.
+    UnobservableError
+        For points on one line.
+
+    See Also
+    --------
+    solve_ball : From one ball, seen from several flange poses.
+
+    Examples
+    --------
+    >>> q_i = [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
+    >>> R, T = solve_tetra_ball([[1, 2, 3], [1, 3, 3], [0, 2, 3]], q_i)
+    >>> T.round(6)
+    array([1., 2., 3.])
     """
     q_b = check_array("q_b", q_b, (None, 3))
     check_count(
@@ -111,72 +217,106 @@ def solve_tetra_ball(q_b, q_i) -> tuple[np.ndarray, np.ndarray]:
     q_i = check_array("q_i", q_i, (len(q_b), 3))
     centre_b, centre_i = q_b.mean(axis=0), q_i.mean(axis=0)
     for name, offsets in (("q_b", q_b - centre_b), ("q_i", q_i - centre_i)):
-        what = f"{name}: all {len(offsets)} points lie on one line"
         check_line(
             offsets,
-            what,
+            f"{name}: all {len(offsets)} points lie on one line",
             "the rotation about it cannot be known; add a point off the line",
         )
+
     R = solve_rotation((q_i - centre_i).T, (q_b - centre_b).T).R_sensor
     return R, centre_b - R @ centre_i
 
 
-def solve_fixed_point(R_tcp, T_tcp, q) -> TwoStepSolution:
-    """Sensor pose from a marked point, read as q (n, 3), mm, with y = 0, from n ≥ 4
-    flange poses.
+def solve_fixed_point(
+    R_tcp: ArrayLike, T_tcp: ArrayLike, q: ArrayLike
+) -> TwoStepSolution:
+    """The sensor pose from a marked point that lies in the scan plane of every pose.
 
-    Section I of the disk paper has the method in words: the flange is moved until the
-    laser line passes through the point, so that the sensor reads q^i = (x, 0, z). Eq. 1
-    then keeps two columns of R_sensor,
+    Section I of the disk paper has the method of its ref. [16] in words: the flange is
+    moved until the laser line passes through the point, so that the sensor reads
+    q^i = (x, 0, z). Eq. 1 then keeps two columns of R_sensor,
 
         q^b = R_tcp,i (x r_1 + z r_3 + T_sensor) + T_tcp,i,
 
     and is linear in r_1, r_3, T_sensor and q^b together: no pose need share another's
     orientation. The least-squares r_1 and r_3 are not orthonormal: the nearest rotation
-    is taken, then Eq. 19 once more. R_tcp (n, 3, 3) and T_tcp (n, 3), mm: the flange in
-    the base frame.
+    is taken, then Eq. 19 once more.
 
-    Raises ValueError for malformed input, UnobservableError for poses that leave the
-    answer open.
+    Parameters
+    ----------
+    R_tcp, T_tcp : array_like, (n, 3, 3) and (n, 3)
+        At least 4 flange poses in the base frame, mm.
+    q : array_like, (n, 2) or (n, 3)
+        The point in the sensor frame from each pose, mm: x and z, or x, 0 and z.
+
+    Returns
+    -------
+    TwoStepSolution
+        `R_sensor` (3, 3) and `T_sensor` (3,) mm; `translation` also has the point in
+        the base frame, from each pose, and its scatter.
+
+    Raises
+    ------
+    ValueError
+        For malformed input, with the argument, the index and the value.
+    UnobservableError
+        Where the poses leave the answer open, with the motion to add.
+
+    See Also
+    --------
+    solve_ball : From a ball, whose centre need not be in the scan plane.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from profilecal.geometry.poses import rotation_from_xyz_angles
+    >>> turns = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [-1, 0, 0], [0, -1, 0]]
+    >>> R = rotation_from_xyz_angles(0.5 * np.array(turns))
+    >>> q = [[0, 0, 90], [30, 0, 90], [0, 0, 60], [-30, 0, 80], [9, 0, 70], [5, 0, 99]]
+    >>> T = [500, 0, 300] - np.einsum("nab,nb->na", R, np.add(q, [10, 20, 30]))
+    >>> solve_fixed_point(R, T, q).T_sensor.round(6)
+    array([10., 20., 30.])
     """
     T_tcp = check_array("T_tcp", T_tcp, (None, 3))
     n = len(T_tcp)
     check_count("readings of the point", n, 4, "three equations each, twelve unknowns")
     R_tcp = check_rotations("R_tcp", R_tcp, n)
-    q = check_array("q", q, (n, 3))
-    off = np.flatnonzero(q[:, 1])
-    if off.size:
-        raise ValueError(
-            f"q[{off[0]}] is {q[off[0]]}; expected y = 0, as the laser line passes through the point"
-        )
+    x, z = check_scan_plane(
+        "q", q, n, "y = 0, as the laser line passes through the point"
+    ).T
+    q = np.column_stack([x, np.zeros(n), z])
     check_orientations(R_tcp)
-    what = f"q: all {n} readings lie on one line of the scan plane"
     offsets = q - q.mean(axis=0)
     check_line(
         offsets,
-        what,
+        f"q: all {n} readings lie on one line of the scan plane",
         "the rotation cannot be known; see the point at left and right, near and far",
     )
     largest = np.linalg.norm(offsets, 2)
-    # then each unknown moves the points alike
+    # in these units each unknown moves the points alike
     unit = np.repeat([largest, largest, np.sqrt(n)], 3)
-    weakest = np.linalg.svd(linear_equations(R_tcp, offsets) / unit, compute_uv=False)[
-        -1
-    ]
-    what = f"the {n} orientations and readings together leave a combination of rotation and translation open"
-    so = "add poses, turned about other axes while the point is read elsewhere in the scan"
-    check_spread(np.degrees(weakest), what, so)
-    M = linear_equations(R_tcp, q)
-    columns = (np.linalg.pinv(M) @ (T_tcp.mean(axis=0) - T_tcp).ravel())[:6]
-    rotation = solve_rotation(np.eye(3)[:, [0, 2]], columns.reshape(2, 3).T)
-    return TwoStepSolution(
-        rotation, solve_translation(R_tcp, T_tcp, q, rotation.R_sensor)
+    singular = np.linalg.svd(linear_equations(R_tcp, offsets) / unit, compute_uv=False)
+    check_spread(
+        np.degrees(singular[-1]),
+        f"the {n} orientations and readings together leave a combination of rotation "
+        "and translation open",
+        "add poses, turned about other axes while the point is read elsewhere in the "
+        "scan",
     )
 
+    M = linear_equations(R_tcp, q)
+    r_1, r_3, _ = (np.linalg.pinv(M) @ (T_tcp.mean(axis=0) - T_tcp).ravel()).reshape(
+        3, 3
+    )
+    rotation = solve_rotation(np.eye(3)[:, [0, 2]], np.column_stack([r_1, r_3]))
+    translation = solve_translation(R_tcp, T_tcp, q, rotation.R_sensor)
+    return TwoStepSolution(rotation, translation)
 
-def linear_equations(R_tcp, q) -> np.ndarray:
-    """The matrix (..., 3n, 9) of Eq. 1 for r_1, r_3 and T_sensor, less its mean over
-    the poses, so that q^b is gone.
+
+def linear_equations(R_tcp: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """The matrix (..., 3n, 9) of Eq. 1 for r_1, r_3 and T_sensor.
+
+    Its mean over the poses is taken off, so that q^b is gone.
     """
     factors = np.stack([q[..., 0], q[..., 2], np.ones_like(q[..., 0])], axis=-1)
     M = np.einsum("...nab,...nk->...nakb", R_tcp, factors)

@@ -5,18 +5,31 @@ data to pose (III-C, III-D).
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from profilecal.closed_form.groups import find_groups
 from profilecal.closed_form.two_step import (
     TwoStepSolution,
+    check_line,
+    check_orientations,
     solve_rotation,
     solve_translation,
 )
-from profilecal.geometry.fitting import Ellipse, fit_ellipse, from_components
+from profilecal.geometry.checks import check_array, check_count, check_rotations
+from profilecal.geometry.fitting import (
+    Ellipse,
+    fit_ellipse,
+    from_components,
+    principal_axes,
+)
+
+# a straight motion leaves its line by less than this part of its length
+STRAIGHT = 0.01
 
 
 @dataclass(frozen=True)
 class SensingData:
-    """What Section III-B makes of the chords of a scan, with every quantity on the way."""
+    """What Section III-B makes of the chords of a scan, with all steps on the way."""
 
     # (..., 3) flange position at which the scan plane passes through the disk's centre,
     # mm, Eq. 10
@@ -44,38 +57,289 @@ class SensingData:
         return ~(np.abs(self.cos_alpha) <= 1)
 
 
+def solve_disk(
+    R_tcp: ArrayLike,
+    T_tcp: ArrayLike,
+    chords: ArrayLike,
+    radius: float,
+    side: ArrayLike | None = None,
+    *,
+    R_sensor_guess: ArrayLike | None = None,
+    group: ArrayLike | None = None,
+    heights: str = "regression",
+) -> TwoStepSolution:
+    """The sensor pose from a planar disk, of which n flange poses see one chord each.
+
+    The method of Chen et al. 2018: at three orientations or more, the flange moves
+    along a straight line over the disk. The chords of a motion lie on an ellipse, which
+    gives its sensing data (Eqs 4-13); those of all motions give the rotation (Eqs
+    14-16), then the translation (Eqs 17-20). A motion has three poses or more; numbers
+    of poses and steps may differ.
+
+    Chords do not show whether the scanner looks forwards or backwards along its motion:
+    `side` or `R_sensor_guess` tells. With a guess, rows may come in any order; with
+    `side`, those of one motion follow its course.
+
+    Parameters
+    ----------
+    R_tcp, T_tcp : array_like, (n, 3, 3) and (n, 3)
+        Flange poses in the base frame, mm.
+    chords : array_like, (n, 2, 2)
+        Two tips of the chord from each pose, each x and z in the sensor frame, mm.
+    radius : float
+        Of the disk, mm.
+    side : array_like, optional
+        s_i of Eq. 3: 1 where a motion goes towards the sensor's +y, else -1. One number
+        for all motions; or one for each, in the order of their labels in `group` or of
+        their first rows; or one for each row, (n,).
+    R_sensor_guess : array_like, (3, 3), optional
+        The rotation from sensor to flange, roughly, from which the s_i follow.
+    group : array_like, (n,), optional
+        Labels that poses of one motion share. Left out, orientations that agree within
+        0.05° are one motion.
+    heights : str, optional
+        "regression" or "published", see `chord_weights`.
+
+    Returns
+    -------
+    TwoStepSolution
+        `R_sensor` (3, 3) and `T_sensor` (3,) mm; `translation` also has the disk's
+        centre in the base frame, from each motion, and its scatter.
+
+    Raises
+    ------
+    ValueError
+        For malformed input, motions that are not straight, and chords that no disk of
+        this radius has, with the argument, the index and the value.
+    UnobservableError
+        Where the poses leave the answer open, with the motion to add.
+
+    See Also
+    --------
+    solve_edge, solve_ball : The same from other targets.
+    sensing_data, disk_equations : The two steps by themselves, in batches.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from profilecal.geometry.poses import rotations
+    >>> from profilecal.simulation.scene import random_scene
+    >>> scene = random_scene("disk", np.random.default_rng(1))
+    >>> seen = scene.noisy(0.01, np.random.default_rng(2))
+    >>> poses = seen.R_flange[0], seen.T_flange[0]
+    >>> guess = scene.R_sensor @ rotations([0.2, 0.1, 0.3])
+    >>> found = solve_disk(*poses, seen.points[0], 50.0, R_sensor_guess=guess)
+    >>> bool(np.linalg.norm(found.T_sensor - scene.T_sensor) < 0.5)
+    True
+    """
+    T_tcp = check_array("T_tcp", T_tcp, (None, 3))
+    n = len(T_tcp)
+    R_tcp = check_rotations("R_tcp", R_tcp, n)
+    chords = check_array("chords", chords, (n, 2, 2))
+    if not check_array("radius", radius, ()) > 0:
+        raise ValueError(f"radius is {radius}; expected a length in mm")
+    if (side is None) == (R_sensor_guess is None):
+        raise ValueError(
+            "expected one of side, the sign of each motion along the sensor's y, and "
+            "R_sensor_guess, from which it follows"
+        )
+    guess = None
+    if R_sensor_guess is not None:
+        guess = check_array("R_sensor_guess", R_sensor_guess, (3, 3))
+        check_rotations("R_sensor_guess", guess[None], 1)
+    number = find_groups("R_tcp", R_tcp, group)
+
+    by_x = chords[..., :1].argsort(axis=1)
+    tips = np.take_along_axis(chords, by_x, axis=1)
+    signs = {"side": side} if guess is None else {"R_sensor": guess}
+    return solve_motions(R_tcp, T_tcp, tips, number, radius, heights, **signs)
+
+
+def solve_motions(
+    R_tcp: np.ndarray,
+    T_tcp: np.ndarray,
+    tips: np.ndarray,
+    number: np.ndarray,
+    radius: float,
+    heights: str,
+    *,
+    side: ArrayLike = 0,
+    R_sensor: np.ndarray | None = None,
+    refuse: bool = True,
+) -> TwoStepSolution:
+    """`solve_disk` for checked arrays (..., n, 3, 3), (..., n, 3) and (..., n, 2, 2),
+    the tip of smaller x first, and the numbers (n,) of the poses' motions.
+
+    Signs follow from `R_sensor` (..., 3, 3), or else from `side`. Without `refuse` an
+    answer is given that the poses leave open.
+    """
+    firsts = np.unique(number, return_index=True)[1]
+    names = [f"the orientation R_tcp[{first}]" for first in firsts]
+    R_tcp = R_tcp[..., firsts, :, :]
+    rows = [in_order(T_tcp, np.flatnonzero(number == k)) for k in range(len(firsts))]
+    motions = [np.take_along_axis(T_tcp, row[..., None], axis=-2) for row in rows]
+    ways = np.stack([T[..., -1, :] - T[..., 0, :] for T in motions], axis=-2)
+    if refuse:
+        check_motions(R_tcp, motions, names)
+    if R_sensor is None:
+        s = stated_signs(side, number, rows, names)
+    else:
+        y = (R_tcp @ R_sensor[..., None, :, :])[..., 1]
+        s = np.sign(np.vecdot(ways, y))
+
+    scans = []
+    for k, (row, T) in enumerate(zip(rows, motions, strict=True)):
+        own_tips = np.take_along_axis(tips, row[..., None, None], axis=-3)
+        start, end = T[..., 0, :], T[..., -1, :]
+        along = np.vecdot(T - start[..., None, :], ways[..., k, None, :])
+        scans.append(
+            sensing_data(own_tips, start, end, s[..., k], radius, heights, along)
+        )
+    T_3, q, D_i, D_b = (
+        np.stack([getattr(scan, name) for scan in scans], axis=-2)
+        for name in ("T_tcp", "q", "D_i", "D_b")
+    )
+    if refuse:
+        check_sensing_data(scans, D_i, radius, names)
+    return disk_equations(R_tcp, T_3, q, D_i, D_b)
+
+
+def in_order(T_tcp: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """Some rows (m,) of positions (..., n, 3), as (..., m), in the order of the motion
+    along their line: from that of its two ends which comes first.
+    """
+    T = T_tcp[..., rows, :]
+    place = np.vecdot(T, principal_axes(T)[..., :1, :])
+    backwards = place.argmax(axis=-1) < place.argmin(axis=-1)
+    place = np.where(backwards[..., None], -place, place)
+    return rows[place.argsort(axis=-1, kind="stable")]
+
+
+def check_motions(
+    R_tcp: np.ndarray, motions: list[np.ndarray], names: list[str]
+) -> None:
+    """Refuse motions, positions (..., m, 3) of each, that are too few, have too few
+    chords or are not straight, and orientations (..., G, 3, 3) about one axis.
+    """
+    check_count(
+        "orientations",
+        len(motions),
+        3,
+        "two turns about different axes fix the translation",
+    )
+    for name, T in zip(names, motions, strict=True):
+        check_count(
+            f"chords at {name}",
+            T.shape[-2],
+            3,
+            "an ellipse has five unknowns, a chord two tips",
+        )
+        offsets = T - T[..., :1, :]
+        way = offsets[..., -1:, :]
+        length = np.linalg.norm(way, axis=-1)
+        aside = np.linalg.norm(np.cross(offsets, way), axis=-1)  # times the length
+        if not (aside < STRAIGHT * length**2).all():
+            raise ValueError(
+                f"the positions at {name}, {length.min():.3g} mm from end to end, "
+                f"leave a line by more than {STRAIGHT:.0%} of that; expected a "
+                "straight motion (group tells several at one orientation apart)"
+            )
+    check_orientations(R_tcp)
+
+
+def stated_signs(
+    side: ArrayLike, number: np.ndarray, rows: list[np.ndarray], names: list[str]
+) -> np.ndarray:
+    """s_i of Eq. 3, (G,), from what `solve_disk` takes; `rows` of each motion in its
+    order.
+    """
+    for name, row in zip(names, rows, strict=True):
+        if (np.diff(row) < 0).any():
+            raise ValueError(
+                f"the rows at {name} are not in the order of their motion, so that "
+                "side cannot tell which way it goes; sort them or give R_sensor_guess"
+            )
+    n, G = len(number), len(rows)
+    signs = np.asarray(side)
+    if not np.isin(signs, (-1, 1)).all():
+        raise ValueError(f"side is {side!r}; expected 1 or -1")
+    if signs.shape not in ((), (G,), (n,)):
+        raise ValueError(
+            f"side has shape {signs.shape}; expected (), ({G},) for motions, or ({n},)"
+        )
+    if signs.shape == (n,):
+        each = signs
+        signs = signs[[row[0] for row in rows]]
+        unlike = np.flatnonzero(each != signs[number])
+        if unlike.size:
+            raise ValueError(
+                f"side[{unlike[0]}] is {each[unlike[0]]}, unlike that of the first row "
+                "of its motion; expected one sign a motion"
+            )
+    return np.broadcast_to(signs, G)
+
+
+def check_sensing_data(
+    scans: list[SensingData], D_i: np.ndarray, radius: float, names: list[str]
+) -> None:
+    """Refuse scans of a batch that are no disk of this radius in any problem, and
+    motions D_i (..., G, 3) that are parallel in all.
+    """
+    for name, scan in zip(names, scans, strict=True):
+        if scan.clipped.all():
+            raise ValueError(
+                f"the chords at {name} and radius {radius:g} mm make the cosine of "
+                f"Eq. 9 {scan.cos_alpha.flat[0]:.3g}; expected -1 to 1: are they those "
+                "of one disk, and is this its radius?"
+            )
+    check_line(
+        D_i,
+        f"the {len(scans)} motions are parallel in the sensor frame",
+        "the rotation about them stays open; add one in another direction of it",
+    )
+
+
 def sensing_data(
-    tips, T_start, T_end, s, radius: float, heights: str = "regression"
+    tips: np.ndarray,
+    T_start: np.ndarray,
+    T_end: np.ndarray,
+    s: np.ndarray,
+    radius: float,
+    heights: str = "regression",
+    along: np.ndarray | None = None,
 ) -> SensingData:
     """Sensing data of scans from their chords' tips (..., m, 2, 2), in order of the
     motion: Eqs 4-13, no guards.
 
     Of each chord the tip of smaller x comes first. T_start and T_end (..., 3), mm:
     flange positions of the first and the last; s (...): +1 where the motion is towards
-    the sensor's +y, else -1. `heights`: see `chord_weights`.
+    the sensor's +y, else -1. `heights` and `along`: see `chord_weights`.
     """
     m = tips.shape[-3]
     points = np.moveaxis(tips, -2, -3).reshape(*tips.shape[:-3], 2 * m, 2)
-    vectors = points.mT @ chord_weights(m, heights)
-    return sensing_data_from_ellipse(
-        fit_ellipse(points), vectors, T_start, T_end, s, radius
-    )
+    vectors = points.mT @ chord_weights(m, heights, along)
+    ellipse = fit_ellipse(points)
+    return sensing_data_from_ellipse(ellipse, vectors, T_start, T_end, s, radius)
 
 
-def chord_weights(m: int, heights: str = "regression") -> np.ndarray:
-    """Weights (2m, 5) that make five vectors of the tips of m chords, all first tips
-    before all second ones.
+def chord_weights(
+    m: int, heights: str = "regression", along: np.ndarray | None = None
+) -> np.ndarray:
+    """Weights (..., 2m, 5) that make five vectors of the tips of m chords, all first
+    tips before all second ones.
 
     They are the mean chord, then two points each of the lines that place e4 and e5 on
     the line e1e2. `heights` "published": these lines are the first and the last chord,
     whose noise stays however many chords there are; "regression": they run along the
-    mean chord, at the ends of the straight line fitted to the heights of all chords,
-    which the motion spaces evenly. Raises ValueError for others.
+    mean chord, at the ends of the straight line fitted to the heights of all chords.
+    These follow the flange's way `along` (..., m) the motion, in any unit; without it
+    the steps are even. Raises ValueError for other `heights`.
     """
     chord = np.repeat([-1 / m, 1 / m], m)
     if heights == "regression":
-        middles = np.tile(line_ends(m), (2, 1)) / 2
-        lines = middles[:, :, None] + np.outer(chord, [-0.5, 0.5])[:, None, :]
+        ends = line_ends(np.linspace(-1, 1, m) if along is None else along)
+        middles = np.concatenate([ends, ends], axis=-2) / 2
+        lines = middles[..., None] + np.outer(chord, [-0.5, 0.5])[:, None, :]
     elif heights == "published":
         lines = np.zeros((2 * m, 2, 2))
         lines[[0, m - 1, m, 2 * m - 1], [0, 1, 0, 1], [0, 0, 1, 1]] = 1
@@ -83,23 +347,39 @@ def chord_weights(m: int, heights: str = "regression") -> np.ndarray:
         raise ValueError(
             f"heights is {heights!r}; expected 'regression' or 'published'"
         )
-    return np.column_stack([chord, lines.reshape(2 * m, 4)])
+    lines = lines.reshape(*lines.shape[:-2], 4)
+    chords = np.broadcast_to(chord[:, None], (*lines.shape[:-1], 1))
+    return np.concatenate([chords, lines], axis=-1)
 
 
-def line_ends(m: int) -> np.ndarray:
-    """Weights (m, 2) giving the first and last value of the straight line through m
-    values at equal steps.
+def line_ends(along: np.ndarray) -> np.ndarray:
+    """Weights (..., m, 2) giving the first and last value of the straight line fitted
+    to m values at `along` (..., m).
     """
-    step = np.linspace(-1, 1, m)
-    return 1 / m + np.outer(step, [-1, 1]) / (step @ step)
+    step = along - along.mean(axis=-1, keepdims=True)
+    ends = step[..., None, [0, -1]]
+    square = np.vecdot(step, step)
+    return 1 / step.shape[-1] + step[..., None] * ends / square[..., None, None]
 
 
 def sensing_data_from_ellipse(
-    ellipse: Ellipse, vectors, T_start, T_end, s, radius: float
+    ellipse: Ellipse,
+    vectors: np.ndarray,
+    T_start: np.ndarray,
+    T_end: np.ndarray,
+    s: np.ndarray,
+    radius: float,
 ) -> SensingData:
     """As `sensing_data`, from the fitted ellipse and the vectors (..., 2, 5), x and z,
-    that `chord_weights` makes. x̄ and z̄, the frame of Eq. 4, run along the chords and
-    across. Components come first: NumPy is fast along long axes only.
+    that `chord_weights` makes.
+
+    x̄ and z̄, the frame of Eq. 4, run along the chords and across. A chord at height z̄
+    has its middle at x̄_3 + slope (z̄ - z̄_3), on the line e1e2. e1 and e2 are the lowest
+    and the highest point of the ellipse, where a chord has no length, e3 is its centre;
+    e4 and e5 are where the first and the last chord meet e1e2. All five are on one
+    line, so heights alone make up Eq. 7's ratios.
+
+    Components come first: NumPy is fast along long axes only.
     """
     chord, *lines = np.moveaxis(vectors, (-1, -2), (0, 1))
     cos, sin = chord / np.hypot(*chord)
@@ -110,36 +390,37 @@ def sensing_data_from_ellipse(
     x3, z3 = turned(np.moveaxis(ellipse.centre, -1, 0))
     S_x, S_z = np.moveaxis(ellipse.shape, (-2, -1), (0, 1))
     S_xz, S_zz = turned(cos * S_z - sin * S_x)
-    # a chord at height z̄ has its middle at x̄_3 + slope (z̄ - z̄_3), on the line e1e2
     slope = S_xz / S_zz
 
     def height(a, b):  # at which the line through a and b meets e1e2
-        (xa, za), (xb, zb) = turned(a), turned(b)
+        xa, za = turned(a)
+        xb, zb = turned(b)
         rise = (zb - za) / (xb - xa)
         return (za + rise * (x3 - slope * z3 - xa)) / (1 - rise * slope)
 
     z4, z5 = height(*lines[:2]), height(*lines[2:])
-    way = np.where(z5 < z4, -1.0, 1.0) * np.sqrt(S_zz)
-    z = np.stack([z3 - way, z3 + way, z3, z4, z5])
+    to_end = np.where(z5 < z4, -1.0, 1.0) * np.sqrt(S_zz)
+    z = np.stack([z3 - to_end, z3 + to_end, z3, z4, z5])
     x = x3 + (z - z3) * slope
     with np.errstate(divide="ignore", invalid="ignore"):
-        eta = (z - z5) / (z4 - z5)  # Eq. 7: all five points are on one line
-    end, to_start = (
-        np.moveaxis(np.broadcast_to(T, (*z3.shape, 3)), -1, 0)
-        for T in (T_end, T_start - T_end)
-    )
-    T_3, D_b = end + eta[2] * to_start, (eta[1] - eta[0]) * to_start  # Eqs 8, 13
+        eta = (z - z5) / (z4 - z5)  # Eq. 7
+
+    shape = (*z3.shape, 3)
+    end = np.moveaxis(np.broadcast_to(T_end, shape), -1, 0)
+    to_start = np.moveaxis(np.broadcast_to(T_start - T_end, shape), -1, 0)
+    T_3 = end + eta[2] * to_start  # Eq. 8
+    D_b = (eta[1] - eta[0]) * to_start  # Eq. 13
     dx, dz = x[0] - x[1], z[0] - z[1]
     cos_alpha = ((D_b**2).sum(axis=0) - dx**2 - dz**2 - 4 * radius**2) / (
         4 * radius * dz
     )
     inside = np.clip(cos_alpha, -1, 1)
-    D_y, D_z = 2 * radius * s * np.sqrt(1 - inside**2), dz + 2 * radius * inside
+    D_y = 2 * radius * s * np.sqrt(1 - inside**2)
+    D_z = dz + 2 * radius * inside
+    x_centre, z_centre = np.moveaxis(ellipse.centre, -1, 0)
     return SensingData(
         T_tcp=np.moveaxis(T_3, 0, -1),
-        q=from_components(
-            ellipse.centre[..., 0], np.zeros_like(z3), ellipse.centre[..., 1]
-        ),
+        q=from_components(x_centre, np.zeros_like(z3), z_centre),
         D_i=from_components(cos * dx - sin * D_z, D_y, sin * dx + cos * D_z),
         D_b=np.moveaxis(D_b, 0, -1),
         direction=from_components(cos, sin),
@@ -148,15 +429,21 @@ def sensing_data_from_ellipse(
     )
 
 
-def disk_equations(R_tcp, T_tcp, q, D_i, D_b) -> TwoStepSolution:
+def disk_equations(
+    R_tcp: np.ndarray,
+    T_tcp: np.ndarray,
+    q: np.ndarray,
+    D_i: np.ndarray,
+    D_b: np.ndarray,
+) -> TwoStepSolution:
     """Sensor pose from the flange's orientations (..., n, 3, 3) and `SensingData`, each
-    (..., n, 3) mm, without guards: `closed_form` has them. Eq. 14's vectors are given
-    unit length.
+    (..., n, 3) mm, without the guards of `solve_disk`.
+
+    Eq. 14's vectors are given unit length.
     """
     X = (D_i / np.linalg.norm(D_i, axis=-1, keepdims=True)).mT
     D_b = D_b / np.linalg.norm(D_b, axis=-1, keepdims=True)
     Y = np.einsum("...nba,...nb->...an", R_tcp, D_b)  # columns R_tcp⁻¹ D_b
     rotation = solve_rotation(X, Y)
-    return TwoStepSolution(
-        rotation, solve_translation(R_tcp, T_tcp, q, rotation.R_sensor)
-    )
+    translation = solve_translation(R_tcp, T_tcp, q, rotation.R_sensor)
+    return TwoStepSolution(rotation, translation)

@@ -1,15 +1,27 @@
 """The edge method: Section 2 of the edge paper (Xu et al. 2021), Eqs 5-35, with its
 symbols.
 
-R_b (..., G, 3, 3) and T_b (..., G, N, 3) mm: flange poses in the base frame, G rotation
-groups of one orientation and N positions each. p_s (..., G, N, 2) mm: sensed edge
-points, x and z in the sensor frame. Leading axes are a batch.
+`solve_edge` is for users. The equations take R_b (..., G, 3, 3) and T_b (..., G, N, 3)
+mm, flange poses in the base frame, G rotation groups of one orientation and N positions
+each, and p_s (..., G, N, 2) mm, sensed edge points, x and z in the sensor frame.
+Leading axes are a batch. A group of fewer poses repeats its first one, whose vectors of
+Eq. 5 are zero and add nothing; where a count matters, the mask `present` (G, N) tells.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from profilecal.closed_form.groups import find_groups, group_members
+from profilecal.closed_form.two_step import SensorPose, check_orientations
+from profilecal.geometry.checks import (
+    UnobservableError,
+    check_array,
+    check_count,
+    check_rotations,
+    check_scan_plane,
+)
 from profilecal.geometry.fitting import affine_residuals
 from profilecal.geometry.poses import nearest_rotation
 
@@ -39,11 +51,12 @@ class EdgeTranslation:
     u_b: np.ndarray  # (..., 3) unit direction of the edge in the base frame
     rank: np.ndarray  # (...) of A_t, up to rounding
     T_sensor: np.ndarray  # (..., 3) mm
-    p_b: np.ndarray  # (..., G, N, 3) the edge points in the base frame, mm
+    # (..., G, N, 3) the edge points in the base frame, mm; of `solve_edge` (n, 3)
+    p_b: np.ndarray
 
 
-@dataclass(frozen=True)
-class EdgeSolution:
+@dataclass(frozen=True, repr=False)
+class EdgeSolution(SensorPose):
     """The sensor pose on the flange: rotation first, then translation, with every
     quantity on the way.
     """
@@ -52,43 +65,174 @@ class EdgeSolution:
     translation: EdgeTranslation
 
     @property
-    def R_sensor(self) -> np.ndarray:
-        """(..., 3, 3) from sensor to flange."""
-        return self.rotation.R_sensor
-
-    @property
-    def T_sensor(self) -> np.ndarray:
-        """(..., 3) mm, the sensor's origin in the flange frame."""
-        return self.translation.T_sensor
-
-    @property
     def u_b(self) -> np.ndarray:
         """(..., 3) direction of the edge in the base frame."""
         return self.translation.u_b
 
     @property
     def p_b(self) -> np.ndarray:
-        """(..., G, N, 3) the edge points in the base frame, mm."""
+        """(..., G, N, 3) the edge points in the base frame, mm; of `solve_edge`
+        (n, 3).
+        """
         return self.translation.p_b
 
 
-def edge_equations(R_b, T_b, p_s) -> EdgeSolution:
-    """Both phases, without guards: `closed_form` has them."""
+def solve_edge(
+    R_b: ArrayLike,
+    T_b: ArrayLike,
+    p_s: ArrayLike,
+    *,
+    group: ArrayLike | None = None,
+    regression: bool = False,
+) -> EdgeSolution:
+    """The sensor pose from a straight edge, whose point in the scan n flange poses see.
+
+    Section 2 of the edge paper (Xu et al. 2021): differences within groups of poses of
+    one orientation fix the rotation (Eqs 5-27), differences between groups then the
+    translation (Eqs 28-35). Groups may be of any size: those of three poses or more
+    make up the rotation, all of them the translation.
+
+    Rows may come in any order. Eq. 5 takes differences from the first pose of a group:
+    with noise, which row of a group that is moves the answer, by less than its error.
+
+    Parameters
+    ----------
+    R_b, T_b : array_like, (n, 3, 3) and (n, 3)
+        Flange poses in the base frame, mm: at least three orientations.
+    p_s : array_like, (n, 2) or (n, 3)
+        The edge's point in the sensor frame from each pose, mm: x and z, or x, 0 and z.
+    group : array_like, (n,), optional
+        Labels that poses of one orientation share. Left out, orientations that agree
+        within 0.05° form a group.
+    regression : bool, optional
+        Whether points are first smoothed inside their group: there the sensed point is
+        an affine function of the flange position.
+
+    Returns
+    -------
+    EdgeSolution
+        `R_sensor` (3, 3), `T_sensor` (3,) mm, the edge's direction `u_b` (3,) and its
+        points `p_b` (n, 3) mm in the base frame; `rotation` and `translation` have the
+        linear systems.
+
+    Raises
+    ------
+    ValueError
+        For malformed input, with the argument, the index and the value.
+    UnobservableError
+        Where the poses leave the answer open, with the motion to add.
+
+    See Also
+    --------
+    solve_disk, solve_ball : The same from other targets.
+    edge_equations : Batches of many scenes at once, without guards.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from profilecal.simulation.scene import random_scene
+    >>> scene = random_scene("edge", np.random.default_rng(1))
+    >>> seen = scene.noisy(0.01, np.random.default_rng(2))
+    >>> found = solve_edge(seen.R_flange[0], seen.T_flange[0], seen.points[0, :, 0])
+    >>> bool(np.linalg.norm(found.T_sensor - scene.T_sensor) < 0.5)
+    True
+    """
+    T_b = check_array("T_b", T_b, (None, 3))
+    n = len(T_b)
+    R_b = check_rotations("R_b", R_b, n)
+    p_s = check_scan_plane("p_s", p_s, n, "y = 0, as it is in the scan plane")
+    number = find_groups("R_b", R_b, group)
+
+    found = solve_groups(R_b, T_b, p_s, number, regression)
+    p_b = np.empty((n, 3))
+    p_b[group_members(number)[0]] = found.p_b
+    return replace(found, translation=replace(found.translation, p_b=p_b))
+
+
+def solve_groups(
+    R_b: np.ndarray,
+    T_b: np.ndarray,
+    p_s: np.ndarray,
+    number: np.ndarray,
+    regression: bool,
+    refuse: bool = True,
+) -> EdgeSolution:
+    """`solve_edge` for checked arrays (..., n, 3, 3), (..., n, 3) and (..., n, 2), and
+    the numbers (n,) of the groups that the poses are in.
+
+    Without `refuse` an answer is given that the poses leave open.
+    """
+    index, present = group_members(number)
+    R_b = R_b[..., index[:, 0], :, :]
+    T_b = T_b[..., index, :]
+    p_s = p_s[..., index, :]
+    if refuse:
+        check_groups(R_b, present)
+    points = smoothed(T_b, p_s, present) if regression else p_s
+    found = edge_equations(R_b, T_b, points, present)
+    if refuse:
+        strength = rotation_strength(R_b, T_b, p_s, found.rotation, present)
+        check_motions(strength, found.translation.rank)
+    return found
+
+
+def check_groups(R_b: np.ndarray, present: np.ndarray) -> None:
+    """Refuse groups at orientations (..., G, 3, 3) that are too few or too small, or
+    turn about one axis.
+    """
+    check_count(
+        "orientations",
+        len(present),
+        3,
+        "two turns about different axes fix the translation",
+    )
+    largest = present.sum(axis=-1).max()
+    check_count("poses of an orientation", largest, 3, "so many fix the rotation")
+    check_orientations(R_b)
+
+
+def check_motions(strength: np.ndarray, rank: np.ndarray) -> None:
+    """Refuse a batch (...) of which no rotation is stronger than noise makes it, or no
+    A_t has full rank.
+    """
+    if (strength < REFUSED).all() or rank.max() < 3:
+        raise UnobservableError(
+            "the motions leave the pose open: the smallest singular value of A_r is "
+            f"{strength.max():.2g} times what noise makes of a zero, {REFUSED:g} "
+            f"needed, and A_t has rank {rank.max()}, 3 needed; turn the flange more "
+            "between groups, about several axes, and move within them in space, or in "
+            "one plane of the base, tilted against the edge by 30° or more"
+        )
+
+
+def smoothed(T_b: np.ndarray, p_s: np.ndarray, present: np.ndarray) -> np.ndarray:
+    """Points less what an affine function of their group's positions leaves of them."""
+    points = p_s - affine_residuals(T_b, p_s, present)[0]
+    return np.where(present[..., None], points, points[..., :1, :])
+
+
+def edge_equations(
+    R_b: np.ndarray, T_b: np.ndarray, p_s: np.ndarray, present: ArrayLike = True
+) -> EdgeSolution:
+    """Both phases, without the guards of `solve_edge`."""
     rotation = solve_rotation(R_b, T_b, p_s)
-    return EdgeSolution(rotation, solve_translation(R_b, T_b, p_s, rotation.R_sensor))
+    translation = solve_translation(R_b, T_b, p_s, rotation.R_sensor, present)
+    return EdgeSolution(rotation, translation)
 
 
-def difference_vectors(T_b, p_s) -> tuple[np.ndarray, np.ndarray]:
+def difference_vectors(
+    T_b: np.ndarray, p_s: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """u_s and u_t of Eq. 5, both (..., G, N - 1, 3): from a group's first point and
     position to its others.
     """
     x, z = np.moveaxis(p_s[..., 1:, :] - p_s[..., :1, :], -1, 0)
-    return np.stack([x, np.zeros_like(x), z], axis=-1), T_b[..., 1:, :] - T_b[
-        ..., :1, :
-    ]
+    u_s = np.stack([x, np.zeros_like(x), z], axis=-1)
+    u_t = T_b[..., 1:, :] - T_b[..., :1, :]
+    return u_s, u_t
 
 
-def fewer_vectors(u_s, u_t) -> tuple[np.ndarray, np.ndarray]:
+def fewer_vectors(u_s: np.ndarray, u_t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """At most five vectors a group, whose pairs make up the same sum of squares as all
     pairs of the given ones.
 
@@ -96,12 +240,13 @@ def fewer_vectors(u_s, u_t) -> tuple[np.ndarray, np.ndarray]:
     Binet, sums of products of these minors over all pairs of rows follow from the rows'
     5×5 moment matrix alone, which their QR factor shares.
     """
-    factor = np.linalg.qr(np.concatenate([u_s[..., ::2], u_t], axis=-1), mode="r")
+    rows = np.concatenate([u_s[..., ::2], u_t], axis=-1)
+    factor = np.linalg.qr(rows).R
     x, z = factor[..., 0], factor[..., 1]
     return np.stack([x, np.zeros_like(x), z], axis=-1), factor[..., 2:]
 
 
-def transposed_skew(a) -> np.ndarray:
+def transposed_skew(a: np.ndarray) -> np.ndarray:
     """[a]ₓᵀ of Eq. 17, (..., 3, 3): [a]ₓᵀ v = v × a."""
     zero = np.zeros_like(a[..., 0])
     a1, a2, a3 = np.moveaxis(a, -1, 0)
@@ -109,38 +254,52 @@ def transposed_skew(a) -> np.ndarray:
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
-def rotation_system(R_b, T_b, p_s) -> tuple[np.ndarray, np.ndarray]:
+def rotation_system(
+    R_b: np.ndarray, T_b: np.ndarray, p_s: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """A_r (..., k, 9) and b_r (..., k) of Eq. 25, from `fewer_vectors` with the
     least-squares problem of all pairs.
     """
     return pair_equations(R_b, *fewer_vectors(*difference_vectors(T_b, p_s)))
 
 
-def pair_equations(R_b, u_s, u_t) -> tuple[np.ndarray, np.ndarray]:
+def pair_equations(
+    R_b: np.ndarray, u_s: np.ndarray, u_t: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """A_r and b_r, stacked over all pairs, within each group, of vectors u_s and u_t
     (..., G, n, 3).
+
+    With R_b R_s u_s + u_t along the edge for every vector, the cross product of those
+    of a pair (i, j) vanishes (Eq. 8). Since u_s = (x, 0, z), it is linear in the
+    columns r_1, r_2 and r_3 of R_s (Eqs 13-15 and 21-24): with C = [u_t]ₓᵀ R_b,
+
+        (x_i C_j - x_j C_i) r_1 + (z_i x_j - z_j x_i) R_b r_2 + (z_i C_j - z_j C_i) r_3
+            = -u_t,i × u_t,j.
     """
     i, j = np.triu_indices(u_s.shape[-2], 1)
-    C = transposed_skew(u_t) @ R_b[..., None, :, :]
+    R_b = R_b[..., None, :, :]
+    C = transposed_skew(u_t) @ R_b
+    C_i, C_j = C[..., i, :, :], C[..., j, :, :]
     x, z = u_s[..., 0, None, None], u_s[..., 2, None, None]
-    x_i, z_i, C_i, x_j, z_j, C_j = (a[..., k, :, :] for k in (i, j) for a in (x, z, C))
-    # Eqs 13-15 and 21-24, a column of R_s at a time: u_s has no y, and u_s[i] × u_s[j]
-    # has nothing else
-    columns = (
-        x_i * C_j - x_j * C_i,
-        (z_i * x_j - z_j * x_i) * R_b[..., None, :, :],
-        z_i * C_j - z_j * C_i,
-    )
-    A_r = np.concatenate(columns, axis=-1)
+    x_i, x_j = x[..., i, :, :], x[..., j, :, :]
+    z_i, z_j = z[..., i, :, :], z[..., j, :, :]
+    of_r_1 = x_i * C_j - x_j * C_i
+    of_r_2 = (z_i * x_j - z_j * x_i) * R_b
+    of_r_3 = z_i * C_j - z_j * C_i
+    A_r = np.concatenate([of_r_1, of_r_2, of_r_3], axis=-1)
     b_r = -np.cross(u_t[..., i, :], u_t[..., j, :])  # Eq. 16
     batch = A_r.shape[:-4]
     return A_r.reshape(*batch, -1, 9), b_r.reshape(*batch, -1)
 
 
-def least_squares(A, b, zero) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def least_squares(
+    A: np.ndarray, b: np.ndarray, zero: ArrayLike
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """The solution V S⁺ Uᵀ b of least norm, S, V and the rank, for A (..., k, n) and b
-    (..., k). Singular values up to `zero` (...) count as zero. The text after Eq. 26
-    prints S where S⁺ is meant.
+    (..., k).
+
+    Singular values up to `zero` (...) count as zero. The text after Eq. 26 prints S
+    where S⁺ is meant.
     """
     U, S, Vt = np.linalg.svd(A, full_matrices=False)
     significant = np.asarray(zero)[..., None] < S
@@ -150,80 +309,107 @@ def least_squares(A, b, zero) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.nd
     return (V @ c[..., None])[..., 0], S, V, significant.sum(axis=-1)
 
 
-def unvec(r) -> np.ndarray:
+def unvec(r: np.ndarray) -> np.ndarray:
     """The matrices (..., 3, 3) whose columns r (..., 9) lists one after the other."""
     return r.reshape(*r.shape[:-1], 3, 3).mT
 
 
-def solve_rotation(R_b, T_b, p_s) -> EdgeRotation:
+def solve_rotation(R_b: np.ndarray, T_b: np.ndarray, p_s: np.ndarray) -> EdgeRotation:
     """Phase one, Eqs 25-27."""
     A_r, b_r = rotation_system(R_b, T_b, p_s)
     r_s, S, V, rank = least_squares(A_r, b_r, rounding_of_rotation(T_b, p_s))
     return EdgeRotation(A_r, b_r, S, V, rank, r_s, nearest_rotation(unvec(r_s)))
 
 
-def rounding_of_rotation(T_b, p_s) -> np.ndarray:
-    """What rounding can add to a singular value of A_r, (...), mm². It moves each
-    vector u by up to δ and the row block of a pair by δ (|u_i| + |u_j|); over all pairs
-    of m vectors a group, the squares sum to at most 2 m δ² Σ|u|².
+def rounding_of_rotation(T_b: np.ndarray, p_s: np.ndarray) -> np.ndarray:
+    """What rounding can add to a singular value of A_r, (...), mm².
+
+    It moves each vector u by up to δ and the row block of a pair by δ (|u_i| + |u_j|);
+    over all pairs of m vectors a group, the squares sum to at most 2 m δ² Σ|u|².
     """
     u_s, u_t = difference_vectors(T_b, p_s)
     delta = 4 * np.finfo(float).eps * np.abs(T_b).max(axis=(-3, -2, -1))
-    return delta * np.sqrt(2 * u_s.shape[-2] * (u_s**2 + u_t**2).sum(axis=(-3, -2, -1)))
+    squares = (u_s**2 + u_t**2).sum(axis=(-3, -2, -1))
+    return delta * np.sqrt(2 * u_s.shape[-2] * squares)
 
 
-def noise_gain(v, R_b, T_b, p_s) -> np.ndarray:
+def noise_gain(
+    v: np.ndarray,
+    R_b: np.ndarray,
+    T_b: np.ndarray,
+    p_s: np.ndarray,
+    present: ArrayLike = True,
+) -> np.ndarray:
     """Root mean square of |A_r v| (...), mm², where noise of 1 mm in the sensed points
-    is all that makes it up.
+    is all that makes it up, for v (..., 9) of unit length.
 
-    For v (..., 9) of unit length, to first order: the row block of pair (i, j) changes
-    by g_j when u_s[i] does, by -g_i when u_s[j] does, and by their difference when the
-    common first point does.
+    To first order the row block of pair (i, j) changes by g_j when u_s[i] does, by -g_i
+    when u_s[j] does, and by their difference when the common first point does. Over all
+    pairs of a group of m vectors, the squares sum to (2 m - 1) Σ|g|² - |Σ g|².
     """
     u_s, u_t = difference_vectors(T_b, p_s)
     W = R_b @ unvec(v)[..., None, :, :]  # (..., G, 3, 3)
-    count, total = u_s.shape[-2], 0
+    m = np.broadcast_to(present, p_s.shape[-3:-1]).sum(axis=-1) - 1
+    total = np.zeros(u_t.shape[:-3])
     for axis in np.eye(3)[::2]:  # x and z, the coordinates that carry noise
         g = np.cross(axis, u_s) @ W.mT + np.cross((W @ axis)[..., None, :], u_t)
-        squares = (g**2).sum(axis=(-3, -2, -1))
-        total = (
-            total + (2 * count - 1) * squares - (g.sum(axis=-2) ** 2).sum(axis=(-2, -1))
-        )
+        squares = (g**2).sum(axis=(-2, -1))
+        square_of_sum = (g.sum(axis=-2) ** 2).sum(axis=-1)
+        total = total + ((2 * m - 1) * squares - square_of_sum).sum(axis=-1)
     return np.sqrt(total)
 
 
-def principal_direction(vectors) -> np.ndarray:
+def principal_direction(vectors: np.ndarray) -> np.ndarray:
     """Unit vector (..., 3) along which vectors (..., n, 3) extend most; its largest
     component is positive.
     """
     direction = np.linalg.svd(vectors, full_matrices=False)[2][..., 0, :]
-    largest = np.take_along_axis(
-        direction, np.abs(direction).argmax(axis=-1)[..., None], axis=-1
-    )
-    return direction * np.sign(largest)
+    place = np.abs(direction).argmax(axis=-1)[..., None]
+    return direction * np.sign(np.take_along_axis(direction, place, axis=-1))
 
 
-def translation_system(R_b, p, u_b) -> tuple[np.ndarray, np.ndarray]:
+def translation_system(
+    R_b: np.ndarray, p: np.ndarray, u_b: np.ndarray, present: ArrayLike = True
+) -> tuple[np.ndarray, np.ndarray]:
     """A_t (..., 3 G, 3) and b_t (..., 3 G) of Eq. 34 from p = R_b R_s p_s + T_b (...,
-    G, N, 3), mm: each group's difference from the mean of all, scaled to the sum of
-    squares of all pairs between groups (Eqs 30-33).
+    G, N, 3), mm.
+
+    Eqs 30-33 take all pairs of points of different groups: of groups g and h, with n_g
+    and n_h points, there are n_g n_h, which differ by p alone. For a residual that is
+    linear in (R_b, p), their squares sum, but for a constant, to n_g n_h times that of
+    the groups' means (R_g, p̄_g) and (R_h, p̄_h), and over all pairs of groups, with
+    n = Σ n_g,
+
+        Σ_g<h n_g n_h |x_g - x_h|² = n Σ_g n_g |x_g - x̄|²,   x̄ = Σ_g n_g x_g / n:
+
+    each group's difference from the mean of all points, times √(n n_g).
     """
-    G, N = p.shape[-3:-1]
-    weight = N * np.sqrt(G)
-    C = weight * (R_b - R_b.mean(axis=-3, keepdims=True))
-    d = weight * (p.mean(axis=-2) - p.mean(axis=(-3, -2))[..., None, :])
+    present = np.broadcast_to(present, p.shape[-3:-1])
+    count = present.sum(axis=-1)
+    weight = np.sqrt(count.sum() * count)[:, None]
+    R_mean = np.average(R_b, axis=-3, weights=count, keepdims=True)
+    p_group = (present[..., None] * p).sum(axis=-2) / count[:, None]
+    p_mean = np.average(p_group, axis=-2, weights=count, keepdims=True)
+    C = weight[:, None] * (R_b - R_mean)
+    d = weight * (p_group - p_mean)
     A_t = transposed_skew(u_b)[..., None, :, :] @ C  # Eq. 33
     b_t = -np.cross(d, u_b[..., None, :])  # Eq. 31
     return A_t.reshape(*A_t.shape[:-3], -1, 3), b_t.reshape(*b_t.shape[:-2], -1)
 
 
-def solve_translation(R_b, T_b, p_s, R_sensor) -> EdgeTranslation:
+def solve_translation(
+    R_b: np.ndarray,
+    T_b: np.ndarray,
+    p_s: np.ndarray,
+    R_sensor: np.ndarray,
+    present: ArrayLike = True,
+) -> EdgeTranslation:
     """Phase two, Eqs 28-35, with the rotation R_sensor (..., 3, 3) of phase one."""
     in_flange = p_s @ R_sensor[..., ::2].mT[..., None, :, :]
     p = in_flange @ R_b.mT + T_b
     vectors = p[..., 1:, :] - p[..., :1, :]  # Eq. 5
     u_b = principal_direction(vectors.reshape(*vectors.shape[:-3], -1, 3))
-    A_t, b_t = translation_system(R_b, p, u_b)
+    A_t, b_t = translation_system(R_b, p, u_b, present)
     # of nine entries of R_b, in each of G N equations
     rounding = 12 * np.finfo(float).eps * p.shape[-3] * p.shape[-2]
     T_sensor, _, _, rank = least_squares(A_t, b_t, rounding)
@@ -231,25 +417,31 @@ def solve_translation(R_b, T_b, p_s, R_sensor) -> EdgeTranslation:
     return EdgeTranslation(u_b, rank, T_sensor, p_b)
 
 
-def estimate_noise(T_b, p_s) -> np.ndarray:
+def estimate_noise(
+    T_b: np.ndarray, p_s: np.ndarray, present: ArrayLike = True
+) -> np.ndarray:
     """Standard deviation (...) of the sensed points, mm, from the groups'
     `affine_residuals`; NaN without any.
     """
-    residuals, _, freedom = affine_residuals(T_b, p_s)
-    squares, freedom = (residuals**2).sum(axis=(-3, -2, -1)), 2 * freedom.sum(axis=-1)
-    return np.sqrt(
-        np.divide(
-            squares, freedom, out=np.full_like(squares, np.nan), where=freedom > 0
-        )
-    )
+    weights = np.broadcast_to(present, p_s.shape[-3:-1])
+    residuals, _, freedom = affine_residuals(T_b, p_s, weights)
+    squares = (residuals**2).sum(axis=(-3, -2, -1))
+    freedom = 2 * freedom.sum(axis=-1)
+    unknown = np.full_like(squares, np.nan)
+    return np.sqrt(np.divide(squares, freedom, out=unknown, where=freedom > 0))
 
 
-def rotation_strength(R_b, T_b, p_s, rotation: EdgeRotation) -> np.ndarray:
+def rotation_strength(
+    R_b: np.ndarray,
+    T_b: np.ndarray,
+    p_s: np.ndarray,
+    rotation: EdgeRotation,
+    present: ArrayLike = True,
+) -> np.ndarray:
     """Smallest singular value of A_r over what noise, estimated from the data, makes of
     a zero, (...): 0 where A_r lacks rank, else NaN where the noise cannot be estimated.
     """
-    from_noise = estimate_noise(T_b, p_s) * noise_gain(
-        rotation.V[..., -1], R_b, T_b, p_s
-    )
+    gain = noise_gain(rotation.V[..., -1], R_b, T_b, p_s, present)
+    from_noise = estimate_noise(T_b, p_s, present) * gain
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(rotation.rank < 9, 0, rotation.S[..., -1] / from_noise)

@@ -7,6 +7,7 @@ on the flange.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -15,6 +16,27 @@ from profilecal.geometry.poses import nearest_rotation
 
 # directions or orientations that differ by less are taken for one
 LEAST_SPREAD_DEG = 1.0
+
+
+class SensorPose:
+    """The sensor pose on the flange, from a solution of two steps."""
+
+    rotation: Any
+    translation: Any
+
+    @property
+    def R_sensor(self) -> np.ndarray:
+        """(..., 3, 3) from sensor to flange."""
+        return self.rotation.R_sensor
+
+    @property
+    def T_sensor(self) -> np.ndarray:
+        """(..., 3) mm, the sensor's origin in the flange frame."""
+        return self.translation.T_sensor
+
+    def __repr__(self) -> str:
+        with np.printoptions(precision=6, suppress=True, threshold=9, edgeitems=2):
+            return f"{type(self).__name__}(\n{self.R_sensor},\n{self.T_sensor})"
 
 
 @dataclass(frozen=True)
@@ -39,74 +61,78 @@ class TranslationSolution:
     accuracy: np.ndarray  # (...) largest distance from the mean, mm
 
 
-@dataclass(frozen=True)
-class TwoStepSolution:
+@dataclass(frozen=True, repr=False)
+class TwoStepSolution(SensorPose):
     """The sensor pose on the flange: rotation first, then translation."""
 
     rotation: RotationSolution
     translation: TranslationSolution
 
-    @property
-    def R_sensor(self) -> np.ndarray:
-        """(..., 3, 3) from sensor to flange."""
-        return self.rotation.R_sensor
 
-    @property
-    def T_sensor(self) -> np.ndarray:
-        """(..., 3) mm, the sensor's origin in the flange frame."""
-        return self.translation.T_sensor
-
-
-def solve_rotation(X, Y) -> RotationSolution:
+def solve_rotation(X: np.ndarray, Y: np.ndarray) -> RotationSolution:
     """R_sensor X = Y for vectors (..., 3, n): Eq. 16, kept from being a reflection."""
     return RotationSolution(X, Y, nearest_rotation(Y @ X.mT))
 
 
-def solve_translation(R_tcp, T_tcp, q, R_sensor) -> TranslationSolution:
-    """T_sensor from poses R_tcp (..., n, 3, 3), T_tcp (..., n, 3) and one fixed point
-    seen as q (..., n, 3): Eqs 17-20, Eq. 19 by an orthogonal factorisation, not by the
-    normal equations, which square the condition number.
+def solve_translation(
+    R_tcp: np.ndarray, T_tcp: np.ndarray, q: np.ndarray, R_sensor: np.ndarray
+) -> TranslationSolution:
+    """T_sensor from poses R_tcp (..., n, 3, 3), T_tcp (..., n, 3) mm and one fixed
+    point, which each sees at q (..., n, 3) mm: Eqs 17-20 of the disk paper.
+
+    The point is R_tcp (R_sensor q + T_sensor) + T_tcp in the base frame (Eq. 1), the
+    same from all poses. The difference of poses i and i + 1 is linear in T_sensor,
+
+        (R_i - R_i+1) T_sensor
+            = (R_i+1 R_sensor q_i+1 + T_i+1) - (R_i R_sensor q_i + T_i),
+
+    and all differences are stacked to M T_sensor = N (Eqs 17 and 18). Eq. 19 is solved
+    by an orthogonal factorisation, not by the normal equations, which square the
+    condition number.
     """
-    seen = np.einsum("...nab,...bc,...nc->...na", R_tcp, R_sensor, q) + T_tcp
-    R_i = R_tcp[..., :-1, :, :] - R_tcp[..., 1:, :, :]
-    N_i = seen[..., 1:, :] - seen[..., :-1, :]
-    M = R_i.reshape(*R_i.shape[:-3], -1, 3)
-    N = N_i.reshape(*N_i.shape[:-2], -1)
+    turned = np.einsum("...nab,...bc,...nc->...na", R_tcp, R_sensor, q) + T_tcp
+    R_differences = R_tcp[..., :-1, :, :] - R_tcp[..., 1:, :, :]
+    differences = turned[..., 1:, :] - turned[..., :-1, :]
+    M = R_differences.reshape(*R_differences.shape[:-3], -1, 3)
+    N = differences.reshape(*differences.shape[:-2], -1)
     T_sensor = (np.linalg.pinv(M) @ N[..., None])[..., 0]
-    q_b_i = seen + np.einsum("...nab,...b->...na", R_tcp, T_sensor)
+    q_b_i = turned + np.einsum("...nab,...b->...na", R_tcp, T_sensor)
     q_b = q_b_i.mean(axis=-2)
     accuracy = np.linalg.norm(q_b_i - q_b[..., None, :], axis=-1).max(axis=-1)
     return TranslationSolution(T_sensor, q_b_i, q_b, accuracy)
 
 
-def check_spread(spread_deg, what: str, so: str) -> None:
+def check_spread(spread_deg: np.ndarray, what: str, so: str) -> None:
     """Refuse a batch (...) of data of which none spreads by LEAST_SPREAD_DEG."""
     widest = np.max(spread_deg)
     if not widest >= LEAST_SPREAD_DEG:
-        raise UnobservableError(
-            f"{what} (within {widest:.2g}°, at least {LEAST_SPREAD_DEG:g}° needed), so {so}"
-        )
+        needed = f"at least {LEAST_SPREAD_DEG:g}° needed"
+        raise UnobservableError(f"{what} (within {widest:.2g}°, {needed}), so {so}")
 
 
-def check_line(vectors, what: str, so: str) -> None:
+def check_line(vectors: np.ndarray, what: str, so: str) -> None:
     """Refuse vectors (..., n, 3) that all run along one line."""
     singular = np.linalg.svd(vectors, compute_uv=False)
     check_spread(np.degrees(np.arctan2(singular[..., 1], singular[..., 0])), what, so)
 
 
-def check_orientations(R_tcp) -> None:
-    """Refuse poses (..., n, 3, 3) of one orientation, or that all turn about one axis."""
+def check_orientations(R_tcp: np.ndarray) -> None:
+    """Refuse poses (..., n, 3, 3) of one orientation, or all turned about one axis."""
     n = R_tcp.shape[-3]
     M = (R_tcp - R_tcp.mean(axis=-3, keepdims=True)).reshape(*R_tcp.shape[:-3], -1, 3)
     _, singular, Vt = np.linalg.svd(M, full_matrices=False)
-    # rms over all pairs of |ΔR v|, an angle while small
+    # the root mean square over all pairs of |ΔR v|, an angle while it is small
     turn = np.degrees(singular * np.sqrt(2 / (n - 1)))
-    so = "the translation cannot be known; turn the flange between poses, about at least two axes"
-    check_spread(turn[..., 0], f"all {n} poses have one orientation", so)
-    axis = np.array2string(Vt.reshape(-1, 3, 3)[0, 2], precision=2, suppress_small=True)
-    so = (
-        "the translation along it cannot be known; add a pose tilted about another axis"
-    )
     check_spread(
-        turn[..., 2], f"all {n} poses turn about one axis, {axis} of the flange", so
+        turn[..., 0],
+        f"all {n} poses have one orientation",
+        "the translation cannot be known; turn the flange between poses, "
+        "about at least two axes",
+    )
+    axis = np.array2string(Vt.reshape(-1, 3, 3)[0, 2], precision=2, suppress_small=True)
+    check_spread(
+        turn[..., 2],
+        f"all {n} poses turn about one axis, {axis} of the flange",
+        "the translation along it cannot be known; "
+        "add a pose tilted about another axis",
     )

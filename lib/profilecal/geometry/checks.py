@@ -13,45 +13,75 @@ class UnobservableError(ValueError):
     """The data are well formed but cannot determine the answer, whatever the noise."""
 
 
-def check_array(name: str, values, shape, finite: bool = True) -> np.ndarray:
-    """Return `values` as a float array of a shape, in which None is any length. Raises
-    ValueError with the shape that it has instead, or with the first entry that is not
-    finite, unless it may be.
+def check_array(
+    name: str,
+    values: ArrayLike,
+    shape: tuple[int | None, ...],
+    finite: bool = True,
+) -> np.ndarray:
+    """Return `values` as a float array of a shape, in which None is any length.
+
+    Raises ValueError for what is no array of numbers, with the shape that it has
+    instead, or with the first entry that is not finite, unless it may be.
     """
-    array = np.asarray(values, dtype=float)
-    if array.ndim != len(shape) or any(
-        length not in (None, n) for length, n in zip(shape, array.shape, strict=True)
-    ):
-        raise ValueError(
-            f"{name} has shape {array.shape}; expected {str(shape).replace('None', 'n')}"
-        )
+    try:
+        array = np.asarray(values, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{name} is no array of numbers: {error}") from error
+    fits = array.ndim == len(shape) and all(
+        length in (None, n) for length, n in zip(shape, array.shape, strict=True)
+    )
+    if not fits:
+        expected = str(shape).replace("None", "n")
+        raise ValueError(f"{name} has shape {array.shape}; expected {expected}")
     bad = np.argwhere(~np.isfinite(array) & finite)
     if len(bad):
-        raise ValueError(
-            f"{name}{bad[0].tolist()} is {array[tuple(bad[0])]}; expected finite numbers"
-        )
+        value = array[tuple(bad[0])]
+        raise ValueError(f"{name}{bad[0].tolist()} is {value}; expected finite numbers")
     return array
 
 
-def check_rotations(name: str, values, count: int) -> np.ndarray:
-    """Return `values` as an array (count, 3, 3). Raises ValueError for what is no
-    rotation: entries that are not finite, columns that are not orthonormal within 1e-3,
-    a reflection.
+def check_scan_plane(
+    name: str, values: ArrayLike, count: int, expected: str
+) -> np.ndarray:
+    """Return points of the scan plane as an array (count, 2), x and z.
+
+    `values` (count, 2) are that, or (count, 3) with y = 0 between. Raises ValueError
+    for others; `expected` says why y is 0.
+    """
+    points = check_array(name, values, (count, None))
+    if points.shape[1] not in (2, 3):
+        raise ValueError(
+            f"{name} has shape {points.shape}; expected ({count}, 2) or ({count}, 3)"
+        )
+    if points.shape[1] == 2:
+        return points
+    off = np.flatnonzero(points[:, 1])
+    if off.size:
+        raise ValueError(f"{name}[{off[0]}] is {points[off[0]]}; expected {expected}")
+    return points[:, [0, 2]]
+
+
+def check_rotations(name: str, values: ArrayLike, count: int) -> np.ndarray:
+    """Return `values` as an array (count, 3, 3) of rotations.
+
+    Raises ValueError for entries that are not finite, for columns that are not
+    orthonormal within 1e-3, and for a reflection.
     """
     array = check_array(name, values, (count, 3, 3))
-    excess = np.abs(array @ array.transpose(0, 2, 1) - np.eye(3)).max(
-        axis=(1, 2), initial=0.0
-    )
+    differences = np.abs(array @ array.mT - np.eye(3))
+    excess = differences.max(axis=(1, 2), initial=0.0)
     bad = np.flatnonzero(excess > ORTHONORMAL_TOLERANCE)
     if bad.size:
         raise ValueError(
-            f"{name}[{bad[0]}] is not orthonormal: R Rᵀ differs from the identity by {excess[bad[0]]:.2g}; "
-            f"expected at most {ORTHONORMAL_TOLERANCE:g}"
+            f"{name}[{bad[0]}] is not orthonormal: R Rᵀ differs from the identity by "
+            f"{excess[bad[0]]:.2g}; expected at most {ORTHONORMAL_TOLERANCE:g}"
         )
     bad = np.flatnonzero(np.linalg.det(array) < 0)
     if bad.size:
         raise ValueError(
-            f"{name}[{bad[0]}] is a reflection (determinant -1); expected a rotation (+1)"
+            f"{name}[{bad[0]}] is a reflection (determinant -1); "
+            "expected a rotation (+1)"
         )
     return array
 

@@ -9,6 +9,7 @@ solves one scalar equation (`_secular`): no `eig`.
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 ROUNDS = 60  # Newton's steps at most; four or five are usual
 # a step this small, as a fraction of the eigenvalue's scale, is rounding: the next
@@ -238,36 +239,30 @@ def principal_axes(points) -> np.ndarray:
 
 
 def affine_residuals(
-    positions, values, weights=None
+    positions: np.ndarray, values: np.ndarray, weights: ArrayLike | None = None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """What an affine function of positions (..., n, 3) leaves of values (..., n, k).
 
     Inside a rotation group the sensed point of a straight edge, or a marked point, is
     such a function of the flange position, whatever the calibration: what is left is
-    noise. `weights` (..., n): 1 / standard deviation of a value.
+    noise. `weights` (..., n): 1 / standard deviation of a value, 0 of one to leave out.
 
     Returns the weighted residuals (..., n, k); the orthonormal basis (..., n, 4) of
     what is taken out, its columns zero for directions in which the positions do not
-    extend; and n less the other columns, (...).
+    extend; and the number of weights less that of the other columns, (...).
     """
     n = positions.shape[-2]
     weight = np.ones((n, 1)) if weights is None else np.asarray(weights)[..., None]
     constant = weight / np.linalg.norm(weight, axis=-2, keepdims=True)
-    offsets = weight * (
-        positions - (constant**2 * positions).sum(axis=-2, keepdims=True)
-    )
-    U, S, _ = np.linalg.svd(offsets, full_matrices=False)
-    rounding = (
-        n
-        * np.finfo(float).eps
-        * np.abs(weight * positions).max(axis=(-2, -1))[..., None]
-    )
+    mean = (constant**2 * positions).sum(axis=-2, keepdims=True)
+    U, S, _ = np.linalg.svd(weight * (positions - mean), full_matrices=False)
+    farthest = np.abs(weight * positions).max(axis=(-2, -1))[..., None]
+    rounding = n * np.finfo(float).eps * farthest
     # an arc leaves its plane, a line itself, by less
     extends = np.maximum(1e-3 * S[..., :1], rounding) < S
-    basis = np.concatenate(
-        [np.broadcast_to(constant, (*U.shape[:-1], 1)), U * extends[..., None, :]],
-        axis=-1,
-    )
+    constant = np.broadcast_to(constant, (*U.shape[:-1], 1))
+    basis = np.concatenate([constant, U * extends[..., None, :]], axis=-1)
     residuals = weight * values
     residuals = residuals - basis @ (basis.mT @ residuals)
-    return residuals, basis, n - 1 - extends.sum(axis=-1)
+    count = np.count_nonzero(weight, axis=(-2, -1))
+    return residuals, basis, count - 1 - extends.sum(axis=-1)

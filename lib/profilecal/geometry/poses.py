@@ -48,13 +48,17 @@ def parallel(first, second, within_deg: float) -> np.ndarray:
     )
 
 
-def rotation_groups(R) -> np.ndarray:
-    """Groups (P,) of orientations (P, 3, 3): a pose joins the first group whose first
-    pose it is parallel to.
+def rotation_groups(R: np.ndarray) -> np.ndarray:
+    """Groups (P,) of orientations (P, 3, 3), which may be rounded.
+
+    A pose joins the first group whose first pose it is parallel to.
     """
-    group, count = np.full(len(R), -1), 0
+    R = nearest_rotation(R)
+    group = np.full(len(R), -1)
+    count = 0
     while (free := group < 0).any():
-        group[free & parallel(R, R[free.argmax()], SAME_ORIENTATION_DEG)[:, 0]] = count
+        alike = parallel(R, R[free.argmax()], SAME_ORIENTATION_DEG)[:, 0]
+        group[free & alike] = count
         count += 1
     return group
 

@@ -1,0 +1,45 @@
+"""Poses in groups of one flange orientation, found or stated, laid out as arrays."""
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from profilecal.closed_form.two_step import LEAST_SPREAD_DEG
+from profilecal.geometry.poses import angle_between, rotation_groups
+
+
+def find_groups(name: str, R: np.ndarray, group: ArrayLike | None) -> np.ndarray:
+    """The number (n,), from 0, of the group that each orientation R (n, 3, 3) is in.
+
+    Without `group`, orientations that agree within 0.05° form one. Labels `group` (n,)
+    of the user are taken instead: ValueError for another shape, or where orientations
+    of one label differ by more than 1°. `name` is the argument that holds R.
+    """
+    if group is None:
+        return rotation_groups(R)
+    labels = np.asarray(group)
+    if labels.shape != (len(R),):
+        raise ValueError(f"group has shape {labels.shape}; expected ({len(R)},)")
+    _, firsts, number = np.unique(labels, return_index=True, return_inverse=True)
+    first = firsts[number]
+    apart = np.degrees(angle_between(R, R[first]))
+    worst = apart.argmax()
+    if apart[worst] > LEAST_SPREAD_DEG:
+        raise ValueError(
+            f"{name}[{worst}] differs from {name}[{first[worst]}], which has the same "
+            f"label in group, by {apart[worst]:.2g}°; expected one orientation"
+        )
+    return number
+
+
+def group_members(number: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The poses of each group, from numbers (n,) as `find_groups` gives them.
+
+    Returns the poses' indices (G, N), in which a group of less than N repeats its first
+    pose, and the mask (G, N), which is False for these repetitions.
+    """
+    counts = np.bincount(number)
+    starts = np.cumsum(counts) - counts
+    place = np.arange(counts.max())
+    present = place < counts[:, None]
+    in_order = np.argsort(number, kind="stable")
+    return in_order[starts[:, None] + present * place], present
