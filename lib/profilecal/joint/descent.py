@@ -2,7 +2,7 @@
 where none is known.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,130 +13,143 @@ from profilecal.geometry.poses import angle_between
 from profilecal.joint.problem import Fit, Problem
 from profilecal.targets.observations import Observations, State
 
-POSES = 40  # the search looks at that many
+POSES = 40  # that the search looks at
 # 60 rotations: any rotation is within 45° of one of them
 GRID = Rotation.create_group("I").as_matrix()
 COARSE = Rotation.create_group("T").as_matrix()  # 12
 HOPELESS = 100.0  # times the noise, or the best loss
 KEPT = 6  # starts that all poses are looked at from
+# Rounds of a search: how many steps, how many states are kept after them, and how many
+# times the best loss those may have.
+ROUNDS = [(6, 24, 10 * HOPELESS), (8, 10, 10 * HOPELESS), (16, KEPT, HOPELESS)]
 
 
 def refine(
     problem: Problem,
     state: State,
     *,
-    scale=None,
-    weights=None,
-    iterations=60,
-    tolerance=1e-10,
-    damping=1e-4,
+    scale: np.ndarray | None = None,
+    weights: Sequence[np.ndarray] | None = None,
+    iterations: int = 60,
+    tolerance: float = 1e-10,
+    damping: float = 1e-4,
 ) -> Fit:
     """The state of least loss nearest to each of B states, by the scanner's noise
     alone. `scale`, `weights`: as `Problem.moments` takes them.
     """
-    return descend(
-        lambda at: problem.moments(at, scale, weights),
-        problem.move,
-        state,
-        iterations,
-        tolerance,
-        damping,
-    )
+
+    def moments(state: State) -> Fit:
+        return problem.moments(state, scale, weights)
+
+    return descend(moments, problem.move, state, iterations, tolerance, damping)
 
 
 def descend(
-    moments,
-    move,
+    moments: Callable[[State], Fit],
+    move: Callable[[State, np.ndarray], State],
     state: State,
     iterations: int,
     tolerance: float = 1e-10,
     damping: float = 1e-3,
 ) -> Fit:
-    """Levenberg and Marquardt on what `moments(state)` says; `move(state, step)` takes
-    a step. Each problem has its own damping, which follows how much of what a step
-    promised came true (Nielsen 1999).
+    """Levenberg's and Marquardt's descent on what `moments(state)` says, where
+    `move(state, step)` takes a step, of B problems at once.
+
+    Each problem has its own damping μ. It follows how much of what a step promised came
+    true, the gain γ (Nielsen 1999): after a step that lowers the loss, μ is multiplied
+    by 1 - (2 γ - 1)³, between 1/100 and 2; after one that does not, by 2, then 4, 8
+    and so on.
 
     Ends where a step is below `tolerance` (rad, and a hundred times that in mm) or
     promises less than rounding.
     """
     B = len(state.rotation)
-    factor, growth, done = np.full(B, damping), np.full(B, 2.0), np.zeros(B, dtype=bool)
+    factor = np.full(B, damping)
+    growth = np.full(B, 2.0)
+    done = np.zeros(B, dtype=bool)
     with np.errstate(all="ignore"):
         here = moments(state)
         for _ in range(iterations):
             step, promise = damped_step(here.normal, factor)
             small = reach(step) < tolerance
             trial = move(here.state, step)
-            # nothing to look at there
+            # a small last step is taken without another look
             here = replace(here, state=trial.where(small & ~done, here.state))
-            done |= small | (promise <= 1e-14 * here.loss)  # less is rounding
+            rounding = promise <= 1e-14 * here.loss
+            done |= small | rounding
             if done.all():
                 break
             there = moments(trial)
-            kept = np.nan_to_num((here.loss - there.loss) / promise, nan=-1.0)
+            gain = np.nan_to_num((here.loss - there.loss) / promise, nan=-1.0)
             better = (there.loss <= here.loss) & ~done  # false for NaN
             here = there.where(better, here)
-            eased = factor * np.clip(1 - (2 * np.minimum(kept, 1) - 1) ** 3, 0.01, 2)
-            factor = np.clip(np.where(better, eased, factor * growth), 1e-12, 1e8)
+            easing = np.clip(1 - (2 * np.minimum(gain, 1) - 1) ** 3, 0.01, 2)
+            factor = factor * np.where(better, easing, growth)
+            factor = np.clip(factor, 1e-12, 1e8)
             growth = np.where(better, 2.0, 2 * growth)
     return here
 
 
-def reach(step) -> np.ndarray:
+def reach(step: np.ndarray) -> np.ndarray:
     """How far steps (B, 6 or more) move sensor poses, rad or hundreds of mm."""
     return np.abs(step[:, :6] / [100, 100, 100, 1, 1, 1]).max(axis=1)
 
 
-def damped_step(normal, damping) -> tuple[np.ndarray, np.ndarray]:
-    """The steps (B, n) that normal equations (B, n + 1, n + 1) ask for, damped by (B,)
-    relative to each unknown's own size, and by how much they promise to lower the loss,
-    (B,).
+def damped_step(
+    normal: np.ndarray, damping: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """The steps x (B, n) that normal equations (B, n + 1, n + 1) ask for, damped by
+    (B,), and by how much they promise to lower the loss, (B,).
+
+    With H = Jᵀ J and g = Jᵀ r of the equations and D, the diagonal of H times the
+    damping,
+
+        (H + D) x = -g        promise = -2 gᵀ x - xᵀ H x = xᵀ (D x - g)
     """
-    H, g = np.nan_to_num(normal[:, :-1, :-1]), normal[:, :-1, -1]
-    size = np.einsum("bii->bi", H)
-    more = damping[:, None] * np.where(size > 0, size, 1.0)
-    step = -np.linalg.solve(H + more[:, None] * np.eye(size.shape[1]), g[..., None])[
-        ..., 0
-    ]
-    return step, (step * (more * step - g)).sum(axis=1)
+    H = np.nan_to_num(normal[:, :-1, :-1])
+    g = normal[:, :-1, -1]
+    diagonal = np.einsum("bii->bi", H)
+    D = damping[:, None] * np.where(diagonal > 0, diagonal, 1.0)
+    damped = H + D[:, None] * np.eye(D.shape[1])
+    x = -np.linalg.solve(damped, g[..., None])[..., 0]
+    return x, (x * (D * x - g)).sum(axis=1)
 
 
-def search(observations: Sequence[Observations], noise: Noise, starts=()) -> State:
+def search(
+    observations: Sequence[Observations], noise: Noise, starts: Sequence = ()
+) -> State:
     """Sensor poses worth refining, best first, at most KEPT: from `starts`, pairs (R
     (3, 3), T (3,) mm), and a grid of rotations, on a few poses, by distances in space.
-    Where targets can be placed at every step, a coarse grid will do if several of its
-    starts end at one pose that fits.
     """
-    problem = Problem(
-        [thin(entry, POSES) for entry in observations], noise, in_space=True
-    )
+    problem = few_poses(observations, noise, POSES)
     count = problem.counts.sum()
     if all(term.target.fit_is_best for term in problem.terms):
+        # targets can be placed at every step: a coarse grid will do if several of its
+        # starts end at one pose that fits
         state = problem.place(*started(COARSE, starts))
         for _ in range(2):
-            found = onward(problem, state, steps=8)
-            state = found.state
-            if (
-                found.loss[0] < HOPELESS * count
-                and np.count_nonzero(alike(state)[0]) >= 5
-            ):
-                return distinct(
-                    state[found.loss < HOPELESS * max(found.loss[0], count)]
-                )
+            fits = onward(problem, state, steps=8)
+            state = fits.state
+            agreeing = np.count_nonzero(alike(state)[0])
+            if fits.loss[0] < HOPELESS * count and agreeing >= 5:
+                limit = HOPELESS * max(fits.loss[0], count)
+                return distinct(state[fits.loss < limit])
     state = problem.place(*started(GRID, starts))
-    for steps, kept, hopeless in (
-        (6, 24, 10 * HOPELESS),
-        (8, 10, 10 * HOPELESS),
-        (16, KEPT, HOPELESS),
-    ):
-        found = onward(problem, state, steps)
-        state = distinct(
-            found.state[found.loss < hopeless * max(found.loss[0], count)], kept
-        )
+    for steps, most, hopeless in ROUNDS:
+        fits = onward(problem, state, steps)
+        limit = hopeless * max(fits.loss[0], count)
+        state = distinct(fits.state[fits.loss < limit], most)
     return state
 
 
-def started(grid, starts=()) -> tuple[np.ndarray, np.ndarray]:
+def few_poses(
+    observations: Sequence[Observations], noise: Noise, count: int
+) -> Problem:
+    """The problem of about `count` poses of each target, by distances in space."""
+    return Problem([thin(entry, count) for entry in observations], noise, in_space=True)
+
+
+def started(grid: np.ndarray, starts: Sequence = ()) -> tuple[np.ndarray, np.ndarray]:
     """Sensor poses (B, 3, 3), (B, 3): the starts, and those of a grid of rotations, at
     the flange.
     """
@@ -149,15 +162,13 @@ def onward(problem: Problem, state: State, steps: int) -> Fit:
     that is best (variable projection; Golub and Pereyra 1973).
     """
 
-    def move(state, step):
+    def move(state: State, step: np.ndarray) -> State:
         moved = problem.move(state, step)
-        placements = tuple(
-            term.place(moved.rotation, moved.translation)
-            if term.target.fit_is_best
-            else placement
-            for term, placement in zip(problem.terms, moved.placements, strict=True)
-        )
-        return replace(moved, placements=placements)
+        placements = list(moved.placements)
+        for index, term in enumerate(problem.terms):
+            if term.target.fit_is_best:
+                placements[index] = term.place(moved.rotation, moved.translation)
+        return replace(moved, placements=tuple(placements))
 
     return descend(problem.moments, move, state, steps).best_first
 
@@ -165,71 +176,62 @@ def onward(problem: Problem, state: State, steps: int) -> Fit:
 def search_among_outliers(
     observations: Sequence[Observations], noise: Noise, found: State
 ) -> State:
-    """`search` for data of which a part is wrong, beside what it `found`: each rotation
-    of the grid looks at another few groups of poses, some of which hold no bad one. The
-    medians of all residuals tell which.
+    """Sensor poses worth refining where a part of the data is wrong, beside what
+    `search` found: each rotation of the grid looks at another few groups of poses, some
+    of which hold no bad one. The medians of all residuals tell which.
     """
-    subsets = Problem(
-        [few_groups(entry, len(GRID)) for entry in observations], noise, in_space=True
-    )
+    selections = [few_groups(entry, len(GRID)) for entry in observations]
+    subsets = Problem(selections, noise, in_space=True)
     tried = refine(subsets, subsets.place(*started(GRID)), iterations=25).state
-    problem = Problem(
-        [thin(entry, 2 * POSES) for entry in observations], noise, in_space=True
-    )
+    problem = few_poses(observations, noise, 2 * POSES)
 
-    def of_most(state):
+    def residual_of_most(state: State) -> np.ndarray:
         return problem.typical(problem.moments(state))
 
     state = found.join(tried[np.isfinite(problem.moments(tried).loss)])
-    state = state[np.argsort(of_most(state))[: 4 * KEPT]]
+    state = state[np.argsort(residual_of_most(state))[: 4 * KEPT]]
     for _ in range(3):
-        state = refine(
-            problem, state, scale=np.maximum(of_most(state), 1e-9), iterations=8
-        ).state
-    return distinct(state[np.argsort(of_most(state))])
+        scale = np.maximum(residual_of_most(state), 1e-9)
+        state = refine(problem, state, scale=scale, iterations=8).state
+    return distinct(state[np.argsort(residual_of_most(state))])
 
 
 def thin(observations: Observations, count: int) -> Observations:
     """About `count` poses, and about five points in each where they lie on a curve."""
     _, P, m, _ = observations.points.shape
-    step = max(1, m // 5) if observations.on_curve else 1
-    few = observations.keep(
-        np.unique(np.linspace(0, P - 1, min(P, count)).round().astype(int))
-    )
-    covariance = (
-        None if few.covariance is None else few.covariance[..., step // 2 :: step]
-    )
-    return replace(
-        few, points=few.points[..., step // 2 :: step, :], covariance=covariance
-    )
+    poses = np.linspace(0, P - 1, min(P, count)).round().astype(int)
+    few = observations.keep(np.unique(poses))
+    if not observations.on_curve:
+        return few
+    step = max(1, m // 5)
+    chosen = slice(step // 2, None, step)
+    covariance = few.covariance
+    if covariance is not None:
+        covariance = covariance[..., chosen]
+    return replace(few, points=few.points[..., chosen, :], covariance=covariance)
 
 
 def few_groups(observations: Observations, count: int) -> Observations:
     """A batch of `count` different selections of about a dozen poses of the first
     problem, each from few groups.
     """
-    # poses that one start looks at where some are bad, and of a group: few enough to be
-    # lucky
-    subset, of_group = 12, 3
-    rng, group, P = (
-        np.random.default_rng(0),
-        observations.labels,
-        len(observations.labels),
-    )
-    size, chosen = np.bincount(group), []
+    # poses of a selection, and of one group in it: few enough to be lucky
+    most, most_of_group = 12, 3
+    rng = np.random.default_rng(0)
+    group = observations.labels
+    P = len(group)
+    size = np.bincount(group)
     rank = np.concatenate([np.arange(n) for n in size])
+    chosen = []
     for _ in range(count):
         poses = rng.permutation(P)
         poses = poses[np.argsort(group[poses], kind="stable")]
         # a few of each group, then others
-        order = np.argsort(rank // of_group + rng.random(len(size)).repeat(size))
-        chosen.append(poses[order[:subset]])
+        order = np.argsort(rank // most_of_group + rng.random(len(size)).repeat(size))
+        chosen.append(poses[order[:most]])
     few = thin(observations, P)
-    return replace(
-        few,
-        **{name: array[0][chosen] for name, array in few.arrays.items()},
-        group=None,
-    )
+    arrays = {name: array[0][chosen] for name, array in few.arrays.items()}
+    return replace(few, **arrays, group=None)
 
 
 def distinct(state: State, count: int = KEPT) -> State:
@@ -246,7 +248,7 @@ def distinct(state: State, count: int = KEPT) -> State:
 
 def alike(state: State) -> np.ndarray:
     """Which two sensor poses of a batch are one, (B, B)."""
-    same = 0.02  # rad, and hundreds of mm: sensor poses nearer to each other are one
+    same = 0.02  # rad, and hundreds of mm: nearer sensor poses are one
     turn = angle_between(state.rotation[:, None], state.rotation)
     shift = np.linalg.norm(state.translation[:, None] - state.translation, axis=-1)
     return (turn < same) & (shift < 100 * same)

@@ -22,88 +22,10 @@ from profilecal.joint.linear_model import LinearModel, Posterior
 from profilecal.joint.prior import Law, Prior
 
 EXACT_ROBOT = 0.1  # odds that the robot's errors are far too small to matter
-# sizes looked at, drawn from a t law of that many degrees of freedom
-DRAWS, TAILS = 32, 4.0
-
-
-def likeliest(model: LinearModel, law: Law, y, tolerance: float = 1e-3, most: int = 30):
-    """The likeliest coordinates (d,), by Newton's method from some, and a root (d, d)
-    of the inverse curvature there. Ends where a step promises less than `tolerance` of
-    the log density; steps that do not raise it are damped.
-    """
-
-    def look(y):
-        y = np.clip(y, -5.0, 5.0)  # standard deviations of the prior
-        v, (first,), (second,) = law.variances(y[None])
-        found = model.posterior(v)
-        return found.log_evidence[0] - y @ y / 2, y, first, second, found
-
-    here, damping = look(y), 0.0
-    for _ in range(most):
-        height, y, first, second, found = here
-        gradient, information = (part[..., law.free] for part in model.gradient(found))
-        information = first[:, None] * information[law.free] * first
-        values, vectors = np.linalg.eigh(information + np.diag(1 - gradient * second))
-        values = np.maximum(values, 0.5)  # a half of the prior's
-        uphill = gradient * first - y
-        step = vectors @ (vectors.T @ uphill / (values + damping))
-        if uphill @ step / 2 < tolerance:
-            break
-        there = look(y + step * min(1.0, 2 / np.abs(step).max()))
-        here, damping = (
-            (there, damping / 4) if there[0] > height else (here, 4 * damping + 1)
-        )
-    return y, vectors / np.sqrt(values)
-
-
-def draw(
-    model: LinearModel, law: Law, likely, root
-) -> tuple[np.ndarray, Posterior, np.ndarray]:
-    """Sizes that a model allows: the logarithms (S,) of their weights, relative to
-    those of other models, what follows from each, and the spread (d,) of the free ones'
-    coordinates.
-
-    Importance sampling from a t law about the likeliest coordinates (d,). Along each
-    axis of `root` (d, d) it is as wide, in either direction, as the density is one
-    standard deviation off (Rue, Martino and Chopin 2009).
-    """
-    d = len(likely)
-    count = DRAWS if d else 1
-    ends = likely + np.concatenate([np.zeros((1, d)), root.T, -root.T])
-    height = (
-        model.posterior(law.variances(ends)[0]).log_evidence
-        - np.sum(ends**2, axis=1) / 2
-    )
-    # at most three times as wide
-    wide = 1 / np.sqrt(2 * np.maximum(height[0] - height[1:], 1 / 18)).reshape(2, d)
-    z = t_points(d, count)
-    stretch = np.where(z > 0, *wide)
-    y = likely + stretch * z @ root.T
-    found = model.posterior(law.variances(y)[0])
-    proposed = gammaln((TAILS + d) / 2) - gammaln(TAILS / 2) - d / 2 * np.log(TAILS / 2)
-    proposed = proposed - (TAILS + d) / 2 * np.log1p(np.sum(z**2, axis=1) / TAILS)
-    proposed = proposed - np.log(stretch).sum(axis=1) - np.linalg.slogdet(root)[1]
-    log_weight = (
-        found.log_evidence - np.sum(y**2, axis=1) / 2 - proposed - np.log(count)
-    )
-    weight = softmax(log_weight)
-    spread = np.sqrt(np.maximum(weight @ y**2 - (weight @ y) ** 2, 0))
-    return log_weight, found, spread
-
-
-@cache
-def t_points(d: int, count: int) -> np.ndarray:
-    """Points (count, d) of a t law, evenly spread: in the unit cube, multiples of the
-    powers of a generalised golden ratio (Roberts 2018), as many on either side of the
-    middle.
-    """
-    ratio = brentq(lambda x: x ** (d + 2) - x - 1, 1, 2)
-    points = (
-        0.5
-        + (np.arange(count)[:, None] - (count - 1) / 2)
-        * ratio ** -np.arange(1.0, d + 2)
-    ) % 1
-    return ndtri(points[:, :d]) * np.sqrt(TAILS / chi2_limit(points[:, d:], TAILS))
+DRAWS = 32  # sizes looked at
+TAILS = 4.0  # degrees of freedom of the t law that they are drawn from
+FARTHEST = 5.0  # the likeliest coordinates are sought up to here
+OF_PRIOR = 0.6  # coordinates that spread by less than this are known from the data
 
 
 @dataclass(frozen=True)
@@ -129,64 +51,202 @@ class ErrorSizes:
     covariance: np.ndarray  # (n, n)
 
 
-def average(model: LinearModel, prior: Prior, start) -> ErrorSizes:
+def likeliest(
+    model: LinearModel,
+    law: Law,
+    y: np.ndarray,
+    tolerance: float = 1e-3,
+    most: int = 30,
+) -> tuple[np.ndarray, np.ndarray]:
+    """The likeliest coordinates (d,) of the sizes, by Newton's method from some `y`,
+    and a root (d, d) of the inverse curvature there.
+
+    The log density of the coordinates is, with the log evidence L of the variances v
+    and the standard normal prior, but for a constant
+
+        h(y) = L(v(y)) - yᵀ y / 2
+
+    With the gradient g of L and its average information I, where v'' is diagonal,
+
+        ∂h/∂y = g v' - y        -∂²h/∂y² ≈ v' I v' + 1 - g v''
+
+    Curvatures of less than a half of the prior's are taken for a half. Ends where a
+    step promises less than `tolerance` of h; steps that do not raise h are damped.
+    """
+
+    def look(y: np.ndarray) -> tuple:
+        y = np.clip(y, -FARTHEST, FARTHEST)
+        v, first, second = law.variances(y[None])
+        posterior = model.posterior(v)
+        h = posterior.log_evidence[0] - y @ y / 2
+        return h, y, first[0], second[0], posterior
+
+    here = look(y)
+    damping = 0.0
+    for _ in range(most):
+        h, y, first, second, posterior = here
+        g, information = (part[..., law.free] for part in model.gradient(posterior))
+        information = first[:, None] * information[law.free] * first
+        values, vectors = np.linalg.eigh(information + np.diag(1 - g * second))
+        values = np.maximum(values, 0.5)
+        uphill = g * first - y
+        step = vectors @ (vectors.T @ uphill / (values + damping))
+        if uphill @ step / 2 < tolerance:
+            break
+        trial = look(y + step * min(1.0, 2 / np.abs(step).max()))
+        if trial[0] > h:
+            here = trial
+            damping /= 4
+        else:
+            damping = 4 * damping + 1
+    return y, vectors / np.sqrt(values)
+
+
+def draw(
+    model: LinearModel, law: Law, likely: np.ndarray, root: np.ndarray
+) -> tuple[np.ndarray, Posterior, np.ndarray]:
+    """Sizes that a model allows: the logarithms (S,) of their weights, relative to
+    those of other models; what follows from each; and the spread (d,) of the free ones'
+    coordinates.
+
+    Importance sampling of the density exp h(y) of the coordinates (`likeliest`), in d
+    dimensions. Draws are
+
+        y = ŷ + R (s ∘ z),    z ~ t law of ν degrees of freedom
+
+    about the likeliest coordinates ŷ, R the `root`. Along each column R_i the draws
+    are, in either direction, as wide as the density is one standard deviation off (Rue,
+    Martino and Chopin 2009): were h a parabola, h(ŷ) - h(ŷ ± R_i) = 1 / (2 s²), so
+
+        s_i± = (2 (h(ŷ) - h(ŷ ± R_i)))^(-1/2),  at most 3
+
+    and s_i is one of them by the sign of z_i. The draws have the density, over
+    (2π)^(-d/2) as the prior's in h,
+
+        q(y) = Γ((ν + d)/2) / (Γ(ν/2) (ν/2)^(d/2)) (1 + zᵀz/ν)^(-(ν + d)/2)
+               / (Π s_i |det R|)
+
+    and of S draws each has the weight w = exp h(y) / (q(y) S). The weights add up to
+    the evidence of the model, by which models are compared.
+    """
+    d = len(likely)
+    count = DRAWS if d else 1
+    ends = likely + np.concatenate([np.zeros((1, d)), root.T, -root.T])
+    h = log_density(model.posterior(law.variances(ends)[0]), ends)
+    widths = 1 / np.sqrt(2 * np.maximum(h[0] - h[1:], 1 / 18))
+    forward, backward = widths.reshape(2, d)
+
+    z = t_points(d, count)
+    s = np.where(z > 0, forward, backward)
+    y = likely + s * z @ root.T
+    posterior = model.posterior(law.variances(y)[0])
+    log_q = gammaln((TAILS + d) / 2) - gammaln(TAILS / 2) - d / 2 * np.log(TAILS / 2)
+    log_q = log_q - (TAILS + d) / 2 * np.log1p(np.sum(z**2, axis=1) / TAILS)
+    log_q = log_q - np.log(s).sum(axis=1) - np.linalg.slogdet(root)[1]
+    log_w = log_density(posterior, y) - log_q - np.log(count)
+
+    w = softmax(log_w)
+    spread = np.sqrt(np.maximum(w @ y**2 - (w @ y) ** 2, 0))
+    return log_w, posterior, spread
+
+
+def log_density(posterior: Posterior, y: np.ndarray) -> np.ndarray:
+    """h (S,) of coordinates y (S, d), from the posterior at their variances."""
+    return posterior.log_evidence - np.sum(y**2, axis=1) / 2
+
+
+@cache
+def t_points(d: int, count: int) -> np.ndarray:
+    """Points (count, d) of a t law, evenly spread.
+
+    In the unit cube of d + 1 dimensions they are multiples of the powers of a
+    generalised golden ratio (Roberts 2018), as many on either side of the middle. The
+    first d coordinates become normal; the last one becomes the χ² that they share.
+    """
+    ratio = brentq(lambda x: x ** (d + 2) - x - 1, 1, 2)
+    numbers = np.arange(count)[:, None] - (count - 1) / 2
+    points = (0.5 + numbers * ratio ** -np.arange(1.0, d + 2)) % 1
+    return ndtri(points[:, :d]) * np.sqrt(TAILS / chi2_limit(points[:, d:], TAILS))
+
+
+def average(model: LinearModel, prior: Prior, start: np.ndarray) -> ErrorSizes:
     """What is known over all sizes that data and prior allow. `start` (1 + k,):
     coordinates to look for the likeliest from, of which the first are taken.
+
+    Each belief about the errors has its draws, whose weights count as the belief's odds
+    (`draw`). Of all draws together, with weights w that add up to one, x has the mean
+    and, by the law of total variance, the covariance
+
+        x̄ = Σ w x̂        Σ w (V + (x̂ - x̄) (x̂ - x̄)ᵀ)
+
+    The covariance is then enlarged until its region holds over all sizes (`growth`).
     """
-    names, beliefs = model.names, [(model, prior, 1.0)]  # with odds
-    if names and not prior.robot_known:
-        beliefs.append((model.without_robot(), prior.without_robot, EXACT_ROBOT))
-        if prior.usual:
-            beliefs.append((model, prior.usual, 1.0))
-    draws = []
-    for one, believed, odds in beliefs:
-        law = believed.law(names)
-        log_weight, found, spread = draw(
-            one, law, *likeliest(one, law, start[: len(law.free)])
-        )
-        draws.append((log_weight + np.log(odds), found, spread, law.free))
-    log_weights, parts, spreads, free = zip(*draws, strict=True)
-    weight = softmax(np.concatenate(log_weights))
-    v, means, covariances = (
-        np.concatenate([getattr(p, name) for p in parts])
-        for name in ("v", "mean", "covariance")
-    )
-    mean = weight @ means
-    off = means - mean
-    squares = covariances + off[:, :, None] * off[:, None]
-    covariance = np.tensordot(weight, squares, 1)
-    sizes, units = [], np.r_[prior.scales.profile_mm, np.ones(len(names))]
-    for j, (name, size) in enumerate(
-        zip(("profile_mm", *names), units[:, None] * np.sqrt(v).T, strict=True)
-    ):
-        order = np.argsort(size)
-        share = np.cumsum(weight[order]) - weight[order] / 2
-        # of the prior's 1
-        from_data = j == 0 or spreads[0][free[0] == j].max(initial=0.0) < 0.6
-        low, middle, high = map(
-            float, np.interp([0.025, 0.5, 0.975], share, size[order])
-        )
-        sizes.append(Size(name, low, middle, high, bool(from_data)))
+    log_weights, posteriors, spreads = [], [], []
+    for believed_model, belief, odds in beliefs(model, prior):
+        law = belief.law(model.names)
+        likely = likeliest(believed_model, law, start[: len(law.free)])
+        log_weight, posterior, spread = draw(believed_model, law, *likely)
+        log_weights.append(log_weight + np.log(odds))
+        posteriors.append(posterior)
+        spreads.append(dict(zip(law.free, spread, strict=True)))
+
+    w = softmax(np.concatenate(log_weights))
+    x = np.concatenate([posterior.mean for posterior in posteriors])
+    V = np.concatenate([posterior.covariance for posterior in posteriors])
+    v = np.concatenate([posterior.v for posterior in posteriors])
+    mean = w @ x
+    off = x - mean
+    squares = V + off[:, :, None] * off[:, None]
+    covariance = np.tensordot(w, squares, 1) * growth(squares[:, :6, :6], w)
+
+    names = ("profile_mm", *model.names)
+    units = np.r_[prior.scales.profile_mm, np.ones(len(model.names))]
+    sizes = []
+    for j, draws in enumerate(units[:, None] * np.sqrt(v).T):
+        low, middle, high = quantiles(draws, w)
+        from_data = j == 0 or bool(spreads[0].get(j, 0.0) < OF_PRIOR)
+        sizes.append(Size(names[j], low, middle, high, from_data))
     middles = np.array([size.middle for size in sizes]) / units
-    return ErrorSizes(
-        tuple(sizes), middles**2, mean, covariance * growth(squares[:, :6, :6], weight)
-    )
+    return ErrorSizes(tuple(sizes), middles**2, mean, covariance)
 
 
-def growth(squares, weight) -> float:
+def beliefs(model: LinearModel, prior: Prior) -> list[tuple[LinearModel, Prior, float]]:
+    """What may be believed of the errors, with odds: the prior, that the robot does not
+    err at all, and that it errs as usual where less is stated.
+    """
+    rivals = [(model, prior, 1.0)]
+    if model.names and not prior.robot_known:
+        rivals.append((model.without_robot(), prior.without_robot, EXACT_ROBOT))
+        if prior.usual:
+            rivals.append((model, prior.usual, 1.0))
+    return rivals
+
+
+def quantiles(draws: np.ndarray, weight: np.ndarray) -> list[float]:
+    """The 2.5, 50 and 97.5 % quantiles of draws (S,) with weights (S,)."""
+    order = np.argsort(draws)
+    share = np.cumsum(weight[order]) - weight[order] / 2
+    return np.interp([0.025, 0.5, 0.975], share, draws[order]).tolist()
+
+
+def growth(squares: np.ndarray, weight: np.ndarray) -> float:
     """How much larger than its mean the covariance of the sensor pose has to be for its
-    region to hold over all sizes, but for a chance FALSE_ALARM. Squares (S, 6, 6) with
-    weights (S,) are mean squares of the error; the squared error over the covariance is
-    taken for a multiple of χ² for each of them (Satterthwaite 1946).
+    region to hold over all sizes, but for a chance FALSE_ALARM.
+
+    Squares Q (S, 6, 6) with weights w (S,) are mean squares of the error, C = Σ w Q
+    their mean. If the squares are Q, the error squared over C has the mean
+    a = tr C⁻¹Q and the variance 2 b, b = tr (C⁻¹Q)². It is taken for a multiple b/a of
+    χ² with a²/b degrees of freedom (Satterthwaite 1946). The factor c enlarges C until,
+    on average over w, the chance that it exceeds c times the limit of χ² with six
+    degrees of freedom is FALSE_ALARM.
     """
     ratio = np.linalg.solve(np.tensordot(weight, squares, 1), squares)
-    first, second = np.einsum("sii->s", ratio), np.einsum("sij,sji->s", ratio, ratio)
+    a = np.einsum("sii->s", ratio)
+    b = np.einsum("sij,sji->s", ratio, ratio)
     limit = chi2_limit(FALSE_ALARM, 6)
 
-    def excess(factor):
-        return (
-            weight @ chdtrc(first**2 / second, factor * limit * first / second)
-            - FALSE_ALARM
-        )
+    def excess(factor: float) -> float:
+        chance = chdtrc(a**2 / b, factor * limit * a / b)
+        return weight @ chance - FALSE_ALARM
 
     return brentq(excess, 1.0, 1e3) if excess(1.0) > 0 else 1.0

@@ -19,9 +19,10 @@ import numpy as np
 from scipy.special import gammaln, ndtr, stdtrit
 
 from profilecal.geometry.noise import ROBOT, Noise, Systematic
+from profilecal.targets.target import Target
 
-# of robots, where nothing is stated: scales of the prior, the same at a pose and at an
-# orientation
+# Scales of the prior where nothing is stated of the robot; the same at a pose and at an
+# orientation.
 USUAL = Noise(
     position_mm=0.05,
     orientation_deg=0.02,
@@ -30,9 +31,9 @@ USUAL = Noise(
     repeatability_mm=0.02,
     repeatability_deg=0.005,
 )
-TYPICAL = Systematic(  # where nothing is stated
-    # linearity as data sheets of laser profile scanners state it, of the measuring
-    # range
+# Systematic errors where nothing is stated.
+TYPICAL = Systematic(
+    # linearity over the measuring range, as data sheets of profile scanners state it
     scale_percent=0.1,
     shear_percent=0.1,
     bend_mm=0.02,
@@ -41,9 +42,14 @@ TYPICAL = Systematic(  # where nothing is stated
     accuracy_mm=0.3,
     accuracy_deg=0.03,
 )
-FINEST_MM = 1e-5  # scanner noise: residuals of exact data are rounding
-FREEDOM = 3.0  # degrees of the half-t law; 1 of what is stated
-# of the scanner's noise: in words, and the spread of its logarithm beforehand
+# The scanner's noise is at least this: residuals of exact data are rounding.
+FINEST_MM = 1e-5
+# Degrees of freedom of the half-t law; what the user states has STATED_FREEDOM, for the
+# longer tail.
+FREEDOM = 3.0
+STATED_FREEDOM = 1.0
+# Where the scanner's noise is from: in words, and the spread of its logarithm
+# beforehand.
 SOURCES = {
     "given": ("as given", 0.0),
     "profiles": ("of the features that the profiles show", 0.5),
@@ -53,8 +59,9 @@ SOURCES = {
 
 @dataclass(frozen=True)
 class Prior:
-    """What is known beforehand of how large errors are. Each size has a coordinate y,
-    standard normal beforehand.
+    """What is known beforehand of how large errors are.
+
+    Each size that is not known has a coordinate y, standard normal beforehand (`Law`).
     """
 
     scales: Noise
@@ -70,7 +77,7 @@ class Prior:
 
     @property
     def profile_spread(self) -> float:
-        """Of the logarithm of the scanner's noise; 0: it is known."""
+        """The spread of the logarithm of the scanner's noise; 0 where it is known."""
         return SOURCES[self.source][1]
 
     @property
@@ -100,40 +107,39 @@ class Prior:
         return replace(self, scales=replace(self.scales, profile_mm=noise_mm))
 
     def law(self, names: Sequence[str]) -> "Law":
-        """Of the sizes of the scanner's noise, over its scale, and of the robot's
-        errors of these names.
+        """The law of the size of the scanner's noise, over its scale, and of the sizes
+        of the robot's errors of these names.
         """
-        spreads = [
-            0.0 if self.robot_known else 1.0 if name in self.stated else FREEDOM
-            for name in names
-        ]
-        scales = [1.0, *(getattr(self.scales, name) for name in names)]
-        return Law(np.array(scales), np.array([self.profile_spread, *spreads]))
+        scales, spreads = [1.0], [self.profile_spread]
+        for name in names:
+            freedom = STATED_FREEDOM if name in self.stated else FREEDOM
+            scales.append(getattr(self.scales, name))
+            spreads.append(0.0 if self.robot_known else freedom)
+        return Law(np.array(scales), np.array(spreads))
 
-    def names(self, distinguishable) -> list[str]:
+    def names(self, distinguishable: Sequence[str]) -> list[str]:
         """The errors of the robot that there are, entries of `Noise`: all if known,
         else the distinguishable ones.
         """
-        return [
-            name
-            for name in self.scales.of_robot
-            if self.robot_known or name in distinguishable
-        ]
+        names = list(self.scales.of_robot)
+        if self.robot_known:
+            return names
+        return [name for name in names if name in distinguishable]
 
     @property
     def usual(self) -> "Prior | None":
         """The same with the usual scales in place of smaller ones that are stated, if
         there are any.
         """
-        small = {
-            name
+        usual = {
+            name: getattr(USUAL, name)
             for name in self.stated
             if 0 < getattr(self.scales, name) < getattr(USUAL, name)
         }
-        scales = replace(self.scales, **{name: getattr(USUAL, name) for name in small})
-        return (
-            replace(self, scales=scales, stated=self.stated - small) if small else None
-        )
+        if not usual:
+            return None
+        scales = replace(self.scales, **usual)
+        return replace(self, scales=scales, stated=self.stated - usual.keys())
 
 
 @dataclass(frozen=True)
@@ -141,7 +147,8 @@ class Law:
     """The prior law of 1 + k sizes, the scanner's first."""
 
     scales: np.ndarray  # (1 + k,)
-    # (1 + k,) of the scanner's logarithm; degrees of freedom of the others; 0: known
+    # (1 + k,) the spread of the scanner's logarithm, degrees of freedom of the others;
+    # 0 where the size is known
     spreads: np.ndarray
 
     @cached_property
@@ -149,36 +156,47 @@ class Law:
         """Which (d,) of the sizes are not known."""
         return np.flatnonzero(self.spreads)
 
-    def variances(self, y) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The squares (S, 1 + k) of the sizes at coordinates y (S, d), and their first
-        and second derivatives (S, d).
+    def variances(self, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The variances v (S, 1 + k), squares of the sizes, at coordinates y (S, d),
+        and their first and second derivatives (S, d) by the coordinates.
 
-        A size over its scale is t with P(|T| > t) = Φ(-y), T of f degrees of freedom;
-        the scanner's is exp(f y).
+        An error of the robot has the size σ t, with its scale σ and |T| of Student's
+        law of f degrees of freedom, density p, where T is as likely to be exceeded as
+        the coordinate:
+
+            P(|T| > t) = Φ(-y)        -2 p(t) t' = -φ(y)        t' = φ(y) / (2 p(t))
+
+        As φ' / φ = -y and p' / p = -(f + 1) t / (f + t²),
+
+            t'' = t' ((f + 1) t t' / (f + t²) - y)
+
+        The scanner's noise has t = exp(f y). With the sizes s = σ t, the variances are
+
+            v = s²        v' = 2 s s'        v'' = 2 (s'² + s s'')
         """
         f, scale = self.spreads[self.free], self.scales[self.free]
-        # smaller ones: SciPy's quantile of them has the wrong sign
+        # SciPy's quantile of smaller chances has the wrong sign
         chance = ndtr(-np.minimum(y, 8.0))
         t = np.minimum(-stdtrit(f, chance / 2), 100.0)  # a larger error is a mistake
-        density = np.exp(
-            gammaln((f + 1) / 2) - gammaln(f / 2) - (f + 1) / 2 * np.log1p(t**2 / f)
-        ) / np.sqrt(f * np.pi)
+        constant = gammaln((f + 1) / 2) - gammaln(f / 2)
+        power = (f + 1) / 2 * np.log1p(t**2 / f)
+        density = np.exp(constant - power) / np.sqrt(f * np.pi)
         first = np.exp(-(y**2) / 2) / np.sqrt(2 * np.pi) / (2 * density)
         second = first * ((f + 1) * t * first / (f + t**2) - y)
+
         growth = np.exp(f * y)
-        of_scanner = growth, f * growth, f**2 * growth
-        t, first, second = scale * np.where(
-            self.free == 0, of_scanner, (t, first, second)
-        )
+        scanner = growth, f * growth, f**2 * growth
+        sizes = scale * np.where(self.free == 0, scanner, (t, first, second))
+        s, first, second = sizes
         v = np.tile(self.scales**2, (len(y), 1))
-        v[:, self.free] = t**2
-        return v, 2 * t * first, 2 * (first**2 + t * second)
+        v[:, self.free] = s**2
+        return v, 2 * s * first, 2 * (first**2 + s * second)
 
 
 @dataclass(frozen=True)
 class Perturbation:
-    """One error, which moves points, positions of the robot, or a length by so much for
-    one unit of its size.
+    """One error of a certain size, which moves points, positions of the robot, or a
+    length: by how much, for one unit of its size.
     """
 
     words: str  # with a place for the size, and [one word|another] for its sign
@@ -188,18 +206,24 @@ class Perturbation:
     points: Callable | None = None
     # of flange positions (P, 3) in the base: by how much they are wrong, mm
     positions: Callable = np.zeros_like
-    length: str = ""  # of the target
+    length: str = ""  # the name of a length of the target
 
 
 def of_scanner() -> list[Perturbation]:
-    """Scales of the profiles, x that grows with z, and a bend."""
-    words, scale = (
-        "the profiles' {} were too [large|small] by {{:.2g}} %",
-        "scale_percent",
-    )
+    """The scanner's errors: scales of the profiles, x that grows with z, and a bend."""
     return [
-        Perturbation(words.format("x"), 100, scale, points=lambda x, z: (x, 0 * z)),
-        Perturbation(words.format("z"), 100, scale, points=lambda x, z: (0 * x, z)),
+        Perturbation(
+            "the profiles' x were too [large|small] by {:.2g} %",
+            100,
+            "scale_percent",
+            points=lambda x, z: (x, 0 * z),
+        ),
+        Perturbation(
+            "the profiles' z were too [large|small] by {:.2g} %",
+            100,
+            "scale_percent",
+            points=lambda x, z: (0 * x, z),
+        ),
         Perturbation(
             "the profiles' x grew with z by {:+.2g} %",
             100,
@@ -215,8 +239,8 @@ def of_scanner() -> list[Perturbation]:
     ]
 
 
-def of_target(targets: Sequence) -> list[Perturbation]:
-    """Wrong lengths."""
+def of_target(targets: Sequence[type[Target]]) -> list[Perturbation]:
+    """The targets' errors: wrong lengths, each once."""
     names = dict.fromkeys(name for target in targets for name in target.lengths)
     words = "the {} was too [large|small] by {{:.2g}} mm"
     return [
@@ -226,49 +250,43 @@ def of_target(targets: Sequence) -> list[Perturbation]:
 
 
 def considered(
-    targets: Sequence, prior: Systematic
+    targets: Sequence[type[Target]], prior: Systematic
 ) -> list[tuple[Perturbation, float]]:
     """What may be wrong and how large that is, a standard deviation in its own unit;
     without what is 0.
     """
-    errors = [*of_scanner(), *of_target(targets)]
-    return [
-        (error, size)
-        for error in errors
-        if (size := getattr(prior, error.prior) / error.unit)
-    ]
+    errors = of_scanner() + of_target(targets)
+    sizes = [getattr(prior, error.prior) / error.unit for error in errors]
+    return [pair for pair in zip(errors, sizes, strict=True) if pair[1]]
 
 
 def as_stated(noise: Noise) -> Prior:
     """The prior where the robot errs as stated, and the scanner too, or as the
-    residuals tell. Raises ValueError.
+    residuals tell. Raises ValueError for a negative noise.
     """
     if noise.profile_mm < 0:
         raise ValueError(
-            f"profile_mm is {noise.profile_mm}; expected a standard deviation, 0 if unknown"
+            f"profile_mm is {noise.profile_mm}; "
+            "expected a standard deviation, 0 if unknown"
         )
     source = "given" if noise.profile_mm else "residuals"
-    return Prior(
-        replace(noise, profile_mm=noise.profile_mm or 1.0),
-        source=source,
-        robot_known=True,
-    )
+    scales = replace(noise, profile_mm=noise.profile_mm or 1.0)
+    return Prior(scales, source=source, robot_known=True)
 
 
 def prior_from(
     stated: dict[str, float], features_mm: float = 0.0, shared_mm: float = 0.0
 ) -> Prior:
-    """The prior where the robot's errors are to be estimated. What is `stated` of them,
-    entries of `Noise` and `Systematic`, is the scale of what is believed, 0 that there
-    is none; the rest is as usual. `features_mm`: the noise that raw profiles themselves
-    show, 0 where there are none; `shared_mm`: what features of one orientation err
-    together, which counts as the robot's.
+    """The prior where the robot's errors are to be estimated.
+
+    What is `stated` of them, entries of `Noise` and `Systematic`, is the scale of what
+    is believed, 0 that there is no such error; the rest is as usual. `features_mm`: the
+    noise that raw profiles themselves show, 0 where there are none; `shared_mm`: what
+    features of one orientation err together, which counts as the robot's.
     """
     robot = {name: stated.get(name, getattr(USUAL, name)) for name in ROBOT}
     robot["group_position_mm"] = float(np.hypot(robot["group_position_mm"], shared_mm))
-    systematic = Systematic(
-        **{name: stated.get(name, usual) for name, usual in vars(TYPICAL).items()}
-    )
+    errors = {name: stated.get(name, usual) for name, usual in vars(TYPICAL).items()}
     given_mm = stated.get("profile_mm", 0.0)
     scales = Noise(
         features_mm or given_mm or 1.0,
@@ -276,6 +294,5 @@ def prior_from(
         **robot,
     )
     source = "profiles" if features_mm else "given" if given_mm else "residuals"
-    return Prior(
-        scales, frozenset(ROBOT) & stated.keys(), source, systematic=systematic
-    )
+    of_robot = frozenset(ROBOT) & stated.keys()
+    return Prior(scales, of_robot, source, systematic=Systematic(**errors))

@@ -9,153 +9,201 @@ from profilecal.geometry.poses import carry, cross, dot, inverse, rotations
 from profilecal.joint.prior import Perturbation
 from profilecal.targets.observations import Observations, State
 
+# Where derivatives stand among the columns of linearised residuals: those by the sensor
+# pose come first, those by the flange pose, where there are any, last.
+SENSOR = slice(6)
+FLANGE = slice(-6, None)
+FLANGE_POSITION = slice(-6, -3)
+FLANGE_ORIENTATION = slice(-3, None)
+
 
 class Residuals:
-    """Poses are the last axis, a batch (B, or 1 for all) is the first."""
+    """The residuals of one target at P poses, m points each.
 
-    def __init__(self, observations: Observations, in_space: bool = False):
-        self.observed, self.in_space = observations, in_space
-        self.target, self.sizes = observations.target, observations.sizes
-        # of three shifts and three turns
-        self.free = ["xyz".index(axis) for axis in self.target.shifts]
-        self.free += [3 + "xyz".index(axis) for axis in self.target.turns]
-        self.n = len(self.free)
+    Poses are the last axis of all arrays and a batch (B, or 1 for all) is the first, so
+    that NumPy's inner loops run over poses.
+    """
+
+    def __init__(self, observations: Observations, in_space: bool = False) -> None:
+        self.observed = observations
+        self.in_space = in_space
+        self.target = observations.target
+        self.sizes = observations.sizes
+        # along and about which axes of the target's frame shifts and turns are unknown
+        self.shifts = ["xyz".index(axis) for axis in self.target.shifts]
+        self.turns = ["xyz".index(axis) for axis in self.target.turns]
+        self.n = len(self.shifts + self.turns)
+        # columns by the target's frame, and the column of the residual after them
+        self.frame = slice(6, 6 + self.n)
+        self.residual = 6 + self.n
         _, self.P, self.m, _ = observations.points.shape
-        R, T, covariance = (
-            observations.R_flange,
-            observations.T_flange,
-            observations.covariance,
-        )
+
+        R, T = observations.R_flange, observations.T_flange
         # (B|1, 3, 3P)
         self.R_flange = R.transpose(0, 2, 3, 1).reshape(-1, 3, 3 * self.P)
         self.T_in_flange = -inverse(R, T)[1].mT  # Rᵀ T, (B|1, 3, P)
         # x and z, (2, B|1, m, P)
-        seen = observations.points.transpose(3, 0, 2, 1).copy()
-        self.present = np.isfinite(seen).all(axis=0)  # (B|1, m, P)
-        self.seen = np.where(self.present, seen, 0.0)
-        # of points, over the noise (B|1, m, P); of a pose's residuals (B|1, K, K, P)
-        self.sd, self.whiten = np.ones((1, self.m, self.P)), None
+        points = observations.points.transpose(3, 0, 2, 1).copy()
+        self.present = np.isfinite(points).all(axis=0)  # (B|1, m, P)
+        self.seen = np.where(self.present, points, 0.0)
+        self.set_precision()
+
+    def set_precision(self) -> None:
+        """How precise points are, over the scanner's noise: `sd` (B|1, m, P) of each
+        point, or `whiten` (B|1, K, K, P), which makes the residuals of a pose
+        independent.
+        """
+        self.sd = np.ones((1, self.m, self.P))
+        self.whiten = None
+        covariance = self.observed.covariance
         if covariance is None:
             return
-        if observations.on_curve:
+        if self.observed.on_curve:
             self.sd = np.sqrt(covariance.mT)
-        elif in_space:
-            of_x_and_z = np.diagonal(covariance, axis1=2, axis2=3).reshape(
-                -1, self.P, self.m, 2
-            )
+        elif self.in_space:
+            variances = np.diagonal(covariance, axis1=2, axis2=3)
+            of_x_and_z = variances.reshape(-1, self.P, self.m, 2)
             self.sd = np.sqrt(of_x_and_z.mean(axis=3)).mT
         else:
-            self.whiten = np.moveaxis(
-                np.linalg.inv(np.linalg.cholesky(covariance)), 1, -1
-            )
+            whiten = np.linalg.inv(np.linalg.cholesky(covariance))
+            self.whiten = np.moveaxis(whiten, 1, -1)
 
     def counts(self) -> np.ndarray:
         """How many residuals each pose has, (B|1, P)."""
         return self.present.sum(axis=1) * self.target.rows
 
     def linearise(
-        self, state: State, placement, with_flange: bool = False
+        self, state: State, placement: tuple, with_flange: bool = False
     ) -> np.ndarray:
-        """K residuals of each of P poses and their derivatives, mm and rad, zero where
-        no point is: (B, columns, K, P) by the sensor pose (6) and the target's frame
-        (n), then the residual; and, if asked for, by position and orientation of the
-        flange (6), about the sensor's axes.
+        """The K residuals of each of P poses and their derivatives, mm and rad.
+
+        Returns (B, columns, K, P), zero where no point is. The columns are derivatives
+        by the sensor pose (6) and by the target's frame (n), then the residual; and, if
+        asked for, the derivatives by the flange pose (6), about the sensor's axes.
+
+        The target says how a residual r changes when its frame, of origin o and axes a,
+        is shifted by s and turned about o by w, in the sensor's frame: by a force f and
+        a torque t,
+
+            dr = f · s + t · w
+
+        A sensor that moves by (ρ, φ) sees the target shifted by s = -ρ - φ × o and
+        turned by w = -φ:
+
+            dr = -f · ρ - (o × f + t) · φ
+
+        The unknowns of the target's frame are shifts along its axes, of derivative
+        f · a, and turns about them, of derivative t · a.
         """
-        B = len(state.rotation)
-        # the target's origin and axes
-        vectors = np.concatenate([placement[0][:, None], placement[1].mT], axis=1)
-        # in the flange frames
-        local = (vectors @ self.R_flange).reshape(B, 4, 3, self.P)
-        local[:, 0] -= self.T_in_flange + state.translation[:, :, None]
-        local = state.rotation.mT[:, None] @ local  # in the sensor frames
-        origin, *axes = ([local[:, j, None, i] for i in range(3)] for j in range(4))
-        residual = (
-            self.target.residual_in_space if self.in_space else self.target.residual
-        )
+        origin, axes = self.target_in_sensor(state, placement)
+        target = self.target
+        residual = target.residual_in_space if self.in_space else target.residual
         with np.errstate(divide="ignore", invalid="ignore"):
-            r, force, torque = residual(origin, axes, self.seen, self.sizes)
-        rows = len(r)
-        by_point = np.empty((B, 7 + self.n + 6 * with_flange, self.m, rows, self.P))
+            r, force, torque = residual(origin, axes, list(self.seen), self.sizes)
+
+        B, rows = len(state.rotation), len(r)
+        count = self.residual + 1 + 6 * with_flange
+        by_point = np.empty((B, count, self.m, rows, self.P))
         for k in range(rows):
             column = by_point[:, :, :, k]
-            lever = cross(origin, force[k])
+            moment = cross(origin, force[k])
+            for j, axis in enumerate(self.shifts, 6):
+                column[:, j] = dot(force[k], axes[axis])
+            if torque is not None:
+                moment = [moment[j] + torque[k][j] for j in range(3)]
+                for j, axis in enumerate(self.turns, 6 + len(self.shifts)):
+                    column[:, j] = dot(torque[k], axes[axis])
             for j in range(3):
                 column[:, j] = -force[k][j]
-                column[:, 3 + j] = (
-                    -lever[j] if torque is None else -(lever[j] + torque[k][j])
-                )
-            for j, axis in enumerate(self.free, 6):
-                column[:, j] = dot((force if axis < 3 else torque)[k], axes[axis % 3])
-            column[:, 6 + self.n] = r[k]
-        z = by_point.reshape(B, -1, self.m * rows, self.P)
+                column[:, 3 + j] = -moment[j]
+            column[:, self.residual] = r[k]
+
+        z = by_point.reshape(B, count, self.m * rows, self.P)
         if with_flange:
-            arm = (
-                state.translation[:, :, None]
-                + self.observed.eye_to_hand * self.T_in_flange
-            )  # from flange to sensor
-            arm = np.moveaxis(state.rotation.mT @ arm, 1, 0)[:, :, None]  # (3, B, 1, P)
-            z[:, -6:-3] = z[:, :3]
-            z[:, -3:] = z[:, 3:6] + np.stack(
-                cross(arm, np.moveaxis(z[:, :3], 1, 0)), axis=1
-            )
+            self.fill_flange(z, state)
         if not self.present.all():
             z *= np.repeat(self.present, rows, axis=1)[:, None]
         return z
 
-    def with_sizes(self, sizes) -> "Residuals":
-        """Those of a target with other lengths, mm."""
-        other = copy(self)
-        other.sizes = tuple(sizes)
-        return other
+    def target_in_sensor(self, state: State, placement: tuple) -> tuple[list, list]:
+        """The target's origin, x, y and z, and its three axes likewise, as every pose
+        has them in the sensor's frame: arrays (B, 1, P).
+        """
+        origin, axes = placement
+        in_base = np.concatenate([origin[:, None], axes.mT], axis=1)
+        in_flange = (in_base @ self.R_flange).reshape(-1, 4, 3, self.P)
+        in_flange[:, 0] -= self.T_in_flange + state.translation[:, :, None]
+        in_sensor = state.rotation.mT[:, None] @ in_flange
+        o, *a = ([in_sensor[:, j, None, i] for i in range(3)] for j in range(4))
+        return o, a
 
-    def by_point(self, columns) -> np.ndarray:
+    def fill_flange(self, z: np.ndarray, state: State) -> None:
+        """Fills in the derivatives by the flange pose, from those by the sensor pose.
+
+        A flange that is shifted takes the sensor along. A turn ψ about its origin turns
+        the sensor by φ = ψ and shifts it by ρ = ψ × a, a the arm from flange to sensor.
+        With the derivatives g by ρ and h by φ, that is
+
+            dr = g · (ψ × a) + h · ψ = (h + a × g) · ψ
+        """
+        arm = state.translation[:, :, None]
+        arm = arm + self.observed.eye_to_hand * self.T_in_flange
+        arm = np.moveaxis(state.rotation.mT @ arm, 1, 0)[:, :, None]  # (3, B, 1, P)
+        z[:, FLANGE] = z[:, SENSOR]
+        by_shift = np.moveaxis(z[:, FLANGE_POSITION], 1, 0)
+        z[:, FLANGE_ORIENTATION] += np.stack(cross(arm, by_shift), axis=1)
+
+    def by_point(self, columns: np.ndarray) -> np.ndarray:
         """The derivatives (2, B, m, rows, P) of each point's residuals by its own x and
         z: what moves the point alone moves its residuals as what moves the whole
         scanner.
         """
-        return (
-            columns[:, [0, 2]]
-            .swapaxes(0, 1)
-            .reshape(2, len(columns), self.m, -1, self.P)
-        )
+        by_x_and_z = columns[:, [0, 2]].swapaxes(0, 1)
+        return by_x_and_z.reshape(2, len(columns), self.m, -1, self.P)
 
     def by_error(
-        self, error: Perturbation, state: State, placement, columns
+        self, error: Perturbation, state: State, placement: tuple, columns: np.ndarray
     ) -> np.ndarray:
-        """By the size of an error at a state, of a batch of one: (1, K, P). `columns`:
-        of these residuals, there, with those by the flange pose.
+        """The derivative (1, K, P) by the size of an error, at a state of a batch of
+        one. `columns` are of these residuals, there, with those by the flange pose.
         """
         if error.length:
-            h = 1e-4  # mm
-            step = h * (np.array(self.target.lengths) == error.length)
-            plus, minus = (
-                self.with_sizes(self.sizes + s).linearise(state, placement)[:, -1]
-                for s in (step, -step)
-            )
-            return (plus - minus) / (2 * h)
+            return self.by_length(error.length, state, placement)
         if error.points:
             dx, dz = error.points(*self.seen)  # (1, m, P) each
             by_x, by_z = self.by_point(columns)
-            return (by_x * dx[:, :, None] + by_z * dz[:, :, None]).reshape(
-                1, *columns.shape[2:]
-            )
+            derivative = by_x * dx[:, :, None] + by_z * dz[:, :, None]
+            return derivative.reshape(1, *columns.shape[2:])
         R, T = self.observed.R_flange[0], self.observed.T_flange[0]
         if self.observed.eye_to_hand:
             in_sensor = -error.positions(inverse(R, T)[1]) @ state.rotation[0]
         else:
-            in_sensor = (error.positions(T)[:, None] @ R)[:, 0] @ state.rotation[0]
-        return np.sum(columns[:, -6:-3] * in_sensor.T[:, None], axis=1)
+            in_flange = (error.positions(T)[:, None] @ R)[:, 0]
+            in_sensor = in_flange @ state.rotation[0]
+        return np.sum(columns[:, FLANGE_POSITION] * in_sensor.T[:, None], axis=1)
 
-    def on_target(self, columns) -> "Residuals":
-        """Those of points where the state of `columns` has them on the target. Slopes
-        of residuals have length one.
+    def by_length(self, name: str, state: State, placement: tuple) -> np.ndarray:
+        """The derivative (1, K, P) by one of the target's lengths, by differences."""
+        h = 1e-4  # mm
+        step = h * (np.array(self.target.lengths) == name)
+        other = copy(self)
+        other.sizes = tuple(self.sizes + step)
+        plus = other.linearise(state, placement)[:, self.residual]
+        other.sizes = tuple(self.sizes - step)
+        minus = other.linearise(state, placement)[:, self.residual]
+        return (plus - minus) / (2 * h)
+
+    def on_target(self, columns: np.ndarray) -> "Residuals":
+        """The residuals of points that lie where the state of `columns` has them on the
+        target. As residuals are distances, their slopes by the point have length one,
+        and a point moves against them by as much as its residual.
         """
-        r = columns[:, 6 + self.n].reshape(len(columns), self.m, -1, self.P)
+        r = columns[:, self.residual].reshape(len(columns), self.m, -1, self.P)
         other = copy(self)
         other.seen = self.seen - np.sum(self.by_point(columns) * r, axis=3)
         return other
 
-    def over_noise(self, z, noise: Noise) -> np.ndarray:
+    def over_noise(self, z: np.ndarray, noise: Noise) -> np.ndarray:
         """Columns (B, columns, K, P), changed in place, over the scanner's noise, and
         as precise as each point is.
         """
@@ -167,29 +215,31 @@ class Residuals:
         z /= sd[:, None]
         return z
 
-    def move(self, placement, step):
+    def move(self, placement: tuple, step: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """A placement after a step (B, n) of its free shifts and turns."""
         origin, axes = placement
-        moved = np.zeros((len(step), 6))
-        moved[:, self.free] = step
-        return carry(axes, origin, moved[:, :3]), axes @ rotations(moved[:, 3:])
+        shift, turn = np.zeros((2, len(step), 3))
+        shift[:, self.shifts] = step[:, : len(self.shifts)]
+        turn[:, self.turns] = step[:, len(self.shifts) :]
+        return carry(axes, origin, shift), axes @ rotations(turn)
 
-    def place(self, rotation, translation):
+    def place(
+        self, rotation: np.ndarray, translation: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """The target's frame where sensor poses (B, 3, 3), (B, 3) see it: origin (B, 3)
         and axes (B, 3, 3).
         """
-        B, (x, z) = len(rotation), self.seen.reshape(2, -1, 1, self.m * self.P)
+        B = len(rotation)
+        x, z = self.seen.reshape(2, -1, 1, self.m * self.P)
         seen = rotation[:, :, :1] * x + rotation[:, :, 2:] * z + translation[:, :, None]
-        seen = seen.reshape(B, 3, self.m, self.P) + self.T_in_flange[:, :, None]
+        in_flange = seen.reshape(B, 3, self.m, self.P) + self.T_in_flange[:, :, None]
         # R_flange has base (a) and flange (b) components, then poses
-        points = np.einsum(
-            "nabp,nbmp->npma", self.R_flange.reshape(-1, 3, 3, self.P), seen
-        )
-        there = self.present.mT[..., None]
-        middle = (points * there).sum(axis=(1, 2), keepdims=True) / there.sum(
-            axis=(1, 2), keepdims=True
-        )
-        # the missing ones go into the middle of the others
-        points = np.where(there, points, middle)
+        R_flange = self.R_flange.reshape(-1, 3, 3, self.P)
+        points = np.einsum("nabp,nbmp->npma", R_flange, in_flange)
+        # the missing points go into the middle of the others
+        present = self.present.mT[..., None]
+        total = (points * present).sum(axis=(1, 2), keepdims=True)
+        middle = total / present.sum(axis=(1, 2), keepdims=True)
+        points = np.where(present, points, middle)
         origin, axes, _ = self.target.fit(points.reshape(B, -1, 3))
         return origin, axes

@@ -24,7 +24,7 @@ class Solution:
     covariance: np.ndarray
     placements: tuple  # a `Target` for each set of observations
     prior: Prior  # of the errors
-    found: ErrorSizes
+    error_sizes: ErrorSizes
     noise: Noise  # the sizes of all errors that the solution rests on
     chi2: float
     dof: int
@@ -39,14 +39,17 @@ class Solution:
 
     @property
     def covariance_total(self) -> np.ndarray:
-        """(6, 6) with what no residual shows: one error of the flange at all poses, as
-        large as its accuracy.
+        """The covariance (6, 6) with what no residual shows: one error of the flange at
+        all poses, as large as its accuracy.
+
+        A flange that is shifted by s and turned by ψ takes the sensor, at a in the
+        sensor's frame, along: ρ = s + ψ × a, φ = ψ. These are the rows of `lever`.
         """
-        lever, accuracy = np.eye(6), self.prior.systematic
-        if not self.problem.observations[
-            0
-        ].eye_to_hand:  # from the flange to the sensor, in the sensor's frame
+        lever = np.eye(6)
+        if not self.problem.observations[0].eye_to_hand:
+            # from the flange to the sensor, in the sensor's frame
             lever[:3, 3:] = np.cross(np.eye(3), self.rotation.T @ self.translation).T
+        accuracy = self.prior.systematic
         sd = np.repeat([accuracy.accuracy_mm, np.radians(accuracy.accuracy_deg)], 3)
         return self.covariance + lever * sd**2 @ lever.T
 
@@ -57,30 +60,29 @@ class Solution:
         which nothing is known beforehand; and what it says with errors of the sizes
         found.
         """
-        names = [size.name for size in self.found.sizes[1:]]
-        model = self.problem.model(self.state, names, tried).keeping(
-            ~np.concatenate(self.rejected)
-        )
-        return model, model.posterior(self.found.v[None])
+        names = [size.name for size in self.error_sizes.sizes[1:]]
+        model = self.problem.model(self.state, names, tried)
+        model = model.keeping(np.concatenate(self.kept))
+        return model, model.posterior(self.error_sizes.v[None])
 
     @property
     def rotation(self) -> np.ndarray:
-        """(3, 3) sensor axes in the flange frame (eye-to-hand: in the base frame)."""
+        """(3, 3) sensor axes in the flange frame; eye-to-hand, in the base frame."""
         return self.state.rotation[0]
 
     @property
     def translation(self) -> np.ndarray:
-        """(3,) mm."""
+        """(3,) mm, the sensor's origin in the same frame."""
         return self.state.translation[0]
 
     @property
     def noise_mm(self) -> float:
-        """The scanner's, in x and in z."""
+        """The scanner's noise, in x and in z."""
         return float(self.noise.profile_mm)
 
     @property
     def noise_source(self) -> str:
-        """ "given" or "estimated"."""
+        """Whether the scanner's noise was "given" or "estimated"."""
         return "given" if self.prior.source == "given" else "estimated"
 
     @property
@@ -95,5 +97,5 @@ class Solution:
 
     @property
     def pose(self) -> np.ndarray:
-        """(4, 4) mm, the sensor in the flange frame (eye-to-hand: in the base frame)."""
+        """(4, 4) mm, the sensor in the flange frame; eye-to-hand, in the base frame."""
         return homogeneous(self.rotation, self.translation)

@@ -4,6 +4,7 @@ errors, conclude.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -32,23 +33,25 @@ from profilecal.joint.descent import (
     search_among_outliers,
 )
 from profilecal.joint.error_sizes import ErrorSizes, average, likeliest
-from profilecal.joint.linear_model import LinearModel
+from profilecal.joint.linear_model import LinearModel, Posterior
 from profilecal.joint.prior import FINEST_MM, Prior, as_stated
 from profilecal.joint.problem import Fit, Problem
+from profilecal.joint.residuals import FLANGE, SENSOR
 from profilecal.joint.solution import Solution
 from profilecal.targets.observations import Observations, State
 
-# of a robot's position; what is larger is a mistake, not an error
-LARGEST_ERROR_MM = 2.0
+LARGEST_ERROR_MM = 2.0  # of a robot's position; what is larger is a mistake
 LARGEST_REJECTED = 1 / 3  # of the poses
 ROUGHLY = 1e-6  # tolerance of refinements
+UNLIKELY = 1e-3  # the chance of residuals so large that the covariance is enlarged
+ROUNDS = 10  # of estimates; one or two are usual
 
 
 def solve(
     observations: Sequence[Observations],
     noise: Noise | Prior | None = None,
     *,
-    starts=(),
+    starts: Sequence = (),
     robust: bool = True,
 ) -> Solution:
     """The sensor pose from all observations together, with its covariance and how far
@@ -69,7 +72,8 @@ def solve(
     total = problem.counts.sum()
     if total <= problem.n:
         raise UnobservableError(
-            f"{total} measured coordinates cannot determine {problem.n} unknowns and noise; add poses"
+            f"{total} measured coordinates cannot determine {problem.n} unknowns "
+            "and noise; add poses"
         )
 
     fits = least_squares(problem, search(observations, prior.scales, starts))
@@ -82,11 +86,8 @@ def solve(
     if prior.source == "residuals":
         prior = prior.with_scanner(max(prior.scales.profile_mm * scale, FINEST_MM))
     problem = Problem(observations, prior.scales, prior.systematic)
-    return conclude(
-        estimate(problem, prior, fits.state[[0]], robust),
-        prior,
-        others.join(fits.state),
-    )
+    estimated = estimate(problem, prior, fits.state[[0]], robust)
+    return conclude(estimated, prior, others.join(fits.state))
 
 
 def least_squares(problem: Problem, state: State) -> Fit:
@@ -102,39 +103,40 @@ def is_hopeless(problem: Problem, fit: Fit, scale: float) -> bool:
     """Whether residuals are larger than any robot errs, or answers are open whatever it
     does: then all is left to the scanner's noise, `scale` times as large as assumed.
     """
-    seen = spectrum(fit.normal[0, :-1, :-1], problem.units)
-    too_large = problem.typical(fit)[0] * problem.noise.profile_mm > LARGEST_ERROR_MM
-    # measurements by hand
-    return bool(too_large or seen.rank < problem.n or seen.sd[0] * scale > 10)
+    if typical_mm(problem, fit) > LARGEST_ERROR_MM:
+        return True
+    known = spectrum(fit.normal[0, :-1, :-1], problem.units)
+    # ten times worse than measured by hand
+    return bool(known.rank < problem.n or known.sd[0] * scale > 10)
+
+
+def typical_mm(problem: Problem, fits: Fit) -> float:
+    """How large the residuals of most poses are in the first of some fits."""
+    return problem.typical(fits)[0] * problem.noise.profile_mm
 
 
 def fits_of_most(problem: Problem, fits: Fit, usual_mm: float) -> Fit:
-    """Fits to most of the poses, best first: by Cauchy's loss where least squares leave
-    poses that contradict the others, or residuals that are large for all (many bad
-    poses hide each other); and after another search among them where that does too.
-    Least squares for a handful of poses, where some fit to most of them is nearly
-    exact.
+    """Fits to most of the poses, best first.
+
+    By Cauchy's loss where least squares leave poses that contradict the others, or
+    residuals that are large for all (many bad poses hide each other); and after another
+    search among them where that does too. By least squares for a handful of poses,
+    where some fit to most of them is nearly exact.
     """
 
-    def doubtful(fits: Fit, unknown: bool = False) -> bool:
-        large = (
-            problem.typical(fits)[0] * problem.noise.profile_mm > 2 * usual_mm
-            if usual_mm
-            else unknown
-        )
-        return bool(large or contradicting(problem, fits).any())
+    def large(fits: Fit) -> bool:
+        return typical_mm(problem, fits) > 2 * usual_mm
 
-    if not doubtful(fits, unknown=True):
+    # where nothing says how large residuals usually are, the robust fit is looked at
+    if usual_mm and not large(fits) and not contradicting(problem, fits).any():
         return fits
-    found = robust_fit(problem, fits.state)
-    if doubtful(found):
-        found = robust_fit(
-            problem,
-            search_among_outliers(problem.observations, problem.noise, found.state),
-        )
-    if problem.freedoms[~contradicting(problem, found)].sum() > problem.n:
-        return found
-    return least_squares(problem, fits.state.join(found.state))
+    robust = robust_fit(problem, fits.state)
+    if (usual_mm and large(robust)) or contradicting(problem, robust).any():
+        state = search_among_outliers(problem.observations, problem.noise, robust.state)
+        robust = robust_fit(problem, state)
+    if problem.freedoms[~contradicting(problem, robust)].sum() > problem.n:
+        return robust
+    return least_squares(problem, fits.state.join(robust.state))
 
 
 def contradicting(problem: Problem, fits: Fit) -> np.ndarray:
@@ -142,25 +144,23 @@ def contradicting(problem: Problem, fits: Fit) -> np.ndarray:
     most let expect.
     """
     k = problem.freedoms
-    return fits.per_pose[0] * k > problem.typical(fits)[0] ** 2 * chi2_limit(
-        FALSE_ALARM / len(k), k
-    )
+    limit = chi2_limit(FALSE_ALARM / len(k), k)
+    return fits.per_pose[0] * k > problem.typical(fits)[0] ** 2 * limit
 
 
 def robust_fit(problem: Problem, state: State) -> Fit:
-    """Cauchy's loss, its unit lowered from what the residuals look like to what the
-    noise is.
+    """Fits by Cauchy's loss, best first, its unit lowered from what the residuals look
+    like to what the noise is.
     """
 
-    def unit(fits):
+    def unit(fits: Fit) -> np.ndarray:
         return np.maximum(problem.typical(fits), FINEST_MM / problem.noise.profile_mm)
 
     fits = problem.moments(state)
     for _ in range(4):
-        before = unit(fits).min()
-        fits = refine(
-            problem, state, scale=unit(fits), iterations=10, tolerance=ROUGHLY
-        )
+        scale = unit(fits)
+        before = scale.min()
+        fits = refine(problem, state, scale=scale, iterations=10, tolerance=ROUGHLY)
         fits = fits[np.argsort(unit(fits), kind="stable")[:3]]
         state = fits.state
         if abs(unit(fits)[0] - before) < 1e-3 * before:
@@ -179,7 +179,12 @@ class Estimate:
     state: State  # where it was linearised
     columns: list  # of the targets there, as `Problem.columns_in_mm` has them
     model: LinearModel
-    found: ErrorSizes
+    error_sizes: ErrorSizes
+
+    @cached_property
+    def posterior(self) -> Posterior:
+        """What the model says with errors of the middle sizes."""
+        return self.model.posterior(self.error_sizes.v[None])
 
 
 def estimate(problem: Problem, prior: Prior, state: State, robust: bool) -> Estimate:
@@ -189,42 +194,44 @@ def estimate(problem: Problem, prior: Prior, state: State, robust: bool) -> Esti
     """
     names = prior.names(problem.groups.distinguishable)
     law = prior.law(names)
-    y, kept = np.zeros(len(law.free)), None
-    for turn in range(10):  # one or two are usual
+    y = np.zeros(len(law.free))
+    kept = None
+    for turn in range(ROUNDS):
         columns = problem.columns_in_mm(state)
         whole = problem.model(state, names, columns=columns)
         if kept is None:
-            kept = grossly = (
+            kept = first = (
                 of_large_errors(problem, state, whole, prior) if robust else whole.kept
             )
         model = whole.keeping(kept)
         y, _ = likeliest(model, law, y)
-        found = model.posterior(law.variances(y[None])[0])
+        posterior = model.posterior(law.variances(y[None])[0])
+        x = posterior.mean[0]
         after = kept
         if robust:
-            after = belonging(
-                problem, whole, *model.left_out(found), found.mean[0], found.v[0]
-            )
-            if (
-                np.mean(grossly) - np.mean(after) > LARGEST_REJECTED
-                or whole.counts[after].sum() <= problem.n
-            ):
-                after = grossly  # the model is at fault, not the poses
-        # what a step leaves to the next one is as much smaller than it as it is a part
-        # of a radian or of 100 mm
-        left = np.abs(found.mean[0]) * reach(found.mean)
-        small = left < 0.002 * np.sqrt(np.diag(found.covariance[0]))
-        if ((after == kept).all() and small[: problem.n].all()) or turn == 9:
+            errors, covariances = model.left_out(posterior)
+            after = belonging(problem, whole, errors, covariances, x, posterior.v[0])
+            rejected = np.mean(first) - np.mean(after)
+            too_few = whole.counts[after].sum() <= problem.n
+            if rejected > LARGEST_REJECTED or too_few:
+                after = first  # the model is at fault, not the poses
+        # a step leaves to the next one such a part of itself as it is of a radian or of
+        # 100 mm
+        left = np.abs(x) * reach(posterior.mean)
+        small = left < 0.002 * np.sqrt(np.diag(posterior.covariance[0]))
+        settled = (after == kept).all() and small[: problem.n].all()
+        if settled or turn == ROUNDS - 1:
             break
-        state, kept = after_step(problem, state, found.mean[0]), after
+        state = after_step(problem, state, x)
+        kept = after
     return Estimate(problem, state, columns, model, average(model, prior, y))
 
 
-def after_step(problem: Problem, state: State, mean) -> State:
-    """The state after a step (n + c,), or as much of it as turns by no more than 0.1
+def after_step(problem: Problem, state: State, x: np.ndarray) -> State:
+    """The state after a step x (n + c,), or as much of it as turns by no more than 0.1
     rad and shifts by 10 mm.
     """
-    step = mean[None, : problem.n]
+    step = x[None, : problem.n]
     return problem.move(state, step * min(1.0, 0.1 / reach(step)[0]))
 
 
@@ -235,177 +242,216 @@ def of_large_errors(
     explain, each by itself; all, if these are too few. What is stated is believed,
     unless that leaves out more poses than anyone makes mistakes.
     """
-    scanner = (
-        np.maximum(1.0, problem.typical(problem.moments(state))[0])
-        if prior.profile_spread
-        else 1.0
-    )
+    large = 1.5  # standard deviations beforehand
+    scanner = 1.0
+    if prior.profile_spread:
+        scanner = np.maximum(1.0, problem.typical(problem.moments(state))[0])
     for believed in (replace(prior, stated=frozenset()), prior):
         law = believed.law(model.names)
-        # standard deviations beforehand
-        v = law.variances(np.full((1, len(law.free)), 1.5))[0][0]
+        (v,), _, _ = law.variances(np.full((1, len(law.free)), large))
         v[0] = scanner**2
-        kept = belonging(
-            problem, model, model.Y[:, :, -1], model.own(v), np.zeros(model.n), v
-        )
+        errors, covariances = model.Y[:, :, -1], model.own(v)
+        kept = belonging(problem, model, errors, covariances, np.zeros(model.n), v)
         if np.mean(~kept) <= 0.2:
             break
     return kept if model.counts[kept].sum() > problem.n else model.kept
 
 
 def belonging(
-    problem: Problem, model: LinearModel, errors, covariances, x, v
+    problem: Problem,
+    model: LinearModel,
+    errors: np.ndarray,
+    covariances: np.ndarray,
+    x: np.ndarray,
+    v: np.ndarray,
 ) -> np.ndarray:
     """The profiles (profiles,) whose residuals chance explains, but for those of groups
     of which it does not explain more than half. `errors` (profiles, q), `covariances`:
     of the rows that speak of the flange; `x` (n,): the unknowns.
     """
-    chance, x = FALSE_ALARM / 2 / len(errors), np.append(x, 1.0)  # two tests of each
-    of_flange, others = squares(model, errors, covariances, x, v)
+    chance = FALSE_ALARM / 2 / len(errors)  # two tests of each
+    of_flange, others = squares(model, errors, covariances, np.append(x, 1.0), v)
     rest = model.counts - model.ranks
     bad = of_flange > chi2_limit(chance, np.maximum(model.ranks, 1))
     bad |= (rest > 0) & (others > chi2_limit(chance, np.maximum(rest, 1)))
-    group, size = problem.groups.group, np.bincount(problem.groups.group)
+    group = problem.groups.group
+    size = np.bincount(group)
     crowd = (np.bincount(group, bad) > size / 2) & (size > 2)
     return ~(bad | crowd[group])
 
 
 def squares(
-    model: LinearModel, errors, covariances, x, v
+    model: LinearModel,
+    errors: np.ndarray,
+    covariances: np.ndarray,
+    x: np.ndarray,
+    v: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
     """χ² (profiles,) of the rows that speak of the flange, and of the rest of the
-    residuals.
+    residuals, for unknowns x and a one (n + 1,).
     """
     of_flange = normalised_square(covariances, errors)
-    # below it is rounding
+    # what is below zero is rounding
     return np.maximum(of_flange, 0), np.maximum(x @ model.rest @ x, 0) / v[0]
 
 
 def conclude(estimated: Estimate, prior: Prior, others: State) -> Solution:
     """What to say of an estimate: its covariance, enlarged where the noise does not
-    explain the residuals, and whether one of the `others` fits as well.
+    explain the residuals, how well it is known, and whether one of the `others` fits as
+    well.
     """
-    unlikely = 1e-3  # the chance of residuals so large that the covariance is enlarged
-    problem, model, found, messages = (
-        estimated.problem,
-        estimated.model,
-        estimated.found,
-        [],
-    )
-    state = after_step(problem, estimated.state, found.mean)
-    posterior = model.posterior(found.v[None])
-    chi2, dof = (
-        float(posterior.square[0]),
-        max(int(model.counts[model.kept].sum()) - problem.n, 1),
-    )
-    covariance, factor = found.covariance[:6, :6], chi2 / dof
-    if (
-        prior.source == "given"
-        and prior.robot_known
-        and factor > chi2_limit(unlikely, dof) / dof
-    ):
-        covariance = covariance * factor
-        than = "what the stated noise explains; the covariance is enlarged to match"
-        messages.append(f"residuals are {factor**0.5:.2g} times {than}")
-    kept = problem.split(model.kept)
-    rank = spectrum(posterior.normal[0, : problem.n, : problem.n], problem.units).rank
-    seen = of_covariance(covariance, rank, problem.n)
-    observations = problem.observations
-    R_flange = np.concatenate([o.R_flange[0] for o in observations])
-    there, worse = (
-        seen if prior.robot_known else at_sensor(estimated, prior, seen),
-        seen,
-    )
-    if there.status != seen.status:
-        worse = max(seen, there, key=lambda found: found.sd[0])
-        messages.append(
-            f"the status is {seen.status} if the robot's errors act at the origin of the poses' frame, {there.status} "
-            "if they act at the sensor; the weaker counts. If the poses are of a tool, give those of the flange"
-        )
-    status = str(worse.status)
-    messages += explain(
-        worse,
-        state.rotation[0],
-        R_flange,
-        "base" if observations[0].eye_to_hand else "flange",
-    )
-    largest = chi2 + 12 * max(1.0, factor)
-    if status != "unobservable" and (
-        twin := twin_of(estimated, state, seen, largest, others)
-    ):
-        status = "weak"
-        messages.append(twin)
+    problem, model = estimated.problem, estimated.model
+    error_sizes, posterior = estimated.error_sizes, estimated.posterior
+    n = problem.n
+    state = after_step(problem, estimated.state, error_sizes.mean)
+    chi2 = float(posterior.square[0])
+    dof = max(int(model.counts[model.kept].sum()) - n, 1)
 
-    of_flange, rest = squares(
-        model, *model.left_out(posterior), np.append(posterior.mean[0], 1.0), found.v
-    )
-    terms = zip(problem.terms, state.placements, strict=True)
-    sizes = {size.name: size.middle for size in found.sizes}
+    enlargement, messages = enlargement_by_misfit(prior, chi2, dof)
+    covariance = error_sizes.covariance[:6, :6] * enlargement
+    rank = spectrum(posterior.normal[0, :n, :n], problem.units).rank
+    observability = of_covariance(covariance, rank, n)
+    weaker, remarks = weaker_spectrum(estimated, prior, observability)
+    messages += remarks + explanation(problem, state, weaker)
+    status = str(weaker.status)
+    if status != "unobservable":
+        largest = chi2 + 12 * max(1.0, chi2 / dof)
+        twins = twin(estimated, state, observability, largest, others)
+        if twins:
+            status = "weak"
+            messages += twins
+
+    kept = problem.split(model.kept)
+    sizes = {size.name: size.middle for size in error_sizes.sizes}
     return Solution(
         state=state,
         covariance=covariance,
-        placements=tuple(
-            term.target.at(origin[0], axes[0], term.sizes)
-            for term, (origin, axes) in terms
-        ),
+        placements=targets(problem, state),
         prior=prior,
-        found=found,
+        error_sizes=error_sizes,
         noise=replace(problem.noise, **(dict.fromkeys(ROBOT, 0.0) | sizes)),
         chi2=chi2,
         dof=dof,
-        rms_mm=problem.rms_mm(estimated.columns, found.mean, model.kept),
-        normalised=tuple(
-            problem.split(np.sqrt((of_flange + rest) / np.maximum(model.counts, 1)))
-        ),
+        rms_mm=problem.rms_mm(estimated.columns, error_sizes.mean, model.kept),
+        normalised=normalised_residuals(estimated),
         rejected=tuple(~good for good in kept),
         status=status,
-        observability=seen,
+        observability=observability,
         messages=tuple(messages),
         problem=problem,
     )
 
 
-def at_sensor(estimated: Estimate, prior: Prior, seen: Spectrum) -> Spectrum:
-    """How well the pose is known if the robot's errors act at the sensor and not, as in
-    `seen`, at the origin of the frame that the poses are of, which a user chooses;
-    `seen` where that is too far from any limit to matter.
+def enlargement_by_misfit(
+    prior: Prior, chi2: float, dof: int
+) -> tuple[float, list[str]]:
+    """What the covariance is to be multiplied by, where all noise is given and does not
+    explain the residuals, with a sentence that says so.
     """
-    if not any(limit / 1.5 < seen.sd[0] < 1.5 * limit for limit in (WEAK, 1.0)):
-        return seen
+    given = prior.source == "given" and prior.robot_known
+    factor = chi2 / dof
+    if not given or factor <= chi2_limit(UNLIKELY, dof) / dof:
+        return 1.0, []
+    return factor, [
+        f"residuals are {factor**0.5:.2g} times what the stated noise explains; "
+        "the covariance is enlarged to match"
+    ]
+
+
+def weaker_spectrum(
+    estimated: Estimate, prior: Prior, at_origin: Spectrum
+) -> tuple[Spectrum, list[str]]:
+    """How well the pose is known if the robot's errors act at the origin of the frame
+    that the poses are of, or if they act at the sensor: the weaker of both where the
+    status differs, with a sentence that says so.
+    """
+    if prior.robot_known:
+        return at_origin, []
+    at_sensor = spectrum_at_sensor(estimated, prior, at_origin)
+    if at_sensor.status == at_origin.status:
+        return at_origin, []
+    weaker = max(at_origin, at_sensor, key=lambda known: known.sd[0])
+    return weaker, [
+        f"the status is {at_origin.status} if the robot's errors act at the origin of "
+        f"the poses' frame, {at_sensor.status} if they act at the sensor; "
+        "the weaker counts. If the poses are of a tool, give those of the flange"
+    ]
+
+
+def spectrum_at_sensor(
+    estimated: Estimate, prior: Prior, at_origin: Spectrum
+) -> Spectrum:
+    """How well the pose is known if the robot's errors act at the sensor and not, as in
+    `at_origin`, at the origin of the frame that the poses are of, which a user chooses;
+    `at_origin` where that is too far from any limit to matter.
+    """
+    sd = at_origin.sd[0]
+    if not any(limit / 1.5 < sd < 1.5 * limit for limit in (WEAK, 1.0)):
+        return at_origin
     problem, names = estimated.problem, estimated.model.names
-    columns = [np.concatenate([z[:, :-6], z[:, :6]], axis=1) for z in estimated.columns]
-    model = problem.model(estimated.state, names, columns=columns).keeping(
-        estimated.model.kept
-    )
-    found = average(model, prior, np.zeros(1 + len(names)))
-    return of_covariance(found.covariance[:6, :6], seen.rank, seen.parameters)
+    columns = []
+    for z in estimated.columns:
+        moved = z.copy()
+        moved[:, FLANGE] = z[:, SENSOR]
+        columns.append(moved)
+    model = problem.model(estimated.state, names, columns=columns)
+    model = model.keeping(estimated.model.kept)
+    error_sizes = average(model, prior, np.zeros(1 + len(names)))
+    covariance = error_sizes.covariance[:6, :6]
+    return of_covariance(covariance, at_origin.rank, at_origin.parameters)
 
 
-def twin_of(
-    estimated: Estimate, state: State, seen: Spectrum, largest: float, others: State
-) -> str:
+def explanation(problem: Problem, state: State, known: Spectrum) -> list[str]:
+    """Sentences on what the motions leave open."""
+    observations = problem.observations
+    R_flange = np.concatenate([entry.R_flange[0] for entry in observations])
+    frame = "base" if observations[0].eye_to_hand else "flange"
+    return explain(known, state.rotation[0], R_flange, frame)
+
+
+def twin(
+    estimated: Estimate, state: State, known: Spectrum, largest: float, others: State
+) -> list[str]:
     """A sentence on another sensor pose that fits as well, if there is one: with a χ²
     of at most `largest`.
     """
-    problem, kept, v = estimated.problem, estimated.model.kept, estimated.found.v[None]
+    problem, model = estimated.problem, estimated.model
+    weights = problem.split(model.kept)
 
     def apart(others: State) -> np.ndarray:
         delta = pose_error(
             state.rotation, state.translation, others.rotation, others.translation
         )
-        return normalised_square(seen.covariance, delta) > 50
+        return normalised_square(known.covariance, delta) > 50
 
     for k in np.flatnonzero(apart(others)):
-        other = refine(
-            problem, others[[k]], weights=problem.split(kept), tolerance=ROUGHLY
-        ).state
-        found = problem.model(other, estimated.model.names).keeping(kept).posterior(v)
-        other = problem.move(other, found.mean[:, : problem.n])
-        if apart(other) and found.square[0] < largest:
+        other = refine(problem, others[[k]], weights=weights, tolerance=ROUGHLY).state
+        there = problem.model(other, model.names).keeping(model.kept)
+        posterior = there.posterior(estimated.error_sizes.v[None])
+        other = problem.move(other, posterior.mean[:, : problem.n])
+        if apart(other) and posterior.square[0] < largest:
             turn = np.degrees(angle_between(other.rotation[0], state.rotation[0]))
             shift = np.linalg.norm(other.translation[0] - state.translation[0])
-            return (
-                f"another sensor pose explains the data as well, {turn:.3g}° and {shift:.3g} mm away; "
-                "add poses from other directions"
-            )
-    return ""
+            return [
+                f"another sensor pose explains the data as well, {turn:.3g}° and "
+                f"{shift:.3g} mm away; add poses from other directions"
+            ]
+    return []
+
+
+def normalised_residuals(estimated: Estimate) -> tuple:
+    """Each pose's residual over its expected size, (P,) for each target."""
+    model, posterior = estimated.model, estimated.posterior
+    x = np.append(posterior.mean[0], 1.0)
+    errors, covariances = model.left_out(posterior)
+    of_flange, rest = squares(model, errors, covariances, x, posterior.v[0])
+    mean_square = (of_flange + rest) / np.maximum(model.counts, 1)
+    return tuple(estimated.problem.split(np.sqrt(mean_square)))
+
+
+def targets(problem: Problem, state: State) -> tuple:
+    """A `Target` for each set of observations, where the state has it."""
+    return tuple(
+        term.target.at(origin[0], axes[0], term.sizes)
+        for term, (origin, axes) in zip(problem.terms, state.placements, strict=True)
+    )

@@ -16,7 +16,7 @@ from profilecal.simulation.spec import Spec, raw_profiles, sizes_of
 from profilecal.targets import TARGETS
 from profilecal.targets.observations import Observations
 from profilecal_tool.plan.candidates import Limits, draw, off_square
-from profilecal_tool.plan.scan_model import ScanModel
+from profilecal_tool.plan.scan_model import Frames, ScanModel
 
 
 def are_zones(value) -> bool:
@@ -131,9 +131,7 @@ def features_of(observed: Observations) -> dict:
     return {"count": count, "covariance": typical}
 
 
-def model_of_scan(
-    calibration: Calibration,
-) -> tuple[ScanModel, Limits, tuple[np.ndarray, np.ndarray]]:
+def model_of_scan(calibration: Calibration) -> tuple[ScanModel, Limits, Frames]:
     """What the one scan of a calibration says.
 
     Returns what it says of sensor, target and robot; where the robot may go from there;
@@ -156,7 +154,7 @@ def model_of_scan(
     prior = prior_from(stated_noise([scan]))
     # where no pose is repeated, the errors of a visit are part of those of a pose
     robot = dict.fromkeys(ROBOT, 0.0)
-    for size in solution.found.sizes[1:]:
+    for size in solution.error_sizes.sizes[1:]:
         usual = getattr(prior.scales, size.name)
         robot[size.name] = size.middle if size.from_data else usual
     steering_mm = solution.noise.steering_mm
