@@ -1,6 +1,8 @@
-"""What a robot and a scanner do. The robot errs at each pose that it reports, it
-drifts, and its arm is built otherwise than its controller believes; the scanner reports
-the outline that its scan plane cuts from a scene.
+"""What a robot and a scanner do.
+
+The robot errs at each pose that it reports, it drifts, and its arm is built otherwise
+than its controller believes. The scanner reports the outline that its scan plane cuts
+from a scene.
 """
 
 from dataclasses import dataclass, field
@@ -25,71 +27,80 @@ class Poses:
             self.rotations[..., :groups, :, :], self.positions[..., :groups, :, :]
         )
 
-    def carry(self, points, R_sensor, T_sensor) -> np.ndarray:
-        """Sensed points (..., G, N, M, 2), mm, in the base frame, (..., G, N, M, 3), by
-        the poses reported and the sensor's pose R_sensor (..., 3, 3), T_sensor (...,
-        3), mm, on the flange.
+    def carry(
+        self, points: np.ndarray, R_sensor: np.ndarray, T_sensor: np.ndarray
+    ) -> np.ndarray:
+        """Sensed points in the base frame, by the poses reported and the sensor's pose.
+
+        `points` (..., G, N, M, 2) are x and z, mm; R_sensor (..., 3, 3) and T_sensor
+        (..., 3), mm, the sensor's pose on the flange. Returns (..., G, N, M, 3), mm.
         """
         R = (self.rotations @ R_sensor[..., None, :, :])[..., None, :, :]
-        T = carry(
-            self.rotations[..., None, :, :],
-            self.positions,
-            T_sensor[..., None, None, :],
-        )
-        return points @ R[..., ::2].mT + T[..., None, :]
+        R_flange = self.rotations[..., None, :, :]
+        T = carry(R_flange, self.positions, T_sensor[..., None, None, :])
+        x_and_z_axes = R[..., ::2]
+        return points @ x_and_z_axes.mT + T[..., None, :]
 
 
 def actual_poses(
     poses: Poses,
     noise: Noise,
     rng: np.random.Generator,
-    same=slice(None),
+    same: np.ndarray | slice = slice(None),
     to_hand: bool = False,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Where the flange really is, rotations (..., G, N, 3, 3) and positions (..., G, N,
-    3), mm. `same` (G,): groups with one number share a group's error. `to_hand`: poses
-    are of the base in the flange's frame; the result is not.
+    """Where the flange really is: rotations (..., G, N, 3, 3) and positions (..., G, N,
+    3), mm.
+
+    Groups with the same number in `same` (G,) share a group's error. `to_hand`: the
+    poses are of the base in the flange's frame; the result is not.
     """
     shape = poses.positions.shape
-    group = (*shape[:-2], 1, 3)
+    shape_of_groups = (*shape[:-2], 1, 3)
 
-    def error(own, shared):
-        return (
-            own * rng.normal(size=shape)
-            + shared * rng.normal(size=group)[..., same, :, :]
-        )
+    def error(own: float, shared: float) -> np.ndarray:
+        """Of standard deviations `own` at each pose and `shared` by each group."""
+        of_poses = own * rng.normal(size=shape)
+        of_groups = shared * rng.normal(size=shape_of_groups)
+        return of_poses + of_groups[..., same, :, :]
 
-    position = error(noise.position_mm, noise.group_position_mm)
+    shift = error(noise.position_mm, noise.group_position_mm)
     turn = error(noise.orientation_deg, noise.group_orientation_deg)
     R, T = poses.rotations[..., None, :, :], poses.positions
     if to_hand:
         R, T = inverse(R, T)
-    return rotations(np.radians(turn)) @ R, T + position
+    return rotations(np.radians(turn)) @ R, T + shift
 
 
 def scan_planes(
-    R_sensor, T_sensor, rotations, positions
+    R_sensor: np.ndarray,
+    T_sensor: np.ndarray,
+    rotations: np.ndarray,
+    positions: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Orientations (..., G, N, 3, 3) and origins (..., G, N, 3), mm, of scan planes in
-    the base frame, from the flange's `rotations` and `positions`, of the same shapes.
+    """Scan planes in the base frame: orientations (..., G, N, 3, 3) and origins (...,
+    G, N, 3), mm.
+
+    `rotations` and `positions` are the flange's, of the same shapes; R_sensor (..., 3,
+    3) and T_sensor (..., 3), mm, the sensor's pose on it.
     """
-    return rotations @ R_sensor[..., None, None, :, :], carry(
-        rotations, positions, T_sensor[..., None, None, :]
-    )
+    orientations = rotations @ R_sensor[..., None, None, :, :]
+    return orientations, carry(rotations, positions, T_sensor[..., None, None, :])
 
 
 # of the joints, all turned to zero: the arm then points straight up
 AXES = np.eye(3)[[2, 1, 1, 2, 1, 2]]
 MIDDLE = np.array([900.0, 0.0, 600.0])  # mm from its foot, where it works best
+# mm, from each joint to the next: a reach of 1.45 m
 LINKS = np.array(
     [[150, 0, 486.5], [0, 0, 700], [0, 0, 600], [0, 0, 0], [0, 0, 0], [0, 0, 65]]
-)  # mm: reach 1.45 m
+)
 
 
 @dataclass(frozen=True)
 class Arm:
-    """Joints one above the other when all are at zero, the flange's z on top; a link
-    leads from each to the next.
+    """An arm of six joints, which stand one above the other when all are at zero, the
+    flange's z on top; a link leads from each to the next.
     """
 
     # (6, 3) mm, the last from the wrist to the flange
@@ -104,12 +115,10 @@ class Arm:
         """One whose joints have other zeros and whose links end elsewhere, by these
         standard deviations of each joint and of each link's x, y and z.
         """
-        return cls(
-            LINKS + link_mm * rng.normal(size=(6, 3)),
-            np.radians(joint_deg) * rng.normal(size=6),
-        )
+        links = LINKS + link_mm * rng.normal(size=(6, 3))
+        return cls(links, np.radians(joint_deg) * rng.normal(size=6))
 
-    def flange(self, joints) -> tuple[np.ndarray, np.ndarray]:
+    def flange(self, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Rotations (..., 3, 3) and positions (..., 3), mm, of the flange at joint
         angles (..., 6), rad.
         """
@@ -121,16 +130,28 @@ class Arm:
         return R, T
 
 
-def joints_at(rotation, position) -> np.ndarray:
-    """The angles (..., 6), rad, at which an arm without errors has its flange there,
-    (..., 3, 3), (..., 3) mm: its elbow above, its fifth joint bent forwards. Raises
-    ValueError for a place out of reach.
+def joints_at(rotation: np.ndarray, position: np.ndarray) -> np.ndarray:
+    """The angles (..., 6), rad, at which an arm without errors has its flange at poses
+    (..., 3, 3), (..., 3) mm: its elbow above, its fifth joint bent forwards.
+
+    The last three axes meet in the wrist, at the flange minus the hand h along its z.
+    From the shoulder the wrist is at a distance `out` along the floor and `high` above.
+    Upper arm u and forearm f reach it with the elbow bent by β and the shoulder by σ,
+
+        cos β = (out² + high² - u² - f²) / 2uf,
+        σ = atan2(out, high) - atan2(f sin β, u + f cos β).
+
+    The first joint turns towards the wrist, and the last three turn the forearm's
+    orientation, Rz(first) Ry(σ + β), into the flange's, as Z, Y, Z.
+
+    Raises ValueError for a place out of reach.
     """
-    (aside, _, up), upper, fore, hand = LINKS[0], LINKS[1, 2], LINKS[2, 2], LINKS[5, 2]
+    aside, _, up = LINKS[0]
+    upper, fore, hand = LINKS[[1, 2, 5], 2]
     wrist = position - hand * rotation[..., 2]
-    out = np.hypot(wrist[..., 0], wrist[..., 1]) - aside
-    high = wrist[..., 2] - up
-    # cosine of the elbow's angle
+    x, y, z = np.moveaxis(wrist, -1, 0)
+    out = np.hypot(x, y) - aside
+    high = z - up
     bend = (out**2 + high**2 - upper**2 - fore**2) / (2 * upper * fore)
     if (np.abs(bend) > 1).any():
         farthest = np.sqrt(out**2 + high**2).max()
@@ -139,23 +160,22 @@ def joints_at(rotation, position) -> np.ndarray:
             f"expected {upper - fore:.0f} to {upper + fore:.0f} mm at all poses"
         )
     elbow = np.arccos(bend)
-    shoulder = np.arctan2(out, high) - np.arctan2(
-        fore * np.sin(elbow), upper + fore * np.cos(elbow)
-    )
-    first = np.stack(
-        [np.arctan2(wrist[..., 1], wrist[..., 0]), shoulder + elbow], axis=-1
-    )
-    forearm = Rotation.from_euler("ZY", first).as_matrix()
+    below = np.arctan2(fore * np.sin(elbow), upper + fore * np.cos(elbow))
+    shoulder = np.arctan2(out, high) - below
+    first = np.arctan2(y, x)
+    to_forearm = np.stack([first, shoulder + elbow], axis=-1)
+    forearm = Rotation.from_euler("ZY", to_forearm).as_matrix()
     last = Rotation.from_matrix(forearm.mT @ rotation).as_euler("ZYZ")
-    return np.concatenate(
-        [first[..., :1], np.stack([shoulder, elbow], axis=-1), last], axis=-1
-    )
+    return np.concatenate([np.stack([first, shoulder, elbow], axis=-1), last], axis=-1)
 
 
-def where_it_is(arm: Arm, rotation, position) -> tuple[np.ndarray, np.ndarray]:
+def where_it_is(
+    arm: Arm, rotation: np.ndarray, position: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Where an arm really has its flange when it reports poses (P, 3, 3), (P, 3), mm,
-    in a frame of the user's: it stands upright where the middle of the positions is
-    before it.
+    in a frame of the user's.
+
+    It stands upright where the middle of the positions is before it.
     """
     foot = position.mean(axis=0) - MIDDLE
     R, T = arm.flange(joints_at(rotation, position - foot))
@@ -173,39 +193,35 @@ class Robot:
     drift_mm: float = 0.0  # along each axis, from the first pose to the last
 
     def built(
-        self, rotation, position, rng: np.random.Generator
+        self, rotation: np.ndarray, position: np.ndarray, rng: np.random.Generator
     ) -> tuple[np.ndarray, np.ndarray]:
         """Where an arm built like this has its flange when it reports poses (P, 3, 3),
         (P, 3), mm. Raises ValueError for poses out of reach.
         """
         if not (self.joint_deg or self.link_mm):
             return rotation, position
-        return where_it_is(
-            Arm.erring(self.joint_deg, self.link_mm, rng), rotation, position
-        )
+        arm = Arm.erring(self.joint_deg, self.link_mm, rng)
+        return where_it_is(arm, rotation, position)
 
     def visiting(
-        self, rotation, position, noise: Noise, rng: np.random.Generator
+        self,
+        rotation: np.ndarray,
+        position: np.ndarray,
+        noise: Noise,
+        rng: np.random.Generator,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Where the flange is when the robot goes through poses (P, 3, 3), (P, 3), mm,
         once and in this order.
         """
+        shape = position.shape
         if self.drift_mm:
-            position = position + np.linspace(0, self.drift_mm, len(position))[
-                :, None
-            ] * rng.normal(size=3)
+            grown = np.linspace(0, self.drift_mm, len(position))
+            position = position + grown[:, None] * rng.normal(size=3)
         if noise.repeatability_mm:
-            position = position + noise.repeatability_mm * rng.normal(
-                size=position.shape
-            )
+            position = position + noise.repeatability_mm * rng.normal(size=shape)
         if noise.repeatability_deg:
-            rotation = (
-                rotations(
-                    np.radians(noise.repeatability_deg)
-                    * rng.normal(size=position.shape)
-                )
-                @ rotation
-            )
+            turn = np.radians(noise.repeatability_deg) * rng.normal(size=shape)
+            rotation = rotations(turn) @ rotation
         return rotation, position
 
 
@@ -226,48 +242,50 @@ class Scanner:
     # standard deviation of z: of a resolution of 0.2 mm, as a uniform error's width
     noise_mm: float = 0.06
 
-    def half_width(self, z) -> np.ndarray:
+    def half_width(self, z: np.ndarray) -> np.ndarray:
         """Half the field of view in x at depth z, mm."""
-        return (
-            self.near_width
-            + (self.far_width - self.near_width)
-            * (z - self.near)
-            / (self.far - self.near)
-        ) / 2
+        widening = self.far_width - self.near_width
+        width = self.near_width + widening * (z - self.near) / (self.far - self.near)
+        return width / 2
 
-    def profile(self, outline, rng: np.random.Generator) -> np.ndarray:
+    def profile(self, outline: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """Profiles (..., points, 2) as the scanner sends them, mm, NaN where nothing
-        is, of chains (..., V, 2) of straight pieces in the scan plane, x and z in mm.
+        is.
+
+        `outline` (..., V, 2): chains of straight pieces in the scan plane, x and z in
+        mm.
         """
         rays = np.linspace(-1, 1, self.points)
         middle = self.half_width(outline[..., 1].mean(axis=-1))[..., None]
-        spot = (
-            rng.uniform(-0.5, 0.5, (*middle.shape[:-1], self.points))
-            * self.resolution
-            / middle
-        )
-        z = nearest_on_rays(outline, rays + spot, self)
+        aside = rng.uniform(-0.5, 0.5, (*middle.shape[:-1], self.points))
+        z = nearest_on_rays(outline, rays + aside * self.resolution / middle, self)
         z = z + self.noise_mm * rng.normal(size=z.shape)
         x = rays * self.half_width(z)
-        seen = (self.near <= z) & (z <= self.far)  # false for NaN: nothing there
-        return np.where(
-            seen[..., None],
-            np.rint(np.stack([x, z], axis=-1) / self.quantum) * self.quantum,
-            np.nan,
-        )
+        counts = np.rint(np.stack([x, z], axis=-1) / self.quantum)
+        in_range = (self.near <= z) & (z <= self.far)  # false for NaN: nothing there
+        return np.where(in_range[..., None], counts * self.quantum, np.nan)
 
 
-def nearest_on_rays(outline, rays, scanner: Scanner) -> np.ndarray:
-    """Depth z (..., n) at which rays (..., n), as fractions of the half width, first
-    meet an outline (..., V, 2), or NaN: a ray meets a straight piece with ends to
-    either side of it, where the distance in x is zero.
+def nearest_on_rays(
+    outline: np.ndarray, rays: np.ndarray, scanner: Scanner
+) -> np.ndarray:
+    """Depth z (..., n), mm, at which rays first meet an outline (..., V, 2), or NaN.
+
+    A ray (..., n) is a fraction r of the half width w(z), which is linear in z. So the
+    distance in x from the ray, x - r w(z), is linear along a straight piece. A ray
+    meets the piece if that has its ends to either side of the ray, where the distance
+    is zero.
     """
     x, z = np.moveaxis(outline, -1, 0)  # (..., V)
-    half, depth = scanner.half_width(z), np.full(rays.shape, np.nan)
+    half = scanner.half_width(z)
+    depth = np.full(rays.shape, np.nan)
     right = x[..., None] > half[..., None] * rays[..., None, :]
-    # of all pairs, few
+    # of all pairs of a piece and a ray, few meet
     *scan, piece, ray = np.nonzero(right[..., :-1, :] != right[..., 1:, :])
-    begin, stop, ray = (*scan, piece), (*scan, piece + 1), (*scan, ray)
-    start, end = (x[at] - half[at] * rays[ray] for at in (begin, stop))
-    np.fmin.at(depth, ray, z[begin] + start / (start - end) * (z[stop] - z[begin]))
+    of_ray = (*scan, ray)
+    begin, end = (*scan, piece), (*scan, piece + 1)
+    from_begin = x[begin] - half[begin] * rays[of_ray]
+    from_end = x[end] - half[end] * rays[of_ray]
+    share = from_begin / (from_begin - from_end)
+    np.fmin.at(depth, of_ray, z[begin] + share * (z[end] - z[begin]))
     return depth

@@ -1,14 +1,17 @@
-"""Scenes: a target, a scanner on a flange, and poses from which it sees the target;
-random ones, and those of a rough guess, off by as much as the guess may be wrong.
+"""Scenes: a target, a scanner on a flange, and poses from which it sees the target.
+
+There are random ones, and those of a rough guess, off by as much as the guess may be
+wrong.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
 from profilecal.geometry.poses import carry, rotation_from_xyz_angles, rotations
-from profilecal.scan.scan import ScanError
+from profilecal.scan.tables import ScanError
 from profilecal.scan.toml import check_entries, number, numbers
 from profilecal.simulation.robot import Poses
 from profilecal.targets import TARGETS
@@ -20,13 +23,14 @@ STANDOFF = 100.0  # mm, depth of the target's middle in the scan
 
 @dataclass(frozen=True)
 class Setup:
-    """A target and a sensor where they are. The frames are those of the joint solution:
-    eye-to-hand, "flange" is the base and "base" the flange.
+    """A target and a sensor where they are.
+
+    The frames are those of the joint solution: eye-to-hand, "flange" is the base and
+    "base" the flange.
     """
 
     target: Target
-    # (3, 3) a sensor frame that looks at it squarely; its z points away from the
-    # scanner
+    # (3, 3) a sensor frame that looks at it squarely, z away from the scanner
     facing: np.ndarray
     R_sensor: np.ndarray  # (3, 3) on the flange
     T_sensor: np.ndarray  # (3,) mm
@@ -42,15 +46,16 @@ class Setup:
         placed = tuple(part[None] for part in self.target.frame)
         return State(self.R_sensor[None], self.T_sensor[None], (placed,))
 
-    def planes(self, R, T) -> tuple[np.ndarray, np.ndarray]:
-        """Sensor frames (P, 3, 3), (P, 3) at flange poses."""
+    def planes(self, R: np.ndarray, T: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Sensor frames (P, 3, 3), (P, 3) mm, at such poses of the flange."""
         return R @ self.R_sensor, carry(R, T, self.T_sensor)
 
 
 @dataclass(frozen=True)
 class Scene(Setup):
-    """What a perfect scanner sees of a target, and the truth behind it; a batch of
-    problems along the first axis, of which the setup is the first.
+    """What a perfect scanner sees of a target, and the truth behind it.
+
+    A batch of problems along the first axis, of which the setup is the first.
     """
 
     poses: Poses  # (G, N) that the robot reports, of the first problem
@@ -59,21 +64,28 @@ class Scene(Setup):
     truth: State
 
     @classmethod
-    def of(cls, setup: Setup, poses: Poses, labels, group, count: int = 40) -> "Scene":
+    def of(
+        cls,
+        setup: Setup,
+        poses: Poses,
+        labels: Sequence[str],
+        group: np.ndarray,
+        count: int = 40,
+    ) -> "Scene":
         """What is seen of a setup; `group` (P,) as `Observations` have it, `count`
         points of a curve.
         """
         R = np.repeat(poses.rotations, poses.positions.shape[1], axis=0)
         T = poses.positions.reshape(-1, 3)
         points = setup.target.points_seen(*setup.planes(R, T), count)
-        seen = Observations(
+        observations = Observations(
             setup.target.kind, R[None], T[None], points[None], setup.sizes, group
         )
         return cls(
             **vars(setup),
             poses=poses,
             labels=tuple(labels),
-            observations=seen,
+            observations=observations,
             truth=setup.state,
         )
 
@@ -83,11 +95,10 @@ class Scene(Setup):
         """The observations with isotropic noise in the scan plane, fresh in each of
         `trials` copies.
         """
-        points = self.observations.points
-        shape = points.shape if trials is None else (trials, *points.shape[1:])
-        return replace(
-            self.observations, points=points + sigma_mm * rng.normal(size=shape)
-        )
+        exact = self.observations.points
+        shape = exact.shape if trials is None else (trials, *exact.shape[1:])
+        points = exact + sigma_mm * rng.normal(size=shape)
+        return replace(self.observations, points=points)
 
 
 def random_scene(
@@ -116,79 +127,69 @@ def random_scene(
     of a curve.
     """
     target = TARGETS[kind]
-    shape = G, N = groups or target.groups, positions or target.positions
+    shape = groups or target.groups, positions or target.positions
     sizes = sizes or target.sizes
     R_sensor, T_sensor = mount or (
         rotations(rng.uniform(-np.pi, np.pi, 3) / np.sqrt(3)),
         rng.uniform(-150, 150, 3),
     )
-    first, middle = (
-        rotations(rng.uniform(-1.5, 1.5, 3)),
-        rng.uniform([600, -300, -100], [1200, 300, 500]),
-    )
+    first = rotations(rng.uniform(-1.5, 1.5, 3))
+    middle = rng.uniform([600, -300, -100], [1200, 300, 500])
     facing = first @ rotations(np.radians(30) * rng.uniform(-1, 1, 3))
     axes = facing @ target.stance
     placed = target.at(middle, axes, sizes)
     if axis is None:
-        turn = in_unit_ball(rng, G)
+        turn = in_unit_ball(rng, shape[0])
     else:
-        turn = rng.uniform(-1, 1, (G, 1)) * (
-            axes[:, 2] if isinstance(axis, str) else axis
-        )
+        about = axes[:, 2] if isinstance(axis, str) else axis
+        turn = rng.uniform(-1, 1, (shape[0], 1)) * about
     turned = rotations(np.radians(spread_deg) * turn) @ first
-    moved = target.offsets(
-        shape, motion, facing[:, 2] @ turned, sizes, steering_mm, rng
-    )
+    normals = facing[:, 2] @ turned
+    moved = target.offsets(shape, motion, normals, sizes, steering_mm, rng)
     moved = moved @ (turned.mT if frame == "tool" or target.with_tool else first.T)
     origin = middle - STANDOFF * turned[:, None, :, 2] - moved
     R_flange = turned @ R_sensor.T
     poses = Poses(R_flange, origin - (R_flange @ T_sensor)[:, None])
     labels = [f"g{g + 1}p{n + 1}" for g, n in np.ndindex(shape)]
-    return Scene.of(
-        Setup(placed, facing, R_sensor, T_sensor),
-        poses,
-        labels,
-        np.repeat(np.arange(G), N),
-        count,
-    )
+    group = np.repeat(np.arange(shape[0]), shape[1])
+    setup = Setup(placed, facing, R_sensor, T_sensor)
+    return Scene.of(setup, poses, labels, group, count)
 
 
 def in_unit_ball(rng: np.random.Generator, count: int) -> np.ndarray:
     """Points (count, 3), uniform in the unit ball."""
     vectors = rng.normal(size=(count, 3))
-    return (
-        vectors
-        * np.cbrt(rng.uniform(size=(count, 1)))
-        / np.linalg.norm(vectors, axis=1, keepdims=True)
-    )
+    radii = np.cbrt(rng.uniform(size=(count, 1)))
+    return vectors * radii / np.linalg.norm(vectors, axis=1, keepdims=True)
 
 
-def stack(scenes) -> Scene:
+def stack(scenes: Sequence[Scene]) -> Scene:
     """Scenes of one kind and size as a batch."""
-    names = ("R_flange", "T_flange", "points")
-    batch = {
-        name: np.concatenate([getattr(s.observations, name) for s in scenes])
-        for name in names
-    }
-    truth = State.join(*(scene.truth for scene in scenes))
-    return replace(
-        scenes[0], observations=replace(scenes[0].observations, **batch), truth=truth
+    every = [scene.observations for scene in scenes]
+    observations = replace(
+        every[0],
+        R_flange=np.concatenate([one.R_flange for one in every]),
+        T_flange=np.concatenate([one.T_flange for one in every]),
+        points=np.concatenate([one.points for one in every]),
     )
+    truth = State.join(*(scene.truth for scene in scenes))
+    return replace(scenes[0], observations=observations, truth=truth)
 
 
 @dataclass(frozen=True)
 class Guess:
     """Roughly where the sensor is on the flange and the target in the base frame;
-    eye-to-hand: the sensor in the base, the target on the flange. And by how much that
-    may be wrong, at most, in any direction.
+    eye-to-hand: the sensor in the base, the target on the flange.
+
+    And by how much that may be wrong, at most, in any direction.
     """
 
     mount: Sequence[float]  # X Y Z mm, W P R degrees, R = Rz(R) Ry(P) Rx(W)
     target: Sequence[float]  # mm, its origin
     # along an edge or a rod; for others, across the laser line
-    axis: Sequence[float] = 0.0, 1.0, 0.0
+    axis: Sequence[float] = (0.0, 1.0, 0.0)
     # from the target towards the scanner; a face's or a disk's normal
-    up: Sequence[float] = 0.0, 0.0, 1.0
+    up: Sequence[float] = (0.0, 0.0, 1.0)
     mount_mm: float = 5.0
     mount_deg: float = 3.0
     target_mm: float = 5.0
@@ -199,60 +200,51 @@ class Guess:
         """By how much a shift and a turn of the sensor, then of the target, may be
         wrong, (4,) mm and rad.
         """
-        return np.array(
-            [
-                self.mount_mm,
-                np.radians(self.mount_deg),
-                self.target_mm,
-                np.radians(self.target_deg),
-            ]
-        )
+        mount_rad, target_rad = np.radians([self.mount_deg, self.target_deg])
+        return np.array([self.mount_mm, mount_rad, self.target_mm, target_rad])
 
-    def setup(self, kind: str, sizes, rng: np.random.Generator | None = None) -> Setup:
+    def setup(
+        self,
+        kind: str,
+        sizes: Sequence[float],
+        rng: np.random.Generator | None = None,
+    ) -> Setup:
         """What is guessed; with `rng` a truth that the guess is wrong about by no more
         than its margins.
         """
-        target, y, z = (
-            TARGETS[kind],
-            np.array(self.axis, float),
-            -np.array(self.up, float),
-        )
-        if (
-            abs(target.stance[1, 2]) > 0.5
-        ):  # the target's own direction is the sensor's y
+        target = TARGETS[kind]
+        y = np.array(self.axis, float)
+        z = -np.array(self.up, float)
+        if abs(target.stance[1, 2]) > 0.5:
+            # the target's own direction is the sensor's y
             z = z - (z @ y) / (y @ y) * y
         else:
             y = y - (y @ z) / (z @ z) * z
         y, z = y / np.linalg.norm(y), z / np.linalg.norm(z)
+        facing = np.stack([np.cross(y, z), y, z], axis=1)
+        R_sensor = rotation_from_xyz_angles(np.radians(self.mount[3:]))
         wrong = in_unit_ball(rng, 4) if rng else np.zeros((4, 3))
         shift, turn, moved, turned = self.margins[:, None] * wrong
-        facing = rotations(turned) @ np.stack([np.cross(y, z), y, z], axis=1)
+        facing = rotations(turned) @ facing
         placed = target.at(self.target + moved, facing @ target.stance, sizes)
-        R_sensor = rotation_from_xyz_angles(np.radians(self.mount[3:])) @ rotations(
-            turn
-        )
-        return Setup(placed, facing, R_sensor, self.mount[:3] + shift)
+        return Setup(placed, facing, R_sensor @ rotations(turn), self.mount[:3] + shift)
 
 
+# what [guess] of a specification may say
 GUESS = dict.fromkeys(
     ("mount_mm", "mount_deg", "target_mm", "target_deg"), number(0, 90)
 )
-GUESS |= {
-    "mount": numbers(6),
-    "target": numbers(3),
-    "axis": numbers(3),
-    "up": numbers(3),
-}
+GUESS |= {"mount": numbers(6)} | dict.fromkeys(("target", "axis", "up"), numbers(3))
 
 
-def read_guess(entries: dict, path) -> Guess:
+def read_guess(entries: dict, path: str | Path) -> Guess:
     """A guess from the table [guess] of a specification. Raises ScanError."""
     check_entries(path, entries, GUESS, "guess", needed=("mount", "target"))
     guess = Guess(**entries)
-    if np.linalg.norm(np.cross(guess.axis, guess.up)) <= 1e-3 * np.linalg.norm(
-        guess.axis
-    ) * np.linalg.norm(guess.up):
+    across = np.linalg.norm(np.cross(guess.axis, guess.up))
+    if across <= 1e-3 * np.linalg.norm(guess.axis) * np.linalg.norm(guess.up):
         raise ScanError(
-            f"{path}: axis and up in [guess] are parallel or zero; expected axis across up"
+            f"{path}: axis and up in [guess] are parallel or zero; "
+            "expected axis across up"
         )
     return guess
