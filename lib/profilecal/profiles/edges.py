@@ -3,8 +3,10 @@ several things, what most profiles of a scan show tells which is the target's.
 """
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import chain, pairwise
+from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,14 +15,15 @@ from profilecal.profiles.ends import (
     ZONE,
     End,
     View,
+    end_variance,
     facing,
     run_end,
     step_beyond,
-    with_end_variance,
 )
 from profilecal.profiles.points import (
     NOISE_LIMIT,
     Feature,
+    Profiles,
     block_means,
     nothing,
     present,
@@ -30,6 +33,19 @@ from profilecal.profiles.runs import Run, straight_runs
 
 # a second candidate with this share of the first one's support leaves the choice open
 AMBIGUOUS = 0.5
+SHAPES = ("corner", "step end", "tip")  # in this order if many profiles show several
+LEAST_SIDE = 10  # points on either side of a corner
+# mm: from the ends of straight sides to their corner, and across a blade's tip, at most
+NEAR = 2.0
+
+
+class Look(NamedTuple):
+    """What the target's features in all profiles of a scan have in common."""
+
+    shape: str
+    # the sign of x or z that tells a feature from others of its shape: where a corner
+    # or a tip points in z, at which end of its face in x a step end is; 0: nothing does
+    side: int = 0
 
 
 @dataclass(frozen=True)
@@ -37,231 +53,254 @@ class Candidate:
     """Something in a profile that may be the target's feature."""
 
     feature: Feature
-    side: int = 0  # what tells it from others of its shape, if anything
+    side: int = 0  # of its look
     support: float = 0.0  # mm
     angle: float = 0.0  # rad, inner angle of a corner
     ends: tuple[End, ...] = ()  # where its points are the ends of runs
 
     @property
-    def key(self) -> tuple[str, int]:
+    def look(self) -> Look:
         """What it has in common with the target's feature in other profiles."""
-        return self.feature.shape, self.side
+        return Look(self.feature.shape, self.side)
 
 
 def choose(
-    profiles, candidates, key: tuple[str, int] | None, missed
-) -> list[Candidate]:
-    """For each profile its candidate with the scan's key, if just one is clear; else
-    nothing, with the reason. `missed` says for each profile why it has no such
-    candidate; "" where it cannot tell.
+    profiles: Profiles,
+    candidates: list[list[Candidate]],
+    look: Look,
+    missed: Sequence[str],
+) -> list[Feature]:
+    """For each profile the feature of the scan's look, if just one candidate for it is
+    clear; else nothing, with the reason.
+
+    `missed` says for each profile why it has no such candidate; "" where it cannot
+    tell.
     """
-    alike = [
-        sorted((c for c in found if c.key == key), key=lambda c: -c.support)
-        for found in candidates
-    ]
-    angles = np.array([found[0].angle for found in alike if found])
+    alike = [[c for c in own if c.look == look] for own in candidates]
+    for own in alike:
+        own.sort(key=lambda candidate: -candidate.support)
+    angles = np.array([own[0].angle for own in alike if own])
     if not len(angles):
-        return [Candidate(nothing("nothing like the target in this profile"))] * len(
-            profiles
-        )
+        return [nothing("nothing like the target in this profile")] * len(profiles)
     usual = np.median(angles)
     spread = 6 * np.median(np.abs(angles - usual)) if len(angles) >= 5 else np.inf
     # tilted planes see corners at other angles, if nothing nearer
-    limits = np.maximum(np.radians([20, 30]), spread)
+    close, wide = np.maximum(np.radians([20, 30]), spread)
     chosen = []
-    for profile, found, why in zip(profiles, alike, missed, strict=True):
-        near, far = (
-            [c for c in found if abs(c.angle - usual) <= most] for most in limits
-        )
-        near = near or far
+    for profile, own, why in zip(profiles, alike, missed, strict=True):
+        off = [abs(candidate.angle - usual) for candidate in own]
+        limit = close if min(off, default=np.inf) <= close else wide
+        near = [c for c, angle in zip(own, off, strict=True) if angle <= limit]
+        reason = ""
         if not present(profile).any():
             reason = "nothing in this profile"
-        elif not found:
-            reason = why or f"no {key[0]} as in other profiles"
+        elif not own:
+            reason = why or f"no {look.shape} as in other profiles"
         elif not near:
-            reason = f"a corner of {np.degrees(found[0].angle):.0f}°, {np.degrees(usual):.0f}° in other profiles"
+            angle, expected = np.degrees([own[0].angle, usual])
+            reason = f"a corner of {angle:.0f}°, {expected:.0f}° in other profiles"
         elif len(near) > 1 and near[1].support > AMBIGUOUS * near[0].support:
-            reason = f"{len(near)} candidates for the {key[0]}, none clearly the best"
-        else:
-            chosen.append(near[0])
-            continue
-        chosen.append(Candidate(nothing(reason)))
-    return chosen
+            count = len(near)
+            reason = f"{count} candidates for the {look.shape}, none clearly the best"
+        chosen.append(Candidate(nothing(reason)) if reason else near[0])
+    return with_end_variance(chosen)
 
 
-SHAPES = ("corner", "step end", "tip")  # in this order if many profiles show several
-LEAST_SIDE = 10  # points on either side of a corner
-# mm: from the ends of straight sides to their corner, and across a blade's tip, at most
-NEAR = 2.0
+def with_end_variance(chosen: list[Candidate]) -> list[Feature]:
+    """The features of candidates, with the variance of run ends along their runs."""
+    counted = end_variance([end for candidate in chosen for end in candidate.ends])
+    features = []
+    for candidate in chosen:
+        feature = candidate.feature
+        if candidate.ends:
+            along = [
+                (counted + end.variance) * np.outer(end.spacing, end.spacing)
+                for end in candidate.ends
+            ]
+            feature = replace(feature, covariance=feature.covariance + along)
+        features.append(feature)
+    return features
 
 
-def find_edges(profiles) -> list[Feature]:
-    """The edge in each profile (n, 2), mm: of what many profiles show the first of
-    corners that point at the scanner, ends of faces, tips, and corners that point away,
-    where a wall meets a floor.
+def find_edges(profiles: Profiles) -> list[Feature]:
+    """The edge in each profile (n, 2), mm.
+
+    It is, of what many profiles show, the first of: corners that point at the scanner,
+    ends of faces, tips, and corners that point away, where a wall meets a floor.
     """
     found = [straight_runs(profile) for profile in profiles]
-    view = View.of([runs for runs, _ in found])
+    view = View.from_runs([runs for runs, _ in found])
     candidates = [
-        [
-            *corners(runs),
-            *step_ends(runs, limit, view),
-            *tips(profile, runs, limit, view),
-        ]
+        corners(runs) + step_ends(runs, limit, view) + tips(profile, runs, limit, view)
         for profile, (runs, limit) in zip(profiles, found, strict=True)
     ]
-
-    def rank(key):
-        hollow = key[0] == "corner" and key[1] * view.away > 0
-        return len(SHAPES) if hollow else SHAPES.index(key[0])
-
-    count, support = (
-        Counter(key for found in candidates for key in {c.key for c in found}),
-        Counter(),
-    )
-    for c in chain.from_iterable(candidates):
-        support[c.key] += c.support
-    often = [key for key in count if 2 * count[key] >= max(count.values())]
-    key = min(
-        often, key=lambda key: (rank(key), -count[key], -support[key]), default=None
-    )
-    if key and key[0] == "step end" and count[key[0], -key[1]] > 0.8 * count[key]:
-        at_faces = Counter(
-            c.key
-            for found in candidates
-            for c in corners_of_faces(found)
-            if rank(c.key) == 0
-        )
-        # where a side face is seen
-        key, often = max(at_faces.items(), key=lambda item: item[1], default=(None, 0))
-        if often < 3:
-            reason = "both ends of a face are seen, in this profile or others: which is the edge? Show one of them only"
-            return [nothing(reason) for _ in profiles]
-    is_corner = key and key[0] == "corner"
-    missed = [why_no_corner(runs) if is_corner else "" for runs, _ in found]
-    return with_end_variance(choose(profiles, candidates, key, missed))
-
-
-def corners_of_faces(found) -> list[Candidate]:
-    """The corners among a profile's candidates at which its longest face ends."""
-    ends = [c for c in found if c.feature.shape == "step end"]
-    longest = max((c.support for c in ends), default=0.0)
-    tips = [c.feature.points[0] for c in ends if c.support == longest]
-    corners = [c for c in found if c.feature.shape == "corner"]
-    return [
-        c
-        for c in corners
-        if any(np.hypot(*(c.feature.points[0] - tip)) < NEAR for tip in tips)
-    ]
-
-
-def corners(runs) -> list[Candidate]:
-    """Where neighbouring straight runs meet: the apex of a ridge, the corner of a bar."""
-    found = []
-    for first, second in pairwise(runs):
-        if not is_bent(first, second):
-            continue
-        apex = crossing(first, second)
-        sides = [beyond_blunt(run, apex) for run in (first, second)]
-        if None in sides or not is_bent(*sides) or not ends_at(first, second, apex):
-            continue
-        apex = crossing(*sides)
-        used = np.concatenate([side.rows for side in sides])
-        feature = Feature(
-            apex[None], crossing_covariance(*sides, apex)[None], used, "corner"
-        )
-        # from between the sides to the apex and on
-        towards = first.direction - second.direction
-        bend = np.arccos(first.direction @ second.direction)
-        found.append(
-            Candidate(
-                feature,
-                int(np.sign(towards[1])),
-                min(side.length for side in sides),
-                np.pi - bend,
+    shown_by = Counter(look for own in candidates for look in {c.look for c in own})
+    look = usual_look(candidates, shown_by, view.away)
+    other_end = Look(look.shape, -look.side)
+    if look.shape == "step end" and shown_by[other_end] > 0.8 * shown_by[look]:
+        side_face = look_of_side_faces(candidates, view.away)
+        if side_face is None:
+            reason = (
+                "both ends of a face are seen, in this profile or others: "
+                "which is the edge? Show one of them only"
             )
-        )
-    return found
+            return [nothing(reason) for _ in profiles]
+        look = side_face
+    is_corner = look.shape == "corner"
+    missed = [why_no_corner(runs) if is_corner else "" for runs, _ in found]
+    return choose(profiles, candidates, look, missed)
 
 
-def why_no_corner(runs) -> str:
+def usual_look(
+    candidates: list[list[Candidate]], shown_by: Counter[Look], away: int
+) -> Look:
+    """The look of the edge, from how many profiles each look is `shown_by`.
+
+    Of the looks that at least half as many profiles show as show the most frequent one,
+    it is the first in rank, then the most frequent, then the best supported.
+    """
+    most = max(shown_by.values(), default=0)
+    often = [look for look, count in shown_by.items() if 2 * count >= most]
+
+    def order(look: Look) -> tuple[int, int, float]:
+        support = sum(c.support for own in candidates for c in own if c.look == look)
+        return rank(look, away), -shown_by[look], -support
+
+    return min(often, key=order, default=Look(""))
+
+
+def rank(look: Look, away: int) -> int:
+    """The place of a look among those of edges; corners that point away come last."""
+    is_hollow = look.shape == "corner" and look.side * away > 0
+    return len(SHAPES) if is_hollow else SHAPES.index(look.shape)
+
+
+def look_of_side_faces(candidates: list[list[Candidate]], away: int) -> Look | None:
+    """Of corners that point at the scanner where a profile's longest face ends, the
+    most frequent look: a side face is seen there. None if fewer than three show it.
+    """
+    found = Counter(c.look for own in candidates for c in corners_of_faces(own))
+    for look, count in found.most_common():
+        if count >= 3 and rank(look, away) == 0:
+            return look
+    return None
+
+
+def corners_of_faces(candidates: list[Candidate]) -> list[Candidate]:
+    """The corners among a profile's candidates at which its longest face ends."""
+    ends = [c for c in candidates if c.feature.shape == "step end"]
+    longest = max((end.support for end in ends), default=0.0)
+    tips = [end.feature.points[0] for end in ends if end.support == longest]
+
+    def is_near(place: np.ndarray) -> bool:
+        return any(np.hypot(*(place - tip)) < NEAR for tip in tips)
+
+    corners = [c for c in candidates if c.feature.shape == "corner"]
+    return [corner for corner in corners if is_near(corner.feature.points[0])]
+
+
+def corners(runs: list[Run]) -> list[Candidate]:
+    """Where neighbouring straight runs meet: a ridge's apex, the corner of a bar."""
+    found = [corner_between(*pair) for pair in pairwise(runs)]
+    return [corner for corner in found if corner]
+
+
+def corner_between(first: Run, second: Run) -> Candidate | None:
+    """The corner that two runs form, from their points beyond its rounding; None if
+    these are too few, if the runs go straight on, or if they do not end there.
+    """
+    if not is_bent(first, second):
+        return None
+    apex = crossing(first, second)
+    before = beyond_blunt(first, apex)
+    after = beyond_blunt(second, apex)
+    if not before or not after or not is_bent(before, after):
+        return None
+    if not ends_at(first, second, apex):
+        return None
+    apex = crossing(before, after)
+    covariance = crossing_covariance(before, after, apex)
+    used = np.concatenate([before.rows, after.rows])
+    feature = Feature(apex[None], covariance[None], used, "corner")
+    # from between the sides to the apex and on
+    towards = first.direction - second.direction
+    bend = np.arccos(first.direction @ second.direction)
+    support = min(before.length, after.length)
+    return Candidate(feature, int(np.sign(towards[1])), support, np.pi - bend)
+
+
+def why_no_corner(runs: list[Run]) -> str:
     """What keeps a profile of a corner from showing it, as far as its straight runs
     tell.
     """
     for first, second in pairwise(runs):
         if is_bent(first, second) and ends_at(first, second, crossing(first, second)):
-            return f"one side of the corner shows fewer than {LEAST_SIDE} points beyond its rounding"
-    return (
-        "one side of the corner shows too few points for a line"
-        if len(runs) == 1
-        else ""
-    )
+            few = f"fewer than {LEAST_SIDE} points beyond its rounding"
+            return f"one side of the corner shows {few}"
+    if len(runs) == 1:
+        return "one side of the corner shows too few points for a line"
+    return ""
 
 
 def is_bent(first: Run, second: Run) -> bool:
     """Whether two runs form a corner, neither straight on nor straight back."""
     least_bend_deg = 15.0  # between the sides of a corner
-    return bool(
-        abs(first.direction @ second.direction) < np.cos(np.radians(least_bend_deg))
-    )
+    cosine = abs(first.direction @ second.direction)
+    return bool(cosine < np.cos(np.radians(least_bend_deg)))
 
 
 def crossing(first: Run, second: Run) -> np.ndarray:
     """Where the lines of two runs meet, (2,)."""
     normals = np.stack([first.normal, second.normal])
-    return np.linalg.solve(
-        normals, [first.normal @ first.point, second.normal @ second.point]
-    )
+    offsets = [first.normal @ first.point, second.normal @ second.point]
+    return np.linalg.solve(normals, offsets)
 
 
-def crossing_covariance(first: Run, second: Run, apex) -> np.ndarray:
+def crossing_covariance(first: Run, second: Run, apex: np.ndarray) -> np.ndarray:
     """Of the place where the lines of two runs meet, (2, 2) mm²."""
-    variance = np.diag(
-        [run.offset_covariance(apex[None])[0, 0] for run in (first, second)]
-    )
-    inverse = np.linalg.inv(np.stack([first.normal, second.normal]))
-    return inverse @ variance @ inverse.T
+    lines = (first, second)
+    variances = [line.offset_covariance(apex[None])[0, 0] for line in lines]
+    inverse = np.linalg.inv(np.stack([line.normal for line in lines]))
+    return inverse @ np.diag(variances) @ inverse.T
 
 
-def ends_at(first: Run, second: Run, apex) -> bool:
+def ends_at(first: Run, second: Run, apex: np.ndarray) -> bool:
     """Whether the first run ends and the second begins within reach of the apex."""
     end = (apex - first.point) @ first.direction - first.along[-1]
     start = (apex - second.point) @ second.direction - second.along[0]
     return abs(end) < NEAR and abs(start) < NEAR
 
 
-def beyond_blunt(run: Run, apex) -> Run | None:
+def beyond_blunt(run: Run, apex: np.ndarray) -> Run | None:
     """The run without the points around the corner; None if too little is left."""
-    rows = run.rows[np.abs(run.along - (apex - run.point) @ run.direction) > BLUNT]
-    side = Run.through(run.profile, rows) if len(rows) >= LEAST_SIDE else None
-    return side if side and side.length > BLUNT else None
+    from_apex = run.along - (apex - run.point) @ run.direction
+    rows = run.rows[np.abs(from_apex) > BLUNT]
+    if len(rows) < LEAST_SIDE:
+        return None
+    side = Run.through(run.profile, rows)
+    return side if side.length > BLUNT else None
 
 
-def step_ends(runs, limit: float, view: View) -> list[Candidate]:
+def step_ends(runs: list[Run], limit: float, view: View) -> list[Candidate]:
     """Where a face ends in front of something farther away, or of nothing."""
     found = []
     for run in facing(runs):
-        for side in (run.reversed(), run):
-            step = step_beyond(side, limit, view)
-            if step == 0 or (step and step * view.away > 0):
-                end = run_end(side)
-                tip = end.tip[None]
-                across = run.offset_covariance(tip)[..., None] * np.outer(
-                    run.normal, run.normal
-                )
-                feature = Feature(tip, across, run.rows, "step end")
-                found.append(
-                    Candidate(
-                        feature,
-                        int(np.sign(end.tip[0] - run.point[0])),
-                        run.length,
-                        ends=(end,),
-                    )
-                )
+        for outwards in (run.reversed(), run):
+            step = step_beyond(outwards, limit, view)
+            if step is None or (step != 0 and step * view.away <= 0):
+                continue
+            end = run_end(outwards)
+            tip = end.tip[None]
+            covariance = run.covariance_across(tip)[0]
+            feature = Feature(tip, covariance, run.rows, "step end")
+            side = int(np.sign(end.tip[0] - run.point[0]))
+            found.append(Candidate(feature, side, run.length, ends=(end,)))
     return found
 
 
-def tips(profile, runs, limit: float, view: View) -> list[Candidate]:
+def tips(
+    profile: np.ndarray, runs: list[Run], limit: float, view: View
+) -> list[Candidate]:
     """Narrow tips in front of a background or of nothing: a blade that points at the
     scanner.
     """
@@ -273,106 +312,95 @@ def tips(profile, runs, limit: float, view: View) -> list[Candidate]:
     for cluster in stretches(np.flatnonzero(free), 3):
         for away in [view.away] if view.away else (1, -1):
             top = top_of(profile, seen, cluster, away)
-            if top is not None:
-                points = profile[top]
-                apex = points.mean(axis=0)
-                # or anywhere among them
-                edge = [apex[0], away * (away * points[:, 1]).min()]
-                variances = np.maximum(
-                    ((points - edge) ** 2).mean(axis=0), (limit / NOISE_LIMIT) ** 2
-                )
-                found.append(
-                    Candidate(
-                        Feature(apex[None], np.diag(variances)[None], top, "tip"),
-                        -away,
-                        1.0,
-                    )
-                )
+            if not len(top):
+                continue
+            points = profile[top]
+            apex = points.mean(axis=0)
+            # the edge may be anywhere among them
+            edge = [apex[0], away * (away * points[:, 1]).min()]
+            spread = ((points - edge) ** 2).mean(axis=0)
+            variances = np.maximum(spread, (limit / NOISE_LIMIT) ** 2)
+            feature = Feature(apex[None], np.diag(variances)[None], top, "tip")
+            found.append(Candidate(feature, -away, 1.0))
     return found
 
 
-def top_of(profile, seen, cluster, away: int) -> np.ndarray | None:
+def top_of(
+    profile: np.ndarray, seen: np.ndarray, cluster: np.ndarray, away: int
+) -> np.ndarray:
     """The rows of a cluster's top BLUNT if they are narrow and what surrounds the
-    cluster lies behind them.
+    cluster lies behind them; else none.
     """
-    depth = away * profile[cluster, 1]
-    for nearest in np.sort(depth)[:3]:  # up to two spikes in front
-        top = cluster[(depth >= nearest) & (depth < nearest + BLUNT)]
+    none = top = cluster[:0]
+    depth = away * profile[:, 1]
+    for nearest in np.sort(depth[cluster])[:3]:  # up to two spikes in front
+        front = depth[cluster]
+        top = cluster[(front >= nearest) & (front < nearest + BLUNT)]
         if len(top) >= 3:
             break
-    else:
-        return None
-    if np.ptp(profile[top, 0]) > NEAR:
-        return None
-    for around in (
-        np.arange(top[0] - ZONE, top[0]),
-        np.arange(top[-1] + 1, top[-1] + 1 + ZONE),
-    ):
-        if around[0] < 0 or around[-1] >= len(profile):
-            return None
-        if (
-            seen[around].any()
-            and np.median(away * profile[around[seen[around]], 1]) < nearest + BLUNT
-        ):
-            return None
+    if len(top) < 3 or np.ptp(profile[top, 0]) > NEAR:
+        return none
+    before = np.arange(top[0] - ZONE, top[0])
+    after = np.arange(top[-1] + 1, top[-1] + 1 + ZONE)
+    if before[0] < 0 or after[-1] >= len(profile):
+        return none
+    for around in (before, after):
+        surroundings = depth[around[seen[around]]]
+        if len(surroundings) and np.median(surroundings) < nearest + BLUNT:
+            return none
     return top
 
 
-def find_chords(profiles, radius: float) -> list[Feature]:
+def find_chords(profiles: Profiles, radius: float) -> list[Feature]:
     """The tips of the disk's chord in each profile (n, 2), mm."""
     found = [straight_runs(profile) for profile in profiles]
-    view = View.of([runs for runs, _ in found])
+    view = View.from_runs([runs for runs, _ in found])
     candidates = [chords(runs, limit, radius, view) for runs, limit in found]
     # most chords are in front
-    away = view.away or np.sign(sum(c.side for found in candidates for c in found))
+    away = view.away or np.sign(sum(c.side for own in candidates for c in own))
     in_front = [
-        [replace(c, side=0) for c in found if c.side * away >= 0]
-        for found in candidates
+        [replace(chord, side=0) for chord in own if chord.side * away >= 0]
+        for own in candidates
     ]
-    return with_end_variance(
-        choose(profiles, in_front, ("chord", 0), [""] * len(profiles))
-    )
+    return choose(profiles, in_front, Look("chord"), [""] * len(profiles))
 
 
-def chords(runs, limit: float, radius: float, view: View) -> list[Candidate]:
+def chords(runs: list[Run], limit: float, radius: float, view: View) -> list[Candidate]:
     """Straight runs no longer than the disk's diameter that end on both sides before a
     step or nothing.
     """
     found = []
     for run in facing(runs):
-        sides = run.reversed(), run
-        beyond = {step_beyond(side, limit, view) for side in sides}
-        if None in beyond or {-1, 1} <= beyond:
+        start, stop = run.reversed(), run
+        before = step_beyond(start, limit, view)
+        after = step_beyond(stop, limit, view)
+        if before is None or after is None or before * after < 0:
             continue
-        ends = sorted(map(run_end, sides), key=lambda end: end.tip[0])
+        ends = sorted([run_end(start), run_end(stop)], key=lambda end: end.tip[0])
         tips = np.stack([end.tip for end in ends])
         if np.linalg.norm(tips[1] - tips[0]) > 2 * radius + 4 * run.spacing:
             continue
-        across = run.offset_covariance(tips)[..., None, None] * np.outer(
-            run.normal, run.normal
-        )  # (2, 2, 2, 2)
-        feature = Feature(
-            tips, across[[0, 1], [0, 1]], run.rows, "chord", between=across[0, 1]
-        )
-        found.append(Candidate(feature, sum(beyond), run.length, ends=tuple(ends)))
+        covariance = run.covariance_across(tips)
+        own = covariance[[0, 1], [0, 1]]
+        feature = Feature(tips, own, run.rows, "chord", between=covariance[0, 1])
+        found.append(Candidate(feature, before or after, run.length, ends=tuple(ends)))
     return found
 
 
-def find_lines(profiles) -> list[Feature]:
+def find_lines(profiles: Profiles) -> list[Feature]:
     """The face in each profile (n, 2), mm, as up to 40 means over points of a line."""
     return [find_line(profile) for profile in profiles]
 
 
-def find_line(profile) -> Feature:
+def find_line(profile: np.ndarray) -> Feature:
     """A profile's longest straight run, if no other is nearly as long."""
     runs = sorted(straight_runs(profile)[0], key=lambda run: -run.length)
     if not runs:
         return nothing("no straight run in this profile")
-    if len(runs) > 1 and runs[1].length > AMBIGUOUS * runs[0].length:
-        return nothing(
-            f"two straight runs of similar length, {runs[0].length:.0f} and {runs[1].length:.0f} mm"
-        )
     best = runs[0]
+    if len(runs) > 1 and runs[1].length > AMBIGUOUS * best.length:
+        lengths = f"{best.length:.0f} and {runs[1].length:.0f} mm"
+        return nothing(f"two straight runs of similar length, {lengths}")
     normals = np.broadcast_to(best.normal, (len(best.off), 2))
     points, _, covariance = block_means(best.points, best.off, normals)
     return Feature(points, covariance, best.rows, "line")

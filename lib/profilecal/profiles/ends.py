@@ -2,17 +2,17 @@
 beyond. Functions look at a run's last point; `Run.reversed` shows them the first one.
 """
 
-from dataclasses import dataclass, replace
+from collections.abc import Iterable
+from dataclasses import dataclass
 
 import numpy as np
 
-from profilecal.profiles.points import Feature, present
+from profilecal.profiles.points import present
 from profilecal.profiles.runs import Run
 
-# mm beyond a run in which the scanner sees nothing, though it looked: the run ends
-# there
+# mm beyond a run where the scanner looked and saw nothing: the run ends there
 CLEAR = 5.0
-# mm that rounding and the laser spot spoil, of a corner or a blade; what is farther off
+# mm of a corner or a blade that rounding and the laser spot spoil; what is farther off
 # a line is a step
 BLUNT = 0.5
 ZONE = 12  # points at a step among which the scanner may see both of its sides
@@ -23,40 +23,36 @@ ON_FACE = 3.5  # standard deviations from a run's line
 class View:
     """Where what a scanner sees ends, and which way is away from it."""
 
-    points: np.ndarray  # (k, 2) mm
+    points: np.ndarray  # (k, 2) mm, the ends of all straight runs
     # sign of z that points away from the scanner, told by its standoff; 0: not known
     away: int
 
     @staticmethod
-    def of(runs) -> "View":
-        """From each profile's straight runs; spikes could be anywhere."""
+    def from_runs(runs_by_profile: Iterable[list[Run]]) -> "View":
+        """What each profile's straight runs tell; spikes could be anywhere."""
         ends = [
-            np.concatenate([run.points[[0, -1]] for run in found])
-            for found in runs
-            if found
+            np.concatenate([run.points[[0, -1]] for run in runs])
+            for runs in runs_by_profile
+            if runs
         ]
-        points = np.concatenate([*ends, np.zeros((0, 2))])
+        if not ends:
+            return View(np.zeros((0, 2)), 0)
+        points = np.concatenate(ends)
         z = points[:, 1]
-        far = (
-            len(z) and np.abs(z).min() > np.median([np.ptp(p[:, 1]) for p in ends]) / 2
-        )
-        return View(
-            points,
-            int(np.sign(z[0])) if far and (np.sign(z) == np.sign(z[0])).all() else 0,
-        )
+        usual_depth = np.median([np.ptp(own[:, 1]) for own in ends])
+        one_side = (np.sign(z) == np.sign(z[0])).all()
+        is_far = np.abs(z).min() > usual_depth / 2
+        return View(points, int(np.sign(z[0])) if one_side and is_far else 0)
 
-    def reaches_beyond(self, end, direction) -> bool:
-        """Whether some profile has a point at about this depth, or nearer, clearly
-        farther out along x.
+    def reaches_beyond(self, end: np.ndarray, direction: np.ndarray) -> bool:
+        """Whether some profile has a point clearly farther out along x than an end
+        (2,), at about its depth or nearer.
         """
         deeper = self.points[:, 1] - end[1]
         # the view widens with depth
-        like = self.away * deeper < CLEAR if self.away else np.abs(deeper) < CLEAR
-        return bool(
-            (
-                like & ((self.points[:, 0] - end[0]) * np.sign(direction[0]) > CLEAR)
-            ).any()
-        )
+        alike = self.away * deeper < CLEAR if self.away else np.abs(deeper) < CLEAR
+        outwards = (self.points[:, 0] - end[0]) * np.sign(direction[0])
+        return bool((alike & (outwards > CLEAR)).any())
 
 
 @dataclass(frozen=True)
@@ -71,36 +67,32 @@ class End:
     variance: float  # of where a row is along the run, in points²
 
 
-def facing(runs) -> list[Run]:
-    """Runs that face the scanner: no side walls, of which it sees as much as it can,
-    not all.
-    """
+def facing(runs: list[Run]) -> list[Run]:
+    """The runs that face the scanner; of side walls it sees a part alone."""
     steepest_deg = 65.0  # of a face that faces the scanner
-    return [
-        run for run in runs if abs(run.direction[0]) > np.cos(np.radians(steepest_deg))
-    ]
+    least = np.cos(np.radians(steepest_deg))
+    return [run for run in runs if abs(run.direction[0]) > least]
 
 
 def step_beyond(run: Run, limit: float, view: View) -> int | None:
-    """What follows a run's last point: a step, as the sign of its change of z; nothing,
-    0, where the scanner looked, as missing points that follow or other profiles tell;
-    None if that is unclear.
+    """What follows a run's last point.
+
+    After a step it is the sign of the change of z. It is 0 where nothing follows
+    although the scanner looked, as missing points there or other profiles tell; None if
+    that is unclear.
     """
     beyond = run.profile[run.rows[-1] + 1 :]
     seen = beyond[present(beyond)]
     if len(seen) >= 3:
         return step_to(seen, run, limit)
     missing = (len(beyond) - len(seen)) * run.spacing
-    return (
-        0
-        if missing > CLEAR or view.reaches_beyond(run.points[-1], run.direction)
-        else None
-    )
+    looked = missing > CLEAR or view.reaches_beyond(run.points[-1], run.direction)
+    return 0 if looked else None
 
 
-def step_to(points, run: Run, limit: float) -> int | None:
-    """The sign of the change of z from a run to the `points` (k, 2) that follow it;
-    None if that is no step.
+def step_to(points: np.ndarray, run: Run, limit: float) -> int | None:
+    """The sign of the change of z from a run to the points (k, 2) that follow it; None
+    if that is no step.
     """
     thickness = 3.0  # mm of a face whose side wall may be seen
     wall = int(thickness / max(run.spacing, 1e-3))
@@ -110,64 +102,55 @@ def step_to(points, run: Run, limit: float) -> int | None:
     soon = np.median(off[3:9] if len(off) >= 6 else off)
     if abs(soon) > max(BLUNT, 2 * limit):
         return int(np.sign(soon))
-    after = np.median(off[wall:]) if len(off) > wall + 6 else 0.0
+    behind_wall = np.median(off[wall:]) if len(off) > wall + 6 else 0.0
     near = np.abs(off) < CLEAR / 2
     # a wall, no bevel
-    steep = near.any() and np.ptp(along[near]) < np.abs(off[near]).max()
-    return int(np.sign(after)) if steep and abs(after) > CLEAR else None
+    is_steep = near.any() and np.ptp(along[near]) < np.abs(off[near]).max()
+    return int(np.sign(behind_wall)) if is_steep and abs(behind_wall) > CLEAR else None
 
 
 def run_end(run: Run) -> End:
-    """The end of a run, at its last point, on its line.
+    """Where a run ends on its line, near its last point.
 
-    The laser spot and the pixels blur a step over a few points, each of which shows one
-    side or the other. Their number on the run, not the last of them, is an unbiased
-    measure of where the run ends: the last lies outside by about half of what the
-    scanner resolves. A side wall adds as many points within a threshold of the line as
-    between one and two.
+    The laser spot and the pixels blur a step over a few rows, each of which shows one
+    side of it or the other. The last row that shows the run lies outside by about half
+    of what the scanner resolves. How many of the rows show it has no such bias, so
+    points are counted:
+
+    1. The face is the run's points within a threshold of its line. Its last row is L.
+    2. Of the Z rows up to L and the Z rows after it, N show points within the
+       threshold. Were they the first N, without gaps, the last of them would be row
+       L - Z + N, and the face would end half a row later, at L - Z + N + 1/2.
+    3. A side wall that the scanner sees adds points to N. It crosses the line at a
+       steady pace: as many are within one threshold as between one and two, which are
+       counted, M. The face ends M rows earlier: E = L - Z + N - M + 1/2.
+    4. The place of row E on the line, and the spacing of rows there, are those of a
+       straight line through the face's last points: along = place + spacing (row - E).
+       The points of a wall stay out of it, since a wall has no length along the line.
     """
     threshold = ON_FACE * np.sqrt(np.mean(run.off**2))
-    face = np.abs(run.off) <= threshold
-    rows, along = run.rows[face], run.along[face]
+    on_face = np.abs(run.off) <= threshold
+    rows, along = run.rows[on_face], run.along[on_face]
+    last = rows[-1]
+
     zone = min(ZONE, len(rows) // 2)
-    around = run.profile[rows[-1] + 1 - zone : rows[-1] + 1 + zone]
-    off = np.abs(run.coordinates(around)[1])
-    on = int((off <= threshold).sum())  # false for NaN
-    wall = int((off <= 2 * threshold).sum()) - on
-    end = rows[-1] - zone + on - wall + 0.5
-    overlaps = int((np.diff(rows[rows > rows[-1] - zone]) > 1).sum())
-    # a wall has no length along the line
-    near = slice(-2 * ZONE - 2 * wall, len(rows) - min(2 * wall, len(rows) // 2))
-    (spacing, place), covariance = np.polyfit(
-        rows[near] - end, along[near], 1, cov=True
-    )
-    spacing = max(spacing, 1e-3)
+    first = last - zone + 1
+    off = np.abs(run.coordinates(run.profile[first : last + 1 + zone])[1])
+    within = int((off <= threshold).sum())  # false for NaN
+    wall = int((off <= 2 * threshold).sum()) - within
+    end = last - zone + within - wall + 0.5
+    overlaps = int((np.diff(rows[rows >= first]) > 1).sum())
+
+    walled = min(2 * wall, len(rows) // 2)
+    near = slice(-2 * ZONE - 2 * wall, len(rows) - walled)
+    line, covariance = np.polyfit(rows[near] - end, along[near], 1, cov=True)
+    spacing, place = max(line[0], 1e-3), line[1]
     tip = run.point + place * run.direction
-    return End(
-        tip, spacing * run.direction, overlaps, wall, covariance[1, 1] / spacing**2
-    )
+    variance = covariance[1, 1] / spacing**2
+    return End(tip, spacing * run.direction, overlaps, wall, variance)
 
 
-def with_end_variance(chosen) -> list[Feature]:
-    """The features of candidates, with the variance of run ends along their runs."""
-    counted = end_variance([end for candidate in chosen for end in candidate.ends])
-
-    def widened(candidate):
-        along = [
-            (counted + end.variance) * np.outer(end.spacing, end.spacing)
-            for end in candidate.ends
-        ]
-        feature = candidate.feature
-        return (
-            replace(feature, covariance=feature.covariance + along)
-            if along
-            else feature
-        )
-
-    return [widened(candidate) for candidate in chosen]
-
-
-def end_variance(ends) -> float:
+def end_variance(ends: list[End]) -> float:
     """Of where a scan's runs end, along them, in points², by counting points, as all of
     the ends together show.
 
@@ -176,15 +159,15 @@ def end_variance(ends) -> float:
     alternate (k - 1)³ / 6k² times on average, which tells k. (Only scanners that keep
     the rows of missing points show all overlaps.)
 
-    Where M points of a side wall were taken off, the end is 2 N - N' with N and N' = N
-    + M points within one and two thresholds. If M is small, the same samples decide on
-    both: the variance is k/6 + 2 M. It is 5k/6 at most.
+    Where M points of a side wall were taken off, the end is at 2 N - N', with N and
+    N' = N + M points within one and two thresholds. If M is small, the same samples
+    decide on both: the variance is k/6 + 2 M. It is 5k/6 at most.
     """
     if not ends:
         return 0.0
-    overlaps = [end.overlaps for end in ends if not end.wall] or [
-        end.overlaps for end in ends
-    ]
+    without_wall = [end for end in ends if not end.wall]
+    overlaps = np.mean([end.overlaps for end in without_wall or ends])
     k = np.linspace(1, 40, 400)
-    spot = np.interp(np.mean(overlaps), (k - 1) ** 3 / (6 * k**2), k)
-    return spot / 6 + min(2 * np.mean([end.wall for end in ends]), 2 / 3 * spot)
+    spot = np.interp(overlaps, (k - 1) ** 3 / (6 * k**2), k)
+    wall = np.mean([end.wall for end in ends])
+    return spot / 6 + min(2 * wall, 2 / 3 * spot)

@@ -2,6 +2,7 @@
 profile shows of the target: a point, a chord, an arc or a line, or why there is none.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -9,17 +10,24 @@ import numpy as np
 from scipy.ndimage import median_filter
 from scipy.optimize import nnls
 
+# those of one scan, each (n, 2), x and z in mm
+Profiles = Sequence[np.ndarray]
+
 # standard deviations of the noise from an outline within which points are on it
 NOISE_LIMIT = 5.0
-# mm, however quiet; a profile that needs more shows no surface
-LEAST_TOLERANCE, LARGEST_TOLERANCE = 0.1, 2.0
+# mm, however quiet the scanner is
+LEAST_TOLERANCE = 0.1
+# mm; a profile that needs as much shows no surface
+LARGEST_TOLERANCE = 2.0
 # tolerances, rms, of points from the line or curve that they follow: twice the noise
 FOLLOWS = 2 / NOISE_LIMIT
 
 
-def present(profile) -> np.ndarray:
-    """Which points (n,) of a profile (n, 2) the scanner saw: finite ones; a depth of
-    zero stands for nothing, but for zeros between points within a millimetre.
+def present(profile: np.ndarray) -> np.ndarray:
+    """Which points (n,) of a profile (n, 2) the scanner saw.
+
+    Their coordinates are finite. A depth of zero stands for a missing point, except
+    where the depths before and after it are within a millimetre of zero too.
     """
     x, z = profile.T
     finite = np.isfinite(x) & np.isfinite(z)
@@ -28,14 +36,17 @@ def present(profile) -> np.ndarray:
         return finite
     real = np.flatnonzero(finite & ~zero)
     if real.size:
-        # one neighbour at least is far from it
-        zero &= np.interp(np.arange(len(z)), real, np.abs(z[real]) >= 1) > 0
+        # above zero if the point before or the point after is far from a depth of zero
+        far = np.interp(np.arange(len(z)), real, np.abs(z[real]) >= 1)
+        zero &= far > 0
     return finite & ~zero
 
 
-def tolerance(z) -> float:
-    """How far points are from a smooth outline by chance at most, mm, from the second
-    differences of z (k,).
+def tolerance(z: np.ndarray) -> float:
+    """How far points are from a smooth outline by chance at most, mm.
+
+    It follows from the second differences of the depths z (k,), of which independent
+    noise has √6 times the standard deviation of a point.
     """
     if len(z) < 5:
         return LEAST_TOLERANCE
@@ -45,10 +56,11 @@ def tolerance(z) -> float:
     return float(np.clip(NOISE_LIMIT * sigma, LEAST_TOLERANCE, LARGEST_TOLERANCE))
 
 
-def surface(profile, seen) -> tuple[np.ndarray, float]:
-    """The rows (k,) among those `seen` (m,) in a profile (n, 2) that are no spikes, and
-    the surface's tolerance, mm; no rows where neighbours differ too much to be of one
-    surface.
+def surface(profile: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, float]:
+    """The rows (k,) that are no spikes, of those `seen` (m,) in a profile (n, 2).
+
+    Beside them the tolerance of the surface, mm. There are no rows where neighbours
+    differ too much to be of one surface.
     """
     z = profile[seen, 1]
     limit = tolerance(z)
@@ -56,22 +68,23 @@ def surface(profile, seen) -> tuple[np.ndarray, float]:
         return seen[:0], limit
     if len(z) < 7:
         return seen, limit
-    # a spike is far beyond noise
-    return seen[np.abs(z - median_filter(z, 7, mode="nearest")) <= 5 * limit], limit
+    outline = median_filter(z, 7, mode="nearest")
+    spikes = np.abs(z - outline) > 5 * limit  # far beyond noise
+    return seen[~spikes], limit
 
 
-def stretches(rows, gap: int) -> list[np.ndarray]:
-    """Rows (k,) in rising order, apart where more than `gap` steps lie between
-    neighbours.
-    """
+def stretches(rows: np.ndarray, gap: int) -> list[np.ndarray]:
+    """Rows (k,) in rising order, cut where neighbours are more than `gap` apart."""
     cuts = np.flatnonzero(np.diff(rows) > gap) + 1
     return [rows[start:stop] for start, stop in pairwise([0, *cuts, len(rows)])]
 
 
-def correlation(errors) -> float:
-    """How many times the variance of a mean of `errors` (k,) exceeds that of
-    independent ones: 1 + 2 Σ ρ, up to the first autocorrelation that is not twice its
-    own standard error away from zero.
+def correlation(errors: np.ndarray) -> float:
+    """How many times the variance of a mean of errors (k,) exceeds that of independent
+    ones.
+
+    It is 1 + 2 Σ ρ, up to the first autocorrelation ρ that is not twice its own
+    standard error above zero.
     """
     longest = 40  # lag, in points
     k = len(errors)
@@ -87,16 +100,18 @@ def correlation(errors) -> float:
 
 @dataclass(frozen=True)
 class Feature:
-    """What one profile shows of the target; no points and a reason where it shows none."""
+    """What one profile shows of the target: points, or a reason why it shows none."""
 
-    # (m, 2) mm; edge: 1; disk: the tips, smaller x first; others: up to 40 on the curve
+    # (m, 2) mm. One of an edge; of a disk both tips, smaller x first; of others up to
+    # 40 means of points along the curve.
     points: np.ndarray
     covariance: np.ndarray  # (m, 2, 2) mm²
     used: np.ndarray  # (k,) rows of the profile that it rests on
     shape: str = ""  # corner, step end, tip, chord, arc or line
     reason: str = ""  # why nothing was found
-    # (2, 2) mm², disk: covariance of the first tip with the second
-    between: np.ndarray | None = None
+    between: np.ndarray | None = (
+        None  # (2, 2) mm², of a disk's first tip with the second
+    )
 
     @property
     def found(self) -> bool:
@@ -105,39 +120,43 @@ class Feature:
 
 
 def nothing(reason: str) -> Feature:
-    """No feature."""
-    return Feature(
-        np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0, dtype=int), reason=reason
-    )
+    """The feature of a profile that does not show the target."""
+    none = np.zeros(0, dtype=int)
+    return Feature(np.zeros((0, 2)), np.zeros((0, 2, 2)), none, reason=reason)
 
 
-def block_means(points, off, normals) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Neighbouring points (k, 2) of a curve as up to 40 means (b, 2), how far the
-    points of each are off it, (b,) mm, and the means' covariance (b, 2, 2), mm², along
-    the curve as across. `off` (k,) are the points' distances from the curve, mm, and
-    `normals` (k, 2) its unit normals there.
+def block_means(
+    points: np.ndarray, off: np.ndarray, normals: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Points (k, 2) along a curve as means of up to 40 blocks of neighbours.
+
+    `off` (k,) are the distances of the points from the curve, mm, and `normals` (k, 2)
+    its unit normals there. Returns the means (b, 2); the mean distance of each block
+    from the curve, (b,) mm; and the covariance of the means (b, 2, 2), mm², which is as
+    large along the curve as across it.
     """
-    # points that stand for an arc or a line; parameters of a curve, at most
-    blocks, fitted = 40, 4
-    size = np.diff(np.linspace(0, len(off), min(blocks, len(off)) + 1).astype(int))
-    variance = (
-        variances_across(off, normals)
-        * len(off)
-        / max(len(off) - fitted, 1)
-        * correlation(off)
-    )
-    values = np.column_stack([points, off, variance])
-    means = np.add.reduceat(values, np.cumsum(size) - size) / size[:, None]
-    return means[:, :2], means[:, 2], (means[:, 3] / size)[:, None, None] * np.eye(2)
+    most_blocks = 40
+    fitted = 4  # parameters of a curve, at most
+    k = len(off)
+    bounds = np.linspace(0, k, min(most_blocks, k) + 1).astype(int)
+    size = np.diff(bounds)
+    variance = variances_across(off, normals) * k / max(k - fitted, 1)
+    values = np.column_stack([points, off, variance * correlation(off)])
+    means = np.add.reduceat(values, bounds[:-1]) / size[:, None]
+    mean_variance = means[:, 3] / size
+    return means[:, :2], means[:, 2], mean_variance[:, None, None] * np.eye(2)
 
 
-def variances_across(off, normals) -> np.ndarray:
-    """Variances (k,), mm², of points across a curve, from their distances `off` it (k,)
-    and its normals (k, 2): nx² σx² + nz² σz², fitted to the squares, since a scanner
-    errs in x otherwise than in z.
+def variances_across(off: np.ndarray, normals: np.ndarray) -> np.ndarray:
+    """Variances (k,), mm², of points across a curve.
+
+    A scanner errs in x otherwise than in z, so that they are nx² σx² + nz² σz², fitted
+    to the squared distances `off` (k,) of the points from the curve. Its normals are
+    (k, 2).
     """
-    if len(off) < 100:  # too few to tell the two apart
-        return np.full(len(off), np.mean(off**2))
+    mean_square = np.mean(off**2)
+    if len(off) < 100:  # too few to tell x from z
+        return np.full(len(off), mean_square)
     both, _ = nnls(normals**2, off**2)
-    # less is not to be trusted
-    return np.maximum(normals**2 @ both, 0.1 * np.mean(off**2))
+    # less than a tenth of the mean is not to be trusted
+    return np.maximum(normals**2 @ both, 0.1 * mean_square)

@@ -25,32 +25,28 @@ class Run:
     off: np.ndarray  # (k,) mm, of its points from the line
 
     @staticmethod
-    def through(profile, rows) -> "Run":
+    def through(profile: np.ndarray, rows: np.ndarray) -> "Run":
         """The run of some rows of a profile, with the line nearest to them."""
         x, z = (column.take(rows) for column in profile.T)
         middle = np.array([x.mean(), z.mean()])
-        x, z = x - middle[0], z - middle[1]
+        x = x - middle[0]
+        z = z - middle[1]
         angle = np.arctan2(2 * (x @ z), x @ x - z @ z) / 2
         if np.cos(angle) * (x[-1] - x[0]) + np.sin(angle) * (z[-1] - z[0]) < 0:
             angle += np.pi
         c, s = np.cos(angle), np.sin(angle)
-        return Run(
-            profile, rows, middle, np.array([c, s]), c * x + s * z, c * z - s * x
-        )
+        along = c * x + s * z
+        off = c * z - s * x
+        return Run(profile, rows, middle, np.array([c, s]), along, off)
 
     def reversed(self) -> "Run":
-        """The same in the profile from its last point to its first."""
-        rows = len(self.profile) - 1 - self.rows[::-1]
-        return Run(
-            self.profile[::-1],
-            rows,
-            self.point,
-            -self.direction,
-            -self.along[::-1],
-            -self.off[::-1],
-        )
+        """The same run in the profile from its last point to its first."""
+        profile = self.profile[::-1]
+        rows = len(profile) - 1 - self.rows[::-1]
+        along, off = -self.along[::-1], -self.off[::-1]
+        return Run(profile, rows, self.point, -self.direction, along, off)
 
-    def coordinates(self, points) -> tuple[np.ndarray, np.ndarray]:
+    def coordinates(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """How far points (k, 2) are along the line and off it, mm."""
         away = points - self.point
         return away @ self.direction, away @ self.normal
@@ -76,22 +72,28 @@ class Run:
         rows = self.rows - self.rows.mean()
         return float(abs((rows * self.along).sum() / (rows**2).sum()))
 
-    def offset_covariance(self, places) -> np.ndarray:
-        """Of the line, across it, at places (m, 2) on it, (m, m) mm²; larger where
-        neighbouring points err alike.
+    def offset_covariance(self, places: np.ndarray) -> np.ndarray:
+        """Of how far the line is off its true place, at m places (m, 2) on it, (m, m)
+        mm².
+
+        It is larger where neighbouring points err alike.
         """
-        variance = (
-            (self.off**2).sum() / max(len(self.off) - 2, 1) * correlation(self.off)
-        )
+        k = len(self.off)
+        variance = (self.off**2).sum() / max(k - 2, 1) * correlation(self.off)
         away = (places - self.point) @ self.direction
-        return variance * (
-            1 / len(self.along) + np.outer(away, away) / (self.along**2).sum()
-        )
+        by_slope = np.outer(away, away) / (self.along**2).sum()
+        return variance * (1 / k + by_slope)
+
+    def covariance_across(self, places: np.ndarray) -> np.ndarray:
+        """Of m places (m, 2) on the line, x and z, (m, m, 2, 2) mm²; none along it."""
+        square = np.outer(self.normal, self.normal)
+        return self.offset_covariance(places)[..., None, None] * square
 
 
-def straight_runs(profile) -> tuple[list[Run], float]:
-    """The straight runs of a profile (n, 2), in scan order, and the tolerance that told
-    them apart, mm.
+def straight_runs(profile: np.ndarray) -> tuple[list[Run], float]:
+    """The straight runs of a profile (n, 2), in scan order.
+
+    Beside them the tolerance that told them apart, mm.
     """
     profile = np.asarray(profile, dtype=float)
     seen = np.flatnonzero(present(profile))
@@ -102,87 +104,94 @@ def straight_runs(profile) -> tuple[list[Run], float]:
     return distinct([run for run in runs if is_run(run, seen)]), limit
 
 
-def split(points, limit: float) -> list[np.ndarray]:
-    """Pieces of points (k, 2), as indices, none of which leaves the chord between its
-    ends by more than `limit`.
+def split(points: np.ndarray, limit: float) -> list[np.ndarray]:
+    """Pieces of points (k, 2), as indices, that are nearly straight.
+
+    None leaves the chord between its ends by more than `limit`. A piece that does is
+    cut where it is farthest from the chord.
     """
-    (x, z), pieces, todo = points.T, [], [(0, len(points))]
+    x, z = points.T
+    pieces = []
+    todo = [(0, len(points))]
     while todo:
         start, stop = todo.pop()
         if stop - start < LEAST_POINTS:
             continue
-        first, last = (
-            points[start : start + 3].mean(axis=0),
-            points[stop - 3 : stop].mean(axis=0),
-        )
+        first = points[start : start + 3].mean(axis=0)
+        last = points[stop - 3 : stop].mean(axis=0)
         chord = last - first
-        apart = np.abs(
-            (x[start:stop] - first[0]) * chord[1]
-            - (z[start:stop] - first[1]) * chord[0]
-        )
-        worst = int(apart.argmax())
-        if apart[worst] <= limit * np.hypot(*chord) or stop - start < 2 * LEAST_POINTS:
+        from_x = (x[start:stop] - first[0]) * chord[1]
+        from_z = (z[start:stop] - first[1]) * chord[0]
+        apart = np.abs(from_x - from_z)  # times the chord's length
+        farthest = int(apart.argmax())
+        is_short = stop - start < 2 * LEAST_POINTS
+        if apart[farthest] <= limit * np.hypot(*chord) or is_short:
             pieces.append(np.arange(start, stop))
         else:
-            cut = start + min(max(worst, 1), stop - start - 1)
+            cut = start + min(max(farthest, 1), stop - start - 1)
             todo += [(cut, stop), (start, cut)]
     return pieces
 
 
-def merge(pieces, points, limit: float) -> list[np.ndarray]:
+def merge(
+    pieces: list[np.ndarray], points: np.ndarray, limit: float
+) -> list[np.ndarray]:
     """Neighbouring pieces of one line as one piece, the best match first."""
 
-    def match(first, second):
+    def mismatch(first: np.ndarray, second: np.ndarray) -> float:
         square = Run.through(points, np.concatenate([first, second])).off ** 2
-        return np.sqrt(max(square[: len(first)].mean(), square[len(first) :].mean()))
+        k = len(first)
+        return np.sqrt(max(square[:k].mean(), square[k:].mean()))
 
-    matches = [match(*pair) for pair in pairwise(pieces)]
-    while matches and min(matches) < FOLLOWS * limit:
-        k = int(np.argmin(matches))
+    mismatches = [mismatch(*pair) for pair in pairwise(pieces)]
+    while mismatches and min(mismatches) < FOLLOWS * limit:
+        k = int(np.argmin(mismatches))
         pieces[k : k + 2] = [np.concatenate(pieces[k : k + 2])]
-        matches[k : k + 1] = []
+        del mismatches[k]
         for j in (k - 1, k):
-            if 0 <= j < len(matches):
-                matches[j] = match(pieces[j], pieces[j + 1])
+            if 0 <= j < len(mismatches):
+                mismatches[j] = mismatch(pieces[j], pieces[j + 1])
     return pieces
 
 
-def run_through(profile, seen, rows, limit: float) -> Run:
-    """The run of a piece: the line refitted to the points near it, between the piece's
-    ends and on from there.
+def run_through(
+    profile: np.ndarray, seen: np.ndarray, rows: np.ndarray, limit: float
+) -> Run:
+    """The run of a piece, its line refitted to the points near it.
+
+    These are the points between the ends of the piece, and on from there. `seen` (m,)
+    are the rows of the profile that the scanner saw, `rows` (k,) those of the piece.
     """
     largest_gap = 8  # rows from one point on a line to the next: it goes on
     points = profile.take(seen, axis=0)
     for _ in range(2):
-        on = np.abs(Run.through(profile, rows).coordinates(points)[1]) <= limit
+        off = Run.through(profile, rows).coordinates(points)[1]
+        on_line = np.abs(off) <= limit
         first, last = np.searchsorted(seen, (rows[0], rows[-1]))
-        near = on.copy()
+        near = on_line.copy()
         near[first : last + 1] = True
-        part = next(
-            part
-            for part in stretches(np.flatnonzero(near), largest_gap)
-            if part[-1] >= last
-        )
-        if on[part].sum() < 3:
+        parts = stretches(np.flatnonzero(near), largest_gap)
+        # the part that holds the piece
+        part = next(part for part in parts if part[-1] >= last)
+        kept = part[on_line[part]]
+        if len(kept) < 3:
             break
-        rows = seen[part[on[part]]]
+        rows = seen[kept]
     return Run.through(profile, rows)
 
 
-def is_run(run: Run, seen) -> bool:
-    """Whether a run is long enough and most of the points seen between its ends are on
-    it.
-    """
+def is_run(run: Run, seen: np.ndarray) -> bool:
+    """Whether a run is long enough and holds most of what is seen between its ends."""
     shortest = 1.5  # mm of a run
-    between = (
-        np.searchsorted(seen, run.rows[-1]) - np.searchsorted(seen, run.rows[0]) + 1
-    )
+    first, last = np.searchsorted(seen, (run.rows[0], run.rows[-1]))
+    between = last - first + 1
     return len(run.rows) >= max(LEAST_POINTS, between / 2) and run.length >= shortest
 
 
-def distinct(runs) -> list[Run]:
-    """Without runs most of whose points belong to one with more points; in scan order."""
-    kept, taken = [], set()
+def distinct(runs: list[Run]) -> list[Run]:
+    """Runs, in scan order, without those of which a run with more points holds most."""
+    kept: list[Run] = []
+    taken: set[int] = set()
     for run in sorted(runs, key=lambda run: -len(run.rows)):
         rows = set(run.rows.tolist())
         if len(rows & taken) < len(rows) / 2:

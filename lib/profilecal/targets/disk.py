@@ -1,5 +1,6 @@
 """A planar disk: the scan plane meets it in a chord."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,131 +9,200 @@ from profilecal.geometry.fitting import fit_sphere, principal_axes
 from profilecal.geometry.poses import circle_around, cross, dot, frame_around, root
 from profilecal.profiles.edges import find_chords
 from profilecal.targets.plane import BELOW_MM, Plane
-from profilecal.targets.target import Target, in_sensor
+from profilecal.targets.target import (
+    Components,
+    Fitted,
+    Linearised,
+    Sizes,
+    Target,
+    Y,
+    in_sensor,
+)
 
 
 @dataclass(frozen=True)
 class Disk(Target):
-    """The disk around `centre` (3,) with unit `normal` (3,) and `radius`, base frame,
-    mm.
+    """A flat round disk.
+
+    `centre` (3,), mm, and the unit vector `normal` (3,) are those of its face in the
+    base frame; `radius` is in mm.
+
+    A scanner in the base frame, whose scan plane passes the centre at 6 mm, sees a
+    chord 16 mm long; each tip is x and z:
+
+    >>> centre, normal = np.array([5.0, 6.0, 100.0]), np.array([0.0, 0.0, -1.0])
+    >>> disk = Disk(centre, normal, radius=10.0)
+    >>> disk.meet(rotation=np.eye(3), origin=np.zeros(3)).tolist()
+    [[-3.0, 100.0], [13.0, 100.0]]
     """
 
     centre: np.ndarray
     normal: np.ndarray
     radius: float
 
-    kind, shape, lengths, tables = "disk", "circle", ("radius",), ("profiles", "chords")
-    shifts, turns, points, rows, fit_is_best = "xyz", "xy", 2, 2, False
-    groups, positions, sizes, with_tool = 4, 40, (50.0,), True
+    kind = "disk"
+    shape = "circle"
+    lengths = ("radius",)
+    shifts = "xyz"
+    turns = "xy"
+    points = 2
+    rows = 2
+    fit_is_best = False
+    tables = ("profiles", "chords")
     find = staticmethod(find_chords)
+    groups = 4
+    positions = 40
+    sizes = (50.0,)
+    with_tool = True
 
     @staticmethod
-    def residual(origin, axes, seen, sizes):
+    def residual(
+        origin: Components, axes: Sequence[Components], seen: Components, sizes: Sizes
+    ) -> Linearised:
         """x and z of each sensed tip minus those of the chord's end.
 
-        Across the chord runs N = (nx, nz)/g, along it A = (nz, -nx)/g, g² = nx² + nz².
-        The chord's middle is the disk's centre projected onto the plane along the disk,
-        (cx, cz) + cy t N with t = ny/g; it is q = cy/g off the centre.
+        The disk has the centre c = (cx, cy, cz), the unit normal n = (nx, ny, nz) and
+        the radius R; vectors in the scan plane are (x, z), and g² = nx² + nz². In the
+        scan plane N = (nx, nz) / g is the unit vector across the chord, and
+        A = (nz, -nx) / g the one along it.
+
+        Points p of the plane y = 0 are on the disk's face where n · (p - c) = 0, which
+        is N · (p - (cx, cz)) = cy t with t = ny / g. The chord's middle is the point
+        of that line nearest to c:
+
+            M = (cx, cz) + cy t N.
+
+        It is cy √(1 + t²) = cy / g = q from c, so that half the chord is
+        h = √(R² - q²), and the tips are, with s = ∓1 for the one of smaller and of
+        larger x (nz < 0: ±1),
+
+            E = M + e A,    e = s h,    de/dq = -q s / h.
+
+        A shift of the disk moves cx and cz, with which E moves, and cy:
+
+            dE/dcy = t N + de/dq A / g.
+
+        A turn ω of the disk about c changes n by ω × n. With the scan plane's parts of
+        ω, which are (ωx, ωz), this turns N by the angle φ and changes t and g:
+
+            dN = A dφ,  dA = -N dφ,  dφ = ωy - t N · ω
+            dt = -A · ω / g²,  dg = ny A · ω,  dq = -cy / g² dg
+
+            -dE = (e N - cy t A) dφ - cy N dt + de/dq cy / g² A dg.
         """
         (cx, cy, cz), (nx, ny, nz), (radius,) = origin, axes[2], sizes
         g = np.hypot(nx, nz)
-        N, A, t, q = (nx / g, nz / g), (nz / g, -nx / g), ny / g, cy / g
-        half, slope = root(radius**2 - q**2, 0.1 * radius)
-        # of the tips, smaller x first
-        side = np.array([[-1.0], [1.0]]) * np.where(nz < 0, -1, 1)
-        end, by_q = side * half, -2 * q * slope * side
-        r, force, torque = [], [], []
-        for k, (observed, centre) in enumerate(zip(seen, (cx, cz), strict=True)):
-            r.append(observed - (centre + cy * t * N[k]) - end * A[k])
-            force.append([0.0, -t * N[k] - by_q * (A[k] / g), 0.0])
-            force[k][2 * k] = -1.0
-            # by the angle of N and A in the scan plane, by t, by g; and what a turn of
-            # the disk makes of these
-            by_angle, by_t, by_g = (
-                end * N[k] - cy * t * A[k],
-                -cy * N[k],
-                by_q * (cy * A[k] / g**2),
-            )
-            x, z = (
-                by_g * (ny * A[i]) - by_angle * (t * N[i]) - by_t * A[i] / g**2
+        N = (nx / g, nz / g)
+        A = (nz / g, -nx / g)
+        t = ny / g
+        q = cy / g
+        h, h_by_square = root(radius**2 - q**2, 0.1 * radius)
+        s = np.array([[-1.0], [1.0]]) * np.where(nz < 0, -1, 1)
+        e = s * h
+        e_by_q = -2 * q * h_by_square * s
+
+        c = (cx, cz)
+        r = [seen[k] - (c[k] + cy * t * N[k]) - e * A[k] for k in (0, 1)]
+        by_cy = [-t * N[k] - e_by_q * (A[k] / g) for k in (0, 1)]
+        force = [[-1.0, by_cy[0], 0.0], [0.0, by_cy[1], -1.0]]
+        torque = []
+        for k in (0, 1):
+            by_phi = e * N[k] - cy * t * A[k]
+            by_t = -cy * N[k]
+            by_g = e_by_q * (cy * A[k] / g**2)
+            by_x, by_z = (
+                by_g * (ny * A[i]) - by_phi * (t * N[i]) - by_t * A[i] / g**2
                 for i in (0, 1)
             )
-            torque.append([x, by_angle, z])
+            torque.append([by_x, by_phi, by_z])
         return r, force, torque
 
     @staticmethod
-    def residual_in_space(origin, axes, seen, sizes):
+    def residual_in_space(
+        origin: Components, axes: Sequence[Components], seen: Components, sizes: Sizes
+    ) -> Linearised:
         """Each tip's height above the disk, and its distance from the centre less the
         radius.
         """
         (x, z), (cx, cy, cz), normal = seen, origin, axes[2]
         v = (x - cx, -cy, z - cz)
         length = np.sqrt(dot(v, v))
+        r = [dot(normal, v), length - sizes[0]]
         force = [[-n for n in normal], [-c / length for c in v]]
-        return (
-            [dot(normal, v), length - sizes[0]],
-            force,
-            [cross(normal, v), [0.0, 0.0, 0.0]],
-        )
+        return r, force, [cross(normal, v), [0.0, 0.0, 0.0]]
 
     @staticmethod
-    def fit(points):
-        axes = frame_around(principal_axes(points)[..., 2, :])
-        middle = points.mean(axis=-2, keepdims=True)
-        centre, radius = fit_sphere((points - middle) @ axes[..., :2])
-        return (
-            middle[..., 0, :] + (axes[..., :2] @ centre[..., None])[..., 0],
-            axes,
-            (radius,),
-        )
+    def fit(points: np.ndarray) -> Fitted:
+        return fit_around(principal_axes(points)[..., 2, :], points)
 
-    def distance(self, points):
+    def distance(self, points: np.ndarray) -> np.ndarray:
         """From the rim."""
         offset = points - self.centre
         height = offset @ self.normal
         across = np.linalg.norm(offset - height[..., None] * self.normal, axis=-1)
         return np.hypot(height, across - self.radius)
 
-    def meet(self, rotation, origin) -> np.ndarray:
+    def lines(self, points: np.ndarray) -> list[np.ndarray]:
+        """The rim."""
+        return [circle_around(self.centre, self.normal, self.radius)]
+
+    def meet(self, rotation: np.ndarray, origin: np.ndarray) -> np.ndarray:
         """The chords that scan planes cut from the disk, (..., 2, 2): two tips, the one
         of smaller x first, each as x and z in the sensor frame; NaN where the disk is
         missed.
+
+        As in `residual`, with gN and gA in place of N and A.
         """
-        c, n = in_sensor(rotation, self.centre - origin), self.normal @ rotation
-        cy, ny, c, n = c[..., 1:2], n[..., 1:2], c[..., [0, 2]], n[..., [0, 2]]
+        centre = in_sensor(rotation, self.centre - origin)
+        normal = self.normal @ rotation
+        c, cy = centre[..., ::2], centre[..., 1:2]
+        gN, ny = normal[..., ::2], normal[..., 1:2]
         with np.errstate(divide="ignore", invalid="ignore"):
-            squared = np.sum(n**2, axis=-1, keepdims=True)
-            middle = c + cy * ny / squared * n
-            # as long as n
-            along = n[..., ::-1] * np.where(n[..., 1:] < 0, [-1, 1], [1, -1])
-            half = np.sqrt((self.radius**2 - cy**2 / squared) / squared) * along
+            square = np.sum(gN**2, axis=-1, keepdims=True)  # g²
+            middle = c + cy * ny / square * gN
+            # towards larger x
+            gA = gN[..., ::-1] * np.where(gN[..., 1:] < 0, [-1, 1], [1, -1])
+            half = np.sqrt((self.radius**2 - cy**2 / square) / square) * gA
             return np.stack([middle - half, middle + half], axis=-2)
 
-    def outline(self, specimen, rotation, origin, away):
+    def outline(
+        self, specimen: str, rotation: np.ndarray, origin: np.ndarray, away: np.ndarray
+    ) -> list[np.ndarray]:
         """On top of a cylinder, above a table."""
         table = Plane(self.centre + BELOW_MM * away, away)
         return table.behind(self.meet(rotation, origin), rotation, origin)
 
     @staticmethod
-    def offsets(shape, motion, normals, sizes, steering_mm, rng):
+    def offsets(
+        shape: tuple[int, int],
+        motion: str,
+        normals: np.ndarray,
+        sizes: Sizes,
+        steering_mm: float,
+        rng: np.random.Generator,
+    ) -> np.ndarray:
         """Half-way between the scan plane's normal and the disk's, to either side: what
         suits the disk paper's method best; with the motion "equal", one way for all. No
         chord is farther than 0.9 radii from the centre.
         """
         groups, positions = shape
-        way = normals + np.where(np.arange(groups) % 2, -1, 1)[:, None] * np.array(
-            [0.0, 1.0, 0.0]
-        )
+        sides = np.where(np.arange(groups) % 2, -1, 1)
+        way = normals + sides[:, None] * np.array(Y)
         way = way / way[:, 1:2]
         if motion == "equal":
             way[:] = way[0]
-        reach = (
-            sizes[0]
-            * np.minimum(0.64, 0.9 * np.hypot(normals[:, 0], normals[:, 2]))[
-                :, None, None
-            ]
-        )
+        farthest = np.minimum(0.64, 0.9 * np.hypot(normals[:, 0], normals[:, 2]))
+        reach = sizes[0] * farthest[:, None, None]
         return np.linspace(-1, 1, positions)[:, None] * reach * way[:, None]
 
-    def lines(self, points):
-        return [circle_around(self.centre, self.normal, self.radius)]
+
+def fit_around(axis: np.ndarray, points: np.ndarray) -> Fitted:
+    """What is round about unit vectors (..., 3) and nearest to points (..., n, 3): its
+    frame's origin and axes, z the unit vector, and its radius.
+    """
+    axes = frame_around(axis)
+    across = axes[..., :2]
+    middle = points.mean(axis=-2, keepdims=True)
+    centre, radius = fit_sphere((points - middle) @ across)
+    origin = middle[..., 0, :] + (across @ centre[..., None])[..., 0]
+    return origin, axes, (radius,)

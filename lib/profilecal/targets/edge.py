@@ -1,4 +1,4 @@
-"""A straight edge: the scan plane meets it in a point. Three specimens that have one."""
+"""A straight edge: the scan plane meets it in a point; specimens that have one."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,21 +8,31 @@ import numpy as np
 from profilecal.geometry.fitting import principal_axes
 from profilecal.geometry.poses import cross, frame_around
 from profilecal.profiles.edges import find_edges
-from profilecal.targets.target import ALONG_Y, Target, in_sensor
+from profilecal.targets.target import (
+    ALONG_Y,
+    Components,
+    Fitted,
+    Linearised,
+    Sizes,
+    Target,
+    in_sensor,
+)
+
+Corners = list[tuple[float, float]]  # of a cross-section: aside and up, mm
 
 
-def turned(corners, angle_deg: float) -> list[tuple[float, float]]:
+def turned(corners: Corners, angle_deg: float) -> Corners:
     """Corners of a cross-section turned about the edge."""
     c, s = np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))
     return [(c * a - s * h, s * a + c * h) for a, h in corners]
 
 
-# Cross-sections as chains of corners (aside, up) from the edge, mm; the paper's Fig. 4
-# gives no measures
-SPECIMENS: dict[str, Sequence[tuple[float, float]]] = {
-    "parallel bar": turned(
-        [(-20, 0), (0, 0), (0, -20)], 35
-    ),  # seen corner on: its top and a side wall
+# Cross-sections as chains of corners from the edge; the paper's Fig. 4 gives no
+# measures
+SPECIMENS: dict[str, Corners] = {
+    # seen corner on: its top and a side wall
+    "parallel bar": turned([(-20, 0), (0, 0), (0, -20)], 35),
+    # 1 mm thick, above a table
     "straight scale": [
         (-40, 0),
         (0, 0),
@@ -30,7 +40,8 @@ SPECIMENS: dict[str, Sequence[tuple[float, float]]] = {
         (-39, -1),
         (-39, -20),
         (200, -20),
-    ],  # 1 mm thick, above a table
+    ],
+    # edge up
     "knife blade": [
         (-200, -20),
         (-0.3, -20),
@@ -39,72 +50,101 @@ SPECIMENS: dict[str, Sequence[tuple[float, float]]] = {
         (0.3, -1.2),
         (0.3, -20),
         (200, -20),
-    ],  # edge up
+    ],
 }
 
 
 @dataclass(frozen=True)
 class Edge(Target):
-    """The line through `point` (..., 3) along the unit vector `direction` (..., 3),
-    base frame, mm.
+    """A straight edge, endless in both directions.
+
+    It passes through `point` (3,), mm, along the unit vector `direction` (3,), both in
+    the base frame; a batch of edges has (..., 3) each.
+
+    A scanner in the base frame, whose scan plane is y = 0, sees a point, x and z:
+
+    >>> edge = Edge(np.array([5.0, 40.0, 100.0]), np.array([0.6, 0.8, 0.0]))
+    >>> edge.meet(rotation=np.eye(3), origin=np.zeros(3)).tolist()
+    [-25.0, 100.0]
     """
 
     point: np.ndarray
     direction: np.ndarray
 
-    kind, shape, tables = "edge", "straight line", ("profiles", "points")
-    shifts, turns, points, rows, affine, beside_mm = "xy", "xy", 1, 2, True, 6.0
-    groups, positions, stance, specimens = 25, 10, ALONG_Y, tuple(SPECIMENS)
+    kind = "edge"
+    shape = "straight line"
+    shifts = "xy"
+    turns = "xy"
+    points = 1
+    rows = 2
+    affine = True
+    tables = ("profiles", "points")
     find = staticmethod(find_edges)
+    beside_mm = 6.0
+    groups = 25
+    positions = 10
+    stance = ALONG_Y
+    specimens = tuple(SPECIMENS)
 
     @staticmethod
-    def residual(origin, axes, seen, sizes):
+    def residual(
+        origin: Components, axes: Sequence[Components], seen: Components, sizes: Sizes
+    ) -> Linearised:
         """x and z of the sensed point minus those of the place where the plane meets
         the edge.
+
+        The edge p + a d, with p = (px, py, pz) and d = (dx, dy, dz), meets the plane
+        y = 0 where a = -s, s = py / dy. A turn ω of the edge changes d by ω × d, and
+        any function of d by ω · (d × its gradient).
         """
         (x, z), (px, py, pz), (dx, dy, dz) = seen, origin, axes[2]
         s = py / dy
         r = [x - px + s * dx, z - pz + s * dz]
         force = [[-1.0, dx / dy, 0.0], [0.0, dz / dy, -1.0]]
         by_direction = [[s, -s * dx / dy, 0.0], [0.0, -s * dz / dy, s]]
-        return r, force, [cross(axes[2], d) for d in by_direction]
+        return r, force, [cross(axes[2], gradient) for gradient in by_direction]
 
     @staticmethod
-    def residual_in_space(origin, axes, seen, sizes):
+    def residual_in_space(
+        origin: Components, axes: Sequence[Components], seen: Components, sizes: Sizes
+    ) -> Linearised:
         """(sensed point - origin) × direction."""
         (x, z), (px, py, pz), (dx, dy, dz) = seen, origin, axes[2]
-        vx, vy, vz = x - px, -py, z - pz
+        v = vx, vy, vz = x - px, -py, z - pz
         force = [[0.0, -dz, dy], [dz, 0.0, -dx], [-dy, dx, 0.0]]
         by_direction = [[0.0, -vz, vy], [vz, 0.0, -vx], [-vy, vx, 0.0]]
-        return (
-            cross((vx, vy, vz), axes[2]),
-            force,
-            [cross(axes[2], d) for d in by_direction],
-        )
+        torque = [cross(axes[2], gradient) for gradient in by_direction]
+        return cross(v, axes[2]), force, torque
 
     @staticmethod
-    def fit(points):
+    def fit(points: np.ndarray) -> Fitted:
         return points.mean(axis=-2), frame_around(principal_axes(points)[..., 0, :]), ()
 
-    def distance(self, points):
+    def distance(self, points: np.ndarray) -> np.ndarray:
         offset = points - self.point
-        return np.linalg.norm(
-            offset - (offset @ self.direction)[..., None] * self.direction, axis=-1
-        )
+        along = offset @ self.direction
+        return np.linalg.norm(offset - along[..., None] * self.direction, axis=-1)
 
-    def meet(self, rotation, origin) -> np.ndarray:
+    def lines(self, points: np.ndarray) -> list[np.ndarray]:
+        """The edge as long as it was seen."""
+        low, high = np.nanpercentile((points - self.point) @ self.direction, [1, 99])
+        # a tenth longer at both ends
+        ends = np.array([1.1 * low - 0.1 * high, 1.1 * high - 0.1 * low])
+        return [self.point + ends[:, None] * self.direction]
+
+    def meet(self, rotation: np.ndarray, origin: np.ndarray) -> np.ndarray:
         """Where scan planes meet the line: x and z in the sensor frame, (..., 2);
         infinite where they are parallel.
         """
-        p, d = (
-            in_sensor(rotation, self.point - origin),
-            in_sensor(rotation, self.direction),
-        )
+        p = in_sensor(rotation, self.point - origin)
+        d = in_sensor(rotation, self.direction)
         with np.errstate(divide="ignore", invalid="ignore"):
             along = -p[..., 1] / d[..., 1]
-        return (p + along[..., None] * d)[..., [0, 2]]
+        return (p + along[..., None] * d)[..., ::2]
 
-    def outline(self, specimen, rotation, origin, away) -> np.ndarray:
+    def outline(
+        self, specimen: str, rotation: np.ndarray, origin: np.ndarray, away: np.ndarray
+    ) -> np.ndarray:
         """The chains (..., V, 2) that scan planes cut from a specimen with this edge, x
         and z in the sensor frame, mm. All its faces run along the edge; its top faces
         the scanner, on the side of smaller x.
@@ -112,15 +152,10 @@ class Edge(Target):
         up = (away @ self.direction) * self.direction - away
         up = up / np.linalg.norm(up)
         aside = np.cross(self.direction, up)
-        aside = aside * np.sign(aside @ rotation.reshape(-1, 3, 3).mean(axis=0)[:, 0])
+        sensor_x = rotation.reshape(-1, 3, 3).mean(axis=0)[:, 0]
+        aside = aside * np.sign(aside @ sensor_x)
         lines = [
             Edge(self.point + a * aside + h * up, self.direction)
             for a, h in SPECIMENS[specimen]
         ]
         return np.stack([line.meet(rotation, origin) for line in lines], axis=-2)
-
-    def lines(self, points):
-        """The edge as long as it was seen."""
-        low, high = np.nanpercentile((points - self.point) @ self.direction, [1, 99])
-        ends = np.array([1.1 * low - 0.1 * high, 1.1 * high - 0.1 * low])
-        return [self.point + ends[:, None] * self.direction]

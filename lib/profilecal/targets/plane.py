@@ -2,14 +2,24 @@
 al. 2020).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from profilecal.geometry.fitting import principal_axes
 from profilecal.geometry.poses import circle_around, cross, dot, frame_around
 from profilecal.profiles.edges import find_lines
-from profilecal.targets.target import Target, Y, in_scan_plane
+from profilecal.targets.target import (
+    Components,
+    Fitted,
+    Linearised,
+    Sizes,
+    Target,
+    Y,
+    in_scan_plane,
+)
 
 BELOW_MM = 20.0  # other targets, in simulated profiles: a table
 FAR = np.array([-500.0, 500.0])  # mm along the line, beyond any field of view
@@ -17,18 +27,36 @@ FAR = np.array([-500.0, 500.0])  # mm along the line, beyond any field of view
 
 @dataclass(frozen=True)
 class Plane(Target):
-    """The plane through `point` (3,) with unit `normal` (3,), base frame, mm."""
+    """A flat face, endless in all directions.
+
+    It passes through `point` (3,), mm, square to the unit vector `normal` (3,), both in
+    the base frame.
+
+    A scanner in the base frame, whose scan plane is y = 0, sees a line; its points at x
+    = 0 and 10 mm are, as x and z:
+
+    >>> plane = Plane(np.array([0.0, 0.0, 100.0]), np.array([0.6, 0.0, -0.8]))
+    >>> rotation, origin = np.eye(3)[None], np.zeros((1, 3))
+    >>> plane.line_at(rotation, origin, x=[0.0, 10.0]).tolist()
+    [[[0.0, 100.0], [10.0, 107.5]]]
+    """
 
     point: np.ndarray
     normal: np.ndarray
 
-    kind, shape = "plane", "plane"
-    shifts, turns, rows = "z", "xy", 1
-    groups, positions = 12, 3
+    kind = "plane"
+    shape = "plane"
+    shifts = "z"
+    turns = "xy"
+    rows = 1
     find = staticmethod(find_lines)
+    groups = 12
+    positions = 3
 
     @staticmethod
-    def residual(origin, axes, seen, sizes):
+    def residual(
+        origin: Components, axes: Sequence[Components], seen: Components, sizes: Sizes
+    ) -> Linearised:
         """Distance from the line in which the planes meet."""
         (height,), (force,), (torque,) = Plane.residual_in_space(
             origin, axes, seen, sizes
@@ -36,52 +64,60 @@ class Plane(Target):
         return in_scan_plane(height, force, torque, ey_by_turn=cross(axes[2], Y))
 
     @staticmethod
-    def residual_in_space(origin, axes, seen, sizes):
+    def residual_in_space(
+        origin: Components, axes: Sequence[Components], seen: Components, sizes: Sizes
+    ) -> Linearised:
         """Distance from the face."""
         (x, z), (cx, cy, cz), normal = seen, origin, axes[2]
         v = (x - cx, -cy, z - cz)
         return [dot(normal, v)], [[-n for n in normal]], [cross(normal, v)]
 
     @staticmethod
-    def fit(points):
+    def fit(points: np.ndarray) -> Fitted:
         return points.mean(axis=-2), frame_around(principal_axes(points)[..., 2, :]), ()
 
-    def distance(self, points):
+    def distance(self, points: np.ndarray) -> np.ndarray:
         return (points - self.point) @ self.normal
 
-    def line_at(self, rotation, origin, x) -> np.ndarray:
-        """Points (P, k, 2) at x (P, k) or (k,) of the lines in which scan planes (P, 3,
-        3), (P, 3) meet the face; not finite where these are parallel to the depth.
+    def lines(self, points: np.ndarray) -> list[np.ndarray]:
+        """A square."""
+        return [circle_around(self.point, self.normal, 60.0, count=5)]
+
+    def line_at(
+        self, rotation: np.ndarray, origin: np.ndarray, x: ArrayLike
+    ) -> np.ndarray:
+        """Points (P, k, 2) at x (P, k) or (k,) of the lines in which scan planes
+        (P, 3, 3), (P, 3) meet the face; not finite where these are parallel to the
+        depth.
         """
-        height, n = (self.point - origin) @ self.normal, self.normal @ rotation
+        height = (self.point - origin) @ self.normal
+        n = self.normal @ rotation
         x = np.broadcast_to(x, (len(n), np.shape(x)[-1]))
         with np.errstate(divide="ignore", invalid="ignore"):
-            return np.stack([x, (height[:, None] - n[:, :1] * x) / n[:, 2:]], axis=-1)
+            z = (height[:, None] - n[:, :1] * x) / n[:, 2:]
+        return np.stack([x, z], axis=-1)
 
-    def points_seen(self, rotation, origin, count):
+    def points_seen(
+        self, rotation: np.ndarray, origin: np.ndarray, count: int
+    ) -> np.ndarray:
         return self.line_at(rotation, origin, np.linspace(-20, 20, count))
 
-    def outline(self, specimen, rotation, origin, away):
+    def outline(
+        self, specimen: str, rotation: np.ndarray, origin: np.ndarray, away: np.ndarray
+    ) -> np.ndarray:
         """A face that fills the field of view."""
         return self.line_at(rotation, origin, FAR)
 
-    def behind(self, arcs, rotation, origin) -> list[np.ndarray]:
-        """Outlines of bodies above this face: their arcs (P, k, 2), NaN where there is
-        none, between parts of it.
+    def behind(
+        self, arcs: np.ndarray, rotation: np.ndarray, origin: np.ndarray
+    ) -> list[np.ndarray]:
+        """Outlines of bodies above this face: their arcs (P, k, 2) between parts of it,
+        or the face alone where an arc is NaN.
         """
         far = np.broadcast_to(FAR, (len(arcs), 2))
         ends = np.concatenate([far[:, :1], arcs[:, [0, -1], 0], far[:, 1:]], axis=1)
-        around, alone = (
-            self.line_at(rotation, origin, ends),
-            self.line_at(rotation, origin, FAR),
-        )
-        return [
-            np.concatenate([face[:2], arc, face[2:]])
-            if np.isfinite(arc).all()
-            else line
-            for face, arc, line in zip(around, arcs, alone, strict=True)
-        ]
-
-    def lines(self, points):
-        """A square."""
-        return [circle_around(self.point, self.normal, 60.0, count=5)]
+        around = self.line_at(rotation, origin, ends)
+        outlines = list(self.line_at(rotation, origin, FAR))
+        for k in np.flatnonzero(np.isfinite(arcs).all(axis=(1, 2))):
+            outlines[k] = np.concatenate([around[k, :2], arcs[k], around[k, 2:]])
+        return outlines

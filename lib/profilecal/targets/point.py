@@ -3,63 +3,86 @@ the laser line: the fixed-point method (disk paper's ref. [16]). How far the sca
 misses it is noise like the scanner's own.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from profilecal.targets.target import Target, in_sensor
+from profilecal.geometry.noise import Noise
+from profilecal.targets.target import Components, Fitted, Sizes, Target, in_sensor
 
 
 @dataclass(frozen=True)
 class Point(Target):
-    """The marked point `point` (3,), base frame, mm."""
+    """A marked point at `point` (3,) in the base frame, mm.
+
+    A scanner in the base frame that is steered through it sees its x and z:
+
+    >>> mark = Point(np.array([5.0, 0.0, 100.0]))
+    >>> mark.meet(rotation=np.eye(3), origin=np.zeros(3)).tolist()
+    [5.0, 100.0]
+    """
 
     point: np.ndarray
 
-    kind, shape, tables = "point", "one point", ("points",)
-    shifts, turns, points, rows, affine, steered = "xyz", "", 1, 3, True, True
-    groups, positions, with_tool = 20, 1, True
+    kind = "point"
+    shape = "one point"
+    shifts = "xyz"
+    turns = ""
+    points = 1
+    rows = 3
+    affine = True
+    steered = True
+    tables = ("points",)
+    groups = 20
+    positions = 1
+    with_tool = True
 
     @staticmethod
-    def residual(origin, axes, seen, sizes):
+    def residual(
+        origin: Components, axes: Sequence[Components], seen: Components, sizes: Sizes
+    ) -> tuple[list, list, None]:
         """x and z of the scan, and the distance from the scan plane."""
         (x, z), (px, py, pz) = seen, origin
-        return (
-            [x - px, z - pz, -py],
-            [[-1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, -1.0, 0.0]],
-            None,
-        )
+        force = [[-1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, -1.0, 0.0]]
+        return [x - px, z - pz, -py], force, None
 
     residual_in_space = residual
 
     @classmethod
-    def residual_sd(cls, noise):
+    def residual_sd(cls, noise: Noise) -> tuple[float, ...]:
         known = noise.steering_mm and noise.profile_mm
         return (1.0, 1.0, noise.steering_mm / noise.profile_mm if known else 1.0)
 
     @staticmethod
-    def fit(points):
+    def fit(points: np.ndarray) -> Fitted:
         middle = points.mean(axis=-2)
         return middle, np.broadcast_to(np.eye(3), (*middle.shape, 3)), ()
 
-    def distance(self, points):
+    def distance(self, points: np.ndarray) -> np.ndarray:
         return np.linalg.norm(points - self.point, axis=-1)
 
-    def meet(self, rotation, origin) -> np.ndarray:
+    def lines(self, points: np.ndarray) -> list[np.ndarray]:
+        """A cross."""
+        return [self.point + 10 * np.outer([-1, 1], axis) for axis in np.eye(3)]
+
+    def meet(self, rotation: np.ndarray, origin: np.ndarray) -> np.ndarray:
         """The point's x and z in the sensor frames, (..., 2), wherever the scan planes
         pass it.
         """
-        return in_sensor(rotation, self.point - origin)[..., [0, 2]]
+        return in_sensor(rotation, self.point - origin)[..., ::2]
 
     @staticmethod
-    def offsets(shape, motion, normals, sizes, steering_mm, rng):
-        x, y, z = (
-            rng.uniform(-25, 25, shape),
-            steering_mm * rng.normal(size=shape),
-            rng.uniform(-25, 25, shape),
-        )
+    def offsets(
+        shape: tuple[int, int],
+        motion: str,
+        normals: np.ndarray,
+        sizes: Sizes,
+        steering_mm: float,
+        rng: np.random.Generator,
+    ) -> np.ndarray:
+        """The scan plane misses the point by how well the operator steers."""
+        x = rng.uniform(-25, 25, shape)
+        y = steering_mm * rng.normal(size=shape)
+        z = rng.uniform(-25, 25, shape)
         return np.stack([x, y, z], axis=-1)
-
-    def lines(self, points):
-        """A cross."""
-        return [self.point + 10 * np.outer([-1, 1], axis) for axis in np.eye(3)]

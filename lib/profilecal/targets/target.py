@@ -1,31 +1,49 @@
-"""What a calibration target is to the rest of the library. One class, one file, one
-line in the registry.
+"""What a target is to the rest of the library: the contract, from top to bottom.
 
 A target stands somewhere as a rigid frame: an origin and three axes in the base frame,
 mm. Some shifts and turns of that frame change it and are unknown; the others do not (an
-edge slides along itself). The scanner sees it from a sensor frame whose scan plane is y
-= 0; x runs along the laser line, z is the depth.
+edge slides along itself). The scanner sees it from a sensor frame whose scan plane is
+y = 0; x runs along the laser line, z is the depth.
 
 To add one:
 
-1. Write `targets/NAME.py` with a class that derives from `Target` and offers all that
-has no default below. Its finder
-   is a function there, or in `profiles` if other targets may use it.
-2. Name it in `TARGETS` of `targets/__init__.py`. 3. Test it:
-`tests/targets/test_contract.py` runs every registered target through what the library
-asks of it.
+1. Write `targets/NAME.py` with a frozen dataclass that derives from `Target`. Its
+   fields are the origin, the z axis if turns change the target, and its lengths. With
+   other fields it has its own `at` and `frame`.
+2. Set the attributes that have no default here, and those of which the default does not
+   fit. Each is a line of the class.
+3. Write the methods that every target has: `residual`, `residual_in_space`, `fit`,
+   `distance` and `lines`.
+4. If it shows in raw profiles, write its `outline`, and `find`, which may be a function
+   of `profiles` or stand in the same file. If a folder may hold what was measured of it
+   instead, write `meet`; if not, `points_seen`.
+5. Name it in `TARGETS` of `targets/__init__.py`.
+6. Test it: `tests/library/targets/test_contract.py` runs every registered target
+   through what the library asks of it.
 
-Nothing else decides on a target's kind, but for the papers' closed forms.
+`tests/library/targets/test_new_target.py` adds one, a V-groove, and goes with it from
+raw profiles to a report. Nothing else decides on a target's kind, but for the papers'
+closed forms.
 """
 
 from collections.abc import Callable, Sequence
+from typing import Self
 
 import numpy as np
 
 from profilecal.geometry.checks import check_array
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import directions, frame_around
-from profilecal.profiles.points import Feature
+from profilecal.profiles.points import Feature, Profiles
+
+# of vectors in the sensor frame x, y and z, each an array (batch, 1 or points, poses)
+Components = Sequence[np.ndarray]
+# what `residual` returns: residuals, forces and torques
+Linearised = tuple[list, list, list]
+# what `fit` returns: origins (..., 3), axes (..., 3, 3), and lengths, each (...)
+Fitted = tuple[np.ndarray, np.ndarray, tuple]
+# a target's `lengths`, mm
+Sizes = Sequence[float]
 
 Y = (0.0, 1.0, 0.0)  # across the scan plane, in the sensor frame
 # a stance: z along the sensor's y, y towards the scanner
@@ -37,49 +55,30 @@ class Target:
     of the kind.
     """
 
-    kind: str  # its name in scan.toml, on the command line and in JSON
-    shape: str  # what all its points make up, in words
-    # its known measures, mm: entries of [target] in scan.toml, fields of the class
+    # Its name and its measures
+
+    # in scan.toml, on the command line and in JSON
+    kind: str
+    # what all its points make up, in words
+    shape: str
+    # its known measures: entries of [target] in scan.toml, fields of the class
     lengths: tuple[str, ...] = ()
-    tables: tuple[str, ...] = (
-        "profiles",
-    )  # what a scan folder may hold of it (`scan.folder.MEASURED`)
-    # its finder: from profiles and its lengths; none if it leaves no trace
-    find: Callable[..., list[Feature]]
-    # The joint solution
-    beside_mm = 0.0  # around a point of it, that a raw profile must show
-    shifts: str  # axes of its frame along which a shift changes it
-    turns: str  # axes of its frame about which a turn changes it
-    # that a pose gives; None: any number, each anywhere on a curve
-    points: int | None = None
-    rows: int  # residuals of each point
-    # of all placements `fit` leaves the least squares of distances; False: it is a
-    # start
-    fit_is_best = True
-    # the operator steers the scan plane through it, and records the pose that this
-    # takes
-    steered = False
-    # inside a group of one orientation its points are affine in the flange's position
-    affine = False
-    # Simulated scans
-    groups: int  # flange orientations
-    positions: int  # in each
-    sizes: tuple[float, ...] = ()  # the `lengths`, mm
-    # its axes, in columns, in a sensor frame that looks at it squarely
-    stance = np.eye(3)
-    # inside a group the scanner moves with the flange's axes, not the base's
-    with_tool = False
-    specimens: tuple[str, ...] = ("",)  # bodies that have it, the usual one first
+
+    # How it stands
+
+    # axes of its frame along which a shift changes it
+    shifts: str
+    # axes of its frame about which a turn changes it
+    turns: str
 
     @classmethod
-    def at(cls, origin, axes, sizes) -> "Target":
+    def at(cls, origin: np.ndarray, axes: np.ndarray, sizes: Sizes) -> Self:
         """The target whose frame has an origin (3,) and axes (3, 3), in columns, and
-        whose lengths are `sizes`. Usually its fields are the origin, the z axis where
-        turns change it, and the lengths.
+        whose lengths are `sizes`.
         """
+        create: Callable[..., Self] = cls
         z = [axes[..., 2]] if cls.turns else []
-        # type: ignore[call-arg]  # of the kinds of targets
-        return cls(origin, *z, *sizes)
+        return create(origin, *z, *sizes)
 
     @property
     def frame(self) -> tuple[np.ndarray, np.ndarray]:
@@ -87,8 +86,35 @@ class Target:
         origin, *others = vars(self).values()
         return origin, frame_around(others[0]) if self.turns else np.eye(3)
 
+    @classmethod
+    def check_sizes(cls, sizes: Sizes) -> None:
+        """Raise ValueError unless each of its lengths is there, in mm."""
+        given = [*sizes, *[None] * (len(cls.lengths) - len(sizes))]
+        for name, value in zip(cls.lengths, given, strict=True):
+            if not (value and value > 0):
+                raise ValueError(
+                    f"the {cls.kind}'s {name} is {value}; expected a length in mm"
+                )
+
+    # What the joint solution asks
+
+    # points that a pose gives; None: any number, each anywhere on a curve
+    points: int | None = None
+    # residuals of each point
+    rows: int
+    # inside a group of one orientation its points are affine in the flange's position
+    affine = False
+    # the operator steers the scan plane through it, and records the pose that this
+    # takes
+    steered = False
+    # of all placements `fit` leaves the least squares of distances; False: it is a
+    # start
+    fit_is_best = True
+
     @staticmethod
-    def residual(origin, axes, seen, sizes):
+    def residual(
+        origin: Components, axes: Sequence[Components], seen: Components, sizes: Sizes
+    ) -> Linearised | tuple[list, list, None]:
         """Observed points minus where the scan plane meets the target, in the scan
         plane, where the noise arises.
 
@@ -102,7 +128,9 @@ class Target:
         raise NotImplementedError
 
     @staticmethod
-    def residual_in_space(origin, axes, seen, sizes):
+    def residual_in_space(
+        origin: Components, axes: Sequence[Components], seen: Components, sizes: Sizes
+    ) -> Linearised | tuple[list, list, None]:
         """As `residual`, by distances in space: they exist for any pose, which serves a
         search.
         """
@@ -114,50 +142,69 @@ class Target:
         return (1.0,) * cls.rows
 
     @staticmethod
-    def fit(points):
-        """The target through points (..., n, 3) anywhere on it: origin (..., 3), axes
-        (..., 3, 3), and its lengths, a tuple of (...). A start for the joint solution,
-        and what a scan is verified with.
+    def fit(points: np.ndarray) -> Fitted:
+        """The target through points (..., n, 3) anywhere on it: its origin, axes and
+        lengths. A start for the joint solution, and what a scan is verified with.
         """
         raise NotImplementedError
 
-    def distance(self, points) -> np.ndarray:
+    def distance(self, points: np.ndarray) -> np.ndarray:
         """How far points (n, 3) are from it, (n,) mm; of a disk, from its rim."""
         raise NotImplementedError
 
-    def meet(self, rotation, origin) -> np.ndarray:
+    def lines(self, points: np.ndarray) -> list[np.ndarray]:
+        """Polylines (n, 3) that draw it, as far as it was seen at points (k, 3)."""
+        raise NotImplementedError
+
+    # What a scan holds of it
+
+    # what a folder may hold (`scan.folder.MEASURED`); the last is what is simulated
+    tables: tuple[str, ...] = ("profiles",)
+    # its finder: from profiles and its lengths; none if it leaves no trace
+    find: Callable[..., list[Feature]]
+    # mm around a point of it that a raw profile must show
+    beside_mm = 0.0
+
+    def meet(self, rotation: np.ndarray, origin: np.ndarray) -> np.ndarray:
         """Where scan planes, sensor frames (..., 3, 3), (..., 3), meet it: (..., k), as
         in its table of a folder. A target of which a folder holds profiles alone leaves
         this out.
         """
         raise NotImplementedError
 
-    def points_seen(self, rotation, origin, count: int) -> np.ndarray:
+    def points_seen(
+        self, rotation: np.ndarray, origin: np.ndarray, count: int
+    ) -> np.ndarray:
         """What a perfect scanner at sensor frames (P, 3, 3), (P, 3) sees, (P, m, 2):
         `count` points of a curve. Usually the points in which the scan planes `meet`
         it.
         """
-        found = self.meet(rotation, origin)
-        return found.reshape(len(origin), int(np.prod(found.shape[1:])) // 2, 2)
+        met = self.meet(rotation, origin)
+        return met.reshape(len(origin), int(np.prod(met.shape[1:])) // 2, 2)
 
-    def sides(self, rotation, origin) -> np.ndarray:
+    def sides(self, rotation: np.ndarray, origin: np.ndarray) -> np.ndarray:
         """The `side` (P,) that a scan folder states for scan planes (P, 3, 3), (P, 3);
         0 where it says nothing.
         """
         return np.zeros(len(origin))
 
-    @classmethod
-    def check_sizes(cls, sizes) -> None:
-        """Raise ValueError unless each of its lengths is there, in mm."""
-        given = [*sizes, *[None] * (len(cls.lengths) - len(sizes))]
-        for name, value in zip(cls.lengths, given, strict=True):
-            if not (value and value > 0):
-                raise ValueError(
-                    f"the {cls.kind}'s {name} is {value}; expected a length in mm"
-                )
+    # What simulated scans ask
+
+    # flange orientations
+    groups: int
+    # in each
+    positions: int
+    # of its `lengths`
+    sizes: tuple[float, ...] = ()
+    # its axes, in columns, in a sensor frame that looks at it squarely
+    stance = np.eye(3)
+    # inside a group the scanner moves with the flange's axes, not the base's
+    with_tool = False
+    # bodies that have it, the usual one first
+    specimens: tuple[str, ...] = ("",)
 
     def outline(
-        self, specimen: str, rotation, origin, away
+        self, specimen: str, rotation: np.ndarray, origin: np.ndarray, away: np.ndarray
     ) -> Sequence[np.ndarray] | np.ndarray:
         """Chains (V, 2) that scan planes (P, 3, 3), (P, 3) cut from it, and from what
         is behind it; `away` (3,) points away from the scanner. A target that leaves no
@@ -167,65 +214,75 @@ class Target:
 
     @staticmethod
     def offsets(
-        shape, motion: str, normals, sizes, steering_mm: float, rng: np.random.Generator
+        shape: tuple[int, int],
+        motion: str,
+        normals: np.ndarray,
+        sizes: Sizes,
+        steering_mm: float,
+        rng: np.random.Generator,
     ) -> np.ndarray:
         """A plan: by how much the target is off the middle of the scans, (*shape, 3)
         mm, shape (groups, positions), in the first sensor frame or, `with_tool`, in
-        each. The usual one: along an "arc", or anywhere in a ball of 25 mm. `normals`
-        (groups, 3): in the sensor frames, what faces the scanner.
+        each.
+
+        The usual one: along an "arc" of 25 mm radius and 90°, in a plane at 45° to the
+        sensor's y and x axes, or anywhere in a ball of 25 mm. `normals` (groups, 3): in
+        the sensor frames, what faces the scanner.
         """
-        if (
-            motion == "arc"
-        ):  # of 25 mm radius and 90°, in a plane at 45° to the sensor's y and x axes
-            angle = np.linspace(-np.pi / 4, np.pi / 4, shape[1]) + rng.uniform(
-                0, 2 * np.pi
-            )
-            arc = 25 * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-            plane = np.array([[np.sqrt(0.5), np.sqrt(0.5), 0.0], [0.0, 0.0, 1.0]])
-            return np.broadcast_to((arc - arc.mean(axis=0)) @ plane, (*shape, 3))
-        return 25 * np.cbrt(rng.uniform(size=(*shape, 1))) * directions(rng, shape)
-
-    def lines(self, points) -> list[np.ndarray]:
-        """Polylines (n, 3) that draw it, as far as it was seen at points (k, 3)."""
-        raise NotImplementedError
+        if motion != "arc":
+            radius = 25 * np.cbrt(rng.uniform(size=(*shape, 1)))
+            return radius * directions(rng, shape)
+        start = rng.uniform(0, 2 * np.pi)
+        angle = np.linspace(-np.pi / 4, np.pi / 4, shape[1]) + start
+        arc = 25 * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        plane = np.array([[np.sqrt(0.5), np.sqrt(0.5), 0.0], [0.0, 0.0, 1.0]])
+        return np.broadcast_to((arc - arc.mean(axis=0)) @ plane, (*shape, 3))
 
 
-def in_sensor(rotation, vectors) -> np.ndarray:
+def in_sensor(rotation: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     """Components of vectors (..., 3) along the axes of sensor frames (..., 3, 3)."""
     return (vectors[..., None, :] @ rotation)[..., 0, :]
 
 
-def in_scan_plane(distance, force, torque, ey_by_turn, ey_by_shift=None):
+def in_scan_plane(
+    distance: np.ndarray,
+    force: Components,
+    torque: Components,
+    ey_by_turn: Components,
+    ey_by_shift: Components | None = None,
+) -> Linearised:
     """What `Target.residual` returns of a distance in space, mm, taken within the scan
     plane, to first order.
 
     The distance f grows by one along the unit vector e, and by h within the scan plane,
-    where h² = ex² + ez² = 1 - ey². The residual is f / h, its derivative df / h + (f ey
-    / h³) dey. `force`, which is -e, and `torque` are what a shift and a turn of the
-    target change in f; beside them is what they change in ey, all by components.
+    where h² = ex² + ez² = 1 - ey². The residual is f / h, its derivative
+    df / h + (f ey / h³) dey. `force`, which is -e, and `torque` are what a shift and a
+    turn of the target change in f; beside them is what they change in ey, all by
+    components. None: no shift changes it.
     """
     h = np.sqrt(np.maximum(force[0] ** 2 + force[2] ** 2, 1e-12))
     by_ey = -distance * force[1] / h**3
-    force = [part / h for part in force]
-    if ey_by_shift is not None:
-        force = [
-            part + by_ey * of_ey for part, of_ey in zip(force, ey_by_shift, strict=True)
-        ]
-    torque = [
-        part / h + by_ey * of_ey for part, of_ey in zip(torque, ey_by_turn, strict=True)
-    ]
-    return [distance / h], [force], [torque]
+
+    def within(df: Components, dey: Components) -> list[np.ndarray]:
+        return [f / h + by_ey * ey for f, ey in zip(df, dey, strict=True)]
+
+    by_shift = within(force, ey_by_shift) if ey_by_shift else [f / h for f in force]
+    return [distance / h], [by_shift], [within(torque, ey_by_turn)]
 
 
-def find_features(target: type[Target], profiles, sizes=()) -> list[Feature]:
+def find_features(
+    target: type[Target], profiles: Profiles, sizes: Sizes = ()
+) -> list[Feature]:
     """What each of a scan's raw profiles, (n, 2) mm, shows of a target of some `sizes`,
-    mm. They are read together: what most of them show clearly settles which of several
+    mm.
+
+    They are read together: what most of them show clearly settles which of several
     candidates the others show. Raises ValueError for a missing size, or a profile of
     another shape.
     """
     target.check_sizes(sizes)
-    profiles = [
+    checked = [
         check_array(f"profile {k}", values, (None, 2), finite=False)
         for k, values in enumerate(profiles)
     ]
-    return target.find(profiles, *sizes)
+    return target.find(checked, *sizes)
