@@ -36,7 +36,8 @@ def solve_ball(
     Poses of one orientation, which translate, fix the rotation by differences from
     their first, R_sensor (q¹ - qʲ) = R_tcp⁻¹ (Tʲ - T¹). The others turn, about two axes
     or more, and fix the translation, Eqs 17-19 of the disk paper (Chen et al. 2018).
-    Its Section V-D describes this two-step method without its equations.
+    Its Section V-D describes this two-step method without its equations. With noise,
+    the answer depends on which pose comes first, and on the order of those that turn.
 
     Parameters
     ----------

@@ -78,7 +78,8 @@ def solve_disk(
 
     Chords do not show whether the scanner looks forwards or backwards along its motion:
     `side` or `R_sensor_guess` tells. With a guess, rows may come in any order; with
-    `side`, those of one motion follow its course.
+    `side`, those of one motion follow its course. As in the paper, Eq. 17 takes
+    differences of successive motions: with noise, the answer depends on their order.
 
     Parameters
     ----------

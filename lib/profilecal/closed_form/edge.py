@@ -92,8 +92,9 @@ def solve_edge(
     translation (Eqs 28-35). Groups may be of any size: those of three poses or more
     make up the rotation, all of them the translation.
 
-    Rows may come in any order. Eq. 5 takes differences from the first pose of a group:
-    with noise, which row of a group that is moves the answer, by less than its error.
+    Rows may come in any order. As in the paper, Eq. 5 takes differences from a group's
+    first row: with noise, another row in its place gives another answer, about as far
+    away as the error that the noise makes.
 
     Parameters
     ----------

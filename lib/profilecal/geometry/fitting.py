@@ -6,6 +6,7 @@ Eliminating the linear coefficients leaves a symmetric 3×3 problem, whose eigen
 solves one scalar equation (`_secular`): no `eig`.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,79 +18,91 @@ ROUNDS = 60  # Newton's steps at most; four or five are usual
 SETTLED = 1e-14
 
 
-def from_components(*components) -> np.ndarray:
-    """Vectors (..., k) from k arrays (...), each component contiguous in memory: NumPy
-    is fast along long axes only.
+def from_components(*components: np.ndarray) -> np.ndarray:
+    """Vectors (..., k) from k arrays (...), each component contiguous in memory.
+
+    NumPy is fast along long axes only.
     """
     return np.moveaxis(np.stack(components), 0, -1)
 
 
+def about_mean(points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The mean (..., 2) of points (..., k, 2), and their x and z (..., k) from it."""
+    mean = points.mean(axis=-2)
+    x, z = np.moveaxis(points - mean[..., None, :], -1, 0)
+    return mean, x, z
+
+
+def mean_product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """The mean (...) of the product of values (..., k)."""
+    return np.einsum("...i,...i->...", a, b) / a.shape[-1]
+
+
 @dataclass(frozen=True)
 class Ellipse:
-    """The points p with (p - centre)ᵀ shape⁻¹ (p - centre) = 1; an affine map A takes
-    shape to A shape Aᵀ.
+    """The points p with (p - centre)ᵀ shape⁻¹ (p - centre) = 1.
+
+    An affine map A takes shape to A shape Aᵀ.
     """
 
     centre: np.ndarray  # (..., 2)
     shape: np.ndarray  # (..., 2, 2), its eigenvalues are the squares of the semi-axes
 
 
-def fit_ellipse(points) -> Ellipse:
-    """The ellipse-specific direct fit of Pilu, Fitzgibbon and Fisher (disk paper's ref.
-    [21]) to points (..., k, 2), k ≥ 5. No affine map changes the fit, so the points are
-    first given unit covariance.
+def fit_ellipse(points: np.ndarray) -> Ellipse:
+    """The ellipse-specific direct fit to points (..., k, 2), k ≥ 5.
+
+    It is that of Pilu, Fitzgibbon and Fisher (disk paper's ref. [21]). No affine map
+    changes the fit, so the points are first given unit covariance, by
+
+        x = width u,   z = tilt x + height v.
+
+    Points on one line or repeated give NaN.
     """
-    points = np.asarray(points, dtype=float)
-    mean = points.mean(axis=-2)
-    x, z = np.moveaxis(points - mean[..., None, :], -1, 0)
-    xx, xz, zz = (
-        np.einsum("...i,...i->...", a, b) / x.shape[-1]
-        for a, b in ((x, x), (x, z), (z, z))
-    )
-    with np.errstate(
-        divide="ignore", invalid="ignore"
-    ):  # points on one line or repeated: NaN
+    mean, x, z = about_mean(points)
+    xx = mean_product(x, x)
+    xz = mean_product(x, z)
+    zz = mean_product(z, z)
+    with np.errstate(divide="ignore", invalid="ignore"):
         tilt = xz / xx
-        width, height = np.sqrt(xx), np.sqrt(zz - xz * tilt)
-        u, v = x / width[..., None], (z - tilt[..., None] * x) / height[..., None]
+        width = np.sqrt(xx)
+        height = np.sqrt(zz - xz * tilt)
+        u = x / width[..., None]
+        v = (z - tilt[..., None] * x) / height[..., None]
         unit = ellipse_from_moments(moments(u, v))
-    map_ = np.zeros((*mean.shape, 2))
-    map_[..., 0, 0], map_[..., 1, 0], map_[..., 1, 1] = width, tilt * width, height
-    return transformed(unit, map_, mean)
+    to_points = np.zeros((*mean.shape, 2))
+    to_points[..., 0, 0] = width
+    to_points[..., 1, 0] = tilt * width
+    to_points[..., 1, 1] = height
+    return transformed(unit, to_points, mean)
 
 
-def transformed(ellipse: Ellipse, map_, shift) -> Ellipse:
-    """The ellipse after p ↦ map_ p + shift, with map_ (..., 2, 2) and shift (..., 2)."""
+def transformed(ellipse: Ellipse, map_: np.ndarray, shift: np.ndarray) -> Ellipse:
+    """The ellipse after p ↦ map_ p + shift: map_ (..., 2, 2) and shift (..., 2)."""
     centre = np.einsum("...ab,...b->...a", map_, ellipse.centre) + shift
-    return Ellipse(
-        centre, np.einsum("...ab,...bc,...dc->...ad", map_, ellipse.shape, map_)
-    )
+    shape = np.einsum("...ab,...bc,...dc->...ad", map_, ellipse.shape, map_)
+    return Ellipse(centre, shape)
 
 
-def moments(u, v, work=(None, None, None)) -> dict:
-    """Means over the last axis of u^a v^b for 1 ≤ a + b ≤ 4: {(a, b): (...)}. `work`:
-    memory for u², uv and v².
+def moments(
+    u: np.ndarray, v: np.ndarray, work: Sequence[np.ndarray | None] = (None,) * 3
+) -> dict:
+    """Means over the last axis of u^a v^b for 1 ≤ a + b ≤ 4: {(a, b): (...)}.
+
+    `work`: memory for u², uv and v².
     """
     count = u.shape[-1]
-    uu, uv, vv = (
-        np.multiply(*pair, out=out)
-        for pair, out in zip(((u, u), (u, v), (v, v)), work, strict=True)
-    )
+    uu = np.multiply(u, u, out=work[0])
+    uv = np.multiply(u, v, out=work[1])
+    vv = np.multiply(v, v, out=work[2])
     low = {(1, 0): u, (0, 1): v, (2, 0): uu, (1, 1): uv, (0, 2): vv}
     mean = {power: values @ np.full(count, 1 / count) for power, values in low.items()}
-    for a, b in [
-        (3, 0),
-        (2, 1),
-        (1, 2),
-        (0, 3),
-        (4, 0),
-        (3, 1),
-        (2, 2),
-        (1, 3),
-        (0, 4),
-    ]:
-        square = (2, 0) if a >= 2 else (0, 2)
-        mean[a, b] = np.vecdot(low[square], low[a - square[0], b - square[1]]) / count
+    for order in (3, 4):
+        for b in range(order + 1):
+            a = order - b
+            square = (2, 0) if a >= 2 else (0, 2)
+            rest = a - square[0], b - square[1]
+            mean[a, b] = np.vecdot(low[square], low[rest]) / count
     return mean
 
 
@@ -101,47 +114,46 @@ def ellipse_from_moments(mean: dict) -> Ellipse:
     coefficients follow from the quadratic ones; these are a multiple of A, C = 1 ± β
     and B = 2γ, for which the constraint holds 1 - β² - γ² fixed.
     """
-    linear, quadratic = [(1, 0), (0, 1)], [(2, 0), (1, 1), (0, 2)]
+    linear = [(1, 0), (0, 1)]
+    quadratic = [(2, 0), (1, 1), (0, 2)]
     mean = dict(zip(mean, np.broadcast_arrays(*mean.values()), strict=True))
 
-    def covariances(first, second):
-        return np.array(
-            [
-                [mean[a + c, b + d] - mean[a, b] * mean[c, d] for c, d in second]
-                for a, b in first
-            ]
-        )
+    def covariance(a: int, b: int, c: int, d: int) -> np.ndarray:
+        return mean[a + c, b + d] - mean[a, b] * mean[c, d]
+
+    def covariances(first: list, second: list) -> np.ndarray:
+        return np.array([[covariance(*p, *q) for q in second] for p in first])
 
     (xx, xz), (_, zz) = covariances(linear, linear)
     crossed = covariances(linear, quadratic)
     inverse = np.array([[zz, -xz], [-xz, xx]]) / (xx * zz - xz * xz)
     # D and E take these multiples of -A, -B and -C
     slopes = np.einsum("ij...,jk...->ik...", inverse, crossed)
-    unexplained = covariances(quadratic, quadratic) - np.einsum(
-        "ij...,ik...->jk...", crossed, slopes
-    )
+    explained = np.einsum("ij...,ik...->jk...", crossed, slopes)
+    unexplained = covariances(quadratic, quadratic) - explained
     # A, B and C by 1, β and γ
     basis = np.array([[1.0, 1.0, 0.0], [0.0, 0.0, 2.0], [1.0, -1.0, 0.0]])
     half = np.tensordot(basis.T, unexplained, 1)
     reduced = np.tensordot(basis.T, np.swapaxes(half, 0, 1), 1)
     beta, gamma = _secular(reduced[np.triu_indices(3)], sign=1)
-    A, B, C = 1 + beta, 2 * gamma, 1 - beta
+
+    A = 1 + beta
+    B = 2 * gamma
+    C = 1 - beta
     D, E = -np.einsum("ij...,j...->i...", slopes, np.array([A, B, C]))
     determinant = 4 * A * C - B * B
-    x, z = (B * E - 2 * C * D) / determinant, (B * D - 2 * A * E) / determinant
-    at_mean = (
-        A * mean[2, 0]
-        + B * mean[1, 1]
-        + C * mean[0, 2]
-        + D * mean[1, 0]
-        + E * mean[0, 1]
-    )  # it is -F
-    scale = 2 * (at_mean - (D * x + E * z) / 2) / determinant
+    x = (B * E - 2 * C * D) / determinant
+    z = (B * D - 2 * A * E) / determinant
+    of_quadratic = A * mean[2, 0] + B * mean[1, 1] + C * mean[0, 2]
+    minus_F = of_quadratic + D * mean[1, 0] + E * mean[0, 1]
+    scale = 2 * (minus_F - (D * x + E * z) / 2) / determinant
     shape = from_components(2 * scale * C, -scale * B, -scale * B, 2 * scale * A)
     return Ellipse(from_components(x, z), shape.reshape(*shape.shape[:-1], 2, 2))
 
 
-def _secular(entries, sign: int):
+def _secular(
+    entries: Sequence[np.ndarray] | np.ndarray, sign: int
+) -> tuple[np.ndarray, np.ndarray]:
     """The v₁, v₂ that minimise vᵀ M v with v₀² - sign (v₁² + v₂²) fixed, v₀ = 1;
     symmetric M as 00, 01, 02, 11, 12, 22.
 
@@ -152,12 +164,11 @@ def _secular(entries, sign: int):
     pp, pq, pt, qq, qt, tt = entries
     value = pp if sign > 0 else np.zeros_like(pp)
     for _ in range(ROUNDS):
-        first, second = qq + sign * value, tt + sign * value
+        first = qq + sign * value
+        second = tt + sign * value
         determinant = first * second - qt * qt
-        q, t = (
-            (qt * pt - second * pq) / determinant,
-            (qt * pq - first * pt) / determinant,
-        )
+        q = (qt * pt - second * pq) / determinant
+        t = (qt * pq - first * pt) / determinant
         step = (pp - value + pq * q + pt * t) / (1 - sign * (q * q + t * t))
         value = value + step
         if not (np.abs(step) > SETTLED * pp).any():
@@ -165,28 +176,17 @@ def _secular(entries, sign: int):
     return q, t
 
 
-def fit_circle(points) -> np.ndarray:
-    """Circles (..., 3) as x, z, r through points (..., k, 2), k ≥ 3, by Taubin's fit,
-    which minimises ⟨d²⟩/⟨|∇d|²⟩ of the algebraic distance d; ⟨d²⟩ alone makes circles
-    too small on noisy arcs.
+def fit_circle(points: np.ndarray) -> np.ndarray:
+    """Circles (..., 3) as x, z, r through points (..., k, 2), k ≥ 3, by Taubin's fit.
+
+    It minimises ⟨d²⟩/⟨|∇d|²⟩ of the algebraic distance d; ⟨d²⟩ alone makes circles too
+    small on noisy arcs.
     """
-    points = np.asarray(points, dtype=float)
-    mean = points.mean(axis=-2)
-    x, z = np.moveaxis(points - mean[..., None, :], -1, 0)
-    w = x * x + z * z
-    pairs = {
-        "xx": (x, x),
-        "xz": (x, z),
-        "zz": (z, z),
-        "wx": (w, x),
-        "wz": (w, z),
-        "ww": (w, w),
-    }
-    sums = {
-        name: np.einsum("...i,...i->...", *pair) / x.shape[-1]
-        for name, pair in pairs.items()
-    }
-    circle = circle_from_moments(sums)
+    mean, x, z = about_mean(points)
+    values = {"x": x, "z": z, "w": x * x + z * z}
+    pairs = "xx", "xz", "zz", "wx", "wz", "ww"
+    means = {pair: mean_product(*(values[name] for name in pair)) for pair in pairs}
+    circle = circle_from_moments(means)
     circle[..., :2] += mean
     return circle
 
@@ -194,48 +194,47 @@ def fit_circle(points) -> np.ndarray:
 def circle_from_moments(mean: dict) -> np.ndarray:
     """As `fit_circle`, from the means of xx, xz, zz, wx, wz and ww about the centroid,
     where w = x² + z².
+
+    The distance is (w - ⟨w⟩) + B x + C z, with 4⟨w⟩ + B² + C² fixed: all weights are 1
+    once the first term is divided by 2√⟨w⟩.
     """
-    xx, xz, zz, wx, wz = (mean[name] for name in ("xx", "xz", "zz", "wx", "wz"))
+    xx, xz, zz, wx, wz, ww = (mean[a] for a in ("xx", "xz", "zz", "wx", "wz", "ww"))
     w = xx + zz
-    # (w - ⟨w⟩) + B x + C z, with 4⟨w⟩ + B² + C² fixed: unit weights once the first
-    # column is divided by 2√⟨w⟩
     unit = 2 * np.sqrt(w)
-    B, C = _secular(
-        ((mean["ww"] - w * w) / unit**2, wx / unit, wz / unit, xx, xz, zz), sign=-1
-    )
-    B, C = unit * B, unit * C
+    entries = (ww - w * w) / unit**2, wx / unit, wz / unit, xx, xz, zz
+    beta, gamma = _secular(entries, sign=-1)
+    B = unit * beta
+    C = unit * gamma
     return np.stack([-B / 2, -C / 2, np.sqrt(w + (B * B + C * C) / 4)], axis=-1)
 
 
-def fit_sphere(points) -> tuple[np.ndarray, np.ndarray]:
+def fit_sphere(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Centres (..., d) and radii (...) of the spheres, or circles, algebraically
-    nearest to points (..., n, d): |p|² = 2 c·p + k by linear least squares (edge
-    paper's ref. [36]). Where the points leave the centre open, as those on one circle
-    in space do, it is the nearest to their middle.
+    nearest to points (..., n, d).
+
+    |p|² = 2 c·p + k by linear least squares (edge paper's ref. [36]). Where the points
+    leave the centre open, as those on one circle in space do, it is the nearest to
+    their middle.
     """
     middle = points.mean(axis=-2, keepdims=True)
     p = points - middle
     square = np.sum(p**2, axis=-1, keepdims=True)
     mean_square = square.mean(axis=-2, keepdims=True)
-    pt = p.mT
-    H = pt @ p
-    ridge = (
-        1e-13
-        * np.trace(H, axis1=-2, axis2=-1)[..., None, None]
-        * np.eye(points.shape[-1])
-    )  # rounding is less
-    centre = np.linalg.solve(H + ridge, pt @ (square - mean_square))[..., 0] / 2
+    H = p.mT @ p
+    trace = np.trace(H, axis1=-2, axis2=-1)[..., None, None]
+    ridge = 1e-13 * trace * np.eye(points.shape[-1])  # rounding is less
+    right = p.mT @ (square - mean_square)
+    centre = np.linalg.solve(H + ridge, right)[..., 0] / 2
     radius = np.sqrt(mean_square[..., 0, 0] + np.sum(centre**2, axis=-1))
     return middle[..., 0, :] + centre, radius
 
 
-def principal_axes(points) -> np.ndarray:
+def principal_axes(points: np.ndarray) -> np.ndarray:
     """Unit vectors, rows of (..., 3, 3), along which points (..., n, 3) spread about
     their mean, most first.
     """
-    return np.linalg.svd(
-        points - points.mean(axis=-2, keepdims=True), full_matrices=False
-    )[2]
+    offsets = points - points.mean(axis=-2, keepdims=True)
+    return np.linalg.svd(offsets, full_matrices=False)[2]
 
 
 def affine_residuals(

@@ -1,6 +1,7 @@
 """Standard deviations of what goes wrong in a measurement, and χ²."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.special import chdtri
@@ -11,13 +12,16 @@ FALSE_ALARM = 0.01
 
 @dataclass(frozen=True)
 class Noise:
-    """Standard deviations of the errors that differ from pose to pose: entries that a
-    scan folder's [noise] has.
+    """Standard deviations of the errors that differ from pose to pose.
+
+    Their names are entries of a scan folder's [noise].
     """
 
-    profile_mm: float = 0.0  # scanner, in x and in z
-    position_mm: float = 0.0  # robot position, each axis, fresh at each commanded pose
-    # robot orientation, about each axis, fresh at each commanded pose
+    # of the scanner, in x and in z
+    profile_mm: float = 0.0
+    # of the robot's position along each axis, fresh at each commanded pose
+    position_mm: float = 0.0
+    # of the robot's orientation about each axis, fresh at each commanded pose
     orientation_deg: float = 0.0
     # the part of the position error that the poses of one orientation share
     group_position_mm: float = 0.0
@@ -30,11 +34,12 @@ class Noise:
 
     @property
     def of_robot(self) -> dict[str, float]:
-        """The errors of the robot that there are."""
+        """The errors of the robot that are not zero, by name."""
         return {name: getattr(self, name) for name in ROBOT if getattr(self, name)}
 
 
-ROBOT = (  # of them: at each visit, at each commanded pose, at each orientation
+# the robot's: fresh at each visit, at each commanded pose, at each orientation
+ROBOT = (
     "repeatability_mm",
     "repeatability_deg",
     "position_mm",
@@ -46,8 +51,9 @@ ROBOT = (  # of them: at each visit, at each commanded pose, at each orientation
 
 @dataclass(frozen=True)
 class Systematic:
-    """Standard deviations of what is wrong in the same way at all poses; entries of
-    [noise] too, 0 where it is not.
+    """Standard deviations of what is wrong in the same way at all poses.
+
+    Their names are entries of [noise] too.
     """
 
     scale_percent: float = 0.0  # of the profiles, along x and along z
@@ -58,17 +64,18 @@ class Systematic:
     accuracy_deg: float = 0.0  # robot orientation over its workspace, about each axis
 
 
-def chi2_limit(chance, freedom):
-    """What χ² of some degrees of freedom exceeds by a chance: `chi2.isf` without the
-    long import of `scipy.stats`.
+def chi2_limit(chance: float | np.ndarray, freedom: float | np.ndarray) -> Any:
+    """What χ² of some degrees of freedom exceeds by a chance.
+
+    It is `chi2.isf` without the long import of `scipy.stats`.
     """
     return chdtri(freedom, chance)
 
 
-def normalised_square(covariance, error) -> np.ndarray:
-    """Errors (..., n) squared over their covariances (..., n, n): follows χ² with n
-    degrees of freedom if honest.
+def normalised_square(covariance: np.ndarray, error: np.ndarray) -> np.ndarray:
+    """Errors (..., n) squared over their covariances (..., n, n).
+
+    Follows χ² with n degrees of freedom where the covariances are honest.
     """
-    return np.einsum(
-        "...i,...i", error, np.linalg.solve(covariance, error[..., None])[..., 0]
-    )
+    weighted = np.linalg.solve(covariance, error[..., None])[..., 0]
+    return np.einsum("...i,...i", error, weighted)

@@ -5,8 +5,8 @@ parameters one unit, so that millimetres and degrees compare, and it says what
 "determined" means. A direction of the sensor pose is
 
 - unobservable, where its standard deviation is no better than the measurement by hand,
-  or where the information matrix
-  has no rank there (an eigenvalue below 1e-10 of the largest), whatever the noise;
+  or where the information matrix has no rank there (an eigenvalue below 1e-10 of the
+  largest), whatever the noise;
 - weak, where it is no better than a tenth of that, 1 mm and 0.5°;
 - ok otherwise.
 """
@@ -15,12 +15,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 WEAK = 0.1  # of the measurement by hand
 LEAST_TURN_DEG = 1.0  # flange orientations that differ by less are taken for one
-# of the measurement by hand, mm and rad
-HAND_PRECISION = np.repeat([10.0, np.radians(5.0)], 3)
+HAND_PRECISION = np.repeat([10.0, np.radians(5.0)], 3)  # mm and rad
 
 
 def units_by_hand(targets: Sequence) -> np.ndarray:
@@ -28,12 +28,8 @@ def units_by_hand(targets: Sequence) -> np.ndarray:
     and turns, (n,) mm and rad.
     """
     mm, rad = HAND_PRECISION[0], HAND_PRECISION[3]
-    return np.concatenate(
-        [
-            HAND_PRECISION,
-            *([mm] * len(t.shifts) + [rad] * len(t.turns) for t in targets),
-        ]
-    )
+    of_targets = [[mm] * len(t.shifts) + [rad] * len(t.turns) for t in targets]
+    return np.concatenate([HAND_PRECISION, *of_targets])
 
 
 @dataclass(frozen=True)
@@ -47,140 +43,159 @@ class Spectrum:
     sd: np.ndarray  # (..., 6) standard deviations over the measurement by hand
     # (..., 6, 6) rows: the directions in units of the measurement by hand, length one
     directions: np.ndarray
-    rank: np.ndarray  # (...) of the whole information matrix
+    rank: np.ndarray | int  # (...) of the whole information matrix
     parameters: int
 
     @property
     def status(self) -> np.ndarray:
         """ "ok", "weak" or "unobservable", (...)."""
-        short = (self.rank < self.parameters) | ~(self.sd[..., 0] < 1)
-        return np.where(
-            short, "unobservable", np.where(self.sd[..., 0] < WEAK, "ok", "weak")
-        )
+        worst = self.sd[..., 0]
+        unobservable = (self.rank < self.parameters) | ~(worst < 1)
+        known = np.where(worst < WEAK, "ok", "weak")
+        return np.where(unobservable, "unobservable", known)
 
 
-def spectrum(information, units) -> Spectrum:
+def spectrum(information: np.ndarray, units: np.ndarray) -> Spectrum:
     """Of information matrices (..., n, n), the sensor pose first; `units` (n,) are
     known by hand, mm and rad.
     """
-    A = information * units[:, None] * units
-    values, vectors = np.linalg.eigh(A)
+    in_units = information * units[:, None] * units
+    values, vectors = np.linalg.eigh(in_units)
     largest = values[..., -1:]
     rank = (values > 1e-10 * largest).sum(axis=-1)
-    inverse = 1 / np.maximum(values, 1e-14 * largest)
+    variances = 1 / np.maximum(values, 1e-14 * largest)
     pose = vectors[..., :6, :]
-    C = (pose * inverse[..., None, :]) @ pose.mT
-    return of_covariance(C * HAND_PRECISION[:, None] * HAND_PRECISION, rank, len(units))
+    of_pose = (pose * variances[..., None, :]) @ pose.mT
+    covariance = of_pose * HAND_PRECISION[:, None] * HAND_PRECISION
+    return of_covariance(covariance, rank, len(units))
 
 
-def of_covariance(covariance, rank, parameters: int) -> Spectrum:
+def of_covariance(
+    covariance: np.ndarray, rank: np.ndarray | int, parameters: int
+) -> Spectrum:
     """Of covariances (..., 6, 6) of the sensor pose, mm and rad, and the rank (...)
     behind them.
     """
-    variance, axes = np.linalg.eigh(
-        covariance / HAND_PRECISION[:, None] / HAND_PRECISION
-    )
-    sd, directions = np.sqrt(np.maximum(variance, 0))[..., ::-1], axes.mT[..., ::-1, :]
+    in_units = covariance / HAND_PRECISION[:, None] / HAND_PRECISION
+    variances, axes = np.linalg.eigh(in_units)
+    sd = np.sqrt(np.maximum(variances, 0))[..., ::-1]
+    directions = axes.mT[..., ::-1, :]
     return Spectrum(covariance, sd, directions, rank, parameters)
 
 
-def turns(R_flange) -> tuple[np.ndarray, np.ndarray]:
-    """How far flange orientations (P, 3, 3) turn from their mean: rms angles (3,) in
-    degrees about three axes, largest first, and the first of these axes (3,), in the
-    flange's frame.
+def turns(R_flange: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """How far flange orientations (P, 3, 3) turn from their mean.
+
+    Root mean square angles (3,) in degrees about three axes, largest first, and the
+    first of these axes (3,), in the flange's frame.
     """
     rotations = Rotation.from_matrix(R_flange)
     turned = (rotations.mean().inv() * rotations).as_rotvec(degrees=True)
-    _, square, axes = np.linalg.svd(turned.T @ turned / len(turned))
-    return np.sqrt(square), axes[0]
+    _, squares, axes = np.linalg.svd(turned.T @ turned / len(turned))
+    return np.sqrt(squares), axes[0]
 
 
-def name_axis(vector, frame: str) -> str:
+def name_axis(vector: ArrayLike, frame: str) -> str:
     """A direction as people say it: "the flange's z", or by its components."""
-    vector = np.asarray(vector) / np.linalg.norm(vector)
-    k = int(np.argmax(np.abs(vector)))
-    if abs(vector[k]) >= np.cos(np.radians(15)):
+    unit = np.asarray(vector) / np.linalg.norm(vector)
+    k = int(np.argmax(np.abs(unit)))
+    if abs(unit[k]) >= np.cos(np.radians(15)):
         return f"the {frame}'s {'xyz'[k]}"
-    vector = vector * np.sign(vector[k])
-    return f"({', '.join(f'{c + 0.0:.2f}' for c in vector)}) in the {frame}'s frame"
+    unit = unit * np.sign(unit[k])
+    components = ", ".join(f"{component + 0.0:.2f}" for component in unit)
+    return f"({components}) in the {frame}'s frame"
 
 
-def name_direction(direction, R_sensor, frame: str = "flange") -> str:
+def name_direction(
+    direction: ArrayLike, R_sensor: np.ndarray, frame: str = "flange"
+) -> str:
     """A direction (6,) of the sensor pose in units of the measurement by hand, in the
     frame that the pose is in.
     """
-    words, parts = (
-        ("translation along", "rotation about"),
-        np.reshape(direction, (2, 3)),
-    )
+    words = "translation along", "rotation about"
+    vectors = np.reshape(direction, (2, 3))
     return " with ".join(
-        f"{words[k]} {name_axis(R_sensor @ parts[k], frame)}"
+        f"{words[k]} {name_axis(R_sensor @ vectors[k], frame)}"
         for k in main_parts(direction)
     )
 
 
-def size_direction(sd: float, direction) -> str:
+def size_direction(sd: float, direction: np.ndarray) -> str:
     """The shift and the turn that a standard deviation along a direction (6,) consists
     of.
     """
-    shift, turn = np.linalg.norm(
-        np.reshape(sd * direction * HAND_PRECISION, (2, 3)), axis=1
-    )
-    parts = f"{shift:.2g} mm", f"{np.degrees(turn):.2g}°"
-    return " with ".join(parts[k] for k in main_parts(direction))
+    vectors = np.reshape(sd * direction * HAND_PRECISION, (2, 3))
+    shift, turn = np.linalg.norm(vectors, axis=1)
+    sizes = f"{shift:.2g} mm", f"{np.degrees(turn):.2g}°"
+    return " with ".join(sizes[k] for k in main_parts(direction))
 
 
-def main_parts(direction) -> list[int]:
+def main_parts(direction: ArrayLike) -> list[int]:
     """Shift (0), turn (1), or both, the larger first: those that matter in a direction
     (6,).
     """
-    square = np.sum(np.reshape(direction, (2, 3)) ** 2, axis=1)
-    return [k for k in np.argsort(-square) if square[k] > 0.2]
+    squares = np.sum(np.reshape(direction, (2, 3)) ** 2, axis=1)
+    return [k for k in np.argsort(-squares) if squares[k] > 0.2]
 
 
-def explain(found: Spectrum, R_sensor, R_flange, frame: str = "flange") -> list[str]:
-    """Sentences a person can act on, none where all is well. `R_flange` (P, 3, 3): the
-    flange in the base, the other way round for a sensor pose in the `frame` "base".
+def explain(
+    found: Spectrum, R_sensor: np.ndarray, R_flange: np.ndarray, frame: str = "flange"
+) -> list[str]:
+    """Sentences a person can act on, none where all is well.
+
+    `R_flange` (P, 3, 3): the flange in the base, the other way round for a sensor pose
+    in the `frame` "base".
     """
     if found.status == "ok":
         return []
+    what = what_is_open(found, R_sensor, frame)
+    why = why_open(R_flange, frame)
+    if found.rank < found.parameters or found.sd[0] >= 10:
+        known = "left open"
+    else:
+        size = size_direction(found.sd[0], found.directions[0])
+        known = f"known only to {size}"
+    if found.status == "unobservable":
+        verb = "cannot be determined"
+    else:
+        verb = "is poorly determined"
+    return [f"{what} {verb} ({known}): {why}"]
+
+
+def what_is_open(found: Spectrum, R_sensor: np.ndarray, frame: str) -> str:
+    """The directions, up to three, that are as bad as the status says."""
+    limit = 1 if found.status == "unobservable" else WEAK
+    count = int((found.sd >= limit).sum()) or 1
+    if count >= 3 and np.linalg.norm(found.directions[:3, 3:]) < 0.3:
+        return "translation in every direction"
+    worst = found.directions[: min(count, 3)]
+    return "; ".join(name_direction(v, R_sensor, frame) for v in worst)
+
+
+def why_open(R_flange: np.ndarray, frame: str) -> str:
+    """What the flange's orientations (P, 3, 3) lack, and what to add."""
     angles, axis = turns(R_flange)
-    spread, about_others, main = (
-        np.linalg.norm(angles),
-        np.linalg.norm(angles[1:]),
-        name_axis(axis, frame),
-    )
+    main = name_axis(axis, frame)
     others = [c for c in "xyz" if not main.endswith(f"'s {c}")]
     other = " or ".join(others) if len(others) == 2 else "another axis"
-    bad = int((found.sd >= (1 if found.status == "unobservable" else WEAK)).sum()) or 1
-    if bad >= 3 and np.linalg.norm(found.directions[:3, 3:]) < 0.3:
-        what = "translation in every direction"
-    else:
-        what = "; ".join(
-            name_direction(v, R_sensor, frame) for v in found.directions[: min(bad, 3)]
-        )
-    sd = found.sd[0]
-    left_open = found.rank < found.parameters or sd >= 10
-    known = (
-        "left open"
-        if left_open
-        else f"known only to {size_direction(sd, found.directions[0])}"
-    )
-    verb = (
-        "cannot be determined"
-        if found.status == "unobservable"
-        else "is poorly determined"
-    )
+    spread = np.linalg.norm(angles)
+    about_others = np.linalg.norm(angles[1:])
     if spread < LEAST_TURN_DEG:
-        same = f"all flange orientations agree within {max(spread, 0.01):.2g}°"
-        why = f"{same}; add poses tilted by 15° or more about two axes"
-    elif about_others < LEAST_TURN_DEG:
-        why = f"all rotations are about {main}; add a pose tilted about {other} by 15° or more"
-    elif about_others < 10:
-        why = (
-            f"but for turns about {main}, the orientations differ by only {about_others:.2g}°; "
-            f"tilt the flange about {other} by 15° or more"
+        return (
+            f"all flange orientations agree within {max(spread, 0.01):.2g}°; "
+            "add poses tilted by 15° or more about two axes"
         )
-    else:
-        why = "cross the target at other places and in other directions of motion, inside each group of poses too"
-    return [f"{what} {verb} ({known}): {why}"]
+    if about_others < LEAST_TURN_DEG:
+        return (
+            f"all rotations are about {main}; "
+            f"add a pose tilted about {other} by 15° or more"
+        )
+    if about_others < 10:
+        return (
+            f"but for turns about {main}, the orientations differ by only "
+            f"{about_others:.2g}°; tilt the flange about {other} by 15° or more"
+        )
+    return (
+        "cross the target at other places and in other directions of motion, "
+        "inside each group of poses too"
+    )
