@@ -128,7 +128,7 @@ def calibrate(folders, as_json, vendor, guess, leave_out, report):
     print_calibration(found, as_json, vendor)
     if report:
         write_the_report(folders, report, guess=list(guess or []))
-    raise SystemExit(3 if found.status == "unobservable" else 0)
+    raise SystemExit(0 if found.is_known else 3)
 
 
 def check_outputs(as_json, vendor, report) -> None:
@@ -169,17 +169,15 @@ def with_notes(found, folder, leave_out):
     """
     from dataclasses import replace
 
-    import numpy as np
-
     notes = list(found.messages)
-    if leave_out and found.status != "unobservable":
+    if leave_out and found.is_known:
         from profilecal.calibration.leave_out import leave_out as cross_validate
 
         notes += cross_validate(found).messages()
     if found.status == "weak":
         from profilecal_tool.plan.task import next_poses
 
-        notes += next_poses(found, folder, np.random.default_rng(0))
+        notes += next_poses(found, folder)
     return replace(found, messages=tuple(notes))
 
 
@@ -191,8 +189,8 @@ def print_calibration(found, as_json, vendor) -> None:
     from profilecal_tool.words import calibration_text
 
     to_paste = ""
-    if vendor and found.status != "unobservable":
-        to_paste = for_controller(vendor, found.solution.pose, found.frame)
+    if vendor and found.is_known:
+        to_paste = for_controller(vendor, found.pose, found.frame)
     if as_json:
         echo(json.dumps(found.to_json(), indent=2))
     else:

@@ -49,7 +49,16 @@ def plan(notebook: Path, grid: dict, repeat: int | None = None) -> dict[str, dic
     does not fit the notebook's parameters.
     """
     kinds = notebooks.parameters_of(notebook)
-    _check_asked(notebook.stem, kinds, grid, repeat)
+    if not grid and not repeat:
+        known = ", ".join(kinds) or "(none)"
+        raise ValueError(
+            f"the grid is empty; {notebook.stem} has the parameters {known}"
+        )
+    if repeat and "seed" not in kinds:
+        raise ValueError(
+            f"{notebook.stem} has no parameter 'seed', "
+            "so its repeats would all be the same"
+        )
     lists = {
         name: values if isinstance(values, list) else [values]
         for name, values in grid.items()
@@ -73,17 +82,6 @@ def plan(notebook: Path, grid: dict, repeat: int | None = None) -> dict[str, dic
     if len(runs) < len(points):
         raise ValueError("the grid names a run twice; expected different values")
     return runs
-
-
-def _check_asked(notebook: str, kinds: dict, grid: dict, repeat: int | None) -> None:
-    """Refuse what leaves nothing to run, or the same again and again."""
-    if not grid and not repeat:
-        known = ", ".join(kinds) or "(none)"
-        raise ValueError(f"the grid is empty; {notebook} has the parameters {known}")
-    if repeat and "seed" not in kinds:
-        raise ValueError(
-            f"{notebook} has no parameter 'seed', so its repeats would all be the same"
-        )
 
 
 def _name(parameters: dict) -> str:
@@ -124,9 +122,9 @@ def sweep(
     OSError.
     """
     runs = plan(notebook, grid, repeat)
-    source = notebook.read_text(encoding="utf-8")
+    cells = _read(notebook)["cells"]
+    code = [(cell["cell_type"], cell["source"]) for cell in cells]
     versions = notebooks.versions()
-    code = [(cell["cell_type"], cell["source"]) for cell in json.loads(source)["cells"]]
     keys = {
         name: _digest([code, parameters, versions], 16)
         for name, parameters in runs.items()
@@ -135,8 +133,10 @@ def sweep(
     files = {name: folder / f"{name}.ipynb" for name in runs}
     folder.mkdir(parents=True, exist_ok=True)
     with _alone(output):
+        source = notebook.read_text(encoding="utf-8")
+        place = str(notebook.resolve().parent)
         jobs = {
-            name: (source, parameters, str(notebook.resolve().parent), timeout)
+            name: (source, parameters, place, timeout)
             for name, parameters in runs.items()
             if not _is_done(files[name], keys[name])
         }
@@ -152,7 +152,9 @@ def sweep(
                         "error": why or _clash(executed, runs[name]),
                         "duration_s": round(seconds, 3),
                     }
-                    _write(files[name], executed)
+                    with whole(files[name]) as part:
+                        json_text = json.dumps(executed, indent=1, ensure_ascii=False)
+                        part.write_text(json_text, encoding="utf-8")
                     bar.update()
         table, failed = _gather(runs, files, versions)
         with whole(output / "table.csv") as part:
@@ -168,17 +170,15 @@ def _clash(executed: dict, parameters: dict) -> str:
     return f"it records {', '.join(sorted(clash))}, which is a parameter's name"
 
 
-def _write(path: Path, executed: dict) -> None:
-    """Write an executed notebook, whole or not at all."""
-    text = json.dumps(executed, indent=1, ensure_ascii=False)
-    with whole(path) as part:
-        part.write_text(text, encoding="utf-8")
+def _read(path: Path) -> dict:
+    """Read a notebook."""
+    return json.loads(path.read_text(encoding="utf-8"))
 
 
 def _is_done(path: Path, key: str) -> bool:
     """Whether there is an executed notebook of this key that did not fail."""
     try:
-        about = json.loads(path.read_text(encoding="utf-8"))["metadata"]["profilecal"]
+        about = _read(path)["metadata"]["profilecal"]
     except (FileNotFoundError, ValueError, KeyError):
         return False
     return about["key"] == key and not about["error"]
@@ -191,7 +191,7 @@ def _gather(
     rows = []
     failed = {}
     for name, parameters in runs.items():
-        notebook = json.loads(files[name].read_text(encoding="utf-8"))
+        notebook = _read(files[name])
         about = notebook["metadata"]["profilecal"]
         records = recorded(notebook)
         status = "done"

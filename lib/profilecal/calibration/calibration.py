@@ -2,242 +2,397 @@
 and what to tell the user.
 """
 
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
+from textwrap import shorten
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from profilecal.calibration import plausibility
-from profilecal.calibration.observe import names, observe_all, stated_noise
+from profilecal.calibration.answer import in_mm_deg
+from profilecal.calibration.observe import Seen, names, observe_all, stated_noise
 from profilecal.calibration.other_conventions import better_readings
-from profilecal.geometry.checks import UnobservableError
+from profilecal.geometry.checks import UnobservableError, check_rigid
 from profilecal.geometry.observability import name_direction
 from profilecal.geometry.poses import carry
-from profilecal.joint.prior import prior_from
+from profilecal.joint.prior import Prior, prior_from
 from profilecal.joint.solution import Solution
 from profilecal.joint.solve import solve
-from profilecal.scan.scan import Scan, ScanError
+from profilecal.scan.scan import MOUNTS, Scan
+from profilecal.scan.tables import ScanError
 from profilecal.targets.observations import Observations
+from profilecal.targets.target import Target
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class Calibration:
-    """A sensor pose from scans, or the reason why there is none. `to_json` is the
-    contract with programs.
+    """A sensor pose from scans, or the reason why there is none.
+
+    Look at `status` and `messages` first. Where the status is "unobservable", `pose`
+    and what belongs to it raise `UnobservableError` with the motions to add.
+    `to_json` is the contract with programs.
     """
 
     scans: tuple[Scan, ...]
     # for each scan, indices of the poses from which the target was found
     seen: tuple[np.ndarray, ...]
     observed: tuple[Observations, ...]  # for each scan, what was seen from them
-    solution: Solution | None = None  # None: fewer measurements than unknowns
+    # None where measurements are fewer than unknowns
+    solution_or_none: Solution | None = None
     messages: tuple[str, ...] = ()  # sentences a person can act on
-    # the data contradict what is stated, as `messages` say: more poses would not mend
-    # it
+    # the data contradict what is stated, as `messages` say; more poses would not help
     misread: bool = False
 
     @property
     def status(self) -> str:
-        """ "ok", "weak" or "unobservable"."""
-        return self.solution.status if self.solution else "unobservable"
+        """ "ok", "weak" (solved, but not to be relied on) or "unobservable"."""
+        return self.solution_or_none.status if self.solution_or_none else "unobservable"
+
+    @property
+    def is_known(self) -> bool:
+        """Whether there is a sensor pose, be it a weak one."""
+        return self.status != "unobservable"
+
+    @property
+    def mount(self) -> str:
+        """Where the scanner is: "eye-in-hand" or "eye-to-hand"."""
+        return self.scans[0].mount
 
     @property
     def frame(self) -> str:
         """The one that the sensor's pose is in: "flange", or "base" where the scanner
         stands still.
         """
-        return "flange" if self.scans[0].mount == "eye-in-hand" else "base"
+        return "flange" if self.mount == MOUNTS[0] else "base"
 
-    def labels(self, rejected: bool) -> list[str]:
+    @property
+    def solution(self) -> Solution:
+        """The joint solution with all its evidence, in mm and rad, also where it leaves
+        the pose open. Raises UnobservableError where there is none.
+        """
+        if self.solution_or_none is None:
+            raise UnobservableError("; ".join(self.messages))
+        return self.solution_or_none
+
+    @property
+    def known_solution(self) -> Solution:
+        """The joint solution. Raises UnobservableError where it leaves the pose open,
+        with the motions to add.
+        """
+        if not self.is_known:
+            raise UnobservableError("; ".join(self.messages))
+        return self.solution
+
+    @property
+    def pose(self) -> np.ndarray:
+        """(4, 4) mm, the sensor in the flange frame (eye-to-hand: in the base frame).
+        Raises UnobservableError.
+        """
+        return self.known_solution.pose
+
+    @property
+    def covariance_mm_deg(self) -> np.ndarray:
+        """(6, 6) of δ, a shift in mm and a rotation vector in degrees, both in the
+        sensor's frame: the true pose is pose · exp(δ). Near the poses of the scans;
+        from noise, robot errors and tolerances. Raises UnobservableError.
+        """
+        return in_mm_deg(self.known_solution.covariance)
+
+    @property
+    def covariance_total_mm_deg(self) -> np.ndarray:
+        """(6, 6) with what no residual shows added: the robot's accuracy, an error of
+        the flange common to all poses. Raises UnobservableError.
+        """
+        return in_mm_deg(self.known_solution.covariance_total)
+
+    @property
+    def translation_sd_mm(self) -> np.ndarray:
+        """(3,) of a shift along the sensor's axes. Raises UnobservableError."""
+        return np.sqrt(np.diag(self.covariance_mm_deg))[:3]
+
+    @property
+    def rotation_sd_deg(self) -> np.ndarray:
+        """(3,) of a turn about the sensor's axes. Raises UnobservableError."""
+        return np.sqrt(np.diag(self.covariance_mm_deg))[3:]
+
+    @property
+    def noise_mm(self) -> float:
+        """The scanner's noise, given or estimated. Raises UnobservableError."""
+        return self.solution.noise_mm
+
+    @property
+    def targets(self) -> tuple[Target, ...]:
+        """The target of each scan where it stands: in the base frame, mm (eye-to-hand:
+        in the flange frame). Raises UnobservableError.
+        """
+        return self.known_solution.placements
+
+    @property
+    def poses_used(self) -> list[str]:
+        """Labels of the poses that the answer rests on."""
+        return self._labels(rejected=False)
+
+    @property
+    def poses_rejected(self) -> list[str]:
+        """Labels of the poses that contradict the others."""
+        return self._labels(rejected=True)
+
+    def _labels(self, rejected: bool) -> list[str]:
         """Of the poses used or rejected."""
-        if not self.solution:
+        if self.solution_or_none is None:
             return []
-        pairs = zip(self.labels_by_scan(), self.solution.rejected, strict=True)
-        return [
-            label
-            for labels, bad in pairs
-            for label, b in zip(labels, bad, strict=True)
-            if b == rejected
-        ]
+        labels = [label for of_scan in self.labels_by_scan() for label in of_scan]
+        bad = np.concatenate(self.solution_or_none.rejected)
+        return [label for label, b in zip(labels, bad, strict=True) if b == rejected]
 
     def labels_by_scan(self) -> list[list[str]]:
         """Of the poses from which the target was found; with the scan's title before
-        them where there are several.
+        them where there are several scans.
         """
         triples = zip(names(self.scans), self.scans, self.seen, strict=True)
         return [
             [before + scan.labels[i] for i in seen] for before, scan, seen in triples
         ]
 
-    def to_json(self) -> dict:
+    def __repr__(self) -> str:
+        kinds = ", ".join(scan.kind for scan in self.scans)
+        used, rejected = len(self.poses_used), len(self.poses_rejected)
+        counts = f"{used} poses used, {rejected} rejected"
+        lines = [f"Calibration({self.status}, {kinds}, {counts})"]
+        if self.is_known:
+            rows = np.array2string(self.pose, precision=4, suppress_small=True)
+            shift = "  ".join(f"{sd:.2g}" for sd in self.translation_sd_mm)
+            turn = "  ".join(f"{sd:.2g}" for sd in self.rotation_sd_deg)
+            lines += [f"pose of the sensor in the {self.frame} frame, mm:", rows]
+            lines += [f"one standard deviation: {shift} mm, {turn}°"]
+        lines += self.messages
+        return "\n".join(
+            line if len(line) <= 88 or "\n" in line else shorten(line, 88)
+            for line in lines[:12]
+        )
+
+    def to_json(self) -> dict[str, Any]:
         """The object that `profilecal calibrate --json` prints; data/README.md says
         what each entry is.
         """
-        s, known, frame = self.solution, self.status != "unobservable", self.frame
-        observability, targets = None, None
-        if s:
-            observability = {
-                "singular_values": (
-                    1 / np.maximum(s.observability.sd, np.finfo(float).eps)
-                ).tolist(),
-                "worst_direction": name_direction(
-                    s.observability.directions[0], s.rotation, frame
-                ),
-            }
-            targets = [
-                {"kind": scan.kind}
-                | {
-                    key: np.asarray(value).tolist()
-                    for key, value in asdict(target).items()
-                }
-                for scan, target in zip(self.scans, s.placements, strict=True)
-            ]
-            targets = targets[0] if len(targets) == 1 else targets
-            sd = np.sqrt(np.diag(in_mm_deg(s.covariance))).tolist()
-        return {
+        solution = self.solution_or_none
+        entries: dict[str, Any] = {
             "status": self.status,
-            f"T_{frame}_sensor": s.pose.tolist() if known else None,
-            "covariance": in_mm_deg(s.covariance).tolist() if known else None,
-            "covariance_total": in_mm_deg(s.covariance_total).tolist()
-            if known
-            else None,
-            "translation_sd_mm": sd[:3] if known else None,
-            "rotation_sd_deg": sd[3:] if known else None,
-            **{
-                name: getattr(s, name, None)
-                for name in ("rms_mm", "chi2_per_dof", "noise_mm", "noise_source")
-            },
-            "poses_used": self.labels(rejected=False),
-            "poses_rejected": self.labels(rejected=True),
-            "observability": observability,
+            f"T_{self.frame}_sensor": None,
+            "covariance": None,
+            "covariance_total": None,
+            "translation_sd_mm": None,
+            "rotation_sd_deg": None,
+            "rms_mm": None,
+            "chi2_per_dof": None,
+            "noise_mm": None,
+            "noise_source": None,
+            "poses_used": self.poses_used,
+            "poses_rejected": self.poses_rejected,
+            "observability": None,
             "method": "joint",
-            "target": targets,
+            "target": None,
             "messages": list(self.messages),
         }
+        if self.is_known:
+            entries |= {
+                f"T_{self.frame}_sensor": self.pose.tolist(),
+                "covariance": self.covariance_mm_deg.tolist(),
+                "covariance_total": self.covariance_total_mm_deg.tolist(),
+                "translation_sd_mm": self.translation_sd_mm.tolist(),
+                "rotation_sd_deg": self.rotation_sd_deg.tolist(),
+            }
+        if solution:
+            placed = zip(self.scans, solution.placements, strict=True)
+            targets = [target_entries(scan.kind, target) for scan, target in placed]
+            entries |= {
+                "rms_mm": solution.rms_mm,
+                "chi2_per_dof": solution.chi2_per_dof,
+                "noise_mm": solution.noise_mm,
+                "noise_source": solution.noise_source,
+                "observability": observability_entries(solution, self.frame),
+                "target": targets[0] if len(targets) == 1 else targets,
+            }
+        return entries
 
 
-def calibrate(scans, guess=None) -> Calibration:
-    """The sensor pose from one scan or several of one sensor; no solution where
-    measurements are fewer than unknowns.
+def target_entries(kind: str, target: Any) -> dict[str, Any]:
+    """A target in its place, for JSON."""
+    fields = {
+        name: np.asarray(value).tolist() for name, value in asdict(target).items()
+    }
+    return {"kind": kind} | fields
 
-    `guess`: a mount pose (4, 4), mm, to start from besides a search over all
-    orientations. Raises ScanError for scans that do not belong together or hold too
-    little.
 
-    >>> from profilecal.simulation.spec import Spec, simulate_scan
-    >>> scan = simulate_scan(Spec(kind="disk", groups=6, positions=10))
-    >>> found = calibrate([scan])
+def observability_entries(solution: Solution, frame: str) -> dict[str, Any]:
+    """How well each direction is determined, for JSON."""
+    known = solution.observability
+    worst = name_direction(known.directions[0], solution.rotation, frame)
+    singular_values = 1 / np.maximum(known.sd, np.finfo(float).eps)
+    return {"singular_values": singular_values.tolist(), "worst_direction": worst}
+
+
+def calibrate(
+    scans: Scan | Iterable[Scan], guess: ArrayLike | None = None
+) -> Calibration:
+    """The sensor pose from one scan or several of one sensor.
+
+    It is the most likely one, with the places of all targets, by all measurements
+    together (notebook 40), and says how far it can be believed.
+
+    Parameters
+    ----------
+    scans : Scan or iterable of Scan
+        What one scanner on one mount saw of one target or several.
+    guess : array (4, 4), optional
+        A pose of the sensor, mm, to start from besides a search over all orientations.
+
+    Returns
+    -------
+    Calibration
+        With the status "ok", "weak" (solved, but not to be relied on) or
+        "unobservable" (the motions leave the pose open); `messages` say why, and what
+        to add.
+
+    Raises
+    ------
+    ScanError
+        For scans that do not belong together or hold too little.
+
+    See Also
+    --------
+    check : what a scan holds, before any calibration.
+    verify : whether another scan agrees with the answer.
+    leave_out : how well the others predict each orientation.
+
+    Examples
+    --------
+    >>> import profilecal as pc
+    >>> scan, truth = pc.simulate("disk", seed=1, groups=6, positions=10)
+    >>> found = pc.calibrate(scan)
     >>> found.status
     'ok'
-    >>> off = found.solution.pose - scan.truth["T_flange_sensor"]
+    >>> off = found.pose - truth.pose
     >>> bool(np.abs(off[:3, 3]).max() < 0.5)  # mm
     True
     """
-    scans = tuple(scans)
-    if len({scan.mount for scan in scans}) > 1:
-        raise ScanError(
-            "some scans are eye-in-hand and others eye-to-hand; expected one mount"
-        )
+    scans = (scans,) if isinstance(scans, Scan) else tuple(scans)
+    check_scans(scans)
     stated = stated_noise(scans)
     check_different(scans)
     seen, observed, features_mm = observe_all(scans)
-    prior = prior_from(stated, features_mm, max(entry.shared_mm for entry in seen))
-    solution, doubted, wrong = None, False, False
+    shared_mm = max(entry.shared_mm for entry in seen)
+    prior = prior_from(stated, features_mm, shared_mm)
+    solution, messages, wrong = None, [], False
     try:
-        solution = solve(
-            observed,
-            prior,
-            starts=[] if guess is None else [(guess[:3, :3], guess[:3, 3])],
-        )
-        solution, doubted = plausibility.check(solution)
-        remarks, wrong = remarks_on_targets(scans, seen, solution)
-        if wrong and solution.status == "ok":
-            solution = replace(solution, status="weak")
-        messages = [*solution.messages, *remarks]
+        solution, wrong = believed(scans, seen, observed, prior, guess)
+        messages = [*solution.messages]
     except UnobservableError as error:
         messages = [str(error)]
-
-    def by_scan(sentences) -> list[str]:
-        return [
-            name + said
-            for name, own in zip(names(scans), sentences, strict=True)
-            for said in own
-        ]
-
-    notes = by_scan(entry.remarks for entry in seen)
-    readings = (
-        []
-        if solution and solution.status == "ok"
-        else by_scan(map(better_readings, scans, seen))
-    )
-    messages = [*readings, *notes] if readings else [*notes, *messages]
-    poses = tuple(entry.poses for entry in seen)
+    notes = by_scan(scans, [entry.remarks for entry in seen])
+    readings = []
+    if not solution or solution.status != "ok":
+        read_otherwise = [*map(better_readings, scans, seen)]
+        readings = by_scan(scans, read_otherwise)
     return Calibration(
-        scans,
-        poses,
-        observed,
-        solution,
-        tuple(messages),
-        misread=doubted or wrong or bool(readings),
+        scans=scans,
+        seen=tuple(entry.poses for entry in seen),
+        observed=observed,
+        solution_or_none=solution,
+        messages=(*readings, *notes) if readings else (*notes, *messages),
+        misread=wrong or bool(readings),
     )
 
 
-def in_mm_deg(covariance) -> np.ndarray:
-    """A covariance (6, 6) of δ with the rotation vector in degrees."""
-    units = np.repeat([1, 180 / np.pi], 3)
-    return covariance * units[:, None] * units
+def believed(
+    scans: Sequence[Scan],
+    seen: Sequence[Seen],
+    observed: Sequence[Observations],
+    prior: Prior,
+    guess: ArrayLike | None,
+) -> tuple[Solution, bool]:
+    """The joint solution with the status and the messages that its residuals and the
+    stated sides leave it, and whether these speak against it.
+
+    Raises UnobservableError where measurements are fewer than unknowns.
+    """
+    starts = []
+    if guess is not None:
+        T = check_rigid("guess", np.asarray(guess)[None])[0]
+        starts = [(T[:3, :3], T[:3, 3])]
+    solution, doubted = plausibility.check(solve(observed, prior, starts=starts))
+    remarks, wrong_side = remarks_on_targets(scans, seen, solution)
+    status = solution.status
+    if wrong_side and status == "ok":
+        status = "weak"
+    messages = (*solution.messages, *remarks)
+    return replace(solution, status=status, messages=messages), doubted or wrong_side
 
 
-def remarks_on_targets(scans, seen, solution: Solution) -> tuple[list[str], bool]:
+def by_scan(scans: Sequence[Scan], sentences: Sequence[Iterable[str]]) -> list[str]:
+    """The sentences on each scan, with its name before them where there are several."""
+    pairs = zip(names(scans), sentences, strict=True)
+    return [name + sentence for name, of_scan in pairs for sentence in of_scan]
+
+
+def remarks_on_targets(
+    scans: Sequence[Scan], seen: Sequence[Seen], solution: Solution
+) -> tuple[list[str], bool]:
     """Targets that the solution puts on the other side of the scan plane than the scan
     states, in words, and whether they speak against the solution: one pose may be in
     error, but not most of them.
     """
     remarks, wrong = [], False
-    for name, scan, entry, target in zip(
-        names(scans), scans, seen, solution.placements, strict=True
-    ):
-        if scan.side is None:
-            continue
-        stated, (R, T) = scan.side[entry.poses], scan.base_flange(entry.poses)
-        other = (
-            stated
-            * target.sides(R @ solution.rotation, carry(R, T, solution.translation))
-            < 0
-        )
+    parts = zip(names(scans), scans, seen, solution.placements, strict=True)
+    for name, scan, entry, target in parts:
+        R, p = scan.base_flange(entry.poses)
+        origins = carry(R, p, solution.translation)
+        stated = scan.side[entry.poses]
+        other = stated * target.sides(R @ solution.rotation, origins) < 0
         if other.any():
             labels = ", ".join(scan.labels[i] for i in entry.poses[other])
             remarks.append(
-                f"{name}the {scan.kind}'s centre lies on the other side of the scan plane than stated for pose "
-                f"{labels}; check side, x and z of the profiles, or turn the sensor's y axis round"
+                f"{name}the {scan.kind}'s centre lies on the other side of the scan "
+                f"plane than stated for pose {labels}; check side, x and z of the "
+                "profiles, or turn the sensor's y axis round"
             )
             wrong |= bool(2 * other.sum() > np.count_nonzero(stated))
     return remarks, wrong
 
 
-def check_different(scans) -> None:
-    """Raise ScanError where a measurement is there twice, by its values and its pose:
-    it would count as a new one.
+def check_scans(scans: Sequence[Scan]) -> None:
+    """Refuse what is no scan, and scans of several mounts. Raises ScanError."""
+    if not scans:
+        raise ScanError("no scans given; expected at least one")
+    for scan in scans:
+        if not isinstance(scan, Scan):
+            kind = type(scan).__name__
+            raise ScanError(f"scans holds a {kind}; expected Scans: Scan.of, read_scan")
+    if len({scan.mount for scan in scans}) > 1:
+        raise ScanError(
+            "some scans are eye-in-hand and others eye-to-hand; expected one mount"
+        )
+
+
+def check_different(scans: Sequence[Scan]) -> None:
+    """Refuse a measurement that is there twice, by its values and its pose: it would
+    count as a new one.
+
+    Raises ScanError.
     """
-    known, titles = (
-        {},
-        [
-            f"scan {number} ({scan.title or scan.kind})"
-            for number, scan in enumerate(scans, 1)
-        ],
-    )
-    for title, scan in zip(titles, scans, strict=True):
-        # not -0
-        poses = np.dstack([scan.R_base_flange, scan.p_base_flange]).round(3) + 0.0
-        for label, pose, values in zip(scan.labels, poses, scan.values, strict=True):
-            valid, name = (
-                values[np.isfinite(values).all(axis=1)],
-                f"pose {label} of {title}",
-            )
-            if (
-                len(valid)
-                and known.setdefault((pose.tobytes(), valid.tobytes()), name) != name
-            ):
-                first = known[pose.tobytes(), valid.tobytes()]
+    first_of: dict[tuple[bytes, bytes], str] = {}
+    for number, scan in enumerate(scans, 1):
+        title = f"scan {number} ({scan.title or scan.kind})"
+        poses = np.dstack([scan.R_base_flange, scan.p_base_flange])
+        rounded = poses.round(3) + 0.0  # not -0
+        for label, pose, rows in zip(scan.labels, rounded, scan.values, strict=True):
+            valid = rows[np.isfinite(rows).all(axis=1)]
+            name = f"pose {label} of {title}"
+            first = first_of.setdefault((pose.tobytes(), valid.tobytes()), name)
+            if len(valid) and first != name:
                 raise ScanError(
-                    f"{name} holds the same measurement as {first}; expected each measurement once"
+                    f"{name} holds the same measurement as {first}; "
+                    "expected each measurement once"
                 )

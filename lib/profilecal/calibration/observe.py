@@ -3,6 +3,7 @@ any calibration.
 """
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from textwrap import shorten
 
@@ -11,10 +12,13 @@ import numpy as np
 from profilecal.geometry.fitting import affine_residuals
 from profilecal.geometry.noise import FALSE_ALARM, chi2_limit
 from profilecal.geometry.observability import LEAST_TURN_DEG, name_axis, turns
-from profilecal.scan.scan import Scan, ScanError
-from profilecal.scan.tables import listed
+from profilecal.profiles.points import Feature
+from profilecal.scan.scan import Scan
+from profilecal.scan.tables import ScanError, listed
 from profilecal.targets.observations import Observations
 from profilecal.targets.target import find_features
+
+FINEST_MM = 1e-4  # points exactly on a line have no scatter to tell their noise by
 
 
 @dataclass(frozen=True)
@@ -36,33 +40,35 @@ class Seen:
         """
         if self.covariance is None:
             return 0.0
-        on_curve = self.covariance.shape == self.points.shape[:2]
-        variance = (
-            self.covariance
-            if on_curve
-            else np.diagonal(self.covariance, axis1=1, axis2=2)
-        )
+        variance = self.covariance
+        if variance.shape != self.points.shape[:2]:  # points that are not on a curve
+            variance = np.diagonal(variance, axis1=1, axis2=2)
         return float(np.median(np.sqrt(variance.mean(axis=1))))
 
 
-def names(scans) -> list[str]:
+def names(scans: Sequence[Scan]) -> list[str]:
     """What to put before a word on one of several scans: its title."""
+    if len(scans) == 1:
+        return [""]
     titles = [scan.title or scan.kind for scan in scans]
     if len({*titles}) < len(titles):
         titles = [f"{title} ({k})" for k, title in enumerate(titles, 1)]
-    return [f"{title}: " if len(scans) > 1 else "" for title in titles]
+    return [f"{title}: " for title in titles]
 
 
 def observe(scan: Scan, least: int = 0) -> Seen:
-    """The target as a scan's profiles, points, chords or arcs show it. Raises ScanError
-    where fewer than `least` poses saw it.
+    """The target as a scan's profiles, points, chords or arcs show it.
+
+    Raises ScanError where fewer than `least` poses saw it.
     """
     seen = from_profiles(scan) if scan.measured == "profiles" else from_table(scan)
     if len(seen.poses) < least:
-        why = "; ".join(remark.rsplit(": ", 1)[0] for remark in seen.remarks)
+        reasons = "; ".join(remark.rsplit(": ", 1)[0] for remark in seen.remarks)
+        why = f" ({shorten(reasons, 300)})" if reasons else ""
+        title = scan.title or f"the {scan.kind}"
         raise ScanError(
-            f"{scan.title or f'the {scan.kind}'}: the target was found from {len(seen.poses)} poses; "
-            f"expected {least} or more" + (f" ({shorten(why, 300)})" if why else "")
+            f"{title}: the target was found from {len(seen.poses)} poses; "
+            f"expected {least} or more{why}"
         )
     return seen
 
@@ -70,80 +76,90 @@ def observe(scan: Scan, least: int = 0) -> Seen:
 def from_profiles(scan: Scan) -> Seen:
     """The target as raw profiles show it."""
     features = find_features(scan.target, scan.values, scan.sizes)
-    reasons = {}
-    for label, feature in zip(scan.labels, features, strict=True):
-        if feature.reason:
-            alike = "".join(filter(str.isalpha, feature.reason))  # numbers may differ
-            reasons.setdefault(alike, [feature.reason]).append(label)
-    remarks = [
-        f"{len(labels)} left out, {reason}: {', '.join(labels)}"
-        for reason, *labels in reasons.values()
-    ]
-    poses = np.flatnonzero([feature.found for feature in features])
     found = [feature for feature in features if feature.found]
     most = max((len(feature.points) for feature in found), default=1)
-    points = np.full((len(poses), most, 2), np.nan)
+    points = np.full((len(found), most, 2), np.nan)
     for row, feature in zip(points, found, strict=True):
         row[: len(feature.points)] = feature.points
     seen = Seen(
-        poses,
-        points,
-        covariances(found, most, on_curve=scan.target.points is None),
-        remarks=tuple(remarks),
+        poses=np.flatnonzero([feature.found for feature in features]),
+        points=points,
+        covariance=covariances(found, most, on_curve=scan.target.points is None),
+        remarks=remarks_on_missing(scan.labels, features),
     )
     if not any(feature.shape == "tip" for feature in found):
         return seen
-    remarks.append(
-        "edge points are tips of a blade, which the scanner sees beside the edge by an amount that depends on the "
-        f"orientation: {seen.typical_mm:.2g} mm for each are counted in; corners and ends of flat faces are better"
+    remark = (
+        "edge points are tips of a blade, which the scanner sees beside the edge by "
+        f"an amount that depends on the orientation: {seen.typical_mm:.2g} mm for each "
+        "are counted in; corners and ends of flat faces are better"
     )
-    return replace(seen, shared_mm=seen.typical_mm, remarks=tuple(remarks))
+    return replace(seen, shared_mm=seen.typical_mm, remarks=(*seen.remarks, remark))
+
+
+def remarks_on_missing(
+    labels: Sequence[str], features: Sequence[Feature]
+) -> tuple[str, ...]:
+    """Why profiles do not show the target, a sentence for each reason."""
+    by_reason: dict[str, list[str]] = {}
+    words_of: dict[str, str] = {}
+    for label, feature in zip(labels, features, strict=True):
+        if feature.reason:
+            alike = "".join(filter(str.isalpha, feature.reason))  # numbers may differ
+            words_of.setdefault(alike, feature.reason)
+            by_reason.setdefault(alike, []).append(label)
+    return tuple(
+        f"{len(missing)} left out, {words_of[alike]}: {', '.join(missing)}"
+        for alike, missing in by_reason.items()
+    )
 
 
 def from_table(scan: Scan) -> Seen:
     """The points, chords or arcs that a scan holds."""
     rows = [values[np.isfinite(values).all(axis=1)] for values in scan.values]
-    poses = np.flatnonzero([len(r) > 0 for r in rows])
-    missed = [label for label, r in zip(scan.labels, rows, strict=True) if not len(r)]
-    remarks = (
-        (f"no {scan.measured[:-1]} from pose {', '.join(missed)}",) if missed else ()
-    )
-    values = (
-        np.concatenate([rows[i][:1] for i in poses]) if len(poses) else np.empty((0, 4))
-    )
-    if scan.measured == "chords":
+    poses = np.flatnonzero([len(of_pose) > 0 for of_pose in rows])
+    pairs = zip(scan.labels, rows, strict=True)
+    missed = [label for label, of_pose in pairs if not len(of_pose)]
+    remarks: tuple[str, ...] = ()
+    if missed:
+        remarks = (f"no {scan.measured[:-1]} from pose {', '.join(missed)}",)
+    values = np.empty((0, 4))
+    if len(poses):
+        values = np.concatenate([rows[i][:1] for i in poses])
+    return Seen(poses, points_of(scan.measured, values), remarks=remarks)
+
+
+def points_of(measured: str, values: np.ndarray) -> np.ndarray:
+    """Points (k, m, 2) that stand for sensed points, chords or arcs, one a row."""
+    if measured == "chords":  # the tip of smaller x first
         tips = values.reshape(-1, 2, 2)
-        points = np.take_along_axis(tips, np.argsort(tips[..., :1], axis=1), axis=1)
-    elif scan.measured == "arcs":
-        points = three_points(values)
-    else:
-        points = values[:, None, :]
-    return Seen(poses, points, remarks=remarks)
+        return np.take_along_axis(tips, np.argsort(tips[..., :1], axis=1), axis=1)
+    if measured == "arcs":
+        return three_points(values)
+    return values[:, None, :]
 
 
-def covariances(found, most: int, on_curve: bool) -> np.ndarray:
+def covariances(features: Sequence[Feature], most: int, on_curve: bool) -> np.ndarray:
     """Of `most` points of each feature, mm², as `Observations` has them: those on a
     curve are independent and as uncertain in every direction, chords have tips on one
     line.
     """
-    finest = 1e-4  # mm: points exactly on a line have no scatter to tell their noise by
     if on_curve:
-        variance = np.ones((len(found), most))
-        for row, feature in zip(variance, found, strict=True):
-            row[: len(feature.points)] = (
-                np.trace(feature.covariance, axis1=1, axis2=2) / 2 + finest**2
-            )
+        variance = np.ones((len(features), most))
+        for row, feature in zip(variance, features, strict=True):
+            of_points = np.trace(feature.covariance, axis1=1, axis2=2) / 2
+            row[: len(feature.points)] = of_points + FINEST_MM**2
         return variance
-    covariance = np.zeros((len(found), most, 2, most, 2))
-    for pairs, feature in zip(covariance, found, strict=True):
+    covariance = np.zeros((len(features), most, 2, most, 2))
+    for pairs, feature in zip(covariance, features, strict=True):
         for k in range(most):
-            pairs[k, :, k] = feature.covariance[k] + finest**2 * np.eye(2)
+            pairs[k, :, k] = feature.covariance[k] + FINEST_MM**2 * np.eye(2)
         if feature.between is not None:
             pairs[0, :, 1], pairs[1, :, 0] = feature.between, feature.between.T
-    return covariance.reshape(len(found), 2 * most, 2 * most)
+    return covariance.reshape(len(features), 2 * most, 2 * most)
 
 
-def three_points(circles) -> np.ndarray:
+def three_points(circles: np.ndarray) -> np.ndarray:
     """Three points (n, 3, 2) a third of a turn apart on circles (n, 3) x, z, r: they
     stand for centre and radius.
     """
@@ -157,21 +173,24 @@ def as_observations(scan: Scan, seen: Seen, reference_mm: float = 0.0) -> Observ
     noise `reference_mm`.
     """
     R, T = scan.base_flange(seen.poses)
+    covariance = None
+    if seen.covariance is not None and reference_mm:
+        covariance = seen.covariance[None] / reference_mm**2
     return Observations(
         kind=scan.kind,
         R_flange=R[None],
         T_flange=T[None],
         points=seen.points[None],
         sizes=scan.sizes,
-        group=scan.group[seen.poses] if scan.group is not None else None,
+        group=scan.group[seen.poses],
         eye_to_hand=scan.mount == "eye-to-hand",
-        covariance=None
-        if seen.covariance is None or not reference_mm
-        else seen.covariance[None] / reference_mm**2,
+        covariance=covariance,
     )
 
 
-def observe_all(scans) -> tuple[list[Seen], tuple[Observations, ...], float]:
+def observe_all(
+    scans: Sequence[Scan],
+) -> tuple[list[Seen], tuple[Observations, ...], float]:
     """What each scan shows, the same for the joint solution, and the unit of its
     covariances: the typical standard deviation of features of profiles, mm (0 where
     there are none).
@@ -185,17 +204,20 @@ def observe_all(scans) -> tuple[list[Seen], tuple[Observations, ...], float]:
     return seen, tuple(observed), features_mm
 
 
-def stated_noise(scans) -> dict[str, float]:
+def stated_noise(scans: Sequence[Scan]) -> dict[str, float]:
     """The noise that scans of one scanner and robot state, without that of a profile's
     points where features were fitted to them: their noise is left to be estimated.
+
     Raises ScanError where the scans contradict each other.
     """
-    stated = {}
+    stated: dict[str, float] = {}
     for scan in scans:
         for name, value in scan.noise.items():
-            if stated.setdefault(name, value) != value:
+            first = stated.setdefault(name, value)
+            if first != value:
                 raise ScanError(
-                    f"noise {name} is {stated[name]:g} in one scan and {value:g} in another; expected one"
+                    f"noise {name} is {first:g} in one scan and {value:g} in another; "
+                    "expected one"
                 )
     if any(scan.measured in ("arcs", "profiles") for scan in scans):
         stated.pop("profile_mm", None)
@@ -203,56 +225,99 @@ def stated_noise(scans) -> dict[str, float]:
 
 
 def check(scan: Scan) -> list[str]:
-    """What a scan holds, in lines for people: convention, groups, noise and outliers."""
+    """What a scan holds, before any calibration: convention, groups, noise, outliers.
+
+    Parameters
+    ----------
+    scan : Scan
+        From a folder or from arrays.
+
+    Returns
+    -------
+    list of str
+        Lines for people, each with its subject in front.
+
+    See Also
+    --------
+    calibrate : the sensor pose.
+
+    Examples
+    --------
+    >>> import profilecal as pc
+    >>> scan, truth = pc.simulate("edge", seed=1)
+    >>> print(pc.check(scan)[0])
+    target         edge
+    """
     seen = observe(scan)
-    poses, P, groups = seen.poses, len(scan.labels), scan.group.max() + 1
+    lines = [*lines_on_poses(scan, len(seen.poses)), *lines_on_noise(scan, seen)]
+    return [*lines, *(f"note           {remark}" for remark in seen.remarks)]
+
+
+def lines_on_poses(scan: Scan, showing: int) -> list[str]:
+    """What there is to say of the poses, of which some show the target."""
     reach = np.linalg.norm(scan.p_base_flange, axis=1)
     angles, axis = turns(scan.R_base_flange)
+    sizes = Counter(np.bincount(scan.group).tolist())
+    groups = ", ".join(f"{count} of {size} poses" for size, count in sizes.items())
+    origin = "given" if scan.group_given else "found"
     lines = [
         f"target         {scan.description}",
-        f"poses          {P}, {scan.mount}, orientation as {scan.convention}; {len(poses)} show the target",
+        f"poses          {len(scan.labels)}, {scan.mount}, orientation as "
+        f"{scan.convention}; {showing} show the target",
         f"positions      {reach.min():.0f} to {reach.max():.0f} mm from the base",
-        f"groups         {groups} of one orientation, {'given' if scan.group_given else 'found'}: "
-        + ", ".join(
-            f"{count} of {size} poses"
-            for size, count in Counter(np.bincount(scan.group).tolist()).items()
-        ),
-        f"turns          {angles[0]:.1f}, {angles[1]:.1f}, {angles[2]:.1f}° rms about three axes, "
-        f"most about {name_axis(axis, 'flange')}",
+        f"groups         {scan.group.max() + 1} of one orientation, {origin}: {groups}",
+        f"turns          {angles[0]:.1f}, {angles[1]:.1f}, {angles[2]:.1f}° rms about "
+        f"three axes, most about {name_axis(axis, 'flange')}",
     ]
     if np.linalg.norm(angles[1:]) < LEAST_TURN_DEG:
         lines.append(
-            "note           add poses tilted by 15° or more about two axes, or something stays unknown"
+            "note           add poses tilted by 15° or more about two axes, "
+            "or something stays unknown"
         )
-    affine, freedom = scan.target.affine, 0
-    if affine and len(poses):
+    return lines
+
+
+def lines_on_noise(scan: Scan, seen: Seen) -> list[str]:
+    """What the measurements say of the scanner's noise by themselves, and which of them
+    do not fit their group.
+    """
+    affine = scan.target.affine
+    if affine and len(seen.poses):
         observed = as_observations(scan, seen)
         noise, freedom = affine_noise(observed)
         if freedom:
-            lines.append(
-                f"noise          {noise:.3g} mm inside groups, from {freedom} degrees of freedom"
-            )
+            inside = f"{noise:.3g} mm inside groups, from {freedom} degrees of freedom"
+            lines = [f"noise          {inside}"]
             for rows in affine_outliers(observed):
-                named = [scan.labels[i] for i in poses[rows]]
-                misfit = f"one of the poses {listed(named)} does not fit: one more would tell which"
-                misfit = (
-                    misfit
-                    if len(named) > 1
-                    else f"pose {named[0]} does not fit its group"
-                )
+                misfit = sentence_on_misfit([scan.labels[i] for i in seen.poses[rows]])
                 lines.append(f"note           {misfit}")
-    if not freedom and len(poses) and seen.typical_mm:
-        lines.append(
-            f"noise          {seen.typical_mm:.2g} mm of a feature's coordinates, by the scatter in profiles"
-        )
-    elif not freedom:
-        why = (
-            "groups have too few poses (5 or more each)"
-            if affine
-            else f"what a {scan.kind} shows does not tell it"
-        )
-        lines.append(f"noise          unknown before the calibration: {why}")
-    return [*lines, *(f"note           {text}" for text in seen.remarks)]
+            return lines
+    if len(seen.poses) and seen.typical_mm:
+        scatter = f"{seen.typical_mm:.2g} mm of a feature's coordinates"
+        return [f"noise          {scatter}, by the scatter in profiles"]
+    why = f"what a {scan.kind} shows does not tell it"
+    if affine:
+        why = "groups have too few poses (5 or more each)"
+    return [f"noise          unknown before the calibration: {why}"]
+
+
+def sentence_on_misfit(labels: Sequence[str]) -> str:
+    """That one of these poses does not fit its group."""
+    if len(labels) == 1:
+        return f"pose {labels[0]} does not fit its group"
+    return f"one of the poses {listed(labels)} does not fit: one more would tell which"
+
+
+def groups_of(observations: Observations) -> list[np.ndarray]:
+    """The poses of each rotation group, as indices."""
+    labels = observations.labels
+    return [np.flatnonzero(labels == label) for label in np.unique(labels)]
+
+
+def coordinates_of(observations: Observations) -> np.ndarray:
+    """What each pose of the first problem saw, (P, coordinates)."""
+    points = np.asarray(observations.points)[0]
+    return points.reshape(len(points), -1)
 
 
 def affine_outliers(observations: Observations) -> list[list[int]]:
@@ -261,11 +326,11 @@ def affine_outliers(observations: Observations) -> list[list[int]]:
     left all fit equally badly, so each is named. A whole group on a wrong edge is not
     seen.
     """
-    noise, bad = affine_noise(observations)[0], []
-    points = np.asarray(observations.points)[0].reshape(len(observations.labels), -1)
+    noise, _ = affine_noise(observations)
+    points = coordinates_of(observations)
     limit = chi2_limit(FALSE_ALARM / len(points), points.shape[1])
-    for label in np.unique(observations.group):
-        rows = np.flatnonzero(observations.group == label)
+    outliers = []
+    for rows in groups_of(observations):
         while len(rows) > 3:
             left, basis, freedom = affine_residuals(
                 observations.T_flange[0, rows], points[rows]
@@ -277,9 +342,9 @@ def affine_outliers(observations: Observations) -> list[list[int]]:
             if size.max() < limit:
                 break
             worst = slice(None) if freedom == 1 else [size.argmax()]
-            bad.append(rows[worst].tolist())
+            outliers.append(rows[worst].tolist())
             rows = np.delete(rows, worst)
-    return sorted(bad)
+    return sorted(outliers)
 
 
 def affine_noise(observations: Observations) -> tuple[float, int]:
@@ -287,17 +352,14 @@ def affine_noise(observations: Observations) -> tuple[float, int]:
     and its degrees of freedom: what `affine_residuals` finds in each group. The median
     over the groups keeps a bad point from counting.
     """
-    points, found = (
-        np.asarray(observations.points)[0].reshape(len(observations.labels), -1),
-        [],
-    )
-    for label in np.unique(observations.group):
-        rows = observations.group == label
+    points = coordinates_of(observations)
+    variances, total = [], 0
+    for rows in groups_of(observations):
         left, _, freedom = affine_residuals(
             observations.T_flange[0, rows], points[rows]
         )
         if freedom > 0:
-            freedom = points.shape[1] * freedom
-            found.append((np.sum(left**2) / chi2_limit(0.5, freedom), freedom))
-    variances, freedoms = zip(*found, strict=True) if found else ((0.0,), (0,))
-    return float(np.sqrt(np.median(variances))), int(sum(freedoms))
+            freedom = points.shape[1] * int(freedom)
+            variances.append(np.sum(left**2) / chi2_limit(0.5, freedom))
+            total += freedom
+    return (float(np.sqrt(np.median(variances))) if variances else 0.0), total

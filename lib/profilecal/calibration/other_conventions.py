@@ -9,8 +9,8 @@ exchanged, is what a scanner sees that is turned by 180° about its z, or about 
 halfway between x and z.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from operator import itemgetter
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -23,21 +23,21 @@ from profilecal.joint.prior import FINEST_MM
 from profilecal.joint.problem import Problem
 from profilecal.joint.solve import LARGEST_ERROR_MM
 from profilecal.scan.conventions import CONVENTIONS, from_rotations, named
-from profilecal.scan.folder import REACH_MM
-from profilecal.scan.scan import Scan
+from profilecal.scan.scan import MOUNTS, REACH_MM, Scan
 from profilecal.targets.observations import Observations
 
-UNITS = {
-    "m instead of mm": 1000.0,
-    "mm instead of m": 0.001,
-    "cm instead of mm": 10.0,
-    "inches instead of mm": 25.4,
-}
+FINE_MM = 0.1  # residuals at which no other reading is looked for
+# times smaller residuals; others than the best within that of it are as good
+FAR_BETTER = 2.0
+# logarithm of the odds against residuals so much smaller by chance, among all readings
+# and starts
+LUCK = 25.0
+UNITS = {"cm instead of mm": 10.0, "inches instead of mm": 25.4}
 SEQUENCES = (  # of three angles, as scipy names them
     *(
-        (f"{c.name} {', '.join(c.columns)}", c.sequence)
-        for c in CONVENTIONS
-        if c.sequence
+        (f"{one.name} {', '.join(one.columns)}", one.sequence)
+        for one in CONVENTIONS
+        if one.sequence
     ),
     ("angles about the fixed axes z, y, x", "zyx"),
     ("angles about z, the new y and the new z (Kawasaki)", "ZYZ"),
@@ -54,59 +54,53 @@ class Reading:
     shift: int = 0  # the pose so many rows on belongs to a profile
 
 
+@dataclass(frozen=True)
+class Misfit:
+    """How badly a reading fits."""
+
+    rms_mm: float  # of most residuals from the best sensor pose; infinite: none found
+    # by how many the coordinates, two for each pose, exceed the unknowns
+    freedom: int
+
+
 def better_readings(scan: Scan, seen: Seen) -> list[str]:
     """A sentence on the readings, if any, that explain what was `seen` far better than
     the poses as stated.
     """
-    fine_mm = 0.1  # residuals at which no other reading is looked for
-    # times smaller residuals; others than the best within that of it are as good
-    far_better = 2.0
-    # logarithm of the odds against residuals so much smaller by chance, among all
-    # readings and starts
-    luck = 25.0
-    stated, _ = misfit(observed(scan, seen), widely=True)
-    if not fine_mm < stated < np.inf:
+    stated = misfit(observed(scan, seen), widely=True).rms_mm
+    if not FINE_MM < stated < np.inf:
         return []
-    others = (*readings(scan), *other_lengths(scan, seen))
-    tried = sorted(
-        [(*misfit(observed(r.scan, seen, r.shift)), r) for r in others],
-        key=itemgetter(0),
-    )
-    best, freedom, _ = tried[0]
-    best = max(best, FINEST_MM)
-    if (
-        best > LARGEST_ERROR_MM
-        or stated < far_better * best
-        or freedom * np.log(stated / best) < luck
-    ):
+    others = [*readings(scan), *other_lengths(scan, seen)]
+    misfits = [misfit(observed(one.scan, seen, one.shift)) for one in others]
+    order = sorted(range(len(others)), key=lambda k: misfits[k].rms_mm)
+    first = misfits[order[0]]
+    best = max(first.rms_mm, FINEST_MM)
+    by_chance = first.freedom * np.log(stated / best) < LUCK
+    if best > LARGEST_ERROR_MM or stated < FAR_BETTER * best or by_chance:
         return []
-    alike = [r for size, _, r in tried if size < far_better * best]
-    words, checks = (
-        " or ".join(r.words for r in alike),
-        "; ".join(dict.fromkeys(r.check for r in alike)),
-    )
-    return [
-        f"with {words} the residuals are {best:.2g} mm instead of {stated:.2g} mm; {checks}"
-    ]
+    alike = [others[k] for k in order if misfits[k].rms_mm < FAR_BETTER * best]
+    words = " or ".join(one.words for one in alike)
+    checks = "; ".join(dict.fromkeys(one.check for one in alike))
+    residuals = f"the residuals are {best:.2g} mm instead of {stated:.2g} mm"
+    return [f"with {words} {residuals}; {checks}"]
 
 
 def observed(scan: Scan, seen: Seen, shift: int = 0) -> Observations:
     """What was seen, with the pose `shift` rows on, and all points equally precise."""
     poses = seen.poses + shift
-    there = (poses >= 0) & (poses < len(scan.labels))
-    return as_observations(scan, Seen(poses[there], seen.points[there]))
+    inside = (poses >= 0) & (poses < len(scan.labels))
+    return as_observations(scan, Seen(poses[inside], seen.points[inside]))
 
 
-def misfit(observations: Observations, widely: bool = False) -> tuple[float, int]:
-    """How large most residuals from the best sensor pose are, mm, infinite where none
-    is found, and by how many the coordinates, two for each pose, exceed the unknowns.
-    `widely`: searched for as where many poses are bad.
+def misfit(observations: Observations, widely: bool = False) -> Misfit:
+    """How badly observations fit. `widely`: the best sensor pose is searched for as
+    where many poses are bad.
     """
     few = thin(observations, 30)
     problem = Problem([few], Noise(1.0), in_space=True)
     freedom = 2 * problem.terms[0].P - problem.n
     if freedom <= 0:
-        return np.inf, freedom
+        return Misfit(np.inf, freedom)
     state = search([few], problem.noise)
     if widely:
         state = search_among_outliers([observations], problem.noise, state)
@@ -115,12 +109,12 @@ def misfit(observations: Observations, widely: bool = False) -> tuple[float, int
         fit = refine(problem, state, scale=np.maximum(size, FINEST_MM), iterations=8)
         state, size = fit.state, problem.typical(fit)
     best = np.min(size, where=np.isfinite(size), initial=np.inf)
-    return float(best * np.sqrt(1 + problem.n / freedom)), freedom
+    return Misfit(float(best * np.sqrt(1 + problem.n / freedom)), freedom)
 
 
-def readings(scan: Scan):
+def readings(scan: Scan) -> Iterator[Reading]:
     """All other readings of a scan's poses."""
-    mount = "eye-to-hand" if scan.mount == "eye-in-hand" else "eye-in-hand"
+    (mount,) = {*MOUNTS} - {scan.mount}
     yield Reading(
         f'mount = "{mount}" or, what is the same, every pose inverted (base in flange)',
         "check the mount, and which frame the poses are in",
@@ -129,84 +123,87 @@ def readings(scan: Scan):
     for shift, which in ((1, "next"), (-1, "previous")):
         words = f"each profile taken from the {which} row's pose"
         yield Reading(words, "check which pose each profile belongs to", scan, shift)
-    (low, high), farthest = REACH_MM, np.linalg.norm(scan.p_base_flange, axis=1).max()
+    low, high = REACH_MM
+    farthest = np.linalg.norm(scan.p_base_flange, axis=1).max()
     for words, factor in UNITS.items():
         if low < farthest * factor < high:
-            scaled = replace(scan, p_base_flange=scan.p_base_flange * factor)
             yield Reading(
                 f"the poses' x, y, z in {words}",
                 "check the units of poses and profiles",
-                scaled,
+                replace(scan, p_base_flange=scan.p_base_flange * factor),
             )
-    stated = named(scan.convention)
-    block = (
-        from_rotations(stated, scan.R_base_flange)
-        if scan.orientation is None
-        else scan.orientation
-    )
-    turned = [
-        (f"{', '.join(stated.columns)} read as {words}", R)
-        for words, R in orientations(block, stated.sequence)
-    ]
-    turned.append(
-        (
-            "every rotation inverted (matrices transposed)",
-            Rotation.from_matrix(scan.R_base_flange).inv(),
-        )
-    )
-    for words, rotation in turned:
+    for words, rotation in other_rotations(scan):
         robot = replace(scan, R_base_flange=rotation.as_matrix())
         yield Reading(words, "check how the robot prints its poses", robot)
 
 
-def other_lengths(scan: Scan, seen: Seen):
-    """The scan with each of its target's lengths as it fits best, the others as given."""
+def other_rotations(scan: Scan) -> Iterator[tuple[str, Rotation]]:
+    """What the scan's orientations may mean besides what is stated, in words and as
+    rotations.
+    """
+    stated = named(scan.convention)
+    block = scan.orientation
+    if block is None:
+        block = from_rotations(stated, scan.R_base_flange)
+    columns = ", ".join(stated.columns)
+    for words, rotation in orientations(block, stated.sequence):
+        yield f"{columns} read as {words}", rotation
+    inverted = Rotation.from_matrix(scan.R_base_flange).inv()
+    yield "every rotation inverted (matrices transposed)", inverted
+
+
+def other_lengths(scan: Scan, seen: Seen) -> Iterator[Reading]:
+    """The scan with each of its target's lengths as it fits best, the others as given:
+    a quarter to four times as long.
+    """
     for k, name in enumerate(scan.measures):
 
-        def of(log, k=k):
-            sizes = [
-                size * 2**log if i == k else size for i, size in enumerate(scan.sizes)
-            ]
-            return replace(scan, sizes=tuple(sizes))
+        def rms_mm(log_ratio: float, k: int = k) -> float:
+            return misfit(observed(with_length(scan, k, log_ratio), seen)).rms_mm
 
-        def off(log, of=of):
-            return misfit(observed(of(log), seen))[0]
-
-        best = min(np.arange(-2, 2.1, 0.25), key=off)
-        found = of(
-            minimize_scalar(
-                off,
-                bounds=(best - 0.25, best + 0.25),
-                method="bounded",
-                options={"xatol": 1e-3},
-            ).x
+        coarse = min(np.arange(-2, 2.1, 0.25), key=rms_mm)
+        fine = minimize_scalar(
+            rms_mm,
+            bounds=(coarse - 0.25, coarse + 0.25),
+            method="bounded",
+            options={"xatol": 1e-3},
         )
+        fitting = with_length(scan, k, fine.x)
         yield Reading(
-            f"a {name} of {found.sizes[k]:.3g} mm",
+            f"a {name} of {fitting.sizes[k]:.3g} mm",
             f"{scan.sizes[k]:g} mm was given",
-            found,
+            fitting,
         )
 
 
-def orientations(block, sequence: str):
+def with_length(scan: Scan, k: int, log_ratio: float) -> Scan:
+    """The scan with its k-th length multiplied by a power of two."""
+    sizes = [*scan.sizes]
+    sizes[k] *= 2**log_ratio
+    return replace(scan, sizes=tuple(sizes))
+
+
+def orientations(block: np.ndarray, sequence: str) -> Iterator[tuple[str, Rotation]]:
     """What a block of orientation columns (n, k) may mean besides what is stated, in
     words and as rotations. `sequence`: of the angles stated, "" for others.
     """
-    match block.shape[1]:
-        case 3:
-            for unit, degrees in (("degrees", block), ("radians", np.degrees(block))):
-                for words, other in SEQUENCES:
-                    if (other, unit) != (sequence, "degrees"):
-                        yield (
-                            f"{words} in {unit}",
-                            Rotation.from_euler(other, degrees, degrees=True),
-                        )
-                if sequence or unit == "degrees":
-                    yield (
-                        f"a rotation vector in {unit}",
-                        Rotation.from_rotvec(np.radians(degrees)),
-                    )
-        case 4:
-            first = "z, w, x, y (as if columns named qx, qy, qz, qw held w, x, y, z)"
-            for words, order in (("x, y, z, w", [3, 0, 1, 2]), (first, [1, 2, 3, 0])):
-                yield words, Rotation.from_quat(block[:, order], scalar_first=True)
+    if block.shape[1] == 3:
+        yield from of_three_numbers(block, sequence)
+    if block.shape[1] == 4:
+        first = "z, w, x, y (as if columns named qx, qy, qz, qw held w, x, y, z)"
+        for words, order in (("x, y, z, w", [3, 0, 1, 2]), (first, [1, 2, 3, 0])):
+            yield words, Rotation.from_quat(block[:, order], scalar_first=True)
+
+
+def of_three_numbers(
+    block: np.ndarray, sequence: str
+) -> Iterator[tuple[str, Rotation]]:
+    """`orientations` of angles or rotation vectors (n, 3)."""
+    for unit, degrees in (("degrees", block), ("radians", np.degrees(block))):
+        for words, other in SEQUENCES:
+            if (other, unit) != (sequence, "degrees"):
+                rotation = Rotation.from_euler(other, degrees, degrees=True)
+                yield f"{words} in {unit}", rotation
+        if sequence or unit == "degrees":
+            rotation = Rotation.from_rotvec(np.radians(degrees))
+            yield f"a rotation vector in {unit}", rotation

@@ -7,6 +7,7 @@ than noise speak against a solution too.
 """
 
 import re
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,6 +19,19 @@ from profilecal.joint.linear_model import score
 from profilecal.joint.prior import Perturbation, of_scanner, of_target
 from profilecal.joint.solution import Solution
 from profilecal.joint.solve import LARGEST_ERROR_MM, LARGEST_REJECTED
+
+# standard deviations that an error moves a pose by, or times what the stated noise
+# explains: no more "ok"
+MUCH = 3.0
+# of the clearest error's clarity: what is less clear is taken for its shadow
+SHADOW = 0.8
+# of an error's own pattern: less is left of it beside the unknowns than rounding
+ABSORBED = 1e-9
+EITHER_WAY = re.compile(r"\[(.*?)\|(.*?)\]")  # words for a positive and a negative size
+ADVICE = (
+    "check the mount, units and convention of the poses, which pose each profile "
+    "belongs to, x and z of the profiles, the radius"
+)
 
 
 @dataclass(frozen=True)
@@ -33,71 +47,68 @@ class Finding:
     @property
     def sentence(self) -> str:
         """The error in words, with its size."""
-        words = re.sub(
-            r"\[(.*?)\|(.*?)\]", r"\1" if self.size > 0 else r"\2", self.words
-        )
-        return words.format(self.size if words == self.words else abs(self.size))
+        words = EITHER_WAY.sub(r"\1" if self.size > 0 else r"\2", self.words)
+        signed = words == self.words
+        return words.format(self.size if signed else abs(self.size))
 
 
 def systematic_tests(solution: Solution) -> list[Finding]:
     """What might be wrong everywhere, each by itself, with the size that fits the
     residuals best.
+
+    The size is what the data would have to change by; the error is the opposite.
     """
-    # of an error's own pattern: less is left of it beside the unknowns than rounding
-    absorbed = 1e-9
     targets = [entry.target for entry in solution.problem.observations]
     tried = [*of_scanner(), *of_target(targets), *of_robot()]
-    model, found = solution.model(tried)
-    n, (normal,) = model.n - len(tried), found.normal
+    model, posterior = solution.model(tried)
+    n, (normal,) = model.n - len(tried), posterior.normal
     with np.errstate(invalid="ignore", divide="ignore"):
         sizes, sds, moves = score(normal, n, model.precision[:n, :n])
-        seen = sds**-2 > absorbed * np.diag(normal)[n:-1]
-    # the size is what the data would have to change by, the error is the opposite
-    return [
-        Finding(error.words, -size * error.unit, size / sd, move * size, len(tried))
-        for error, size, sd, move, good in zip(
-            tried, sizes, sds, moves.T[:, :6], seen, strict=True
+        visible = sds**-2 > ABSORBED * np.diag(normal)[n:-1]
+    findings = []
+    for k in np.flatnonzero(visible):
+        size, error = sizes[k], tried[k]
+        findings.append(
+            Finding(
+                words=error.words,
+                size=-size * error.unit,
+                clear=size / sds[k],
+                moves=moves[:6, k] * size,
+                among=len(tried),
+            )
         )
-        if good
-    ]
+    return findings
 
 
 def of_robot() -> list[Perturbation]:
     """Scales of the positions, drifts."""
-
-    def off_middle(T):
-        return T - T.mean(axis=0)
-
-    positions, far = (
-        "the robot's positions",
-        "too [far apart|close together] by {:.2g} %",
-    )
-    found = [Perturbation(f"{positions} were {far}", 100, positions=off_middle)]
-    for axis, a in zip("xyz", np.eye(3), strict=True):
+    positions = "the robot's positions"
+    far = "too [far apart|close together] by {:.2g} %"
+    errors = [Perturbation(f"{positions} were {far}", 100, positions=off_middle)]
+    for axis, direction in zip("xyz", np.eye(3), strict=True):
         along = f"along the base's {axis}"
+        scale = f"{positions} {along} were {far}"
         drift = f"the robot or the target drifted {along} by {{:.2g}} mm"
-        found += [
-            Perturbation(
-                f"{positions} {along} were {far}",
-                100,
-                positions=lambda T, a=a: a * off_middle(T),
-            ),
-            Perturbation(
-                drift,
-                1,
-                positions=lambda T, a=a: np.outer(np.linspace(0, 1, len(T)), a),
-            ),
+        errors += [
+            Perturbation(scale, 100, positions=off_middle_along(direction)),
+            Perturbation(drift, 1, positions=drift_along(direction)),
         ]
-    return found
+    return errors
 
 
-# standard deviations that an error moves a pose by, or times what the stated noise
-# explains: no more "ok"
-MUCH = 3.0
-ADVICE = (
-    "check the mount, units and convention of the poses, which pose each profile belongs to, x and z of the profiles, "
-    "the radius"
-)
+def off_middle(T: np.ndarray) -> np.ndarray:
+    """Positions (P, 3) from their middle."""
+    return T - T.mean(axis=0)
+
+
+def off_middle_along(direction: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+    """The part of `off_middle` along an axis."""
+    return lambda T: direction * off_middle(T)
+
+
+def drift_along(direction: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+    """A shift that grows evenly from the first pose to the last."""
+    return lambda T: np.outer(np.linspace(0, 1, len(T)), direction)
 
 
 def check(solution: Solution) -> tuple[Solution, bool]:
@@ -106,61 +117,72 @@ def check(solution: Solution) -> tuple[Solution, bool]:
     """
     objections = contradictions(solution)
     if solution.status == "unobservable":
-        return replace(solution, messages=(*solution.messages, *objections)), bool(
-            objections
-        )
+        messages = (*solution.messages, *objections)
+        return replace(solution, messages=messages), bool(objections)
     C, weak = solution.covariance, bool(objections)
     guilty = clear_findings(systematic_tests(solution))
     if guilty:
-        weak |= max(normalised_square(C, s.moves) for s in guilty) > MUCH**2
-        C = C + sum(np.outer(s.moves, s.moves) for s in guilty)
+        farthest = max(normalised_square(C, error.moves) for error in guilty)
+        weak = weak or bool(farthest > MUCH**2)
+        C = C + sum(np.outer(error.moves, error.moves) for error in guilty)
         objections.append(accusation(guilty))
-    found = of_covariance(
-        C, solution.observability.rank, solution.observability.parameters
+    before = solution.observability
+    observability = of_covariance(C, before.rank, before.parameters)
+    if weak or observability.sd[0] > WEAK:
+        solution = replace(solution, status="weak")
+    believed = replace(
+        solution,
+        covariance=C,
+        observability=observability,
+        messages=tuple(objections or solution.messages),
     )
-    status = "weak" if weak or found.sd[0] > WEAK else solution.status
-    messages = tuple(objections or solution.messages)
-    return replace(
-        solution, covariance=C, observability=found, messages=messages, status=status
-    ), bool(objections)
+    return believed, bool(objections)
 
 
 def contradictions(solution: Solution) -> list[str]:
     """What in the residuals no noise explains, in words."""
-    noise, misfit, messages = solution.noise, np.sqrt(solution.chi2_per_dof), []
+    messages = []
+    misfit = np.sqrt(solution.chi2_per_dof)
     if solution.noise_source == "given" and misfit > MUCH:
         messages.append(
-            f"the residuals are {misfit:.2g} times what the stated noise explains; {ADVICE}"
+            f"the residuals are {misfit:.2g} times what the stated noise explains; "
+            f"{ADVICE}"
         )
-    scales = solution.prior.scales
+    noise, scales = solution.noise, solution.prior.scales
     stated = 3 * max(noise.steering_mm, scales.position_mm, scales.group_position_mm)
     error = max(solution.rms_mm, noise.position_mm)
     if error > max(LARGEST_ERROR_MM, stated):
         messages.append(
-            f"the data contradict each other by {error:.2g} mm, more than a robot errs; {ADVICE}"
+            f"the data contradict each other by {error:.2g} mm, more than a robot "
+            f"errs; {ADVICE}"
         )
     rejected = np.concatenate(solution.rejected)
     if rejected.mean() > LARGEST_REJECTED:
-        messages.append(
-            f"{rejected.sum()} of {len(rejected)} poses contradict the others; {ADVICE}"
-        )
+        counts = f"{rejected.sum()} of {len(rejected)}"
+        messages.append(f"{counts} poses contradict the others; {ADVICE}")
     return messages
 
 
-def clear_findings(found: list[Finding]) -> list[Finding]:
+def clear_findings(findings: list[Finding]) -> list[Finding]:
     """Those that chance does not explain, clearest first."""
-    shadow = 0.8  # of the clearest error's clarity: less is taken for its shadow
-    clear = [s for s in found if abs(s.clear) > -ndtri(FALSE_ALARM / 2 / s.among)]
-    clear.sort(key=lambda s: -abs(s.clear))
-    return [s for s in clear if abs(s.clear) > shadow * abs(clear[0].clear)]
+    clear = [
+        error
+        for error in findings
+        if abs(error.clear) > -ndtri(FALSE_ALARM / 2 / error.among)
+    ]
+    clear.sort(key=lambda error: -abs(error.clear))
+    return [one for one in clear if abs(one.clear) > SHADOW * abs(clear[0].clear)]
 
 
 def accusation(guilty: list[Finding]) -> str:
     """What the residuals look like, and what it would do."""
-    most = max(guilty, key=lambda s: np.linalg.norm(s.moves[:3]))
+    most = max(guilty, key=lambda error: np.linalg.norm(error.moves[:3]))
+    shift_mm = np.linalg.norm(most.moves[:3])
+    turn_deg = np.degrees(np.linalg.norm(most.moves[3:]))
+    causes = ", or as if ".join(error.sentence for error in guilty[:4])
     return (
-        f"the residuals look as if {', or as if '.join(s.sentence for s in guilty[:4])} "
+        f"the residuals look as if {causes} "
         f"({abs(guilty[0].clear):.0f} standard deviations), "
-        f"which would move the sensor by up to {np.linalg.norm(most.moves[:3]):.2g} mm and "
-        f"{np.degrees(np.linalg.norm(most.moves[3:])):.2g}°; the covariance is enlarged to match"
+        f"which would move the sensor by up to {shift_mm:.2g} mm and {turn_deg:.2g}°; "
+        "the covariance is enlarged to match"
     )

@@ -279,7 +279,7 @@ def taken(
     """Where the flange is, (P, 3, 3), (P, 3) mm, whenever the robot is at the poses of
     a scene.
     """
-    shared = scene.observations.group if spec.poses else slice(None)
+    shared = scene.observations.labels if spec.poses else slice(None)
     to_hand = spec.mount == "eye-to-hand"
     actual = actual_poses(scene.poses, spec.noise, rng, shared, to_hand)
     R, T = (part.reshape(-1, *part.shape[2:]) for part in actual)

@@ -5,6 +5,7 @@ They are within the robot's reach, away from zones that it must avoid.
 
 from collections import Counter
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -12,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from profilecal.geometry.poses import carry, inverse, rotations
 from profilecal.scan.scan import ScanError
 from profilecal.simulation.scene import in_unit_ball
-from profilecal_tool.plan.scan_model import ScanModel
+from profilecal_tool.plan.scan_model import Frames, ScanModel
 
 # So much more than the limits is drawn and then cut off at the limits. A third of the
 # candidates is then at a limit, where good plans are.
@@ -50,7 +51,7 @@ def draw(
     count: int,
     rng: np.random.Generator,
     beyond: float = 0.0,
-) -> tuple[np.ndarray, np.ndarray]:
+) -> Frames:
     """Draw possible flange poses (count, 3, 3), (count, 3) from all within the limits.
 
     With `beyond`, more of them are at the limits. Raises ScanError, with the reasons,
@@ -92,7 +93,7 @@ def random_poses(
     count: int,
     rng: np.random.Generator,
     beyond: float,
-) -> tuple[np.ndarray, np.ndarray]:
+) -> Frames:
     """Draw flange poses (count, 3, 3), (count, 3) that look at the target.
 
     Some of them may be impossible: see `refused`.
@@ -129,7 +130,7 @@ def neighbours(
     T,
     each: int,
     rng: np.random.Generator,
-) -> tuple[np.ndarray, np.ndarray]:
+) -> Frames:
     """Draw possible flange poses near some (P, 3, 3), (P, 3), `each` for each of them.
 
     They are about 10 mm and 6° away, or a fifth of that.
@@ -145,7 +146,7 @@ def neighbours(
     return R[possible], T[possible]
 
 
-def flange_at(model: ScanModel, R_view, T_view) -> tuple[np.ndarray, np.ndarray]:
+def flange_at(model: ScanModel, R_view, T_view) -> Frames:
     """Flange poses that bring the sensor to frames (P, 3, 3), (P, 3)."""
     R = R_view @ model.R_sensor.T
     return R, T_view - R @ model.T_sensor
@@ -205,9 +206,8 @@ def off_square(model: ScanModel, R, T) -> np.ndarray:
     tilt = 2 * np.arctan2(np.hypot(x, y), np.hypot(z, w))
     spin = 2 * np.arctan2(z, w)
 
-    points = model.points_seen(R_view, T_view, 5)
-    middle = points[:, points.shape[1] // 2, :, None]
-    ray = (R_view[..., ::2] @ middle)[..., 0]
+    middle = model.middle_seen(R_view, T_view)
+    ray = (R_view[..., ::2] @ middle[..., None])[..., 0]
     if model.shows_beside:
         square = ray @ model.facing[:, 2] / np.linalg.norm(ray, axis=1)
         tilt = np.maximum(tilt, np.arccos(np.clip(square, -1, 1)))
@@ -236,21 +236,24 @@ def worst_clearance(model: ScanModel, R, T) -> np.ndarray:
     sizes = np.maximum([mount_mm + target_mm, mount_rad, target_rad], least)
 
     frames = model.planes(R, T)
-    exact = clearances(model, *frames, np.zeros((3, 3)))
+
+    def clearance(error) -> np.ndarray:
+        return clearances(model, *frames, error)
+
+    exact = clearance(np.zeros((3, 3)))
     cost = np.zeros((3, 3, *exact.shape))
     for kind, axis in np.ndindex(3, 3):
         error = np.zeros((3, 3))
         error[kind, axis] = sizes[kind]
-        for signed in (error, -error):
-            lost = exact - clearances(model, *frames, signed)
-            cost[kind, axis] = np.maximum(cost[kind, axis], lost)
+        left = np.minimum(clearance(error), clearance(-error))
+        cost[kind, axis] = np.maximum(exact - left, 0)
     together = np.linalg.norm(cost, axis=1).sum(axis=0)
     worst = (exact - together).min(axis=1)
 
     missed = np.isnan(worst)
-    for way, turn in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
+    for way, turn in product((1, -1), (1, -1)):
         off_plane = way * sizes[:, None] * [[0, -1, 0], [1, 0, 0], [turn, 0, 0]]
-        missed |= np.isnan(clearances(model, *frames, off_plane)).any(axis=1)
+        missed |= np.isnan(clearance(off_plane)).any(axis=1)
     worst[missed] = -np.inf
     return worst
 

@@ -19,7 +19,14 @@ from profilecal.geometry.observability import LEAST_TURN_DEG
 from profilecal.geometry.poses import angle_between, parallel
 from profilecal.scan.scan import ScanError
 from profilecal_tool.plan.candidates import BEYOND, Limits, draw, neighbours
-from profilecal_tool.plan.scan_model import Prediction, ScanModel, information, predict
+from profilecal_tool.plan.scan_model import (
+    Frames,
+    Prediction,
+    ScanModel,
+    information,
+    largest_sd,
+    predict,
+)
 
 NOWHERE = np.empty((0, 3, 3)), np.empty((0, 3))  # no poses
 
@@ -85,10 +92,7 @@ class Pool:
 
     def lacks(self, chosen: list[int]) -> float:
         """How many times as large as asked for a plan's standard deviations are."""
-        C = self.covariance(chosen)
-        translation = np.linalg.norm(C[:3, :3], 2)
-        rotation = np.linalg.norm(C[3:6, 3:6], 2)
-        return float(np.sqrt(max(translation, rotation)))
+        return max(largest_sd(self.covariance(chosen)[:6, :6]))
 
     def with_each(self, chosen: list[int]) -> np.ndarray:
         """How good a plan is with one of the candidates (N,) more; less is better.
@@ -142,7 +146,7 @@ def design(
     poses: int = 0,
     until: tuple[float, float] = (0.1, 0.05),
     most: int = 100,
-    before: tuple = NOWHERE,
+    before: Frames = NOWHERE,
     # twice as many take twice as long, and plans are 2 % better
     candidates: int = 2000,
 ) -> Plan:
@@ -190,9 +194,10 @@ def design(
     return Plan(model, R[way], T[way], predicted, until)
 
 
-def joined(first: tuple, second: tuple) -> tuple:
-    """Poses R, T and further ones together."""
-    return tuple(map(np.concatenate, zip(first, second, strict=True)))
+def joined(first: Frames, second: Frames) -> Frames:
+    """Poses and further ones together."""
+    R, T = (np.concatenate(parts) for parts in zip(first, second, strict=True))
+    return R, T
 
 
 def added(pool: Pool, chosen: list[int]) -> list[int]:

@@ -17,6 +17,8 @@ from profilecal.simulation.robot import Scanner
 from profilecal.simulation.scene import Guess, Setup
 from profilecal.targets.observations import Observations
 
+# orientations (P, 3, 3) and positions (P, 3), mm
+Frames = tuple[np.ndarray, np.ndarray]
 GUESSES = 20  # draws of how wrong the guess is: they show most of the range
 
 
@@ -68,13 +70,17 @@ class ScanModel(Setup):
         is_face = len(self.target.shifts) == 1
         return self.across_view(points, count) if is_face else points
 
+    def middle_seen(self, R_view, T_view) -> np.ndarray:
+        """The middle (P, 2), mm, of what is seen from sensor frames."""
+        points = self.points_seen(R_view, T_view, 5)
+        return points[:, points.shape[1] // 2]
+
     def in_view(self, R, T) -> np.ndarray:
         """Whether flange poses (P, 3, 3), (P, 3) have the target in view, (P,).
 
         They have if the middle of what is seen is in the field of view.
         """
-        points = self.points_seen(*self.planes(R, T), 5)
-        x, z = points[:, points.shape[1] // 2].T
+        x, z = self.middle_seen(*self.planes(R, T)).T
         scanner = self.scanner
         in_range = (scanner.near <= z) & (z <= scanner.far)
         return in_range & (np.abs(x) <= scanner.half_width(z))
@@ -152,6 +158,15 @@ def marginal(information, n: int) -> np.ndarray:
     return known - across @ np.linalg.solve(others, across.mT)
 
 
+def largest_sd(covariance) -> list[float]:
+    """The largest standard deviations, of a covariance (6, 6) of a pose.
+
+    That of the translation in any direction, and that of the rotation about any axis.
+    """
+    blocks = covariance[:3, :3], covariance[3:, 3:]
+    return [float(np.sqrt(np.linalg.norm(block, 2))) for block in blocks]
+
+
 @dataclass(frozen=True)
 class Prediction:
     """How well poses will determine the sensor pose."""
@@ -172,12 +187,12 @@ class Prediction:
     @property
     def mm(self) -> float:
         """The largest standard deviation of the translation in any direction."""
-        return float(np.sqrt(np.linalg.norm(self.covariance[:3, :3], 2)))
+        return largest_sd(self.covariance)[0]
 
     @property
     def deg(self) -> float:
         """The largest standard deviation of the rotation about any axis."""
-        return float(np.degrees(np.sqrt(np.linalg.norm(self.covariance[3:, 3:], 2))))
+        return np.degrees(largest_sd(self.covariance)[1])
 
 
 def predict(

@@ -16,7 +16,7 @@ from profilecal.simulation.spec import Spec, planned_poses, read_spec
 from profilecal_tool.plan.candidates import Limits
 from profilecal_tool.plan.design import NOWHERE, Plan, design, joined
 from profilecal_tool.plan.knowledge import model_of_scan, model_of_spec, read_plan
-from profilecal_tool.plan.scan_model import Prediction, ScanModel, predict
+from profilecal_tool.plan.scan_model import Frames, Prediction, ScanModel, predict
 from profilecal_tool.plan.words import worst
 
 
@@ -35,7 +35,7 @@ class Task:
     # of the specification
     entries: dict | None = None
     # poses R (P, 3, 3), T (P, 3) that are there already
-    before: tuple = NOWHERE
+    before: Frames = NOWHERE
 
     def prediction_of(self, place: Path) -> tuple[Prediction, int]:
         """Predict what the poses of a folder or a file will be worth.
@@ -112,14 +112,13 @@ def write_plan(task: Task, plan: Plan, folder: Path) -> None:
         (folder / "simulate.toml").write_text(text, encoding="utf-8")
 
 
-def next_poses(
-    calibration: Calibration, folder: Path, rng: np.random.Generator
-) -> list[str]:
+def next_poses(calibration: Calibration, folder: Path) -> list[str]:
     """Which poses would help an answer that is weak, in one sentence or in none."""
     if len(calibration.scans) > 1:
         return []
     try:
         model, limits, before = model_of_scan(calibration)
+        rng = np.random.default_rng(0)
         plan = design(model, limits, rng, most=8, before=before, candidates=300)
     except ScanError:
         return []

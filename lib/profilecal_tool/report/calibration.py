@@ -13,6 +13,7 @@ from profilecal.calibration.calibration import Calibration
 from profilecal.geometry.noise import FALSE_ALARM, chi2_limit
 from profilecal_pages.figures import GREEN, ORANGE, RED
 from profilecal_tool.controllers import for_controller, writing_like
+from profilecal_tool.plan.scan_model import largest_sd
 from profilecal_tool.words import calibration_text, deviations
 
 VERDICTS = {
@@ -63,12 +64,7 @@ def verdict(calibration: Calibration) -> Html:
     """The status in words, what to do about it, and what else there is to say."""
     title, colour, text = VERDICTS[calibration.status]
     if calibration.status == "ok":
-        covariance = calibration.solution.covariance
-        mm, rad = (
-            np.sqrt(np.linalg.eigvalsh(block)[-1])
-            for block in (covariance[:3, :3], covariance[3:, 3:])
-        )
-        title = title.format(mm, np.degrees(rad))
+        title = title.format(*largest_sd(calibration.covariance_mm_deg))
     notes = words(calibration.messages) if calibration.messages else Html("", "")
     html = (
         f'<div class="verdict" style="border-left:6px solid {colour};'

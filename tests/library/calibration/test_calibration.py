@@ -93,7 +93,7 @@ def test_poses_without_a_measurement_are_left_out_and_named_by_scan():
     found = calibrate([edge, disk])
     assert found.messages[0] == "edge: no point from pose g1p5"
     assert found.messages[1].startswith("disk: 1 left out, nothing in this profile")
-    assert "edge: g1p5" not in found.labels(rejected=False)
+    assert "edge: g1p5" not in found.poses_used
 
 
 def test_several_targets_have_one_answer():
@@ -102,7 +102,7 @@ def test_several_targets_have_one_answer():
     )
     together = calibrate([edge, disk])
     assert squared_error(edge, together) < chi2.ppf(0.9999, 6)
-    assert together.labels(rejected=False)[0] == "edge: g1p1"
+    assert together.poses_used[0] == "edge: g1p1"
     assert [target["kind"] for target in together.to_json()["target"]] == [
         "edge",
         "disk",
@@ -192,6 +192,8 @@ def with_first_pose_again(scan):
         R_base_flange=np.array(R),
         p_base_flange=np.array(T),
         values=tuple(values),
+        group=np.append(scan.group, scan.group[0]),
+        side=np.append(scan.side, scan.side[0]),
     )
 
 
@@ -284,12 +286,12 @@ def test_few_poses_are_kept_where_robots_err_and_one_that_is_wrong_is_not():
         found = calibrate([scan])
         squares, rejected = (
             squares + squared_error(scan, found),
-            rejected + len(found.labels(rejected=True)),
+            rejected + len(found.poses_rejected),
         )
         wrong = replace(
             scan, values=tuple(v + 3.0 * (k == 5) for k, v in enumerate(scan.values))
         )
-        assert calibrate([wrong]).labels(rejected=True) == [scan.labels[5]]
+        assert calibrate([wrong]).poses_rejected == [scan.labels[5]]
     assert rejected <= 1
     assert squares < chi2.isf(1e-4, 6 * 8)
 
@@ -305,8 +307,8 @@ def test_too_small_a_statement_is_no_excuse_for_a_bad_pose():
         )
         off = np.random.default_rng(seed).normal(size=3)
         T = scan.p_base_flange + np.outer(np.arange(14) == 5, off / np.linalg.norm(off))
-        told += scan.labels[5] in calibrate([replace(scan, p_base_flange=T)]).labels(
-            rejected=True
+        told += (
+            scan.labels[5] in calibrate([replace(scan, p_base_flange=T)]).poses_rejected
         )
     assert told > 4
 
@@ -323,9 +325,7 @@ def test_many_poses_out_of_line_are_the_robots_doing():
         kind="disk", seed=27, measured="profiles", groups=10, positions=3, noise=noise
     )
     scan = simulate_scan(replace(spec, scanner=replace(WIDE, points=400)))
-    assert not calibrate([replace(scan, noise=stated | EXACT_SCANNER)]).labels(
-        rejected=True
-    )
+    assert not calibrate([replace(scan, noise=stated | EXACT_SCANNER)]).poses_rejected
 
 
 @pytest.mark.parametrize("seed", [1, 9, 11])

@@ -24,7 +24,7 @@ def test_planted_outliers_are_named_by_check_and_rejected_by_calibrate():
         scan, values=tuple(v + 0.7 * (i in bad) for i, v in enumerate(scan.values))
     )
     labels = [scan.labels[i] for i in bad]
-    assert calibrate([scan]).labels(rejected=True) == labels
+    assert calibrate([scan]).poses_rejected == labels
     said = "\n".join(check(scan))
     for label in labels:
         assert f"pose {label} does not fit its group" in said

@@ -80,8 +80,8 @@ WRONG = {
     ),
     "every pose inverted (base in flange)": inverted,
     'mount = "eye-': on_another_mount,
-    "the poses' x, y, z in m instead of mm": lambda s: replace(
-        s, p_base_flange=s.p_base_flange / 1000
+    "the poses' x, y, z in cm instead of mm": lambda s: replace(
+        s, p_base_flange=s.p_base_flange / 10
     ),
     "taken from the next row's pose": lambda s: replace(
         s, values=(*s.values[1:], s.values[0])

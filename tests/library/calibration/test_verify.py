@@ -6,8 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from command import run
-from simulated import calibration_of, scan_of
+from simulated import calibration_of, scan_of, truth_of
 
+from profilecal.calibration.answer import Answer
 from profilecal.calibration.verify import linearised, verify
 from profilecal.geometry.noise import Noise, normalised_square
 from profilecal.geometry.poses import homogeneous, pose_error, rotations
@@ -29,29 +30,36 @@ def wrong_by(T, mm, deg):
     return T @ homogeneous(rotations(np.radians(deg)), np.asarray(mm, dtype=float))
 
 
+def answer_of(calibration, mm=(0, 0, 0), deg=(0, 0, 0)):
+    """What a calibration states, of a pose that is wrong by so much."""
+    return Answer(
+        pose=wrong_by(calibration.pose, mm, deg),
+        covariance_total_mm_deg=calibration.covariance_total_mm_deg,
+        noise_mm=calibration.noise_mm,
+        mount=calibration.mount,
+    )
+
+
 @pytest.mark.parametrize("kind", ["edge", "disk", "ball", "point"])
 def test_verify_believes_a_right_pose_and_doubts_a_wrong_one(kind):
     for seed in range(2):
-        first = calibration_of(Spec(seed=seed, **SMALL)).solution
+        first = calibration_of(Spec(seed=seed, **SMALL))
         # the same seed: the same mount
         other = untold(Spec(kind=kind, seed=seed, **SMALL | {"groups": 14}))
-        T, known = first.pose, (first.covariance_total, first.noise_mm)
-        assert verify(other, T, *known).as_expected
-        assert not verify(other, wrong_by(T, [1, 1, 1], [0, 0, 0]), *known).as_expected
+        assert verify(first, other).as_expected
+        assert not verify(answer_of(first, mm=[1, 1, 1]), other).as_expected
 
 
 @pytest.mark.parametrize("kind", ["edge", "disk", "ball", "plane"])
 def test_five_poses_suffice_for_the_directions_that_they_determine(kind):
     for seed in range(2):
-        first = calibration_of(Spec(seed=seed, **SMALL)).solution
+        first = calibration_of(Spec(seed=seed, **SMALL))
         five = untold(Spec(kind=kind, seed=seed, noise=ERRING, groups=5, positions=1))
-        T, known = first.pose, (first.covariance_total, first.noise_mm)
-        found = verify(five, T, *known)
+        found = verify(first, five)
         assert found.as_expected
         assert 3 <= len(found.apart) <= 6
-        assert not verify(
-            five, wrong_by(T, [20, 20, 20], [8, 8, 8]), *known
-        ).as_expected
+        wrong = answer_of(first, mm=[20, 20, 20], deg=[8, 8, 8])
+        assert not verify(wrong, five).as_expected
 
 
 def test_near_the_answer_the_first_order_says_the_same():
@@ -65,13 +73,25 @@ def test_near_the_answer_the_first_order_says_the_same():
 
 def test_one_pose_determines_nothing():
     scan = simulate_scan(Spec(kind="ball", groups=1, positions=1, repeats=5))
+    known = Answer(truth_of(scan), np.diag(np.full(6, 1e-4)), 0.05, scan.mount)
     with pytest.raises(ScanError, match="determines no direction of the sensor's pose"):
-        verify(
-            scan,
-            np.array(scan.truth["T_flange_sensor"]),
-            np.diag(np.full(6, 1e-4)),
-            0.05,
-        )
+        verify(known, scan)
+
+
+def test_another_mount_is_refused():
+    found = calibration_of(Spec(kind="ball", seed=5))
+    scan = simulate_scan(Spec(kind="ball", seed=5, mount="eye-to-hand"))
+    with pytest.raises(ScanError, match="disagree about the mount, which is eye-to-"):
+        verify(found, scan)
+
+
+def test_a_verification_says_its_difference_in_mm_and_degrees():
+    found = calibration_of(Spec(seed=0, **SMALL))
+    other = untold(Spec(kind="ball", seed=0, **SMALL | {"groups": 14}))
+    moved = verify(answer_of(found, mm=[0, 0, -1], deg=[0, 0.5, 0]), other)
+    difference = moved.difference_mm_deg - verify(found, other).difference_mm_deg
+    np.testing.assert_allclose(difference, [0, 0, 1, 0, -0.5, 0], atol=0.02)
+    assert len(repr(moved).splitlines()) < 5
 
 
 def held_against_the_ball(found, folder):

@@ -10,6 +10,7 @@ import pytest
 from scipy.stats import chi2
 from simulated import squared_error, truth_of
 
+from profilecal.calibration.answer import Answer
 from profilecal.calibration.calibration import calibrate
 from profilecal.calibration.observe import check
 from profilecal.calibration.verify import verify
@@ -189,9 +190,11 @@ def test_from_raw_profiles_in_a_folder_to_an_answer_with_its_report(tmp_path):
     pictures.plot_profiles(scan)
 
     other = simulate_scan(Spec(kind="groove", seed=99))
-    T, covariance = found.solution.pose, found.solution.covariance
-    assert not verify(other, T, covariance, 0.05).as_expected  # another sensor pose
-    seen = verify(scan, truth_of(simulated), covariance, found.solution.noise_mm)
+    assert not verify(found, other).as_expected  # another sensor pose
+    true = Answer(
+        truth_of(simulated), found.covariance_mm_deg, found.noise_mm, found.mount
+    )
+    seen = verify(true, scan)
     assert seen.lengths == pytest.approx({"width": 20.0, "depth": 9.0}, abs=0.1)
 
 

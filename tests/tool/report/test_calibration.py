@@ -28,7 +28,7 @@ def everything(found) -> str:
     figures = [
         figure
         for scan in found.scans
-        for figure in pictures.plot_profiles(scan, found.labels(rejected=True))
+        for figure in pictures.plot_profiles(scan, found.poses_rejected)
     ]
     for figure in [pictures.plot_robot(found), *figures]:
         figure.canvas.draw()

@@ -1,0 +1,124 @@
+"""A sensor pose with its uncertainty, as one calibration hands it to the next step."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from profilecal.geometry.checks import check_array, check_rigid
+from profilecal.scan.scan import MOUNTS
+from profilecal.scan.tables import ScanError
+
+DEGREES = np.repeat([1.0, 180 / np.pi], 3)  # of δ = (shift, turn) from mm and rad
+EXPECTED = (
+    "not what `profilecal calibrate --json` prints where it finds a sensor pose, a "
+    "JSON object with that, its covariance and noise_mm; write one from another scan: "
+    "profilecal calibrate SCAN --json > T.json"
+)
+
+
+class StatedPose(Protocol):
+    """What can be verified: a `Calibration`, or an `Answer` that was read."""
+
+    @property
+    def pose(self) -> np.ndarray:
+        """(4, 4) mm."""
+
+    @property
+    def covariance_total_mm_deg(self) -> np.ndarray:
+        """(6, 6)."""
+
+    @property
+    def noise_mm(self) -> float:
+        """The scanner's."""
+
+    @property
+    def mount(self) -> str:
+        """Where the scanner is."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """A sensor pose with its uncertainty."""
+
+    # (4, 4) mm, the sensor in the flange frame (eye-to-hand: in the base frame)
+    pose: np.ndarray
+    # (6, 6) of δ = (shift, turn) in the sensor's frame, with what no residual shows:
+    # the true pose is pose · exp(δ)
+    covariance_total_mm_deg: np.ndarray
+    noise_mm: float  # the scanner's
+    mount: str  # "eye-in-hand" or "eye-to-hand"
+
+
+def in_mm_deg(covariance: np.ndarray) -> np.ndarray:
+    """A covariance (6, 6) of δ in mm and rad, in mm and degrees."""
+    return covariance * DEGREES[:, None] * DEGREES
+
+
+def in_mm_rad(covariance: np.ndarray) -> np.ndarray:
+    """A covariance (6, 6) of δ in mm and degrees, in mm and rad."""
+    return covariance / DEGREES[:, None] / DEGREES
+
+
+def read_answer(path: str | Path) -> Answer:
+    """The answer that ``profilecal calibrate --json`` printed, or `Calibration.to_json`
+    holds.
+
+    Parameters
+    ----------
+    path : str or Path
+        A JSON file.
+
+    Returns
+    -------
+    Answer
+        The sensor pose, its covariance and the scanner's noise; `verify` takes it.
+
+    Raises
+    ------
+    ScanError
+        Where the file is something else, or its numbers are no pose or covariance.
+    """
+    try:
+        entries = json.loads(Path(path).read_bytes())
+        answer = answer_in(entries)
+    except OSError as error:
+        raise ScanError(f"{path}: {error.strerror}") from error
+    except (ValueError, TypeError, KeyError) as error:
+        raise ScanError(f"{path}: {EXPECTED}") from error
+    try:
+        check_answer(answer)
+    except ValueError as error:
+        sentence = str(error).replace("[0]", "")  # there is one of each
+        raise ScanError(f"{path}: {sentence}") from error
+    return answer
+
+
+def answer_in(entries: dict[str, Any]) -> Answer:
+    """The answer in the entries of a JSON object. Raises KeyError, TypeError and
+    ValueError where they are something else.
+    """
+    to_hand = "T_base_sensor" in entries
+    rows = entries["T_base_sensor" if to_hand else "T_flange_sensor"]
+    # old files have no total
+    covariance = entries.get("covariance_total", entries["covariance"])
+    return Answer(
+        pose=np.asarray([*rows], dtype=float),  # null has no rows
+        covariance_total_mm_deg=np.asarray(covariance, dtype=float),
+        noise_mm=float(entries["noise_mm"]),
+        mount=MOUNTS[to_hand],
+    )
+
+
+def check_answer(answer: Answer) -> None:
+    """Refuse, with ValueError, numbers that are no pose, no covariance or no noise."""
+    check_array("the sensor pose", answer.pose, (4, 4))
+    covariance = check_array("its covariance", answer.covariance_total_mm_deg, (6, 6))
+    check_array("noise_mm", [answer.noise_mm], (1,))
+    check_rigid("the sensor pose", answer.pose[None])
+    values = np.linalg.eigvalsh(covariance)
+    symmetric = np.allclose(covariance, covariance.T)
+    if not symmetric or values[0] < -1e-9 * values[-1] or values[-1] <= 0:
+        raise ValueError("holds no covariance; expected a symmetric, positive matrix")

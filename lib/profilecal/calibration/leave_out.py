@@ -1,0 +1,190 @@
+"""How well do the others predict each flange orientation? Each is left out in turn."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from profilecal.calibration.answer import DEGREES
+from profilecal.calibration.calibration import Calibration
+from profilecal.geometry.noise import FALSE_ALARM, chi2_limit
+from profilecal.geometry.observability import of_covariance
+from profilecal.joint.error_sizes import likeliest
+from profilecal.joint.linear_model import LinearModel
+from profilecal.joint.prior import Law
+from profilecal.joint.solution import Solution
+from profilecal.joint.solve import squares
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """What the other orientations say of each of G. An orientation that the answer
+    cannot do without has NaN.
+    """
+
+    poses: tuple[tuple[str, ...], ...]  # (G,) labels of each orientation's poses
+    rms_mm: np.ndarray  # (G,) of its residuals from the calibration without it
+    # (G,) of it, from the noise and from how well the others determine the answer
+    expected_mm: np.ndarray
+    doubted: np.ndarray  # (G,) farther off than expected, and beyond chance
+    # (G, 6) of the sensor pose without it, a shift and a turn in the sensor's frame
+    moved_mm_deg: np.ndarray
+
+    def messages(self) -> list[str]:
+        """Sentences a person can act on."""
+        kept = np.flatnonzero(np.isfinite(self.rms_mm))
+        lines = [self._summary(kept)] if len(kept) else []
+        for g in np.flatnonzero(self.doubted):
+            rms, expected = self.rms_mm[g], self.expected_mm[g]
+            lines.append(
+                f"what {name(self.poses[g])} saw does not fit the other orientations: "
+                f"{rms:.2g} mm rms where {expected:.2g} is expected; "
+                "measure it again or look for what moved"
+            )
+        for g in np.flatnonzero(~np.isfinite(self.rms_mm)):
+            lines.append(
+                f"without {name(self.poses[g])} the answer is not determined; "
+                "add orientations like it"
+            )
+        return lines
+
+    def _summary(self, kept: np.ndarray) -> str:
+        """How well those `kept` are predicted, and how far the sensor moves."""
+        rms, expected = (
+            np.sqrt(np.mean(sizes[kept] ** 2))
+            for sizes in (self.rms_mm, self.expected_mm)
+        )
+        shift = np.linalg.norm(self.moved_mm_deg[kept, :3], axis=1)
+        turn = np.linalg.norm(self.moved_mm_deg[kept, 3:], axis=1)
+        farthest, most = (
+            name(self.poses[kept[np.argmax(sizes)]]) for sizes in (shift, turn)
+        )
+        return (
+            f"{len(kept)} orientations left out one at a time: the others predict them "
+            f"to {rms:.2g} mm rms, {expected:.2g} expected; the sensor moves by up to "
+            f"{shift.max():.2g} mm (without {farthest}) and turns by up to "
+            f"{turn.max():.2g}° (without {most})"
+        )
+
+
+def name(poses: tuple[str, ...]) -> str:
+    """Poses in a few words."""
+    if len(poses) == 1:
+        return f"pose {poses[0]}"
+    return f"poses {poses[0]} to {poses[-1].rsplit(': ')[-1]}"
+
+
+def leave_out(found: Calibration) -> LeftOut:
+    """Cross-validation: predict each flange orientation from the others.
+
+    These are calibrations without one orientation each, to first order at the solution,
+    with errors of the sizes that the others show: none can excuse itself. Rejected
+    poses stay out.
+
+    Parameters
+    ----------
+    found : Calibration
+        One that has an answer.
+
+    Returns
+    -------
+    LeftOut
+        For each orientation how far off it is, how far is expected, and how the sensor
+        pose moves without it; `messages()` says it in words.
+
+    Raises
+    ------
+    UnobservableError
+        For a calibration without an answer.
+
+    See Also
+    --------
+    verify : compare with a scan that was not used.
+
+    Examples
+    --------
+    >>> import profilecal as pc
+    >>> scan, truth = pc.simulate("plane", seed=1, groups=8, positions=3)
+    >>> left = pc.leave_out(pc.calibrate(scan))
+    >>> left.rms_mm.shape, left.moved_mm_deg.shape
+    ((8,), (8, 6))
+    """
+    solution = found.known_solution
+    problem, (whole, _) = solution.problem, solution.model()
+    law = solution.prior.law(whole.names)
+    start, _ = likeliest(whole, law, np.zeros(len(law.free)))
+    labels = [label for of_scan in found.labels_by_scan() for label in of_scan]
+    group = problem.groups.group
+    orientations = [
+        np.flatnonzero((group == g) & whole.kept) for g in np.unique(group[whole.kept])
+    ]
+    predictions = [
+        predict(members, solution, whole, law, start) for members in orientations
+    ]
+    return LeftOut(
+        poses=tuple(tuple(labels[k] for k in members) for members in orientations),
+        rms_mm=np.array([one.rms_mm for one in predictions]),
+        expected_mm=np.array([one.expected_mm for one in predictions]),
+        doubted=np.array([one.doubted for one in predictions]),
+        moved_mm_deg=np.array([one.moved for one in predictions]) * DEGREES,
+    )
+
+
+@dataclass(frozen=True)
+class Predicted:
+    """What the others say of one orientation; NaN where they leave the answer open."""
+
+    rms_mm: float = np.nan
+    expected_mm: float = np.nan
+    doubted: bool = False
+    # (6,) of the sensor pose, mm and rad
+    moved: np.ndarray = field(default_factory=lambda: np.full(6, np.nan))
+
+
+def predict(
+    members: np.ndarray,
+    solution: Solution,
+    whole: LinearModel,
+    law: Law,
+    start: np.ndarray,
+) -> Predicted:
+    """The orientation of the profiles `members`, from the linear model `whole` without
+    them; `start` (d,): coordinates near the likeliest sizes of errors.
+    """
+    problem = solution.problem
+    chosen = np.zeros(len(whole.kept), dtype=bool)
+    chosen[members] = True
+    others = whole.keeping(whole.kept & ~chosen)
+    likely, root = likeliest(others, law, start)
+    left = others.posterior(mean_variances(law, likely, root)[None])
+    known = of_covariance(left.covariance[0, :6, :6], problem.n, problem.n)
+    if known.status == "unobservable":
+        return Predicted()
+    error, S = others.left_out(left)
+    x = np.append(left.mean[0], 1.0)
+    square = np.sum(error[members] ** 2) + x @ whole.rest[members].sum(axis=0) @ x
+    # residuals that no error of the flange moves
+    beside = whole.counts[members].sum() - error[members].size
+    variance = np.trace(S[members], axis1=1, axis2=2).sum() + beside * left.v[0, 0]
+    excess = float(np.sqrt(square / variance))
+    columns = problem.columns_in_mm(solution.state)
+    rms_mm = problem.rms_mm(columns, left.mean[0], chosen)
+    of_flange, _ = squares(whole, error, S, x, left.v[0])
+    chance = FALSE_ALARM / whole.kept.sum()
+    beyond = of_flange > chi2_limit(chance, np.maximum(whole.ranks, 1))
+    return Predicted(
+        rms_mm=rms_mm,
+        expected_mm=rms_mm / excess,
+        doubted=bool(beyond[members].any() and excess > 1),
+        moved=left.mean[0, :6],
+    )
+
+
+def mean_variances(law: Law, likely: np.ndarray, root: np.ndarray) -> np.ndarray:
+    """The mean (1 + k,) of variances over coordinates with that middle (d,) and a root
+    (d, d) of their covariance, by points on the axes (cubature).
+    """
+    if not len(likely):
+        return law.scales**2
+    axes = np.sqrt(len(likely)) * root.T
+    ends = np.concatenate([likely + axes, likely - axes])
+    return law.variances(ends)[0].mean(axis=0)
