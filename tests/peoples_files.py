@@ -1,0 +1,245 @@
+"""One scan in files as people have them: poses in many syntaxes, profiles in many
+layouts.
+"""
+
+import functools
+import json
+from dataclasses import replace
+
+import numpy as np
+
+from profilecal.geometry.poses import homogeneous
+from profilecal.scan.conventions import from_rotations, named
+from profilecal.simulation.spec import WIDE, Spec, simulate_scan
+from profilecal_tool.importing.import_scan import Layout
+
+UNSEEN = 17  # of so many points one was not seen
+
+
+@functools.cache
+def scan():
+    """An edge in twelve raw profiles of as many points; nothing seen is NaN."""
+    scanner = replace(WIDE, points=120, quantum=0.125)
+    simulated = simulate_scan(
+        Spec(measured="profiles", groups=4, positions=3, seed=4, scanner=scanner)
+    )
+    count = min(map(len, simulated.values))
+    missing = np.arange(count)[:, None] % UNSEEN == 3
+    profiles = [
+        np.where(missing, np.nan, points[:count]) for points in simulated.values
+    ]
+    return replace(simulated, values=tuple(profiles))
+
+
+def poses(convention, scale=1.0):
+    """The numbers of each pose (12, 3 + k)."""
+    angles = from_rotations(named(convention), scan().R_base_flange)
+    return np.hstack([scan().p_base_flange * scale, angles])
+
+
+def matrices_of_poses():
+    return homogeneous(scan().R_base_flange, scan().p_base_flange)
+
+
+def text(numbers, separator=","):
+    return separator.join(f"{value:.12f}" for value in numbers)
+
+
+def named_numbers(names, numbers, between):
+    """Such as X 1.0,Y 2.0."""
+    pairs = zip(names, numbers, strict=True)
+    return between.join(f"{name} {value:.12f}" for name, value in pairs)
+
+
+# The poses
+
+
+def kuka(folder):
+    lines = ["DEFDAT SCAN PUBLIC", ";FOLD X 1, Y 2"]
+    for k, row in enumerate(poses("KUKA angles"), 1):
+        pose = named_numbers("XYZABC", row, ",")
+        lines.append(f"DECL E6POS XP{k}={{{pose},S 2,T 35}}")
+        lines.append(f"DECL FDAT FP{k}={{TOOL_NO 1,BASE_NO 0}}")
+    (folder / "scan.dat").write_text("\n".join([*lines, "ENDDAT", ""]))
+
+
+def abb(folder):
+    tool = "[TRUE,[[0,0,100],[1,0,0,0]],[1,[0,0,1],[1,0,0,0],0,0,0]]"
+    lines = ["MODULE Scan", f"  PERS tooldata tScan:={tool};"]
+    for k, row in enumerate(poses("quaternion"), 1):
+        pose = f"[{text(row[:3])}],[{text(row[3:])}]"
+        axes = "[-1,0,-1,0],[9E9,9E9,9E9,9E9,9E9,9E9]"
+        lines.append(f"  CONST robtarget p{10 * k}:=[{pose},{axes}];")
+    (folder / "scan.mod").write_text("\n".join([*lines, "ENDMODULE", ""]))
+
+
+def ur(folder):
+    lines = ["def scan():"]
+    for k, row in enumerate(poses("rotation vector", 0.001)):
+        lines.append(f"  global P_{k}_p=p[{text(row)}]")
+        lines.append("  movej([0,1,2,3,4,5], a=1.4)")
+    (folder / "scan.script").write_text("\n".join([*lines, "end", ""]))
+
+
+def as_json(folder):
+    rows = poses("FANUC angles").tolist()
+    (folder / "poses.json").write_text(json.dumps({"RobPoses": rows}, indent=4))
+
+
+def nested(folder):
+    rows = [{"T": matrix.tolist()} for matrix in matrices_of_poses()]
+    (folder / "poses.json").write_text(json.dumps(rows))
+
+
+def fanuc(folder, tool=0, more=""):
+    lines = ["/PROG  SCAN", "/MN", "   1:L P[1] 500mm/sec FINE ;", "/POS"]
+    for k, row in enumerate(poses("FANUC angles"), 1):
+        numbers = [f"{value:.12f}" for value in row]
+        x, y, z = (f"{n} = {v} mm" for n, v in zip("XYZ", numbers[:3], strict=True))
+        w, p, r = (f"{n} = {v} deg" for n, v in zip("WPR", numbers[3:], strict=True))
+        pose = ",\t".join([x, y, z, w, p, r])
+        lines.append(f"P[{k}]{{\n   GP1:")
+        lines.append(f"\tUF : 0, UT : {tool},\t\tCONFIG : 'N U T, 0, 0, -1',")
+        lines.append(f"\t{pose}{more}\n}};")
+    (folder / "CALIB.LS").write_text("\n".join([*lines, "/END", ""]))
+
+
+def key_lines(folder):
+    lines = []
+    for row in poses("matrix"):
+        lines += [f"r {text(row[3:], ' ')}", f"t {text(row[:3], ' ')}"]
+    (folder / "poses.txt").write_text("\n".join([*lines, ""]))
+
+
+def csv(folder):
+    header = "Name;X [mm];Y [mm];Z [mm];Alpha [°];Beta [°];Gamma [°]"
+    lines = [
+        f"scan_{k:03d};{text(row, ';').replace('.', ',')}"
+        for k, row in enumerate(poses("Stäubli angles"))
+    ]
+    order = np.random.default_rng(1).permutation(12)
+    lines = [header, *(lines[k] for k in order), ""]
+    (folder / "robot.csv").write_text("\n".join(lines))
+
+
+def tum(folder):
+    lines = ["# timestamp tx ty tz qx qy qz qw"]
+    for k, row in enumerate(poses("quaternion", 0.001)):
+        x, y, z, qw, qx, qy, qz = row
+        lines.append(f"{1.7e9 + k} {text([x, y, z, qx, qy, qz, qw], ' ')}")
+    (folder / "poses.tum").write_text("\n".join([*lines, ""]))
+
+
+def matrices(folder):
+    for k, matrix in enumerate(matrices_of_poses()):
+        np.savetxt(folder / f"pose{k}.txt", matrix)
+
+
+def array(folder):
+    np.save(folder / "poses.npy", matrices_of_poses())
+
+
+# The profiles
+
+
+def one_each(folder):
+    for k, points in enumerate(scan().values):
+        path = folder / f"scan_{k:03d}.csv"
+        np.savetxt(path, points, delimiter=",", header="x,z", comments="")
+
+
+def with_y(points):
+    """Points x, 0, z."""
+    return np.insert(points, 1, 0.0, axis=1)
+
+
+def lists(folder):
+    for k, points in enumerate(scan().values, 1):
+        numbers = with_y(points).ravel()
+        cells = [".Nan" if np.isnan(value) else f"{value:.15g}" for value in numbers]
+        profile = f"profile: [ {', '.join(cells)} ]"
+        lines = ["%YAML:1.0", "---", profile, "picked: [ 1., 0., 2. ]", ""]
+        (folder / f"p{k}.yml").write_text("\n".join(lines))
+
+
+def archives(folder):
+    for k, points in enumerate(scan().values):
+        np.savez(folder / f"{k}.npz", profile=with_y(points), time=np.zeros((3, 2)))
+
+
+def codes(folder):
+    """Without names, with a column of numbers, one of intensities, and a code where
+    nothing was seen.
+    """
+    for k, points in enumerate(scan().values):
+        count = len(points)
+        filled = np.where(np.isnan(points), -999.0, points)
+        columns = [np.arange(count), filled, np.full(count, 80)]
+        np.savetxt(folder / f"s{k}.asc", np.column_stack(columns))
+
+
+def zeros(folder):
+    for k, points in enumerate(scan().values):
+        path = folder / f"s{k}.asc"
+        np.savetxt(path, np.nan_to_num(points), header="X [m]  Z [m]")
+
+
+def long_table(folder, name="scan_{:03d}"):
+    lines = ["pose,x,z"]
+    for k, points in enumerate(scan().values):
+        lines += [f"{name.format(k)},{x:.15g},{z:.15g}" for x, z in points]
+    (folder / "all.csv").write_text("\n".join([*lines, ""]))
+
+
+def numbered(folder):
+    """2 before 10, in the order of the file."""
+    long_table(folder, "{}")
+
+
+def wide_table(folder):
+    np.savetxt(folder / "all.txt", [points.ravel() for points in scan().values])
+
+
+def stacked(folder):
+    np.save(folder / "all.npy", np.stack(scan().values).swapaxes(1, 2))
+
+
+def by_name(*writers):
+    return {writer.__name__: writer for writer in writers}
+
+
+POSES = by_name(
+    kuka, abb, ur, as_json, nested, fanuc, key_lines, csv, tum, matrices, array
+)
+PROFILES = by_name(
+    one_each,
+    lists,
+    archives,
+    codes,
+    zeros,
+    long_table,
+    numbered,
+    wide_table,
+    stacked,
+)
+PROFILES_OF = {fanuc: lists}  # counted from 1
+# what a user has to say: numbers without names, columns that mean something else
+SAID = {
+    "as_json": Layout(pose_columns="x,y,z,w,p,r"),
+    "codes": Layout(columns="2,3", missing=-999),
+    "zeros": Layout(columns="x [mm],z [mm]"),
+}
+
+
+def said_of(name):
+    """What a user has to say of poses or profiles in files of that name."""
+    return SAID.get(name, Layout())
+
+
+def written(folder, of_poses=csv, of_profiles=None):
+    """The folder, filled."""
+    folder.mkdir()
+    of_poses(folder)
+    of_profiles = of_profiles or PROFILES_OF.get(of_poses, one_each)
+    of_profiles(folder)
+    return folder
