@@ -1,6 +1,5 @@
 """A ball: the scan plane meets it in a circle, of which the scanner sees an arc."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +9,15 @@ from profilecal.geometry.fitting import fit_sphere
 from profilecal.geometry.poses import circle_around, root
 from profilecal.profiles.arcs import find_balls
 from profilecal.targets.plane import BELOW_MM, Plane
-from profilecal.targets.target import Components, Fitted, Sizes, Target, in_sensor
+from profilecal.targets.target import (
+    Axes,
+    Components,
+    Fitted,
+    Linearised,
+    Sizes,
+    Target,
+    in_sensor,
+)
 
 
 @dataclass(frozen=True)
@@ -47,8 +54,8 @@ class Ball(Target):
 
     @staticmethod
     def residual(
-        origin: Components, axes: Sequence[Components], seen: Components, sizes: Sizes
-    ) -> tuple[list, list, None]:
+        origin: Components, axes: Axes, seen: Components, sizes: Sizes
+    ) -> Linearised:
         """Distance from the circle that the plane cuts out."""
         (x, z), (cx, cy, cz), (size,) = seen, origin, sizes
         vx, vz = x - cx, z - cz
@@ -59,8 +66,8 @@ class Ball(Target):
 
     @staticmethod
     def residual_in_space(
-        origin: Components, axes: Sequence[Components], seen: Components, sizes: Sizes
-    ) -> tuple[list, list, None]:
+        origin: Components, axes: Axes, seen: Components, sizes: Sizes
+    ) -> Linearised:
         """Distance from the ball."""
         (x, z), (cx, cy, cz), (size,) = seen, origin, sizes
         vx, vz = x - cx, z - cz

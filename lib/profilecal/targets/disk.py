@@ -1,6 +1,5 @@
 """A planar disk: the scan plane meets it in a chord."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +9,7 @@ from profilecal.geometry.poses import circle_around, cross, dot, frame_around, r
 from profilecal.profiles.edges import find_chords
 from profilecal.targets.plane import BELOW_MM, Plane
 from profilecal.targets.target import (
+    Axes,
     Components,
     Fitted,
     Linearised,
@@ -57,7 +57,7 @@ class Disk(Target):
 
     @staticmethod
     def residual(
-        origin: Components, axes: Sequence[Components], seen: Components, sizes: Sizes
+        origin: Components, axes: Axes, seen: Components, sizes: Sizes
     ) -> Linearised:
         """x and z of each sensed tip minus those of the chord's end.
 
@@ -119,7 +119,7 @@ class Disk(Target):
 
     @staticmethod
     def residual_in_space(
-        origin: Components, axes: Sequence[Components], seen: Components, sizes: Sizes
+        origin: Components, axes: Axes, seen: Components, sizes: Sizes
     ) -> Linearised:
         """Each tip's height above the disk, and its distance from the centre less the
         radius.

@@ -1,6 +1,5 @@
 """A straight edge: the scan plane meets it in a point; specimens that have one."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +9,7 @@ from profilecal.geometry.poses import cross, frame_around
 from profilecal.profiles.edges import find_edges
 from profilecal.targets.target import (
     ALONG_Y,
+    Axes,
     Components,
     Fitted,
     Linearised,
@@ -88,7 +88,7 @@ class Edge(Target):
 
     @staticmethod
     def residual(
-        origin: Components, axes: Sequence[Components], seen: Components, sizes: Sizes
+        origin: Components, axes: Axes, seen: Components, sizes: Sizes
     ) -> Linearised:
         """x and z of the sensed point minus those of the place where the plane meets
         the edge.
@@ -106,7 +106,7 @@ class Edge(Target):
 
     @staticmethod
     def residual_in_space(
-        origin: Components, axes: Sequence[Components], seen: Components, sizes: Sizes
+        origin: Components, axes: Axes, seen: Components, sizes: Sizes
     ) -> Linearised:
         """(sensed point - origin) × direction."""
         (x, z), (px, py, pz), (dx, dy, dz) = seen, origin, axes[2]

@@ -2,9 +2,9 @@
 targets; and which profiles share an error of the flange.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from scipy.spatial.distance import cdist
@@ -18,35 +18,36 @@ from profilecal.targets.target import Target
 
 @dataclass(frozen=True)
 class Observations:
-    """What the scanner saw of one target from P flange poses, in each of B problems; 1
-    of what is the same in all.
+    """What the scanner saw of one target from P flange poses, in each of B problems.
+
+    An array of what is the same in all problems may have the length 1 in place of B.
     """
 
-    kind: str  # of the target, one of TARGETS
+    # of the target, one of TARGETS
+    kind: str
     # (B|1, P, 3, 3) flange in the base frame; eye-to-hand: base in the flange frame
     R_flange: np.ndarray
-    T_flange: np.ndarray  # (B|1, P, 3) mm
-    points: np.ndarray  # (B|1, P, m, 2) x and z, m as the target's `points`; NaN: none
-    sizes: tuple[float, ...] = ()  # the target's `lengths`, mm
+    # (B|1, P, 3) mm
+    T_flange: np.ndarray
+    # (B|1, P, m, 2) x and z, m as the target's `points`; NaN where there is none
+    points: np.ndarray
+    # the target's `lengths`, mm
+    sizes: tuple[float, ...] = ()
     # (P,) poses of one flange orientation share a number
     group: np.ndarray | None = None
     eye_to_hand: bool = False
-    # of what was seen from each pose, as a multiple of `Noise.profile_mm`²; None: 1 for
-    # each coordinate, independent.
-    # (B|1, P, m) of points' distances from a curve; else (B|1, P, 2m, 2m) of x and z of
-    # all points
+    # of what was seen from each pose, as a multiple of `Noise.profile_mm`²: (B|1, P, m)
+    # of points' distances from a curve, else (B|1, P, 2m, 2m) of x and z of all points;
+    # None: 1 for each coordinate, independent
     covariance: np.ndarray | None = None
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if self.kind not in TARGETS:
-            raise ValueError(
-                f"kind is {self.kind!r}; expected one of {', '.join(TARGETS)}"
-            )
+            kinds = ", ".join(TARGETS)
+            raise ValueError(f"kind is {self.kind!r}; expected one of {kinds}")
         self.target.check_sizes(self.sizes)
-        shape = (None, None, self.target.points, 2)
-        _, P, m, _ = check_array(
-            f"points ({self.kind})", self.points, shape, finite=False
-        ).shape
+        name, shape = f"points ({self.kind})", (None, None, self.target.points, 2)
+        _, P, m, _ = check_array(name, self.points, shape, finite=False).shape
         check_array("R_flange", self.R_flange, (None, P, 3, 3))
         check_array("T_flange", self.T_flange, (None, P, 3))
         if self.group is not None:
@@ -54,7 +55,8 @@ class Observations:
         if self.covariance is not None:
             if "profiles" not in self.target.tables:
                 raise ValueError(
-                    f"a {self.kind} has no covariance of its own; state profile_mm and steering_mm"
+                    f"a {self.kind} has no covariance of its own; "
+                    "state profile_mm and steering_mm"
                 )
             tail = (P, m) if self.on_curve else (P, 2 * m, 2 * m)
             check_array("covariance", self.covariance, (None, *tail), finite=False)
@@ -75,39 +77,35 @@ class Observations:
     def arrays(self) -> dict[str, Any]:
         """What the first axis is a batch of."""
         names = ("R_flange", "T_flange", "points", "covariance")
-        return {
-            name: getattr(self, name)
-            for name in names
-            if getattr(self, name) is not None
-        }
+        arrays = {name: getattr(self, name) for name in names}
+        return {name: array for name, array in arrays.items() if array is not None}
 
     @property
     def labels(self) -> np.ndarray:
         """Numbers from 0 (P,) that the poses of one rotation group share; without
-        groups, each its own.
+        groups, each has its own.
         """
-        poses = np.arange(self.points.shape[1])
-        return (
-            poses
-            if self.group is None
-            else np.unique(self.group, return_inverse=True)[1]
-        )
+        if self.group is None:
+            return np.arange(self.points.shape[1])
+        return np.unique(self.group, return_inverse=True)[1]
 
-    def keep(self, poses) -> "Observations":
+    def keep(self, poses: Any) -> "Observations":
         """Only some poses, by mask or index."""
         kept = {name: array[:, poses] for name, array in self.arrays.items()}
-        return replace(
-            self, **kept, group=None if self.group is None else self.group[poses]
-        )
+        if self.group is not None:
+            kept["group"] = self.group[poses]
+        return replace(self, **kept)
 
-    def take(self, chosen) -> "Observations":
+    def take(self, chosen: Any) -> "Observations":
         """Some problems of a batch, by mask, index or slice."""
-        return replace(
-            self, **{k: v if len(v) == 1 else v[chosen] for k, v in self.arrays.items()}
-        )
+        taken = {
+            name: array if len(array) == 1 else array[chosen]
+            for name, array in self.arrays.items()
+        }
+        return replace(self, **taken)
 
 
-def each(function, *batches):
+def each(function: Callable[..., np.ndarray], *batches: Any) -> Any:
     """`function` of the arrays in the same place of batches, or of tuples, that are
     built alike.
     """
@@ -124,20 +122,21 @@ class Batch:
     axis.
     """
 
-    def __getitem__(self, chosen):
+    def __getitem__(self, chosen: Any) -> Self:
         return each(lambda array: array[chosen], self)
 
-    def join(self, *others):
+    def join(self, *others: Self) -> Self:
         """Batches as one."""
         return each(lambda *arrays: np.concatenate(arrays), self, *others)
 
-    def where(self, mask, other):
+    def where(self, mask: np.ndarray, other: Self) -> Self:
         """This one where the mask (B,) holds, the other elsewhere."""
-        return each(
-            lambda a, b: np.where(mask.reshape(-1, *[1] * (a.ndim - 1)), a, b),
-            self,
-            other,
-        )
+
+        def merged(own: np.ndarray, others: np.ndarray) -> np.ndarray:
+            further_axes = [1] * (own.ndim - 1)
+            return np.where(mask.reshape(-1, *further_axes), own, others)
+
+        return each(merged, self, other)
 
 
 @dataclass(frozen=True)
@@ -152,8 +151,10 @@ class State(Batch):
 
 @dataclass(frozen=True)
 class PoseGroups:
-    """Profiles are counted through, target by target; a repeated pose, or one seen of
-    two targets, has several.
+    """Which profiles share a pose of the flange, an orientation, or a group.
+
+    Profiles are counted through, target by target; a repeated pose, or one from which
+    two targets were seen, has several.
     """
 
     pose: np.ndarray  # (profiles,) number of the commanded pose
@@ -161,14 +162,14 @@ class PoseGroups:
     group: np.ndarray  # (profiles,) number of the rotation group of one target
 
     def sharing(self, name: str) -> np.ndarray:
-        """Numbers (profiles,) that profiles with the same error of the robot have in
-        common; an entry of `Noise`.
+        """Numbers (profiles,) that profiles have in common if they share the error of
+        the robot with this name, an entry of `Noise`.
         """
-        other = {
-            "repeatability": np.arange(len(self.pose)),
-            "group": self.orientation[self.pose],
-        }
-        return other.get(name.split("_")[0], self.pose)
+        if name.startswith("repeatability_"):
+            return np.arange(len(self.pose))
+        if name.startswith("group_"):
+            return self.orientation[self.pose]
+        return self.pose
 
     @property
     def distinguishable(self) -> list[str]:
@@ -182,25 +183,41 @@ class PoseGroups:
 
 
 def pose_groups(observations: Sequence[Observations]) -> PoseGroups:
-    """Of the targets' poses; those of a batch are alike, and the first problem's are
-    looked at. Each of a target's groups is an orientation, and one with that of another
-    target that points the same way.
+    """Which profiles of several targets share a pose, an orientation, or a group.
+
+    The poses of a batch are alike, and the first problem's are looked at. Each of a
+    target's groups is an orientation, and one with that of another target that points
+    the same way.
     """
     # commanded poses that differ by less are one: no controller comes back any closer
-    same_mm, same_deg = 0.05, 0.01
-    R = np.concatenate([o.R_flange[0] for o in observations])
-    T = np.concatenate([o.T_flange[0] for o in observations])
-    labels = [o.labels for o in observations]
+    same_mm = 0.05
+    same_deg = 0.01
+    R = np.concatenate([seen.R_flange[0] for seen in observations])
+    T = np.concatenate([seen.T_flange[0] for seen in observations])
+    labels = [seen.labels for seen in observations]
+
     target = np.repeat(np.arange(len(labels)), [len(own) for own in labels])
+    # no two targets have a number in common
     numbers = len(target) * target + np.concatenate(labels)
     _, first, group = np.unique(numbers, return_index=True, return_inverse=True)
-    alike = parallel(R[first], R[first], SAME_ORIENTATION_DEG) & (
-        target[first][:, None] != target[first]
-    )
+
+    other_target = target[first][:, None] != target[first]
+    alike = parallel(R[first], R[first], SAME_ORIENTATION_DEG) & other_target
     alike |= np.eye(len(first), dtype=bool)
-    orientation = np.unique(alike.argmax(axis=1), return_inverse=True)[1][group]
-    same = (cdist(T, T, "chebyshev") < same_mm) & (orientation[:, None] == orientation)
+    _, orientation = numbered(alike)
+    orientation = orientation[group]
+
+    same = cdist(T, T, "chebyshev") < same_mm
+    same &= orientation[:, None] == orientation
     i, j = np.nonzero(same)
     same[i, j] = np.degrees(angle_between(R[i], R[j])) < same_deg
-    firsts, pose = np.unique(same.argmax(axis=1), return_inverse=True)
+    firsts, pose = numbered(same)
     return PoseGroups(pose, orientation[firsts], group)
+
+
+def numbered(alike: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The first member of each class, (classes,), and everyone's class, (n,).
+
+    Everyone is in the class of the first one that it is `alike`, (n, n).
+    """
+    return np.unique(alike.argmax(axis=1), return_inverse=True)

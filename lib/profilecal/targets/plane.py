@@ -2,7 +2,6 @@
 al. 2020).
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +11,7 @@ from profilecal.geometry.fitting import principal_axes
 from profilecal.geometry.poses import circle_around, cross, dot, frame_around
 from profilecal.profiles.edges import find_lines
 from profilecal.targets.target import (
+    Axes,
     Components,
     Fitted,
     Linearised,
@@ -55,7 +55,7 @@ class Plane(Target):
 
     @staticmethod
     def residual(
-        origin: Components, axes: Sequence[Components], seen: Components, sizes: Sizes
+        origin: Components, axes: Axes, seen: Components, sizes: Sizes
     ) -> Linearised:
         """Distance from the line in which the planes meet."""
         (height,), (force,), (torque,) = Plane.residual_in_space(
@@ -65,7 +65,7 @@ class Plane(Target):
 
     @staticmethod
     def residual_in_space(
-        origin: Components, axes: Sequence[Components], seen: Components, sizes: Sizes
+        origin: Components, axes: Axes, seen: Components, sizes: Sizes
     ) -> Linearised:
         """Distance from the face."""
         (x, z), (cx, cy, cz), normal = seen, origin, axes[2]

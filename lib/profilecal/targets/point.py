@@ -3,13 +3,20 @@ the laser line: the fixed-point method (disk paper's ref. [16]). How far the sca
 misses it is noise like the scanner's own.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from profilecal.geometry.noise import Noise
-from profilecal.targets.target import Components, Fitted, Sizes, Target, in_sensor
+from profilecal.targets.target import (
+    Axes,
+    Components,
+    Fitted,
+    Linearised,
+    Sizes,
+    Target,
+    in_sensor,
+)
 
 
 @dataclass(frozen=True)
@@ -40,8 +47,8 @@ class Point(Target):
 
     @staticmethod
     def residual(
-        origin: Components, axes: Sequence[Components], seen: Components, sizes: Sizes
-    ) -> tuple[list, list, None]:
+        origin: Components, axes: Axes, seen: Components, sizes: Sizes
+    ) -> Linearised:
         """x and z of the scan, and the distance from the scan plane."""
         (x, z), (px, py, pz) = seen, origin
         force = [[-1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, -1.0, 0.0]]

@@ -2,7 +2,6 @@
 the scanner sees an arc.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +13,7 @@ from profilecal.targets.edge import Edge
 from profilecal.targets.plane import BELOW_MM, Plane
 from profilecal.targets.target import (
     ALONG_Y,
+    Axes,
     Components,
     Fitted,
     Linearised,
@@ -58,7 +58,7 @@ class Rod(Target):
 
     @staticmethod
     def residual(
-        origin: Components, axes: Sequence[Components], seen: Components, sizes: Sizes
+        origin: Components, axes: Axes, seen: Components, sizes: Sizes
     ) -> Linearised:
         """Distance from the ellipse, to first order, as `in_scan_plane` has it.
 
@@ -84,7 +84,7 @@ class Rod(Target):
 
     @staticmethod
     def residual_in_space(
-        origin: Components, axes: Sequence[Components], seen: Components, sizes: Sizes
+        origin: Components, axes: Axes, seen: Components, sizes: Sizes
     ) -> Linearised:
         """Distance from the bar."""
         v, d = Rod.offset(origin, seen), axes[2]

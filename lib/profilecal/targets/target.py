@@ -27,7 +27,7 @@ closed forms.
 """
 
 from collections.abc import Callable, Sequence
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -38,8 +38,10 @@ from profilecal.profiles.points import Feature, Profiles
 
 # of vectors in the sensor frame x, y and z, each an array (batch, 1 or points, poses)
 Components = Sequence[np.ndarray]
-# what `residual` returns: residuals, forces and torques
-Linearised = tuple[list, list, list]
+# three of them, x, y and z of the target's frame
+Axes = Sequence[Components]
+# what `residual` returns: residuals, forces and, if there are any, torques
+Linearised = tuple[list, list, Any]
 # what `fit` returns: origins (..., 3), axes (..., 3, 3), and lengths, each (...)
 Fitted = tuple[np.ndarray, np.ndarray, tuple]
 # a target's `lengths`, mm
@@ -113,8 +115,8 @@ class Target:
 
     @staticmethod
     def residual(
-        origin: Components, axes: Sequence[Components], seen: Components, sizes: Sizes
-    ) -> Linearised | tuple[list, list, None]:
+        origin: Components, axes: Axes, seen: Components, sizes: Sizes
+    ) -> Linearised:
         """Observed points minus where the scan plane meets the target, in the scan
         plane, where the noise arises.
 
@@ -129,8 +131,8 @@ class Target:
 
     @staticmethod
     def residual_in_space(
-        origin: Components, axes: Sequence[Components], seen: Components, sizes: Sizes
-    ) -> Linearised | tuple[list, list, None]:
+        origin: Components, axes: Axes, seen: Components, sizes: Sizes
+    ) -> Linearised:
         """As `residual`, by distances in space: they exist for any pose, which serves a
         search.
         """
