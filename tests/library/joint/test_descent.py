@@ -23,43 +23,46 @@ from profilecal.targets.disk import Disk
 from profilecal_papers.edge_study import EdgePlan, edge_scenes, observations_of
 from profilecal_papers.monte_carlo import estimate
 
+NOISE = Noise(SIGMA)
 
-def test_agrees_with_scipy_on_residuals_of_its_own():
-    """scipy's least_squares on observed minus `Disk.meet`, with numerical derivatives."""
-    rng = np.random.default_rng(9)
-    scene = random_scene("disk", rng, positions=30)
-    seen = scene.noisy(SIGMA, rng)
-    fit = refine(Problem([seen], Noise(SIGMA)), scene.truth)
 
-    def residual(x):
-        R = scene.truth.rotation[0] @ Rotation.from_rotvec(x[3:6]).as_matrix()
-        rotation = seen.R_flange[0] @ R
-        origin = (
-            seen.R_flange[0] @ (scene.truth.translation[0] + x[:3]) + seen.T_flange[0]
-        )
-        normal = scene.target.normal + np.r_[x[9:], 0]
-        disk = Disk(
-            scene.truth.placements[0][0][0] + x[6:9],
-            normal / np.linalg.norm(normal),
-            *seen.sizes,
-        )
-        return (seen.points[0] - disk.meet(rotation, origin)).ravel() / SIGMA
-
-    x = least_squares(
+def scipy_solution(residual, unknowns: int):
+    """The least squares that scipy finds from zero, with numerical derivatives."""
+    return least_squares(
         residual,
-        np.zeros(11),
+        np.zeros(unknowns),
         jac="3-point",
         x_scale="jac",
         xtol=1e-15,
         ftol=1e-15,
         gtol=1e-15,
     ).x
-    assert (
-        np.abs(fit.state.translation[0] - scene.truth.translation[0] - x[:3]).max()
-        < 1e-6
-    )
-    turned = scene.truth.rotation[0] @ Rotation.from_rotvec(x[3:6]).as_matrix()
-    assert angle_between(fit.state.rotation[0], turned) < 1e-8
+
+
+def test_agrees_with_scipy_on_residuals_of_its_own():
+    """Observed minus `Disk.meet`, by the sensor pose and the disk's place."""
+    rng = np.random.default_rng(9)
+    scene = random_scene("disk", rng, positions=30)
+    seen = scene.noisy(SIGMA, rng)
+    R_flange, T_flange = seen.R_flange[0], seen.T_flange[0]
+    R, T = scene.truth.rotation[0], scene.truth.translation[0]
+    ((centre, _),) = scene.truth.placements
+
+    def turned(x):
+        return R @ Rotation.from_rotvec(x[3:6]).as_matrix()
+
+    def residual(x):
+        rotation = R_flange @ turned(x)
+        origin = R_flange @ (T + x[:3]) + T_flange
+        normal = scene.target.normal + np.r_[x[9:], 0]
+        normal = normal / np.linalg.norm(normal)
+        disk = Disk(centre[0] + x[6:9], normal, *seen.sizes)
+        return (seen.points[0] - disk.meet(rotation, origin)).ravel() / SIGMA
+
+    x = scipy_solution(residual, 11)
+    fit = refine(Problem([seen], NOISE), scene.truth)
+    assert np.abs(fit.state.translation[0] - T - x[:3]).max() < 1e-6
+    assert angle_between(fit.state.rotation[0], turned(x)) < 1e-8
     np.testing.assert_allclose(fit.loss[0], (residual(x) ** 2).sum(), rtol=1e-10)
 
 
@@ -70,14 +73,14 @@ def test_points_of_a_few_poses_keep_their_precision():
 
 
 def test_points_of_a_batch_are_moved_onto_the_targets_of_their_own_problems():
-    scene, rng = many("plane", 3, 5), np.random.default_rng(1)
-    (term,), (placement,) = (
-        Problem([scene.noisy(SIGMA, rng)], KNOWN).terms,
-        scene.truth.placements,
-    )
+    scene = many("plane", 3, 5)
+    seen = scene.noisy(SIGMA, np.random.default_rng(1))
+    (term,) = Problem([seen], KNOWN).terms
+    (placement,) = scene.truth.placements
     z = term.linearise(scene.truth, placement)
-    left = term.on_target(z).linearise(scene.truth, placement)
-    assert np.abs(left[:, -1]).max() < 1e-9 < SIGMA < np.abs(z[:, -1]).max()
+    moved = term.on_target(z).linearise(scene.truth, placement)
+    before, after = (np.abs(columns[:, term.residual]).max() for columns in (z, moved))
+    assert after < 1e-9 < SIGMA < before
 
 
 def of_unlike_precision(scene, rng):
@@ -85,38 +88,45 @@ def of_unlike_precision(scene, rng):
     and 3 noise levels large.
     """
     clean = scene.observations
-    *batch, m, _ = clean.points.shape
+    shape = clean.points.shape
+    *batch, m, _ = shape
     if clean.on_curve:
         covariance = rng.uniform(0.1, 3, (*batch, m)) ** 2
-        noise = np.sqrt(covariance)[..., None] * rng.normal(size=clean.points.shape)
+        noise = np.sqrt(covariance)[..., None] * rng.normal(size=shape)
     else:
-        root = (
-            rng.uniform(0.1, 3, (*batch, 2 * m, 1))
-            * np.linalg.qr(rng.normal(size=(*batch, 2 * m, 2 * m)))[0]
-        )
+        sizes = rng.uniform(0.1, 3, (*batch, 2 * m, 1))
+        axes = np.linalg.qr(rng.normal(size=(*batch, 2 * m, 2 * m)))[0]
+        root = sizes * axes
         covariance = np.swapaxes(root, -1, -2) @ root
-        noise = (rng.normal(size=(*batch, 1, 2 * m)) @ root).reshape(clean.points.shape)
+        noise = (rng.normal(size=(*batch, 1, 2 * m)) @ root).reshape(shape)
     return replace(clean, points=clean.points + SIGMA * noise, covariance=covariance)
+
+
+def assert_mean_square(squares):
+    """Normalised errors squared average 6, within three standard errors."""
+    assert abs(np.mean(squares) - 6) < 3 * np.sqrt(12 / len(squares))
+
+
+def rms(error):
+    return np.sqrt(np.mean(error**2, axis=0))
 
 
 @pytest.mark.parametrize("kind", ["edge", "disk", "ball", "plane"])
 def test_stated_uncertainty_is_honest_where_points_differ_in_precision(kind):
     """As below, and forgetting the covariances makes the errors larger."""
     trials = 300
-    scene, rng = many(kind, trials, 12), np.random.default_rng(14)
-    seen = of_unlike_precision(scene, rng)
-    state, found, square = estimate([seen], Noise(SIGMA), scene.truth)
+    scene = many(kind, trials, 12)
+    seen = of_unlike_precision(scene, np.random.default_rng(14))
+    state, known, square = estimate([seen], NOISE, scene.truth)
     error = errors(state, scene.truth)
-    dof = Problem([seen], Noise(SIGMA)).counts.sum() - found.parameters
-    assert abs(normalised_square(found.covariance, error).mean() - 6) < 3 * np.sqrt(
-        12 / trials
-    )
-    assert abs((square / dof).mean() - 1) < 3 * np.sqrt(2 / dof / trials) + 1e-3
-    forgotten = estimate([replace(seen, covariance=None)], Noise(SIGMA), scene.truth)[0]
-    worse = errors(forgotten, scene.truth)
-    assert (
-        np.sqrt(np.mean(worse**2, axis=0)) > 1.2 * np.sqrt(np.mean(error**2, axis=0))
-    ).all()
+    assert_mean_square(normalised_square(known.covariance, error))
+    dof = Problem([seen], NOISE).counts.sum() - known.parameters
+    chi2_error = np.sqrt(2 / dof / trials)
+    assert abs((square / dof).mean() - 1) < 3 * chi2_error + 1e-3
+
+    forgetful = replace(seen, covariance=None)
+    state, _, _ = estimate([forgetful], NOISE, scene.truth)
+    assert (rms(errors(state, scene.truth)) > 1.2 * rms(error)).all()
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -126,76 +136,77 @@ def test_stated_uncertainty_is_honest(kind):
     noise estimated, where F replaces χ².
     """
     trials = 1000
-    scene, rng = many(kind, trials, 12, steering_mm=0.2), np.random.default_rng(13)
-    seen = scene.noisy(SIGMA, rng)
-    state, found, square = estimate([seen], KNOWN, scene.truth)
-    nees = normalised_square(found.covariance, errors(state, scene.truth))
-    dof = Problem([seen], KNOWN).counts.sum() - found.parameters
-    assert abs(nees.mean() - 6) < 3 * np.sqrt(12 / trials)
+    scene = many(kind, trials, 12, steering_mm=0.2)
+    seen = scene.noisy(SIGMA, np.random.default_rng(13))
+    state, known, square = estimate([seen], KNOWN, scene.truth)
+    nees = normalised_square(known.covariance, errors(state, scene.truth))
+    assert_mean_square(nees)
     assert 0.93 < (nees < chi2.ppf(0.95, 6)).mean() < 0.97
-    assert abs((square / dof).mean() - 1) < min(
-        0.05, 3 * np.sqrt(2 / dof / trials) + 1e-3
-    )
-    assert (found.status != "ok").mean() < 0.01
+    dof = Problem([seen], KNOWN).counts.sum() - known.parameters
+    bound = min(0.05, 3 * np.sqrt(2 / dof / trials) + 1e-3)
+    assert abs((square / dof).mean() - 1) < bound
+    assert (known.status != "ok").mean() < 0.01
 
-    scaled = nees / (square / dof)  # covariance with the noise that the residuals show
-    mean, sd = f.stats(6, dof, moments="mv")
-    assert abs(scaled.mean() / 6 - mean) < 3 * np.sqrt(sd / trials)
-    assert 0.93 < (scaled / 6 < f.ppf(0.95, 6, dof)).mean() < 0.97
+    # the covariance with the noise that the residuals show
+    ratio = nees / (square / dof) / 6
+    mean, variance = f.stats(6, dof, moments="mv")
+    assert abs(ratio.mean() - mean) < 3 * np.sqrt(variance / trials)
+    assert 0.93 < (ratio < f.ppf(0.95, 6, dof)).mean() < 0.97
+
+
+@pytest.fixture
+def evaluations(monkeypatch) -> list:
+    """Grows by one at each evaluation of `Problem.moments`."""
+    calls = []
+    moments = Problem.moments
+
+    def counted(*args, **more):
+        calls.append(1)
+        return moments(*args, **more)
+
+    monkeypatch.setattr(Problem, "moments", counted)
+    return calls
 
 
 @pytest.mark.parametrize("kind", ["ball", "plane"])
-def test_poses_that_leave_a_flat_valley_take_no_longer(kind, monkeypatch):
+def test_poses_that_leave_a_flat_valley_take_no_longer(kind, evaluations):
     """48 times nearly one pose: the loss hardly changes along most directions; descents
     go to their limits, no more.
     """
     rng = np.random.default_rng(3)
     one = random_scene(kind, rng).observations.keep(np.zeros(48, dtype=int))
-    T, points = (
-        a + sd * rng.normal(size=a.shape)
-        for a, sd in ((one.T_flange, 1e-3), (one.points, SIGMA))
-    )
-    seen, evaluations, moments = (
-        replace(one, T_flange=T, points=points, group=None),
-        [],
-        Problem.moments,
-    )
-    monkeypatch.setattr(
-        Problem,
-        "moments",
-        lambda *args, **more: evaluations.append(1) or moments(*args, **more),
-    )
-    assert solve([seen], prior_from({}, features_mm=SIGMA)).status == "unobservable"
-    assert (
-        len(evaluations) <= 18 * (kind == "plane") + 7 + 9 + 17 + 6 + 61 + 1
-    )  # coarse, grid's rounds, fits, a look
+    T = one.T_flange + 1e-3 * rng.normal(size=one.T_flange.shape)
+    points = one.points + SIGMA * rng.normal(size=one.points.shape)
+    seen = replace(one, T_flange=T, points=points, group=None)
+    solution = solve([seen], prior_from({}, features_mm=SIGMA))
+    assert solution.status == "unobservable"
+    coarse = 18 if kind == "plane" else 0
+    rounds = 7 + 9 + 17  # of the grid
+    fits = 6 + 61
+    look = 1
+    assert len(evaluations) <= coarse + rounds + fits + look
 
 
 @pytest.mark.parametrize(
     "choices", [{"motion": "line"}, {"tilt_deg": 0.0}, {"frame": "tool"}], ids=str
 )
-def test_motions_that_leave_the_two_phase_method_without_rank_are_solved_and_honest(
-    choices,
-):
-    """Straight lines, arcs whose plane contains the edge, arcs that turn with the tool."""
-    trials = 300
-    scene = edge_scenes(
-        EdgePlan(**choices), Noise(SIGMA), np.random.default_rng(23), (trials,)
-    )
+def test_motions_that_leave_the_two_phase_method_without_rank_are_solved(choices):
+    """Straight lines, arcs whose plane contains the edge, arcs that turn with the tool:
+    solved, and with an honest uncertainty.
+    """
+    rng = np.random.default_rng(23)
+    scene = edge_scenes(EdgePlan(**choices), NOISE, rng, (300,))
+    R, T = scene.R_sensor, scene.T_sensor
     seen = observations_of(scene)
-    start = Problem([seen], Noise(SIGMA)).place(scene.R_sensor, scene.T_sensor)
-    state, found, _ = estimate([seen], Noise(SIGMA), start)
-    error = pose_error(
-        state.rotation, state.translation, scene.R_sensor, scene.T_sensor
-    )
-    nees = normalised_square(found.covariance, error)
-    assert abs(nees.mean() - 6) < 3 * np.sqrt(12 / trials)
-    closed = edge_equations(
-        scene.poses.rotations, scene.poses.positions, scene.points
-    ).R_sensor
-    assert np.median(angle_between(closed, scene.R_sensor)) > 5 * np.median(
-        np.linalg.norm(error[:, 3:], axis=1)
-    )
+    start = Problem([seen], NOISE).place(R, T)
+    state, known, _ = estimate([seen], NOISE, start)
+    error = pose_error(state.rotation, state.translation, R, T)
+    assert_mean_square(normalised_square(known.covariance, error))
+
+    poses = scene.poses
+    closed = edge_equations(poses.rotations, poses.positions, scene.points).R_sensor
+    ours = np.median(np.linalg.norm(error[:, 3:], axis=1))
+    assert np.median(angle_between(closed, R)) > 5 * ours
 
 
 @pytest.mark.parametrize("kind", ["edge", "disk", "ball", "plane", "rod"])

@@ -3,6 +3,7 @@ each answer by brute force.
 """
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from profilecal.joint.descent import refine
 from profilecal.joint.linear_model import LinearModel, score
 from profilecal.joint.prior import of_scanner, of_target
 from profilecal.joint.problem import Problem
+from profilecal.joint.residuals import FLANGE
 from profilecal.simulation.scene import random_scene
 from profilecal.targets.observations import PoseGroups
 from profilecal_tool.plan.scan_model import marginal
@@ -26,50 +28,51 @@ from profilecal_tool.plan.scan_model import marginal
 POSE = np.array([0, 0, 1, 2, 3, 4, 5, 5, 2])
 GROUPS = PoseGroups(POSE, np.array([0, 0, 0, 1, 2, 2]), POSE)
 COUNTS = np.array([5] * 5 + [3] * 4)
-ROW = np.repeat(np.arange(9), COUNTS)  # the profile that each residual is of
-# of the scanner and the robot, mm² and rad²
+PROFILES = np.arange(9)
+ROW = np.repeat(PROFILES, COUNTS)  # the profile that each residual is of
+# variances of the scanner and the robot, mm² and rad²
 V = np.array([1.3, 0.4, 0.9, 0.7, 0.5, 0.3, 0.2])
-UNITS = np.array(
-    [1.0, *(1.0 if name.endswith("mm") else np.degrees(1) ** 2 for name in ROBOT)]
-)  # to mm² and degrees²
+# to mm² and degrees²
+OF_ROBOT = [1.0 if name.endswith("mm") else np.degrees(1) ** 2 for name in ROBOT]
+UNITS = np.array([1.0, *OF_ROBOT])
 N = 4
 
 
+def padded(profiles):
+    """Rows of each profile, with zeros up to five: (profiles, 5, columns)."""
+    return np.array([np.pad(own, [(0, 5 - len(own)), (0, 0)]) for own in profiles])
+
+
 class Dense:
-    """A model with its residuals r, derivatives A, and covariance C of r written out."""
+    """A model whose residuals r, derivatives A and covariance C are written out."""
 
     def __init__(self, rank: int = 5):
         """`rank`: how many residuals of the first target's profiles an error of the
         flange can move.
         """
         rng = np.random.default_rng(1)
-        E, Y = ([rng.normal(size=(count, k)) for count in COUNTS] for k in (6, N + 1))
-        for one in E[:5]:
-            one[:] = rng.normal(size=(5, rank)) @ rng.normal(size=(rank, 6))
+        E = [rng.normal(size=(count, 6)) for count in COUNTS]
+        Y = [rng.normal(size=(count, N + 1)) for count in COUNTS]
+        for own in E[:5]:
+            own[:] = rng.normal(size=(5, rank)) @ rng.normal(size=(rank, 6))
         root = rng.normal(size=(N, N))
         self.precision = root @ root.T
-        padded = (
-            np.array([np.pad(one, [(0, 5 - len(one)), (0, 0)]) for one in a])
-            for a in (E, Y)
+        self.model = LinearModel(
+            padded(E), padded(Y), COUNTS, GROUPS, ROBOT, self.precision
         )
-        self.model = LinearModel(*padded, COUNTS, GROUPS, ROBOT, self.precision)
-        self.E, self.A, self.r = (
-            np.concatenate(E),
-            np.concatenate(Y)[:, :N],
-            np.concatenate(Y)[:, N],
-        )
+        self.E = np.concatenate(E)
+        self.A, self.r = np.split(np.concatenate(Y), [N], axis=1)
+        self.r = self.r[:, 0]
         self.C = sum(v * M for v, M in zip(V, self.parts(), strict=True))
 
     def parts(self):
         """The matrices that C is a sum of, one for each error."""
         yield np.eye(len(ROW))
+        numbers = {"repeatability": PROFILES, "group": GROUPS.orientation[POSE]}
         for name in ROBOT:
             Z = self.E[:, :3] if name.endswith("mm") else self.E[:, 3:]
-            number = {
-                "repeatability": np.arange(9),
-                "group": GROUPS.orientation[POSE],
-            }.get(name.split("_")[0], POSE)
-            yield Z @ Z.T * np.equal.outer(number[ROW], number[ROW])
+            number = numbers.get(name.split("_")[0], POSE)[ROW]
+            yield Z @ Z.T * np.equal.outer(number, number)
 
     def of(self, profiles):
         """r, A and C of some profiles."""
@@ -95,100 +98,103 @@ def test_posterior_and_evidence_are_those_of_the_dense_covariance(missing, rank)
     """Evidence: the law of r where x is integrated out, N(0, C + A Π⁻¹ Aᵀ), but for
     constants.
     """
-    dense, kept = Dense(rank), ~np.isin(np.arange(9), missing)
-    (r, A, C), precision = dense.of(np.flatnonzero(kept)), dense.precision
+    dense = Dense(rank)
+    kept = ~np.isin(PROFILES, missing)
+    r, A, C = dense.of(PROFILES[kept])
+    precision = dense.precision
     model = dense.model.keeping(kept)
-    found = model.posterior(np.array([1, 2])[:, None] * UNITS * V)
+    v = UNITS * V
+    posterior = model.posterior(np.array([v, 2 * v]))
     mean, covariance, w, _ = textbook(r, A, C, precision)
-    np.testing.assert_allclose(found.mean[0], mean, rtol=1e-8)
-    np.testing.assert_allclose(found.covariance[0], covariance, rtol=1e-8, atol=1e-12)
-    assert found.square[0] == pytest.approx(r @ w)
-    prior = A @ np.linalg.inv(precision) @ A.T
-    by_law = [
-        multivariate_normal(cov=factor * C + prior).logpdf(r) for factor in (1, 2)
-    ]
-    assert np.diff(found.log_evidence)[0] == pytest.approx(np.diff(by_law)[0])
-    exact = model.without_robot().posterior(V[None])
+    np.testing.assert_allclose(posterior.mean[0], mean, rtol=1e-8)
     np.testing.assert_allclose(
-        exact.mean[0], textbook(r, A, V[0] * np.eye(len(r)), precision)[0], rtol=1e-8
+        posterior.covariance[0], covariance, rtol=1e-8, atol=1e-12
     )
+    assert posterior.square[0] == pytest.approx(r @ w)
+
+    prior = A @ np.linalg.inv(precision) @ A.T
+    once = multivariate_normal(cov=C + prior).logpdf(r)
+    twice = multivariate_normal(cov=2 * C + prior).logpdf(r)
+    assert np.diff(posterior.log_evidence)[0] == pytest.approx(twice - once)
+
+    exact = model.without_robot().posterior(V[None])
+    mean, _, _, _ = textbook(r, A, V[0] * np.eye(len(r)), precision)
+    np.testing.assert_allclose(exact.mean[0], mean, rtol=1e-8)
 
 
 def test_gradient_and_average_information_of_the_evidence():
-    dense, h = Dense(2), 1e-4
+    dense = Dense(2)
     v = UNITS * V
     slope, information = dense.model.gradient(dense.model.posterior(v[None]))
-    plus, minus = (
-        dense.model.posterior(v + sign * h * np.diag(v)).log_evidence
-        for sign in (1, -1)
-    )
-    np.testing.assert_allclose(
-        slope * v, (plus - minus) / (2 * h), rtol=1e-5, atol=1e-7
-    )
+    step = 1e-4 * np.diag(v)
+    plus = dense.model.posterior(v + step).log_evidence
+    minus = dense.model.posterior(v - step).log_evidence
+    differences = (plus - minus) / 2e-4
+    np.testing.assert_allclose(slope * v, differences, rtol=1e-5, atol=1e-7)
+
     _, _, w, P = textbook(dense.r, dense.A, dense.C, dense.precision)
     moved = np.array([M @ w for M in dense.parts()])
-    np.testing.assert_allclose(
-        information * UNITS[:, None] * UNITS,
-        moved @ P @ moved.T / 2,
-        rtol=1e-6,
-        atol=1e-9,
-    )
+    ours = information * UNITS[:, None] * UNITS
+    expected = moved @ P @ moved.T / 2
+    np.testing.assert_allclose(ours, expected, rtol=1e-6, atol=1e-9)
 
 
-@pytest.mark.parametrize("profile", range(9))
+def left_out_square(model, profile: int) -> float:
+    """χ² of a profile, by what the other profiles say of it."""
+    errors, covariances = model.left_out(model.posterior((UNITS * V)[None]))
+    return squared(errors[profile], covariances[profile])
+
+
+@pytest.mark.parametrize("profile", PROFILES)
 def test_a_profile_left_out_is_predicted_as_by_the_model_without_it(profile):
     """With the errors that it shares with others, where it is kept; as a new one, where
     it is not.
     """
-    dense, v = Dense(), (UNITS * V)[None]
-    others = np.delete(np.arange(9), profile)
-    (r, A, C), (r_own, A_own, C_own) = dense.of(others), dense.of(profile)
+    dense = Dense()
+    r, A, C = dense.of(np.delete(PROFILES, profile))
+    r_own, A_own, C_own = dense.of(profile)
     mean, covariance, _, _ = textbook(r, A, C, dense.precision)
-    error, S = r_own + A_own @ mean, C_own + A_own @ covariance @ A_own.T
-    kept = np.arange(9) != profile
-    model = dense.model.keeping(kept)
-    errors, covariances = model.left_out(model.posterior(v))
-    assert squared(errors[profile], covariances[profile]) == pytest.approx(
-        squared(error, S)
-    )
+    error = r_own + A_own @ mean
+    S = C_own + A_own @ covariance @ A_own.T
+    without = dense.model.keeping(profile != PROFILES)
+    assert left_out_square(without, profile) == pytest.approx(squared(error, S))
 
-    shared = dense.C[np.ix_(profile == ROW, profile != ROW)] @ np.linalg.inv(C)
+    # the others' residuals say what the shared errors are
+    common = dense.C[np.ix_(profile == ROW, profile != ROW)]
+    shared = common @ np.linalg.inv(C)
     slope = A_own - shared @ A
     error = r_own + A_own @ mean - shared @ (r + A @ mean)
-    S = (
-        C_own
-        - shared @ dense.C[np.ix_(profile != ROW, profile == ROW)]
-        + slope @ covariance @ slope.T
-    )
-    errors, covariances = dense.model.left_out(dense.model.posterior(v))
-    assert squared(errors[profile], covariances[profile]) == pytest.approx(
-        squared(error, S)
-    )
+    S = C_own - shared @ common.T + slope @ covariance @ slope.T
+    assert left_out_square(dense.model, profile) == pytest.approx(squared(error, S))
 
 
 def test_what_each_profile_says_by_itself():
-    dense, v = Dense(rank=2), UNITS * V
-    alone = [(np.c_[A, r], C) for r, A, C in map(dense.of, range(9))]
-    expected = [Y.T @ np.linalg.solve(C, Y) for Y, C in alone]
-    np.testing.assert_allclose(dense.model.alone(v), expected, rtol=1e-8)
+    dense = Dense(rank=2)
+    expected = []
+    for profile in PROFILES:
+        r, A, C = dense.of(profile)
+        Y = np.c_[A, r]
+        expected.append(Y.T @ np.linalg.solve(C, Y))
+    np.testing.assert_allclose(dense.model.alone(UNITS * V), expected, rtol=1e-8)
 
 
 def test_a_score_is_one_step_of_a_model_with_one_more_unknown():
     dense, n = Dense(), 2
-    columns, W = np.c_[dense.A, dense.r], np.linalg.inv(dense.C)
+    r, A, C = dense.r, dense.A, dense.C
+    Y, W = np.c_[A, r], np.linalg.inv(C)
     known = dense.precision[:n, :n]
-    sizes, sds, moves = score(columns.T @ W @ columns, n, known)
-    alone = textbook(dense.r, dense.A[:, :n], dense.C, known)[0]
+    sizes, sds, moves = score(Y.T @ W @ Y, n, known)
+    alone, _, _, _ = textbook(r, A[:, :n], C, known)
+    precision = block_diag(known, 0)
     for k in range(N - n):
-        with_one = dense.A[:, [*range(n), n + k]]
-        mean, covariance, _, _ = textbook(
-            dense.r, with_one, dense.C, block_diag(known, 0)
-        )
-        assert (sizes[k], sds[k]) == pytest.approx((mean[n], np.sqrt(covariance[n, n])))
+        with_one = A[:, [*range(n), n + k]]
+        mean, covariance, _, _ = textbook(r, with_one, C, precision)
+        assert sizes[k] == pytest.approx(mean[n])
+        assert sds[k] == pytest.approx(np.sqrt(covariance[n, n]))
         np.testing.assert_allclose(alone + moves[:, k] * sizes[k], mean[:n], rtol=1e-8)
-        information = with_one.T @ W @ with_one + block_diag(known, 0)
+        information = marginal(with_one.T @ W @ with_one + precision, n)
         np.testing.assert_allclose(
-            np.linalg.inv(marginal(information, n)), covariance[:n, :n], rtol=1e-8
+            np.linalg.inv(information), covariance[:n, :n], rtol=1e-8
         )
 
 
@@ -197,25 +203,20 @@ def erring(seen, error, h: float):
     flange's frame.
     """
     if error.length:
-        pairs = zip(seen.target.lengths, seen.sizes, strict=True)
-        return replace(
-            seen, sizes=tuple(size + h * (name == error.length) for name, size in pairs)
-        )
+        sizes = np.array(seen.sizes)
+        sizes[seen.target.lengths.index(error.length)] += h
+        return replace(seen, sizes=tuple(sizes))
     if error.points:
-        moved = np.stack(
-            error.points(seen.points[..., 0], seen.points[..., 1]), axis=-1
-        )
+        x, z = np.moveaxis(seen.points, -1, 0)
+        moved = np.stack(error.points(x, z), axis=-1)
         return replace(seen, points=seen.points + h * moved)
     R, T = seen.R_flange[0], seen.T_flange[0]
     if seen.eye_to_hand:
-        in_base = inverse(R, T)[1]
-        return replace(
-            seen,
-            T_flange=inverse(
-                np.swapaxes(R, 1, 2), in_base + h * error.positions(in_base)
-            )[1][None],
-        )
-    return replace(seen, T_flange=(T + h * error.positions(T))[None])
+        R, T = inverse(R, T)
+        _, T = inverse(R, T + h * error.positions(T))
+    else:
+        T = T + h * error.positions(T)
+    return replace(seen, T_flange=T[None])
 
 
 def with_flange_error(seen, axes, component: int, h: float):
@@ -226,10 +227,29 @@ def with_flange_error(seen, axes, component: int, h: float):
     if seen.eye_to_hand:
         R, T = inverse(R, T)
     error = h * axes[:, :, component % 3]
-    shift, turn = (error, 0 * error) if component < 3 else (0 * error, error)
-    T, R = T + (R @ shift[..., None])[..., 0], R @ rotations(turn)
-    R, T = inverse(R, T) if seen.eye_to_hand else (R, T)
+    if component < 3:
+        T = T + (R @ error[..., None])[..., 0]
+    else:
+        R = R @ rotations(error)
+    if seen.eye_to_hand:
+        R, T = inverse(R, T)
     return replace(seen, R_flange=R[None], T_flange=T[None])
+
+
+def residuals_at(truth, seen):
+    """The residuals (K, P) of observations at the true state, mm."""
+    return Problem([seen], Noise(1.0)).linear(truth)[0][0, -1]
+
+
+def assert_derivative(column, changed, truth, sign=1):
+    """A column (K, P) is the derivative of the residuals at a state, by differences, as
+    `changed` (h) changes the observations; or `sign` times it.
+    """
+    h = 1e-5
+    plus, minus = (residuals_at(truth, changed(step)) for step in (h, -h))
+    expected = (plus - minus) / (2 * h)
+    tolerance = 1e-4 * max(1, np.abs(expected).max())
+    np.testing.assert_allclose(sign * column, expected, atol=tolerance)
 
 
 @pytest.mark.parametrize("eye_to_hand", [False, True])
@@ -238,36 +258,24 @@ def test_derivatives_by_all_that_may_be_wrong_are_those_of_differences(
     kind, eye_to_hand
 ):
     """The data are exact, so that points are where the state has them."""
-    scene = random_scene(
-        kind, np.random.default_rng(10), groups=3, positions=4, count=5
-    )
-    seen, truth = replace(scene.observations, eye_to_hand=eye_to_hand), scene.truth
+    rng = np.random.default_rng(10)
+    scene = random_scene(kind, rng, groups=3, positions=4, count=5)
+    seen = replace(scene.observations, eye_to_hand=eye_to_hand)
+    truth = scene.truth
     problem = Problem([seen], Noise(SIGMA))
     tried = [*of_scanner(), *of_target([seen.target]), *of_robot()]
-    (columns,) = problem.columns_in_mm(truth, tried)
-    R_sensor = truth.rotation[0]
-    # eye-to-hand, the sensor stands in the base, and poses are of the base in the
-    # flange's frame
-    axes = (
-        seen.R_flange[0] @ R_sensor
-        if eye_to_hand
-        else np.tile(R_sensor, (len(seen.R_flange[0]), 1, 1))
-    )
-    changes = [lambda h, error=error: erring(seen, error, h) for error in tried]
-    changes += [lambda h, c=c: with_flange_error(seen, axes, c, h) for c in range(6)]
-    # without the residual
-    derivatives, h = np.delete(columns[0, problem.n :], len(tried), axis=0), 1e-5
-    for column, change in zip(derivatives, changes, strict=True):
-        plus, minus = (
-            Problem([change(s * h)], Noise(1.0)).linear(truth)[0][0, -1]
-            for s in (1, -1)
-        )
-        expected = (plus - minus) / (2 * h)
-        # of an error that is as likely either way
-        sign = -1 if eye_to_hand and change in changes[-6:] else 1
-        np.testing.assert_allclose(
-            sign * column, expected, atol=1e-4 * max(1, np.abs(expected).max())
-        )
+    ((columns,),) = problem.columns_in_mm(truth, tried)
+    for column, error in zip(columns[problem.n :], tried, strict=False):
+        assert_derivative(column, partial(erring, seen, error), truth)
+
+    axes = np.broadcast_to(truth.rotation[0], seen.R_flange[0].shape)
+    if eye_to_hand:
+        # the sensor stands in the base, and poses are of the base in the flange's frame
+        axes = seen.R_flange[0] @ axes
+    sign = -1 if eye_to_hand else 1  # of an error that is as likely either way
+    for component, column in enumerate(columns[FLANGE]):
+        changed = partial(with_flange_error, seen, axes, component)
+        assert_derivative(column, changed, truth, sign)
 
 
 def test_lengths_do_not_look_too_small_because_of_noise():
@@ -275,16 +283,16 @@ def test_lengths_do_not_look_too_small_because_of_noise():
     profiles' own scale: where derivatives are taken at the noisy points, it is found
     three standard deviations from zero.
     """
-    clear = []
+    deviations = []
     for seed in range(10):
         rng = np.random.default_rng(seed)
         scene = random_scene("plane", rng, groups=21, positions=5, count=20)
         seen = scene.noisy(SIGMA, rng)
         problem = Problem([seen], Noise(SIGMA), Systematic(scale_percent=0.1))
         state = refine(problem, scene.truth).state
-        tried = of_robot()[:1]
-        model = problem.model(state, (), tried)
+        scale_of_positions = of_robot()[0]
+        model = problem.model(state, (), [scale_of_positions])
         (normal,) = model.posterior(np.ones((1, 1))).normal
-        size, sd, _ = score(normal, model.n - 1, model.precision[:-1, :-1])
-        clear.append(size[0] / sd[0])
-    assert abs(np.mean(clear)) < 3 / np.sqrt(10)
+        (size,), (sd,), _ = score(normal, model.n - 1, model.precision[:-1, :-1])
+        deviations.append(size / sd)
+    assert abs(np.mean(deviations)) < 3 / np.sqrt(10)

@@ -12,6 +12,7 @@ from profilecal.joint.problem import Problem
 from profilecal.joint.solve import solve
 from profilecal.simulation.scene import random_scene
 
+# of 12 poses, 4 of a point: the kind, what is changed, and the sentence
 WRONG = [
     (
         "edge",
@@ -23,7 +24,11 @@ WRONG = [
         lambda o: {"covariance": np.ones((4, 2, 2))},
         "a point has no covariance of its own",
     ),
-    ("ball", lambda o: {"kind": "cone"}, "kind is 'cone'; expected one of edge"),
+    (
+        "ball",
+        lambda o: {"kind": "cone"},
+        "kind is 'cone'; expected one of edge",
+    ),
     (
         "ball",
         lambda o: {"sizes": ()},
@@ -54,9 +59,9 @@ WRONG = [
 
 @pytest.mark.parametrize(("kind", "change", "sentence"), WRONG)
 def test_guards_say_what_is_wrong(kind, change, sentence):
-    seen = random_scene(
-        kind, np.random.default_rng(22), groups=4, positions=1 if kind == "point" else 3
-    ).observations
+    rng = np.random.default_rng(22)
+    positions = 1 if kind == "point" else 3
+    seen = random_scene(kind, rng, groups=4, positions=positions).observations
     with pytest.raises(ValueError, match=sentence):
         replace(seen, **change(seen))
 
@@ -67,10 +72,8 @@ def test_what_cannot_be_solved_is_refused():
         solve([])
     with pytest.raises(ValueError, match="profile_mm is -1"):
         solve([few], Noise(-1))
-    with pytest.raises(
-        UnobservableError,
-        match="9 measured coordinates cannot determine 9 unknowns and noise; add",
-    ):
+    sentence = "9 measured coordinates cannot determine 9 unknowns and noise; add"
+    with pytest.raises(UnobservableError, match=sentence):
         solve([few], Noise(SIGMA))
 
 
@@ -78,9 +81,11 @@ def test_points_that_are_missing_do_not_move_the_place_of_an_edge():
     rng = np.random.default_rng(5)
     scene = random_scene("edge", rng)
     points = scene.observations.points.copy()
-    points[:, rng.permutation(points.shape[1])[: points.shape[1] // 5]] = np.nan
+    poses = points.shape[1]
+    points[:, rng.permutation(poses)[: poses // 5]] = np.nan
     problem = Problem([replace(scene.observations, points=points)], Noise(SIGMA))
     state = problem.place(scene.truth.rotation, scene.truth.translation)
-    (origin, axes), truth = state.placements[0], scene.target
+    ((origin, axes),) = state.placements
+    truth = scene.target
     assert np.linalg.norm(np.cross(axes[0, :, 2], truth.direction)) < 1e-9
     assert truth.distance(origin).max() < 1e-9

@@ -11,17 +11,18 @@ from profilecal.joint.problem import Problem
 from profilecal.joint.solve import solve
 
 SCENES = 60
+NOISE = Noise(SIGMA)
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_noise_free_from_no_guess_at_all(kind):
     scene = many(kind, SCENES, 7)
-    noise, found = Noise(SIGMA), []
+    best = []
     for i in range(SCENES):
         one = scene.observations.take([i])
-        fit = refine(Problem([one], noise), search([one], noise))
-        found.append(fit.state[[np.argmin(fit.loss)]])
-    assert_exact(errors(found[0].join(*found[1:]), scene.truth))
+        fits = refine(Problem([one], NOISE), search([one], NOISE))
+        best.append(fits.state[[np.argmin(fits.loss)]])
+    assert_exact(errors(best[0].join(*best[1:]), scene.truth))
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -30,22 +31,19 @@ def test_noise_free_from_a_mount_guess(kind):
     others need `solve`'s grid.
     """
     scene = many(kind, SCENES, 7, spread_deg=20.0)
-    rng, noise = np.random.default_rng(8), Noise(SIGMA)
-    R = scene.truth.rotation @ rotations(np.radians(20) * directions(rng, (SCENES,)))
+    rng = np.random.default_rng(8)
+    turn = rotations(np.radians(20) * directions(rng, (SCENES,)))
+    R = scene.truth.rotation @ turn
     T = scene.truth.translation + 30 * directions(rng, (SCENES,))
-    problem = Problem([scene.observations], noise)
-    near = refine(
-        Problem([scene.observations], noise, in_space=True), problem.place(R, T)
-    ).state
+    in_space = Problem([scene.observations], NOISE, in_space=True)
+    problem = Problem([scene.observations], NOISE)
+    near = refine(in_space, problem.place(R, T)).state
     fit = refine(problem, near)
     lost = np.flatnonzero(fit.loss > 1e-9)
     assert len(lost) <= (0.3 if kind == "rod" else 0.1) * SCENES
     for i in lost:
-        solution = solve(
-            [scene.observations.take([i])], noise, starts=[(R[i], T[i])], robust=False
-        )
-        fit.state.rotation[i], fit.state.translation[i] = (
-            solution.rotation,
-            solution.translation,
-        )
+        one = scene.observations.take([i])
+        solution = solve([one], NOISE, starts=[(R[i], T[i])], robust=False)
+        fit.state.rotation[i] = solution.rotation
+        fit.state.translation[i] = solution.translation
     assert_exact(errors(fit.state, scene.truth))
