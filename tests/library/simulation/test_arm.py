@@ -9,57 +9,66 @@ from profilecal.simulation.scene import in_unit_ball
 
 POSES = 200
 AWAY = np.array([3000.0, -2000.0, 500.0])
+TURN = 1e-3  # rad
+ABOUT_Z = rotations([0, 0, TURN])
 
 
 def poses(seed=1, reach=400.0):
     rng = np.random.default_rng(seed)
-    return rotations(rng.uniform(-3, 3, (POSES, 3))), MIDDLE + reach * in_unit_ball(
-        rng, POSES
-    )
+    R = rotations(rng.uniform(-3, 3, (POSES, 3)))
+    return R, MIDDLE + reach * in_unit_ball(rng, POSES)
 
 
 def test_an_arm_without_errors_is_where_it_says_with_its_fifth_joint_bent_forwards():
     R, T = poses()
-    found = where_it_is(Arm(), R, T + AWAY)
-    np.testing.assert_allclose(found[0], R, atol=1e-12)
-    np.testing.assert_allclose(found[1], T + AWAY, atol=1e-9)
+    R_found, T_found = where_it_is(Arm(), R, T + AWAY)
+    np.testing.assert_allclose(R_found, R, atol=1e-12)
+    np.testing.assert_allclose(T_found, T + AWAY, atol=1e-9)
     assert (joints_at(R, T)[:, [2, 4]] >= 0).all()
 
 
 def test_a_place_out_of_reach_is_refused():
     R, T = poses()
-    with pytest.raises(
-        ValueError, match="mm from its shoulder; expected 100 to 1300 mm"
-    ):
+    sentence = "mm from its shoulder; expected 100 to 1300 mm"
+    with pytest.raises(ValueError, match=sentence):
         joints_at(R, T + AWAY)
 
 
-def test_zeros_of_the_first_and_the_last_joint_turn_the_base_and_the_flange_and_the_last_link_shifts_it():
+def test_the_first_joints_zero_turns_the_base():
     R, T = poses()
-    joints, about_z, shift = (
-        joints_at(R, T),
-        rotations([0, 0, 1e-3]),
-        np.array([0.1, -0.2, 0.3]),
-    )
-    first, last = (Arm(zeros=1e-3 * np.eye(6)[k]).flange(joints) for k in (0, 5))
-    np.testing.assert_allclose(first[0], about_z @ R, atol=1e-12)
-    np.testing.assert_allclose(first[1], T @ about_z.T, atol=1e-9)
-    np.testing.assert_allclose(last[0], R @ about_z, atol=1e-12)
-    np.testing.assert_allclose(last[1], T, atol=1e-9)
-    moved = Arm(links=LINKS + np.eye(6)[:, 5:] * shift).flange(joints)
-    np.testing.assert_allclose(moved[1] - T, R @ shift, atol=1e-9)
+    arm = Arm(zeros=TURN * np.eye(6)[0])
+    R_turned, T_turned = arm.flange(joints_at(R, T))
+    np.testing.assert_allclose(R_turned, ABOUT_Z @ R, atol=1e-12)
+    np.testing.assert_allclose(T_turned, T @ ABOUT_Z.T, atol=1e-9)
+
+
+def test_the_last_joints_zero_turns_the_flange():
+    R, T = poses()
+    arm = Arm(zeros=TURN * np.eye(6)[5])
+    R_turned, T_turned = arm.flange(joints_at(R, T))
+    np.testing.assert_allclose(R_turned, R @ ABOUT_Z, atol=1e-12)
+    np.testing.assert_allclose(T_turned, T, atol=1e-9)
+
+
+def test_the_last_link_shifts_the_flange():
+    R, T = poses()
+    shift = np.array([0.1, -0.2, 0.3])
+    links = LINKS.copy()
+    links[5] += shift
+    _, T_shifted = Arm(links=links).flange(joints_at(R, T))
+    np.testing.assert_allclose(T_shifted - T, R @ shift, atol=1e-9)
 
 
 def test_errors_have_their_size():
     rng = np.random.default_rng(3)
+    joint_rad = np.radians(0.02)
     arms = [Arm.erring(0.02, 0.2, rng) for _ in range(300)]
-    assert np.std([arm.zeros for arm in arms]) == pytest.approx(
-        np.radians(0.02), rel=0.08
-    )
-    assert np.std([arm.links - LINKS for arm in arms]) == pytest.approx(0.2, rel=0.08)
+    zeros = np.std([arm.zeros for arm in arms])
+    links = np.std([arm.links - LINKS for arm in arms])
+    assert zeros == pytest.approx(joint_rad, rel=0.08)
+    assert links == pytest.approx(0.2, rel=0.08)
     R, T = poses()
     turns = [angle_between(where_it_is(arm, R, T)[0], R) for arm in arms]
     # six turns, each about an axis of its own
-    assert np.sqrt(np.mean(np.square(turns))) == pytest.approx(
-        np.radians(0.02) * np.sqrt(6), rel=0.08
-    )
+    rms = np.sqrt(np.mean(np.square(turns)))
+    assert rms == pytest.approx(joint_rad * np.sqrt(6), rel=0.08)

@@ -1,9 +1,12 @@
+"""A scanner's profiles are as its data sheet says."""
+
 import numpy as np
 import pytest
 
 from profilecal.simulation.robot import Scanner
 
 IDEAL = Scanner(resolution=0.0, quantum=0.001, noise_mm=0.0)
+NOISELESS = Scanner(resolution=0.0, quantum=0.01, noise_mm=0.0)
 WALL = np.array([[-30.0, 80.0], [30.0, 80.0]])
 
 
@@ -12,22 +15,22 @@ def profile_of(scanner, outline, seed=1):
 
 
 def test_field_of_view_has_its_printed_corners():
-    np.testing.assert_allclose(2 * Scanner().half_width(np.array([60, 350])), [40, 160])
+    widths = 2 * Scanner().half_width(np.array([60, 350]))
+    np.testing.assert_allclose(widths, [40, 160])
 
 
 def test_a_wall_fills_the_field_of_view_and_lies_at_its_depth():
     profile = profile_of(IDEAL, 0.3 * WALL)  # at 24 mm: too near
     assert np.isnan(profile).all()
-    profile = profile_of(Scanner(resolution=0, noise_mm=0, quantum=0.01), WALL)
+    profile = profile_of(NOISELESS, WALL)
     np.testing.assert_allclose(profile[:, 1], 80, atol=0.005)
-    np.testing.assert_allclose(
-        profile[[0, -1], 0], [-IDEAL.half_width(80), IDEAL.half_width(80)], atol=0.005
-    )
+    ends = NOISELESS.half_width(80) * np.array([-1, 1])
+    np.testing.assert_allclose(profile[[0, -1], 0], ends, atol=0.005)
 
 
 def test_the_nearer_of_two_surfaces_hides_the_other():
     outline = np.array([[-10.0, 100], [0, 100], [0, 80], [10, 80]])
-    profile = profile_of(Scanner(resolution=0, noise_mm=0, quantum=0.01), outline)
+    profile = profile_of(NOISELESS, outline)
     x, z = profile[np.isfinite(profile[:, 0])].T
     np.testing.assert_allclose(z[x > 0.1], 80, atol=0.01)
     np.testing.assert_allclose(z[x < -0.1], 100, atol=0.01)
@@ -38,13 +41,11 @@ def test_a_profile_is_of_whole_quanta():
     assert profile.shape == (980, 2)
     counts = profile[:, 1] / Scanner().quantum
     np.testing.assert_allclose(counts, counts.round(), atol=1e-9)
-    assert set(counts.round()) <= set(
-        range(796, 805)
-    )  # 80 mm within six standard deviations
+    # 80 mm within six standard deviations
+    assert {*counts.round()} <= {*range(796, 805)}
 
 
 def test_noise_has_its_size():
-    z = profile_of(
-        Scanner(quantum=1e-2, noise_mm=0.05), np.array([[-30.0, 90.0], [30.0, 90.0]])
-    )[:, 1]
-    assert z.std() == pytest.approx(0.05, rel=4 / np.sqrt(2 * 980))
+    wall = np.array([[-30.0, 90.0], [30.0, 90.0]])
+    profile = profile_of(Scanner(quantum=1e-2, noise_mm=0.05), wall)
+    assert profile[:, 1].std() == pytest.approx(0.05, rel=4 / np.sqrt(2 * 980))

@@ -7,7 +7,8 @@ from command import run
 def test_simulate_writes_a_scan_that_calibrates_to_its_truth(tmp_path):
     spec = tmp_path / "spec.toml"
     spec.write_text(
-        'kind = "disk"\nseed = 4\nconvention = "KUKA angles"\n[noise]\nprofile_mm = 0.02\n'
+        'kind = "disk"\nseed = 4\nconvention = "KUKA angles"\n'
+        "[noise]\nprofile_mm = 0.02\n"
     )
     assert run("simulate", spec, tmp_path / "scan").exit_code == 0
     assert (tmp_path / "scan" / "truth.toml").exists()
@@ -38,7 +39,8 @@ def test_simulate_writes_a_scan_that_calibrates_to_its_truth(tmp_path):
         ('measured = "chords"', "measured is 'chords'; expected profiles or points"),
         (
             'poses = "poses.csv"',
-            "poses are given, but no [guess]; expected roughly where sensor and target are",
+            "poses are given, but no [guess]; "
+            "expected roughly where sensor and target are",
         ),
         (
             "[guess]\ntarget = [1, 2, 3]",
