@@ -81,7 +81,7 @@ def solve_ball(
     n = len(T_tcp)
     R_tcp = check_rotations("R_tcp", R_tcp, n)
     q = check_array("q", q, (n, 3))
-    first, *others = still = translating_poses(R_tcp, translating)
+    still = translating_poses(R_tcp, translating)
     turning = np.delete(np.arange(n), still)
     check_count(
         "translating poses",
@@ -95,6 +95,7 @@ def solve_ball(
         3,
         "two turns about different axes fix the translation",
     )
+    first, others = still[0], still[1:]
     apart = np.degrees(angle_between(R_tcp[first], R_tcp[still])).max()
     if apart > LEAST_SPREAD_DEG:
         raise ValueError(

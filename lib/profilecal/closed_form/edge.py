@@ -57,8 +57,9 @@ class EdgeTranslation:
 
 @dataclass(frozen=True, repr=False)
 class EdgeSolution(SensorPose):
-    """The sensor pose on the flange: rotation first, then translation, with every
-    quantity on the way.
+    """The sensor pose on the flange, with every quantity on the way.
+
+    The rotation comes first, then the translation.
     """
 
     rotation: EdgeRotation

@@ -1,0 +1,387 @@
+"""The papers' solvers as users call them: rows in any order, groups of any size, and
+refusals that name what is wrong.
+"""
+
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+import pytest
+import sensing_data as scenes
+
+from profilecal.closed_form import closed_form
+from profilecal.closed_form.ball import solve_ball, solve_fixed_point
+from profilecal.closed_form.disk import solve_disk
+from profilecal.closed_form.edge import edge_equations, solve_edge
+from profilecal.geometry.checks import UnobservableError
+from profilecal.geometry.poses import nearest_rotation, pose_error, rotations
+from profilecal.simulation.scene import random_scene
+
+
+def arrays(scene, sigma=0.0, seed=2):
+    """Flange poses, what is seen and the groups of a scene's rows."""
+    seen = scene.noisy(sigma, np.random.default_rng(seed))
+    points = seen.points[0, :, 0] if seen.kind == "edge" else seen.points[0]
+    return seen.R_flange[0], seen.T_flange[0], points, seen.group
+
+
+def edge_rows(seed=1, sigma=0.05):
+    return arrays(random_scene("edge", np.random.default_rng(seed)), sigma)
+
+
+def uneven(group, sizes):
+    """The rows of the first poses of each group, as many as `sizes` says in turn."""
+    numbers = range(group.max() + 1)
+    rows = [np.flatnonzero(group == k)[: sizes[k % len(sizes)]] for k in numbers]
+    return np.concatenate(rows)
+
+
+def shuffled(group, rng, firsts_stay=True):
+    """Rows in a random order, in which the first of each group may stay the first."""
+    rows = rng.permutation(len(group))
+    if firsts_stay:
+        firsts = np.unique(group, return_index=True)[1]
+        for k, first in enumerate(firsts):
+            places = np.flatnonzero(group[rows] == k)
+            rows[places] = np.r_[first, rows[places][rows[places] != first]]
+    return rows
+
+
+def off(found, scene):
+    """By how much an answer is wrong, mm and rad."""
+    return np.abs(pose_error(found.R_sensor, found.T_sensor, *mount(scene))).max()
+
+
+def mount(scene):
+    return scene.R_sensor, scene.T_sensor
+
+
+def assert_same(found, expected, within=1e-9):
+    np.testing.assert_allclose(found.R_sensor, expected.R_sensor, rtol=0, atol=within)
+    np.testing.assert_allclose(found.T_sensor, expected.T_sensor, rtol=0, atol=within)
+
+
+# The edge
+
+
+def all_pairs(R_b, T_b, p_s, group):
+    """R_sensor and T_sensor of the edge paper's equations, pair by pair."""
+    unit = np.eye(9).reshape(9, 3, 3)
+    p_s = np.insert(p_s, 1, 0, axis=1)
+    A, b, along = [], [], []
+    members = [np.flatnonzero(group == k) for k in range(group.max() + 1)]
+    for rows in members:
+        R, first, others = R_b[rows[0]], rows[0], rows[1:]
+        for i, j in combinations(others, 2):  # Eq. 8, with R_s (a × b) = R_s a × R_s b
+            u_s, v_s = p_s[i] - p_s[first], p_s[j] - p_s[first]
+            u_t, v_t = T_b[i] - T_b[first], T_b[j] - T_b[first]
+            block = np.cross(R @ unit @ u_s, v_t) + np.cross(u_t, R @ unit @ v_s)
+            A.append((block + R @ unit @ np.cross(u_s, v_s)).T)
+            b.append(-np.cross(u_t, v_t))
+    r = np.linalg.lstsq(np.concatenate(A), np.concatenate(b))[0]
+    R_sensor = nearest_rotation(r.reshape(3, 3))
+
+    p = np.einsum("nab,bc,nc->na", R_b, R_sensor, p_s) + T_b
+    along = [p[i] - p[rows[0]] for rows in members for i in rows[1:]]
+    u_b = np.linalg.svd(along)[2][0]
+    A, b = [], []
+    for g, h in combinations(range(len(members)), 2):
+        for i in members[g]:
+            for j in members[h]:
+                A.append(np.cross((R_b[j] - R_b[i]).T, u_b).T)
+                b.append(-np.cross(p[j] - p[i], u_b))
+    return R_sensor, np.linalg.lstsq(np.concatenate(A), np.concatenate(b))[0]
+
+
+@pytest.mark.parametrize("sizes", [(10,), (3, 10, 4), (1, 5, 2, 7, 3)], ids=str)
+def test_an_edge_seen_in_uneven_groups_is_solved_as_all_pairs_say(sizes):
+    R_b, T_b, p_s, group = edge_rows()
+    rows = uneven(group, sizes)
+    rows = rows[shuffled(group[rows], np.random.default_rng(3), firsts_stay=False)]
+    found = solve_edge(R_b[rows], T_b[rows], p_s[rows])
+    R_sensor, T_sensor = all_pairs(R_b[rows], T_b[rows], p_s[rows], group[rows])
+    np.testing.assert_allclose(found.R_sensor, R_sensor, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(found.T_sensor, T_sensor, rtol=0, atol=1e-7)
+
+
+def test_even_groups_of_an_edge_are_those_of_the_equations():
+    scene = random_scene("edge", np.random.default_rng(1))
+    R_b, T_b, p_s, group = arrays(scene, 0.05)
+    G, N = scene.poses.positions.shape[:2]
+    expected = edge_equations(R_b[::N], T_b.reshape(G, N, 3), p_s.reshape(G, N, 2))
+    names = np.array([f"g{number:02}" for number in group])
+    for given in ({}, {"group": group}, {"group": names}):
+        found = solve_edge(R_b, T_b, np.insert(p_s, 1, 0, axis=1), **given)
+        assert_same(found, expected, 1e-12)
+        p_b = expected.p_b.reshape(-1, 3)
+        np.testing.assert_allclose(found.p_b, p_b, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("regression", [False, True])
+def test_the_order_of_an_edge_s_rows_does_not_matter_but_for_the_first_of_a_group(
+    regression,
+):
+    R_b, T_b, p_s, group = edge_rows()
+    rows = uneven(group, (4, 10, 7, 5))
+    R_b, T_b, p_s, group = R_b[rows], T_b[rows], p_s[rows], group[rows]
+    expected = solve_edge(R_b, T_b, p_s, regression=regression)
+    rng = np.random.default_rng(4)
+    for _ in range(5):
+        rows = shuffled(group, rng)
+        found = solve_edge(R_b[rows], T_b[rows], p_s[rows], regression=regression)
+        assert_same(found, expected)
+        np.testing.assert_allclose(found.p_b, expected.p_b[rows], rtol=0, atol=1e-9)
+
+
+def test_a_single_pose_of_an_orientation_counts_for_the_translation_alone():
+    R_b, T_b, p_s, group = edge_rows()
+    rows = uneven(group, (10, 10, 10, 1))
+    many = rows[np.bincount(group[rows])[group[rows]] > 1]
+    found, without = (solve_edge(R_b[k], T_b[k], p_s[k]) for k in (rows, many))
+    np.testing.assert_allclose(found.R_sensor, without.R_sensor, rtol=0, atol=1e-12)
+    assert np.linalg.norm(found.T_sensor - without.T_sensor) > 1e-4
+
+
+@pytest.mark.parametrize("regression", [False, True])
+def test_an_edge_without_noise_is_exact_in_any_order(regression):
+    rng = np.random.default_rng(5)
+    for seed in range(20):
+        scene = random_scene("edge", np.random.default_rng(seed))
+        R_b, T_b, p_s, group = arrays(scene)
+        rows = rng.permutation(uneven(group, (6, 10, 1, 8)))
+        found = solve_edge(R_b[rows], T_b[rows], p_s[rows], regression=regression)
+        assert off(found, scene) < 1e-7
+
+
+def test_matrices_printed_to_four_decimals_form_groups_too():
+    scene = random_scene("edge", np.random.default_rng(1))
+    R_b, T_b, p_s, _ = arrays(scene)
+    assert off(solve_edge(R_b.round(4), T_b, p_s), scene) < 0.1
+
+
+# The disk
+
+
+def disk_rows(seed=1, sigma=0.05):
+    scene = random_scene("disk", np.random.default_rng(seed))
+    return scene, arrays(scene, sigma)
+
+
+def test_the_order_of_a_disk_s_rows_and_tips_does_not_matter_to_labelled_motions():
+    scene, (R, T, chords, group) = disk_rows()
+    rng = np.random.default_rng(6)
+    guess = scene.R_sensor @ rotations([0.2, -0.1, 0.3])
+    rows = uneven(group, (40, 13, 7, 25))
+    known = {"R_sensor_guess": guess}
+    expected = solve_disk(R[rows], T[rows], chords[rows], 50, **known)
+    for _ in range(5):
+        k = rng.permutation(rows)
+        tips = np.where(
+            rng.integers(2, size=(len(k), 1, 1)), chords[k], chords[k, ::-1]
+        )
+        found = solve_disk(R[k], T[k], tips, 50, **known, group=group[k])
+        assert_same(found, expected)
+
+
+@pytest.mark.parametrize("heights", ["published", "regression"])
+def test_a_disk_without_noise_is_exact_in_any_order_and_with_any_steps(heights):
+    rng = np.random.default_rng(7)
+    for seed in range(20):
+        scene, (R, T, chords, _) = disk_rows(seed, 0.0)
+        rows = rng.permutation(len(T))[:100]
+        found = solve_disk(
+            R[rows],
+            T[rows],
+            chords[rows],
+            50,
+            R_sensor_guess=scene.R_sensor,
+            heights=heights,
+        )
+        assert off(found, scene) < 1e-7
+
+
+def test_the_side_of_a_disk_s_motions_is_stated_once_or_for_each_motion_or_row():
+    scene, (R, T, chords, group) = disk_rows()
+    N = scene.poses.positions.shape[1]
+    rows = np.arange(len(T)).reshape(-1, N)
+    rows[1::2] = rows[1::2, ::-1]  # every other motion comes back
+    way = T[rows[:, -1]] - T[rows[:, 0]]
+    side = np.sign(np.vecdot(way, (R[::N] @ scene.R_sensor)[..., 1]))
+    assert set(side) == {-1, 1}
+    expected = solve_disk(R, T, chords, 50, R_sensor_guess=scene.R_sensor)
+    for k in (rows.ravel(), rows.T.ravel()):  # one after the other, and interwoven
+        given = R[k], T[k], chords[k], 50
+        assert_same(solve_disk(*given, side), expected)
+        assert_same(solve_disk(*given, side[group[k]]), expected)
+    k = np.where(side[:, None] > 0, rows, rows[:, ::-1]).ravel()
+    assert_same(solve_disk(R[k], T[k], chords[k], 50, 1), expected)
+
+
+# Batches
+
+
+@pytest.mark.parametrize("how", ["published", "regression"])
+@pytest.mark.parametrize("kind", ["edge", "disk"])
+def test_a_batch_takes_its_poses_in_any_order_and_finds_their_groups(kind, how):
+    scene = random_scene(kind, np.random.default_rng(4))
+    seen = scene.noisy(0.02, np.random.default_rng(5), 3)
+    expected = closed_form(seen, scene.R_sensor, how)
+    rows = shuffled(seen.group, np.random.default_rng(6))
+    assert_same(closed_form(seen.keep(rows), scene.R_sensor, how), expected)
+    found = closed_form(replace(seen, group=None), scene.R_sensor, how)
+    assert_same(found, expected, 1e-12)
+
+
+def test_a_batch_refuses_what_it_does_not_know():
+    seen = {
+        kind: random_scene(kind, np.random.default_rng(4)).observations
+        for kind in ("edge", "disk", "ball")
+    }
+    with pytest.raises(ValueError, match="'regresion'; expected one of published, reg"):
+        closed_form(seen["edge"], how="regresion")
+    with pytest.raises(ValueError, match="kind is 'ball'; expected edge or disk"):
+        closed_form(seen["ball"])
+    with pytest.raises(ValueError, match="R_sensor is None; expected the rotation"):
+        closed_form(seen["disk"])
+
+
+# The ball
+
+
+def test_the_poses_of_a_ball_that_translate_are_found_or_stated_in_any_way():
+    rng = np.random.default_rng(8)
+    _, (R, T, q) = scenes.ball_data(rng, 5, 4)
+    q = q + rng.normal(scale=0.05, size=q.shape)
+    expected = solve_ball(R, T, q, 5)
+    for translating in (None, range(5), np.arange(9) < 5, [4, 0, 1, 2, 3]):
+        assert_same(solve_ball(R, T, q, translating), expected, 1e-12)
+    rows = np.array([5, 0, 6, 1, 2, 7, 8, 3, 4])  # each kind in its order
+    assert_same(solve_ball(R[rows], T[rows], q[rows]), expected, 1e-12)
+
+
+def test_a_ball_without_noise_is_exact_in_any_order():
+    rng = np.random.default_rng(9)
+    for _ in range(50):
+        (R_sensor, T_sensor), data = scenes.ball_data(rng, 4, 5)
+        rows = rng.permutation(9)
+        found = solve_ball(*(values[rows] for values in data))
+        np.testing.assert_allclose(found.R_sensor, R_sensor, rtol=0, atol=1e-11)
+        np.testing.assert_allclose(found.T_sensor, T_sensor, rtol=0, atol=1e-9)
+
+
+def test_a_fixed_point_is_read_as_x_and_z_too():
+    _, (R, T, q) = scenes.point_data(np.random.default_rng(9))
+    assert_same(solve_fixed_point(R, T, q[:, ::2]), solve_fixed_point(R, T, q), 0)
+
+
+# Refusals
+
+
+def with_entry(values, index, entry):
+    changed = np.array(values, dtype=float)
+    changed[index] = entry
+    return changed
+
+
+DISK = random_scene("disk", np.random.default_rng(1))
+R, T, SEEN, GROUP = edge_rows()
+OF_EDGE = {"R_b": R, "T_b": T, "p_s": SEEN}
+MIRRORED = R @ np.diag([1.0, 1.0, -1.0])
+EDGE_REFUSED = [
+    ({"T_b": T[:, :2]}, r"T_b has shape \(\d+, 2\); expected \(n, 3\)"),
+    ({"T_b": "here"}, "T_b is no array of numbers: could not convert"),
+    ({"T_b": [[1, 2, 3], [4, 5]]}, "T_b is no array of numbers: setting an array"),
+    ({"R_b": R[:5]}, r"R_b has shape \(5, 3, 3\); expected \(\d+, 3, 3\)"),
+    ({"R_b": MIRRORED}, r"R_b\[0\] is a reflection"),
+    ({"p_s": SEEN[:5]}, r"p_s has shape \(5, 2\); expected \(\d+, n\)"),
+    ({"p_s": SEEN[:, :1]}, r"p_s has shape .*expected \(\d+, 2\) or \(\d+, 3\)"),
+    ({"p_s": with_entry(SEEN, (7, 1), np.nan)}, r"p_s\[7, 1\] is nan; expected fin"),
+    ({"p_s": np.insert(SEEN, 1, 0.5, axis=1)}, r"p_s\[0\] is .*expected y = 0"),
+    ({"group": [1, 2]}, r"group has shape \(2,\); expected \(\d+,\)"),
+    ({"group": 0 * GROUP}, r"R_b\[\d+\] differs from R_b\[0\], which has the same l"),
+]
+R, T, SEEN, GROUP = arrays(DISK, 0.05)
+OF_DISK = {"R_tcp": R, "T_tcp": T, "chords": SEEN, "radius": 50}
+KNOWN = {"R_sensor_guess": DISK.R_sensor}
+MIXED = with_entry(np.ones(len(T)), 5, -1)
+BENT = with_entry(T, (1, 2), T[1, 2] + 9)
+DISK_REFUSED = [
+    (KNOWN | {"chords": SEEN[:, 0]}, r"chords has shape .* expected \(\d+, 2, 2\)"),
+    (
+        KNOWN | {"chords": with_entry(SEEN, (3, 1, 0), np.inf)},
+        r"chords\[3, 1, 0\] is inf; expected finite",
+    ),
+    (KNOWN | {"radius": -1}, "radius is -1; expected a length in mm"),
+    (KNOWN | {"radius": 10}, r"R_tcp\[40\] and radius 10 mm .* cosine of Eq. 9 1.7"),
+    (KNOWN | {"heights": "guessed"}, "heights is 'guessed'; expected 'regression'"),
+    (KNOWN | {"T_tcp": BENT}, r"R_tcp\[0\], .* leave a line by more than 1% of that"),
+    (KNOWN | {"T_tcp": 0 * T}, r"orientation R_tcp\[0\], 0 mm from end to end"),
+    ({}, "expected one of side, .* and R_sensor_guess"),
+    (KNOWN | {"side": 1}, "expected one of side, the sign of each motion"),
+    ({"R_sensor_guess": MIRRORED[0]}, r"R_sensor_guess\[0\] is a reflection"),
+    ({"R_sensor_guess": R}, r"R_sensor_guess has shape .*; expected \(3, 3\)"),
+    ({"side": 0}, "side is 0; expected 1 or -1"),
+    ({"side": [1, 1]}, r"side has shape \(2,\); expected \(\), \(4,\) for motions"),
+    ({"side": MIXED}, r"side\[5\] is -1.0, unlike that of the first row of its"),
+]
+R, T, SEEN = scenes.ball_data(np.random.default_rng(8), 5, 4)[1]
+OF_BALL = {"R_tcp": R, "T_tcp": T, "q": SEEN}
+BALL_REFUSED = [
+    ({"q": SEEN[:, :2]}, r"q has shape \(9, 2\); expected \(9, 3\)"),
+    ({"translating": "all"}, "translating is 'all'; expected a number of poses, th"),
+    ({"translating": [0, 1, 9]}, "translating holds 9; expected indices 0 to 8"),
+    ({"translating": -3}, "translating poses: 0 given, at least 3 needed"),
+    ({"translating": [0, 1, 8]}, "the 3 translating poses differ in orientation by"),
+]
+REFUSED = [
+    *((solve_edge, OF_EDGE | change, sentence) for change, sentence in EDGE_REFUSED),
+    *((solve_disk, OF_DISK | change, sentence) for change, sentence in DISK_REFUSED),
+    *((solve_ball, OF_BALL | change, sentence) for change, sentence in BALL_REFUSED),
+]
+
+
+@pytest.mark.parametrize(("solve", "given", "sentence"), REFUSED)
+def test_malformed_arrays_are_refused_in_words(solve, given, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        solve(**given)
+
+
+def test_rows_of_a_motion_that_are_not_in_its_order_leave_a_stated_side_open():
+    R, T, chords, _ = arrays(DISK, 0.05)
+    rows = np.r_[1, 0, 2 : len(T)]
+    with pytest.raises(
+        ValueError, match=r"R_tcp\[0\] are not in the order of their mo"
+    ):
+        solve_disk(R[rows], T[rows], chords[rows], 50, side=1)
+
+
+def test_poses_that_leave_the_answer_open_are_refused_with_a_cure():
+    R, T, p, group = edge_rows()
+    few = uneven(group, (2,))
+    with pytest.raises(UnobservableError, match="poses of an orientation: 2 given"):
+        solve_edge(R[few], T[few], p[few])
+    with pytest.raises(UnobservableError, match="orientations: 2 given, at least 3"):
+        solve_edge(R[group < 2], T[group < 2], p[group < 2])
+    line = random_scene("edge", np.random.default_rng(1), axis=np.array([0.0, 0, 1]))
+    with pytest.raises(UnobservableError, match=r"about one axis.*add a pose tilted"):
+        solve_edge(*arrays(line, 0.05)[:3])
+    R, T, chords, group = arrays(DISK, 0.05)
+    known = {"radius": 50, "R_sensor_guess": DISK.R_sensor}
+    few = uneven(group, (9, 2))
+    with pytest.raises(UnobservableError, match=r"orientation R_tcp\[9\]: 2 given, at"):
+        solve_disk(R[few], T[few], chords[few], **known)
+    equal = {"motion": "equal", "frame": "tool"}
+    same = random_scene("disk", np.random.default_rng(1), **equal)
+    with pytest.raises(
+        UnobservableError, match=r"4 motions are parallel.*; add one in"
+    ):
+        solve_disk(*arrays(same, 0.05)[:3], 50, R_sensor_guess=same.R_sensor)
+    R, T, q = scenes.ball_data(np.random.default_rng(8), 5, 4)[1]
+    with pytest.raises(UnobservableError, match="translating poses: 1 given, at least"):
+        solve_ball(R[4:], T[4:], q[4:])
+
+
+def test_an_answer_prints_its_pose_alone():
+    found = solve_edge(*edge_rows()[:3])
+    assert repr(found).startswith("EdgeSolution(")
+    assert len(repr(found)) < 300
