@@ -8,6 +8,8 @@ numbers shown.
 
 import json
 import re
+from collections import defaultdict
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -39,6 +41,11 @@ class Row:
     reading: str = ""  # of a quantity that can be read in several ways
 
     @property
+    def half_unit(self) -> float:
+        """Half of the last printed digit."""
+        return 0.5 * 10.0**-self.decimals
+
+    @property
     def difference(self) -> float:
         """Ours less the printed number."""
         return self.ours - float(self.printed)
@@ -46,23 +53,22 @@ class Row:
     @property
     def inside(self) -> bool:
         """Whether the printed number, within its rounding, lies in our range."""
-        # and the rounding of ours
-        half = 0.5 * 10.0**-self.decimals + 10.0 ** -(self.decimals + DIGITS)
-        return self.low - half <= float(self.printed) <= self.high + half
+        of_ours = 10.0 ** -(self.decimals + DIGITS)
+        rounding = self.half_unit + of_ours
+        return self.low - rounding <= float(self.printed) <= self.high + rounding
 
     @property
     def allowed(self) -> float:
         """How far from ours the range reaches, on the printed number's side."""
-        return abs(
-            (self.high if float(self.printed) > self.ours else self.low) - self.ours
-        )
+        end = self.high if float(self.printed) > self.ours else self.low
+        return abs(end - self.ours)
 
     @property
     def over_tolerance(self) -> float:
         """The difference as a multiple of what is allowed and half a printed digit; up
         to 1 is inside.
         """
-        return abs(self.difference) / (self.allowed + 0.5 * 10.0**-self.decimals)
+        return abs(self.difference) / (self.allowed + self.half_unit)
 
     @property
     def as_printed(self) -> str:
@@ -77,17 +83,18 @@ class Row:
 
 @dataclass(frozen=True)
 class Item:
-    """A table, equation or figure of a paper beside ours, which shows itself. `layout`:
-    "table", the paper's rows and columns, printed above ours; "list", a line for each
-    number; "matrix", printed, ours and their difference side by side, with how large it
-    may be.
+    """A table, equation or figure of a paper beside ours, which shows itself.
+
+    `layout`: "table", the paper's rows and columns, printed above ours; "list", a line
+    for each number; "matrix", printed, ours and their difference side by side, with how
+    large it may be.
     """
 
     paper: str  # "edge" or "disk"
     item: str  # such as "Table 1"
     what: str  # it is, in our words
     rows: tuple[Row, ...]
-    # "rounding", "Monte Carlo" or "settings": where low and high are from; "": ours are
+    # where low and high are from: "rounding", "Monte Carlo" or "settings"; "": ours are
     # exact
     range_from: str = ""
     free: str = ""  # settings that were chosen to agree
@@ -95,65 +102,59 @@ class Item:
 
     def verdict(self, row: Row) -> str:
         """reproduced, compatible (where settings were free) or differs."""
-        return (
-            ("compatible" if self.free else "reproduced") if row.inside else "differs"
-        )
+        if not row.inside:
+            return "differs"
+        return "compatible" if self.free else "reproduced"
 
     @property
     def inside(self) -> list[bool]:
         """Of each printed number, whether it lies inside our range, under one reading
         at least.
         """
-        found = {}
+        inside: dict[tuple, bool] = defaultdict(bool)
         for row in self.rows:
-            found.setdefault((row.row, row.column, row.quantity), []).append(row.inside)
-        return list(map(any, found.values()))
+            inside[row.row, row.column, row.quantity] |= row.inside
+        return list(inside.values())
 
     @property
     def statistics(self) -> "dict[str, Item]":
         """Of a table, the part that each of its quantities takes."""
-        names = dict.fromkeys(row.quantity for row in self.rows)
-        return {
-            name: replace(
-                self, rows=tuple(row for row in self.rows if row.quantity == name)
-            )
-            for name in names
-        }
+        rows = defaultdict(list)
+        for row in self.rows:
+            rows[row.quantity].append(row)
+        return {name: replace(self, rows=tuple(part)) for name, part in rows.items()}
 
     @property
     def summary(self) -> str:
         """How many of the printed numbers lie inside our ranges; of a simulated table,
         for each quantity.
         """
-        inside, count = sum(self.inside), len(self.inside)
-        free = f" Free: {self.free}." if self.free else ""
+        which = "that agree with ours"
+        if self.range_from:
+            which = f"inside our ranges ({self.range_from})"
+        counts = in_numbers(self)
+        if len(self.inside) < len(self.rows):
+            counts += ", under one reading at least"
         if self.range_from == "Monte Carlo" and self.layout == "table":
-            parts = {name: part.inside for name, part in self.statistics.items()}
-            counts = ", ".join(
-                f"{name} {sum(part)} of {len(part)}" for name, part in parts.items()
+            parts = self.statistics
+            which = "inside our 95 % ranges"
+            each = ", ".join(
+                f"{name} {in_numbers(part)}" for name, part in parts.items()
             )
-            expected = f"about {0.95 * count / len(parts):.0f} of each are expected"
-            return (
-                f"Printed numbers inside our 95 % ranges: {counts}; {expected}.{free}"
-            )
-        which = (
-            f"inside our ranges ({self.range_from})"
-            if self.range_from
-            else "that agree with ours"
-        )
-        reading = ", under one reading at least" if count < len(self.rows) else ""
-        return f"Printed numbers {which}: {inside} of {count}{reading}.{free}"
+            expected = 0.95 * len(self.inside) / len(parts)
+            counts = f"{each}; about {expected:.0f} of each are expected"
+        free = f" Free: {self.free}." if self.free else ""
+        return f"Printed numbers {which}: {counts}.{free}"
 
     def _repr_mimebundle_(self, include=None, exclude=None) -> dict:
-        frame = {"table": as_table, "list": as_list, "matrix": as_matrices}[
-            self.layout
-        ](self)
-        html = frame.to_html(escape=False, index=self.layout == "table")
+        layouts = {"table": as_table, "list": as_list, "matrix": as_matrices}
+        frame = layouts[self.layout](self)
+        index = self.layout == "table"
+        html = frame.to_html(escape=False, index=index)
         # names of columns that have none
         html = re.sub(r"<tr>\s*(<th></th>\s*)+</tr>\s*", "", html)
-        text = frame.replace({"<br>": " | ", "</?b>": ""}, regex=True).to_string(
-            index=self.layout == "table"
-        )
+        plain = frame.replace({"<br>": " | ", "</?b>": ""}, regex=True)
+        text = plain.to_string(index=index)
         title = f"{PAPERS[self.paper]}, {self.item}: {self.what}"
         return {
             "text/plain": f"{title}\n{text}\n{self.summary}",
@@ -162,58 +163,57 @@ class Item:
         }
 
 
+def in_numbers(item: Item) -> str:
+    """How many of the printed numbers lie inside our ranges, such as "11 of 12"."""
+    return f"{sum(item.inside)} of {len(item.inside)}"
+
+
 def as_table(item: Item) -> pd.DataFrame:
     """The paper's rows and columns; printed above ours with its range, and a mark
     inside or outside.
     """
-    cells = {}
+    cells: dict[tuple, dict] = defaultdict(dict)
     for row in item.rows:
-        range_ = (
-            f" [{row.shown(row.low)}, {row.shown(row.high)}]"
-            if row.low < row.high
-            else ""
-        )
-        text = f"<b>{row.as_printed}</b> {'✓' if row.inside else '✗'}<br>{row.shown(row.ours)}{range_}"
-        cells.setdefault((row.column, row.quantity), {})[row.row] = text
-    columns = sorted(
-        cells, key=lambda names: [name for name, _ in cells].index(names[0])
-    )
+        cells[row.column, row.quantity][row.row] = as_cell(row)
+    # the quantities of a column side by side
+    places = [column for column, _ in cells]
+    columns = sorted(cells, key=lambda names: places.index(names[0]))
     frame = pd.DataFrame({names: cells[names] for names in columns}).fillna("")
     frame.columns = pd.MultiIndex.from_tuples(columns)
     return frame
 
 
+def as_cell(row: Row) -> str:
+    """The printed number with a mark inside or outside, above ours with its range."""
+    mark = "✓" if row.inside else "✗"
+    ours = row.shown(row.ours)
+    if row.low < row.high:
+        ours += f" [{row.shown(row.low)}, {row.shown(row.high)}]"
+    return f"<b>{row.as_printed}</b> {mark}<br>{ours}"
+
+
 def as_list(item: Item) -> pd.DataFrame:
     """A line for each number."""
-    lines = []
-    for row in item.rows:
-        name = ", ".join(
-            filter(
-                None,
-                (
-                    " ".join(filter(None, (row.quantity, row.row, row.column))),
-                    row.reading,
-                ),
-            )
-        )
-        numbers = [row.as_printed, row.shown(row.ours), row.shown(row.difference)]
-        over = f"{row.over_tolerance:.2g}"
-        # inside or outside, by a little
-        over = f"{row.over_tolerance:.2f}" if over == "1" else over
-        unit = "" if row.unit == "1" else row.unit
-        lines.append([name, *numbers, unit, over, item.verdict(row), row.why])
-    columns = [
-        "quantity",
-        "published",
-        "ours",
-        "difference",
-        "unit",
-        "difference / tolerance",
-        "verdict",
-        "why",
-    ]
-    frame = pd.DataFrame(lines, columns=columns)
-    return frame if frame["why"].any() else frame.drop(columns="why")
+    lines = [as_line(row) | {"verdict": item.verdict(row)} for row in item.rows]
+    frame = pd.DataFrame(lines)
+    why = [row.why for row in item.rows]
+    return frame.assign(why=why) if any(why) else frame
+
+
+def as_line(row: Row) -> dict[str, str]:
+    """A row's name and numbers, by column."""
+    name = " ".join(filter(None, (row.quantity, row.row, row.column)))
+    over = f"{row.over_tolerance:.2g}"
+    if over == "1":  # inside or outside, by a little
+        over = f"{row.over_tolerance:.2f}"
+    return {
+        "quantity": ", ".join(filter(None, (name, row.reading))),
+        "published": row.as_printed,
+        "ours": row.shown(row.ours),
+        "difference": row.shown(row.difference),
+        "unit": "" if row.unit == "1" else row.unit,
+        "difference / tolerance": over,
+    }
 
 
 def two_digits(value: float) -> str:
@@ -226,53 +226,59 @@ def as_matrices(item: Item) -> pd.DataFrame:
     transform with its last row.
     """
 
-    def difference(row):
-        seen = row.allowed > 0.5 * 10.0**-row.decimals  # in the printed digits
-        return row.shown(row.difference) + (
-            f"<br>±{two_digits(row.allowed)}" if seen else ""
-        )
-
-    blocks = {
-        "published": lambda row: row.as_printed,
-        "ours": lambda row: row.shown(row.ours),
-        "difference": difference,
-    }
-    names = dict.fromkeys(row.row for row in item.rows)
-    lines = [[row for row in item.rows if row.row == name] for name in names]
-    table = [[text(row) for text in blocks.values() for row in line] for line in lines]
+    lines = defaultdict(list)
+    for row in item.rows:
+        lines[row.row].append(row)
+    table = []
+    for line in lines.values():
+        printed = [row.as_printed for row in line]
+        ours = [row.shown(row.ours) for row in line]
+        table.append(printed + ours + [difference_allowed(row) for row in line])
     width = len(table[0]) // 3
     if (len(table), width) == (3, 4):
         table.append([*"0001", *"0001", *"0000"])
-    columns = pd.MultiIndex.from_tuples(
-        [(block, " " * k) for block in blocks for k in range(width)]
-    )
-    return pd.DataFrame(table, columns=columns)
+    blocks = ["published", "ours", "difference"]
+    names = [" " * k for k in range(width)]
+    return pd.DataFrame(table, columns=pd.MultiIndex.from_product([blocks, names]))
+
+
+def difference_allowed(row: Row) -> str:
+    """The difference, with how large it may be where the printed digits show that."""
+    text = row.shown(row.difference)
+    if row.allowed > row.half_unit:
+        text += f"<br>±{two_digits(row.allowed)}"
+    return text
 
 
 def from_json(entry: dict) -> Item:
     """The item that an output of a notebook holds."""
-    return Item(**(entry | {"rows": tuple(Row(**row) for row in entry["rows"])}))
+    rows = tuple(Row(**row) for row in entry["rows"])
+    return Item(**(entry | {"rows": rows}))
 
 
 def gather(folder: Path) -> list[tuple[str, Item]]:
     """All items of the executed notebooks in a folder, each with its notebook's name,
     in reading order.
     """
-    found = []
+    items = []
     for path in sorted(folder.glob("[!.]*.ipynb")):
-        cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
-        outputs = [
-            output.get("data", {})
-            for cell in cells
-            for output in cell.get("outputs", [])
-        ]
-        found += [
-            (path.stem, from_json(data[MIME])) for data in outputs if MIME in data
-        ]
-    return found
+        notebook = json.loads(path.read_text(encoding="utf-8"))
+        items += [(path.stem, from_json(entry)) for entry in handed_out(notebook, MIME)]
+    return items
 
 
-def tally(gathered) -> pd.DataFrame:
+def handed_out(notebook: dict, mime: str) -> list:
+    """What the outputs of an executed notebook hold under a MIME type."""
+    entries = []
+    for cell in notebook["cells"]:
+        for output in cell.get("outputs", []):
+            data = output.get("data", {})
+            if mime in data:
+                entries.append(data[mime])
+    return entries
+
+
+def tally(gathered: Iterable[tuple[str, Item]]) -> pd.DataFrame:
     """Of each item, and each quantity of a table, how many printed numbers are
     reproduced, compatible, or differ.
     """
@@ -280,45 +286,35 @@ def tally(gathered) -> pd.DataFrame:
     for stem, item in gathered:
         parts = {item.item: item}
         if item.layout == "table":
-            parts = {
-                f"{item.item}, {name}": part for name, part in item.statistics.items()
-            }
+            statistics = item.statistics.items()
+            parts = {f"{item.item}, {name}": part for name, part in statistics}
         for name, part in parts.items():
-            inside, count = sum(part.inside), len(part.inside)
-            agree = {
-                "reproduced": 0 if item.free else inside,
-                "compatible": inside if item.free else 0,
-            }
-            where = {"paper": PAPERS[item.paper], "item": name}
-            lines.append(
-                where
-                | {"printed": count}
-                | agree
-                | {"differs": count - inside, "notebook": stem}
-            )
-    return pd.DataFrame(
-        lines, columns=["paper", "item", "printed", *VERDICTS, "notebook"]
-    )
+            count, inside = len(part.inside), sum(part.inside)
+            compatible = inside if item.free else 0
+            numbers = count, inside - compatible, compatible, count - inside
+            lines.append([PAPERS[item.paper], name, *numbers, stem])
+    columns = ["paper", "item", "printed", *VERDICTS, "notebook"]
+    return pd.DataFrame(lines, columns=columns)
 
 
-def sentence(gathered) -> str:
+def sentence(gathered: Iterable[tuple[str, Item]]) -> str:
     """How many printed results come out."""
-    found = tally(gathered)
-    good = found["reproduced"].sum() + found["compatible"].sum()
+    total = tally(gathered)[["printed", *VERDICTS]].sum()
+    good = total["reproduced"] + total["compatible"]
     return (
-        f"{good} of {found['printed'].sum()} printed results come out within what rounding, chance or unprinted "
-        "settings allow; each of the others stands with its reason."
+        f"{good} of {total['printed']} printed results come out within what rounding, "
+        "chance or unprinted settings allow; each of the others stands with its reason."
     )
 
 
-def scorecard(gathered) -> pd.DataFrame:
+def scorecard(gathered: Iterable[tuple[str, Item]]) -> pd.DataFrame:
     """A row for each printed number and reading, with its verdict."""
     lines = []
     for stem, item in gathered:
         for row in item.rows:
-            about = {"paper": PAPERS[item.paper], "item": item.item} | asdict(row)
-            lines.append(
-                about
-                | {"verdict": item.verdict(row), "free": item.free, "notebook": stem}
-            )
+            line = {"paper": PAPERS[item.paper], "item": item.item} | asdict(row)
+            line["verdict"] = item.verdict(row)
+            line["free"] = item.free
+            line["notebook"] = stem
+            lines.append(line)
     return pd.DataFrame(lines)

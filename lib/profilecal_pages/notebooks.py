@@ -10,16 +10,24 @@ import platform
 import sys
 import tempfile
 import time
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from hashlib import sha256
 from importlib import metadata
+from itertools import product
 from pathlib import Path
 
-sys.modules.setdefault(
-    "rfc3987_syntax", None
-)  # a grammar that jsonschema compiles in a second, and does without
+# A grammar that jsonschema compiles in a second, and does without
+modules: dict = sys.modules
+modules.setdefault("rfc3987_syntax", None)
 
-TYPES = {"int": int, "float": (int, float), "bool": bool, "str": str, "list": list}
+TYPES: dict = {
+    "int": int,
+    "float": (int, float),
+    "bool": bool,
+    "str": str,
+    "list": list,
+}
 
 
 class NotebookError(Exception):
@@ -41,21 +49,20 @@ def folder() -> Path:
     return place
 
 
-def find(names) -> list[Path]:
+def find(names: Sequence[str]) -> list[Path]:
     """The notebooks of the clone whose names, or beginnings of names, are given; when
     none is, all. Raises ValueError naming what is there when a name fits none.
     """
-    there = sorted(folder().rglob("[!.]*.ipynb"))
+    paths = sorted(folder().rglob("[!.]*.ipynb"))
     if not names:
-        return there
+        return paths
     chosen = set()
     for name in names:
-        fits = [path for path in there if path.stem.startswith(Path(name).stem)]
-        if not fits:
-            raise ValueError(
-                f"no notebook named {name!r}; there are {', '.join(path.stem for path in there)}"
-            )
-        chosen.update(fits)
+        matching = [path for path in paths if path.stem.startswith(Path(name).stem)]
+        if not matching:
+            known = ", ".join(path.stem for path in paths)
+            raise ValueError(f"no notebook named {name!r}; there are {known}")
+        chosen.update(matching)
     return sorted(chosen)
 
 
@@ -65,12 +72,10 @@ def parameters_of(path: Path) -> dict[str, str]:
     from papermill import inspect_notebook
 
     try:
-        return {
-            name: entry["inferred_type_name"]
-            for name, entry in inspect_notebook(str(path)).items()
-        }
+        parameters = inspect_notebook(str(path))
     except ValidationError as error:
         raise ValueError(f"{path}: not a notebook: {error.message}") from error
+    return {name: entry["inferred_type_name"] for name, entry in parameters.items()}
 
 
 def parse_value(text: str):
@@ -89,18 +94,22 @@ def check_parameters(given: dict[str, list], declared: list[dict[str, str]]) -> 
     """Raise ValueError for a name that no notebook declares (`parameters_of`), and for
     a value of another type than one of them does; `given` has the values of each name.
     """
-    names = list(dict.fromkeys(name for kinds in declared for name in kinds))
+    names = dict.fromkeys(name for kinds in declared for name in kinds)
     for name, values in given.items():
         if name not in names:
-            raise ValueError(
-                f"no parameter named {name!r}; there are {', '.join(names) or 'none'}"
-            )
-        for kind in {kinds[name] for kinds in declared if name in kinds} & TYPES.keys():
-            for value in values:
-                if not isinstance(value, TYPES[kind]) or (
-                    isinstance(value, bool) and kind != "bool"
-                ):
-                    raise ValueError(f"parameter {name} is {value!r}; expected {kind}")
+            known = ", ".join(names) or "none"
+            raise ValueError(f"no parameter named {name!r}; there are {known}")
+        kinds = {kinds[name] for kinds in declared if name in kinds}
+        for kind, value in product(kinds & TYPES.keys(), values):
+            if not fits(value, kind):
+                raise ValueError(f"parameter {name} is {value!r}; expected {kind}")
+
+
+def fits(value: object, kind: str) -> bool:
+    """Whether a value is of a type in `TYPES`. To Python, True is a whole number."""
+    if isinstance(value, bool):
+        return kind == "bool"
+    return isinstance(value, TYPES[kind])
 
 
 def versions() -> dict[str, str]:
@@ -109,10 +118,8 @@ def versions() -> dict[str, str]:
     """
     sources = sorted(Path(__file__).parents[1].glob("profilecal*/**/*.py"))
     source = sha256(b"".join(path.read_bytes() for path in sources))
-    found = {
-        name: metadata.version(name)
-        for name in ("profilecal", "numpy", "scipy", "pandas")
-    }
+    names = "profilecal", "numpy", "scipy", "pandas"
+    found = {name: metadata.version(name) for name in names}
     found["profilecal"] += f"+{source.hexdigest()[:8]}"
     return {"python": platform.python_version()} | found
 
@@ -123,7 +130,7 @@ def run(
     parameters: dict,
     cwd: Path,
     timeout: int | None = None,
-    progress=False,
+    progress: bool = False,
 ) -> None:
     """Execute `source` with papermill in the folder `cwd`; write the executed copy,
     even of a failure, to `output`. Raises NotebookError; NotebookLost where the kernel
@@ -132,26 +139,26 @@ def run(
     import papermill
     from traitlets.config import Config
 
-    quiet = ["--log-level=CRITICAL"]  # a kernel else says how it talks
-    options = {
-        "cwd": cwd,
-        "execution_timeout": timeout,
-        "progress_bar": progress,
-        "extra_arguments": quiet,
-    }
+    config = Config()
     try:
         with tempfile.TemporaryDirectory() as sockets:
-            if (
-                os.name == "posix"
-            ):  # of two kernels that start at once, both may choose the same port
-                options["config"] = Config(
-                    KernelManager={"transport": "ipc", "ip": f"{sockets}/kernel"}
-                )
-            papermill.execute_notebook(source, output, parameters, **options)
+            # of two kernels that start at once, both may choose the same port
+            if os.name == "posix":
+                config.KernelManager = Config(transport="ipc", ip=f"{sockets}/kernel")
+            papermill.execute_notebook(
+                source,
+                output,
+                parameters,
+                cwd=cwd,
+                execution_timeout=timeout,
+                progress_bar=progress,
+                # a kernel else says how it talks
+                extra_arguments=["--log-level=CRITICAL"],
+                config=config,
+            )
     except papermill.PapermillExecutionError as error:
-        raise NotebookError(
-            f"error in cell {error.cell_index}: {error.ename}: {error.evalue}"
-        ) from error
+        why = f"error in cell {error.cell_index}: {error.ename}: {error.evalue}"
+        raise NotebookError(why) from error
     except TimeoutError as error:
         raise NotebookLost(f"a cell took longer than {timeout} s") from error
     except OSError:
@@ -177,29 +184,28 @@ def execute(
             f"a worker has {versions()}; expected {expected}, as where this was started"
         )
     with tempfile.TemporaryDirectory(dir=get_worker().local_directory) as scratch:
-        begin, end = Path(scratch, "source.ipynb"), Path(scratch, "executed.ipynb")
+        place = Path(cwd if Path(cwd).is_dir() else scratch)
+        begin = Path(scratch, "source.ipynb")
+        end = Path(scratch, "executed.ipynb")
         begin.write_text(source, encoding="utf-8")
         for _ in range(attempts):
-            start, why = time.perf_counter(), ""
+            why = ""
+            start = time.perf_counter()
             try:
-                run(
-                    begin,
-                    end,
-                    parameters,
-                    Path(cwd if Path(cwd).is_dir() else scratch),
-                    timeout,
-                )
+                run(begin, end, parameters, place, timeout)
+            except NotebookLost as error:
+                why = str(error)
+                continue
             except NotebookError as error:
                 why = str(error)
-                if isinstance(error, NotebookLost):
-                    continue
             break
         took = time.perf_counter() - start
-        return (end if end.exists() else begin).read_text(encoding="utf-8"), why, took
+        executed = end if end.exists() else begin
+        return executed.read_text(encoding="utf-8"), why, took
 
 
 @contextmanager
-def workers(scheduler: str | None = None):
+def workers(scheduler: str | None = None) -> Iterator:
     """A Dask client of the scheduler at an address, else of new processes here, one for
     each core.
     """
@@ -209,41 +215,34 @@ def workers(scheduler: str | None = None):
 
     with ExitStack() as stack:
         if scheduler:
-            get_address_host_port(
-                scheduler
-            )  # refuses what is none: a Client would later complain of it again
+            # refuses what is none: a Client would later complain of it again
+            get_address_host_port(scheduler)
         else:
             # Dask has memory given back at once, which makes NumPy's large arrays slow
-            stack.enter_context(
-                dask.config.set(
-                    {"distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": None}
-                )
+            trimming = "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_"
+            stack.enter_context(dask.config.set({trimming: None}))
+            cluster = LocalCluster(
+                threads_per_worker=1,
+                memory_limit=None,
+                dashboard_address="127.0.0.1:0",
+                # Ctrl-C is for us
+                preload=["import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"],
+                silence_logs=logging.CRITICAL,
             )
-            options = {
-                "threads_per_worker": 1,
-                "memory_limit": None,
-                "dashboard_address": "127.0.0.1:0",
-            }
-            options["preload"] = [
-                "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
-            ]  # Ctrl-C is for us
-            scheduler = stack.enter_context(
-                LocalCluster(**options, silence_logs=logging.CRITICAL)
-            )
+            scheduler = stack.enter_context(cluster)
         yield stack.enter_context(Client(scheduler, timeout=10, set_as_default=False))
 
 
-def outcomes(client, jobs: dict[str, tuple]):
+def outcomes(client, jobs: dict[str, tuple]) -> Iterator[tuple[str, str, str, float]]:
     """Carry out runs on Dask's workers; yields, as each ends, its name and what
     `execute` returns. `jobs` has for each name what `execute` takes after the versions.
     """
     from distributed import KilledWorker, as_completed
 
     here = versions()
-    futures = {
-        client.submit(execute, here, *job, pure=False): name
-        for name, job in jobs.items()
-    }
+    futures = {}
+    for name, job in jobs.items():
+        futures[client.submit(execute, here, *job, pure=False)] = name
     for future in as_completed(list(futures), loop=client.loop):
         name = futures.pop(future)
         try:
@@ -254,7 +253,9 @@ def outcomes(client, jobs: dict[str, tuple]):
         yield name, text, why, took
 
 
-def reproduce(paths: list[Path], given: dict, output: Path):
+def reproduce(
+    paths: list[Path], given: dict, output: Path
+) -> tuple[list[tuple], dict[str, str]]:
     """Execute notebooks into `output`; return the items of the papers that they compare
     and, by name, why some failed.
 
@@ -264,60 +265,55 @@ def reproduce(paths: list[Path], given: dict, output: Path):
     """
     from tqdm import tqdm
 
-    from profilecal.scan.tables import remove
     from profilecal_pages import items
 
     output = output.resolve()
+    executed = output / "notebooks"
     declared = {path: parameters_of(path) for path in paths}
-    check_parameters(
-        {name: [value] for name, value in given.items()}, list(declared.values())
-    )
-    marker = output / "run.json"
-    for name in ("notebooks", "figures", "tables", "scorecard.csv"):
-        if (output / name).exists() and not marker.exists():
-            raise ValueError(
-                f"{output / name} was not written by this command; name a new or empty folder"
-            )
-        remove(output / name)
-    (output / "notebooks").mkdir(parents=True)
-    marker.write_text(
-        json.dumps({"notebooks": [path.stem for path in paths], "parameters": given})
-    )
+    values = {name: [value] for name, value in given.items()}
+    check_parameters(values, list(declared.values()))
+    clear(output)
+    executed.mkdir(parents=True)
+    about = {"notebooks": [path.stem for path in paths], "parameters": given}
+    (output / MARKER).write_text(json.dumps(about))
 
-    failed, values = (
-        {},
-        {"results_dir": str(output), "executed_dir": str(output / "notebooks")} | given,
-    )
-    with (
-        workers() as client,
-        tqdm(total=len(paths), unit="notebook", disable=None) as bar,
-    ):
-        for reading in (False, True):
-            jobs = {}
-            for path in paths:
-                if ("executed_dir" in declared[path]) == reading:
-                    parameters = {
-                        name: value
-                        for name, value in values.items()
-                        if name in declared[path]
-                    }
-                    jobs[path.stem] = (
-                        path.read_text(encoding="utf-8"),
-                        parameters,
-                        str(path.parent),
-                        None,
-                    )
-            for name, text, why, took in outcomes(client, jobs):
-                (output / "notebooks" / f"{name}.ipynb").write_text(
-                    text, encoding="utf-8"
-                )
+    places = {"results_dir": str(output), "executed_dir": str(executed)}
+    jobs: dict[bool, dict] = {False: {}, True: {}}  # by whether it reads the others
+    for path, kinds in declared.items():
+        source = path.read_text(encoding="utf-8")
+        parameters = {k: v for k, v in (places | given).items() if k in kinds}
+        job = source, parameters, str(path.parent), None
+        jobs["executed_dir" in kinds][path.stem] = job
+    failed = {}
+    bar = tqdm(total=len(paths), unit="notebook", disable=None)
+    with workers() as client, bar:
+        for part in jobs.values():
+            for name, text, why, took in outcomes(client, part):
+                (executed / f"{name}.ipynb").write_text(text, encoding="utf-8")
                 if why:
                     failed[name] = why
                 bar.write(f"  {name}: {'FAILED' if why else f'{took:.1f} s'}")
                 bar.update()
-    gathered = items.gather(output / "notebooks")
+    gathered = items.gather(executed)
     items.scorecard(gathered).to_csv(output / "scorecard.csv", index=False)
     return gathered, failed
+
+
+MARKER = "run.json"  # says that `reproduce` wrote what lies beside it
+
+
+def clear(output: Path) -> None:
+    """Remove what an earlier run of `reproduce` wrote. Raises ValueError for what no
+    run did.
+    """
+    from profilecal.scan.tables import remove
+
+    for name in ("notebooks", "figures", "tables", "scorecard.csv"):
+        place = output / name
+        if place.exists() and not (output / MARKER).exists():
+            hint = "name a new or empty folder"
+            raise ValueError(f"{place} was not written by this command; {hint}")
+        remove(place)
 
 
 MIME = "application/vnd.profilecal.record"
@@ -330,16 +326,30 @@ def record(table=None, /, **values) -> None:
     """
     from IPython.display import display
 
-    rows = [
-        values | row for row in ([] if table is None else table.to_dict("records"))
-    ] or [values]
-    display(
-        {
-            "text/plain": f"recorded: {', '.join(rows[0])}",
-            MIME: json.dumps(rows, default=_plain),
-        },
-        raw=True,
-    )
+    of_table = [] if table is None else table.to_dict("records")
+    rows = [values | row for row in of_table] or [values]
+    text = f"recorded: {', '.join(rows[0])}"
+    data = json.dumps(rows, default=_plain)
+    display({"text/plain": text, MIME: data}, raw=True)
+
+
+def _plain(value):
+    """NumPy's numbers as Python's."""
+    if hasattr(value, "dtype") and value.ndim == 0:
+        return value.item()
+    kind = type(value).__name__
+    expected = "a number, text, true or false"
+    raise TypeError(f"recorded value {value!r} is a {kind}; expected {expected}")
+
+
+def recorded(notebook: dict) -> list[dict]:
+    """The rows that an executed notebook recorded; one without columns where it
+    recorded nothing.
+    """
+    from profilecal_pages.items import handed_out
+
+    texts = ["".join(text) for text in handed_out(notebook, MIME)]
+    return [row for text in texts for row in json.loads(text)] or [{}]
 
 
 def at_defaults() -> bool:
@@ -354,42 +364,11 @@ def at_defaults() -> bool:
     if not file.exists():
         return False
     cells = json.loads(file.read_text(encoding="utf-8"))["cells"]
-    (source,) = (
-        cell["source"]
-        for cell in cells
-        if "parameters" in cell["metadata"].get("tags", [])
-    )
-    entries = [
-        entry
-        for entry in ast.parse("".join(source)).body
-        if isinstance(entry, ast.AnnAssign)
-    ]
-    defaults = {
-        entry.target.id: ast.literal_eval(entry.value)
-        for entry in entries
-        if entry.target.id != "results_dir"
-    }
-    return all(names[name] == value for name, value in defaults.items())
-
-
-def _plain(value):
-    """NumPy's numbers as Python's."""
-    if hasattr(value, "dtype") and value.ndim == 0:
-        return value.item()
-    raise TypeError(
-        f"recorded value {value!r} is a {type(value).__name__}; expected a number, text, true or false"
-    )
-
-
-def recorded(notebook: dict) -> list[dict]:
-    """The rows that an executed notebook recorded; one without columns where it
-    recorded nothing.
-    """
-    outputs = [
-        output.get("data", {})
-        for cell in notebook["cells"]
-        for output in cell.get("outputs", [])
-    ]
-    return [
-        row for data in outputs for row in json.loads("".join(data.get(MIME, "[]")))
-    ] or [{}]
+    tagged = (c for c in cells if "parameters" in c["metadata"].get("tags", []))
+    for entry in ast.parse("".join(next(tagged)["source"])).body:
+        if isinstance(entry, ast.AnnAssign) and entry.value:
+            name = ast.unparse(entry.target)
+            default = ast.literal_eval(entry.value)
+            if name != "results_dir" and names[name] != default:
+                return False
+    return True

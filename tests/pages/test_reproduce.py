@@ -9,14 +9,23 @@ from distributed import Client
 
 from profilecal_pages import notebooks
 
-PARAMETERS = 'count: int = 2  # [1] how many\nscale: float = 0.5  # [mm]\nresults_dir: str = ""  # [folder]'
+PARAMETERS = """
+count: int = 2  # [1] how many
+scale: float = 0.5  # [mm]
+results_dir: str = ""  # [folder]
+"""
 GOOD = """
 import pandas as pd
 from profilecal_pages import items
 from profilecal_pages import figures
 figures.Results("10_good", results_dir).table(pd.DataFrame({"x": [count]}), "counts")
-row = items.Row("a", "", "x", "1.0", 1, "mm", count * scale, count * scale, count * scale)
+ours = count * scale
+row = items.Row("a", "", "x", "1.0", 1, "mm", ours, ours, ours)
 items.Item("edge", "Table 1", "lengths", (row,), "rounding")
+"""
+READ_OTHERS = """
+from pathlib import Path
+print(sorted(path.name for path in Path(executed_dir).iterdir()))
 """
 
 
@@ -36,69 +45,54 @@ def clone(tmp_path, monkeypatch, cluster):
 
 
 def test_notebooks_run_and_what_they_hand_out_is_gathered(clone):
-    write_notebook(
-        clone / "notebooks/05_bad.ipynb", PARAMETERS, 'raise RuntimeError("the reason")'
-    )
-    write_notebook(clone / "notebooks/10_good.ipynb", PARAMETERS, GOOD)
-    read_others = "from pathlib import Path\nprint(sorted(path.name for path in Path(executed_dir).iterdir()))"
-    write_notebook(
-        clone / "notebooks/00_all.ipynb", 'executed_dir: str = ""', read_others
-    )
+    pages, results = clone / "notebooks", clone / "results"
+    failing = 'raise RuntimeError("the reason")'
+    write_notebook(pages / "05_bad.ipynb", PARAMETERS, failing)
+    write_notebook(pages / "10_good.ipynb", PARAMETERS, GOOD)
+    write_notebook(pages / "00_all.ipynb", 'executed_dir: str = ""', READ_OTHERS)
     result = run("reproduce", "-p", "count", "3")
     assert result.exit_code == 1
     assert "differs" in result.output
     last = result.output.strip().splitlines()[-1]
-    assert re.match(
-        r"FAILED 05_bad: error in cell \d: RuntimeError: the reason \(see results/notebooks/05_bad",
-        last,
-    )
-    assert "the reason" in (clone / "results/notebooks/05_bad.ipynb").read_text()
-    assert (clone / "results/tables/10_good_counts.csv").read_text() == "x\n3\n"
-    assert "1.5" in (clone / "results/scorecard.csv").read_text()
-    last_read = (clone / "results/notebooks/00_all.ipynb").read_text()
+    sentence = r"FAILED 05_bad: error in cell \d: RuntimeError: the reason \(see "
+    assert re.match(sentence + "results/notebooks/05_bad", last)
+    assert "the reason" in (results / "notebooks/05_bad.ipynb").read_text()
+    assert (results / "tables/10_good_counts.csv").read_text() == "x\n3\n"
+    assert "1.5" in (results / "scorecard.csv").read_text()
+    last_read = (results / "notebooks/00_all.ipynb").read_text()
     assert "['05_bad.ipynb', '10_good.ipynb']" in last_read
     assert all(cell["execution_count"] for cell in json.loads(last_read)["cells"])
 
 
 def test_a_second_run_starts_clean(clone):
-    write_notebook(
-        clone / "notebooks/11_more.ipynb",
-        "seed: int = 1  # [1]",
-        "open('ran', 'w').close()",
-    )
+    more, bench = clone / "notebooks/11_more.ipynb", clone / "results/bench.csv"
+    write_notebook(more, "seed: int = 1  # [1]", "open('ran', 'w').close()")
     result = run("reproduce")
     assert result.exit_code == 0, result.output
     assert (clone / "notebooks/ran").exists()
 
-    (clone / "results/bench.csv").write_text("kept")
-    (clone / "notebooks/11_more.ipynb").unlink()
+    bench.write_text("kept")
+    more.unlink()
     assert run("reproduce").exit_code == 0
-    assert [path.name for path in (clone / "results/notebooks").iterdir()] == [
-        "10_good.ipynb"
-    ]
-    assert (clone / "results/bench.csv").read_text() == "kept"
+    (executed,) = (clone / "results/notebooks").iterdir()
+    assert executed.name == "10_good.ipynb"
+    assert bench.read_text() == "kept"
 
 
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (["12"], "no notebook named '12'; there are 10_good"),
-        (
-            ["-p", "cuont", "3"],
-            "no parameter named 'cuont'; there are count, scale, results_dir",
-        ),
-        (["-p", "count", "many"], "parameter count is 'many'; expected int"),
-        (["-p", "scale", "true"], "parameter scale is True; expected float"),
-        (
-            ["--output", "."],
-            "was not written by this command; name a new or empty folder",
-        ),
-        (["--output", "notebooks/10_good.ipynb"], "Not a directory"),
+        ("12", "no notebook named '12'; there are 10_good"),
+        ("-p cuont 3", "no parameter named 'cuont'; there are count, scale, results_"),
+        ("-p count many", "parameter count is 'many'; expected int"),
+        ("-p scale true", "parameter scale is True; expected float"),
+        ("--output .", "was not written by this command; name a new or empty folder"),
+        ("--output notebooks/10_good.ipynb", "Not a directory"),
     ],
 )
 def test_mistakes_are_one_sentence_and_touch_nothing(clone, arguments, sentence):
     before = sorted(clone.rglob("*"))
-    result = run("reproduce", *arguments)
+    result = run("reproduce", *arguments.split())
     assert result.exit_code == 2
     assert sentence in result.output
     assert result.output.startswith("profilecal: ")
@@ -106,16 +100,19 @@ def test_mistakes_are_one_sentence_and_touch_nothing(clone, arguments, sentence)
     assert sorted(clone.rglob("*")) == before
 
 
-def test_parameters_typed_at_the_command_line():
-    typed = {
-        "3": 3,
-        "1e-3": 0.001,
-        "true": True,
-        "False": False,
-        "[1, 2]": [1, 2],
-        "plane": "plane",
-        "": "",
-    }
-    for text, value in typed.items():
-        parsed = notebooks.parse_value(text)
-        assert (parsed, type(parsed)) == (value, type(value))
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("3", 3),
+        ("1e-3", 0.001),
+        ("true", True),
+        ("False", False),
+        ("[1, 2]", [1, 2]),
+        ("plane", "plane"),
+        ("", ""),
+    ],
+)
+def test_parameters_typed_at_the_command_line(text, value):
+    parsed = notebooks.parse_value(text)
+    assert parsed == value
+    assert type(parsed) is type(value)

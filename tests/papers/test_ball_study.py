@@ -1,39 +1,51 @@
 """The fast path of the ball's noise study equals the plain loop."""
 
 import numpy as np
+import pytest
 
 from profilecal.closed_form.ball import solve_ball
 from profilecal.geometry.fitting import fit_circle
 from profilecal_papers.ball_study import PROTOCOLS, ball_study, fig17_scans
 
+TRIALS = 4
 
-def test_ball_study_equals_the_plain_loop():
-    scene, sigma, m = fig17_scans(), 0.3, 3
-    study = ball_study(
-        scene, [0.1, sigma], [1, m], 4, np.random.default_rng(6), workers=1
-    )
-    streams = np.random.default_rng(6).spawn(len(scene.R_tcp))
-    q = np.empty((4, len(scene.R_tcp), m, 3))
-    for (i, j), side in np.ndenumerate(scene.sides(m)):
-        cx, cz, r = scene.circles(m)[i, j]
-        x = scene.x_seen((cx, cz, r))
-        z = (
-            cz
-            + np.sqrt(r**2 - (x - cx) ** 2)
-            + sigma * streams[i].standard_normal((4, len(x)))
-        )
+
+def noisy_centres(scans, sigma, m, rng):
+    """The ball's centres (TRIALS, n, m, 3), sensor frame, that the engine's streams
+    stand for, fitted arc by arc.
+    """
+    n = len(scans.R_tcp)
+    streams = rng.spawn(n)
+    centres = np.empty((TRIALS, n, m, 3))
+    for (i, j), side in np.ndenumerate(scans.sides(m)):
+        cx, cz, r = scans.circles(m)[i, j]
+        x = scans.x_seen((cx, cz, r))
+        noise = sigma * streams[i].standard_normal((TRIALS, len(x)))
+        z = cz + np.sqrt(r**2 - (x - cx) ** 2) + noise
         circle = fit_circle(np.stack(np.broadcast_arrays(x, z), axis=-1))
-        q[:, i, j] = scene.ball.centre_from_circle(circle, side)
-    T = scene.positions(m)
-    for protocol, of_rotation in zip(PROTOCOLS, (1, m), strict=True):
-        arcs = np.where(np.arange(len(T)) < scene.translating, of_rotation, m)
-        T_mean = np.array([T[i, :k].mean(axis=0) for i, k in enumerate(arcs)])
-        for trial in range(4):
-            q_mean = np.array(
-                [q[trial, i, :k].mean(axis=0) for i, k in enumerate(arcs)]
-            )
-            found = solve_ball(scene.R_tcp, T_mean, q_mean, scene.translating)
-            expected = found.translation.q_b - scene.ball.centre
-            np.testing.assert_allclose(
-                study[protocol].centre_error[1, 1, trial], expected, rtol=0, atol=1e-9
-            )
+        centres[:, i, j] = scans.ball.centre_from_circle(circle, side)
+    return centres
+
+
+def means_of_first(values, counts):
+    """Of each pose, the mean of its first so many values (n, m, 3)."""
+    return np.array([of[:k].mean(axis=0) for of, k in zip(values, counts, strict=True)])
+
+
+@pytest.mark.parametrize(
+    ("protocol", "turning"), [(PROTOCOLS[0], 1), (PROTOCOLS[1], 3)]
+)
+def test_ball_study_equals_the_plain_loop(protocol, turning):
+    scans, sigma, m = fig17_scans(), 0.3, 3
+    rng = np.random.default_rng(6)
+    study = ball_study(scans, [0.1, sigma], [1, m], TRIALS, rng, workers=1)[protocol]
+    centres = noisy_centres(scans, sigma, m, np.random.default_rng(6))
+    poses = np.arange(len(scans.R_tcp))
+    counts = np.where(poses < scans.translating, turning, m)
+    T = means_of_first(scans.positions(m), counts)
+    for trial in range(TRIALS):
+        q = means_of_first(centres[trial], counts)
+        solution = solve_ball(scans.R_tcp, T, q, scans.translating)
+        expected = solution.translation.q_b - scans.ball.centre
+        found = study.centre_error[1, 1, trial]
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9)

@@ -1,3 +1,5 @@
+"""The numbers that the papers print, and what their rounding allows."""
+
 import numpy as np
 import pytest
 
@@ -24,11 +26,8 @@ def test_every_number_is_printed_with_no_more_digits_than_stated(paper):
 
 
 def test_inputs_of_the_disk_paper_are_its_tables_of_measurements():
-    assert set(published.table("disk").query("role == 'input'")["item"]) == {
-        "Table I",
-        "Table III",
-        "Table IV",
-    }
+    inputs = published.table("disk").query("role == 'input'")
+    assert set(inputs["item"]) == {"Table I", "Table III", "Table IV"}
 
 
 def test_rotations_and_unit_vectors_are_what_they_should_be_within_their_digits():
@@ -36,12 +35,8 @@ def test_rotations_and_unit_vectors_are_what_they_should_be_within_their_digits(
         R = published.values("disk", item, name)[:, :3]
         assert np.abs(R @ R.T - np.eye(3)).max() < 4e-5
     for name in ("D_i", "D_b"):
-        assert (
-            np.abs(
-                np.linalg.norm(published.values("disk", "Table I", name), axis=1) - 1
-            ).max()
-            < 1e-3
-        )
+        lengths = np.linalg.norm(published.values("disk", "Table I", name), axis=1)
+        np.testing.assert_allclose(lengths, 1, rtol=0, atol=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -65,53 +60,67 @@ def test_the_rounding_box_holds_the_tables_that_print_alike():
     drawn = box.draw(500, np.random.default_rng(1))
     printed = published.values("disk", "Table I", "q")
     assert drawn["q"].shape == (500, 4, 3)
-    np.testing.assert_array_equal(
-        drawn["q"].round(3), np.broadcast_to(printed, drawn["q"].shape)
-    )
+    assert (drawn["q"].round(3) == printed).all()
     np.testing.assert_array_equal(box.at(np.zeros(box.size))["q"], printed)
-    np.testing.assert_array_equal(
-        np.ptp(drawn["q"], axis=0) > 0, np.tile([True, False, True], (4, 1))
-    )  # y is exact
+    x, y, z = np.ptp(drawn["q"], axis=0).T
+    assert (x > 0).all()
+    assert (y == 0).all()  # by definition
+    assert (z > 0).all()
+
+
+def sums(tables):
+    return tables["q"].sum(axis=-2)
 
 
 def test_reach_finds_a_place_where_there_is_one_and_says_how_far_out_another_is():
     box = published.RoundingBox("disk", "Table I", ("q",))
+    near = np.full(3, 1e-6)
     place = np.random.default_rng(2).uniform(-0.9, 0.9, box.size)
-    total = lambda t: t["q"].sum(axis=-2)  # noqa: E731
-    found, size = box.reach(total, total(box.at(place)), np.full(3, 1e-6))
-    np.testing.assert_allclose(
-        total(box.at(found)), total(box.at(place)), rtol=0, atol=1e-6
-    )
-    assert np.abs(found).max() == size <= 0.9
-    four_rows = total(box.at(np.zeros(box.size))) + 4 * 0.0005 * np.array([0, 0, 5])
-    assert box.reach(total, four_rows, np.full(3, 1e-6))[1] == pytest.approx(
-        5, abs=1e-3
-    )
-    assert np.isinf(
-        box.reach(lambda t: 0 * total(t), total(box.at(place)) + 1, np.full(3, 1e-6))[1]
-    )
+    target = sums(box.at(place))
+    found, change = box.reach(sums, target, near)
+    np.testing.assert_allclose(sums(box.at(found)), target, rtol=0, atol=1e-6)
+    assert np.abs(found).max() == change <= 0.9
+
+    # z of four rows, each five half units off
+    beyond = sums(box.at(np.zeros(box.size)))
+    beyond[2] += 4 * 5 * 0.0005
+    _, change = box.reach(sums, beyond, near)
+    assert change == pytest.approx(5, abs=1e-3)
+
+    _, change = box.reach(lambda tables: 0 * sums(tables), target + 1, near)
+    assert np.isinf(change)
 
 
 def test_of_several_values_the_largest_is_brought_to_its_target():
     box = published.RoundingBox("disk", "Table I", ("q",))
-    x = lambda t: (
-        1000 * (t["q"][..., 0] - published.values("disk", "Table I", "q")[:, 0])
-    )
-    found, size = box.reach(x, [0.25], [0.01], largest_of=4)
-    assert x(box.at(found)).max() == pytest.approx(0.25, abs=0.01)
-    assert size == pytest.approx(0.5, abs=0.02)
+    printed = published.values("disk", "Table I", "q")
+
+    def change_of_x(tables):
+        """In micrometres."""
+        return 1000 * (tables["q"][..., 0] - printed[:, 0])
+
+    found, change = box.reach(change_of_x, [0.25], [0.01], largest_of=4)
+    assert change_of_x(box.at(found)).max() == pytest.approx(0.25, abs=0.01)
+    assert change == pytest.approx(0.5, abs=0.02)
 
 
-def test_the_least_change_of_a_curved_value_is_found_and_none_where_it_suffices():
+def test_the_least_change_of_a_curved_value_is_found():
     """Of all points at distance 5, the one reached by equal steps takes the smallest
     largest step.
     """
-    start, square = np.array([0.1, 0.2, 0.3, 0.4]), np.array([25.0])
-    x, size = published.least_change(
-        lambda x: ((start + x) ** 2).sum(axis=-1)[..., None], square, square + 1e-6, 4
-    )
-    assert ((start + x) ** 2).sum() == pytest.approx(25, abs=2e-6)
-    assert size == pytest.approx(np.roots([4, 2, 0.3 - 25]).max(), rel=1e-4)
-    assert published.least_change(lambda x: x, np.full(3, -0.1), np.full(3, 0.1), 3)[
-        1
-    ] == pytest.approx(0, abs=1e-9)
+    start = np.array([0.1, 0.2, 0.3, 0.4])
+    low = np.array([25.0])
+
+    def square(x):
+        return ((start + x) ** 2).sum(axis=-1)[..., None]
+
+    x, change = published.least_change(square, low, low + 1e-6, 4)
+    assert square(x) == pytest.approx(25, abs=2e-6)
+    equal_steps = np.roots([4, 2, 0.3 - 25]).max()
+    assert change == pytest.approx(equal_steps, rel=1e-4)
+
+
+def test_where_no_change_is_needed_the_least_change_is_none():
+    ends = np.full(3, -0.1), np.full(3, 0.1)
+    _, change = published.least_change(lambda x: x, *ends, 3)
+    assert change == pytest.approx(0, abs=1e-9)
