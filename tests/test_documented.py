@@ -79,6 +79,12 @@ def test_examples_run():
     assert examples >= 5
 
 
+def test_the_page_on_python_runs():
+    page = doctest.testfile(str(ROOT / "docs" / "python.md"), module_relative=False)
+    assert page.attempted > 20
+    assert not page.failed
+
+
 def test_the_readme_shows_what_the_command_prints():
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     (shown,) = re.findall(r"^```\n(status .*?)^```", text, re.DOTALL | re.MULTILINE)

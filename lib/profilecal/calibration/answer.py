@@ -63,8 +63,7 @@ def in_mm_rad(covariance: np.ndarray) -> np.ndarray:
 
 
 def read_answer(path: str | Path) -> Answer:
-    """The answer that ``profilecal calibrate --json`` printed, or `Calibration.to_json`
-    holds.
+    """The answer in a file, as ``profilecal calibrate --json`` prints it.
 
     Parameters
     ----------

@@ -17,8 +17,9 @@ from profilecal.joint.solve import squares
 
 @dataclass(frozen=True)
 class LeftOut:
-    """What the other orientations say of each of G. An orientation that the answer
-    cannot do without has NaN.
+    """What the other orientations say of each of G, from `leave_out`.
+
+    An orientation that the answer cannot do without has NaN.
     """
 
     poses: tuple[tuple[str, ...], ...]  # (G,) labels of each orientation's poses

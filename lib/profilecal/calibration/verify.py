@@ -34,8 +34,9 @@ SAME_SCAN = 1e-3
 
 @dataclass(frozen=True, repr=False)
 class Verification:
-    """How far the answer of a second scan is from a sensor pose, and what is to be
-    expected.
+    """How far a second scan's answer is from a sensor pose, and what is expected.
+
+    `as_expected` is the verdict, `chance` what it rests on.
     """
 
     delta: np.ndarray  # (6,) from the pose to the answer, the pose's frame, mm and rad

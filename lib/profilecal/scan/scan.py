@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -46,10 +47,10 @@ def length_rules(kind: str, scale: float = 1.0) -> dict[str, Rule]:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Scan:
-    """One scan: P poses of the flange, and what the scanner saw from each. Made from
-    arrays by `Scan.of`, from a folder by `read_scan`. Lengths are in mm.
+    """One scan: P poses of the flange, and what the scanner saw from each.
 
-    It is checked where it is made: a Scan that exists is well formed.
+    `Scan.of` makes one from arrays, `read_scan` from a folder. Lengths are in mm. It is
+    checked where it is made: a Scan that exists is well formed.
     """
 
     kind: str  # of the target: edge, disk, ball, plane, point or rod
@@ -256,10 +257,9 @@ class Scan:
     def __repr__(self) -> str:
         groups = int(self.group.max(initial=-1)) + 1
         orientations = f"{groups} orientation{'s' * (groups != 1)}"
-        title = f", {self.title!r}" if self.title else ""
         return (
             f"Scan({self.description}, {len(self.labels)} poses of {orientations}, "
-            f"{self.measured}, {self.mount}{title})"
+            f"{self.measured}, {self.mount})"
         )
 
     @property
@@ -283,7 +283,7 @@ class Scan:
         lengths = [f"{name} {value:g} mm" for name, value in self.measures.items()]
         return ", ".join([self.kind, *lengths])
 
-    def base_flange(self, poses) -> tuple[np.ndarray, np.ndarray]:
+    def base_flange(self, poses: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
         """Some poses (k,) as the calibration takes them: rotations (k, 3, 3) and
         translations (k, 3) of the flange in the base frame; eye-to-hand, of the base in
         the flange frame.
@@ -297,7 +297,7 @@ def largest_of(rows: np.ndarray) -> float:
     return float(np.nanmax(np.abs(rows), initial=0.0))
 
 
-def rows_by_pose(measured: str, values) -> tuple[np.ndarray, ...]:
+def rows_by_pose(measured: str, values: Any) -> tuple[np.ndarray, ...]:
     """What was measured, as a `Scan` has it: (P,) of (rows, columns). Raises ValueError
     for arrays of another shape.
     """

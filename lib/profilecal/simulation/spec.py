@@ -106,8 +106,7 @@ def simulate(kind: str = "edge", seed: int = 1, **entries: Any) -> tuple[Scan, T
     --------
     >>> scan, truth = simulate("disk", seed=1, groups=4, positions=20)
     >>> scan
-    Scan(disk, radius 50 mm, 80 poses of 4 orientations, chords, eye-in-hand, \
-'simulated disk')
+    Scan(disk, radius 50 mm, 80 poses of 4 orientations, chords, eye-in-hand)
     >>> truth.pose.shape
     (4, 4)
     """

@@ -1,0 +1,205 @@
+"""The library from outside: what four users type who have nothing but docstrings."""
+
+import ast
+import re
+import subprocess
+import sys
+from inspect import getdoc, getsource, isclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import RigidTransform, Rotation
+
+import profilecal as pc
+
+ROOT = Path(__file__).parents[2]
+EXAMPLES = ROOT / "data" / "examples"
+
+
+def poses_and_values(scan):
+    """What a user has of a scan in arrays of their own."""
+    return scan.T_base_flange, [np.array(rows) for rows in scan.values]
+
+
+class TestFourUsers:
+    def test_one_has_arrays_of_profiles_and_quaternions(self):
+        recorded, truth = pc.simulate("plane", seed=3, measured="profiles")
+        rotations = Rotation.from_matrix(recorded.R_base_flange)
+        quaternions = rotations.as_quat(scalar_first=True)
+
+        poses = pc.pose_matrices(recorded.p_base_flange, quaternions)
+        scan = pc.Scan.of("plane", poses, profiles=recorded.values)
+        found = pc.calibrate(scan)
+
+        assert found.status == "ok"
+        shift = np.linalg.inv(found.pose) @ truth.pose[:, 3]
+        size = np.sqrt(
+            shift[:3] @ np.linalg.solve(found.covariance_mm_deg[:3, :3], shift[:3])
+        )
+        assert size < 4  # standard deviations
+
+    def test_one_has_edge_points_in_uneven_groups_for_the_papers_solver(self):
+        recorded, truth = pc.simulate("edge", seed=1, noise={"profile_mm": 0.01})
+        kept = np.random.default_rng(1).permutation(250)[
+            :180
+        ]  # of each group another number
+        points = np.concatenate(recorded.values)
+
+        found = pc.solve_edge(
+            recorded.R_base_flange[kept], recorded.p_base_flange[kept], points[kept]
+        )
+
+        assert np.linalg.norm(found.T_sensor - truth.pose[:3, 3]) < 1  # mm
+        assert np.abs(found.R_sensor - truth.pose[:3, :3]).max() < 0.01
+
+    def test_one_calibrates_and_verifies_a_simulated_disk(self):
+        scan, truth = pc.simulate("disk", seed=1)
+        again, _ = pc.simulate(
+            "disk", seed=1, groups=5
+        )  # the same scanner, other poses
+        another, _ = pc.simulate("disk", seed=2)
+
+        found = pc.calibrate(scan)
+
+        assert found.status == "ok"
+        assert np.abs(found.pose - truth.pose).max() < 1  # mm
+        assert pc.verify(found, again).as_expected
+        assert not pc.verify(found, another).as_expected
+
+    def test_one_makes_a_mistake_of_every_kind(self):
+        poses, points = poses_and_values(pc.simulate("edge", seed=1)[0])
+        scan = {
+            "kind": "edge",
+            "T_base_flange": poses,
+            "points": np.concatenate(points),
+        }
+        mirrored = poses @ np.diag([1, 1, -1, 1.0])
+        in_metres = poses.copy()
+        in_metres[:, :3, 3] /= 1000
+        unknown = poses.copy()
+        unknown[4, 0, 3] = np.nan
+        mistakes = {
+            "T_base_flange has shape": {"T_base_flange": poses[:, :3]},
+            "T_base_flange has shape .* for 250 points": {"T_base_flange": poses[:9]},
+            r"T_base_flange\[0\] is a reflection": {"T_base_flange": mirrored},
+            r"T_base_flange\[4, 0, 3\] is nan": {"T_base_flange": unknown},
+            "T_base_flange has shape .* expected .*n, 4, 4": {"T_base_flange": 7.0},
+            "mount is 'eye_to_hand'; expected": {"mount": "eye_to_hand"},
+            "kind is 'edgy'; expected edge or disk": {"kind": "edgy"},
+            "unknown entry 'profile_um'": {"noise": {"profile_um": 50}},
+            "profile_mm is -0.05": {"noise": {"profile_mm": -0.05}},
+            "noise is 0.05; expected entries": {"noise": 0.05},
+            "points .* are they in mm": {"points": scan["points"] / 1000},
+            "flange position is .* are they in mm": {"T_base_flange": in_metres},
+            "points has shape": {"points": scan["points"][:, :1]},
+            "expected one of profiles, points": {"profiles": points},
+            "unknown entry 'radius'": {"radius": 50.0},
+            "radius is missing": {"kind": "disk"},
+            r"group has shape \(3,\)": {"group": [0, 0, 1]},
+            "side is 2; expected": {"side": 2},
+            "different labels for 250 poses": {"labels": ["p"] * 250},
+        }
+        for sentence, change in mistakes.items():
+            with pytest.raises(pc.ScanError, match=sentence) as caught:
+                pc.Scan.of(**scan | change)
+            assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("kind", ["edge", "disk", "ball"])
+def test_arrays_and_a_folder_give_the_same_answer_to_the_last_digit(kind):
+    from_folder = pc.read_scan(EXAMPLES / kind)
+    poses, profiles = poses_and_values(from_folder)
+    from_arrays = pc.Scan.of(
+        kind,
+        poses,
+        profiles=profiles,
+        noise=dict(from_folder.noise),
+        labels=from_folder.labels,
+        title=from_folder.title,
+        **from_folder.measures,
+    )
+    found = [pc.calibrate(scan).to_json() for scan in (from_folder, from_arrays)]
+    assert found[0] == found[1]
+    assert pc.check(from_arrays)[2:] == pc.check(from_folder)[2:]
+
+
+def test_a_rigid_transform_is_taken_for_poses():
+    scan, _ = pc.simulate("point", seed=1)
+    transforms = RigidTransform.from_matrix(scan.T_base_flange)
+    points = np.concatenate(scan.values)
+    again = pc.Scan.of("point", transforms, points=points)
+    np.testing.assert_allclose(again.T_base_flange, scan.T_base_flange, atol=1e-9)
+
+
+def test_where_nothing_was_found_the_answer_raises_what_to_add():
+    scan, _ = pc.simulate("edge", seed=1, spread_deg=0.0)
+    found = pc.calibrate(scan)
+    assert found.status == "unobservable"
+    for name in ("pose", "covariance_mm_deg", "translation_sd_mm", "targets"):
+        with pytest.raises(
+            pc.UnobservableError, match="add poses tilted by 15° or more"
+        ):
+            getattr(found, name)
+
+
+def test_python_and_json_say_the_same_numbers_in_the_same_units():
+    scan, _ = pc.simulate("ball", seed=1)
+    found = pc.calibrate(scan)
+    said = found.to_json()
+    assert said["T_flange_sensor"] == found.pose.tolist()
+    assert said["covariance"] == found.covariance_mm_deg.tolist()
+    assert said["covariance_total"] == found.covariance_total_mm_deg.tolist()
+    assert said["translation_sd_mm"] == found.translation_sd_mm.tolist()
+    assert said["rotation_sd_deg"] == found.rotation_sd_deg.tolist()
+    assert said["noise_mm"] == found.noise_mm
+
+
+@pytest.mark.parametrize("spread_deg", [0.0, 30.0])
+def test_what_is_shown_at_the_prompt_fits_a_screen(spread_deg):
+    scan, _ = pc.simulate("disk", seed=1, spread_deg=spread_deg, groups=3)
+    for shown in (repr(scan), repr(pc.calibrate(scan))):
+        assert len(shown.splitlines()) <= 20
+        assert max(map(len, shown.splitlines())) <= 88
+
+
+@pytest.mark.parametrize("name", pc.__all__)
+def test_a_public_name_is_documented(name):
+    thing = getattr(pc, name)
+    text = getdoc(thing)
+    assert text.splitlines()[0].endswith(".")
+    if not isclass(thing):
+        assert "\nParameters\n---" in text
+        assert "\nReturns\n---" in text or "-> None" in getsource(thing)
+        if "raise" in getsource(thing):
+            assert "\nRaises\n---" in text
+
+
+def test_type_checkers_see_the_public_names():
+    tree = ast.parse((ROOT / "lib/profilecal/__init__.py").read_text(encoding="utf-8"))
+    names = [
+        alias.asname
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+        if alias.asname
+    ]
+    assert sorted(names) == sorted(pc.__all__) == dir(pc)
+    assert (ROOT / "lib/profilecal/py.typed").exists()
+    with pytest.raises(AttributeError, match="has no attribute 'calibrat'"):
+        _ = pc.calibrat
+
+
+def test_nothing_is_loaded_before_it_is_used():
+    code = "import sys, profilecal; print('numpy' in sys.modules, len(dir(profilecal)))"
+    command = [sys.executable, "-c", code]
+    said = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    assert said.split() == ["False", str(len(pc.__all__))]
+
+
+def test_the_example_in_the_readme_runs(monkeypatch):
+    monkeypatch.chdir(ROOT)
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    (code,) = re.findall(r"^```python\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
+    assert len(code.splitlines()) <= 12
+    exec(code, {})
