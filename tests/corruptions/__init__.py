@@ -5,8 +5,7 @@ Some make a faultless scan of another sensor pose, which no program can tell fro
 of that sensor. They carry the pose that they stand for:
 
 - the profiles' x or z negated or exchanged for each other, in all of them: as the scan
-  plane has no y, that is the
-  scanner turned by 180° about its z, x, or a diagonal;
+  plane has no y, that is the scanner turned by 180° about its z, x, or a diagonal;
 - poses of a tool instead of the flange: the sensor pose relative to the tool;
 - a left-handed robot frame, y and two angles negated: the mirror image of the flange
   and the sensor;

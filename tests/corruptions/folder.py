@@ -1,4 +1,4 @@
-"""A scan folder that corruptions change, and what they draw from: rows, files, sizes."""
+"""A scan folder that corruptions change, and what they draw: rows, files, sizes."""
 
 import tomllib
 from io import StringIO
@@ -17,8 +17,8 @@ from profilecal.scan.conventions import (
 from profilecal.scan.toml import toml_text
 
 EXAMPLES = Path(__file__).parents[2] / "data" / "examples"
-# of wrong scales: in these scans residuals do not show less, which moves the answer all
-# the same
+# the least that a scale is wrong by: less moves the answer too, but the residuals of
+# these scans do not show it
 SLIGHT = 4e-3
 CONVENTIONS_COLUMNS = {
     column for convention in CONVENTIONS for column in convention.columns
@@ -33,22 +33,20 @@ class Folder:
         self.files = {
             path.name: path.read_bytes() for path in (EXAMPLES / kind).iterdir()
         }
-        self.truth = np.array(
-            tomllib.loads(self.files["truth.toml"].decode())["T_flange_sensor"]
-        )
+        truth = tomllib.loads(self.files["truth.toml"].decode())
+        self.truth = np.array(truth["T_flange_sensor"])
 
     def table(self, name):
-        """The rows of a table, numbers where they are numbers. Another corruption may
-        have left nothing to read.
+        """The rows of a table, numbers where they are numbers.
+
+        Another corruption may have left nothing to read.
         """
-        return pd.read_csv(
-            StringIO(self.files[f"{name}.csv"].decode()), dtype={"pose": str}
-        )
+        text = self.files[f"{name}.csv"].decode()
+        return pd.read_csv(StringIO(text), dtype={"pose": str})
 
     def put(self, name, table):
-        self.files[f"{name}.csv"] = table.to_csv(
-            index=False, float_format="%.12g"
-        ).encode()
+        text = table.to_csv(index=False, float_format="%.12g")
+        self.files[f"{name}.csv"] = text.encode()
 
     def header(self):
         return tomllib.loads(self.files["scan.toml"].decode())
@@ -64,7 +62,7 @@ class Folder:
         return table, convention, R, table[["x", "y", "z"]].to_numpy(float)
 
     def put_poses(self, table, convention, R, T):
-        table = table.drop(columns=[c for c in CONVENTIONS_COLUMNS if c in table])
+        table = table.drop(columns=CONVENTIONS_COLUMNS.intersection(table))
         table[["x", "y", "z"]] = T
         table[list(convention.columns)] = from_rotations(convention, R)
         self.put("poses", table)
@@ -83,16 +81,14 @@ def corruption(function):
 def some(rng, count, least=1, most=None):
     """A few of `count` rows, or a share of them."""
     most = most or max(least, count // 2)
-    number = min(
-        count,
-        max(least, round(float(np.exp(rng.uniform(np.log(least), np.log(most)))))),
-    )
-    return rng.choice(count, number, replace=False)
+    number = round(float(np.exp(rng.uniform(np.log(least), np.log(most)))))
+    return rng.choice(count, min(count, max(least, number)), replace=False)
 
 
 def any_size(rng, low, high):
     """Log-uniform, either sign."""
-    return float(np.exp(rng.uniform(np.log(low), np.log(high))) * rng.choice([-1, 1]))
+    size = np.exp(rng.uniform(np.log(low), np.log(high)))
+    return float(size * rng.choice([-1, 1]))
 
 
 def one(rng, choices):
@@ -102,8 +98,7 @@ def one(rng, choices):
 
 def turned(folder, axis):
     """The scanner turned by 180°."""
+    half_turn = Rotation.from_rotvec(np.pi * np.array(axis) / np.linalg.norm(axis))
     X = np.eye(4)
-    X[:3, :3] = Rotation.from_rotvec(
-        np.pi * np.array(axis) / np.linalg.norm(axis)
-    ).as_matrix()
+    X[:3, :3] = half_turn.as_matrix()
     folder.truth = folder.truth @ X

@@ -35,10 +35,9 @@ def turns(rng, deg, shape):
 @corruption
 def angles_in_other_sequence(rng, folder):
     table, _, R, _ = folder.poses()
-    angles = Rotation.from_matrix(R).as_euler(
-        one(rng, ["XYZ", "xyz", "ZYX", "zyx", "ZYZ", "YXZ"]), degrees=True
-    )
-    table = table.drop(columns=[c for c in CONVENTIONS_COLUMNS if c in table])
+    sequence = one(rng, ["XYZ", "xyz", "ZYX", "zyx", "ZYZ", "YXZ"])
+    angles = Rotation.from_matrix(R).as_euler(sequence, degrees=True)
+    table = table.drop(columns=CONVENTIONS_COLUMNS.intersection(table))
     table[one(rng, ["a b c", "w p r", "alpha beta gamma"]).split()] = angles
     folder.put("poses", table)
 
@@ -90,10 +89,8 @@ def base_moved(rng, R, T, folder):
 @on_poses
 def poses_of_a_tool(rng, R, T, folder):
     X = np.eye(4)
-    X[:3, :3], X[:3, 3] = (
-        Rotation.random(rng=rng).as_matrix(),
-        rng.uniform(-300, 300, 3),
-    )
+    X[:3, :3] = Rotation.random(rng=rng).as_matrix()
+    X[:3, 3] = rng.uniform(-300, 300, 3)
     folder.truth = np.linalg.inv(X) @ folder.truth
     return R @ X[:3, :3], T + R @ X[:3, 3]
 
@@ -107,12 +104,11 @@ def left_handed_robot(rng, R, T, folder):
 
 @corruption
 def few_poses(rng, folder):
-    table, profiles = folder.table("poses"), folder.table("profiles")
-    table = table.iloc[
-        np.sort(rng.choice(len(table), rng.integers(0, 14), replace=False))
-    ]
-    folder.put("poses", table)
-    folder.put("profiles", profiles[profiles["pose"].isin(table["pose"])])
+    poses, profiles = folder.table("poses"), folder.table("profiles")
+    rows = rng.choice(len(poses), rng.integers(0, 14), replace=False)
+    poses = poses.iloc[np.sort(rows)]
+    folder.put("poses", poses)
+    folder.put("profiles", profiles[profiles["pose"].isin(poses["pose"])])
 
 
 @corruption

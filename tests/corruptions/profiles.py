@@ -8,21 +8,25 @@ import pandas as pd
 from corruptions.folder import SLIGHT, any_size, corruption, one, some
 
 
+def by_pose(table):
+    """The rows of each pose."""
+    return dict(list(table.groupby("pose", sort=False)))
+
+
 def on_profiles(most):
-    """A corruption of up to a share of the profiles, all where it is 0: one(rng) gives
-    a function of points (n, 2).
+    """A corruption of up to a share of the profiles, of all where it is 0.
+
+    What it decorates draws a function of points (n, 2).
     """
 
     def decorated(function):
         @wraps(function)
         def change(rng, folder):
-            of_points, table = function(rng), folder.table("profiles")
-            parts = dict(list(table.groupby("pose", sort=False)))
-            chosen = (
-                some(rng, len(parts), 1, max(1, int(most * len(parts))))
-                if most
-                else range(len(parts))
-            )
+            of_points = function(rng)
+            parts = by_pose(folder.table("profiles"))
+            chosen = range(len(parts))
+            if most:
+                chosen = some(rng, len(parts), 1, max(1, int(most * len(parts))))
             for label in np.array(list(parts), dtype=object)[chosen]:
                 x, z = of_points(parts[label][["x", "z"]].to_numpy(float)).T
                 parts[label] = pd.DataFrame({"pose": label, "x": x, "z": z})
@@ -57,20 +61,17 @@ def profiles_stretched_or_sheared(rng):
     """A scanner with wrong scales in x and z, or whose laser plane is not where it
     believes it to be.
     """
-    factor, shear = (
-        1 + rng.choice([-1, 1, 2], 2) * any_size(rng, SLIGHT, 0.2),
-        any_size(rng, SLIGHT, 0.5),
-    )
-    distortion = one(rng, [np.diag(factor), np.array([[1, 0], [shear, 1]])])
+    factors = 1 + rng.choice([-1, 1, 2], 2) * any_size(rng, SLIGHT, 0.2)
+    shear = any_size(rng, SLIGHT, 0.5)
+    distortion = one(rng, [np.diag(factors), np.array([[1, 0], [shear, 1]])])
     return lambda p: p @ distortion
 
 
 @on_profiles(0.4)
 def profiles_moved_or_turned(rng):
-    shift, angle = one(
-        rng,
-        [(any_size(rng, 0.02, 100), 0.0), (0.0, np.radians(any_size(rng, 0.05, 90)))],
-    )
+    shift = any_size(rng, 0.02, 100)
+    angle = np.radians(any_size(rng, 0.05, 90))
+    shift, angle = one(rng, [(shift, 0.0), (0.0, angle)])
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
     return lambda p: p @ turn.T + shift * rng.normal(size=2)
 
@@ -87,9 +88,8 @@ def profiles_spiky(rng):
 
     def change(points):
         bad = rng.uniform(size=len(points)) < share
-        points[bad, 1] = rng.choice([0, 500, -500, points[0, 1]]) + rng.normal(
-            size=bad.sum()
-        )
+        level = rng.choice([0, 500, -500, points[0, 1]])
+        points[bad, 1] = level + rng.normal(size=bad.sum())
         return points
 
     return change
@@ -97,7 +97,7 @@ def profiles_spiky(rng):
 
 @corruption
 def profile_of_another_pose(rng, folder):
-    parts = dict(list(folder.table("profiles").groupby("pose", sort=False)))
+    parts = by_pose(folder.table("profiles"))
     labels = list(parts)
     for i in some(rng, len(labels)):
         parts[labels[i]] = parts[one(rng, labels)].assign(pose=labels[i])

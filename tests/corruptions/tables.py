@@ -18,54 +18,55 @@ def on_table(function):
     def change(rng, folder):
         name = str(rng.choice(["poses", "profiles"]))
         table = folder.table(name)
-        column = str(
-            rng.choice([c for c in table.columns if c not in ("pose", "side")])
-        )
+        column = str(rng.choice(numbers_of(table)))
         folder.put(name, function(rng, table, column, name, folder))
 
     return corruption(change)
 
 
+def numbers_of(table, *others):
+    """The names of columns of numbers, but for some."""
+    return [name for name in table.columns if name not in ("pose", "side", *others)]
+
+
 @on_table
 def column_renamed(rng, table, column, *_):
     old = one(rng, ["pose", column])
-    return table.rename(
-        columns={old: one(rng, ["", "X", f" {old} ", f"{old}_mm", "pose", "x", "qx"])}
-    )
+    new = one(rng, ["", "X", f" {old} ", f"{old}_mm", "pose", "x", "qx"])
+    return table.rename(columns={old: new})
 
 
 @on_table
 def column_doubled(rng, table, column, *_):
-    again = (
-        table[column]
-        if rng.uniform() < 0.5
-        else table[column].sample(frac=1, random_state=1).to_numpy()
-    )
+    again = table[column]
+    if rng.uniform() >= 0.5:
+        again = again.sample(frac=1, random_state=1).to_numpy()
     table.insert(int(rng.integers(table.shape[1] + 1)), f"{column}#", again)
-    return table.rename(
-        columns={f"{column}#": str(rng.choice([column, column.upper(), f" {column}"]))}
-    )
+    title = str(rng.choice([column, column.upper(), f" {column}"]))
+    return table.rename(columns={f"{column}#": title})
 
 
 @on_table
 def names_of_columns_exchanged(rng, table, column, name, folder):
     """Only the header line: x for y, qw for qx, a for c."""
-    other = str(
-        rng.choice([c for c in table.columns if c not in ("pose", "side", column)])
-    )
+    other = str(rng.choice(numbers_of(table, column)))
     if name == "profiles":  # x for z
         turned(folder, [1, 0, 1])
     return table.rename(columns={column: other, other: column})
 
 
+CELLS = (
+    *(np.nan, np.inf, -np.inf, 1e308, -1e308, 1e-320, 0, 9999.99, -32768, 1e9),
+    *("text", "", "NA", "1,5", "None", "1.5 mm"),
+)
+
+
 @on_table
 def cells_replaced(rng, table, *_):
     table = table.astype(object)
-    numbers = (np.nan, np.inf, -np.inf, 1e308, -1e308, 1e-320, 0, 9999.99, -32768, 1e9)
-    for i in some(rng, len(table), 1, 20):
-        table.iat[i, rng.integers(table.shape[1])] = one(
-            rng, (*numbers, "text", "", "NA", "1,5", "None", "1.5 mm")
-        )
+    for row in some(rng, len(table), 1, 20):
+        cell = one(rng, CELLS)
+        table.iat[row, rng.integers(table.shape[1])] = cell
     return table
 
 
@@ -78,33 +79,23 @@ def a_column_negated(rng, table, column, name, folder):
 
 @on_table
 def a_column_scaled(rng, table, column, *_):
-    factor = one(
-        rng,
-        [
-            1000,
-            0.001,
-            10,
-            0.1,
-            25.4,
-            180 / np.pi,
-            np.pi / 180,
-            1 + any_size(rng, SLIGHT, 0.1),
-        ],
-    )
+    of_units = 1000, 0.001, 10, 0.1, 25.4, 180 / np.pi, np.pi / 180
+    factor = one(rng, [*of_units, 1 + any_size(rng, SLIGHT, 0.1)])
     return table.assign(**{column: table[column] * factor})
 
 
 @on_table
 def digits_lost(rng, table, *_):
     """Values printed coarsely."""
-    columns = [c for c in table.columns if c not in ("pose", "side")]
-    return table.assign(**table[columns].round(int(rng.integers(-1, 3))))
+    digits = int(rng.integers(-1, 3))
+    return table.assign(**table[numbers_of(table)].round(digits))
 
 
 @on_table
 def labels_permuted(rng, table, *_):
     old = table["pose"].unique()
-    new, rows = np.roll(old, rng.choice([1, -1, 2])), some(rng, len(old), 2, len(old))
+    new = np.roll(old, rng.choice([1, -1, 2]))
+    rows = some(rng, len(old), 2, len(old))
     if rng.uniform() < 0.5:
         new = old.copy()
         new[rows] = old[rng.permutation(rows)]
