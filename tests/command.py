@@ -1,51 +1,49 @@
-"""The command line, as a user calls it, small notebooks to give it, and files with
-changes.
-"""
+"""The command line as a user calls it, and files to give it."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
-from click.testing import CliRunner
+from click.testing import CliRunner, Result
 
 from profilecal_tool.cli import main
 
+KERNEL = {"name": "python3", "language": "python", "display_name": "Python 3"}
 
-def run(*arguments):
+
+def run(*arguments) -> Result:
     """The result of `profilecal` with these arguments."""
     return CliRunner().invoke(main, [str(argument) for argument in arguments])
 
 
 def write_notebook(path: Path, parameters: str, *codes: str) -> Path:
-    """A notebook with a cell of parameters and cells of code."""
-    cells = [
-        {
-            "cell_type": "code",
-            "id": f"c{k}",
-            "metadata": {"tags": tags},
-            "source": source,
-        }
-        for k, (source, tags) in enumerate(
-            [(parameters, ["parameters"]), *[(code, []) for code in codes]]
-        )
-    ]
-    for cell in cells:
-        cell.update(execution_count=None, outputs=[])
-    kernel = {
-        "kernelspec": {
-            "name": "python3",
-            "language": "python",
-            "display_name": "Python 3",
-        }
+    """Write a notebook with a cell of parameters and cells of code."""
+    cells = [code_cell("c0", parameters, ["parameters"])]
+    for number, code in enumerate(codes, 1):
+        cells.append(code_cell(f"c{number}", code, []))
+    notebook = {
+        "cells": cells,
+        "metadata": {"kernelspec": KERNEL},
+        "nbformat": 4,
+        "nbformat_minor": 5,
     }
-    path.write_text(
-        json.dumps(
-            {"cells": cells, "metadata": kernel, "nbformat": 4, "nbformat_minor": 5}
-        )
-    )
+    path.write_text(json.dumps(notebook))
     return path
 
 
-def edited(name: str, old: str, new: str, count: int = 1):
+def code_cell(name: str, source: str, tags: list[str]) -> dict:
+    """A cell of code that was not executed."""
+    return {
+        "cell_type": "code",
+        "id": name,
+        "metadata": {"tags": tags},
+        "source": source,
+        "execution_count": None,
+        "outputs": [],
+    }
+
+
+def edited(name: str, old: str, new: str, count: int = 1) -> Callable[[Path], None]:
     """A change of a folder: in the text of a file, from something that is there."""
 
     def change(folder: Path) -> None:

@@ -1,5 +1,6 @@
-"""Parameter sweeps: what a grid means, and that nothing is lost, repeated or reused
-wrongly, whatever happens.
+"""Parameter sweeps: what a grid means, and what is kept, repeated and reused.
+
+Nothing is lost, repeated or reused wrongly, whatever happens.
 """
 
 import os
@@ -20,10 +21,18 @@ from profilecal_pages import notebooks
 from profilecal_pages.notebooks import record, recorded
 from profilecal_tool import sweep
 
-PARAMETERS = (
-    "n: int = 3  # count\nx: float = 0.5  # [mm] width\nseed: int = 7  # of the noise"
-)
-DRAW = "import random\nfrom profilecal_pages.notebooks import record\nrecord(y=n * x, u=random.Random(seed).gauss(0, 1))"
+PARAMETERS = """
+n: int = 3  # count
+x: float = 0.5  # [mm] width
+seed: int = 7  # of the noise
+""".strip()
+DRAW = """
+import random
+from profilecal_pages.notebooks import record
+record(y=n * x, u=random.Random(seed).gauss(0, 1))
+""".strip()
+AT_MOST_1 = "assert n < 2, 'too many'"
+AT_MOST_2 = "assert n < 3, 'too many'"
 GRID = {"n": [1, 2], "x": [0.1, 3]}
 
 
@@ -37,11 +46,10 @@ def without_duration(table: pd.DataFrame) -> str:
     return table.drop(columns="duration_s").to_csv(index=False)
 
 
-def landed(folder: Path) -> dict[str, int]:
+def written_at(folder: Path) -> dict[str, int]:
     """The executed notebooks of a sweep, each with the time it was written."""
-    return {
-        path.stem: path.stat().st_mtime_ns for path in (folder / "runs").glob("*.ipynb")
-    }
+    paths = (folder / "runs").glob("*.ipynb")
+    return {path.stem: path.stat().st_mtime_ns for path in paths}
 
 
 def wait_for(condition, seconds: float = 60) -> None:
@@ -56,17 +64,18 @@ def wait_for(condition, seconds: float = 60) -> None:
 
 
 def test_grids_mean_each_value_with_each_other(notebook):
-    product = sweep.plan(notebook, {"n": [1, 2], "x": [0.1, 3], "seed": 5}).values()
-    assert [tuple(point.values()) for point in product] == [
-        (1, 0.1, 5),
-        (1, 3.0, 5),
-        (2, 0.1, 5),
-        (2, 3.0, 5),
+    runs = sweep.plan(notebook, {"n": [1, 2], "x": [0.1, 3], "seed": 5})
+    assert list(runs.values()) == [
+        {"n": 1, "x": 0.1, "seed": 5},
+        {"n": 1, "x": 3.0, "seed": 5},
+        {"n": 2, "x": 0.1, "seed": 5},
+        {"n": 2, "x": 3.0, "seed": 5},
     ]
-    assert [*sweep.plan(notebook, {"n": 2, "x": [3, 4]}).values()] == [
-        {"n": 2, "x": 3.0},
-        {"n": 2, "x": 4.0},
-    ]
+
+
+def test_one_value_is_a_list_of_one(notebook):
+    runs = sweep.plan(notebook, {"n": 2, "x": [3, 4]})
+    assert list(runs.values()) == [{"n": 2, "x": 3.0}, {"n": 2, "x": 4.0}]
 
 
 def test_seeds_depend_on_the_point_and_the_repeat_only(notebook):
@@ -96,9 +105,8 @@ def test_seeds_depend_on_the_point_and_the_repeat_only(notebook):
     ],
 )
 def test_a_grid_that_does_not_fit_is_refused(tmp_path, grid, repeat, sentence):
-    notebook = write_notebook(
-        tmp_path / "plain.ipynb", PARAMETERS.replace("seed", "grain")
-    )
+    without_seed = PARAMETERS.replace("seed", "grain")
+    notebook = write_notebook(tmp_path / "plain.ipynb", without_seed)
     with pytest.raises(ValueError, match=sentence):
         sweep.plan(notebook, grid, repeat)
 
@@ -107,25 +115,39 @@ def test_a_grid_is_read_from_a_file_and_the_command_line(tmp_path):
     path = tmp_path / "grid.toml"
     path.write_text("n = [1, 2]\nx = 0.5\n")
     assert sweep.read_grid(path, ["x=1,2.5"]) == {"n": [1, 2], "x": [1, 2.5]}
+
+
+def test_a_grid_that_is_none_is_refused(tmp_path):
+    path = tmp_path / "grid.toml"
     path.write_text("n: [1, 2]")
     with pytest.raises(ValueError, match=r"grid.toml: .*line 1"):
         sweep.read_grid(path)
-    for texts in (["x"], ["x=1", "x=2"]):
-        with pytest.raises(ValueError, match="expected name=value"):
-            sweep.read_grid(None, texts)
-    there = notebooks.folder()
-    runs = sweep.plan(
-        there / "51_one_plan.ipynb", sweep.read_grid(there / "51_sweeping_grid.toml")
-    )
-    assert len(runs) == 54  # as the file, the notebook and the README say
+    with pytest.raises(ValueError, match="-p x; expected name=value"):
+        sweep.read_grid(None, ["x"])
+    with pytest.raises(ValueError, match="-p x=1; expected name=value"):
+        sweep.read_grid(None, ["x=1", "x=2"])
 
 
-def test_recorded_values_come_back_exactly(monkeypatch):
+def test_the_grid_that_comes_along_has_54_runs():
+    """As the file, the notebook and the README say."""
+    folder = notebooks.folder()
+    grid = sweep.read_grid(folder / "51_sweeping_grid.toml")
+    assert len(sweep.plan(folder / "51_one_plan.ipynb", grid)) == 54
+
+
+@pytest.fixture
+def outputs(monkeypatch):
+    """What notebooks hand out while they run, as an executed one has it."""
     shown = []
-    monkeypatch.setattr(
-        "IPython.display.display",
-        lambda data, raw: shown.append({"outputs": [{"data": data}]}),
-    )
+
+    def display(data, raw):
+        shown.append({"outputs": [{"data": data}]})
+
+    monkeypatch.setattr("IPython.display.display", display)
+    return {"cells": shown}
+
+
+def test_recorded_values_come_back_exactly(outputs):
     values = {
         "a": np.float64(0.1) + 0.2,
         "b": np.int64(3),
@@ -134,88 +156,103 @@ def test_recorded_values_come_back_exactly(monkeypatch):
         "e": None,
         "f": float("inf"),
     }
+    assert recorded(outputs) == [{}]
     record(**values)
+    assert recorded(outputs) == [values]
+
+
+def test_a_recorded_table_has_a_row_for_each_of_its_rows(outputs):
     record(pd.DataFrame({"k": [1, 2]}), a=1)
     record(pd.DataFrame({"k": []}), a=2)
-    assert recorded({"cells": shown}) == [
-        values,
-        {"a": 1, "k": 1},
-        {"a": 1, "k": 2},
-        {"a": 2},
-    ]
-    assert recorded({"cells": []}) == [{}]
-    with pytest.raises(
-        TypeError, match="is a set; expected a number, text, true or false"
-    ):
+    assert recorded(outputs) == [{"a": 1, "k": 1}, {"a": 1, "k": 2}, {"a": 2}]
+
+
+def test_what_no_table_can_hold_is_not_recorded():
+    sentence = "is a set; expected a number, text, true or false"
+    with pytest.raises(TypeError, match=sentence):
         record(a={1})
 
 
 # What a sweep does
 
 
-def test_finished_runs_are_kept_and_stale_or_failed_ones_repeated(
-    tmp_path, cluster, monkeypatch
-):
-    output, there = tmp_path / "out", {"scheduler": cluster.scheduler_address}
-    notebook = write_notebook(
-        tmp_path / "draw.ipynb", PARAMETERS, "assert n < 2, 'too many'\n" + DRAW
-    )
-    table, failed = sweep.sweep(notebook, {"n": [1, 2]}, output, **there)
-    before = landed(output)
+def test_a_sweep_says_which_runs_failed_and_why(tmp_path, cluster):
+    output = tmp_path / "out"
+    scheduler = cluster.scheduler_address
+    notebook = write_notebook(tmp_path / "draw.ipynb", PARAMETERS, AT_MOST_1, DRAW)
+    table, failed = sweep.sweep(notebook, {"n": [1, 2]}, output, scheduler=scheduler)
     ((name, why),) = failed.items()
     assert why == "error in cell 2: AssertionError: too many"
     assert "Traceback" in (output / "runs" / f"{name}.ipynb").read_text()
     assert list(table["status"]) == ["done", "failed"]
     assert table["y"][0] == 0.5
-    assert without_duration(pd.read_csv(output / "table.csv")) == without_duration(
-        table
-    )
-
-    table, _ = sweep.sweep(notebook, {"n": [0, 1, 2]}, output, **there)
-    after = landed(output)
-    assert [run for run in before if after[run] != before[run]] == [name]
-    assert list(table["n"]) == [0, 1, 2]
-
-    write_notebook(notebook, PARAMETERS, DRAW)  # changed
-    assert not sweep.sweep(notebook, {"n": [1, 2]}, output, **there)[1]
-    assert sum(time != after[run] for run, time in landed(output).items()) == 2
-    other = notebooks.versions() | {"numpy": "another"}
-    monkeypatch.setattr(notebooks, "versions", lambda: other)
-    with pytest.raises(
-        ValueError,
-        match=r"a worker has .*; expected .*another.* as where this was started",
-    ):
-        sweep.sweep(notebook, {"n": [1]}, output, **there)
+    stored = pd.read_csv(output / "table.csv")
+    assert without_duration(stored) == without_duration(table)
     assert sorted(path.name for path in output.iterdir()) == ["runs", "table.csv"]
 
 
+def test_finished_runs_are_kept_and_failed_ones_repeated(tmp_path, cluster):
+    scheduler = cluster.scheduler_address
+    notebook = write_notebook(tmp_path / "draw.ipynb", PARAMETERS, AT_MOST_1, DRAW)
+    _, failed = sweep.sweep(notebook, {"n": [1, 2]}, tmp_path, scheduler=scheduler)
+    before = written_at(tmp_path)
+    grid = {"n": [0, 1, 2]}
+    table, _ = sweep.sweep(notebook, grid, tmp_path, scheduler=scheduler)
+    after = written_at(tmp_path)
+    assert [name for name in before if after[name] != before[name]] == list(failed)
+    assert list(table["n"]) == [0, 1, 2]
+
+
+def test_runs_of_a_notebook_that_has_changed_are_repeated(notebook, tmp_path, cluster):
+    scheduler = cluster.scheduler_address
+    sweep.sweep(notebook, {"n": [1, 2]}, tmp_path, scheduler=scheduler)
+    before = written_at(tmp_path)
+    write_notebook(notebook, PARAMETERS, DRAW, "n")
+    _, failed = sweep.sweep(notebook, {"n": [1, 2]}, tmp_path, scheduler=scheduler)
+    assert not failed
+    after = written_at(tmp_path)
+    assert all(after[name] > before[name] for name in before)
+
+
+def test_workers_have_the_versions_of_where_a_sweep_is_started(
+    notebook, tmp_path, cluster, monkeypatch
+):
+    other = notebooks.versions() | {"numpy": "another"}
+    monkeypatch.setattr(notebooks, "versions", lambda: other)
+    sentence = r"a worker has .*; expected .*another.* as where this was started"
+    with pytest.raises(ValueError, match=sentence):
+        sweep.sweep(notebook, {"n": [1]}, tmp_path, scheduler=cluster.scheduler_address)
+
+
+CLASHES = "from profilecal_pages.notebooks import record\nrecord(x=1)"
+DIES = "import os\nos._exit(3)"
+DIES_ONCE = """
+import os, pathlib
+mark = pathlib.Path("mark")
+if not mark.exists():
+    mark.touch()
+    os._exit(3)
+"""
+HANGS = "import time\ntime.sleep(60)"
+
+
 @pytest.mark.parametrize(
-    ("code", "why"),
+    ("code", "timeout", "reasons"),
     [
-        (
-            "from profilecal_pages.notebooks import record\nrecord(x=1)",
-            "it records x, which is a parameter's name",
-        ),
-        ("import os\nos._exit(3)", "Kernel died"),
-        (
-            "import os, pathlib\nif not pathlib.Path('mark').exists():\n    open('mark', 'w').close()\n    os._exit(3)",
-            "",
-        ),
-        ("import time\ntime.sleep(60)", "a cell took longer than 1 s"),
+        (CLASHES, None, ["it records x, which is a parameter's name"]),
+        (DIES, None, ["Kernel died"]),
+        (DIES_ONCE, None, []),
+        (HANGS, 1, ["a cell took longer than 1 s"]),
     ],
     ids=["clash", "dies", "dies once", "hangs"],
 )
-def test_runs_that_go_wrong(tmp_path, cluster, code, why):
+def test_runs_that_go_wrong(tmp_path, cluster, code, timeout, reasons):
     notebook = write_notebook(tmp_path / "wrong.ipynb", PARAMETERS, code)
-    timeout = 1 if "sleep" in code else None
+    scheduler = cluster.scheduler_address
     _, failed = sweep.sweep(
-        notebook,
-        {"x": 2},
-        tmp_path,
-        scheduler=cluster.scheduler_address,
-        timeout=timeout,
+        notebook, {"x": 2}, tmp_path, scheduler=scheduler, timeout=timeout
     )
-    assert list(failed.values()) == [why] * bool(why)
+    assert list(failed.values()) == reasons
 
 
 def test_a_worker_that_is_killed_costs_nothing(tmp_path, cluster):
@@ -237,90 +274,95 @@ def test_a_worker_that_is_killed_costs_nothing(tmp_path, cluster):
     assert list(table["u"]) == [random.Random(7).gauss(0, 1)] * 2
 
 
-def test_what_cannot_be_begun(notebook, tmp_path):
+def test_two_sweeps_do_not_write_to_one_folder(notebook, tmp_path):
     with (
         sweep._alone(tmp_path),
         pytest.raises(ValueError, match="another sweep is writing to"),
     ):
         sweep.sweep(notebook, GRID, tmp_path)
-    for nowhere, error in (("localhost", ValueError), ("tcp://127.0.0.1:9", OSError)):
-        with pytest.raises(error, match=nowhere):
-            sweep.sweep(notebook, GRID, tmp_path, scheduler=nowhere)
 
 
-def test_stopped_it_leaves_no_kernel_and_goes_on(tmp_path):
-    code = "import os, pathlib, time\nif n > 1:\n    pathlib.Path('kernel').write_text(str(os.getpid()))\n"
-    code += "    while not pathlib.Path('go').exists():\n        time.sleep(0.1)"
-    notebook = write_notebook(tmp_path / "slow.ipynb", PARAMETERS, code, DRAW)
-    kernel, output = tmp_path / "kernel", tmp_path / "out"
-    command = [
-        str(Path(sys.executable).with_name("profilecal")),
-        "sweep",
-        str(notebook),
-        "-p",
-        "n=1,2",
-    ]
-    command += ["--output", str(output)]
-    kept = {}
-    for stop in (signal.SIGKILL, signal.SIGTERM, signal.SIGINT):
-        if signal.getsignal(stop) == signal.SIG_IGN:
-            continue  # what a shell starts in the background ignores Ctrl-C
-        with subprocess.Popen(
-            command, stderr=subprocess.PIPE, text=True, start_new_session=True
-        ) as process:
-            wait_for(
-                lambda: kernel.exists() and kernel.read_text() and len(landed(output))
-            )
-            os.killpg(
-                process.pid, stop
-            ) if stop == signal.SIGINT else process.send_signal(
-                stop
-            )  # as a terminal does
-            _, said = process.communicate(timeout=30)
-        if stop != signal.SIGKILL:
-            assert process.returncode == 130
-            assert said.strip().endswith(
-                "Interrupted. The same command goes on from here."
-            )
-            assert "Traceback" not in said
-        wait_for(lambda: not Path("/proc", kernel.read_text()).exists(), 10)
-        kernel.unlink()
-        kept = kept or landed(output)
-        assert landed(output) == kept  # one run, and never again
+@pytest.mark.parametrize(
+    ("nowhere", "error"), [("localhost", ValueError), ("tcp://127.0.0.1:9", OSError)]
+)
+def test_a_scheduler_that_is_not_there_is_named(notebook, tmp_path, nowhere, error):
+    with pytest.raises(error, match=nowhere):
+        sweep.sweep(notebook, GRID, tmp_path, scheduler=nowhere)
+
+
+WAITS = """
+import os, pathlib, time
+if n > 1:
+    pathlib.Path("kernel").write_text(str(os.getpid()))
+    while not pathlib.Path("go").exists():
+        time.sleep(0.1)
+"""
+
+
+@pytest.mark.parametrize("stop", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
+def test_stopped_it_leaves_no_kernel_and_goes_on(tmp_path, stop):
+    if signal.getsignal(stop) == signal.SIG_IGN:
+        pytest.skip("what a shell starts in the background ignores Ctrl-C")
+    notebook = write_notebook(tmp_path / "slow.ipynb", PARAMETERS, WAITS, DRAW)
+    kernel = tmp_path / "kernel"
+    output = tmp_path / "out"
+    program = Path(sys.executable).with_name("profilecal")
+    command = [program, "sweep", notebook, "-p", "n=1,2", "--output", output]
+
+    with subprocess.Popen(
+        command, stderr=subprocess.PIPE, text=True, start_new_session=True
+    ) as process:
+        wait_for(lambda: kernel.exists() and kernel.read_text() and written_at(output))
+        if stop == signal.SIGINT:
+            os.killpg(process.pid, stop)  # as a terminal does
+        else:
+            process.send_signal(stop)
+        _, said = process.communicate(timeout=30)
+    if stop != signal.SIGKILL:
+        assert process.returncode == 130
+        assert said.strip().endswith("Interrupted. The same command goes on from here.")
+        assert "Traceback" not in said
+    wait_for(lambda: not Path("/proc", kernel.read_text()).exists(), 10)
+    kept = written_at(output)
     assert len(kept) == 1
 
     (tmp_path / "go").touch()
     finished = subprocess.run(command, capture_output=True, text=True, timeout=60)
     assert finished.returncode == 0, finished.stderr
-    assert kept.items() < landed(output).items()
+    assert kept.items() < written_at(output).items()
     assert list(pd.read_csv(output / "table.csv")["n"]) == [1, 2]
     assert sorted(path.name for path in output.iterdir()) == ["runs", "table.csv"]
 
 
-def test_the_command(tmp_path, cluster):
-    notebook = write_notebook(
-        tmp_path / "draw.ipynb", PARAMETERS, "assert n < 3, 'too many'\n" + DRAW
-    )
-    output = tmp_path / "out"
-    start = [
-        "sweep",
-        notebook,
-        "--output",
-        output,
-        "--scheduler",
-        cluster.scheduler_address,
-    ]
+# The command
+
+
+@pytest.fixture
+def start(tmp_path, cluster):
+    """A command line without its grid."""
+    notebook = write_notebook(tmp_path / "draw.ipynb", PARAMETERS, AT_MOST_2, DRAW)
+    scheduler = cluster.scheduler_address
+    return ["sweep", notebook, "--output", tmp_path / "out", "--scheduler", scheduler]
+
+
+def test_the_command_refuses_before_it_writes(tmp_path, start):
     refused = run(*start, "-p", "m=1")
-    assert (refused.exit_code, refused.stderr) == (
-        2,
-        "profilecal: no parameter named 'm'; there are n, x, seed\n",
-    )
-    assert not output.exists()
-    done = run(*start, "-p", "n=1,3", "-p", "x=0.5,2", "--plot", "x", "y", "--hue", "n")
+    assert refused.exit_code == 2
+    sentence = "profilecal: no parameter named 'm'; there are n, x, seed\n"
+    assert refused.stderr == sentence
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_command_counts_names_and_draws(tmp_path, start):
+    grid = ["-p", "n=1,3", "-p", "x=0.5,2"]
+    done = run(*start, *grid, "--plot", "x", "y", "--hue", "n")
     assert done.exit_code == 1
-    assert f"Runs: 2 done, 2 failed: {output}/table.csv" in done.output
+    assert f"Runs: 2 done, 2 failed: {tmp_path}/out/table.csv" in done.output
     assert "FAILED n=3_x=0.5_" in done.output
     assert "AssertionError: too many" in done.output
-    assert (output / "y_over_x.png").exists()
+    assert (tmp_path / "out" / "y_over_x.png").exists()
+
+
+def test_the_command_draws_no_column_that_is_not_there(start):
     refused = run(*start, "-p", "n=1", "-p", "x=0.5", "--plot", "x", "z")
     assert "no column named 'z'; there are n, x, y, u, status" in refused.stderr

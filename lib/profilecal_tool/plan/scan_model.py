@@ -46,7 +46,7 @@ class ScanModel(Setup):
         Standard deviations, in mm and rad where they are of the unknowns. What all
         poses share are the systematic errors.
         """
-        sizes = [size for _, size in considered([self.target], self.systematic)]
+        sizes = [size for _, size in considered([type(self.target)], self.systematic)]
         return units_by_hand([self.target]), np.array(sizes)
 
     def elsewhere(self, rng: np.random.Generator) -> "ScanModel":

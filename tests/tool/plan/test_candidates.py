@@ -8,35 +8,40 @@ from planned import KINDS, model_for
 
 from profilecal.geometry.poses import inverse
 from profilecal.scan.scan import ScanError
-from profilecal_tool.plan.candidates import BEYOND, Limits, draw, off_square
+from profilecal_tool.plan.candidates import (
+    BEYOND,
+    Limits,
+    draw,
+    off_square,
+    worst_clearance,
+)
 from profilecal_tool.plan.design import design
 
-BOX = Limits(
-    low=(700, -200, 250), high=(1100, 250, 800), avoid=((850.0, 0.0, 500.0, 60.0),)
-)
+ZONE = (850.0, 0.0, 500.0, 60.0)
+ZONE_TO_HAND = (900.0, 0.0, 350.0, 20.0)
+BOX = Limits(low=(700, -200, 250), high=(1100, 250, 800))
 
 
 @pytest.mark.parametrize("kind", [*KINDS, "point"])
 def test_planned_poses_keep_the_target_in_view_for_any_guess_as_wrong_as_stated(kind):
-    model, rng = model_for(kind), np.random.default_rng(1)
+    model = model_for(kind)
+    rng = np.random.default_rng(1)
     plan = design(model, Limits(), rng, poses=12, candidates=600)
+    near, far = model.scanner.near, model.scanner.far
     for _ in range(1000):
-        wrong = model.elsewhere(rng)
-        # NaN where it is missed
-        x, z = np.moveaxis(wrong.points_seen(*wrong.planes(plan.R, plan.T), 9), -1, 0)
-        assert (
-            np.abs(2 * z - model.scanner.near - model.scanner.far)
-            < model.scanner.far - model.scanner.near
-        ).all()
+        truth = model.elsewhere(rng)
+        points = truth.points_seen(*truth.planes(plan.R, plan.T), 9)
+        x, z = np.moveaxis(points, -1, 0)  # NaN where the target is missed
+        assert (np.abs(2 * z - near - far) < far - near).all()
         assert (np.abs(x) < model.scanner.half_width(z)).all()
 
 
 @pytest.mark.parametrize(
-    ("mount", "zone"),
-    [("eye-in-hand", BOX.avoid[0]), ("eye-to-hand", (900.0, 0, 350.0, 20.0))],
+    ("mount", "zone"), [("eye-in-hand", ZONE), ("eye-to-hand", ZONE_TO_HAND)]
 )
 def test_poses_stay_in_the_box_out_of_the_zones_and_within_the_tilt(mount, zone):
-    model, limits = model_for("edge", "points", mount), replace(BOX, avoid=(zone,))
+    model = model_for("edge", "points", mount)
+    limits = replace(BOX, avoid=(zone,))
     R, T = draw(model, limits, 300, np.random.default_rng(2), BEYOND)
     flange = inverse(R, T)[1] if mount == "eye-to-hand" else T
     assert (flange >= limits.low).all()
@@ -47,10 +52,23 @@ def test_poses_stay_in_the_box_out_of_the_zones_and_within_the_tilt(mount, zone)
     assert 35 < np.abs(spin).max() <= 45
 
 
+def test_poses_that_miss_the_target_have_no_clearance():
+    model = model_for("ball")
+    R, T = draw(model, Limits(), 3, np.random.default_rng(3))
+    assert (worst_clearance(model, R, T) >= 0).all()
+    R_view, _ = model.planes(R, T)
+    beside = T + 1000 * R_view[..., 1]
+    assert worst_clearance(model, R, beside).tolist() == [-np.inf] * 3
+
+
 @pytest.mark.parametrize(
     ("limits", "margin_mm", "sentence"),
     [
-        (Limits(low=(0, 0, 0), high=(100, 100, 100)), 5, "100% are outside the box"),
+        (
+            Limits(low=(0, 0, 0), high=(100, 100, 100)),
+            5,
+            "100% are outside the box",
+        ),
         (
             Limits(avoid=((900.0, 50.0, 300.0, 1000.0),)),
             5,
@@ -68,6 +86,14 @@ def test_limits_and_guesses_that_leave_no_pose_are_refused_in_words(
 ):
     model = model_for("edge")
     guess = replace(model.guess, mount_mm=margin_mm)
+    model = replace(model, guess=guess)
     with pytest.raises(ScanError, match="only 0 of") as error:
-        draw(replace(model, guess=guess), limits, 10, np.random.default_rng(4))
+        draw(model, limits, 10, np.random.default_rng(4))
     assert sentence in str(error.value)
+
+
+def test_where_a_sensor_that_stands_still_is_in_a_zone_no_pose_is_possible():
+    model = model_for("edge", "points", "eye-to-hand")
+    limits = Limits(avoid=((*model.T_sensor, 20.0),))
+    with pytest.raises(ScanError, match="100% are in a zone to avoid"):
+        draw(model, limits, 10, np.random.default_rng(4))

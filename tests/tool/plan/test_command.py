@@ -32,14 +32,23 @@ orientation_deg = 0.02
 poses = 8
 """
 MANY = ("poses = 8", "poses = 40")  # fewer hardly show how large the robot's errors are
+PROFILES = ("seed = 2", 'seed = 2\nmeasured = "profiles"')
 TO_HAND = (
     ("mount = [60, -40, 110, 170, 10, 30]", "mount = [900, 0, 700, 180, 0, 0]"),
     ("target = [900, 50, 300]", "target = [20, 0, 150]"),
     ("seed = 2", 'seed = 2\nmount = "eye-to-hand"'),
 )
+WEAK = Spec(
+    kind="edge",
+    seed=3,
+    spread_deg=2,
+    groups=5,
+    noise=Noise(profile_mm=0.05, position_mm=0.05),
+)
 
 
 def spec_in(folder, *changes):
+    """A specification in a folder, with changes."""
     text = SPEC
     for old, new in changes:
         assert old in text
@@ -48,158 +57,146 @@ def spec_in(folder, *changes):
     return folder / "spec.toml"
 
 
-def said(output):
+def worst(output):
     """The predicted worst standard deviations, mm and degrees."""
-    return np.array(
-        re.search(r"worst +([\d.]+) mm and ([\d.]+)°", output).groups(), dtype=float
-    )
+    numbers = re.search(r"worst +([\d.]+) mm and ([\d.]+)°", output)
+    return np.array(numbers.groups(), dtype=float)
+
+
+def stated_worst(answer):
+    """The same of what a calibration states."""
+    C = np.array(answer["covariance"])
+    variances = [np.linalg.eigvalsh(block)[-1] for block in (C[:3, :3], C[3:, 3:])]
+    return np.sqrt(variances)
 
 
 @pytest.mark.parametrize(
     ("changes", "convention", "columns"),
     [
-        (
-            [MANY, ("seed = 2", 'seed = 2\nmeasured = "profiles"')],
-            "FANUC angles",
-            ["w", "p", "r"],
-        ),
+        ([MANY, PROFILES], "FANUC angles", ["w", "p", "r"]),
         ([MANY, *TO_HAND], "rotation vector", ["rx", "ry", "rz"]),
     ],
 )
 def test_plan_simulate_calibrate_states_what_was_predicted_and_holds_the_truth(
     tmp_path, changes, convention, columns
 ):
-    plan, scan = tmp_path / "plan", tmp_path / "scan"
-    planned = run(
-        "plan",
-        spec_in(
-            tmp_path, *changes, ("seed = 2", f'seed = 2\nconvention = "{convention}"')
-        ),
-        plan,
-    )
+    plan = tmp_path / "plan"
+    scan = tmp_path / "scan"
+    writing = ("seed = 2", f'seed = 2\nconvention = "{convention}"')
+    planned = run("plan", spec_in(tmp_path, *changes, writing), plan)
     assert planned.exit_code == 0, planned.output
-    assert {p.name for p in plan.iterdir()} == {
-        "plan.png",
-        "poses.csv",
-        "scan.toml",
-        "simulate.toml",
-    }
+    written = sorted(path.name for path in plan.iterdir())
+    assert written == ["plan.png", "poses.csv", "scan.toml", "simulate.toml"]
+
     assert run("simulate", plan / "simulate.toml", scan).exit_code == 0
-    found = json.loads(run("calibrate", scan, "--json").output)
-    assert found["status"] == "ok"
-    assert len(found["poses_used"]) == 40
-    assert printed_square(found, read_toml(scan / "truth.toml")) < chi2.ppf(0.99, 6)
-    C = np.array(found["covariance"])
-    stated = np.sqrt([np.linalg.eigvalsh(part)[-1] for part in (C[:3, :3], C[3:, 3:])])
-    assert np.abs(np.log(stated / said(planned.output))).max() < np.log(
-        1.4
-    )  # the calibration finds its own noise
-    poses, driven = (pd.read_csv(folder / "poses.csv") for folder in (plan, scan))
+    answer = json.loads(run("calibrate", scan, "--json").output)
+    assert answer["status"] == "ok"
+    assert len(answer["poses_used"]) == 40
+    assert printed_square(answer, read_toml(scan / "truth.toml")) < chi2.ppf(0.99, 6)
+    # the calibration finds its own noise
+    ratio = stated_worst(answer) / worst(planned.output)
+    assert np.abs(np.log(ratio)).max() < np.log(1.4)
+
+    poses = pd.read_csv(plan / "poses.csv")
+    driven = pd.read_csv(scan / "poses.csv")
     assert list(poses)[4:] == list(driven)[4:] == columns
     assert np.allclose(poses, driven)
-    for table in scan.glob(
-        "*.csv"
-    ):  # a plan's folder is a scan folder once measurements are in it
+
+
+def test_a_plan_is_a_scan_folder_once_measurements_are_in_it(tmp_path):
+    plan = tmp_path / "plan"
+    scan = tmp_path / "scan"
+    run("plan", spec_in(tmp_path, MANY), plan)
+    run("simulate", plan / "simulate.toml", scan)
+    assert run("calibrate", plan).exit_code == 2
+    for table in scan.glob("*.csv"):
         shutil.copy(table, plan)
     assert run("calibrate", plan).exit_code == 0
 
 
 def test_a_weak_scan_is_told_which_poses_would_help_and_given_them(tmp_path):
-    scan, more, noise = (
-        tmp_path / "scan",
-        tmp_path / "more",
-        Noise(profile_mm=0.05, position_mm=0.05),
-    )
-    write_scan(
-        simulate_scan(Spec(kind="edge", seed=3, spread_deg=2, groups=5, noise=noise)),
-        scan,
-    )
-    advice = re.search(
-        r"(\d+) poses more would give ([\d.]+) mm and ([\d.]+)°: (.+)",
-        run("calibrate", scan).output,
-    )
-    assert advice[4] == f"profilecal plan {scan} NEW-FOLDER --poses {advice[1]}"
-    assert run("plan", scan, more, "--poses", advice[1]).exit_code == 0
-    assert len(pd.read_csv(more / "poses.csv")) == int(advice[1])
+    scan = tmp_path / "scan"
+    more = tmp_path / "more"
+    write_scan(simulate_scan(WEAK), scan)
+    answer = run("calibrate", scan).output
+    count, command = re.search(
+        r"(\d+) poses more would give [\d.]+ mm and [\d.]+°: (.+)", answer
+    ).groups()
+    assert command == f"profilecal plan {scan} NEW-FOLDER --poses {count}"
+    assert run("plan", scan, more, "--poses", count).exit_code == 0
+    assert len(pd.read_csv(more / "poses.csv")) == int(count)
     assert not (more / "simulate.toml").exists()
 
 
 def test_a_plan_after_a_scan_counts_with_the_robot_errors_that_it_shows(tmp_path):
     predicted = []
     for position_mm in (0.02, 0.5):
-        spec = Spec(
-            kind="edge",
-            seed=3,
-            positions=3,
-            noise=Noise(profile_mm=0.05, position_mm=position_mm),
-        )
+        noise = Noise(profile_mm=0.05, position_mm=position_mm)
+        scan = simulate_scan(Spec(kind="edge", seed=3, positions=3, noise=noise))
+        unstated = replace(scan, noise={})
         folder = tmp_path / f"{position_mm}"
-        write_scan(
-            replace(simulate_scan(spec), noise={}), folder
-        )  # which does not state them
+        write_scan(unstated, folder)
         predicted.append(read_task(folder, poses=3).plan().predicted.mm)
     assert predicted[1] > 4 * predicted[0]
 
 
 def test_an_open_scan_is_planned_from_a_specification(tmp_path):
-    scan = tmp_path / "scan"
-    write_scan(
-        simulate_scan(Spec(kind="edge", seed=3, spread_deg=0, groups=1, positions=20)),
-        scan,
+    spec = Spec(kind="edge", seed=3, spread_deg=0, groups=1, positions=20)
+    write_scan(simulate_scan(spec), tmp_path / "scan")
+    refused = run("plan", tmp_path / "scan")
+    assert refused.exit_code == 2
+    assert refused.stderr == (
+        "profilecal: the scan leaves the mount open, or contradicts itself: "
+        "profilecal calibrate says how; "
+        "else plan from a SPEC.toml whose [guess] states it roughly\n"
     )
-    refused = run("plan", scan).output
-    assert (
-        "the scan leaves the mount open, or contradicts itself: profilecal calibrate says how; else plan"
-        in refused
-    )
-    assert "from a SPEC.toml whose [guess] states it roughly" in refused
 
 
 def test_poses_of_any_file_or_scan_are_predicted(tmp_path):
-    spec, plan, scan = spec_in(tmp_path), tmp_path / "plan", tmp_path / "scan"
-    planned = run("plan", spec, plan)
+    spec = spec_in(tmp_path)
+    plan = tmp_path / "plan"
+    scan = tmp_path / "scan"
+    planned = worst(run("plan", spec, plan).output)
     assert run("simulate", plan / "simulate.toml", scan).exit_code == 0
     shutil.copy(plan / "poses.csv", tmp_path / "mine.csv")
     for place in (tmp_path / "mine.csv", plan, scan):
-        result = run("plan", spec, "--of", place)
-        assert "predicted for 8 poses" in result.output
-        assert said(result.output) == pytest.approx(said(planned.output), rel=0.02)
+        output = run("plan", spec, "--of", place).output
+        assert "predicted for 8 poses" in output
+        assert worst(output) == pytest.approx(planned, rel=0.02)
     assert "predicted for 16 poses" in run("plan", scan, "--of", plan).output
-    edited("mine.csv", "pose,x,y,z", "pose,y,x,z")(tmp_path)
-    assert (
-        "mine.csv: no pose has the target in view"
-        in run("plan", spec, "--of", tmp_path / "mine.csv").output
-    )
+
+
+def test_places_that_cannot_be_read_or_written_are_refused_in_words(tmp_path):
+    spec = spec_in(tmp_path)
+    plan = tmp_path / "plan"
+    run("plan", spec, plan)
     assert "already in use; name a new folder" in run("plan", spec, plan).output
-    assert (
-        "nowhere: no such file"
-        in run("plan", spec, "--of", tmp_path / "nowhere").output
-    )
+    nowhere = run("plan", spec, "--of", tmp_path / "nowhere")
+    assert "nowhere: no such file" in nowhere.output
+    edited("poses.csv", "pose,x,y,z", "pose,y,x,z")(plan)
+    beside = run("plan", spec, "--of", plan / "poses.csv")
+    assert "poses.csv: no pose has the target in view" in beside.output
 
 
 def test_an_accuracy_takes_as_many_poses_as_it_takes(tmp_path):
     spec = spec_in(tmp_path)
-    few, many = (
-        run("plan", spec, "--until", *until).output
-        for until in ((0.3, 0.2), (0.15, 0.1))
-    )
-    assert (said(few) <= [0.3, 0.2]).all()
-    assert (said(many) <= [0.15, 0.1]).all()
+    few = run("plan", spec, "--until", 0.3, 0.2).output
+    many = run("plan", spec, "--until", 0.15, 0.1).output
+    assert (worst(few) <= [0.3, 0.2]).all()
+    assert (worst(many) <= [0.15, 0.1]).all()
     assert "note           few poses" in few
-    missed = run(
-        "plan", spec_in(tmp_path, ("poses = 8", "most = 9\nuntil = [0.01, 0.01]"))
-    )
+    at_most_nine = ("poses = 8", "most = 9\nuntil = [0.01, 0.01]")
+    missed = run("plan", spec_in(tmp_path, at_most_nine))
     assert "9 poses are not enough for 0.01 mm and 0.01°" in missed.output
+
+
+GUESS = "[guess]\nmount = [60, -40, 110, 170, 10, 30]\ntarget = [900, 50, 300]\n"
 
 
 @pytest.mark.parametrize(
     ("old", "new", "sentence"),
     [
-        (
-            "[guess]\nmount = [60, -40, 110, 170, 10, 30]\ntarget = [900, 50, 300]\n",
-            "",
-            "a plan needs [guess]",
-        ),
+        (GUESS, "", "a plan needs [guess]"),
         ("poses = 8", "pose = 8", "unknown entry 'pose' in [plan]; there are poses"),
         ("poses = 8", "low = [0, 0, 9]\nhigh = [9, 9, 0]", "the box is empty along z"),
         ("poses = 8", "until = [0.1, 0]", "expected mm and degrees, both positive"),
@@ -217,11 +214,7 @@ def test_an_accuracy_takes_as_many_poses_as_it_takes(tmp_path):
             "differs by 1° or more from those of the 1 chosen",
         ),
         ("profile_mm = 0.05", "profile_mm = 0", "a plan needs the scanner's noise"),
-        (
-            "[plan]\nposes = 8",
-            "[[plan]]\nposes = 8",
-            "plan is [{'poses': 8}]; expected a table",
-        ),
+        ("[plan]", "[[plan]]", "plan is [{'poses': 8}]; expected a table"),
     ],
 )
 def test_wishes_that_cannot_be_granted_are_refused_in_words(

@@ -22,6 +22,7 @@ EDGE = Spec(
     convention="KUKA angles",
     noise=Noise(0.03),
 )
+PICTURE = re.compile(r'src="data:image/png;base64,[^"]+"')
 
 
 @pytest.fixture(scope="module")
@@ -35,83 +36,83 @@ def scan(tmp_path_factory):
 @pytest.fixture(scope="module")
 def written(scan):
     """What the command prints of the scan, and the report."""
-    result = run("calibrate", scan, "--json", "--report", scan.parent / "report.html")
+    path = scan.parent / "report.html"
+    result = run("calibrate", scan, "--json", "--report", path)
     assert result.exit_code == 0, result.output
-    return json.loads(result.stdout), (scan.parent / "report.html").read_text(
-        encoding="utf-8"
-    )
+    return json.loads(result.stdout), path.read_text(encoding="utf-8")
 
 
 def test_the_report_loads_nothing(written):
-    _, page = written
-    without_pictures = re.sub(r'src="data:image/png;base64,[^"]+"', "", page)
-    assert not re.search(
-        r"(src|href)=|//|<script|@import|url\(|<link", without_pictures
-    )
-    assert page.count("data:image/png;base64,") == 4
-    assert '<meta name="viewport"' in page
-    assert "@media print" in page
-    assert len(page) < 2_000_000
+    _, report = written
+    links = r"(src|href)=|//|<script|@import|url\(|<link"
+    assert not re.search(links, PICTURE.sub("", report))
+    assert len(PICTURE.findall(report)) == 4
+    assert '<meta name="viewport"' in report
+    assert "@media print" in report
+    assert len(report) < 2_000_000
 
 
 def test_the_report_states_what_the_command_prints(written):
-    answer, page = written
+    answer, report = written
     T = np.array(answer["T_flange_sensor"])
-    assert "translation    {:.3f}  {:.3f}  {:.3f} mm".format(*T[:3, 3]) in page
-    assert (
-        "R = Rz({:.4f})".format(
-            Rotation.from_matrix(T[:3, :3]).as_euler("ZYX", degrees=True)[0]
-        )
-        in page
-    )
-    assert VERDICTS["ok"][0].partition("{")[0] in page
-    assert "A &lt;bar&gt; &amp; more" in page
-    assert (
-        "{{X {:.4f},Y {:.4f},Z {:.4f},A ".format(*T[:3, 3]) in page
-    )  # the line for the robot of these angles
-    assert "import" not in page  # no code
-    assert "recorded" not in page  # nor what a sweep would want
-    assert "41 What motions can determine" in page  # without its link
+    x, y, z = T[:3, 3]
+    yaw, _, _ = Rotation.from_matrix(T[:3, :3]).as_euler("ZYX", degrees=True)
+    assert f"translation    {x:.3f}  {y:.3f}  {z:.3f} mm" in report
+    assert f"R = Rz({yaw:.4f})" in report
+    # the line for the robot of these angles
+    assert f"{{X {x:.4f},Y {y:.4f},Z {z:.4f},A " in report
+    assert VERDICTS["ok"][0].partition("{")[0] in report
+    assert "A &lt;bar&gt; &amp; more" in report
+
+
+def test_the_report_has_no_code_no_records_and_no_links(written):
+    _, report = written
+    assert "import" not in report
+    assert "recorded" not in report  # what a sweep would want
+    assert "41 What motions can determine" in report  # without its link
 
 
 def test_a_failing_notebook_gives_its_reason_and_keeps_the_old_report(
     scan, tmp_path, monkeypatch
 ):
-    bad = write_notebook(
-        tmp_path / "bad.ipynb", "scan: list = []", 'raise RuntimeError("the reason")'
-    )
+    reason = 'raise RuntimeError("the reason")'
+    bad = write_notebook(tmp_path / "bad.ipynb", "scan: list = []", reason)
     monkeypatch.setattr(page, "notebook", lambda: bad)
-    (tmp_path / "report.html").write_text("old")
-    result = run("calibrate", scan, "--report", tmp_path / "report.html")
+    report = tmp_path / "report.html"
+    report.write_text("old")
+    result = run("calibrate", scan, "--report", report)
     assert result.exit_code == 1
-    assert re.search(
-        r"profilecal: no report: error in cell \d: RuntimeError: the reason$",
-        result.stderr.strip(),
-    )
-    assert (tmp_path / "report.html").read_text() == "old"
-    assert sorted(path.name for path in tmp_path.iterdir()) == [
-        "bad.ipynb",
-        "report.html",
-    ]
+    sentence = r"profilecal: no report: error in cell \d: RuntimeError: the reason\n$"
+    assert re.search(sentence, result.stderr)
+    assert report.read_text() == "old"
+    names = sorted(path.name for path in tmp_path.iterdir())
+    assert names == ["bad.ipynb", "report.html"]
 
 
-def test_reports_that_cannot_be_written_are_refused_at_once(
-    scan, tmp_path, monkeypatch
+@pytest.mark.parametrize(
+    ("place", "sentence"),
+    [
+        (".", "is a folder; name a file for the report"),
+        ("no/report.html", "no report can be written there"),
+    ],
+)
+def test_a_report_that_cannot_be_written_is_refused_at_once(
+    scan, tmp_path, place, sentence
 ):
-    for place, sentence in (
-        (tmp_path, "is a folder"),
-        (tmp_path / "no" / "r.html", "no report can be written there"),
-    ):
-        result = run("calibrate", scan, "--report", place)
-        assert (result.exit_code, result.stdout) == (2, "")
-        assert sentence in result.stderr
-    monkeypatch.setattr(
-        page, "find_spec", lambda name: None if name == "papermill" else object()
-    )
-    result = run("calibrate", scan, "--report", tmp_path / "r.html")
+    result = run("calibrate", scan, "--report", tmp_path / place)
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert sentence in result.stderr
+
+
+def test_without_its_packages_a_report_is_refused_at_once(scan, tmp_path, monkeypatch):
+    def without_papermill(name):
+        return None if name == "papermill" else object()
+
+    monkeypatch.setattr(page, "find_spec", without_papermill)
+    result = run("calibrate", scan, "--report", tmp_path / "report.html")
     assert result.exit_code == 2
-    assert result.stderr.startswith(
-        "profilecal: --report needs papermill, not installed here: pip install"
+    assert result.stderr == (
+        "profilecal: --report needs papermill, not installed here: "
+        'pip install "profilecal[notebooks]"\n'
     )
-    assert result.stderr.count("\n") == 1
-    assert not (tmp_path / "r.html").exists()
+    assert not (tmp_path / "report.html").exists()
