@@ -18,10 +18,10 @@ from corruptions import CORRUPTIONS, Folder
 from simulated import error_of
 
 from profilecal.calibration.calibration import calibrate
-from profilecal.calibration.observe import check
 from profilecal.geometry.noise import normalised_square
 from profilecal.scan.folder import read_scan
 from profilecal.scan.tables import ScanError
+from profilecal_tool.checking import check
 
 COUNT = int(os.environ.get("PROFILECAL_FUZZ", "24"))
 LONGEST = 30  # seconds of one processor

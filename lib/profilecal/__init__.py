@@ -8,11 +8,12 @@
 >>> found.pose.shape, found.covariance_mm_deg.shape
 ((4, 4), (6, 6))
 
-The names below are the library. They load what they need when they are first used.
+The names below are the library. Each is loaded when it is first used; `__init__.pyi`
+names them for type checkers and editors.
 """
 
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 PUBLIC = {  # by the module that has them
     # scans
@@ -22,7 +23,6 @@ PUBLIC = {  # by the module that has them
     "scan.folder": ["read_scan", "write_scan"],
     "simulation.spec": ["simulate", "Truth"],
     # one calibration for every target
-    "calibration.observe": ["check"],
     "calibration.calibration": ["calibrate", "Calibration"],
     "calibration.leave_out": ["leave_out", "LeftOut"],
     "calibration.verify": ["verify", "Verification"],
@@ -39,38 +39,6 @@ PUBLIC = {  # by the module that has them
 PLACE = {name: module for module, names in PUBLIC.items() for name in names}
 
 __all__ = [*PLACE]
-
-if TYPE_CHECKING:  # the same once more, for type checkers and editors
-    from profilecal.calibration.answer import Answer as Answer
-    from profilecal.calibration.answer import read_answer as read_answer
-    from profilecal.calibration.calibration import Calibration as Calibration
-    from profilecal.calibration.calibration import calibrate as calibrate
-    from profilecal.calibration.leave_out import LeftOut as LeftOut
-    from profilecal.calibration.leave_out import leave_out as leave_out
-    from profilecal.calibration.observe import check as check
-    from profilecal.calibration.verify import Verification as Verification
-    from profilecal.calibration.verify import verify as verify
-    from profilecal.closed_form.ball import solve_ball as solve_ball
-    from profilecal.closed_form.ball import solve_fixed_point as solve_fixed_point
-    from profilecal.closed_form.ball import solve_tetra_ball as solve_tetra_ball
-    from profilecal.closed_form.disk import solve_disk as solve_disk
-    from profilecal.closed_form.edge import EdgeSolution as EdgeSolution
-    from profilecal.closed_form.edge import solve_edge as solve_edge
-    from profilecal.closed_form.two_step import TwoStepSolution as TwoStepSolution
-    from profilecal.geometry.checks import UnobservableError as UnobservableError
-    from profilecal.scan.conventions import pose_matrices as pose_matrices
-    from profilecal.scan.folder import read_scan as read_scan
-    from profilecal.scan.folder import write_scan as write_scan
-    from profilecal.scan.scan import Scan as Scan
-    from profilecal.scan.tables import ScanError as ScanError
-    from profilecal.simulation.spec import Truth as Truth
-    from profilecal.simulation.spec import simulate as simulate
-    from profilecal.targets.ball import Ball as Ball
-    from profilecal.targets.disk import Disk as Disk
-    from profilecal.targets.edge import Edge as Edge
-    from profilecal.targets.plane import Plane as Plane
-    from profilecal.targets.point import Point as Point
-    from profilecal.targets.rod import Rod as Rod
 
 
 def __getattr__(name: str) -> Any:

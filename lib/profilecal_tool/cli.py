@@ -305,10 +305,10 @@ def check(folder):
 
     Poses, groups, noise, outliers, motions.
     """
-    from profilecal.calibration import observe
     from profilecal.scan.folder import read_scan
+    from profilecal_tool.checking import check
 
-    echo("\n".join(observe.check(read_scan(folder))))
+    echo("\n".join(check(read_scan(folder))))
 
 
 @main.command()

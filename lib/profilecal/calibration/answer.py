@@ -3,7 +3,7 @@
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -17,26 +17,6 @@ EXPECTED = (
     "JSON object with that, its covariance and noise_mm; write one from another scan: "
     "profilecal calibrate SCAN --json > T.json"
 )
-
-
-class StatedPose(Protocol):
-    """What can be verified: a `Calibration`, or an `Answer` that was read."""
-
-    @property
-    def pose(self) -> np.ndarray:
-        """(4, 4) mm."""
-
-    @property
-    def covariance_total_mm_deg(self) -> np.ndarray:
-        """(6, 6)."""
-
-    @property
-    def noise_mm(self) -> float:
-        """The scanner's."""
-
-    @property
-    def mount(self) -> str:
-        """Where the scanner is."""
 
 
 @dataclass(frozen=True)

@@ -263,7 +263,6 @@ def calibrate(
 
     See Also
     --------
-    check : what a scan holds, before any calibration.
     verify : whether another scan agrees with the answer.
     leave_out : how well the others predict each orientation.
 

@@ -1,20 +1,14 @@
-"""What a scan shows of its target, as the joint solution takes it; and in words, before
-any calibration.
-"""
+"""What a scan shows of its target, as the joint solution takes it."""
 
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from textwrap import shorten
 
 import numpy as np
 
-from profilecal.geometry.fitting import affine_residuals
-from profilecal.geometry.noise import FALSE_ALARM, chi2_limit
-from profilecal.geometry.observability import LEAST_TURN_DEG, name_axis, turns
 from profilecal.profiles.points import Feature
 from profilecal.scan.scan import Scan
-from profilecal.scan.tables import ScanError, listed
+from profilecal.scan.tables import ScanError
 from profilecal.targets.observations import Observations
 from profilecal.targets.target import find_features
 
@@ -222,144 +216,3 @@ def stated_noise(scans: Sequence[Scan]) -> dict[str, float]:
     if any(scan.measured in ("arcs", "profiles") for scan in scans):
         stated.pop("profile_mm", None)
     return stated
-
-
-def check(scan: Scan) -> list[str]:
-    """What a scan holds, before any calibration: convention, groups, noise, outliers.
-
-    Parameters
-    ----------
-    scan : Scan
-        From a folder or from arrays.
-
-    Returns
-    -------
-    list of str
-        Lines for people, each with its subject in front.
-
-    See Also
-    --------
-    calibrate : the sensor pose.
-
-    Examples
-    --------
-    >>> import profilecal as pc
-    >>> scan, truth = pc.simulate("edge", seed=1)
-    >>> print(pc.check(scan)[0])
-    target         edge
-    """
-    seen = observe(scan)
-    lines = [*lines_on_poses(scan, len(seen.poses)), *lines_on_noise(scan, seen)]
-    return [*lines, *(f"note           {remark}" for remark in seen.remarks)]
-
-
-def lines_on_poses(scan: Scan, showing: int) -> list[str]:
-    """What there is to say of the poses, of which some show the target."""
-    reach = np.linalg.norm(scan.p_base_flange, axis=1)
-    angles, axis = turns(scan.R_base_flange)
-    sizes = Counter(np.bincount(scan.group).tolist())
-    groups = ", ".join(f"{count} of {size} poses" for size, count in sizes.items())
-    origin = "given" if scan.group_given else "found"
-    lines = [
-        f"target         {scan.description}",
-        f"poses          {len(scan.labels)}, {scan.mount}, orientation as "
-        f"{scan.convention}; {showing} show the target",
-        f"positions      {reach.min():.0f} to {reach.max():.0f} mm from the base",
-        f"groups         {scan.group.max() + 1} of one orientation, {origin}: {groups}",
-        f"turns          {angles[0]:.1f}, {angles[1]:.1f}, {angles[2]:.1f}° rms about "
-        f"three axes, most about {name_axis(axis, 'flange')}",
-    ]
-    if np.linalg.norm(angles[1:]) < LEAST_TURN_DEG:
-        lines.append(
-            "note           add poses tilted by 15° or more about two axes, "
-            "or something stays unknown"
-        )
-    return lines
-
-
-def lines_on_noise(scan: Scan, seen: Seen) -> list[str]:
-    """What the measurements say of the scanner's noise by themselves, and which of them
-    do not fit their group.
-    """
-    affine = scan.target.affine
-    if affine and len(seen.poses):
-        observed = as_observations(scan, seen)
-        noise, freedom = affine_noise(observed)
-        if freedom:
-            inside = f"{noise:.3g} mm inside groups, from {freedom} degrees of freedom"
-            lines = [f"noise          {inside}"]
-            for rows in affine_outliers(observed):
-                misfit = sentence_on_misfit([scan.labels[i] for i in seen.poses[rows]])
-                lines.append(f"note           {misfit}")
-            return lines
-    if len(seen.poses) and seen.typical_mm:
-        scatter = f"{seen.typical_mm:.2g} mm of a feature's coordinates"
-        return [f"noise          {scatter}, by the scatter in profiles"]
-    why = f"what a {scan.kind} shows does not tell it"
-    if affine:
-        why = "groups have too few poses (5 or more each)"
-    return [f"noise          unknown before the calibration: {why}"]
-
-
-def sentence_on_misfit(labels: Sequence[str]) -> str:
-    """That one of these poses does not fit its group."""
-    if len(labels) == 1:
-        return f"pose {labels[0]} does not fit its group"
-    return f"one of the poses {listed(labels)} does not fit: one more would tell which"
-
-
-def groups_of(observations: Observations) -> list[np.ndarray]:
-    """The poses of each rotation group, as indices."""
-    labels = observations.labels
-    return [np.flatnonzero(labels == label) for label in np.unique(labels)]
-
-
-def coordinates_of(observations: Observations) -> np.ndarray:
-    """What each pose of the first problem saw, (P, coordinates)."""
-    points = np.asarray(observations.points)[0]
-    return points.reshape(len(points), -1)
-
-
-def affine_outliers(observations: Observations) -> list[list[int]]:
-    """Poses whose points do not fit their group as in `affine_noise`: the one that fits
-    worst is taken out as long as chance does not explain it; with one degree of freedom
-    left all fit equally badly, so each is named. A whole group on a wrong edge is not
-    seen.
-    """
-    noise, _ = affine_noise(observations)
-    points = coordinates_of(observations)
-    limit = chi2_limit(FALSE_ALARM / len(points), points.shape[1])
-    outliers = []
-    for rows in groups_of(observations):
-        while len(rows) > 3:
-            left, basis, freedom = affine_residuals(
-                observations.T_flange[0, rows], points[rows]
-            )
-            free = 1 - np.sum(basis**2, axis=1)
-            if free.min() < 1e-6:  # nothing is left over to judge a pose by
-                break
-            size = np.sum(left**2, axis=1) / free / noise**2
-            if size.max() < limit:
-                break
-            worst = slice(None) if freedom == 1 else [size.argmax()]
-            outliers.append(rows[worst].tolist())
-            rows = np.delete(rows, worst)
-    return sorted(outliers)
-
-
-def affine_noise(observations: Observations) -> tuple[float, int]:
-    """Scanner noise from an edge or a marked point before anything is calibrated, mm,
-    and its degrees of freedom: what `affine_residuals` finds in each group. The median
-    over the groups keeps a bad point from counting.
-    """
-    points = coordinates_of(observations)
-    variances, total = [], 0
-    for rows in groups_of(observations):
-        left, _, freedom = affine_residuals(
-            observations.T_flange[0, rows], points[rows]
-        )
-        if freedom > 0:
-            freedom = points.shape[1] * int(freedom)
-            variances.append(np.sum(left**2) / chi2_limit(0.5, freedom))
-            total += freedom
-    return (float(np.sqrt(np.median(variances))) if variances else 0.0), total

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtrc
 
-from profilecal.calibration.answer import DEGREES, StatedPose, in_mm_rad
+from profilecal.calibration.answer import DEGREES, Answer, in_mm_rad
 from profilecal.calibration.calibration import Calibration, calibrate
 from profilecal.calibration.observe import stated_noise
 from profilecal.geometry.noise import FALSE_ALARM, normalised_square
@@ -87,7 +87,7 @@ class Verification:
         )
 
 
-def verify(found: StatedPose, scan: Scan) -> Verification:
+def verify(found: Calibration | Answer, scan: Scan) -> Verification:
     """Compare a sensor pose with what a scan says that was not used to find it.
 
     Parameters

@@ -283,7 +283,7 @@ class Scan:
         lengths = [f"{name} {value:g} mm" for name, value in self.measures.items()]
         return ", ".join([self.kind, *lengths])
 
-    def base_flange(self, poses: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+    def base_flange(self, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Some poses (k,) as the calibration takes them: rotations (k, 3, 3) and
         translations (k, 3) of the flange in the base frame; eye-to-hand, of the base in
         the flange frame.

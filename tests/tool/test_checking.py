@@ -7,14 +7,11 @@ from scipy.stats import binom
 from simulated import scan_of
 
 from profilecal.calibration.calibration import calibrate
-from profilecal.calibration.observe import (
-    affine_outliers,
-    as_observations,
-    check,
-    observe,
-)
+from profilecal.calibration.observe import as_observations, observe
 from profilecal.geometry.poses import rotations
+from profilecal.simulation.scene import random_scene
 from profilecal.simulation.spec import Spec, simulate_scan
+from profilecal_tool.checking import affine_noise, affine_outliers, check
 
 
 def test_planted_outliers_are_named_by_check_and_rejected_by_calibrate():
@@ -79,3 +76,11 @@ def test_check_rarely_doubts_a_good_scan():
         bool(affine_outliers(as_observations(scan, observe(scan)))) for scan in scans
     )
     assert doubted <= binom.ppf(0.9999, 60, 0.02)
+
+
+def test_the_noise_inside_groups_is_that_of_the_scanner():
+    rng, sigma_mm = np.random.default_rng(18), 0.05
+    level_mm, freedom = affine_noise(random_scene("edge", rng).noisy(sigma_mm, rng))
+    assert freedom == 25 * (10 - 4) * 2
+    of_median = np.sqrt(0.5 / freedom) * np.sqrt(np.pi / 2)  # over the groups
+    assert abs(level_mm / sigma_mm - 1) < 4 * of_median
