@@ -8,8 +8,8 @@ what speaks for and against it.
 A residual is an observed point minus where the scan plane meets the target, in the scan
 plane. A target says how it changes with the target's own frame (`targets.target`);
 everything else is the same for all of them and stands here. The sensor pose is
-perturbed as T · exp(δ), δ = (ρ, φ) in the sensor's frame: a point at p there moves to p
-- ρ + p × φ. The first axis is a batch of problems; the linear model and `solve` take
+perturbed as T · exp(δ), δ = (ρ, φ) in the sensor's frame: a point at p there moves to
+p - ρ + p × φ. The first axis is a batch of problems; the linear model and `solve` take
 one.
 
 `problem` arranges the residuals of all targets (`residuals`), `descent` finds the least

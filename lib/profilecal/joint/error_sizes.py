@@ -52,11 +52,7 @@ class ErrorSizes:
 
 
 def likeliest(
-    model: LinearModel,
-    law: Law,
-    y: np.ndarray,
-    tolerance: float = 1e-3,
-    most: int = 30,
+    model: LinearModel, law: Law, y: np.ndarray, tolerance: float = 1e-3
 ) -> tuple[np.ndarray, np.ndarray]:
     """The likeliest coordinates (d,) of the sizes, by Newton's method from some `y`,
     and a root (d, d) of the inverse curvature there.
@@ -83,7 +79,7 @@ def likeliest(
 
     here = look(y)
     damping = 0.0
-    for _ in range(most):
+    for _ in range(30):
         h, y, first, second, posterior = here
         g, information = (part[..., law.free] for part in model.gradient(posterior))
         information = first[:, None] * information[law.free] * first

@@ -219,8 +219,8 @@ class Residuals:
         """A placement after a step (B, n) of its free shifts and turns."""
         origin, axes = placement
         shift, turn = np.zeros((2, len(step), 3))
-        shift[:, self.shifts] = step[:, : len(self.shifts)]
-        turn[:, self.turns] = step[:, len(self.shifts) :]
+        parts = np.split(step, [len(self.shifts)], axis=1)
+        shift[:, self.shifts], turn[:, self.turns] = parts
         return carry(axes, origin, shift), axes @ rotations(turn)
 
     def place(

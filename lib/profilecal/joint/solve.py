@@ -4,7 +4,6 @@ errors, conclude.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -181,11 +180,6 @@ class Estimate:
     model: LinearModel
     error_sizes: ErrorSizes
 
-    @cached_property
-    def posterior(self) -> Posterior:
-        """What the model says with errors of the middle sizes."""
-        return self.model.posterior(self.error_sizes.v[None])
-
 
 def estimate(problem: Problem, prior: Prior, state: State, robust: bool) -> Estimate:
     """The state and the size of every error as the residuals have them, from a state
@@ -200,23 +194,23 @@ def estimate(problem: Problem, prior: Prior, state: State, robust: bool) -> Esti
         columns = problem.columns_in_mm(state)
         whole = problem.model(state, names, columns=columns)
         if kept is None:
-            kept = first = (
-                of_large_errors(problem, state, whole, prior) if robust else whole.kept
-            )
+            first = whole.kept
+            if robust:
+                first = of_large_errors(problem, state, whole, prior)
+            kept = first
         model = whole.keeping(kept)
         y, _ = likeliest(model, law, y)
         posterior = model.posterior(law.variances(y[None])[0])
         x = posterior.mean[0]
         after = kept
         if robust:
-            errors, covariances = model.left_out(posterior)
-            after = belonging(problem, whole, errors, covariances, x, posterior.v[0])
+            after = belonging(problem, model, *squares_left_out(model, posterior))
             rejected = np.mean(first) - np.mean(after)
-            too_few = whole.counts[after].sum() <= problem.n
+            too_few = model.counts[after].sum() <= problem.n
             if rejected > LARGEST_REJECTED or too_few:
                 after = first  # the model is at fault, not the poses
-        # a step leaves to the next one such a part of itself as it is of a radian or of
-        # 100 mm
+        # What is left to the next step is such a part of this step as this step is of a
+        # radian, or of 100 mm: the residuals are linear but for squares.
         left = np.abs(x) * reach(posterior.mean)
         small = left < 0.002 * np.sqrt(np.diag(posterior.covariance[0]))
         settled = (after == kept).all() and small[: problem.n].all()
@@ -250,30 +244,24 @@ def of_large_errors(
         law = believed.law(model.names)
         (v,), _, _ = law.variances(np.full((1, len(law.free)), large))
         v[0] = scanner**2
-        errors, covariances = model.Y[:, :, -1], model.own(v)
-        kept = belonging(problem, model, errors, covariances, np.zeros(model.n), v)
+        x = np.append(np.zeros(model.n), 1.0)
+        by_itself = squares(model, model.Y @ x, model.own(v), x, v)
+        kept = belonging(problem, model, *by_itself)
         if np.mean(~kept) <= 0.2:
             break
     return kept if model.counts[kept].sum() > problem.n else model.kept
 
 
 def belonging(
-    problem: Problem,
-    model: LinearModel,
-    errors: np.ndarray,
-    covariances: np.ndarray,
-    x: np.ndarray,
-    v: np.ndarray,
+    problem: Problem, model: LinearModel, of_flange: np.ndarray, of_rest: np.ndarray
 ) -> np.ndarray:
-    """The profiles (profiles,) whose residuals chance explains, but for those of groups
-    of which it does not explain more than half. `errors` (profiles, q), `covariances`:
-    of the rows that speak of the flange; `x` (n,): the unknowns.
+    """The profiles (profiles,) whose residuals, by their `squares`, chance explains,
+    but for those of groups of which it does not explain more than half.
     """
-    chance = FALSE_ALARM / 2 / len(errors)  # two tests of each
-    of_flange, others = squares(model, errors, covariances, np.append(x, 1.0), v)
+    chance = FALSE_ALARM / 2 / len(of_rest)  # two tests of each
     rest = model.counts - model.ranks
     bad = of_flange > chi2_limit(chance, np.maximum(model.ranks, 1))
-    bad |= (rest > 0) & (others > chi2_limit(chance, np.maximum(rest, 1)))
+    bad |= (rest > 0) & (of_rest > chi2_limit(chance, np.maximum(rest, 1)))
     group = problem.groups.group
     size = np.bincount(group)
     crowd = (np.bincount(group, bad) > size / 2) & (size > 2)
@@ -287,12 +275,22 @@ def squares(
     x: np.ndarray,
     v: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """χ² (profiles,) of the rows that speak of the flange, and of the rest of the
-    residuals, for unknowns x and a one (n + 1,).
+    """χ² (profiles,) of the rows that speak of the flange, whose errors (profiles, q)
+    and covariances are given, and of the rest of the residuals.
+
+    `x` (n + 1,): the unknowns and a one; `v` (1 + k,): the variances.
     """
     of_flange = normalised_square(covariances, errors)
     # what is below zero is rounding
     return np.maximum(of_flange, 0), np.maximum(x @ model.rest @ x, 0) / v[0]
+
+
+def squares_left_out(
+    model: LinearModel, posterior: Posterior
+) -> tuple[np.ndarray, np.ndarray]:
+    """The `squares` of each profile by what all others say of it."""
+    x = np.append(posterior.mean[0], 1.0)
+    return squares(model, *model.left_out(posterior), x, posterior.v[0])
 
 
 def conclude(estimated: Estimate, prior: Prior, others: State) -> Solution:
@@ -301,8 +299,9 @@ def conclude(estimated: Estimate, prior: Prior, others: State) -> Solution:
     well.
     """
     problem, model = estimated.problem, estimated.model
-    error_sizes, posterior = estimated.error_sizes, estimated.posterior
     n = problem.n
+    error_sizes = estimated.error_sizes
+    posterior = model.posterior(error_sizes.v[None])
     state = after_step(problem, estimated.state, error_sizes.mean)
     chi2 = float(posterior.square[0])
     dof = max(int(model.counts[model.kept].sum()) - n, 1)
@@ -315,26 +314,30 @@ def conclude(estimated: Estimate, prior: Prior, others: State) -> Solution:
     messages += remarks + explanation(problem, state, weaker)
     status = str(weaker.status)
     if status != "unobservable":
+        # χ² of the six unknowns of a sensor pose rarely exceeds 12
         largest = chi2 + 12 * max(1.0, chi2 / dof)
         twins = twin(estimated, state, observability, largest, others)
         if twins:
             status = "weak"
             messages += twins
 
-    kept = problem.split(model.kept)
+    terms = zip(problem.terms, state.placements, strict=True)
     sizes = {size.name: size.middle for size in error_sizes.sizes}
     return Solution(
         state=state,
         covariance=covariance,
-        placements=targets(problem, state),
+        placements=tuple(
+            term.target.at(origin[0], axes[0], term.sizes)
+            for term, (origin, axes) in terms
+        ),
         prior=prior,
         error_sizes=error_sizes,
         noise=replace(problem.noise, **(dict.fromkeys(ROBOT, 0.0) | sizes)),
         chi2=chi2,
         dof=dof,
         rms_mm=problem.rms_mm(estimated.columns, error_sizes.mean, model.kept),
-        normalised=normalised_residuals(estimated),
-        rejected=tuple(~good for good in kept),
+        normalised=normalised_residuals(problem, model, posterior),
+        rejected=tuple(problem.split(~model.kept)),
         status=status,
         observability=observability,
         messages=tuple(messages),
@@ -350,7 +353,7 @@ def enlargement_by_misfit(
     """
     given = prior.source == "given" and prior.robot_known
     factor = chi2 / dof
-    if not given or factor <= chi2_limit(UNLIKELY, dof) / dof:
+    if not (given and factor > chi2_limit(UNLIKELY, dof) / dof):
         return 1.0, []
     return factor, [
         f"residuals are {factor**0.5:.2g} times what the stated noise explains; "
@@ -439,19 +442,10 @@ def twin(
     return []
 
 
-def normalised_residuals(estimated: Estimate) -> tuple:
+def normalised_residuals(
+    problem: Problem, model: LinearModel, posterior: Posterior
+) -> tuple:
     """Each pose's residual over its expected size, (P,) for each target."""
-    model, posterior = estimated.model, estimated.posterior
-    x = np.append(posterior.mean[0], 1.0)
-    errors, covariances = model.left_out(posterior)
-    of_flange, rest = squares(model, errors, covariances, x, posterior.v[0])
-    mean_square = (of_flange + rest) / np.maximum(model.counts, 1)
-    return tuple(estimated.problem.split(np.sqrt(mean_square)))
-
-
-def targets(problem: Problem, state: State) -> tuple:
-    """A `Target` for each set of observations, where the state has it."""
-    return tuple(
-        term.target.at(origin[0], axes[0], term.sizes)
-        for term, (origin, axes) in zip(problem.terms, state.placements, strict=True)
-    )
+    of_flange, of_rest = squares_left_out(model, posterior)
+    mean_square = (of_flange + of_rest) / np.maximum(model.counts, 1)
+    return tuple(problem.split(np.sqrt(mean_square)))
