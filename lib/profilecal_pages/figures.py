@@ -7,7 +7,11 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.ticker import LogLocator
+from mpl_toolkits.mplot3d import Axes3D
+from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from numpy.typing import ArrayLike
 
 # Okabe and Ito's colours, told apart by colour-blind readers and in grey print
@@ -61,7 +65,7 @@ class Results:
             place = self._place("tables", name).with_suffix(".csv")
             frame.to_csv(place, index=frame.index.name is not None)
 
-        def rounded(value):
+        def rounded(value: object) -> object:
             is_float = isinstance(value, float | np.floating)
             return f"{value:.{digits}g}" if is_float else value
 
@@ -96,7 +100,9 @@ def plot_changes(parts: dict, size: float, numbers: str, met: str) -> plt.Figure
     return figure
 
 
-def draw_frame(axes, rotation: ArrayLike, origin: ArrayLike, length: float) -> None:
+def draw_frame(
+    axes: Axes3D, rotation: ArrayLike, origin: np.ndarray, length: float
+) -> None:
     """Draw a coordinate frame in a 3D plot: x red, y green, z blue."""
     for axis, colour in zip(np.transpose(rotation), (RED, GREEN, BLUE), strict=True):
         ends = np.column_stack([origin, origin + length * axis])
@@ -104,18 +110,16 @@ def draw_frame(axes, rotation: ArrayLike, origin: ArrayLike, length: float) -> N
 
 
 def draw_patch(
-    axes, corners: ArrayLike, colour: str, alpha: float = 0.25, label: str = ""
+    axes: Axes3D, corners: ArrayLike, colour: str, alpha: float = 0.25, label: str = ""
 ) -> None:
     """Draw a filled polygon with corners (n, 3) in a 3D plot."""
-    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
-
     patch = Poly3DCollection(
         [corners], facecolor=colour, edgecolor=colour, alpha=alpha, label=label
     )
     axes.add_collection3d(patch)
 
 
-def equal_axes(axes, points: ArrayLike) -> None:
+def equal_axes(axes: Axes3D, points: ArrayLike) -> None:
     """Give a 3D plot the same scale on its three axes, around points (n, 3)."""
     low = np.min(points, axis=0)
     high = np.max(points, axis=0)
@@ -125,7 +129,7 @@ def equal_axes(axes, points: ArrayLike) -> None:
 
 
 def draw_scan(
-    axes, rotation: ArrayLike, origin: np.ndarray, depth: float, colour: str
+    axes: Axes3D, rotation: ArrayLike, origin: np.ndarray, depth: float, colour: str
 ) -> np.ndarray:
     """Draw a scanner's fan of light in a 3D plot, as wide as it is deep; return its
     corners (3, 3).
@@ -138,18 +142,25 @@ def draw_scan(
     return corners
 
 
-def noise_curves(axes, m: Sequence, sigma_mm: Sequence, e: Sequence) -> None:
+def noise_curves(axes: Axes, m: Sequence, sigma_mm: Sequence, e: Sequence) -> None:
     """Draw e (k, l) over m (l,), one curve for each sigma_mm (k,), named at its right
     end.
     """
     shades = plt.get_cmap("viridis")(np.linspace(0, 0.85, len(sigma_mm)))
-    beside = {"textcoords": "offset points"}
+    points = "offset points"
     for sigma, curve, shade in zip(sigma_mm, e, shades, strict=True):
         axes.plot(m, curve, color=shade, lw=1.5)
         end = m[-1], curve[-1]
-        name = f"{sigma:.3g}"
-        axes.annotate(name, end, (5, 0), va="center", color=shade, fontsize=8, **beside)
-    axes.annotate("σ [mm]", end, (5, 10), fontsize=9, **beside)
+        axes.annotate(
+            f"{sigma:.3g}",
+            end,
+            (5, 0),
+            textcoords=points,
+            va="center",
+            color=shade,
+            fontsize=8,
+        )
+    axes.annotate("σ [mm]", end, (5, 10), textcoords=points, fontsize=9)
 
 
 def plot_columns(frame: pd.DataFrame, x: str, y: str, hue: str, folder: Path) -> Path:
@@ -217,7 +228,7 @@ def below(values: ArrayLike, limit: float) -> str:
     return f"below {limit:g}".replace("e-0", "e-")
 
 
-def plain_log(*scales) -> None:
+def plain_log(*scales: Axis) -> None:
     """Label logarithmic x or y axes of plots with plain numbers, at 1, 2, 5, 10, …"""
     for axis in scales:
         axis.set_major_locator(LogLocator(subs=(1, 2, 5)))

@@ -9,7 +9,6 @@ numbers shown.
 import json
 import re
 from collections import defaultdict
-from collections.abc import Iterable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -146,7 +145,7 @@ class Item:
         free = f" Free: {self.free}." if self.free else ""
         return f"Printed numbers {which}: {counts}.{free}"
 
-    def _repr_mimebundle_(self, include=None, exclude=None) -> dict:
+    def _repr_mimebundle_(self, include: object = None, exclude: object = None) -> dict:
         layouts = {"table": as_table, "list": as_list, "matrix": as_matrices}
         frame = layouts[self.layout](self)
         index = self.layout == "table"
@@ -225,7 +224,6 @@ def as_matrices(item: Item) -> pd.DataFrame:
     """Printed, ours and their difference side by side, with what is allowed; a rigid
     transform with its last row.
     """
-
     lines = defaultdict(list)
     for row in item.rows:
         lines[row.row].append(row)
@@ -256,7 +254,11 @@ def from_json(entry: dict) -> Item:
     return Item(**(entry | {"rows": rows}))
 
 
-def gather(folder: Path) -> list[tuple[str, Item]]:
+# Items of papers, each with the name of the notebook that shows it.
+Gathered = list[tuple[str, Item]]
+
+
+def gather(folder: Path) -> Gathered:
     """All items of the executed notebooks in a folder, each with its notebook's name,
     in reading order.
     """
@@ -278,7 +280,7 @@ def handed_out(notebook: dict, mime: str) -> list:
     return entries
 
 
-def tally(gathered: Iterable[tuple[str, Item]]) -> pd.DataFrame:
+def tally(gathered: Gathered) -> pd.DataFrame:
     """Of each item, and each quantity of a table, how many printed numbers are
     reproduced, compatible, or differ.
     """
@@ -297,7 +299,7 @@ def tally(gathered: Iterable[tuple[str, Item]]) -> pd.DataFrame:
     return pd.DataFrame(lines, columns=columns)
 
 
-def sentence(gathered: Iterable[tuple[str, Item]]) -> str:
+def sentence(gathered: Gathered) -> str:
     """How many printed results come out."""
     total = tally(gathered)[["printed", *VERDICTS]].sum()
     good = total["reproduced"] + total["compatible"]
@@ -307,7 +309,7 @@ def sentence(gathered: Iterable[tuple[str, Item]]) -> str:
     )
 
 
-def scorecard(gathered: Iterable[tuple[str, Item]]) -> pd.DataFrame:
+def scorecard(gathered: Gathered) -> pd.DataFrame:
     """A row for each printed number and reading, with its verdict."""
     lines = []
     for stem, item in gathered:

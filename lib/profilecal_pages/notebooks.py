@@ -16,6 +16,7 @@ from hashlib import sha256
 from importlib import metadata
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 # A grammar that jsonschema compiles in a second, and does without
 modules: dict = sys.modules
@@ -78,7 +79,7 @@ def parameters_of(path: Path) -> dict[str, str]:
     return {name: entry["inferred_type_name"] for name, entry in parameters.items()}
 
 
-def parse_value(text: str):
+def parse_value(text: str) -> Any:
     """A parameter typed at the command line: a number, true or false, a JSON list, else
     text as it stands.
     """
@@ -233,7 +234,9 @@ def workers(scheduler: str | None = None) -> Iterator:
         yield stack.enter_context(Client(scheduler, timeout=10, set_as_default=False))
 
 
-def outcomes(client, jobs: dict[str, tuple]) -> Iterator[tuple[str, str, str, float]]:
+def outcomes(
+    client: Any, jobs: dict[str, tuple]
+) -> Iterator[tuple[str, str, str, float]]:
     """Carry out runs on Dask's workers; yields, as each ends, its name and what
     `execute` returns. `jobs` has for each name what `execute` takes after the versions.
     """
@@ -319,7 +322,7 @@ def clear(output: Path) -> None:
 MIME = "application/vnd.profilecal.record"
 
 
-def record(table=None, /, **values) -> None:
+def record(table: Any = None, /, **values: object) -> None:
     """Hand out values of the notebook that calls this, or a pandas table: they become
     columns of the sweep's table, with a row for each of the table's. Raises TypeError
     for a value that no table can hold.
@@ -333,7 +336,7 @@ def record(table=None, /, **values) -> None:
     display({"text/plain": text, MIME: data}, raw=True)
 
 
-def _plain(value):
+def _plain(value: Any) -> Any:
     """NumPy's numbers as Python's."""
     if hasattr(value, "dtype") and value.ndim == 0:
         return value.item()

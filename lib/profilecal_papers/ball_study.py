@@ -114,7 +114,7 @@ def ball_study(
     n = len(scans.R_tcp)
     q = np.empty((len(sigma_mm), len(counts), n, 3, trials))
 
-    def run(setting, part, stream):
+    def run(setting: tuple, part: slice, stream: np.random.Generator) -> None:
         """Fill in the centres that some trials see from one pose."""
         (pose,) = setting
         size = part.stop - part.start

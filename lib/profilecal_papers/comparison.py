@@ -2,8 +2,9 @@
 found.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -50,7 +51,7 @@ def compare(
     return Item(paper, item, what, tuple(rows), **about)
 
 
-def beside_printed(entry, numbers, labels: Mapping, reading: str) -> Row:
+def beside_printed(entry: Any, numbers: Iterable, labels: Mapping, reading: str) -> Row:
     """A row of an item, from a row of `published.entries` and from ours, low and
     high, rounded to what the data hold.
     """

@@ -134,7 +134,7 @@ def disk_study(
     motion = np.einsum("nba,nb->na", scans.R_tcp, scans.T_end - scans.T_start)
     way = scans.T_start[:, None], scans.T_end[:, None], scans.s[:, None]
 
-    def run(setting, part, stream):
+    def run(setting: tuple, part: slice, stream: np.random.Generator) -> None:
         """Fill in the errors of some trials of one setting."""
         i, j = setting
         size = part.stop - part.start

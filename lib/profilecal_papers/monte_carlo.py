@@ -228,7 +228,7 @@ def rotations_near(B: np.ndarray) -> np.ndarray:
     rounds take an eighth of an SVD's time.
     """
 
-    def halved(A):
+    def halved(A: np.ndarray) -> np.ndarray:
         """A with half a rotation's norm, √3 / 2."""
         return A * np.sqrt(0.75 / np.einsum("abk,abk->k", A, A))
 

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -29,7 +30,7 @@ def least_change(
 
         minimise s, where s - x ≥ 0, s + x ≥ 0, 0.99 - v(x) ≥ 0 and 0.99 + v(x) ≥ 0.
 
-    It is a problem in y = (x, s). The derivatives of the four lines of constraints are
+    It is a problem in y = (x, s). The derivatives of the four constraints are
 
         by x: -I, I, -J, J,  by s: 1, 1, 0, 0,  with J = ∂v/∂x
 
@@ -42,14 +43,14 @@ def least_change(
     middle, half = (low + high) / 2, (high - low) / 2
     one = np.eye(size)
 
-    def v(x):
+    def v(x: np.ndarray) -> np.ndarray:
         return (compute(x) - middle) / half
 
-    def room(y):
+    def room(y: np.ndarray) -> Any:
         x, s = y[:-1], y[-1]
         return np.concatenate([s - x, s + x, inside - v(x), inside + v(x)])
 
-    def slopes_of_room(y):
+    def slopes_of_room(y: np.ndarray) -> Any:
         forth, back = np.split(v(y[:-1] + step * np.vstack([one, -one])), 2)
         J = (forth - back).T / (2 * step)
         by_x = np.vstack([-one, one, -J, J])
@@ -58,10 +59,10 @@ def least_change(
 
     by_y = np.append(np.zeros(size), 1.0)
 
-    def bound(y):
+    def bound(y: np.ndarray) -> float:
         return y[-1]
 
-    def slopes_of_bound(y):
+    def slopes_of_bound(y: np.ndarray) -> np.ndarray:
         return by_y
 
     # at 0 several values may tie, and have no slope
@@ -224,7 +225,7 @@ class RoundingBox:
         low = np.append(low, np.zeros(others))
         high = np.append(high, np.full(others, high[-1]))
 
-        def falling(place):
+        def falling(place: np.ndarray) -> np.ndarray:
             """The values, the last of them in falling order."""
             found = np.array(compute(self.at(place)))
             found[..., -largest_of:] = -np.sort(-found[..., -largest_of:], axis=-1)
