@@ -20,25 +20,25 @@ KNOWN = Noise(SIGMA, steering_mm=0.2)
 def many(kind: str, count: int, seed: int, **choices) -> Scene:
     """`count` random scenes as a batch."""
     rng = np.random.default_rng(seed)
-    return stack(
-        [
-            random_scene(kind, rng, count=10, **SMALL.get(kind, {}), **choices)
-            for _ in range(count)
-        ]
-    )
+    choices = SMALL.get(kind, {}) | choices
+    scenes = [random_scene(kind, rng, count=10, **choices) for _ in range(count)]
+    return stack(scenes)
 
 
 def errors(state: State, truth: State) -> np.ndarray:
+    """Of sensor poses (B, 6), mm and rad."""
     return pose_error(
         state.rotation, state.translation, truth.rotation, truth.translation
     )
 
 
-def assert_exact(error):
-    """1e-9° and 1e-9 mm."""
-    assert np.degrees(np.linalg.norm(error[..., 3:], axis=-1)).max() < 1e-9
-    assert np.linalg.norm(error[..., :3], axis=-1).max() < 1e-9
+def assert_exact(error: np.ndarray) -> None:
+    """To 1e-9° and 1e-9 mm, for errors (..., 6)."""
+    shift, turn = error[..., :3], error[..., 3:]
+    assert np.degrees(np.linalg.norm(turn, axis=-1)).max() < 1e-9
+    assert np.linalg.norm(shift, axis=-1).max() < 1e-9
 
 
-def mount_of(scene):
+def mount_of(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
+    """The sensor's pose on the flange, (3, 3), (3,) mm."""
     return scene.truth.rotation[0], scene.truth.translation[0]

@@ -1,5 +1,7 @@
 """Raw profiles of every target as a scanner with the noise of the edge paper's VLM350
 sends them, and worse.
+
+Every maker returns P profiles (P, n, 2), and where the target is in each.
 """
 
 import numpy as np
@@ -23,9 +25,8 @@ def spoil(profiles, truth, rng):
     for profile, points in zip(profiles, truth, strict=True):
         n = len(profile)
         spikes = rng.random(n) < 0.01
-        profile[spikes, 1] += rng.uniform(3, 30, spikes.sum()) * rng.choice(
-            [-1, 1], spikes.sum()
-        )
+        height = rng.uniform(3, 30, spikes.sum())
+        profile[spikes, 1] += height * rng.choice([-1, 1], spikes.sum())
         apart = np.abs(profile[:, None, 0] - points[None, :, 0])
         close = (np.nan_to_num(apart, nan=0.0) < 2).any(axis=1)
         for _ in range(2):
@@ -38,22 +39,19 @@ def spoil(profiles, truth, rng):
 
 
 def edges(specimen, rng, groups=25):
-    """Profiles (P, n, 2) of a specimen, and its edge (P, 1, 2)."""
-    scene = edge_scenes(
-        EdgePlan(groups=groups, spread_deg=20, frame="group", radius=15), Noise(), rng
-    )
-    rotation, origin = scan_planes(
-        scene.R_sensor, scene.T_sensor, *actual_poses(scene.poses, Noise(), rng)
-    )
+    """Profiles of a specimen, and its edge (P, 1, 2)."""
+    plan = EdgePlan(groups=groups, spread_deg=20, frame="group", radius=15)
+    scene = edge_scenes(plan, Noise(), rng)
+    poses = actual_poses(scene.poses, Noise(), rng)
+    rotation, origin = scan_planes(scene.R_sensor, scene.T_sensor, *poses)
     away = rotation.mean(axis=(0, 1))[:, 2]
-    outline = scene.edge.outline(specimen, rotation, origin, away)
-    return scan(outline, rng).reshape(-1, SCANNER.points, 2), scene.points.reshape(
-        -1, 1, 2
-    )
+    outlines = scene.edge.outline(specimen, rotation, origin, away)
+    profiles = scan(outlines, rng).reshape(-1, SCANNER.points, 2)
+    return profiles, scene.points.reshape(-1, 1, 2)
 
 
 def scan(outlines, rng):
-    """Profiles (P, n, 2) of outlines (P, V, 2)."""
+    """Profiles (..., n, 2) of outlines (..., V, 2)."""
     return SCANNER.profile(np.asarray(outlines), rng)
 
 
@@ -64,22 +62,18 @@ def turned(points, angle, place):
 
 
 def disks(rng, count=250, background=20.0, aside=0.0):
-    """Profiles of disks above a table or, with `background` None, nothing; their tips
-    (P, 2, 2), smaller x first.
+    """Disks above a table or, with `background` None, nothing; their tips (P, 2, 2),
+    smaller x first.
     """
-    half = RADIUS * np.sqrt(1 - rng.uniform(0, 0.8, count) ** 2)
+    depth = background or 500  # mm, which is out of the scanner's range
     chains, tips = [], []
-    for h in half:
-        angle, place = (
-            rng.uniform(-0.35, 0.35),
-            np.array([aside + rng.uniform(-5, 5), rng.uniform(180, 240)]),
-        )
-        ends = turned([[-h, 0], [h, 0]], angle, place)
-        table = turned(
-            [[-300, background or 500], [300, background or 500]], angle * 0.5, place
-        )
-        below = [[x, np.interp(x, *table.T)] for x in ends[:, 0]]
-        chains.append([table[0], below[0], *ends, below[1], table[1]])
+    for half in RADIUS * np.sqrt(1 - rng.uniform(0, 0.8, count) ** 2):
+        angle = rng.uniform(-0.35, 0.35)
+        place = np.array([aside + rng.uniform(-5, 5), rng.uniform(180, 240)])
+        ends = turned([[-half, 0], [half, 0]], angle, place)
+        table = turned([[-300, depth], [300, depth]], angle * 0.5, place)
+        left, right = ([x, np.interp(x, *table.T)] for x in ends[:, 0])
+        chains.append([table[0], left, *ends, right, table[1]])
         tips.append(ends)
     return scan(chains, rng), np.array(tips)
 
@@ -88,12 +82,11 @@ def arc_of(radius, middle, reach_deg):
     """Points (k, 2) on a circle about zero, to either side of an angle; lines that join
     them are on it on average.
     """
-    angle = middle + np.radians(np.arange(-reach_deg, reach_deg + 0.1, 1.5))
-    return (
-        radius
-        * (1 + np.radians(1.5) ** 2 / 12)
-        * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    )
+    step_deg = 1.5
+    angle = middle + np.radians(np.arange(-reach_deg, reach_deg + 0.1, step_deg))
+    # a line between two points is nearer to zero than they are, by this on average
+    larger = radius * (1 + np.radians(step_deg) ** 2 / 12)
+    return larger * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
 
 
 def above_table(arc, z):
@@ -102,21 +95,20 @@ def above_table(arc, z):
 
 
 def balls(rng, count=250, background=30.0):
-    """Profiles of balls on a table, and their circles (P, 3)."""
+    """Balls on a table, and their circles (P, 3)."""
     r = RADIUS * np.sqrt(1 - rng.uniform(0, 0.8, count) ** 2)
-    circles = np.stack(
-        [rng.uniform(-8, 8, count), rng.uniform(190, 240, count), r], axis=-1
-    )
-    chains = [
-        above_table(c[:2] + arc_of(c[2], -np.pi / 2, 90), c[1] + background)
-        for c in circles
-    ]
+    x = rng.uniform(-8, 8, count)
+    z = rng.uniform(190, 240, count)
+    circles = np.stack([x, z, r], axis=-1)
+    arcs = [circle[:2] + arc_of(circle[2], -np.pi / 2, 90) for circle in circles]
+    tables = z + background
+    chains = [above_table(*pair) for pair in zip(arcs, tables, strict=True)]
     return scan(chains, rng), circles
 
 
 def rods(rng, count=250, radius=RADIUS, background=30.0):
-    """Profiles of rods above a table or, with `background` None, nothing, by scan
-    planes up to 45° off square.
+    """Rods above a table or, with `background` None, nothing, by scan planes up to 45°
+    off square.
 
     Their ellipses (P, 4): the centre, and what of the axis' unit direction lies in the
     plane.
@@ -127,9 +119,8 @@ def rods(rng, count=250, radius=RADIUS, background=30.0):
         cosine = np.sqrt(1 - sine**2)
         # from the rod seen along its axis
         oblique = np.eye(2) + np.outer(axis, axis) / (cosine * (1 + cosine))
-        centre = np.array(
-            [rng.uniform(-8, 8), rng.uniform(190, 240) + max(radius - RADIUS, 0)]
-        )
+        x, z = rng.uniform(-8, 8), rng.uniform(190, 240)
+        centre = np.array([x, z + max(radius - RADIUS, 0)])
         # where the ellipse is square to z
         nearest = np.arctan2(*oblique[::-1, 1]) + np.pi
         arc = centre + arc_of(radius, nearest, 120) @ oblique
@@ -141,26 +132,21 @@ def rods(rng, count=250, radius=RADIUS, background=30.0):
 
 
 def planes(rng, count=250):
-    """Profiles of a face with a lower table beside it, and points on the face (P, 2,
-    2).
-    """
-    faces = [
-        turned(
-            [[-40, 0], [32, 0]],
-            rng.uniform(-0.35, 0.35),
-            [rng.uniform(-5, 5), rng.uniform(180, 240)],
-        )
-        for _ in range(count)
-    ]
-    chains = [[*face, face[1] + [0.0, 20], face[1] + [200.0, 20]] for face in faces]
+    """A face with a lower table beside it, and points on the face (P, 2, 2)."""
+    chains, faces = [], []
+    for _ in range(count):
+        angle = rng.uniform(-0.35, 0.35)
+        place = [rng.uniform(-5, 5), rng.uniform(180, 240)]
+        face = turned([[-40, 0], [32, 0]], angle, place)
+        chains.append([*face, face[1] + [0.0, 20], face[1] + [200.0, 20]])
+        faces.append(face)
     return scan(chains, rng), np.array(faces)
 
 
 def tables(rng, count=250):
     """Profiles of a flat table alone: nothing to find but a plane."""
-    table = [[-300, 0], [300, 0]]
-    chains = [
-        turned(table, rng.uniform(-0.35, 0.35), [0, rng.uniform(150, 260)])
-        for _ in range(count)
-    ]
+    chains = []
+    for _ in range(count):
+        angle, depth = rng.uniform(-0.35, 0.35), rng.uniform(150, 260)
+        chains.append(turned([[-300, 0], [300, 0]], angle, [0, depth]))
     return scan(chains, rng)

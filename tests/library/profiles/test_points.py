@@ -6,19 +6,16 @@ import pytest
 from profilecal.profiles.points import correlation, present
 
 
+def present_at(depths):
+    x = np.arange(float(len(depths)))
+    return present(np.column_stack([x, depths])).tolist()
+
+
 def test_zeros_are_missing_points_except_among_depths_near_zero():
-    x = np.arange(6.0)
-    assert present(np.column_stack([x, [9, 0, 9, 9, 0, 0]])).tolist() == [
-        True,
-        False,
-        True,
-        True,
-        False,
-        False,
-    ]
-    assert present(np.column_stack([x, [0.2, 0, -0.1, 0, 0.1, np.nan]])).tolist() == [
-        True
-    ] * 5 + [False]
+    assert present_at([9, 0, 9]) == [True, False, True]
+    assert present_at([9, 9, 0, 0]) == [True, True, False, False]
+    assert present_at([0.2, 0, -0.1, 0, 0.1]) == [True] * 5
+    assert present_at([0.2, 0, np.nan]) == [True, True, False]
 
 
 def test_correlation_enlarges_variances_of_means():
@@ -27,9 +24,10 @@ def test_correlation_enlarges_variances_of_means():
     """
     rng = np.random.default_rng(9)
     white = rng.normal(size=(200, 1000))
-    assert np.mean([correlation(e) for e in white]) == pytest.approx(1, abs=0.05)
-    smooth = np.array([np.convolve(e, np.ones(5) / 5, "valid") for e in white])
+    factors = [correlation(errors) for errors in white]
+    assert np.mean(factors) == pytest.approx(1, abs=0.05)
+    five = np.ones(5) / 5
+    smooth = np.array([np.convolve(errors, five, "valid") for errors in white])
     actual = smooth.mean(axis=1).var() * smooth.shape[1] / smooth.var()
-    assert np.mean([correlation(e) for e in smooth]) == pytest.approx(
-        actual, rel=4 * np.sqrt(2 / 200)
-    )
+    factors = [correlation(errors) for errors in smooth]
+    assert np.mean(factors) == pytest.approx(actual, rel=4 * np.sqrt(2 / 200))

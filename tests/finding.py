@@ -1,0 +1,57 @@
+"""What finders make of raw profiles: how often a target is found, and how well."""
+
+import numpy as np
+import pytest
+from raw_profiles import RADIUS
+
+from profilecal.targets import TARGETS
+from profilecal.targets.target import find_features
+
+ALONG = (4, 20, 35)  # of an arc's 40 points: near its steep ends and in its middle
+
+
+def features_of(kind, profiles, radius=RADIUS):
+    """What a target's finder makes of profiles (P, n, 2)."""
+    target = TARGETS[kind]
+    sizes = (radius,) if target.lengths and radius else ()
+    return find_features(target, profiles, sizes)
+
+
+def share_found(features):
+    return np.mean([feature.found for feature in features])
+
+
+def shapes_found(features):
+    return {feature.shape for feature in features if feature.found}
+
+
+def normalised(features, truth):
+    """Mean of eᵀ C⁻¹ e / 2 over all points found, 1 where the stated covariance is
+    right; and their number.
+
+    The mean of n squared errors, each over its variance, has a standard deviation of
+    1 / √n.
+    """
+    pairs = zip(features, truth, strict=True)
+    error = np.concatenate([f.points - true for f, true in pairs if f.found])
+    covariance = np.concatenate([f.covariance for f in features if f.found])
+    squares = np.einsum("na,nab,nb->n", error, np.linalg.inv(covariance), error)
+    return squares.mean() / 2, len(error)
+
+
+def assert_means_are_as_exact_as_stated(features, truth, distance):
+    """For features of curves, from which `distance(points, true)` says how far points
+    are.
+
+    No mean is drawn inwards by the bend of its block: their own mean is zero to within
+    its standard error.
+    """
+    assert share_found(features) >= 0.99
+    pairs = [pair for pair in zip(features, truth, strict=True) if pair[0].found]
+    off = np.array([distance(feature.points, true) for feature, true in pairs])
+    variance = np.array([feature.covariance[:, 0, 0] for feature, _ in pairs])
+    for k in ALONG:
+        squares = off[:, k] ** 2 / variance[:, k]
+        assert np.mean(squares) == pytest.approx(1, abs=4 * np.sqrt(2 / len(squares)))
+    means = off.mean(axis=1)
+    assert abs(means.mean()) < 4 * means.std() / np.sqrt(len(means))

@@ -1,0 +1,55 @@
+"""The chord of a disk in raw profiles: how often and how well it is found."""
+
+import numpy as np
+import pytest
+from finding import features_of, normalised, shapes_found, share_found
+from raw_profiles import disks, spoil
+
+from profilecal.calibration.observe import covariances
+
+
+@pytest.mark.parametrize("spoiled", [False, True], ids=["clean", "spoiled"])
+@pytest.mark.parametrize("background", [20.0, None], ids=["on a table", "floating"])
+def test_a_chord_is_found_and_as_exact_as_stated(background, spoiled):
+    rng = np.random.default_rng(1)
+    profiles, truth = disks(rng, background=background)
+    if spoiled:
+        profiles = spoil(profiles, truth, rng)
+    features = features_of("disk", profiles)
+    assert share_found(features) >= 0.99
+    assert shapes_found(features) == {"chord"}
+    ratio, count = normalised(features, truth)
+    assert abs(ratio - 1) < 4 / np.sqrt(count)
+
+
+def test_both_tips_of_a_chord_together_are_as_exact_as_stated():
+    """They lie on one fitted line, so that they err across it together: the mean of n
+    squared errors in four dimensions has the standard deviation √(8 / n).
+    """
+    profiles, truth = disks(np.random.default_rng(2), 500)
+    features = features_of("disk", profiles)
+    shown = [pair for pair in zip(features, truth, strict=True) if pair[0].found]
+    error = np.array([(feature.points - tips).ravel() for feature, tips in shown])
+    covariance = covariances([feature for feature, _ in shown], 2, on_curve=False)
+    over_covariance = np.linalg.solve(covariance, error[..., None])[..., 0]
+    squares = np.sum(error * over_covariance, axis=1)
+    assert abs(squares.mean() - 4) < 4 * np.sqrt(8 / len(squares))
+
+
+@pytest.mark.parametrize(("bevel_deg", "wide"), [(10, 3), (15, 2.5), (20, 2)])
+def test_a_bevel_is_no_side_wall(bevel_deg, wide):
+    x = np.linspace(-40, 40, 801)
+    beyond = np.maximum(np.abs(x) - 25 + wide, 0)
+    face = 100 + np.tan(np.radians(bevel_deg)) * beyond
+    z = np.where(np.abs(x) < 25, face, 120)
+    noise = [0.02 * np.random.default_rng(seed).normal(size=801) for seed in range(6)]
+    profiles = [np.stack([x, z + error], axis=-1) for error in noise]
+    for feature in features_of("disk", profiles):
+        if feature.found:
+            assert np.abs(np.abs(feature.points[:, 0]) - 25).max() < 0.5
+
+
+def test_a_profile_recorded_forth_and_back_is_no_disk():
+    forth = disks(np.random.default_rng(1))[0][:6]
+    both = [np.concatenate([profile, profile[::-1]]) for profile in forth]
+    assert share_found(features_of("disk", both)) == 0

@@ -1,0 +1,89 @@
+"""The edge in raw profiles: how often and how well it is found; where there is none."""
+
+import numpy as np
+import pytest
+from finding import features_of, normalised, shapes_found, share_found
+from raw_profiles import edges, spoil
+
+from profilecal.simulation.robot import Scanner
+from profilecal.simulation.spec import Spec, simulate_scan, truth_of
+
+SHAPES = {"parallel bar": "corner", "straight scale": "step end", "knife blade": "tip"}
+
+
+@pytest.mark.parametrize("spoiled", [False, True], ids=["clean", "spoiled"])
+@pytest.mark.parametrize("specimen", SHAPES)
+def test_an_edge_is_found_and_as_exact_as_stated(specimen, spoiled):
+    rng = np.random.default_rng(1)
+    profiles, truth = edges(specimen, rng)
+    if spoiled:
+        profiles = spoil(profiles, truth, rng)
+    features = features_of("edge", profiles)
+    assert share_found(features) >= 0.99
+    assert shapes_found(features) == {SHAPES[specimen]}
+    ratio, count = normalised(features, truth)
+    assert ratio < 1 + 4 / np.sqrt(count)
+    if specimen != "knife blade":  # a tip's variance is an upper bound
+        assert ratio > 1 - 4 / np.sqrt(count)
+
+
+def test_points_left_out_of_a_file_are_missing_points():
+    profiles, truth = edges("parallel bar", np.random.default_rng(7), groups=5)
+    dense = [profile[np.isfinite(profile).all(axis=1)] for profile in profiles]
+    features = features_of("edge", dense)
+    assert share_found(features) == 1
+    ratio, count = normalised(features, truth)
+    assert abs(ratio - 1) < 4 / np.sqrt(count)
+
+
+@pytest.mark.parametrize(
+    "z",
+    [
+        lambda x: 80 + 0 * x,
+        lambda x: 80 + 0.5 * x,
+        lambda x: np.where(x > 19.95, 80.0, 100.0),
+    ],
+    ids=["level", "slanted", "blade"],
+)
+def test_a_perfect_plane_has_no_edge_nor_has_a_blade_where_the_profile_ends(z):
+    x = np.linspace(-20, 20, 980)
+    (feature,) = features_of("edge", [np.stack([x, z(x)], axis=-1)])
+    assert feature.reason
+
+
+def test_where_both_ends_of_a_face_show_the_corner_tells_which_is_the_edge():
+    """A narrow bar in front of nothing, its side face seen from few poses."""
+    scanner = Scanner(points=300)
+    plan = {"groups": 10, "positions": 4}
+    spec = Spec(measured="profiles", seed=502, scanner=scanner, **plan)
+    scan = simulate_scan(spec)
+    features = features_of("edge", scan.values)
+    assert shapes_found(features) == {"corner"}
+    assert 0.2 < share_found(features) < 0.5
+
+    truth = truth_of(scan)
+    T_base_sensor = scan.T_base_flange @ truth.pose
+    rotation, origin = T_base_sensor[:, :3, :3], T_base_sensor[:, :3, 3]
+    points = truth.target.meet(rotation, origin)[:, None]
+    assert normalised(features, points)[0] < 2
+
+
+def corner(rng, count):
+    """A profile (30 + count, 2) of a corner that shows `count` points of one side."""
+    left = np.stack([-0.5 * np.arange(30, 0, -1), np.zeros(30)], axis=-1)
+    right = np.linspace([0.1, 0.6], [3.0, 18], count)
+    profile = np.concatenate([left, right]) + np.array([0, 100])
+    return profile + rng.normal(0, 0.02, profile.shape)
+
+
+def test_a_corner_with_a_side_of_few_points_says_so():
+    """Six, or three, among profiles that show it well."""
+    rng = np.random.default_rng(9)
+    profiles = [corner(rng, count) for count in (40,) * 8 + (6, 3)]
+    *good, six, three = features_of("edge", profiles)
+    assert share_found(good) == 1
+    assert not six.found
+    assert not three.found
+    start = "one side of the corner shows"
+    assert six.reason == f"{start} fewer than 10 points beyond its rounding"
+    assert three.reason == f"{start} too few points for a line"
