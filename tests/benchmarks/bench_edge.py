@@ -3,7 +3,7 @@
 import numpy as np
 from bench import at_most, medians
 
-from profilecal.closed_form.edge import edge_equations
+import profilecal as pc
 from profilecal.geometry.noise import Noise
 from profilecal_papers.edge_study import EdgePlan, edge_scenes
 
@@ -12,9 +12,11 @@ LIMIT_S = 5e-3
 
 def rows() -> list[dict]:
     """One calibration of 25 rotations x 10 translations."""
-    scene = edge_scenes(
-        EdgePlan(motion="space"), Noise(0.05), np.random.default_rng(13)
-    )
-    data = scene.poses.rotations, scene.poses.positions, scene.points
-    (ours,) = medians(lambda: edge_equations(*data), repeats=50)
+    plan = EdgePlan(motion="space")
+    scene = edge_scenes(plan, Noise(0.05), np.random.default_rng(13))
+    positions = scene.poses.positions
+    R = np.repeat(scene.poses.rotations, positions.shape[1], axis=0)
+    T = positions.reshape(-1, 3)
+    points = scene.points.reshape(-1, 2)
+    (ours,) = medians(lambda: pc.solve_edge(R, T, points), repeats=50)
     return [at_most(1, "edge: closed form, 25 x 10", ours, "limit", LIMIT_S)]

@@ -16,7 +16,10 @@ from distributed import LocalCluster
 from profilecal_tool.sweep import sweep
 
 RUNS = 40
-SECOND = "import time\nfrom profilecal_pages.notebooks import record\ntime.sleep(1)\nrecord(y=n)"
+SECOND = """import time
+from profilecal_pages.notebooks import record
+time.sleep(1)
+record(y=n)"""
 
 
 def wall(function, *arguments, **options) -> float:
@@ -41,39 +44,40 @@ def first_run(folder: Path) -> tuple[float, float]:
 
     Ends after ten runs. Linux only, where /proc tells the memory.
     """
+    started, grid, output = (
+        folder / "started",
+        folder / "grid.toml",
+        folder / "thousand",
+    )
     notebook = write_notebook(
         folder / "quick.ipynb", "n: int = 0", "open('started', 'w').close()"
     )
-    (folder / "grid.toml").write_text(f"n = {list(range(1000))}\n")
-    output = folder / "thousand"
-    command = [
-        str(Path(sys.executable).with_name("profilecal")),
-        "sweep",
-        str(notebook),
-        str(folder / "grid.toml"),
-    ]
+    grid.write_text(f"n = {list(range(1000))}\n")
+    program = Path(sys.executable).with_name("profilecal")
+    command = [program, "sweep", notebook, grid, "--output", output]
     start = time.perf_counter()
-    with subprocess.Popen(
-        [*command, "--output", str(output)], stderr=subprocess.DEVNULL
-    ) as process:
+    with subprocess.Popen(command, stderr=subprocess.DEVNULL) as process:
         try:
-            while not (folder / "started").exists() and process.poll() is None:
-                time.sleep(0.02)
+            wait_for(started.exists, process)
             took = time.perf_counter() - start
-            while (
-                len(list((output / "runs").glob("*"))) < 10 and process.poll() is None
-            ):
-                time.sleep(0.1)
+            wait_for(lambda: len(list((output / "runs").glob("*"))) >= 10, process)
             status = Path(f"/proc/{process.pid}/status").read_text()
         finally:
             process.terminate()
     return took, int(status.split("VmHWM:")[1].split()[0]) / 1024
 
 
+def wait_for(condition, process: subprocess.Popen) -> None:
+    """Wait until something holds or a process has ended."""
+    while not condition() and process.poll() is None:
+        time.sleep(0.02)
+
+
 def rows() -> list[dict]:
     """Sweeps with one and with all cores, against serial papermill of the same
     notebook; a large grid's start.
     """
+    half, few = RUNS // 2, 4
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         notebook = write_notebook(folder / "second.ipynb", "n: int = 0", SECOND)
@@ -81,28 +85,29 @@ def rows() -> list[dict]:
         every = wall(sweep, notebook, {"n": list(range(RUNS))}, folder / "every")
         with LocalCluster(
             n_workers=1, threads_per_worker=1, dashboard_address="127.0.0.1:0"
-        ) as one:
-            there = {"scheduler": one.scheduler_address}
-            few = wall(sweep, notebook, {"n": list(range(4))}, folder / "few", **there)
-            many = wall(
-                sweep, notebook, {"n": list(range(RUNS // 2))}, folder / "many", **there
-            )
+        ) as one_core:
+            taken = [
+                wall(
+                    sweep,
+                    notebook,
+                    {"n": list(range(count))},
+                    folder / f"first {count}",
+                    scheduler=one_core.scheduler_address,
+                )
+                for count in (few, half)
+            ]
         took, memory = first_run(folder)
-    more, reference = (many - few) / (RUNS // 2 - 4), "papermill, serial + 0.3 s"
+    cores = f"sweep: {RUNS} runs of 1 s on {CPU_COUNT} cores"
+    more = (taken[1] - taken[0]) / (half - few)
+    serial_and_more = alone / RUNS + 0.3
     return [
-        at_most(
-            0.6,
-            f"sweep: {RUNS} runs of 1 s on {CPU_COUNT} cores",
-            every,
-            "papermill, serial",
-            alone,
-        ),
+        at_most(0.6, cores, every, "papermill, serial", alone),
         at_most(
             1,
             "sweep: a run more on one core, of 1 s",
             more,
-            reference,
-            alone / RUNS + 0.3,
+            "papermill, serial + 0.3 s",
+            serial_and_more,
         ),
         at_most(1, "sweep: first of 1,000 runs started", took, "limit", 10.0),
         at_most(

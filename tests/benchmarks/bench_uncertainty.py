@@ -1,11 +1,13 @@
-"""Does the truth lie in the stated regions, whatever the robot does? One table, one row
-a cell.
+"""Does the truth lie in the stated regions, whatever the robot does?
 
-    python tests/benchmarks/bench_uncertainty.py                   all cells, 300 scans
-    each: hours
-    python tests/benchmarks/bench_uncertainty.py --scans 20 plane  cells whose name
-    contains "plane"
-    python tests/benchmarks/bench_uncertainty.py --list            the cells' names
+One table, one row a cell.
+
+    python tests/benchmarks/bench_uncertainty.py
+        all cells, 300 scans each: hours
+    python tests/benchmarks/bench_uncertainty.py --scans 20 plane
+        cells whose name contains "plane"
+    python tests/benchmarks/bench_uncertainty.py --list
+        the cells' names
 
 A cell is a target, a robot, and what the scan says of the robot. Every scan is
 simulated, calibrated, and its answer compared with the truth: the squared error over
@@ -33,7 +35,7 @@ from scipy.stats import binom, chi2
 from simulated import EXACT_SCANNER, printed_square
 from tqdm import tqdm
 
-from profilecal.calibration.calibration import calibrate
+import profilecal as pc
 from profilecal.geometry.noise import Noise
 from profilecal.simulation.robot import Robot
 from profilecal.simulation.spec import WIDE, Spec, record, scene_of, taken
@@ -41,13 +43,14 @@ from profilecal.targets import TARGETS
 
 OUTPUT = Path(__file__).parents[2] / "results" / "uncertainty.csv"
 KINDS = ("edge", "disk", "ball", "plane", "rod")
+# the second target
 BESIDE = {
     "edge": "plane",
     "disk": "edge",
     "ball": "edge",
     "plane": "edge",
     "rod": "plane",
-}  # the second target
+}
 PROFILE_MM = 0.05
 BOTH = {"position_mm": 0.05, "orientation_deg": 0.02}
 SHARED = {"group_position_mm": 0.05, "group_orientation_deg": 0.01}
@@ -90,17 +93,12 @@ class Cell:
         """A cell's scans of one seed: for one in two raw profiles, as far as there are
         tables for the others.
         """
+        scanner = replace(WIDE, points=400)
         noise = Noise(profile_mm=PROFILE_MM, **self.robot_noise)
-        entries = {
-            "groups": 10,
-            "positions": 3,
-            "scanner": replace(WIDE, points=400),
-        } | self.entries
-        raw = {"measured": "profiles"} if seed % 2 else {}
-        specs = [
-            Spec(kind=kind, seed=seed, noise=noise, **raw, **entries)
-            for kind in self.kinds
-        ]
+        entries = {"groups": 10, "positions": 3, "scanner": scanner} | self.entries
+        if seed % 2:
+            entries["measured"] = "profiles"
+        specs = [Spec(kind, seed=seed, noise=noise, **entries) for kind in self.kinds]
         stated = {"profile_mm": PROFILE_MM} | EXACT_SCANNER | self.stated
         return [replace(scan, noise=stated) for scan in scans_of(*specs)]
 
@@ -115,40 +113,46 @@ def scans_of(first: Spec, *others: Spec) -> list:
     scans = [record(scene, poses, first, rng)]
     for spec in others:
         target = TARGETS[spec.kind]
-        placed = target.at(
-            scene.target.frame[0], scene.facing @ target.stance, target.sizes
-        )
+        origin, axes = scene.target.frame[0], scene.facing @ target.stance
+        placed = target.at(origin, axes, target.sizes)
         scans.append(record(replace(scene, target=placed), poses, spec, rng))
     return scans
 
 
 def cells() -> dict[str, Cell]:
     """All cells by name."""
-    found = {}
+    every = {}
     for kind in KINDS:
-        found[f"{kind}, no robot error"] = Cell((kind,))
-        for situation, (errors, entries) in SITUATIONS.items():
-            kinds = (kind, BESIDE[kind]) if situation == "two targets" else (kind,)
-            for statement, share in STATEMENTS.items():
-                stated = {
-                    name: share * value for name, value in errors.items() if share
-                }
-                found[f"{kind}, {situation}, {statement}"] = Cell(
-                    kinds, errors, stated, entries
-                )
+        every |= cells_of_situations(kind)
     for kind, poses in FEW:
         few = {"groups": poses, "positions": 1}
-        found[f"{kind}, {poses} poses, unstated"] = Cell(
-            (kind,), BOTH, {}, few, total=True
-        )
+        cell = Cell((kind,), BOTH, {}, few, total=True)
+        every[f"{kind}, {poses} poses, unstated"] = cell
     for kind in KINDS:
-        found[f"{kind}, shared by 10 orientations, unstated"] = Cell((kind,), SHARED)
-        for arm, (robot, accuracy) in ARMS.items():
-            for statement, stated in (("unstated", {}), ("accuracy stated", accuracy)):
-                found[f"{kind}, {arm}, {statement}"] = Cell(
-                    (kind,), {}, stated, {"robot": robot}, total=True
-                )
-    return found
+        every |= cells_of_hidden_errors(kind)
+    return every
+
+
+def cells_of_situations(kind: str) -> dict[str, Cell]:
+    """What a target's residuals can show of the robot."""
+    every = {f"{kind}, no robot error": Cell((kind,))}
+    for situation, (errors, entries) in SITUATIONS.items():
+        kinds = (kind, BESIDE[kind]) if situation == "two targets" else (kind,)
+        for statement, share in STATEMENTS.items():
+            stated = {name: share * value for name, value in errors.items() if share}
+            cell = Cell(kinds, errors, stated, entries)
+            every[f"{kind}, {situation}, {statement}"] = cell
+    return every
+
+
+def cells_of_hidden_errors(kind: str) -> dict[str, Cell]:
+    """What they cannot show, or hardly."""
+    every = {f"{kind}, shared by 10 orientations, unstated": Cell((kind,), SHARED)}
+    for arm, (robot, accuracy) in ARMS.items():
+        for statement, stated in (("unstated", {}), ("accuracy stated", accuracy)):
+            cell = Cell((kind,), {}, stated, {"robot": robot}, total=True)
+            every[f"{kind}, {arm}, {statement}"] = cell
+    return every
 
 
 # One scan
@@ -156,15 +160,12 @@ def cells() -> dict[str, Cell]:
 
 def version_of_library() -> str:
     """A hash of the library's modules that this script imports, and of the script."""
-    modules = [
-        module
+    paths = [
+        module.__file__
         for name, module in sys.modules.items()
         if name.split(".")[0] == "profilecal"
     ]
-    source = b"".join(
-        Path(path).read_bytes()
-        for path in sorted([__file__, *(m.__file__ for m in modules)])
-    )
+    source = b"".join(Path(path).read_bytes() for path in sorted([__file__, *paths]))
     return sha256(source).hexdigest()[:8]
 
 
@@ -172,14 +173,14 @@ def measure(cell: Cell, seed: int) -> dict:
     """What calibrating a cell's scans of one seed gives; an exception counts as a
     status of its own.
     """
-    scans, start = cell.scans(seed), time.process_time()
+    scans = cell.scans(seed)
+    start = time.process_time()
     try:
-        found = calibrate(scans).to_json()
+        found = pc.calibrate(scans).to_json()
     except Exception as error:  # a broken cell must not end a run of hours
         found = {"status": "error", "messages": [f"{type(error).__name__}: {error}"]}
-    used, rejected = (
-        len(found.get(name, ())) for name in ("poses_used", "poses_rejected")
-    )
+    used = len(found.get("poses_used", ()))
+    rejected = len(found.get("poses_rejected", ()))
     return {
         "status": found["status"],
         "square": printed_square(found, scans[0].truth),
@@ -199,25 +200,15 @@ def table(chosen: dict[str, Cell], scans: int, workers: int) -> pd.DataFrame:
     """The summary of `scans` scans of each of the cells; those of the same calibration
     in OUTPUT are part of it.
     """
-    version, rows = version_of_library(), []
-    if OUTPUT.exists():
-        known = pd.read_csv(OUTPUT, dtype={"version": str})
-        known = known[
-            (known["version"] == version)
-            & known["cell"].isin(chosen)
-            & (known["seed"] < scans)
-        ]
-        rows = known.to_dict("records")
-    there = {(row["cell"], row["seed"]) for row in rows}
-    missing = [
-        (name, seed)
-        for seed in range(scans)
-        for name in chosen
-        if (name, seed) not in there
-    ]
+    version = version_of_library()
+    rows = known_rows(version, chosen, scans)
+    done = {(row["cell"], row["seed"]) for row in rows}
+    wanted = [(name, seed) for seed in range(scans) for name in chosen]
+    missing = [job for job in wanted if job not in done]
     OUTPUT.parent.mkdir(parents=True, exist_ok=True)
     # for the workers, which start afresh
-    os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = "1"
+    os.environ["OMP_NUM_THREADS"] = "1"
+    os.environ["OPENBLAS_NUM_THREADS"] = "1"
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
         jobs = {
             pool.submit(measure, chosen[name], seed): (name, seed)
@@ -232,69 +223,81 @@ def table(chosen: dict[str, Cell], scans: int, workers: int) -> pd.DataFrame:
     return summary(pd.DataFrame(rows), chosen)
 
 
+def known_rows(version: str, chosen: dict[str, Cell], scans: int) -> list[dict]:
+    """What OUTPUT has of these cells by the same calibration."""
+    if not OUTPUT.exists():
+        return []
+    known = pd.read_csv(OUTPUT, dtype={"version": str})
+    known = known[known["version"] == version]
+    known = known[known["cell"].isin(chosen) & (known["seed"] < scans)]
+    return known.to_dict("records")
+
+
 def summary(rows: pd.DataFrame, chosen: dict[str, Cell]) -> pd.DataFrame:
-    """One row a cell: how many scans say `ok` and how many reject good poses; of the
-    answers that say `ok` the mean squared error, the share inside the 95 % region and
-    the largest; the mean of all answers. `off` says what is beyond MEAN and INSIDE and
-    beyond chance.
+    """One row a cell: how many scans say `ok` and how many reject good poses.
+
+    Then of the answers that say `ok` the mean squared error, the share inside the 95 %
+    region and the largest; the mean of all answers. `off` says what is beyond MEAN and
+    INSIDE and beyond chance.
     """
-    found = {}
+    summaries = {}
     for name, cell in chosen.items():
-        of = rows[rows["cell"] == name]
-        squares = of["square_total" if cell.total else "square"].astype(float)
-        good = squares[of["status"] == "ok"].dropna()
-        found[name] = {
-            "scans": len(of),
-            "ok": (of["status"] == "ok").mean(),
-            "rejecting": (of["rejected"] > 0).mean(),
+        of_cell = rows[rows["cell"] == name]
+        ok = of_cell["status"] == "ok"
+        squares = of_cell["square_total" if cell.total else "square"].astype(float)
+        good = squares[ok].dropna()
+        summaries[name] = {
+            "scans": len(of_cell),
+            "ok": ok.mean(),
+            "rejecting": (of_cell["rejected"] > 0).mean(),
             "against": "total" if cell.total else "covariance",
             "mean": good.mean(),
             "inside": (good < LIMIT).mean(),
             "largest": good.max(),
             "mean of all": squares.mean(),
             "off": off(good) if len(good) else "",
-            "seconds": of["seconds"].mean(),
+            "seconds": of_cell["seconds"].mean(),
         }
-    return pd.DataFrame.from_dict(found, orient="index")
+    return pd.DataFrame.from_dict(summaries, orient="index")
 
 
-def by_chance(n: int):
+def by_chance(n: int) -> tuple[np.ndarray, np.ndarray]:
     """Where the mean of n squared errors and their share inside the 95 % region are, by
-    chance: their sum follows χ² of 6 n degrees of freedom, the number inside a binomial
-    law.
+    chance.
+
+    Their sum follows χ² of 6 n degrees of freedom, the number inside a binomial law.
     """
-    return (
-        np.divide(law, n)
-        for law in (
-            chi2.interval(1 - CHANCE, 6 * n),
-            binom.interval(1 - CHANCE, n, 0.95),
-        )
-    )
+    sums = chi2.interval(1 - CHANCE, 6 * n)
+    numbers_inside = binom.interval(1 - CHANCE, n, 0.95)
+    return np.divide(sums, n), np.divide(numbers_inside, n)
 
 
-def off(squares) -> str:
+def off(squares: pd.Series) -> str:
     """What speaks against the stated regions: the mean or the share inside, where
     neither bounds nor chance hold it.
     """
-    values = {"mean": squares.mean(), "inside": (squares < LIMIT).mean()}
-    bounds = zip((MEAN, INSIDE), by_chance(len(squares)), strict=True)
+    mean_by_chance, inside_by_chance = by_chance(len(squares))
+    values = {
+        "mean": (squares.mean(), [*MEAN, *mean_by_chance]),
+        "inside": ((squares < LIMIT).mean(), [*INSIDE, *inside_by_chance]),
+    }
     return ", ".join(
         name
-        for (name, value), ((low, high), (least, most)) in zip(
-            values.items(), bounds, strict=True
-        )
-        if not min(low, least) <= value <= max(high, most)
+        for name, (value, bounds) in values.items()
+        if not min(bounds) <= value <= max(bounds)
     )
 
 
-def show(found: pd.DataFrame) -> str:
+def show(summaries: pd.DataFrame) -> str:
     """The summary as text, and where good cells are by chance."""
-    scans = int(found["scans"].max())
+    scans = int(summaries["scans"].max())
     (low, high), (fewest, most) = by_chance(scans)
     return (
-        found.to_string(float_format="{:.3g}".format, na_rep="")
-        + f"\nexpected       mean {MEAN[0]}-{MEAN[1]}, inside {INSIDE[0]:.0%}-{INSIDE[1]:.0%}; "
-        + f"{scans} scans of a good cell give {low:.3g}-{high:.3g} and {fewest:.1%}-{most:.1%}, but for {CHANCE:.0%}"
+        summaries.to_string(float_format="{:.3g}".format, na_rep="")
+        + f"\nexpected       mean {MEAN[0]}-{MEAN[1]}, "
+        + f"inside {INSIDE[0]:.0%}-{INSIDE[1]:.0%}; "
+        + f"{scans} scans of a good cell give {low:.3g}-{high:.3g} "
+        + f"and {fewest:.1%}-{most:.1%}, but for {CHANCE:.0%}"
     )
 
 
@@ -302,17 +305,13 @@ def rows() -> list[dict]:
     """For `run.py`: CPU seconds of one calibration with robot errors that nobody
     stated.
     """
-    some = {
-        name: cell for name, cell in cells().items() if name.endswith("both, unstated")
-    }
-    means = {
-        name: np.mean([measure(cell, seed)["seconds"] for seed in range(4)])
-        for name, cell in some.items()
-    }
-    return [
-        at_most(1, f"uncertainty: {name}, 10 x 3", mean, "two seconds", 2.0)
-        for name, mean in means.items()
-    ]
+    lines = []
+    for name, cell in cells().items():
+        if name.endswith("both, unstated"):
+            mean = np.mean([measure(cell, seed)["seconds"] for seed in range(4)])
+            name = f"uncertainty: {name}, 10 x 3"
+            lines.append(at_most(1, name, mean, "two seconds", 2.0))
+    return lines
 
 
 def main(arguments: list[str]) -> int:
@@ -333,17 +332,18 @@ def main(arguments: list[str]) -> int:
         "--list", action="store_true", help="the cells' names and no more"
     )
     given = parser.parse_args(arguments)
+    parts = given.part or [""]
     chosen = {
-        n: cell
-        for n, cell in cells().items()
-        if not given.part or any(part in n for part in given.part)
+        name: cell
+        for name, cell in cells().items()
+        if any(part in name for part in parts)
     }
     if given.list:
         print("\n".join(chosen))
         return 0
-    found = table(chosen, given.scans, given.workers)
-    print(show(found))
-    return int((found["off"] != "").any())
+    summaries = table(chosen, given.scans, given.workers)
+    print(show(summaries))
+    return int((summaries["off"] != "").any())
 
 
 if __name__ == "__main__":

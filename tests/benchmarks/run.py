@@ -1,9 +1,8 @@
 """Run the benchmarks: every bench_*.py beside this file, or those named. Prints a table
 and writes results/bench.csv.
 
-    python tests/benchmarks/run.py            all
-    python tests/benchmarks/run.py disk       bench_disk.py; the others' rows in
-    results/bench.csv stay
+    python tests/benchmarks/run.py         all
+    python tests/benchmarks/run.py disk    bench_disk.py; other rows of the table stay
 
 A benchmark offers `rows() -> list[dict]` with the keys of COLUMNS: our time and the
 reference's in seconds, their ratio, the target in words and whether it is met.
@@ -21,19 +20,18 @@ OUTPUT = HERE.parents[1] / "results" / "bench.csv"
 
 
 def find(names: list[str]) -> list[Path]:
-    """The benchmark files named, or all. Ends the program with one sentence when a name
-    fits none.
+    """The benchmark files named, or all.
+
+    Ends the program with one sentence when a name fits none.
     """
-    there = {
-        path.stem.removeprefix("bench_"): path
-        for path in sorted(HERE.glob("bench_*.py"))
-    }
-    unknown = set(names) - set(there)
+    paths = sorted(HERE.glob("bench_*.py"))
+    known = {path.stem.removeprefix("bench_"): path for path in paths}
+    unknown = sorted(set(names) - set(known))
     if unknown:
         sys.exit(
-            f"no benchmark named {', '.join(sorted(unknown))}; there are {', '.join(there)}"
+            f"no benchmark named {', '.join(unknown)}; there are {', '.join(known)}"
         )
-    return [there[name] for name in names or there]
+    return [known[name] for name in names or known]
 
 
 def write(rows: list[dict], output: Path) -> pd.DataFrame:
