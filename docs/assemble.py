@@ -15,8 +15,8 @@ from base64 import b64decode
 from importlib.util import find_spec
 from pathlib import Path
 
-from api import pages_of_rooms
 from PIL import Image
+from reference import write_reference
 
 from profilecal_pages import items
 
@@ -32,7 +32,7 @@ COPIED = (
     "data/examples/planned.toml",
     "docs/errata.md",
     "docs/tiles.png",
-    "tests/targets/test_new_target.py",
+    "tests/library/targets/test_new_target.py",
 )
 THUMBNAIL = 420  # pixels wide
 ENVIRONMENT = hashlib.sha256((ROOT / "environment.txt").read_bytes()).hexdigest()[:12]
@@ -61,10 +61,9 @@ def assemble(source: Path) -> None:
     script.write_text(loadable, encoding="utf-8")
 
     notebooks = sorted((ROOT / "notebooks").glob("*.ipynb"))
-    rooms = pages_of_rooms(ROOT / "lib" / "profilecal", notebooks)
-    (source / "api").mkdir()
-    for room, text in rooms.items():
-        (source / "api" / f"{room}.md").write_text(text, encoding="utf-8")
+    write_reference(source / "reference", notebooks)
+    python = (ROOT / "docs" / "python.md").read_text(encoding="utf-8")
+    (source / "docs" / "python.md").write_text(linked(python), encoding="utf-8")
     (source / "notebooks").mkdir()
     figures = [
         figure
@@ -76,9 +75,13 @@ def assemble(source: Path) -> None:
         first_picture(ROOT / "notebooks" / "01_side_by_side.ipynb")
     )
     index = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
-    index = index.replace("ROOMS", "\n".join(f"api/{room}" for room in rooms))
     index = index.replace("SENTENCE", items.sentence(items.gather(ROOT / "notebooks")))
     (source / "index.md").write_text(index, encoding="utf-8")
+
+
+def linked(text: str) -> str:
+    """A page in which `pc.name` in the text is a link to the reference."""
+    return re.sub(r"`(pc\.([\w.]+))`", r"{py:obj}`\1 <profilecal.\2>`", text)
 
 
 def first_picture(path: Path) -> bytes:
@@ -183,7 +186,8 @@ def how_it_was_run(path: Path, notebook: dict) -> str:
             else ""
         )
     return (
-        f"---\n*This page is `notebooks/{path.name}` as executed with {parameters(notebook)}; environment "
+        f"---\n*This page is `notebooks/{path.name}` as executed with "
+        f"{parameters(notebook)}; environment "
         f"`{ENVIRONMENT}` (SHA-256 of `environment.txt`).{took}*"
     )
 
@@ -195,11 +199,14 @@ def gallery(figures: list[dict]) -> str:
         parts.append(f"## {title}\n\n<div class='gallery'>")
         for figure in (f for f in figures if f["title"] == title):
             about = html.escape(
-                f"{figure['notebook']}, {figure['name']}: {figure['parameters']}; environment {ENVIRONMENT}"
+                f"{figure['notebook']}, {figure['name']}: {figure['parameters']}; "
+                f"environment {ENVIRONMENT}"
             )
+            page = f"notebooks/{figure['notebook']}.html#{figure['anchor']}"
+            picture = f"_static/gallery/{figure['image']}"
             parts.append(
-                f"<a href='notebooks/{figure['notebook']}.html#{figure['anchor']}' title='{about}'>"
-                f"<img loading='lazy' alt='{about}' src='_static/gallery/{figure['image']}'>"
+                f"<a href='{page}' title='{about}'>"
+                f"<img loading='lazy' alt='{about}' src='{picture}'>"
                 f"<span>{html.escape(figure['name'].replace('_', ' '))}</span></a>"
             )
         parts.append("</div>\n")
