@@ -10,8 +10,11 @@ def cluster():
     """Two Dask workers, processes as a sweep starts them."""
     from distributed import LocalCluster
 
-    quiet = {"dashboard_address": "127.0.0.1:0", "silence_logs": logging.CRITICAL}
     with LocalCluster(
-        n_workers=2, threads_per_worker=1, memory_limit=None, **quiet
-    ) as found:
-        yield found
+        n_workers=2,
+        threads_per_worker=1,
+        memory_limit=None,
+        dashboard_address="127.0.0.1:0",
+        silence_logs=logging.CRITICAL,
+    ) as workers:
+        yield workers

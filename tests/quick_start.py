@@ -17,12 +17,12 @@ def pytest_sessionstart():
     from jupyter_client import KernelManager
     from nbval import kernel
 
-    sockets, count = tempfile.TemporaryDirectory(), itertools.count()
+    sockets = tempfile.TemporaryDirectory()
+    count = itertools.count()
 
     def manager(**options):
-        return KernelManager(
-            transport="ipc", ip=f"{sockets.name}/{next(count)}", **options
-        )
+        socket = f"{sockets.name}/{next(count)}"
+        return KernelManager(transport="ipc", ip=socket, **options)
 
     if os.name == "posix":
         kernel.KernelManager = manager
