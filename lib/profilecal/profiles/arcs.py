@@ -4,6 +4,7 @@ ellipse of a rod.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -74,16 +75,13 @@ WhyNot = Callable[[Section, np.ndarray, np.ndarray, float], str]
 
 def find_balls(profiles: Profiles, radius: float) -> list[Feature]:
     """The arc of the ball in each profile (n, 2), mm, as up to 40 means over points."""
-
-    def fit(points: np.ndarray, _: Section) -> Section | None:
-        return nearest_circle(points)
-
-    def why_not(circle: Section, points: np.ndarray, on: np.ndarray, _: float) -> str:
-        return why_no_ball(circle, points[on], radius)
-
-    missing = "no arc of a circle as large as the ball or smaller"
     largest = 1.2 * radius
-    return [find_arc(profile, largest, fit, why_not, missing) for profile in profiles]
+    why_not = partial(why_no_ball, radius)
+    missing = "no arc of a circle as large as the ball or smaller"
+    return [
+        find_arc(profile, largest, nearest_circle, why_not, missing)
+        for profile in profiles
+    ]
 
 
 def find_rods(profiles: Profiles, radius: float) -> list[Feature]:
@@ -94,9 +92,9 @@ def find_rods(profiles: Profiles, radius: float) -> list[Feature]:
         start = leaning(curve, points, radius) if is_circle else curve
         return nearest_section(points, start)
 
+    largest = 2.5 * radius
     square = f"within {LARGEST_TILT_DEG:.0f}° of square to the profile"
     missing = f"no arc of a rod of {radius:.4g} mm whose axis is {square}"
-    largest = 2.5 * radius
     return [
         find_arc(profile, largest, fit, why_no_rod, missing) for profile in profiles
     ]
@@ -175,11 +173,13 @@ def why_no_arc(curve: Section, points: np.ndarray, on: np.ndarray, limit: float)
     return ""
 
 
-def why_no_ball(circle: Section, points: np.ndarray, radius: float) -> str:
-    """What speaks against a circle through points (k, 2) being the ball's, in words; ""
-    if nothing does.
+def why_no_ball(
+    radius: float, circle: Section, points: np.ndarray, on: np.ndarray, _: float
+) -> str:
+    """What speaks against a circle being one of a ball with a radius, mm: that it is
+    larger.
     """
-    off, normals = circle.off_and_normals(points)
+    off, normals = circle.off_and_normals(points[on])
     J = np.column_stack([normals, np.ones(len(off))])  # by centre and radius
     variance = (off**2).sum() / max(len(off) - 3, 1) * correlation(off)
     radius_sd = np.sqrt(variance * np.linalg.inv(J.T @ J)[2, 2])
@@ -257,8 +257,10 @@ def section_of(circle: np.ndarray) -> Section:
     return Section(circle[:2], np.zeros(2), circle[2])
 
 
-def nearest_circle(points: np.ndarray) -> Section | None:
-    """The circle nearest to points (k, 2); None if they are too few places to tell."""
+def nearest_circle(points: np.ndarray, _: Section) -> Section | None:
+    """The circle nearest to points (k, 2), whatever it was before; None if they are too
+    few places to tell.
+    """
     with np.errstate(divide="ignore", invalid="ignore"):  # repeated points: NaN
         circle = fit_circle(points)
     return section_of(circle) if np.isfinite(circle).all() else None

@@ -63,6 +63,11 @@ class Candidate:
         """What it has in common with the target's feature in other profiles."""
         return Look(self.feature.shape, self.side)
 
+    @property
+    def place(self) -> np.ndarray:
+        """Its first point, (2,) mm."""
+        return self.feature.points[0]
+
 
 def choose(
     profiles: Profiles,
@@ -76,9 +81,8 @@ def choose(
     `missed` says for each profile why it has no such candidate; "" where it cannot
     tell.
     """
-    alike = [[c for c in own if c.look == look] for own in candidates]
-    for own in alike:
-        own.sort(key=lambda candidate: -candidate.support)
+    ranked = [sorted(own, key=lambda c: -c.support) for own in candidates]
+    alike = [[c for c in own if c.look == look] for own in ranked]
     angles = np.array([own[0].angle for own in alike if own])
     if not len(angles):
         return [nothing("nothing like the target in this profile")] * len(profiles)
@@ -88,9 +92,8 @@ def choose(
     close, wide = np.maximum(np.radians([20, 30]), spread)
     chosen = []
     for profile, own, why in zip(profiles, alike, missed, strict=True):
-        off = [abs(candidate.angle - usual) for candidate in own]
-        limit = close if min(off, default=np.inf) <= close else wide
-        near = [c for c, angle in zip(own, off, strict=True) if angle <= limit]
+        near = [c for c in own if abs(c.angle - usual) <= close]
+        near = near or [c for c in own if abs(c.angle - usual) <= wide]
         reason = ""
         if not present(profile).any():
             reason = "nothing in this profile"
@@ -100,8 +103,8 @@ def choose(
             angle, expected = np.degrees([own[0].angle, usual])
             reason = f"a corner of {angle:.0f}°, {expected:.0f}° in other profiles"
         elif len(near) > 1 and near[1].support > AMBIGUOUS * near[0].support:
-            count = len(near)
-            reason = f"{count} candidates for the {look.shape}, none clearly the best"
+            what = f"{len(near)} candidates for the {look.shape}"
+            reason = f"{what}, none clearly the best"
         chosen.append(Candidate(nothing(reason)) if reason else near[0])
     return with_end_variance(chosen)
 
@@ -109,17 +112,16 @@ def choose(
 def with_end_variance(chosen: list[Candidate]) -> list[Feature]:
     """The features of candidates, with the variance of run ends along their runs."""
     counted = end_variance([end for candidate in chosen for end in candidate.ends])
-    features = []
-    for candidate in chosen:
+
+    def widened(candidate: Candidate) -> Feature:
+        along = [
+            (counted + end.variance) * np.outer(end.spacing, end.spacing)
+            for end in candidate.ends
+        ]
         feature = candidate.feature
-        if candidate.ends:
-            along = [
-                (counted + end.variance) * np.outer(end.spacing, end.spacing)
-                for end in candidate.ends
-            ]
-            feature = replace(feature, covariance=feature.covariance + along)
-        features.append(feature)
-    return features
+        return replace(feature, covariance=feature.covariance + along)
+
+    return [widened(c) if c.ends else c.feature for c in chosen]
 
 
 def find_edges(profiles: Profiles) -> list[Feature]:
@@ -188,15 +190,15 @@ def look_of_side_faces(candidates: list[list[Candidate]], away: int) -> Look | N
 
 def corners_of_faces(candidates: list[Candidate]) -> list[Candidate]:
     """The corners among a profile's candidates at which its longest face ends."""
-    ends = [c for c in candidates if c.feature.shape == "step end"]
+    ends = [c for c in candidates if c.look.shape == "step end"]
+    corners = [c for c in candidates if c.look.shape == "corner"]
     longest = max((end.support for end in ends), default=0.0)
-    tips = [end.feature.points[0] for end in ends if end.support == longest]
+    tips = [end.place for end in ends if end.support == longest]
 
-    def is_near(place: np.ndarray) -> bool:
-        return any(np.hypot(*(place - tip)) < NEAR for tip in tips)
+    def is_at_face(corner: Candidate) -> bool:
+        return any(np.hypot(*(corner.place - tip)) < NEAR for tip in tips)
 
-    corners = [c for c in candidates if c.feature.shape == "corner"]
-    return [corner for corner in corners if is_near(corner.feature.points[0])]
+    return [corner for corner in corners if is_at_face(corner)]
 
 
 def corners(runs: list[Run]) -> list[Candidate]:

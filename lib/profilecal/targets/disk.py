@@ -61,32 +61,33 @@ class Disk(Target):
     ) -> Linearised:
         """x and z of each sensed tip minus those of the chord's end.
 
-        The disk has the centre c = (cx, cy, cz), the unit normal n = (nx, ny, nz) and
-        the radius R; vectors in the scan plane are (x, z), and g² = nx² + nz². In the
-        scan plane N = (nx, nz) / g is the unit vector across the chord, and
-        A = (nz, -nx) / g the one along it.
+        The disk has its centre at (cx, cy, cz), the unit normal (nx, ny, nz) and the
+        radius R. In the scan plane, where vectors are (x, z), the centre is c =
+        (cx, cz), at the distance cy. With g² = nx² + nz², the unit vector
+        N = (nx, nz) / g is across the chord and A = (nz, -nx) / g along it.
 
-        Points p of the plane y = 0 are on the disk's face where n · (p - c) = 0, which
-        is N · (p - (cx, cz)) = cy t with t = ny / g. The chord's middle is the point
-        of that line nearest to c:
+        A point p of the scan plane is on the disk's face where N · (p - c) = cy t, with
+        t = ny / g. The point of that line nearest to the centre is the chord's middle:
 
-            M = (cx, cz) + cy t N.
+            M = c + cy t N.
 
-        It is cy √(1 + t²) = cy / g = q from c, so that half the chord is
-        h = √(R² - q²), and the tips are, with s = ∓1 for the one of smaller and of
-        larger x (nz < 0: ±1),
+        It is q = cy √(1 + t²) = cy / g from the centre, so that half the chord is
+        h = √(R² - q²), which `root` continues where the disk is missed. The tips are
 
-            E = M + e A,    e = s h,    de/dq = -q s / h.
+            E = M + e A,    e = s h,    de/dq = -s q / h,
 
-        A shift of the disk moves cx and cz, with which E moves, and cy:
+        s = -1 for the first tip, which has the smaller x, and 1 for the second; the
+        other way round where nz < 0, since A then points towards smaller x.
+
+        A shift of the disk moves c, with which E moves, and changes cy:
 
             dE/dcy = t N + de/dq A / g.
 
-        A turn ω of the disk about c changes n by ω × n. With the scan plane's parts of
-        ω, which are (ωx, ωz), this turns N by the angle φ and changes t and g:
+        A turn ω of the disk about its centre adds ω × n to its normal n. With
+        ω' = (ωx, ωz) this turns N and A by an angle φ and changes t and g:
 
-            dN = A dφ,  dA = -N dφ,  dφ = ωy - t N · ω
-            dt = -A · ω / g²,  dg = ny A · ω,  dq = -cy / g² dg
+            dφ = ωy - t N · ω',    dN = A dφ,    dA = -N dφ,
+            dg = ny A · ω',    dt = -A · ω' / g²,    dq = -cy / g² dg,
 
             -dE = (e N - cy t A) dφ - cy N dt + de/dq cy / g² A dg.
         """
