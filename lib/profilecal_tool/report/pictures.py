@@ -1,14 +1,27 @@
 """Pictures for the report, of a calibration's robot and profiles; and of a plan."""
 
+from collections.abc import Iterable
+from pathlib import Path
+from textwrap import fill
+from typing import Any
+
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.axes import Axes
+from mpl_toolkits.mplot3d import Axes3D
 
 from profilecal.calibration.calibration import Calibration
+from profilecal.geometry.observability import WEAK, name_direction, size_direction
 from profilecal.geometry.poses import carry
+from profilecal.joint.solution import Solution
+from profilecal.profiles.points import Feature
 from profilecal.scan.scan import Scan
-from profilecal.targets.target import find_features
+from profilecal.targets.observations import Observations
+from profilecal.targets.target import Target, find_features
 from profilecal_pages.figures import (
     BLUE,
+    GREEN,
+    ORANGE,
     RED,
     SKY,
     draw_frame,
@@ -17,6 +30,7 @@ from profilecal_pages.figures import (
     use_style,
 )
 from profilecal_tool.plan.design import Plan
+from profilecal_tool.plan.scan_model import ScanModel
 
 
 def plot_robot(calibration: Calibration) -> plt.Figure:
@@ -52,7 +66,7 @@ def spread(count: int, most: int) -> np.ndarray:
 
 
 def draw_answer(
-    axes, calibration: Calibration, k: int, few: np.ndarray, size: float
+    axes: Axes3D, calibration: Calibration, k: int, few: np.ndarray, size: float
 ) -> list[np.ndarray]:
     """Draw where scan `k` has the sensor and the target at a few poses.
 
@@ -84,14 +98,16 @@ def draw_answer(
     return [*drawn, draw_lines(axes, lines, "black", label)]
 
 
-def key(figure: plt.Figure, axes) -> None:
+def key(figure: plt.Figure, axes: Axes) -> None:
     """Draw a legend below the figure, each label once."""
     handles, labels = axes.get_legend_handles_labels()
     once = dict(zip(labels, handles, strict=True))
     figure.legend(once.values(), once, loc="outside lower center", ncols=2)
 
 
-def draw_seen(axes, observed, rotation, origin) -> np.ndarray:
+def draw_seen(
+    axes: Axes3D, observed: Observations, rotation: np.ndarray, origin: np.ndarray
+) -> np.ndarray:
     """Draw the part of the scan plane in which a sensor there saw nearly all.
 
     Returns its corners (4, 3).
@@ -104,14 +120,18 @@ def draw_seen(axes, observed, rotation, origin) -> np.ndarray:
     return corners
 
 
-def draw_lines(axes, lines, colour: str, label: str) -> np.ndarray:
+def draw_lines(
+    axes: Axes3D, lines: list[np.ndarray], colour: str, label: str
+) -> np.ndarray:
     """Draw polylines (n, 3) in a 3D plot; return their points."""
     for line in lines:
         axes.plot(*line.T, color=colour, lw=3 if len(lines) == 1 else 1, label=label)
     return np.concatenate(lines)
 
 
-def target_lines(target, solution, observed) -> list[np.ndarray]:
+def target_lines(
+    target: Target, solution: Solution, observed: Observations
+) -> list[np.ndarray]:
     """A target as polylines (n, 3), as far as it was seen."""
     in_flange = observed.points[0] @ solution.rotation[:, ::2].T + solution.translation
     R, T = observed.R_flange[0], observed.T_flange[0]
@@ -119,7 +139,7 @@ def target_lines(target, solution, observed) -> list[np.ndarray]:
     return target.lines(in_base.reshape(-1, 3))
 
 
-def plot_profiles(scan: Scan, rejected=()) -> list[plt.Figure]:
+def plot_profiles(scan: Scan, rejected: Iterable[str] = ()) -> list[plt.Figure]:
     """Draw every profile of a scan with what was found in it, 20 to a figure.
 
     All are at one scale; there are no figures where there are no raw profiles.
@@ -136,48 +156,63 @@ def plot_profiles(scan: Scan, rejected=()) -> list[plt.Figure]:
     return [profile_page(scan, features, page, cell, set(rejected)) for page in pages]
 
 
-def profile_page(scan: Scan, features, page: range, cell, rejected: set) -> plt.Figure:
+def profile_page(
+    scan: Scan,
+    features: list[Feature],
+    page: range,
+    cell: np.ndarray,
+    rejected: set[str],
+) -> plt.Figure:
     """Draw one figure of `plot_profiles`.
 
     All is in one set of axes, each profile moved to its place, which draws fast.
     """
     columns = 4
     rows = -(-len(page) // columns)
-    step = cell * [1.05, -1.35]
-    height = 5.6 / columns * (rows + 0.2) * step[1] / -step[0]
-    figure, axes = plt.subplots(figsize=(5.6, height))
+    width, height = cell
+    across, down = cell * [1.05, -1.35]
+    tall = 5.6 / columns * (rows + 0.2) * down / -across
+    figure, axes = plt.subplots(figsize=(5.6, tall))
     for k, i in enumerate(page):
-        middle = step * [k % columns, k // columns]
-        frame = plt.Rectangle(middle - cell / 2, *cell, fill=False, ec="0.8", lw=0.6)
+        x, y = across * (k % columns), down * (k // columns)
+        corner = (x - width / 2, y - height / 2)
+        frame = plt.Rectangle(corner, width, height, fill=False, ec="0.8", lw=0.6)
         axes.add_patch(frame)
         note = "rejected" if scan.labels[i] in rejected else ""
         if features[i].reason:
             note = "not found"
         axes.text(
-            middle[0],
-            middle[1] + 0.54 * cell[1],
+            x,
+            y + 0.54 * height,
             f"{scan.labels[i][:10]} {note}".strip(),
             color=RED if note else "0.2",
             ha="center",
             fontsize=8,
         )
-        draw_profile(axes, scan, scan.values[i], features[i], middle, cell)
-    left = -0.51 * cell[0]
+        draw_profile(axes, scan, scan.values[i], features[i], (x, y), cell)
+    left = -0.51 * width
     axes.set(
         aspect="equal",
-        xlim=(left, step[0] * (columns - 1) - left),
-        ylim=((rows - 0.5) * step[1], 0.8 * cell[1]),
+        xlim=(left, across * (columns - 1) - left),
+        ylim=((rows - 0.5) * down, 0.8 * height),
     )
     axes.axis("off")
     count = sum(features[i].found for i in page)
     figure.suptitle(
         f"Profiles {page[0] + 1} to {page[-1] + 1} of {len(features)}: "
-        f"{count} features found; a frame is {cell[0]:.0f} mm wide"
+        f"{count} features found; a frame is {width:.0f} mm wide"
     )
     return figure
 
 
-def draw_profile(axes, scan: Scan, values, feature, middle, cell) -> None:
+def draw_profile(
+    axes: Axes,
+    scan: Scan,
+    values: np.ndarray,
+    feature: Feature,
+    middle: tuple[float, float],
+    cell: np.ndarray,
+) -> None:
     """Draw one profile, z downwards, within a cell around `middle`.
 
     The points that its feature rests on are blue.
@@ -189,7 +224,7 @@ def draw_profile(axes, scan: Scan, values, feature, middle, cell) -> None:
     shown = values[used] if used.any() else values[valid]
     centre = (shown.min(axis=0) + shown.max(axis=0)) / 2
 
-    def draw(points, style: str, **options) -> None:
+    def draw(points: np.ndarray, style: str, **options: Any) -> None:
         axes.plot(*((points - centre) * [1, -1] + middle).T, style, **options)
 
     inside = valid & (np.abs(values - centre) < cell / 2).all(axis=1)
@@ -199,7 +234,7 @@ def draw_profile(axes, scan: Scan, values, feature, middle, cell) -> None:
         draw(feature.points, "o", ms=5, mfc="none", mec=RED, mew=1.3)
 
 
-def save_plan(plan: Plan, path) -> None:
+def save_plan(plan: Plan, path: Path) -> None:
     """Write the picture of a plan as a PNG file."""
     use_style()
     figure, axes = plt.subplots(figsize=(7, 5.5), subplot_kw={"projection": "3d"})
@@ -213,7 +248,7 @@ def save_plan(plan: Plan, path) -> None:
     plt.close(figure)
 
 
-def draw_way(axes, plan: Plan) -> None:
+def draw_way(axes: Axes3D, plan: Plan) -> None:
     """Draw the sensor's way and some fields of view in 3D.
 
     Eye-to-hand, they are in the frame of the flange and target.
@@ -241,7 +276,7 @@ def draw_way(axes, plan: Plan) -> None:
     axes.legend(loc="upper left", fontsize=8)
 
 
-def field_of_view(model) -> np.ndarray:
+def field_of_view(model: ScanModel) -> np.ndarray:
     """The sensor's origin and the corners of its field of view, (5, 3), mm.
 
     They are in the frame that the sensor is fixed to.
@@ -250,3 +285,25 @@ def field_of_view(model) -> np.ndarray:
     z = np.array([0, near, far, far, near])
     x = model.scanner.half_width(z) * [0, -1, -1, 1, 1]
     return np.stack([x, z], axis=1) @ model.R_sensor[:, ::2].T + model.T_sensor
+
+
+def plot_directions(found: Calibration) -> plt.Figure:
+    """How well each of the six directions of the sensor's pose is known, worst first.
+
+    The scale counts 10 mm and 5° alike, as a measurement by hand is known.
+    """
+    solution, known = found.solution, found.solution.observability
+    figure, axes = plt.subplots(figsize=(5.6, 4.8))
+    colours = np.select([known.sd >= 1, known.sd >= WEAK], [RED, ORANGE], GREEN)
+    low = min(known.sd[-1] / 3, 0.01)
+    axes.barh(range(6), np.minimum(known.sd, 10), 0.3, color=colours)
+    for y, (sd, direction) in enumerate(zip(known.sd, known.directions, strict=True)):
+        size = size_direction(sd, direction) if sd < 1 else "unobservable"
+        name = name_direction(direction, solution.rotation, found.frame)
+        text = fill(f"{name}: {size}", 80)
+        axes.text(1.1 * low, y - 0.2, text, fontsize=8, va="bottom")
+    axes.set(xscale="log", xlim=(low, 10), ylim=(5.5, -0.8), yticks=[])
+    axes.set_xlabel("standard deviation")
+    axes.xaxis.set_major_formatter(lambda sd, _: f"{10 * sd:g} mm\n{5 * sd:g}°")
+    figure.suptitle(f"The weakest direction of the sensor's pose is {known.status}")
+    return figure
