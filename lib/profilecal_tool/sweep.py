@@ -8,7 +8,7 @@ or none, and goes on from there.
 import itertools
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from hashlib import sha256
 from pathlib import Path
@@ -22,7 +22,7 @@ from profilecal_pages import notebooks
 from profilecal_pages.notebooks import recorded
 
 
-def read_grid(path: Path | None, texts=()) -> dict:
+def read_grid(path: Path | None, texts: Sequence[str] = ()) -> dict:
     """Read the grid of a TOML file, and then of texts NAME=A,B,…
 
     The file has a list of values, or one value, for each name. Raises ValueError where
@@ -96,7 +96,7 @@ def _name(parameters: dict) -> str:
     return f"{readable[:100]}_{_digest(parameters, 8)}"
 
 
-def _digest(values, length: int) -> str:
+def _digest(values: object, length: int) -> str:
     """A digest of plain values, in hexadecimal."""
     return sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()[:length]
 

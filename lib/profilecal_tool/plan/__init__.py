@@ -1,5 +1,4 @@
-"""Which poses, and how many: what poses will be worth, and which are worth most, before
-anything is measured.
+"""Which poses, and how many: what they will be worth, before anything is measured.
 
 In: a `ScanModel`, what is known beforehand of scanner, robot and target, and `Limits`
 of the robot. Out: a `Prediction`, the covariance that `calibrate` will state; a `Plan`,
@@ -8,4 +7,8 @@ poses that make it small; a folder ready to run.
 Each pose adds a block of information, its own robot error integrated out. Blocks of
 poses with different orientations add up, so a plan is a choice of blocks: a greedy
 start, then exchanges, one pose at a time.
+
+In reading order: `scan_model` predicts, `candidates` draws poses that are possible,
+`design` chooses among them; `knowledge` makes models of specifications and scans,
+`words` says what is predicted, and `task` is what a user asks for.
 """

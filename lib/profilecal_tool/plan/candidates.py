@@ -126,8 +126,8 @@ def random_poses(
 def neighbours(
     model: ScanModel,
     limits: Limits,
-    R,
-    T,
+    R: np.ndarray,
+    T: np.ndarray,
     each: int,
     rng: np.random.Generator,
 ) -> Frames:
@@ -146,7 +146,7 @@ def neighbours(
     return R[possible], T[possible]
 
 
-def flange_at(model: ScanModel, R_view, T_view) -> Frames:
+def flange_at(model: ScanModel, R_view: np.ndarray, T_view: np.ndarray) -> Frames:
     """Flange poses that bring the sensor to frames (P, 3, 3), (P, 3)."""
     R = R_view @ model.R_sensor.T
     return R, T_view - R @ model.T_sensor
@@ -157,7 +157,9 @@ def free_axes(model: ScanModel) -> np.ndarray:
     return np.array([axis not in model.target.shifts for axis in "xyz"])
 
 
-def refused(model: ScanModel, limits: Limits, R, T) -> np.ndarray:
+def refused(
+    model: ScanModel, limits: Limits, R: np.ndarray, T: np.ndarray
+) -> np.ndarray:
     """Say why flange poses (P, 3, 3), (P, 3) are impossible.
 
     Returns words (P,), "" for poses that are possible.
@@ -185,7 +187,7 @@ def refused(model: ScanModel, limits: Limits, R, T) -> np.ndarray:
     return reasons
 
 
-def off_square(model: ScanModel, R, T) -> np.ndarray:
+def off_square(model: ScanModel, R: np.ndarray, T: np.ndarray) -> np.ndarray:
     """How far flange poses (P, 3, 3), (P, 3) are from looking at the guess squarely.
 
     Returns (3, P):
@@ -218,7 +220,7 @@ def off_square(model: ScanModel, R, T) -> np.ndarray:
     return np.array([np.degrees(tilt), np.degrees(spin), aside]).round(6)
 
 
-def worst_clearance(model: ScanModel, R, T) -> np.ndarray:
+def worst_clearance(model: ScanModel, R: np.ndarray, T: np.ndarray) -> np.ndarray:
     """How far inside the field of view the target stays, however wrong the guess is.
 
     The guess may be wrong by up to its margins, or by 1 mm and 1°, for a view that
@@ -237,7 +239,7 @@ def worst_clearance(model: ScanModel, R, T) -> np.ndarray:
 
     frames = model.planes(R, T)
 
-    def clearance(error) -> np.ndarray:
+    def clearance(error: np.ndarray) -> np.ndarray:
         return clearances(model, *frames, error)
 
     exact = clearance(np.zeros((3, 3)))
@@ -258,7 +260,9 @@ def worst_clearance(model: ScanModel, R, T) -> np.ndarray:
     return worst
 
 
-def clearances(model: ScanModel, R_view, T_view, error) -> np.ndarray:
+def clearances(
+    model: ScanModel, R_view: np.ndarray, T_view: np.ndarray, error: np.ndarray
+) -> np.ndarray:
     """How far inside each border of the field of view the target is seen.
 
     The sensor frames (P, 3, 3), (P, 3) are off by `error` (3, 3): a shift and a turn in

@@ -62,7 +62,14 @@ class Pool:
     prior: np.ndarray
 
     @classmethod
-    def from_poses(cls, model: ScanModel, R, T, until, before=0.0) -> "Pool":
+    def from_poses(
+        cls,
+        model: ScanModel,
+        R: np.ndarray,
+        T: np.ndarray,
+        until: tuple[float, float],
+        before: np.ndarray | float = 0.0,
+    ) -> "Pool":
         """The pool of flange poses (N, 3, 3), (N, 3).
 
         `until`: standard deviations that are asked for, mm and degrees; `before` (q,
@@ -123,7 +130,7 @@ class Pool:
         return values
 
 
-def smooth_worst(C) -> np.ndarray:
+def smooth_worst(C: np.ndarray) -> np.ndarray:
     """Nearly `Pool.lacks`, but smooth, of covariances (..., 6, 6) of the sensor pose.
 
     It is the root of (tr Aᵖ + tr Bᵖ)^(1/p), p = 16, of the blocks A of translation and
@@ -240,7 +247,7 @@ def trimmed(pool: Pool, chosen: list[int]) -> list[int]:
     return chosen
 
 
-def short_way(R, T) -> list[int]:
+def short_way(R: np.ndarray, T: np.ndarray) -> list[int]:
     """An order of poses (P, 3, 3), (P, 3) with a short way: to the nearest each time.
 
     A degree counts as 3 mm.

@@ -1,6 +1,7 @@
 """What is known before a plan, from a specification or from a scan."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from profilecal_tool.plan.candidates import Limits, draw, off_square
 from profilecal_tool.plan.scan_model import Frames, ScanModel
 
 
-def are_zones(value) -> bool:
+def are_zones(value: object) -> bool:
     """Whether an entry is a list of zones."""
     is_zone, _ = numbers(4)
     return isinstance(value, list) and all(map(is_zone, value))
@@ -38,7 +39,7 @@ PLAN: dict = {
 }
 
 
-def read_plan(table: dict, path) -> tuple[Limits, dict]:
+def read_plan(table: dict, path: Path) -> tuple[Limits, dict]:
     """Read the table [plan] of a specification `path`.
 
     Returns where the robot may go, and what is asked of `design`. Raises ScanError.

@@ -61,7 +61,9 @@ class ScanModel(Setup):
         """Whether raw profiles show the target by what is around it."""
         return self.measured == "profiles" and self.target.beside_mm > 0
 
-    def points_seen(self, R_view, T_view, count: int) -> np.ndarray:
+    def points_seen(
+        self, R_view: np.ndarray, T_view: np.ndarray, count: int
+    ) -> np.ndarray:
         """What a perfect scanner at sensor frames (P, 3, 3), (P, 3) sees of the target.
 
         Returns (P, m, 2), mm, `count` points of a curve; NaN where it is missed.
@@ -70,12 +72,12 @@ class ScanModel(Setup):
         is_face = len(self.target.shifts) == 1
         return self.across_view(points, count) if is_face else points
 
-    def middle_seen(self, R_view, T_view) -> np.ndarray:
+    def middle_seen(self, R_view: np.ndarray, T_view: np.ndarray) -> np.ndarray:
         """The middle (P, 2), mm, of what is seen from sensor frames."""
         points = self.points_seen(R_view, T_view, 5)
         return points[:, points.shape[1] // 2]
 
-    def in_view(self, R, T) -> np.ndarray:
+    def in_view(self, R: np.ndarray, T: np.ndarray) -> np.ndarray:
         """Whether flange poses (P, 3, 3), (P, 3) have the target in view, (P,).
 
         They have if the middle of what is seen is in the field of view.
@@ -85,7 +87,7 @@ class ScanModel(Setup):
         in_range = (scanner.near <= z) & (z <= scanner.far)
         return in_range & (np.abs(x) <= scanner.half_width(z))
 
-    def across_view(self, points, count: int) -> np.ndarray:
+    def across_view(self, points: np.ndarray, count: int) -> np.ndarray:
         """Points (P, count, 2) across the field of view on lines through (P, m, 2).
 
         They reach from one side to the other, but for a tenth at the sides, which
@@ -102,7 +104,7 @@ class ScanModel(Setup):
         x = np.linspace(-half / (1 + growth), half / (1 - growth), count, axis=1)
         return np.stack([x, depth[:, None] + slope[:, None] * x], axis=-1)
 
-    def observed(self, R, T) -> Observations:
+    def observed(self, R: np.ndarray, T: np.ndarray) -> Observations:
         """What the scanner will see of the target from flange poses (P, 3, 3), (P, 3).
 
         In mm, NaN where it misses the target; of an arc three points that stand for it.
@@ -126,12 +128,14 @@ class ScanModel(Setup):
             covariance,
         )
 
-    def problem(self, R, T) -> Problem:
+    def problem(self, R: np.ndarray, T: np.ndarray) -> Problem:
         """The least-squares problem of what is seen from flange poses."""
         return Problem([self.observed(R, T)], self.noise, self.systematic)
 
 
-def information(model: ScanModel, R, T, each: bool = False) -> np.ndarray:
+def information(
+    model: ScanModel, R: np.ndarray, T: np.ndarray, each: bool = False
+) -> np.ndarray:
     """What flange poses (P, 3, 3), (P, 3) tell of the unknowns and the shared errors.
 
     Returns (q, q), for the unknowns and then for what is wrong at all poses, the
@@ -147,7 +151,7 @@ def information(model: ScanModel, R, T, each: bool = False) -> np.ndarray:
     return linear.posterior(variances[None]).normal[0, :-1, :-1]
 
 
-def marginal(information, n: int) -> np.ndarray:
+def marginal(information: np.ndarray, n: int) -> np.ndarray:
     """What information matrices (..., N, N) say of the first n unknowns alone.
 
     The others are not known any better: A - B C⁻¹ Bᵀ of the blocks A, B; Bᵀ, C.
@@ -158,7 +162,7 @@ def marginal(information, n: int) -> np.ndarray:
     return known - across @ np.linalg.solve(others, across.mT)
 
 
-def largest_sd(covariance) -> list[float]:
+def largest_sd(covariance: np.ndarray) -> list[float]:
     """The largest standard deviations, of a covariance (6, 6) of a pose.
 
     That of the translation in any direction, and that of the rotation about any axis.
@@ -196,7 +200,10 @@ class Prediction:
 
 
 def predict(
-    model: ScanModel, R, T, rng: np.random.Generator | None = None
+    model: ScanModel,
+    R: np.ndarray,
+    T: np.ndarray,
+    rng: np.random.Generator | None = None,
 ) -> Prediction:
     """Predict how well flange poses (P, 3, 3), (P, 3) will determine the sensor pose.
 

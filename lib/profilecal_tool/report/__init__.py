@@ -1,6 +1,4 @@
-"""What people read: figures of the notebooks, words, tables and pictures of a
-calibration.
+"""The report on a calibration: its words, tables and pictures, on one page.
 
-In come results of the other rooms; out go matplotlib figures, HTML and tables. No other
-room imports matplotlib.
+In come calibrations and plans; out go matplotlib figures and HTML.
 """

@@ -44,7 +44,7 @@ class Html:
     html: str
     plain: str
 
-    def _repr_mimebundle_(self, include=None, exclude=None) -> dict:
+    def _repr_mimebundle_(self, include: object = None, exclude: object = None) -> dict:
         return {"text/plain": self.plain, "text/html": self.html}
 
 

@@ -12,6 +12,7 @@ from html import escape
 from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 from profilecal.scan.tables import partial_of, remove, whole
 from profilecal_pages import notebooks
@@ -51,7 +52,7 @@ def check_report(path: Path) -> None:
         ) from error
 
 
-def write_report(folders: Sequence[Path], path: Path, **parameters) -> None:
+def write_report(folders: Sequence[Path], path: Path, **parameters: object) -> None:
     """Write the report on one scan folder or several of one scanner to an HTML file.
 
     The file `path` appears whole or not at all. `parameters`: others of the notebook.
@@ -99,7 +100,7 @@ def to_page(executed: Path, title: str) -> str:
     return string.Template(frame).substitute(title=escape(title), body=body, made=made)
 
 
-def is_for_readers(cell) -> bool:
+def is_for_readers(cell: Any) -> bool:
     """Whether a cell is text, or has outputs that are not records for a sweep."""
     if cell.cell_type == "markdown":
         return True
