@@ -124,7 +124,7 @@ def taken_as(
     words = f"{len(poses.lines)}, {convention.meaning} ({angles}), {lengths}"
     if not tool:
         return entries, words
-    # a tool's orientation has three numbers
+    # three numbers say how a tool is turned: poses' own, if they have three
     of_tool = convention if len(units) == 3 else named("FANUC angles")
     entries |= without_tool(entries, tool, of_tool, radians)
     place, turn = tool[:3], tool[3:]
@@ -132,11 +132,13 @@ def taken_as(
     return entries, f"{words}, {at_tool}"
 
 
-def without_tool(entries: dict, tool: tuple, of_tool: Convention, radians) -> dict:
+def without_tool(
+    entries: dict, tool: tuple, of_tool: Convention, radians: bool
+) -> dict:
     """Poses of the flange, as entries of a Scan, from entries with those of a tool.
 
-    `tool` is x, y, z, mm, and three angles on the flange. Raises ScanError for numbers
-    that are none.
+    `tool` is x, y, z, mm, and three angles on the flange, in radians if the poses' own
+    are. Raises ScanError for numbers that are none.
     """
     if not np.isfinite(tool).all():
         raise ScanError(f"--tool is {tool}; expected three mm and three angles")
