@@ -7,6 +7,7 @@ fixed-point (its ref. [16]), where the laser line is steered through a marked po
 import numpy as np
 from numpy.typing import ArrayLike
 
+from profilecal.closed_form.groups import find_groups
 from profilecal.closed_form.two_step import (
     LEAST_SPREAD_DEG,
     TwoStepSolution,
@@ -22,7 +23,7 @@ from profilecal.geometry.checks import (
     check_rotations,
     check_scan_plane,
 )
-from profilecal.geometry.poses import angle_between, rotation_groups
+from profilecal.geometry.poses import angle_between
 
 
 def solve_ball(
@@ -127,8 +128,8 @@ def translating_poses(R_tcp: np.ndarray, translating: ArrayLike | None) -> np.nd
     """
     poses = np.arange(len(R_tcp))
     if translating is None:
-        group = rotation_groups(R_tcp)
-        return poses[group == np.bincount(group).argmax()]
+        number = find_groups("R_tcp", R_tcp, None)
+        return poses[number == np.bincount(number).argmax()]
     chosen = np.asarray(translating)
     if chosen.dtype == bool and chosen.shape == poses.shape:
         return poses[chosen]

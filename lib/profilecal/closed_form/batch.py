@@ -49,6 +49,6 @@ def closed_form(
         number,
         seen.sizes[0],
         how,
-        R_sensor=np.asarray(R_sensor, dtype=float),
+        np.asarray(R_sensor, dtype=float),
         refuse=refuse,
     )

@@ -152,8 +152,7 @@ def solve_disk(
 
     by_x = chords[..., :1].argsort(axis=1)
     tips = np.take_along_axis(chords, by_x, axis=1)
-    signs = {"side": side} if guess is None else {"R_sensor": guess}
-    return solve_motions(R_tcp, T_tcp, tips, number, radius, heights, **signs)
+    return solve_motions(R_tcp, T_tcp, tips, number, radius, heights, guess, side)
 
 
 def solve_motions(
@@ -163,9 +162,8 @@ def solve_motions(
     number: np.ndarray,
     radius: float,
     heights: str,
-    *,
-    side: ArrayLike = 0,
-    R_sensor: np.ndarray | None = None,
+    R_sensor: np.ndarray | None,
+    side: ArrayLike | None = None,
     refuse: bool = True,
 ) -> TwoStepSolution:
     """`solve_disk` for checked arrays (..., n, 3, 3), (..., n, 3) and (..., n, 2, 2),
@@ -206,8 +204,9 @@ def solve_motions(
 
 
 def in_order(T_tcp: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Some rows (m,) of positions (..., n, 3), as (..., m), in the order of the motion
-    along their line: from that of its two ends which comes first.
+    """Rows (m,) of positions (..., n, 3) in the order of their motion, (..., m).
+
+    It runs along a line, from the one of its two ends that comes first in the rows.
     """
     T = T_tcp[..., rows, :]
     place = np.vecdot(T, principal_axes(T)[..., :1, :])
@@ -249,10 +248,11 @@ def check_motions(
 
 
 def stated_signs(
-    side: ArrayLike, number: np.ndarray, rows: list[np.ndarray], names: list[str]
+    side: ArrayLike | None, number: np.ndarray, rows: list[np.ndarray], names: list[str]
 ) -> np.ndarray:
-    """s_i of Eq. 3, (G,), from what `solve_disk` takes; `rows` of each motion in its
-    order.
+    """s_i of Eq. 3, (G,), from what `solve_disk` takes.
+
+    `number` (n,) are the motions of its rows, `rows` those of each motion in its order.
     """
     for name, row in zip(names, rows, strict=True):
         if (np.diff(row) < 0).any():
@@ -269,13 +269,13 @@ def stated_signs(
             f"side has shape {signs.shape}; expected (), ({G},) for motions, or ({n},)"
         )
     if signs.shape == (n,):
-        each = signs
-        signs = signs[[row[0] for row in rows]]
-        unlike = np.flatnonzero(each != signs[number])
+        of_rows, signs = signs, signs[[row[0] for row in rows]]
+        unlike = np.flatnonzero(of_rows != signs[number])
         if unlike.size:
+            k = unlike[0]
             raise ValueError(
-                f"side[{unlike[0]}] is {each[unlike[0]]}, unlike that of the first row "
-                "of its motion; expected one sign a motion"
+                f"side[{k}] is {of_rows[k]}, unlike that of the first row of its "
+                "motion; expected one sign a motion"
             )
     return np.broadcast_to(signs, G)
 
@@ -385,15 +385,18 @@ def sensing_data_from_ellipse(
     chord, *lines = np.moveaxis(vectors, (-1, -2), (0, 1))
     cos, sin = chord / np.hypot(*chord)
 
-    def turned(vector):  # R_θ: into the frame of Eq. 4
-        return cos * vector[0] + sin * vector[1], cos * vector[1] - sin * vector[0]
+    def turned(vector: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """By R_θ into the frame of Eq. 4."""
+        x, z = vector
+        return cos * x + sin * z, cos * z - sin * x
 
     x3, z3 = turned(np.moveaxis(ellipse.centre, -1, 0))
     S_x, S_z = np.moveaxis(ellipse.shape, (-2, -1), (0, 1))
     S_xz, S_zz = turned(cos * S_z - sin * S_x)
     slope = S_xz / S_zz
 
-    def height(a, b):  # at which the line through a and b meets e1e2
+    def height(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """At which the line through a and b meets e1e2."""
         xa, za = turned(a)
         xb, zb = turned(b)
         rise = (zb - za) / (xb - xa)

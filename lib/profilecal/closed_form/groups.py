@@ -4,16 +4,18 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from profilecal.closed_form.two_step import LEAST_SPREAD_DEG
+from profilecal.geometry.checks import check_count
 from profilecal.geometry.poses import angle_between, rotation_groups
 
 
 def find_groups(name: str, R: np.ndarray, group: ArrayLike | None) -> np.ndarray:
     """The number (n,), from 0, of the group that each orientation R (n, 3, 3) is in.
 
-    Without `group`, orientations that agree within 0.05° form one. Labels `group` (n,)
-    of the user are taken instead: ValueError for another shape, or where orientations
-    of one label differ by more than 1°. `name` is the argument that holds R.
+    Without `group`, orientations that agree within 0.05° form one; else it has the
+    user's labels (n,). Raises ValueError for another shape, or where orientations of
+    one label differ by more than 1°. `name` is the argument that holds R.
     """
+    check_count("poses", len(R), 3, "three orientations fix the translation")
     if group is None:
         return rotation_groups(R)
     labels = np.asarray(group)

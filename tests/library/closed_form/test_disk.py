@@ -115,7 +115,7 @@ def noisy(scans, sigma=0.1, m=60):
     return scans.tips(m) + np.random.default_rng(3).normal(0, sigma, (4, m, 2, 2))
 
 
-def test_the_published_heights_are_where_the_first_and_last_chord_meet_the_line_of_middles(
+def test_published_heights_are_where_the_first_and_last_chord_meet_the_middles(
     scans,
 ):
     """They lean against the mean chord when there is noise."""

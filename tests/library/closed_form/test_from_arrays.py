@@ -289,6 +289,7 @@ OF_EDGE = {"R_b": R, "T_b": T, "p_s": SEEN}
 MIRRORED = R @ np.diag([1.0, 1.0, -1.0])
 EDGE_REFUSED = [
     ({"T_b": T[:, :2]}, r"T_b has shape \(\d+, 2\); expected \(n, 3\)"),
+    ({"R_b": R[:0], "T_b": T[:0], "p_s": SEEN[:0]}, "poses: 0 given, at least 3"),
     ({"T_b": "here"}, "T_b is no array of numbers: could not convert"),
     ({"T_b": [[1, 2, 3], [4, 5]]}, "T_b is no array of numbers: setting an array"),
     ({"R_b": R[:5]}, r"R_b has shape \(5, 3, 3\); expected \(\d+, 3, 3\)"),

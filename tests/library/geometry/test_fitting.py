@@ -79,7 +79,7 @@ def test_noisy_arcs_equal_the_textbook_eigenproblem():
         )
 
 
-def test_points_on_a_sphere_give_it_back_and_those_on_one_circle_the_smallest_through_it():
+def test_points_on_a_sphere_give_it_back_and_those_on_a_circle_the_smallest_one():
     rng = np.random.default_rng(2)
     centre, radius = rng.uniform(-1000, 1000, (20, 3)), rng.uniform(5, 50, 20)
     cap = directions(rng, (20, 50))
@@ -92,6 +92,17 @@ def test_points_on_a_sphere_give_it_back_and_those_on_one_circle_the_smallest_th
     )
     np.testing.assert_allclose(middle, centre[0], rtol=0, atol=0.1)
     assert found_radius == pytest.approx(30, abs=1e-3)
+
+
+def test_affine_residuals_leave_out_values_of_no_weight():
+    rng = np.random.default_rng(7)
+    positions, values = rng.normal(size=(9, 3)), rng.normal(size=(9, 2))
+    weights = np.arange(9) < 7
+    residuals, _, freedom = affine_residuals(positions, values, weights)
+    expected, _, expected_freedom = affine_residuals(positions[:7], values[:7])
+    np.testing.assert_allclose(residuals[:7], expected, atol=1e-12)
+    np.testing.assert_allclose(residuals[7:], 0, atol=1e-12)
+    assert freedom == expected_freedom == 3
 
 
 @pytest.mark.parametrize("weighted", [False, True])
