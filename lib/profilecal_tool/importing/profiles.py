@@ -62,9 +62,11 @@ def profiles_of(
     first = full[0]
     label = next((name for name in LABELS if name in first.columns), None)
     labels = np.array(first.columns.pop(label)) if label else None
-    in_rows = len(first.columns) > 4 and len(first.lines) in (count, count + 1)
-    if in_rows and len(paths) == 1 and labels is None:
-        tables = full = by_row(first, count)
+    if len(paths) == 1:
+        if labels is not None:
+            return by_label(first, labels, said)
+        if len(first.columns) > 4 and len(first.lines) in (count, count + 1):
+            tables = full = by_row(first, count)
     axes = x_and_z(full, said)
     points = [
         table.numbers(axes, blank=True) if table.columns else np.empty((0, 2))
@@ -72,10 +74,17 @@ def profiles_of(
     ]
     if len(points) == len(paths) > 1:
         return [path.stem for path in paths], points, axes
-    if labels is None:
-        return range(len(points)), points, axes
+    return range(len(points)), points, axes
+
+
+def by_label(
+    table: Table, labels: np.ndarray, said: str
+) -> tuple[Sequence, list[np.ndarray], dict]:
+    """A profile of the rows that share a label (rows,), as `profiles_of` has it."""
+    axes = x_and_z([table], said)
+    points = table.numbers(axes, blank=True)
     names = [*dict.fromkeys(labels.tolist())]
-    return names, [points[0][labels == name] for name in names], axes
+    return names, [points[labels == name] for name in names], axes
 
 
 def by_row(table: Table, count: int) -> list[Table]:
