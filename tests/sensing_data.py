@@ -16,15 +16,15 @@ def tilted(rng, count):
     around a circle.
     """
     around = 2 * np.pi * np.arange(count) / count
-    tilts = Rotation.from_rotvec(
-        np.radians(30) * np.column_stack([np.cos(around), np.sin(around), 0 * around])
-    )
+    axes = np.column_stack([np.cos(around), np.sin(around), 0 * around])
+    tilts = Rotation.from_rotvec(np.radians(30) * axes)
     return (Rotation.random(rng=rng) * tilts).as_matrix()
 
 
 def see(rng, R_tcp, R_sensor, T_sensor):
     """Flange positions T_tcp and readings q from which one fixed point is seen."""
-    q, point = rng.uniform(-60, 60, (len(R_tcp), 3)), rng.uniform(-500, 500, 3)
+    q = rng.uniform(-60, 60, (len(R_tcp), 3))
+    point = rng.uniform(-500, 500, 3)
     return point - np.einsum("nab,nb->na", R_tcp, q @ R_sensor.T + T_sensor), q
 
 
@@ -33,18 +33,11 @@ def disk_data(rng, poses=4):
     R_sensor, T_sensor = sensor(rng)
     R_tcp = tilted(rng, poses)
     T_tcp, q = see(rng, R_tcp, R_sensor, T_sensor)
-    directions = (
-        Rotation.random(rng=rng).as_matrix()
-        @ np.array([[1, 0, 0.3], [0, 1, 0.3], [-1, -1, 1], [1, -1, 1]]).T
-    )
-    D_i = directions.T[np.arange(poses) % 4] * rng.uniform(100, 300, (poses, 1))
-    return (R_sensor, T_sensor), (
-        R_tcp,
-        T_tcp,
-        q,
-        D_i,
-        np.einsum("nab,bc,nc->na", R_tcp, R_sensor, D_i),
-    )
+    spread = np.array([[1, 0, 0.3], [0, 1, 0.3], [-1, -1, 1], [1, -1, 1]])
+    directions = spread @ Rotation.random(rng=rng).as_matrix().T
+    D_i = directions[np.arange(poses) % 4] * rng.uniform(100, 300, (poses, 1))
+    D_b = np.einsum("nab,bc,nc->na", R_tcp, R_sensor, D_i)
+    return (R_sensor, T_sensor), (R_tcp, T_tcp, q, D_i, D_b)
 
 
 def ball_data(rng, translating=4, turning=4):
@@ -53,24 +46,14 @@ def ball_data(rng, translating=4, turning=4):
     """
     R_sensor, T_sensor = sensor(rng)
     turned = tilted(rng, turning)
-    R_tcp = np.concatenate(
-        [
-            np.repeat(Rotation.random(rng=rng).as_matrix()[None], translating, axis=0),
-            turned,
-        ]
-    )
+    still = Rotation.random(rng=rng).as_matrix()
+    R_tcp = np.concatenate([np.tile(still, (translating, 1, 1)), turned])
     T_tcp, q = see(rng, R_tcp, R_sensor, T_sensor)
-    corners = (
-        40
-        * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])[
-            np.arange(translating) % 4
-        ]
-    )
-    shift = corners + rng.uniform(-5, 5, (translating, 3)) - q[:translating]
+    corners = np.array([[0, 0, 0], [40, 0, 0], [0, 40, 0], [0, 0, 40]])
+    places = corners[np.arange(translating) % 4] + rng.uniform(-5, 5, (translating, 3))
+    shift = places - q[:translating]
     q[:translating] += shift
-    T_tcp[:translating] -= np.einsum(
-        "nab,bc,nc->na", R_tcp[:translating], R_sensor, shift
-    )
+    T_tcp[:translating] -= shift @ (still @ R_sensor).T
     return (R_sensor, T_sensor), (R_tcp, T_tcp, q)
 
 
@@ -80,18 +63,13 @@ def point_data(rng, poses=10, translating=0):
     """
     R_sensor, T_sensor = sensor(rng)
     around = 2 * np.pi * np.arange(poses) / poses
-    turns = Rotation.from_rotvec(
-        0.5 * np.column_stack([np.cos(around), np.sin(around), np.cos(3 * around)])
-    )
+    axes = np.column_stack([np.cos(around), np.sin(around), np.cos(3 * around)])
+    turns = Rotation.from_rotvec(0.5 * axes)
     R_tcp = (Rotation.random(rng=rng) * turns).as_matrix()
     R_tcp[:translating] = R_tcp[:1]
-    q = np.column_stack(
-        [40 * np.cos(2 * around + 1), 0 * around, 40 * np.sin(2 * around + 1)]
-    )
+    angle = 2 * around + 1
+    q = 40 * np.column_stack([np.cos(angle), 0 * angle, np.sin(angle)])
     q += rng.uniform(-15, 15, (poses, 3)) * [1, 0, 1]
     point = rng.uniform(-500, 500, 3)
-    return (R_sensor, T_sensor), (
-        R_tcp,
-        point - np.einsum("nab,nb->na", R_tcp, q @ R_sensor.T + T_sensor),
-        q,
-    )
+    T_tcp = point - np.einsum("nab,nb->na", R_tcp, q @ R_sensor.T + T_sensor)
+    return (R_sensor, T_sensor), (R_tcp, T_tcp, q)

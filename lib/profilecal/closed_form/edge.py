@@ -189,7 +189,12 @@ def check_groups(R_b: np.ndarray, present: np.ndarray) -> None:
         "two turns about different axes fix the translation",
     )
     largest = present.sum(axis=-1).max()
-    check_count("poses of an orientation", largest, 3, "so many fix the rotation")
+    check_count(
+        "poses of an orientation",
+        largest,
+        3,
+        "pairs of their differences fix the rotation",
+    )
     check_orientations(R_b)
 
 

@@ -49,12 +49,9 @@ def check_scan_plane(
     `values` (count, 2) are that, or (count, 3) with y = 0 between. Raises ValueError
     for others; `expected` says why y is 0.
     """
-    points = check_array(name, values, (count, None))
-    if points.shape[1] not in (2, 3):
-        raise ValueError(
-            f"{name} has shape {points.shape}; expected ({count}, 2) or ({count}, 3)"
-        )
-    if points.shape[1] == 2:
+    columns = 3 if np.asarray(values, dtype=object).shape[-1:] == (3,) else 2
+    points = check_array(name, values, (count, columns))
+    if columns == 2:
         return points
     off = np.flatnonzero(points[:, 1])
     if off.size:
