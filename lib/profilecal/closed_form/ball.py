@@ -5,6 +5,7 @@ fixed-point (its ref. [16]), where the laser line is steered through a marked po
 """
 
 import numpy as np
+from numpy import ndarray
 from numpy.typing import ArrayLike
 
 from profilecal.closed_form.groups import find_groups
@@ -122,7 +123,7 @@ def solve_ball(
     return ball_equations(R_tcp[order], T_tcp[order], q[order], len(still))
 
 
-def translating_poses(R_tcp: np.ndarray, translating: ArrayLike | None) -> np.ndarray:
+def translating_poses(R_tcp: ndarray, translating: ArrayLike | None) -> ndarray:
     """Indices of the poses that `solve_ball` takes for the rotation; `translating` is
     what it takes.
     """
@@ -149,7 +150,7 @@ def translating_poses(R_tcp: np.ndarray, translating: ArrayLike | None) -> np.nd
 
 
 def ball_equations(
-    R_tcp: np.ndarray, T_tcp: np.ndarray, q: np.ndarray, translating: int
+    R_tcp: ndarray, T_tcp: ndarray, q: ndarray, translating: int
 ) -> TwoStepSolution:
     """`solve_ball` without its guards, for the first `translating` poses, with any
     leading batch axes: (..., n, 3, 3) and (..., n, 3).
@@ -173,7 +174,7 @@ def ball_equations(
     return TwoStepSolution(rotation, translation)
 
 
-def solve_tetra_ball(q_b: ArrayLike, q_i: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+def solve_tetra_ball(q_b: ArrayLike, q_i: ArrayLike) -> tuple[ndarray, ndarray]:
     """The rigid transform that takes points q_i to q_b, in the least-squares sense.
 
     Section V-D1 of the disk paper states its ref. [15] as a Lagrangian whose four
@@ -316,7 +317,7 @@ def solve_fixed_point(
     return TwoStepSolution(rotation, translation)
 
 
-def linear_equations(R_tcp: np.ndarray, q: np.ndarray) -> np.ndarray:
+def linear_equations(R_tcp: ndarray, q: ndarray) -> ndarray:
     """The matrix (..., 3n, 9) of Eq. 1 for r_1, r_3 and T_sensor.
 
     Its mean over the poses is taken off, so that q^b is gone.

@@ -5,6 +5,7 @@ data to pose (III-C, III-D).
 from dataclasses import dataclass
 
 import numpy as np
+from numpy import ndarray
 from numpy.typing import ArrayLike
 
 from profilecal.closed_form.groups import find_groups
@@ -33,26 +34,26 @@ class SensingData:
 
     # (..., 3) flange position at which the scan plane passes through the disk's centre,
     # mm, Eq. 10
-    T_tcp: np.ndarray
-    q: np.ndarray  # (..., 3) the disk's centre in the sensor frame, mm, Eq. 11
+    T_tcp: ndarray
+    q: ndarray  # (..., 3) the disk's centre in the sensor frame, mm, Eq. 11
     # (..., 3) from one tangent position to the other, sensor frame, mm, Eq. 12
-    D_i: np.ndarray
-    D_b: np.ndarray  # (..., 3) the same in the base frame, mm, Eq. 13
+    D_i: ndarray
+    D_b: ndarray  # (..., 3) the same in the base frame, mm, Eq. 13
     # (..., 2) unit vector of the chords, x and z of the sensor frame
-    direction: np.ndarray
-    e: np.ndarray  # (..., 5, 2) the elliptic points in the rotated frame, mm, Eq. 5
+    direction: ndarray
+    e: ndarray  # (..., 5, 2) the elliptic points in the rotated frame, mm, Eq. 5
     # (...) the argument of Eq. 9's arccos; noise can push it out of [-1, 1]
-    cos_alpha: np.ndarray
+    cos_alpha: ndarray
 
     @property
-    def alpha(self) -> np.ndarray:
+    def alpha(self) -> ndarray:
         """Angle between the scan plane and the disk in radians, Eq. 9; 0 or π where the
         arccos does not exist.
         """
         return np.arccos(np.clip(self.cos_alpha, -1, 1))
 
     @property
-    def clipped(self) -> np.ndarray:
+    def clipped(self) -> ndarray:
         """Where Eq. 9's arccos does not exist, (...)."""
         return ~(np.abs(self.cos_alpha) <= 1)
 
@@ -156,13 +157,13 @@ def solve_disk(
 
 
 def solve_motions(
-    R_tcp: np.ndarray,
-    T_tcp: np.ndarray,
-    tips: np.ndarray,
-    number: np.ndarray,
+    R_tcp: ndarray,
+    T_tcp: ndarray,
+    tips: ndarray,
+    number: ndarray,
     radius: float,
     heights: str,
-    R_sensor: np.ndarray | None,
+    R_sensor: ndarray | None,
     side: ArrayLike | None = None,
     refuse: bool = True,
 ) -> TwoStepSolution:
@@ -203,7 +204,7 @@ def solve_motions(
     return disk_equations(R_tcp, T_3, q, D_i, D_b)
 
 
-def in_order(T_tcp: np.ndarray, rows: np.ndarray) -> np.ndarray:
+def in_order(T_tcp: ndarray, rows: ndarray) -> ndarray:
     """Rows (m,) of positions (..., n, 3) in the order of their motion, (..., m).
 
     It runs along a line, from the one of its two ends that comes first in the rows.
@@ -215,18 +216,11 @@ def in_order(T_tcp: np.ndarray, rows: np.ndarray) -> np.ndarray:
     return rows[place.argsort(axis=-1, kind="stable")]
 
 
-def check_motions(
-    R_tcp: np.ndarray, motions: list[np.ndarray], names: list[str]
-) -> None:
-    """Refuse motions, positions (..., m, 3) of each, that are too few, have too few
-    chords or are not straight, and orientations (..., G, 3, 3) about one axis.
+def check_motions(R_tcp: ndarray, motions: list[ndarray], names: list[str]) -> None:
+    """Refuse motions, positions (..., m, 3) of each, that have too few chords or are
+    not straight, and orientations (..., G, 3, 3) that are too few or turn about one
+    axis.
     """
-    check_count(
-        "orientations",
-        len(motions),
-        3,
-        "two turns about different axes fix the translation",
-    )
     for name, T in zip(names, motions, strict=True):
         check_count(
             f"chords at {name}",
@@ -248,8 +242,8 @@ def check_motions(
 
 
 def stated_signs(
-    side: ArrayLike | None, number: np.ndarray, rows: list[np.ndarray], names: list[str]
-) -> np.ndarray:
+    side: ArrayLike | None, number: ndarray, rows: list[ndarray], names: list[str]
+) -> ndarray:
     """s_i of Eq. 3, (G,), from what `solve_disk` takes.
 
     `number` (n,) are the motions of its rows, `rows` those of each motion in its order.
@@ -281,7 +275,7 @@ def stated_signs(
 
 
 def check_sensing_data(
-    scans: list[SensingData], D_i: np.ndarray, radius: float, names: list[str]
+    scans: list[SensingData], D_i: ndarray, radius: float, names: list[str]
 ) -> None:
     """Refuse scans of a batch that are no disk of this radius in any problem, and
     motions D_i (..., G, 3) that are parallel in all.
@@ -301,13 +295,13 @@ def check_sensing_data(
 
 
 def sensing_data(
-    tips: np.ndarray,
-    T_start: np.ndarray,
-    T_end: np.ndarray,
-    s: np.ndarray,
+    tips: ndarray,
+    T_start: ndarray,
+    T_end: ndarray,
+    s: ndarray,
     radius: float,
     heights: str = "regression",
-    along: np.ndarray | None = None,
+    along: ndarray | None = None,
 ) -> SensingData:
     """Sensing data of scans from their chords' tips (..., m, 2, 2), in order of the
     motion: Eqs 4-13, no guards.
@@ -324,8 +318,8 @@ def sensing_data(
 
 
 def chord_weights(
-    m: int, heights: str = "regression", along: np.ndarray | None = None
-) -> np.ndarray:
+    m: int, heights: str = "regression", along: ndarray | None = None
+) -> ndarray:
     """Weights (..., 2m, 5) that make five vectors of the tips of m chords, all first
     tips before all second ones.
 
@@ -353,7 +347,7 @@ def chord_weights(
     return np.concatenate([chords, lines], axis=-1)
 
 
-def line_ends(along: np.ndarray) -> np.ndarray:
+def line_ends(along: ndarray) -> ndarray:
     """Weights (..., m, 2) giving the first and last value of the straight line fitted
     to m values at `along` (..., m).
     """
@@ -365,10 +359,10 @@ def line_ends(along: np.ndarray) -> np.ndarray:
 
 def sensing_data_from_ellipse(
     ellipse: Ellipse,
-    vectors: np.ndarray,
-    T_start: np.ndarray,
-    T_end: np.ndarray,
-    s: np.ndarray,
+    vectors: ndarray,
+    T_start: ndarray,
+    T_end: ndarray,
+    s: ndarray,
     radius: float,
 ) -> SensingData:
     """As `sensing_data`, from the fitted ellipse and the vectors (..., 2, 5), x and z,
@@ -385,7 +379,7 @@ def sensing_data_from_ellipse(
     chord, *lines = np.moveaxis(vectors, (-1, -2), (0, 1))
     cos, sin = chord / np.hypot(*chord)
 
-    def turned(vector: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def turned(vector: ndarray) -> tuple[ndarray, ndarray]:
         """By R_θ into the frame of Eq. 4."""
         x, z = vector
         return cos * x + sin * z, cos * z - sin * x
@@ -395,7 +389,7 @@ def sensing_data_from_ellipse(
     S_xz, S_zz = turned(cos * S_z - sin * S_x)
     slope = S_xz / S_zz
 
-    def height(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    def height(a: ndarray, b: ndarray) -> ndarray:
         """At which the line through a and b meets e1e2."""
         xa, za = turned(a)
         xb, zb = turned(b)
@@ -434,11 +428,11 @@ def sensing_data_from_ellipse(
 
 
 def disk_equations(
-    R_tcp: np.ndarray,
-    T_tcp: np.ndarray,
-    q: np.ndarray,
-    D_i: np.ndarray,
-    D_b: np.ndarray,
+    R_tcp: ndarray,
+    T_tcp: ndarray,
+    q: ndarray,
+    D_i: ndarray,
+    D_b: ndarray,
 ) -> TwoStepSolution:
     """Sensor pose from the flange's orientations (..., n, 3, 3) and `SensingData`, each
     (..., n, 3) mm, without the guards of `solve_disk`.

@@ -11,6 +11,7 @@ Eq. 5 are zero and add nothing; where a count matters, the mask `present` (G, N)
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy import ndarray
 from numpy.typing import ArrayLike
 
 from profilecal.closed_form.groups import find_groups, group_members
@@ -34,25 +35,25 @@ REFUSED = 2.0
 class EdgeRotation:
     """A_r r_s = b_r, Eqs 25-27."""
 
-    A_r: np.ndarray  # (..., k, 9) mm²
-    b_r: np.ndarray  # (..., k) mm²
-    S: np.ndarray  # (..., 9) singular values of A_r, mm²
-    V: np.ndarray  # (..., 9, 9) right singular vectors of A_r, in columns
-    rank: np.ndarray  # (...) of A_r, up to rounding
+    A_r: ndarray  # (..., k, 9) mm²
+    b_r: ndarray  # (..., k) mm²
+    S: ndarray  # (..., 9) singular values of A_r, mm²
+    V: ndarray  # (..., 9, 9) right singular vectors of A_r, in columns
+    rank: ndarray  # (...) of A_r, up to rounding
     # (..., 9) the solution before its projection, vec(R_s) column by column
-    r_s: np.ndarray
-    R_sensor: np.ndarray  # (..., 3, 3)
+    r_s: ndarray
+    R_sensor: ndarray  # (..., 3, 3)
 
 
 @dataclass(frozen=True)
 class EdgeTranslation:
     """A_t T_s = b_t, Eqs 28-35."""
 
-    u_b: np.ndarray  # (..., 3) unit direction of the edge in the base frame
-    rank: np.ndarray  # (...) of A_t, up to rounding
-    T_sensor: np.ndarray  # (..., 3) mm
+    u_b: ndarray  # (..., 3) unit direction of the edge in the base frame
+    rank: ndarray  # (...) of A_t, up to rounding
+    T_sensor: ndarray  # (..., 3) mm
     # (..., G, N, 3) the edge points in the base frame, mm; of `solve_edge` (n, 3)
-    p_b: np.ndarray
+    p_b: ndarray
 
 
 @dataclass(frozen=True, repr=False)
@@ -66,12 +67,12 @@ class EdgeSolution(SensorPose):
     translation: EdgeTranslation
 
     @property
-    def u_b(self) -> np.ndarray:
+    def u_b(self) -> ndarray:
         """(..., 3) direction of the edge in the base frame."""
         return self.translation.u_b
 
     @property
-    def p_b(self) -> np.ndarray:
+    def p_b(self) -> ndarray:
         """(..., G, N, 3) the edge points in the base frame, mm; of `solve_edge`
         (n, 3).
         """
@@ -152,10 +153,10 @@ def solve_edge(
 
 
 def solve_groups(
-    R_b: np.ndarray,
-    T_b: np.ndarray,
-    p_s: np.ndarray,
-    number: np.ndarray,
+    R_b: ndarray,
+    T_b: ndarray,
+    p_s: ndarray,
+    number: ndarray,
     regression: bool,
     refuse: bool = True,
 ) -> EdgeSolution:
@@ -178,16 +179,10 @@ def solve_groups(
     return found
 
 
-def check_groups(R_b: np.ndarray, present: np.ndarray) -> None:
-    """Refuse groups at orientations (..., G, 3, 3) that are too few or too small, or
-    turn about one axis.
+def check_groups(R_b: ndarray, present: ndarray) -> None:
+    """Refuse groups of which none has three poses, and orientations (..., G, 3, 3) that
+    are too few or turn about one axis.
     """
-    check_count(
-        "orientations",
-        len(present),
-        3,
-        "two turns about different axes fix the translation",
-    )
     largest = present.sum(axis=-1).max()
     check_count(
         "poses of an orientation",
@@ -198,7 +193,7 @@ def check_groups(R_b: np.ndarray, present: np.ndarray) -> None:
     check_orientations(R_b)
 
 
-def check_motions(strength: np.ndarray, rank: np.ndarray) -> None:
+def check_motions(strength: ndarray, rank: ndarray) -> None:
     """Refuse a batch (...) of which no rotation is stronger than noise makes it, or no
     A_t has full rank.
     """
@@ -212,14 +207,14 @@ def check_motions(strength: np.ndarray, rank: np.ndarray) -> None:
         )
 
 
-def smoothed(T_b: np.ndarray, p_s: np.ndarray, present: np.ndarray) -> np.ndarray:
+def smoothed(T_b: ndarray, p_s: ndarray, present: ndarray) -> ndarray:
     """Points less what an affine function of their group's positions leaves of them."""
     points = p_s - affine_residuals(T_b, p_s, present)[0]
     return np.where(present[..., None], points, points[..., :1, :])
 
 
 def edge_equations(
-    R_b: np.ndarray, T_b: np.ndarray, p_s: np.ndarray, present: ArrayLike = True
+    R_b: ndarray, T_b: ndarray, p_s: ndarray, present: ArrayLike = True
 ) -> EdgeSolution:
     """Both phases, without the guards of `solve_edge`."""
     rotation = solve_rotation(R_b, T_b, p_s)
@@ -227,9 +222,7 @@ def edge_equations(
     return EdgeSolution(rotation, translation)
 
 
-def difference_vectors(
-    T_b: np.ndarray, p_s: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def difference_vectors(T_b: ndarray, p_s: ndarray) -> tuple[ndarray, ndarray]:
     """u_s and u_t of Eq. 5, both (..., G, N - 1, 3): from a group's first point and
     position to its others.
     """
@@ -239,7 +232,7 @@ def difference_vectors(
     return u_s, u_t
 
 
-def fewer_vectors(u_s: np.ndarray, u_t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def fewer_vectors(u_s: ndarray, u_t: ndarray) -> tuple[ndarray, ndarray]:
     """At most five vectors a group, whose pairs make up the same sum of squares as all
     pairs of the given ones.
 
@@ -253,7 +246,7 @@ def fewer_vectors(u_s: np.ndarray, u_t: np.ndarray) -> tuple[np.ndarray, np.ndar
     return np.stack([x, np.zeros_like(x), z], axis=-1), factor[..., 2:]
 
 
-def transposed_skew(a: np.ndarray) -> np.ndarray:
+def transposed_skew(a: ndarray) -> ndarray:
     """[a]ₓᵀ of Eq. 17, (..., 3, 3): [a]ₓᵀ v = v × a."""
     zero = np.zeros_like(a[..., 0])
     a1, a2, a3 = np.moveaxis(a, -1, 0)
@@ -262,17 +255,15 @@ def transposed_skew(a: np.ndarray) -> np.ndarray:
 
 
 def rotation_system(
-    R_b: np.ndarray, T_b: np.ndarray, p_s: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+    R_b: ndarray, T_b: ndarray, p_s: ndarray
+) -> tuple[ndarray, ndarray]:
     """A_r (..., k, 9) and b_r (..., k) of Eq. 25, from `fewer_vectors` with the
     least-squares problem of all pairs.
     """
     return pair_equations(R_b, *fewer_vectors(*difference_vectors(T_b, p_s)))
 
 
-def pair_equations(
-    R_b: np.ndarray, u_s: np.ndarray, u_t: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def pair_equations(R_b: ndarray, u_s: ndarray, u_t: ndarray) -> tuple[ndarray, ndarray]:
     """A_r and b_r, stacked over all pairs, within each group, of vectors u_s and u_t
     (..., G, n, 3).
 
@@ -300,8 +291,8 @@ def pair_equations(
 
 
 def least_squares(
-    A: np.ndarray, b: np.ndarray, zero: ArrayLike
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    A: ndarray, b: ndarray, zero: ArrayLike
+) -> tuple[ndarray, ndarray, ndarray, ndarray]:
     """The solution V S⁺ Uᵀ b of least norm, S, V and the rank, for A (..., k, n) and b
     (..., k).
 
@@ -316,19 +307,19 @@ def least_squares(
     return (V @ c[..., None])[..., 0], S, V, significant.sum(axis=-1)
 
 
-def unvec(r: np.ndarray) -> np.ndarray:
+def unvec(r: ndarray) -> ndarray:
     """The matrices (..., 3, 3) whose columns r (..., 9) lists one after the other."""
     return r.reshape(*r.shape[:-1], 3, 3).mT
 
 
-def solve_rotation(R_b: np.ndarray, T_b: np.ndarray, p_s: np.ndarray) -> EdgeRotation:
+def solve_rotation(R_b: ndarray, T_b: ndarray, p_s: ndarray) -> EdgeRotation:
     """Phase one, Eqs 25-27."""
     A_r, b_r = rotation_system(R_b, T_b, p_s)
     r_s, S, V, rank = least_squares(A_r, b_r, rounding_of_rotation(T_b, p_s))
     return EdgeRotation(A_r, b_r, S, V, rank, r_s, nearest_rotation(unvec(r_s)))
 
 
-def rounding_of_rotation(T_b: np.ndarray, p_s: np.ndarray) -> np.ndarray:
+def rounding_of_rotation(T_b: ndarray, p_s: ndarray) -> ndarray:
     """What rounding can add to a singular value of A_r, (...), mm².
 
     It moves each vector u by up to δ and the row block of a pair by δ (|u_i| + |u_j|);
@@ -341,12 +332,12 @@ def rounding_of_rotation(T_b: np.ndarray, p_s: np.ndarray) -> np.ndarray:
 
 
 def noise_gain(
-    v: np.ndarray,
-    R_b: np.ndarray,
-    T_b: np.ndarray,
-    p_s: np.ndarray,
+    v: ndarray,
+    R_b: ndarray,
+    T_b: ndarray,
+    p_s: ndarray,
     present: ArrayLike = True,
-) -> np.ndarray:
+) -> ndarray:
     """Root mean square of |A_r v| (...), mm², where noise of 1 mm in the sensed points
     is all that makes it up, for v (..., 9) of unit length.
 
@@ -366,7 +357,7 @@ def noise_gain(
     return np.sqrt(total)
 
 
-def principal_direction(vectors: np.ndarray) -> np.ndarray:
+def principal_direction(vectors: ndarray) -> ndarray:
     """Unit vector (..., 3) along which vectors (..., n, 3) extend most; its largest
     component is positive.
     """
@@ -376,8 +367,8 @@ def principal_direction(vectors: np.ndarray) -> np.ndarray:
 
 
 def translation_system(
-    R_b: np.ndarray, p: np.ndarray, u_b: np.ndarray, present: ArrayLike = True
-) -> tuple[np.ndarray, np.ndarray]:
+    R_b: ndarray, p: ndarray, u_b: ndarray, present: ArrayLike = True
+) -> tuple[ndarray, ndarray]:
     """A_t (..., 3 G, 3) and b_t (..., 3 G) of Eq. 34 from p = R_b R_s p_s + T_b (...,
     G, N, 3), mm.
 
@@ -405,10 +396,10 @@ def translation_system(
 
 
 def solve_translation(
-    R_b: np.ndarray,
-    T_b: np.ndarray,
-    p_s: np.ndarray,
-    R_sensor: np.ndarray,
+    R_b: ndarray,
+    T_b: ndarray,
+    p_s: ndarray,
+    R_sensor: ndarray,
     present: ArrayLike = True,
 ) -> EdgeTranslation:
     """Phase two, Eqs 28-35, with the rotation R_sensor (..., 3, 3) of phase one."""
@@ -424,9 +415,7 @@ def solve_translation(
     return EdgeTranslation(u_b, rank, T_sensor, p_b)
 
 
-def estimate_noise(
-    T_b: np.ndarray, p_s: np.ndarray, present: ArrayLike = True
-) -> np.ndarray:
+def estimate_noise(T_b: ndarray, p_s: ndarray, present: ArrayLike = True) -> ndarray:
     """Standard deviation (...) of the sensed points, mm, from the groups'
     `affine_residuals`; NaN without any.
     """
@@ -439,12 +428,12 @@ def estimate_noise(
 
 
 def rotation_strength(
-    R_b: np.ndarray,
-    T_b: np.ndarray,
-    p_s: np.ndarray,
+    R_b: ndarray,
+    T_b: ndarray,
+    p_s: ndarray,
     rotation: EdgeRotation,
     present: ArrayLike = True,
-) -> np.ndarray:
+) -> ndarray:
     """Smallest singular value of A_r over what noise, estimated from the data, makes of
     a zero, (...): 0 where A_r lacks rank, else NaN where the noise cannot be estimated.
     """

@@ -1,6 +1,7 @@
 """Poses in groups of one flange orientation, found or stated, laid out as arrays."""
 
 import numpy as np
+from numpy import ndarray
 from numpy.typing import ArrayLike
 
 from profilecal.closed_form.two_step import LEAST_SPREAD_DEG
@@ -8,7 +9,7 @@ from profilecal.geometry.checks import check_count
 from profilecal.geometry.poses import angle_between, rotation_groups
 
 
-def find_groups(name: str, R: np.ndarray, group: ArrayLike | None) -> np.ndarray:
+def find_groups(name: str, R: ndarray, group: ArrayLike | None) -> ndarray:
     """The number (n,), from 0, of the group that each orientation R (n, 3, 3) is in.
 
     Without `group`, orientations that agree within 0.05° form one; else it has the
@@ -33,7 +34,7 @@ def find_groups(name: str, R: np.ndarray, group: ArrayLike | None) -> np.ndarray
     return number
 
 
-def group_members(number: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def group_members(number: ndarray) -> tuple[ndarray, ndarray]:
     """The poses of each group, from numbers (n,) as `find_groups` gives them.
 
     Returns the poses' indices (G, N), in which a group of less than N repeats its first

@@ -10,8 +10,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy import ndarray
 
-from profilecal.geometry.checks import UnobservableError
+from profilecal.geometry.checks import UnobservableError, check_count
 from profilecal.geometry.poses import nearest_rotation
 
 # directions or orientations that differ by less are taken for one
@@ -25,12 +26,12 @@ class SensorPose:
     translation: Any
 
     @property
-    def R_sensor(self) -> np.ndarray:
+    def R_sensor(self) -> ndarray:
         """(..., 3, 3) from sensor to flange."""
         return self.rotation.R_sensor
 
     @property
-    def T_sensor(self) -> np.ndarray:
+    def T_sensor(self) -> ndarray:
         """(..., 3) mm, the sensor's origin in the flange frame."""
         return self.translation.T_sensor
 
@@ -43,9 +44,9 @@ class SensorPose:
 class RotationSolution:
     """R_sensor X = Y solved on SO(3): Eqs 14-16 and 44-45 of the disk paper."""
 
-    X: np.ndarray  # (..., 3, n) vectors in the sensor frame
-    Y: np.ndarray  # (..., 3, n) the same vectors in the flange frame
-    R_sensor: np.ndarray  # (..., 3, 3)
+    X: ndarray  # (..., 3, n) vectors in the sensor frame
+    Y: ndarray  # (..., 3, n) the same vectors in the flange frame
+    R_sensor: ndarray  # (..., 3, 3)
 
 
 @dataclass(frozen=True)
@@ -54,11 +55,11 @@ class TranslationSolution:
     17-20, Section III-D.
     """
 
-    T_sensor: np.ndarray  # (..., 3) mm
+    T_sensor: ndarray  # (..., 3) mm
     # (..., n, 3) the fixed point in the base frame, from each pose, mm
-    q_b_i: np.ndarray
-    q_b: np.ndarray  # (..., 3) their mean, Eq. 20
-    accuracy: np.ndarray  # (...) largest distance from the mean, mm
+    q_b_i: ndarray
+    q_b: ndarray  # (..., 3) their mean, Eq. 20
+    accuracy: ndarray  # (...) largest distance from the mean, mm
 
 
 @dataclass(frozen=True, repr=False)
@@ -69,13 +70,13 @@ class TwoStepSolution(SensorPose):
     translation: TranslationSolution
 
 
-def solve_rotation(X: np.ndarray, Y: np.ndarray) -> RotationSolution:
+def solve_rotation(X: ndarray, Y: ndarray) -> RotationSolution:
     """R_sensor X = Y for vectors (..., 3, n): Eq. 16, kept from being a reflection."""
     return RotationSolution(X, Y, nearest_rotation(Y @ X.mT))
 
 
 def solve_translation(
-    R_tcp: np.ndarray, T_tcp: np.ndarray, q: np.ndarray, R_sensor: np.ndarray
+    R_tcp: ndarray, T_tcp: ndarray, q: ndarray, R_sensor: ndarray
 ) -> TranslationSolution:
     """T_sensor from poses R_tcp (..., n, 3, 3), T_tcp (..., n, 3) mm and one fixed
     point, which each sees at q (..., n, 3) mm: Eqs 17-20 of the disk paper.
@@ -102,7 +103,7 @@ def solve_translation(
     return TranslationSolution(T_sensor, q_b_i, q_b, accuracy)
 
 
-def check_spread(spread_deg: np.ndarray, what: str, so: str) -> None:
+def check_spread(spread_deg: ndarray, what: str, so: str) -> None:
     """Refuse a batch (...) of data of which none spreads by LEAST_SPREAD_DEG."""
     widest = np.max(spread_deg)
     if not widest >= LEAST_SPREAD_DEG:
@@ -110,15 +111,18 @@ def check_spread(spread_deg: np.ndarray, what: str, so: str) -> None:
         raise UnobservableError(f"{what} (within {widest:.2g}°, {needed}), so {so}")
 
 
-def check_line(vectors: np.ndarray, what: str, so: str) -> None:
+def check_line(vectors: ndarray, what: str, so: str) -> None:
     """Refuse vectors (..., n, 3) that all run along one line."""
     singular = np.linalg.svd(vectors, compute_uv=False)
     check_spread(np.degrees(np.arctan2(singular[..., 1], singular[..., 0])), what, so)
 
 
-def check_orientations(R_tcp: np.ndarray) -> None:
-    """Refuse poses (..., n, 3, 3) of one orientation, or all turned about one axis."""
+def check_orientations(R_tcp: ndarray) -> None:
+    """Refuse fewer than three poses (..., n, 3, 3), one orientation, or one axis."""
     n = R_tcp.shape[-3]
+    check_count(
+        "orientations", n, 3, "two turns about different axes fix the translation"
+    )
     M = (R_tcp - R_tcp.mean(axis=-3, keepdims=True)).reshape(*R_tcp.shape[:-3], -1, 3)
     _, singular, Vt = np.linalg.svd(M, full_matrices=False)
     # the root mean square over all pairs of |ΔR v|, an angle while it is small
