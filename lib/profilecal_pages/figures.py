@@ -12,6 +12,7 @@ from matplotlib.axis import Axis
 from matplotlib.ticker import LogLocator
 from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+from numpy import ndarray
 from numpy.typing import ArrayLike
 
 # Okabe and Ito's colours, told apart by colour-blind readers and in grey print
@@ -101,7 +102,7 @@ def plot_changes(parts: dict, size: float, numbers: str, met: str) -> plt.Figure
 
 
 def draw_frame(
-    axes: Axes3D, rotation: ArrayLike, origin: np.ndarray, length: float
+    axes: Axes3D, rotation: ArrayLike, origin: ndarray, length: float
 ) -> None:
     """Draw a coordinate frame in a 3D plot: x red, y green, z blue."""
     for axis, colour in zip(np.transpose(rotation), (RED, GREEN, BLUE), strict=True):
@@ -129,8 +130,8 @@ def equal_axes(axes: Axes3D, points: ArrayLike) -> None:
 
 
 def draw_scan(
-    axes: Axes3D, rotation: ArrayLike, origin: np.ndarray, depth: float, colour: str
-) -> np.ndarray:
+    axes: Axes3D, rotation: ArrayLike, origin: ndarray, depth: float, colour: str
+) -> ndarray:
     """Draw a scanner's fan of light in a 3D plot, as wide as it is deep; return its
     corners (3, 3).
     """

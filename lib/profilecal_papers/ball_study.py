@@ -5,6 +5,8 @@ simulated noisy arcs.
 from dataclasses import dataclass
 
 import numpy as np
+from numpy import ndarray
+from numpy.random import Generator
 from numpy.typing import ArrayLike
 
 from profilecal.geometry.checks import check_count
@@ -30,7 +32,7 @@ class BallScans(Scans):
     along the sensor's y.
     """
 
-    T_tcp: np.ndarray  # (n, 3) mm, flange in the base frame
+    T_tcp: ndarray  # (n, 3) mm, flange in the base frame
     ball: Ball
     translating: int
     # way from the pose to either end of its motion, along the sensor's y
@@ -39,7 +41,7 @@ class BallScans(Scans):
     steepest_deg: float = 60.0  # … and surfaces tilted against its z by up to this
     x_resolution_mm: float = 0.1
 
-    def positions(self, arcs: int) -> np.ndarray:
+    def positions(self, arcs: int) -> ndarray:
         """Flange positions (n, arcs, 3). They fill the motion so that the first few of
         them are spread over it too.
         """
@@ -48,19 +50,19 @@ class BallScans(Scans):
         y = self.rotation[..., 1]
         return self.T_tcp[:, None] + self.sweep_mm * way[:, None] * y[:, None]
 
-    def circles(self, arcs: int) -> np.ndarray:
+    def circles(self, arcs: int) -> ndarray:
         """The circles that the scan plane cuts, (n, arcs, 3): x, z, r."""
         origins = self.origins(self.positions(arcs))
         return self.ball.meet(self.rotation[:, None], origins)
 
-    def sides(self, arcs: int) -> np.ndarray:
+    def sides(self, arcs: int) -> ndarray:
         """On which side of the scan plane the ball's centre lies, (n, arcs): +1 towards
         the sensor's +y, else -1.
         """
         offset = self.ball.centre - self.origins(self.positions(arcs))
         return np.sign(np.einsum("nka,na->nk", offset, self.rotation[..., 1]))
 
-    def x_seen(self, circle: np.ndarray) -> np.ndarray:
+    def x_seen(self, circle: ndarray) -> ndarray:
         """The scanner's x at which it sees the upper side of a circle x, z, r."""
         x, _, r = circle
         reach = r * np.sin(np.radians(self.steepest_deg))
@@ -95,7 +97,7 @@ def ball_study(
     sigma_mm: ArrayLike,
     m: ArrayLike,
     trials: int,
-    rng: np.random.Generator,
+    rng: Generator,
     *,
     workers: int | None = None,
 ) -> dict[str, Study]:
@@ -114,7 +116,7 @@ def ball_study(
     n = len(scans.R_tcp)
     q = np.empty((len(sigma_mm), len(counts), n, 3, trials))
 
-    def run(setting: tuple, part: slice, stream: np.random.Generator) -> None:
+    def run(setting: tuple, part: slice, stream: Generator) -> None:
         """Fill in the centres that some trials see from one pose."""
         (pose,) = setting
         size = part.stop - part.start
@@ -140,8 +142,8 @@ def ball_study(
 
 
 def rotation_directions(
-    scans: BallScans, T_tcp: np.ndarray, q: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+    scans: BallScans, T_tcp: ndarray, q: ndarray
+) -> tuple[ndarray, ndarray]:
     """X and Y of R_sensor X = Y, (translating - 1, 3, k) and (translating - 1, 3), from
     flange positions T_tcp (n, 3, 1) and ball centres q (n, 3, k).
 
@@ -158,10 +160,10 @@ def mean_centres(
     scans: BallScans,
     pose: int,
     counts: ArrayLike,
-    sigma_mm: np.ndarray,
+    sigma_mm: ndarray,
     size: int,
-    rng: np.random.Generator,
-) -> np.ndarray:
+    rng: Generator,
+) -> ndarray:
     """Means (k, l, 3, size), mm, of the ball's centres, sensor frame, that circles
     fitted to the first counts (l,) of a pose's noisy arcs give, for each sigma_mm (k,).
     """
@@ -179,12 +181,12 @@ def mean_centres(
 
 
 def noisy_circles(
-    circle: np.ndarray,
-    x: np.ndarray,
+    circle: ndarray,
+    x: ndarray,
     sigma_mm: ArrayLike,
     size: int,
-    rng: np.random.Generator,
-) -> np.ndarray:
+    rng: Generator,
+) -> ndarray:
     """Circles (k, size, 3) fitted to the upper side of a circle (3,) seen at x
     (points,), z noisy by sigma_mm (k,).
 
@@ -247,8 +249,8 @@ def noisy_circles(
 
 
 def noise_sums(
-    factors: dict[int, dict], size: int, rng: np.random.Generator
-) -> tuple[dict[int, np.ndarray], np.ndarray]:
+    factors: dict[int, dict], size: int, rng: Generator
+) -> tuple[dict[int, ndarray], ndarray]:
     """Sums over the points of factors (points,) times powers of unit noise ε, whose
     mean is taken out, and these means (size,).
 

@@ -6,6 +6,8 @@ from collections import defaultdict
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy import ndarray
+from numpy.random import Generator
 from numpy.typing import ArrayLike
 
 from profilecal.closed_form.disk import chord_weights, sensing_data_from_ellipse
@@ -38,16 +40,16 @@ class DiskScans(Scans):
     """Scans across a disk: one flange orientation and a straight motion each."""
 
     disk: Disk
-    T_start: np.ndarray  # (n, 3) mm, flange at the first chord
-    T_end: np.ndarray  # (n, 3) mm, flange at the last chord
+    T_start: ndarray  # (n, 3) mm, flange at the first chord
+    T_end: ndarray  # (n, 3) mm, flange at the last chord
 
     @property
-    def s(self) -> np.ndarray:
+    def s(self) -> ndarray:
         """+1 where the motion is towards the sensor's +y, else -1, (n,): Eq. 3."""
         motion = self.T_end - self.T_start
         return np.sign(np.einsum("na,na->n", motion, self.rotation[..., 1]))
 
-    def tips(self, m: int) -> np.ndarray:
+    def tips(self, m: int) -> ndarray:
         """The tips of m evenly spaced chords of each scan, without noise, (n, m, 2,
         2).
         """
@@ -58,11 +60,11 @@ class DiskScans(Scans):
 
 def disk_scans(
     disk: Disk,
-    R_sensor: np.ndarray,
-    T_sensor: np.ndarray,
-    R_tcp: np.ndarray,
-    centre_seen: np.ndarray,
-    direction: np.ndarray,
+    R_sensor: ndarray,
+    T_sensor: ndarray,
+    R_tcp: ndarray,
+    centre_seen: ndarray,
+    direction: ndarray,
     extent: tuple[float, float],
 ) -> DiskScans:
     """Scans at flange orientations R_tcp (n, 3, 3) that move along `direction` (n, 3),
@@ -105,7 +107,7 @@ def disk_study(
     sigma_mm: ArrayLike,
     m: ArrayLike,
     trials: int,
-    rng: np.random.Generator,
+    rng: Generator,
     *,
     noise: str = "chord",
     heights: str = "regression",
@@ -134,7 +136,7 @@ def disk_study(
     motion = np.einsum("nba,nb->na", scans.R_tcp, scans.T_end - scans.T_start)
     way = scans.T_start[:, None], scans.T_end[:, None], scans.s[:, None]
 
-    def run(setting: tuple, part: slice, stream: np.random.Generator) -> None:
+    def run(setting: tuple, part: slice, stream: Generator) -> None:
         """Fill in the errors of some trials of one setting."""
         i, j = setting
         size = part.stop - part.start
@@ -164,11 +166,11 @@ class Chords:
     of to_sensor are the directions along and across the chords, times `unit`.
     """
 
-    tips: np.ndarray  # (n, 2, 2m) u and v; all first tips, then all second ones
-    centre: np.ndarray  # (n, 2) mm, sensor frame: where u = v = 0
-    to_sensor: np.ndarray  # (n, 2, 2) mm
-    unit: np.ndarray  # (n, 2) mm, one unit of u and of v
-    weights: np.ndarray  # (2m, 5), see `chord_weights`
+    tips: ndarray  # (n, 2, 2m) u and v; all first tips, then all second ones
+    centre: ndarray  # (n, 2) mm, sensor frame: where u = v = 0
+    to_sensor: ndarray  # (n, 2, 2) mm
+    unit: ndarray  # (n, 2) mm, one unit of u and of v
+    weights: ndarray  # (2m, 5), see `chord_weights`
 
     @classmethod
     def of(cls, scans: DiskScans, m: int, heights: str) -> "Chords":
@@ -185,7 +187,7 @@ class Chords:
         to_sensor = frame * unit[:, None]
         return cls(in_units, centre, to_sensor, unit, chord_weights(m, heights))
 
-    def in_sensor(self, mean: dict, vectors: np.ndarray) -> tuple[Ellipse, np.ndarray]:
+    def in_sensor(self, mean: dict, vectors: ndarray) -> tuple[Ellipse, ndarray]:
         """Ellipses (n, size) and vectors (n, size, 2, 5), mm, sensor frame, as
         `sensing_data_from_ellipse` takes them, from means {(a, b): (n, size)} of u^a
         v^b and from `vectors` (n, 2, 5, size) in u and v.
@@ -199,8 +201,8 @@ class Chords:
         return ellipse, np.moveaxis(vectors, (0, 1), (-2, -1))
 
     def with_chord_noise(
-        self, sigma_mm: float, size: int, rng: np.random.Generator
-    ) -> tuple[Ellipse, np.ndarray]:
+        self, sigma_mm: float, size: int, rng: Generator
+    ) -> tuple[Ellipse, ndarray]:
         """What `sensing_data_from_ellipse` takes of `size` trials of Eq. 52.
 
         Noise is in u alone, so that v is the same in all trials. With the matrix V of
@@ -230,8 +232,8 @@ class Chords:
         return self.in_sensor(mean, (self.tips @ self.weights)[..., None])
 
     def with_isotropic_noise(
-        self, sigma_mm: float, size: int, rng: np.random.Generator
-    ) -> tuple[Ellipse, np.ndarray]:
+        self, sigma_mm: float, size: int, rng: Generator
+    ) -> tuple[Ellipse, ndarray]:
         """As `with_chord_noise`, with noise in u and in v."""
         n = len(self.tips)
         mean: dict = defaultdict(lambda: np.empty((n, size)))

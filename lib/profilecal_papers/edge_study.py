@@ -6,6 +6,8 @@ scenes of an edge, what the scanner sees of them, and the paper's own measures o
 from dataclasses import dataclass
 
 import numpy as np
+from numpy import ndarray
+from numpy.random import Generator
 from numpy.typing import ArrayLike
 
 from profilecal.closed_form.edge import EdgeSolution
@@ -20,9 +22,7 @@ from profilecal.targets.observations import Observations
 STANDOFF = 75.0
 
 
-def arc(
-    count: int, radius: ArrayLike, span: ArrayLike, middle: ArrayLike
-) -> np.ndarray:
+def arc(count: int, radius: ArrayLike, span: ArrayLike, middle: ArrayLike) -> ndarray:
     """Positions (..., count, 3), mm, on circular arcs in the plane z = 0, from their
     middles. Of each arc: the radius, mm, the angle that it spans and the angle at which
     its middle lies, rad, all (...).
@@ -35,9 +35,7 @@ def arc(
     return np.asarray(radius)[..., None, None] * offsets
 
 
-def arc_planes(
-    direction: np.ndarray, tilt: ArrayLike, azimuth: ArrayLike
-) -> np.ndarray:
+def arc_planes(direction: ndarray, tilt: ArrayLike, azimuth: ArrayLike) -> ndarray:
     """Frames (..., 3, 3), in columns, of planes (their x and y axes) that make the
     angle `tilt` with the edge, along `direction` (..., 3). `azimuth` (...) turns the
     plane about it. x is nearest to the edge, y square to it.
@@ -51,12 +49,12 @@ def arc_planes(
 
 
 def above(
-    point: np.ndarray,
-    flange: np.ndarray,
-    R_sensor: np.ndarray,
-    T_sensor: np.ndarray,
+    point: ndarray,
+    flange: ndarray,
+    R_sensor: ndarray,
+    T_sensor: ndarray,
     standoff: float = STANDOFF,
-) -> np.ndarray:
+) -> ndarray:
     """Positions (..., G, 3) of the flange, at orientations (..., G, 3, 3), that put
     `point` (..., 3) into the middle of the scan, at depth `standoff`.
     """
@@ -79,20 +77,20 @@ class EdgePlan:
 
     groups: int = 25
     positions: int = 10
-    spread_deg: float | np.ndarray = 30.0  # the flange turns by up to this, either way
+    spread_deg: float | ndarray = 30.0  # the flange turns by up to this, either way
     one_axis: bool = False  # all turns about one axis
     motion: str = "arc"  # or "line", or "space": anywhere in a ball of the arc's radius
     # one arc for all groups; "group": each its own; "tool": it turns with the flange
     frame: str = "base"
-    radius: float | np.ndarray = 25.0  # mm
-    span_deg: float | np.ndarray = 90.0
-    tilt_deg: float | np.ndarray = 45.0  # between the arc's plane and the edge
+    radius: float | ndarray = 25.0  # mm
+    span_deg: float | ndarray = 90.0
+    tilt_deg: float | ndarray = 45.0  # between the arc's plane and the edge
 
     def __post_init__(self) -> None:
         check_word("motion", self.motion, ("arc", "line", "space"))
         check_word("frame", self.frame, ("base", "group", "tool"))
 
-    def offsets(self, direction: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    def offsets(self, direction: ndarray, rng: Generator) -> ndarray:
         """Translations within each group, (..., G or 1, N, 3), over edges along
         `direction` (..., 3), mm.
         """
@@ -114,9 +112,9 @@ class EdgePlan:
 def plan_edge(
     plan: EdgePlan,
     edge: Edge,
-    R_sensor: np.ndarray,
-    T_sensor: np.ndarray,
-    rng: np.random.Generator,
+    R_sensor: ndarray,
+    T_sensor: ndarray,
+    rng: Generator,
 ) -> Poses:
     """Poses that carry the scanner at R_sensor (..., 3, 3), T_sensor (..., 3), mm, over
     the edge: the operator makes the scan plane cross the edge at up to 20° from square,
@@ -138,11 +136,11 @@ def plan_edge(
 
 
 def plan_ball(
-    centre: np.ndarray,
+    centre: ndarray,
     radius: float,
-    R_sensor: np.ndarray,
-    T_sensor: np.ndarray,
-    rng: np.random.Generator,
+    R_sensor: ndarray,
+    T_sensor: ndarray,
+    rng: Generator,
 ) -> Poses:
     """Poses that draw six parallel profiles over a ball at `centre` (..., 3), mm, in
     each of ten orientations (edge paper, Section 4.2). The profiles spread over 1.2
@@ -160,12 +158,12 @@ def plan_ball(
 
 def sense_edge(
     edge: Edge,
-    R_sensor: np.ndarray,
-    T_sensor: np.ndarray,
+    R_sensor: ndarray,
+    T_sensor: ndarray,
     poses: Poses,
     noise: Noise,
-    rng: np.random.Generator,
-) -> np.ndarray:
+    rng: Generator,
+) -> ndarray:
     """Edge points (..., G, N, 2), x and z in the sensor frame, mm, that a scanner on
     the flange reports. Sensor poses (..., 3, 3), (..., 3), the edge and the poses may
     share leading axes, one entry a scene.
@@ -184,16 +182,16 @@ class EdgeScene:
     """
 
     edge: Edge
-    R_sensor: np.ndarray  # (..., 3, 3)
-    T_sensor: np.ndarray  # (..., 3) mm
+    R_sensor: ndarray  # (..., 3, 3)
+    T_sensor: ndarray  # (..., 3) mm
     poses: Poses
-    points: np.ndarray  # (..., G, N, 2) mm
+    points: ndarray  # (..., G, N, 2) mm
 
 
 def edge_scenes(
     plan: EdgePlan,
     noise: Noise,
-    rng: np.random.Generator,
+    rng: Generator,
     shape: tuple[int, ...] = (),
 ) -> EdgeScene:
     """Random scenes, `shape` of them: any edge 1 m in front of the robot, any mount
@@ -211,13 +209,13 @@ def edge_scenes(
 
 def ball_points(
     ball: Ball,
-    R_sensor: np.ndarray,
-    T_sensor: np.ndarray,
+    R_sensor: ndarray,
+    T_sensor: ndarray,
     poses: Poses,
     noise: Noise,
-    rng: np.random.Generator,
+    rng: Generator,
     count: int = 40,
-) -> np.ndarray:
+) -> ndarray:
     """Points (..., G, N, count, 2) on a ball, x and z in the sensor frame, mm, that a
     scanner on the flange reports: in each profile up to 60° to either side of the point
     nearest to it.
@@ -241,13 +239,13 @@ def observations_of(scene: EdgeScene) -> Observations:
 ROTATIONS = 10, 15, 20, 25
 
 
-def principal(vectors: np.ndarray, about_mean: bool = True) -> np.ndarray:
+def principal(vectors: ndarray, about_mean: bool = True) -> ndarray:
     """Unit vectors (..., 3) along which vectors (..., n, 3) extend most."""
     vectors = vectors - about_mean * vectors.mean(axis=-2, keepdims=True)
     return np.linalg.eigh(vectors.mT @ vectors)[1][..., -1]
 
 
-def angle_deviations(solution: EdgeSolution, about_mean: bool = True) -> np.ndarray:
+def angle_deviations(solution: EdgeSolution, about_mean: bool = True) -> ndarray:
     """Δα (..., G), rad: between the edge's direction u_b and the principal direction of
     each group of p_b, of vectors about their mean (PCA) or as they are. Seen along one
     fixed axis perpendicular to u_b: left and right differ.
@@ -261,7 +259,7 @@ def angle_deviations(solution: EdgeSolution, about_mean: bool = True) -> np.ndar
     return np.arctan(across / along)
 
 
-def line_distances(solution: EdgeSolution) -> np.ndarray:
+def line_distances(solution: EdgeSolution) -> ndarray:
     """Δd (..., G N), mm: of all points from the line along u_b through their mean."""
     points = solution.p_b.reshape(*solution.p_b.shape[:-3], -1, 3)
     offset = points - points.mean(axis=-2, keepdims=True)

@@ -11,6 +11,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
+from numpy import ndarray
 from numpy.typing import ArrayLike
 from tqdm import tqdm
 
@@ -27,7 +28,7 @@ from profilecal.targets.observations import Observations, State
 BLOCK = 2**15
 
 
-def norms(errors: np.ndarray) -> np.ndarray:
+def norms(errors: ndarray) -> ndarray:
     """Lengths (...) of errors (..., 3)."""
     return np.linalg.norm(errors, axis=-1)
 
@@ -45,16 +46,16 @@ READINGS = {
 class Scans:
     """The truth behind simulated scans: where the sensor is, how the flange turns."""
 
-    R_sensor: np.ndarray  # (3, 3) sensor on the flange
-    T_sensor: np.ndarray  # (3,) mm
-    R_tcp: np.ndarray  # (n, 3, 3) flange in the base frame
+    R_sensor: ndarray  # (3, 3) sensor on the flange
+    T_sensor: ndarray  # (3,) mm
+    R_tcp: ndarray  # (n, 3, 3) flange in the base frame
 
     @property
-    def rotation(self) -> np.ndarray:
+    def rotation(self) -> ndarray:
         """Orientations of the sensor in the base frame, (n, 3, 3)."""
         return self.R_tcp @ self.R_sensor
 
-    def origins(self, T_tcp: np.ndarray) -> np.ndarray:
+    def origins(self, T_tcp: ndarray) -> ndarray:
         """Origins of the sensor in the base frame, mm, at flange positions T_tcp, both
         (n, m, 3).
         """
@@ -65,11 +66,11 @@ class Scans:
 class Study:
     """Errors for every setting (sigma_mm, m) and trial."""
 
-    sigma_mm: np.ndarray  # (k,) noise, mm
-    m: np.ndarray  # (l,) chords of a scan, or arcs of a pose
-    errors: np.ndarray  # (k, l, 9, trials), see `two_step_errors`
+    sigma_mm: ndarray  # (k,) noise, mm
+    m: ndarray  # (l,) chords of a scan, or arcs of a pose
+    errors: ndarray  # (k, l, 9, trials), see `two_step_errors`
     # (k, l, trials) of a disk: whether some scan has no arccos in Eq. 9
-    clipped: np.ndarray | None = None
+    clipped: ndarray | None = None
 
     @classmethod
     def blank(cls, sigma_mm: ArrayLike, m: ArrayLike, trials: int) -> "Study":
@@ -81,26 +82,26 @@ class Study:
         return cls(sigma_mm, m, np.empty((len(sigma_mm), len(m), 9, trials)))
 
     @property
-    def centre_error(self) -> np.ndarray:
+    def centre_error(self) -> ndarray:
         """Errors of the disk's or ball's centre in the base frame, (k, l, trials, 3),
         mm.
         """
         return self.errors[:, :, :3].mT
 
     @property
-    def rotation_error(self) -> np.ndarray:
+    def rotation_error(self) -> ndarray:
         """Rotation vectors from true to found sensor, flange frame, (k, l, trials, 3),
         rad.
         """
         return self.errors[:, :, 3:6].mT
 
     @property
-    def translation_error(self) -> np.ndarray:
+    def translation_error(self) -> ndarray:
         """Errors of the sensor's position on the flange, (k, l, trials, 3), mm."""
         return self.errors[:, :, 6:].mT
 
     @property
-    def failed(self) -> np.ndarray:
+    def failed(self) -> ndarray:
         """Trials without a finite result, (k, l, trials)."""
         return ~np.isfinite(self.errors).all(axis=2)
 
@@ -131,7 +132,7 @@ def in_chunks(
 
 
 def noisy_blocks(
-    exact: np.ndarray, sd: ArrayLike, size: int, rng: np.random.Generator
+    exact: ndarray, sd: ArrayLike, size: int, rng: np.random.Generator
 ) -> Iterator[tuple]:
     """Blocks of `size` trials of `exact` (...) plus normal noise, whose standard
     deviation `sd` broadcasts against it.
@@ -153,13 +154,13 @@ def noisy_blocks(
 
 def two_step_errors(
     scans: Scans,
-    centre: np.ndarray,
-    R_tcp: np.ndarray,
-    T_tcp: np.ndarray,
-    q: np.ndarray,
-    X: np.ndarray,
-    Y: np.ndarray,
-) -> np.ndarray:
+    centre: ndarray,
+    R_tcp: ndarray,
+    T_tcp: ndarray,
+    q: ndarray,
+    X: ndarray,
+    Y: ndarray,
+) -> ndarray:
     """Errors (9, k) of k trials: of the fixed point `centre`, mm, of the rotation, rad,
     and of the translation, mm.
 
@@ -198,7 +199,7 @@ def two_step_errors(
     return np.concatenate(errors)
 
 
-def rotation_vectors(R: np.ndarray) -> np.ndarray:
+def rotation_vectors(R: ndarray) -> ndarray:
     """Rotation vectors (3, k), rad, of rotations R (3, 3, k) by less than a half turn.
 
     A rotation by θ about the unit vector a has R - Rᵀ = 2 sin θ [a]ₓ and trace R = 1 +
@@ -210,7 +211,7 @@ def rotation_vectors(R: np.ndarray) -> np.ndarray:
     return sine_axis * (angle / np.maximum(sine, np.finfo(float).tiny))
 
 
-def rotations_near(B: np.ndarray) -> np.ndarray:
+def rotations_near(B: ndarray) -> ndarray:
     """The rotations (3, 3, k) nearest to B (3, 3, k).
 
     Let B = U diag(s₁, s₂, s₃) Vᵀ with rotations U and V, where at most one sᵢ is
@@ -228,7 +229,7 @@ def rotations_near(B: np.ndarray) -> np.ndarray:
     rounds take an eighth of an SVD's time.
     """
 
-    def halved(A: np.ndarray) -> np.ndarray:
+    def halved(A: ndarray) -> ndarray:
         """A with half a rotation's norm, √3 / 2."""
         return A * np.sqrt(0.75 / np.einsum("abk,abk->k", A, A))
 
@@ -250,7 +251,7 @@ def estimate(
     *,
     chunk: int = 64,
     steps: int = 60,
-) -> tuple[State, Spectrum, np.ndarray]:
+) -> tuple[State, Spectrum, ndarray]:
     """States (B) of least squares from known starts, with errors of scanner and robot
     as large as `noise` says, the sensor poses' spectra and χ² (B,).
     """
@@ -275,7 +276,7 @@ def estimate(
     return State.join(*states), spectrum(information, problem.units), chi2
 
 
-def with_robot(problem: Problem, state: State) -> tuple[State, np.ndarray]:
+def with_robot(problem: Problem, state: State) -> tuple[State, ndarray]:
     """Generalised least squares of one problem from a state nearby, with errors of the
     robot as large as its noise says.
 

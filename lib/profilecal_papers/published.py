@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy import ndarray
 from numpy.typing import ArrayLike
 from scipy.optimize import minimize
 
@@ -18,10 +19,10 @@ from profilecal.geometry.poses import nearest_rotation
 
 def least_change(
     compute: Callable,
-    low: np.ndarray,
-    high: np.ndarray,
+    low: ndarray,
+    high: ndarray,
     size: int,
-) -> tuple[np.ndarray, float]:
+) -> tuple[ndarray, float]:
     """The x (size,) with the smallest max |x| at which all values of `compute`, (...,
     size) to (..., k), lie between `low` and `high` (k,); and that max |x|, infinity if
     an interval is missed.
@@ -43,14 +44,14 @@ def least_change(
     middle, half = (low + high) / 2, (high - low) / 2
     one = np.eye(size)
 
-    def v(x: np.ndarray) -> np.ndarray:
+    def v(x: ndarray) -> ndarray:
         return (compute(x) - middle) / half
 
-    def room(y: np.ndarray) -> Any:
+    def room(y: ndarray) -> Any:
         x, s = y[:-1], y[-1]
         return np.concatenate([s - x, s + x, inside - v(x), inside + v(x)])
 
-    def slopes_of_room(y: np.ndarray) -> Any:
+    def slopes_of_room(y: ndarray) -> Any:
         forth, back = np.split(v(y[:-1] + step * np.vstack([one, -one])), 2)
         J = (forth - back).T / (2 * step)
         by_x = np.vstack([-one, one, -J, J])
@@ -59,10 +60,10 @@ def least_change(
 
     by_y = np.append(np.zeros(size), 1.0)
 
-    def bound(y: np.ndarray) -> float:
+    def bound(y: ndarray) -> float:
         return y[-1]
 
-    def slopes_of_bound(y: np.ndarray) -> np.ndarray:
+    def slopes_of_bound(y: ndarray) -> ndarray:
         return by_y
 
     # at 0 several values may tie, and have no slope
@@ -122,7 +123,7 @@ def _chosen(frame: pd.DataFrame, column: str, name: str, where: str) -> pd.DataF
     return chosen
 
 
-def values(paper: str, item: str, quantity: str) -> np.ndarray:
+def values(paper: str, item: str, quantity: str) -> ndarray:
     """The printed numbers of one quantity, (rows, components), without axes of length
     one: ("disk", "Table I", "T_tcp") is (4, 3), ("disk", "Eq. 51", "accuracy") has no
     axis. Raises ValueError with the names there are.
@@ -145,7 +146,7 @@ def vectors(paper: str, item: str, quantity: str) -> list[str]:
     return [f"({', '.join(row)})".replace("-", "−") for _, row in rows]
 
 
-def sensor_pose(item: str, quantity: str) -> tuple[np.ndarray, np.ndarray]:
+def sensor_pose(item: str, quantity: str) -> tuple[ndarray, ndarray]:
     """R_sensor (3, 3), projected to a rotation, and T_sensor (3,), mm, of a matrix that
     the disk paper prints.
     """
@@ -164,7 +165,7 @@ class RoundingBox:
     quantities: tuple[str, ...]
 
     @cached_property
-    def _printed(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    def _printed(self) -> dict[str, tuple[ndarray, ndarray]]:
         """Of each quantity: the printed numbers, and half of their last digit."""
         found = {}
         for name in self.quantities:
@@ -178,7 +179,7 @@ class RoundingBox:
         """How many numbers the table has."""
         return sum(printed.size for printed, _ in self._printed.values())
 
-    def at(self, place: np.ndarray) -> dict[str, np.ndarray]:
+    def at(self, place: ndarray) -> dict[str, ndarray]:
         """The tables at places (..., size) of the box, -1 to 1 along each axis; 0 is
         the table as printed.
         """
@@ -191,7 +192,7 @@ class RoundingBox:
             first = last
         return tables
 
-    def draw(self, count: int, rng: np.random.Generator) -> dict[str, np.ndarray]:
+    def draw(self, count: int, rng: np.random.Generator) -> dict[str, ndarray]:
         """`count` tables drawn uniformly from the box, each quantity (count, rows,
         components).
         """
@@ -203,7 +204,7 @@ class RoundingBox:
         target: ArrayLike,
         unit: ArrayLike,
         largest_of: int = 1,
-    ) -> tuple[np.ndarray, float]:
+    ) -> tuple[ndarray, float]:
         """Look for the least change of the printed numbers with which `compute` gives
         `target`.
 
@@ -225,7 +226,7 @@ class RoundingBox:
         low = np.append(low, np.zeros(others))
         high = np.append(high, np.full(others, high[-1]))
 
-        def falling(place: np.ndarray) -> np.ndarray:
+        def falling(place: ndarray) -> ndarray:
             """The values, the last of them in falling order."""
             found = np.array(compute(self.at(place)))
             found[..., -largest_of:] = -np.sort(-found[..., -largest_of:], axis=-1)

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy import ndarray
 
 from profilecal.geometry.checks import check_array, check_rigid
 from profilecal.scan.scan import MOUNTS
@@ -24,20 +25,20 @@ class Answer:
     """A sensor pose with its uncertainty."""
 
     # (4, 4) mm, the sensor in the flange frame (eye-to-hand: in the base frame)
-    pose: np.ndarray
+    pose: ndarray
     # (6, 6) of δ = (shift, turn) in the sensor's frame, with what no residual shows:
     # the true pose is pose · exp(δ)
-    covariance_total_mm_deg: np.ndarray
+    covariance_total_mm_deg: ndarray
     noise_mm: float  # the scanner's
     mount: str  # "eye-in-hand" or "eye-to-hand"
 
 
-def in_mm_deg(covariance: np.ndarray) -> np.ndarray:
+def in_mm_deg(covariance: ndarray) -> ndarray:
     """A covariance (6, 6) of δ in mm and rad, in mm and degrees."""
     return covariance * DEGREES[:, None] * DEGREES
 
 
-def in_mm_rad(covariance: np.ndarray) -> np.ndarray:
+def in_mm_rad(covariance: ndarray) -> ndarray:
     """A covariance (6, 6) of δ in mm and degrees, in mm and rad."""
     return covariance / DEGREES[:, None] / DEGREES
 

@@ -8,6 +8,7 @@ from textwrap import shorten
 from typing import Any
 
 import numpy as np
+from numpy import ndarray
 from numpy.typing import ArrayLike
 
 from profilecal.calibration import plausibility
@@ -37,7 +38,7 @@ class Calibration:
 
     scans: tuple[Scan, ...]
     # for each scan, indices of the poses from which the target was found
-    seen: tuple[np.ndarray, ...]
+    seen: tuple[ndarray, ...]
     observed: tuple[Observations, ...]  # for each scan, what was seen from them
     # None where measurements are fewer than unknowns
     solution_or_none: Solution | None = None
@@ -86,14 +87,14 @@ class Calibration:
         return self.solution
 
     @property
-    def pose(self) -> np.ndarray:
+    def pose(self) -> ndarray:
         """(4, 4) mm, the sensor in the flange frame (eye-to-hand: in the base frame).
         Raises UnobservableError.
         """
         return self.known_solution.pose
 
     @property
-    def covariance_mm_deg(self) -> np.ndarray:
+    def covariance_mm_deg(self) -> ndarray:
         """(6, 6) of δ, a shift in mm and a rotation vector in degrees, both in the
         sensor's frame: the true pose is pose · exp(δ). Near the poses of the scans;
         from noise, robot errors and tolerances. Raises UnobservableError.
@@ -101,19 +102,19 @@ class Calibration:
         return in_mm_deg(self.known_solution.covariance)
 
     @property
-    def covariance_total_mm_deg(self) -> np.ndarray:
+    def covariance_total_mm_deg(self) -> ndarray:
         """(6, 6) with what no residual shows added: the robot's accuracy, an error of
         the flange common to all poses. Raises UnobservableError.
         """
         return in_mm_deg(self.known_solution.covariance_total)
 
     @property
-    def translation_sd_mm(self) -> np.ndarray:
+    def translation_sd_mm(self) -> ndarray:
         """(3,) of a shift along the sensor's axes. Raises UnobservableError."""
         return np.sqrt(np.diag(self.covariance_mm_deg))[:3]
 
     @property
-    def rotation_sd_deg(self) -> np.ndarray:
+    def rotation_sd_deg(self) -> ndarray:
         """(3,) of a turn about the sensor's axes. Raises UnobservableError."""
         return np.sqrt(np.diag(self.covariance_mm_deg))[3:]
 

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy import ndarray
 
 from profilecal.calibration.answer import DEGREES
 from profilecal.calibration.calibration import Calibration
@@ -23,12 +24,12 @@ class LeftOut:
     """
 
     poses: tuple[tuple[str, ...], ...]  # (G,) labels of each orientation's poses
-    rms_mm: np.ndarray  # (G,) of its residuals from the calibration without it
+    rms_mm: ndarray  # (G,) of its residuals from the calibration without it
     # (G,) of it, from the noise and from how well the others determine the answer
-    expected_mm: np.ndarray
-    doubted: np.ndarray  # (G,) farther off than expected, and beyond chance
+    expected_mm: ndarray
+    doubted: ndarray  # (G,) farther off than expected, and beyond chance
     # (G, 6) of the sensor pose without it, a shift and a turn in the sensor's frame
-    moved_mm_deg: np.ndarray
+    moved_mm_deg: ndarray
 
     def messages(self) -> list[str]:
         """Sentences a person can act on."""
@@ -48,7 +49,7 @@ class LeftOut:
             )
         return lines
 
-    def _summary(self, kept: np.ndarray) -> str:
+    def _summary(self, kept: ndarray) -> str:
         """How well those `kept` are predicted, and how far the sensor moves."""
         rms, expected = (
             np.sqrt(np.mean(sizes[kept] ** 2))
@@ -138,15 +139,15 @@ class Predicted:
     expected_mm: float = np.nan
     doubted: bool = False
     # (6,) of the sensor pose, mm and rad
-    moved: np.ndarray = field(default_factory=lambda: np.full(6, np.nan))
+    moved: ndarray = field(default_factory=lambda: np.full(6, np.nan))
 
 
 def predict(
-    members: np.ndarray,
+    members: ndarray,
     solution: Solution,
     whole: LinearModel,
     law: Law,
-    start: np.ndarray,
+    start: ndarray,
 ) -> Predicted:
     """The orientation of the profiles `members`, from the linear model `whole` without
     them; `start` (d,): coordinates near the likeliest sizes of errors.
@@ -180,7 +181,7 @@ def predict(
     )
 
 
-def mean_variances(law: Law, likely: np.ndarray, root: np.ndarray) -> np.ndarray:
+def mean_variances(law: Law, likely: ndarray, root: ndarray) -> ndarray:
     """The mean (1 + k,) of variances over coordinates with that middle (d,) and a root
     (d, d) of their covariance, by points on the axes (cubature).
     """

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from textwrap import shorten
 
 import numpy as np
+from numpy import ndarray
 
 from profilecal.profiles.points import Feature
 from profilecal.scan.scan import Scan
@@ -19,10 +20,10 @@ FINEST_MM = 1e-4  # points exactly on a line have no scatter to tell their noise
 class Seen:
     """What a scan shows of its target."""
 
-    poses: np.ndarray  # (k,) indices of those that saw it
-    points: np.ndarray  # (k, m, 2) what they saw, mm
+    poses: ndarray  # (k,) indices of those that saw it
+    points: ndarray  # (k, m, 2) what they saw, mm
     # of it by the profiles themselves, mm², as `Observations` has it
-    covariance: np.ndarray | None = None
+    covariance: ndarray | None = None
     shared_mm: float = 0.0  # the part of its error that poses of one orientation share
     # why the other poses did not see it, and what else there is to say
     remarks: tuple[str, ...] = ()
@@ -123,7 +124,7 @@ def from_table(scan: Scan) -> Seen:
     return Seen(poses, points_of(scan.measured, values), remarks=remarks)
 
 
-def points_of(measured: str, values: np.ndarray) -> np.ndarray:
+def points_of(measured: str, values: ndarray) -> ndarray:
     """Points (k, m, 2) that stand for sensed points, chords or arcs, one a row."""
     if measured == "chords":  # the tip of smaller x first
         tips = values.reshape(-1, 2, 2)
@@ -133,7 +134,7 @@ def points_of(measured: str, values: np.ndarray) -> np.ndarray:
     return values[:, None, :]
 
 
-def covariances(features: Sequence[Feature], most: int, on_curve: bool) -> np.ndarray:
+def covariances(features: Sequence[Feature], most: int, on_curve: bool) -> ndarray:
     """Of `most` points of each feature, mm², as `Observations` has them: those on a
     curve are independent and as uncertain in every direction, chords have tips on one
     line.
@@ -153,7 +154,7 @@ def covariances(features: Sequence[Feature], most: int, on_curve: bool) -> np.nd
     return covariance.reshape(len(features), 2 * most, 2 * most)
 
 
-def three_points(circles: np.ndarray) -> np.ndarray:
+def three_points(circles: ndarray) -> ndarray:
     """Three points (n, 3, 2) a third of a turn apart on circles (n, 3) x, z, r: they
     stand for centre and radius.
     """

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy import ndarray
 from scipy.special import ndtri
 
 from profilecal.geometry.noise import FALSE_ALARM, normalised_square
@@ -41,7 +42,7 @@ class Finding:
     words: str  # as `Perturbation` has them
     size: float
     clear: float  # the size over its standard deviation
-    moves: np.ndarray  # (6,) the sensor pose, mm and rad
+    moves: ndarray  # (6,) the sensor pose, mm and rad
     among: int  # so many tests
 
     @property
@@ -96,17 +97,17 @@ def of_robot() -> list[Perturbation]:
     return errors
 
 
-def off_middle(T: np.ndarray) -> np.ndarray:
+def off_middle(T: ndarray) -> ndarray:
     """Positions (P, 3) from their middle."""
     return T - T.mean(axis=0)
 
 
-def off_middle_along(direction: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+def off_middle_along(direction: ndarray) -> Callable[[ndarray], ndarray]:
     """The part of `off_middle` along an axis."""
     return lambda T: direction * off_middle(T)
 
 
-def drift_along(direction: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+def drift_along(direction: ndarray) -> Callable[[ndarray], ndarray]:
     """A shift that grows evenly from the first pose to the last."""
     return lambda T: np.outer(np.linspace(0, 1, len(T)), direction)
 

@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy import ndarray
 from scipy.special import chdtrc
 
 from profilecal.calibration.answer import DEGREES, Answer, in_mm_rad
@@ -39,7 +40,7 @@ class Verification:
     `as_expected` is the verdict, `chance` what it rests on.
     """
 
-    delta: np.ndarray  # (6,) from the pose to the answer, the pose's frame, mm and rad
+    delta: ndarray  # (6,) from the pose to the answer, the pose's frame, mm and rad
     expected: Spectrum  # of δ
     alone: Calibration  # the second scan by itself
     # of the target, mm, as the scan has them by the sensor pose
@@ -47,19 +48,19 @@ class Verification:
     rms_mm: float  # of the points' distances from the target
 
     @property
-    def difference_mm_deg(self) -> np.ndarray:
+    def difference_mm_deg(self) -> ndarray:
         """(6,) from the pose to the answer, a shift and a turn in the pose's frame."""
         return self.delta * DEGREES
 
     @property
-    def expected_sd_mm_deg(self) -> np.ndarray:
+    def expected_sd_mm_deg(self) -> ndarray:
         """(6,) standard deviations of the difference, enormous in directions that the
         scan leaves open.
         """
         return np.sqrt(np.diag(self.expected.covariance)) * DEGREES
 
     @property
-    def apart(self) -> np.ndarray:
+    def apart(self) -> ndarray:
         """(k,) standard deviations of δ in the directions that the scans determine: the
         last k of `expected`.
         """
@@ -156,8 +157,8 @@ def verify(found: Calibration | Answer, scan: Scan) -> Verification:
 
 
 def linearised(
-    alone: Calibration, kept: Sequence[np.ndarray], T: np.ndarray, noise_mm: float
-) -> tuple[np.ndarray, np.ndarray]:
+    alone: Calibration, kept: Sequence[ndarray], T: ndarray, noise_mm: float
+) -> tuple[ndarray, ndarray]:
     """δ (6,), mm and rad, from a sensor pose T (4, 4) to what a scan says, to first
     order, and its covariance (6, 6), enormous where the scan says nothing.
 
@@ -183,9 +184,9 @@ def linearised(
 
 def settle_targets(
     problem: Problem,
-    rotation: np.ndarray,
-    translation: np.ndarray,
-    weights: Sequence[np.ndarray] | None = None,
+    rotation: ndarray,
+    translation: ndarray,
+    weights: Sequence[ndarray] | None = None,
 ) -> State:
     """The sensor pose (1, 3, 3), (1, 3) with the targets where it sees them best:
     Gauss-Newton steps of those alone.
@@ -204,7 +205,7 @@ def settle_targets(
 
 
 def target_by(
-    T: np.ndarray, alone: Calibration, kept: Sequence[np.ndarray]
+    T: ndarray, alone: Calibration, kept: Sequence[ndarray]
 ) -> tuple[dict[str, float], float]:
     """The target's lengths, mm, and the points' rms distance from it, where a sensor
     pose T (4, 4) takes the points.

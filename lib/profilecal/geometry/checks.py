@@ -3,6 +3,7 @@ what was expected.
 """
 
 import numpy as np
+from numpy import ndarray
 from numpy.typing import ArrayLike
 
 # matrices printed to four decimals pass, a scaled or sheared one does not
@@ -18,7 +19,7 @@ def check_array(
     values: ArrayLike,
     shape: tuple[int | None, ...],
     finite: bool = True,
-) -> np.ndarray:
+) -> ndarray:
     """Return `values` as a float array of a shape, in which None is any length.
 
     Raises ValueError for what is no array of numbers, with the shape that it has
@@ -43,7 +44,7 @@ def check_array(
 
 def check_scan_plane(
     name: str, values: ArrayLike, count: int, expected: str
-) -> np.ndarray:
+) -> ndarray:
     """Return points of the scan plane as an array (count, 2), x and z.
 
     `values` (count, 2) are that, or (count, 3) with y = 0 between. Raises ValueError
@@ -59,7 +60,7 @@ def check_scan_plane(
     return points[:, [0, 2]]
 
 
-def check_rotations(name: str, values: ArrayLike, count: int) -> np.ndarray:
+def check_rotations(name: str, values: ArrayLike, count: int) -> ndarray:
     """Return `values` as an array (count, 3, 3) of rotations.
 
     Raises ValueError for entries that are not finite, for columns that are not
@@ -91,7 +92,7 @@ def check_count(name: str, count: int, least: int, why: str) -> None:
         )
 
 
-def check_rigid(name: str, values: ArrayLike) -> np.ndarray:
+def check_rigid(name: str, values: ArrayLike) -> ndarray:
     """Return `values` as an array (n, 4, 4) of rigid transforms. Raises ValueError for
     another shape, a last row that is not 0, 0, 0, 1, and what is no rotation.
     """

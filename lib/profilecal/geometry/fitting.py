@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy import ndarray
 from numpy.typing import ArrayLike
 
 ROUNDS = 60  # Newton's steps at most; four or five are usual
@@ -18,7 +19,7 @@ ROUNDS = 60  # Newton's steps at most; four or five are usual
 SETTLED = 1e-14
 
 
-def from_components(*components: np.ndarray) -> np.ndarray:
+def from_components(*components: ndarray) -> ndarray:
     """Vectors (..., k) from k arrays (...), each component contiguous in memory.
 
     NumPy is fast along long axes only.
@@ -26,14 +27,14 @@ def from_components(*components: np.ndarray) -> np.ndarray:
     return np.moveaxis(np.stack(components), 0, -1)
 
 
-def about_mean(points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def about_mean(points: ndarray) -> tuple[ndarray, ndarray, ndarray]:
     """The mean (..., 2) of points (..., k, 2), and their x and z (..., k) from it."""
     mean = points.mean(axis=-2)
     x, z = np.moveaxis(points - mean[..., None, :], -1, 0)
     return mean, x, z
 
 
-def mean_product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+def mean_product(a: ndarray, b: ndarray) -> ndarray:
     """The mean (...) of the product of values (..., k)."""
     return np.einsum("...i,...i->...", a, b) / a.shape[-1]
 
@@ -45,11 +46,11 @@ class Ellipse:
     An affine map A takes shape to A shape Aᵀ.
     """
 
-    centre: np.ndarray  # (..., 2)
-    shape: np.ndarray  # (..., 2, 2), its eigenvalues are the squares of the semi-axes
+    centre: ndarray  # (..., 2)
+    shape: ndarray  # (..., 2, 2), its eigenvalues are the squares of the semi-axes
 
 
-def fit_ellipse(points: np.ndarray) -> Ellipse:
+def fit_ellipse(points: ndarray) -> Ellipse:
     """The ellipse-specific direct fit to points (..., k, 2), k ≥ 5.
 
     It is that of Pilu, Fitzgibbon and Fisher (disk paper's ref. [21]). No affine map
@@ -77,7 +78,7 @@ def fit_ellipse(points: np.ndarray) -> Ellipse:
     return transformed(unit, to_points, mean)
 
 
-def transformed(ellipse: Ellipse, map_: np.ndarray, shift: np.ndarray) -> Ellipse:
+def transformed(ellipse: Ellipse, map_: ndarray, shift: ndarray) -> Ellipse:
     """The ellipse after p ↦ map_ p + shift: map_ (..., 2, 2) and shift (..., 2)."""
     centre = np.einsum("...ab,...b->...a", map_, ellipse.centre) + shift
     shape = np.einsum("...ab,...bc,...dc->...ad", map_, ellipse.shape, map_)
@@ -85,7 +86,7 @@ def transformed(ellipse: Ellipse, map_: np.ndarray, shift: np.ndarray) -> Ellips
 
 
 def moments(
-    u: np.ndarray, v: np.ndarray, work: Sequence[np.ndarray | None] = (None,) * 3
+    u: ndarray, v: ndarray, work: Sequence[ndarray | None] = (None,) * 3
 ) -> dict:
     """Means over the last axis of u^a v^b for 1 ≤ a + b ≤ 4: {(a, b): (...)}.
 
@@ -118,10 +119,10 @@ def ellipse_from_moments(mean: dict) -> Ellipse:
     quadratic = [(2, 0), (1, 1), (0, 2)]
     mean = dict(zip(mean, np.broadcast_arrays(*mean.values()), strict=True))
 
-    def covariance(a: int, b: int, c: int, d: int) -> np.ndarray:
+    def covariance(a: int, b: int, c: int, d: int) -> ndarray:
         return mean[a + c, b + d] - mean[a, b] * mean[c, d]
 
-    def covariances(first: list, second: list) -> np.ndarray:
+    def covariances(first: list, second: list) -> ndarray:
         return np.array([[covariance(*p, *q) for q in second] for p in first])
 
     (xx, xz), (_, zz) = covariances(linear, linear)
@@ -152,8 +153,8 @@ def ellipse_from_moments(mean: dict) -> Ellipse:
 
 
 def _secular(
-    entries: Sequence[np.ndarray] | np.ndarray, sign: int
-) -> tuple[np.ndarray, np.ndarray]:
+    entries: Sequence[ndarray] | ndarray, sign: int
+) -> tuple[ndarray, ndarray]:
     """The v₁, v₂ that minimise vᵀ M v with v₀² - sign (v₁² + v₂²) fixed, v₀ = 1;
     symmetric M as 00, 01, 02, 11, 12, 22.
 
@@ -176,7 +177,7 @@ def _secular(
     return q, t
 
 
-def fit_circle(points: np.ndarray) -> np.ndarray:
+def fit_circle(points: ndarray) -> ndarray:
     """Circles (..., 3) as x, z, r through points (..., k, 2), k ≥ 3, by Taubin's fit.
 
     It minimises ⟨d²⟩/⟨|∇d|²⟩ of the algebraic distance d; ⟨d²⟩ alone makes circles too
@@ -191,7 +192,7 @@ def fit_circle(points: np.ndarray) -> np.ndarray:
     return circle
 
 
-def circle_from_moments(mean: dict) -> np.ndarray:
+def circle_from_moments(mean: dict) -> ndarray:
     """As `fit_circle`, from the means of xx, xz, zz, wx, wz and ww about the centroid,
     where w = x² + z².
 
@@ -208,7 +209,7 @@ def circle_from_moments(mean: dict) -> np.ndarray:
     return np.stack([-B / 2, -C / 2, np.sqrt(w + (B * B + C * C) / 4)], axis=-1)
 
 
-def fit_sphere(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def fit_sphere(points: ndarray) -> tuple[ndarray, ndarray]:
     """Centres (..., d) and radii (...) of the spheres, or circles, algebraically
     nearest to points (..., n, d).
 
@@ -229,7 +230,7 @@ def fit_sphere(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return middle[..., 0, :] + centre, radius
 
 
-def principal_axes(points: np.ndarray) -> np.ndarray:
+def principal_axes(points: ndarray) -> ndarray:
     """Unit vectors, rows of (..., 3, 3), along which points (..., n, 3) spread about
     their mean, most first.
     """
@@ -238,8 +239,8 @@ def principal_axes(points: np.ndarray) -> np.ndarray:
 
 
 def affine_residuals(
-    positions: np.ndarray, values: np.ndarray, weights: ArrayLike | None = None
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    positions: ndarray, values: ndarray, weights: ArrayLike | None = None
+) -> tuple[ndarray, ndarray, ndarray]:
     """What an affine function of positions (..., n, 3) leaves of values (..., n, k).
 
     Inside a rotation group the sensed point of a straight edge, or a marked point, is

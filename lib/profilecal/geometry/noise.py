@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy import ndarray
 from scipy.special import chdtri
 
 # the chance that one kind of test doubts anything at all of a good scan
@@ -64,7 +65,7 @@ class Systematic:
     accuracy_deg: float = 0.0  # robot orientation over its workspace, about each axis
 
 
-def chi2_limit(chance: float | np.ndarray, freedom: float | np.ndarray) -> Any:
+def chi2_limit(chance: float | ndarray, freedom: float | ndarray) -> Any:
     """What χ² of some degrees of freedom exceeds by a chance.
 
     It is `chi2.isf` without the long import of `scipy.stats`.
@@ -72,7 +73,7 @@ def chi2_limit(chance: float | np.ndarray, freedom: float | np.ndarray) -> Any:
     return chdtri(freedom, chance)
 
 
-def normalised_square(covariance: np.ndarray, error: np.ndarray) -> np.ndarray:
+def normalised_square(covariance: ndarray, error: ndarray) -> ndarray:
     """Errors (..., n) squared over their covariances (..., n, n).
 
     Follows χ² with n degrees of freedom where the covariances are honest.

@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy import ndarray
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
@@ -23,7 +24,7 @@ LEAST_TURN_DEG = 1.0  # flange orientations that differ by less are taken for on
 HAND_PRECISION = np.repeat([10.0, np.radians(5.0)], 3)  # mm and rad
 
 
-def units_by_hand(targets: Sequence) -> np.ndarray:
+def units_by_hand(targets: Sequence) -> ndarray:
     """What one would know by hand of the sensor pose, then of each target's free shifts
     and turns, (n,) mm and rad.
     """
@@ -39,15 +40,15 @@ class Spectrum:
     """
 
     # (..., 6, 6) of δ = (ρ, φ) in the sensor's frame, mm and rad
-    covariance: np.ndarray
-    sd: np.ndarray  # (..., 6) standard deviations over the measurement by hand
+    covariance: ndarray
+    sd: ndarray  # (..., 6) standard deviations over the measurement by hand
     # (..., 6, 6) rows: the directions in units of the measurement by hand, length one
-    directions: np.ndarray
-    rank: np.ndarray | int  # (...) of the whole information matrix
+    directions: ndarray
+    rank: ndarray | int  # (...) of the whole information matrix
     parameters: int
 
     @property
-    def status(self) -> np.ndarray:
+    def status(self) -> ndarray:
         """ "ok", "weak" or "unobservable", (...)."""
         worst = self.sd[..., 0]
         unobservable = (self.rank < self.parameters) | ~(worst < 1)
@@ -55,7 +56,7 @@ class Spectrum:
         return np.where(unobservable, "unobservable", known)
 
 
-def spectrum(information: np.ndarray, units: np.ndarray) -> Spectrum:
+def spectrum(information: ndarray, units: ndarray) -> Spectrum:
     """Of information matrices (..., n, n), the sensor pose first; `units` (n,) are
     known by hand, mm and rad.
     """
@@ -71,7 +72,7 @@ def spectrum(information: np.ndarray, units: np.ndarray) -> Spectrum:
 
 
 def of_covariance(
-    covariance: np.ndarray, rank: np.ndarray | int, parameters: int
+    covariance: ndarray, rank: ndarray | int, parameters: int
 ) -> Spectrum:
     """Of covariances (..., 6, 6) of the sensor pose, mm and rad, and the rank (...)
     behind them.
@@ -83,7 +84,7 @@ def of_covariance(
     return Spectrum(covariance, sd, directions, rank, parameters)
 
 
-def turns(R_flange: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def turns(R_flange: ndarray) -> tuple[ndarray, ndarray]:
     """How far flange orientations (P, 3, 3) turn from their mean.
 
     Root mean square angles (3,) in degrees about three axes, largest first, and the
@@ -107,7 +108,7 @@ def name_axis(vector: ArrayLike, frame: str) -> str:
 
 
 def name_direction(
-    direction: ArrayLike, R_sensor: np.ndarray, frame: str = "flange"
+    direction: ArrayLike, R_sensor: ndarray, frame: str = "flange"
 ) -> str:
     """A direction (6,) of the sensor pose in units of the measurement by hand, in the
     frame that the pose is in.
@@ -120,7 +121,7 @@ def name_direction(
     )
 
 
-def size_direction(sd: float, direction: np.ndarray) -> str:
+def size_direction(sd: float, direction: ndarray) -> str:
     """The shift and the turn that a standard deviation along a direction (6,) consists
     of.
     """
@@ -139,7 +140,7 @@ def main_parts(direction: ArrayLike) -> list[int]:
 
 
 def explain(
-    found: Spectrum, R_sensor: np.ndarray, R_flange: np.ndarray, frame: str = "flange"
+    found: Spectrum, R_sensor: ndarray, R_flange: ndarray, frame: str = "flange"
 ) -> list[str]:
     """Sentences a person can act on, none where all is well.
 
@@ -162,7 +163,7 @@ def explain(
     return [f"{what} {verb} ({known}): {why}"]
 
 
-def what_is_open(found: Spectrum, R_sensor: np.ndarray, frame: str) -> str:
+def what_is_open(found: Spectrum, R_sensor: ndarray, frame: str) -> str:
     """The directions, up to three, that are as bad as the status says."""
     limit = 1 if found.status == "unobservable" else WEAK
     count = int((found.sd >= limit).sum()) or 1
@@ -172,7 +173,7 @@ def what_is_open(found: Spectrum, R_sensor: np.ndarray, frame: str) -> str:
     return "; ".join(name_direction(v, R_sensor, frame) for v in worst)
 
 
-def why_open(R_flange: np.ndarray, frame: str) -> str:
+def why_open(R_flange: ndarray, frame: str) -> str:
     """What the flange's orientations (P, 3, 3) lack, and what to add."""
     angles, axis = turns(R_flange)
     main = name_axis(axis, frame)

@@ -4,13 +4,14 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numpy import ndarray
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 SAME_ORIENTATION_DEG = 0.05  # poses that differ by less form a rotation group
 
 
-def rotation_from_xyz_angles(angles: np.ndarray) -> np.ndarray:
+def rotation_from_xyz_angles(angles: ndarray) -> ndarray:
     """R = Rz(c) Ry(b) Rx(a), (..., 3, 3), of angles (a, b, c), (..., 3) rad.
 
     The disk paper calls these "ZYX Euler angle".
@@ -18,7 +19,7 @@ def rotation_from_xyz_angles(angles: np.ndarray) -> np.ndarray:
     return Rotation.from_euler("xyz", angles).as_matrix()
 
 
-def xyz_angles_from_rotation(matrix: np.ndarray) -> np.ndarray:
+def xyz_angles_from_rotation(matrix: ndarray) -> ndarray:
     """The angles (a, b, c), (..., 3) rad, of R = Rz(c) Ry(b) Rx(a).
 
     a is in [0, 2π), which does not jump near π.
@@ -28,7 +29,7 @@ def xyz_angles_from_rotation(matrix: np.ndarray) -> np.ndarray:
     return angles
 
 
-def nearest_rotation(matrix: ArrayLike) -> np.ndarray:
+def nearest_rotation(matrix: ArrayLike) -> ndarray:
     """The rotations closest to matrices (..., 3, 3) in the Frobenius norm.
 
     Eq. 27 of the edge paper; never reflections, which Eq. 16 of the disk paper lets
@@ -39,7 +40,7 @@ def nearest_rotation(matrix: ArrayLike) -> np.ndarray:
     return U @ Vt
 
 
-def angle_between(first: ArrayLike, second: ArrayLike) -> np.ndarray:
+def angle_between(first: ArrayLike, second: ArrayLike) -> ndarray:
     """Angles (...), rad, of the rotations that take `first` to `second`, (..., 3, 3).
 
     ‖A - B‖ = 2√2 sin(θ/2) stays exact near zero, where the trace does not.
@@ -48,7 +49,7 @@ def angle_between(first: ArrayLike, second: ArrayLike) -> np.ndarray:
     return 2 * np.arcsin(np.clip(chord / np.sqrt(8), 0, 1))
 
 
-def parallel(first: np.ndarray, second: np.ndarray, within_deg: float) -> np.ndarray:
+def parallel(first: ndarray, second: ndarray, within_deg: float) -> ndarray:
     """Which orientations (N, 3, 3) differ from which (M, 3, 3) by less than an angle of
     0.001° or more, (N, M).
 
@@ -59,7 +60,7 @@ def parallel(first: np.ndarray, second: np.ndarray, within_deg: float) -> np.nda
     return traces > 1 + 2 * np.cos(np.radians(within_deg))
 
 
-def rotation_groups(R: np.ndarray) -> np.ndarray:
+def rotation_groups(R: ndarray) -> ndarray:
     """Groups (P,) of orientations (P, 3, 3), which may be rounded.
 
     A pose joins the first group whose first pose it is parallel to.
@@ -75,11 +76,11 @@ def rotation_groups(R: np.ndarray) -> np.ndarray:
 
 
 def pose_error(
-    rotation: np.ndarray,
-    translation: np.ndarray,
-    true_rotation: np.ndarray,
-    true_translation: np.ndarray,
-) -> np.ndarray:
+    rotation: ndarray,
+    translation: ndarray,
+    true_rotation: ndarray,
+    true_translation: ndarray,
+) -> ndarray:
     """δ (..., 6), mm and rad, sensor frame, with T_true = T · exp(δ) to first order:
     what the covariance is of.
     """
@@ -88,7 +89,7 @@ def pose_error(
     return np.concatenate([shift[..., 0], turn], axis=-1)
 
 
-def homogeneous(rotation: ArrayLike, translation: ArrayLike) -> np.ndarray:
+def homogeneous(rotation: ArrayLike, translation: ArrayLike) -> ndarray:
     """4×4 matrices (..., 4, 4) from rotations (..., 3, 3) and translations (..., 3)."""
     shape = np.broadcast_shapes(np.shape(rotation)[:-2], np.shape(translation)[:-1])
     matrix = np.zeros((*shape, 4, 4))
@@ -98,13 +99,13 @@ def homogeneous(rotation: ArrayLike, translation: ArrayLike) -> np.ndarray:
     return matrix
 
 
-def directions(rng: np.random.Generator, shape: tuple[int, ...]) -> np.ndarray:
+def directions(rng: np.random.Generator, shape: tuple[int, ...]) -> ndarray:
     """Unit vectors (*shape, 3), uniform over the sphere."""
     vectors = rng.normal(size=(*shape, 3))
     return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
 
 
-def rotations(vectors: np.ndarray) -> np.ndarray:
+def rotations(vectors: ndarray) -> ndarray:
     """Rotation matrices (..., 3, 3) from rotation vectors (..., 3), rad."""
     return Rotation.from_rotvec(vectors).as_matrix()
 
@@ -112,9 +113,9 @@ def rotations(vectors: np.ndarray) -> np.ndarray:
 def random_turns(
     rng: np.random.Generator,
     shape: tuple[int, ...],
-    spread: float | np.ndarray,
-    axis: np.ndarray | None = None,
-) -> np.ndarray:
+    spread: float | ndarray,
+    axis: ndarray | None = None,
+) -> ndarray:
     """Rotations (*shape, 3, 3) by uniform angles up to ±`spread`, rad, about random
     axes or about `axis` (..., 3).
     """
@@ -124,7 +125,7 @@ def random_turns(
     return rotations(angle * axis)
 
 
-def frame_along(direction: ArrayLike, angle: ArrayLike) -> np.ndarray:
+def frame_along(direction: ArrayLike, angle: ArrayLike) -> ndarray:
     """Frames (..., 3, 3), in columns, whose second axis is `direction` (..., 3);
     `angle` (...) turns them about it.
     """
@@ -134,22 +135,18 @@ def frame_along(direction: ArrayLike, angle: ArrayLike) -> np.ndarray:
     return np.stack(np.broadcast_arrays(x, y, np.cross(x, y)), axis=-1)
 
 
-def inverse(
-    rotation: np.ndarray, translation: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def inverse(rotation: ndarray, translation: ndarray) -> tuple[ndarray, ndarray]:
     """The inverses of rigid transforms (..., 3, 3), (..., 3)."""
     back = rotation.mT
     return back, -(back @ translation[..., None])[..., 0]
 
 
-def carry(
-    rotation: np.ndarray, translation: np.ndarray, points: np.ndarray
-) -> np.ndarray:
+def carry(rotation: ndarray, translation: ndarray, points: ndarray) -> ndarray:
     """Points (..., 3) carried by rigid transforms (..., 3, 3), (..., 3)."""
     return (rotation @ points[..., None])[..., 0] + translation
 
 
-def frame_around(axis: ArrayLike) -> np.ndarray:
+def frame_around(axis: ArrayLike) -> ndarray:
     """Frames (..., 3, 3), in columns, whose z is the unit vector `axis` (..., 3)."""
     axis = np.asarray(axis, dtype=float)
     away = np.eye(3)[np.argmin(np.abs(axis), axis=-1)]
@@ -162,14 +159,14 @@ def frame_around(axis: ArrayLike) -> np.ndarray:
 
 def circle_around(
     centre: ArrayLike, axis: ArrayLike, radius: float, count: int = 90
-) -> np.ndarray:
+) -> ndarray:
     """Points (count, 3) on a circle in space; its axis need not have length one."""
     frame = frame_around(np.asarray(axis, dtype=float) / np.linalg.norm(axis))
     angle = np.linspace(0, 2 * np.pi, count)[:, None]
     return centre + radius * (np.cos(angle) * frame[:, 0] + np.sin(angle) * frame[:, 1])
 
 
-def cross(a: Sequence | np.ndarray, b: Sequence | np.ndarray) -> list:
+def cross(a: Sequence | ndarray, b: Sequence | ndarray) -> list:
     """a × b of vectors by their components, numbers or arrays: (3,) or (3, ...)."""
     return [
         a[1] * b[2] - a[2] * b[1],
@@ -178,14 +175,12 @@ def cross(a: Sequence | np.ndarray, b: Sequence | np.ndarray) -> list:
     ]
 
 
-def dot(a: Sequence | np.ndarray, b: Sequence | np.ndarray) -> Any:
+def dot(a: Sequence | ndarray, b: Sequence | ndarray) -> Any:
     """a · b of vectors by their components, numbers or arrays: (3,) or (3, ...)."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-def root(
-    square: np.ndarray, least: float | np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def root(square: ndarray, least: float | ndarray) -> tuple[ndarray, ndarray]:
     """The square root and its derivative, continued as its tangent below `least`².
 
     A scan plane that misses a ball or a disk has no circle or chord, but a solver that

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy import ndarray
 from scipy.spatial.transform import Rotation
 
 from profilecal.geometry.noise import Noise
@@ -28,8 +29,8 @@ def refine(
     problem: Problem,
     state: State,
     *,
-    scale: np.ndarray | None = None,
-    weights: Sequence[np.ndarray] | None = None,
+    scale: ndarray | None = None,
+    weights: Sequence[ndarray] | None = None,
     iterations: int = 60,
     tolerance: float = 1e-10,
     damping: float = 1e-4,
@@ -46,7 +47,7 @@ def refine(
 
 def descend(
     moments: Callable[[State], Fit],
-    move: Callable[[State, np.ndarray], State],
+    move: Callable[[State, ndarray], State],
     state: State,
     iterations: int,
     tolerance: float = 1e-10,
@@ -90,14 +91,12 @@ def descend(
     return here
 
 
-def reach(step: np.ndarray) -> np.ndarray:
+def reach(step: ndarray) -> ndarray:
     """How far steps (B, 6 or more) move sensor poses, rad or hundreds of mm."""
     return np.abs(step[:, :6] / [100, 100, 100, 1, 1, 1]).max(axis=1)
 
 
-def damped_step(
-    normal: np.ndarray, damping: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def damped_step(normal: ndarray, damping: ndarray) -> tuple[ndarray, ndarray]:
     """The steps x (B, n) that normal equations (B, n + 1, n + 1) ask for, damped by
     (B,), and by how much they promise to lower the loss, (B,).
 
@@ -149,7 +148,7 @@ def few_poses(
     return Problem([thin(entry, count) for entry in observations], noise, in_space=True)
 
 
-def started(grid: np.ndarray, starts: Sequence = ()) -> tuple[np.ndarray, np.ndarray]:
+def started(grid: ndarray, starts: Sequence = ()) -> tuple[ndarray, ndarray]:
     """Sensor poses (B, 3, 3), (B, 3): the starts, and those of a grid of rotations, at
     the flange.
     """
@@ -162,7 +161,7 @@ def onward(problem: Problem, state: State, steps: int) -> Fit:
     that is best (variable projection; Golub and Pereyra 1973).
     """
 
-    def move(state: State, step: np.ndarray) -> State:
+    def move(state: State, step: ndarray) -> State:
         moved = problem.move(state, step)
         placements = list(moved.placements)
         for index, term in enumerate(problem.terms):
@@ -185,7 +184,7 @@ def search_among_outliers(
     tried = refine(subsets, subsets.place(*started(GRID)), iterations=25).state
     problem = few_poses(observations, noise, 2 * POSES)
 
-    def residual_of_most(state: State) -> np.ndarray:
+    def residual_of_most(state: State) -> ndarray:
         return problem.typical(problem.moments(state))
 
     state = found.join(tried[np.isfinite(problem.moments(tried).loss)])
@@ -246,7 +245,7 @@ def distinct(state: State, count: int = KEPT) -> State:
     return state[kept[:count]]
 
 
-def alike(state: State) -> np.ndarray:
+def alike(state: State) -> ndarray:
     """Which two sensor poses of a batch are one, (B, B)."""
     same = 0.02  # rad, and hundreds of mm: nearer sensor poses are one
     turn = angle_between(state.rotation[:, None], state.rotation)

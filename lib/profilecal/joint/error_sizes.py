@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
+from numpy import ndarray
 from scipy.optimize import brentq
 from scipy.special import chdtrc, gammaln, ndtri, softmax
 
@@ -46,14 +47,14 @@ class ErrorSizes:
     """
 
     sizes: tuple[Size, ...]
-    v: np.ndarray  # (1 + k,) the variances in their middle
-    mean: np.ndarray  # (n,)
-    covariance: np.ndarray  # (n, n)
+    v: ndarray  # (1 + k,) the variances in their middle
+    mean: ndarray  # (n,)
+    covariance: ndarray  # (n, n)
 
 
 def likeliest(
-    model: LinearModel, law: Law, y: np.ndarray, tolerance: float = 1e-3
-) -> tuple[np.ndarray, np.ndarray]:
+    model: LinearModel, law: Law, y: ndarray, tolerance: float = 1e-3
+) -> tuple[ndarray, ndarray]:
     """The likeliest coordinates (d,) of the sizes, by Newton's method from some `y`,
     and a root (d, d) of the inverse curvature there.
 
@@ -70,7 +71,7 @@ def likeliest(
     step promises less than `tolerance` of h; steps that do not raise h are damped.
     """
 
-    def look(y: np.ndarray) -> tuple:
+    def look(y: ndarray) -> tuple:
         y = np.clip(y, -FARTHEST, FARTHEST)
         v, first, second = law.variances(y[None])
         posterior = model.posterior(v)
@@ -99,8 +100,8 @@ def likeliest(
 
 
 def draw(
-    model: LinearModel, law: Law, likely: np.ndarray, root: np.ndarray
-) -> tuple[np.ndarray, Posterior, np.ndarray]:
+    model: LinearModel, law: Law, likely: ndarray, root: ndarray
+) -> tuple[ndarray, Posterior, ndarray]:
     """Sizes that a model allows: the logarithms (S,) of their weights, relative to
     those of other models; what follows from each; and the spread (d,) of the free ones'
     coordinates.
@@ -146,13 +147,13 @@ def draw(
     return log_w, posterior, spread
 
 
-def log_density(posterior: Posterior, y: np.ndarray) -> np.ndarray:
+def log_density(posterior: Posterior, y: ndarray) -> ndarray:
     """h (S,) of coordinates y (S, d), from the posterior at their variances."""
     return posterior.log_evidence - np.sum(y**2, axis=1) / 2
 
 
 @cache
-def t_points(d: int, count: int) -> np.ndarray:
+def t_points(d: int, count: int) -> ndarray:
     """Points (count, d) of a t law, evenly spread.
 
     In the unit cube of d + 1 dimensions they are multiples of the powers of a
@@ -165,7 +166,7 @@ def t_points(d: int, count: int) -> np.ndarray:
     return ndtri(points[:, :d]) * np.sqrt(TAILS / chi2_limit(points[:, d:], TAILS))
 
 
-def average(model: LinearModel, prior: Prior, start: np.ndarray) -> ErrorSizes:
+def average(model: LinearModel, prior: Prior, start: ndarray) -> ErrorSizes:
     """What is known over all sizes that data and prior allow. `start` (1 + k,):
     coordinates to look for the likeliest from, of which the first are taken.
 
@@ -218,14 +219,14 @@ def beliefs(model: LinearModel, prior: Prior) -> list[tuple[LinearModel, Prior, 
     return rivals
 
 
-def quantiles(draws: np.ndarray, weight: np.ndarray) -> list[float]:
+def quantiles(draws: ndarray, weight: ndarray) -> list[float]:
     """The 2.5, 50 and 97.5 % quantiles of draws (S,) with weights (S,)."""
     order = np.argsort(draws)
     share = np.cumsum(weight[order]) - weight[order] / 2
     return np.interp([0.025, 0.5, 0.975], share, draws[order]).tolist()
 
 
-def growth(squares: np.ndarray, weight: np.ndarray) -> float:
+def growth(squares: ndarray, weight: ndarray) -> float:
     """How much larger than its mean the covariance of the sensor pose has to be for its
     region to hold over all sizes, but for a chance FALSE_ALARM.
 

@@ -30,6 +30,7 @@ from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
+from numpy import ndarray
 
 from profilecal.geometry.observability import HAND_PRECISION
 from profilecal.targets.observations import PoseGroups
@@ -41,22 +42,22 @@ ROUNDING = 1e-13  # of the largest entry of a matrix of products
 class Block:
     """B orientations with Q profiles of q rows each, m = Q q in all."""
 
-    profiles: np.ndarray  # (B, Q) which profiles they are
-    M: np.ndarray  # (1 + k, B, m, m) the scanner's first
-    Y: np.ndarray  # (B, m, n + 1) [A | r]
+    profiles: ndarray  # (B, Q) which profiles they are
+    M: ndarray  # (1 + k, B, m, m) the scanner's first
+    Y: ndarray  # (B, m, n + 1) [A | r]
 
 
 @dataclass(frozen=True)
 class Posterior:
     """What is known of x for S sets of variances."""
 
-    v: np.ndarray  # (S, 1 + k)
-    mean: np.ndarray  # (S, n) x̂
-    covariance: np.ndarray  # (S, n, n) V
+    v: ndarray  # (S, 1 + k)
+    mean: ndarray  # (S, n) x̂
+    covariance: ndarray  # (S, n, n) V
     # (S,) of the variances: the restricted log likelihood (Patterson and Thompson 1971)
-    log_evidence: np.ndarray
-    square: np.ndarray  # (S,) rᵀ P r, the χ² of the residuals
-    normal: np.ndarray  # (S, n + 1, n + 1) [A | r]ᵀ C⁻¹ [A | r]
+    log_evidence: ndarray
+    square: ndarray  # (S,) rᵀ P r, the χ² of the residuals
+    normal: ndarray  # (S, n + 1, n + 1) [A | r]ᵀ C⁻¹ [A | r]
     solved: list  # for each block C⁻¹ (S, B, m, m) and C⁻¹ [A | r] (S, B, m, n + 1)
 
 
@@ -70,12 +71,12 @@ class LinearModel:
 
     def __init__(
         self,
-        by_flange: np.ndarray,
-        columns: np.ndarray,
-        counts: np.ndarray,
+        by_flange: ndarray,
+        columns: ndarray,
+        counts: ndarray,
         groups: PoseGroups,
         names: Sequence[str],
-        precision: np.ndarray,
+        precision: ndarray,
     ) -> None:
         """Of each profile, over the scanner's noise, with zeros where no residual is:
         the derivatives `by_flange` (profiles, K, 6), mm and rad, the `columns` [A | r]
@@ -110,7 +111,7 @@ class LinearModel:
         self.blocks = [self.block(own, groups) for own in of_equal_size(coarsest)]
         self.kept = np.ones(len(counts), dtype=bool)
 
-    def block(self, profiles: np.ndarray, groups: PoseGroups) -> Block:
+    def block(self, profiles: ndarray, groups: PoseGroups) -> Block:
         """The block of some profiles (B, Q)."""
         B, Q = profiles.shape
         m = Q * self.q
@@ -122,7 +123,7 @@ class LinearModel:
             M_k[:] = E * unit @ E.mT * shared
         return Block(profiles, M, self.Y[profiles].reshape(B, m, -1))
 
-    def keeping(self, kept: np.ndarray) -> "LinearModel":
+    def keeping(self, kept: ndarray) -> "LinearModel":
         """The model of some of its profiles (profiles,) only: zeros stand in place of
         the other rows.
         """
@@ -145,7 +146,7 @@ class LinearModel:
         return other
 
     @property
-    def rest_of_kept(self) -> tuple[np.ndarray, int]:
+    def rest_of_kept(self) -> tuple[ndarray, int]:
         """Products (n + 1, n + 1) of all that no error of the flange moves, and how
         many residuals it is. Rows of zeros were counted in the blocks and are taken off
         here.
@@ -154,7 +155,7 @@ class LinearModel:
         count = int(self.counts[self.kept].sum()) - rows
         return self.rest[self.kept].sum(axis=0), count
 
-    def posterior(self, v: np.ndarray) -> Posterior:
+    def posterior(self, v: ndarray) -> Posterior:
         """What is known of x for variances v (S, 1 + k), the scanner's first.
 
         All follows from the products N = [A | r]ᵀ C⁻¹ [A | r], sums over the blocks and
@@ -186,7 +187,7 @@ class LinearModel:
         log_evidence = -(square + log_det_C + np.linalg.slogdet(H)[1]) / 2
         return Posterior(v, mean[..., 0], V, log_evidence, square, N, solved)
 
-    def gradient(self, posterior: Posterior) -> tuple[np.ndarray, np.ndarray]:
+    def gradient(self, posterior: Posterior) -> tuple[ndarray, ndarray]:
         """The derivative (1 + k,) of the log evidence L by the variances, for one set
         of them, and its average information I (Gilmour, Thompson and Cullis 1995).
 
@@ -217,19 +218,19 @@ class LinearModel:
             across += (CA.mT @ F).sum(axis=0)
         return -slope / 2, (within - across.T @ V @ across) / 2
 
-    def own(self, v: np.ndarray) -> np.ndarray:
+    def own(self, v: ndarray) -> ndarray:
         """Covariances (profiles, q, q) of the rows of each profile by itself, for
         variances v (1 + k,).
         """
         return v[0] * np.eye(self.q) + self.E * (v[1:] @ self.units) @ self.E.mT
 
-    def alone(self, v: np.ndarray) -> np.ndarray:
+    def alone(self, v: ndarray) -> ndarray:
         """What each profile by itself says of the unknowns, (profiles, n + 1, n + 1):
         [A | r]ᵀ C⁻¹ [A | r].
         """
         return self.Y.mT @ np.linalg.solve(self.own(v), self.Y) + self.rest / v[0]
 
-    def left_out(self, posterior: Posterior) -> tuple[np.ndarray, np.ndarray]:
+    def left_out(self, posterior: Posterior) -> tuple[ndarray, ndarray]:
         """How far the rows of each profile (profiles, q) are from what all other
         profiles kept say of them, and the covariance (profiles, q, q) of that.
 
@@ -258,8 +259,8 @@ class LinearModel:
 
 
 def score(
-    normal: np.ndarray, n: int, precision: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    normal: ndarray, n: int, precision: ndarray
+) -> tuple[ndarray, ndarray, ndarray]:
     """Rao's score test (1948) of d further directions D, each alone: the size that the
     residuals ask for, its standard deviation (d,), and by how much one unit of it moves
     x (n, d). `normal`: N = [A | D | r]ᵀ C⁻¹ [A | D | r]; `precision` (n, n): Π.
@@ -276,7 +277,7 @@ def score(
     return size, information**-0.5, X
 
 
-def of_equal_size(orientation: np.ndarray) -> list[np.ndarray]:
+def of_equal_size(orientation: ndarray) -> list[ndarray]:
     """The profiles of each orientation, from the orientations' numbers (profiles,):
     arrays (B, Q), one for all orientations that have as many.
     """

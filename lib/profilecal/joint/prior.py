@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy import ndarray
 from scipy.special import gammaln, ndtr, stdtrit
 
 from profilecal.geometry.noise import ROBOT, Noise, Systematic
@@ -146,17 +147,17 @@ class Prior:
 class Law:
     """The prior law of 1 + k sizes, the scanner's first."""
 
-    scales: np.ndarray  # (1 + k,)
+    scales: ndarray  # (1 + k,)
     # (1 + k,) the spread of the scanner's logarithm, degrees of freedom of the others;
     # 0 where the size is known
-    spreads: np.ndarray
+    spreads: ndarray
 
     @cached_property
-    def free(self) -> np.ndarray:
+    def free(self) -> ndarray:
         """Which (d,) of the sizes are not known."""
         return np.flatnonzero(self.spreads)
 
-    def variances(self, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def variances(self, y: ndarray) -> tuple[ndarray, ndarray, ndarray]:
         """The variances v (S, 1 + k), squares of the sizes, at coordinates y (S, d),
         and their first and second derivatives (S, d) by the coordinates.
 

@@ -6,6 +6,7 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
+from numpy import ndarray
 
 from profilecal.geometry.noise import Noise, Systematic, chi2_limit
 from profilecal.geometry.observability import units_by_hand
@@ -34,9 +35,9 @@ class Fit(Batch):
     """What the data say at B states, and how well these fit."""
 
     state: State
-    normal: np.ndarray  # (B, n + 1, n + 1) normal equations [J r]ᵀ [J r]
-    loss: np.ndarray  # (B,)
-    per_pose: np.ndarray  # (B, profiles) each pose's χ² per residual
+    normal: ndarray  # (B, n + 1, n + 1) normal equations [J r]ᵀ [J r]
+    loss: ndarray  # (B,)
+    per_pose: ndarray  # (B, profiles) each pose's χ² per residual
 
     @property
     def best_first(self) -> "Fit":
@@ -73,7 +74,7 @@ class Problem:
         self.parts = [np.arange(*ends) for ends in pairwise(ends)]
 
     @property
-    def units(self) -> np.ndarray:
+    def units(self) -> ndarray:
         """What one would know of each parameter (n,) by hand, mm and rad
         (`geometry.observability`).
         """
@@ -84,7 +85,7 @@ class Problem:
         """Which profiles share errors of the flange."""
         return pose_groups(self.observations)
 
-    def typical(self, fit: Fit) -> np.ndarray:
+    def typical(self, fit: Fit) -> ndarray:
         """How many noise levels large the residuals of most poses are, (B,): the root
         mean square, over the targets, of medians, to which bad poses do not count.
         """
@@ -92,11 +93,11 @@ class Problem:
         medians = [np.median(own, axis=0) for own in self.split(ratio.T)]
         return np.sqrt(np.mean(medians, axis=0))
 
-    def split(self, profiles: np.ndarray) -> list[np.ndarray]:
+    def split(self, profiles: ndarray) -> list[ndarray]:
         """What is of all profiles (profiles, ...), for each target (P, ...)."""
         return np.split(profiles, np.cumsum([term.P for term in self.terms])[:-1])
 
-    def linear(self, state: State) -> list[np.ndarray]:
+    def linear(self, state: State) -> list[ndarray]:
         """Each target's residuals and derivatives (`Residuals.linearise`) over the
         noise.
         """
@@ -108,8 +109,8 @@ class Problem:
     def moments(
         self,
         state: State,
-        scale: np.ndarray | None = None,
-        weights: Sequence[np.ndarray] | None = None,
+        scale: ndarray | None = None,
+        weights: Sequence[ndarray] | None = None,
     ) -> Fit:
         """The normal equations and the loss at B states.
 
@@ -146,7 +147,7 @@ class Problem:
 
     def columns_in_mm(
         self, state: State, tried: Sequence[Perturbation] = ()
-    ) -> list[np.ndarray]:
+    ) -> list[ndarray]:
         """Each target's residuals (first problem's) at a state, a batch of one, and
         their derivatives by all that may be wrong.
 
@@ -180,7 +181,7 @@ class Problem:
         state: State,
         names: Sequence[str] = (),
         tried: Sequence[Perturbation] = (),
-        columns: Sequence[np.ndarray] | None = None,
+        columns: Sequence[ndarray] | None = None,
     ) -> LinearModel:
         """The linear model at a state, a batch of one, with errors of the robot of
         these `names`, entries of `Noise`. Of the errors `tried` nothing is known
@@ -209,7 +210,7 @@ class Problem:
         )
 
     def rms_mm(
-        self, columns: Sequence[np.ndarray], x: np.ndarray, profiles: np.ndarray
+        self, columns: Sequence[ndarray], x: ndarray, profiles: ndarray
     ) -> float:
         """Root mean square of the residuals of some profiles (profiles,) after a step x
         (n + c,) from the state that `columns_in_mm` are of, less the errors considered.
@@ -220,7 +221,7 @@ class Problem:
             square += np.sum(residual**2)
         return float(np.sqrt(square / self.counts[profiles].sum()))
 
-    def move(self, state: State, step: np.ndarray) -> State:
+    def move(self, state: State, step: ndarray) -> State:
         """The state after a step (B, n)."""
         placements = tuple(
             term.move(placement, step[:, own])
@@ -232,7 +233,7 @@ class Problem:
         turned = state.rotation @ rotations(step[:, 3:6])
         return State(turned, shifted, placements)
 
-    def place(self, rotation: np.ndarray, translation: np.ndarray) -> State:
+    def place(self, rotation: ndarray, translation: ndarray) -> State:
         """Sensor poses (B, 3, 3), (B, 3) with each target placed where they see it."""
         placements = tuple(term.place(rotation, translation) for term in self.terms)
         return State(rotation, translation, placements)

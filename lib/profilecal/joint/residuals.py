@@ -3,6 +3,7 @@
 from copy import copy
 
 import numpy as np
+from numpy import ndarray
 
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import carry, cross, dot, inverse, rotations
@@ -68,13 +69,13 @@ class Residuals:
             whiten = np.linalg.inv(np.linalg.cholesky(covariance))
             self.whiten = np.moveaxis(whiten, 1, -1)
 
-    def counts(self) -> np.ndarray:
+    def counts(self) -> ndarray:
         """How many residuals each pose has, (B|1, P)."""
         return self.present.sum(axis=1) * self.target.rows
 
     def linearise(
         self, state: State, placement: tuple, with_flange: bool = False
-    ) -> np.ndarray:
+    ) -> ndarray:
         """The K residuals of each of P poses and their derivatives, mm and rad.
 
         Returns (B, columns, K, P), zero where no point is. The columns are derivatives
@@ -137,7 +138,7 @@ class Residuals:
         o, *a = ([in_sensor[:, j, None, i] for i in range(3)] for j in range(4))
         return o, a
 
-    def fill_flange(self, z: np.ndarray, state: State) -> None:
+    def fill_flange(self, z: ndarray, state: State) -> None:
         """Fills in the derivatives by the flange pose, from those by the sensor pose.
 
         A flange that is shifted takes the sensor along. A turn ψ about its origin turns
@@ -153,7 +154,7 @@ class Residuals:
         by_shift = np.moveaxis(z[:, FLANGE_POSITION], 1, 0)
         z[:, FLANGE_ORIENTATION] += np.stack(cross(arm, by_shift), axis=1)
 
-    def by_point(self, columns: np.ndarray) -> np.ndarray:
+    def by_point(self, columns: ndarray) -> ndarray:
         """The derivatives (2, B, m, rows, P) of each point's residuals by its own x and
         z: what moves the point alone moves its residuals as what moves the whole
         scanner.
@@ -162,8 +163,8 @@ class Residuals:
         return by_x_and_z.reshape(2, len(columns), self.m, -1, self.P)
 
     def by_error(
-        self, error: Perturbation, state: State, placement: tuple, columns: np.ndarray
-    ) -> np.ndarray:
+        self, error: Perturbation, state: State, placement: tuple, columns: ndarray
+    ) -> ndarray:
         """The derivative (1, K, P) by the size of an error, at a state of a batch of
         one. `columns` are of these residuals, there, with those by the flange pose.
         """
@@ -182,7 +183,7 @@ class Residuals:
             in_sensor = in_flange @ state.rotation[0]
         return np.sum(columns[:, FLANGE_POSITION] * in_sensor.T[:, None], axis=1)
 
-    def by_length(self, name: str, state: State, placement: tuple) -> np.ndarray:
+    def by_length(self, name: str, state: State, placement: tuple) -> ndarray:
         """The derivative (1, K, P) by one of the target's lengths, by differences."""
         h = 1e-4  # mm
         step = h * (np.array(self.target.lengths) == name)
@@ -193,7 +194,7 @@ class Residuals:
         minus = other.linearise(state, placement)[:, self.residual]
         return (plus - minus) / (2 * h)
 
-    def on_target(self, columns: np.ndarray) -> "Residuals":
+    def on_target(self, columns: ndarray) -> "Residuals":
         """The residuals of points that lie where the state of `columns` has them on the
         target. As residuals are distances, their slopes by the point have length one,
         and a point moves against them by as much as its residual.
@@ -203,7 +204,7 @@ class Residuals:
         other.seen = self.seen - np.sum(self.by_point(columns) * r, axis=3)
         return other
 
-    def over_noise(self, z: np.ndarray, noise: Noise) -> np.ndarray:
+    def over_noise(self, z: ndarray, noise: Noise) -> ndarray:
         """Columns (B, columns, K, P), changed in place, over the scanner's noise, and
         as precise as each point is.
         """
@@ -215,7 +216,7 @@ class Residuals:
         z /= sd[:, None]
         return z
 
-    def move(self, placement: tuple, step: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def move(self, placement: tuple, step: ndarray) -> tuple[ndarray, ndarray]:
         """A placement after a step (B, n) of its free shifts and turns."""
         origin, axes = placement
         shift, turn = np.zeros((2, len(step), 3))
@@ -223,9 +224,7 @@ class Residuals:
         shift[:, self.shifts], turn[:, self.turns] = parts
         return carry(axes, origin, shift), axes @ rotations(turn)
 
-    def place(
-        self, rotation: np.ndarray, translation: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def place(self, rotation: ndarray, translation: ndarray) -> tuple[ndarray, ndarray]:
         """The target's frame where sensor poses (B, 3, 3), (B, 3) see it: origin (B, 3)
         and axes (B, 3, 3).
         """

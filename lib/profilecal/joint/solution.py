@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy import ndarray
 
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.observability import Spectrum
@@ -21,7 +22,7 @@ class Solution:
 
     state: State  # the sensor pose and the targets, a batch of one
     # (6, 6) of (ρ, φ) in the sensor's frame, mm and rad: T = T̂ · exp(δ)
-    covariance: np.ndarray
+    covariance: ndarray
     placements: tuple  # a `Target` for each set of observations
     prior: Prior  # of the errors
     error_sizes: ErrorSizes
@@ -38,7 +39,7 @@ class Solution:
     problem: Problem
 
     @property
-    def covariance_total(self) -> np.ndarray:
+    def covariance_total(self) -> ndarray:
         """The covariance (6, 6) with what no residual shows: one error of the flange at
         all poses, as large as its accuracy.
 
@@ -66,12 +67,12 @@ class Solution:
         return model, model.posterior(self.error_sizes.v[None])
 
     @property
-    def rotation(self) -> np.ndarray:
+    def rotation(self) -> ndarray:
         """(3, 3) sensor axes in the flange frame; eye-to-hand, in the base frame."""
         return self.state.rotation[0]
 
     @property
-    def translation(self) -> np.ndarray:
+    def translation(self) -> ndarray:
         """(3,) mm, the sensor's origin in the same frame."""
         return self.state.translation[0]
 
@@ -91,11 +92,11 @@ class Solution:
         return self.chi2 / self.dof
 
     @property
-    def kept(self) -> list[np.ndarray]:
+    def kept(self) -> list[ndarray]:
         """The poses (P,) of each target that were not rejected."""
         return [~bad for bad in self.rejected]
 
     @property
-    def pose(self) -> np.ndarray:
+    def pose(self) -> ndarray:
         """(4, 4) mm, the sensor in the flange frame; eye-to-hand, in the base frame."""
         return homogeneous(self.rotation, self.translation)

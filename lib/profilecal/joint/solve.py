@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy import ndarray
 
 from profilecal.geometry.checks import UnobservableError
 from profilecal.geometry.noise import (
@@ -138,7 +139,7 @@ def fits_of_most(problem: Problem, fits: Fit, usual_mm: float) -> Fit:
     return least_squares(problem, fits.state.join(robust.state))
 
 
-def contradicting(problem: Problem, fits: Fit) -> np.ndarray:
+def contradicting(problem: Problem, fits: Fit) -> ndarray:
     """The profiles (profiles,) whose residuals in the best fit are larger than those of
     most let expect.
     """
@@ -152,7 +153,7 @@ def robust_fit(problem: Problem, state: State) -> Fit:
     like to what the noise is.
     """
 
-    def unit(fits: Fit) -> np.ndarray:
+    def unit(fits: Fit) -> ndarray:
         return np.maximum(problem.typical(fits), FINEST_MM / problem.noise.profile_mm)
 
     fits = problem.moments(state)
@@ -221,7 +222,7 @@ def estimate(problem: Problem, prior: Prior, state: State, robust: bool) -> Esti
     return Estimate(problem, state, columns, model, average(model, prior, y))
 
 
-def after_step(problem: Problem, state: State, x: np.ndarray) -> State:
+def after_step(problem: Problem, state: State, x: ndarray) -> State:
     """The state after a step x (n + c,), or as much of it as turns by no more than 0.1
     rad and shifts by 10 mm.
     """
@@ -231,7 +232,7 @@ def after_step(problem: Problem, state: State, x: np.ndarray) -> State:
 
 def of_large_errors(
     problem: Problem, state: State, model: LinearModel, prior: Prior
-) -> np.ndarray:
+) -> ndarray:
     """The profiles (profiles,) whose residuals errors of large, but usual sizes
     explain, each by itself; all, if these are too few. What is stated is believed,
     unless that leaves out more poses than anyone makes mistakes.
@@ -253,8 +254,8 @@ def of_large_errors(
 
 
 def belonging(
-    problem: Problem, model: LinearModel, of_flange: np.ndarray, of_rest: np.ndarray
-) -> np.ndarray:
+    problem: Problem, model: LinearModel, of_flange: ndarray, of_rest: ndarray
+) -> ndarray:
     """The profiles (profiles,) whose residuals, by their `squares`, chance explains,
     but for those of groups of which it does not explain more than half.
     """
@@ -270,11 +271,11 @@ def belonging(
 
 def squares(
     model: LinearModel,
-    errors: np.ndarray,
-    covariances: np.ndarray,
-    x: np.ndarray,
-    v: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:
+    errors: ndarray,
+    covariances: ndarray,
+    x: ndarray,
+    v: ndarray,
+) -> tuple[ndarray, ndarray]:
     """χ² (profiles,) of the rows that speak of the flange, whose errors (profiles, q)
     and covariances are given, and of the rest of the residuals.
 
@@ -287,7 +288,7 @@ def squares(
 
 def squares_left_out(
     model: LinearModel, posterior: Posterior
-) -> tuple[np.ndarray, np.ndarray]:
+) -> tuple[ndarray, ndarray]:
     """The `squares` of each profile by what all others say of it."""
     x = np.append(posterior.mean[0], 1.0)
     return squares(model, *model.left_out(posterior), x, posterior.v[0])
@@ -421,7 +422,7 @@ def twin(
     problem, model = estimated.problem, estimated.model
     weights = problem.split(model.kept)
 
-    def apart(others: State) -> np.ndarray:
+    def apart(others: State) -> ndarray:
         delta = pose_error(
             state.rotation, state.translation, others.rotation, others.translation
         )

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
+from numpy import ndarray
 from scipy.optimize import least_squares
 
 from profilecal.geometry.fitting import fit_circle
@@ -36,11 +37,11 @@ class Section:
     t / √(1 - |t|²), as long as the tangent of the tilt; it is zero for a circle.
     """
 
-    centre: np.ndarray  # (2,) mm
-    lean: np.ndarray  # (2,)
+    centre: ndarray  # (2,) mm
+    lean: ndarray  # (2,)
     radius: float  # mm, of the rod
 
-    def off_and_normals(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def off_and_normals(self, points: ndarray) -> tuple[ndarray, ndarray]:
         """How far points (k, 2) are outside, (k,) mm, and unit normals there, outwards,
         (k, 2).
 
@@ -57,7 +58,7 @@ class Section:
         size = np.where(outwards.any(axis=1), np.hypot(*outwards.T), np.nan)
         return (distance - self.radius) * distance / size, outwards / size[:, None]
 
-    def derivatives(self, points: np.ndarray) -> np.ndarray:
+    def derivatives(self, points: ndarray) -> ndarray:
         """Of how far points are outside, by centre and lean, (k, 4), to the same
         order.
         """
@@ -67,10 +68,10 @@ class Section:
 
 
 # the curve nearest to points (k, 2), from one near them; None where there is none
-Fit = Callable[[np.ndarray, Section], Section | None]
+Fit = Callable[[ndarray, Section], Section | None]
 # what speaks against a curve through points (k, 2) of a profile, of which some are on
 # it, as indices, to within a limit in mm; "" if nothing does
-WhyNot = Callable[[Section, np.ndarray, np.ndarray, float], str]
+WhyNot = Callable[[Section, ndarray, ndarray, float], str]
 
 
 def find_balls(profiles: Profiles, radius: float) -> list[Feature]:
@@ -87,7 +88,7 @@ def find_balls(profiles: Profiles, radius: float) -> list[Feature]:
 def find_rods(profiles: Profiles, radius: float) -> list[Feature]:
     """The arc of the rod in each profile (n, 2), mm, as up to 40 means over points."""
 
-    def fit(points: np.ndarray, curve: Section) -> Section | None:
+    def fit(points: ndarray, curve: Section) -> Section | None:
         is_circle = not curve.lean.any()
         start = leaning(curve, points, radius) if is_circle else curve
         return nearest_section(points, start)
@@ -101,7 +102,7 @@ def find_rods(profiles: Profiles, radius: float) -> list[Feature]:
 
 
 def find_arc(
-    profile: np.ndarray, largest: float, fit: Fit, why_not: WhyNot, missing: str
+    profile: ndarray, largest: float, fit: Fit, why_not: WhyNot, missing: str
 ) -> Feature:
     """The arc that a profile (n, 2) shows of a curve, as up to 40 means over its
     points.
@@ -132,8 +133,8 @@ def find_arc(
 
 
 def refined(
-    curve: Section | None, points: np.ndarray, limit: float, fit: Fit
-) -> tuple[Section | None, np.ndarray]:
+    curve: Section | None, points: ndarray, limit: float, fit: Fit
+) -> tuple[Section | None, ndarray]:
     """A curve fitted to the longest arc of points (k, 2) on it, until that stays the
     same; None without a curve or with too short an arc. Beside it the arc, as indices.
     """
@@ -153,7 +154,7 @@ def refined(
     return curve, on
 
 
-def why_no_arc(curve: Section, points: np.ndarray, on: np.ndarray, limit: float) -> str:
+def why_no_arc(curve: Section, points: ndarray, on: ndarray, limit: float) -> str:
     """What speaks against the points that are `on` a curve being an arc of it, in
     words; "" if nothing does.
     """
@@ -174,7 +175,7 @@ def why_no_arc(curve: Section, points: np.ndarray, on: np.ndarray, limit: float)
 
 
 def why_no_ball(
-    radius: float, circle: Section, points: np.ndarray, on: np.ndarray, _: float
+    radius: float, circle: Section, points: ndarray, on: ndarray, _: float
 ) -> str:
     """What speaks against a circle being one of a ball with a radius, mm: that it is
     larger.
@@ -189,9 +190,7 @@ def why_no_ball(
     return ""
 
 
-def why_no_rod(
-    section: Section, points: np.ndarray, on: np.ndarray, limit: float
-) -> str:
+def why_no_rod(section: Section, points: ndarray, on: ndarray, limit: float) -> str:
     """What speaks against a section being the rod's: that the surface leaves it
     gradually, as larger or smaller ones do, and not by a step.
     """
@@ -206,7 +205,7 @@ def why_no_rod(
     return ""
 
 
-def best_circle(points: np.ndarray, limit: float, largest: float) -> Section | None:
+def best_circle(points: ndarray, limit: float, largest: float) -> Section | None:
     """Of circles through three points of a profile (k, 2) each, the one on which most
     points are for its size; None if no circle has enough of them.
 
@@ -229,7 +228,7 @@ def best_circle(points: np.ndarray, limit: float, largest: float) -> Section | N
     return section_of(circles[best]) if count[best] >= 10 else None
 
 
-def circles_through(points: np.ndarray) -> np.ndarray:
+def circles_through(points: ndarray) -> ndarray:
     """Circles (c, 3), x, z and radius, each through three points of a profile (k, 2)
     that have equal numbers of points between them.
 
@@ -252,12 +251,12 @@ def circles_through(points: np.ndarray) -> np.ndarray:
     return np.stack([centre.real, centre.imag, abs(arm)], axis=-1)
 
 
-def section_of(circle: np.ndarray) -> Section:
+def section_of(circle: ndarray) -> Section:
     """A circle (3,), x, z and radius, as a section."""
     return Section(circle[:2], np.zeros(2), circle[2])
 
 
-def nearest_circle(points: np.ndarray, _: Section) -> Section | None:
+def nearest_circle(points: ndarray, _: Section) -> Section | None:
     """The circle nearest to points (k, 2), whatever it was before; None if they are too
     few places to tell.
     """
@@ -266,7 +265,7 @@ def nearest_circle(points: np.ndarray, _: Section) -> Section | None:
     return section_of(circle) if np.isfinite(circle).all() else None
 
 
-def leaning(circle: Section, points: np.ndarray, radius: float) -> Section:
+def leaning(circle: Section, points: ndarray, radius: float) -> Section:
     """The section of a rod that leans by 30° towards the middle of points (k, 2) on a
     circle, and touches it there.
     """
@@ -277,18 +276,18 @@ def leaning(circle: Section, points: np.ndarray, radius: float) -> Section:
     return Section(centre, np.tan(tilt) * outwards, radius)
 
 
-def nearest_section(points: np.ndarray, start: Section) -> Section | None:
+def nearest_section(points: ndarray, start: Section) -> Section | None:
     """By least squares from points (k, 2), k ≥ 4, starting at a section near them; None
     if it leans too far.
     """
 
-    def section_at(state: np.ndarray) -> Section:
+    def section_at(state: ndarray) -> Section:
         return Section(state[:2], state[2:], start.radius)
 
-    def off(state: np.ndarray) -> np.ndarray:
+    def off(state: ndarray) -> ndarray:
         return section_at(state).off_and_normals(points)[0]
 
-    def derivatives(state: np.ndarray) -> np.ndarray:
+    def derivatives(state: ndarray) -> ndarray:
         return section_at(state).derivatives(points)
 
     fitted = least_squares(

@@ -9,6 +9,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+from numpy import ndarray
 
 from profilecal.profiles.ends import (
     BLUNT,
@@ -64,7 +65,7 @@ class Candidate:
         return Look(self.feature.shape, self.side)
 
     @property
-    def place(self) -> np.ndarray:
+    def place(self) -> ndarray:
         """Its first point, (2,) mm."""
         return self.feature.points[0]
 
@@ -251,14 +252,14 @@ def is_bent(first: Run, second: Run) -> bool:
     return bool(cosine < np.cos(np.radians(least_bend_deg)))
 
 
-def crossing(first: Run, second: Run) -> np.ndarray:
+def crossing(first: Run, second: Run) -> ndarray:
     """Where the lines of two runs meet, (2,)."""
     normals = np.stack([first.normal, second.normal])
     offsets = [first.normal @ first.point, second.normal @ second.point]
     return np.linalg.solve(normals, offsets)
 
 
-def crossing_covariance(first: Run, second: Run, apex: np.ndarray) -> np.ndarray:
+def crossing_covariance(first: Run, second: Run, apex: ndarray) -> ndarray:
     """Of the place where the lines of two runs meet, (2, 2) mm²."""
     lines = (first, second)
     variances = [line.offset_covariance(apex[None])[0, 0] for line in lines]
@@ -266,14 +267,14 @@ def crossing_covariance(first: Run, second: Run, apex: np.ndarray) -> np.ndarray
     return inverse @ np.diag(variances) @ inverse.T
 
 
-def ends_at(first: Run, second: Run, apex: np.ndarray) -> bool:
+def ends_at(first: Run, second: Run, apex: ndarray) -> bool:
     """Whether the first run ends and the second begins within reach of the apex."""
     end = (apex - first.point) @ first.direction - first.along[-1]
     start = (apex - second.point) @ second.direction - second.along[0]
     return abs(end) < NEAR and abs(start) < NEAR
 
 
-def beyond_blunt(run: Run, apex: np.ndarray) -> Run | None:
+def beyond_blunt(run: Run, apex: ndarray) -> Run | None:
     """The run without the points around the corner; None if too little is left."""
     from_apex = run.along - (apex - run.point) @ run.direction
     rows = run.rows[np.abs(from_apex) > BLUNT]
@@ -301,7 +302,7 @@ def step_ends(runs: list[Run], limit: float, view: View) -> list[Candidate]:
 
 
 def tips(
-    profile: np.ndarray, runs: list[Run], limit: float, view: View
+    profile: ndarray, runs: list[Run], limit: float, view: View
 ) -> list[Candidate]:
     """Narrow tips in front of a background or of nothing: a blade that points at the
     scanner.
@@ -327,9 +328,7 @@ def tips(
     return found
 
 
-def top_of(
-    profile: np.ndarray, seen: np.ndarray, cluster: np.ndarray, away: int
-) -> np.ndarray:
+def top_of(profile: ndarray, seen: ndarray, cluster: ndarray, away: int) -> ndarray:
     """The rows of a cluster's top BLUNT if they are narrow and what surrounds the
     cluster lies behind them; else none.
     """
@@ -394,7 +393,7 @@ def find_lines(profiles: Profiles) -> list[Feature]:
     return [find_line(profile) for profile in profiles]
 
 
-def find_line(profile: np.ndarray) -> Feature:
+def find_line(profile: ndarray) -> Feature:
     """A profile's longest straight run, if no other is nearly as long."""
     runs = sorted(straight_runs(profile)[0], key=lambda run: -run.length)
     if not runs:

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy import ndarray
 
 from profilecal.profiles.points import present
 from profilecal.profiles.runs import Run
@@ -23,7 +24,7 @@ ON_FACE = 3.5  # standard deviations from a run's line
 class View:
     """Where what a scanner sees ends, and which way is away from it."""
 
-    points: np.ndarray  # (k, 2) mm, the ends of all straight runs
+    points: ndarray  # (k, 2) mm, the ends of all straight runs
     # sign of z that points away from the scanner, told by its standoff; 0: not known
     away: int
 
@@ -44,7 +45,7 @@ class View:
         is_far = np.abs(z).min() > usual_depth / 2
         return View(points, int(np.sign(z[0])) if one_side and is_far else 0)
 
-    def reaches_beyond(self, end: np.ndarray, direction: np.ndarray) -> bool:
+    def reaches_beyond(self, end: ndarray, direction: ndarray) -> bool:
         """Whether some profile has a point clearly farther out along x than an end
         (2,), at about its depth or nearer.
         """
@@ -59,8 +60,8 @@ class View:
 class End:
     """Where a run ends."""
 
-    tip: np.ndarray  # (2,) mm
-    spacing: np.ndarray  # (2,) mm, from a point of the run to the next one, outwards
+    tip: ndarray  # (2,) mm
+    spacing: ndarray  # (2,) mm, from a point of the run to the next one, outwards
     overlaps: int  # how often the step's two sides alternate there
     # points of the step's side wall between one and two thresholds from the run's line
     wall: int
@@ -90,7 +91,7 @@ def step_beyond(run: Run, limit: float, view: View) -> int | None:
     return 0 if looked else None
 
 
-def step_to(points: np.ndarray, run: Run, limit: float) -> int | None:
+def step_to(points: ndarray, run: Run, limit: float) -> int | None:
     """The sign of the change of z from a run to the points (k, 2) that follow it; None
     if that is no step.
     """

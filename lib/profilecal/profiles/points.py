@@ -7,11 +7,12 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from numpy import ndarray
 from scipy.ndimage import median_filter
 from scipy.optimize import nnls
 
 # those of one scan, each (n, 2), x and z in mm
-Profiles = Sequence[np.ndarray]
+Profiles = Sequence[ndarray]
 
 # standard deviations of the noise from an outline within which points are on it
 NOISE_LIMIT = 5.0
@@ -23,7 +24,7 @@ LARGEST_TOLERANCE = 2.0
 FOLLOWS = 2 / NOISE_LIMIT
 
 
-def present(profile: np.ndarray) -> np.ndarray:
+def present(profile: ndarray) -> ndarray:
     """Which points (n,) of a profile (n, 2) the scanner saw.
 
     Their coordinates are finite. A depth of zero stands for a missing point, except
@@ -42,7 +43,7 @@ def present(profile: np.ndarray) -> np.ndarray:
     return finite & ~zero
 
 
-def tolerance(z: np.ndarray) -> float:
+def tolerance(z: ndarray) -> float:
     """How far points are from a smooth outline by chance at most, mm.
 
     It follows from the second differences of the depths z (k,), of which independent
@@ -56,7 +57,7 @@ def tolerance(z: np.ndarray) -> float:
     return float(np.clip(NOISE_LIMIT * sigma, LEAST_TOLERANCE, LARGEST_TOLERANCE))
 
 
-def surface(profile: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, float]:
+def surface(profile: ndarray, seen: ndarray) -> tuple[ndarray, float]:
     """The rows (k,) that are no spikes, of those `seen` (m,) in a profile (n, 2).
 
     Beside them the tolerance of the surface, mm. There are no rows where neighbours
@@ -73,13 +74,13 @@ def surface(profile: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, float]:
     return seen[~spikes], limit
 
 
-def stretches(rows: np.ndarray, gap: int) -> list[np.ndarray]:
+def stretches(rows: ndarray, gap: int) -> list[ndarray]:
     """Rows (k,) in rising order, cut where neighbours are more than `gap` apart."""
     cuts = np.flatnonzero(np.diff(rows) > gap) + 1
     return [rows[start:stop] for start, stop in pairwise([0, *cuts, len(rows)])]
 
 
-def correlation(errors: np.ndarray) -> float:
+def correlation(errors: ndarray) -> float:
     """How many times the variance of a mean of errors (k,) exceeds that of independent
     ones.
 
@@ -104,14 +105,12 @@ class Feature:
 
     # (m, 2) mm. One of an edge; of a disk both tips, smaller x first; of others up to
     # 40 means of points along the curve.
-    points: np.ndarray
-    covariance: np.ndarray  # (m, 2, 2) mm²
-    used: np.ndarray  # (k,) rows of the profile that it rests on
+    points: ndarray
+    covariance: ndarray  # (m, 2, 2) mm²
+    used: ndarray  # (k,) rows of the profile that it rests on
     shape: str = ""  # corner, step end, tip, chord, arc or line
     reason: str = ""  # why nothing was found
-    between: np.ndarray | None = (
-        None  # (2, 2) mm², of a disk's first tip with the second
-    )
+    between: ndarray | None = None  # (2, 2) mm², of a disk's first tip with the second
 
     @property
     def found(self) -> bool:
@@ -126,8 +125,8 @@ def nothing(reason: str) -> Feature:
 
 
 def block_means(
-    points: np.ndarray, off: np.ndarray, normals: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    points: ndarray, off: ndarray, normals: ndarray
+) -> tuple[ndarray, ndarray, ndarray]:
     """Points (k, 2) along a curve as means of up to 40 blocks of neighbours.
 
     `off` (k,) are the distances of the points from the curve, mm, and `normals` (k, 2)
@@ -147,7 +146,7 @@ def block_means(
     return means[:, :2], means[:, 2], mean_variance[:, None, None] * np.eye(2)
 
 
-def variances_across(off: np.ndarray, normals: np.ndarray) -> np.ndarray:
+def variances_across(off: ndarray, normals: ndarray) -> ndarray:
     """Variances (k,), mm², of points across a curve.
 
     A scanner errs in x otherwise than in z, so that they are nx² σx² + nz² σz², fitted

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from numpy import ndarray
 
 from profilecal.profiles.points import FOLLOWS, correlation, present, stretches, surface
 
@@ -17,15 +18,15 @@ LEAST_POINTS = 6  # of a piece that is worth merging
 class Run:
     """A straight piece of a profile: rows of it, and the line through their middle."""
 
-    profile: np.ndarray  # (n, 2) mm
-    rows: np.ndarray  # (k,) in scan order
-    point: np.ndarray  # (2,) mm, the middle
-    direction: np.ndarray  # (2,) in scan order
-    along: np.ndarray  # (k,) mm, of its points from `point` along the line
-    off: np.ndarray  # (k,) mm, of its points from the line
+    profile: ndarray  # (n, 2) mm
+    rows: ndarray  # (k,) in scan order
+    point: ndarray  # (2,) mm, the middle
+    direction: ndarray  # (2,) in scan order
+    along: ndarray  # (k,) mm, of its points from `point` along the line
+    off: ndarray  # (k,) mm, of its points from the line
 
     @staticmethod
-    def through(profile: np.ndarray, rows: np.ndarray) -> "Run":
+    def through(profile: ndarray, rows: ndarray) -> "Run":
         """The run of some rows of a profile, with the line nearest to them."""
         x, z = (column.take(rows) for column in profile.T)
         middle = np.array([x.mean(), z.mean()])
@@ -46,18 +47,18 @@ class Run:
         along, off = -self.along[::-1], -self.off[::-1]
         return Run(profile, rows, self.point, -self.direction, along, off)
 
-    def coordinates(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def coordinates(self, points: ndarray) -> tuple[ndarray, ndarray]:
         """How far points (k, 2) are along the line and off it, mm."""
         away = points - self.point
         return away @ self.direction, away @ self.normal
 
     @property
-    def points(self) -> np.ndarray:
+    def points(self) -> ndarray:
         """(k, 2) mm."""
         return self.profile.take(self.rows, axis=0)
 
     @property
-    def normal(self) -> np.ndarray:
+    def normal(self) -> ndarray:
         """Perpendicular to the direction, (2,)."""
         return np.array([-self.direction[1], self.direction[0]])
 
@@ -72,7 +73,7 @@ class Run:
         rows = self.rows - self.rows.mean()
         return float(abs((rows * self.along).sum() / (rows**2).sum()))
 
-    def offset_covariance(self, places: np.ndarray) -> np.ndarray:
+    def offset_covariance(self, places: ndarray) -> ndarray:
         """Of how far the line is off its true place, at m places (m, 2) on it, (m, m)
         mm².
 
@@ -84,13 +85,13 @@ class Run:
         by_slope = np.outer(away, away) / (self.along**2).sum()
         return variance * (1 / k + by_slope)
 
-    def covariance_across(self, places: np.ndarray) -> np.ndarray:
+    def covariance_across(self, places: ndarray) -> ndarray:
         """Of m places (m, 2) on the line, x and z, (m, m, 2, 2) mm²; none along it."""
         square = np.outer(self.normal, self.normal)
         return self.offset_covariance(places)[..., None, None] * square
 
 
-def straight_runs(profile: np.ndarray) -> tuple[list[Run], float]:
+def straight_runs(profile: ndarray) -> tuple[list[Run], float]:
     """The straight runs of a profile (n, 2), in scan order.
 
     Beside them the tolerance that told them apart, mm.
@@ -104,7 +105,7 @@ def straight_runs(profile: np.ndarray) -> tuple[list[Run], float]:
     return distinct([run for run in runs if is_run(run, seen)]), limit
 
 
-def split(points: np.ndarray, limit: float) -> list[np.ndarray]:
+def split(points: ndarray, limit: float) -> list[ndarray]:
     """Pieces of points (k, 2), as indices, that are nearly straight.
 
     None leaves the chord between its ends by more than `limit`. A piece that does is
@@ -133,12 +134,10 @@ def split(points: np.ndarray, limit: float) -> list[np.ndarray]:
     return pieces
 
 
-def merge(
-    pieces: list[np.ndarray], points: np.ndarray, limit: float
-) -> list[np.ndarray]:
+def merge(pieces: list[ndarray], points: ndarray, limit: float) -> list[ndarray]:
     """Neighbouring pieces of one line as one piece, the best match first."""
 
-    def mismatch(first: np.ndarray, second: np.ndarray) -> float:
+    def mismatch(first: ndarray, second: ndarray) -> float:
         square = Run.through(points, np.concatenate([first, second])).off ** 2
         k = len(first)
         return np.sqrt(max(square[:k].mean(), square[k:].mean()))
@@ -154,9 +153,7 @@ def merge(
     return pieces
 
 
-def run_through(
-    profile: np.ndarray, seen: np.ndarray, rows: np.ndarray, limit: float
-) -> Run:
+def run_through(profile: ndarray, seen: ndarray, rows: ndarray, limit: float) -> Run:
     """The run of a piece, its line refitted to the points near it.
 
     These are the points between the ends of the piece, and on from there. `seen` (m,)
@@ -180,7 +177,7 @@ def run_through(
     return Run.through(profile, rows)
 
 
-def is_run(run: Run, seen: np.ndarray) -> bool:
+def is_run(run: Run, seen: ndarray) -> bool:
     """Whether a run is long enough and holds most of what is seen between its ends."""
     shortest = 1.5  # mm of a run
     first, last = np.searchsorted(seen, (run.rows[0], run.rows[-1]))

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy import ndarray
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
@@ -82,7 +83,7 @@ def named(name: str) -> Convention:
 
 def pose_matrices(
     positions: ArrayLike, orientations: ArrayLike, convention: str = "quaternion"
-) -> np.ndarray:
+) -> ndarray:
     """Poses from positions and from orientations as a robot prints them.
 
     Parameters
@@ -127,7 +128,7 @@ def pose_matrices(
 @np.errstate(over="ignore", invalid="ignore")
 def to_rotations(
     convention: Convention, values: ArrayLike, table: Table | None = None
-) -> np.ndarray:
+) -> ndarray:
     """Matrices (n, 3, 3) from a convention's columns (n, k) of a table.
 
     Raises ScanError for a quaternion that is not of length one, a rotation vector
@@ -145,7 +146,7 @@ def to_rotations(
     return from_matrices(block.reshape(-1, 3, 3), rows)
 
 
-def from_angles(sequence: str, degrees: np.ndarray, rows: Table) -> np.ndarray:
+def from_angles(sequence: str, degrees: ndarray, rows: Table) -> ndarray:
     """Matrices (n, 3, 3) from three angles (n, 3)."""
     largest = np.abs(degrees).max(axis=1)
     sentence = "angle of {:.6g}; expected degrees, at most 720"
@@ -153,7 +154,7 @@ def from_angles(sequence: str, degrees: np.ndarray, rows: Table) -> np.ndarray:
     return Rotation.from_euler(sequence, degrees, degrees=True).as_matrix()
 
 
-def from_quaternions(block: np.ndarray, rows: Table) -> np.ndarray:
+def from_quaternions(block: ndarray, rows: Table) -> ndarray:
     """Matrices (n, 3, 3) from quaternions (n, 4), the scalar first."""
     length = np.linalg.norm(block, axis=1)
     off = np.abs(length - 1) > UNIT_TOLERANCE
@@ -161,7 +162,7 @@ def from_quaternions(block: np.ndarray, rows: Table) -> np.ndarray:
     return Rotation.from_quat(block, scalar_first=True).as_matrix()
 
 
-def from_rotation_vectors(block: np.ndarray, rows: Table) -> np.ndarray:
+def from_rotation_vectors(block: ndarray, rows: Table) -> ndarray:
     """Matrices (n, 3, 3) from rotation vectors (n, 3), rad."""
     length = np.linalg.norm(block, axis=1)
     sentence = (
@@ -172,7 +173,7 @@ def from_rotation_vectors(block: np.ndarray, rows: Table) -> np.ndarray:
     return Rotation.from_rotvec(block).as_matrix()
 
 
-def from_matrices(matrices: np.ndarray, rows: Table) -> np.ndarray:
+def from_matrices(matrices: ndarray, rows: Table) -> ndarray:
     """Matrices (n, 3, 3) as they are printed, made exactly orthonormal."""
     excess = np.abs(matrices @ matrices.mT - np.eye(3)).max(axis=(1, 2))
     off = ~(excess <= ORTHONORMAL_TOLERANCE)
@@ -184,7 +185,7 @@ def from_matrices(matrices: np.ndarray, rows: Table) -> np.ndarray:
     return Rotation.from_matrix(matrices).as_matrix()
 
 
-def from_rotations(convention: Convention, rotations: np.ndarray) -> np.ndarray:
+def from_rotations(convention: Convention, rotations: ndarray) -> ndarray:
     """A block of columns (n, k) from matrices (n, 3, 3)."""
     rotation = Rotation.from_matrix(rotations)
     if convention.sequence:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy import ndarray
 
 from profilecal.geometry.poses import rotation_groups
 from profilecal.scan.conventions import (
@@ -88,7 +89,7 @@ def scan_of(
     header: dict[str, Any],
     poses: dict[str, Any],
     measured: str,
-    values: Sequence[np.ndarray],
+    values: Sequence[ndarray],
 ) -> Scan:
     """The scan of a checked header, entries of a Scan, and rows in mm by pose."""
     target = header["target"]
@@ -172,7 +173,7 @@ def check_poses(table: Table, scale: float, side: int = 0) -> dict[str, Any]:
     }
 
 
-def checked_positions(table: Table, scale: float, labels: np.ndarray) -> np.ndarray:
+def checked_positions(table: Table, scale: float, labels: ndarray) -> ndarray:
     """The flange's positions (P, 3), mm, no farther from the base than robots reach."""
     with np.errstate(over="ignore"):
         positions = table.numbers(("x", "y", "z")) * scale
@@ -190,7 +191,7 @@ def checked_positions(table: Table, scale: float, labels: np.ndarray) -> np.ndar
     return positions
 
 
-def sides_of(table: Table, side: int) -> np.ndarray:
+def sides_of(table: Table, side: int) -> ndarray:
     """The column `side` (P,), or `side` where it says nothing."""
     if "side" not in table.columns:
         return np.full(len(table.lines), float(side))
@@ -201,7 +202,7 @@ def sides_of(table: Table, side: int) -> np.ndarray:
     return sides
 
 
-def groups_of(table: Table, rotations: np.ndarray) -> tuple[np.ndarray, bool]:
+def groups_of(table: Table, rotations: ndarray) -> tuple[ndarray, bool]:
     """Numbers of the rotation groups (P,), and whether the table states them."""
     cells = [str(cell).strip() for cell in table.columns.get("group", ())]
     if not any(cells):
@@ -213,7 +214,7 @@ def groups_of(table: Table, rotations: np.ndarray) -> tuple[np.ndarray, bool]:
 
 def read_measurements(
     folder: Path, labels: Sequence[str], scale: float
-) -> tuple[str, tuple[np.ndarray, ...]]:
+) -> tuple[str, tuple[ndarray, ...]]:
     """What the scanner saw: which of the four files there is, and its rows in mm by
     pose.
     """
@@ -240,7 +241,7 @@ def read_measurements(
     return measured, tuple(np.split(by_pose, np.cumsum(counts)[:-1]))
 
 
-def row_of_label(table: Table, labels: Sequence[str]) -> np.ndarray:
+def row_of_label(table: Table, labels: Sequence[str]) -> ndarray:
     """Which of the poses with `labels` each row of a table is of."""
     known = {label: pose for pose, label in enumerate(labels)}
     said = table.labels()
@@ -249,9 +250,7 @@ def row_of_label(table: Table, labels: Sequence[str]) -> np.ndarray:
     return pose
 
 
-def check_counts(
-    table: Table, measured: str, pose: np.ndarray, counts: np.ndarray
-) -> None:
+def check_counts(table: Table, measured: str, pose: ndarray, counts: ndarray) -> None:
     """Refuse a profile of one point, and a pose with two points, chords or arcs."""
     if measured == "profiles":
         wrong = counts == 1
@@ -267,7 +266,7 @@ def check_counts(
 
 
 def poses_columns(
-    labels: Sequence[str], R: np.ndarray, p: np.ndarray, convention: str
+    labels: Sequence[str], R: ndarray, p: ndarray, convention: str
 ) -> dict[str, Any]:
     """The columns of poses R (P, 3, 3), p (P, 3), mm, with angles in a convention."""
     angles = named(convention)

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
+from numpy import ndarray
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import RigidTransform
 
@@ -55,23 +56,23 @@ class Scan:
 
     kind: str  # of the target: edge, disk, ball, plane, point or rod
     labels: tuple[str, ...]  # (P,) names of the poses
-    R_base_flange: np.ndarray  # (P, 3, 3) orientations of the flange in the base frame
-    p_base_flange: np.ndarray  # (P, 3) its positions there
+    R_base_flange: ndarray  # (P, 3, 3) orientations of the flange in the base frame
+    p_base_flange: ndarray  # (P, 3) its positions there
     measured: str  # profiles, points, chords or arcs
     # (P,) of (rows, columns of MEASURED), empty where the scanner saw nothing
-    values: tuple[np.ndarray, ...]
+    values: tuple[ndarray, ...]
     sizes: tuple[float, ...] = ()  # the target's lengths
     # (P,) +1, -1, or 0 where the program is to decide
-    side: np.ndarray = field(default_factory=lambda: np.array(0.0))
+    side: ndarray = field(default_factory=lambda: np.array(0.0))
     # (P,) numbers from 0, one for each orientation; left out, found from R_base_flange
-    group: np.ndarray = field(default_factory=lambda: np.array([]))
+    group: ndarray = field(default_factory=lambda: np.array([]))
     group_given: bool = False
     noise: Mapping[str, float] = field(default_factory=dict)
     mount: str = MOUNTS[0]
     title: str = ""
     convention: str = CONVENTIONS[0].name
     # (P, k) the convention's columns as they were read
-    orientation: np.ndarray | None = None
+    orientation: ndarray | None = None
     truth: dict = field(default_factory=dict)  # of a simulated one; written, not read
 
     @classmethod
@@ -249,7 +250,7 @@ class Scan:
             side=np.broadcast_to(side, P).astype(float),
         )
 
-    def _fill(self, **entries: np.ndarray) -> None:
+    def _fill(self, **entries: ndarray) -> None:
         """Put entries in their final form while the scan is being made."""
         for name, value in entries.items():
             object.__setattr__(self, name, value)
@@ -263,7 +264,7 @@ class Scan:
         )
 
     @property
-    def T_base_flange(self) -> np.ndarray:
+    def T_base_flange(self) -> ndarray:
         """Poses (P, 4, 4) of the flange in the base frame, mm."""
         return homogeneous(self.R_base_flange, self.p_base_flange)
 
@@ -283,7 +284,7 @@ class Scan:
         lengths = [f"{name} {value:g} mm" for name, value in self.measures.items()]
         return ", ".join([self.kind, *lengths])
 
-    def base_flange(self, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def base_flange(self, poses: ndarray) -> tuple[ndarray, ndarray]:
         """Some poses (k,) as the calibration takes them: rotations (k, 3, 3) and
         translations (k, 3) of the flange in the base frame; eye-to-hand, of the base in
         the flange frame.
@@ -292,12 +293,12 @@ class Scan:
         return inverse(R, p) if self.mount == "eye-to-hand" else (R, p)
 
 
-def largest_of(rows: np.ndarray) -> float:
+def largest_of(rows: ndarray) -> float:
     """The largest size of a number among those that are not NaN; 0 if all are."""
     return float(np.nanmax(np.abs(rows), initial=0.0))
 
 
-def rows_by_pose(measured: str, values: Any) -> tuple[np.ndarray, ...]:
+def rows_by_pose(measured: str, values: Any) -> tuple[ndarray, ...]:
     """What was measured, as a `Scan` has it: (P,) of (rows, columns). Raises ValueError
     for arrays of another shape.
     """

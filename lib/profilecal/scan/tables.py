@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy import ndarray
 from numpy.typing import ArrayLike
 
 LARGEST_MB = 400  # of a text file: more a usual computer does not hold
@@ -153,7 +154,7 @@ class Table:
     units: dict[str, str] = field(default_factory=dict)
 
     def refuse(
-        self, bad: ArrayLike, sentence: str, *values: Sequence | np.ndarray
+        self, bad: ArrayLike, sentence: str, *values: Sequence | ndarray
     ) -> None:
         """Raise ScanError for the first row that is `bad` (rows,): where it is, and the
         sentence filled in with that row's entry of each of `values` (rows,).
@@ -166,7 +167,7 @@ class Table:
         place = f"{self.path} {self.counted} {self.lines[row]}"
         raise ScanError(f"{place}: {sentence.format(*words)}")
 
-    def labels(self) -> np.ndarray:
+    def labels(self) -> ndarray:
         """The poses' labels (rows,)."""
         cells = [str(cell).strip() for cell in self.columns["pose"]]
         labels = np.array(cells, dtype=object)
@@ -175,14 +176,14 @@ class Table:
 
     def numbers(
         self, names: Iterable[str], blank: bool = False, largest: float = np.inf
-    ) -> np.ndarray:
+    ) -> ndarray:
         """Columns as numbers (rows, columns), at most `largest`.
 
         Cells may be blank or NaN only where `blank` says so. Raises ScanError.
         """
         return np.column_stack([self.column(name, blank, largest) for name in names])
 
-    def column(self, name: str, blank: bool, largest: float) -> np.ndarray:
+    def column(self, name: str, blank: bool, largest: float) -> ndarray:
         """One column (rows,) as numbers; as `numbers` says."""
         cells = self.columns[name]
         title = f"column {name}" if name.isdigit() else name

@@ -8,6 +8,8 @@ from a scene.
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy import ndarray
+from numpy.random import Generator
 from scipy.spatial.transform import Rotation
 
 from profilecal.geometry.noise import Noise
@@ -18,8 +20,8 @@ from profilecal.geometry.poses import carry, inverse, rotations
 class Poses:
     """G rotation groups of N positions: what the robot reports, base frame, mm."""
 
-    rotations: np.ndarray  # (..., G, 3, 3) of the flange
-    positions: np.ndarray  # (..., G, N, 3) of the flange
+    rotations: ndarray  # (..., G, 3, 3) of the flange
+    positions: ndarray  # (..., G, N, 3) of the flange
 
     def first(self, groups: int) -> "Poses":
         """The first groups only, in the order they were collected."""
@@ -27,9 +29,7 @@ class Poses:
             self.rotations[..., :groups, :, :], self.positions[..., :groups, :, :]
         )
 
-    def carry(
-        self, points: np.ndarray, R_sensor: np.ndarray, T_sensor: np.ndarray
-    ) -> np.ndarray:
+    def carry(self, points: ndarray, R_sensor: ndarray, T_sensor: ndarray) -> ndarray:
         """Sensed points in the base frame, by the poses reported and the sensor's pose.
 
         `points` (..., G, N, M, 2) are x and z, mm; R_sensor (..., 3, 3) and T_sensor
@@ -45,10 +45,10 @@ class Poses:
 def actual_poses(
     poses: Poses,
     noise: Noise,
-    rng: np.random.Generator,
-    same: np.ndarray | slice = slice(None),
+    rng: Generator,
+    same: ndarray | slice = slice(None),
     to_hand: bool = False,
-) -> tuple[np.ndarray, np.ndarray]:
+) -> tuple[ndarray, ndarray]:
     """Where the flange really is: rotations (..., G, N, 3, 3) and positions (..., G, N,
     3), mm.
 
@@ -58,7 +58,7 @@ def actual_poses(
     shape = poses.positions.shape
     shape_of_groups = (*shape[:-2], 1, 3)
 
-    def error(own: float, shared: float) -> np.ndarray:
+    def error(own: float, shared: float) -> ndarray:
         """Of standard deviations `own` at each pose and `shared` by each group."""
         of_poses = own * rng.normal(size=shape)
         of_groups = shared * rng.normal(size=shape_of_groups)
@@ -73,11 +73,11 @@ def actual_poses(
 
 
 def scan_planes(
-    R_sensor: np.ndarray,
-    T_sensor: np.ndarray,
-    rotations: np.ndarray,
-    positions: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:
+    R_sensor: ndarray,
+    T_sensor: ndarray,
+    rotations: ndarray,
+    positions: ndarray,
+) -> tuple[ndarray, ndarray]:
     """Scan planes in the base frame: orientations (..., G, N, 3, 3) and origins (...,
     G, N, 3), mm.
 
@@ -104,21 +104,19 @@ class Arm:
     """
 
     # (6, 3) mm, the last from the wrist to the flange
-    links: np.ndarray = field(default_factory=LINKS.copy)
+    links: ndarray = field(default_factory=LINKS.copy)
     # rad, where the joints are when they report zero
-    zeros: np.ndarray = field(default_factory=lambda: np.zeros(6))
+    zeros: ndarray = field(default_factory=lambda: np.zeros(6))
 
     @classmethod
-    def erring(
-        cls, joint_deg: float, link_mm: float, rng: np.random.Generator
-    ) -> "Arm":
+    def erring(cls, joint_deg: float, link_mm: float, rng: Generator) -> "Arm":
         """One whose joints have other zeros and whose links end elsewhere, by these
         standard deviations of each joint and of each link's x, y and z.
         """
         links = LINKS + link_mm * rng.normal(size=(6, 3))
         return cls(links, np.radians(joint_deg) * rng.normal(size=6))
 
-    def flange(self, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def flange(self, joints: ndarray) -> tuple[ndarray, ndarray]:
         """Rotations (..., 3, 3) and positions (..., 3), mm, of the flange at joint
         angles (..., 6), rad.
         """
@@ -130,7 +128,7 @@ class Arm:
         return R, T
 
 
-def joints_at(rotation: np.ndarray, position: np.ndarray) -> np.ndarray:
+def joints_at(rotation: ndarray, position: ndarray) -> ndarray:
     """The angles (..., 6), rad, at which an arm without errors has its flange at poses
     (..., 3, 3), (..., 3) mm: its elbow above, its fifth joint bent forwards.
 
@@ -170,8 +168,8 @@ def joints_at(rotation: np.ndarray, position: np.ndarray) -> np.ndarray:
 
 
 def where_it_is(
-    arm: Arm, rotation: np.ndarray, position: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+    arm: Arm, rotation: ndarray, position: ndarray
+) -> tuple[ndarray, ndarray]:
     """Where an arm really has its flange when it reports poses (P, 3, 3), (P, 3), mm,
     in a frame of the user's.
 
@@ -193,8 +191,8 @@ class Robot:
     drift_mm: float = 0.0  # along each axis, from the first pose to the last
 
     def built(
-        self, rotation: np.ndarray, position: np.ndarray, rng: np.random.Generator
-    ) -> tuple[np.ndarray, np.ndarray]:
+        self, rotation: ndarray, position: ndarray, rng: Generator
+    ) -> tuple[ndarray, ndarray]:
         """Where an arm built like this has its flange when it reports poses (P, 3, 3),
         (P, 3), mm. Raises ValueError for poses out of reach.
         """
@@ -205,11 +203,11 @@ class Robot:
 
     def visiting(
         self,
-        rotation: np.ndarray,
-        position: np.ndarray,
+        rotation: ndarray,
+        position: ndarray,
         noise: Noise,
-        rng: np.random.Generator,
-    ) -> tuple[np.ndarray, np.ndarray]:
+        rng: Generator,
+    ) -> tuple[ndarray, ndarray]:
         """Where the flange is when the robot goes through poses (P, 3, 3), (P, 3), mm,
         once and in this order.
         """
@@ -242,13 +240,13 @@ class Scanner:
     # standard deviation of z: of a resolution of 0.2 mm, as a uniform error's width
     noise_mm: float = 0.06
 
-    def half_width(self, z: np.ndarray) -> np.ndarray:
+    def half_width(self, z: ndarray) -> ndarray:
         """Half the field of view in x at depth z, mm."""
         widening = self.far_width - self.near_width
         width = self.near_width + widening * (z - self.near) / (self.far - self.near)
         return width / 2
 
-    def profile(self, outline: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    def profile(self, outline: ndarray, rng: Generator) -> ndarray:
         """Profiles (..., points, 2) as the scanner sends them, mm, NaN where nothing
         is.
 
@@ -266,9 +264,7 @@ class Scanner:
         return np.where(in_range[..., None], counts * self.quantum, np.nan)
 
 
-def nearest_on_rays(
-    outline: np.ndarray, rays: np.ndarray, scanner: Scanner
-) -> np.ndarray:
+def nearest_on_rays(outline: ndarray, rays: ndarray, scanner: Scanner) -> ndarray:
     """Depth z (..., n), mm, at which rays first meet an outline (..., V, 2), or NaN.
 
     A ray (..., n) is a fraction r of the half width w(z), which is linear in z. So the

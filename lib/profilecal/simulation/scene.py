@@ -9,6 +9,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from numpy import ndarray
+from numpy.random import Generator
 
 from profilecal.geometry.poses import carry, rotation_from_xyz_angles, rotations
 from profilecal.scan.tables import ScanError
@@ -31,9 +33,9 @@ class Setup:
 
     target: Target
     # (3, 3) a sensor frame that looks at it squarely, z away from the scanner
-    facing: np.ndarray
-    R_sensor: np.ndarray  # (3, 3) on the flange
-    T_sensor: np.ndarray  # (3,) mm
+    facing: ndarray
+    R_sensor: ndarray  # (3, 3) on the flange
+    T_sensor: ndarray  # (3,) mm
 
     @property
     def sizes(self) -> tuple[float, ...]:
@@ -46,7 +48,7 @@ class Setup:
         placed = tuple(part[None] for part in self.target.frame)
         return State(self.R_sensor[None], self.T_sensor[None], (placed,))
 
-    def planes(self, R: np.ndarray, T: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def planes(self, R: ndarray, T: ndarray) -> tuple[ndarray, ndarray]:
         """Sensor frames (P, 3, 3), (P, 3) mm, at such poses of the flange."""
         return R @ self.R_sensor, carry(R, T, self.T_sensor)
 
@@ -69,7 +71,7 @@ class Scene(Setup):
         setup: Setup,
         poses: Poses,
         labels: Sequence[str],
-        group: np.ndarray,
+        group: ndarray,
         count: int = 40,
     ) -> "Scene":
         """What is seen of a setup; `group` (P,) as `Observations` have it, `count`
@@ -90,7 +92,7 @@ class Scene(Setup):
         )
 
     def noisy(
-        self, sigma_mm: float, rng: np.random.Generator, trials: int | None = None
+        self, sigma_mm: float, rng: Generator, trials: int | None = None
     ) -> Observations:
         """The observations with isotropic noise in the scan plane, fresh in each of
         `trials` copies.
@@ -103,7 +105,7 @@ class Scene(Setup):
 
 def random_scene(
     kind: str,
-    rng: np.random.Generator,
+    rng: Generator,
     *,
     mount: tuple | None = None,
     groups: int | None = None,
@@ -112,7 +114,7 @@ def random_scene(
     spread_deg: float = 30.0,
     motion: str = "space",
     frame: str = "base",
-    axis: np.ndarray | str | None = None,
+    axis: ndarray | str | None = None,
     count: int = 40,
     steering_mm: float = 0.0,
 ) -> Scene:
@@ -156,7 +158,7 @@ def random_scene(
     return Scene.of(setup, poses, labels, group, count)
 
 
-def in_unit_ball(rng: np.random.Generator, count: int) -> np.ndarray:
+def in_unit_ball(rng: Generator, count: int) -> ndarray:
     """Points (count, 3), uniform in the unit ball."""
     vectors = rng.normal(size=(count, 3))
     radii = np.cbrt(rng.uniform(size=(count, 1)))
@@ -196,7 +198,7 @@ class Guess:
     target_deg: float = 3.0
 
     @property
-    def margins(self) -> np.ndarray:
+    def margins(self) -> ndarray:
         """By how much a shift and a turn of the sensor, then of the target, may be
         wrong, (4,) mm and rad.
         """
@@ -207,7 +209,7 @@ class Guess:
         self,
         kind: str,
         sizes: Sequence[float],
-        rng: np.random.Generator | None = None,
+        rng: Generator | None = None,
     ) -> Setup:
         """What is guessed; with `rng` a truth that the guess is wrong about by no more
         than its margins.

@@ -6,6 +6,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy import ndarray
+from numpy.random import Generator
 
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import homogeneous, inverse
@@ -66,7 +68,7 @@ class Truth:
     """What made a simulated scan."""
 
     # (4, 4) mm, the sensor in the flange frame (eye-to-hand: in the base frame)
-    pose: np.ndarray
+    pose: ndarray
     target: Target  # where it stands in the base frame (eye-to-hand: the flange frame)
 
 
@@ -211,7 +213,7 @@ def simulate_scan(spec: Spec) -> Scan:
     return scan
 
 
-def scene_of(spec: Spec, rng: np.random.Generator) -> Scene:
+def scene_of(spec: Spec, rng: Generator) -> Scene:
     """The target and the poses of a specification.
 
     These are random ones, or those of a plan; then sensor and target are where the
@@ -233,7 +235,7 @@ def scene_of(spec: Spec, rng: np.random.Generator) -> Scene:
 
 
 def planned_scene(
-    spec: Spec, guess: Guess, sizes: tuple[float, ...], rng: np.random.Generator
+    spec: Spec, guess: Guess, sizes: tuple[float, ...], rng: Generator
 ) -> Scene:
     """The scene of a plan's poses, as `scene_of` says."""
     plan = planned_poses(spec.poses, spec.mount == "eye-to-hand")
@@ -272,9 +274,7 @@ def sizes_of(spec: Spec) -> tuple[float, ...]:
     return tuple((usual | spec.sizes).values())
 
 
-def taken(
-    scene: Scene, spec: Spec, rng: np.random.Generator
-) -> tuple[np.ndarray, np.ndarray]:
+def taken(scene: Scene, spec: Spec, rng: Generator) -> tuple[ndarray, ndarray]:
     """Where the flange is, (P, 3, 3), (P, 3) mm, whenever the robot is at the poses of
     a scene.
     """
@@ -287,9 +287,9 @@ def taken(
 
 def record(
     scene: Scene,
-    poses: tuple[np.ndarray, np.ndarray],
+    poses: tuple[ndarray, ndarray],
     spec: Spec,
-    rng: np.random.Generator,
+    rng: Generator,
 ) -> Scan:
     """The scan of a scene by a robot that takes its flange to `poses` (P, 3, 3), (P,
     3), mm.
@@ -346,10 +346,10 @@ def truth_entries(scene: Scene, spec: Spec) -> dict[str, Any]:
 
 def raw_profiles(
     setup: Setup,
-    planes: tuple[np.ndarray, np.ndarray],
+    planes: tuple[ndarray, ndarray],
     spec: Spec,
-    rng: np.random.Generator,
-) -> list[np.ndarray]:
+    rng: Generator,
+) -> list[ndarray]:
     """Profiles (points, 2) in mm, one for each scan plane (P, 3, 3), (P, 3)."""
     specimen = spec.specimen or setup.target.specimens[0]
     outlines = setup.target.outline(specimen, *planes, setup.facing[:, 2])

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy import ndarray
 from numpy.typing import ArrayLike
 
 from profilecal.geometry.fitting import fit_sphere
@@ -35,7 +36,7 @@ class Ball(Target):
     5.0 100.0 8.0
     """
 
-    centre: np.ndarray
+    centre: ndarray
     radius: float
 
     kind = "ball"
@@ -76,18 +77,18 @@ class Ball(Target):
         return [distance - size], [force], None
 
     @staticmethod
-    def fit(points: np.ndarray) -> Fitted:
+    def fit(points: ndarray) -> Fitted:
         centre, radius = fit_sphere(points)
         return centre, np.broadcast_to(np.eye(3), (*centre.shape, 3)), (radius,)
 
-    def distance(self, points: np.ndarray) -> np.ndarray:
+    def distance(self, points: ndarray) -> ndarray:
         return np.linalg.norm(points - self.centre, axis=-1) - self.radius
 
-    def lines(self, points: np.ndarray) -> list[np.ndarray]:
+    def lines(self, points: ndarray) -> list[ndarray]:
         """Three great circles."""
         return [circle_around(self.centre, axis, self.radius) for axis in np.eye(3)]
 
-    def meet(self, rotation: np.ndarray, origin: np.ndarray) -> np.ndarray:
+    def meet(self, rotation: ndarray, origin: ndarray) -> ndarray:
         """The circles that scan planes cut from the ball, (..., 3): x, z, r; r NaN
         where they miss it.
         """
@@ -97,8 +98,8 @@ class Ball(Target):
         return np.stack([c[..., 0], c[..., 2], r], axis=-1)
 
     def arc(
-        self, rotation: np.ndarray, origin: np.ndarray, reach_deg: float, count: int
-    ) -> np.ndarray:
+        self, rotation: ndarray, origin: ndarray, reach_deg: float, count: int
+    ) -> ndarray:
         """Points (..., count, 2) of the circles, by angles to either side of the point
         nearest to the scanner.
         """
@@ -107,15 +108,13 @@ class Ball(Target):
         angle = np.radians(np.linspace(-reach_deg, reach_deg, count))
         return centre + radius * np.stack([np.sin(angle), -np.cos(angle)], axis=-1)
 
-    def points_seen(
-        self, rotation: np.ndarray, origin: np.ndarray, count: int
-    ) -> np.ndarray:
+    def points_seen(self, rotation: ndarray, origin: ndarray, count: int) -> ndarray:
         return self.arc(rotation, origin, 50, count)
 
-    def sides(self, rotation: np.ndarray, origin: np.ndarray) -> np.ndarray:
+    def sides(self, rotation: ndarray, origin: ndarray) -> ndarray:
         return np.sign(np.einsum("na,na->n", self.centre - origin, rotation[:, :, 1]))
 
-    def centre_from_circle(self, circle: ArrayLike, side: ArrayLike) -> np.ndarray:
+    def centre_from_circle(self, circle: ArrayLike, side: ArrayLike) -> ndarray:
         """The ball's centre in the sensor frame, (..., 3), from circles (..., 3) x, z,
         r.
 
@@ -127,8 +126,8 @@ class Ball(Target):
         return np.stack([x, y, z], axis=-1)
 
     def outline(
-        self, specimen: str, rotation: np.ndarray, origin: np.ndarray, away: np.ndarray
-    ) -> list[np.ndarray]:
+        self, specimen: str, rotation: ndarray, origin: ndarray, away: ndarray
+    ) -> list[ndarray]:
         """Above a table."""
         table = Plane(self.centre + (self.radius + BELOW_MM) * away, away)
         return table.behind(self.arc(rotation, origin, 90, 721), rotation, origin)
@@ -137,11 +136,11 @@ class Ball(Target):
     def offsets(
         shape: tuple[int, int],
         motion: str,
-        normals: np.ndarray,
+        normals: ndarray,
         sizes: Sizes,
         steering_mm: float,
         rng: np.random.Generator,
-    ) -> np.ndarray:
+    ) -> ndarray:
         """The scan plane passes the centre at up to 0.7 radii."""
         (radius,) = sizes
         scale = radius / Ball.sizes[0]

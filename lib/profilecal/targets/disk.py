@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy import ndarray
 
 from profilecal.geometry.fitting import fit_sphere, principal_axes
 from profilecal.geometry.poses import circle_around, cross, dot, frame_around, root
@@ -36,8 +37,8 @@ class Disk(Target):
     [[-3.0, 100.0], [13.0, 100.0]]
     """
 
-    centre: np.ndarray
-    normal: np.ndarray
+    centre: ndarray
+    normal: ndarray
     radius: float
 
     kind = "disk"
@@ -133,21 +134,21 @@ class Disk(Target):
         return r, force, [cross(normal, v), [0.0, 0.0, 0.0]]
 
     @staticmethod
-    def fit(points: np.ndarray) -> Fitted:
+    def fit(points: ndarray) -> Fitted:
         return fit_around(principal_axes(points)[..., 2, :], points)
 
-    def distance(self, points: np.ndarray) -> np.ndarray:
+    def distance(self, points: ndarray) -> ndarray:
         """From the rim."""
         offset = points - self.centre
         height = offset @ self.normal
         across = np.linalg.norm(offset - height[..., None] * self.normal, axis=-1)
         return np.hypot(height, across - self.radius)
 
-    def lines(self, points: np.ndarray) -> list[np.ndarray]:
+    def lines(self, points: ndarray) -> list[ndarray]:
         """The rim."""
         return [circle_around(self.centre, self.normal, self.radius)]
 
-    def meet(self, rotation: np.ndarray, origin: np.ndarray) -> np.ndarray:
+    def meet(self, rotation: ndarray, origin: ndarray) -> ndarray:
         """The chords that scan planes cut from the disk, (..., 2, 2): two tips, the one
         of smaller x first, each as x and z in the sensor frame; NaN where the disk is
         missed.
@@ -167,8 +168,8 @@ class Disk(Target):
             return np.stack([middle - half, middle + half], axis=-2)
 
     def outline(
-        self, specimen: str, rotation: np.ndarray, origin: np.ndarray, away: np.ndarray
-    ) -> list[np.ndarray]:
+        self, specimen: str, rotation: ndarray, origin: ndarray, away: ndarray
+    ) -> list[ndarray]:
         """On top of a cylinder, above a table."""
         table = Plane(self.centre + BELOW_MM * away, away)
         return table.behind(self.meet(rotation, origin), rotation, origin)
@@ -177,11 +178,11 @@ class Disk(Target):
     def offsets(
         shape: tuple[int, int],
         motion: str,
-        normals: np.ndarray,
+        normals: ndarray,
         sizes: Sizes,
         steering_mm: float,
         rng: np.random.Generator,
-    ) -> np.ndarray:
+    ) -> ndarray:
         """Half-way between the scan plane's normal and the disk's, to either side: what
         suits the disk paper's method best; with the motion "equal", one way for all. No
         chord is farther than 0.9 radii from the centre.
@@ -197,7 +198,7 @@ class Disk(Target):
         return np.linspace(-1, 1, positions)[:, None] * reach * way[:, None]
 
 
-def fit_around(axis: np.ndarray, points: np.ndarray) -> Fitted:
+def fit_around(axis: ndarray, points: ndarray) -> Fitted:
     """What is round about unit vectors (..., 3) and nearest to points (..., n, 3): its
     frame's origin and axes, z the unit vector, and its radius.
     """

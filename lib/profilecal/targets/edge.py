@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy import ndarray
 
 from profilecal.geometry.fitting import principal_axes
 from profilecal.geometry.poses import cross, frame_around
@@ -68,8 +69,8 @@ class Edge(Target):
     [-25.0, 100.0]
     """
 
-    point: np.ndarray
-    direction: np.ndarray
+    point: ndarray
+    direction: ndarray
 
     kind = "edge"
     shape = "straight line"
@@ -117,22 +118,22 @@ class Edge(Target):
         return cross(v, axes[2]), force, torque
 
     @staticmethod
-    def fit(points: np.ndarray) -> Fitted:
+    def fit(points: ndarray) -> Fitted:
         return points.mean(axis=-2), frame_around(principal_axes(points)[..., 0, :]), ()
 
-    def distance(self, points: np.ndarray) -> np.ndarray:
+    def distance(self, points: ndarray) -> ndarray:
         offset = points - self.point
         along = offset @ self.direction
         return np.linalg.norm(offset - along[..., None] * self.direction, axis=-1)
 
-    def lines(self, points: np.ndarray) -> list[np.ndarray]:
+    def lines(self, points: ndarray) -> list[ndarray]:
         """The edge as long as it was seen."""
         low, high = np.nanpercentile((points - self.point) @ self.direction, [1, 99])
         # a tenth longer at both ends
         ends = np.array([1.1 * low - 0.1 * high, 1.1 * high - 0.1 * low])
         return [self.point + ends[:, None] * self.direction]
 
-    def meet(self, rotation: np.ndarray, origin: np.ndarray) -> np.ndarray:
+    def meet(self, rotation: ndarray, origin: ndarray) -> ndarray:
         """Where scan planes meet the line: x and z in the sensor frame, (..., 2);
         infinite where they are parallel.
         """
@@ -143,8 +144,8 @@ class Edge(Target):
         return (p + along[..., None] * d)[..., ::2]
 
     def outline(
-        self, specimen: str, rotation: np.ndarray, origin: np.ndarray, away: np.ndarray
-    ) -> np.ndarray:
+        self, specimen: str, rotation: ndarray, origin: ndarray, away: ndarray
+    ) -> ndarray:
         """The chains (..., V, 2) that scan planes cut from a specimen with this edge, x
         and z in the sensor frame, mm. All its faces run along the edge; its top faces
         the scanner, on the side of smaller x.

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import numpy as np
+from numpy import ndarray
 from scipy.spatial.distance import cdist
 
 from profilecal.geometry.checks import check_array
@@ -26,20 +27,20 @@ class Observations:
     # of the target, one of TARGETS
     kind: str
     # (B|1, P, 3, 3) flange in the base frame; eye-to-hand: base in the flange frame
-    R_flange: np.ndarray
+    R_flange: ndarray
     # (B|1, P, 3) mm
-    T_flange: np.ndarray
+    T_flange: ndarray
     # (B|1, P, m, 2) x and z, m as the target's `points`; NaN where there is none
-    points: np.ndarray
+    points: ndarray
     # the target's `lengths`, mm
     sizes: tuple[float, ...] = ()
     # (P,) poses of one flange orientation share a number
-    group: np.ndarray | None = None
+    group: ndarray | None = None
     eye_to_hand: bool = False
     # of what was seen from each pose, as a multiple of `Noise.profile_mm`²: (B|1, P, m)
     # of points' distances from a curve, else (B|1, P, 2m, 2m) of x and z of all points;
     # None: 1 for each coordinate, independent
-    covariance: np.ndarray | None = None
+    covariance: ndarray | None = None
 
     def __post_init__(self) -> None:
         if self.kind not in TARGETS:
@@ -81,7 +82,7 @@ class Observations:
         return {name: array for name, array in arrays.items() if array is not None}
 
     @property
-    def labels(self) -> np.ndarray:
+    def labels(self) -> ndarray:
         """Numbers from 0 (P,) that the poses of one rotation group share; without
         groups, each has its own.
         """
@@ -105,12 +106,12 @@ class Observations:
         return replace(self, **taken)
 
 
-def each(function: Callable[..., np.ndarray], *batches: Any) -> Any:
+def each(function: Callable[..., ndarray], *batches: Any) -> Any:
     """`function` of the arrays in the same place of batches, or of tuples, that are
     built alike.
     """
     kind = type(batches[0])
-    if kind is np.ndarray:
+    if kind is ndarray:
         return function(*batches)
     if kind is tuple:
         return tuple(each(function, *parts) for parts in zip(*batches, strict=True))
@@ -129,10 +130,10 @@ class Batch:
         """Batches as one."""
         return each(lambda *arrays: np.concatenate(arrays), self, *others)
 
-    def where(self, mask: np.ndarray, other: Self) -> Self:
+    def where(self, mask: ndarray, other: Self) -> Self:
         """This one where the mask (B,) holds, the other elsewhere."""
 
-        def merged(own: np.ndarray, others: np.ndarray) -> np.ndarray:
+        def merged(own: ndarray, others: ndarray) -> ndarray:
             further_axes = [1] * (own.ndim - 1)
             return np.where(mask.reshape(-1, *further_axes), own, others)
 
@@ -143,8 +144,8 @@ class Batch:
 class State(Batch):
     """Sensor poses and, for each target, the frame that it stands in."""
 
-    rotation: np.ndarray  # (B, 3, 3)
-    translation: np.ndarray  # (B, 3) mm
+    rotation: ndarray  # (B, 3, 3)
+    translation: ndarray  # (B, 3) mm
     # for each target its origin (B, 3), mm, and axes (B, 3, 3), in columns
     placements: tuple
 
@@ -157,11 +158,11 @@ class PoseGroups:
     two targets were seen, has several.
     """
 
-    pose: np.ndarray  # (profiles,) number of the commanded pose
-    orientation: np.ndarray  # (poses,) number of its orientation
-    group: np.ndarray  # (profiles,) number of the rotation group of one target
+    pose: ndarray  # (profiles,) number of the commanded pose
+    orientation: ndarray  # (poses,) number of its orientation
+    group: ndarray  # (profiles,) number of the rotation group of one target
 
-    def sharing(self, name: str) -> np.ndarray:
+    def sharing(self, name: str) -> ndarray:
         """Numbers (profiles,) that profiles have in common if they share the error of
         the robot with this name, an entry of `Noise`.
         """
@@ -215,7 +216,7 @@ def pose_groups(observations: Sequence[Observations]) -> PoseGroups:
     return PoseGroups(pose, orientation[firsts], group)
 
 
-def numbered(alike: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def numbered(alike: ndarray) -> tuple[ndarray, ndarray]:
     """The first member of each class, (classes,), and everyone's class, (n,).
 
     Everyone is in the class of the first one that it is `alike`, (n, n).

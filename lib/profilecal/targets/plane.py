@@ -5,6 +5,7 @@ al. 2020).
 from dataclasses import dataclass
 
 import numpy as np
+from numpy import ndarray
 from numpy.typing import ArrayLike
 
 from profilecal.geometry.fitting import principal_axes
@@ -41,8 +42,8 @@ class Plane(Target):
     [[[0.0, 100.0], [10.0, 107.5]]]
     """
 
-    point: np.ndarray
-    normal: np.ndarray
+    point: ndarray
+    normal: ndarray
 
     kind = "plane"
     shape = "plane"
@@ -73,19 +74,17 @@ class Plane(Target):
         return [dot(normal, v)], [[-n for n in normal]], [cross(normal, v)]
 
     @staticmethod
-    def fit(points: np.ndarray) -> Fitted:
+    def fit(points: ndarray) -> Fitted:
         return points.mean(axis=-2), frame_around(principal_axes(points)[..., 2, :]), ()
 
-    def distance(self, points: np.ndarray) -> np.ndarray:
+    def distance(self, points: ndarray) -> ndarray:
         return (points - self.point) @ self.normal
 
-    def lines(self, points: np.ndarray) -> list[np.ndarray]:
+    def lines(self, points: ndarray) -> list[ndarray]:
         """A square."""
         return [circle_around(self.point, self.normal, 60.0, count=5)]
 
-    def line_at(
-        self, rotation: np.ndarray, origin: np.ndarray, x: ArrayLike
-    ) -> np.ndarray:
+    def line_at(self, rotation: ndarray, origin: ndarray, x: ArrayLike) -> ndarray:
         """Points (P, k, 2) at x (P, k) or (k,) of the lines in which scan planes
         (P, 3, 3), (P, 3) meet the face; not finite where these are parallel to the
         depth.
@@ -97,20 +96,18 @@ class Plane(Target):
             z = (height[:, None] - n[:, :1] * x) / n[:, 2:]
         return np.stack([x, z], axis=-1)
 
-    def points_seen(
-        self, rotation: np.ndarray, origin: np.ndarray, count: int
-    ) -> np.ndarray:
+    def points_seen(self, rotation: ndarray, origin: ndarray, count: int) -> ndarray:
         return self.line_at(rotation, origin, np.linspace(-20, 20, count))
 
     def outline(
-        self, specimen: str, rotation: np.ndarray, origin: np.ndarray, away: np.ndarray
-    ) -> np.ndarray:
+        self, specimen: str, rotation: ndarray, origin: ndarray, away: ndarray
+    ) -> ndarray:
         """A face that fills the field of view."""
         return self.line_at(rotation, origin, FAR)
 
     def behind(
-        self, arcs: np.ndarray, rotation: np.ndarray, origin: np.ndarray
-    ) -> list[np.ndarray]:
+        self, arcs: ndarray, rotation: ndarray, origin: ndarray
+    ) -> list[ndarray]:
         """Outlines of bodies above this face: their arcs (P, k, 2) between parts of it,
         or the face alone where an arc is NaN.
         """

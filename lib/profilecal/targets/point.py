@@ -6,6 +6,7 @@ misses it is noise like the scanner's own.
 from dataclasses import dataclass
 
 import numpy as np
+from numpy import ndarray
 
 from profilecal.geometry.noise import Noise
 from profilecal.targets.target import (
@@ -30,7 +31,7 @@ class Point(Target):
     [5.0, 100.0]
     """
 
-    point: np.ndarray
+    point: ndarray
 
     kind = "point"
     shape = "one point"
@@ -62,18 +63,18 @@ class Point(Target):
         return (1.0, 1.0, noise.steering_mm / noise.profile_mm if known else 1.0)
 
     @staticmethod
-    def fit(points: np.ndarray) -> Fitted:
+    def fit(points: ndarray) -> Fitted:
         middle = points.mean(axis=-2)
         return middle, np.broadcast_to(np.eye(3), (*middle.shape, 3)), ()
 
-    def distance(self, points: np.ndarray) -> np.ndarray:
+    def distance(self, points: ndarray) -> ndarray:
         return np.linalg.norm(points - self.point, axis=-1)
 
-    def lines(self, points: np.ndarray) -> list[np.ndarray]:
+    def lines(self, points: ndarray) -> list[ndarray]:
         """A cross."""
         return [self.point + 10 * np.outer([-1, 1], axis) for axis in np.eye(3)]
 
-    def meet(self, rotation: np.ndarray, origin: np.ndarray) -> np.ndarray:
+    def meet(self, rotation: ndarray, origin: ndarray) -> ndarray:
         """The point's x and z in the sensor frames, (..., 2), wherever the scan planes
         pass it.
         """
@@ -83,11 +84,11 @@ class Point(Target):
     def offsets(
         shape: tuple[int, int],
         motion: str,
-        normals: np.ndarray,
+        normals: ndarray,
         sizes: Sizes,
         steering_mm: float,
         rng: np.random.Generator,
-    ) -> np.ndarray:
+    ) -> ndarray:
         """The scan plane misses the point by how well the operator steers."""
         x = rng.uniform(-25, 25, shape)
         y = steering_mm * rng.normal(size=shape)

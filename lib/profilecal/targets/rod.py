@@ -5,6 +5,7 @@ the scanner sees an arc.
 from dataclasses import dataclass
 
 import numpy as np
+from numpy import ndarray
 
 from profilecal.geometry.poses import cross, dot
 from profilecal.profiles.arcs import find_rods
@@ -39,8 +40,8 @@ class Rod(Target):
     [5.0, 90.0]
     """
 
-    point: np.ndarray
-    direction: np.ndarray
+    point: ndarray
+    direction: ndarray
     radius: float
 
     kind = "rod"
@@ -101,7 +102,7 @@ class Rod(Target):
         return x - px, -py + np.zeros_like(x), z - pz
 
     @staticmethod
-    def fit(points: np.ndarray) -> Fitted:
+    def fit(points: ndarray) -> Fitted:
         """The axis algebraically, and the nearest circle around it.
 
         With points p from their middle, in units of their spread, and the unit vector d
@@ -121,18 +122,18 @@ class Rod(Target):
         D[..., i, j] = D[..., j, i] = x[..., :6]
         return fit_around(np.linalg.eigh(D)[1][..., 2], points)
 
-    def distance(self, points: np.ndarray) -> np.ndarray:
+    def distance(self, points: ndarray) -> ndarray:
         return Edge(self.point, self.direction).distance(points) - self.radius
 
-    def lines(self, points: np.ndarray) -> list[np.ndarray]:
+    def lines(self, points: ndarray) -> list[ndarray]:
         """Four generators, as long as the bar was seen."""
         (axis,) = Edge(self.point, self.direction).lines(points)
         x, y, _ = self.frame[1].T
         return [axis + self.radius * around for around in (x, y, -x, -y)]
 
     def arc(
-        self, rotation: np.ndarray, origin: np.ndarray, reach_deg: float, count: int
-    ) -> np.ndarray:
+        self, rotation: ndarray, origin: ndarray, reach_deg: float, count: int
+    ) -> ndarray:
         """Points (P, count, 2) where scan planes (P, 3, 3), (P, 3) meet the bar's
         generators, by angles about its axis to either side of the one that faces the
         scanner.
@@ -148,14 +149,12 @@ class Rod(Target):
         generators = Edge(self.point + self.radius * around, d)
         return generators.meet(rotation[:, None], origin[:, None])
 
-    def points_seen(
-        self, rotation: np.ndarray, origin: np.ndarray, count: int
-    ) -> np.ndarray:
+    def points_seen(self, rotation: ndarray, origin: ndarray, count: int) -> ndarray:
         return self.arc(rotation, origin, 60, count)
 
     def outline(
-        self, specimen: str, rotation: np.ndarray, origin: np.ndarray, away: np.ndarray
-    ) -> list[np.ndarray]:
+        self, specimen: str, rotation: ndarray, origin: ndarray, away: ndarray
+    ) -> list[ndarray]:
         """Above a table."""
         table = Plane(self.point + (self.radius + BELOW_MM) * away, away)
         return table.behind(self.arc(rotation, origin, 90, 721), rotation, origin)

@@ -30,6 +30,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, Self
 
 import numpy as np
+from numpy import ndarray
 
 from profilecal.geometry.checks import check_array
 from profilecal.geometry.noise import Noise
@@ -37,13 +38,13 @@ from profilecal.geometry.poses import directions, frame_around
 from profilecal.profiles.points import Feature, Profiles
 
 # of vectors in the sensor frame x, y and z, each an array (batch, 1 or points, poses)
-Components = Sequence[np.ndarray]
+Components = Sequence[ndarray]
 # three of them, x, y and z of the target's frame
 Axes = Sequence[Components]
 # what `residual` returns: residuals, forces and, if there are any, torques
 Linearised = tuple[list, list, Any]
 # what `fit` returns: origins (..., 3), axes (..., 3, 3), and lengths, each (...)
-Fitted = tuple[np.ndarray, np.ndarray, tuple]
+Fitted = tuple[ndarray, ndarray, tuple]
 # a target's `lengths`, mm
 Sizes = Sequence[float]
 
@@ -74,7 +75,7 @@ class Target:
     turns: str
 
     @classmethod
-    def at(cls, origin: np.ndarray, axes: np.ndarray, sizes: Sizes) -> Self:
+    def at(cls, origin: ndarray, axes: ndarray, sizes: Sizes) -> Self:
         """The target whose frame has an origin (3,) and axes (3, 3), in columns, and
         whose lengths are `sizes`.
         """
@@ -83,7 +84,7 @@ class Target:
         return create(origin, *z, *sizes)
 
     @property
-    def frame(self) -> tuple[np.ndarray, np.ndarray]:
+    def frame(self) -> tuple[ndarray, ndarray]:
         """Its origin (3,), mm, and axes (3, 3), in columns."""
         origin, *others = vars(self).values()
         return origin, frame_around(others[0]) if self.turns else np.eye(3)
@@ -144,17 +145,17 @@ class Target:
         return (1.0,) * cls.rows
 
     @staticmethod
-    def fit(points: np.ndarray) -> Fitted:
+    def fit(points: ndarray) -> Fitted:
         """The target through points (..., n, 3) anywhere on it: its origin, axes and
         lengths. A start for the joint solution, and what a scan is verified with.
         """
         raise NotImplementedError
 
-    def distance(self, points: np.ndarray) -> np.ndarray:
+    def distance(self, points: ndarray) -> ndarray:
         """How far points (n, 3) are from it, (n,) mm; of a disk, from its rim."""
         raise NotImplementedError
 
-    def lines(self, points: np.ndarray) -> list[np.ndarray]:
+    def lines(self, points: ndarray) -> list[ndarray]:
         """Polylines (n, 3) that draw it, as far as it was seen at points (k, 3)."""
         raise NotImplementedError
 
@@ -167,16 +168,14 @@ class Target:
     # mm around a point of it that a raw profile must show
     beside_mm = 0.0
 
-    def meet(self, rotation: np.ndarray, origin: np.ndarray) -> np.ndarray:
+    def meet(self, rotation: ndarray, origin: ndarray) -> ndarray:
         """Where scan planes, sensor frames (..., 3, 3), (..., 3), meet it: (..., k), as
         in its table of a folder. A target of which a folder holds profiles alone leaves
         this out.
         """
         raise NotImplementedError
 
-    def points_seen(
-        self, rotation: np.ndarray, origin: np.ndarray, count: int
-    ) -> np.ndarray:
+    def points_seen(self, rotation: ndarray, origin: ndarray, count: int) -> ndarray:
         """What a perfect scanner at sensor frames (P, 3, 3), (P, 3) sees, (P, m, 2):
         `count` points of a curve. Usually the points in which the scan planes `meet`
         it.
@@ -184,7 +183,7 @@ class Target:
         met = self.meet(rotation, origin)
         return met.reshape(len(origin), int(np.prod(met.shape[1:])) // 2, 2)
 
-    def sides(self, rotation: np.ndarray, origin: np.ndarray) -> np.ndarray:
+    def sides(self, rotation: ndarray, origin: ndarray) -> ndarray:
         """The `side` (P,) that a scan folder states for scan planes (P, 3, 3), (P, 3);
         0 where it says nothing.
         """
@@ -206,8 +205,8 @@ class Target:
     specimens: tuple[str, ...] = ("",)
 
     def outline(
-        self, specimen: str, rotation: np.ndarray, origin: np.ndarray, away: np.ndarray
-    ) -> Sequence[np.ndarray] | np.ndarray:
+        self, specimen: str, rotation: ndarray, origin: ndarray, away: ndarray
+    ) -> Sequence[ndarray] | ndarray:
         """Chains (V, 2) that scan planes (P, 3, 3), (P, 3) cut from it, and from what
         is behind it; `away` (3,) points away from the scanner. A target that leaves no
         trace in profiles leaves this out.
@@ -218,11 +217,11 @@ class Target:
     def offsets(
         shape: tuple[int, int],
         motion: str,
-        normals: np.ndarray,
+        normals: ndarray,
         sizes: Sizes,
         steering_mm: float,
         rng: np.random.Generator,
-    ) -> np.ndarray:
+    ) -> ndarray:
         """A plan: by how much the target is off the middle of the scans, (*shape, 3)
         mm, shape (groups, positions), in the first sensor frame or, `with_tool`, in
         each.
@@ -241,13 +240,13 @@ class Target:
         return np.broadcast_to((arc - arc.mean(axis=0)) @ plane, (*shape, 3))
 
 
-def in_sensor(rotation: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+def in_sensor(rotation: ndarray, vectors: ndarray) -> ndarray:
     """Components of vectors (..., 3) along the axes of sensor frames (..., 3, 3)."""
     return (vectors[..., None, :] @ rotation)[..., 0, :]
 
 
 def in_scan_plane(
-    distance: np.ndarray,
+    distance: ndarray,
     force: Components,
     torque: Components,
     ey_by_turn: Components,
@@ -265,7 +264,7 @@ def in_scan_plane(
     h = np.sqrt(np.maximum(force[0] ** 2 + force[2] ** 2, 1e-12))
     by_ey = -distance * force[1] / h**3
 
-    def within(df: Components, dey: Components) -> list[np.ndarray]:
+    def within(df: Components, dey: Components) -> list[ndarray]:
         return [f / h + by_ey * ey for f, ey in zip(df, dey, strict=True)]
 
     by_shift = within(force, ey_by_shift) if ey_by_shift else [f / h for f in force]

@@ -5,13 +5,14 @@ from pathlib import Path
 from zipfile import BadZipFile
 
 import numpy as np
+from numpy import ndarray
 
 from profilecal.scan.tables import ScanError, Table, listed, naming, shown
 
 ENDINGS = (".npy", ".npz")
 
 
-def array(path: Path, entry: str = "") -> np.ndarray:
+def array(path: Path, entry: str = "") -> ndarray:
     """The numbers of an array of two or three axes, or of one in an archive.
 
     Raises ScanError.
@@ -19,7 +20,7 @@ def array(path: Path, entry: str = "") -> np.ndarray:
     with naming(path), path.open("rb") as file:
         try:
             content = np.load(file, allow_pickle=False)
-            if not isinstance(content, np.ndarray):
+            if not isinstance(content, ndarray):
                 content = content[chosen(path, content, entry)]
             values = np.asarray(content, float)
         except (EOFError, BadZipFile, KeyError, TypeError) as error:
@@ -32,7 +33,7 @@ def array(path: Path, entry: str = "") -> np.ndarray:
     return values
 
 
-def from_array(path: Path, values: np.ndarray) -> Table:
+def from_array(path: Path, values: ndarray) -> Table:
     """The table in an array (n, k); its columns are called "1", "2", …"""
     columns = {str(k): column for k, column in enumerate(values.T, 1)}
     rows = range(1, len(values) + 1)

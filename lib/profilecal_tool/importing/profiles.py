@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from numpy import ndarray
 
 from profilecal.scan.scan import FARTHEST_MM
 from profilecal.scan.tables import ScanError, Table, listed
@@ -45,7 +46,7 @@ def read_profiles(path: Path, entry: str = "") -> list[Table]:
 
 def profiles_of(
     paths: list[Path], count: int, entry: str, said: str
-) -> tuple[Sequence, list[np.ndarray], dict]:
+) -> tuple[Sequence, list[ndarray], dict]:
     """Names of profiles, or numbers, their points (n, 2), and the columns of x and z
     with their units.
 
@@ -78,8 +79,8 @@ def profiles_of(
 
 
 def by_label(
-    table: Table, labels: np.ndarray, said: str
-) -> tuple[Sequence, list[np.ndarray], dict]:
+    table: Table, labels: ndarray, said: str
+) -> tuple[Sequence, list[ndarray], dict]:
     """A profile of the rows that share a label (rows,), as `profiles_of` has it."""
     axes = x_and_z([table], said)
     points = table.numbers(axes, blank=True)
@@ -126,8 +127,8 @@ def x_and_z(tables: list[Table], said: str) -> dict[str, str]:
 
 
 def seen_in_mm(
-    folder: Path, profiles: list[np.ndarray], axes: dict, missing: float | None
-) -> tuple[list[np.ndarray], str]:
+    folder: Path, profiles: list[ndarray], axes: dict, missing: float | None
+) -> tuple[list[ndarray], str]:
     """The points (n, 2) of profiles, mm, NaN where nothing was seen, and what they were
     taken for. Raises ScanError for sizes that no scanner sees.
 

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
+from numpy import ndarray
+from numpy.random import Generator
 from scipy.spatial.transform import Rotation
 
 from profilecal.geometry.poses import carry, inverse, rotations
@@ -49,7 +51,7 @@ def draw(
     model: ScanModel,
     limits: Limits,
     count: int,
-    rng: np.random.Generator,
+    rng: Generator,
     beyond: float = 0.0,
 ) -> Frames:
     """Draw possible flange poses (count, 3, 3), (count, 3) from all within the limits.
@@ -91,7 +93,7 @@ def random_poses(
     model: ScanModel,
     limits: Limits,
     count: int,
-    rng: np.random.Generator,
+    rng: Generator,
     beyond: float,
 ) -> Frames:
     """Draw flange poses (count, 3, 3), (count, 3) that look at the target.
@@ -99,7 +101,7 @@ def random_poses(
     Some of them may be impossible: see `refused`.
     """
 
-    def share(size: int) -> np.ndarray:
+    def share(size: int) -> ndarray:
         """Shares of a limit (count, size), either way."""
         drawn = (1 + beyond) * rng.uniform(-1, 1, (count, size))
         return np.clip(drawn, -1, 1)
@@ -126,10 +128,10 @@ def random_poses(
 def neighbours(
     model: ScanModel,
     limits: Limits,
-    R: np.ndarray,
-    T: np.ndarray,
+    R: ndarray,
+    T: ndarray,
     each: int,
-    rng: np.random.Generator,
+    rng: Generator,
 ) -> Frames:
     """Draw possible flange poses near some (P, 3, 3), (P, 3), `each` for each of them.
 
@@ -146,20 +148,18 @@ def neighbours(
     return R[possible], T[possible]
 
 
-def flange_at(model: ScanModel, R_view: np.ndarray, T_view: np.ndarray) -> Frames:
+def flange_at(model: ScanModel, R_view: ndarray, T_view: ndarray) -> Frames:
     """Flange poses that bring the sensor to frames (P, 3, 3), (P, 3)."""
     R = R_view @ model.R_sensor.T
     return R, T_view - R @ model.T_sensor
 
 
-def free_axes(model: ScanModel) -> np.ndarray:
+def free_axes(model: ScanModel) -> ndarray:
     """Along which axes of its frame (3,) a shift does not change the target."""
     return np.array([axis not in model.target.shifts for axis in "xyz"])
 
 
-def refused(
-    model: ScanModel, limits: Limits, R: np.ndarray, T: np.ndarray
-) -> np.ndarray:
+def refused(model: ScanModel, limits: Limits, R: ndarray, T: ndarray) -> ndarray:
     """Say why flange poses (P, 3, 3), (P, 3) are impossible.
 
     Returns words (P,), "" for poses that are possible.
@@ -187,7 +187,7 @@ def refused(
     return reasons
 
 
-def off_square(model: ScanModel, R: np.ndarray, T: np.ndarray) -> np.ndarray:
+def off_square(model: ScanModel, R: ndarray, T: ndarray) -> ndarray:
     """How far flange poses (P, 3, 3), (P, 3) are from looking at the guess squarely.
 
     Returns (3, P):
@@ -220,7 +220,7 @@ def off_square(model: ScanModel, R: np.ndarray, T: np.ndarray) -> np.ndarray:
     return np.array([np.degrees(tilt), np.degrees(spin), aside]).round(6)
 
 
-def worst_clearance(model: ScanModel, R: np.ndarray, T: np.ndarray) -> np.ndarray:
+def worst_clearance(model: ScanModel, R: ndarray, T: ndarray) -> ndarray:
     """How far inside the field of view the target stays, however wrong the guess is.
 
     The guess may be wrong by up to its margins, or by 1 mm and 1°, for a view that
@@ -239,7 +239,7 @@ def worst_clearance(model: ScanModel, R: np.ndarray, T: np.ndarray) -> np.ndarra
 
     frames = model.planes(R, T)
 
-    def clearance(error: np.ndarray) -> np.ndarray:
+    def clearance(error: ndarray) -> ndarray:
         return clearances(model, *frames, error)
 
     exact = clearance(np.zeros((3, 3)))
@@ -261,8 +261,8 @@ def worst_clearance(model: ScanModel, R: np.ndarray, T: np.ndarray) -> np.ndarra
 
 
 def clearances(
-    model: ScanModel, R_view: np.ndarray, T_view: np.ndarray, error: np.ndarray
-) -> np.ndarray:
+    model: ScanModel, R_view: ndarray, T_view: ndarray, error: ndarray
+) -> ndarray:
     """How far inside each border of the field of view the target is seen.
 
     The sensor frames (P, 3, 3), (P, 3) are off by `error` (3, 3): a shift and a turn in

@@ -13,6 +13,7 @@ low rank changes C by C V (1 + Vᵀ C V)⁻¹ Vᵀ C.
 from dataclasses import dataclass
 
 import numpy as np
+from numpy import ndarray
 from tqdm import tqdm
 
 from profilecal.geometry.observability import LEAST_TURN_DEG
@@ -37,8 +38,8 @@ class Plan:
 
     model: ScanModel
     # flange poses (P, 3, 3), (P, 3), mm, as the joint solution has them
-    R: np.ndarray
-    T: np.ndarray
+    R: ndarray
+    T: ndarray
     # with the poses that were there before
     predicted: Prediction
     # mm and degrees that were asked for
@@ -54,21 +55,21 @@ class Pool:
     """
 
     # flange poses (N, 3, 3), (N, 3), mm
-    R: np.ndarray
-    T: np.ndarray
+    R: ndarray
+    T: ndarray
     # (N, q, r) V of each block V Vᵀ
-    roots: np.ndarray
+    roots: ndarray
     # (q, q) what is there without them
-    prior: np.ndarray
+    prior: ndarray
 
     @classmethod
     def from_poses(
         cls,
         model: ScanModel,
-        R: np.ndarray,
-        T: np.ndarray,
+        R: ndarray,
+        T: ndarray,
         until: tuple[float, float],
-        before: np.ndarray | float = 0.0,
+        before: ndarray | float = 0.0,
     ) -> "Pool":
         """The pool of flange poses (N, 3, 3), (N, 3).
 
@@ -92,7 +93,7 @@ class Pool:
         prior = (precision + before) * unit[:, None] * unit
         return cls(R, T, vectors[..., -rank:] * lengths, prior)
 
-    def covariance(self, chosen: list[int]) -> np.ndarray:
+    def covariance(self, chosen: list[int]) -> ndarray:
         """Of all unknowns (q, q) after the candidates `chosen`."""
         V = self.roots[chosen].transpose(1, 0, 2).reshape(len(self.prior), -1)
         return np.linalg.inv(self.prior + V @ V.T)
@@ -101,7 +102,7 @@ class Pool:
         """How many times as large as asked for a plan's standard deviations are."""
         return max(largest_sd(self.covariance(chosen)[:6, :6]))
 
-    def with_each(self, chosen: list[int]) -> np.ndarray:
+    def with_each(self, chosen: list[int]) -> ndarray:
         """How good a plan is with one of the candidates (N,) more; less is better.
 
         It is `smooth_worst`; while there are too few poses for that, the volume of what
@@ -130,7 +131,7 @@ class Pool:
         return values
 
 
-def smooth_worst(C: np.ndarray) -> np.ndarray:
+def smooth_worst(C: ndarray) -> ndarray:
     """Nearly `Pool.lacks`, but smooth, of covariances (..., 6, 6) of the sensor pose.
 
     It is the root of (tr Aᵖ + tr Bᵖ)^(1/p), p = 16, of the blocks A of translation and
@@ -247,7 +248,7 @@ def trimmed(pool: Pool, chosen: list[int]) -> list[int]:
     return chosen
 
 
-def short_way(R: np.ndarray, T: np.ndarray) -> list[int]:
+def short_way(R: ndarray, T: ndarray) -> list[int]:
     """An order of poses (P, 3, 3), (P, 3) with a short way: to the nearest each time.
 
     A degree counts as 3 mm.

@@ -6,6 +6,7 @@ Their worth is the information that their profiles will hold.
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy import ndarray
 
 from profilecal.calibration.observe import three_points
 from profilecal.geometry.noise import Noise, Systematic
@@ -18,7 +19,7 @@ from profilecal.simulation.scene import Guess, Setup
 from profilecal.targets.observations import Observations
 
 # orientations (P, 3, 3) and positions (P, 3), mm
-Frames = tuple[np.ndarray, np.ndarray]
+Frames = tuple[ndarray, ndarray]
 GUESSES = 20  # draws of how wrong the guess is: they show most of the range
 
 
@@ -33,14 +34,14 @@ class ScanModel(Setup):
     to_hand: bool = False
     measured: str = "profiles"
     # of what a pose shows, over the noise's profile_mm², as `Observations` has it
-    covariance: np.ndarray | None = None
+    covariance: ndarray | None = None
     # where all this is from, with margins; None: known well enough
     guess: Guess | None = None
     # points of a curve that a pose gives
     count: int = 40
 
     @property
-    def known(self) -> tuple[np.ndarray, np.ndarray]:
+    def known(self) -> tuple[ndarray, ndarray]:
         """What is known by hand of the unknowns (n,) and of what all poses share (c,).
 
         Standard deviations, in mm and rad where they are of the unknowns. What all
@@ -61,9 +62,7 @@ class ScanModel(Setup):
         """Whether raw profiles show the target by what is around it."""
         return self.measured == "profiles" and self.target.beside_mm > 0
 
-    def points_seen(
-        self, R_view: np.ndarray, T_view: np.ndarray, count: int
-    ) -> np.ndarray:
+    def points_seen(self, R_view: ndarray, T_view: ndarray, count: int) -> ndarray:
         """What a perfect scanner at sensor frames (P, 3, 3), (P, 3) sees of the target.
 
         Returns (P, m, 2), mm, `count` points of a curve; NaN where it is missed.
@@ -72,12 +71,12 @@ class ScanModel(Setup):
         is_face = len(self.target.shifts) == 1
         return self.across_view(points, count) if is_face else points
 
-    def middle_seen(self, R_view: np.ndarray, T_view: np.ndarray) -> np.ndarray:
+    def middle_seen(self, R_view: ndarray, T_view: ndarray) -> ndarray:
         """The middle (P, 2), mm, of what is seen from sensor frames."""
         points = self.points_seen(R_view, T_view, 5)
         return points[:, points.shape[1] // 2]
 
-    def in_view(self, R: np.ndarray, T: np.ndarray) -> np.ndarray:
+    def in_view(self, R: ndarray, T: ndarray) -> ndarray:
         """Whether flange poses (P, 3, 3), (P, 3) have the target in view, (P,).
 
         They have if the middle of what is seen is in the field of view.
@@ -87,7 +86,7 @@ class ScanModel(Setup):
         in_range = (scanner.near <= z) & (z <= scanner.far)
         return in_range & (np.abs(x) <= scanner.half_width(z))
 
-    def across_view(self, points: np.ndarray, count: int) -> np.ndarray:
+    def across_view(self, points: ndarray, count: int) -> ndarray:
         """Points (P, count, 2) across the field of view on lines through (P, m, 2).
 
         They reach from one side to the other, but for a tenth at the sides, which
@@ -104,7 +103,7 @@ class ScanModel(Setup):
         x = np.linspace(-half / (1 + growth), half / (1 - growth), count, axis=1)
         return np.stack([x, depth[:, None] + slope[:, None] * x], axis=-1)
 
-    def observed(self, R: np.ndarray, T: np.ndarray) -> Observations:
+    def observed(self, R: ndarray, T: ndarray) -> Observations:
         """What the scanner will see of the target from flange poses (P, 3, 3), (P, 3).
 
         In mm, NaN where it misses the target; of an arc three points that stand for it.
@@ -128,14 +127,14 @@ class ScanModel(Setup):
             covariance,
         )
 
-    def problem(self, R: np.ndarray, T: np.ndarray) -> Problem:
+    def problem(self, R: ndarray, T: ndarray) -> Problem:
         """The least-squares problem of what is seen from flange poses."""
         return Problem([self.observed(R, T)], self.noise, self.systematic)
 
 
 def information(
-    model: ScanModel, R: np.ndarray, T: np.ndarray, each: bool = False
-) -> np.ndarray:
+    model: ScanModel, R: ndarray, T: ndarray, each: bool = False
+) -> ndarray:
     """What flange poses (P, 3, 3), (P, 3) tell of the unknowns and the shared errors.
 
     Returns (q, q), for the unknowns and then for what is wrong at all poses, the
@@ -151,7 +150,7 @@ def information(
     return linear.posterior(variances[None]).normal[0, :-1, :-1]
 
 
-def marginal(information: np.ndarray, n: int) -> np.ndarray:
+def marginal(information: ndarray, n: int) -> ndarray:
     """What information matrices (..., N, N) say of the first n unknowns alone.
 
     The others are not known any better: A - B C⁻¹ Bᵀ of the blocks A, B; Bᵀ, C.
@@ -162,7 +161,7 @@ def marginal(information: np.ndarray, n: int) -> np.ndarray:
     return known - across @ np.linalg.solve(others, across.mT)
 
 
-def largest_sd(covariance: np.ndarray) -> list[float]:
+def largest_sd(covariance: ndarray) -> list[float]:
     """The largest standard deviations, of a covariance (6, 6) of a pose.
 
     That of the translation in any direction, and that of the rotation about any axis.
@@ -181,7 +180,7 @@ class Prediction:
     between: tuple = ()
 
     @property
-    def covariance(self) -> np.ndarray:
+    def covariance(self) -> ndarray:
         """(6, 6) of δ = (ρ, φ) in the sensor's frame, mm and rad.
 
         It is the one that `calibrate` will state.
@@ -201,8 +200,8 @@ class Prediction:
 
 def predict(
     model: ScanModel,
-    R: np.ndarray,
-    T: np.ndarray,
+    R: ndarray,
+    T: ndarray,
     rng: np.random.Generator | None = None,
 ) -> Prediction:
     """Predict how well flange poses (P, 3, 3), (P, 3) will determine the sensor pose.

@@ -9,6 +9,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from mpl_toolkits.mplot3d import Axes3D
+from numpy import ndarray
 
 from profilecal.calibration.calibration import Calibration
 from profilecal.geometry.observability import WEAK, name_direction, size_direction
@@ -60,14 +61,14 @@ def plot_robot(calibration: Calibration) -> plt.Figure:
     return figure
 
 
-def spread(count: int, most: int) -> np.ndarray:
+def spread(count: int, most: int) -> ndarray:
     """Up to `most` of so many numbers from 0, from the first to the last."""
     return np.unique(np.linspace(0, count - 1, most).round().astype(int))
 
 
 def draw_answer(
-    axes: Axes3D, calibration: Calibration, k: int, few: np.ndarray, size: float
-) -> list[np.ndarray]:
+    axes: Axes3D, calibration: Calibration, k: int, few: ndarray, size: float
+) -> list[ndarray]:
     """Draw where scan `k` has the sensor and the target at a few poses.
 
     Returns the points that are drawn.
@@ -106,8 +107,8 @@ def key(figure: plt.Figure, axes: Axes) -> None:
 
 
 def draw_seen(
-    axes: Axes3D, observed: Observations, rotation: np.ndarray, origin: np.ndarray
-) -> np.ndarray:
+    axes: Axes3D, observed: Observations, rotation: ndarray, origin: ndarray
+) -> ndarray:
     """Draw the part of the scan plane in which a sensor there saw nearly all.
 
     Returns its corners (4, 3).
@@ -120,9 +121,7 @@ def draw_seen(
     return corners
 
 
-def draw_lines(
-    axes: Axes3D, lines: list[np.ndarray], colour: str, label: str
-) -> np.ndarray:
+def draw_lines(axes: Axes3D, lines: list[ndarray], colour: str, label: str) -> ndarray:
     """Draw polylines (n, 3) in a 3D plot; return their points."""
     for line in lines:
         axes.plot(*line.T, color=colour, lw=3 if len(lines) == 1 else 1, label=label)
@@ -131,7 +130,7 @@ def draw_lines(
 
 def target_lines(
     target: Target, solution: Solution, observed: Observations
-) -> list[np.ndarray]:
+) -> list[ndarray]:
     """A target as polylines (n, 3), as far as it was seen."""
     in_flange = observed.points[0] @ solution.rotation[:, ::2].T + solution.translation
     R, T = observed.R_flange[0], observed.T_flange[0]
@@ -160,7 +159,7 @@ def profile_page(
     scan: Scan,
     features: list[Feature],
     page: range,
-    cell: np.ndarray,
+    cell: ndarray,
     rejected: set[str],
 ) -> plt.Figure:
     """Draw one figure of `plot_profiles`.
@@ -208,10 +207,10 @@ def profile_page(
 def draw_profile(
     axes: Axes,
     scan: Scan,
-    values: np.ndarray,
+    values: ndarray,
     feature: Feature,
     middle: tuple[float, float],
-    cell: np.ndarray,
+    cell: ndarray,
 ) -> None:
     """Draw one profile, z downwards, within a cell around `middle`.
 
@@ -224,7 +223,7 @@ def draw_profile(
     shown = values[used] if used.any() else values[valid]
     centre = (shown.min(axis=0) + shown.max(axis=0)) / 2
 
-    def draw(points: np.ndarray, style: str, **options: Any) -> None:
+    def draw(points: ndarray, style: str, **options: Any) -> None:
         axes.plot(*((points - centre) * [1, -1] + middle).T, style, **options)
 
     inside = valid & (np.abs(values - centre) < cell / 2).all(axis=1)
@@ -276,7 +275,7 @@ def draw_way(axes: Axes3D, plan: Plan) -> None:
     axes.legend(loc="upper left", fontsize=8)
 
 
-def field_of_view(model: ScanModel) -> np.ndarray:
+def field_of_view(model: ScanModel) -> ndarray:
     """The sensor's origin and the corners of its field of view, (5, 3), mm.
 
     They are in the frame that the sensor is fixed to.
