@@ -172,8 +172,9 @@ def with_notes(found, folder, leave_out):
     notes = list(found.messages)
     if leave_out and found.is_known:
         from profilecal.calibration.leave_out import leave_out as cross_validate
+        from profilecal_tool.words import left_out_sentences
 
-        notes += cross_validate(found).messages()
+        notes += left_out_sentences(cross_validate(found))
     if found.status == "weak":
         from profilecal_tool.plan.task import next_poses
 

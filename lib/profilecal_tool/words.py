@@ -3,6 +3,7 @@
 import numpy as np
 
 from profilecal.calibration.calibration import Calibration
+from profilecal.calibration.leave_out import LeftOut
 from profilecal.calibration.verify import Verification
 from profilecal.geometry.noise import FALSE_ALARM, ROBOT, Noise
 from profilecal.geometry.observability import HAND_PRECISION, name_direction
@@ -128,3 +129,45 @@ def verification_text(verification: Verification) -> str:
             "calibration"
         )
     return "\n".join([*lines, f"verdict        {verdict}"])
+
+
+def left_out_sentences(left: LeftOut) -> list[str]:
+    """What the other orientations say of each one, in sentences a person can act on."""
+    kept = np.flatnonzero(np.isfinite(left.rms_mm))
+    sentences = [left_out_summary(left, kept)] if len(kept) else []
+    for g in np.flatnonzero(left.doubted):
+        sentences.append(
+            f"what {poses_named(left.poses[g])} saw does not fit the other "
+            f"orientations: {left.rms_mm[g]:.2g} mm rms where "
+            f"{left.expected_mm[g]:.2g} is expected; "
+            "measure it again or look for what moved"
+        )
+    for g in np.flatnonzero(~np.isfinite(left.rms_mm)):
+        sentences.append(
+            f"without {poses_named(left.poses[g])} the answer is not determined; "
+            "add orientations like it"
+        )
+    return sentences
+
+
+def left_out_summary(left: LeftOut, kept: np.ndarray) -> str:
+    """How well those `kept` are predicted, and how far the sensor moves."""
+    rms = np.sqrt(np.mean(left.rms_mm[kept] ** 2))
+    expected = np.sqrt(np.mean(left.expected_mm[kept] ** 2))
+    shift = np.linalg.norm(left.moved_mm_deg[kept, :3], axis=1)
+    turn = np.linalg.norm(left.moved_mm_deg[kept, 3:], axis=1)
+    farthest = poses_named(left.poses[kept[np.argmax(shift)]])
+    most = poses_named(left.poses[kept[np.argmax(turn)]])
+    return (
+        f"{len(kept)} orientations left out one at a time: the others predict them "
+        f"to {rms:.2g} mm rms, {expected:.2g} expected; the sensor moves by up to "
+        f"{shift.max():.2g} mm (without {farthest}) and turns by up to "
+        f"{turn.max():.2g}° (without {most})"
+    )
+
+
+def poses_named(labels: tuple[str, ...]) -> str:
+    """Poses in a few words."""
+    if len(labels) == 1:
+        return f"pose {labels[0]}"
+    return f"poses {labels[0]} to {labels[-1].rsplit(': ')[-1]}"

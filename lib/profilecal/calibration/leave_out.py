@@ -31,49 +31,6 @@ class LeftOut:
     # (G, 6) of the sensor pose without it, a shift and a turn in the sensor's frame
     moved_mm_deg: ndarray
 
-    def messages(self) -> list[str]:
-        """Sentences a person can act on."""
-        kept = np.flatnonzero(np.isfinite(self.rms_mm))
-        lines = [self._summary(kept)] if len(kept) else []
-        for g in np.flatnonzero(self.doubted):
-            rms, expected = self.rms_mm[g], self.expected_mm[g]
-            lines.append(
-                f"what {name(self.poses[g])} saw does not fit the other orientations: "
-                f"{rms:.2g} mm rms where {expected:.2g} is expected; "
-                "measure it again or look for what moved"
-            )
-        for g in np.flatnonzero(~np.isfinite(self.rms_mm)):
-            lines.append(
-                f"without {name(self.poses[g])} the answer is not determined; "
-                "add orientations like it"
-            )
-        return lines
-
-    def _summary(self, kept: ndarray) -> str:
-        """How well those `kept` are predicted, and how far the sensor moves."""
-        rms, expected = (
-            np.sqrt(np.mean(sizes[kept] ** 2))
-            for sizes in (self.rms_mm, self.expected_mm)
-        )
-        shift = np.linalg.norm(self.moved_mm_deg[kept, :3], axis=1)
-        turn = np.linalg.norm(self.moved_mm_deg[kept, 3:], axis=1)
-        farthest, most = (
-            name(self.poses[kept[np.argmax(sizes)]]) for sizes in (shift, turn)
-        )
-        return (
-            f"{len(kept)} orientations left out one at a time: the others predict them "
-            f"to {rms:.2g} mm rms, {expected:.2g} expected; the sensor moves by up to "
-            f"{shift.max():.2g} mm (without {farthest}) and turns by up to "
-            f"{turn.max():.2g}° (without {most})"
-        )
-
-
-def name(poses: tuple[str, ...]) -> str:
-    """Poses in a few words."""
-    if len(poses) == 1:
-        return f"pose {poses[0]}"
-    return f"poses {poses[0]} to {poses[-1].rsplit(': ')[-1]}"
-
 
 def leave_out(found: Calibration) -> LeftOut:
     """Cross-validation: predict each flange orientation from the others.
@@ -91,7 +48,7 @@ def leave_out(found: Calibration) -> LeftOut:
     -------
     LeftOut
         For each orientation how far off it is, how far is expected, and how the sensor
-        pose moves without it; `messages()` says it in words.
+        pose moves without it.
 
     Raises
     ------
