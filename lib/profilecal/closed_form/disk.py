@@ -24,7 +24,8 @@ from profilecal.geometry.fitting import (
     principal_axes,
 )
 
-# a straight motion leaves its line by less than this part of its length
+# a straight motion leaves its line, and an even one its steps, by less than this part
+# of its length
 STRAIGHT = 0.01
 
 
@@ -74,8 +75,9 @@ def solve_disk(
     The method of Chen et al. 2018: at three orientations or more, the flange moves
     along a straight line over the disk. The chords of a motion lie on an ellipse, which
     gives its sensing data (Eqs 4-13); those of all motions give the rotation (Eqs
-    14-16), then the translation (Eqs 17-20). A motion has three poses or more; numbers
-    of poses and steps may differ.
+    14-16), then the translation (Eqs 17-20). A motion has three poses or more; their
+    number and their steps may differ. Steps that are even within 1 % of the motion's
+    length are taken for even, as a robot's errors leave them.
 
     Chords do not show whether the scanner looks forwards or backwards along its motion:
     `side` or `R_sensor_guess` tells. With a guess, rows may come in any order; with
@@ -191,7 +193,7 @@ def solve_motions(
     for k, (row, T) in enumerate(zip(rows, motions, strict=True)):
         own_tips = np.take_along_axis(tips, row[..., None, None], axis=-3)
         start, end = T[..., 0, :], T[..., -1, :]
-        along = np.vecdot(T - start[..., None, :], ways[..., k, None, :])
+        along = steps_along(T)
         scans.append(
             sensing_data(own_tips, start, end, s[..., k], radius, heights, along)
         )
@@ -214,6 +216,19 @@ def in_order(T_tcp: ndarray, rows: ndarray) -> ndarray:
     backwards = place.argmax(axis=-1) < place.argmin(axis=-1)
     place = np.where(backwards[..., None], -place, place)
     return rows[place.argsort(axis=-1, kind="stable")]
+
+
+def steps_along(T: ndarray) -> ndarray:
+    """How far the positions (..., m, 3) of a motion are along it, (..., m), 0 to 1.
+
+    Steps that are even but for a robot's errors are taken for even, as in the paper.
+    """
+    offsets = T - T[..., :1, :]
+    way = offsets[..., -1:, :]
+    along = np.vecdot(offsets, way) / np.vecdot(way, way)
+    even = np.linspace(0, 1, T.shape[-2])
+    near = (np.abs(along - even) < STRAIGHT).all(axis=-1, keepdims=True)
+    return np.where(near, even, along)
 
 
 def check_motions(R_tcp: ndarray, motions: list[ndarray], names: list[str]) -> None:
