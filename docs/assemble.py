@@ -80,7 +80,10 @@ def assemble(source: Path) -> None:
 
 
 def linked(text: str) -> str:
-    """A page in which `pc.name` in the text is a link to the reference."""
+    """A page in which `pc.name` in the text is a link to the reference, and examples
+    end without the empty line that doctest needs.
+    """
+    text = text.replace("\n\n```\n", "\n```\n")
     return re.sub(r"`(pc\.([\w.]+))`", r"{py:obj}`\1 <profilecal.\2>`", text)
 
 

@@ -81,9 +81,11 @@ def room_page(room: str, used: dict[str, list[str]]) -> str:
     for module in modules_of(room):
         name = module.__name__
         own = profilecal.PUBLIC.get(name.removeprefix("profilecal."), [])
+        others = [public for public in names_of(module) if public not in own]
         parts += [title(name.removeprefix(f"{room}."), "-"), f".. automodule:: {name}"]
-        parts += ["   :members:", "   :undoc-members:"]
-        parts += [f"   :exclude-members: {', '.join(own)}\n"]
+        if others:
+            parts.append(f"   :members: {', '.join(others)}")
+        parts.append("   :undoc-members:\n")
         if own:
             links = ", ".join(f":py:obj:`profilecal.{public}`" for public in own)
             parts.append(f"On pages of their own: {links}.\n")
@@ -101,7 +103,9 @@ def package_page(package: str) -> str:
     for module in modules_of(package):
         name = module.__name__
         parts += [title(name.removeprefix(f"{package}."), "-")]
-        parts += [f".. automodule:: {name}\n", table(names_of(module))]
+        parts += [f".. automodule:: {name}\n"]
+        if names_of(module):
+            parts.append(table(names_of(module)))
     return "\n".join(parts)
 
 

@@ -1,6 +1,6 @@
 """The site that `make site` built: every link leads somewhere, nothing comes from
-elsewhere, a browser complains of nothing. Skipped where there is no site, or no
-browser.
+elsewhere, a browser complains of nothing, the reference has all public names. Skipped
+where there is no site, or no browser.
 """
 
 import functools
@@ -9,11 +9,14 @@ import re
 import shutil
 import subprocess
 import threading
+import zlib
 from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote, urlparse
 
 import pytest
+
+import profilecal
 
 SITE = Path(__file__).parents[2] / "results" / "site" / "html"
 BROWSER = next(
@@ -87,6 +90,34 @@ def test_from_the_first_page_to_any_item_in_two_clicks():
     } <= pages
 
 
+def objects_listed():
+    """Names to their addresses in the site, from objects.inv as Sphinx writes it."""
+    packed = (SITE / "objects.inv").read_bytes().split(b"\n", 4)[4]
+    listed = {}
+    for line in zlib.decompress(packed).decode().splitlines():
+        name, kind, _, address, _ = line.split(" ", 4)
+        if kind.startswith("py:"):
+            listed[name] = address.replace("$", name)
+    return listed
+
+
+@pytest.mark.parametrize("name", profilecal.__all__)
+def test_a_public_name_has_its_place_in_the_reference(name):
+    address, anchor = objects_listed()[f"profilecal.{name}"].split("#")
+    assert anchor in page(address).ids
+    assert any(address == f"reference/{link}" for link in links_of_public_page())
+
+
+def links_of_public_page():
+    """The pages that the page of the public names has links to."""
+    return {link.split("#")[0] for link in page("reference/profilecal.html").links}
+
+
+def test_a_field_is_described_by_the_comment_beside_it():
+    text = (SITE / "reference" / "Scan.html").read_text(encoding="utf-8")
+    assert "of the target: edge, disk, ball, plane, point or rod" in text
+
+
 @pytest.fixture(scope="module")
 def server():
     """The site at an address; what was asked for and not there."""
@@ -116,6 +147,8 @@ def server():
         "notebooks/01_side_by_side.html",
         "gallery.html",
         "notebooks/10_edge_derivation.html",
+        "docs/python.html",
+        "reference/Scan.html",
     ],
 )
 def test_a_browser_complains_of_nothing(name, server, tmp_path):

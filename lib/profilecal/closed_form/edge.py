@@ -127,7 +127,8 @@ def solve_edge(
 
     See Also
     --------
-    solve_disk, solve_ball : The same from other targets.
+    solve_disk : The same from a disk.
+    solve_ball : The same from a ball.
     edge_equations : Batches of many scenes at once, without guards.
 
     Examples
