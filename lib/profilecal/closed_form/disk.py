@@ -120,8 +120,10 @@ def solve_disk(
 
     See Also
     --------
-    solve_edge, solve_ball : The same from other targets.
-    sensing_data, disk_equations : The two steps by themselves, in batches.
+    solve_edge : The same from a straight edge.
+    solve_ball : The same from a ball.
+    sensing_data : The first step by itself, in batches.
+    disk_equations : The second step by itself, in batches.
 
     Examples
     --------
