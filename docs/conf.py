@@ -16,11 +16,8 @@ from sphinx.util.nodes import make_refnode
 
 import profilecal
 
-project, author, release = (
-    "profilecal",
-    "the profilecal developers",
-    importlib.metadata.version("profilecal"),
-)
+project, author = "profilecal", "the profilecal developers"
+release = importlib.metadata.version("profilecal")
 extensions = [
     "myst_nb",
     "sphinx.ext.autodoc",

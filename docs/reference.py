@@ -59,9 +59,16 @@ def name_page(name: str) -> str:
     lines = [title(name), ".. currentmodule:: profilecal\n"]
     if not isinstance(thing, type):
         return "\n".join([*lines, f".. autofunction:: {name}"])
-    own = ", ".join(f.name for f in fields(thing)) if issubclass(thing, Target) else ""
-    lines += [f".. autoclass:: {name}", f"   :members: {own}", "   :undoc-members:\n"]
-    return "\n".join(lines)
+    options = ["members:", "inherited-members:"]
+    if issubclass(thing, Target):
+        options = [f"members: {', '.join(field.name for field in fields(thing))}"]
+    if issubclass(thing, Exception):
+        options = []
+    if thing.__base__ is not object:
+        options.append("show-inheritance:")
+    kind = "exception" if issubclass(thing, Exception) else "class"
+    lines += [f".. auto{kind}:: {name}", "   :undoc-members:"]
+    return "\n".join([*lines, *(f"   :{option}" for option in options)])
 
 
 def rooms_page() -> str:
@@ -103,14 +110,14 @@ def package_page(package: str) -> str:
     for module in modules_of(package):
         name = module.__name__
         parts += [title(name.removeprefix(f"{package}."), "-")]
-        parts += [f".. automodule:: {name}\n"]
+        parts.append(f".. automodule:: {name}\n")
         if names_of(module):
             parts.append(table(names_of(module)))
     return "\n".join(parts)
 
 
 def modules_of(package: str) -> list[ModuleType]:
-    """The modules under a package, with a docstring, in the order of their names."""
+    """The modules under a package, in the order of their names."""
     path = import_module(package).__path__
     found = pkgutil.walk_packages(path, f"{package}.")
     names = [entry.name for entry in found if not entry.name.endswith("__main__")]
