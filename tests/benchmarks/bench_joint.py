@@ -1,6 +1,7 @@
 """The joint calibration against scipy's least_squares, and from files to result."""
 
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from profilecal.joint.prior import prior_from
 from profilecal.joint.problem import Problem
 from profilecal.joint.solve import solve
 from profilecal.simulation.scene import random_scene
+from profilecal.simulation.spec import Spec, simulate_scan, truth_of
 from profilecal.targets.observations import Observations, State
 from profilecal_papers.monte_carlo import estimate
 
@@ -57,14 +59,9 @@ def scan_row(name: str, kind: str, measured: str, most: float) -> dict:
     The other starts 5 mm and 3° off, with the target where that sees it, and knows the
     scanner's noise alone.
     """
-    scan, truth = pc.simulate(
-        kind,
-        seed=3,
-        groups=12,
-        positions=5,
-        noise={"profile_mm": SIGMA},
-        measured=measured,
-    )
+    spec = Spec(kind, seed=3, groups=12, positions=5, measured=measured)
+    scan = simulate_scan(replace(spec, noise=Noise(SIGMA)))
+    truth = truth_of(scan)
     _, observed, features_mm = observe_all((scan,))
     prior = prior_from({} if features_mm else {"profile_mm": SIGMA}, features_mm)
     rng = np.random.default_rng(0)
