@@ -12,7 +12,6 @@ from scipy.optimize import least_squares
 
 from profilecal.geometry.fitting import fit_circle
 from profilecal.profiles.points import (
-    FOLLOWS,
     LARGEST_TOLERANCE,
     Feature,
     Profiles,
@@ -25,6 +24,9 @@ from profilecal.profiles.points import (
 )
 
 LEAST_ARC_POINTS = 20  # of a curve that must be seen
+# tolerances, rms, of an arc's points from its curve: two and a half times the noise, as
+# real scanners see a ball; two pieces of one line are nearer to it
+ON_CURVE = 0.5
 LARGEST_TILT_DEG = 60.0  # of the scan plane against square to a rod
 
 
@@ -166,7 +168,7 @@ def why_no_arc(curve: Section, points: ndarray, on: ndarray, limit: float) -> st
     height = curve.radius * (1 - np.cos(min(extent / 2, np.pi)))
     if height < 4 * limit:
         return "an arc too flat to be told from a line"
-    if np.sqrt(np.mean(off**2)) > FOLLOWS * limit:
+    if np.sqrt(np.mean(off**2)) > ON_CURVE * limit:
         return f"points that follow no {'ellipse' if curve.lean.any() else 'circle'}"
     share = len(on) / (on[-1] - on[0] + 1)
     if share < 0.9:  # pieces of other things cross the curve
