@@ -64,7 +64,7 @@ def squared_error(scan: Scan, found: Calibration) -> float:
 
 
 def printed_square(printed: dict, truth: dict, covariance: str = "covariance") -> float:
-    """The same of what is printed as JSON; NaN where no pose or no such covariance is."""
+    """The same of what is printed as JSON; NaN without a pose or such a covariance."""
     name = "T_base_sensor" if "T_base_sensor" in printed else "T_flange_sensor"
     if not printed.get(name) or not printed.get(covariance):
         return np.nan

@@ -53,9 +53,8 @@ def assert_held(scans, folder):
         printed = calibrate([read_scan(folder / str(k))]).to_json()
         squares.append(printed_square(json.loads(json.dumps(printed)), scan.truth))
     inside = np.sum(np.array(squares) < chi2.ppf(0.95, 6))
-    print(
-        f"{folder.name}: {inside} of {SCANS} inside, mean square {np.mean(squares):.2f} of 6"
-    )
+    mean = np.mean(squares)
+    print(f"{folder.name}: {inside} of {SCANS} inside, mean square {mean:.2f} of 6")
     assert inside >= binom.ppf(1e-4, SCANS, 0.95)
     assert chi2.ppf(1e-4, 6 * SCANS) < np.sum(squares) < chi2.isf(1e-4, 6 * SCANS)
 
