@@ -160,14 +160,15 @@ def usual_look(
     """The look of the edge, from how many profiles each look is `shown_by`.
 
     Of the looks that at least half as many profiles show as show the most frequent one,
-    it is the first in rank, then the most frequent, then the best supported.
+    it is the first in rank, then the most frequent, then the best supported, and where
+    all that ties the one of smaller side, so that no order of a set decides.
     """
     most = max(shown_by.values(), default=0)
     often = [look for look, count in shown_by.items() if 2 * count >= most]
 
-    def order(look: Look) -> tuple[int, int, float]:
+    def order(look: Look) -> tuple[int, int, float, int]:
         support = sum(c.support for own in candidates for c in own if c.look == look)
-        return rank(look, away), -shown_by[look], -support
+        return rank(look, away), -shown_by[look], -support, look.side
 
     return min(often, key=order, default=Look(""))
 
