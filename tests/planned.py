@@ -7,11 +7,11 @@ import numpy as np
 
 from profilecal.geometry.noise import ROBOT
 from profilecal.geometry.poses import pose_error, rotations
-from profilecal.simulation.spec import read_spec
 from profilecal.targets.observations import pose_groups
 from profilecal_papers.monte_carlo import estimate
 from profilecal_tool.plan.knowledge import model_of_spec
 from profilecal_tool.plan.scan_model import ScanModel
+from profilecal_tool.plan.specification import read_specification
 
 GUESS = {"mount": [60, -40, 110, 170, 10, 30], "target": [900, 50, 300]}
 # the scanner stands in the base, the target is on the flange
@@ -31,7 +31,8 @@ def model_for(kind: str, measured: str = "", mount: str = "eye-in-hand") -> Scan
         "measured": measured or ("points" if kind == "point" else "profiles"),
         "mount": mount,
     }
-    return model_of_spec(read_spec(entries), {}, np.random.default_rng(1))
+    spec = read_specification(entries, "specification")
+    return model_of_spec(spec, {}, np.random.default_rng(1))
 
 
 def errors(model: ScanModel, R, T, trials: int, rng) -> np.ndarray:

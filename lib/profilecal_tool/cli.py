@@ -227,9 +227,12 @@ def simulate(spec, folder):
     """
     from profilecal.scan.folder import write_scan
     from profilecal.scan.toml import read_toml
-    from profilecal.simulation.spec import read_spec, simulate_scan
+    from profilecal_tool.plan.specification import (
+        read_specification,
+        simulate_specification,
+    )
 
-    scan = simulate_scan(read_spec(read_toml(spec), spec))
+    scan = simulate_specification(read_specification(read_toml(spec), spec))
     write_scan(scan, folder)
     echo(f"{folder}/ written; its truth is in truth.toml")
 

@@ -1,20 +1,13 @@
-"""Scenes: a target, a scanner on a flange, and poses from which it sees the target.
-
-There are random ones, and those of a rough guess, off by as much as the guess may be
-wrong.
-"""
+"""Scenes: a target, a scanner on a flange, and random poses from which it sees it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 from numpy import ndarray
 from numpy.random import Generator
 
-from profilecal.geometry.poses import carry, rotation_from_xyz_angles, rotations
-from profilecal.scan.tables import ScanError
-from profilecal.scan.toml import check_entries, number, numbers
+from profilecal.geometry.poses import carry, rotations
 from profilecal.simulation.robot import Poses
 from profilecal.targets import TARGETS
 from profilecal.targets.observations import Observations, State
@@ -176,77 +169,3 @@ def stack(scenes: Sequence[Scene]) -> Scene:
     )
     truth = State.join(*(scene.truth for scene in scenes))
     return replace(scenes[0], observations=observations, truth=truth)
-
-
-@dataclass(frozen=True)
-class Guess:
-    """Roughly where the sensor is on the flange and the target in the base frame;
-    eye-to-hand: the sensor in the base, the target on the flange.
-
-    And by how much that may be wrong, at most, in any direction.
-    """
-
-    mount: Sequence[float]  # X Y Z mm, W P R degrees, R = Rz(R) Ry(P) Rx(W)
-    target: Sequence[float]  # mm, its origin
-    # along an edge or a rod; for others, across the laser line
-    axis: Sequence[float] = (0.0, 1.0, 0.0)
-    # from the target towards the scanner; a face's or a disk's normal
-    up: Sequence[float] = (0.0, 0.0, 1.0)
-    mount_mm: float = 5.0
-    mount_deg: float = 3.0
-    target_mm: float = 5.0
-    target_deg: float = 3.0
-
-    @property
-    def margins(self) -> ndarray:
-        """By how much a shift and a turn of the sensor, then of the target, may be
-        wrong, (4,) mm and rad.
-        """
-        mount_rad, target_rad = np.radians([self.mount_deg, self.target_deg])
-        return np.array([self.mount_mm, mount_rad, self.target_mm, target_rad])
-
-    def setup(
-        self,
-        kind: str,
-        sizes: Sequence[float],
-        rng: Generator | None = None,
-    ) -> Setup:
-        """What is guessed; with `rng` a truth that the guess is wrong about by no more
-        than its margins.
-        """
-        target = TARGETS[kind]
-        y = np.array(self.axis, float)
-        z = -np.array(self.up, float)
-        if abs(target.stance[1, 2]) > 0.5:
-            # the target's own direction is the sensor's y
-            z = z - (z @ y) / (y @ y) * y
-        else:
-            y = y - (y @ z) / (z @ z) * z
-        y, z = y / np.linalg.norm(y), z / np.linalg.norm(z)
-        facing = np.stack([np.cross(y, z), y, z], axis=1)
-        R_sensor = rotation_from_xyz_angles(np.radians(self.mount[3:]))
-        wrong = in_unit_ball(rng, 4) if rng else np.zeros((4, 3))
-        shift, turn, moved, turned = self.margins[:, None] * wrong
-        facing = rotations(turned) @ facing
-        placed = target.at(self.target + moved, facing @ target.stance, sizes)
-        return Setup(placed, facing, R_sensor @ rotations(turn), self.mount[:3] + shift)
-
-
-# what [guess] of a specification may say
-GUESS = dict.fromkeys(
-    ("mount_mm", "mount_deg", "target_mm", "target_deg"), number(0, 90)
-)
-GUESS |= {"mount": numbers(6)} | dict.fromkeys(("target", "axis", "up"), numbers(3))
-
-
-def read_guess(entries: dict, path: str | Path) -> Guess:
-    """A guess from the table [guess] of a specification. Raises ScanError."""
-    check_entries(path, entries, GUESS, "guess", needed=("mount", "target"))
-    guess = Guess(**entries)
-    across = np.linalg.norm(np.cross(guess.axis, guess.up))
-    if across <= 1e-3 * np.linalg.norm(guess.axis) * np.linalg.norm(guess.up):
-        raise ScanError(
-            f"{path}: axis and up in [guess] are parallel or zero; "
-            "expected axis across up"
-        )
-    return guess

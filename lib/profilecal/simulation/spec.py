@@ -12,19 +12,11 @@ from numpy.random import Generator
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import homogeneous, inverse
 from profilecal.scan.conventions import CONVENTIONS
-from profilecal.scan.folder import SCALE, read_header, read_poses
 from profilecal.scan.scan import MOUNTS, Scan, length_rules
 from profilecal.scan.tables import ScanError
-from profilecal.scan.toml import TABLE, TEXT, check_entries, number, one_of, whole
-from profilecal.simulation.robot import Poses, Robot, Scanner, actual_poses
-from profilecal.simulation.scene import (
-    GUESS,
-    Guess,
-    Scene,
-    Setup,
-    random_scene,
-    read_guess,
-)
+from profilecal.scan.toml import TEXT, check_entries, number, one_of, whole
+from profilecal.simulation.robot import Robot, Scanner, actual_poses
+from profilecal.simulation.scene import Scene, Setup, random_scene
 from profilecal.targets import TARGETS
 from profilecal.targets.target import Target
 
@@ -53,11 +45,6 @@ class Spec:
     positions: int = 0  # in each
     spread_deg: float = 30.0  # the flange turns by up to this
     repeats: int = 1  # measurements at each stop, while the robot stands still
-    # a file poses.csv that says where the robot goes; empty: groups, positions and so
-    # on do
-    poses: str = ""
-    # where sensor and target are if there is such a file, but for the guess's margins
-    guess: Guess | None = None
     noise: Noise = field(default_factory=lambda: Noise(profile_mm=0.05))
     robot: Robot = field(default_factory=Robot)
     scanner: Scanner = WIDE
@@ -149,28 +136,21 @@ def rules_for(kind: str) -> dict[str, Any]:
         "positions": whole(0, 10_000),
         "spread_deg": number(0, 180),
         "repeats": whole(1, 1000),
-        "poses": TEXT,
         "noise": {entry.name: number(0, 100) for entry in fields(Noise)},
         "robot": {entry.name: number(0, 100) for entry in fields(Robot)},
         "scanner": scanner,
-        "guess": GUESS,
-        "plan": TABLE,
     } | length_rules(kind)
 
 
 def read_spec(said: Mapping[str, Any], path: str | Path = "specification") -> Spec:
     """A specification from the content of a TOML file `path`: Spec's fields, the
-    target's lengths, [noise], [robot], [scanner] and [guess]; [plan] is left to
-    `profilecal plan`.
+    target's lengths, [noise], [robot] and [scanner].
 
     Raises ScanError.
     """
     entries = {"kind": Spec.kind} | dict(said)
     check_entries(path, {"kind": entries["kind"]}, {"kind": one_of(TARGETS)})
     check_entries(path, entries, rules_for(entries["kind"]))
-    entries.pop("plan", None)
-    if "guess" in entries:
-        entries["guess"] = read_guess(entries["guess"], path)
     entries["noise"] = replace(Spec().noise, **entries.get("noise", {}))
     entries["robot"] = Robot(**entries.get("robot", {}))
     scanner = {"noise_mm": entries["noise"].profile_mm} | entries.get("scanner", {})
@@ -178,13 +158,7 @@ def read_spec(said: Mapping[str, Any], path: str | Path = "specification") -> Sp
     lengths = TARGETS[entries["kind"]].lengths
     given = [name for name in lengths if name in entries]
     entries["sizes"] = {name: entries.pop(name) for name in given}
-    spec = Spec(**entries)
-    if not spec.poses:
-        return spec
-    if spec.guess is None:
-        expected = "expected roughly where sensor and target are"
-        raise ScanError(f"{path}: poses are given, but no [guess]; {expected}")
-    return replace(spec, poses=str(Path(path).parent / spec.poses))
+    return Spec(**entries)
 
 
 def checked_scanner(scanner: Scanner, path: str | Path) -> Scanner:
@@ -203,7 +177,11 @@ def simulate_scan(spec: Spec) -> Scan:
     Raises ScanError where it shows nothing.
     """
     rng = np.random.default_rng(spec.seed)
-    scene = scene_of(spec, rng)
+    return recorded(scene_of(spec, rng), spec, rng)
+
+
+def recorded(scene: Scene, spec: Spec, rng: Generator) -> Scan:
+    """The scan of a scene. Raises ScanError where it shows nothing."""
     scan = record(scene, taken(scene, spec, rng), spec, rng)
     if not any(map(len, scan.values)):
         raise ScanError(
@@ -214,57 +192,16 @@ def simulate_scan(spec: Spec) -> Scan:
 
 
 def scene_of(spec: Spec, rng: Generator) -> Scene:
-    """The target and the poses of a specification.
-
-    These are random ones, or those of a plan; then sensor and target are where the
-    guess has them, but for its margins, and where the operator steers, the poses are
-    those that this takes.
-    """
-    sizes = sizes_of(spec)
-    if spec.poses and spec.guess:
-        return planned_scene(spec, spec.guess, sizes, rng)
+    """The target of a specification, and poses that see it."""
     return random_scene(
         spec.kind,
         rng,
-        sizes=sizes,
+        sizes=sizes_of(spec),
         groups=spec.groups,
         positions=spec.positions,
         spread_deg=spec.spread_deg,
         steering_mm=spec.noise.steering_mm,
     )
-
-
-def planned_scene(
-    spec: Spec, guess: Guess, sizes: tuple[float, ...], rng: Generator
-) -> Scene:
-    """The scene of a plan's poses, as `scene_of` says."""
-    plan = planned_poses(spec.poses, spec.mount == "eye-to-hand")
-    setup = guess.setup(spec.kind, sizes, rng)
-    R, T = plan["R"], plan["T"]
-    if setup.target.steered:
-        R_view, origin = setup.planes(R, T)
-        across = R_view[..., 1]
-        off = np.sum((setup.target.frame[0] - origin) * across, axis=1)
-        off = off - spec.noise.steering_mm * rng.normal(size=len(T))
-        T = T + off[:, None] * across
-    return Scene.of(setup, Poses(R, T[:, None]), plan["labels"], plan["group"])
-
-
-def planned_poses(place: str | Path, to_hand: bool) -> dict[str, Any]:
-    """What a table of poses says, or that of a scan folder, as `scan.folder.read_poses`
-    has it; R and T as the calibration takes them.
-
-    Raises ScanError.
-    """
-    place, scale = Path(place), 1.0
-    if place.is_dir():
-        scale = SCALE[read_header(place / "scan.toml")["units"]]
-        place = place / "poses.csv"
-    found = read_poses(place, scale)
-    R, T = found["R_base_flange"], found["p_base_flange"]
-    if to_hand:
-        R, T = inverse(R, T)
-    return found | {"R": R, "T": T}
 
 
 def sizes_of(spec: Spec) -> tuple[float, ...]:
@@ -278,7 +215,7 @@ def taken(scene: Scene, spec: Spec, rng: Generator) -> tuple[ndarray, ndarray]:
     """Where the flange is, (P, 3, 3), (P, 3) mm, whenever the robot is at the poses of
     a scene.
     """
-    shared = scene.observations.labels if spec.poses else slice(None)
+    shared = scene.observations.labels[:: scene.poses.positions.shape[1]]
     to_hand = spec.mount == "eye-to-hand"
     actual = actual_poses(scene.poses, spec.noise, rng, shared, to_hand)
     R, T = (part.reshape(-1, *part.shape[2:]) for part in actual)

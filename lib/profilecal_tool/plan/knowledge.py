@@ -18,6 +18,7 @@ from profilecal.targets import TARGETS
 from profilecal.targets.observations import Observations
 from profilecal_tool.plan.candidates import Limits, draw, off_square
 from profilecal_tool.plan.scan_model import Frames, ScanModel
+from profilecal_tool.plan.specification import PlannedSpec
 
 
 def are_zones(value: object) -> bool:
@@ -57,7 +58,7 @@ def read_plan(table: dict, path: Path) -> tuple[Limits, dict]:
 
 
 def model_of_spec(
-    spec: Spec, stated: dict[str, float], rng: np.random.Generator
+    spec: PlannedSpec, stated: dict[str, float], rng: np.random.Generator
 ) -> ScanModel:
     """What a specification with a guess says.
 

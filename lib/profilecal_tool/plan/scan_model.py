@@ -15,8 +15,9 @@ from profilecal.geometry.poses import rotation_groups
 from profilecal.joint.prior import considered
 from profilecal.joint.problem import Problem
 from profilecal.simulation.robot import Scanner
-from profilecal.simulation.scene import Guess, Setup
+from profilecal.simulation.scene import Setup
 from profilecal.targets.observations import Observations
+from profilecal_tool.plan.specification import Guess
 
 # orientations (P, 3, 3) and positions (P, 3), mm
 Frames = tuple[ndarray, ndarray]

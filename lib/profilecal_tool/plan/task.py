@@ -12,11 +12,15 @@ from profilecal.scan.folder import poses_columns, read_scan
 from profilecal.scan.scan import Scan, ScanError
 from profilecal.scan.tables import write_table
 from profilecal.scan.toml import read_toml, toml_text
-from profilecal.simulation.spec import Spec, planned_poses, read_spec
 from profilecal_tool.plan.candidates import Limits
 from profilecal_tool.plan.design import NOWHERE, Plan, design, joined
 from profilecal_tool.plan.knowledge import model_of_scan, model_of_spec, read_plan
 from profilecal_tool.plan.scan_model import Frames, Prediction, ScanModel, predict
+from profilecal_tool.plan.specification import (
+    PlannedSpec,
+    planned_poses,
+    read_specification,
+)
 from profilecal_tool.plan.words import worst
 
 
@@ -29,7 +33,7 @@ class Task:
     # options of `design`
     asked: dict
     rng: np.random.Generator
-    source: Spec | Scan
+    source: PlannedSpec | Scan
     # as stated there
     noise: dict[str, float]
     # of the specification
@@ -75,7 +79,7 @@ def read_task(path: Path, poses: int | None = None, until: tuple | None = None) 
         noise = dict(scan.noise)
         return Task(model, limits, given, rng, scan, noise, before=before)
     entries = read_toml(path)
-    spec = read_spec(entries, path)
+    spec = read_specification(entries, path)
     noise = entries.get("noise", {})
     limits, asked = read_plan(entries.get("plan", {}), path)
     rng = np.random.default_rng(spec.seed)

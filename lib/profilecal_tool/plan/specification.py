@@ -1,0 +1,175 @@
+"""Specifications of plans: a guess in place of the truth, and poses in a file."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy import ndarray
+from numpy.random import Generator
+
+from profilecal.geometry.poses import inverse, rotation_from_xyz_angles, rotations
+from profilecal.scan.folder import SCALE, read_header, read_poses
+from profilecal.scan.scan import Scan
+from profilecal.scan.tables import ScanError
+from profilecal.scan.toml import TABLE, TEXT, check_entries, number, numbers
+from profilecal.simulation.robot import Poses
+from profilecal.simulation.scene import Scene, Setup, in_unit_ball
+from profilecal.simulation.spec import (
+    Spec,
+    read_spec,
+    recorded,
+    simulate_scan,
+    sizes_of,
+)
+from profilecal.targets import TARGETS
+
+
+@dataclass(frozen=True)
+class Guess:
+    """Roughly where the sensor is on the flange and the target in the base frame;
+    eye-to-hand: the sensor in the base, the target on the flange.
+
+    And by how much that may be wrong, at most, in any direction.
+    """
+
+    mount: Sequence[float]  # X Y Z mm, W P R degrees, R = Rz(R) Ry(P) Rx(W)
+    target: Sequence[float]  # mm, its origin
+    # along an edge or a rod; for others, across the laser line
+    axis: Sequence[float] = (0.0, 1.0, 0.0)
+    # from the target towards the scanner; a face's or a disk's normal
+    up: Sequence[float] = (0.0, 0.0, 1.0)
+    mount_mm: float = 5.0
+    mount_deg: float = 3.0
+    target_mm: float = 5.0
+    target_deg: float = 3.0
+
+    @property
+    def margins(self) -> ndarray:
+        """By how much a shift and a turn of the sensor, then of the target, may be
+        wrong, (4,) mm and rad.
+        """
+        mount_rad, target_rad = np.radians([self.mount_deg, self.target_deg])
+        return np.array([self.mount_mm, mount_rad, self.target_mm, target_rad])
+
+    def setup(
+        self,
+        kind: str,
+        sizes: Sequence[float],
+        rng: Generator | None = None,
+    ) -> Setup:
+        """What is guessed; with `rng` a truth that the guess is wrong about by no more
+        than its margins.
+        """
+        target = TARGETS[kind]
+        y = np.array(self.axis, float)
+        z = -np.array(self.up, float)
+        if abs(target.stance[1, 2]) > 0.5:
+            # the target's own direction is the sensor's y
+            z = z - (z @ y) / (y @ y) * y
+        else:
+            y = y - (y @ z) / (z @ z) * z
+        y, z = y / np.linalg.norm(y), z / np.linalg.norm(z)
+        facing = np.stack([np.cross(y, z), y, z], axis=1)
+        R_sensor = rotation_from_xyz_angles(np.radians(self.mount[3:]))
+        wrong = in_unit_ball(rng, 4) if rng else np.zeros((4, 3))
+        shift, turn, moved, turned = self.margins[:, None] * wrong
+        facing = rotations(turned) @ facing
+        placed = target.at(self.target + moved, facing @ target.stance, sizes)
+        return Setup(placed, facing, R_sensor @ rotations(turn), self.mount[:3] + shift)
+
+
+# what [guess] of a specification may say
+GUESS = dict.fromkeys(
+    ("mount_mm", "mount_deg", "target_mm", "target_deg"), number(0, 90)
+)
+GUESS |= {"mount": numbers(6)} | dict.fromkeys(("target", "axis", "up"), numbers(3))
+
+
+OF_PLANS = {"guess": GUESS, "poses": TEXT, "plan": TABLE}
+
+
+def read_guess(entries: dict, path: str | Path) -> Guess:
+    """A guess from the table [guess] of a specification. Raises ScanError."""
+    check_entries(path, entries, GUESS, "guess", needed=("mount", "target"))
+    guess = Guess(**entries)
+    across = np.linalg.norm(np.cross(guess.axis, guess.up))
+    if across <= 1e-3 * np.linalg.norm(guess.axis) * np.linalg.norm(guess.up):
+        raise ScanError(
+            f"{path}: axis and up in [guess] are parallel or zero; "
+            "expected axis across up"
+        )
+    return guess
+
+
+@dataclass(frozen=True)
+class PlannedSpec(Spec):
+    """What to simulate, where sensor and target are guessed."""
+
+    guess: Guess | None = None
+    # a file poses.csv that says where the robot goes; then sensor and target are where
+    # the guess has them, but for its margins
+    poses: str = ""
+
+
+def read_specification(said: dict[str, Any], path: str | Path) -> PlannedSpec:
+    """A specification from the content of a TOML file `path`, which may have a guess,
+    planned poses and the table [plan], which is left to `read_plan`.
+
+    Raises ScanError.
+    """
+    entries = dict(said)
+    own = {name: entries.pop(name) for name in OF_PLANS if name in entries}
+    check_entries(path, own, OF_PLANS)
+    spec = read_spec(entries, path)
+    guess = read_guess(own["guess"], path) if "guess" in own else None
+    poses = own.get("poses", "")
+    if poses and guess is None:
+        expected = "expected roughly where sensor and target are"
+        raise ScanError(f"{path}: poses are given, but no [guess]; {expected}")
+    if poses:
+        poses = str(Path(path).parent / poses)
+    return PlannedSpec(**vars(spec), guess=guess, poses=poses)
+
+
+def simulate_specification(spec: PlannedSpec) -> Scan:
+    """The scan that a robot and a scanner with errors would record.
+
+    Raises ScanError where it shows nothing.
+    """
+    if not spec.poses or not spec.guess:
+        return simulate_scan(spec)
+    rng = np.random.default_rng(spec.seed)
+    return recorded(planned_scene(spec, spec.guess, rng), spec, rng)
+
+
+def planned_scene(spec: PlannedSpec, guess: Guess, rng: Generator) -> Scene:
+    """The scene of a plan's poses; where the operator steers, those that this takes."""
+    plan = planned_poses(spec.poses, spec.mount == "eye-to-hand")
+    setup = guess.setup(spec.kind, sizes_of(spec), rng)
+    R, T = plan["R"], plan["T"]
+    if setup.target.steered:
+        R_view, origin = setup.planes(R, T)
+        across = R_view[..., 1]
+        off = np.sum((setup.target.frame[0] - origin) * across, axis=1)
+        off = off - spec.noise.steering_mm * rng.normal(size=len(T))
+        T = T + off[:, None] * across
+    return Scene.of(setup, Poses(R, T[:, None]), plan["labels"], plan["group"])
+
+
+def planned_poses(place: str | Path, to_hand: bool) -> dict[str, Any]:
+    """What a table of poses says, or that of a scan folder, as `scan.folder.read_poses`
+    has it; R and T as the calibration takes them.
+
+    Raises ScanError.
+    """
+    place, scale = Path(place), 1.0
+    if place.is_dir():
+        scale = SCALE[read_header(place / "scan.toml")["units"]]
+        place = place / "poses.csv"
+    found = read_poses(place, scale)
+    R, T = found["R_base_flange"], found["p_base_flange"]
+    if to_hand:
+        R, T = inverse(R, T)
+    return found | {"R": R, "T": T}
