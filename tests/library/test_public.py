@@ -1,6 +1,7 @@
 """The library from outside: what four users type who have nothing but docstrings."""
 
 import ast
+import pickle
 import re
 import subprocess
 import sys
@@ -91,14 +92,15 @@ class TestFourUsers:
             "profile_mm is -0.05": {"noise": {"profile_mm": -0.05}},
             "noise is 0.05; expected entries": {"noise": 0.05},
             "points .* are they in mm": {"points": scan["points"] / 1000},
-            "flange position is .* are they in mm": {"T_base_flange": in_metres},
+            "of T_base_flange is 0.8.* are they in mm": {"T_base_flange": in_metres},
             "points has shape": {"points": scan["points"][:, :1]},
             "expected one of profiles, points": {"profiles": points},
             "unknown entry 'radius'": {"radius": 50.0},
             "radius is missing": {"kind": "disk"},
             r"group has shape \(3,\)": {"group": [0, 0, 1]},
             "side is 2; expected": {"side": 2},
-            "different labels for 250 poses": {"labels": ["p"] * 250},
+            "labels has 'p' 250 times": {"labels": ["p"] * 250},
+            "labels has 1 entries for 250 poses": {"labels": ["p"]},
         }
         for sentence, change in mistakes.items():
             with pytest.raises(pc.ScanError, match=sentence) as caught:
@@ -197,3 +199,46 @@ def test_the_example_in_the_readme_runs(monkeypatch):
     (code,) = re.findall(r"^```python\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
     assert len(code.splitlines()) <= 12
     exec(code, {})
+
+
+def test_numbers_of_numpy_are_numbers():
+    scan, _ = pc.simulate("ball", seed=np.int64(1), radius=np.float32(25))
+    again = pc.Scan.of(
+        "ball",
+        scan.T_base_flange,
+        arcs=np.concatenate(scan.values),
+        radius=np.float64(25),
+        noise={"profile_mm": np.float32(0.05)},
+        labels=range(len(scan.labels)),
+    )
+    assert again.measures == {"radius": 25.0}
+    assert again.labels[:2] == ("0", "1")
+
+
+@pytest.mark.parametrize("protocol", range(2, pickle.HIGHEST_PROTOCOL + 1))
+def test_results_are_handed_to_other_processes(protocol):
+    found = pc.calibrate(pc.simulate("disk", seed=1)[0])
+    again = pickle.loads(pickle.dumps(found, protocol))
+    assert again.to_json() == found.to_json()
+    assert pc.leave_out(again).rms_mm.shape == (4,)
+
+
+def test_arguments_of_another_kind_are_refused_by_name():
+    scan, _ = pc.simulate("edge", seed=1)
+    found = pc.calibrate(scan)
+    for call, sentence in {
+        (lambda: pc.calibrate(None)): "scans is a NoneType; expected a Scan",
+        (lambda: pc.calibrate("folder")): "scans is a str; expected a Scan",
+        (lambda: pc.verify(scan, found)): "found is a Scan; expected a Calibration or",
+        (lambda: pc.leave_out(scan)): "found is a Scan; expected a Calibration",
+    }.items():
+        with pytest.raises(TypeError, match=sentence):
+            call()
+
+
+@pytest.mark.parametrize("solve", [pc.solve_edge, pc.solve_ball, pc.solve_fixed_point])
+def test_the_papers_solvers_refuse_metres(solve):
+    scan, _ = pc.simulate("edge", seed=1)
+    positions = scan.p_base_flange / 1000
+    with pytest.raises(ValueError, match=r"expected a robot's size, .*are they in mm"):
+        solve(scan.R_base_flange, positions, np.zeros((250, 3)))

@@ -15,7 +15,12 @@ from profilecal.calibration import plausibility
 from profilecal.calibration.answer import in_mm_deg
 from profilecal.calibration.observe import Seen, names, observe_all, stated_noise
 from profilecal.calibration.other_conventions import better_readings
-from profilecal.geometry.checks import UnobservableError, check_rigid
+from profilecal.geometry.checks import (
+    UnobservableError,
+    check_array,
+    check_rigid,
+    check_type,
+)
 from profilecal.geometry.observability import name_direction
 from profilecal.geometry.poses import carry
 from profilecal.joint.prior import Prior, prior_from
@@ -261,6 +266,8 @@ def calibrate(
     ------
     ScanError
         For scans that do not belong together or hold too little.
+    TypeError
+        For what is no Scan: `Scan.of` and `read_scan` make one.
 
     See Also
     --------
@@ -278,7 +285,9 @@ def calibrate(
     >>> bool(np.abs(off[:3, 3]).max() < 0.5)  # mm
     True
     """
-    scans = (scans,) if isinstance(scans, Scan) else tuple(scans)
+    if not isinstance(scans, Iterable):
+        scans = [scans]  # one scan, or what is none
+    scans = tuple(scans)
     check_scans(scans)
     stated = stated_noise(scans)
     check_different(scans)
@@ -320,7 +329,8 @@ def believed(
     """
     starts = []
     if guess is not None:
-        T = check_rigid("guess", np.asarray(guess)[None])[0]
+        T = check_array("guess", guess, (4, 4))
+        check_rigid("guess", T[None])
         starts = [(T[:3, :3], T[:3, 3])]
     solution, doubted = plausibility.check(solve(observed, prior, starts=starts))
     remarks, wrong_side = remarks_on_targets(scans, seen, solution)
@@ -363,13 +373,11 @@ def remarks_on_targets(
 
 
 def check_scans(scans: Sequence[Scan]) -> None:
-    """Refuse what is no scan, and scans of several mounts. Raises ScanError."""
+    """Refuse what is no scan, with TypeError, and scans of several mounts."""
     if not scans:
         raise ScanError("no scans given; expected at least one")
     for scan in scans:
-        if not isinstance(scan, Scan):
-            kind = type(scan).__name__
-            raise ScanError(f"scans holds a {kind}; expected Scans: Scan.of, read_scan")
+        check_type("scans", scan, Scan)
     if len({scan.mount for scan in scans}) > 1:
         raise ScanError(
             "some scans are eye-in-hand and others eye-to-hand; expected one mount"

@@ -7,6 +7,7 @@ from numpy import ndarray
 
 from profilecal.calibration.answer import DEGREES
 from profilecal.calibration.calibration import Calibration
+from profilecal.geometry.checks import check_type
 from profilecal.geometry.noise import FALSE_ALARM, chi2_limit
 from profilecal.geometry.observability import of_covariance
 from profilecal.joint.error_sizes import likeliest
@@ -16,7 +17,7 @@ from profilecal.joint.solution import Solution
 from profilecal.joint.solve import squares
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class LeftOut:
     """What the other orientations say of each of G, from `leave_out`.
 
@@ -30,6 +31,13 @@ class LeftOut:
     doubted: ndarray  # (G,) farther off than expected, and beyond chance
     # (G, 6) of the sensor pose without it, a shift and a turn in the sensor's frame
     moved_mm_deg: ndarray
+
+    def __repr__(self) -> str:
+        least, most = np.nanmin(self.rms_mm), np.nanmax(self.rms_mm)
+        return (
+            f"LeftOut({len(self.poses)} orientations, {self.doubted.sum()} doubted, "
+            f"{least:.2g} to {most:.2g} mm rms)"
+        )
 
 
 def leave_out(found: Calibration) -> LeftOut:
@@ -67,6 +75,7 @@ def leave_out(found: Calibration) -> LeftOut:
     >>> left.rms_mm.shape, left.moved_mm_deg.shape
     ((8,), (8, 6))
     """
+    check_type("found", found, Calibration)
     solution = found.known_solution
     problem, (whole, _) = solution.problem, solution.model()
     law = solution.prior.law(whole.names)

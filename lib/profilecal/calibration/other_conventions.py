@@ -17,13 +17,14 @@ from scipy.optimize import minimize_scalar
 from scipy.spatial.transform import Rotation
 
 from profilecal.calibration.observe import Seen, as_observations
+from profilecal.geometry.checks import REACH_MM
 from profilecal.geometry.noise import Noise
 from profilecal.joint.descent import refine, search, search_among_outliers, thin
 from profilecal.joint.prior import FINEST_MM
 from profilecal.joint.problem import Problem
 from profilecal.joint.solve import LARGEST_ERROR_MM
 from profilecal.scan.conventions import CONVENTIONS, from_rotations, named
-from profilecal.scan.scan import MOUNTS, REACH_MM, Scan
+from profilecal.scan.scan import MOUNTS, Scan
 from profilecal.targets.observations import Observations
 
 FINE_MM = 0.1  # residuals at which no other reading is looked for

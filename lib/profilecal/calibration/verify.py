@@ -20,6 +20,7 @@ from scipy.special import chdtrc
 from profilecal.calibration.answer import DEGREES, Answer, in_mm_rad
 from profilecal.calibration.calibration import Calibration, calibrate
 from profilecal.calibration.observe import stated_noise
+from profilecal.geometry.checks import check_type
 from profilecal.geometry.noise import FALSE_ALARM, normalised_square
 from profilecal.geometry.observability import HAND_PRECISION, Spectrum, of_covariance
 from profilecal.geometry.poses import carry, pose_error
@@ -110,6 +111,8 @@ def verify(found: Calibration | Answer, scan: Scan) -> Verification:
         from.
     UnobservableError
         For a calibration that leaves the pose open.
+    TypeError
+        For arguments of another kind, or in the other order.
 
     Examples
     --------
@@ -119,6 +122,8 @@ def verify(found: Calibration | Answer, scan: Scan) -> Verification:
     >>> pc.verify(found, another_scanner).as_expected
     False
     """
+    check_type("found", found, Calibration, Answer)
+    check_type("scan", scan, Scan)
     title = scan.title or f"the {scan.kind}"
     if found.mount != scan.mount:
         raise ScanError(

@@ -21,6 +21,7 @@ from profilecal.closed_form.two_step import (
 from profilecal.geometry.checks import (
     check_array,
     check_count,
+    check_positions,
     check_rotations,
     check_scan_plane,
 )
@@ -79,7 +80,7 @@ def solve_ball(
     >>> solve_ball(R, T, q).T_sensor.round(6)
     array([10., 20., 30.])
     """
-    T_tcp = check_array("T_tcp", T_tcp, (None, 3))
+    T_tcp = check_positions("T_tcp", T_tcp)
     n = len(T_tcp)
     R_tcp = check_rotations("R_tcp", R_tcp, n)
     q = check_array("q", q, (n, 3))
@@ -281,7 +282,7 @@ def solve_fixed_point(
     >>> solve_fixed_point(R, T, q).T_sensor.round(6)
     array([10., 20., 30.])
     """
-    T_tcp = check_array("T_tcp", T_tcp, (None, 3))
+    T_tcp = check_positions("T_tcp", T_tcp)
     n = len(T_tcp)
     check_count("readings of the point", n, 4, "three equations each, twelve unknowns")
     R_tcp = check_rotations("R_tcp", R_tcp, n)

@@ -16,7 +16,12 @@ from profilecal.closed_form.two_step import (
     solve_rotation,
     solve_translation,
 )
-from profilecal.geometry.checks import check_array, check_count, check_rotations
+from profilecal.geometry.checks import (
+    check_array,
+    check_count,
+    check_positions,
+    check_rotations,
+)
 from profilecal.geometry.fitting import (
     Ellipse,
     fit_ellipse,
@@ -138,7 +143,7 @@ def solve_disk(
     >>> bool(np.linalg.norm(found.T_sensor - scene.T_sensor) < 0.5)
     True
     """
-    T_tcp = check_array("T_tcp", T_tcp, (None, 3))
+    T_tcp = check_positions("T_tcp", T_tcp)
     n = len(T_tcp)
     R_tcp = check_rotations("R_tcp", R_tcp, n)
     chords = check_array("chords", chords, (n, 2, 2))

@@ -18,8 +18,8 @@ from profilecal.closed_form.groups import find_groups, group_members
 from profilecal.closed_form.two_step import SensorPose, check_orientations
 from profilecal.geometry.checks import (
     UnobservableError,
-    check_array,
     check_count,
+    check_positions,
     check_rotations,
     check_scan_plane,
 )
@@ -141,7 +141,7 @@ def solve_edge(
     >>> bool(np.linalg.norm(found.T_sensor - scene.T_sensor) < 0.5)
     True
     """
-    T_b = check_array("T_b", T_b, (None, 3))
+    T_b = check_positions("T_b", T_b)
     n = len(T_b)
     R_b = check_rotations("R_b", R_b, n)
     p_s = check_scan_plane("p_s", p_s, n, "y = 0, as it is in the scan plane")

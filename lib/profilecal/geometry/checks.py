@@ -8,6 +8,8 @@ from numpy.typing import ArrayLike
 
 # matrices printed to four decimals pass, a scaled or sheared one does not
 ORTHONORMAL_TOLERANCE = 1e-3
+# farthest flange position from the base: a robot's size
+REACH_MM = (10.0, 20_000.0)
 
 
 class UnobservableError(ValueError):
@@ -40,6 +42,13 @@ def check_array(
         value = array[tuple(bad[0])]
         raise ValueError(f"{name}{bad[0].tolist()} is {value}; expected finite numbers")
     return array
+
+
+def check_type(name: str, value: object, *kinds: type) -> None:
+    """Raise TypeError for a value that is of none of these kinds."""
+    if not isinstance(value, kinds):
+        expected = " or ".join(kind.__name__ for kind in kinds)
+        raise TypeError(f"{name} is a {type(value).__name__}; expected a {expected}")
 
 
 def check_scan_plane(
@@ -105,3 +114,20 @@ def check_rigid(name: str, values: ArrayLike) -> ndarray:
         )
     check_rotations(name, array[:, :3, :3], len(array))
     return array
+
+
+def check_positions(name: str, values: ArrayLike, count: int | None = None) -> ndarray:
+    """Return flange positions as an array (count, 3), mm.
+
+    Raises ValueError where the farthest is no robot's reach from the base: then they
+    are in another unit.
+    """
+    positions = check_array(name, values, (count, 3))
+    low, high = REACH_MM
+    farthest = np.linalg.norm(positions, axis=1).max(initial=0.0)
+    if len(positions) and not low <= farthest <= high:
+        raise ValueError(
+            f"the farthest flange position of {name} is {farthest:.3g} mm from the "
+            f"base; expected a robot's size, {low:g} to {high:g} mm: are they in mm?"
+        )
+    return positions

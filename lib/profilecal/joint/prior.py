@@ -4,7 +4,7 @@ are known.
 Nobody knows the scanner's and the target's systematic errors, but everybody knows about
 how large they can be. They are considered: the answer gives way to them as far as they
 are likely (Schmidt 1966). Those of the robot are only tested
-(`calibrate.plausibility`).
+(`calibration.plausibility`).
 
 The size of a robot's error follows a half-t law (Gelman 2006), whose scale is what the
 user states or what robots usually do. What is stated may be far too small, a data
@@ -217,27 +217,47 @@ def of_scanner() -> list[Perturbation]:
             "the profiles' x were too [large|small] by {:.2g} %",
             100,
             "scale_percent",
-            points=lambda x, z: (x, 0 * z),
+            points=stretched_in_x,
         ),
         Perturbation(
             "the profiles' z were too [large|small] by {:.2g} %",
             100,
             "scale_percent",
-            points=lambda x, z: (0 * x, z),
+            points=stretched_in_z,
         ),
         Perturbation(
             "the profiles' x grew with z by {:+.2g} %",
             100,
             "shear_percent",
-            points=lambda x, z: (z, 0 * z),
+            points=sheared,
         ),
         Perturbation(
             "the profiles were bent by {:+.2g} mm, 50 mm from the middle",
             1,
             "bend_mm",
-            points=lambda x, z: (0 * x, (x / 50) ** 2),
+            points=bent,
         ),
     ]
+
+
+def stretched_in_x(x: ndarray, z: ndarray) -> tuple[ndarray, ndarray]:
+    """How points move, by one, if x is too large."""
+    return x, 0 * z
+
+
+def stretched_in_z(x: ndarray, z: ndarray) -> tuple[ndarray, ndarray]:
+    """How points move, by one, if z is too large."""
+    return 0 * x, z
+
+
+def sheared(x: ndarray, z: ndarray) -> tuple[ndarray, ndarray]:
+    """How points move, by one, if x grows with z."""
+    return z, 0 * z
+
+
+def bent(x: ndarray, z: ndarray) -> tuple[ndarray, ndarray]:
+    """How points move, mm, if profiles are bent by 1 mm, 50 mm from the middle."""
+    return 0 * x, (x / 50) ** 2
 
 
 def of_target(targets: Sequence[type[Target]]) -> list[Perturbation]:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy import ndarray
 
+from profilecal.geometry.checks import REACH_MM
 from profilecal.geometry.poses import rotation_groups
 from profilecal.scan.conventions import (
     find_convention,
@@ -21,7 +22,6 @@ from profilecal.scan.scan import (
     MEASURED,
     MOUNTS,
     NOISE,
-    REACH_MM,
     Scan,
     length_rules,
 )

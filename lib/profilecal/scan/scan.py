@@ -1,5 +1,6 @@
 """A scan in memory: poses of the flange, and what the scanner saw from each."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any
@@ -9,7 +10,12 @@ from numpy import ndarray
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import RigidTransform
 
-from profilecal.geometry.checks import check_array, check_rigid, check_rotations
+from profilecal.geometry.checks import (
+    check_array,
+    check_positions,
+    check_rigid,
+    check_rotations,
+)
 from profilecal.geometry.noise import Noise, Systematic
 from profilecal.geometry.poses import homogeneous, inverse, rotation_groups
 from profilecal.scan.conventions import CONVENTIONS
@@ -32,7 +38,6 @@ NOISE: dict[str, Rule] = dict.fromkeys(  # an error that is there is no rounding
         "zero, or 1e-06 to 100",
     ),
 )
-REACH_MM = (10.0, 20_000.0)  # farthest flange position from the base: a robot's size
 # from the scanner; no profile scanner sees as far, and some print such numbers for no
 # point
 FARTHEST_MM = 10_000.0
@@ -42,8 +47,9 @@ def length_rules(kind: str, scale: float = 1.0) -> dict[str, Rule]:
     """What the lengths of a target that a profile scanner can see may be, in units of
     `scale` mm.
     """
-    limits = number(0.5 / scale, 1000 / scale)
-    return dict.fromkeys(TARGETS[kind].lengths, limits)
+    allowed, limits = number(0.5 / scale, 1000 / scale)
+    unit = "mm" if scale == 1 else "m"
+    return dict.fromkeys(TARGETS[kind].lengths, (allowed, f"{limits} {unit}"))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -168,6 +174,7 @@ class Scan:
             T_base_flange = T_base_flange.as_matrix()
         with naming("Scan"):
             T = check_rigid("T_base_flange", T_base_flange)
+            check_positions("T_base_flange", T[:, :3, 3])
         if len(T) != len(values):
             raise ScanError(
                 f"T_base_flange has shape {T.shape} for {len(values)} {measured}; "
@@ -175,16 +182,16 @@ class Scan:
             )
         return cls(
             kind=kind,
-            labels=tuple(labels or map(str, range(1, len(T) + 1))),
+            labels=tuple(map(str, range(1, len(T) + 1) if labels is None else labels)),
             R_base_flange=T[:, :3, :3],
             p_base_flange=T[:, :3, 3],
             measured=measured,
             values=values,
-            sizes=tuple(lengths[name] for name in known),
+            sizes=tuple(float(lengths[name]) for name in known),
             side=np.asarray(side),
             group=np.array([]) if group is None else np.asarray(group),
             group_given=group is not None,
-            noise=noise or {},
+            noise={} if noise is None else noise,
             mount=mount,
             title=title,
         )
@@ -219,22 +226,20 @@ class Scan:
         if not isinstance(self.noise, Mapping):
             example = '{"profile_mm": 0.05}'
             raise ScanError(f"noise is {self.noise!r}; expected entries, as {example}")
-        check_entries("noise", dict(self.noise), NOISE)
+        check_entries("noise", self.noise, NOISE)
+        noise = {name: float(value) for name, value in self.noise.items()}
+        self._fill(noise=noise)
 
     def _check_poses(self) -> None:
         """Refuse poses that are none; fill in what is left out of them."""
         P = len(self.values)
         rotations = check_rotations("R_base_flange", self.R_base_flange, P)
-        positions = check_array("p_base_flange", self.p_base_flange, (P, 3))
-        low, high = REACH_MM
-        farthest = np.linalg.norm(positions, axis=1).max(initial=0.0)
-        if P and not low <= farthest <= high:
-            raise ValueError(
-                f"the farthest flange position is {farthest:.3g} mm from the base; "
-                f"expected a robot's size, {low:g} to {high:g} mm: are they in mm?"
-            )
-        if len({*self.labels}) != P:
-            raise ValueError(f"{len({*self.labels})} different labels for {P} poses")
+        positions = check_positions("p_base_flange", self.p_base_flange, P)
+        if len(self.labels) != P:
+            raise ValueError(f"labels has {len(self.labels)} entries for {P} poses")
+        label, count = Counter(self.labels).most_common(1)[0] if P else ("", 1)
+        if count > 1:
+            raise ValueError(f"labels has {label!r} {count} times; expected it once")
         group = np.asarray(self.group)
         if not group.size:
             group = rotation_groups(rotations)
@@ -250,7 +255,7 @@ class Scan:
             side=np.broadcast_to(side, P).astype(float),
         )
 
-    def _fill(self, **entries: ndarray) -> None:
+    def _fill(self, **entries: Any) -> None:
         """Put entries in their final form while the scan is being made."""
         for name, value in entries.items():
             object.__setattr__(self, name, value)

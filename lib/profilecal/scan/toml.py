@@ -5,6 +5,7 @@ have.
 import json
 import tomllib
 from collections.abc import Callable, Collection, Iterable, Mapping
+from numbers import Integral, Real
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +28,7 @@ def number(low: float = 0.0, high: float = 1e6) -> Rule:
     """A number within these limits."""
 
     def allowed(value: Any) -> bool:
-        is_number = isinstance(value, int | float) and not isinstance(value, bool)
+        is_number = isinstance(value, Real) and not isinstance(value, bool)
         return is_number and low <= value <= high
 
     return allowed, f"{low:g} to {high:g}"
@@ -37,7 +38,8 @@ def whole(low: int = 0, high: int = 1_000_000) -> Rule:
     """A whole number within these limits."""
 
     def allowed(value: Any) -> bool:
-        return type(value) is int and low <= value <= high
+        is_whole = isinstance(value, Integral) and not isinstance(value, bool)
+        return is_whole and low <= value <= high
 
     return allowed, f"a whole number, {low} to {high}"
 

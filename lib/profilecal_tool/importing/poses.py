@@ -8,10 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
+from profilecal.geometry.checks import REACH_MM
 from profilecal.geometry.poses import carry, inverse
 from profilecal.scan.conventions import CONVENTIONS, Convention, named, to_rotations
 from profilecal.scan.folder import check_poses
-from profilecal.scan.scan import MOUNTS, REACH_MM
+from profilecal.scan.scan import MOUNTS
 from profilecal.scan.tables import ScanError, Table, listed
 from profilecal_tool.importing.arrays import ENDINGS, array, from_array
 from profilecal_tool.importing.key_value import behind_names
