@@ -41,7 +41,7 @@ class Calibration:
     `to_json` is the contract with programs.
     """
 
-    scans: tuple[Scan, ...]
+    scans: tuple[Scan, ...]  # what it is from
     # for each scan, indices of the poses from which the target was found
     seen: tuple[ndarray, ...]
     observed: tuple[Observations, ...]  # for each scan, what was seen from them
@@ -84,8 +84,8 @@ class Calibration:
 
     @property
     def known_solution(self) -> Solution:
-        """The joint solution. Raises UnobservableError where it leaves the pose open,
-        with the motions to add.
+        """The joint solution where it determines the pose. Raises UnobservableError
+        where it does not, with the motions to add.
         """
         if not self.is_known:
             raise UnobservableError("; ".join(self.messages))
@@ -115,12 +115,16 @@ class Calibration:
 
     @property
     def translation_sd_mm(self) -> ndarray:
-        """(3,) of a shift along the sensor's axes. Raises UnobservableError."""
+        """(3,) standard deviations along the sensor's x, y and z: square roots of the
+        covariance's diagonal. Raises UnobservableError.
+        """
         return np.sqrt(np.diag(self.covariance_mm_deg))[:3]
 
     @property
     def rotation_sd_deg(self) -> ndarray:
-        """(3,) of a turn about the sensor's axes. Raises UnobservableError."""
+        """(3,) standard deviations about the sensor's x, y and z: square roots of the
+        covariance's diagonal. Raises UnobservableError.
+        """
         return np.sqrt(np.diag(self.covariance_mm_deg))[3:]
 
     @property
@@ -276,6 +280,7 @@ def calibrate(
 
     Examples
     --------
+    >>> import numpy as np
     >>> import profilecal as pc
     >>> scan, truth = pc.simulate("disk", seed=1, groups=6, positions=10)
     >>> found = pc.calibrate(scan)

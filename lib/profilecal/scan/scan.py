@@ -72,10 +72,12 @@ class Scan:
     side: ndarray = field(default_factory=lambda: np.array(0.0))
     # (P,) numbers from 0, one for each orientation; left out, found from R_base_flange
     group: ndarray = field(default_factory=lambda: np.array([]))
-    group_given: bool = False
+    group_given: bool = False  # whether somebody stated the groups
+    # standard deviations that are known: entries of [noise] in scan.toml
     noise: Mapping[str, float] = field(default_factory=dict)
-    mount: str = MOUNTS[0]
-    title: str = ""
+    mount: str = MOUNTS[0]  # "eye-in-hand" or "eye-to-hand"
+    title: str = ""  # one line
+    # of the orientations as they were read, by its name in `CONVENTIONS`
     convention: str = CONVENTIONS[0].name
     # (P, k) the convention's columns as they were read
     orientation: ndarray | None = None
@@ -148,6 +150,7 @@ class Scan:
 
         Examples
         --------
+        >>> import numpy as np
         >>> poses = np.tile(np.eye(4), (3, 1, 1))
         >>> poses[:, :3, 3] = [[400, 0, 300], [400, 20, 300], [400, 0, 320]]
         >>> scan = Scan.of("edge", poses, points=[[1, 90], [2, 91], [1, 95]])
