@@ -275,7 +275,7 @@ def truth_entries(scene: Scene, spec: Spec) -> dict[str, Any]:
     pose = homogeneous(scene.R_sensor, scene.T_sensor)
     target = vars(scene.target)
     return {
-        "seed": int(spec.seed),
+        "seed": np.asarray(spec.seed).tolist(),
         pose_name(spec.mount): pose.tolist(),
         "target": {name: np.asarray(value).tolist() for name, value in target.items()},
     }
