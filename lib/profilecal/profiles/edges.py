@@ -137,7 +137,9 @@ def find_edges(profiles: Profiles) -> list[Feature]:
         corners(runs) + step_ends(runs, limit, view) + tips(profile, runs, limit, view)
         for profile, (runs, limit) in zip(profiles, found, strict=True)
     ]
-    shown_by = Counter(look for own in candidates for look in {c.look for c in own})
+    shown_by: Counter[Look] = Counter()
+    for own in candidates:
+        shown_by.update({candidate.look for candidate in own})
     look = usual_look(candidates, shown_by, view.away)
     other_end = Look(look.shape, -look.side)
     if look.shape == "step end" and shown_by[other_end] > 0.8 * shown_by[look]:

@@ -157,25 +157,16 @@ class Scan:
         >>> scan
         Scan(edge, 3 poses of 1 orientation, points, eye-in-hand)
         """
-        given = {
-            "profiles": profiles,
-            "points": points,
-            "chords": chords,
-            "arcs": arcs,
-        }
-        named = [name for name, values in given.items() if values is not None]
-        if len(named) != 1:
-            listed = " and ".join(named) or "none of them"
-            raise ScanError(f"expected one of {', '.join(MEASURED)}; found {listed}")
-        (measured,) = named
         check_entries("Scan", {"kind": kind}, {"kind": one_of(TARGETS)})
         known = length_rules(kind)
         check_entries("Scan", lengths, known, "", needed=known)
-        with naming(measured):
-            values = rows_by_pose(measured, given[measured])
+        measured, rows = the_one_given(
+            profiles=profiles, points=points, chords=chords, arcs=arcs
+        )
         if isinstance(T_base_flange, RigidTransform):
             T_base_flange = T_base_flange.as_matrix()
         with naming("Scan"):
+            values = rows_by_pose(measured, rows)
             T = check_rigid("T_base_flange", T_base_flange)
             check_positions("T_base_flange", T[:, :3, 3])
         if len(T) != len(values):
@@ -304,6 +295,17 @@ class Scan:
 def largest_of(rows: ndarray) -> float:
     """The largest size of a number among those that are not NaN; 0 if all are."""
     return float(np.nanmax(np.abs(rows), initial=0.0))
+
+
+def the_one_given(**measurements: Any) -> tuple[str, Any]:
+    """The name and the value of the only argument that is not None. Raises ScanError
+    where there is none, or more than one.
+    """
+    given = {name: one for name, one in measurements.items() if one is not None}
+    if len(given) != 1:
+        found = " and ".join(given) or "none of them"
+        raise ScanError(f"expected one of {', '.join(measurements)}; found {found}")
+    return given.popitem()
 
 
 def rows_by_pose(measured: str, values: Any) -> tuple[ndarray, ...]:

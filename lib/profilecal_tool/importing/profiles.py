@@ -4,6 +4,7 @@ and which pose each is of.
 
 import re
 from collections.abc import Sequence
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -106,11 +107,11 @@ def x_and_z(tables: list[Table], said: str) -> dict[str, str]:
     are no names, the two that vary. Raises ScanError.
     """
     first = tables[0]
-    varying = [
-        name
-        for name in first.columns
-        if len({cell for table in tables for cell in table.columns[name]}) > 1
-    ]
+    varying = []
+    for name in first.columns:
+        cells = chain.from_iterable(table.columns[name] for table in tables)
+        if len(set(cells)) > 1:
+            varying.append(name)
     if said:
         axes = names_and_units(said.split(","))
     elif all(map(str.isdigit, varying)):
