@@ -26,22 +26,14 @@ from profilecal_tool.words import left_out_sentences
 )
 def test_predictions_are_as_far_off_as_expected(kind, robot):
     noise = Noise(profile_mm=0.05, position_mm=robot[0], group_position_mm=robot[1])
+    positions = min(TARGETS[kind].positions, 10)
+    spec = Spec(kind, noise=noise, groups=8, positions=positions)
     squares, doubted, count = 0.0, 0, 0
     for seed in range(3):
-        positions = min(TARGETS[kind].positions, 10)
-        left = leave_out(
-            calibrate(
-                [
-                    simulate_scan(
-                        Spec(
-                            kind, seed=seed, noise=noise, groups=8, positions=positions
-                        )
-                    )
-                ]
-            )
-        )
+        left = leave_out(calibrate(simulate_scan(replace(spec, seed=seed))))
         squares += np.sum(left.rms_mm**2 / left.expected_mm**2)
-        doubted, count = doubted + left.doubted.sum(), count + len(left.rms_mm)
+        doubted += left.doubted.sum()
+        count += len(left.rms_mm)
     assert count >= 20
     # the residuals of an orientation are few and correlated: at most as uncertain as
     # one normal number each
@@ -57,22 +49,17 @@ def test_an_orientation_that_does_not_fit_is_named():
     found = calibrate([replace(scan, values=tuple(values))])
     left = leave_out(found)
     assert np.flatnonzero(left.doubted).tolist() == [3]
-    assert (
-        "what poses g4p1 to g4p10 saw does not fit the other orientations"
-        in " ".join(left_out_sentences(left))
-    )
+    said = " ".join(left_out_sentences(left))
+    assert "what poses g4p1 to g4p10 saw does not fit the other orientations" in said
 
 
 def test_an_orientation_that_is_needed_is_named():
     scan = simulate_scan(Spec("ball", seed=2, groups=3, positions=4, spread_deg=40))
     left = leave_out(calibrate([scan]))
-    assert (
-        len(left_out_sentences(left))
-        == 1
-        + np.isnan(left.rms_mm).sum()
-        + left.doubted.sum()
-        - np.isnan(left.rms_mm).all()
-    )
+    needed = np.isnan(left.rms_mm)
+    summaries = 0 if needed.all() else 1
+    sentences = summaries + left.doubted.sum() + needed.sum()
+    assert len(left_out_sentences(left)) == sentences
 
 
 def test_without_an_answer_nothing_can_be_cross_validated():

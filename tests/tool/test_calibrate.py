@@ -1,0 +1,104 @@
+"""`profilecal calibrate`: the JSON is the contract; options, and what it refuses."""
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command import run
+
+import profilecal as pc
+
+README = (Path(__file__).parents[2] / "data" / "README.md").read_text(encoding="utf-8")
+FIRST_COLUMN = re.findall(
+    r"^\| (`.*?`) \|", README.partition("## What comes back")[2], re.M
+)
+KEYS = re.findall(r"`(\w+)`", " ".join(FIRST_COLUMN))  # as promised, in this order
+
+
+@pytest.mark.parametrize("mount", ["eye-in-hand", "eye-to-hand"])
+def test_the_json_is_the_contract(mount, tmp_path):
+    scan, truth = pc.simulate(seed=5, mount=mount)
+    pc.write_scan(scan, tmp_path / "scan")
+    result = run("calibrate", tmp_path / "scan", "--json")
+    assert result.exit_code == 0
+    found = json.loads(result.output)
+    pose = "T_flange_sensor" if mount == "eye-in-hand" else "T_base_sensor"
+    assert list(found) == [pose if key == "T_flange_sensor" else key for key in KEYS]
+    assert found["status"] == "ok"
+    np.testing.assert_allclose(found[pose], truth.pose, atol=0.5)
+    covariance = np.array(found["covariance"])
+    assert covariance.shape == (6, 6)
+    np.testing.assert_allclose(
+        np.sqrt(np.diag(covariance)),
+        found["translation_sd_mm"] + found["rotation_sd_deg"],
+    )
+    assert (found["noise_mm"], found["noise_source"]) == (0.05, "given")
+    assert (found["poses_used"], found["poses_rejected"]) == (list(scan.labels), [])
+    assert found["target"]["kind"] == "edge"
+    assert len(found["observability"]["singular_values"]) == 6
+
+
+@pytest.mark.parametrize("few", [{"spread_deg": 0.0}, {"groups": 4, "positions": 1}])
+def test_poses_that_determine_nothing_are_unobservable_with_status_3_and_the_cure(
+    few, tmp_path
+):
+    scan, _ = pc.simulate(seed=8, **few)
+    pc.write_scan(scan, tmp_path / "scan")
+    result = run("calibrate", tmp_path / "scan", "--json")
+    assert result.exit_code == 3
+    found = json.loads(result.output)
+    assert list(found) == KEYS
+    assert found["status"] == "unobservable"
+    assert found["T_flange_sensor"] is None
+    assert "add poses" in " ".join(found["messages"])
+    if few == {"spread_deg": 0.0}:
+        assert "add poses tilted" in run("check", tmp_path / "scan").output
+
+
+def test_a_guess_and_a_controller_are_taken(tmp_path):
+    scan, _ = pc.simulate(seed=2)
+    pc.write_scan(scan, tmp_path / "scan")
+    guess = ["--guess", 0, 0, 0, 10, 20, 30]
+    result = run("calibrate", tmp_path / "scan", *guess, "--to", "kuka")
+    assert result.exit_code == 0
+    lines = result.output.splitlines()
+    assert lines[0] == "status         ok"
+    assert lines[3].startswith("{X ")
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (
+            ["--to", "acme"],
+            "controller is 'acme'; "
+            "expected one of abb, kuka, ur, fanuc, staubli, ros, matrix",
+        ),
+        (
+            ["--json", "--to", "kuka"],
+            "--json prints one JSON object and nothing else; ask for --to without it",
+        ),
+        (
+            ["--guess", *["nan"] * 6],
+            "--guess is nan nan nan nan nan nan; expected six numbers, mm and degrees",
+        ),
+    ],
+)
+def test_options_that_cannot_be_met_are_refused(tmp_path, options, sentence):
+    scan, _ = pc.simulate("ball")
+    pc.write_scan(scan, tmp_path / "scan")
+    result = run("calibrate", tmp_path / "scan", *options)
+    assert result.exit_code == 2
+    assert result.output.startswith(f"profilecal: {sentence}")
+
+
+def test_a_ball_on_the_other_side_is_not_ok(tmp_path):
+    scan, _ = pc.simulate("ball", seed=1, measured="profiles")
+    pc.write_scan(replace(scan, side=-scan.side), tmp_path / "scan")
+    result = run("calibrate", tmp_path / "scan", "--to", "kuka")
+    assert "status         weak" in result.output
+    assert "the ball's centre lies on the other side" in result.output
+    assert "not to be relied on" in result.output
