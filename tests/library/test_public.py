@@ -172,6 +172,8 @@ def test_a_public_name_is_documented(name):
     if not isclass(thing):
         assert "\nParameters\n---" in text
         assert "\nReturns\n---" in text or "-> None" in getsource(thing)
+        assert "\nSee Also\n---" in text
+        assert "\nExamples\n---" in text or "with an example" in text
         if "raise" in getsource(thing):
             assert "\nRaises\n---" in text
 

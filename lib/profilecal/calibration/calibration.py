@@ -39,6 +39,13 @@ class Calibration:
     Look at `status` and `messages` first. Where the status is "unobservable", `pose`
     and what belongs to it raise `UnobservableError` with the motions to add.
     `to_json` is the contract with programs.
+
+    >>> import profilecal as pc
+    >>> found = pc.calibrate(pc.simulate("edge", seed=1, spread_deg=0.0)[0])
+    >>> found.status, found.is_known
+    ('unobservable', False)
+    >>> len(found.messages)
+    1
     """
 
     scans: tuple[Scan, ...]  # what it is from

@@ -114,6 +114,11 @@ def verify(found: Calibration | Answer, scan: Scan) -> Verification:
     TypeError
         For arguments of another kind, or in the other order.
 
+    See Also
+    --------
+    read_answer : a sensor pose from a file.
+    leave_out : a check within the scans that a calibration is from.
+
     Examples
     --------
     >>> import profilecal as pc

@@ -109,6 +109,10 @@ def pose_matrices(
         For arrays of another shape, and for orientations that the convention does not
         have: a quaternion that is not of length 1, angles of more than two turns.
 
+    See Also
+    --------
+    Scan.of : what takes such poses.
+
     Examples
     --------
     >>> pose_matrices([[400, 0, 300]], [[90, 0, 0]], "KUKA angles")[0].round(3)

@@ -73,6 +73,17 @@ def read_scan(folder: str | Path) -> Scan:
     --------
     Scan.of : the same from arrays in memory.
     write_scan : the way back.
+
+    Examples
+    --------
+    >>> import profilecal as pc
+    >>> from tempfile import TemporaryDirectory
+    >>> scan, truth = pc.simulate("ball", seed=1)
+    >>> with TemporaryDirectory() as place:
+    ...     pc.write_scan(scan, f"{place}/scan")
+    ...     again = pc.read_scan(f"{place}/scan")
+    >>> again
+    Scan(ball, radius 25 mm, 40 poses of 10 orientations, arcs, eye-in-hand)
     """
     folder = Path(folder)
     if not folder.exists():
@@ -289,6 +300,10 @@ def write_scan(scan: Scan, folder: str | Path) -> None:
     ------
     ScanError
         Where the folder is in use.
+
+    See Also
+    --------
+    read_scan : the way back, with an example.
     """
     poses = poses_columns(
         scan.labels, scan.R_base_flange, scan.p_base_flange, scan.convention
