@@ -102,9 +102,9 @@ def misfit(observations: Observations, widely: bool = False) -> Misfit:
     freedom = 2 * problem.terms[0].P - problem.n
     if freedom <= 0:
         return Misfit(np.inf, freedom)
-    state = search([few], problem.noise)
+    state = search(problem)
     if widely:
-        state = search_among_outliers([observations], problem.noise, state)
+        state = search_among_outliers(Problem([observations], problem.noise), state)
     size = problem.typical(problem.moments(state))
     for _ in range(4):  # each weighs bad poses down further
         fit = refine(problem, state, scale=np.maximum(size, FINEST_MM), iterations=8)

@@ -9,7 +9,6 @@ import numpy as np
 from numpy import ndarray
 from scipy.spatial.transform import Rotation
 
-from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import angle_between
 from profilecal.joint.problem import Fit, Problem
 from profilecal.targets.observations import Observations, State
@@ -34,27 +33,13 @@ def refine(
     iterations: int = 60,
     tolerance: float = 1e-10,
     damping: float = 1e-4,
+    move: Callable[[State, ndarray], State] | None = None,
 ) -> Fit:
     """The state of least loss nearest to each of B states, by the scanner's noise
-    alone. `scale`, `weights`: as `Problem.moments` takes them.
-    """
+    alone, as Levenberg's and Marquardt's descent finds it for all of them at once.
 
-    def moments(state: State) -> Fit:
-        return problem.moments(state, scale, weights)
-
-    return descend(moments, problem.move, state, iterations, tolerance, damping)
-
-
-def descend(
-    moments: Callable[[State], Fit],
-    move: Callable[[State, ndarray], State],
-    state: State,
-    iterations: int,
-    tolerance: float = 1e-10,
-    damping: float = 1e-3,
-) -> Fit:
-    """Levenberg's and Marquardt's descent on what `moments(state)` says, where
-    `move(state, step)` takes a step, of B problems at once.
+    `scale`, `weights`: as `Problem.moments` takes them. `move(state, step)`: how a step
+    is taken, if not as `Problem.move` does.
 
     Each problem has its own damping μ. It follows how much of what a step promised came
     true, the gain γ (Nielsen 1999): after a step that lowers the loss, μ is multiplied
@@ -64,12 +49,13 @@ def descend(
     Ends where a step is below `tolerance` (rad, and a hundred times that in mm) or
     promises less than rounding.
     """
+    move = move or problem.move
     B = len(state.rotation)
     factor = np.full(B, damping)
     growth = np.full(B, 2.0)
     done = np.zeros(B, dtype=bool)
     with np.errstate(all="ignore"):
-        here = moments(state)
+        here = problem.moments(state, scale, weights)
         for _ in range(iterations):
             step, promise = damped_step(here.normal, factor)
             small = reach(step) < tolerance
@@ -80,7 +66,7 @@ def descend(
             done |= small | rounding
             if done.all():
                 break
-            there = moments(trial)
+            there = problem.moments(trial, scale, weights)
             gain = np.nan_to_num((here.loss - there.loss) / promise, nan=-1.0)
             better = (there.loss <= here.loss) & ~done  # false for NaN
             here = there.where(better, here)
@@ -114,46 +100,41 @@ def damped_step(normal: ndarray, damping: ndarray) -> tuple[ndarray, ndarray]:
     return x, (x * (D * x - g)).sum(axis=1)
 
 
-def search(
-    observations: Sequence[Observations], noise: Noise, starts: Sequence = ()
-) -> State:
+def search(problem: Problem, starts: Sequence = ()) -> State:
     """Sensor poses worth refining, best first, at most KEPT: from `starts`, pairs (R
     (3, 3), T (3,) mm), and a grid of rotations, on a few poses, by distances in space.
     """
-    problem = few_poses(observations, noise, POSES)
-    count = problem.counts.sum()
-    if all(term.target.fit_is_best for term in problem.terms):
+    few = few_poses(problem, POSES)
+    count = few.counts.sum()
+    if all(term.target.fit_is_best for term in few.terms):
         # targets can be placed at every step: a coarse grid will do if several of its
         # starts end at one pose that fits
-        state = problem.place(*started(COARSE, starts))
+        state = started(few, COARSE, starts)
         for _ in range(2):
-            fits = onward(problem, state, steps=8)
+            fits = onward(few, state, steps=8)
             state = fits.state
             agreeing = np.count_nonzero(alike(state)[0])
             if fits.loss[0] < HOPELESS * count and agreeing >= 5:
                 limit = HOPELESS * max(fits.loss[0], count)
                 return distinct(state[fits.loss < limit])
-    state = problem.place(*started(GRID, starts))
+    state = started(few, GRID, starts)
     for steps, most, hopeless in ROUNDS:
-        fits = onward(problem, state, steps)
+        fits = onward(few, state, steps)
         limit = hopeless * max(fits.loss[0], count)
         state = distinct(fits.state[fits.loss < limit], most)
     return state
 
 
-def few_poses(
-    observations: Sequence[Observations], noise: Noise, count: int
-) -> Problem:
+def few_poses(problem: Problem, count: int) -> Problem:
     """The problem of about `count` poses of each target, by distances in space."""
-    return Problem([thin(entry, count) for entry in observations], noise, in_space=True)
+    few = [thin(entry, count) for entry in problem.observations]
+    return Problem(few, problem.noise, in_space=True)
 
 
-def started(grid: ndarray, starts: Sequence = ()) -> tuple[ndarray, ndarray]:
-    """Sensor poses (B, 3, 3), (B, 3): the starts, and those of a grid of rotations, at
-    the flange.
-    """
+def started(problem: Problem, grid: ndarray, starts: Sequence = ()) -> State:
+    """The states of the starts, and those of a grid of rotations, at the flange."""
     R, T = zip(*starts, *((R, np.zeros(3)) for R in grid), strict=True)
-    return np.array(R), np.array(T)
+    return problem.place(np.array(R), np.array(T))
 
 
 def onward(problem: Problem, state: State, steps: int) -> Fit:
@@ -169,29 +150,27 @@ def onward(problem: Problem, state: State, steps: int) -> Fit:
                 placements[index] = term.place(moved.rotation, moved.translation)
         return replace(moved, placements=tuple(placements))
 
-    return descend(problem.moments, move, state, steps).best_first
+    return refine(problem, state, iterations=steps, damping=1e-3, move=move).best_first
 
 
-def search_among_outliers(
-    observations: Sequence[Observations], noise: Noise, found: State
-) -> State:
+def search_among_outliers(problem: Problem, found: State) -> State:
     """Sensor poses worth refining where a part of the data is wrong, beside what
     `search` found: each rotation of the grid looks at another few groups of poses, some
     of which hold no bad one. The medians of all residuals tell which.
     """
-    selections = [few_groups(entry, len(GRID)) for entry in observations]
-    subsets = Problem(selections, noise, in_space=True)
-    tried = refine(subsets, subsets.place(*started(GRID)), iterations=25).state
-    problem = few_poses(observations, noise, 2 * POSES)
+    selections = [few_groups(entry, len(GRID)) for entry in problem.observations]
+    subsets = Problem(selections, problem.noise, in_space=True)
+    tried = refine(subsets, started(subsets, GRID), iterations=25).state
+    few = few_poses(problem, 2 * POSES)
 
     def residual_of_most(state: State) -> ndarray:
-        return problem.typical(problem.moments(state))
+        return few.typical(few.moments(state))
 
-    state = found.join(tried[np.isfinite(problem.moments(tried).loss)])
+    state = found.join(tried[np.isfinite(few.moments(tried).loss)])
     state = state[np.argsort(residual_of_most(state))[: 4 * KEPT]]
     for _ in range(3):
         scale = np.maximum(residual_of_most(state), 1e-9)
-        state = refine(problem, state, scale=scale, iterations=8).state
+        state = refine(few, state, scale=scale, iterations=8).state
     return distinct(state[np.argsort(residual_of_most(state))])
 
 

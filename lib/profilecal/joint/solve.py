@@ -76,7 +76,7 @@ def solve(
             "and noise; add poses"
         )
 
-    fits = least_squares(problem, search(observations, prior.scales, starts))
+    fits = least_squares(problem, search(problem, starts))
     others = fits.state
     if robust:
         fits = fits_of_most(problem, fits, prior.usual_mm)
@@ -132,7 +132,7 @@ def fits_of_most(problem: Problem, fits: Fit, usual_mm: float) -> Fit:
         return fits
     robust = robust_fit(problem, fits.state)
     if (usual_mm and large(robust)) or contradicting(problem, robust).any():
-        state = search_among_outliers(problem.observations, problem.noise, robust.state)
+        state = search_among_outliers(problem, robust.state)
         robust = robust_fit(problem, state)
     if problem.freedoms[~contradicting(problem, robust)].sum() > problem.n:
         return robust

@@ -20,7 +20,8 @@ def test_noise_free_from_no_guess_at_all(kind):
     best = []
     for i in range(SCENES):
         one = scene.observations.take([i])
-        fits = refine(Problem([one], NOISE), search([one], NOISE))
+        problem = Problem([one], NOISE)
+        fits = refine(problem, search(problem))
         best.append(fits.state[[np.argmin(fits.loss)]])
     assert_exact(errors(best[0].join(*best[1:]), scene.truth))
 
