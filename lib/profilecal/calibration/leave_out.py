@@ -8,13 +8,12 @@ from numpy import ndarray
 from profilecal.calibration.answer import DEGREES
 from profilecal.calibration.calibration import Calibration
 from profilecal.geometry.checks import check_type
-from profilecal.geometry.noise import FALSE_ALARM, chi2_limit
+from profilecal.geometry.noise import FALSE_ALARM, chi2_limit, normalised_square
 from profilecal.geometry.observability import of_covariance
 from profilecal.joint.error_sizes import likeliest
 from profilecal.joint.linear_model import LinearModel
 from profilecal.joint.prior import Law
 from profilecal.joint.solution import Solution
-from profilecal.joint.solve import squares
 
 
 @dataclass(frozen=True, repr=False)
@@ -136,9 +135,9 @@ def predict(
     excess = float(np.sqrt(square / variance))
     columns = problem.columns_in_mm(solution.state)
     rms_mm = problem.rms_mm(columns, left.mean[0], chosen)
-    of_flange, _ = squares(whole, error, S, x, left.v[0])
     chance = FALSE_ALARM / whole.kept.sum()
-    beyond = of_flange > chi2_limit(chance, np.maximum(whole.ranks, 1))
+    limit = chi2_limit(chance, np.maximum(whole.ranks, 1))
+    beyond = normalised_square(S, error) > limit
     return Predicted(
         rms_mm=rms_mm,
         expected_mm=rms_mm / excess,

@@ -17,7 +17,7 @@ from scipy.special import ndtri
 from profilecal.geometry.noise import FALSE_ALARM, normalised_square
 from profilecal.geometry.observability import WEAK, of_covariance
 from profilecal.joint.linear_model import score
-from profilecal.joint.prior import Perturbation, of_scanner, of_target
+from profilecal.joint.prior import OF_SCANNER, Perturbation, of_target
 from profilecal.joint.solution import Solution
 from profilecal.joint.solve import LARGEST_ERROR_MM, LARGEST_REJECTED
 
@@ -60,7 +60,7 @@ def systematic_tests(solution: Solution) -> list[Finding]:
     The size is what the data would have to change by; the error is the opposite.
     """
     targets = [entry.target for entry in solution.problem.observations]
-    tried = [*of_scanner(), *of_target(targets), *of_robot()]
+    tried = [*OF_SCANNER, *of_target(targets), *of_robot()]
     model, posterior = solution.model(tried)
     n, (normal,) = model.n - len(tried), posterior.normal
     with np.errstate(invalid="ignore", divide="ignore"):

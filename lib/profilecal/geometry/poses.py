@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy import ndarray
 from numpy.typing import ArrayLike
+from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 SAME_ORIENTATION_DEG = 0.05  # poses that differ by less form a rotation group
@@ -66,12 +67,17 @@ def rotation_groups(R: ndarray) -> ndarray:
     A pose joins the first group whose first pose it is parallel to.
     """
     R = nearest_rotation(R)
+    tree = KDTree(R.reshape(-1, 9))
+    within = 2 * np.sqrt(1 - np.cos(np.radians(SAME_ORIENTATION_DEG)))
     group = np.full(len(R), -1)
     count = 0
-    while (free := group < 0).any():
-        alike = parallel(R, R[free.argmax()], SAME_ORIENTATION_DEG)[:, 0]
-        group[free & alike] = count
-        count += 1
+    for k in range(len(R)):
+        if group[k] < 0:
+            near = np.array(tree.query_ball_point(R[k].ravel(), within))
+            free = near[group[near] < 0]
+            alike = parallel(R[free], R[k], SAME_ORIENTATION_DEG)[:, 0]
+            group[free[alike]] = count
+            count += 1
     return group
 
 

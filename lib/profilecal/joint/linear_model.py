@@ -106,10 +106,14 @@ class LinearModel:
         mm, deg = [1.0, 0.0], [0.0, np.radians(1) ** 2]
         units = [mm if name.endswith("mm") else deg for name in names]
         self.units = np.repeat(np.reshape(units, (-1, 2)), 3, axis=1)
-        each = np.arange(len(counts))
-        coarsest = min(map(groups.sharing, names), key=np.max, default=each)
-        self.blocks = [self.block(own, groups) for own in of_equal_size(coarsest)]
         self.kept = np.ones(len(counts), dtype=bool)
+        self.arrange(groups)
+
+    def arrange(self, groups: PoseGroups) -> None:
+        """Write out what the profiles of an orientation share, in `blocks`."""
+        each = np.arange(len(self.counts))
+        coarsest = min(map(groups.sharing, self.names), key=np.max, default=each)
+        self.blocks = [self.block(own, groups) for own in of_equal_size(coarsest)]
 
     def block(self, profiles: ndarray, groups: PoseGroups) -> Block:
         """The block of some profiles (B, Q)."""
@@ -151,9 +155,13 @@ class LinearModel:
         many residuals it is. Rows of zeros were counted in the blocks and are taken off
         here.
         """
-        rows = sum(block.Y.shape[0] * block.Y.shape[1] for block in self.blocks)
-        count = int(self.counts[self.kept].sum()) - rows
+        count = int(self.counts[self.kept].sum()) - self.row_count
         return self.rest[self.kept].sum(axis=0), count
+
+    @property
+    def row_count(self) -> int:
+        """How many rows speak of the flange, those of zeros too."""
+        return sum(block.Y.shape[0] * block.Y.shape[1] for block in self.blocks)
 
     def posterior(self, v: ndarray) -> Posterior:
         """What is known of x for variances v (S, 1 + k), the scanner's first.
@@ -171,14 +179,7 @@ class LinearModel:
         rest, count = self.rest_of_kept
         N = rest / v0[:, None, None]
         log_det_C = count * np.log(v0)
-        solved = []
-        for block in self.blocks:
-            C = np.tensordot(v, block.M, 1)
-            inverse = np.linalg.inv(C)
-            X = inverse @ block.Y
-            N = N + block.Y.reshape(-1, n + 1).T @ X.reshape(len(v), -1, n + 1)
-            log_det_C = log_det_C + np.linalg.slogdet(C)[1].sum(axis=1)
-            solved.append((inverse, X))
+        solved = self.add_products(v, N, log_det_C)
         H = (N[:, :n, :n] + self.precision) * (1 + ROUNDING * np.eye(n))
         V = np.linalg.inv(H)
         N_Ar = N[:, :n, n:]
@@ -186,6 +187,21 @@ class LinearModel:
         square = N[:, n, n] + (N_Ar * mean).sum(axis=(1, 2))
         log_evidence = -(square + log_det_C + np.linalg.slogdet(H)[1]) / 2
         return Posterior(v, mean[..., 0], V, log_evidence, square, N, solved)
+
+    def add_products(self, v: ndarray, N: ndarray, log_det_C: ndarray) -> list:
+        """Add [A | r]ᵀ C⁻¹ [A | r] of the rows that speak of the flange to N (S, n + 1,
+        n + 1), and log |C| to that (S,). Returns for each block C⁻¹ and C⁻¹ [A | r].
+        """
+        solved = []
+        for block in self.blocks:
+            C = np.tensordot(v, block.M, 1)
+            inverse = np.linalg.inv(C)
+            X = inverse @ block.Y
+            columns = self.n + 1
+            N += block.Y.reshape(-1, columns).T @ X.reshape(len(v), -1, columns)
+            log_det_C += np.linalg.slogdet(C)[1].sum(axis=1)
+            solved.append((inverse, X))
+        return solved
 
     def gradient(self, posterior: Posterior) -> tuple[ndarray, ndarray]:
         """The derivative (1 + k,) of the log evidence L by the variances, for one set
@@ -208,6 +224,19 @@ class LinearModel:
         within[0, 0] = square / v0**3
         across = np.zeros((n, k))  # Aᵀ C⁻¹ F
         across[:, 0] = rest[:n] @ x / v0**2
+        self.add_to_gradient(posterior, slope, within, across)
+        return -slope / 2, (within - across.T @ V @ across) / 2
+
+    def add_to_gradient(
+        self,
+        posterior: Posterior,
+        slope: ndarray,
+        within: ndarray,
+        across: ndarray,
+    ) -> None:
+        """Add what the rows that speak of the flange say, as in `gradient`."""
+        n, V = self.n, posterior.covariance[0]
+        x = np.append(posterior.mean[0], 1.0)
         for block, (inverse, X) in zip(self.blocks, posterior.solved, strict=True):
             CA = X[0, :, :, :n]
             w = X[0] @ x
@@ -216,7 +245,6 @@ class LinearModel:
             F = np.moveaxis((block.M @ w[:, :, None])[..., 0], 0, -1)
             within += (F.mT @ inverse[0] @ F).sum(axis=0)
             across += (CA.mT @ F).sum(axis=0)
-        return -slope / 2, (within - across.T @ V @ across) / 2
 
     def own(self, v: ndarray) -> ndarray:
         """Covariances (profiles, q, q) of the rows of each profile by itself, for
@@ -239,23 +267,36 @@ class LinearModel:
         a Gaussian of precision P, given the rest of it (Christensen, Pearson and
         Johnson 1992).
         """
-        n, q = self.n, self.q
+        n = self.n
         V = posterior.covariance[0]
         x = np.append(posterior.mean[0], 1.0)
         A = self.Y[:, :, :n]
         errors = self.Y @ x
         covariances = self.own(posterior.v[0]) + A @ V @ A.mT
+        for profiles, inverse, X in self.parts_kept(posterior):
+            CA = X[..., :n]
+            P_bb = inverse - CA @ V @ CA.mT
+            covariance = np.linalg.pinv(P_bb, hermitian=True)
+            errors[profiles] = (covariance @ (X @ x)[..., None])[..., 0]
+            covariances[profiles] = covariance
+        return errors, covariances
+
+    def parts_kept(
+        self, posterior: Posterior
+    ) -> list[tuple[ndarray, ndarray, ndarray]]:
+        """Profiles kept (p,), with (C⁻¹)_bb (p, q, q) and C⁻¹ [A | r] (p, q, n + 1) of
+        each, block by block.
+        """
+        q = self.q
+        parts = []
         for block, (inverse, X) in zip(self.blocks, posterior.solved, strict=True):
             B, Q = block.profiles.shape
-            CA = X[0, :, :, :n]
-            P = (inverse[0] - CA @ V @ CA.mT).reshape(B, Q, q, Q, q)
-            P_bb = np.einsum("bqiqj->bqij", P)
-            covariance = np.linalg.pinv(P_bb, hermitian=True)
-            error = covariance @ (X[0] @ x).reshape(B, Q, q, 1)
             kept = self.kept[block.profiles]
-            errors[block.profiles[kept]] = error[kept][..., 0]
-            covariances[block.profiles[kept]] = covariance[kept]
-        return errors, covariances
+            squares = inverse[0].reshape(B, Q, q, Q, q)
+            own = np.einsum("bqiqj->bqij", squares)
+            rows = X[0].reshape(B, Q, q, -1)
+            parts.append((block.profiles[kept], own[kept], rows[kept]))
+        return parts
 
 
 def score(

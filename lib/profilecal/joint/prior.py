@@ -49,13 +49,9 @@ FINEST_MM = 1e-5
 # longer tail.
 FREEDOM = 3.0
 STATED_FREEDOM = 1.0
-# Where the scanner's noise is from: in words, and the spread of its logarithm
-# beforehand.
-SOURCES = {
-    "given": ("as given", 0.0),
-    "profiles": ("of the features that the profiles show", 0.5),
-    "residuals": ("from the residuals", 2.0),
-}
+# The spread of the logarithm of the scanner's noise, by where that is from: stated by
+# the user, seen in the profiles' features, or left to the residuals.
+SPREADS = {"given": 0.0, "profiles": 0.5, "residuals": 2.0}
 
 
 @dataclass(frozen=True)
@@ -67,19 +63,14 @@ class Prior:
 
     scales: Noise
     stated: frozenset[str] = frozenset()  # by the user; the other scales are usual ones
-    source: str = "given"  # of the scanner's noise
+    source: str = "given"  # of the scanner's noise, one of SPREADS
     robot_known: bool = False  # the robot's errors are as large as their scales
     systematic: Systematic = Systematic()  # noqa: RUF009
 
     @property
-    def how(self) -> str:
-        """Where the scanner's noise is from, in words."""
-        return SOURCES[self.source][0]
-
-    @property
     def profile_spread(self) -> float:
         """The spread of the logarithm of the scanner's noise; 0 where it is known."""
-        return SOURCES[self.source][1]
+        return SPREADS[self.source]
 
     @property
     def usual_mm(self) -> float:
@@ -203,61 +194,60 @@ class Perturbation:
     words: str  # with a place for the size, and [one word|another] for its sign
     unit: float  # what the size is to be multiplied by, for the words
     prior: str = ""  # the entry of `Systematic` that says how large it can be
-    # of points x and z (...): by how much both are wrong, mm
+    # of points x and z (...): by how much x or z, the one `moved`, is wrong, mm
     points: Callable | None = None
+    moved: str = ""
     # of flange positions (P, 3) in the base: by how much they are wrong, mm
     positions: Callable = np.zeros_like
     length: str = ""  # the name of a length of the target
 
 
-def of_scanner() -> list[Perturbation]:
-    """The scanner's errors: scales of the profiles, x that grows with z, and a bend."""
-    return [
-        Perturbation(
-            "the profiles' x were too [large|small] by {:.2g} %",
-            100,
-            "scale_percent",
-            points=stretched_in_x,
-        ),
-        Perturbation(
-            "the profiles' z were too [large|small] by {:.2g} %",
-            100,
-            "scale_percent",
-            points=stretched_in_z,
-        ),
-        Perturbation(
-            "the profiles' x grew with z by {:+.2g} %",
-            100,
-            "shear_percent",
-            points=sheared,
-        ),
-        Perturbation(
-            "the profiles were bent by {:+.2g} mm, 50 mm from the middle",
-            1,
-            "bend_mm",
-            points=bent,
-        ),
-    ]
+def with_x(x: ndarray, z: ndarray) -> ndarray:
+    """An error that grows with x, by one."""
+    return x
 
 
-def stretched_in_x(x: ndarray, z: ndarray) -> tuple[ndarray, ndarray]:
-    """How points move, by one, if x is too large."""
-    return x, 0 * z
+def with_z(x: ndarray, z: ndarray) -> ndarray:
+    """An error that grows with z, by one."""
+    return z
 
 
-def stretched_in_z(x: ndarray, z: ndarray) -> tuple[ndarray, ndarray]:
-    """How points move, by one, if z is too large."""
-    return 0 * x, z
+def bend(x: ndarray, z: ndarray) -> ndarray:
+    """An error as if profiles were bent by 1 mm, 50 mm from the middle."""
+    return (x / 50) ** 2
 
 
-def sheared(x: ndarray, z: ndarray) -> tuple[ndarray, ndarray]:
-    """How points move, by one, if x grows with z."""
-    return z, 0 * z
-
-
-def bent(x: ndarray, z: ndarray) -> tuple[ndarray, ndarray]:
-    """How points move, mm, if profiles are bent by 1 mm, 50 mm from the middle."""
-    return 0 * x, (x / 50) ** 2
+# The scanner's errors: scales of the profiles, x that grows with z, and a bend.
+OF_SCANNER = [
+    Perturbation(
+        "the profiles' x were too [large|small] by {:.2g} %",
+        100,
+        "scale_percent",
+        moved="x",
+        points=with_x,
+    ),
+    Perturbation(
+        "the profiles' z were too [large|small] by {:.2g} %",
+        100,
+        "scale_percent",
+        moved="z",
+        points=with_z,
+    ),
+    Perturbation(
+        "the profiles' x grew with z by {:+.2g} %",
+        100,
+        "shear_percent",
+        moved="x",
+        points=with_z,
+    ),
+    Perturbation(
+        "the profiles were bent by {:+.2g} mm, 50 mm from the middle",
+        1,
+        "bend_mm",
+        moved="z",
+        points=bend,
+    ),
+]
 
 
 def of_target(targets: Sequence[type[Target]]) -> list[Perturbation]:
@@ -272,13 +262,13 @@ def of_target(targets: Sequence[type[Target]]) -> list[Perturbation]:
 
 def considered(
     targets: Sequence[type[Target]], prior: Systematic
-) -> list[tuple[Perturbation, float]]:
+) -> dict[Perturbation, float]:
     """What may be wrong and how large that is, a standard deviation in its own unit;
     without what is 0.
     """
-    errors = of_scanner() + of_target(targets)
-    sizes = [getattr(prior, error.prior) / error.unit for error in errors]
-    return [pair for pair in zip(errors, sizes, strict=True) if pair[1]]
+    errors = [*OF_SCANNER, *of_target(targets)]
+    sizes = {error: getattr(prior, error.prior) / error.unit for error in errors}
+    return {error: size for error, size in sizes.items() if size}
 
 
 def as_stated(noise: Noise) -> Prior:

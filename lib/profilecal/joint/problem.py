@@ -12,8 +12,9 @@ from profilecal.geometry.noise import Noise, Systematic, chi2_limit
 from profilecal.geometry.observability import units_by_hand
 from profilecal.geometry.poses import carry, rotations
 from profilecal.joint.linear_model import LinearModel
+from profilecal.joint.nested_model import NestedModel
 from profilecal.joint.prior import Perturbation, considered
-from profilecal.joint.residuals import FLANGE, SENSOR, Residuals
+from profilecal.joint.residuals import SENSOR, Residuals
 from profilecal.targets.observations import (
     Batch,
     Observations,
@@ -22,9 +23,13 @@ from profilecal.targets.observations import (
     pose_groups,
 )
 
+# Where the derivatives by the flange pose stand among all columns.
+FLANGE = slice(-6, None)
 # A precision relative to that of a measurement by hand. It keeps matrices without full
 # rank invertible.
 NOTHING_KNOWN = 1e-8
+# profiles of one orientation: with more, what they share is not written out
+MANY = 40
 # Noise levels at which Cauchy's loss gives a pose the weight of a half: little is lost
 # on clean data (notebook 42).
 CAUCHY = 2.385
@@ -158,28 +163,28 @@ class Problem:
         Derivatives are taken where the state has the points: at the noisy points they
         follow the noise, and all lengths look too small.
         """
-        errors = [*(error for error, _ in self.considered), *tried]
+        errors = [*self.considered, *tried]
         residual = self.n + len(errors)  # its column
         columns = []
         terms = zip(self.parts, self.terms, state.placements, strict=True)
         for unknowns, term, placement in terms:
             measured = term.linearise(state, placement)
             ideal = term.on_target(measured)
-            slopes = ideal.linearise(state, placement, with_flange=True)
+            slopes = ideal.linearise(state, placement)
             z = np.zeros((1, residual + 7, *slopes.shape[2:]))
             z[:, SENSOR] = slopes[:, SENSOR]
             z[:, unknowns] = slopes[:, term.frame]
             for column, error in enumerate(errors, self.n):
                 z[:, column] = ideal.by_error(error, state, placement, slopes)
             z[:, residual] = measured[:, term.residual]
-            z[:, FLANGE] = slopes[:, FLANGE]
+            z[:, FLANGE] = ideal.by_flange(slopes, state)
             columns.append(np.nan_to_num(z, copy=False, posinf=0, neginf=0))
         return columns
 
     def model(
         self,
         state: State,
-        names: Sequence[str] = (),
+        names: Sequence[str],
         tried: Sequence[Perturbation] = (),
         columns: Sequence[ndarray] | None = None,
     ) -> LinearModel:
@@ -188,19 +193,19 @@ class Problem:
         beforehand. `columns`: as `columns_in_mm` has them, if known.
         """
         columns = columns or self.columns_in_mm(state, tried)
+        # (profiles, K, n + c + d + 7), with zeros where a target has fewer residuals
         K = max(z.shape[2] for z in columns)
-        parts = []
-        for term, z in zip(self.terms, columns, strict=True):
-            part = term.over_noise(z.copy(), self.noise)[0]
-            parts.append(np.pad(part, [(0, 0), (0, K - part.shape[1]), (0, 0)]))
-        # (profiles, K, n + c + d + 7)
-        whole = np.concatenate(parts, axis=2).T.copy()
+        whole = np.zeros((len(self.counts), K, columns[0].shape[1]))
+        for term, z, own in zip(self.terms, columns, self.split(whole), strict=True):
+            own[:, : z.shape[2]] = term.over_noise(z.copy(), self.noise)[0].T
         precision = np.r_[
             NOTHING_KNOWN / self.units**2,
-            np.power([size for _, size in self.considered], -2.0),
+            np.power([*self.considered.values()], -2.0),
             np.full(len(tried), NOTHING_KNOWN),
         ]
-        return LinearModel(
+        many = np.bincount(self.groups.orientation[self.groups.pose]).max() > MANY
+        kind = NestedModel if many else LinearModel
+        return kind(
             whole[..., FLANGE],
             whole[..., : FLANGE.start],
             self.counts,

@@ -11,11 +11,10 @@ from profilecal.joint.prior import Perturbation
 from profilecal.targets.observations import Observations, State
 
 # Where derivatives stand among the columns of linearised residuals: those by the sensor
-# pose come first, those by the flange pose, where there are any, last.
+# pose come first.
 SENSOR = slice(6)
-FLANGE = slice(-6, None)
-FLANGE_POSITION = slice(-6, -3)
-FLANGE_ORIENTATION = slice(-3, None)
+SHIFT = slice(3)
+TURN = slice(3, 6)
 
 
 class Residuals:
@@ -73,14 +72,11 @@ class Residuals:
         """How many residuals each pose has, (B|1, P)."""
         return self.present.sum(axis=1) * self.target.rows
 
-    def linearise(
-        self, state: State, placement: tuple, with_flange: bool = False
-    ) -> ndarray:
+    def linearise(self, state: State, placement: tuple) -> ndarray:
         """The K residuals of each of P poses and their derivatives, mm and rad.
 
         Returns (B, columns, K, P), zero where no point is. The columns are derivatives
-        by the sensor pose (6) and by the target's frame (n), then the residual; and, if
-        asked for, the derivatives by the flange pose (6), about the sensor's axes.
+        by the sensor pose (6) and by the target's frame (n), then the residual.
 
         The target says how a residual r changes when its frame, of origin o and axes a,
         is shifted by s and turned about o by w, in the sensor's frame: by a force f and
@@ -103,7 +99,7 @@ class Residuals:
             r, force, torque = residual(origin, axes, list(self.seen), self.sizes)
 
         B, rows = len(state.rotation), len(r)
-        count = self.residual + 1 + 6 * with_flange
+        count = self.residual + 1
         by_point = np.empty((B, count, self.m, rows, self.P))
         for k in range(rows):
             column = by_point[:, :, :, k]
@@ -120,8 +116,6 @@ class Residuals:
             column[:, self.residual] = r[k]
 
         z = by_point.reshape(B, count, self.m * rows, self.P)
-        if with_flange:
-            self.fill_flange(z, state)
         if not self.present.all():
             z *= np.repeat(self.present, rows, axis=1)[:, None]
         return z
@@ -138,8 +132,9 @@ class Residuals:
         o, *a = ([in_sensor[:, j, None, i] for i in range(3)] for j in range(4))
         return o, a
 
-    def fill_flange(self, z: ndarray, state: State) -> None:
-        """Fills in the derivatives by the flange pose, from those by the sensor pose.
+    def by_flange(self, columns: ndarray, state: State) -> ndarray:
+        """The derivatives (B, 6, K, P) by the flange pose, about the sensor's axes,
+        from those by the sensor pose among the columns.
 
         A flange that is shifted takes the sensor along. A turn ψ about its origin turns
         the sensor by φ = ψ and shifts it by ρ = ψ × a, a the arm from flange to sensor.
@@ -150,9 +145,9 @@ class Residuals:
         arm = state.translation[:, :, None]
         arm = arm + self.observed.eye_to_hand * self.T_in_flange
         arm = np.moveaxis(state.rotation.mT @ arm, 1, 0)[:, :, None]  # (3, B, 1, P)
-        z[:, FLANGE] = z[:, SENSOR]
-        by_shift = np.moveaxis(z[:, FLANGE_POSITION], 1, 0)
-        z[:, FLANGE_ORIENTATION] += np.stack(cross(arm, by_shift), axis=1)
+        by_shift = columns[:, SHIFT]
+        lever = np.stack(cross(arm, np.moveaxis(by_shift, 1, 0)), axis=1)
+        return np.concatenate([by_shift, columns[:, TURN] + lever], axis=1)
 
     def by_point(self, columns: ndarray) -> ndarray:
         """The derivatives (2, B, m, rows, P) of each point's residuals by its own x and
@@ -166,22 +161,21 @@ class Residuals:
         self, error: Perturbation, state: State, placement: tuple, columns: ndarray
     ) -> ndarray:
         """The derivative (1, K, P) by the size of an error, at a state of a batch of
-        one. `columns` are of these residuals, there, with those by the flange pose.
+        one. `columns` are of these residuals, there.
         """
         if error.length:
             return self.by_length(error.length, state, placement)
         if error.points:
-            dx, dz = error.points(*self.seen)  # (1, m, P) each
-            by_x, by_z = self.by_point(columns)
-            derivative = by_x * dx[:, :, None] + by_z * dz[:, :, None]
-            return derivative.reshape(1, *columns.shape[2:])
+            moved = error.points(*self.seen)[:, :, None]  # (1, m, 1, P)
+            by_moved = self.by_point(columns)["xz".index(error.moved)]
+            return (by_moved * moved).reshape(1, *columns.shape[2:])
         R, T = self.observed.R_flange[0], self.observed.T_flange[0]
         if self.observed.eye_to_hand:
             in_sensor = -error.positions(inverse(R, T)[1]) @ state.rotation[0]
         else:
             in_flange = (error.positions(T)[:, None] @ R)[:, 0]
             in_sensor = in_flange @ state.rotation[0]
-        return np.sum(columns[:, FLANGE_POSITION] * in_sensor.T[:, None], axis=1)
+        return np.sum(columns[:, SHIFT] * in_sensor.T[:, None], axis=1)
 
     def by_length(self, name: str, state: State, placement: tuple) -> ndarray:
         """The derivative (1, K, P) by one of the target's lengths, by differences."""

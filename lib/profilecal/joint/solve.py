@@ -23,7 +23,7 @@ from profilecal.geometry.observability import (
     of_covariance,
     spectrum,
 )
-from profilecal.geometry.poses import angle_between, pose_error
+from profilecal.geometry.poses import pose_error
 from profilecal.joint.descent import (
     HOPELESS,
     distinct,
@@ -35,8 +35,8 @@ from profilecal.joint.descent import (
 from profilecal.joint.error_sizes import ErrorSizes, average, likeliest
 from profilecal.joint.linear_model import LinearModel, Posterior
 from profilecal.joint.prior import FINEST_MM, Prior, as_stated
-from profilecal.joint.problem import Fit, Problem
-from profilecal.joint.residuals import FLANGE, SENSOR
+from profilecal.joint.problem import FLANGE, Fit, Problem
+from profilecal.joint.residuals import SENSOR
 from profilecal.joint.solution import Solution
 from profilecal.targets.observations import Observations, State
 
@@ -49,7 +49,7 @@ ROUNDS = 10  # of estimates; one or two are usual
 
 def solve(
     observations: Sequence[Observations],
-    noise: Noise | Prior | None = None,
+    noise: Noise | Prior,
     *,
     starts: Sequence = (),
     robust: bool = True,
@@ -67,7 +67,7 @@ def solve(
     observations = list(observations)
     if not observations:
         raise ValueError("no observations given; expected at least one target")
-    prior = noise if isinstance(noise, Prior) else as_stated(noise or Noise())
+    prior = noise if isinstance(noise, Prior) else as_stated(noise)
     problem = Problem(observations, prior.scales, prior.systematic)
     total = problem.counts.sum()
     if total <= problem.n:
@@ -190,16 +190,15 @@ def estimate(problem: Problem, prior: Prior, state: State, robust: bool) -> Esti
     names = prior.names(problem.groups.distinguishable)
     law = prior.law(names)
     y = np.zeros(len(law.free))
-    kept = None
     for turn in range(ROUNDS):
         columns = problem.columns_in_mm(state)
-        whole = problem.model(state, names, columns=columns)
-        if kept is None:
-            first = whole.kept
+        model = problem.model(state, names, columns=columns)
+        if turn == 0:
+            first = model.kept
             if robust:
-                first = of_large_errors(problem, state, whole, prior)
+                first = of_large_errors(problem, state, model, prior)
             kept = first
-        model = whole.keeping(kept)
+        model = model.keeping(kept)
         y, _ = likeliest(model, law, y)
         posterior = model.posterior(law.variances(y[None])[0])
         x = posterior.mean[0]
@@ -366,32 +365,13 @@ def weaker_spectrum(
     estimated: Estimate, prior: Prior, at_origin: Spectrum
 ) -> tuple[Spectrum, list[str]]:
     """How well the pose is known if the robot's errors act at the origin of the frame
-    that the poses are of, or if they act at the sensor: the weaker of both where the
-    status differs, with a sentence that says so.
-    """
-    if prior.robot_known:
-        return at_origin, []
-    at_sensor = spectrum_at_sensor(estimated, prior, at_origin)
-    if at_sensor.status == at_origin.status:
-        return at_origin, []
-    weaker = max(at_origin, at_sensor, key=lambda known: known.sd[0])
-    return weaker, [
-        f"the status is {at_origin.status} if the robot's errors act at the origin of "
-        f"the poses' frame, {at_sensor.status} if they act at the sensor; "
-        "the weaker counts. If the poses are of a tool, give those of the flange"
-    ]
-
-
-def spectrum_at_sensor(
-    estimated: Estimate, prior: Prior, at_origin: Spectrum
-) -> Spectrum:
-    """How well the pose is known if the robot's errors act at the sensor and not, as in
-    `at_origin`, at the origin of the frame that the poses are of, which a user chooses;
-    `at_origin` where that is too far from any limit to matter.
+    that the poses are of, which a user chooses, or if they act at the sensor: the
+    weaker of both where the status differs, with a sentence that says so.
     """
     sd = at_origin.sd[0]
-    if not any(limit / 1.5 < sd < 1.5 * limit for limit in (WEAK, 1.0)):
-        return at_origin
+    near_limit = any(limit / 1.5 < sd < 1.5 * limit for limit in (WEAK, 1.0))
+    if prior.robot_known or not near_limit:
+        return at_origin, []
     problem, names = estimated.problem, estimated.model.names
     columns = []
     for z in estimated.columns:
@@ -400,9 +380,16 @@ def spectrum_at_sensor(
         columns.append(moved)
     model = problem.model(estimated.state, names, columns=columns)
     model = model.keeping(estimated.model.kept)
-    error_sizes = average(model, prior, np.zeros(1 + len(names)))
-    covariance = error_sizes.covariance[:6, :6]
-    return of_covariance(covariance, at_origin.rank, at_origin.parameters)
+    covariance = average(model, prior, np.zeros(1 + len(names))).covariance[:6, :6]
+    at_sensor = of_covariance(covariance, at_origin.rank, at_origin.parameters)
+    if at_sensor.status == at_origin.status:
+        return at_origin, []
+    weaker = max(at_origin, at_sensor, key=lambda known: known.sd[0])
+    return weaker, [
+        f"the status is {at_origin.status} if the robot's errors act at the origin of "
+        f"the poses' frame, {at_sensor.status} if they act at the sensor; "
+        "the weaker counts. If the poses are of a tool, give those of the flange"
+    ]
 
 
 def explanation(problem: Problem, state: State, known: Spectrum) -> list[str]:
@@ -422,22 +409,24 @@ def twin(
     problem, model = estimated.problem, estimated.model
     weights = problem.split(model.kept)
 
-    def apart(others: State) -> ndarray:
+    def apart(others: State) -> tuple[ndarray, ndarray]:
+        """Errors (B, 6) of the state if others are right, and whether it is another."""
         delta = pose_error(
             state.rotation, state.translation, others.rotation, others.translation
         )
-        return normalised_square(known.covariance, delta) > 50
+        return delta, normalised_square(known.covariance, delta) > 50
 
-    for k in np.flatnonzero(apart(others)):
+    for k in np.flatnonzero(apart(others)[1]):
         other = refine(problem, others[[k]], weights=weights, tolerance=ROUGHLY).state
         there = problem.model(other, model.names).keeping(model.kept)
         posterior = there.posterior(estimated.error_sizes.v[None])
         other = problem.move(other, posterior.mean[:, : problem.n])
-        if apart(other) and posterior.square[0] < largest:
-            turn = np.degrees(angle_between(other.rotation[0], state.rotation[0]))
-            shift = np.linalg.norm(other.translation[0] - state.translation[0])
+        delta, is_another = apart(other)
+        if is_another and posterior.square[0] < largest:
+            shift, turn = np.linalg.norm(delta.reshape(2, 3), axis=1)
             return [
-                f"another sensor pose explains the data as well, {turn:.3g}° and "
+                "another sensor pose explains the data as well, "
+                f"{np.degrees(turn):.3g}° and "
                 f"{shift:.3g} mm away; add poses from other directions"
             ]
     return []

@@ -8,11 +8,11 @@ from typing import Any, Self
 
 import numpy as np
 from numpy import ndarray
-from scipy.spatial.distance import cdist
+from scipy.spatial import KDTree
 
 from profilecal.geometry.checks import check_array
 from profilecal.geometry.noise import ROBOT
-from profilecal.geometry.poses import SAME_ORIENTATION_DEG, angle_between, parallel
+from profilecal.geometry.poses import SAME_ORIENTATION_DEG, angle_between
 from profilecal.targets import TARGETS
 from profilecal.targets.target import Target
 
@@ -202,23 +202,34 @@ def pose_groups(observations: Sequence[Observations]) -> PoseGroups:
     numbers = len(target) * target + np.concatenate(labels)
     _, first, group = np.unique(numbers, return_index=True, return_inverse=True)
 
-    other_target = target[first][:, None] != target[first]
-    alike = parallel(R[first], R[first], SAME_ORIENTATION_DEG) & other_target
-    alike |= np.eye(len(first), dtype=bool)
-    _, orientation = numbered(alike)
-    orientation = orientation[group]
+    orientation = first_alike(
+        R[first].reshape(-1, 9),
+        2 * np.sqrt(1 - np.cos(np.radians(SAME_ORIENTATION_DEG))),
+        lambda i, j: target[first][i] != target[first][j],
+    )[group]
 
-    same = cdist(T, T, "chebyshev") < same_mm
-    same &= orientation[:, None] == orientation
-    i, j = np.nonzero(same)
-    same[i, j] = np.degrees(angle_between(R[i], R[j])) < same_deg
-    firsts, pose = numbered(same)
+    def is_same_pose(i: ndarray, j: ndarray) -> ndarray:
+        near = np.abs(T[i] - T[j]).max(axis=1, initial=0.0) < same_mm
+        turned = np.degrees(angle_between(R[i], R[j])) < same_deg
+        return near & turned & (orientation[i] == orientation[j])
+
+    pose = first_alike(T, np.sqrt(3) * same_mm, is_same_pose)
+    firsts = np.unique(pose, return_index=True)[1]
     return PoseGroups(pose, orientation[firsts], group)
 
 
-def numbered(alike: ndarray) -> tuple[ndarray, ndarray]:
-    """The first member of each class, (classes,), and everyone's class, (n,).
+def first_alike(
+    places: ndarray, within: float, alike: Callable[[ndarray, ndarray], ndarray]
+) -> ndarray:
+    """Classes (n,) by number: everyone is in the class of the first one that it is
+    alike, or begins one.
 
-    Everyone is in the class of the first one that it is `alike`, (n, n).
+    Looked at are pairs of `places` (n, k) that are at most `within` apart; `alike(i,
+    j)` says which of them are.
     """
-    return np.unique(alike.argmax(axis=1), return_inverse=True)
+    pairs = KDTree(places).query_pairs(within, output_type="ndarray")
+    i, j = pairs.T  # i < j
+    chosen = alike(i, j)
+    firsts = np.arange(len(places))
+    np.minimum.at(firsts, j[chosen], i[chosen])
+    return np.unique(firsts, return_inverse=True)[1]

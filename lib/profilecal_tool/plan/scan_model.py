@@ -48,8 +48,8 @@ class ScanModel(Setup):
         Standard deviations, in mm and rad where they are of the unknowns. What all
         poses share are the systematic errors.
         """
-        sizes = [size for _, size in considered([type(self.target)], self.systematic)]
-        return units_by_hand([self.target]), np.array(sizes)
+        sizes = considered([type(self.target)], self.systematic).values()
+        return units_by_hand([self.target]), np.array([*sizes])
 
     def elsewhere(self, rng: np.random.Generator) -> "ScanModel":
         """The same where the guess is wrong by anything within its margins."""

@@ -16,6 +16,12 @@ from profilecal_tool.controllers import for_controller, writing_like
 from profilecal_tool.plan.scan_model import largest_sd
 from profilecal_tool.words import calibration_text, deviations
 
+# where the scanner's noise is from
+NOISE_FROM = {
+    "given": "as given",
+    "profiles": "of the features that the profiles show",
+    "residuals": "from the residuals",
+}
 VERDICTS = {
     "ok": (
         "The scanner's pose is known to {:.2g} mm and {:.2g}°",
@@ -100,8 +106,9 @@ def answer(calibration: Calibration) -> Html:
     lines += [*calibration_text(plain, to_paste).splitlines(), *total]
     if calibration.solution_or_none and not calibration.misread:
         solution = calibration.solution
+        source = NOISE_FROM[solution.prior.source]
         lines.append(
-            f"noise          {solution.noise_mm:.3g} mm, {solution.prior.how}; "
+            f"noise          {solution.noise_mm:.3g} mm, {source}; "
             f"residuals {solution.rms_mm:.3g} mm rms"
         )
     text = "\n".join(lines)

@@ -69,7 +69,7 @@ def test_guards_say_what_is_wrong(kind, change, sentence):
 def test_what_cannot_be_solved_is_refused():
     few = random_scene("point", np.random.default_rng(22), groups=3).observations
     with pytest.raises(ValueError, match="no observations given"):
-        solve([])
+        solve([], Noise())
     with pytest.raises(ValueError, match="profile_mm is -1"):
         solve([few], Noise(-1))
     sentence = "9 measured coordinates cannot determine 9 unknowns and noise; add"

@@ -115,12 +115,12 @@ def relative_sd(freedom: int) -> float:
 def test_noise_is_estimated_and_said_how():
     rng = np.random.default_rng(18)
     edge = random_scene("edge", rng).noisy(SIGMA, rng)
-    solution = solve([edge])
+    solution = solve([edge], Noise())
     assert solution.noise_source == "estimated"
     within = 4 * relative_sd(solution.dof)
     assert solution.noise_mm == pytest.approx(SIGMA, rel=within)
 
-    solution = solve([random_scene("ball", rng, count=20).noisy(SIGMA, rng)])
-    assert solution.prior.how == "from the residuals"
+    solution = solve([random_scene("ball", rng, count=20).noisy(SIGMA, rng)], Noise())
+    assert solution.prior.source == "residuals"
     assert abs(solution.noise_mm / SIGMA - 1) < 4 * relative_sd(solution.dof)
     assert abs(solution.chi2_per_dof - 1) < np.sqrt(2 / solution.dof)

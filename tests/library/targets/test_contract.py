@@ -11,7 +11,7 @@ from scipy.differentiate import jacobian
 
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import carry, directions, rotations
-from profilecal.joint.prior import of_scanner
+from profilecal.joint.prior import OF_SCANNER
 from profilecal.joint.problem import Problem
 from profilecal.simulation.scene import random_scene
 from profilecal.targets import TARGETS
@@ -71,8 +71,8 @@ def test_a_missing_point_has_no_part_in_anything(kind, in_space):
     present[:rows, 1] = 0
     np.testing.assert_array_equal(some, full * present)
 
-    (full,) = whole.columns_in_mm(scene.truth, of_scanner())
-    (some,) = part.columns_in_mm(scene.truth, of_scanner())
+    (full,) = whole.columns_in_mm(scene.truth, OF_SCANNER)
+    (some,) = part.columns_in_mm(scene.truth, OF_SCANNER)
     np.testing.assert_array_equal(some, full * present)
 
 

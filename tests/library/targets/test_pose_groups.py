@@ -4,7 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 from many_scenes import many
+from scipy.spatial.transform import Rotation
 
+from profilecal.geometry.poses import (
+    SAME_ORIENTATION_DEG,
+    angle_between,
+    rotation_groups,
+    rotations,
+)
 from profilecal.targets.observations import pose_groups
 
 POSES = np.arange(12)  # of a plan of three orientations
@@ -66,3 +73,35 @@ def test_targets_seen_from_the_same_poses_share_their_errors():
     groups = pose_groups([first, replace(second, **same)])
     assert groups.pose.tolist() == [*POSES, *POSES]
     assert len(groups.orientation) == 12
+
+
+def by_all_distances(observed):
+    """The first pose that each is at, by comparing each with every other."""
+    T, R = observed.T_flange[0], observed.R_flange[0]
+    near = np.abs(T[:, None] - T).max(axis=-1) < 0.05
+    turned = np.degrees(angle_between(R[:, None], R)) < 0.01
+    alike = observed.labels[:, None] == observed.labels
+    return np.unique((near & turned & alike).argmax(axis=1), return_inverse=True)[1]
+
+
+def test_poses_that_a_tree_finds_are_those_that_all_distances_show():
+    rng = np.random.default_rng(3)
+    repeated = observations().keep(rng.permutation(TWICE))
+    for size in (0.01, 0.03, 0.06):
+        T = repeated.T_flange + size * rng.normal(size=repeated.T_flange.shape)
+        moved = replace(repeated, T_flange=T)
+        assert pose_groups([moved]).pose.tolist() == by_all_distances(moved).tolist()
+
+
+def test_orientations_join_the_first_that_they_are_parallel_to():
+    rng = np.random.default_rng(4)
+    few = Rotation.random(5, rng=rng).as_matrix()[rng.integers(0, 5, 60)]
+    R = few @ rotations(np.radians(0.03) * rng.normal(size=(60, 3)))
+    expected, firsts = [], []
+    for one in R:
+        apart = [np.degrees(angle_between(one, first)) for first in firsts]
+        near = [k for k, angle in enumerate(apart) if angle < SAME_ORIENTATION_DEG]
+        expected.append(near[0] if near else len(firsts))
+        if not near:
+            firsts.append(one)
+    assert rotation_groups(R).tolist() == expected
