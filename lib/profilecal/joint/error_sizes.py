@@ -178,19 +178,17 @@ def average(model: LinearModel, prior: Prior, start: ndarray) -> ErrorSizes:
 
     The covariance is then enlarged until its region holds over all sizes (`growth`).
     """
-    log_weights, posteriors, spreads = [], [], []
+    draws, spreads = [], []
     for believed_model, belief, odds in beliefs(model, prior):
         law = belief.law(model.names)
         likely = likeliest(believed_model, law, start[: len(law.free)])
         log_weight, posterior, spread = draw(believed_model, law, *likely)
-        log_weights.append(log_weight + np.log(odds))
-        posteriors.append(posterior)
+        log_weight += np.log(odds)
+        draws.append((log_weight, posterior.mean, posterior.covariance, posterior.v))
         spreads.append(dict(zip(law.free, spread, strict=True)))
 
-    w = softmax(np.concatenate(log_weights))
-    x = np.concatenate([posterior.mean for posterior in posteriors])
-    V = np.concatenate([posterior.covariance for posterior in posteriors])
-    v = np.concatenate([posterior.v for posterior in posteriors])
+    log_w, x, V, v = (np.concatenate(part) for part in zip(*draws, strict=True))
+    w = softmax(log_w)
     mean = w @ x
     off = x - mean
     squares = V + off[:, :, None] * off[:, None]
@@ -199,8 +197,8 @@ def average(model: LinearModel, prior: Prior, start: ndarray) -> ErrorSizes:
     names = ("profile_mm", *model.names)
     units = np.r_[prior.scales.profile_mm, np.ones(len(model.names))]
     sizes = []
-    for j, draws in enumerate(units[:, None] * np.sqrt(v).T):
-        low, middle, high = quantiles(draws, w)
+    for j, drawn in enumerate(units[:, None] * np.sqrt(v).T):
+        low, middle, high = quantiles(drawn, w)
         from_data = j == 0 or bool(spreads[0].get(j, 0.0) < OF_PRIOR)
         sizes.append(Size(names[j], low, middle, high, from_data))
     middles = np.array([size.middle for size in sizes]) / units

@@ -113,10 +113,11 @@ class Prior:
         """The errors of the robot that there are, entries of `Noise`: all if known,
         else the distinguishable ones.
         """
-        names = list(self.scales.of_robot)
-        if self.robot_known:
-            return names
-        return [name for name in names if name in distinguishable]
+        return [
+            name
+            for name in self.scales.of_robot
+            if self.robot_known or name in distinguishable
+        ]
 
     @property
     def usual(self) -> "Prior | None":

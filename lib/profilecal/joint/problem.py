@@ -68,22 +68,17 @@ class Problem:
         self.observations = list(observations)
         self.noise = noise
         self.terms = [Residuals(entry, in_space) for entry in self.observations]
-        targets = [entry.target for entry in self.observations]
-        self.considered = considered(targets, systematic or Systematic())
+        self.targets = [entry.target for entry in self.observations]
+        self.considered = considered(self.targets, systematic or Systematic())
+        # what one would know of each parameter (n,) by hand, mm and rad
+        self.units = units_by_hand(self.targets)
         # how many residuals each profile has, in the first problem
-        self.counts = np.concatenate([term.counts()[0] for term in self.terms])
+        self.counts = np.concatenate([term.counts[0] for term in self.terms])
         self.freedoms = np.maximum(self.counts, 1)
         ends = np.cumsum([6, *(term.n for term in self.terms)])
         self.n = int(ends[-1])
         # which of the unknowns are each target's
         self.parts = [np.arange(*ends) for ends in pairwise(ends)]
-
-    @property
-    def units(self) -> ndarray:
-        """What one would know of each parameter (n,) by hand, mm and rad
-        (`geometry.observability`).
-        """
-        return units_by_hand([term.target for term in self.terms])
 
     @cached_property
     def groups(self) -> PoseGroups:
@@ -132,7 +127,7 @@ class Problem:
         per_pose = []
         for index, z in enumerate(self.linear(state)):
             r = z[:, -1]
-            count = np.maximum(self.terms[index].counts(), 1)
+            count = np.maximum(self.terms[index].counts, 1)
             square = np.einsum("bkp,bkp->bp", r, r) / count
             per_pose.append(square)
             given = 1.0 if weights is None else weights[index]

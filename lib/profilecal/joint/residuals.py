@@ -46,6 +46,8 @@ class Residuals:
         points = observations.points.transpose(3, 0, 2, 1).copy()
         self.present = np.isfinite(points).all(axis=0)  # (B|1, m, P)
         self.seen = np.where(self.present, points, 0.0)
+        # how many residuals each pose has, (B|1, P)
+        self.counts = self.present.sum(axis=1) * self.target.rows
         self.set_precision()
 
     def set_precision(self) -> None:
@@ -67,10 +69,6 @@ class Residuals:
         else:
             whiten = np.linalg.inv(np.linalg.cholesky(covariance))
             self.whiten = np.moveaxis(whiten, 1, -1)
-
-    def counts(self) -> ndarray:
-        """How many residuals each pose has, (B|1, P)."""
-        return self.present.sum(axis=1) * self.target.rows
 
     def linearise(self, state: State, placement: tuple) -> ndarray:
         """The K residuals of each of P poses and their derivatives, mm and rad.
@@ -182,10 +180,11 @@ class Residuals:
         h = 1e-4  # mm
         step = h * (np.array(self.target.lengths) == name)
         other = copy(self)
-        other.sizes = tuple(self.sizes + step)
-        plus = other.linearise(state, placement)[:, self.residual]
-        other.sizes = tuple(self.sizes - step)
-        minus = other.linearise(state, placement)[:, self.residual]
+        residuals = []
+        for sizes in (self.sizes + step, self.sizes - step):
+            other.sizes = tuple(sizes)
+            residuals.append(other.linearise(state, placement)[:, self.residual])
+        plus, minus = residuals
         return (plus - minus) / (2 * h)
 
     def on_target(self, columns: ndarray) -> "Residuals":

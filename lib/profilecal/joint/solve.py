@@ -64,7 +64,6 @@ def solve(
     Raises ValueError for malformed input and UnobservableError for fewer residuals than
     unknowns.
     """
-    observations = list(observations)
     if not observations:
         raise ValueError("no observations given; expected at least one target")
     prior = noise if isinstance(noise, Prior) else as_stated(noise)
@@ -124,14 +123,17 @@ def fits_of_most(problem: Problem, fits: Fit, usual_mm: float) -> Fit:
     where some fit to most of them is nearly exact.
     """
 
-    def large(fits: Fit) -> bool:
-        return typical_mm(problem, fits) > 2 * usual_mm
-
     # where nothing says how large residuals usually are, the robust fit is looked at
-    if usual_mm and not large(fits) and not contradicting(problem, fits).any():
+    limit_mm = 2 * usual_mm or np.inf
+
+    def is_doubtful(fits: Fit) -> bool:
+        is_large = typical_mm(problem, fits) > limit_mm
+        return is_large or bool(contradicting(problem, fits).any())
+
+    if usual_mm and not is_doubtful(fits):
         return fits
     robust = robust_fit(problem, fits.state)
-    if (usual_mm and large(robust)) or contradicting(problem, robust).any():
+    if is_doubtful(robust):
         state = search_among_outliers(problem, robust.state)
         robust = robust_fit(problem, state)
     if problem.freedoms[~contradicting(problem, robust)].sum() > problem.n:
@@ -244,8 +246,8 @@ def of_large_errors(
         law = believed.law(model.names)
         (v,), _, _ = law.variances(np.full((1, len(law.free)), large))
         v[0] = scanner**2
-        x = np.append(np.zeros(model.n), 1.0)
-        by_itself = squares(model, model.Y @ x, model.own(v), x, v)
+        residuals, rest = model.Y[:, :, -1], model.rest[:, -1, -1]
+        by_itself = squares(residuals, model.own(v), rest, v[0])
         kept = belonging(problem, model, *by_itself)
         if np.mean(~kept) <= 0.2:
             break
@@ -269,20 +271,15 @@ def belonging(
 
 
 def squares(
-    model: LinearModel,
-    errors: ndarray,
-    covariances: ndarray,
-    x: ndarray,
-    v: ndarray,
+    errors: ndarray, covariances: ndarray, rest: ndarray, variance: float
 ) -> tuple[ndarray, ndarray]:
-    """χ² (profiles,) of the rows that speak of the flange, whose errors (profiles, q)
-    and covariances are given, and of the rest of the residuals.
-
-    `x` (n + 1,): the unknowns and a one; `v` (1 + k,): the variances.
+    """χ² (profiles,) of the rows that speak of the flange, of these errors (profiles,
+    q) and covariances, and of the rest of the residuals, of which the sums of squares
+    (profiles,) and the scanner's variance are given.
     """
     of_flange = normalised_square(covariances, errors)
     # what is below zero is rounding
-    return np.maximum(of_flange, 0), np.maximum(x @ model.rest @ x, 0) / v[0]
+    return np.maximum(of_flange, 0), np.maximum(rest, 0) / variance
 
 
 def squares_left_out(
@@ -290,7 +287,7 @@ def squares_left_out(
 ) -> tuple[ndarray, ndarray]:
     """The `squares` of each profile by what all others say of it."""
     x = np.append(posterior.mean[0], 1.0)
-    return squares(model, *model.left_out(posterior), x, posterior.v[0])
+    return squares(*model.left_out(posterior), x @ model.rest @ x, posterior.v[0, 0])
 
 
 def conclude(estimated: Estimate, prior: Prior, others: State) -> Solution:
