@@ -87,7 +87,7 @@ def check_right(found, truth, said):
     distance = np.sqrt(normalised_square(covariance, error))
     text = (
         f"ok, but {distance:.1f} standard deviations away, "
-        f"{np.abs(error[:3]).max():.3g} mm; {found.solution.prior.how}; {said}"
+        f"{np.abs(error[:3]).max():.3g} mm; {found.solution.prior.source}; {said}"
     )
     assert sds.max() <= BELIEVED, text
     assert distance <= BELIEVED_OF_SIX, text
