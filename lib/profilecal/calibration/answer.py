@@ -20,7 +20,7 @@ EXPECTED = (
 )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Answer:
     """A sensor pose with its uncertainty."""
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy import ndarray
 from numpy.typing import ArrayLike
+from scipy.spatial.transform import RigidTransform
 
 from profilecal.calibration import plausibility
 from profilecal.calibration.answer import in_mm_deg
@@ -252,7 +253,7 @@ def observability_entries(solution: Solution, frame: str) -> dict[str, Any]:
 
 
 def calibrate(
-    scans: Scan | Iterable[Scan], guess: ArrayLike | None = None
+    scans: Scan | Iterable[Scan], guess: ArrayLike | RigidTransform | None = None
 ) -> Calibration:
     """The sensor pose from one scan or several of one sensor.
 
@@ -263,15 +264,15 @@ def calibrate(
     ----------
     scans : Scan or iterable of Scan
         What one scanner on one mount saw of one target or several.
-    guess : array (4, 4), optional
+    guess : array (4, 4) or RigidTransform, optional
         A pose of the sensor, mm, to start from besides a search over all orientations.
 
     Returns
     -------
     Calibration
         With the status "ok", "weak" (solved, but not to be relied on) or
-        "unobservable" (the motions leave the pose open); `messages` say why, and what
-        to add.
+        "unobservable" (the motions leave the pose open, or the poses were misread);
+        `messages` say why, and what to do.
 
     Raises
     ------
@@ -332,7 +333,7 @@ def believed(
     seen: Sequence[Seen],
     observed: Sequence[Observations],
     prior: Prior,
-    guess: ArrayLike | None,
+    guess: ArrayLike | RigidTransform | None,
 ) -> tuple[Solution, bool]:
     """The joint solution with the status and the messages that its residuals and the
     stated sides leave it, and whether these speak against it.
@@ -341,6 +342,8 @@ def believed(
     """
     starts = []
     if guess is not None:
+        if isinstance(guess, RigidTransform):
+            guess = guess.as_matrix()
         T = check_array("guess", guess, (4, 4))
         check_rigid("guess", T[None])
         starts = [(T[:3, :3], T[:3, 3])]

@@ -16,7 +16,7 @@ from profilecal.joint.prior import Law
 from profilecal.joint.solution import Solution
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class LeftOut:
     """What the other orientations say of each of G, from `leave_out`.
 

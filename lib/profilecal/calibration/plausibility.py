@@ -143,7 +143,7 @@ def check(solution: Solution) -> tuple[Solution, bool]:
 def contradictions(solution: Solution) -> list[str]:
     """What in the residuals no noise explains, in words."""
     messages = []
-    misfit = np.sqrt(solution.chi2_per_dof)
+    misfit = np.sqrt(max(solution.chi2_per_dof, 0.0))  # below it is rounding
     if solution.noise_source == "given" and misfit > MUCH:
         messages.append(
             f"the residuals are {misfit:.2g} times what the stated noise explains; "

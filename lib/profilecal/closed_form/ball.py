@@ -47,7 +47,8 @@ def solve_ball(
     R_tcp, T_tcp : array_like, (n, 3, 3) and (n, 3)
         Flange poses in the base frame, mm, in any order.
     q : array_like, (n, 3)
-        The ball's centre in the sensor frame from each pose, mm.
+        The ball's centre, x, y and z in the sensor frame, from each pose, mm; of an arc
+        x, z, r, `Ball.centre_from_circle` gives it.
     translating : int or array_like, optional
         Which poses translate, at least 3: the first so many, their indices, or a mask
         (n,). Left out, it is the largest group of one orientation (within 0.05°).

@@ -165,10 +165,9 @@ class NestedModel(LinearModel):
         v (1 + k,).
         """
         E, one, columns = self.E_rows, np.eye(6), Z.shape[2]
-        own = sum(
-            level.alone[:, None] * self.variances(level.errors, v)
-            for level in self.levels
-        )
+        own = np.zeros((len(Z), 6))
+        for level in self.levels:
+            own += level.alone[:, None] * self.variances(level.errors, v)
         D = v[0] * np.eye(self.q) + (E * own[:, None]) @ E.mT
         D_inverse = np.linalg.inv(D)
         log_det = float(np.linalg.slogdet(D)[1].sum())

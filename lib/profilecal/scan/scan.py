@@ -18,7 +18,7 @@ from profilecal.geometry.checks import (
 )
 from profilecal.geometry.noise import Noise, Systematic
 from profilecal.geometry.poses import homogeneous, inverse, rotation_groups
-from profilecal.scan.conventions import CONVENTIONS
+from profilecal.scan.conventions import CONVENTIONS, named
 from profilecal.scan.tables import ScanError, naming
 from profilecal.scan.toml import TEXT, Rule, check_entries, number, one_of
 from profilecal.targets import TARGETS
@@ -99,6 +99,8 @@ class Scan:
         group: ArrayLike | None = None,
         labels: Sequence[str] | None = None,
         title: str = "",
+        convention: str = CONVENTIONS[0].name,
+        orientations: ArrayLike | None = None,
         **lengths: float,
     ) -> "Scan":
         """A scan from arrays in memory.
@@ -111,8 +113,9 @@ class Scan:
             Poses of the flange in the base frame, mm. `pose_matrices` makes them from
             positions and the orientations that a robot prints.
         profiles : sequence of P arrays (n, 2)
-            Raw profiles, x and z in mm in scan order; NaN or left out where nothing was
-            seen. One of `profiles`, `points`, `chords` and `arcs` is given.
+            Raw profiles, x and z in mm in scan order; points that were not seen are NaN
+            or left out, a profile without any is None or empty. One of `profiles`,
+            `points`, `chords` and `arcs` is given.
         points : array (P, 2)
             Sensed points of an edge or a marked point, x and z in mm; NaN for none.
         chords : array (P, 4) or (P, 2, 2)
@@ -134,6 +137,9 @@ class Scan:
             Names of the poses; left out, their numbers from 1.
         title : str
             One line of text.
+        convention, orientations : str and array (P, k), optional
+            The numbers that the robot prints, as `pose_matrices` takes them: then
+            poses that were read in a wrong convention can be named.
         **lengths : float
             The target's lengths in mm: ``radius`` of a disk, ball or rod.
 
@@ -169,6 +175,10 @@ class Scan:
             values = rows_by_pose(measured, rows)
             T = check_rigid("T_base_flange", T_base_flange)
             check_positions("T_base_flange", T[:, :3, 3])
+            printed = None
+            if orientations is not None:
+                shape = (len(T), len(named(convention).columns))
+                printed = check_array("orientations", orientations, shape)
         if len(T) != len(values):
             raise ScanError(
                 f"T_base_flange has shape {T.shape} for {len(values)} {measured}; "
@@ -188,12 +198,19 @@ class Scan:
             noise={} if noise is None else noise,
             mount=mount,
             title=title,
+            convention=named(convention).name,
+            orientation=printed,
         )
 
     def __post_init__(self) -> None:
         said = {"kind": self.kind, "mount": self.mount, "title": self.title}
         rules = {"kind": one_of(TARGETS), "mount": one_of(MOUNTS), "title": TEXT}
         check_entries("Scan", said, rules)
+        lengths = self.target.lengths
+        if len(self.sizes) != len(lengths):
+            raise ScanError(
+                f"sizes has {len(self.sizes)} entries; a {self.kind} has {len(lengths)}"
+            )
         self._check_measured()
         self._check_noise()
         with naming("Scan"):
@@ -243,8 +260,9 @@ class Scan:
         if side.shape not in ((), (P,)) or not np.isin(side, (-1, 0, 1)).all():
             raise ValueError(f"side is {self.side}; expected 1, -1 or 0, for each pose")
         self._fill(
-            R_base_flange=rotations,
-            p_base_flange=positions,
+            R_base_flange=kept(rotations),
+            p_base_flange=kept(positions),
+            values=tuple(map(kept, self.values)),
             group=np.unique(group, return_inverse=True)[1],
             side=np.broadcast_to(side, P).astype(float),
         )
@@ -292,6 +310,13 @@ class Scan:
         return inverse(R, p) if self.mount == "eye-to-hand" else (R, p)
 
 
+def kept(values: ndarray) -> ndarray:
+    """A copy that nobody changes."""
+    copy = np.array(values)
+    copy.setflags(write=False)
+    return copy
+
+
 def largest_of(rows: ndarray) -> float:
     """The largest size of a number among those that are not NaN; 0 if all are."""
     return float(np.nanmax(np.abs(rows), initial=0.0))
@@ -320,6 +345,8 @@ def rows_by_pose(measured: str, values: Any) -> tuple[ndarray, ...]:
         return tuple(flat[:, None, :][k] for k in range(len(flat)))
     profiles = tuple(
         check_array(f"profiles[{k}]", profile, (None, columns), finite=False)
+        if profile is not None and len(profile)
+        else np.empty((0, columns))
         for k, profile in enumerate(values)
     )
     for k, profile in enumerate(profiles):

@@ -50,7 +50,7 @@ class Spec:
     scanner: Scanner = WIDE
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Truth:
     """What made a simulated scan."""
 
