@@ -1,7 +1,6 @@
-"""The command line as a user calls it, and files to give it."""
+"""The command line as a user calls it, and notebooks to give it."""
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 
 from click.testing import CliRunner, Result
@@ -41,14 +40,3 @@ def code_cell(name: str, source: str, tags: list[str]) -> dict:
         "execution_count": None,
         "outputs": [],
     }
-
-
-def edited(name: str, old: str, new: str, count: int = 1) -> Callable[[Path], None]:
-    """A change of a folder: in the text of a file, from something that is there."""
-
-    def change(folder: Path) -> None:
-        content = (folder / name).read_text()
-        assert old in content
-        (folder / name).write_text(content.replace(old, new, count))
-
-    return change

@@ -1,66 +1,85 @@
-"""Simulated scans and what calibrating one gives, each computed once for all cases that
-read it; how far off it is.
+"""Simulated scans and their calibrations, each computed once for all cases that read
+it; changes of a scan; how far off an answer is.
 """
 
+from dataclasses import replace
 from functools import wraps
 
 import numpy as np
 
-from profilecal.calibration.calibration import Calibration, calibrate
+import profilecal as pc
+from profilecal.calibration.answer import DEGREES
 from profilecal.geometry.noise import normalised_square
-from profilecal.geometry.poses import pose_error
-from profilecal.scan.scan import Scan
-from profilecal.simulation.spec import Spec, simulate_scan
+from profilecal.geometry.poses import homogeneous, pose_error, rotations
+from profilecal.simulation.spec import pose_name
 
+SCANNER = {"noise_mm": 0.06}  # of raw profiles; 0.05 is stated
 EXACT_SCANNER = dict.fromkeys(
     ("scale_percent", "shear_percent", "bend_mm", "tolerance_mm"), 0.0
 )  # and target
 
 
 def once(function):
-    """A function of a specification that remembers its answers, by the specification's
-    text: it may hold a dict.
+    """A function that remembers its answers, by the text of its arguments: one may be a
+    dict.
     """
-    known = {}
+    answers = {}
 
     @wraps(function)
-    def remembering(spec: Spec):
-        key = repr(spec)
-        if key not in known:
-            known[key] = function(spec)
-        return known[key]
+    def remembering(*arguments, **entries):
+        key = repr((arguments, entries))
+        if key not in answers:
+            answers[key] = function(*arguments, **entries)
+        return answers[key]
 
     return remembering
 
 
 @once
-def scan_of(spec: Spec) -> Scan:
-    return simulate_scan(spec)
+def scan_of(kind, **entries) -> pc.Scan:
+    """What `pc.simulate` makes of the same."""
+    scan, _ = pc.simulate(kind, **entries)
+    return scan
 
 
 @once
-def calibration_of(spec: Spec) -> Calibration:
-    return calibrate([scan_of(spec)])
+def calibration_of(kind, **entries) -> pc.Calibration:
+    """The answer of that scan alone."""
+    return pc.calibrate(scan_of(kind, **entries))
 
 
-def truth_of(scan: Scan) -> np.ndarray:
+def with_values(scan, poses, change) -> pc.Scan:
+    """The scan with what was seen from some poses, by number, changed."""
+    values = list(scan.values)
+    for pose in poses:
+        values[pose] = change(values[pose])
+    return replace(scan, values=tuple(values))
+
+
+def wrong_by(T, mm, deg) -> np.ndarray:
+    """A pose (4, 4) shifted by mm (3,) and turned by deg (3,) in its own frame."""
+    return T @ homogeneous(rotations(np.radians(deg)), np.asarray(mm, dtype=float))
+
+
+def truth_of(scan: pc.Scan) -> np.ndarray:
     """The true sensor pose (4, 4), on the flange or in the base."""
-    return np.array(
-        scan.truth[
-            "T_flange_sensor" if scan.mount == "eye-in-hand" else "T_base_sensor"
-        ]
-    )
+    return np.array(scan.truth[pose_name(scan.mount)])
 
 
-def error_of(found, T) -> np.ndarray:
-    """Of an answer or solution from a pose (4, 4): (6,) mm and rad."""
-    solution = getattr(found, "solution", found)
-    return pose_error(solution.rotation, solution.translation, T[:3, :3], T[:3, 3])
+def difference(T, true) -> np.ndarray:
+    """From a pose (4, 4) to another: (6,) mm and rad."""
+    return pose_error(T[:3, :3], T[:3, 3], true[:3, :3], true[:3, 3])
 
 
-def squared_error(scan: Scan, found: Calibration) -> float:
-    """Of the answer from the truth over its covariance, 6 expected."""
-    return normalised_square(found.solution.covariance, error_of(found, truth_of(scan)))
+def error_of(found: pc.Calibration, true) -> np.ndarray:
+    """Of an answer from a pose (4, 4): (6,) mm and rad."""
+    return difference(found.solution.pose, true)
+
+
+def squared_error(found: pc.Calibration) -> float:
+    """Of an answer from its first scan's truth over its covariance, 6 expected."""
+    error = error_of(found, truth_of(found.scans[0]))
+    return normalised_square(found.solution.covariance, error)
 
 
 def printed_square(printed: dict, truth: dict, covariance: str = "covariance") -> float:
@@ -68,7 +87,5 @@ def printed_square(printed: dict, truth: dict, covariance: str = "covariance") -
     name = "T_base_sensor" if "T_base_sensor" in printed else "T_flange_sensor"
     if not printed.get(name) or not printed.get(covariance):
         return np.nan
-    T, true = np.array(printed[name]), np.array(truth[name])
-    units = np.r_[1, 1, 1, np.full(3, 180 / np.pi)]
-    error = units * pose_error(T[:3, :3], T[:3, 3], true[:3, :3], true[:3, 3])
+    error = DEGREES * difference(np.array(printed[name]), np.array(truth[name]))
     return float(normalised_square(np.array(printed[covariance]), error))

@@ -8,35 +8,31 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 
 
+def text_of(name: str) -> str:
+    return (ROOT / name).read_text(encoding="utf-8")
+
+
 def test_versions_agree():
-    version = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))[
-        "project"
-    ]["version"]
+    project = tomllib.loads(text_of("pyproject.toml"))["project"]
     cited = re.search(
-        r"^version: (\S+)\ndate-released: (\S+)$",
-        (ROOT / "CITATION.cff").read_text("utf-8"),
-        re.M,
+        r"^version: (\S+)\ndate-released: (\S+)$", text_of("CITATION.cff"), re.M
     )
-    logged = re.search(
-        r"^## (\S+), (\S+)$", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.M
-    )
+    logged = re.search(r"^## (\S+), (\S+)$", text_of("CHANGELOG.md"), re.M)
     assert cited.groups() == logged.groups()
-    assert cited[1] == version
+    assert cited[1] == project["version"]
 
 
 def findings(text: str) -> list[str]:
     """The numbered findings of a page, without its links."""
-    listed = text.partition("## What we found\n")[2].partition("\n## ")[0]
-    return [
-        " ".join(re.sub(r"\(\[.*\)", "", item).split())
-        for item in re.findall(r"^\d\. (.*?)\)$", listed, re.M | re.S)
-    ]
+    section = text.partition("## What we found\n")[2].partition("\n## ")[0]
+    numbered = re.findall(r"^\d\. (.*?)\)$", section, re.M | re.S)
+    without_links = [re.sub(r"\(\[.*\)", "", item) for item in numbered]
+    return [" ".join(item.split()) for item in without_links]
 
 
 def test_the_first_page_and_the_first_notebook_tell_the_same_findings():
-    cells = json.loads(
-        (ROOT / "notebooks/00_start_here.ipynb").read_text(encoding="utf-8")
-    )["cells"]
-    told = findings("\n".join("".join(cell["source"]) for cell in cells))
+    notebook = json.loads(text_of("notebooks/00_start_here.ipynb"))
+    sources = ["".join(cell["source"]) for cell in notebook["cells"]]
+    told = findings("\n".join(sources))
     assert len(told) == 5
-    assert told == findings((ROOT / "README.md").read_text(encoding="utf-8"))
+    assert told == findings(text_of("README.md"))

@@ -11,7 +11,8 @@ from command import run
 
 import profilecal as pc
 
-README = (Path(__file__).parents[2] / "data" / "README.md").read_text(encoding="utf-8")
+ROOT = Path(__file__).parents[2]
+README = (ROOT / "data" / "README.md").read_text(encoding="utf-8")
 FIRST_COLUMN = re.findall(
     r"^\| (`.*?`) \|", README.partition("## What comes back")[2], re.M
 )
@@ -102,3 +103,14 @@ def test_a_ball_on_the_other_side_is_not_ok(tmp_path):
     assert "status         weak" in result.output
     assert "the ball's centre lies on the other side" in result.output
     assert "not to be relied on" in result.output
+
+
+def test_the_readme_shows_what_the_command_prints():
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    (shown,) = re.findall(r"^```\n(status .*?)^```", text, re.DOTALL | re.MULTILINE)
+    assert "profilecal calibrate data/examples/edge --to kuka " in text
+    edge = ROOT / "data" / "examples" / "edge"
+    printed = run("calibrate", edge, "--to", "kuka").stdout
+    # processors differ in later digits
+    short = [re.sub(r"(\.\d{4})\d+", r"\1", said) for said in (printed, shown)]
+    assert short[0] == short[1]

@@ -2,12 +2,13 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
+from simulated import calibration_of, with_values
 
-from profilecal.calibration.calibration import calibrate
+import profilecal as pc
 from profilecal.geometry.noise import Noise
-from profilecal.simulation.spec import Spec, simulate_scan
-from profilecal_tool.words import calibration_text, robot_errors
+from profilecal_tool.words import calibration_text, left_out_sentences, robot_errors
 
 FIRST = ["status", "translation", "rotation", "PASTE", "uncertainty", "poses"]
 
@@ -16,10 +17,10 @@ FIRST = ["status", "translation", "rotation", "PASTE", "uncertainty", "poses"]
 def test_the_answer_says_one_uncertainty_and_chi2_only_where_the_noise_is_stated(
     is_stated,
 ):
-    scan = simulate_scan(Spec(measured="points"))
+    scan, _ = pc.simulate(measured="points")
     if not is_stated:
         scan = replace(scan, noise={})
-    text = calibration_text(calibrate([scan]), "PASTE")
+    text = calibration_text(pc.calibrate(scan), "PASTE")
     names = [line.split()[0] for line in text.splitlines()]
     assert names[:6] == FIRST
     assert text.count("standard deviation") == 1
@@ -34,8 +35,25 @@ def test_robot_errors_are_told_apart_by_where_they_arise():
         group_position_mm=0.04,
         group_orientation_deg=0.02,
     )
-    assert robot_errors(noise) == (
-        "at each pose 0.12 mm and 0°, "
-        "shared by the poses of an orientation 0.04 mm and 0.02°"
-    )
+    each = "at each pose 0.12 mm and 0°"
+    shared = "shared by the poses of an orientation 0.04 mm and 0.02°"
+    assert robot_errors(noise) == f"{each}, {shared}"
     assert robot_errors(Noise(profile_mm=0.1)) == "none that the residuals show"
+
+
+def test_an_orientation_that_does_not_fit_is_named():
+    scan, _ = pc.simulate("edge", seed=2, groups=8)
+    shift = np.array([0.3, 0.0])
+    wrong = with_values(scan, range(30, 40), lambda rows: rows + shift)
+    said = left_out_sentences(pc.leave_out(pc.calibrate(wrong)))
+    misfit = "what poses g4p1 to g4p10 saw does not fit the other orientations"
+    assert misfit in " ".join(said)
+
+
+def test_an_orientation_that_is_needed_is_named():
+    found = calibration_of("ball", seed=2, groups=3, positions=4, spread_deg=40)
+    left = pc.leave_out(found)
+    needed = np.isnan(left.rms_mm)
+    summaries = 0 if needed.all() else 1
+    sentences = summaries + left.doubted.sum() + needed.sum()
+    assert len(left_out_sentences(left)) == sentences

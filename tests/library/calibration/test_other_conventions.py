@@ -10,29 +10,20 @@ import numpy as np
 import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
-from simulated import scan_of
+from simulated import SCANNER, scan_of
 
-from profilecal.calibration.calibration import calibrate
+import profilecal as pc
 from profilecal.calibration.observe import observe
 from profilecal.calibration.other_conventions import better_readings, observed
-from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import inverse
 from profilecal.scan.conventions import from_rotations, named, to_rotations
-from profilecal.scan.folder import read_scan, write_scan
-from profilecal.simulation.spec import Spec
 
-SPECS = [
-    Spec(kind="edge", groups=10, positions=4, seed=1),
-    Spec(kind="disk", groups=10, positions=5, seed=2, mount="eye-to-hand"),
-    Spec(
-        kind="ball",
-        groups=10,
-        positions=3,
-        seed=3,
-        noise=Noise(profile_mm=0.05, position_mm=0.05),
-    ),
-    Spec(kind="plane", groups=15, positions=2, seed=4),
-]
+ERRING = {"position_mm": 0.05}
+EDGE = {"kind": "edge", "seed": 1, "groups": 10, "positions": 4}
+DISK = {"kind": "disk", "seed": 2, "groups": 10, "positions": 5}
+BALL = {"kind": "ball", "seed": 3, "groups": 10, "positions": 3, "noise": ERRING}
+PLANE = {"kind": "plane", "seed": 4, "groups": 15, "positions": 2, "scanner": SCANNER}
+SCANS = [EDGE, DISK | {"mount": "eye-to-hand"}, BALL, PLANE]
 
 
 def inverted(scan):
@@ -41,9 +32,8 @@ def inverted(scan):
 
 
 def on_another_mount(scan):
-    return replace(
-        scan, mount="eye-to-hand" if scan.mount == "eye-in-hand" else "eye-in-hand"
-    )
+    others = {"eye-in-hand": "eye-to-hand", "eye-to-hand": "eye-in-hand"}
+    return replace(scan, mount=others[scan.mount])
 
 
 def misread(name, printed_as, change=lambda block: block):
@@ -51,146 +41,154 @@ def misread(name, printed_as, change=lambda block: block):
 
     def wrong(scan):
         block = change(from_rotations(named(printed_as), scan.R_base_flange))
+        rotations = to_rotations(named(name), block)
         return replace(
-            scan,
-            R_base_flange=to_rotations(named(name), block),
-            convention=name,
-            orientation=block,
+            scan, R_base_flange=rotations, convention=name, orientation=block
         )
 
     return wrong
 
 
-WRONG = {
-    "FANUC angles w, p, r in degrees": misread("KUKA angles", "FANUC angles"),
-    "KUKA angles a, b, c in degrees": misread("FANUC angles", "KUKA angles"),
-    "Stäubli angles": misread("KUKA angles", "Stäubli angles"),
-    "KUKA angles a, b, c in radians": misread("KUKA angles", "KUKA angles", np.radians),
-    "FANUC angles w, p, r in radians": misread(
-        "rotation vector", "FANUC angles", np.radians
-    ),
-    "a rotation vector in degrees": misread(
-        "FANUC angles", "rotation vector", np.degrees
-    ),
+def scalar_last(quaternions):
+    return quaternions[:, [1, 2, 3, 0]]
+
+
+def transposed(matrices):
+    return matrices.reshape(-1, 3, 3).mT.reshape(-1, 9)
+
+
+def too_small(times):
+    """All positions of the flange so many times nearer to the base."""
+    return lambda scan: replace(scan, p_base_flange=scan.p_base_flange / times)
+
+
+def one_row_early(scan):
+    first, *others = scan.values
+    return replace(scan, values=(*others, first))
+
+
+def one_row_late(scan):
+    nothing = scan.values[0][:0]
+    return replace(scan, values=(nothing, *scan.values[:-1]))
+
+
+FANUC, KUKA, VECTOR = "FANUC angles", "KUKA angles", "rotation vector"
+WRONG = {  # by what the first message is to say
+    "FANUC angles w, p, r in degrees": misread(KUKA, FANUC),
+    "KUKA angles a, b, c in degrees": misread(FANUC, KUKA),
+    "Stäubli angles": misread(KUKA, "Stäubli angles"),
+    "KUKA angles a, b, c in radians": misread(KUKA, KUKA, np.radians),
+    "FANUC angles w, p, r in radians": misread(VECTOR, FANUC, np.radians),
+    "a rotation vector in degrees": misread(FANUC, VECTOR, np.degrees),
     "qw, qx, qy, qz read as x, y, z, w": misread(
-        "quaternion", "quaternion", lambda q: q[:, [1, 2, 3, 0]]
+        "quaternion", "quaternion", scalar_last
     ),
-    "every rotation inverted": misread(
-        "matrix", "matrix", lambda block: block.reshape(-1, 3, 3).mT.reshape(-1, 9)
-    ),
+    "every rotation inverted": misread("matrix", "matrix", transposed),
     "every pose inverted (base in flange)": inverted,
     'mount = "eye-': on_another_mount,
-    "the poses' x, y, z in cm instead of mm": lambda s: replace(
-        s, p_base_flange=s.p_base_flange / 10
-    ),
-    "taken from the next row's pose": lambda s: replace(
-        s, values=(*s.values[1:], s.values[0])
-    ),
-    "taken from the previous row's pose": lambda s: replace(
-        s, values=(s.values[0][:0], *s.values[:-1])
-    ),
-    "the poses' x, y, z in inches instead of mm": lambda s: replace(
-        s, p_base_flange=s.p_base_flange / 25.4
-    ),
+    "the poses' x, y, z in cm instead of mm": too_small(10),
+    "taken from the next row's pose": one_row_early,
+    "taken from the previous row's pose": one_row_late,
+    "the poses' x, y, z in inches instead of mm": too_small(25.4),
 }
 
 
 @pytest.mark.parametrize(
-    ("spec", "right"), list(zip(cycle(SPECS), WRONG, strict=False))
+    ("entries", "right"), [*zip(cycle(SCANS), WRONG, strict=False)]
 )
-def test_what_was_read_wrongly_comes_first(spec, right):
-    found = calibrate([WRONG[right](scan_of(spec))])
+def test_what_was_read_wrongly_comes_first(entries, right):
+    misread_scan = WRONG[right](scan_of(**entries))
+    found = pc.calibrate(misread_scan)
     assert found.status != "ok"
-    assert found.messages[0].startswith("with ")
-    assert right in found.messages[0]
-    assert re.search(r"the residuals are 0\.0\d+ mm instead of", found.messages[0])
+    first = found.messages[0]
+    assert first.startswith("with ")
+    assert right in first
+    assert re.search(r"the residuals are 0\.0\d+ mm instead of", first)
     assert found.misread
-    assert not any(
-        "add poses" in message or "tilt" in message for message in found.messages
-    )
+    assert not re.search("add poses|tilt", " ".join(found.messages))
 
 
 def test_a_scan_of_several_is_named_and_nothing_is_applied():
-    scans = [
-        replace(scan_of(spec), title=spec.kind)
-        for spec in SPECS
-        if spec.mount == "eye-in-hand"
-    ]
-    wrong = replace(on_another_mount(inverted(scans[1])), mount=scans[1].mount)
-    found = calibrate([scans[0], wrong])
-    assert found.messages[0].startswith(f'{wrong.title}: with mount = "eye-to-hand" or')
-    assert found.scans == (scans[0], wrong)
-    assert not any(
-        message.startswith(f"{scans[0].title}: with") for message in found.messages
-    )
+    right = replace(scan_of(**EDGE), title="edge")
+    ball = replace(scan_of(**BALL), title="ball")
+    wrong = inverted(ball)
+    found = pc.calibrate([right, wrong])
+    assert found.messages[0].startswith('ball: with mount = "eye-to-hand" or')
+    assert found.scans == (right, wrong)
+    assert not any(message.startswith("edge: with") for message in found.messages)
 
 
-@pytest.mark.parametrize(
-    ("columns", "sequence", "words"),
-    [
-        (
-            ("a", "b", "c"),
-            "ZYZ",
-            "a, b, c read as angles about z, the new y and the new z",
-        ),
-        (
-            ("rx", "ry", "rz"),
-            "xyz",
-            "rx, ry, rz read as FANUC angles w, p, r in radians",
-        ),
-    ],
-)
-def test_columns_count_as_they_were_printed(tmp_path, columns, sequence, words):
-    """The rotations alone do not tell them: a middle angle beyond 90°, a vector longer
-    than π.
+def turned_over():
+    """A scan of which some middle Euler angles are beyond 90°, and some rotation
+    vectors longer than π: rotations alone do not tell them.
     """
-    scan = scan_of(SPECS[2])
+    scan = scan_of(**BALL)
     over = Rotation.from_euler("xz", [180, 150], degrees=True).as_matrix()
-    scan = replace(
-        scan,
-        R_base_flange=over @ scan.R_base_flange,
-        p_base_flange=scan.p_base_flange @ over.T,
-    )
-    turned = Rotation.from_matrix(scan.R_base_flange).as_euler(sequence)
-    assert (
-        (turned[:, 1] > np.pi / 2).any()
-        if sequence == "ZYZ"
-        else (np.linalg.norm(turned, axis=1) > np.pi).any()
-    )
-    write_scan(scan, tmp_path / "scan")
-    table = pd.read_csv(tmp_path / "scan" / "poses.csv").drop(
-        columns=["qw", "qx", "qy", "qz"]
-    )
-    table[list(columns)] = np.degrees(turned) if columns[0] == "a" else turned
-    table.to_csv(tmp_path / "scan" / "poses.csv", index=False)
-    assert words in calibrate([read_scan(tmp_path / "scan")]).messages[0]
+    rotations = over @ scan.R_base_flange
+    positions = scan.p_base_flange @ over.T
+    return replace(scan, R_base_flange=rotations, p_base_flange=positions)
+
+
+def read_with(columns, block, scan, folder):
+    """The scan, written and read back with a block of other orientation columns."""
+    pc.write_scan(scan, folder)
+    table = pd.read_csv(folder / "poses.csv")
+    table = table.drop(columns=["qw", "qx", "qy", "qz"])
+    table[columns] = block
+    table.to_csv(folder / "poses.csv", index=False)
+    return pc.read_scan(folder)
+
+
+def test_angles_count_as_they_were_printed(tmp_path):
+    scan = turned_over()
+    angles = Rotation.from_matrix(scan.R_base_flange).as_euler("ZYZ")
+    assert (angles[:, 1] > np.pi / 2).any()
+    read = read_with(["a", "b", "c"], np.degrees(angles), scan, tmp_path / "scan")
+    words = "a, b, c read as angles about z, the new y and the new z"
+    assert words in pc.calibrate(read).messages[0]
+
+
+def test_vectors_count_as_they_were_printed(tmp_path):
+    scan = turned_over()
+    angles = Rotation.from_matrix(scan.R_base_flange).as_euler("xyz")
+    assert (np.linalg.norm(angles, axis=1) > np.pi).any()
+    read = read_with(["rx", "ry", "rz"], angles, scan, tmp_path / "scan")
+    words = "rx, ry, rz read as FANUC angles w, p, r in radians"
+    assert words in pc.calibrate(read).messages[0]
 
 
 @pytest.mark.parametrize("spread_deg", [0.0, 1.0, 5.0])
 @pytest.mark.parametrize("kind", ["edge", "ball", "plane"])
 def test_poor_motions_are_blamed_on_no_reading(kind, spread_deg):
-    scan = scan_of(Spec(kind=kind, groups=8, positions=4, spread_deg=spread_deg))
+    plan = {"groups": 8, "positions": 4, "spread_deg": spread_deg}
+    scan = scan_of(kind, scanner=SCANNER, **plan)
     assert not better_readings(scan, observe(scan))
 
 
-def test_outliers_and_few_poses_are_blamed_on_no_reading():
-    for spec in SPECS:
-        scan, rng = scan_of(spec), np.random.default_rng(spec.seed)
-        bad = rng.uniform(size=len(scan.values)) < 0.25
-        values = tuple(
-            v + 20 * b * rng.normal(size=v.shape[1])
-            for v, b in zip(scan.values, bad, strict=True)
-        )
-        spoilt = replace(scan, values=values)
-        assert not better_readings(spoilt, observe(spoilt))
-        assert [
-            len(observed(scan, observe(scan), k).labels) - len(scan.labels)
-            for k in (0, 1, -1)
-        ] == [0, -1, -1]
-    few = scan_of(Spec(kind="ball", groups=3, positions=2, seed=1))
+@pytest.mark.parametrize("entries", SCANS)
+def test_outliers_are_blamed_on_no_reading(entries):
+    scan = scan_of(**entries)
+    rng = np.random.default_rng(entries["seed"])
+    bad = rng.uniform(size=(len(scan.labels), 1)) < 0.25
+    columns = scan.values[0].shape[1]
+    shifts = 20 * bad * rng.normal(size=(len(bad), columns))
+    spoilt = replace(scan, values=tuple(map(np.add, scan.values, shifts)))
+    assert not better_readings(spoilt, observe(spoilt))
+
+
+def test_few_poses_are_blamed_on_no_reading():
+    few = scan_of("ball", seed=1, groups=3, positions=2)
     assert not better_readings(few, observe(few))
+
+
+@pytest.mark.parametrize("entries", SCANS)
+@pytest.mark.parametrize(("shift", "lost"), [(0, 0), (1, 1), (-1, 1)])
+def test_a_pose_is_lost_where_rows_are_shifted(entries, shift, lost):
+    scan = scan_of(**entries)
+    shifted = observed(scan, observe(scan), shift)
+    assert len(shifted.labels) == len(scan.labels) - lost
 
 
 def test_a_good_scan_never_pays(monkeypatch):
     monkeypatch.setattr("profilecal.calibration.calibration.better_readings", None)
-    assert calibrate([scan_of(SPECS[0])]).status == "ok"
+    assert pc.calibrate(scan_of(**EDGE)).status == "ok"

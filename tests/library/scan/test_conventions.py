@@ -1,3 +1,5 @@
+"""Orientations as robots print them: in and out, and what cannot be one."""
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -6,6 +8,7 @@ from profilecal.scan.conventions import (
     CONVENTIONS,
     find_convention,
     from_rotations,
+    named,
     to_rotations,
 )
 
@@ -47,62 +50,43 @@ def test_every_convention_goes_in_and_out_and_means_its_formula(convention):
     np.testing.assert_allclose(to_rotations(convention, block), rotations, atol=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("columns", "sentence"),
-    [
-        (
-            ["rx", "ry", "rz", "w", "p", "r"],
-            "a, b, c; w, p, r; .*; found rotation vector and FANUC angles",
-        ),
-        (
-            ["qx", "qy", "qz"],
-            "one block of orientation columns, .*; "
-            "found none among pose, x, y, z, qx, qy, qz",
-        ),
-    ],
-)
-def test_unclear_columns_are_refused(columns, sentence):
+def test_columns_of_two_conventions_are_refused():
+    columns = ["pose", "x", "y", "z", "rx", "ry", "rz", "w", "p", "r"]
+    sentence = "a, b, c; w, p, r; .*; found rotation vector and FANUC angles"
     with pytest.raises(ValueError, match=sentence):
-        find_convention(["pose", "x", "y", "z", *columns])
+        find_convention(columns)
+
+
+def test_columns_of_no_convention_are_refused():
+    columns = ["pose", "x", "y", "z", "qx", "qy", "qz"]
+    sentence = "one block of orientation columns, .*; found none among pose, x, y, z,"
+    with pytest.raises(ValueError, match=f"{sentence} qx, qy, qz"):
+        find_convention(columns)
 
 
 def test_names_decide_not_their_order():
-    assert find_convention(["qx", "pose", "qw", "qz", "qy"]).columns == (
-        "qw",
-        "qx",
-        "qy",
-        "qz",
-    )
+    quaternion = find_convention(["qx", "pose", "qw", "qz", "qy"])
+    assert quaternion.columns == ("qw", "qx", "qy", "qz")
 
 
-@pytest.mark.parametrize(
-    ("name", "row", "sentence"),
-    [
-        ("quaternion", [1, 1, 0, 0], "quaternion of length 1.414; expected length 1"),
-        (
-            "rotation vector",
-            [180, 0, 0],
-            "rotation vector of length 180; expected radians",
-        ),
-        (
-            "FANUC angles",
-            [0, 0, 1e308],
-            r"angle of 1e\+308; expected degrees, at most 720",
-        ),
-        (
-            "matrix",
-            [1, 0, 0, 0, 1, 0, 0, 0, 2],
-            "matrix with R Rᵀ off the identity by 3",
-        ),
-        (
-            "matrix",
-            [1, 0, 0, 0, 1, 0, 0, 0, -1],
-            "matrix with determinant -1, a reflection",
-        ),
-    ],
-)
-def test_impossible_orientations_are_refused_with_their_row(name, row, sentence):
-    convention = next(c for c in CONVENTIONS if c.name == name)
-    good = from_rotations(convention, np.eye(3)[None])[0]
+IMPOSSIBLE = {  # by what is said of them
+    "quaternion of length 1.414; expected length 1": ("quaternion", [1, 1, 0, 0]),
+    "rotation vector of length 180; expected radians": (
+        "rotation vector",
+        [180, 0, 0],
+    ),
+    r"angle of 1e\+308; expected degrees, at most 720": (
+        "FANUC angles",
+        [0, 0, 1e308],
+    ),
+    "matrix with R Rᵀ off the identity by 3": ("matrix", np.diag([1, 1, 2])),
+    "matrix with determinant -1, a reflection": ("matrix", np.diag([1, 1, -1])),
+}
+
+
+@pytest.mark.parametrize("sentence", IMPOSSIBLE)
+def test_impossible_orientations_are_refused_with_their_row(sentence):
+    name, orientation = IMPOSSIBLE[sentence]
+    good = from_rotations(named(name), np.eye(3)[None])[0]
     with pytest.raises(ValueError, match=f"row 1: {sentence}"):
-        to_rotations(convention, [good, row])
+        to_rotations(named(name), [good, np.ravel(orientation)])

@@ -189,7 +189,7 @@ def test_answers_from_its_raw_profiles_are_as_exact_as_stated():
     scans = [recorded(seed)[0] for seed in range(4)]
     answers = [pc.calibrate(scan) for scan in scans]
     assert {answer.status for answer in answers} == {"ok"}
-    total = sum(map(squared_error, scans, answers))
+    total = sum(map(squared_error, answers))
     assert chi2.ppf(1e-4, 6 * 4) < total < chi2.isf(1e-4, 6 * 4)
 
 

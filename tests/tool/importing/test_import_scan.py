@@ -12,8 +12,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from command import edited, run
+from command import run
 from corruptions import CORRUPTIONS
+from folders import edited
 from peoples_files import (
     POSES,
     PROFILES,

@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from command import edited, run
+from command import run
+from folders import edited
 from scipy.stats import chi2
 from simulated import printed_square
 

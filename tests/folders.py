@@ -1,0 +1,58 @@
+"""Changes of a folder of files, of which some are mistakes."""
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import pandas as pd
+
+Change = Callable[[Path], object]
+
+
+def edited(name: str, old: str, new: str, count: int = 1) -> Change:
+    """In the text of a file, from something that is there."""
+
+    def change(folder):
+        content = (folder / name).read_text()
+        assert old in content
+        (folder / name).write_text(content.replace(old, new, count))
+
+    return change
+
+
+def tabulated(name: str, function: Callable[[pd.DataFrame], pd.DataFrame]) -> Change:
+    """In the rows and columns of a file."""
+
+    def change(folder):
+        table = pd.read_csv(folder / name)
+        function(table).to_csv(folder / name, index=False)
+
+    return change
+
+
+def written(name: str, text: str) -> Change:
+    return lambda folder: (folder / name).write_text(text)
+
+
+def removed(name: str) -> Change:
+    return lambda folder: (folder / name).unlink()
+
+
+def instead_of(name: str, make: Callable[[Path], object]) -> Change:
+    """Something else where a file was."""
+
+    def change(folder):
+        (folder / name).unlink()
+        make(folder / name)
+
+    return change
+
+
+def linked_to_itself(path: Path) -> None:
+    path.symlink_to(path.name)
+
+
+LOOP = instead_of("arcs.csv", linked_to_itself)
+PIPE = instead_of("poses.csv", os.mkfifo)
+CUT_SHORT = written("arcs.csv", "pose,x,z,r\nP0,1,2,3\nP1,1")
+TOO_DEEP = edited("scan.toml", "40.0", "[" * 20_000)

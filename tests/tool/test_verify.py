@@ -1,0 +1,88 @@
+"""`profilecal verify` reads what `profilecal calibrate --json` prints."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from command import run
+from simulated import calibration_of, scan_of, wrong_by
+
+import profilecal as pc
+
+
+def calibrated(folder):
+    """What `calibrate` prints of a scan."""
+    return json.loads(run("calibrate", folder, "--json").output)
+
+
+def held_against_the_ball(printed, folder):
+    """What `verify` says of the scan there named so, with what `calibrate` printed."""
+    (folder / "T.json").write_text(json.dumps(printed))
+    return run("verify", folder / "ball", "--with", folder / "T.json")
+
+
+def test_the_scan_that_the_pose_is_from_cannot_verify_it(tmp_path):
+    scan = replace(scan_of("ball", seed=5), title="mine")
+    pc.write_scan(scan, tmp_path / "ball")
+    result = held_against_the_ball(calibrated(tmp_path / "ball"), tmp_path)
+    assert result.exit_code == 2
+    refused = "the pose was found from this very scan; expected another"
+    assert result.output == f"profilecal: mine: {refused}\n"
+
+
+@pytest.mark.parametrize("old", [False, True])
+def test_verify_reads_what_calibrate_printed(old, tmp_path):
+    pc.write_scan(scan_of("edge", seed=5), tmp_path / "edge")
+    pc.write_scan(scan_of("ball", seed=5), tmp_path / "ball")
+    printed = calibrated(tmp_path / "edge")
+    if old:
+        del printed["covariance_total"]
+    result = held_against_the_ball(printed, tmp_path)
+    assert result.exit_code == 0, result.output
+    assert "from a sphere" in result.output
+    pose = np.array(printed["T_flange_sensor"])
+    turned = wrong_by(pose, [0, 0, 0], [0, 1, 0])
+    shifted = wrong_by(pose, [0, 0, 2], [0, 0, 0])
+    for wrong in (turned, shifted):
+        entry = {"T_flange_sensor": wrong.tolist()}
+        result = held_against_the_ball(printed | entry, tmp_path)
+        assert result.exit_code == 1
+    assert "most apart     translation along" in result.output
+
+
+def entry(name, change):
+    """What `calibrate` printed, with one entry changed."""
+    return lambda printed: printed | {name: change(np.array(printed[name])).tolist()}
+
+
+def pose(change):
+    return entry("T_flange_sensor", change)
+
+
+def covariance(change):
+    return entry("covariance_total", change)
+
+
+WRONG = {  # by what is said of it
+    "not what `profilecal calibrate --json` prints": lambda printed: {},
+    "where it finds a sensor pose": lambda printed: printed | {"T_flange_sensor": None},
+    "not orthonormal": pose(lambda T: T @ np.diag([2, 2, 2, 1])),
+    "a reflection": pose(lambda T: T @ np.diag([-1, 1, 1, 1])),
+    "the sensor pose has shape (3, 4); expected (4, 4)": pose(lambda T: T[:3]),
+    "last row": pose(np.transpose),
+    "its covariance[0, 0] is nan; expected finite": covariance(lambda C: C * np.nan),
+    "noise_mm is nan; expected finite": entry("noise_mm", lambda mm: mm * np.nan),
+    "positive": covariance(np.negative),
+}
+
+
+@pytest.mark.parametrize("said", WRONG)
+def test_verify_refuses_what_is_no_pose(said, tmp_path):
+    found = calibration_of("ball", seed=5)
+    pc.write_scan(found.scans[0], tmp_path / "ball")
+    result = held_against_the_ball(WRONG[said](found.to_json()), tmp_path)
+    assert result.exit_code == 2
+    assert said in result.output
+    assert "T.json" in result.output
+    assert result.output.count("\n") == 1
