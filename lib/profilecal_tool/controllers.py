@@ -70,7 +70,8 @@ def for_controller(vendor: str, pose: ArrayLike, frame: str = "flange") -> str:
 
 
 def writing_like(convention_name: str) -> str:
-    """The first controller whose orientations are in a convention."""
-    return next(
-        vendor for vendor, (name, _) in CONTROLLERS.items() if name == convention_name
-    )
+    """The first controller whose orientations are in a convention, or "matrix"."""
+    for vendor, (name, _) in CONTROLLERS.items():
+        if name == convention_name:
+            return vendor
+    return "matrix"

@@ -244,3 +244,48 @@ def test_the_papers_solvers_refuse_metres(solve):
     positions = scan.p_base_flange / 1000
     with pytest.raises(ValueError, match=r"expected a robot's size, .*are they in mm"):
         solve(scan.R_base_flange, positions, np.zeros((250, 3)))
+
+
+def test_poses_read_in_a_wrong_convention_are_named_from_arrays_too():
+    scan, _ = pc.simulate("edge", seed=1, groups=12)
+    rotations = Rotation.from_matrix(scan.R_base_flange)
+    printed = rotations.as_euler("ZYX", degrees=True)  # a, b, c of a KUKA
+    misread = pc.pose_matrices(scan.p_base_flange, printed[:, ::-1], "KUKA angles")
+    found = pc.calibrate(
+        pc.Scan.of(
+            "edge",
+            misread,
+            points=np.concatenate(scan.values),
+            noise=scan.noise,
+            convention="KUKA angles",
+            orientations=printed[:, ::-1],
+        )
+    )
+    assert found.status == "unobservable"
+    assert any("read as" in message for message in found.messages)
+
+
+def test_a_scan_keeps_what_it_was_given():
+    scan, _ = pc.simulate("edge", seed=1)
+    poses, points = scan.T_base_flange, np.concatenate(scan.values)
+    made = pc.Scan.of("edge", poses, points=points)
+    points[:], poses[:] = 0, 0
+    assert made.T_base_flange[0, 3, 3] == 1
+    assert np.abs(made.values[0]).max() > 0
+    with pytest.raises(ValueError, match="read-only"):
+        made.values[0][:] = 0
+
+
+def test_a_profile_that_saw_nothing_may_be_none_or_empty():
+    scan, _ = pc.simulate("plane", seed=1, measured="profiles")
+    profiles = [None, [], *scan.values[2:]]
+    made = pc.Scan.of("plane", scan.T_base_flange, profiles=profiles)
+    assert [len(rows) for rows in made.values[:2]] == [0, 0]
+
+
+def test_a_closed_form_solution_has_its_pose_as_a_matrix():
+    scan, truth = pc.simulate("edge", seed=1, noise={"profile_mm": 1e-6})
+    R, T = scan.R_base_flange, scan.p_base_flange
+    solution = pc.solve_edge(R, T, np.concatenate(scan.values))
+    np.testing.assert_array_equal(solution.pose[:3, 3], solution.T_sensor)
+    np.testing.assert_allclose(solution.pose, truth.pose, atol=1e-2)

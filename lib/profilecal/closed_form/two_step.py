@@ -13,7 +13,7 @@ import numpy as np
 from numpy import ndarray
 
 from profilecal.geometry.checks import UnobservableError, check_count
-from profilecal.geometry.poses import nearest_rotation
+from profilecal.geometry.poses import homogeneous, nearest_rotation
 
 # directions or orientations that differ by less are taken for one
 LEAST_SPREAD_DEG = 1.0
@@ -34,6 +34,11 @@ class SensorPose:
     def T_sensor(self) -> ndarray:
         """(..., 3) mm, the sensor's origin in the flange frame."""
         return self.translation.T_sensor
+
+    @property
+    def pose(self) -> ndarray:
+        """(..., 4, 4) from sensor to flange, mm."""
+        return homogeneous(self.R_sensor, self.T_sensor)
 
     def __repr__(self) -> str:
         with np.printoptions(precision=6, suppress=True, threshold=9, edgeitems=2):
