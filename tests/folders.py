@@ -1,15 +1,11 @@
 """Changes of a folder of files, of which some are mistakes."""
 
 import os
-from collections.abc import Callable
-from pathlib import Path
 
 import pandas as pd
 
-Change = Callable[[Path], object]
 
-
-def edited(name: str, old: str, new: str, count: int = 1) -> Change:
+def edited(name, old, new, count=1):
     """In the text of a file, from something that is there."""
 
     def change(folder):
@@ -20,7 +16,7 @@ def edited(name: str, old: str, new: str, count: int = 1) -> Change:
     return change
 
 
-def tabulated(name: str, function: Callable[[pd.DataFrame], pd.DataFrame]) -> Change:
+def tabulated(name, function):
     """In the rows and columns of a file."""
 
     def change(folder):
@@ -30,15 +26,15 @@ def tabulated(name: str, function: Callable[[pd.DataFrame], pd.DataFrame]) -> Ch
     return change
 
 
-def written(name: str, text: str) -> Change:
+def written(name, text):
     return lambda folder: (folder / name).write_text(text)
 
 
-def removed(name: str) -> Change:
+def removed(name):
     return lambda folder: (folder / name).unlink()
 
 
-def instead_of(name: str, make: Callable[[Path], object]) -> Change:
+def instead_of(name, make):
     """Something else where a file was."""
 
     def change(folder):
@@ -48,7 +44,7 @@ def instead_of(name: str, make: Callable[[Path], object]) -> Change:
     return change
 
 
-def linked_to_itself(path: Path) -> None:
+def linked_to_itself(path):
     path.symlink_to(path.name)
 
 

@@ -36,19 +36,19 @@ def once(function):
 
 
 @once
-def scan_of(kind, **entries) -> pc.Scan:
+def scan_of(kind, **entries):
     """What `pc.simulate` makes of the same."""
     scan, _ = pc.simulate(kind, **entries)
     return scan
 
 
 @once
-def calibration_of(kind, **entries) -> pc.Calibration:
+def calibration_of(kind, **entries):
     """The answer of that scan alone."""
     return pc.calibrate(scan_of(kind, **entries))
 
 
-def with_values(scan, poses, change) -> pc.Scan:
+def with_values(scan, poses, change):
     """The scan with what was seen from some poses, by number, changed."""
     values = list(scan.values)
     for pose in poses:
@@ -56,33 +56,33 @@ def with_values(scan, poses, change) -> pc.Scan:
     return replace(scan, values=tuple(values))
 
 
-def wrong_by(T, mm, deg) -> np.ndarray:
+def wrong_by(T, mm, deg):
     """A pose (4, 4) shifted by mm (3,) and turned by deg (3,) in its own frame."""
     return T @ homogeneous(rotations(np.radians(deg)), np.asarray(mm, dtype=float))
 
 
-def truth_of(scan: pc.Scan) -> np.ndarray:
+def truth_of(scan):
     """The true sensor pose (4, 4), on the flange or in the base."""
     return np.array(scan.truth[pose_name(scan.mount)])
 
 
-def difference(T, true) -> np.ndarray:
+def difference(T, true):
     """From a pose (4, 4) to another: (6,) mm and rad."""
     return pose_error(T[:3, :3], T[:3, 3], true[:3, :3], true[:3, 3])
 
 
-def error_of(found: pc.Calibration, true) -> np.ndarray:
+def error_of(found, true):
     """Of an answer from a pose (4, 4): (6,) mm and rad."""
     return difference(found.solution.pose, true)
 
 
-def squared_error(found: pc.Calibration) -> float:
+def squared_error(found):
     """Of an answer from its first scan's truth over its covariance, 6 expected."""
     error = error_of(found, truth_of(found.scans[0]))
     return normalised_square(found.solution.covariance, error)
 
 
-def printed_square(printed: dict, truth: dict, covariance: str = "covariance") -> float:
+def printed_square(printed, truth, covariance="covariance"):
     """The same of what is printed as JSON; NaN without a pose or such a covariance."""
     name = "T_base_sensor" if "T_base_sensor" in printed else "T_flange_sensor"
     if not printed.get(name) or not printed.get(covariance):

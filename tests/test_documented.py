@@ -37,7 +37,7 @@ def public_names(tree):
 
 
 @functools.cache
-def promised() -> set[str]:
+def promised():
     """The methods that contracts describe."""
     methods = set()
     for path in MODULES:

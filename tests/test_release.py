@@ -8,7 +8,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 
 
-def text_of(name: str) -> str:
+def text_of(name):
     return (ROOT / name).read_text(encoding="utf-8")
 
 
@@ -22,7 +22,7 @@ def test_versions_agree():
     assert cited[1] == project["version"]
 
 
-def findings(text: str) -> list[str]:
+def findings(text):
     """The numbered findings of a page, without its links."""
     section = text.partition("## What we found\n")[2].partition("\n## ")[0]
     numbered = re.findall(r"^\d\. (.*?)\)$", section, re.M | re.S)

@@ -91,14 +91,13 @@ def test_a_scan_that_shows_nothing_is_refused():
 def with_first_pose_again(scan):
     """The scan with its first pose and what it saw once more, under another name."""
     rows = [*range(len(scan.labels)), 0]
-    return replace(
-        scan,
-        labels=(*scan.labels, "again"),
-        R_base_flange=scan.R_base_flange[rows],
-        p_base_flange=scan.p_base_flange[rows],
-        values=tuple(scan.values[k] for k in rows),
-        group=scan.group[rows],
-        side=scan.side[rows],
+    return pc.Scan.of(
+        scan.kind,
+        scan.T_base_flange[rows],
+        arcs=np.concatenate(scan.values)[rows],
+        labels=[*scan.labels, "again"],
+        title=scan.title,
+        **scan.measures,
     )
 
 

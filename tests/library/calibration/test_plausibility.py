@@ -44,9 +44,11 @@ def largest_error(found):
     return np.max(np.abs(error) / np.sqrt(np.diag(found.solution.covariance)))
 
 
-def deformed(scan, A):
-    """The scan with each profile's (x, z) times a matrix (2, 2)."""
-    return replace(scan, values=tuple(points @ np.array(A) for points in scan.values))
+def deformed(A):
+    """What makes a scan of which each profile's (x, z) are times a matrix (2, 2)."""
+    return lambda scan: replace(
+        scan, values=tuple(points @ np.array(A) for points in scan.values)
+    )
 
 
 def moved(scan, shifts):
@@ -64,22 +66,6 @@ def steps(scan):
     return np.linspace(0, 1, len(scan.labels))[:, None]
 
 
-def scaled_profiles(scan):
-    return deformed(scan, [[1.01, 0], [0, 1.01]])
-
-
-def scaled_x(scan):
-    return deformed(scan, [[0.995, 0], [0, 1]])
-
-
-def scaled_z(scan):
-    return deformed(scan, [[1, 0], [0, 1.01]])
-
-
-def sheared(scan):
-    return deformed(scan, [[1, 0], [0.006, 1]])
-
-
 def drifting(scan):
     return moved(scan, [0.8, 0, 0] * steps(scan))  # found with an sd of 0.17
 
@@ -92,11 +78,15 @@ def scaled_axis(scan):
     return moved(scan, [0, 0.01, 0] * scan.p_base_flange)
 
 
+SCALED = deformed([[1.01, 0], [0, 1.01]])
+SCALED_X = deformed([[0.995, 0], [0, 1]])
+SCALED_Z = deformed([[1, 0], [0, 1.01]])
+SHEARED = deformed([[1, 0], [0.006, 1]])
 WRONG = [
-    ("edge", scaled_profiles, "the robot's positions were too close together by 1 %"),
-    ("ball", scaled_x, "the profiles' x were too small by 0.4"),
-    ("ball", scaled_z, "the profiles' z were too large by 0.9"),
-    ("disk", sheared, "the profiles' x grew with z by +0.6"),
+    ("edge", SCALED, "the robot's positions were too close together by 1 %"),
+    ("ball", SCALED_X, "the profiles' x were too small by 0.4"),
+    ("ball", SCALED_Z, "the profiles' z were too large by 0.9"),
+    ("disk", SHEARED, "the profiles' x grew with z by +0.6"),
     ("disk", drifting, "drifted along the base's x by 0.6"),
     ("edge", scaled_robot, "positions were too far apart by 0.9"),
     ("ball", scaled_axis, "base's y were too far apart by 0.9"),
@@ -140,7 +130,7 @@ def test_a_scanner_and_a_target_as_they_may_be_are_allowed_for(kind):
     """Errors of one prior's standard deviation move the answer by more than noise does,
     and no alarm is raised.
     """
-    scan = deformed(example(kind), [[1.001, 0], [0.001, 0.999]])
+    scan = deformed([[1.001, 0], [0.001, 0.999]])(example(kind))
     scan = replace(scan, sizes=tuple(size + 0.01 for size in scan.sizes))
     found = pc.calibrate(scan)
     assert found.status == "ok"
