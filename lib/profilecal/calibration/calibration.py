@@ -271,8 +271,8 @@ def calibrate(
     -------
     Calibration
         With the status "ok", "weak" (solved, but not to be relied on) or
-        "unobservable" (the motions leave the pose open, or the poses were misread);
-        `messages` say why, and what to do.
+        "unobservable" (no pose: the motions leave it open). Poses that were misread
+        end in one of the last two; `messages` say why, and what to do.
 
     Raises
     ------
