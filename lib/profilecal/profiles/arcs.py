@@ -89,13 +89,8 @@ def find_balls(profiles: Profiles, radius: float) -> list[Feature]:
 
 def find_rods(profiles: Profiles, radius: float) -> list[Feature]:
     """The arc of the rod in each profile (n, 2), mm, as up to 40 means over points."""
-
-    def fit(points: ndarray, curve: Section) -> Section | None:
-        is_circle = not curve.lean.any()
-        start = leaning(curve, points, radius) if is_circle else curve
-        return nearest_section(points, start)
-
     largest = 2.5 * radius
+    fit = partial(nearest_section, radius)
     square = f"within {LARGEST_TILT_DEG:.0f}° of square to the profile"
     missing = f"no arc of a rod of {radius:.4g} mm whose axis is {square}"
     return [
@@ -215,14 +210,13 @@ def best_circle(points: ndarray, limit: float, largest: float) -> Section | None
     spread over a sixtieth of the profile to all of it, so that some see the arc alone,
     without spikes.
     """
-    k = len(points)
     circles = circles_through(points)
     radii = circles[:, 2]
     circles = circles[(largest / 5 < radii) & (radii < largest)]  # false for NaN
     if not len(circles):
         return None
     x, z, radius = circles.T[..., None]
-    few = points[:: max(1, k // 250)]
+    few = points[:: max(1, len(points) // 250)]
     distance = np.sqrt((few[:, 0] - x) ** 2 + (few[:, 1] - z) ** 2)  # faster than hypot
     count = np.count_nonzero(np.abs(distance - radius) < limit, axis=1)
     # a line is as near to a circle over √radius of length
@@ -278,13 +272,13 @@ def leaning(circle: Section, points: ndarray, radius: float) -> Section:
     return Section(centre, np.tan(tilt) * outwards, radius)
 
 
-def nearest_section(points: ndarray, start: Section) -> Section | None:
-    """By least squares from points (k, 2), k ≥ 4, starting at a section near them; None
-    if it leans too far.
+def nearest_section(radius: float, points: ndarray, near: Section) -> Section | None:
+    """The section of a rod nearest to points (k, 2), k ≥ 4, by least squares, starting
+    at a section near them or leaning from a circle; None if it leans too far.
     """
 
     def section_at(state: ndarray) -> Section:
-        return Section(state[:2], state[2:], start.radius)
+        return Section(state[:2], state[2:], radius)
 
     def off(state: ndarray) -> ndarray:
         return section_at(state).off_and_normals(points)[0]
@@ -292,6 +286,7 @@ def nearest_section(points: ndarray, start: Section) -> Section | None:
     def derivatives(state: ndarray) -> ndarray:
         return section_at(state).derivatives(points)
 
+    start = near if near.lean.any() else leaning(near, points, radius)
     fitted = least_squares(
         off,
         np.concatenate([start.centre, start.lean]),

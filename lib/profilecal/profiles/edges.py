@@ -29,6 +29,7 @@ from profilecal.profiles.points import (
     nothing,
     present,
     stretches,
+    tolerance,
 )
 from profilecal.profiles.runs import Run, straight_runs
 
@@ -64,27 +65,20 @@ class Candidate:
         """What it has in common with the target's feature in other profiles."""
         return Look(self.feature.shape, self.side)
 
-    @property
-    def place(self) -> ndarray:
-        """Its first point, (2,) mm."""
-        return self.feature.points[0]
-
 
 def choose(
     profiles: Profiles,
     candidates: list[list[Candidate]],
-    look: Look,
+    shape: str,
     missed: Sequence[str],
 ) -> list[Feature]:
-    """For each profile the feature of the scan's look, if just one candidate for it is
-    clear; else nothing, with the reason.
+    """For each profile the feature of a shape, if just one candidate for it is clear;
+    else nothing, with the reason.
 
-    `missed` says for each profile why it has no such candidate; "" where it cannot
-    tell.
+    `missed` says for each profile why it has no candidate; "" where it cannot tell.
     """
     ranked = [sorted(own, key=lambda c: -c.support) for own in candidates]
-    alike = [[c for c in own if c.look == look] for own in ranked]
-    angles = np.array([own[0].angle for own in alike if own])
+    angles = np.array([own[0].angle for own in ranked if own])
     if not len(angles):
         return [nothing("nothing like the target in this profile")] * len(profiles)
     usual = np.median(angles)
@@ -92,20 +86,19 @@ def choose(
     # tilted planes see corners at other angles, if nothing nearer
     close, wide = np.maximum(np.radians([20, 30]), spread)
     chosen = []
-    for profile, own, why in zip(profiles, alike, missed, strict=True):
+    for profile, own, why in zip(profiles, ranked, missed, strict=True):
         near = [c for c in own if abs(c.angle - usual) <= close]
         near = near or [c for c in own if abs(c.angle - usual) <= wide]
         reason = ""
         if not present(profile).any():
             reason = "nothing in this profile"
         elif not own:
-            reason = why or f"no {look.shape} as in other profiles"
+            reason = why or f"no {shape} as in other profiles"
         elif not near:
             angle, expected = np.degrees([own[0].angle, usual])
             reason = f"a corner of {angle:.0f}°, {expected:.0f}° in other profiles"
         elif len(near) > 1 and near[1].support > AMBIGUOUS * near[0].support:
-            what = f"{len(near)} candidates for the {look.shape}"
-            reason = f"{what}, none clearly the best"
+            reason = f"{len(near)} candidates for the {shape}, none clearly the best"
         chosen.append(Candidate(nothing(reason)) if reason else near[0])
     return with_end_variance(chosen)
 
@@ -113,16 +106,17 @@ def choose(
 def with_end_variance(chosen: list[Candidate]) -> list[Feature]:
     """The features of candidates, with the variance of run ends along their runs."""
     counted = end_variance([end for candidate in chosen for end in candidate.ends])
-
-    def widened(candidate: Candidate) -> Feature:
-        along = [
-            (counted + end.variance) * np.outer(end.spacing, end.spacing)
-            for end in candidate.ends
-        ]
+    features = []
+    for candidate in chosen:
         feature = candidate.feature
-        return replace(feature, covariance=feature.covariance + along)
-
-    return [widened(c) if c.ends else c.feature for c in chosen]
+        if candidate.ends:
+            along = [
+                (counted + end.variance) * np.outer(end.spacing, end.spacing)
+                for end in candidate.ends
+            ]
+            feature = replace(feature, covariance=feature.covariance + along)
+        features.append(feature)
+    return features
 
 
 def find_edges(profiles: Profiles) -> list[Feature]:
@@ -132,14 +126,12 @@ def find_edges(profiles: Profiles) -> list[Feature]:
     ends of faces, tips, and corners that point away, where a wall meets a floor.
     """
     found = [straight_runs(profile) for profile in profiles]
-    view = View.from_runs([runs for runs, _ in found])
+    view = View.from_runs(found)
     candidates = [
-        corners(runs) + step_ends(runs, limit, view) + tips(profile, runs, limit, view)
-        for profile, (runs, limit) in zip(profiles, found, strict=True)
+        corners(runs) + step_ends(runs, view) + tips(profile, runs, view)
+        for profile, runs in zip(profiles, found, strict=True)
     ]
-    shown_by: Counter[Look] = Counter()
-    for own in candidates:
-        shown_by.update({candidate.look for candidate in own})
+    shown_by = Counter(look for own in candidates for look in {c.look for c in own})
     look = usual_look(candidates, shown_by, view.away)
     other_end = Look(look.shape, -look.side)
     if look.shape == "step end" and shown_by[other_end] > 0.8 * shown_by[look]:
@@ -151,9 +143,10 @@ def find_edges(profiles: Profiles) -> list[Feature]:
             )
             return [nothing(reason) for _ in profiles]
         look = side_face
+    alike = [[c for c in own if c.look == look] for own in candidates]
     is_corner = look.shape == "corner"
-    missed = [why_no_corner(runs) if is_corner else "" for runs, _ in found]
-    return choose(profiles, candidates, look, missed)
+    missed = [why_no_corner(runs) if is_corner else "" for runs in found]
+    return choose(profiles, alike, look.shape, missed)
 
 
 def usual_look(
@@ -197,42 +190,40 @@ def corners_of_faces(candidates: list[Candidate]) -> list[Candidate]:
     ends = [c for c in candidates if c.look.shape == "step end"]
     corners = [c for c in candidates if c.look.shape == "corner"]
     longest = max((end.support for end in ends), default=0.0)
-    tips = [end.place for end in ends if end.support == longest]
+    tips = [end.feature.points for end in ends if end.support == longest]
 
     def is_at_face(corner: Candidate) -> bool:
-        return any(np.hypot(*(corner.place - tip)) < NEAR for tip in tips)
+        apex = corner.feature.points
+        return any(np.hypot(*(apex - tip)[0]) < NEAR for tip in tips)
 
     return [corner for corner in corners if is_at_face(corner)]
 
 
 def corners(runs: list[Run]) -> list[Candidate]:
-    """Where neighbouring straight runs meet: a ridge's apex, the corner of a bar."""
-    found = [corner_between(*pair) for pair in pairwise(runs)]
-    return [corner for corner in found if corner]
+    """Where neighbouring straight runs meet: a ridge's apex, the corner of a bar.
 
-
-def corner_between(first: Run, second: Run) -> Candidate | None:
-    """The corner that two runs form, from their points beyond its rounding; None if
-    these are too few, if the runs go straight on, or if they do not end there.
+    The lines rest on points beyond its rounding; there is none where these are too few.
     """
-    if not is_bent(first, second):
-        return None
-    apex = crossing(first, second)
-    before = beyond_blunt(first, apex)
-    after = beyond_blunt(second, apex)
-    if not before or not after or not is_bent(before, after):
-        return None
-    if not ends_at(first, second, apex):
-        return None
-    apex = crossing(before, after)
-    covariance = crossing_covariance(before, after, apex)
-    used = np.concatenate([before.rows, after.rows])
-    feature = Feature(apex[None], covariance[None], used, "corner")
-    # from between the sides to the apex and on
-    towards = first.direction - second.direction
-    bend = np.arccos(first.direction @ second.direction)
-    support = min(before.length, after.length)
-    return Candidate(feature, int(np.sign(towards[1])), support, np.pi - bend)
+    found = []
+    for first, second in pairwise(runs):
+        if not form_corner(first, second):
+            continue
+        rounded = crossing(first, second)
+        before = beyond_blunt(first, rounded)
+        after = beyond_blunt(second, rounded)
+        if not before or not after or not is_bent(before, after):
+            continue
+        apex = crossing(before, after)
+        covariance = crossing_covariance(before, after, apex)
+        used = np.concatenate([before.rows, after.rows])
+        feature = Feature(apex[None], covariance[None], used, "corner")
+        # from between the sides to the apex and on
+        towards = first.direction - second.direction
+        side = int(np.sign(towards[1]))
+        bend = np.arccos(first.direction @ second.direction)
+        support = min(before.length, after.length)
+        found.append(Candidate(feature, side, support, np.pi - bend))
+    return found
 
 
 def why_no_corner(runs: list[Run]) -> str:
@@ -240,7 +231,7 @@ def why_no_corner(runs: list[Run]) -> str:
     tell.
     """
     for first, second in pairwise(runs):
-        if is_bent(first, second) and ends_at(first, second, crossing(first, second)):
+        if form_corner(first, second):
             few = f"fewer than {LEAST_SIDE} points beyond its rounding"
             return f"one side of the corner shows {few}"
     if len(runs) == 1:
@@ -248,8 +239,20 @@ def why_no_corner(runs: list[Run]) -> str:
     return ""
 
 
+def form_corner(first: Run, second: Run) -> bool:
+    """Whether the first run ends and the second begins within reach of where their
+    lines meet at an angle.
+    """
+    if not is_bent(first, second):
+        return False
+    apex = crossing(first, second)
+    end = (apex - first.point) @ first.direction - first.along[-1]
+    start = (apex - second.point) @ second.direction - second.along[0]
+    return abs(end) < NEAR and abs(start) < NEAR
+
+
 def is_bent(first: Run, second: Run) -> bool:
-    """Whether two runs form a corner, neither straight on nor straight back."""
+    """Whether two runs are at an angle, neither straight on nor straight back."""
     least_bend_deg = 15.0  # between the sides of a corner
     cosine = abs(first.direction @ second.direction)
     return bool(cosine < np.cos(np.radians(least_bend_deg)))
@@ -257,7 +260,7 @@ def is_bent(first: Run, second: Run) -> bool:
 
 def crossing(first: Run, second: Run) -> ndarray:
     """Where the lines of two runs meet, (2,)."""
-    normals = np.stack([first.normal, second.normal])
+    normals = [first.normal, second.normal]
     offsets = [first.normal @ first.point, second.normal @ second.point]
     return np.linalg.solve(normals, offsets)
 
@@ -266,15 +269,8 @@ def crossing_covariance(first: Run, second: Run, apex: ndarray) -> ndarray:
     """Of the place where the lines of two runs meet, (2, 2) mm²."""
     lines = (first, second)
     variances = [line.offset_covariance(apex[None])[0, 0] for line in lines]
-    inverse = np.linalg.inv(np.stack([line.normal for line in lines]))
+    inverse = np.linalg.inv([line.normal for line in lines])
     return inverse @ np.diag(variances) @ inverse.T
-
-
-def ends_at(first: Run, second: Run, apex: ndarray) -> bool:
-    """Whether the first run ends and the second begins within reach of the apex."""
-    end = (apex - first.point) @ first.direction - first.along[-1]
-    start = (apex - second.point) @ second.direction - second.along[0]
-    return abs(end) < NEAR and abs(start) < NEAR
 
 
 def beyond_blunt(run: Run, apex: ndarray) -> Run | None:
@@ -283,16 +279,16 @@ def beyond_blunt(run: Run, apex: ndarray) -> Run | None:
     rows = run.rows[np.abs(from_apex) > BLUNT]
     if len(rows) < LEAST_SIDE:
         return None
-    side = Run.through(run.profile, rows)
+    side = Run.through(run.profile, rows, run.limit)
     return side if side.length > BLUNT else None
 
 
-def step_ends(runs: list[Run], limit: float, view: View) -> list[Candidate]:
+def step_ends(runs: list[Run], view: View) -> list[Candidate]:
     """Where a face ends in front of something farther away, or of nothing."""
     found = []
     for run in facing(runs):
         for outwards in (run.reversed(), run):
-            step = step_beyond(outwards, limit, view)
+            step = step_beyond(outwards, view)
             if step is None or (step != 0 and step * view.away <= 0):
                 continue
             end = run_end(outwards)
@@ -304,13 +300,12 @@ def step_ends(runs: list[Run], limit: float, view: View) -> list[Candidate]:
     return found
 
 
-def tips(
-    profile: ndarray, runs: list[Run], limit: float, view: View
-) -> list[Candidate]:
+def tips(profile: ndarray, runs: list[Run], view: View) -> list[Candidate]:
     """Narrow tips in front of a background or of nothing: a blade that points at the
     scanner.
     """
     seen = present(profile)
+    noise = tolerance(profile[seen, 1]) / NOISE_LIMIT
     free = seen.copy()
     for run in facing(runs):
         free[run.rows] = False
@@ -325,7 +320,7 @@ def tips(
             # the edge may be anywhere among them
             edge = [apex[0], away * (away * points[:, 1]).min()]
             spread = ((points - edge) ** 2).mean(axis=0)
-            variances = np.maximum(spread, (limit / NOISE_LIMIT) ** 2)
+            variances = np.maximum(spread, noise**2)
             feature = Feature(apex[None], np.diag(variances)[None], top, "tip")
             found.append(Candidate(feature, -away, 1.0))
     return found
@@ -344,12 +339,12 @@ def top_of(profile: ndarray, seen: ndarray, cluster: ndarray, away: int) -> ndar
             break
     if len(top) < 3 or np.ptp(profile[top, 0]) > NEAR:
         return none
-    before = np.arange(top[0] - ZONE, top[0])
-    after = np.arange(top[-1] + 1, top[-1] + 1 + ZONE)
-    if before[0] < 0 or after[-1] >= len(profile):
+    first, last = top[0], top[-1]
+    if first < ZONE or last + ZONE >= len(profile):
         return none
-    for around in (before, after):
-        surroundings = depth[around[seen[around]]]
+    for start in (first - ZONE, last + 1):
+        around = slice(start, start + ZONE)
+        surroundings = depth[around][seen[around]]
         if len(surroundings) and np.median(surroundings) < nearest + BLUNT:
             return none
     return top
@@ -358,26 +353,23 @@ def top_of(profile: ndarray, seen: ndarray, cluster: ndarray, away: int) -> ndar
 def find_chords(profiles: Profiles, radius: float) -> list[Feature]:
     """The tips of the disk's chord in each profile (n, 2), mm."""
     found = [straight_runs(profile) for profile in profiles]
-    view = View.from_runs([runs for runs, _ in found])
-    candidates = [chords(runs, limit, radius, view) for runs, limit in found]
+    view = View.from_runs(found)
+    candidates = [chords(runs, radius, view) for runs in found]
     # most chords are in front
     away = view.away or np.sign(sum(c.side for own in candidates for c in own))
-    in_front = [
-        [replace(chord, side=0) for chord in own if chord.side * away >= 0]
-        for own in candidates
-    ]
-    return choose(profiles, in_front, Look("chord"), [""] * len(profiles))
+    in_front = [[c for c in own if c.side * away >= 0] for own in candidates]
+    return choose(profiles, in_front, "chord", [""] * len(profiles))
 
 
-def chords(runs: list[Run], limit: float, radius: float, view: View) -> list[Candidate]:
+def chords(runs: list[Run], radius: float, view: View) -> list[Candidate]:
     """Straight runs no longer than the disk's diameter that end on both sides before a
     step or nothing.
     """
     found = []
     for run in facing(runs):
         start, stop = run.reversed(), run
-        before = step_beyond(start, limit, view)
-        after = step_beyond(stop, limit, view)
+        before = step_beyond(start, view)
+        after = step_beyond(stop, view)
         if before is None or after is None or before * after < 0:
             continue
         ends = sorted([run_end(start), run_end(stop)], key=lambda end: end.tip[0])
@@ -398,7 +390,7 @@ def find_lines(profiles: Profiles) -> list[Feature]:
 
 def find_line(profile: ndarray) -> Feature:
     """A profile's longest straight run, if no other is nearly as long."""
-    runs = sorted(straight_runs(profile)[0], key=lambda run: -run.length)
+    runs = sorted(straight_runs(profile), key=lambda run: -run.length)
     if not runs:
         return nothing("no straight run in this profile")
     best = runs[0]

@@ -41,9 +41,9 @@ class View:
         points = np.concatenate(ends)
         z = points[:, 1]
         usual_depth = np.median([np.ptp(own[:, 1]) for own in ends])
-        one_side = (np.sign(z) == np.sign(z[0])).all()
-        is_far = np.abs(z).min() > usual_depth / 2
-        return View(points, int(np.sign(z[0])) if one_side and is_far else 0)
+        side = int(np.sign(z[0]))
+        is_far = (side * z > usual_depth / 2).all()
+        return View(points, side if is_far else 0)
 
     def reaches_beyond(self, end: ndarray, direction: ndarray) -> bool:
         """Whether some profile has a point clearly farther out along x than an end
@@ -75,7 +75,7 @@ def facing(runs: list[Run]) -> list[Run]:
     return [run for run in runs if abs(run.direction[0]) > least]
 
 
-def step_beyond(run: Run, limit: float, view: View) -> int | None:
+def step_beyond(run: Run, view: View) -> int | None:
     """What follows a run's last point.
 
     After a step it is the sign of the change of z. It is 0 where nothing follows
@@ -85,13 +85,13 @@ def step_beyond(run: Run, limit: float, view: View) -> int | None:
     beyond = run.profile[run.rows[-1] + 1 :]
     seen = beyond[present(beyond)]
     if len(seen) >= 3:
-        return step_to(seen, run, limit)
+        return step_to(seen, run)
     missing = (len(beyond) - len(seen)) * run.spacing
     looked = missing > CLEAR or view.reaches_beyond(run.points[-1], run.direction)
     return 0 if looked else None
 
 
-def step_to(points: ndarray, run: Run, limit: float) -> int | None:
+def step_to(points: ndarray, run: Run) -> int | None:
     """The sign of the change of z from a run to the points (k, 2) that follow it; None
     if that is no step.
     """
@@ -101,7 +101,7 @@ def step_to(points: ndarray, run: Run, limit: float) -> int | None:
     off = off * np.sign(run.direction[0])
     # a curve leaves the line more slowly
     soon = np.median(off[3:9] if len(off) >= 6 else off)
-    if abs(soon) > max(BLUNT, 2 * limit):
+    if abs(soon) > max(BLUNT, 2 * run.limit):
         return int(np.sign(soon))
     behind_wall = np.median(off[wall:]) if len(off) > wall + 6 else 0.0
     near = np.abs(off) < CLEAR / 2
@@ -137,10 +137,10 @@ def run_end(run: Run) -> End:
     zone = min(ZONE, len(rows) // 2)
     first = last - zone + 1
     off = np.abs(run.coordinates(run.profile[first : last + 1 + zone])[1])
-    within = int((off <= threshold).sum())  # false for NaN
-    wall = int((off <= 2 * threshold).sum()) - within
+    within = (off <= threshold).sum()  # false for NaN
+    wall = (off <= 2 * threshold).sum() - within
     end = last - zone + within - wall + 0.5
-    overlaps = int((np.diff(rows[rows >= first]) > 1).sum())
+    overlaps = (np.diff(rows[rows >= first]) > 1).sum()
 
     walled = min(2 * wall, len(rows) // 2)
     near = slice(-2 * ZONE - 2 * wall, len(rows) - walled)

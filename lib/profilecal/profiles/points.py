@@ -4,7 +4,6 @@ profile shows of the target: a point, a chord, an arc or a line, or why there is
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy import ndarray
@@ -76,8 +75,7 @@ def surface(profile: ndarray, seen: ndarray) -> tuple[ndarray, float]:
 
 def stretches(rows: ndarray, gap: int) -> list[ndarray]:
     """Rows (k,) in rising order, cut where neighbours are more than `gap` apart."""
-    cuts = np.flatnonzero(np.diff(rows) > gap) + 1
-    return [rows[start:stop] for start, stop in pairwise([0, *cuts, len(rows)])]
+    return np.split(rows, np.flatnonzero(np.diff(rows) > gap) + 1)
 
 
 def correlation(errors: ndarray) -> float:

@@ -20,15 +20,16 @@ class Run:
 
     profile: ndarray  # (n, 2) mm
     rows: ndarray  # (k,) in scan order
+    limit: float  # mm, the profile's tolerance
     point: ndarray  # (2,) mm, the middle
     direction: ndarray  # (2,) in scan order
     along: ndarray  # (k,) mm, of its points from `point` along the line
     off: ndarray  # (k,) mm, of its points from the line
 
     @staticmethod
-    def through(profile: ndarray, rows: ndarray) -> "Run":
+    def through(profile: ndarray, rows: ndarray, limit: float) -> "Run":
         """The run of some rows of a profile, with the line nearest to them."""
-        x, z = (column.take(rows) for column in profile.T)
+        x, z = profile.take(rows, axis=0).T
         middle = np.array([x.mean(), z.mean()])
         x = x - middle[0]
         z = z - middle[1]
@@ -38,14 +39,15 @@ class Run:
         c, s = np.cos(angle), np.sin(angle)
         along = c * x + s * z
         off = c * z - s * x
-        return Run(profile, rows, middle, np.array([c, s]), along, off)
+        return Run(profile, rows, limit, middle, np.array([c, s]), along, off)
 
     def reversed(self) -> "Run":
         """The same run in the profile from its last point to its first."""
         profile = self.profile[::-1]
         rows = len(profile) - 1 - self.rows[::-1]
         along, off = -self.along[::-1], -self.off[::-1]
-        return Run(profile, rows, self.point, -self.direction, along, off)
+        direction = -self.direction
+        return Run(profile, rows, self.limit, self.point, direction, along, off)
 
     def coordinates(self, points: ndarray) -> tuple[ndarray, ndarray]:
         """How far points (k, 2) are along the line and off it, mm."""
@@ -91,18 +93,14 @@ class Run:
         return self.offset_covariance(places)[..., None, None] * square
 
 
-def straight_runs(profile: ndarray) -> tuple[list[Run], float]:
-    """The straight runs of a profile (n, 2), in scan order.
-
-    Beside them the tolerance that told them apart, mm.
-    """
-    profile = np.asarray(profile, dtype=float)
+def straight_runs(profile: ndarray) -> list[Run]:
+    """The straight runs of a profile (n, 2), in scan order."""
     seen = np.flatnonzero(present(profile))
     rows, limit = surface(profile, seen)
     points = profile.take(rows, axis=0)
     pieces = merge(split(points, limit), points, limit)
     runs = [run_through(profile, seen, rows[piece], limit) for piece in pieces]
-    return distinct([run for run in runs if is_run(run, seen)]), limit
+    return distinct([run for run in runs if is_run(run, seen)])
 
 
 def split(points: ndarray, limit: float) -> list[ndarray]:
@@ -138,7 +136,8 @@ def merge(pieces: list[ndarray], points: ndarray, limit: float) -> list[ndarray]
     """Neighbouring pieces of one line as one piece, the best match first."""
 
     def mismatch(first: ndarray, second: ndarray) -> float:
-        square = Run.through(points, np.concatenate([first, second])).off ** 2
+        both = np.concatenate([first, second])
+        square = Run.through(points, both, limit).off ** 2
         k = len(first)
         return np.sqrt(max(square[:k].mean(), square[k:].mean()))
 
@@ -162,9 +161,9 @@ def run_through(profile: ndarray, seen: ndarray, rows: ndarray, limit: float) ->
     largest_gap = 8  # rows from one point on a line to the next: it goes on
     points = profile.take(seen, axis=0)
     for _ in range(2):
-        off = Run.through(profile, rows).coordinates(points)[1]
+        off = Run.through(profile, rows, limit).coordinates(points)[1]
         on_line = np.abs(off) <= limit
-        first, last = np.searchsorted(seen, (rows[0], rows[-1]))
+        first, last = np.searchsorted(seen, rows[[0, -1]])
         near = on_line.copy()
         near[first : last + 1] = True
         parts = stretches(np.flatnonzero(near), largest_gap)
@@ -174,13 +173,13 @@ def run_through(profile: ndarray, seen: ndarray, rows: ndarray, limit: float) ->
         if len(kept) < 3:
             break
         rows = seen[kept]
-    return Run.through(profile, rows)
+    return Run.through(profile, rows, limit)
 
 
 def is_run(run: Run, seen: ndarray) -> bool:
     """Whether a run is long enough and holds most of what is seen between its ends."""
     shortest = 1.5  # mm of a run
-    first, last = np.searchsorted(seen, (run.rows[0], run.rows[-1]))
+    first, last = np.searchsorted(seen, run.rows[[0, -1]])
     between = last - first + 1
     return len(run.rows) >= max(LEAST_POINTS, between / 2) and run.length >= shortest
 
@@ -190,8 +189,7 @@ def distinct(runs: list[Run]) -> list[Run]:
     kept: list[Run] = []
     taken: set[int] = set()
     for run in sorted(runs, key=lambda run: -len(run.rows)):
-        rows = set(run.rows.tolist())
-        if len(rows & taken) < len(rows) / 2:
+        if len(taken.intersection(run.rows)) < len(run.rows) / 2:
             kept.append(run)
-            taken |= rows
+            taken.update(run.rows)
     return sorted(kept, key=lambda run: run.rows[len(run.rows) // 2])

@@ -11,7 +11,7 @@ def test_a_run_goes_on_behind_a_gap_and_spikes():
     z = 100 + 0.3 * x
     z[[50, 120, 121]] += 15
     z[200:260] = np.nan
-    (run,), _ = straight_runs(np.column_stack([x, z]))
+    (run,) = straight_runs(np.column_stack([x, z]))
     assert len(run.rows) == 400 - 3 - 60
     assert run.length == pytest.approx(np.hypot(40, 12), abs=1e-9)
     expected = np.array([1, 0.3]) / np.hypot(1, 0.3)

@@ -129,7 +129,7 @@ def of_lines(residual, origin, axes, seen, sizes):
 
 def find_groove(profile):
     """The corners where four neighbouring straight runs meet."""
-    runs, _ = straight_runs(profile)
+    runs = straight_runs(profile)
     if len(runs) != 4:
         return nothing(f"{len(runs)} straight runs; a groove has 4")
     rounded = [crossing(*pair) for pair in pairwise(runs)]
@@ -147,7 +147,7 @@ def find_groove(profile):
 def without_corners(run, corners):
     """A run without its points near corners (k, 2), which the laser spot rounds."""
     away = np.linalg.norm(run.points[:, None] - corners, axis=-1).min(axis=1)
-    return Run.through(run.profile, run.rows[away > 0.5])
+    return Run.through(run.profile, run.rows[away > 0.5], run.limit)
 
 
 @pytest.fixture(autouse=True)
