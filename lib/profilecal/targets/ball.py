@@ -17,6 +17,7 @@ from profilecal.targets.target import (
     Linearised,
     Sizes,
     Target,
+    from_origin,
     in_sensor,
 )
 
@@ -58,11 +59,11 @@ class Ball(Target):
         origin: Components, axes: Axes, seen: Components, sizes: Sizes
     ) -> Linearised:
         """Distance from the circle that the plane cuts out."""
-        (x, z), (cx, cy, cz), (size,) = seen, origin, sizes
-        vx, vz = x - cx, z - cz
+        vx, vy, vz = from_origin(origin, seen)
+        (size,) = sizes
         distance = np.hypot(vx, vz)
-        radius, slope = root(size**2 - cy**2, 0.1 * size)
-        force = [-vx / distance, 2 * slope * cy, -vz / distance]
+        radius, slope = root(size**2 - vy**2, 0.1 * size)
+        force = [-vx / distance, -2 * slope * vy, -vz / distance]
         return [distance - radius], [force], None
 
     @staticmethod
@@ -70,11 +71,9 @@ class Ball(Target):
         origin: Components, axes: Axes, seen: Components, sizes: Sizes
     ) -> Linearised:
         """Distance from the ball."""
-        (x, z), (cx, cy, cz), (size,) = seen, origin, sizes
-        vx, vz = x - cx, z - cz
-        distance = np.sqrt(vx**2 + vz**2 + cy**2)
-        force = [-vx / distance, cy / distance, -vz / distance]
-        return [distance - size], [force], None
+        v = vx, vy, vz = from_origin(origin, seen)
+        distance = np.sqrt(vx**2 + vz**2 + vy**2)
+        return [distance - sizes[0]], [[-c / distance for c in v]], None
 
     @staticmethod
     def fit(points: ndarray) -> Fitted:
@@ -112,7 +111,7 @@ class Ball(Target):
         return self.arc(rotation, origin, 50, count)
 
     def sides(self, rotation: ndarray, origin: ndarray) -> ndarray:
-        return np.sign(np.einsum("na,na->n", self.centre - origin, rotation[:, :, 1]))
+        return np.sign(in_sensor(rotation, self.centre - origin)[:, 1])
 
     def centre_from_circle(self, circle: ArrayLike, side: ArrayLike) -> ndarray:
         """The ball's centre in the sensor frame, (..., 3), from circles (..., 3) x, z,

@@ -17,6 +17,7 @@ from profilecal.targets.target import (
     Sizes,
     Target,
     Y,
+    from_origin,
     in_sensor,
 )
 
@@ -126,8 +127,7 @@ class Disk(Target):
         """Each tip's height above the disk, and its distance from the centre less the
         radius.
         """
-        (x, z), (cx, cy, cz), normal = seen, origin, axes[2]
-        v = (x - cx, -cy, z - cz)
+        v, normal = from_origin(origin, seen), axes[2]
         length = np.sqrt(dot(v, v))
         r = [dot(normal, v), length - sizes[0]]
         force = [[-n for n in normal], [-c / length for c in v]]

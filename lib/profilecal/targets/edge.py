@@ -16,6 +16,7 @@ from profilecal.targets.target import (
     Linearised,
     Sizes,
     Target,
+    from_origin,
     in_sensor,
 )
 
@@ -98,9 +99,10 @@ class Edge(Target):
         y = 0 where a = -s, s = py / dy. A turn ω of the edge changes d by ω × d, and
         any function of d by ω · (d × its gradient).
         """
-        (x, z), (px, py, pz), (dx, dy, dz) = seen, origin, axes[2]
-        s = py / dy
-        r = [x - px + s * dx, z - pz + s * dz]
+        vx, vy, vz = from_origin(origin, seen)
+        dx, dy, dz = axes[2]
+        s = -vy / dy
+        r = [vx + s * dx, vz + s * dz]
         force = [[-1.0, dx / dy, 0.0], [0.0, dz / dy, -1.0]]
         by_direction = [[s, -s * dx / dy, 0.0], [0.0, -s * dz / dy, s]]
         return r, force, [cross(axes[2], gradient) for gradient in by_direction]
@@ -110,8 +112,8 @@ class Edge(Target):
         origin: Components, axes: Axes, seen: Components, sizes: Sizes
     ) -> Linearised:
         """(sensed point - origin) × direction."""
-        (x, z), (px, py, pz), (dx, dy, dz) = seen, origin, axes[2]
-        v = vx, vy, vz = x - px, -py, z - pz
+        v = vx, vy, vz = from_origin(origin, seen)
+        dx, dy, dz = axes[2]
         force = [[0.0, -dz, dy], [dz, 0.0, -dx], [-dy, dx, 0.0]]
         by_direction = [[0.0, -vz, vy], [vz, 0.0, -vx], [-vy, vx, 0.0]]
         torque = [cross(axes[2], gradient) for gradient in by_direction]

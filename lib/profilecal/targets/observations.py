@@ -78,8 +78,8 @@ class Observations:
     def arrays(self) -> dict[str, Any]:
         """What the first axis is a batch of."""
         names = ("R_flange", "T_flange", "points", "covariance")
-        arrays = {name: getattr(self, name) for name in names}
-        return {name: array for name, array in arrays.items() if array is not None}
+        own = vars(self)
+        return {name: own[name] for name in names if own[name] is not None}
 
     @property
     def labels(self) -> ndarray:

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy import ndarray
-from numpy.typing import ArrayLike
 
 from profilecal.geometry.fitting import principal_axes
 from profilecal.geometry.poses import circle_around, cross, dot, frame_around
@@ -19,6 +18,7 @@ from profilecal.targets.target import (
     Sizes,
     Target,
     Y,
+    from_origin,
     in_scan_plane,
 )
 
@@ -38,7 +38,7 @@ class Plane(Target):
 
     >>> plane = Plane(np.array([0.0, 0.0, 100.0]), np.array([0.6, 0.0, -0.8]))
     >>> rotation, origin = np.eye(3)[None], np.zeros((1, 3))
-    >>> plane.line_at(rotation, origin, x=[0.0, 10.0]).tolist()
+    >>> plane.line_at(rotation, origin, x=np.array([0.0, 10.0])).tolist()
     [[[0.0, 100.0], [10.0, 107.5]]]
     """
 
@@ -69,8 +69,7 @@ class Plane(Target):
         origin: Components, axes: Axes, seen: Components, sizes: Sizes
     ) -> Linearised:
         """Distance from the face."""
-        (x, z), (cx, cy, cz), normal = seen, origin, axes[2]
-        v = (x - cx, -cy, z - cz)
+        v, normal = from_origin(origin, seen), axes[2]
         return [dot(normal, v)], [[-n for n in normal]], [cross(normal, v)]
 
     @staticmethod
@@ -84,17 +83,16 @@ class Plane(Target):
         """A square."""
         return [circle_around(self.point, self.normal, 60.0, count=5)]
 
-    def line_at(self, rotation: ndarray, origin: ndarray, x: ArrayLike) -> ndarray:
+    def line_at(self, rotation: ndarray, origin: ndarray, x: ndarray) -> ndarray:
         """Points (P, k, 2) at x (P, k) or (k,) of the lines in which scan planes
         (P, 3, 3), (P, 3) meet the face; not finite where these are parallel to the
         depth.
         """
         height = (self.point - origin) @ self.normal
         n = self.normal @ rotation
-        x = np.broadcast_to(x, (len(n), np.shape(x)[-1]))
         with np.errstate(divide="ignore", invalid="ignore"):
             z = (height[:, None] - n[:, :1] * x) / n[:, 2:]
-        return np.stack([x, z], axis=-1)
+        return np.stack(np.broadcast_arrays(x, z), axis=-1)
 
     def points_seen(self, rotation: ndarray, origin: ndarray, count: int) -> ndarray:
         return self.line_at(rotation, origin, np.linspace(-20, 20, count))
@@ -111,10 +109,9 @@ class Plane(Target):
         """Outlines of bodies above this face: their arcs (P, k, 2) between parts of it,
         or the face alone where an arc is NaN.
         """
-        far = np.broadcast_to(FAR, (len(arcs), 2))
-        ends = np.concatenate([far[:, :1], arcs[:, [0, -1], 0], far[:, 1:]], axis=1)
-        around = self.line_at(rotation, origin, ends)
         outlines = list(self.line_at(rotation, origin, FAR))
+        beside = self.line_at(rotation, origin, arcs[:, [0, -1], 0])
         for k in np.flatnonzero(np.isfinite(arcs).all(axis=(1, 2))):
-            outlines[k] = np.concatenate([around[k, :2], arcs[k], around[k, 2:]])
+            (left, right), (first, last) = outlines[k], beside[k]
+            outlines[k] = np.concatenate([[left, first], arcs[k], [last, right]])
         return outlines

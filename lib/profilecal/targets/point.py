@@ -16,6 +16,7 @@ from profilecal.targets.target import (
     Linearised,
     Sizes,
     Target,
+    from_origin,
     in_sensor,
 )
 
@@ -51,9 +52,9 @@ class Point(Target):
         origin: Components, axes: Axes, seen: Components, sizes: Sizes
     ) -> Linearised:
         """x and z of the scan, and the distance from the scan plane."""
-        (x, z), (px, py, pz) = seen, origin
+        vx, vy, vz = from_origin(origin, seen)
         force = [[-1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, -1.0, 0.0]]
-        return [x - px, z - pz, -py], force, None
+        return [vx, vz, vy], force, None
 
     residual_in_space = residual
 

@@ -21,6 +21,7 @@ from profilecal.targets.target import (
     Sizes,
     Target,
     Y,
+    from_origin,
     in_scan_plane,
 )
 
@@ -75,7 +76,7 @@ class Rod(Target):
             dey = Y · (ω × e) - j · (ω × v) = ω · (e × Y - v × j).
         """
         (f,), (force,), (torque,) = Rod.residual_in_space(origin, axes, seen, sizes)
-        v, d = Rod.offset(origin, seen), axes[2]
+        v, d = from_origin(origin, seen), axes[2]
         e = [-part for part in force]
         j = [(Y[k] - d[1] * d[k] - e[1] * e[k]) / (f + sizes[0]) for k in range(3)]
         by_shift = [-part for part in j]
@@ -88,18 +89,12 @@ class Rod(Target):
         origin: Components, axes: Axes, seen: Components, sizes: Sizes
     ) -> Linearised:
         """Distance from the bar."""
-        v, d = Rod.offset(origin, seen), axes[2]
+        v, d = from_origin(origin, seen), axes[2]
         along = dot(v, d)
         off = [v[k] - along * d[k] for k in range(3)]
         distance = np.sqrt(dot(off, off))
         e = [part / distance for part in off]
         return [distance - sizes[0]], [[-part for part in e]], [cross(e, v)]
-
-    @staticmethod
-    def offset(origin: Components, seen: Components) -> Components:
-        """Points of the scan plane from the origin, by components."""
-        (x, z), (px, py, pz) = seen, origin
-        return x - px, -py + np.zeros_like(x), z - pz
 
     @staticmethod
     def fit(points: ndarray) -> Fitted:

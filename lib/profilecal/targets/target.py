@@ -27,6 +27,7 @@ closed forms.
 """
 
 from collections.abc import Callable, Sequence
+from itertools import zip_longest
 from typing import Any, Self
 
 import numpy as np
@@ -92,9 +93,8 @@ class Target:
     @classmethod
     def check_sizes(cls, sizes: Sizes) -> None:
         """Raise ValueError unless each of its lengths is there, in mm."""
-        given = [*sizes, *[None] * (len(cls.lengths) - len(sizes))]
-        for name, value in zip(cls.lengths, given, strict=True):
-            if not (value and value > 0):
+        for name, value in zip_longest(cls.lengths, sizes):
+            if not (name and value and value > 0):
                 raise ValueError(
                     f"the {cls.kind}'s {name} is {value}; expected a length in mm"
                 )
@@ -243,6 +243,14 @@ class Target:
 def in_sensor(rotation: ndarray, vectors: ndarray) -> ndarray:
     """Components of vectors (..., 3) along the axes of sensor frames (..., 3, 3)."""
     return (vectors[..., None, :] @ rotation)[..., 0, :]
+
+
+def from_origin(origin: Components, seen: Components) -> Components:
+    """Points of the scan plane from the origin of a target, by components; y is (batch,
+    1, poses), the same for all points.
+    """
+    (x, z), (cx, cy, cz) = seen, origin
+    return x - cx, -cy, z - cz
 
 
 def in_scan_plane(
