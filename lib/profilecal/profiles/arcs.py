@@ -78,23 +78,22 @@ WhyNot = Callable[[Section, ndarray, ndarray, float], str]
 
 def find_balls(profiles: Profiles, radius: float) -> list[Feature]:
     """The arc of the ball in each profile (n, 2), mm, as up to 40 means over points."""
-    largest = 1.2 * radius
     why_not = partial(why_no_ball, radius)
     missing = "no arc of a circle as large as the ball or smaller"
     return [
-        find_arc(profile, largest, nearest_circle, why_not, missing)
+        find_arc(profile, 1.2 * radius, nearest_circle, why_not, missing)
         for profile in profiles
     ]
 
 
 def find_rods(profiles: Profiles, radius: float) -> list[Feature]:
     """The arc of the rod in each profile (n, 2), mm, as up to 40 means over points."""
-    largest = 2.5 * radius
     fit = partial(nearest_section, radius)
     square = f"within {LARGEST_TILT_DEG:.0f}° of square to the profile"
     missing = f"no arc of a rod of {radius:.4g} mm whose axis is {square}"
     return [
-        find_arc(profile, largest, fit, why_no_rod, missing) for profile in profiles
+        find_arc(profile, 2.5 * radius, fit, why_no_rod, missing)
+        for profile in profiles
     ]
 
 

@@ -144,8 +144,7 @@ def find_edges(profiles: Profiles) -> list[Feature]:
             return [nothing(reason) for _ in profiles]
         look = side_face
     alike = [[c for c in own if c.look == look] for own in candidates]
-    is_corner = look.shape == "corner"
-    missed = [why_no_corner(runs) if is_corner else "" for runs in found]
+    missed = [why_no_corner(runs) if look.shape == "corner" else "" for runs in found]
     return choose(profiles, alike, look.shape, missed)
 
 
@@ -178,25 +177,16 @@ def look_of_side_faces(candidates: list[list[Candidate]], away: int) -> Look | N
     """Of corners that point at the scanner where a profile's longest face ends, the
     most frequent look: a side face is seen there. None if fewer than three show it.
     """
-    found = Counter(c.look for own in candidates for c in corners_of_faces(own))
-    for look, count in found.most_common():
-        if count >= 3 and rank(look, away) == 0:
-            return look
-    return None
-
-
-def corners_of_faces(candidates: list[Candidate]) -> list[Candidate]:
-    """The corners among a profile's candidates at which its longest face ends."""
-    ends = [c for c in candidates if c.look.shape == "step end"]
-    corners = [c for c in candidates if c.look.shape == "corner"]
-    longest = max((end.support for end in ends), default=0.0)
-    tips = [end.feature.points for end in ends if end.support == longest]
-
-    def is_at_face(corner: Candidate) -> bool:
-        apex = corner.feature.points
-        return any(np.hypot(*(apex - tip)[0]) < NEAR for tip in tips)
-
-    return [corner for corner in corners if is_at_face(corner)]
+    shown: Counter[Look] = Counter()
+    for own in candidates:
+        ends = [c for c in own if c.look.shape == "step end"]
+        longest = max((end.support for end in ends), default=0.0)
+        tips = [end.feature.points for end in ends if end.support == longest]
+        for corner in own:
+            apart = [np.hypot(*(corner.feature.points - tip)[0]) for tip in tips]
+            if rank(corner.look, away) == 0 and min(apart, default=NEAR) < NEAR:
+                shown[corner.look] += 1
+    return next((look for look, count in shown.most_common(1) if count >= 3), None)
 
 
 def corners(runs: list[Run]) -> list[Candidate]:

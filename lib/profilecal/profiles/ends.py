@@ -45,14 +45,15 @@ class View:
         is_far = (side * z > usual_depth / 2).all()
         return View(points, side if is_far else 0)
 
-    def reaches_beyond(self, end: ndarray, direction: ndarray) -> bool:
-        """Whether some profile has a point clearly farther out along x than an end
-        (2,), at about its depth or nearer.
+    def reaches_beyond(self, run: Run) -> bool:
+        """Whether some profile has a point clearly farther out along x than a run's
+        last point, at about its depth or nearer.
         """
+        end = run.points[-1]
         deeper = self.points[:, 1] - end[1]
         # the view widens with depth
         alike = self.away * deeper < CLEAR if self.away else np.abs(deeper) < CLEAR
-        outwards = (self.points[:, 0] - end[0]) * np.sign(direction[0])
+        outwards = (self.points[:, 0] - end[0]) * np.sign(run.direction[0])
         return bool((alike & (outwards > CLEAR)).any())
 
 
@@ -87,8 +88,7 @@ def step_beyond(run: Run, view: View) -> int | None:
     if len(seen) >= 3:
         return step_to(seen, run)
     missing = (len(beyond) - len(seen)) * run.spacing
-    looked = missing > CLEAR or view.reaches_beyond(run.points[-1], run.direction)
-    return 0 if looked else None
+    return 0 if missing > CLEAR or view.reaches_beyond(run) else None
 
 
 def step_to(points: ndarray, run: Run) -> int | None:

@@ -56,6 +56,12 @@ SPECIMENS: dict[str, Corners] = {
 }
 
 
+def cross_rows(v: Components) -> list:
+    """The matrix that takes b to v × b, by rows, each by components."""
+    vx, vy, vz = v
+    return [[0.0, -vz, vy], [vz, 0.0, -vx], [-vy, vx, 0.0]]
+
+
 @dataclass(frozen=True)
 class Edge(Target):
     """A straight edge, endless in both directions.
@@ -112,12 +118,9 @@ class Edge(Target):
         origin: Components, axes: Axes, seen: Components, sizes: Sizes
     ) -> Linearised:
         """(sensed point - origin) × direction."""
-        v = vx, vy, vz = from_origin(origin, seen)
-        dx, dy, dz = axes[2]
-        force = [[0.0, -dz, dy], [dz, 0.0, -dx], [-dy, dx, 0.0]]
-        by_direction = [[0.0, -vz, vy], [vz, 0.0, -vx], [-vy, vx, 0.0]]
-        torque = [cross(axes[2], gradient) for gradient in by_direction]
-        return cross(v, axes[2]), force, torque
+        v, d = from_origin(origin, seen), axes[2]
+        torque = [cross(d, gradient) for gradient in cross_rows(v)]
+        return cross(v, d), cross_rows(d), torque
 
     @staticmethod
     def fit(points: ndarray) -> Fitted:

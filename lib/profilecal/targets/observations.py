@@ -209,7 +209,7 @@ def pose_groups(observations: Sequence[Observations]) -> PoseGroups:
     )[group]
 
     def is_same_pose(i: ndarray, j: ndarray) -> ndarray:
-        near = np.abs(T[i] - T[j]).max(axis=1, initial=0.0) < same_mm
+        near = np.abs(T[i] - T[j]).max(axis=1) < same_mm
         turned = np.degrees(angle_between(R[i], R[j])) < same_deg
         return near & turned & (orientation[i] == orientation[j])
 
