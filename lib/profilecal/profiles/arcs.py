@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 from numpy import ndarray
 from scipy.optimize import least_squares
+from scipy.spatial.distance import cdist
 
 from profilecal.geometry.fitting import fit_circle
 from profilecal.profiles.points import (
@@ -214,10 +215,9 @@ def best_circle(points: ndarray, limit: float, largest: float) -> Section | None
     circles = circles[(largest / 5 < radii) & (radii < largest)]  # false for NaN
     if not len(circles):
         return None
-    x, z, radius = circles.T[..., None]
     few = points[:: max(1, len(points) // 250)]
-    distance = np.sqrt((few[:, 0] - x) ** 2 + (few[:, 1] - z) ** 2)  # faster than hypot
-    count = np.count_nonzero(np.abs(distance - radius) < limit, axis=1)
+    off = cdist(circles[:, :2], few) - circles[:, 2:]
+    count = np.count_nonzero(np.abs(off) < limit, axis=1)
     # a line is as near to a circle over √radius of length
     best = (count / np.sqrt(circles[:, 2])).argmax()
     return section_of(circles[best]) if count[best] >= 10 else None

@@ -322,8 +322,8 @@ def top_of(profile: ndarray, seen: ndarray, cluster: ndarray, away: int) -> ndar
     """
     none = top = cluster[:0]
     depth = away * profile[:, 1]
-    for nearest in np.sort(depth[cluster])[:3]:  # up to two spikes in front
-        front = depth[cluster]
+    front = depth[cluster]
+    for nearest in np.sort(front)[:3]:  # up to two spikes in front
         top = cluster[(front >= nearest) & (front < nearest + BLUNT)]
         if len(top) >= 3:
             break
@@ -362,7 +362,7 @@ def chords(runs: list[Run], radius: float, view: View) -> list[Candidate]:
         after = step_beyond(stop, view)
         if before is None or after is None or before * after < 0:
             continue
-        ends = sorted([run_end(start), run_end(stop)], key=lambda end: end.tip[0])
+        ends = sorted(map(run_end, (start, stop)), key=lambda end: end.tip[0])
         tips = np.stack([end.tip for end in ends])
         if np.linalg.norm(tips[1] - tips[0]) > 2 * radius + 4 * run.spacing:
             continue

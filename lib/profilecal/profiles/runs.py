@@ -29,10 +29,9 @@ class Run:
     @staticmethod
     def through(profile: ndarray, rows: ndarray, limit: float) -> "Run":
         """The run of some rows of a profile, with the line nearest to them."""
-        x, z = profile.take(rows, axis=0).T
-        middle = np.array([x.mean(), z.mean()])
-        x = x - middle[0]
-        z = z - middle[1]
+        points = profile.T.take(rows, axis=1)
+        middle = points.mean(axis=1)
+        x, z = points - middle[:, None]
         angle = np.arctan2(2 * (x @ z), x @ x - z @ z) / 2
         if np.cos(angle) * (x[-1] - x[0]) + np.sin(angle) * (z[-1] - z[0]) < 0:
             angle += np.pi
@@ -109,25 +108,23 @@ def split(points: ndarray, limit: float) -> list[ndarray]:
     None leaves the chord between its ends by more than `limit`. A piece that does is
     cut where it is farthest from the chord.
     """
-    x, z = points.T
     pieces = []
     todo = [(0, len(points))]
     while todo:
         start, stop = todo.pop()
         if stop - start < LEAST_POINTS:
             continue
-        first = points[start : start + 3].mean(axis=0)
-        last = points[stop - 3 : stop].mean(axis=0)
-        chord = last - first
-        from_x = (x[start:stop] - first[0]) * chord[1]
-        from_z = (z[start:stop] - first[1]) * chord[0]
-        apart = np.abs(from_x - from_z)  # times the chord's length
+        piece = points[start:stop]
+        first = piece[:3].mean(axis=0)
+        chord = piece[-3:].mean(axis=0) - first
+        x, z = (piece - first).T
+        apart = np.abs(x * chord[1] - z * chord[0])  # times the chord's length
         farthest = int(apart.argmax())
-        is_short = stop - start < 2 * LEAST_POINTS
+        is_short = len(piece) < 2 * LEAST_POINTS
         if apart[farthest] <= limit * np.hypot(*chord) or is_short:
             pieces.append(np.arange(start, stop))
         else:
-            cut = start + min(max(farthest, 1), stop - start - 1)
+            cut = start + min(max(farthest, 1), len(piece) - 1)
             todo += [(cut, stop), (start, cut)]
     return pieces
 
