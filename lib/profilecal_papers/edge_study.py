@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from profilecal.closed_form.edge import EdgeSolution
 from profilecal.geometry.noise import Noise
-from profilecal.geometry.poses import directions, frame_along, random_turns
+from profilecal.geometry.poses import directions, frame_around, rotations
 from profilecal.simulation.robot import Poses, actual_poses, scan_planes
 from profilecal.targets.ball import Ball
 from profilecal.targets.edge import Edge
@@ -20,6 +20,31 @@ from profilecal.targets.observations import Observations
 
 # mm, the middle of the 60 to 90 mm for which the paper's scanner does best
 STANDOFF = 75.0
+
+
+def random_turns(
+    rng: np.random.Generator,
+    shape: tuple[int, ...],
+    spread: float | ndarray,
+    axis: ndarray | None = None,
+) -> ndarray:
+    """Rotations (*shape, 3, 3) by uniform angles up to ±`spread`, rad, about random
+    axes or about `axis` (..., 3).
+    """
+    angle = rng.uniform(-spread, spread, (*shape, 1))
+    if axis is None:
+        axis = directions(rng, shape)
+    return rotations(angle * axis)
+
+
+def frame_along(direction: ArrayLike, angle: ArrayLike) -> ndarray:
+    """Frames (..., 3, 3), in columns, whose second axis is `direction` (..., 3);
+    `angle` (...) turns them about it.
+    """
+    across, aside, y = np.moveaxis(frame_around(direction), -1, 0)
+    angle = np.asarray(angle)[..., None]
+    x = np.cos(angle) * across + np.sin(angle) * aside
+    return np.stack(np.broadcast_arrays(x, y, np.cross(x, y)), axis=-1)
 
 
 def arc(count: int, radius: ArrayLike, span: ArrayLike, middle: ArrayLike) -> ndarray:

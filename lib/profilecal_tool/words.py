@@ -1,13 +1,13 @@
 """Answers in words, as `profilecal calibrate` and `profilecal verify` print them."""
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from profilecal.calibration.calibration import Calibration
 from profilecal.calibration.leave_out import LeftOut
 from profilecal.calibration.verify import Verification
 from profilecal.geometry.noise import FALSE_ALARM, ROBOT, Noise
 from profilecal.geometry.observability import HAND_PRECISION, name_direction
-from profilecal.geometry.poses import xyz_angles_from_rotation
 from profilecal.joint.prior import FINEST_MM
 from profilecal.joint.solution import Solution
 
@@ -42,8 +42,8 @@ def calibration_text(calibration: Calibration, to_paste: str = "") -> str:
 def pose_lines(solution: Solution, frame: str, to_paste: str) -> list[str]:
     """The sensor's pose in a frame and its uncertainty, in lines."""
     x, y, z = solution.translation
-    W, P, R = np.degrees(xyz_angles_from_rotation(solution.rotation))
-    W = (W + 180) % 360 - 180
+    rotation = Rotation.from_matrix(solution.rotation)
+    W, P, R = rotation.as_euler("xyz", degrees=True)
     return [
         f"translation    {x:.3f}  {y:.3f}  {z:.3f} mm, "
         f"of the sensor's origin in the {frame} frame",

@@ -5,11 +5,16 @@ import pytest
 
 from profilecal.closed_form.edge import edge_equations
 from profilecal.geometry.noise import Noise
-from profilecal.geometry.poses import angle_between, directions, random_turns
+from profilecal.geometry.poses import angle_between, directions
 from profilecal.simulation.robot import actual_poses
 from profilecal.targets.ball import Ball
 from profilecal_papers import edge_study as study
-from profilecal_papers.edge_study import STANDOFF, EdgePlan, edge_scenes
+from profilecal_papers.edge_study import (
+    STANDOFF,
+    EdgePlan,
+    edge_scenes,
+    random_turns,
+)
 
 
 def scene_of(seed=1, shape=(), **plan):

@@ -74,12 +74,14 @@ def solve_ball(
     Examples
     --------
     >>> import numpy as np
-    >>> R = [np.eye(3)] * 3 + [[[0, -1, 0], [1, 0, 0], [0, 0, 1]]]
-    >>> R += [[[1, 0, 0], [0, 0, -1], [0, 1, 0]], [[0, 0, 1], [0, 1, 0], [-1, 0, 0]]]
-    >>> q = [[0, 5, 90], [30, 5, 90], [0, 5, 60], [2, 4, 80], [3, 2, 70], [9, 1, 85]]
-    >>> T = [500, 0, 300] - np.einsum("nab,nb->na", R, np.add(q, [10, 20, 30]))
-    >>> solve_ball(R, T, q).T_sensor.round(6)
-    array([10., 20., 30.])
+    >>> import profilecal as pc
+    >>> scan, truth = pc.simulate("ball", seed=1, noise={"profile_mm": 0.0})
+    >>> R, T = scan.R_base_flange, scan.p_base_flange
+    >>> ball = pc.Ball(np.zeros(3), radius=25.0)  # wherever it stands
+    >>> q = ball.centre_from_circle(np.concatenate(scan.values), scan.side)
+    >>> found = pc.solve_ball(R, T, q)
+    >>> bool(np.linalg.norm(found.T_sensor - truth.pose[:3, 3]) < 1e-6)
+    True
     """
     T_tcp = check_positions("T_tcp", T_tcp)
     n = len(T_tcp)
@@ -92,12 +94,6 @@ def solve_ball(
         len(still),
         3,
         "two differences that are not parallel fix the rotation",
-    )
-    check_count(
-        "turning poses",
-        len(turning),
-        3,
-        "two turns about different axes fix the translation",
     )
     first, others = still[0], still[1:]
     apart = np.degrees(angle_between(R_tcp[first], R_tcp[still])).max()
@@ -119,7 +115,7 @@ def solve_ball(
         "frame",
         "the rotation about them cannot be known; translate along another line",
     )
-    check_orientations(R_tcp[turning])
+    check_orientations(R_tcp[turning], "turning poses")
 
     order = np.concatenate([still, turning])
     return ball_equations(R_tcp[order], T_tcp[order], q[order], len(still))
@@ -275,22 +271,19 @@ def solve_fixed_point(
     Examples
     --------
     >>> import numpy as np
-    >>> from profilecal.geometry.poses import rotation_from_xyz_angles
-    >>> turns = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [-1, 0, 0], [0, -1, 0]]
-    >>> R = rotation_from_xyz_angles(0.5 * np.array(turns))
-    >>> q = [[0, 0, 90], [30, 0, 90], [0, 0, 60], [-30, 0, 80], [9, 0, 70], [5, 0, 99]]
-    >>> T = [500, 0, 300] - np.einsum("nab,nb->na", R, np.add(q, [10, 20, 30]))
-    >>> solve_fixed_point(R, T, q).T_sensor.round(6)
-    array([10., 20., 30.])
+    >>> import profilecal as pc
+    >>> scan, truth = pc.simulate("point", seed=1, noise={"profile_mm": 0.01})
+    >>> R, T = scan.R_base_flange, scan.p_base_flange
+    >>> found = pc.solve_fixed_point(R, T, np.concatenate(scan.values))
+    >>> bool(np.linalg.norm(found.T_sensor - truth.pose[:3, 3]) < 0.5)
+    True
     """
     T_tcp = check_positions("T_tcp", T_tcp)
     n = len(T_tcp)
     check_count("readings of the point", n, 4, "three equations each, twelve unknowns")
     R_tcp = check_rotations("R_tcp", R_tcp, n)
-    x, z = check_scan_plane(
-        "q", q, n, "y = 0, as the laser line passes through the point"
-    ).T
-    q = np.column_stack([x, np.zeros(n), z])
+    in_plane = "y = 0, as the laser line passes through the point"
+    q = np.insert(check_scan_plane("q", q, n, in_plane), 1, 0, axis=1)
     check_orientations(R_tcp)
     offsets = q - q.mean(axis=0)
     check_line(
@@ -311,10 +304,9 @@ def solve_fixed_point(
     )
 
     M = linear_equations(R_tcp, q)
-    r_1, r_3, _ = (np.linalg.pinv(M) @ (T_tcp.mean(axis=0) - T_tcp).ravel()).reshape(
-        3, 3
-    )
-    rotation = solve_rotation(np.eye(3)[:, [0, 2]], np.column_stack([r_1, r_3]))
+    unknowns = np.linalg.pinv(M) @ (T_tcp.mean(axis=0) - T_tcp).ravel()
+    r_1_and_r_3 = unknowns[:6].reshape(2, 3).T
+    rotation = solve_rotation(np.eye(3)[:, [0, 2]], r_1_and_r_3)
     translation = solve_translation(R_tcp, T_tcp, q, rotation.R_sensor)
     return TwoStepSolution(rotation, translation)
 

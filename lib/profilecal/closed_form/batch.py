@@ -1,7 +1,7 @@
 """The edge and the disk method on batches of observations."""
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy import ndarray
 
 from profilecal.closed_form import disk, edge
 from profilecal.closed_form.edge import EdgeSolution
@@ -9,28 +9,27 @@ from profilecal.closed_form.two_step import TwoStepSolution
 from profilecal.geometry.poses import rotation_groups
 from profilecal.targets.observations import Observations
 
-HOW = "published", "regression"
-
 
 def closed_form(
     seen: Observations,
-    R_sensor: ArrayLike | None = None,
+    R_sensor: ndarray | None = None,
     how: str = "published",
     refuse: bool = True,
 ) -> EdgeSolution | TwoStepSolution:
     """What the papers' methods make of a batch of edge or disk observations, B of each.
 
     R_sensor (B, 3, 3) or (3, 3) gives the signs s_i of the disk method, which its user
-    knows. `how`: "regression" takes an edge's points from the regression inside their
-    group, and a disk's heights from all chords (`sensing_data`). Poses may come in any
-    order; those of one group that `seen` leaves out are found.
+    knows; an edge needs none. `how`: "regression" takes an edge's points from the
+    regression inside their group, and a disk's heights from all chords
+    (`sensing_data`). Poses may come in any order, the same in all of the batch; groups
+    that `seen` leaves out are found.
 
     Raises ValueError for another `how` or target, UnobservableError, with a cure, where
     poses determine the answer in no data set of the batch. Without `refuse` such an
     answer is given: as wrong as it is, the papers' methods do not show it.
     """
-    if how not in HOW:
-        raise ValueError(f"how is {how!r}; expected one of {', '.join(HOW)}")
+    if how not in ("published", "regression"):
+        raise ValueError(f"how is {how!r}; expected one of published, regression")
     if seen.kind not in ("edge", "disk"):
         raise ValueError(f"kind is {seen.kind!r}; expected edge or disk")
     B, P = seen.points.shape[:2]
@@ -40,15 +39,7 @@ def closed_form(
     if seen.kind == "edge":
         points = seen.points[:, :, 0]
         return edge.solve_groups(R, T, points, number, how == "regression", refuse)
-    if R_sensor is None:
-        raise ValueError("R_sensor is None; expected the rotation that gives the signs")
+    radius = seen.sizes[0]
     return disk.solve_motions(
-        R,
-        T,
-        seen.points,
-        number,
-        seen.sizes[0],
-        how,
-        np.asarray(R_sensor, dtype=float),
-        refuse=refuse,
+        R, T, seen.points, number, radius, how, R_sensor, refuse=refuse
     )

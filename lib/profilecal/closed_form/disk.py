@@ -133,14 +133,14 @@ def solve_disk(
     Examples
     --------
     >>> import numpy as np
-    >>> from profilecal.geometry.poses import rotations
-    >>> from profilecal.simulation.scene import random_scene
-    >>> scene = random_scene("disk", np.random.default_rng(1))
-    >>> seen = scene.noisy(0.01, np.random.default_rng(2))
-    >>> poses = seen.R_flange[0], seen.T_flange[0]
-    >>> guess = scene.R_sensor @ rotations([0.2, 0.1, 0.3])
-    >>> found = solve_disk(*poses, seen.points[0], 50.0, R_sensor_guess=guess)
-    >>> bool(np.linalg.norm(found.T_sensor - scene.T_sensor) < 0.5)
+    >>> import profilecal as pc
+    >>> from scipy.spatial.transform import Rotation
+    >>> scan, truth = pc.simulate("disk", seed=1, noise={"profile_mm": 0.01})
+    >>> R, T = scan.R_base_flange, scan.p_base_flange
+    >>> chords = np.reshape(scan.values, (-1, 2, 2))
+    >>> rough = truth.pose[:3, :3] @ Rotation.from_rotvec([0.2, 0.1, 0.3]).as_matrix()
+    >>> found = pc.solve_disk(R, T, chords, radius=50, R_sensor_guess=rough)
+    >>> bool(np.linalg.norm(found.T_sensor - truth.pose[:3, 3]) < 0.5)
     True
     """
     T_tcp = check_positions("T_tcp", T_tcp)
@@ -179,31 +179,30 @@ def solve_motions(
     """`solve_disk` for checked arrays (..., n, 3, 3), (..., n, 3) and (..., n, 2, 2),
     the tip of smaller x first, and the numbers (n,) of the poses' motions.
 
-    Signs follow from `R_sensor` (..., 3, 3), or else from `side`. Without `refuse` an
-    answer is given that the poses leave open.
+    Motions of a batch go the same way through their rows. Signs follow from `R_sensor`
+    (..., 3, 3), or else from `side`. Without `refuse` an answer is given that the poses
+    leave open.
     """
     firsts = np.unique(number, return_index=True)[1]
     names = [f"the orientation R_tcp[{first}]" for first in firsts]
     R_tcp = R_tcp[..., firsts, :, :]
-    rows = [in_order(T_tcp, np.flatnonzero(number == k)) for k in range(len(firsts))]
-    motions = [np.take_along_axis(T_tcp, row[..., None], axis=-2) for row in rows]
-    ways = np.stack([T[..., -1, :] - T[..., 0, :] for T in motions], axis=-2)
+    one_T = T_tcp.reshape(-1, len(number), 3)[0]
+    rows = [in_order(one_T, np.flatnonzero(number == k)) for k in range(len(firsts))]
+    motions = [T_tcp[..., row, :] for row in rows]
     if refuse:
         check_motions(R_tcp, motions, names)
     if R_sensor is None:
         s = stated_signs(side, number, rows, names)
     else:
+        ways = np.stack([T[..., -1, :] - T[..., 0, :] for T in motions], axis=-2)
         y = (R_tcp @ R_sensor[..., None, :, :])[..., 1]
         s = np.sign(np.vecdot(ways, y))
 
     scans = []
     for k, (row, T) in enumerate(zip(rows, motions, strict=True)):
-        own_tips = np.take_along_axis(tips, row[..., None, None], axis=-3)
-        start, end = T[..., 0, :], T[..., -1, :]
-        along = steps_along(T)
-        scans.append(
-            sensing_data(own_tips, start, end, s[..., k], radius, heights, along)
-        )
+        ends = T[..., 0, :], T[..., -1, :]
+        data = tips[..., row, :, :], *ends, s[..., k], radius, heights, steps_along(T)
+        scans.append(sensing_data(*data))
     T_3, q, D_i, D_b = (
         np.stack([getattr(scan, name) for scan in scans], axis=-2)
         for name in ("T_tcp", "q", "D_i", "D_b")
@@ -214,15 +213,15 @@ def solve_motions(
 
 
 def in_order(T_tcp: ndarray, rows: ndarray) -> ndarray:
-    """Rows (m,) of positions (..., n, 3) in the order of their motion, (..., m).
+    """Rows (m,) of positions (n, 3) in the order of their motion, (m,).
 
     It runs along a line, from the one of its two ends that comes first in the rows.
     """
-    T = T_tcp[..., rows, :]
-    place = np.vecdot(T, principal_axes(T)[..., :1, :])
-    backwards = place.argmax(axis=-1) < place.argmin(axis=-1)
-    place = np.where(backwards[..., None], -place, place)
-    return rows[place.argsort(axis=-1, kind="stable")]
+    T = T_tcp[rows]
+    place = np.vecdot(T, principal_axes(T)[:1])
+    if place.argmax() < place.argmin():
+        place = -place
+    return rows[place.argsort(kind="stable")]
 
 
 def steps_along(T: ndarray) -> ndarray:

@@ -134,11 +134,12 @@ def solve_edge(
     Examples
     --------
     >>> import numpy as np
-    >>> from profilecal.simulation.scene import random_scene
-    >>> scene = random_scene("edge", np.random.default_rng(1))
-    >>> seen = scene.noisy(0.01, np.random.default_rng(2))
-    >>> found = solve_edge(seen.R_flange[0], seen.T_flange[0], seen.points[0, :, 0])
-    >>> bool(np.linalg.norm(found.T_sensor - scene.T_sensor) < 0.5)
+    >>> import profilecal as pc
+    >>> scan, truth = pc.simulate("edge", seed=1, noise={"profile_mm": 0.01})
+    >>> R, T = scan.R_base_flange, scan.p_base_flange
+    >>> points = np.concatenate(scan.values)
+    >>> found = pc.solve_edge(R, T, points)
+    >>> bool(np.linalg.norm(found.T_sensor - truth.pose[:3, 3]) < 0.5)
     True
     """
     T_b = check_positions("T_b", T_b)
@@ -171,27 +172,15 @@ def solve_groups(
     T_b = T_b[..., index, :]
     p_s = p_s[..., index, :]
     if refuse:
-        check_groups(R_b, present)
+        why = "pairs of their differences fix the rotation"
+        check_count("poses of an orientation", present.shape[1], 3, why)
+        check_orientations(R_b)
     points = smoothed(T_b, p_s, present) if regression else p_s
     found = edge_equations(R_b, T_b, points, present)
     if refuse:
         strength = rotation_strength(R_b, T_b, p_s, found.rotation, present)
         check_motions(strength, found.translation.rank)
     return found
-
-
-def check_groups(R_b: ndarray, present: ndarray) -> None:
-    """Refuse groups of which none has three poses, and orientations (..., G, 3, 3) that
-    are too few or turn about one axis.
-    """
-    largest = present.sum(axis=-1).max()
-    check_count(
-        "poses of an orientation",
-        largest,
-        3,
-        "pairs of their differences fix the rotation",
-    )
-    check_orientations(R_b)
 
 
 def check_motions(strength: ndarray, rank: ndarray) -> None:
@@ -227,8 +216,7 @@ def difference_vectors(T_b: ndarray, p_s: ndarray) -> tuple[ndarray, ndarray]:
     """u_s and u_t of Eq. 5, both (..., G, N - 1, 3): from a group's first point and
     position to its others.
     """
-    x, z = np.moveaxis(p_s[..., 1:, :] - p_s[..., :1, :], -1, 0)
-    u_s = np.stack([x, np.zeros_like(x), z], axis=-1)
+    u_s = np.insert(p_s[..., 1:, :] - p_s[..., :1, :], 1, 0, axis=-1)
     u_t = T_b[..., 1:, :] - T_b[..., :1, :]
     return u_s, u_t
 
@@ -243,16 +231,14 @@ def fewer_vectors(u_s: ndarray, u_t: ndarray) -> tuple[ndarray, ndarray]:
     """
     rows = np.concatenate([u_s[..., ::2], u_t], axis=-1)
     factor = np.linalg.qr(rows).R
-    x, z = factor[..., 0], factor[..., 1]
-    return np.stack([x, np.zeros_like(x), z], axis=-1), factor[..., 2:]
+    return np.insert(factor[..., :2], 1, 0, axis=-1), factor[..., 2:]
 
 
 def transposed_skew(a: ndarray) -> ndarray:
-    """[a]ₓᵀ of Eq. 17, (..., 3, 3): [a]ₓᵀ v = v × a."""
-    zero = np.zeros_like(a[..., 0])
-    a1, a2, a3 = np.moveaxis(a, -1, 0)
-    rows = [[zero, a3, -a2], [-a3, zero, a1], [a2, -a1, zero]]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    """[a]ₓᵀ of Eq. 17, (..., 3, 3): [a]ₓᵀ v = v × a. Its rows are a × e_k, of the unit
+    vectors e_k.
+    """
+    return np.cross(a[..., None, :], np.eye(3))
 
 
 def rotation_system(
@@ -424,8 +410,7 @@ def estimate_noise(T_b: ndarray, p_s: ndarray, present: ArrayLike = True) -> nda
     residuals, _, freedom = affine_residuals(T_b, p_s, weights)
     squares = (residuals**2).sum(axis=(-3, -2, -1))
     freedom = 2 * freedom.sum(axis=-1)
-    unknown = np.full_like(squares, np.nan)
-    return np.sqrt(np.divide(squares, freedom, out=unknown, where=freedom > 0))
+    return np.sqrt(squares / np.where(freedom > 0, freedom, np.nan))
 
 
 def rotation_strength(

@@ -122,12 +122,10 @@ def check_line(vectors: ndarray, what: str, so: str) -> None:
     check_spread(np.degrees(np.arctan2(singular[..., 1], singular[..., 0])), what, so)
 
 
-def check_orientations(R_tcp: ndarray) -> None:
+def check_orientations(R_tcp: ndarray, name: str = "orientations") -> None:
     """Refuse fewer than three poses (..., n, 3, 3), one orientation, or one axis."""
     n = R_tcp.shape[-3]
-    check_count(
-        "orientations", n, 3, "two turns about different axes fix the translation"
-    )
+    check_count(name, n, 3, "two turns about different axes fix the translation")
     M = (R_tcp - R_tcp.mean(axis=-3, keepdims=True)).reshape(*R_tcp.shape[:-3], -1, 3)
     _, singular, Vt = np.linalg.svd(M, full_matrices=False)
     # the root mean square over all pairs of |ΔR v|, an angle while it is small

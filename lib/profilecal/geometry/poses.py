@@ -20,16 +20,6 @@ def rotation_from_xyz_angles(angles: ndarray) -> ndarray:
     return Rotation.from_euler("xyz", angles).as_matrix()
 
 
-def xyz_angles_from_rotation(matrix: ndarray) -> ndarray:
-    """The angles (a, b, c), (..., 3) rad, of R = Rz(c) Ry(b) Rx(a).
-
-    a is in [0, 2π), which does not jump near π.
-    """
-    angles = Rotation.from_matrix(matrix).as_euler("xyz")
-    angles[..., 0] %= 2 * np.pi
-    return angles
-
-
 def nearest_rotation(matrix: ArrayLike) -> ndarray:
     """The rotations closest to matrices (..., 3, 3) in the Frobenius norm.
 
@@ -64,7 +54,9 @@ def parallel(first: ndarray, second: ndarray, within_deg: float) -> ndarray:
 def rotation_groups(R: ndarray) -> ndarray:
     """Groups (P,) of orientations (P, 3, 3), which may be rounded.
 
-    A pose joins the first group whose first pose it is parallel to.
+    A pose joins the first group whose first pose differs from it by no more than
+    SAME_ORIENTATION_DEG. Matrices A and B that are θ apart differ by
+    ‖A - B‖ = 2 √(1 - cos θ).
     """
     R = nearest_rotation(R)
     tree = KDTree(R.reshape(-1, 9))
@@ -74,9 +66,7 @@ def rotation_groups(R: ndarray) -> ndarray:
     for k in range(len(R)):
         if group[k] < 0:
             near = np.array(tree.query_ball_point(R[k].ravel(), within))
-            free = near[group[near] < 0]
-            alike = parallel(R[free], R[k], SAME_ORIENTATION_DEG)[:, 0]
-            group[free[alike]] = count
+            group[near[group[near] < 0]] = count
             count += 1
     return group
 
@@ -98,10 +88,9 @@ def pose_error(
 def homogeneous(rotation: ArrayLike, translation: ArrayLike) -> ndarray:
     """4×4 matrices (..., 4, 4) from rotations (..., 3, 3) and translations (..., 3)."""
     shape = np.broadcast_shapes(np.shape(rotation)[:-2], np.shape(translation)[:-1])
-    matrix = np.zeros((*shape, 4, 4))
+    matrix = np.tile(np.eye(4), (*shape, 1, 1))
     matrix[..., :3, :3] = rotation
     matrix[..., :3, 3] = translation
-    matrix[..., 3, 3] = 1
     return matrix
 
 
@@ -114,31 +103,6 @@ def directions(rng: np.random.Generator, shape: tuple[int, ...]) -> ndarray:
 def rotations(vectors: ndarray) -> ndarray:
     """Rotation matrices (..., 3, 3) from rotation vectors (..., 3), rad."""
     return Rotation.from_rotvec(vectors).as_matrix()
-
-
-def random_turns(
-    rng: np.random.Generator,
-    shape: tuple[int, ...],
-    spread: float | ndarray,
-    axis: ndarray | None = None,
-) -> ndarray:
-    """Rotations (*shape, 3, 3) by uniform angles up to ±`spread`, rad, about random
-    axes or about `axis` (..., 3).
-    """
-    angle = rng.uniform(-spread, spread, (*shape, 1))
-    if axis is None:
-        axis = directions(rng, shape)
-    return rotations(angle * axis)
-
-
-def frame_along(direction: ArrayLike, angle: ArrayLike) -> ndarray:
-    """Frames (..., 3, 3), in columns, whose second axis is `direction` (..., 3);
-    `angle` (...) turns them about it.
-    """
-    across, aside, y = np.moveaxis(frame_around(direction), -1, 0)
-    angle = np.asarray(angle)[..., None]
-    x = np.cos(angle) * across + np.sin(angle) * aside
-    return np.stack(np.broadcast_arrays(x, y, np.cross(x, y)), axis=-1)
 
 
 def inverse(rotation: ndarray, translation: ndarray) -> tuple[ndarray, ndarray]:
