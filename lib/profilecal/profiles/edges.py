@@ -3,7 +3,7 @@ several things, what most profiles of a scan show tells which is the target's.
 """
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import NamedTuple
@@ -68,14 +68,12 @@ class Candidate:
 
 def choose(
     profiles: Profiles,
+    found: list[list[Run]],
     candidates: list[list[Candidate]],
     shape: str,
-    missed: Sequence[str],
 ) -> list[Feature]:
-    """For each profile the feature of a shape, if just one candidate for it is clear;
-    else nothing, with the reason.
-
-    `missed` says for each profile why it has no candidate; "" where it cannot tell.
+    """For each profile, with the straight runs found in it, the feature of a shape if
+    just one candidate for it is clear; else nothing, with the reason.
     """
     ranked = [sorted(own, key=lambda c: -c.support) for own in candidates]
     angles = np.array([own[0].angle for own in ranked if own])
@@ -86,14 +84,12 @@ def choose(
     # tilted planes see corners at other angles, if nothing nearer
     close, wide = np.maximum(np.radians([20, 30]), spread)
     chosen = []
-    for profile, own, why in zip(profiles, ranked, missed, strict=True):
+    for profile, runs, own in zip(profiles, found, ranked, strict=True):
         near = [c for c in own if abs(c.angle - usual) <= close]
         near = near or [c for c in own if abs(c.angle - usual) <= wide]
         reason = ""
-        if not present(profile).any():
-            reason = "nothing in this profile"
-        elif not own:
-            reason = why or f"no {shape} as in other profiles"
+        if not own:
+            reason = why_missed(profile, runs, shape)
         elif not near:
             angle, expected = np.degrees([own[0].angle, usual])
             reason = f"a corner of {angle:.0f}°, {expected:.0f}° in other profiles"
@@ -128,7 +124,7 @@ def find_edges(profiles: Profiles) -> list[Feature]:
     found = [straight_runs(profile) for profile in profiles]
     view = View.from_runs(found)
     candidates = [
-        corners(runs) + step_ends(runs, view) + tips(profile, runs, view)
+        [*corners(runs), *step_ends(runs, view), *tips(profile, runs, view)]
         for profile, runs in zip(profiles, found, strict=True)
     ]
     shown_by = Counter(look for own in candidates for look in {c.look for c in own})
@@ -144,8 +140,7 @@ def find_edges(profiles: Profiles) -> list[Feature]:
             return [nothing(reason) for _ in profiles]
         look = side_face
     alike = [[c for c in own if c.look == look] for own in candidates]
-    missed = [why_no_corner(runs) if look.shape == "corner" else "" for runs in found]
-    return choose(profiles, alike, look.shape, missed)
+    return choose(profiles, found, alike, look.shape)
 
 
 def usual_look(
@@ -189,12 +184,11 @@ def look_of_side_faces(candidates: list[list[Candidate]], away: int) -> Look | N
     return next((look for look, count in shown.most_common(1) if count >= 3), None)
 
 
-def corners(runs: list[Run]) -> list[Candidate]:
+def corners(runs: list[Run]) -> Iterator[Candidate]:
     """Where neighbouring straight runs meet: a ridge's apex, the corner of a bar.
 
     The lines rest on points beyond its rounding; there is none where these are too few.
     """
-    found = []
     for first, second in pairwise(runs):
         if not form_corner(first, second):
             continue
@@ -212,21 +206,22 @@ def corners(runs: list[Run]) -> list[Candidate]:
         side = int(np.sign(towards[1]))
         bend = np.arccos(first.direction @ second.direction)
         support = min(before.length, after.length)
-        found.append(Candidate(feature, side, support, np.pi - bend))
-    return found
+        yield Candidate(feature, side, support, np.pi - bend)
 
 
-def why_no_corner(runs: list[Run]) -> str:
-    """What keeps a profile of a corner from showing it, as far as its straight runs
-    tell.
+def why_missed(profile: ndarray, runs: list[Run], shape: str) -> str:
+    """What keeps a profile from showing a shape; of a corner, as far as its straight
+    runs tell.
     """
-    for first, second in pairwise(runs):
-        if form_corner(first, second):
+    if not present(profile).any():
+        return "nothing in this profile"
+    if shape == "corner":
+        if any(form_corner(*pair) for pair in pairwise(runs)):
             few = f"fewer than {LEAST_SIDE} points beyond its rounding"
             return f"one side of the corner shows {few}"
-    if len(runs) == 1:
-        return "one side of the corner shows too few points for a line"
-    return ""
+        if len(runs) == 1:
+            return "one side of the corner shows too few points for a line"
+    return f"no {shape} as in other profiles"
 
 
 def form_corner(first: Run, second: Run) -> bool:
@@ -273,9 +268,8 @@ def beyond_blunt(run: Run, apex: ndarray) -> Run | None:
     return side if side.length > BLUNT else None
 
 
-def step_ends(runs: list[Run], view: View) -> list[Candidate]:
+def step_ends(runs: list[Run], view: View) -> Iterator[Candidate]:
     """Where a face ends in front of something farther away, or of nothing."""
-    found = []
     for run in facing(runs):
         for outwards in (run.reversed(), run):
             step = step_beyond(outwards, view)
@@ -286,11 +280,10 @@ def step_ends(runs: list[Run], view: View) -> list[Candidate]:
             covariance = run.covariance_across(tip)[0]
             feature = Feature(tip, covariance, run.rows, "step end")
             side = int(np.sign(end.tip[0] - run.point[0]))
-            found.append(Candidate(feature, side, run.length, ends=(end,)))
-    return found
+            yield Candidate(feature, side, run.length, ends=(end,))
 
 
-def tips(profile: ndarray, runs: list[Run], view: View) -> list[Candidate]:
+def tips(profile: ndarray, runs: list[Run], view: View) -> Iterator[Candidate]:
     """Narrow tips in front of a background or of nothing: a blade that points at the
     scanner.
     """
@@ -299,7 +292,6 @@ def tips(profile: ndarray, runs: list[Run], view: View) -> list[Candidate]:
     free = seen.copy()
     for run in facing(runs):
         free[run.rows] = False
-    found = []
     for cluster in stretches(np.flatnonzero(free), 3):
         for away in [view.away] if view.away else (1, -1):
             top = top_of(profile, seen, cluster, away)
@@ -312,8 +304,7 @@ def tips(profile: ndarray, runs: list[Run], view: View) -> list[Candidate]:
             spread = ((points - edge) ** 2).mean(axis=0)
             variances = np.maximum(spread, noise**2)
             feature = Feature(apex[None], np.diag(variances)[None], top, "tip")
-            found.append(Candidate(feature, -away, 1.0))
-    return found
+            yield Candidate(feature, -away, 1.0)
 
 
 def top_of(profile: ndarray, seen: ndarray, cluster: ndarray, away: int) -> ndarray:
@@ -344,18 +335,17 @@ def find_chords(profiles: Profiles, radius: float) -> list[Feature]:
     """The tips of the disk's chord in each profile (n, 2), mm."""
     found = [straight_runs(profile) for profile in profiles]
     view = View.from_runs(found)
-    candidates = [chords(runs, radius, view) for runs in found]
+    candidates = [list(chords(runs, radius, view)) for runs in found]
     # most chords are in front
     away = view.away or np.sign(sum(c.side for own in candidates for c in own))
     in_front = [[c for c in own if c.side * away >= 0] for own in candidates]
-    return choose(profiles, in_front, "chord", [""] * len(profiles))
+    return choose(profiles, found, in_front, "chord")
 
 
-def chords(runs: list[Run], radius: float, view: View) -> list[Candidate]:
+def chords(runs: list[Run], radius: float, view: View) -> Iterator[Candidate]:
     """Straight runs no longer than the disk's diameter that end on both sides before a
     step or nothing.
     """
-    found = []
     for run in facing(runs):
         start, stop = run.reversed(), run
         before = step_beyond(start, view)
@@ -369,8 +359,7 @@ def chords(runs: list[Run], radius: float, view: View) -> list[Candidate]:
         covariance = run.covariance_across(tips)
         own = covariance[[0, 1], [0, 1]]
         feature = Feature(tips, own, run.rows, "chord", between=covariance[0, 1])
-        found.append(Candidate(feature, before or after, run.length, ends=tuple(ends)))
-    return found
+        yield Candidate(feature, before or after, run.length, ends=tuple(ends))
 
 
 def find_lines(profiles: Profiles) -> list[Feature]:
