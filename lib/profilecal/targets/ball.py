@@ -9,21 +9,20 @@ from numpy.typing import ArrayLike
 from profilecal.geometry.fitting import fit_sphere
 from profilecal.geometry.poses import circle_around, root
 from profilecal.profiles.arcs import find_balls
-from profilecal.targets.plane import BELOW_MM, Plane
+from profilecal.targets.plane import Round
 from profilecal.targets.target import (
     Axes,
     Components,
     Fitted,
     Linearised,
     Sizes,
-    Target,
     from_origin,
     in_sensor,
 )
 
 
 @dataclass(frozen=True)
-class Ball(Target):
+class Ball(Round):
     """A ball.
 
     `centre` (3,) is its centre in the base frame and `radius` its radius, both in mm.
@@ -42,11 +41,9 @@ class Ball(Target):
 
     kind = "ball"
     shape = "sphere"
-    lengths = ("radius",)
     shifts = "xyz"
     turns = ""
-    rows = 1
-    fit_is_best = False
+    half_arc_deg = 50.0
     tables = ("profiles", "arcs")
     find = staticmethod(find_balls)
     groups = 10
@@ -107,9 +104,6 @@ class Ball(Target):
         angle = np.radians(np.linspace(-reach_deg, reach_deg, count))
         return centre + radius * np.stack([np.sin(angle), -np.cos(angle)], axis=-1)
 
-    def points_seen(self, rotation: ndarray, origin: ndarray, count: int) -> ndarray:
-        return self.arc(rotation, origin, 50, count)
-
     def sides(self, rotation: ndarray, origin: ndarray) -> ndarray:
         return np.sign(in_sensor(rotation, self.centre - origin)[:, 1])
 
@@ -123,13 +117,6 @@ class Ball(Target):
         x, z, r = np.moveaxis(np.asarray(circle, dtype=float), -1, 0)
         y = side * np.sqrt(np.maximum(self.radius**2 - r**2, 0))
         return np.stack([x, y, z], axis=-1)
-
-    def outline(
-        self, specimen: str, rotation: ndarray, origin: ndarray, away: ndarray
-    ) -> list[ndarray]:
-        """Above a table."""
-        table = Plane(self.centre + (self.radius + BELOW_MM) * away, away)
-        return table.behind(self.arc(rotation, origin, 90, 721), rotation, origin)
 
     @staticmethod
     def offsets(

@@ -1,5 +1,5 @@
 """A flat face: the scan plane meets it in a line (Carlson et al. 2015, Sharifzadeh et
-al. 2020).
+al. 2020). What balls and rods, which lie on one in simulated profiles, have in common.
 """
 
 from dataclasses import dataclass
@@ -115,3 +115,34 @@ class Plane(Target):
             (left, right), (first, last) = outlines[k], beside[k]
             outlines[k] = np.concatenate([[left, first], arcs[k], [last, right]])
         return outlines
+
+
+class Round(Target):
+    """What has a radius and shows an arc in profiles: a ball or a rod."""
+
+    radius: float
+
+    lengths = ("radius",)
+    rows = 1
+    fit_is_best = False
+    # that a scanner sees, to either side of what is nearest to it
+    half_arc_deg: float
+
+    def arc(
+        self, rotation: ndarray, origin: ndarray, reach_deg: float, count: int
+    ) -> ndarray:
+        """Points (P, count, 2) that scan planes (P, 3, 3), (P, 3) cut from it, by
+        angles to either side of what is nearest to the scanner.
+        """
+        raise NotImplementedError
+
+    def points_seen(self, rotation: ndarray, origin: ndarray, count: int) -> ndarray:
+        return self.arc(rotation, origin, self.half_arc_deg, count)
+
+    def outline(
+        self, specimen: str, rotation: ndarray, origin: ndarray, away: ndarray
+    ) -> list[ndarray]:
+        """Above a table."""
+        middle, _ = self.frame
+        table = Plane(middle + (self.radius + BELOW_MM) * away, away)
+        return table.behind(self.arc(rotation, origin, 90, 721), rotation, origin)

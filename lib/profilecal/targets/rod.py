@@ -11,7 +11,7 @@ from profilecal.geometry.poses import cross, dot
 from profilecal.profiles.arcs import find_rods
 from profilecal.targets.disk import fit_around
 from profilecal.targets.edge import Edge
-from profilecal.targets.plane import BELOW_MM, Plane
+from profilecal.targets.plane import Round
 from profilecal.targets.target import (
     ALONG_Y,
     Axes,
@@ -19,7 +19,6 @@ from profilecal.targets.target import (
     Fitted,
     Linearised,
     Sizes,
-    Target,
     Y,
     from_origin,
     in_scan_plane,
@@ -27,7 +26,7 @@ from profilecal.targets.target import (
 
 
 @dataclass(frozen=True)
-class Rod(Target):
+class Rod(Round):
     """A straight round bar, endless in both directions.
 
     Its axis passes through `point` (3,), mm, along the unit vector `direction` (3,),
@@ -47,11 +46,9 @@ class Rod(Target):
 
     kind = "rod"
     shape = "cylinder"
-    lengths = ("radius",)
     shifts = "xy"
     turns = "xy"
-    rows = 1
-    fit_is_best = False
+    half_arc_deg = 60.0
     find = staticmethod(find_rods)
     groups = 15
     positions = 4
@@ -143,13 +140,3 @@ class Rod(Target):
         around = np.cos(angle) * up[:, None] + np.sin(angle) * aside[:, None]
         generators = Edge(self.point + self.radius * around, d)
         return generators.meet(rotation[:, None], origin[:, None])
-
-    def points_seen(self, rotation: ndarray, origin: ndarray, count: int) -> ndarray:
-        return self.arc(rotation, origin, 60, count)
-
-    def outline(
-        self, specimen: str, rotation: ndarray, origin: ndarray, away: ndarray
-    ) -> list[ndarray]:
-        """Above a table."""
-        table = Plane(self.point + (self.radius + BELOW_MM) * away, away)
-        return table.behind(self.arc(rotation, origin, 90, 721), rotation, origin)
