@@ -226,24 +226,13 @@ def best_circle(points: ndarray, limit: float, largest: float) -> Section | None
 def circles_through(points: ndarray) -> ndarray:
     """Circles (c, 3), x, z and radius, each through three points of a profile (k, 2)
     that have equal numbers of points between them.
-
-    With a and b from the first point to the others, as complex numbers, the centre is
-    (|a|² b - |b|² a) / (2i Im(a* b)) from the first point. It is no number where the
-    three are on one line.
     """
     k = len(points)
     spans = np.unique(np.geomspace(max(8, k // 60), k - 1, 7).astype(int))[:, None]
     starts = (np.linspace(0, 1, 40) * (k - 1 - spans)).astype(int)
-    number = points[:, 0] + 1j * points[:, 1]
-    first, middle, last = (
-        number[(starts + step).ravel()] for step in (0, spans // 2, spans)
-    )
-    a = middle - first
-    b = last - first
-    with np.errstate(divide="ignore", invalid="ignore"):
-        arm = (abs(a) ** 2 * b - abs(b) ** 2 * a) / (2j * (a.conj() * b).imag)
-    centre = first + arm
-    return np.stack([centre.real, centre.imag, abs(arm)], axis=-1)
+    rows = np.stack([starts, starts + spans // 2, starts + spans], axis=-1)
+    with np.errstate(divide="ignore", invalid="ignore"):  # three on a line: NaN
+        return fit_circle(points[rows.reshape(-1, 3)])
 
 
 def section_of(circle: ndarray) -> Section:
