@@ -186,8 +186,9 @@ def solve_motions(
     firsts = np.unique(number, return_index=True)[1]
     names = [f"the orientation R_tcp[{first}]" for first in firsts]
     R_tcp = R_tcp[..., firsts, :, :]
-    one_T = T_tcp.reshape(-1, len(number), 3)[0]
-    rows = [in_order(one_T, np.flatnonzero(number == k)) for k in range(len(firsts))]
+    members = [np.flatnonzero(number == k) for k in range(len(firsts))]
+    of_one = T_tcp.reshape(-1, len(number), 3)[0]
+    rows = [in_order(of_one, own) for own in members]
     motions = [T_tcp[..., row, :] for row in rows]
     if refuse:
         check_motions(R_tcp, motions, names)
@@ -200,9 +201,11 @@ def solve_motions(
 
     scans = []
     for k, (row, T) in enumerate(zip(rows, motions, strict=True)):
-        ends = T[..., 0, :], T[..., -1, :]
-        data = tips[..., row, :, :], *ends, s[..., k], radius, heights, steps_along(T)
-        scans.append(sensing_data(*data))
+        own_tips = tips[..., row, :, :]
+        start, end = T[..., 0, :], T[..., -1, :]
+        along = steps_along(T)
+        scan = sensing_data(own_tips, start, end, s[..., k], radius, heights, along)
+        scans.append(scan)
     T_3, q, D_i, D_b = (
         np.stack([getattr(scan, name) for scan in scans], axis=-2)
         for name in ("T_tcp", "q", "D_i", "D_b")

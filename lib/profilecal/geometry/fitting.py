@@ -239,7 +239,7 @@ def principal_axes(points: ndarray) -> ndarray:
 
 
 def affine_residuals(
-    positions: ndarray, values: ndarray, weights: ArrayLike | None = None
+    positions: ndarray, values: ndarray, weights: ArrayLike = 1.0
 ) -> tuple[ndarray, ndarray, ndarray]:
     """What an affine function of positions (..., n, 3) leaves of values (..., n, k).
 
@@ -252,7 +252,7 @@ def affine_residuals(
     extend; and the number of weights less that of the other columns, (...).
     """
     n = positions.shape[-2]
-    weight = np.ones((n, 1)) if weights is None else np.asarray(weights)[..., None]
+    weight = np.broadcast_to(weights, positions.shape[:-1])[..., None]
     constant = weight / np.linalg.norm(weight, axis=-2, keepdims=True)
     mean = (constant**2 * positions).sum(axis=-2, keepdims=True)
     U, S, _ = np.linalg.svd(weight * (positions - mean), full_matrices=False)
@@ -260,7 +260,6 @@ def affine_residuals(
     rounding = n * np.finfo(float).eps * farthest
     # an arc leaves its plane, a line itself, by less
     extends = np.maximum(1e-3 * S[..., :1], rounding) < S
-    constant = np.broadcast_to(constant, (*U.shape[:-1], 1))
     basis = np.concatenate([constant, U * extends[..., None, :]], axis=-1)
     residuals = weight * values
     residuals = residuals - basis @ (basis.mT @ residuals)
