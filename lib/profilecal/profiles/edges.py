@@ -137,7 +137,7 @@ def find_edges(profiles: Profiles) -> list[Feature]:
                 "both ends of a face are seen, in this profile or others: "
                 "which is the edge? Show one of them only"
             )
-            return [nothing(reason) for _ in profiles]
+            return [nothing(reason)] * len(profiles)
         look = side_face
     alike = [[c for c in own if c.look == look] for own in candidates]
     return choose(profiles, found, alike, look.shape)

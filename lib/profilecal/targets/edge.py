@@ -20,20 +20,14 @@ from profilecal.targets.target import (
     in_sensor,
 )
 
-Corners = list[tuple[float, float]]  # of a cross-section: aside and up, mm
-
-
-def turned(corners: Corners, angle_deg: float) -> Corners:
-    """Corners of a cross-section turned about the edge."""
-    c, s = np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))
-    return [(c * a - s * h, s * a + c * h) for a, h in corners]
-
-
-# Cross-sections as chains of corners from the edge; the paper's Fig. 4 gives no
-# measures
-SPECIMENS: dict[str, Corners] = {
-    # seen corner on: its top and a side wall
-    "parallel bar": turned([(-20, 0), (0, 0), (0, -20)], 35),
+# 20 mm along a face that is inclined by 35°
+ASIDE = 20 * np.cos(np.radians(35))
+DOWN = 20 * np.sin(np.radians(35))
+# Cross-sections as chains of corners, aside of the edge and up from it, mm; the paper's
+# Fig. 4 gives no measures
+SPECIMENS: dict[str, list[tuple[float, float]]] = {
+    # seen corner on: its top and, square to that, a side wall
+    "parallel bar": [(-ASIDE, -DOWN), (0, 0), (DOWN, -ASIDE)],
     # 1 mm thick, above a table
     "straight scale": [
         (-40, 0),
