@@ -4,40 +4,22 @@ told.
 """
 
 import re
-from dataclasses import dataclass
 from glob import glob
 from pathlib import Path
 from statistics import mode
 
 from profilecal.scan.folder import check_header, scan_of
-from profilecal.scan.scan import MOUNTS, Scan
+from profilecal.scan.scan import Scan
 from profilecal.scan.tables import ScanError, listed
+from profilecal_tool.importing.layout import NOTHING_SAID, Layout
 from profilecal_tool.importing.makers import POSE_FILES
 from profilecal_tool.importing.poses import frames_of, pose_table, taken_as
 from profilecal_tool.importing.profiles import match, profiles_of, seen_in_mm
 from profilecal_tool.importing.tables import names_of
 
 
-@dataclass(frozen=True)
-class Layout:
-    """What is said of the files; what is empty is guessed."""
-
-    profiles: str = ""  # which files, as a shell pattern
-    poses: str = ""  # which file or files
-    # names or numbers, from 1, of x and z in a profile: "x,z" or "1 [mm],3 [mm]"
-    columns: str = ""
-    # what a pose's numbers are, in their order: "x [m],y [m],z [m],a,b,c"; "_" for no
-    # meaning
-    pose_columns: str = ""
-    entry: str = ""  # the list in a YAML or NPZ file that is the profile
-    missing: float | None = None  # z where the scanner saw nothing
-    # x, y, z, mm, and three angles of the poses' frame, in the flange's
-    tool: tuple[float, ...] | None = None
-    mount: str = MOUNTS[0]
-
-
 def import_scan(
-    folder: str | Path, kind: str, sizes: dict, layout: Layout = Layout()
+    folder: str | Path, kind: str, sizes: dict, layout: Layout = NOTHING_SAID
 ) -> tuple[Scan, list[str]]:
     """The scan of a target of these sizes, mm by name, in a folder of files; and each
     guess. Raises ScanError.
@@ -51,10 +33,8 @@ def import_scan(
     header = check_header(folder, said)
 
     of_profiles, of_poses, left = sort_files(folder, layout)
-    poses, convention = pose_table(of_poses, layout.pose_columns)
-    names, profiles, axes = profiles_of(
-        of_profiles, len(poses.lines), layout.entry, layout.columns
-    )
+    poses, convention = pose_table(of_poses, layout)
+    names, profiles, axes = profiles_of(of_profiles, len(poses.lines), layout)
     values, taken_profiles = seen_in_mm(folder, profiles, axes, layout.missing)
     poses.columns["pose"], order, matched = match(poses, names, left)
     entries, taken_poses = taken_as(poses, convention, layout.tool)

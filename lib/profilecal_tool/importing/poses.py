@@ -16,6 +16,7 @@ from profilecal.scan.scan import MOUNTS
 from profilecal.scan.tables import ScanError, Table, listed
 from profilecal_tool.importing.arrays import ENDINGS, array, from_array
 from profilecal_tool.importing.key_value import behind_names
+from profilecal_tool.importing.layout import Layout
 from profilecal_tool.importing.makers import FRAMES, FRAMES_AND_AXES, UNNAMED
 from profilecal_tool.importing.nested import poses_in_lists
 from profilecal_tool.importing.programs import in_brackets
@@ -50,7 +51,7 @@ def read_poses(path: Path) -> Table:
     return table
 
 
-def pose_table(paths: list[Path], said: str) -> tuple[Table, Convention]:
+def pose_table(paths: list[Path], layout: Layout) -> tuple[Table, Convention]:
     """The poses in a file, or in files of one each, with columns as conventions name
     them: as said, or as titles or usual numbers have them. Raises ScanError.
     """
@@ -58,6 +59,7 @@ def pose_table(paths: list[Path], said: str) -> tuple[Table, Convention]:
     check_alike(tables)
     units = tables[0].units
     table = tables[0] if len(tables) == 1 else one_each(paths, tables)
+    said = layout.pose_columns
     if not said and all(map(str.isdigit, units)):
         said = UNNAMED.get(len(units), "")
     if said:

@@ -13,6 +13,7 @@ from numpy import ndarray
 from profilecal.scan.scan import FARTHEST_MM
 from profilecal.scan.tables import ScanError, Table, listed
 from profilecal_tool.importing.arrays import ENDINGS, array, from_array
+from profilecal_tool.importing.layout import Layout
 from profilecal_tool.importing.makers import LABELS
 from profilecal_tool.importing.nested import points_in_list
 from profilecal_tool.importing.tables import (
@@ -46,16 +47,16 @@ def read_profiles(path: Path, entry: str = "") -> list[Table]:
 
 
 def profiles_of(
-    paths: list[Path], count: int, entry: str, said: str
+    paths: list[Path], count: int, layout: Layout
 ) -> tuple[Sequence, list[ndarray], dict]:
     """Names of profiles, or numbers, their points (n, 2), and the columns of x and z
     with their units.
 
     Each file has a profile; or one has all, for `count` poses: a profile is the rows
-    that share a label, or a row, or a part of an array. `entry` and `said`: see
-    `read_profiles` and `x_and_z`. Raises ScanError.
+    that share a label, or a row, or a part of an array. Raises ScanError.
     """
-    tables = [table for path in paths for table in read_profiles(path, entry)]
+    said = layout.columns
+    tables = [table for path in paths for table in read_profiles(path, layout.entry)]
     # in the others nothing was seen
     full = [table for table in tables if table.columns]
     if not full:

@@ -1,0 +1,26 @@
+"""What a user says of files."""
+
+from dataclasses import dataclass
+
+from profilecal.scan.scan import MOUNTS
+
+
+@dataclass(frozen=True)
+class Layout:
+    """What is said of the files; what is empty is guessed."""
+
+    profiles: str = ""  # which files, as a shell pattern
+    poses: str = ""  # which file or files
+    # names or numbers, from 1, of x and z in a profile: "x,z" or "1 [mm],3 [mm]"
+    columns: str = ""
+    # what a pose's numbers are, in their order: "x [m],y [m],z [m],a,b,c"; "_" for no
+    # meaning
+    pose_columns: str = ""
+    entry: str = ""  # the list in a YAML or NPZ file that is the profile
+    missing: float | None = None  # z where the scanner saw nothing
+    # x, y, z, mm, and three angles of the poses' frame, in the flange's
+    tool: tuple[float, ...] | None = None
+    mount: str = MOUNTS[0]
+
+
+NOTHING_SAID = Layout()
