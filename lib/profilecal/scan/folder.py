@@ -2,7 +2,8 @@
 written. Lengths become mm.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +33,7 @@ from profilecal.scan.tables import (
     listed,
     naming,
     new_folder,
+    read_parts,
     read_table,
     write_table,
 )
@@ -46,6 +48,7 @@ from profilecal.scan.toml import (
 from profilecal.targets import TARGETS
 
 SCALE = {"mm": 1.0, "m": 1000.0}
+SPREADSHEET = 1_000_000  # rows that people can look at: more become arrays
 DEFAULTS = {"title": "", "units": "mm", "mount": MOUNTS[0], "target": {}, "noise": {}}
 
 
@@ -226,42 +229,48 @@ def groups_of(table: Table, rotations: ndarray) -> tuple[ndarray, bool]:
 def read_measurements(
     folder: Path, labels: Sequence[str], scale: float
 ) -> tuple[str, tuple[ndarray, ...]]:
-    """What the scanner saw: which of the four files there is, and its rows in mm by
+    """What the scanner saw: which of the four tables there is, and its rows in mm by
     pose.
     """
-    names = [name for name in MEASURED if is_file(folder / f"{name}.csv")]
-    if len(names) != 1:
-        found = " and ".join(names) or "none of them"
-        known = listed(MEASURED)
-        raise ScanError(f"{folder}: expected one of {known} (.csv); found {found}")
-    (measured,) = names
-    columns = MEASURED[measured]
-    table = read_table(folder / f"{measured}.csv", ("pose", *columns))
-    pose = row_of_label(table, labels)
+    ways = (folder / f"{name}{kind}" for name in MEASURED for kind in (".csv", ".npz"))
+    paths = [path for path in ways if is_file(path)]
+    if len(paths) != 1:
+        found = " and ".join(path.name for path in paths) or "none of them"
+        names = f"{listed(MEASURED)} (.csv, .npz)"
+        raise ScanError(f"{folder}: expected one of {names}; found {found}")
+    (path,) = paths
+    columns = MEASURED[path.stem]
     most = FARTHEST_MM / scale
-    numbers = table.numbers(columns, blank=True, largest=most) * scale
+    known = {label: pose for pose, label in enumerate(labels)}
+    parts = []
+    for table in read_parts(path, ("pose", *columns)):
+        pose = poses_of(table, known)
+        numbers = table.numbers(columns, blank=True, largest=most) * scale
+        parts.append((table.lines, pose, numbers))
+    lines, pose, numbers = map(np.concatenate, zip(*parts, strict=True))
     counts = np.bincount(pose, minlength=len(labels))
-    check_counts(table, measured, pose, counts)
+    check_counts(replace(table, lines=lines), path.stem, labels, pose, counts)
     largest = np.nanmax(np.abs(numbers), initial=0.0)
     if 0 < largest < 1:
         raise ScanError(
-            f"{table.path}: no value is larger than {largest:.3g} mm; "
+            f"{path}: no value is larger than {largest:.3g} mm; "
             "are the units in scan.toml right?"
         )
     by_pose = numbers[np.argsort(pose, kind="stable")]
-    return measured, tuple(np.split(by_pose, np.cumsum(counts)[:-1]))
+    return path.stem, tuple(np.split(by_pose, np.cumsum(counts)[:-1]))
 
 
-def row_of_label(table: Table, labels: Sequence[str]) -> ndarray:
-    """Which of the poses with `labels` each row of a table is of."""
-    known = {label: pose for pose, label in enumerate(labels)}
-    said = table.labels()
-    pose = np.array([known.get(label, -1) for label in said])
-    table.refuse(pose < 0, "pose {} is not in poses", said)
+def poses_of(table: Table, known: Mapping[str, int]) -> ndarray:
+    """The pose of each row of a table (rows,), by its label."""
+    labels = table.labels()
+    pose = np.array([known.get(label, -1) for label in labels])
+    table.refuse(pose < 0, "pose {} is not in poses", labels)
     return pose
 
 
-def check_counts(table: Table, measured: str, pose: ndarray, counts: ndarray) -> None:
+def check_counts(
+    table: Table, measured: str, labels: Sequence[str], pose: ndarray, counts: ndarray
+) -> None:
     """Refuse a profile of one point, and a pose with two points, chords or arcs."""
     if measured == "profiles":
         wrong = counts == 1
@@ -273,7 +282,8 @@ def check_counts(table: Table, measured: str, pose: ndarray, counts: ndarray) ->
         wrong = counts > 1
         expected = "one"
     sentence = f"pose {{}} has {{}} rows; expected {expected}"
-    table.refuse(wrong[pose], sentence, table.labels(), counts[pose])
+    label = np.array(labels, dtype=object)[pose]
+    table.refuse(wrong[pose], sentence, label, counts[pose])
 
 
 def poses_columns(
@@ -292,7 +302,8 @@ def write_scan(scan: Scan, folder: str | Path) -> None:
     Parameters
     ----------
     scan : Scan
-        What to write; where it is simulated, its truth goes to truth.toml.
+        What to write; where it is simulated, its truth goes to truth.toml. More than a
+        million rows, which no spreadsheet opens, become an .npz file.
     folder : str or Path
         A folder that is not there yet, or is empty. It appears whole or not at all.
 
@@ -313,9 +324,9 @@ def write_scan(scan: Scan, folder: str | Path) -> None:
     if np.any(scan.side):
         poses["side"] = scan.side.astype(int)
     counts = [len(rows) for rows in scan.values]
-    labels = np.repeat(np.array(scan.labels, dtype=object), counts)
-    columns = np.concatenate(scan.values).T
-    measurements = dict(zip(MEASURED[scan.measured], columns, strict=True))
+    columns = [np.repeat(scan.labels, counts), *np.concatenate(scan.values).T]
+    names = ("pose", *MEASURED[scan.measured])
+    measurements = dict(zip(names, columns, strict=True))
     header = {
         "title": scan.title,
         "units": "mm",
@@ -326,7 +337,10 @@ def write_scan(scan: Scan, folder: str | Path) -> None:
     with new_folder(Path(folder)) as partial:
         (partial / "scan.toml").write_text(toml_text(header), encoding="utf-8")
         write_table(partial / "poses.csv", poses)
-        write_table(partial / f"{scan.measured}.csv", {"pose": labels} | measurements)
+        if sum(counts) > SPREADSHEET:
+            np.savez_compressed(partial / f"{scan.measured}.npz", **measurements)
+        else:
+            write_table(partial / f"{scan.measured}.csv", measurements)
         if scan.truth:
             truth = toml_text(scan.truth)
             (partial / "truth.toml").write_text(truth, encoding="utf-8")

@@ -7,7 +7,8 @@ import shutil
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from io import StringIO
+from io import BytesIO, TextIOWrapper
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -148,7 +149,7 @@ class Table:
 
     path: Path
     columns: dict[str, Sequence]  # text, or numbers
-    lines: Sequence  # numbers or names of the rows
+    lines: Sequence | ndarray  # numbers or names of the rows
     counted: str = "line"  # what `lines` counts; "row" where a file has no lines
     # that titles say, "" where they say none
     units: dict[str, str] = field(default_factory=dict)
@@ -207,28 +208,83 @@ def read_table(path: Path, required: Collection[str]) -> Table:
 
     Raises ScanError, also where one of the required names is missing.
     """
-    reader = csv.reader(StringIO(text_of(path), newline=""), strict=True)
+    (table,) = parts_of_text(path, required, None)
+    return table
+
+
+def read_parts(path: Path, required: Collection[str]) -> Iterator[Table]:
+    """A table of any length, a thousand rows at a time, so that text never fills the
+    memory: a CSV file, or the same columns as arrays in an .npz file.
+
+    Raises ScanError, as `read_table` does.
+    """
+    if path.suffix == ".npz":
+        return parts_of_arrays(path, required, 1000)
+    return parts_of_text(path, required, 1000)
+
+
+def parts_of_text(
+    path: Path, required: Collection[str], most: int | None
+) -> Iterator[Table]:
+    """A CSV file as tables of at most so many rows; None: as one."""
+    text = TextIOWrapper(BytesIO(text_of(path).encode()), "utf-8", newline="")
+    reader = csv.reader(text, strict=True)
+    # spreadsheets leave rows and columns without content
+    rows = ((reader.line_num, row) for row in reader if any(row))
     try:
-        rows = [(reader.line_num, row) for row in reader if any(row)]
+        _, titles = next(rows, (1, []))
+        names = [
+            title.strip().lower() or f"without a name, {k}"
+            for k, title in enumerate(titles)
+        ]
+        part = [*islice(rows, most)]
+        check_columns(path, required, names, len(part))
+        while part:
+            yield in_columns(path, dict.fromkeys(names, ""), part)
+            part = [*islice(rows, most)]
     except csv.Error as error:
         place = f"{path} line {reader.line_num}"
         raise ScanError(f"{place}: cannot be read: {error}") from error
-    if len(rows) < 2:
+
+
+def parts_of_arrays(
+    path: Path, required: Collection[str], most: int
+) -> Iterator[Table]:
+    """The required columns of an .npz file as tables of at most so many rows."""
+    is_file(path)
+    try:
+        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
+            names = file.files
+            columns = {name: file[name] for name in names if name in required}
+    except Exception as error:  # zip, zlib and numpy have errors of their own
+        expected = "expected what numpy.savez writes of numbers and text (dtype str)"
+        raise ScanError(f"{path}: no arrays; {expected}: is it cut short?") from error
+    rows = min((column.size for column in columns.values()), default=0)
+    check_columns(path, required, names, rows)
+    for name, column in columns.items():
+        kinds, expected = ("Uiu", "text") if name == "pose" else ("fiu", "numbers")
+        if column.shape != (rows,) or column.dtype.kind not in kinds:
+            found = f"{name} is {column.dtype} of shape {column.shape}"
+            raise ScanError(f"{path}: {found}; expected {expected}, ({rows},)")
+    for first in range(0, rows, most):
+        chosen = slice(first, first + most)
+        part = {name: column[chosen].tolist() for name, column in columns.items()}
+        yield Table(path, part, range(1, rows + 1)[chosen], "row")
+
+
+def check_columns(
+    path: Path, required: Collection[str], names: Sequence[str], rows: int
+) -> None:
+    """Refuse a table without rows, without required columns, or with two of a name."""
+    if not rows:
         expected = "expected names of columns, and a row for each pose or point"
         raise ScanError(f"{path}: no rows; {expected}")
-    titles = rows[0][1]
-    names = [
-        # spreadsheets add columns without a name
-        title.strip().lower() or f"without a name, {k}"
-        for k, title in enumerate(titles)
-    ]
     for name in (*required, *names):
         count = names.count(name)
         if count != 1:
             found = f"{count or 'no'} columns {shown(name)}; expected one"
             known = f"there are {listed(names)} (separated by commas)"
             raise ScanError(f"{path}: {found}; {known}")
-    return in_columns(path, dict.fromkeys(names, ""), rows[1:])
 
 
 def in_columns(path: Path, units: dict[str, str], rows: Rows) -> Table:
@@ -236,14 +292,11 @@ def in_columns(path: Path, units: dict[str, str], rows: Rows) -> Table:
 
     Raises ScanError for a row that is shorter or longer.
     """
-    for line, fields in rows:
-        if len(fields) != len(units):
-            found = f"{len(fields)} fields; expected {len(units)}"
-            raise ScanError(
-                f"{path} line {line}: {found}: is the file cut short? "
-                "Are there decimal commas, or rows of a matrix?"
-            )
     lines, fields_by_row = zip(*rows, strict=True)
+    counts = np.array([*map(len, fields_by_row)])
+    found = f"{{}} fields; expected {len(units)}: is the file cut short? "
+    hint = "Are there decimal commas, or rows of a matrix?"
+    Table(path, {}, lines).refuse(counts != len(units), found + hint, counts)
     cells = zip(*fields_by_row, strict=True)
     columns: dict[str, Sequence] = dict(zip(units, cells, strict=True))
     return Table(path, columns, lines, units=units)

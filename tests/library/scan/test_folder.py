@@ -140,6 +140,37 @@ def test_blank_and_nan_points_are_missing_and_extra_columns_ignored(tmp_path):
     assert missing == [True, True] + 10 * [False]
 
 
+def as_arrays(name, **changed):
+    """The columns of a table, some of them changed, as arrays in its place."""
+
+    def change(folder):
+        table = pd.read_csv(folder / f"{name}.csv")
+        columns = {key: table[key].to_numpy() for key in table} | changed
+        labels = columns["pose"].astype(str)
+        np.savez(folder / f"{name}.npz", **columns | {"pose": labels})
+        (folder / f"{name}.csv").unlink()
+
+    return change
+
+
+@pytest.mark.parametrize("written_as", ["arrays by us", "arrays by others"])
+def test_arrays_are_the_same_scan_as_the_table(tmp_path, monkeypatch, written_as):
+    values = random_scan(7, "profiles").values
+    rows = [rows[: 40 + k] for k, rows in enumerate(values)]
+    rows[3], rows[5] = np.full((20, 2), np.nan), rows[5][:0]
+    scan = replace(random_scan(7, "profiles"), values=tuple(rows))
+    folder = tmp_path / "scan"
+    if written_as == "arrays by us":
+        monkeypatch.setattr("profilecal.scan.folder.SPREADSHEET", 100)
+        pc.write_scan(scan, folder)
+    else:
+        pc.write_scan(scan, folder)
+        as_arrays("profiles")(folder)
+    assert not (folder / "profiles.csv").exists()
+    for expected, read in zip(rows, pc.read_scan(folder).values, strict=True):
+        np.testing.assert_allclose(read, expected, atol=1e-9)
+
+
 def header(old, new):
     return edited("scan.toml", old, new)
 
@@ -196,6 +227,15 @@ def not_text(folder):
     (folder / "arcs.csv").write_bytes(b"pose\nP\xff\xfe")
 
 
+def arrays_cut_short(folder):
+    as_arrays("arcs")(folder)
+    os.truncate(folder / "arcs.npz", 900)
+
+
+def two_axes(folder):
+    as_arrays("arcs", x=np.ones((12, 2)))(folder)
+
+
 def too_large(folder):
     os.truncate(folder / "arcs.csv", 500_000_000)
 
@@ -223,7 +263,7 @@ MISTAKES = {  # by what is said of each
     # which files there are
     "poses.csv: no such file": removed("poses.csv"),
     "expected one of profiles, .*; found none": removed("arcs.csv"),
-    "found points and arcs": written("points.csv", "pose,x,z\n"),
+    "found points.csv and arcs.csv": written("points.csv", "pose,x,z\n"),
     "arcs.csv: Too many levels of symbolic links": LOOP,
     "scan.toml: Not a directory": a_file_instead,
     "poses.csv: not a file": PIPE,
@@ -237,6 +277,17 @@ MISTAKES = {  # by what is said of each
     "not UTF-8 text, b'.xff' in line 2; save": not_text,
     "arcs.csv: 500 MB; expected at most 400 MB": too_large,
     "poses.csv: no columns 'y'; expected one; there are pose, x": poses(without_y),
+    # the same in arrays
+    "arcs.npz: no arrays; expected .* cut short": arrays_cut_short,
+    "arcs.npz: no arrays": lambda folder: written("arcs.npz", "")(
+        removed("arcs.csv")(folder) or folder
+    ),
+    "arcs.npz: x is float64 of shape .12, 2.; expected numbers, .12,.": two_axes,
+    r"arcs.npz: .* text .dtype str.: is it": as_arrays("arcs", z=np.array([None] * 12)),
+    "arcs.npz row 3: z is inf; expected a finite": as_arrays(
+        "arcs", z=np.where(np.arange(12) == 2, np.inf, 20.0)
+    ),
+    "arcs.npz row 1: pose '0' is not in poses": as_arrays("arcs", pose=np.arange(12)),
     # labels
     "line 5: pose 'P2' is there twice": poses(relabelled("P2")),
     "line 5: pose 'P33' is not in poses": arcs(relabelled("P33")),
@@ -276,6 +327,19 @@ def test_a_pose_with_one_point_is_no_profile(tmp_path):
     table[kept].to_csv(folder / "profiles.csv", index=False)
     said = r"profiles.csv line 52: pose 'P1' has 1 rows; expected more, or none"
     with pytest.raises(pc.ScanError, match=said):
+        pc.read_scan(folder)
+
+
+def test_a_mistake_in_a_long_table_is_found_in_its_line(tmp_path):
+    folder = tmp_path / "scan"
+    rng = np.random.default_rng(10)
+    values = rng.uniform(-60, 60, (12, 300, 2))
+    pc.write_scan(replace(random_scan(10, "profiles"), values=tuple(values)), folder)
+    edited("profiles.csv", "P9,", "\nP9,")(folder)  # an empty line is counted
+    written_lines = (folder / "profiles.csv").read_text().splitlines()
+    written_lines[3000] += ",5"
+    (folder / "profiles.csv").write_text("\n".join(written_lines))
+    with pytest.raises(pc.ScanError, match=r"profiles.csv line 3001: 4 fields; exp"):
         pc.read_scan(folder)
 
 
