@@ -4,7 +4,8 @@ They are within the robot's reach, away from zones that it must avoid.
 """
 
 from collections import Counter
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, fields, replace
 from itertools import product
 
 import numpy as np
@@ -20,6 +21,8 @@ from profilecal_tool.plan.scan_model import Frames, ScanModel
 # So much more than the limits is drawn and then cut off at the limits. A third of the
 # candidates is then at a limit, where good plans are.
 BEYOND = 0.5
+# candidates from which a plan can still choose
+LEAST = 100
 
 
 @dataclass(frozen=True)
@@ -56,26 +59,34 @@ def draw(
 ) -> Frames:
     """Draw possible flange poses (count, 3, 3), (count, 3) from all within the limits.
 
-    With `beyond`, more of them are at the limits. Raises ScanError, with the reasons,
-    where too few are possible.
+    With `beyond`, more of them are at the limits. Where hardly any are possible, more
+    are drawn within a half and a quarter of the limits, and fewer than `count` may
+    come. Raises ScanError, with the reasons and what would help, for too few.
     """
     orientations = []
     positions = []
     reasons: Counter[str] = Counter()
-    for _ in range(40):  # after so many attempts, too few are possible
-        R, T = random_poses(model, limits, 2 * count, rng, beyond)
+    for share in np.repeat([1, 1 / 2, 1 / 4], 40):  # so many attempts at each
+        R, T = random_poses(model, closer(limits, share), 2 * count, rng, beyond)
         refusals = refused(model, limits, R, T)
         reasons.update(refusals)
         orientations.append(R[refusals == ""])
         positions.append(T[refusals == ""])
         if reasons[""] >= count:
             break
-    else:
-        raise ScanError(too_few(reasons))
+    least = min(count, LEAST)
+    if reasons[""] < least:
+        raise ScanError(too_few(reasons, least, what_helps(model, limits, rng)))
     return np.concatenate(orientations)[:count], np.concatenate(positions)[:count]
 
 
-def too_few(reasons: Counter) -> str:
+def closer(limits: Limits, share: float) -> Limits:
+    """Limits of which poses may use a share only; box and zones are the same."""
+    turned = ("tilt_deg", "spin_deg", "extent_mm")
+    return replace(limits, **{name: share * getattr(limits, name) for name in turned})
+
+
+def too_few(reasons: Counter, least: int, help_: str) -> str:
     """Say why too few of the poses that were drawn are possible."""
     total = reasons.total()
     shares = "; ".join(
@@ -84,9 +95,48 @@ def too_few(reasons: Counter) -> str:
         if reason
     )
     return (
-        f"only {reasons['']} of {total} poses within the limits are possible: "
-        f"{shares}. Widen the box, move target or mount, or state smaller margins"
+        f"only {reasons['']} of {total} poses within the limits are possible, "
+        f"{least} are needed: {shares}. {help_}"
     )
+
+
+def what_helps(model: ScanModel, limits: Limits, rng: Generator) -> str:
+    """The first change, of those that are tried, which makes more poses possible."""
+    shares = {}
+    for words, other, wider in changes(model, limits):
+        poses = random_poses(other, closer(wider, 1 / 2), 1000, rng, 0.0)
+        shares[words] = np.mean(refused(other, wider, *poses) == "")
+        if shares[words] > 0.01:
+            break
+    best = max(shares, key=lambda words: shares[words])
+    if not shares[best]:
+        return "Move target or mount: neither wider limits nor smaller margins help"
+    return f"With {best}, {shares[best]:.1%} would be possible"
+
+
+def changes(
+    model: ScanModel, limits: Limits
+) -> Iterator[tuple[str, ScanModel, Limits]]:
+    """What might make more poses possible: words, and what is to be tried."""
+    yield "no box", model, replace(limits, low=Limits.low, high=Limits.high)
+    yield "no zone to avoid", model, replace(limits, avoid=())
+    guess = model.guess
+    if guess is None:
+        return
+    names = [
+        entry.name for entry in fields(guess) if entry.name.endswith(("_mm", "_deg"))
+    ]
+    halves = {name: getattr(guess, name) / 2 for name in names}
+    for name, half in halves.items():
+        yield (
+            f"{name} = {half:g}",
+            replace(model, guess=replace(guess, **{name: half})),
+            limits,
+        )
+    for share in (1, 1 / 2, 1 / 4):
+        smaller = {name: share * half for name, half in halves.items()}
+        words = ", ".join(f"{name} = {value:g}" for name, value in smaller.items())
+        yield words, replace(model, guess=replace(guess, **smaller)), limits
 
 
 def random_poses(
