@@ -220,7 +220,12 @@ def write_the_report(folders, path, **parameters) -> None:
 @main.command()
 @argument("spec", type=PLACE)
 @argument("folder", type=PLACE)
-def simulate(spec, folder):
+@option(
+    "--scan",
+    type=click.IntRange(1),
+    help="Another scan of the same scanner, target and robot: 2, 3, …",
+)
+def simulate(spec, folder, scan):
     """Write the scan that SPEC.toml describes into a new FOLDER.
 
     Its truth is in truth.toml.
@@ -232,9 +237,10 @@ def simulate(spec, folder):
         simulate_specification,
     )
 
-    scan = simulate_specification(read_specification(read_toml(spec), spec))
-    write_scan(scan, folder)
+    entries = read_toml(spec) | ({"scan": scan} if scan else {})
+    write_scan(simulate_specification(read_specification(entries, spec)), folder)
     echo(f"{folder}/ written; its truth is in truth.toml")
+    echo(f"next: profilecal check {folder}, profilecal calibrate {folder}")
 
 
 @main.command()
@@ -253,13 +259,19 @@ def simulate(spec, folder):
     help="Largest standard deviations in any direction.",
 )
 @option(
+    "--within",
+    metavar="SPEC.toml",
+    type=PLACE,
+    help="After a scan: its [plan] says where the robot may go.",
+)
+@option(
     "--of",
     "given",
     type=SCAN,
     metavar="POSES",
     help="Predict these instead: a CSV file, a scan folder.",
 )
-def plan(spec, folder, poses, until, given):
+def plan(spec, folder, poses, until, within, given):
     """Choose the poses that calibrate SPEC.toml best.
 
     They go into a new FOLDER, ready to run. SPEC may be a scan folder: its answer says
@@ -274,19 +286,33 @@ def plan(spec, folder, poses, until, given):
             "leave FOLDER, --poses and --until out"
         )
     with interruptible("Nothing was written."):
-        task = read_task(spec, poses, until)
+        task = read_task(spec, poses, until, within)
         if given:
             prediction, unseen = task.prediction_of(given)
-            lines = prediction_lines(prediction, task.model, unseen)
+            lines = prediction_lines(prediction, task.model, unseen=unseen)
         else:
             designed = written_plan(task, folder) if folder else task.plan()
             lines = plan_lines(designed, bool(task.asked.get("poses")))
-    echo("\n".join(lines))
     if folder:
-        echo(
-            f"{folder}/ written; look at {folder / 'plan.png'}, "
-            f"drive {folder / 'poses.csv'}"
+        lines += steps(folder, spec, designed)
+    echo("\n".join(lines))
+
+
+def steps(folder, spec, designed) -> list[str]:
+    """What to do with a plan, in lines."""
+    lines = [
+        f"{folder}/ written; look at {folder / 'plan.png'}, "
+        f"drive {folder / 'poses.csv'}",
+        "next: put profiles.csv beside it (data/README.md has its columns), then "
+        f"profilecal calibrate {folder}",
+    ]
+    if designed.is_first_step:
+        mm, deg = designed.until
+        lines.append(
+            f"and then: profilecal plan {folder} SECOND-FOLDER "
+            f"--until {mm:g} {deg:g} --within {spec}"
         )
+    return lines
 
 
 def written_plan(task, folder):

@@ -33,6 +33,7 @@ class Spec:
     kind: str = "edge"
     title: str = ""
     seed: int = 1
+    scan: int = 1  # which of several scans of the same scanner, target and arm
     # which of the target's tables; empty: the last, its points, chords or arcs if it
     # has such
     measured: str = ""
@@ -128,6 +129,7 @@ def rules_for(kind: str) -> dict[str, Any]:
         "kind": one_of(TARGETS),
         "title": TEXT,
         "seed": whole(),
+        "scan": whole(1),
         "measured": one_of(target.tables),
         "mount": one_of(MOUNTS),
         "convention": one_of(convention.name for convention in CONVENTIONS),
@@ -177,7 +179,15 @@ def simulate_scan(spec: Spec) -> Scan:
     Raises ScanError where it shows nothing.
     """
     rng = np.random.default_rng(spec.seed)
-    return recorded(scene_of(spec, rng), spec, rng)
+    scene = scene_of(spec, rng)
+    return recorded(scene, spec, errors_of(spec, rng))
+
+
+def errors_of(spec: Spec, rng: Generator) -> Generator:
+    """Where the errors of a scan come from: after the first scan not from where its
+    scene came from.
+    """
+    return rng if spec.scan == 1 else np.random.default_rng([spec.seed, spec.scan])
 
 
 def recorded(scene: Scene, spec: Spec, rng: Generator) -> Scan:
@@ -219,7 +229,7 @@ def taken(scene: Scene, spec: Spec, rng: Generator) -> tuple[ndarray, ndarray]:
     to_hand = spec.mount == "eye-to-hand"
     actual = actual_poses(scene.poses, spec.noise, rng, shared, to_hand)
     R, T = (part.reshape(-1, *part.shape[2:]) for part in actual)
-    return spec.robot.built(R, T, rng)
+    return spec.robot.built(R, T, np.random.default_rng([spec.seed, 0]))
 
 
 def record(

@@ -5,7 +5,7 @@ They are within the robot's reach, away from zones that it must avoid.
 
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -17,6 +17,7 @@ from profilecal.geometry.poses import carry, inverse, rotations
 from profilecal.scan.scan import ScanError
 from profilecal.simulation.scene import in_unit_ball
 from profilecal_tool.plan.scan_model import Frames, ScanModel
+from profilecal_tool.plan.specification import MARGINS
 
 # So much more than the limits is drawn and then cut off at the limits. A third of the
 # candidates is then at a limit, where good plans are.
@@ -120,23 +121,16 @@ def changes(
     """What might make more poses possible: words, and what is to be tried."""
     yield "no box", model, replace(limits, low=Limits.low, high=Limits.high)
     yield "no zone to avoid", model, replace(limits, avoid=())
-    guess = model.guess
-    if guess is None:
+    if model.guess is None:
         return
-    names = [
-        entry.name for entry in fields(guess) if entry.name.endswith(("_mm", "_deg"))
-    ]
-    halves = {name: getattr(guess, name) / 2 for name in names}
-    for name, half in halves.items():
-        yield (
-            f"{name} = {half:g}",
-            replace(model, guess=replace(guess, **{name: half})),
-            limits,
-        )
-    for share in (1, 1 / 2, 1 / 4):
-        smaller = {name: share * half for name, half in halves.items()}
-        words = ", ".join(f"{name} = {value:g}" for name, value in smaller.items())
-        yield words, replace(model, guess=replace(guess, **smaller)), limits
+    margins = {name: getattr(model.guess, name) for name in MARGINS}
+    smaller = [{name: margin / 2} for name, margin in margins.items()]
+    for part in (1 / 2, 1 / 4, 1 / 8):
+        smaller.append({name: part * margin for name, margin in margins.items()})
+    for stated in smaller:
+        words = ", ".join(f"{name} = {value:.2g}" for name, value in stated.items())
+        guess = replace(model.guess, **stated)
+        yield words, replace(model, guess=guess), limits
 
 
 def random_poses(

@@ -29,10 +29,8 @@ from profilecal_tool.plan.scan_model import (
     predict,
 )
 
+FEW = 15  # poses: fewer do not tell the size of the errors to 15 %
 NOWHERE = np.empty((0, 3, 3)), np.empty((0, 3))  # no poses
-# mm and degrees, one sd, after which a guess hardly limits poses any more: three of them
-# are the errors that a view must stand in any case
-FIRST_STEP = (1 / 3, 1 / 3)
 
 
 @dataclass(frozen=True)
@@ -47,6 +45,15 @@ class Plan:
     predicted: Prediction
     # mm and degrees that were asked for
     until: tuple[float, float]
+    # so many poses as these would be enough for that; 0: no number of them
+    enough: int = 0
+    # whether only a second step, from the answer of these poses, can reach it
+    is_first_step: bool = False
+
+    @property
+    def falls_short(self) -> bool:
+        """Whether the poses are not enough."""
+        return self.predicted.mm > self.until[0] or self.predicted.deg > self.until[1]
 
 
 @dataclass(frozen=True)
@@ -96,14 +103,23 @@ class Pool:
         prior = (precision + before) * unit[:, None] * unit
         return cls(R, T, vectors[..., -rank:] * lengths, prior)
 
-    def covariance(self, chosen: list[int]) -> ndarray:
-        """Of all unknowns (q, q) after the candidates `chosen`."""
+    def covariance(self, chosen: list[int], times: float = 1.0) -> ndarray:
+        """Of all unknowns (q, q) after `times` as many poses as the candidates
+        `chosen`.
+        """
         V = self.roots[chosen].transpose(1, 0, 2).reshape(len(self.prior), -1)
-        return np.linalg.inv(self.prior + V @ V.T)
+        return np.linalg.inv(self.prior + times * V @ V.T)
 
-    def lacks(self, chosen: list[int]) -> float:
+    def lacks(self, chosen: list[int], times: float = 1.0) -> float:
         """How many times as large as asked for a plan's standard deviations are."""
-        return max(largest_sd(self.covariance(chosen)[:6, :6]))
+        return max(largest_sd(self.covariance(chosen, times)[:6, :6]))
+
+    def enough(self, chosen: list[int]) -> int:
+        """How many poses as the candidates `chosen` would be enough; 0: no number."""
+        for times in np.geomspace(1, 10, 50):
+            if self.lacks(chosen, times) <= 1:
+                return int(np.ceil(times * len(chosen)))
+        return 0
 
     def with_each(self, chosen: list[int]) -> ndarray:
         """How good a plan is with one of the candidates (N,) more; less is better.
@@ -202,7 +218,8 @@ def design(
     way = there_and_back(short_way(R, T))
     R_all, T_all = joined(before, (R, T))
     predicted = predict(model, R_all, T_all, rng)
-    return Plan(model, R[way], T[way], predicted, until)
+    enough = pool.enough(chosen)
+    return Plan(model, R[way], T[way], predicted, until, enough)
 
 
 def joined(first: Frames, second: Frames) -> Frames:

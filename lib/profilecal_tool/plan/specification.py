@@ -18,6 +18,7 @@ from profilecal.simulation.robot import Poses
 from profilecal.simulation.scene import Scene, Setup, in_unit_ball
 from profilecal.simulation.spec import (
     Spec,
+    errors_of,
     read_spec,
     recorded,
     simulate_scan,
@@ -80,10 +81,10 @@ class Guess:
         return Setup(placed, facing, R_sensor @ rotations(turn), self.mount[:3] + shift)
 
 
+# by how much a guess may be wrong
+MARGINS = ("mount_mm", "mount_deg", "target_mm", "target_deg")
 # what [guess] of a specification may say
-GUESS = dict.fromkeys(
-    ("mount_mm", "mount_deg", "target_mm", "target_deg"), number(0, 90)
-)
+GUESS = dict.fromkeys(MARGINS, number(0, 90))
 GUESS |= {"mount": numbers(6)} | dict.fromkeys(("target", "axis", "up"), numbers(3))
 
 
@@ -141,13 +142,14 @@ def simulate_specification(spec: PlannedSpec) -> Scan:
     if not spec.poses or not spec.guess:
         return simulate_scan(spec)
     rng = np.random.default_rng(spec.seed)
-    return recorded(planned_scene(spec, spec.guess, rng), spec, rng)
+    setup = spec.guess.setup(spec.kind, sizes_of(spec), rng)
+    rng = errors_of(spec, rng)
+    return recorded(planned_scene(spec, setup, rng), spec, rng)
 
 
-def planned_scene(spec: PlannedSpec, guess: Guess, rng: Generator) -> Scene:
+def planned_scene(spec: PlannedSpec, setup: Setup, rng: Generator) -> Scene:
     """The scene of a plan's poses; where the operator steers, those that this takes."""
     plan = planned_poses(spec.poses, spec.mount == "eye-to-hand")
-    setup = guess.setup(spec.kind, sizes_of(spec), rng)
     R, T = plan["R"], plan["T"]
     if setup.target.steered:
         R_view, origin = setup.planes(R, T)

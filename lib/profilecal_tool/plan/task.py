@@ -1,6 +1,6 @@
 """The plan that is asked for: its task, and its folder."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -8,15 +8,17 @@ import numpy as np
 from profilecal.calibration.calibration import Calibration, calibrate
 from profilecal.geometry.noise import ROBOT
 from profilecal.geometry.poses import inverse
+from profilecal.joint.prior import prior_from
 from profilecal.scan.folder import poses_columns, read_scan
 from profilecal.scan.scan import Scan, ScanError
 from profilecal.scan.tables import write_table
 from profilecal.scan.toml import read_toml, toml_text
 from profilecal_tool.plan.candidates import Limits
-from profilecal_tool.plan.design import NOWHERE, Plan, design, joined
+from profilecal_tool.plan.design import FEW, NOWHERE, Plan, design, joined
 from profilecal_tool.plan.knowledge import model_of_scan, model_of_spec, read_plan
 from profilecal_tool.plan.scan_model import Frames, Prediction, ScanModel, predict
 from profilecal_tool.plan.specification import (
+    MARGINS,
     PlannedSpec,
     planned_poses,
     read_specification,
@@ -36,8 +38,8 @@ class Task:
     source: PlannedSpec | Scan
     # as stated there
     noise: dict[str, float]
-    # of the specification
-    entries: dict | None = None
+    # of the specification, if there is one
+    entries: dict
     # poses R (P, 3, 3), T (P, 3) that are there already
     before: Frames = NOWHERE
 
@@ -58,33 +60,58 @@ class Task:
         return predict(self.model, R[seen], T[seen], self.rng), int((~seen).sum())
 
     def plan(self) -> Plan:
-        """The poses that serve best. Raises ScanError."""
-        return design(
-            self.model, self.limits, self.rng, before=self.before, **self.asked
-        )
+        """The poses that serve best; where only the margins of the guess keep them from
+        what is asked for, those of a first step.
+
+        Raises ScanError.
+        """
+        plan = self.designed(self.model)
+        if self.asked.get("poses") or self.model.guess is None or not plan.falls_short:
+            return plan
+        margins = dict.fromkeys(MARGINS, 0.0)
+        exact = replace(self.model, guess=replace(self.model.guess, **margins))
+        if self.designed(exact).falls_short:
+            return plan
+        return replace(self.designed(self.model, poses=FEW), is_first_step=True)
+
+    def designed(self, model: ScanModel, **more: int) -> Plan:
+        """A plan for the model, or for one like it. Raises ScanError."""
+        asked = self.asked | more
+        return design(model, self.limits, self.rng, before=self.before, **asked)
 
 
-def read_task(path: Path, poses: int | None = None, until: tuple | None = None) -> Task:
+def read_task(
+    path: Path,
+    poses: int | None = None,
+    until: tuple | None = None,
+    within: Path | None = None,
+) -> Task:
     """The task that a file SPEC.toml or a scan folder sets.
 
-    `poses` and `until` go before what it says. Raises ScanError.
+    `poses` and `until` go before what it says; after a scan, `within` is a SPEC.toml
+    that says where the robot may go. Raises ScanError.
     """
     given: dict = {"poses": poses or 0} if poses or until else {}
     if until:
         given["until"] = until
+    place = within or path
+    entries = {}
+    if not place.is_dir():
+        entries = read_toml(place)
+        spec = read_specification(entries, place)
+    said, asked = read_plan(entries.get("plan", {}), place)
     if path.is_dir():
         scan = read_scan(path)
         model, limits, before = model_of_scan(calibrate([scan]))
         rng = np.random.default_rng(0)
         noise = dict(scan.noise)
-        return Task(model, limits, given, rng, scan, noise, before=before)
-    entries = read_toml(path)
-    spec = read_specification(entries, path)
+        limits = said if within else limits
+        asked = asked | given
+        return Task(model, limits, asked, rng, scan, noise, entries, before=before)
     noise = entries.get("noise", {})
-    limits, asked = read_plan(entries.get("plan", {}), path)
     rng = np.random.default_rng(spec.seed)
     model = model_of_spec(spec, noise, rng)
-    return Task(model, limits, asked | given, rng, spec, noise, entries)
+    return Task(model, said, asked | given, rng, spec, noise, entries)
 
 
 def write_plan(task: Task, plan: Plan, folder: Path) -> None:
@@ -110,8 +137,10 @@ def write_plan(task: Task, plan: Plan, folder: Path) -> None:
     }
     (folder / "scan.toml").write_text(toml_text(header), encoding="utf-8")
     if task.entries:
-        robot = {name: getattr(model.noise, name) for name in ROBOT}
-        changes = {"plan": {}, "poses": "poses.csv", "noise": task.noise | robot}
+        noise = task.entries.get("noise", {})
+        scales = prior_from(noise).scales
+        robot = {name: getattr(scales, name) for name in ROBOT}
+        changes = {"plan": {}, "poses": "poses.csv", "noise": noise | robot}
         text = toml_text(task.entries | changes)
         (folder / "simulate.toml").write_text(text, encoding="utf-8")
 

@@ -1,7 +1,7 @@
 """Predictions and plans in words, as `profilecal plan` prints them."""
 
 from profilecal.geometry.observability import name_direction, size_direction
-from profilecal_tool.plan.design import Plan
+from profilecal_tool.plan.design import FEW, Plan
 from profilecal_tool.plan.scan_model import GUESSES, Prediction, ScanModel
 from profilecal_tool.words import deviations
 
@@ -20,11 +20,12 @@ def believed(model: ScanModel) -> list[str]:
 
 
 def prediction_lines(
-    prediction: Prediction, model: ScanModel, unseen: int = 0
+    prediction: Prediction, model: ScanModel, new: int = 0, unseen: int = 0
 ) -> list[str]:
     """A prediction in lines, after what it counts with.
 
-    `unseen`: how many poses do not have the target in view.
+    `new`: how many of the poses are planned; `unseen`: how many poses do not have the
+    target in view.
     """
     spectrum = prediction.spectrum
     direction = spectrum.directions[0]
@@ -33,9 +34,12 @@ def prediction_lines(
     weakest = name_direction(direction, model.R_sensor, frame)
     size = size_direction(sd, direction) if sd < 10 else "open"
     sizes = deviations(prediction.covariance)
+    poses = f"{prediction.poses} poses"
+    if 0 < new < prediction.poses:
+        poses += f", {new} of them new"
     lines = [
         *believed(model),
-        f"status         {spectrum.status}, predicted for {prediction.poses} poses",
+        f"status         {spectrum.status}, predicted for {poses}",
         f"one sd         {sizes} about the sensor's x, y, z",
         f"worst          {worst(prediction)} in any direction",
     ]
@@ -51,7 +55,7 @@ def prediction_lines(
             f"note           {unseen} other poses do not have the target in view, "
             "where it is guessed to be"
         )
-    if prediction.poses < 15:  # which tell the size of the errors to about 15 %
+    if prediction.poses < FEW:
         lines.append(
             "note           few poses: what calibrate states will scatter widely"
         )
@@ -65,12 +69,22 @@ def worst(prediction: Prediction) -> str:
 
 def plan_lines(plan: Plan, count_given: bool) -> list[str]:
     """A plan in lines; `count_given`: it was to have so many poses and no more."""
-    lines = prediction_lines(plan.predicted, plan.model)
+    lines = prediction_lines(plan.predicted, plan.model, len(plan.T))
     mm, deg = plan.until
-    too_few = plan.predicted.mm > mm or plan.predicted.deg > deg
-    if too_few and not count_given:
+    wished = f"{mm:g} mm and {deg:g}°"
+    if plan.is_first_step:
         lines.append(
-            f"note           {len(plan.T)} poses are not enough for "
-            f"{mm:g} mm and {deg:g}°"
+            "note           a first step: with a guess as wrong as stated, as many "
+            f"poses as allowed do not reach {wished}; a second step, from the answer "
+            "of these, does"
+        )
+    elif plan.falls_short and not count_given:
+        enough = (
+            f"{plan.enough} like these are"
+            if plan.enough
+            else "ten times as many are not"
+        )
+        lines.append(
+            f"note           {len(plan.T)} poses are not enough for {wished}; {enough}"
         )
     return lines

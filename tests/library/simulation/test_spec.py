@@ -13,7 +13,8 @@ def test_simulate_writes_a_scan_that_calibrates_to_its_truth(tmp_path):
     assert run("simulate", spec, tmp_path / "scan").exit_code == 0
     assert (tmp_path / "scan" / "truth.toml").exists()
     assert run("calibrate", tmp_path / "scan").exit_code == 0
-    again = run("simulate", spec, tmp_path / "scan")
+    assert run("simulate", spec, tmp_path / "scan").exit_code == 0  # the same files
+    again = run("simulate", spec, tmp_path / "scan", "--scan", 2)
     assert again.exit_code == 2
     assert "already in use; name a new folder" in again.output
 

@@ -67,17 +67,17 @@ def test_poses_that_miss_the_target_have_no_clearance():
         (
             Limits(low=(0, 0, 0), high=(100, 100, 100)),
             5,
-            "100% are outside the box",
+            "100% are outside the box. With no box, ",
         ),
         (
             Limits(avoid=((900.0, 50.0, 300.0, 1000.0),)),
             5,
-            "100% are in a zone to avoid",
+            "100% are in a zone to avoid. With no zone to avoid, ",
         ),
         (
             Limits(),
             80,
-            "may lose the target from view if the guess is as wrong as stated",
+            "are tilted, turned or aside too far. With mount_mm = 40, ",
         ),
     ],
 )

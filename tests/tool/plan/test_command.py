@@ -171,7 +171,9 @@ def test_places_that_cannot_be_read_or_written_are_refused_in_words(tmp_path):
     spec = spec_in(tmp_path)
     plan = tmp_path / "plan"
     run("plan", spec, plan)
-    assert "already in use; name a new folder" in run("plan", spec, plan).output
+    assert run("plan", spec, plan).exit_code == 0  # the same files again
+    other = run("plan", spec, plan, "--poses", 9)
+    assert "already in use; name a new folder" in other.output
     nowhere = run("plan", spec, "--of", tmp_path / "nowhere")
     assert "nowhere: no such file" in nowhere.output
     edited("poses.csv", "pose,x,y,z", "pose,y,x,z")(plan)
@@ -186,9 +188,37 @@ def test_an_accuracy_takes_as_many_poses_as_it_takes(tmp_path):
     assert (worst(few) <= [0.3, 0.2]).all()
     assert (worst(many) <= [0.15, 0.1]).all()
     assert "note           few poses" in few
-    at_most_nine = ("poses = 8", "most = 9\nuntil = [0.01, 0.01]")
-    missed = run("plan", spec_in(tmp_path, at_most_nine))
-    assert "9 poses are not enough for 0.01 mm and 0.01°" in missed.output
+    at_most_nine = ("poses = 8", "most = 9\nuntil = [0.06, 0.06]")
+    missed = run("plan", spec_in(tmp_path, at_most_nine)).output
+    sentence = r"9 poses are not enough for 0.06 mm and 0.06°; (\d+) like these are"
+    enough = re.search(sentence, missed)[1]
+    reached = run("plan", spec, "--poses", enough, "--until", 0.06, 0.06).output
+    assert 0.04 < worst(reached).max() < 0.06
+
+
+def test_a_wide_guess_gets_a_first_step_whose_answer_plans_the_second(tmp_path):
+    margins = "mount_mm = 15\nmount_deg = 8\ntarget_mm = 15\ntarget_deg = 8\n[noise]"
+    wish = "until = [0.06, 0.03]\nhigh = [1200, 400, 800]"
+    spec = spec_in(tmp_path, ("[noise]", margins), ("poses = 8", wish))
+    first, second = tmp_path / "first", tmp_path / "second"
+    planned = run("plan", spec, first).output
+    assert "a first step" in planned
+    run("simulate", first / "simulate.toml", tmp_path / "scan")
+    command = re.search(r"plan (\S+) SECOND-FOLDER (--until .*)", planned)[2].split()
+    assert command[-1] == str(spec)
+    assert run("plan", tmp_path / "scan", second, *command).exit_code == 0
+    assert pd.read_csv(second / "poses.csv")["z"].max() <= 800
+    simulated = run(
+        "simulate", second / "simulate.toml", tmp_path / "more", "--scan", 2
+    )
+    assert simulated.exit_code == 0
+    truth = read_toml(tmp_path / "scan/truth.toml")
+    assert truth == read_toml(tmp_path / "more/truth.toml")
+    output = run("calibrate", tmp_path / "scan", tmp_path / "more", "--json").output
+    answer = json.loads(output)
+    assert answer["status"] == "ok"
+    assert stated_worst(answer) == pytest.approx([0.06, 0.03], rel=0.5)
+    assert printed_square(answer, truth) < chi2.ppf(0.99, 6)
 
 
 GUESS = "[guess]\nmount = [60, -40, 110, 170, 10, 30]\ntarget = [900, 50, 300]\n"

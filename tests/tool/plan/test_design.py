@@ -6,7 +6,13 @@ from planned import KINDS, model_for
 
 from profilecal.geometry.poses import angle_between
 from profilecal_tool.plan.candidates import Limits, draw, refused
-from profilecal_tool.plan.design import Pool, design, short_way, smooth_worst
+from profilecal_tool.plan.design import (
+    Pool,
+    design,
+    short_way,
+    smooth_worst,
+    there_and_back,
+)
 from profilecal_tool.plan.scan_model import predict
 
 UNTIL = 0.1, 0.05
@@ -99,10 +105,13 @@ def test_a_plan_after_one_that_is_enough_has_one_pose():
     assert len(plan.T) == 1
 
 
-def test_the_way_goes_everywhere_and_is_short():
+def test_the_way_goes_everywhere_is_short_and_passes_each_place_twice():
     R = np.broadcast_to(np.eye(3), (25, 3, 3))
     T = np.random.default_rng(9).uniform(-300, 300, (25, 3))
     order = short_way(R, T)
-    assert sorted(order) == list(range(25))
+    back = there_and_back(order)
+    assert sorted(order) == sorted(back) == list(range(25))
+    place = np.argsort(order)[back]  # along the way, in the order of driving
+    assert abs(np.corrcoef(place, np.arange(25))[0, 1]) < 0.1
     length = np.abs(np.diff(T, axis=0)).sum()
     assert np.abs(np.diff(T[order], axis=0)).sum() < 0.7 * length
