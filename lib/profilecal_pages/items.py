@@ -4,12 +4,16 @@ figure.
 A notebook shows an item in the paper's own rows and columns. The same output holds it
 as data (`MIME`), from which the scorecard is gathered. Every verdict follows from the
 numbers shown.
+
+An agreement says something only if it could have failed. So each number is computed
+again in ways that are wrong on purpose: with a wrong sign, another formula, another
+set-up (`Row.otherwise`). Where the printed number then lies outside, the row was seen
+to fail, and counts. All other agreements are "not testable": shown, not counted.
 """
 
 import json
-import re
 from collections import defaultdict
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +21,7 @@ import pandas as pd
 
 MIME = "application/vnd.profilecal.item+json"
 PAPERS = {"edge": "Xu 2021", "disk": "Chen 2018"}
-VERDICTS = "reproduced", "compatible", "differs"
+VERDICTS = "reproduced", "compatible", "not testable", "differs"
 DIGITS = 2  # of ours, beyond the printed ones, that the data hold
 
 
@@ -38,6 +42,8 @@ class Row:
     high: float
     why: str = ""  # it differs
     reading: str = ""  # of a quantity that can be read in several ways
+    # by what was done otherwise, such as "own arcs": ours, low and high
+    otherwise: dict[str, list[float]] = field(default_factory=dict)
 
     @property
     def half_unit(self) -> float:
@@ -52,9 +58,19 @@ class Row:
     @property
     def inside(self) -> bool:
         """Whether the printed number, within its rounding, lies in our range."""
+        return self.lies_inside(self.low, self.high)
+
+    def lies_inside(self, low: float, high: float) -> bool:
+        """Whether the printed number, within its rounding, lies in a range."""
         of_ours = 10.0 ** -(self.decimals + DIGITS)
         rounding = self.half_unit + of_ours
-        return self.low - rounding <= float(self.printed) <= self.high + rounding
+        return low - rounding <= float(self.printed) <= high + rounding
+
+    @property
+    def failed(self) -> list[str]:
+        """Under what the printed number lies outside."""
+        ranges = self.otherwise.items()
+        return [name for name, (_, *ends) in ranges if not self.lies_inside(*ends)]
 
     @property
     def allowed(self) -> float:
@@ -85,8 +101,8 @@ class Item:
     """A table, equation or figure of a paper beside ours, which shows itself.
 
     `layout`: "table", the paper's rows and columns, printed above ours; "list", a line
-    for each number; "matrix", printed, ours and their difference side by side, with how
-    large it may be.
+    for each number; "matrix", printed, ours and their difference one below the other,
+    with how large it may be.
     """
 
     paper: str  # "edge" or "disk"
@@ -98,22 +114,37 @@ class Item:
     range_from: str = ""
     free: str = ""  # settings that were chosen to agree
     layout: str = "table"
+    # why its numbers cannot fail: "arithmetic on printed matrices", "a recount of ..."
+    apart: str = ""
+    # which of the paper's words its rows read in several ways, such as "standard
+    # deviation": one reading counts, for all items with that word
+    word: str = ""
+    # the range of the free settings, and the share of it under which a number fails
+    settings: str = ""
+    share_failing: float | None = None
 
     def verdict(self, row: Row) -> str:
-        """reproduced, compatible (where settings were free) or differs."""
+        """differs; not testable, where nothing tried made it fail; compatible, where
+        settings were free; or reproduced.
+        """
         if not row.inside:
             return "differs"
+        if self.apart or not row.failed:
+            return "not testable"
         return "compatible" if self.free else "reproduced"
 
     @property
     def inside(self) -> list[bool]:
-        """Of each printed number, whether it lies inside our range, under one reading
-        at least.
-        """
-        inside: dict[tuple, bool] = defaultdict(bool)
+        """Of each row, whether the printed number lies inside our range."""
+        return [row.inside for row in self.rows]
+
+    @property
+    def readings(self) -> "dict[str, Item]":
+        """What it is under each of its readings."""
+        rows = defaultdict(list)
         for row in self.rows:
-            inside[row.row, row.column, row.quantity] |= row.inside
-        return list(inside.values())
+            rows[row.reading].append(row)
+        return {name: replace(self, rows=tuple(part)) for name, part in rows.items()}
 
     @property
     def statistics(self) -> "dict[str, Item]":
@@ -125,35 +156,45 @@ class Item:
 
     @property
     def summary(self) -> str:
-        """How many of the printed numbers lie inside our ranges; of a simulated table,
-        for each quantity.
+        """How many of the printed numbers lie inside our ranges, how many would
+        otherwise, and what was free.
         """
         which = "that agree with ours"
         if self.range_from:
             which = f"inside our ranges ({self.range_from})"
-        counts = in_numbers(self)
-        if len(self.inside) < len(self.rows):
-            counts += ", under one reading at least"
-        if self.range_from == "Monte Carlo" and self.layout == "table":
+        parts = self.readings
+        if self.layout == "table":
             parts = self.statistics
             which = "inside our 95 % ranges"
-            each = ", ".join(
-                f"{name} {in_numbers(part)}" for name, part in parts.items()
+        counts = ", ".join(
+            f"{name} {in_numbers(part)}".strip() for name, part in parts.items()
+        )
+        said = [f"Printed numbers {which}: {counts}."]
+        names = dict.fromkeys(name for row in self.rows for name in row.otherwise)
+        others = [f"{name} {passing(self, name)}" for name in names]
+        if self.apart:
+            said.append(f"Not counted: {self.apart}.")
+        elif others:
+            said.append(f"Would agree otherwise: {', '.join(others)}.")
+        if self.free:
+            said.append(f"Free: {self.free}.")
+        if self.share_failing is not None:
+            share = f"{100 * self.share_failing:.0f} %"
+            said.append(
+                f"A number fails under {share} of the settings {self.settings}."
             )
-            expected = 0.95 * len(self.inside) / len(parts)
-            counts = f"{each}; about {expected:.0f} of each are expected"
-        free = f" Free: {self.free}." if self.free else ""
-        return f"Printed numbers {which}: {counts}.{free}"
+        in_doubt = any(self.verdict(row) == "not testable" for row in self.rows)
+        if in_doubt and self.layout != "list" and not self.apart:
+            said.append("In parentheses: nothing tried makes it fail.")
+        return " ".join(said)
 
     def _repr_mimebundle_(self, include: object = None, exclude: object = None) -> dict:
         layouts = {"table": as_table, "list": as_list, "matrix": as_matrices}
         frame = layouts[self.layout](self)
-        index = self.layout == "table"
-        html = frame.to_html(escape=False, index=index)
-        # names of columns that have none
-        html = re.sub(r"<tr>\s*(<th></th>\s*)+</tr>\s*", "", html)
+        named = {"index": self.layout == "table", "header": self.layout != "matrix"}
+        html = frame.to_html(escape=False, **named)
         plain = frame.replace({"<br>": " | ", "</?b>": ""}, regex=True)
-        text = plain.to_string(index=index)
+        text = plain.to_string(**named)
         title = f"{PAPERS[self.paper]}, {self.item}: {self.what}"
         return {
             "text/plain": f"{title}\n{text}\n{self.summary}",
@@ -164,7 +205,13 @@ class Item:
 
 def in_numbers(item: Item) -> str:
     """How many of the printed numbers lie inside our ranges, such as "11 of 12"."""
-    return f"{sum(item.inside)} of {len(item.inside)}"
+    return f"{sum(item.inside)} of {len(item.rows)}"
+
+
+def passing(item: Item, name: str) -> str:
+    """How many of them would, had we computed otherwise."""
+    rows = [row for row in item.rows if name in row.otherwise]
+    return f"{sum(name not in row.failed for row in rows)} of {len(rows)}"
 
 
 def as_table(item: Item) -> pd.DataFrame:
@@ -173,7 +220,7 @@ def as_table(item: Item) -> pd.DataFrame:
     """
     cells: dict[tuple, dict] = defaultdict(dict)
     for row in item.rows:
-        cells[row.column, row.quantity][row.row] = as_cell(row)
+        cells[row.column, row.quantity][row.row] = as_cell(row, item)
     # the quantities of a column side by side
     places = [column for column, _ in cells]
     columns = sorted(cells, key=lambda names: places.index(names[0]))
@@ -182,9 +229,12 @@ def as_table(item: Item) -> pd.DataFrame:
     return frame
 
 
-def as_cell(row: Row) -> str:
-    """The printed number with a mark inside or outside, above ours with its range."""
-    mark = "✓" if row.inside else "✗"
+def as_cell(row: Row, item: Item) -> str:
+    """The printed number with a mark inside or outside, in parentheses where it does
+    not count, above ours with its range.
+    """
+    verdict = item.verdict(row)
+    mark = {"differs": "✗", "not testable": "(✓)"}.get(verdict, "✓")
     ours = row.shown(row.ours)
     if row.low < row.high:
         ours += f" [{row.shown(row.low)}, {row.shown(row.high)}]"
@@ -193,10 +243,14 @@ def as_cell(row: Row) -> str:
 
 def as_list(item: Item) -> pd.DataFrame:
     """A line for each number."""
-    lines = [as_line(row) | {"verdict": item.verdict(row)} for row in item.rows]
+    lines = []
+    for row in item.rows:
+        failed = ", ".join(row.failed)
+        tried = {"verdict": item.verdict(row), "would have failed": failed}
+        lines.append(as_line(row) | tried | {"why": row.why})
     frame = pd.DataFrame(lines)
-    why = [row.why for row in item.rows]
-    return frame.assign(why=why) if any(why) else frame
+    empty = [name for name in ("would have failed", "why") if not any(frame[name])]
+    return frame.drop(columns=empty)
 
 
 def as_line(row: Row) -> dict[str, str]:
@@ -221,31 +275,37 @@ def two_digits(value: float) -> str:
 
 
 def as_matrices(item: Item) -> pd.DataFrame:
-    """Printed, ours and their difference side by side, with what is allowed; a rigid
-    transform with its last row.
+    """Printed, ours and their difference one below the other, with what is allowed; a
+    rigid transform with its last row.
     """
     lines = defaultdict(list)
     for row in item.rows:
         lines[row.row].append(row)
+    blocks = {
+        "published": [[row.as_printed for row in line] for line in lines.values()],
+        "ours": [[row.shown(row.ours) for row in line] for line in lines.values()],
+        "difference": [
+            [difference_allowed(row, item) for row in line] for line in lines.values()
+        ],
+    }
+    height, width = np.shape(blocks["ours"])
     table = []
-    for line in lines.values():
-        printed = [row.as_printed for row in line]
-        ours = [row.shown(row.ours) for row in line]
-        table.append(printed + ours + [difference_allowed(row) for row in line])
-    width = len(table[0]) // 3
-    if (len(table), width) == (3, 4):
-        table.append([*"0001", *"0001", *"0000"])
-    blocks = ["published", "ours", "difference"]
-    names = [" " * k for k in range(width)]
-    return pd.DataFrame(table, columns=pd.MultiIndex.from_product([blocks, names]))
+    for name, block in blocks.items():
+        if (height, width) == (3, 4):
+            block.append([*"0000"] if name == "difference" else [*"0001"])
+        names = [name] + [""] * (len(block) - 1)
+        table += [[first, *line] for first, line in zip(names, block, strict=True)]
+    return pd.DataFrame(table)
 
 
-def difference_allowed(row: Row) -> str:
-    """The difference, with how large it may be where the printed digits show that."""
+def difference_allowed(row: Row, item: Item) -> str:
+    """The difference, with how large it may be where the printed digits show that; in
+    parentheses where it does not count.
+    """
     text = row.shown(row.difference)
     if row.allowed > row.half_unit:
         text += f"<br>±{two_digits(row.allowed)}"
-    return text
+    return f"({text})" if item.verdict(row) == "not testable" else text
 
 
 def from_json(entry: dict) -> Item:
@@ -280,32 +340,68 @@ def handed_out(notebook: dict, mime: str) -> list:
     return entries
 
 
+def under_one_reading(gathered: Gathered) -> Gathered:
+    """The items with the rows that count: of each ambiguous word the one reading under
+    which most printed numbers lie inside, in all items where that word stands.
+    """
+    of_word = defaultdict(list)
+    for _, item in gathered:
+        of_word[item.word or item.item].append(item.readings)
+    chosen = {}
+    for word, parts in of_word.items():
+        in_all = [name for name in parts[0] if all(name in part for part in parts)]
+        chosen[word] = max(
+            in_all,
+            key=lambda name: sum(sum(part[name].inside) for part in parts),
+        )
+    return [
+        (stem, item.readings[chosen[item.word or item.item]]) for stem, item in gathered
+    ]
+
+
 def tally(gathered: Gathered) -> pd.DataFrame:
-    """Of each item, and each quantity of a table, how many printed numbers are
-    reproduced, compatible, or differ.
+    """Of each item, and each quantity of a table, how many printed numbers have which
+    verdict, under the reading that counts; and how many were computed from printed
+    inputs alone.
     """
     lines = []
-    for stem, item in gathered:
+    for stem, item in under_one_reading(gathered):
         parts = {item.item: item}
         if item.layout == "table":
             statistics = item.statistics.items()
             parts = {f"{item.item}, {name}": part for name, part in statistics}
         for name, part in parts.items():
-            count, inside = len(part.inside), sum(part.inside)
-            compatible = inside if item.free else 0
-            numbers = count, inside - compatible, compatible, count - inside
-            lines.append([PAPERS[item.paper], name, *numbers, stem])
+            verdicts = [part.verdict(row) for row in part.rows]
+            numbers = [verdicts.count(verdict) for verdict in VERDICTS]
+            lines.append([PAPERS[item.paper], name, len(verdicts), *numbers, stem])
     columns = ["paper", "item", "printed", *VERDICTS, "notebook"]
     return pd.DataFrame(lines, columns=columns)
 
 
 def sentence(gathered: Gathered) -> str:
-    """How many printed results come out."""
-    total = tally(gathered)[["printed", *VERDICTS]].sum()
-    good = total["reproduced"] + total["compatible"]
+    """What became of the printed results, in three counts."""
+    verdicts: dict[bool, list[str]] = {False: [], True: []}  # by whether any is free
+    for _, item in under_one_reading(gathered):
+        verdicts[bool(item.free)] += [item.verdict(row) for row in item.rows]
+    printed = sum(map(len, verdicts.values()))
+    in_vain = sum(part.count("not testable") for part in verdicts.values())
+    given, chosen = (
+        f"{len(part) - part.count('differs') - part.count('not testable')} of "
+        f"{len(part) - part.count('not testable')}"
+        for part in verdicts.values()
+    )
+    shares = [item.share_failing for _, item in gathered]
+    shares = [share for share in shares if share is not None]
+    tried = ""
+    if shares:
+        ends = f"{100 * min(shares):.0f} % to {100 * max(shares):.0f} %"
+        tried = f" ({ends} of the settings tried would have failed)"
     return (
-        f"{good} of {total['printed']} printed results come out within what rounding, "
-        "chance or unprinted settings allow; each of the others stands with its reason."
+        f"Of the printed results that could have come out otherwise, {given} are "
+        f"reproduced from printed inputs and {chosen} are compatible with unprinted "
+        f"settings that we chose{tried}; each of the others stands with its reason. "
+        f"{in_vain} more, of {printed} printed, could hardly have failed, and do not "
+        "count."
     )
 
 
@@ -316,6 +412,8 @@ def scorecard(gathered: Gathered) -> pd.DataFrame:
         for row in item.rows:
             line = {"paper": PAPERS[item.paper], "item": item.item} | asdict(row)
             line["verdict"] = item.verdict(row)
+            line["would have failed"] = ", ".join(row.failed)
+            del line["otherwise"]
             line["free"] = item.free
             line["notebook"] = stem
             lines.append(line)

@@ -2,7 +2,7 @@
 found.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -23,7 +23,8 @@ def compare(
     within: Mapping | None = None,
     why: Mapping | None = None,
     labels: Mapping | None = None,
-    **about: str,
+    otherwise: Mapping[str, Sequence[Mapping]] | None = None,
+    **about: Any,
 ) -> Item:
     """An item from what `published` has of it.
 
@@ -31,8 +32,16 @@ def compare(
     it; or `within`: how far from ours the printed numbers may be. Neither: not at all,
     but for rounding. A quantity that can be read in two ways stands twice, as
     (quantity, reading). `why`: for each quantity, why it differs. `labels`: how the
-    paper writes names of rows, columns and quantities. `about` goes to `Item`. Raises
-    ValueError for a number that differs without a reason.
+    paper writes names of rows, columns and quantities. `about` goes to `Item`.
+
+    `otherwise`: by name, what we would have found had the paper been otherwise: with a
+    wrong sign, another formula, another set-up. Of each ours, low and high, as above,
+    of some of the quantities. A row counts only if one of them puts the printed number
+    outside.
+
+        otherwise={"own arcs": ({"e": e}, {"e": low}, {"e": high})}
+
+    Raises ValueError for a number that differs without a reason.
     """
     rows = []
     for key, values in ours.items():
@@ -42,8 +51,16 @@ def compare(
         least = (low or {}).get(key, values - spread)
         most = (high or {}).get(key, values + spread)
         ranges = zip(*map(np.ravel, (values, least, most)), strict=True)
-        for entry, numbers in zip(entries, ranges, strict=True):
-            row = beside_printed(entry, numbers, labels or {}, "".join(reading))
+        others = {
+            name: np.stack([np.ravel(part[key]) for part in parts], axis=-1)
+            for name, parts in (otherwise or {}).items()
+            if key in parts[0]
+        }
+        for k, (entry, three) in enumerate(zip(entries, ranges, strict=True)):
+            row = beside_printed(entry, three, labels or {}, "".join(reading))
+            digits = row.decimals + DIGITS
+            for name, each in others.items():
+                row.otherwise[name] = [round(float(v), digits) for v in each[k]]
             if not row.inside:
                 row = replace(row, why=(why or {}).get(key, ""))
                 check_reason(item, row)
@@ -79,20 +96,31 @@ def check_reason(item: str, row: Row) -> None:
 
 
 def beside(
-    item: str, what: str, quantity: str, ours: np.ndarray, alike: np.ndarray
+    item: str,
+    what: str,
+    quantity: str,
+    ours: np.ndarray,
+    alike: np.ndarray,
+    otherwise: Mapping[str, tuple[np.ndarray, np.ndarray]] | None = None,
+    apart: str = "",
 ) -> Item:
     """Ours beside a matrix, vector or number of the disk paper; `alike` (draws, ...):
-    ours from tables that print so, of which 95 % span the range allowed.
+    ours from tables that print so, of which 95 % span the range allowed. `otherwise`:
+    by name the same two, had the paper computed otherwise. `apart`: see `Item`.
     """
-    low, high = np.quantile(alike, [0.025, 0.975], axis=0)
+
+    def with_range(ours: np.ndarray, alike: np.ndarray) -> tuple[dict, ...]:
+        low, high = np.quantile(alike, [0.025, 0.975], axis=0)
+        return tuple({quantity: numbers} for numbers in (ours, low, high))
+
     return compare(
         "disk",
         item,
         what,
-        {quantity: ours},
-        {quantity: low},
-        {quantity: high},
+        *with_range(ours, alike),
         why={quantity: "outside what rounding allows"},
+        otherwise={name: with_range(*two) for name, two in (otherwise or {}).items()},
         range_from="rounding",
         layout="matrix",
+        apart=apart,
     )
