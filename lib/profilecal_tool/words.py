@@ -2,13 +2,14 @@
 
 import numpy as np
 from scipy.spatial.transform import Rotation
+from scipy.stats import t as student
 
 from profilecal.calibration.calibration import Calibration
 from profilecal.calibration.leave_out import LeftOut
 from profilecal.calibration.verify import Verification
 from profilecal.geometry.noise import FALSE_ALARM, ROBOT, Noise
 from profilecal.geometry.observability import HAND_PRECISION, name_direction
-from profilecal.joint.prior import FINEST_MM
+from profilecal.joint.prior import FINEST_MM, FREEDOM
 from profilecal.joint.solution import Solution
 
 
@@ -30,7 +31,8 @@ def calibration_text(calibration: Calibration, to_paste: str = "") -> str:
         )
     lines += note_lines(calibration)
     if solution and not calibration.misread:
-        lines.append(f"robot errors   {robot_errors(solution.noise)}")
+        usual = solution.prior.scales
+        lines.append(f"robot errors   {robot_errors(solution.noise, usual)}")
         if solution.noise_source == "given":  # an estimate makes χ²/dof 1
             lines.append(
                 f"residuals      {solution.rms_mm:.3g} mm rms, "
@@ -80,8 +82,12 @@ def brief(value: float) -> str:
     return f"{value:.2g}" if abs(value) < 100 else f"{value:.0f}"
 
 
-def robot_errors(noise: Noise) -> str:
-    """How large the robot's errors are, at each place where they arise."""
+def robot_errors(noise: Noise, usual: Noise) -> str:
+    """How large the robot's errors are, at each place where they arise; `usual`: the
+    scales that are expected of them.
+    """
+    # where the law that they are drawn from leaves one in a hundred
+    much = student.ppf(1 - FALSE_ALARM / 2, FREEDOM)
     places = ("at each visit", "at each pose", "shared by the poses of an orientation")
     sizes = np.reshape([getattr(noise, name) for name in ROBOT], (3, 2))
     errors = [
@@ -89,6 +95,9 @@ def robot_errors(noise: Noise) -> str:
         for place, (mm, deg) in zip(places, sizes, strict=True)
         if max(mm, deg) > FINEST_MM
     ]
+    times = noise.group_position_mm / max(usual.group_position_mm, FINEST_MM)
+    if times > much:
+        errors[-1] += f" ({times:.0f} times the usual: or a second target was seen)"
     return ", ".join(errors) or "none that the residuals show"
 
 

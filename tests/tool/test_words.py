@@ -37,8 +37,14 @@ def test_robot_errors_are_told_apart_by_where_they_arise():
     )
     each = "at each pose 0.12 mm and 0°"
     shared = "shared by the poses of an orientation 0.04 mm and 0.02°"
-    assert robot_errors(noise) == f"{each}, {shared}"
-    assert robot_errors(Noise(profile_mm=0.1)) == "none that the residuals show"
+    usual = Noise(profile_mm=0.1, group_position_mm=0.05)
+    assert robot_errors(noise, usual) == f"{each}, {shared}"
+    assert robot_errors(usual, usual).endswith("orientation 0.05 mm and 0°")
+    exact = Noise(profile_mm=0.1)
+    assert robot_errors(exact, usual) == "none that the residuals show"
+    second = replace(noise, group_position_mm=0.7)
+    second_edge = "(14 times the usual: or a second target was seen)"
+    assert robot_errors(second, usual).endswith(second_edge)
 
 
 def test_an_orientation_that_does_not_fit_is_named():

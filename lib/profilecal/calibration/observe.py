@@ -60,6 +60,8 @@ def observe(scan: Scan, least: int = 0) -> Seen:
     if len(seen.poses) < least:
         reasons = "; ".join(remark.rsplit(": ", 1)[0] for remark in seen.remarks)
         why = f" ({shorten(reasons, 300)})" if reasons else ""
+        for name, length in scan.measures.items():
+            why += f"; is its {name} {length:g} mm?"
         title = scan.title or f"the {scan.kind}"
         raise ScanError(
             f"{title}: the target was found from {len(seen.poses)} poses; "

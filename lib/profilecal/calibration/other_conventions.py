@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy import ndarray
 from scipy.optimize import minimize_scalar
 from scipy.spatial.transform import Rotation
 
@@ -52,7 +53,8 @@ class Reading:
     words: str  # after "with"
     check: str  # what to look at
     scan: Scan  # as it would then be
-    shift: int = 0  # the pose so many rows on belongs to a profile
+    # of each row of measurements the row of its pose; None: the same
+    rows: ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -72,7 +74,7 @@ def better_readings(scan: Scan, seen: Seen) -> list[str]:
     if not FINE_MM < stated < np.inf:
         return []
     others = [*readings(scan), *other_lengths(scan, seen)]
-    misfits = [misfit(observed(one.scan, seen, one.shift)) for one in others]
+    misfits = [misfit(observed(one.scan, seen, one.rows)) for one in others]
     order = sorted(range(len(others)), key=lambda k: misfits[k].rms_mm)
     first = misfits[order[0]]
     best = max(first.rms_mm, FINEST_MM)
@@ -86,9 +88,9 @@ def better_readings(scan: Scan, seen: Seen) -> list[str]:
     return [f"with {words} {residuals}; {checks}"]
 
 
-def observed(scan: Scan, seen: Seen, shift: int = 0) -> Observations:
-    """What was seen, with the pose `shift` rows on, and all points equally precise."""
-    poses = seen.poses + shift
+def observed(scan: Scan, seen: Seen, rows: ndarray | None = None) -> Observations:
+    """What was seen, with the poses of other `rows`, and all points equally precise."""
+    poses = seen.poses if rows is None else rows[seen.poses]
     inside = (poses >= 0) & (poses < len(scan.labels))
     return as_observations(scan, Seen(poses[inside], seen.points[inside]))
 
@@ -121,9 +123,13 @@ def readings(scan: Scan) -> Iterator[Reading]:
         "check the mount, and which frame the poses are in",
         replace(scan, mount=mount),
     )
-    for shift, which in ((1, "next"), (-1, "previous")):
-        words = f"each profile taken from the {which} row's pose"
-        yield Reading(words, "check which pose each profile belongs to", scan, shift)
+    rows = np.arange(len(scan.labels))
+    for words, others in (
+        ("each profile taken from the next row's pose", rows + 1),
+        ("each profile taken from the previous row's pose", rows - 1),
+        ("the profiles in reverse order", rows[::-1]),
+    ):
+        yield Reading(words, "check which pose each profile belongs to", scan, others)
     low, high = REACH_MM
     farthest = np.linalg.norm(scan.p_base_flange, axis=1).max()
     for words, factor in UNITS.items():
@@ -184,7 +190,7 @@ def with_length(scan: Scan, k: int, log_ratio: float) -> Scan:
     return replace(scan, sizes=tuple(sizes))
 
 
-def orientations(block: np.ndarray, sequence: str) -> Iterator[tuple[str, Rotation]]:
+def orientations(block: ndarray, sequence: str) -> Iterator[tuple[str, Rotation]]:
     """What a block of orientation columns (n, k) may mean besides what is stated, in
     words and as rotations. `sequence`: of the angles stated, "" for others.
     """
@@ -196,9 +202,7 @@ def orientations(block: np.ndarray, sequence: str) -> Iterator[tuple[str, Rotati
             yield words, Rotation.from_quat(block[:, order], scalar_first=True)
 
 
-def of_three_numbers(
-    block: np.ndarray, sequence: str
-) -> Iterator[tuple[str, Rotation]]:
+def of_three_numbers(block: ndarray, sequence: str) -> Iterator[tuple[str, Rotation]]:
     """`orientations` of angles or rotation vectors (n, 3)."""
     for unit, degrees in (("degrees", block), ("radians", np.degrees(block))):
         for words, other in SEQUENCES:

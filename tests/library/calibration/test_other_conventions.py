@@ -72,6 +72,10 @@ def one_row_late(scan):
     return replace(scan, values=(nothing, *scan.values[:-1]))
 
 
+def reversed_profiles(scan):
+    return replace(scan, values=scan.values[::-1])
+
+
 FANUC, KUKA, VECTOR = "FANUC angles", "KUKA angles", "rotation vector"
 WRONG = {  # by what the first message is to say
     "FANUC angles w, p, r in degrees": misread(KUKA, FANUC),
@@ -90,6 +94,7 @@ WRONG = {  # by what the first message is to say
     "taken from the next row's pose": one_row_early,
     "taken from the previous row's pose": one_row_late,
     "the poses' x, y, z in inches instead of mm": too_small(25.4),
+    "the profiles in reverse order": reversed_profiles,
 }
 
 
@@ -185,8 +190,10 @@ def test_few_poses_are_blamed_on_no_reading():
 def test_a_pose_is_lost_where_rows_are_shifted(entries):
     scan = scan_of(**entries)
     seen = observe(scan)
-    counts = [len(observed(scan, seen, shift).labels) for shift in (0, 1, -1)]
     P = len(scan.labels)
+    rows = np.arange(P)
+    shifted = (rows, rows + 1, rows - 1)
+    counts = [len(observed(scan, seen, other).labels) for other in shifted]
     assert counts == [P, P - 1, P - 1]
 
 
