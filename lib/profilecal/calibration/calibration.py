@@ -222,6 +222,13 @@ class Calibration:
                 "translation_sd_mm": self.translation_sd_mm.tolist(),
                 "rotation_sd_deg": self.rotation_sd_deg.tolist(),
             }
+        if solution and solution.delay_s is not None:
+            given = any(scan.delay_ms is not None for scan in self.scans)
+            entries |= {
+                "delay_ms": 1e3 * solution.delay_s,
+                "delay_sd_ms": 1e3 * solution.delay_sd_s,
+                "delay_source": "given" if given else "estimated",
+            }
         if solution:
             placed = zip(self.scans, solution.placements, strict=True)
             targets = [target_entries(scan.kind, target) for scan, target in placed]
@@ -321,7 +328,7 @@ def calibrate(
     return Calibration(
         scans=scans,
         seen=tuple(entry.poses for entry in seen),
-        observed=observed,
+        observed=tuple(solution.problem.observations) if solution else observed,
         solution_or_none=solution,
         messages=(*readings, *notes) if readings else (*notes, *messages),
         misread=wrong or bool(readings),
@@ -370,9 +377,12 @@ def remarks_on_targets(
     error, but not most of them.
     """
     remarks, wrong = [], False
-    parts = zip(names(scans), scans, seen, solution.placements, strict=True)
-    for name, scan, entry, target in parts:
-        R, p = scan.base_flange(entry.poses)
+    observations = solution.problem.observations
+    parts = zip(
+        names(scans), scans, seen, observations, solution.placements, strict=True
+    )
+    for name, scan, entry, observed, target in parts:
+        R, p = observed.R_flange[0], observed.T_flange[0]
         origins = carry(R, p, solution.translation)
         stated = scan.side[entry.poses]
         other = stated * target.sides(R @ solution.rotation, origins) < 0
@@ -388,7 +398,7 @@ def remarks_on_targets(
 
 
 def check_scans(scans: Sequence[Scan]) -> None:
-    """Refuse what is no scan, with TypeError, and scans of several mounts."""
+    """Refuse what is no scan, with TypeError, and scans of several mounts or delays."""
     if not scans:
         raise ScanError("no scans given; expected at least one")
     for scan in scans:
@@ -397,6 +407,10 @@ def check_scans(scans: Sequence[Scan]) -> None:
         raise ScanError(
             "some scans are eye-in-hand and others eye-to-hand; expected one mount"
         )
+    delays = {scan.delay_ms for scan in scans if scan.log}
+    if len(delays) > 1:
+        words = " and ".join("none" if one is None else f"{one:g}" for one in delays)
+        raise ScanError(f"scans state a delay_ms of {words}; expected one")
 
 
 def check_different(scans: Sequence[Scan]) -> None:

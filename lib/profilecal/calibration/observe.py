@@ -182,6 +182,10 @@ def as_observations(scan: Scan, seen: Seen, reference_mm: float = 0.0) -> Observ
         group=scan.group[seen.poses],
         eye_to_hand=scan.mount == "eye-to-hand",
         covariance=covariance,
+        log=scan.log,
+        times=None if scan.log is None else scan.times[None, seen.poses],
+        delay_s=(scan.delay_ms or 0) / 1000,
+        delay_known=scan.delay_ms is not None,
     )
 
 

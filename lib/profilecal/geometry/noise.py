@@ -32,6 +32,8 @@ class Noise:
     repeatability_deg: float = 0.0
     # marked points: how far the operator leaves the scan plane from the point
     steering_mm: float = 0.0
+    # in motion: of the time of each profile, beside a delay that all have
+    jitter_ms: float = 0.0
 
     @property
     def of_robot(self) -> dict[str, float]:
@@ -48,6 +50,8 @@ ROBOT = (
     "group_position_mm",
     "group_orientation_deg",
 )
+# all whose sizes the residuals tell, but for the scanner's noise
+ESTIMATED = (*ROBOT, "jitter_ms")
 
 
 @dataclass(frozen=True)

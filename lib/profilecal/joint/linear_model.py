@@ -64,9 +64,9 @@ class Posterior:
 class LinearModel:
     """Profiles are counted through, target by target.
 
-    Of each, `E` (profiles, q, 6) and `Y` (profiles, q, n + 1) are rows that say all
-    about the errors of the flange, two of a straight edge, three of a ball; `rest`
-    (profiles, n + 1, n + 1) are products of what else the residuals say.
+    Of each, `E` (profiles, q, 6; 7 in motion) and `Y` (profiles, q, n + 1) are rows
+    that say all about the errors of the flange, two of a straight edge, three of a
+    ball; `rest` (profiles, n + 1, n + 1) are products of what else the residuals say.
     """
 
     def __init__(
@@ -77,11 +77,14 @@ class LinearModel:
         groups: PoseGroups,
         names: Sequence[str],
         precision: ndarray,
+        clock: int | None = None,
     ) -> None:
         """Of each profile, over the scanner's noise, with zeros where no residual is:
         the derivatives `by_flange` (profiles, K, 6), mm and rad, the `columns` [A | r]
         (profiles, K, n + 1), and how many residuals there are. `names` (k): the robot's
-        errors, entries of `Noise`. `precision` (n, n): Π.
+        errors, entries of `Noise`. `precision` (n, n): Π. `clock`: the column of A that
+        is the derivative by the time of a profile, if any has one: its jitter acts
+        along it, as errors of the flange along E's other columns.
 
         An orthogonal change of a profile's K rows leaves the scanner's noise as it is.
         With the singular values s of the derivatives by the flange, F = U s Wᵀ, errors
@@ -101,11 +104,18 @@ class LinearModel:
         self.q = q = max(1, self.ranks.max())
         self.E = (s * nonzero)[:, :q, None] * Wt[:, :q] / HAND_PRECISION
         self.Y = (U * nonzero[:, None])[:, :, :q].mT @ columns
+        if clock is not None:
+            self.E = np.concatenate([self.E, self.Y[:, :, [clock]]], axis=2)
         self.rest = columns.mT @ columns - self.Y.mT @ self.Y
-        # variances (k, 6) of E's errors for one unit of each of v
-        mm, deg = [1.0, 0.0], [0.0, np.radians(1) ** 2]
-        units = [mm if name.endswith("mm") else deg for name in names]
-        self.units = np.repeat(np.reshape(units, (-1, 2)), 3, axis=1)
+        # variances (k, 6 or 7) of E's errors for one unit of each of v
+        squares = {
+            "mm": [1, 0, 0],
+            "deg": [0, np.radians(1) ** 2, 0],
+            "ms": [0, 0, 1e-6],
+        }
+        units = [squares[name.rsplit("_")[-1]] for name in names]
+        of_axes = np.repeat(np.reshape(units, (-1, 3)), (3, 3, 1), axis=1)
+        self.units = of_axes[:, : self.E.shape[2]]
         self.kept = np.ones(len(counts), dtype=bool)
         self.arrange(groups)
 

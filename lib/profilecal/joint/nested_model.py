@@ -74,7 +74,9 @@ class Level:
         columns = rows.shape[2]
         ends = zip(self.starts, self.starts + self.sizes, strict=True)
         parts = [slice(*both) for both in ends]
-        products = [E[k].reshape(-1, 6).T @ rows[k].reshape(-1, columns) for k in parts]
+        products = [
+            E[k].reshape(-1, E.shape[2]).T @ rows[k].reshape(-1, columns) for k in parts
+        ]
         return np.array(products)
 
 
@@ -164,8 +166,10 @@ class NestedModel(LinearModel):
         """Zᵀ C⁻¹ Z of rows Z (profiles, q, columns), log |C| and C⁻¹ Z, for variances
         v (1 + k,).
         """
-        E, one, columns = self.E_rows, np.eye(6), Z.shape[2]
-        own = np.zeros((len(Z), 6))
+        E, columns = self.E_rows, Z.shape[2]
+        axes = E.shape[2]
+        one = np.eye(axes)
+        own = np.zeros((len(Z), axes))
         for level in self.levels:
             own += level.alone[:, None] * self.variances(level.errors, v)
         D = v[0] * np.eye(self.q) + (E * own[:, None]) @ E.mT
@@ -174,12 +178,12 @@ class NestedModel(LinearModel):
         rows = D_inverse @ np.concatenate([E, Z], axis=2)
         shared = [level for level in self.levels if len(level.members)]
         up = []
-        finer, taken = None, np.zeros((0, 6, 6 + columns))
+        finer, taken = None, np.zeros((0, axes, axes + columns))
         for level in shared[::-1]:
             sums = level.sums(E, rows)
             if finer is not None:
                 np.subtract.at(sums, finer.parents, taken)
-            J, c = sums[..., :6], sums[..., 6:]
+            J, c = sums[..., :axes], sums[..., axes:]
             s = np.sqrt(self.variances(level.errors, v))
             M = one + s[:, None] * J * s
             M_inverse = np.linalg.inv(M)
@@ -192,8 +196,8 @@ class NestedModel(LinearModel):
 
         products = np.zeros((columns, columns))
         nodes: list[Node] = []
-        b = np.zeros((1, 6, columns))
-        b_of_profiles = np.zeros((len(Z), 6, columns))
+        b = np.zeros((1, axes, columns))
+        b_of_profiles = np.zeros((len(Z), axes, columns))
         for level, s, M_inverse, J, c in up[::-1]:
             above = b[level.parents]
             beta = M_inverse @ (s[:, None] * (c - J @ above))
@@ -220,11 +224,12 @@ class NestedModel(LinearModel):
 
     def covariances_of_shared(self, solved: Solved) -> list[ndarray]:
         """Q (G, 6, 6) of each node, from coarse to fine, and of each profile."""
-        Q = np.zeros((1, 6, 6))
-        of_profiles = np.zeros((len(solved.X), 6, 6))
+        axes = self.E_rows.shape[2]
+        Q = np.zeros((1, axes, axes))
+        of_profiles = np.zeros((len(solved.X), axes, axes))
         of_nodes = []
         for node in solved.nodes:
-            T = np.eye(6) - node.K @ node.J
+            T = np.eye(axes) - node.K @ node.J
             Q = node.K + T @ Q[node.level.parents] @ T.mT
             of_nodes.append(Q)
             of_profiles = node.level.to_members(Q, of_profiles)

@@ -19,7 +19,9 @@ import numpy as np
 from numpy import ndarray
 from scipy.special import gammaln, ndtr, stdtrit
 
-from profilecal.geometry.noise import ROBOT, Noise, Systematic
+from profilecal.geometry.log import DELAY_S
+from profilecal.geometry.noise import ESTIMATED, ROBOT, Noise, Systematic
+from profilecal.targets.observations import Observations
 from profilecal.targets.target import Target
 
 # Scales of the prior where nothing is stated of the robot; the same at a pose and at an
@@ -31,6 +33,7 @@ USUAL = Noise(
     group_orientation_deg=0.02,
     repeatability_mm=0.02,
     repeatability_deg=0.005,
+    jitter_ms=0.2,
 )
 # Systematic errors where nothing is stated.
 TYPICAL = Systematic(
@@ -87,7 +90,7 @@ class Prior:
         """The same with no errors but the scanner's noise, and the robot's accuracy,
         which no residual shows.
         """
-        exact = replace(self.scales, **dict.fromkeys(ROBOT, 0.0))
+        exact = replace(self.scales, **dict.fromkeys(ESTIMATED, 0.0))
         known = Systematic(
             accuracy_mm=self.systematic.accuracy_mm,
             accuracy_deg=self.systematic.accuracy_deg,
@@ -115,8 +118,9 @@ class Prior:
         """
         return [
             name
-            for name in self.scales.of_robot
-            if self.robot_known or name in distinguishable
+            for name in ESTIMATED
+            if getattr(self.scales, name)
+            and (name in distinguishable or (self.robot_known and name in ROBOT))
         ]
 
     @property
@@ -201,6 +205,8 @@ class Perturbation:
     # of flange positions (P, 3) in the base: by how much they are wrong, mm
     positions: Callable = np.zeros_like
     length: str = ""  # the name of a length of the target
+    # of times (P,) by the scanner's clock: by how much they are wrong, s
+    clock: Callable | None = None
 
 
 def with_x(x: ndarray, z: ndarray) -> ndarray:
@@ -251,6 +257,29 @@ OF_SCANNER = [
 ]
 
 
+# What all times in motion have in common: the robot's clock less the scanner's.
+DELAY = Perturbation(
+    "the scanner's clock was [behind|ahead] by {:.2g} ms", 1000, clock=np.ones_like
+)
+CLOCK_DRIFT = 5e-5  # of quartz clocks, s/s
+
+
+def of_clocks(observations: Sequence[Observations]) -> dict[Perturbation, float]:
+    """What may be wrong with the times of what was seen in motion, if anything was, and
+    how large that is: a delay, and one that grows from the middle of all times.
+    """
+    moving = [entry for entry in observations if entry.moving.any()]
+    times = [entry.times.ravel() for entry in moving if entry.times is not None]
+    if not times:
+        return {}
+    ends = np.nanmin(np.concatenate(times)), np.nanmax(np.concatenate(times))
+    middle = sum(ends) / 2
+    words = "the scanner's clock was too [slow|fast] by {:.2g} ppm"
+    growing = Perturbation(words, 1e6, clock=lambda times: times - middle)
+    sd_s = 1e-6 if moving[0].delay_known else DELAY_S
+    return {DELAY: sd_s, growing: CLOCK_DRIFT}
+
+
 def of_target(targets: Sequence[type[Target]]) -> list[Perturbation]:
     """The targets' errors: wrong lengths, each once."""
     names = dict.fromkeys(name for target in targets for name in target.lengths)
@@ -296,7 +325,7 @@ def prior_from(
     noise that raw profiles themselves show, 0 where there are none; `shared_mm`: what
     features of one orientation err together, which counts as the robot's.
     """
-    robot = {name: stated.get(name, getattr(USUAL, name)) for name in ROBOT}
+    robot = {name: stated.get(name, getattr(USUAL, name)) for name in ESTIMATED}
     robot["group_position_mm"] = float(np.hypot(robot["group_position_mm"], shared_mm))
     errors = {name: stated.get(name, usual) for name, usual in vars(TYPICAL).items()}
     given_mm = stated.get("profile_mm", 0.0)
@@ -306,5 +335,5 @@ def prior_from(
         **robot,
     )
     source = "profiles" if features_mm else "given" if given_mm else "residuals"
-    of_robot = frozenset(ROBOT) & stated.keys()
-    return Prior(scales, of_robot, source, systematic=Systematic(**errors))
+    known = frozenset(ESTIMATED) & stated.keys()
+    return Prior(scales, known, source, systematic=Systematic(**errors))

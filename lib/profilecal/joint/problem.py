@@ -13,7 +13,7 @@ from profilecal.geometry.observability import units_by_hand
 from profilecal.geometry.poses import carry, rotations
 from profilecal.joint.linear_model import LinearModel
 from profilecal.joint.nested_model import NestedModel
-from profilecal.joint.prior import Perturbation, considered
+from profilecal.joint.prior import DELAY, Perturbation, considered, of_clocks
 from profilecal.joint.residuals import SENSOR, Residuals
 from profilecal.targets.observations import (
     Batch,
@@ -69,7 +69,9 @@ class Problem:
         self.noise = noise
         self.terms = [Residuals(entry, in_space) for entry in self.observations]
         self.targets = [entry.target for entry in self.observations]
-        self.considered = considered(self.targets, systematic or Systematic())
+        self.systematic = systematic or Systematic()
+        self.considered = considered(self.targets, self.systematic)
+        self.considered |= of_clocks(self.observations)
         # what one would know of each parameter (n,) by hand, mm and rad
         self.units = units_by_hand(self.targets)
         # how many residuals each profile has, in the first problem
@@ -79,11 +81,21 @@ class Problem:
         self.n = int(ends[-1])
         # which of the unknowns are each target's
         self.parts = [np.arange(*ends) for ends in pairwise(ends)]
+        # where the delay stands among all columns, if anything was seen in motion
+        self.clock = None
+        if DELAY in self.considered:
+            self.clock = self.n + [*self.considered].index(DELAY)
 
     @cached_property
     def groups(self) -> PoseGroups:
         """Which profiles share errors of the flange."""
         return pose_groups(self.observations)
+
+    def later(self, seconds: float) -> "Problem":
+        """With what was seen in motion so much later in the robot's log."""
+        observations = [entry.later(seconds) for entry in self.observations]
+        in_space = self.terms[0].in_space
+        return Problem(observations, self.noise, self.systematic, in_space)
 
     def typical(self, fit: Fit) -> ndarray:
         """How many noise levels large the residuals of most poses are, (B,): the root
@@ -207,6 +219,7 @@ class Problem:
             self.groups,
             names,
             np.diag(precision),
+            self.clock,
         )
 
     def rms_mm(

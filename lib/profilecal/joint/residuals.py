@@ -163,6 +163,11 @@ class Residuals:
         """
         if error.length:
             return self.by_length(error.length, state, placement)
+        if error.clock:
+            if self.observed.times is None:
+                return np.zeros((1, *columns.shape[2:]))
+            shift = error.clock(np.nan_to_num(self.observed.times[0]))
+            return self.by_time(columns, state) * shift
         if error.points:
             moved = error.points(*self.seen)[:, :, None]  # (1, m, 1, P)
             by_moved = self.by_point(columns)["xz".index(error.moved)]
@@ -174,6 +179,14 @@ class Residuals:
             in_flange = (error.positions(T)[:, None] @ R)[:, 0]
             in_sensor = in_flange @ state.rotation[0]
         return np.sum(columns[:, SHIFT] * in_sensor.T[:, None], axis=1)
+
+    def by_time(self, columns: ndarray, state: State) -> ndarray:
+        """The derivative (1, K, P) by the time at which the flange is looked up, mm/s:
+        along its twist ξ, dr/dt = (dr by the flange's pose) · ξ. Zero at rest.
+        """
+        twist = self.observed.twist.reshape(-1, 2, 3) @ state.rotation[0]
+        by_flange = self.by_flange(columns, state)
+        return np.einsum("bjkp,pj->bkp", by_flange, twist.reshape(-1, 6))
 
     def by_length(self, name: str, state: State, placement: tuple) -> ndarray:
         """The derivative (1, K, P) by one of the target's lengths, by differences."""

@@ -67,6 +67,18 @@ class Solution:
         return model, model.posterior(self.error_sizes.v[None])
 
     @property
+    def delay_s(self) -> float | None:
+        """The robot's clock less the scanner's; None where nothing moved."""
+        moving = [entry for entry in self.problem.observations if entry.moving.any()]
+        return moving[0].delay_s if moving else None
+
+    @property
+    def delay_sd_s(self) -> float:
+        """Its standard deviation; 0.2 s is all that is known of it beforehand."""
+        clock = self.problem.clock
+        return float(np.sqrt(self.error_sizes.covariance[clock, clock]))
+
+    @property
     def rotation(self) -> ndarray:
         """(3, 3) sensor axes in the flange frame; eye-to-hand, in the base frame."""
         return self.state.rotation[0]

@@ -9,9 +9,10 @@ import numpy as np
 from numpy import ndarray
 
 from profilecal.geometry.checks import UnobservableError
+from profilecal.geometry.log import DELAY_S
 from profilecal.geometry.noise import (
+    ESTIMATED,
     FALSE_ALARM,
-    ROBOT,
     Noise,
     chi2_limit,
     normalised_square,
@@ -24,6 +25,7 @@ from profilecal.geometry.observability import (
     spectrum,
 )
 from profilecal.geometry.poses import pose_error
+from profilecal.joint import delay
 from profilecal.joint.descent import (
     HOPELESS,
     distinct,
@@ -34,7 +36,7 @@ from profilecal.joint.descent import (
 )
 from profilecal.joint.error_sizes import ErrorSizes, average, likeliest
 from profilecal.joint.linear_model import LinearModel, Posterior
-from profilecal.joint.prior import FINEST_MM, Prior, as_stated
+from profilecal.joint.prior import DELAY, FINEST_MM, Prior, as_stated
 from profilecal.joint.problem import FLANGE, Fit, Problem
 from profilecal.joint.residuals import SENSOR
 from profilecal.joint.solution import Solution
@@ -61,6 +63,8 @@ def solve(
     (R (3, 3), T (3,) mm) to start from besides the grid: closed forms, a mount measured
     by hand. `robust=False`: nothing is rejected.
 
+    What was seen in motion is looked up in the robot's log as late as fits best.
+
     Raises ValueError for malformed input and UnobservableError for fewer residuals than
     unknowns.
     """
@@ -75,6 +79,8 @@ def solve(
             "and noise; add poses"
         )
 
+    if problem.considered.get(DELAY) == DELAY_S:
+        problem = problem.later(delay.roughly(problem, starts))
     fits = least_squares(problem, search(problem, starts))
     others = fits.state
     if robust:
@@ -84,7 +90,7 @@ def solve(
         prior = prior.without_robot
     if prior.source == "residuals":
         prior = prior.with_scanner(max(prior.scales.profile_mm * scale, FINEST_MM))
-    problem = Problem(observations, prior.scales, prior.systematic)
+    problem = Problem(problem.observations, prior.scales, prior.systematic)
     estimated = estimate(problem, prior, fits.state[[0]], robust)
     return conclude(estimated, prior, others.join(fits.state))
 
@@ -214,21 +220,28 @@ def estimate(problem: Problem, prior: Prior, state: State, robust: bool) -> Esti
         # What is left to the next step is such a part of this step as this step is of a
         # radian, or of 100 mm: the residuals are linear but for squares.
         left = np.abs(x) * reach(posterior.mean)
-        small = left < 0.002 * np.sqrt(np.diag(posterior.covariance[0]))
-        settled = (after == kept).all() and small[: problem.n].all()
+        sd = np.sqrt(np.diag(posterior.covariance[0]))
+        small = (left < 0.002 * sd)[: problem.n].all()
+        if problem.clock is not None:  # poses follow a delay less evenly
+            small &= abs(x[problem.clock]) < 0.02 * sd[problem.clock]
+        settled = (after == kept).all() and small
         if settled or turn == ROUNDS - 1:
             break
-        state = after_step(problem, state, x)
+        problem, state = after_step(problem, state, x)
         kept = after
     return Estimate(problem, state, columns, model, average(model, prior, y))
 
 
-def after_step(problem: Problem, state: State, x: ndarray) -> State:
-    """The state after a step x (n + c,), or as much of it as turns by no more than 0.1
-    rad and shifts by 10 mm.
+def after_step(problem: Problem, state: State, x: ndarray) -> tuple[Problem, State]:
+    """The problem and the state after a step x (n + c,), or as much of it as turns by
+    no more than 0.1 rad and shifts by 10 mm.
     """
     step = x[None, : problem.n]
-    return problem.move(state, step * min(1.0, 0.1 / reach(step)[0]))
+    share = min(1.0, 0.1 / reach(step)[0])
+    state = problem.move(state, step * share)
+    if problem.clock is None:
+        return problem, state
+    return problem.later(x[problem.clock] * share), state
 
 
 def of_large_errors(
@@ -299,7 +312,8 @@ def conclude(estimated: Estimate, prior: Prior, others: State) -> Solution:
     n = problem.n
     error_sizes = estimated.error_sizes
     posterior = model.posterior(error_sizes.v[None])
-    state = after_step(problem, estimated.state, error_sizes.mean)
+    normalised = normalised_residuals(problem, model, posterior)
+    problem, state = after_step(problem, estimated.state, error_sizes.mean)
     chi2 = float(posterior.square[0])
     dof = max(int(model.counts[model.kept].sum()) - n, 1)
 
@@ -308,8 +322,15 @@ def conclude(estimated: Estimate, prior: Prior, others: State) -> Solution:
     rank = spectrum(posterior.normal[0, :n, :n], problem.units).rank
     observability = of_covariance(covariance, rank, n)
     weaker, remarks = weaker_spectrum(estimated, prior, observability)
-    messages += remarks + explanation(problem, state, weaker)
-    status = str(weaker.status)
+    status, left_open = str(weaker.status), weaker
+    if problem.clock is not None:
+        frame = frame_of(problem)
+        verdict = delay.verdict(
+            error_sizes.covariance, problem.clock, weaker, state.rotation[0], frame
+        )
+        status, left_open = verdict.status, verdict.others
+        remarks += verdict.sentences
+    messages += remarks + explanation(problem, state, left_open)
     if status != "unobservable":
         # χ² of the six unknowns of a sensor pose rarely exceeds 12
         largest = chi2 + 12 * max(1.0, chi2 / dof)
@@ -329,11 +350,11 @@ def conclude(estimated: Estimate, prior: Prior, others: State) -> Solution:
         ),
         prior=prior,
         error_sizes=error_sizes,
-        noise=replace(problem.noise, **(dict.fromkeys(ROBOT, 0.0) | sizes)),
+        noise=replace(problem.noise, **(dict.fromkeys(ESTIMATED, 0.0) | sizes)),
         chi2=chi2,
         dof=dof,
         rms_mm=problem.rms_mm(estimated.columns, error_sizes.mean, model.kept),
-        normalised=normalised_residuals(problem, model, posterior),
+        normalised=normalised,
         rejected=tuple(problem.split(~model.kept)),
         status=status,
         observability=observability,
@@ -393,8 +414,12 @@ def explanation(problem: Problem, state: State, known: Spectrum) -> list[str]:
     """Sentences on what the motions leave open."""
     observations = problem.observations
     R_flange = np.concatenate([entry.R_flange[0] for entry in observations])
-    frame = "base" if observations[0].eye_to_hand else "flange"
-    return explain(known, state.rotation[0], R_flange, frame)
+    return explain(known, state.rotation[0], R_flange, frame_of(problem))
+
+
+def frame_of(problem: Problem) -> str:
+    """The frame that the sensor's pose is in."""
+    return "base" if problem.observations[0].eye_to_hand else "flange"
 
 
 def twin(

@@ -16,9 +16,11 @@ from profilecal.geometry.checks import (
     check_rigid,
     check_rotations,
 )
+from profilecal.geometry.log import Log
 from profilecal.geometry.noise import Noise, Systematic
 from profilecal.geometry.poses import homogeneous, inverse, rotation_groups
 from profilecal.scan.conventions import CONVENTIONS, named
+from profilecal.scan.motion import check_times, checked_log, with_motion
 from profilecal.scan.tables import ScanError, naming
 from profilecal.scan.toml import TEXT, Rule, check_entries, number, one_of
 from profilecal.targets import TARGETS
@@ -81,13 +83,21 @@ class Scan:
     convention: str = CONVENTIONS[0].name
     # (P, k) the convention's columns as they were read
     orientation: ndarray | None = None
+    # where something was measured in motion: the poses that the robot recorded, which
+    # give R_base_flange and p_base_flange there
+    log: Log | None = None
+    # (P,) s by the scanner's clock, NaN at rest; left out, all is at rest
+    times: ndarray = field(default_factory=lambda: np.array([]))
+    sweeps: tuple[str, ...] = ()  # (P,) names, "" at rest
+    # the robot's clock less the scanner's, None where it is to be found
+    delay_ms: float | None = None
     truth: dict = field(default_factory=dict)  # of a simulated one; written, not read
 
     @classmethod
     def of(
         cls,
         kind: str,
-        T_base_flange: ArrayLike | RigidTransform,
+        T_base_flange: ArrayLike | RigidTransform | None = None,
         *,
         profiles: Sequence[ArrayLike] | None = None,
         points: ArrayLike | None = None,
@@ -101,6 +111,10 @@ class Scan:
         title: str = "",
         convention: str = CONVENTIONS[0].name,
         orientations: ArrayLike | None = None,
+        log: tuple[ArrayLike, ArrayLike | RigidTransform] | None = None,
+        times: ArrayLike | None = None,
+        sweeps: Sequence[str] | None = None,
+        delay_ms: float | None = None,
         **lengths: float,
     ) -> "Scan":
         """A scan from arrays in memory.
@@ -140,6 +154,13 @@ class Scan:
         convention, orientations : str and array (P, k), optional
             The numbers that the robot prints, as `pose_matrices` takes them: then
             poses that were read in a wrong convention can be named.
+        log, times, sweeps : arrays (L,) and (L, 4, 4); (P,); P str, optional
+            What was measured in motion: times and poses of the flange that the robot
+            recorded, s and mm; when each measurement was by the scanner's clock, s; and
+            the name of the sweep that it is of. NaN and "" for those at rest, of which
+            `T_base_flange`, `group` and `labels` then are, in their order.
+        delay_ms : float, optional
+            The robot's clock less the scanner's, where it is known; else it is found.
         **lengths : float
             The target's lengths in mm: ``radius`` of a disk, ball or rod.
 
@@ -162,6 +183,18 @@ class Scan:
         >>> scan = Scan.of("edge", poses, points=[[1, 90], [2, 91], [1, 95]])
         >>> scan
         Scan(edge, 3 poses of 1 orientation, points, eye-in-hand)
+
+        The same in motion, 20 mm in a second:
+
+        >>> log = [0, 1, 2, 3], np.tile(np.eye(4), (4, 1, 1))
+        >>> log[1][:, :3, 3] = [[400, 20 * t, 300] for t in range(4)]
+        >>> times, sweeps = [1.0, 1.1, 1.2], ["there"] * 3
+        >>> points = [[1, 90], [2, 91], [1, 95]]
+        >>> scan = Scan.of("edge", points=points, log=log, times=times, sweeps=sweeps)
+        >>> scan
+        Scan(edge, 3 profiles in 1 sweep, points, eye-in-hand)
+        >>> scan.p_base_flange[1].round(3)
+        array([400.,  22., 300.])
         """
         check_entries("Scan", {"kind": kind}, {"kind": one_of(TARGETS)})
         known = length_rules(kind)
@@ -169,31 +202,45 @@ class Scan:
         measured, rows = the_one_given(
             profiles=profiles, points=points, chords=chords, arcs=arcs
         )
-        if isinstance(T_base_flange, RigidTransform):
-            T_base_flange = T_base_flange.as_matrix()
         with naming("Scan"):
             values = rows_by_pose(measured, rows)
-            T = check_rigid("T_base_flange", T_base_flange)
+            T = rigid("T_base_flange", T_base_flange)
             check_positions("T_base_flange", T[:, :3, 3])
             printed = None
             if orientations is not None:
                 shape = (len(T), len(named(convention).columns))
                 printed = check_array("orientations", orientations, shape)
-        if len(T) != len(values):
+        moving = 0 if times is None else np.count_nonzero(np.isfinite(times))
+        expected = len(values) - moving
+        if len(T) != expected:
             raise ScanError(
-                f"T_base_flange has shape {T.shape} for {len(values)} {measured}; "
-                f"expected a pose for each, ({len(values)}, 4, 4)"
+                f"T_base_flange has shape {T.shape} for {expected} {measured}"
+                f"{' at rest' * bool(moving)}; "
+                f"expected a pose for each, ({expected}, 4, 4)"
             )
+        poses: dict[str, Any] = {
+            "labels": tuple(
+                map(str, range(1, len(T) + 1) if labels is None else labels)
+            ),
+            "R_base_flange": T[:, :3, :3],
+            "p_base_flange": T[:, :3, 3],
+            "group": np.array([]) if group is None else np.asarray(group),
+        }
+        if log is not None:
+            with naming("Scan"):
+                t, way = log
+                T = rigid("log T", way)
+                recorded = checked_log(t, T[:, :3, :3], T[:, :3, 3])
+                named_sweeps = [""] * len(values) if sweeps is None else [*sweeps]
+                poses = with_motion(recorded, times, named_sweeps, poses)
+                poses["delay_ms"] = delay_ms
         return cls(
             kind=kind,
-            labels=tuple(map(str, range(1, len(T) + 1) if labels is None else labels)),
-            R_base_flange=T[:, :3, :3],
-            p_base_flange=T[:, :3, 3],
+            **poses,
             measured=measured,
             values=values,
             sizes=tuple(float(lengths[name]) for name in known),
             side=np.asarray(side),
-            group=np.array([]) if group is None else np.asarray(group),
             group_given=group is not None,
             noise={} if noise is None else noise,
             mount=mount,
@@ -244,10 +291,21 @@ class Scan:
     def _check_poses(self) -> None:
         """Refuse poses that are none; fill in what is left out of them."""
         P = len(self.values)
-        rotations = check_rotations("R_base_flange", self.R_base_flange, P)
-        positions = check_positions("p_base_flange", self.p_base_flange, P)
+        R = check_array("R_base_flange", self.R_base_flange, (P, 3, 3), finite=False)
         if len(self.labels) != P:
             raise ValueError(f"labels has {len(self.labels)} entries for {P} poses")
+        times = np.asarray(self.times, dtype=float)
+        times = times if times.size else np.full(P, np.nan)
+        check_array("times", times, (P,), finite=False)
+        check_times(self.log, times, self.labels)
+        p = self.p_base_flange
+        if self.log:
+            R, p = np.array(R), np.array(p)
+            moving = np.isfinite(times)
+            later = times[moving] + (self.delay_ms or 0) / 1000
+            R[moving], p[moving], _ = self.log.at(later)
+        rotations = check_rotations("R_base_flange", R, P)
+        positions = check_positions("p_base_flange", p, P)
         label, count = Counter(self.labels).most_common(1)[0] if P else ("", 1)
         if count > 1:
             raise ValueError(f"labels has {label!r} {count} times; expected it once")
@@ -264,6 +322,8 @@ class Scan:
             p_base_flange=kept(positions),
             values=tuple(map(kept, self.values)),
             group=np.unique(group, return_inverse=True)[1],
+            times=kept(times),
+            sweeps=self.sweeps or ("",) * P,
             side=np.broadcast_to(side, P).astype(float),
         )
 
@@ -273,12 +333,18 @@ class Scan:
             object.__setattr__(self, name, value)
 
     def __repr__(self) -> str:
-        groups = int(self.group.max(initial=-1)) + 1
-        orientations = f"{groups} orientation{'s' * (groups != 1)}"
-        return (
-            f"Scan({self.description}, {len(self.labels)} poses of {orientations}, "
-            f"{self.measured}, {self.mount})"
-        )
+        moving = np.isfinite(self.times)
+        of_rest = len({*self.group[~moving]})
+        of_sweeps = len({*self.group[moving]})
+        parts = []
+        if of_rest or not of_sweeps:
+            orientations = f"{of_rest} orientation{'s' * (of_rest != 1)}"
+            parts.append(f"{np.count_nonzero(~moving)} poses of {orientations}")
+        if of_sweeps:
+            sweeps = f"{of_sweeps} sweep{'s' * (of_sweeps != 1)}"
+            parts.append(f"{np.count_nonzero(moving)} profiles in {sweeps}")
+        what = ", ".join([self.description, *parts, self.measured, self.mount])
+        return f"Scan({what})"
 
     @property
     def T_base_flange(self) -> ndarray:
@@ -315,6 +381,14 @@ def kept(values: ndarray) -> ndarray:
     copy = np.array(values)
     copy.setflags(write=False)
     return copy
+
+
+def rigid(name: str, poses: Any) -> ndarray:
+    """Poses (P, 4, 4), of arrays or scipy's; none of None. Raises ValueError."""
+    if poses is None:
+        return np.empty((0, 4, 4))
+    is_rigid = isinstance(poses, RigidTransform)
+    return check_rigid(name, poses.as_matrix() if is_rigid else poses)
 
 
 def largest_of(rows: ndarray) -> float:

@@ -12,11 +12,13 @@ from numpy.random import Generator
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import homogeneous, inverse
 from profilecal.scan.conventions import CONVENTIONS
+from profilecal.scan.motion import checked_log, with_motion
 from profilecal.scan.scan import MOUNTS, Scan, length_rules
 from profilecal.scan.tables import ScanError
 from profilecal.scan.toml import TEXT, check_entries, number, one_of, whole
 from profilecal.simulation.robot import Robot, Scanner, actual_poses
 from profilecal.simulation.scene import Scene, Setup, random_scene
+from profilecal.simulation.sweeps import ACROSS, PATTERNS, Motion, drive
 from profilecal.targets import TARGETS
 from profilecal.targets.target import Target
 
@@ -49,6 +51,7 @@ class Spec:
     noise: Noise = field(default_factory=lambda: Noise(profile_mm=0.05))
     robot: Robot = field(default_factory=Robot)
     scanner: Scanner = WIDE
+    motion: Motion | None = None  # None: the robot stops for each profile
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +76,8 @@ def simulate(kind: str = "edge", seed: int = 1, **entries: Any) -> tuple[Scan, T
         Other entries of a specification, as in a file for ``profilecal simulate``:
         ``measured="profiles"``, ``mount``, ``groups``, ``positions``, ``spread_deg``,
         ``repeats``, ``radius`` in mm, and the tables ``noise``, ``robot``, ``scanner``
-        as dictionaries, such as ``noise={"profile_mm": 0.1, "position_mm": 0.05}``.
+        and ``motion`` as dictionaries, such as ``motion={"pattern": "weave"}`` or
+        ``noise={"profile_mm": 0.1, "position_mm": 0.05}``.
 
     Returns
     -------
@@ -141,12 +145,29 @@ def rules_for(kind: str) -> dict[str, Any]:
         "noise": {entry.name: number(0, 100) for entry in fields(Noise)},
         "robot": {entry.name: number(0, 100) for entry in fields(Robot)},
         "scanner": scanner,
+        "motion": motion_rules(),
     } | length_rules(kind)
+
+
+def motion_rules() -> dict[str, Any]:
+    """What [motion] may say."""
+    rules = {entry.name: number() for entry in fields(Motion)}
+    return rules | {
+        "pattern": one_of(PATTERNS),
+        "sweeps": whole(1, 1000),
+        "profiles": whole(1, 10_000),
+        "stops": whole(0, 1000),
+        "speed": number(1, 2000),
+        "log_hz": number(2, 1000),
+        "delay_ms": number(-200, 200),
+        "drift_ppm": number(-1000, 1000),
+        "dropped_percent": number(0, 90),
+    }
 
 
 def read_spec(said: Mapping[str, Any], path: str | Path = "specification") -> Spec:
     """A specification from the content of a TOML file `path`: Spec's fields, the
-    target's lengths, [noise], [robot] and [scanner].
+    target's lengths, [noise], [robot], [scanner] and [motion].
 
     Raises ScanError.
     """
@@ -157,6 +178,9 @@ def read_spec(said: Mapping[str, Any], path: str | Path = "specification") -> Sp
     entries["robot"] = Robot(**entries.get("robot", {}))
     scanner = {"noise_mm": entries["noise"].profile_mm} | entries.get("scanner", {})
     entries["scanner"] = checked_scanner(replace(WIDE, **scanner), path)
+    if "motion" in entries:
+        check_entries(path, {"kind": entries["kind"]}, {"kind": one_of(ACROSS)})
+        entries["motion"] = Motion(**entries["motion"])
     lengths = TARGETS[entries["kind"]].lengths
     given = [name for name in lengths if name in entries]
     entries["sizes"] = {name: entries.pop(name) for name in given}
@@ -180,6 +204,8 @@ def simulate_scan(spec: Spec) -> Scan:
     """
     rng = np.random.default_rng(spec.seed)
     scene = scene_of(spec, rng)
+    if spec.motion:
+        return record_sweeps(scene, spec, errors_of(spec, rng))
     return recorded(scene, spec, errors_of(spec, rng))
 
 
@@ -250,34 +276,79 @@ def record(
     if to_hand:
         R_actual, T_actual = inverse(R_actual, T_actual)
     planes = scene.planes(R_actual, T_actual)
-    measured = spec.measured or scene.target.tables[-1]
-    if measured == "profiles":
-        values = raw_profiles(scene, planes, spec, rng)
-    else:
-        seen = scene.target.meet(*planes).reshape(len(visit), 1, -1)
-        values = list(seen + spec.noise.profile_mm * rng.normal(size=seen.shape))
+    measured, values = seen_from(scene, planes, spec, rng)
     R = scene.observations.R_flange[0, visit]
     T = scene.observations.T_flange[0, visit]
     if to_hand:
         R, T = inverse(R, T)
     number = [f"m{k + 1}" for k in range(spec.repeats)] if spec.repeats > 1 else [""]
-    stated = {name: value for name, value in asdict(spec.noise).items() if value}
     return Scan(
-        kind=spec.kind,
         labels=tuple(name + again for name in scene.labels for again in number),
         R_base_flange=R,
         p_base_flange=T,
         measured=measured,
-        values=tuple(rows[np.isfinite(rows).all(axis=1)] for rows in values),
-        sizes=scene.sizes,
+        values=values,
         side=scene.target.sides(*planes),
         group=scene.observations.labels[visit],
-        noise=stated,
-        mount=spec.mount,
-        title=spec.title or f"simulated {spec.kind}",
-        convention=spec.convention,
-        truth=truth_entries(scene, spec),
+        **entries_of(scene, spec),
     )
+
+
+def record_sweeps(scene: Scene, spec: Spec, rng: Generator) -> Scan:
+    """The scan of a scene's target by a robot in motion. Raises ScanError where it
+    shows nothing.
+    """
+    to_hand = spec.mount == "eye-to-hand"
+    motion = spec.motion or Motion()
+    drove = drive(
+        scene, motion, spec.noise, rng, spread_deg=spec.spread_deg, to_hand=to_hand
+    )
+    actual = inverse(drove.R, drove.p) if to_hand else (drove.R, drove.p)
+    planes = scene.planes(*actual)
+    measured, values = seen_from(scene, planes, spec, rng)
+    at_rest = {
+        "labels": [f"p{k + 1}" for k in range(motion.stops)],
+        "R_base_flange": drove.R_rest,
+        "p_base_flange": drove.p_rest,
+        "group": np.arange(motion.stops),
+    }
+    log = checked_log(*drove.log)
+    poses = with_motion(log, drove.times, drove.sweeps, at_rest)
+    scan = Scan(
+        measured=measured,
+        values=values,
+        side=scene.target.sides(*planes),
+        **poses,
+        **entries_of(scene, spec),
+    )
+    scan.truth["delay_ms"] = motion.delay_ms
+    return scan
+
+
+def seen_from(
+    setup: Setup, planes: tuple[ndarray, ndarray], spec: Spec, rng: Generator
+) -> tuple[str, tuple[ndarray, ...]]:
+    """What is measured from scan planes (P, 3, 3), (P, 3), as a `Scan` has it."""
+    measured = spec.measured or setup.target.tables[-1]
+    if measured == "profiles":
+        values = raw_profiles(setup, planes, spec, rng)
+    else:
+        seen = setup.target.meet(*planes).reshape(len(planes[1]), 1, -1)
+        values = list(seen + spec.noise.profile_mm * rng.normal(size=seen.shape))
+    return measured, tuple(rows[np.isfinite(rows).all(axis=1)] for rows in values)
+
+
+def entries_of(scene: Scene, spec: Spec) -> dict[str, Any]:
+    """Entries of a `Scan` that do not depend on what is measured."""
+    return {
+        "kind": spec.kind,
+        "sizes": scene.sizes,
+        "noise": {name: value for name, value in asdict(spec.noise).items() if value},
+        "mount": spec.mount,
+        "title": spec.title or f"simulated {spec.kind}",
+        "convention": spec.convention,
+        "truth": truth_entries(scene, spec),
+    }
 
 
 def truth_entries(scene: Scene, spec: Spec) -> dict[str, Any]:

@@ -11,8 +11,9 @@ from numpy import ndarray
 from scipy.spatial import KDTree
 
 from profilecal.geometry.checks import check_array
+from profilecal.geometry.log import Log
 from profilecal.geometry.noise import ROBOT
-from profilecal.geometry.poses import SAME_ORIENTATION_DEG, angle_between
+from profilecal.geometry.poses import SAME_ORIENTATION_DEG, angle_between, inverse
 from profilecal.targets import TARGETS
 from profilecal.targets.target import Target
 
@@ -41,6 +42,13 @@ class Observations:
     # of points' distances from a curve, else (B|1, P, 2m, 2m) of x and z of all points;
     # None: 1 for each coordinate, independent
     covariance: ndarray | None = None
+    # what was seen in motion: the robot's log, and when it was by the scanner's clock,
+    # (B|1, P) s, NaN at rest
+    log: Log | None = None
+    times: ndarray | None = None
+    # the robot's clock less the scanner's, at which the poses are, and whether it is so
+    delay_s: float = 0.0
+    delay_known: bool = False
 
     def __post_init__(self) -> None:
         if self.kind not in TARGETS:
@@ -77,7 +85,7 @@ class Observations:
     @property
     def arrays(self) -> dict[str, Any]:
         """What the first axis is a batch of."""
-        names = ("R_flange", "T_flange", "points", "covariance")
+        names = ("R_flange", "T_flange", "points", "covariance", "times")
         own = vars(self)
         return {name: own[name] for name in names if own[name] is not None}
 
@@ -89,6 +97,38 @@ class Observations:
         if self.group is None:
             return np.arange(self.points.shape[1])
         return np.unique(self.group, return_inverse=True)[1]
+
+    @property
+    def moving(self) -> ndarray:
+        """Which poses the flange went through without a stop, (B|1, P)."""
+        if self.times is None:
+            return np.zeros(self.points.shape[:2], dtype=bool)
+        return np.isfinite(self.times)
+
+    @property
+    def twist(self) -> ndarray:
+        """How the flange moves by itself, as seen from the target: its velocity, mm/s,
+        and angular velocity, rad/s, along its own axes, (P, 6), of the first problem.
+
+        Eye-to-hand, the "flange" is the base, and the target moves.
+        """
+        moving = self.moving[0]
+        twist = np.zeros((len(moving), 2, 3))
+        if self.log and self.times is not None:
+            R, _, in_base = self.log.at(self.times[0, moving] + self.delay_s)
+            parts = in_base.reshape(-1, 2, 3)
+            twist[moving] = -parts if self.eye_to_hand else parts @ R
+        return twist.reshape(-1, 6)
+
+    def later(self, seconds: float) -> "Observations":
+        """With the poses of what was seen in motion so much later in the log."""
+        if self.log is None or self.times is None:
+            return self
+        delay_s, moving = self.delay_s + seconds, self.moving
+        R, T = self.R_flange.copy(), self.T_flange.copy()
+        there = self.log.at(self.times[moving] + delay_s)[:2]
+        R[moving], T[moving] = inverse(*there) if self.eye_to_hand else there
+        return replace(self, R_flange=R, T_flange=T, delay_s=delay_s)
 
     def keep(self, poses: Any) -> "Observations":
         """Only some poses, by mask or index."""
@@ -161,12 +201,13 @@ class PoseGroups:
     pose: ndarray  # (profiles,) number of the commanded pose
     orientation: ndarray  # (poses,) number of its orientation
     group: ndarray  # (profiles,) number of the rotation group of one target
+    moving: bool = False  # whether some were seen in motion
 
     def sharing(self, name: str) -> ndarray:
         """Numbers (profiles,) that profiles have in common if they share the error of
         the robot with this name, an entry of `Noise`.
         """
-        if name.startswith("repeatability_"):
+        if name.startswith(("repeatability_", "jitter_")):
             return np.arange(len(self.pose))
         if name.startswith("group_"):
             return self.orientation[self.pose]
@@ -180,7 +221,9 @@ class PoseGroups:
         repeated = len(self.orientation) < len(self.pose)
         grouped = int(self.orientation.max()) + 1 < len(self.orientation)
         missing = ["repeatability_"] * (not repeated) + ["group_"] * (not grouped)
-        return [name for name in ROBOT if not name.startswith(tuple(missing))]
+        of_clocks = ["jitter_ms"] * self.moving
+        of_robot = [name for name in ROBOT if not name.startswith(tuple(missing))]
+        return of_robot + of_clocks
 
 
 def pose_groups(observations: Sequence[Observations]) -> PoseGroups:
@@ -188,7 +231,8 @@ def pose_groups(observations: Sequence[Observations]) -> PoseGroups:
 
     The poses of a batch are alike, and the first problem's are looked at. Each of a
     target's groups is an orientation, and one with that of another target that points
-    the same way.
+    the same way. What was seen in motion has a pose of its own, and its sweep is the
+    group.
     """
     # commanded poses that differ by less are one: no controller comes back any closer
     same_mm = 0.05
@@ -196,6 +240,7 @@ def pose_groups(observations: Sequence[Observations]) -> PoseGroups:
     R = np.concatenate([seen.R_flange[0] for seen in observations])
     T = np.concatenate([seen.T_flange[0] for seen in observations])
     labels = [seen.labels for seen in observations]
+    moving = np.concatenate([seen.moving[0] for seen in observations])
 
     target = np.repeat(np.arange(len(labels)), [len(own) for own in labels])
     # no two targets have a number in common
@@ -210,12 +255,13 @@ def pose_groups(observations: Sequence[Observations]) -> PoseGroups:
 
     def is_same_pose(i: ndarray, j: ndarray) -> ndarray:
         near = np.abs(T[i] - T[j]).max(axis=1) < same_mm
+        near &= ~(moving[i] | moving[j])
         turned = np.degrees(angle_between(R[i], R[j])) < same_deg
         return near & turned & (orientation[i] == orientation[j])
 
     pose = first_alike(T, np.sqrt(3) * same_mm, is_same_pose)
     firsts = np.unique(pose, return_index=True)[1]
-    return PoseGroups(pose, orientation[firsts], group)
+    return PoseGroups(pose, orientation[firsts], group, bool(moving.any()))
 
 
 def first_alike(

@@ -1,0 +1,125 @@
+"""The delay between the clocks of the robot and the scanner, where profiles were taken
+in motion: the robot's clock less the scanner's.
+
+A profile of time t is seen from the pose that the log has at t + τ. The linear model
+has τ among its unknowns (`prior.DELAY`), but a search and a rejection of bad profiles
+do not know it: at 150 mm/s, 150 ms are 22 mm. So it is first looked for by itself.
+
+τ stays open where the flange's twist is, in all profiles, that of one screw in the base
+or one in the flange: ξ_base + Ad(T) ξ_flange. The first shifts the target, which does
+no harm; the second shifts the sensor. Whether the sensor is known tells which.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy import ndarray
+from scipy.optimize import minimize_scalar
+
+from profilecal.geometry.log import DELAY_S
+from profilecal.geometry.noise import normalised_square
+from profilecal.geometry.observability import (
+    HAND_PRECISION,
+    WEAK,
+    Spectrum,
+    name_direction,
+    of_covariance,
+    size_direction,
+)
+from profilecal.joint.descent import refine, search, thin
+from profilecal.joint.prior import FINEST_MM
+from profilecal.joint.problem import Problem
+
+TRIED = np.linspace(-DELAY_S, DELAY_S, 9)  # s
+FEW = 100  # profiles of each target that are looked at
+
+
+def roughly(problem: Problem, starts: Sequence = ()) -> float:
+    """By how much later (s) in the robot's log the poses of what was seen in motion
+    fit best: at the best of several delays, and from there downhill. `starts`: as
+    `solve` takes them.
+
+    What counts is Cauchy's loss over the residuals that most profiles have there, and
+    the square of the delay over what it may be.
+    """
+    few = Problem(
+        [thin(entry, FEW) for entry in problem.observations],
+        problem.noise,
+        problem.systematic,
+    )
+    fits = []
+    for delay in TRIED:
+        later = few.later(delay)
+        state = search(later, starts)
+        fits.append(refine(later, state, iterations=20, tolerance=1e-6).best_first)
+    finest = FINEST_MM / problem.noise.profile_mm
+    typical = [
+        max(few.later(delay).typical(fit)[0], finest)
+        for delay, fit in zip(TRIED, fits, strict=True)
+    ]
+    scale = np.min(typical)
+    losses = []
+
+    def loss(delay: float) -> float:
+        later = few.later(delay)
+        unit = np.full(1, scale)
+        fit = refine(later, state, scale=unit, iterations=20, tolerance=1e-6)
+        return fit.loss[0] / scale**2 + (delay / DELAY_S) ** 2
+
+    for delay, fit in zip(TRIED, fits, strict=True):
+        state = fit.state[[0]]
+        losses.append(loss(delay))
+    best = int(np.argmin(losses))
+    state = fits[best].state[[0]]
+    step = TRIED[1] - TRIED[0]
+    around = TRIED[best] - step, TRIED[best] + step
+    return minimize_scalar(loss, bounds=around, options={"xatol": 1e-4}).x
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What a delay that is not well known does to the sensor's pose."""
+
+    status: str
+    others: Spectrum  # how well the pose would be known if the delay were
+    sentences: list[str]  # what a person should know of it, and do
+
+
+def verdict(
+    covariance: ndarray, clock: int, known: Spectrum, R_sensor: ndarray, frame: str
+) -> Verdict:
+    """What becomes of a sensor pose, of which so much is `known`, by a delay, which is
+    column `clock` of the `covariance` (n + c, n + c) of all unknowns.
+
+    With the covariance c of pose and delay, which has the variance s², a known delay
+    leaves the pose's covariance C - c cᵀ / s². By c / s a standard deviation of the
+    delay moves the pose; it does harm where that is more than is known of the pose
+    otherwise. Then an open delay allows no "ok", however slow the motion.
+    """
+    sd_s = float(np.sqrt(covariance[clock, clock]))
+    C = known.covariance
+    moves = covariance[:6, clock] / sd_s
+    moves = moves * np.sqrt(C[0, 0] / covariance[0, 0])  # enlarged as C is
+    others = of_covariance(C - np.outer(moves, moves), known.rank, known.parameters)
+    status = str(known.status)
+    is_open = sd_s > DELAY_S / 2
+    harms = normalised_square(others.covariance, moves) > 1
+    to_blame = others.sd[0] < WEAK <= known.sd[0] or others.sd[0] < 1 <= known.sd[0]
+    delay = f"the delay between the clocks of robot and scanner (± {1e3 * sd_s:.3g} ms)"
+    if is_open and harms:
+        status = "weak" if status == "ok" else "unobservable"
+    elif is_open:
+        harmless = f"these motions leave {delay} open, which does not move the sensor"
+        return Verdict(status, others, [harmless])
+    elif not to_blame:
+        return Verdict(status, known, [])
+    in_units = moves / HAND_PRECISION
+    direction = in_units / np.linalg.norm(in_units)
+    what = name_direction(direction, R_sensor, frame)
+    size = size_direction(float(np.linalg.norm(in_units)), direction)
+    sentence = (
+        f"{what} is known only to {size}, because the motions leave {delay} open: "
+        "drive the same sweeps backwards, or stop at three places"
+    )
+    return Verdict(status, others, [sentence])

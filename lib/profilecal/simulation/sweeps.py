@@ -1,0 +1,203 @@
+"""Sweeps: the robot moves, its controller logs poses, and the scanner takes profiles by
+a clock of its own.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy import ndarray
+from numpy.random import Generator
+
+from profilecal.geometry.noise import Noise
+from profilecal.geometry.poses import inverse, rotations
+from profilecal.simulation.scene import STANDOFF, Setup, in_unit_ball
+
+PATTERNS = ("weave", "both ways", "random", "one way", "one way in the base")
+# s between sweeps, and that the log goes on before and after each
+PAUSE_S, BESIDE_S = 5.0, 0.5
+# how sweeps cross a target, in the sensor's frame, and by how much to either side, mm
+# or parts of its radius
+ACROSS = {
+    "edge": ([1.0, 0.3, 0.5], 20.0),
+    "plane": ([0.3, 0.3, 1.0], 20.0),
+    "rod": ([1.0, 0.3, 0.5], 10.0),
+    "ball": ([0.3, 1.0, 0.2], 0.5),
+    "disk": ([0.3, 1.0, 0.2], 0.5),
+}
+DRIFTING_MM = 5.0  # to either side, across the weave
+
+
+@dataclass(frozen=True)
+class Motion:
+    """How a scan is driven; the entries that a specification's [motion] table has."""
+
+    pattern: str = "weave"
+    sweeps: int = 24
+    profiles: int = 60  # in each
+    speed: float = 100.0  # mm/s
+    turn_deg: float = 0.0  # by which the flange turns to and fro in a sweep
+    stops: int = 0  # poses at rest besides
+    log_hz: float = 100.0
+    delay_ms: float = 30.0  # the robot's clock less the scanner's
+    drift_ppm: float = 0.0  # by which the scanner's clock is too slow
+    lag_ms: float = 0.0  # that the flange is behind what the controller logs
+    dropped_percent: float = 0.0  # of the profiles
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """What the robot logged, when the scanner looked, and from where it really did."""
+
+    log: tuple[ndarray, ndarray, ndarray]  # t (L,), R (L, 3, 3), p (L, 3)
+    times: ndarray  # (P,) by the scanner's clock, NaN at rest
+    sweeps: list[str]  # (P,) "" at rest
+    R_rest: ndarray  # (stops, 3, 3) that are reported
+    p_rest: ndarray  # (stops, 3)
+    R: ndarray  # (P, 3, 3) where the flange was
+    p: ndarray  # (P, 3)
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """One way across a target, at times from its middle. Poses are of the sensor."""
+
+    middle: ndarray  # (3,) of the sensor's way, mm
+    facing: ndarray  # (3, 3) its axes there
+    along: ndarray  # (3,) the direction of motion
+    aside: ndarray  # (3,) that of the slow drift of a weave
+    speed: float  # signed
+    half: float  # mm to either side
+    phase: float  # of the weave and the turn, rad
+    turn: ndarray  # (3,) rad
+    weaves: bool
+
+    @property
+    def seconds(self) -> float:
+        """How long it takes."""
+        if self.weaves:  # one and a half times to and fro
+            return 3 * np.pi * self.half / abs(self.speed)
+        return 2 * self.half / abs(self.speed)
+
+    def at(self, t: ndarray) -> tuple[ndarray, ndarray]:
+        """Sensor frames (n, 3, 3), (n, 3) at times (n,) s."""
+        share = (t / self.seconds)[:, None]
+        if self.weaves:
+            angle = self.speed / self.half * t + self.phase
+            way = self.half * np.sin(angle)[:, None] * self.along
+            way = way + 2 * DRIFTING_MM * share * self.aside
+        else:
+            way = self.speed * t[:, None] * self.along
+        turned = rotations(np.sin(2 * np.pi * share + self.phase) * self.turn)
+        return turned @ self.facing, self.middle + way
+
+
+def sweeps_of(
+    setup: Setup, motion: Motion, spread_deg: float, rng: Generator
+) -> list[Sweep]:
+    """The sweeps of a motion, from an orientation each; both ways, two from each."""
+    across, half = ACROSS[setup.target.kind]
+    if half <= 1:
+        half = half * setup.sizes[0]
+    across = np.array(across) / np.linalg.norm(across)
+    middle, _ = setup.target.frame
+    both = motion.pattern == "both ways"
+    sweeps: list[Sweep] = []
+    for k in range(motion.sweeps):
+        if both and k % 2:
+            sweeps.append(replace(sweeps[-1], speed=-motion.speed))
+            continue
+        tilt = rotations(np.radians(spread_deg) * in_unit_ball(rng, 1)[0])
+        facing = tilt @ setup.facing
+        along, speed = facing @ across, motion.speed
+        if motion.pattern == "one way in the base":
+            along = setup.facing @ across
+        if motion.pattern == "random":
+            speed = speed * rng.uniform(0.5, 2) * rng.choice([-1, 1])
+            along = along + 0.5 * in_unit_ball(rng, 1)[0]
+            along = along / np.linalg.norm(along)
+        aim = middle + facing @ (10 * rng.uniform(-1, 1, 3) * [1, 0, 1])
+        sweeps.append(
+            Sweep(
+                middle=aim - STANDOFF * facing[:, 2],
+                facing=facing,
+                along=along,
+                aside=facing @ [0.3, 1.0, 0.2],
+                speed=speed,
+                half=half,
+                phase=rng.uniform(0, 2 * np.pi),
+                turn=np.radians(motion.turn_deg) * in_unit_ball(rng, 1)[0],
+                weaves=motion.pattern == "weave",
+            )
+        )
+    return sweeps
+
+
+def drive(
+    setup: Setup,
+    motion: Motion,
+    noise: Noise,
+    rng: Generator,
+    *,
+    spread_deg: float,
+    to_hand: bool = False,
+) -> Recorded:
+    """What a robot and a scanner record on the sweeps of a motion, with the errors of
+    the robot that a sweep or a stop has, and the jitter of the scanner's times. All
+    poses are of the flange in the base.
+    """
+
+    def flange(R: ndarray, p: ndarray) -> tuple[ndarray, ndarray]:
+        """Poses (n, 3, 3), (n, 3) that take the scanner to sensor frames."""
+        R_flange = R @ setup.R_sensor.T
+        pose = R_flange, p - R_flange @ setup.T_sensor
+        return inverse(*pose) if to_hand else pose
+
+    logs, times, names, actual = [], [], [], []
+    begin = 1.0
+    for k, sweep in enumerate(sweeps_of(setup, motion, spread_deg, rng)):
+        middle = begin + sweep.seconds / 2
+        ends = begin - BESIDE_S, begin + sweep.seconds + BESIDE_S
+        t = np.arange(*ends, 1 / motion.log_hz)
+        logs.append((t, *flange(*sweep.at(t - middle))))
+        shares = (np.arange(motion.profiles) + 0.5) / motion.profiles
+        taken = begin + shares * sweep.seconds
+        taken = taken[rng.uniform(0, 100, len(taken)) >= motion.dropped_percent]
+        R, p = flange(*sweep.at(taken - motion.lag_ms / 1000 - middle))
+        actual.append(erring(R, p, noise, rng))
+        jitter = noise.jitter_ms / 1000 * rng.normal(size=len(taken))
+        times.append(taken - motion.delay_ms / 1000 + jitter)
+        names += [f"s{k + 1}"] * len(taken)
+        begin = ends[1] + PAUSE_S
+    t, R, p = (np.concatenate(parts) for parts in zip(*logs, strict=True))
+    log = t, R, p
+    clock = np.concatenate(times)
+    clock = clock - 1e-6 * motion.drift_ppm * (clock - clock.mean())
+
+    still = replace(motion, pattern="random", sweeps=motion.stops)
+    places = sweeps_of(setup, still, spread_deg, rng)
+    stops = [flange(*place.at(np.zeros(1))) for place in places]
+    actual += [erring(*stop, noise, rng) for stop in stops]
+    R, p = (np.concatenate(parts) for parts in zip(*actual, strict=True))
+    stops.append((np.empty((0, 3, 3)), np.empty((0, 3))))
+    R_rest, p_rest = (np.concatenate(parts) for parts in zip(*stops, strict=True))
+    return Recorded(
+        log=log,
+        times=np.concatenate([clock, np.full(motion.stops, np.nan)]),
+        sweeps=names + [""] * motion.stops,
+        R_rest=R_rest,
+        p_rest=p_rest,
+        R=R,
+        p=p,
+    )
+
+
+def erring(
+    R: ndarray, p: ndarray, noise: Noise, rng: Generator
+) -> tuple[ndarray, ndarray]:
+    """Poses with the errors that all share, and those of each."""
+    shape = p.shape
+    shift = noise.group_position_mm * rng.normal(size=3)
+    shift = shift + noise.position_mm * rng.normal(size=shape)
+    turn = noise.group_orientation_deg * rng.normal(size=3)
+    turn = turn + noise.orientation_deg * rng.normal(size=shape)
+    return rotations(np.radians(turn)) @ R, p + shift

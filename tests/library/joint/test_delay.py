@@ -1,0 +1,171 @@
+"""Scans in motion: the delay between two clocks is found with the pose, or what it
+hides is not answered.
+"""
+
+import os
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.linalg import block_diag
+
+import profilecal as pc
+from profilecal.calibration.observe import observe_all
+from profilecal.geometry.noise import Noise, Systematic, normalised_square
+from profilecal.geometry.poses import pose_error
+from profilecal.joint.linear_model import LinearModel
+from profilecal.joint.nested_model import NestedModel
+from profilecal.joint.problem import FLANGE, Problem
+from profilecal.simulation.spec import truth_of
+from profilecal.targets.observations import State
+
+SMALL = {"sweeps": 8, "profiles": 20}
+EXACT = {"resolution": 0.0, "quantum": 1e-6}
+KINDS = ["edge", "plane", "ball", "disk", "rod"]
+MOUNTS = ["eye-in-hand", "eye-to-hand"]
+
+
+def driven(kind="edge", pattern="weave", seed=1, **entries):
+    """A scan of few sweeps, and its truth."""
+    noise = entries.pop("noise", {"profile_mm": 0.05, "group_position_mm": 0.05})
+    mount = entries.pop("mount", "eye-in-hand")
+    scanner = EXACT if not noise["profile_mm"] else {}
+    motion = SMALL | {"pattern": pattern} | entries
+    return pc.simulate(
+        kind, seed=seed, mount=mount, noise=noise, motion=motion, scanner=scanner
+    )
+
+
+def problem_of(scan, delay_ms=0.0):
+    """Its least squares and the true state, so much off the true delay."""
+    _, observed, _ = observe_all([scan])
+    truth = truth_of(scan)
+    placed = tuple(part[None] for part in truth.target.frame)
+    state = State(truth.pose[None, :3, :3], truth.pose[None, :3, 3], (placed,))
+    problem = Problem(observed, Noise(0.05))
+    return problem.later((scan.truth["delay_ms"] + delay_ms) / 1000), state
+
+
+def error_of(found, truth):
+    """Of the sensor pose (6,), mm and rad."""
+    R, T = truth.pose[:3, :3], truth.pose[:3, 3]
+    return pose_error(found.pose[:3, :3], found.pose[:3, 3], R, T)
+
+
+@pytest.mark.parametrize("mount", MOUNTS)
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_derivative_by_the_delay_is_that_of_differences(kind, mount):
+    scan, _ = driven(kind, turn_deg=8.0, mount=mount)
+    problem, state = problem_of(scan)
+    h = 1e-4  # s
+    (z,) = problem.columns_in_mm(state)
+    (term,) = problem.terms
+    (placement,) = state.placements
+    residuals = []
+    for shift in (h, -h):
+        moved = problem.later(shift).terms[0]
+        moved.seen = term.on_target(term.linearise(state, placement)).seen
+        residuals.append(moved.linearise(state, placement)[0, term.residual])
+    by_time = (residuals[0] - residuals[1]) / (2 * h)
+    scale = np.abs(by_time).max()
+    assert scale > 20  # mm/s
+    np.testing.assert_allclose(z[0, problem.clock], by_time, atol=1e-4 * scale)
+
+
+@pytest.mark.parametrize("kind", [LinearModel, NestedModel])
+def test_jitter_is_an_error_along_the_derivative_by_time(kind):
+    """Against the covariance of all residuals, written out."""
+    scan, _ = driven(turn_deg=8.0)
+    problem, state = problem_of(scan)
+    names = ["group_position_mm", "jitter_ms"]
+    v = np.array([1.2, 0.06**2, 0.3**2])
+    whole = problem.columns_in_mm(state)[0][0] / 0.05
+    whole = np.moveaxis(whole, 2, 0).mT  # (profiles, K, columns)
+    F, columns = whole[..., FLANGE], whole[..., : FLANGE.start]
+    precision = np.diag(np.full(columns.shape[2] - 1, 1e-3))
+    model = kind(
+        F, columns, problem.counts, problem.groups, names, precision, problem.clock
+    )
+    found = model.posterior(v[None])
+
+    A, r = (part.reshape(-1, part.shape[2]) for part in np.split(columns, [-1], axis=2))
+    by_time = columns[:, :, problem.clock, None]
+    jitter = block_diag(*(1e-6 * by_time @ by_time.mT))
+    by_shift = F[..., :3].reshape(-1, 3)
+    sweep = problem.groups.group.repeat(F.shape[1])
+    shared = by_shift @ by_shift.T * (sweep[:, None] == sweep)
+    inverse = np.linalg.inv(v[0] * np.eye(len(A)) + v[1] * shared + v[2] * jitter)
+    H = A.T @ inverse @ A + precision
+    np.testing.assert_allclose(found.covariance[0], np.linalg.inv(H), rtol=1e-6)
+    mean = -np.linalg.solve(H, A.T @ inverse @ r)[:, 0]
+    sd = np.sqrt(np.diag(found.covariance[0]))
+    np.testing.assert_allclose(found.mean[0] / sd, mean / sd, atol=1e-6)
+
+
+@pytest.mark.parametrize("mount", MOUNTS)
+@pytest.mark.parametrize(
+    ("kind", "pattern"),
+    [(kind, "weave") for kind in KINDS]
+    + [("edge", "both ways"), ("edge", "random"), ("ball", "both ways")],
+)
+def test_pose_and_delay_are_exact_without_noise(kind, pattern, mount):
+    """At 150 ms and 150 mm/s, 22 mm: what is left is the spline through the log."""
+    exact = {"profile_mm": 0.0}
+    scan, truth = driven(
+        kind, pattern, noise=exact, mount=mount, delay_ms=-150.0, speed=150.0
+    )
+    found = pc.calibrate(replace(scan, noise={}))
+    shift, turn = np.linalg.norm(error_of(found, truth).reshape(2, 3), axis=1)
+    assert shift < 1e-3
+    assert np.degrees(turn) < 1e-3
+    assert abs(found.to_json()["delay_ms"] + 150) < 1e-3
+
+
+SCANS = int(os.environ.get("PROFILECAL_COVERAGE", "6"))
+
+
+@pytest.mark.parametrize("kind", ["edge", "plane", "ball"])
+@pytest.mark.parametrize("speed", [2.0, 20.0, 150.0])
+def test_one_way_in_the_flange_is_never_ok(kind, speed):
+    """Whatever the speed: a delay looks like a shift of the sensor."""
+    for seed in range(SCANS // 3):
+        scan, _ = driven(kind, "one way", seed=seed, speed=speed, delay_ms=100.0)
+        found = pc.calibrate(scan)
+        assert found.status != "ok"
+        if speed > 10:
+            assert found.status == "unobservable"
+        sentences = " ".join(found.messages)
+        assert "drive the same sweeps backwards, or stop at three places" in sentences
+        cured, _ = driven(kind, "one way", seed=seed, speed=speed, stops=8)
+        assert "backwards" not in " ".join(pc.calibrate(cured).messages) or speed < 10
+
+
+def test_one_way_in_the_base_shifts_the_target_and_not_the_sensor():
+    for seed in range(SCANS // 2):
+        scan, truth = driven("edge", "one way in the base", seed=seed, sweeps=24)
+        found = pc.calibrate(scan)
+        assert found.to_json()["delay_sd_ms"] > 150
+        assert "which does not move the sensor" in " ".join(found.messages)
+        error = error_of(found, truth)
+        assert found.status == "ok"
+        assert normalised_square(found.solution.covariance, error) < 25
+
+
+def test_a_delay_that_is_given_is_taken():
+    """Then one way is as good as any; a wrong one is not found out by it."""
+    scan, truth = driven("edge", "one way", sweeps=24)
+    found = pc.calibrate(replace(scan, delay_ms=30.0))
+    printed = found.to_json()
+    assert found.status == "ok"
+    assert printed["delay_source"] == "given"
+    assert abs(printed["delay_ms"] - 30) < 1e-3
+    error = error_of(found, truth)
+    assert normalised_square(found.solution.covariance, error) < 25
+
+
+def test_what_is_at_rest_knows_no_clock():
+    scan, _ = pc.simulate("edge", seed=1, groups=4, positions=3)
+    problem = Problem(observe_all([scan])[1], Noise(0.05), Systematic())
+    assert problem.clock is None
+    assert "jitter_ms" not in problem.groups.distinguishable
+    assert "delay_ms" not in pc.calibrate(scan).to_json()
