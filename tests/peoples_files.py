@@ -178,6 +178,49 @@ def codes(folder):
         np.savetxt(folder / f"s{k}.asc", np.column_stack(columns))
 
 
+def sections(folder):
+    """As Gocators have raw profiles: sections, a row of x and one of z for each."""
+    count = len(scan().values[0])
+    titles = ",".join(["Frame,Source,Time,Axis", *map(str, range(count))])
+    lines = ["Info", "Version,Rate,Layout", "2,100.0,0", "End", ""]
+    lines += ["RawProfile", "Count,X Offset", f"{len(scan().values)},0", titles]
+    for k, points in enumerate(scan().values, 1):
+        for axis, numbers in zip("XZ", points.T, strict=True):
+            lines.append(f"{k},0,{1000 + k},{axis},{text(numbers)}".replace("nan", ""))
+    (folder / "replay.csv").write_text("\r\n".join([*lines, "End", ""]))
+
+
+def surfaces(folder):
+    """As Gocators have resampled profiles: z below the places along x."""
+    for k, (x, z) in enumerate(points.T for points in scan().values):
+        rows, seen = np.arange(len(x)), np.isfinite(x)
+        titles = text(np.interp(rows, rows[seen], x[seen]))
+        z = text(z).replace("nan", "")
+        lines = ["Part", "Frame,Rows", "1,1", f"Y\\X,{titles}", f"0.0,{z}", "End", ""]
+        (folder / f"s{k}.csv").write_text("\n".join(lines))
+
+
+def numbered_columns(folder):
+    count = len(scan().values[0])
+    titles = [f"{axis}{k}" for axis in "xz" for k in range(count)]
+    rows = [text(points.T.ravel()) for points in scan().values]
+    (folder / "all.csv").write_text("\n".join([",".join(titles), *rows, ""]))
+
+
+def below_one_another(folder):
+    with (folder / "all.txt").open("w") as file:
+        for points in scan().values:
+            np.savetxt(file, points)
+
+
+def two_scanners(folder):
+    lines = ["shot;sensor;x;z"]
+    for k, points in enumerate(scan().values):
+        for sensor in "AB":
+            lines += [f"{k};{sensor};{text(point, ';')}" for point in points]
+    (folder / "all.csv").write_text("\n".join([*lines, ""]))
+
+
 def zeros(folder):
     for k, points in enumerate(scan().values):
         path = folder / f"s{k}.asc"
@@ -216,6 +259,11 @@ PROFILES = by_name(
     lists,
     archives,
     codes,
+    sections,
+    surfaces,
+    numbered_columns,
+    below_one_another,
+    two_scanners,
     zeros,
     long_table,
     numbered,
@@ -226,7 +274,8 @@ PROFILES_OF = {fanuc: lists}  # counted from 1
 # what a user has to say: numbers without names, columns that mean something else
 SAID = {
     "as_json": Layout(pose_columns="x,y,z,w,p,r"),
-    "codes": Layout(columns="2,3", missing=-999),
+    "codes": Layout(columns="2,3"),
+    "two_scanners": Layout(where="sensor=b"),
     "zeros": Layout(columns="x [mm],z [mm]"),
 }
 

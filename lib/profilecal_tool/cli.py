@@ -396,7 +396,11 @@ def verify(folder, pose):
     help='Names or numbers: x,z or "1 [mm],3 [mm]".',
 )
 @option("--entry", default="", metavar="NAME", help="Which list of a YAML or NPZ file.")
+@option("--where", default="", metavar="NAME=VALUE", help="Rows to take: sensor=0.")
+@option("--x", nargs=2, type=float, metavar="START PITCH", help="x, if z is alone.")
+@option("--unit", default="", help='Of the profiles: mm, um, "0.01 um", inch, …')
 @option("--missing", type=float, help="z of points where nothing was seen.")
+@option("--encoding", default="", metavar="NAME", help="Of text that is not UTF-8.")
 def import_(files, folder, kind, radius, **layout):
     """Write the profiles and robot poses of DIR as a scan FOLDER.
 

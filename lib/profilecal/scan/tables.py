@@ -4,6 +4,7 @@ leaves nothing.
 
 import csv
 import shutil
+from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -41,7 +42,7 @@ def naming(path: str | Path) -> Iterator[None]:
         raise ScanError(f"{path}: {error.strerror or error}") from error
     except RecursionError as error:
         raise ScanError(f"{path}: nested too deeply") from error
-    except ValueError as error:
+    except (LookupError, ValueError) as error:
         raise ScanError(f"{path}: {error}") from error
 
 
@@ -51,11 +52,14 @@ def not_text(error: UnicodeDecodeError) -> str:
         return "binary data; save it as text"
     line = error.object.count(b"\n", 0, error.start) + 1
     byte = error.object[error.start : error.start + 1]
-    return f"not UTF-8 text, {byte!r} in line {line}; save it as UTF-8"
+    name = error.encoding.upper()
+    return f"not {name} text, {byte!r} in line {line}; save it as UTF-8"
 
 
-def text_of(path: Path, megabytes: int = LARGEST_MB) -> str:
-    """A file's text, of at most so many megabytes. Raises ScanError."""
+def text_of(path: Path, megabytes: int = LARGEST_MB, encoding: str = "") -> str:
+    """A file's text, of at most so many megabytes; in an encoding where it is not
+    UTF-8, or UTF-16 and says so. Raises ScanError.
+    """
     if not is_file(path):
         raise ScanError(f"{path}: no such file")
     with naming(path):
@@ -63,7 +67,15 @@ def text_of(path: Path, megabytes: int = LARGEST_MB) -> str:
         if size > megabytes:
             expected = f"expected at most {megabytes} MB; thin profiles out"
             raise ScanError(f"{path}: {size:.7g} MB; {expected}")
-        return path.read_bytes().decode("utf-8-sig")
+        content = path.read_bytes()
+        if content[:2] in (BOM_UTF16_LE, BOM_UTF16_BE):
+            return content.decode("utf-16")
+        try:
+            return content.decode("utf-8-sig")
+        except UnicodeDecodeError:
+            if not encoding:
+                raise
+            return content.decode(encoding)
 
 
 def is_file(path: Path) -> bool:

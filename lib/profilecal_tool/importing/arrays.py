@@ -2,6 +2,7 @@
 
 from collections.abc import Collection
 from pathlib import Path
+from tokenize import TokenError
 from zipfile import BadZipFile
 
 import numpy as np
@@ -10,6 +11,15 @@ from numpy import ndarray
 from profilecal.scan.tables import ScanError, Table, listed, naming, shown
 
 ENDINGS = (".npy", ".npz")
+# what NumPy raises on a file that is cut short or changed, beside ValueError
+UNREADABLE = (
+    EOFError,
+    BadZipFile,
+    KeyError,
+    NotImplementedError,
+    TokenError,
+    TypeError,
+)
 
 
 def array(path: Path, entry: str = "") -> ndarray:
@@ -23,7 +33,7 @@ def array(path: Path, entry: str = "") -> ndarray:
             if not isinstance(content, ndarray):
                 content = content[chosen(path, content, entry)]
             values = np.asarray(content, float)
-        except (EOFError, BadZipFile, KeyError, TypeError) as error:
+        except UNREADABLE as error:
             raise ScanError(f"{path}: not an array of numbers ({error})") from error
     if values.ndim not in (2, 3) or not values.size:
         raise ScanError(

@@ -4,6 +4,7 @@ told.
 """
 
 import re
+from dataclasses import replace
 from glob import glob
 from pathlib import Path
 from statistics import mode
@@ -13,9 +14,10 @@ from profilecal.scan.scan import Scan
 from profilecal.scan.tables import ScanError, listed
 from profilecal_tool.importing.layout import NOTHING_SAID, Layout
 from profilecal_tool.importing.makers import POSE_FILES
+from profilecal_tool.importing.pairing import match
 from profilecal_tool.importing.poses import frames_of, pose_table, taken_as
-from profilecal_tool.importing.profiles import match, profiles_of, seen_in_mm
-from profilecal_tool.importing.tables import names_of
+from profilecal_tool.importing.profiles import profiles_of, read_profiles, seen_in_mm
+from profilecal_tool.importing.tables import encoding_of, names_of
 
 
 def import_scan(
@@ -33,10 +35,16 @@ def import_scan(
     header = check_header(folder, said)
 
     of_profiles, of_poses, left = sort_files(folder, layout)
+    encoding = layout.encoding or encoding_of([*of_poses, *of_profiles])
+    layout = replace(layout, encoding=encoding, in_one=of_poses == of_profiles)
     poses, convention = pose_table(of_poses, layout)
-    names, profiles, axes = profiles_of(of_profiles, len(poses.lines), layout)
+    count = len(poses.lines)
+    tables = [read_profiles(path, count, layout) for path in of_profiles]
+    names, profiles, axes = profiles_of(
+        tables, count if len(tables) == 1 else 0, layout
+    )
     values, taken_profiles = seen_in_mm(folder, profiles, axes, layout.missing)
-    poses.columns["pose"], order, matched = match(poses, names, left)
+    poses, order, matched = match(poses, names, convention.columns, left)
     entries, taken_poses = taken_as(poses, convention, layout.tool)
 
     measured = "points" if max(map(len, values)) == 1 else "profiles"
@@ -57,6 +65,8 @@ def import_scan(
         f"mount      {scan.mount} (--mount)",
         f"target     {scan.description}",
     ]
+    if encoding:
+        guesses.append(f"encoding   {encoding} (--encoding)")
     if left:
         guesses.append(f"left out   {listed(left)}")
     return scan, guesses + [
@@ -69,31 +79,35 @@ def sort_files(
 ) -> tuple[list[Path], list[Path], list[str]]:
     """The profiles, what holds the poses, and the names of other files.
 
-    Raises ScanError where there are no profiles or no poses.
+    Files alike but for numbers belong together, and most are profiles. A file alone
+    holds both. Raises ScanError where there are no profiles or no poses.
     """
-    profiles = files(folder, layout.profiles)
     every = files(folder, "*")
-    poses = files(folder, layout.poses) or [
-        path for path in every if POSE_FILES.search(path.name) and path not in profiles
-    ]
+    usual = mode(map(family, every)) if every else ""
+    profiles, poses = files(folder, layout.profiles), files(folder, layout.poses)
+    if not poses:
+        rest = [path for path in every if path not in profiles]
+        unlike = [path for path in rest if family(path) != usual]
+        named = [path for path in rest if POSE_FILES.search(path.name)]
+        alone = unlike if len(unlike) == 1 else rest if len(every) == 1 else []
+        poses = [path for path in named if path in unlike] or named or alone
     if not poses:
         raise ScanError(
             f"{folder}: no such folder, or nothing in it is named like the robot's "
             "poses; say what holds them: --poses FILE"
         )
     others = [path for path in every if path not in poses]
-    if not profiles and not others:
+    if not profiles and not others and len(poses) > 1:
         raise ScanError(f"{folder}: no profiles beside {names_of(poses)}")
     if not profiles:
-        # files alike but for numbers belong together
-        families = [re.sub(r"\d+", "#", path.name) for path in others]
-        largest = mode(families)
-        profiles = [
-            path
-            for path, family in zip(others, families, strict=True)
-            if family == largest
-        ]
+        usual = mode(map(family, others)) if others else ""
+        profiles = [path for path in others if family(path) == usual] or poses
     return profiles, poses, [path.name for path in others if path not in profiles]
+
+
+def family(path: Path) -> str:
+    """What the names of files that belong together have in common."""
+    return re.sub(r"\d+", "#", path.name)
 
 
 def files(folder: Path, pattern: str) -> list[Path]:

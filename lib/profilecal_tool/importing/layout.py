@@ -17,10 +17,15 @@ class Layout:
     # meaning
     pose_columns: str = ""
     entry: str = ""  # the list in a YAML or NPZ file that is the profile
+    where: str = ""  # the rows of a profile that are taken: "sensor=0"
+    x: tuple[float, float] | None = None  # of the first point; from one to the next
+    unit: str = ""  # of x and z: "mm", "0.01 um"
     missing: float | None = None  # z where the scanner saw nothing
+    encoding: str = ""  # of text that is not UTF-8
     # x, y, z, mm, and three angles of the poses' frame, in the flange's
     tool: tuple[float, ...] | None = None
     mount: str = MOUNTS[0]
+    in_one: bool = False  # poses and profiles are in one table
 
 
 NOTHING_SAID = Layout()

@@ -21,6 +21,7 @@ from profilecal_tool.importing.makers import FRAMES, FRAMES_AND_AXES, UNNAMED
 from profilecal_tool.importing.nested import poses_in_lists
 from profilecal_tool.importing.programs import in_brackets
 from profilecal_tool.importing.tables import (
+    apart,
     check_alike,
     closed_text,
     from_rows,
@@ -29,10 +30,11 @@ from profilecal_tool.importing.tables import (
     names_of,
     to_mm,
     unit_of,
+    words_in,
 )
 
 
-def read_poses(path: Path) -> Table:
+def read_poses(path: Path, layout: Layout) -> Table:
     """Poses, one a row or one a matrix, of the first structure that a file has.
 
     Raises ScanError.
@@ -41,23 +43,23 @@ def read_poses(path: Path) -> Table:
         values = array(path)
         table = from_array(path, values.reshape(len(values), -1))
     else:
-        text = closed_text(path)
+        text = closed_text(path, layout.encoding)
         rows = poses_in_lists(text)
         named = None if rows else behind_names(path, text)
         table = named or from_rows(path, rows or in_brackets(text) or lines_of(text))
     if len(table.lines) in (3, 4) and table.units.keys() == {*"1234"}:
         # the rows of one matrix
         return from_array(path, table.numbers(table.units).reshape(1, -1))
-    return table
+    return apart(table)[0] if layout.in_one else table
 
 
 def pose_table(paths: list[Path], layout: Layout) -> tuple[Table, Convention]:
     """The poses in a file, or in files of one each, with columns as conventions name
     them: as said, or as titles or usual numbers have them. Raises ScanError.
     """
-    tables = [read_poses(path) for path in paths]
+    tables = [read_poses(path, layout) for path in paths]
     check_alike(tables)
-    units = tables[0].units
+    units = by_words(tables[0].units)
     table = tables[0] if len(tables) == 1 else one_each(paths, tables)
     said = layout.pose_columns
     if not said and all(map(str.isdigit, units)):
@@ -82,6 +84,19 @@ def pose_table(paths: list[Path], layout: Layout) -> tuple[Table, Convention]:
     if len(tables) > 1:
         columns.setdefault("pose", table.lines)
     return replace(table, columns=columns, units=units), conventions[0]
+
+
+def by_words(units: dict[str, str]) -> dict[str, str]:
+    """Columns and their units, called as words in their names are that we know, if
+    each is there once: "tcp_x" is x.
+    """
+    known = {*"xyz"}.union(*(convention.columns for convention in CONVENTIONS))
+    words = [words_in(name) & known for name in units]
+    names = [
+        min(own) if len(own) == 1 and words.count(own) == 1 else name
+        for name, own in zip(units, words, strict=True)
+    ]
+    return dict(zip(names, units.values(), strict=True))
 
 
 def one_each(paths: list[Path], tables: list[Table]) -> Table:

@@ -1,9 +1,11 @@
-"""The profiles in files: which rows are whose, which columns are x and z, their unit,
-and which pose each is of.
+"""The profiles in files: which rows are whose, which columns are x and z, and their
+unit.
 """
 
 import re
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Collection, Sequence
+from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 
@@ -11,121 +13,313 @@ import numpy as np
 from numpy import ndarray
 
 from profilecal.scan.scan import FARTHEST_MM
-from profilecal.scan.tables import ScanError, Table, listed
+from profilecal.scan.tables import ScanError, Table, listed, number
 from profilecal_tool.importing.arrays import ENDINGS, array, from_array
 from profilecal_tool.importing.layout import Layout
-from profilecal_tool.importing.makers import LABELS
+from profilecal_tool.importing.makers import (
+    CODE,
+    LABELS,
+    SCANNERS,
+    TIMES,
+    X_PITCH,
+    X_START,
+)
 from profilecal_tool.importing.nested import points_in_list
 from profilecal_tool.importing.tables import (
+    ROW,
+    apart,
+    changed,
     check_alike,
     closed_text,
     from_rows,
+    is_rising,
     lines_of,
+    meaning,
+    mm_of,
     names_and_units,
+    rows_of,
+    stem,
     to_mm,
+    words_in,
 )
 
 
-def read_profiles(path: Path, entry: str = "") -> list[Table]:
-    """Points of a profile, or of several in one array, under the names in titles, or
-    "1", "2", …; no columns where nothing was seen.
-
-    `entry` names the list or array where there are several. Raises ScanError.
+def read_profiles(path: Path, count: int, layout: Layout) -> Table:
+    """A file's points, one a row, of a profile or of several, for `count` poses; no
+    columns where nothing was seen. Raises ScanError.
     """
+    start = layout.x
     if path.suffix.lower() in ENDINGS:
-        values = array(path, entry)
-        if values.ndim == 2:
-            values = values[None]
-        if values.shape[1] <= 3 < values.shape[2]:  # a point a column
-            values = values.mT
-        return [from_array(path, profile) for profile in values]
-    text = closed_text(path)
-    rows = points_in_list(path, text, entry)
-    if not rows and not re.search(r"\b\d", text):  # titles at most
-        return [Table(path, {}, [])]
-    return [from_rows(path, rows or lines_of(text))]
+        table = of_array(path, array(path, layout.entry))
+    else:
+        text = closed_text(path, layout.encoding)
+        if not re.search(r"\b\d", text):  # titles at most
+            return Table(path, {}, [])
+        points = points_in_list(path, text, layout.entry)
+        table = from_rows(path, points or lines_of(text))
+        start = start or start_and_pitch(text)
+    if layout.in_one:
+        table = apart(table)[1]
+    return chosen_rows(across(table, count, start), layout.where)
+
+
+def of_array(path: Path, values: ndarray) -> Table:
+    """The points in an array (n, k), or (P, n, k) of several profiles, or turned."""
+    if values.shape[-2] <= 3 < values.shape[-1]:
+        values = values.mT
+    table = from_array(path, values.reshape(-1, values.shape[-1]))
+    if values.ndim == 3:
+        table.columns[ROW] = np.repeat(np.arange(len(values)), values.shape[1])
+    return table
+
+
+def start_and_pitch(text: str) -> tuple[float, float] | None:
+    """x of the first point, and from one to the next, if lines above a table say so."""
+    head = text[:5000]
+    if ";" in head:
+        head = head.replace(",", ".")
+    start, pitch = X_START.search(head), X_PITCH.search(head)
+    return (float(start[1]), float(pitch[1])) if start and pitch else None
+
+
+def across(table: Table, count: int, start: tuple[float, float] | None) -> Table:
+    """The table with a point a row where a row has the points of a profile.
+
+    z is below x, below numbered names (x1, z1, …), or in a row after one of x, or x
+    follows from `start` and pitch; without titles x and z are in turn, or z is below
+    the x of the first row. Raises ScanError where there is no x.
+    """
+    names, columns = [*table.columns], table.columns
+    if start and len(names) == 1:
+        x = start[0] + start[1] * np.arange(len(table.lines))
+        both = {"x": x, "z": columns[names[0]]}
+        return replace(table, columns=both, units=dict.fromkeys("xz", ""))
+    family = Counter(map(stem, names))
+    x, z = (
+        [
+            name
+            for name in names
+            if family[stem(name)] > 2 and axis in meaning(stem(name))
+        ]
+        for axis in "xz"
+    )
+    z = z or [name for name in names if np.isfinite(number(name))]
+    if len(z) < 5:
+        return table
+    others = {name: np.array(columns[name]) for name in names if name not in (*x, *z)}
+    titles, values = np.array([*map(number, z)]), table.numbers(z, blank=True)
+    kinds = next((c for c in others.values() if {"Z"} <= {*c} <= {*"XYZI"}), None)
+    rows = np.arange(len(values)) if kinds is None else np.flatnonzero(kinds == "Z")
+    if kinds is not None and "X" in kinds:
+        along = values[kinds == "X"]
+    elif len(x) == len(z):
+        along = table.numbers(x, blank=True)
+    elif np.isfinite(titles).all() and titles[0] not in (0, 1):
+        along = titles
+    elif start:
+        along = start[0] + start[1] * np.arange(len(z))
+    elif len(values) == count and not others and not is_smooth(values):
+        along, values = values[:, ::2], values[:, 1::2]
+    elif len(values) == count + 1 and not others and is_rising(values[0]):
+        along, rows = values[0], rows[1:]
+    elif len(z) < 12:
+        return table
+    else:
+        raise ScanError(
+            f"{table.path}: z in rows, and x nowhere; say where it begins and how far "
+            "points are apart: --x START PITCH"
+        )
+    values = values[rows]
+    if along.ndim > 1 and len(along) != len(values):
+        raise ScanError(
+            f"{table.path}: {len(along)} rows of x and {len(values)} of z; is the file "
+            "cut short?"
+        )
+    along = np.broadcast_to(along, values.shape)
+    k = values.shape[1]
+    long = {name: np.repeat(cells[rows], k) for name, cells in others.items()}
+    long |= {ROW: np.repeat(rows + 1, k), "x": along.ravel(), "z": values.ravel()}
+    unit = table.units[z[0]]
+    units = dict.fromkeys(long, "") | {"x": unit, "z": unit}
+    lines = np.repeat(np.array(table.lines)[rows], k)
+    return replace(table, columns=long, lines=lines, units=units)
+
+
+def is_smooth(rows: ndarray) -> bool:
+    """Whether neighbours in rows differ little: z, not x and z in turn."""
+    quarter, most = np.nanpercentile(rows, [25, 75])
+    return np.nanmedian(np.abs(np.diff(rows))) < (most - quarter) / 10
+
+
+def chosen_rows(table: Table, where: str) -> Table:
+    """The rows in which a column says what the user wants: "sensor=0".
+
+    Raises ScanError where there is no such column.
+    """
+    name, _, value = (part.strip().lower() for part in where.partition("="))
+    if not where or not table.columns:
+        return table
+    if name not in table.columns:
+        raise ScanError(
+            f"{table.path}: no column {name!r}; there are {listed(table.columns)} "
+            "(--where NAME=VALUE)"
+        )
+    cells = [str(cell).strip().lower() for cell in table.columns[name]]
+    numbers, wanted = np.array([*map(number, cells)]), number(value)
+    taken = (numbers == wanted) if np.isfinite(wanted) else np.array(cells) == value
+    return rows_of(table, np.flatnonzero(taken))
 
 
 def profiles_of(
-    paths: list[Path], count: int, layout: Layout
+    tables: list[Table], count: int, layout: Layout
 ) -> tuple[Sequence, list[ndarray], dict]:
     """Names of profiles, or numbers, their points (n, 2), and the columns of x and z
     with their units.
 
-    Each file has a profile; or one has all, for `count` poses: a profile is the rows
-    that share a label, or a row, or a part of an array. Raises ScanError.
+    `tables` have the points of a file each; one alone has those for `count` poses, of
+    several `count` is 0. Raises ScanError.
     """
-    said = layout.columns
-    tables = [table for path in paths for table in read_profiles(path, layout.entry)]
     # in the others nothing was seen
     full = [table for table in tables if table.columns]
     if not full:
-        raise ScanError(f"{paths[0]}: no numbers in columns")
+        raise ScanError(f"{tables[0].path}: no numbers in columns")
     check_alike(full)
-    first = full[0]
-    label = next((name for name in LABELS if name in first.columns), None)
-    labels = np.array(first.columns.pop(label)) if label else None
-    if len(paths) == 1:
-        if labels is not None:
-            return by_label(first, labels, said)
-        if len(first.columns) > 4 and len(first.lines) in (count, count + 1):
-            tables = full = by_row(first, count)
-    axes = x_and_z(full, said)
-    points = [
-        table.numbers(axes, blank=True) if table.columns else np.empty((0, 2))
-        for table in tables
-    ]
-    if len(points) == len(paths) > 1:
-        return [path.stem for path in paths], points, axes
-    return range(len(points)), points, axes
+    axes = x_and_z(full, layout)
+    names: list = []
+    points: list[ndarray] = []
+    for table in tables:
+        if not table.columns:
+            names.append(table.path.stem)
+            points.append(np.empty((0, 2)))
+            continue
+        xz = table.numbers(axes, blank=True)
+        labels = labels_of(table, xz, count, axes)
+        own = [*dict.fromkeys(labels.tolist())]
+        for label in own:
+            rows = np.flatnonzero(labels == label)
+            check_is_one(rows_of(table, rows), xz[rows, 0], axes, layout)
+            points.append(xz[rows])
+            stem = table.path.stem
+            of_file = [f"{stem} {label}" if len(own) > 1 else stem]
+            names += of_file if len(tables) > 1 else [label]
+    return names, points, axes
 
 
-def by_label(
-    table: Table, labels: ndarray, said: str
-) -> tuple[Sequence, list[ndarray], dict]:
-    """A profile of the rows that share a label (rows,), as `profiles_of` has it."""
-    axes = x_and_z([table], said)
-    points = table.numbers(axes, blank=True)
-    names = [*dict.fromkeys(labels.tolist())]
-    return names, [points[labels == name] for name in names], axes
+def labels_of(table: Table, xz: ndarray, count: int, axes: Collection) -> ndarray:
+    """What tells the profiles of a file apart, (n,): the cells of a column, or numbers.
 
-
-def by_row(table: Table, count: int) -> list[Table]:
-    """A profile in each of `count` rows: x and z in turn; where there is a row more, z
-    under the first row's x.
+    A column has them in blocks; `count` of them if its name does not say it. A file of
+    many has one, or one in each row.
     """
-    rows = table.numbers(table.columns, blank=True)
-    if len(rows) == count:
-        x, z = rows[:, ::2], rows[:, 1::2]
-    else:
-        x, z = np.broadcast_arrays(rows[:1], rows[1:])
-    profiles = np.stack([x, z], axis=-1)
-    return [from_array(table.path, profile) for profile in profiles]
+    names = [name for name in LABELS if name in table.columns]
+    names += sorted(table.columns, key=lambda name: not TIMES.search(name))
+    for name in names if count else [ROW]:
+        if (
+            name in axes
+            or words_in(name) & {"y", *SCANNERS}
+            or name not in table.columns
+        ):
+            continue
+        cells = np.array(table.columns[name])
+        blocks = 1 + changed(cells).sum()
+        is_usual = name in (*LABELS, ROW) or count / 2 <= blocks <= 2 * count
+        if is_usual and 1 < blocks == len({*cells.tolist()}) <= len(cells) / 2:
+            return cells
+    starts = starts_of(table, xz, count) if count else []
+    return np.searchsorted(starts, np.arange(len(xz)), "right")
 
 
-def x_and_z(tables: list[Table], said: str) -> dict[str, str]:
-    """The columns of x and z and their units: as said, of these names, or where there
-    are no names, the two that vary. Raises ScanError.
+def starts_of(table: Table, xz: ndarray, count: int) -> ndarray:
+    """The rows where another of `count` profiles begins: after as many rows each, if x
+    begins anew there, or where it does, or after lines that are no rows; else none.
+    """
+    n, (x, z) = len(xz), xz.T
+    seen = np.flatnonzero(np.isfinite(x + z) & (z != 0) & (z != x))
+    jumps = begins_anew(x[seen])
+    before, after = seen[jumps], seen[jumps + 1]
+    each = np.arange(n // count, n, max(n // count, 1))
+    gaps = 1 + np.flatnonzero(np.diff(table.lines) > 1)
+    if n % count == 0:
+        among = np.searchsorted(each, [before, after], "right")
+        at_each = (among[0] < among[1]).sum()
+        if 2 * at_each >= len(each) and at_each > 0.8 * len(jumps):
+            return each
+    return next((some for some in (after, gaps) if len(some) == count - 1), each[:0])
+
+
+def begins_anew(x: ndarray) -> ndarray:
+    """The indices after which x (n,) goes back by far more than it went on."""
+    steps = np.diff(x)
+    usual = np.median(steps) if len(steps) else 0.0
+    return np.flatnonzero(-np.sign(usual) * steps > 9 * np.abs(usual))
+
+
+def check_is_one(profile: Table, x: ndarray, axes: Collection, layout: Layout) -> None:
+    """Raise ScanError where a column says that a profile's points are of several.
+
+    It names scanners, or its values are in blocks, or x begins anew, but not in the
+    points of one value.
+    """
+    for name, column in profile.columns.items():
+        cells = np.array(column)
+        values = [*dict.fromkeys(cells.tolist())]
+        if len(values) == 1 or name in (*axes, ROW):
+            continue
+        is_y, is_said = "y" in words_in(name), bool(layout.columns)
+        blocks = 1 + changed(cells).sum()
+        each = [begins_anew(x[cells == value]).size for value in values[: len(x) // 4]]
+        several = len(each) == len(values) and (
+            not SCANNERS.isdisjoint(words_in(name))
+            or (blocks == len(values) and (is_y or not is_said))
+            or (begins_anew(x).size and not any(each))
+        )
+        if is_y and several:
+            raise ScanError(
+                f"{profile.path}: {name} goes from {values[0]} to {values[-1]}: a "
+                f"cloud of {len(values)} profiles, where a pose has one; say which is "
+                f"at the pose: --where {name}={min(values, key=size_of)}"
+            )
+        if several:
+            raise ScanError(
+                f"{profile.path}: {name} is {listed(values)} in one profile; "
+                f"say which is meant: --where {name}={values[0]}"
+            )
+        if is_y and not is_said:
+            raise ScanError(
+                f"{profile.path}: {name} differs from point to point, where a profile "
+                "lies in a plane; say which columns are its x and z: --columns x,z"
+            )
+
+
+def size_of(cell: object) -> float:
+    """How far what a cell says is from zero."""
+    return abs(number(str(cell)))
+
+
+def x_and_z(tables: list[Table], layout: Layout) -> dict[str, str]:
+    """The columns of x and z and their units: as said, as their titles say, or where
+    there are no titles, the two that vary. Raises ScanError.
     """
     first = tables[0]
-    varying = []
-    for name in first.columns:
+    axes = names_and_units(layout.columns.split(",")) if layout.columns else {}
+    for axis in "xz":
+        named = [axis] if axis in first.columns else []
+        named = named or [name for name in first.columns if axis in meaning(name)]
+        if len(named) == 1 and not layout.columns:
+            axes[named[0]] = ""
+    for name in filter(str.isdigit, {} if axes else first.columns):
         cells = chain.from_iterable(table.columns[name] for table in tables)
-        if len(set(cells)) > 1:
-            varying.append(name)
-    if said:
-        axes = names_and_units(said.split(","))
-    elif all(map(str.isdigit, varying)):
-        axes = dict.fromkeys(varying, "")
-    else:
-        axes = {"x": "", "z": ""}
-    both = len(axes) == len(axes.keys() & first.columns) == 2
-    if not both or (not said and "y" in varying):
+        if len({*cells}) > 1:
+            axes[name] = ""
+    if not len(axes) == len(axes.keys() & first.columns) == 2:
         raise ScanError(
-            f"{first.path}: columns {listed(first.columns)}; "
-            "say which are x and z: --columns x,z"
+            f"{first.path}: columns {listed(first.columns)}; say which are x and z: "
+            "--columns x,z; or, if there is z alone, where x begins and how far points "
+            "are apart: --x START PITCH"
         )
-    return {name: unit or first.units[name] for name, unit in axes.items()}
+    return {
+        name: layout.unit or unit or first.units[name] for name, unit in axes.items()
+    }
 
 
 def seen_in_mm(
@@ -134,90 +328,73 @@ def seen_in_mm(
     """The points (n, 2) of profiles, mm, NaN where nothing was seen, and what they were
     taken for. Raises ScanError for sizes that no scanner sees.
 
-    Where z is `missing`, nothing was seen; if that is None, zeros are that where all
-    else is to one side of them.
+    Nothing was seen where z is `missing`, or a code; and where it is zero and all else
+    to one side of that, if `missing` is None.
     """
     points = np.concatenate(profiles)
     z = points[:, 1]
-    seen = ~np.isnan(points).any(axis=1)
+    codes = [] if missing is None else [missing]
+    codes += codes_in(z[np.isfinite(points).all(axis=1) & (z != missing)])
+    seen = ~np.isnan(points).any(axis=1) & ~np.isin(z, codes)
     if missing is None and {*np.sign(z[seen])} in ({0, 1}, {0, -1}):
-        missing = 0.0
-    seen &= z != missing
+        codes.append(0.0)
+        seen &= z != 0
     points[~seen] = np.nan
-    scale, lengths = to_mm(folder, axes, points, 1.0)
-    points *= scale
-    if not 1 <= np.nanmax(np.abs(points), initial=0) <= FARTHEST_MM:
+    where = " or ".join(f"{code:.10g}" for code in codes)
+    unseen = (
+        f"nothing seen in {(~seen).sum()} of them{where and f', where z is {where}'}"
+    )
+    unseen += doubt_of_code(z[seen])
+
+    units = [{axis: unit} for axis, unit in axes.items()]
+    taken = [to_mm(folder, unit, points, 1.0) for unit in units]
+    points *= [scale for scale, _ in taken]
+    lengths = ", ".join(dict.fromkeys(words for _, words in taken))
+    largest = np.nanmax(np.abs(points), initial=0)
+    if not 1 <= largest <= FARTHEST_MM:
+        fine = ("um", "0.1 um", "0.01 um")
+        likely = [f"'{unit}'" for unit in fine if 20 < largest * mm_of(unit) < 2000]
         raise ScanError(
             f"{folder}: the profiles are {lengths}; expected 1 to {FARTHEST_MM:g} mm: "
-            "is it the unit, or where nothing was seen (--missing)?"
+            f"is it the unit (--unit {' or '.join(likely) or 'UNIT'}), or where "
+            "nothing was seen (--missing)?"
         )
     ranges = ", ".join(
         f"{axis} (column {name}) "
         f"from {np.nanmin(values):.4g} to {np.nanmax(values):.4g} mm"
         for axis, name, values in zip("xz", axes, points.T, strict=True)
     )
-    where = "" if missing is None else f", where z is {missing:g}"
-    unseen = f"nothing seen in {(~seen).sum()} of them{where}"
     ends = np.cumsum([len(profile) for profile in profiles])
     values = np.split(points, ends[:-1])
-    return values, f"{len(points)} points, {lengths}, {ranges}, {unseen}"
+    count = f"{len(profiles)} with {len(points)} points"
+    return values, f"{count}, {lengths}, {ranges}, {unseen}"
 
 
-def match(
-    poses: Table, names: Sequence, left: Sequence[str]
-) -> tuple[list[str], list[int], str]:
-    """The poses' labels, which profile each has, and how it was found: by its name or
-    its last number, or by order.
-
-    `names` of the profiles are numbers where they have none; `left`: files that were
-    left out. Raises ScanError where a pose or a profile is left over.
+def codes_in(z: ndarray) -> list[float]:
+    """The numbers that stand for nothing seen: up to three that repeat, and are farther
+    from the others in z (n,) than these are spread; a tenth of it for usual codes.
     """
-    column = next((name for name in LABELS if name in poses.columns), None)
-    if not column or not isinstance(names[0], str):
-        if len(names) != len(poses.lines):
-            raise ScanError(
-                f"{poses.path}: {len(names)} profiles for {len(poses.lines)} poses"
-            )
-        how = "in order, the first pose with the first profile"
-        return [str(name) for name in names], [*range(len(names))], how
-    labels = [str(cell).removesuffix(".0") for cell in poses.columns[column]]
-    known, how = known_names(labels, names)
-    order = [known.get(label, known.get(last_number(label), -1)) for label in labels]
-    if -1 in order:
-        among = f"; left out: {listed(left)} (--profiles)" if left else ""
-        raise ScanError(
-            f"{poses.path}: no profile for pose {labels[order.index(-1)]}{among}"
-        )
-    first = [order.index(k) for k in order]
-    poses.refuse(
-        first < np.arange(len(order)),
-        "profile {} is of pose {} already; "
-        "give each profile its pose's name, or say which files: --profiles",
-        [names[k] for k in order],
-        [labels[row] for row in first],
-    )
-    if spare := {*range(len(names))} - {*order}:
-        raise ScanError(f"{poses.path}: no pose for profile {names[min(spare)]}")
-    return labels, order, how
+    values, counts = np.unique(z, return_counts=True)
+    most = 3 if len(values) > 20 else 0
+    ends = [slice(k) for k in range(1, most + 1)]
+    ends += [slice(-k, None) for k in range(1, most + 1)]
+    for end in ends:
+        codes = values[end]
+        others = z[~np.isin(z, codes)]
+        low, high = np.percentile(others, [1, 99])
+        apart = max(low - codes[-1], codes[0] - high)
+        is_usual = all(CODE.fullmatch(f"{code:.10g}") for code in codes)
+        least = (high - low) / (10 if is_usual else 1)
+        if counts[end].min() > 2 and apart > least:
+            return [*codes.tolist(), *codes_in(others)]
+    return []
 
 
-def known_names(labels: list[str], names: Sequence[str]) -> tuple[dict, str]:
-    """Which profile a pose has, by its label or the last number in it, and how that is
-    known.
-    """
-    known: dict[int | str, int] = {}
-    for k, name in enumerate(names):
-        known |= {last_number(name): k, name: k}
-    numbers = [{*map(last_number, some)} for some in (labels, names)]
-    runs = [{*range(first, first + len(names))} for first in (0, 1)]
-    if numbers not in (runs, runs[::-1]):
-        return known, "by their names"
-    pairs = zip(*map(sorted, numbers), strict=True)
-    known = {of_pose: known[of_profile] for of_pose, of_profile in pairs}
-    return known, "by their numbers, where one counts from 0 and the other from 1"
-
-
-def last_number(name: str) -> int | str:
-    """The last whole number in a name; the name if there is none."""
-    numbers = re.findall(r"\d+", name)
-    return int(numbers[-1]) if numbers else name
+def doubt_of_code(z: ndarray) -> str:
+    """A number that much of z (n,) is, which may stand for nothing seen."""
+    values, counts = np.unique(z, return_counts=True)
+    if not len(z) or counts.max() < len(z) / 5:
+        return ""
+    most = values[counts.argmax()]
+    share = f"{counts.max() / len(z):.0%} of the others have z = {most:.10g}"
+    return f"; {share}: if nothing was seen there, --missing {most:.10g}"

@@ -1,41 +1,89 @@
 """Text: its lines, tables in it with whatever parts their columns, titles and units."""
 
 import re
-from collections.abc import Collection
+from collections import Counter
+from collections.abc import Collection, Sequence
+from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
-from statistics import mode
 
 import numpy as np
+from charset_normalizer import from_bytes
+from numpy import ndarray
 
-from profilecal.scan.folder import SCALE
 from profilecal.scan.tables import (
     Rows,
     ScanError,
     Table,
     in_columns,
     listed,
+    naming,
     number,
     text_of,
 )
-from profilecal_tool.importing.makers import ALIASES
+from profilecal_tool.importing.makers import (
+    ALIASES,
+    ENCODINGS,
+    FOREIGN,
+    HEIGHTS,
+    LENGTHS,
+)
 
 # or what FANUC prints for a position that was not taught
 NUMBER = r"(?:[+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?|\*+)"
+ROW = "row of the file"  # a column that tells profiles apart, one a row
 REMARK = re.compile(r"\s*(?:#|%|//|!)[\s#%/]*")
 # what is behind the name in a title: a unit in brackets and what follows it, or one
 # behind a space, "_" or "/"
-UNIT = re.compile(r"[\s_]*(?:[\[(]\s*([^\])]*?)\s*[\])].*|[\s_/]\s*(mm|m|deg|rad))?\Z")
+UNIT = re.compile(
+    r"[\s_]*(?:[\[(]\s*([^\])]*?)\s*[\])].*|[\s_/]\s*(mm|m|[uµ]m|inch|deg|rad))?\Z"
+)
 
 
-def closed_text(path: Path) -> str:
-    """A file's text. Raises ScanError where brackets are not closed."""
-    text = text_of(path)
+def closed_text(path: Path, encoding: str = "") -> str:
+    """A file's text, in an encoding where it is not UTF-8.
+
+    Raises ScanError where brackets are not closed.
+    """
+    text = text_of(path, encoding=encoding)
     for opening, closing in ("{}", "[]"):
         if text.count(opening) != text.count(closing):
             raise ScanError(
                 f"{path}: not as many {closing} as {opening}; is the file cut short?"
             )
     return text
+
+
+def encoding_of(paths: list[Path]) -> str:
+    """The encoding of those files that are not UTF-8, "" if there are none.
+
+    Titles are too short to tell languages apart by their letters. Of the encodings
+    that are possible it is the one in which they say most of the words that we know.
+    """
+    titles: dict[bytes, None] = {}
+    for path in paths:
+        with naming(path):
+            content = path.read_bytes()
+        if b"\0" not in content and not content.isascii():
+            lines = content.splitlines()
+            titles |= dict.fromkeys(line for line in lines if not is_utf8(line))
+    sample = b"\n".join(titles)[:10_000]
+    if not sample:
+        return ""
+    ranked = [match.encoding for match in from_bytes(sample, cp_isolation=ENCODINGS)]
+    texts = {}
+    for encoding in (*ranked, *ENCODINGS):
+        with suppress(UnicodeDecodeError):
+            texts[encoding] = sample.decode(encoding).lower()
+    known = {name: sum(map(text.count, FOREIGN)) for name, text in texts.items()}
+    return max(known, key=known.__getitem__, default="")
+
+
+def is_utf8(content: bytes) -> bool:
+    """Whether bytes are text in UTF-8."""
+    with suppress(UnicodeDecodeError):
+        return bool(content.decode("utf-8-sig")) or not content
+    return False
 
 
 def line_of(text: str, place: int) -> int:
@@ -64,34 +112,56 @@ def fields_of(line: str) -> list[str]:
     # a unit in brackets belongs to its title
     spaces = r"\s+(?![\[(])"
     separator = next((mark for mark in ";\t," if mark in line), spaces)
-    if separator in ";\t":
+    if re.search(r"\d,\d+\s+-?\d+,\d", line) and separator == ",":
+        separator = spaces
+    if separator != ",":
         line = line.replace(",", ".")
     return [field.strip(" \r\"'") for field in re.split(separator, line.strip(" \r"))]
 
 
 def from_rows(path: Path, rows: Rows) -> Table:
-    """The table in rows, from the first that holds numbers, not words, and is as long
-    as most of these.
+    """The table in rows that has most cells, from the first row of it that holds
+    numbers, not words.
 
-    Its titles are the row of that length above. Raises ScanError.
+    Its titles are the row of that length above, or this row if it has x behind words.
+    Lines of words among its rows, and what other tables have below their
+    titles, are left out. Raises ScanError.
     """
-    widths = [len(fields) for _, fields in rows]
-    numeric = [at for at, (_, fields) in enumerate(rows) if holds_numbers(fields)]
-    if not numeric:
+    widths = Counter(len(fields) for _, fields in rows if holds_numbers(fields))
+    if not widths:
         raise ScanError(f"{path}: no numbers in columns")
-    width = mode(widths[at] for at in numeric)
-    first = next(at for at in numeric if widths[at] == width)
-    titles = width * ["1"]  # what is there twice gets numbers for names
-    for _, fields in rows[:first]:
-        if len(fields) == width:
-            titles = fields
-    return in_columns(path, names_and_units(titles), rows[first:])
+    width = max(widths, key=lambda width: (widths[width] > 1, width * widths[width]))
+    alike = [row for row in rows if len(row[1]) == width]
+    first = next(k for k, (_, fields) in enumerate(alike) if holds_numbers(fields))
+    titles = alike[first - 1][1] if first else width * ["1"]  # twice: a number
+    x = [*map(number, alike[first][1])]
+    if x[0] == np.inf and is_rising(np.array(x[x.count(np.inf) :])):
+        titles = alike[first][1]
+    kept, heading = [], 0
+    for line, fields in rows[rows.index(alike[first]) :]:
+        if len(fields) != width and are_words(fields).all():
+            heading = len(fields)
+        elif fields != titles and len(fields) != heading:
+            kept.append((line, fields))
+    if not kept:
+        raise ScanError(f"{path}: no rows below the titles")
+    return in_columns(path, names_and_units(titles), kept)
+
+
+def is_rising(x: ndarray) -> bool:
+    """Whether more than three numbers rise, or fall, all along."""
+    rises, falls = x[1:] > x[:-1], x[1:] < x[:-1]
+    return len(x) > 3 and bool(rises.all() or falls.all())
+
+
+def are_words(fields: list[str]) -> ndarray:
+    """Which fields (k,) are neither numbers nor blank."""
+    return np.isinf([*map(number, fields)])
 
 
 def holds_numbers(fields: list[str]) -> bool:
     """Whether fewer than half of a row's fields are words."""
-    words = np.isinf([*map(number, fields)])
-    return words.sum() < len(fields) / 2
+    return are_words(fields).sum() < len(fields) / 2
 
 
 def names_and_units(titles: Collection[str]) -> dict[str, str]:
@@ -108,6 +178,14 @@ def names_and_units(titles: Collection[str]) -> dict[str, str]:
     }
 
 
+def words_in(name: str) -> set[str]:
+    """The words of a name as we call them: "tcp_x" and "x坐标" say x."""
+    parts = re.split(
+        r"[\W_]+|(?<=[a-z])(?=[⺀-鿿])|(?<=[⺀-鿿])(?=[a-z])", name.lower()
+    )
+    return {ALIASES.get(part, part) for part in parts}
+
+
 def unit_of(path: Path, units: dict[str, str], known: Collection) -> str:
     """The one unit that the titles of some columns say, "" if they say none.
 
@@ -118,7 +196,7 @@ def unit_of(path: Path, units: dict[str, str], known: Collection) -> str:
         columns = listed(f"{name} [{unit}]" for name, unit in units.items())
         raise ScanError(
             f"{path}: the columns are {columns}; "
-            f"expected one unit for all of them, {' or '.join(known)}"
+            f"expected one unit for all of them, {' or '.join(sorted(known))}"
         )
     return said.pop()
 
@@ -131,10 +209,30 @@ def to_mm(
     Where no title says a unit, lengths that are all less than `below` are metres.
     """
     largest = np.nanmax(np.abs(lengths), initial=0)
-    said = unit_of(path, units, SCALE)
+    said = unit_of(path, units, {*LENGTHS, *filter(mm_of, units.values())})
     unit = said or ("m" if largest < below else "mm")
     as_said = "as said, " if said else ""
-    return SCALE[unit], f"in {unit} ({as_said}the largest is {largest:.10g})"
+    return mm_of(unit), f"in {unit} ({as_said}the largest is {largest:.10g})"
+
+
+def mm_of(unit: str) -> float:
+    """A unit in mm, also one such as 0.01 um; 0 if we do not know it."""
+    match = re.fullmatch(r"([\d.]+(?:e[+-]?\d+)?)?\W*(.*)", unit.strip().lower())
+    try:
+        return float(match[1] or 1) * LENGTHS.get(match[2], 0.0)
+    except ValueError:
+        return 0.0
+
+
+def rows_of(table: Table, rows: ndarray) -> Table:
+    """The table of some of its rows."""
+
+    def some(cells: Sequence) -> Sequence:
+        is_array = isinstance(cells, ndarray)
+        return cells[rows] if is_array else [cells[row] for row in rows]
+
+    columns = {name: some(cells) for name, cells in table.columns.items()}
+    return replace(table, columns=columns, lines=some(table.lines))
 
 
 def check_alike(tables: list[Table]) -> None:
@@ -152,3 +250,53 @@ def check_alike(tables: list[Table]) -> None:
 def names_of(paths: list[Path]) -> str:
     """Files in a few words."""
     return paths[0].name if len(paths) == 1 else f"{paths[0].name} … {paths[-1].name}"
+
+
+def changed(cells: Sequence) -> ndarray:
+    """Whether each cell (n,) differs from the one before."""
+    values = np.asarray(cells)
+    return np.append(False, values[1:] != values[:-1])
+
+
+def stem(name: str) -> str:
+    """A name without its numbers."""
+    return re.sub(r"\d+", "", name)
+
+
+def meaning(name: str) -> set[str]:
+    """What the title of a profile's column says: "z" for a height."""
+    words = words_in(name)
+    return words | {"z"} if words & {*HEIGHTS} else words
+
+
+def apart(table: Table) -> tuple[Table, Table]:
+    """Poses, one a row, and the points measured there, of a table that has both.
+
+    Points have columns of numbered names, many of each; or those that change in most
+    rows, while a pose's change together. Raises ScanError where it has no poses.
+    """
+    columns, rows = dict(table.columns), np.arange(len(table.lines))
+    many = Counter(map(stem, columns))
+    of_points = {n for n in columns if many[stem(n)] > 4 and meaning(stem(n)) & {*"xz"}}
+    if not of_points:
+        changes = {name: changed(cells) for name, cells in columns.items()}
+        of_points = {name for name in columns if changes[name].mean() > 0.25}
+        seldom = [changes[name] for name in columns if name not in of_points]
+        begins = np.sum([*seldom, np.zeros(len(rows))], axis=0) > 1
+        begins[0] = True
+        rows = np.flatnonzero(begins)
+        columns[ROW] = np.cumsum(begins)
+    points = {
+        name: cells for name, cells in columns.items() if name in {*of_points, ROW}
+    }
+    pose = {name: cells for name, cells in columns.items() if name not in points}
+    units = table.units | {ROW: ""}
+    if not pose:
+        raise ScanError(
+            f"{table.path}: columns {listed(columns)}, and no poses; say what holds "
+            "the robot's poses: --poses FILE"
+        )
+    return (
+        rows_of(replace(table, columns=pose, units={n: units[n] for n in pose}), rows),
+        replace(table, columns=points, units={n: units[n] for n in points}),
+    )

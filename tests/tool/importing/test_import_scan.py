@@ -23,11 +23,12 @@ from peoples_files import (
     csv,
     fanuc,
     lists,
-    long_table,
     matrices,
     one_each,
+    poses,
     said_of,
     scan,
+    text,
     tum,
     wide_table,
     written,
@@ -84,22 +85,92 @@ def test_poses_counted_from_1_have_the_profiles_counted_from_0(tmp_path):
     imported, guesses = import_scan(folder, "edge", {})
     assert check_poses(imported).tolist() == [*range(len(imported.labels))]
     assert any("one counts from 0 and the other from 1" in line for line in guesses)
-    (folder / "0.csv").unlink()
-    with pytest.raises(ScanError, match="no profile for pose"):
-        import_scan(folder, "edge", {})
+    (folder / "3.csv").unlink()
+    imported, guesses = import_scan(folder, "edge", {})
+    assert imported.labels == tuple(f"P{k}" for k in range(1, 13) if k != 4)
+    assert guesses[3].endswith("; left out, without a profile: P4")
 
 
-def test_z_may_stand_under_the_x_of_the_first_row(tmp_path):
-    x = np.linspace(-20, 20, 41)
-    z = np.random.default_rng(2).uniform(90, 110, (12, 41))
+X = -20 + 0.5 * np.arange(41)
+ROWS = {  # what is above rows of z, and what is said
+    "x": [[*X]],
+    "x behind a word": [["shot", *X]],
+    "start and pitch": [["X start (mm)", -20], ["Unit", "mm"], ["X pitch (mm)", 0.5]],
+    "numbered": [[f"z{k}" for k in range(41)]],
+    "nothing": [],
+}
 
-    def first_row_x(folder):
-        np.savetxt(folder / "all.csv", [x, *z], delimiter=",")
 
-    folder = written(tmp_path / "files", tum, first_row_x)
-    imported, _ = import_scan(folder, "edge", {})
-    expected = [np.column_stack([x, row]) for row in z]
+@pytest.mark.parametrize("above", ROWS)
+def test_z_may_lie_in_rows(above, tmp_path):
+    z = np.random.default_rng(2).uniform(90, 110, (12, 1)) + 0.1 * X
+    rows = z.tolist()
+    if above == "x behind a word":
+        rows = [[k, *row] for k, row in enumerate(rows)]
+
+    def in_rows(folder):
+        lines = [",".join(map(str, row)) for row in [*ROWS[above], *rows]]
+        (folder / "all.csv").write_text("\n".join(lines))
+
+    folder = written(tmp_path / "files", tum, in_rows)
+    layout = Layout()
+    if above in ("numbered", "nothing"):
+        with pytest.raises(ScanError, match="--x START PITCH"):
+            import_scan(folder, "edge", {})
+        layout = Layout(x=(-20.0, 0.5))
+    imported, _ = import_scan(folder, "edge", {}, layout)
+    expected = [np.column_stack([X, row]) for row in z]
     np.testing.assert_allclose(imported.values, expected)
+
+
+def numbered_poses(title, encoding="utf-8"):
+    """Poses listed backwards, numbered in a column of some title."""
+
+    def write(folder):
+        rows = [f"XP{k};{text(row, ';')}" for k, row in enumerate(poses("KUKA angles"))]
+        titles = f"{title};X [mm];Y [mm];Z [mm];A [°];B [°];C [°]"
+        lines = "\n".join([titles, *rows[::-1]]).replace(".", ",")
+        (folder / "robot.csv").write_bytes(lines.encode(encoding))
+
+    return write
+
+
+def named_profiles(name, encoding="utf-8", titles="x,z"):
+    """A file each, two of pose 0, none of pose 3, one of a pose that is not there."""
+
+    def write(folder):
+        for k in (0, 0.5, 1, 2, *range(4, 12), 40):
+            points = scan().values[int(k) % 12]
+            lines = "\n".join([titles, *(text(point) for point in points)])
+            path = folder / name.format(int(k), int(k % 1 * 2))
+            path.write_bytes(lines.encode(encoding))
+
+    return write
+
+
+@pytest.mark.parametrize(
+    ("title", "name", "encoding", "titles"),
+    [
+        ("Messung", "line2_{:02}_{}.csv", "cp1252", "X Achse [mm],Höhe [mm]"),
+        ("Nr.", "lage{:03}_bild{}.txt", "utf-16", "X-Koordinate,Abstand"),
+        ("序号", "位姿{0}.{1}.csv", "gb18030", "X坐标(毫米),高度(毫米)"),
+        ("番号", "測定{0}_{1}.csv", "cp932", "X座標,高さ"),
+    ],
+)
+def test_poses_are_numbered_in_any_column_and_encoding(
+    title, name, encoding, titles, tmp_path
+):
+    of_profiles = named_profiles(name, encoding, titles)
+    folder = written(tmp_path / "in", numbered_poses(title, encoding), of_profiles)
+    imported, guesses = import_scan(folder, "edge", {}, Layout(poses="robot.csv"))
+    rows = [*range(11, 3, -1), 2, 1, 0, 0]
+    np.testing.assert_allclose(imported.p_base_flange, scan().p_base_flange[rows])
+    for k, points in zip(rows, imported.values, strict=True):
+        np.testing.assert_allclose(points, scan().values[k])
+    assert re.search(
+        r"without a pose: \S*40\S*; .* without a profile: XP3$", guesses[3]
+    )
+    assert any(encoding in line for line in guesses) or encoding == "utf-16"
 
 
 @pytest.mark.parametrize("name", ["quaternion", "rotation vector"])
@@ -258,23 +329,13 @@ MISTAKES = {
     ),
     "no poses": (
         csv,
-        renamed("robot.csv", "b.csv"),
+        lost("robot.csv"),
         "nothing in it is named like the robot",
     ),
     "two": (
         csv,
         copied("robot.csv", "tcp.csv"),
         "robot.csv … tcp.csv may all be the robot.s poses; expected one file",
-    ),
-    "no profile": (
-        csv,
-        lost("scan_003.csv"),
-        "robot.csv: no profile for pose scan_003",
-    ),
-    "spare": (
-        csv,
-        copied("scan_003.csv", "scan_055.csv"),
-        "no pose for profile scan_055",
     ),
     "fewer": (tum, lost("scan_003.csv"), "11 profiles for 12 poses"),
     "unnamed": (
@@ -300,7 +361,7 @@ MISTAKES = {
     "twice": (
         fanuc,
         edited("CALIB.LS", "P[2]{", "P[1]{"),
-        "CALIB.LS line 12: profile 'p1' is of pose 'P1' already",
+        "CALIB.LS line 12: pose 'P1' is there twice",
     ),
     "not closed": (
         fanuc,
@@ -317,11 +378,6 @@ MISTAKES = {
         reflected,
         "pose pose4: matrix with determ",
     ),
-    "other file": (
-        matrices,
-        renamed("pose4.txt", "pose44.txt"),
-        "no profile for pose pose44",
-    ),
     "a word": (
         as_json,
         replaced("poses.json", b'["a"]'),
@@ -329,8 +385,8 @@ MISTAKES = {
     ),
     "not text": (
         tum,
-        replaced("poses.tum", b"1 2\xff"),
-        "poses.tum: not UTF-8 text",
+        replaced("poses.tum", b"1 2\xff\0"),
+        "poses.tum: binary data; save it as text",
     ),
     "far": (
         csv,
@@ -376,16 +432,10 @@ MISTAKES = {
         "p2.yml line 3: . fields; expected 3: is",
         lists,
     ),
-    "unknown pose": (
-        csv,
-        edited("all.csv", "scan_003", "scan_033", 999),
-        "no profile for pose scan_003",
-        long_table,
-    ),
     "not alike": (
         tum,
         rows_alike,
-        "say which are x and z",
+        "all.txt: z in rows, and x nowhere; say where it begins",
         wide_table,
     ),
 }

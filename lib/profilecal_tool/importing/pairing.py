@@ -1,0 +1,184 @@
+"""Which pose each profile was measured at: by a column that has the profiles' names or
+numbers, by the time of both, or in order.
+"""
+
+import re
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import suppress
+from datetime import UTC, datetime
+from typing import NamedTuple
+
+import numpy as np
+from numpy import ndarray
+
+from profilecal.scan.tables import ScanError, Table, listed
+from profilecal_tool.importing.makers import LABELS, TIMES
+from profilecal_tool.importing.tables import rows_of
+
+STAMP = re.compile(
+    r"((?:19|20)\d\d)\D?([01]\d)\D?([0-3]\d)"
+    r"\D{0,2}([0-2]\d)\D?([0-5]\d)\D?([0-5]\d)(?:\D?(\d{1,6}))?"
+)
+CLOCK = re.compile(r"([0-2]\d)[-:.h]([0-5]\d)[-:.m]([0-5]\d(?:\.\d+)?)")
+SECONDS = re.compile(r"\d{10,}(?:\.\d+)?|\d+\.\d+")  # since 1970, or since anything
+
+
+class Pairing(NamedTuple):
+    """A pose for each profile."""
+
+    rows: ndarray  # (P,) of the poses; -1: none
+    labels: Sequence  # of the poses; none where these have no names
+    how: str
+
+    @property
+    def shares(self) -> tuple[float, float]:
+        """Of the profiles that have a pose, and of the poses that have a profile."""
+        has_pose = self.rows >= 0
+        served = {*self.rows[has_pose].tolist()}
+        return has_pose.mean(), len(served) / max(len(self.labels), 1)
+
+
+def match(
+    poses: Table, names: Sequence, turn: Collection[str], left: Sequence[str]
+) -> tuple[Table, list[int], str]:
+    """The poses that have a profile, as often as they have one, under labels; which
+    profile each has; and how that was found.
+
+    `names` of the profiles are numbers where they have none; `turn`: the columns of
+    the poses' orientations; `left`: files that were left out. Raises ScanError.
+    """
+    pairing = paired(poses, names, turn)
+    if pairing is None and len(names) == len(poses.lines):
+        how = "in order, the first pose with the first profile"
+        pairing = Pairing(np.arange(len(names)), [], how)
+    if pairing is None:
+        among = f"; left out: {listed(left)} (--profiles)" if left else ""
+        raise ScanError(
+            f"{poses.path}: {len(names)} profiles for {len(poses.lines)} poses, and no "
+            f"column has the profiles' names, numbers or times{among}"
+        )
+    rows, labels, how = pairing
+    order = np.argsort(rows, kind="stable")
+    order = order[rows[order] >= 0]
+    taken = rows_of(poses, rows[order])
+    is_once = len(labels) and len({*rows[order].tolist()}) == len(order)
+    of_poses = [labels[row] for row in rows[order]] if is_once else []
+    taken.columns["pose"] = of_poses or [str(names[k]) for k in order]
+    lost = [names[k] for k in np.flatnonzero(rows < 0)]
+    idle = [label for row, label in enumerate(labels) if row not in rows]
+    if lost:
+        how += f"; left out, without a pose: {listed(lost)}"
+    if idle:
+        how += f"; left out, without a profile: {listed(idle)}"
+    return taken, order.tolist(), how
+
+
+def paired(poses: Table, names: Sequence, turn: Collection[str]) -> Pairing | None:
+    """The pairing that most profiles and poses take part in, of those by a column that
+    half of both do; else that by time, if both have times.
+    """
+    if not isinstance(names[0], str):
+        return None
+    found: list[Pairing] = []
+    for column in dict.fromkeys((*LABELS, *poses.columns)):
+        if column in poses.columns.keys() - {*"xyz", *turn}:
+            found += by_column(poses, column, names)
+    found = [pairing for pairing in found if min(pairing.shares) >= 0.5]
+    best = max(found, key=lambda pairing: sum(pairing.shares), default=None)
+    return best or by_time(poses, names, turn)
+
+
+def by_column(poses: Table, column: str, names: Sequence[str]) -> Iterator[Pairing]:
+    """The pairings in which a column has the profiles' names, or the last, the last but
+    one, … of the numbers in them. Raises ScanError where a label is there twice.
+    """
+    labels = [str(cell).strip().removesuffix(".0") for cell in poses.columns[column]]
+    row_of: dict[str | int, int] = {}
+    twice = [row_of.setdefault(label.lower(), k) < k for k, label in enumerate(labels)]
+    if any(twice):
+        if column in LABELS and sum(twice) < len(labels) / 2:
+            poses.refuse(twice, "pose {} is there twice", labels)
+        return
+    rows = np.array([row_of.get(name.lower(), -1) for name in names])
+    yield Pairing(rows, labels, f"by their names, as in column {column}")
+    numbers = [re.findall(r"\d+", STAMP.sub("", name)) for name in names]
+    fields = min(map(len, numbers))
+    whole = [re.findall(r"(?<![.\d])\d+(?![.\d])", label)[-1:] for label in labels]
+    row_of = {int(number[0]): row for row, number in enumerate(whole) if number}
+    if len(row_of) < sum(map(len, whole)) or fields > 3:  # more may be a time
+        return
+    for k in range(1, fields + 1):
+        of_profiles = np.array([int(of_name[-k]) for of_name in numbers])
+        how = f"by the numbers in their names, as in column {column}"
+        is_shifted = (0 in of_profiles) != (0 in row_of)
+        shift = 1 if 0 in of_profiles else -1
+        if (
+            is_shifted
+            and not {*of_profiles.tolist()} <= row_of.keys()
+            and {*(of_profiles + shift).tolist()} <= row_of.keys()
+        ):
+            of_profiles += shift
+            how += ", where one counts from 0 and the other from 1"
+        rows = np.array([row_of.get(number, -1) for number in of_profiles.tolist()])
+        yield Pairing(rows, labels, how)
+
+
+def by_time(
+    poses: Table, names: Sequence[str], turn: Collection[str]
+) -> Pairing | None:
+    """The pairing of profiles with the poses nearest in time, if both have times.
+
+    Of a log that goes on while the robot moves, only where it stands still. None where
+    times of half of the profiles are in no log.
+    """
+    columns = [name for name in poses.columns if name == "t" or TIMES.search(name)]
+    cells = zip(*(poses.columns[name] for name in columns), strict=True)
+    of_poses = np.array([seconds(" ".join(map(str, both))) for both in cells])
+    of_profiles = np.array([*map(seconds, names)])
+    if len(of_poses) < 2 or np.isnan([*of_poses, *of_profiles]).any():
+        return None
+    order = np.argsort(of_poses)
+    of_poses = of_poses[order]
+    after = np.clip(np.searchsorted(of_poses, of_profiles), 1, len(of_poses) - 1)
+    apart = np.abs(of_poses[[after - 1, after]] - of_profiles)
+    nearest = after - 1 + apart.argmin(axis=0)
+    apart = apart.min(axis=0)
+    is_near = apart <= np.median(np.diff(of_poses))
+    how = "by time"
+    if len(of_poses) > 2 * len(names):
+        is_near &= stands_still(poses, order, turn)[after - 1]
+        how = "by time, where the robot stands still"
+    if is_near.mean() < 0.5:
+        return None
+    how += f", up to {apart[is_near].max():.2g} s apart"
+    return Pairing(np.where(is_near, order[nearest], -1), [], how)
+
+
+def stands_still(poses: Table, order: ndarray, turn: Collection[str]) -> ndarray:
+    """Whether a robot is where it was a line before, for all lines of a log but the
+    first: its numbers differ by less than 0.0001 of the largest.
+    """
+    still = np.full(len(order) - 1, True)
+    for names in ("xyz", turn):
+        numbers = poses.numbers(names)[order]
+        steps = np.abs(np.diff(numbers, axis=0))
+        steps = np.minimum(steps, np.abs(360 - steps))  # degrees begin again
+        still &= (steps < 1e-4 * np.abs(numbers).max()).all(axis=1)
+    return still
+
+
+def seconds(text: str) -> float:
+    """The time that a text says, s; NaN if there is none."""
+    if match := STAMP.search(text):
+        *whole, part = match.groups()
+        with suppress(ValueError):
+            at = datetime(*map(int, whole), tzinfo=UTC)
+            return at.timestamp() + float(f"0.{part or 0}")
+    if match := CLOCK.search(text):
+        hours, minutes, rest = map(float, match.groups())
+        return 3600 * hours + 60 * minutes + rest
+    match = SECONDS.search(text)
+    value = float(match[0]) if match else np.nan
+    while value > 1e11:  # in ms, or less
+        value /= 1000
+    return value
