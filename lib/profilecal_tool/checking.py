@@ -5,13 +5,23 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from profilecal.calibration.observe import Seen, as_observations, observe
+from profilecal.calibration.observe import (
+    Seen,
+    as_observations,
+    doubts_on_rest,
+    observe,
+)
 from profilecal.geometry.fitting import affine_residuals
 from profilecal.geometry.noise import FALSE_ALARM, chi2_limit
 from profilecal.geometry.observability import LEAST_TURN_DEG, name_axis, turns
+from profilecal.joint.delay import unexplained
 from profilecal.scan.scan import Scan
 from profilecal.scan.tables import listed
 from profilecal.targets.observations import Observations
+
+# of the speed: what one screw in the base and one in the flange leave of twists that
+# are no more than those
+OPEN = 0.05
 
 
 def check(scan: Scan) -> list[str]:
@@ -20,7 +30,35 @@ def check(scan: Scan) -> list[str]:
     """
     seen = observe(scan)
     lines = [*lines_on_poses(scan, len(seen.poses)), *lines_on_noise(scan, seen)]
-    return [*lines, *(f"note           {remark}" for remark in seen.remarks)]
+    if scan.log:
+        lines += lines_on_motion(scan, as_observations(scan, seen))
+    remarks = [*seen.remarks, *doubts_on_rest(scan)]
+    return [*lines, *(f"note           {remark}" for remark in remarks)]
+
+
+def lines_on_motion(scan: Scan, observed: Observations) -> list[str]:
+    """What there is to say of sweeps, and whether they tell the delay."""
+    speed = np.linalg.norm(observed.twist[observed.moving[0], :3], axis=1)
+    count = len({*scan.group[scan.moving]})
+    rows = len(scan.log.t) if scan.log else 0
+    return [
+        f"motion         {scan.moving.sum()} profiles in {count} sweeps, up to "
+        f"{speed.max():.0f} mm/s; {rows} rows of the robot's log",
+        f"delay          {what_motions_tell(observed)}",
+    ]
+
+
+def what_motions_tell(observed: Observations) -> str:
+    """Whether motions determine the delay between two clocks, in words."""
+    left = unexplained(observed)
+    if left["both"] > OPEN:
+        return "these motions determine it"
+    if left["target"] < OPEN:
+        return "these motions leave it open; it shifts the target, not the sensor"
+    return (
+        "these motions leave it open, and the sensor's pose with it: the scanner goes "
+        "one way; drive the same sweeps backwards, or stop at three places"
+    )
 
 
 def lines_on_poses(scan: Scan, showing: int) -> list[str]:
@@ -29,13 +67,14 @@ def lines_on_poses(scan: Scan, showing: int) -> list[str]:
     angles, axis = turns(scan.R_base_flange)
     sizes = Counter(np.bincount(scan.group).tolist())
     groups = ", ".join(f"{count} of {size} poses" for size, count in sizes.items())
+    alike = "one orientation or sweep" if scan.log else "one orientation"
     origin = "given" if scan.group_given else "found"
     lines = [
         f"target         {scan.description}",
         f"poses          {len(scan.labels)}, {scan.mount}, orientation as "
         f"{scan.convention}; {showing} show the target",
         f"positions      {reach.min():.0f} to {reach.max():.0f} mm from the base",
-        f"groups         {scan.group.max() + 1} of one orientation, {origin}: {groups}",
+        f"groups         {scan.group.max() + 1} of {alike}, {origin}: {groups}",
         f"turns          {angles[0]:.1f}, {angles[1]:.1f}, {angles[2]:.1f}° rms about "
         f"three axes, most about {name_axis(axis, 'flange')}",
     ]
@@ -51,7 +90,7 @@ def lines_on_noise(scan: Scan, seen: Seen) -> list[str]:
     """What the measurements say of the scanner's noise by themselves, and which of them
     do not fit their group.
     """
-    affine = scan.target.affine
+    affine = scan.target.affine and not scan.log
     if affine and len(seen.poses):
         observed = as_observations(scan, seen)
         noise, freedom = affine_noise(observed)
@@ -68,6 +107,8 @@ def lines_on_noise(scan: Scan, seen: Seen) -> list[str]:
     why = f"what a {scan.kind} shows does not tell it"
     if affine:
         why = "groups have too few poses (5 or more each)"
+    if scan.log:
+        why = "poses follow the delay"
     return [f"noise          unknown before the calibration: {why}"]
 
 

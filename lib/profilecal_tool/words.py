@@ -7,6 +7,7 @@ from scipy.stats import t as student
 from profilecal.calibration.calibration import Calibration
 from profilecal.calibration.leave_out import LeftOut
 from profilecal.calibration.verify import Verification
+from profilecal.geometry.log import DELAY_S
 from profilecal.geometry.noise import FALSE_ALARM, ROBOT, Noise
 from profilecal.geometry.observability import HAND_PRECISION, name_direction
 from profilecal.joint.prior import FINEST_MM, FREEDOM
@@ -29,6 +30,9 @@ def calibration_text(calibration: Calibration, to_paste: str = "") -> str:
         lines.append(
             f"poses          {len(used)} used, {len(rejected)} rejected{names}"
         )
+        if solution.delay_s is not None:
+            delay = delay_words(1e3 * solution.delay_s, 1e3 * solution.delay_sd_s)
+            lines.append(f"delay          {delay}")
     lines += note_lines(calibration)
     if solution and not calibration.misread:
         usual = solution.prior.scales
@@ -39,6 +43,16 @@ def calibration_text(calibration: Calibration, to_paste: str = "") -> str:
                 f"χ²/dof {solution.chi2_per_dof:.3g}"
             )
     return "\n".join(lines)
+
+
+def delay_words(delay_ms: float, sd_ms: float) -> str:
+    """The robot's clock less the scanner's, to the first digit in doubt."""
+    if sd_ms > 1e3 * DELAY_S / 2:
+        return f"open (± {sd_ms:.0f} ms)"
+    digits = max(0, -int(np.floor(np.log10(sd_ms))))
+    which = "behind" if delay_ms > 0 else "ahead"
+    known = f"{delay_ms:.{digits}f} ± {sd_ms:.{digits}f} ms"
+    return f"{known} (the scanner's clock is {which})"
 
 
 def pose_lines(solution: Solution, frame: str, to_paste: str) -> list[str]:

@@ -84,3 +84,23 @@ def test_the_noise_inside_groups_is_that_of_the_scanner():
     assert freedom == 25 * (10 - 4) * 2
     of_median = np.sqrt(0.5 / freedom) * np.sqrt(np.pi / 2)  # over the groups
     assert abs(level_mm / sigma_mm - 1) < 4 * of_median
+
+
+@pytest.mark.parametrize(
+    ("motion", "sentence"),
+    [
+        ({"pattern": "both ways"}, "these motions determine it"),
+        ({"pattern": "one way", "stops": 3}, "these motions determine it"),
+        ({"pattern": "one way"}, "leave it open, and the sensor's pose with it"),
+        ({"pattern": "one way in the base"}, "shifts the target, not the sensor"),
+    ],
+)
+@pytest.mark.parametrize("mount", ["eye-in-hand", "eye-to-hand"])
+def test_check_says_whether_motions_tell_the_delay(motion, sentence, mount):
+    small = {"sweeps": 8, "profiles": 20} | motion
+    scan = scan_of("edge", mount=mount, motion=small)
+    said = said_of(scan)
+    assert "motion         160 profiles in 8 sweeps, up to 100 mm/s" in said
+    assert sentence in said
+    refused = pc.calibrate(scan).status == "unobservable"
+    assert refused == ("with it" in sentence)

@@ -1,5 +1,6 @@
 """Answers in words."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -8,7 +9,12 @@ from simulated import calibration_of, with_values
 
 import profilecal as pc
 from profilecal.geometry.noise import Noise
-from profilecal_tool.words import calibration_text, left_out_sentences, robot_errors
+from profilecal_tool.words import (
+    calibration_text,
+    delay_words,
+    left_out_sentences,
+    robot_errors,
+)
 
 FIRST = ["status", "translation", "rotation", "PASTE", "uncertainty", "poses"]
 
@@ -63,3 +69,25 @@ def test_an_orientation_that_is_needed_is_named():
     summaries = 0 if needed.all() else 1
     sentences = summaries + left.doubted.sum() + needed.sum()
     assert len(left_out_sentences(left)) == sentences
+
+
+@pytest.mark.parametrize(
+    ("delay_ms", "sd_ms", "words"),
+    [
+        (30.12, 0.104, "30.1 ± 0.1 ms (the scanner's clock is behind)"),
+        (-12.0091, 0.0042, "-12.009 ± 0.004 ms (the scanner's clock is ahead)"),
+        (151.8, 3.4, "152 ± 3 ms (the scanner's clock is behind)"),
+        (0.4, 201.2, "open (± 201 ms)"),
+    ],
+)
+def test_a_delay_is_said_to_its_first_digit_in_doubt(delay_ms, sd_ms, words):
+    assert delay_words(delay_ms, sd_ms) == words
+
+
+def test_the_answer_of_sweeps_has_their_delay():
+    motion = {"sweeps": 8, "profiles": 20, "delay_ms": -40.0}
+    found = calibration_of("edge", motion=motion)
+    line = next(
+        line for line in calibration_text(found).splitlines() if "delay" in line
+    )
+    assert re.fullmatch(r"delay +-(39|40)\.\d+ ± 0\.\d+ ms \(.* is ahead\)", line)

@@ -14,7 +14,13 @@ from scipy.spatial.transform import RigidTransform
 
 from profilecal.calibration import plausibility
 from profilecal.calibration.answer import in_mm_deg
-from profilecal.calibration.observe import Seen, names, observe_all, stated_noise
+from profilecal.calibration.observe import (
+    Seen,
+    doubts_on_rest,
+    names,
+    observe_all,
+    stated_noise,
+)
 from profilecal.calibration.other_conventions import better_readings
 from profilecal.geometry.checks import (
     UnobservableError,
@@ -321,9 +327,15 @@ def calibrate(
     except UnobservableError as error:
         messages = [str(error)]
     notes = by_scan(scans, [entry.remarks for entry in seen])
+    asked = by_scan(scans, [doubts_on_rest(scan) for scan in scans])
+    if solution and asked and solution.status == "ok":
+        solution = replace(solution, status="weak")
+    notes += asked
     readings = []
     if not solution or solution.status != "ok":
-        read_otherwise = [*map(better_readings, scans, seen)]
+        delay_ms = 1e3 * (solution.delay_s or 0.0) if solution else 0.0
+        standing = [scan.at_rest(delay_ms) for scan in scans]
+        read_otherwise = [*map(better_readings, standing, seen)]
         readings = by_scan(scans, read_otherwise)
     return Calibration(
         scans=scans,

@@ -13,6 +13,8 @@ from profilecal.scan.tables import ScanError
 from profilecal.targets.observations import Observations
 from profilecal.targets.target import find_features
 
+# Poses in such a time, by a robot that is not so slow, are no stops.
+A_MOMENT_S, AT_REST = 0.5, 1.0  # s, mm/s
 FINEST_MM = 1e-4  # points exactly on a line have no scatter to tell their noise by
 
 
@@ -124,6 +126,29 @@ def from_table(scan: Scan) -> Seen:
     if len(poses):
         values = np.concatenate([rows[i][:1] for i in poses])
     return Seen(poses, points_of(scan.measured, values), remarks=remarks)
+
+
+def doubts_on_rest(scan: Scan) -> list[str]:
+    """That the poses were recorded in motion, as far as their times tell: between most
+    of them, a moment apart, the robot moved.
+    """
+    if scan.log or not np.isfinite(scan.times).any():
+        return []
+    order = np.argsort(scan.times)  # NaN last
+    seconds = np.diff(scan.times[order])
+    way = np.linalg.norm(np.diff(scan.p_base_flange[order], axis=0), axis=1)
+    near = (seconds > 0) & (seconds < A_MOMENT_S)
+    if 2 * np.count_nonzero(near) < len(order):
+        return []
+    speed = float(np.median(way[near] / seconds[near]))
+    if speed < AT_REST:
+        return []
+    return [
+        f"poses {np.median(seconds[near]):.2g} s apart, between which the robot moved "
+        f"at {speed:.2g} mm/s: were they recorded in motion? Then clocks that differ "
+        f"by 10 ms shift them by {speed / 100:.2g} mm, which these files do not show; "
+        "write the robot's poses to log.csv, and sweep and t of each profile"
+    ]
 
 
 def points_of(measured: str, values: ndarray) -> ndarray:

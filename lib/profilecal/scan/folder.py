@@ -11,13 +11,16 @@ import numpy as np
 from numpy import ndarray
 
 from profilecal.geometry.checks import REACH_MM
+from profilecal.geometry.log import Log
 from profilecal.geometry.poses import rotation_groups
 from profilecal.scan.conventions import (
+    CONVENTIONS,
     find_convention,
     from_rotations,
     named,
     to_rotations,
 )
+from profilecal.scan.motion import checked_log, moment_label, with_motion
 from profilecal.scan.scan import (
     FARTHEST_MM,
     MEASURED,
@@ -41,6 +44,7 @@ from profilecal.scan.toml import (
     TABLE,
     TEXT,
     check_entries,
+    number,
     one_of,
     read_toml,
     toml_text,
@@ -50,6 +54,16 @@ from profilecal.targets import TARGETS
 SCALE = {"mm": 1.0, "m": 1000.0}
 SPREADSHEET = 1_000_000  # rows that people can look at: more become arrays
 DEFAULTS = {"title": "", "units": "mm", "mount": MOUNTS[0], "target": {}, "noise": {}}
+DEFAULTS |= {"motion": {}}
+NO_POSES: dict[str, Any] = {
+    "labels": (),
+    "R_base_flange": np.empty((0, 3, 3)),
+    "p_base_flange": np.empty((0, 3)),
+    "group": np.array([]),
+    "side": np.array([]),
+    "times": np.array([]),
+    "convention": CONVENTIONS[0].name,
+}
 
 
 def read_scan(folder: str | Path) -> Scan:
@@ -93,9 +107,44 @@ def read_scan(folder: str | Path) -> Scan:
         raise ScanError(f"{folder}: no such folder")
     header = read_header(folder / "scan.toml")
     scale = SCALE[header["units"]]
-    poses = read_poses(folder / "poses.csv", scale, header["target"].get("side", 0))
-    measured, values = read_measurements(folder, poses["labels"], scale)
+    side = header["target"].get("side", 0)
+    log, poses = None, NO_POSES
+    if is_file(folder / "log.csv"):
+        log = read_log(folder / "log.csv", scale)
+    if log is None or is_file(folder / "poses.csv"):
+        poses = read_poses(folder / "poses.csv", scale, side)
+    at_rest = poses["times"] if log is None else np.full(len(poses["labels"]), np.nan)
+    seen = {label: ("", t) for label, t in zip(poses["labels"], at_rest, strict=True)}
+    measured, values = read_measurements(folder, seen, scale, log is not None)
+    sweeps, times = zip(*seen.values(), strict=True)
+    if log is None:
+        poses["times"] = np.array(times)
+    else:
+        sides = np.full(len(seen), float(side))
+        sides[: len(poses["labels"])] = poses["side"]
+        poses = {
+            **with_motion(log, times, sweeps, poses),
+            "side": sides,
+            "convention": poses["convention"],
+            "delay_ms": header["motion"].get("delay_ms"),
+        }
     return scan_of(folder, header, poses, measured, values)
+
+
+def read_log(path: Path, scale: float) -> Log:
+    """The poses that the robot recorded on its way, positions in units of `scale` mm.
+
+    Raises ScanError.
+    """
+    table = read_table(path, ("t", "x", "y", "z"))
+    t = table.numbers(("t",))[:, 0]
+    earlier = np.diff(t, prepend=-np.inf) <= 0
+    table.refuse(earlier, "t is {:.12g}, not later than in the row before", t)
+    positions = checked_positions(table, scale, t)
+    with naming(path):
+        convention = find_convention(table.columns)
+        block = table.numbers(convention.columns)
+        return checked_log(t, to_rotations(convention, block, table), positions)
 
 
 def scan_of(
@@ -145,6 +194,7 @@ def check_header(path: Path, header: dict[str, Any]) -> dict[str, Any]:
         "mount": one_of(MOUNTS),
         "target": TABLE,
         "noise": NOISE,
+        "motion": {"delay_ms": number(-200, 200)},
     }
     check_entries(path, header, rules)
     target = header["target"]
@@ -184,6 +234,7 @@ def check_poses(table: Table, scale: float, side: int = 0) -> dict[str, Any]:
         "group_given": given,
         "convention": convention.name,
         "orientation": block,
+        "times": table.times(),
     }
 
 
@@ -227,10 +278,10 @@ def groups_of(table: Table, rotations: ndarray) -> tuple[ndarray, bool]:
 
 
 def read_measurements(
-    folder: Path, labels: Sequence[str], scale: float
+    folder: Path, seen: dict[str, tuple[str, float]], scale: float, moving: bool
 ) -> tuple[str, tuple[ndarray, ...]]:
     """What the scanner saw: which of the four tables there is, and its rows in mm by
-    pose.
+    pose. `seen`: of each label the sweep and the time; those in motion are added.
     """
     ways = (folder / f"{name}{kind}" for name in MEASURED for kind in (".csv", ".npz"))
     paths = [path for path in ways if is_file(path)]
@@ -241,15 +292,23 @@ def read_measurements(
     (path,) = paths
     columns = MEASURED[path.stem]
     most = FARTHEST_MM / scale
-    known = {label: pose for pose, label in enumerate(labels)}
+    at_rest = ["pose"] * bool(seen or not moving)
+    keys = [*at_rest, *(["sweep", "t"] * moving)]
+    known = {label: pose for pose, label in enumerate(seen)}
     parts = []
-    for table in read_parts(path, ("pose", *columns)):
+    for table in read_parts(path, (*keys, *columns)):
+        if moving:
+            table = with_labels(table, seen)
+            known |= {label: k for k, label in enumerate(seen) if k >= len(known)}
         pose = poses_of(table, known)
+        if not moving and "t" in table.columns:
+            of_rows = zip(table.labels(), table.times(), strict=True)
+            seen |= {label: ("", t) for label, t in of_rows}
         numbers = table.numbers(columns, blank=True, largest=most) * scale
         parts.append((table.lines, pose, numbers))
     lines, pose, numbers = map(np.concatenate, zip(*parts, strict=True))
-    counts = np.bincount(pose, minlength=len(labels))
-    check_counts(replace(table, lines=lines), path.stem, labels, pose, counts)
+    counts = np.bincount(pose, minlength=len(seen))
+    check_counts(replace(table, lines=lines), path.stem, [*seen], pose, counts)
     largest = np.nanmax(np.abs(numbers), initial=0.0)
     if 0 < largest < 1:
         raise ScanError(
@@ -258,6 +317,31 @@ def read_measurements(
         )
     by_pose = numbers[np.argsort(pose, kind="stable")]
     return path.stem, tuple(np.split(by_pose, np.cumsum(counts)[:-1]))
+
+
+def with_labels(table: Table, seen: dict[str, tuple[str, float]]) -> Table:
+    """The table with a label in each row: its pose, or its sweep and time, which `seen`
+    gets to know.
+    """
+    sweeps = [str(cell).strip() for cell in table.columns["sweep"]]
+    poses = [
+        str(cell).strip() for cell in table.columns.get("pose", [""] * len(sweeps))
+    ]
+    times = table.numbers(("t",), blank=True)[:, 0]
+    is_moving = np.isfinite(times) & (np.array(sweeps) != "")
+    is_at_rest = np.array(poses) != ""
+    table.refuse(
+        is_moving == is_at_rest,
+        "pose {}, sweep {}, t {:g}; expected either a pose, or a sweep with its t",
+        poses,
+        sweeps,
+        times,
+    )
+    labels = poses
+    for row in np.flatnonzero(is_moving):
+        labels[row] = moment_label(sweeps[row], times[row])
+        seen[labels[row]] = sweeps[row], float(times[row])
+    return replace(table, columns={**table.columns, "pose": labels})
 
 
 def poses_of(table: Table, known: Mapping[str, int]) -> ndarray:
@@ -287,7 +371,7 @@ def check_counts(
 
 
 def poses_columns(
-    labels: Sequence[str], R: ndarray, p: ndarray, convention: str
+    labels: Sequence | ndarray, R: ndarray, p: ndarray, convention: str
 ) -> dict[str, Any]:
     """The columns of poses R (P, 3, 3), p (P, 3), mm, with angles in a convention."""
     angles = named(convention)
@@ -316,17 +400,26 @@ def write_scan(scan: Scan, folder: str | Path) -> None:
     --------
     read_scan : the way back, with an example.
     """
+    still = ~scan.moving
+    labels = np.where(still, scan.labels, "")
     poses = poses_columns(
-        scan.labels, scan.R_base_flange, scan.p_base_flange, scan.convention
+        labels[still],
+        scan.R_base_flange[still],
+        scan.p_base_flange[still],
+        scan.convention,
     )
     if scan.group_given:
-        poses["group"] = scan.group
-    if np.any(scan.side):
-        poses["side"] = scan.side.astype(int)
+        poses["group"] = scan.group[still]
+    if np.any(scan.side[still]):
+        poses["side"] = scan.side[still].astype(int)
+    keys = {"pose": labels} if still.any() else {}
+    if scan.log:
+        keys |= {"sweep": np.array(scan.sweeps), "t": scan.times}
     counts = [len(rows) for rows in scan.values]
-    columns = [np.repeat(scan.labels, counts), *np.concatenate(scan.values).T]
-    names = ("pose", *MEASURED[scan.measured])
-    measurements = dict(zip(names, columns, strict=True))
+    repeated = {name: column.repeat(counts) for name, column in keys.items()}
+    measurements: dict[str, Any] = repeated
+    columns = MEASURED[scan.measured]
+    measurements |= zip(columns, np.concatenate(scan.values).T, strict=True)
     header = {
         "title": scan.title,
         "units": "mm",
@@ -334,9 +427,17 @@ def write_scan(scan: Scan, folder: str | Path) -> None:
         "target": {"kind": scan.kind} | scan.measures,
         "noise": dict(scan.noise),
     }
+    if scan.delay_ms is not None:
+        header["motion"] = {"delay_ms": scan.delay_ms}
     with new_folder(Path(folder)) as partial:
         (partial / "scan.toml").write_text(toml_text(header), encoding="utf-8")
-        write_table(partial / "poses.csv", poses)
+        if still.any():
+            write_table(partial / "poses.csv", poses)
+        if scan.log:
+            t, R, p = scan.log.t, scan.log.R, scan.log.p
+            way = poses_columns(t, R, p, scan.convention)
+            del way["pose"]
+            write_table(partial / "log.csv", {"t": t} | way)
         if sum(counts) > SPREADSHEET:
             np.savez_compressed(partial / f"{scan.measured}.npz", **measurements)
         else:

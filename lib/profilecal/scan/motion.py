@@ -38,13 +38,11 @@ def checked_log(t: ArrayLike, R: ArrayLike, p: ArrayLike) -> Log:
     return log
 
 
-def check_times(log: Log | None, times: ndarray, labels: Sequence[str]) -> None:
-    """Refuse times (P,) without a log, or when it has no pose. Raises ValueError."""
+def check_times(log: Log, times: ndarray, labels: Sequence[str]) -> None:
+    """Refuse times (P,) at which the log has no pose. Raises ValueError."""
     moving = np.isfinite(times)
     if not moving.any():
-        return
-    if log is None:
-        raise ValueError("times without a log; expected the poses that the robot went")
+        raise ValueError("a log without times; expected when each profile was taken")
     away = np.zeros(len(times))
     away[moving] = log.away(times[moving])
     worst = int(np.argmax(away))
@@ -54,6 +52,11 @@ def check_times(log: Log | None, times: ndarray, labels: Sequence[str]) -> None:
             f"the log, which goes from {log.t[0]:g} to {log.t[-1]:g} s; expected times "
             "by clocks that agree within 0.2 s: subtract what they differ by"
         )
+
+
+def moment_label(sweep: str, t: float) -> str:
+    """The name of a profile that was taken in motion."""
+    return f"{sweep}@{float(t)!r}"
 
 
 def with_motion(
@@ -79,7 +82,7 @@ def with_motion(
     group = np.asarray(at_rest["group"])
     if not group.size:
         group = rotation_groups(R[still])
-    labels = [f"{name}@{t:.12g}" for name, t in zip(sweeps, times, strict=True)]
+    labels = [*map(moment_label, sweeps, times)]
     groups = [f"sweep {name}" for name in sweeps]
     for row, label, number in zip(still, at_rest["labels"], group, strict=True):
         labels[row], groups[row] = label, f"at rest {number}"

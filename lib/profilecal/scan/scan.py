@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -86,7 +86,7 @@ class Scan:
     # where something was measured in motion: the poses that the robot recorded, which
     # give R_base_flange and p_base_flange there
     log: Log | None = None
-    # (P,) s by the scanner's clock, NaN at rest; left out, all is at rest
+    # (P,) s by the scanner's clock, NaN at rest; without a log, when the poses were
     times: ndarray = field(default_factory=lambda: np.array([]))
     sweeps: tuple[str, ...] = ()  # (P,) names, "" at rest
     # the robot's clock less the scanner's, None where it is to be found
@@ -210,7 +210,9 @@ class Scan:
             if orientations is not None:
                 shape = (len(T), len(named(convention).columns))
                 printed = check_array("orientations", orientations, shape)
-        moving = 0 if times is None else np.count_nonzero(np.isfinite(times))
+        moving = 0
+        if log is not None and times is not None:
+            moving = int(np.isfinite(np.asarray(times, dtype=float)).sum())
         expected = len(values) - moving
         if len(T) != expected:
             raise ScanError(
@@ -225,6 +227,7 @@ class Scan:
             "R_base_flange": T[:, :3, :3],
             "p_base_flange": T[:, :3, 3],
             "group": np.array([]) if group is None else np.asarray(group),
+            "times": np.array([]) if times is None else np.asarray(times),
         }
         if log is not None:
             with naming("Scan"):
@@ -297,9 +300,9 @@ class Scan:
         times = np.asarray(self.times, dtype=float)
         times = times if times.size else np.full(P, np.nan)
         check_array("times", times, (P,), finite=False)
-        check_times(self.log, times, self.labels)
         p = self.p_base_flange
         if self.log:
+            check_times(self.log, times, self.labels)
             R, p = np.array(R), np.array(p)
             moving = np.isfinite(times)
             later = times[moving] + (self.delay_ms or 0) / 1000
@@ -333,7 +336,7 @@ class Scan:
             object.__setattr__(self, name, value)
 
     def __repr__(self) -> str:
-        moving = np.isfinite(self.times)
+        moving = self.moving
         of_rest = len({*self.group[~moving]})
         of_sweeps = len({*self.group[moving]})
         parts = []
@@ -345,6 +348,18 @@ class Scan:
             parts.append(f"{np.count_nonzero(moving)} profiles in {sweeps}")
         what = ", ".join([self.description, *parts, self.measured, self.mount])
         return f"Scan({what})"
+
+    @property
+    def moving(self) -> ndarray:
+        """What was measured in motion, by the robot's log, (P,)."""
+        return np.isfinite(self.times) & (self.log is not None)
+
+    def at_rest(self, delay_ms: float) -> "Scan":
+        """The same as if its poses had been recorded one by one, by such a delay."""
+        if self.log is None:
+            return self
+        posed = replace(self, delay_ms=delay_ms)
+        return replace(posed, log=None, times=np.array([]), sweeps=())
 
     @property
     def T_base_flange(self) -> ndarray:

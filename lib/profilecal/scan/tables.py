@@ -19,6 +19,7 @@ from numpy import ndarray
 from numpy.typing import ArrayLike
 
 LARGEST_MB = 400  # of a text file: more a usual computer does not hold
+TEXTS = "pose", "sweep"  # columns of names
 Rows = list[tuple[int, list[str]]]  # lines' numbers and fields
 # cells of points that were not seen
 NOTHING = {"", ".", "-", "--", "na", "n/a", "#n/a", "null", "none"}
@@ -205,6 +206,12 @@ class Table:
         self.refuse(labels == "", "no pose label")
         return labels
 
+    def times(self) -> ndarray:
+        """The column `t` (rows,), s; NaN where there is none, or no number."""
+        cells = self.columns.get("t", [""] * len(self.lines))
+        times = np.array([number(str(cell)) for cell in cells])
+        return np.where(np.isfinite(times), times, np.nan)
+
     def numbers(
         self, names: Iterable[str], blank: bool = False, largest: float = np.inf
     ) -> ndarray:
@@ -292,7 +299,7 @@ def parts_of_arrays(
     rows = min((column.size for column in columns.values()), default=0)
     check_columns(path, required, names, rows)
     for name, column in columns.items():
-        kinds, expected = ("Uiu", "text") if name == "pose" else ("fiu", "numbers")
+        kinds, expected = ("Uiu", "text") if name in TEXTS else ("fiu", "numbers")
         if column.shape != (rows,) or column.dtype.kind not in kinds:
             found = f"{name} is {column.dtype} of shape {column.shape}"
             raise ScanError(f"{path}: {found}; expected {expected}, ({rows},)")
@@ -333,16 +340,20 @@ def in_columns(path: Path, units: dict[str, str], rows: Rows) -> Table:
 
 
 def write_table(path: Path, columns: Mapping[str, Sequence]) -> None:
-    """Write a CSV file; numbers to twelve digits, NaN as an empty cell."""
+    """Write a CSV file; numbers to twelve digits, times `t`, which may count from 1970,
+    to all; NaN as an empty cell.
+    """
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(columns)
-        writer.writerows(zip(*map(cells_of, columns.values()), strict=True))
+        cells = [cells_of(values, name == "t") for name, values in columns.items()]
+        writer.writerows(zip(*cells, strict=True))
 
 
-def cells_of(column: Sequence) -> list:
+def cells_of(column: Sequence, exact: bool) -> list:
     """A column as `write_table` writes it."""
     values = np.asarray(column)
     if values.dtype.kind != "f":
         return values.tolist()
-    return ["" if np.isnan(value) else f"{value:.12g}" for value in values]
+    written = repr if exact else "{:.12g}".format
+    return ["" if np.isnan(value) else written(value) for value in values.tolist()]

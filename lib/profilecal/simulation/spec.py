@@ -317,7 +317,7 @@ def record_sweeps(scene: Scene, spec: Spec, rng: Generator) -> Scan:
     scan = Scan(
         measured=measured,
         values=values,
-        side=scene.target.sides(*planes),
+        side=np.where(np.isnan(drove.times), scene.target.sides(*planes), 0),
         **poses,
         **entries_of(scene, spec),
     )

@@ -40,7 +40,7 @@ class Motion:
     log_hz: float = 100.0
     delay_ms: float = 30.0  # the robot's clock less the scanner's
     drift_ppm: float = 0.0  # by which the scanner's clock is too slow
-    lag_ms: float = 0.0  # that the flange is behind what the controller logs
+    lag_ms: float = 0.0  # by which the flange is behind the log
     dropped_percent: float = 0.0  # of the profiles
 
 
@@ -89,6 +89,15 @@ class Sweep:
             way = self.speed * t[:, None] * self.along
         turned = rotations(np.sin(2 * np.pi * share + self.phase) * self.turn)
         return turned @ self.facing, self.middle + way
+
+    def behind(self, t: ndarray, lag_s: float) -> tuple[ndarray, ndarray]:
+        """The same of a controller that follows its log with a lag of the first order:
+        at each time an average over earlier ones, exponentially weighted.
+        """
+        earlier, weights = np.polynomial.laguerre.laggauss(5)
+        late = [self.at(t - lag_s * one) for one in earlier]
+        R, _ = self.at(t - lag_s)
+        return R, np.tensordot(weights, [p for _, p in late], 1)
 
 
 def sweeps_of(
@@ -152,40 +161,36 @@ def drive(
         pose = R_flange, p - R_flange @ setup.T_sensor
         return inverse(*pose) if to_hand else pose
 
-    logs, times, names, actual = [], [], [], []
+    still = replace(motion, pattern="random", sweeps=motion.stops)
+    places = sweeps_of(setup, still, spread_deg, rng)
+    stops = [flange(*place.at(np.zeros(1))) for place in places]
+    actual = [erring(*stop, noise, rng) for stop in stops]
+    logs, times, names = [], [np.full(motion.stops, np.nan)], [""] * motion.stops
     begin = 1.0
     for k, sweep in enumerate(sweeps_of(setup, motion, spread_deg, rng)):
         middle = begin + sweep.seconds / 2
         ends = begin - BESIDE_S, begin + sweep.seconds + BESIDE_S
-        t = np.arange(*ends, 1 / motion.log_hz)
+        t = np.arange(*ends, 1 / motion.log_hz).round(6)
         logs.append((t, *flange(*sweep.at(t - middle))))
         shares = (np.arange(motion.profiles) + 0.5) / motion.profiles
         taken = begin + shares * sweep.seconds
         taken = taken[rng.uniform(0, 100, len(taken)) >= motion.dropped_percent]
-        R, p = flange(*sweep.at(taken - motion.lag_ms / 1000 - middle))
-        actual.append(erring(R, p, noise, rng))
+        way = flange(*sweep.behind(taken - middle, motion.lag_ms / 1000))
+        actual.append(erring(*way, noise, rng))
         jitter = noise.jitter_ms / 1000 * rng.normal(size=len(taken))
         times.append(taken - motion.delay_ms / 1000 + jitter)
         names += [f"s{k + 1}"] * len(taken)
         begin = ends[1] + PAUSE_S
-    t, R, p = (np.concatenate(parts) for parts in zip(*logs, strict=True))
-    log = t, R, p
+    t, R_log, p_log = (np.concatenate(parts) for parts in zip(*logs, strict=True))
     clock = np.concatenate(times)
-    clock = clock - 1e-6 * motion.drift_ppm * (clock - clock.mean())
-
-    still = replace(motion, pattern="random", sweeps=motion.stops)
-    places = sweeps_of(setup, still, spread_deg, rng)
-    stops = [flange(*place.at(np.zeros(1))) for place in places]
-    actual += [erring(*stop, noise, rng) for stop in stops]
+    clock = clock - 1e-6 * motion.drift_ppm * (clock - t.mean())
     R, p = (np.concatenate(parts) for parts in zip(*actual, strict=True))
-    stops.append((np.empty((0, 3, 3)), np.empty((0, 3))))
-    R_rest, p_rest = (np.concatenate(parts) for parts in zip(*stops, strict=True))
     return Recorded(
-        log=log,
-        times=np.concatenate([clock, np.full(motion.stops, np.nan)]),
-        sweeps=names + [""] * motion.stops,
-        R_rest=R_rest,
-        p_rest=p_rest,
+        log=(t, R_log, p_log),
+        times=clock.round(6),
+        sweeps=names,
+        R_rest=np.reshape([R for R, _ in stops], (-1, 3, 3)),
+        p_rest=np.reshape([p for _, p in stops], (-1, 3)),
         R=R,
         p=p,
     )

@@ -1,0 +1,182 @@
+"""Scans in motion: in memory, in folders, and every mistake in them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from folders import edited, removed, tabulated, written
+from simulated import scan_of
+
+import profilecal as pc
+from profilecal.geometry.log import Log
+from profilecal.geometry.poses import homogeneous, rotations
+
+SWEEPS = {"sweeps": 3, "profiles": 5, "turn_deg": 8.0}
+RECORDED = {
+    "sweeps of points": ("edge", {"motion": SWEEPS}),
+    "stops and sweeps of arcs": ("ball", {"motion": SWEEPS | {"stops": 4}}),
+    "sweeps of profiles": ("plane", {"motion": SWEEPS, "mount": "eye-to-hand"}),
+}
+
+
+def in_motion(kind="edge", **entries):
+    return scan_of(kind, convention="KUKA angles", **{"motion": SWEEPS} | entries)
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A scan of sweeps and two stops, as a folder."""
+    pc.write_scan(in_motion(motion=SWEEPS | {"stops": 2}), tmp_path / "scan")
+    return tmp_path / "scan"
+
+
+def assert_same(first, second):
+    np.testing.assert_allclose(first.T_base_flange, second.T_base_flange, atol=1e-8)
+    np.testing.assert_allclose(first.times, second.times, rtol=1e-12)
+    for one, other in zip(first.values, second.values, strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-8)
+    np.testing.assert_array_equal(first.group, second.group)
+    np.testing.assert_array_equal(first.side, second.side)
+    for name in ("labels", "sweeps", "mount", "noise", "delay_ms"):
+        assert getattr(first, name) == getattr(second, name)
+
+
+@pytest.mark.parametrize("name", RECORDED)
+@pytest.mark.parametrize("delay_ms", [None, 12.5])
+def test_what_is_written_is_read(name, delay_ms, tmp_path):
+    kind, entries = RECORDED[name]
+    scan = replace(in_motion(kind, **entries), delay_ms=delay_ms)
+    pc.write_scan(scan, tmp_path / "scan")
+    assert (tmp_path / "scan" / "poses.csv").exists() == ("stops" in name)
+    assert_same(scan, pc.read_scan(tmp_path / "scan"))
+
+
+def test_arrays_make_the_same_scan():
+    scan = in_motion(motion=SWEEPS | {"stops": 4})
+    still = ~scan.moving
+    names = [label for label, one in zip(scan.labels, still, strict=True) if one]
+    made = pc.Scan.of(
+        "edge",
+        scan.T_base_flange[still],
+        points=np.concatenate(scan.values),
+        log=(scan.log.t, homogeneous(scan.log.R, scan.log.p)),
+        times=scan.times,
+        sweeps=scan.sweeps,
+        labels=names,
+        noise=scan.noise,
+    )
+    assert_same(scan, made)
+    assert repr(made) == (
+        "Scan(edge, 4 poses of 4 orientations, 15 profiles in 3 sweeps, points, "
+        "eye-in-hand)"
+    )
+
+
+def test_times_that_count_from_1970_keep_their_microseconds(tmp_path):
+    scan = in_motion()
+    log = replace(scan.log, t=scan.log.t + 1_764_000_000)
+    late = replace(scan, log=log, times=scan.times + 1_764_000_000)
+    pc.write_scan(late, tmp_path / "scan")
+    read = pc.read_scan(tmp_path / "scan")
+    assert np.abs(read.times - late.times).max() < 1e-6
+    assert np.abs(read.p_base_flange - scan.p_base_flange).max() < 1e-3
+
+
+@pytest.mark.parametrize(("rate", "mm", "deg"), [(100, 1e-5, 1e-5), (10, 0.02, 0.01)])
+def test_a_log_is_followed_between_its_rows(rate, mm, deg):
+    """To and fro by 20 mm and 5° in 2 s; a gap is not bridged."""
+
+    def way(t):
+        phase = np.sin(np.pi * t)[:, None]
+        turned = rotations(np.radians(5) * phase * [0, 0.6, 0.8])
+        return turned, 20 * phase * [0.6, 0, 0.8] + [500, 0, 300]
+
+    t = np.concatenate([np.arange(0, 4, 1 / rate), np.arange(9, 13, 1 / rate)])
+    log = Log(t, *way(t))
+    times = np.linspace(0.5, 3.4, 200)
+    R, p, twist = log.at(times)
+    exact_R, exact_p = way(times)
+    assert np.linalg.norm(p - exact_p, axis=1).max() < mm
+    assert np.abs(R - exact_R).max() < np.radians(deg)
+    h = 1e-5
+    later, before = log.at(times + h), log.at(times - h)
+    np.testing.assert_allclose(
+        twist[:, :3], (later[1] - before[1]) / (2 * h), atol=1e-4
+    )
+    turn = (later[0] - before[0]) @ R.mT / (2 * h)
+    np.testing.assert_allclose(twist[:, 5], turn[:, 1, 0], atol=1e-6)
+    # beyond its end it goes on as it went
+    end, beyond = log.at(np.array([t[len(t) // 2 - 1]])), log.at(np.array([4.1]))
+    on = end[1] + end[2][:, :3] * (4.1 - t[len(t) // 2 - 1])
+    np.testing.assert_allclose(beyond[1], on, atol=1e-9)
+
+
+def swapped(table):
+    """Two rows in the wrong order."""
+    return table.iloc[[1, 0, *range(2, len(table))]]
+
+
+def in_milliseconds(table):
+    return table.assign(t=1000 * table.t)
+
+
+def a_minute_late(table):
+    return table.assign(t=table.t + 60)
+
+
+MISTAKES = {
+    "log.csv line 3: t is 0.5, not later than": tabulated("log.csv", swapped),
+    "the robot moves by 0.1.* mm/s at most.*in seconds": tabulated(
+        "log.csv", in_milliseconds
+    ),
+    "is 59.3 s from the nearest row of the log.*agree within 0.2 s": tabulated(
+        "points.csv", a_minute_late
+    ),
+    "points.csv line 4: pose '', sweep '', t 1.*expected either": edited(
+        "points.csv", ",s1,1", ",,1"
+    ),
+    "points.csv line 2: pose 'p1', sweep 's9', t 3;.*either": edited(
+        "points.csv", "p1,,", "p1,s9,3"
+    ),
+    "pose 'p1' is not in poses": removed("poses.csv"),
+    "expected one block of orientation columns": edited("log.csv", ",a,b,c", ",d,b,c"),
+    "no columns 't'; expected one": edited("points.csv", "sweep,t", "sweep,time"),
+    "delay_ms is 900 in .motion.; expected -200 to 200": edited(
+        "scan.toml", "[noise]", "[motion]\ndelay_ms = 900\n\n[noise]"
+    ),
+    "log t does not increase|two rows or more": written(
+        "log.csv", "t,x,y,z,a,b,c\n1,500,0,0,0,0,0\n"
+    ),
+}
+
+
+@pytest.mark.parametrize("sentence", MISTAKES)
+def test_mistakes_are_named(sentence, folder):
+    MISTAKES[sentence](folder)
+    with pytest.raises(pc.ScanError, match=sentence):
+        pc.read_scan(folder)
+
+
+def test_scans_of_several_delays_do_not_belong_together():
+    scan = in_motion()
+    with pytest.raises(pc.ScanError, match="delay_ms of"):
+        pc.calibrate([scan, replace(in_motion("plane"), delay_ms=3.0)])
+
+
+@pytest.mark.parametrize("table", ["poses", "points"])
+@pytest.mark.parametrize(("seconds", "asked"), [(0.02, True), (5.0, False)])
+def test_poses_a_moment_apart_are_asked_about(table, seconds, asked, tmp_path):
+    """Without a log: whether the robot stood still, only its user knows."""
+    scan = scan_of("edge", seed=3)
+    pc.write_scan(scan, tmp_path / "scan")
+    without_times = pc.calibrate(pc.read_scan(tmp_path / "scan"))
+    path = tmp_path / "scan" / f"{table}.csv"
+    rows = pd.read_csv(path)
+    rows.assign(t=seconds * np.arange(len(rows))).to_csv(path, index=False)
+    read = pc.read_scan(tmp_path / "scan")
+    found = pc.calibrate(read)
+    question = "were they recorded in motion?" in " ".join(found.messages)
+    assert question == asked
+    assert (found.status == "ok") != asked
+    np.testing.assert_array_equal(found.pose, without_times.pose)
