@@ -12,6 +12,7 @@ from profilecal.geometry.noise import FALSE_ALARM, ROBOT, Noise
 from profilecal.geometry.observability import HAND_PRECISION, name_direction
 from profilecal.joint.prior import FINEST_MM, FREEDOM
 from profilecal.joint.solution import Solution
+from profilecal.scan.tables import some
 
 
 def calibration_text(calibration: Calibration, to_paste: str = "") -> str:
@@ -26,7 +27,7 @@ def calibration_text(calibration: Calibration, to_paste: str = "") -> str:
             lines += pose_lines(solution, calibration.frame, to_paste)
         used = calibration.poses_used
         rejected = calibration.poses_rejected
-        names = f": {', '.join(rejected)}" if rejected else ""
+        names = f": {some(rejected)}" if rejected else ""
         lines.append(
             f"poses          {len(used)} used, {len(rejected)} rejected{names}"
         )

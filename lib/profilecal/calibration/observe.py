@@ -9,7 +9,7 @@ from numpy import ndarray
 
 from profilecal.profiles.points import Feature
 from profilecal.scan.scan import Scan
-from profilecal.scan.tables import ScanError
+from profilecal.scan.tables import ScanError, some
 from profilecal.targets.observations import Observations
 from profilecal.targets.target import find_features
 
@@ -108,7 +108,7 @@ def remarks_on_missing(
             words_of.setdefault(alike, feature.reason)
             by_reason.setdefault(alike, []).append(label)
     return tuple(
-        f"{len(missing)} left out, {words_of[alike]}: {', '.join(missing)}"
+        f"{len(missing)} left out, {words_of[alike]}: {some(missing)}"
         for alike, missing in by_reason.items()
     )
 
@@ -121,7 +121,7 @@ def from_table(scan: Scan) -> Seen:
     missed = [label for label, of_pose in pairs if not len(of_pose)]
     remarks: tuple[str, ...] = ()
     if missed:
-        remarks = (f"no {scan.measured[:-1]} from pose {', '.join(missed)}",)
+        remarks = (f"no {scan.measured[:-1]} from pose {some(missed)}",)
     values = np.empty((0, 4))
     if len(poses):
         values = np.concatenate([rows[i][:1] for i in poses])

@@ -275,7 +275,8 @@ class Scan:
                 f"a target of kind {self.kind!r} needs {' or '.join(expected)}, "
                 f"not {self.measured}"
             )
-        largest = max((largest_of(rows) for rows in self.values), default=0.0)
+        numbers = np.concatenate([[0.0], *map(np.ravel, self.values)])
+        largest = np.nanmax(np.abs(numbers))
         if 0 < largest < 1 or largest > FARTHEST_MM:
             raise ScanError(
                 f"the largest value of {self.measured} is {largest:.3g}; "
@@ -404,11 +405,6 @@ def rigid(name: str, poses: Any) -> ndarray:
         return np.empty((0, 4, 4))
     is_rigid = isinstance(poses, RigidTransform)
     return check_rigid(name, poses.as_matrix() if is_rigid else poses)
-
-
-def largest_of(rows: ndarray) -> float:
-    """The largest size of a number among those that are not NaN; 0 if all are."""
-    return float(np.nanmax(np.abs(rows), initial=0.0))
 
 
 def the_one_given(**measurements: Any) -> tuple[str, Any]:

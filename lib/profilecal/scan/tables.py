@@ -166,6 +166,13 @@ def listed(names: Iterable[Any]) -> str:
     return shown(text) if len(text) > 200 or not text.isprintable() else text
 
 
+def some(labels: Sequence[str]) -> str:
+    """Labels of poses, for a sentence; of many the first ones, and how many more."""
+    most = 50
+    more = f" and {len(labels) - most} more" if len(labels) > most else ""
+    return ", ".join(labels[:most]) + more
+
+
 def number(cell: str) -> float:
     """What a cell says: NaN for nothing, infinity for a word."""
     try:

@@ -1,6 +1,6 @@
 """Pictures for the report, of a calibration's robot and profiles; and of a plan."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from textwrap import fill
 from typing import Any
@@ -32,6 +32,7 @@ from profilecal_pages.figures import (
 )
 from profilecal_tool.plan.design import Plan
 from profilecal_tool.plan.scan_model import ScanModel
+from profilecal_tool.report.calibration import chance_limits
 
 
 def plot_robot(calibration: Calibration) -> plt.Figure:
@@ -44,10 +45,13 @@ def plot_robot(calibration: Calibration) -> plt.Figure:
     axes = figure.add_subplot(projection="3d")
     drawn = [scan.p_base_flange for scan in scans]
     size = 0.08 * np.ptp(np.concatenate(drawn), axis=0).max() + 5
+    count = sum(len(scan.labels) for scan in scans)
+    step, words = thinned(count, 2000)
     for k, scan in enumerate(scans):
         few = spread(len(scan.labels), max(1, 24 // len(scans)))
         positions = scan.p_base_flange
-        axes.scatter(*positions.T, color="0.35", s=6, depthshade=False, label="flange")
+        dots = positions[::step].T
+        axes.scatter(*dots, color="0.35", s=6, depthshade=False, label="flange")
         for i in few:
             draw_frame(axes, scan.R_base_flange[i], positions[i], size)
         if calibration.is_known:
@@ -55,8 +59,7 @@ def plot_robot(calibration: Calibration) -> plt.Figure:
     equal_axes(axes, np.concatenate(drawn))
     axes.set(xlabel="base x [mm]", ylabel="base y [mm]", zlabel="base z [mm]")
     axes.locator_params(nbins=5)
-    count = sum(len(scan.labels) for scan in scans)
-    figure.suptitle(f"Where the robot went: {count} poses")
+    figure.suptitle(f"Where the robot went: {count} poses{words}")
     key(figure, axes)
     return figure
 
@@ -64,6 +67,12 @@ def plot_robot(calibration: Calibration) -> plt.Figure:
 def spread(count: int, most: int) -> ndarray:
     """Up to `most` of so many numbers from 0, from the first to the last."""
     return np.unique(np.linspace(0, count - 1, most).round().astype(int))
+
+
+def thinned(count: int, most: int) -> tuple[int, str]:
+    """The step at which at most so many of `count` are drawn, and what says so."""
+    step = max(1, -(-count // most))
+    return step, f" (one in {step} is drawn)" if step > 1 else ""
 
 
 def draw_answer(
@@ -138,21 +147,27 @@ def target_lines(
     return target.lines(in_base.reshape(-1, 3))
 
 
-def plot_profiles(scan: Scan, rejected: Iterable[str] = ()) -> list[plt.Figure]:
-    """Draw every profile of a scan with what was found in it, 20 to a figure.
+def plot_profiles(
+    scan: Scan, rejected: Iterable[str] = (), most: int = 120
+) -> Iterator[plt.Figure]:
+    """Draw profiles of a scan with what was found in them, 20 to a figure.
 
-    All are at one scale; there are no figures where there are no raw profiles.
-    `rejected`: labels of the poses that the calibration rejects.
+    Of more than `most` they are as many, evenly spread. All are at one scale; there are
+    no figures where there are no raw profiles. `rejected`: labels of the poses that the
+    calibration rejects.
     """
     if scan.measured != "profiles":
-        return []
+        return
     features = find_features(scan.target, scan.values, scan.sizes)
-    valid = [values[np.isfinite(values).all(axis=1)] for values in scan.values]
+    step, words = thinned(len(features), most)
+    drawn = range(0, len(features), step)
+    valid = [scan.values[i][np.isfinite(scan.values[i]).all(axis=1)] for i in drawn]
     extents = [np.ptp(values, axis=0) for values in valid if len(values)]
     width, height = 1.2 * np.percentile(extents, 90, axis=0)
     cell = np.array([width, np.clip(height, 0.4 * width, 0.75 * width)])
-    pages = [range(i, min(i + 20, len(features))) for i in range(0, len(features), 20)]
-    return [profile_page(scan, features, page, cell, set(rejected)) for page in pages]
+    for first in range(0, len(drawn), 20):
+        page = drawn[first : first + 20]
+        yield profile_page(scan, features, page, cell, set(rejected), words)
 
 
 def profile_page(
@@ -161,8 +176,9 @@ def profile_page(
     page: range,
     cell: ndarray,
     rejected: set[str],
+    words: str,
 ) -> plt.Figure:
-    """Draw one figure of `plot_profiles`.
+    """Draw one figure of `plot_profiles`, whose title ends in some words.
 
     All is in one set of axes, each profile moved to its place, which draws fast.
     """
@@ -199,7 +215,7 @@ def profile_page(
     count = sum(features[i].found for i in page)
     figure.suptitle(
         f"Profiles {page[0] + 1} to {page[-1] + 1} of {len(features)}: "
-        f"{count} features found; a frame is {width:.0f} mm wide"
+        f"{count} features found; a frame is {width:.0f} mm wide{words}"
     )
     return figure
 
@@ -231,6 +247,69 @@ def draw_profile(
     draw(values[inside & used], ".", ms=1.2, color=BLUE, rasterized=True)
     if feature.found and scan.target.points:
         draw(feature.points, "o", ms=5, mfc="none", mec=RED, mew=1.3)
+
+
+def plot_view(found: Calibration) -> plt.Figure:
+    """Draw where features lie in the scan plane, over the points of raw profiles."""
+    figure, axes = plt.subplots(figsize=(5.6, 4.2))
+    step, words = thinned(sum(map(len, found.seen)), 2000)
+    parts = zip(found.scans, found.seen, found.observed, strict=True)
+    for scan, seen, observed in parts:
+        points = observed.points[0, ::step].reshape(-1, 2)
+        values = [scan.values[i] for i in seen[::step]]
+        if scan.measured == "profiles":
+            style = {"ms": 1, "color": "0.75", "label": "profiles", "rasterized": True}
+            axes.plot(*np.concatenate(values).T, ".", **style)
+        elif scan.measured == "arcs":  # the tops of the circles
+            points = np.concatenate(values) @ [[1, 0], [0, 1], [0, -1]]
+        label = scan.title or scan.kind
+        axes.scatter(*points.T, s=4, alpha=0.7, zorder=3, label=label)
+    axes.set(xlabel="sensor x [mm]", ylabel="sensor z [mm]", aspect="equal")
+    axes.invert_yaxis()
+    figure.suptitle(f"Where the features lie in the scan plane{words}")
+    key(figure, axes)
+    return figure
+
+
+def plot_residuals(found: Calibration) -> plt.Figure:
+    """Draw each pose's residual over the noise, and what chance explains."""
+    scans, solution = found.scans, found.solution
+    size = (5.6, 3.2 * len(scans))
+    figure, rows = plt.subplots(len(scans), figsize=size, squeeze=False)
+    sizes, rejected, limits = (
+        solution.normalised,
+        solution.rejected,
+        chance_limits(found),
+    )
+    for axes, scan, *of_poses in zip(
+        rows[:, 0], scans, found.seen, sizes, rejected, limits, strict=True
+    ):
+        draw_residuals(axes, scan, *of_poses)
+    key(figure, rows[-1, 0])
+    return figure
+
+
+def draw_residuals(
+    axes: Axes, scan: Scan, seen: ndarray, size: ndarray, bad: ndarray, limit: ndarray
+) -> None:
+    """Draw the residuals of a scan's poses (k,), shaded by orientation, and the largest
+    ones that chance explains. Those of `bad` poses are all drawn, as crosses.
+    """
+    top = 1.15 * max([*size[~bad], *limit])
+    good = np.flatnonzero(~bad)
+    step, words = thinned(len(good), 1000)
+    few = good[::step]
+    colours = np.where(scan.group[seen[few]] % 2, SKY, BLUE)
+    axes.bar(seen[few], size[few], 0.8 * step, color=colours)
+    crosses = np.minimum(size[bad], 0.97 * top)
+    axes.plot(seen[bad], crosses, "x", color=RED, label="rejected")
+    axes.plot(seen, limit, "--", color=RED, lw=1, label="limit of chance")
+    ticks = seen[:: 1 + len(seen) // 7]
+    axes.set_xticks(ticks, [scan.labels[i][:8] for i in ticks])
+    axes.set(xlabel="pose", ylabel="residual / noise", ylim=(0, top))
+    inside = np.count_nonzero((size <= limit) & ~bad)
+    title = f"chance explains {inside} of {len(seen)} residuals{words}"
+    axes.set_title(f"{scan.title or scan.kind}:\n{title}")
 
 
 def save_plan(plan: Plan, path: Path) -> None:

@@ -199,7 +199,7 @@ def test_an_answer_is_reported_and_verified():
     assert found.to_json()["target"]["kind"] == "groove"
     assert "status         ok" in calibration_text(found)
     pictures.plot_robot(found)
-    pictures.plot_profiles(scan)
+    assert [*pictures.plot_profiles(scan)]
 
     other_sensor, _ = pc.simulate("groove", seed=99)
     assert not pc.verify(found, other_sensor).as_expected

@@ -26,7 +26,9 @@ plt.switch_backend("agg")  # which needs no screen
 def report_on(*scans) -> str:
     """All words of the report on scans, plain; its figures are drawn too."""
     found = calibrate(scans)
-    figures = [pictures.plot_robot(found)]
+    figures = [pictures.plot_robot(found), pictures.plot_view(found)]
+    if found.solution_or_none:
+        figures.append(pictures.plot_residuals(found))
     for scan in scans:
         figures += pictures.plot_profiles(scan, found.poses_rejected)
     for figure in figures:
@@ -70,6 +72,21 @@ def test_a_scanner_that_stands_still_is_in_the_base_frame():
     assert "the flange's" not in text
 
 
+def test_pictures_of_large_scans_draw_a_part_and_say_so():
+    scan = simulate_scan(replace(EDGE, groups=10, positions=1001, measured="points"))
+    found = calibrate(scan)
+    for figure, most in (
+        (pictures.plot_robot(found), 2000),
+        (pictures.plot_view(found), 2000),
+        (pictures.plot_residuals(found), 1000),
+    ):
+        title = figure.get_suptitle() or figure.axes[0].get_title()
+        step = int(re.search(r"\(one in (\d+) is drawn\)", title)[1])
+        assert len(scan.labels) / step <= most < len(scan.labels) / (step - 1)
+    plt.close("all")
+    assert len(figure.axes[0].patches) == -(-len(scan.labels) // step)
+
+
 @pytest.mark.parametrize("kind", ["edge", "disk", "ball", "plane"])
 def test_every_profile_is_drawn(kind):
     spec = replace(EDGE, kind=kind, measured="profiles", groups=8, positions=3)
@@ -82,3 +99,9 @@ def test_every_profile_is_drawn(kind):
     labels = [text.split()[0] for text in shown]
     assert [label for label in labels if label in scan.labels] == list(scan.labels)
     assert shown[0] == f"{scan.labels[0]} not found"
+
+    few = [*pictures.plot_profiles(scan, most=10)]
+    assert sum(len(figure.axes[0].texts) for figure in few) == 8
+    assert "8 features found" in few[0].get_suptitle()
+    assert "(one in 3 is drawn)" in few[0].get_suptitle()
+    plt.close("all")
