@@ -357,8 +357,9 @@ def verify(folder, pose):
     from profilecal_tool.words import verification_text
 
     scan = read_scan(folder)
-    verification = verify(read_answer(pose), scan)
-    echo(verification_text(verification))
+    answer = read_answer(pose)
+    verification = verify(answer, scan)
+    echo(verification_text(verification, answer.status))
     raise SystemExit(0 if verification.as_expected else 1)
 
 

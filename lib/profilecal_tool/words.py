@@ -116,13 +116,13 @@ def robot_errors(noise: Noise, usual: Noise) -> str:
     return ", ".join(errors) or "none that the residuals show"
 
 
-def verification_text(verification: Verification) -> str:
-    """What `profilecal verify` prints."""
+def verification_text(verification: Verification, status: str) -> str:
+    """What `profilecal verify` prints; `status`: of the pose in question."""
     alone = verification.alone
     (scan,) = alone.scans
-    lines = [f"scan alone     {alone.status}"]
+    lines = [f"pose           {status}", f"scan alone     {alone.status}"]
     if alone.status != "ok":
-        lines[0] += ", so also looked at near the pose"
+        lines[-1] += ", so also looked at near the pose"
         lines += note_lines(alone)
 
     expected = verification.expected

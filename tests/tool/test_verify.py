@@ -31,15 +31,14 @@ def test_the_scan_that_the_pose_is_from_cannot_verify_it(tmp_path):
     assert result.output == f"profilecal: mine: {refused}\n"
 
 
-@pytest.mark.parametrize("old", [False, True])
-def test_verify_reads_what_calibrate_printed(old, tmp_path):
+@pytest.mark.parametrize("status", ["ok", "weak"])
+def test_verify_reads_what_calibrate_printed(status, tmp_path):
     pc.write_scan(scan_of("edge", seed=5), tmp_path / "edge")
     pc.write_scan(scan_of("ball", seed=5), tmp_path / "ball")
-    printed = calibrated(tmp_path / "edge")
-    if old:
-        del printed["covariance_total"]
+    printed = calibrated(tmp_path / "edge") | {"status": status}
     result = held_against_the_ball(printed, tmp_path)
     assert result.exit_code == 0, result.output
+    assert result.output.startswith(f"pose           {status}\n")
     assert "from a sphere" in result.output
     pose = np.array(printed["T_flange_sensor"])
     turned = wrong_by(pose, [0, 0, 0], [0, 1, 0])
@@ -66,6 +65,9 @@ def covariance(change):
 
 WRONG = {  # by what is said of it
     "not what `profilecal calibrate --json` prints": lambda printed: {},
+    "its covariance_total, status and noise_mm; write": lambda printed: {
+        name: value for name, value in printed.items() if name != "covariance_total"
+    },
     "where it finds a sensor pose": lambda printed: printed | {"T_flange_sensor": None},
     "not orthonormal": pose(lambda T: T @ np.diag([2, 2, 2, 1])),
     "a reflection": pose(lambda T: T @ np.diag([-1, 1, 1, 1])),

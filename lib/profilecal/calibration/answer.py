@@ -15,8 +15,8 @@ from profilecal.scan.tables import ScanError
 DEGREES = np.repeat([1.0, 180 / np.pi], 3)  # of δ = (shift, turn) from mm and rad
 EXPECTED = (
     "not what `profilecal calibrate --json` prints where it finds a sensor pose, a "
-    "JSON object with that, its covariance and noise_mm; write one from another scan: "
-    "profilecal calibrate SCAN --json > T.json"
+    "JSON object with that, its covariance_total, status and noise_mm; write one from "
+    "another scan: profilecal calibrate SCAN --json > T.json"
 )
 
 
@@ -31,6 +31,7 @@ class Answer:
     covariance_total_mm_deg: ndarray
     noise_mm: float  # the scanner's
     mount: str  # "eye-in-hand" or "eye-to-hand"
+    status: str = "ok"  # or "weak"
 
 
 def in_mm_deg(covariance: ndarray) -> ndarray:
@@ -98,13 +99,12 @@ def answer_in(entries: dict[str, Any]) -> Answer:
     """
     to_hand = "T_base_sensor" in entries
     rows = entries["T_base_sensor" if to_hand else "T_flange_sensor"]
-    # old files have no total
-    covariance = entries.get("covariance_total", entries["covariance"])
     return Answer(
         pose=np.asarray([*rows], dtype=float),  # null has no rows
-        covariance_total_mm_deg=np.asarray(covariance, dtype=float),
+        covariance_total_mm_deg=np.asarray(entries["covariance_total"], dtype=float),
         noise_mm=float(entries["noise_mm"]),
         mount=MOUNTS[to_hand],
+        status=entries["status"],
     )
 
 
