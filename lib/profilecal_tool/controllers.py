@@ -28,6 +28,10 @@ CONTROLLERS = {  # the convention of its orientations, and what it takes
         "Stäubli angles",
         "{{{x:.4f},{y:.4f},{z:.4f},{alpha:.6f},{beta:.6f},{gamma:.6f}}}",
     ),
+    "kawasaki": (
+        "Kawasaki angles",
+        "{x:.4f} {y:.4f} {z:.4f} {o:.6f} {a:.6f} {t:.6f}",
+    ),
     "ros": (
         "quaternion",
         "ros2 run tf2_ros static_transform_publisher --x {x_m:.7f} --y {y_m:.7f} "

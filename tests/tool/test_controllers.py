@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from profilecal.scan import conventions
 from profilecal_tool.controllers import CONTROLLERS, for_controller
 
 POSE = np.eye(4)
@@ -19,6 +18,7 @@ ROTATION = {  # from the numbers behind the position
     "ur": lambda n: Rotation.from_rotvec(n[:3]),
     "kuka": lambda n: Rotation.from_euler("ZYX", n[:3], degrees=True),
     "fanuc": lambda n: Rotation.from_euler("xyz", n[:3], degrees=True),
+    "kawasaki": lambda n: Rotation.from_euler("ZYZ", n[:3], degrees=True),
     "staubli": lambda n: Rotation.from_euler("XYZ", n[:3], degrees=True),
 }
 
@@ -41,15 +41,6 @@ def test_a_matrix_is_pasted_whole():
     numbers = numbers_in(for_controller("matrix", POSE))
     np.testing.assert_allclose(numbers.reshape(4, 4), POSE, atol=1e-8)
     assert {"matrix", *ROTATION} == CONTROLLERS.keys()
-
-
-def test_another_convention_changes_nothing_of_what_is_pasted(monkeypatch):
-    """One whose columns share names with KUKA's, in another order of angles."""
-    before = for_controller("kuka", POSE)
-    other = conventions.Convention("O, A, T", ("o", "a", "t"), "ZYZ", "ZYZ")
-    more = (*conventions.CONVENTIONS, other)
-    monkeypatch.setattr(conventions, "CONVENTIONS", more)
-    assert for_controller("kuka", POSE) == before
 
 
 def test_an_unknown_controller_is_refused_with_the_known_ones():

@@ -42,7 +42,6 @@ SEQUENCES = (  # of three angles, as scipy names them
         if one.sequence
     ),
     ("angles about the fixed axes z, y, x", "zyx"),
-    ("angles about z, the new y and the new z (Kawasaki)", "ZYZ"),
 )
 
 

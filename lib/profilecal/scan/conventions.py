@@ -44,6 +44,7 @@ CONVENTIONS = (
         "R = Rx(alpha) Ry(beta) Rz(gamma)",
         "XYZ",
     ),
+    Convention("Kawasaki angles", ("o", "a", "t"), "R = Rz(O) Ry(A) Rz(T)", "ZYZ"),
     Convention(
         "matrix",
         tuple(f"r{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3)),
@@ -96,7 +97,8 @@ def pose_matrices(
         "quaternion" (qw, qx, qy, qz: the scalar first, as ABB has it),
         "rotation vector" (rx, ry, rz in radians: Universal Robots), "KUKA angles" (A,
         B, C in degrees), "FANUC angles" (W, P, R in degrees; Yaskawa too), "Stäubli
-        angles" (degrees) or "matrix" (nine entries, row by row).
+        angles" (degrees), "Kawasaki angles" (O, A, T in degrees) or "matrix" (nine
+        entries, row by row).
 
     Returns
     -------

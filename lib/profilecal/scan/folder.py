@@ -381,7 +381,7 @@ def poses_columns(
 
 
 def write_scan(scan: Scan, folder: str | Path) -> None:
-    """Write a scan as a new folder of its own, in mm.
+    """Write a scan as a new folder of its own, in mm; orientations as they were read.
 
     Parameters
     ----------
@@ -408,6 +408,9 @@ def write_scan(scan: Scan, folder: str | Path) -> None:
         scan.p_base_flange[still],
         scan.convention,
     )
+    if scan.orientation is not None:  # as read: another convention may be meant
+        columns = named(scan.convention).columns
+        poses |= zip(columns, scan.orientation.T, strict=True)
     if scan.group_given:
         poses["group"] = scan.group[still]
     if np.any(scan.side[still]):

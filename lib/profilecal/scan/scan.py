@@ -19,7 +19,7 @@ from profilecal.geometry.checks import (
 from profilecal.geometry.log import Log
 from profilecal.geometry.noise import Noise, Systematic
 from profilecal.geometry.poses import homogeneous, inverse, rotation_groups
-from profilecal.scan.conventions import CONVENTIONS, named
+from profilecal.scan.conventions import CONVENTIONS, named, to_rotations
 from profilecal.scan.motion import check_times, checked_log, with_motion
 from profilecal.scan.tables import ScanError, naming
 from profilecal.scan.toml import TEXT, Rule, check_entries, number, one_of
@@ -210,6 +210,11 @@ class Scan:
             if orientations is not None:
                 shape = (len(T), len(named(convention).columns))
                 printed = check_array("orientations", orientations, shape)
+                said = to_rotations(named(convention), printed)
+                if not np.allclose(said, T[:, :3, :3], atol=0.01):  # rounded
+                    raise ScanError(
+                        f"orientations, as {convention}, are not T_base_flange's"
+                    )
         moving = 0
         if log is not None and times is not None:
             moving = int(np.isfinite(np.asarray(times, dtype=float)).sum())

@@ -81,6 +81,7 @@ WRONG = {  # by what the first message is to say
     "FANUC angles w, p, r in degrees": misread(KUKA, FANUC),
     "KUKA angles a, b, c in degrees": misread(FANUC, KUKA),
     "Stäubli angles": misread(KUKA, "Stäubli angles"),
+    "Kawasaki angles o, a, t": misread(KUKA, "Kawasaki angles"),
     "KUKA angles a, b, c in radians": misread(KUKA, KUKA, np.radians),
     "FANUC angles w, p, r in radians": misread(VECTOR, FANUC, np.radians),
     "a rotation vector in degrees": misread(FANUC, VECTOR, np.degrees),
@@ -149,7 +150,7 @@ def test_angles_count_as_they_were_printed(tmp_path):
     angles = Rotation.from_matrix(scan.R_base_flange).as_euler("ZYZ")
     assert (angles[:, 1] > np.pi / 2).any()
     read = read_with(["a", "b", "c"], np.degrees(angles), scan, tmp_path / "scan")
-    words = "a, b, c read as angles about z, the new y and the new z"
+    words = "a, b, c read as Kawasaki angles o, a, t"
     assert words in pc.calibrate(read).messages[0]
 
 

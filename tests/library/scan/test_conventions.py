@@ -36,6 +36,7 @@ FORMULA = {
     "KUKA angles": lambda a, b, c: turn("z", a) @ turn("y", b) @ turn("x", c),
     "FANUC angles": lambda w, p, r: turn("z", r) @ turn("y", p) @ turn("x", w),
     "Stäubli angles": lambda a, b, c: turn("x", a) @ turn("y", b) @ turn("z", c),
+    "Kawasaki angles": lambda o, a, t: turn("z", o) @ turn("y", a) @ turn("z", t),
     "matrix": lambda *entries: np.array(entries).reshape(3, 3),
 }
 
