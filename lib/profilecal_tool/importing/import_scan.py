@@ -13,7 +13,7 @@ from profilecal.scan.folder import check_header, scan_of
 from profilecal.scan.scan import Scan
 from profilecal.scan.tables import ScanError, listed
 from profilecal_tool.importing.layout import NOTHING_SAID, Layout
-from profilecal_tool.importing.makers import POSE_FILES
+from profilecal_tool.importing.makers import POSE_FILES, PROGRAM
 from profilecal_tool.importing.pairing import match
 from profilecal_tool.importing.poses import frames_of, pose_table, taken_as
 from profilecal_tool.importing.profiles import profiles_of, read_profiles, seen_in_mm
@@ -37,7 +37,7 @@ def import_scan(
     of_profiles, of_poses, left = sort_files(folder, layout)
     encoding = layout.encoding or encoding_of([*of_poses, *of_profiles])
     layout = replace(layout, encoding=encoding, in_one=of_poses == of_profiles)
-    poses, convention = pose_table(of_poses, layout)
+    poses, convention, guessed = pose_table(of_poses, layout)
     count = len(poses.lines)
     tables = [read_profiles(path, count, layout) for path in of_profiles]
     names, profiles, axes = profiles_of(
@@ -45,7 +45,7 @@ def import_scan(
     )
     values, taken_profiles = seen_in_mm(folder, profiles, axes, layout.missing)
     poses, order, matched = match(poses, names, convention.columns, left)
-    entries, taken_poses = taken_as(poses, convention, layout.tool)
+    entries, taken_poses, of = taken_as(poses, convention, layout)
 
     measured = "points" if max(map(len, values)) == 1 else "profiles"
     if measured == "profiles":
@@ -54,9 +54,6 @@ def import_scan(
     by_pose = tuple(values[k] for k in order)
     scan = scan_of(folder, header, entries, measured, by_pose)
 
-    of = "the flange (--tool if they are of a tool)"
-    if layout.tool:
-        of = "the tool given, taken off"
     guesses = [
         f"poses      {names_of(of_poses)}: {taken_poses}",
         f"of         {of}",
@@ -70,7 +67,8 @@ def import_scan(
     if left:
         guesses.append(f"left out   {listed(left)}")
     return scan, guesses + [
-        f"note       {doubt}" for doubt in frames_of(poses, layout.mount, layout.tool)
+        f"note       {doubt}"
+        for doubt in [*guessed, *frames_of(poses, convention, layout)]
     ]
 
 
@@ -88,7 +86,11 @@ def sort_files(
     if not poses:
         rest = [path for path in every if path not in profiles]
         unlike = [path for path in rest if family(path) != usual]
-        named = [path for path in rest if POSE_FILES.search(path.name)]
+        named = [
+            path
+            for path in rest
+            if POSE_FILES.search(path.name) or PROGRAM.search(path.name)
+        ]
         alone = unlike if len(unlike) == 1 else rest if len(every) == 1 else []
         poses = [path for path in named if path in unlike] or named or alone
     if not poses:

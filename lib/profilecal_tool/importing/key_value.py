@@ -1,70 +1,92 @@
-"""Text in which each number stands behind its name: KUKA's {X 1,Y 2,…}, listings of
-FANUC's positions, lines t … and r ….
+"""Text in which each number stands behind its name: KUKA's {X 1,Y 2,…}, attributes in
+XML, listings of FANUC's positions, lines t … and r ….
 """
 
 import re
-from dataclasses import dataclass
+from bisect import bisect
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from profilecal.scan.tables import Table, in_columns
-from profilecal_tool.importing.makers import ALIASES, SEVERAL
-from profilecal_tool.importing.tables import NUMBER, line_of
+from profilecal_tool.importing.makers import ALIASES, VAL3, several
+from profilecal_tool.importing.tables import NUMBER
 
-# a brace and the name before it; a group of a FANUC robot's axes; a name and its
-# numbers
+NUMBERS = rf"{NUMBER}(?:[ \t]+{NUMBER})*"
+IN_BRACKETS = rf"\[\s*{NUMBER}(?:\s*,\s*{NUMBER})*\s*\]"
+# a brace and the name before it, or a tag; a group of a FANUC robot's axes; a name and
+# its numbers; a name and a word
 TOKEN = re.compile(
-    rf"(?:\b([a-z]\w*)(?:\[(\d+)[^\]]*\])?\s*=?\s*)?(\{{)|\bgp(\d+)\s*:|"
-    rf"\b([a-z]\w*)\"?\s*[:=]?[ \t]*({NUMBER}(?:[ \t]+{NUMBER})*)",
+    rf"(?:([$\w]+)(?:\[(\d+)[^\]\n]*\])?\s*=?\s*)?(\{{|<\w+)|\bgp(\d+)\s*:|"
+    rf"\b([a-z]\w*)\"?\s*[:=]?[ \t]*\"?({NUMBERS}|{IN_BRACKETS})|"
+    r"\b([a-z]\w*)=\"([^\"\n]*)\"",
     re.IGNORECASE,
 )
 
 
 @dataclass
-class NamedCells:
-    """The cells of one pose by their names."""
+class Named:
+    """What a text says under one name."""
 
-    cells: dict[str, str]
+    cells: dict[str, str] = field(default_factory=dict)
+    name: str = ""
     line: int = 0  # where the first number stands; 0 before there is one
+    kind: str = ""  # what its language calls it
+
+    def has(self, columns: Iterable[str]) -> bool:
+        """Whether there are cells of these columns."""
+        return {*columns} <= self.cells.keys()
 
 
-def behind_names(path: Path, text: str) -> Table | None:
-    """Poses whose numbers have names; None where no names make a position.
-
-    A column is there for each name that some pose has, blank for the others.
+def in_table(path: Path, poses: list[Named]) -> Table:
+    """Poses under the columns that some have, blank for the others, and under their
+    names where each has its own.
     """
-    poses = [
-        pose
-        for pose in named_cells(text)
-        if {"x", "y", "z"} <= pose.cells.keys() or "uf" in pose.cells
-    ]
-    if not poses:
-        return None
-    units = {name: "" for pose in poses for name in pose.cells}
+    names = {pose.name for pose in poses}
+    if "" not in names and len(names) == len(poses):
+        for pose in poses:
+            pose.cells = {"pose": pose.name} | pose.cells
+    units = {column: "" for pose in poses for column in pose.cells}
     rows = [(pose.line, [pose.cells.get(name, "") for name in units]) for pose in poses]
     return in_columns(path, units, rows)
 
 
-def named_cells(text: str) -> list[NamedCells]:
-    """All that may be poses: another one begins at a brace, or where a name comes
-    again.
+def numbered_lines(text: str) -> Callable[[int], int]:
+    """What says the number of the line at a place in a text."""
+    ends = [end.start() for end in re.finditer("\n", text)]
+    return lambda place: bisect(ends, place) + 1
+
+
+def named_cells(text: str) -> list[Named]:
+    """All that stands under names: another begins at a brace, a tag, or where a name
+    comes again.
     """
-    poses = [NamedCells({})]
-    prefix = ""  # of a group's names; those of the first group have none
+    line_at = numbered_lines(text)
+    aliases = ALIASES | (VAL3 if "VAL3" in text else {})
+    found = [Named()]
+    prefix = kind = title = ""  # a group's; those of the first group have none
     for token in TOKEN.finditer(text):
-        label, index, brace, group, key, numbers = token.groups()
+        label, index, opening, group, key, numbers, attribute, words = token.groups()
         if group:
             prefix = "" if group == "1" else f"gp{group} "
-        elif brace:
+            continue
+        if opening:
             prefix = ""
-            poses.append(NamedCells({"pose": f"{label}{index}"} if index else {}))
-        else:
-            name = prefix + key.lower()
-            cells = numbers.split()
-            names = SEVERAL.get((name, len(cells)), (ALIASES.get(name, name),))
-            if poses[-1].cells.keys() & names:
-                poses.append(NamedCells({}))
-            if len(names) == len(cells):
-                pose = poses[-1]
-                pose.line = pose.line or line_of(text, token.start())
-                pose.cells |= zip(names, cells, strict=True)
-    return poses
+            found.append(Named(name=f"{label or ''}{index or ''}", kind=kind))
+            continue
+        name = prefix + (key or attribute).lower()
+        if name == "type":
+            kind = words
+        elif name == "name":
+            title = words
+        cells = re.split(r"[\s,]+", numbers.strip("[] \t")) if numbers else [words]
+        columns = several(name, len(cells)) or (aliases.get(name, name),)
+        if found[-1].cells.keys() & columns:
+            found.append(Named(kind=kind))
+        one = found[-1]
+        if name == "key":
+            one.name = f"{title}{numbers}"
+        elif len(columns) == len(cells):
+            one.line = one.line or line_at(token.start())
+            one.cells |= zip(columns, cells, strict=True)
+    return found

@@ -6,7 +6,10 @@ from profilecal.scan.conventions import named
 
 # what names of files have that hold poses
 POSE_FILES = re.compile(
-    r"pose|(\b|_)rob|flange|tcp|位姿|机器人|\.(ls|dat|mod|script|rob)$", re.IGNORECASE
+    r"pose|(\b|_)rob|flange|tcp|位姿|机器人|\.(ls|rob)$", re.IGNORECASE
+)
+PROGRAM = re.compile(
+    r"\.(dat|src|sub|mod|sys|script|urscript|jbi|as|dtx|pgx|prg|mb4)$", re.IGNORECASE
 )
 
 # columns that tell poses or profiles apart, the first of them that is there
@@ -18,6 +21,8 @@ SCANNERS = {"sensor", "scanner", "camera", "head", "device", "source", "channel"
 
 # columns that say when, and the name of what `times` reads from them
 TIMES = re.compile(r"time|stamp|date|zeit|datum|时间|時刻")
+
+VECTOR = named("rotation vector").columns
 
 # other names of our columns
 ALIASES = {
@@ -31,6 +36,11 @@ ALIASES = {
     "px": "x",
     "py": "y",
     "pz": "z",
+    "ut": "tool",
+    "uf": "base",
+    "tool_no": "tool",
+    "base_no": "base",
+    "fatherid": "base",
 }
 
 # what a profile's columns are called beside x and z
@@ -55,13 +65,89 @@ LENGTHS = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "um": 1e-3, "nm": 1e-6, "inch": 2
 # a table's lengths may be parts of these: 0.01 um
 LENGTHS |= {"µm": 1e-3, "μm": 1e-3, "micron": 1e-3, "in": 25.4, "毫米": 1.0}
 
+VAL3 = {"rx": "alpha", "ry": "beta", "rz": "gamma"}  # in Stäubli's files
+
 # what several numbers behind one name are, by the name and how many there are
-SEVERAL = {("t", 3): ("x", "y", "z"), ("r", 9): named("matrix").columns}
+POSITION = r"t|p|tvec|trans(lation)?|pos(ition)?|xyz"
+ROTATION = r"r|q|rot(ation)?|orientation|quat(ernion)?|rmat"
+SEVERAL = {
+    3: {
+        rf"(?:{POSITION})(_?vec(tor)?)?": ("x", "y", "z"),
+        r"r(ot)?_?vec(tor)?": VECTOR,
+    },
+    4: {ROTATION: ("qx", "qy", "qz", "qw")},
+    9: {rf"(?:{ROTATION})(_?mat(rix)?)?": named("matrix").columns},
+}
 
 # what a pose's numbers are if they have no names, by how many there are; TUM's first
 MATRIX = "r11,r12,r13,x,r21,r22,r23,y,r31,r32,r33,z"
 UNNAMED = {8: "timestamp,x,y,z,qx,qy,qz,qw", 12: MATRIX, 16: f"{MATRIX},_,_,_,_"}
+BY_COLUMNS = {
+    12: "r11,r21,r31,r12,r22,r32,r13,r23,r33,x,y,z",
+    16: "r11,r21,r31,_,r12,r22,r32,_,r13,r23,r33,_,x,y,z,_",
+}
 
-# the frames that FANUC's poses are in and of; and these with its external axes
-FRAMES = {"uf": "user frame", "ut": "tool"}
-FRAMES_AND_AXES = re.compile(r"uf|ut|e\d|gp\d .*")
+# which of several poses is the robot's
+OF_ROBOT = re.compile(r"robot|effector|\bee\b|_ee|tcp|flange|gripper|hand|arm")
+
+# axes that are no pose
+JOINTS = re.compile(r"(?:j|a|q|joint|axis|theta|pulse)_?([1-6])")
+AXES = ",".join(f"j{k}" for k in range(1, 7))
+
+# what the numbers of a list are in a robot's language, by what stands before it, or by
+# how many there are: ABB, Universal Robots, Doosan, Comau, Kawasaki, Mitsubishi
+QUATERNION = "x,y,z,qw,qx,qy,qz"
+TARGET = f"{QUATERNION}{10 * ',_'}"
+LISTS = {
+    "robtarget": TARGET,
+    "": TARGET,
+    "jointtarget": f"{AXES}{6 * ',_'}",
+    "moveabsj": f"{AXES}{6 * ',_'}",
+    "movej": AXES,
+    "tooldata": f"_,{QUATERNION}{11 * ',_'}",
+    "wobjdata": f"_,_,_,{QUATERNION},object {QUATERNION.replace(',', ',object ')}",
+    "p": "x,y,z,rx,ry,rz",
+    "posx": "x,y,z,o,a,t",
+    "pos": "x,y,z,o,a,t,_",
+    "trans": "x,y,z,o,a,t",
+    "posj": AXES,
+    "(": "x,y,z,w,p,r",
+}
+# what follows in a program, by a line that says so: Yaskawa, Kawasaki
+SECTIONS = {
+    "///rectan": "x,y,z,w,p,r",
+    "///pulse": AXES.replace("j", "pulse_"),
+    ".trans": "x,y,z,o,a,t",
+    ".joints": AXES,
+}
+# remarks, by words of the language that has them
+REMARKS = {
+    r"\b(?:robtarget|tooldata)\b": r"!.*",
+    r"\bp\[ *-?[\d.]+ *,": r"#.*",
+    r"^&access|^defdat|^def |\{x |^\.(?:trans|program)": r";.*",
+    r"^/job|^\d* *(?:mov|mvs|def pos)\b": r"'.*",
+    r"<\w+ ": r"(?s:<!--.*?-->)",
+    r"^/prog": r"^ *\d*: *!.*",
+}
+
+# the frames that poses are in and of: what sets them, which names stand for none, and
+# what a frame is called that is no pose; and external axes
+FRAME_SET = {
+    "tool": r"(?:set_tcp\(|^[ \t]*tool[ \t]+|\$tool *=|#tool,|m_tool *=)[ \t]*(\S.*)",
+    "base": r"(?:^[ \t]*base[ \t]+|\$base *=|#base,)[ \t]*(\S.*)",
+}
+MOVE = r"\bmove[ljc]\w*\s+([^;\n]*?)\s*,\s*(\w+)\s*(?:\\wobj:=(\w+)[^;\n]*)?;"
+NO_FRAME = {"", "0", "tool0", "wobj0", "flange", "flange0", "world", "world0", "null"}
+NO_FRAME |= {"nullframe", "$nullframe", "p_ntool", "p_nbase"}
+IS_FRAME = re.compile(r"\$?(?:tool|base)(?:_data)?\d*|nullframe")
+FRAME_KINDS = {"tooldata", "wobjdata", "tool", "frame"}
+FRAMES = {"base": "base or user frame", "tool": "tool"}
+UNSAID = "a tool"  # whose frame a program has, without a word that poses are of it
+EXTERNAL = re.compile(r"e\d|gp\d .*")
+
+
+def several(name: str, count: int) -> tuple[str, ...]:
+    """What `count` numbers behind one name are; nothing where that is not known."""
+    known = SEVERAL.get(count, {}).items()
+    fitting = (columns for words, columns in known if re.fullmatch(words, name))
+    return next(fitting, ())

@@ -1,33 +1,166 @@
-"""Nested text: JSON whose poses are in lists, YAML with lists of points."""
+"""Nested text: poses in JSON and YAML, in whatever they are nested; YAML with lists of
+points.
+"""
 
 import json
 import re
+from collections.abc import Iterator, Sequence
+from itertools import chain, islice
 from pathlib import Path
+from typing import Any
 
-from profilecal.scan.tables import Rows
+import numpy as np
+
+from profilecal.scan.tables import Rows, ScanError, listed, number
 from profilecal_tool.importing.arrays import chosen
-from profilecal_tool.importing.tables import NUMBER, line_of
+from profilecal_tool.importing.key_value import Named
+from profilecal_tool.importing.makers import (
+    ALIASES,
+    OF_ROBOT,
+    POSITION,
+    ROTATION,
+    several,
+)
+from profilecal_tool.importing.programs import check_axes
+from profilecal_tool.importing.tables import line_of
 
 NAMED_LIST = re.compile(r"^ *(\w+) *:\s*\[([^\[\]]*)\]", re.MULTILINE)
+YAML = re.compile(r"(?:\s*#.*\n)*\s*(?:%YAML|---|-\s|[\w\"'-]+:\s)")
+BLOCKS = {3, 4, 6, 7, 9, 12, 16}  # how many numbers in lists of lists are one thing
+MOST = 2_000_000  # things in a tree
+Words = tuple[str, ...]
 
 
-def poses_in_lists(text: str) -> Rows:
-    """Poses in JSON whose numbers are in lists of their own: a matrix, a position
-    beside a quaternion.
+def tree_of(text: str) -> Any:
+    """What JSON, one document or several, or YAML says, with numbers as they are
+    written; None where a text is neither.
     """
+    if text.lstrip()[:1] in ("{", "["):
+        documents = re.sub(r"\}\s*\{", "},{", text)
+        try:
+            return json.loads(f"[{documents}]", parse_float=str, parse_int=str)
+        except ValueError:
+            return None
+    if not YAML.match(text):
+        return None
+    import yaml
+
+    loader = getattr(yaml, "CBaseLoader", yaml.BaseLoader)
+    without_version = re.sub(r"^%.*", "", text, flags=re.MULTILINE)
     try:
-        poses = json.loads(text, object_hook=lambda named: [*named.values()])
-        while isinstance(poses, list) and len(poses) == 1:
-            (poses,) = poses
-        apart = all(isinstance(part, list) for pose in poses for part in pose)
-    except (ValueError, TypeError, RecursionError):
-        return []  # another language, or numbers that are in no lists
-    if not apart:
-        return []
-    return [
-        (count, re.findall(NUMBER, json.dumps(pose)))
-        for count, pose in enumerate(poses, 1)
-    ]
+        return [*yaml.load_all(without_version, Loader=loader)]
+    except yaml.YAMLError:
+        return None
+
+
+def poses_in(path: Path, tree: Any, entry: str) -> tuple[list[Named], list[str]]:
+    """The poses in a tree, with what else is there of each, and what was guessed.
+
+    What has the same numbers in its path is of one pose: R_1 and t_1, or what is in one
+    element of a list. `entry` names the poses where there are several of each.
+
+    Raises ScanError.
+    """
+    records: dict[tuple, dict[str, dict[str, str]]] = {}
+    guessed = set()
+    for words, numbers, cells in islice(leaves(tree), MOST):
+        where, columns = placed(words, cells)
+        part = records.setdefault(numbers, {}).setdefault(".".join(where), {})
+        part |= zip(columns, cells, strict=True)
+        if len(cells) == 4 and "qw" in columns:
+            guessed.add(f"{words[-1]} is taken for qx, qy, qz, qw (--pose-columns)")
+    parts = [(where, part) for one in records.values() for where, part in one.items()]
+    places = [*dict.fromkeys(where for where, part in parts if is_pose(part))]
+    if not places:
+        check_axes(path, chain.from_iterable(part for _, part in parts))
+        return [], []
+    place = chosen_place(path, places, entry)
+    if len(places) > 1:
+        guessed.add(f"of {listed(places)} {place} is taken (--entry)")
+    poses: list[Named] = []
+    for numbers, record in records.items():
+        if not is_pose(record.get(place, {})):
+            continue
+        name = " ".join(word for word in numbers if isinstance(word, str))
+        cells_of = dict(record[place])
+        for where, part in record.items():
+            for column in part if where not in places else ():
+                dotted = column in cells_of or column.isdigit()
+                cells_of[f"{where}.{column}" if dotted else column] = part[column]
+        poses.append(Named(cells_of, name, len(poses) + 1))
+    return poses, sorted(guessed)
+
+
+def leaves(
+    node: Any, words: Words = (), numbers: tuple = ()
+) -> Iterator[tuple[Words, tuple, list[str]]]:
+    """All that is in a tree: the words of its path, the numbers there, and its cells."""
+    if isinstance(node, dict) and {"rows", "data"} <= node.keys():  # OpenCV's
+        node = node["data"]
+    if isinstance(node, dict):
+        for key, value in node.items():
+            word, digits = str(key).lower(), ""
+            if isinstance(value, dict | list):
+                word, digits = re.fullmatch(r"(?s)(.*?)[\W_]*(\d*)", word).groups()
+            own = (digits,) if digits else ()
+            yield from leaves(value, (*words, word), (*numbers, *own))
+        return
+    cells = [*islice(atoms(node), max(BLOCKS) + 1)]
+    if not isinstance(node, list):
+        yield words, numbers, cells
+    elif len(cells) in BLOCKS and np.isfinite([*map(number, cells)]).all():
+        yield words, numbers, cells
+    else:
+        for k, value in enumerate(node):
+            yield from leaves(value, words, (*numbers, k))
+
+
+def atoms(node: Any) -> Iterator[str]:
+    """What is in lists of lists, as text."""
+    if isinstance(node, list):
+        for one in node:
+            yield from atoms(one)
+    else:
+        yield str(node)
+
+
+def placed(words: Words, cells: list[str]) -> tuple[Sequence[str], Sequence[str]]:
+    """What some cells are a part of, and their columns there."""
+    *above, last = words or ("",)
+    if len(cells) == 1:
+        parent = above[-1] if above else ""
+        if re.fullmatch(ROTATION, parent) and last in [*"wxyz"]:
+            return above[:-1], [f"q{last}"]
+        if re.fullmatch(POSITION, parent):
+            above = above[:-1]
+        return above, [ALIASES.get(last, last)]
+    head, _, rest = last.partition("_")
+    for name, where in ((last, above), (head, [*above, rest])):
+        if columns := several(name, len(cells)):
+            return where, columns
+    return words, [str(k) for k in range(1, len(cells) + 1)]
+
+
+def is_pose(part: dict[str, str]) -> bool:
+    """Whether columns are those of a pose, or may be."""
+    return {*"123456"} <= part.keys() or (len(part) > 5 and {*"xyz"} <= part.keys())
+
+
+def chosen_place(path: Path, places: list[str], entry: str) -> str:
+    """Which of several poses is the robot's, as said or as it is called.
+
+    Raises ScanError where that is not clear.
+    """
+    said = [place for place in places if entry and entry.lower() in place]
+    exact = [place for place in said if place == entry.lower()]
+    called = [place for place in places if OF_ROBOT.search(place)]
+    fitting = exact or said or (places if len(places) == 1 else called)
+    if len(fitting) != 1:
+        raise ScanError(
+            f"{path}: several poses at a time, {listed(places)}; "
+            f"say which is the robot's: --entry {places[0]}"
+        )
+    return fitting[0]
 
 
 def points_in_list(path: Path, text: str, entry: str) -> Rows:

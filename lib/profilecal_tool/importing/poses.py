@@ -2,29 +2,46 @@
 are of.
 """
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from numpy import ndarray
 
 from profilecal.geometry.checks import REACH_MM
 from profilecal.geometry.poses import carry, inverse
-from profilecal.scan.conventions import CONVENTIONS, Convention, named, to_rotations
+from profilecal.scan.conventions import (
+    CONVENTIONS,
+    Convention,
+    from_rotations,
+    named,
+    to_rotations,
+)
 from profilecal.scan.folder import check_poses
 from profilecal.scan.scan import MOUNTS
-from profilecal.scan.tables import ScanError, Table, listed
+from profilecal.scan.tables import ScanError, Table, listed, naming, number
 from profilecal_tool.importing.arrays import ENDINGS, array, from_array
-from profilecal_tool.importing.key_value import behind_names
+from profilecal_tool.importing.key_value import in_table
 from profilecal_tool.importing.layout import Layout
-from profilecal_tool.importing.makers import FRAMES, FRAMES_AND_AXES, UNNAMED
-from profilecal_tool.importing.nested import poses_in_lists
-from profilecal_tool.importing.programs import in_brackets
+from profilecal_tool.importing.makers import (
+    BY_COLUMNS,
+    EXTERNAL,
+    FRAMES,
+    NO_FRAME,
+    PROGRAM,
+    UNNAMED,
+    UNSAID,
+)
+from profilecal_tool.importing.nested import poses_in, tree_of
+from profilecal_tool.importing.programs import check_axes, positions_in
 from profilecal_tool.importing.tables import (
     apart,
     check_alike,
     closed_text,
     from_rows,
+    holds_numbers,
     lines_of,
     names_and_units,
     names_of,
@@ -33,47 +50,97 @@ from profilecal_tool.importing.tables import (
     words_in,
 )
 
+LONGEST = 20_000_000  # characters of nested text or of a program
+# brackets around numbers, not around units
+AROUND = re.compile(r"\[(?=[\[\s\d.+-])|(?<=[\]\s\d.])\]")
 
-def read_poses(path: Path, layout: Layout) -> Table:
-    """Poses, one a row or one a matrix, of the first structure that a file has.
 
-    Raises ScanError.
+def read_poses(path: Path, layout: Layout) -> tuple[Table, list[str]]:
+    """Poses, one a row or one a matrix, of the first structure that a file has; and
+    what was guessed. Raises ScanError.
     """
     if path.suffix.lower() in ENDINGS:
         values = array(path)
-        table = from_array(path, values.reshape(len(values), -1))
-    else:
-        text = closed_text(path, layout.encoding)
-        rows = poses_in_lists(text)
-        named = None if rows else behind_names(path, text)
-        table = named or from_rows(path, rows or in_brackets(text) or lines_of(text))
-    if len(table.lines) in (3, 4) and table.units.keys() == {*"1234"}:
-        # the rows of one matrix
-        return from_array(path, table.numbers(table.units).reshape(1, -1))
-    return apart(table)[0] if layout.in_one else table
+        return stacked(from_array(path, values.reshape(len(values), -1))), []
+    text = closed_text(path, layout.encoding)
+    if len(text) < LONGEST:
+        with naming(path):
+            poses, guessed = poses_in(path, tree_of(text), layout.entry)
+            poses = poses or positions_in(path, text)
+        if poses:
+            return in_table(path, poses), guessed
+    rows = lines_of(AROUND.sub(" ", text))
+    are_numbers = [holds_numbers(fields) for _, fields in rows]
+    first = are_numbers.index(True) if any(are_numbers) else 0
+    # words between the rows and after them
+    rows[first:] = [rows[k] for k in range(first, len(rows)) if are_numbers[k]]
+    table = stacked(from_rows(path, rows))
+    return apart(table)[0] if layout.in_one else table, []
 
 
-def pose_table(paths: list[Path], layout: Layout) -> tuple[Table, Convention]:
-    """The poses in a file, or in files of one each, with columns as conventions name
-    them: as said, or as titles or usual numbers have them. Raises ScanError.
+def stacked(table: Table) -> Table:
+    """The table with a matrix a row, where four columns without names are matrices
+    below one another.
     """
-    tables = [read_poses(path, layout) for path in paths]
+    if table.units.keys() != {*"1234"}:
+        return table
+    values = table.numbers(table.units)
+    whole = len(values) % 4 == 0 and is_homogeneous(values.reshape(-1, 4, 4))
+    rows = 4 if whole else 3
+    if len(values) % rows:
+        return table
+    return from_array(table.path, values.reshape(-1, 4 * rows))
+
+
+def is_homogeneous(matrices: ndarray) -> bool:
+    """Whether the last rows of matrices (n, 4, 4) are 0, 0, 0, 1, or the last columns."""
+    ends = (matrices[:, 3], matrices[:, :, 3])
+    return any(np.allclose(end, [0, 0, 0, 1], atol=1e-6) for end in ends)
+
+
+def pose_table(
+    paths: list[Path], layout: Layout
+) -> tuple[Table, Convention, list[str]]:
+    """The poses in a file, in files of one each, or in a program of several files, with
+    columns as conventions name them: as said, or as titles or usual numbers have them;
+    and what was guessed. Raises ScanError.
+    """
+    kinds = {re.sub(r"\d+", "", path.name) for path in paths}
+    guessed: list[str] = []
+    if len(kinds) == len(paths) > 1 and all(map(PROGRAM.search, kinds)):
+        folder, text = (
+            paths[0].parent,
+            "\n".join(closed_text(path, layout.encoding) for path in paths),
+        )
+        tables = [in_table(folder, positions_in(folder, text))]
+    else:
+        readings = [read_poses(path, layout) for path in paths]
+        tables = [table for table, _ in readings]
+        guessed += readings[0][1]
     check_alike(tables)
     units = by_words(tables[0].units)
     table = tables[0] if len(tables) == 1 else one_each(paths, tables)
+    bare = [name for name in units if name.isdigit()]
     said = layout.pose_columns
-    if not said and all(map(str.isdigit, units)):
-        said = UNNAMED.get(len(units), "")
+    if not said and len(bare) in UNNAMED:
+        said = UNNAMED[len(bare)]
+        if is_by_columns(table.numbers(bare)):
+            said = BY_COLUMNS[len(bare)]
+            guessed.append("matrices are written column by column (--pose-columns)")
     if said:
         titles = names_and_units(said.split(","))
-        both = zip(titles.items(), units.values(), strict=False)
-        units = {name: unit or old for (name, unit), old in both}
+        if not titles.keys() <= units.keys() or bare:
+            olds = bare if len(bare) == len(titles) else units
+            new = dict(zip(olds, titles, strict=False))
+            units = {new.get(old, old): unit for old, unit in units.items()}
+        units = {name: titles.get(name) or unit for name, unit in units.items()}
     conventions = [
         convention
         for convention in CONVENTIONS
         if {*"xyz", *convention.columns} <= units.keys()
     ]
     if len(conventions) != 1 or len(units) != len(table.columns):
+        check_axes(table.path, units)
         known = "; ".join(",".join(convention.columns) for convention in CONVENTIONS)
         raise ScanError(
             f"{table.path}: {len(table.columns)} columns, {listed(table.columns)}; "
@@ -83,7 +150,8 @@ def pose_table(paths: list[Path], layout: Layout) -> tuple[Table, Convention]:
     columns = dict(zip(units, table.columns.values(), strict=True))
     if len(tables) > 1:
         columns.setdefault("pose", table.lines)
-    return replace(table, columns=columns, units=units), conventions[0]
+    table = replace(table, columns=columns, units=units)
+    return table, conventions[0], guessed
 
 
 def by_words(units: dict[str, str]) -> dict[str, str]:
@@ -97,6 +165,16 @@ def by_words(units: dict[str, str]) -> dict[str, str]:
         for name, own in zip(units, words, strict=True)
     ]
     return dict(zip(names, units.values(), strict=True))
+
+
+def is_by_columns(values: ndarray) -> bool:
+    """Whether matrices (n, 12) or (n, 16) are written column by column."""
+    if values.shape[1] == 16:
+        return not values[:, 3:12:4].any()
+    rotations = values[:, :9].reshape(-1, 3, 3)
+    return values.shape[1] == 12 and np.allclose(
+        rotations @ rotations.mT, np.eye(3), atol=0.01
+    )
 
 
 def one_each(paths: list[Path], tables: list[Table]) -> Table:
@@ -117,20 +195,16 @@ def one_each(paths: list[Path], tables: list[Table]) -> Table:
 
 
 def taken_as(
-    poses: Table, convention: Convention, tool: tuple[float, ...] | None
-) -> tuple[dict, str]:
-    """Entries of a Scan, the tool taken off, and what the poses were taken for.
-
-    Raises ScanError.
+    poses: Table, convention: Convention, layout: Layout
+) -> tuple[dict, str, str]:
+    """Entries of a Scan, what the poses were taken for, and what they are of: the
+    flange, or a tool that is taken off. Raises ScanError.
     """
     units = {name: poses.units[name] for name in convention.columns}
     columns = {name: poses.columns[name] for name in ("pose", *"xyz", *units)}
     known = ("deg", "rad") if convention.sequence else ("1", "rad")
-    if {*units.values()} == {"deg"} and not convention.sequence:
-        raise ScanError(
-            f"{poses.path}: {listed(units)} in degrees are angles in some order: say "
-            "in which, --pose-columns x,y,z and a,b,c; w,p,r or alpha,beta,gamma"
-        )
+    if convention.name == "rotation vector":
+        check_vectors(poses, units, layout.pose_columns)
     angle = unit_of(poses.path, units, known)
     radians = angle == "rad" and convention.sequence != ""
     if radians:
@@ -140,64 +214,124 @@ def taken_as(
     entries = check_poses(replace(poses, columns=columns), scale)
     angles = f"{', '.join(units)}{angle and f' in {angle}, as said'}"
     words = f"{len(poses.lines)}, {convention.meaning} ({angles}), {lengths}"
-    if not tool:
-        return entries, words
-    # three numbers say how a tool is turned: poses' own, if they have three
-    of_tool = convention if len(units) == 3 else named("FANUC angles")
-    entries |= without_tool(entries, tool, of_tool, radians)
-    place, turn = tool[:3], tool[3:]
-    at_tool = f"of the tool at {place} mm, turned by {turn}, {of_tool.meaning}"
-    return entries, f"{words}, {at_tool}"
+
+    frames = {
+        which: frame_of(poses, which, convention, scale)
+        for which in ("base object", "base", "tool")
+    }
+    of = "the flange (--tool if they are of a tool)"
+    if frames["tool"]:
+        where = frames["tool"][1][0].round(3).tolist()
+        of = (
+            f"tool {poses.columns['tool'][0]}, which the file has at {where} mm; taken "
+            "off (--tool 0 0 0 0 0 0 leaves it on)"
+        )
+    if layout.tool:
+        frames["tool"] = frame_given(layout.tool, angles_of(convention), radians)
+        of = "the tool given, taken off"
+    R, p = entries["R_base_flange"], entries["p_base_flange"]
+    for which, frame in frames.items():
+        if frame and which == "tool":
+            R_tool_flange, p_tool_flange = inverse(*frame)
+            R, p = R @ R_tool_flange, carry(R, p, p_tool_flange)
+        elif frame:
+            R, p = frame[0] @ R, carry(*frame, p)
+    if any(frames.values()):
+        entries |= {"R_base_flange": R, "p_base_flange": p, "orientation": None}
+    return entries, words, of
 
 
-def without_tool(
-    entries: dict, tool: tuple, of_tool: Convention, radians: bool
-) -> dict:
-    """Poses of the flange, as entries of a Scan, from entries with those of a tool.
+def check_vectors(poses: Table, units: dict[str, str], said: str) -> None:
+    """Raise ScanError where rx, ry, rz seem to be angles: in degrees, or longer than
+    rotation vectors need be, and nobody said what they are.
+    """
+    lengths = np.linalg.norm(poses.numbers(units), axis=1)
+    degrees = "deg" in units.values()
+    unit = "deg" if degrees or lengths.max() > 2 * np.pi else "rad"
+    angles = dict(zip(units, (f"{name} [{unit}]" for name in "wpr"), strict=True))
+    columns = ",".join(angles.get(name, name) for name in poses.units)
+    poses.refuse(
+        ((lengths > np.pi + 0.001) & (not said)) | degrees,
+        "rx, ry, rz of length {:.4g}, where rotation vectors have at most π: angles, it "
+        "seems; say which, R = Rz Ry Rx by --pose-columns {}, R = Rx Ry Rz by alpha, "
+        "beta, gamma in place of w, p, r; or that they are vectors: rx, ry, rz there",
+        lengths,
+        [[f'"{columns}"']] * len(lengths),
+    )
 
-    `tool` is x, y, z, mm, and three angles on the flange, in radians if the poses' own
-    are. Raises ScanError for numbers that are none.
+
+def frame_of(
+    poses: Table, which: str, convention: Convention, scale: float
+) -> tuple[ndarray, ndarray] | None:
+    """Rotations (P, 3, 3) and places (P, 3), mm, of the poses' tool or base, if the
+    file has its frame and that is not zero.
+    """
+    names = [f"{which} {column}" for column in (*"xyz", *convention.columns)]
+    if not {*names} <= poses.columns.keys():
+        return None
+    values = poses.numbers(names)
+    R, p = to_rotations(convention, values[:, 3:], poses), values[:, :3] * scale
+    return (R, p) if p.any() or not np.allclose(R, np.eye(3)) else None
+
+
+def frame_given(
+    tool: tuple[float, ...], of_tool: Convention, radians: bool
+) -> tuple[ndarray, ndarray]:
+    """The frame of a tool, x, y, z, mm, and three angles on the flange, in radians if
+    the poses' own are. Raises ScanError for numbers that are none.
     """
     if not np.isfinite(tool).all():
         raise ScanError(f"--tool is {tool}; expected three mm and three angles")
     angles = np.degrees([tool[3:]]) if radians else np.array([tool[3:]])
     where = Table(Path("--tool"), {}, ["4 to 6"], "numbers")
-    R_flange_tool = to_rotations(of_tool, angles, where)[0]
-    R_tool_flange, p_tool_flange = inverse(R_flange_tool, np.array(tool[:3]))
-    R, p = entries["R_base_flange"], entries["p_base_flange"]
-    return {
-        "R_base_flange": R @ R_tool_flange,
-        "p_base_flange": carry(R, p, p_tool_flange),
-        "orientation": None,
-    }
+    return to_rotations(of_tool, angles, where), np.array([tool[:3]])
 
 
-def frames_of(poses: Table, mount: str, tool: tuple | None) -> list[str]:
+def frames_of(poses: Table, convention: Convention, layout: Layout) -> list[str]:
     """Doubts about the robot's frames and external axes.
 
     Raises ScanError where they differ between poses by more than a little.
     """
     # whether the sensor pose will be of another frame than the flange or the base
-    elsewhere = {"uf": mount != MOUNTS[0], "ut": not tool}
-    hints = {"ut": "; for one on the flange give its frame: --tool X Y Z W P R"}
+    elsewhere = {"base": layout.mount != MOUNTS[0], "tool": not layout.tool}
+    hints = {"tool": "; for one on the flange give its frame: --tool X Y Z W P R"}
     doubts = []
-    for name in filter(FRAMES_AND_AXES.fullmatch, poses.columns):
+    for name in poses.columns:
+        if name not in FRAMES and not EXTERNAL.fullmatch(name):
+            continue
         frame = FRAMES.get(name, name)
-        cells = poses.columns[name]
-        if len({*cells}) > 1:
-            apart = np.ptp(poses.numbers([name]))
-            if apart > 0.5:  # mm or degrees
+        cells = [*dict.fromkeys(map(str, poses.columns[name]))]
+        if len(cells) > 1:
+            apart = np.ptp([*map(number, cells)])
+            if not apart <= 0.5:  # mm or degrees
                 raise ScanError(
-                    f"{poses.path}: {frame} differs between poses; expected one for all"
+                    f"{poses.path}: {frame} differs between poses, {listed(cells)}; "
+                    "expected one for all"
                 )
             doubts.append(
                 f"{name} differs by up to {apart:.2g} between poses, "
                 "and is taken to stand still"
             )
-        if elsewhere.get(name) and cells[0] != "0":
+        is_known = f"{name} x" in poses.columns or cells[0].lower() in NO_FRAME
+        if elsewhere.get(name) and not is_known:
             hint = hints.get(name, "")
             doubts.append(
                 f"the poses are of {frame} {cells[0]}, "
                 f"and so will be the sensor pose{hint}"
             )
+    if UNSAID in poses.columns and not layout.tool:
+        name = poses.columns[UNSAID][0]
+        numbers = "X Y Z W P R"
+        if frame := frame_of(poses, UNSAID, convention, 1.0):
+            turn = from_rotations(angles_of(convention), frame[0])[0]
+            numbers = " ".join(f"{value:.7g}" for value in (*frame[1][0], *turn))
+        doubts.append(
+            f"the file has the frame of tool {name} and does not say whether the poses "
+            f"are of it; if they are: --tool {numbers}"
+        )
     return doubts
+
+
+def angles_of(convention: Convention) -> Convention:
+    """The three numbers of --tool: poses' own, if they have three."""
+    return convention if len(convention.columns) == 3 else named("FANUC angles")

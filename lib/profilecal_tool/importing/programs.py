@@ -1,29 +1,178 @@
-"""Robots' programs that write a pose in brackets: ABB's robtargets, UR's p[…]."""
+"""Robots' programs: positions as their languages write them, and the tool and the base
+that these are of.
+"""
 
 import re
+from collections.abc import Iterable, Iterator
+from pathlib import Path
 
-from profilecal.scan.tables import Rows
-from profilecal_tool.importing.tables import line_of
+from profilecal.scan.tables import ScanError, listed, number
+from profilecal_tool.importing.key_value import Named, named_cells, numbered_lines
+from profilecal_tool.importing.makers import (
+    FRAME_KINDS,
+    FRAME_SET,
+    IS_FRAME,
+    JOINTS,
+    LISTS,
+    MOVE,
+    REMARKS,
+    SECTIONS,
+    UNSAID,
+)
+from profilecal_tool.importing.tables import NUMBER
 
-ONE = r"[^\[\],]*"  # of the numbers in brackets
-POSITION = rf"\[\s*\[({ONE},{ONE},{ONE})\]\s*,\s*"
-# poses, and what a robot's language has in them
-BRACKETS = {
-    rf"{POSITION}\[({ONE},{ONE},{ONE},{ONE})\]\s*,\s*\[": "x y z qw qx qy qz",  # ABB
-    r"\bp\[([^\[\]]*)\]": "x y z rx ry rz",  # Universal Robots
-    rf"\[((?:{ONE},){{5,}}{ONE})\]": "",
-}
+SQUARE = r"\[(?:[^\[\]\n]|\[(?:[^\[\]\n]|\[[^\[\]\n]*\])*\])*\]"
+ROUND = r"\(\s*[+-]?\.?\d[^()\n]*\)"
+# a type or a function, a name and a call before brackets, and what is in these
+LIST = re.compile(
+    rf"(?<![\w$.])(?:([a-z]\w*)([ \t]+|\())?(?:([a-z$][\w$]*(?:\[\d+\])?)\s*:?=\s*)?"
+    rf"([a-z]\w*)?({SQUARE}|{ROUND})",
+    re.IGNORECASE,
+)
+ANYWHERE = re.IGNORECASE | re.MULTILINE
+# a line that says what follows, or a name and its numbers
+ROW = re.compile(
+    rf"^[ \t]*(?:([./]+[a-z]+)[ \t]*(\w*)|([a-z][\w.]*(?:\[\d+\])?)[= \t,]+"
+    rf"({NUMBER}(?:[, \t]+{NUMBER}){{5,}}))[ \t\r]*$",
+    ANYWHERE,
+)
 
 
-def in_brackets(text: str) -> Rows:
-    """Poses in brackets, under titles where a robot's language says what the numbers
-    are.
+def positions_in(path: Path, text: str) -> list[Named]:
+    """Positions in a program, with the names of their tools and bases, and with the
+    frames of these where the program has them; lists of numbers where it has none.
+
+    Raises ScanError.
     """
-    for pattern, titles in BRACKETS.items():
-        rows = []
-        for match in re.finditer(pattern, text):
-            cells = ",".join(match.groups()).strip()
-            rows.append((line_of(text, match.start()), re.split(r"[\s,]+", cells)))
-        if rows:
-            return [(0, titles.split()), *rows]
-    return []
+    text = without_remarks(text)
+    found = [*named_cells(text), *lists_in(path, text), *rows_in(text)]
+    full = [one for one in found if one.has("xyz")]
+    if not full:
+        check_axes(path, (column for one in found for column in one.cells))
+        return [one for one in found if one.has("123456")]
+    frames = {one.name.lower(): one for one in full}
+    poses = [one for one in full if not is_frame(one)]
+    of_pose = names_said(text, found)
+    for which, pattern in FRAME_SET.items():
+        chosen = dict(
+            chosen_frame(path, argument, frames)
+            for argument in re.findall(pattern, text, ANYWHERE)
+        )
+        poses = [one for one in poses if one not in chosen.values()]
+        for one in poses:
+            keys = (one.name.lower(), one.name.lower()[1:], str(one.line))
+            said = next((of_pose[key] for key in keys if key in of_pose), {})
+            name = one.cells.get(which) or said.get(which) or " or ".join(chosen)
+            frame = chosen.get(name) or frames.get(name.lower())
+            put(one, which, name, frame or frames.get(f"{which}_data{name}"))
+    held = [one for one in full if is_frame(one)]
+    held = [one for one in held if any(number(one.cells[axis]) for axis in "xyz")]
+    if poses and held and not any("tool" in one.cells for one in poses):
+        names = " or ".join(one.name for one in held)
+        for one in poses:
+            put(one, UNSAID, names, held[0] if len(held) == 1 else None)
+    return poses
+
+
+def without_remarks(text: str) -> str:
+    """A program in which nothing but the ends of lines is left of its remarks."""
+    for language, remark in REMARKS.items():
+        if re.search(language, text, ANYWHERE):
+            lines = re.compile(remark, ANYWHERE)
+            text = lines.sub(lambda found: "\n" * found[0].count("\n"), text)
+    return text
+
+
+def lists_in(path: Path, text: str) -> Iterator[Named]:
+    """Lists of numbers, under columns where the language says what these are.
+
+    Raises ScanError for one that is longer or shorter.
+    """
+    line_at = numbered_lines(text)
+    for match in LIST.finditer(text):
+        kind, between, name, call, brackets = match.groups(default="")
+        if between == "(" and not kind.lower().startswith("mov"):
+            continue  # what a function takes is no position
+        cells = re.split(r"\s*,\s*|\s+", re.sub(r"[\[\]()]", " ", brackets).strip())
+        line = line_at(match.start())
+        words = [word.lower() for word in (call, kind) if word.lower() in LISTS]
+        if brackets[0] == "(" and not call and name:
+            words = ["("]
+            cells = cells[:6]
+        columns = LISTS[words[0] if words else ""].split(",")
+        if len(cells) != len(columns):
+            if words and len(cells) > 5:
+                raise ScanError(
+                    f"{path} line {line}: {name or words[0]} has {len(cells)} numbers; "
+                    f"expected {len(columns)}"
+                )
+            columns = [str(k) for k in range(1, len(cells) + 1)]
+        named = dict(zip(columns, cells, strict=True))
+        named.pop("_", "")
+        yield Named(named, name, line, kind.lower())
+
+
+def rows_in(text: str) -> Iterator[Named]:
+    """Rows of a name and numbers, below a line that says what these are, and what they
+    are of.
+    """
+    columns: list[str] = []
+    above: dict[str, str] = {}
+    line_at = numbered_lines(text)
+    for match in ROW.finditer(text):
+        header, argument, name, numbers = match.groups(default="")
+        header = header.lower()
+        if header in SECTIONS:
+            columns = SECTIONS[header].split(",")
+        elif header in ("///tool", "///user"):
+            above["tool" if header == "///tool" else "base"] = argument
+        elif name and columns:
+            cells = zip(columns, re.split(r"[, \t]+", numbers), strict=False)
+            yield Named(dict(cells) | above, name, line_at(match.start(3)))
+
+
+def is_frame(one: Named) -> bool:
+    """Whether a position is the frame of a tool or a base."""
+    return one.kind in FRAME_KINDS or bool(IS_FRAME.fullmatch(one.name.lower()))
+
+
+def names_said(text: str, found: list[Named]) -> dict[str, dict[str, str]]:
+    """The names of the tool and the base of positions, by the name, its end or the line
+    of a position, as its moves or what stands beside it say.
+    """
+    line_at = numbered_lines(text)
+    said = {one.name.lower()[1:]: one.cells for one in found if one.has(["tool"])}
+    for move in re.finditer(MOVE, text, ANYWHERE):
+        targets, tool, base = move.groups(default="")
+        line = str(line_at(move.start()))
+        names = {"tool": tool, "base": base}
+        said |= dict.fromkeys([line, *re.findall(r"\w+", targets.lower())], names)
+    return said
+
+
+def chosen_frame(path: Path, argument: str, frames: dict) -> tuple[str, Named | None]:
+    """The name of the frame that a statement sets, and the frame where it is known."""
+    lists = lists_in(path, f"frame={argument}")
+    inline = [one for one in (*lists, *named_cells(argument)) if one.has("xyz")]
+    if inline:
+        return f"({', '.join(inline[0].cells.values())})", inline[0]
+    name = re.sub(r"[\[\]]", "", re.match(r"[^\s(),;]*", argument)[0])
+    return name, frames.get(name.lower())
+
+
+def put(one: Named, which: str, name: str, frame: Named | None) -> None:
+    """Note the name of a position's tool or base, and its frame."""
+    if name:
+        one.cells[which] = name
+    if frame:
+        one.cells |= {f"{which} {key}": cell for key, cell in frame.cells.items()}
+
+
+def check_axes(path: Path, names: Iterable[str]) -> None:
+    """Raise ScanError where names are those of joint angles."""
+    axes = [name for name in dict.fromkeys(names) if JOINTS.fullmatch(name)]
+    if {"5", "6"} <= {name[-1] for name in axes}:
+        raise ScanError(
+            f"{path}: joint angles or pulses, {listed(axes)}, and no poses; let the "
+            "robot write x, y, z and its orientation, and say where: --poses FILE"
+        )
