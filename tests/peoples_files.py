@@ -59,7 +59,7 @@ def kuka(folder):
     for k, row in enumerate(poses("KUKA angles"), 1):
         pose = named_numbers("XYZABC", row, ",")
         lines.append(f"DECL E6POS XP{k}={{{pose},S 2,T 35}}")
-        lines.append(f"DECL FDAT FP{k}={{TOOL_NO 1,BASE_NO 0}}")
+        lines.append(f"DECL FDAT FP{k}={{TOOL_NO 0,BASE_NO 0}}")
     (folder / "scan.dat").write_text("\n".join([*lines, "ENDDAT", ""]))
 
 

@@ -409,8 +409,8 @@ def write_scan(scan: Scan, folder: str | Path) -> None:
         scan.convention,
     )
     if scan.orientation is not None:  # as read: another convention may be meant
-        columns = named(scan.convention).columns
-        poses |= zip(columns, scan.orientation.T, strict=True)
+        angles = named(scan.convention).columns
+        poses |= zip(angles, scan.orientation.T, strict=True)
     if scan.group_given:
         poses["group"] = scan.group[still]
     if np.any(scan.side[still]):

@@ -40,10 +40,10 @@ class Named:
 
 def in_table(path: Path, poses: list[Named]) -> Table:
     """Poses under the columns that some have, blank for the others, and under their
-    names where each has its own.
+    names where most have one of their own.
     """
     names = {pose.name for pose in poses}
-    if "" not in names and len(names) == len(poses):
+    if "" not in names and len(names) > len(poses) / 2:
         for pose in poses:
             pose.cells = {"pose": pose.name} | pose.cells
     units = {column: "" for pose in poses for column in pose.cells}

@@ -100,7 +100,7 @@ QUATERNION = "x,y,z,qw,qx,qy,qz"
 TARGET = f"{QUATERNION}{10 * ',_'}"
 LISTS = {
     "robtarget": TARGET,
-    "": TARGET,
+    "[": TARGET,
     "jointtarget": f"{AXES}{6 * ',_'}",
     "moveabsj": f"{AXES}{6 * ',_'}",
     "movej": AXES,

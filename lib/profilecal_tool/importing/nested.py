@@ -76,7 +76,8 @@ def poses_in(path: Path, tree: Any, entry: str) -> tuple[list[Named], list[str]]
         return [], []
     place = chosen_place(path, places, entry)
     if len(places) > 1:
-        guessed.add(f"of {listed(places)} {place} is taken (--entry)")
+        others = listed(other for other in places if other != place)
+        guessed.add(f"{place} is taken for the robot's pose, not {others} (--entry)")
     poses: list[Named] = []
     for numbers, record in records.items():
         if not is_pose(record.get(place, {})):
@@ -94,7 +95,7 @@ def poses_in(path: Path, tree: Any, entry: str) -> tuple[list[Named], list[str]]
 def leaves(
     node: Any, words: Words = (), numbers: tuple = ()
 ) -> Iterator[tuple[Words, tuple, list[str]]]:
-    """All that is in a tree: the words of its path, the numbers there, and its cells."""
+    """All that is in a tree: words of its path, the numbers there, and its cells."""
     if isinstance(node, dict) and {"rows", "data"} <= node.keys():  # OpenCV's
         node = node["data"]
     if isinstance(node, dict):
@@ -106,9 +107,8 @@ def leaves(
             yield from leaves(value, (*words, word), (*numbers, *own))
         return
     cells = [*islice(atoms(node), max(BLOCKS) + 1)]
-    if not isinstance(node, list):
-        yield words, numbers, cells
-    elif len(cells) in BLOCKS and np.isfinite([*map(number, cells)]).all():
+    are_one = len(cells) in BLOCKS and np.isfinite([*map(number, cells)]).all()
+    if are_one or not isinstance(node, list):
         yield words, numbers, cells
     else:
         for k, value in enumerate(node):

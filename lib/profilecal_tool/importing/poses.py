@@ -93,9 +93,11 @@ def stacked(table: Table) -> Table:
 
 
 def is_homogeneous(matrices: ndarray) -> bool:
-    """Whether the last rows of matrices (n, 4, 4) are 0, 0, 0, 1, or the last columns."""
-    ends = (matrices[:, 3], matrices[:, :, 3])
-    return any(np.allclose(end, [0, 0, 0, 1], atol=1e-6) for end in ends)
+    """Whether all last rows of matrices (n, 4, 4) begin with 0, 0, 0, or all last
+    columns.
+    """
+    ends = (matrices[:, 3, :3], matrices[:, :3, 3])
+    return any(np.allclose(end, 0, atol=1e-6) for end in ends)
 
 
 def pose_table(
@@ -250,14 +252,12 @@ def check_vectors(poses: Table, units: dict[str, str], said: str) -> None:
     unit = "deg" if degrees or lengths.max() > 2 * np.pi else "rad"
     angles = dict(zip(units, (f"{name} [{unit}]" for name in "wpr"), strict=True))
     columns = ",".join(angles.get(name, name) for name in poses.units)
-    poses.refuse(
-        ((lengths > np.pi + 0.001) & (not said)) | degrees,
-        "rx, ry, rz of length {:.4g}, where rotation vectors have at most π: angles, it "
-        "seems; say which, R = Rz Ry Rx by --pose-columns {}, R = Rx Ry Rz by alpha, "
-        "beta, gamma in place of w, p, r; or that they are vectors: rx, ry, rz there",
-        lengths,
-        [[f'"{columns}"']] * len(lengths),
+    sentence = (
+        "rx, ry, rz of length {:.4g}, where rotation vectors have at most π: angles, "
+        f'it seems; say which: R = Rz Ry Rx by --pose-columns "{columns}", R = Rx Ry '
+        "Rz with alpha, beta, gamma there; or, if they are vectors, with rx, ry, rz"
     )
+    poses.refuse(((lengths > np.pi + 0.001) & (not said)) | degrees, sentence, lengths)
 
 
 def frame_of(
@@ -269,8 +269,10 @@ def frame_of(
     names = [f"{which} {column}" for column in (*"xyz", *convention.columns)]
     if not {*names} <= poses.columns.keys():
         return None
-    values = poses.numbers(names)
-    R, p = to_rotations(convention, values[:, 3:], poses), values[:, :3] * scale
+    values = poses.numbers(names, blank=True)
+    has = np.isfinite(values).all(axis=1)  # others are of none
+    R, p = np.tile(np.eye(3), (len(has), 1, 1)), np.nan_to_num(values[:, :3]) * scale
+    R[has] = to_rotations(convention, values[has, 3:])
     return (R, p) if p.any() or not np.allclose(R, np.eye(3)) else None
 
 
@@ -300,20 +302,23 @@ def frames_of(poses: Table, convention: Convention, layout: Layout) -> list[str]
         if name not in FRAMES and not EXTERNAL.fullmatch(name):
             continue
         frame = FRAMES.get(name, name)
-        cells = [*dict.fromkeys(map(str, poses.columns[name]))]
-        if len(cells) > 1:
+        held = poses.columns.get(f"{name} x", [""] * len(poses.lines))
+        cells = [*map(str, poses.columns[name])]
+        pairs = zip(cells, held, strict=True)
+        unknown = [cell for cell, x in pairs if not x and cell.lower() not in NO_FRAME]
+        if unknown and len({*cells}) > 1:
             apart = np.ptp([*map(number, cells)])
             if not apart <= 0.5:  # mm or degrees
+                several = listed(dict.fromkeys(cells))
                 raise ScanError(
-                    f"{poses.path}: {frame} differs between poses, {listed(cells)}; "
-                    "expected one for all"
+                    f"{poses.path}: {frame} differs between poses, {several}; expected "
+                    "one for all: import those of one, in a file of their own, --poses"
                 )
             doubts.append(
                 f"{name} differs by up to {apart:.2g} between poses, "
                 "and is taken to stand still"
             )
-        is_known = f"{name} x" in poses.columns or cells[0].lower() in NO_FRAME
-        if elsewhere.get(name) and not is_known:
+        if elsewhere.get(name) and unknown:
             hint = hints.get(name, "")
             doubts.append(
                 f"the poses are of {frame} {cells[0]}, "

@@ -50,7 +50,13 @@ def positions_in(path: Path, text: str) -> list[Named]:
     if not full:
         check_axes(path, (column for one in found for column in one.cells))
         return [one for one in found if one.has("123456")]
-    frames = {one.name.lower(): one for one in full}
+    for one in found:
+        if len({*"xyz"} & one.cells.keys()) == 2 and len(one.cells) > 4:
+            raise ScanError(
+                f"{path} line {one.line}: {one.name or 'a position'} has "
+                f"{listed(one.cells)}; expected x, y and z"
+            )
+    frames = {one.name.lower(): one for one in full if one.name}
     poses = [one for one in full if not is_frame(one)]
     of_pose = names_said(text, found)
     for which, pattern in FRAME_SET.items():
@@ -95,11 +101,11 @@ def lists_in(path: Path, text: str) -> Iterator[Named]:
             continue  # what a function takes is no position
         cells = re.split(r"\s*,\s*|\s+", re.sub(r"[\[\]()]", " ", brackets).strip())
         line = line_at(match.start())
-        words = [word.lower() for word in (call, kind) if word.lower() in LISTS]
+        words = [word for word in (call.lower(), kind.lower()) if word in LISTS]
         if brackets[0] == "(" and not call and name:
             words = ["("]
             cells = cells[:6]
-        columns = LISTS[words[0] if words else ""].split(",")
+        columns = LISTS[words[0] if words else "["].split(",")
         if len(cells) != len(columns):
             if words and len(cells) > 5:
                 raise ScanError(

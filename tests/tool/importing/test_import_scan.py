@@ -224,7 +224,7 @@ def test_what_matters_of_frames_and_axes_is_told(tmp_path):
     edited("CALIB.LS", "12.500  mm", "12.8  mm")(folder)
     assert "e1 differs by up to 0.3 between poses" in notes(folder, tool=TOOL)[0]
     edited("CALIB.LS", "12.8  mm", "13.1  mm")(folder)
-    sentence = r"CALIB.LS: e1 differs between poses; expected one for all"
+    sentence = r"CALIB.LS: e1 differs between poses, 13.1, 12.500; expected one for all"
     with pytest.raises(ScanError, match=sentence):
         notes(folder)
 
@@ -241,9 +241,9 @@ def test_other_files_are_left_out_and_files_in_folders_of_their_own_are_found(tm
 
 
 NONSENSE = {  # in each syntax of poses
-    "kuka": ("scan.dat", "XP3={X ", "XP3={X oops", "12 profiles for 11 poses"),
-    "abb": ("scan.mod", "],[-1,0,-1,0]", ",1],[-1,0,-1,0]", "12 profiles for 11 poses"),
-    "ur": ("scan.script", "p[", "p[oops,", "12 profiles for 11 poses"),
+    "kuka": ("scan.dat", "XP3={X ", "XP3={X oops", "dat line 7: XP3 has .*y, z, a, b"),
+    "abb": ("scan.mod", "],[-1,0,-1,0]", ",1],[-1,0,-1,0]", "mod line 3: p10 has 18"),
+    "ur": ("scan.script", "p[", "p[oops,", "line 2: P_0_p has 7 numbers; expected 6"),
     "as_json": (
         "poses.json",
         "[\n            ",
@@ -371,7 +371,7 @@ MISTAKES = {
     "other tool": (
         fanuc,
         edited("CALIB.LS", "UT : 0", "UT : 3"),
-        "CALIB.LS: tool differs between poses; expected",
+        "CALIB.LS: tool differs between poses, 3, 0; expected",
     ),
     "reflection": (
         matrices,
