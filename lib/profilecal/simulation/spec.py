@@ -213,7 +213,9 @@ def errors_of(spec: Spec, rng: Generator) -> Generator:
     """Where the errors of a scan come from: after the first scan not from where its
     scene came from.
     """
-    return rng if spec.scan == 1 else np.random.default_rng([spec.seed, spec.scan])
+    if spec.scan == 1:
+        return rng
+    return np.random.default_rng(np.append(spec.seed, spec.scan))
 
 
 def recorded(scene: Scene, spec: Spec, rng: Generator) -> Scan:
@@ -255,7 +257,7 @@ def taken(scene: Scene, spec: Spec, rng: Generator) -> tuple[ndarray, ndarray]:
     to_hand = spec.mount == "eye-to-hand"
     actual = actual_poses(scene.poses, spec.noise, rng, shared, to_hand)
     R, T = (part.reshape(-1, *part.shape[2:]) for part in actual)
-    return spec.robot.built(R, T, np.random.default_rng([spec.seed, 0]))
+    return spec.robot.built(R, T, np.random.default_rng(np.append(spec.seed, 0)))
 
 
 def record(
