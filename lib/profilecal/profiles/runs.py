@@ -92,10 +92,13 @@ class Run:
         return self.offset_covariance(places)[..., None, None] * square
 
 
-def straight_runs(profile: ndarray) -> list[Run]:
-    """The straight runs of a profile (n, 2), in scan order."""
+def straight_runs(profile: ndarray, uneven: float = 0.0) -> list[Run]:
+    """The straight runs of a profile (n, 2), in scan order, whose points are off their
+    lines by chance, or by `uneven` mm if that is more.
+    """
     seen = np.flatnonzero(present(profile))
     rows, limit = surface(profile, seen)
+    limit = max(limit, uneven)
     points = profile.take(rows, axis=0)
     pieces = merge(split(points, limit), points, limit)
     runs = [run_through(profile, seen, rows[piece], limit) for piece in pieces]

@@ -1,9 +1,16 @@
 """The face of a plane in raw profiles: how often it is found, and how well."""
 
+import os
+import tomllib
+from pathlib import Path
+
 import numpy as np
 import pytest
-from finding import assert_means_are_as_exact_as_stated, features_of
+from finding import assert_means_are_as_exact_as_stated, features_of, share_found
 from raw_profiles import planes, spoil
+from scipy.spatial.transform import Rotation
+
+import profilecal as pc
 
 
 def off_face(points, ends):
@@ -19,3 +26,77 @@ def test_a_face_is_found_and_as_exact_as_stated(spoiled):
         profiles = spoil(profiles, faces[:, 1:], rng)
     features = features_of("plane", profiles)
     assert_means_are_as_exact_as_stated(features, faces, off_face)
+
+
+X = np.linspace(-50, 50, 200)
+
+
+def boards(uneven, count=150):
+    """Profiles of boards on which points are `uneven(rng)` mm high, and their tilts."""
+    rng = np.random.default_rng(6)
+    tilts = rng.uniform(-0.3, 0.3, count)
+    noise = rng.normal(0, 0.05, (count, len(X)))
+    z = [200 + tilt * X + uneven(rng) for tilt in tilts]
+    return np.stack([np.broadcast_to(X, noise.shape), z + noise], axis=-1), tilts
+
+
+def printed(rng):
+    """Black and white squares of 10 mm, seen 0.3 mm apart."""
+    return 0.3 * (np.floor((X + rng.uniform(0, 20)) / 10) % 2) - 0.15
+
+
+def wavy(rng):
+    """Up and down in 80 mm and less."""
+    phases = np.exp(2j * np.pi * np.outer(np.arange(1, 6), X / 80))
+    sizes = rng.normal(0, 0.15, (5, 2)) @ [1, 1j] / np.arange(1, 6)
+    return (sizes @ phases).real
+
+
+def plate(rng):
+    """One of 1 mm on a table."""
+    return np.where(rng.uniform(-10, 10) < X, 1.0, 0.0)
+
+
+@pytest.mark.parametrize("uneven", [printed, wavy])
+def test_a_board_that_is_not_quite_flat_is_found_whole_and_weighs_less(uneven):
+    profiles, tilts = boards(uneven)
+    features = features_of("plane", profiles)
+    assert share_found(features) >= 0.99
+    found = [pair for pair in zip(features, tilts, strict=True) if pair[0].found]
+    squares = []
+    for feature, tilt in found:
+        assert np.ptp(X[feature.used]) > 60
+        x, z = feature.points.T
+        off = (z - 200 - tilt * x) / np.hypot(1, tilt)
+        weights = 1 / feature.covariance[:, 0, 0]
+        # of the mean and of the slope of all points, over what they state of both
+        for along in (np.ones_like(x), x - weights @ x / weights.sum()):
+            squares.append((weights * along @ off) ** 2 / (weights @ along**2))
+    assert np.mean(squares) < 1
+
+
+def test_a_step_parts_two_faces():
+    features = features_of("plane", boards(plate)[0])
+    assert share_found(features) == 0
+    assert "two straight runs of similar length" in features[0].reason
+
+
+BOARDS = Path(os.environ.get("PROFILECAL_REAL_DATA", "")) / "etna"
+
+
+@pytest.mark.skipif(
+    not BOARDS.is_dir(),
+    reason="no real profiles of boards: PROFILECAL_REAL_DATA is not set",
+)
+@pytest.mark.parametrize(("name", "least"), [("calib3", 15), ("calib6", 6)])
+def test_real_boards_are_found_and_agree_with_their_reference(name, least):
+    """As far as they determine it: calib6 does not."""
+    found = pc.calibrate(pc.read_scan(BOARDS / name))
+    assert len(found.to_json()["poses_used"]) >= least
+    if found.is_known:
+        with (BOARDS / name / "reference.toml").open("rb") as file:
+            reference = np.array(tomllib.load(file)["T_flange_sensor"])
+        apart = np.linalg.inv(found.pose) @ reference
+        turn = Rotation.from_matrix(apart[:3, :3]).as_rotvec(degrees=True)
+        sd = np.sqrt(np.diag(found.to_json()["covariance"]))
+        assert (np.abs([*apart[:3, 3], *turn]) < 3 * sd).all()
