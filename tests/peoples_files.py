@@ -7,6 +7,7 @@ import json
 from dataclasses import replace
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from profilecal.geometry.poses import homogeneous
 from profilecal.scan.conventions import from_rotations, named
@@ -31,14 +32,34 @@ def scan():
     return replace(simulated, values=tuple(profiles))
 
 
-def poses(convention, scale=1.0):
+def poses(convention, scale=1.0, matrices=None):
     """The numbers of each pose (12, 3 + k)."""
-    angles = from_rotations(named(convention), scan().R_base_flange)
-    return np.hstack([scan().p_base_flange * scale, angles])
+    matrices = matrices_of_poses() if matrices is None else matrices
+    angles = from_rotations(named(convention), matrices[:, :3, :3])
+    return np.hstack([matrices[:, :3, 3] * scale, angles])
 
 
 def matrices_of_poses():
     return homogeneous(scan().R_base_flange, scan().p_base_flange)
+
+
+def frame(*numbers):
+    """A tool or a base (4, 4) from x, y, z, mm, and w, p, r, degrees."""
+    R = Rotation.from_euler("xyz", numbers[3:], degrees=True).as_matrix()
+    return homogeneous(R, np.array(numbers[:3]))
+
+
+TOOL, BASE = frame(12, -35, 180, 10, -20, 30), frame(100, 50, 0, 0, 0, 15)
+
+
+def poses_of_tool(convention, scale=1.0):
+    """The numbers of the tool's poses in that base."""
+    of_tool = np.linalg.inv(BASE) @ matrices_of_poses() @ TOOL
+    return poses(convention, scale, of_tool)
+
+
+def numbers_of(frame, convention, scale=1.0):
+    return poses(convention, scale, frame[None])[0]
 
 
 def text(numbers, separator=","):
@@ -64,21 +85,89 @@ def kuka(folder):
 
 
 def abb(folder):
-    tool = "[TRUE,[[0,0,100],[1,0,0,0]],[1,[0,0,1],[1,0,0,0],0,0,0]]"
-    lines = ["MODULE Scan", f"  PERS tooldata tScan:={tool};"]
-    for k, row in enumerate(poses("quaternion"), 1):
+    x, q = np.split(numbers_of(TOOL, "quaternion"), [3])
+    at = f"[[{text(x)}],[{text(q)}]]"
+    tool = f"[TRUE,{at},[1,[0,0,1],[1,0,0,0],0,0,0]]"
+    x, q = np.split(numbers_of(BASE, "quaternion"), [3])
+    base = f'[FALSE,TRUE,"",[[{text(x)}],[{text(q)}]],[[0,0,0],[1,0,0,0]]]'
+    targets, moves = [], []
+    for k, row in enumerate(poses_of_tool("quaternion"), 1):
         pose = f"[{text(row[:3])}],[{text(row[3:])}]"
         axes = "[-1,0,-1,0],[9E9,9E9,9E9,9E9,9E9,9E9]"
-        lines.append(f"  CONST robtarget p{10 * k}:=[{pose},{axes}];")
-    (folder / "scan.mod").write_text("\n".join([*lines, "ENDMODULE", ""]))
+        targets.append(f"  CONST robtarget p{10 * k}:=[{pose},{axes}];")
+        moves.append(f"  MoveL p{10 * k},v100,fine,tScan\\WObj:=wBall; ! p{10 * k}")
+    lines = ["MODULE Scan", f"  PERS tooldata tScan:={tool};"]
+    lines += [f"  TASK PERS wobjdata wBall:={base};", *targets]
+    lines += [f"  !{targets[0]}", *moves, "ENDMODULE", ""]
+    (folder / "scan.mod").write_text("\n".join(lines))
 
 
 def ur(folder):
-    lines = ["def scan():"]
-    for k, row in enumerate(poses("rotation vector", 0.001)):
+    """In a base of its own, which no UR program says: poses of the tool alone."""
+    rows = poses("rotation vector", 0.001, matrices_of_poses() @ TOOL)
+    tcp = numbers_of(TOOL, "rotation vector", 0.001)
+    lines = ["def scan():", f"  set_tcp(p[{text(tcp)}])"]
+    for k, row in enumerate(rows):
         lines.append(f"  global P_{k}_p=p[{text(row)}]")
+        lines.append(f"  # global P_{k}_p=p[{text(rows[0])}]")
         lines.append("  movej([0,1,2,3,4,5], a=1.4)")
     (folder / "scan.script").write_text("\n".join([*lines, "end", ""]))
+
+
+def yaskawa(folder):
+    lines = ["/JOB", "//NAME SCAN", "//POS", "///NPOS 12,0,0,0,0,0", "///TOOL 0"]
+    lines += ["///POSTYPE BASE", "///RECTAN", "///RCONF 0,1,1,0,0,0,0,0"]
+    for k, row in enumerate(poses("FANUC angles")):
+        lines.append(f"C{k:05d}={text(row)}")
+    lines += ["//INST", "NOP", "MOVL C00000 V=50.0", "END", ""]
+    (folder / "SCAN.JBI").write_text("\n".join(lines))
+
+
+def kawasaki(folder):
+    lines = [".PROGRAM scan()", "  TOOL tip", "  LMOVE p1", ".END", ".TRANS"]
+    lines.append(f"tip {text(numbers_of(TOOL, 'Kawasaki angles'), ' ')}")
+    rows = poses("Kawasaki angles", matrices=matrices_of_poses() @ TOOL)
+    lines += [f"p[{k}] {text(row, ' ')}" for k, row in enumerate(rows)]
+    lines += [".END", ".JOINTS", "#home 0 10 20 30 40 50", ".END", ""]
+    (folder / "scan.as").write_text("\n".join(lines))
+
+
+def mitsubishi(folder):
+    lines = ["10 MVS P1", "'P77=(1,2,3,4,5,6)(7,0)", "J1=(0,10,90,0,80,0)"]
+    rows = poses("FANUC angles")
+    lines += [f"P{k}=({text(row)})(7,0)" for k, row in enumerate(rows)]
+    (folder / "scan.prg").write_text("\n".join([*lines, ""]))
+
+
+def staubli(folder):
+    names = ("x", "y", "z", "rx", "ry", "rz")
+
+    def value(key, row, father):
+        pairs = zip(names, row, strict=True)
+        numbers = " ".join(f'{name}="{number:.12f}"' for name, number in pairs)
+        return f'<Value key="{key}" {numbers} fatherId="{father}" />'
+
+    of_base = np.linalg.inv(BASE) @ matrices_of_poses()
+    rows = poses("Stäubli angles", matrices=of_base)
+    lines = ['<?xml version="1.0"?>', '<Database xmlns="robotics/VAL3/Data/2"><Datas>']
+    lines.append('<Data name="fPart" type="frame" size="1">')
+    lines.append(value(0, numbers_of(BASE, "Stäubli angles"), "world[0]"))
+    lines.append('</Data><Data name="pScan" type="pointRx" size="12">')
+    lines += [value(k, row, "fPart[0]") for k, row in enumerate(rows)]
+    lines += [f"<!-- {lines[-1]} -->", "</Data></Datas></Database>", ""]
+    (folder / "scan.dtx").write_text("\n".join(lines))
+
+
+def xml_log(folder):
+    """Words, and each pose twice: as attributes, and as a matrix."""
+    lines = ["Control Version: 1.17.3", "Server listening on port 59153..."]
+    rows = poses("KUKA angles")
+    for matrix, row in zip(matrices_of_poses(), rows, strict=True):
+        pairs = zip("XYZABC", row, strict=True)
+        numbers = " ".join(f'{name}="{number:.12f}"' for name, number in pairs)
+        lines += [f"<Send><Position {numbers}></Position></Send>", ">>> TCP:"]
+        lines += [*map(text, matrix, 4 * " "), "Dropped 0 frames in buffer"]
+    (folder / "pose_log.txt").write_text("\n".join([*lines, ""]))
 
 
 def as_json(folder):
@@ -89,6 +178,77 @@ def as_json(folder):
 def nested(folder):
     rows = [{"T": matrix.tolist()} for matrix in matrices_of_poses()]
     (folder / "poses.json").write_text(json.dumps(rows))
+
+
+def samples():
+    """Position and orientation of each pose, as ROS has them, m."""
+    for x, y, z, qw, qx, qy, qz in poses("quaternion", 0.001).tolist():
+        position = {"x": x, "y": y, "z": z}
+        yield position, {"x": qx, "y": qy, "z": qz, "w": qw}
+
+
+def json_lines(folder):
+    """A pose a line, beside another."""
+    lines = []
+    for k, (position, orientation) in enumerate(samples()):
+        pose = {"position": position, "orientation": orientation}
+        other = {"position": position, "orientation": {**orientation, "w": 0.0}}
+        names = {"id": k, "target_pose": other, "robot_pose": pose}
+        lines.append(json.dumps(names))
+    (folder / "poses.txt").write_text("\n".join([*lines, ""]))
+
+
+def stamped(folder):
+    """Documents of ROS, as it prints them."""
+    lines = []
+    for k, parts in enumerate(samples()):
+        lines += ["header:", f"  seq: {k}", "pose:"]
+        for name, numbers in zip(("position", "orientation"), parts, strict=True):
+            lines.append(f"  {name}:")
+            lines += [f"    {axis}: {number}" for axis, number in numbers.items()]
+        lines.append("---")
+    (folder / "poses.yaml").write_text("\n".join([*lines, ""]))
+
+
+def echoed(folder):
+    """tf_echo's lists behind names."""
+    lines = []
+    for k, (position, orientation) in enumerate(samples()):
+        lines += [
+            f"At time {1700000000 + k}.25",
+            f"- Translation: {[*position.values()]}",
+        ]
+        lines.append(f"- Rotation: in Quaternion {[*orientation.values()]}")
+        lines.append("            in RPY (degree) [1.0, 2.0, 3.0]")
+    (folder / "poses.txt").write_text("\n".join([*lines, ""]))
+
+
+def opencv(folder):
+    """R and t in nodes of their own, 10 before 2."""
+    lines = ["%YAML:1.0", "---"]
+    order = sorted(range(12), key=str)
+    for k, matrix in zip(order, matrices_of_poses()[order], strict=True):
+        for name, part in (("R", matrix[:3, :3]), ("t", matrix[:3, 3:])):
+            rows, cols = part.shape
+            lines += [f"{name}_{k}: !!opencv-matrix", f"   rows: {rows}"]
+            lines += [
+                f"   cols: {cols}",
+                "   dt: d",
+                f"   data: [ {text(part.ravel())} ]",
+            ]
+    (folder / "poses.yml").write_text("\n".join([*lines, ""]))
+
+
+def stacked_matrices(folder):
+    lines = []
+    for k, matrix in enumerate(matrices_of_poses()):
+        lines += [f"Pose {k}:", *(text(row, " ") for row in matrix), ""]
+    (folder / "poses.txt").write_text("\n".join(lines))
+
+
+def by_columns(folder):
+    rows = [text(matrix.T.ravel()) for matrix in matrices_of_poses()]
+    (folder / "poses.txt").write_text("\n".join([*rows, ""]))
 
 
 def fanuc(folder, tool=0, more=""):
@@ -251,9 +411,12 @@ def by_name(*writers):
     return {writer.__name__: writer for writer in writers}
 
 
-POSES = by_name(
-    kuka, abb, ur, as_json, nested, fanuc, key_lines, csv, tum, matrices, array
+PROGRAMS = by_name(
+    kuka, abb, ur, fanuc, yaskawa, kawasaki, mitsubishi, staubli, xml_log
 )
+NESTED = by_name(as_json, nested, json_lines, stamped, echoed, opencv)
+TABLES = by_name(key_lines, csv, tum, matrices, array, stacked_matrices, by_columns)
+POSES = PROGRAMS | NESTED | TABLES
 PROFILES = by_name(
     one_each,
     lists,

@@ -41,6 +41,9 @@ ALIASES = {
     "tool_no": "tool",
     "base_no": "base",
     "fatherid": "base",
+    "roll": "w",
+    "pitch": "p",
+    "yaw": "r",
 }
 
 # what a profile's columns are called beside x and z
@@ -112,6 +115,7 @@ LISTS = {
     "trans": "x,y,z,o,a,t",
     "posj": AXES,
     "(": "x,y,z,w,p,r",
+    "j(": AXES,
 }
 # what follows in a program, by a line that says so: Yaskawa, Kawasaki
 SECTIONS = {
@@ -139,8 +143,7 @@ FRAME_SET = {
 MOVE = r"\bmove[ljc]\w*\s+([^;\n]*?)\s*,\s*(\w+)\s*(?:\\wobj:=(\w+)[^;\n]*)?;"
 NO_FRAME = {"", "0", "tool0", "wobj0", "flange", "flange0", "world", "world0", "null"}
 NO_FRAME |= {"nullframe", "$nullframe", "p_ntool", "p_nbase"}
-IS_FRAME = re.compile(r"\$?(?:tool|base)(?:_data)?\d*|nullframe")
-FRAME_KINDS = {"tooldata", "wobjdata", "tool", "frame"}
+IS_FRAME = r"\$?(?:{0})(?:_?data)?\d*"
 FRAMES = {"base": "base or user frame", "tool": "tool"}
 UNSAID = "a tool"  # whose frame a program has, without a word that poses are of it
 EXTERNAL = re.compile(r"e\d|gp\d .*")

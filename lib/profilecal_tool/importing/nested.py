@@ -26,6 +26,7 @@ from profilecal_tool.importing.tables import line_of
 
 NAMED_LIST = re.compile(r"^ *(\w+) *:\s*\[([^\[\]]*)\]", re.MULTILINE)
 YAML = re.compile(r"(?:\s*#.*\n)*\s*(?:%YAML|---|-\s|[\w\"'-]+:\s)")
+OPENCV = re.compile(r'<(\w+) type_id="opencv-matrix">[^"]*<data>([^<]*)</data>')
 BLOCKS = {3, 4, 6, 7, 9, 12, 16}  # how many numbers in lists of lists are one thing
 MOST = 2_000_000  # things in a tree
 Words = tuple[str, ...]
@@ -35,6 +36,8 @@ def tree_of(text: str) -> Any:
     """What JSON, one document or several, or YAML says, with numbers as they are
     written; None where a text is neither.
     """
+    if matrices := OPENCV.findall(text):
+        return [{name: numbers.split() for name, numbers in matrices}]
     if text.lstrip()[:1] in ("{", "["):
         documents = re.sub(r"\}\s*\{", "},{", text)
         try:
@@ -86,7 +89,7 @@ def poses_in(path: Path, tree: Any, entry: str) -> tuple[list[Named], list[str]]
         cells_of = dict(record[place])
         for where, part in record.items():
             for column in part if where not in places else ():
-                dotted = column in cells_of or column.isdigit()
+                dotted = column in cells_of or column[-1].isdigit()
                 cells_of[f"{where}.{column}" if dotted else column] = part[column]
         poses.append(Named(cells_of, name, len(poses) + 1))
     return poses, sorted(guessed)
@@ -138,7 +141,10 @@ def placed(words: Words, cells: list[str]) -> tuple[Sequence[str], Sequence[str]
     for name, where in ((last, above), (head, [*above, rest])):
         if columns := several(name, len(cells)):
             return where, columns
-    return words, [str(k) for k in range(1, len(cells) + 1)]
+    numbers = [str(k) for k in range(1, len(cells) + 1)]
+    if len(cells) < 6:  # a part of a pose
+        return above, [f"{last} {k}" for k in numbers]
+    return words, numbers
 
 
 def is_pose(part: dict[str, str]) -> bool:

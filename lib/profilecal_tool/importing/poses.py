@@ -34,7 +34,7 @@ from profilecal_tool.importing.makers import (
     UNNAMED,
     UNSAID,
 )
-from profilecal_tool.importing.nested import poses_in, tree_of
+from profilecal_tool.importing.nested import placed, poses_in, tree_of
 from profilecal_tool.importing.programs import check_axes, positions_in
 from profilecal_tool.importing.tables import (
     apart,
@@ -50,7 +50,7 @@ from profilecal_tool.importing.tables import (
     words_in,
 )
 
-LONGEST = 20_000_000  # characters of nested text or of a program
+LONGEST = 10_000_000  # characters of nested text or of a program
 # brackets around numbers, not around units
 AROUND = re.compile(r"\[(?=[\[\s\d.+-])|(?<=[\]\s\d.])\]")
 
@@ -69,6 +69,11 @@ def read_poses(path: Path, layout: Layout) -> tuple[Table, list[str]]:
             poses = poses or positions_in(path, text)
         if poses:
             return in_table(path, poses), guessed
+    elif text.lstrip()[:1] in [*"[{<"] or PROGRAM.search(path.name):
+        raise ScanError(
+            f"{path}: {len(text) / 1e6:.0f} MB; poses in nested text or in a program "
+            f"are expected in at most {LONGEST / 1e6:.0f}: leave some out"
+        )
     rows = lines_of(AROUND.sub(" ", text))
     are_numbers = [holds_numbers(fields) for _, fields in rows]
     first = are_numbers.index(True) if any(are_numbers) else 0
@@ -161,7 +166,10 @@ def by_words(units: dict[str, str]) -> dict[str, str]:
     each is there once: "tcp_x" is x.
     """
     known = {*"xyz"}.union(*(convention.columns for convention in CONVENTIONS))
-    words = [words_in(name) & known for name in units]
+    words = [
+        known & ({*placed(re.split(r"[\W_]+", name), [""])[1]} or words_in(name))
+        for name in units
+    ]
     names = [
         min(own) if len(own) == 1 and words.count(own) == 1 else name
         for name, own in zip(units, words, strict=True)
@@ -205,8 +213,7 @@ def taken_as(
     units = {name: poses.units[name] for name in convention.columns}
     columns = {name: poses.columns[name] for name in ("pose", *"xyz", *units)}
     known = ("deg", "rad") if convention.sequence else ("1", "rad")
-    if convention.name == "rotation vector":
-        check_vectors(poses, units, layout.pose_columns)
+    check_angles(poses, convention, layout.pose_columns)
     angle = unit_of(poses.path, units, known)
     radians = angle == "rad" and convention.sequence != ""
     if radians:
@@ -221,12 +228,16 @@ def taken_as(
         which: frame_of(poses, which, convention, scale)
         for which in ("base object", "base", "tool")
     }
+    off = [
+        f"{which} {poses.columns[which][0]} at {frame[1][0].round(3).tolist()} mm"
+        for which in FRAMES
+        if (frame := frames[which])
+    ]
     of = "the flange (--tool if they are of a tool)"
-    if frames["tool"]:
-        where = frames["tool"][1][0].round(3).tolist()
+    if off:
         of = (
-            f"tool {poses.columns['tool'][0]}, which the file has at {where} mm; taken "
-            "off (--tool 0 0 0 0 0 0 leaves it on)"
+            f"the flange: the file has {' and '.join(off)}, taken off (--tool 0 0 0 0 "
+            "0 0 leaves a tool on)"
         )
     if layout.tool:
         frames["tool"] = frame_given(layout.tool, angles_of(convention), radians)
@@ -243,21 +254,33 @@ def taken_as(
     return entries, words, of
 
 
-def check_vectors(poses: Table, units: dict[str, str], said: str) -> None:
-    """Raise ScanError where rx, ry, rz seem to be angles: in degrees, or longer than
-    rotation vectors need be, and nobody said what they are.
+def check_angles(poses: Table, convention: Convention, said: str) -> None:
+    """Raise ScanError where nobody said whether angles are degrees or radians, and they
+    may be both; or where rx, ry, rz seem to be angles.
     """
-    lengths = np.linalg.norm(poses.numbers(units), axis=1)
-    degrees = "deg" in units.values()
-    unit = "deg" if degrees or lengths.max() > 2 * np.pi else "rad"
-    angles = dict(zip(units, (f"{name} [{unit}]" for name in "wpr"), strict=True))
+    names = convention.columns
+    units = {poses.units[name] for name in names}
+    values = poses.numbers(names)
+    largest = np.abs(values).max()
+    angle = "deg" if "deg" in units or largest > 2 * np.pi else "rad"
+    if convention.sequence and angle == "rad" and units == {""} and not said:
+        columns = ",".join(f"{name} [rad]" for name in names)
+        raise ScanError(
+            f"{poses.path}: {listed(names)} are at most {largest:.4g}: radians, or "
+            f'degrees? Say so: --pose-columns "x,y,z,{columns}", or with [deg]'
+        )
+    if convention.name != "rotation vector":
+        return
+    angles = dict(zip(names, (f"{name} [{angle}]" for name in "wpr"), strict=True))
     columns = ",".join(angles.get(name, name) for name in poses.units)
+    lengths = np.linalg.norm(values, axis=1)
     sentence = (
         "rx, ry, rz of length {:.4g}, where rotation vectors have at most π: angles, "
         f'it seems; say which: R = Rz Ry Rx by --pose-columns "{columns}", R = Rx Ry '
         "Rz with alpha, beta, gamma there; or, if they are vectors, with rx, ry, rz"
     )
-    poses.refuse(((lengths > np.pi + 0.001) & (not said)) | degrees, sentence, lengths)
+    asked = (lengths > np.pi + 0.001) & (not said)
+    poses.refuse(asked | ("deg" in units), sentence, lengths)
 
 
 def frame_of(

@@ -9,7 +9,6 @@ from pathlib import Path
 from profilecal.scan.tables import ScanError, listed, number
 from profilecal_tool.importing.key_value import Named, named_cells, numbered_lines
 from profilecal_tool.importing.makers import (
-    FRAME_KINDS,
     FRAME_SET,
     IS_FRAME,
     JOINTS,
@@ -56,27 +55,27 @@ def positions_in(path: Path, text: str) -> list[Named]:
                 f"{path} line {one.line}: {one.name or 'a position'} has "
                 f"{listed(one.cells)}; expected x, y and z"
             )
-    frames = {one.name.lower(): one for one in full if one.name}
+    frames = {bare(one.name): one for one in full if one.name}
     poses = [one for one in full if not is_frame(one)]
     of_pose = names_said(text, found)
     for which, pattern in FRAME_SET.items():
         chosen = dict(
-            chosen_frame(path, argument, frames)
-            for argument in re.findall(pattern, text, ANYWHERE)
+            chosen_frame(path, text[: match.start(1)].count("\n"), match[1])
+            for match in re.finditer(pattern, text, ANYWHERE)
         )
-        poses = [one for one in poses if one not in chosen.values()]
+        set_there = [frame or frames.get(name) for name, frame in chosen.items()]
+        poses = [one for one in poses if one not in set_there]
         for one in poses:
-            keys = (one.name.lower(), one.name.lower()[1:], str(one.line))
+            keys = (bare(one.name), bare(one.name)[1:], str(one.line))
             said = next((of_pose[key] for key in keys if key in of_pose), {})
             name = one.cells.get(which) or said.get(which) or " or ".join(chosen)
-            frame = chosen.get(name) or frames.get(name.lower())
+            frame = chosen.get(name) or frames.get(bare(name))
             put(one, which, name, frame or frames.get(f"{which}_data{name}"))
-    held = [one for one in full if is_frame(one)]
-    held = [one for one in held if any(number(one.cells[axis]) for axis in "xyz")]
-    if poses and held and not any("tool" in one.cells for one in poses):
-        names = " or ".join(one.name for one in held)
+    tools = [one for one in full if is_frame(one, "tool") and is_moved(one)]
+    if tools and not any("tool" in one.cells for one in poses):
+        names = " or ".join(one.name for one in tools)
         for one in poses:
-            put(one, UNSAID, names, held[0] if len(held) == 1 else None)
+            put(one, UNSAID, names, tools[0] if len(tools) == 1 else None)
     return poses
 
 
@@ -102,9 +101,8 @@ def lists_in(path: Path, text: str) -> Iterator[Named]:
         cells = re.split(r"\s*,\s*|\s+", re.sub(r"[\[\]()]", " ", brackets).strip())
         line = line_at(match.start())
         words = [word for word in (call.lower(), kind.lower()) if word in LISTS]
-        if brackets[0] == "(" and not call and name:
-            words = ["("]
-            cells = cells[:6]
+        if brackets[0] == "(" and name and not words:  # without the arm's posture
+            words, cells = ["j(" if name[0] in "jJ" else "("], cells[:6]
         columns = LISTS[words[0] if words else "["].split(",")
         if len(cells) != len(columns):
             if words and len(cells) > 5:
@@ -137,9 +135,22 @@ def rows_in(text: str) -> Iterator[Named]:
             yield Named(dict(cells) | above, name, line_at(match.start(3)))
 
 
-def is_frame(one: Named) -> bool:
+def bare(name: str) -> str:
+    """A name without brackets, in lower case."""
+    return re.sub(r"[\[\]]", "", name.lower())
+
+
+def is_frame(one: Named, which: str = "tool|base|wobj|null|frame") -> bool:
     """Whether a position is the frame of a tool or a base."""
-    return one.kind in FRAME_KINDS or bool(IS_FRAME.fullmatch(one.name.lower()))
+    return any(
+        re.fullmatch(IS_FRAME.format(which), word)
+        for word in (one.kind, bare(one.name).removesuffix("frame"))
+    )
+
+
+def is_moved(frame: Named) -> bool:
+    """Whether a frame is elsewhere than at zero."""
+    return any(number(frame.cells[axis]) for axis in "xyz")
 
 
 def names_said(text: str, found: list[Named]) -> dict[str, dict[str, str]]:
@@ -147,7 +158,7 @@ def names_said(text: str, found: list[Named]) -> dict[str, dict[str, str]]:
     of a position, as its moves or what stands beside it say.
     """
     line_at = numbered_lines(text)
-    said = {one.name.lower()[1:]: one.cells for one in found if one.has(["tool"])}
+    said = {bare(one.name)[1:]: one.cells for one in found if one.has(["tool"])}
     for move in re.finditer(MOVE, text, ANYWHERE):
         targets, tool, base = move.groups(default="")
         line = str(line_at(move.start()))
@@ -156,14 +167,15 @@ def names_said(text: str, found: list[Named]) -> dict[str, dict[str, str]]:
     return said
 
 
-def chosen_frame(path: Path, argument: str, frames: dict) -> tuple[str, Named | None]:
-    """The name of the frame that a statement sets, and the frame where it is known."""
-    lists = lists_in(path, f"frame={argument}")
-    inline = [one for one in (*lists, *named_cells(argument)) if one.has("xyz")]
-    if inline:
-        return f"({', '.join(inline[0].cells.values())})", inline[0]
-    name = re.sub(r"[\[\]]", "", re.match(r"[^\s(),;]*", argument)[0])
-    return name, frames.get(name.lower())
+def chosen_frame(path: Path, above: int, argument: str) -> tuple[str, Named | None]:
+    """The name of the frame that a statement sets, below so many lines, or its numbers
+    and the frame. Raises ScanError.
+    """
+    lists = lists_in(path, above * "\n" + f"frame={argument}")
+    for one in (*lists, *named_cells(argument)):
+        if one.has("xyz"):
+            return f"({', '.join(one.cells.values())})", one
+    return bare(re.match(r"[^\s(),;]*", argument)[0]), None
 
 
 def put(one: Named, which: str, name: str, frame: Named | None) -> None:

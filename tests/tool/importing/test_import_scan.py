@@ -18,26 +18,32 @@ from folders import edited
 from peoples_files import (
     POSES,
     PROFILES,
+    abb,
     archives,
     as_json,
     csv,
     fanuc,
+    frame,
+    json_lines,
+    kuka,
     lists,
     matrices,
     one_each,
     poses,
     said_of,
     scan,
+    staubli,
     text,
     tum,
     wide_table,
     written,
+    yaskawa,
 )
 from scipy.spatial.transform import Rotation
 
 from profilecal.calibration.calibration import calibrate
 from profilecal.scan.conventions import from_rotations, named
-from profilecal.scan.folder import read_scan
+from profilecal.scan.folder import read_scan, write_scan
 from profilecal.scan.tables import ScanError
 from profilecal.targets.target import find_features
 from profilecal_tool.importing.import_scan import Layout, import_scan
@@ -62,7 +68,7 @@ def test_poses_in_any_syntax_are_the_same(name, tmp_path):
     folder = written(tmp_path / "files", POSES[name])
     imported, guesses = import_scan(folder, "edge", {}, said_of(name))
     check_poses(imported)
-    assert len(guesses) == 6
+    assert len([line for line in guesses if not line.startswith("note")]) == 6
 
 
 @pytest.mark.parametrize("name", PROFILES)
@@ -229,6 +235,116 @@ def test_what_matters_of_frames_and_axes_is_told(tmp_path):
         notes(folder)
 
 
+TOOLS = {  # what is done to a program, and what a note then says
+    "no frame": (
+        abb,
+        edited("scan.mod", "tooldata tScan", "tooldata tOther"),
+        "tool tScan,",
+    ),
+    "a number": (kuka, edited("scan.dat", "TOOL_NO 0", "TOOL_NO 3", 12), "tool 3, and"),
+    "a line": (yaskawa, edited("SCAN.JBI", "///TOOL 0", "///TOOL 2"), "tool 2, and so"),
+    "no move": (
+        staubli,
+        edited("scan.dtx", 'type="frame"', 'type="tool"'),
+        "of tool fPart0 and does not say .* --tool 100 50 0 ",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", TOOLS)
+def test_a_tool_whose_frame_or_use_is_not_in_the_program_is_told(name, tmp_path):
+    of_poses, change, words = TOOLS[name]
+    folder = written(tmp_path / "files", of_poses)
+    change(folder)
+    assert any(re.search(words, note) for note in notes(folder))
+
+
+def test_a_program_may_lie_in_several_files_and_a_tool_may_be_left_on(tmp_path):
+    folder = written(tmp_path / "files", abb)
+    lines = (folder / "scan.mod").read_text().splitlines(keepends=True)
+    (folder / "scan.mod").write_text("".join([lines[0], *lines[2:]]))
+    (folder / "CalibData.mod").write_text(lines[1])
+    imported, guesses = import_scan(folder, "edge", {})
+    check_poses(imported)
+    assert "base wBall at [100.0, 50.0, 0.0] mm and tool tScan at" in guesses[1]
+    imported, guesses = import_scan(folder, "edge", {}, Layout(tool=6 * (0.0,)))
+    expected = scan().T_base_flange @ frame(12, -35, 180, 10, -20, 30)
+    np.testing.assert_allclose(imported.T_base_flange, expected, atol=1e-6)
+
+
+AXES = {
+    "a.dat": "DECL E6AXIS XP1={A1 0.0,A2 -90.0,A3 90.0,A4 0.0,A5 10.0,A6 0.0}",
+    "a.jbi": "//POS\n///PULSE\nC00000=100,200,-300,400,500,6",
+    "a.dtx": '<Data type="jointRx"><Value key="0" j1="0" j2="1" j3="2" j4="3" j5="4" j6="5" />',
+    "tcp.csv": "j1,j2,j3,j4,j5,j6\n0,1,2,3,4,5",
+    "pose.yaml": "- joint_1: 0\n  joint_2: 1\n  joint_3: 2\n  joint_4: 3\n"
+    "  joint_5: 4\n  joint_6: 5",
+}
+
+
+@pytest.mark.parametrize("name", AXES)
+def test_joint_angles_are_called_so(name, tmp_path):
+    folder = written(tmp_path / "files", tum)
+    (folder / "poses.tum").unlink()
+    (folder / name).write_text(AXES[name] + "\n")
+    with pytest.raises(ScanError, match=rf"{name}: joint angles or pulses, .* --poses"):
+        import_scan(folder, "edge", {})
+
+
+def turned_over():
+    """Poses with w, p, r beyond what is needed: the middle angle over 90°."""
+    rows = poses("FANUC angles")
+    rows[:, 3:] = [180, 180, 180] + rows[:, 3:] * [1, -1, 1]
+    return rows
+
+
+QUESTIONS = {  # the titles, and the numbers of which nobody can be sure
+    "rx,ry,rz": np.radians,
+    "w,p,r": np.radians,
+    "rx [deg],ry [deg],rz [deg]": np.asarray,
+}
+
+
+@pytest.mark.parametrize("titles", QUESTIONS)
+def test_a_question_has_the_answer_that_works(titles, tmp_path):
+    rows = turned_over()
+    rows[:, 3:] = QUESTIONS[titles](rows[:, 3:])
+
+    def table(folder):
+        lines = [f"x,y,z,{titles}", *map(text, rows)]
+        (folder / "poses.csv").write_text("\n".join(lines))
+
+    folder = written(tmp_path / "files", table)
+    with pytest.raises(ScanError) as caught:
+        import_scan(folder, "edge", {})
+    (answer,) = re.findall('--pose-columns "(.*?)"', str(caught.value))
+    imported, _ = import_scan(folder, "edge", {}, Layout(pose_columns=answer))
+    check_poses(imported)
+
+
+def test_numbers_are_written_as_they_were_read(tmp_path):
+    """Those of another convention, too: vectors longer than π."""
+    rows = turned_over()
+    rows[:, 3:] = np.radians(rows[:, 3:])
+    assert (np.linalg.norm(rows[:, 3:], axis=1) > np.pi).any()
+    folder = written(
+        tmp_path / "files", lambda folder: np.savetxt(folder / "poses.txt", rows)
+    )
+    said = Layout(pose_columns="x,y,z,rx,ry,rz")
+    write_scan(import_scan(folder, "edge", {}, said)[0], tmp_path / "scan")
+    kept = read_scan(tmp_path / "scan").orientation
+    np.testing.assert_allclose(kept, rows[:, 3:], rtol=1e-11)
+
+
+def test_of_several_poses_one_is_said(tmp_path):
+    folder = written(tmp_path / "files", json_lines)
+    assert "robot_pose is taken for the robot's pose, not target" in notes(folder)[0]
+    edited("poses.txt", "robot_pose", "first_pose", 12)(folder)
+    with pytest.raises(ScanError, match=r"several poses .*--entry target_pose"):
+        import_scan(folder, "edge", {})
+    check_poses(import_scan(folder, "edge", {}, Layout(entry="first"))[0])
+
+
 def test_other_files_are_left_out_and_files_in_folders_of_their_own_are_found(tmp_path):
     folder = written(tmp_path / "monday")
     (folder / "CalibConfig.json").write_text('{"HTM": [[1, 0], [0, 1]], "radius": 40}')
@@ -242,8 +358,8 @@ def test_other_files_are_left_out_and_files_in_folders_of_their_own_are_found(tm
 
 NONSENSE = {  # in each syntax of poses
     "kuka": ("scan.dat", "XP3={X ", "XP3={X oops", "dat line 7: XP3 has .*y, z, a, b"),
-    "abb": ("scan.mod", "],[-1,0,-1,0]", ",1],[-1,0,-1,0]", "mod line 3: p10 has 18"),
-    "ur": ("scan.script", "p[", "p[oops,", "line 2: P_0_p has 7 numbers; expected 6"),
+    "abb": ("scan.mod", "],[-1,0,-1,0]", ",1],[-1,0,-1,0]", "mod line 4: p10 has 18"),
+    "ur": ("scan.script", "p[", "p[oops,", "script line 2: frame has 7 numbers"),
     "as_json": (
         "poses.json",
         "[\n            ",
