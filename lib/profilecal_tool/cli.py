@@ -396,7 +396,7 @@ def verify(folder, pose):
     metavar="X,Z",
     help='Names or numbers: x,z or "1 [mm],3 [mm]".',
 )
-@option("--entry", default="", metavar="NAME", help="Which list of a YAML or NPZ file.")
+@option("--entry", default="", metavar="NAME", help="Which list or pose of several.")
 @option("--where", default="", metavar="NAME=VALUE", help="Rows to take: sensor=0.")
 @option("--x", nargs=2, type=float, metavar="START PITCH", help="x, if z is alone.")
 @option("--unit", default="", help='Of the profiles: mm, um, "0.01 um", inch, …')

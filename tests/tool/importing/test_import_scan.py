@@ -275,7 +275,7 @@ def test_a_program_may_lie_in_several_files_and_a_tool_may_be_left_on(tmp_path):
 AXES = {
     "a.dat": "DECL E6AXIS XP1={A1 0.0,A2 -90.0,A3 90.0,A4 0.0,A5 10.0,A6 0.0}",
     "a.jbi": "//POS\n///PULSE\nC00000=100,200,-300,400,500,6",
-    "a.dtx": '<Data type="jointRx"><Value key="0" j1="0" j2="1" j3="2" j4="3" j5="4" j6="5" />',
+    "a.dtx": '<Value key="0" j1="0" j2="1" j3="2" j4="3" j5="4" j6="5" />',
     "tcp.csv": "j1,j2,j3,j4,j5,j6\n0,1,2,3,4,5",
     "pose.yaml": "- joint_1: 0\n  joint_2: 1\n  joint_3: 2\n  joint_4: 3\n"
     "  joint_5: 4\n  joint_6: 5",
