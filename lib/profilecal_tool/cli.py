@@ -24,7 +24,8 @@ class Commands(click.Group):
     def invoke(self, ctx):
         """Carry out a command; wrong input ends it with status 2."""
         try:
-            return super().invoke(ctx)
+            with interruptible("Nothing was written."):
+                return super().invoke(ctx)
         except BrokenPipeError:
             raise  # nobody reads on: click ends quietly
         except (OSError, ValueError) as error:
@@ -47,6 +48,37 @@ def interruptible(sentence: str) -> Iterator[None]:
     except KeyboardInterrupt:
         echo(f"\nInterrupted. {sentence}", err=True)
         raise SystemExit(130) from None
+
+
+@contextmanager
+def working(doing: str) -> Iterator[None]:
+    """Say on a terminal what is being done, and how far it is, from two seconds on."""
+    from threading import Event, Thread
+
+    from tqdm import tqdm
+
+    from profilecal.geometry.progress import watcher
+
+    on_terminal = {"disable": None, "leave": False, "delay": 2}
+    done = Event()
+
+    def tell_the_time() -> None:
+        while not done.wait(0.5):
+            bar.update(0)
+
+    def shown(items, doing, total):
+        return tqdm(items, doing, total, **on_terminal)
+
+    token = watcher.set(shown)
+    with tqdm(desc=doing, bar_format="{desc}  {elapsed}", **on_terminal) as bar:
+        clock = Thread(target=tell_the_time, daemon=True)
+        clock.start()
+        try:
+            yield
+        finally:
+            done.set()
+            clock.join()
+            watcher.reset(token)
 
 
 @click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})
@@ -123,9 +155,14 @@ def calibrate(folders, as_json, vendor, guess, leave_out, report):
 
     check_outputs(as_json, vendor, report)
     mount = mount_of(guess)
-    scans = [read_scan(folder) for folder in folders]
-    found = with_notes(calibration.calibrate(scans, mount), folders[0], leave_out)
-    print_calibration(found, as_json, vendor)
+    with working("calibrating"):
+        scans = [read_scan(folder) for folder in folders]
+        found = calibration.calibrate(scans, mount)
+    try:
+        with interruptible("Above is what was found until then."):
+            found = with_notes(found, folders[0], leave_out)
+    finally:
+        print_calibration(found, as_json, vendor)
     if report:
         write_the_report(folders, report, guess=list(guess or []))
     raise SystemExit(0 if found.is_known else 3)
@@ -174,7 +211,8 @@ def with_notes(found, folder, leave_out):
         from profilecal.calibration.leave_out import leave_out as cross_validate
         from profilecal_tool.words import left_out_sentences
 
-        notes += left_out_sentences(cross_validate(found))
+        with working("cross-validating"):
+            notes += left_out_sentences(cross_validate(found))
     if found.status == "weak":
         from profilecal_tool.plan.task import next_poses
 
@@ -285,14 +323,14 @@ def plan(spec, folder, poses, until, within, given):
             "--of predicts the given poses and writes nothing; "
             "leave FOLDER, --poses and --until out"
         )
-    with interruptible("Nothing was written."):
+    with working("preparing the plan"):
         task = read_task(spec, poses, until, within)
-        if given:
-            prediction, unseen = task.prediction_of(given)
-            lines = prediction_lines(prediction, task.model, unseen=unseen)
-        else:
-            designed = written_plan(task, folder) if folder else task.plan()
-            lines = plan_lines(designed, bool(task.asked.get("poses")))
+    if given:
+        prediction, unseen = task.prediction_of(given)
+        lines = prediction_lines(prediction, task.model, unseen=unseen)
+    else:
+        designed = written_plan(task, folder) if folder else task.plan()
+        lines = plan_lines(designed, bool(task.asked.get("poses")))
     if folder:
         lines += steps(folder, spec, designed)
     echo("\n".join(lines))
@@ -338,7 +376,9 @@ def check(folder):
     from profilecal.scan.folder import read_scan
     from profilecal_tool.checking import check
 
-    echo("\n".join(check(read_scan(folder))))
+    with working("checking"):
+        lines = check(read_scan(folder))
+    echo("\n".join(lines))
 
 
 @main.command()
@@ -356,9 +396,9 @@ def verify(folder, pose):
     from profilecal.scan.folder import read_scan
     from profilecal_tool.words import verification_text
 
-    scan = read_scan(folder)
-    answer = read_answer(pose)
-    verification = verify(answer, scan)
+    with working("verifying"):
+        scan, answer = read_scan(folder), read_answer(pose)
+        verification = verify(answer, scan)
     echo(verification_text(verification, answer.status))
     raise SystemExit(0 if verification.as_expected else 1)
 
@@ -411,8 +451,9 @@ def import_(files, folder, kind, radius, **layout):
     from profilecal_tool.importing.import_scan import Layout, import_scan
 
     sizes = {} if radius is None else {"radius": radius}
-    scan, guesses = import_scan(files, kind, sizes, Layout(**layout))
-    write_scan(scan, folder)
+    with working("importing"):
+        scan, guesses = import_scan(files, kind, sizes, Layout(**layout))
+        write_scan(scan, folder)
     echo("\n".join(guesses))
     echo(f"{folder}/ written; next: profilecal check {folder}")
 

@@ -10,6 +10,7 @@ from profilecal.calibration.calibration import Calibration
 from profilecal.geometry.checks import check_type
 from profilecal.geometry.noise import FALSE_ALARM, chi2_limit, normalised_square
 from profilecal.geometry.observability import of_covariance
+from profilecal.geometry.progress import watched
 from profilecal.joint.error_sizes import likeliest
 from profilecal.joint.linear_model import LinearModel
 from profilecal.joint.prior import Law
@@ -85,7 +86,8 @@ def leave_out(found: Calibration) -> LeftOut:
         np.flatnonzero((group == g) & whole.kept) for g in np.unique(group[whole.kept])
     ]
     predictions = [
-        predict(members, solution, whole, law, start) for members in orientations
+        predict(members, solution, whole, law, start)
+        for members in watched(orientations, "leaving out each orientation")
     ]
     return LeftOut(
         poses=tuple(tuple(labels[k] for k in members) for members in orientations),

@@ -12,6 +12,7 @@ from scipy.optimize import least_squares
 from scipy.spatial.distance import cdist
 
 from profilecal.geometry.fitting import fit_circle
+from profilecal.geometry.progress import watched
 from profilecal.profiles.points import (
     LARGEST_TOLERANCE,
     Feature,
@@ -83,7 +84,7 @@ def find_balls(profiles: Profiles, radius: float) -> list[Feature]:
     missing = "no arc of a circle as large as the ball or smaller"
     return [
         find_arc(profile, 1.2 * radius, nearest_circle, why_not, missing)
-        for profile in profiles
+        for profile in watched(profiles, "looking for the target")
     ]
 
 
@@ -94,7 +95,7 @@ def find_rods(profiles: Profiles, radius: float) -> list[Feature]:
     missing = f"no arc of a rod of {radius:.4g} mm whose axis is {square}"
     return [
         find_arc(profile, 2.5 * radius, fit, why_no_rod, missing)
-        for profile in profiles
+        for profile in watched(profiles, "looking for the target")
     ]
 
 

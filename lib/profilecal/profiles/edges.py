@@ -12,6 +12,7 @@ import numpy as np
 from numpy import ndarray
 from numpy.lib.stride_tricks import sliding_window_view
 
+from profilecal.geometry.progress import watched
 from profilecal.profiles.ends import (
     BLUNT,
     ZONE,
@@ -32,7 +33,7 @@ from profilecal.profiles.points import (
     stretches,
     tolerance,
 )
-from profilecal.profiles.runs import LEAST_POINTS, Run, straight_runs
+from profilecal.profiles.runs import LEAST_POINTS, Run, runs_in_each, straight_runs
 
 # a second candidate with this share of the first one's support leaves the choice open
 AMBIGUOUS = 0.5
@@ -122,7 +123,7 @@ def find_edges(profiles: Profiles) -> list[Feature]:
     It is, of what many profiles show, the first of: corners that point at the scanner,
     ends of faces, tips, and corners that point away, where a wall meets a floor.
     """
-    found = [straight_runs(profile) for profile in profiles]
+    found = runs_in_each(profiles)
     view = View.from_runs(found)
     candidates = [
         [*corners(runs), *step_ends(runs, view), *tips(profile, runs, view)]
@@ -334,7 +335,7 @@ def top_of(profile: ndarray, seen: ndarray, cluster: ndarray, away: int) -> ndar
 
 def find_chords(profiles: Profiles, radius: float) -> list[Feature]:
     """The tips of the disk's chord in each profile (n, 2), mm."""
-    found = [straight_runs(profile) for profile in profiles]
+    found = runs_in_each(profiles)
     view = View.from_runs(found)
     candidates = [list(chords(runs, radius, view)) for runs in found]
     # most chords are in front
@@ -365,7 +366,7 @@ def chords(runs: list[Run], radius: float, view: View) -> Iterator[Candidate]:
 
 def find_lines(profiles: Profiles) -> list[Feature]:
     """The face in each profile (n, 2), mm, as up to 40 means over points of a line."""
-    return [find_line(profile) for profile in profiles]
+    return [*map(find_line, watched(profiles, "looking for the target"))]
 
 
 def find_line(profile: ndarray) -> Feature:

@@ -9,7 +9,15 @@ from itertools import pairwise
 import numpy as np
 from numpy import ndarray
 
-from profilecal.profiles.points import FOLLOWS, correlation, present, stretches, surface
+from profilecal.geometry.progress import watched
+from profilecal.profiles.points import (
+    FOLLOWS,
+    Profiles,
+    correlation,
+    present,
+    stretches,
+    surface,
+)
 
 LEAST_POINTS = 6  # of a piece that is worth merging
 
@@ -90,6 +98,11 @@ class Run:
         """Of m places (m, 2) on the line, x and z, (m, m, 2, 2) mm²; none along it."""
         square = np.outer(self.normal, self.normal)
         return self.offset_covariance(places)[..., None, None] * square
+
+
+def runs_in_each(profiles: Profiles) -> list[list[Run]]:
+    """The straight runs of each profile (n, 2)."""
+    return [*map(straight_runs, watched(profiles, "looking for the target"))]
 
 
 def straight_runs(profile: ndarray, uneven: float = 0.0) -> list[Run]:

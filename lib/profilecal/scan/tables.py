@@ -10,13 +10,15 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from filecmp import cmpfiles
 from io import BytesIO, TextIOWrapper
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy import ndarray
 from numpy.typing import ArrayLike
+
+from profilecal.geometry.progress import watched
 
 LARGEST_MB = 400  # of a text file: more a usual computer does not hold
 TEXTS = "pose", "sweep"  # columns of names
@@ -271,7 +273,8 @@ def parts_of_text(
     path: Path, required: Collection[str], most: int | None
 ) -> Iterator[Table]:
     """A CSV file as tables of at most so many rows; None: as one."""
-    text = TextIOWrapper(BytesIO(text_of(path).encode()), "utf-8", newline="")
+    content = text_of(path).encode()
+    text = TextIOWrapper(BytesIO(content), "utf-8", newline="")
     reader = csv.reader(text, strict=True)
     # spreadsheets leave rows and columns without content
     rows = ((reader.line_num, row) for row in reader if any(row))
@@ -281,11 +284,12 @@ def parts_of_text(
             title.strip().lower() or f"without a name, {k}"
             for k, title in enumerate(titles)
         ]
-        part = [*islice(rows, most)]
-        check_columns(path, required, names, len(part))
-        while part:
+        first = [*islice(rows, most)]
+        check_columns(path, required, names, len(first))
+        others = iter(lambda: [*islice(rows, most)], [])
+        count = content.count(b"\n") // (most or len(content)) + 1
+        for part in watched(chain([first], others), f"reading {path.name}", count):
             yield in_columns(path, dict.fromkeys(names, ""), part)
-            part = [*islice(rows, most)]
     except csv.Error as error:
         place = f"{path} line {reader.line_num}"
         raise ScanError(f"{place}: cannot be read: {error}") from error
@@ -310,7 +314,7 @@ def parts_of_arrays(
         if column.shape != (rows,) or column.dtype.kind not in kinds:
             found = f"{name} is {column.dtype} of shape {column.shape}"
             raise ScanError(f"{path}: {found}; expected {expected}, ({rows},)")
-    for first in range(0, rows, most):
+    for first in watched(range(0, rows, most), f"reading {path.name}"):
         chosen = slice(first, first + most)
         part = {name: column[chosen].tolist() for name, column in columns.items()}
         yield Table(path, part, range(1, rows + 1)[chosen], "row")

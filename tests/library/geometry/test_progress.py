@@ -1,0 +1,37 @@
+"""Long loops can be watched."""
+
+import pytest
+
+import profilecal as pc
+from profilecal.geometry.progress import watcher
+
+
+@pytest.fixture
+def passed():
+    """What each loop is about, and how much of it has passed."""
+    counts = {}
+
+    def count(items, doing, total):
+        for item in items:
+            counts[doing] = counts.get(doing, 0) + 1
+            yield item
+        assert total in (None, counts[doing])
+
+    token = watcher.set(count)
+    yield counts
+    watcher.reset(token)
+
+
+@pytest.mark.parametrize("kind", ["edge", "disk", "ball", "rod", "plane"])
+def test_all_that_takes_long_passes_before_the_watcher(kind, passed, tmp_path):
+    size = {"groups": 8, "positions": 4, "measured": "profiles"}
+    scan, _ = pc.simulate(kind, seed=1, **size)
+    pc.write_scan(scan, tmp_path / "scan")
+    pc.leave_out(pc.calibrate(pc.read_scan(tmp_path / "scan")))
+    parts = -(-sum(map(len, scan.values)) // 1000)
+    assert passed == {
+        "reading poses.csv": 1,
+        "reading profiles.csv": parts,
+        "looking for the target": 32,
+        "leaving out each orientation": 8,
+    }

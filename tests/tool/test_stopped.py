@@ -1,0 +1,109 @@
+"""What is stopped leaves nothing half-written, and says so where it can."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import profilecal as pc
+from profilecal.scan.tables import partial_of
+
+COMMAND = Path(sys.executable).with_name("profilecal")
+WRITE = """
+import sys
+import numpy as np
+import profilecal as pc
+
+poses = np.tile(np.eye(4), (20, 1, 1))
+poses[:, :3, 3] = np.random.default_rng(0).uniform(300, 500, (20, 3))
+profiles = np.random.default_rng(1).uniform(50, 90, (20, int(sys.argv[1]), 2))
+print("begins", flush=True)
+pc.write_scan(pc.Scan.of("plane", poses, profiles=profiles), "scan")
+"""
+
+
+@pytest.fixture
+def robots_files(tmp_path):
+    """A folder of poses and profiles in one array."""
+    folder = tmp_path / "mine"
+    folder.mkdir()
+    rng = np.random.default_rng(2)
+    np.save(folder / "profiles.npy", rng.uniform(50, 90, (40, 20_000, 2)))
+    rows = ["x,y,z,qw,qx,qy,qz"]
+    for x, y, z in rng.uniform(300, 500, (40, 3)):
+        rows.append(f"{x},{y},{z},1,0,0,0")
+    (folder / "poses.csv").write_text("\n".join(rows))
+    return folder
+
+
+def stopped(command, place, how, when):
+    """What a command says that is stopped in `place` as soon as `when(process)`."""
+    with subprocess.Popen(
+        command, cwd=place, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        end = time.monotonic() + 60
+        while not when(process) and time.monotonic() < end and process.poll() is None:
+            time.sleep(0.005)
+        assert process.poll() is None, process.communicate()
+        process.send_signal(how)
+        _, said = process.communicate(timeout=30)
+    assert process.returncode != 0
+    return said
+
+
+def half_written(folder):
+    """What tells whether writing a folder has got to its measurements."""
+    partial = partial_of(folder)
+    return lambda _: partial.exists() and len(os.listdir(partial)) > 2
+
+
+STOPS = [signal.SIGKILL, signal.SIGTERM, signal.SIGINT]
+
+
+@pytest.mark.parametrize(
+    ("how", "rows"), [(signal.SIGKILL, "10000"), (signal.SIGINT, "60000")]
+)
+def test_a_large_scan_is_written_whole_or_not_at_all(tmp_path, how, rows):
+    folder = tmp_path / "scan"
+    command = [sys.executable, "-c", WRITE, rows]
+    stopped(command, tmp_path, how, half_written(folder))
+    assert not folder.exists()
+    assert partial_of(folder).exists() == (how == signal.SIGKILL)
+    subprocess.run(command, cwd=tmp_path, check=True, timeout=60)
+    assert len(pc.read_scan(folder).values[0]) == int(rows)
+    assert os.listdir(tmp_path) == ["scan"]
+
+
+@pytest.mark.parametrize("how", STOPS)
+def test_import_leaves_nothing(tmp_path, robots_files, how):
+    command = [COMMAND, "import", robots_files, "scan", "--target", "plane"]
+    folder = tmp_path / "scan"
+    said = stopped(command, tmp_path, how, half_written(folder))
+    assert not folder.exists()
+    if how != signal.SIGKILL:
+        assert said == "\nInterrupted. Nothing was written.\n"
+
+
+@pytest.mark.parametrize("how", STOPS)
+def test_a_stopped_report_leaves_the_old_one_and_the_answer(tmp_path, how):
+    pc.write_scan(pc.simulate("edge", groups=8, positions=5)[0], tmp_path / "scan")
+    report = tmp_path / "report.html"
+    report.write_text("old")
+    command = [COMMAND, "calibrate", "scan", "--report", "report.html"]
+
+    def answer_is_printed(process):
+        printed = process.stdout.readline().startswith("robot errors")
+        time.sleep(printed)  # until the notebook is at work
+        return printed
+
+    said = stopped(command, tmp_path, how, answer_is_printed)
+    assert report.read_text() == "old"
+    assert sorted(os.listdir(tmp_path)) == ["report.html", "scan"]
+    if how != signal.SIGKILL:
+        # a kernel that was about to start may complain afterwards
+        assert said.startswith("\nInterrupted. report.html is as it was.\n")
