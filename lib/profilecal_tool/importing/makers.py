@@ -17,9 +17,10 @@ LABELS = ("pose", "name", "label", "id", "index", "file", "n", "nr", "no")
 LABELS += ("frame", "messung", "序号", "编号", "番号")
 
 # columns that tell scanners apart
-SCANNERS = {"sensor", "scanner", "camera", "head", "device", "source", "channel"}
+SCANNERS = {"sensor", "scanner", "camera", "cam", "head", "device", "source", "kanal"}
+SCANNERS |= {"channel", "laser", "kamera", "kopf", "传感器", "相机"}
 
-# columns that say when, and the name of what `times` reads from them
+# columns that say when
 TIMES = re.compile(r"time|stamp|date|zeit|datum|时间|時刻")
 
 VECTOR = named("rotation vector").columns

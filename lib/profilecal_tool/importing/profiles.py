@@ -28,7 +28,7 @@ from profilecal_tool.importing.nested import points_in_list
 from profilecal_tool.importing.tables import (
     ROW,
     apart,
-    changed,
+    blocks,
     check_alike,
     closed_text,
     from_rows,
@@ -90,16 +90,17 @@ def across(table: Table, count: int, start: tuple[float, float] | None) -> Table
     the x of the first row. Raises ScanError where there is no x.
     """
     names, columns = [*table.columns], table.columns
-    if start and len(names) == 1:
+    heights = names if len(names) == 1 else [n for n in names if "z" in meaning(n)]
+    if start and len(heights) == 1 and not any("x" in meaning(n) for n in names):
         x = start[0] + start[1] * np.arange(len(table.lines))
-        both = {"x": x, "z": columns[names[0]]}
-        return replace(table, columns=both, units=dict.fromkeys("xz", ""))
+        units = {"x": "mm", "z": table.units[heights[0]] or "mm"}
+        return replace(table, columns={"x": x, "z": columns[heights[0]]}, units=units)
     family = Counter(map(stem, names))
     x, z = (
         [
             name
             for name in names
-            if family[stem(name)] > 2 and axis in meaning(stem(name))
+            if family[stem(name)] > 4 and axis in meaning(stem(name))
         ]
         for axis in "xz"
     )
@@ -208,43 +209,42 @@ def profiles_of(
 def labels_of(table: Table, xz: ndarray, count: int, axes: Collection) -> ndarray:
     """What tells the profiles of a file apart, (n,): the cells of a column, or numbers.
 
-    A column has them in blocks; `count` of them if its name does not say it. A file of
-    many has one, or one in each row.
+    A column has them in blocks, about `count` of them if its name does not say it. A
+    file of many, for which `count` is 0, has a profile, or one in each of its rows.
     """
-    names = [name for name in LABELS if name in table.columns]
-    names += sorted(table.columns, key=lambda name: not TIMES.search(name))
-    for name in names if count else [ROW]:
-        if (
-            name in axes
-            or words_in(name) & {"y", *SCANNERS}
-            or name not in table.columns
-        ):
-            continue
-        cells = np.array(table.columns[name])
-        blocks = 1 + changed(cells).sum()
-        is_usual = name in (*LABELS, ROW) or count / 2 <= blocks <= 2 * count
-        if is_usual and 1 < blocks == len({*cells.tolist()}) <= len(cells) / 2:
-            return cells
-    starts = starts_of(table, xz, count) if count else []
-    return np.searchsorted(starts, np.arange(len(xz)), "right")
+    others = [name for name in table.columns if not is_other(name, axes)]
+    names = [name for name in LABELS if name in others]
+    names += sorted(others, key=lambda name: not TIMES.search(name))
+    if not count:
+        names = [ROW] if len(others) == len(table.columns) - 2 else []
+    for name in names:
+        k = blocks(table.columns[name]) if name in others else 0
+        is_usual = name in (*LABELS, ROW) or count / 2 <= k <= 2 * count
+        if is_usual and 1 < k <= len(xz) / 2:
+            return np.array(table.columns[name])
+    return np.searchsorted(starts_of(xz, count), np.arange(len(xz)), "right")
 
 
-def starts_of(table: Table, xz: ndarray, count: int) -> ndarray:
+def is_other(name: str, axes: Collection) -> bool:
+    """Whether a column has points' places, or says which scanner saw them."""
+    return name in axes or bool(words_in(name) & {"y", *SCANNERS})
+
+
+def starts_of(xz: ndarray, count: int) -> ndarray:
     """The rows where another of `count` profiles begins: after as many rows each, if x
-    begins anew there, or where it does, or after lines that are no rows; else none.
+    begins anew at most of them, or where it does; none if neither is so.
     """
     n, (x, z) = len(xz), xz.T
     seen = np.flatnonzero(np.isfinite(x + z) & (z != 0) & (z != x))
     jumps = begins_anew(x[seen])
     before, after = seen[jumps], seen[jumps + 1]
-    each = np.arange(n // count, n, max(n // count, 1))
-    gaps = 1 + np.flatnonzero(np.diff(table.lines) > 1)
-    if n % count == 0:
+    if count and n % count == 0:
+        each = np.arange(n // count, n, n // count)
         among = np.searchsorted(each, [before, after], "right")
         at_each = (among[0] < among[1]).sum()
         if 2 * at_each >= len(each) and at_each > 0.8 * len(jumps):
             return each
-    return next((some for some in (after, gaps) if len(some) == count - 1), each[:0])
+    return after if len(after) == count - 1 else after[:0]
 
 
 def begins_anew(x: ndarray) -> ndarray:
@@ -255,40 +255,53 @@ def begins_anew(x: ndarray) -> ndarray:
 
 
 def check_is_one(profile: Table, x: ndarray, axes: Collection, layout: Layout) -> None:
-    """Raise ScanError where a column says that a profile's points are of several.
+    """Raise ScanError where a profile's points are of several.
 
-    It names scanners, or its values are in blocks, or x begins anew, but not in the
-    points of one value.
+    A column names scanners, or has its values in blocks, or x is never twice where it
+    has the same value; or x begins anew after as many points each.
     """
-    for name, column in profile.columns.items():
-        cells = np.array(column)
-        values = [*dict.fromkeys(cells.tolist())]
+    jumps = begins_anew(x)
+    twice = len(jumps) or len(x) - len({*x.tolist()}) > len(x) / 4
+    for name, cells in profile.columns.items():
+        values = [*dict.fromkeys(cells)]
         if len(values) == 1 or name in (*axes, ROW):
             continue
         is_y, is_said = "y" in words_in(name), bool(layout.columns)
-        blocks = 1 + changed(cells).sum()
-        each = [begins_anew(x[cells == value]).size for value in values[: len(x) // 4]]
-        several = len(each) == len(values) and (
-            not SCANNERS.isdisjoint(words_in(name))
-            or (blocks == len(values) and (is_y or not is_said))
-            or (begins_anew(x).size and not any(each))
+        several = len(values) <= len(x) / 4 and (
+            (is_other(name, axes) and not is_y)
+            or (blocks(cells) and (is_y or not is_said))
+            or (twice and parts_x(np.array(cells), values, x))
         )
-        if is_y and several:
-            raise ScanError(
-                f"{profile.path}: {name} goes from {values[0]} to {values[-1]}: a "
-                f"cloud of {len(values)} profiles, where a pose has one; say which is "
-                f"at the pose: --where {name}={min(values, key=size_of)}"
-            )
+        which = f"{profile.path}: {name} is {values[0]} to {values[-1]} in one profile"
         if several:
+            value = min(values, key=size_of)
+            what = f"a cloud of {len(values)} profiles" if is_y else "of several"
             raise ScanError(
-                f"{profile.path}: {name} is {listed(values)} in one profile; "
-                f"say which is meant: --where {name}={values[0]}"
+                f"{which}, {what}, where a pose has one; say which: "
+                f"--where {name}={value}"
             )
         if is_y and not is_said:
             raise ScanError(
-                f"{profile.path}: {name} differs from point to point, where a profile "
-                "lies in a plane; say which columns are its x and z: --columns x,z"
+                f"{which}, which lies in y = 0; say which columns are its x and z: "
+                "--columns x,z"
             )
+    k = len(jumps) + 1
+    if k > 1 and np.array_equal(jumps + 1, np.arange(1, k) * len(x) / k):
+        raise ScanError(
+            f"{profile.path}: x begins anew after each {len(x) // k} points: {k} "
+            "profiles in one; keep one in each file, or number them in a column"
+        )
+
+
+def parts_x(cells: ndarray, values: list, x: ndarray) -> bool:
+    """Whether x goes on, and is never twice, in each part of it (n,) in which cells
+    have the same one of some values.
+    """
+    parts = [x[cells == value] for value in values]
+    return all(
+        len(begins_anew(part)) == 0 and len({*part.tolist()}) == len(part)
+        for part in parts
+    )
 
 
 def size_of(cell: object) -> float:

@@ -253,9 +253,15 @@ def names_of(paths: list[Path]) -> str:
 
 
 def changed(cells: Sequence) -> ndarray:
-    """Whether each cell (n,) differs from the one before."""
+    """Whether each cell (n,) differs from the one before; the first does."""
     values = np.asarray(cells)
-    return np.append(False, values[1:] != values[:-1])
+    return np.append(True, values[1:] != values[:-1])
+
+
+def blocks(cells: Sequence) -> int:
+    """How many values follow each other in cells (n,), 0 if one of them comes again."""
+    count = changed(cells).sum()
+    return count if count == len({*cells}) else 0
 
 
 def stem(name: str) -> str:
@@ -275,28 +281,32 @@ def apart(table: Table) -> tuple[Table, Table]:
     Points have columns of numbered names, many of each; or those that change in most
     rows, while a pose's change together. Raises ScanError where it has no poses.
     """
-    columns, rows = dict(table.columns), np.arange(len(table.lines))
-    many = Counter(map(stem, columns))
-    of_points = {n for n in columns if many[stem(n)] > 4 and meaning(stem(n)) & {*"xz"}}
-    if not of_points:
-        changes = {name: changed(cells) for name, cells in columns.items()}
-        of_points = {name for name in columns if changes[name].mean() > 0.25}
-        seldom = [changes[name] for name in columns if name not in of_points]
-        begins = np.sum([*seldom, np.zeros(len(rows))], axis=0) > 1
-        begins[0] = True
-        rows = np.flatnonzero(begins)
-        columns[ROW] = np.cumsum(begins)
-    points = {
-        name: cells for name, cells in columns.items() if name in {*of_points, ROW}
-    }
-    pose = {name: cells for name, cells in columns.items() if name not in points}
-    units = table.units | {ROW: ""}
+    names, begins = [*table.columns], np.full(len(table.lines), True)
+    many = Counter(map(stem, names))
+    points = [name for name in names if many[stem(name)] > 4 and is_axis(name)]
+    if not points:
+        changes = {name: changed(cells) for name, cells in table.columns.items()}
+        points = [name for name in names if changes[name].mean() > 0.25]
+        seldom = [changes[name] for name in names if name not in points]
+        begins = np.sum([*seldom, 0 * begins], axis=0) > 1
+    pose = [name for name in names if name not in points]
     if not pose:
         raise ScanError(
-            f"{table.path}: columns {listed(columns)}, and no poses; say what holds "
+            f"{table.path}: columns {listed(names)}, and no poses; say what holds "
             "the robot's poses: --poses FILE"
         )
-    return (
-        rows_of(replace(table, columns=pose, units={n: units[n] for n in pose}), rows),
-        replace(table, columns=points, units={n: units[n] for n in points}),
-    )
+    of_points = with_columns(table, points)
+    of_points.columns[ROW] = np.cumsum(begins)
+    return rows_of(with_columns(table, pose), np.flatnonzero(begins)), of_points
+
+
+def is_axis(name: str) -> bool:
+    """Whether a numbered name is one of x or z."""
+    return name != stem(name) and bool(meaning(stem(name)) & {*"xz"})
+
+
+def with_columns(table: Table, names: list[str]) -> Table:
+    """The table of some of its columns."""
+    columns = {name: table.columns[name] for name in names}
+    units = {name: table.units.get(name, "") for name in names}
+    return replace(table, columns=columns, units=units)
