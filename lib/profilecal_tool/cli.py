@@ -36,6 +36,31 @@ class Commands(click.Group):
             raise SystemExit(2) from error
 
 
+def kinds_by_length():
+    """The kinds of targets that have a length, by its name."""
+    from profilecal.targets import TARGETS
+
+    kinds = {}
+    for kind, target in TARGETS.items():
+        for name in target.lengths:
+            kinds.setdefault(name, []).append(kind)
+    return kinds
+
+
+class OfTarget(click.Command):
+    """A command with an option for each length that targets have."""
+
+    def get_params(self, ctx):
+        """The options, with those of lengths."""
+        lengths = [
+            click.Option(
+                [f"--{name}"], type=float, help=f"Of a {', '.join(kinds)}, mm."
+            )
+            for name, kinds in kinds_by_length().items()
+        ]
+        return [*super().get_params(ctx), *lengths]
+
+
 @contextmanager
 def interruptible(sentence: str) -> Iterator[None]:
     """Ctrl-C, `kill` and `timeout` end here, after everything is cleaned up.
@@ -403,7 +428,7 @@ def verify(folder, pose):
     raise SystemExit(0 if verification.as_expected else 1)
 
 
-@main.command("import")
+@main.command("import", cls=OfTarget)
 @argument("files", metavar="DIR", type=PLACE)
 @argument("folder", type=PLACE)
 @option(
@@ -413,7 +438,6 @@ def verify(folder, pose):
     metavar="KIND",
     help="What was scanned: edge, disk, ball, plane, …",
 )
-@option("--radius", type=float, help="Of a disk, ball or rod, mm.")
 @option("--mount", type=MOUNT, default="eye-in-hand", help="Where the scanner is.")
 @option("--poses", default="", metavar="FILES", help="What holds the robot's poses.")
 @option(
@@ -442,7 +466,7 @@ def verify(folder, pose):
 @option("--unit", default="", help='Of the profiles: mm, um, "0.01 um", inch, …')
 @option("--missing", type=float, help="z of points where nothing was seen.")
 @option("--encoding", default="", metavar="NAME", help="Of text that is not UTF-8.")
-def import_(files, folder, kind, radius, **layout):
+def import_(files, folder, kind, **layout):
     """Write the profiles and robot poses of DIR as a scan FOLDER.
 
     What is not said is guessed, and every guess is printed.
@@ -450,7 +474,8 @@ def import_(files, folder, kind, radius, **layout):
     from profilecal.scan.folder import write_scan
     from profilecal_tool.importing.import_scan import Layout, import_scan
 
-    sizes = {} if radius is None else {"radius": radius}
+    lengths = {name: layout.pop(name) for name in kinds_by_length()}
+    sizes = {name: value for name, value in lengths.items() if value is not None}
     with working("importing"):
         scan, guesses = import_scan(files, kind, sizes, Layout(**layout))
         write_scan(scan, folder)

@@ -7,6 +7,7 @@ import os
 import re
 import shutil
 from contextlib import suppress
+from datetime import UTC, datetime
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -45,6 +46,7 @@ from profilecal.calibration.calibration import calibrate
 from profilecal.scan.conventions import from_rotations, named
 from profilecal.scan.folder import read_scan, write_scan
 from profilecal.scan.tables import ScanError
+from profilecal.targets import TARGETS
 from profilecal.targets.target import find_features
 from profilecal_tool.importing.import_scan import Layout, import_scan
 
@@ -179,6 +181,144 @@ def test_poses_are_numbered_in_any_column_and_encoding(
     assert any(encoding in line for line in guesses) or encoding == "utf-16"
 
 
+def in_one_table(folder):
+    """A row for each point, with its pose."""
+    rows = poses("quaternion")
+    lines = ["tcp_x,tcp_y,tcp_z,tcp_qw,tcp_qx,tcp_qy,tcp_qz,laser_x,laser_z"]
+    for row, points in zip(rows, scan().values, strict=True):
+        lines += [f"{text(row)},{text(point)}" for point in points]
+    (folder / "log.csv").write_text("\n".join(lines))
+
+
+def in_one_row(folder):
+    """A row for each pose, with all its points."""
+    count = len(scan().values[0])
+    lines = [
+        ",".join([*"xyzwpr", *(f"{axis}{k}" for k in range(count) for axis in "xz")])
+    ]
+    for row, points in zip(poses("FANUC angles"), scan().values, strict=True):
+        lines.append(f"{text(row)},{text(points.ravel())}")
+    (folder / "log.csv").write_text("\n".join(lines))
+
+
+def by_clock(start, step, name):
+    """A log of 2 Hz, of a robot that stands still for two seconds of four, and profiles
+    named by the time at which they were taken, 0.1 s after an entry of it.
+    """
+
+    def write(folder):
+        rows = poses("quaternion")
+        between = (rows + np.roll(rows, -1, axis=0)) / 2
+        states = np.stack([*4 * [rows], *4 * [between + 1]], axis=1)
+        states[:, 4:] += np.arange(4)[:, None]
+        lines = ["time,x,y,z,qw,qx,qy,qz"]
+        for k, row in enumerate(states.reshape(-1, 7)):
+            lines.append(f"{start + step * k / 2:.3f},{text(row)}")
+        (folder / "robot_log.csv").write_text("\n".join(lines))
+        for k, points in enumerate(scan().values):
+            at = 1.7e9 + 4 * k + 1.1
+            moment = datetime.fromtimestamp(at, UTC)
+            path = folder / f"{moment.strftime(name)}.csv"
+            np.savetxt(path, points, delimiter=",", header="x,z", comments="")
+
+    return write
+
+
+@pytest.mark.parametrize(
+    ("write", "how"),
+    [
+        (in_one_table, "in order"),
+        (in_one_row, "in order"),
+        (by_clock(1.7e9, 1, "scan_%Y-%m-%d_%H-%M-%S.%f"), "up to 0.1 s apart"),
+        (by_clock(1.7e12, 1000, "%Y%m%dT%H%M%S,%f"), "up to 0.1 s apart"),
+    ],
+    ids=["points", "rows", "seconds", "milliseconds"],
+)
+def test_poses_are_found_in_the_same_table_or_by_time(write, how, tmp_path):
+    (tmp_path / "in").mkdir()
+    write(tmp_path / "in")
+    imported, guesses = import_scan(tmp_path / "in", "edge", {})
+    np.testing.assert_allclose(imported.p_base_flange, scan().p_base_flange, atol=1e-8)
+    for points, true in zip(imported.values, scan().values, strict=True):
+        np.testing.assert_allclose(points, true, atol=1e-9)
+    assert how in guesses[3]
+
+
+def long_points(titles, *columns):
+    """A long table with columns beside x and z, of what says them of a pose's number,
+    a point's and all points.
+    """
+
+    def write(folder):
+        lines = [titles]
+        for k, points in enumerate(scan().values):
+            for column in columns:
+                lines += [
+                    f"{column.format(k, j)},{text(p)}" for j, p in enumerate(points)
+                ]
+        (folder / "all.csv").write_text("\n".join(lines))
+
+    return write
+
+
+@pytest.mark.parametrize(
+    ("titles", "columns", "sentence"),
+    [
+        ("pose,head,x,z", ("{0},A", "{0},B"), "head is A to B .* --where head=A"),
+        ("pose,y,x,z", ("{0},-1.5", "{0},0.0"), "a cloud of 2 .* --where y=0.0"),
+        ("pose,k,x,z", ("{0},3", "{0},4"), "k is 3 to 4 in one .* --where k=3"),
+    ],
+)
+def test_which_of_several_profiles_is_meant_is_asked(
+    titles, columns, sentence, tmp_path
+):
+    folder = written(tmp_path / "in", tum, long_points(titles, *columns))
+    with pytest.raises(ScanError, match=f"all.csv: .*{sentence}$"):
+        import_scan(folder, "edge", {})
+    where = sentence.split()[-1]
+    imported, _ = import_scan(folder, "edge", {}, Layout(where=where))
+    check_poses(imported)
+    np.testing.assert_allclose(imported.values[3], scan().values[3])
+
+
+def in_units(titles, scale, *codes):
+    """As many to a millimetre, to four digits; codes in turn where nothing was seen."""
+
+    def write(folder):
+        for k, points in enumerate(scan().values):
+            numbers = np.round(points * scale, 4)
+            rows = np.flatnonzero(np.isnan(points[:, 1]))
+            numbers[rows] = (
+                np.array(codes)[rows % len(codes), None] if codes else np.nan
+            )
+            path = folder / f"{k}.csv"
+            np.savetxt(path, numbers, "%.10g", ",", header=titles, comments="")
+
+    return write
+
+
+@pytest.mark.parametrize(
+    ("titles", "scale", "codes", "unit"),
+    [
+        ("x [um],z [µm]", 1e3, (-99999.9,), ""),
+        ("X (0.1um),Z (0.1um)", 1e4, (-2147483648,), ""),
+        ("x,z", 1e5, (-2147483648, -2147483647), "0.01 um"),
+        ("x/inch,z/inch", 1 / 25.4, (-99.9999,), ""),
+        ("x_mm,z_mm", 1, (12345.6,), ""),
+    ],
+)
+def test_units_and_codes_are_recognised_or_asked_about(
+    titles, scale, codes, unit, tmp_path
+):
+    folder = written(tmp_path / "in", tum, in_units(titles, scale, *codes))
+    if unit:
+        with pytest.raises(ScanError, match=f"expected 1 to .*--unit .*'{unit}'"):
+            import_scan(folder, "edge", {})
+    imported, _ = import_scan(folder, "edge", {}, Layout(unit=unit))
+    for points, true in zip(imported.values, scan().values, strict=True):
+        np.testing.assert_allclose(points, true, atol=1e-4 / scale)
+
+
 @pytest.mark.parametrize("name", ["quaternion", "rotation vector"])
 def test_a_tool_is_taken_off_and_a_mount_said(tmp_path, name):
     of_tool = Rotation.from_euler("xyz", TOOL[3:], degrees=True)
@@ -211,6 +351,17 @@ def test_from_the_command_line_to_a_scan_that_is_read(tmp_path):
     imported = read_scan(tmp_path / "scan")
     assert [len(points) for points in imported.values].count(0) == 1
     check_poses(imported)
+
+
+def test_each_length_of_a_target_has_an_option(tmp_path, monkeypatch):
+    lengths = {"lengths": ("depth", "width")}
+    monkeypatch.setitem(TARGETS, "groove", type("Groove", (TARGETS["plane"],), lengths))
+    folder = written(tmp_path / "files", tum)
+    command = ["import", folder, tmp_path / "scan", "--target", "groove", "--width", 5]
+    assert "depth is missing" in run(*command).output
+    assert run(*command, "--depth", 2).exit_code == 0
+    assert "width = 5.0" in (tmp_path / "scan" / "scan.toml").read_text()
+    assert "Of a disk, ball, rod, mm." in run("import", "--help").output
 
 
 def notes(folder, **said):
