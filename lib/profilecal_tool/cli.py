@@ -165,7 +165,16 @@ def reproduce(names, parameters, output):
     nargs=6,
     type=float,
     metavar="X Y Z W P R",
-    help="Mount to start from, mm and degrees.",
+    help="Where the sensor is believed to be, mm and degrees.",
+)
+@option(
+    "--guess-sd",
+    nargs=2,
+    type=float,
+    default=(15, 8),
+    show_default=True,
+    metavar="MM DEG",
+    help="How good the guess is, one standard deviation.",
 )
 @option(
     "--leave-out",
@@ -173,7 +182,7 @@ def reproduce(names, parameters, output):
     help="Cross-validate: predict each flange orientation from the others.",
 )
 @option("--report", type=PLACE, help="Write a report with pictures to this HTML file.")
-def calibrate(folders, as_json, vendor, guess, leave_out, report):
+def calibrate(folders, as_json, vendor, guess, guess_sd, leave_out, report):
     """Find the sensor pose from scan folders of one sensor."""
     from profilecal.calibration import calibration
     from profilecal.scan.folder import read_scan
@@ -182,7 +191,7 @@ def calibrate(folders, as_json, vendor, guess, leave_out, report):
     mount = mount_of(guess)
     with working("calibrating"):
         scans = [read_scan(folder) for folder in folders]
-        found = calibration.calibrate(scans, mount)
+        found = calibration.calibrate(scans, mount, guess_sd)
     try:
         with interruptible("Above is what was found until then."):
             found = with_notes(found, folders[0], leave_out)
@@ -213,15 +222,14 @@ def mount_of(guess):
     """The pose (4, 4) that six numbers, mm and degrees, state; None for none."""
     import numpy as np
 
-    from profilecal.geometry.poses import homogeneous, rotation_from_xyz_angles
+    from profilecal.scan.folder import mount_pose
 
     if not guess:
         return None
     if not np.isfinite(guess).all():
         given = " ".join(map(str, guess))
         raise ValueError(f"--guess is {given}; expected six numbers, mm and degrees")
-    rotation = rotation_from_xyz_angles(np.radians(guess[3:]))
-    return homogeneous(rotation, guess[:3])
+    return mount_pose(guess)
 
 
 def with_notes(found, folder, leave_out):
@@ -255,6 +263,8 @@ def print_calibration(found, as_json, vendor) -> None:
     to_paste = ""
     if vendor and found.is_known:
         to_paste = for_controller(vendor, found.pose, found.frame)
+    elif vendor:
+        echo("profilecal: no pose to paste: see the notes", err=True)
     if as_json:
         echo(json.dumps(found.to_json(), indent=2))
     else:

@@ -14,6 +14,7 @@ from scipy.spatial.transform import RigidTransform
 
 from profilecal.calibration import plausibility
 from profilecal.calibration.answer import in_mm_deg
+from profilecal.calibration.mount import contradiction, rests_on
 from profilecal.calibration.observe import (
     Seen,
     doubts_on_rest,
@@ -30,10 +31,10 @@ from profilecal.geometry.checks import (
 )
 from profilecal.geometry.observability import name_direction
 from profilecal.geometry.poses import carry
-from profilecal.joint.prior import Prior, prior_from
+from profilecal.joint.prior import Mount, Prior, prior_from
 from profilecal.joint.solution import Solution
 from profilecal.joint.solve import solve
-from profilecal.scan.scan import MOUNTS, Scan
+from profilecal.scan.scan import GUESS_SD, MOUNTS, Scan
 from profilecal.scan.tables import ScanError, some
 from profilecal.targets.observations import Observations
 from profilecal.targets.target import Target
@@ -266,7 +267,9 @@ def observability_entries(solution: Solution, frame: str) -> dict[str, Any]:
 
 
 def calibrate(
-    scans: Scan | Iterable[Scan], guess: ArrayLike | RigidTransform | None = None
+    scans: Scan | Iterable[Scan],
+    guess: ArrayLike | RigidTransform | None = None,
+    guess_sd: tuple[float, float] = GUESS_SD,
 ) -> Calibration:
     """The sensor pose from one scan or several of one sensor.
 
@@ -278,14 +281,18 @@ def calibrate(
     scans : Scan or iterable of Scan
         What one scanner on one mount saw of one target or several.
     guess : array (4, 4) or RigidTransform, optional
-        A pose of the sensor, mm, to start from besides a search over all orientations.
+        Where the sensor is believed to be, mm; left out, what a scan has of it. The
+        answer is compared with it, and rests on it where the scans leave it open, as
+        `messages` then say.
+    guess_sd : (float, float)
+        How good the guess is: standard deviations of each component, mm and degrees.
 
     Returns
     -------
     Calibration
         With the status "ok", "weak" (solved, but not to be relied on) or
-        "unobservable" (no pose: the motions leave it open). Poses that were misread
-        end in one of the last two; `messages` say why, and what to do.
+        "unobservable" (no pose: the motions leave it open, or the data contradict each
+        other). `messages` say why, and what to do.
 
     Raises
     ------
@@ -320,9 +327,10 @@ def calibrate(
     seen, observed, features_mm = observe_all(scans)
     shared_mm = max(entry.shared_mm for entry in seen)
     prior = prior_from(stated, features_mm, shared_mm)
+    prior = replace(prior, mount=mount_of(scans, guess, guess_sd))
     solution, messages, wrong = None, [], False
     try:
-        solution, wrong = believed(scans, seen, observed, prior, guess)
+        solution, wrong = believed(scans, seen, observed, prior)
         messages = [*solution.messages]
     except UnobservableError as error:
         messages = [str(error)]
@@ -337,6 +345,8 @@ def calibrate(
         standing = [scan.at_rest(delay_ms) for scan in scans]
         read_otherwise = [*map(better_readings, standing, seen)]
         readings = by_scan(scans, read_otherwise)
+        if readings and solution:
+            solution = replace(solution, status="unobservable")
     return Calibration(
         scans=scans,
         seen=tuple(entry.poses for entry in seen),
@@ -352,27 +362,56 @@ def believed(
     seen: Sequence[Seen],
     observed: Sequence[Observations],
     prior: Prior,
-    guess: ArrayLike | RigidTransform | None,
 ) -> tuple[Solution, bool]:
-    """The joint solution with the status and the messages that its residuals and the
-    stated sides leave it, and whether these speak against it.
+    """The joint solution with the status and the messages that its residuals, the
+    stated sides and what is known of the mount leave it, and whether these speak
+    against it.
 
     Raises UnobservableError where measurements are fewer than unknowns.
     """
-    starts = []
-    if guess is not None:
-        if isinstance(guess, RigidTransform):
-            guess = guess.as_matrix()
-        T = check_array("guess", guess, (4, 4))
-        check_rigid("guess", T[None])
-        starts = [(T[:3, :3], T[:3, 3])]
-    solution, doubted = plausibility.check(solve(observed, prior, starts=starts))
+    mount = prior.mount
+    starts = [(mount.rotation, mount.translation)] if mount else []
+    alone = solve(observed, replace(prior, mount=None), starts=starts)
+    solution, doubted = plausibility.check(alone)
+    messages, against = [], ""
+    if mount and np.isinf(mount.sd).all():
+        mount = None  # a start, no more
+    if mount and solution.status != "ok":
+        both, wrong = plausibility.check(solve(observed, prior, starts=starts))
+        if not (wrong or contradiction(both, mount)):
+            solution, doubted = both, False
+            messages = rests_on(both, mount)
+    if mount and not messages and solution.status != "unobservable":
+        against = contradiction(solution, mount)
+        messages = [against] if against else []
     remarks, wrong_side = remarks_on_targets(scans, seen, solution)
+    doubted = doubted or wrong_side or bool(against)
     status = solution.status
-    if wrong_side and status == "ok":
+    if status == "ok" and (wrong_side or against):
         status = "weak"
-    messages = (*solution.messages, *remarks)
-    return replace(solution, status=status, messages=messages), doubted or wrong_side
+    messages += [*solution.messages, *remarks]
+    return replace(solution, status=status, messages=tuple(messages)), doubted
+
+
+def mount_of(
+    scans: Sequence[Scan],
+    guess: ArrayLike | RigidTransform | None,
+    guess_sd: Sequence[float],
+) -> Mount | None:
+    """What is known of the mount: a guess, or the first that a scan has."""
+    for scan in scans:
+        if guess is None and scan.guess is not None:
+            guess, guess_sd = scan.guess, scan.guess_sd
+    if guess is None:
+        return None
+    if isinstance(guess, RigidTransform):
+        guess = guess.as_matrix()
+    T = check_array("guess", guess, (4, 4))
+    check_rigid("guess", T[None])
+    if not min(guess_sd) > 0:
+        raise ValueError(f"guess_sd is {guess_sd}; expected mm and degrees above 0")
+    sd = np.repeat([guess_sd[0], np.radians(guess_sd[1])], 3)
+    return Mount(T[:3, :3], T[:3, 3], sd)
 
 
 def by_scan(scans: Sequence[Scan], sentences: Sequence[Iterable[str]]) -> list[str]:

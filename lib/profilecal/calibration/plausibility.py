@@ -44,6 +44,7 @@ class Finding:
     clear: float  # the size over its standard deviation
     moves: ndarray  # (6,) the sensor pose, mm and rad
     among: int  # so many tests
+    not_allowed_for: float = 1.0  # the chance that the answer did not allow for as much
 
     @property
     def sentence(self) -> str:
@@ -66,7 +67,7 @@ def systematic_tests(solution: Solution) -> list[Finding]:
     with np.errstate(invalid="ignore", divide="ignore"):
         sizes, sds, moves = score(normal, n, model.precision[:n, :n])
         visible = sds**-2 > ABSORBED * np.diag(normal)[n:-1]
-    findings = []
+    findings, poor = [], solution.error_sizes.poor_scanner
     for k in np.flatnonzero(visible):
         size, error = sizes[k], tried[k]
         findings.append(
@@ -76,6 +77,7 @@ def systematic_tests(solution: Solution) -> list[Finding]:
                 clear=size / sds[k],
                 moves=moves[:6, k] * size,
                 among=len(tried),
+                not_allowed_for=1 - poor * (error in OF_SCANNER or bool(error.length)),
             )
         )
     return findings
@@ -117,6 +119,8 @@ def check(solution: Solution) -> tuple[Solution, bool]:
     and whether they speak against it: more poses would not mend that.
     """
     objections = contradictions(solution)
+    if is_contradictory(solution):
+        solution = replace(solution, status="unobservable")
     if solution.status == "unobservable":
         messages = (*solution.messages, *objections)
         return replace(solution, messages=messages), bool(objections)
@@ -125,7 +129,8 @@ def check(solution: Solution) -> tuple[Solution, bool]:
     if guilty:
         farthest = max(normalised_square(C, error.moves) for error in guilty)
         weak = weak or bool(farthest > MUCH**2)
-        C = C + sum(np.outer(error.moves, error.moves) for error in guilty)
+        for error in guilty:
+            C = C + error.not_allowed_for * np.outer(error.moves, error.moves)
         objections.append(accusation(guilty))
     before = solution.observability
     observability = of_covariance(C, before.rank, before.parameters)
@@ -140,6 +145,18 @@ def check(solution: Solution) -> tuple[Solution, bool]:
     return believed, bool(objections)
 
 
+def error_mm(solution: Solution) -> float:
+    """By how much the data contradict each other."""
+    return max(solution.rms_mm, solution.noise.position_mm)
+
+
+def is_contradictory(solution: Solution) -> bool:
+    """Whether the data contradict each other by more than a robot errs."""
+    noise, scales = solution.noise, solution.prior.scales
+    stated = 3 * max(noise.steering_mm, scales.position_mm, scales.group_position_mm)
+    return error_mm(solution) > max(LARGEST_ERROR_MM, stated)
+
+
 def contradictions(solution: Solution) -> list[str]:
     """What in the residuals no noise explains, in words."""
     messages = []
@@ -149,13 +166,10 @@ def contradictions(solution: Solution) -> list[str]:
             f"the residuals are {misfit:.2g} times what the stated noise explains; "
             f"{ADVICE}"
         )
-    noise, scales = solution.noise, solution.prior.scales
-    stated = 3 * max(noise.steering_mm, scales.position_mm, scales.group_position_mm)
-    error = max(solution.rms_mm, noise.position_mm)
-    if error > max(LARGEST_ERROR_MM, stated):
+    if is_contradictory(solution):
         messages.append(
-            f"the data contradict each other by {error:.2g} mm, more than a robot "
-            f"errs; {ADVICE}"
+            f"the data contradict each other by {error_mm(solution):.2g} mm, "
+            f"more than a robot errs; {ADVICE}"
         )
     rejected = np.concatenate(solution.rejected)
     if rejected.mean() > LARGEST_REJECTED:

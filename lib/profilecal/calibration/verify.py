@@ -141,7 +141,7 @@ def verify(found: Calibration | Answer, scan: Scan) -> Verification:
         )
     T = found.pose
     covariance = in_mm_rad(found.covariance_total_mm_deg)
-    alone = calibrate(scan, guess=T)
+    alone = calibrate(scan, guess=T, guess_sd=(np.inf, np.inf))  # a start
     kept = [np.ones(len(alone.seen[0]), dtype=bool)]
     if alone.solution_or_none:
         kept = alone.solution.kept

@@ -23,6 +23,9 @@ from profilecal.joint.linear_model import LinearModel, Posterior
 from profilecal.joint.prior import Law, Prior
 
 EXACT_ROBOT = 0.1  # odds that the robot's errors are far too small to matter
+POOR_SCANNER = 0.3  # odds that scanner and target err POORER times as much as usual
+POORER = 10.0
+LITTLE = 0.01  # odds that such a scanner needs to count
 DRAWS = 32  # sizes looked at
 TAILS = 4.0  # degrees of freedom of the t law that they are drawn from
 FARTHEST = 5.0  # the likeliest coordinates are sought up to here
@@ -50,6 +53,7 @@ class ErrorSizes:
     v: ndarray  # (1 + k,) the variances in their middle
     mean: ndarray  # (n,)
     covariance: ndarray  # (n, n)
+    poor_scanner: float  # the chance that it errs POORER times as much as usual
 
 
 def likeliest(
@@ -178,10 +182,15 @@ def average(model: LinearModel, prior: Prior, start: ndarray) -> ErrorSizes:
 
     The covariance is then enlarged until its region holds over all sizes (`growth`).
     """
-    draws, spreads = [], []
-    for believed_model, belief, odds in beliefs(model, prior):
+    draws: list[tuple] = []
+    spreads: list[dict] = []
+    rivals = beliefs(model, prior)
+    usual = len(rivals)
+    for believed_model, belief, odds in rivals:
         law = belief.law(model.names)
         likely = likeliest(believed_model, law, start[: len(law.free)])
+        if not draws:
+            rivals += poor_scanner(model, prior, law.variances(likely[0][None])[0])
         log_weight, posterior, spread = draw(believed_model, law, *likely)
         log_weight += np.log(odds)
         draws.append((log_weight, posterior.mean, posterior.covariance, posterior.v))
@@ -202,7 +211,10 @@ def average(model: LinearModel, prior: Prior, start: ndarray) -> ErrorSizes:
         from_data = j == 0 or bool(spreads[0].get(j, 0.0) < OF_PRIOR)
         sizes.append(Size(names[j], low, middle, high, from_data))
     middles = np.array([size.middle for size in sizes]) / units
-    return ErrorSizes(tuple(sizes), middles**2, mean, covariance)
+    others = sum(len(log_weight) for log_weight, *_ in draws[:usual])
+    return ErrorSizes(
+        tuple(sizes), middles**2, mean, covariance, poor_scanner=w[others:].sum()
+    )
 
 
 def beliefs(model: LinearModel, prior: Prior) -> list[tuple[LinearModel, Prior, float]]:
@@ -215,6 +227,20 @@ def beliefs(model: LinearModel, prior: Prior) -> list[tuple[LinearModel, Prior, 
         if prior.usual:
             rivals.append((model, prior.usual, 1.0))
     return rivals
+
+
+def poor_scanner(
+    model: LinearModel, prior: Prior, v: ndarray
+) -> list[tuple[LinearModel, Prior, float]]:
+    """The belief that scanner and target err POORER times as much as usual; none where
+    the residuals speak against it, with errors of the variances v (1, 1 + k). To the
+    log evidence belongs the prior's log |Π| / 2, which other beliefs have in common.
+    """
+    poor = model.with_poor_scanner(POORER)
+    log_prior = np.log(np.diag(poor.precision) / np.diag(model.precision)).sum() / 2
+    gain = poor.posterior(v).log_evidence - model.posterior(v).log_evidence
+    odds = POOR_SCANNER * np.exp(log_prior)
+    return [(poor, prior, odds)] if odds * np.exp(gain[0]) > LITTLE else []
 
 
 def quantiles(draws: ndarray, weight: ndarray) -> list[float]:

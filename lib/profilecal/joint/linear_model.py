@@ -78,13 +78,17 @@ class LinearModel:
         names: Sequence[str],
         precision: ndarray,
         clock: int | None = None,
+        of_mount: ndarray | float = 0.0,
+        scanner: slice = slice(0),
     ) -> None:
         """Of each profile, over the scanner's noise, with zeros where no residual is:
         the derivatives `by_flange` (profiles, K, 6), mm and rad, the `columns` [A | r]
         (profiles, K, n + 1), and how many residuals there are. `names` (k): the robot's
         errors, entries of `Noise`. `precision` (n, n): Π. `clock`: the column of A that
         is the derivative by the time of a profile, if any has one: its jitter acts
-        along it, as errors of the flange along E's other columns.
+        along it, as errors of the flange along E's other columns. `of_mount`, normal
+        equations (n + 1, n + 1): what is known of the sensor pose, beside the
+        residuals. `scanner`: the columns of its and the targets' systematic errors.
 
         An orthogonal change of a profile's K rows leaves the scanner's noise as it is.
         With the singular values s of the derivatives by the flange, F = U s Wᵀ, errors
@@ -94,6 +98,8 @@ class LinearModel:
             Y = Uᵀ [A | r]        rest = [A | r]ᵀ [A | r] - Yᵀ Y
         """
         self.precision = precision
+        self.of_mount = of_mount
+        self.scanner = scanner
         self.n = len(precision)
         self.counts = counts
         self.names = tuple(names)
@@ -150,6 +156,13 @@ class LinearModel:
             other.blocks.append(Block(block.profiles, M, block.Y * rows))
         return other
 
+    def with_poor_scanner(self, times: float) -> "LinearModel":
+        """The same where what is considered may be so many times as large."""
+        other = copy(self)
+        other.precision = self.precision.copy()
+        other.precision[self.scanner, self.scanner] /= times**2
+        return other
+
     def without_robot(self) -> "LinearModel":
         """The same of a robot that does not err, whose variances do not count: no
         residuals share anything.
@@ -187,7 +200,7 @@ class LinearModel:
         """
         n, v0 = self.n, v[:, 0]
         rest, count = self.rest_of_kept
-        N = rest / v0[:, None, None]
+        N = rest / v0[:, None, None] + self.of_mount
         log_det_C = count * np.log(v0)
         solved = self.add_products(v, N, log_det_C)
         H = (N[:, :n, :n] + self.precision) * (1 + ROUNDING * np.eye(n))

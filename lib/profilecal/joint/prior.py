@@ -21,6 +21,7 @@ from scipy.special import gammaln, ndtr, stdtrit
 
 from profilecal.geometry.log import DELAY_S
 from profilecal.geometry.noise import ESTIMATED, ROBOT, Noise, Systematic
+from profilecal.geometry.poses import pose_error
 from profilecal.targets.observations import Observations
 from profilecal.targets.target import Target
 
@@ -58,6 +59,27 @@ SPREADS = {"given": 0.0, "profiles": 0.5, "residuals": 2.0}
 
 
 @dataclass(frozen=True)
+class Mount:
+    """What is known of the sensor pose beforehand."""
+
+    rotation: ndarray  # (3, 3)
+    translation: ndarray  # (3,) mm
+    sd: ndarray  # (6,) of δ = (ρ, φ), mm and rad; infinite: nothing
+
+    def normal(self, rotation: ndarray, translation: ndarray, n: int) -> ndarray:
+        """What it says at sensor poses (B, 3, 3), (B, 3), as normal equations (B, n +
+        1, n + 1) of n unknowns, the sensor pose first.
+
+        A step x that leads to the mount is x = δ, so the residual is (x - δ) / sd.
+        """
+        delta = pose_error(rotation, translation, self.rotation, self.translation)
+        rows = np.zeros((len(delta), 6, n + 1))
+        rows[:, range(6), range(6)] = 1 / self.sd
+        rows[:, :, n] = -delta / self.sd
+        return rows.mT @ rows
+
+
+@dataclass(frozen=True)
 class Prior:
     """What is known beforehand of how large errors are.
 
@@ -69,6 +91,7 @@ class Prior:
     source: str = "given"  # of the scanner's noise, one of SPREADS
     robot_known: bool = False  # the robot's errors are as large as their scales
     systematic: Systematic = Systematic()  # noqa: RUF009
+    mount: Mount | None = None
 
     @property
     def profile_spread(self) -> float:

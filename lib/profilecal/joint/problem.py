@@ -13,7 +13,7 @@ from profilecal.geometry.observability import units_by_hand
 from profilecal.geometry.poses import carry, rotations
 from profilecal.joint.linear_model import LinearModel
 from profilecal.joint.nested_model import NestedModel
-from profilecal.joint.prior import DELAY, Perturbation, considered, of_clocks
+from profilecal.joint.prior import DELAY, Mount, Perturbation, considered, of_clocks
 from profilecal.joint.residuals import SENSOR, Residuals
 from profilecal.targets.observations import (
     Batch,
@@ -64,9 +64,11 @@ class Problem:
         noise: Noise,
         systematic: Systematic | None = None,
         in_space: bool = False,
+        mount: Mount | None = None,
     ) -> None:
         self.observations = list(observations)
         self.noise = noise
+        self.mount = mount
         self.terms = [Residuals(entry, in_space) for entry in self.observations]
         self.targets = [entry.target for entry in self.observations]
         self.systematic = systematic or Systematic()
@@ -95,7 +97,8 @@ class Problem:
         """With what was seen in motion so much later in the robot's log."""
         observations = [entry.later(seconds) for entry in self.observations]
         in_space = self.terms[0].in_space
-        return Problem(observations, self.noise, self.systematic, in_space)
+        known = self.systematic, in_space, self.mount
+        return Problem(observations, self.noise, *known)
 
     def typical(self, fit: Fit) -> ndarray:
         """How many noise levels large the residuals of most poses are, (B,): the root
@@ -153,9 +156,18 @@ class Problem:
             flat = z.reshape(B, z.shape[1], -1)
             to = np.r_[SENSOR, self.parts[index], self.n]
             normal[:, to[:, None], to] += flat @ flat.mT
+        known = self.of_mount(state, self.n)
+        normal += known
+        loss += known[:, -1, -1]
         if scale is None:
             loss = normal[:, -1, -1]
         return Fit(state, normal, loss, np.concatenate(per_pose, axis=1))
+
+    def of_mount(self, state: State, n: int) -> ndarray:
+        """What is known of the mount, as normal equations (B, n + 1, n + 1)."""
+        if not self.mount:
+            return np.zeros((1, n + 1, n + 1))
+        return self.mount.normal(state.rotation, state.translation, n)
 
     def columns_in_mm(
         self, state: State, tried: Sequence[Perturbation] = ()
@@ -220,6 +232,8 @@ class Problem:
             names,
             np.diag(precision),
             self.clock,
+            self.of_mount(state, len(precision))[0],
+            slice(self.n, self.n + sum(bool(one.prior) for one in self.considered)),
         )
 
     def rms_mm(

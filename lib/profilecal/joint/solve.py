@@ -71,7 +71,7 @@ def solve(
     if not observations:
         raise ValueError("no observations given; expected at least one target")
     prior = noise if isinstance(noise, Prior) else as_stated(noise)
-    problem = Problem(observations, prior.scales, prior.systematic)
+    problem = Problem(observations, prior.scales, prior.systematic, mount=prior.mount)
     total = problem.counts.sum()
     if total <= problem.n:
         raise UnobservableError(
@@ -90,7 +90,8 @@ def solve(
         prior = prior.without_robot
     if prior.source == "residuals":
         prior = prior.with_scanner(max(prior.scales.profile_mm * scale, FINEST_MM))
-    problem = Problem(problem.observations, prior.scales, prior.systematic)
+    observations = problem.observations
+    problem = Problem(observations, prior.scales, prior.systematic, mount=prior.mount)
     estimated = estimate(problem, prior, fits.state[[0]], robust)
     return conclude(estimated, prior, others.join(fits.state))
 

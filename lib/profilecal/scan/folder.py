@@ -18,11 +18,13 @@ from profilecal.scan.conventions import (
     find_convention,
     from_rotations,
     named,
+    pose_matrices,
     to_rotations,
 )
 from profilecal.scan.motion import checked_log, moment_label, with_motion
 from profilecal.scan.scan import (
     FARTHEST_MM,
+    GUESS_SD,
     MEASURED,
     MOUNTS,
     NOISE,
@@ -43,8 +45,10 @@ from profilecal.scan.tables import (
 from profilecal.scan.toml import (
     TABLE,
     TEXT,
+    Rule,
     check_entries,
     number,
+    numbers,
     one_of,
     read_toml,
     toml_text,
@@ -54,7 +58,13 @@ from profilecal.targets import TARGETS
 SCALE = {"mm": 1.0, "m": 1000.0}
 SPREADSHEET = 1_000_000  # rows that people can look at: more become arrays
 DEFAULTS = {"title": "", "units": "mm", "mount": MOUNTS[0], "target": {}, "noise": {}}
-DEFAULTS |= {"motion": {}}
+DEFAULTS |= {"motion": {}, "guess": {}}
+# of a scan's sensor: X Y Z mm, W P R degrees, R = Rz(R) Ry(P) Rx(W)
+GUESS: dict[str, Rule] = {
+    "mount": numbers(6),
+    "sd_mm": number(1e-3, 1000),
+    "sd_deg": number(1e-3, 180),
+}
 NO_POSES: dict[str, Any] = {
     "labels": (),
     "R_base_flange": np.empty((0, 3, 3)),
@@ -166,10 +176,25 @@ def scan_of(
             noise=header["noise"],
             mount=header["mount"],
             title=header["title"],
+            **guess_of(header["guess"]),
             **poses,
         )
     except ScanError as error:
         raise ScanError(f"{folder}: {error}") from error
+
+
+def guess_of(said: dict[str, Any]) -> dict[str, Any]:
+    """The table [guess]: entries of a Scan."""
+    if "mount" not in said:
+        return {}
+    sd = said.get("sd_mm", GUESS_SD[0]), said.get("sd_deg", GUESS_SD[1])
+    return {"guess": mount_pose(said["mount"]), "guess_sd": sd}
+
+
+def mount_pose(numbers: Sequence[float]) -> ndarray:
+    """The pose (4, 4) of X Y Z mm, W P R degrees."""
+    position, angles = np.reshape(numbers, (2, 1, 3))
+    return pose_matrices(position, angles, "FANUC angles")[0]
 
 
 def read_header(path: Path) -> dict[str, Any]:
@@ -195,6 +220,7 @@ def check_header(path: Path, header: dict[str, Any]) -> dict[str, Any]:
         "target": TABLE,
         "noise": NOISE,
         "motion": {"delay_ms": number(-200, 200)},
+        "guess": GUESS,
     }
     check_entries(path, header, rules)
     target = header["target"]
@@ -432,6 +458,11 @@ def write_scan(scan: Scan, folder: str | Path) -> None:
     }
     if scan.delay_ms is not None:
         header["motion"] = {"delay_ms": scan.delay_ms}
+    if scan.guess is not None:
+        R, p = scan.guess[None, :3, :3], scan.guess[:3, 3]
+        mount = [*p.tolist(), *from_rotations(named("FANUC angles"), R)[0].tolist()]
+        sd_mm, sd_deg = scan.guess_sd
+        header["guess"] = {"mount": mount, "sd_mm": sd_mm, "sd_deg": sd_deg}
     with new_folder(Path(folder)) as partial:
         (partial / "scan.toml").write_text(toml_text(header), encoding="utf-8")
         if still.any():

@@ -43,6 +43,7 @@ NOISE: dict[str, Rule] = dict.fromkeys(  # an error that is there is no rounding
 # from the scanner; no profile scanner sees as far, and some print such numbers for no
 # point
 FARTHEST_MM = 10_000.0
+GUESS_SD = (15.0, 8.0)  # of a mount measured by hand or taken from a drawing
 
 
 def length_rules(kind: str, scale: float = 1.0) -> dict[str, Rule]:
@@ -92,6 +93,10 @@ class Scan:
     # the robot's clock less the scanner's, None where it is to be found
     delay_ms: float | None = None
     truth: dict = field(default_factory=dict)  # of a simulated one; written, not read
+    # (4, 4) mm, where the sensor is believed to be on the flange (eye-to-hand: in the
+    # base frame), and how good that is, mm and degrees
+    guess: ndarray | None = None
+    guess_sd: tuple[float, float] = GUESS_SD
 
     @classmethod
     def of(
