@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command import run
+from scipy.spatial.transform import Rotation
 
 import profilecal as pc
 
@@ -59,15 +60,28 @@ def test_poses_that_determine_nothing_are_unobservable_with_status_3_and_the_cur
         assert "add poses tilted" in run("check", tmp_path / "scan").output
 
 
-def test_a_guess_and_a_controller_are_taken(tmp_path):
-    scan, _ = pc.simulate(seed=2)
+def test_a_guess_is_compared_and_a_controller_taken(tmp_path):
+    scan, truth = pc.simulate(seed=2)
     pc.write_scan(scan, tmp_path / "scan")
-    guess = ["--guess", 0, 0, 0, 10, 20, 30]
+    angles = Rotation.from_matrix(truth.pose[:3, :3]).as_euler("xyz", degrees=True)
+    guess = ["--guess", *(truth.pose[:3, 3] + 10), *angles]
     result = run("calibrate", tmp_path / "scan", *guess, "--to", "kuka")
     assert result.exit_code == 0
     lines = result.output.splitlines()
     assert lines[0] == "status         ok"
     assert lines[3].startswith("{X ")
+    result = run("calibrate", tmp_path / "scan", *guess, "--guess-sd", 1, 1)
+    assert result.output.startswith("status         weak")
+    assert "which is said to be good to 1 mm and 1°" in result.output
+
+
+def test_a_pose_that_contradicts_the_data_is_not_given_to_paste(tmp_path):
+    scan, _ = pc.simulate("ball", seed=5, groups=6, positions=4)
+    pc.write_scan(replace(scan, mount="eye-to-hand"), tmp_path / "scan")
+    result = run("calibrate", tmp_path / "scan", "--to", "kuka")
+    assert result.exit_code == 3
+    assert "no pose to paste: see the notes" in result.output
+    assert "{X" not in result.output
 
 
 @pytest.mark.parametrize(

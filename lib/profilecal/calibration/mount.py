@@ -89,7 +89,7 @@ def contradiction(solution: Solution, mount: Mount) -> str:
                 return ""
             causes.append(words)
         elif shown.chance(delta, C + along_z) > FALSE_ALARM:
-            from_elsewhere = f"z of the profiles counted from {delta[2]:.0f} mm on"
+            from_elsewhere = f"z of the profiles were about {delta[2]:+.0f} mm off"
             causes.append(f"{words} and {from_elsewhere}" if words else from_elsewhere)
     delta = pose_error(R, T, *inverse(mount.rotation, mount.translation))
     if shown.chance(delta, np.diag(mount.sd**2)) > FALSE_ALARM:

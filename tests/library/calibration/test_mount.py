@@ -1,0 +1,91 @@
+"""What is known of the mount: compared with the answer, and filling what it leaves."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import profilecal as pc
+from profilecal.geometry.poses import pose_error, rotations
+
+
+def near(pose, seed, sd_mm=15.0, sd_deg=8.0):
+    """A guess as good as it is said to be."""
+    rng = np.random.default_rng(seed)
+    guess = pose.copy()
+    guess[:3, 3] += sd_mm * rng.normal(size=3)
+    guess[:3, :3] @= rotations(np.radians(sd_deg) * rng.normal(size=3))
+    return guess
+
+
+def of_a_tool(scan):
+    tool = np.eye(4)
+    tool[2, 3] = 180
+    moved = scan.T_base_flange @ tool
+    return replace(scan, p_base_flange=moved[:, :3, 3])
+
+
+def multiplied(*by):
+    return lambda scan: replace(scan, values=tuple(rows * by for rows in scan.values))
+
+
+def from_elsewhere(scan):
+    return replace(scan, values=tuple(rows + [0, 130] for rows in scan.values))
+
+
+WRONG = {
+    "the poses were of a tool whose frame is at about ": of_a_tool,
+    "z of the profiles were negated": multiplied(1, -1),
+    "x of the profiles were negated": multiplied(-1, 1),
+    "x and z of the profiles were negated": multiplied(-1, -1),
+    "x and z of the profiles were exchanged": lambda scan: replace(
+        scan, values=tuple(rows[:, ::-1] for rows in scan.values)
+    ),
+    "z of the profiles were about +": from_elsewhere,
+}
+
+
+@pytest.mark.parametrize("words", WRONG)
+def test_what_no_residual_shows_is_named_beside_a_guess(words):
+    scan, truth = pc.simulate("edge", seed=3, groups=12, positions=3)
+    wrong, guess = WRONG[words](scan), near(truth.pose, 3)
+    silent = pc.calibrate(wrong)
+    assert (silent.status, silent.messages) == ("ok", ())
+    found = pc.calibrate(wrong, guess)
+    assert found.status == "weak"
+    assert found.messages[0].startswith("the answer lies ")
+    assert f"as if {words}" in found.messages[0]
+    np.testing.assert_array_equal(found.pose, silent.pose)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_right_guess_changes_nothing(seed):
+    scan, truth = pc.simulate("edge", seed=seed, groups=12, positions=3)
+    found = pc.calibrate(scan, near(truth.pose, seed))
+    assert (found.status, found.messages) == ("ok", ())
+    assert np.abs(found.pose - pc.calibrate(scan).pose).max() < 1e-3
+
+
+@pytest.mark.parametrize("kind", ["edge", "plane", "disk"])
+def test_what_the_scan_leaves_open_rests_on_the_guess_and_says_so(kind, tmp_path):
+    plan = {"groups": 6, "positions": 4, "spread_deg": 0.0}
+    scan, truth = pc.simulate(kind, seed=2, **plan)
+    assert not pc.calibrate(scan).is_known
+    guess = near(truth.pose, 2, 0.5, 0.2)
+    pc.write_scan(replace(scan, guess=guess, guess_sd=(0.5, 0.2)), tmp_path / "scan")
+    found = pc.calibrate(pc.read_scan(tmp_path / "scan"))
+    assert found.is_known
+    assert "rests on the guess more than on the scan" in found.messages[0]
+    off = pose_error(*parts(found.pose), *parts(truth.pose))
+    covariance = found.solution.covariance
+    assert off @ np.linalg.solve(covariance, off) < 16.8  # χ² of 6, 1 %
+
+
+def parts(pose):
+    return pose[:3, :3], pose[:3, 3]
+
+
+def test_a_guess_without_a_standard_deviation_is_refused():
+    scan, truth = pc.simulate("edge", seed=1)
+    with pytest.raises(ValueError, match="expected mm and degrees above 0"):
+        pc.calibrate(scan, truth.pose, (0.0, 8.0))
