@@ -30,7 +30,9 @@ def multiplied(*by):
 
 
 def from_elsewhere(scan):
-    return replace(scan, values=tuple(rows + [0, 130] for rows in scan.values))
+    return replace(
+        scan, values=tuple(rows + np.array([0, 130]) for rows in scan.values)
+    )
 
 
 WRONG = {
