@@ -30,9 +30,9 @@ from profilecal_papers.monte_carlo import (
 )
 
 # First and last chord, as signed fractions of the radius. Eq. 48's positions are not
-# printed: notebook 22 fits the last one to the values printed for Fig. 15; other pairs
-# fit as well.
-FIG15_EXTENT = (-0.9, 0.31)
+# printed: notebook 22 fits the last one to the values printed for Fig. 15, read as root
+# mean squares; other pairs fit as well.
+FIG15_REACH = (-0.9, 0.62)
 
 
 @dataclass(frozen=True)
@@ -65,11 +65,11 @@ def disk_scans(
     R_tcp: ndarray,
     centre_seen: ndarray,
     direction: ndarray,
-    extent: tuple[float, float],
+    reach: tuple[float, float],
 ) -> DiskScans:
     """Scans at flange orientations R_tcp (n, 3, 3) that move along `direction` (n, 3),
     base frame, and on their way see the disk's centre at `centre_seen` (n, 3), sensor
-    frame, mm. `extent`: first and last chord as signed fractions of the radius; at -1
+    frame, mm. `reach`: first and last chord as signed fractions of the radius; at -1
     and 1 the scan plane is tangent to the disk.
 
     Along the normal y of the scan plane, the disk with its own normal N reaches radius
@@ -78,18 +78,18 @@ def disk_scans(
     """
     rotation = R_tcp @ R_sensor
     y = rotation[..., 1]
-    reach = disk.radius * np.linalg.norm(np.cross(y, disk.normal), axis=-1)
+    half_width = disk.radius * np.linalg.norm(np.cross(y, disk.normal), axis=-1)
     across = np.einsum("na,na->n", direction, y)
-    to_tangent = (reach / np.abs(across))[:, None] * direction
+    to_tangent = (half_width / np.abs(across))[:, None] * direction
     in_base = np.einsum("nab,nb->na", rotation, centre_seen)
     T_centre = disk.centre - in_base - R_tcp @ T_sensor
-    T_start, T_end = (T_centre + part * to_tangent for part in extent)
+    T_start, T_end = (T_centre + part * to_tangent for part in reach)
     return DiskScans(R_sensor, T_sensor, R_tcp, disk, T_start, T_end)
 
 
-def fig15_scans(extent: tuple[float, float] = FIG15_EXTENT) -> DiskScans:
+def fig15_scans(reach: tuple[float, float] = FIG15_REACH) -> DiskScans:
     """Scans of the disk paper's Section V-B: the disk at Eq. 50, the sensor at Eq. 49,
-    orientations and motions of Table I; `extent` as `disk_scans` takes it.
+    orientations and motions of Table I; `reach` as `disk_scans` takes it.
     """
     normal = published.values("disk", "Section V-B", "disk normal of the simulation")
     radius = float(published.values("disk", "Fig. 14", "disk radius"))
@@ -99,7 +99,7 @@ def fig15_scans(extent: tuple[float, float] = FIG15_EXTENT) -> DiskScans:
     R_tcp = rotation_from_xyz_angles(published.values("disk", "Table I", "R_tcp"))
     q = published.values("disk", "Table I", "q")
     sensor = published.sensor_pose("Eq. 49", "Lambda")
-    return disk_scans(disk, *sensor, R_tcp, q, motion, extent)
+    return disk_scans(disk, *sensor, R_tcp, q, motion, reach)
 
 
 def disk_study(

@@ -34,9 +34,8 @@ OF_ITEMS = [data for shown in SHOWN.values() for data in shown if MIME in data]
 ITEMS = [from_json(data[MIME]) for data in OF_ITEMS]
 READINGS = {
     "Fig. 15": 3,
-    "Fig. 16": 2,
-    "Section V-C": 2,
-    "Section V-D2": 2,
+    "Section V-C": 3,
+    "Section V-D2": 3,
     "Table II": 2,
 }  # of others one
 
