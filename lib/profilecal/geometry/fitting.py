@@ -235,7 +235,15 @@ def principal_axes(points: ndarray) -> ndarray:
     their mean, most first.
     """
     offsets = points - points.mean(axis=-2, keepdims=True)
-    return np.linalg.svd(offsets, full_matrices=False)[2]
+    return with_sign(np.linalg.svd(offsets, full_matrices=False)[2])
+
+
+def with_sign(axes: ndarray) -> ndarray:
+    """Vectors (..., 3) or their opposites, whichever has its largest component
+    positive: the sign that a decomposition gives them differs between processors.
+    """
+    largest = np.abs(axes).argmax(axis=-1, keepdims=True)
+    return axes * np.sign(np.take_along_axis(axes, largest, axis=-1))
 
 
 def affine_residuals(

@@ -60,7 +60,8 @@ def likeliest(
     model: LinearModel, law: Law, y: ndarray, tolerance: float = 1e-3
 ) -> tuple[ndarray, ndarray]:
     """The likeliest coordinates (d,) of the sizes, by Newton's method from some `y`,
-    and a root (d, d) of the inverse curvature there.
+    and the root (d, d) of the inverse curvature there, the symmetric one: it does not
+    depend on the sign and the order that eigenvectors happen to have.
 
     The log density of the coordinates is, with the log evidence L of the variances v
     and the standard normal prior, but for a constant
@@ -100,7 +101,7 @@ def likeliest(
             damping /= 4
         else:
             damping = 4 * damping + 1
-    return y, vectors / np.sqrt(values)
+    return y, vectors / np.sqrt(values) @ vectors.T
 
 
 def draw(

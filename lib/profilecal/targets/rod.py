@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy import ndarray
 
+from profilecal.geometry.fitting import with_sign
 from profilecal.geometry.poses import cross, dot
 from profilecal.profiles.arcs import find_rods
 from profilecal.targets.disk import fit_around
@@ -112,7 +113,7 @@ class Rod(Round):
         x = np.linalg.solve(A.mT @ A + ridge, A.mT @ square[..., None])[..., 0]
         D = np.empty((*x.shape[:-1], 3, 3))
         D[..., i, j] = D[..., j, i] = x[..., :6]
-        return fit_around(np.linalg.eigh(D)[1][..., 2], points)
+        return fit_around(with_sign(np.linalg.eigh(D)[1][..., 2]), points)
 
     def distance(self, points: ndarray) -> ndarray:
         return Edge(self.point, self.direction).distance(points) - self.radius

@@ -4,11 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from many_scenes import SIGMA
+from many_scenes import KINDS, SIGMA
 from scipy.optimize import minimize
 from scipy.special import softmax
 from scipy.stats import binom, chi2, norm, t
 
+import profilecal as pc
 from profilecal.geometry.noise import Noise
 from profilecal.joint.descent import refine
 from profilecal.joint.error_sizes import average, draw, growth, likeliest, t_points
@@ -16,6 +17,7 @@ from profilecal.joint.prior import FREEDOM, STATED_FREEDOM, USUAL, Prior, prior_
 from profilecal.joint.problem import Problem
 from profilecal.simulation.robot import actual_poses, scan_planes
 from profilecal.simulation.scene import random_scene
+from profilecal.simulation.spec import Spec, simulate_scan
 
 TRUE = Noise(SIGMA, position_mm=0.08, orientation_deg=0.03)
 PRIOR = Prior(replace(USUAL, profile_mm=SIGMA), source="profiles")
@@ -187,6 +189,57 @@ def test_a_region_holds_over_all_sizes():
     beyond = np.sum(normalised > chi2.ppf(0.99, 6))
     low, high = binom.ppf(1e-3, count, 0.01), binom.isf(1e-3, count, 0.01)
     assert low < beyond < high
+
+
+def test_no_sign_and_no_order_of_eigenvectors_decides(monkeypatch):
+    """Of the axes along which sizes are drawn: whatever a processor makes of them."""
+    model = edge_model(4, groups=8, positions=3)
+    expected = averaged(model)
+    rng = np.random.default_rng(1)
+    eigh = np.linalg.eigh
+
+    def shuffled(matrix):
+        values, vectors = eigh(matrix)
+        order = rng.permutation(len(values))
+        return values[order], (vectors * rng.choice([-1, 1], len(values)))[:, order]
+
+    monkeypatch.setattr(np.linalg, "eigh", shuffled)
+    for _ in range(5):
+        same = averaged(model)
+        np.testing.assert_allclose(same.mean, expected.mean, rtol=1e-9)
+        np.testing.assert_allclose(same.covariance, expected.covariance, rtol=1e-9)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_no_sign_of_a_decomposition_decides_a_calibration(kind, monkeypatch):
+    noise = replace(TRUE, profile_mm=SIGMA)
+    scan = simulate_scan(Spec(kind, seed=2, groups=8, positions=3, noise=noise))
+    expected = pc.calibrate(scan)
+    rng = np.random.default_rng(1)
+    svd, eigh = np.linalg.svd, np.linalg.eigh
+
+    def signs(values):
+        return rng.choice([-1, 1], values.shape)[..., None, :]
+
+    def any_svd(matrix, full_matrices=True):
+        U, values, Vt = svd(matrix, full_matrices)
+        sign, k = signs(values), values.shape[-1]
+        U[..., :k] *= sign
+        Vt[..., :k, :] *= sign.mT
+        return U, values, Vt
+
+    def any_eigh(matrix):
+        values, vectors = eigh(matrix)
+        return values, vectors * signs(values)
+
+    monkeypatch.setattr(np.linalg, "svd", any_svd)
+    monkeypatch.setattr(np.linalg, "eigh", any_eigh)
+    same = pc.calibrate(scan)
+    for name in ("pose", "covariance_mm_deg"):
+        ours, theirs = getattr(same, name), getattr(expected, name)
+        np.testing.assert_allclose(ours, theirs, rtol=1e-9)
+    frames = [found.targets[0].frame for found in (same, expected)]
+    np.testing.assert_allclose(frames[0][1], frames[1][1], rtol=1e-9)
 
 
 def test_points_of_the_t_law_stand_on_either_side_alike():
