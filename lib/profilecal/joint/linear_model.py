@@ -58,7 +58,7 @@ class Posterior:
     log_evidence: ndarray
     square: ndarray  # (S,) rᵀ P r, the χ² of the residuals
     normal: ndarray  # (S, n + 1, n + 1) [A | r]ᵀ C⁻¹ [A | r]
-    solved: list  # for each block C⁻¹ (S, B, m, m) and C⁻¹ [A | r] (S, B, m, n + 1)
+    last: list  # C (B, m, m) of each block, of the last set
 
 
 class LinearModel:
@@ -202,29 +202,34 @@ class LinearModel:
         rest, count = self.rest_of_kept
         N = rest / v0[:, None, None] + self.of_mount
         log_det_C = count * np.log(v0)
-        solved = self.add_products(v, N, log_det_C)
+        last = self.add_products(v, N, log_det_C)
         H = (N[:, :n, :n] + self.precision) * (1 + ROUNDING * np.eye(n))
         V = np.linalg.inv(H)
         N_Ar = N[:, :n, n:]
         mean = -(V @ N_Ar)
         square = N[:, n, n] + (N_Ar * mean).sum(axis=(1, 2))
         log_evidence = -(square + log_det_C + np.linalg.slogdet(H)[1]) / 2
-        return Posterior(v, mean[..., 0], V, log_evidence, square, N, solved)
+        return Posterior(v, mean[..., 0], V, log_evidence, square, N, last)
 
     def add_products(self, v: ndarray, N: ndarray, log_det_C: ndarray) -> list:
         """Add [A | r]ᵀ C⁻¹ [A | r] of the rows that speak of the flange to N (S, n + 1,
-        n + 1), and log |C| to that (S,). Returns for each block C⁻¹ and C⁻¹ [A | r].
+        n + 1), and log |C| to that (S,). Returns C of each block, of the last set.
         """
-        solved = []
+        last = []
         for block in self.blocks:
             C = np.tensordot(v, block.M, 1)
-            inverse = np.linalg.inv(C)
-            X = inverse @ block.Y
-            columns = self.n + 1
-            N += block.Y.reshape(-1, columns).T @ X.reshape(len(v), -1, columns)
-            log_det_C += np.linalg.slogdet(C)[1].sum(axis=1)
-            solved.append((inverse, X))
-        return solved
+            L = np.linalg.cholesky(C)
+            W = forward(L, block.Y).reshape(len(v), -1, self.n + 1)
+            N += W.mT @ W
+            log_det_C += 2 * np.log(np.einsum("sbii->sbi", L)).sum(axis=(1, 2))
+            last.append(C[-1])
+        return last
+
+    def solved(self, posterior: Posterior) -> list[tuple[ndarray, ndarray]]:
+        """C⁻¹ (B, m, m) and C⁻¹ [A | r] (B, m, n + 1) of each block."""
+        inverses = [np.linalg.inv(C) for C in posterior.last]
+        blocks = zip(inverses, self.blocks, strict=True)
+        return [(inverse, inverse @ block.Y) for inverse, block in blocks]
 
     def gradient(self, posterior: Posterior) -> tuple[ndarray, ndarray]:
         """The derivative (1 + k,) of the log evidence L by the variances, for one set
@@ -260,13 +265,14 @@ class LinearModel:
         """Add what the rows that speak of the flange say, as in `gradient`."""
         n, V = self.n, posterior.covariance[0]
         x = np.append(posterior.mean[0], 1.0)
-        for block, (inverse, X) in zip(self.blocks, posterior.solved, strict=True):
-            CA = X[0, :, :, :n]
-            w = X[0] @ x
-            P = inverse[0] - CA @ V @ CA.mT
+        solved = self.solved(posterior)
+        for block, (inverse, X) in zip(self.blocks, solved, strict=True):
+            CA = X[..., :n]
+            w = X @ x
+            P = inverse - CA @ V @ CA.mT
             slope += np.tensordot(block.M, P - w[:, :, None] * w[:, None], 3)
             F = np.moveaxis((block.M @ w[:, :, None])[..., 0], 0, -1)
-            within += (F.mT @ inverse[0] @ F).sum(axis=0)
+            within += (F.mT @ inverse @ F).sum(axis=0)
             across += (CA.mT @ F).sum(axis=0)
 
     def own(self, v: ndarray) -> ndarray:
@@ -312,14 +318,26 @@ class LinearModel:
         """
         q = self.q
         parts = []
-        for block, (inverse, X) in zip(self.blocks, posterior.solved, strict=True):
+        solved = self.solved(posterior)
+        for block, (inverse, X) in zip(self.blocks, solved, strict=True):
             B, Q = block.profiles.shape
             kept = self.kept[block.profiles]
-            squares = inverse[0].reshape(B, Q, q, Q, q)
+            squares = inverse.reshape(B, Q, q, Q, q)
             own = np.einsum("bqiqj->bqij", squares)
-            rows = X[0].reshape(B, Q, q, -1)
+            rows = X.reshape(B, Q, q, -1)
             parts.append((block.profiles[kept], own[kept], rows[kept]))
         return parts
+
+
+def forward(L: ndarray, Y: ndarray) -> ndarray:
+    """L⁻¹ Y of lower triangles L (..., m, m), by forward substitution, a row of all at
+    a time.
+    """
+    W = np.empty((*L.shape[:-1], Y.shape[-1]))
+    for j in range(L.shape[-1]):
+        known = L[..., j : j + 1, :j] @ W[..., :j, :]
+        W[..., j, :] = (Y[..., j, :] - known[..., 0, :]) / L[..., j, j, None]
+    return W
 
 
 def score(

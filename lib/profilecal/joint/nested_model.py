@@ -250,7 +250,7 @@ class NestedModel(LinearModel):
         """Add what the rows that speak of the flange say, as in `gradient`."""
         if not len(self.Y_rows):
             return
-        (solved,) = posterior.solved
+        (solved,) = posterior.last
         n, V = self.n, posterior.covariance[0]
         x = np.append(posterior.mean[0], 1.0)
         E = self.E_rows
@@ -290,7 +290,7 @@ class NestedModel(LinearModel):
         """
         if not len(self.Y_rows):
             return []
-        (solved,) = posterior.solved
+        (solved,) = posterior.last
         *_, Q = self.covariances_of_shared(solved)
         kept = self.kept[self.order]
         inverse = self.inverse_of_own(solved, Q)
