@@ -239,11 +239,12 @@ def principal_axes(points: ndarray) -> ndarray:
 
 
 def with_sign(axes: ndarray) -> ndarray:
-    """Vectors (..., 3) or their opposites, whichever has its largest component
+    """Vectors (..., n) or their opposites, whichever has its largest component
     positive: the sign that a decomposition gives them differs between processors.
     """
-    largest = np.abs(axes).argmax(axis=-1, keepdims=True)
-    return axes * np.sign(np.take_along_axis(axes, largest, axis=-1))
+    highest = axes.max(axis=-1, keepdims=True, initial=0.0)
+    lowest = axes.min(axis=-1, keepdims=True, initial=0.0)
+    return np.where(highest < -lowest, -axes, axes)
 
 
 def affine_residuals(

@@ -28,6 +28,8 @@ POORER = 10.0
 LITTLE = 0.01  # odds that such a scanner needs to count
 DRAWS = 32  # sizes looked at
 TAILS = 4.0  # degrees of freedom of the t law that they are drawn from
+# coordinates of a normal law, one for each hundredth
+NORMAL = ndtri((np.arange(100) + 0.5) / 100)
 FARTHEST = 5.0  # the likeliest coordinates are sought up to here
 OF_PRIOR = 0.6  # coordinates that spread by less than this are known from the data
 
@@ -106,10 +108,10 @@ def likeliest(
 
 def draw(
     model: LinearModel, law: Law, likely: ndarray, root: ndarray
-) -> tuple[ndarray, Posterior, ndarray]:
+) -> tuple[ndarray, Posterior, ndarray, ndarray]:
     """Sizes that a model allows: the logarithms (S,) of their weights, relative to
-    those of other models; what follows from each; and the spread (d,) of the free ones'
-    coordinates.
+    those of other models; what follows from each; and the mean (d,) and the spread (d,)
+    of the free ones' coordinates.
 
     Importance sampling of the density exp h(y) of the coordinates (`likeliest`), in d
     dimensions. Draws are
@@ -148,8 +150,8 @@ def draw(
     log_w = log_density(posterior, y) - log_q - np.log(count)
 
     w = softmax(log_w)
-    spread = np.sqrt(np.maximum(w @ y**2 - (w @ y) ** 2, 0))
-    return log_w, posterior, spread
+    centre = w @ y
+    return log_w, posterior, centre, np.sqrt(w @ (y - centre) ** 2)
 
 
 def log_density(posterior: Posterior, y: ndarray) -> ndarray:
@@ -182,9 +184,13 @@ def average(model: LinearModel, prior: Prior, start: ndarray) -> ErrorSizes:
         x̄ = Σ w x̂        Σ w (V + (x̂ - x̄) (x̂ - x̄)ᵀ)
 
     The covariance is then enlarged until its region holds over all sizes (`growth`).
+
+    The sizes themselves are what a belief says of each, a normal law of its coordinate
+    of the draws' mean and spread: so few draws have no tails.
     """
     draws: list[tuple] = []
     spreads: list[dict] = []
+    of_sizes: list[tuple] = []
     rivals = beliefs(model, prior)
     usual = len(rivals)
     for believed_model, belief, odds in rivals:
@@ -192,12 +198,14 @@ def average(model: LinearModel, prior: Prior, start: ndarray) -> ErrorSizes:
         likely = likeliest(believed_model, law, start[: len(law.free)])
         if not draws:
             rivals += poor_scanner(model, prior, law.variances(likely[0][None])[0])
-        log_weight, posterior, spread = draw(believed_model, law, *likely)
+        log_weight, posterior, centre, spread = draw(believed_model, law, *likely)
         log_weight += np.log(odds)
-        draws.append((log_weight, posterior.mean, posterior.covariance, posterior.v))
+        draws.append((log_weight, posterior.mean, posterior.covariance))
         spreads.append(dict(zip(law.free, spread, strict=True)))
+        v, _, _ = law.variances(centre + spread * NORMAL[:, None])
+        of_sizes.append((v, np.full(len(v), np.logaddexp.reduce(log_weight))))
 
-    log_w, x, V, v = (np.concatenate(part) for part in zip(*draws, strict=True))
+    log_w, x, V = (np.concatenate(part) for part in zip(*draws, strict=True))
     w = softmax(log_w)
     mean = w @ x
     off = x - mean
@@ -206,9 +214,11 @@ def average(model: LinearModel, prior: Prior, start: ndarray) -> ErrorSizes:
 
     names = ("profile_mm", *model.names)
     units = np.r_[prior.scales.profile_mm, np.ones(len(model.names))]
+    v, log_share = (np.concatenate(part) for part in zip(*of_sizes, strict=True))
+    share = softmax(log_share)
     sizes = []
-    for j, drawn in enumerate(units[:, None] * np.sqrt(v).T):
-        low, middle, high = quantiles(drawn, w)
+    for j, believed in enumerate(units[:, None] * np.sqrt(v).T):
+        low, middle, high = quantiles(believed, share)
         from_data = j == 0 or bool(spreads[0].get(j, 0.0) < OF_PRIOR)
         sizes.append(Size(names[j], low, middle, high, from_data))
     middles = np.array([size.middle for size in sizes]) / units
@@ -244,11 +254,11 @@ def poor_scanner(
     return [(poor, prior, odds)] if odds * np.exp(gain[0]) > LITTLE else []
 
 
-def quantiles(draws: ndarray, weight: ndarray) -> list[float]:
-    """The 2.5, 50 and 97.5 % quantiles of draws (S,) with weights (S,)."""
-    order = np.argsort(draws)
+def quantiles(values: ndarray, weight: ndarray) -> list[float]:
+    """The 2.5, 50 and 97.5 % quantiles of values (S,) with weights (S,)."""
+    order = np.argsort(values)
     share = np.cumsum(weight[order]) - weight[order] / 2
-    return np.interp([0.025, 0.5, 0.975], share, draws[order]).tolist()
+    return np.interp([0.025, 0.5, 0.975], share, values[order]).tolist()
 
 
 def growth(squares: ndarray, weight: ndarray) -> float:
