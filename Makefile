@@ -3,7 +3,7 @@ PYTHON ?= python3
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 unexport PYTHONDONTWRITEBYTECODE # or each of some hundred processes would compile all that it imports
 
-.PHONY: install reproduce test bench site notebooks lock clean
+.PHONY: install reproduce test bench bench-large site notebooks lock clean
 
 install: .venv/installed
 	@echo "Installed; . .venv/bin/activate makes the command profilecal"
@@ -20,6 +20,9 @@ test: .venv/installed
 bench: .venv/installed # CPU time against peers, which the extra installs; writes results/bench.csv
 	@{ command -v uv >/dev/null && uv pip install -q --python .venv/bin/python -e ".[bench]" || .venv/bin/pip install -q -e ".[bench]"; }
 	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 python tests/benchmarks/run.py
+
+bench-large: .venv/installed # scans of up to 100,000 profiles: some minutes
+	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 python tests/benchmarks/run.py large
 
 site: .venv/installed # the notebooks as they are committed, README, reference; results/site/html
 	@{ command -v uv >/dev/null && uv pip install -q --python .venv/bin/python -e ".[site]" || .venv/bin/pip install -q -e ".[site]"; }

@@ -1,7 +1,7 @@
 """Run the benchmarks: every bench_*.py beside this file, or those named. Prints a table
 and writes results/bench.csv.
 
-    python tests/benchmarks/run.py         all
+    python tests/benchmarks/run.py         all but bench_large.py, which takes minutes
     python tests/benchmarks/run.py disk    bench_disk.py; other rows of the table stay
 
 A benchmark offers `rows() -> list[dict]` with the keys of COLUMNS: our time and the
@@ -20,7 +20,7 @@ OUTPUT = HERE.parents[1] / "results" / "bench.csv"
 
 
 def find(names: list[str]) -> list[Path]:
-    """The benchmark files named, or all.
+    """The benchmark files named, or all that do not take minutes.
 
     Ends the program with one sentence when a name fits none.
     """
@@ -31,7 +31,7 @@ def find(names: list[str]) -> list[Path]:
         sys.exit(
             f"no benchmark named {', '.join(unknown)}; there are {', '.join(known)}"
         )
-    return [known[name] for name in names or known]
+    return [known[name] for name in names or sorted({*known} - {"large"})]
 
 
 def write(rows: list[dict], output: Path) -> pd.DataFrame:

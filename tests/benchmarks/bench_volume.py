@@ -1,0 +1,60 @@
+"""From a scan's files to its answer, ten times as many profiles each time: what it
+takes of time and memory grows with them, not with their square.
+"""
+
+import json
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from bench import row
+
+import profilecal as pc
+
+CALIBRATE = """
+import json, resource, sys, time
+import profilecal as pc
+
+start = time.process_time()
+status = pc.calibrate(pc.read_scan(sys.argv[1])).status
+seconds = time.process_time() - start
+kilobytes = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+print(json.dumps([status, seconds, kilobytes / 1024]))
+"""
+SIZES = (6, 60, 600, 6000)  # profiles of each of ten orientations
+KINDS = {"edge points": "edge", "ball arcs": "ball"}
+
+
+def measured(kind: str, **entries) -> tuple[float, float]:
+    """CPU seconds and megabytes of a process that reads and calibrates a simulated
+    scan: loading Python counts as memory, not as time.
+    """
+    scan, _ = pc.simulate(kind, seed=1, groups=10, **entries)
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place) / "scan"
+        pc.write_scan(scan, folder)
+        del scan
+        command = [sys.executable, "-c", CALIBRATE, folder]
+        done = subprocess.run(command, check=True, stdout=subprocess.PIPE)
+    status, seconds, megabytes = json.loads(done.stdout)
+    assert status == "ok"
+    return seconds, megabytes
+
+
+def rows() -> list[dict]:
+    """A row for each size but the first."""
+    lines = []
+    for words, kind in KINDS.items():
+        before = None
+        for size in SIZES:
+            seconds, megabytes = measured(kind, positions=size)
+            if before:
+                name = f"volume: 10 x {size} {words}, {megabytes:.0f} MB"
+                tenth, ratio = "a tenth as many", seconds / before
+                most = "≤ 12 times as long"
+                lines.append(
+                    row(name, seconds, tenth, before, ratio, most, ratio <= 12)
+                )
+            before = seconds
+    return lines
