@@ -30,6 +30,7 @@ COPIED = (
     "data/README.md",
     "data/examples/edge.toml",
     "data/examples/planned.toml",
+    "docs/answer.png",
     "docs/errata.md",
     "docs/tiles.png",
     "tests/library/targets/test_new_target.py",
@@ -71,9 +72,9 @@ def assemble(source: Path) -> None:
         for figure in page_of(path, source / "notebooks", static / "gallery")
     ]
     (source / "gallery.md").write_text(gallery(figures), encoding="utf-8")
-    (static / "tiles.png").write_bytes(
-        first_picture(ROOT / "notebooks" / "01_side_by_side.ipynb")
-    )
+    for name, page in (("answer", "00_start_here"), ("tiles", "01_side_by_side")):
+        picture = first_picture(ROOT / "notebooks" / f"{page}.ipynb")
+        (static / f"{name}.png").write_bytes(picture)
     index = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
     index = index.replace("SENTENCE", items.sentence(items.gather(ROOT / "notebooks")))
     (source / "index.md").write_text(index, encoding="utf-8")
