@@ -48,6 +48,7 @@ def roughly(problem: Problem, starts: Sequence = ()) -> float:
         [thin(entry, FEW) for entry in problem.observations],
         problem.noise,
         problem.systematic,
+        mount=problem.mount,
     )
     fits = []
     for delay in TRIED:
