@@ -260,10 +260,6 @@ def observations_of(scene: EdgeScene) -> Observations:
     return Observations("edge", R, T, points, group=np.repeat(np.arange(G), N))
 
 
-# used for a calibration; the paper sums up its tables from 15 on
-ROTATIONS = 10, 15, 20, 25
-
-
 def principal(vectors: ndarray, about_mean: bool = True) -> ndarray:
     """Unit vectors (..., 3) along which vectors (..., n, 3) extend most."""
     vectors = vectors - about_mean * vectors.mean(axis=-2, keepdims=True)
@@ -272,11 +268,16 @@ def principal(vectors: ndarray, about_mean: bool = True) -> ndarray:
 
 def angle_deviations(solution: EdgeSolution, about_mean: bool = True) -> ndarray:
     """Δα (..., G), rad: between the edge's direction u_b and the principal direction of
-    each group of p_b, of vectors about their mean (PCA) or as they are. Seen along one
+    each group of p_b, of vectors about their mean (PCA) or as they are.
+    """
+    groups = principal(solution.p_b - solution.p_b[..., :1, :], about_mean)
+    return angles_from(solution.u_b, groups)
+
+
+def angles_from(u_b: ndarray, groups: ndarray) -> ndarray:
+    """Angles (..., G), rad, of directions (..., G, 3) from u_b (..., 3), seen along one
     fixed axis perpendicular to u_b: left and right differ.
     """
-    u_b = solution.u_b
-    groups = principal(solution.p_b - solution.p_b[..., :1, :], about_mean)
     aside = np.cross(u_b, np.eye(3)[np.argmin(np.abs(u_b), axis=-1)])
     aside /= np.linalg.norm(aside, axis=-1, keepdims=True)
     along = np.sum(groups * u_b[..., None, :], axis=-1)

@@ -1,0 +1,73 @@
+"""Simulated Tables 1 to 3: the fast path against the equations, one scene at a time."""
+
+import numpy as np
+import pytest
+
+from profilecal.closed_form.edge import EdgeSolution, solve_rotation, solve_translation
+from profilecal.geometry.noise import Noise
+from profilecal_papers import edge_study as study
+from profilecal_papers import edge_tables as tables
+
+NOISE = Noise(profile_mm=0.1, group_position_mm=0.1)
+
+
+def scene_of(count, **plan):
+    plan = study.EdgePlan(**plan)
+    return study.edge_scenes(plan, NOISE, np.random.default_rng(1), (count,))
+
+
+@pytest.mark.parametrize("frame", ["base", "group"])
+def test_a_calibration_is_that_of_the_equations(frame):
+    """With u_b as the page has it: of vectors about their mean, or as they are."""
+    scene = scene_of(3, frame=frame)
+    both = tables.calibrations(scene, (True, False))
+    for count, pair in zip(tables.ROTATIONS, both, strict=True):
+        poses = scene.poses.first(count)
+        data = poses.rotations, poses.positions, scene.points[:, :count]
+        R = solve_rotation(*data).R_sensor
+        translation = solve_translation(*data, R)
+        for found in pair:
+            np.testing.assert_allclose(found.R_sensor, R, atol=1e-9)
+        found = pair[1]
+        signs = np.sign(np.vecdot(found.u_b, translation.u_b))[:, None]
+        np.testing.assert_allclose(signs * found.u_b, translation.u_b, atol=1e-9)
+        np.testing.assert_allclose(found.T_sensor, translation.T_sensor, atol=1e-6)
+        solution = EdgeSolution(None, translation)
+        alpha = np.degrees(study.angle_deviations(solution, about_mean=False))
+        np.testing.assert_allclose(np.abs(found.delta_alpha), np.abs(alpha), atol=1e-6)
+        d = study.line_distances(solution)
+        np.testing.assert_allclose(found.delta_d, d, atol=1e-6)
+
+
+def test_about_the_mean_a_direction_is_that_of_the_points():
+    scene = scene_of(2)
+    *_, (found,) = tables.calibrations(scene)
+    along = study.principal(found.p_b)
+    assert np.abs(np.vecdot(along, found.directions)) == pytest.approx(1)
+    vectors = (found.p_b[:, :, 1:] - found.p_b[:, :, :1]).reshape(2, -1, 3)
+    assert np.abs(np.vecdot(study.principal(vectors), found.u_b)) == pytest.approx(1)
+
+
+def test_without_errors_the_tables_are_zero_and_the_radius_is_right():
+    """And three specimens that share their motions differ by their errors alone."""
+    rng = np.random.default_rng(2)
+    (exact,) = tables.columns(study.EdgePlan(), Noise(), 3, rng, share=True)
+    assert np.abs(exact[..., :4]).max() < 1e-6
+    assert np.abs(exact[..., 4] - tables.BALL_MM).max() < 1e-6
+    scene = tables.same_motions(study.EdgePlan(), NOISE, rng, 6)
+    R = scene.poses.rotations
+    assert (R[0] == R[2]).all()
+    assert (R[2] != R[3]).any()
+    assert (scene.points[0] != scene.points[1]).any()
+
+
+def test_settings_stay_in_their_ranges_and_reach_every_scene():
+    drawn = tables.random_settings(200, np.random.default_rng(3), tables.RANGES)
+    for name, (low, high) in tables.RANGES.items():
+        assert low <= drawn[name].min() < drawn[name].max() <= high
+    two = {name: values[:2] for name, values in drawn.items()}
+    plan, noise = tables.plan_and_noise(two, "group", 3)
+    assert plan.radius.ravel().tolist() == two["radius"].repeat(3).tolist()
+    assert noise.profile_mm.shape == (6, 1, 1, 1)
+    table = tables.columns(plan, noise, 6, np.random.default_rng(4), (True, False))
+    assert table.shape == (2, 6, 4, 7)
