@@ -17,7 +17,7 @@ IN_BRACKETS = rf"\[\s*{NUMBER}(?:\s*,\s*{NUMBER})*\s*\]"
 # a brace and the name before it, or a tag; a group of a FANUC robot's axes; a name and
 # its numbers; a name and a word
 TOKEN = re.compile(
-    rf"(?:([$\w]+)(?:\[(\d+)[^\]\n]*\])?\s*=?\s*)?(\{{|<\w+)|\bgp(\d+)\s*:|"
+    rf"(?<![$\w])(?:([$\w]+)(?:\[(\d+)[^\]\n]*\])?\s*=?\s*)?(\{{|<\w+)|\bgp(\d+)\s*:|"
     rf"\b([a-z]\w*)\"?\s*[:=]?[ \t]*\"?({NUMBERS}|{IN_BRACKETS})|"
     r"\b([a-z]\w*)=\"([^\"\n]*)\"",
     re.IGNORECASE,

@@ -131,7 +131,7 @@ REMARKS = {
     r"\bp\[ *-?[\d.]+ *,": r"#.*",
     r"^&access|^defdat|^def |\{x |^\.(?:trans|program)": r";.*",
     r"^/job|^\d* *(?:mov|mvs|def pos)\b": r"'.*",
-    r"<\w+ ": r"(?s:<!--.*?-->)",
+    r"<\w+ ": r"(?s:<!--.*?(?:-->|\Z))",
     r"^/prog": r"^ *\d*: *!.*",
 }
 

@@ -25,10 +25,10 @@ from profilecal_tool.importing.programs import check_axes
 from profilecal_tool.importing.tables import line_of
 
 NAMED_LIST = re.compile(r"^ *(\w+) *:\s*\[([^\[\]]*)\]", re.MULTILINE)
-YAML = re.compile(r"(?:\s*#.*\n)*\s*(?:%YAML|---|-\s|[\w\"'-]+:\s)")
+# how JSON, XML and YAML begin
+NESTED = re.compile(r"(?:\s*#.*\n)*\s*(?:[\[{<]|%YAML|---|-\s|[\w\"'-]+:\s)")
 OPENCV = re.compile(r'<(\w+) type_id="opencv-matrix">[^"]*<data>([^<]*)</data>')
 BLOCKS = {3, 4, 6, 7, 9, 12, 16}  # how many numbers in lists of lists are one thing
-MOST = 2_000_000  # things in a tree
 Words = tuple[str, ...]
 
 
@@ -44,7 +44,7 @@ def tree_of(text: str) -> Any:
             return json.loads(f"[{documents}]", parse_float=str, parse_int=str)
         except ValueError:
             return None
-    if not YAML.match(text):
+    if not NESTED.match(text):
         return None
     import yaml
 
@@ -56,8 +56,9 @@ def tree_of(text: str) -> Any:
         return None
 
 
-def poses_in(path: Path, tree: Any, entry: str) -> tuple[list[Named], list[str]]:
-    """The poses in a tree, with what else is there of each, and what was guessed.
+def poses_in(path: Path, text: str, entry: str) -> tuple[list[Named], list[str]]:
+    """The poses in JSON or YAML, with what else is there of each, and what was guessed;
+    none in another text.
 
     What has the same numbers in its path is of one pose: R_1 and t_1, or what is in one
     element of a list. `entry` names the poses where there are several of each.
@@ -66,7 +67,8 @@ def poses_in(path: Path, tree: Any, entry: str) -> tuple[list[Named], list[str]]
     """
     records: dict[tuple, dict[str, dict[str, str]]] = {}
     guessed = set()
-    for words, numbers, cells in islice(leaves(tree), MOST):
+    # what YAML repeats by name may be endless
+    for words, numbers, cells in islice(leaves(tree_of(text)), len(text)):
         where, columns = placed(words, cells)
         part = records.setdefault(numbers, {}).setdefault(".".join(where), {})
         part |= zip(columns, cells, strict=True)
@@ -124,7 +126,7 @@ def atoms(node: Any) -> Iterator[str]:
         for one in node:
             yield from atoms(one)
     else:
-        yield str(node)
+        yield node if isinstance(node, str) else ""
 
 
 def placed(words: Words, cells: list[str]) -> tuple[Sequence[str], Sequence[str]]:

@@ -34,7 +34,7 @@ from profilecal_tool.importing.makers import (
     UNNAMED,
     UNSAID,
 )
-from profilecal_tool.importing.nested import placed, poses_in, tree_of
+from profilecal_tool.importing.nested import NESTED, placed, poses_in
 from profilecal_tool.importing.programs import check_axes, positions_in
 from profilecal_tool.importing.tables import (
     apart,
@@ -65,11 +65,11 @@ def read_poses(path: Path, layout: Layout) -> tuple[Table, list[str]]:
     text = closed_text(path, layout.encoding)
     if len(text) < LONGEST:
         with naming(path):
-            poses, guessed = poses_in(path, tree_of(text), layout.entry)
+            poses, guessed = poses_in(path, text, layout.entry)
             poses = poses or positions_in(path, text)
         if poses:
             return in_table(path, poses), guessed
-    elif text.lstrip()[:1] in [*"[{<"] or PROGRAM.search(path.name):
+    elif NESTED.match(text) or PROGRAM.search(path.name):
         raise ScanError(
             f"{path}: {len(text) / 1e6:.0f} MB; poses in nested text or in a program "
             f"are expected in at most {LONGEST / 1e6:.0f}: leave some out"

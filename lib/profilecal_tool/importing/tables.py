@@ -172,8 +172,9 @@ def names_and_units(titles: Collection[str]) -> dict[str, str]:
     parts = [UNIT.split(title.strip().lower(), maxsplit=1) for title in titles]
     names = [ALIASES.get(name, name) for name, *_ in parts]
     units = [in_brackets or behind or "" for _, in_brackets, behind, _ in parts]
+    count = Counter(names)
     return {
-        name if names.count(name) == 1 else str(k): unit.replace("°", "deg")
+        name if count[name] == 1 else str(k): unit.replace("°", "deg")
         for k, (name, unit) in enumerate(zip(names, units, strict=True), 1)
     }
 
