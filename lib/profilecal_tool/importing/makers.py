@@ -71,10 +71,13 @@ LENGTHS |= {"µm": 1e-3, "μm": 1e-3, "micron": 1e-3, "in": 25.4, "毫米": 1.0}
 
 VAL3 = {"rx": "alpha", "ry": "beta", "rz": "gamma"}  # in Stäubli's files
 
+AXES = ",".join(f"j{k}" for k in range(1, 7))
+
 # what several numbers behind one name are, by the name and how many there are
 POSITION = r"t|p|tvec|trans(lation)?|pos(ition)?|xyz"
-ROTATION = r"r|q|rot(ation)?|orientation|quat(ernion)?|rmat"
+ROTATION = r"r|q|rot(ation)?|orientation|quat(ernion)?|rmat|rpy|euler(_angles)?"
 SEVERAL = {
+    6: {r".*joint.*": AXES.split(",")},
     3: {
         rf"(?:{POSITION})(_?vec(tor)?)?": ("x", "y", "z"),
         r"r(ot)?_?vec(tor)?": VECTOR,
@@ -96,7 +99,6 @@ OF_ROBOT = re.compile(r"robot|effector|\bee\b|_ee|tcp|flange|gripper|hand|arm")
 
 # axes that are no pose
 JOINTS = re.compile(r"(?:j|a|q|joint|axis|theta|pulse)_?([1-6])")
-AXES = ",".join(f"j{k}" for k in range(1, 7))
 
 # what the numbers of a list are in a robot's language, by what stands before it, or by
 # how many there are: ABB, Universal Robots, Doosan, Comau, Kawasaki, Mitsubishi
@@ -117,16 +119,14 @@ LISTS = {
     "posj": AXES,
     "(": "x,y,z,w,p,r",
     "j(": AXES,
-}
-# what follows in a program, by a line that says so: Yaskawa, Kawasaki
-SECTIONS = {
-    "///rectan": "x,y,z,w,p,r",
-    "///pulse": AXES.replace("j", "pulse_"),
-    ".trans": "x,y,z,o,a,t",
-    ".joints": AXES,
+    # below a line that says so: Yaskawa, Kawasaki
+    "rectan": "x,y,z,w,p,r",
+    "pulse": AXES.replace("j", "pulse_"),
+    "joints": AXES,
 }
 # remarks, by words of the language that has them
 REMARKS = {
+    "": r"^[ \t]*(?:[#%]|//[ \t]).*",
     r"\b(?:robtarget|tooldata)\b": r"!.*",
     r"\bp\[ *-?[\d.]+ *,": r"#.*",
     r"^&access|^defdat|^def |\{x |^\.(?:trans|program)": r";.*",
@@ -138,8 +138,8 @@ REMARKS = {
 # the frames that poses are in and of: what sets them, which names stand for none, and
 # what a frame is called that is no pose; and external axes
 FRAME_SET = {
-    "tool": r"(?:set_tcp\(|^[ \t]*tool[ \t]+|\$tool *=|#tool,|m_tool *=)[ \t]*(\S.*)",
-    "base": r"(?:^[ \t]*base[ \t]+|\$base *=|#base,)[ \t]*(\S.*)",
+    "tool": r"(?:set_tcp\(|^[ \t/]*tool[ \t]+|\$tool *=|#tool,|m_tool *=)[ \t]*(\S.*)",
+    "base": r"(?:^[ \t/]*(?:base|user)[ \t]+|\$base *=|#base,)[ \t]*(\S.*)",
 }
 MOVE = r"\bmove[ljc]\w*\s+([^;\n]*?)\s*,\s*(\w+)\s*(?:\\wobj:=(\w+)[^;\n]*)?;"
 NO_FRAME = {"", "0", "tool0", "wobj0", "flange", "flange0", "world", "world0", "null"}

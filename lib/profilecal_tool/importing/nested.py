@@ -91,8 +91,9 @@ def poses_in(path: Path, text: str, entry: str) -> tuple[list[Named], list[str]]
         cells_of = dict(record[place])
         for where, part in record.items():
             for column in part if where not in places else ():
-                dotted = column in cells_of or column[-1].isdigit()
-                cells_of[f"{where}.{column}" if dotted else column] = part[column]
+                if not column[-1:].isdigit():  # no part of a list
+                    dotted = f"{where}.{column}" if column in cells_of else column
+                    cells_of[dotted] = part[column]
         poses.append(Named(cells_of, name, len(poses) + 1))
     return poses, sorted(guessed)
 
@@ -134,11 +135,11 @@ def placed(words: Words, cells: list[str]) -> tuple[Sequence[str], Sequence[str]
     *above, last = words or ("",)
     if len(cells) == 1:
         parent = above[-1] if above else ""
-        if re.fullmatch(ROTATION, parent) and last in [*"wxyz"]:
-            return above[:-1], [f"q{last}"]
-        if re.fullmatch(POSITION, parent):
+        is_turn = re.fullmatch(ROTATION, parent)
+        if is_turn or re.fullmatch(POSITION, parent):
             above = above[:-1]
-        return above, [ALIASES.get(last, last)]
+        is_of_quaternion = is_turn and last in [*"wxyz"]
+        return above, [f"q{last}" if is_of_quaternion else ALIASES.get(last, last)]
     head, _, rest = last.partition("_")
     for name, where in ((last, above), (head, [*above, rest])):
         if columns := several(name, len(cells)):

@@ -15,7 +15,6 @@ from profilecal_tool.importing.makers import (
     LISTS,
     MOVE,
     REMARKS,
-    SECTIONS,
     UNSAID,
 )
 from profilecal_tool.importing.tables import NUMBER
@@ -31,7 +30,7 @@ LIST = re.compile(
 ANYWHERE = re.IGNORECASE | re.MULTILINE
 # a line that says what follows, or a name and its numbers
 ROW = re.compile(
-    rf"^[ \t]*(?:([./]+[a-z]+)[ \t]*(\w*)|([a-z][\w.]*(?:\[\d+\])?)[= \t,]+"
+    rf"^[ \t]*(?:[./]+([a-z]+)|([a-z][\w.]*(?:\[\d+\])?)[= \t,]+"
     rf"({NUMBER}(?:[, \t]+{NUMBER}){{5,}}))[ \t\r]*$",
     ANYWHERE,
 )
@@ -43,8 +42,8 @@ def positions_in(path: Path, text: str) -> list[Named]:
 
     Raises ScanError.
     """
-    text = without_remarks(text)
-    found = [*named_cells(text), *lists_in(path, text), *rows_in(text)]
+    text = with_brackets(without_remarks(text))
+    found = [*named_cells(text), *lists_in(path, text)]
     full = [one for one in found if one.has("xyz")]
     if not full:
         check_axes(path, (column for one in found for column in one.cells))
@@ -98,12 +97,14 @@ def lists_in(path: Path, text: str) -> Iterator[Named]:
         kind, between, name, call, brackets = match.groups(default="")
         if between == "(" and not kind.lower().startswith("mov"):
             continue  # what a function takes is no position
-        cells = re.split(r"\s*,\s*|\s+", re.sub(r"[\[\]()]", " ", brackets).strip())
+        cells = re.split(r"[\s,;]+", re.sub(r"[\[\]()]", " ", brackets).strip())
         line = line_at(match.start())
         words = [word for word in (call.lower(), kind.lower()) if word in LISTS]
-        if brackets[0] == "(" and name and not words:  # without the arm's posture
-            words, cells = ["j(" if name[0] in "jJ" else "("], cells[:6]
+        if brackets[0] == "(" and name and not words:
+            words = ["j(" if name[0] in "jJ" else "("]
         columns = LISTS[words[0] if words else "["].split(",")
+        if brackets[0] == "(":  # without an arm's posture, without external axes
+            cells = cells[: len(columns)]
         if len(cells) != len(columns):
             if words and len(cells) > 5:
                 raise ScanError(
@@ -116,23 +117,20 @@ def lists_in(path: Path, text: str) -> Iterator[Named]:
         yield Named(named, name, line, kind.lower())
 
 
-def rows_in(text: str) -> Iterator[Named]:
-    """Rows of a name and numbers, below a line that says what these are, and what they
-    are of.
+def with_brackets(text: str) -> str:
+    """A program in which rows of a name and numbers are lists, too, below a line that
+    says what they are.
     """
-    columns: list[str] = []
-    above: dict[str, str] = {}
-    line_at = numbered_lines(text)
-    for match in ROW.finditer(text):
-        header, argument, name, numbers = match.groups(default="")
-        header = header.lower()
-        if header in SECTIONS:
-            columns = SECTIONS[header].split(",")
-        elif header in ("///tool", "///user"):
-            above["tool" if header == "///tool" else "base"] = argument
-        elif name and columns:
-            cells = zip(columns, re.split(r"[, \t]+", numbers), strict=False)
-            yield Named(dict(cells) | above, name, line_at(match.start(3)))
+    above = ""
+
+    def as_list(match: re.Match) -> str:
+        nonlocal above
+        header, name, numbers = match.groups()
+        if header:
+            above = header.lower()
+        return f"{name}={above}({numbers})" if name and above in LISTS else match[0]
+
+    return ROW.sub(as_list, text)
 
 
 def bare(name: str) -> str:
