@@ -27,6 +27,7 @@ PUBLIC = {  # by the module that has them
     "calibration.leave_out": ["leave_out", "LeftOut"],
     "calibration.verify": ["verify", "Verification"],
     "calibration.answer": ["read_answer", "Answer"],
+    "calibration.check_mount": ["check_mount", "MountCheck"],
     "geometry.checks": ["UnobservableError"],
     # the papers' methods
     "closed_form.edge": ["solve_edge", "EdgeSolution"],

@@ -3,6 +3,8 @@ from profilecal.calibration.answer import Answer as Answer
 from profilecal.calibration.answer import read_answer as read_answer
 from profilecal.calibration.calibration import Calibration as Calibration
 from profilecal.calibration.calibration import calibrate as calibrate
+from profilecal.calibration.check_mount import MountCheck as MountCheck
+from profilecal.calibration.check_mount import check_mount as check_mount
 from profilecal.calibration.leave_out import LeftOut as LeftOut
 from profilecal.calibration.leave_out import leave_out as leave_out
 from profilecal.calibration.verify import Verification as Verification
@@ -37,6 +39,7 @@ __all__ = [
     "Edge",
     "EdgeSolution",
     "LeftOut",
+    "MountCheck",
     "Plane",
     "Point",
     "Rod",
@@ -47,6 +50,7 @@ __all__ = [
     "UnobservableError",
     "Verification",
     "calibrate",
+    "check_mount",
     "leave_out",
     "pose_matrices",
     "read_answer",

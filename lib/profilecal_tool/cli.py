@@ -438,6 +438,32 @@ def verify(folder, pose):
     raise SystemExit(0 if verification.as_expected else 1)
 
 
+@main.command("check-mount")
+@argument("folder", type=SCAN)
+@option(
+    "--with", "pose", required=True, type=SCAN, help="What calibrate --json printed."
+)
+@option("--log", type=PLACE, help="A CSV file to add a row to, and its picture beside.")
+def check_mount(folder, pose, log):
+    """Compare one to three poses of the same artefact with what T.json predicts.
+
+    FOLDER is a scan of it where it stood at the calibration. Status 1 if anything has
+    moved.
+    """
+    from profilecal.calibration.answer import read_answer
+    from profilecal.calibration.check_mount import check_mount
+    from profilecal.scan.folder import read_scan
+    from profilecal_tool.report.log import add_to_log
+    from profilecal_tool.words import mount_check_text
+
+    scan = read_scan(folder)
+    check = check_mount(read_answer(pose), scan)
+    echo(mount_check_text(check, scan.kind))
+    if log:
+        echo(f"log            {log}, drawn in {add_to_log(check, folder, log)}")
+    raise SystemExit(0 if check.as_expected else 1)
+
+
 @main.command("import", cls=OfTarget)
 @argument("files", metavar="DIR", type=PLACE)
 @argument("folder", type=PLACE)

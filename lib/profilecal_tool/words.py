@@ -5,6 +5,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import t as student
 
 from profilecal.calibration.calibration import Calibration
+from profilecal.calibration.check_mount import MountCheck
 from profilecal.calibration.leave_out import LeftOut
 from profilecal.calibration.verify import Verification
 from profilecal.geometry.log import DELAY_S
@@ -152,6 +153,45 @@ def verification_text(verification: Verification, status: str) -> str:
             "more is wrong than the stated uncertainties explain: robot, target, or "
             "calibration"
         )
+    return "\n".join([*lines, f"verdict        {verdict}"])
+
+
+def mount_check_text(check: MountCheck, kind: str) -> str:
+    """What `profilecal check-mount` prints."""
+    lines = [
+        f"poses          {', '.join(check.labels)}",
+        f"differs by     χ² {check.chi2:.3g} of {len(check.residuals)} "
+        f"coordinates; doubted above {check.limit:.3g}",
+        f"chance         {check.chance:.2g} of more where nothing has moved",
+    ]
+    if not check.as_expected:
+        for frame in ("sensor", "flange"):
+            sizes, sds = check.alone_mm_deg(frame)
+            k = np.argmax(np.abs(sizes) / sds)
+            word, unit = [("along", " mm"), ("about", "°")][k // 3]
+            size = f"{sizes[k]:+.2g} ± {sds[k]:.1g}{unit}"
+            name = f"{word} the {frame}'s {'xyz'[k % 3]}"
+            lines.append(f"as if          moved {size} {name}, and no other way")
+        for name, move in (("sensor", check.sensor), (kind, check.target)):
+            says = (
+                f"{move.chance:.2g} of more if the {name} has moved, and nothing else"
+            )
+            lines.append(f"chance         {says}")
+    x, y, z, rx, ry, rz = map(brief, check.seen_mm_deg)
+    lines.append(
+        f"would show     {x}  {y}  {z} mm along or {rx}  {ry}  {rz}° about "
+        "the sensor's x, y, z, 9 times of 10"
+    )
+    verdicts = {
+        (): f"neither the sensor nor the {kind} alone explains it: look at the robot",
+        ("sensor",): "the sensor has moved: calibrate anew",
+        ("target",): f"the {kind} has moved, not the sensor",
+        ("sensor", "target"): f"the sensor or the {kind} has moved: these poses "
+        "cannot tell which; add poses that see it from other sides",
+    }
+    verdict = verdicts[check.suspects]
+    if check.as_expected:
+        verdict = "all is where the calibration left it"
     return "\n".join([*lines, f"verdict        {verdict}"])
 
 

@@ -21,6 +21,29 @@ EXPECTED = (
 
 
 @dataclass(frozen=True, eq=False)
+class Joint:
+    """All that a calibration found, by which other poses are predicted."""
+
+    columns: list[str]  # (n,) names of the unknowns and of the errors considered
+    mean: ndarray  # (n,) of what is left of them at the answer, mm and rad
+    covariance: ndarray  # (n, n)
+    # of each target: kind, lengths, origin (3,) and axes (3, 3)
+    targets: list[tuple]
+    robot_errors: dict[str, float]  # entries of `Noise`
+    noise_factor: float  # the scanner's noise over what profiles show themselves
+
+    def of(self, names: list[str]) -> tuple[ndarray, ndarray]:
+        """Mean and covariance of these columns, zero of those that it does not have."""
+        known = {name: k for k, name in enumerate(self.columns)}
+        here = [k for k, name in enumerate(names) if name in known]
+        there = [known[names[k]] for k in here]
+        mean, covariance = np.zeros(len(names)), np.zeros((len(names), len(names)))
+        mean[here] = self.mean[there]
+        covariance[np.ix_(here, here)] = self.covariance[np.ix_(there, there)]
+        return mean, covariance
+
+
+@dataclass(frozen=True, eq=False)
 class Answer:
     """A sensor pose with its uncertainty."""
 
@@ -32,6 +55,7 @@ class Answer:
     noise_mm: float  # the scanner's
     mount: str  # "eye-in-hand" or "eye-to-hand"
     status: str = "ok"  # or "weak"
+    joint: Joint | None = None  # by which `check_mount` predicts; old files have none
 
 
 def in_mm_deg(covariance: ndarray) -> ndarray:
@@ -105,7 +129,18 @@ def answer_in(entries: dict[str, Any]) -> Answer:
         noise_mm=float(entries["noise_mm"]),
         mount=MOUNTS[to_hand],
         status=entries["status"],
+        joint=joint_in(entries["joint"]) if entries.get("joint") else None,
     )
+
+
+def joint_in(entries: dict[str, Any]) -> Joint:
+    """The entry "joint" of such an object."""
+    targets = [
+        (kind, tuple(sizes), np.array(origin), np.array(axes))
+        for kind, sizes, origin, axes in entries["targets"]
+    ]
+    arrays = {name: np.array(entries[name]) for name in ("mean", "covariance")}
+    return Joint(**entries | arrays | {"targets": targets})
 
 
 def check_answer(answer: Answer) -> None:

@@ -32,7 +32,7 @@ from profilecal.geometry.checks import (
 from profilecal.geometry.observability import name_direction
 from profilecal.geometry.poses import carry
 from profilecal.joint.prior import Mount, Prior, prior_from
-from profilecal.joint.solution import Solution
+from profilecal.joint.solution import Solution, column_names
 from profilecal.joint.solve import solve
 from profilecal.scan.scan import GUESS_SD, MOUNTS, Scan
 from profilecal.scan.tables import ScanError, some
@@ -220,6 +220,7 @@ class Calibration:
             "method": "joint",
             "target": None,
             "messages": list(self.messages),
+            "joint": None,
         }
         if self.is_known:
             entries |= {
@@ -228,6 +229,7 @@ class Calibration:
                 "covariance_total": self.covariance_total_mm_deg.tolist(),
                 "translation_sd_mm": self.translation_sd_mm.tolist(),
                 "rotation_sd_deg": self.rotation_sd_deg.tolist(),
+                "joint": joint_entries(self.scans, self.solution),
             }
         if solution and solution.delay_s is not None:
             given = any(scan.delay_ms is not None for scan in self.scans)
@@ -256,6 +258,25 @@ def target_entries(kind: str, target: Any) -> dict[str, Any]:
         name: np.asarray(value).tolist() for name, value in asdict(target).items()
     }
     return {"kind": kind} | fields
+
+
+def joint_entries(scans: Sequence[Scan], solution: Solution) -> dict[str, Any]:
+    """All that was found, for JSON, by which `check_mount` predicts other poses."""
+    sizes = solution.error_sizes
+    problem, prior = solution.problem, solution.prior
+    shown = prior.scales.profile_mm if prior.source == "profiles" else solution.noise_mm
+    frames = zip(scans, solution.state.placements, strict=True)
+    return {
+        "columns": column_names(problem),
+        "mean": [0.0] * problem.n + sizes.mean[problem.n :].tolist(),
+        "covariance": sizes.covariance.tolist(),
+        "targets": [
+            [scan.kind, [*scan.sizes], origin[0].tolist(), axes[0].tolist()]
+            for scan, (origin, axes) in frames
+        ],
+        "robot_errors": solution.noise.of_robot,
+        "noise_factor": solution.noise_mm / shown,
+    }
 
 
 def observability_entries(solution: Solution, frame: str) -> dict[str, Any]:

@@ -16,6 +16,18 @@ from profilecal.joint.problem import Problem
 from profilecal.targets.observations import State
 
 
+def column_names(problem: Problem, targets: Sequence[int] = ()) -> list[str]:
+    """What the columns of a problem's linear model are derivatives by. `targets`: the
+    numbers of its targets, if these are not all.
+    """
+    names = [f"sensor {word} {axis}" for word in ("shift", "turn") for axis in "xyz"]
+    numbers = targets or range(len(problem.targets))
+    for number, target in zip(numbers, problem.targets, strict=True):
+        names += [f"target {number} shift {axis}" for axis in target.shifts]
+        names += [f"target {number} turn {axis}" for axis in target.turns]
+    return names + [error.words for error in problem.considered]
+
+
 @dataclass(frozen=True)
 class Solution:
     """One calibration with its evidence."""

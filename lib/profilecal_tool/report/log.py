@@ -1,0 +1,71 @@
+"""A log of checks of one mount, a row each, and its picture over time."""
+
+import csv
+from datetime import datetime
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+from profilecal.calibration.check_mount import MountCheck
+from profilecal.geometry.noise import FALSE_ALARM, chi2_limit
+from profilecal.scan.tables import read_table
+from profilecal_pages.figures import BLUE, GREEN, ORANGE, RED, use_style
+
+AXES = [f"{word}_{axis}" for word in ("shift_mm", "turn_deg") for axis in "xyz"]
+COLUMNS = ["date", "scan", "poses", "chi2", "limit", "chance"]
+COLUMNS += [name + end for name in AXES for end in ("", "_sd")]
+
+
+def add_to_log(check: MountCheck, scan: Path, path: Path) -> Path:
+    """Add a check to a log, a CSV file; return where its picture is.
+
+    Beside the verdict are the moves of the sensor along and about each of its axes, as
+    if it had moved no other way. Raises ScanError for a file that is no such log.
+    """
+    is_new = not path.exists()
+    if not is_new:
+        read_table(path, COLUMNS)
+    date = datetime.now().isoformat(sep=" ", timespec="seconds")
+    numbers = [
+        check.chi2,
+        check.limit,
+        check.chance,
+        *np.ravel(check.alone_mm_deg(), "F"),
+    ]
+    with path.open("a", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        if is_new:
+            writer.writerow(COLUMNS)
+        row = [date, scan, len(check.labels), *(f"{number:.6g}" for number in numbers)]
+        writer.writerow(row)
+    picture = path.with_suffix(".png")
+    draw_log(path, picture)
+    return picture
+
+
+def draw_log(path: Path, picture: Path) -> None:
+    """Draw a log over time, with the limits of what chance explains, as a PNG file."""
+    table = read_table(path, COLUMNS)
+    dates = np.array(table.columns["date"], dtype="datetime64[s]")
+    chi2, limit = table.numbers(("chi2", "limit")).T
+    use_style()
+    figure, (above, below) = plt.subplots(2, sharex=True, figsize=(7, 5))
+    colours = np.where(chi2 > limit, RED, GREEN)
+    above.plot(dates, chi2 / limit, color="0.7", lw=0.8)
+    above.scatter(dates, chi2 / limit, color=colours, zorder=3)
+    above.axhline(1, color=RED, lw=0.8)
+    above.set(yscale="log", ylabel="χ² over its limit")
+    above.set_title("Is everything where the calibration left it?")
+    width = np.sqrt(chi2_limit(FALSE_ALARM, 1))
+    for axis, colour in zip("xyz", (BLUE, ORANGE, GREEN), strict=True):
+        shift, sd = table.numbers((f"shift_mm_{axis}", f"shift_mm_{axis}_sd")).T
+        below.plot(dates, shift, "o-", color=colour, lw=0.8, ms=4, label=axis)
+        for side in (-1, 1):
+            below.plot(dates, side * width * sd, "--", color=colour, lw=0.8)
+    below.axhline(0, color="0.7", lw=0.8)
+    below.set_ylabel("shift alone [mm]")
+    below.legend(title="along the sensor's", ncols=3, loc="lower left")
+    figure.autofmt_xdate()
+    figure.savefig(picture, dpi=150)
+    plt.close(figure)

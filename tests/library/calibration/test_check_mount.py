@@ -1,0 +1,112 @@
+"""One to three poses against what a calibration predicts of them."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import profilecal as pc
+
+NOISE = {"profile_mm": 0.05, "position_mm": 0.05, "orientation_deg": 0.02}
+PLANS = {  # raw profiles where a target leaves them
+    "edge": {"groups": 12, "positions": 3},
+    "ball": {"groups": 10, "positions": 3, "measured": "profiles"},
+    "plane": {"groups": 15, "positions": 2},
+    "disk": {"groups": 10, "positions": 4, "measured": "profiles"},
+    "point": {"groups": 12, "positions": 3},
+    "rod": {"groups": 15, "positions": 2},
+}
+
+
+def scans(kind, count, seed=1, **entries):
+    """Of one scanner and target; what is stated is the scanner's noise alone."""
+    plan = {"noise": NOISE} | PLANS[kind] | entries
+    for number in range(1, count + 1):
+        scan, _ = pc.simulate(kind, seed=seed, scan=number, **plan)
+        yield replace(scan, noise={"profile_mm": 0.05} if kind == "edge" else {})
+
+
+def few(scan, poses):
+    chosen = np.array(poses)
+    return replace(
+        scan,
+        labels=tuple(scan.labels[k] for k in poses),
+        R_base_flange=scan.R_base_flange[chosen],
+        p_base_flange=scan.p_base_flange[chosen],
+        values=tuple(scan.values[k] for k in poses),
+        side=scan.side[chosen],
+        group=scan.group[chosen],
+        times=np.array([]),
+        orientation=None,
+    )
+
+
+def moved_sensor(scan, by):
+    return replace(scan, values=tuple(rows + by for rows in scan.values))
+
+
+def moved_target(scan, by):
+    """As if the target stood elsewhere: the robot meets it at other positions."""
+    return replace(scan, p_base_flange=scan.p_base_flange - by)
+
+
+@pytest.mark.parametrize("mount", ["eye-in-hand", "eye-to-hand"])
+@pytest.mark.parametrize("kind", PLANS)
+def test_poses_are_predicted_and_a_moved_sensor_is_seen(kind, mount):
+    first, *others = scans(kind, 5, mount=mount)
+    found = pc.calibrate(first)
+    checks = [pc.check_mount(found, few(scan, [0, 9, 20])) for scan in others]
+    mean = np.mean([check.chi2 / len(check.residuals) for check in checks])
+    assert 0.3 < mean < 2
+    assert np.mean([check.as_expected for check in checks]) > 0.7
+    by = [0, 3 * checks[0].seen_mm_deg[2]] if kind != "point" else [1.5, 0]
+    shifted = pc.check_mount(found, moved_sensor(few(others[0], [0, 9, 20]), by))
+    assert not shifted.as_expected
+
+
+def test_what_moved_is_told_where_poses_are_enough_and_not_from_one():
+    first, again = scans("edge", 2)
+    found = pc.calibrate(first)
+    one, many = [4], range(0, 36, 3)
+    verdicts = {}
+    for name, change, by in [
+        ("sensor", moved_sensor, [1.0, 1.0]),
+        ("target", moved_target, [1.0, 1.0, 1.0]),
+    ]:
+        changed = change(again, np.array(by))
+        assert pc.check_mount(found, few(changed, one)).suspects == ("sensor", "target")
+        verdicts[name] = pc.check_mount(found, few(changed, many)).suspects
+    assert verdicts == {"sensor": ("sensor",), "target": ("target",)}
+
+
+def test_the_shift_that_is_said_to_show_shows_nine_times_of_ten():
+    first, *others = scans("ball", 41, seed=4)
+    found = pc.calibrate(first)
+    seen = 0
+    for scan in others:
+        some = few(scan, [2, 15, 27])
+        shift = pc.check_mount(found, some).seen_mm_deg[0]
+        seen += not pc.check_mount(found, moved_sensor(some, [shift, 0])).as_expected
+    assert 31 <= seen <= 40  # 36 ± 1.9 of 40, and the law of the errors is estimated
+
+
+def test_an_answer_in_a_file_predicts_as_the_calibration_does(tmp_path):
+    first, again = scans("plane", 2)
+    found = pc.calibrate(first)
+    entries = json.loads(json.dumps(found.to_json()))
+    (tmp_path / "T.json").write_text(json.dumps(entries))
+    answer = pc.read_answer(tmp_path / "T.json")
+    some = few(again, [1, 8])
+    assert pc.check_mount(answer, some).chi2 == pc.check_mount(found, some).chi2
+    del entries["joint"]
+    (tmp_path / "old.json").write_text(json.dumps(entries))
+    with pytest.raises(pc.ScanError, match="holds no prediction of other poses"):
+        pc.check_mount(pc.read_answer(tmp_path / "old.json"), some)
+
+
+def test_another_artefact_is_refused():
+    (ball,) = scans("ball", 1)
+    (edge,) = scans("edge", 1)
+    with pytest.raises(pc.ScanError, match=r"is no target of the answer, .*: edge"):
+        pc.check_mount(pc.calibrate(ball), edge)

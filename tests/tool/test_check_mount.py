@@ -1,0 +1,31 @@
+"""`profilecal check-mount`: its verdict, its exit status, its log."""
+
+import numpy as np
+from command import run
+
+import profilecal as pc
+
+
+def test_a_log_has_a_row_a_day_and_a_picture(tmp_path):
+    scan, _ = pc.simulate("ball", seed=1, groups=10)
+    pc.write_scan(scan, tmp_path / "scan")
+    answer, log = tmp_path / "T.json", tmp_path / "log.csv"
+    answer.write_text(run("calibrate", tmp_path / "scan", "--json").output)
+    T = scan.T_base_flange[:3]
+    statuses = []
+    for day, shift in (("one", 0.0), ("two", 5.0)):
+        arcs = np.concatenate(scan.values[:3]) + np.array([0, shift, 0])
+        pc.write_scan(pc.Scan.of("ball", T, arcs=arcs, radius=25), tmp_path / day)
+        options = ("--with", answer, "--log", log)
+        result = run("check-mount", tmp_path / day, *options)
+        statuses.append(result.exit_code)
+    assert statuses == [0, 1]
+    assert "moved -5" in result.output
+    assert "along the sensor's z, and no other way" in result.output
+    assert len(log.read_text().splitlines()) == 3
+    assert (tmp_path / "log.png").stat().st_size > 10_000
+    other = tmp_path / "other.csv"
+    other.write_text("a,b\n1,2\n")
+    result = run("check-mount", tmp_path / "one", "--with", answer, "--log", other)
+    assert result.exit_code == 2
+    assert other.read_text() == "a,b\n1,2\n"
