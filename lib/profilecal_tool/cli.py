@@ -28,6 +28,9 @@ class Commands(click.Group):
                 return super().invoke(ctx)
         except BrokenPipeError:
             raise  # nobody reads on: click ends quietly
+        except MemoryError as error:
+            echo("profilecal: more than the memory holds: thin it out", err=True)
+            raise SystemExit(2) from error
         except (OSError, ValueError) as error:
             sentence = str(error)
             if isinstance(error, OSError) and error.filename:

@@ -6,7 +6,7 @@ from scipy.stats import t as student
 
 from profilecal.calibration.calibration import Calibration
 from profilecal.calibration.check_mount import MountCheck
-from profilecal.calibration.leave_out import LeftOut
+from profilecal.calibration.leave_out import PARTS, LeftOut
 from profilecal.calibration.verify import Verification
 from profilecal.geometry.log import DELAY_S
 from profilecal.geometry.noise import FALSE_ALARM, ROBOT, Noise
@@ -222,8 +222,9 @@ def left_out_summary(left: LeftOut, kept: np.ndarray) -> str:
     turn = np.linalg.norm(left.moved_mm_deg[kept, 3:], axis=1)
     farthest = poses_named(left.poses[kept[np.argmax(shift)]])
     most = poses_named(left.poses[kept[np.argmax(turn)]])
+    times = "one" if len(left.poses) <= PARTS else "a hundredth"
     return (
-        f"{len(kept)} orientations left out one at a time: the others predict them "
+        f"{len(kept)} orientations left out {times} at a time: the others predict them "
         f"to {rms:.2g} mm rms, {expected:.2g} expected; the sensor moves by up to "
         f"{shift.max():.2g} mm (without {farthest}) and turns by up to "
         f"{turn.max():.2g}° (without {most})"

@@ -1,5 +1,6 @@
 """How well do the others predict each flange orientation? Each is left out in turn."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -15,6 +16,8 @@ from profilecal.joint.error_sizes import likeliest
 from profilecal.joint.linear_model import LinearModel
 from profilecal.joint.prior import Law
 from profilecal.joint.solution import Solution
+
+PARTS = 100  # calibrations: of more orientations some are left out together
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -45,7 +48,8 @@ def leave_out(found: Calibration) -> LeftOut:
 
     These are calibrations without one orientation each, to first order at the solution,
     with errors of the sizes that the others show: none can excuse itself. Rejected
-    poses stay out.
+    poses stay out. Of more than a hundred orientations a hundredth is left out at a
+    time.
 
     Parameters
     ----------
@@ -85,10 +89,11 @@ def leave_out(found: Calibration) -> LeftOut:
     orientations = [
         np.flatnonzero((group == g) & whole.kept) for g in np.unique(group[whole.kept])
     ]
-    predictions = [
-        predict(members, solution, whole, law, start)
-        for members in watched(orientations, "leaving out each orientation")
-    ]
+    predictions = [Predicted()] * len(orientations)
+    parts = range(min(len(orientations), PARTS))
+    for k in watched(parts, "leaving out each orientation"):
+        some = slice(k, None, PARTS)
+        predictions[some] = predict(orientations[some], solution, whole, law, start)
     return LeftOut(
         poses=tuple(tuple(labels[k] for k in members) for members in orientations),
         rms_mm=np.array([one.rms_mm for one in predictions]),
@@ -110,42 +115,50 @@ class Predicted:
 
 
 def predict(
-    members: ndarray,
+    orientations: Sequence[ndarray],
     solution: Solution,
     whole: LinearModel,
     law: Law,
     start: ndarray,
-) -> Predicted:
-    """The orientation of the profiles `members`, from the linear model `whole` without
-    them; `start` (d,): coordinates near the likeliest sizes of errors.
+) -> list[Predicted]:
+    """Some orientations, each the profiles (k,) that it has, from the linear model
+    `whole` without them; `start` (d,): coordinates near the likeliest sizes of errors.
     """
     problem = solution.problem
-    chosen = np.zeros(len(whole.kept), dtype=bool)
-    chosen[members] = True
-    others = whole.keeping(whole.kept & ~chosen)
+    all_out = among(np.concatenate(orientations), whole.kept)
+    others = whole.keeping(whole.kept & ~all_out)
     likely, root = likeliest(others, law, start)
     left = others.posterior(mean_variances(law, likely, root)[None])
     known = of_covariance(left.covariance[0, :6, :6], problem.n, problem.n)
     if known.status == "unobservable":
-        return Predicted()
+        return [Predicted()] * len(orientations)
     error, S = others.left_out(left)
     x = np.append(left.mean[0], 1.0)
-    square = np.sum(error[members] ** 2) + x @ whole.rest[members].sum(axis=0) @ x
-    # residuals that no error of the flange moves
-    beside = whole.counts[members].sum() - error[members].size
-    variance = np.trace(S[members], axis1=1, axis2=2).sum() + beside * left.v[0, 0]
-    excess = float(np.sqrt(square / variance))
     columns = problem.columns_in_mm(solution.state)
-    rms_mm = problem.rms_mm(columns, left.mean[0], chosen)
     chance = FALSE_ALARM / whole.kept.sum()
     limit = chi2_limit(chance, np.maximum(whole.ranks, 1))
     beyond = normalised_square(S, error) > limit
-    return Predicted(
-        rms_mm=rms_mm,
-        expected_mm=rms_mm / excess,
-        doubted=bool(beyond[members].any() and excess > 1),
-        moved=left.mean[0, :6],
-    )
+    predictions = []
+    for members in orientations:
+        square = np.sum(error[members] ** 2) + x @ whole.rest[members].sum(axis=0) @ x
+        # residuals that no error of the flange moves
+        beside = whole.counts[members].sum() - error[members].size
+        variance = np.trace(S[members], axis1=1, axis2=2).sum() + beside * left.v[0, 0]
+        excess = float(np.sqrt(square / variance))
+        rms_mm = problem.rms_mm(columns, left.mean[0], among(members, whole.kept))
+        one = Predicted(
+            rms_mm=rms_mm,
+            expected_mm=rms_mm / excess,
+            doubted=bool(beyond[members].any() and excess > 1),
+            moved=left.mean[0, :6],
+        )
+        predictions.append(one)
+    return predictions
+
+
+def among(members: ndarray, profiles: ndarray) -> ndarray:
+    """Which of as many profiles as an array has are `members` (k,), by mask."""
+    return np.isin(np.arange(len(profiles)), members)
 
 
 def mean_variances(law: Law, likely: ndarray, root: ndarray) -> ndarray:

@@ -34,12 +34,16 @@ def test_predictions_are_as_far_off_as_expected(kind, noise):
     assert sum(left.doubted.sum() for left in left_out) <= 1
 
 
-def test_an_orientation_that_does_not_fit_is_doubted():
+@pytest.mark.parametrize("parts", [100, 4])
+def test_an_orientation_that_does_not_fit_is_doubted(monkeypatch, parts):
+    monkeypatch.setattr("profilecal.calibration.leave_out.PARTS", parts)
     scan, _ = pc.simulate("edge", seed=2, groups=8)
     shift = np.array([0.3, 0.0])  # too little for any pose to be rejected
     wrong = with_values(scan, range(30, 40), lambda rows: rows + shift)
     left = pc.leave_out(pc.calibrate(wrong))
     assert np.flatnonzero(left.doubted).tolist() == [3]
+    moved = {*map(tuple, left.moved_mm_deg)}
+    assert len(moved) == min(parts, 8)
 
 
 def test_without_an_answer_nothing_can_be_cross_validated():
