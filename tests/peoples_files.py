@@ -290,6 +290,12 @@ def tum(folder):
     (folder / "poses.tum").write_text("\n".join([*lines, ""]))
 
 
+def untitled(folder):
+    tum(folder)
+    (_, *rows) = (folder / "poses.tum").read_text().splitlines()
+    (folder / "poses.tum").write_text("\n".join(rows))
+
+
 def matrices(folder):
     for k, matrix in enumerate(matrices_of_poses()):
         np.savetxt(folder / f"pose{k}.txt", matrix)
@@ -415,7 +421,9 @@ PROGRAMS = by_name(
     kuka, abb, ur, fanuc, yaskawa, kawasaki, mitsubishi, staubli, xml_log
 )
 NESTED = by_name(as_json, nested, json_lines, stamped, echoed, opencv)
-TABLES = by_name(key_lines, csv, tum, matrices, array, stacked_matrices, by_columns)
+TABLES = by_name(
+    key_lines, csv, tum, untitled, matrices, array, stacked_matrices, by_columns
+)
 POSES = PROGRAMS | NESTED | TABLES
 PROFILES = by_name(
     one_each,

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from profilecal.scan.tables import Table, in_columns
+from profilecal.scan.tables import ScanError, Table, in_columns
 from profilecal_tool.importing.makers import ALIASES, VAL3, several
 from profilecal_tool.importing.tables import NUMBER
 
@@ -40,8 +40,10 @@ class Named:
 
 def in_table(path: Path, poses: list[Named]) -> Table:
     """Poses under the columns that some have, blank for the others, and under their
-    names where most have one of their own.
+    names where most have one of their own. Raises ScanError where there are none.
     """
+    if not poses:
+        raise ScanError(f"{path}: no positions in these programs")
     names = {pose.name for pose in poses}
     if "" not in names and len(names) > len(poses) / 2:
         for pose in poses:

@@ -127,7 +127,7 @@ LISTS = {
 # remarks, by words of the language that has them
 REMARKS = {
     "": r"^[ \t]*(?:[#%]|//[ \t]).*",
-    r"\b(?:robtarget|tooldata)\b": r"!.*",
+    r"\b(?:robtarget|tooldata)\b|^ *module\b": r"!.*",
     r"\bp\[ *-?[\d.]+ *,": r"#.*",
     r"^&access|^defdat|^def |\{x |^\.(?:trans|program)": r";.*",
     r"^/job|^\d* *(?:mov|mvs|def pos)\b": r"'.*",

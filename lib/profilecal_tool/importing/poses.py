@@ -45,6 +45,7 @@ from profilecal_tool.importing.tables import (
     lines_of,
     names_and_units,
     names_of,
+    stem,
     to_mm,
     unit_of,
     words_in,
@@ -112,18 +113,16 @@ def pose_table(
     columns as conventions name them: as said, or as titles or usual numbers have them;
     and what was guessed. Raises ScanError.
     """
-    kinds = {re.sub(r"\d+", "", path.name) for path in paths}
-    guessed: list[str] = []
-    if len(kinds) == len(paths) > 1 and all(map(PROGRAM.search, kinds)):
-        folder, text = (
-            paths[0].parent,
-            "\n".join(closed_text(path, layout.encoding) for path in paths),
-        )
-        tables = [in_table(folder, positions_in(folder, text))]
+    names = {stem(path.name) for path in paths}
+    if len(names) == len(paths) > 1 and all(map(PROGRAM.search, names)):
+        folder = paths[0].parent
+        texts = [closed_text(path, layout.encoding) for path in paths]
+        tables = [in_table(folder, positions_in(folder, "\n".join(texts)))]
+        guessed: list[str] = []
     else:
         readings = [read_poses(path, layout) for path in paths]
         tables = [table for table, _ in readings]
-        guessed += readings[0][1]
+        guessed = readings[0][1]
     check_alike(tables)
     units = by_words(tables[0].units)
     table = tables[0] if len(tables) == 1 else one_each(paths, tables)
@@ -131,22 +130,21 @@ def pose_table(
     said = layout.pose_columns
     if not said and len(bare) in UNNAMED:
         said = UNNAMED[len(bare)]
-        if is_by_columns(table.numbers(bare)):
+        if len(bare) in BY_COLUMNS and is_by_columns(table.numbers(bare)):
             said = BY_COLUMNS[len(bare)]
             guessed.append("matrices are written column by column (--pose-columns)")
-    if said:
-        titles = names_and_units(said.split(","))
-        if not titles.keys() <= units.keys() or bare:
-            olds = bare if len(bare) == len(titles) else units
-            new = dict(zip(olds, titles, strict=False))
-            units = {new.get(old, old): unit for old, unit in units.items()}
-        units = {name: titles.get(name) or unit for name, unit in units.items()}
+    titles = names_and_units(said.split(",")) if said else {}
+    olds = next((some for some in (bare, units) if len(some) == len(titles)), titles)
+    new = dict(zip(olds, titles, strict=True))
+    units = {new.get(old, old): unit for old, unit in units.items()}
+    units = {name: titles.get(name) or unit for name, unit in units.items()}
     conventions = [
         convention
         for convention in CONVENTIONS
         if {*"xyz", *convention.columns} <= units.keys()
     ]
-    if len(conventions) != 1 or len(units) != len(table.columns):
+    is_whole = titles.keys() <= units.keys() and len(units) == len(table.columns)
+    if len(conventions) != 1 or not is_whole:
         check_axes(table.path, units)
         known = "; ".join(",".join(convention.columns) for convention in CONVENTIONS)
         raise ScanError(
@@ -182,9 +180,7 @@ def is_by_columns(values: ndarray) -> bool:
     if values.shape[1] == 16:
         return not values[:, 3:12:4].any()
     rotations = values[:, :9].reshape(-1, 3, 3)
-    return values.shape[1] == 12 and np.allclose(
-        rotations @ rotations.mT, np.eye(3), atol=0.01
-    )
+    return np.allclose(rotations @ rotations.mT, np.eye(3), atol=0.01)
 
 
 def one_each(paths: list[Path], tables: list[Table]) -> Table:
@@ -312,6 +308,7 @@ def frame_given(
     return to_rotations(of_tool, angles, where), np.array([tool[:3]])
 
 
+@np.errstate(invalid="ignore")  # words differ by nothing that is a number
 def frames_of(poses: Table, convention: Convention, layout: Layout) -> list[str]:
     """Doubts about the robot's frames and external axes.
 
