@@ -50,7 +50,7 @@ def calibration_text(calibration: Calibration, to_paste: str = "") -> str:
 def delay_words(delay_ms: float, sd_ms: float) -> str:
     """The robot's clock less the scanner's, to the first digit in doubt."""
     if sd_ms > 1e3 * DELAY_S / 2:
-        return f"open (± {sd_ms:.0f} ms)"
+        return f"open (± {min(sd_ms, 1e3 * DELAY_S):.0f} ms)"
     digits = max(0, -int(np.floor(np.log10(sd_ms))))
     which = "behind" if delay_ms > 0 else "ahead"
     known = f"{delay_ms:.{digits}f} ± {sd_ms:.{digits}f} ms"

@@ -128,11 +128,17 @@ def test_a_grid_that_is_none_is_refused(tmp_path):
         sweep.read_grid(None, ["x=1", "x=2"])
 
 
-def test_the_grid_that_comes_along_has_54_runs():
+@pytest.mark.parametrize(
+    ("grid", "page", "runs"),
+    [
+        ("51_sweeping_grid.toml", "51_one_plan.ipynb", 54),
+        ("44_sweeping_grid.toml", "44_in_motion.ipynb", 12),
+    ],
+)
+def test_grids_that_come_along_have_so_many_runs(grid, page, runs):
     """As the file, the notebook and the README say."""
     folder = notebooks.folder()
-    grid = sweep.read_grid(folder / "51_sweeping_grid.toml")
-    assert len(sweep.plan(folder / "51_one_plan.ipynb", grid)) == 54
+    assert len(sweep.plan(folder / page, sweep.read_grid(folder / grid))) == runs
 
 
 @pytest.fixture

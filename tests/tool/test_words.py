@@ -77,7 +77,7 @@ def test_an_orientation_that_is_needed_is_named():
         (30.12, 0.104, "30.1 ± 0.1 ms (the scanner's clock is behind)"),
         (-12.0091, 0.0042, "-12.009 ± 0.004 ms (the scanner's clock is ahead)"),
         (151.8, 3.4, "152 ± 3 ms (the scanner's clock is behind)"),
-        (0.4, 201.2, "open (± 201 ms)"),
+        (0.4, 201.2, "open (± 200 ms)"),
     ],
 )
 def test_a_delay_is_said_to_its_first_digit_in_doubt(delay_ms, sd_ms, words):

@@ -48,6 +48,7 @@ def roughly(problem: Problem, starts: Sequence = ()) -> float:
         [thin(entry, FEW) for entry in problem.observations],
         problem.noise,
         problem.systematic,
+        mount=problem.mount,
     )
     fits = []
     for delay in TRIED:
@@ -136,7 +137,8 @@ def verdict(
     is_open = sd_s > DELAY_S / 2
     harms = normalised_square(others.covariance, moves) > 1
     to_blame = others.sd[0] < WEAK <= known.sd[0] or others.sd[0] < 1 <= known.sd[0]
-    delay = f"the delay between the clocks of robot and scanner (± {1e3 * sd_s:.3g} ms)"
+    most_ms = 1e3 * min(sd_s, DELAY_S)
+    delay = f"the delay between the clocks of robot and scanner (± {most_ms:.3g} ms)"
     if is_open and harms:
         status = "weak" if status == "ok" else "unobservable"
     elif is_open:

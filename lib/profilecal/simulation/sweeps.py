@@ -163,7 +163,10 @@ def drive(
 
     still = replace(motion, pattern="random", sweeps=motion.stops)
     places = sweeps_of(setup, still, spread_deg, rng)
-    stops = [flange(*place.at(np.zeros(1))) for place in places]
+    stops = []
+    for place in places:  # not in the middle, where a ball's side is open
+        share = rng.uniform(0.1, 0.4, 1) * rng.choice([-1, 1])
+        stops.append(flange(*place.at(share * place.seconds)))
     actual = [erring(*stop, noise, rng) for stop in stops]
     logs, times, names = [], [np.full(motion.stops, np.nan)], [""] * motion.stops
     begin = 1.0

@@ -134,10 +134,15 @@ def test_one_way_in_the_flange_is_never_ok(kind, speed):
         assert found.status != "ok"
         if speed > 10:
             assert found.status == "unobservable"
-        sentences = " ".join(found.messages)
-        assert "drive the same sweeps backwards, or stop at three places" in sentences
-        cured, _ = driven(kind, "one way", seed=seed, speed=speed, stops=8)
-        assert "backwards" not in " ".join(pc.calibrate(cured).messages) or speed < 10
+            advice = "drive the same sweeps backwards, or stop at three places"
+            assert advice in " ".join(found.messages)
+
+
+def test_a_few_stops_tell_the_delay_of_one_way():
+    scan, _ = driven("edge", "one way", stops=8, delay_ms=100.0)
+    found = pc.calibrate(scan)
+    assert "the motions leave" not in " ".join(found.messages)
+    assert abs(found.to_json()["delay_ms"] - 100) < 3
 
 
 def test_one_way_in_the_base_shifts_the_target_and_not_the_sensor():
