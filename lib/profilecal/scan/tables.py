@@ -22,7 +22,8 @@ from profilecal.geometry.progress import watched
 
 LARGEST_MB = 400  # of a text file: more a usual computer does not hold
 TEXTS = "pose", "sweep"  # columns of names
-Rows = list[tuple[int, list[str]]]  # lines' numbers and fields
+Row = tuple[int, list[str]]  # a line's number and fields
+Rows = list[Row]
 # cells of points that were not seen
 NOTHING = {"", ".", "-", "--", "na", "n/a", "#n/a", "null", "none"}
 NOTHING |= {"nan", "-nan", ".nan", "-nan(ind)", "1.#qnan"}

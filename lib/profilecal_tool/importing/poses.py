@@ -75,7 +75,7 @@ def read_poses(path: Path, layout: Layout) -> tuple[Table, list[str]]:
             f"{path}: {len(text) / 1e6:.0f} MB; poses in nested text or in a program "
             f"are expected in at most {LONGEST / 1e6:.0f}: leave some out"
         )
-    rows = lines_of(AROUND.sub(" ", text))
+    rows = [*lines_of(AROUND.sub(" ", text))]
     are_numbers = [holds_numbers(fields) for _, fields in rows]
     first = are_numbers.index(True) if any(are_numbers) else 0
     # words between the rows and after them

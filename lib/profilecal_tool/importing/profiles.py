@@ -200,9 +200,12 @@ def profiles_of(
             rows = np.flatnonzero(labels == label)
             check_is_one(rows_of(table, rows), xz[rows, 0], axes, layout)
             points.append(xz[rows])
-            stem = table.path.stem
-            of_file = [f"{stem} {label}" if len(own) > 1 else stem]
-            names += of_file if len(tables) > 1 else [label]
+            if count:
+                is_number = isinstance(label, int)
+                names.append(label if is_number else str(label).removesuffix(".0"))
+            else:
+                of_row = f" {label}" if len(own) > 1 else ""
+                names.append(f"{table.path.stem}{of_row}")
     return names, points, axes
 
 

@@ -2,9 +2,10 @@
 
 import re
 from collections import Counter
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from itertools import chain, islice
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from charset_normalizer import from_bytes
 from numpy import ndarray
 
 from profilecal.scan.tables import (
-    Rows,
+    Row,
     ScanError,
     Table,
     in_columns,
@@ -91,20 +92,19 @@ def line_of(text: str, place: int) -> int:
     return text.count("\n", 0, place) + 1
 
 
-def lines_of(text: str) -> Rows:
+def lines_of(text: str) -> Iterator[Row]:
     """The lines that are not blank, in fields.
 
     Remarks are left out, but for those that name x and z: titles.
     """
-    rows = []
-    for line_number, line in enumerate(text.split("\n"), 1):
+    for line_number, match in enumerate(re.finditer(r"(.*)\n?", text), 1):
+        line = match[1]
         if not line.strip():
             continue
         remark = REMARK.match(line)
         fields = fields_of(line[remark.end() :] if remark else line)
         if not remark or {"x", "z"} <= names_and_units(fields).keys():
-            rows.append((line_number, fields))
-    return rows
+            yield line_number, fields
 
 
 def fields_of(line: str) -> list[str]:
@@ -119,33 +119,66 @@ def fields_of(line: str) -> list[str]:
     return [field.strip(" \r\"'") for field in re.split(separator, line.strip(" \r"))]
 
 
-def from_rows(path: Path, rows: Rows) -> Table:
+def from_rows(path: Path, rows: Iterable[Row]) -> Table:
     """The table in rows that has most cells, from the first row of it that holds
     numbers, not words.
 
     Its titles are the row of that length above, or this row if it has x behind words.
-    Lines of words among its rows, and what other tables have below their
-    titles, are left out. Raises ScanError.
+    Lines of words among its rows, and what other tables have below their titles, are
+    left out. Text of many rows becomes numbers a thousand rows at a time, so that it
+    never fills the memory. Raises ScanError.
     """
-    widths = Counter(len(fields) for _, fields in rows if holds_numbers(fields))
+    most = 1000
+    rows = iter(rows)
+    head = [*islice(rows, most)]
+    widths = Counter(len(fields) for _, fields in head if holds_numbers(fields))
     if not widths:
         raise ScanError(f"{path}: no numbers in columns")
     width = max(widths, key=lambda width: (widths[width] > 1, width * widths[width]))
-    alike = [row for row in rows if len(row[1]) == width]
+    alike = [row for row in head if len(row[1]) == width]
     first = next(k for k, (_, fields) in enumerate(alike) if holds_numbers(fields))
     titles = alike[first - 1][1] if first else width * ["1"]  # twice: a number
     x = [*map(number, alike[first][1])]
     if x[0] == np.inf and is_rising(np.array(x[x.count(np.inf) :])):
         titles = alike[first][1]
-    kept, heading = [], 0
-    for line, fields in rows[rows.index(alike[first]) :]:
-        if len(fields) != width and are_words(fields).all():
+    body = body_of(chain(head[head.index(alike[first]) :], rows), titles)
+    units, part, parts = names_and_units(titles), [*islice(body, most)], []
+    if not part:
+        raise ScanError(f"{path}: no rows below the titles")
+    while part:
+        table = in_columns(path, units, part)
+        parts.append(in_numbers(table))
+        part = [*islice(body, most)]
+    return table if len(parts) == 1 else joined(parts)
+
+
+def body_of(rows: Iterable[Row], titles: list[str]) -> Iterator[Row]:
+    """The rows of a table with titles, among others."""
+    heading = 0  # the length of the titles of another one
+    for line, fields in rows:
+        if len(fields) != len(titles) and are_words(fields).all():
             heading = len(fields)
         elif fields != titles and len(fields) != heading:
-            kept.append((line, fields))
-    if not kept:
-        raise ScanError(f"{path}: no rows below the titles")
-    return in_columns(path, names_and_units(titles), kept)
+            yield line, fields
+
+
+def in_numbers(table: Table) -> Table:
+    """The table with arrays for columns, of numbers where none is a word."""
+    columns = {}
+    for name, cells in table.columns.items():
+        numbers = np.array([*map(number, cells)])
+        columns[name] = np.array(cells) if np.isinf(numbers).any() else numbers
+    return replace(table, columns=columns)
+
+
+def joined(parts: list[Table]) -> Table:
+    """The parts of a table, with arrays for columns, as one."""
+    columns = {
+        name: np.concatenate([part.columns.pop(name) for part in parts])
+        for name in [*parts[0].columns]
+    }
+    lines = np.concatenate([part.lines for part in parts])
+    return replace(parts[0], columns=columns, lines=lines)
 
 
 def is_rising(x: ndarray) -> bool:

@@ -49,6 +49,7 @@ from profilecal.scan.tables import ScanError
 from profilecal.targets import TARGETS
 from profilecal.targets.target import find_features
 from profilecal_tool.importing.import_scan import Layout, import_scan
+from profilecal_tool.importing.profiles import profiles_of, read_profiles
 
 FUZZ = int(os.environ.get("PROFILECAL_FUZZ", "60"))
 TOOL = (10.0, -20.0, 150.0, 12.0, -5.0, 30.0)
@@ -752,6 +753,22 @@ def test_corrupted_files_give_a_sentence_or_a_scan(tmp_path):
         with suppress(ScanError):
             import_scan(folder, "edge", {}, said_of(name))
         shutil.rmtree(folder)
+
+
+def test_a_large_table_becomes_arrays(tmp_path):
+    """A thousand rows at a time: lists of text take thirty times the file's size."""
+    rows = "".join(f"{k // 1500 + 1},{k % 1500 / 20},{k % 7}\n" for k in range(4500))
+    path = tmp_path / "all.csv"
+    path.write_text(f"pose,x,z\n{rows}4,oops,1\n")
+    table = read_profiles(path, 3, Layout())
+    with pytest.raises(ScanError, match=r"all.csv line 4502: x is .*oops"):
+        profiles_of([table], 3, Layout())
+    path.write_text(f"pose,x,z\n{rows}")
+    table = read_profiles(path, 3, Layout())
+    assert all(isinstance(cells, np.ndarray) for cells in table.columns.values())
+    names, points, _ = profiles_of([table], 3, Layout())
+    assert names == ["1", "2", "3"]
+    assert [len(xz) for xz in points] == 3 * [1500]
 
 
 REAL_DATA = os.environ.get("PROFILECAL_REAL_DATA")
