@@ -15,6 +15,11 @@ from click import argument, echo, option
 # what cannot be read, read_scan says in one sentence
 SCAN = click.Path(path_type=Path, readable=False)
 PLACE = click.Path(path_type=Path)
+CLOUD = option(
+    "--cloud",
+    type=PLACE,
+    help="Write all profiles put together to this PLY file, or as a PNG picture.",
+)
 MOUNT = click.Choice(["eye-in-hand", "eye-to-hand"])
 
 
@@ -185,7 +190,8 @@ def reproduce(names, parameters, output):
     help="Cross-validate: predict each flange orientation from the others.",
 )
 @option("--report", type=PLACE, help="Write a report with pictures to this HTML file.")
-def calibrate(folders, as_json, vendor, guess, guess_sd, leave_out, report):
+@CLOUD
+def calibrate(folders, as_json, vendor, guess, guess_sd, leave_out, report, cloud):
     """Find the sensor pose from scan folders of one sensor."""
     from profilecal.calibration import calibration
     from profilecal.scan.folder import read_scan
@@ -201,8 +207,20 @@ def calibrate(folders, as_json, vendor, guess, guess_sd, leave_out, report):
     finally:
         print_calibration(found, as_json, vendor)
     if report:
-        write_the_report(folders, report, guess=list(guess or []))
+        known = {"guess": list(guess or []), "guess_sd": list(guess_sd)}
+        write_the_report(folders, report, **known)
+    if found.is_known:
+        put_together(found, found.pose, cloud)
     raise SystemExit(0 if found.is_known else 3)
+
+
+def put_together(found, pose, path) -> None:
+    """Write what was seen from all poses, as a sensor pose has it."""
+    if path:
+        from profilecal_tool.report.cloud import write_cloud
+
+        write_cloud(found, pose, path)
+        echo(f"Cloud: {path}", err=True)
 
 
 def check_outputs(as_json, vendor, report) -> None:
@@ -424,7 +442,8 @@ def check(folder):
 @option(
     "--with", "pose", required=True, type=SCAN, help="What calibrate --json printed."
 )
-def verify(folder, pose):
+@CLOUD
+def verify(folder, pose, cloud):
     """Compare a sensor pose with a scan FOLDER not used to find it.
 
     Status 1 if they contradict.
@@ -438,6 +457,7 @@ def verify(folder, pose):
         scan, answer = read_scan(folder), read_answer(pose)
         verification = verify(answer, scan)
     echo(verification_text(verification, answer.status))
+    put_together(verification.alone, answer.pose, cloud)
     raise SystemExit(0 if verification.as_expected else 1)
 
 

@@ -30,6 +30,7 @@ class Joint:
     # of each target: kind, lengths, origin (3,) and axes (3, 3)
     targets: list[tuple]
     robot_errors: dict[str, float]  # entries of `Noise`
+    freedom: float  # degrees of freedom with which these are known
     noise_factor: float  # the scanner's noise over what profiles show themselves
 
     def of(self, names: list[str]) -> tuple[ndarray, ndarray]:

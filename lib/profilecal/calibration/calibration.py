@@ -32,6 +32,7 @@ from profilecal.geometry.checks import (
 )
 from profilecal.geometry.observability import name_direction
 from profilecal.geometry.poses import carry
+from profilecal.joint.error_sizes import freedom
 from profilecal.joint.prior import Mount, Prior, prior_from
 from profilecal.joint.solution import Solution, column_names
 from profilecal.joint.solve import solve
@@ -276,6 +277,7 @@ def joint_entries(scans: Sequence[Scan], solution: Solution) -> dict[str, Any]:
             for scan, (origin, axes) in frames
         ],
         "robot_errors": solution.noise.of_robot,
+        "freedom": freedom(sizes.sizes),
         "noise_factor": solution.noise_mm / shown,
     }
 

@@ -16,13 +16,13 @@ from functools import cached_property
 
 import numpy as np
 from numpy import ndarray
-from scipy.special import chdtrc, chndtrinc
+from scipy.special import chndtrinc, fdtrc, fdtri
 
 from profilecal.calibration.answer import DEGREES, Answer, answer_in
 from profilecal.calibration.calibration import Calibration
 from profilecal.calibration.observe import as_observations, observe
 from profilecal.geometry.checks import check_type
-from profilecal.geometry.noise import FALSE_ALARM, Noise, Systematic, chi2_limit
+from profilecal.geometry.noise import FALSE_ALARM, Noise, Systematic
 from profilecal.joint.problem import Problem
 from profilecal.joint.solution import column_names
 from profilecal.scan.scan import Scan
@@ -55,6 +55,7 @@ class MountCheck:
     columns: ndarray  # (k, 6 + t) their derivatives by the sensor's pose and target's
     by_hand: ndarray  # (6 + t,) how well one would know these by hand
     covariance: ndarray  # (k, k) S
+    freedom: float  # degrees of freedom with which the robot's errors are known
     rotation: ndarray  # (3, 3) of the sensor in the flange frame, or the base frame
 
     @cached_property
@@ -65,12 +66,13 @@ class MountCheck:
     @property
     def limit(self) -> float:
         """What χ² exceeds by a chance of 1 % where nothing has moved."""
-        return float(chi2_limit(FALSE_ALARM, len(self.residuals)))
+        k = len(self.residuals)
+        return float(k * fdtri(k, self.freedom, 1 - FALSE_ALARM))
 
     @property
     def chance(self) -> float:
         """That χ² is larger where nothing has moved."""
-        return float(chdtrc(len(self.residuals), self.chi2))
+        return self.chance_of(self.chi2, len(self.residuals))
 
     @property
     def as_expected(self) -> bool:
@@ -87,6 +89,12 @@ class MountCheck:
         """The artefact, along and about the axes that its kind has."""
         return self.moved(slice(6, None))
 
+    def chance_of(self, chi2: float, count: int) -> float:
+        """That the χ² of so many residuals is larger, which the robot's errors, as they
+        are known, make an F law.
+        """
+        return float(fdtrc(count, self.freedom, chi2 / count)) if count else 1.0
+
     def moved(self, part: slice) -> Move:
         """What has moved along a part of the columns."""
         B, by_hand = self.columns[:, part], self.by_hand[part]
@@ -97,8 +105,7 @@ class MountCheck:
         white = np.linalg.solve(np.linalg.cholesky(self.covariance), B * by_hand)
         free = len(S) - np.linalg.matrix_rank(white, tol=1.0)
         chi2 = self.residuals @ X[:, -1]
-        chance = float(chdtrc(free, chi2)) if free else 1.0
-        return Move(chance, delta, P - P @ B.T @ X[:, :-1] @ P)
+        return Move(self.chance_of(chi2, free), delta, P - P @ B.T @ X[:, :-1] @ P)
 
     @property
     def suspects(self) -> tuple[str, ...]:
@@ -224,5 +231,6 @@ def check_mount(found: Calibration | Answer, scan: Scan) -> MountCheck:
         columns=A[rows, : problem.n],
         by_hand=problem.units,
         covariance=S[np.ix_(rows, rows)],
+        freedom=joint.freedom,
         rotation=found.pose[:3, :3],
     )

@@ -10,6 +10,7 @@ The answer is therefore its average over all sizes, as likely as data and prior 
 them, and its region is one that holds over all of them.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -56,6 +57,22 @@ class ErrorSizes:
     mean: ndarray  # (n,)
     covariance: ndarray  # (n, n)
     poor_scanner: float  # the chance that it errs POORER times as much as usual
+
+
+def freedom(sizes: Sequence[Size]) -> float:
+    """Degrees of freedom f with which all errors together are known, 100 mm from the
+    flange; at most 1000.
+
+    The logarithm of a variance of f degrees of freedom has a variance of about 2 / f.
+    That of a size, of which 95 % lie between two, is known from these; a sum has those
+    of its parts by the squares of their shares.
+    """
+    at_mm = [100 * np.radians(1) if one.name.endswith("deg") else 1 for one in sizes]
+    low, middle, high = np.array([(one.low, one.middle, one.high) for one in sizes]).T
+    share = (middle * at_mm) ** 2 / np.sum((middle * at_mm) ** 2)
+    known = low > 0
+    spread = 2 * np.log(high[known] / low[known]) / 3.92
+    return float(2 / max(np.sum((share[known] * spread) ** 2), 2e-3))
 
 
 def likeliest(

@@ -1,0 +1,123 @@
+"""What a scanner saw from all poses, put together where the target stands still: a look
+at it shows more than any number.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+from numpy import ndarray
+
+from profilecal.calibration.calibration import Calibration
+from profilecal.geometry.poses import carry
+from profilecal.scan.tables import whole
+from profilecal_pages.figures import equal_axes, use_style
+
+DRAWN = 6000  # points of a picture
+PLY = """ply
+format ascii 1.0
+element vertex {}
+property float x
+property float y
+property float z
+property uchar red
+property uchar green
+property uchar blue
+end_header
+"""
+
+
+@dataclass(frozen=True)
+class Cloud:
+    """All points of one scan, by one sensor pose."""
+
+    points: ndarray  # (N, 3) mm, base frame (eye-to-hand: the flange's)
+    pose: ndarray  # (N,) from which each was seen, in the order of the scan
+    # (P,) root mean square distance of each pose's feature from the target, mm
+    residuals: ndarray
+    frame: str
+
+    @property
+    def colours(self) -> ndarray:
+        """(N, 4) by the pose."""
+        return plt.get_cmap("viridis")(self.pose / max(1, self.pose.max()))
+
+
+def clouds_of(calibration: Calibration, T: ndarray) -> list[Cloud]:
+    """The cloud of each scan of a calibration, by a sensor pose T (4, 4).
+
+    Distances are from the target that fits all features best, so that they show how
+    thick the cloud is.
+    """
+    clouds = []
+    solution = calibration.solution_or_none
+    delay_ms = 1e3 * (solution.delay_s or 0.0) if solution else 0.0
+    for scan, seen, observed in zip(
+        calibration.scans, calibration.seen, calibration.observed, strict=True
+    ):
+        scan = scan.at_rest(delay_ms)
+        features = observed.points[0]
+        rows = [points[np.isfinite(points).all(axis=1)] for points in features]
+        placed = in_base(T, rows, *scan.base_flange(seen))
+        fitted = scan.target.fit(placed)
+        squares = scan.target.at(*fitted).distance(placed) ** 2
+        pose = np.repeat(np.arange(len(rows)), [*map(len, rows)])
+        mean_square = np.bincount(pose, squares) / np.bincount(pose)
+        points, of_pose = placed, seen[pose]
+        if scan.measured == "profiles":
+            rows = [values[np.isfinite(values).all(axis=1)] for values in scan.values]
+            numbers = np.arange(len(rows))
+            points = in_base(T, rows, *scan.base_flange(numbers))
+            of_pose = numbers.repeat([*map(len, rows)])
+        frame = "flange" if observed.eye_to_hand else "base"
+        clouds.append(Cloud(points, of_pose, np.sqrt(mean_square), frame))
+    return clouds
+
+
+def in_base(T: ndarray, rows: list[ndarray], R: ndarray, p: ndarray) -> ndarray:
+    """Points (N, 3) of profiles, each (n, 2), from poses R (P, 3, 3), p (P, 3)."""
+    counts = [*map(len, rows)]
+    in_flange = np.concatenate(rows) @ T[:3, [0, 2]].T + T[:3, 3]
+    return carry(R.repeat(counts, axis=0), p.repeat(counts, axis=0), in_flange)
+
+
+def plot_cloud(cloud: Cloud, title: str) -> plt.Figure:
+    """Draw a cloud, and how far each pose's feature is from the target."""
+    figure = plt.figure(figsize=(5.6, 6.4), layout="constrained")
+    grid = figure.add_gridspec(2, 1, height_ratios=(3, 1))
+    axes = figure.add_subplot(grid[0], projection="3d")
+    few = slice(None, None, 1 + len(cloud.points) // DRAWN)
+    points = cloud.points[few]
+    axes.scatter(*points.T, c=cloud.colours[few], s=1, depthshade=False)
+    equal_axes(axes, points)
+    axes.set(**{f"{axis}label": f"{cloud.frame} {axis} [mm]" for axis in "xyz"})
+    axes.locator_params(nbins=4)
+    below = figure.add_subplot(grid[1])
+    number = np.arange(1, len(cloud.residuals) + 1)
+    shades = plt.get_cmap("viridis")((number - 1) / max(1, len(number) - 1))
+    below.bar(number, cloud.residuals, color=shades)
+    below.set(xlabel="pose that saw it", ylabel="off the target\n[mm rms]")
+    rms = np.sqrt(np.mean(cloud.residuals**2))
+    figure.suptitle(f"{title}, put together from all poses: {rms:.2g} mm rms")
+    return figure
+
+
+def write_cloud(calibration: Calibration, T: ndarray, path: Path) -> None:
+    """Write the clouds of a calibration, as a sensor pose T (4, 4) has them: into a PLY
+    file, or as a picture where the name ends in .png.
+    """
+    clouds = clouds_of(calibration, T)
+    with whole(path) as partial:
+        if path.suffix.lower() == ".png":
+            use_style()
+            figure = plot_cloud(clouds[0], calibration.scans[0].description)
+            figure.savefig(partial, dpi=150, format="png")
+            plt.close(figure)
+            return
+        points = np.concatenate([cloud.points for cloud in clouds])
+        colours = np.concatenate([cloud.colours for cloud in clouds])[:, :3]
+        rows = np.hstack([points, np.rint(255 * colours)])
+        head = PLY.format(len(rows)).rstrip("\n")
+        form = ["%.4f"] * 3 + ["%d"] * 3
+        np.savetxt(partial, rows, form, header=head, comments="")

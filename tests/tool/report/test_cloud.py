@@ -1,0 +1,44 @@
+"""What was seen from all poses, put together."""
+
+import numpy as np
+import pytest
+from command import run
+
+import profilecal as pc
+from profilecal_tool.report.cloud import clouds_of
+
+
+@pytest.mark.parametrize("mount", ["eye-in-hand", "eye-to-hand"])
+@pytest.mark.parametrize("kind", ["edge", "plane", "ball", "disk", "rod", "point"])
+def test_a_right_pose_makes_the_target_and_a_wrong_one_smears_it(kind, mount):
+    plan = {"mount": mount, "groups": 8, "positions": 4, "noise": {"profile_mm": 0.02}}
+    scan, truth = pc.simulate(kind, seed=4, **plan)
+    found = pc.calibrate(scan)
+    (right,) = clouds_of(found, truth.pose)
+    assert np.sqrt(np.mean(right.residuals**2)) < 0.1
+    if scan.measured == "profiles":
+        near = np.abs(truth.target.distance(right.points)) < 0.2
+        assert near.mean() > (0.9 if kind == "plane" else 0.05)
+    wrong = truth.pose.copy()
+    wrong[:3, 3] += 3
+    (smeared,) = clouds_of(found, wrong)
+    assert np.mean(smeared.residuals) > 3 * np.mean(right.residuals)
+
+
+def test_clouds_and_pictures_are_written(tmp_path):
+    scan, _ = pc.simulate("plane", seed=4)
+    pc.write_scan(scan, tmp_path / "scan")
+    place = tmp_path / "cloud.ply"
+    result = run("calibrate", tmp_path / "scan", "--json", "--cloud", place)
+    (tmp_path / "T.json").write_text(result.stdout)
+    head, _, rows = place.read_text().partition("end_header\n")
+    count = sum(map(len, scan.values))
+    assert f"element vertex {count}\n" in head
+    points = np.loadtxt(rows.splitlines())
+    assert points.shape == (count, 6)
+    again, _ = pc.simulate("plane", seed=4, scan=2)
+    pc.write_scan(again, tmp_path / "again")
+    picture = tmp_path / "cloud.png"
+    options = ("--with", tmp_path / "T.json", "--cloud", picture)
+    assert run("verify", tmp_path / "again", *options).exit_code == 0
+    assert picture.stat().st_size > 10_000
