@@ -104,7 +104,7 @@ class MountCheck:
         delta = -P @ B.T @ X[:, -1]
         white = np.linalg.solve(np.linalg.cholesky(self.covariance), B * by_hand)
         free = len(S) - np.linalg.matrix_rank(white, tol=1.0)
-        chi2 = self.residuals @ X[:, -1]
+        chi2 = float(self.residuals @ X[:, -1])
         return Move(self.chance_of(chi2, free), delta, P - P @ B.T @ X[:, :-1] @ P)
 
     @property
