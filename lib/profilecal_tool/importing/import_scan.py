@@ -9,15 +9,20 @@ from glob import glob
 from pathlib import Path
 from statistics import mode
 
-from profilecal.scan.folder import check_header, scan_of
+import numpy as np
+from numpy import ndarray
+
+from profilecal.geometry.log import GAP
+from profilecal.scan.folder import NO_POSES, check_header, scan_of
+from profilecal.scan.motion import checked_log, with_motion
 from profilecal.scan.scan import Scan
-from profilecal.scan.tables import ScanError, listed
+from profilecal.scan.tables import ScanError, listed, naming
 from profilecal_tool.importing.layout import NOTHING_SAID, Layout
-from profilecal_tool.importing.makers import POSE_FILES, PROGRAM
-from profilecal_tool.importing.pairing import match
+from profilecal_tool.importing.makers import POSE_FILES, PROGRAM, TIMES
+from profilecal_tool.importing.pairing import driven, match, unit_s
 from profilecal_tool.importing.poses import frames_of, pose_table, taken_as
 from profilecal_tool.importing.profiles import profiles_of, read_profiles, seen_in_mm
-from profilecal_tool.importing.tables import encoding_of, names_of
+from profilecal_tool.importing.tables import encoding_of, names_of, rows_of
 
 
 def import_scan(
@@ -44,8 +49,20 @@ def import_scan(
         tables, count if len(tables) == 1 else 0, layout
     )
     values, taken_profiles = seen_in_mm(folder, profiles, axes, layout.missing)
-    poses, order, matched = match(poses, names, convention.columns, left)
+    first = tables[0]
+    unit = unit_s(first, [name for name in first.columns if TIMES.search(name)])
+    moving = driven(poses, names, convention.columns, unit)
+    if moving:
+        rows, t, times = moving
+        labels = [*map(str, range(1, len(t) + 1))]
+        poses = rows_of(poses, rows)
+        poses.columns["pose"] = labels
+        order = [*range(len(times))]
+    else:
+        poses, order, matched = match(poses, names, convention.columns, left)
     entries, taken_poses, of = taken_as(poses, convention, layout)
+    if moving:
+        entries, matched = in_sweeps(folder, entries, t, times)
 
     measured = "points" if max(map(len, values)) == 1 else "profiles"
     if measured == "profiles":
@@ -70,6 +87,25 @@ def import_scan(
         f"note       {doubt}"
         for doubt in [*guessed, *frames_of(poses, convention, layout)]
     ]
+
+
+def in_sweeps(
+    folder: Path, entries: dict, t: ndarray, times: ndarray
+) -> tuple[dict, str]:
+    """Entries of a Scan in motion, from those of the log's poses at times t (L,) and
+    the profiles' times (P,), s; and what was taken for a sweep. Raises ScanError.
+    """
+    with naming(folder):
+        log = checked_log(t, entries["R_base_flange"], entries["p_base_flange"])
+        begins = np.diff(times, prepend=times[0]) > GAP * np.median(np.diff(times))
+        sweeps = [f"s{number}" for number in np.cumsum(begins) + 1]
+        moved = with_motion(log, times, sweeps, NO_POSES)
+    moved |= {"convention": entries["convention"]}
+    how = (
+        f"by time, in motion: {len(times)} profiles in {len({*sweeps})} sweeps, parted "
+        f"where {GAP:g} profiles are missing; the delay of the clocks is to be found"
+    )
+    return moved, how
 
 
 def sort_files(

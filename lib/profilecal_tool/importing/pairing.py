@@ -11,7 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray
 
-from profilecal.scan.tables import ScanError, Table, listed
+from profilecal.calibration.observe import A_MOMENT_S
+from profilecal.scan.tables import ScanError, Table, listed, number
 from profilecal_tool.importing.makers import LABELS, TIMES
 from profilecal_tool.importing.tables import rows_of
 
@@ -20,6 +21,7 @@ STAMP = re.compile(
     r"\D{0,2}([0-2]\d)\D?([0-5]\d)\D?([0-5]\d)(?:\D?(\d{1,6}))?"
 )
 CLOCK = re.compile(r"([0-2]\d)[-:.h]([0-5]\d)[-:.m]([0-5]\d(?:\.\d+)?)")
+UNITS_S = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
 SECONDS = re.compile(r"\d{10,}(?:\.\d+)?|\d+\.\d+")  # since 1970, or since anything
 
 
@@ -131,11 +133,8 @@ def by_time(
     Of a log that goes on while the robot moves, only where it stands still. None where
     times of half of the profiles are in no log.
     """
-    columns = [name for name in poses.columns if name == "t" or TIMES.search(name)]
-    cells = zip(*(poses.columns[name] for name in columns), strict=True)
-    of_poses = np.array([seconds(" ".join(map(str, both))) for both in cells])
-    of_profiles = np.array([*map(seconds, names)])
-    if len(of_poses) < 2 or np.isnan([*of_poses, *of_profiles]).any():
+    of_poses, of_profiles = times_of(poses, names)
+    if len(of_poses) < 2:
         return None
     order = np.argsort(of_poses)
     of_poses = of_poses[order]
@@ -152,6 +151,54 @@ def by_time(
         return None
     how += f", up to {apart[is_near].max():.2g} s apart"
     return Pairing(np.where(is_near, order[nearest], -1), [], how)
+
+
+def times_of(poses: Table, names: Sequence[str]) -> tuple[ndarray, ndarray]:
+    """The times of poses and of profiles, s; none where not all have one."""
+    columns = [name for name in poses.columns if name == "t" or TIMES.search(name)]
+    cells = zip(*(poses.columns[name] for name in columns), strict=True)
+    of_poses = all_seconds([" ".join(map(str, both)) for both in cells])
+    of_profiles = all_seconds([*map(str, names)])
+    if np.isnan([*of_poses, *of_profiles]).any():
+        return np.empty(0), np.empty(0)
+    return of_poses * unit_s(poses, columns), of_profiles
+
+
+def all_seconds(texts: Sequence[str]) -> ndarray:
+    """The times (n,) that texts say, s: whole numbers too, among others that do."""
+    values = np.array([*map(seconds, texts)])
+    if np.isfinite(values).any():
+        missing = np.flatnonzero(np.isnan(values))
+        values[missing] = [number(texts[k]) for k in missing]
+    return np.where(np.isfinite(values), values, np.nan)
+
+
+def unit_s(table: Table, columns: Sequence[str]) -> float:
+    """The unit of times in some columns, as a title says it, in s."""
+    said = [table.units.get(name, "") for name in columns]
+    return next((UNITS_S[unit] for unit in said if unit in UNITS_S), 1.0)
+
+
+def driven(
+    poses: Table, names: Sequence, turn: Collection[str], unit: float
+) -> tuple[ndarray, ndarray, ndarray] | None:
+    """The order (L,) and the times (L,) of poses that are a log of a robot in motion,
+    and the times (P,) of profiles, of which it moved at most; None for others.
+
+    A log has rows a moment apart. `unit`: of the profiles' times, s.
+    """
+    of_poses, of_profiles = times_of(poses, names)
+    of_profiles = (of_profiles * unit).round(9)
+    if len(of_poses) < 4:
+        return None
+    order = np.argsort(of_poses, kind="stable")
+    t = of_poses[order]
+    row = np.searchsorted(t, of_profiles)
+    inside = (row > 0) & (row < len(t))
+    if np.median(np.diff(t)) > A_MOMENT_S or inside.mean() < 0.5:
+        return None
+    still = stands_still(poses, order, turn)[row[inside] - 1]
+    return (order, t, of_profiles) if still.mean() < 0.5 else None
 
 
 def stands_still(poses: Table, order: ndarray, turn: Collection[str]) -> ndarray:

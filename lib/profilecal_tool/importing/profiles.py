@@ -223,6 +223,7 @@ def labels_of(table: Table, xz: ndarray, count: int, axes: Collection) -> ndarra
     for name in names:
         k = blocks(table.columns[name]) if name in others else 0
         is_usual = name in (*LABELS, ROW) or count / 2 <= k <= 2 * count
+        is_usual |= TIMES.search(name) is not None  # of a log, one for each profile
         if is_usual and 1 < k <= len(xz) / 2:
             return np.array(table.columns[name])
     return np.searchsorted(starts_of(xz, count), np.arange(len(xz)), "right")

@@ -41,6 +41,7 @@ from peoples_files import (
     yaskawa,
 )
 from scipy.spatial.transform import Rotation
+from simulated import scan_of
 
 from profilecal.calibration.calibration import calibrate
 from profilecal.scan.conventions import from_rotations, named
@@ -812,3 +813,34 @@ def test_picked_points_lie_on_the_ridge_that_is_found():
     picked = np.concatenate(real_scan("edge", "feature_point").values)
     # mm: the same ridge; picks err by 0.1 and the edge is round
     assert np.abs(ridges - picked).max() < 0.5
+
+
+@pytest.mark.parametrize(("unit", "scale"), [("", 1), (" [ms]", 1000)])
+def test_two_logs_are_a_scan_in_motion(unit, scale, tmp_path):
+    """The robot's with poses, the scanner's with profiles, each by its own clock."""
+    driven = scan_of(
+        "plane",
+        motion={"sweeps": 3, "profiles": 8, "turn_deg": 5.0},
+        scanner={"points": 60},
+    )
+    log = driven.log
+    turned = from_rotations(named("quaternion"), log.R)
+    rows = np.column_stack([scale * log.t, log.p, turned])
+    folder = tmp_path / "in"
+    folder.mkdir()
+    titles = f"time{unit},x,y,z,qw,qx,qy,qz"
+    np.savetxt(folder / "robot.csv", rows, "%.12g", ",", header=titles, comments="")
+    points = [
+        np.column_stack([np.full(len(own), scale * t), own])
+        for t, own in zip(driven.times, driven.values, strict=True)
+    ]
+    titles = f"time{unit},x,z"
+    path = folder / "scanner.csv"
+    np.savetxt(path, np.concatenate(points), "%.12g", ",", header=titles, comments="")
+
+    imported, guesses = import_scan(folder, "plane", {})
+    assert "by time, in motion: 24 profiles in 3 sweeps" in guesses[3]
+    assert imported.labels == driven.labels
+    np.testing.assert_allclose(imported.T_base_flange, driven.T_base_flange, atol=1e-6)
+    for own, true in zip(imported.values, driven.values, strict=True):
+        np.testing.assert_allclose(own, true, atol=1e-9)
