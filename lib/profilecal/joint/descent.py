@@ -122,6 +122,8 @@ def search(problem: Problem, starts: Sequence = ()) -> State:
         fits = onward(few, state, steps)
         limit = hopeless * max(fits.loss[0], count)
         state = distinct(fits.state[fits.loss < limit], most)
+        if len(state.rotation) == 1 and fits.loss[0] < HOPELESS * count:
+            break
     return state
 
 

@@ -28,6 +28,8 @@ residuals say beside the errors of their flange needs no C: it is kept as produc
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Self
 
 import numpy as np
 from numpy import ndarray
@@ -112,7 +114,8 @@ class LinearModel:
         self.Y = (U * nonzero[:, None])[:, :, :q].mT @ columns
         if clock is not None:
             self.E = np.concatenate([self.E, self.Y[:, :, [clock]]], axis=2)
-        self.rest = columns.mT @ columns - self.Y.mT @ self.Y
+        self.rest = columns.mT @ columns
+        self.rest -= self.Y.mT @ self.Y
         # variances (k, 6 or 7) of E's errors for one unit of each of v
         squares = {
             "mm": [1, 0, 0],
@@ -147,7 +150,7 @@ class LinearModel:
         """The model of some of its profiles (profiles,) only: zeros stand in place of
         the other rows.
         """
-        other = copy(self)
+        other = self.to_change()
         other.kept = kept
         other.blocks = []
         for block in self.blocks:
@@ -167,12 +170,18 @@ class LinearModel:
         """The same of a robot that does not err, whose variances do not count: no
         residuals share anything.
         """
-        other = copy(self)
+        other = self.to_change()
         other.rest = self.rest + self.Y.mT @ self.Y
         other.blocks = []
         return other
 
-    @property
+    def to_change(self) -> Self:
+        """A copy whose rest is not summed up yet."""
+        other = copy(self)
+        vars(other).pop("rest_of_kept", None)
+        return other
+
+    @cached_property
     def rest_of_kept(self) -> tuple[ndarray, int]:
         """Products (n + 1, n + 1) of all that no error of the flange moves, and how
         many residuals it is. Rows of zeros were counted in the blocks and are taken off

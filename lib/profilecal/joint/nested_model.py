@@ -26,7 +26,6 @@ share, for each column of Z, and Q their covariance, with T = 1 - K J,
 The last line is a sum of squares: the shorter Σ Zᵀ D⁻¹ Z - Σ cᵀ K c loses digits.
 """
 
-from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -66,18 +65,41 @@ class Level:
         whole[self.members] = of_members
         return whole
 
+    @property
+    def parts(self) -> list[slice]:
+        """The groups' members among all members."""
+        ends = zip(self.starts, self.starts + self.sizes, strict=True)
+        return [slice(*both) for both in ends]
+
+    @property
+    def few(self) -> bool:
+        """Whether groups are large: a product a group is faster than one a member."""
+        return len(self.members) >= FEW * len(self.starts)
+
     def sums(self, E: ndarray, rows: ndarray) -> ndarray:
         """Σ E_iᵀ rows_i (G, 6, columns) over each group, of what all profiles have."""
         E, rows = self.of_members(E), self.of_members(rows)
-        if len(E) < FEW * len(self.starts):
+        if not self.few:
             return np.add.reduceat(E.mT @ rows, self.starts, axis=0)
         columns = rows.shape[2]
-        ends = zip(self.starts, self.starts + self.sizes, strict=True)
-        parts = [slice(*both) for both in ends]
         products = [
-            E[k].reshape(-1, E.shape[2]).T @ rows[k].reshape(-1, columns) for k in parts
+            E[part].reshape(-1, E.shape[2]).T @ rows[part].reshape(-1, columns)
+            for part in self.parts
         ]
         return np.array(products)
+
+    def take_off(self, E: ndarray, moves: ndarray, rows: ndarray) -> None:
+        """Take E_i times what moves its group (G, 6, columns) off the rows (profiles,
+        q, columns) of each member.
+        """
+        if not self.few:
+            rows[self.members] -= self.of_members(E) @ moves.repeat(self.sizes, axis=0)
+            return
+        everyone = len(self.members) == len(rows)
+        for part, move in zip(self.parts, moves, strict=True):
+            chosen = part if everyone else self.members[part]
+            moved = E[chosen].reshape(-1, E.shape[2]) @ move
+            rows[chosen] -= moved.reshape(-1, *rows.shape[1:])
 
 
 @dataclass(frozen=True)
@@ -135,47 +157,50 @@ class NestedModel(LinearModel):
     def set_rows(self) -> None:
         """The rows of the profiles kept, in order; zeros for the others."""
         kept = self.kept[self.order][:, None, None]
-        self.E_rows = self.E[self.order] * kept
-        self.Y_rows = self.Y[self.order] * kept
+        self.rows = np.concatenate([self.E, self.Y], axis=2)[self.order] * kept
 
     def keeping(self, kept: ndarray) -> "NestedModel":
         """The model of some of its profiles (profiles,) only."""
-        other = copy(self)
+        other = self.to_change()
         other.kept = kept
         other.set_rows()
         return other
 
     def without_robot(self) -> "NestedModel":
         """The same of a robot that does not err."""
-        other = copy(self)
+        other = self.to_change()
         other.rest = self.rest + self.Y.mT @ self.Y
-        other.E_rows = self.E_rows[:0]
-        other.Y_rows = self.Y_rows[:0]
+        other.rows = self.rows[:0]
         return other
+
+    @property
+    def axes(self) -> int:
+        """How many directions errors of the flange have."""
+        return self.E.shape[2]
 
     @property
     def row_count(self) -> int:
         """How many rows speak of the flange, those of zeros too."""
-        return len(self.Y_rows) * self.q
+        return len(self.rows) * self.q
 
     def variances(self, errors: ndarray, v: ndarray) -> ndarray:
         """Of the sum of some errors along the flange's six directions, (6,)."""
         return v[1 + errors] @ self.units[errors]
 
-    def solve(self, v: ndarray, Z: ndarray) -> tuple[ndarray, float, Solved]:
-        """Zᵀ C⁻¹ Z of rows Z (profiles, q, columns), log |C| and C⁻¹ Z, for variances
-        v (1 + k,).
+    def solve(self, v: ndarray, EZ: ndarray) -> tuple[ndarray, float, Solved]:
+        """Zᵀ C⁻¹ Z of rows [E | Z] (profiles, q, 6 + columns), log |C| and C⁻¹ Z, for
+        variances v (1 + k,).
         """
-        E, columns = self.E_rows, Z.shape[2]
-        axes = E.shape[2]
-        one = np.eye(axes)
+        axes = self.axes
+        E, Z = EZ[..., :axes], EZ[..., axes:]
+        one, columns = np.eye(axes), Z.shape[2]
         own = np.zeros((len(Z), axes))
         for level in self.levels:
             own += level.alone[:, None] * self.variances(level.errors, v)
         D = v[0] * np.eye(self.q) + (E * own[:, None]) @ E.mT
         D_inverse = np.linalg.inv(D)
         log_det = float(np.linalg.slogdet(D)[1].sum())
-        rows = D_inverse @ np.concatenate([E, Z], axis=2)
+        rows = D_inverse @ EZ
         shared = [level for level in self.levels if len(level.members)]
         up = []
         finer, taken = None, np.zeros((0, axes, axes + columns))
@@ -197,15 +222,15 @@ class NestedModel(LinearModel):
         products = np.zeros((columns, columns))
         nodes: list[Node] = []
         b = np.zeros((1, axes, columns))
-        b_of_profiles = np.zeros((len(Z), axes, columns))
+        left = Z.copy()
         for level, s, M_inverse, J, c in up[::-1]:
             above = b[level.parents]
             beta = M_inverse @ (s[:, None] * (c - J @ above))
             products += (beta.mT @ beta).sum(axis=0)
-            b = above + s[:, None] * beta
+            moves = s[:, None] * beta
+            level.take_off(E, moves, left)
+            b = above + moves
             nodes.append(Node(level, s, M_inverse, J, c, b))
-            b_of_profiles = level.to_members(b, b_of_profiles)
-        left = Z - E @ b_of_profiles
         X = D_inverse @ left
         products += left.reshape(-1, columns).T @ X.reshape(-1, columns)
         return products, log_det, Solved(D_inverse, X, nodes)
@@ -214,17 +239,17 @@ class NestedModel(LinearModel):
         """Add what the rows that speak of the flange say, one set of variances after
         the other. Returns what `gradient` and `left_out` need, of the last one.
         """
-        if not len(self.Y_rows):
+        if not len(self.rows):
             return []
         for k, one in enumerate(v):
-            products, log_det, solved = self.solve(one, self.Y_rows)
+            products, log_det, solved = self.solve(one, self.rows)
             N[k] += products
             log_det_C[k] += log_det
         return [solved]
 
     def covariances_of_shared(self, solved: Solved) -> list[ndarray]:
         """Q (G, 6, 6) of each node, from coarse to fine, and of each profile."""
-        axes = self.E_rows.shape[2]
+        axes = self.axes
         Q = np.zeros((1, axes, axes))
         of_profiles = np.zeros((len(solved.X), axes, axes))
         of_nodes = []
@@ -237,7 +262,7 @@ class NestedModel(LinearModel):
 
     def inverse_of_own(self, solved: Solved, Q: ndarray) -> ndarray:
         """(C⁻¹)_ii (profiles, q, q)."""
-        half = solved.D_inverse @ self.E_rows
+        half = solved.D_inverse @ self.rows[..., : self.axes]
         return solved.D_inverse - half @ Q @ half.mT
 
     def add_to_gradient(
@@ -248,12 +273,12 @@ class NestedModel(LinearModel):
         across: ndarray,
     ) -> None:
         """Add what the rows that speak of the flange say, as in `gradient`."""
-        if not len(self.Y_rows):
+        if not len(self.rows):
             return
         (solved,) = posterior.last
         n, V = self.n, posterior.covariance[0]
         x = np.append(posterior.mean[0], 1.0)
-        E = self.E_rows
+        E = self.rows[..., : self.axes]
         CA, w = solved.X[..., :n], solved.X @ x
         *Q_of_nodes, Q = self.covariances_of_shared(solved)
         P = self.inverse_of_own(solved, Q) - CA @ V @ CA.mT
@@ -279,7 +304,7 @@ class NestedModel(LinearModel):
             moves = (f[:, None] * units).repeat(level.sizes, axis=0)
             places = level.members[:, None, None], np.arange(self.q)[:, None]
             F[*places, 1 + level.errors] = level.of_members(E) @ moves.mT
-        within += self.solve(posterior.v[0], F)[0]
+        within += self.solve(posterior.v[0], np.concatenate([E, F], axis=2))[0]
         across += CA.reshape(-1, n).T @ F.reshape(-1, len(slope))
 
     def parts_kept(
@@ -288,7 +313,7 @@ class NestedModel(LinearModel):
         """The profiles kept (p,), with (C⁻¹)_bb (p, q, q) and C⁻¹ [A | r] (p, q, n +
         1) of each.
         """
-        if not len(self.Y_rows):
+        if not len(self.rows):
             return []
         (solved,) = posterior.last
         *_, Q = self.covariances_of_shared(solved)
