@@ -74,7 +74,8 @@ def named_cells(text: str) -> list[Named]:
             continue
         if opening:
             prefix = ""
-            found.append(Named(name=f"{label or ''}{index or ''}", kind=kind))
+            tag = opening[1:].lower()
+            found.append(Named(name=f"{label or ''}{index or ''}", kind=kind or tag))
             continue
         name = prefix + (key or attribute).lower()
         if name == "type":
@@ -84,7 +85,7 @@ def named_cells(text: str) -> list[Named]:
         cells = re.split(r"[\s,]+", numbers.strip("[] \t")) if numbers else [words]
         columns = several(name, len(cells)) or (aliases.get(name, name),)
         if found[-1].cells.keys() & columns:
-            found.append(Named(kind=kind))
+            found.append(Named(kind=found[-1].kind))
         one = found[-1]
         if name == "key":
             one.name = f"{title}{numbers}"

@@ -3,6 +3,7 @@ are of.
 """
 
 import re
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -23,7 +24,7 @@ from profilecal.scan.folder import check_poses
 from profilecal.scan.scan import MOUNTS
 from profilecal.scan.tables import ScanError, Table, listed, naming, number
 from profilecal_tool.importing.arrays import ENDINGS, array, from_array
-from profilecal_tool.importing.key_value import in_table
+from profilecal_tool.importing.key_value import Named, in_table
 from profilecal_tool.importing.layout import Layout
 from profilecal_tool.importing.makers import (
     BY_COLUMNS,
@@ -34,7 +35,7 @@ from profilecal_tool.importing.makers import (
     UNNAMED,
     UNSAID,
 )
-from profilecal_tool.importing.nested import NESTED, placed, poses_in
+from profilecal_tool.importing.nested import NESTED, chosen_place, placed, poses_in
 from profilecal_tool.importing.programs import check_axes, positions_in
 from profilecal_tool.importing.tables import (
     apart,
@@ -67,7 +68,7 @@ def read_poses(path: Path, layout: Layout) -> tuple[Table, list[str]]:
     if len(text) < LONGEST:
         with naming(path):
             poses, guessed = poses_in(path, text, layout.entry)
-            poses = poses or positions_in(path, text)
+            poses = poses or one_kind(path, positions_in(path, text), layout.entry)
         if poses:
             return in_table(path, poses), guessed
     elif NESTED.match(text) or PROGRAM.search(path.name):
@@ -82,6 +83,18 @@ def read_poses(path: Path, layout: Layout) -> tuple[Table, list[str]]:
     rows[first:] = [rows[k] for k in range(first, len(rows)) if are_numbers[k]]
     table = stacked(from_rows(path, rows))
     return apart(table)[0] if layout.in_one else table, []
+
+
+def one_kind(path: Path, poses: list[Named], entry: str) -> list[Named]:
+    """The robot's poses, where a program or log has as many of other kinds.
+
+    Raises ScanError where it is not clear which these are.
+    """
+    counts = Counter(pose.kind for pose in poses)
+    if len(counts) < 2 or len({*counts.values()}) > 1:
+        return poses
+    kind = chosen_place(path, [*counts], entry)
+    return [pose for pose in poses if pose.kind == kind]
 
 
 def stacked(table: Table) -> Table:

@@ -72,7 +72,7 @@ def positions_in(path: Path, text: str) -> list[Named]:
             put(one, which, name, frame or frames.get(f"{which}_data{name}"))
     tools = [one for one in full if is_frame(one, "tool") and is_moved(one)]
     if tools and not any("tool" in one.cells for one in poses):
-        names = " or ".join(one.name for one in tools)
+        names = " or ".join(one.name or one.kind for one in tools)
         for one in poses:
             put(one, UNSAID, names, tools[0] if len(tools) == 1 else None)
     return poses

@@ -496,6 +496,18 @@ def test_of_several_poses_one_is_said(tmp_path):
     with pytest.raises(ScanError, match=r"several poses .*--entry target_pose"):
         import_scan(folder, "edge", {})
     check_poses(import_scan(folder, "edge", {}, Layout(entry="first"))[0])
+    lines = [
+        f"<{tag} {' '.join(f'{name}={number!r}' for name, number in pose.items())}/>"
+        for row in poses("KUKA angles").astype(str).tolist()
+        for tag, pose in (
+            ("RIst", dict(zip("XYZABC", row, strict=True))),
+            ("RSol", dict(zip("XYZABC", row[::-1], strict=True))),
+        )
+    ]
+    (folder / "poses.txt").write_text("\n".join(lines).replace("'", '"'))
+    with pytest.raises(ScanError, match=r"several poses .* rist, rsol.*--entry rist"):
+        import_scan(folder, "edge", {})
+    check_poses(import_scan(folder, "edge", {}, Layout(entry="rist"))[0])
 
 
 def test_other_files_are_left_out_and_files_in_folders_of_their_own_are_found(tmp_path):
