@@ -8,6 +8,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy import ndarray
@@ -195,9 +196,8 @@ def profiles_of(
             continue
         xz = table.numbers(axes, blank=True)
         labels = labels_of(table, xz, count, axes)
-        own = [*dict.fromkeys(labels.tolist())]
-        for label in own:
-            rows = np.flatnonzero(labels == label)
+        own = rows_by_label(labels)
+        for label, rows in own.items():
             check_is_one(rows_of(table, rows), xz[rows, 0], axes, layout)
             points.append(xz[rows])
             if count:
@@ -207,6 +207,16 @@ def profiles_of(
                 of_row = f" {label}" if len(own) > 1 else ""
                 names.append(f"{table.path.stem}{of_row}")
     return names, points, axes
+
+
+def rows_by_label(labels: ndarray) -> dict[Any, ndarray]:
+    """The rows of each label (n,), in the order in which labels first come."""
+    cells = labels.tolist()
+    number_of = {label: k for k, label in enumerate(dict.fromkeys(cells))}
+    numbers = np.array([number_of[label] for label in cells])
+    order = np.argsort(numbers, kind="stable")
+    rows = np.split(order, np.cumsum(np.bincount(numbers))[:-1])
+    return dict(zip(number_of, rows, strict=True))
 
 
 def labels_of(table: Table, xz: ndarray, count: int, axes: Collection) -> ndarray:
