@@ -18,7 +18,7 @@ LABELS += ("frame", "messung", "序号", "编号", "番号")
 
 # columns that tell scanners apart
 SCANNERS = {"sensor", "scanner", "camera", "cam", "head", "device", "source", "kanal"}
-SCANNERS |= {"channel", "laser", "kamera", "kopf", "传感器", "相机"}
+SCANNERS |= {"channel", "kamera", "kopf", "传感器", "相机"}
 
 # columns that say when
 TIMES = re.compile(r"time|stamp|date|zeit|datum|时间|時刻")

@@ -271,8 +271,8 @@ def begins_anew(x: ndarray) -> ndarray:
 def check_is_one(profile: Table, x: ndarray, axes: Collection, layout: Layout) -> None:
     """Raise ScanError where a profile's points are of several.
 
-    A column names scanners, or has its values in blocks, or x is never twice where it
-    has the same value; or x begins anew after as many points each.
+    A column names a few scanners, or has its values in blocks, or x is never twice
+    where it has the same value; or x begins anew after as many points each.
     """
     jumps = begins_anew(x)
     twice = len(jumps) or len(x) - len({*x.tolist()}) > len(x) / 4
@@ -282,7 +282,7 @@ def check_is_one(profile: Table, x: ndarray, axes: Collection, layout: Layout) -
             continue
         is_y, is_said = "y" in words_in(name), bool(layout.columns)
         several = len(values) <= len(x) / 4 and (
-            (is_other(name, axes) and not is_y)
+            (is_other(name, axes) and not is_y and len(values) < 5)
             or (blocks(cells) and (is_y or not is_said))
             or (twice and parts_x(np.array(cells), values, x))
         )
@@ -336,7 +336,7 @@ def x_and_z(tables: list[Table], layout: Layout) -> dict[str, str]:
             axes[named[0]] = ""
     for name in filter(str.isdigit, {} if axes else first.columns):
         cells = chain.from_iterable(table.columns[name] for table in tables)
-        if len({*cells}) > 1:
+        if len({value for value in map(number, cells) if value == value}) > 1:
             axes[name] = ""
     if not len(axes) == len(axes.keys() & first.columns) == 2:
         raise ScanError(

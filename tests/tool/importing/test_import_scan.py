@@ -782,6 +782,14 @@ def test_a_large_table_becomes_arrays(tmp_path):
     names, points, _ = profiles_of([table], 3, Layout())
     assert names == ["1", "2", "3"]
     assert [len(xz) for xz in points] == 3 * [1500]
+    tables = []
+    for count in (12, 1200):  # text, and arrays
+        rising = np.arange(count)
+        columns = [rising, np.zeros(count), 100 + rising]
+        np.savetxt(tmp_path / "p.txt", np.column_stack(columns))
+        tables.append(read_profiles(tmp_path / "p.txt", 0, Layout()))
+    _, _, axes = profiles_of(tables, 0, Layout())
+    assert [*axes] == ["1", "3"]
 
 
 REAL_DATA = os.environ.get("PROFILECAL_REAL_DATA")
