@@ -38,6 +38,20 @@ ROBOTS = {
 }
 
 
+SHARED = {"profile_mm": 0.05, "group_position_mm": 0.05}
+MOTIONS = {
+    "weave": {"pattern": "weave"},
+    "both ways": {"pattern": "both ways"},
+    "random": {"pattern": "random"},
+    "one way and stops": {"pattern": "one way", "stops": 12},
+}
+DRIVEN = {
+    "edge": {"motion": {"sweeps": 24}},
+    "ball": {"motion": {"sweeps": 12}},
+    "plane": {"motion": {"sweeps": 12}, "scanner": {"points": 200}},
+}
+
+
 def simulated(**entries):
     """A scan of these entries for each seed."""
     for seed in range(SCANS):
@@ -79,3 +93,28 @@ def test_the_truth_lies_in_the_stated_region_whatever_the_robot_does(
     stated = {"profile_mm": 0.05} | EXACT_SCANNER
     recorded = simulated(kind=kind, groups=15, positions=3, **ROBOTS[robot])
     assert_held((replace(scan, noise=stated) for scan in recorded), tmp_path)
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
+@pytest.mark.parametrize("kind", DRIVEN)
+def test_pose_and_delay_lie_in_the_stated_regions_of_scans_in_motion(kind, motion):
+    """Delays of up to 150 ms, at 100 mm/s; fewer scans than above, as each has many
+    profiles. No answer that says "ok" is far off.
+    """
+    squares, of_delays = [], []
+    for seed in range(max(1, SCANS // 3)):
+        delay = np.random.default_rng([seed, 99]).uniform(-150, 150)
+        entries = DRIVEN[kind]
+        how = entries["motion"] | MOTIONS[motion] | {"delay_ms": delay}
+        entries = entries | {"noise": SHARED, "motion": how}
+        scan, _ = pc.simulate(kind, seed=seed, **entries)
+        printed = pc.calibrate(scan).to_json()
+        squares.append(printed_square(printed, scan.truth))
+        late = (printed["delay_ms"] - delay) / printed["delay_sd_ms"]
+        of_delays.append(late**2)
+        assert printed["status"] != "ok" or squares[-1] < 40
+    count = len(squares)
+    for freedom, found in ((6, squares), (1, of_delays)):
+        inside = np.sum(np.array(found) < chi2.ppf(0.95, freedom))
+        print(f"{kind}, {motion}: {inside} of {count} inside, {np.mean(found):.2f}")
+        assert inside >= binom.ppf(1e-4, count, 0.95)
