@@ -205,7 +205,7 @@ class Table:
             return
         row = int(np.argmax(bad))
         entries = [of_rows[row] for of_rows in values]
-        words = [shown(one) if isinstance(one, str) else one for one in entries]
+        words = [shown(str(one)) if isinstance(one, str) else one for one in entries]
         place = f"{self.path} {self.counted} {self.lines[row]}"
         raise ScanError(f"{place}: {sentence.format(*words)}")
 
