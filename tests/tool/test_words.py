@@ -41,12 +41,12 @@ def test_robot_errors_are_told_apart_by_where_they_arise():
         group_position_mm=0.04,
         group_orientation_deg=0.02,
     )
-    late = replace(noise, jitter_ms=0.25)
-    assert robot_errors(late) == f"{robot_errors(noise)}, of the times 0.25 ms"
     each = "at each pose 0.12 mm and 0°"
     shared = "shared by the poses of an orientation 0.04 mm and 0.02°"
     usual = Noise(profile_mm=0.1, group_position_mm=0.05)
     assert robot_errors(noise, usual) == f"{each}, {shared}"
+    late = replace(noise, jitter_ms=0.25)
+    assert robot_errors(late, usual) == f"{each}, {shared}, of the times 0.25 ms"
     assert robot_errors(usual, usual).endswith("orientation 0.05 mm and 0°")
     exact = Noise(profile_mm=0.1)
     assert robot_errors(exact, usual) == "none that the residuals show"
