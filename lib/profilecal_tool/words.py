@@ -111,11 +111,11 @@ def robot_errors(noise: Noise, usual: Noise) -> str:
         for place, (mm, deg) in zip(places, sizes, strict=True)
         if max(mm, deg) > FINEST_MM
     ]
-    if noise.jitter_ms > FINEST_MM:
-        errors.append(f"of the times {noise.jitter_ms:.2g} ms")
     times = noise.group_position_mm / max(usual.group_position_mm, FINEST_MM)
     if times > much:
         errors[-1] += f" ({times:.0f} times the usual: or a second target was seen)"
+    if noise.jitter_ms > FINEST_MM:
+        errors.append(f"of the times {noise.jitter_ms:.2g} ms")
     return ", ".join(errors) or "none that the residuals show"
 
 
