@@ -96,6 +96,7 @@ class TestFourUsers:
             "points has shape": {"points": scan["points"][:, :1]},
             "expected one of profiles, points": {"profiles": points},
             "unknown entry 'radius'": {"radius": 50.0},
+            "takes no 'profile'; is it 'profiles'": {"profile": points},
             "radius is missing": {"kind": "disk"},
             r"group has shape \(3,\)": {"group": [0, 0, 1]},
             "side is 2; expected": {"side": 2},

@@ -10,7 +10,8 @@ from numpy import ndarray
 
 from profilecal.geometry.checks import check_array, check_rigid
 from profilecal.scan.scan import MOUNTS
-from profilecal.scan.tables import ScanError
+from profilecal.scan.tables import ScanError, naming
+from profilecal.scan.toml import check_entries, one_of
 
 DEGREES = np.repeat([1.0, 180 / np.pi], 3)  # of δ = (shift, turn) from mm and rad
 EXPECTED = (
@@ -46,7 +47,9 @@ class Joint:
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """A sensor pose with its uncertainty."""
+    """A sensor pose with its uncertainty. Raises ScanError where its numbers are no
+    pose, no covariance or no noise.
+    """
 
     # (4, 4) mm, the sensor in the flange frame (eye-to-hand: in the base frame)
     pose: ndarray
@@ -57,6 +60,13 @@ class Answer:
     mount: str  # "eye-in-hand" or "eye-to-hand"
     status: str = "ok"  # or "weak"
     joint: Joint | None = None  # by which `check_mount` predicts; old files have none
+
+    def __post_init__(self) -> None:
+        said = {"mount": self.mount, "status": self.status}
+        rules = {"mount": one_of(MOUNTS), "status": one_of(("ok", "weak"))}
+        check_entries("Answer", said, rules)
+        with naming("Answer"):
+            check_answer(self)
 
 
 def in_mm_deg(covariance: ndarray) -> ndarray:
@@ -108,13 +118,11 @@ def read_answer(path: str | Path) -> Answer:
         answer = answer_in(entries)
     except OSError as error:
         raise ScanError(f"{path}: {error.strerror}") from error
+    except ScanError as error:
+        sentence = str(error).removeprefix("Answer: ").replace("[0]", "")
+        raise ScanError(f"{path}: {sentence}") from error
     except (ValueError, TypeError, KeyError) as error:
         raise ScanError(f"{path}: {EXPECTED}") from error
-    try:
-        check_answer(answer)
-    except ValueError as error:
-        sentence = str(error).replace("[0]", "")  # there is one of each
-        raise ScanError(f"{path}: {sentence}") from error
     return answer
 
 

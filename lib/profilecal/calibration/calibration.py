@@ -32,7 +32,6 @@ from profilecal.geometry.checks import (
 )
 from profilecal.geometry.observability import name_direction
 from profilecal.geometry.poses import carry
-from profilecal.joint.error_sizes import freedom
 from profilecal.joint.prior import Mount, Prior, prior_from
 from profilecal.joint.solution import Solution, column_names
 from profilecal.joint.solve import solve
@@ -133,7 +132,8 @@ class Calibration:
     @property
     def translation_sd_mm(self) -> ndarray:
         """(3,) standard deviations along the sensor's x, y and z: square roots of the
-        covariance's diagonal. Raises UnobservableError.
+        diagonal of `covariance_mm_deg`, near the poses of the scans; `sd_total_mm_deg`
+        holds elsewhere too. Raises UnobservableError.
         """
         return np.sqrt(np.diag(self.covariance_mm_deg))[:3]
 
@@ -143,6 +143,13 @@ class Calibration:
         covariance's diagonal. Raises UnobservableError.
         """
         return np.sqrt(np.diag(self.covariance_mm_deg))[3:]
+
+    @property
+    def sd_total_mm_deg(self) -> ndarray:
+        """(6,) standard deviations in mm and degrees with what no residual shows added:
+        what matters away from the poses of the scans. Raises UnobservableError.
+        """
+        return np.sqrt(np.diag(self.covariance_total_mm_deg))
 
     @property
     def noise_mm(self) -> float:
@@ -190,10 +197,15 @@ class Calibration:
         lines = [f"Calibration({self.status}, {kinds}, {counts})"]
         if self.is_known:
             rows = np.array2string(self.pose, precision=4, suppress_small=True)
-            shift = "  ".join(f"{sd:.2g}" for sd in self.translation_sd_mm)
-            turn = "  ".join(f"{sd:.2g}" for sd in self.rotation_sd_deg)
             lines += [f"pose of the sensor in the {self.frame} frame, mm:", rows]
-            lines += [f"one standard deviation: {shift} mm, {turn}°"]
+            near = [*self.translation_sd_mm, *self.rotation_sd_deg]
+            for where, sds in (
+                ("near these poses", near),
+                ("elsewhere", self.sd_total_mm_deg),
+            ):
+                x, y, z, rx, ry, rz = (f"{sd:.2g}" for sd in sds)
+                sizes = f"{x}  {y}  {z} mm, {rx}  {ry}  {rz}°"
+                lines += [f"one standard deviation, {where}: {sizes}"]
         lines += self.messages
         return "\n".join(
             line if len(line) <= 88 or "\n" in line else shorten(line, 88)
@@ -268,6 +280,8 @@ def joint_entries(scans: Sequence[Scan], solution: Solution) -> dict[str, Any]:
     problem, prior = solution.problem, solution.prior
     shown = prior.scales.profile_mm if prior.source == "profiles" else solution.noise_mm
     frames = zip(scans, solution.state.placements, strict=True)
+    robot = zip(sizes.sizes[1:], np.sqrt(sizes.mean_v[1:]), strict=True)
+    robot_errors = {size.name: float(mean) for size, mean in robot}
     return {
         "columns": column_names(problem),
         "mean": [0.0] * problem.n + sizes.mean[problem.n :].tolist(),
@@ -276,8 +290,8 @@ def joint_entries(scans: Sequence[Scan], solution: Solution) -> dict[str, Any]:
             [scan.kind, [*scan.sizes], origin[0].tolist(), axes[0].tolist()]
             for scan, (origin, axes) in frames
         ],
-        "robot_errors": solution.noise.of_robot,
-        "freedom": freedom(sizes.sizes),
+        "robot_errors": robot_errors | {"steering_mm": solution.noise.steering_mm},
+        "freedom": sizes.freedom,
         "noise_factor": solution.noise_mm / shown,
     }
 

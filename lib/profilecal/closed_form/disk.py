@@ -149,6 +149,12 @@ def solve_disk(
     chords = check_array("chords", chords, (n, 2, 2))
     if not check_array("radius", radius, ()) > 0:
         raise ValueError(f"radius is {radius}; expected a length in mm")
+    longest = np.linalg.norm(np.diff(chords, axis=1), axis=-1).max()
+    if longest > 2.2 * radius:  # a tenth more than noise can make of a diameter
+        raise ValueError(
+            f"a chord is {longest:.3g} mm long; expected at most {2 * radius:g} mm, "
+            "the diameter: are radius and chords of this disk, in mm?"
+        )
     if (side is None) == (R_sensor_guess is None):
         raise ValueError(
             "expected one of side, the sign of each motion along the sensor's y, and "

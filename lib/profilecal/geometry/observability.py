@@ -178,7 +178,10 @@ def why_open(R_flange: ndarray, frame: str) -> str:
     angles, axis = turns(R_flange)
     main = name_axis(axis, frame)
     others = [c for c in "xyz" if not main.endswith(f"'s {c}")]
-    other = " or ".join(others) if len(others) == 2 else "another axis"
+    if len(others) == 3:
+        others = ["xyz"[np.argmin(np.abs(axis))]]
+    whose = "its" if frame == "flange" else f"the {frame}'s"
+    other = f"{whose} {' or '.join(others)}"
     spread = np.linalg.norm(angles)
     about_others = np.linalg.norm(angles[1:])
     if spread < LEAST_TURN_DEG:
@@ -189,12 +192,13 @@ def why_open(R_flange: ndarray, frame: str) -> str:
     if about_others < LEAST_TURN_DEG:
         return (
             f"all rotations are about {main}; "
-            f"add a pose tilted about {other} by 15° or more"
+            f"tilt the flange about {other} by 15° or more in some poses"
         )
     if about_others < 10:
         return (
             f"but for turns about {main}, the orientations differ by only "
-            f"{about_others:.2g}°; tilt the flange about {other} by 15° or more"
+            f"{about_others:.2g}°; tilt the flange about {other} by 15° or more "
+            "in some poses"
         )
     return (
         "cross the target at other places and in other directions of motion, "

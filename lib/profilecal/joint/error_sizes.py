@@ -10,7 +10,6 @@ The answer is therefore its average over all sizes, as likely as data and prior 
 them, and its region is one that holds over all of them.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -56,23 +55,18 @@ class ErrorSizes:
     v: ndarray  # (1 + k,) the variances in their middle
     mean: ndarray  # (n,)
     covariance: ndarray  # (n, n)
+    mean_v: ndarray  # (1 + k,) the variances' mean
+    freedom: float  # with which all errors together are known, 100 mm from the flange
     poor_scanner: float  # the chance that it errs POORER times as much as usual
 
 
-def freedom(sizes: Sequence[Size]) -> float:
-    """Degrees of freedom f with which all errors together are known, 100 mm from the
-    flange; at most 1000.
-
-    The logarithm of a variance of f degrees of freedom has a variance of about 2 / f.
-    That of a size, of which 95 % lie between two, is known from these; a sum has those
-    of its parts by the squares of their shares.
+def freedom(variances: ndarray, weight: ndarray) -> float:
+    """Degrees of freedom f of a variance of which there are draws (S,) with weights
+    (S,), at most 1000: that of χ² has the relative variance 2 / f.
     """
-    at_mm = [100 * np.radians(1) if one.name.endswith("deg") else 1 for one in sizes]
-    low, middle, high = np.array([(one.low, one.middle, one.high) for one in sizes]).T
-    share = (middle * at_mm) ** 2 / np.sum((middle * at_mm) ** 2)
-    known = low > 0
-    spread = 2 * np.log(high[known] / low[known]) / 3.92
-    return float(2 / max(np.sum((share[known] * spread) ** 2), 2e-3))
+    mean = weight @ variances
+    spread = weight @ (variances / mean - 1) ** 2
+    return float(2 / max(spread, 2e-3))
 
 
 def likeliest(
@@ -217,12 +211,12 @@ def average(model: LinearModel, prior: Prior, start: ndarray) -> ErrorSizes:
             rivals += poor_scanner(model, prior, law.variances(likely[0][None])[0])
         log_weight, posterior, centre, spread = draw(believed_model, law, *likely)
         log_weight += np.log(odds)
-        draws.append((log_weight, posterior.mean, posterior.covariance))
+        draws.append((log_weight, posterior.mean, posterior.covariance, posterior.v))
         spreads.append(dict(zip(law.free, spread, strict=True)))
         v, _, _ = law.variances(centre + spread * NORMAL[:, None])
         of_sizes.append((v, np.full(len(v), np.logaddexp.reduce(log_weight))))
 
-    log_w, x, V = (np.concatenate(part) for part in zip(*draws, strict=True))
+    log_w, x, V, drawn = (np.concatenate(part) for part in zip(*draws, strict=True))
     w = softmax(log_w)
     mean = w @ x
     off = x - mean
@@ -240,8 +234,15 @@ def average(model: LinearModel, prior: Prior, start: ndarray) -> ErrorSizes:
         sizes.append(Size(names[j], low, middle, high, from_data))
     middles = np.array([size.middle for size in sizes]) / units
     others = sum(len(log_weight) for log_weight, *_ in draws[:usual])
+    at_mm = [100 * np.radians(1) if name.endswith("deg") else 1 for name in names]
     return ErrorSizes(
-        tuple(sizes), middles**2, mean, covariance, poor_scanner=w[others:].sum()
+        sizes=tuple(sizes),
+        v=middles**2,
+        mean=mean,
+        covariance=covariance,
+        mean_v=w @ drawn,
+        freedom=freedom(drawn @ (units * at_mm) ** 2, w),
+        poor_scanner=w[others:].sum(),
     )
 
 

@@ -3,6 +3,8 @@
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
+from difflib import get_close_matches
+from inspect import signature
 from typing import Any
 
 import numpy as np
@@ -203,6 +205,10 @@ class Scan:
         """
         check_entries("Scan", {"kind": kind}, {"kind": one_of(TARGETS)})
         known = length_rules(kind)
+        for name in lengths.keys() - known:
+            alike = get_close_matches(name, [*signature(cls.of).parameters, *known])
+            if alike:
+                raise ScanError(f"Scan.of takes no {name!r}; is it {alike[0]!r}?")
         check_entries("Scan", lengths, known, "", needed=known)
         measured, rows = the_one_given(
             profiles=profiles, points=points, chords=chords, arcs=arcs

@@ -31,6 +31,21 @@ def answer_of(calibration, mm=(0, 0, 0), deg=(0, 0, 0)):
     )
 
 
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ({"pose": np.eye(3)}, r"Answer: the sensor pose has shape \(3, 3\)"),
+        ({"covariance_total_mm_deg": -np.eye(6)}, "Answer: holds no covariance"),
+        ({"mount": "hand"}, "Answer: mount is 'hand'; expected eye-in-hand or"),
+    ],
+)
+def test_an_answer_made_by_hand_is_checked(change, sentence):
+    right = {"pose": np.eye(4), "covariance_total_mm_deg": np.eye(6)}
+    right |= {"noise_mm": 0.05, "mount": "eye-in-hand"}
+    with pytest.raises(pc.ScanError, match=sentence):
+        pc.Answer(**right | change)
+
+
 @pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("kind", ["edge", "disk", "ball", "point"])
 def test_verify_believes_a_right_pose_and_doubts_a_wrong_one(kind, seed):

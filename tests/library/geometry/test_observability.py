@@ -161,7 +161,7 @@ def test_words():
     assert said == [
         "translation along the flange's z cannot be determined (left open): "
         "all rotations are about the flange's z; "
-        "add a pose tilted about x or y by 15° or more"
+        "tilt the flange about its x or y by 15° or more in some poses"
     ]
     sd = np.r_[1e4, 1e4, 1e4, 0.01, 0.01, 0.01]
     still = np.eye(3)[None].repeat(4, axis=0)
@@ -194,4 +194,5 @@ def test_turns_are_told_about_the_axis_they_are_about(k):
     small = f"{np.sqrt(2 / 7) * 5:.2g}"
     assert f"but for turns about the flange's {'xyz'[k]}, the orientations" in said
     assert f"differ by only {small}°" in said
-    assert said.endswith(f"tilt the flange about {others} by 15° or more")
+    tilt = f"tilt the flange about its {others} by 15° or more in some poses"
+    assert said.endswith(tilt)
