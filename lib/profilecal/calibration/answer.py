@@ -47,8 +47,9 @@ class Joint:
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """A sensor pose with its uncertainty. Raises ScanError where its numbers are no
-    pose, no covariance or no noise.
+    """A sensor pose with its uncertainty.
+
+    Raises ScanError where its numbers are no pose, no covariance or no noise.
     """
 
     # (4, 4) mm, the sensor in the flange frame (eye-to-hand: in the base frame)
