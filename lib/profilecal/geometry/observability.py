@@ -179,7 +179,7 @@ def why_open(R_flange: ndarray, frame: str) -> str:
     main = name_axis(axis, frame)
     others = [c for c in "xyz" if not main.endswith(f"'s {c}")]
     if len(others) == 3:
-        others = ["xyz"[np.argmin(np.abs(axis))]]
+        others = ["xyz"[np.argmin(np.abs(axis).round(1))]]
     whose = "its" if frame == "flange" else f"the {frame}'s"
     other = f"{whose} {' or '.join(others)}"
     spread = np.linalg.norm(angles)
