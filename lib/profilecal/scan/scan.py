@@ -84,7 +84,7 @@ class Scan:
     title: str = ""  # one line
     # of the orientations as they were read, by its name in `CONVENTIONS`
     convention: str = CONVENTIONS[0].name
-    # (P, k) the convention's columns as they were read
+    # (P, k) the convention's columns as they were read; None in motion
     orientation: ndarray | None = None
     # where something was measured in motion: the poses that the robot recorded, which
     # give R_base_flange and p_base_flange there
@@ -265,7 +265,7 @@ class Scan:
             mount=mount,
             title=title,
             convention=named(convention).name,
-            orientation=printed,
+            orientation=printed if log is None else None,
         )
 
     def __post_init__(self) -> None:

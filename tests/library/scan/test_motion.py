@@ -9,8 +9,11 @@ from folders import edited, removed, tabulated, written
 from simulated import scan_of
 
 import profilecal as pc
+from profilecal.calibration.observe import observe
+from profilecal.calibration.other_conventions import better_readings
 from profilecal.geometry.log import Log
 from profilecal.geometry.poses import homogeneous, rotations
+from profilecal.scan.conventions import from_rotations, named
 
 SWEEPS = {"sweeps": 3, "profiles": 5, "turn_deg": 8.0}
 RECORDED = {
@@ -65,8 +68,11 @@ def test_arrays_make_the_same_scan():
         sweeps=scan.sweeps,
         labels=names,
         noise=scan.noise,
+        convention=scan.convention,
+        orientations=from_rotations(named(scan.convention), scan.R_base_flange[still]),
     )
     assert_same(scan, made)
+    assert isinstance(better_readings(made.at_rest(3.0), observe(made)), list)
     assert repr(made) == (
         "Scan(edge, 4 poses of 4 orientations, 15 profiles in 3 sweeps, points, "
         "eye-in-hand)"
