@@ -174,3 +174,32 @@ def test_what_is_at_rest_knows_no_clock():
     assert problem.clock is None
     assert "jitter_ms" not in problem.groups.distinguishable
     assert "delay_ms" not in pc.calibrate(scan).to_json()
+
+
+FIELD = {
+    "clocks drift apart": {"drift_ppm": 50.0},
+    "a log at 10 Hz": {"log_hz": 10.0},
+    "profiles are missing": {"dropped_percent": 5.0},
+    "200 ms late": {"delay_ms": 200.0},
+    "200 ms early": {"delay_ms": -200.0},
+    "a controller lags": {"lag_ms": 30.0},
+}
+
+
+@pytest.mark.parametrize("name", FIELD)
+def test_in_the_field_an_answer_is_right_or_doubted(name):
+    """A lag smooths the weave: the residuals tell."""
+    noise = {"profile_mm": 0.05, "group_position_mm": 0.05, "jitter_ms": 0.1}
+    entries = {"sweeps": 24, "profiles": 30} | FIELD[name]
+    for seed in range(max(1, SCANS // 6)):
+        scan, truth = driven("edge", seed=seed, noise=noise, **entries)
+        found = pc.calibrate(scan)
+        if "lag_ms" in entries:
+            assert found.status == "weak"
+            assert "the residuals look as if" in " ".join(found.messages)
+            continue
+        error = error_of(found, truth)
+        assert found.status == "ok"
+        assert normalised_square(found.solution.covariance, error) < 40
+        late = found.to_json()["delay_ms"] - scan.truth["delay_ms"]
+        assert abs(late) < 5 * found.to_json()["delay_sd_ms"]
