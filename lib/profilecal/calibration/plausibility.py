@@ -132,6 +132,7 @@ def check(solution: Solution) -> tuple[Solution, bool]:
         for error in guilty:
             C = C + error.not_allowed_for * np.outer(error.moves, error.moves)
         objections.append(accusation(guilty))
+    notes = [] if guilty else allowed_for(solution)
     before = solution.observability
     observability = of_covariance(C, before.rank, before.parameters)
     if weak or observability.sd[0] > WEAK:
@@ -140,7 +141,7 @@ def check(solution: Solution) -> tuple[Solution, bool]:
         solution,
         covariance=C,
         observability=observability,
-        messages=tuple(objections or solution.messages),
+        messages=(*(objections or solution.messages), *notes),
     )
     return believed, bool(objections)
 
@@ -176,6 +177,23 @@ def contradictions(solution: Solution) -> list[str]:
         counts = f"{rejected.sum()} of {len(rejected)}"
         messages.append(f"{counts} poses contradict the others; {ADVICE}")
     return messages
+
+
+def allowed_for(solution: Solution) -> list[str]:
+    """A sentence on the scanner's or the target's error that the answer has allowed
+    for, where that is larger than usual.
+    """
+    sizes, errors = solution.error_sizes, [*solution.problem.considered.items()]
+    if sizes.poor_scanner < 0.5:
+        return []
+    found = sizes.mean[solution.problem.n :]
+    k = max(range(len(errors)), key=lambda k: abs(found[k]) / errors[k][1])
+    error, size = errors[k][0], found[k]
+    most = Finding(error.words, -size * error.unit, 0.0, np.zeros(6), 1)
+    return [
+        f"the residuals look most as if {most.sentence}: more than is usual, which the "
+        "answer and its covariance allow for"
+    ]
 
 
 def clear_findings(findings: list[Finding]) -> list[Finding]:

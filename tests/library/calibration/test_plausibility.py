@@ -15,6 +15,7 @@ from simulated import EXACT_SCANNER, calibration_of, error_of, squared_error, tr
 import profilecal as pc
 from profilecal.calibration.plausibility import Finding, accusation
 from profilecal.geometry.noise import FALSE_ALARM
+from profilecal.geometry.poses import pose_error
 from profilecal.scan.toml import read_toml
 
 EXAMPLES = Path(__file__).parents[3] / "data" / "examples"
@@ -212,3 +213,20 @@ def test_an_accusation_names_the_largest_shift_and_its_turn():
     guilty = [Finding("it is {:.2g} mm wrong", 0.1, 7.0, row, 2) for row in moves]
     named = "(7 standard deviations), which would move the sensor by up to 5 mm"
     assert f"{named} and 0.57°" in accusation(guilty)
+
+
+def test_a_scanner_that_errs_more_than_usual_is_allowed_for_and_named():
+    """z too large by 1 %, ten times what is usual: the answer holds, and says so."""
+    plan = {"groups": 9, "positions": 2, "measured": "profiles"}
+    noise = {"profile_mm": 0.05, "position_mm": 0.05, "orientation_deg": 0.02}
+    said, inside = 0, 0
+    for seed in range(8):
+        scan, truth = pc.simulate("ball", seed=seed, noise=noise, **plan)
+        values = tuple(rows * [1, 1.01] for rows in scan.values)
+        found = pc.calibrate(replace(scan, values=values, noise={}))
+        said += "the profiles' z were too large by" in " ".join(found.messages)
+        pose = found.pose[:3, :3], found.pose[:3, 3]
+        off = pose_error(*pose, truth.pose[:3, :3], truth.pose[:3, 3])
+        inside += off @ np.linalg.solve(found.solution.covariance, off) < 12.6
+    assert said >= 7
+    assert inside >= 6
