@@ -12,7 +12,7 @@ The names below are the library. Each is loaded when it is first used; `__init__
 names them for type checkers and editors.
 """
 
-from importlib import import_module
+from importlib import import_module, metadata
 from typing import Any
 
 PUBLIC = {  # by the module that has them
@@ -23,7 +23,7 @@ PUBLIC = {  # by the module that has them
     "scan.folder": ["read_scan", "write_scan"],
     "simulation.spec": ["simulate", "Truth"],
     # one calibration for every target
-    "calibration.calibration": ["calibrate", "Calibration"],
+    "calibration.calibration": ["calibrate", "Calibration", "write_answer"],
     "calibration.leave_out": ["leave_out", "LeftOut"],
     "calibration.verify": ["verify", "Verification"],
     "calibration.answer": ["read_answer", "Answer"],
@@ -44,9 +44,12 @@ __all__ = [*PLACE]
 
 def __getattr__(name: str) -> Any:
     """A public name, from where it stands, when it is first used."""
-    if name not in PLACE:
+    if name == "__version__":
+        value = metadata.version("profilecal")
+    elif name in PLACE:
+        value = getattr(import_module(f"profilecal.{PLACE[name]}"), name)
+    else:
         raise AttributeError(f"module 'profilecal' has no attribute {name!r}")
-    value = getattr(import_module(f"profilecal.{PLACE[name]}"), name)
     globals()[name] = value
     return value
 

@@ -3,6 +3,7 @@ from profilecal.calibration.answer import Answer as Answer
 from profilecal.calibration.answer import read_answer as read_answer
 from profilecal.calibration.calibration import Calibration as Calibration
 from profilecal.calibration.calibration import calibrate as calibrate
+from profilecal.calibration.calibration import write_answer as write_answer
 from profilecal.calibration.check_mount import MountCheck as MountCheck
 from profilecal.calibration.check_mount import check_mount as check_mount
 from profilecal.calibration.leave_out import LeftOut as LeftOut
@@ -30,6 +31,8 @@ from profilecal.targets.edge import Edge as Edge
 from profilecal.targets.plane import Plane as Plane
 from profilecal.targets.point import Point as Point
 from profilecal.targets.rod import Rod as Rod
+
+__version__: str
 
 __all__ = [
     "Answer",
@@ -62,5 +65,6 @@ __all__ = [
     "solve_fixed_point",
     "solve_tetra_ball",
     "verify",
+    "write_answer",
     "write_scan",
 ]

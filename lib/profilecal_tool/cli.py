@@ -206,6 +206,8 @@ def calibrate(folders, as_json, vendor, guess, guess_sd, leave_out, report, clou
             found = with_notes(found, folders[0], leave_out)
     finally:
         print_calibration(found, as_json, vendor)
+    if not as_json:
+        echo(next_step(found, folders))
     if report:
         known = {"guess": list(guess or []), "guess_sd": list(guess_sd)}
         write_the_report(folders, report, **known)
@@ -297,6 +299,14 @@ def print_calibration(found, as_json, vendor) -> None:
         )
 
 
+def next_step(found, folders) -> str:
+    """What to do after an answer, in a line."""
+    if found.status != "ok":
+        return "next: do what the notes say, and calibrate again"
+    keep = f"profilecal calibrate {' '.join(map(str, folders))} --json > T.json"
+    return f"next: {keep}, then profilecal verify or check-mount SCAN --with T.json"
+
+
 def write_the_report(folders, path, **parameters) -> None:
     """Write the report on some scan folders; status 1 where it fails."""
     from profilecal_pages.notebooks import NotebookError
@@ -334,7 +344,10 @@ def simulate(spec, folder, scan):
     entries = read_toml(spec) | ({"scan": scan} if scan else {})
     write_scan(simulate_specification(read_specification(entries, spec)), folder)
     echo(f"{folder}/ written; its truth is in truth.toml")
-    echo(f"next: profilecal check {folder}, profilecal calibrate {folder}")
+    after = f"profilecal verify {folder} --with T.json"
+    if not scan:
+        after = f"profilecal check {folder}, profilecal calibrate {folder}"
+    echo(f"next: {after}")
 
 
 @main.command()

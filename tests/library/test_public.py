@@ -181,7 +181,7 @@ def test_a_public_name_is_documented(name):
 
 def test_type_checkers_see_the_public_names():
     stub = ast.parse((ROOT / "lib/profilecal/__init__.pyi").read_text(encoding="utf-8"))
-    *imports, exported = stub.body
+    *imports, _, exported = stub.body  # the version between
     imported = {line.names[0].asname for line in imports}
     assert imported == {*ast.literal_eval(exported.value)} == {*pc.__all__}
     assert (ROOT / "lib/profilecal/py.typed").exists()
@@ -196,12 +196,15 @@ def test_nothing_is_loaded_before_it_is_used():
     assert said.split() == ["False", str(len(pc.__all__))]
 
 
-def test_the_example_in_the_readme_runs(monkeypatch):
-    monkeypatch.chdir(ROOT)
+def test_the_example_in_the_readme_runs(monkeypatch, tmp_path):
+    (tmp_path / "data").symlink_to(ROOT / "data")
+    monkeypatch.chdir(tmp_path)
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     (code,) = re.findall(r"^```python\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
     assert len(code.splitlines()) <= 12
     exec(code, {})
+    assert pc.read_answer("T.json").status == "ok"
+    assert pc.__version__ in (ROOT / "pyproject.toml").read_text(encoding="utf-8")
 
 
 def test_numbers_of_numpy_are_numbers():

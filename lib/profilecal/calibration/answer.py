@@ -100,19 +100,8 @@ def read_answer(path: str | Path) -> Answer:
 
     See Also
     --------
+    write_answer : writes such a file, with an example.
     verify : whether a scan agrees with the answer.
-
-    Examples
-    --------
-    >>> import profilecal as pc
-    >>> from tempfile import NamedTemporaryFile
-    >>> found = pc.calibrate(pc.simulate("edge", seed=1)[0])
-    >>> with NamedTemporaryFile("w", suffix=".json") as file:
-    ...     json.dump(found.to_json(), file, indent=2)
-    ...     file.flush()
-    ...     answer = pc.read_answer(file.name)
-    >>> bool((answer.pose == found.pose).all())
-    True
     """
     try:
         entries = json.loads(Path(path).read_bytes())

@@ -2,9 +2,11 @@
 and what to tell the user.
 """
 
+import json
 import os
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 from textwrap import shorten
 from typing import Any
 
@@ -264,6 +266,40 @@ class Calibration:
                 "target": targets[0] if len(targets) == 1 else targets,
             }
         return entries
+
+
+def write_answer(found: Calibration, path: str | Path) -> None:
+    """Write what was found as JSON, as ``profilecal calibrate --json`` prints it.
+
+    Parameters
+    ----------
+    found : Calibration
+        What `calibrate` gives.
+    path : str or Path
+        The file, such as ``T.json``; an old one is replaced.
+
+    Raises
+    ------
+    OSError
+        Where the file cannot be written.
+
+    See Also
+    --------
+    read_answer : the way back, where there is a sensor pose.
+
+    Examples
+    --------
+    >>> import profilecal as pc
+    >>> from tempfile import NamedTemporaryFile
+    >>> found = pc.calibrate(pc.simulate("edge", seed=1)[0])
+    >>> with NamedTemporaryFile(suffix=".json") as file:
+    ...     pc.write_answer(found, file.name)
+    ...     answer = pc.read_answer(file.name)
+    >>> bool((answer.pose == found.pose).all())
+    True
+    """
+    text = json.dumps(found.to_json(), indent=2)
+    Path(path).write_text(text + "\n", encoding="utf-8")
 
 
 def target_entries(kind: str, target: Any) -> dict[str, Any]:

@@ -4,9 +4,8 @@ import numpy as np
 from numpy import ndarray
 from numpy.typing import ArrayLike
 
-from profilecal.closed_form.two_step import LEAST_SPREAD_DEG
 from profilecal.geometry.checks import check_count
-from profilecal.geometry.poses import angle_between, rotation_groups
+from profilecal.geometry.poses import check_alike, rotation_groups
 
 
 def find_groups(name: str, R: ndarray, group: ArrayLike | None) -> ndarray:
@@ -22,16 +21,7 @@ def find_groups(name: str, R: ndarray, group: ArrayLike | None) -> ndarray:
     labels = np.asarray(group)
     if labels.shape != (len(R),):
         raise ValueError(f"group has shape {labels.shape}; expected ({len(R)},)")
-    _, firsts, number = np.unique(labels, return_index=True, return_inverse=True)
-    first = firsts[number]
-    apart = np.degrees(angle_between(R, R[first]))
-    worst = apart.argmax()
-    if apart[worst] > LEAST_SPREAD_DEG:
-        raise ValueError(
-            f"{name}[{worst}] differs from {name}[{first[worst]}], which has the same "
-            f"label in group, by {apart[worst]:.2g}°; expected one orientation"
-        )
-    return number
+    return check_alike(name, R, labels)
 
 
 def group_members(number: ndarray) -> tuple[ndarray, ndarray]:

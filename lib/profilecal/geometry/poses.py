@@ -10,6 +10,7 @@ from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 SAME_ORIENTATION_DEG = 0.05  # poses that differ by less form a rotation group
+LARGEST_IN_GROUP_DEG = 1.0  # poses that differ by more form none, whoever says so
 
 
 def rotation_from_xyz_angles(angles: ndarray) -> ndarray:
@@ -69,6 +70,23 @@ def rotation_groups(R: ndarray) -> ndarray:
             group[near[group[near] < 0]] = count
             count += 1
     return group
+
+
+def check_alike(name: str, R: ndarray, labels: ndarray) -> ndarray:
+    """The number (n,), from 0, of the group that each orientation R (n, 3, 3) has a
+    label (n,) of. Raises ValueError where those of one label differ by more than 1°.
+    `name` is the argument that holds R.
+    """
+    _, firsts, number = np.unique(labels, return_index=True, return_inverse=True)
+    first = firsts[number]
+    apart = np.degrees(angle_between(R, R[first]))
+    if len(R) and apart.max() > LARGEST_IN_GROUP_DEG:
+        worst = apart.argmax()
+        raise ValueError(
+            f"{name}[{worst}] differs from {name}[{first[worst]}], which has the same "
+            f"label in group, by {apart[worst]:.2g}°; expected one orientation"
+        )
+    return number
 
 
 def pose_error(

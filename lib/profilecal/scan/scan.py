@@ -20,7 +20,12 @@ from profilecal.geometry.checks import (
 )
 from profilecal.geometry.log import Log
 from profilecal.geometry.noise import Noise, Systematic
-from profilecal.geometry.poses import homogeneous, inverse, rotation_groups
+from profilecal.geometry.poses import (
+    check_alike,
+    homogeneous,
+    inverse,
+    rotation_groups,
+)
 from profilecal.scan.conventions import CONVENTIONS, named, to_rotations
 from profilecal.scan.motion import check_times, checked_log, with_motion
 from profilecal.scan.tables import ScanError, naming
@@ -291,6 +296,15 @@ class Scan:
                 f"a target of kind {self.kind!r} needs {' or '.join(expected)}, "
                 f"not {self.measured}"
             )
+        columns = len(MEASURED[self.measured])
+        most = np.inf if self.measured == "profiles" else 1
+        for k, rows in enumerate(self.values):
+            if rows.shape != (len(rows), columns) or len(rows) > most:
+                rule = f"(n, {columns})" if most > 1 else f"(1, {columns}), or none"
+                raise ScanError(
+                    f"values[{k}] has shape {rows.shape} for {self.measured}; "
+                    f"expected {rule}"
+                )
         numbers = np.concatenate([[0.0], *map(np.ravel, self.values)])
         largest = np.nanmax(np.abs(numbers))
         if 0 < largest < 1 or largest > FARTHEST_MM:
@@ -334,6 +348,8 @@ class Scan:
             group = rotation_groups(rotations)
         elif group.shape != (P,):
             raise ValueError(f"group has shape {group.shape}; expected ({P},)")
+        if self.group_given and not self.log:
+            check_alike("R_base_flange", rotations, group)
         side = np.asarray(self.side)
         if side.shape not in ((), (P,)) or not np.isin(side, (-1, 0, 1)).all():
             raise ValueError(f"side is {self.side}; expected 1, -1 or 0, for each pose")
@@ -375,7 +391,7 @@ class Scan:
         """The same as if its poses had been recorded one by one, by such a delay."""
         if self.log is None:
             return self
-        posed = replace(self, delay_ms=delay_ms)
+        posed = replace(self, delay_ms=delay_ms, group_given=False)
         return replace(posed, log=None, times=np.array([]), sweeps=())
 
     @property

@@ -159,8 +159,8 @@ def random_poses(
 
     origin, axes = model.target.frame
     aim = origin + limits.extent_mm * (free_axes(model) * share(3)) @ axes.T
-    if model.sizes:
-        aim = aim + 0.9 * model.sizes[0] * in_unit_ball(rng, count)
+    if radius := getattr(model.target, "radius", 0.0):
+        aim = aim + 0.9 * radius * in_unit_ball(rng, count)
 
     near, far = model.scanner.near, model.scanner.far
     z = (near + far) / 2 + (far - near) / 2 * share(1)

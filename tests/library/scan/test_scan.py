@@ -24,6 +24,13 @@ def wrong_entries(scan):
         "R_base_flange has shape": {"values": scan.values[:5]},
         "labels has 1 entries for 12 poses": {"labels": ("p",)},
         r"group has shape \(3,\)": {"group": np.zeros(3)},
+        "same label in group, by .*; expected one": {
+            "group": np.zeros(12),
+            "group_given": True,
+        },
+        r"values\[0\] has shape .* expected \(1, 2\), or none": {
+            "values": (np.ones((5, 2)),) * 12
+        },
     }
 
 
