@@ -171,7 +171,7 @@ def listed(names: Iterable[Any]) -> str:
 
 def some(labels: Sequence[str]) -> str:
     """Labels of poses, for a sentence; of many the first ones, and how many more."""
-    most = 50
+    most = 20
     more = f" and {len(labels) - most} more" if len(labels) > most else ""
     return ", ".join(labels[:most]) + more
 

@@ -65,19 +65,26 @@ def test_poses_are_predicted_and_a_moved_sensor_is_seen(kind, mount):
     assert not shifted.as_expected
 
 
-def test_what_moved_is_told_where_poses_are_enough_and_not_from_one():
-    first, again = scans("edge", 2)
+TOLD = dict.fromkeys(["edge", "ball", "disk"], ("target",))
+TOLD["plane"] = ("sensor", "target")  # along its normal, which all poses look along
+
+
+@pytest.mark.parametrize(("kind", "moved"), TOLD.items())
+def test_what_moved_is_told_where_poses_are_enough_and_not_from_one(kind, moved):
+    first, again = scans(kind, 2, seed=2)
     found = pc.calibrate(first)
-    one, many = [4], range(0, 36, 3)
+    one, many = [4], range(0, len(again.labels), 3)
     verdicts = {}
     for name, change, by in [
         ("sensor", moved_sensor, [1.0, 1.0]),
         ("target", moved_target, [1.0, 1.0, 1.0]),
     ]:
         changed = change(again, np.array(by))
-        assert pc.check_mount(found, few(changed, one)).suspects == ("sensor", "target")
+        alone = pc.check_mount(found, few(changed, one))
+        assert not alone.as_expected
+        assert alone.suspects == ("sensor", "target")
         verdicts[name] = pc.check_mount(found, few(changed, many)).suspects
-    assert verdicts == {"sensor": ("sensor",), "target": ("target",)}
+    assert verdicts == {"sensor": ("sensor",), "target": moved}
 
 
 def test_the_shift_that_is_said_to_show_shows_nine_times_of_ten():
