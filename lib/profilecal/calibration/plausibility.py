@@ -67,7 +67,7 @@ def systematic_tests(solution: Solution) -> list[Finding]:
     with np.errstate(invalid="ignore", divide="ignore"):
         sizes, sds, moves = score(normal, n, model.precision[:n, :n])
         visible = sds**-2 > ABSORBED * np.diag(normal)[n:-1]
-    findings, poor = [], solution.error_sizes.poor_scanner
+    findings, allowed = [], poor_errors(solution)
     for k in np.flatnonzero(visible):
         size, error = sizes[k], tried[k]
         findings.append(
@@ -77,7 +77,7 @@ def systematic_tests(solution: Solution) -> list[Finding]:
                 clear=size / sds[k],
                 moves=moves[:6, k] * size,
                 among=len(tried),
-                not_allowed_for=1 - poor * (error in OF_SCANNER or bool(error.length)),
+                not_allowed_for=1 - allowed.get(error, 0.0),
             )
         )
     return findings
@@ -179,17 +179,26 @@ def contradictions(solution: Solution) -> list[str]:
     return messages
 
 
+def poor_errors(solution: Solution) -> dict[Perturbation, float]:
+    """The errors that the answer considers, each with the chance that it is far larger
+    than usual, which the answer allows for.
+    """
+    poor = solution.error_sizes.poor[solution.problem.n :]
+    return dict(zip(solution.problem.considered, poor, strict=True))
+
+
 def allowed_for(solution: Solution) -> list[str]:
     """A sentence on the scanner's or the target's error that the answer has allowed
-    for, where that is larger than usual.
+    for, where that is likely to be larger than usual.
     """
-    sizes, errors = solution.error_sizes, [*solution.problem.considered.items()]
-    if sizes.poor_scanner < 0.5:
+    found = solution.error_sizes.mean[solution.problem.n :]
+    sizes, poor = solution.problem.considered, poor_errors(solution)
+    of = dict(zip(sizes, found, strict=True))
+    likely = [error for error, chance in poor.items() if chance > 0.5]
+    if not likely:
         return []
-    found = sizes.mean[solution.problem.n :]
-    k = max(range(len(errors)), key=lambda k: abs(found[k]) / errors[k][1])
-    error, size = errors[k][0], found[k]
-    most = Finding(error.words, -size * error.unit, 0.0, np.zeros(6), 1)
+    error = max(likely, key=lambda error: abs(of[error]) / sizes[error])
+    most = Finding(error.words, -of[error] * error.unit, 0.0, np.zeros(6), 1)
     return [
         f"the residuals look most as if {most.sentence}: more than is usual, which the "
         "answer and its covariance allow for"

@@ -23,9 +23,9 @@ from profilecal.joint.linear_model import LinearModel, Posterior
 from profilecal.joint.prior import Law, Prior
 
 EXACT_ROBOT = 0.1  # odds that the robot's errors are far too small to matter
-POOR_SCANNER = 0.3  # odds that scanner and target err POORER times as much as usual
+POOR = 0.1  # odds that one error of scanner or target is POORER times the usual; or all
 POORER = 10.0
-LITTLE = 0.01  # odds that such a scanner needs to count
+LITTLE = 0.01  # odds that such a belief needs to count
 DRAWS = 32  # sizes looked at
 TAILS = 4.0  # degrees of freedom of the t law that they are drawn from
 # coordinates of a normal law, one for each hundredth
@@ -57,7 +57,7 @@ class ErrorSizes:
     covariance: ndarray  # (n, n)
     mean_v: ndarray  # (1 + k,) the variances' mean
     freedom: float  # with which all errors together are known, 100 mm from the flange
-    poor_scanner: float  # the chance that it errs POORER times as much as usual
+    poor: ndarray  # (n,) the chance that an error is POORER times the usual
 
 
 def freedom(variances: ndarray, weight: ndarray) -> float:
@@ -203,20 +203,21 @@ def average(model: LinearModel, prior: Prior, start: ndarray) -> ErrorSizes:
     spreads: list[dict] = []
     of_sizes: list[tuple] = []
     rivals = beliefs(model, prior)
-    usual = len(rivals)
     for believed_model, belief, odds in rivals:
         law = belief.law(model.names)
         likely = likeliest(believed_model, law, start[: len(law.free)])
         if not draws:
-            rivals += poor_scanner(model, prior, law.variances(likely[0][None])[0])
+            rivals += poor_scanners(model, prior, law.variances(likely[0][None])[0])
         log_weight, posterior, centre, spread = draw(believed_model, law, *likely)
         log_weight += np.log(odds)
-        draws.append((log_weight, posterior.mean, posterior.covariance, posterior.v))
+        poor = np.tile(believed_model.poor, (len(log_weight), 1))
+        x, V = posterior.mean, posterior.covariance
+        draws.append((log_weight, x, V, posterior.v, poor))
         spreads.append(dict(zip(law.free, spread, strict=True)))
         v, _, _ = law.variances(centre + spread * NORMAL[:, None])
         of_sizes.append((v, np.full(len(v), np.logaddexp.reduce(log_weight))))
 
-    log_w, x, V, drawn = (np.concatenate(part) for part in zip(*draws, strict=True))
+    log_w, x, V, drawn, poor = map(np.concatenate, zip(*draws, strict=True))
     w = softmax(log_w)
     mean = w @ x
     off = x - mean
@@ -233,7 +234,6 @@ def average(model: LinearModel, prior: Prior, start: ndarray) -> ErrorSizes:
         from_data = j == 0 or bool(spreads[0].get(j, 0.0) < OF_PRIOR)
         sizes.append(Size(names[j], low, middle, high, from_data))
     middles = np.array([size.middle for size in sizes]) / units
-    others = sum(len(log_weight) for log_weight, *_ in draws[:usual])
     at_mm = [100 * np.radians(1) if name.endswith("deg") else 1 for name in names]
     return ErrorSizes(
         sizes=tuple(sizes),
@@ -242,7 +242,7 @@ def average(model: LinearModel, prior: Prior, start: ndarray) -> ErrorSizes:
         covariance=covariance,
         mean_v=w @ drawn,
         freedom=freedom(drawn @ (units * at_mm) ** 2, w),
-        poor_scanner=w[others:].sum(),
+        poor=w @ poor,
     )
 
 
@@ -258,18 +258,25 @@ def beliefs(model: LinearModel, prior: Prior) -> list[tuple[LinearModel, Prior, 
     return rivals
 
 
-def poor_scanner(
+def poor_scanners(
     model: LinearModel, prior: Prior, v: ndarray
 ) -> list[tuple[LinearModel, Prior, float]]:
-    """The belief that scanner and target err POORER times as much as usual; none where
-    the residuals speak against it, with errors of the variances v (1, 1 + k). To the
-    log evidence belongs the prior's log |Π| / 2, which other beliefs have in common.
+    """The beliefs that one error of scanner or target, or all of them, are POORER times
+    as large as usual; without those that the residuals speak against, with errors of
+    the variances v (1, 1 + k). To the log evidence belongs the prior's log |Π| / 2,
+    which other beliefs have in common.
     """
-    poor = model.with_poor_scanner(POORER)
-    log_prior = np.log(np.diag(poor.precision) / np.diag(model.precision)).sum() / 2
-    gain = poor.posterior(v).log_evidence - model.posterior(v).log_evidence
-    odds = POOR_SCANNER * np.exp(log_prior)
-    return [(poor, prior, odds)] if odds * np.exp(gain[0]) > LITTLE else []
+    believed = [*np.eye(model.n)[model.scanner]]
+    if len(believed) > 1:
+        believed.append(np.sum(believed, axis=0))
+    usual = model.posterior(v).log_evidence[0]
+    rivals = []
+    for errors in believed:
+        poor = model.with_poor_scanner(POORER, errors)
+        odds = POOR * POORER ** -errors.sum()
+        if odds * np.exp(poor.posterior(v).log_evidence[0] - usual) > LITTLE:
+            rivals.append((poor, prior, odds))
+    return rivals
 
 
 def quantiles(values: ndarray, weight: ndarray) -> list[float]:

@@ -103,6 +103,7 @@ class LinearModel:
         self.of_mount = of_mount
         self.scanner = scanner
         self.n = len(precision)
+        self.poor = np.zeros(self.n)
         self.counts = counts
         self.names = tuple(names)
         F = by_flange * HAND_PRECISION
@@ -159,11 +160,13 @@ class LinearModel:
             other.blocks.append(Block(block.profiles, M, block.Y * rows))
         return other
 
-    def with_poor_scanner(self, times: float) -> "LinearModel":
-        """The same where what is considered may be so many times as large."""
+    def with_poor_scanner(self, times: float, poor: ndarray) -> "LinearModel":
+        """The same where errors, those that are 1 in `poor` (n,) and not 0, may be so
+        many times as large.
+        """
         other = copy(self)
-        other.precision = self.precision.copy()
-        other.precision[self.scanner, self.scanner] /= times**2
+        other.poor = poor
+        other.precision = self.precision / times ** (poor[:, None] + poor)
         return other
 
     def without_robot(self) -> "LinearModel":
