@@ -447,7 +447,7 @@ def check(folder):
 
     with working("checking"):
         lines = check(read_scan(folder))
-    echo("\n".join(lines))
+    echo("\n".join([*lines, f"next: profilecal calibrate {folder}"]))
 
 
 @main.command()
