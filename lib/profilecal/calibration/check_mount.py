@@ -217,7 +217,7 @@ def check_mount(found: Calibration | Answer, scan: Scan) -> MountCheck:
     Y = model.Y.reshape(-1, model.n + 1)
     E = model.E.reshape(len(Y), -1)
     S = np.eye(len(Y))
-    for name, unit in zip(model.names, model.units, strict=True):
+    for name, unit in zip(model.names, model.units[1:], strict=True):
         number = problem.groups.sharing(name).repeat(model.q)
         alike_rows = number[:, None] == number
         S += getattr(noise, name) ** 2 * (E * unit) @ E.T * alike_rows

@@ -12,7 +12,7 @@ from profilecal.geometry.checks import check_type
 from profilecal.geometry.noise import FALSE_ALARM, chi2_limit, normalised_square
 from profilecal.geometry.observability import of_covariance
 from profilecal.geometry.progress import watched
-from profilecal.joint.error_sizes import likeliest
+from profilecal.joint.error_sizes import Likeliest, likeliest
 from profilecal.joint.linear_model import LinearModel
 from profilecal.joint.prior import Law
 from profilecal.joint.solution import Solution
@@ -83,7 +83,7 @@ def leave_out(found: Calibration) -> LeftOut:
     solution = found.known_solution
     problem, (whole, _) = solution.problem, solution.model()
     law = solution.prior.law(whole.names)
-    start, _ = likeliest(whole, law, np.zeros(len(law.free)))
+    start = likeliest(whole, law, np.zeros(len(law.free))).y
     labels = [label for of_scan in found.labels_by_scan() for label in of_scan]
     group = problem.groups.group
     orientations = [
@@ -127,8 +127,8 @@ def predict(
     problem = solution.problem
     all_out = among(np.concatenate(orientations), whole.kept)
     others = whole.keeping(whole.kept & ~all_out)
-    likely, root = likeliest(others, law, start)
-    left = others.posterior(mean_variances(law, likely, root)[None])
+    likely = likeliest(others, law, start)
+    left = others.posterior(mean_variances(law, likely)[None])
     known = of_covariance(left.covariance[0, :6, :6], problem.n, problem.n)
     if known.status == "unobservable":
         return [Predicted()] * len(orientations)
@@ -161,12 +161,13 @@ def among(members: ndarray, profiles: ndarray) -> ndarray:
     return np.isin(np.arange(len(profiles)), members)
 
 
-def mean_variances(law: Law, likely: ndarray, root: ndarray) -> ndarray:
-    """The mean (1 + k,) of variances over coordinates with that middle (d,) and a root
-    (d, d) of their covariance, by points on the axes (cubature).
+def mean_variances(law: Law, likely: Likeliest) -> ndarray:
+    """The mean (1 + k,) of variances over coordinates about the likeliest, by points on
+    the axes (cubature).
     """
-    if not len(likely):
+    y = likely.y
+    if not len(y):
         return law.scales**2
-    axes = np.sqrt(len(likely)) * root.T
-    ends = np.concatenate([likely + axes, likely - axes])
+    axes = np.sqrt(len(y)) * likely.root.T
+    ends = np.concatenate([y + axes, y - axes])
     return law.variances(ends)[0].mean(axis=0)

@@ -69,12 +69,21 @@ def freedom(variances: ndarray, weight: ndarray) -> float:
     return float(2 / max(spread, 2e-3))
 
 
+@dataclass(frozen=True)
+class Likeliest:
+    """The likeliest sizes of errors."""
+
+    y: ndarray  # (d,) their coordinates
+    # (d, d) of the inverse curvature there, the symmetric one: it does not depend on
+    # the sign and the order that eigenvectors happen to have
+    root: ndarray
+    posterior: Posterior  # there
+
+
 def likeliest(
     model: LinearModel, law: Law, y: ndarray, tolerance: float = 1e-3
-) -> tuple[ndarray, ndarray]:
-    """The likeliest coordinates (d,) of the sizes, by Newton's method from some `y`,
-    and the root (d, d) of the inverse curvature there, the symmetric one: it does not
-    depend on the sign and the order that eigenvectors happen to have.
+) -> Likeliest:
+    """The likeliest sizes, by Newton's method from some coordinates `y` (d,).
 
     The log density of the coordinates is, with the log evidence L of the variances v
     and the standard normal prior, but for a constant
@@ -114,11 +123,11 @@ def likeliest(
             damping /= 4
         else:
             damping = 4 * damping + 1
-    return y, vectors / np.sqrt(values) @ vectors.T
+    return Likeliest(y, vectors / np.sqrt(values) @ vectors.T, posterior)
 
 
 def draw(
-    model: LinearModel, law: Law, likely: ndarray, root: ndarray
+    model: LinearModel, law: Law, likely: Likeliest
 ) -> tuple[ndarray, Posterior, ndarray, ndarray]:
     """Sizes that a model allows: the logarithms (S,) of their weights, relative to
     those of other models; what follows from each; and the mean (d,) and the spread (d,)
@@ -144,16 +153,17 @@ def draw(
     and of S draws each has the weight w = exp h(y) / (q(y) S). The weights add up to
     the evidence of the model, by which models are compared.
     """
-    d = len(likely)
+    root = likely.root
+    d = len(root)
     count = DRAWS if d else 1
-    ends = likely + np.concatenate([np.zeros((1, d)), root.T, -root.T])
+    ends = likely.y + np.concatenate([np.zeros((1, d)), root.T, -root.T])
     h = log_density(model.posterior(law.variances(ends)[0]), ends)
     widths = 1 / np.sqrt(2 * np.maximum(h[0] - h[1:], 1 / 18))
     forward, backward = widths.reshape(2, d)
 
     z = t_points(d, count)
     s = np.where(z > 0, forward, backward)
-    y = likely + s * z @ root.T
+    y = likely.y + s * z @ root.T
     posterior = model.posterior(law.variances(y)[0])
     log_q = gammaln((TAILS + d) / 2) - gammaln(TAILS / 2) - d / 2 * np.log(TAILS / 2)
     log_q = log_q - (TAILS + d) / 2 * np.log1p(np.sum(z**2, axis=1) / TAILS)
@@ -184,9 +194,9 @@ def t_points(d: int, count: int) -> ndarray:
     return ndtri(points[:, :d]) * np.sqrt(TAILS / chi2_limit(points[:, d:], TAILS))
 
 
-def average(model: LinearModel, prior: Prior, start: ndarray) -> ErrorSizes:
-    """What is known over all sizes that data and prior allow. `start` (1 + k,):
-    coordinates to look for the likeliest from, of which the first are taken.
+def average(model: LinearModel, prior: Prior, likely: Likeliest) -> ErrorSizes:
+    """What is known over all sizes that data and prior allow, of which the likeliest
+    are known.
 
     Each belief about the errors has its draws, whose weights count as the belief's odds
     (`draw`). Of all draws together, with weights w that add up to one, x has the mean
@@ -202,13 +212,14 @@ def average(model: LinearModel, prior: Prior, start: ndarray) -> ErrorSizes:
     draws: list[tuple] = []
     spreads: list[dict] = []
     of_sizes: list[tuple] = []
+    start = likely.y
     rivals = beliefs(model, prior)
+    rivals += poor_scanners(model, prior, likely.posterior)
     for believed_model, belief, odds in rivals:
         law = belief.law(model.names)
-        likely = likeliest(believed_model, law, start[: len(law.free)])
-        if not draws:
-            rivals += poor_scanners(model, prior, law.variances(likely[0][None])[0])
-        log_weight, posterior, centre, spread = draw(believed_model, law, *likely)
+        if draws:
+            likely = likeliest(believed_model, law, start[: len(law.free)])
+        log_weight, posterior, centre, spread = draw(believed_model, law, likely)
         log_weight += np.log(odds)
         poor = np.tile(believed_model.poor, (len(log_weight), 1))
         x, V = posterior.mean, posterior.covariance
@@ -259,22 +270,23 @@ def beliefs(model: LinearModel, prior: Prior) -> list[tuple[LinearModel, Prior, 
 
 
 def poor_scanners(
-    model: LinearModel, prior: Prior, v: ndarray
+    model: LinearModel, prior: Prior, likely: Posterior
 ) -> list[tuple[LinearModel, Prior, float]]:
     """The beliefs that one error of scanner or target, or all of them, are POORER times
     as large as usual; without those that the residuals speak against, with errors of
-    the variances v (1, 1 + k). To the log evidence belongs the prior's log |Π| / 2,
-    which other beliefs have in common.
+    the likeliest sizes. To the log evidence belongs the prior's log |Π| / 2, which
+    other beliefs have in common.
     """
     believed = [*np.eye(model.n)[model.scanner]]
     if len(believed) > 1:
         believed.append(np.sum(believed, axis=0))
-    usual = model.posterior(v).log_evidence[0]
     rivals = []
     for errors in believed:
         poor = model.with_poor_scanner(POORER, errors)
         odds = POOR * POORER ** -errors.sum()
-        if odds * np.exp(poor.posterior(v).log_evidence[0] - usual) > LITTLE:
+        same = likely.v, likely.normal, likely.log_det, likely.last
+        gain = poor.by_products(*same).log_evidence - likely.log_evidence
+        if odds * np.exp(gain[0]) > LITTLE:
             rivals.append((poor, prior, odds))
     return rivals
 

@@ -19,34 +19,121 @@ out, (C + A Π⁻¹ Aᵀ)⁻¹ by Woodbury's identity.
 Three answers: `posterior`, what is known of x; `left_out`, how far profiles are from
 what the others say; `score`, what a further error would have to be.
 
-Profiles of different orientations share no error. Orientations (or poses, or profiles,
-if only these share errors) with equally many profiles are one batch, a `Block`. What
-residuals say beside the errors of their flange needs no C: it is kept as products,
-`rest`.
+C never is written out: what residuals say beside the errors of their flange needs none,
+and is kept as products, `rest`. For the other rows, errors of the flange nest: visits
+in commanded poses, poses in orientations. With E_i the rows by which an error moves
+profile i, and S the variances (6) of the error that a group shares, one error after the
+other is integrated out, from the profiles up, and its mean is carried down again.
+
+Leaves, with the errors that no other profile shares, of variances S_own:
+
+    D_i = v_0 + E_i S_own E_iᵀ = L Lᵀ      W_E, W_Z = L⁻¹ E_i, L⁻¹ Z_i
+    [J | c] of a group = Σ W_Eᵀ [W_E | W_Z]
+
+Up, for a group with the sum [J | c] of its members, s = √S:
+
+    M = 1 + s J s = L Lᵀ   K = s M⁻¹ s      it hands on  [J | c] - J K [J | c]
+    log |C| = Σ log |D_i| + Σ log |M|
+
+Down, from b = 0 above the coarsest: b is the mean of all errors that a group's members
+share, for each column of Z, and Q their covariance, with T = 1 - K J,
+
+    β = M⁻¹ s (c - J b_above)      b = b_above + s β      Q = K + T Q_above Tᵀ
+    C⁻¹ Z = L⁻ᵀ (W_Z - W_E b)      (C⁻¹)_ii = L⁻ᵀ (1 - W_E Q W_Eᵀ) L⁻¹
+    E_gᵀ C⁻¹ E_g = J - J Q J       E_gᵀ C⁻¹ Z = c - J b
+    Zᵀ C⁻¹ Z = Σ |W_Z - W_E b|² + Σ |β|²
+
+The last line is a sum of squares: the shorter Σ Zᵀ D⁻¹ Z - Σ cᵀ K c loses digits.
 """
 
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Self
 
 import numpy as np
 from numpy import ndarray
 
 from profilecal.geometry.observability import HAND_PRECISION
+from profilecal.joint.nesting import Level, nesting
 from profilecal.targets.observations import PoseGroups
 
 ROUNDING = 1e-13  # of the largest entry of a matrix of products
+AT_ONCE = 25_000  # numbers of the rows of several sets: what a cache holds
 
 
 @dataclass(frozen=True)
-class Block:
-    """B orientations with Q profiles of q rows each, m = Q q in all."""
+class Node:
+    """All groups of a level, integrated out, for S sets of variances."""
 
-    profiles: ndarray  # (B, Q) which profiles they are
-    M: ndarray  # (1 + k, B, m, m) the scanner's first
-    Y: ndarray  # (B, m, n + 1) [A | r]
+    level: Level
+    J: ndarray  # (S, G, 6, 6)
+    s: ndarray  # (S, 1, 6)
+    root: ndarray  # (S, G, 6, 6) L⁻¹ of M
+
+    @cached_property
+    def K(self) -> ndarray:
+        """(S, G, 6, 6)."""
+        scaled = self.root * self.s[:, :, None]
+        return scaled.mT @ scaled
+
+    def take(self, sums: ndarray, finer: "Node | None", taken: ndarray) -> ndarray:
+        """What these groups do not hand on of the `sums` (S, G, 6, columns) of their
+        members, with what `finer` ones took.
+        """
+        own = self.J @ (self.K @ sums)
+        if finer:
+            finer.level.hand_on(-taken, own)
+        return own
+
+
+@dataclass(frozen=True)
+class Solved:
+    """C⁻¹ of rows Z for S sets of variances, by its structure."""
+
+    products: ndarray  # (S, columns, columns) Zᵀ C⁻¹ Z
+    left: ndarray  # (S, profiles, q, columns) Lᵀ C⁻¹ Z
+    # of each node, from coarse to fine: c and b (S, G, 6, columns)
+    shared: list[tuple[ndarray, ndarray]]
+
+
+@dataclass(frozen=True)
+class Factors:
+    """C for S sets of variances, by its structure."""
+
+    log_det: ndarray  # (S,) log |C|
+    root: ndarray  # (S, profiles, q, q) L⁻¹ of D
+    W_E: ndarray  # (S, profiles, q, 6)
+    nodes: list[Node]  # from fine to coarse
+
+    def solve(self, Z: ndarray) -> Solved:
+        """C⁻¹ of rows Z (profiles, q, columns)."""
+        left = self.root @ Z
+        sums_of: list[ndarray] = []
+        finer, taken = None, left
+        for node in self.nodes:
+            c = node.level.sums(self.W_E, left)
+            if finer:
+                finer.level.hand_on(taken, c)
+            sums_of.append(c)
+            if node is not self.nodes[-1]:
+                finer, taken = node, node.take(c, finer, taken)
+
+        S, columns = len(left), Z.shape[-1]
+        products = np.zeros((S, columns, columns))
+        shared = []
+        b = np.zeros((S, 1, self.W_E.shape[-1], columns))
+        for node, c in zip(self.nodes[::-1], sums_of[::-1], strict=True):
+            above = b[:, node.level.parents]
+            scaled = node.s[..., None] * (c - node.J @ above)
+            beta = node.root.mT @ (node.root @ scaled)
+            products += squares(beta)
+            moves = node.s[..., None] * beta
+            node.level.take_off(self.W_E, moves, left)
+            b = above + moves
+            shared.append((c, b))
+        products += squares(left)
+        return Solved(products, left, shared)
 
 
 @dataclass(frozen=True)
@@ -60,7 +147,9 @@ class Posterior:
     log_evidence: ndarray
     square: ndarray  # (S,) rᵀ P r, the χ² of the residuals
     normal: ndarray  # (S, n + 1, n + 1) [A | r]ᵀ C⁻¹ [A | r]
-    last: list  # C (B, m, m) of each block, of the last set
+    log_det: ndarray  # (S,) log |C|
+    # of the rows that speak of the flange, if there are any, for the last sets
+    last: list[tuple[Factors, Solved]]
 
 
 class LinearModel:
@@ -117,47 +206,44 @@ class LinearModel:
             self.E = np.concatenate([self.E, self.Y[:, :, [clock]]], axis=2)
         self.rest = columns.mT @ columns
         self.rest -= self.Y.mT @ self.Y
-        # variances (k, 6 or 7) of E's errors for one unit of each of v
+        # how many directions errors of the flange have
+        self.axes = self.E.shape[2]
+        # variances (1 + k, 6 or 7) of E's errors for one unit of each of v
         squares = {
             "mm": [1, 0, 0],
             "deg": [0, np.radians(1) ** 2, 0],
             "ms": [0, 0, 1e-6],
         }
-        units = [squares[name.rsplit("_")[-1]] for name in names]
-        of_axes = np.repeat(np.reshape(units, (-1, 3)), (3, 3, 1), axis=1)
-        self.units = of_axes[:, : self.E.shape[2]]
+        units = [[0, 0, 0], *(squares[name.rsplit("_")[-1]] for name in names)]
+        self.units = np.repeat(units, (3, 3, 1), axis=1)[:, : self.axes]
+        numbers = [groups.sharing(name) for name in names]
+        self.order, self.own_errors, self.levels = nesting(len(counts), numbers)
         self.kept = np.ones(len(counts), dtype=bool)
-        self.arrange(groups)
+        self.arrange()
 
-    def arrange(self, groups: PoseGroups) -> None:
-        """Write out what the profiles of an orientation share, in `blocks`."""
-        each = np.arange(len(self.counts))
-        coarsest = min(map(groups.sharing, self.names), key=np.max, default=each)
-        self.blocks = [self.block(own, groups) for own in of_equal_size(coarsest)]
-
-    def block(self, profiles: ndarray, groups: PoseGroups) -> Block:
-        """The block of some profiles (B, Q)."""
-        B, Q = profiles.shape
-        m = Q * self.q
-        E = self.E[profiles].reshape(B, m, -1)
-        M = np.tile(np.eye(m), (1 + len(self.names), B, 1, 1))
-        for name, unit, M_k in zip(self.names, self.units, M[1:], strict=True):
-            number = groups.sharing(name)[profiles].repeat(self.q, axis=1)
-            shared = number[:, :, None] == number[:, None]
-            M_k[:] = E * unit @ E.mT * shared
-        return Block(profiles, M, self.Y[profiles].reshape(B, m, -1))
+    def arrange(self) -> None:
+        """Put the rows of the profiles kept, [E | Y], in the order of the groups, with
+        zeros for the others; and write out the errors that are a profile's own, parts
+        of its D.
+        """
+        kept = self.kept[self.order][:, None, None]
+        self.rows = np.concatenate([self.E, self.Y], axis=2)[self.order] * kept
+        E = self.rows[..., : self.axes]
+        # which of v they are
+        self.of_own = [0]
+        parts = [np.broadcast_to(np.eye(self.q), (len(E), self.q, self.q))]
+        for errors, alone in self.own_errors:
+            E_alone = E * alone[:, None, None]
+            for error in errors:
+                self.of_own.append(error)
+                parts.append(E_alone * self.units[error] @ E_alone.mT)
+        self.own_parts = np.array(parts)  # (errors, profiles, q, q)
 
     def keeping(self, kept: ndarray) -> "LinearModel":
-        """The model of some of its profiles (profiles,) only: zeros stand in place of
-        the other rows.
-        """
+        """The model of some of its profiles (profiles,) only."""
         other = self.to_change()
         other.kept = kept
-        other.blocks = []
-        for block in self.blocks:
-            rows = kept[block.profiles].repeat(self.q, axis=1)[:, :, None]
-            M = np.concatenate([block.M[:1], block.M[1:] * rows * rows.mT])
-            other.blocks.append(Block(block.profiles, M, block.Y * rows))
+        other.arrange()
         return other
 
     def with_poor_scanner(self, times: float, poor: ndarray) -> "LinearModel":
@@ -175,10 +261,11 @@ class LinearModel:
         """
         other = self.to_change()
         other.rest = self.rest + self.Y.mT @ self.Y
-        other.blocks = []
+        other.rows, other.own_parts = self.rows[:0], self.own_parts[:, :0]
+        other.levels = []
         return other
 
-    def to_change(self) -> Self:
+    def to_change(self) -> "LinearModel":
         """A copy whose rest is not summed up yet."""
         other = copy(self)
         vars(other).pop("rest_of_kept", None)
@@ -187,22 +274,54 @@ class LinearModel:
     @cached_property
     def rest_of_kept(self) -> tuple[ndarray, int]:
         """Products (n + 1, n + 1) of all that no error of the flange moves, and how
-        many residuals it is. Rows of zeros were counted in the blocks and are taken off
-        here.
+        many residuals it is. Rows of zeros were counted among the others and are taken
+        off here.
         """
-        count = int(self.counts[self.kept].sum()) - self.row_count
+        count = int(self.counts[self.kept].sum()) - len(self.rows) * self.q
         return self.rest[self.kept].sum(axis=0), count
 
-    @property
-    def row_count(self) -> int:
-        """How many rows speak of the flange, those of zeros too."""
-        return sum(block.Y.shape[0] * block.Y.shape[1] for block in self.blocks)
+    def factors(self, v: ndarray) -> Factors:
+        """C of the rows, in the order of the groups, for variances v (S, 1 + k)."""
+        one = np.eye(self.axes)
+        root, log_det = inverse_root(np.tensordot(v[:, self.of_own], self.own_parts, 1))
+        W_E = root @ self.rows[..., : self.axes]
+        nodes: list[Node] = []
+        finer, taken = None, W_E
+        for level in self.levels[::-1]:
+            J = level.sums(W_E, W_E)
+            if finer:
+                finer.level.hand_on(taken, J)
+            s = np.sqrt(v[:, level.errors] @ self.units[level.errors])[:, None]
+            M_root, of_groups = inverse_root(one + s[..., None] * J * s[:, :, None])
+            log_det += of_groups
+            node = Node(level, J, s, M_root)
+            nodes.append(node)
+            if level is not self.levels[0]:
+                finer, taken = node, node.take(J, finer, taken)
+        return Factors(log_det, root, W_E, nodes)
 
     def posterior(self, v: ndarray) -> Posterior:
-        """What is known of x for variances v (S, 1 + k), the scanner's first.
+        """What is known of x for variances v (S, 1 + k), the scanner's first."""
+        v0 = v[:, 0]
+        rest, count = self.rest_of_kept
+        N = rest / v0[:, None, None] + self.of_mount
+        log_det = count * np.log(v0)
+        some = max(1, AT_ONCE // max(1, self.rows.size))
+        last = []
+        for start in range(0, len(v) * bool(len(self.rows)), some):
+            part = slice(start, start + some)
+            factors = self.factors(v[part])
+            solved = factors.solve(self.rows[..., self.axes :])
+            N[part] += solved.products
+            log_det[part] += factors.log_det
+            last = [(factors, solved)]
+        return self.by_products(v, N, log_det, last)
 
-        All follows from the products N = [A | r]ᵀ C⁻¹ [A | r], sums over the blocks and
-        the rest. With its parts N_AA, N_Ar and N_rr,
+    def by_products(
+        self, v: ndarray, N: ndarray, log_det: ndarray, last: list
+    ) -> Posterior:
+        """All follows from the products N = [A | r]ᵀ C⁻¹ [A | r] (S, n + 1, n + 1) and
+        log |C| (S,). With N's parts N_AA, N_Ar and N_rr,
 
             H = N_AA + Π        x̂ = -V N_Ar        rᵀ P r = N_rr + N_Arᵀ x̂
 
@@ -210,38 +329,14 @@ class LinearModel:
 
             L = -(rᵀ P r + log |C| + log |H|) / 2
         """
-        n, v0 = self.n, v[:, 0]
-        rest, count = self.rest_of_kept
-        N = rest / v0[:, None, None] + self.of_mount
-        log_det_C = count * np.log(v0)
-        last = self.add_products(v, N, log_det_C)
+        n = self.n
         H = (N[:, :n, :n] + self.precision) * (1 + ROUNDING * np.eye(n))
         V = np.linalg.inv(H)
         N_Ar = N[:, :n, n:]
-        mean = -(V @ N_Ar)
-        square = N[:, n, n] + (N_Ar * mean).sum(axis=(1, 2))
-        log_evidence = -(square + log_det_C + np.linalg.slogdet(H)[1]) / 2
-        return Posterior(v, mean[..., 0], V, log_evidence, square, N, last)
-
-    def add_products(self, v: ndarray, N: ndarray, log_det_C: ndarray) -> list:
-        """Add [A | r]ᵀ C⁻¹ [A | r] of the rows that speak of the flange to N (S, n + 1,
-        n + 1), and log |C| to that (S,). Returns C of each block, of the last set.
-        """
-        last = []
-        for block in self.blocks:
-            C = np.tensordot(v, block.M, 1)
-            L = np.linalg.cholesky(C)
-            W = forward(L, block.Y).reshape(len(v), -1, self.n + 1)
-            N += W.mT @ W
-            log_det_C += 2 * np.log(np.einsum("sbii->sbi", L)).sum(axis=(1, 2))
-            last.append(C[-1])
-        return last
-
-    def solved(self, posterior: Posterior) -> list[tuple[ndarray, ndarray]]:
-        """C⁻¹ (B, m, m) and C⁻¹ [A | r] (B, m, n + 1) of each block."""
-        inverses = [np.linalg.inv(C) for C in posterior.last]
-        blocks = zip(inverses, self.blocks, strict=True)
-        return [(inverse, inverse @ block.Y) for inverse, block in blocks]
+        mean = -(V @ N_Ar)[..., 0]
+        square = N[:, n, n] + np.sum(N_Ar[..., 0] * mean, axis=1)
+        log_evidence = -(square + log_det + np.linalg.slogdet(H)[1]) / 2
+        return Posterior(v, mean, V, log_evidence, square, N, log_det, last)
 
     def gradient(self, posterior: Posterior) -> tuple[ndarray, ndarray]:
         """The derivative (1 + k,) of the log evidence L by the variances, for one set
@@ -252,46 +347,84 @@ class LinearModel:
             ∂L/∂v_k = -(tr P M_k - wᵀ M_k w) / 2
             I = Fᵀ P F / 2 = (Fᵀ C⁻¹ F - (Aᵀ C⁻¹ F)ᵀ V (Aᵀ C⁻¹ F)) / 2
         """
-        n, v0 = self.n, posterior.v[0, 0]
+        n, v = self.n, posterior.v
         V = posterior.covariance[0]
         x = np.append(posterior.mean[0], 1.0)
-        k = posterior.v.shape[1]
+        k = v.shape[1]
         rest, count = self.rest_of_kept
         square = x @ rest @ x
         slope = np.zeros(k)  # tr P M_k - wᵀ M_k w
-        slope[0] = count / v0 - (square + np.sum(V * rest[:n, :n])) / v0**2
+        slope[0] = count / v[0, 0] - (square + np.sum(V * rest[:n, :n])) / v[0, 0] ** 2
         within = np.zeros((k, k))  # Fᵀ C⁻¹ F
-        within[0, 0] = square / v0**3
+        within[0, 0] = square / v[0, 0] ** 3
         across = np.zeros((n, k))  # Aᵀ C⁻¹ F
-        across[:, 0] = rest[:n] @ x / v0**2
-        self.add_to_gradient(posterior, slope, within, across)
+        across[:, 0] = rest[:n] @ x / v[0, 0] ** 2
+        if posterior.last:
+            self.add_rows(posterior, slope, within, across)
         return -slope / 2, (within - across.T @ V @ across) / 2
 
-    def add_to_gradient(
-        self,
-        posterior: Posterior,
-        slope: ndarray,
-        within: ndarray,
-        across: ndarray,
+    def add_rows(
+        self, posterior: Posterior, slope: ndarray, within: ndarray, across: ndarray
     ) -> None:
         """Add what the rows that speak of the flange say, as in `gradient`."""
-        n, V = self.n, posterior.covariance[0]
+        n, V, k = self.n, posterior.covariance[0], len(slope)
         x = np.append(posterior.mean[0], 1.0)
-        solved = self.solved(posterior)
-        for block, (inverse, X) in zip(self.blocks, solved, strict=True):
-            CA = X[..., :n]
-            w = X @ x
-            P = inverse - CA @ V @ CA.mT
-            slope += np.tensordot(block.M, P - w[:, :, None] * w[:, None], 3)
-            F = np.moveaxis((block.M @ w[:, :, None])[..., 0], 0, -1)
-            within += (F.mT @ inverse @ F).sum(axis=0)
-            across += (CA.mT @ F).sum(axis=0)
+        ((factors, solved),) = posterior.last
+        P, CA, w = self.precisions(posterior)
+        less = P - w[:, :, None] * w[:, None]
+        slope[self.of_own] += np.tensordot(self.own_parts, less, 3)
+        F = np.zeros((*w.shape, k))  # M_k w
+        F[..., self.of_own] = np.moveaxis(
+            (self.own_parts @ w[..., None])[..., 0], 0, -1
+        )
+        E = self.rows[..., : self.axes]
+        shared = zip(self.covariances_of_shared(factors), solved.shared, strict=True)
+        for (node, Q), (c, b) in shared:
+            level, J = node.level, node.J[0]
+            units = self.units[level.errors]
+            EX = c[0] - J @ b[0]
+            EA, f = EX[..., :n], EX @ x
+            EPE = J - J @ Q @ J - EA @ V @ EA.mT
+            diagonal = np.einsum("gjj->j", EPE) - np.sum(f**2, axis=0)
+            slope[level.errors] += units @ diagonal
+            by_flange = np.zeros((len(E), self.axes))
+            by_flange[level.members] = f[level.number]
+            F[..., level.errors] += E @ (by_flange[:, None] * units).mT
+        within += factors.solve(F).products[0]
+        across += CA.reshape(-1, n).T @ F.reshape(-1, k)
+
+    def precisions(self, posterior: Posterior) -> tuple[ndarray, ndarray, ndarray]:
+        """P_ii (profiles, q, q), C⁻¹ A (profiles, q, n) and w = P r (profiles, q) of
+        the rows of each profile, in the order of the groups, for one set of variances.
+        """
+        ((factors, solved),) = posterior.last
+        root, W_E = factors.root[0], factors.W_E[0]
+        Q = np.zeros((len(root), self.axes, self.axes))
+        for node, of_groups in self.covariances_of_shared(factors):
+            Q[node.level.members] = of_groups[node.level.number]
+        inverse = root.mT @ (np.eye(self.q) - W_E @ Q @ W_E.mT) @ root
+        X = root.mT @ solved.left[0]
+        CA = X[..., :-1]
+        P = inverse - CA @ posterior.covariance[0] @ CA.mT
+        return P, CA, X @ np.append(posterior.mean[0], 1.0)
+
+    def covariances_of_shared(self, factors: Factors) -> list[tuple[Node, ndarray]]:
+        """Each node, from coarse to fine, with Q (G, 6, 6), for one set of
+        variances.
+        """
+        Q = np.zeros((1, self.axes, self.axes))
+        of_nodes = []
+        for node in factors.nodes[::-1]:
+            T = np.eye(self.axes) - node.K[0] @ node.J[0]
+            Q = node.K[0] + T @ Q[node.level.parents] @ T.mT
+            of_nodes.append((node, Q))
+        return of_nodes
 
     def own(self, v: ndarray) -> ndarray:
         """Covariances (profiles, q, q) of the rows of each profile by itself, for
         variances v (1 + k,).
         """
-        return v[0] * np.eye(self.q) + self.E * (v[1:] @ self.units) @ self.E.mT
+        return v[0] * np.eye(self.q) + self.E * (v @ self.units) @ self.E.mT
 
     def alone(self, v: ndarray) -> ndarray:
         """What each profile by itself says of the unknowns, (profiles, n + 1, n + 1):
@@ -308,48 +441,42 @@ class LinearModel:
         a Gaussian of precision P, given the rest of it (Christensen, Pearson and
         Johnson 1992).
         """
-        n = self.n
-        V = posterior.covariance[0]
-        x = np.append(posterior.mean[0], 1.0)
-        A = self.Y[:, :, :n]
-        errors = self.Y @ x
-        covariances = self.own(posterior.v[0]) + A @ V @ A.mT
-        for profiles, inverse, X in self.parts_kept(posterior):
-            CA = X[..., :n]
-            P_bb = inverse - CA @ V @ CA.mT
-            covariance = np.linalg.pinv(P_bb, hermitian=True)
-            errors[profiles] = (covariance @ (X @ x)[..., None])[..., 0]
+        A = self.Y[:, :, : self.n]
+        errors = self.Y @ np.append(posterior.mean[0], 1.0)
+        covariances = self.own(posterior.v[0]) + A @ posterior.covariance[0] @ A.mT
+        if posterior.last:
+            P, _, w = self.precisions(posterior)
+            kept = self.kept[self.order]
+            profiles = self.order[kept]
+            covariance = np.linalg.pinv(P[kept], hermitian=True)
+            errors[profiles] = (covariance @ w[kept][..., None])[..., 0]
             covariances[profiles] = covariance
         return errors, covariances
 
-    def parts_kept(
-        self, posterior: Posterior
-    ) -> list[tuple[ndarray, ndarray, ndarray]]:
-        """Profiles kept (p,), with (C⁻¹)_bb (p, q, q) and C⁻¹ [A | r] (p, q, n + 1) of
-        each, block by block.
-        """
-        q = self.q
-        parts = []
-        solved = self.solved(posterior)
-        for block, (inverse, X) in zip(self.blocks, solved, strict=True):
-            B, Q = block.profiles.shape
-            kept = self.kept[block.profiles]
-            squares = inverse.reshape(B, Q, q, Q, q)
-            own = np.einsum("bqiqj->bqij", squares)
-            rows = X.reshape(B, Q, q, -1)
-            parts.append((block.profiles[kept], own[kept], rows[kept]))
-        return parts
 
+def inverse_root(C: ndarray) -> tuple[ndarray, ndarray]:
+    """L⁻¹ of matrices C = L Lᵀ (S, G, m, m), and the sums (S,) of their log |C|.
 
-def forward(L: ndarray, Y: ndarray) -> ndarray:
-    """L⁻¹ Y of lower triangles L (..., m, m), by forward substitution, a row of all at
-    a time.
+    Elimination takes [C | 1] to [Lᵀ | L⁻¹]; of all matrices at once, whose numbers
+    stand last.
     """
-    W = np.empty((*L.shape[:-1], Y.shape[-1]))
-    for j in range(L.shape[-1]):
-        known = L[..., j : j + 1, :j] @ W[..., :j, :]
-        W[..., j, :] = (Y[..., j, :] - known[..., 0, :]) / L[..., j, j, None]
-    return W
+    m = C.shape[-1]
+    A = np.zeros((m, 2 * m, *C.shape[:2]))
+    A[:, :m] = C.transpose(2, 3, 0, 1)
+    diagonal, ones = (np.einsum("ii...->i...", A[:, k : k + m]) for k in (0, m))
+    ones[:] = 1.0
+    for j in range(m):
+        part = slice(j, m + j + 1)
+        A[j, part] /= np.sqrt(A[j, j])
+        A[j + 1 :, part] -= A[j, j + 1 : m, None] * A[j, part]
+    root = np.ascontiguousarray(A[:, m:].transpose(2, 3, 0, 1))
+    return root, 2 * np.log(diagonal).sum(axis=(0, 2))
+
+
+def squares(rows: ndarray) -> ndarray:
+    """Σ rowsᵀ rows (S, columns, columns) of rows (S, ..., columns)."""
+    flat = rows.reshape(len(rows), -1, rows.shape[-1])
+    return flat.mT @ flat
 
 
 def score(
@@ -369,13 +496,3 @@ def score(
     information = np.diag(normal)[D] + np.sum(normal[A, D] * X, axis=0)
     size = -(normal[D, r] + X.T @ normal[A, r]) / information
     return size, information**-0.5, X
-
-
-def of_equal_size(orientation: ndarray) -> list[ndarray]:
-    """The profiles of each orientation, from the orientations' numbers (profiles,):
-    arrays (B, Q), one for all orientations that have as many.
-    """
-    order = np.argsort(orientation, kind="stable")
-    sizes = np.bincount(orientation)
-    among = sizes.repeat(sizes)
-    return [order[among == size].reshape(-1, size) for size in np.unique(sizes)]

@@ -12,7 +12,6 @@ from profilecal.geometry.noise import Noise, Systematic, chi2_limit
 from profilecal.geometry.observability import units_by_hand
 from profilecal.geometry.poses import carry, rotations
 from profilecal.joint.linear_model import LinearModel
-from profilecal.joint.nested_model import NestedModel
 from profilecal.joint.prior import DELAY, Mount, Perturbation, considered, of_clocks
 from profilecal.joint.residuals import SENSOR, Residuals
 from profilecal.targets.observations import (
@@ -28,8 +27,6 @@ FLANGE = slice(-6, None)
 # A precision relative to that of a measurement by hand. It keeps matrices without full
 # rank invertible.
 NOTHING_KNOWN = 1e-8
-# profiles of one orientation: with more, what they share is not written out
-MANY = 40
 # Noise levels at which Cauchy's loss gives a pose the weight of a half: little is lost
 # on clean data (notebook 42).
 CAUCHY = 2.385
@@ -83,6 +80,8 @@ class Problem:
         self.n = int(ends[-1])
         # which of the unknowns are each target's
         self.parts = [np.arange(*ends) for ends in pairwise(ends)]
+        # where each target's columns stand in the normal equations
+        self.places = [np.r_[SENSOR, part, self.n] for part in self.parts]
         # where the delay stands among all columns, if anything was seen in motion
         self.clock = None
         if DELAY in self.considered:
@@ -154,7 +153,7 @@ class Problem:
             if weights is not None or scale is not None:
                 z *= np.sqrt(weight)[:, None, None]
             flat = z.reshape(B, z.shape[1], -1)
-            to = np.r_[SENSOR, self.parts[index], self.n]
+            to = self.places[index]
             normal[:, to[:, None], to] += flat @ flat.mT
         known = self.of_mount(state, self.n)
         normal += known
@@ -222,9 +221,7 @@ class Problem:
             np.power([*self.considered.values()], -2.0),
             np.full(len(tried), NOTHING_KNOWN),
         ]
-        many = np.bincount(self.groups.orientation[self.groups.pose]).max() > MANY
-        kind = NestedModel if many else LinearModel
-        return kind(
+        return LinearModel(
             whole[..., FLANGE],
             whole[..., : FLANGE.start],
             self.counts,

@@ -234,8 +234,8 @@ def estimate(problem: Problem, prior: Prior, state: State, robust: bool) -> Esti
                 first = of_large_errors(problem, state, model, prior)
             kept = first
         model = model.keeping(kept)
-        y, _ = likeliest(model, law, y)
-        posterior = model.posterior(law.variances(y[None])[0])
+        likely = likeliest(model, law, y)
+        y, posterior = likely.y, likely.posterior
         x = posterior.mean[0]
         after = kept
         if robust:
@@ -256,7 +256,7 @@ def estimate(problem: Problem, prior: Prior, state: State, robust: bool) -> Esti
             break
         problem, state = after_step(problem, state, x)
         kept = after
-    return Estimate(problem, state, columns, model, average(model, prior, y))
+    return Estimate(problem, state, columns, model, average(model, prior, likely))
 
 
 def after_step(problem: Problem, state: State, x: ndarray) -> tuple[Problem, State]:
@@ -425,7 +425,9 @@ def weaker_spectrum(
         columns.append(moved)
     model = problem.model(estimated.state, names, columns=columns)
     model = model.keeping(estimated.model.kept)
-    covariance = average(model, prior, np.zeros(1 + len(names))).covariance[:6, :6]
+    law = prior.law(names)
+    likely = likeliest(model, law, np.zeros(len(law.free)))
+    covariance = average(model, prior, likely).covariance[:6, :6]
     at_sensor = of_covariance(covariance, at_origin.rank, at_origin.parameters)
     if at_sensor.status == at_origin.status:
         return at_origin, []

@@ -172,6 +172,8 @@ class Batch:
 
     def where(self, mask: ndarray, other: Self) -> Self:
         """This one where the mask (B,) holds, the other elsewhere."""
+        if mask.all() or not mask.any():
+            return self if mask.all() else other
 
         def merged(own: ndarray, others: ndarray) -> ndarray:
             further_axes = [1] * (own.ndim - 1)

@@ -14,7 +14,6 @@ from profilecal.calibration.observe import observe_all
 from profilecal.geometry.noise import Noise, Systematic, normalised_square
 from profilecal.geometry.poses import pose_error
 from profilecal.joint.linear_model import LinearModel
-from profilecal.joint.nested_model import NestedModel
 from profilecal.joint.problem import FLANGE, Problem
 from profilecal.simulation.spec import truth_of
 from profilecal.targets.observations import State
@@ -72,8 +71,7 @@ def test_the_derivative_by_the_delay_is_that_of_differences(kind, mount):
     np.testing.assert_allclose(z[0, problem.clock], by_time, atol=1e-4 * scale)
 
 
-@pytest.mark.parametrize("kind", [LinearModel, NestedModel])
-def test_jitter_is_an_error_along_the_derivative_by_time(kind):
+def test_jitter_is_an_error_along_the_derivative_by_time():
     """Against the covariance of all residuals, written out."""
     scan, _ = driven(turn_deg=8.0)
     problem, state = problem_of(scan)
@@ -83,7 +81,7 @@ def test_jitter_is_an_error_along_the_derivative_by_time(kind):
     whole = np.moveaxis(whole, 2, 0).mT  # (profiles, K, columns)
     F, columns = whole[..., FLANGE], whole[..., : FLANGE.start]
     precision = np.diag(np.full(columns.shape[2] - 1, 1e-3))
-    model = kind(
+    model = LinearModel(
         F, columns, problem.counts, problem.groups, names, precision, problem.clock
     )
     found = model.posterior(v[None])

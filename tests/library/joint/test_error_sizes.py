@@ -42,7 +42,8 @@ def edge_model(seed, names=(), **plan):
 
 
 def averaged(model, prior=PRIOR):
-    return average(model, prior, np.zeros(1 + len(model.names)))
+    law = prior.law(model.names)
+    return average(model, prior, likeliest(model, law, np.zeros(len(law.free))))
 
 
 def test_errors_are_as_usual_where_nothing_is_stated():
@@ -58,11 +59,11 @@ def test_the_likeliest_sizes_are_those_that_scipy_finds():
         return y @ y / 2 - model.posterior(v).log_evidence[0]
 
     start = np.zeros(len(law.free))
-    y, root = likeliest(model, law, start, tolerance=1e-8)
+    likely = likeliest(model, law, start, tolerance=1e-8)
     options = {"xatol": 1e-5, "fatol": 1e-9, "maxiter": 9999}
     by_scipy = minimize(unlikely, start, method="Nelder-Mead", options=options)
-    assert unlikely(y) == pytest.approx(by_scipy.fun, abs=1e-5)
-    assert np.linalg.eigvalsh(root @ root.T).min() > 0
+    assert unlikely(likely.y) == pytest.approx(by_scipy.fun, abs=1e-5)
+    assert np.linalg.eigvalsh(likely.root).min() > 0
 
 
 def mean_size(weight, posterior):
@@ -84,7 +85,7 @@ def test_draws_have_the_mean_and_the_sum_of_a_fine_grid():
     known_scanner = replace(PRIOR, source="given")
     law = known_scanner.law(model.names)
     likely = likeliest(model, law, np.zeros(1))
-    log_weight, drawn, _, _ = draw(model, law, *likely)
+    log_weight, drawn, _, _ = draw(model, law, likely)
     grid = np.linspace(-4.5, 4.5, 400)[:, None]
     on_grid = model.posterior(law.variances(grid)[0])
     height = on_grid.log_evidence + norm.logpdf(grid[:, 0])

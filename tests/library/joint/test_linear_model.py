@@ -16,7 +16,6 @@ from profilecal.geometry.noise import ROBOT, Noise, Systematic
 from profilecal.geometry.poses import inverse, rotations
 from profilecal.joint.descent import refine
 from profilecal.joint.linear_model import LinearModel, score
-from profilecal.joint.nested_model import NestedModel
 from profilecal.joint.prior import OF_SCANNER, of_target
 from profilecal.joint.problem import FLANGE, Problem
 from profilecal.simulation.scene import random_scene
@@ -43,18 +42,12 @@ def padded(profiles):
     return np.array([np.pad(own, [(0, 5 - len(own)), (0, 0)]) for own in profiles])
 
 
-@pytest.fixture(params=[LinearModel, NestedModel])
-def kind(request):
-    """Both ways to the same answers."""
-    return request.param
-
-
 class Dense:
     """A model whose residuals r, derivatives A and covariance C are written out."""
 
-    def __init__(self, kind, rank: int = 5):
-        """`kind` of model; `rank`: how many residuals of the first target's profiles an
-        error of the flange can move.
+    def __init__(self, rank: int = 5):
+        """`rank`: how many residuals of the first target's profiles an error of the
+        flange can move.
         """
         rng = np.random.default_rng(1)
         E = [rng.normal(size=(count, 6)) for count in COUNTS]
@@ -63,7 +56,9 @@ class Dense:
             own[:] = rng.normal(size=(5, rank)) @ rng.normal(size=(rank, 6))
         root = rng.normal(size=(N, N))
         self.precision = root @ root.T
-        self.model = kind(padded(E), padded(Y), COUNTS, GROUPS, ROBOT, self.precision)
+        self.model = LinearModel(
+            padded(E), padded(Y), COUNTS, GROUPS, ROBOT, self.precision
+        )
         self.E = np.concatenate(E)
         self.A, self.r = np.split(np.concatenate(Y), [N], axis=1)
         self.r = self.r[:, 0]
@@ -98,11 +93,11 @@ def squared(error, covariance) -> float:
 
 @pytest.mark.parametrize("rank", [2, 5])
 @pytest.mark.parametrize("missing", [[], [3, 7]])
-def test_posterior_and_evidence_are_those_of_the_dense_covariance(kind, missing, rank):
+def test_posterior_and_evidence_are_those_of_the_dense_covariance(missing, rank):
     """Evidence: the law of r where x is integrated out, N(0, C + A Π⁻¹ Aᵀ), but for
     constants.
     """
-    dense = Dense(kind, rank)
+    dense = Dense(rank)
     kept = ~np.isin(PROFILES, missing)
     r, A, C = dense.of(PROFILES[kept])
     precision = dense.precision
@@ -126,8 +121,8 @@ def test_posterior_and_evidence_are_those_of_the_dense_covariance(kind, missing,
     np.testing.assert_allclose(exact.mean[0], mean, rtol=1e-8)
 
 
-def test_gradient_and_average_information_of_the_evidence(kind):
-    dense = Dense(kind, 2)
+def test_gradient_and_average_information_of_the_evidence():
+    dense = Dense(2)
     v = UNITS * V
     slope, information = dense.model.gradient(dense.model.posterior(v[None]))
     step = 1e-4 * np.diag(v)
@@ -150,11 +145,11 @@ def left_out_square(model, profile: int) -> float:
 
 
 @pytest.mark.parametrize("profile", PROFILES)
-def test_a_profile_left_out_is_predicted_as_by_the_model_without_it(kind, profile):
+def test_a_profile_left_out_is_predicted_as_by_the_model_without_it(profile):
     """With the errors that it shares with others, where it is kept; as a new one, where
     it is not.
     """
-    dense = Dense(kind)
+    dense = Dense()
     r, A, C = dense.of(np.delete(PROFILES, profile))
     r_own, A_own, C_own = dense.of(profile)
     mean, covariance, _, _ = textbook(r, A, C, dense.precision)
@@ -172,8 +167,8 @@ def test_a_profile_left_out_is_predicted_as_by_the_model_without_it(kind, profil
     assert left_out_square(dense.model, profile) == pytest.approx(squared(error, S))
 
 
-def test_what_each_profile_says_by_itself(kind):
-    dense = Dense(kind, rank=2)
+def test_what_each_profile_says_by_itself():
+    dense = Dense(rank=2)
     expected = []
     for profile in PROFILES:
         r, A, C = dense.of(profile)
@@ -182,8 +177,8 @@ def test_what_each_profile_says_by_itself(kind):
     np.testing.assert_allclose(dense.model.alone(UNITS * V), expected, rtol=1e-8)
 
 
-def test_a_score_is_one_step_of_a_model_with_one_more_unknown(kind):
-    dense, n = Dense(kind), 2
+def test_a_score_is_one_step_of_a_model_with_one_more_unknown():
+    dense, n = Dense(), 2
     r, A, C = dense.r, dense.A, dense.C
     Y, W = np.c_[A, r], np.linalg.inv(C)
     known = dense.precision[:n, :n]
