@@ -7,6 +7,8 @@ import json
 from dataclasses import replace
 
 import numpy as np
+from openpyxl import Workbook
+from scipy.io import savemat
 from scipy.spatial.transform import Rotation
 
 from profilecal.geometry.poses import homogeneous
@@ -305,6 +307,47 @@ def array(folder):
     np.save(folder / "poses.npy", matrices_of_poses())
 
 
+def named_arrays(folder):
+    """Rotations and translations in arrays of their own, as OpenCV takes them."""
+    T = matrices_of_poses()
+    parts = {"R_gripper2base": T[:, :3, :3], "t_gripper2base": T[:, :3, 3:]}
+    np.savez(folder / "poses.npz", **parts)
+
+
+def matlab(folder):
+    """The poses along the last axis."""
+    savemat(folder / "poses.mat", {"T": np.moveaxis(matrices_of_poses(), 0, -1)})
+
+
+def robot_states(folder):
+    """As Universal Robots' controllers log them."""
+    titles = [f"actual_TCP_pose_{k}" for k in range(6)]
+    rows = poses("rotation vector", 0.001)
+    lines = [" ".join(["timestamp", *titles])]
+    lines += [f"{k}.5 {text(row, ' ')}" for k, row in enumerate(rows)]
+    (folder / "robot.csv").write_text("\n".join([*lines, ""]))
+
+
+def workbook(folder):
+    book = Workbook()
+    rows = poses("KUKA angles").tolist()
+    book.active.append(["Cell 4"])
+    book.active.append(["Nr", "X [mm]", "Y [mm]", "Z [mm]", "A", "B", "C"])
+    for k, row in enumerate(rows):
+        book.active.append([k, *row])
+    book.save(folder / "poses.xlsx")
+
+
+def of_images(folder):
+    """In another order, beside the names of the profiles' files."""
+    vectors = poses("quaternion", 0.001).tolist()
+    entries = [
+        {"tvec": row[:3], "q_wxyz": row[3:], "file": f"raw/scan_{k:03d}.csv"}
+        for k, row in enumerate(vectors)
+    ]
+    (folder / "poses.json").write_text(json.dumps({"poses": entries[::-1]}))
+
+
 # The profiles
 
 
@@ -413,6 +456,31 @@ def stacked(folder):
     np.save(folder / "all.npy", np.stack(scan().values).swapaxes(1, 2))
 
 
+def point_clouds(folder, ending="ply"):
+    ply = ["ply", "format ascii 1.0", f"element vertex {len(scan().values[0])}"]
+    ply += [f"property float {axis}" for axis in "xyz"] + ["end_header"]
+    pcd = ["# .PCD v0.7", "VERSION 0.7", "FIELDS x y z", "SIZE 4 4 4", "DATA ascii"]
+    head = {"ply": ply, "pcd": pcd}[ending]
+    for k, points in enumerate(scan().values):
+        rows = [f"{x:.15g} 0 {z:.15g}" for x, z in points]
+        (folder / f"cloud{k}.{ending}").write_text("\n".join([*head, *rows, ""]))
+
+
+def other_clouds(folder):
+    point_clouds(folder, "pcd")
+
+
+def headed(folder):
+    """Under a line for each, with thousands parted and decimal commas."""
+    lines = ["Device;LJ-X"]
+    for k, points in enumerate(scan().values):
+        lines += ["", f"Profile {k}", "X [um];Z [um]"]
+        for values in points * 1000:
+            x, z = (f"{value:,.9f}".replace("nan", "") for value in values)
+            lines.append(f"{x};{z}".translate(str.maketrans(",.", ".,")))
+    (folder / "all.csv").write_text("\n".join([*lines, ""]))
+
+
 def by_name(*writers):
     return {writer.__name__: writer for writer in writers}
 
@@ -420,9 +488,20 @@ def by_name(*writers):
 PROGRAMS = by_name(
     kuka, abb, ur, fanuc, yaskawa, kawasaki, mitsubishi, staubli, xml_log
 )
-NESTED = by_name(as_json, nested, json_lines, stamped, echoed, opencv)
+NESTED = by_name(as_json, nested, json_lines, stamped, echoed, opencv, of_images)
 TABLES = by_name(
-    key_lines, csv, tum, untitled, matrices, array, stacked_matrices, by_columns
+    key_lines,
+    csv,
+    tum,
+    untitled,
+    matrices,
+    array,
+    stacked_matrices,
+    by_columns,
+    named_arrays,
+    matlab,
+    robot_states,
+    workbook,
 )
 POSES = PROGRAMS | NESTED | TABLES
 PROFILES = by_name(
@@ -440,6 +519,9 @@ PROFILES = by_name(
     numbered,
     wide_table,
     stacked,
+    point_clouds,
+    other_clouds,
+    headed,
 )
 PROFILES_OF = {fanuc: lists}  # counted from 1
 # what a user has to say: numbers without names, columns that mean something else

@@ -1,4 +1,4 @@
-"""Arrays in NumPy's files."""
+"""Arrays in files of NumPy's and MATLAB's."""
 
 from collections.abc import Collection
 from pathlib import Path
@@ -7,10 +7,13 @@ from zipfile import BadZipFile
 
 import numpy as np
 from numpy import ndarray
+from scipy.io import loadmat
+from scipy.io.matlab import MatReadError
 
 from profilecal.scan.tables import ScanError, Table, listed, naming, shown
 
-ENDINGS = (".npy", ".npz")
+ENDINGS = (".npy", ".npz", ".mat")
+MOST = 16  # numbers of a pose
 # what NumPy raises on a file that is cut short or changed, beside ValueError
 UNREADABLE = (
     EOFError,
@@ -19,22 +22,54 @@ UNREADABLE = (
     NotImplementedError,
     TokenError,
     TypeError,
+    MatReadError,
 )
 
 
-def array(path: Path, entry: str = "") -> ndarray:
-    """The numbers of an array of two or three axes, or of one in an archive.
-
-    Raises ScanError.
-    """
+def arrays_in(path: Path) -> dict[str, ndarray]:
+    """The arrays of numbers in a file, by name. Raises ScanError."""
     with naming(path), path.open("rb") as file:
         try:
-            content = np.load(file, allow_pickle=False)
-            if not isinstance(content, ndarray):
-                content = content[chosen(path, content, entry)]
-            values = np.asarray(content, float)
+            if path.suffix.lower() == ".mat":
+                content = loadmat(file)
+            else:
+                content = np.load(file, allow_pickle=False)
+            if isinstance(content, ndarray):
+                return {"": np.asarray(content, float)}
+            arrays = {name: np.asarray(content[name]) for name in content}
         except UNREADABLE as error:
             raise ScanError(f"{path}: not an array of numbers ({error})") from error
+    return {
+        name: firsts_first(values.astype(float)) if path.suffix == ".mat" else values
+        for name, values in arrays.items()
+        if values.dtype.kind in "iuf" and values.size
+    }
+
+
+def firsts_first(values: ndarray) -> ndarray:
+    """An array of MATLAB's with what its last axis counts, poses or profiles, first."""
+    above, across = values.shape[0], values.shape[1:]
+    is_stack = values.ndim == 3 and across[1] > 4
+    is_pose = (above, across[0]) in ((3, 3), (3, 4), (4, 4))
+    if is_stack and (is_pose or (above > 4 and across[0] in (2, 3))):
+        return np.moveaxis(values, -1, 0)
+    return values
+
+
+def are_poses(values: ndarray) -> bool:
+    """Whether an array has a pose, or a part of one, in each row."""
+    return values.ndim > 1 and values[0].size <= MOST and values.shape[-1] != 2
+
+
+def point_array(path: Path, entry: str = "") -> ndarray:
+    """The points in an array of two or three axes: the one that is named, or that a
+    file has beside poses. Raises ScanError.
+    """
+    arrays = arrays_in(path)
+    called = [name for name in arrays if "profile" in name.lower()]
+    beside = [name for name, one in arrays.items() if not are_poses(one)]
+    alone = next((names for names in (called, beside) if len(names) == 1), arrays)
+    values = arrays[chosen(path, arrays if entry else alone, entry)]
     if values.ndim not in (2, 3) or not values.size:
         raise ScanError(
             f"{path}: an array of shape {values.shape}; "

@@ -22,7 +22,7 @@ from profilecal_tool.importing.makers import POSE_FILES, PROGRAM, TIMES
 from profilecal_tool.importing.pairing import driven, match, unit_s
 from profilecal_tool.importing.poses import frames_of, pose_table, taken_as
 from profilecal_tool.importing.profiles import profiles_of, read_profiles, seen_in_mm
-from profilecal_tool.importing.tables import encoding_of, names_of, rows_of
+from profilecal_tool.importing.tables import encoding_of, names_of, rows_of, sheets_of
 
 
 def import_scan(
@@ -41,7 +41,8 @@ def import_scan(
 
     of_profiles, of_poses, left = sort_files(folder, layout)
     encoding = layout.encoding or encoding_of([*of_poses, *of_profiles])
-    layout = replace(layout, encoding=encoding, in_one=of_poses == of_profiles)
+    is_one_table = of_poses == of_profiles and len(sheets_of(of_poses[0])) < 2
+    layout = replace(layout, encoding=encoding, in_one=is_one_table)
     poses, convention, guessed = pose_table(of_poses, layout)
     count = len(poses.lines)
     tables = [read_profiles(path, count, layout) for path in of_profiles]
@@ -114,10 +115,13 @@ def sort_files(
     """The profiles, what holds the poses, and the names of other files.
 
     Files alike but for numbers belong together, and most are profiles. A file alone
-    holds both. Raises ScanError where there are no profiles or no poses.
+    holds both, and so may files in JSON.
+
+    Raises ScanError where there are no profiles or no poses.
     """
     every = files(folder, "*")
     usual = mode(map(family, every)) if every else ""
+    may_hold_both = len(every) == 1 or {path.suffix for path in every} == {".json"}
     profiles, poses = files(folder, layout.profiles), files(folder, layout.poses)
     if not poses:
         rest = [path for path in every if path not in profiles]
@@ -127,7 +131,7 @@ def sort_files(
             for path in rest
             if POSE_FILES.search(path.name) or PROGRAM.search(path.name)
         ]
-        alone = unlike if len(unlike) == 1 else rest if len(every) == 1 else []
+        alone = unlike if len(unlike) == 1 else rest if may_hold_both else []
         poses = [path for path in named if path in unlike] or named or alone
     if not poses:
         raise ScanError(
@@ -135,7 +139,7 @@ def sort_files(
             "poses; say what holds them: --poses FILE"
         )
     others = [path for path in every if path not in poses]
-    if not profiles and not others and len(poses) > 1:
+    if not profiles and not others and not may_hold_both:
         raise ScanError(f"{folder}: no profiles beside {names_of(poses)}")
     if not profiles:
         usual = mode(map(family, others)) if others else ""

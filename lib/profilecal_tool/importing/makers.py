@@ -47,6 +47,11 @@ ALIASES = {
     "yaw": "r",
 }
 
+# Universal Robots' real-time data
+ALIASES |= {
+    f"actual_tcp_pose_{k}": name for k, name in enumerate(("x", "y", "z", *VECTOR))
+}
+
 # what a profile's columns are called beside x and z
 HEIGHTS = ("height", "depth", "distance", "höhe", "abstand", "hauteur")
 HEIGHTS += ("高度", "深度", "距离", "高さ", "距離")
@@ -55,6 +60,9 @@ HEIGHTS += ("高度", "深度", "距离", "高さ", "距離")
 ONE = r"\D*?([+-]?[\d.]+(?:e[+-]?\d+)?)"
 X_START = re.compile(r"\bx\W*(?:start|first|min|offset|origin|始点|起点)" + ONE, re.I)
 X_PITCH = re.compile(r"(?:pitch|step|interval|spacing|间距|ピッチ)" + ONE, re.I)
+
+# a line above one of several profiles in a file
+HEADING = re.compile(r"\W*(?:profile?|scan|frame|轮廓|プロファイル)\W*\d+\W*", re.I)
 
 # numbers that stand for nothing seen
 CODE = re.compile(r"-?(?:9+(?:\.9+)?|327\d\d|21474836\d\d)")
@@ -82,7 +90,10 @@ SEVERAL = {
         rf"(?:{POSITION})(_?vec(tor)?)?": ("x", "y", "z"),
         r"r(ot)?_?vec(tor)?": VECTOR,
     },
-    4: {ROTATION: ("qx", "qy", "qz", "qw")},
+    4: {
+        r".*wxyz": ("qw", "qx", "qy", "qz"),
+        rf"{ROTATION}|.*xyzw": ("qx", "qy", "qz", "qw"),
+    },
     9: {rf"(?:{ROTATION})(_?mat(rix)?)?": named("matrix").columns},
 }
 
@@ -142,6 +153,7 @@ FRAME_SET = {
     "base": r"(?:^[ \t/]*(?:base|user)[ \t]+|\$base *=|#base,)[ \t]*(\S.*)",
 }
 MOVE = r"\bmove[ljc]\w*\s+([^;\n]*?)\s*,\s*(\w+)\s*(?:\\wobj:=(\w+)[^;\n]*)?;"
+CALL = r"\bmove[ljc]\(\s*([a-z]\w*(?:\[\d+\])?)\s*,\s*([a-z]\w*)(?:\[0\])?\s*,"  # VAL3
 NO_FRAME = {"", "0", "tool0", "wobj0", "flange", "flange0", "world", "world0", "null"}
 NO_FRAME |= {"nullframe", "$nullframe", "p_ntool", "p_nbase"}
 IS_FRAME = r"\$?(?:{0})(?:_?data)?\d*"

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from profilecal.scan.tables import Rows, ScanError, listed, number
+from profilecal.scan.tables import Rows, ScanError, Table, in_columns, listed, number
 from profilecal_tool.importing.arrays import chosen
 from profilecal_tool.importing.key_value import Named
 from profilecal_tool.importing.makers import (
@@ -22,7 +22,13 @@ from profilecal_tool.importing.makers import (
     several,
 )
 from profilecal_tool.importing.programs import check_axes
-from profilecal_tool.importing.tables import line_of
+from profilecal_tool.importing.tables import (
+    ROW,
+    in_numbers,
+    line_of,
+    meaning,
+    names_and_units,
+)
 
 NAMED_LIST = re.compile(r"^ *(\w+) *:\s*\[([^\[\]]*)\]", re.MULTILINE)
 # how JSON, XML and YAML begin
@@ -56,9 +62,11 @@ def tree_of(text: str) -> Any:
         return None
 
 
-def poses_in(path: Path, text: str, entry: str) -> tuple[list[Named], list[str]]:
-    """The poses in JSON or YAML, with what else is there of each, and what was guessed;
-    none in another text.
+def poses_in(
+    path: Path, tree: Any, entry: str, most: int | None = None
+) -> tuple[list[Named], list[str]]:
+    """The poses in what `tree_of` reads, with what else is there of each, and what was
+    guessed; none in another text. It has `most` numbers.
 
     What has the same numbers in its path is of one pose: R_1 and t_1, or what is in one
     element of a list. `entry` names the poses where there are several of each.
@@ -68,12 +76,15 @@ def poses_in(path: Path, text: str, entry: str) -> tuple[list[Named], list[str]]
     records: dict[tuple, dict[str, dict[str, str]]] = {}
     guessed = set()
     # what YAML repeats by name may be endless
-    for words, numbers, cells in islice(leaves(tree_of(text)), len(text)):
+    for words, numbers, cells in islice(leaves(tree), most):
         where, columns = placed(words, cells)
         part = records.setdefault(numbers, {}).setdefault(".".join(where), {})
         part |= zip(columns, cells, strict=True)
-        if len(cells) == 4 and "qw" in columns:
-            guessed.add(f"{words[-1]} is taken for qx, qy, qz, qw (--pose-columns)")
+        is_said = words and words[-1].endswith(("wxyz", "xyzw"))
+        if len(cells) == 4 and "qw" in columns and not is_said:
+            guessed.add(
+                f"{words[-1]} is taken for {', '.join(columns)} (--pose-columns)"
+            )
     parts = [(where, part) for one in records.values() for where, part in one.items()]
     places = [*dict.fromkeys(where for where, part in parts if is_pose(part))]
     if not places:
@@ -184,3 +195,56 @@ def points_in_list(path: Path, text: str, entry: str) -> Rows:
     line = line_of(text, profile.start())
     fields = profile[2].split(",")
     return [(line, fields[first : first + 3]) for first in range(0, len(fields), 3)]
+
+
+def points_in(path: Path, text: str, entry: str) -> Table | None:
+    """The points of all profiles in JSON; None in another text.
+
+    Of several lists in a profile, `entry` names the one. Raises ScanError.
+    """
+    if text.lstrip()[:1] not in ("{", "["):
+        return None
+    found: dict[str, Rows] = {}
+    titles: dict[str, list[str]] = {}
+    for k, (name, columns, points) in enumerate(lists_of(tree_of(text)), 1):
+        titles[name] = columns
+        rows = found.setdefault(name, [])
+        rows += [(k, [str(k), *point]) for point in points]
+    if not found:
+        return None
+    name = chosen(path, found, entry)
+    units = names_and_units([ROW, *titles[name]])
+    return in_numbers(in_columns(path, units, found[name]))
+
+
+def lists_of(node: Any, name: str = "") -> Iterator[tuple[str, list[str], Sequence]]:
+    """The lists of points in a tree: their name there, what a point's numbers are, and
+    the points. They are lists of x and of z, or one of points.
+    """
+    if isinstance(node, dict):
+        lists = {key: value for key, value in node.items() if is_long(value)}
+        axes = [key for key in lists if meaning(key) & {*"xz"}]
+        if len(axes) > 1 and len({len(lists[key]) for key in axes}) == 1:
+            cells = ([*map(in_cell, lists[key])] for key in axes)
+            yield name, axes, [*zip(*cells, strict=True)]
+            return
+        for key, value in node.items():
+            yield from lists_of(value, key)
+    elif (
+        is_long(node) and isinstance(node[0], list) and not isinstance(node[0][0], list)
+    ):
+        points = [[*map(in_cell, point)] for point in node]
+        yield name, [str(k) for k in range(1, len(points[0]) + 1)], points
+    elif isinstance(node, list):
+        for value in node:
+            yield from lists_of(value, name)
+
+
+def is_long(node: Any) -> bool:
+    """Whether a list has more than a matrix has rows."""
+    return isinstance(node, list) and len(node) > 4 and node[0] not in ([], {})
+
+
+def in_cell(value: Any) -> str:
+    """A number of a table, blank for none."""
+    return "" if value is None else str(value)

@@ -21,6 +21,7 @@ STAMP = re.compile(
     r"\D{0,2}([0-2]\d)\D?([0-5]\d)\D?([0-5]\d)(?:\D?(\d{1,6}))?"
 )
 CLOCK = re.compile(r"([0-2]\d)[-:.h]([0-5]\d)[-:.m]([0-5]\d(?:\.\d+)?)")
+FILE = re.compile(r"(?s:.*[/\\])?(.*?)(?:\.0|\.[a-zA-Z]\w*)?")
 UNITS_S = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
 SECONDS = re.compile(r"\d{10,}(?:\.\d+)?|\d+\.\d+")  # since 1970, or since anything
 
@@ -94,7 +95,7 @@ def by_column(poses: Table, column: str, names: Sequence[str]) -> Iterator[Pairi
     """The pairings in which a column has the profiles' names, or the last, the last but
     one, … of the numbers in them. Raises ScanError where a label is there twice.
     """
-    labels = [str(cell).strip().removesuffix(".0") for cell in poses.columns[column]]
+    labels = [FILE.sub(r"\1", str(cell).strip()) for cell in poses.columns[column]]
     row_of: dict[str | int, int] = {}
     twice = [row_of.setdefault(label.lower(), k) < k for k, label in enumerate(labels)]
     if any(twice):

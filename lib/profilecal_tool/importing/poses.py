@@ -23,7 +23,7 @@ from profilecal.scan.conventions import (
 from profilecal.scan.folder import check_poses
 from profilecal.scan.scan import MOUNTS
 from profilecal.scan.tables import ScanError, Table, listed, naming, number
-from profilecal_tool.importing.arrays import ENDINGS, array, from_array
+from profilecal_tool.importing.arrays import ENDINGS, are_poses, arrays_in, from_array
 from profilecal_tool.importing.key_value import Named, in_table
 from profilecal_tool.importing.layout import Layout
 from profilecal_tool.importing.makers import (
@@ -35,7 +35,13 @@ from profilecal_tool.importing.makers import (
     UNNAMED,
     UNSAID,
 )
-from profilecal_tool.importing.nested import NESTED, chosen_place, placed, poses_in
+from profilecal_tool.importing.nested import (
+    NESTED,
+    chosen_place,
+    placed,
+    poses_in,
+    tree_of,
+)
 from profilecal_tool.importing.programs import check_axes, positions_in
 from profilecal_tool.importing.tables import (
     apart,
@@ -62,12 +68,22 @@ def read_poses(path: Path, layout: Layout) -> tuple[Table, list[str]]:
     what was guessed. Raises ScanError.
     """
     if path.suffix.lower() in ENDINGS:
-        values = array(path)
-        return stacked(from_array(path, values.reshape(len(values), -1))), []
-    text = closed_text(path, layout.encoding)
+        arrays = {
+            name: values
+            for name, values in arrays_in(path).items()
+            if are_poses(values)
+        }
+        if len(arrays) == 1:
+            values = arrays.popitem()[1]
+            return stacked(from_array(path, values.reshape(len(values), -1))), []
+        tree = {name: values.astype(str).tolist() for name, values in arrays.items()}
+        poses, guessed = poses_in(path, tree, layout.entry)
+        return in_table(path, poses), guessed
+    text = closed_text(path, layout.encoding, layout.entry, of_poses=True)
     if len(text) < LONGEST:
         with naming(path):
-            poses, guessed = poses_in(path, text, layout.entry)
+            tree = tree_of(text)
+            poses, guessed = poses_in(path, tree, layout.entry, len(text))
             poses = poses or one_kind(path, positions_in(path, text), layout.entry)
         if poses:
             return in_table(path, poses), guessed
@@ -129,7 +145,7 @@ def pose_table(
     names = {stem(path.name) for path in paths}
     if len(names) == len(paths) > 1 and all(map(PROGRAM.search, names)):
         folder = paths[0].parent
-        texts = [closed_text(path, layout.encoding) for path in paths]
+        texts = [closed_text(path, layout.encoding, "") for path in paths]
         tables = [in_table(folder, positions_in(folder, "\n".join(texts)))]
         guessed: list[str] = []
     else:

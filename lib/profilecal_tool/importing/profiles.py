@@ -15,7 +15,7 @@ from numpy import ndarray
 
 from profilecal.scan.scan import FARTHEST_MM
 from profilecal.scan.tables import ScanError, Table, listed, number
-from profilecal_tool.importing.arrays import ENDINGS, array, from_array
+from profilecal_tool.importing.arrays import ENDINGS, from_array, point_array
 from profilecal_tool.importing.layout import Layout
 from profilecal_tool.importing.makers import (
     CODE,
@@ -25,7 +25,7 @@ from profilecal_tool.importing.makers import (
     X_PITCH,
     X_START,
 )
-from profilecal_tool.importing.nested import points_in_list
+from profilecal_tool.importing.nested import points_in, points_in_list
 from profilecal_tool.importing.tables import (
     ROW,
     apart,
@@ -51,15 +51,16 @@ def read_profiles(path: Path, count: int, layout: Layout) -> Table:
     """
     start = layout.x
     if path.suffix.lower() in ENDINGS:
-        table = of_array(path, array(path, layout.entry))
+        table = of_array(path, point_array(path, layout.entry))
     else:
-        text = closed_text(path, layout.encoding)
+        text = closed_text(path, layout.encoding, layout.entry)
         if not re.search(r"\b\d", text):  # titles at most
             return Table(path, {}, [])
-        points = points_in_list(path, text, layout.entry)
-        table = from_rows(path, points or lines_of(text))
+        table = points_in(path, text, layout.entry) or from_rows(
+            path, points_in_list(path, text, layout.entry) or lines_of(text)
+        )
         start = start or start_and_pitch(text)
-    if layout.in_one:
+    if layout.in_one and ROW not in table.columns:
         table = apart(table)[1]
     return chosen_rows(across(table, count, start), layout.where)
 
@@ -108,6 +109,9 @@ def across(table: Table, count: int, start: tuple[float, float] | None) -> Table
     z = z or [name for name in names if np.isfinite(number(name))]
     if len(z) < 5:
         return table
+    shared = [name for name in names if "x" in meaning(name)]
+    if len(shared) == 1 and is_rising(table.numbers(shared)[:, 0]):
+        return below(table, shared[0], z)
     others = {name: np.array(columns[name]) for name in names if name not in (*x, *z)}
     titles, values = np.array([*map(number, z)]), table.numbers(z, blank=True)
     kinds = next((c for c in others.values() if {"Z"} <= {*c} <= {*"XYZI"}), None)
@@ -145,6 +149,22 @@ def across(table: Table, count: int, start: tuple[float, float] | None) -> Table
     units = dict.fromkeys(long, "") | {"x": unit, "z": unit}
     lines = np.repeat(np.array(table.lines)[rows], k)
     return replace(table, columns=long, lines=lines, units=units)
+
+
+def below(table: Table, x: str, z: list[str]) -> Table:
+    """The table with a point a row where a column has the z of a profile, all of them
+    beside the same x.
+    """
+    n = len(table.lines)
+    columns = {
+        ROW: np.repeat(np.arange(1, len(z) + 1), n),
+        "x": np.tile(table.numbers([x])[:, 0], len(z)),
+        "z": table.numbers(z, blank=True).T.ravel(),
+    }
+    units = {ROW: "", "x": table.units[x], "z": table.units[z[0]]}
+    return replace(
+        table, columns=columns, lines=np.tile(table.lines, len(z)), units=units
+    )
 
 
 def is_smooth(rows: ndarray) -> bool:
@@ -334,6 +354,10 @@ def x_and_z(tables: list[Table], layout: Layout) -> dict[str, str]:
         named = named or [name for name in first.columns if axis in meaning(name)]
         if len(named) == 1 and not layout.columns:
             axes[named[0]] = ""
+    if len(axes) == 1 and len(first.columns) == 2 and not layout.columns:
+        (known,) = axes
+        (other,) = first.columns.keys() - axes
+        axes = {other: ""} | axes if "z" in meaning(known) else axes | {other: ""}
     for name in filter(str.isdigit, {} if axes else first.columns):
         cells = chain.from_iterable(table.columns[name] for table in tables)
         if len({value for value in map(number, cells) if value == value}) > 1:

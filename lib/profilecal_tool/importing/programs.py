@@ -9,6 +9,7 @@ from pathlib import Path
 from profilecal.scan.tables import ScanError, listed, number
 from profilecal_tool.importing.key_value import Named, named_cells, numbered_lines
 from profilecal_tool.importing.makers import (
+    CALL,
     FRAME_SET,
     IS_FRAME,
     JOINTS,
@@ -162,6 +163,11 @@ def names_said(text: str, found: list[Named]) -> dict[str, dict[str, str]]:
         line = str(line_at(move.start()))
         names = {"tool": tool, "base": base}
         said |= dict.fromkeys([line, *re.findall(r"\w+", targets.lower())], names)
+    tools = {bare(one.name) for one in found if is_frame(one, "tool")}
+    for target, tool in re.findall(CALL, text, ANYWHERE):
+        first = f"{bare(tool)}0"  # an array's name stands for its first
+        if first in tools:
+            said[bare(target)] = {"tool": first}
     return said
 
 

@@ -7,6 +7,7 @@ from contextlib import suppress
 from dataclasses import replace
 from itertools import chain, islice
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 from charset_normalizer import from_bytes
@@ -22,18 +23,27 @@ from profilecal.scan.tables import (
     number,
     text_of,
 )
+from profilecal_tool.importing.arrays import chosen
 from profilecal_tool.importing.makers import (
     ALIASES,
     ENCODINGS,
     FOREIGN,
+    HEADING,
     HEIGHTS,
     LENGTHS,
+    POSE_FILES,
 )
 
 # or what FANUC prints for a position that was not taught
 NUMBER = r"(?:[+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?|\*+)"
+THOUSANDS = re.compile(r"(?<=\d)\.(?=\d{3}(?:\.\d{3})*,\d)")  # before decimal commas
+WORKBOOK = ".xlsx"
 ROW = "row of the file"  # a column that tells profiles apart, one a row
 REMARK = re.compile(r"\s*(?:#|%|//|!)[\s#%/]*")
+POINT_CLOUD = re.compile(
+    r"(?s:ply\r?\n.*?\nelement\s+vertex.*?\nend_header\r?\n)"
+    r"|(?s:(?:#|VERSION)[^\n]*\n(?:.*?\n)??FIELDS.*?\nDATA ascii\r?\n)"
+)
 # what is behind the name in a title: a unit in brackets and what follows it, or one
 # behind a space, "_" or "/"
 UNIT = re.compile(
@@ -41,18 +51,63 @@ UNIT = re.compile(
 )
 
 
-def closed_text(path: Path, encoding: str = "") -> str:
-    """A file's text, in an encoding where it is not UTF-8.
+def closed_text(path: Path, encoding: str, entry: str, of_poses: bool = False) -> str:
+    """A file's text, in an encoding where it is not UTF-8; of a workbook, that of the
+    sheet `entry`, or of the one that is named like poses, or is not.
 
     Raises ScanError where brackets are not closed.
     """
-    text = text_of(path, encoding=encoding)
+    if sheets := sheets_of(path):
+        own = [name for name in sheets if bool(POSE_FILES.search(name)) == of_poses]
+        return sheets[chosen(path, own if len(own) == 1 else sheets, entry)]
+    text = with_titles(text_of(path, encoding=encoding))
     for opening, closing in ("{}", "[]"):
         if text.count(opening) != text.count(closing):
             raise ScanError(
                 f"{path}: not as many {closing} as {opening}; is the file cut short?"
             )
     return text
+
+
+def sheets_of(path: Path) -> dict[str, str]:
+    """The sheets of a workbook, a row a line, by name; of other files none.
+
+    Raises ScanError.
+    """
+    if path.suffix.lower() != WORKBOOK:
+        return {}
+    try:
+        from openpyxl import load_workbook
+        from openpyxl.utils.exceptions import InvalidFileException
+    except ImportError as error:
+        raise ScanError(
+            f"{path}: a workbook; save its sheet as CSV, or: pip install openpyxl"
+        ) from error
+    with naming(path):
+        try:
+            book = load_workbook(path, read_only=True, data_only=True)
+        except (BadZipFile, InvalidFileException) as error:
+            raise ScanError(f"{path}: not a workbook ({error})") from error
+        return {
+            sheet.title: "\n".join(
+                "\t".join("" if cell is None else str(cell) for cell in row)
+                for row in sheet.values
+            )
+            for sheet in book
+        }
+
+
+def with_titles(text: str) -> str:
+    """The points of a PLY or PCD file, written as text, below their titles; other text
+    as it is.
+    """
+    head = POINT_CLOUD.match(text)
+    if not head:
+        return text
+    vertex = re.split(r"\nelement\b", head[0])[:2][-1]
+    names = re.findall(r"\nproperty\s+\w+\s+(\w+)", vertex)
+    names = names or re.search(r"\nFIELDS\s+(.*)", head[0])[1].split()
+    return " ".join(names) + head[0].count("\n") * "\n" + text[head.end() :]
 
 
 def encoding_of(paths: list[Path]) -> str:
@@ -103,7 +158,7 @@ def lines_of(text: str) -> Iterator[Row]:
             continue
         remark = REMARK.match(line)
         fields = fields_of(line[remark.end() :] if remark else line)
-        if not remark or {"x", "z"} <= names_and_units(fields).keys():
+        if not remark or {"x", "z"} <= set().union(*map(words_in, fields)):
             yield line_number, fields
 
 
@@ -115,7 +170,7 @@ def fields_of(line: str) -> list[str]:
     if re.search(r"\d,\d+\s+-?\d+,\d", line) and separator == ",":
         separator = spaces
     if separator != ",":
-        line = line.replace(",", ".")
+        line = THOUSANDS.sub("", line).replace(",", ".")
     return [field.strip(" \r\"'") for field in re.split(separator, line.strip(" \r"))]
 
 
@@ -156,6 +211,8 @@ def body_of(rows: Iterable[Row], titles: list[str]) -> Iterator[Row]:
     """The rows of a table with titles, among others."""
     heading = 0  # the length of the titles of another one
     for line, fields in rows:
+        if HEADING.fullmatch(" ".join(fields)):
+            continue
         if len(fields) != len(titles) and are_words(fields).all():
             heading = len(fields)
         elif fields != titles and len(fields) != heading:
@@ -193,8 +250,9 @@ def are_words(fields: list[str]) -> ndarray:
 
 
 def holds_numbers(fields: list[str]) -> bool:
-    """Whether fewer than half of a row's fields are words."""
-    return are_words(fields).sum() < len(fields) / 2
+    """Whether a row has numbers, and fewer words."""
+    values = np.array([*map(number, fields)])
+    return bool(np.isfinite(values).sum() > np.isinf(values).sum())
 
 
 def names_and_units(titles: Collection[str]) -> dict[str, str]:

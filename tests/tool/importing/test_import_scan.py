@@ -3,6 +3,7 @@ corrupted files, real ones.
 """
 
 import functools
+import json
 import os
 import re
 import shutil
@@ -16,6 +17,7 @@ import pytest
 from command import run
 from corruptions import CORRUPTIONS
 from folders import edited
+from openpyxl import Workbook
 from peoples_files import (
     POSES,
     PROFILES,
@@ -29,9 +31,11 @@ from peoples_files import (
     kuka,
     lists,
     matrices,
+    matrices_of_poses,
     one_each,
     poses,
     said_of,
+    samples,
     scan,
     staubli,
     text,
@@ -203,6 +207,35 @@ def in_one_row(folder):
     (folder / "log.csv").write_text("\n".join(lines))
 
 
+def in_json(folder):
+    """A file for each pose, with its profile."""
+    for k, ((position, turn), points) in enumerate(
+        zip(samples(), scan().values, strict=True)
+    ):
+        cells = [[None if z != z else z for z in point] for point in points.tolist()]
+        pose = {"position": position, "orientation": turn}
+        content = json.dumps({"robot": pose, "profile": {"points": cells}})
+        (folder / f"capture{k:02d}.json").write_text(content)
+
+
+def in_arrays(folder):
+    everything = {"T_base_flange": matrices_of_poses(), "z": np.stack(scan().values)}
+    np.savez(folder / "all.npz", **everything)
+
+
+def in_sheets(folder):
+    book = Workbook()
+    book.active.title = "Robot poses"
+    for row in [["nr", *"xyzwpr"], *np.c_[:12, poses("FANUC angles")].tolist()]:
+        book.active.append(row)
+    sheet = book.create_sheet("Scans")
+    sheet.append(["nr", "x", "z"])
+    for k, points in enumerate(scan().values):
+        for point in points.tolist():
+            sheet.append([k, *(None if z != z else z for z in point)])
+    book.save(folder / "all.xlsx")
+
+
 def by_clock(start, step, name):
     """A log of 2 Hz, of a robot that stands still for two seconds of four, and profiles
     named by the time at which they were taken, 0.1 s after an entry of it.
@@ -231,10 +264,13 @@ def by_clock(start, step, name):
     [
         (in_one_table, "in order"),
         (in_one_row, "in order"),
+        (in_json, "by their names"),
+        (in_arrays, "in order"),
+        (in_sheets, "as in column nr"),
         (by_clock(1.7e9, 1, "scan_%Y-%m-%d_%H-%M-%S.%f"), "up to 0.1 s apart"),
         (by_clock(1.7e12, 1000, "%Y%m%dT%H%M%S,%f"), "up to 0.1 s apart"),
     ],
-    ids=["points", "rows", "seconds", "milliseconds"],
+    ids=["points", "rows", "JSON", "arrays", "sheets", "seconds", "milliseconds"],
 )
 def test_poses_are_found_in_the_same_table_or_by_time(write, how, tmp_path):
     (tmp_path / "in").mkdir()
@@ -410,6 +446,16 @@ def test_a_tool_whose_frame_or_use_is_not_in_the_program_is_told(name, tmp_path)
     folder = written(tmp_path / "files", of_poses)
     change(folder)
     assert any(re.search(words, note) for note in notes(folder))
+
+
+def test_a_tool_that_moves_name_is_taken_off(tmp_path):
+    folder = written(tmp_path / "files", staubli)
+    edited("scan.dtx", 'type="frame"', 'type="tool"')(folder)
+    edited("scan.dtx", 'fatherId="fPart[0]"', "", 24)(folder)
+    moves = [f"movel(pScan[{k}], fPart, mSlow)" for k in range(12)]
+    (folder / "start.pgx").write_text("\n".join(["begin", *moves, "end"]))
+    _, guesses = import_scan(folder, "edge", {})
+    assert "tool fpart0 at [100.0, 50.0, 0.0] mm, taken off" in guesses[1]
 
 
 def test_a_program_may_lie_in_several_files_and_a_tool_may_be_left_on(tmp_path):
