@@ -128,10 +128,10 @@ def likeliest(
 
 def draw(
     model: LinearModel, law: Law, likely: Likeliest
-) -> tuple[ndarray, Posterior, ndarray, ndarray]:
+) -> tuple[ndarray, ndarray, Posterior]:
     """Sizes that a model allows: the logarithms (S,) of their weights, relative to
-    those of other models; what follows from each; and the mean (d,) and the spread (d,)
-    of the free ones' coordinates.
+    those of other models; the coordinates (S, d) of the free ones; and what follows
+    from each.
 
     Importance sampling of the density exp h(y) of the coordinates (`likeliest`), in d
     dimensions. Draws are
@@ -168,11 +168,7 @@ def draw(
     log_q = gammaln((TAILS + d) / 2) - gammaln(TAILS / 2) - d / 2 * np.log(TAILS / 2)
     log_q = log_q - (TAILS + d) / 2 * np.log1p(np.sum(z**2, axis=1) / TAILS)
     log_q = log_q - np.log(s).sum(axis=1) - np.linalg.slogdet(root)[1]
-    log_w = log_density(posterior, y) - log_q - np.log(count)
-
-    w = softmax(log_w)
-    centre = w @ y
-    return log_w, posterior, centre, np.sqrt(w @ (y - centre) ** 2)
+    return log_density(posterior, y) - log_q - np.log(count), y, posterior
 
 
 def log_density(posterior: Posterior, y: ndarray) -> ndarray:
@@ -206,6 +202,9 @@ def average(model: LinearModel, prior: Prior, likely: Likeliest) -> ErrorSizes:
 
     The covariance is then enlarged until its region holds over all sizes (`growth`).
 
+    A belief that scanner or target is poor (`poor_scanners`) has the same sizes, of
+    which only the weights differ, unless the data favour it: then it has its own.
+
     The sizes themselves are what a belief says of each, a normal law of its coordinate
     of the draws' mean and spread: so few draws have no tails.
     """
@@ -213,17 +212,23 @@ def average(model: LinearModel, prior: Prior, likely: Likeliest) -> ErrorSizes:
     spreads: list[dict] = []
     of_sizes: list[tuple] = []
     start = likely.y
-    rivals = beliefs(model, prior)
-    rivals += poor_scanners(model, prior, likely.posterior)
-    for believed_model, belief, odds in rivals:
+    usual = draw(model, prior.law(model.names), likely)
+    rivals: list[tuple] = [(model, prior, 1.0, usual)]
+    rivals += poor_scanners(model, prior, usual)
+    rivals += [(*belief, None) for belief in beliefs(model, prior)]
+    for believed_model, belief, odds, drawn_sizes in rivals:
         law = belief.law(model.names)
-        if draws:
+        if drawn_sizes is None:
             likely = likeliest(believed_model, law, start[: len(law.free)])
-        log_weight, posterior, centre, spread = draw(believed_model, law, likely)
-        log_weight += np.log(odds)
+            drawn_sizes = draw(believed_model, law, likely)
+        log_weight, y, posterior = drawn_sizes
+        log_weight = log_weight + np.log(odds)
         poor = np.tile(believed_model.poor, (len(log_weight), 1))
         x, V = posterior.mean, posterior.covariance
         draws.append((log_weight, x, V, posterior.v, poor))
+        of_draw = softmax(log_weight)
+        centre = of_draw @ y
+        spread = np.sqrt(of_draw @ (y - centre) ** 2)
         spreads.append(dict(zip(law.free, spread, strict=True)))
         v, _, _ = law.variances(centre + spread * NORMAL[:, None])
         of_sizes.append((v, np.full(len(v), np.logaddexp.reduce(log_weight))))
@@ -258,10 +263,10 @@ def average(model: LinearModel, prior: Prior, likely: Likeliest) -> ErrorSizes:
 
 
 def beliefs(model: LinearModel, prior: Prior) -> list[tuple[LinearModel, Prior, float]]:
-    """What may be believed of the errors, with odds: the prior, that the robot does not
-    err at all, and that it errs as usual where less is stated.
+    """What else than the prior may be believed of the errors, with odds: that the robot
+    does not err at all, and that it errs as usual where less is stated.
     """
-    rivals = [(model, prior, 1.0)]
+    rivals = []
     if model.names and not prior.robot_known:
         rivals.append((model.without_robot(), prior.without_robot, EXACT_ROBOT))
         if prior.usual:
@@ -270,13 +275,17 @@ def beliefs(model: LinearModel, prior: Prior) -> list[tuple[LinearModel, Prior, 
 
 
 def poor_scanners(
-    model: LinearModel, prior: Prior, likely: Posterior
-) -> list[tuple[LinearModel, Prior, float]]:
+    model: LinearModel, prior: Prior, usual: tuple[ndarray, ndarray, Posterior]
+) -> list[tuple]:
     """The beliefs that one error of scanner or target, or all of them, are POORER times
-    as large as usual; without those that the residuals speak against, with errors of
-    the likeliest sizes. To the log evidence belongs the prior's log |Π| / 2, which
-    other beliefs have in common.
+    as large as usual; without those that the residuals speak against. To the log
+    evidence belongs the prior's log |Π| / 2, which other beliefs have in common.
+
+    Each has its model, prior, odds, and the `usual` draws with its own weights; or none
+    of these where the data favour it over the usual, and its sizes may be others.
     """
+    log_w, y, posterior = usual
+    v, normal, log_det = posterior.v, posterior.normal, posterior.log_det
     believed = [*np.eye(model.n)[model.scanner]]
     if len(believed) > 1:
         believed.append(np.sum(believed, axis=0))
@@ -284,10 +293,13 @@ def poor_scanners(
     for errors in believed:
         poor = model.with_poor_scanner(POORER, errors)
         odds = POOR * POORER ** -errors.sum()
-        same = likely.v, likely.normal, likely.log_det, likely.last
-        gain = poor.by_products(*same).log_evidence - likely.log_evidence
-        if odds * np.exp(gain[0]) > LITTLE:
-            rivals.append((poor, prior, odds))
+        by_poor = poor.by_products(v, normal, log_det, [])
+        log_weight = log_w + by_poor.log_evidence - posterior.log_evidence
+        gain = np.logaddexp.reduce(log_weight) - np.logaddexp.reduce(log_w)
+        ratio = odds * np.exp(gain)
+        if ratio > LITTLE:
+            sizes = (log_weight, y, by_poor) if ratio < POOR else None
+            rivals.append((poor, prior, odds, sizes))
     return rivals
 
 

@@ -85,7 +85,7 @@ def test_draws_have_the_mean_and_the_sum_of_a_fine_grid():
     known_scanner = replace(PRIOR, source="given")
     law = known_scanner.law(model.names)
     likely = likeliest(model, law, np.zeros(1))
-    log_weight, drawn, _, _ = draw(model, law, likely)
+    log_weight, _, drawn = draw(model, law, likely)
     grid = np.linspace(-4.5, 4.5, 400)[:, None]
     on_grid = model.posterior(law.variances(grid)[0])
     height = on_grid.log_evidence + norm.logpdf(grid[:, 0])
