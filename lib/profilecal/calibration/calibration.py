@@ -3,7 +3,6 @@ and what to tell the user.
 """
 
 import json
-import os
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -17,6 +16,7 @@ from scipy.spatial.transform import RigidTransform
 
 from profilecal.calibration import plausibility
 from profilecal.calibration.answer import in_mm_deg
+from profilecal.calibration.memory import check_memory
 from profilecal.calibration.mount import contradiction, rests_on
 from profilecal.calibration.observe import (
     Seen,
@@ -537,26 +537,6 @@ def check_scans(scans: Sequence[Scan]) -> None:
     if len(delays) > 1:
         words = " and ".join("none" if one is None else f"{one:g}" for one in delays)
         raise ScanError(f"scans state a delay_ms of {words}; expected one")
-
-
-def check_memory(observed: Sequence[Observations]) -> None:
-    """Refuse, with ScanError, more profiles than the computer's memory holds, which the
-    system would end without a word.
-    """
-    # bytes of a profile and of each of its points in the linear model, as measured
-    a_profile, a_point = 14_000, 700
-    if not hasattr(os, "sysconf"):
-        return
-    memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    shapes = [entry.points.shape for entry in observed]
-    count = sum(P for _, P, _, _ in shapes)
-    needed = sum(P * (a_profile + m * a_point) for _, P, m, _ in shapes)
-    if needed > memory:
-        fit = float(f"{count * memory / needed:.1g}")
-        raise ScanError(
-            f"{count} profiles take {needed / 1e9:.2g} GB of memory, of which this "
-            f"computer has {memory / 1e9:.2g}; {fit:.0f} would fit: thin them out"
-        )
 
 
 def check_different(scans: Sequence[Scan]) -> None:

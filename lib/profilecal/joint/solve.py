@@ -2,7 +2,6 @@
 errors, conclude.
 """
 
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -48,7 +47,6 @@ LARGEST_REJECTED = 1 / 3  # of the poses
 ROUGHLY = 1e-6  # tolerance of refinements
 UNLIKELY = 1e-3  # the chance of residuals so large that the covariance is enlarged
 ROUNDS = 10  # of estimates; one or two are usual
-TESTED = 13  # errors that are tested at a solution, at most, and the residual
 
 
 def solve(
@@ -81,7 +79,6 @@ def solve(
             "and noise; add poses"
         )
 
-    check_memory(problem)
     if problem.considered.get(DELAY) == DELAY_S:
         problem = problem.later(delay.roughly(problem, starts))
     fits = least_squares(problem, search(problem, starts))
@@ -97,29 +94,6 @@ def solve(
     problem = Problem(observations, prior.scales, prior.systematic, mount=prior.mount)
     estimated = estimate(problem, prior, fits.state[[0]], robust)
     return conclude(estimated, prior, others.join(fits.state))
-
-
-def check_memory(problem: Problem) -> None:
-    """Raise ValueError if the machine has less memory than a solution takes.
-
-    With K residuals at most and c columns, those of systematic tests too, a profile
-    takes about 8 K c numbers as derivatives, changed and decomposed, and 2 c² as
-    products.
-    """
-    profiles = len(problem.counts)
-    columns = problem.n + len(problem.considered) + TESTED
-    largest = int(problem.counts.max())
-    each = 8 * (8 * largest * columns + 2 * columns**2)
-    names = getattr(os, "sysconf_names", {})
-    if not {"SC_PAGE_SIZE", "SC_PHYS_PAGES"} <= set(names):
-        return  # the system does not tell
-    machine = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    if profiles * each > machine:
-        raise ValueError(
-            f"{profiles} profiles take about {profiles * each / 1e9:.2g} GB of memory, "
-            f"and the machine has {machine / 1e9:.2g} GB: "
-            f"at most {machine // each} profiles would fit"
-        )
 
 
 def least_squares(problem: Problem, state: State) -> Fit:

@@ -101,14 +101,6 @@ def with_first_pose_again(scan):
     )
 
 
-def test_more_profiles_than_the_memory_holds_are_refused(monkeypatch):
-    scan, _ = pc.simulate("edge", seed=1)
-    monkeypatch.setattr("os.sysconf", lambda name: 1000)  # a megabyte
-    sentence = "250 profiles take 0.0037 GB of memory, .* has 0.001; 70 would fit"
-    with pytest.raises(pc.ScanError, match=sentence):
-        pc.calibrate(scan)
-
-
 def test_a_measurement_given_twice_is_refused():
     scan = scan_of("ball", title="first")
     labels = tuple(reversed(scan.labels))

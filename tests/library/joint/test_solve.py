@@ -2,8 +2,6 @@
 on.
 """
 
-import os
-import re
 from dataclasses import replace
 
 import numpy as np
@@ -126,17 +124,3 @@ def test_noise_is_estimated_and_said_how():
     assert solution.prior.source == "residuals"
     assert abs(solution.noise_mm / SIGMA - 1) < 4 * relative_sd(solution.dof)
     assert abs(solution.chi2_per_dof - 1) < np.sqrt(2 / solution.dof)
-
-
-def test_more_profiles_than_memory_holds_are_refused_before_they_fill_it(monkeypatch):
-    """By how many would fit: so many are solved."""
-    scene = random_scene("edge", np.random.default_rng(1), groups=6, positions=5)
-    observed = scene.observations
-    monkeypatch.setattr(
-        os, "sysconf", lambda name: 1 if "PAGE_SIZE" in name else 200_000
-    )
-    with pytest.raises(ValueError, match="30 profiles take about") as what:
-        solve([observed], Noise(SIGMA))
-    fitting = int(re.search(r"at most (\d+) profiles", str(what.value))[1])
-    assert 0 < fitting < 30
-    solve([observed.keep(np.arange(fitting))], Noise(SIGMA))
