@@ -127,8 +127,9 @@ def check(solution: Solution) -> tuple[Solution, bool]:
     C, weak = solution.covariance, bool(objections)
     guilty = clear_findings(systematic_tests(solution))
     if guilty:
-        farthest = max(normalised_square(C, error.moves) for error in guilty)
-        weak = weak or bool(farthest > MUCH**2)
+        for error in guilty:
+            beyond = error.not_allowed_for * normalised_square(C, error.moves)
+            weak = weak or bool(beyond > MUCH**2)
         for error in guilty:
             C = C + error.not_allowed_for * np.outer(error.moves, error.moves)
         objections.append(accusation(guilty))
