@@ -276,8 +276,10 @@ def first_alike(
     j)` says which of them are.
     """
     pairs = KDTree(places).query_pairs(within, output_type="ndarray")
-    i, j = pairs.T  # i < j
-    chosen = alike(i, j)
     firsts = np.arange(len(places))
-    np.minimum.at(firsts, j[chosen], i[chosen])
+    # profiles of one pose are as many pairs as their square: some at a time
+    for some in range(0, len(pairs), 100_000):
+        i, j = pairs[some : some + 100_000].T  # i < j
+        chosen = alike(i, j)
+        np.minimum.at(firsts, j[chosen], i[chosen])
     return np.unique(firsts, return_inverse=True)[1]
