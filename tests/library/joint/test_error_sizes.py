@@ -12,8 +12,22 @@ from scipy.stats import binom, chi2, norm, t
 import profilecal as pc
 from profilecal.geometry.noise import Noise
 from profilecal.joint.descent import refine
-from profilecal.joint.error_sizes import average, draw, growth, likeliest, t_points
-from profilecal.joint.prior import FREEDOM, STATED_FREEDOM, USUAL, Prior, prior_from
+from profilecal.joint.error_sizes import (
+    average,
+    draw,
+    growth,
+    likeliest,
+    poor_scanners,
+    t_points,
+)
+from profilecal.joint.prior import (
+    FREEDOM,
+    STATED_FREEDOM,
+    TYPICAL,
+    USUAL,
+    Prior,
+    prior_from,
+)
 from profilecal.joint.problem import Problem
 from profilecal.simulation.robot import actual_poses, scan_planes
 from profilecal.simulation.scene import random_scene
@@ -23,7 +37,7 @@ TRUE = Noise(SIGMA, position_mm=0.08, orientation_deg=0.03)
 PRIOR = Prior(replace(USUAL, profile_mm=SIGMA), source="profiles")
 
 
-def edge_model(seed, names=(), **plan):
+def edge_model(seed, names=(), systematic=None, **plan):
     """The model of a simulated edge at its best fit, with errors of these names; else
     with all that can be told by default.
     """
@@ -36,7 +50,7 @@ def edge_model(seed, names=(), **plan):
     points = points[None, :, None, :]
     points = points + SIGMA * rng.normal(size=points.shape)
     seen = replace(scene.observations, points=points)
-    problem = Problem([seen], Noise(SIGMA))
+    problem = Problem([seen], Noise(SIGMA), systematic)
     state = refine(problem, scene.truth).state
     return problem.model(state, names or problem.groups.distinguishable)
 
@@ -96,6 +110,25 @@ def test_draws_have_the_mean_and_the_sum_of_a_fine_grid():
     assert mean_size(*by_draws) == pytest.approx(expected, rel=0.02)
     expected = mean_variance(*by_grid)
     np.testing.assert_allclose(mean_variance(*by_draws), expected, rtol=0.03)
+
+
+def test_beliefs_in_a_poor_scanner_are_as_likely_by_the_usual_draws_as_by_their_own():
+    model = edge_model(3, systematic=TYPICAL, groups=12, positions=5)
+    law = PRIOR.law(model.names)
+    likely = likeliest(model, law, np.zeros(len(law.free)))
+    shared = [
+        (poor, sizes[0], sizes[2])
+        for poor, _, _, sizes in poor_scanners(model, PRIOR, draw(model, law, likely))
+        if sizes
+    ]
+    assert len(shared) >= 3
+    for poor, log_weight, posterior in shared:
+        own, _, by_own = draw(poor, law, likeliest(poor, law, likely.y))
+        evidences = [np.logaddexp.reduce(logs) for logs in (log_weight, own)]
+        assert np.diff(evidences) == pytest.approx(0, abs=0.03)
+        expected = mean_variance(softmax(own), by_own)
+        variance = mean_variance(softmax(log_weight), posterior)
+        np.testing.assert_allclose(variance, expected, rtol=0.03)
 
 
 def test_the_intervals_hold_the_true_sizes():
