@@ -251,6 +251,9 @@ def check_poses(table: Table, scale: float, side: int = 0) -> dict[str, Any]:
         block = table.numbers(convention.columns)
         rotations = to_rotations(convention, block, table)
     group, given = groups_of(table, rotations)
+    times = table.times()
+    if "t" in convention.columns:  # an angle
+        times = np.full(len(labels), np.nan)
     return {
         "labels": tuple(labels),
         "R_base_flange": rotations,
@@ -260,7 +263,7 @@ def check_poses(table: Table, scale: float, side: int = 0) -> dict[str, Any]:
         "group_given": given,
         "convention": convention.name,
         "orientation": block,
-        "times": table.times(),
+        "times": times,
     }
 
 

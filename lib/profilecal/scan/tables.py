@@ -25,8 +25,8 @@ TEXTS = "pose", "sweep"  # columns of names
 Row = tuple[int, list[str]]  # a line's number and fields
 Rows = list[Row]
 # cells of points that were not seen
-NOTHING = {"", ".", "-", "--", "na", "n/a", "#n/a", "null", "none"}
-NOTHING |= {"nan", "-nan", ".nan", "-nan(ind)", "1.#qnan"}
+NOTHING = {"", ".", "na", "n/a", "#n/a", "null", "none"}
+NOTHING |= {"nan", ".nan", "nan(ind)", "1.#qnan"}
 
 
 class ScanError(ValueError):
@@ -181,7 +181,8 @@ def number(cell: str) -> float:
     try:
         return float(cell)
     except ValueError:
-        return np.nan if cell.strip().lower() in NOTHING else np.inf
+        word = cell.strip(" -").lower()
+        return np.nan if word in NOTHING else np.inf
 
 
 @dataclass(frozen=True)

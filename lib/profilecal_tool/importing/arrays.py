@@ -66,6 +66,8 @@ def point_array(path: Path, entry: str = "") -> ndarray:
     file has beside poses. Raises ScanError.
     """
     arrays = arrays_in(path)
+    if {"x", "z"} <= arrays.keys() and not entry:
+        return np.stack(np.broadcast_arrays(arrays["x"], arrays["z"]), axis=-1)
     called = [name for name in arrays if "profile" in name.lower()]
     beside = [name for name, one in arrays.items() if not are_poses(one)]
     alone = next((names for names in (called, beside) if len(names) == 1), arrays)

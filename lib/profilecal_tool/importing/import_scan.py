@@ -120,6 +120,8 @@ def sort_files(
     Raises ScanError where there are no profiles or no poses.
     """
     every = files(folder, "*")
+    if len(every) < 2:
+        every += files(folder, "*/*")
     usual = mode(map(family, every)) if every else ""
     may_hold_both = len(every) == 1 or {path.suffix for path in every} == {".json"}
     profiles, poses = files(folder, layout.profiles), files(folder, layout.poses)
@@ -142,9 +144,20 @@ def sort_files(
     if not profiles and not others and not may_hold_both:
         raise ScanError(f"{folder}: no profiles beside {names_of(poses)}")
     if not profiles:
-        usual = mode(map(family, others)) if others else ""
-        profiles = [path for path in others if family(path) == usual] or poses
+        profiles = alike(others) or poses
     return profiles, poses, [path.name for path in others if path not in profiles]
+
+
+def alike(paths: list[Path]) -> list[Path]:
+    """The most files that are called alike but for numbers; but for all but their
+    ending, where no two are.
+    """
+    for of in (family, lambda path: path.suffix):
+        usual = mode(map(of, paths)) if paths else ""
+        some = [path for path in paths if of(path) == usual]
+        if len(some) > 1:
+            break
+    return some
 
 
 def family(path: Path) -> str:
@@ -159,11 +172,11 @@ def files(folder: Path, pattern: str) -> list[Path]:
     """
     places = [folder / name for name in glob(pattern, root_dir=folder)]
     paths = [path for path in places if path.is_file()]
-    if pattern.strip("*") and not paths:
+    if pattern.strip("*/") and not paths:
         raise ScanError(f"{folder}: no file matches {pattern!r}; is the folder right?")
     return sorted(paths, key=in_order_of_numbers)
 
 
 def in_order_of_numbers(path: Path) -> str:
     """What sorts files so that p2 comes before p10."""
-    return re.sub(r"\d+", lambda digits: digits[0].zfill(20), path.name)
+    return re.sub(r"\d+", lambda digits: digits[0].zfill(20), str(path))

@@ -18,7 +18,8 @@ IN_BRACKETS = rf"\[\s*{NUMBER}(?:\s*,\s*{NUMBER})*\s*\]"
 # its numbers; a name and a word
 TOKEN = re.compile(
     rf"(?<![$\w])(?:([$\w]+)(?:\[(\d+)[^\]\n]*\])?\s*=?\s*)?(\{{|<\w+)|\bgp(\d+)\s*:|"
-    rf"\b([a-z]\w*)[\"']?\s*[:=]?[ \t]*\"?({NUMBERS}|{IN_BRACKETS})|"
+    r"\b([a-z]\w*)[\"']?\s*[:=]?[ \t]*(?:\([a-z]+\)[ \t]*)?\"?"
+    rf"({NUMBERS}|{IN_BRACKETS})|"
     r"\b([a-z]\w*)=\"([^\"\n]*)\"",
     re.IGNORECASE,
 )

@@ -6,7 +6,8 @@ from profilecal.scan.conventions import named
 
 # what names of files have that hold poses
 POSE_FILES = re.compile(
-    r"pose|(\b|_)rob|flange|tcp|位姿|机器人|\.(ls|rob)$", re.IGNORECASE
+    r"pose|(\b|_)pos(\b|_|\d)|(\b|_)rob|flange|tcp|位姿|机器人|\.(ls|rob)$",
+    re.IGNORECASE,
 )
 PROGRAM = re.compile(
     r"\.(dat|src|sub|mod|sys|script|urscript|jbi|as|dtx|pgx|prg|mb4)$", re.IGNORECASE
@@ -84,11 +85,12 @@ AXES = ",".join(f"j{k}" for k in range(1, 7))
 # what several numbers behind one name are, by the name and how many there are
 POSITION = r"t|p|tvec|trans(lation)?|pos(ition)?|xyz"
 ROTATION = r"r|q|rot(ation)?|orientation|quat(ernion)?|rmat|rpy|euler(_angles)?"
+VECTORS = r"r(ot)?_?vec(tor)?"
 SEVERAL = {
     6: {r".*joint.*": AXES.split(",")},
     3: {
         rf"(?:{POSITION})(_?vec(tor)?)?": ("x", "y", "z"),
-        r"r(ot)?_?vec(tor)?": VECTOR,
+        VECTORS: VECTOR,
     },
     4: {
         r".*wxyz": ("qw", "qx", "qy", "qz"),
@@ -107,6 +109,8 @@ BY_COLUMNS = {
 
 # which of several poses is the robot's
 OF_ROBOT = re.compile(r"robot|effector|\bee\b|_ee|tcp|flange|gripper|hand|arm")
+
+TOOLS_OF_POSES = ("f_t_ee", "f_t_nee")  # the frames that Franka's poses are of
 
 # axes that are no pose
 JOINTS = re.compile(r"(?:j|a|q|joint|axis|theta|pulse)_?([1-6])")
@@ -149,11 +153,16 @@ REMARKS = {
 # the frames that poses are in and of: what sets them, which names stand for none, and
 # what a frame is called that is no pose; and external axes
 FRAME_SET = {
-    "tool": r"(?:set_tcp\(|^[ \t/]*tool[ \t]+|\$tool *=|#tool,|m_tool *=)[ \t]*(\S.*)",
+    "tool": r"(?:set_tcp\(|^[ \t/\d]*(?:change)?tool[ \t]+|changetcp\(|\$tool *=|"
+    r"#tool,|m_tool *=)[ \t\"']*(\S.*)",
     "base": r"(?:^[ \t/]*(?:base|user)[ \t]+|\$base *=|#base,)[ \t]*(\S.*)",
 }
 MOVE = r"\bmove[ljc]\w*\s+([^;\n]*?)\s*,\s*(\w+)\s*(?:\\wobj:=(\w+)[^;\n]*)?;"
-CALL = r"\bmove[ljc]\(\s*([a-z]\w*(?:\[\d+\])?)\s*,\s*([a-z]\w*)(?:\[0\])?\s*,"  # VAL3
+# VAL3: an array's point, or any of its points
+CALL = (
+    r"\bmove[ljc]\(\s*([a-z]\w*(?:\[\d+\])?)(?:\[\D.*?\])?\s*,"
+    r"\s*([a-z]\w*)(?:\[0\])?\s*,"
+)
 NO_FRAME = {"", "0", "tool0", "wobj0", "flange", "flange0", "world", "world0", "null"}
 NO_FRAME |= {"nullframe", "$nullframe", "p_ntool", "p_nbase"}
 IS_FRAME = r"\$?(?:{0})(?:_?data)?\d*"

@@ -19,6 +19,8 @@ from profilecal_tool.importing.makers import (
     OF_ROBOT,
     POSITION,
     ROTATION,
+    TOOLS_OF_POSES,
+    VECTORS,
     several,
 )
 from profilecal_tool.importing.programs import check_axes
@@ -105,6 +107,9 @@ def poses_in(
                 if not column[-1:].isdigit():  # no part of a list
                     dotted = f"{where}.{column}" if column in cells_of else column
                     cells_of[dotted] = part[column]
+        own = [where for where in record if where.rpartition(".")[2] in TOOLS_OF_POSES]
+        if own and not is_at_rest(record[own[0]]):
+            cells_of["tool"] = own[0]
         poses.append(Named(cells_of, name, len(poses) + 1))
     return poses, sorted(guessed)
 
@@ -146,6 +151,8 @@ def placed(words: Words, cells: list[str]) -> tuple[Sequence[str], Sequence[str]
     *above, last = words or ("",)
     if len(cells) == 1:
         parent = above[-1] if above else ""
+        if re.fullmatch(VECTORS, parent):
+            return above[:-1], [f"r{last}"]
         is_turn = re.fullmatch(ROTATION, parent)
         if is_turn or re.fullmatch(POSITION, parent):
             above = above[:-1]
@@ -166,6 +173,11 @@ def is_pose(part: dict[str, str]) -> bool:
     return {*"123456"} <= part.keys() or (len(part) > 5 and {*"xyz"} <= part.keys())
 
 
+def is_at_rest(part: dict[str, str]) -> bool:
+    """Whether a matrix of 16 numbers is the identity."""
+    return [*map(number, part.values())] == np.eye(4).ravel().tolist()
+
+
 def chosen_place(path: Path, places: list[str], entry: str) -> str:
     """Which of several poses is the robot's, as said or as it is called.
 
@@ -178,7 +190,7 @@ def chosen_place(path: Path, places: list[str], entry: str) -> str:
     if len(fitting) != 1:
         raise ScanError(
             f"{path}: several poses at a time, {listed(places)}; "
-            f"say which is the robot's: --entry {places[0]}"
+            f"say which is the robot's: --entry {(called or places)[0]}"
         )
     return fitting[0]
 

@@ -134,7 +134,7 @@ def by_time(
     Of a log that goes on while the robot moves, only where it stands still. None where
     times of half of the profiles are in no log.
     """
-    of_poses, of_profiles = times_of(poses, names)
+    of_poses, of_profiles = times_of(poses, names, turn)
     if len(of_poses) < 2:
         return None
     order = np.argsort(of_poses)
@@ -154,9 +154,12 @@ def by_time(
     return Pairing(np.where(is_near, order[nearest], -1), [], how)
 
 
-def times_of(poses: Table, names: Sequence[str]) -> tuple[ndarray, ndarray]:
+def times_of(
+    poses: Table, names: Sequence[str], turn: Collection[str]
+) -> tuple[ndarray, ndarray]:
     """The times of poses and of profiles, s; none where not all have one."""
-    columns = [name for name in poses.columns if name == "t" or TIMES.search(name)]
+    others = [name for name in poses.columns if name not in turn]  # t may be an angle
+    columns = [name for name in others if name == "t" or TIMES.search(name)]
     cells = zip(*(poses.columns[name] for name in columns), strict=True)
     of_poses = all_seconds([" ".join(map(str, both)) for both in cells])
     of_profiles = all_seconds([*map(str, names)])
@@ -188,7 +191,7 @@ def driven(
 
     A log has rows a moment apart. `unit`: of the profiles' times, s.
     """
-    of_poses, of_profiles = times_of(poses, names)
+    of_poses, of_profiles = times_of(poses, names, turn)
     of_profiles = (of_profiles * unit).round(9)
     if len(of_poses) < 4:
         return None

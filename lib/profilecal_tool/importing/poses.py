@@ -49,6 +49,7 @@ from profilecal_tool.importing.tables import (
     closed_text,
     from_rows,
     holds_numbers,
+    labels_of_files,
     lines_of,
     names_and_units,
     names_of,
@@ -226,7 +227,7 @@ def one_each(paths: list[Path], tables: list[Table]) -> Table:
     columns: dict[str, Sequence] = {
         name: [table.columns[name][0] for table in tables] for name in tables[0].units
     }
-    return Table(folder, columns, [path.stem for path in paths], "pose")
+    return Table(folder, columns, labels_of_files(paths), "pose")
 
 
 def taken_as(

@@ -34,6 +34,7 @@ from profilecal_tool.importing.tables import (
     closed_text,
     from_rows,
     is_rising,
+    labels_of_files,
     lines_of,
     meaning,
     mm_of,
@@ -107,11 +108,12 @@ def across(table: Table, count: int, start: tuple[float, float] | None) -> Table
         for axis in "xz"
     )
     z = z or [name for name in names if np.isfinite(number(name))]
+    if names[0] == "x" and is_rising(table.numbers(["x"], blank=True)[:, 0]):
+        many = [name for name in names[1:] if family[stem(name)] == len(names) - 1]
+        if len(many) > 4:
+            return below(table, "x", many)
     if len(z) < 5:
         return table
-    shared = [name for name in names if "x" in meaning(name)]
-    if len(shared) == 1 and is_rising(table.numbers(shared)[:, 0]):
-        return below(table, shared[0], z)
     others = {name: np.array(columns[name]) for name in names if name not in (*x, *z)}
     titles, values = np.array([*map(number, z)]), table.numbers(z, blank=True)
     kinds = next((c for c in others.values() if {"Z"} <= {*c} <= {*"XYZI"}), None)
@@ -209,9 +211,10 @@ def profiles_of(
     axes = x_and_z(full, layout)
     names: list = []
     points: list[ndarray] = []
-    for table in tables:
+    files = labels_of_files([table.path for table in tables])
+    for file, table in zip(files, tables, strict=True):
         if not table.columns:
-            names.append(table.path.stem)
+            names.append(file)
             points.append(np.empty((0, 2)))
             continue
         xz = table.numbers(axes, blank=True)
@@ -225,7 +228,7 @@ def profiles_of(
                 names.append(label if is_number else str(label).removesuffix(".0"))
             else:
                 of_row = f" {label}" if len(own) > 1 else ""
-                names.append(f"{table.path.stem}{of_row}")
+                names.append(f"{file}{of_row}")
     return names, points, axes
 
 
@@ -297,8 +300,9 @@ def check_is_one(profile: Table, x: ndarray, axes: Collection, layout: Layout) -
     jumps = begins_anew(x)
     twice = len(jumps) or len(x) - len({*x.tolist()}) > len(x) / 4
     for name, cells in profile.columns.items():
-        values = [*dict.fromkeys(cells)]
-        if len(values) == 1 or name in (*axes, ROW):
+        unlike = dict.fromkeys(cells)
+        values = [value for value in unlike if not np.isnan(number(str(value)))]
+        if len(values) < 2 or name in (*axes, ROW):
             continue
         is_y, is_said = "y" in words_in(name), bool(layout.columns)
         several = len(values) <= len(x) / 4 and (
@@ -368,8 +372,10 @@ def x_and_z(tables: list[Table], layout: Layout) -> dict[str, str]:
             "--columns x,z; or, if there is z alone, where x begins and how far points "
             "are apart: --x START PITCH"
         )
+    own = first.units
     return {
-        name: layout.unit or unit or first.units[name] for name, unit in axes.items()
+        name: "mm" if layout.x and name == "x" else layout.unit or unit or own[name]
+        for name, unit in axes.items()
     }
 
 

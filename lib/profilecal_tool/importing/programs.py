@@ -66,7 +66,8 @@ def positions_in(path: Path, text: str) -> list[Named]:
         set_there = [frame or frames.get(name) for name, frame in chosen.items()]
         poses = [one for one in poses if one not in set_there]
         for one in poses:
-            keys = (bare(one.name), bare(one.name)[1:], str(one.line))
+            own = bare(one.name)
+            keys = (own, own[1:], str(one.line), own.rstrip("0123456789"))
             said = next((of_pose[key] for key in keys if key in of_pose), {})
             name = one.cells.get(which) or said.get(which) or " or ".join(chosen)
             frame = chosen.get(name) or frames.get(bare(name))
@@ -179,7 +180,7 @@ def chosen_frame(path: Path, above: int, argument: str) -> tuple[str, Named | No
     for one in (*lists, *named_cells(argument)):
         if one.has("xyz"):
             return f"({', '.join(one.cells.values())})", one
-    return bare(re.match(r"[^\s(),;]*", argument)[0]), None
+    return bare(re.match(r"[^\s(),;\"']*", argument)[0]), None
 
 
 def put(one: Named, which: str, name: str, frame: Named | None) -> None:

@@ -36,7 +36,8 @@ from profilecal_tool.importing.makers import (
 
 # or what FANUC prints for a position that was not taught
 NUMBER = r"(?:[+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?|\*+)"
-THOUSANDS = re.compile(r"(?<=\d)\.(?=\d{3}(?:\.\d{3})*,\d)")  # before decimal commas
+# before decimal commas, or as no separator of fields
+THOUSANDS = re.compile(r"(?<=\d)(?:\.(?=\d{3}(?:\.\d{3})*,\d)|[\xa0\u202f’'](?=\d{3}))")
 WORKBOOK = ".xlsx"
 ROW = "row of the file"  # a column that tells profiles apart, one a row
 REMARK = re.compile(r"\s*(?:#|%|//|!)[\s#%/]*")
@@ -337,6 +338,14 @@ def check_alike(tables: list[Table]) -> None:
                 f"where {first.path.name} has {listed(first.units)}; "
                 "say which files belong together: --poses, --profiles"
             )
+
+
+def labels_of_files(paths: list[Path]) -> list[str]:
+    """What files are called; where they are called alike, what their folders are."""
+    stems = [path.stem for path in paths]
+    return (
+        stems if len({*stems}) == len(paths) else [path.parent.name for path in paths]
+    )
 
 
 def names_of(paths: list[Path]) -> str:
