@@ -186,3 +186,14 @@ def test_poses_a_moment_apart_are_asked_about(table, seconds, asked, tmp_path):
     assert question == asked
     assert (found.status == "ok") != asked
     np.testing.assert_array_equal(found.pose, without_times.pose)
+
+
+def test_an_angle_t_is_no_time(tmp_path):
+    scan = scan_of("edge", seed=3)
+    pc.write_scan(scan, tmp_path / "scan")
+    path = tmp_path / "scan" / "poses.csv"
+    angles = from_rotations(named("Kawasaki angles"), scan.R_base_flange)
+    of_pose = dict(zip("oat", angles.T, strict=True))
+    places = pd.read_csv(path)[["pose", *"xyz"]]
+    places.assign(**of_pose).to_csv(path, index=False)
+    assert np.isnan(pc.read_scan(tmp_path / "scan").times).all()

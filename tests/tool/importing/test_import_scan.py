@@ -32,6 +32,7 @@ from peoples_files import (
     lists,
     matrices,
     matrices_of_poses,
+    mitsubishi,
     one_each,
     poses,
     said_of,
@@ -223,6 +224,19 @@ def in_arrays(folder):
     np.savez(folder / "all.npz", **everything)
 
 
+def in_folders(folder):
+    """One for each pose: the robot's file and the scanner's, with thousands parted."""
+    lines = "\n".join(["x;y;z;w;p;r", "{}", ""])
+    for k, (row, points) in enumerate(
+        zip(poses("FANUC angles"), scan().values, strict=True)
+    ):
+        (folder / f"pos_{k}").mkdir()
+        numbers = ";".join(f"{value:,.9f}" for value in row)
+        numbers = numbers.translate(str.maketrans(",.", "\xa0,"))
+        (folder / f"pos_{k}" / "robot.txt").write_text(lines.format(numbers))
+        np.savetxt(folder / f"pos_{k}" / "profile.csv", points, header="x z")
+
+
 def in_sheets(folder):
     book = Workbook()
     book.active.title = "Robot poses"
@@ -267,10 +281,20 @@ def by_clock(start, step, name):
         (in_json, "by their names"),
         (in_arrays, "in order"),
         (in_sheets, "as in column nr"),
+        (in_folders, "by their names"),
         (by_clock(1.7e9, 1, "scan_%Y-%m-%d_%H-%M-%S.%f"), "up to 0.1 s apart"),
         (by_clock(1.7e12, 1000, "%Y%m%dT%H%M%S,%f"), "up to 0.1 s apart"),
     ],
-    ids=["points", "rows", "JSON", "arrays", "sheets", "seconds", "milliseconds"],
+    ids=[
+        "points",
+        "rows",
+        "JSON",
+        "arrays",
+        "sheets",
+        "folders",
+        "seconds",
+        "milliseconds",
+    ],
 )
 def test_poses_are_found_in_the_same_table_or_by_time(write, how, tmp_path):
     (tmp_path / "in").mkdir()
@@ -432,6 +456,11 @@ TOOLS = {  # what is done to a program, and what a note then says
     ),
     "a number": (kuka, edited("scan.dat", "TOOL_NO 0", "TOOL_NO 3", 12), "tool 3, and"),
     "a line": (yaskawa, edited("SCAN.JBI", "///TOOL 0", "///TOOL 2"), "tool 2, and so"),
+    "a numbered line": (
+        mitsubishi,
+        edited("scan.prg", "10 MVS P1", "5 Tool PTL\n10 MVS P1"),
+        "tool ptl, and so",
+    ),
     "no move": (
         staubli,
         edited("scan.dtx", 'type="frame"', 'type="tool"'),
