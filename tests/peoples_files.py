@@ -470,6 +470,14 @@ def other_clouds(folder):
     point_clouds(folder, "pcd")
 
 
+def column_pairs(folder):
+    """Two columns a profile."""
+    values = np.hstack(scan().values)
+    titles = [f"{axis}{k}" for k in range(1, 13) for axis in "XZ"]
+    lines = [";".join(titles), *(text(row, ";") for row in values)]
+    (folder / "all.csv").write_text("\n".join([*lines, ""]))
+
+
 def headed(folder):
     """Under a line for each, with thousands parted and decimal commas."""
     lines = ["Device;LJ-X"]
@@ -521,6 +529,7 @@ PROFILES = by_name(
     stacked,
     point_clouds,
     other_clouds,
+    column_pairs,
     headed,
 )
 PROFILES_OF = {fanuc: lists}  # counted from 1

@@ -6,7 +6,7 @@ from profilecal.scan.conventions import named
 
 # what names of files have that hold poses
 POSE_FILES = re.compile(
-    r"pose|(\b|_)pos(\b|_|\d)|(\b|_)rob|flange|tcp|位姿|机器人|\.(ls|rob)$",
+    r"pose|(\b|_)posi?(\b|_|\d|ti)|(\b|_)rob|flange|tcp|位姿|机器人|\.(ls|rob)$",
     re.IGNORECASE,
 )
 PROGRAM = re.compile(

@@ -111,7 +111,9 @@ def across(table: Table, count: int, start: tuple[float, float] | None) -> Table
     if names[0] == "x" and is_rising(table.numbers(["x"], blank=True)[:, 0]):
         many = [name for name in names[1:] if family[stem(name)] == len(names) - 1]
         if len(many) > 4:
-            return below(table, "x", many)
+            return below(table, ["x"], many)
+    if len(x) == len(z) == count != len(table.lines):
+        return below(table, x, z)
     if len(z) < 5:
         return table
     others = {name: np.array(columns[name]) for name in names if name not in (*x, *z)}
@@ -153,20 +155,17 @@ def across(table: Table, count: int, start: tuple[float, float] | None) -> Table
     return replace(table, columns=long, lines=lines, units=units)
 
 
-def below(table: Table, x: str, z: list[str]) -> Table:
-    """The table with a point a row where a column has the z of a profile, all of them
-    beside the same x.
+def below(table: Table, x: list[str], z: list[str]) -> Table:
+    """The table with a point a row where a column has the z of a profile, and one, or
+    one for each, has the x.
     """
-    n = len(table.lines)
-    columns = {
-        ROW: np.repeat(np.arange(1, len(z) + 1), n),
-        "x": np.tile(table.numbers([x])[:, 0], len(z)),
-        "z": table.numbers(z, blank=True).T.ravel(),
-    }
-    units = {ROW: "", "x": table.units[x], "z": table.units[z[0]]}
-    return replace(
-        table, columns=columns, lines=np.tile(table.lines, len(z)), units=units
-    )
+    n, k = len(table.lines), len(z)
+    values = table.numbers(z, blank=True).T
+    along = np.broadcast_to(table.numbers(x, blank=True).T, values.shape)
+    rows = np.repeat(np.arange(1, k + 1), n)
+    columns = {ROW: rows, "x": along.ravel(), "z": values.ravel()}
+    units = {ROW: "", "x": table.units[x[0]], "z": table.units[z[0]]}
+    return replace(table, columns=columns, lines=np.tile(table.lines, k), units=units)
 
 
 def is_smooth(rows: ndarray) -> bool:
