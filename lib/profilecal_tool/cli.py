@@ -384,6 +384,7 @@ def plan(spec, folder, poses, until, within, given):
     They go into a new FOLDER, ready to run. SPEC may be a scan folder: its answer says
     where everything is.
     """
+    from profilecal_tool.plan.sweeps import WayBack
     from profilecal_tool.plan.task import read_task
     from profilecal_tool.plan.words import plan_lines, prediction_lines
 
@@ -394,6 +395,9 @@ def plan(spec, folder, poses, until, within, given):
         )
     with working("preparing the plan"):
         task = read_task(spec, poses, until, within)
+    if isinstance(task, WayBack):
+        echo("\n".join(way_back(task, spec, folder)))
+        return
     if given:
         prediction, unseen = task.prediction_of(given)
         lines = prediction_lines(prediction, task.model, unseen=unseen)
@@ -405,8 +409,34 @@ def plan(spec, folder, poses, until, within, given):
     echo("\n".join(lines))
 
 
+def way_back(back, scan, folder) -> list[str]:
+    """The sweeps that a scan lacks, in lines; they are written into a new folder."""
+    from profilecal.scan.tables import new_folder
+    from profilecal_tool.plan.task import write_way_back
+
+    if not folder:
+        return [*back.lines, f"next: profilecal plan {scan} NEW-FOLDER writes them"]
+    with new_folder(folder) as partial:
+        write_way_back(back, partial)
+    return [
+        *back.lines,
+        f"{folder}/ written; drive {folder / 'sweeps.csv'} by the same two clocks, "
+        "from each begin to its end",
+        "next: put log.csv and the measurements with sweep and t beside it, then "
+        f"profilecal calibrate {scan} {folder}",
+    ]
+
+
 def steps(folder, spec, designed) -> list[str]:
     """What to do with a plan, in lines."""
+    if designed.speed:
+        return [
+            f"{folder}/ written; look at {folder / 'plan.png'}, drive "
+            f"{folder / 'sweeps.csv'} at {designed.speed:g} mm/s, from each begin to "
+            "its end",
+            "next: put log.csv and the measurements with sweep and t beside it "
+            f"(data/README.md: In motion), then profilecal calibrate {folder}",
+        ]
     lines = [
         f"{folder}/ written; look at {folder / 'plan.png'}, "
         f"drive {folder / 'poses.csv'}",

@@ -1,6 +1,6 @@
 """Synthetic scans: a specification in, a scan out, with the truth that made it."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,7 @@ from profilecal.scan.tables import ScanError
 from profilecal.scan.toml import TEXT, check_entries, number, one_of, whole
 from profilecal.simulation.robot import Robot, Scanner, actual_poses
 from profilecal.simulation.scene import Scene, Setup, random_scene
-from profilecal.simulation.sweeps import ACROSS, PATTERNS, Motion, drive
+from profilecal.simulation.sweeps import ACROSS, PATTERNS, Motion, Sweep, drive
 from profilecal.targets import TARGETS
 from profilecal.targets.target import Target
 
@@ -296,18 +296,26 @@ def record(
     )
 
 
-def record_sweeps(scene: Scene, spec: Spec, rng: Generator) -> Scan:
-    """The scan of a scene's target by a robot in motion. Raises ScanError where it
-    shows nothing.
+def record_sweeps(
+    setup: Setup, spec: Spec, rng: Generator, planned: Sequence[Sweep] = ()
+) -> Scan:
+    """The scan of a target by a robot in motion, on the sweeps of the specification or
+    on those that are planned. Raises ScanError where it shows nothing.
     """
     to_hand = spec.mount == "eye-to-hand"
     motion = spec.motion or Motion()
     drove = drive(
-        scene, motion, spec.noise, rng, spread_deg=spec.spread_deg, to_hand=to_hand
+        setup,
+        motion,
+        spec.noise,
+        rng,
+        spread_deg=spec.spread_deg,
+        to_hand=to_hand,
+        planned=planned,
     )
     actual = inverse(drove.R, drove.p) if to_hand else (drove.R, drove.p)
-    planes = scene.planes(*actual)
-    measured, values = seen_from(scene, planes, spec, rng)
+    planes = setup.planes(*actual)
+    measured, values = seen_from(setup, planes, spec, rng)
     at_rest = {
         "labels": [f"p{k + 1}" for k in range(motion.stops)],
         "R_base_flange": drove.R_rest,
@@ -319,9 +327,9 @@ def record_sweeps(scene: Scene, spec: Spec, rng: Generator) -> Scan:
     scan = Scan(
         measured=measured,
         values=values,
-        side=np.where(np.isnan(drove.times), scene.target.sides(*planes), 0),
+        side=np.where(np.isnan(drove.times), setup.target.sides(*planes), 0),
         **poses,
-        **entries_of(scene, spec),
+        **entries_of(setup, spec),
     )
     scan.truth["delay_ms"] = motion.delay_ms
     return scan
@@ -340,7 +348,7 @@ def seen_from(
     return measured, tuple(rows[np.isfinite(rows).all(axis=1)] for rows in values)
 
 
-def entries_of(scene: Scene, spec: Spec) -> dict[str, Any]:
+def entries_of(scene: Setup, spec: Spec) -> dict[str, Any]:
     """Entries of a `Scan` that do not depend on what is measured."""
     return {
         "kind": spec.kind,
@@ -353,7 +361,7 @@ def entries_of(scene: Scene, spec: Spec) -> dict[str, Any]:
     }
 
 
-def truth_entries(scene: Scene, spec: Spec) -> dict[str, Any]:
+def truth_entries(scene: Setup, spec: Spec) -> dict[str, Any]:
     """What truth.toml says of a scene."""
     pose = homogeneous(scene.R_sensor, scene.T_sensor)
     target = vars(scene.target)

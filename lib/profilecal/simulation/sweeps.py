@@ -2,6 +2,7 @@
 a clock of its own.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -100,14 +101,23 @@ class Sweep:
         return R, np.tensordot(weights, [p for _, p in late], 1)
 
 
+def half_way(setup: Setup) -> ndarray:
+    """From the middle of a way across a target to its end, (3,) mm along the sensor's
+    axes.
+    """
+    across, half = ACROSS[setup.target.kind]
+    if half <= 1:
+        half = half * setup.sizes[0]
+    return half * np.array(across) / np.linalg.norm(across)
+
+
 def sweeps_of(
     setup: Setup, motion: Motion, spread_deg: float, rng: Generator
 ) -> list[Sweep]:
     """The sweeps of a motion, from an orientation each; both ways, two from each."""
-    across, half = ACROSS[setup.target.kind]
-    if half <= 1:
-        half = half * setup.sizes[0]
-    across = np.array(across) / np.linalg.norm(across)
+    across = half_way(setup)
+    half = float(np.linalg.norm(across))
+    across = across / half
     middle, _ = setup.target.frame
     both = motion.pattern == "both ways"
     sweeps: list[Sweep] = []
@@ -149,10 +159,11 @@ def drive(
     *,
     spread_deg: float,
     to_hand: bool = False,
+    planned: Sequence[Sweep] = (),
 ) -> Recorded:
-    """What a robot and a scanner record on the sweeps of a motion, with the errors of
-    the robot that a sweep or a stop has, and the jitter of the scanner's times. All
-    poses are of the flange in the base.
+    """What a robot and a scanner record on the sweeps of a motion, or on those that are
+    planned, with the errors of the robot that a sweep or a stop has, and the jitter of
+    the scanner's times. All poses are of the flange in the base.
     """
 
     def flange(R: ndarray, p: ndarray) -> tuple[ndarray, ndarray]:
@@ -170,7 +181,8 @@ def drive(
     actual = [erring(*stop, noise, rng) for stop in stops]
     logs, times, names = [], [np.full(motion.stops, np.nan)], [""] * motion.stops
     begin = 1.0
-    for k, sweep in enumerate(sweeps_of(setup, motion, spread_deg, rng)):
+    sweeps = planned or sweeps_of(setup, motion, spread_deg, rng)
+    for k, sweep in enumerate(sweeps):
         middle = begin + sweep.seconds / 2
         ends = begin - BESIDE_S, begin + sweep.seconds + BESIDE_S
         t = np.arange(*ends, 1 / motion.log_hz).round(6)

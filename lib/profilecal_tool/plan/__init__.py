@@ -9,6 +9,7 @@ poses with different orientations add up, so a plan is a choice of blocks: a gre
 start, then exchanges, one pose at a time.
 
 In reading order: `scan_model` predicts, `candidates` draws poses that are possible,
-`design` chooses among them; `knowledge` makes models of specifications and scans,
-`words` says what is predicted, and `task` is what a user asks for.
+`design` chooses among them, `sweeps` goes along lines through them; `knowledge` makes
+models of specifications and scans, `words` says what is predicted, and `task` is what a
+user asks for.
 """

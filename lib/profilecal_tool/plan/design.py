@@ -49,6 +49,8 @@ class Plan:
     enough: int = 0
     # whether only a second step, from the answer of these poses, can reach it
     is_first_step: bool = False
+    # mm/s, where two poses at a time are the ends of a sweep
+    speed: float = 0.0
 
     @property
     def falls_short(self) -> bool:

@@ -4,6 +4,7 @@ Their worth is the information that their profiles will hold.
 """
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy import ndarray
@@ -128,23 +129,34 @@ class ScanModel(Setup):
             covariance,
         )
 
-    def problem(self, R: ndarray, T: ndarray) -> Problem:
-        """The least-squares problem of what is seen from flange poses."""
-        return Problem([self.observed(R, T)], self.noise, self.systematic)
+    def problem(self, R: ndarray, T: ndarray, **in_motion: Any) -> Problem:
+        """The least-squares problem of what is seen from flange poses; `in_motion`: the
+        log, times and group of those that the robot goes through.
+        """
+        seen = replace(self.observed(R, T), **in_motion)
+        return Problem([seen], self.noise, self.systematic)
 
 
 def information(
-    model: ScanModel, R: ndarray, T: ndarray, each: bool = False
+    model: ScanModel,
+    R: ndarray,
+    T: ndarray,
+    each: bool = False,
+    problem: Problem | None = None,
 ) -> ndarray:
     """What flange poses (P, 3, 3), (P, 3) tell of the unknowns and the shared errors.
 
     Returns (q, q), for the unknowns and then for what is wrong at all poses, the
     robot's errors integrated out. `each`: of each pose by itself, (P, q, q); where all
-    have orientations of their own, these add up to the whole.
+    have orientations of their own, these add up to the whole. `problem`: that of these
+    poses, if it is known.
     """
+    problem = problem or model.problem(R, T)
     sizes = model.noise.of_robot
+    if problem.clock is not None:
+        sizes |= {"jitter_ms": model.noise.jitter_ms}
     variances = np.array([1.0, *sizes.values()]) ** 2
-    linear = model.problem(R, T).model(model.state, list(sizes))
+    linear = problem.model(model.state, list(sizes))
     # the last row and column are of the residuals themselves
     if each:
         return linear.alone(variances)[:, :-1, :-1]
@@ -179,6 +191,8 @@ class Prediction:
     poses: int
     # smallest and largest (`mm`, `deg`) if the guess is wrong
     between: tuple = ()
+    # in motion: standard deviation of the delay between both clocks, s
+    delay_sd_s: float | None = None
 
     @property
     def covariance(self) -> ndarray:
@@ -204,20 +218,28 @@ def predict(
     R: ndarray,
     T: ndarray,
     rng: np.random.Generator | None = None,
+    **in_motion: Any,
 ) -> Prediction:
     """Predict how well flange poses (P, 3, 3), (P, 3) will determine the sensor pose.
 
     With `rng`: and how well if the guess is wrong by anything within its margins.
+    `in_motion`: as `ScanModel.problem` takes it.
     """
-    units, systematic = model.known
-    precision = np.r_[0 * units, systematic**-2.0]
-    total = information(model, R, T) + np.diag(precision)
+    problem = model.problem(R, T, **in_motion)
+    units = problem.units
+    considered = np.array([*problem.considered.values()])
+    precision = np.r_[0 * units, considered**-2.0]
+    total = information(model, R, T, problem=problem) + np.diag(precision)
     pose_information = marginal(total, len(units))
     prediction = Prediction(spectrum(pose_information, units), len(T))
+    if problem.clock is not None:
+        variances = np.diag(np.linalg.pinv(total, hermitian=True))
+        sd_s = float(np.sqrt(variances[problem.clock]))
+        prediction = replace(prediction, delay_sd_s=sd_s)
     if rng is None or model.guess is None:
         return prediction
 
     draws = [model.elsewhere(rng) for _ in range(GUESSES)]
-    others = [predict(other, R, T) for other in draws]
+    others = [predict(other, R, T, **in_motion) for other in draws]
     sizes = np.array([(other.mm, other.deg) for other in others])
     return replace(prediction, between=(sizes.min(axis=0), sizes.max(axis=0)))

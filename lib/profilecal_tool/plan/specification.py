@@ -20,10 +20,12 @@ from profilecal.simulation.spec import (
     Spec,
     errors_of,
     read_spec,
+    record_sweeps,
     recorded,
     simulate_scan,
     sizes_of,
 )
+from profilecal.simulation.sweeps import Sweep
 from profilecal.targets import TARGETS
 
 
@@ -144,6 +146,10 @@ def simulate_specification(spec: PlannedSpec) -> Scan:
     rng = np.random.default_rng(spec.seed)
     setup = spec.guess.setup(spec.kind, sizes_of(spec), rng)
     rng = errors_of(spec, rng)
+    if spec.motion:
+        to_hand = spec.mount == "eye-to-hand"
+        sweeps = planned_sweeps(spec.poses, setup, spec.motion.speed, to_hand)
+        return record_sweeps(setup, spec, rng, sweeps)
     return recorded(planned_scene(spec, setup, rng), spec, rng)
 
 
@@ -158,6 +164,26 @@ def planned_scene(spec: PlannedSpec, setup: Setup, rng: Generator) -> Scene:
         off = off - spec.noise.steering_mm * rng.normal(size=len(T))
         T = T + off[:, None] * across
     return Scene.of(setup, Poses(R, T[:, None]), plan["labels"], plan["group"])
+
+
+def planned_sweeps(path: str, setup: Setup, speed: float, to_hand: bool) -> list[Sweep]:
+    """The straight sweeps of a plan at a speed, mm/s, as a sensor makes them that is
+    where `setup` has it: two poses of the table are the ends of one. Raises ScanError.
+    """
+    plan = planned_poses(path, to_hand)
+    R_view, T_view = setup.planes(plan["R"], plan["T"])
+    ends = T_view.reshape(-1, 2, 3)
+    still = np.zeros(3)
+    sweeps = []
+    for facing, (begin, end) in zip(R_view[::2], ends, strict=True):
+        half = float(np.linalg.norm(end - begin)) / 2
+        along = (end - begin) / (2 * half)
+        middle = (begin + end) / 2
+        straight = Sweep(
+            middle, facing, along, still, speed, half, 0.0, still, weaves=False
+        )
+        sweeps.append(straight)
+    return sweeps
 
 
 def planned_poses(place: str | Path, to_hand: bool) -> dict[str, Any]:

@@ -1,5 +1,6 @@
 """The plan that is asked for: its task, and its folder."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from profilecal.scan.folder import poses_columns, read_scan
 from profilecal.scan.scan import Scan, ScanError
 from profilecal.scan.tables import write_table
 from profilecal.scan.toml import read_toml, toml_text
+from profilecal.targets import TARGETS
 from profilecal_tool.plan.candidates import Limits
 from profilecal_tool.plan.design import FEW, NOWHERE, Plan, design, joined
 from profilecal_tool.plan.knowledge import model_of_scan, model_of_spec, read_plan
@@ -23,6 +25,7 @@ from profilecal_tool.plan.specification import (
     planned_poses,
     read_specification,
 )
+from profilecal_tool.plan.sweeps import TABLE, WayBack, along_lines, write_sweeps
 from profilecal_tool.plan.words import worst
 
 
@@ -61,10 +64,15 @@ class Task:
 
     def plan(self) -> Plan:
         """The poses that serve best; where only the margins of the guess keep them from
-        what is asked for, those of a first step.
+        what is asked for, those of a first step; in motion, lines through poses.
 
         Raises ScanError.
         """
+        motion = getattr(self.source, "motion", None)
+        if motion:
+            lines = self.asked.get("poses") or (motion.sweeps + 1) // 2
+            through = self.designed(self.model, poses=lines)
+            return along_lines(through, self.limits, motion, self.rng)
         plan = self.designed(self.model)
         if self.asked.get("poses") or self.model.guess is None or not plan.falls_short:
             return plan
@@ -85,8 +93,9 @@ def read_task(
     poses: int | None = None,
     until: tuple | None = None,
     within: Path | None = None,
-) -> Task:
-    """The task that a file SPEC.toml or a scan folder sets.
+) -> Task | WayBack:
+    """The task that a file SPEC.toml or a scan folder sets; the way back of a scan
+    whose sweeps hide the delay.
 
     `poses` and `until` go before what it says; after a scan, `within` is a SPEC.toml
     that says where the robot may go. Raises ScanError.
@@ -102,7 +111,10 @@ def read_task(
     said, asked = read_plan(entries.get("plan", {}), place)
     if path.is_dir():
         scan = read_scan(path)
-        model, limits, before = model_of_scan(calibrate([scan]))
+        found = calibrate([scan])
+        if back := WayBack.of(found):
+            return back
+        model, limits, before = model_of_scan(found)
         rng = np.random.default_rng(0)
         noise = dict(scan.noise)
         limits = said if within else limits
@@ -115,7 +127,7 @@ def read_task(
 
 
 def write_plan(task: Task, plan: Plan, folder: Path) -> None:
-    """Write a plan into a folder that exists.
+    """Write a plan of poses or sweeps into a folder that exists.
 
     It becomes a scan folder without measurements; from a specification, one that
     simulates these as well, with the robot's errors that the prediction counts with.
@@ -123,26 +135,49 @@ def write_plan(task: Task, plan: Plan, folder: Path) -> None:
     model = plan.model
     labels = [f"{k:03d}" for k in range(1, len(plan.T) + 1)]
     R, T = inverse(plan.R, plan.T) if model.to_hand else (plan.R, plan.T)
-    columns = poses_columns(labels, R, T, task.source.convention)
-    write_table(folder / "poses.csv", columns)
-
-    kind = model.target.kind
-    lengths = zip(model.target.lengths, model.sizes, strict=True)
-    header = {
-        "title": task.source.title or f"planned {kind}",
-        "units": "mm",
-        "mount": task.source.mount,
-        "target": {"kind": kind, **dict(lengths)},
-        "noise": task.noise,
-    }
-    (folder / "scan.toml").write_text(toml_text(header), encoding="utf-8")
+    table = "poses.csv"
+    if plan.speed:
+        table = TABLE
+        write_sweeps(folder / table, R, T, task.source.convention)
+    else:
+        columns = poses_columns(labels, R, T, task.source.convention)
+        write_table(folder / table, columns)
+    write_header(folder, task.source, model.target.kind, model.sizes, task.noise)
     if task.entries:
         noise = task.entries.get("noise", {})
         scales = prior_from(noise).scales
         robot = {name: getattr(scales, name) for name in ROBOT}
-        changes = {"plan": {}, "poses": "poses.csv", "noise": noise | robot}
+        changes = {"plan": {}, "poses": table, "noise": noise | robot}
         text = toml_text(task.entries | changes)
         (folder / "simulate.toml").write_text(text, encoding="utf-8")
+
+
+def write_way_back(back: WayBack, folder: Path) -> None:
+    """Write the way back of a scan into a folder that exists, a scan folder without
+    measurements.
+    """
+    scan = back.scan
+    write_sweeps(folder / TABLE, back.R, back.p, scan.convention)
+    write_header(folder, scan, scan.kind, scan.sizes, scan.noise)
+
+
+def write_header(
+    folder: Path,
+    source: PlannedSpec | Scan,
+    kind: str,
+    sizes: Sequence[float],
+    noise: Mapping[str, float],
+) -> None:
+    """Write scan.toml for a target of these sizes, mm."""
+    lengths = zip(TARGETS[kind].lengths, sizes, strict=True)
+    header = {
+        "title": source.title or f"planned {kind}",
+        "units": "mm",
+        "mount": source.mount,
+        "target": {"kind": kind, **dict(lengths)},
+        "noise": dict(noise),
+    }
+    (folder / "scan.toml").write_text(toml_text(header), encoding="utf-8")
 
 
 def next_poses(calibration: Calibration, folder: Path) -> list[str]:

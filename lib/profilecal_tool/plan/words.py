@@ -3,6 +3,7 @@
 from profilecal.geometry.observability import name_direction, size_direction
 from profilecal_tool.plan.design import FEW, Plan
 from profilecal_tool.plan.scan_model import GUESSES, Prediction, ScanModel
+from profilecal_tool.plan.sweeps import WHY
 from profilecal_tool.words import deviations
 
 
@@ -34,7 +35,8 @@ def prediction_lines(
     weakest = name_direction(direction, model.R_sensor, frame)
     size = size_direction(sd, direction) if sd < 10 else "open"
     sizes = deviations(prediction.covariance)
-    poses = f"{prediction.poses} poses"
+    what = "profiles" if prediction.delay_sd_s else "poses"
+    poses = f"{prediction.poses} {what}"
     if 0 < new < prediction.poses:
         poses += f", {new} of them new"
     lines = [
@@ -50,6 +52,9 @@ def prediction_lines(
             f"               {between} in {GUESSES} draws of how wrong the guess is"
         )
     lines.append(f"weakest        {weakest}, {size}")
+    if prediction.delay_sd_s:
+        delay_ms = 1e3 * prediction.delay_sd_s
+        lines.append(f"delay          ± {delay_ms:.2g} ms")
     if unseen:
         lines.append(
             f"note           {unseen} other poses do not have the target in view, "
@@ -69,7 +74,13 @@ def worst(prediction: Prediction) -> str:
 
 def plan_lines(plan: Plan, count_given: bool) -> list[str]:
     """A plan in lines; `count_given`: it was to have so many poses and no more."""
-    lines = prediction_lines(plan.predicted, plan.model, len(plan.T))
+    new = 0 if plan.speed else len(plan.T)
+    lines = prediction_lines(plan.predicted, plan.model, new)
+    if plan.speed:
+        return [
+            *lines,
+            f"sweeps         {len(plan.T) // 2}, {WHY}",
+        ]
     mm, deg = plan.until
     wished = f"{mm:g} mm and {deg:g}°"
     if plan.is_first_step:

@@ -318,8 +318,9 @@ def save_plan(plan: Plan, path: Path) -> None:
     figure, axes = plt.subplots(figsize=(7, 5.5), subplot_kw={"projection": "3d"})
     draw_way(axes, plan)
     prediction = plan.predicted
+    count = f"{len(plan.T) // 2} sweeps" if plan.speed else f"{len(plan.T)} poses"
     axes.set_title(
-        f"{len(plan.T)} poses over the {plan.model.target.kind} (black): "
+        f"{count} over the {plan.model.target.kind} (black): "
         f"{prediction.mm:.2g} mm and {prediction.deg:.2g}° predicted"
     )
     figure.savefig(path, dpi=150)

@@ -1,0 +1,75 @@
+"""Plans of sweeps, as a user drives them."""
+
+import re
+
+import numpy as np
+import pytest
+from command import run
+from scipy.stats import chi2
+
+import profilecal as pc
+from profilecal.geometry.noise import normalised_square
+from profilecal.geometry.poses import pose_error
+from profilecal.simulation.scene import Setup
+from profilecal.simulation.spec import read_spec, record_sweeps
+from profilecal_tool.plan.specification import planned_sweeps
+
+SPEC = """
+kind = "{kind}"
+seed = 2
+mount = "{mount}"
+[guess]
+mount = [{sensor}]
+target = [{target}]
+[noise]
+profile_mm = 0.05
+[motion]
+delay_ms = -80.0
+sweeps = 16
+profiles = 30
+"""
+PLACES = {
+    "eye-in-hand": ("60, -40, 110, 170, 10, 30", "900, 50, 300"),
+    "eye-to-hand": ("900, 0, 700, 180, 0, 0", "20, 0, 150"),
+}
+
+
+@pytest.mark.parametrize(
+    ("kind", "mount"), [("edge", "eye-to-hand"), ("ball", "eye-in-hand")]
+)
+def test_planned_sweeps_give_what_is_predicted(tmp_path, kind, mount):
+    sensor, target = PLACES[mount]
+    text = SPEC.format(kind=kind, mount=mount, sensor=sensor, target=target)
+    (tmp_path / "spec.toml").write_text(text)
+    said = run("plan", tmp_path / "spec.toml", tmp_path / "plan").stdout
+    count = int(re.search(r"sweeps +(\d+), driven there and back", said)[1])
+    assert 8 <= count <= 16  # lines that leave the limits are left out
+    mm, deg = re.search(r"worst +([\d.]+) mm and ([\d.]+)°", said).groups()
+    run("simulate", tmp_path / "plan" / "simulate.toml", tmp_path / "scan")
+    scan = pc.read_scan(tmp_path / "scan")
+    found = pc.calibrate(scan)
+    assert found.status == "ok"
+    solution = found.solution
+    assert abs(-80 - 1e3 * solution.delay_s) < 4e3 * solution.delay_sd_s < 4
+    for part, predicted in ((slice(3), mm), (slice(3, 6), np.radians(float(deg)))):
+        stated = np.sqrt(np.linalg.norm(solution.covariance[part, part], 2))
+        assert 2 / 3 < stated / float(predicted) < 3 / 2
+
+
+def test_the_way_back_of_a_scan_tells_its_delay(tmp_path):
+    entries = {"kind": "edge", "seed": 1, "noise": {"profile_mm": 0.05}}
+    entries["motion"] = {"pattern": "one way", "sweeps": 16, "profiles": 30}
+    scan, truth = pc.simulate(**entries)
+    assert pc.calibrate(scan).status == "unobservable"
+    pc.write_scan(scan, tmp_path / "scan")
+    said = run("plan", tmp_path / "scan", tmp_path / "back").stdout
+    assert "sweeps         16, those of the scan backwards" in said
+    R, T = truth.pose[:3, :3], truth.pose[:3, 3]
+    setup = Setup(truth.target, np.eye(3), R, T)
+    table = tmp_path / "back" / "sweeps.csv"
+    sweeps = planned_sweeps(str(table), setup, 100.0, to_hand=False)
+    back = record_sweeps(setup, read_spec(entries), np.random.default_rng(3), sweeps)
+    found = pc.calibrate([scan, back])
+    assert found.status == "ok"
+    error = pose_error(found.pose[:3, :3], found.pose[:3, 3], R, T)
+    assert normalised_square(found.solution.covariance, error) < chi2.isf(1e-3, 6)
