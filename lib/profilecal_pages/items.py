@@ -390,16 +390,10 @@ def sentence(gathered: Gathered) -> str:
         f"{len(part) - part.count('not testable')}"
         for part in verdicts.values()
     )
-    shares = [item.share_failing for _, item in gathered]
-    shares = [share for share in shares if share is not None]
-    tried = ""
-    if shares:
-        ends = f"{100 * min(shares):.0f} % to {100 * max(shares):.0f} %"
-        tried = f" ({ends} of the settings tried would have failed)"
     return (
         f"Of the printed results that could have come out otherwise, {given} are "
         f"reproduced from printed inputs and {chosen} are compatible with unprinted "
-        f"settings that we chose{tried}; each of the others stands with its reason. "
+        "settings that we chose; each of the others stands with its reason. "
         f"{in_vain} more, of {printed} printed, could hardly have failed, and do not "
         "count."
     )

@@ -37,7 +37,6 @@ READINGS = {
     "Fig. 15": 3,
     "Section V-C": 3,
     "Section V-D2": 3,
-    "Table II": 2,
 }  # of others one
 
 
