@@ -565,6 +565,13 @@ def check_mount(folder, pose, log):
 @option("--entry", default="", metavar="NAME", help="Which list or pose of several.")
 @option("--where", default="", metavar="NAME=VALUE", help="Rows to take: sensor=0.")
 @option("--x", nargs=2, type=float, metavar="START PITCH", help="x, if z is alone.")
+@option(
+    "--times",
+    nargs=2,
+    type=float,
+    metavar="START RATE",
+    help="In motion, of profiles without times: s, and profiles a second.",
+)
 @option("--unit", default="", help='Of the profiles: mm, um, "0.01 um", inch, …')
 @option("--missing", type=float, help="z of points where nothing was seen.")
 @option("--encoding", default="", metavar="NAME", help="Of text that is not UTF-8.")

@@ -52,6 +52,8 @@ def import_scan(
     values, taken_profiles = seen_in_mm(folder, profiles, axes, layout.missing)
     first = tables[0]
     unit = unit_s(first, [name for name in first.columns if TIMES.search(name)])
+    if layout.times:
+        unit, names = 1.0, evenly(*layout.times, len(names))
     moving = driven(poses, names, convention.columns, unit)
     if moving:
         rows, t, times = moving
@@ -59,6 +61,11 @@ def import_scan(
         poses = rows_of(poses, rows)
         poses.columns["pose"] = labels
         order = [*range(len(times))]
+    elif layout.times:
+        raise ScanError(
+            f"{names_of(of_poses)}: no log of a robot in motion with the times of the "
+            f"profiles, {names[0]} to {names[-1]} s (--times); expected a column t"
+        )
     else:
         poses, order, matched = match(poses, names, convention.columns, left)
     entries, taken_poses, of = taken_as(poses, convention, layout)
@@ -88,6 +95,16 @@ def import_scan(
         f"note       {doubt}"
         for doubt in [*guessed, *frames_of(poses, convention, layout)]
     ]
+
+
+def evenly(start: float, rate: float, count: int) -> list[str]:
+    """The times of profiles, as a table would have them. Raises ScanError."""
+    if not 0 <= start < np.inf or not 0 < rate < np.inf:
+        raise ScanError(
+            f"--times is {start:g} {rate:g}; expected the first profile's time, s by "
+            "the scanner's clock, and profiles a second"
+        )
+    return [f"{start + k / rate:.6f}" for k in range(count)]
 
 
 def in_sweeps(

@@ -19,6 +19,8 @@ class Layout:
     entry: str = ""  # the list in a YAML or NPZ file that is the profile
     where: str = ""  # the rows of a profile that are taken: "sensor=0"
     x: tuple[float, float] | None = None  # of the first point; from one to the next
+    # of the first profile, s by the scanner's clock; and profiles in a second
+    times: tuple[float, float] | None = None
     unit: str = ""  # of x and z: "mm", "0.01 um"
     missing: float | None = None  # z where the scanner saw nothing
     encoding: str = ""  # of text that is not UTF-8

@@ -939,3 +939,22 @@ def test_two_logs_are_a_scan_in_motion(unit, scale, tmp_path):
     np.testing.assert_allclose(imported.T_base_flange, driven.T_base_flange, atol=1e-6)
     for own, true in zip(imported.values, driven.values, strict=True):
         np.testing.assert_allclose(own, true, atol=1e-9)
+
+
+def test_profiles_at_a_rate_are_a_scan_in_motion(tmp_path):
+    driven = scan_of(
+        "plane", motion={"sweeps": 1, "profiles": 9}, scanner={"points": 60}
+    )
+    turned = from_rotations(named("quaternion"), driven.log.R)
+    rows = np.column_stack([driven.log.t, driven.log.p, turned])
+    titles = "t,x,y,z,qw,qx,qy,qz"
+    np.savetxt(tmp_path / "robot.csv", rows, "%.12g", ",", header=titles, comments="")
+    for k, points in enumerate(driven.values):
+        np.savetxt(tmp_path / f"p{k}.txt", points, header="x z")
+    start, rate = driven.times[0], 1 / np.diff(driven.times).mean()
+    imported, guesses = import_scan(tmp_path, "plane", {}, Layout(times=(start, rate)))
+    assert "9 profiles in 1 sweeps" in guesses[3]
+    np.testing.assert_allclose(imported.times, driven.times, atol=2e-6)
+    for times in ((-5.0, 100.0), (start, 0.0), (start + 1000, rate)):
+        with pytest.raises(ScanError, match="--times"):
+            import_scan(tmp_path, "plane", {}, Layout(times=times))
