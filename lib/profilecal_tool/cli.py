@@ -538,7 +538,7 @@ def check_mount(folder, pose, log):
     "kind",
     required=True,
     metavar="KIND",
-    help="What was scanned: edge, disk, ball, plane, …",
+    help="What was scanned: edge, disk, …",
 )
 @option("--mount", type=MOUNT, default="eye-in-hand", help="Where the scanner is.")
 @option("--poses", default="", metavar="FILES", help="What holds the robot's poses.")
@@ -570,7 +570,7 @@ def check_mount(folder, pose, log):
     nargs=2,
     type=float,
     metavar="START RATE",
-    help="In motion, of profiles without times: s, and profiles a second.",
+    help="When profiles in motion were taken: s, Hz.",
 )
 @option("--unit", default="", help='Of the profiles: mm, um, "0.01 um", inch, …')
 @option("--missing", type=float, help="z of points where nothing was seen.")
