@@ -119,7 +119,8 @@ class Item:
     # which of the paper's words its rows read in several ways, such as "standard
     # deviation": one reading counts, for all items with that word
     word: str = ""
-    # the range of the free settings, and the share of it under which a number fails
+    # the range of the free settings, and the share of it under which at least one
+    # number fails
     settings: str = ""
     share_failing: float | None = None
 
@@ -181,7 +182,8 @@ class Item:
         if self.share_failing is not None:
             share = f"{100 * self.share_failing:.0f} %"
             said.append(
-                f"A number fails under {share} of the settings {self.settings}."
+                f"At least one number fails under {share} of the settings "
+                f"{self.settings}."
             )
         in_doubt = any(self.verdict(row) == "not testable" for row in self.rows)
         if in_doubt and self.layout != "list" and not self.apart:
