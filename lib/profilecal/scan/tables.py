@@ -356,16 +356,19 @@ def write_table(path: Path, columns: Mapping[str, Sequence]) -> None:
     """Write a CSV file; numbers to twelve digits, times `t`, which may count from 1970,
     to all; NaN as an empty cell.
     """
+    arrays = {name: np.asarray(values) for name, values in columns.items()}
+    rows = max(map(len, arrays.values()), default=0)
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(columns)
-        cells = [cells_of(values, name == "t") for name, values in columns.items()]
-        writer.writerows(zip(*cells, strict=True))
+        for first in range(0, rows, 1000):  # text of all would fill the memory
+            part = slice(first, first + 1000)
+            cells = [cells_of(arrays[name][part], name == "t") for name in arrays]
+            writer.writerows(zip(*cells, strict=True))
 
 
-def cells_of(column: Sequence, exact: bool) -> list:
+def cells_of(values: ndarray, exact: bool) -> list:
     """A column as `write_table` writes it."""
-    values = np.asarray(column)
     if values.dtype.kind != "f":
         return values.tolist()
     written = repr if exact else "{:.12g}".format

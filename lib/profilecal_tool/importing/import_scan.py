@@ -46,12 +46,11 @@ def import_scan(
     poses, convention, guessed = pose_table(of_poses, layout)
     count = len(poses.lines)
     tables = [read_profiles(path, count, layout) for path in of_profiles]
-    names, profiles, axes = profiles_of(
-        tables, count if len(tables) == 1 else 0, layout
-    )
-    values, taken_profiles = seen_in_mm(folder, profiles, axes, layout.missing)
     first = tables[0]
     unit = unit_s(first, [name for name in first.columns if TIMES.search(name)])
+    names, *read = profiles_of(tables, count if len(tables) == 1 else 0, layout)
+    del tables, first
+    values, taken_profiles = seen_in_mm(folder, *read, layout.missing)
     if layout.times:
         unit, names = 1.0, evenly(*layout.times, len(names))
     moving = driven(poses, names, convention.columns, unit)

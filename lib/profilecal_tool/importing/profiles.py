@@ -4,9 +4,8 @@ unit.
 
 import re
 from collections import Counter
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from dataclasses import replace
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -30,8 +29,10 @@ from profilecal_tool.importing.tables import (
     ROW,
     apart,
     blocks,
+    changed,
     check_alike,
     closed_text,
+    floats,
     from_rows,
     is_rising,
     labels_of_files,
@@ -86,51 +87,51 @@ def start_and_pitch(text: str) -> tuple[float, float] | None:
 
 
 def across(table: Table, count: int, start: tuple[float, float] | None) -> Table:
-    """The table with a point a row where a row has the points of a profile.
+    """The table with a point a row where a row or a column has the points of a profile.
 
     z is below x, below numbered names (x1, z1, …), or in a row after one of x, or x
     follows from `start` and pitch; without titles x and z are in turn, or z is below
     the x of the first row. Raises ScanError where there is no x.
     """
-    names, columns = [*table.columns], table.columns
-    heights = names if len(names) == 1 else [n for n in names if "z" in meaning(n)]
-    if start and len(heights) == 1 and not any("x" in meaning(n) for n in names):
-        x = start[0] + start[1] * np.arange(len(table.lines))
-        units = {"x": "mm", "z": table.units[heights[0]] or "mm"}
-        return replace(table, columns={"x": x, "z": columns[heights[0]]}, units=units)
-    family = Counter(map(stem, names))
+    names, lines = [*table.columns], np.array(table.lines)
+    many = Counter(map(stem, names))
     x, z = (
-        [
-            name
-            for name in names
-            if family[stem(name)] > 4 and axis in meaning(stem(name))
-        ]
+        [n for n in names if many[stem(n)] > 4 and axis in meaning(stem(n))]
         for axis in "xz"
     )
     z = z or [name for name in names if np.isfinite(number(name))]
-    if names[0] == "x" and is_rising(table.numbers(["x"], blank=True)[:, 0]):
-        many = [name for name in names[1:] if family[stem(name)] == len(names) - 1]
-        if len(many) > 4:
-            return below(table, ["x"], many)
-    if len(x) == len(z) == count != len(table.lines):
-        return below(table, x, z)
-    if len(z) < 5:
+    heights = [n for n in names if "z" in meaning(n) or len(names) == 1]
+    is_down = len(x) == len(z) == count != len(lines)
+    if names[0] == "x" and many[stem(names[-1])] == len(names) - 1 > 4:
+        if is_rising(table.numbers("x", blank=True)[:, 0]):
+            x, z, is_down = ["x"], names[1:], True
+    elif start and len(heights) == 1 and not any("x" in meaning(n) for n in names):
+        z, is_down = heights, True
+    if len(z) < 5 and not is_down:
         return table
-    others = {name: np.array(columns[name]) for name in names if name not in (*x, *z)}
-    titles, values = np.array([*map(number, z)]), table.numbers(z, blank=True)
-    kinds = next((c for c in others.values() if {"Z"} <= {*c} <= {*"XYZI"}), None)
+    values, titles = table.numbers(z, blank=True), floats(z)
+    along = table.numbers(x, blank=True) if x else titles
+    unit = table.units[z[0]]
+    units = {"x": table.units[x[0]] if x else unit, "z": unit}
+    if start and not x:
+        count_of_points = len(values) if is_down else len(z)
+        along = start[0] + start[1] * np.arange(count_of_points)
+    if is_down:
+        table = replace(table, columns={}, lines=lines)
+        return long(table, along.T, values.T, units)
+    columns = {n: np.array(table.columns[n]) for n in names if n not in (*x, *z)}
+    kinds = next((c for c in columns.values() if {"Z"} <= {*c} <= {*"XYZI"}), None)
     rows = np.arange(len(values)) if kinds is None else np.flatnonzero(kinds == "Z")
+    is_bare = not columns and not start and not x
     if kinds is not None and "X" in kinds:
         along = values[kinds == "X"]
-    elif len(x) == len(z):
-        along = table.numbers(x, blank=True)
+    elif len(x) == len(z) or start:
+        pass
     elif np.isfinite(titles).all() and titles[0] not in (0, 1):
         along = titles
-    elif start:
-        along = start[0] + start[1] * np.arange(len(z))
-    elif len(values) == count and not others and not is_smooth(values):
+    elif len(values) == count and is_bare and not is_smooth(values):
         along, values = values[:, ::2], values[:, 1::2]
-    elif len(values) == count + 1 and not others and is_rising(values[0]):
+    elif len(values) == count + 1 and is_bare and is_rising(values[0]):
         along, rows = values[0], rows[1:]
     elif len(z) < 12:
         return table
@@ -139,33 +140,25 @@ def across(table: Table, count: int, start: tuple[float, float] | None) -> Table
             f"{table.path}: z in rows, and x nowhere; say where it begins and how far "
             "points are apart: --x START PITCH"
         )
-    values = values[rows]
-    if along.ndim > 1 and len(along) != len(values):
+    if along.ndim > 1 and len(along) != len(rows):
         raise ScanError(
-            f"{table.path}: {len(along)} rows of x and {len(values)} of z; is the file "
+            f"{table.path}: {len(along)} rows of x and {len(rows)} of z; is the file "
             "cut short?"
         )
-    along = np.broadcast_to(along, values.shape)
-    k = values.shape[1]
-    long = {name: np.repeat(cells[rows], k) for name, cells in others.items()}
-    long |= {ROW: np.repeat(rows + 1, k), "x": along.ravel(), "z": values.ravel()}
-    unit = table.units[z[0]]
-    units = dict.fromkeys(long, "") | {"x": unit, "z": unit}
-    lines = np.repeat(np.array(table.lines)[rows], k)
-    return replace(table, columns=long, lines=lines, units=units)
+    columns = {name: cells[rows] for name, cells in columns.items()}
+    table = replace(table, columns=columns, lines=lines[rows, None])
+    return long(table, along, values[rows], units)
 
 
-def below(table: Table, x: list[str], z: list[str]) -> Table:
-    """The table with a point a row where a column has the z of a profile, and one, or
-    one for each, has the x.
-    """
-    n, k = len(table.lines), len(z)
-    values = table.numbers(z, blank=True).T
-    along = np.broadcast_to(table.numbers(x, blank=True).T, values.shape)
-    rows = np.repeat(np.arange(1, k + 1), n)
-    columns = {ROW: rows, "x": along.ravel(), "z": values.ravel()}
-    units = {ROW: "", "x": table.units[x[0]], "z": table.units[z[0]]}
-    return replace(table, columns=columns, lines=np.tile(table.lines, k), units=units)
+def long(table: Table, x: ndarray, z: ndarray, units: dict) -> Table:
+    """A table of P profiles with a point a row, of z (P, n) and x of all or of each."""
+    index = np.repeat(np.arange(len(z)), z.shape[1])
+    columns = {name: cells[index] for name, cells in table.columns.items()}
+    columns |= {ROW: index + 1, "x": np.broadcast_to(x, z.shape).ravel()}
+    columns |= {"z": z.ravel()}
+    units = dict.fromkeys(columns, "") | units
+    lines = np.broadcast_to(table.lines, z.shape).ravel()
+    return replace(table, columns=columns, lines=lines, units=units)
 
 
 def is_smooth(rows: ndarray) -> bool:
@@ -187,17 +180,18 @@ def chosen_rows(table: Table, where: str) -> Table:
             f"{table.path}: no column {name!r}; there are {listed(table.columns)} "
             "(--where NAME=VALUE)"
         )
-    cells = [str(cell).strip().lower() for cell in table.columns[name]]
-    numbers, wanted = np.array([*map(number, cells)]), number(value)
-    taken = (numbers == wanted) if np.isfinite(wanted) else np.array(cells) == value
+    cells, wanted = table.columns[name], number(value)
+    taken = floats(cells) == wanted
+    if not np.isfinite(wanted):
+        taken = np.array([str(cell).strip().lower() == value for cell in cells])
     return rows_of(table, np.flatnonzero(taken))
 
 
 def profiles_of(
     tables: list[Table], count: int, layout: Layout
-) -> tuple[Sequence, list[ndarray], dict]:
-    """Names of profiles, or numbers, their points (n, 2), and the columns of x and z
-    with their units.
+) -> tuple[list, list[int], ndarray, dict]:
+    """Names of profiles, or numbers; how many points each has; all points (n, 2), one
+    profile below the other; and the columns of x and z with their units.
 
     `tables` have the points of a file each; one alone has those for `count` poses, of
     several `count` is 0. Raises ScanError.
@@ -208,36 +202,37 @@ def profiles_of(
         raise ScanError(f"{tables[0].path}: no numbers in columns")
     check_alike(full)
     axes = x_and_z(full, layout)
-    names: list = []
-    points: list[ndarray] = []
+    names, points = [], [np.empty((0, 2))]
+    counts: list[int] = []
     files = labels_of_files([table.path for table in tables])
     for file, table in zip(files, tables, strict=True):
         if not table.columns:
             names.append(file)
-            points.append(np.empty((0, 2)))
+            counts.append(0)
             continue
         xz = table.numbers(axes, blank=True)
-        labels = labels_of(table, xz, count, axes)
-        own = rows_by_label(labels)
+        own = rows_by_label(labels_of(table, xz, count, axes))
         for label, rows in own.items():
             check_is_one(rows_of(table, rows), xz[rows, 0], axes, layout)
-            points.append(xz[rows])
+            counts.append(len(rows))
             if count:
                 is_number = isinstance(label, int)
                 names.append(label if is_number else str(label).removesuffix(".0"))
             else:
                 of_row = f" {label}" if len(own) > 1 else ""
                 names.append(f"{file}{of_row}")
-    return names, points, axes
+        points.append(xz[np.concatenate([*own.values()])])
+    return names, counts, np.concatenate(points), axes
 
 
 def rows_by_label(labels: ndarray) -> dict[Any, ndarray]:
     """The rows of each label (n,), in the order in which labels first come."""
-    cells = labels.tolist()
-    number_of = {label: k for k, label in enumerate(dict.fromkeys(cells))}
-    numbers = np.array([number_of[label] for label in cells])
-    order = np.argsort(numbers, kind="stable")
-    rows = np.split(order, np.cumsum(np.bincount(numbers))[:-1])
+    starts = np.flatnonzero(changed(labels))  # most follow one that is the same
+    number_of: dict[Any, int] = {}
+    numbers = [number_of.setdefault(k, len(number_of)) for k in labels[starts].tolist()]
+    of_rows = np.repeat(numbers, np.diff(starts, append=len(labels)))
+    order = np.argsort(of_rows, kind="stable")
+    rows = np.split(order, np.cumsum(np.bincount(of_rows))[:-1])
     return dict(zip(number_of, rows, strict=True))
 
 
@@ -299,9 +294,10 @@ def check_is_one(profile: Table, x: ndarray, axes: Collection, layout: Layout) -
     jumps = begins_anew(x)
     twice = len(jumps) or len(x) - len({*x.tolist()}) > len(x) / 4
     for name, cells in profile.columns.items():
-        unlike = dict.fromkeys(cells)
-        values = [value for value in unlike if not np.isnan(number(str(value)))]
-        if len(values) < 2 or name in (*axes, ROW):
+        if name in (*axes, ROW):
+            continue
+        values = [v for v in dict.fromkeys(cells) if not np.isnan(number(str(v)))]
+        if len(values) < 2:
             continue
         is_y, is_said = "y" in words_in(name), bool(layout.columns)
         several = len(values) <= len(x) / 4 and (
@@ -362,8 +358,8 @@ def x_and_z(tables: list[Table], layout: Layout) -> dict[str, str]:
         (other,) = first.columns.keys() - axes
         axes = {other: ""} | axes if "z" in meaning(known) else axes | {other: ""}
     for name in filter(str.isdigit, {} if axes else first.columns):
-        cells = chain.from_iterable(table.columns[name] for table in tables)
-        if len({value for value in map(number, cells) if value == value}) > 1:
+        values = np.concatenate([floats(table.columns[name]) for table in tables])
+        if np.fmin.reduce(values) < np.fmax.reduce(values):
             axes[name] = ""
     if not len(axes) == len(axes.keys() & first.columns) == 2:
         raise ScanError(
@@ -379,15 +375,16 @@ def x_and_z(tables: list[Table], layout: Layout) -> dict[str, str]:
 
 
 def seen_in_mm(
-    folder: Path, profiles: list[ndarray], axes: dict, missing: float | None
+    folder: Path, counts: list[int], points: ndarray, axes: dict, missing: float | None
 ) -> tuple[list[ndarray], str]:
-    """The points (n, 2) of profiles, mm, NaN where nothing was seen, and what they were
-    taken for. Raises ScanError for sizes that no scanner sees.
+    """The points of profiles with so many each, mm, NaN where nothing was seen, and
+    what they were taken for; `points` (n, 2) of all are changed.
+
+    Raises ScanError for sizes that no scanner sees.
 
     Nothing was seen where z is `missing`, or a code; and where it is zero and all else
     to one side of that, if `missing` is None.
     """
-    points = np.concatenate(profiles)
     z = points[:, 1]
     codes = [] if missing is None else [missing]
     codes += codes_in(z[np.isfinite(points).all(axis=1) & (z != missing)])
@@ -420,9 +417,8 @@ def seen_in_mm(
         f"from {np.nanmin(values):.4g} to {np.nanmax(values):.4g} mm"
         for axis, name, values in zip("xz", axes, points.T, strict=True)
     )
-    ends = np.cumsum([len(profile) for profile in profiles])
-    values = np.split(points, ends[:-1])
-    count = f"{len(profiles)} with {len(points)} points"
+    values = np.split(points, np.cumsum(counts)[:-1])
+    count = f"{len(counts)} with {len(points)} points"
     return values, f"{count}, {lengths}, {ranges}, {unseen}"
 
 
@@ -431,17 +427,16 @@ def codes_in(z: ndarray) -> list[float]:
     from the others in z (n,) than these are spread; a tenth of it for usual codes.
     """
     values, counts = np.unique(z, return_counts=True)
-    most = 3 if len(values) > 20 else 0
-    ends = [slice(k) for k in range(1, most + 1)]
-    ends += [slice(-k, None) for k in range(1, most + 1)]
-    for end in ends:
+    most = [1, 2, 3] if len(values) > 20 else []
+    for end in (*map(slice, most), *(slice(-k, None) for k in most)):
         codes = values[end]
+        if counts[end].min() < 3:
+            continue
         others = z[~np.isin(z, codes)]
         low, high = np.percentile(others, [1, 99])
         apart = max(low - codes[-1], codes[0] - high)
         is_usual = all(CODE.fullmatch(f"{code:.10g}") for code in codes)
-        least = (high - low) / (10 if is_usual else 1)
-        if counts[end].min() > 2 and apart > least:
+        if apart > (high - low) / (10 if is_usual else 1):
             return [*codes.tolist(), *codes_in(others)]
     return []
 

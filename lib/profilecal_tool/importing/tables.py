@@ -38,6 +38,8 @@ from profilecal_tool.importing.makers import (
 NUMBER = r"(?:[+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?|\*+)"
 # before decimal commas, or as no separator of fields
 THOUSANDS = re.compile(r"(?<=\d)(?:\.(?=\d{3}(?:\.\d{3})*,\d)|[\xa0\u202f’'](?=\d{3}))")
+SPACES = re.compile(r"\s+(?![\[(])")  # a unit in brackets belongs to its title
+COMMAS = re.compile(r"\d,\d+\s+-?\d+,\d")  # decimal, between numbers
 WORKBOOK = ".xlsx"
 ROW = "row of the file"  # a column that tells profiles apart, one a row
 REMARK = re.compile(r"\s*(?:#|%|//|!)[\s#%/]*")
@@ -122,7 +124,7 @@ def encoding_of(paths: list[Path]) -> str:
         with naming(path):
             content = path.read_bytes()
         if b"\0" not in content and not content.isascii():
-            lines = content.splitlines()
+            lines = re.findall(rb"(?m)^.*[\x80-\xff].*", content)
             titles |= dict.fromkeys(line for line in lines if not is_utf8(line))
     sample = b"\n".join(titles)[:10_000]
     if not sample:
@@ -165,14 +167,14 @@ def lines_of(text: str) -> Iterator[Row]:
 
 def fields_of(line: str) -> list[str]:
     """A line's fields; decimal commas where something else parts them."""
-    # a unit in brackets belongs to its title
-    spaces = r"\s+(?![\[(])"
-    separator = next((mark for mark in ";\t," if mark in line), spaces)
-    if re.search(r"\d,\d+\s+-?\d+,\d", line) and separator == ",":
-        separator = spaces
-    if separator != ",":
+    mark = ";" if ";" in line else "\t" if "\t" in line else ","
+    if mark not in line or (mark == "," and COMMAS.search(line)):
+        mark = ""
+    if mark != ",":
         line = THOUSANDS.sub("", line).replace(",", ".")
-    return [field.strip(" \r\"'") for field in re.split(separator, line.strip(" \r"))]
+    line = line.strip(" \r")
+    fields = line.split(mark) if mark else SPACES.split(line)
+    return [field.strip(" \r\"'") for field in fields]
 
 
 def from_rows(path: Path, rows: Iterable[Row]) -> Table:
@@ -198,21 +200,21 @@ def from_rows(path: Path, rows: Iterable[Row]) -> Table:
     if x[0] == np.inf and is_rising(np.array(x[x.count(np.inf) :])):
         titles = alike[first][1]
     body = body_of(chain(head[head.index(alike[first]) :], rows), titles)
-    units, part, parts = names_and_units(titles), [*islice(body, most)], []
-    if not part:
+    units = names_and_units(titles)
+    batches = iter(lambda: [*islice(body, most)], [])
+    parts = (in_columns(path, units, part) for part in batches)
+    first_part = next(parts, None)
+    if first_part is None:
         raise ScanError(f"{path}: no rows below the titles")
-    while part:
-        table = in_columns(path, units, part)
-        parts.append(in_numbers(table))
-        part = [*islice(body, most)]
-    return table if len(parts) == 1 else joined(parts)
+    numbers = [*map(in_numbers, parts)]
+    return joined([in_numbers(first_part), *numbers]) if numbers else first_part
 
 
 def body_of(rows: Iterable[Row], titles: list[str]) -> Iterator[Row]:
     """The rows of a table with titles, among others."""
     heading = 0  # the length of the titles of another one
     for line, fields in rows:
-        if HEADING.fullmatch(" ".join(fields)):
+        if len(fields) < 3 and HEADING.fullmatch(" ".join(fields)):
             continue
         if len(fields) != len(titles) and are_words(fields).all():
             heading = len(fields)
@@ -220,13 +222,20 @@ def body_of(rows: Iterable[Row], titles: list[str]) -> Iterator[Row]:
             yield line, fields
 
 
+def floats(cells: Sequence) -> ndarray:
+    """Cells as numbers (n,): NaN for nothing, infinity for a word."""
+    with suppress(ValueError):
+        return np.asarray(cells, float)
+    return np.array([*map(number, map(str, cells))])
+
+
 def in_numbers(table: Table) -> Table:
     """The table with arrays for columns, of numbers where none is a word."""
-    columns = {}
+    columns: dict[str, Sequence] = {}
     for name, cells in table.columns.items():
-        numbers = np.array([*map(number, cells)])
+        numbers = floats(cells)
         columns[name] = np.array(cells) if np.isinf(numbers).any() else numbers
-    return replace(table, columns=columns)
+    return replace(table, columns=columns, lines=np.array(table.lines))
 
 
 def joined(parts: list[Table]) -> Table:

@@ -7,6 +7,8 @@ import json
 import os
 import re
 import shutil
+import subprocess
+import sys
 from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
@@ -854,17 +856,47 @@ def test_a_large_table_becomes_arrays(tmp_path):
     path.write_text(f"pose,x,z\n{rows}")
     table = read_profiles(path, 3, Layout())
     assert all(isinstance(cells, np.ndarray) for cells in table.columns.values())
-    names, points, _ = profiles_of([table], 3, Layout())
+    names, counts, _, _ = profiles_of([table], 3, Layout())
     assert names == ["1", "2", "3"]
-    assert [len(xz) for xz in points] == 3 * [1500]
+    assert counts == 3 * [1500]
     tables = []
     for count in (12, 1200):  # text, and arrays
         rising = np.arange(count)
         columns = [rising, np.zeros(count), 100 + rising]
         np.savetxt(tmp_path / "p.txt", np.column_stack(columns))
         tables.append(read_profiles(tmp_path / "p.txt", 0, Layout()))
-    _, _, axes = profiles_of(tables, 0, Layout())
+    *_, axes = profiles_of(tables, 0, Layout())
     assert [*axes] == ["1", "3"]
+
+
+PEAK = """
+import resource, subprocess, sys
+command = [sys.executable, "-m", "profilecal_tool", "import", *sys.argv[1:]]
+subprocess.run([*command, "--target", "edge"], check=True, stdout=subprocess.DEVNULL)
+print(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss * 1024)
+"""
+
+
+def test_a_long_table_takes_five_times_its_size_of_memory(tmp_path):
+    """From the command to the written scan, beside what it takes for a short one."""
+    peaks = []
+    for count in (10, 70_000):
+        folder = tmp_path / f"in{count}"
+        x = np.linspace(-40, 40, count)
+        lines = [f"{x:.9f},{100 + x / 5:.9f}\n" for x in x.tolist()]
+
+        def long_table(folder, lines=lines):
+            with (folder / "all.csv").open("w") as file:
+                file.write("pose,x,z\n")
+                for k in range(12):
+                    file.writelines(f"scan_{k:03d},{line}" for line in lines)
+
+        written(folder, csv, long_table)
+        size = (folder / "all.csv").stat().st_size
+        command = [sys.executable, "-c", PEAK, folder, tmp_path / f"out{count}"]
+        peaks.append(int(subprocess.check_output(command)))
+    assert size > 25e6
+    assert peaks[1] - peaks[0] <= 5 * size
 
 
 REAL_DATA = os.environ.get("PROFILECAL_REAL_DATA")
