@@ -82,27 +82,6 @@ def save(figure: plt.Figure, place: Path) -> None:
     figure.savefig(place.with_suffix(".svg"))
 
 
-def plot_changes(parts: dict, size: float, numbers: str, met: str) -> plt.Figure:
-    """The changes of a table's numbers, in half units of the last digit, by part;
-    within the grey band a number prints alike. `size`: the largest; `numbers`, `met`:
-    what they are and what they achieve, for the axis and the title.
-    """
-    figure, axes = plt.subplots(figsize=(8, 2.8))
-    colours = BLUE, ORANGE, GREEN, PURPLE, SKY
-    start = 0
-    for (name, changes), colour in zip(parts.items(), colours, strict=False):
-        count = len(changes)
-        axes.vlines(start + np.arange(count), 0, changes, color=colour, lw=3)
-        middle = start + count / 2 - 0.5
-        axes.annotate(name, (middle, 1.12), ha="center", color=colour)
-        start += count
-    axes.axhspan(-1, 1, color="0.92", zorder=0)
-    axes.axhline(0, color="0.6", lw=0.8)
-    axes.set(xlabel=numbers, ylabel="change [half units]", ylim=(-1.4, 1.4), xticks=[])
-    axes.set_title(f"The largest change is {size:.1f} half units; {met}", pad=12)
-    return figure
-
-
 def draw_frame(
     axes: Axes3D, rotation: ArrayLike, origin: ndarray, length: float
 ) -> None:
