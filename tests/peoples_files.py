@@ -160,6 +160,40 @@ def staubli(folder):
     (folder / "scan.dtx").write_text("\n".join(lines))
 
 
+def epson(folder):
+    lines = ['sVersion="2.0.0"', "nNumberOfPoints=12"]
+    for k, row in enumerate(poses("KUKA angles"), 1):
+        names = ("rX", "rY", "rZ", "rU", "rV", "rW")
+        numbers = [f"\t{n}={v:.12f}" for n, v in zip(names, row, strict=True)]
+        lines += [f"Point{k} {{", f"\tnNumber={k}", *numbers, "\tnLocal=0", "}"]
+    (folder / "robot1.pts").write_text("\n".join([*lines, ""]))
+
+
+def techman(folder):
+    lines = [
+        "main",
+        "{",
+        '  ChangeTCP("NOTOOL")',
+        '  PTP("JPP",0,0,90,0,90,0,10,200,0)',
+    ]
+    for row in poses("FANUC angles"):
+        lines.append(f'  Line("CAP", {text(row, ", ")}, 100, 200, 0, false)')
+    (folder / "scan.script").write_text("\n".join([*lines, "}", ""]))
+
+
+def xarm(folder):
+    tool = text(numbers_of(TOOL, "FANUC angles"), ", ")
+    lines = ["class Robot:", f"  code = self._arm.set_tcp_offset([{tool}], wait=True)"]
+    lines.append(
+        "  code = self._arm.set_servo_angle(angle=[0.0, 1, 2, 3, 4, 5], speed=2)"
+    )
+    for k, row in enumerate(poses("FANUC angles", 1, matrices_of_poses() @ TOOL)):
+        numbers = text(row, ", ")
+        numbers = f"*[{numbers}]" if k % 2 else numbers
+        lines.append(f"  code = self._arm.set_position({numbers}, speed=5, wait=True)")
+    (folder / "scan.py").write_text("\n".join([*lines, ""]))
+
+
 def xml_log(folder):
     """Words, and each pose twice: as attributes, and as a matrix."""
     lines = ["Control Version: 1.17.3", "Server listening on port 59153..."]
@@ -470,6 +504,19 @@ def other_clouds(folder):
     point_clouds(folder, "pcd")
 
 
+def binary_clouds(folder):
+    for k, points in enumerate(scan().values):
+        rows = np.rec.fromarrays(
+            [*with_y(points).T, np.arange(len(points))],
+            dtype=[(name, ">f8") for name in "xyz"] + [("shade", "u1")],
+        )
+        head = ["ply", "format binary_big_endian 1.0", f"element vertex {len(rows)}"]
+        head += [f"property double {axis}" for axis in "xyz"]
+        head += ["property uchar shade", "element face 0", "end_header", ""]
+        content = "\n".join(head).encode() + rows.tobytes()
+        (folder / f"cloud{k}.ply").write_bytes(content)
+
+
 def column_pairs(folder):
     """Two columns a profile."""
     values = np.hstack(scan().values)
@@ -494,7 +541,18 @@ def by_name(*writers):
 
 
 PROGRAMS = by_name(
-    kuka, abb, ur, fanuc, yaskawa, kawasaki, mitsubishi, staubli, xml_log
+    kuka,
+    abb,
+    ur,
+    fanuc,
+    yaskawa,
+    kawasaki,
+    mitsubishi,
+    staubli,
+    epson,
+    techman,
+    xarm,
+    xml_log,
 )
 NESTED = by_name(as_json, nested, json_lines, stamped, echoed, opencv, of_images)
 TABLES = by_name(
@@ -529,6 +587,7 @@ PROFILES = by_name(
     stacked,
     point_clouds,
     other_clouds,
+    binary_clouds,
     column_pairs,
     headed,
 )

@@ -1,5 +1,6 @@
 """Arrays in files of NumPy's and MATLAB's."""
 
+import re
 from collections.abc import Collection
 from pathlib import Path
 from tokenize import TokenError
@@ -14,6 +15,13 @@ from profilecal.scan.tables import ScanError, Table, listed, naming, shown
 
 ENDINGS = (".npy", ".npz", ".mat")
 MOST = 16  # numbers of a pose
+BINARY_PLY = re.compile(
+    rb"(?s)ply\r?\nformat binary_(\w+)_endian.*?\nelement vertex (\d+)"
+    rb"((?:\s+property[^\n]*)*).*?\nend_header\r?\n"
+)
+PLY_TYPES = {"char": "i1", "short": "i2", "int": "i4", "float": "f4", "double": "f8"}
+PLY_TYPES |= {"uchar": "u1", "ushort": "u2", "uint": "u4"}
+PLY_TYPES |= {"float32": "f4", "float64": "f8", "uint8": "u1", "int32": "i4"}
 # what NumPy raises on a file that is cut short or changed, beside ValueError
 UNREADABLE = (
     EOFError,
@@ -44,6 +52,23 @@ def arrays_in(path: Path) -> dict[str, ndarray]:
         for name, values in arrays.items()
         if values.dtype.kind in "iuf" and values.size
     }
+
+
+def vertices_in(path: Path) -> dict[str, ndarray]:
+    """The numbers of the vertices in a binary PLY file, by name; none in another."""
+    with naming(path):
+        content = path.read_bytes() if path.suffix.lower() == ".ply" else b""
+        head = BINARY_PLY.match(content)
+        if not head:
+            return {}
+        order = "<" if head[1] == b"little" else ">"
+        properties = re.findall(r"property\s+(\w+)\s+(\w+)", head[3].decode())
+        kinds = [(name, order + PLY_TYPES.get(kind, kind)) for kind, name in properties]
+        try:
+            rows = np.frombuffer(content, np.dtype(kinds), int(head[2]), head.end())
+        except TypeError as error:
+            raise ScanError(f"{path}: not the vertices of a PLY file") from error
+        return {name: rows[name].astype(float) for name, _ in kinds}
 
 
 def firsts_first(values: ndarray) -> ndarray:

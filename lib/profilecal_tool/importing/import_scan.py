@@ -20,7 +20,7 @@ from profilecal.scan.tables import ScanError, listed, naming
 from profilecal_tool.importing.layout import NOTHING_SAID, Layout
 from profilecal_tool.importing.makers import POSE_FILES, PROGRAM, TIMES
 from profilecal_tool.importing.pairing import driven, match, unit_s
-from profilecal_tool.importing.poses import frames_of, pose_table, taken_as
+from profilecal_tool.importing.poses import pose_table, taken_as
 from profilecal_tool.importing.profiles import profiles_of, read_profiles, seen_in_mm
 from profilecal_tool.importing.tables import encoding_of, names_of, rows_of, sheets_of
 
@@ -67,7 +67,7 @@ def import_scan(
         )
     else:
         poses, order, matched = match(poses, names, convention.columns, left)
-    entries, taken_poses, of = taken_as(poses, convention, layout)
+    entries, taken_poses, of, doubts = taken_as(poses, convention, layout)
     if moving:
         entries, matched = in_sweeps(folder, entries, t, times)
 
@@ -90,10 +90,7 @@ def import_scan(
         guesses.append(f"encoding   {encoding} (--encoding)")
     if left:
         guesses.append(f"left out   {listed(left)}")
-    return scan, guesses + [
-        f"note       {doubt}"
-        for doubt in [*guessed, *frames_of(poses, convention, layout)]
-    ]
+    return scan, guesses + [f"note       {doubt}" for doubt in guessed + doubts]
 
 
 def evenly(start: float, rate: float, count: int) -> list[str]:
@@ -130,26 +127,26 @@ def sort_files(
 ) -> tuple[list[Path], list[Path], list[str]]:
     """The profiles, what holds the poses, and the names of other files.
 
-    Files alike but for numbers belong together, and most are profiles. A file alone
-    holds both, and so may files in JSON.
+    Files alike but for numbers belong together, and most are profiles; of two kinds
+    with as many files each, the larger. A file alone holds both, and so may files in
+    JSON.
 
     Raises ScanError where there are no profiles or no poses.
     """
     every = files(folder, "*")
-    if len(every) < 2:
+    if len(every) < 2 or all(map(is_named, every)):
         every += files(folder, "*/*")
-    usual = mode(map(family, every)) if every else ""
     may_hold_both = len(every) == 1 or {path.suffix for path in every} == {".json"}
     profiles, poses = files(folder, layout.profiles), files(folder, layout.poses)
     if not poses:
         rest = [path for path in every if path not in profiles]
+        usual = mode(map(family, every)) if every else ""
         unlike = [path for path in rest if family(path) != usual]
-        named = [
-            path
-            for path in rest
-            if POSE_FILES.search(path.name) or PROGRAM.search(path.name)
-        ]
+        named = [*filter(is_named, rest)]
         alone = unlike if len(unlike) == 1 else rest if may_hold_both else []
+        if 2 * len(unlike) == len(rest) and len({*map(family, rest)}) == 2:
+            halves = unlike, [path for path in rest if path not in unlike]
+            alone = min(halves, key=lambda paths: sum(p.stat().st_size for p in paths))
         poses = [path for path in named if path in unlike] or named or alone
     if not poses:
         raise ScanError(
@@ -174,6 +171,11 @@ def alike(paths: list[Path]) -> list[Path]:
         if len(some) > 1:
             break
     return some
+
+
+def is_named(path: Path) -> bool:
+    """Whether a file is called like poses or a program."""
+    return any(words.search(path.name) for words in (POSE_FILES, PROGRAM))
 
 
 def family(path: Path) -> str:

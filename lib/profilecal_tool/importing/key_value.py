@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from profilecal.scan.tables import ScanError, Table, in_columns
-from profilecal_tool.importing.makers import ALIASES, VAL3, several
+from profilecal_tool.importing.makers import ALIASES, DIALECTS, several
 from profilecal_tool.importing.tables import NUMBER
 
 NUMBERS = rf"{NUMBER}(?:[ \t]+{NUMBER})*"
@@ -65,7 +65,9 @@ def named_cells(text: str) -> list[Named]:
     comes again.
     """
     line_at = numbered_lines(text)
-    aliases = ALIASES | (VAL3 if "VAL3" in text else {})
+    aliases = dict(ALIASES)
+    for word, names in DIALECTS.items():
+        aliases |= names if word in text else {}
     found = [Named()]
     prefix = kind = title = ""  # a group's; those of the first group have none
     for token in TOKEN.finditer(text):

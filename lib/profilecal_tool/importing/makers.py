@@ -1,6 +1,7 @@
 """The words of robots' and scanners' makers: in names of files, titles and programs."""
 
 import re
+from math import degrees
 
 from profilecal.scan.conventions import named
 
@@ -10,7 +11,8 @@ POSE_FILES = re.compile(
     re.IGNORECASE,
 )
 PROGRAM = re.compile(
-    r"\.(dat|src|sub|mod|sys|script|urscript|jbi|as|dtx|pgx|prg|mb4)$", re.IGNORECASE
+    r"\.(dat|src|sub|mod|sys|script|urscript|jbi|as|dtx|pgx|prg|mb4|pts|pcs|py)$",
+    re.IGNORECASE,
 )
 
 # columns that tell poses or profiles apart, the first of them that is there
@@ -78,7 +80,23 @@ LENGTHS = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "um": 1e-3, "nm": 1e-6, "inch": 2
 # a table's lengths may be parts of these: 0.01 um
 LENGTHS |= {"µm": 1e-3, "μm": 1e-3, "micron": 1e-3, "in": 25.4, "毫米": 1.0}
 
-VAL3 = {"rx": "alpha", "ry": "beta", "rz": "gamma"}  # in Stäubli's files
+# units of angles in degrees; of what are no angles but vectors
+ANGLES = {"": 1.0, "deg": 1.0, "rad": degrees(1), "mrad": degrees(0.001)}
+OTHER_ANGLES = {"": 1.0, "1": 1.0, "rad": 1.0, "mrad": 0.001}
+
+# what the names of numbers are in files with a word: Stäubli's, Epson's
+DIALECTS = {
+    "VAL3": {"rx": "alpha", "ry": "beta", "rz": "gamma"},
+    "nNumberOfPoints": {
+        "rx": "x",
+        "ry": "y",
+        "rz": "z",
+        "ru": "a",
+        "rv": "b",
+        "rw": "c",
+        "nlocal": "base",
+    },
+}
 
 AXES = ",".join(f"j{k}" for k in range(1, 7))
 
@@ -116,7 +134,8 @@ TOOLS_OF_POSES = ("f_t_ee", "f_t_nee")  # the frames that Franka's poses are of
 JOINTS = re.compile(r"(?:j|a|q|joint|axis|theta|pulse)_?([1-6])")
 
 # what the numbers of a list are in a robot's language, by what stands before it, or by
-# how many there are: ABB, Universal Robots, Doosan, Comau, Kawasaki, Mitsubishi
+# how many there are: ABB, Universal Robots, Denso, Doosan, Comau, Kawasaki, Mitsubishi,
+# Techman, xArm
 QUATERNION = "x,y,z,qw,qx,qy,qz"
 TARGET = f"{QUATERNION}{10 * ',_'}"
 LISTS = {
@@ -128,16 +147,28 @@ LISTS = {
     "tooldata": f"_,{QUATERNION}{11 * ',_'}",
     "wobjdata": f"_,_,_,{QUATERNION},object {QUATERNION.replace(',', ',object ')}",
     "p": "x,y,z,rx,ry,rz",
+    "p(": "x,y,z,w,p,r",
     "posx": "x,y,z,o,a,t",
     "pos": "x,y,z,o,a,t,_",
     "trans": "x,y,z,o,a,t",
     "posj": AXES,
     "(": "x,y,z,w,p,r",
     "j(": AXES,
+    "c_list": "x,y,z,w,p,r",
+    "j_list": AXES,
+    "set_position": "x,y,z,w,p,r",
+    "set_tcp_offset": "x,y,z,w,p,r",
+    "set_servo_angle": AXES,
     # below a line that says so: Yaskawa, Kawasaki
     "rectan": "x,y,z,w,p,r",
     "pulse": AXES.replace("j", "pulse_"),
     "joints": AXES,
+}
+# calls of Techman's and xArm's that have one of these lists, and how it is written here
+CALLS = {
+    r'\w+\("([CJ])[PA][PR]",\s*': r"\1_list(",
+    r"\.(set_\w+)\((?:\w+=|\*)?(?=\[)": r" \1",
+    r"\.(?=set_\w+\()": " ",
 }
 # remarks, by words of the language that has them
 REMARKS = {
@@ -153,9 +184,10 @@ REMARKS = {
 # the frames that poses are in and of: what sets them, which names stand for none, and
 # what a frame is called that is no pose; and external axes
 FRAME_SET = {
-    "tool": r"(?:set_tcp\(|^[ \t/\d]*(?:change)?tool[ \t]+|changetcp\(|\$tool *=|"
-    r"#tool,|m_tool *=)[ \t\"']*(\S.*)",
-    "base": r"(?:^[ \t/]*(?:base|user)[ \t]+|\$base *=|#base,)[ \t]*(\S.*)",
+    "tool": r"(?:set_tcp\(|(?=set_tcp_offset)|^[ \t/\d]*(?:change)?tool[ \t]+|"
+    r"changetcp\(|\$tool *=|#tool,|m_tool *=)[ \t\"']*(\S.*)",
+    "base": r"(?:^[ \t/]*(?:base|user|changework)[ \t]+|changebase\(|\$base *=|"
+    r"#base,)[ \t\"']*(\S.*)",
 }
 MOVE = r"\bmove[ljc]\w*\s+([^;\n]*?)\s*,\s*(\w+)\s*(?:\\wobj:=(\w+)[^;\n]*)?;"
 # VAL3: an array's point, or any of its points
@@ -164,8 +196,8 @@ CALL = (
     r"\s*([a-z]\w*)(?:\[0\])?\s*,"
 )
 NO_FRAME = {"", "0", "tool0", "wobj0", "flange", "flange0", "world", "world0", "null"}
-NO_FRAME |= {"nullframe", "$nullframe", "p_ntool", "p_nbase"}
-IS_FRAME = r"\$?(?:{0})(?:_?data)?\d*"
+NO_FRAME |= {"nullframe", "$nullframe", "p_ntool", "p_nbase", "notool", "robotbase"}
+IS_FRAME = r"\$?(?:{0})(?:_?data)?\d*|set_tcp_offset"
 FRAMES = {"base": "base or user frame", "tool": "tool"}
 UNSAID = "a tool"  # whose frame a program has, without a word that poses are of it
 EXTERNAL = re.compile(r"e\d|gp\d .*")

@@ -131,27 +131,44 @@ def by_time(
 ) -> Pairing | None:
     """The pairing of profiles with the poses nearest in time, if both have times.
 
-    Of a log that goes on while the robot moves, only where it stands still. None where
-    times of half of the profiles are in no log.
+    None where times of half of the profiles are in no log, unless all are by clocks of
+    two zones, whole or half hours apart, and in one way only.
     """
     of_poses, of_profiles = times_of(poses, names, turn)
     if len(of_poses) < 2:
         return None
+    if at_once := nearest(poses, of_poses, of_profiles, turn):
+        return at_once
+    found = []
+    for hours in np.arange(-14, 14.5, 0.5):
+        shifted = nearest(poses, of_poses, of_profiles + 3600 * hours, turn)
+        if shifted and shifted.rows.min() >= 0:
+            how = f"{shifted.how}, with the profiles' clock {-hours:+g} h of the poses'"
+            found.append(shifted._replace(how=how))
+    return found[0] if len(found) == 1 else None
+
+
+def nearest(
+    poses: Table, of_poses: ndarray, of_profiles: ndarray, turn: Collection[str]
+) -> Pairing | None:
+    """The pairing of profiles with the poses nearest in time, s; None where half of
+    them are in no log. Of one that goes on while the robot moves, only where it stands.
+    """
     order = np.argsort(of_poses)
     of_poses = of_poses[order]
     after = np.clip(np.searchsorted(of_poses, of_profiles), 1, len(of_poses) - 1)
     apart = np.abs(of_poses[[after - 1, after]] - of_profiles)
-    nearest = after - 1 + apart.argmin(axis=0)
+    row = after - 1 + apart.argmin(axis=0)
     apart = apart.min(axis=0)
     is_near = apart <= np.median(np.diff(of_poses))
     how = "by time"
-    if len(of_poses) > 2 * len(names):
+    if is_near.any() and len(of_poses) > 2 * len(of_profiles):
         is_near &= stands_still(poses, order, turn)[after - 1]
         how = "by time, where the robot stands still"
     if is_near.mean() < 0.5:
         return None
     how += f", up to {apart[is_near].max():.2g} s apart"
-    return Pairing(np.where(is_near, order[nearest], -1), [], how)
+    return Pairing(np.where(is_near, order[row], -1), [], how)
 
 
 def times_of(

@@ -15,6 +15,7 @@ from profilecal.geometry.checks import REACH_MM
 from profilecal.geometry.poses import carry, inverse
 from profilecal.scan.conventions import (
     CONVENTIONS,
+    LARGEST_ANGLE_DEG,
     Convention,
     from_rotations,
     named,
@@ -27,13 +28,17 @@ from profilecal_tool.importing.arrays import ENDINGS, are_poses, arrays_in, from
 from profilecal_tool.importing.key_value import Named, in_table
 from profilecal_tool.importing.layout import Layout
 from profilecal_tool.importing.makers import (
+    ANGLES,
     BY_COLUMNS,
     EXTERNAL,
     FRAMES,
     NO_FRAME,
+    OTHER_ANGLES,
     PROGRAM,
     UNNAMED,
     UNSAID,
+    VECTOR,
+    VECTORS,
 )
 from profilecal_tool.importing.nested import (
     NESTED,
@@ -177,10 +182,12 @@ def pose_table(
     if len(conventions) != 1 or not is_whole:
         check_axes(table.path, units)
         known = "; ".join(",".join(convention.columns) for convention in CONVENTIONS)
+        free = len(bare) or len(units)
+        answer = {6: "x,y,z,w,p,r", 7: "x,y,z,qx,qy,qz,qw"}.get(free, "x,y,z,…")
         raise ScanError(
-            f"{table.path}: {len(table.columns)} columns, {listed(table.columns)}; "
-            "say what they are, in their order: --pose-columns x,y,z and one of "
-            f"{known} (_ for others)"
+            f"{table.path}: {len(table.columns)} columns, {listed(table.columns)}; say "
+            f'what they are, in their order, such as --pose-columns "{answer}"; '
+            f"orientations are {known}; _ stands for others"
         )
     columns = dict(zip(units, table.columns.values(), strict=True))
     if len(tables) > 1:
@@ -198,11 +205,13 @@ def by_words(units: dict[str, str]) -> dict[str, str]:
         known & ({*placed(re.split(r"[\W_]+", name), [""])[1]} or words_in(name))
         for name in units
     ]
-    names = [
-        min(own) if len(own) == 1 and words.count(own) == 1 else name
-        for name, own in zip(units, words, strict=True)
-    ]
-    return dict(zip(names, units.values(), strict=True))
+    named = {}
+    for own, (name, unit) in zip(words, units.items(), strict=True):
+        if len(own) == 1 and words.count(own) == 1:
+            is_vector = re.match(rf"(?:{VECTORS})_", name)
+            name, unit = min(own), unit or ("1" if is_vector else "")
+        named[name] = unit
+    return named
 
 
 def is_by_columns(values: ndarray) -> bool:
@@ -232,41 +241,57 @@ def one_each(paths: list[Path], tables: list[Table]) -> Table:
 
 def taken_as(
     poses: Table, convention: Convention, layout: Layout
-) -> tuple[dict, str, str]:
-    """Entries of a Scan, what the poses were taken for, and what they are of: the
-    flange, or a tool that is taken off. Raises ScanError.
+) -> tuple[dict, str, str, list[str]]:
+    """Entries of a Scan, what the poses were taken for, what they are of: the flange,
+    or a tool that is taken off or not; and what else is to be told. Raises ScanError.
     """
     units = {name: poses.units[name] for name in convention.columns}
     columns = {name: poses.columns[name] for name in ("pose", *"xyz", *units)}
-    known = ("deg", "rad") if convention.sequence else ("1", "rad")
-    check_angles(poses, convention, layout.pose_columns)
+    doubts = check_angles(poses, convention, layout.pose_columns)
+    known = ANGLES if convention.sequence else OTHER_ANGLES
     angle = unit_of(poses.path, units, known)
-    radians = angle == "rad" and convention.sequence != ""
-    if radians:
-        columns |= zip(units, np.degrees(poses.numbers(units)).T, strict=True)
+    if known[angle] != 1:
+        columns |= zip(units, poses.numbers(units).T * known[angle], strict=True)
     along = {axis: poses.units[axis] for axis in "xyz"}
     scale, lengths = to_mm(poses.path, along, poses.numbers("xyz"), REACH_MM[1] / 1000)
     entries = check_poses(replace(poses, columns=columns), scale)
-    angles = f"{', '.join(units)}{angle and f' in {angle}, as said'}"
+    as_said = f" in {angle}, as said" if angle.isalpha() else ""
+    angles = f"{', '.join(units)}{as_said}"
     words = f"{len(poses.lines)}, {convention.meaning} ({angles}), {lengths}"
 
     frames = {
         which: frame_of(poses, which, convention, scale)
-        for which in ("base object", "base", "tool")
+        for which in ("base object", "base", "tool", UNSAID)
     }
+    unsaid, of_tool = frames.pop(UNSAID), convention
+    if len(convention.columns) != 3:
+        of_tool = named("FANUC angles")
     off = [
         f"{which} {poses.columns[which][0]} at {frame[1][0].round(3).tolist()} mm"
         for which in FRAMES
         if (frame := frames[which])
     ]
-    of = "the flange (--tool if they are of a tool)"
+    tool, more = tool_on(poses, layout)
+    doubts += more
+    of = tool or "the flange (--tool if they are of a tool)"
+    if UNSAID in poses.columns and not layout.tool:
+        name, numbers = poses.columns[UNSAID][0], "X Y Z W P R"
+        if unsaid:
+            R, (p, *_) = unsaid
+            row = (*p / scale, *from_rotations(of_tool, R)[0] / known[angle])
+            numbers = " ".join(f"{value:.7g}" for value in row)
+        of = f"the flange, or tool {name}, not taken off"
+        doubts.append(
+            f"the file has the frame of tool {name} and does not say whether the poses "
+            f"are of it; if they are: --tool {numbers}"
+        )
     if off:
         of = (
-            f"the flange: the file has {' and '.join(off)}, taken off (--tool 0 0 0 0 "
-            "0 0 leaves a tool on)"
+            f"{tool or 'the flange'}: the file has {' and '.join(off)}, taken off "
+            "(--tool 0 0 0 0 0 0 leaves a tool on)"
         )
     if layout.tool:
-        frames["tool"] = frame_given(layout.tool, angles_of(convention), radians)
+        frames["tool"] = frame_given(layout.tool, of_tool, known[angle])
         of = "the tool given, taken off"
     R, p = entries["R_base_flange"], entries["p_base_flange"]
     for which, frame in frames.items():
@@ -277,36 +302,60 @@ def taken_as(
             R, p = frame[0] @ R, carry(*frame, p)
     if any(frames.values()):
         entries |= {"R_base_flange": R, "p_base_flange": p, "orientation": None}
-    return entries, words, of
+    return entries, words, of, doubts
 
 
-def check_angles(poses: Table, convention: Convention, said: str) -> None:
-    """Raise ScanError where nobody said whether angles are degrees or radians, and they
-    may be both; or where rx, ry, rz seem to be angles.
+def check_angles(poses: Table, convention: Convention, said: str) -> list[str]:
+    """What was guessed of angles or rotation vectors.
+
+    Raises ScanError where nobody said whether angles are degrees or radians, and they
+    may be both or neither; or where rx, ry, rz seem to be angles.
     """
     names = convention.columns
     units = {poses.units[name] for name in names}
-    values = poses.numbers(names)
-    largest = np.abs(values).max()
+    values = np.abs(poses.numbers(names))
+    largest = values.max()
     angle = "deg" if "deg" in units or largest > 2 * np.pi else "rad"
-    if convention.sequence and angle == "rad" and units == {""} and not said:
-        columns = ",".join(f"{name} [rad]" for name in names)
+    if units == {""} and convention.sequence and largest > LARGEST_ANGLE_DEG:
+        far = np.abs(poses.numbers("xyz")).max() > REACH_MM[1]
+        lengths = {axis: f"{axis} [um]" for axis in "xyz" if far}
+        angles = lengths | {name: f"{name} [mrad]" for name in names}
         raise ScanError(
-            f"{poses.path}: {listed(names)} are at most {largest:.4g}: radians, or "
-            f'degrees? Say so: --pose-columns "x,y,z,{columns}", or with [deg]'
+            f"{poses.path}: {listed(names)} are at most {largest:.4g}, more than "
+            f'degrees; say their unit: --pose-columns "{retitled(poses, angles)}"'
         )
-    if convention.name != "rotation vector":
-        return
-    angles = dict(zip(names, (f"{name} [{angle}]" for name in "wpr"), strict=True))
-    columns = ",".join(angles.get(name, name) for name in poses.units)
+    if convention.sequence and angle == "rad" and units == {""} and not said:
+        angles = {name: f"{name} [rad]" for name in names}
+        raise ScanError(
+            f"{poses.path}: {listed(names)} are at most {largest:.4g}: radians, or deg"
+            f'rees? Say so: --pose-columns "{retitled(poses, angles)}", or with [deg]'
+        )
     lengths = np.linalg.norm(values, axis=1)
+    is_long = lengths > np.pi + 0.001
+    if names != VECTOR or said or not (is_long.any() or "deg" in units):
+        return []
+    # what angles have at most, if R = Rz Ry Rx or Rx Ry Rz; controllers go on to count
+    # a little beyond half a turn
+    are_angles = (values < np.pi * np.array([1, 0.5, 1]) + 0.001).all()
+    if "1" in units or (largest < 4 and np.median(lengths) < np.pi and not are_angles):
+        return [
+            f"rx, ry, rz are taken for rotation vectors, {is_long.sum()} of them "
+            f"longer than π, {lengths.max():.4g} at most (--pose-columns)"
+        ]
+    angles = dict(zip(names, (f"{name} [{angle}]" for name in "wpr"), strict=True))
     sentence = (
         "rx, ry, rz of length {:.4g}, where rotation vectors have at most π: angles, "
-        f'it seems; say which: R = Rz Ry Rx by --pose-columns "{columns}", R = Rx Ry '
-        "Rz with alpha, beta, gamma there; or, if they are vectors, with rx, ry, rz"
+        "it seems; say which: R = Rz Ry Rx by --pose-columns "
+        f'"{retitled(poses, angles)}", R = Rx Ry Rz with alpha, beta, gamma there; or, '
+        "if they are vectors, with rx, ry, rz"
     )
-    asked = (lengths > np.pi + 0.001) & (not said)
-    poses.refuse(asked | ("deg" in units), sentence, lengths)
+    poses.refuse(is_long | ("deg" in units), sentence, lengths)
+    return []
+
+
+def retitled(poses: Table, titles: dict[str, str]) -> str:
+    """All columns of poses, some with other titles, as --pose-columns has them."""
+    return ",".join(titles.get(name, name) for name in poses.units)
 
 
 def frame_of(
@@ -326,21 +375,22 @@ def frame_of(
 
 
 def frame_given(
-    tool: tuple[float, ...], of_tool: Convention, radians: bool
+    tool: tuple[float, ...], of_tool: Convention, degrees: float
 ) -> tuple[ndarray, ndarray]:
-    """The frame of a tool, x, y, z, mm, and three angles on the flange, in radians if
-    the poses' own are. Raises ScanError for numbers that are none.
+    """The frame of a tool, x, y, z, mm, and three angles on the flange, of so many
+    degrees each as the poses' own. Raises ScanError for numbers that are none.
     """
     if not np.isfinite(tool).all():
         raise ScanError(f"--tool is {tool}; expected three mm and three angles")
-    angles = np.degrees([tool[3:]]) if radians else np.array([tool[3:]])
     where = Table(Path("--tool"), {}, ["4 to 6"], "numbers")
+    angles = np.array([tool[3:]]) * degrees
     return to_rotations(of_tool, angles, where), np.array([tool[:3]])
 
 
 @np.errstate(invalid="ignore")  # words differ by nothing that is a number
-def frames_of(poses: Table, convention: Convention, layout: Layout) -> list[str]:
-    """Doubts about the robot's frames and external axes.
+def tool_on(poses: Table, layout: Layout) -> tuple[str, list[str]]:
+    """The tool that poses are of and that is not taken off, in words, if there is one;
+    and doubts about the robot's frames and external axes.
 
     Raises ScanError where they differ between poses by more than a little.
     """
@@ -348,6 +398,7 @@ def frames_of(poses: Table, convention: Convention, layout: Layout) -> list[str]
     elsewhere = {"base": layout.mount != MOUNTS[0], "tool": not layout.tool}
     hints = {"tool": "; for one on the flange give its frame: --tool X Y Z W P R"}
     doubts = []
+    tool = ""
     for name in poses.columns:
         if name not in FRAMES and not EXTERNAL.fullmatch(name):
             continue
@@ -369,24 +420,10 @@ def frames_of(poses: Table, convention: Convention, layout: Layout) -> list[str]
                 "and is taken to stand still"
             )
         if elsewhere.get(name) and unknown:
-            hint = hints.get(name, "")
             doubts.append(
                 f"the poses are of {frame} {cells[0]}, "
-                f"and so will be the sensor pose{hint}"
+                f"and so will be the sensor pose{hints.get(name, '')}"
             )
-    if UNSAID in poses.columns and not layout.tool:
-        name = poses.columns[UNSAID][0]
-        numbers = "X Y Z W P R"
-        if frame := frame_of(poses, UNSAID, convention, 1.0):
-            turn = from_rotations(angles_of(convention), frame[0])[0]
-            numbers = " ".join(f"{value:.7g}" for value in (*frame[1][0], *turn))
-        doubts.append(
-            f"the file has the frame of tool {name} and does not say whether the poses "
-            f"are of it; if they are: --tool {numbers}"
-        )
-    return doubts
-
-
-def angles_of(convention: Convention) -> Convention:
-    """The three numbers of --tool: poses' own, if they have three."""
-    return convention if len(convention.columns) == 3 else named("FANUC angles")
+            if name == "tool":
+                tool = f"tool {cells[0]}, not taken off"
+    return tool, doubts

@@ -4,7 +4,7 @@ unit.
 
 import re
 from collections import Counter
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,12 @@ from numpy import ndarray
 
 from profilecal.scan.scan import FARTHEST_MM
 from profilecal.scan.tables import ScanError, Table, listed, number
-from profilecal_tool.importing.arrays import ENDINGS, from_array, point_array
+from profilecal_tool.importing.arrays import (
+    ENDINGS,
+    from_array,
+    point_array,
+    vertices_in,
+)
 from profilecal_tool.importing.layout import Layout
 from profilecal_tool.importing.makers import (
     CODE,
@@ -54,6 +59,9 @@ def read_profiles(path: Path, count: int, layout: Layout) -> Table:
     start = layout.x
     if path.suffix.lower() in ENDINGS:
         table = of_array(path, point_array(path, layout.entry))
+    elif vertices := vertices_in(path):
+        rows = range(1, len(vertices["x"]) + 1)
+        table = Table(path, {**vertices}, rows, "row", dict.fromkeys(vertices, ""))
     else:
         text = closed_text(path, layout.encoding, layout.entry)
         if not re.search(r"\b\d", text):  # titles at most
@@ -363,15 +371,25 @@ def x_and_z(tables: list[Table], layout: Layout) -> dict[str, str]:
             axes[name] = ""
     if not len(axes) == len(axes.keys() & first.columns) == 2:
         raise ScanError(
-            f"{first.path}: columns {listed(first.columns)}; say which are x and z: "
-            "--columns x,z; or, if there is z alone, where x begins and how far points "
-            "are apart: --x START PITCH"
+            f"{first.path}: columns {listed(first.columns)}; say which are x and z, "
+            f'such as --columns "{",".join(likely(first))}"; or, if there is z alone, '
+            "where x begins and how far points are apart: --x START PITCH"
         )
     own = first.units
     return {
         name: "mm" if layout.x and name == "x" else layout.unit or unit or own[name]
         for name, unit in axes.items()
     }
+
+
+def likely(table: Table) -> Sequence[str]:
+    """What x and z may be called: a column that goes on, and the next that varies."""
+    steps = {name: np.diff(floats(cells)) for name, cells in table.columns.items()}
+    names = [name for name, step in steps.items() if step.any()]
+    for k, name in enumerate(names[:-1]):
+        if abs(np.sign(steps[name]).mean()) > 0.8:
+            return names[k : k + 2]
+    return "xz"
 
 
 def seen_in_mm(

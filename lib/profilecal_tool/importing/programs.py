@@ -10,6 +10,7 @@ from profilecal.scan.tables import ScanError, listed, number
 from profilecal_tool.importing.key_value import Named, named_cells, numbered_lines
 from profilecal_tool.importing.makers import (
     CALL,
+    CALLS,
     FRAME_SET,
     IS_FRAME,
     JOINTS,
@@ -44,6 +45,8 @@ def positions_in(path: Path, text: str) -> list[Named]:
     Raises ScanError.
     """
     text = with_brackets(without_remarks(text))
+    for call, as_list in CALLS.items():
+        text = re.sub(call, as_list, text)
     found = [*named_cells(text), *lists_in(path, text)]
     full = [one for one in found if one.has("xyz")]
     if not full:
@@ -97,11 +100,13 @@ def lists_in(path: Path, text: str) -> Iterator[Named]:
     line_at = numbered_lines(text)
     for match in LIST.finditer(text):
         kind, between, name, call, brackets = match.groups(default="")
-        if between == "(" and not kind.lower().startswith("mov"):
+        if between == "(" and kind[:3].lower() != "mov":
             continue  # what a function takes is no position
         cells = re.split(r"[\s,;]+", re.sub(r"[\[\]()]", " ", brackets).strip())
         line = line_at(match.start())
-        words = [word for word in (call.lower(), kind.lower()) if word in LISTS]
+        call, kind = call.lower(), kind.lower()
+        calls = [call + brackets[0], call] if call else []
+        words = [word for word in (*calls, kind) if word in LISTS]
         if brackets[0] == "(" and name and not words:
             words = ["j(" if name[0] in "jJ" else "("]
         columns = LISTS[words[0] if words else "["].split(",")
@@ -116,7 +121,7 @@ def lists_in(path: Path, text: str) -> Iterator[Named]:
             columns = [str(k) for k in range(1, len(cells) + 1)]
         named = dict(zip(columns, cells, strict=True))
         named.pop("_", "")
-        yield Named(named, name, line, kind.lower())
+        yield Named(named, name, line, kind or call)
 
 
 def with_brackets(text: str) -> str:

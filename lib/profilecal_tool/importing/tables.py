@@ -117,7 +117,8 @@ def encoding_of(paths: list[Path]) -> str:
     """The encoding of those files that are not UTF-8, "" if there are none.
 
     Titles are too short to tell languages apart by their letters. Of the encodings
-    that are possible it is the one in which they say most of the words that we know.
+    that are possible it is the one in which they say most of the words that we know;
+    where they say none, cp1252 if most letters beyond ASCII stand alone, as accents do.
     """
     titles: dict[bytes, None] = {}
     for path in paths:
@@ -129,7 +130,10 @@ def encoding_of(paths: list[Path]) -> str:
     sample = b"\n".join(titles)[:10_000]
     if not sample:
         return ""
-    ranked = [match.encoding for match in from_bytes(sample, cp_isolation=ENCODINGS)]
+    runs = re.findall(rb"[\x80-\xff]+", sample)
+    are_accents = 2 * sum(len(run) == 1 for run in runs) > len(runs)
+    matches = [] if are_accents else from_bytes(sample, cp_isolation=ENCODINGS)
+    ranked = [match.encoding for match in matches]
     texts = {}
     for encoding in (*ranked, *ENCODINGS):
         with suppress(UnicodeDecodeError):
@@ -298,7 +302,7 @@ def unit_of(path: Path, units: dict[str, str], known: Collection) -> str:
         columns = listed(f"{name} [{unit}]" for name, unit in units.items())
         raise ScanError(
             f"{path}: the columns are {columns}; "
-            f"expected one unit for all of them, {' or '.join(sorted(known))}"
+            f"expected one unit for all of them, {' or '.join(sorted({*known} - {''}))}"
         )
     return said.pop()
 

@@ -58,6 +58,7 @@ from profilecal.targets import TARGETS
 from profilecal.targets.target import find_features
 from profilecal_tool.importing.import_scan import Layout, import_scan
 from profilecal_tool.importing.profiles import profiles_of, read_profiles
+from profilecal_tool.importing.tables import encoding_of
 
 FUZZ = int(os.environ.get("PROFILECAL_FUZZ", "60"))
 TOOL = (10.0, -20.0, 150.0, 12.0, -5.0, 30.0)
@@ -190,6 +191,15 @@ def test_poses_are_numbered_in_any_column_and_encoding(
     assert any(encoding in line for line in guesses) or encoding == "utf-16"
 
 
+@pytest.mark.parametrize(
+    ("title", "encoding"),
+    [("Relevé", "cp1252"), ("X;Z;qualité", "cp1252"), ("Точка;X (мм)", "cp1251")],
+)
+def test_accents_that_stand_alone_are_western(title, encoding, tmp_path):
+    (tmp_path / "p.csv").write_bytes(title.encode(encoding))
+    assert encoding_of([tmp_path / "p.csv"]) == encoding
+
+
 def in_one_table(folder):
     """A row for each point, with its pose."""
     rows = poses("quaternion")
@@ -252,9 +262,10 @@ def in_sheets(folder):
     book.save(folder / "all.xlsx")
 
 
-def by_clock(start, step, name):
+def by_clock(start, step, name, hours=0.0):
     """A log of 2 Hz, of a robot that stands still for two seconds of four, and profiles
-    named by the time at which they were taken, 0.1 s after an entry of it.
+    named by the time at which they were taken, 0.1 s after an entry of it, by a clock
+    some hours ahead.
     """
 
     def write(folder):
@@ -267,7 +278,7 @@ def by_clock(start, step, name):
             lines.append(f"{start + step * k / 2:.3f},{text(row)}")
         (folder / "robot_log.csv").write_text("\n".join(lines))
         for k, points in enumerate(scan().values):
-            at = 1.7e9 + 4 * k + 1.1
+            at = 1.7e9 + 4 * k + 1.1 + 3600 * hours
             moment = datetime.fromtimestamp(at, UTC)
             path = folder / f"{moment.strftime(name)}.csv"
             np.savetxt(path, points, delimiter=",", header="x,z", comments="")
@@ -286,6 +297,7 @@ def by_clock(start, step, name):
         (in_folders, "by their names"),
         (by_clock(1.7e9, 1, "scan_%Y-%m-%d_%H-%M-%S.%f"), "up to 0.1 s apart"),
         (by_clock(1.7e12, 1000, "%Y%m%dT%H%M%S,%f"), "up to 0.1 s apart"),
+        (by_clock(1.7e9, 1, "%Y-%m-%d_%H-%M-%S.%f", 5.5), "clock +5.5 h of the poses'"),
     ],
     ids=[
         "points",
@@ -296,6 +308,7 @@ def by_clock(start, step, name):
         "folders",
         "seconds",
         "milliseconds",
+        "zones",
     ],
 )
 def test_poses_are_found_in_the_same_table_or_by_time(write, how, tmp_path):
@@ -441,6 +454,8 @@ def test_what_matters_of_frames_and_axes_is_told(tmp_path):
         "of tool 2, and so will be the sensor pose; "
         "for one on the flange give its frame: --tool X Y Z W P R"
     )
+    _, guesses = import_scan(folder, "edge", {})
+    assert guesses[1] == "of         tool 2, not taken off"
     assert not notes(folder, tool=TOOL)
     edited("CALIB.LS", "12.500  mm", "12.8  mm")(folder)
     assert "e1 differs by up to 0.3 between poses" in notes(folder, tool=TOOL)[0]
@@ -502,6 +517,22 @@ def test_a_program_may_lie_in_several_files_and_a_tool_may_be_left_on(tmp_path):
     np.testing.assert_allclose(imported.T_base_flange, expected, atol=1e-6)
 
 
+def test_a_tool_of_the_machine_data_is_taken_off(tmp_path):
+    """KUKA's, beside the program; all but the profiles is called like poses."""
+    folder = written(tmp_path / "files", kuka, lambda folder: None)
+    edited("scan.dat", "TOOL_NO 0", "TOOL_NO 3", 12)(folder)
+    frames = [f"TOOL_DATA[{k}]={{X {k},Y 0,Z 0,A 0,B 0,C 0}}" for k in range(1, 5)]
+    (folder / "$config.dat").write_text(
+        "\n".join(["DEFDAT $CONFIG", *frames, "ENDDAT"])
+    )
+    (folder / "profiles").mkdir()
+    one_each(folder / "profiles")
+    imported, guesses = import_scan(folder, "edge", {})
+    assert "has tool 3 at [3.0, 0.0, 0.0] mm, taken off" in guesses[1]
+    expected = scan().T_base_flange @ frame(-3, 0, 0, 0, 0, 0)
+    np.testing.assert_allclose(imported.T_base_flange, expected, atol=1e-6)
+
+
 AXES = {
     "a.dat": "DECL E6AXIS XP1={A1 0.0,A2 -90.0,A3 90.0,A4 0.0,A5 10.0,A6 0.0}",
     "a.jbi": "//POS\n///PULSE\nC00000=100,200,-300,400,500,6",
@@ -528,9 +559,29 @@ def turned_over():
     return rows
 
 
+@pytest.mark.parametrize(
+    ("titles", "count"), [("rx,ry,rz", 3), ("rvec_x,rvec_y,rvec_z", 12)]
+)
+def test_vectors_beyond_half_a_turn_are_read(titles, count, tmp_path):
+    """A few, as controllers write them; or all under a title that says so."""
+    T = matrices_of_poses() @ frame(0, 0, 0, 165, 20, 0)
+    rows = poses("rotation vector", 0.001, T)
+    lengths = np.linalg.norm(rows[:, 3:], axis=1, keepdims=True)
+    rows[:count, 3:] *= 1 - 2 * np.pi / lengths[:count]
+
+    def table(folder):
+        lines = [f"x,y,z,{titles}", *map(text, rows)]
+        (folder / "poses.csv").write_text("\n".join(lines))
+
+    imported, guesses = import_scan(written(tmp_path / "files", table), "edge", {})
+    np.testing.assert_allclose(imported.T_base_flange, T, atol=1e-8)
+    assert f"taken for rotation vectors, {count} of them longer than π" in guesses[-1]
+
+
 QUESTIONS = {  # the titles, and the numbers of which nobody can be sure
     "rx,ry,rz": np.radians,
     "w,p,r": np.radians,
+    "w, p, r": lambda degrees: 1000 * np.radians(degrees),
     "rx [deg],ry [deg],rz [deg]": np.asarray,
 }
 
@@ -714,7 +765,7 @@ MISTAKES = {
     "no unit": (
         csv,
         edited("robot.csv", "[°]", "[grad]", 3),
-        r"alpha \[grad\], .*; expected one unit .*, deg or rad",
+        r"alpha \[grad\], .*; expected one unit .*, deg or mrad or rad",
     ),
     "twice": (
         fanuc,
