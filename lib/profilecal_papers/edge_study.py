@@ -143,8 +143,8 @@ def plan_edge(
 ) -> Poses:
     """Poses that carry the scanner at R_sensor (..., 3, 3), T_sensor (..., 3), mm, over
     the edge: the operator makes the scan plane cross the edge at up to 20° from square,
-    turns the flange from group to group, and starts each group with the edge in the
-    middle of the scan.
+    turns the flange from group to group, and has the edge in the middle of the scan
+    where a group has its middle.
     """
     shape = edge.point.shape[:-1]
     square = frame_along(edge.direction, rng.uniform(0, 2 * np.pi, shape))

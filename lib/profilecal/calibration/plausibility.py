@@ -223,9 +223,12 @@ def accusation(guilty: list[Finding]) -> str:
     shift_mm = np.linalg.norm(most.moves[:3])
     turn_deg = np.degrees(np.linalg.norm(most.moves[3:]))
     causes = ", or as if ".join(error.sentence for error in guilty[:4])
+    remedy = "the covariance is enlarged to match"
+    if max(error.not_allowed_for for error in guilty) < 0.5:
+        remedy = "the answer and its covariance allow for that already"
     return (
         f"the residuals look as if {causes} "
         f"({abs(guilty[0].clear):.0f} standard deviations), "
         f"which would move the sensor by up to {shift_mm:.2g} mm and {turn_deg:.2g}°; "
-        "the covariance is enlarged to match"
+        f"{remedy}"
     )

@@ -83,14 +83,16 @@ SCALED = deformed([[1.01, 0], [0, 1.01]])
 SCALED_X = deformed([[0.995, 0], [0, 1]])
 SCALED_Z = deformed([[1, 0], [0, 1.01]])
 SHEARED = deformed([[1, 0], [0.006, 1]])
+ENLARGED = "the covariance is enlarged to match"
+ALLOWED = "the answer and its covariance allow for that already"
 WRONG = [
-    ("edge", SCALED, "the robot's positions were too close together by 1 %"),
-    ("ball", SCALED_X, "the profiles' x were too small by 0.4"),
-    ("ball", SCALED_Z, "the profiles' z were too large by 0.9"),
-    ("disk", SHEARED, "the profiles' x grew with z by +0.6"),
-    ("disk", drifting, "drifted along the base's x by 0.7"),
-    ("edge", scaled_robot, "positions were too far apart by 0.9"),
-    ("ball", scaled_axis, "base's y were too far apart by 0.9"),
+    ("edge", SCALED, "the robot's positions were too close together by 1 %", ENLARGED),
+    ("ball", SCALED_X, "the profiles' x were too small by 0.4", ENLARGED),
+    ("ball", SCALED_Z, "the profiles' z were too large by 0.9", ALLOWED),
+    ("disk", SHEARED, "the profiles' x grew with z by +0.6", ALLOWED),
+    ("disk", drifting, "drifted along the base's x by 0.7", ENLARGED),
+    ("edge", scaled_robot, "positions were too far apart by 0.9", ENLARGED),
+    ("ball", scaled_axis, "base's y were too far apart by 0.9", ENLARGED),
 ]
 
 
@@ -115,14 +117,14 @@ def test_a_robot_s_scale_is_named_where_the_scanner_stands_still_too():
     assert "the robot's positions were too far apart by" in said(found)
 
 
-@pytest.mark.parametrize(("kind", "change", "sentence"), WRONG)
+@pytest.mark.parametrize(("kind", "change", "sentence", "end"), WRONG)
 def test_what_is_wrong_everywhere_is_named_and_widens_the_region(
-    kind, change, sentence
+    kind, change, sentence, end
 ):
     found = pc.calibrate(change(example(kind)))
     named = [message for message in found.messages if sentence in message]
     assert named, found.messages
-    assert named[0].endswith("the covariance is enlarged to match")
+    assert named[0].endswith(end)
     assert largest_error(found) < 5 or found.status == "weak"
 
 
