@@ -15,9 +15,21 @@ from click import argument, echo, option
 # what cannot be read, read_scan says in one sentence
 SCAN = click.Path(path_type=Path, readable=False)
 PLACE = click.Path(path_type=Path)
+
+
+def cloud_file(ctx, param, path):
+    """A file that the profiles can go into."""
+    if path and path.suffix.lower() not in (".ply", ".png"):
+        raise ValueError(
+            f"--cloud is {path}; expected a name that ends in .ply or .png"
+        )
+    return path
+
+
 CLOUD = option(
     "--cloud",
     type=PLACE,
+    callback=cloud_file,
     help="Write all profiles put together to this PLY file, or as a PNG picture.",
 )
 MOUNT = click.Choice(["eye-in-hand", "eye-to-hand"])
@@ -66,7 +78,8 @@ class OfTarget(click.Command):
             )
             for name, kinds in kinds_by_length().items()
         ]
-        return [*super().get_params(ctx), *lengths]
+        *options, of_help = super().get_params(ctx)
+        return [*options, *lengths, of_help]
 
 
 @contextmanager
@@ -166,7 +179,7 @@ def reproduce(names, parameters, output):
     "--to",
     "vendor",
     metavar="NAME",
-    help="abb, kuka, ur, fanuc, staubli, ros or matrix: a pose to paste.",
+    help="abb, kuka, ur, fanuc, staubli, kawasaki, ros, matrix: a pose to paste.",
 )
 @option(
     "--guess",
@@ -437,11 +450,14 @@ def steps(folder, spec, designed) -> list[str]:
             "next: put log.csv and the measurements with sweep and t beside it "
             f"(data/README.md: In motion), then profilecal calibrate {folder}",
         ]
+    if designed.predicted.spectrum.status == "unobservable":
+        return [f"{folder}/ written", "next: plan more poses, or larger turns"]
+    together = f"{spec} {folder}" if spec.is_dir() else folder
     lines = [
         f"{folder}/ written; look at {folder / 'plan.png'}, "
         f"drive {folder / 'poses.csv'}",
         "next: put profiles.csv beside it (data/README.md has its columns), then "
-        f"profilecal calibrate {folder}",
+        f"profilecal calibrate {together}",
     ]
     if designed.is_first_step:
         mm, deg = designed.until
@@ -497,8 +513,8 @@ def verify(folder, pose, cloud):
     from profilecal_tool.words import verification_text
 
     with working("verifying"):
-        scan, answer = read_scan(folder), read_answer(pose)
-        verification = verify(answer, scan)
+        answer = read_answer(pose)
+        verification = verify(answer, read_scan(folder))
     echo(verification_text(verification, answer.status))
     put_together(verification.alone, answer.pose, cloud)
     raise SystemExit(0 if verification.as_expected else 1)
@@ -519,13 +535,14 @@ def check_mount(folder, pose, log):
     from profilecal.calibration.answer import read_answer
     from profilecal.calibration.check_mount import check_mount
     from profilecal.scan.folder import read_scan
-    from profilecal_tool.report.log import add_to_log
     from profilecal_tool.words import mount_check_text
 
-    scan = read_scan(folder)
-    check = check_mount(read_answer(pose), scan)
+    answer, scan = read_answer(pose), read_scan(folder)
+    check = check_mount(answer, scan)
     echo(mount_check_text(check, scan.kind))
     if log:
+        from profilecal_tool.report.log import add_to_log
+
         echo(f"log            {log}, drawn in {add_to_log(check, folder, log)}")
     raise SystemExit(0 if check.as_expected else 1)
 

@@ -152,8 +152,8 @@ def verification_text(verification: Verification, status: str) -> str:
         verdict = "the stated uncertainties explain what was found"
     else:
         verdict = (
-            "more is wrong than the stated uncertainties explain: robot, target, or "
-            "calibration"
+            "more is wrong than the stated uncertainties explain: the scanner has "
+            "moved, or robot, target or calibration err"
         )
     return "\n".join([*lines, f"verdict        {verdict}"])
 
@@ -161,7 +161,7 @@ def verification_text(verification: Verification, status: str) -> str:
 def mount_check_text(check: MountCheck, kind: str) -> str:
     """What `profilecal check-mount` prints."""
     lines = [
-        f"poses          {', '.join(check.labels)}",
+        f"poses          {some(check.labels)}",
         f"differs by     χ² {check.chi2:.3g} of {len(check.residuals)} "
         f"coordinates; doubted above {check.limit:.3g}",
         f"chance         {check.chance:.2g} of more where nothing has moved",
@@ -185,7 +185,8 @@ def mount_check_text(check: MountCheck, kind: str) -> str:
         "the sensor's x, y, z, 9 times of 10"
     )
     verdicts = {
-        (): f"neither the sensor nor the {kind} alone explains it: look at the robot",
+        (): f"no move of the sensor or the {kind} alone explains it: is it the {kind} "
+        "of the calibration, where it stood? If so, look at the robot",
         ("sensor",): "the sensor has moved: calibrate anew",
         ("target",): f"the {kind} has moved, not the sensor",
         ("sensor", "target"): f"the sensor or the {kind} has moved: these poses "

@@ -45,7 +45,7 @@ def prediction_lines(
         f"one sd         {sizes} about the sensor's x, y, z",
         f"worst          {worst(prediction)} in any direction",
     ]
-    if prediction.between:
+    if prediction.between and spectrum.status != "unobservable":
         (mm, deg), (most_mm, most_deg) = prediction.between
         between = f"{mm:.2g} to {most_mm:.2g} mm and {deg:.2g} to {most_deg:.2g}°"
         lines.append(
@@ -69,6 +69,8 @@ def prediction_lines(
 
 def worst(prediction: Prediction) -> str:
     """The largest standard deviations of a prediction."""
+    if prediction.spectrum.status == "unobservable":
+        return "open"
     return f"{prediction.mm:.2g} mm and {prediction.deg:.2g}°"
 
 
