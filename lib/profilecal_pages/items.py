@@ -139,20 +139,11 @@ class Item:
         """Of each row, whether the printed number lies inside our range."""
         return [row.inside for row in self.rows]
 
-    @property
-    def readings(self) -> "dict[str, Item]":
-        """What it is under each of its readings."""
+    def by(self, what: str) -> "dict[str, Item]":
+        """What it is for each `what` of its rows: each "reading", each "quantity"."""
         rows = defaultdict(list)
         for row in self.rows:
-            rows[row.reading].append(row)
-        return {name: replace(self, rows=tuple(part)) for name, part in rows.items()}
-
-    @property
-    def statistics(self) -> "dict[str, Item]":
-        """Of a table, the part that each of its quantities takes."""
-        rows = defaultdict(list)
-        for row in self.rows:
-            rows[row.quantity].append(row)
+            rows[getattr(row, what)].append(row)
         return {name: replace(self, rows=tuple(part)) for name, part in rows.items()}
 
     @property
@@ -163,9 +154,9 @@ class Item:
         which = "that agree with ours"
         if self.range_from:
             which = f"inside our ranges ({self.range_from})"
-        parts = self.readings
+        parts = self.by("reading")
         if self.layout == "table":
-            parts = self.statistics
+            parts = self.by("quantity")
             which = "inside our 95 % ranges"
         counts = ", ".join(
             f"{name} {in_numbers(part)}".strip() for name, part in parts.items()
@@ -348,7 +339,7 @@ def under_one_reading(gathered: Gathered) -> Gathered:
     """
     of_word = defaultdict(list)
     for _, item in gathered:
-        of_word[item.word or item.item].append(item.readings)
+        of_word[item.word or item.item].append(item.by("reading"))
     chosen = {}
     for word, parts in of_word.items():
         in_all = [name for name in parts[0] if all(name in part for part in parts)]
@@ -357,7 +348,8 @@ def under_one_reading(gathered: Gathered) -> Gathered:
             key=lambda name: sum(sum(part[name].inside) for part in parts),
         )
     return [
-        (stem, item.readings[chosen[item.word or item.item]]) for stem, item in gathered
+        (stem, item.by("reading")[chosen[item.word or item.item]])
+        for stem, item in gathered
     ]
 
 
@@ -370,8 +362,8 @@ def tally(gathered: Gathered) -> pd.DataFrame:
     for stem, item in under_one_reading(gathered):
         parts = {item.item: item}
         if item.layout == "table":
-            statistics = item.statistics.items()
-            parts = {f"{item.item}, {name}": part for name, part in statistics}
+            quantities = item.by("quantity").items()
+            parts = {f"{item.item}, {name}": part for name, part in quantities}
         for name, part in parts.items():
             verdicts = [part.verdict(row) for row in part.rows]
             numbers = [verdicts.count(verdict) for verdict in VERDICTS]

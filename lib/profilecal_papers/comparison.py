@@ -20,7 +20,6 @@ def compare(
     low: Mapping | None = None,
     high: Mapping | None = None,
     *,
-    within: Mapping | None = None,
     why: Mapping | None = None,
     labels: Mapping | None = None,
     otherwise: Mapping[str, Sequence[Mapping]] | None = None,
@@ -29,10 +28,10 @@ def compare(
     """An item from what `published` has of it.
 
     `ours`, `low`, `high`: for each quantity an array shaped as `published.values` has
-    it; or `within`: how far from ours the printed numbers may be. Neither: not at all,
-    but for rounding. A quantity that can be read in two ways stands twice, as
-    (quantity, reading). `why`: for each quantity, why it differs. `labels`: how the
-    paper writes names of rows, columns and quantities. `about` goes to `Item`.
+    it; without them no range, but for rounding. A quantity that can be read in two ways
+    stands twice, as (quantity, reading). `why`: for each quantity, why it differs.
+    `labels`: how the paper writes names of rows, columns and quantities. `about` goes
+    to `Item`.
 
     `otherwise`: by name, what we would have found had the paper been otherwise: with a
     wrong sign, another formula, another set-up. Of each ours, low and high, as above,
@@ -47,9 +46,8 @@ def compare(
     for key, values in ours.items():
         quantity, *reading = key if isinstance(key, tuple) else (key,)
         entries = published.entries(paper, item, quantity).itertuples()
-        spread = (within or {}).get(key, 0.0)
-        least = (low or {}).get(key, values - spread)
-        most = (high or {}).get(key, values + spread)
+        least = (low or {}).get(key, values)
+        most = (high or {}).get(key, values)
         ranges = zip(*map(np.ravel, (values, least, most)), strict=True)
         others = {
             name: np.stack([np.ravel(part[key]) for part in parts], axis=-1)
@@ -63,7 +61,11 @@ def compare(
                 row.otherwise[name] = [round(float(v), digits) for v in each[k]]
             if not row.inside:
                 row = replace(row, why=(why or {}).get(key, ""))
-                check_reason(item, row)
+            if not (row.inside or row.why):
+                where = f"{item}, {row.row}, {row.column}, {row.quantity}"
+                raise ValueError(
+                    f"{where}: {row.ours} differs from {row.printed}; say why"
+                )
             rows.append(row)
     return Item(paper, item, what, tuple(rows), **about)
 
@@ -86,13 +88,6 @@ def beside_printed(entry: Any, numbers: Iterable, labels: Mapping, reading: str)
         high=high,
         reading=reading,
     )
-
-
-def check_reason(item: str, row: Row) -> None:
-    """Raise ValueError for a number that differs without a reason."""
-    if not row.why:
-        where = f"{item}, {row.row}, {row.column}, {row.quantity}"
-        raise ValueError(f"{where}: {row.ours} differs from {row.printed}; say why")
 
 
 def beside(

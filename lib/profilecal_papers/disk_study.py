@@ -3,7 +3,7 @@ as many as wanted.
 """
 
 from collections import defaultdict
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy import ndarray
@@ -95,7 +95,6 @@ def fig15_scans(reach: tuple[float, float] = FIG15_REACH) -> DiskScans:
     radius = float(published.values("disk", "Fig. 14", "disk radius"))
     disk = Disk(published.values("disk", "Eq. 50", "q_b"), normal, radius)
     motion = published.values("disk", "Table I", "D_b")
-    motion = motion / np.linalg.norm(motion, axis=1, keepdims=True)
     R_tcp = rotation_from_xyz_angles(published.values("disk", "Table I", "R_tcp"))
     q = published.values("disk", "Table I", "q")
     sensor = published.sensor_pose("Eq. 49", "Lambda")
@@ -119,7 +118,7 @@ def disk_study(
     noise "chord" moves every tip along its chord (Eq. 52), "isotropic" in any direction
     of the scan plane; sigma_mm is the standard deviation along each. `heights`: see
     `closed_form.disk.chord_weights`; chord noise leaves them exact. `workers`: see
-    `in_chunks`. A trial is clipped if the arccos of Eq. 9 does not exist for some scan.
+    `in_chunks`. Where the arccos of Eq. 9 does not exist, α is 0° or 180°.
     """
     kinds = {
         "chord": Chords.with_chord_noise,
@@ -128,7 +127,6 @@ def disk_study(
     if noise not in kinds:
         raise ValueError(f"noise is {noise!r}; expected 'chord' or 'isotropic'")
     study = Study.blank(sigma_mm, m, trials)
-    clipped = np.empty(study.failed.shape, dtype=bool)
     why = "an ellipse has five unknowns, a chord two tips"
     check_count("chords", int(study.m.min()), 3, why)
     chords = [Chords.of(scans, count, heights) for count in study.m]
@@ -142,7 +140,6 @@ def disk_study(
         size = part.stop - part.start
         fitted = kinds[noise](chords[j], study.sigma_mm[i], size, stream)
         data = sensing_data_from_ellipse(*fitted, *way, scans.disk.radius)
-        clipped[i, j, part] = data.clipped.any(axis=0)
         study.errors[i, j, :, part] = two_step_errors(
             scans,
             scans.disk.centre,
@@ -153,8 +150,8 @@ def disk_study(
             motion,
         )
 
-    in_chunks(run, clipped.shape[:2], trials, rng, workers)
-    return replace(study, clipped=clipped)
+    in_chunks(run, study.errors.shape[:2], trials, rng, workers)
+    return study
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy import ndarray
 from numpy.typing import ArrayLike
-from tqdm import tqdm
 
 from profilecal.geometry.fitting import ROUNDS
 from profilecal.geometry.noise import Noise
@@ -69,16 +68,14 @@ class Study:
     sigma_mm: ndarray  # (k,) noise, mm
     m: ndarray  # (l,) chords of a scan, or arcs of a pose
     errors: ndarray  # (k, l, 9, trials), see `two_step_errors`
-    # (k, l, trials) of a disk: whether some scan has no arccos in Eq. 9
-    clipped: ndarray | None = None
 
     @classmethod
     def blank(cls, sigma_mm: ArrayLike, m: ArrayLike, trials: int) -> "Study":
         """A study whose errors are still to be filled in, for one or more sigma_mm and
         one or more m.
         """
-        sigma_mm = np.atleast_1d(np.asarray(sigma_mm, dtype=float))
-        m = np.atleast_1d(np.asarray(m, dtype=int))
+        sigma_mm = np.array(sigma_mm, dtype=float, ndmin=1)
+        m = np.array(m, dtype=int, ndmin=1)
         return cls(sigma_mm, m, np.empty((len(sigma_mm), len(m), 9, trials)))
 
     @property
@@ -126,9 +123,7 @@ def in_chunks(
     tasks = [(setting, part) for setting in np.ndindex(*shape) for part in parts]
     streams = rng.spawn(len(tasks))
     with ThreadPoolExecutor(max_workers=workers or os.cpu_count()) as pool:
-        done = pool.map(lambda task, stream: run(*task, stream), tasks, streams)
-        for _ in tqdm(done, total=len(tasks), disable=None, leave=False):
-            pass
+        list(pool.map(lambda task, stream: run(*task, stream), tasks, streams))
 
 
 def noisy_blocks(

@@ -58,20 +58,12 @@ def least_change(
         by_s = np.repeat([1, 0], [2 * size, 2 * len(J)])
         return np.column_stack([by_x, by_s])
 
-    by_y = np.append(np.zeros(size), 1.0)
-
-    def bound(y: ndarray) -> float:
-        return y[-1]
-
-    def slopes_of_bound(y: ndarray) -> ndarray:
-        return by_y
-
     # at 0 several values may tie, and have no slope
     start = np.append(np.linspace(-0.01, 0.01, size), 0)
     y = minimize(
-        bound,
+        lambda y: y[-1],
         start,
-        jac=slopes_of_bound,
+        jac=lambda _: np.append(np.zeros(size), 1.0),
         method="SLSQP",
         constraints={"type": "ineq", "fun": room, "jac": slopes_of_room},
     ).x

@@ -14,12 +14,10 @@ MEAN = "mean of delta d"
 
 def table(ours, half=0.02, **about):
     printed = published.values("edge", "Table 2", MEAN)
-    within = {MEAN: np.full(printed.shape, half)}
+    three = ({MEAN: printed + ours + off} for off in (0, -half, half))
     half_of_it = {"half": ({MEAN: printed / 2},) * 3}
     about = {"range_from": "Monte Carlo", "otherwise": half_of_it} | about
-    return compare(
-        "edge", "Table 2", "distances", {MEAN: printed + ours}, within=within, **about
-    )
+    return compare("edge", "Table 2", "distances", *three, **about)
 
 
 def test_every_verdict_follows_from_the_numbers():
@@ -66,10 +64,12 @@ def test_one_reading_of_a_word_counts_for_all_its_items():
     def read(first, second):
         ours = {(MEAN, "mean"): first, (MEAN, "rms"): second}
         printed = published.values("edge", "Table 2", MEAN)
-        ours = {key: printed + off for key, off in ours.items()}
-        within = dict.fromkeys(ours, np.full(printed.shape, 0.01))
-        about = {"within": within, "why": dict.fromkeys(ours, "off"), "word": "spread"}
-        return compare("edge", "Table 2", "", ours, layout="list", **about)
+        three = (
+            {key: printed + off + end for key, off in ours.items()}
+            for end in (0, -0.01, 0.01)
+        )
+        about = {"why": dict.fromkeys(ours, "off"), "word": "spread"}
+        return compare("edge", "Table 2", "", *three, layout="list", **about)
 
     one_row_off = 0.1 * np.eye(4, 3)
     pair = [("11", read(0.0, one_row_off)), ("12", read(1.0, 0.0))]
@@ -92,9 +92,9 @@ def test_a_table_is_shown_as_the_paper_prints_it():
 def pose_within(half):
     """Eq. 49 beside itself."""
     pose = published.values("disk", "Eq. 49", "Lambda")
-    within = {"Lambda": np.full(pose.shape, half)}
+    three = ({"Lambda": pose + off} for off in (0, -half, half))
     about = {"range_from": "rounding", "layout": "matrix"}
-    return compare("disk", "Eq. 49", "pose", {"Lambda": pose}, within=within, **about)
+    return compare("disk", "Eq. 49", "pose", *three, **about)
 
 
 def test_a_matrix_stands_above_ours_and_their_difference():
