@@ -1,7 +1,6 @@
 """What a scan holds, in words, before any calibration: `profilecal check`."""
 
 from collections import Counter
-from collections.abc import Sequence
 
 import numpy as np
 
@@ -91,16 +90,19 @@ def lines_on_noise(scan: Scan, seen: Seen) -> list[str]:
     do not fit their group.
     """
     affine = scan.target.affine and not scan.log
+    labels = np.array(scan.labels)
     if affine and len(seen.poses):
         observed = as_observations(scan, seen)
         noise, freedom = affine_noise(observed)
         if freedom:
             inside = f"{noise:.3g} mm inside groups, from {freedom} degrees of freedom"
-            lines = [f"noise          {inside}"]
-            for rows in affine_outliers(observed):
-                misfit = sentence_on_misfit([scan.labels[i] for i in seen.poses[rows]])
-                lines.append(f"note           {misfit}")
-            return lines
+            return [
+                f"noise          {inside}",
+                *(
+                    f"note           {sentence_on_misfit(labels[seen.poses[rows]])}"
+                    for rows in affine_outliers(observed)
+                ),
+            ]
     if len(seen.poses) and seen.typical_mm:
         scatter = f"{seen.typical_mm:.2g} mm of a feature's coordinates"
         return [f"noise          {scatter}, by the scatter in profiles"]
@@ -112,7 +114,7 @@ def lines_on_noise(scan: Scan, seen: Seen) -> list[str]:
     return [f"noise          unknown before the calibration: {why}"]
 
 
-def sentence_on_misfit(labels: Sequence[str]) -> str:
+def sentence_on_misfit(labels: np.ndarray) -> str:
     """That one of these poses does not fit its group."""
     if len(labels) == 1:
         return f"pose {labels[0]} does not fit its group"
@@ -125,12 +127,6 @@ def groups_of(observations: Observations) -> list[np.ndarray]:
     return [np.flatnonzero(labels == label) for label in np.unique(labels)]
 
 
-def coordinates_of(observations: Observations) -> np.ndarray:
-    """What each pose of the first problem saw, (P, coordinates)."""
-    points = np.asarray(observations.points)[0]
-    return points.reshape(len(points), -1)
-
-
 def affine_outliers(observations: Observations) -> list[list[int]]:
     """Poses whose points do not fit their group as in `affine_noise`: the one that fits
     worst is taken out as long as chance does not explain it; with one degree of freedom
@@ -138,14 +134,12 @@ def affine_outliers(observations: Observations) -> list[list[int]]:
     seen.
     """
     noise, _ = affine_noise(observations)
-    points = coordinates_of(observations)
-    limit = chi2_limit(FALSE_ALARM / len(points), points.shape[1])
+    positions, points = observations.T_flange[0], observations.points[0, :, 0]
+    limit = chi2_limit(FALSE_ALARM / len(points), 2)
     outliers = []
     for rows in groups_of(observations):
         while len(rows) > 3:
-            left, basis, freedom = affine_residuals(
-                observations.T_flange[0, rows], points[rows]
-            )
+            left, basis, freedom = affine_residuals(positions[rows], points[rows])
             free = 1 - np.sum(basis**2, axis=1)
             if free.min() < 1e-6:  # nothing is left over to judge a pose by
                 break
@@ -163,14 +157,12 @@ def affine_noise(observations: Observations) -> tuple[float, int]:
     and its degrees of freedom: what `affine_residuals` finds in each group. The median
     over the groups keeps a bad point from counting.
     """
-    points = coordinates_of(observations)
+    positions, points = observations.T_flange[0], observations.points[0, :, 0]
     variances, total = [], 0
     for rows in groups_of(observations):
-        left, _, freedom = affine_residuals(
-            observations.T_flange[0, rows], points[rows]
-        )
+        left, _, freedom = affine_residuals(positions[rows], points[rows])
         if freedom > 0:
-            freedom = points.shape[1] * int(freedom)
+            freedom = 2 * int(freedom)
             variances.append(np.sum(left**2) / chi2_limit(0.5, freedom))
             total += freedom
     return (float(np.sqrt(np.median(variances))) if variances else 0.0), total

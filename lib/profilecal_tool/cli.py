@@ -32,6 +32,9 @@ CLOUD = option(
     callback=cloud_file,
     help="Write all profiles put together to this PLY file, or as a PNG picture.",
 )
+ANSWER = option(
+    "--with", "pose", required=True, type=SCAN, help="What calibrate --json printed."
+)
 MOUNT = click.Choice(["eye-in-hand", "eye-to-hand"])
 
 
@@ -498,9 +501,7 @@ def check(folder):
 
 @main.command()
 @argument("folder", type=SCAN)
-@option(
-    "--with", "pose", required=True, type=SCAN, help="What calibrate --json printed."
-)
+@ANSWER
 @CLOUD
 def verify(folder, pose, cloud):
     """Compare a sensor pose with a scan FOLDER not used to find it.
@@ -522,9 +523,7 @@ def verify(folder, pose, cloud):
 
 @main.command("check-mount")
 @argument("folder", type=SCAN)
-@option(
-    "--with", "pose", required=True, type=SCAN, help="What calibrate --json printed."
-)
+@ANSWER
 @option("--log", type=PLACE, help="A CSV file to add a row to, and its picture beside.")
 def check_mount(folder, pose, log):
     """Compare one to three poses of the same artefact with what T.json predicts.

@@ -53,6 +53,8 @@ class TestFourUsers:
 
         assert np.linalg.norm(found.T_sensor - truth.pose[:3, 3]) < 1  # mm
         assert np.abs(found.R_sensor - truth.pose[:3, :3]).max() < 0.01
+        np.testing.assert_array_equal(found.pose[:3, 3], found.T_sensor)
+        assert len(repr(found)) < 300
 
     def test_one_calibrates_and_verifies_a_simulated_disk(self):
         scan, truth = pc.simulate("disk", seed=1)
@@ -99,7 +101,6 @@ class TestFourUsers:
             "takes no 'profile'; is it 'profiles'": {"profile": points},
             "radius is missing": {"kind": "disk"},
             r"group has shape \(3,\)": {"group": [0, 0, 1]},
-            "side is 2; expected": {"side": 2},
             "labels has 'p' 250 times": {"labels": ["p"] * 250},
             "labels has 1 entries for 250 poses": {"labels": ["p"]},
         }
@@ -242,14 +243,6 @@ def test_arguments_of_another_kind_are_refused_by_name():
             call()
 
 
-@pytest.mark.parametrize("solve", [pc.solve_edge, pc.solve_ball, pc.solve_fixed_point])
-def test_the_papers_solvers_refuse_metres(solve):
-    scan, _ = pc.simulate("edge", seed=1)
-    positions = scan.p_base_flange / 1000
-    with pytest.raises(ValueError, match=r"expected a robot's size, .*are they in mm"):
-        solve(scan.R_base_flange, positions, np.zeros((250, 3)))
-
-
 def test_poses_read_in_a_wrong_convention_are_named_from_arrays_too():
     scan, _ = pc.simulate("edge", seed=1, groups=12)
     rotations = Rotation.from_matrix(scan.R_base_flange)
@@ -285,11 +278,3 @@ def test_a_profile_that_saw_nothing_may_be_none_or_empty():
     profiles = [None, [], *scan.values[2:]]
     made = pc.Scan.of("plane", scan.T_base_flange, profiles=profiles)
     assert [len(rows) for rows in made.values[:2]] == [0, 0]
-
-
-def test_a_closed_form_solution_has_its_pose_as_a_matrix():
-    scan, truth = pc.simulate("edge", seed=1, noise={"profile_mm": 1e-6})
-    R, T = scan.R_base_flange, scan.p_base_flange
-    solution = pc.solve_edge(R, T, np.concatenate(scan.values))
-    np.testing.assert_array_equal(solution.pose[:3, 3], solution.T_sensor)
-    np.testing.assert_allclose(solution.pose, truth.pose, atol=1e-2)

@@ -35,23 +35,13 @@ def python(code, environment=None):
     return subprocess.run(command, capture_output=True, text=True, env=environment)
 
 
-def assert_fits_a_screen(*arguments):
-    shown = run(*arguments)
+@pytest.mark.parametrize("option", ["--help", "-h"])
+@pytest.mark.parametrize("command", [(), *zip(main.commands)])
+def test_the_help_fits_a_screen(command, option, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    shown = run(*command, option)
     assert shown.exit_code == 0
     assert len(shown.output.splitlines()) <= 24
-
-
-@pytest.mark.parametrize("option", ["--help", "-h"])
-@pytest.mark.parametrize("command", main.commands)
-def test_the_help_of_a_command_fits_a_screen(command, option, monkeypatch):
-    monkeypatch.setenv("COLUMNS", "80")
-    assert_fits_a_screen(command, option)
-
-
-@pytest.mark.parametrize("option", ["--help", "-h", "--version"])
-def test_the_help_on_all_commands_fits_a_screen(option, monkeypatch):
-    monkeypatch.setenv("COLUMNS", "80")
-    assert_fits_a_screen(option)
 
 
 @pytest.mark.parametrize("given", [{}, {"OPENBLAS_NUM_THREADS": "3"}])

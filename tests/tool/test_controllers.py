@@ -41,9 +41,3 @@ def test_a_matrix_is_pasted_whole():
     numbers = numbers_in(for_controller("matrix", POSE))
     np.testing.assert_allclose(numbers.reshape(4, 4), POSE, atol=1e-8)
     assert {"matrix", *ROTATION} == CONTROLLERS.keys()
-
-
-def test_an_unknown_controller_is_refused_with_the_known_ones():
-    sentence = "controller is 'acme'; expected one of abb, kuka"
-    with pytest.raises(ValueError, match=sentence):
-        for_controller("acme", POSE)

@@ -23,7 +23,7 @@ from profilecal.geometry.checks import (
     check_rotations,
     check_scan_plane,
 )
-from profilecal.geometry.fitting import affine_residuals
+from profilecal.geometry.fitting import affine_residuals, with_sign
 from profilecal.geometry.poses import nearest_rotation
 
 # strength of the rotation below which noise alone would explain it; below 10 a degree
@@ -348,9 +348,7 @@ def principal_direction(vectors: ndarray) -> ndarray:
     """Unit vector (..., 3) along which vectors (..., n, 3) extend most; its largest
     component is positive.
     """
-    direction = np.linalg.svd(vectors, full_matrices=False)[2][..., 0, :]
-    place = np.abs(direction).argmax(axis=-1)[..., None]
-    return direction * np.sign(np.take_along_axis(direction, place, axis=-1))
+    return with_sign(np.linalg.svd(vectors, full_matrices=False)[2][..., 0, :])
 
 
 def translation_system(

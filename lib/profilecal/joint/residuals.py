@@ -9,6 +9,7 @@ from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import carry, cross, dot, inverse, rotations
 from profilecal.joint.prior import Perturbation
 from profilecal.targets.observations import Observations, State
+from profilecal.targets.target import Sight
 
 # Where derivatives stand among the columns of linearised residuals: those by the sensor
 # pose come first.
@@ -94,7 +95,8 @@ class Residuals:
         target = self.target
         residual = target.residual_in_space if self.in_space else target.residual
         with np.errstate(divide="ignore", invalid="ignore"):
-            r, force, torque = residual(origin, axes, list(self.seen), self.sizes)
+            sight = Sight(origin, axes, list(self.seen), self.sizes)
+            r, force, torque = residual(sight)
 
         B, rows = len(state.rotation), len(r)
         count = self.residual + 1

@@ -24,11 +24,11 @@ TABLE: Rule = (lambda value: isinstance(value, dict), "a table")
 TEXT: Rule = (is_line, "one line of text")
 
 
-def number(low: float = 0.0, high: float = 1e6) -> Rule:
-    """A number within these limits."""
+def number(low: float = 0.0, high: float = 1e6, kind: type = Real) -> Rule:
+    """A number of a kind within these limits."""
 
     def allowed(value: Any) -> bool:
-        is_number = isinstance(value, Real) and not isinstance(value, bool)
+        is_number = isinstance(value, kind) and not isinstance(value, bool)
         return is_number and low <= value <= high
 
     return allowed, f"{low:g} to {high:g}"
@@ -36,11 +36,7 @@ def number(low: float = 0.0, high: float = 1e6) -> Rule:
 
 def whole(low: int = 0, high: int = 1_000_000) -> Rule:
     """A whole number within these limits."""
-
-    def allowed(value: Any) -> bool:
-        is_whole = isinstance(value, Integral) and not isinstance(value, bool)
-        return is_whole and low <= value <= high
-
+    allowed, _ = number(low, high, Integral)
     return allowed, f"a whole number, {low} to {high}"
 
 

@@ -12,7 +12,6 @@ from numpy.random import Generator
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import homogeneous, inverse
 from profilecal.scan.conventions import CONVENTIONS
-from profilecal.scan.motion import checked_log, with_motion
 from profilecal.scan.scan import MOUNTS, Scan, length_rules
 from profilecal.scan.tables import ScanError
 from profilecal.scan.toml import TEXT, check_entries, number, one_of, whole
@@ -304,7 +303,7 @@ def record_sweeps(
     """
     to_hand = spec.mount == "eye-to-hand"
     motion = spec.motion or Motion()
-    drove = drive(
+    poses, flange = drive(
         setup,
         motion,
         spec.noise,
@@ -313,21 +312,13 @@ def record_sweeps(
         to_hand=to_hand,
         planned=planned,
     )
-    actual = inverse(drove.R, drove.p) if to_hand else (drove.R, drove.p)
-    planes = setup.planes(*actual)
+    planes = setup.planes(*(inverse(*flange) if to_hand else flange))
     measured, values = seen_from(setup, planes, spec, rng)
-    at_rest = {
-        "labels": [f"p{k + 1}" for k in range(motion.stops)],
-        "R_base_flange": drove.R_rest,
-        "p_base_flange": drove.p_rest,
-        "group": np.arange(motion.stops),
-    }
-    log = checked_log(*drove.log)
-    poses = with_motion(log, drove.times, drove.sweeps, at_rest)
+    at_rest = np.isnan(poses["times"])
     scan = Scan(
         measured=measured,
         values=values,
-        side=np.where(np.isnan(drove.times), setup.target.sides(*planes), 0),
+        side=np.where(at_rest, setup.target.sides(*planes), 0),
         **poses,
         **entries_of(setup, spec),
     )

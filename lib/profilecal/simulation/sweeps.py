@@ -4,6 +4,7 @@ a clock of its own.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy import ndarray
@@ -11,6 +12,7 @@ from numpy.random import Generator
 
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import inverse, rotations
+from profilecal.scan.motion import checked_log, with_motion
 from profilecal.simulation.scene import STANDOFF, Setup, in_unit_ball
 
 PATTERNS = ("weave", "both ways", "random", "one way", "one way in the base")
@@ -46,31 +48,19 @@ class Motion:
 
 
 @dataclass(frozen=True)
-class Recorded:
-    """What the robot logged, when the scanner looked, and from where it really did."""
-
-    log: tuple[ndarray, ndarray, ndarray]  # t (L,), R (L, 3, 3), p (L, 3)
-    times: ndarray  # (P,) by the scanner's clock, NaN at rest
-    sweeps: list[str]  # (P,) "" at rest
-    R_rest: ndarray  # (stops, 3, 3) that are reported
-    p_rest: ndarray  # (stops, 3)
-    R: ndarray  # (P, 3, 3) where the flange was
-    p: ndarray  # (P, 3)
-
-
-@dataclass(frozen=True)
 class Sweep:
     """One way across a target, at times from its middle. Poses are of the sensor."""
 
     middle: ndarray  # (3,) of the sensor's way, mm
     facing: ndarray  # (3, 3) its axes there
     along: ndarray  # (3,) the direction of motion
-    aside: ndarray  # (3,) that of the slow drift of a weave
     speed: float  # signed
     half: float  # mm to either side
-    phase: float  # of the weave and the turn, rad
-    turn: ndarray  # (3,) rad
-    weaves: bool
+    # (3,) the direction of the slow drift of a weave
+    aside: Sequence | ndarray = (0.0, 0.0, 0.0)
+    phase: float = 0.0  # of the weave and the turn, rad
+    turn: Sequence | ndarray = (0.0, 0.0, 0.0)  # (3,) rad
+    weaves: bool = False
 
     @property
     def seconds(self) -> float:
@@ -160,10 +150,11 @@ def drive(
     spread_deg: float,
     to_hand: bool = False,
     planned: Sequence[Sweep] = (),
-) -> Recorded:
+) -> tuple[dict[str, Any], tuple[ndarray, ndarray]]:
     """What a robot and a scanner record on the sweeps of a motion, or on those that are
     planned, with the errors of the robot that a sweep or a stop has, and the jitter of
-    the scanner's times. All poses are of the flange in the base.
+    the scanner's times: entries of a Scan; and where the flange really was, (P, 3, 3),
+    (P, 3). All poses are of the flange in the base.
     """
 
     def flange(R: ndarray, p: ndarray) -> tuple[ndarray, ndarray]:
@@ -199,16 +190,15 @@ def drive(
     t, R_log, p_log = (np.concatenate(parts) for parts in zip(*logs, strict=True))
     clock = np.concatenate(times)
     clock = clock - 1e-6 * motion.drift_ppm * (clock - t.mean())
+    at_rest = {
+        "labels": [f"p{k + 1}" for k in range(motion.stops)],
+        "R_base_flange": np.reshape([R for R, _ in stops], (-1, 3, 3)),
+        "p_base_flange": np.reshape([p for _, p in stops], (-1, 3)),
+        "group": np.arange(motion.stops),
+    }
+    log = checked_log(t, R_log, p_log)
     R, p = (np.concatenate(parts) for parts in zip(*actual, strict=True))
-    return Recorded(
-        log=(t, R_log, p_log),
-        times=clock.round(6),
-        sweeps=names,
-        R_rest=np.reshape([R for R, _ in stops], (-1, 3, 3)),
-        p_rest=np.reshape([p for _, p in stops], (-1, 3)),
-        R=R,
-        p=p,
-    )
+    return with_motion(log, clock.round(6), names, at_rest), (R, p)
 
 
 def erring(

@@ -11,12 +11,10 @@ from profilecal.geometry.poses import circle_around, root
 from profilecal.profiles.arcs import find_balls
 from profilecal.targets.plane import Round
 from profilecal.targets.target import (
-    Axes,
-    Components,
     Fitted,
     Linearised,
+    Sight,
     Sizes,
-    from_origin,
     in_sensor,
 )
 
@@ -52,25 +50,22 @@ class Ball(Round):
     with_tool = True
 
     @staticmethod
-    def residual(
-        origin: Components, axes: Axes, seen: Components, sizes: Sizes
-    ) -> Linearised:
+    def residual(sight: Sight) -> Linearised:
         """Distance from the circle that the plane cuts out."""
-        vx, vy, vz = from_origin(origin, seen)
-        (size,) = sizes
+        vx, vy, vz = sight.offset
+        (size,) = sight.sizes
         distance = np.hypot(vx, vz)
         radius, slope = root(size**2 - vy**2, 0.1 * size)
         force = [-vx / distance, -2 * slope * vy, -vz / distance]
         return [distance - radius], [force], None
 
     @staticmethod
-    def residual_in_space(
-        origin: Components, axes: Axes, seen: Components, sizes: Sizes
-    ) -> Linearised:
+    def residual_in_space(sight: Sight) -> Linearised:
         """Distance from the ball."""
-        v = vx, vy, vz = from_origin(origin, seen)
+        vx, vy, vz = sight.offset
         distance = np.sqrt(vx**2 + vz**2 + vy**2)
-        return [distance - sizes[0]], [[-c / distance for c in v]], None
+        force = [-c / distance for c in sight.offset]
+        return [distance - sight.sizes[0]], [force], None
 
     @staticmethod
     def fit(points: ndarray) -> Fitted:

@@ -10,14 +10,12 @@ from profilecal.geometry.poses import circle_around, cross, dot, frame_around, r
 from profilecal.profiles.edges import find_chords
 from profilecal.targets.plane import BELOW_MM, Plane
 from profilecal.targets.target import (
-    Axes,
-    Components,
     Fitted,
     Linearised,
+    Sight,
     Sizes,
     Target,
     Y,
-    from_origin,
     in_sensor,
 )
 
@@ -58,9 +56,7 @@ class Disk(Target):
     with_tool = True
 
     @staticmethod
-    def residual(
-        origin: Components, axes: Axes, seen: Components, sizes: Sizes
-    ) -> Linearised:
+    def residual(sight: Sight) -> Linearised:
         """x and z of each sensed tip minus those of the chord's end.
 
         The disk has its centre at (cx, cy, cz), the unit normal (nx, ny, nz) and the
@@ -93,7 +89,8 @@ class Disk(Target):
 
             -dE = (e N - cy t A) dφ - cy N dt + de/dq cy / g² A dg.
         """
-        (cx, cy, cz), (nx, ny, nz), (radius,) = origin, axes[2], sizes
+        (cx, cy, cz), (nx, ny, nz) = sight.origin, sight.axes[2]
+        (radius,) = sight.sizes
         g = np.hypot(nx, nz)
         N = (nx / g, nz / g)
         A = (nz / g, -nx / g)
@@ -105,7 +102,7 @@ class Disk(Target):
         e_by_q = -2 * q * h_by_square * s
 
         c = (cx, cz)
-        r = [seen[k] - (c[k] + cy * t * N[k]) - e * A[k] for k in (0, 1)]
+        r = [sight.points[k] - (c[k] + cy * t * N[k]) - e * A[k] for k in (0, 1)]
         by_cy = [-t * N[k] - e_by_q * (A[k] / g) for k in (0, 1)]
         force = [[-1.0, by_cy[0], 0.0], [0.0, by_cy[1], -1.0]]
         torque = []
@@ -121,15 +118,13 @@ class Disk(Target):
         return r, force, torque
 
     @staticmethod
-    def residual_in_space(
-        origin: Components, axes: Axes, seen: Components, sizes: Sizes
-    ) -> Linearised:
+    def residual_in_space(sight: Sight) -> Linearised:
         """Each tip's height above the disk, and its distance from the centre less the
         radius.
         """
-        v, normal = from_origin(origin, seen), axes[2]
+        v, normal = sight.offset, sight.axes[2]
         length = np.sqrt(dot(v, v))
-        r = [dot(normal, v), length - sizes[0]]
+        r = [dot(normal, v), length - sight.sizes[0]]
         force = [[-n for n in normal], [-c / length for c in v]]
         return r, force, [cross(normal, v), [0.0, 0.0, 0.0]]
 

@@ -10,13 +10,11 @@ from profilecal.geometry.poses import cross, frame_around
 from profilecal.profiles.edges import find_edges
 from profilecal.targets.target import (
     ALONG_Y,
-    Axes,
     Components,
     Fitted,
     Linearised,
-    Sizes,
+    Sight,
     Target,
-    from_origin,
     in_sensor,
 )
 
@@ -89,9 +87,7 @@ class Edge(Target):
     specimens = tuple(SPECIMENS)
 
     @staticmethod
-    def residual(
-        origin: Components, axes: Axes, seen: Components, sizes: Sizes
-    ) -> Linearised:
+    def residual(sight: Sight) -> Linearised:
         """x and z of the sensed point minus those of the place where the plane meets
         the edge.
 
@@ -99,20 +95,18 @@ class Edge(Target):
         y = 0 where a = -s, s = py / dy. A turn ω of the edge changes d by ω × d, and
         any function of d by ω · (d × its gradient).
         """
-        vx, vy, vz = from_origin(origin, seen)
-        dx, dy, dz = axes[2]
+        vx, vy, vz = sight.offset
+        dx, dy, dz = d = sight.axes[2]
         s = -vy / dy
         r = [vx + s * dx, vz + s * dz]
         force = [[-1.0, dx / dy, 0.0], [0.0, dz / dy, -1.0]]
         by_direction = [[s, -s * dx / dy, 0.0], [0.0, -s * dz / dy, s]]
-        return r, force, [cross(axes[2], gradient) for gradient in by_direction]
+        return r, force, [cross(d, gradient) for gradient in by_direction]
 
     @staticmethod
-    def residual_in_space(
-        origin: Components, axes: Axes, seen: Components, sizes: Sizes
-    ) -> Linearised:
+    def residual_in_space(sight: Sight) -> Linearised:
         """(sensed point - origin) × direction."""
-        v, d = from_origin(origin, seen), axes[2]
+        v, d = sight.offset, sight.axes[2]
         torque = [cross(d, gradient) for gradient in cross_rows(v)]
         return cross(v, d), cross_rows(d), torque
 

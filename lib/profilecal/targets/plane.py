@@ -11,14 +11,11 @@ from profilecal.geometry.fitting import principal_axes
 from profilecal.geometry.poses import circle_around, cross, dot, frame_around
 from profilecal.profiles.edges import find_lines
 from profilecal.targets.target import (
-    Axes,
-    Components,
     Fitted,
     Linearised,
-    Sizes,
+    Sight,
     Target,
     Y,
-    from_origin,
     in_scan_plane,
 )
 
@@ -55,21 +52,15 @@ class Plane(Target):
     positions = 3
 
     @staticmethod
-    def residual(
-        origin: Components, axes: Axes, seen: Components, sizes: Sizes
-    ) -> Linearised:
+    def residual(sight: Sight) -> Linearised:
         """Distance from the line in which the planes meet."""
-        (height,), (force,), (torque,) = Plane.residual_in_space(
-            origin, axes, seen, sizes
-        )
-        return in_scan_plane(height, force, torque, ey_by_turn=cross(axes[2], Y))
+        (height,), (force,), (torque,) = Plane.residual_in_space(sight)
+        return in_scan_plane(height, force, torque, ey_by_turn=cross(sight.axes[2], Y))
 
     @staticmethod
-    def residual_in_space(
-        origin: Components, axes: Axes, seen: Components, sizes: Sizes
-    ) -> Linearised:
+    def residual_in_space(sight: Sight) -> Linearised:
         """Distance from the face."""
-        v, normal = from_origin(origin, seen), axes[2]
+        v, normal = sight.offset, sight.axes[2]
         return [dot(normal, v)], [[-n for n in normal]], [cross(normal, v)]
 
     @staticmethod

@@ -10,13 +10,11 @@ from numpy import ndarray
 
 from profilecal.geometry.noise import Noise
 from profilecal.targets.target import (
-    Axes,
-    Components,
     Fitted,
     Linearised,
+    Sight,
     Sizes,
     Target,
-    from_origin,
     in_sensor,
 )
 
@@ -48,11 +46,9 @@ class Point(Target):
     with_tool = True
 
     @staticmethod
-    def residual(
-        origin: Components, axes: Axes, seen: Components, sizes: Sizes
-    ) -> Linearised:
+    def residual(sight: Sight) -> Linearised:
         """x and z of the scan, and the distance from the scan plane."""
-        vx, vy, vz = from_origin(origin, seen)
+        vx, vy, vz = sight.offset
         force = [[-1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, -1.0, 0.0]]
         return [vx, vz, vy], force, None
 

@@ -15,13 +15,10 @@ from profilecal.targets.edge import Edge
 from profilecal.targets.plane import Round
 from profilecal.targets.target import (
     ALONG_Y,
-    Axes,
-    Components,
     Fitted,
     Linearised,
-    Sizes,
+    Sight,
     Y,
-    from_origin,
     in_scan_plane,
 )
 
@@ -57,9 +54,7 @@ class Rod(Round):
     stance = ALONG_Y
 
     @staticmethod
-    def residual(
-        origin: Components, axes: Axes, seen: Components, sizes: Sizes
-    ) -> Linearised:
+    def residual(sight: Sight) -> Linearised:
         """Distance from the ellipse, to first order, as `in_scan_plane` has it.
 
         v runs from the bar's origin to the point, the unit vector e from the bar's axis
@@ -73,26 +68,25 @@ class Rod(Round):
 
             dey = Y · (ω × e) - j · (ω × v) = ω · (e × Y - v × j).
         """
-        (f,), (force,), (torque,) = Rod.residual_in_space(origin, axes, seen, sizes)
-        v, d = from_origin(origin, seen), axes[2]
+        (f,), (force,), (torque,) = Rod.residual_in_space(sight)
+        v, d = sight.offset, sight.axes[2]
         e = [-part for part in force]
-        j = [(Y[k] - d[1] * d[k] - e[1] * e[k]) / (f + sizes[0]) for k in range(3)]
+        (size,) = sight.sizes
+        j = [(Y[k] - d[1] * d[k] - e[1] * e[k]) / (f + size) for k in range(3)]
         by_shift = [-part for part in j]
         turned, moved = cross(e, Y), cross(v, j)
         by_turn = [turned[k] - moved[k] for k in range(3)]
         return in_scan_plane(f, force, torque, by_turn, by_shift)
 
     @staticmethod
-    def residual_in_space(
-        origin: Components, axes: Axes, seen: Components, sizes: Sizes
-    ) -> Linearised:
+    def residual_in_space(sight: Sight) -> Linearised:
         """Distance from the bar."""
-        v, d = from_origin(origin, seen), axes[2]
+        v, d = sight.offset, sight.axes[2]
         along = dot(v, d)
         off = [v[k] - along * d[k] for k in range(3)]
         distance = np.sqrt(dot(off, off))
         e = [part / distance for part in off]
-        return [distance - sizes[0]], [[-part for part in e]], [cross(e, v)]
+        return [distance - sight.sizes[0]], [[-part for part in e]], [cross(e, v)]
 
     @staticmethod
     def fit(points: ndarray) -> Fitted:

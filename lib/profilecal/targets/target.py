@@ -28,7 +28,7 @@ closed forms.
 
 from collections.abc import Callable, Sequence
 from itertools import zip_longest
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy import ndarray
@@ -52,6 +52,21 @@ Sizes = Sequence[float]
 Y = (0.0, 1.0, 0.0)  # across the scan plane, in the sensor frame
 # a stance: z along the sensor's y, y towards the scanner
 ALONG_Y = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
+
+
+class Sight(NamedTuple):
+    """A target and what was seen of it, in the sensor frame and by components."""
+
+    origin: Components  # x, y, z of its frame's, (batch, 1, poses) each
+    axes: Axes  # likewise
+    points: Components  # x and z in the scan plane, (batch, points, poses) each
+    sizes: Sizes
+
+    @property
+    def offset(self) -> Components:
+        """The points from the origin; y is the same for all points."""
+        (x, z), (cx, cy, cz) = self.points, self.origin
+        return x - cx, -cy, z - cz
 
 
 class Target:
@@ -115,25 +130,19 @@ class Target:
     fit_is_best = True
 
     @staticmethod
-    def residual(
-        origin: Components, axes: Axes, seen: Components, sizes: Sizes
-    ) -> Linearised:
+    def residual(sight: Sight) -> Linearised:
         """Observed points minus where the scan plane meets the target, in the scan
         plane, where the noise arises.
 
-        All in the sensor frame and by components: `seen` x and z of the points, arrays
-        (batch, points, poses); `origin` x, y, z and `axes` three times x, y, z, arrays
-        (batch, 1, poses). Returns three lists with an entry for each of a point's
-        residuals: the residuals, mm; forces, their derivatives by a shift of the
-        target, by components; and torques, by a turn about its origin, rad, or None
-        where no turn changes the target.
+        Returns three lists with an entry for each of a point's residuals: the
+        residuals, mm; forces, their derivatives by a shift of the target, by
+        components; and torques, by a turn about its origin, rad, or None where no turn
+        changes the target.
         """
         raise NotImplementedError
 
     @staticmethod
-    def residual_in_space(
-        origin: Components, axes: Axes, seen: Components, sizes: Sizes
-    ) -> Linearised:
+    def residual_in_space(sight: Sight) -> Linearised:
         """As `residual`, by distances in space: they exist for any pose, which serves a
         search.
         """
@@ -243,14 +252,6 @@ class Target:
 def in_sensor(rotation: ndarray, vectors: ndarray) -> ndarray:
     """Components of vectors (..., 3) along the axes of sensor frames (..., 3, 3)."""
     return (vectors[..., None, :] @ rotation)[..., 0, :]
-
-
-def from_origin(origin: Components, seen: Components) -> Components:
-    """Points of the scan plane from the origin of a target, by components; y is (batch,
-    1, poses), the same for all points.
-    """
-    (x, z), (cx, cy, cz) = seen, origin
-    return x - cx, -cy, z - cz
 
 
 def in_scan_plane(

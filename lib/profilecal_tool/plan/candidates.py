@@ -154,8 +154,8 @@ def random_poses(
     steepness = np.linalg.norm(tilt, axis=1, keepdims=True)
     tilt = np.radians(limits.tilt_deg) * tilt / np.maximum(steepness, 1)
     spin = np.radians(limits.spin_deg) * share(1)
-    R = model.facing @ rotations(np.pad(tilt, [(0, 0), (0, 1)]))
-    R = R @ rotations(np.pad(spin, [(0, 0), (2, 0)]))
+    R = model.facing @ rotations(tilt @ np.eye(3)[:2])
+    R = R @ rotations(spin * [0, 0, 1])
 
     origin, axes = model.target.frame
     aim = origin + limits.extent_mm * (free_axes(model) * share(3)) @ axes.T

@@ -93,10 +93,12 @@ class Pool:
         ridge = 1e-3
         # of the largest eigenvalue of a block
         negligible = 1e-7
-        by_hand, systematic = model.known
+        problem = model.problem(R, T)
+        by_hand = problem.units
+        systematic = np.array([*problem.considered.values()])
         asked = np.repeat([until[0], np.radians(until[1])], 3)
         unit = np.r_[asked, by_hand[6:], systematic]
-        blocks = information(model, R, T, each=True) * unit[:, None] * unit
+        blocks = information(model, R, T, True, problem) * unit[:, None] * unit
         values, vectors = np.linalg.eigh(blocks)
         large = values > negligible * values.max()
         rank = int(large.sum(axis=1).max())

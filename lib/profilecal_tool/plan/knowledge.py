@@ -46,14 +46,12 @@ def read_plan(table: dict, path: Path) -> tuple[Limits, dict]:
     Returns where the robot may go, and what is asked of `design`. Raises ScanError.
     """
     check_entries(path, table, PLAN, "plan")
-    limits: dict = {}
-    asked = {}
-    for name, value in table.items():
-        entry = tuple(value) if isinstance(value, list) else value
-        if name in ("poses", "most", "until"):
-            asked[name] = entry
-        else:
-            limits[name] = entry
+    limits = {
+        name: tuple(value) if isinstance(value, list) else value
+        for name, value in table.items()
+    }
+    wishes = limits.keys() & {"poses", "most", "until"}
+    asked = {name: limits.pop(name) for name in wishes}
     return Limits(**limits), asked
 
 
@@ -155,21 +153,21 @@ def model_of_scan(calibration: Calibration) -> tuple[ScanModel, Limits, Frames]:
 
     prior = prior_from(stated_noise([scan]))
     # where no pose is repeated, the errors of a visit are part of those of a pose
-    robot = dict.fromkeys(ROBOT, 0.0)
+    sizes = dict.fromkeys(ROBOT, 0.0)
     for size in solution.error_sizes.sizes[1:]:
         usual = getattr(prior.scales, size.name)
-        robot[size.name] = size.middle if size.from_data else usual
-    steering_mm = solution.noise.steering_mm
-    noise = replace(
-        prior.scales, profile_mm=solution.noise_mm, steering_mm=steering_mm, **robot
-    )
+        sizes[size.name] = size.middle if size.from_data else usual
+    sizes |= {
+        "profile_mm": solution.noise_mm,
+        "steering_mm": solution.noise.steering_mm,
+    }
     model = ScanModel(
         solution.placements[0],
         facing=nearest_rotation((R @ solution.rotation).mean(axis=0)),
         R_sensor=solution.rotation,
         T_sensor=solution.translation,
         scanner=scanner_of(scan, observed),
-        noise=noise,
+        noise=replace(prior.scales, **sizes),
         systematic=prior.systematic,
         to_hand=observed.eye_to_hand,
         measured=scan.measured,

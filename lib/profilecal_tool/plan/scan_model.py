@@ -11,9 +11,8 @@ from numpy import ndarray
 
 from profilecal.calibration.observe import three_points
 from profilecal.geometry.noise import Noise, Systematic
-from profilecal.geometry.observability import Spectrum, spectrum, units_by_hand
+from profilecal.geometry.observability import Spectrum, spectrum
 from profilecal.geometry.poses import rotation_groups
-from profilecal.joint.prior import considered
 from profilecal.joint.problem import Problem
 from profilecal.simulation.robot import Scanner
 from profilecal.simulation.scene import Setup
@@ -41,16 +40,6 @@ class ScanModel(Setup):
     guess: Guess | None = None
     # points of a curve that a pose gives
     count: int = 40
-
-    @property
-    def known(self) -> tuple[ndarray, ndarray]:
-        """What is known by hand of the unknowns (n,) and of what all poses share (c,).
-
-        Standard deviations, in mm and rad where they are of the unknowns. What all
-        poses share are the systematic errors.
-        """
-        sizes = considered([type(self.target)], self.systematic).values()
-        return units_by_hand([self.target]), np.array([*sizes])
 
     def elsewhere(self, rng: np.random.Generator) -> "ScanModel":
         """The same where the guess is wrong by anything within its margins."""
@@ -96,12 +85,11 @@ class ScanModel(Setup):
         width at its depth, h(z) = h(d) + (h(d + s) - h(d)) x: at -h/(1 + g) and
         h/(1 - g), where g is the growth h(d + s) - h(d).
         """
-        first = points[:, 0]
-        last = points[:, -1]
-        slope = (last[:, 1] - first[:, 1]) / (last[:, 0] - first[:, 0])
-        depth = first[:, 1] - slope * first[:, 0]
-        half = 0.9 * self.scanner.half_width(depth)
-        growth = 0.9 * self.scanner.half_width(depth + slope) - half
+        (first_x, last_x), (first_z, last_z) = points[:, [0, -1]].T
+        slope = (last_z - first_z) / (last_x - first_x)
+        depth = first_z - slope * first_x
+        half, farther = 0.9 * self.scanner.half_width(np.array([depth, depth + slope]))
+        growth = farther - half
         x = np.linspace(-half / (1 + growth), half / (1 - growth), count, axis=1)
         return np.stack([x, depth[:, None] + slope[:, None] * x], axis=-1)
 

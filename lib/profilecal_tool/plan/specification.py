@@ -66,8 +66,8 @@ class Guess:
         than its margins.
         """
         target = TARGETS[kind]
-        y = np.array(self.axis, float)
-        z = -np.array(self.up, float)
+        y = np.array(self.axis)
+        z = -np.array(self.up)
         if abs(target.stance[1, 2]) > 0.5:
             # the target's own direction is the sensor's y
             z = z - (z @ y) / (y @ y) * y
@@ -173,16 +173,11 @@ def planned_sweeps(path: str, setup: Setup, speed: float, to_hand: bool) -> list
     plan = planned_poses(path, to_hand)
     R_view, T_view = setup.planes(plan["R"], plan["T"])
     ends = T_view.reshape(-1, 2, 3)
-    still = np.zeros(3)
     sweeps = []
     for facing, (begin, end) in zip(R_view[::2], ends, strict=True):
         half = float(np.linalg.norm(end - begin)) / 2
         along = (end - begin) / (2 * half)
-        middle = (begin + end) / 2
-        straight = Sweep(
-            middle, facing, along, still, speed, half, 0.0, still, weaves=False
-        )
-        sweeps.append(straight)
+        sweeps.append(Sweep((begin + end) / 2, facing, along, speed, half))
     return sweeps
 
 

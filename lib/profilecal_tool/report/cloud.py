@@ -2,6 +2,7 @@
 at it shows more than any number.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,7 +13,8 @@ from numpy import ndarray
 from profilecal.calibration.calibration import Calibration
 from profilecal.geometry.poses import carry
 from profilecal.scan.tables import whole
-from profilecal_pages.figures import equal_axes, use_style
+from profilecal_pages.figures import use_style
+from profilecal_tool.report.pictures import in_frame
 
 DRAWN = 6000  # points of a picture
 PLY = """ply
@@ -57,29 +59,29 @@ def clouds_of(calibration: Calibration, T: ndarray) -> list[Cloud]:
         calibration.scans, calibration.seen, calibration.observed, strict=True
     ):
         scan = scan.at_rest(delay_ms)
-        features = observed.points[0]
-        rows = [points[np.isfinite(points).all(axis=1)] for points in features]
-        placed = in_base(T, rows, *scan.base_flange(seen))
+        placed, pose = in_base(T, observed.points[0], *scan.base_flange(seen))
         fitted = scan.target.fit(placed)
         squares = scan.target.at(*fitted).distance(placed) ** 2
-        pose = np.repeat(np.arange(len(rows)), [*map(len, rows)])
         mean_square = np.bincount(pose, squares) / np.bincount(pose)
         points, of_pose = placed, seen[pose]
         if scan.measured == "profiles":
-            rows = [values[np.isfinite(values).all(axis=1)] for values in scan.values]
-            numbers = np.arange(len(rows))
-            points = in_base(T, rows, *scan.base_flange(numbers))
-            of_pose = numbers.repeat([*map(len, rows)])
+            every = np.arange(len(scan.values))
+            points, of_pose = in_base(T, scan.values, *scan.base_flange(every))
         frame = "flange" if observed.eye_to_hand else "base"
         clouds.append(Cloud(points, of_pose, np.sqrt(mean_square), frame))
     return clouds
 
 
-def in_base(T: ndarray, rows: list[ndarray], R: ndarray, p: ndarray) -> ndarray:
-    """Points (N, 3) of profiles, each (n, 2), from poses R (P, 3, 3), p (P, 3)."""
-    counts = [*map(len, rows)]
+def in_base(
+    T: ndarray, profiles: Iterable[ndarray], R: ndarray, p: ndarray
+) -> tuple[ndarray, ndarray]:
+    """Points (N, 3) that profiles (P, n, 2) show from poses R (P, 3, 3), p (P, 3), and
+    the number (N,) of the profile that each is of.
+    """
+    rows = [points[np.isfinite(points).all(axis=1)] for points in profiles]
+    pose = np.arange(len(rows)).repeat([*map(len, rows)])
     in_flange = np.concatenate(rows) @ T[:3, [0, 2]].T + T[:3, 3]
-    return carry(R.repeat(counts, axis=0), p.repeat(counts, axis=0), in_flange)
+    return carry(R[pose], p[pose], in_flange), pose
 
 
 def plot_cloud(cloud: Cloud, title: str) -> plt.Figure:
@@ -90,9 +92,7 @@ def plot_cloud(cloud: Cloud, title: str) -> plt.Figure:
     few = slice(None, None, 1 + len(cloud.points) // DRAWN)
     points = cloud.points[few]
     axes.scatter(*points.T, c=cloud.colours[few], s=1, depthshade=False)
-    equal_axes(axes, points)
-    axes.set(**{f"{axis}label": f"{cloud.frame} {axis} [mm]" for axis in "xyz"})
-    axes.locator_params(nbins=4)
+    in_frame(axes, cloud.frame, points)
     below = figure.add_subplot(grid[1])
     number = np.arange(1, len(cloud.residuals) + 1)
     shades = plt.get_cmap("viridis")((number - 1) / max(1, len(number) - 1))

@@ -56,12 +56,17 @@ def plot_robot(calibration: Calibration) -> plt.Figure:
             draw_frame(axes, scan.R_base_flange[i], positions[i], size)
         if calibration.is_known:
             drawn += draw_answer(axes, calibration, k, few, size)
-    equal_axes(axes, np.concatenate(drawn))
-    axes.set(xlabel="base x [mm]", ylabel="base y [mm]", zlabel="base z [mm]")
-    axes.locator_params(nbins=5)
+    in_frame(axes, "base", np.concatenate(drawn))
     figure.suptitle(f"Where the robot went: {count} poses{words}")
     key(figure, axes)
     return figure
+
+
+def in_frame(axes: Axes3D, frame: str, points: ndarray) -> None:
+    """Name the axes of a 3D plot and give them one scale, around points (n, 3)."""
+    equal_axes(axes, points)
+    axes.set(**{f"{axis}label": f"{frame} {axis} [mm]" for axis in "xyz"})
+    axes.locator_params(nbins=4)
 
 
 def spread(count: int, most: int) -> ndarray:
@@ -276,15 +281,9 @@ def plot_residuals(found: Calibration) -> plt.Figure:
     scans, solution = found.scans, found.solution
     size = (5.6, 3.2 * len(scans))
     figure, rows = plt.subplots(len(scans), figsize=size, squeeze=False)
-    sizes, rejected, limits = (
-        solution.normalised,
-        solution.rejected,
-        chance_limits(found),
-    )
-    for axes, scan, *of_poses in zip(
-        rows[:, 0], scans, found.seen, sizes, rejected, limits, strict=True
-    ):
-        draw_residuals(axes, scan, *of_poses)
+    of_poses = solution.normalised, solution.rejected, chance_limits(found)
+    for parts in zip(rows[:, 0], scans, found.seen, *of_poses, strict=True):
+        draw_residuals(*parts)
     key(figure, rows[-1, 0])
     return figure
 
@@ -347,10 +346,8 @@ def draw_way(axes: Axes3D, plan: Plan) -> None:
         draw_frame(axes, R_view[k], origins[k], size)
     seen = model.points_seen(R_view, T_view, 5) @ R_view[..., ::2].mT + T_view[:, None]
     target = draw_lines(axes, model.target.lines(seen.reshape(-1, 3)), "black", "")
-    equal_axes(axes, np.vstack([origins, fans[few].reshape(-1, 3), target]))
     frame = "flange" if model.to_hand else "base"
-    axes.set(**{f"{axis}label": f"{frame} {axis} [mm]" for axis in "xyz"})
-    axes.locator_params(nbins=4)
+    in_frame(axes, frame, np.vstack([origins, fans[few].reshape(-1, 3), target]))
     axes.computed_zorder = False
     axes.legend(loc="upper left", fontsize=8)
 

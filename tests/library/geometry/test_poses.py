@@ -34,11 +34,3 @@ def test_angle_between_is_exact_from_tiny_to_half_a_turn():
         second = first * Rotation.from_rotvec(angle * axis / np.linalg.norm(axis))
         measured = poses.angle_between(first.as_matrix(), second.as_matrix())
         np.testing.assert_allclose(measured, angle, rtol=1e-7, atol=1e-15)
-
-
-def test_rounded_orientations_form_the_groups_that_they_are_rounded_from():
-    turns = np.random.default_rng(5).normal(size=(4, 3))
-    orientations = poses.rotations(turns[[0, 1, 0, 2, 3, 1]]).round(4)
-    np.testing.assert_array_equal(
-        poses.rotation_groups(orientations), [0, 1, 0, 2, 3, 1]
-    )

@@ -51,17 +51,15 @@ def test_every_convention_goes_in_and_out_and_means_its_formula(convention):
     np.testing.assert_allclose(to_rotations(convention, block), rotations, atol=1e-9)
 
 
-def test_columns_of_two_conventions_are_refused():
-    columns = ["pose", "x", "y", "z", "rx", "ry", "rz", "w", "p", "r"]
-    sentence = "a, b, c; w, p, r; .*; found rotation vector and FANUC angles"
+@pytest.mark.parametrize(
+    ("columns", "sentence"),
+    [
+        (["rx", "ry", "rz", *"wpr"], "c; w, p, r; .* rotation vector and FANUC angles"),
+        (["pose", "qx"], "block of orientation columns, .* none among pose, qx"),
+    ],
+)
+def test_columns_of_no_or_two_conventions_are_refused(columns, sentence):
     with pytest.raises(ValueError, match=sentence):
-        find_convention(columns)
-
-
-def test_columns_of_no_convention_are_refused():
-    columns = ["pose", "x", "y", "z", "qx", "qy", "qz"]
-    sentence = "one block of orientation columns, .*; found none among pose, x, y, z,"
-    with pytest.raises(ValueError, match=f"{sentence} qx, qy, qz"):
         find_convention(columns)
 
 

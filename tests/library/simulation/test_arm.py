@@ -13,14 +13,13 @@ TURN = 1e-3  # rad
 ABOUT_Z = rotations([0, 0, TURN])
 
 
-def poses(seed=1, reach=400.0):
-    rng = np.random.default_rng(seed)
-    R = rotations(rng.uniform(-3, 3, (POSES, 3)))
-    return R, MIDDLE + reach * in_unit_ball(rng, POSES)
+RNG = np.random.default_rng(1)
+R = rotations(RNG.uniform(-3, 3, (POSES, 3)))
+T = MIDDLE + 400 * in_unit_ball(RNG, POSES)
+TURNED = {0: (ABOUT_Z @ R, T @ ABOUT_Z.T), 5: (R @ ABOUT_Z, T)}
 
 
 def test_an_arm_without_errors_is_where_it_says_with_its_fifth_joint_bent_forwards():
-    R, T = poses()
     R_found, T_found = where_it_is(Arm(), R, T + AWAY)
     np.testing.assert_allclose(R_found, R, atol=1e-12)
     np.testing.assert_allclose(T_found, T + AWAY, atol=1e-9)
@@ -28,30 +27,20 @@ def test_an_arm_without_errors_is_where_it_says_with_its_fifth_joint_bent_forwar
 
 
 def test_a_place_out_of_reach_is_refused():
-    R, T = poses()
     sentence = "mm from its shoulder; expected 100 to 1300 mm"
     with pytest.raises(ValueError, match=sentence):
         joints_at(R, T + AWAY)
 
 
-def test_the_first_joints_zero_turns_the_base():
-    R, T = poses()
-    arm = Arm(zeros=TURN * np.eye(6)[0])
+@pytest.mark.parametrize("joint", TURNED)
+def test_the_first_joints_zero_turns_the_base_and_the_last_ones_the_flange(joint):
+    arm = Arm(zeros=TURN * np.eye(6)[joint])
     R_turned, T_turned = arm.flange(joints_at(R, T))
-    np.testing.assert_allclose(R_turned, ABOUT_Z @ R, atol=1e-12)
-    np.testing.assert_allclose(T_turned, T @ ABOUT_Z.T, atol=1e-9)
-
-
-def test_the_last_joints_zero_turns_the_flange():
-    R, T = poses()
-    arm = Arm(zeros=TURN * np.eye(6)[5])
-    R_turned, T_turned = arm.flange(joints_at(R, T))
-    np.testing.assert_allclose(R_turned, R @ ABOUT_Z, atol=1e-12)
-    np.testing.assert_allclose(T_turned, T, atol=1e-9)
+    np.testing.assert_allclose(R_turned, TURNED[joint][0], atol=1e-12)
+    np.testing.assert_allclose(T_turned, TURNED[joint][1], atol=1e-9)
 
 
 def test_the_last_link_shifts_the_flange():
-    R, T = poses()
     shift = np.array([0.1, -0.2, 0.3])
     links = LINKS.copy()
     links[5] += shift
@@ -67,7 +56,6 @@ def test_errors_have_their_size():
     links = np.std([arm.links - LINKS for arm in arms])
     assert zeros == pytest.approx(joint_rad, rel=0.08)
     assert links == pytest.approx(0.2, rel=0.08)
-    R, T = poses()
     turns = [angle_between(where_it_is(arm, R, T)[0], R) for arm in arms]
     # six turns, each about an axis of its own
     rms = np.sqrt(np.mean(np.square(turns)))

@@ -57,12 +57,12 @@ class Groove(Target):
         return self.point, self.axes
 
     @staticmethod
-    def residual(origin, axes, seen, sizes):
-        return of_lines(pc.Edge.residual, origin, axes, seen, sizes)
+    def residual(sight):
+        return of_lines(pc.Edge.residual, sight)
 
     @staticmethod
-    def residual_in_space(origin, axes, seen, sizes):
-        return of_lines(pc.Edge.residual_in_space, origin, axes, seen, sizes)
+    def residual_in_space(sight):
+        return of_lines(pc.Edge.residual_in_space, sight)
 
     @staticmethod
     def fit(points):
@@ -114,12 +114,13 @@ def line_places(width, depth):
     return [(-width / 2, 0.0), (0.0, -depth), (width / 2, 0.0)]
 
 
-def of_lines(residual, origin, axes, seen, sizes):
+def of_lines(residual, sight):
     """What a residual of `Edge` says of each line, about the groove's origin."""
-    x, y = np.array(line_places(*sizes)).T[..., None]  # (3, 1) each
-    lever = [x * axes[0][k] + y * axes[1][k] for k in range(3)]
-    places = [origin[k] + lever[k] for k in range(3)]
-    r, forces, torques = residual(places, axes, seen, ())
+    x, y = np.array(line_places(*sight.sizes)).T[..., None]  # (3, 1) each
+    across, out, _ = sight.axes
+    lever = [x * across[k] + y * out[k] for k in range(3)]
+    places = [sight.origin[k] + lever[k] for k in range(3)]
+    r, forces, torques = residual(sight._replace(origin=places))
     about_origin = []
     for force, torque in zip(forces, torques, strict=True):
         moment = cross(lever, force)
