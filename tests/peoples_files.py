@@ -354,12 +354,22 @@ def matlab(folder):
 
 
 def robot_states(folder):
-    """As Universal Robots' controllers log them."""
-    titles = [f"actual_TCP_pose_{k}" for k in range(6)]
-    rows = poses("rotation vector", 0.001)
+    """As Universal Robots' controllers log them, with the tool that poses are of."""
+    titles = [
+        f"{name}_{k}" for name in ("actual_TCP_pose", "tcp_offset") for k in range(6)
+    ]
+    rows = poses("rotation vector", 0.001, matrices_of_poses() @ TOOL)
+    tool = text(numbers_of(TOOL, "rotation vector", 0.001), " ")
     lines = [" ".join(["timestamp", *titles])]
-    lines += [f"{k}.5 {text(row, ' ')}" for k, row in enumerate(rows)]
+    lines += [f"{k}.5 {text(row, ' ')} {tool}" for k, row in enumerate(rows)]
     (folder / "robot.csv").write_text("\n".join([*lines, ""]))
+
+
+def drawn(folder):
+    """A table with lines."""
+    lines = ["| x | y | z | w | p | r |", "|---|:-:|--:|---|---|---|"]
+    lines += [f"| {text(row, ' | ')} |" for row in poses("FANUC angles")]
+    (folder / "poses.md").write_text("\n".join([*lines, ""]))
 
 
 def workbook(folder):
@@ -567,6 +577,7 @@ TABLES = by_name(
     named_arrays,
     matlab,
     robot_states,
+    drawn,
     workbook,
 )
 POSES = PROGRAMS | NESTED | TABLES

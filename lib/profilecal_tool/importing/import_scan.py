@@ -48,7 +48,8 @@ def import_scan(
     tables = [read_profiles(path, count, layout) for path in of_profiles]
     first = tables[0]
     unit = unit_s(first, [name for name in first.columns if TIMES.search(name)])
-    names, *read = profiles_of(tables, count if len(tables) == 1 else 0, layout)
+    of_one = count if len(tables) == 1 else 0
+    names, *read = profiles_of(tables, of_one, layout, poses.columns)
     del tables, first
     values, taken_profiles = seen_in_mm(folder, *read, layout.missing)
     if layout.times:

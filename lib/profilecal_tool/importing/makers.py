@@ -7,7 +7,7 @@ from profilecal.scan.conventions import named
 
 # what names of files have that hold poses
 POSE_FILES = re.compile(
-    r"pose|(\b|_)posi?(\b|_|\d|ti)|(\b|_)rob|flange|tcp|位姿|机器人|\.(ls|rob)$",
+    r"pose|(\b|_)posi?(\b|_|\d|ti)|(\b|_)rob|flange|tcp|位姿|机器人|로봇|\.(ls|rob)$",
     re.IGNORECASE,
 )
 PROGRAM = re.compile(
@@ -16,48 +16,46 @@ PROGRAM = re.compile(
 )
 
 # columns that tell poses or profiles apart, the first of them that is there
-LABELS = ("pose", "name", "label", "id", "index", "file", "n", "nr", "no")
-LABELS += ("frame", "messung", "序号", "编号", "番号")
+WORDS = (
+    "pose name label id index file n nr no frame messung posa misura mesure medida "
+    "pomiar номер 序号 编号 番号 번호"
+)
+LABELS = WORDS.split()
 
 # columns that tell scanners apart
-SCANNERS = {"sensor", "scanner", "camera", "cam", "head", "device", "source", "kanal"}
-SCANNERS |= {"channel", "kamera", "kopf", "传感器", "相机"}
+SCANNERS = "sensor scanner camera cam head device source kanal channel kamera kopf"
+SCANNERS = {*SCANNERS.split(), "传感器", "相机"}
 
 # columns that say when
 TIMES = re.compile(r"time|stamp|date|zeit|datum|时间|時刻")
 
 VECTOR = named("rotation vector").columns
 
-# other names of our columns
-ALIASES = {
-    "q1": "qw",
-    "q2": "qx",
-    "q3": "qy",
-    "q4": "qz",
-    "tx": "x",
-    "ty": "y",
-    "tz": "z",
-    "px": "x",
-    "py": "y",
-    "pz": "z",
-    "ut": "tool",
-    "uf": "base",
-    "tool_no": "tool",
-    "base_no": "base",
-    "fatherid": "base",
-    "roll": "w",
-    "pitch": "p",
-    "yaw": "r",
-}
 
-# Universal Robots' real-time data
-ALIASES |= {
-    f"actual_tcp_pose_{k}": name for k, name in enumerate(("x", "y", "z", *VECTOR))
+def renamed(pairs: str) -> dict[str, str]:
+    """Names by other names: "q1=qw q2=qx"."""
+    return dict(pair.split("=") for pair in pairs.split())
+
+
+# other names of our columns; the last are of Universal Robots' real-time data
+ALIASES = renamed(
+    "q1=qw q2=qx q3=qy q4=qz tx=x ty=y tz=z px=x py=y pz=z roll=w pitch=p yaw=r "
+    "ut=tool tool_no=tool uf=base base_no=base fatherid=base "
+    "actual_tcp_pose_0=x actual_tcp_pose_1=y actual_tcp_pose_2=z "
+    "actual_tcp_pose_3=rx actual_tcp_pose_4=ry actual_tcp_pose_5=rz"
+)
+# what the names of numbers are in files with a word: Stäubli's, Epson's
+DIALECTS = {
+    "VAL3": renamed("rx=alpha ry=beta rz=gamma"),
+    "nNumberOfPoints": renamed("rx=x ry=y rz=z ru=a rv=b rw=c nlocal=base"),
 }
 
 # what a profile's columns are called beside x and z
-HEIGHTS = ("height", "depth", "distance", "höhe", "abstand", "hauteur")
-HEIGHTS += ("高度", "深度", "距离", "高さ", "距離")
+WORDS = (
+    "height depth distance höhe abstand hauteur quota altezza altura wysokość výška "
+    "высота 高度 深度 距离 高さ 距離 높이"
+)
+HEIGHTS = WORDS.split()
 
 # where x begins and how far apart points are, in lines above a table without x
 ONE = r"\D*?([+-]?[\d.]+(?:e[+-]?\d+)?)"
@@ -71,38 +69,27 @@ HEADING = re.compile(r"\W*(?:profile?|scan|frame|轮廓|プロファイル)\W*\d
 CODE = re.compile(r"-?(?:9+(?:\.9+)?|327\d\d|21474836\d\d)")
 
 # encodings of text that is not UTF-8, and words and signs that tell which it is
-ENCODINGS = ("cp1252", "gb18030", "cp932", "big5", "cp949", "cp1251")
-FOREIGN = ("°", "µ", "坐标", "座標", "位姿")
-FOREIGN += tuple(word for word in (*LABELS, *HEIGHTS) if not word.isascii())
+ENCODINGS = ["cp1252", "gb18030", "cp932", "big5", "cp949", "cp1251"]
+FOREIGN = ["°", "µ", "坐标", "座標", "位姿", "좌표"]
+FOREIGN += [word for word in (*LABELS, *HEIGHTS) if not word.isascii()]
 
 # units of length, mm
 LENGTHS = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "um": 1e-3, "nm": 1e-6, "inch": 25.4}
 # a table's lengths may be parts of these: 0.01 um
 LENGTHS |= {"µm": 1e-3, "μm": 1e-3, "micron": 1e-3, "in": 25.4, "毫米": 1.0}
 
+# units by other names
+UNITS = renamed("°=deg degree=deg degrees=deg degrés=deg gradi=deg grados=deg 度=deg")
+
 # units of angles in degrees; of what are no angles but vectors
 ANGLES = {"": 1.0, "deg": 1.0, "rad": degrees(1), "mrad": degrees(0.001)}
 OTHER_ANGLES = {"": 1.0, "1": 1.0, "rad": 1.0, "mrad": 0.001}
-
-# what the names of numbers are in files with a word: Stäubli's, Epson's
-DIALECTS = {
-    "VAL3": {"rx": "alpha", "ry": "beta", "rz": "gamma"},
-    "nNumberOfPoints": {
-        "rx": "x",
-        "ry": "y",
-        "rz": "z",
-        "ru": "a",
-        "rv": "b",
-        "rw": "c",
-        "nlocal": "base",
-    },
-}
 
 AXES = ",".join(f"j{k}" for k in range(1, 7))
 
 # what several numbers behind one name are, by the name and how many there are
 POSITION = r"t|p|tvec|trans(lation)?|pos(ition)?|xyz"
-ROTATION = r"r|q|rot(ation)?|orientation|quat(ernion)?|rmat|rpy|euler(_angles)?"
+ROTATION = r"r|q|rot(ation)?|ori(entation)?|quat(ernion)?|rmat|rpy|euler(_angles)?"
 VECTORS = r"r(ot)?_?vec(tor)?"
 SEVERAL = {
     6: {r".*joint.*": AXES.split(",")},
@@ -128,14 +115,16 @@ BY_COLUMNS = {
 # which of several poses is the robot's
 OF_ROBOT = re.compile(r"robot|effector|\bee\b|_ee|tcp|flange|gripper|hand|arm")
 
-TOOLS_OF_POSES = ("f_t_ee", "f_t_nee")  # the frames that Franka's poses are of
+# the frames that poses are of: Franka's, others'
+TOOL_FRAME = re.compile(r"f_t_n?ee|(?:tool|tcp)_?(?:offset|frame|data)")
+TOOL_OFFSET = re.compile(r"(?:tool|tcp)_?offset_(\w+)")
 
 # axes that are no pose
 JOINTS = re.compile(r"(?:j|a|q|joint|axis|theta|pulse)_?([1-6])")
 
 # what the numbers of a list are in a robot's language, by what stands before it, or by
 # how many there are: ABB, Universal Robots, Denso, Doosan, Comau, Kawasaki, Mitsubishi,
-# Techman, xArm
+# Techman, xArm, Mecademic
 QUATERNION = "x,y,z,qw,qx,qy,qz"
 TARGET = f"{QUATERNION}{10 * ',_'}"
 LISTS = {
@@ -159,6 +148,10 @@ LISTS = {
     "set_position": "x,y,z,w,p,r",
     "set_tcp_offset": "x,y,z,w,p,r",
     "set_servo_angle": AXES,
+    "movelin": "x,y,z,alpha,beta,gamma",
+    "movepose": "x,y,z,alpha,beta,gamma",
+    "movejoints": AXES,
+    "settrf": "x,y,z,alpha,beta,gamma",
     # below a line that says so: Yaskawa, Kawasaki
     "rectan": "x,y,z,w,p,r",
     "pulse": AXES.replace("j", "pulse_"),
@@ -184,20 +177,22 @@ REMARKS = {
 # the frames that poses are in and of: what sets them, which names stand for none, and
 # what a frame is called that is no pose; and external axes
 FRAME_SET = {
-    "tool": r"(?:set_tcp\(|(?=set_tcp_offset)|^[ \t/\d]*(?:change)?tool[ \t]+|"
-    r"changetcp\(|\$tool *=|#tool,|m_tool *=)[ \t\"']*(\S.*)",
+    "tool": r"(?:(?=set_tcp_offset|settrf)|(?:set|change)_?(?:tcp|tool)\w*\(|"
+    r"^[ \t/\d]*(?:change)?tool[ \t]+|\$tool *=|#tool,|m_tool *=)[ \t\"']*(\S.*)",
     "base": r"(?:^[ \t/]*(?:base|user|changework)[ \t]+|changebase\(|\$base *=|"
     r"#base,)[ \t\"']*(\S.*)",
 }
 MOVE = r"\bmove[ljc]\w*\s+([^;\n]*?)\s*,\s*(\w+)\s*(?:\\wobj:=(\w+)[^;\n]*)?;"
+# Nachi's and Hyundai's
+NUMBERED_TOOL = r"^[ \t\w]*\bmovex?[ \t][^\n]*[ ,](?:h|t|tool)=(\d+)"
 # VAL3: an array's point, or any of its points
 CALL = (
     r"\bmove[ljc]\(\s*([a-z]\w*(?:\[\d+\])?)(?:\[\D.*?\])?\s*,"
     r"\s*([a-z]\w*)(?:\[0\])?\s*,"
 )
-NO_FRAME = {"", "0", "tool0", "wobj0", "flange", "flange0", "world", "world0", "null"}
-NO_FRAME |= {"nullframe", "$nullframe", "p_ntool", "p_nbase", "notool", "robotbase"}
-IS_FRAME = r"\$?(?:{0})(?:_?data)?\d*|set_tcp_offset"
+NO_FRAME = "0 tool0 wobj0 flange flange0 world world0 null nullframe $nullframe"
+NO_FRAME = {"", *NO_FRAME.split(), "p_ntool", "p_nbase", "notool", "robotbase"}
+IS_FRAME = r"\$?(?:{0})(?:_?data)?\d*|set_tcp_offset|settrf"
 FRAMES = {"base": "base or user frame", "tool": "tool"}
 UNSAID = "a tool"  # whose frame a program has, without a word that poses are of it
 EXTERNAL = re.compile(r"e\d|gp\d .*")

@@ -19,7 +19,7 @@ from profilecal_tool.importing.makers import (
     OF_ROBOT,
     POSITION,
     ROTATION,
-    TOOLS_OF_POSES,
+    TOOL_FRAME,
     VECTORS,
     several,
 )
@@ -89,6 +89,7 @@ def poses_in(
             )
     parts = [(where, part) for one in records.values() for where, part in one.items()]
     places = [*dict.fromkeys(where for where, part in parts if is_pose(part))]
+    places = [place for place in places if not TOOL_FRAME.search(place)]
     if not places:
         check_axes(path, chain.from_iterable(part for _, part in parts))
         return [], []
@@ -107,9 +108,9 @@ def poses_in(
                 if not column[-1:].isdigit():  # no part of a list
                     dotted = f"{where}.{column}" if column in cells_of else column
                     cells_of[dotted] = part[column]
-        own = [where for where in record if where.rpartition(".")[2] in TOOLS_OF_POSES]
-        if own and not is_at_rest(record[own[0]]):
-            cells_of["tool"] = own[0]
+        for where, part in record.items():
+            if TOOL_FRAME.search(where) and is_elsewhere(part):
+                cells_of["tool"] = where
         poses.append(Named(cells_of, name, len(poses) + 1))
     return poses, sorted(guessed)
 
@@ -173,9 +174,10 @@ def is_pose(part: dict[str, str]) -> bool:
     return {*"123456"} <= part.keys() or (len(part) > 5 and {*"xyz"} <= part.keys())
 
 
-def is_at_rest(part: dict[str, str]) -> bool:
-    """Whether a matrix of 16 numbers is the identity."""
-    return [*map(number, part.values())] == np.eye(4).ravel().tolist()
+def is_elsewhere(part: dict[str, str]) -> bool:
+    """Whether the numbers of a frame are neither a matrix without effect nor zeros."""
+    numbers = [*map(number, part.values())]
+    return any(numbers) and numbers != np.eye(4).ravel().tolist()
 
 
 def chosen_place(path: Path, places: list[str], entry: str) -> str:

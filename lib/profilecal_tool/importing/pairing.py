@@ -111,18 +111,14 @@ def by_column(poses: Table, column: str, names: Sequence[str]) -> Iterator[Pairi
     if len(row_of) < sum(map(len, whole)) or fields > 3:  # more may be a time
         return
     for k in range(1, fields + 1):
-        of_profiles = np.array([int(of_name[-k]) for of_name in numbers])
+        of_profiles = [int(of_name[-k]) for of_name in numbers]
         how = f"by the numbers in their names, as in column {column}"
-        is_shifted = (0 in of_profiles) != (0 in row_of)
-        shift = 1 if 0 in of_profiles else -1
-        if (
-            is_shifted
-            and not {*of_profiles.tolist()} <= row_of.keys()
-            and {*(of_profiles + shift).tolist()} <= row_of.keys()
-        ):
-            of_profiles += shift
+        shift = (0 in of_profiles) - (0 in row_of)
+        shifted = [number + shift for number in of_profiles]
+        if {*shifted} <= row_of.keys() and not {*of_profiles} <= row_of.keys():
+            of_profiles = shifted
             how += ", where one counts from 0 and the other from 1"
-        rows = np.array([row_of.get(number, -1) for number in of_profiles.tolist()])
+        rows = np.array([row_of.get(number, -1) for number in of_profiles])
         yield Pairing(rows, labels, how)
 
 

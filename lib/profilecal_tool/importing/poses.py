@@ -35,6 +35,7 @@ from profilecal_tool.importing.makers import (
     NO_FRAME,
     OTHER_ANGLES,
     PROGRAM,
+    TOOL_OFFSET,
     UNNAMED,
     UNSAID,
     VECTOR,
@@ -192,6 +193,8 @@ def pose_table(
     columns = dict(zip(units, table.columns.values(), strict=True))
     if len(tables) > 1:
         columns.setdefault("pose", table.lines)
+    if "tool x" in columns:
+        columns.setdefault("tool", len(table.lines) * ["offset"])
     table = replace(table, columns=columns, units=units)
     return table, conventions[0], guessed
 
@@ -207,7 +210,10 @@ def by_words(units: dict[str, str]) -> dict[str, str]:
     ]
     named = {}
     for own, (name, unit) in zip(words, units.items(), strict=True):
-        if len(own) == 1 and words.count(own) == 1:
+        if offset := TOOL_OFFSET.fullmatch(name):  # of UR's are numbered
+            axes = dict(zip("012345", (*"xyz", *VECTOR), strict=True))
+            name = f"tool {axes.get(offset[1], offset[1])}"
+        elif len(own) == 1 and words.count(own) == 1:
             is_vector = re.match(rf"(?:{VECTORS})_", name)
             name, unit = min(own), unit or ("1" if is_vector else "")
         named[name] = unit

@@ -196,13 +196,13 @@ def chosen_rows(table: Table, where: str) -> Table:
 
 
 def profiles_of(
-    tables: list[Table], count: int, layout: Layout
+    tables: list[Table], count: int, layout: Layout, of_poses: Collection[str] = ()
 ) -> tuple[list, list[int], ndarray, dict]:
     """Names of profiles, or numbers; how many points each has; all points (n, 2), one
     profile below the other; and the columns of x and z with their units.
 
     `tables` have the points of a file each; one alone has those for `count` poses, of
-    several `count` is 0. Raises ScanError.
+    several `count` is 0. `of_poses`: the columns of poses. Raises ScanError.
     """
     # in the others nothing was seen
     full = [table for table in tables if table.columns]
@@ -219,7 +219,7 @@ def profiles_of(
             counts.append(0)
             continue
         xz = table.numbers(axes, blank=True)
-        own = rows_by_label(labels_of(table, xz, count, axes))
+        own = rows_by_label(labels_of(table, xz, count, axes, of_poses))
         for label, rows in own.items():
             check_is_one(rows_of(table, rows), xz[rows, 0], axes, layout)
             counts.append(len(rows))
@@ -244,15 +244,19 @@ def rows_by_label(labels: ndarray) -> dict[Any, ndarray]:
     return dict(zip(number_of, rows, strict=True))
 
 
-def labels_of(table: Table, xz: ndarray, count: int, axes: Collection) -> ndarray:
+def labels_of(
+    table: Table, xz: ndarray, count: int, axes: Collection, of_poses: Collection
+) -> ndarray:
     """What tells the profiles of a file apart, (n,): the cells of a column, or numbers.
 
-    A column has them in blocks, about `count` of them if its name does not say it. A
-    file of many, for which `count` is 0, has a profile, or one in each of its rows.
+    A column has them in blocks, about `count` of them if its name does not say it, best
+    one that poses have, too. A file of many, for which `count` is 0, has a profile, or
+    one in each of its rows.
     """
     others = [name for name in table.columns if not is_other(name, axes)]
     names = [name for name in LABELS if name in others]
-    names += sorted(others, key=lambda name: not TIMES.search(name))
+    others.sort(key=lambda name: (name not in of_poses, not TIMES.search(name)))
+    names += others
     if not count:
         names = [ROW] if len(others) == len(table.columns) - 2 else []
     for name in names:

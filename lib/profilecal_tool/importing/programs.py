@@ -16,6 +16,7 @@ from profilecal_tool.importing.makers import (
     JOINTS,
     LISTS,
     MOVE,
+    NUMBERED_TOOL,
     REMARKS,
     UNSAID,
 )
@@ -51,7 +52,7 @@ def positions_in(path: Path, text: str) -> list[Named]:
     full = [one for one in found if one.has("xyz")]
     if not full:
         check_axes(path, (column for one in found for column in one.cells))
-        return [one for one in found if one.has("123456")]
+        full = [one for one in found if one.has("123456")]
     for one in found:
         if len({*"xyz"} & one.cells.keys()) == 2 and len(one.cells) > 4:
             raise ScanError(
@@ -107,6 +108,8 @@ def lists_in(path: Path, text: str) -> Iterator[Named]:
         call, kind = call.lower(), kind.lower()
         calls = [call + brackets[0], call] if call else []
         words = [word for word in (*calls, kind) if word in LISTS]
+        if not words and call.startswith("set"):
+            continue
         if brackets[0] == "(" and name and not words:
             words = ["j(" if name[0] in "jJ" else "("]
         columns = LISTS[words[0] if words else "["].split(",")
@@ -155,7 +158,7 @@ def is_frame(one: Named, which: str = "tool|base|wobj|null|frame") -> bool:
 
 def is_moved(frame: Named) -> bool:
     """Whether a frame is elsewhere than at zero."""
-    return any(number(frame.cells[axis]) for axis in "xyz")
+    return any(number(frame.cells.get(axis, "0")) for axis in "xyz")
 
 
 def names_said(text: str, found: list[Named]) -> dict[str, dict[str, str]]:
@@ -169,6 +172,8 @@ def names_said(text: str, found: list[Named]) -> dict[str, dict[str, str]]:
         line = str(line_at(move.start()))
         names = {"tool": tool, "base": base}
         said |= dict.fromkeys([line, *re.findall(r"\w+", targets.lower())], names)
+    for move in re.finditer(NUMBERED_TOOL, text, ANYWHERE):
+        said[str(line_at(move.start(1)))] = {"tool": move[1]}
     tools = {bare(one.name) for one in found if is_frame(one, "tool")}
     for target, tool in re.findall(CALL, text, ANYWHERE):
         first = f"{bare(tool)}0"  # an array's name stands for its first
@@ -183,8 +188,9 @@ def chosen_frame(path: Path, above: int, argument: str) -> tuple[str, Named | No
     """
     lists = lists_in(path, above * "\n" + f"frame={argument}")
     for one in (*lists, *named_cells(argument)):
-        if one.has("xyz"):
-            return f"({', '.join(one.cells.values())})", one
+        if len(one.cells) > 5:
+            name = f"({', '.join(one.cells.values())})"
+            return name, one if one.has("xyz") else None
     return bare(re.match(r"[^\s(),;\"']*", argument)[0]), None
 
 

@@ -32,6 +32,7 @@ from profilecal_tool.importing.makers import (
     HEIGHTS,
     LENGTHS,
     POSE_FILES,
+    UNITS,
 )
 
 # or what FANUC prints for a position that was not taught
@@ -39,6 +40,7 @@ NUMBER = r"(?:[+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?|\*+)"
 # before decimal commas, or as no separator of fields
 THOUSANDS = re.compile(r"(?<=\d)(?:\.(?=\d{3}(?:\.\d{3})*,\d)|[\xa0\u202f’'](?=\d{3}))")
 SPACES = re.compile(r"\s+(?![\[(])")  # a unit in brackets belongs to its title
+RULE = re.compile(r"[\s|+:-]*[|+][\s|+:-]*")  # below titles
 COMMAS = re.compile(r"\d,\d+\s+-?\d+,\d")  # decimal, between numbers
 WORKBOOK = ".xlsx"
 ROW = "row of the file"  # a column that tells profiles apart, one a row
@@ -161,7 +163,7 @@ def lines_of(text: str) -> Iterator[Row]:
     """
     for line_number, match in enumerate(re.finditer(r"(.*)\n?", text), 1):
         line = match[1]
-        if not line.strip():
+        if not line.strip() or RULE.fullmatch(line):
             continue
         remark = REMARK.match(line)
         fields = fields_of(line[remark.end() :] if remark else line)
@@ -171,12 +173,12 @@ def lines_of(text: str) -> Iterator[Row]:
 
 def fields_of(line: str) -> list[str]:
     """A line's fields; decimal commas where something else parts them."""
-    mark = ";" if ";" in line else "\t" if "\t" in line else ","
-    if mark not in line or (mark == "," and COMMAS.search(line)):
+    mark = next((mark for mark in ";\t|," if mark in line), "")
+    if mark == "," and COMMAS.search(line):
         mark = ""
     if mark != ",":
         line = THOUSANDS.sub("", line).replace(",", ".")
-    line = line.strip(" \r")
+    line = line.strip(" \r|")
     fields = line.split(mark) if mark else SPACES.split(line)
     return [field.strip(" \r\"'") for field in fields]
 
@@ -279,7 +281,7 @@ def names_and_units(titles: Collection[str]) -> dict[str, str]:
     units = [in_brackets or behind or "" for _, in_brackets, behind, _ in parts]
     count = Counter(names)
     return {
-        name if count[name] == 1 else str(k): unit.replace("°", "deg")
+        name if count[name] == 1 else str(k): UNITS.get(unit, unit)
         for k, (name, unit) in enumerate(zip(names, units, strict=True), 1)
     }
 

@@ -173,6 +173,7 @@ def named_profiles(name, encoding="utf-8", titles="x,z"):
         ("Nr.", "lage{:03}_bild{}.txt", "utf-16", "X-Koordinate,Abstand"),
         ("序号", "位姿{0}.{1}.csv", "gb18030", "X坐标(毫米),高度(毫米)"),
         ("番号", "測定{0}_{1}.csv", "cp932", "X座標,高さ"),
+        ("번호", "프로파일{0}_{1}.csv", "cp949", "X (mm),높이 (mm)"),
     ],
 )
 def test_poses_are_numbered_in_any_column_and_encoding(
@@ -338,6 +339,16 @@ def long_points(titles, *columns):
     return write
 
 
+def test_profiles_are_told_apart_by_a_column_that_poses_have(tmp_path):
+    """The poses are listed backwards; times are no names of theirs."""
+    of_profiles = long_points("time [s],zähler,x,z", "{0}.25,XP{0}")
+    folder = written(tmp_path / "in", numbered_poses("Zähler"), of_profiles)
+    imported, guesses = import_scan(folder, "edge", {})
+    assert guesses[3].endswith("by their names, as in column zähler")
+    np.testing.assert_allclose(imported.p_base_flange, scan().p_base_flange[::-1])
+    np.testing.assert_allclose(imported.values[0], scan().values[-1])
+
+
 @pytest.mark.parametrize(
     ("titles", "columns", "sentence"),
     [
@@ -492,6 +503,31 @@ def test_a_tool_whose_frame_or_use_is_not_in_the_program_is_told(name, tmp_path)
     folder = written(tmp_path / "files", of_poses)
     change(folder)
     assert any(re.search(words, note) for note in notes(folder))
+
+
+LANGUAGES = {  # a move, and what is said of the tool
+    "moveto([{}], 50, 100)": ("  settcp([12,-35,180,10,-20,30])", "tool (12, -35, 180"),
+    "MOVEX A=1,AC=0,M1X,L,({})U,S=100,H=2,MS": ("10 REM", "tool 2"),
+}
+
+
+@pytest.mark.parametrize("move", LANGUAGES)
+def test_a_tool_in_a_language_that_is_not_known_is_told(move, tmp_path):
+    above, words = LANGUAGES[move]
+    lines = [above, *(move.format(text(row)) for row in poses("KUKA angles"))]
+
+    def program(folder):
+        (folder / "robot.prg").write_text("\n".join(lines))
+
+    folder = written(tmp_path / "files", program)
+    with pytest.raises(ScanError, match="say what they are"):
+        import_scan(folder, "edge", {})
+    imported, guesses = import_scan(
+        folder, "edge", {}, Layout(pose_columns="x,y,z,a,b,c")
+    )
+    check_poses(imported)
+    assert guesses[1].startswith(f"of         {words}")
+    assert guesses[1].endswith(", not taken off")
 
 
 def test_a_tool_that_moves_name_is_taken_off(tmp_path):
