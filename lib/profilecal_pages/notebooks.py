@@ -7,6 +7,7 @@ import json
 import logging
 import os
 import platform
+import signal
 import sys
 import tempfile
 import time
@@ -15,6 +16,7 @@ from contextlib import ExitStack, contextmanager
 from hashlib import sha256
 from importlib import metadata
 from itertools import product
+from multiprocessing.resource_tracker import ensure_running
 from pathlib import Path
 from typing import Any
 
@@ -206,6 +208,22 @@ def execute(
 
 
 @contextmanager
+def uninterrupted() -> Iterator[None]:
+    """Ctrl-C waits, and does not reach the processes that start meanwhile, where the
+    system knows how.
+    """
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    ensure_running()  # which would let it through again
+    signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])
+
+
+@contextmanager
 def workers(scheduler: str | None = None) -> Iterator:
     """A Dask client of the scheduler at an address, else of new processes here, one for
     each core.
@@ -222,14 +240,17 @@ def workers(scheduler: str | None = None) -> Iterator:
             # Dask has memory given back at once, which makes NumPy's large arrays slow
             trimming = "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_"
             stack.enter_context(dask.config.set({trimming: None}))
-            cluster = LocalCluster(
-                threads_per_worker=1,
-                memory_limit=None,
-                dashboard_address="127.0.0.1:0",
-                # Ctrl-C is for us
-                preload=["import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"],
-                silence_logs=logging.CRITICAL,
-            )
+            with uninterrupted():
+                cluster = LocalCluster(
+                    threads_per_worker=1,
+                    memory_limit=None,
+                    dashboard_address="127.0.0.1:0",
+                    # Ctrl-C is for us
+                    preload=[
+                        "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
+                    ],
+                    silence_logs=logging.CRITICAL,
+                )
             scheduler = stack.enter_context(cluster)
         yield stack.enter_context(Client(scheduler, timeout=10, set_as_default=False))
 

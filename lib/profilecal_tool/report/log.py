@@ -10,7 +10,7 @@ import numpy as np
 from profilecal.calibration.check_mount import MountCheck
 from profilecal.geometry.noise import FALSE_ALARM, chi2_limit
 from profilecal.scan.tables import read_table
-from profilecal_pages.figures import BLUE, GREEN, ORANGE, RED, use_style
+from profilecal_pages.figures import BLUE, GREEN, ORANGE, RED, plain_log, use_style
 
 AXES = [f"{word}_{axis}" for word in ("shift_mm", "turn_deg") for axis in "xyz"]
 COLUMNS = ["date", "scan", "poses", "chi2", "limit", "chance"]
@@ -56,6 +56,7 @@ def draw_log(path: Path, picture: Path) -> None:
     above.scatter(dates, chi2 / limit, color=colours, zorder=3)
     above.axhline(1, color=RED, lw=0.8)
     above.set(yscale="log", ylabel="χ² over its limit")
+    plain_log(above.yaxis)
     above.set_title("Is everything where the calibration left it?")
     width = np.sqrt(chi2_limit(FALSE_ALARM, 1))
     for axis, colour in zip("xyz", (BLUE, ORANGE, GREEN), strict=True):
@@ -64,8 +65,9 @@ def draw_log(path: Path, picture: Path) -> None:
         for side in (-1, 1):
             below.plot(dates, side * width * sd, "--", color=colour, lw=0.8)
     below.axhline(0, color="0.7", lw=0.8)
-    below.set_ylabel("shift alone [mm]")
-    below.legend(title="along the sensor's", ncols=3, loc="lower left")
-    figure.autofmt_xdate()
+    below.set_ylabel("sensor's shift [mm]")
+    plt.setp(below.get_xticklabels(), rotation=30, ha="right")
+    words = "if along this axis alone; dashed: what chance exceeds once in 100"
+    figure.legend(title=words, ncols=3, loc="outside lower center")
     figure.savefig(picture, dpi=150)
     plt.close(figure)
