@@ -218,16 +218,22 @@ def edge_scenes(
     noise: Noise,
     rng: Generator,
     shape: tuple[int, ...] = (),
+    alike: int = 1,
 ) -> EdgeScene:
     """Random scenes, `shape` of them: any edge 1 m in front of the robot, any mount
     within 150 mm of the flange. Entries of `noise` may be arrays (S, 1, 1, 1), one for
-    each of S scenes.
+    each of S scenes. So many of S in a row are `alike`: only the errors are their own.
     """
     point = np.array([1000.0, 0.0, 300.0]) + rng.uniform(-100, 100, (*shape, 3))
     edge = Edge(point, directions(rng, shape))
     R_sensor = random_turns(rng, shape, np.pi)
     T_sensor = rng.uniform(50, 150, (*shape, 1)) * directions(rng, shape)
     poses = plan_edge(plan, edge, R_sensor, T_sensor, rng)
+    if alike > 1:
+        first = np.arange(*shape) // alike * alike
+        edge = Edge(point[first], edge.direction[first])
+        R_sensor, T_sensor = R_sensor[first], T_sensor[first]
+        poses = Poses(poses.rotations[first], poses.positions[first])
     points = sense_edge(edge, R_sensor, T_sensor, poses, noise, rng)
     return EdgeScene(edge, R_sensor, T_sensor, poses, points)
 

@@ -27,7 +27,6 @@ from profilecal_papers.edge_study import (
     ball_points,
     edge_scenes,
     plan_ball,
-    sense_edge,
 )
 from profilecal_papers.published import values
 
@@ -108,7 +107,7 @@ class Calibration(NamedTuple):
         points = self.p_b.reshape(len(self.p_b), -1, 3)
         offset = points - points.mean(axis=1, keepdims=True)
         along = offset @ self.u_b[:, :, None]
-        square = (offset**2).sum(axis=-1) - along[..., 0] ** 2
+        square = np.vecdot(offset, offset) - along[..., 0] ** 2
         return np.sqrt(np.maximum(square, 0.0))
 
 
@@ -145,7 +144,7 @@ def calibrations(
             [R @ R_s[:, None, :, ::2], one], axis=-1
         )  # of (x, z, T)
         points = q[:, :count] @ to_base.mT  # in the base frame, but for R_b T_s
-        middle = points.mean(axis=2, keepdims=True)
+        middle = mean[:, :count, None] @ to_base.mT
 
         vectors = to_base @ from_first[:, :count] @ to_base.mT  # products of Eq. 5's
         total = N * (middle - points[:, :, :1]).sum(axis=1)
@@ -172,23 +171,6 @@ def ball_scan(scene: EdgeScene, noise: Noise, rng: Generator) -> tuple[Poses, nd
     return poses, ball_points(ball, *mount, poses, noise, rng, 6)
 
 
-def same_motions(plan: EdgePlan, noise: Noise, rng: Generator, count: int) -> EdgeScene:
-    """`count` scenes in threes that share edge, mount and motions; only the errors are
-    their own.
-    """
-    scene = edge_scenes(plan, Noise(), rng, (count,))
-    first = np.arange(count) // 3 * 3
-    edge = replace(
-        scene.edge,
-        point=scene.edge.point[first],
-        direction=scene.edge.direction[first],
-    )
-    poses = Poses(scene.poses.rotations[first], scene.poses.positions[first])
-    mount = scene.R_sensor[first], scene.T_sensor[first]
-    points = sense_edge(edge, *mount, poses, noise, rng)
-    return EdgeScene(edge, *mount, poses, points)
-
-
 def columns(
     plan: EdgePlan,
     noise: Noise,
@@ -202,10 +184,9 @@ def columns(
     (readings, count, 4, 7).
 
     `about_mean` has an entry for each reading of the principal components. `share`:
-    whether specimens share their motions, in threes.
+    whether specimens share edge, mount and motions, in threes.
     """
-    scene = same_motions(plan, noise, rng, count) if share else None
-    scene = scene or edge_scenes(plan, noise, rng, (count,))
+    scene = edge_scenes(plan, noise, rng, (count,), alike=3 if share else 1)
     poses, seen = ball_scan(scene, noise, rng)
     table = np.empty((len(about_mean), count, len(ROTATIONS), 7))
     for row, readings in enumerate(calibrations(scene, about_mean)):

@@ -54,7 +54,7 @@ def test_without_errors_the_tables_are_zero_and_the_radius_is_right():
     (exact,) = tables.columns(study.EdgePlan(), Noise(), 3, rng, share=True)
     assert np.abs(exact[..., :4]).max() < 1e-6
     assert np.abs(exact[..., 4] - tables.BALL_MM).max() < 1e-6
-    scene = tables.same_motions(study.EdgePlan(), NOISE, rng, 6)
+    scene = study.edge_scenes(study.EdgePlan(), NOISE, rng, (6,), alike=3)
     R = scene.poses.rotations
     assert (R[0] == R[2]).all()
     assert (R[2] != R[3]).any()

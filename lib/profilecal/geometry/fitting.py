@@ -219,7 +219,7 @@ def fit_sphere(points: ndarray) -> tuple[ndarray, ndarray]:
     """
     middle = points.mean(axis=-2, keepdims=True)
     p = points - middle
-    square = np.sum(p**2, axis=-1, keepdims=True)
+    square = np.vecdot(p, p)[..., None]
     mean_square = square.mean(axis=-2, keepdims=True)
     H = p.mT @ p
     trace = np.trace(H, axis1=-2, axis2=-1)[..., None, None]
