@@ -158,20 +158,36 @@ def sort_files(
     if not profiles and not others and not may_hold_both:
         raise ScanError(f"{folder}: no profiles beside {names_of(poses)}")
     if not profiles:
-        profiles = alike(others) or poses
+        profiles = alike(folder, others) or poses
     return profiles, poses, [path.name for path in others if path not in profiles]
 
 
-def alike(paths: list[Path]) -> list[Path]:
-    """The most files that are called alike but for numbers; but for all but their
-    ending, where no two are.
+def alike(folder: Path, paths: list[Path]) -> list[Path]:
+    """The most files in a folder that are called alike but for numbers; in all folders,
+    if these are many; but for all but their ending, where no two are.
+
+    Raises ScanError where as many are called otherwise.
     """
-    for of in (family, lambda path: path.suffix):
-        usual = mode(map(of, paths)) if paths else ""
-        some = [path for path in paths if of(path) == usual]
-        if len(some) > 1:
+    for of in (
+        lambda path: (path.parent, family(path)),
+        family,
+        lambda path: path.suffix,
+    ):
+        kinds: dict = {}
+        for path in paths:
+            kinds.setdefault(of(path), []).append(path)
+        most = max(map(len, kinds.values()), default=0)
+        usual = [kind for kind in kinds.values() if len(kind) == most]
+        if most > 1 and len(usual) < 5:
             break
-    return some
+    if len(usual) > 1 and len({kind[0].suffix for kind in usual}) == 1:
+        firsts = [kind[0].relative_to(folder) for kind in usual]
+        pattern = firsts[0].with_name(re.sub(r"\d+", "*", firsts[0].name))
+        raise ScanError(
+            f"{folder}: {' … or '.join(map(str, firsts))} …, as many files each, may "
+            f"be the profiles; say which: --profiles '{pattern}'"
+        )
+    return usual[0] if usual else []
 
 
 def is_named(path: Path) -> bool:

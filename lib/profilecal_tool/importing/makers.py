@@ -119,6 +119,19 @@ OF_ROBOT = re.compile(r"robot|effector|\bee\b|_ee|tcp|flange|gripper|hand|arm")
 TOOL_FRAME = re.compile(r"f_t_n?ee|(?:tool|tcp)_?(?:offset|frame|data)")
 TOOL_OFFSET = re.compile(r"(?:tool|tcp)_?offset_(\w+)")
 
+# what any text says of the tool, in a line of its own or in JSON; but no address
+TOOL_WORDS = (
+    r"(?:active|current|robot)?[ _]?"
+    r"(?:tool|tcp|werkzeug|outil|utensile|herramienta|工具)"
+    r"[ _-]?(?:nr|no|num|number|id|name|frame|data|index|offset|coordinates?)?\.?"
+)
+TOOL_VALUE = r"(?!\d+\.\d+\.\d)([\w$][^\n;,|\t\"'\[\]{}]*|[-+\d.][-+\d.eE,; \t]*)"
+TOOL_SAID = re.compile(
+    rf"^[^\w\n]*{TOOL_WORDS}[\"']?[ \t]*[:=;,|\t][\s\"'\[({{]*{TOOL_VALUE}"
+    rf"[\"'\])}}]*[\s,;|]*$|\"{TOOL_WORDS}\"\s*:[\s\"\[]*{TOOL_VALUE}",
+    re.IGNORECASE | re.MULTILINE,
+)
+
 # axes that are no pose
 JOINTS = re.compile(r"(?:j|a|q|joint|axis|theta|pulse)_?([1-6])")
 
@@ -191,7 +204,7 @@ CALL = (
     r"\s*([a-z]\w*)(?:\[0\])?\s*,"
 )
 NO_FRAME = "0 tool0 wobj0 flange flange0 world world0 null nullframe $nullframe"
-NO_FRAME = {"", *NO_FRAME.split(), "p_ntool", "p_nbase", "notool", "robotbase"}
+NO_FRAME = {"", *NO_FRAME.split(), "p_ntool", "p_nbase", "notool", "robotbase", "none"}
 IS_FRAME = r"\$?(?:{0})(?:_?data)?\d*|set_tcp_offset|settrf"
 FRAMES = {"base": "base or user frame", "tool": "tool"}
 UNSAID = "a tool"  # whose frame a program has, without a word that poses are of it

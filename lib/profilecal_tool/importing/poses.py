@@ -36,6 +36,7 @@ from profilecal_tool.importing.makers import (
     OTHER_ANGLES,
     PROGRAM,
     TOOL_OFFSET,
+    TOOL_SAID,
     UNNAMED,
     UNSAID,
     VECTOR,
@@ -54,7 +55,6 @@ from profilecal_tool.importing.tables import (
     check_alike,
     closed_text,
     from_rows,
-    holds_numbers,
     labels_of_files,
     lines_of,
     names_and_units,
@@ -99,12 +99,8 @@ def read_poses(path: Path, layout: Layout) -> tuple[Table, list[str]]:
             f"{path}: {len(text) / 1e6:.0f} MB; poses in nested text or in a program "
             f"are expected in at most {LONGEST / 1e6:.0f}: leave some out"
         )
-    rows = [*lines_of(AROUND.sub(" ", text))]
-    are_numbers = [holds_numbers(fields) for _, fields in rows]
-    first = are_numbers.index(True) if any(are_numbers) else 0
-    # words between the rows and after them
-    rows[first:] = [rows[k] for k in range(first, len(rows)) if are_numbers[k]]
-    table = stacked(from_rows(path, rows))
+    rows = lines_of(AROUND.sub(" ", text))
+    table = stacked(from_rows(path, rows, among_words=True))
     return apart(table)[0] if layout.in_one else table, []
 
 
@@ -195,6 +191,13 @@ def pose_table(
         columns.setdefault("pose", table.lines)
     if "tool x" in columns:
         columns.setdefault("tool", len(table.lines) * ["offset"])
+    if not columns.keys() & {"tool", UNSAID} and paths[0].suffix not in ENDINGS:
+        text = closed_text(paths[0], layout.encoding, layout.entry, of_poses=True)
+        found = TOOL_SAID.finditer(text[:LONGEST])
+        said = [(match[1] or match[2]).strip() for match in found]
+        said = [name for name in said if name.strip("-+0., ;\t")]
+        if said:
+            columns["tool"] = len(table.lines) * [said[0]]
     table = replace(table, columns=columns, units=units)
     return table, conventions[0], guessed
 

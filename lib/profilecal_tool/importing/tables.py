@@ -183,14 +183,14 @@ def fields_of(line: str) -> list[str]:
     return [field.strip(" \r\"'") for field in fields]
 
 
-def from_rows(path: Path, rows: Iterable[Row]) -> Table:
+def from_rows(path: Path, rows: Iterable[Row], among_words: bool = False) -> Table:
     """The table in rows that has most cells, from the first row of it that holds
     numbers, not words.
 
     Its titles are the row of that length above, or this row if it has x behind words.
-    Lines of words among its rows, and what other tables have below their titles, are
-    left out. Text of many rows becomes numbers a thousand rows at a time, so that it
-    never fills the memory. Raises ScanError.
+    Lines of other words among its rows, or of any (`among_words`), and what other
+    tables have below their titles, are left out. Text of many rows becomes numbers a
+    thousand rows at a time, so that it never fills the memory. Raises ScanError.
     """
     most = 1000
     rows = iter(rows)
@@ -206,6 +206,8 @@ def from_rows(path: Path, rows: Iterable[Row]) -> Table:
     if x[0] == np.inf and is_rising(np.array(x[x.count(np.inf) :])):
         titles = alike[first][1]
     body = body_of(chain(head[head.index(alike[first]) :], rows), titles)
+    if among_words:
+        body = (row for row in body if holds_numbers(row[1]))
     units = names_and_units(titles)
     batches = iter(lambda: [*islice(body, most)], [])
     parts = (in_columns(path, units, part) for part in batches)

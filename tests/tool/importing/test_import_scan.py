@@ -505,6 +505,60 @@ def test_a_tool_whose_frame_or_use_is_not_in_the_program_is_told(name, tmp_path)
     assert any(re.search(words, note) for note in notes(folder))
 
 
+SAID_OF_TOOL = {  # in any text: what a note then has
+    "# Tool: LASER\n": "tool LASER",
+    "Werkzeug;3;;\n": "tool 3",
+    "TCP offset = 0.0, 0, 0.12\n": "tool 0.0, 0, 0.12",
+    '{"robot": "R7", "tool": "laser", "poses": [': "tool laser",
+    "Tool: 0\n": "",
+    "TCP: 192.168.0.1\n": "",
+    "tool offset: [0.0, 0, 0]\n": "",
+}
+
+
+@pytest.mark.parametrize("said", SAID_OF_TOOL)
+def test_a_tool_that_any_text_says_is_told(said, tmp_path):
+    rows = poses("quaternion")
+    titles = ("x", "y", "z", "qw", "qx", "qy", "qz")
+
+    def table(folder):
+        lines = [",".join(titles), *map(text, rows)]
+        content = said + "\n".join(lines)
+        if said.startswith("{"):
+            entries = [dict(zip(titles, row, strict=True)) for row in rows.tolist()]
+            content = said + json.dumps(entries)[1:] + "}"
+        (folder / "poses.txt").write_text(content)
+
+    folder = written(tmp_path / "files", table)
+    imported, guesses = import_scan(folder, "edge", {})
+    check_poses(imported)
+    words = SAID_OF_TOOL[said]
+    assert guesses[1].endswith(f"{words}, not taken off") is bool(words)
+    assert len(notes(folder)) == bool(words)
+
+
+def left_and_right(folder):
+    one_each(folder)
+    for path in [*folder.glob("scan_*.csv")]:
+        path.rename(path.with_name(f"L_{path.name}"))
+    one_each(folder)
+
+
+def in_two_folders(folder):
+    for name in ("one", "two"):
+        (folder / name).mkdir()
+        one_each(folder / name)
+
+
+@pytest.mark.parametrize("of_profiles", [left_and_right, in_two_folders])
+def test_which_of_two_scanners_is_asked(of_profiles, tmp_path):
+    folder = written(tmp_path / "files", csv, of_profiles)
+    with pytest.raises(ScanError, match="as many files each") as caught:
+        import_scan(folder, "edge", {})
+    (pattern,) = re.findall("--profiles '(.*?)'", str(caught.value))
+    check_poses(import_scan(folder, "edge", {}, Layout(profiles=pattern))[0])
+
+
 LANGUAGES = {  # a move, and what is said of the tool
     "moveto([{}], 50, 100)": ("  settcp([12,-35,180,10,-20,30])", "tool (12, -35, 180"),
     "MOVEX A=1,AC=0,M1X,L,({})U,S=100,H=2,MS": ("10 REM", "tool 2"),
