@@ -264,16 +264,14 @@ def pair_equations(R_b: ndarray, u_s: ndarray, u_t: ndarray) -> tuple[ndarray, n
     i, j = np.triu_indices(u_s.shape[-2], 1)
     R_b = R_b[..., None, :, :]
     C = transposed_skew(u_t) @ R_b
-    C_i, C_j = C[..., i, :, :], C[..., j, :, :]
-    x, z = u_s[..., 0, None, None], u_s[..., 2, None, None]
-    x_i, x_j = x[..., i, :, :], x[..., j, :, :]
-    z_i, z_j = z[..., i, :, :], z[..., j, :, :]
-    of_r_1 = x_i * C_j - x_j * C_i
-    of_r_2 = (z_i * x_j - z_j * x_i) * R_b
-    of_r_3 = z_i * C_j - z_j * C_i
-    A_r = np.concatenate([of_r_1, of_r_2, of_r_3], axis=-1)
+    C_i, C_j = C[..., i, :, None, :], C[..., j, :, None, :]
+    s_i, s_j = u_s[..., i, None, ::2, None], u_s[..., j, None, ::2, None]  # x and z
+    A_r = np.empty((*C.shape[:-3], len(i), 3, 3, 3))
+    A_r[..., ::2, :] = s_i * C_j - s_j * C_i
+    minor = s_i[..., 1, :] * s_j[..., 0, :] - s_j[..., 1, :] * s_i[..., 0, :]
+    A_r[..., 1, :] = minor * R_b
     b_r = -np.cross(u_t[..., i, :], u_t[..., j, :])  # Eq. 16
-    batch = A_r.shape[:-4]
+    batch = A_r.shape[:-5]
     return A_r.reshape(*batch, -1, 9), b_r.reshape(*batch, -1)
 
 
