@@ -28,18 +28,6 @@ def see(rng, R_tcp, R_sensor, T_sensor):
     return point - np.einsum("nab,nb->na", R_tcp, q @ R_sensor.T + T_sensor), q
 
 
-def disk_data(rng, poses=4):
-    """(R_sensor, T_sensor), (R_tcp, T_tcp, q, D_i, D_b)."""
-    R_sensor, T_sensor = sensor(rng)
-    R_tcp = tilted(rng, poses)
-    T_tcp, q = see(rng, R_tcp, R_sensor, T_sensor)
-    spread = np.array([[1, 0, 0.3], [0, 1, 0.3], [-1, -1, 1], [1, -1, 1]])
-    directions = spread @ Rotation.random(rng=rng).as_matrix().T
-    D_i = directions[np.arange(poses) % 4] * rng.uniform(100, 300, (poses, 1))
-    D_b = np.einsum("nab,bc,nc->na", R_tcp, R_sensor, D_i)
-    return (R_sensor, T_sensor), (R_tcp, T_tcp, q, D_i, D_b)
-
-
 def ball_data(rng, translating=4, turning=4):
     """(R_sensor, T_sensor), (R_tcp, T_tcp, q), the first `translating` poses in one
     orientation.

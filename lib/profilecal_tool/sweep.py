@@ -122,7 +122,8 @@ def sweep(
     OSError.
     """
     runs = plan(notebook, grid, repeat)
-    cells = _read(notebook)["cells"]
+    source = notebook.read_text(encoding="utf-8")
+    cells = json.loads(source)["cells"]
     code = [(cell["cell_type"], cell["source"]) for cell in cells]
     versions = notebooks.versions()
     keys = {
@@ -133,7 +134,6 @@ def sweep(
     files = {name: folder / f"{name}.ipynb" for name in runs}
     folder.mkdir(parents=True, exist_ok=True)
     with _alone(output):
-        source = notebook.read_text(encoding="utf-8")
         place = str(notebook.resolve().parent)
         jobs = {
             name: (source, parameters, place, timeout)
@@ -141,11 +141,10 @@ def sweep(
             if not _is_done(files[name], keys[name])
         }
         if jobs:
-            with (
-                notebooks.workers(scheduler) as client,
-                tqdm(total=len(jobs), unit="run", disable=None) as bar,
-            ):
-                for name, text, why, seconds in notebooks.outcomes(client, jobs):
+            with notebooks.workers(scheduler) as client:
+                ended = notebooks.outcomes(client, jobs)
+                bar = tqdm(ended, total=len(jobs), unit="run", disable=None)
+                for name, text, why, seconds in bar:
                     executed = json.loads(text)
                     executed["metadata"]["profilecal"] = {
                         "key": keys[name],
@@ -155,7 +154,6 @@ def sweep(
                     with whole(files[name]) as part:
                         json_text = json.dumps(executed, indent=1, ensure_ascii=False)
                         part.write_text(json_text, encoding="utf-8")
-                    bar.update()
         table, failed = _gather(runs, files, versions)
         with whole(output / "table.csv") as part:
             table.to_csv(part, index=False)

@@ -61,14 +61,6 @@ def test_check_says_what_tells_the_noise(kind, sentence):
     assert sentence in said_of(scan_of(kind, groups=12, positions=5))
 
 
-def test_a_scan_in_memory_is_checked_as_its_folder_is(tmp_path):
-    recorded = scan_of("edge", groups=12, positions=5)
-    points = np.concatenate(recorded.values)
-    scan = pc.Scan.of("edge", recorded.T_base_flange, points=points)
-    pc.write_scan(scan, tmp_path / "scan")
-    assert check(scan) == check(pc.read_scan(tmp_path / "scan"))
-
-
 def test_check_rarely_doubts_a_good_scan():
     doubted = 0
     for seed in range(60):

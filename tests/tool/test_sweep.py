@@ -3,6 +3,7 @@
 Nothing is lost, repeated or reused wrongly, whatever happens.
 """
 
+import functools
 import os
 import random
 import signal
@@ -71,11 +72,6 @@ def test_grids_mean_each_value_with_each_other(notebook):
         {"n": 2, "x": 0.1, "seed": 5},
         {"n": 2, "x": 3.0, "seed": 5},
     ]
-
-
-def test_one_value_is_a_list_of_one(notebook):
-    runs = sweep.plan(notebook, {"n": 2, "x": [3, 4]})
-    assert list(runs.values()) == [{"n": 2, "x": 3.0}, {"n": 2, "x": 4.0}]
 
 
 def test_seeds_depend_on_the_point_and_the_repeat_only(notebook):
@@ -182,11 +178,19 @@ def test_what_no_table_can_hold_is_not_recorded():
 # What a sweep does
 
 
-def test_a_sweep_says_which_runs_failed_and_why(tmp_path, cluster):
-    output = tmp_path / "out"
+@pytest.fixture
+def swept(tmp_path, cluster):
+    """What a sweep into a folder of pytest's returns."""
     scheduler = cluster.scheduler_address
+    return functools.partial(sweep.sweep, output=tmp_path, scheduler=scheduler)
+
+
+def test_a_sweep_says_which_runs_failed_and_why_and_repeats_those_alone(
+    tmp_path, swept
+):
+    output = tmp_path / "out"
     notebook = write_notebook(tmp_path / "draw.ipynb", PARAMETERS, AT_MOST_1, DRAW)
-    table, failed = sweep.sweep(notebook, {"n": [1, 2]}, output, scheduler=scheduler)
+    table, failed = swept(notebook, {"n": [1, 2]}, output=output)
     ((name, why),) = failed.items()
     assert why == "error in cell 2: AssertionError: too many"
     assert "Traceback" in (output / "runs" / f"{name}.ipynb").read_text()
@@ -196,38 +200,31 @@ def test_a_sweep_says_which_runs_failed_and_why(tmp_path, cluster):
     assert without_duration(stored) == without_duration(table)
     assert sorted(path.name for path in output.iterdir()) == ["runs", "table.csv"]
 
-
-def test_finished_runs_are_kept_and_failed_ones_repeated(tmp_path, cluster):
-    scheduler = cluster.scheduler_address
-    notebook = write_notebook(tmp_path / "draw.ipynb", PARAMETERS, AT_MOST_1, DRAW)
-    _, failed = sweep.sweep(notebook, {"n": [1, 2]}, tmp_path, scheduler=scheduler)
-    before = written_at(tmp_path)
-    grid = {"n": [0, 1, 2]}
-    table, _ = sweep.sweep(notebook, grid, tmp_path, scheduler=scheduler)
-    after = written_at(tmp_path)
+    before = written_at(output)
+    table, _ = swept(notebook, {"n": [0, 1, 2]}, output=output)
+    after = written_at(output)
     assert [name for name in before if after[name] != before[name]] == list(failed)
     assert list(table["n"]) == [0, 1, 2]
 
 
-def test_runs_of_a_notebook_that_has_changed_are_repeated(notebook, tmp_path, cluster):
-    scheduler = cluster.scheduler_address
-    sweep.sweep(notebook, {"n": [1, 2]}, tmp_path, scheduler=scheduler)
+def test_runs_of_a_notebook_that_has_changed_are_repeated(notebook, tmp_path, swept):
+    swept(notebook, {"n": [1, 2]})
     before = written_at(tmp_path)
     write_notebook(notebook, PARAMETERS, DRAW, "n")
-    _, failed = sweep.sweep(notebook, {"n": [1, 2]}, tmp_path, scheduler=scheduler)
+    _, failed = swept(notebook, {"n": [1, 2]})
     assert not failed
     after = written_at(tmp_path)
     assert all(after[name] > before[name] for name in before)
 
 
 def test_workers_have_the_versions_of_where_a_sweep_is_started(
-    notebook, tmp_path, cluster, monkeypatch
+    notebook, swept, monkeypatch
 ):
     other = notebooks.versions() | {"numpy": "another"}
     monkeypatch.setattr(notebooks, "versions", lambda: other)
     sentence = r"a worker has .*; expected .*another.* as where this was started"
     with pytest.raises(ValueError, match=sentence):
-        sweep.sweep(notebook, {"n": [1]}, tmp_path, scheduler=cluster.scheduler_address)
+        swept(notebook, {"n": [1]})
 
 
 CLASHES = "from profilecal_pages.notebooks import record\nrecord(x=1)"
@@ -252,16 +249,13 @@ HANGS = "import time\ntime.sleep(60)"
     ],
     ids=["clash", "dies", "dies once", "hangs"],
 )
-def test_runs_that_go_wrong(tmp_path, cluster, code, timeout, reasons):
+def test_runs_that_go_wrong(tmp_path, swept, code, timeout, reasons):
     notebook = write_notebook(tmp_path / "wrong.ipynb", PARAMETERS, code)
-    scheduler = cluster.scheduler_address
-    _, failed = sweep.sweep(
-        notebook, {"x": 2}, tmp_path, scheduler=scheduler, timeout=timeout
-    )
+    _, failed = swept(notebook, {"x": 2}, timeout=timeout)
     assert list(failed.values()) == reasons
 
 
-def test_a_worker_that_is_killed_costs_nothing(tmp_path, cluster):
+def test_a_worker_that_is_killed_costs_nothing(tmp_path, swept, cluster):
     code = "import os, time\nos.makedirs(str(n), exist_ok=True)\ntime.sleep(3)"
     notebook = write_notebook(tmp_path / "slow.ipynb", PARAMETERS, code, DRAW)
 
@@ -272,9 +266,7 @@ def test_a_worker_that_is_killed_costs_nothing(tmp_path, cluster):
 
     killer = threading.Thread(target=kill)
     killer.start()
-    table, failed = sweep.sweep(
-        notebook, {"n": [1, 2]}, tmp_path, scheduler=cluster.scheduler_address
-    )
+    table, failed = swept(notebook, {"n": [1, 2]})
     killer.join()
     assert not failed
     assert list(table["u"]) == [random.Random(7).gauss(0, 1)] * 2

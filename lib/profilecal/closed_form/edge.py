@@ -342,13 +342,6 @@ def noise_gain(
     return np.sqrt(total)
 
 
-def principal_direction(vectors: ndarray) -> ndarray:
-    """Unit vector (..., 3) along which vectors (..., n, 3) extend most; its largest
-    component is positive.
-    """
-    return with_sign(np.linalg.svd(vectors, full_matrices=False)[2][..., 0, :])
-
-
 def translation_system(
     R_b: ndarray, p: ndarray, u_b: ndarray, present: ArrayLike = True
 ) -> tuple[ndarray, ndarray]:
@@ -389,7 +382,9 @@ def solve_translation(
     in_flange = p_s @ R_sensor[..., ::2].mT[..., None, :, :]
     p = in_flange @ R_b.mT + T_b
     vectors = p[..., 1:, :] - p[..., :1, :]  # Eq. 5
-    u_b = principal_direction(vectors.reshape(*vectors.shape[:-3], -1, 3))
+    vectors = vectors.reshape(*vectors.shape[:-3], -1, 3)
+    # along which they extend most
+    u_b = with_sign(np.linalg.svd(vectors, full_matrices=False)[2][..., 0, :])
     A_t, b_t = translation_system(R_b, p, u_b, present)
     # of nine entries of R_b, in each of G N equations
     rounding = 12 * np.finfo(float).eps * p.shape[-3] * p.shape[-2]

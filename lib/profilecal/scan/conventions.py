@@ -143,52 +143,34 @@ def to_rotations(
     """
     block = np.asarray(values, dtype=float)
     rows = table or Table(Path("orientations"), {}, range(len(block)), "row")
+    length = np.linalg.norm(block, axis=1)
     if convention.sequence:
-        return from_angles(convention.sequence, block, rows)
-    if convention.name == "quaternion":
-        return from_quaternions(block, rows)
-    if convention.name == "rotation vector":
-        return from_rotation_vectors(block, rows)
-    return from_matrices(block.reshape(-1, 3, 3), rows)
-
-
-def from_angles(sequence: str, degrees: ndarray, rows: Table) -> ndarray:
-    """Matrices (n, 3, 3) from three angles (n, 3)."""
-    largest = np.abs(degrees).max(axis=1)
-    sentence = "angle of {:.6g}; expected degrees, at most 720"
-    rows.refuse(largest > LARGEST_ANGLE_DEG, sentence, largest)
-    return Rotation.from_euler(sequence, degrees, degrees=True).as_matrix()
-
-
-def from_quaternions(block: ndarray, rows: Table) -> ndarray:
-    """Matrices (n, 3, 3) from quaternions (n, 4), the scalar first."""
-    length = np.linalg.norm(block, axis=1)
-    off = np.abs(length - 1) > UNIT_TOLERANCE
-    rows.refuse(off, "quaternion of length {:.4g}; expected length 1", length)
-    return Rotation.from_quat(block, scalar_first=True).as_matrix()
-
-
-def from_rotation_vectors(block: ndarray, rows: Table) -> ndarray:
-    """Matrices (n, 3, 3) from rotation vectors (n, 3), rad."""
-    length = np.linalg.norm(block, axis=1)
-    sentence = (
-        "rotation vector of length {:.4g}; expected radians, at most 2π: "
-        "are they degrees?"
-    )
-    rows.refuse(length > 2 * np.pi, sentence, length)
-    return Rotation.from_rotvec(block).as_matrix()
-
-
-def from_matrices(matrices: ndarray, rows: Table) -> ndarray:
-    """Matrices (n, 3, 3) as they are printed, made exactly orthonormal."""
-    excess = np.abs(matrices @ matrices.mT - np.eye(3)).max(axis=(1, 2))
-    off = ~(excess <= ORTHONORMAL_TOLERANCE)
-    sentence = "matrix with R Rᵀ off the identity by {:.2g}; expected a rotation"
-    rows.refuse(off, sentence, excess)
-    determinant = np.linalg.det(matrices)
-    sentence = "matrix with determinant {:.2g}, a reflection; expected a rotation"
-    rows.refuse(determinant < 0, sentence, determinant)
-    return Rotation.from_matrix(matrices).as_matrix()
+        largest = np.abs(block).max(axis=1)
+        sentence = "angle of {:.6g}; expected degrees, at most 720"
+        rows.refuse(largest > LARGEST_ANGLE_DEG, sentence, largest)
+        rotation = Rotation.from_euler(convention.sequence, block, degrees=True)
+    elif convention.name == "quaternion":
+        off = np.abs(length - 1) > UNIT_TOLERANCE
+        rows.refuse(off, "quaternion of length {:.4g}; expected length 1", length)
+        rotation = Rotation.from_quat(block, scalar_first=True)
+    elif convention.name == "rotation vector":
+        sentence = (
+            "rotation vector of length {:.4g}; expected radians, at most 2π: "
+            "are they degrees?"
+        )
+        rows.refuse(length > 2 * np.pi, sentence, length)
+        rotation = Rotation.from_rotvec(block)
+    else:
+        matrices = block.reshape(-1, 3, 3)
+        excess = np.abs(matrices @ matrices.mT - np.eye(3)).max(axis=(1, 2))
+        off = ~(excess <= ORTHONORMAL_TOLERANCE)
+        sentence = "matrix with R Rᵀ off the identity by {:.2g}; expected a rotation"
+        rows.refuse(off, sentence, excess)
+        determinant = np.linalg.det(matrices)
+        sentence = "matrix with determinant {:.2g}, a reflection; expected a rotation"
+        rows.refuse(determinant < 0, sentence, determinant)
+        rotation = Rotation.from_matrix(matrices)  # made exactly orthonormal
+    return rotation.as_matrix()
 
 
 def from_rotations(convention: Convention, rotations: ndarray) -> ndarray:

@@ -2,7 +2,7 @@
 written. Lengths become mm.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,6 @@ from profilecal.geometry.checks import REACH_MM
 from profilecal.geometry.log import Log
 from profilecal.geometry.poses import rotation_groups
 from profilecal.scan.conventions import (
-    CONVENTIONS,
     find_convention,
     from_rotations,
     named,
@@ -72,7 +71,6 @@ NO_POSES: dict[str, Any] = {
     "group": np.array([]),
     "side": np.array([]),
     "times": np.array([]),
-    "convention": CONVENTIONS[0].name,
 }
 
 
@@ -118,9 +116,10 @@ def read_scan(folder: str | Path) -> Scan:
     header = read_header(folder / "scan.toml")
     scale = SCALE[header["units"]]
     side = header["target"].get("side", 0)
-    log, poses = None, NO_POSES
+    log = None
     if is_file(folder / "log.csv"):
-        log = read_log(folder / "log.csv", scale)
+        log, convention = read_log(folder / "log.csv", scale)
+        poses = NO_POSES | {"convention": convention}
     if log is None or is_file(folder / "poses.csv"):
         poses = read_poses(folder / "poses.csv", scale, side)
     at_rest = poses["times"] if log is None else np.full(len(poses["labels"]), np.nan)
@@ -141,8 +140,9 @@ def read_scan(folder: str | Path) -> Scan:
     return scan_of(folder, header, poses, measured, values)
 
 
-def read_log(path: Path, scale: float) -> Log:
-    """The poses that the robot recorded on its way, positions in units of `scale` mm.
+def read_log(path: Path, scale: float) -> tuple[Log, str]:
+    """The poses that the robot recorded on its way, positions in units of `scale` mm,
+    and the name of their convention.
 
     Raises ScanError.
     """
@@ -154,7 +154,8 @@ def read_log(path: Path, scale: float) -> Log:
     with naming(path):
         convention = find_convention(table.columns)
         block = table.numbers(convention.columns)
-        return checked_log(t, to_rotations(convention, block, table), positions)
+        rotations = to_rotations(convention, block, table)
+        return checked_log(t, rotations, positions), convention.name
 
 
 def scan_of(
@@ -329,9 +330,11 @@ def read_measurements(
         if moving:
             table = with_labels(table, seen)
             known |= {label: k for k, label in enumerate(seen) if k >= len(known)}
-        pose = poses_of(table, known)
+        labels = table.labels()
+        pose = np.array([known.get(label, -1) for label in labels])
+        table.refuse(pose < 0, "pose {} is not in poses", labels)
         if not moving and "t" in table.columns:
-            of_rows = zip(table.labels(), table.times(), strict=True)
+            of_rows = zip(labels, table.times(), strict=True)
             seen |= {label: ("", t) for label, t in of_rows}
         numbers = table.numbers(columns, blank=True, largest=most) * scale
         parts.append((table.lines, pose, numbers))
@@ -371,14 +374,6 @@ def with_labels(table: Table, seen: dict[str, tuple[str, float]]) -> Table:
         labels[row] = moment_label(sweeps[row], times[row])
         seen[labels[row]] = sweeps[row], float(times[row])
     return replace(table, columns={**table.columns, "pose": labels})
-
-
-def poses_of(table: Table, known: Mapping[str, int]) -> ndarray:
-    """The pose of each row of a table (rows,), by its label."""
-    labels = table.labels()
-    pose = np.array([known.get(label, -1) for label in labels])
-    table.refuse(pose < 0, "pose {} is not in poses", labels)
-    return pose
 
 
 def check_counts(

@@ -1,7 +1,7 @@
 """Which poses, and how many: what they will be worth, before anything is measured.
 
-In: a `ScanModel`, what is known beforehand of scanner, robot and target, and `Limits`
-of the robot. Out: a `Prediction`, the covariance that `calibrate` will state; a `Plan`,
+In: a `ScanModel`, what is known beforehand of scanner, robot and target, and where the
+robot may go. Out: a `Prediction`, the covariance that `calibrate` will state; a `Plan`,
 poses that make it small; a folder ready to run.
 
 Each pose adds a block of information, its own robot error integrated out. Blocks of

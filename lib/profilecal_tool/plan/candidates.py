@@ -5,7 +5,7 @@ They are within the robot's reach, away from zones that it must avoid.
 
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from profilecal.geometry.poses import carry, inverse, rotations
 from profilecal.scan.scan import ScanError
 from profilecal.simulation.scene import in_unit_ball
-from profilecal_tool.plan.scan_model import Frames, ScanModel
+from profilecal_tool.plan.scan_model import Frames, Limits, ScanModel
 from profilecal_tool.plan.specification import MARGINS
 
 # So much more than the limits is drawn and then cut off at the limits. A third of the
@@ -26,34 +26,8 @@ BEYOND = 0.5
 LEAST = 100
 
 
-@dataclass(frozen=True)
-class Limits:
-    """Where the robot may go."""
-
-    # of the flange's positions in the base frame, mm
-    low: tuple[float, ...] = (-np.inf,) * 3
-    high: tuple[float, ...] = (np.inf,) * 3
-    # of the direction of view against looking at the target squarely
-    tilt_deg: float = 30.0
-    # about the direction of view
-    spin_deg: float = 45.0
-    # how far from the guess an edge, a rod or a face is seen, to either side
-    extent_mm: float = 50.0
-    # zones x, y, z, radius: where neither flange nor sensor may be
-    avoid: tuple[tuple[float, ...], ...] = ()
-
-    def __post_init__(self) -> None:
-        for axis, low, high in zip("xyz", self.low, self.high, strict=True):
-            if low >= high:
-                raise ScanError(
-                    f"the box is empty along {axis}: "
-                    f"low is {low:g} and high is {high:g} mm"
-                )
-
-
 def draw(
     model: ScanModel,
-    limits: Limits,
     count: int,
     rng: Generator,
     beyond: float = 0.0,
@@ -68,8 +42,8 @@ def draw(
     positions = []
     reasons: Counter[str] = Counter()
     for share in np.repeat([1, 1 / 2, 1 / 4], 40):  # so many attempts at each
-        R, T = random_poses(model, closer(limits, share), 2 * count, rng, beyond)
-        refusals = refused(model, limits, R, T)
+        R, T = random_poses(closer(model, share), 2 * count, rng, beyond)
+        refusals = refused(model, R, T)
         reasons.update(refusals)
         orientations.append(R[refusals == ""])
         positions.append(T[refusals == ""])
@@ -77,14 +51,15 @@ def draw(
             break
     least = min(count, LEAST)
     if reasons[""] < least:
-        raise ScanError(too_few(reasons, least, what_helps(model, limits, rng)))
+        raise ScanError(too_few(reasons, least, what_helps(model, rng)))
     return np.concatenate(orientations)[:count], np.concatenate(positions)[:count]
 
 
-def closer(limits: Limits, share: float) -> Limits:
-    """Limits of which poses may use a share only; box and zones are the same."""
+def closer(model: ScanModel, share: float) -> ScanModel:
+    """One whose limits poses may use a share of only; box and zones are the same."""
     turned = ("tilt_deg", "spin_deg", "extent_mm")
-    return replace(limits, **{name: share * getattr(limits, name) for name in turned})
+    smaller = {name: share * getattr(model.limits, name) for name in turned}
+    return replace(model, limits=replace(model.limits, **smaller))
 
 
 def too_few(reasons: Counter, least: int, help_: str) -> str:
@@ -101,12 +76,12 @@ def too_few(reasons: Counter, least: int, help_: str) -> str:
     )
 
 
-def what_helps(model: ScanModel, limits: Limits, rng: Generator) -> str:
+def what_helps(model: ScanModel, rng: Generator) -> str:
     """The first change, of those that are tried, which makes more poses possible."""
     shares = {}
-    for words, other, wider in changes(model, limits):
-        poses = random_poses(other, closer(wider, 1 / 2), 1000, rng, 0.0)
-        shares[words] = np.mean(refused(other, wider, *poses) == "")
+    for words, other in changes(model):
+        poses = random_poses(closer(other, 1 / 2), 1000, rng, 0.0)
+        shares[words] = np.mean(refused(other, *poses) == "")
         if shares[words] > 0.01:
             break
     best = max(shares, key=lambda words: shares[words])
@@ -115,12 +90,12 @@ def what_helps(model: ScanModel, limits: Limits, rng: Generator) -> str:
     return f"With {best}, {shares[best]:.1%} would be possible"
 
 
-def changes(
-    model: ScanModel, limits: Limits
-) -> Iterator[tuple[str, ScanModel, Limits]]:
+def changes(model: ScanModel) -> Iterator[tuple[str, ScanModel]]:
     """What might make more poses possible: words, and what is to be tried."""
-    yield "no box", model, replace(limits, low=Limits.low, high=Limits.high)
-    yield "no zone to avoid", model, replace(limits, avoid=())
+    limits = model.limits
+    everywhere = replace(limits, low=Limits.low, high=Limits.high)
+    yield "no box", replace(model, limits=everywhere)
+    yield "no zone to avoid", replace(model, limits=replace(limits, avoid=()))
     if model.guess is None:
         return
     margins = {name: getattr(model.guess, name) for name in MARGINS}
@@ -130,12 +105,11 @@ def changes(
     for stated in smaller:
         words = ", ".join(f"{name} = {value:.2g}" for name, value in stated.items())
         guess = replace(model.guess, **stated)
-        yield words, replace(model, guess=guess), limits
+        yield words, replace(model, guess=guess)
 
 
 def random_poses(
     model: ScanModel,
-    limits: Limits,
     count: int,
     rng: Generator,
     beyond: float,
@@ -150,6 +124,7 @@ def random_poses(
         drawn = (1 + beyond) * rng.uniform(-1, 1, (count, size))
         return np.clip(drawn, -1, 1)
 
+    limits = model.limits
     tilt = share(2)
     steepness = np.linalg.norm(tilt, axis=1, keepdims=True)
     tilt = np.radians(limits.tilt_deg) * tilt / np.maximum(steepness, 1)
@@ -171,7 +146,6 @@ def random_poses(
 
 def neighbours(
     model: ScanModel,
-    limits: Limits,
     R: ndarray,
     T: ndarray,
     each: int,
@@ -188,7 +162,7 @@ def neighbours(
     turn = np.radians(6.0) * far * rng.normal(size=T.shape)
     R_view, T_view = model.planes(R, T)
     R, T = flange_at(model, R_view @ rotations(turn), T_view + shift)
-    possible = refused(model, limits, R, T) == ""
+    possible = refused(model, R, T) == ""
     return R[possible], T[possible]
 
 
@@ -203,11 +177,12 @@ def free_axes(model: ScanModel) -> ndarray:
     return np.array([axis not in model.target.shifts for axis in "xyz"])
 
 
-def refused(model: ScanModel, limits: Limits, R: ndarray, T: ndarray) -> ndarray:
+def refused(model: ScanModel, R: ndarray, T: ndarray) -> ndarray:
     """Say why flange poses (P, 3, 3), (P, 3) are impossible.
 
     Returns words (P,), "" for poses that are possible.
     """
+    limits = model.limits
     flange = T
     sensor = model.planes(R, T)[1]
     if model.to_hand:

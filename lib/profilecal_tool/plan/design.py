@@ -19,7 +19,7 @@ from tqdm import tqdm
 from profilecal.geometry.observability import LEAST_TURN_DEG
 from profilecal.geometry.poses import angle_between, parallel
 from profilecal.scan.scan import ScanError
-from profilecal_tool.plan.candidates import BEYOND, Limits, draw, neighbours
+from profilecal_tool.plan.candidates import BEYOND, draw, neighbours
 from profilecal_tool.plan.scan_model import (
     Frames,
     Prediction,
@@ -171,7 +171,6 @@ def smooth_worst(C: ndarray) -> ndarray:
 
 def design(
     model: ScanModel,
-    limits: Limits,
     rng: np.random.Generator,
     *,
     poses: int = 0,
@@ -194,7 +193,7 @@ def design(
             f"until is {list(until)}; expected mm and degrees, both positive"
         )
     given = information(model, *before) if len(before[0]) else 0.0
-    R, T = draw(model, limits, candidates, rng, BEYOND)
+    R, T = draw(model, candidates, rng, BEYOND)
     pool = Pool.from_poses(model, R, T, until, given)
     chosen: list[int] = []
     most = poses or most
@@ -212,7 +211,7 @@ def design(
             bar.update()
         for _ in range(exchanges):
             R, T = pool.R[chosen], pool.T[chosen]
-            R, T = joined((R, T), neighbours(model, limits, R, T, 40, rng))
+            R, T = joined((R, T), neighbours(model, R, T, 40, rng))
             pool = Pool.from_poses(model, R, T, until, given)
             chosen = exchanged(pool, list(range(len(chosen))))
             if not poses:

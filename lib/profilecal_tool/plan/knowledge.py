@@ -16,8 +16,8 @@ from profilecal.simulation.robot import Scanner
 from profilecal.simulation.spec import Spec, raw_profiles, sizes_of
 from profilecal.targets import TARGETS
 from profilecal.targets.observations import Observations
-from profilecal_tool.plan.candidates import Limits, draw, off_square
-from profilecal_tool.plan.scan_model import Frames, ScanModel
+from profilecal_tool.plan.candidates import draw, off_square
+from profilecal_tool.plan.scan_model import Frames, Limits, ScanModel
 from profilecal_tool.plan.specification import PlannedSpec
 
 
@@ -97,7 +97,7 @@ def with_features(model: ScanModel, spec: Spec, rng: np.random.Generator) -> Sca
 
     Raises ScanError where these do not show the target.
     """
-    R, T = draw(model, Limits(), 24, rng)
+    R, T = draw(model, 24, rng)
     scan = Scan(
         kind=spec.kind,
         labels=tuple(map(str, range(len(T)))),
@@ -131,12 +131,12 @@ def features_of(observed: Observations) -> dict:
     return {"count": count, "covariance": typical}
 
 
-def model_of_scan(calibration: Calibration) -> tuple[ScanModel, Limits, Frames]:
+def model_of_scan(calibration: Calibration) -> tuple[ScanModel, Frames]:
     """What the one scan of a calibration says.
 
-    Returns what it says of sensor, target and robot; where the robot may go from there;
-    and the poses R (P, 3, 3), T (P, 3) that the calibration used. Raises ScanError
-    where it leaves the sensor pose open or is misread.
+    Returns what it says of sensor, target and robot, which may go on from there; and
+    the poses R (P, 3, 3), T (P, 3) that the calibration used. Raises ScanError where it
+    leaves the sensor pose open or is misread.
     """
     if not calibration.is_known or calibration.misread:
         raise ScanError(
@@ -182,14 +182,14 @@ def model_of_scan(calibration: Calibration) -> tuple[ScanModel, Limits, Frames]:
         high=tuple(flange.max(axis=0) + reach_mm),
         extent_mm=max(20.0, aside.max()),
     )
-    return model, limits, (R, T)
+    return replace(model, limits=limits), (R, T)
 
 
 def scanner_of(scan: Scan, observed: Observations) -> Scanner:
     """A scanner that sees 10 mm farther than this one was seen to see."""
     more_mm = 10
     if scan.measured == "profiles":
-        points = np.concatenate(scan.values)[:, :2]
+        points = np.concatenate(scan.values)
     else:
         points = observed.points[0].reshape(-1, 2)
     measured = np.isfinite(points).all(axis=1) & points.any(axis=1)

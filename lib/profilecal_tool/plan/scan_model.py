@@ -14,6 +14,7 @@ from profilecal.geometry.noise import Noise, Systematic
 from profilecal.geometry.observability import Spectrum, spectrum
 from profilecal.geometry.poses import rotation_groups
 from profilecal.joint.problem import Problem
+from profilecal.scan.scan import ScanError
 from profilecal.simulation.robot import Scanner
 from profilecal.simulation.scene import Setup
 from profilecal.targets.observations import Observations
@@ -22,6 +23,31 @@ from profilecal_tool.plan.specification import Guess
 # orientations (P, 3, 3) and positions (P, 3), mm
 Frames = tuple[ndarray, ndarray]
 GUESSES = 20  # draws of how wrong the guess is: they show most of the range
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Where the robot may go."""
+
+    # of the flange's positions in the base frame, mm
+    low: tuple[float, ...] = (-np.inf,) * 3
+    high: tuple[float, ...] = (np.inf,) * 3
+    # of the direction of view against looking at the target squarely
+    tilt_deg: float = 30.0
+    # about the direction of view
+    spin_deg: float = 45.0
+    # how far from the guess an edge, a rod or a face is seen, to either side
+    extent_mm: float = 50.0
+    # zones x, y, z, radius: where neither flange nor sensor may be
+    avoid: tuple[tuple[float, ...], ...] = ()
+
+    def __post_init__(self) -> None:
+        for axis, low, high in zip("xyz", self.low, self.high, strict=True):
+            if low >= high:
+                raise ScanError(
+                    f"the box is empty along {axis}: "
+                    f"low is {low:g} and high is {high:g} mm"
+                )
 
 
 @dataclass(frozen=True)
@@ -40,6 +66,7 @@ class ScanModel(Setup):
     guess: Guess | None = None
     # points of a curve that a pose gives
     count: int = 40
+    limits: Limits = Limits()
 
     def elsewhere(self, rng: np.random.Generator) -> "ScanModel":
         """The same where the guess is wrong by anything within its margins."""

@@ -18,7 +18,7 @@ from profilecal.scan.folder import poses_columns
 from profilecal.scan.scan import Scan, ScanError
 from profilecal.scan.tables import write_table
 from profilecal.simulation.sweeps import PAUSE_S, Motion, half_way
-from profilecal_tool.plan.candidates import Limits, refused
+from profilecal_tool.plan.candidates import refused
 from profilecal_tool.plan.design import Plan
 from profilecal_tool.plan.scan_model import Frames, ScanModel, predict
 
@@ -26,16 +26,14 @@ TABLE = "sweeps.csv"  # of a plan: where each sweep begins, and where it ends
 WHY = "driven there and back: a delay shifts both ways apart, a wrong mount does not"
 
 
-def along_lines(
-    plan: Plan, limits: Limits, motion: Motion, rng: np.random.Generator
-) -> Plan:
+def along_lines(plan: Plan, motion: Motion, rng: np.random.Generator) -> Plan:
     """A plan of lines through the poses of a plan, each driven there and back at the
     speed of a motion; its poses are where the sweeps begin and end.
 
     Raises ScanError where no line is possible.
     """
     model = plan.model
-    R, T = lines_through(model, limits, plan.R, plan.T)
+    R, T = lines_through(model, plan.R, plan.T)
     if not len(T):
         raise ScanError("no straight sweep fits within the limits; widen them")
     there_and_back = [0, 1, 1, 0]
@@ -48,7 +46,7 @@ def along_lines(
     return replace(plan, R=R, T=T, predicted=predicted, speed=motion.speed)
 
 
-def lines_through(model: ScanModel, limits: Limits, R: ndarray, T: ndarray) -> Frames:
+def lines_through(model: ScanModel, R: ndarray, T: ndarray) -> Frames:
     """The longest possible lines across the target through flange poses (P, 3, 3), (P,
     3): orientations (k, 3, 3) and both ends (k, 2, 3), k <= P.
     """
@@ -57,7 +55,7 @@ def lines_through(model: ScanModel, limits: Limits, R: ndarray, T: ndarray) -> F
     for share in (1, 1 / 2, 1 / 4):
         for middle in (0, 1, -1):
             ends = T + share * np.multiply.outer([middle - 1, middle + 1], half)
-            possible = [refused(model, limits, R, end) == "" for end in ends]
+            possible = [refused(model, R, end) == "" for end in ends]
             for k in np.flatnonzero(np.all(possible, axis=0)):
                 found.setdefault(int(k), ends[:, k])
     chosen = sorted(found)

@@ -15,7 +15,6 @@ from profilecal.scan.scan import Scan, ScanError
 from profilecal.scan.tables import write_table
 from profilecal.scan.toml import read_toml, toml_text
 from profilecal.targets import TARGETS
-from profilecal_tool.plan.candidates import Limits
 from profilecal_tool.plan.design import FEW, NOWHERE, Plan, design, joined
 from profilecal_tool.plan.knowledge import model_of_scan, model_of_spec, read_plan
 from profilecal_tool.plan.scan_model import Frames, Prediction, ScanModel, predict
@@ -34,7 +33,6 @@ class Task:
     """What there is to plan."""
 
     model: ScanModel
-    limits: Limits
     # options of `design`
     asked: dict
     rng: np.random.Generator
@@ -72,7 +70,7 @@ class Task:
         if motion:
             lines = self.asked.get("poses") or (motion.sweeps + 1) // 2
             through = self.designed(self.model, poses=lines)
-            return along_lines(through, self.limits, motion, self.rng)
+            return along_lines(through, motion, self.rng)
         plan = self.designed(self.model)
         if self.asked.get("poses") or self.model.guess is None or not plan.falls_short:
             return plan
@@ -84,8 +82,7 @@ class Task:
 
     def designed(self, model: ScanModel, **more: int) -> Plan:
         """A plan for the model, or for one like it. Raises ScanError."""
-        asked = self.asked | more
-        return design(model, self.limits, self.rng, before=self.before, **asked)
+        return design(model, self.rng, before=self.before, **self.asked | more)
 
 
 def read_task(
@@ -108,22 +105,22 @@ def read_task(
     if not place.is_dir():
         entries = read_toml(place)
         spec = read_specification(entries, place)
-    said, asked = read_plan(entries.get("plan", {}), place)
+    limits, asked = read_plan(entries.get("plan", {}), place)
+    asked |= given
     if path.is_dir():
         scan = read_scan(path)
         found = calibrate([scan])
         if back := WayBack.of(found):
             return back
-        model, limits, before = model_of_scan(found)
-        rng = np.random.default_rng(0)
-        noise = dict(scan.noise)
-        limits = said if within else limits
-        asked = asked | given
-        return Task(model, limits, asked, rng, scan, noise, entries, before=before)
+        model, before = model_of_scan(found)
+        if within:
+            model = replace(model, limits=limits)
+        rng, noise = np.random.default_rng(0), dict(scan.noise)
+        return Task(model, asked, rng, scan, noise, entries, before)
     noise = entries.get("noise", {})
     rng = np.random.default_rng(spec.seed)
-    model = model_of_spec(spec, noise, rng)
-    return Task(model, said, asked | given, rng, spec, noise, entries)
+    model = replace(model_of_spec(spec, noise, rng), limits=limits)
+    return Task(model, asked, rng, spec, noise, entries)
 
 
 def write_plan(task: Task, plan: Plan, folder: Path) -> None:
@@ -185,9 +182,9 @@ def next_poses(calibration: Calibration, folder: Path) -> list[str]:
     if len(calibration.scans) > 1:
         return []
     try:
-        model, limits, before = model_of_scan(calibration)
+        model, before = model_of_scan(calibration)
         rng = np.random.default_rng(0)
-        plan = design(model, limits, rng, most=8, before=before, candidates=300)
+        plan = design(model, rng, most=8, before=before, candidates=300)
     except ScanError:
         return []
     if plan.predicted.spectrum.status != "ok":

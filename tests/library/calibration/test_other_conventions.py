@@ -135,32 +135,30 @@ def turned_over():
     return replace(scan, R_base_flange=rotations, p_base_flange=positions)
 
 
-def read_with(columns, block, scan, folder):
-    """The scan, written and read back with a block of other orientation columns."""
-    pc.write_scan(scan, folder)
-    table = pd.read_csv(folder / "poses.csv")
-    table = table.drop(columns=["qw", "qx", "qy", "qz"])
-    table[columns] = block
-    table.to_csv(folder / "poses.csv", index=False)
-    return pc.read_scan(folder)
-
-
-def test_angles_count_as_they_were_printed(tmp_path):
+@pytest.mark.parametrize(
+    ("columns", "sequence", "unit", "words"),
+    [
+        ("a b c", "ZYZ", np.degrees(1), "a, b, c read as Kawasaki angles o, a, t"),
+        ("rx ry rz", "xyz", 1, "rx, ry, rz read as FANUC angles w, p, r in radians"),
+    ],
+)
+def test_angles_and_vectors_count_as_they_were_printed(
+    columns, sequence, unit, words, tmp_path
+):
     scan = turned_over()
-    angles = Rotation.from_matrix(scan.R_base_flange).as_euler("ZYZ")
-    assert (angles[:, 1] > np.pi / 2).any()
-    read = read_with(["a", "b", "c"], np.degrees(angles), scan, tmp_path / "scan")
-    words = "a, b, c read as Kawasaki angles o, a, t"
-    assert words in pc.calibrate(read).messages[0]
-
-
-def test_vectors_count_as_they_were_printed(tmp_path):
-    scan = turned_over()
-    angles = Rotation.from_matrix(scan.R_base_flange).as_euler("xyz")
-    assert (np.linalg.norm(angles, axis=1) > np.pi).any()
-    read = read_with(["rx", "ry", "rz"], angles, scan, tmp_path / "scan")
-    words = "rx, ry, rz read as FANUC angles w, p, r in radians"
-    assert words in pc.calibrate(read).messages[0]
+    angles = Rotation.from_matrix(scan.R_base_flange).as_euler(sequence)
+    beyond = (
+        angles[:, 1] > np.pi / 2
+        if sequence == "ZYZ"
+        else np.linalg.norm(angles, axis=1) > np.pi
+    )
+    assert beyond.any()
+    pc.write_scan(scan, tmp_path / "scan")
+    path = tmp_path / "scan" / "poses.csv"
+    table = pd.read_csv(path).drop(columns=["qw", "qx", "qy", "qz"])
+    table[columns.split()] = unit * angles
+    table.to_csv(path, index=False)
+    assert words in pc.calibrate(pc.read_scan(tmp_path / "scan")).messages[0]
 
 
 @pytest.mark.parametrize("spread_deg", [0.0, 1.0, 5.0])

@@ -161,20 +161,13 @@ UNTURNED = {
 
 @pytest.mark.parametrize("why", [*DEGENERATE, *UNTURNED])
 def test_motion_that_determines_nothing_is_refused_with_a_cure(why):
-    plan, words = (
-        (DEGENERATE | UNTURNED)[why],
-        why if why in UNTURNED else "times what noise makes of a zero",
-    )
+    plan = (DEGENERATE | UNTURNED)[why]
+    words = why if why in UNTURNED else "times what noise makes of a zero"
+    sentence = f"{words}.*(turn the flange|tilted)"
     for seed, how in product(range(10), ("published", "regression")):
-        with pytest.raises(
-            UnobservableError, match=f"{words}.*(turn the flange|tilted)"
-        ):
-            closed_form(
-                observations_of(
-                    edge_scenes(plan, Noise(0.05), np.random.default_rng(seed))
-                ),
-                how=how,
-            )
+        scene = edge_scenes(plan, Noise(0.05), np.random.default_rng(seed))
+        with pytest.raises(UnobservableError, match=sentence):
+            closed_form(observations_of(scene), how=how)
 
 
 def test_turns_that_move_a_direction_along_the_edge_only_are_refused():

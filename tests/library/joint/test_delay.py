@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.linalg import block_diag
+from simulated import error_of
 
 import profilecal as pc
 from profilecal.calibration.observe import observe_all
 from profilecal.geometry.noise import Noise, Systematic, normalised_square
-from profilecal.geometry.poses import pose_error
 from profilecal.joint.linear_model import LinearModel
 from profilecal.joint.problem import FLANGE, Problem
 from profilecal.simulation.spec import truth_of
@@ -43,12 +43,6 @@ def problem_of(scan, delay_ms=0.0):
     state = State(truth.pose[None, :3, :3], truth.pose[None, :3, 3], (placed,))
     problem = Problem(observed, Noise(0.05))
     return problem.later((scan.truth["delay_ms"] + delay_ms) / 1000), state
-
-
-def error_of(found, truth):
-    """Of the sensor pose (6,), mm and rad."""
-    R, T = truth.pose[:3, :3], truth.pose[:3, 3]
-    return pose_error(found.pose[:3, :3], found.pose[:3, 3], R, T)
 
 
 @pytest.mark.parametrize("mount", MOUNTS)
@@ -113,7 +107,7 @@ def test_pose_and_delay_are_exact_without_noise(kind, pattern, mount):
         kind, pattern, noise=exact, mount=mount, delay_ms=-150.0, speed=150.0
     )
     found = pc.calibrate(replace(scan, noise={}))
-    shift, turn = np.linalg.norm(error_of(found, truth).reshape(2, 3), axis=1)
+    shift, turn = np.linalg.norm(error_of(found, truth.pose).reshape(2, 3), axis=1)
     assert shift < 1e-3
     assert np.degrees(turn) < 1e-3
     assert abs(found.to_json()["delay_ms"] + 150) < 1e-3
@@ -149,7 +143,7 @@ def test_one_way_in_the_base_shifts_the_target_and_not_the_sensor():
         found = pc.calibrate(scan)
         assert found.to_json()["delay_sd_ms"] > 150
         assert "which does not move the sensor" in " ".join(found.messages)
-        error = error_of(found, truth)
+        error = error_of(found, truth.pose)
         assert found.status == "ok"
         assert normalised_square(found.solution.covariance, error) < 25
 
@@ -162,7 +156,7 @@ def test_a_delay_that_is_given_is_taken():
     assert found.status == "ok"
     assert printed["delay_source"] == "given"
     assert abs(printed["delay_ms"] - 30) < 1e-3
-    error = error_of(found, truth)
+    error = error_of(found, truth.pose)
     assert normalised_square(found.solution.covariance, error) < 25
 
 
@@ -196,7 +190,7 @@ def test_in_the_field_an_answer_is_right_or_doubted(name):
             assert found.status == "weak"
             assert "the residuals look as if" in " ".join(found.messages)
             continue
-        error = error_of(found, truth)
+        error = error_of(found, truth.pose)
         assert found.status == "ok"
         assert normalised_square(found.solution.covariance, error) < 40
         late = found.to_json()["delay_ms"] - scan.truth["delay_ms"]

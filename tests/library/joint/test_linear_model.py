@@ -14,6 +14,7 @@ from scipy.stats import multivariate_normal
 from profilecal.calibration.plausibility import of_robot
 from profilecal.geometry.noise import ROBOT, Noise, Systematic
 from profilecal.geometry.poses import inverse, rotations
+from profilecal.joint import linear_model
 from profilecal.joint.descent import refine
 from profilecal.joint.linear_model import LinearModel, score
 from profilecal.joint.prior import OF_SCANNER, of_target
@@ -28,55 +29,50 @@ POSE = np.array([0, 0, 1, 2, 3, 4, 5, 5, 2])
 GROUPS = PoseGroups(POSE, np.array([0, 0, 0, 1, 2, 2]), POSE)
 COUNTS = np.array([5] * 5 + [3] * 4)
 PROFILES = np.arange(9)
-ROW = np.repeat(PROFILES, COUNTS)  # the profile that each residual is of
-# variances of the scanner and the robot, mm² and rad²
+# variances of the scanner and the robot, mm² and degrees²
 V = np.array([1.3, 0.4, 0.9, 0.7, 0.5, 0.3, 0.2])
-# to mm² and degrees²
-OF_ROBOT = [1.0 if name.endswith("mm") else np.degrees(1) ** 2 for name in ROBOT]
-UNITS = np.array([1.0, *OF_ROBOT])
 N = 4
 
 
-def padded(profiles):
-    """Rows of each profile, with zeros up to five: (profiles, 5, columns)."""
-    return np.array([np.pad(own, [(0, 5 - len(own)), (0, 0)]) for own in profiles])
-
-
 class Dense:
-    """A model whose residuals r, derivatives A and covariance C are written out."""
+    """A random model, and its residuals r, derivatives A and covariance written out."""
 
-    def __init__(self, rank: int = 5):
-        """`rank`: how many residuals of the first target's profiles an error of the
-        flange can move.
+    def __init__(self, rank=5, groups=GROUPS, counts=COUNTS, names=ROBOT, seed=1):
+        """`rank`: how many residuals of the first profiles an error of the flange can
+        move.
         """
-        rng = np.random.default_rng(1)
-        E = [rng.normal(size=(count, 6)) for count in COUNTS]
-        Y = [rng.normal(size=(count, N + 1)) for count in COUNTS]
+        rng = np.random.default_rng(seed)
+        units = [1, 1, 1, 60, 60, 60]  # a degree moves as much as a millimetre
+        E = [rng.normal(size=(count, 6)) * units for count in counts]
+        Y = [rng.normal(size=(count, N + 1)) for count in counts]
         for own in E[:5]:
-            own[:] = rng.normal(size=(5, rank)) @ rng.normal(size=(rank, 6))
+            moved = rng.normal(size=(len(own), rank)) @ rng.normal(size=(rank, 6))
+            own[:] = moved * units
         root = rng.normal(size=(N, N))
         self.precision = root @ root.T
-        self.model = LinearModel(
-            padded(E), padded(Y), COUNTS, GROUPS, ROBOT, self.precision
-        )
-        self.E = np.concatenate(E)
+        padded = [
+            np.array(
+                [np.pad(own, [(0, max(counts) - len(own)), (0, 0)]) for own in all]
+            )
+            for all in (E, Y)
+        ]
+        self.model = LinearModel(*padded, counts, groups, names, self.precision)
+        self.profile = np.repeat(np.arange(len(counts)), counts)  # of each residual
         self.A, self.r = np.split(np.concatenate(Y), [N], axis=1)
         self.r = self.r[:, 0]
-        self.C = sum(v * M for v, M in zip(V, self.parts(), strict=True))
+        E = np.concatenate(E)
+        # what the covariance is a sum of, one for each error
+        self.parts = [np.eye(len(E))]
+        for name in names:
+            Z = E[:, :3] if name.endswith("mm") else np.radians(E[:, 3:])
+            number = groups.sharing(name)[self.profile]
+            self.parts.append(Z @ Z.T * np.equal.outer(number, number))
 
-    def parts(self):
-        """The matrices that C is a sum of, one for each error."""
-        yield np.eye(len(ROW))
-        numbers = {"repeatability": PROFILES, "group": GROUPS.orientation[POSE]}
-        for name in ROBOT:
-            Z = self.E[:, :3] if name.endswith("mm") else self.E[:, 3:]
-            number = numbers.get(name.split("_")[0], POSE)[ROW]
-            yield Z @ Z.T * np.equal.outer(number, number)
-
-    def of(self, profiles):
+    def of(self, profiles, v=V):
         """r, A and C of some profiles."""
-        rows = np.isin(ROW, profiles)
-        return self.r[rows], self.A[rows], self.C[np.ix_(rows, rows)]
+        rows = np.isin(self.profile, profiles)
+        C = np.tensordot(v, self.parts, 1)
+        return self.r[rows], self.A[rows], C[np.ix_(rows, rows)]
 
 
 def textbook(r, A, C, precision):
@@ -102,8 +98,7 @@ def test_posterior_and_evidence_are_those_of_the_dense_covariance(missing, rank)
     r, A, C = dense.of(PROFILES[kept])
     precision = dense.precision
     model = dense.model.keeping(kept)
-    v = UNITS * V
-    posterior = model.posterior(np.array([v, 2 * v]))
+    posterior = model.posterior(np.array([V, 2 * V]))
     mean, covariance, w, _ = textbook(r, A, C, precision)
     np.testing.assert_allclose(posterior.mean[0], mean, rtol=1e-8)
     np.testing.assert_allclose(
@@ -121,26 +116,64 @@ def test_posterior_and_evidence_are_those_of_the_dense_covariance(missing, rank)
     np.testing.assert_allclose(exact.mean[0], mean, rtol=1e-8)
 
 
-def test_gradient_and_average_information_of_the_evidence():
-    dense = Dense(2)
-    v = UNITS * V
-    slope, information = dense.model.gradient(dense.model.posterior(v[None]))
-    step = 1e-4 * np.diag(v)
-    plus = dense.model.posterior(v + step).log_evidence
-    minus = dense.model.posterior(v - step).log_evidence
-    differences = (plus - minus) / 2e-4
-    np.testing.assert_allclose(slope * v, differences, rtol=1e-5, atol=1e-7)
+def random_groups(profiles, poses, rng):
+    """Profiles in poses and poses in four orientations, some of them alone."""
+    pose = np.unique(rng.integers(0, poses, profiles), return_inverse=True)[1]
+    labels = rng.integers(0, 4, pose.max() + 1)
+    orientation = np.unique(labels, return_inverse=True)[1]
+    return PoseGroups(pose, orientation, orientation[pose])
 
-    _, _, w, P = textbook(dense.r, dense.A, dense.C, dense.precision)
-    moved = np.array([M @ w for M in dense.parts()])
-    ours = information * UNITS[:, None] * UNITS
-    expected = moved @ P @ moved.T / 2
-    np.testing.assert_allclose(ours, expected, rtol=1e-6, atol=1e-9)
+
+@pytest.mark.parametrize("poses", [8, 30, 300], ids=["crowded", "mixed", "alone"])
+@pytest.mark.parametrize("zero", [False, True])
+def test_the_structure_gives_the_answers_of_the_dense_covariance(poses, zero):
+    """And the gradient of the evidence, and its average information: of uneven groups,
+    some of one profile, profiles left out, variances of zero.
+    """
+    rng = np.random.default_rng(poses)
+    groups = random_groups(60, poses, rng)
+    names = [name for name in ROBOT if name in groups.distinguishable]
+    dense = Dense(2, groups, np.full(60, 3), names, poses)
+    v = np.r_[1.0, rng.uniform(0, 1, len(names))]
+    if zero:
+        v[1] = 0.0
+    for kept in (np.full(60, True), rng.uniform(size=60) > 0.2):
+        r, A, C = dense.of(np.flatnonzero(kept), v)
+        mean, covariance, w, P = textbook(r, A, C, dense.precision)
+        rows = kept[dense.profile]
+        parts = [M[np.ix_(rows, rows)] for M in dense.parts]
+        moved = np.array([M @ w for M in parts])
+        Y = np.c_[A, r]
+        expected = (
+            mean,
+            covariance,
+            Y.T @ np.linalg.solve(C, Y),
+            (moved @ w - [np.sum(P * M) for M in parts]) / 2,
+            moved @ P @ moved.T / 2,
+        )
+        model = dense.model.keeping(kept)
+        posterior = model.posterior(v[None])
+        of_one = posterior.mean, posterior.covariance, posterior.normal
+        found = *(one[0] for one in of_one), *model.gradient(posterior)
+        for ours, right in zip(found, expected, strict=True):
+            atol = 1e-9 * np.abs(right).max()
+            np.testing.assert_allclose(ours, right, rtol=0, atol=atol)
+
+
+def test_several_sets_of_variances_are_one_after_the_other(monkeypatch):
+    """However many are looked at together."""
+    rng = np.random.default_rng(1)
+    model = Dense(5, random_groups(40, 20, rng), np.full(40, 3)).model
+    v = rng.uniform(0.5, 1, (5, 1 + len(ROBOT)))
+    alone = [model.posterior(one[None]).log_evidence[0] for one in v]
+    for numbers in (2 * model.rows.size, 10 * model.rows.size):
+        monkeypatch.setattr(linear_model, "AT_ONCE", numbers)
+        np.testing.assert_allclose(model.posterior(v).log_evidence, alone, rtol=1e-12)
 
 
 def left_out_square(model, profile: int) -> float:
     """χ² of a profile, by what the other profiles say of it."""
-    errors, covariances = model.left_out(model.posterior((UNITS * V)[None]))
+    errors, covariances = model.left_out(model.posterior(V[None]))
     return squared(errors[profile], covariances[profile])
 
 
@@ -159,7 +192,8 @@ def test_a_profile_left_out_is_predicted_as_by_the_model_without_it(profile):
     assert left_out_square(without, profile) == pytest.approx(squared(error, S))
 
     # the others' residuals say what the shared errors are
-    common = dense.C[np.ix_(profile == ROW, profile != ROW)]
+    own = dense.profile == profile
+    common = dense.of(PROFILES)[2][np.ix_(own, ~own)]
     shared = common @ np.linalg.inv(C)
     slope = A_own - shared @ A
     error = r_own + A_own @ mean - shared @ (r + A @ mean)
@@ -174,12 +208,12 @@ def test_what_each_profile_says_by_itself():
         r, A, C = dense.of(profile)
         Y = np.c_[A, r]
         expected.append(Y.T @ np.linalg.solve(C, Y))
-    np.testing.assert_allclose(dense.model.alone(UNITS * V), expected, rtol=1e-8)
+    np.testing.assert_allclose(dense.model.alone(V), expected, rtol=1e-8)
 
 
 def test_a_score_is_one_step_of_a_model_with_one_more_unknown():
     dense, n = Dense(), 2
-    r, A, C = dense.r, dense.A, dense.C
+    r, A, C = dense.of(PROFILES)
     Y, W = np.c_[A, r], np.linalg.inv(C)
     known = dense.precision[:n, :n]
     sizes, sds, moves = score(Y.T @ W @ Y, n, known)

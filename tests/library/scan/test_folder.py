@@ -11,6 +11,7 @@ from folders import (
     LOOP,
     PIPE,
     TOO_DEEP,
+    assert_same,
     edited,
     instead_of,
     removed,
@@ -49,18 +50,6 @@ def random_scan(seed, measured="points", kind="edge"):
         **{measured: values},
         **lengths,
     )
-
-
-ABOUT = ("kind", "labels", "measured", "sizes", "noise", "title", "mount", "convention")
-
-
-def assert_same(first, second):
-    np.testing.assert_allclose(first.T_base_flange, second.T_base_flange, atol=1e-9)
-    np.testing.assert_allclose(first.values, second.values, atol=1e-9)
-    for name in ABOUT:
-        assert getattr(first, name) == getattr(second, name)
-    np.testing.assert_array_equal(first.group, second.group)
-    np.testing.assert_array_equal(first.side, second.side)
 
 
 IN_CONVENTIONS = [(each.name, "points", "edge") for each in CONVENTIONS]

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from folders import edited, removed, tabulated, written
+from folders import assert_same, edited, removed, tabulated, written
 from simulated import scan_of
 
 import profilecal as pc
@@ -34,17 +34,6 @@ def folder(tmp_path):
     return tmp_path / "scan"
 
 
-def assert_same(first, second):
-    np.testing.assert_allclose(first.T_base_flange, second.T_base_flange, atol=1e-8)
-    np.testing.assert_allclose(first.times, second.times, rtol=1e-12)
-    for one, other in zip(first.values, second.values, strict=True):
-        np.testing.assert_allclose(one, other, atol=1e-8)
-    np.testing.assert_array_equal(first.group, second.group)
-    np.testing.assert_array_equal(first.side, second.side)
-    for name in ("labels", "sweeps", "mount", "noise", "delay_ms"):
-        assert getattr(first, name) == getattr(second, name)
-
-
 @pytest.mark.parametrize("name", RECORDED)
 @pytest.mark.parametrize("delay_ms", [None, 12.5])
 def test_what_is_written_is_read(name, delay_ms, tmp_path):
@@ -67,6 +56,7 @@ def test_arrays_make_the_same_scan():
         times=scan.times,
         sweeps=scan.sweeps,
         labels=names,
+        title=scan.title,
         noise=scan.noise,
         convention=scan.convention,
         orientations=from_rotations(named(scan.convention), scan.R_base_flange[still]),

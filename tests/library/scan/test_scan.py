@@ -54,16 +54,3 @@ def test_a_side_for_some_poses_or_of_no_sign_is_refused(side):
     scan = scan_of("edge", groups=4, positions=3)
     with pytest.raises(pc.ScanError, match="expected 1, -1 or 0, for each pose"):
         replace(scan, side=np.array(side))
-
-
-def test_groups_found_in_memory_are_those_found_from_a_folder(tmp_path):
-    recorded = scan_of("edge", groups=12, positions=5)
-    pc.write_scan(recorded, tmp_path / "scan")
-    from_folder = pc.read_scan(tmp_path / "scan")
-    from_arrays = of_arrays(from_folder, noise=from_folder.noise)
-    np.testing.assert_array_equal(from_arrays.group, from_folder.group)
-    np.testing.assert_array_equal(from_arrays.group, recorded.group)
-    assert not from_arrays.group_given
-    of_folder = pc.calibrate(from_folder).covariance_mm_deg
-    of_memory = pc.calibrate(from_arrays).covariance_mm_deg
-    np.testing.assert_array_equal(of_memory, of_folder)

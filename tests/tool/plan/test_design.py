@@ -1,11 +1,13 @@
 """Designed plans, against others."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from planned import KINDS, model_for
 
 from profilecal.geometry.poses import angle_between
-from profilecal_tool.plan.candidates import Limits, draw, refused
+from profilecal_tool.plan.candidates import draw, refused
 from profilecal_tool.plan.design import (
     Pool,
     design,
@@ -13,7 +15,7 @@ from profilecal_tool.plan.design import (
     smooth_worst,
     there_and_back,
 )
-from profilecal_tool.plan.scan_model import predict
+from profilecal_tool.plan.scan_model import Limits, predict
 
 UNTIL = 0.1, 0.05
 
@@ -24,7 +26,7 @@ def lacks(predicted):
 
 def pool_of(kind, count, rng):
     model = model_for(kind)
-    R, T = draw(model, Limits(), count, rng)
+    R, T = draw(model, count, rng)
     return Pool.from_poses(model, R, T, UNTIL)
 
 
@@ -61,9 +63,9 @@ def test_a_designed_plan_beats_the_best_of_1000_random_ones(kind):
     model = model_for(kind)
     pool = pool_of(kind, 800, rng)
     best = min(pool.lacks(random_plan(rng, 15)) for _ in range(1000))
-    plan = design(model, Limits(), rng, poses=15, candidates=800)
+    plan = design(model, rng, poses=15, candidates=800)
     assert len(plan.T) == 15
-    assert (refused(model, Limits(), plan.R, plan.T) == "").all()
+    assert (refused(model, plan.R, plan.T) == "").all()
     apart = angle_between(plan.R[:, None], plan.R) + 2 * np.eye(15)
     assert np.degrees(apart.min()) >= 1
     assert lacks(plan.predicted) < 0.9 * best
@@ -73,7 +75,7 @@ def test_a_designed_plan_beats_the_best_of_1000_random_ones(kind):
 def test_half_of_the_poses_that_random_plans_need_and_none_too_many(kind):
     model = model_for(kind)
     rng = np.random.default_rng(4)
-    plan = design(model, Limits(), rng, candidates=800)
+    plan = design(model, rng, candidates=800)
     count = len(plan.T)
     assert lacks(plan.predicted) <= 1
     pool = pool_of(kind, 800, rng)
@@ -88,20 +90,21 @@ def test_half_of_the_poses_that_random_plans_need_and_none_too_many(kind):
 def test_a_plan_after_others_adds_what_those_lack():
     model = model_for("edge")
     rng = np.random.default_rng(7)
-    before = draw(model, Limits(tilt_deg=2, spin_deg=0), 30, rng)
+    narrow = replace(model, limits=Limits(tilt_deg=2, spin_deg=0))
+    before = draw(narrow, 30, rng)
     assert predict(model, *before).spectrum.status != "ok"
-    plan = design(model, Limits(), rng, poses=6, before=before, candidates=800)
+    plan = design(model, rng, poses=6, before=before, candidates=800)
     assert plan.predicted.poses == 36
     assert plan.predicted.spectrum.status == "ok"
-    alone = design(model, Limits(), rng, poses=6, candidates=800)
+    alone = design(model, rng, poses=6, candidates=800)
     assert lacks(plan.predicted) < lacks(alone.predicted)
 
 
 def test_a_plan_after_one_that_is_enough_has_one_pose():
     model = model_for("edge")
     rng = np.random.default_rng(7)
-    enough = draw(model, Limits(), 30, rng)
-    plan = design(model, Limits(), rng, until=(1, 1), before=enough, candidates=100)
+    enough = draw(model, 30, rng)
+    plan = design(model, rng, until=(1, 1), before=enough, candidates=100)
     assert len(plan.T) == 1
 
 

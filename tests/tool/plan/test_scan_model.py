@@ -8,8 +8,8 @@ from planned import KINDS, errors, model_for
 
 from profilecal.geometry.noise import Systematic
 from profilecal.geometry.poses import carry
-from profilecal_tool.plan.candidates import Limits, draw
-from profilecal_tool.plan.scan_model import information, predict
+from profilecal_tool.plan.candidates import draw
+from profilecal_tool.plan.scan_model import Limits, information, predict
 
 MEASURED = [*((kind, "profiles") for kind in KINDS), ("ball", "arcs")]
 
@@ -31,14 +31,15 @@ def assert_predicted(model, R, T, rng, most):
 def test_predicted_deviations_are_those_of_simulated_calibrations(kind, measured):
     model = model_for(kind, measured)
     rng = np.random.default_rng(5)
-    R, T = draw(model, Limits(), 15, rng)
+    R, T = draw(model, 15, rng)
     assert_predicted(model, R, T, rng, 0.2)
 
 
 def test_poses_of_one_orientation_share_its_error_in_a_prediction_as_in_a_simulation():
     model = model_for("edge")
     rng = np.random.default_rng(6)
-    R, T = draw(model, Limits(extent_mm=10, tilt_deg=20), 6, rng)
+    narrow = replace(model, limits=Limits(extent_mm=10, tilt_deg=20))
+    R, T = draw(narrow, 6, rng)
     R = np.repeat(R, 4, axis=0)
     T = np.repeat(T, 4, axis=0) + rng.uniform(-15, 15, (24, 3))
     assert_predicted(model, R, T, rng, 0.3)
@@ -47,7 +48,7 @@ def test_poses_of_one_orientation_share_its_error_in_a_prediction_as_in_a_simula
 @pytest.mark.parametrize("kind", [*KINDS, "point"])
 def test_the_information_of_poses_with_orientations_of_their_own_adds_up(kind):
     model = model_for(kind)
-    R, T = draw(model, Limits(), 12, np.random.default_rng(3))
+    R, T = draw(model, 12, np.random.default_rng(3))
     together = information(model, R, T)
     added = information(model, R, T, each=True).sum(axis=0)
     sd = np.sqrt(np.diag(together))
@@ -62,7 +63,7 @@ def test_the_information_of_poses_with_orientations_of_their_own_adds_up(kind):
 def test_a_prediction_says_how_far_it_depends_on_the_guess(kind, least, most):
     model = model_for(kind)
     rng = np.random.default_rng(1)
-    R, T = draw(model, Limits(), 15, rng)
+    R, T = draw(model, 15, rng)
     (smallest_mm, _), (largest_mm, _) = predict(model, R, T, rng).between
     assert least < largest_mm / smallest_mm < most
     exact = predict(replace(model, guess=None), R, T, rng)
@@ -71,7 +72,7 @@ def test_a_prediction_says_how_far_it_depends_on_the_guess(kind, least, most):
 
 def test_a_prediction_counts_with_what_is_wrong_at_every_pose():
     model = model_for("ball")
-    R, T = draw(model, Limits(), 15, np.random.default_rng(1))
+    R, T = draw(model, 15, np.random.default_rng(1))
     without = predict(replace(model, systematic=Systematic()), R, T)
     assert predict(model, R, T).mm > without.mm
 
@@ -88,7 +89,7 @@ def test_a_guess_is_wrong_by_up_to_its_margins():
 
 def test_a_face_is_seen_from_one_side_of_the_view_to_the_other():
     model = model_for("plane")
-    R, T = draw(model, Limits(), 20, np.random.default_rng(5))
+    R, T = draw(model, 20, np.random.default_rng(5))
     R_view, T_view = model.planes(R, T)
     x, z = np.moveaxis(model.points_seen(R_view, T_view, 9), -1, 0)
     ends = [0, -1]
