@@ -419,7 +419,7 @@ def plan(spec, folder, poses, until, within, given):
         lines = prediction_lines(prediction, task.model, unseen=unseen)
     else:
         designed = written_plan(task, folder) if folder else task.plan()
-        lines = plan_lines(designed, bool(task.asked.get("poses")))
+        lines = plan_lines(designed, task.count_given)
     if folder:
         lines += steps(folder, spec, designed)
     echo("\n".join(lines))

@@ -10,6 +10,7 @@ for whatever serves best in its place, until none does (Fedorov 1972). A block V
 low rank changes C by C V (1 + Vᵀ C V)⁻¹ Vᵀ C.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -51,6 +52,8 @@ class Plan:
     is_first_step: bool = False
     # mm/s, where two poses at a time are the ends of a sweep
     speed: float = 0.0
+    # why there are not as many sweeps as were to be
+    left_out: Sequence[str] = ()
 
     @property
     def falls_short(self) -> bool:

@@ -5,6 +5,7 @@ the way back the other way. A wrong mount shifts both alike. So the way back tel
 from the other, and the error of the robot that both have in common drops out.
 """
 
+from collections import Counter
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -20,7 +21,7 @@ from profilecal.scan.tables import write_table
 from profilecal.simulation.sweeps import PAUSE_S, Motion, half_way
 from profilecal_tool.plan.candidates import refused
 from profilecal_tool.plan.design import Plan
-from profilecal_tool.plan.scan_model import Frames, ScanModel, predict
+from profilecal_tool.plan.scan_model import ScanModel, predict
 
 TABLE = "sweeps.csv"  # of a plan: where each sweep begins, and where it ends
 WHY = "driven there and back: a delay shifts both ways apart, a wrong mount does not"
@@ -33,9 +34,11 @@ def along_lines(plan: Plan, motion: Motion, rng: np.random.Generator) -> Plan:
     Raises ScanError where no line is possible.
     """
     model = plan.model
-    R, T = lines_through(model, plan.R, plan.T)
+    R, T, left_out = lines_through(model, plan.R, plan.T)
     if not len(T):
-        raise ScanError("no straight sweep fits within the limits; widen them")
+        raise ScanError(
+            f"no straight sweep fits within the limits: {', '.join(left_out)}"
+        )
     there_and_back = [0, 1, 1, 0]
     R, T = R.repeat(4, axis=0), T[:, there_and_back].reshape(-1, 3)
     log, times, group = driven(model, R, T, motion)
@@ -43,23 +46,41 @@ def along_lines(plan: Plan, motion: Motion, rng: np.random.Generator) -> Plan:
     seen_from = inverse(R_log, p_log) if model.to_hand else (R_log, p_log)
     in_motion = {"log": log, "times": times[None], "group": group}
     predicted = predict(model, *seen_from, rng, **in_motion)
-    return replace(plan, R=R, T=T, predicted=predicted, speed=motion.speed)
+    return replace(
+        plan,
+        R=R,
+        T=T,
+        predicted=predicted,
+        enough=0,
+        speed=motion.speed,
+        left_out=left_out,
+    )
 
 
-def lines_through(model: ScanModel, R: ndarray, T: ndarray) -> Frames:
+def lines_through(
+    model: ScanModel, R: ndarray, T: ndarray
+) -> tuple[ndarray, ndarray, list[str]]:
     """The longest possible lines across the target through flange poses (P, 3, 3), (P,
-    3): orientations (k, 3, 3) and both ends (k, 2, 3), k <= P.
+    3): orientations (k, 3, 3) and both ends (k, 2, 3), k <= P; and why there are no
+    others, the most frequent reason first.
     """
     half = model.planes(R, T)[0] @ half_way(model)
     found: dict[int, ndarray] = {}
     for share in (1, 1 / 2, 1 / 4):
         for middle in (0, 1, -1):
             ends = T + share * np.multiply.outer([middle - 1, middle + 1], half)
-            possible = [refused(model, R, end) == "" for end in ends]
-            for k in np.flatnonzero(np.all(possible, axis=0)):
+            why = [refused(model, R, end) for end in ends]
+            reasons = np.maximum(*why)
+            for k in np.flatnonzero(reasons == ""):
                 found.setdefault(int(k), ends[:, k])
     chosen = sorted(found)
-    return R[chosen], np.array([found[k] for k in chosen]).reshape(-1, 2, 3)
+    missing = Counter(np.delete(reasons, chosen)).most_common()
+    left_out = [
+        f"{count} line{'s' * (count > 1)} whose ends {reason}"
+        for reason, count in missing
+    ]
+    ends = np.array([found[k] for k in chosen]).reshape(-1, 2, 3)
+    return R[chosen], ends, left_out
 
 
 def driven(

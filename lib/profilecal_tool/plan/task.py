@@ -14,6 +14,7 @@ from profilecal.scan.folder import poses_columns, read_scan
 from profilecal.scan.scan import Scan, ScanError
 from profilecal.scan.tables import write_table
 from profilecal.scan.toml import read_toml, toml_text
+from profilecal.simulation.sweeps import Motion
 from profilecal.targets import TARGETS
 from profilecal_tool.plan.design import FEW, NOWHERE, Plan, design, joined
 from profilecal_tool.plan.knowledge import model_of_scan, model_of_spec, read_plan
@@ -26,6 +27,8 @@ from profilecal_tool.plan.specification import (
 )
 from profilecal_tool.plan.sweeps import TABLE, WayBack, along_lines, write_sweeps
 from profilecal_tool.plan.words import worst
+
+LINES = (4, 6, 8, 12, 16, 24, 32, 48)  # of plans of sweeps that are tried in turn
 
 
 @dataclass(frozen=True)
@@ -66,11 +69,8 @@ class Task:
 
         Raises ScanError.
         """
-        motion = getattr(self.source, "motion", None)
-        if motion:
-            lines = self.asked.get("poses") or (motion.sweeps + 1) // 2
-            through = self.designed(self.model, poses=lines)
-            return along_lines(through, motion, self.rng)
+        if self.motion:
+            return self.in_motion(self.motion)
         plan = self.designed(self.model)
         if self.asked.get("poses") or self.model.guess is None or not plan.falls_short:
             return plan
@@ -79,6 +79,29 @@ class Task:
         if self.designed(exact).falls_short:
             return plan
         return replace(self.designed(self.model, poses=FEW), is_first_step=True)
+
+    def in_motion(self, motion: Motion) -> Plan:
+        """Sweeps along so many lines as are asked for, or as serve `until`; else as the
+        specification says. Raises ScanError.
+        """
+        given = self.asked.get("poses") or (motion.sweeps + 1) // 2
+        for lines in (given,) if self.count_given else LINES:
+            through = self.designed(self.model, poses=lines)
+            plan = along_lines(through, motion, self.rng)
+            if not plan.falls_short:
+                break
+        return plan
+
+    @property
+    def motion(self) -> Motion | None:
+        """How the robot moves, if it does."""
+        return getattr(self.source, "motion", None)
+
+    @property
+    def count_given(self) -> bool:
+        """Whether so many poses or lines are asked for, not as many as it takes."""
+        by_motion = self.motion and "until" not in self.asked
+        return bool(by_motion or self.asked.get("poses"))
 
     def designed(self, model: ScanModel, **more: int) -> Plan:
         """A plan for the model, or for one like it. Raises ScanError."""

@@ -78,13 +78,15 @@ def plan_lines(plan: Plan, count_given: bool) -> list[str]:
     """A plan in lines; `count_given`: it was to have so many poses and no more."""
     new = 0 if plan.speed else len(plan.T)
     lines = prediction_lines(plan.predicted, plan.model, new)
-    if plan.speed:
-        return [
-            *lines,
-            f"sweeps         {len(plan.T) // 2}, {WHY}",
-        ]
     mm, deg = plan.until
     wished = f"{mm:g} mm and {deg:g}°"
+    if plan.speed:
+        count = len(plan.T) // 2
+        lines.append(f"sweeps         {count}, {WHY}")
+        lines += [f"left out       {why}" for why in plan.left_out]
+        if plan.falls_short and not count_given:
+            lines.append(f"note           {count} sweeps do not give {wished}")
+        return lines
     if plan.is_first_step:
         lines.append(
             "note           a first step: with a guess as wrong as stated, as many "

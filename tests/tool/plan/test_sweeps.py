@@ -56,6 +56,29 @@ def test_planned_sweeps_give_what_is_predicted(tmp_path, kind, mount):
         assert 2 / 3 < stated / float(predicted) < 3 / 2
 
 
+def test_sweeps_are_as_many_as_it_takes_and_limits_cost_some(tmp_path):
+    sensor, target = PLACES["eye-in-hand"]
+    text = SPEC.format(kind="edge", mount="eye-in-hand", sensor=sensor, target=target)
+    spec = tmp_path / "spec.toml"
+    spec.write_text(text)
+    counts = []
+    for wish in ((0.3, 0.2), (0.05, 0.04)):
+        said = run("plan", spec, "--until", *wish).stdout
+        mm, deg = re.search(r"worst +([\d.]+) mm and ([\d.]+)°", said).groups()
+        assert float(mm) <= wish[0]
+        assert float(deg) <= wish[1]
+        counts.append(int(re.search(r"sweeps +(\d+),", said)[1]))
+    assert counts[0] < counts[1]
+    spec.write_text(text + "[plan]\nlow = [880, -60, 380]\n")
+    said = run("plan", spec, "--poses", "12").stdout
+    left_out = sum(map(int, re.findall(r"left out +(\d+) line", said)))
+    assert 2 * (12 - left_out) == int(re.search(r"sweeps +(\d+),", said)[1]) < 24
+    spec.write_text(text + "[plan]\nlow = [880, -60, 419]\nhigh = [2000, 60, 420]\n")
+    said = run("plan", spec, "--poses", "3").output
+    assert "no straight sweep fits within the limits" in said
+    assert "are outside the box" in said
+
+
 def test_the_way_back_of_a_scan_tells_its_delay(tmp_path):
     entries = {"kind": "edge", "seed": 1, "noise": {"profile_mm": 0.05}}
     entries["motion"] = {"pattern": "one way", "sweeps": 16, "profiles": 30}
