@@ -9,8 +9,10 @@ import numpy as np
 
 import profilecal as pc
 from profilecal.calibration.answer import DEGREES
+from profilecal.geometry.fitting import fit_circle
 from profilecal.geometry.noise import normalised_square
 from profilecal.geometry.poses import homogeneous, pose_error, rotations
+from profilecal.joint.prior import TYPICAL, considered
 from profilecal.simulation.spec import pose_name
 
 SCANNER = {"noise_mm": 0.06}  # of raw profiles; 0.05 is stated
@@ -54,6 +56,32 @@ def with_values(scan, poses, change):
     for pose in poses:
         values[pose] = change(values[pose])
     return replace(scan, values=tuple(values))
+
+
+def by_a_believed_scanner(scan, rng):
+    """The scan by a scanner, and of a target, that err as is believed of usual ones; of
+    circles as of the arcs that were seen.
+    """
+    values, lengths = scan.values, scan.measures
+    for error, sd in considered([scan.target], TYPICAL).items():
+        wrong = sd * rng.normal()
+        if error.length:
+            lengths[error.length] += wrong
+        else:
+            values = [wrongly_seen(rows, error, wrong) for rows in values]
+    return replace(scan, values=tuple(values), sizes=tuple(lengths.values()))
+
+
+def wrongly_seen(rows, error, wrong):
+    """Points (n, 2), or a circle (1, 3), with an error of the scanner of that size."""
+    is_circle = rows.shape[1] == 3
+    points = rows[:, :2]
+    if is_circle:
+        angle = np.radians(np.linspace(-50, 50, 21))
+        points = points + rows[:, 2:] * np.stack([np.sin(angle), -np.cos(angle)], 1)
+    moved = points.copy()
+    moved[:, "xz".index(error.moved)] += wrong * error.points(*points.T)
+    return fit_circle(moved)[None] if is_circle else moved
 
 
 def wrong_by(T, mm, deg):

@@ -10,6 +10,7 @@ from numpy import ndarray
 from profilecal.profiles.points import Feature
 from profilecal.scan.scan import Scan
 from profilecal.scan.tables import ScanError, some
+from profilecal.targets.ball import Ball
 from profilecal.targets.observations import Observations
 from profilecal.targets.target import find_features
 
@@ -207,6 +208,7 @@ def as_observations(scan: Scan, seen: Seen, reference_mm: float = 0.0) -> Observ
         group=scan.group[seen.poses],
         eye_to_hand=scan.mount == "eye-to-hand",
         covariance=covariance,
+        half_arc_deg=Ball.half_arc_deg * (scan.measured == "arcs"),
         log=scan.log,
         times=None if scan.log is None else scan.times[None, seen.poses],
         delay_s=(scan.delay_ms or 0) / 1000,

@@ -1,5 +1,6 @@
 """One target's residuals and their derivatives, arranged for speed."""
 
+from collections.abc import Callable
 from copy import copy
 
 import numpy as np
@@ -7,7 +8,7 @@ from numpy import ndarray
 
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import carry, cross, dot, inverse, rotations
-from profilecal.joint.prior import Perturbation
+from profilecal.joint.prior import FINEST_MM, Perturbation
 from profilecal.targets.observations import Observations, State
 from profilecal.targets.target import Sight
 
@@ -171,9 +172,11 @@ class Residuals:
             shift = error.clock(np.nan_to_num(self.observed.times[0]))
             return self.by_time(columns, state) * shift
         if error.points:
-            moved = error.points(*self.seen)[:, :, None]  # (1, m, 1, P)
-            by_moved = self.by_point(columns)["xz".index(error.moved)]
-            return (by_moved * moved).reshape(1, *columns.shape[2:])
+            moved = self.moved_by(error.points, error.moved)[
+                :, :, :, None
+            ]  # (2, 1, m, 1, P)
+            by_error = (self.by_point(columns) * moved[:, :, :, None]).sum(axis=0)
+            return by_error.reshape(1, *columns.shape[2:])
         R, T = self.observed.R_flange[0], self.observed.T_flange[0]
         if self.observed.eye_to_hand:
             in_sensor = -error.positions(inverse(R, T)[1]) @ state.rotation[0]
@@ -181,6 +184,32 @@ class Residuals:
             in_flange = (error.positions(T)[:, None] @ R)[:, 0]
             in_sensor = in_flange @ state.rotation[0]
         return np.sum(columns[:, SHIFT] * in_sensor.T[:, None], axis=1)
+
+    def moved_by(self, error: Callable, moved: str) -> ndarray:
+        """By how much an error in x or z, the one `moved`, moves x and z of the points
+        seen, (2, 1, m, P) mm.
+
+        Three points that stand for a circle move as it does: as the one that fits the
+        arc that was seen. If points in the directions n from the centre move by e, it
+        moves by c and its radius by d so that about
+
+            n · c + d = n · e
+        """
+        axis = "xz".index(moved)
+        if not self.observed.half_arc_deg:
+            shift = np.zeros(self.seen.shape)
+            shift[axis] = error(*self.seen)
+            return shift
+        centre = self.seen.mean(axis=2, keepdims=True)
+        outward = self.seen - centre
+        radius = np.maximum(np.hypot(*outward), FINEST_MM)
+        outward = outward / radius
+        angle = np.radians(self.observed.half_arc_deg) * np.linspace(-1, 1, 21)
+        n = np.stack([np.sin(angle), -np.cos(angle)])  # towards the scanner
+        e = error(*(centre + radius[:, :1] * n[:, None, :, None]))
+        at_arc = n[axis][:, None] * e
+        x, z, d = np.linalg.pinv(np.stack([*n, np.ones(21)], axis=1)) @ at_arc[0]
+        return outward * (outward[0] * x + outward[1] * z + d)
 
     def by_time(self, columns: ndarray, state: State) -> ndarray:
         """The derivative (1, K, P) by the time at which the flange is looked up, mm/s:

@@ -42,6 +42,9 @@ class Observations:
     # of points' distances from a curve, else (B|1, P, 2m, 2m) of x and z of all points;
     # None: 1 for each coordinate, independent
     covariance: ndarray | None = None
+    # where three points a third of a turn apart stand for a circle: how much of it was
+    # seen to either side of the point nearest to the scanner; 0: they are what was seen
+    half_arc_deg: float = 0.0
     # what was seen in motion: the robot's log, and when it was by the scanner's clock,
     # (B|1, P) s, NaN at rest
     log: Log | None = None

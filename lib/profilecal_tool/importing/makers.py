@@ -27,7 +27,7 @@ SCANNERS = "sensor scanner camera cam head device source kanal channel kamera ko
 SCANNERS = {*SCANNERS.split(), "传感器", "相机"}
 
 # columns that say when
-TIMES = re.compile(r"time|stamp|date|zeit|datum|时间|時刻")
+TIMES = re.compile(r"^t$|time|stamp|date|zeit|datum|时间|時刻")
 
 VECTOR = named("rotation vector").columns
 

@@ -172,7 +172,7 @@ def times_of(
 ) -> tuple[ndarray, ndarray]:
     """The times of poses and of profiles, s; none where not all have one."""
     others = [name for name in poses.columns if name not in turn]  # t may be an angle
-    columns = [name for name in others if name == "t" or TIMES.search(name)]
+    columns = [name for name in others if TIMES.search(name)]
     cells = zip(*(poses.columns[name] for name in columns), strict=True)
     of_poses = all_seconds([" ".join(map(str, both)) for both in cells])
     of_profiles = all_seconds([*map(str, names)])

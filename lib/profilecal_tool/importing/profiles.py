@@ -262,8 +262,9 @@ def labels_of(
     for name in names:
         k = blocks(table.columns[name]) if name in others else 0
         is_usual = name in (*LABELS, ROW) or count / 2 <= k <= 2 * count
-        is_usual |= TIMES.search(name) is not None  # of a log, one for each profile
-        if is_usual and 1 < k <= len(xz) / 2:
+        is_time = TIMES.search(name) is not None  # of a log, one for each profile
+        one_each = k == len(xz) and (is_time or name == ROW)
+        if one_each or ((is_usual or is_time) and 1 < k <= len(xz) / 2):
             return np.array(table.columns[name])
     return np.searchsorted(starts_of(xz, count), np.arange(len(xz)), "right")
 

@@ -13,6 +13,7 @@ import numpy as np
 from charset_normalizer import from_bytes
 from numpy import ndarray
 
+from profilecal.scan.conventions import CONVENTIONS
 from profilecal.scan.tables import (
     Row,
     ScanError,
@@ -32,6 +33,7 @@ from profilecal_tool.importing.makers import (
     HEIGHTS,
     LENGTHS,
     POSE_FILES,
+    TIMES,
     UNITS,
 )
 
@@ -397,7 +399,10 @@ def apart(table: Table) -> tuple[Table, Table]:
     """Poses, one a row, and the points measured there, of a table that has both.
 
     Points have columns of numbered names, many of each; or those that change in most
-    rows, while a pose's change together. Raises ScanError where it has no poses.
+    rows, while a pose's change together. Where one of x, y and z does that, and no
+    other column is of a position, each row has a pose and a point.
+
+    Raises ScanError where it has no poses.
     """
     names, begins = [*table.columns], np.full(len(table.lines), True)
     many = Counter(map(stem, names))
@@ -408,6 +413,13 @@ def apart(table: Table) -> tuple[Table, Table]:
         seldom = [changes[name] for name in names if name not in points]
         begins = np.sum([*seldom, 0 * begins], axis=0) > 1
     pose = [name for name in names if name not in points]
+    turns = [one.columns for one in CONVENTIONS if {*one.columns} <= {*names}]
+    of_pose = {*"xyz"}.union(*turns)
+    elsewhere = {name for name in pose if words_in(name) & {*"xyz"}} - {*"xyz"}
+    if turns and {*points} & {*"xyz"} and not elsewhere:
+        begins[:] = True
+        points = [name for name in names if name not in of_pose]
+        pose = [name for name in names if name in of_pose or TIMES.search(name)]
     if not pose:
         raise ScanError(
             f"{table.path}: columns {listed(names)}, and no poses; say what holds "
