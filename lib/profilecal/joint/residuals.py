@@ -172,9 +172,7 @@ class Residuals:
             shift = error.clock(np.nan_to_num(self.observed.times[0]))
             return self.by_time(columns, state) * shift
         if error.points:
-            moved = self.moved_by(error.points, error.moved)[
-                :, :, :, None
-            ]  # (2, 1, m, 1, P)
+            moved = self.moved_by(error.points, error.moved)
             by_error = (self.by_point(columns) * moved[:, :, :, None]).sum(axis=0)
             return by_error.reshape(1, *columns.shape[2:])
         R, T = self.observed.R_flange[0], self.observed.T_flange[0]

@@ -22,6 +22,7 @@ from profilecal_tool.importing.arrays import (
 )
 from profilecal_tool.importing.layout import Layout
 from profilecal_tool.importing.makers import (
+    ALIASES,
     CODE,
     LABELS,
     SCANNERS,
@@ -361,6 +362,11 @@ def x_and_z(tables: list[Table], layout: Layout) -> dict[str, str]:
     """
     first = tables[0]
     axes = names_and_units(layout.columns.split(",")) if layout.columns else {}
+    meant = {ALIASES.get(name, name): name for name in first.columns}
+    axes = {
+        name if name in first.columns else meant.get(name, name): unit
+        for name, unit in axes.items()
+    }
     for axis in "xz":
         named = [axis] if axis in first.columns else []
         named = named or [name for name in first.columns if axis in meaning(name)]

@@ -278,10 +278,15 @@ def holds_numbers(fields: list[str]) -> bool:
 def names_and_units(titles: Collection[str]) -> dict[str, str]:
     """What titles say: "X [mm]" is x, in mm.
 
-    Where a name is there twice, columns' numbers take its place.
+    Where a name is there twice, columns' numbers take its place; but a title that says
+    it goes before another that means it.
     """
     parts = [UNIT.split(title.strip().lower(), maxsplit=1) for title in titles]
-    names = [ALIASES.get(name, name) for name, *_ in parts]
+    written = [name for name, *_ in parts]
+    names = [
+        name if ALIASES.get(name) in written else ALIASES.get(name, name)
+        for name in written
+    ]
     units = [in_brackets or behind or "" for _, in_brackets, behind, _ in parts]
     count = Counter(names)
     return {

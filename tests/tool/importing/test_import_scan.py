@@ -1114,6 +1114,31 @@ def test_two_logs_are_a_scan_in_motion(unit, scale, tmp_path):
         np.testing.assert_allclose(own, true, atol=1e-9)
 
 
+@pytest.mark.parametrize("points", ["px,pz", "scan x [mm],scan z [mm]"])
+@pytest.mark.parametrize("is_one", [True, False])
+def test_points_with_a_time_each_are_a_scan_in_motion(is_one, points, tmp_path):
+    """The robot's poses in the same rows, or in a file of their own."""
+    driven = scan_of("edge", motion={"sweeps": 3, "profiles": 20})
+    R, p, _ = driven.log.at(driven.times)
+    turned = from_rotations(named("quaternion"), R)
+    t, seen = driven.times, np.concatenate(driven.values)
+    poses = "t,X,Y,Z,qw,qx,qy,qz"
+    tables = {f"{poses},{points}": [t, p, turned, seen]}
+    if not is_one:
+        tables = {poses: [t, p, turned], f"t,{points}": [t, seen]}
+    for k, (titles, columns) in enumerate(tables.items()):
+        path = tmp_path / ("scanner.csv" if k else "robot.csv")
+        np.savetxt(
+            path, np.column_stack(columns), "%.12g", ",", header=titles, comments=""
+        )
+    scan, guesses = import_scan(tmp_path, "edge", {})
+    assert "by time, in motion: 60 profiles in 3 sweeps" in guesses[3]
+    np.testing.assert_allclose(scan.times, t, atol=1e-9)
+    np.testing.assert_allclose(scan.p_base_flange, p, atol=1e-6)
+    np.testing.assert_allclose(scan.R_base_flange, R, atol=1e-6)
+    np.testing.assert_allclose(np.concatenate(scan.values), seen, atol=1e-9)
+
+
 def test_profiles_at_a_rate_are_a_scan_in_motion(tmp_path):
     driven = scan_of(
         "plane", motion={"sweeps": 1, "profiles": 9}, scanner={"points": 60}
