@@ -404,8 +404,8 @@ def apart(table: Table) -> tuple[Table, Table]:
     """Poses, one a row, and the points measured there, of a table that has both.
 
     Points have columns of numbered names, many of each; or those that change in most
-    rows, while a pose's change together. Where one of x, y and z does that, and no
-    other column is of a position, each row has a pose and a point.
+    rows, while a pose's change together. Where these do too, each row has a pose and a
+    point.
 
     Raises ScanError where it has no poses.
     """
@@ -418,10 +418,8 @@ def apart(table: Table) -> tuple[Table, Table]:
         seldom = [changes[name] for name in names if name not in points]
         begins = np.sum([*seldom, 0 * begins], axis=0) > 1
     pose = [name for name in names if name not in points]
-    turns = [one.columns for one in CONVENTIONS if {*one.columns} <= {*names}]
-    of_pose = {*"xyz"}.union(*turns)
-    elsewhere = {name for name in pose if words_in(name) & {*"xyz"}} - {*"xyz"}
-    if turns and {*points} & {*"xyz"} and not elsewhere:
+    of_pose = pose_columns(names)
+    if {*of_pose} & {*points}:
         begins[:] = True
         points = [name for name in names if name not in of_pose]
         pose = [name for name in names if name in of_pose or TIMES.search(name)]
@@ -433,6 +431,28 @@ def apart(table: Table) -> tuple[Table, Table]:
     of_points = with_columns(table, points)
     of_points.columns[ROW] = np.cumsum(begins)
     return rows_of(with_columns(table, pose), np.flatnonzero(begins)), of_points
+
+
+def pose_columns(names: Sequence[str]) -> list[str]:
+    """The columns of a position, x, y, z or tcp_x, tcp_y, tcp_z, and of an orientation
+    among some; none where one of both is missing. Of two positions, the longer names.
+    """
+    words = {name: words_in(name) for name in names}
+    positions = [
+        [name, name.replace("x", "y"), name.replace("x", "z")]
+        for name in names
+        if "x" in words[name]
+    ]
+    positions = [three for three in positions if {*three} <= {*names}]
+    turns = [
+        [name for name in names if words[name] & {*convention.columns}]
+        for convention in CONVENTIONS
+    ]
+    lengths = [len(convention.columns) for convention in CONVENTIONS]
+    whole = [turn for turn, n in zip(turns, lengths, strict=True) if len(turn) == n]
+    if not positions or not whole:
+        return []
+    return max(positions, key=lambda three: len(three[0])) + whole[0]
 
 
 def is_axis(name: str) -> bool:

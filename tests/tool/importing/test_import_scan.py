@@ -1114,7 +1114,7 @@ def test_two_logs_are_a_scan_in_motion(unit, scale, tmp_path):
         np.testing.assert_allclose(own, true, atol=1e-9)
 
 
-@pytest.mark.parametrize("points", ["px,pz", "scan x [mm],scan z [mm]"])
+@pytest.mark.parametrize("points", ["px,pz", "scan x [mm],scan z [mm]", "x,z"])
 @pytest.mark.parametrize("is_one", [True, False])
 def test_points_with_a_time_each_are_a_scan_in_motion(is_one, points, tmp_path):
     """The robot's poses in the same rows, or in a file of their own."""
@@ -1122,7 +1122,8 @@ def test_points_with_a_time_each_are_a_scan_in_motion(is_one, points, tmp_path):
     R, p, _ = driven.log.at(driven.times)
     turned = from_rotations(named("quaternion"), R)
     t, seen = driven.times, np.concatenate(driven.values)
-    poses = "t,X,Y,Z,qw,qx,qy,qz"
+    of = "tcp_" * (points == "x,z")
+    poses = f"t,{of}X,{of}Y,{of}Z,{of}qw,{of}qx,{of}qy,{of}qz"
     tables = {f"{poses},{points}": [t, p, turned, seen]}
     if not is_one:
         tables = {poses: [t, p, turned], f"t,{points}": [t, seen]}
