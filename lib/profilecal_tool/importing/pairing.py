@@ -82,8 +82,10 @@ def paired(poses: Table, names: Sequence, turn: Collection[str]) -> Pairing | No
     """
     if not isinstance(names[0], str):
         return None
-    found: list[Pairing] = []
-    for column in dict.fromkeys((*LABELS, *poses.columns)):
+    # of a log only those whose name says it: others would fill the memory
+    is_log = len(poses.lines) > 100 * len(names)
+    found = []
+    for column in dict.fromkeys((*LABELS, *([] if is_log else poses.columns))):
         if column in poses.columns.keys() - {*"xyz", *turn}:
             found += by_column(poses, column, names)
     found = [pairing for pairing in found if min(pairing.shares) >= 0.5]

@@ -87,7 +87,8 @@ def read_poses(path: Path, layout: Layout) -> tuple[Table, list[str]]:
         poses, guessed = poses_in(path, tree, layout.entry)
         return in_table(path, poses), guessed
     text = closed_text(path, layout.encoding, layout.entry, of_poses=True)
-    if len(text) < LONGEST:
+    is_bare = len(text) > LONGEST / 10 and not re.search(r"[\[{(<=]", text[:LONGEST])
+    if len(text) < LONGEST and not is_bare:
         with naming(path):
             tree = tree_of(text)
             poses, guessed = poses_in(path, tree, layout.entry, len(text))
