@@ -7,7 +7,7 @@ from profilecal.scan.conventions import named
 
 # what names of files have that hold poses
 POSE_FILES = re.compile(
-    r"pose|(\b|_)posi?(\b|_|\d|ti)|(\b|_)rob|flange|tcp|位姿|机器人|로봇|\.(ls|rob)$",
+    r"pose|(\b|_)posi?(\b|_|\d|ti)|(\b|_)rob|flange|tcp|位姿|机器人|ロボット|로봇|робот|\.(ls|rob)$",
     re.IGNORECASE,
 )
 PROGRAM = re.compile(
@@ -40,7 +40,7 @@ def renamed(pairs: str) -> dict[str, str]:
 # other names of our columns; the last are of Universal Robots' real-time data
 ALIASES = renamed(
     "q1=qw q2=qx q3=qy q4=qz tx=x ty=y tz=z px=x py=y pz=z roll=w pitch=p yaw=r "
-    "ut=tool tool_no=tool uf=base base_no=base fatherid=base "
+    "ut=tool tool_no=tool uf=base base_no=base basis=base fatherid=base "
     "actual_tcp_pose_0=x actual_tcp_pose_1=y actual_tcp_pose_2=z "
     "actual_tcp_pose_3=rx actual_tcp_pose_4=ry actual_tcp_pose_5=rz"
 )
@@ -76,10 +76,13 @@ FOREIGN += [word for word in (*LABELS, *HEIGHTS) if not word.isascii()]
 # units of length, mm
 LENGTHS = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "um": 1e-3, "nm": 1e-6, "inch": 25.4}
 # a table's lengths may be parts of these: 0.01 um
-LENGTHS |= {"µm": 1e-3, "μm": 1e-3, "micron": 1e-3, "in": 25.4, "毫米": 1.0}
+LENGTHS |= {"µm": 1e-3, "μm": 1e-3, "micron": 1e-3, "in": 25.4}
 
 # units by other names
-UNITS = renamed("°=deg degree=deg degrees=deg degrés=deg gradi=deg grados=deg 度=deg")
+UNITS = renamed(
+    "°=deg degree=deg degrees=deg degrés=deg gradi=deg grados=deg град=deg 度=deg "
+    "мм=mm 毫米=mm"
+)
 
 # units of angles in degrees; of what are no angles but vectors
 ANGLES = {"": 1.0, "deg": 1.0, "rad": degrees(1), "mrad": degrees(0.001)}
@@ -122,7 +125,7 @@ TOOL_OFFSET = re.compile(r"(?:tool|tcp)_?offset_(\w+)")
 # what any text says of the tool, in a line of its own or in JSON; but no address
 TOOL_WORDS = (
     r"(?:active|current|robot)?[ _]?"
-    r"(?:tool|tcp|werkzeug|outil|utensile|herramienta|工具)"
+    r"(?:tool|tcp|werkzeug|outil|utensile|herramienta|инструмент|工具|ツール|툴)"
     r"[ _-]?(?:nr|no|num|number|id|name|frame|data|index|offset|coordinates?)?\.?"
 )
 TOOL_VALUE = r"(?!\d+\.\d+\.\d)([\w$][^\n;,|\t\"'\[\]{}]*|[-+\d.][-+\d.eE,; \t]*)"

@@ -37,6 +37,7 @@ from profilecal_tool.importing.makers import (
     PROGRAM,
     TOOL_OFFSET,
     TOOL_SAID,
+    TOOL_WORDS,
     UNNAMED,
     UNSAID,
     VECTOR,
@@ -217,6 +218,8 @@ def by_words(units: dict[str, str]) -> dict[str, str]:
         if offset := TOOL_OFFSET.fullmatch(name):  # of UR's are numbered
             axes = dict(zip("012345", (*"xyz", *VECTOR), strict=True))
             name = f"tool {axes.get(offset[1], offset[1])}"
+        elif re.fullmatch(TOOL_WORDS, name) and "tool" not in units | named:
+            name = "tool"
         elif len(own) == 1 and words.count(own) == 1:
             is_vector = re.match(rf"(?:{VECTORS})_", name)
             name, unit = min(own), unit or ("1" if is_vector else "")

@@ -129,6 +129,8 @@ def across(table: Table, count: int, start: tuple[float, float] | None) -> Table
         table = replace(table, columns={}, lines=lines)
         return long(table, along.T, values.T, units)
     columns = {n: np.array(table.columns[n]) for n in names if n not in (*x, *z)}
+    if "x" in columns:  # above the names of rows
+        columns["name"] = columns.pop("x")
     kinds = next((c for c in columns.values() if {"Z"} <= {*c} <= {*"XYZI"}), None)
     rows = np.arange(len(values)) if kinds is None else np.flatnonzero(kinds == "Z")
     is_bare = not columns and not start and not x

@@ -7,7 +7,6 @@ from contextlib import suppress
 from dataclasses import replace
 from itertools import chain, islice
 from pathlib import Path
-from zipfile import BadZipFile
 
 import numpy as np
 from charset_normalizer import from_bytes
@@ -54,7 +53,7 @@ POINT_CLOUD = re.compile(
 # what is behind the name in a title: a unit in brackets and what follows it, or one
 # behind a space, "_" or "/"
 UNIT = re.compile(
-    r"[\s_]*(?:[\[(]\s*([^\])]*?)\s*[\])].*|[\s_/]\s*(mm|m|[uµ]m|inch|deg|rad))?\Z"
+    r"[\s_]*(?:[\[(]\s*([^\])]*?)\s*[\])].*|(?:[\s_/]|[.,]\s)\s*(mm|m|[uµ]m|inch|deg|rad|мм|град))?\Z"
 )
 
 
@@ -85,23 +84,22 @@ def sheets_of(path: Path) -> dict[str, str]:
         return {}
     try:
         from openpyxl import load_workbook
-        from openpyxl.utils.exceptions import InvalidFileException
     except ImportError as error:
         raise ScanError(
             f"{path}: a workbook; save its sheet as CSV, or: pip install openpyxl"
         ) from error
-    with naming(path):
+    with naming(path), path.open("rb") as file:
         try:
-            book = load_workbook(path, read_only=True, data_only=True)
-        except (BadZipFile, InvalidFileException) as error:
+            return {
+                sheet.title: "\n".join(
+                    "\t".join("" if cell is None else str(cell) for cell in row)
+                    for row in sheet.values
+                )
+                for sheet in load_workbook(file, read_only=True, data_only=True)
+            }
+        # zip, zlib, XML and openpyxl have errors of their own
+        except Exception as error:
             raise ScanError(f"{path}: not a workbook ({error})") from error
-        return {
-            sheet.title: "\n".join(
-                "\t".join("" if cell is None else str(cell) for cell in row)
-                for row in sheet.values
-            )
-            for sheet in book
-        }
 
 
 def with_titles(text: str) -> str:

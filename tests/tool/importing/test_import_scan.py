@@ -113,6 +113,7 @@ X = -20 + 0.5 * np.arange(41)
 ROWS = {  # what is above rows of z, and what is said
     "x": [[*X]],
     "x behind a word": [["shot", *X]],
+    "x above names": [["X_mm", *X]],
     "start and pitch": [["X start (mm)", -20], ["Unit", "mm"], ["X pitch (mm)", 0.5]],
     "numbered": [[f"z{k}" for k in range(41)]],
     "nothing": [],
@@ -125,6 +126,8 @@ def test_z_may_lie_in_rows(above, tmp_path):
     rows = z.tolist()
     if above == "x behind a word":
         rows = [[k, *row] for k, row in enumerate(rows)]
+    if above == "x above names":
+        rows = [[f"p{k}", *row] for k, row in enumerate(rows)]
 
     def in_rows(folder):
         lines = [",".join(map(str, row)) for row in [*ROWS[above], *rows]]
@@ -535,6 +538,19 @@ def test_a_tool_that_any_text_says_is_told(said, tmp_path):
     words = SAID_OF_TOOL[said]
     assert guesses[1].endswith(f"{words}, not taken off") is bool(words)
     assert len(notes(folder)) == bool(words)
+
+
+@pytest.mark.parametrize("title", ["Werkzeug", "tool_nr", "ツール", "Basis"])
+def test_a_column_of_tools_or_bases_is_one_in_any_language(title, tmp_path):
+    def table(folder):
+        lines = [f"X, мм;Y, мм;Z, мм;A, град;B, град;C, град;{title}"]
+        lines += [f"{text(row, ';')};2" for row in poses("KUKA angles")]
+        (folder / "robot.csv").write_text("\n".join(lines))
+
+    folder = written(tmp_path / "files", table)
+    frame = "base or user frame 2" if title == "Basis" else "tool 2"
+    (note,) = notes(folder, mount="eye-to-hand")
+    assert f"the poses are of {frame}, and so will be the sensor pose" in note
 
 
 def left_and_right(folder):
