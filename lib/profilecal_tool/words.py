@@ -138,7 +138,7 @@ def verification_text(verification: Verification, status: str) -> str:
         f"differs by     {difference} about the sensor's x, y, z",
         f"expected       {deviations(expected.covariance)}, one standard deviation",
         f"most apart     {direction}, {brief(abs(apart[worst]))} standard deviations",
-        f"chance         {verification.chance:.2g} of more between right answers, "
+        f"chance         {verification.chance:.2g} that right answers differ by more, "
         f"in {len(apart)} of 6 directions; doubted below {FALSE_ALARM:g}",
     ]
     for name, length in verification.lengths.items():
@@ -164,7 +164,7 @@ def mount_check_text(check: MountCheck, kind: str) -> str:
         f"poses          {some(check.labels)}",
         f"differs by     χ² {check.chi2:.3g} of {len(check.residuals)} "
         f"coordinates; doubted above {check.limit:.3g}",
-        f"chance         {check.chance:.2g} of more where nothing has moved",
+        f"chance         {check.chance:.2g} that it is larger where nothing has moved",
     ]
     if not check.as_expected:
         for frame in ("sensor", "flange"):
@@ -175,9 +175,7 @@ def mount_check_text(check: MountCheck, kind: str) -> str:
             name = f"{word} the {frame}'s {'xyz'[k % 3]}"
             lines.append(f"as if          moved {size} {name}, and no other way")
         for name, move in (("sensor", check.sensor), (kind, check.target)):
-            says = (
-                f"{move.chance:.2g} of more if the {name} has moved, and nothing else"
-            )
+            says = f"{move.chance:.2g} that it is larger if the {name} alone has moved"
             lines.append(f"chance         {says}")
     x, y, z, rx, ry, rz = map(brief, check.seen_mm_deg)
     lines.append(
