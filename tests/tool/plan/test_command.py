@@ -115,6 +115,12 @@ def test_a_plan_is_a_scan_folder_once_measurements_are_in_it(tmp_path):
     assert run("calibrate", plan).exit_code == 0
 
 
+def test_a_plan_of_too_few_poses_is_not_to_be_driven(tmp_path):
+    planned = run("plan", spec_in(tmp_path), tmp_path / "plan", "--poses", "2")
+    assert "worst          open in any direction" in planned.output
+    assert planned.output.endswith("next: plan more poses, or larger turns\n")
+
+
 def test_a_weak_scan_is_told_which_poses_would_help_and_given_them(tmp_path):
     scan = tmp_path / "scan"
     more = tmp_path / "more"
@@ -124,7 +130,8 @@ def test_a_weak_scan_is_told_which_poses_would_help_and_given_them(tmp_path):
         r"(\d+) poses more would give [\d.]+ mm and [\d.]+°: (.+)", answer
     ).groups()
     assert command == f"profilecal plan {scan} NEW-FOLDER --poses {count}"
-    assert run("plan", scan, more, "--poses", count).exit_code == 0
+    planned = run("plan", scan, more, "--poses", count)
+    assert planned.output.endswith(f", then profilecal calibrate {scan} {more}\n")
     assert len(pd.read_csv(more / "poses.csv")) == int(count)
     assert not (more / "simulate.toml").exists()
 

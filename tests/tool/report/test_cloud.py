@@ -42,3 +42,6 @@ def test_clouds_and_pictures_are_written(tmp_path):
     options = ("--with", tmp_path / "T.json", "--cloud", picture)
     assert run("verify", tmp_path / "again", *options).exit_code == 0
     assert picture.stat().st_size > 10_000
+    refused = run("verify", tmp_path / "again", *options[:-1], tmp_path / "cloud.txt")
+    assert refused.exit_code == 2
+    assert "cloud.txt; expected a name that ends in .ply or .png" in refused.output
