@@ -7,7 +7,7 @@ import numpy as np
 from profilecal.calibration.observe import (
     Seen,
     as_observations,
-    doubts_on_rest,
+    doubts,
     observe,
 )
 from profilecal.geometry.fitting import affine_residuals
@@ -27,11 +27,11 @@ def check(scan: Scan) -> list[str]:
     """What a scan holds, before any calibration, in lines for people: convention,
     groups, noise, outliers.
     """
-    seen = observe(scan)
+    seen = observe(scan, 1)
     lines = [*lines_on_poses(scan, len(seen.poses)), *lines_on_noise(scan, seen)]
     if scan.log:
         lines += lines_on_motion(scan, as_observations(scan, seen))
-    remarks = [*seen.remarks, *doubts_on_rest(scan)]
+    remarks = [*seen.remarks, *doubts(scan)]
     return [*lines, *(f"note           {remark}" for remark in remarks)]
 
 

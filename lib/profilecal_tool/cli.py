@@ -597,10 +597,20 @@ def import_(files, folder, kind, **layout):
     What is not said is guessed, and every guess is printed.
     """
     from profilecal.scan.folder import write_scan
+    from profilecal.targets import TARGETS
     from profilecal_tool.importing.import_scan import Layout, import_scan
 
-    lengths = {name: layout.pop(name) for name in kinds_by_length()}
-    sizes = {name: value for name, value in lengths.items() if value is not None}
+    if not files.exists():
+        raise ValueError(f"{files}: no such file or folder")
+    if kind not in TARGETS:
+        raise ValueError(f"--target is {kind}; expected one of {', '.join(TARGETS)}")
+    sizes = {}
+    for name, kinds in kinds_by_length().items():
+        length = layout.pop(name)
+        if length is not None:
+            sizes[name] = length
+        elif kind in kinds:
+            raise ValueError(f"--{name} is missing: a {kind} has one, in mm")
     with working("importing"):
         scan, guesses = import_scan(files, kind, sizes, Layout(**layout))
         write_scan(scan, folder)

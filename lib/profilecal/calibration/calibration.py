@@ -20,7 +20,7 @@ from profilecal.calibration.memory import check_memory
 from profilecal.calibration.mount import contradiction, rests_on
 from profilecal.calibration.observe import (
     Seen,
-    doubts_on_rest,
+    doubts,
     names,
     observe_all,
     stated_noise,
@@ -410,7 +410,7 @@ def calibrate(
     except UnobservableError as error:
         messages = [str(error)]
     notes = by_scan(scans, [entry.remarks for entry in seen])
-    asked = by_scan(scans, [doubts_on_rest(scan) for scan in scans])
+    asked = by_scan(scans, [doubts(scan) for scan in scans])
     if solution and asked and solution.status == "ok":
         solution = replace(solution, status="weak")
     notes += asked

@@ -152,6 +152,29 @@ def doubts_on_rest(scan: Scan) -> list[str]:
     ]
 
 
+def doubts_on_columns(scan: Scan) -> list[str]:
+    """That x and z of raw profiles are swapped: only z runs on along most of them."""
+    if scan.measured != "profiles":
+        return []
+    runs_on = []
+    for values in scan.values[:100]:
+        steps = np.diff(values[np.isfinite(values).all(axis=1)], axis=0)
+        if len(steps) > 9:
+            runs_on.append((steps >= 0).all(axis=0) | (steps <= 0).all(axis=0))
+    only_z = [z and not x for x, z in runs_on]
+    if 2 * sum(only_z) <= len(only_z):
+        return []
+    return [
+        "z, and not x, grows or falls all along most profiles, as x does along the "
+        "laser line: are their columns swapped?"
+    ]
+
+
+def doubts(scan: Scan) -> list[str]:
+    """What a scan gives cause to ask, which its residuals may not show."""
+    return doubts_on_rest(scan) + doubts_on_columns(scan)
+
+
 def points_of(measured: str, values: ndarray) -> ndarray:
     """Points (k, m, 2) that stand for sensed points, chords or arcs, one a row."""
     if measured == "chords":  # the tip of smaller x first

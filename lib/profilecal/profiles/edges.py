@@ -80,7 +80,8 @@ def choose(
     ranked = [sorted(own, key=lambda c: -c.support) for own in candidates]
     angles = np.array([own[0].angle for own in ranked if own])
     if not len(angles):
-        return [nothing("nothing like the target in this profile")] * len(profiles)
+        counts = [np.isfinite(profile).all(axis=1).sum() for profile in profiles]
+        return [nothing(f"nothing like the target in {n} points") for n in counts]
     usual = np.median(angles)
     spread = 6 * np.median(np.abs(angles - usual)) if len(angles) >= 5 else np.inf
     # tilted planes see corners at other angles, if nothing nearer

@@ -13,6 +13,7 @@ from scipy.stats import binom, chi2
 from simulated import EXACT_SCANNER, calibration_of, error_of, squared_error, truth_of
 
 import profilecal as pc
+from profilecal.calibration.observe import doubts
 from profilecal.calibration.plausibility import Finding, accusation, poor_errors
 from profilecal.geometry.noise import FALSE_ALARM
 from profilecal.scan.toml import read_toml
@@ -258,3 +259,18 @@ def test_a_scanner_that_errs_more_than_usual_is_allowed_for_and_named(
     assert inside >= 6
     likely = np.mean(chances, axis=0) > 0.5
     assert np.flatnonzero(likely[:4]).tolist() == poor
+
+
+@pytest.mark.parametrize("kind", ["edge", "plane", "ball", "disk", "rod"])
+def test_swapped_columns_are_asked_about_which_no_residual_shows(kind):
+    scan, _ = pc.simulate(kind, seed=4, measured="profiles", groups=9, positions=2)
+    swapped = replace(scan, values=tuple(rows[:, ::-1] for rows in scan.values))
+    assert doubts(scan) == []
+    assert ["are their columns swapped?" in one for one in doubts(swapped)] == [True]
+
+
+def test_an_answer_of_swapped_columns_is_not_ok():
+    scan, _ = pc.simulate("ball", seed=4, measured="profiles", groups=9, positions=2)
+    swapped = replace(scan, values=tuple(rows[:, ::-1] for rows in scan.values))
+    assert pc.calibrate(scan).status == "ok"
+    assert pc.calibrate(swapped).status == "weak"
