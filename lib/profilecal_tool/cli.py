@@ -514,8 +514,8 @@ def verify(folder, pose, cloud):
     from profilecal_tool.words import verification_text
 
     with working("verifying"):
-        answer = read_answer(pose)
-        verification = verify(answer, read_scan(folder))
+        scan, answer = read_scan(folder), read_answer(pose)
+        verification = verify(answer, scan)
     echo(verification_text(verification, answer.status))
     put_together(verification.alone, answer.pose, cloud)
     raise SystemExit(0 if verification.as_expected else 1)
