@@ -136,13 +136,10 @@ def carry(rotation: ndarray, translation: ndarray, points: ndarray) -> ndarray:
 
 def frame_around(axis: ArrayLike) -> ndarray:
     """Frames (..., 3, 3), in columns, whose z is the unit vector `axis` (..., 3)."""
-    axis = np.asarray(axis, dtype=float)
-    away = np.eye(3)[np.argmin(np.abs(axis), axis=-1)]
-    z = np.moveaxis(axis, -1, 0)
-    across = cross(z, np.moveaxis(away, -1, 0))
-    x = [component / np.sqrt(dot(across, across)) for component in across]
-    columns = [np.stack([*column], axis=-1) for column in (x, cross(z, x), z)]
-    return np.stack(columns, axis=-1)
+    z = np.asarray(axis, dtype=float)
+    x = np.cross(z, np.eye(3)[np.argmin(np.abs(z), axis=-1)])
+    x = x / np.linalg.norm(x, axis=-1, keepdims=True)
+    return np.stack([x, np.cross(z, x), z], axis=-1)
 
 
 def circle_around(

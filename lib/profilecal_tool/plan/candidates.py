@@ -229,7 +229,7 @@ def off_square(model: ScanModel, R: ndarray, T: ndarray) -> ndarray:
 
     middle = model.middle_seen(R_view, T_view)
     ray = (R_view[..., ::2] @ middle[..., None])[..., 0]
-    if model.shows_beside:
+    if model.beside_mm:
         square = ray @ model.facing[:, 2] / np.linalg.norm(ray, axis=1)
         tilt = np.maximum(tilt, np.arccos(np.clip(square, -1, 1)))
 
@@ -297,10 +297,9 @@ def clearances(
     x, z = np.moveaxis(points, -1, 0)
 
     scanner = model.scanner
-    beside = model.target.beside_mm if model.shows_beside else 0.0
     # a part of the field of view on each side: features need what is around them
     share = 0.05
-    border = share * (scanner.far - scanner.near) + beside
-    side = (1 - share) * scanner.half_width(z) - beside
+    border = share * (scanner.far - scanner.near) + model.beside_mm
+    side = (1 - share) * scanner.half_width(z) - model.beside_mm
     borders = [z - scanner.near - border, scanner.far - border - z, side - x, side + x]
     return np.concatenate(borders, axis=1)

@@ -77,9 +77,9 @@ class ScanModel(Setup):
         return replace(self, **vars(setup))
 
     @property
-    def shows_beside(self) -> bool:
-        """Whether raw profiles show the target by what is around it."""
-        return self.measured == "profiles" and self.target.beside_mm > 0
+    def beside_mm(self) -> float:
+        """How much around a point of the target raw profiles must show, mm."""
+        return self.target.beside_mm if self.measured == "profiles" else 0.0
 
     def points_seen(self, R_view: ndarray, T_view: ndarray, count: int) -> ndarray:
         """What a perfect scanner at sensor frames (P, 3, 3), (P, 3) sees of the target.

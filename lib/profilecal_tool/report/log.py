@@ -27,12 +27,8 @@ def add_to_log(check: MountCheck, scan: Path, path: Path) -> Path:
     if not is_new:
         read_table(path, COLUMNS)
     date = datetime.now().isoformat(sep=" ", timespec="seconds")
-    numbers = [
-        check.chi2,
-        check.limit,
-        check.chance,
-        *np.ravel(check.alone_mm_deg(), "F"),
-    ]
+    alone = np.ravel(check.alone_mm_deg(), "F")
+    numbers = [check.chi2, check.limit, check.chance, *alone]
     with path.open("a", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         if is_new:
@@ -62,8 +58,8 @@ def draw_log(path: Path, picture: Path) -> None:
     for axis, colour in zip("xyz", (BLUE, ORANGE, GREEN), strict=True):
         shift, sd = table.numbers((f"shift_mm_{axis}", f"shift_mm_{axis}_sd")).T
         below.plot(dates, shift, "o-", color=colour, lw=0.8, ms=4, label=axis)
-        for side in (-1, 1):
-            below.plot(dates, side * width * sd, "--", color=colour, lw=0.8)
+        band = np.outer(sd, [-width, width])
+        below.plot(dates, band, "--", color=colour, lw=0.8)
     below.axhline(0, color="0.7", lw=0.8)
     below.set_ylabel("sensor's shift [mm]")
     plt.setp(below.get_xticklabels(), rotation=30, ha="right")

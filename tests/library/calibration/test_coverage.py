@@ -74,6 +74,8 @@ for kind, beside in BESIDE.items():
     for name, (errors, entries) in SITUATIONS.items():
         kinds = (kind, beside) if name == "two targets" else (kind,)
         for words, share in STATEMENTS.items():
+            if not errors and share:
+                continue  # there is nothing to state
             stated = {error: share * size for error, size in errors.items() if share}
             cell = kinds, errors, stated, entries, "covariance"
             CELLS[f"{kind}, {name}, {words}"] = cell
@@ -175,7 +177,7 @@ def test_the_truth_lies_in_the_stated_region_whatever_the_robot_does(name):
         if printed["status"] == "ok":
             squares.append(printed_square(printed, scans[0].truth, cell[-1]))
     print(f"{name}: {len(squares)} of {SCANS} are ok, {rejecting} reject poses")
-    assert squares or "poses," in name  # so few that none need be
+    assert squares or cell[-1] == "covariance_total"  # there, none need be
     if squares:
         assert_held(squares)
 
