@@ -32,6 +32,8 @@ from profilecal.targets.observations import State
 
 # standard deviations: the answer of another scan comes no closer by chance
 SAME_SCAN = 1e-3
+# Fewer poses say too little of the robot's errors, and all but fit any target.
+FEWEST = 5
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -111,8 +113,8 @@ def verify(found: Calibration | Answer, scan: Scan) -> Verification:
     Raises
     ------
     ScanError
-        For a scan that determines nothing, that has another mount, or that the pose is
-        from.
+        For a scan of fewer than 5 poses, that determines nothing, that has another
+        mount, or that the pose is from.
     UnobservableError
         For a calibration that leaves the pose open.
     TypeError
@@ -142,7 +144,13 @@ def verify(found: Calibration | Answer, scan: Scan) -> Verification:
     T = found.pose
     covariance = in_mm_rad(found.covariance_total_mm_deg)
     alone = calibrate(scan, guess=T, guess_sd=(np.inf, np.inf))  # a start
-    kept = [np.ones(len(alone.seen[0]), dtype=bool)]
+    shown = len(alone.seen[0])
+    if shown < FEWEST:
+        raise ScanError(
+            f"{title}: shows the target from {shown} poses; expected {FEWEST} or more, "
+            "or check-mount, which takes one to three of the target as it stood"
+        )
+    kept = [np.ones(shown, dtype=bool)]
     if alone.solution_or_none:
         kept = alone.solution.kept
     answers = []

@@ -83,6 +83,15 @@ def test_one_pose_determines_nothing():
         pc.verify(known, scan)
 
 
+@pytest.mark.parametrize("poses", [3, 4])
+def test_fewer_than_five_poses_are_refused(poses):
+    found = calibration_of("edge", seed=0, **SMALL)
+    few = untold("edge", seed=0, **FIVE | {"groups": poses})
+    sentence = f"from {poses} poses; expected 5 or more, or check-mount"
+    with pytest.raises(pc.ScanError, match=sentence):
+        pc.verify(found, few)
+
+
 def test_another_mount_is_refused():
     found = calibration_of("ball", seed=5)
     scan, _ = pc.simulate("ball", seed=5, mount="eye-to-hand")
