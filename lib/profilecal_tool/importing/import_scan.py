@@ -173,7 +173,7 @@ def alike(folder: Path, paths: list[Path]) -> list[Path]:
         family,
         lambda path: path.suffix,
     ):
-        kinds: dict = {}
+        kinds = {}
         for path in paths:
             kinds.setdefault(of(path), []).append(path)
         most = max(map(len, kinds.values()), default=0)

@@ -27,7 +27,6 @@ from profilecal_tool.importing.programs import check_axes
 from profilecal_tool.importing.tables import (
     ROW,
     in_numbers,
-    line_of,
     meaning,
     names_and_units,
 )
@@ -75,7 +74,7 @@ def poses_in(
 
     Raises ScanError.
     """
-    records: dict[tuple, dict[str, dict[str, str]]] = {}
+    records = {}
     guessed = set()
     # what YAML repeats by name may be endless
     for words, numbers, cells in islice(leaves(tree), most):
@@ -97,7 +96,7 @@ def poses_in(
     if len(places) > 1:
         others = listed(other for other in places if other != place)
         guessed.add(f"{place} is taken for the robot's pose, not {others} (--entry)")
-    poses: list[Named] = []
+    poses = []
     for numbers, record in records.items():
         if not is_pose(record.get(place, {})):
             continue
@@ -206,7 +205,7 @@ def points_in_list(path: Path, text: str, entry: str) -> Rows:
     if not lists:
         return []
     profile = lists[chosen(path, lists, entry)]
-    line = line_of(text, profile.start())
+    line = text.count("\n", 0, profile.start()) + 1
     fields = profile[2].split(",")
     return [(line, fields[first : first + 3]) for first in range(0, len(fields), 3)]
 
@@ -218,8 +217,8 @@ def points_in(path: Path, text: str, entry: str) -> Table | None:
     """
     if text.lstrip()[:1] not in ("{", "["):
         return None
-    found: dict[str, Rows] = {}
-    titles: dict[str, list[str]] = {}
+    found = {}
+    titles = {}
     for k, (name, columns, points) in enumerate(lists_of(tree_of(text)), 1):
         titles[name] = columns
         rows = found.setdefault(name, [])

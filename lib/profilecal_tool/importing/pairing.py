@@ -98,7 +98,7 @@ def by_column(poses: Table, column: str, names: Sequence[str]) -> Iterator[Pairi
     one, … of the numbers in them. Raises ScanError where a label is there twice.
     """
     labels = [FILE.sub(r"\1", str(cell).strip()) for cell in poses.columns[column]]
-    row_of: dict[str | int, int] = {}
+    row_of = {}
     twice = [row_of.setdefault(label.lower(), k) < k for k, label in enumerate(labels)]
     if any(twice):
         if column in LABELS and sum(twice) < len(labels) / 2:

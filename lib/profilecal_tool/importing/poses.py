@@ -4,7 +4,6 @@ are of.
 
 import re
 from collections import Counter
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -152,7 +151,7 @@ def pose_table(
         folder = paths[0].parent
         texts = [closed_text(path, layout.encoding, "") for path in paths]
         tables = [in_table(folder, positions_in(folder, "\n".join(texts)))]
-        guessed: list[str] = []
+        guessed = []
     else:
         readings = [read_poses(path, layout) for path in paths]
         tables = [table for table, _ in readings]
@@ -246,7 +245,7 @@ def one_each(paths: list[Path], tables: list[Table]) -> Table:
             f"{folder}: {names_of(paths)} may all be the robot's poses; "
             "expected one file, or one for each pose: --poses FILE"
         )
-    columns: dict[str, Sequence] = {
+    columns = {
         name: [table.columns[name][0] for table in tables] for name in tables[0].units
     }
     return Table(folder, columns, labels_of_files(paths), "pose")
@@ -318,6 +317,7 @@ def taken_as(
     return entries, words, of, doubts
 
 
+@np.errstate(over="ignore")
 def check_angles(poses: Table, convention: Convention, said: str) -> list[str]:
     """What was guessed of angles or rotation vectors.
 

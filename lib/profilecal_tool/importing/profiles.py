@@ -61,7 +61,10 @@ def read_profiles(path: Path, count: int, layout: Layout) -> Table:
     if path.suffix.lower() in ENDINGS:
         table = of_array(path, point_array(path, layout.entry))
     elif vertices := vertices_in(path):
-        rows = range(1, len(vertices["x"]) + 1)
+        count_of_points = max(map(len, vertices.values()))
+        if not count_of_points:
+            return Table(path, {}, [])
+        rows = range(1, count_of_points + 1)
         table = Table(path, {**vertices}, rows, "row", dict.fromkeys(vertices, ""))
     else:
         text = closed_text(path, layout.encoding, layout.entry)
@@ -214,7 +217,7 @@ def profiles_of(
     check_alike(full)
     axes = x_and_z(full, layout)
     names, points = [], [np.empty((0, 2))]
-    counts: list[int] = []
+    counts = []
     files = labels_of_files([table.path for table in tables])
     for file, table in zip(files, tables, strict=True):
         if not table.columns:
@@ -239,7 +242,7 @@ def profiles_of(
 def rows_by_label(labels: ndarray) -> dict[Any, ndarray]:
     """The rows of each label (n,), in the order in which labels first come."""
     starts = np.flatnonzero(changed(labels))  # most follow one that is the same
-    number_of: dict[Any, int] = {}
+    number_of = {}
     numbers = [number_of.setdefault(k, len(number_of)) for k in labels[starts].tolist()]
     of_rows = np.repeat(numbers, np.diff(starts, append=len(labels)))
     order = np.argsort(of_rows, kind="stable")
@@ -318,7 +321,6 @@ def check_is_one(profile: Table, x: ndarray, axes: Collection, layout: Layout) -
         is_y, is_said = "y" in words_in(name), bool(layout.columns)
         several = len(values) <= len(x) / 4 and (
             (is_other(name, axes) and not is_y and len(values) < 5)
-            or (blocks(cells) and (is_y or not is_said))
             or (twice and parts_x(np.array(cells), values, x))
         )
         which = f"{profile.path}: {name} is {values[0]} to {values[-1]} in one profile"
@@ -395,6 +397,7 @@ def x_and_z(tables: list[Table], layout: Layout) -> dict[str, str]:
     }
 
 
+@np.errstate(invalid="ignore")  # words differ by nothing that is a number
 def likely(table: Table) -> Sequence[str]:
     """What x and z may be called: a column that goes on, and the next that varies."""
     steps = {name: np.diff(floats(cells)) for name, cells in table.columns.items()}

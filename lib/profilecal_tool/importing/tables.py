@@ -111,7 +111,7 @@ def with_titles(text: str) -> str:
         return text
     vertex = re.split(r"\nelement\b", head[0])[:2][-1]
     names = re.findall(r"\nproperty\s+\w+\s+(\w+)", vertex)
-    names = names or re.search(r"\nFIELDS\s+(.*)", head[0])[1].split()
+    names = names or re.findall(r"\nFIELDS\s+(.*)", head[0])
     return " ".join(names) + head[0].count("\n") * "\n" + text[head.end() :]
 
 
@@ -122,7 +122,7 @@ def encoding_of(paths: list[Path]) -> str:
     that are possible it is the one in which they say most of the words that we know;
     where they say none, cp1252 if most letters beyond ASCII stand alone, as accents do.
     """
-    titles: dict[bytes, None] = {}
+    titles = {}
     for path in paths:
         with naming(path):
             content = path.read_bytes()
@@ -149,11 +149,6 @@ def is_utf8(content: bytes) -> bool:
     with suppress(UnicodeDecodeError):
         return bool(content.decode("utf-8-sig")) or not content
     return False
-
-
-def line_of(text: str, place: int) -> int:
-    """The number of the line at a place in a text."""
-    return text.count("\n", 0, place) + 1
 
 
 def lines_of(text: str) -> Iterator[Row]:
@@ -239,7 +234,7 @@ def floats(cells: Sequence) -> ndarray:
 
 def in_numbers(table: Table) -> Table:
     """The table with arrays for columns, of numbers where none is a word."""
-    columns: dict[str, Sequence] = {}
+    columns = {}
     for name, cells in table.columns.items():
         numbers = floats(cells)
         columns[name] = np.array(cells) if np.isinf(numbers).any() else numbers
