@@ -65,15 +65,18 @@ def lines_on_poses(scan: Scan, showing: int) -> list[str]:
     reach = np.linalg.norm(scan.p_base_flange, axis=1)
     angles, axis = turns(scan.R_base_flange)
     sizes = Counter(np.bincount(scan.group).tolist())
-    groups = ", ".join(f"{count} of {size} poses" for size, count in sizes.items())
-    alike = "one orientation or sweep" if scan.log else "one orientation"
+    groups = ", ".join(
+        f"{count} with {size} pose{'s' * (size > 1)}" for size, count in sizes.items()
+    )
+    label = "groups" if scan.log else "orientations"
+    alike = " of one orientation or sweep" if scan.log else ""
     origin = "given" if scan.group_given else "found"
     lines = [
         f"target         {scan.description}",
         f"poses          {len(scan.labels)}, {scan.mount}, orientation as "
         f"{scan.convention}; {showing} show the target",
         f"positions      {reach.min():.0f} to {reach.max():.0f} mm from the base",
-        f"groups         {scan.group.max() + 1} of {alike}, {origin}: {groups}",
+        f"{label:<15}{scan.group.max() + 1}{alike}, {origin}: {groups}",
         f"turns          {angles[0]:.1f}, {angles[1]:.1f}, {angles[2]:.1f}° rms about "
         f"three axes, most about {name_axis(axis, 'flange')}",
     ]

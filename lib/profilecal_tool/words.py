@@ -162,8 +162,8 @@ def mount_check_text(check: MountCheck, kind: str) -> str:
     """What `profilecal check-mount` prints."""
     lines = [
         f"poses          {some(check.labels)}",
-        f"differs by     χ² {check.chi2:.3g} of {len(check.residuals)} "
-        f"coordinates; doubted above {check.limit:.3g}",
+        f"differs by     χ² {check.chi2:.3g}; about {len(check.residuals)} expected, "
+        f"doubted above {check.limit:.3g}",
         f"chance         {check.chance:.2g} that it is larger where nothing has moved",
     ]
     if not check.as_expected:
@@ -176,7 +176,8 @@ def mount_check_text(check: MountCheck, kind: str) -> str:
             lines.append(f"as if          moved {size} {name}, and no other way")
         for name, move in (("sensor", check.sensor), (kind, check.target)):
             says = f"{move.chance:.2g} that it is larger if the {name} alone has moved"
-            lines.append(f"chance         {says}")
+            if move.chance < 1:  # else any move explains what so few poses saw
+                lines.append(f"chance         {says}")
     x, y, z, rx, ry, rz = map(brief, check.seen_mm_deg)
     lines.append(
         f"would show     {x}  {y}  {z} mm along or {rx}  {ry}  {rz}° about "
@@ -203,8 +204,8 @@ def left_out_sentences(left: LeftOut) -> list[str]:
     for g in np.flatnonzero(left.doubted):
         sentences.append(
             f"what {poses_named(left.poses[g])} saw does not fit the other "
-            f"orientations: {left.rms_mm[g]:.2g} mm rms where "
-            f"{left.expected_mm[g]:.2g} is expected; "
+            f"orientations: its residuals are beyond chance ({left.rms_mm[g]:.2g} mm "
+            f"rms, {left.expected_mm[g]:.2g} expected); "
             "measure it again or look for what moved"
         )
     for g in np.flatnonzero(~np.isfinite(left.rms_mm)):

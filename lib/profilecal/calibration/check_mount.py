@@ -200,8 +200,9 @@ def check_mount(found: Calibration | Answer, scan: Scan) -> MountCheck:
     ]
     if len(alike) != 1:
         raise ScanError(
-            f"{title}: is no target of the answer, or of several that are alike: "
-            f"{scan.description}"
+            f"{title}: its {scan.description} is {len(alike) or 'none'} of the "
+            f"calibration's targets ({', '.join(one[0] for one in joint.targets)}); "
+            "expected one; verify takes any target"
         )
     seen = observe(scan, 1)
     noise_mm = found.noise_mm

@@ -113,6 +113,8 @@ def read_scan(folder: str | Path) -> Scan:
     folder = Path(folder)
     if not folder.exists():
         raise ScanError(f"{folder}: no such folder")
+    if folder.is_file():
+        raise ScanError(f"{folder} is a file; expected a scan folder")
     header = read_header(folder / "scan.toml")
     scale = SCALE[header["units"]]
     side = header["target"].get("side", 0)

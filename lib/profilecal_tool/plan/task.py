@@ -123,6 +123,8 @@ def read_task(
     given: dict = {"poses": poses or 0} if poses or until else {}
     if until:
         given["until"] = until
+    if path.name == "scan.toml":
+        path = path.parent
     place = within or path
     entries = {}
     if not place.is_dir():

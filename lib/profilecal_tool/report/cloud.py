@@ -97,7 +97,9 @@ def plot_cloud(cloud: Cloud, title: str) -> plt.Figure:
     number = np.arange(1, len(cloud.residuals) + 1)
     shades = plt.get_cmap("viridis")((number - 1) / max(1, len(number) - 1))
     below.bar(number, cloud.residuals, color=shades)
-    below.set(xlabel="pose that saw it", ylabel="off the target\n[mm rms]")
+    below.set(
+        xlabel="pose, counted without those left out", ylabel="off the target\n[mm rms]"
+    )
     rms = np.sqrt(np.mean(cloud.residuals**2))
     figure.suptitle(f"{title}, put together from all poses: {rms:.2g} mm rms")
     return figure

@@ -100,6 +100,9 @@ def draw_answer(
                 color="0.6",
                 lw=0.8,
                 ls="--",
+                marker="o",
+                ms=4,
+                markevery=[1],
                 label="to the sensor's origin",
             )
             rotation = R[i] @ solution.rotation
