@@ -171,7 +171,12 @@ def planned_sweeps(path: str, setup: Setup, speed: float, to_hand: bool) -> list
     where `setup` has it: two poses of the table are the ends of one. Raises ScanError.
     """
     plan = planned_poses(path, to_hand)
-    R_view, T_view = setup.planes(plan["R"], plan["T"])
+    return straight_sweeps(setup, plan["R"], plan["T"], speed)
+
+
+def straight_sweeps(setup: Setup, R: ndarray, T: ndarray, speed: float) -> list[Sweep]:
+    """The sweeps between flange poses (2 n, 3, 3), (2 n, 3), two of each."""
+    R_view, T_view = setup.planes(R, T)
     ends = T_view.reshape(-1, 2, 3)
     sweeps = []
     for facing, (begin, end) in zip(R_view[::2], ends, strict=True):

@@ -13,15 +13,17 @@ import numpy as np
 from numpy import ndarray
 
 from profilecal.calibration.calibration import Calibration
-from profilecal.geometry.log import DELAY_S, Log
+from profilecal.geometry.log import DELAY_S
+from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import inverse
 from profilecal.scan.folder import poses_columns
 from profilecal.scan.scan import Scan, ScanError
 from profilecal.scan.tables import write_table
-from profilecal.simulation.sweeps import PAUSE_S, Motion, half_way
+from profilecal.simulation.sweeps import Motion, drive, half_way
 from profilecal_tool.plan.candidates import refused
 from profilecal_tool.plan.design import Plan
 from profilecal_tool.plan.scan_model import ScanModel, predict
+from profilecal_tool.plan.specification import straight_sweeps
 
 TABLE = "sweeps.csv"  # of a plan: where each sweep begins, and where it ends
 WHY = "driven there and back: a delay shifts both ways apart, a wrong mount does not"
@@ -41,11 +43,19 @@ def along_lines(plan: Plan, motion: Motion, rng: np.random.Generator) -> Plan:
         )
     there_and_back = [0, 1, 1, 0]
     R, T = R.repeat(4, axis=0), T[:, there_and_back].reshape(-1, 3)
-    log, times, group = driven(model, R, T, motion)
-    R_log, p_log, _ = log.at(times)
-    seen_from = inverse(R_log, p_log) if model.to_hand else (R_log, p_log)
-    in_motion = {"log": log, "times": times[None], "group": group}
-    predicted = predict(model, *seen_from, rng, **in_motion)
+    exact = Motion(profiles=motion.profiles, delay_ms=0.0)
+    poses, flange = drive(
+        model,
+        exact,
+        Noise(),
+        np.random.default_rng(0),
+        spread_deg=0.0,
+        to_hand=model.to_hand,
+        planned=straight_sweeps(model, R, T, motion.speed),
+    )
+    seen_from = inverse(*flange) if model.to_hand else flange
+    in_motion = {"log": poses["log"], "times": poses["times"][None]}
+    predicted = predict(model, *seen_from, rng, group=poses["group"], **in_motion)
     return replace(
         plan,
         R=R,
@@ -81,28 +91,6 @@ def lines_through(
     ]
     ends = np.array([found[k] for k in chosen]).reshape(-1, 2, 3)
     return R[chosen], ends, left_out
-
-
-def driven(
-    model: ScanModel, R: ndarray, T: ndarray, motion: Motion
-) -> tuple[Log, ndarray, ndarray]:
-    """The log of sweeps between flange poses (2 n, 3, 3), (2 n, 3), two of each; times
-    (P,) of their profiles, and the number (P,) of each one's sweep.
-    """
-    if model.to_hand:
-        R, T = inverse(R, T)
-    begin = 0.0
-    t, p, times = [], [], []
-    for ends in T.reshape(-1, 2, 3):
-        seconds = np.linalg.norm(ends[1] - ends[0]) / motion.speed
-        share = np.linspace(0, 1, 5)[:, None]
-        t.append(begin + seconds * share[:, 0])
-        p.append(ends[0] + share * (ends[1] - ends[0]))
-        middles = (np.arange(motion.profiles) + 0.5) / motion.profiles
-        times.append(begin + seconds * middles)
-        begin += seconds + PAUSE_S
-    log = Log(np.concatenate(t), R[::2].repeat(5, axis=0), np.concatenate(p))
-    return log, np.concatenate(times), np.arange(len(times)).repeat(motion.profiles)
 
 
 def write_sweeps(path: Path, R: ndarray, p: ndarray, convention: str) -> None:
