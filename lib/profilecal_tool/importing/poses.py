@@ -337,7 +337,7 @@ def check_angles(poses: Table, convention: Convention, said: str) -> list[str]:
             f"{poses.path}: {listed(names)} are at most {largest:.4g}, more than "
             f'degrees; say their unit: --pose-columns "{retitled(poses, angles)}"'
         )
-    if convention.sequence and angle == "rad" and units == {""} and not said:
+    if convention.sequence and angle == "rad" and units == {""}:
         angles = {name: f"{name} [rad]" for name in names}
         raise ScanError(
             f"{poses.path}: {listed(names)} are at most {largest:.4g}: radians, or deg"
