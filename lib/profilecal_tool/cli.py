@@ -360,7 +360,7 @@ def simulate(spec, folder, scan):
     entries = read_toml(spec) | ({"scan": scan} if scan else {})
     write_scan(simulate_specification(read_specification(entries, spec)), folder)
     echo(f"{folder}/ written; its truth is in truth.toml")
-    after = f"profilecal verify {folder} --with T.json"
+    after = f"profilecal check-mount {folder} --with T.json, or verify"
     if not scan:
         after = f"profilecal check {folder}, profilecal calibrate {folder}"
     echo(f"next: {after}")
