@@ -83,7 +83,7 @@ def leave_out(found: Calibration) -> LeftOut:
     solution = found.known_solution
     problem, (whole, _) = solution.problem, solution.model()
     law = solution.prior.law(whole.names)
-    start = likeliest(whole, law, np.zeros(len(law.free))).y
+    start = likeliest(whole, law).y
     labels = [label for of_scan in found.labels_by_scan() for label in of_scan]
     group = problem.groups.group
     orientations = [

@@ -10,6 +10,7 @@ The answer is therefore its average over all sizes, as likely as data and prior 
 them, and its region is one that holds over all of them.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 
@@ -21,6 +22,7 @@ from scipy.special import chdtrc, gammaln, ndtri, softmax
 from profilecal.geometry.noise import FALSE_ALARM, chi2_limit
 from profilecal.joint.linear_model import LinearModel, Posterior
 from profilecal.joint.prior import Law, Prior
+from profilecal.targets.observations import Batch
 
 EXACT_ROBOT = 0.1  # odds that the robot's errors are far too small to matter
 POOR = 0.1  # odds that one error of scanner or target is POORER times the usual; or all
@@ -28,8 +30,9 @@ POORER = 10.0
 LITTLE = 0.01  # odds that such a belief needs to count
 DRAWS = 32  # sizes looked at
 TAILS = 4.0  # degrees of freedom of the t law that they are drawn from
-# coordinates of a normal law, one for each hundredth
-NORMAL = ndtri((np.arange(100) + 0.5) / 100)
+# coordinates of a normal law, one for each fortieth
+NORMAL = ndtri((np.arange(40) + 0.5) / 40)
+COARSE = np.linspace(-2.5, 1.5, 6)  # where the search of the likeliest begins
 FARTHEST = 5.0  # the likeliest coordinates are sought up to here
 OF_PRIOR = 0.6  # coordinates that spread by less than this are known from the data
 
@@ -77,13 +80,20 @@ class Likeliest:
     # (d, d) of the inverse curvature there, the symmetric one: it does not depend on
     # the sign and the order that eigenvectors happen to have
     root: ndarray
-    posterior: Posterior  # there
+    posterior: Posterior  # a small step before
+
+    @property
+    def log_evidence(self) -> float:
+        """Of all sizes together, as if their density were normal (Laplace)."""
+        height = log_density(self.posterior, self.y[None])[0]
+        return float(height + np.linalg.slogdet(self.root)[1])
 
 
 def likeliest(
-    model: LinearModel, law: Law, y: ndarray, tolerance: float = 1e-3
+    model: LinearModel, law: Law, y: ndarray | None = None, tolerance: float = 1e-3
 ) -> Likeliest:
-    """The likeliest sizes, by Newton's method from some coordinates `y` (d,).
+    """The likeliest sizes, by Newton's method from some coordinates `y` (d,), or from
+    the best of several that all errors of the robot have.
 
     The log density of the coordinates is, with the log evidence L of the variances v
     and the standard normal prior, but for a constant
@@ -95,18 +105,20 @@ def likeliest(
         ∂h/∂y = g v' - y        -∂²h/∂y² ≈ v' I v' + 1 - g v''
 
     Curvatures of less than a half of the prior's are taken for a half. Ends where a
-    step promises less than `tolerance` of h; steps that do not raise h are damped.
+    step promises less than `tolerance` of h; steps that do not raise h are halved.
     """
+    if y is None:
+        some = np.outer(COARSE, law.free > 0)
+        heights = log_density(model.posterior(law.variances(some)[0]), some)
+        y = some[np.argmax(heights)]
 
     def look(y: ndarray) -> tuple:
         y = np.clip(y, -FARTHEST, FARTHEST)
         v, first, second = law.variances(y[None])
         posterior = model.posterior(v)
-        h = posterior.log_evidence[0] - y @ y / 2
-        return h, y, first[0], second[0], posterior
+        return log_density(posterior, y[None])[0], y, first[0], second[0], posterior
 
     here = look(y)
-    damping = 0.0
     for _ in range(30):
         h, y, first, second, posterior = here
         g, information = (part[..., law.free] for part in model.gradient(posterior))
@@ -114,16 +126,15 @@ def likeliest(
         values, vectors = np.linalg.eigh(information + np.diag(1 - g * second))
         values = np.maximum(values, 0.5)
         uphill = g * first - y
-        step = vectors @ (vectors.T @ uphill / (values + damping))
+        step = vectors @ (vectors.T @ uphill / values)
         if uphill @ step / 2 < tolerance:
             break
-        trial = look(y + step * min(1.0, 2 / np.abs(step).max()))
-        if trial[0] > h:
-            here = trial
-            damping /= 4
-        else:
-            damping = 4 * damping + 1
-    return Likeliest(y, vectors / np.sqrt(values) @ vectors.T, posterior)
+        step = step * min(1.0, 1 / np.abs(step).max())
+        here = look(y + step)
+        while here[0] < h:
+            step = step / 2
+            here = look(y + step)
+    return Likeliest(y + step, vectors / np.sqrt(values) @ vectors.T, posterior)
 
 
 def draw(
@@ -190,6 +201,19 @@ def t_points(d: int, count: int) -> ndarray:
     return ndtri(points[:, :d]) * np.sqrt(TAILS / chi2_limit(points[:, d:], TAILS))
 
 
+@dataclass(frozen=True)
+class Weighed(Batch):
+    """What follows from N sizes of errors, draw after draw of one belief, then the
+    next one's.
+    """
+
+    log_weight: ndarray  # (N,)
+    x: ndarray  # (N, n)
+    covariance: ndarray  # (N, n, n)
+    v: ndarray  # (N, 1 + k)
+    poor: ndarray  # (N, n) which errors are believed to be POORER times the usual
+
+
 def average(model: LinearModel, prior: Prior, likely: Likeliest) -> ErrorSizes:
     """What is known over all sizes that data and prior allow, of which the likeliest
     are known.
@@ -202,50 +226,33 @@ def average(model: LinearModel, prior: Prior, likely: Likeliest) -> ErrorSizes:
 
     The covariance is then enlarged until its region holds over all sizes (`growth`).
 
-    A belief that scanner or target is poor (`poor_scanners`) has the same sizes, of
-    which only the weights differ, unless the data favour it: then it has its own.
-
-    The sizes themselves are what a belief says of each, a normal law of its coordinate
-    of the draws' mean and spread: so few draws have no tails.
+    The sizes themselves are what the draws say of each, a normal law of its coordinate
+    of their mean and spread: so few draws have no tails.
     """
-    draws: list[tuple] = []
-    spreads: list[dict] = []
-    of_sizes: list[tuple] = []
-    start = likely.y
-    usual = draw(model, prior.law(model.names), likely)
-    rivals: list[tuple] = [(model, prior, 1.0, usual)]
-    rivals += poor_scanners(model, prior, usual)
-    rivals += [(*belief, None) for belief in beliefs(model, prior)]
-    for believed_model, belief, odds, drawn_sizes in rivals:
-        law = belief.law(model.names)
-        if drawn_sizes is None:
-            likely = likeliest(believed_model, law, start[: len(law.free)])
-            drawn_sizes = draw(believed_model, law, likely)
-        log_weight, y, posterior = drawn_sizes
-        log_weight = log_weight + np.log(odds)
-        poor = np.tile(believed_model.poor, (len(log_weight), 1))
-        x, V = posterior.mean, posterior.covariance
-        draws.append((log_weight, x, V, posterior.v, poor))
-        of_draw = softmax(log_weight)
-        centre = of_draw @ y
-        spread = np.sqrt(of_draw @ (y - centre) ** 2)
-        spreads.append(dict(zip(law.free, spread, strict=True)))
-        v, _, _ = law.variances(centre + spread * NORMAL[:, None])
-        of_sizes.append((v, np.full(len(v), np.logaddexp.reduce(log_weight))))
-
-    log_w, x, V, drawn, poor = map(np.concatenate, zip(*draws, strict=True))
-    w = softmax(log_w)
-    mean = w @ x
-    off = x - mean
-    squares = V + off[:, :, None] * off[:, None]
+    usual = of_scanners(model, prior.law(model.names), likely)
+    beliefs = [usual, *of_robots(model, prior, likely)]
+    first, *others = (weighed for _, _, weighed in beliefs)
+    draws = first.join(*others)
+    w = softmax(draws.log_weight)
+    mean = w @ draws.x
+    off = draws.x - mean
+    squares = draws.covariance + off[:, :, None] * off[:, None]
     covariance = np.tensordot(w, squares, 1) * growth(squares[:, :6, :6], w)
 
     names = ("profile_mm", *model.names)
     units = np.r_[prior.scales.profile_mm, np.ones(len(model.names))]
-    v, log_share = (np.concatenate(part) for part in zip(*of_sizes, strict=True))
-    share = softmax(log_share)
+    parts, log_share, spreads = [], [], []
+    for law, y, weighed in beliefs:
+        log_weight = np.logaddexp.reduce(weighed.log_weight.reshape(-1, len(y)))
+        of_draw = softmax(log_weight)
+        centre = of_draw @ y
+        spread = np.sqrt(of_draw @ (y - centre) ** 2)
+        spreads.append(dict(zip(law.free, spread, strict=True)))
+        parts.append(law.variances(centre + spread * NORMAL[:, None])[0])
+        log_share.append(np.full(len(NORMAL), np.logaddexp.reduce(log_weight)))
+    share = softmax(np.concatenate(log_share))
     sizes = []
-    for j, believed in enumerate(units[:, None] * np.sqrt(v).T):
+    for j, believed in enumerate((units * np.sqrt(np.concatenate(parts))).T):
         low, middle, high = quantiles(believed, share)
         from_data = j == 0 or bool(spreads[0].get(j, 0.0) < OF_PRIOR)
         sizes.append(Size(names[j], low, middle, high, from_data))
@@ -256,51 +263,70 @@ def average(model: LinearModel, prior: Prior, likely: Likeliest) -> ErrorSizes:
         v=middles**2,
         mean=mean,
         covariance=covariance,
-        mean_v=w @ drawn,
-        freedom=freedom(drawn @ (units * at_mm) ** 2, w),
-        poor=w @ poor,
+        mean_v=w @ draws.v,
+        freedom=freedom(draws.v @ (units * at_mm) ** 2, w),
+        poor=w @ draws.poor,
     )
 
 
-def beliefs(model: LinearModel, prior: Prior) -> list[tuple[LinearModel, Prior, float]]:
-    """What else than the prior may be believed of the errors, with odds: that the robot
-    does not err at all, and that it errs as usual where less is stated.
+def of_scanners(
+    model: LinearModel, law: Law, likely: Likeliest
+) -> tuple[Law, ndarray, Weighed]:
+    """The sizes' law, the coordinates (S, d) drawn of them, and what follows: by the
+    usual belief, and by those that one error of scanner or target, or all of them, are
+    POORER times as large. What the residuals speak against is left out.
+
+    The draws are those of the likeliest belief. They do for the others: how much the
+    data favour a poor scanner hardly hangs on the sizes.
     """
-    rivals = []
-    if model.names and not prior.robot_known:
-        rivals.append((model.without_robot(), prior.without_robot, EXACT_ROBOT))
-        if prior.usual:
-            rivals.append((model, prior.usual, 1.0))
-    return rivals
+    errors = np.eye(model.n)[model.scanner]
+    whole = errors.sum(axis=0, keepdims=True)
+    poor = np.concatenate([0 * whole, errors, whole[: len(errors) > 1]])
+    log_odds = np.log(np.where(poor.any(axis=1), POOR, 1.0))
+    at_peak = log_odds + model.rescaled(likely.posterior, POORER**poor)[0][:, 0]
+    best = poor[np.argmax(at_peak)]
+    if best.any():
+        model = model.with_errors(POORER**best)
+        likely = likeliest(model, law, likely.y)
+    counts = at_peak > at_peak.max() + np.log(LITTLE)
+    poor, log_odds = poor[counts], log_odds[counts] - np.log(POORER) * best.sum()
+    log_weight, y, posterior = draw(model, law, likely)
+    gain, x, V = model.rescaled(posterior, POORER ** (poor - best))
+    weighed = Weighed(
+        (log_weight + gain + log_odds[:, None]).ravel(),
+        x.reshape(-1, model.n),
+        V.reshape(-1, model.n, model.n),
+        np.tile(posterior.v, (len(poor), 1)),
+        poor.repeat(len(y), axis=0),
+    )
+    return law, y, weighed
 
 
-def poor_scanners(
-    model: LinearModel, prior: Prior, usual: tuple[ndarray, ndarray, Posterior]
-) -> list[tuple]:
-    """The beliefs that one error of scanner or target, or all of them, are POORER times
-    as large as usual; without those that the residuals speak against. To the log
-    evidence belongs the prior's log |Π| / 2, which other beliefs have in common.
-
-    Each has its model, prior, odds, and the `usual` draws with its own weights; or none
-    of these where the data favour it over the usual, and its sizes may be others.
+def of_robots(
+    model: LinearModel, prior: Prior, likely: Likeliest
+) -> Iterator[tuple[Law, ndarray, Weighed]]:
+    """The same where the robot is believed not to err at all, or to err as usual where
+    less is stated; without what the data speak against.
     """
-    log_w, y, posterior = usual
-    v, normal, log_det = posterior.v, posterior.normal, posterior.log_det
-    believed = [*np.eye(model.n)[model.scanner]]
-    if len(believed) > 1:
-        believed.append(np.sum(believed, axis=0))
-    rivals = []
-    for errors in believed:
-        poor = model.with_poor_scanner(POORER, errors)
-        odds = POOR * POORER ** -errors.sum()
-        by_poor = poor.by_products(v, normal, log_det, [])
-        log_weight = log_w + by_poor.log_evidence - posterior.log_evidence
-        gain = np.logaddexp.reduce(log_weight) - np.logaddexp.reduce(log_w)
-        ratio = odds * np.exp(gain)
-        if ratio > LITTLE:
-            sizes = (log_weight, y, by_poor) if ratio < POOR else None
-            rivals.append((poor, prior, odds, sizes))
-    return rivals
+    if not model.names or prior.robot_known:
+        return
+    rivals = [(model.without_robot(), prior.without_robot, EXACT_ROBOT)]
+    if prior.usual:
+        rivals.append((model, prior.usual, 1.0))
+    for other, belief, odds in rivals:
+        law = belief.law(model.names)
+        own = likeliest(other, law, likely.y[: len(law.free)])
+        if odds * np.exp(own.log_evidence - likely.log_evidence) < LITTLE:
+            continue
+        log_weight, y, posterior = draw(other, law, own)
+        weighed = Weighed(
+            log_weight + np.log(odds),
+            posterior.mean,
+            posterior.covariance,
+            posterior.v,
+            np.zeros_like(posterior.mean),
+        )
+        yield law, y, weighed
 
 
 def quantiles(values: ndarray, weight: ndarray) -> list[float]:

@@ -192,7 +192,6 @@ class LinearModel:
         self.of_mount = of_mount
         self.scanner = scanner
         self.n = len(precision)
-        self.poor = np.zeros(self.n)
         self.counts = counts
         self.names = tuple(names)
         F = by_flange * HAND_PRECISION
@@ -246,13 +245,10 @@ class LinearModel:
         other.arrange()
         return other
 
-    def with_poor_scanner(self, times: float, poor: ndarray) -> "LinearModel":
-        """The same where errors, those that are 1 in `poor` (n,) and not 0, may be so
-        many times as large.
-        """
+    def with_errors(self, times: ndarray) -> "LinearModel":
+        """The same where errors may be so many times (n,) as large."""
         other = copy(self)
-        other.poor = poor
-        other.precision = self.precision / times ** (poor[:, None] + poor)
+        other.precision = self.precision / (times[:, None] * times)
         return other
 
     def without_robot(self) -> "LinearModel":
@@ -337,6 +333,29 @@ class LinearModel:
         square = N[:, n, n] + np.sum(N_Ar[..., 0] * mean, axis=1)
         log_evidence = -(square + log_det + np.linalg.slogdet(H)[1]) / 2
         return Posterior(v, mean, V, log_evidence, square, N, log_det, last)
+
+    def rescaled(
+        self, posterior: Posterior, times: ndarray
+    ) -> tuple[ndarray, ndarray, ndarray]:
+        """By how much the log evidence changes, (B, S), and x̂ (B, S, n) and V (B, S, n,
+        n), where the systematic errors may be so many `times` (B, n) as large.
+
+        Π, diagonal there, becomes Π - D. By Woodbury's identity, G = D (1 - V D)⁻¹,
+
+            V' = V + V G V        x̂' = x̂ + V G x̂
+            L' = L + (x̂ᵀ G x̂ - log |1 - V D| + log |Π - D| - log |Π|) / 2
+        """
+        s = self.scanner
+        times = times[:, s]
+        D = (np.diag(self.precision)[s] * (1 - times**-2.0))[:, None, :, None]
+        x, V = posterior.mean, posterior.covariance
+        x_s, V_s = x[:, s, None], V[:, :, s]
+        A = np.eye(D.shape[2]) - V_s[:, s] * D.mT
+        G = D * np.linalg.inv(A)
+        Gx = G @ x_s
+        gain = (x_s * Gx).sum(axis=(2, 3)) - np.linalg.slogdet(A)[1]
+        gain = gain / 2 - np.log(times).sum(axis=1)[:, None]
+        return gain, x + (V_s @ Gx)[..., 0], V + V_s @ G @ V_s.mT
 
     def gradient(self, posterior: Posterior) -> tuple[ndarray, ndarray]:
         """The derivative (1 + k,) of the log evidence L by the variances, for one set

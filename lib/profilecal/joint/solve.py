@@ -198,7 +198,7 @@ def estimate(problem: Problem, prior: Prior, state: State, robust: bool) -> Esti
     """
     names = prior.names(problem.groups.distinguishable)
     law = prior.law(names)
-    y = np.zeros(len(law.free))
+    y = None
     for turn in range(ROUNDS):
         columns = problem.columns_in_mm(state)
         model = problem.model(state, names, columns=columns)
@@ -400,7 +400,7 @@ def weaker_spectrum(
     model = problem.model(estimated.state, names, columns=columns)
     model = model.keeping(estimated.model.kept)
     law = prior.law(names)
-    likely = likeliest(model, law, np.zeros(len(law.free)))
+    likely = likeliest(model, law)
     covariance = average(model, prior, likely).covariance[:6, :6]
     at_sensor = of_covariance(covariance, at_origin.rank, at_origin.parameters)
     if at_sensor.status == at_origin.status:

@@ -116,6 +116,21 @@ def test_posterior_and_evidence_are_those_of_the_dense_covariance(missing, rank)
     np.testing.assert_allclose(exact.mean[0], mean, rtol=1e-8)
 
 
+def test_errors_that_may_be_larger_change_the_posterior_as_another_prior_does():
+    model = Dense(2).model
+    model.precision, model.scanner = np.diag([4.0, 1.0, 3.0, 2.0]), slice(1, 4)
+    posterior = model.posterior(np.array([V, 2 * V]))
+    times = np.array([[1.0, 10, 1, 0.1], [1, 1, 1, 1]])
+    for own, gain, x, covariance in zip(
+        times, *model.rescaled(posterior, times), strict=True
+    ):
+        other = model.with_errors(own).posterior(posterior.v)
+        np.testing.assert_allclose(x, other.mean, rtol=1e-9)
+        np.testing.assert_allclose(covariance, other.covariance, rtol=1e-9)
+        by_prior = other.log_evidence - posterior.log_evidence - np.log(own).sum()
+        np.testing.assert_allclose(gain, by_prior, atol=1e-9)
+
+
 def random_groups(profiles, poses, rng):
     """Profiles in poses and poses in four orientations, some of them alone."""
     pose = np.unique(rng.integers(0, poses, profiles), return_inverse=True)[1]
