@@ -140,7 +140,7 @@ def predict(
     beyond = normalised_square(S, error) > limit
     predictions = []
     for members in orientations:
-        square = np.sum(error[members] ** 2) + x @ whole.rest[members].sum(axis=0) @ x
+        square = np.sum(error[members] ** 2) + np.sum((whole.rest[members] @ x) ** 2)
         # residuals that no error of the flange moves
         beside = whole.counts[members].sum() - error[members].size
         variance = np.trace(S[members], axis1=1, axis2=2).sum() + beside * left.v[0, 0]

@@ -56,13 +56,6 @@ class Verification:
         return self.delta * DEGREES
 
     @property
-    def expected_sd_mm_deg(self) -> ndarray:
-        """(6,) standard deviations of the difference, enormous in directions that the
-        scan leaves open.
-        """
-        return np.sqrt(np.diag(self.expected.covariance)) * DEGREES
-
-    @property
     def apart(self) -> ndarray:
         """(k,) standard deviations of δ in the directions that the scans determine: the
         last k of `expected`.

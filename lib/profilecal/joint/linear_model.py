@@ -20,7 +20,7 @@ Three answers: `posterior`, what is known of x; `left_out`, how far profiles are
 what the others say; `score`, what a further error would have to be.
 
 C never is written out: what residuals say beside the errors of their flange needs none,
-and is kept as products, `rest`. For the other rows, errors of the flange nest: visits
+the `rest`. For the other rows, errors of the flange nest: visits
 in commanded poses, poses in orientations. With E_i the rows by which an error moves
 profile i, and S the variances (6) of the error that a group shares, one error after the
 other is integrated out, from the profiles up, and its mean is carried down again.
@@ -157,7 +157,7 @@ class LinearModel:
 
     Of each, `E` (profiles, q, 6; 7 in motion) and `Y` (profiles, q, n + 1) are rows
     that say all about the errors of the flange, two of a straight edge, three of a
-    ball; `rest` (profiles, n + 1, n + 1) are products of what else the residuals say.
+    ball; `rest` (profiles, K, n + 1) are rows of what else the residuals say.
     """
 
     def __init__(
@@ -184,9 +184,9 @@ class LinearModel:
         An orthogonal change of a profile's K rows leaves the scanner's noise as it is.
         With the singular values s of the derivatives by the flange, F = U s Wᵀ, errors
         of the flange move the rows Uᵀ [A | r] whose s is not zero, by E = s Wᵀ, and no
-        others, of which the products are enough:
+        others, which are
 
-            Y = Uᵀ [A | r]        rest = [A | r]ᵀ [A | r] - Yᵀ Y
+            Y = Uᵀ [A | r]        rest = [A | r] - U Y
         """
         self.precision = precision
         self.of_mount = of_mount
@@ -200,11 +200,11 @@ class LinearModel:
         self.ranks = nonzero.sum(axis=1)  # (profiles,) rows that speak of the flange
         self.q = q = max(1, self.ranks.max())
         self.E = (s * nonzero)[:, :q, None] * Wt[:, :q] / HAND_PRECISION
-        self.Y = (U * nonzero[:, None])[:, :, :q].mT @ columns
+        U = (U * nonzero[:, None])[:, :, :q]
+        self.Y = U.mT @ columns
+        self.rest = columns - U @ self.Y
         if clock is not None:
             self.E = np.concatenate([self.E, self.Y[:, :, [clock]]], axis=2)
-        self.rest = columns.mT @ columns
-        self.rest -= self.Y.mT @ self.Y
         # how many directions errors of the flange have
         self.axes = self.E.shape[2]
         # variances (1 + k, 6 or 7) of E's errors for one unit of each of v
@@ -256,7 +256,7 @@ class LinearModel:
         residuals share anything.
         """
         other = self.to_change()
-        other.rest = self.rest + self.Y.mT @ self.Y
+        other.rest = np.concatenate([self.rest, self.Y], axis=1)
         other.rows, other.own_parts = self.rows[:0], self.own_parts[:, :0]
         other.levels = []
         return other
@@ -274,7 +274,7 @@ class LinearModel:
         off here.
         """
         count = int(self.counts[self.kept].sum()) - len(self.rows) * self.q
-        return self.rest[self.kept].sum(axis=0), count
+        return squares(self.rest[None, self.kept])[0], count
 
     def factors(self, v: ndarray) -> Factors:
         """C of the rows, in the order of the groups, for variances v (S, 1 + k)."""
@@ -449,7 +449,8 @@ class LinearModel:
         """What each profile by itself says of the unknowns, (profiles, n + 1, n + 1):
         [A | r]ᵀ C⁻¹ [A | r].
         """
-        return self.Y.mT @ np.linalg.solve(self.own(v), self.Y) + self.rest / v[0]
+        rest = self.rest.mT @ self.rest / v[0]
+        return self.Y.mT @ np.linalg.solve(self.own(v), self.Y) + rest
 
     def left_out(self, posterior: Posterior) -> tuple[ndarray, ndarray]:
         """How far the rows of each profile (profiles, q) are from what all other

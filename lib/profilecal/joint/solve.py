@@ -260,8 +260,8 @@ def of_large_errors(
         law = believed.law(model.names)
         (v,), _, _ = law.variances(np.full((1, len(law.free)), large))
         v[0] = scanner**2
-        residuals, rest = model.Y[:, :, -1], model.rest[:, -1, -1]
-        by_itself = squares(residuals, model.own(v), rest, v[0])
+        now = np.eye(model.n + 1)[-1]
+        by_itself = squares(model, now, model.Y @ now, model.own(v), v[0])
         kept = belonging(problem, model, *by_itself)
         if np.mean(~kept) <= 0.2:
             break
@@ -285,15 +285,15 @@ def belonging(
 
 
 def squares(
-    errors: ndarray, covariances: ndarray, rest: ndarray, variance: float
+    model: LinearModel, x: ndarray, errors: ndarray, covariances: ndarray, v: float
 ) -> tuple[ndarray, ndarray]:
     """χ² (profiles,) of the rows that speak of the flange, of these errors (profiles,
-    q) and covariances, and of the rest of the residuals, of which the sums of squares
-    (profiles,) and the scanner's variance are given.
+    q) and covariances, and of the rest of the residuals after a step x (n + 1,), the
+    last of which is 1; v: the scanner's variance.
     """
     of_flange = normalised_square(covariances, errors)
     # what is below zero is rounding
-    return np.maximum(of_flange, 0), np.maximum(rest, 0) / variance
+    return np.maximum(of_flange, 0), np.sum((model.rest @ x) ** 2, axis=1) / v
 
 
 def squares_left_out(
@@ -301,7 +301,7 @@ def squares_left_out(
 ) -> tuple[ndarray, ndarray]:
     """The `squares` of each profile by what all others say of it."""
     x = np.append(posterior.mean[0], 1.0)
-    return squares(*model.left_out(posterior), x @ model.rest @ x, posterior.v[0, 0])
+    return squares(model, x, *model.left_out(posterior), posterior.v[0, 0])
 
 
 def conclude(estimated: Estimate, prior: Prior, others: State) -> Solution:
