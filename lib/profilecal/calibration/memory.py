@@ -10,7 +10,7 @@ from profilecal.scan.tables import ScanError
 from profilecal.targets.observations import Observations
 
 # bytes of a profile and of each of its points in the linear model, as measured
-A_PROFILE, A_POINT = 14_000, 700
+A_PROFILE, A_POINT = 9_000, 700
 
 
 def check_memory(observed: Sequence[Observations]) -> None:

@@ -13,11 +13,11 @@ from profilecal.calibration import memory
 def test_as_many_profiles_as_would_fit_are_solved(monkeypatch):
     monkeypatch.setattr(memory, "memory_limit", lambda: 1e6)
     sentence = (
-        "250 profiles take 0.0037 GB of memory, of which there are 0.001; 68 would"
+        "250 profiles take 0.0024 GB of memory, of which there are 0.001; 103 would"
     )
     with pytest.raises(pc.ScanError, match=sentence):
         pc.calibrate(pc.simulate("edge", seed=1)[0])
-    fitting, _ = pc.simulate("edge", seed=1, groups=17, positions=4)
+    fitting, _ = pc.simulate("edge", seed=1, groups=25, positions=4)
     assert pc.calibrate(fitting).status == "ok"
 
 
