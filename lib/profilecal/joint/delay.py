@@ -30,7 +30,7 @@ from profilecal.geometry.observability import (
 from profilecal.joint.descent import refine, search, thin
 from profilecal.joint.prior import FINEST_MM
 from profilecal.joint.problem import Problem
-from profilecal.targets.observations import Observations
+from profilecal.targets.observations import Observations, State
 
 TRIED = np.linspace(-DELAY_S, DELAY_S, 9)  # s
 FEW = 100  # profiles of each target that are looked at
@@ -50,33 +50,28 @@ def roughly(problem: Problem, starts: Sequence = ()) -> float:
         problem.systematic,
         mount=problem.mount,
     )
-    fits = []
+    fits, typical = [], []
     for delay in TRIED:
         later = few.later(delay)
         state = search(later, starts)
-        fits.append(refine(later, state, iterations=20, tolerance=1e-6).best_first)
-    finest = FINEST_MM / problem.noise.profile_mm
-    typical = [
-        max(few.later(delay).typical(fit)[0], finest)
-        for delay, fit in zip(TRIED, fits, strict=True)
-    ]
-    scale = np.min(typical)
-    losses = []
+        fit = refine(later, state, iterations=20, tolerance=1e-6).best_first
+        fits.append(fit.state[[0]])
+        typical.append(later.typical(fit)[0])
+    scale = max(np.min(typical), FINEST_MM / problem.noise.profile_mm)
 
-    def loss(delay: float) -> float:
+    def loss(delay: float, state: State) -> float:
         later = few.later(delay)
         unit = np.full(1, scale)
         fit = refine(later, state, scale=unit, iterations=20, tolerance=1e-6)
         return fit.loss[0] / scale**2 + (delay / DELAY_S) ** 2
 
-    for delay, fit in zip(TRIED, fits, strict=True):
-        state = fit.state[[0]]
-        losses.append(loss(delay))
-    best = int(np.argmin(losses))
-    state = fits[best].state[[0]]
+    best = int(np.argmin(list(map(loss, TRIED, fits))))
     step = TRIED[1] - TRIED[0]
     around = TRIED[best] - step, TRIED[best] + step
-    return minimize_scalar(loss, bounds=around, options={"xatol": 1e-4}).x
+    found = minimize_scalar(
+        loss, args=(fits[best],), bounds=around, options={"xatol": 1e-4}
+    )
+    return found.x
 
 
 def unexplained(observations: Observations) -> dict[str, float]:

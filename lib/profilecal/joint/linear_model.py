@@ -237,10 +237,11 @@ class LinearModel:
                 self.of_own.append(error)
                 parts.append(E_alone * self.units[error] @ E_alone.mT)
         self.own_parts = np.array(parts)  # (errors, profiles, q, q)
+        self.sum_rest()
 
     def keeping(self, kept: ndarray) -> "LinearModel":
         """The model of some of its profiles (profiles,) only."""
-        other = self.to_change()
+        other = copy(self)
         other.kept = kept
         other.arrange()
         return other
@@ -255,26 +256,20 @@ class LinearModel:
         """The same of a robot that does not err, whose variances do not count: no
         residuals share anything.
         """
-        other = self.to_change()
+        other = copy(self)
         other.rest = np.concatenate([self.rest, self.Y], axis=1)
         other.rows, other.own_parts = self.rows[:0], self.own_parts[:, :0]
         other.levels = []
+        other.sum_rest()
         return other
 
-    def to_change(self) -> "LinearModel":
-        """A copy whose rest is not summed up yet."""
-        other = copy(self)
-        vars(other).pop("rest_of_kept", None)
-        return other
-
-    @cached_property
-    def rest_of_kept(self) -> tuple[ndarray, int]:
-        """Products (n + 1, n + 1) of all that no error of the flange moves, and how
-        many residuals it is. Rows of zeros were counted among the others and are taken
-        off here.
+    def sum_rest(self) -> None:
+        """Sum up the products (n + 1, n + 1) of all that no error of the flange moves,
+        and how many residuals it is. Rows of zeros were counted among the others and
+        are taken off here.
         """
         count = int(self.counts[self.kept].sum()) - len(self.rows) * self.q
-        return squares(self.rest[None, self.kept])[0], count
+        self.rest_of_kept = squares(self.rest[None, self.kept])[0], count
 
     def factors(self, v: ndarray) -> Factors:
         """C of the rows, in the order of the groups, for variances v (S, 1 + k)."""

@@ -313,7 +313,7 @@ def conclude(estimated: Estimate, prior: Prior, others: State) -> Solution:
     n = problem.n
     error_sizes = estimated.error_sizes
     posterior = model.posterior(error_sizes.v[None])
-    normalised = normalised_residuals(problem, model, posterior)
+    square = sum(squares_left_out(model, posterior)) / np.maximum(model.counts, 1)
     problem, state = after_step(problem, estimated.state, error_sizes.mean)
     chi2 = float(posterior.square[0])
     dof = max(int(model.counts[model.kept].sum()) - n, 1)
@@ -331,7 +331,9 @@ def conclude(estimated: Estimate, prior: Prior, others: State) -> Solution:
         )
         status, left_open = verdict.status, verdict.others
         remarks += verdict.sentences
-    messages += remarks + explanation(problem, state, left_open)
+    R_flange = np.concatenate([entry.R_flange[0] for entry in problem.observations])
+    messages += remarks
+    messages += explain(left_open, state.rotation[0], R_flange, frame_of(problem))
     if status != "unobservable":
         # χ² of the six unknowns of a sensor pose rarely exceeds 12
         largest = chi2 + 12 * max(1.0, chi2 / dof)
@@ -355,7 +357,7 @@ def conclude(estimated: Estimate, prior: Prior, others: State) -> Solution:
         chi2=chi2,
         dof=dof,
         rms_mm=problem.rms_mm(estimated.columns, error_sizes.mean, model.kept),
-        normalised=normalised,
+        normalised=tuple(problem.split(np.sqrt(square))),
         rejected=tuple(problem.split(~model.kept)),
         status=status,
         observability=observability,
@@ -413,13 +415,6 @@ def weaker_spectrum(
     ]
 
 
-def explanation(problem: Problem, state: State, known: Spectrum) -> list[str]:
-    """Sentences on what the motions leave open."""
-    observations = problem.observations
-    R_flange = np.concatenate([entry.R_flange[0] for entry in observations])
-    return explain(known, state.rotation[0], R_flange, frame_of(problem))
-
-
 def frame_of(problem: Problem) -> str:
     """The frame that the sensor's pose is in."""
     return "base" if problem.observations[0].eye_to_hand else "flange"
@@ -455,12 +450,3 @@ def twin(
                 f"{shift:.3g} mm away; add poses from other directions"
             ]
     return []
-
-
-def normalised_residuals(
-    problem: Problem, model: LinearModel, posterior: Posterior
-) -> tuple:
-    """Each pose's residual over its expected size, (P,) for each target."""
-    of_flange, of_rest = squares_left_out(model, posterior)
-    mean_square = (of_flange + of_rest) / np.maximum(model.counts, 1)
-    return tuple(problem.split(np.sqrt(mean_square)))
