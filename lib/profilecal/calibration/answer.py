@@ -107,7 +107,9 @@ def read_answer(path: str | Path) -> Answer:
         entries = json.loads(Path(path).read_bytes())
         answer = answer_in(entries)
     except OSError as error:
-        raise ScanError(f"{path}: {error.strerror}") from error
+        how = "; profilecal calibrate SCAN --json > T.json writes one"
+        missing = isinstance(error, FileNotFoundError)
+        raise ScanError(f"{path}: {error.strerror}{how * missing}") from error
     except ScanError as error:
         sentence = str(error).removeprefix("Answer: ").replace("[0]", "")
         raise ScanError(f"{path}: {sentence}") from error
