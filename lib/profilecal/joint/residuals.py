@@ -199,12 +199,16 @@ class Residuals:
             shift[axis] = error(*self.seen)
             return shift
         centre = self.seen.mean(axis=2, keepdims=True)
-        outward = self.seen - centre
-        radius = np.maximum(np.hypot(*outward), FINEST_MM)
-        outward = outward / radius
+        for _ in range(3):  # Newton's steps to the circle through the points
+            outward = self.seen - centre
+            distance = np.maximum(np.hypot(*outward), FINEST_MM)
+            outward = outward / distance
+            radius = distance.mean(axis=1, keepdims=True)
+            apart = np.sum(outward * (distance - radius), axis=2, keepdims=True)
+            centre = centre + 2 / 3 * apart
         angle = np.radians(self.observed.half_arc_deg) * np.linspace(-1, 1, 21)
         n = np.stack([np.sin(angle), -np.cos(angle)])  # towards the scanner
-        e = error(*(centre + radius[:, :1] * n[:, None, :, None]))
+        e = error(*(centre + radius * n[:, None, :, None]))
         at_arc = n[axis][:, None] * e
         x, z, d = np.linalg.pinv(np.stack([*n, np.ones(21)], axis=1)) @ at_arc[0]
         return outward * (outward[0] * x + outward[1] * z + d)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy import ndarray
+from scipy.special import fdtri
 
 from profilecal.geometry.checks import UnobservableError
 from profilecal.geometry.log import DELAY_S
@@ -221,10 +222,10 @@ def estimate(problem: Problem, prior: Prior, state: State, robust: bool) -> Esti
         # What is left to the next step is such a part of this step as this step is of a
         # radian, or of 100 mm: the residuals are linear but for squares.
         left = np.abs(x) * reach(posterior.mean)
-        sd = np.sqrt(np.diag(posterior.covariance[0]))
-        small = (left < 0.002 * sd)[: problem.n].all()
+        variance = np.diag(posterior.covariance[0])
+        small = (left**2 < 0.002**2 * variance)[: problem.n].all()
         if problem.clock is not None:  # poses follow a delay less evenly
-            small &= abs(x[problem.clock]) < 0.02 * sd[problem.clock]
+            small &= x[problem.clock] ** 2 < 0.02**2 * variance[problem.clock]
         settled = (after == kept).all() and small
         if settled or turn == ROUNDS - 1:
             break
@@ -273,10 +274,16 @@ def belonging(
 ) -> ndarray:
     """The profiles (profiles,) whose residuals, by their `squares`, chance explains,
     but for those of groups of which it does not explain more than half.
+
+    Those left out so far had no part in the sizes of errors, which so many others tell
+    only roughly: their squares follow F's law in place of χ².
     """
     chance = FALSE_ALARM / 2 / len(of_rest)  # two tests of each
     rest = model.counts - model.ranks
-    bad = of_flange > chi2_limit(chance, np.maximum(model.ranks, 1))
+    ranks = np.maximum(model.ranks, 1)
+    freedom = max(1, model.ranks[model.kept].sum() - problem.n)
+    by_others = ranks * fdtri(ranks, freedom, 1 - chance)
+    bad = of_flange > np.where(model.kept, chi2_limit(chance, ranks), by_others)
     bad |= (rest > 0) & (of_rest > chi2_limit(chance, np.maximum(rest, 1)))
     group = problem.groups.group
     size = np.bincount(group)

@@ -247,7 +247,7 @@ MISTAKES = {  # by what is said of each
     "expected one of profiles, .*; found none": removed("arcs.csv"),
     "found points.csv and arcs.csv": written("points.csv", "pose,x,z\n"),
     "arcs.csv: Too many levels of symbolic links": LOOP,
-    "scan.toml: Not a directory": a_file_instead,
+    "is a file; expected a scan folder": a_file_instead,
     "poses.csv: not a file": PIPE,
     "arcs.csv: not a file": instead_of("arcs.csv", os.mkdir),
     # tables as such
