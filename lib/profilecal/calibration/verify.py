@@ -141,7 +141,7 @@ def verify(found: Calibration | Answer, scan: Scan) -> Verification:
     if shown < FEWEST:
         raise ScanError(
             f"{title}: shows the target from {shown} poses; expected {FEWEST} or more, "
-            "or check-mount, which takes one to three of the target as it stood"
+            "or check-mount, which does with fewer if the target stands as it did"
         )
     kept = [np.ones(shown, dtype=bool)]
     if alone.solution_or_none:

@@ -80,8 +80,8 @@ LENGTHS |= {"µm": 1e-3, "μm": 1e-3, "micron": 1e-3, "in": 25.4}
 
 # units by other names
 UNITS = renamed(
-    "°=deg degree=deg degrees=deg degrés=deg gradi=deg grados=deg град=deg 度=deg "
-    "мм=mm 毫米=mm"
+    "°=deg degree=deg degrees=deg degrés=deg grad=deg gradi=deg grados=deg "
+    "град=deg 度=deg мм=mm 毫米=mm"
 )
 
 # units of angles in degrees; of what are no angles but vectors
