@@ -870,8 +870,8 @@ MISTAKES = {
     ),
     "no unit": (
         csv,
-        edited("robot.csv", "[°]", "[grad]", 3),
-        r"alpha \[grad\], .*; expected one unit .*, deg or mrad or rad",
+        edited("robot.csv", "[°]", "[gon]", 3),
+        r"alpha \[gon\], .*; expected one unit .*, deg or mrad or rad",
     ),
     "twice": (
         fanuc,
