@@ -19,11 +19,11 @@ out, (C + A Π⁻¹ Aᵀ)⁻¹ by Woodbury's identity.
 Three answers: `posterior`, what is known of x; `left_out`, how far profiles are from
 what the others say; `score`, what a further error would have to be.
 
-C never is written out: what residuals say beside the errors of their flange needs none,
-the `rest`. For the other rows, errors of the flange nest: visits
-in commanded poses, poses in orientations. With E_i the rows by which an error moves
-profile i, and S the variances (6) of the error that a group shares, one error after the
-other is integrated out, from the profiles up, and its mean is carried down again.
+C never is written out: what residuals say beside the errors of their flange, the
+`rest`, needs none. For the other rows, errors of the flange nest: visits in commanded
+poses, poses in orientations. With E_i the rows by which an error moves profile i, and S
+the variances (6) of the error that a group shares, one error after the other is
+integrated out, from the profiles up, and its mean is carried down again.
 
 Leaves, with the errors that no other profile shares, of variances S_own:
 

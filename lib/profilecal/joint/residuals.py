@@ -2,13 +2,15 @@
 
 from collections.abc import Callable
 from copy import copy
+from functools import cached_property
 
 import numpy as np
 from numpy import ndarray
 
+from profilecal.geometry.fitting import fit_circle
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import carry, cross, dot, inverse, rotations
-from profilecal.joint.prior import FINEST_MM, Perturbation
+from profilecal.joint.prior import Perturbation
 from profilecal.targets.observations import Observations, State
 from profilecal.targets.target import Sight
 
@@ -198,20 +200,21 @@ class Residuals:
             shift = np.zeros(self.seen.shape)
             shift[axis] = error(*self.seen)
             return shift
-        centre = self.seen.mean(axis=2, keepdims=True)
-        for _ in range(3):  # Newton's steps to the circle through the points
-            outward = self.seen - centre
-            distance = np.maximum(np.hypot(*outward), FINEST_MM)
-            outward = outward / distance
-            radius = distance.mean(axis=1, keepdims=True)
-            apart = np.sum(outward * (distance - radius), axis=2, keepdims=True)
-            centre = centre + 2 / 3 * apart
+        *centre, radius = self.circles
+        outward = (self.seen - centre) / radius
         angle = np.radians(self.observed.half_arc_deg) * np.linspace(-1, 1, 21)
         n = np.stack([np.sin(angle), -np.cos(angle)])  # towards the scanner
         e = error(*(centre + radius * n[:, None, :, None]))
         at_arc = n[axis][:, None] * e
         x, z, d = np.linalg.pinv(np.stack([*n, np.ones(21)], axis=1)) @ at_arc[0]
         return outward * (outward[0] * x + outward[1] * z + d)
+
+    @cached_property
+    def circles(self) -> ndarray:
+        """x, z and radius (3, 1, 1, P) of the circles through three points each."""
+        with np.errstate(divide="ignore", invalid="ignore"):  # where no points are
+            circles = fit_circle(self.seen.transpose(1, 3, 2, 0))
+        return np.moveaxis(circles, -1, 0)[:, :, None]
 
     def by_time(self, columns: ndarray, state: State) -> ndarray:
         """The derivative (1, K, P) by the time at which the flange is looked up, mm/s:
@@ -240,6 +243,7 @@ class Residuals:
         """
         r = columns[:, self.residual].reshape(len(columns), self.m, -1, self.P)
         other = copy(self)
+        vars(other).pop("circles", None)  # they are of other points
         other.seen = self.seen - np.sum(self.by_point(columns) * r, axis=3)
         return other
 

@@ -275,8 +275,8 @@ def belonging(
     """The profiles (profiles,) whose residuals, by their `squares`, chance explains,
     but for those of groups of which it does not explain more than half.
 
-    Those left out so far had no part in the sizes of errors, which so many others tell
-    only roughly: their squares follow F's law in place of χ².
+    Profiles that were left out so far had no part in estimating the sizes of errors,
+    which the others tell only roughly: their squares follow F's law in place of χ².
     """
     chance = FALSE_ALARM / 2 / len(of_rest)  # two tests of each
     rest = model.counts - model.ranks
