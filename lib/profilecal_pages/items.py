@@ -388,7 +388,7 @@ def sentence(gathered: Gathered) -> str:
         f"Of the printed results that could have come out otherwise, {given} are "
         f"reproduced from printed inputs and {chosen} are compatible with unprinted "
         "settings that we chose; each of the others stands with its reason. "
-        f"{in_vain} more, of {printed} compared, could hardly have failed, and do not "
+        f"{in_vain} more, of {printed} printed, could hardly have failed, and do not "
         "count."
     )
 
