@@ -11,9 +11,10 @@ from profilecal.calibration.observe import (
     observe,
 )
 from profilecal.geometry.fitting import affine_residuals
-from profilecal.geometry.noise import FALSE_ALARM, chi2_limit
+from profilecal.geometry.noise import FALSE_ALARM, Noise, chi2_limit
 from profilecal.geometry.observability import LEAST_TURN_DEG, name_axis, turns
 from profilecal.joint.delay import unexplained
+from profilecal.joint.problem import Problem
 from profilecal.scan.scan import Scan
 from profilecal.scan.tables import listed
 from profilecal.targets.observations import Observations
@@ -31,8 +32,22 @@ def check(scan: Scan) -> list[str]:
     lines = [*lines_on_poses(scan, len(seen.poses)), *lines_on_noise(scan, seen)]
     if scan.log:
         lines += lines_on_motion(scan, as_observations(scan, seen))
-    remarks = [*seen.remarks, *doubts(scan)]
+    remarks = [*too_few(scan, seen), *seen.remarks, *doubts(scan)]
     return [*lines, *(f"note           {remark}" for remark in remarks)]
+
+
+def too_few(scan: Scan, seen: Seen) -> list[str]:
+    """That the scan has no more coordinates than a calibration has unknowns."""
+    if not len(seen.poses):
+        return []
+    problem = Problem([as_observations(scan, seen)], Noise(1.0))
+    total = problem.counts.sum()
+    if total > problem.n:
+        return []
+    return [
+        f"{total} measured coordinates cannot determine {problem.n} unknowns "
+        "and noise; add poses"
+    ]
 
 
 def lines_on_motion(scan: Scan, observed: Observations) -> list[str]:

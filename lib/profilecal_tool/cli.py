@@ -506,7 +506,7 @@ def check(folder):
 def verify(folder, pose, cloud):
     """Compare a sensor pose with a scan FOLDER not used to find it.
 
-    Status 1 if they contradict.
+    Status 1 if they contradict, 2 if FOLDER cannot tell.
     """
     from profilecal.calibration.answer import read_answer
     from profilecal.calibration.verify import verify
@@ -518,7 +518,9 @@ def verify(folder, pose, cloud):
         verification = verify(answer, scan)
     echo(verification_text(verification, answer.status))
     put_together(verification.alone, answer.pose, cloud)
-    raise SystemExit(0 if verification.as_expected else 1)
+    if not verification.as_expected:
+        raise SystemExit(1)
+    raise SystemExit(0 if verification.is_conclusive else 2)
 
 
 @main.command("check-mount")

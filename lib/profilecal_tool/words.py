@@ -148,8 +148,13 @@ def verification_text(verification: Verification, status: str) -> str:
         f"residuals      {verification.rms_mm:.3g} mm rms from a "
         f"{scan.target.shape}, by the pose"
     )
-    if verification.as_expected:
+    if verification.as_expected and verification.is_conclusive:
         verdict = "the stated uncertainties explain what was found"
+    elif verification.as_expected:
+        verdict = (
+            f"no contradiction, but this scan leaves {6 - len(apart)} of 6 directions "
+            "open: it does not verify the pose; add poses"
+        )
     else:
         verdict = (
             "more is wrong than the stated uncertainties explain: the scanner has "

@@ -9,6 +9,7 @@ from command import run
 from simulated import calibration_of, scan_of, wrong_by
 
 import profilecal as pc
+from profilecal_tool.checking import check
 
 
 def calibrated(folder):
@@ -48,6 +49,20 @@ def test_verify_reads_what_calibrate_printed(status, tmp_path):
         result = held_against_the_ball(printed | entry, tmp_path)
         assert result.exit_code == 1
     assert "most apart     translation along" in result.output
+
+
+def test_a_scan_that_leaves_a_direction_open_verifies_nothing(tmp_path):
+    pc.write_scan(scan_of("edge", seed=5), tmp_path / "edge")
+    five = scan_of("edge", seed=5, scan=2, groups=5, positions=1)
+    pc.write_scan(five, tmp_path / "ball")
+    assert "10 measured coordinates cannot determine 10 unk" in "\n".join(check(five))
+    printed = calibrated(tmp_path / "edge")
+    result = held_against_the_ball(printed, tmp_path)
+    assert result.exit_code == 2, result.output
+    assert "no contradiction, but this scan leaves" in result.output
+    wrong = wrong_by(np.array(printed["T_flange_sensor"]), [20, 20, 20], [8, 8, 8])
+    contradicted = printed | {"T_flange_sensor": wrong.tolist()}
+    assert held_against_the_ball(contradicted, tmp_path).exit_code == 1
 
 
 def entry(name, change):

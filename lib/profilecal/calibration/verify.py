@@ -49,6 +49,7 @@ class Verification:
     # of the target, mm, as the scan has them by the sensor pose
     lengths: dict[str, float]
     rms_mm: float  # of the points' distances from the target
+    known: int  # directions that the pose in question is stated to be known in
 
     @property
     def difference_mm_deg(self) -> ndarray:
@@ -74,6 +75,13 @@ class Verification:
     def as_expected(self) -> bool:
         """Whether the stated uncertainties explain the difference."""
         return self.chance > FALSE_ALARM
+
+    @property
+    def is_conclusive(self) -> bool:
+        """Whether the scan tells all directions in which the pose is stated to be
+        known.
+        """
+        return len(self.apart) >= self.known
 
     def __repr__(self) -> str:
         difference = np.array2string(self.difference_mm_deg, precision=3)
@@ -101,7 +109,8 @@ def verify(found: Calibration | Answer, scan: Scan) -> Verification:
     Returns
     -------
     Verification
-        `as_expected` says whether the stated uncertainties explain the difference.
+        `as_expected` says whether the stated uncertainties explain the difference,
+        `is_conclusive` whether the scan could have shown it in every direction.
 
     Raises
     ------
@@ -158,10 +167,14 @@ def verify(found: Calibration | Answer, scan: Scan) -> Verification:
     if alone.status != "ok":  # a weak answer may be one of several
         answers.append(linearised(alone, kept, T, found.noise_mm))
     lengths, rms_mm = target_by(T, alone, kept)
+    of_pose = of_covariance(covariance, rank=6, parameters=6)
+    known = np.count_nonzero(of_pose.sd < 1)
     verifications = []
     for delta, own in answers:
         expected = of_covariance(covariance + own, rank=6, parameters=6)
-        verifications.append(Verification(delta, expected, alone, lengths, rms_mm))
+        verifications.append(
+            Verification(delta, expected, alone, lengths, rms_mm, known)
+        )
     likeliest = max(verifications, key=lambda one: one.chance)
     if not len(likeliest.apart):
         raise ScanError(

@@ -10,6 +10,7 @@ from html import escape
 import numpy as np
 
 from profilecal.calibration.calibration import Calibration
+from profilecal.calibration.observe import stated_noise
 from profilecal.geometry.noise import FALSE_ALARM, chi2_limit
 from profilecal_pages.figures import GREEN, ORANGE, RED
 from profilecal_tool.controllers import for_controller, writing_like
@@ -97,10 +98,13 @@ def answer(calibration: Calibration) -> Html:
         to_paste = for_controller(maker, calibration.pose, calibration.frame)
         solution = calibration.solution
         robot = solution.prior.systematic
+        noise = stated_noise(calibration.scans)
+        both = "accuracy_mm" in noise and "accuracy_deg" in noise
+        said = "stated" if both else "assumed"
         total = [
             f"elsewhere      {deviations(solution.covariance_total)}, on a robot "
             f"accurate to {robot.accuracy_mm:g} mm and {robot.accuracy_deg:g}° "
-            "over its workspace"
+            f"over its workspace, as {said}"
         ]
     plain = replace(calibration, messages=())
     lines += [*calibration_text(plain, to_paste).splitlines(), *total]

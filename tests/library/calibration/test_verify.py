@@ -63,6 +63,7 @@ def test_five_poses_suffice_for_the_directions_that_they_determine(kind, seed):
     verification = pc.verify(found, five)
     assert verification.as_expected
     assert 3 <= len(verification.apart) <= 6
+    assert verification.is_conclusive == (len(verification.apart) == 6)
     wrong = answer_of(found, mm=[20, 20, 20], deg=[8, 8, 8])
     assert not pc.verify(wrong, five).as_expected
 
