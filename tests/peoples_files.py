@@ -527,6 +527,19 @@ def binary_clouds(folder):
         (folder / f"cloud{k}.ply").write_bytes(content)
 
 
+def binary_pcd(folder):
+    for k, points in enumerate(scan().values):
+        columns = [*with_y(points).T, np.full(len(points), 7)]
+        rows = np.rec.fromarrays(
+            columns, dtype=[*((n, "<f8") for n in "xyz"), ("i", "u1")]
+        )
+        head = ["# .PCD v0.7", "VERSION 0.7", "FIELDS x y z i", "SIZE 8 8 8 1"]
+        head += ["TYPE F F F U", "COUNT 1 1 1 1", f"WIDTH {len(rows)}", "HEIGHT 1"]
+        head += [f"POINTS {len(rows)}", "DATA binary", ""]
+        content = "\n".join(head).encode() + rows.tobytes()
+        (folder / f"cloud{k}.pcd").write_bytes(content)
+
+
 def column_pairs(folder):
     """Two columns a profile."""
     values = np.hstack(scan().values)
@@ -599,6 +612,7 @@ PROFILES = by_name(
     point_clouds,
     other_clouds,
     binary_clouds,
+    binary_pcd,
     column_pairs,
     headed,
 )

@@ -26,7 +26,7 @@ Row = tuple[int, list[str]]  # a line's number and fields
 Rows = list[Row]
 # cells of points that were not seen
 NOTHING = {"", ".", "na", "n/a", "#n/a", "null", "none"}
-NOTHING |= {"nan", ".nan", "nan(ind)", "1.#qnan"}
+NOTHING |= {"nan", ".nan", "nan(ind)", "1.#qnan", "invalid", "n.a.", "#nv"}
 
 
 class ScanError(ValueError):

@@ -19,6 +19,10 @@ BINARY_PLY = re.compile(
     rb"(?s)ply\r?\nformat binary_(\w+)_endian.*?\nelement vertex (\d+)"
     rb"((?:\s+property[^\n]*)*).*?\nend_header\r?\n"
 )
+BINARY_PCD = re.compile(
+    rb"(?s)(?:#|VERSION).*?FIELDS ([^\n]*)\nSIZE ([^\n]*)\nTYPE ([^\n]*)\n"
+    rb"(?:COUNT ([^\n]*)\n)?(?:(?!DATA).)*?POINTS (\d+)\s+DATA binary\r?\n"
+)
 PLY_TYPES = {"char": "i1", "short": "i2", "int": "i4", "float": "f4", "double": "f8"}
 PLY_TYPES |= {"uchar": "u1", "ushort": "u2", "uint": "u4"}
 PLY_TYPES |= {"float32": "f4", "float64": "f8", "uint8": "u1", "int32": "i4"}
@@ -55,20 +59,32 @@ def arrays_in(path: Path) -> dict[str, ndarray]:
 
 
 def vertices_in(path: Path) -> dict[str, ndarray]:
-    """The numbers of the vertices in a binary PLY file, by name; none in another."""
+    """The numbers of the vertices in a binary PLY or PCD file, by name; none in
+    another.
+    """
     with naming(path):
-        content = path.read_bytes() if path.suffix.lower() == ".ply" else b""
-        head = BINARY_PLY.match(content)
-        if not head:
+        is_cloud = path.suffix.lower() in (".ply", ".pcd")
+        content = path.read_bytes() if is_cloud else b""
+        if head := BINARY_PLY.match(content):
+            order = "<" if head[1] == b"little" else ">"
+            pairs = re.findall(r"property\s+(\w+)\s+(\w+)", head[3].decode())
+            kinds = [(name, order + PLY_TYPES.get(kind, kind)) for kind, name in pairs]
+            count = head[2]
+        elif head := BINARY_PCD.match(content):
+            *lines, count = head.groups(default=b"")
+            names, sizes, types, many = (
+                line.decode().lower().split() for line in lines
+            )
+            parts = zip(names, types, sizes, many or ["1"] * len(names), strict=True)
+            kinds = [(name, f"({n},)<{kind}{size}") for name, kind, size, n in parts]
+        else:
             return {}
-        order = "<" if head[1] == b"little" else ">"
-        properties = re.findall(r"property\s+(\w+)\s+(\w+)", head[3].decode())
-        kinds = [(name, order + PLY_TYPES.get(kind, kind)) for kind, name in properties]
         try:
-            rows = np.frombuffer(content, np.dtype(kinds), int(head[2]), head.end())
+            rows = np.frombuffer(content, np.dtype(kinds), int(count), head.end())
         except TypeError as error:
-            raise ScanError(f"{path}: not the vertices of a PLY file") from error
-        return {name: rows[name].astype(float) for name, _ in kinds}
+            raise ScanError(f"{path}: not the points of a PLY or PCD file") from error
+        rows = {name: rows[name].reshape(len(rows), -1)[:, 0] for name, _ in kinds}
+        return {name: values.astype(float) for name, values in rows.items()}
 
 
 def firsts_first(values: ndarray) -> ndarray:

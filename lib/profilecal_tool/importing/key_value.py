@@ -10,7 +10,7 @@ from pathlib import Path
 
 from profilecal.scan.tables import ScanError, Table, in_columns
 from profilecal_tool.importing.makers import ALIASES, DIALECTS, several
-from profilecal_tool.importing.tables import NUMBER
+from profilecal_tool.importing.tables import NUMBER, names_and_units
 
 NUMBERS = rf"{NUMBER}(?:[ \t]+{NUMBER})*"
 IN_BRACKETS = rf"\[\s*{NUMBER}(?:\s*,\s*{NUMBER})*\s*\]"
@@ -49,8 +49,9 @@ def in_table(path: Path, poses: list[Named]) -> Table:
     if "" not in names and len(names) > len(poses) / 2:
         for pose in poses:
             pose.cells = {"pose": pose.name} | pose.cells
-    units = {column: "" for pose in poses for column in pose.cells}
-    rows = [(pose.line, [pose.cells.get(name, "") for name in units]) for pose in poses]
+    titles = dict.fromkeys(column for pose in poses for column in pose.cells)
+    units = names_and_units(titles)
+    rows = [(one.line, [one.cells.get(name, "") for name in titles]) for one in poses]
     return in_columns(path, units, rows)
 
 

@@ -58,9 +58,14 @@ WORDS = (
 HEIGHTS = WORDS.split()
 
 # where x begins and how far apart points are, in lines above a table without x
-ONE = r"\D*?([+-]?[\d.]+(?:e[+-]?\d+)?)"
-X_START = re.compile(r"\bx\W*(?:start|first|min|offset|origin|始点|起点)" + ONE, re.I)
-X_PITCH = re.compile(r"(?:pitch|step|interval|spacing|间距|ピッチ)" + ONE, re.I)
+ONE = r"[^\d\n]*?([+-]?[\d.]+(?:e[+-]?\d+)?)"
+X = r"\bx[\W軸轴]*"
+X_START = re.compile(X + "(?:start|first|min|offset|origin|始点|起点|開始)" + ONE, re.I)
+X_PITCH = re.compile(
+    rf"(?:{X}|profile |data |point |^\W*)"
+    "(?:pitch|step|interval|spacing|resolution|间距|ピッチ)" + ONE,
+    re.I | re.M,
+)
 
 # a line above one of several profiles in a file
 HEADING = re.compile(r"\W*(?:profile?|scan|frame|轮廓|プロファイル)\W*\d+\W*", re.I)
@@ -119,7 +124,7 @@ BY_COLUMNS = {
 OF_ROBOT = re.compile(r"robot|effector|\bee\b|_ee|tcp|flange|gripper|hand|arm")
 
 # the frames that poses are of: Franka's, others'
-TOOL_FRAME = re.compile(r"f_t_n?ee|(?:tool|tcp)_?(?:offset|frame|data)")
+TOOL_FRAME = re.compile(r"f_t_n?ee|(?:tool|tcp)[_.]?(?:offset|frame|data)")
 TOOL_OFFSET = re.compile(r"(?:tool|tcp)_?offset_(\w+)")
 
 # what any text says of the tool, in a line of its own or in JSON; but no address
@@ -151,7 +156,7 @@ LISTS = {
     "movej": AXES,
     "tooldata": f"_,{QUATERNION}{11 * ',_'}",
     "wobjdata": f"_,_,_,{QUATERNION},object {QUATERNION.replace(',', ',object ')}",
-    "p": "x,y,z,rx,ry,rz",
+    "p": "x,y,z,rx [1],ry [1],rz [1]",
     "p(": "x,y,z,w,p,r",
     "posx": "x,y,z,o,a,t",
     "pos": "x,y,z,o,a,t,_",

@@ -88,7 +88,8 @@ def poses_in(
             )
     parts = [(where, part) for one in records.values() for where, part in one.items()]
     places = [*dict.fromkeys(where for where, part in parts if is_pose(part))]
-    places = [place for place in places if not TOOL_FRAME.search(place)]
+    tools = [place for place in places if TOOL_FRAME.search(place)]
+    places = [place for place in places if place not in tools]
     if not places:
         check_axes(path, chain.from_iterable(part for _, part in parts))
         return [], []
@@ -103,13 +104,15 @@ def poses_in(
         name = " ".join(word for word in numbers if isinstance(word, str))
         cells_of = dict(record[place])
         for where, part in record.items():
-            for column in part if where not in places else ():
+            for column in part if where not in (*places, *tools) else ():
                 if not column[-1:].isdigit():  # no part of a list
                     dotted = f"{where}.{column}" if column in cells_of else column
                     cells_of[dotted] = part[column]
-        for where, part in record.items():
-            if TOOL_FRAME.search(where) and is_elsewhere(part):
-                cells_of["tool"] = where
+        for above in (numbers[:k] for k in range(len(numbers) + 1)):
+            for where, part in records.get(above, {}).items():
+                if where in tools and is_elsewhere(part):
+                    cells_of |= {f"tool {name}": part[name] for name in part}
+                    cells_of["tool"] = where
         poses.append(Named(cells_of, name, len(poses) + 1))
     return poses, sorted(guessed)
 
@@ -158,10 +161,10 @@ def placed(words: Words, cells: list[str]) -> tuple[Sequence[str], Sequence[str]
             above = above[:-1]
         is_of_quaternion = is_turn and last in [*"wxyz"]
         return above, [f"q{last}" if is_of_quaternion else ALIASES.get(last, last)]
-    head, _, rest = last.partition("_")
-    for name, where in ((last, above), (head, [*above, rest])):
+    (head, _, rest), (front, _, tail) = last.partition("_"), last.rpartition("_")
+    for name, own in ((last, []), (head, [rest]), (tail, [front])):
         if columns := several(name, len(cells)):
-            return where, columns
+            return [*above, *own], columns
     numbers = [str(k) for k in range(1, len(cells) + 1)]
     if len(cells) < 6:  # a part of a pose
         return above, [f"{last} {k}" for k in numbers]

@@ -6,6 +6,7 @@ import re
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime
+from statistics import mode
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +15,7 @@ from numpy import ndarray
 from profilecal.calibration.observe import A_MOMENT_S
 from profilecal.scan.tables import ScanError, Table, listed, number
 from profilecal_tool.importing.makers import LABELS, TIMES
-from profilecal_tool.importing.tables import rows_of
+from profilecal_tool.importing.tables import rows_of, stem
 
 STAMP = re.compile(
     r"((?:19|20)\d\d)\D?([01]\d)\D?([0-3]\d)"
@@ -55,10 +56,11 @@ def match(
         how = "in order, the first pose with the first profile"
         pairing = Pairing(np.arange(len(names)), [], how)
     if pairing is None:
-        among = f"; left out: {listed(left)} (--profiles)" if left else ""
+        among = f"; left out: {listed(left)}" if left else ""
         raise ScanError(
             f"{poses.path}: {len(names)} profiles for {len(poses.lines)} poses, and no "
-            f"column has the profiles' names, numbers or times{among}"
+            f"column has the profiles' names, numbers or times; add one, or "
+            f"say which files: --poses, --profiles{among}"
         )
     rows, labels, how = pairing
     order = np.argsort(rows, kind="stable")
@@ -109,8 +111,12 @@ def by_column(poses: Table, column: str, names: Sequence[str]) -> Iterator[Pairi
     numbers = [re.findall(r"\d+", STAMP.sub("", name)) for name in names]
     fields = min(map(len, numbers))
     whole = [re.findall(r"(?<![.\d])\d+(?![.\d])", label)[-1:] for label in labels]
-    row_of = {int(number[0]): row for row, number in enumerate(whole) if number}
-    if len(row_of) < sum(map(len, whole)) or fields > 3:  # more may be a time
+    of_rows = {row: int(number[0]) for row, number in enumerate(whole) if number}
+    if len({*of_rows.values()}) < len(of_rows):  # a program may have a home, too
+        usual = mode(map(stem, labels))
+        of_rows = {k: of_rows[k] for k in of_rows if stem(labels[k]) == usual}
+    row_of = {one: row for row, one in of_rows.items()}
+    if len(row_of) < len(of_rows) or fields > 3:  # more may be a time
         return
     for k in range(1, fields + 1):
         of_profiles = [int(of_name[-k]) for of_name in numbers]

@@ -169,6 +169,7 @@ def pose_table(
     titles = names_and_units(said.split(",")) if said else {}
     olds = next((some for some in (bare, units) if len(some) == len(titles)), titles)
     new = dict(zip(olds, titles, strict=True))
+    new |= {f"tool {old}": f"tool {name}" for old, name in new.items()}
     units = {new.get(old, old): unit for old, unit in units.items()}
     units = {name: titles.get(name) or unit for name, unit in units.items()}
     conventions = [
@@ -209,7 +210,7 @@ def by_words(units: dict[str, str]) -> dict[str, str]:
     """
     known = {*"xyz"}.union(*(convention.columns for convention in CONVENTIONS))
     words = [
-        known & ({*placed(re.split(r"[\W_]+", name), [""])[1]} or words_in(name))
+        known & {*placed(re.split(r"[\W_]+", name), [""])[1]} or known & words_in(name)
         for name in units
     ]
     named = {}
@@ -272,7 +273,7 @@ def taken_as(
     words = f"{len(poses.lines)}, {convention.meaning} ({angles}), {lengths}"
 
     frames = {
-        which: frame_of(poses, which, convention, scale)
+        which: frame_of(poses, which, convention, scale, known[angle])
         for which in ("base object", "base", "tool", UNSAID)
     }
     unsaid, of_tool = frames.pop(UNSAID), convention
@@ -372,10 +373,10 @@ def retitled(poses: Table, titles: dict[str, str]) -> str:
 
 
 def frame_of(
-    poses: Table, which: str, convention: Convention, scale: float
+    poses: Table, which: str, convention: Convention, scale: float, degrees: float
 ) -> tuple[ndarray, ndarray] | None:
     """Rotations (P, 3, 3) and places (P, 3), mm, of the poses' tool or base, if the
-    file has its frame and that is not zero.
+    file has its frame, with angles of so many degrees each, and that is not zero.
     """
     names = [f"{which} {column}" for column in (*"xyz", *convention.columns)]
     if not {*names} <= poses.columns.keys():
@@ -383,7 +384,7 @@ def frame_of(
     values = poses.numbers(names, blank=True)
     has = np.isfinite(values).all(axis=1)  # others are of none
     R, p = np.tile(np.eye(3), (len(has), 1, 1)), np.nan_to_num(values[:, :3]) * scale
-    R[has] = to_rotations(convention, values[has, 3:])
+    R[has] = to_rotations(convention, values[has, 3:] * degrees)
     return (R, p) if p.any() or not np.allclose(R, np.eye(3)) else None
 
 

@@ -6,6 +6,7 @@ import re
 from collections import Counter
 from collections.abc import Collection, Sequence
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -90,10 +91,15 @@ def of_array(path: Path, values: ndarray) -> Table:
 
 
 def start_and_pitch(text: str) -> tuple[float, float] | None:
-    """x of the first point, and from one to the next, if lines above a table say so."""
-    head = text[:5000]
-    if ";" in head:
-        head = head.replace(",", ".")
+    """x of the first point, and from one to the next, if lines above a table say so, or
+    titles above numbers.
+    """
+    rows = [fields for _, fields in lines_of(text[:5000])]
+    said = [" ".join(fields) for fields in rows]
+    for titles, numbers in pairwise(rows):
+        if len(titles) == len(numbers) > 2:
+            said += map(" ".join, zip(titles, numbers, strict=True))
+    head = "\n".join(said)
     start, pitch = X_START.search(head), X_PITCH.search(head)
     return (float(start[1]), float(pitch[1])) if start and pitch else None
 
@@ -112,7 +118,9 @@ def across(table: Table, count: int, start: tuple[float, float] | None) -> Table
         for axis in "xz"
     )
     z = z or [name for name in names if np.isfinite(number(name))]
-    heights = [n for n in names if "z" in meaning(n) or len(names) == 1]
+    heights = [n for n in names if "z" in meaning(n)]
+    if len(names) < 3:
+        heights = heights or names[-1:]
     is_down = len(x) == len(z) == count != len(lines)
     if names[0] == "x" and many[stem(names[-1])] == len(names) - 1 > 4:
         if is_rising(table.numbers("x", blank=True)[:, 0]):
@@ -139,10 +147,10 @@ def across(table: Table, count: int, start: tuple[float, float] | None) -> Table
     is_bare = not columns and not start and not x
     if kinds is not None and "X" in kinds:
         along = values[kinds == "X"]
-    elif len(x) == len(z) or start:
-        pass
     elif np.isfinite(titles).all() and titles[0] not in (0, 1):
         along = titles
+    elif len(x) == len(z) or start:
+        pass
     elif len(values) == count and is_bare and not is_smooth(values):
         along, values = values[:, ::2], values[:, 1::2]
     elif len(values) == count + 1 and is_bare and is_rising(values[0]):
@@ -150,10 +158,7 @@ def across(table: Table, count: int, start: tuple[float, float] | None) -> Table
     elif len(z) < 12:
         return table
     else:
-        raise ScanError(
-            f"{table.path}: z in rows, and x nowhere; say where it begins and how far "
-            "points are apart: --x START PITCH"
-        )
+        raise without_x(table)
     if along.ndim > 1 and len(along) != len(rows):
         raise ScanError(
             f"{table.path}: {len(along)} rows of x and {len(rows)} of z; is the file "
@@ -385,16 +390,35 @@ def x_and_z(tables: list[Table], layout: Layout) -> dict[str, str]:
         if np.fmin.reduce(values) < np.fmax.reduce(values):
             axes[name] = ""
     if not len(axes) == len(axes.keys() & first.columns) == 2:
+        if len(first.columns) == 1:
+            raise without_x(first)
         raise ScanError(
             f"{first.path}: columns {listed(first.columns)}; say which are x and z, "
             f'such as --columns "{",".join(likely(first))}"; or, if there is z alone, '
             "where x begins and how far points are apart: --x START PITCH"
         )
+    x = next(iter(axes))
+    if not (layout.columns or "x" in meaning(x)) and is_count(first.columns[x]):
+        raise without_x(first)
     own = first.units
     return {
         name: "mm" if layout.x and name == "x" else layout.unit or unit or own[name]
         for name, unit in axes.items()
     }
+
+
+def is_count(cells: Sequence) -> bool:
+    """Whether cells count points: 0, 1, 2, … or 1, 2, 3, …"""
+    first = floats(cells[:9]).tolist()
+    return first in ([*range(len(first))], [*range(1, len(first) + 1)])
+
+
+def without_x(table: Table) -> ScanError:
+    """That z is there and x is not."""
+    return ScanError(
+        f"{table.path}: z alone, and x nowhere; say where it "
+        "begins and how far points are apart: --x START PITCH"
+    )
 
 
 @np.errstate(invalid="ignore")  # words differ by nothing that is a number

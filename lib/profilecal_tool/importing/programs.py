@@ -59,9 +59,12 @@ def positions_in(path: Path, text: str) -> list[Named]:
                 f"{path} line {one.line}: {one.name or 'a position'} has "
                 f"{listed(one.cells)}; expected x, y and z"
             )
-    frames = {bare(one.name): one for one in full if one.name}
+    # a tool's number is no pose's
+    frames = {bare(one.name): one for one in full if one.name.strip("0123456789")}
     poses = [one for one in full if not is_frame(one)]
     of_pose = names_said(text, found)
+    alike = [*of_pose.values()]
+    of_all = alike[0] if alike and alike.count(alike[0]) == len(alike) else {}
     for which, pattern in FRAME_SET.items():
         chosen = dict(
             chosen_frame(path, text[: match.start(1)].count("\n"), match[1])
@@ -72,7 +75,9 @@ def positions_in(path: Path, text: str) -> list[Named]:
         for one in poses:
             own = bare(one.name)
             keys = (own, own[1:], str(one.line), own.rstrip("0123456789"))
-            said = next((of_pose[key] for key in keys if key in of_pose), {})
+            # an array's have no names
+            other = {} if own else of_all
+            said = next((of_pose[key] for key in keys if key in of_pose), other)
             name = one.cells.get(which) or said.get(which) or " or ".join(chosen)
             frame = chosen.get(name) or frames.get(bare(name))
             put(one, which, name, frame or frames.get(f"{which}_data{name}"))

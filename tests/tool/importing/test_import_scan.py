@@ -950,7 +950,7 @@ MISTAKES = {
     "not alike": (
         tum,
         rows_alike,
-        "all.txt: z in rows, and x nowhere; say where it begins",
+        "all.txt: z alone, and x nowhere; say where it begins",
         wide_table,
     ),
 }
@@ -1198,3 +1198,28 @@ def test_profiles_at_a_rate_are_a_scan_in_motion(tmp_path):
     for times in ((-5.0, 100.0), (start, 0.0), (start + 1000, rate)):
         with pytest.raises(ScanError, match="--times"):
             import_scan(tmp_path, "plane", {}, Layout(times=times))
+
+
+def test_a_tool_beside_all_poses_of_a_json_file_is_taken_off(tmp_path):
+    def write(folder):
+        tool = frame(*TOOL)
+        rows = poses("FANUC angles", 1.0, matrices_of_poses() @ tool)
+        named_rows = [dict(zip("xyzwpr", row, strict=True)) for row in rows.tolist()]
+        offset = dict(zip("xyzwpr", TOOL, strict=True))
+        content = {"tool_offset": offset, "samples": named_rows}
+        (folder / "poses.json").write_text(json.dumps(content))
+
+    folder = written(tmp_path / "files", write)
+    check_poses(import_scan(folder, "edge", {})[0])
+
+
+def test_a_column_that_counts_points_is_not_x(tmp_path):
+    def write(folder):
+        for k, points in enumerate(scan().values):
+            rows = [f"{i},{z}" for i, z in enumerate(points[:, 1])]
+            lines = "\n".join(["index,z", *rows])
+            (folder / f"p{k}.csv").write_text(lines)
+
+    folder = written(tmp_path / "files", tum, write)
+    with pytest.raises(ScanError, match="--x START PITCH"):
+        import_scan(folder, "edge", {})
