@@ -11,6 +11,16 @@ import sys
 import tempfile
 
 sys.modules["rfc3987_syntax"] = None
+# after the notebooks, so that no core waits for one of them in the end
+LONG = ("test_sweep.py", "test_stopped.py", "test_delay.py", "test_notebooks.py")
+
+
+def can_wait(path):
+    return path.suffix == ".py" and path.name not in LONG
+
+
+def pytest_collection_modifyitems(items):
+    items.sort(key=lambda item: can_wait(item.path))
 
 
 def pytest_sessionstart():

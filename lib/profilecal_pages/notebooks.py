@@ -24,6 +24,7 @@ from typing import Any
 modules: dict = sys.modules
 modules.setdefault("rfc3987_syntax", None)
 
+ANSWERS_S = 10  # in which a scheduler is there
 TYPES: dict = {
     "int": int,
     "float": (int, float),
@@ -252,7 +253,8 @@ def workers(scheduler: str | None = None) -> Iterator:
                     silence_logs=logging.CRITICAL,
                 )
             scheduler = stack.enter_context(cluster)
-        yield stack.enter_context(Client(scheduler, timeout=10, set_as_default=False))
+        client = Client(scheduler, timeout=ANSWERS_S, set_as_default=False)
+        yield stack.enter_context(client)
 
 
 def outcomes(

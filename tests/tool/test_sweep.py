@@ -283,7 +283,10 @@ def test_two_sweeps_do_not_write_to_one_folder(notebook, tmp_path):
 @pytest.mark.parametrize(
     ("nowhere", "error"), [("localhost", ValueError), ("tcp://127.0.0.1:9", OSError)]
 )
-def test_a_scheduler_that_is_not_there_is_named(notebook, tmp_path, nowhere, error):
+def test_a_scheduler_that_is_not_there_is_named(
+    notebook, tmp_path, nowhere, error, monkeypatch
+):
+    monkeypatch.setattr(notebooks, "ANSWERS_S", 1)
     with pytest.raises(error, match=nowhere):
         sweep.sweep(notebook, GRID, tmp_path, scheduler=nowhere)
 

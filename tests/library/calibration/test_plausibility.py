@@ -267,10 +267,6 @@ def test_swapped_columns_are_asked_about_which_no_residual_shows(kind):
     swapped = replace(scan, values=tuple(rows[:, ::-1] for rows in scan.values))
     assert doubts(scan) == []
     assert ["are their columns swapped?" in one for one in doubts(swapped)] == [True]
-
-
-def test_an_answer_of_swapped_columns_is_not_ok():
-    scan, _ = pc.simulate("ball", seed=4, measured="profiles", groups=9, positions=2)
-    swapped = replace(scan, values=tuple(rows[:, ::-1] for rows in scan.values))
-    assert pc.calibrate(scan).status == "ok"
-    assert pc.calibrate(swapped).status == "weak"
+    if kind == "ball":
+        assert pc.calibrate(scan).status == "ok"
+        assert pc.calibrate(swapped).status == "weak"

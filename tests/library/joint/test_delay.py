@@ -94,11 +94,10 @@ def test_jitter_is_an_error_along_the_derivative_by_time():
     np.testing.assert_allclose(found.mean[0] / sd, mean / sd, atol=1e-6)
 
 
-@pytest.mark.parametrize("mount", MOUNTS)
 @pytest.mark.parametrize(
-    ("kind", "pattern"),
-    [(kind, "weave") for kind in KINDS]
-    + [("edge", "both ways"), ("edge", "random"), ("ball", "both ways")],
+    ("kind", "pattern", "mount"),
+    [(kind, "weave", mount) for kind in KINDS for mount in MOUNTS]
+    + [("edge", "both ways", MOUNTS[0]), ("edge", "random", MOUNTS[1])],
 )
 def test_pose_and_delay_are_exact_without_noise(kind, pattern, mount):
     """At 150 ms and 150 mm/s, 22 mm: what is left is the spline through the log."""

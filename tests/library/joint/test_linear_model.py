@@ -87,35 +87,6 @@ def squared(error, covariance) -> float:
     return error @ np.linalg.solve(covariance, error)
 
 
-@pytest.mark.parametrize("rank", [2, 5])
-@pytest.mark.parametrize("missing", [[], [3, 7]])
-def test_posterior_and_evidence_are_those_of_the_dense_covariance(missing, rank):
-    """Evidence: the law of r where x is integrated out, N(0, C + A Π⁻¹ Aᵀ), but for
-    constants.
-    """
-    dense = Dense(rank)
-    kept = ~np.isin(PROFILES, missing)
-    r, A, C = dense.of(PROFILES[kept])
-    precision = dense.precision
-    model = dense.model.keeping(kept)
-    posterior = model.posterior(np.array([V, 2 * V]))
-    mean, covariance, w, _ = textbook(r, A, C, precision)
-    np.testing.assert_allclose(posterior.mean[0], mean, rtol=1e-8)
-    np.testing.assert_allclose(
-        posterior.covariance[0], covariance, rtol=1e-8, atol=1e-12
-    )
-    assert posterior.square[0] == pytest.approx(r @ w)
-
-    prior = A @ np.linalg.inv(precision) @ A.T
-    once = multivariate_normal(cov=C + prior).logpdf(r)
-    twice = multivariate_normal(cov=2 * C + prior).logpdf(r)
-    assert np.diff(posterior.log_evidence)[0] == pytest.approx(twice - once)
-
-    exact = model.without_robot().posterior(V[None])
-    mean, _, _, _ = textbook(r, A, V[0] * np.eye(len(r)), precision)
-    np.testing.assert_allclose(exact.mean[0], mean, rtol=1e-8)
-
-
 def test_errors_that_may_be_larger_change_the_posterior_as_another_prior_does():
     model = Dense(2).model
     model.precision, model.scanner = np.diag([4.0, 1.0, 3.0, 2.0]), slice(1, 4)
@@ -142,8 +113,11 @@ def random_groups(profiles, poses, rng):
 @pytest.mark.parametrize("poses", [8, 30, 300], ids=["crowded", "mixed", "alone"])
 @pytest.mark.parametrize("zero", [False, True])
 def test_the_structure_gives_the_answers_of_the_dense_covariance(poses, zero):
-    """And the gradient of the evidence, and its average information: of uneven groups,
-    some of one profile, profiles left out, variances of zero.
+    """And the evidence, its gradient and average information: of uneven groups, some of
+    one profile, profiles left out, variances of zero.
+
+    Evidence: the law of r where x is integrated out, N(0, C + A Π⁻¹ Aᵀ), but for
+    constants.
     """
     rng = np.random.default_rng(poses)
     groups = random_groups(60, poses, rng)
@@ -167,12 +141,19 @@ def test_the_structure_gives_the_answers_of_the_dense_covariance(poses, zero):
             moved @ P @ moved.T / 2,
         )
         model = dense.model.keeping(kept)
-        posterior = model.posterior(v[None])
+        posterior = model.posterior(np.array([v, 2 * v]))
         of_one = posterior.mean, posterior.covariance, posterior.normal
         found = *(one[0] for one in of_one), *model.gradient(posterior)
         for ours, right in zip(found, expected, strict=True):
             atol = 1e-9 * np.abs(right).max()
             np.testing.assert_allclose(ours, right, rtol=0, atol=atol)
+        assert posterior.square[0] == pytest.approx(r @ w)
+        prior = A @ np.linalg.inv(dense.precision) @ A.T
+        once, twice = (multivariate_normal(cov=k * C + prior).logpdf(r) for k in (1, 2))
+        assert np.diff(posterior.log_evidence)[0] == pytest.approx(twice - once)
+        exact = model.without_robot().posterior(v[None])
+        mean, _, _, _ = textbook(r, A, np.eye(len(r)), dense.precision)
+        np.testing.assert_allclose(exact.mean[0], mean, rtol=1e-8)
 
 
 def test_several_sets_of_variances_are_one_after_the_other(monkeypatch):
