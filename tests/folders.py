@@ -4,8 +4,8 @@ what was written.
 
 import os
 
-import numpy as np
 import pandas as pd
+from numpy.testing import assert_allclose, assert_array_equal
 
 ABOUT = ("kind", "labels", "measured", "sizes", "noise", "title", "mount", "convention")
 ABOUT += ("sweeps", "delay_ms")
@@ -13,14 +13,14 @@ ABOUT += ("sweeps", "delay_ms")
 
 def assert_same(first, second):
     """Two scans, but for rounding."""
-    np.testing.assert_allclose(first.T_base_flange, second.T_base_flange, atol=1e-8)
-    np.testing.assert_allclose(first.times, second.times, rtol=1e-12)
+    assert_allclose(first.T_base_flange, second.T_base_flange, atol=1e-8)
+    assert_allclose(first.times, second.times, rtol=1e-12)
     for one, other in zip(first.values, second.values, strict=True):
-        np.testing.assert_allclose(one, other, atol=1e-8)
+        assert_allclose(one, other, atol=1e-8)
     for name in ABOUT:
         assert getattr(first, name) == getattr(second, name)
-    np.testing.assert_array_equal(first.group, second.group)
-    np.testing.assert_array_equal(first.side, second.side)
+    assert_array_equal(first.group, second.group)
+    assert_array_equal(first.side, second.side)
 
 
 def edited(name, old, new, count=1):

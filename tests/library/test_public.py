@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import RigidTransform, Rotation
 
 import profilecal as pc
@@ -53,7 +54,7 @@ class TestThreeUsers:
 
         assert np.linalg.norm(found.T_sensor - truth.pose[:3, 3]) < 1  # mm
         assert np.abs(found.R_sensor - truth.pose[:3, :3]).max() < 0.01
-        np.testing.assert_array_equal(found.pose[:3, 3], found.T_sensor)
+        assert_array_equal(found.pose[:3, 3], found.T_sensor)
         assert len(repr(found)) < 300
 
     def test_one_makes_a_mistake_of_every_kind(self):
@@ -118,7 +119,7 @@ def test_a_rigid_transform_is_taken_for_poses():
     transforms = RigidTransform.from_matrix(scan.T_base_flange)
     points = np.concatenate(scan.values)
     again = pc.Scan.of("point", transforms, points=points)
-    np.testing.assert_allclose(again.T_base_flange, scan.T_base_flange, atol=1e-9)
+    assert_allclose(again.T_base_flange, scan.T_base_flange, atol=1e-9)
 
 
 def test_where_nothing_was_found_the_answer_raises_what_to_add():

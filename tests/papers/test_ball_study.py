@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from profilecal.closed_form.ball import solve_ball
 from profilecal.geometry.fitting import fit_circle
@@ -48,4 +49,4 @@ def test_ball_study_equals_the_plain_loop(protocol, turning):
         solution = solve_ball(scans.R_tcp, T, q, scans.translating)
         expected = solution.translation.q_b - scans.ball.centre
         found = study.centre_error[1, 1, trial]
-        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9)
+        assert_allclose(found, expected, rtol=0, atol=1e-9)

@@ -6,6 +6,7 @@ import tracemalloc
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from profilecal.closed_form.disk import disk_equations, sensing_data
@@ -68,7 +69,7 @@ def test_disk_study_equals_the_plain_loop(noise, heights, m):
     errors = study.centre_error, study.rotation_error, study.translation_error
     found = np.concatenate(errors, axis=-1)[0, 0]
     assert np.abs(expected).max() > 0.01  # there is something to compare
-    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-10)
+    assert_allclose(found, expected, rtol=0, atol=1e-10)
     assert study.failed.sum() == 0
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from profilecal.closed_form.edge import edge_equations
 from profilecal.geometry.noise import Noise
@@ -27,9 +28,9 @@ def offsets_of(scene):
 
 def test_arc_lies_on_its_circle_and_spans_its_angle():
     points = study.arc(11, 25.0, np.radians(90), 0.3)
-    np.testing.assert_allclose(points[5], 0, atol=1e-14)
+    assert_allclose(points[5], 0, atol=1e-14)
     centre = -25 * np.array([np.cos(0.3), np.sin(0.3), 0])
-    np.testing.assert_allclose(np.linalg.norm(points - centre, axis=1), 25)
+    assert_allclose(np.linalg.norm(points - centre, axis=1), 25)
     first, last = points[[0, -1]] - centre
     assert np.arccos(first @ last / 625) == pytest.approx(np.radians(90))
 
@@ -41,21 +42,21 @@ def test_arc_planes_make_their_angle_with_the_edge(tilt):
     direction = directions(rng, (50,))
     planes = study.arc_planes(direction, tilt, rng.uniform(0, 6, 50))
     products = planes @ planes.mT
-    np.testing.assert_allclose(products - np.eye(3), 0, atol=1e-14)
-    np.testing.assert_allclose(np.linalg.det(planes), 1)
+    assert_allclose(products - np.eye(3), 0, atol=1e-14)
+    assert_allclose(np.linalg.det(planes), 1)
     _, y, normal = np.moveaxis(planes, -1, 0)
-    np.testing.assert_allclose(np.vecdot(normal, direction), np.sin(tilt), atol=1e-14)
-    np.testing.assert_allclose(np.vecdot(y, direction), 0, atol=1e-14)
+    assert_allclose(np.vecdot(normal, direction), np.sin(tilt), atol=1e-14)
+    assert_allclose(np.vecdot(y, direction), 0, atol=1e-14)
 
 
 def test_frames_of_motion():
     in_base = offsets_of(scene_of(frame="base"))
-    np.testing.assert_allclose(in_base - in_base[0], 0, atol=1e-12)
+    assert_allclose(in_base - in_base[0], 0, atol=1e-12)
     own = offsets_of(scene_of(frame="group"))
     assert np.ptp(own, axis=0).max() > 10
     scene = scene_of(frame="tool")
     in_flange = offsets_of(scene) @ scene.poses.rotations
-    np.testing.assert_allclose(in_flange - in_flange[0], 0, atol=1e-12)
+    assert_allclose(in_flange - in_flange[0], 0, atol=1e-12)
 
 
 def test_turns_stay_within_the_spread_and_about_one_axis_when_asked():
@@ -63,12 +64,12 @@ def test_turns_stay_within_the_spread_and_about_one_axis_when_asked():
     assert 30 < np.degrees(angle_between(rotations[:1], rotations)).max() <= 60
     z = np.array([0.0, 0.0, 1.0])
     about_z = random_turns(np.random.default_rng(3), (20,), 0.5, z)
-    np.testing.assert_allclose(about_z[:, 2] - z, 0, atol=1e-14)
+    assert_allclose(about_z[:, 2] - z, 0, atol=1e-14)
 
 
 def test_each_group_starts_with_the_edge_in_the_middle_of_the_scan():
     scene = scene_of(shape=(3,), positions=11)
-    np.testing.assert_allclose(scene.points[:, :, 5] - [0, STANDOFF], 0, atol=1e-10)
+    assert_allclose(scene.points[:, :, 5] - [0, STANDOFF], 0, atol=1e-10)
 
 
 def test_numbers_may_differ_from_scene_to_scene():
@@ -81,8 +82,8 @@ def test_numbers_may_differ_from_scene_to_scene():
     both = scene_of(shape=(2,), **plans)
     for k, plan in enumerate([first, second]):
         one = scene_of(shape=(2,), **plan)
-        np.testing.assert_allclose(both.poses.positions[k], one.poses.positions[k])
-        np.testing.assert_allclose(both.points[k], one.points[k])
+        assert_allclose(both.poses.positions[k], one.poses.positions[k])
+        assert_allclose(both.points[k], one.points[k])
 
 
 @pytest.mark.parametrize(("name", "value"), [("motion", "spiral"), ("frame", "world")])
@@ -127,7 +128,7 @@ def test_ball_points_lie_on_the_ball_when_carried_to_the_base():
     assert points.shape == (3, 10, 6, 40, 2)
     from_centre = poses.carry(points, *mount) - ball.centre[:, None, None, None]
     distance = np.linalg.norm(from_centre, axis=-1)
-    np.testing.assert_allclose(distance, 20, atol=1e-10)
+    assert_allclose(distance, 20, atol=1e-10)
     assert (points[..., 1] < STANDOFF + 20).all()  # the side that the scanner sees
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from profilecal.closed_form.edge import EdgeSolution, solve_rotation, solve_translation
 from profilecal.geometry.noise import Noise
@@ -27,16 +28,16 @@ def test_a_calibration_is_that_of_the_equations(frame):
         R = solve_rotation(*data).R_sensor
         translation = solve_translation(*data, R)
         for found in pair:
-            np.testing.assert_allclose(found.R_sensor, R, atol=1e-9)
+            assert_allclose(found.R_sensor, R, atol=1e-9)
         found = pair[1]
         signs = np.sign(np.vecdot(found.u_b, translation.u_b))[:, None]
-        np.testing.assert_allclose(signs * found.u_b, translation.u_b, atol=1e-9)
-        np.testing.assert_allclose(found.T_sensor, translation.T_sensor, atol=1e-6)
+        assert_allclose(signs * found.u_b, translation.u_b, atol=1e-9)
+        assert_allclose(found.T_sensor, translation.T_sensor, atol=1e-6)
         solution = EdgeSolution(None, translation)
         alpha = np.degrees(study.angle_deviations(solution, about_mean=False))
-        np.testing.assert_allclose(np.abs(found.delta_alpha), np.abs(alpha), atol=1e-6)
+        assert_allclose(np.abs(found.delta_alpha), np.abs(alpha), atol=1e-6)
         d = study.line_distances(solution)
-        np.testing.assert_allclose(found.delta_d, d, atol=1e-6)
+        assert_allclose(found.delta_d, d, atol=1e-6)
 
 
 def test_about_the_mean_a_direction_is_that_of_the_points():

@@ -3,6 +3,7 @@ quick rotation is the right one.
 """
 
 import numpy as np
+from numpy.testing import assert_allclose, assert_array_equal
 
 from profilecal.geometry.poses import directions, nearest_rotation, rotations
 from profilecal_papers import monte_carlo
@@ -23,7 +24,7 @@ def test_the_number_of_workers_changes_nothing():
     alone = run(1)
     for workers in (2, 5):
         for found, expected in zip(run(workers), alone, strict=True):
-            np.testing.assert_array_equal(found, expected)
+            assert_array_equal(found, expected)
 
 
 def test_the_size_of_a_block_changes_nothing(monkeypatch):
@@ -35,8 +36,8 @@ def test_the_size_of_a_block_changes_nothing(monkeypatch):
 
     whole = drawn(10**6)
     assert whole.shape == (50, 2, 3)
-    np.testing.assert_array_equal(drawn(70), whole)
-    np.testing.assert_array_equal(drawn(1), whole)
+    assert_array_equal(drawn(70), whole)
+    assert_array_equal(drawn(1), whole)
 
 
 def test_the_quick_rotation_is_that_of_the_svd_for_small_turns_and_large_ones():
@@ -51,4 +52,4 @@ def test_the_quick_rotation_is_that_of_the_svd_for_small_turns_and_large_ones():
     found = np.moveaxis(rotations_near(np.moveaxis(B, 0, -1)), -1, 0)
     assert np.isnan(found[7]).all()
     good = np.arange(500) != 7
-    np.testing.assert_allclose(found[good], nearest_rotation(B[good]), atol=1e-11)
+    assert_allclose(found[good], nearest_rotation(B[good]), atol=1e-11)

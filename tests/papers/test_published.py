@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from profilecal_papers import published
 
@@ -36,7 +37,7 @@ def test_rotations_and_unit_vectors_are_what_they_should_be_within_their_digits(
         assert np.abs(R @ R.T - np.eye(3)).max() < 4e-5
     for name in ("D_i", "D_b"):
         lengths = np.linalg.norm(published.values("disk", "Table I", name), axis=1)
-        np.testing.assert_allclose(lengths, 1, rtol=0, atol=1e-3)
+        assert_allclose(lengths, 1, rtol=0, atol=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -61,7 +62,7 @@ def test_the_rounding_box_holds_the_tables_that_print_alike():
     printed = published.values("disk", "Table I", "q")
     assert drawn["q"].shape == (500, 4, 3)
     assert (drawn["q"].round(3) == printed).all()
-    np.testing.assert_array_equal(box.at(np.zeros(box.size))["q"], printed)
+    assert_array_equal(box.at(np.zeros(box.size))["q"], printed)
     x, y, z = np.ptp(drawn["q"], axis=0).T
     assert (x > 0).all()
     assert (y == 0).all()  # by definition
@@ -78,7 +79,7 @@ def test_reach_finds_a_place_where_there_is_one_and_says_how_far_out_another_is(
     place = np.random.default_rng(2).uniform(-0.9, 0.9, box.size)
     target = sums(box.at(place))
     found, change = box.reach(sums, target, near)
-    np.testing.assert_allclose(sums(box.at(found)), target, rtol=0, atol=1e-6)
+    assert_allclose(sums(box.at(found)), target, rtol=0, atol=1e-6)
     assert np.abs(found).max() == change <= 0.9
 
     # z of four rows, each five half units off

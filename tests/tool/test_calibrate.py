@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command import run
+from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 import profilecal as pc
@@ -31,10 +32,10 @@ def test_the_json_is_the_contract(mount, tmp_path):
     pose = "T_flange_sensor" if mount == "eye-in-hand" else "T_base_sensor"
     assert list(found) == [pose if key == "T_flange_sensor" else key for key in KEYS]
     assert found["status"] == "ok"
-    np.testing.assert_allclose(found[pose], truth.pose, atol=0.5)
+    assert_allclose(found[pose], truth.pose, atol=0.5)
     covariance = np.array(found["covariance"])
     assert covariance.shape == (6, 6)
-    np.testing.assert_allclose(
+    assert_allclose(
         np.sqrt(np.diag(covariance)),
         found["translation_sd_mm"] + found["rotation_sd_deg"],
     )

@@ -4,6 +4,7 @@ import re
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from profilecal_tool.controllers import CONTROLLERS, for_controller
@@ -32,12 +33,12 @@ def numbers_in(text):
 def test_what_is_pasted_into_a_controller_is_the_pose(vendor):
     numbers = numbers_in(for_controller(vendor, POSE))
     unit_mm = 1000 if vendor in ("ur", "ros") else 1
-    np.testing.assert_allclose(unit_mm * numbers[:3], POSE[:3, 3], atol=1e-3)
+    assert_allclose(unit_mm * numbers[:3], POSE[:3, 3], atol=1e-3)
     rotation = ROTATION[vendor](numbers[3:]).as_matrix()
-    np.testing.assert_allclose(rotation, POSE[:3, :3], atol=1e-6)
+    assert_allclose(rotation, POSE[:3, :3], atol=1e-6)
 
 
 def test_a_matrix_is_pasted_whole():
     numbers = numbers_in(for_controller("matrix", POSE))
-    np.testing.assert_allclose(numbers.reshape(4, 4), POSE, atol=1e-8)
+    assert_allclose(numbers.reshape(4, 4), POSE, atol=1e-8)
     assert {"matrix", *ROTATION} == CONTROLLERS.keys()

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from scipy.stats import chi2
 from simulated import (
     EXACT_SCANNER,
@@ -64,8 +65,8 @@ def test_features_of_different_precision_are_weighed():
     corners = observe(edge).covariance
     arcs = observe(ball).covariance
     unit = np.median(np.sqrt(np.trace(corners, axis1=1, axis2=2) / 2))
-    np.testing.assert_allclose(of_edge.covariance[0], corners / unit**2)
-    np.testing.assert_allclose(of_ball.covariance[0], arcs / unit**2)
+    assert_allclose(of_edge.covariance[0], corners / unit**2)
+    assert_allclose(of_ball.covariance[0], arcs / unit**2)
     assert squared_error(together) < chi2.ppf(0.9999, 6)
 
 

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 from simulated import squared_error
 
 import profilecal as pc
@@ -58,7 +59,7 @@ def test_what_no_residual_shows_is_named_beside_a_guess(words):
     assert found.status == "weak"
     assert found.messages[0].startswith("the answer lies ")
     assert f"as if {words}" in found.messages[0]
-    np.testing.assert_array_equal(found.pose, silent.pose)
+    assert_array_equal(found.pose, silent.pose)
 
 
 @pytest.mark.parametrize("seed", range(4))

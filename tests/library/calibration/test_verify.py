@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from simulated import SCANNER, calibration_of, difference, scan_of, wrong_by
 
 import profilecal as pc
@@ -108,5 +109,5 @@ def test_a_verification_says_its_difference_in_mm_and_degrees():
     of_right = pc.verify(found, other)
     of_wrong = pc.verify(wrong, other)
     moved = of_wrong.difference_mm_deg - of_right.difference_mm_deg
-    np.testing.assert_allclose(moved, [0, 0, 1, 0, -0.5, 0], atol=0.02)
+    assert_allclose(moved, [0, 0, 1, 0, -0.5, 0], atol=0.02)
     assert len(repr(of_wrong).splitlines()) < 5

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 import sensing_data as scenes
+from numpy.testing import assert_allclose
 from scipy.linalg import orthogonal_procrustes
 
 from profilecal.closed_form.ball import ball_equations, solve_ball, solve_tetra_ball
@@ -52,10 +53,8 @@ def test_tetra_ball_is_exact_and_equals_orthogonal_procrustes():
         expected, _ = orthogonal_procrustes(
             q_i - q_i.mean(axis=0), q_b - q_b.mean(axis=0)
         )
-        np.testing.assert_allclose(found, expected.T, atol=1e-12)
-        np.testing.assert_allclose(
-            (q_i @ found.T + shift - q_b).mean(axis=0), 0, atol=1e-10
-        )
+        assert_allclose(found, expected.T, atol=1e-12)
+        assert_allclose((q_i @ found.T + shift - q_b).mean(axis=0), 0, atol=1e-10)
 
 
 def test_tetra_ball_refuses_points_on_one_line_and_too_few():

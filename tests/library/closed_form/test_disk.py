@@ -4,6 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from profilecal.closed_form.disk import disk_equations, sensing_data
@@ -118,7 +119,7 @@ def test_published_heights_are_where_the_first_and_last_chord_meet_the_middles()
     frame = np.array([[x, -z], [z, x]]).transpose(2, 0, 1)
     first, second = np.moveaxis(tips[:, [0, -1]] @ frame[:, None], 2, 0)
     to_e, along = found.e[:, 3:] - first, second - first
-    np.testing.assert_allclose(
+    assert_allclose(
         to_e[..., 0] * along[..., 1], to_e[..., 1] * along[..., 0], atol=1e-9
     )
     assert np.abs(along[..., 1]).min() > 1e-3

@@ -3,6 +3,7 @@ from itertools import product
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from profilecal.closed_form import closed_form, edge
 from profilecal.closed_form.edge import edge_equations
@@ -39,7 +40,7 @@ def test_noise_free_data_give_the_sensor_pose_back():
         solution = edge_equations(*data(scene))
         assert np.degrees(angle_between(solution.R_sensor, scene.R_sensor)).max() < 1e-9
         assert np.linalg.norm(solution.T_sensor - scene.T_sensor, axis=-1).max() < 1e-9
-        np.testing.assert_allclose(
+        assert_allclose(
             np.abs((solution.u_b * scene.edge.direction).sum(axis=-1)), 1, rtol=1e-12
         )
         from_edge = np.cross(
@@ -58,8 +59,8 @@ def test_the_few_equations_have_the_solution_and_singular_values_of_all_pairs(pl
     A_r, b_r = edge.pair_equations(R_b, *edge.difference_vectors(T_b, p_s))
     assert len(few.rotation.b_r) <= len(b_r)
     S = np.linalg.svd(A_r, compute_uv=False)
-    np.testing.assert_allclose(few.rotation.S, S, rtol=1e-11)
-    np.testing.assert_allclose(
+    assert_allclose(few.rotation.S, S, rtol=1e-11)
+    assert_allclose(
         few.rotation.r_s, np.linalg.lstsq(A_r, b_r)[0], atol=1e-14 * (S[0] / S[-1]) ** 2
     )
 
@@ -69,7 +70,7 @@ def test_the_few_equations_have_the_solution_and_singular_values_of_all_pairs(pl
     A_t = edge.translation_system(R_b, few.p_b, few.u_b)[0]
     all_pairs = np.repeat(of_pair, p_s.shape[1] ** 2, axis=0).reshape(-1, 3)
     of_few, of_all = (np.linalg.svd(A, compute_uv=False) for A in (A_t, all_pairs))
-    np.testing.assert_allclose(of_few, of_all, rtol=1e-11)
+    assert_allclose(of_few, of_all, rtol=1e-11)
 
 
 ARC, SPATIAL = {"motion": "arc"}, {"motion": "space"}

@@ -8,6 +8,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 import sensing_data as scenes
+from numpy.testing import assert_allclose
 
 from profilecal.closed_form import closed_form
 from profilecal.closed_form.ball import solve_ball, solve_fixed_point
@@ -56,8 +57,8 @@ def mount(scene):
 
 
 def assert_same(found, expected, within=1e-9):
-    np.testing.assert_allclose(found.R_sensor, expected.R_sensor, rtol=0, atol=within)
-    np.testing.assert_allclose(found.T_sensor, expected.T_sensor, rtol=0, atol=within)
+    assert_allclose(found.R_sensor, expected.R_sensor, rtol=0, atol=within)
+    assert_allclose(found.T_sensor, expected.T_sensor, rtol=0, atol=within)
 
 
 # The edge
@@ -99,8 +100,8 @@ def test_an_edge_seen_in_uneven_groups_is_solved_as_all_pairs_say(sizes):
     rows = rows[shuffled(group[rows], np.random.default_rng(3), firsts_stay=False)]
     found = solve_edge(R_b[rows], T_b[rows], p_s[rows])
     R_sensor, T_sensor = all_pairs(R_b[rows], T_b[rows], p_s[rows], group[rows])
-    np.testing.assert_allclose(found.R_sensor, R_sensor, rtol=0, atol=1e-9)
-    np.testing.assert_allclose(found.T_sensor, T_sensor, rtol=0, atol=1e-7)
+    assert_allclose(found.R_sensor, R_sensor, rtol=0, atol=1e-9)
+    assert_allclose(found.T_sensor, T_sensor, rtol=0, atol=1e-7)
 
 
 def test_even_groups_of_an_edge_are_those_of_the_equations():
@@ -113,7 +114,7 @@ def test_even_groups_of_an_edge_are_those_of_the_equations():
         found = solve_edge(R_b, T_b, np.insert(p_s, 1, 0, axis=1), **given)
         assert_same(found, expected, 1e-12)
         p_b = expected.p_b.reshape(-1, 3)
-        np.testing.assert_allclose(found.p_b, p_b, rtol=0, atol=1e-9)
+        assert_allclose(found.p_b, p_b, rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize("regression", [False, True])
@@ -129,7 +130,7 @@ def test_the_order_of_an_edge_s_rows_does_not_matter_but_for_the_first_of_a_grou
         rows = shuffled(group, rng)
         found = solve_edge(R_b[rows], T_b[rows], p_s[rows], regression=regression)
         assert_same(found, expected)
-        np.testing.assert_allclose(found.p_b, expected.p_b[rows], rtol=0, atol=1e-9)
+        assert_allclose(found.p_b, expected.p_b[rows], rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize("regression", [False, True])

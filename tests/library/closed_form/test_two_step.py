@@ -5,6 +5,7 @@ words where nothing follows.
 import numpy as np
 import pytest
 import sensing_data as scenes
+from numpy.testing import assert_allclose
 
 from profilecal.closed_form.ball import ball_equations, solve_ball, solve_fixed_point
 from profilecal.geometry.checks import UnobservableError
@@ -64,7 +65,7 @@ def test_a_batch_equals_its_members():
             of_one = getattr(one.translation, name)
             pairs.append((getattr(batch.translation, name)[k], of_one))
         for pair in pairs:
-            np.testing.assert_allclose(*pair, rtol=1e-10, atol=1e-9)
+            assert_allclose(*pair, rtol=1e-10, atol=1e-9)
 
 
 MALFORMED = [

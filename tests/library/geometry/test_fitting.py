@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import scipy.linalg
+from numpy.testing import assert_allclose
 
 from profilecal.geometry.fitting import (
     affine_residuals,
@@ -44,8 +45,8 @@ def test_noisy_ellipse_equals_the_textbook_eigenproblem():
         points = ellipse_points(rng) + rng.normal(0, 0.1, (40, 2))
         centre, shape = textbook_ellipse(points)
         found = fit_ellipse(points)
-        np.testing.assert_allclose(found.centre, centre, rtol=1e-7, atol=1e-7)
-        np.testing.assert_allclose(found.shape, shape, rtol=1e-7, atol=1e-7)
+        assert_allclose(found.centre, centre, rtol=1e-7, atol=1e-7)
+        assert_allclose(found.shape, shape, rtol=1e-7, atol=1e-7)
 
 
 def textbook_taubin(points):
@@ -74,9 +75,7 @@ def test_noisy_arcs_equal_the_textbook_eigenproblem():
         points = 50 * np.column_stack([np.cos(angle), np.sin(angle)]) + rng.normal(
             0, sigma, (300, 2)
         )
-        np.testing.assert_allclose(
-            fit_circle(points), textbook_taubin(points), rtol=0, atol=1e-8
-        )
+        assert_allclose(fit_circle(points), textbook_taubin(points), rtol=0, atol=1e-8)
 
 
 def test_points_on_a_sphere_give_it_back_and_those_on_a_circle_the_smallest_one():
@@ -85,12 +84,12 @@ def test_points_on_a_sphere_give_it_back_and_those_on_a_circle_the_smallest_one(
     cap = directions(rng, (20, 50))
     cap[..., 2] = np.abs(cap[..., 2])  # half of it seen, as a scanner does
     found = fit_sphere(centre[:, None] + radius[:, None, None] * cap)
-    np.testing.assert_allclose(found[0], centre, rtol=0, atol=1e-9)
-    np.testing.assert_allclose(found[1], radius, rtol=0, atol=1e-9)
+    assert_allclose(found[0], centre, rtol=0, atol=1e-9)
+    assert_allclose(found[1], radius, rtol=0, atol=1e-9)
     middle, found_radius = fit_sphere(
         circle_around(centre[0], directions(rng, ()), 30.0)
     )
-    np.testing.assert_allclose(middle, centre[0], rtol=0, atol=0.1)
+    assert_allclose(middle, centre[0], rtol=0, atol=0.1)
     assert found_radius == pytest.approx(30, abs=1e-3)
 
 
@@ -100,8 +99,8 @@ def test_affine_residuals_leave_out_values_of_no_weight():
     weights = np.arange(9) < 7
     residuals, _, freedom = affine_residuals(positions, values, weights)
     expected, _, expected_freedom = affine_residuals(positions[:7], values[:7])
-    np.testing.assert_allclose(residuals[:7], expected, atol=1e-12)
-    np.testing.assert_allclose(residuals[7:], 0, atol=1e-12)
+    assert_allclose(residuals[:7], expected, atol=1e-12)
+    assert_allclose(residuals[7:], 0, atol=1e-12)
     assert freedom == expected_freedom == 3
 
 
@@ -120,9 +119,9 @@ def test_affine_residuals_are_those_of_the_regression_on_where_the_positions_ext
     )
     residuals, basis, freedom = affine_residuals(positions, values, 1 / sd)
     assert (freedom == 8 - dimensions).all()
-    np.testing.assert_allclose((basis**2).sum(axis=(1, 2)), 9 - freedom)
+    assert_allclose((basis**2).sum(axis=(1, 2)), 9 - freedom)
     for k in range(5):
         A = np.column_stack([np.ones(9), positions[k] - 1000]) / sd[k, :, None]
         expected = values[k] / sd[k, :, None]
         expected = expected - A @ np.linalg.lstsq(A, expected, rcond=1e-9)[0]
-        np.testing.assert_allclose(residuals[k], expected, atol=1e-9)
+        assert_allclose(residuals[k], expected, atol=1e-9)

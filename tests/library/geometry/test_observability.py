@@ -4,6 +4,7 @@ motions are not.
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.observability import (
@@ -120,7 +121,7 @@ def test_units_do_not_matter():
     in_metres = np.r_[np.full(3, 1e-3), np.ones(3), np.full(3, 1e-3)]
     first = spectrum(information, units)
     second = spectrum(information / in_metres[:, None] / in_metres, units * in_metres)
-    np.testing.assert_allclose(first.sd, second.sd, rtol=1e-10)
+    assert_allclose(first.sd, second.sd, rtol=1e-10)
     assert first.status == second.status
 
 
@@ -169,7 +170,7 @@ def test_turns_are_told_about_the_axis_they_are_about(k):
     one = np.radians([-30, -10, 0, 10, 30])[:, None] * own[0]
     angles, axis = turns(start @ rotations(one))
     expected = np.degrees(np.std(one[:, k]))
-    np.testing.assert_allclose(angles, [expected, 0, 0], atol=1e-6)
+    assert_allclose(angles, [expected, 0, 0], atol=1e-6)
     assert abs(axis[k]) > 1 - 1e-12
     two = start @ rotations(np.vstack([one, np.radians([[-5], [5]]) * own[1]]))
     weak = Spectrum(np.eye(6), np.r_[0.5, np.full(5, 0.01)], np.eye(6), np.array(9), 9)

@@ -1,4 +1,5 @@
 import numpy as np
+from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from profilecal.geometry import poses
@@ -11,14 +12,14 @@ def test_angles_mean_rz_ry_rx():
         poses.rotations(angles[..., [k]] * axis) for k, axis in enumerate(np.eye(3))
     )
     matrices = poses.rotation_from_xyz_angles(angles)
-    np.testing.assert_allclose(matrices, z @ y @ x, atol=1e-15)
+    assert_allclose(matrices, z @ y @ x, atol=1e-15)
 
 
 def test_nearest_rotation_is_proper_and_nearer_than_any_other():
     rng = np.random.default_rng(3)
     matrices = rng.normal(size=(40, 3, 3))
     nearest = poses.nearest_rotation(matrices)
-    np.testing.assert_allclose(np.linalg.det(nearest), 1, atol=1e-13)
+    assert_allclose(np.linalg.det(nearest), 1, atol=1e-13)
     others = Rotation.random(500, rng=rng).as_matrix()
     distance = np.linalg.norm(matrices - nearest, axis=(1, 2))
     assert (
@@ -33,4 +34,4 @@ def test_angle_between_is_exact_from_tiny_to_half_a_turn():
         first = Rotation.random(rng=rng)
         second = first * Rotation.from_rotvec(angle * axis / np.linalg.norm(axis))
         measured = poses.angle_between(first.as_matrix(), second.as_matrix())
-        np.testing.assert_allclose(measured, angle, rtol=1e-7, atol=1e-15)
+        assert_allclose(measured, angle, rtol=1e-7, atol=1e-15)

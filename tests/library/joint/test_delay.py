@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from scipy.linalg import block_diag
 from simulated import error_of
 
@@ -62,7 +63,7 @@ def test_the_derivative_by_the_delay_is_that_of_differences(kind, mount):
     by_time = (residuals[0] - residuals[1]) / (2 * h)
     scale = np.abs(by_time).max()
     assert scale > 20  # mm/s
-    np.testing.assert_allclose(z[0, problem.clock], by_time, atol=1e-4 * scale)
+    assert_allclose(z[0, problem.clock], by_time, atol=1e-4 * scale)
 
 
 def test_jitter_is_an_error_along_the_derivative_by_time():
@@ -88,10 +89,10 @@ def test_jitter_is_an_error_along_the_derivative_by_time():
     shared = by_shift @ by_shift.T * (sweep[:, None] == sweep)
     inverse = np.linalg.inv(v[0] * np.eye(len(A)) + v[1] * shared + v[2] * jitter)
     H = A.T @ inverse @ A + precision
-    np.testing.assert_allclose(found.covariance[0], np.linalg.inv(H), rtol=1e-6)
+    assert_allclose(found.covariance[0], np.linalg.inv(H), rtol=1e-6)
     mean = -np.linalg.solve(H, A.T @ inverse @ r)[:, 0]
     sd = np.sqrt(np.diag(found.covariance[0]))
-    np.testing.assert_allclose(found.mean[0] / sd, mean / sd, atol=1e-6)
+    assert_allclose(found.mean[0] / sd, mean / sd, atol=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from many_scenes import KINDS, KNOWN, SIGMA, errors, many
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2, f
@@ -63,13 +64,13 @@ def test_agrees_with_scipy_on_residuals_of_its_own():
     fit = refine(Problem([seen], NOISE), scene.truth)
     assert np.abs(fit.state.translation[0] - T - x[:3]).max() < 1e-6
     assert angle_between(fit.state.rotation[0], turned(x)) < 1e-8
-    np.testing.assert_allclose(fit.loss[0], (residual(x) ** 2).sum(), rtol=1e-10)
+    assert_allclose(fit.loss[0], (residual(x) ** 2).sum(), rtol=1e-10)
 
 
 def test_points_of_a_few_poses_keep_their_precision():
     seen = random_scene("plane", np.random.default_rng(2)).observations
     few = thin(replace(seen, covariance=1 + seen.points[..., 0] ** 2), 5)
-    np.testing.assert_array_equal(few.covariance, 1 + few.points[..., 0] ** 2)
+    assert_array_equal(few.covariance, 1 + few.points[..., 0] ** 2)
 
 
 def test_points_of_a_batch_are_moved_onto_the_targets_of_their_own_problems():
@@ -216,5 +217,5 @@ def test_the_typical_residual_is_as_large_as_the_noise_whatever_it_was_taken_for
     seen.points[0, 7] += 10 * SIGMA
     problem = Problem([seen], Noise(1.0))
     fit = problem.moments(scene.truth)
-    np.testing.assert_allclose(problem.typical(fit), SIGMA, rtol=0.1)
+    assert_allclose(problem.typical(fit), SIGMA, rtol=0.1)
     assert np.flatnonzero(contradicting(problem, fit)).tolist() == [7]

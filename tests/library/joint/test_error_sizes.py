@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from many_scenes import KINDS, SIGMA
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.optimize import minimize
 from scipy.special import softmax
 from scipy.stats import binom, chi2, norm, t
@@ -109,7 +110,7 @@ def test_draws_have_the_mean_and_the_sum_of_a_fine_grid():
     expected = mean_size(*by_grid)
     assert mean_size(*by_draws) == pytest.approx(expected, rel=0.02)
     expected = mean_variance(*by_grid)
-    np.testing.assert_allclose(mean_variance(*by_draws), expected, rtol=0.03)
+    assert_allclose(mean_variance(*by_draws), expected, rtol=0.03)
 
 
 def test_beliefs_in_a_poor_scanner_are_as_likely_by_shared_draws_as_by_their_own():
@@ -129,7 +130,7 @@ def test_beliefs_in_a_poor_scanner_are_as_likely_by_shared_draws_as_by_their_own
         assert np.diff(evidences) == pytest.approx(0, abs=0.05)
         expected = mean_variance(softmax(own), by_own)
         variance = mean_variance(softmax(log_weight), replace(posterior, covariance=V))
-        np.testing.assert_allclose(variance, expected, rtol=0.03)
+        assert_allclose(variance, expected, rtol=0.03)
 
 
 def test_the_intervals_hold_the_true_sizes():
@@ -192,8 +193,8 @@ def test_slopes_of_variances_are_those_of_differences():
     _, first, second = law.variances(y)
     v_plus, slope_plus, _ = law.variances(y + h)
     v_minus, slope_minus, _ = law.variances(y - h)
-    np.testing.assert_allclose(first, (v_plus - v_minus) / (2 * h), rtol=1e-7)
-    np.testing.assert_allclose(second, (slope_plus - slope_minus) / (2 * h), rtol=1e-6)
+    assert_allclose(first, (v_plus - v_minus) / (2 * h), rtol=1e-7)
+    assert_allclose(second, (slope_plus - slope_minus) / (2 * h), rtol=1e-6)
 
 
 def test_known_sizes_are_a_prior_without_spread():
@@ -205,7 +206,7 @@ def test_known_sizes_are_a_prior_without_spread():
     for size, true in zip(average_of_one.sizes, (SIGMA, 0.08, 0.03), strict=True):
         assert size.low == size.high == true
     expected = model.posterior(np.array([[1.0, 0.08**2, 0.03**2]]))
-    np.testing.assert_allclose(average_of_one.covariance, expected.covariance[0])
+    assert_allclose(average_of_one.covariance, expected.covariance[0])
 
 
 def test_a_region_holds_over_all_sizes():
@@ -241,8 +242,8 @@ def test_no_sign_and_no_order_of_eigenvectors_decides(monkeypatch):
     monkeypatch.setattr(np.linalg, "eigh", shuffled)
     for _ in range(5):
         same = averaged(model)
-        np.testing.assert_allclose(same.mean, expected.mean, rtol=1e-9)
-        np.testing.assert_allclose(same.covariance, expected.covariance, rtol=1e-9)
+        assert_allclose(same.mean, expected.mean, rtol=1e-9)
+        assert_allclose(same.covariance, expected.covariance, rtol=1e-9)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -272,11 +273,11 @@ def test_no_sign_of_a_decomposition_decides_a_calibration(kind, monkeypatch):
     same = pc.calibrate(scan)
     for name in ("pose", "covariance_mm_deg"):
         ours, theirs = getattr(same, name), getattr(expected, name)
-        np.testing.assert_allclose(ours, theirs, rtol=1e-9)
+        assert_allclose(ours, theirs, rtol=1e-9)
     frames = [found.targets[0].frame for found in (same, expected)]
-    np.testing.assert_allclose(frames[0][1], frames[1][1], rtol=1e-9)
+    assert_allclose(frames[0][1], frames[1][1], rtol=1e-9)
 
 
 def test_points_of_the_t_law_stand_on_either_side_alike():
     z = t_points(3, 32)
-    np.testing.assert_array_equal(np.sign(z), -np.sign(z[::-1]))
+    assert_array_equal(np.sign(z), -np.sign(z[::-1]))

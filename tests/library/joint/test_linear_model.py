@@ -8,6 +8,7 @@ from functools import partial
 import numpy as np
 import pytest
 from many_scenes import KINDS, SIGMA
+from numpy.testing import assert_allclose
 from scipy.linalg import block_diag
 from scipy.stats import multivariate_normal
 
@@ -96,10 +97,10 @@ def test_errors_that_may_be_larger_change_the_posterior_as_another_prior_does():
         times, *model.rescaled(posterior, times), strict=True
     ):
         other = model.with_errors(own).posterior(posterior.v)
-        np.testing.assert_allclose(x, other.mean, rtol=1e-9)
-        np.testing.assert_allclose(covariance, other.covariance, rtol=1e-9)
+        assert_allclose(x, other.mean, rtol=1e-9)
+        assert_allclose(covariance, other.covariance, rtol=1e-9)
         by_prior = other.log_evidence - posterior.log_evidence - np.log(own).sum()
-        np.testing.assert_allclose(gain, by_prior, atol=1e-9)
+        assert_allclose(gain, by_prior, atol=1e-9)
 
 
 def random_groups(profiles, poses, rng):
@@ -146,14 +147,14 @@ def test_the_structure_gives_the_answers_of_the_dense_covariance(poses, zero):
         found = *(one[0] for one in of_one), *model.gradient(posterior)
         for ours, right in zip(found, expected, strict=True):
             atol = 1e-9 * np.abs(right).max()
-            np.testing.assert_allclose(ours, right, rtol=0, atol=atol)
+            assert_allclose(ours, right, rtol=0, atol=atol)
         assert posterior.square[0] == pytest.approx(r @ w)
         prior = A @ np.linalg.inv(dense.precision) @ A.T
         once, twice = (multivariate_normal(cov=k * C + prior).logpdf(r) for k in (1, 2))
         assert np.diff(posterior.log_evidence)[0] == pytest.approx(twice - once)
         exact = model.without_robot().posterior(v[None])
         mean, _, _, _ = textbook(r, A, np.eye(len(r)), dense.precision)
-        np.testing.assert_allclose(exact.mean[0], mean, rtol=1e-8)
+        assert_allclose(exact.mean[0], mean, rtol=1e-8)
 
 
 def test_several_sets_of_variances_are_one_after_the_other(monkeypatch):
@@ -164,7 +165,7 @@ def test_several_sets_of_variances_are_one_after_the_other(monkeypatch):
     alone = [model.posterior(one[None]).log_evidence[0] for one in v]
     for numbers in (2 * model.rows.size, 10 * model.rows.size):
         monkeypatch.setattr(linear_model, "AT_ONCE", numbers)
-        np.testing.assert_allclose(model.posterior(v).log_evidence, alone, rtol=1e-12)
+        assert_allclose(model.posterior(v).log_evidence, alone, rtol=1e-12)
 
 
 def left_out_square(model, profile: int) -> float:
@@ -204,7 +205,7 @@ def test_what_each_profile_says_by_itself():
         r, A, C = dense.of(profile)
         Y = np.c_[A, r]
         expected.append(Y.T @ np.linalg.solve(C, Y))
-    np.testing.assert_allclose(dense.model.alone(V), expected, rtol=1e-8)
+    assert_allclose(dense.model.alone(V), expected, rtol=1e-8)
 
 
 def test_a_score_is_one_step_of_a_model_with_one_more_unknown():
@@ -220,11 +221,9 @@ def test_a_score_is_one_step_of_a_model_with_one_more_unknown():
         mean, covariance, _, _ = textbook(r, with_one, C, precision)
         assert sizes[k] == pytest.approx(mean[n])
         assert sds[k] == pytest.approx(np.sqrt(covariance[n, n]))
-        np.testing.assert_allclose(alone + moves[:, k] * sizes[k], mean[:n], rtol=1e-8)
+        assert_allclose(alone + moves[:, k] * sizes[k], mean[:n], rtol=1e-8)
         information = marginal(with_one.T @ W @ with_one + precision, n)
-        np.testing.assert_allclose(
-            np.linalg.inv(information), covariance[:n, :n], rtol=1e-8
-        )
+        assert_allclose(np.linalg.inv(information), covariance[:n, :n], rtol=1e-8)
 
 
 def erring(seen, error, h: float):
@@ -279,7 +278,7 @@ def assert_derivative(column, changed, truth, sign=1):
     plus, minus = (residuals_at(truth, changed(step)) for step in (h, -h))
     expected = (plus - minus) / (2 * h)
     tolerance = 1e-4 * max(1, np.abs(expected).max())
-    np.testing.assert_allclose(sign * column, expected, atol=tolerance)
+    assert_allclose(sign * column, expected, atol=tolerance)
 
 
 @pytest.mark.parametrize("eye_to_hand", [False, True])

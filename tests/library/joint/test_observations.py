@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from many_scenes import SIGMA
+from numpy.testing import assert_allclose
 from simulated import wrongly_seen
 
 import profilecal as pc
@@ -112,7 +113,7 @@ def test_a_scanner_errs_in_circles_as_in_the_arcs_that_it_saw(error):
     by_error = (residuals[0] - residuals[1]) / 2e-6
     columns = term.linearise(state, placed)
     found = term.by_error(error, state, placed, columns)[0]
-    np.testing.assert_allclose(found, by_error, atol=0.01 * np.abs(by_error).max())
+    assert_allclose(found, by_error, atol=0.01 * np.abs(by_error).max())
 
 
 def test_a_scale_of_x_and_z_moves_three_points_of_a_circle_as_it_does_the_circle():
@@ -129,4 +130,4 @@ def test_a_scale_of_x_and_z_moves_three_points_of_a_circle_as_it_does_the_circle
     moved = sum(term.moved_by(error.points, error.moved) for error in OF_SCANNER[:2])
     along = np.sum(moved[:, 0, :, 0].T * outward, axis=1)
     by_itself = np.sum(points * outward, axis=1)
-    np.testing.assert_allclose(along / along[0], by_itself / by_itself[0], atol=3e-4)
+    assert_allclose(along / along[0], by_itself / by_itself[0], atol=3e-4)

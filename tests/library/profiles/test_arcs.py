@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from finding import assert_means_are_as_exact_as_stated, features_of, share_found
+from numpy.testing import assert_allclose
 from raw_profiles import balls, rods, spoil
 from scipy.differentiate import jacobian
 
@@ -78,13 +79,13 @@ def test_a_section_is_an_ellipse_and_its_distances_have_their_derivatives(lean):
     tangents = forward @ oblique
 
     ellipse = np.append(section.centre, section.lean / size)
-    np.testing.assert_allclose(off_ellipse(points, ellipse, radius), 0, atol=1e-12)
+    assert_allclose(off_ellipse(points, ellipse, radius), 0, atol=1e-12)
     off, normals = section.off_and_normals(points)
-    np.testing.assert_allclose(off, 0, atol=1e-12)
-    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1)
-    np.testing.assert_allclose((normals * tangents).sum(axis=1), 0, atol=1e-12)
+    assert_allclose(off, 0, atol=1e-12)
+    assert_allclose(np.linalg.norm(normals, axis=1), 1)
+    assert_allclose((normals * tangents).sum(axis=1), 0, atol=1e-12)
     outside, _ = section.off_and_normals(points + 1e-4 * normals)
-    np.testing.assert_allclose(outside, 1e-4, atol=1e-8)
+    assert_allclose(outside, 1e-4, atol=1e-8)
     at_centre, _ = section.off_and_normals(section.centre[None])
     assert np.isnan(at_centre)  # nowhere is outwards
 
@@ -96,4 +97,4 @@ def test_a_section_is_an_ellipse_and_its_distances_have_their_derivatives(lean):
         return np.stack(off, axis=-1).reshape(50, *states.shape[1:])
 
     numerical = jacobian(off_by, np.concatenate([section.centre, section.lean])).df
-    np.testing.assert_allclose(section.derivatives(points), numerical, atol=1e-8)
+    assert_allclose(section.derivatives(points), numerical, atol=1e-8)

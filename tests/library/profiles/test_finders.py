@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from finding import features_of, share_found
+from numpy.testing import assert_allclose
 from raw_profiles import balls, disks, edges, planes, rods, spoil, tables
 
 KINDS = ["edge", "disk", "ball", "plane", "rod"]
@@ -82,7 +83,7 @@ def test_it_does_not_matter_how_the_scanner_counts(kind, make, view):
     profiles = make(np.random.default_rng(6))[0][:50]
     points = np.array([f.points for f in features_of(kind, profiles)])
     changed = np.array([f.points for f in features_of(kind, change(profiles))])
-    np.testing.assert_allclose(changed, change_points(points), atol=1e-9)
+    assert_allclose(changed, change_points(points), atol=1e-9)
 
 
 NOTHING = {

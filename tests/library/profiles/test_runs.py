@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from profilecal.profiles.runs import straight_runs
 
@@ -15,4 +16,4 @@ def test_a_run_goes_on_behind_a_gap_and_spikes():
     assert len(run.rows) == 400 - 3 - 60
     assert run.length == pytest.approx(np.hypot(40, 12), abs=1e-9)
     expected = np.array([1, 0.3]) / np.hypot(1, 0.3)
-    np.testing.assert_allclose(run.direction, expected, atol=1e-12)
+    assert_allclose(run.direction, expected, atol=1e-12)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from profilecal.scan.conventions import (
@@ -47,8 +48,8 @@ def test_every_convention_goes_in_and_out_and_means_its_formula(convention):
     block = from_rotations(convention, rotations)
     assert block.shape == (1000, len(convention.columns))
     written_out = np.array([FORMULA[convention.name](*row) for row in block])
-    np.testing.assert_allclose(written_out, rotations, atol=1e-9)
-    np.testing.assert_allclose(to_rotations(convention, block), rotations, atol=1e-9)
+    assert_allclose(written_out, rotations, atol=1e-9)
+    assert_allclose(to_rotations(convention, block), rotations, atol=1e-9)
 
 
 @pytest.mark.parametrize(

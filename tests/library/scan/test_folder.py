@@ -18,6 +18,7 @@ from folders import (
     tabulated,
     written,
 )
+from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 import profilecal as pc
@@ -150,7 +151,7 @@ def test_arrays_are_the_same_scan_as_the_table(tmp_path, monkeypatch, written_as
         as_arrays("profiles")(folder)
     assert not (folder / "profiles.csv").exists()
     for expected, read in zip(rows, pc.read_scan(folder).values, strict=True):
-        np.testing.assert_allclose(read, expected, atol=1e-9)
+        assert_allclose(read, expected, atol=1e-9)
 
 
 def header(old, new):

@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from folders import assert_same, edited, removed, tabulated, written
+from numpy.testing import assert_allclose, assert_array_equal
 from simulated import scan_of
 
 import profilecal as pc
@@ -97,15 +98,13 @@ def test_a_log_is_followed_between_its_rows(rate, mm, deg):
     assert np.abs(R - exact_R).max() < np.radians(deg)
     h = 1e-5
     later, before = log.at(times + h), log.at(times - h)
-    np.testing.assert_allclose(
-        twist[:, :3], (later[1] - before[1]) / (2 * h), atol=1e-4
-    )
+    assert_allclose(twist[:, :3], (later[1] - before[1]) / (2 * h), atol=1e-4)
     turn = (later[0] - before[0]) @ R.mT / (2 * h)
-    np.testing.assert_allclose(twist[:, 5], turn[:, 1, 0], atol=1e-6)
+    assert_allclose(twist[:, 5], turn[:, 1, 0], atol=1e-6)
     # beyond its end it goes on as it went
     end, beyond = log.at(np.array([t[len(t) // 2 - 1]])), log.at(np.array([4.1]))
     on = end[1] + end[2][:, :3] * (4.1 - t[len(t) // 2 - 1])
-    np.testing.assert_allclose(beyond[1], on, atol=1e-9)
+    assert_allclose(beyond[1], on, atol=1e-9)
 
 
 def swapped(table):
@@ -175,7 +174,7 @@ def test_poses_a_moment_apart_are_asked_about(table, seconds, asked, tmp_path):
     question = "were they recorded in motion?" in " ".join(found.messages)
     assert question == asked
     assert (found.status == "ok") != asked
-    np.testing.assert_array_equal(found.pose, without_times.pose)
+    assert_array_equal(found.pose, without_times.pose)
 
 
 def test_an_angle_t_is_no_time(tmp_path):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from profilecal.geometry.poses import angle_between, rotations
 from profilecal.simulation.robot import LINKS, MIDDLE, Arm, joints_at, where_it_is
@@ -21,8 +22,8 @@ TURNED = {0: (ABOUT_Z @ R, T @ ABOUT_Z.T), 5: (R @ ABOUT_Z, T)}
 
 def test_an_arm_without_errors_is_where_it_says_with_its_fifth_joint_bent_forwards():
     R_found, T_found = where_it_is(Arm(), R, T + AWAY)
-    np.testing.assert_allclose(R_found, R, atol=1e-12)
-    np.testing.assert_allclose(T_found, T + AWAY, atol=1e-9)
+    assert_allclose(R_found, R, atol=1e-12)
+    assert_allclose(T_found, T + AWAY, atol=1e-9)
     assert (joints_at(R, T)[:, [2, 4]] >= 0).all()
 
 
@@ -36,8 +37,8 @@ def test_a_place_out_of_reach_is_refused():
 def test_the_first_joints_zero_turns_the_base_and_the_last_ones_the_flange(joint):
     arm = Arm(zeros=TURN * np.eye(6)[joint])
     R_turned, T_turned = arm.flange(joints_at(R, T))
-    np.testing.assert_allclose(R_turned, TURNED[joint][0], atol=1e-12)
-    np.testing.assert_allclose(T_turned, TURNED[joint][1], atol=1e-9)
+    assert_allclose(R_turned, TURNED[joint][0], atol=1e-12)
+    assert_allclose(T_turned, TURNED[joint][1], atol=1e-9)
 
 
 def test_the_last_link_shifts_the_flange():
@@ -45,7 +46,7 @@ def test_the_last_link_shifts_the_flange():
     links = LINKS.copy()
     links[5] += shift
     _, T_shifted = Arm(links=links).flange(joints_at(R, T))
-    np.testing.assert_allclose(T_shifted - T, R @ shift, atol=1e-9)
+    assert_allclose(T_shifted - T, R @ shift, atol=1e-9)
 
 
 def test_errors_have_their_size():

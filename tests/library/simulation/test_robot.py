@@ -1,6 +1,7 @@
 """What a robot's errors do to simulated scans: which measurements share them."""
 
 import numpy as np
+from numpy.testing import assert_allclose, assert_array_equal
 
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import angle_between, inverse, rotations
@@ -20,8 +21,8 @@ def test_repeats_share_the_error_of_their_pose_and_not_the_noise_of_the_scanner(
     noise = Noise(position_mm=0.5)
     thrice, scan = points(noise, repeats=3)
     once, _ = points(noise)
-    np.testing.assert_array_equal(thrice, np.repeat(once, 3, axis=0))
-    np.testing.assert_array_equal(scan.p_base_flange[::3], scan.p_base_flange[2::3])
+    assert_array_equal(thrice, np.repeat(once, 3, axis=0))
+    assert_array_equal(scan.p_base_flange[::3], scan.p_base_flange[2::3])
     assert scan.labels[:4] == ("g1p1m1", "g1p1m2", "g1p1m3", "g1p2m1")
     assert scan.group.tolist() == np.repeat([0, 1, 2], 12).tolist()
     noisy, _ = points(Noise(profile_mm=0.1), repeats=2)
@@ -32,14 +33,14 @@ def test_a_drift_grows_from_the_first_pose_to_the_last():
     R, T = np.tile(np.eye(3), (5, 1, 1)), np.zeros((5, 3))
     rng = np.random.default_rng(3)
     _, moved = Robot(drift_mm=1.0).visiting(R, T, NOISELESS, rng)
-    np.testing.assert_allclose(moved, np.linspace(0, 1, 5)[:, None] * moved[-1])
+    assert_allclose(moved, np.linspace(0, 1, 5)[:, None] * moved[-1])
     assert 0.1 < np.linalg.norm(moved[-1]) < 5
 
 
 def test_an_arm_errs_alike_wherever_it_meets_a_pose_again():
     erring, _ = points(repeats=2, robot=Robot(joint_deg=0.05, link_mm=0.3))
     perfect, _ = points(repeats=2)
-    np.testing.assert_array_equal(erring[::2], erring[1::2])
+    assert_array_equal(erring[::2], erring[1::2])
     assert 0.01 < np.abs(erring - perfect).mean() < 5
 
 
@@ -51,5 +52,5 @@ def test_a_robot_that_carries_the_target_errs_at_its_flange():
     of_base = Poses(R_back, T_back[:, None])
     noise = Noise(orientation_deg=1.0)
     R_actual, T_actual = actual_poses(of_base, noise, rng, to_hand=True)
-    np.testing.assert_allclose(T_actual[:, 0], T, atol=1e-9)
+    assert_allclose(T_actual[:, 0], T, atol=1e-9)
     assert 1 < np.degrees(angle_between(R_actual[:, 0], R)).mean() < 2.5

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from profilecal.simulation.robot import Scanner
 
@@ -16,31 +17,31 @@ def profile_of(scanner, outline, seed=1):
 
 def test_field_of_view_has_its_printed_corners():
     widths = 2 * Scanner().half_width(np.array([60, 350]))
-    np.testing.assert_allclose(widths, [40, 160])
+    assert_allclose(widths, [40, 160])
 
 
 def test_a_wall_fills_the_field_of_view_and_lies_at_its_depth():
     profile = profile_of(IDEAL, 0.3 * WALL)  # at 24 mm: too near
     assert np.isnan(profile).all()
     profile = profile_of(NOISELESS, WALL)
-    np.testing.assert_allclose(profile[:, 1], 80, atol=0.005)
+    assert_allclose(profile[:, 1], 80, atol=0.005)
     ends = NOISELESS.half_width(80) * np.array([-1, 1])
-    np.testing.assert_allclose(profile[[0, -1], 0], ends, atol=0.005)
+    assert_allclose(profile[[0, -1], 0], ends, atol=0.005)
 
 
 def test_the_nearer_of_two_surfaces_hides_the_other():
     outline = np.array([[-10.0, 100], [0, 100], [0, 80], [10, 80]])
     profile = profile_of(NOISELESS, outline)
     x, z = profile[np.isfinite(profile[:, 0])].T
-    np.testing.assert_allclose(z[x > 0.1], 80, atol=0.01)
-    np.testing.assert_allclose(z[x < -0.1], 100, atol=0.01)
+    assert_allclose(z[x > 0.1], 80, atol=0.01)
+    assert_allclose(z[x < -0.1], 100, atol=0.01)
 
 
 def test_a_profile_is_of_whole_quanta():
     profile = profile_of(Scanner(), WALL, 2)
     assert profile.shape == (980, 2)
     counts = profile[:, 1] / Scanner().quantum
-    np.testing.assert_allclose(counts, counts.round(), atol=1e-9)
+    assert_allclose(counts, counts.round(), atol=1e-9)
     # 80 mm within six standard deviations
     assert {*counts.round()} <= {*range(796, 805)}
 

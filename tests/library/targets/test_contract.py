@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from many_scenes import KINDS
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.differentiate import jacobian
 
 from profilecal.geometry.noise import Noise
@@ -42,7 +43,7 @@ def test_derivatives_agree_with_numerical_ones(kind, in_space):
     numerical = jacobian(residual, np.zeros(problem.n), initial_step=0.01).df
     (columns,) = term.linearise(state, state.placements[0])
     ours = columns[:-1].reshape(problem.n, -1).T
-    np.testing.assert_allclose(ours, numerical, atol=1e-7 * np.abs(numerical).max())
+    assert_allclose(ours, numerical, atol=1e-7 * np.abs(numerical).max())
 
 
 @pytest.mark.parametrize("in_space", [False, True])
@@ -69,11 +70,11 @@ def test_a_missing_point_has_no_part_in_anything(kind, in_space):
     rows = full.shape[2] // points.shape[2]
     present = np.ones(full.shape[2:])
     present[:rows, 1] = 0
-    np.testing.assert_array_equal(some, full * present)
+    assert_array_equal(some, full * present)
 
     (full,) = whole.columns_in_mm(scene.truth, OF_SCANNER)
     (some,) = part.columns_in_mm(scene.truth, OF_SCANNER)
-    np.testing.assert_array_equal(some, full * present)
+    assert_array_equal(some, full * present)
 
 
 def in_base(scene):
@@ -100,15 +101,15 @@ def test_a_fit_to_its_points_is_the_target(kind):
     origin, axes, sizes = target.fit(points)
     fitted = target.at(origin, axes, sizes)
     assert np.abs(fitted.distance(points)).max() < 1e-4
-    np.testing.assert_allclose(sizes, target.sizes, atol=1e-3)
-    np.testing.assert_allclose(np.linalg.det(axes), 1)
+    assert_allclose(sizes, target.sizes, atol=1e-3)
+    assert_allclose(np.linalg.det(axes), 1)
 
     noisy = points + 0.05 * rng.normal(size=points.shape)
     origin, axes, sizes = target.fit(noisy)
     distance = target.at(origin, axes, sizes).distance(noisy)
     assert np.sqrt(np.mean(distance**2)) < 0.05 * np.sqrt(3) * 1.1
     origins, _, _ = target.fit(np.stack([points, noisy]))
-    np.testing.assert_allclose(origins[1], origin)
+    assert_allclose(origins[1], origin)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -125,7 +126,7 @@ def test_its_lines_lie_on_it(kind):
 def test_a_rods_lines_are_on_all_its_sides():
     scene = random_scene("rod", np.random.default_rng(12))
     middle = np.mean(scene.target.lines(in_base(scene)), axis=0)
-    np.testing.assert_allclose(scene.target.distance(middle), -scene.target.radius)
+    assert_allclose(scene.target.distance(middle), -scene.target.radius)
 
 
 @pytest.mark.parametrize("kind", ["edge", "rod"])
@@ -183,4 +184,4 @@ def test_a_circle_gives_the_ball_back_on_its_side():
     circles, sides = ball.meet(rotation, origin), ball.sides(rotation, origin)
     centres = ball.centre_from_circle(circles, sides)
     true = ((ball.centre - origin)[:, None] @ rotation)[:, 0]
-    np.testing.assert_allclose(centres, true, atol=1e-11)
+    assert_allclose(centres, true, atol=1e-11)

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from planned import KINDS, errors, model_for
 
 from profilecal.geometry.noise import Systematic
@@ -94,7 +95,7 @@ def test_a_face_is_seen_from_one_side_of_the_view_to_the_other():
     x, z = np.moveaxis(model.points_seen(R_view, T_view, 9), -1, 0)
     ends = [0, -1]
     half_width = model.scanner.half_width(z[:, ends])
-    np.testing.assert_allclose(np.abs(x[:, ends]), 0.9 * half_width)
+    assert_allclose(np.abs(x[:, ends]), 0.9 * half_width)
     in_sensor = np.stack([x, np.zeros_like(x), z], axis=-1)
     in_base = carry(R_view[:, None], T_view[:, None], in_sensor)
     assert np.abs(model.target.distance(in_base.reshape(-1, 3))).max() < 1e-9
