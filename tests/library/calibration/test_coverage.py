@@ -119,15 +119,16 @@ def simulated(**entries):
         yield scan
 
 
-def assert_held(squares):
+def assert_held(squares, wide=1.0):
     """Inside: as often as a binomial law allows, 1 in 10⁴ at either end. The sum of n
     squared errors follows χ² of 6 n degrees of freedom: its bounds also see regions
-    that are too large.
+    that are too large, by more than `wide` times in each direction.
     """
     count, inside = len(squares), np.sum(np.array(squares) < chi2.ppf(0.95, 6))
     print(f"{inside} of {count} inside, mean square {np.mean(squares):.2f} of 6")
     assert inside >= binom.ppf(1e-4, count, 0.95)
-    assert chi2.ppf(1e-4, 6 * count) < np.sum(squares) < chi2.isf(1e-4, 6 * count)
+    assert np.sum(squares) < chi2.isf(1e-4, 6 * count)
+    assert np.sum(squares) * wide**2 > chi2.ppf(1e-4, 6 * count)
 
 
 @pytest.mark.parametrize("target", TARGETS)
@@ -167,7 +168,9 @@ def scans_of(cell, seed):
 
 @pytest.mark.parametrize("name", CELLS)
 def test_the_truth_lies_in_the_stated_region_whatever_the_robot_does(name):
-    """Of the answers that say "ok"."""
+    """Of the answers that say "ok". Up to twice as wide as need be: each robot lacks
+    errors that are believed of robots, and ten orientations hardly show their absence.
+    """
     cell = CELLS[name]
     squares, rejecting = [], 0
     for seed in range(SCANS):
@@ -179,7 +182,7 @@ def test_the_truth_lies_in_the_stated_region_whatever_the_robot_does(name):
     print(f"{name}: {len(squares)} of {SCANS} are ok, {rejecting} reject poses")
     assert squares or cell[-1] == "covariance_total"  # there, none need be
     if squares:
-        assert_held(squares)
+        assert_held(squares, wide=2)
 
 
 @pytest.mark.parametrize("motion", MOTIONS)
