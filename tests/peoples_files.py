@@ -14,7 +14,6 @@ from scipy.spatial.transform import Rotation
 from profilecal.geometry.poses import homogeneous
 from profilecal.scan.conventions import from_rotations, named
 from profilecal.simulation.spec import WIDE, Spec, simulate_scan
-from profilecal_tool.importing.import_scan import Layout
 
 UNSEEN = 17  # of so many points one was not seen
 
@@ -74,6 +73,14 @@ def named_numbers(names, numbers, between):
     return between.join(f"{name} {value:.12f}" for name, value in pairs)
 
 
+def write_lines(path, lines):
+    path.write_text("\n".join([*lines, ""]))
+
+
+def write_table(path, titles, rows):
+    np.savetxt(path, rows, "%.12g", ",", header=titles, comments="")
+
+
 # The poses
 
 
@@ -83,7 +90,7 @@ def kuka(folder):
         pose = named_numbers("XYZABC", row, ",")
         lines.append(f"DECL E6POS XP{k}={{{pose},S 2,T 35}}")
         lines.append(f"DECL FDAT FP{k}={{TOOL_NO 0,BASE_NO 0}}")
-    (folder / "scan.dat").write_text("\n".join([*lines, "ENDDAT", ""]))
+    write_lines(folder / "scan.dat", [*lines, "ENDDAT"])
 
 
 def abb(folder):
@@ -101,7 +108,7 @@ def abb(folder):
     lines = ["MODULE Scan", f"  PERS tooldata tScan:={tool};"]
     lines += [f"  TASK PERS wobjdata wBall:={base};", *targets]
     lines += [f"  !{targets[0]}", *moves, "ENDMODULE", ""]
-    (folder / "scan.mod").write_text("\n".join(lines))
+    write_lines(folder / "scan.mod", lines)
 
 
 def ur(folder):
@@ -113,7 +120,7 @@ def ur(folder):
         lines.append(f"  global P_{k}_p=p[{text(row)}]")
         lines.append(f"  # global P_{k}_p=p[{text(rows[0])}]")
         lines.append("  movej([0,1,2,3,4,5], a=1.4)")
-    (folder / "scan.script").write_text("\n".join([*lines, "end", ""]))
+    write_lines(folder / "scan.script", [*lines, "end"])
 
 
 def yaskawa(folder):
@@ -122,7 +129,7 @@ def yaskawa(folder):
     for k, row in enumerate(poses("FANUC angles")):
         lines.append(f"C{k:05d}={text(row)}")
     lines += ["//INST", "NOP", "MOVL C00000 V=50.0", "END", ""]
-    (folder / "SCAN.JBI").write_text("\n".join(lines))
+    write_lines(folder / "SCAN.JBI", lines)
 
 
 def kawasaki(folder):
@@ -131,14 +138,14 @@ def kawasaki(folder):
     rows = poses("Kawasaki angles", matrices=matrices_of_poses() @ TOOL)
     lines += [f"p[{k}] {text(row, ' ')}" for k, row in enumerate(rows)]
     lines += [".END", ".JOINTS", "#home 0 10 20 30 40 50", ".END", ""]
-    (folder / "scan.as").write_text("\n".join(lines))
+    write_lines(folder / "scan.as", lines)
 
 
 def mitsubishi(folder):
     lines = ["10 MVS P1", "'P77=(1,2,3,4,5,6)(7,0)", "J1=(0,10,90,0,80,0)"]
     rows = poses("FANUC angles")
     lines += [f"P{k}=({text(row)})(7,0)" for k, row in enumerate(rows)]
-    (folder / "scan.prg").write_text("\n".join([*lines, ""]))
+    write_lines(folder / "scan.prg", lines)
 
 
 def staubli(folder):
@@ -157,7 +164,7 @@ def staubli(folder):
     lines.append('</Data><Data name="pScan" type="pointRx" size="12">')
     lines += [value(k, row, "fPart[0]") for k, row in enumerate(rows)]
     lines += [f"<!-- {lines[-1]} -->", "</Data></Datas></Database>", ""]
-    (folder / "scan.dtx").write_text("\n".join(lines))
+    write_lines(folder / "scan.dtx", lines)
 
 
 def epson(folder):
@@ -166,7 +173,7 @@ def epson(folder):
         names = ("rX", "rY", "rZ", "rU", "rV", "rW")
         numbers = [f"\t{n}={v:.12f}" for n, v in zip(names, row, strict=True)]
         lines += [f"Point{k} {{", f"\tnNumber={k}", *numbers, "\tnLocal=0", "}"]
-    (folder / "robot1.pts").write_text("\n".join([*lines, ""]))
+    write_lines(folder / "robot1.pts", lines)
 
 
 def techman(folder):
@@ -178,7 +185,7 @@ def techman(folder):
     ]
     for row in poses("FANUC angles"):
         lines.append(f'  Line("CAP", {text(row, ", ")}, 100, 200, 0, false)')
-    (folder / "scan.script").write_text("\n".join([*lines, "}", ""]))
+    write_lines(folder / "scan.script", [*lines, "}"])
 
 
 def xarm(folder):
@@ -191,7 +198,7 @@ def xarm(folder):
         numbers = text(row, ", ")
         numbers = f"*[{numbers}]" if k % 2 else numbers
         lines.append(f"  code = self._arm.set_position({numbers}, speed=5, wait=True)")
-    (folder / "scan.py").write_text("\n".join([*lines, ""]))
+    write_lines(folder / "scan.py", lines)
 
 
 def xml_log(folder):
@@ -203,7 +210,7 @@ def xml_log(folder):
         numbers = " ".join(f'{name}="{number:.12f}"' for name, number in pairs)
         lines += [f"<Send><Position {numbers}></Position></Send>", ">>> TCP:"]
         lines += [*map(text, matrix, 4 * " "), "Dropped 0 frames in buffer"]
-    (folder / "pose_log.txt").write_text("\n".join([*lines, ""]))
+    write_lines(folder / "pose_log.txt", lines)
 
 
 def as_json(folder):
@@ -231,7 +238,7 @@ def json_lines(folder):
         other = {"position": position, "orientation": {**orientation, "w": 0.0}}
         names = {"id": k, "target_pose": other, "robot_pose": pose}
         lines.append(json.dumps(names))
-    (folder / "poses.txt").write_text("\n".join([*lines, ""]))
+    write_lines(folder / "poses.txt", lines)
 
 
 def stamped(folder):
@@ -243,7 +250,7 @@ def stamped(folder):
             lines.append(f"  {name}:")
             lines += [f"    {axis}: {number}" for axis, number in numbers.items()]
         lines.append("---")
-    (folder / "poses.yaml").write_text("\n".join([*lines, ""]))
+    write_lines(folder / "poses.yaml", lines)
 
 
 def echoed(folder):
@@ -256,7 +263,7 @@ def echoed(folder):
         ]
         lines.append(f"- Rotation: in Quaternion {[*orientation.values()]}")
         lines.append("            in RPY (degree) [1.0, 2.0, 3.0]")
-    (folder / "poses.txt").write_text("\n".join([*lines, ""]))
+    write_lines(folder / "poses.txt", lines)
 
 
 def opencv(folder):
@@ -272,19 +279,19 @@ def opencv(folder):
                 "   dt: d",
                 f"   data: [ {text(part.ravel())} ]",
             ]
-    (folder / "poses.yml").write_text("\n".join([*lines, ""]))
+    write_lines(folder / "poses.yml", lines)
 
 
 def stacked_matrices(folder):
     lines = []
     for k, matrix in enumerate(matrices_of_poses()):
         lines += [f"Pose {k}:", *(text(row, " ") for row in matrix), ""]
-    (folder / "poses.txt").write_text("\n".join(lines))
+    write_lines(folder / "poses.txt", lines)
 
 
 def by_columns(folder):
     rows = [text(matrix.T.ravel()) for matrix in matrices_of_poses()]
-    (folder / "poses.txt").write_text("\n".join([*rows, ""]))
+    write_lines(folder / "poses.txt", rows)
 
 
 def fanuc(folder, tool=0, more=""):
@@ -297,14 +304,14 @@ def fanuc(folder, tool=0, more=""):
         lines.append(f"P[{k}]{{\n   GP1:")
         lines.append(f"\tUF : 0, UT : {tool},\t\tCONFIG : 'N U T, 0, 0, -1',")
         lines.append(f"\t{pose}{more}\n}};")
-    (folder / "CALIB.LS").write_text("\n".join([*lines, "/END", ""]))
+    write_lines(folder / "CALIB.LS", [*lines, "/END"])
 
 
 def key_lines(folder):
     lines = []
     for row in poses("matrix"):
         lines += [f"r {text(row[3:], ' ')}", f"t {text(row[:3], ' ')}"]
-    (folder / "poses.txt").write_text("\n".join([*lines, ""]))
+    write_lines(folder / "poses.txt", lines)
 
 
 def csv(folder):
@@ -315,7 +322,7 @@ def csv(folder):
     ]
     order = np.random.default_rng(1).permutation(12)
     lines = [header, *(lines[k] for k in order), ""]
-    (folder / "robot.csv").write_text("\n".join(lines))
+    write_lines(folder / "robot.csv", lines)
 
 
 def tum(folder):
@@ -323,13 +330,13 @@ def tum(folder):
     for k, row in enumerate(poses("quaternion", 0.001)):
         x, y, z, qw, qx, qy, qz = row
         lines.append(f"{1.7e9 + k} {text([x, y, z, qx, qy, qz, qw], ' ')}")
-    (folder / "poses.tum").write_text("\n".join([*lines, ""]))
+    write_lines(folder / "poses.tum", lines)
 
 
 def untitled(folder):
     tum(folder)
     (_, *rows) = (folder / "poses.tum").read_text().splitlines()
-    (folder / "poses.tum").write_text("\n".join(rows))
+    write_lines(folder / "poses.tum", rows)
 
 
 def matrices(folder):
@@ -362,14 +369,14 @@ def robot_states(folder):
     tool = text(numbers_of(TOOL, "rotation vector", 0.001), " ")
     lines = [" ".join(["timestamp", *titles])]
     lines += [f"{k}.5 {text(row, ' ')} {tool}" for k, row in enumerate(rows)]
-    (folder / "robot.csv").write_text("\n".join([*lines, ""]))
+    write_lines(folder / "robot.csv", lines)
 
 
 def drawn(folder):
     """A table with lines."""
     lines = ["| x | y | z | w | p | r |", "|---|:-:|--:|---|---|---|"]
     lines += [f"| {text(row, ' | ')} |" for row in poses("FANUC angles")]
-    (folder / "poses.md").write_text("\n".join([*lines, ""]))
+    write_lines(folder / "poses.md", lines)
 
 
 def workbook(folder):
@@ -398,7 +405,7 @@ def of_images(folder):
 def one_each(folder):
     for k, points in enumerate(scan().values):
         path = folder / f"scan_{k:03d}.csv"
-        np.savetxt(path, points, delimiter=",", header="x,z", comments="")
+        write_table(path, "x,z", points)
 
 
 def with_y(points):
@@ -412,7 +419,7 @@ def lists(folder):
         cells = [".Nan" if np.isnan(value) else f"{value:.15g}" for value in numbers]
         profile = f"profile: [ {', '.join(cells)} ]"
         lines = ["%YAML:1.0", "---", profile, "picked: [ 1., 0., 2. ]", ""]
-        (folder / f"p{k}.yml").write_text("\n".join(lines))
+        write_lines(folder / f"p{k}.yml", lines)
 
 
 def archives(folder):
@@ -450,14 +457,14 @@ def surfaces(folder):
         titles = text(np.interp(rows, rows[seen], x[seen]))
         z = text(z).replace("nan", "")
         lines = ["Part", "Frame,Rows", "1,1", f"Y\\X,{titles}", f"0.0,{z}", "End", ""]
-        (folder / f"s{k}.csv").write_text("\n".join(lines))
+        write_lines(folder / f"s{k}.csv", lines)
 
 
 def numbered_columns(folder):
     count = len(scan().values[0])
     titles = [f"{axis}{k}" for axis in "xz" for k in range(count)]
     rows = [text(points.T.ravel()) for points in scan().values]
-    (folder / "all.csv").write_text("\n".join([",".join(titles), *rows, ""]))
+    write_lines(folder / "all.csv", [",".join(titles), *rows])
 
 
 def below_one_another(folder):
@@ -471,7 +478,7 @@ def two_scanners(folder):
     for k, points in enumerate(scan().values):
         for sensor in "AB":
             lines += [f"{k};{sensor};{text(point, ';')}" for point in points]
-    (folder / "all.csv").write_text("\n".join([*lines, ""]))
+    write_lines(folder / "all.csv", lines)
 
 
 def zeros(folder):
@@ -484,7 +491,7 @@ def long_table(folder, name="scan_{:03d}"):
     lines = ["pose,x,z"]
     for k, points in enumerate(scan().values):
         lines += [f"{name.format(k)},{x:.15g},{z:.15g}" for x, z in points]
-    (folder / "all.csv").write_text("\n".join([*lines, ""]))
+    write_lines(folder / "all.csv", lines)
 
 
 def numbered(folder):
@@ -507,7 +514,7 @@ def point_clouds(folder, ending="ply"):
     head = {"ply": ply, "pcd": pcd}[ending]
     for k, points in enumerate(scan().values):
         rows = [f"{x:.15g} 0 {z:.15g}" for x, z in points]
-        (folder / f"cloud{k}.{ending}").write_text("\n".join([*head, *rows, ""]))
+        write_lines(folder / f"cloud{k}.{ending}", [*head, *rows])
 
 
 def other_clouds(folder):
@@ -545,7 +552,7 @@ def column_pairs(folder):
     values = np.hstack(scan().values)
     titles = [f"{axis}{k}" for k in range(1, 13) for axis in "XZ"]
     lines = [";".join(titles), *(text(row, ";") for row in values)]
-    (folder / "all.csv").write_text("\n".join([*lines, ""]))
+    write_lines(folder / "all.csv", lines)
 
 
 def headed(folder):
@@ -556,7 +563,7 @@ def headed(folder):
         for values in points * 1000:
             x, z = (f"{value:,.9f}".replace("nan", "") for value in values)
             lines.append(f"{x};{z}".translate(str.maketrans(",.", ".,")))
-    (folder / "all.csv").write_text("\n".join([*lines, ""]))
+    write_lines(folder / "all.csv", lines)
 
 
 def by_name(*writers):
@@ -619,16 +626,16 @@ PROFILES = by_name(
 PROFILES_OF = {fanuc: lists}  # counted from 1
 # what a user has to say: numbers without names, columns that mean something else
 SAID = {
-    "as_json": Layout(pose_columns="x,y,z,w,p,r"),
-    "codes": Layout(columns="2,3"),
-    "two_scanners": Layout(where="sensor=b"),
-    "zeros": Layout(columns="x [mm],z [mm]"),
+    "as_json": {"pose_columns": "x,y,z,w,p,r"},
+    "codes": {"columns": "2,3"},
+    "two_scanners": {"where": "sensor=b"},
+    "zeros": {"columns": "x [mm],z [mm]"},
 }
 
 
 def said_of(name):
     """What a user has to say of poses or profiles in files of that name."""
-    return SAID.get(name, Layout())
+    return SAID.get(name, {})
 
 
 def written(folder, of_poses=csv, of_profiles=None):
