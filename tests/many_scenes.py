@@ -3,6 +3,7 @@
 import functools
 
 import numpy as np
+from numpy.random import default_rng
 
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import pose_error
@@ -19,7 +20,7 @@ KNOWN = Noise(SIGMA, steering_mm=0.2)
 @functools.cache
 def many(kind: str, count: int, seed: int, **choices) -> Scene:
     """`count` random scenes as a batch."""
-    rng = np.random.default_rng(seed)
+    rng = default_rng(seed)
     choices = SMALL.get(kind, {}) | choices
     scenes = [random_scene(kind, rng, count=10, **choices) for _ in range(count)]
     return stack(scenes)

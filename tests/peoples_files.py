@@ -7,6 +7,7 @@ import json
 from dataclasses import replace
 
 import numpy as np
+from numpy.random import default_rng
 from openpyxl import Workbook
 from scipy.io import savemat
 from scipy.spatial.transform import Rotation
@@ -320,7 +321,7 @@ def csv(folder):
         f"scan_{k:03d};{text(row, ';').replace('.', ',')}"
         for k, row in enumerate(poses("Stäubli angles"))
     ]
-    order = np.random.default_rng(1).permutation(12)
+    order = default_rng(1).permutation(12)
     lines = [header, *(lines[k] for k in order), ""]
     write_lines(folder / "robot.csv", lines)
 

@@ -4,6 +4,7 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
+from numpy.random import default_rng
 
 from profilecal.geometry.noise import ROBOT
 from profilecal.geometry.poses import pose_error, rotations
@@ -32,7 +33,7 @@ def model_for(kind: str, measured: str = "", mount: str = "eye-in-hand") -> Scan
         "mount": mount,
     }
     spec = read_specification(entries, "specification")
-    return model_of_spec(spec, {}, np.random.default_rng(1))
+    return model_of_spec(spec, {}, default_rng(1))
 
 
 def errors(model: ScanModel, R, T, trials: int, rng) -> np.ndarray:

@@ -15,6 +15,7 @@ from collections import Counter, defaultdict
 
 import numpy as np
 from corruptions import CORRUPTIONS, Folder
+from numpy.random import default_rng
 from simulated import error_of
 
 from profilecal.calibration.calibration import calibrate
@@ -34,7 +35,7 @@ def corrupt(seed):
     """The folder of a seed and the names of what was done to it; one in five suffers
     twice.
     """
-    rng = np.random.default_rng(seed)
+    rng = default_rng(seed)
     kind = ("edge", "disk", "ball")[seed % 3]
     names = list(CORRUPTIONS)
     chosen = [names[(seed // 3) % len(names)]]

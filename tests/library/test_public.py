@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.random import default_rng
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import RigidTransform, Rotation
 
@@ -43,9 +44,7 @@ class TestThreeUsers:
 
     def test_one_has_edge_points_in_uneven_groups_for_the_papers_solver(self):
         recorded, truth = pc.simulate("edge", seed=1, noise={"profile_mm": 0.01})
-        kept = np.random.default_rng(1).permutation(250)[
-            :180
-        ]  # of each group another number
+        kept = default_rng(1).permutation(250)[:180]  # of each group another number
         points = np.concatenate(recorded.values)
 
         found = pc.solve_edge(

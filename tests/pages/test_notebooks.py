@@ -15,10 +15,10 @@ import warnings
 from dataclasses import replace
 
 import matplotlib.pyplot as plt
-import numpy as np
 import pytest
 from IPython.core.interactiveshell import InteractiveShell
 from IPython.utils.capture import capture_output
+from numpy.random import default_rng
 from traitlets.config import Config
 
 from profilecal.scan.folder import write_scan
@@ -122,7 +122,7 @@ ALTERABLE = [path for path in NOTEBOOKS if can_be_altered(path)]
 @pytest.mark.parametrize("path", ALTERABLE, ids=lambda path: path.stem)
 def test_other_parameters_are_lived_with_and_outcomes_recorded(path, shell):
     for run in range(RUNS):
-        rng = np.random.default_rng([SEED, run, NOTEBOOKS.index(path)])
+        rng = default_rng([SEED, run, NOTEBOOKS.index(path)])
         chosen = {}
         for name, value in declared(path).items():
             if rng.uniform() < 0.5 or RUNS == 1:

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.random import default_rng
 from numpy.testing import assert_allclose
 
 from profilecal.closed_form.ball import solve_ball
@@ -38,9 +39,9 @@ def means_of_first(values, counts):
 )
 def test_ball_study_equals_the_plain_loop(protocol, turning):
     scans, sigma, m = fig17_scans(), 0.3, 3
-    rng = np.random.default_rng(6)
+    rng = default_rng(6)
     study = ball_study(scans, [0.1, sigma], [1, m], TRIALS, rng, workers=1)[protocol]
-    centres = noisy_centres(scans, sigma, m, np.random.default_rng(6))
+    centres = noisy_centres(scans, sigma, m, default_rng(6))
     poses = np.arange(len(scans.R_tcp))
     counts = np.where(poses < scans.translating, turning, m)
     T = means_of_first(scans.positions(m), counts)

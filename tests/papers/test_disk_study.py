@@ -6,6 +6,7 @@ import tracemalloc
 
 import numpy as np
 import pytest
+from numpy.random import default_rng
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
@@ -61,10 +62,10 @@ def noisy_tips(scans, sigma, m, noise, rng, trials=TRIALS):
     [("chord", "regression"), ("isotropic", "regression"), ("isotropic", "published")],
 )
 def test_disk_study_equals_the_plain_loop(noise, heights, m):
-    scene, sigma, rng = scans(), 0.3, np.random.default_rng(5)
+    scene, sigma, rng = scans(), 0.3, default_rng(5)
     kind = {"noise": noise, "heights": heights}
     study = disk_study(scene, sigma, m, TRIALS, rng, workers=1, **kind)
-    tips = noisy_tips(scene, sigma, m, noise, np.random.default_rng(5).spawn(1)[0])
+    tips = noisy_tips(scene, sigma, m, noise, default_rng(5).spawn(1)[0])
     expected = np.array([loop(scene, trial, heights) for trial in tips])
     errors = study.centre_error, study.rotation_error, study.translation_error
     found = np.concatenate(errors, axis=-1)[0, 0]
@@ -74,7 +75,7 @@ def test_disk_study_equals_the_plain_loop(noise, heights, m):
 
 
 def test_a_large_study_stays_under_500_mb():
-    rng = np.random.default_rng(9)
+    rng = default_rng(9)
     tracemalloc.start()
     disk_study(scans(), [0.4], [1000], 5000, rng, noise="isotropic")
     peak = tracemalloc.get_traced_memory()[1]
@@ -83,11 +84,11 @@ def test_a_large_study_stays_under_500_mb():
 
 
 def test_an_impossible_arccos_leaves_a_finite_result():
-    scene, rng = scans(), np.random.default_rng(10)
+    scene, rng = scans(), default_rng(10)
     sigma = 10.0  # mm: beyond what any scanner does
     kind = {"noise": "isotropic", "heights": "published"}
     study = disk_study(scene, sigma, 10, 500, rng, workers=1, **kind)
-    (stream,) = np.random.default_rng(10).spawn(1)
+    (stream,) = default_rng(10).spawn(1)
     tips = noisy_tips(scene, sigma, 10, "isotropic", stream, 500)
     way = scene.T_start, scene.T_end, scene.s
     plain = sensing_data(tips, *way, scene.disk.radius, "published")

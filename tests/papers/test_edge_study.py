@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.random import default_rng
 from numpy.testing import assert_allclose
 
 from profilecal.closed_form.edge import edge_equations
@@ -19,7 +20,7 @@ from profilecal_papers.edge_study import (
 
 
 def scene_of(seed=1, shape=(), **plan):
-    return edge_scenes(EdgePlan(**plan), Noise(), np.random.default_rng(seed), shape)
+    return edge_scenes(EdgePlan(**plan), Noise(), default_rng(seed), shape)
 
 
 def offsets_of(scene):
@@ -37,7 +38,7 @@ def test_arc_lies_on_its_circle_and_spans_its_angle():
 
 @pytest.mark.parametrize("tilt", [0.0, 30.0, 90.0])
 def test_arc_planes_make_their_angle_with_the_edge(tilt):
-    rng = np.random.default_rng(2)
+    rng = default_rng(2)
     tilt = np.radians(tilt)
     direction = directions(rng, (50,))
     planes = study.arc_planes(direction, tilt, rng.uniform(0, 6, 50))
@@ -63,7 +64,7 @@ def test_turns_stay_within_the_spread_and_about_one_axis_when_asked():
     rotations = scene_of(groups=200, spread_deg=30).poses.rotations
     assert 30 < np.degrees(angle_between(rotations[:1], rotations)).max() <= 60
     z = np.array([0.0, 0.0, 1.0])
-    about_z = random_turns(np.random.default_rng(3), (20,), 0.5, z)
+    about_z = random_turns(default_rng(3), (20,), 0.5, z)
     assert_allclose(about_z[:, 2] - z, 0, atol=1e-14)
 
 
@@ -102,7 +103,7 @@ def test_pose_errors_have_their_sizes_and_groups_share_theirs():
         orientation_deg=0.2,
         group_orientation_deg=0.1,
     )
-    R, T = actual_poses(poses, noise, np.random.default_rng(3))
+    R, T = actual_poses(poses, noise, default_rng(3))
 
     error = T - poses.positions
     within = error - error.mean(axis=1, keepdims=True)
@@ -121,10 +122,10 @@ def test_pose_errors_have_their_sizes_and_groups_share_theirs():
 
 
 def test_ball_points_lie_on_the_ball_when_carried_to_the_base():
-    scene = edge_scenes(EdgePlan(), Noise(), np.random.default_rng(6), (3,))
+    scene = edge_scenes(EdgePlan(), Noise(), default_rng(6), (3,))
     mount, ball = (scene.R_sensor, scene.T_sensor), Ball(scene.edge.point, 20.0)
-    poses = study.plan_ball(ball.centre, 20.0, *mount, np.random.default_rng(7))
-    points = study.ball_points(ball, *mount, poses, Noise(), np.random.default_rng(8))
+    poses = study.plan_ball(ball.centre, 20.0, *mount, default_rng(7))
+    points = study.ball_points(ball, *mount, poses, Noise(), default_rng(8))
     assert points.shape == (3, 10, 6, 40, 2)
     from_centre = poses.carry(points, *mount) - ball.centre[:, None, None, None]
     distance = np.linalg.norm(from_centre, axis=-1)
@@ -150,7 +151,7 @@ def test_angles_are_signed_and_turn_with_a_group():
     """A group turned about the edge's normal by a small angle deviates by that much
     more, to one side.
     """
-    rng = np.random.default_rng(1)
+    rng = default_rng(1)
     scene = edge_scenes(EdgePlan(motion="space"), Noise(0.1), rng, (3,))
     solution = solution_of(scene)
     angles = study.angle_deviations(solution)
@@ -169,7 +170,7 @@ def test_angles_are_signed_and_turn_with_a_group():
 
 def test_criteria_of_many_scenes_are_those_of_each():
     plan = EdgePlan(groups=10)
-    scene = edge_scenes(plan, Noise(0.1), np.random.default_rng(2), (4,))
+    scene = edge_scenes(plan, Noise(0.1), default_rng(2), (4,))
     of_all = solution_of(scene)
     angles = study.angle_deviations(of_all)
     distances = study.line_distances(of_all)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.random import default_rng
 from numpy.testing import assert_allclose
 
 from profilecal.closed_form.edge import EdgeSolution, solve_rotation, solve_translation
@@ -14,7 +15,7 @@ NOISE = Noise(profile_mm=0.1, group_position_mm=0.1)
 
 def scene_of(count, **plan):
     plan = study.EdgePlan(**plan)
-    return study.edge_scenes(plan, NOISE, np.random.default_rng(1), (count,))
+    return study.edge_scenes(plan, NOISE, default_rng(1), (count,))
 
 
 @pytest.mark.parametrize("frame", ["base", "group"])
@@ -51,7 +52,7 @@ def test_about_the_mean_a_direction_is_that_of_the_points():
 
 def test_without_errors_the_tables_are_zero_and_the_radius_is_right():
     """And three specimens that share their motions differ by their errors alone."""
-    rng = np.random.default_rng(2)
+    rng = default_rng(2)
     (exact,) = tables.columns(study.EdgePlan(), Noise(), 3, rng, share=True)
     assert np.abs(exact[..., :4]).max() < 1e-6
     assert np.abs(exact[..., 4] - tables.BALL_MM).max() < 1e-6
@@ -63,12 +64,12 @@ def test_without_errors_the_tables_are_zero_and_the_radius_is_right():
 
 
 def test_settings_stay_in_their_ranges_and_reach_every_scene():
-    drawn = tables.random_settings(200, np.random.default_rng(3), tables.RANGES)
+    drawn = tables.random_settings(200, default_rng(3), tables.RANGES)
     for name, (low, high) in tables.RANGES.items():
         assert low <= drawn[name].min() < drawn[name].max() <= high
     two = {name: values[:2] for name, values in drawn.items()}
     plan, noise = tables.plan_and_noise(two, "group", 3)
     assert plan.radius.ravel().tolist() == two["radius"].repeat(3).tolist()
     assert noise.profile_mm.shape == (6, 1, 1, 1)
-    table = tables.columns(plan, noise, 6, np.random.default_rng(4), (True, False))
+    table = tables.columns(plan, noise, 6, default_rng(4), (True, False))
     assert table.shape == (2, 6, 4, 7)

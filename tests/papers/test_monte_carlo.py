@@ -3,6 +3,7 @@ quick rotation is the right one.
 """
 
 import numpy as np
+from numpy.random import default_rng
 from numpy.testing import assert_allclose, assert_array_equal
 
 from profilecal.geometry.poses import directions, nearest_rotation, rotations
@@ -14,10 +15,10 @@ from profilecal_papers.monte_carlo import noisy_blocks, rotations_near
 
 def test_the_number_of_workers_changes_nothing():
     def run(workers):
-        rng = np.random.default_rng(7)
+        rng = default_rng(7)
         scans = fig15_scans((-0.9, 0.3))
         disk = disk_study(scans, [0.1, 0.9], [10, 30], 1200, rng, workers=workers)
-        rng = np.random.default_rng(8)
+        rng = default_rng(8)
         ball = ball_study(fig17_scans(), 0.2, [1, 2], 600, rng, workers=workers)
         return [disk.errors, *(study.errors for study in ball.values())]
 
@@ -30,7 +31,7 @@ def test_the_number_of_workers_changes_nothing():
 def test_the_size_of_a_block_changes_nothing(monkeypatch):
     def drawn(block):
         monkeypatch.setattr(monte_carlo, "BLOCK", block)
-        rng = np.random.default_rng(11)
+        rng = default_rng(11)
         blocks = noisy_blocks(np.ones((2, 3)), [[0.1], [2.0]], 50, rng)
         return np.concatenate([values.copy() for _, values, *_ in blocks])
 
@@ -41,7 +42,7 @@ def test_the_size_of_a_block_changes_nothing(monkeypatch):
 
 
 def test_the_quick_rotation_is_that_of_the_svd_for_small_turns_and_large_ones():
-    rng = np.random.default_rng(12)
+    rng = default_rng(12)
     X = directions(rng, (500, 4))
     angle = np.append(rng.uniform(0, 1.5, 250), rng.uniform(1.6, np.pi, 250))
     turn = rotations(angle[:, None] * directions(rng, (500,)))

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.random import default_rng
 from numpy.testing import assert_allclose, assert_array_equal
 
 from profilecal_papers import published
@@ -58,7 +59,7 @@ def test_what_is_not_there_is_named_with_what_is(entry, sentence):
 
 def test_the_rounding_box_holds_the_tables_that_print_alike():
     box = published.RoundingBox("disk", "Table I", ("q", "R_tcp"))
-    drawn = box.draw(500, np.random.default_rng(1))
+    drawn = box.draw(500, default_rng(1))
     printed = published.values("disk", "Table I", "q")
     assert drawn["q"].shape == (500, 4, 3)
     assert (drawn["q"].round(3) == printed).all()
@@ -76,7 +77,7 @@ def sums(tables):
 def test_reach_finds_a_place_where_there_is_one_and_says_how_far_out_another_is():
     box = published.RoundingBox("disk", "Table I", ("q",))
     near = np.full(3, 1e-6)
-    place = np.random.default_rng(2).uniform(-0.9, 0.9, box.size)
+    place = default_rng(2).uniform(-0.9, 0.9, box.size)
     target = sums(box.at(place))
     found, change = box.reach(sums, target, near)
     assert_allclose(sums(box.at(found)), target, rtol=0, atol=1e-6)

@@ -10,6 +10,7 @@ import pytest
 from command import run
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
+from simulated import scan_of
 
 import profilecal as pc
 
@@ -78,7 +79,7 @@ def test_a_guess_is_compared_and_a_controller_taken(tmp_path):
 
 
 def test_a_pose_that_contradicts_the_data_is_not_given_to_paste(tmp_path):
-    scan, _ = pc.simulate("ball", seed=5, groups=6, positions=4)
+    scan = scan_of("ball", seed=5, groups=6, positions=4)
     pc.write_scan(replace(scan, mount="eye-to-hand"), tmp_path / "scan")
     result = run("calibrate", tmp_path / "scan", "--to", "kuka")
     assert result.exit_code == 3
@@ -105,7 +106,7 @@ def test_a_pose_that_contradicts_the_data_is_not_given_to_paste(tmp_path):
     ],
 )
 def test_options_that_cannot_be_met_are_refused(tmp_path, options, sentence):
-    scan, _ = pc.simulate("ball")
+    scan = scan_of("ball")
     pc.write_scan(scan, tmp_path / "scan")
     result = run("calibrate", tmp_path / "scan", *options)
     assert result.exit_code == 2
@@ -113,7 +114,7 @@ def test_options_that_cannot_be_met_are_refused(tmp_path, options, sentence):
 
 
 def test_a_ball_on_the_other_side_is_not_ok(tmp_path):
-    scan, _ = pc.simulate("ball", seed=1, measured="profiles")
+    scan = scan_of("ball", seed=1, measured="profiles")
     pc.write_scan(replace(scan, side=-scan.side), tmp_path / "scan")
     result = run("calibrate", tmp_path / "scan", "--to", "kuka")
     assert "status         weak" in result.output

@@ -2,12 +2,13 @@
 
 import numpy as np
 from command import run
+from simulated import scan_of
 
 import profilecal as pc
 
 
 def test_a_log_has_a_row_a_day_and_a_picture(tmp_path):
-    scan, _ = pc.simulate("ball", seed=1, groups=10)
+    scan = scan_of("ball", seed=1, groups=10)
     pc.write_scan(scan, tmp_path / "scan")
     answer, log = tmp_path / "T.json", tmp_path / "log.csv"
     answer.write_text(run("calibrate", tmp_path / "scan", "--json").output)

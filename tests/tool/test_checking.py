@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.random import default_rng
 from scipy.stats import binom
 from simulated import scan_of, with_values
 
@@ -64,13 +65,13 @@ def test_check_says_what_tells_the_noise(kind, sentence):
 def test_check_rarely_doubts_a_good_scan():
     doubted = 0
     for seed in range(60):
-        scan, _ = pc.simulate("edge", seed=seed)
+        scan = scan_of("edge", seed=seed)
         doubted += bool(affine_outliers(as_observations(scan, observe(scan))))
     assert doubted <= binom.ppf(0.9999, 60, 0.02)
 
 
 def test_the_noise_inside_groups_is_that_of_the_scanner():
-    rng = np.random.default_rng(18)
+    rng = default_rng(18)
     sigma_mm = 0.05
     level_mm, freedom = affine_noise(random_scene("edge", rng).noisy(sigma_mm, rng))
     assert freedom == 25 * (10 - 4) * 2

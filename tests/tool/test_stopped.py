@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.random import default_rng
 
 import profilecal as pc
 from profilecal.scan.tables import partial_of
@@ -20,8 +21,8 @@ import numpy as np
 import profilecal as pc
 
 poses = np.tile(np.eye(4), (20, 1, 1))
-poses[:, :3, 3] = np.random.default_rng(0).uniform(300, 500, (20, 3))
-profiles = np.random.default_rng(1).uniform(50, 90, (20, int(sys.argv[1]), 2))
+poses[:, :3, 3] = default_rng(0).uniform(300, 500, (20, 3))
+profiles = default_rng(1).uniform(50, 90, (20, int(sys.argv[1]), 2))
 print("begins", flush=True)
 pc.write_scan(pc.Scan.of("plane", poses, profiles=profiles), "scan")
 """
@@ -32,7 +33,7 @@ def robots_files(tmp_path):
     """A folder of poses and profiles in one array."""
     folder = tmp_path / "mine"
     folder.mkdir()
-    rng = np.random.default_rng(2)
+    rng = default_rng(2)
     np.save(folder / "profiles.npy", rng.uniform(50, 90, (40, 20_000, 2)))
     rows = ["x,y,z,qw,qx,qy,qz"]
     for x, y, z in rng.uniform(300, 500, (40, 3)):

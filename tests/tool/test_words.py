@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from simulated import calibration_of, with_values
+from simulated import calibration_of, scan_of, with_values
 
 import profilecal as pc
 from profilecal.geometry.noise import Noise
@@ -56,7 +56,7 @@ def test_robot_errors_are_told_apart_by_where_they_arise():
 
 
 def test_an_orientation_that_does_not_fit_is_named():
-    scan, _ = pc.simulate("edge", seed=2, groups=8)
+    scan = scan_of("edge", seed=2, groups=8)
     shift = np.array([0.3, 0.0])
     wrong = with_values(scan, range(30, 40), lambda rows: rows + shift)
     said = left_out_sentences(pc.leave_out(pc.calibrate(wrong)))

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.random import default_rng
 from numpy.testing import assert_allclose
 from scipy.stats import chi2
 from simulated import (
@@ -34,10 +35,8 @@ def test_the_truth_lies_in_the_stated_region(kind, mount):
 
 
 def test_poses_without_a_measurement_are_left_out_and_named_by_scan():
-    edge, _ = pc.simulate("edge", seed=9, title="edge")
-    disk, _ = pc.simulate(
-        "disk", seed=9, title="disk", measured="profiles", scanner=SCANNER
-    )
+    edge = scan_of("edge", seed=9, title="edge")
+    disk = scan_of("disk", seed=9, title="disk", measured="profiles", scanner=SCANNER)
     unseen_point = with_values(edge, [4], lambda rows: rows[:0])
     unseen_disk = with_values(disk, [0], lambda rows: np.full((9, 2), np.nan))
     found = pc.calibrate([unseen_point, unseen_disk])
@@ -47,8 +46,8 @@ def test_poses_without_a_measurement_are_left_out_and_named_by_scan():
 
 
 def test_several_targets_have_one_answer():
-    edge, _ = pc.simulate("edge", seed=6, title="edge")
-    disk, _ = pc.simulate("disk", seed=6, title="disk")
+    edge = scan_of("edge", seed=6, title="edge")
+    disk = scan_of("disk", seed=6, title="disk")
     together = pc.calibrate([edge, disk])
     assert squared_error(together) < chi2.ppf(0.9999, 6)
     assert together.poses_used[0] == "edge: g1p1"
@@ -58,8 +57,8 @@ def test_several_targets_have_one_answer():
 
 def test_features_of_different_precision_are_weighed():
     plan = {"seed": 6, "groups": 8, "positions": 4, "scanner": SCANNER}
-    edge, _ = pc.simulate("edge", measured="profiles", title="edge", **plan)
-    ball, _ = pc.simulate("ball", measured="profiles", title="ball", **plan)
+    edge = scan_of("edge", measured="profiles", title="edge", **plan)
+    ball = scan_of("ball", measured="profiles", title="ball", **plan)
     together = pc.calibrate([edge, ball])
     of_edge, of_ball = together.observed
     corners = observe(edge).covariance
@@ -71,8 +70,8 @@ def test_features_of_different_precision_are_weighed():
 
 
 def test_scans_that_do_not_belong_together_are_refused():
-    scan, _ = pc.simulate("edge", seed=1)
-    fixed_scanner, _ = pc.simulate("edge", seed=1, mount="eye-to-hand")
+    scan = scan_of("edge", seed=1)
+    fixed_scanner = scan_of("edge", seed=1, mount="eye-to-hand")
     with pytest.raises(pc.ScanError, match="expected one mount"):
         pc.calibrate([scan, fixed_scanner])
     noisier = replace(scan, noise={"profile_mm": 0.1})
@@ -82,7 +81,7 @@ def test_scans_that_do_not_belong_together_are_refused():
 
 
 def test_a_scan_that_shows_nothing_is_refused():
-    scan, _ = pc.simulate("edge", seed=1)
+    scan = scan_of("edge", seed=1)
     blind = replace(scan, values=tuple(rows[:0] for rows in scan.values))
     sentence = "was found from 0 poses; expected 3 or more"
     with pytest.raises(pc.ScanError, match=sentence):
@@ -140,9 +139,7 @@ def test_few_poses_are_kept_where_robots_err_and_one_that_is_wrong_is_not():
     noise = {"position_mm": 0.05, "orientation_deg": 0.02}
     squares, rejected = 0.0, 0
     for seed in range(8):
-        recorded, _ = pc.simulate(
-            "edge", seed=seed, groups=14, positions=1, noise=noise
-        )
+        recorded = scan_of("edge", seed=seed, groups=14, positions=1, noise=noise)
         scan = replace(recorded, noise={"profile_mm": 0.05})
         found = pc.calibrate(scan)
         squares += squared_error(found)
@@ -161,8 +158,8 @@ def test_too_small_a_statement_is_no_excuse_for_a_bad_pose():
     plan = {"groups": 14, "positions": 1, "noise": noise, "scanner": SCANNER}
     told = 0
     for seed in range(8):
-        scan, _ = pc.simulate("plane", seed=seed, **plan)
-        off = np.random.default_rng(seed).normal(size=3)
+        scan = scan_of("plane", seed=seed, **plan)
+        off = default_rng(seed).normal(size=3)
         positions = scan.p_base_flange.copy()
         positions[5] += off / np.linalg.norm(off)
         found = pc.calibrate(replace(scan, p_base_flange=positions))
@@ -175,7 +172,7 @@ def test_many_poses_out_of_line_are_the_robots_doing():
     noise = {"group_position_mm": 0.05, "group_orientation_deg": 0.01}
     scanner = SCANNER | {"points": 400}
     plan = {"seed": 27, "groups": 10, "positions": 3}
-    recorded, _ = pc.simulate(
+    recorded = scan_of(
         "disk", measured="profiles", noise=noise, scanner=scanner, **plan
     )
     of_robot = {"group_position_mm": 0.01, "group_orientation_deg": 0.002}
@@ -191,6 +188,6 @@ def test_the_noise_of_a_handful_of_poses_is_not_that_of_those_which_any_answer_f
     exact.
     """
     noise = {"position_mm": 0.05, "orientation_deg": 0.01}
-    recorded, _ = pc.simulate("ball", seed=seed, groups=5, positions=1, noise=noise)
+    recorded = scan_of("ball", seed=seed, groups=5, positions=1, noise=noise)
     found = pc.calibrate(replace(recorded, noise={}))
     assert found.solution.noise.profile_mm > 0.01

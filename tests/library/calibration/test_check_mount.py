@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from simulated import scan_of
 
 import profilecal as pc
 
@@ -23,7 +24,7 @@ def scans(kind, count, seed=1, **entries):
     """Of one scanner and target; what is stated is the scanner's noise alone."""
     plan = {"noise": NOISE} | PLANS[kind] | entries
     for number in range(1, count + 1):
-        scan, _ = pc.simulate(kind, seed=seed, scan=number, **plan)
+        scan = scan_of(kind, seed=seed, scan=number, **plan)
         yield replace(scan, noise={"profile_mm": 0.05} if kind == "edge" else {})
 
 

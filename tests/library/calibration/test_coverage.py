@@ -15,12 +15,14 @@ from itertools import product
 
 import numpy as np
 import pytest
+from numpy.random import default_rng
 from scipy.stats import binom, chi2
 from simulated import (
     EXACT_SCANNER,
     SCANNER,
     by_a_believed_scanner,
     printed_square,
+    scan_of,
 )
 
 import profilecal as pc
@@ -153,7 +155,7 @@ def scans_of(cell, seed):
     entries["measured"] = "profiles" if seed % 2 else ""
     noise = Noise(profile_mm=0.05, **errors)
     first, *others = [Spec(kind, seed=seed, noise=noise, **entries) for kind in kinds]
-    rng = np.random.default_rng(seed)
+    rng = default_rng(seed)
     scene = scene_of(first, rng)
     poses = taken(scene, first, rng)
     scans = [record(scene, poses, first, rng)]
@@ -193,12 +195,12 @@ def test_pose_and_delay_lie_in_the_stated_regions_of_scans_in_motion(kind, motio
     """
     squares, of_delays = [], []
     for seed in range(max(1, SCANS // 3)):
-        delay = np.random.default_rng([seed, 99]).uniform(-150, 150)
+        delay = default_rng([seed, 99]).uniform(-150, 150)
         entries = DRIVEN[kind]
         how = entries["motion"] | MOTIONS[motion] | {"delay_ms": delay}
         entries = entries | {"noise": SHARED, "motion": how}
-        scan, _ = pc.simulate(kind, seed=seed, **entries)
-        scan = by_a_believed_scanner(scan, np.random.default_rng([seed, 77]))
+        scan = scan_of(kind, seed=seed, **entries)
+        scan = by_a_believed_scanner(scan, default_rng([seed, 77]))
         printed = pc.calibrate(scan).to_json()
         squares.append(printed_square(printed, scan.truth))
         late = (printed["delay_ms"] - delay) / printed["delay_sd_ms"]

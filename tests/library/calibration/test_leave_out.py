@@ -5,7 +5,7 @@ and a bad orientation shows.
 import numpy as np
 import pytest
 from scipy.stats import norm
-from simulated import SCANNER, calibration_of, with_values
+from simulated import SCANNER, calibration_of, scan_of, with_values
 
 import profilecal as pc
 from profilecal.geometry.noise import normalised_square
@@ -37,7 +37,7 @@ def test_predictions_are_as_far_off_as_expected(kind, noise):
 @pytest.mark.parametrize("parts", [100, 4])
 def test_an_orientation_that_does_not_fit_is_doubted(monkeypatch, parts):
     monkeypatch.setattr("profilecal.calibration.leave_out.PARTS", parts)
-    scan, _ = pc.simulate("edge", seed=2, groups=8)
+    scan = scan_of("edge", seed=2, groups=8)
     shift = np.array([0.3, 0.0])  # too little for any pose to be rejected
     wrong = with_values(scan, range(30, 40), lambda rows: rows + shift)
     left = pc.leave_out(pc.calibrate(wrong))

@@ -5,6 +5,7 @@ import subprocess
 import sys
 
 import pytest
+from simulated import scan_of
 
 import profilecal as pc
 from profilecal.calibration import memory
@@ -17,7 +18,7 @@ def test_as_many_profiles_as_would_fit_are_solved(monkeypatch):
     )
     with pytest.raises(pc.ScanError, match=sentence):
         pc.calibrate(pc.simulate("edge", seed=1)[0])
-    fitting, _ = pc.simulate("edge", seed=1, groups=25, positions=4)
+    fitting = scan_of("edge", seed=1, groups=25, positions=4)
     assert pc.calibrate(fitting).status == "ok"
 
 

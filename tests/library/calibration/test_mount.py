@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.random import default_rng
 from numpy.testing import assert_array_equal
 from simulated import squared_error
 
@@ -13,7 +14,7 @@ from profilecal.geometry.poses import rotations
 
 def near(pose, seed, sd_mm=15.0, sd_deg=8.0):
     """A guess as good as it is said to be."""
-    rng = np.random.default_rng(seed)
+    rng = default_rng(seed)
     guess = pose.copy()
     guess[:3, 3] += sd_mm * rng.normal(size=3)
     guess[:3, :3] @= rotations(np.radians(sd_deg) * rng.normal(size=3))

@@ -9,6 +9,7 @@ from itertools import cycle
 import numpy as np
 import pandas as pd
 import pytest
+from numpy.random import default_rng
 from scipy.spatial.transform import Rotation
 from simulated import SCANNER, scan_of
 
@@ -172,7 +173,7 @@ def test_poor_motions_are_blamed_on_no_reading(kind, spread_deg):
 @pytest.mark.parametrize("entries", SCANS)
 def test_outliers_are_blamed_on_no_reading(entries):
     scan = scan_of(**entries)
-    rng = np.random.default_rng(entries["seed"])
+    rng = default_rng(entries["seed"])
     bad = rng.uniform(size=(len(scan.labels), 1)) < 0.25
     columns = scan.values[0].shape[1]
     shifts = 20 * bad * rng.normal(size=(len(bad), columns))

@@ -9,8 +9,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.random import default_rng
 from scipy.stats import binom, chi2
-from simulated import EXACT_SCANNER, calibration_of, error_of, squared_error, truth_of
+from simulated import (
+    EXACT_SCANNER,
+    calibration_of,
+    error_of,
+    scan_of,
+    squared_error,
+    truth_of,
+)
 
 import profilecal as pc
 from profilecal.calibration.observe import doubts
@@ -58,7 +66,7 @@ def moved(scan, shifts):
 
 
 def moved_at_random(scan, sd_mm, seed):
-    shifts = np.random.default_rng(seed).normal(size=scan.p_base_flange.shape)
+    shifts = default_rng(seed).normal(size=scan.p_base_flange.shape)
     return moved(scan, sd_mm * shifts)
 
 
@@ -121,7 +129,7 @@ def test_what_the_robot_does_is_named_where_the_scanner_stands_still_too(
     wrong, sentence
 ):
     plan = {"mount": "eye-to-hand", "groups": 12, "positions": 5}
-    scan, _ = pc.simulate("disk", seed=4, **plan)
+    scan = scan_of("disk", seed=4, **plan)
     assert sentence in said(pc.calibrate(wrong(scan)))
 
 
@@ -203,7 +211,7 @@ def test_stated_noise_that_does_not_explain_the_residuals_widens_the_region():
     plan = {"groups": 12, "positions": 4}
     answers = []
     for seed in range(15):
-        recorded, _ = pc.simulate("edge", seed=seed, **plan)  # with a noise of 0.05 mm
+        recorded = scan_of("edge", seed=seed, **plan)  # with a noise of 0.05 mm
         answers.append(pc.calibrate(replace(recorded, noise={"profile_mm": 0.02})))
     robot = [answer.solution.noise.position_mm for answer in answers]
     assert min(robot) > 0.01
@@ -249,7 +257,7 @@ def test_a_scanner_that_errs_more_than_usual_is_allowed_for_and_named(
     noise = {"profile_mm": 0.05, "position_mm": 0.05, "orientation_deg": 0.02}
     said, inside, chances = 0, 0, []
     for seed in range(8):
-        scan, _ = pc.simulate("ball", seed=seed, noise=noise, **plan)
+        scan = scan_of("ball", seed=seed, noise=noise, **plan)
         values = tuple(map(wrong, scan.values))
         found = pc.calibrate(replace(scan, values=values, noise={}))
         said += bool(re.search(words, " ".join(found.messages)))
@@ -263,7 +271,7 @@ def test_a_scanner_that_errs_more_than_usual_is_allowed_for_and_named(
 
 @pytest.mark.parametrize("kind", ["edge", "plane", "ball", "disk", "rod"])
 def test_swapped_columns_are_asked_about_which_no_residual_shows(kind):
-    scan, _ = pc.simulate(kind, seed=4, measured="profiles", groups=9, positions=2)
+    scan = scan_of(kind, seed=4, measured="profiles", groups=9, positions=2)
     swapped = replace(scan, values=tuple(rows[:, ::-1] for rows in scan.values))
     assert doubts(scan) == []
     assert ["are their columns swapped?" in one for one in doubts(swapped)] == [True]

@@ -96,7 +96,7 @@ def test_fewer_than_five_poses_are_refused(poses):
 
 def test_another_mount_is_refused():
     found = calibration_of("ball", seed=5)
-    scan, _ = pc.simulate("ball", seed=5, mount="eye-to-hand")
+    scan = scan_of("ball", seed=5, mount="eye-to-hand")
     sentence = "disagree about the mount, which is eye-to-"
     with pytest.raises(pc.ScanError, match=sentence):
         pc.verify(found, scan)

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 import sensing_data as scenes
+from numpy.random import default_rng
 from numpy.testing import assert_allclose
 from scipy.linalg import orthogonal_procrustes
 
@@ -29,7 +30,7 @@ def test_table_III_gives_equations_53_and_56():
         < 0.04
     )
     alike = published.RoundingBox("disk", "Table III", ("R_tcp", "T_tcp", "q")).draw(
-        500, np.random.default_rng(1)
+        500, default_rng(1)
     )
     drawn = ball_equations(
         rotation_from_xyz_angles(alike["R_tcp"]), alike["T_tcp"], alike["q"], 4
@@ -39,7 +40,7 @@ def test_table_III_gives_equations_53_and_56():
 
 
 def test_tetra_ball_is_exact_and_equals_orthogonal_procrustes():
-    rng = np.random.default_rng(9)
+    rng = default_rng(9)
     for _ in range(200):
         R, T = scenes.sensor(rng)
         q_i = 50 * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]) + rng.uniform(

@@ -4,6 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from numpy.random import default_rng
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
@@ -78,7 +79,7 @@ def random_scans(rng, n: int = 4, extent=(-0.9, 0.9)) -> DiskScans:
 @cache
 def many_scans(extent):
     """200 times four random scans and their chords' tips, 3 to 199 chords a scan."""
-    rng = np.random.default_rng(11)
+    rng = default_rng(11)
     scans = [random_scans(rng, 4, extent) for _ in range(200)]
     return [
         (scan, scan.tips(m))
@@ -110,7 +111,7 @@ def solve(scans, tips, heights):
 def test_published_heights_are_where_the_first_and_last_chord_meet_the_middles():
     """They lean against the mean chord when there is noise."""
     scans = fig15_scans((-0.9, 0.7))
-    tips = scans.tips(60) + np.random.default_rng(3).normal(0, 0.1, (4, 60, 2, 2))
+    tips = scans.tips(60) + default_rng(3).normal(0, 0.1, (4, 60, 2, 2))
     found = sensing_data(
         tips, scans.T_start, scans.T_end, scans.s, scans.disk.radius, "published"
     )

@@ -3,6 +3,7 @@ from itertools import product
 
 import numpy as np
 import pytest
+from numpy.random import default_rng
 from numpy.testing import assert_allclose
 
 from profilecal.closed_form import closed_form, edge
@@ -34,7 +35,7 @@ def data(scene, index=...):
 
 
 def test_noise_free_data_give_the_sensor_pose_back():
-    rng = np.random.default_rng(1)
+    rng = default_rng(1)
     for plan in (SPACE, EdgePlan()):
         scene = edge_scenes(plan, Noise(), rng, (200,))
         solution = edge_equations(*data(scene))
@@ -54,7 +55,7 @@ def test_noise_free_data_give_the_sensor_pose_back():
     "plan", [SPACE, EdgePlan(groups=4, positions=4), EdgePlan(groups=3, positions=3)]
 )
 def test_the_few_equations_have_the_solution_and_singular_values_of_all_pairs(plan):
-    R_b, T_b, p_s = data(edge_scenes(plan, Noise(0.05), np.random.default_rng(2)))
+    R_b, T_b, p_s = data(edge_scenes(plan, Noise(0.05), default_rng(2)))
     few = edge_equations(R_b, T_b, p_s)
     A_r, b_r = edge.pair_equations(R_b, *edge.difference_vectors(T_b, p_s))
     assert len(few.rotation.b_r) <= len(b_r)
@@ -91,7 +92,7 @@ RANKS = [  # of A_r and A_t, for one, two, three and ten groups
 def test_rank_of_the_two_systems(motion, expected):
     for groups, ranks in zip((1, 2, 3, 10), expected, strict=True):
         scene = edge_scenes(
-            EdgePlan(groups=groups, **motion), Noise(), np.random.default_rng(4), (20,)
+            EdgePlan(groups=groups, **motion), Noise(), default_rng(4), (20,)
         )
         solution = edge_equations(*data(scene))
         assert (solution.rotation.rank == ranks[0]).all()
@@ -99,7 +100,7 @@ def test_rank_of_the_two_systems(motion, expected):
 
 
 def test_noise_gain_is_the_derivative_of_the_singular_value_summed_over_all_points():
-    rng = np.random.default_rng(5)
+    rng = default_rng(5)
     R_b, T_b, p_s = data(edge_scenes(EdgePlan(groups=3, positions=4), Noise(), rng))
     v = rng.normal(size=9)
     squares = 0.0
@@ -119,7 +120,7 @@ def test_noise_gain_is_the_derivative_of_the_singular_value_summed_over_all_poin
 
 
 def test_noise_is_estimated_from_the_data_alone():
-    scene = edge_scenes(EdgePlan(), Noise(0.05), np.random.default_rng(6), (400,))
+    scene = edge_scenes(EdgePlan(), Noise(0.05), default_rng(6), (400,))
     estimate = edge.estimate_noise(scene.poses.positions, scene.points)
     freedom = 25 * 2 * (10 - 3)  # an arc's affine map has three parameters a coordinate
     chi2 = freedom * (estimate / 0.05) ** 2
@@ -137,7 +138,7 @@ DEGENERATE = {
 
 def test_over_a_thousand_scenes_the_detector_neither_misses_nor_cries_wolf():
     """None of 1,000 seen means below 0.3 % at 95 % confidence (the rule of three)."""
-    rng = np.random.default_rng(7)
+    rng = default_rng(7)
 
     def strengths(plan):
         scene = edge_scenes(plan, Noise(0.05), rng, (1000,))
@@ -162,7 +163,7 @@ def test_motion_that_determines_nothing_is_refused_with_a_cure(why):
     words = why if why in UNTURNED else "times what noise makes of a zero"
     sentence = f"{words}.*(turn the flange|tilted)"
     for seed, how in product(range(10), ("published", "regression")):
-        scene = edge_scenes(plan, Noise(0.05), np.random.default_rng(seed))
+        scene = edge_scenes(plan, Noise(0.05), default_rng(seed))
         with pytest.raises(UnobservableError, match=sentence):
             closed_form(observations_of(scene), how=how)
 
@@ -171,7 +172,7 @@ def test_turns_that_move_a_direction_along_the_edge_only_are_refused():
     """Groups one and two leave the flange's z in place, group three moves its tip along
     the edge.
     """
-    rng = np.random.default_rng(15)
+    rng = default_rng(15)
     flange = rotations([[0, 0, 0], [0, 0, 0.7], [1.0, 0, 0]])
     along = flange[2, :, 2] - flange[0, :, 2]
     target = Edge(np.array([0.0, 0, -200]), along / np.linalg.norm(along))
@@ -189,7 +190,7 @@ def test_turns_that_move_a_direction_along_the_edge_only_are_refused():
 
 @pytest.mark.parametrize("plan", [EdgePlan(groups=2), EdgePlan(positions=2)])
 def test_too_few_groups_or_positions_are_refused(plan):
-    scene = edge_scenes(plan, Noise(0.05), np.random.default_rng(11))
+    scene = edge_scenes(plan, Noise(0.05), default_rng(11))
     with pytest.raises(
         UnobservableError, match=r"orientation.*: 2 given, at least 3 needed"
     ):
@@ -197,7 +198,7 @@ def test_too_few_groups_or_positions_are_refused(plan):
 
 
 def test_a_strength_is_that_of_the_weakest_direction_and_none_without_rank():
-    R_b, T_b, p_s = data(edge_scenes(SPACE, Noise(0.05), np.random.default_rng(12)))
+    R_b, T_b, p_s = data(edge_scenes(SPACE, Noise(0.05), default_rng(12)))
     found = edge_equations(R_b, T_b, p_s).rotation
     _, S, Vt = np.linalg.svd(
         edge.pair_equations(R_b, *edge.difference_vectors(T_b, p_s))[0]
@@ -213,9 +214,7 @@ def test_noise_that_cannot_be_estimated_leaves_a_strength_open():
     """An edge's sensed point is a function of the flange position with four parameters
     a coordinate.
     """
-    scene = edge_scenes(
-        replace(SPACE, positions=4), Noise(0.05), np.random.default_rng(11)
-    )
+    scene = edge_scenes(replace(SPACE, positions=4), Noise(0.05), default_rng(11))
     assert np.isnan(
         edge.rotation_strength(*data(scene), edge_equations(*data(scene)).rotation)
     )

@@ -8,6 +8,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 import sensing_data as scenes
+from numpy.random import default_rng
 from numpy.testing import assert_allclose
 
 from profilecal.closed_form import closed_form
@@ -20,13 +21,13 @@ from profilecal.simulation.scene import random_scene
 
 def arrays(scene, sigma=0.0, seed=2):
     """Flange poses, what is seen and the groups of a scene's rows."""
-    seen = scene.noisy(sigma, np.random.default_rng(seed))
+    seen = scene.noisy(sigma, default_rng(seed))
     points = seen.points[0, :, 0] if seen.kind == "edge" else seen.points[0]
     return seen.R_flange[0], seen.T_flange[0], points, seen.group
 
 
 def edge_rows(seed=1, sigma=0.05):
-    return arrays(random_scene("edge", np.random.default_rng(seed)), sigma)
+    return arrays(random_scene("edge", default_rng(seed)), sigma)
 
 
 def uneven(group, sizes):
@@ -97,7 +98,7 @@ def all_pairs(R_b, T_b, p_s, group):
 def test_an_edge_seen_in_uneven_groups_is_solved_as_all_pairs_say(sizes):
     R_b, T_b, p_s, group = edge_rows()
     rows = uneven(group, sizes)
-    rows = rows[shuffled(group[rows], np.random.default_rng(3), firsts_stay=False)]
+    rows = rows[shuffled(group[rows], default_rng(3), firsts_stay=False)]
     found = solve_edge(R_b[rows], T_b[rows], p_s[rows])
     R_sensor, T_sensor = all_pairs(R_b[rows], T_b[rows], p_s[rows], group[rows])
     assert_allclose(found.R_sensor, R_sensor, rtol=0, atol=1e-9)
@@ -105,7 +106,7 @@ def test_an_edge_seen_in_uneven_groups_is_solved_as_all_pairs_say(sizes):
 
 
 def test_even_groups_of_an_edge_are_those_of_the_equations():
-    scene = random_scene("edge", np.random.default_rng(1))
+    scene = random_scene("edge", default_rng(1))
     R_b, T_b, p_s, group = arrays(scene, 0.05)
     G, N = scene.poses.positions.shape[:2]
     expected = edge_equations(R_b[::N], T_b.reshape(G, N, 3), p_s.reshape(G, N, 2))
@@ -125,7 +126,7 @@ def test_the_order_of_an_edge_s_rows_does_not_matter_but_for_the_first_of_a_grou
     rows = uneven(group, (4, 10, 7, 5))
     R_b, T_b, p_s, group = R_b[rows], T_b[rows], p_s[rows], group[rows]
     expected = solve_edge(R_b, T_b, p_s, regression=regression)
-    rng = np.random.default_rng(4)
+    rng = default_rng(4)
     for _ in range(5):
         rows = shuffled(group, rng)
         found = solve_edge(R_b[rows], T_b[rows], p_s[rows], regression=regression)
@@ -135,9 +136,9 @@ def test_the_order_of_an_edge_s_rows_does_not_matter_but_for_the_first_of_a_grou
 
 @pytest.mark.parametrize("regression", [False, True])
 def test_an_edge_without_noise_is_exact_in_any_order(regression):
-    rng = np.random.default_rng(5)
+    rng = default_rng(5)
     for seed in range(20):
-        scene = random_scene("edge", np.random.default_rng(seed))
+        scene = random_scene("edge", default_rng(seed))
         R_b, T_b, p_s, group = arrays(scene)
         rows = rng.permutation(uneven(group, (6, 10, 1, 8)))
         found = solve_edge(R_b[rows], T_b[rows], p_s[rows], regression=regression)
@@ -145,7 +146,7 @@ def test_an_edge_without_noise_is_exact_in_any_order(regression):
 
 
 def test_matrices_printed_to_four_decimals_form_groups_too():
-    scene = random_scene("edge", np.random.default_rng(1))
+    scene = random_scene("edge", default_rng(1))
     R_b, T_b, p_s, _ = arrays(scene)
     assert off(solve_edge(R_b.round(4), T_b, p_s), scene) < 0.1
 
@@ -154,13 +155,13 @@ def test_matrices_printed_to_four_decimals_form_groups_too():
 
 
 def disk_rows(seed=1, sigma=0.05):
-    scene = random_scene("disk", np.random.default_rng(seed))
+    scene = random_scene("disk", default_rng(seed))
     return scene, arrays(scene, sigma)
 
 
 def test_the_order_of_a_disk_s_rows_and_tips_does_not_matter_to_labelled_motions():
     scene, (R, T, chords, group) = disk_rows()
-    rng = np.random.default_rng(6)
+    rng = default_rng(6)
     guess = scene.R_sensor @ rotations([0.2, -0.1, 0.3])
     rows = uneven(group, (40, 13, 7, 25))
     known = {"R_sensor_guess": guess}
@@ -176,7 +177,7 @@ def test_the_order_of_a_disk_s_rows_and_tips_does_not_matter_to_labelled_motions
 
 @pytest.mark.parametrize("heights", ["published", "regression"])
 def test_a_disk_without_noise_is_exact_in_any_order_and_with_any_steps(heights):
-    rng = np.random.default_rng(7)
+    rng = default_rng(7)
     for seed in range(20):
         scene, (R, T, chords, _) = disk_rows(seed, 0.0)
         rows = rng.permutation(len(T))[:100]
@@ -214,12 +215,12 @@ def test_the_side_of_a_disk_s_motions_is_stated_once_or_for_each_motion_or_row()
 @pytest.mark.parametrize("how", ["published", "regression"])
 @pytest.mark.parametrize("kind", ["edge", "disk"])
 def test_a_batch_takes_its_poses_in_any_order_and_finds_their_groups(kind, how):
-    scene = random_scene(kind, np.random.default_rng(4))
-    exact = scene.noisy(0.0, np.random.default_rng(5), 3)
+    scene = random_scene(kind, default_rng(4))
+    exact = scene.noisy(0.0, default_rng(5), 3)
     assert off(closed_form(exact, scene.R_sensor, how), scene) < 1e-7
-    seen = scene.noisy(0.02, np.random.default_rng(5), 3)
+    seen = scene.noisy(0.02, default_rng(5), 3)
     expected = closed_form(seen, scene.R_sensor, how)
-    rows = shuffled(seen.group, np.random.default_rng(6))
+    rows = shuffled(seen.group, default_rng(6))
     assert_same(closed_form(seen.keep(rows), scene.R_sensor, how), expected)
     found = closed_form(replace(seen, group=None), scene.R_sensor, how)
     assert_same(found, expected, 1e-12)
@@ -227,7 +228,7 @@ def test_a_batch_takes_its_poses_in_any_order_and_finds_their_groups(kind, how):
 
 def test_a_batch_refuses_what_it_does_not_know():
     seen = {
-        kind: random_scene(kind, np.random.default_rng(4)).observations
+        kind: random_scene(kind, default_rng(4)).observations
         for kind in ("edge", "ball")
     }
     with pytest.raises(ValueError, match="'regresion'; expected one of published, reg"):
@@ -240,7 +241,7 @@ def test_a_batch_refuses_what_it_does_not_know():
 
 
 def test_the_poses_of_a_ball_that_translate_are_found_or_stated_in_any_way():
-    rng = np.random.default_rng(8)
+    rng = default_rng(8)
     _, (R, T, q) = scenes.ball_data(rng, 5, 4)
     q = q + rng.normal(scale=0.05, size=q.shape)
     expected = solve_ball(R, T, q, 5)
@@ -251,7 +252,7 @@ def test_the_poses_of_a_ball_that_translate_are_found_or_stated_in_any_way():
 
 
 def test_a_fixed_point_is_read_as_x_and_z_too():
-    _, (R, T, q) = scenes.point_data(np.random.default_rng(9))
+    _, (R, T, q) = scenes.point_data(default_rng(9))
     assert_same(solve_fixed_point(R, T, q[:, ::2]), solve_fixed_point(R, T, q), 0)
 
 
@@ -264,7 +265,7 @@ def with_entry(values, index, entry):
     return changed
 
 
-DISK = random_scene("disk", np.random.default_rng(1))
+DISK = random_scene("disk", default_rng(1))
 R, T, SEEN, GROUP = edge_rows()
 OF_EDGE = {"R_b": R, "T_b": T, "p_s": SEEN}
 MIRRORED = R @ np.diag([1.0, 1.0, -1.0])
@@ -301,7 +302,7 @@ DISK_REFUSED = [
 ]
 FEW = uneven(GROUP, (9, 2))
 DISK_OPEN = KNOWN | {name: OF_DISK[name][FEW] for name in ("R_tcp", "T_tcp", "chords")}
-R, T, SEEN = scenes.ball_data(np.random.default_rng(8), 5, 4)[1]
+R, T, SEEN = scenes.ball_data(default_rng(8), 5, 4)[1]
 OF_BALL = {"R_tcp": R, "T_tcp": T, "q": SEEN}
 BALL_REFUSED = [
     ({"translating": "all"}, "translating is 'all'; expected a number of poses, th"),
@@ -313,7 +314,7 @@ BALL_REFUSED = [
         "translating poses: 1 given, at least 3 needed",
     ),
 ]
-R, T, SEEN = scenes.point_data(np.random.default_rng(9))[1]
+R, T, SEEN = scenes.point_data(default_rng(9))[1]
 OF_POINT = {"R_tcp": R, "T_tcp": T, "q": SEEN}
 REFUSED = [
     *((solve_edge, OF_EDGE | change, sentence) for change, sentence in EDGE_REFUSED),

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.random import default_rng
 
 from profilecal.closed_form import closed_form
 from profilecal.geometry.checks import UnobservableError
@@ -23,7 +24,7 @@ OPEN = {
 @pytest.mark.parametrize("sentence", OPEN)
 @pytest.mark.parametrize("sigma", [0.0, 1e-3])
 def test_disks_that_leave_the_answer_open_are_refused_unless_asked_for(sentence, sigma):
-    rng = np.random.default_rng(4)
+    rng = default_rng(4)
     scene = random_scene("disk", rng, **{"groups": 4, "positions": 20} | OPEN[sentence])
     seen, R = scene.noisy(sigma, rng, 3), scene.truth.rotation
     with pytest.raises(UnobservableError, match=sentence):

@@ -5,6 +5,7 @@ words where nothing follows.
 import numpy as np
 import pytest
 import sensing_data as scenes
+from numpy.random import default_rng
 from numpy.testing import assert_allclose
 
 from profilecal.closed_form.ball import ball_equations, solve_ball, solve_fixed_point
@@ -36,7 +37,7 @@ EXACT = [  # numbers of poses, of a ball that translate and that turn
 
 @pytest.mark.parametrize(("data", "poses"), EXACT)
 def test_without_noise_the_answer_is_exact(data, poses):
-    rng = np.random.default_rng(poses[0])
+    rng = default_rng(poses[0])
     for _ in range(200):
         sensor, given = data(rng, *poses)
         if data is scenes.ball_data:
@@ -46,13 +47,13 @@ def test_without_noise_the_answer_is_exact(data, poses):
 
 
 def test_the_ball_s_steps_and_the_fixed_point_s_give_the_same():
-    sensor, data = scenes.point_data(np.random.default_rng(9), 9, translating=4)
+    sensor, data = scenes.point_data(default_rng(9), 9, translating=4)
     assert exact(solve_fixed_point(*data), sensor, 1e-10)
     assert exact(solve_ball(*data, 4), sensor)
 
 
 def test_a_batch_equals_its_members():
-    rng = np.random.default_rng(6)
+    rng = default_rng(6)
     noisy = []
     for _ in range(5):
         _, (R, T, q) = scenes.ball_data(rng)
@@ -96,7 +97,7 @@ MALFORMED = [
 def test_malformed_input_is_refused_in_words(method, change, sentence):
     solve, data = GUARDED[method]
     with pytest.raises(ValueError, match=sentence):
-        solve(*change(*data(np.random.default_rng(5))[1]))
+        solve(*change(*data(default_rng(5))[1]))
 
 
 def about_x(R):
@@ -147,7 +148,7 @@ def test_poses_that_cannot_determine_the_answer_are_refused_with_noise_too(
     method, change, sentence, sigma
 ):
     solve, data = GUARDED[method]
-    rng = np.random.default_rng(8)
+    rng = default_rng(8)
     R, T, q = change(*data(rng)[1])
     R = R @ rotation_from_xyz_angles(rng.normal(scale=sigma, size=(len(R), 3)))
     q = q + sigma * rng.normal(size=q.shape) * [1, 0, 1]

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import scipy.linalg
+from numpy.random import default_rng
 from numpy.testing import assert_allclose
 
 from profilecal.geometry.fitting import (
@@ -40,7 +41,7 @@ def textbook_ellipse(points):
 
 
 def test_noisy_ellipse_equals_the_textbook_eigenproblem():
-    rng = np.random.default_rng(2)
+    rng = default_rng(2)
     for _ in range(100):
         points = ellipse_points(rng) + rng.normal(0, 0.1, (40, 2))
         centre, shape = textbook_ellipse(points)
@@ -69,7 +70,7 @@ def textbook_taubin(points):
 
 
 def test_noisy_arcs_equal_the_textbook_eigenproblem():
-    rng = np.random.default_rng(5)
+    rng = default_rng(5)
     angle = np.linspace(0.6, 2.4, 300)
     for sigma in (0.01, 0.1, 1.0):
         points = 50 * np.column_stack([np.cos(angle), np.sin(angle)]) + rng.normal(
@@ -79,7 +80,7 @@ def test_noisy_arcs_equal_the_textbook_eigenproblem():
 
 
 def test_points_on_a_sphere_give_it_back_and_those_on_a_circle_the_smallest_one():
-    rng = np.random.default_rng(2)
+    rng = default_rng(2)
     centre, radius = rng.uniform(-1000, 1000, (20, 3)), rng.uniform(5, 50, 20)
     cap = directions(rng, (20, 50))
     cap[..., 2] = np.abs(cap[..., 2])  # half of it seen, as a scanner does
@@ -94,7 +95,7 @@ def test_points_on_a_sphere_give_it_back_and_those_on_a_circle_the_smallest_one(
 
 
 def test_affine_residuals_leave_out_values_of_no_weight():
-    rng = np.random.default_rng(7)
+    rng = default_rng(7)
     positions, values = rng.normal(size=(9, 3)), rng.normal(size=(9, 2))
     weights = np.arange(9) < 7
     residuals, _, freedom = affine_residuals(positions, values, weights)
@@ -109,7 +110,7 @@ def test_affine_residuals_leave_out_values_of_no_weight():
 def test_affine_residuals_are_those_of_the_regression_on_where_the_positions_extend(
     dimensions, weighted
 ):
-    rng = np.random.default_rng(6)
+    rng = default_rng(6)
     positions = (
         rng.normal(size=(5, 9, dimensions)) @ rng.normal(size=(5, dimensions, 3)) + 1000
     )

@@ -4,6 +4,7 @@ motions are not.
 
 import numpy as np
 import pytest
+from numpy.random import default_rng
 from numpy.testing import assert_allclose
 
 from profilecal.geometry.noise import Noise
@@ -49,7 +50,7 @@ def judged(kind, seed, scene_count, **choices):
     """Spectra of noisy random scenes, with the flange orientations (count, P, 3, 3) and
     the estimated states.
     """
-    rng = np.random.default_rng(seed)
+    rng = default_rng(seed)
     settings = SMALL.get(kind, {}) | {"steering_mm": 0.2 * (kind == "point")} | choices
     scene = stack([random_scene(kind, rng, **settings) for _ in range(scene_count)])
     seen = scene.noisy(SIGMA, rng)
@@ -114,7 +115,7 @@ def test_units_do_not_matter():
     """Lengths in metres change the information matrix by 10¹², and nothing that is
     said.
     """
-    rng = np.random.default_rng(35)
+    rng = default_rng(35)
     J = rng.normal(size=(40, 9))
     information = J.T @ J
     units = np.r_[BY_HAND, 10.0, 10.0, 10.0]

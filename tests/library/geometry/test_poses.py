@@ -1,4 +1,5 @@
 import numpy as np
+from numpy.random import default_rng
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
@@ -6,7 +7,7 @@ from profilecal.geometry import poses
 
 
 def test_angles_mean_rz_ry_rx():
-    rng = np.random.default_rng(1)
+    rng = default_rng(1)
     angles = rng.uniform([0, -1.5, -3], [2 * np.pi, 1.5, 3], (4, 50, 3))
     x, y, z = (
         poses.rotations(angles[..., [k]] * axis) for k, axis in enumerate(np.eye(3))
@@ -16,7 +17,7 @@ def test_angles_mean_rz_ry_rx():
 
 
 def test_nearest_rotation_is_proper_and_nearer_than_any_other():
-    rng = np.random.default_rng(3)
+    rng = default_rng(3)
     matrices = rng.normal(size=(40, 3, 3))
     nearest = poses.nearest_rotation(matrices)
     assert_allclose(np.linalg.det(nearest), 1, atol=1e-13)
@@ -28,7 +29,7 @@ def test_nearest_rotation_is_proper_and_nearer_than_any_other():
 
 
 def test_angle_between_is_exact_from_tiny_to_half_a_turn():
-    rng = np.random.default_rng(4)
+    rng = default_rng(4)
     for angle in (0, 1e-12, 1e-6, 0.1, 3, np.pi):
         axis = rng.normal(size=3)
         first = Rotation.random(rng=rng)

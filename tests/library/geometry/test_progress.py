@@ -1,6 +1,7 @@
 """Long loops can be watched."""
 
 import pytest
+from simulated import scan_of
 
 import profilecal as pc
 from profilecal.geometry.progress import watcher
@@ -25,7 +26,7 @@ def passed():
 @pytest.mark.parametrize("kind", ["edge", "disk", "ball", "rod", "plane"])
 def test_all_that_takes_long_passes_before_the_watcher(kind, passed, tmp_path):
     size = {"groups": 8, "positions": 4, "measured": "profiles"}
-    scan, _ = pc.simulate(kind, seed=1, **size)
+    scan = scan_of(kind, seed=1, **size)
     pc.write_scan(scan, tmp_path / "scan")
     pc.leave_out(pc.calibrate(pc.read_scan(tmp_path / "scan")))
     parts = -(-sum(map(len, scan.values)) // 1000)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from scipy.linalg import block_diag
-from simulated import error_of
+from simulated import error_of, scan_of
 
 import profilecal as pc
 from profilecal.calibration.observe import observe_all
@@ -161,7 +161,7 @@ def test_a_delay_that_is_given_is_taken():
 
 
 def test_what_is_at_rest_knows_no_clock():
-    scan, _ = pc.simulate("edge", seed=1, groups=4, positions=3)
+    scan = scan_of("edge", seed=1, groups=4, positions=3)
     problem = Problem(observe_all([scan])[1], Noise(0.05), Systematic())
     assert problem.clock is None
     assert "jitter_ms" not in problem.groups.distinguishable

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from many_scenes import KINDS, KNOWN, SIGMA, errors, many
+from numpy.random import default_rng
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
@@ -42,7 +43,7 @@ def scipy_solution(residual, unknowns: int):
 
 def test_agrees_with_scipy_on_residuals_of_its_own():
     """Observed minus `Disk.meet`, by the sensor pose and the disk's place."""
-    rng = np.random.default_rng(9)
+    rng = default_rng(9)
     scene = random_scene("disk", rng, positions=30)
     seen = scene.noisy(SIGMA, rng)
     R_flange, T_flange = seen.R_flange[0], seen.T_flange[0]
@@ -68,14 +69,14 @@ def test_agrees_with_scipy_on_residuals_of_its_own():
 
 
 def test_points_of_a_few_poses_keep_their_precision():
-    seen = random_scene("plane", np.random.default_rng(2)).observations
+    seen = random_scene("plane", default_rng(2)).observations
     few = thin(replace(seen, covariance=1 + seen.points[..., 0] ** 2), 5)
     assert_array_equal(few.covariance, 1 + few.points[..., 0] ** 2)
 
 
 def test_points_of_a_batch_are_moved_onto_the_targets_of_their_own_problems():
     scene = many("plane", 3, 5)
-    seen = scene.noisy(SIGMA, np.random.default_rng(1))
+    seen = scene.noisy(SIGMA, default_rng(1))
     (term,) = Problem([seen], KNOWN).terms
     (placement,) = scene.truth.placements
     z = term.linearise(scene.truth, placement)
@@ -117,7 +118,7 @@ def test_stated_uncertainty_is_honest_where_points_differ_in_precision(kind):
     """As below, and forgetting the covariances makes the errors larger."""
     trials = 300
     scene = many(kind, trials, 12)
-    seen = of_unlike_precision(scene, np.random.default_rng(14))
+    seen = of_unlike_precision(scene, default_rng(14))
     state, known, square = estimate([seen], NOISE, scene.truth)
     error = errors(state, scene.truth)
     assert_mean_square(normalised_square(known.covariance, error))
@@ -138,7 +139,7 @@ def test_stated_uncertainty_is_honest(kind):
     """
     trials = 1000
     scene = many(kind, trials, 12, steering_mm=0.2)
-    seen = scene.noisy(SIGMA, np.random.default_rng(13))
+    seen = scene.noisy(SIGMA, default_rng(13))
     state, known, square = estimate([seen], KNOWN, scene.truth)
     nees = normalised_square(known.covariance, errors(state, scene.truth))
     assert_mean_square(nees)
@@ -174,7 +175,7 @@ def test_poses_that_leave_a_flat_valley_take_no_longer(kind, evaluations):
     """48 times nearly one pose: the loss hardly changes along most directions; descents
     go to their limits, no more.
     """
-    rng = np.random.default_rng(3)
+    rng = default_rng(3)
     one = random_scene(kind, rng).observations.keep(np.zeros(48, dtype=int))
     T = one.T_flange + 1e-3 * rng.normal(size=one.T_flange.shape)
     points = one.points + SIGMA * rng.normal(size=one.points.shape)
@@ -195,7 +196,7 @@ def test_motions_that_leave_the_two_phase_method_without_rank_are_solved(choices
     """Straight lines, arcs whose plane contains the edge, arcs that turn with the tool:
     solved, and with an honest uncertainty.
     """
-    rng = np.random.default_rng(23)
+    rng = default_rng(23)
     scene = edge_scenes(EdgePlan(**choices), NOISE, rng, (300,))
     R, T = scene.R_sensor, scene.T_sensor
     seen = observations_of(scene)
@@ -212,8 +213,8 @@ def test_motions_that_leave_the_two_phase_method_without_rank_are_solved(choices
 
 @pytest.mark.parametrize("kind", ["edge", "disk", "ball", "plane", "rod"])
 def test_the_typical_residual_is_as_large_as_the_noise_whatever_it_was_taken_for(kind):
-    scene = random_scene(kind, np.random.default_rng(3), groups=20, positions=20)
-    seen = scene.noisy(SIGMA, np.random.default_rng(4))
+    scene = random_scene(kind, default_rng(3), groups=20, positions=20)
+    seen = scene.noisy(SIGMA, default_rng(4))
     seen.points[0, 7] += 10 * SIGMA
     problem = Problem([seen], Noise(1.0))
     fit = problem.moments(scene.truth)

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from many_scenes import KINDS, SIGMA
+from numpy.random import default_rng
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.optimize import minimize
 from scipy.special import softmax
@@ -42,7 +43,7 @@ def edge_model(seed, names=(), systematic=None, **plan):
     """The model of a simulated edge at its best fit, with errors of these names; else
     with all that can be told by default.
     """
-    rng = np.random.default_rng(seed)
+    rng = default_rng(seed)
     scene = random_scene("edge", rng, **plan)
     R, T = scene.truth.rotation[0], scene.truth.translation[0]
     actual = actual_poses(scene.poses, TRUE, rng)
@@ -213,7 +214,7 @@ def test_a_region_holds_over_all_sizes():
     """Of errors that have one of two sizes, one in a hundred is beyond it; nothing is
     added where there is one size.
     """
-    rng = np.random.default_rng(1)
+    rng = default_rng(1)
     squares = np.array([np.eye(6), 16 * np.eye(6)])
     weight = np.array([0.9, 0.1])
     assert growth(squares[:1], np.ones(1)) == 1.0
@@ -231,7 +232,7 @@ def test_no_sign_and_no_order_of_eigenvectors_decides(monkeypatch):
     """Of the axes along which sizes are drawn: whatever a processor makes of them."""
     model = edge_model(4, groups=8, positions=3)
     expected = averaged(model)
-    rng = np.random.default_rng(1)
+    rng = default_rng(1)
     eigh = np.linalg.eigh
 
     def shuffled(matrix):
@@ -251,7 +252,7 @@ def test_no_sign_of_a_decomposition_decides_a_calibration(kind, monkeypatch):
     noise = replace(TRUE, profile_mm=SIGMA)
     scan = simulate_scan(Spec(kind, seed=2, groups=8, positions=3, noise=noise))
     expected = pc.calibrate(scan)
-    rng = np.random.default_rng(1)
+    rng = default_rng(1)
     svd, eigh = np.linalg.svd, np.linalg.eigh
 
     def signs(values):

@@ -8,6 +8,7 @@ from functools import partial
 import numpy as np
 import pytest
 from many_scenes import KINDS, SIGMA
+from numpy.random import default_rng
 from numpy.testing import assert_allclose
 from scipy.linalg import block_diag
 from scipy.stats import multivariate_normal
@@ -42,7 +43,7 @@ class Dense:
         """`rank`: how many residuals of the first profiles an error of the flange can
         move.
         """
-        rng = np.random.default_rng(seed)
+        rng = default_rng(seed)
         units = [1, 1, 1, 60, 60, 60]  # a degree moves as much as a millimetre
         E = [rng.normal(size=(count, 6)) * units for count in counts]
         Y = [rng.normal(size=(count, N + 1)) for count in counts]
@@ -120,7 +121,7 @@ def test_the_structure_gives_the_answers_of_the_dense_covariance(poses, zero):
     Evidence: the law of r where x is integrated out, N(0, C + A Π⁻¹ Aᵀ), but for
     constants.
     """
-    rng = np.random.default_rng(poses)
+    rng = default_rng(poses)
     groups = random_groups(60, poses, rng)
     names = [name for name in ROBOT if name in groups.distinguishable]
     dense = Dense(2, groups, np.full(60, 3), names, poses)
@@ -159,7 +160,7 @@ def test_the_structure_gives_the_answers_of_the_dense_covariance(poses, zero):
 
 def test_several_sets_of_variances_are_one_after_the_other(monkeypatch):
     """However many are looked at together."""
-    rng = np.random.default_rng(1)
+    rng = default_rng(1)
     model = Dense(5, random_groups(40, 20, rng), np.full(40, 3)).model
     v = rng.uniform(0.5, 1, (5, 1 + len(ROBOT)))
     alone = [model.posterior(one[None]).log_evidence[0] for one in v]
@@ -287,7 +288,7 @@ def test_derivatives_by_all_that_may_be_wrong_are_those_of_differences(
     kind, eye_to_hand
 ):
     """The data are exact, so that points are where the state has them."""
-    rng = np.random.default_rng(10)
+    rng = default_rng(10)
     scene = random_scene(kind, rng, groups=3, positions=4, count=5)
     seen = replace(scene.observations, eye_to_hand=eye_to_hand)
     truth = scene.truth
@@ -314,7 +315,7 @@ def test_lengths_do_not_look_too_small_because_of_noise():
     """
     deviations = []
     for seed in range(10):
-        rng = np.random.default_rng(seed)
+        rng = default_rng(seed)
         scene = random_scene("plane", rng, groups=21, positions=5, count=20)
         seen = scene.noisy(SIGMA, rng)
         problem = Problem([seen], Noise(SIGMA), Systematic(scale_percent=0.1))

@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from many_scenes import SIGMA
+from numpy.random import default_rng
 from numpy.testing import assert_allclose
-from simulated import wrongly_seen
+from simulated import scan_of, wrongly_seen
 
 import profilecal as pc
 from profilecal.calibration.observe import observe_all
@@ -65,7 +66,7 @@ WRONG = [
 
 @pytest.mark.parametrize(("kind", "change", "sentence"), WRONG)
 def test_guards_say_what_is_wrong(kind, change, sentence):
-    rng = np.random.default_rng(22)
+    rng = default_rng(22)
     positions = 1 if kind == "point" else 3
     seen = random_scene(kind, rng, groups=4, positions=positions).observations
     with pytest.raises(ValueError, match=sentence):
@@ -73,7 +74,7 @@ def test_guards_say_what_is_wrong(kind, change, sentence):
 
 
 def test_what_cannot_be_solved_is_refused():
-    few = random_scene("point", np.random.default_rng(22), groups=3).observations
+    few = random_scene("point", default_rng(22), groups=3).observations
     with pytest.raises(ValueError, match="no observations given"):
         solve([], Noise())
     with pytest.raises(ValueError, match="profile_mm is -1"):
@@ -84,7 +85,7 @@ def test_what_cannot_be_solved_is_refused():
 
 
 def test_points_that_are_missing_do_not_move_the_place_of_an_edge():
-    rng = np.random.default_rng(5)
+    rng = default_rng(5)
     scene = random_scene("edge", rng)
     points = scene.observations.points.copy()
     poses = points.shape[1]
@@ -123,7 +124,7 @@ def test_a_scale_of_x_and_z_moves_three_points_of_a_circle_as_it_does_the_circle
     angles = np.radians([86, 212, 333])
     outward = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
     points = [12, 80] + 20 * outward
-    scan, _ = pc.simulate("ball", seed=1, groups=3, positions=1)
+    scan = scan_of("ball", seed=1, groups=3, positions=1)
     (observed,) = observe_all([scan])[1]
     many = np.broadcast_to(points, observed.points.shape)
     (term,) = Problem([replace(observed, points=many)], Noise(SIGMA)).terms

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from many_scenes import KINDS, SIGMA, assert_exact, errors, many
+from numpy.random import default_rng
 
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import directions, rotations
@@ -32,7 +33,7 @@ def test_noise_free_from_a_mount_guess(kind):
     others need `solve`'s grid.
     """
     scene = many(kind, SCENES, 7, spread_deg=20.0)
-    rng = np.random.default_rng(8)
+    rng = default_rng(8)
     turn = rotations(np.radians(20) * directions(rng, (SCENES,)))
     R = scene.truth.rotation @ turn
     T = scene.truth.translation + 30 * directions(rng, (SCENES,))

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from many_scenes import SIGMA, mount_of
+from numpy.random import default_rng
 
 from profilecal.geometry.noise import Noise, normalised_square
 from profilecal.geometry.poses import directions, pose_error, rotations
@@ -46,7 +47,7 @@ def mixed_with_another_edge(scene, wrong, rng):
 @pytest.mark.parametrize("what", ["points", "groups"])
 def test_bad_points_and_groups_are_found_and_left_out(what):
     """A tenth of the points, or 5 of 25 groups, lie on a second edge 10 mm away."""
-    rng = np.random.default_rng(17)
+    rng = default_rng(17)
     trials = 20
     errors, exact = [], 0
     for _ in range(trials):
@@ -71,7 +72,7 @@ def test_bad_points_and_groups_are_found_and_left_out(what):
 def test_another_sensor_pose_that_fits_as_well_is_told(kind, stated):
     """As happens with few poses; the groups and seed are such."""
     groups, seed = {"ball": (3, 1), "plane": (5, 19)}[kind]
-    rng = np.random.default_rng(seed)
+    rng = default_rng(seed)
     scene = random_scene(kind, rng, groups=groups, positions=1)
     solution = solve([scene.noisy(SIGMA, rng)], Noise(stated))
     assert solution.status == "weak"
@@ -80,7 +81,7 @@ def test_another_sensor_pose_that_fits_as_well_is_told(kind, stated):
 
 
 def test_two_targets_together_know_more_than_either_alone():
-    rng = np.random.default_rng(19)
+    rng = default_rng(19)
     squares = []
     for _ in range(20):
         mount = rotations(rng.normal(size=3)), rng.uniform(-100, 100, 3)
@@ -97,7 +98,7 @@ def test_two_targets_together_know_more_than_either_alone():
 
 
 def test_missing_points_are_left_out():
-    rng = np.random.default_rng(21)
+    rng = default_rng(21)
     scene = random_scene("ball", rng, count=20)
     seen = scene.noisy(SIGMA, rng)
     gaps = rng.uniform(size=seen.points.shape[:-1]) < 0.3
@@ -113,7 +114,7 @@ def relative_sd(freedom: int) -> float:
 
 
 def test_noise_is_estimated_and_said_how():
-    rng = np.random.default_rng(18)
+    rng = default_rng(18)
     edge = random_scene("edge", rng).noisy(SIGMA, rng)
     solution = solve([edge], Noise())
     assert solution.noise_source == "estimated"

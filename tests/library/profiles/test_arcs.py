@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from finding import assert_means_are_as_exact_as_stated, features_of, share_found
+from numpy.random import default_rng
 from numpy.testing import assert_allclose
 from raw_profiles import balls, rods, spoil
 from scipy.differentiate import jacobian
@@ -29,7 +30,7 @@ def off_ellipse(points, ellipse, radius):
 
 @pytest.mark.parametrize("spoiled", [False, True], ids=["clean", "spoiled"])
 def test_a_ball_is_found_and_as_exact_as_stated(spoiled):
-    rng = np.random.default_rng(3)
+    rng = default_rng(3)
     profiles, circles = balls(rng)
     if spoiled:
         profiles = spoil(profiles, circles[:, None, :2], rng)
@@ -42,7 +43,7 @@ def test_a_ball_is_found_and_as_exact_as_stated(spoiled):
     ("radius", "background"), [(5.0, 30.0), (5.0, None), (25.0, None), (60.0, 30.0)]
 )
 def test_a_rod_is_found_and_as_exact_as_stated(radius, background, spoiled):
-    rng = np.random.default_rng(3)
+    rng = default_rng(3)
     profiles, ellipses = rods(rng, radius=radius, background=background)
     if spoiled:
         profiles = spoil(profiles, ellipses[:, None, :2], rng)
@@ -57,7 +58,7 @@ def test_a_rod_is_found_and_as_exact_as_stated(radius, background, spoiled):
 @pytest.mark.parametrize("radius", [15.0, 40.0])
 def test_a_rod_or_ball_of_another_size_is_not_found(radius):
     """A circle up to a quarter larger may pass for a leaning rod, less its flanks."""
-    rng = np.random.default_rng(4)
+    rng = default_rng(4)
     profiles, _ = rods(rng, 100)
     assert share_found(features_of("rod", profiles, radius)) < 0.01
     profiles, circles = balls(rng, 100)

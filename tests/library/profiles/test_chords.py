@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from finding import features_of, normalised, shapes_found, share_found
+from numpy.random import default_rng
 from raw_profiles import disks, spoil
 
 from profilecal.calibration.observe import covariances
@@ -11,7 +12,7 @@ from profilecal.calibration.observe import covariances
 @pytest.mark.parametrize("spoiled", [False, True], ids=["clean", "spoiled"])
 @pytest.mark.parametrize("background", [20.0, None], ids=["on a table", "floating"])
 def test_a_chord_is_found_and_as_exact_as_stated(background, spoiled):
-    rng = np.random.default_rng(1)
+    rng = default_rng(1)
     profiles, truth = disks(rng, background=background)
     if spoiled:
         profiles = spoil(profiles, truth, rng)
@@ -26,7 +27,7 @@ def test_both_tips_of_a_chord_together_are_as_exact_as_stated():
     """They lie on one fitted line, so that they err across it together: the mean of n
     squared errors in four dimensions has the standard deviation √(8 / n).
     """
-    profiles, truth = disks(np.random.default_rng(2), 500)
+    profiles, truth = disks(default_rng(2), 500)
     features = features_of("disk", profiles)
     shown = [pair for pair in zip(features, truth, strict=True) if pair[0].found]
     error = np.array([(feature.points - tips).ravel() for feature, tips in shown])
@@ -42,7 +43,7 @@ def test_a_bevel_is_no_side_wall(bevel_deg, wide):
     beyond = np.maximum(np.abs(x) - 25 + wide, 0)
     face = 100 + np.tan(np.radians(bevel_deg)) * beyond
     z = np.where(np.abs(x) < 25, face, 120)
-    noise = [0.02 * np.random.default_rng(seed).normal(size=801) for seed in range(6)]
+    noise = [0.02 * default_rng(seed).normal(size=801) for seed in range(6)]
     profiles = [np.stack([x, z + error], axis=-1) for error in noise]
     for feature in features_of("disk", profiles):
         if feature.found:
@@ -50,6 +51,6 @@ def test_a_bevel_is_no_side_wall(bevel_deg, wide):
 
 
 def test_a_profile_recorded_forth_and_back_is_no_disk():
-    forth = disks(np.random.default_rng(1))[0][:6]
+    forth = disks(default_rng(1))[0][:6]
     both = [np.concatenate([profile, profile[::-1]]) for profile in forth]
     assert share_found(features_of("disk", both)) == 0

@@ -5,6 +5,7 @@ from collections import Counter
 import numpy as np
 import pytest
 from finding import features_of, normalised, shapes_found, share_found
+from numpy.random import default_rng
 from raw_profiles import edges, spoil
 
 from profilecal.profiles.edges import Candidate, Look, usual_look
@@ -18,7 +19,7 @@ SHAPES = {"parallel bar": "corner", "straight scale": "step end", "knife blade":
 @pytest.mark.parametrize("spoiled", [False, True], ids=["clean", "spoiled"])
 @pytest.mark.parametrize("specimen", SHAPES)
 def test_an_edge_is_found_and_as_exact_as_stated(specimen, spoiled):
-    rng = np.random.default_rng(1)
+    rng = default_rng(1)
     profiles, truth = edges(specimen, rng)
     if spoiled:
         profiles = spoil(profiles, truth, rng)
@@ -32,7 +33,7 @@ def test_an_edge_is_found_and_as_exact_as_stated(specimen, spoiled):
 
 
 def test_points_left_out_of_a_file_are_missing_points():
-    profiles, truth = edges("parallel bar", np.random.default_rng(7), groups=5)
+    profiles, truth = edges("parallel bar", default_rng(7), groups=5)
     dense = [profile[np.isfinite(profile).all(axis=1)] for profile in profiles]
     features = features_of("edge", dense)
     assert share_found(features) == 1
@@ -82,7 +83,7 @@ def corner(rng, count):
 
 def test_a_corner_with_a_side_of_few_points_says_so():
     """Six, or three, among profiles that show it well."""
-    rng = np.random.default_rng(9)
+    rng = default_rng(9)
     profiles = [corner(rng, count) for count in (40,) * 8 + (6, 3)]
     *good, six, three = features_of("edge", profiles)
     assert share_found(good) == 1

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from finding import features_of, share_found
+from numpy.random import default_rng
 from numpy.testing import assert_allclose
 from raw_profiles import balls, disks, edges, planes, rods, spoil, tables
 
@@ -26,7 +27,7 @@ def noise(rng):
 @pytest.mark.parametrize("kind", ["edge", "disk", "ball", "rod"])
 @pytest.mark.parametrize("shown", [tables, spoiled_tables, noise])
 def test_a_table_or_noise_alone_shows_nothing(kind, shown):
-    features = features_of(kind, shown(np.random.default_rng(4)))
+    features = features_of(kind, shown(default_rng(4)))
     assert share_found(features) < 0.005
     for feature in features:
         if not feature.found:
@@ -55,7 +56,7 @@ OUTSIDE = {
 @pytest.mark.parametrize("kind", OUTSIDE)
 def test_a_target_outside_the_view_is_not_found_among_profiles_that_show_it(kind):
     inside, outside = OUTSIDE[kind]
-    rng = np.random.default_rng(5)
+    rng = default_rng(5)
     visible, truth = inside(rng)
     places = truth.reshape(len(truth), -1, truth.shape[-1])[..., :2]
     shown = spoil(visible[:100], places[:100], rng)
@@ -80,7 +81,7 @@ def test_it_does_not_matter_how_the_scanner_counts(kind, make, view):
     over a threshold: 1e-9 mm.
     """
     change, change_points = VIEWS[view]
-    profiles = make(np.random.default_rng(6))[0][:50]
+    profiles = make(default_rng(6))[0][:50]
     points = np.array([f.points for f in features_of(kind, profiles)])
     changed = np.array([f.points for f in features_of(kind, change(profiles))])
     assert_allclose(changed, change_points(points), atol=1e-9)
@@ -130,7 +131,7 @@ CORRUPTIONS = (
 @pytest.mark.parametrize("kind", KINDS)
 def test_whatever_is_in_a_profile_gives_a_feature_or_a_reason(kind):
     """Warnings are errors here: no division by zero either."""
-    rng = np.random.default_rng(10)
+    rng = default_rng(10)
     shown = [make(rng, 10)[0] for make in (disks, balls, planes, rods)]
     shown.append(edges("knife blade", rng, groups=1)[0])
     profiles = np.concatenate(shown)

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from finding import assert_means_are_as_exact_as_stated, features_of, share_found
+from numpy.random import default_rng
 from raw_profiles import planes, spoil
 
 import profilecal as pc
@@ -18,7 +19,7 @@ def off_face(points, ends):
 
 @pytest.mark.parametrize("spoiled", [False, True], ids=["clean", "spoiled"])
 def test_a_face_is_found_and_as_exact_as_stated(spoiled):
-    rng = np.random.default_rng(3)
+    rng = default_rng(3)
     profiles, faces = planes(rng)
     if spoiled:
         profiles = spoil(profiles, faces[:, 1:], rng)
@@ -31,7 +32,7 @@ X = np.linspace(-50, 50, 200)
 
 def boards(uneven, count=150):
     """Profiles of boards on which points are `uneven(rng)` mm high, and their tilts."""
-    rng = np.random.default_rng(6)
+    rng = default_rng(6)
     tilts = rng.uniform(-0.3, 0.3, count)
     noise = rng.normal(0, 0.05, (count, len(X)))
     z = [200 + tilt * X + uneven(rng) for tilt in tilts]

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.random import default_rng
 
 from profilecal.profiles.points import correlation, present
 
@@ -22,7 +23,7 @@ def test_correlation_enlarges_variances_of_means():
     """Means of k neighbours vary k times as much as of independent errors, less (k -
     1/k)/3 … : moving averages.
     """
-    rng = np.random.default_rng(9)
+    rng = default_rng(9)
     white = rng.normal(size=(200, 1000))
     factors = [correlation(errors) for errors in white]
     assert np.mean(factors) == pytest.approx(1, abs=0.05)

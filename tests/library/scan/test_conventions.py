@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.random import default_rng
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
@@ -44,7 +45,7 @@ FORMULA = {
 
 @pytest.mark.parametrize("convention", CONVENTIONS, ids=lambda c: c.name)
 def test_every_convention_goes_in_and_out_and_means_its_formula(convention):
-    rotations = Rotation.random(1000, rng=np.random.default_rng(1)).as_matrix()
+    rotations = Rotation.random(1000, rng=default_rng(1)).as_matrix()
     block = from_rotations(convention, rotations)
     assert block.shape == (1000, len(convention.columns))
     written_out = np.array([FORMULA[convention.name](*row) for row in block])

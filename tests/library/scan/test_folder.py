@@ -18,6 +18,7 @@ from folders import (
     tabulated,
     written,
 )
+from numpy.random import default_rng
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
@@ -36,7 +37,7 @@ TRUTH = {
 
 def random_scan(seed, measured="points", kind="edge"):
     """Three poses of each of four orientations, and numbers that no target left."""
-    rng = np.random.default_rng(seed)
+    rng = default_rng(seed)
     R = np.repeat(Rotation.random(4, rng=rng).as_matrix(), 3, axis=0)
     positions = rng.uniform(-800, 800, (12, 3))
     rows = 50 if measured == "profiles" else 1
@@ -315,7 +316,7 @@ def test_a_pose_with_one_point_is_no_profile(tmp_path):
 
 def test_a_mistake_in_a_long_table_is_found_in_its_line(tmp_path):
     folder = tmp_path / "scan"
-    rng = np.random.default_rng(10)
+    rng = default_rng(10)
     values = rng.uniform(-60, 60, (12, 300, 2))
     pc.write_scan(replace(random_scan(10, "profiles"), values=tuple(values)), folder)
     edited("profiles.csv", "P9,", "\nP9,")(folder)  # an empty line is counted

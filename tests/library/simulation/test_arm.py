@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.random import default_rng
 from numpy.testing import assert_allclose
 
 from profilecal.geometry.poses import angle_between, rotations
@@ -14,7 +15,7 @@ TURN = 1e-3  # rad
 ABOUT_Z = rotations([0, 0, TURN])
 
 
-RNG = np.random.default_rng(1)
+RNG = default_rng(1)
 R = rotations(RNG.uniform(-3, 3, (POSES, 3)))
 T = MIDDLE + 400 * in_unit_ball(RNG, POSES)
 TURNED = {0: (ABOUT_Z @ R, T @ ABOUT_Z.T), 5: (R @ ABOUT_Z, T)}
@@ -50,7 +51,7 @@ def test_the_last_link_shifts_the_flange():
 
 
 def test_errors_have_their_size():
-    rng = np.random.default_rng(3)
+    rng = default_rng(3)
     joint_rad = np.radians(0.02)
     arms = [Arm.erring(0.02, 0.2, rng) for _ in range(300)]
     zeros = np.std([arm.zeros for arm in arms])

@@ -1,6 +1,7 @@
 """What a robot's errors do to simulated scans: which measurements share them."""
 
 import numpy as np
+from numpy.random import default_rng
 from numpy.testing import assert_allclose, assert_array_equal
 
 from profilecal.geometry.noise import Noise
@@ -31,7 +32,7 @@ def test_repeats_share_the_error_of_their_pose_and_not_the_noise_of_the_scanner(
 
 def test_a_drift_grows_from_the_first_pose_to_the_last():
     R, T = np.tile(np.eye(3), (5, 1, 1)), np.zeros((5, 3))
-    rng = np.random.default_rng(3)
+    rng = default_rng(3)
     _, moved = Robot(drift_mm=1.0).visiting(R, T, NOISELESS, rng)
     assert_allclose(moved, np.linspace(0, 1, 5)[:, None] * moved[-1])
     assert 0.1 < np.linalg.norm(moved[-1]) < 5
@@ -45,7 +46,7 @@ def test_an_arm_errs_alike_wherever_it_meets_a_pose_again():
 
 
 def test_a_robot_that_carries_the_target_errs_at_its_flange():
-    rng = np.random.default_rng(4)
+    rng = default_rng(4)
     R = rotations(rng.uniform(-0.3, 0.3, (20, 3)))
     T = rng.uniform(500, 900, (20, 3))
     R_back, T_back = inverse(R, T)

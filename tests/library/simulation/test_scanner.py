@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.random import default_rng
 from numpy.testing import assert_allclose
 
 from profilecal.simulation.robot import Scanner
@@ -12,7 +13,7 @@ WALL = np.array([[-30.0, 80.0], [30.0, 80.0]])
 
 
 def profile_of(scanner, outline, seed=1):
-    return scanner.profile(np.asarray(outline), np.random.default_rng(seed))
+    return scanner.profile(np.asarray(outline), default_rng(seed))
 
 
 def test_field_of_view_has_its_printed_corners():

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from many_scenes import KINDS
+from numpy.random import default_rng
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.differentiate import jacobian
 
@@ -26,7 +27,7 @@ from profilecal.targets.plane import Plane
 @pytest.mark.parametrize("kind", KINDS)
 def test_derivatives_agree_with_numerical_ones(kind, in_space):
     """By the sensor's pose, which moves the target in every way, and by its own."""
-    rng = np.random.default_rng(6)
+    rng = default_rng(6)
     scene = random_scene(kind, rng, groups=3, positions=3, count=4)
     problem = Problem([scene.observations], Noise(0.05), in_space=in_space)
     term = problem.terms[0]
@@ -49,7 +50,7 @@ def test_derivatives_agree_with_numerical_ones(kind, in_space):
 @pytest.mark.parametrize("in_space", [False, True])
 @pytest.mark.parametrize("kind", KINDS)
 def test_residuals_vanish_where_the_target_meets_the_scan_plane(kind, in_space):
-    scene = random_scene(kind, np.random.default_rng(7))
+    scene = random_scene(kind, default_rng(7))
     problem = Problem([scene.observations], Noise(1.0), in_space=in_space)
     (z,) = problem.linear(scene.truth)
     assert np.abs(z[:, -1]).max() < 1e-9
@@ -58,8 +59,8 @@ def test_residuals_vanish_where_the_target_meets_the_scan_plane(kind, in_space):
 @pytest.mark.parametrize("in_space", [False, True])
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_missing_point_has_no_part_in_anything(kind, in_space):
-    scene = random_scene(kind, np.random.default_rng(8))
-    seen = scene.noisy(0.05, np.random.default_rng(9))
+    scene = random_scene(kind, default_rng(8))
+    seen = scene.noisy(0.05, default_rng(9))
     points = seen.points.copy()
     points[0, 1, 0] = np.nan
     whole = Problem([seen], Noise(0.05), in_space=in_space)
@@ -92,7 +93,7 @@ def test_a_fit_to_its_points_is_the_target(kind):
     """Its distances from them are zero, and its lengths those that it has; points off
     by noise are as far from it.
     """
-    rng = np.random.default_rng(10)
+    rng = default_rng(10)
     scene = random_scene(kind, rng)
     points = in_base(scene)
     assert np.abs(scene.target.distance(points)).max() < 1e-9
@@ -114,7 +115,7 @@ def test_a_fit_to_its_points_is_the_target(kind):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_its_lines_lie_on_it(kind):
-    scene = random_scene(kind, np.random.default_rng(12))
+    scene = random_scene(kind, default_rng(12))
     lines = scene.target.lines(in_base(scene))
     assert lines
     farthest = 10 if kind == "point" else 0  # mm: the ends of a cross
@@ -124,14 +125,14 @@ def test_its_lines_lie_on_it(kind):
 
 
 def test_a_rods_lines_are_on_all_its_sides():
-    scene = random_scene("rod", np.random.default_rng(12))
+    scene = random_scene("rod", default_rng(12))
     middle = np.mean(scene.target.lines(in_base(scene)), axis=0)
     assert_allclose(scene.target.distance(middle), -scene.target.radius)
 
 
 @pytest.mark.parametrize("kind", ["edge", "rod"])
 def test_what_has_no_ends_is_drawn_as_long_as_it_was_seen(kind):
-    scene = random_scene(kind, np.random.default_rng(12))
+    scene = random_scene(kind, default_rng(12))
     points, target = in_base(scene), scene.target
     seen = (points - target.point) @ target.direction
     drawn = (target.lines(points)[0] - target.point) @ target.direction
@@ -156,14 +157,14 @@ def test_a_face_shows_on_both_sides_of_what_lies_on_it():
 
 def random_planes():
     """Scan planes (200, 3, 3), (200, 3) near the origin of the base frame."""
-    rng = np.random.default_rng(3)
+    rng = default_rng(3)
     rotation = rotations(rng.normal(size=(200, 3)))
     return rotation, rng.uniform(-20, 20, (200, 3))
 
 
 def test_a_disk_has_a_chord_where_it_is_met():
     rotation, origin = random_planes()
-    normal = directions(np.random.default_rng(4), ())
+    normal = directions(default_rng(4), ())
     tips = Disk(np.zeros(3), normal, 25.0).meet(rotation, origin)
     hit = np.isfinite(tips).all(axis=(1, 2))
     assert 100 < hit.sum() < 200
@@ -173,7 +174,7 @@ def test_a_disk_has_a_chord_where_it_is_met():
 
 def test_the_plan_of_a_disk_that_faces_the_scanner_moves_it_across_the_scan_alone():
     normals = np.array([[0, 0.6, 0.8]] * 2)
-    rng = np.random.default_rng(3)
+    rng = default_rng(3)
     offsets = Disk.offsets((2, 3), "space", normals, (25.0,), 0.0, rng)
     assert not offsets[..., 0].any()
 

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 from many_scenes import many
+from numpy.random import default_rng
 from scipy.spatial.transform import Rotation
 
 from profilecal.geometry.poses import (
@@ -85,7 +86,7 @@ def by_all_distances(observed):
 
 
 def test_poses_that_a_tree_finds_are_those_that_all_distances_show():
-    rng = np.random.default_rng(3)
+    rng = default_rng(3)
     repeated = observations().keep(rng.permutation(TWICE))
     for size in (0.01, 0.03, 0.06):
         T = repeated.T_flange + size * rng.normal(size=repeated.T_flange.shape)
@@ -94,7 +95,7 @@ def test_poses_that_a_tree_finds_are_those_that_all_distances_show():
 
 
 def test_orientations_join_the_first_that_they_are_parallel_to():
-    rng = np.random.default_rng(4)
+    rng = default_rng(4)
     few = Rotation.random(5, rng=rng).as_matrix()[rng.integers(0, 5, 60)]
     R = few @ rotations(np.radians(0.03) * rng.normal(size=(60, 3)))
     expected, firsts = [], []

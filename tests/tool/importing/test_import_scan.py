@@ -19,6 +19,7 @@ import pytest
 from command import run
 from corruptions import CORRUPTIONS
 from folders import edited
+from numpy.random import default_rng
 from numpy.testing import assert_allclose, assert_array_equal
 from openpyxl import Workbook
 from peoples_files import (
@@ -143,7 +144,7 @@ ROWS = {  # what is above rows of z, and what is said
 
 @pytest.mark.parametrize("above", ROWS)
 def test_z_may_lie_in_rows(above, tmp_path):
-    z = np.random.default_rng(2).uniform(90, 110, (12, 1)) + 0.1 * X
+    z = default_rng(2).uniform(90, 110, (12, 1)) + 0.1 * X
     rows = z.tolist()
     if above == "x behind a word":
         rows = [[k, *row] for k, row in enumerate(rows)]
@@ -990,7 +991,7 @@ def corrupted(folder, rng):
 def test_corrupted_files_give_a_sentence_or_a_scan(tmp_path):
     names, layouts = [*POSES], [*PROFILES.values()]
     for seed in range(FUZZ):
-        rng = np.random.default_rng([7, seed])
+        rng = default_rng([7, seed])
         name, of_profiles = names[seed % len(names)], layouts[seed % len(layouts)]
         folder = written(tmp_path / str(seed), POSES[name], of_profiles)
         for _ in range(1 + seed % 2):

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.random import default_rng
 from planned import KINDS, model_for
 
 from profilecal.geometry.poses import inverse
@@ -25,7 +26,7 @@ BOX = Limits(low=(700, -200, 250), high=(1100, 250, 800))
 @pytest.mark.parametrize("kind", [*KINDS, "point"])
 def test_planned_poses_keep_the_target_in_view_for_any_guess_as_wrong_as_stated(kind):
     model = model_for(kind)
-    rng = np.random.default_rng(1)
+    rng = default_rng(1)
     plan = design(model, rng, poses=12, candidates=600)
     near, far = model.scanner.near, model.scanner.far
     for _ in range(1000):
@@ -42,7 +43,7 @@ def test_planned_poses_keep_the_target_in_view_for_any_guess_as_wrong_as_stated(
 def test_poses_stay_in_the_box_out_of_the_zones_and_within_the_tilt(mount, zone):
     limits = replace(BOX, avoid=(zone,))
     model = replace(model_for("edge", "points", mount), limits=limits)
-    R, T = draw(model, 300, np.random.default_rng(2), BEYOND)
+    R, T = draw(model, 300, default_rng(2), BEYOND)
     flange = inverse(R, T)[1] if mount == "eye-to-hand" else T
     assert (flange >= limits.low).all()
     assert (flange <= limits.high).all()
@@ -54,7 +55,7 @@ def test_poses_stay_in_the_box_out_of_the_zones_and_within_the_tilt(mount, zone)
 
 def test_poses_that_miss_the_target_have_no_clearance():
     model = model_for("ball")
-    R, T = draw(model, 3, np.random.default_rng(3))
+    R, T = draw(model, 3, default_rng(3))
     assert (worst_clearance(model, R, T) >= 0).all()
     R_view, _ = model.planes(R, T)
     beside = T + 1000 * R_view[..., 1]
@@ -88,7 +89,7 @@ def test_limits_and_guesses_that_leave_no_pose_are_refused_in_words(
     guess = replace(model.guess, mount_mm=margin_mm)
     model = replace(model, guess=guess, limits=limits)
     with pytest.raises(ScanError, match="only 0 of") as error:
-        draw(model, 10, np.random.default_rng(4))
+        draw(model, 10, default_rng(4))
     assert sentence in str(error.value)
 
 
@@ -96,4 +97,4 @@ def test_where_a_sensor_that_stands_still_is_in_a_zone_no_pose_is_possible():
     model = model_for("edge", "points", "eye-to-hand")
     model = replace(model, limits=Limits(avoid=((*model.T_sensor, 20.0),)))
     with pytest.raises(ScanError, match="100% are in a zone to avoid"):
-        draw(model, 10, np.random.default_rng(4))
+        draw(model, 10, default_rng(4))

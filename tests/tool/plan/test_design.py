@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.random import default_rng
 from planned import KINDS, model_for
 
 from profilecal.geometry.poses import angle_between
@@ -36,7 +37,7 @@ def random_plan(rng, poses):
 
 
 def test_the_value_with_one_more_pose_is_that_of_the_plan_with_it():
-    pool = pool_of("rod", 40, np.random.default_rng(1))
+    pool = pool_of("rod", 40, default_rng(1))
     chosen = list(range(12))
     values = pool.with_each(chosen)
     assert np.isinf(values[:12]).all()  # orientations that the plan has
@@ -49,7 +50,7 @@ def test_the_value_with_one_more_pose_is_that_of_the_plan_with_it():
 
 
 def test_while_there_are_too_few_poses_the_value_is_the_volume_that_is_left_open():
-    pool = pool_of("rod", 40, np.random.default_rng(1))
+    pool = pool_of("rod", 40, default_rng(1))
     values = pool.with_each([0])
     before = np.linalg.det(pool.covariance([0]))
     for k in np.flatnonzero(np.isfinite(values)):
@@ -59,7 +60,7 @@ def test_while_there_are_too_few_poses_the_value_is_the_volume_that_is_left_open
 
 @pytest.mark.parametrize("kind", [*KINDS, "point"])
 def test_a_designed_plan_beats_the_best_of_1000_random_ones(kind):
-    rng = np.random.default_rng(3)
+    rng = default_rng(3)
     model = model_for(kind)
     pool = pool_of(kind, 800, rng)
     best = min(pool.lacks(random_plan(rng, 15)) for _ in range(1000))
@@ -74,7 +75,7 @@ def test_a_designed_plan_beats_the_best_of_1000_random_ones(kind):
 @pytest.mark.parametrize("kind", ["edge", "disk", "ball", "rod", "point"])
 def test_half_of_the_poses_that_random_plans_need_and_none_too_many(kind):
     model = model_for(kind)
-    rng = np.random.default_rng(4)
+    rng = default_rng(4)
     plan = design(model, rng, candidates=800)
     count = len(plan.T)
     assert lacks(plan.predicted) <= 1
@@ -89,7 +90,7 @@ def test_half_of_the_poses_that_random_plans_need_and_none_too_many(kind):
 
 def test_a_plan_after_others_adds_what_those_lack():
     model = model_for("edge")
-    rng = np.random.default_rng(7)
+    rng = default_rng(7)
     narrow = replace(model, limits=Limits(tilt_deg=2, spin_deg=0))
     before = draw(narrow, 30, rng)
     assert predict(model, *before).spectrum.status != "ok"
@@ -102,7 +103,7 @@ def test_a_plan_after_others_adds_what_those_lack():
 
 def test_a_plan_after_one_that_is_enough_has_one_pose():
     model = model_for("edge")
-    rng = np.random.default_rng(7)
+    rng = default_rng(7)
     enough = draw(model, 30, rng)
     plan = design(model, rng, until=(1, 1), before=enough, candidates=100)
     assert len(plan.T) == 1
@@ -110,7 +111,7 @@ def test_a_plan_after_one_that_is_enough_has_one_pose():
 
 def test_the_way_goes_everywhere_is_short_and_passes_each_place_twice():
     R = np.broadcast_to(np.eye(3), (25, 3, 3))
-    T = np.random.default_rng(9).uniform(-300, 300, (25, 3))
+    T = default_rng(9).uniform(-300, 300, (25, 3))
     order = short_way(R, T)
     back = there_and_back(order)
     assert sorted(order) == sorted(back) == list(range(25))

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.random import default_rng
 from numpy.testing import assert_allclose
 from planned import KINDS, errors, model_for
 
@@ -31,14 +32,14 @@ def assert_predicted(model, R, T, rng, most):
 @pytest.mark.parametrize(("kind", "measured"), MEASURED)
 def test_predicted_deviations_are_those_of_simulated_calibrations(kind, measured):
     model = model_for(kind, measured)
-    rng = np.random.default_rng(5)
+    rng = default_rng(5)
     R, T = draw(model, 15, rng)
     assert_predicted(model, R, T, rng, 0.2)
 
 
 def test_poses_of_one_orientation_share_its_error_in_a_prediction_as_in_a_simulation():
     model = model_for("edge")
-    rng = np.random.default_rng(6)
+    rng = default_rng(6)
     narrow = replace(model, limits=Limits(extent_mm=10, tilt_deg=20))
     R, T = draw(narrow, 6, rng)
     R = np.repeat(R, 4, axis=0)
@@ -49,7 +50,7 @@ def test_poses_of_one_orientation_share_its_error_in_a_prediction_as_in_a_simula
 @pytest.mark.parametrize("kind", [*KINDS, "point"])
 def test_the_information_of_poses_with_orientations_of_their_own_adds_up(kind):
     model = model_for(kind)
-    R, T = draw(model, 12, np.random.default_rng(3))
+    R, T = draw(model, 12, default_rng(3))
     together = information(model, R, T)
     added = information(model, R, T, each=True).sum(axis=0)
     sd = np.sqrt(np.diag(together))
@@ -63,7 +64,7 @@ def test_the_information_of_poses_with_orientations_of_their_own_adds_up(kind):
 )
 def test_a_prediction_says_how_far_it_depends_on_the_guess(kind, least, most):
     model = model_for(kind)
-    rng = np.random.default_rng(1)
+    rng = default_rng(1)
     R, T = draw(model, 15, rng)
     (smallest_mm, _), (largest_mm, _) = predict(model, R, T, rng).between
     assert least < largest_mm / smallest_mm < most
@@ -73,14 +74,14 @@ def test_a_prediction_says_how_far_it_depends_on_the_guess(kind, least, most):
 
 def test_a_prediction_counts_with_what_is_wrong_at_every_pose():
     model = model_for("ball")
-    R, T = draw(model, 15, np.random.default_rng(1))
+    R, T = draw(model, 15, default_rng(1))
     without = predict(replace(model, systematic=Systematic()), R, T)
     assert predict(model, R, T).mm > without.mm
 
 
 def test_a_guess_is_wrong_by_up_to_its_margins():
     model = model_for("ball")
-    rng = np.random.default_rng(1)
+    rng = default_rng(1)
     places = np.array([model.elsewhere(rng).T_sensor for _ in range(50)])
     shifts = np.linalg.norm(places - model.T_sensor, axis=1)
     assert 4 < shifts.max() <= model.guess.mount_mm
@@ -90,7 +91,7 @@ def test_a_guess_is_wrong_by_up_to_its_margins():
 
 def test_a_face_is_seen_from_one_side_of_the_view_to_the_other():
     model = model_for("plane")
-    R, T = draw(model, 20, np.random.default_rng(5))
+    R, T = draw(model, 20, default_rng(5))
     R_view, T_view = model.planes(R, T)
     x, z = np.moveaxis(model.points_seen(R_view, T_view, 9), -1, 0)
     ends = [0, -1]

@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pytest
 from command import run
+from numpy.random import default_rng
 from scipy.stats import chi2
 
 import profilecal as pc
@@ -91,7 +92,7 @@ def test_the_way_back_of_a_scan_tells_its_delay(tmp_path):
     setup = Setup(truth.target, np.eye(3), R, T)
     table = tmp_path / "back" / "sweeps.csv"
     sweeps = planned_sweeps(str(table), setup, 100.0, to_hand=False)
-    back = record_sweeps(setup, read_spec(entries), np.random.default_rng(3), sweeps)
+    back = record_sweeps(setup, read_spec(entries), default_rng(3), sweeps)
     found = pc.calibrate([scan, back])
     assert found.status == "ok"
     error = pose_error(found.pose[:3, :3], found.pose[:3, 3], R, T)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from command import run
+from simulated import scan_of
 
 import profilecal as pc
 from profilecal_tool.report.cloud import clouds_of
@@ -26,7 +27,7 @@ def test_a_right_pose_makes_the_target_and_a_wrong_one_smears_it(kind, mount):
 
 
 def test_clouds_and_pictures_are_written(tmp_path):
-    scan, _ = pc.simulate("plane", seed=4)
+    scan = scan_of("plane", seed=4)
     pc.write_scan(scan, tmp_path / "scan")
     place = tmp_path / "cloud.ply"
     result = run("calibrate", tmp_path / "scan", "--json", "--cloud", place)
@@ -36,7 +37,7 @@ def test_clouds_and_pictures_are_written(tmp_path):
     assert f"element vertex {count}\n" in head
     points = np.loadtxt(rows.splitlines())
     assert points.shape == (count, 6)
-    again, _ = pc.simulate("plane", seed=4, scan=2)
+    again = scan_of("plane", seed=4, scan=2)
     pc.write_scan(again, tmp_path / "again")
     picture = tmp_path / "cloud.png"
     options = ("--with", tmp_path / "T.json", "--cloud", picture)
