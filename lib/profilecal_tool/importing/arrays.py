@@ -21,7 +21,8 @@ BINARY_PLY = re.compile(
 )
 BINARY_PCD = re.compile(
     rb"(?s)(?:#|VERSION).*?FIELDS ([^\n]*)\nSIZE ([^\n]*)\nTYPE ([^\n]*)\n"
-    rb"(?:COUNT ([^\n]*)\n)?(?:(?!DATA).)*?POINTS (\d+)\s+DATA binary\r?\n"
+    rb"(?:COUNT ([^\n]*)\n)?(?:(?!DATA).)*?POINTS (\d+)\s+"
+    rb"DATA binary(_compressed)?\r?\n"
 )
 PLY_TYPES = {"char": "i1", "short": "i2", "int": "i4", "float": "f4", "double": "f8"}
 PLY_TYPES |= {"uchar": "u1", "ushort": "u2", "uint": "u4"}
@@ -71,7 +72,9 @@ def vertices_in(path: Path) -> dict[str, ndarray]:
             kinds = [(name, order + PLY_TYPES.get(kind, kind)) for kind, name in pairs]
             count = head[2]
         elif head := BINARY_PCD.match(content):
-            *lines, count = head.groups(default=b"")
+            *lines, count, compressed = head.groups(default=b"")
+            if compressed:
+                raise ScanError(f"{path}: compressed; save it as DATA binary or ascii")
             names, sizes, types, many = (
                 line.decode().lower().split() for line in lines
             )

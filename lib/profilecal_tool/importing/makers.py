@@ -123,6 +123,9 @@ BY_COLUMNS = {
 # which of several poses is the robot's
 OF_ROBOT = re.compile(r"robot|effector|\bee\b|_ee|tcp|flange|gripper|hand|arm")
 
+# by OpenCV's naming the inverse of the robot's pose
+INVERSE = re.compile(r"base_?2_?[a-z]")
+
 # the frames that poses are of: Franka's, others'
 TOOL_FRAME = re.compile(r"f_t_n?ee|(?:tool|tcp)[_.]?(?:offset|frame|data)")
 TOOL_OFFSET = re.compile(r"(?:tool|tcp)_?offset_(\w+)")

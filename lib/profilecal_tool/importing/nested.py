@@ -16,6 +16,7 @@ from profilecal_tool.importing.arrays import chosen
 from profilecal_tool.importing.key_value import Named
 from profilecal_tool.importing.makers import (
     ALIASES,
+    INVERSE,
     OF_ROBOT,
     POSITION,
     ROTATION,
@@ -103,6 +104,8 @@ def poses_in(
             continue
         name = " ".join(word for word in numbers if isinstance(word, str))
         cells_of = dict(record[place])
+        if INVERSE.search(place):
+            cells_of["inverse"] = place
         for where, part in record.items():
             for column in part if where not in (*places, *tools) else ():
                 if not column[-1:].isdigit():  # no part of a list

@@ -31,6 +31,7 @@ from profilecal_tool.importing.makers import (
     BY_COLUMNS,
     EXTERNAL,
     FRAMES,
+    INVERSE,
     NO_FRAME,
     OTHER_ANGLES,
     PROGRAM,
@@ -80,7 +81,7 @@ def read_poses(path: Path, layout: Layout) -> tuple[Table, list[str]]:
             for name, values in arrays_in(path).items()
             if are_poses(values)
         }
-        if len(arrays) == 1:
+        if len(arrays) == 1 and not INVERSE.search(min(arrays).lower()):
             values = arrays.popitem()[1]
             return stacked(from_array(path, values.reshape(len(values), -1))), []
         tree = {name: values.astype(str).tolist() for name, values in arrays.items()}
@@ -268,6 +269,23 @@ def taken_as(
     along = {axis: poses.units[axis] for axis in "xyz"}
     scale, lengths = to_mm(poses.path, along, poses.numbers("xyz"), REACH_MM[1] / 1000)
     entries = check_poses(replace(poses, columns=columns), scale)
+    if "inverse" in poses.columns:
+        name = poses.columns["inverse"][0]
+        R, p = inverse(entries["R_base_flange"], entries["p_base_flange"])
+        is_wider = (
+            np.var(p, axis=0).sum() > np.var(entries["p_base_flange"], axis=0).sum()
+        )
+        if is_wider and layout.entry.lower() != name:
+            raise ScanError(
+                f"{poses.path}: {name} is OpenCV's name for the inverse of the robot's "
+                "pose, but its positions lie closer together than those of its "
+                "inverse; if it has the poses, call it gripper2base there; if it has "
+                f"their inverses: --entry {name}"
+            )
+        entries |= {"R_base_flange": R, "p_base_flange": p, "orientation": None}
+        doubts.append(
+            f"{name} is taken for the inverse of the robot's pose, as OpenCV names it"
+        )
     as_said = f" in {angle}, as said" if angle.isalpha() else ""
     angles = f"{', '.join(units)}{as_said}"
     words = f"{len(poses.lines)}, {convention.meaning} ({angles}), {lengths}"
@@ -290,9 +308,7 @@ def taken_as(
     if UNSAID in poses.columns and not layout.tool:
         name, numbers = poses.columns[UNSAID][0], "X Y Z W P R"
         if unsaid:
-            R, (p, *_) = unsaid
-            row = (*p / scale, *from_rotations(of_tool, R)[0] / known[angle])
-            numbers = " ".join(f"{value:.7g}" for value in row)
+            numbers = numbers_given(*unsaid, of_tool, known[angle])
         of = f"the flange, or tool {name}, not taken off"
         doubts.append(
             f"the file has the frame of tool {name} and does not say whether the poses "
@@ -303,6 +319,17 @@ def taken_as(
             f"{tool or 'the flange'}: the file has {' and '.join(off)}, taken off "
             "(--tool 0 0 0 0 0 0 leaves a tool on)"
         )
+    if (of_file := frames["tool"]) and not layout.tool:
+        R, p = of_file
+        far = np.abs(p).max()
+        if p.any() and not 2 <= far <= 2000:
+            numbers = numbers_given(
+                R, p * (1000 if far < 2 else 0.001), of_tool, known[angle]
+            )
+            raise ScanError(
+                f"{poses.path}: the tool is at {p[0].round(3).tolist()} mm, if it has "
+                f"the unit of the poses; say where it is, such as --tool {numbers}"
+            )
     if layout.tool:
         frames["tool"] = frame_given(layout.tool, of_tool, known[angle])
         of = "the tool given, taken off"
@@ -386,6 +413,12 @@ def frame_of(
     R, p = np.tile(np.eye(3), (len(has), 1, 1)), np.nan_to_num(values[:, :3]) * scale
     R[has] = to_rotations(convention, values[has, 3:] * degrees)
     return (R, p) if p.any() or not np.allclose(R, np.eye(3)) else None
+
+
+def numbers_given(R: ndarray, p: ndarray, of_tool: Convention, degrees: float) -> str:
+    """What says the first of some tools' frames: the numbers of `frame_given`."""
+    row = (*p[0], *from_rotations(of_tool, R)[0] / degrees)
+    return " ".join(f"{value:.7g}" for value in row)
 
 
 def frame_given(

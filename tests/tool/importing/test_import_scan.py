@@ -28,6 +28,7 @@ from peoples_files import (
     abb,
     archives,
     as_json,
+    binary_pcd,
     csv,
     fanuc,
     frame,
@@ -936,6 +937,16 @@ MISTAKES = {
         "no list 'profile'; there are outline, picked",
         lists,
     ),
+    "compressed": (
+        tum,
+        replaced(
+            "cloud3.pcd",
+            b"# .PCD\nFIELDS x z\nSIZE 4 4\nTYPE F F\nPOINTS 9\nDATA "
+            b"binary_compressed\n\0",
+        ),
+        "cloud3.pcd: compressed; save it as DATA binary or ascii",
+        binary_pcd,
+    ),
     "open list": (
         tum,
         edited("p2.yml", " ]", ""),
@@ -1196,17 +1207,41 @@ def test_profiles_at_a_rate_are_a_scan_in_motion(tmp_path):
             import_scan(tmp_path, "plane", {}, Layout(times=times))
 
 
-def test_a_tool_beside_all_poses_of_a_json_file_is_taken_off(tmp_path):
+@pytest.mark.parametrize("unit", [1, 1000])
+def test_a_tool_beside_all_poses_of_a_json_file_is_taken_off(unit, tmp_path):
+    """In the unit of the poses; in another one it is asked about."""
+
     def write(folder):
         tool = frame(*TOOL)
         rows = poses("FANUC angles", 1.0, matrices_of_poses() @ tool)
         named_rows = [dict(zip("xyzwpr", row, strict=True)) for row in rows.tolist()]
-        offset = dict(zip("xyzwpr", TOOL, strict=True))
+        x = (value / unit for value in TOOL[:3])
+        offset = dict(zip("xyzwpr", (*x, *TOOL[3:]), strict=True))
         content = {"tool_offset": offset, "samples": named_rows}
         (folder / "poses.json").write_text(json.dumps(content))
 
     folder = written(tmp_path / "files", write)
-    check_poses(read(folder)[0])
+    if unit == 1000:
+        refuse(folder, "is at .* --tool 10 -20 150 12 -5 30$")
+    check_poses(read(folder, tool=None if unit == 1 else TOOL)[0])
+
+
+@pytest.mark.parametrize("names", ["R_base2gripper t_base2gripper", "T_base2gripper"])
+def test_base2gripper_is_the_inverse_of_a_pose(names, tmp_path):
+    """OpenCV's name; where positions speak against it, it is asked about."""
+    T = matrices_of_poses()
+
+    def write(T, folder):
+        parts = [T] if names[0] == "T" else [T[:, :3, :3], T[:, :3, 3:]]
+        np.savez(folder / "poses.npz", **dict(zip(names.split(), parts, strict=True)))
+
+    written(tmp_path / "a", functools.partial(write, np.linalg.inv(T)))
+    written(tmp_path / "b", functools.partial(write, T))
+    check_poses(read(tmp_path / "a")[0])
+    assert "the inverse of the robot's pose" in notes(tmp_path / "a")[0]
+    said = refuse(tmp_path / "b", "call it gripper2base there; .*--entry")
+    imported, _ = read(tmp_path / "b", entry=said.split()[-1])
+    assert_allclose(imported.T_base_flange, np.linalg.inv(T), atol=1e-8)
 
 
 def test_a_column_that_counts_points_is_not_x(tmp_path):
