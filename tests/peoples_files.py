@@ -4,6 +4,7 @@ layouts.
 
 import functools
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -112,9 +113,19 @@ def abb(folder):
     write_lines(folder / "scan.mod", lines)
 
 
+def abb_array(folder):
+    """Of targets without names; all moves have one tool."""
+    abb(folder)
+    path = folder / "scan.mod"
+    path.write_text(re.sub(r"CONST robtarget p\d+:=(.*);", r"\1,", path.read_text()))
+
+
 def ur(folder):
-    """In a base of its own, which no UR program says: poses of the tool alone."""
+    """In a base of its own, which no UR program says: poses of the tool alone, turned
+    by more than half a turn.
+    """
     rows = poses("rotation vector", 0.001, matrices_of_poses() @ TOOL)
+    rows[:, 3:] *= 1 - 2 * np.pi / np.linalg.norm(rows[:, 3:], axis=1, keepdims=True)
     tcp = numbers_of(TOOL, "rotation vector", 0.001)
     lines = ["def scan():", f"  set_tcp(p[{text(tcp)}])"]
     for k, row in enumerate(rows):
@@ -136,6 +147,7 @@ def yaskawa(folder):
 def kawasaki(folder):
     lines = [".PROGRAM scan()", "  TOOL tip", "  LMOVE p1", ".END", ".TRANS"]
     lines.append(f"tip {text(numbers_of(TOOL, 'Kawasaki angles'), ' ')}")
+    lines.append("home1 400 0 600 0 180 0")
     rows = poses("Kawasaki angles", matrices=matrices_of_poses() @ TOOL)
     lines += [f"p[{k}] {text(row, ' ')}" for k, row in enumerate(rows)]
     lines += [".END", ".JOINTS", "#home 0 10 20 30 40 50", ".END", ""]
@@ -221,6 +233,15 @@ def as_json(folder):
 
 def nested(folder):
     rows = [{"T": matrix.tolist()} for matrix in matrices_of_poses()]
+    (folder / "poses.json").write_text(json.dumps(rows))
+
+
+def two_arrays(folder):
+    """R and t behind what they are of."""
+    rows = [
+        {"flange_R": T[:3, :3].tolist(), "flange_t": T[:3, 3].tolist()}
+        for T in matrices_of_poses()
+    ]
     (folder / "poses.json").write_text(json.dumps(rows))
 
 
@@ -465,6 +486,7 @@ def numbered_columns(folder):
     count = len(scan().values[0])
     titles = [f"{axis}{k}" for axis in "xz" for k in range(count)]
     rows = [text(points.T.ravel()) for points in scan().values]
+    rows = [row.replace("nan", "Invalid") for row in rows]
     write_lines(folder / "all.csv", [",".join(titles), *rows])
 
 
@@ -479,7 +501,7 @@ def two_scanners(folder):
     for k, points in enumerate(scan().values):
         for sensor in "AB":
             lines += [f"{k};{sensor};{text(point, ';')}" for point in points]
-    write_lines(folder / "all.csv", lines)
+    write_lines(folder / "all.csv", [line.replace("nan", "n.a.") for line in lines])
 
 
 def zeros(folder):
@@ -574,6 +596,7 @@ def by_name(*writers):
 PROGRAMS = by_name(
     kuka,
     abb,
+    abb_array,
     ur,
     fanuc,
     yaskawa,
@@ -585,7 +608,16 @@ PROGRAMS = by_name(
     xarm,
     xml_log,
 )
-NESTED = by_name(as_json, nested, json_lines, stamped, echoed, opencv, of_images)
+NESTED = by_name(
+    as_json,
+    nested,
+    two_arrays,
+    json_lines,
+    stamped,
+    echoed,
+    opencv,
+    of_images,
+)
 TABLES = by_name(
     key_lines,
     csv,

@@ -38,6 +38,7 @@ from peoples_files import (
     matrices,
     matrices_of_poses,
     mitsubishi,
+    named_numbers,
     one_each,
     poses,
     said_of,
@@ -138,6 +139,7 @@ ROWS = {  # what is above rows of z, and what is said
     "x behind a word": [["shot", *X]],
     "x above names": [["X_mm", *X]],
     "start and pitch": [["X start (mm)", -20], ["Unit", "mm"], ["X pitch (mm)", 0.5]],
+    "start and pitch below": [["N", "X offset", "X resolution"], [12, -20, 0.5]],
     "numbered": [[f"z{k}" for k in range(41)]],
     "nothing": [],
 }
@@ -172,6 +174,8 @@ def numbered_poses(title, encoding="utf-8"):
     def write(folder):
         rows = [f"XP{k};{text(row, ';')}" for k, row in enumerate(poses("KUKA angles"))]
         titles = f"{title};X [mm];Y [mm];Z [mm];A [°];B [°];C [°]"
+        if encoding == "cp932":
+            titles = titles.replace(" [mm]", "座標[mm]")
         lines = "\n".join([titles, *rows[::-1]]).replace(".", ",")
         (folder / "robot.csv").write_bytes(lines.encode(encoding))
 
@@ -495,6 +499,14 @@ def test_what_matters_of_frames_and_axes_is_told(tmp_path):
     refuse(folder, sentence)
 
 
+def numbered_log(folder):
+    lines = [
+        f"{k} {{{named_numbers('XYZABC', row, ',')}}} TOOL=0"
+        for k, row in enumerate(poses("KUKA angles"))
+    ]
+    write_lines(folder / "poses.log", lines)
+
+
 TOOLS = {  # what is done to a program, and what a note then says
     "no frame": (
         abb,
@@ -502,6 +514,11 @@ TOOLS = {  # what is done to a program, and what a note then says
         "tool tScan,",
     ),
     "a number": (kuka, edited("scan.dat", "TOOL_NO 0", "TOOL_NO 3", 12), "tool 3, and"),
+    "a pose's number": (
+        numbered_log,
+        edited("poses.log", "TOOL=0", "TOOL=3", 12),
+        "tool 3, and so",
+    ),
     "a line": (yaskawa, edited("SCAN.JBI", "///TOOL 0", "///TOOL 2"), "tool 2, and so"),
     "a numbered line": (
         mitsubishi,
