@@ -329,7 +329,7 @@ def write_the_report(folders, path, **parameters) -> None:
     from profilecal_tool.report.page import write_report
 
     try:
-        with interruptible(f"{path} is as it was."):
+        with interruptible(f"{path} was not written."):
             write_report(folders, path, **parameters)
     except (NotebookError, OSError) as error:
         echo(f"profilecal: no report: {error}", err=True)

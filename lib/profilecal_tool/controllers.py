@@ -5,37 +5,38 @@ from numpy.typing import ArrayLike
 
 from profilecal.scan.conventions import from_rotations, named
 
-CONTROLLERS = {  # the convention of its orientations, and what it takes
+# the convention of its orientations, and what it takes, to 0.001 mm and about 0.0001°
+CONTROLLERS = {
     "abb": (
         "quaternion",
-        "PERS tooldata tScanner:=[{held},[[{x:.4f},{y:.4f},{z:.4f}],"
-        "[{qw:.8f},{qx:.8f},{qy:.8f},{qz:.8f}]],"
+        "PERS tooldata tScanner:=[{held},[[{x:.3f},{y:.3f},{z:.3f}],"
+        "[{qw:.6f},{qx:.6f},{qy:.6f},{qz:.6f}]],"
         "[1,[0,0,1],[1,0,0,0],0,0,0]];  ! set the load",
     ),
     "kuka": (
         "KUKA angles",
-        "{{X {x:.4f},Y {y:.4f},Z {z:.4f},A {a:.6f},B {b:.6f},C {c:.6f}}}",
+        "{{X {x:.3f},Y {y:.3f},Z {z:.3f},A {a:.4f},B {b:.4f},C {c:.4f}}}",
     ),
     "ur": (
         "rotation vector",
-        "p[{x_m:.7f},{y_m:.7f},{z_m:.7f},{rx:.8f},{ry:.8f},{rz:.8f}]",
+        "p[{x_m:.6f},{y_m:.6f},{z_m:.6f},{rx:.6f},{ry:.6f},{rz:.6f}]",
     ),
     "fanuc": (
         "FANUC angles",
-        "X {x:.4f}  Y {y:.4f}  Z {z:.4f}  W {w:.6f}  P {p:.6f}  R {r:.6f}",
+        "X {x:.3f}  Y {y:.3f}  Z {z:.3f}  W {w:.4f}  P {p:.4f}  R {r:.4f}",
     ),
     "staubli": (
         "Stäubli angles",
-        "{{{x:.4f},{y:.4f},{z:.4f},{alpha:.6f},{beta:.6f},{gamma:.6f}}}",
+        "{{{x:.3f},{y:.3f},{z:.3f},{alpha:.4f},{beta:.4f},{gamma:.4f}}}",
     ),
     "kawasaki": (
         "Kawasaki angles",
-        "{x:.4f} {y:.4f} {z:.4f} {o:.6f} {a:.6f} {t:.6f}",
+        "{x:.3f} {y:.3f} {z:.3f} {o:.4f} {a:.4f} {t:.4f}",
     ),
     "ros": (
         "quaternion",
-        "ros2 run tf2_ros static_transform_publisher --x {x_m:.7f} --y {y_m:.7f} "
-        "--z {z_m:.7f} --qx {qx:.8f} --qy {qy:.8f} --qz {qz:.8f} --qw {qw:.8f} "
+        "ros2 run tf2_ros static_transform_publisher --x {x_m:.6f} --y {y_m:.6f} "
+        "--z {z_m:.6f} --qx {qx:.6f} --qy {qy:.6f} --qz {qz:.6f} --qw {qw:.6f} "
         "--frame-id {frame} --child-frame-id scanner",
     ),
     "matrix": (
@@ -50,7 +51,7 @@ def check_controller(vendor: str) -> None:
     """Refuse a name that is not among CONTROLLERS, with ValueError."""
     if vendor not in CONTROLLERS:
         known = ", ".join(CONTROLLERS)
-        raise ValueError(f"controller is {vendor!r}; expected one of {known}")
+        raise ValueError(f"--to is {vendor}; expected one of {known}")
 
 
 def for_controller(vendor: str, pose: ArrayLike, frame: str = "flange") -> str:
@@ -59,7 +60,7 @@ def for_controller(vendor: str, pose: ArrayLike, frame: str = "flange") -> str:
     Raises ValueError for a controller that is not known.
 
     >>> for_controller("kuka", np.eye(4))
-    '{X 0.0000,Y 0.0000,Z 0.0000,A 0.000000,B 0.000000,C 0.000000}'
+    '{X 0.000,Y 0.000,Z 0.000,A 0.0000,B 0.0000,C 0.0000}'
     """
     check_controller(vendor)
     convention_name, template = CONTROLLERS[vendor]

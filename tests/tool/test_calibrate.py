@@ -92,7 +92,7 @@ def test_a_pose_that_contradicts_the_data_is_not_given_to_paste(tmp_path):
     [
         (
             ["--to", "acme"],
-            "controller is 'acme'; "
+            "--to is acme; "
             "expected one of abb, kuka, ur, fanuc, staubli, kawasaki, ros, matrix",
         ),
         (

@@ -33,9 +33,10 @@ def numbers_in(text):
 def test_what_is_pasted_into_a_controller_is_the_pose(vendor):
     numbers = numbers_in(for_controller(vendor, POSE))
     unit_mm = 1000 if vendor in ("ur", "ros") else 1
-    assert_allclose(unit_mm * numbers[:3], POSE[:3, 3], atol=1e-3)
-    rotation = ROTATION[vendor](numbers[3:]).as_matrix()
-    assert_allclose(rotation, POSE[:3, :3], atol=1e-6)
+    assert_allclose(unit_mm * numbers[:3], POSE[:3, 3], atol=0.0005001)
+    rotation = ROTATION[vendor](numbers[3:])
+    turned = rotation.inv() * Rotation.from_matrix(POSE[:3, :3])
+    assert np.degrees(turned.magnitude()) < 2e-4
 
 
 def test_a_matrix_is_pasted_whole():

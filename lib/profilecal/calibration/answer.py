@@ -108,7 +108,7 @@ def read_answer(path: str | Path) -> Answer:
         answer = answer_in(entries)
     except OSError as error:
         how = "; profilecal calibrate SCAN --json > T.json writes one"
-        missing = isinstance(error, FileNotFoundError)
+        missing = isinstance(error, (FileNotFoundError, IsADirectoryError))
         raise ScanError(f"{path}: {error.strerror}{how * missing}") from error
     except ScanError as error:
         sentence = str(error).removeprefix("Answer: ").replace("[0]", "")
