@@ -1,7 +1,7 @@
 """Arrays in files of NumPy's and MATLAB's."""
 
 import re
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from tokenize import TokenError
 from zipfile import BadZipFile
@@ -12,6 +12,7 @@ from scipy.io import loadmat
 from scipy.io.matlab import MatReadError
 
 from profilecal.scan.tables import ScanError, Table, listed, naming, shown
+from profilecal_tool.importing.makers import renamed
 
 ENDINGS = (".npy", ".npz", ".mat")
 MOST = 16  # numbers of a pose
@@ -24,9 +25,10 @@ BINARY_PCD = re.compile(
     rb"(?:COUNT ([^\n]*)\n)?(?:(?!DATA).)*?POINTS (\d+)\s+"
     rb"DATA binary(_compressed)?\r?\n"
 )
-PLY_TYPES = {"char": "i1", "short": "i2", "int": "i4", "float": "f4", "double": "f8"}
-PLY_TYPES |= {"uchar": "u1", "ushort": "u2", "uint": "u4"}
-PLY_TYPES |= {"float32": "f4", "float64": "f8", "uint8": "u1", "int32": "i4"}
+PLY_TYPES = renamed(
+    "char=i1 short=i2 int=i4 float=f4 double=f8 uchar=u1 ushort=u2 uint=u4 "
+    "float32=f4 float64=f8 uint8=u1 int32=i4"
+)
 # what NumPy raises on a file that is cut short or changed, beside ValueError
 UNREADABLE = (
     EOFError,
@@ -59,9 +61,9 @@ def arrays_in(path: Path) -> dict[str, ndarray]:
     }
 
 
-def vertices_in(path: Path) -> dict[str, ndarray]:
-    """The numbers of the vertices in a binary PLY or PCD file, by name; none in
-    another.
+def vertices_in(path: Path) -> Table | None:
+    """The vertices in a binary PLY or PCD file, without columns where there are none;
+    None in another.
     """
     with naming(path):
         is_cloud = path.suffix.lower() in (".ply", ".pcd")
@@ -81,13 +83,14 @@ def vertices_in(path: Path) -> dict[str, ndarray]:
             parts = zip(names, types, sizes, many or ["1"] * len(names), strict=True)
             kinds = [(name, f"({n},)<{kind}{size}") for name, kind, size, n in parts]
         else:
-            return {}
+            return None
         try:
             rows = np.frombuffer(content, np.dtype(kinds), int(count), head.end())
         except TypeError as error:
             raise ScanError(f"{path}: not the points of a PLY or PCD file") from error
-        rows = {name: rows[name].reshape(len(rows), -1)[:, 0] for name, _ in kinds}
-        return {name: values.astype(float) for name, values in rows.items()}
+        names = rows.dtype.names if len(rows) else ()
+        firsts = [rows[name].reshape(len(rows), -1)[:, 0] for name in names]
+        return from_array(path, np.array(firsts, float).T, names)
 
 
 def firsts_first(values: ndarray) -> ndarray:
@@ -124,9 +127,10 @@ def point_array(path: Path, entry: str = "") -> ndarray:
     return values
 
 
-def from_array(path: Path, values: ndarray) -> Table:
-    """The table in an array (n, k); its columns are called "1", "2", …"""
-    columns = {str(k): column for k, column in enumerate(values.T, 1)}
+def from_array(path: Path, values: ndarray, names: Sequence[str] = ()) -> Table:
+    """The table in an array (n, k); columns without names are called "1", "2", …"""
+    names = names or [*map(str, range(1, values.shape[-1] + 1))]
+    columns = dict(zip(names, values.T, strict=True))
     rows = range(1, len(values) + 1)
     return Table(path, columns, rows, "row", dict.fromkeys(columns, ""))
 

@@ -42,7 +42,9 @@ ALIASES = renamed(
     "q1=qw q2=qx q3=qy q4=qz tx=x ty=y tz=z px=x py=y pz=z roll=w pitch=p yaw=r "
     "ut=tool tool_no=tool uf=base base_no=base basis=base fatherid=base "
     "actual_tcp_pose_0=x actual_tcp_pose_1=y actual_tcp_pose_2=z "
-    "actual_tcp_pose_3=rx actual_tcp_pose_4=ry actual_tcp_pose_5=rz"
+    "actual_tcp_pose_3=rx actual_tcp_pose_4=ry actual_tcp_pose_5=rz "
+    "tcp_offset_0=tcp_offset_x tcp_offset_1=tcp_offset_y tcp_offset_2=tcp_offset_z "
+    "tcp_offset_3=tcp_offset_rx tcp_offset_4=tcp_offset_ry tcp_offset_5=tcp_offset_rz"
 )
 # what the names of numbers are in files with a word: Stäubli's, Epson's
 DIALECTS = {
@@ -156,31 +158,21 @@ LISTS = {
     "[": TARGET,
     "jointtarget": f"{AXES}{6 * ',_'}",
     "moveabsj": f"{AXES}{6 * ',_'}",
-    "movej": AXES,
     "tooldata": f"_,{QUATERNION}{11 * ',_'}",
     "wobjdata": f"_,_,_,{QUATERNION},object {QUATERNION.replace(',', ',object ')}",
     "p": "x,y,z,rx [1],ry [1],rz [1]",
-    "p(": "x,y,z,w,p,r",
-    "posx": "x,y,z,o,a,t",
     "pos": "x,y,z,o,a,t,_",
-    "trans": "x,y,z,o,a,t",
-    "posj": AXES,
-    "(": "x,y,z,w,p,r",
-    "j(": AXES,
-    "c_list": "x,y,z,w,p,r",
-    "j_list": AXES,
-    "set_position": "x,y,z,w,p,r",
-    "set_tcp_offset": "x,y,z,w,p,r",
-    "set_servo_angle": AXES,
-    "movelin": "x,y,z,alpha,beta,gamma",
-    "movepose": "x,y,z,alpha,beta,gamma",
-    "movejoints": AXES,
-    "settrf": "x,y,z,alpha,beta,gamma",
-    # below a line that says so: Yaskawa, Kawasaki
-    "rectan": "x,y,z,w,p,r",
+    # below a line that says so: Yaskawa
     "pulse": AXES.replace("j", "pulse_"),
-    "joints": AXES,
 }
+# by what they are; rectan and joints, too, below a line that says so
+for words, columns in {
+    "p( ( c_list set_position set_tcp_offset rectan": "x,y,z,w,p,r",
+    "posx trans": "x,y,z,o,a,t",
+    "movelin movepose settrf": "x,y,z,alpha,beta,gamma",
+    "movej posj j( j_list set_servo_angle movejoints joints": AXES,
+}.items():
+    LISTS |= dict.fromkeys(words.split(), columns)
 # calls of Techman's and xArm's that have one of these lists, and how it is written here
 CALLS = {
     r'\w+\("([CJ])[PA][PR]",\s*': r"\1_list(",

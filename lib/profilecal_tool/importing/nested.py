@@ -113,7 +113,7 @@ def poses_in(
                     cells_of[dotted] = part[column]
         for above in (numbers[:k] for k in range(len(numbers) + 1)):
             for where, part in records.get(above, {}).items():
-                if where in tools and is_elsewhere(part):
+                if where in tools:
                     cells_of |= {f"tool {name}": part[name] for name in part}
                     cells_of["tool"] = where
         poses.append(Named(cells_of, name, len(poses) + 1))
@@ -177,12 +177,6 @@ def placed(words: Words, cells: list[str]) -> tuple[Sequence[str], Sequence[str]
 def is_pose(part: dict[str, str]) -> bool:
     """Whether columns are those of a pose, or may be."""
     return {*"123456"} <= part.keys() or (len(part) > 5 and {*"xyz"} <= part.keys())
-
-
-def is_elsewhere(part: dict[str, str]) -> bool:
-    """Whether the numbers of a frame are neither a matrix without effect nor zeros."""
-    numbers = [*map(number, part.values())]
-    return any(numbers) and numbers != np.eye(4).ravel().tolist()
 
 
 def chosen_place(path: Path, places: list[str], entry: str) -> str:

@@ -216,9 +216,8 @@ def by_words(units: dict[str, str]) -> dict[str, str]:
     ]
     named = {}
     for own, (name, unit) in zip(words, units.items(), strict=True):
-        if offset := TOOL_OFFSET.fullmatch(name):  # of UR's are numbered
-            axes = dict(zip("012345", (*"xyz", *VECTOR), strict=True))
-            name = f"tool {axes.get(offset[1], offset[1])}"
+        if offset := TOOL_OFFSET.fullmatch(name):
+            name = f"tool {offset[1]}"
         elif re.fullmatch(TOOL_WORDS, name) and "tool" not in units | named:
             name = "tool"
         elif len(own) == 1 and words.count(own) == 1:
@@ -302,7 +301,7 @@ def taken_as(
         for which in FRAMES
         if (frame := frames[which])
     ]
-    tool, more = tool_on(poses, layout)
+    tool, more = tool_on(poses, layout, convention.columns[-1])
     doubts += more
     of = tool or "the flange (--tool if they are of a tool)"
     if UNSAID in poses.columns and not layout.tool:
@@ -435,9 +434,10 @@ def frame_given(
 
 
 @np.errstate(invalid="ignore")  # words differ by nothing that is a number
-def tool_on(poses: Table, layout: Layout) -> tuple[str, list[str]]:
+def tool_on(poses: Table, layout: Layout, turn: str) -> tuple[str, list[str]]:
     """The tool that poses are of and that is not taken off, in words, if there is one;
-    and doubts about the robot's frames and external axes.
+    and doubts about the robot's frames and external axes. A column that ends with
+    `turn` has a frame's last angle, if the file has the frame as it has poses.
 
     Raises ScanError where they differ between poses by more than a little.
     """
@@ -450,7 +450,7 @@ def tool_on(poses: Table, layout: Layout) -> tuple[str, list[str]]:
         if name not in FRAMES and not EXTERNAL.fullmatch(name):
             continue
         frame = FRAMES.get(name, name)
-        held = poses.columns.get(f"{name} x", [""] * len(poses.lines))
+        held = poses.columns.get(f"{name} {turn}", [""] * len(poses.lines))
         cells = [*map(str, poses.columns[name])]
         pairs = zip(cells, held, strict=True)
         unknown = [cell for cell, x in pairs if not x and cell.lower() not in NO_FRAME]

@@ -61,13 +61,7 @@ def read_profiles(path: Path, count: int, layout: Layout) -> Table:
     start = layout.x
     if path.suffix.lower() in ENDINGS:
         table = of_array(path, point_array(path, layout.entry))
-    elif vertices := vertices_in(path):
-        count_of_points = max(map(len, vertices.values()))
-        if not count_of_points:
-            return Table(path, {}, [])
-        rows = range(1, count_of_points + 1)
-        table = Table(path, {**vertices}, rows, "row", dict.fromkeys(vertices, ""))
-    else:
+    elif (table := vertices_in(path)) is None:
         text = closed_text(path, layout.encoding, layout.entry)
         if not re.search(r"\b\d", text):  # titles at most
             return Table(path, {}, [])
@@ -75,6 +69,8 @@ def read_profiles(path: Path, count: int, layout: Layout) -> Table:
             path, points_in_list(path, text, layout.entry) or lines_of(text)
         )
         start = start or start_and_pitch(text)
+    if not table.columns:
+        return table
     if layout.in_one and ROW not in table.columns:
         table = apart(table)[1]
     return chosen_rows(across(table, count, start), layout.where)
@@ -330,7 +326,7 @@ def check_is_one(profile: Table, x: ndarray, axes: Collection, layout: Layout) -
         )
         which = f"{profile.path}: {name} is {values[0]} to {values[-1]} in one profile"
         if several:
-            value = min(values, key=size_of)
+            value = min(values, key=lambda cell: abs(number(str(cell))))
             what = f"a cloud of {len(values)} profiles" if is_y else "of several"
             raise ScanError(
                 f"{which}, {what}, where a pose has one; say which: "
@@ -360,11 +356,6 @@ def parts_x(cells: ndarray, values: list, x: ndarray) -> bool:
     )
 
 
-def size_of(cell: object) -> float:
-    """How far what a cell says is from zero."""
-    return abs(number(str(cell)))
-
-
 def x_and_z(tables: list[Table], layout: Layout) -> dict[str, str]:
     """The columns of x and z and their units: as said, as their titles say, or where
     there are no titles, the two that vary. Raises ScanError.
@@ -389,17 +380,17 @@ def x_and_z(tables: list[Table], layout: Layout) -> dict[str, str]:
         values = np.concatenate([floats(table.columns[name]) for table in tables])
         if np.fmin.reduce(values) < np.fmax.reduce(values):
             axes[name] = ""
-    if not len(axes) == len(axes.keys() & first.columns) == 2:
-        if len(first.columns) == 1:
-            raise without_x(first)
+    x = next(iter(axes), "")
+    are_two = len(axes) == len(axes.keys() & first.columns) == 2
+    is_guessed = are_two and not (layout.columns or "x" in meaning(x))
+    if len(first.columns) == 1 or (is_guessed and is_count(first.columns[x])):
+        raise without_x(first)
+    if not are_two:
         raise ScanError(
             f"{first.path}: columns {listed(first.columns)}; say which are x and z, "
             f'such as --columns "{",".join(likely(first))}"; or, if there is z alone, '
             "where x begins and how far points are apart: --x START PITCH"
         )
-    x = next(iter(axes))
-    if not (layout.columns or "x" in meaning(x)) and is_count(first.columns[x]):
-        raise without_x(first)
     own = first.units
     return {
         name: "mm" if layout.x and name == "x" else layout.unit or unit or own[name]

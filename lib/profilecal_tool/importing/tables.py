@@ -432,20 +432,16 @@ def pose_columns(names: Sequence[str]) -> list[str]:
     """
     words = {name: words_in(name) for name in names}
     positions = [
-        [name, name.replace("x", "y"), name.replace("x", "z")]
+        [name.replace("x", axis) for axis in "xyz"]
         for name in names
         if "x" in words[name]
     ]
     positions = [three for three in positions if {*three} <= {*names}]
-    turns = [
-        [name for name in names if words[name] & {*convention.columns}]
-        for convention in CONVENTIONS
-    ]
-    lengths = [len(convention.columns) for convention in CONVENTIONS]
-    whole = [turn for turn, n in zip(turns, lengths, strict=True) if len(turn) == n]
-    if not positions or not whole:
-        return []
-    return max(positions, key=lambda three: len(three[0])) + whole[0]
+    for convention in CONVENTIONS:
+        turn = [name for name in names if words[name] & {*convention.columns}]
+        if positions and len(turn) == len(convention.columns):
+            return max(positions, key=lambda three: len(three[0])) + turn
+    return []
 
 
 def is_axis(name: str) -> bool:
