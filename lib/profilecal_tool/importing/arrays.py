@@ -22,7 +22,7 @@ BINARY_PLY = re.compile(
 )
 BINARY_PCD = re.compile(
     rb"(?s)(?:#|VERSION).*?FIELDS ([^\n]*)\nSIZE ([^\n]*)\nTYPE ([^\n]*)\n"
-    rb"(?:COUNT ([^\n]*)\n)?(?:(?!DATA).)*?POINTS (\d+)\s+"
+    rb"(?:COUNT[ 1]*\n)?(?:(?!COUNT|DATA).)*?POINTS (\d+)\s+"
     rb"DATA binary(_compressed)?\r?\n"
 )
 PLY_TYPES = renamed(
@@ -74,14 +74,11 @@ def vertices_in(path: Path) -> Table | None:
             kinds = [(name, order + PLY_TYPES.get(kind, kind)) for kind, name in pairs]
             count = head[2]
         elif head := BINARY_PCD.match(content):
-            *lines, count, compressed = head.groups(default=b"")
+            *lines, count, compressed = head.groups()
             if compressed:
                 raise ScanError(f"{path}: compressed; save it as DATA binary or ascii")
-            names, sizes, types, many = (
-                line.decode().lower().split() for line in lines
-            )
-            parts = zip(names, types, sizes, many or ["1"] * len(names), strict=True)
-            kinds = [(name, f"({n},)<{kind}{size}") for name, kind, size, n in parts]
+            parts = zip(*(line.decode().lower().split() for line in lines), strict=True)
+            kinds = [(name, f"<{kind}{size}") for name, size, kind in parts]
         else:
             return None
         try:
@@ -89,16 +86,13 @@ def vertices_in(path: Path) -> Table | None:
         except TypeError as error:
             raise ScanError(f"{path}: not the points of a PLY or PCD file") from error
         names = rows.dtype.names if len(rows) else ()
-        firsts = [rows[name].reshape(len(rows), -1)[:, 0] for name in names]
-        return from_array(path, np.array(firsts, float).T, names)
+        values = np.array([rows[name] for name in names], float)
+        return from_array(path, values.T, names)
 
 
 def firsts_first(values: ndarray) -> ndarray:
     """An array of MATLAB's with what its last axis counts, poses or profiles, first."""
-    above, across = values.shape[0], values.shape[1:]
-    is_stack = values.ndim == 3 and across[1] > 4
-    is_pose = (above, across[0]) in ((3, 3), (3, 4), (4, 4))
-    if is_stack and (is_pose or (above > 4 and across[0] in (2, 3))):
+    if values.ndim == 3 and values.shape[1] < 5 <= values.shape[2]:
         return np.moveaxis(values, -1, 0)
     return values
 

@@ -18,7 +18,7 @@ from profilecal.scan.motion import checked_log, with_motion
 from profilecal.scan.scan import Scan
 from profilecal.scan.tables import ScanError, listed, naming
 from profilecal_tool.importing.layout import NOTHING_SAID, Layout
-from profilecal_tool.importing.makers import POSE_FILES, PROGRAM, TIMES
+from profilecal_tool.importing.makers import POSE_FILES, PROGRAM
 from profilecal_tool.importing.pairing import driven, match, unit_s
 from profilecal_tool.importing.poses import pose_table, taken_as
 from profilecal_tool.importing.profiles import profiles_of, read_profiles, seen_in_mm
@@ -47,7 +47,7 @@ def import_scan(
     count = len(poses.lines)
     tables = [read_profiles(path, count, layout) for path in of_profiles]
     first = tables[0]
-    unit = unit_s(first, [name for name in first.columns if TIMES.search(name)])
+    unit = unit_s(first)
     of_one = count if len(tables) == 1 else 0
     names, *read = profiles_of(tables, of_one, layout, poses.columns)
     del tables, first

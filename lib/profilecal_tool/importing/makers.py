@@ -81,9 +81,11 @@ FOREIGN = ["°", "µ", "坐标", "座標", "位姿", "좌표"]
 FOREIGN += [word for word in (*LABELS, *HEIGHTS) if not word.isascii()]
 
 # units of length, mm
-LENGTHS = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "um": 1e-3, "nm": 1e-6, "inch": 25.4}
+LENGTHS = renamed(
+    "mm=1 cm=10 m=1000 um=1e-3 µm=1e-3 μm=1e-3 micron=1e-3 nm=1e-6 inch=25.4 in=25.4"
+)
 # a table's lengths may be parts of these: 0.01 um
-LENGTHS |= {"µm": 1e-3, "μm": 1e-3, "micron": 1e-3, "in": 25.4}
+LENGTHS = {unit: float(mm) for unit, mm in LENGTHS.items()}
 
 # units by other names
 UNITS = renamed(

@@ -238,7 +238,7 @@ def lists_of(node: Any, name: str = "") -> Iterator[tuple[str, list[str], Sequen
         lists = {key: value for key, value in node.items() if is_long(value)}
         axes = [key for key in lists if meaning(key) & {*"xz"}]
         if len(axes) > 1 and len({len(lists[key]) for key in axes}) == 1:
-            cells = ([*map(in_cell, lists[key])] for key in axes)
+            cells = (map(str, lists[key]) for key in axes)
             yield name, axes, [*zip(*cells, strict=True)]
             return
         for key, value in node.items():
@@ -246,7 +246,7 @@ def lists_of(node: Any, name: str = "") -> Iterator[tuple[str, list[str], Sequen
     elif (
         is_long(node) and isinstance(node[0], list) and not isinstance(node[0][0], list)
     ):
-        points = [[*map(in_cell, point)] for point in node]
+        points = [[*map(str, point)] for point in node]
         yield name, [str(k) for k in range(1, len(points[0]) + 1)], points
     elif isinstance(node, list):
         for value in node:
@@ -256,8 +256,3 @@ def lists_of(node: Any, name: str = "") -> Iterator[tuple[str, list[str], Sequen
 def is_long(node: Any) -> bool:
     """Whether a list has more than a matrix has rows."""
     return isinstance(node, list) and len(node) > 4 and node[0] not in ([], {})
-
-
-def in_cell(value: Any) -> str:
-    """A number of a table, blank for none."""
-    return "" if value is None else str(value)

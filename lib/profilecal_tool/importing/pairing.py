@@ -186,7 +186,7 @@ def times_of(
     of_profiles = all_seconds([*map(str, names)])
     if np.isnan([*of_poses, *of_profiles]).any():
         return np.empty(0), np.empty(0)
-    return of_poses * unit_s(poses, columns), of_profiles
+    return of_poses * unit_s(poses), of_profiles
 
 
 def all_seconds(texts: Sequence[str]) -> ndarray:
@@ -198,9 +198,9 @@ def all_seconds(texts: Sequence[str]) -> ndarray:
     return np.where(np.isfinite(values), values, np.nan)
 
 
-def unit_s(table: Table, columns: Sequence[str]) -> float:
-    """The unit of times in some columns, as a title says it, in s."""
-    said = [table.units.get(name, "") for name in columns]
+def unit_s(table: Table) -> float:
+    """The unit of a table's times, as a title says it, in s."""
+    said = [unit for name, unit in table.units.items() if TIMES.search(name)]
     return next((UNITS_S[unit] for unit in said if unit in UNITS_S), 1.0)
 
 

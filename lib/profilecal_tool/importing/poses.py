@@ -125,19 +125,14 @@ def stacked(table: Table) -> Table:
     if table.units.keys() != {*"1234"}:
         return table
     values = table.numbers(table.units)
-    whole = len(values) % 4 == 0 and is_homogeneous(values.reshape(-1, 4, 4))
-    rows = 4 if whole else 3
+    rows = 3
+    if len(values) % 4 == 0:
+        matrices = values.reshape(-1, 4, 4)  # or written column by column
+        ends = (matrices[:, 3, :3], matrices[:, :3, 3])
+        rows += any(np.allclose(end, 0, atol=1e-6) for end in ends)
     if len(values) % rows:
         return table
     return from_array(table.path, values.reshape(-1, 4 * rows))
-
-
-def is_homogeneous(matrices: ndarray) -> bool:
-    """Whether all last rows of matrices (n, 4, 4) begin with 0, 0, 0, or all last
-    columns.
-    """
-    ends = (matrices[:, 3, :3], matrices[:, :3, 3])
-    return any(np.allclose(end, 0, atol=1e-6) for end in ends)
 
 
 def pose_table(
@@ -196,11 +191,10 @@ def pose_table(
         columns.setdefault("tool", len(table.lines) * ["offset"])
     if not columns.keys() & {"tool", UNSAID} and paths[0].suffix not in ENDINGS:
         text = closed_text(paths[0], layout.encoding, layout.entry, of_poses=True)
-        found = TOOL_SAID.finditer(text[:LONGEST])
-        said = [(match[1] or match[2]).strip() for match in found]
-        said = [name for name in said if name.strip("-+0., ;\t")]
-        if said:
-            columns["tool"] = len(table.lines) * [said[0]]
+        for match in TOOL_SAID.finditer(text[:LONGEST]):
+            name = (match[1] or match[2]).strip()
+            if name.strip("-+0., ;\t"):
+                columns.setdefault("tool", len(table.lines) * [name])
     table = replace(table, columns=columns, units=units)
     return table, conventions[0], guessed
 
@@ -268,20 +262,19 @@ def taken_as(
     along = {axis: poses.units[axis] for axis in "xyz"}
     scale, lengths = to_mm(poses.path, along, poses.numbers("xyz"), REACH_MM[1] / 1000)
     entries = check_poses(replace(poses, columns=columns), scale)
-    if "inverse" in poses.columns:
+    R, p = entries["R_base_flange"], entries["p_base_flange"]
+    is_inverse = "inverse" in poses.columns
+    if is_inverse:
         name = poses.columns["inverse"][0]
-        R, p = inverse(entries["R_base_flange"], entries["p_base_flange"])
-        is_wider = (
-            np.var(p, axis=0).sum() > np.var(entries["p_base_flange"], axis=0).sum()
-        )
-        if is_wider and layout.entry.lower() != name:
+        spread = np.var(p, axis=0).sum()
+        R, p = inverse(R, p)
+        if np.var(p, axis=0).sum() > spread and layout.entry.lower() != name:
             raise ScanError(
                 f"{poses.path}: {name} is OpenCV's name for the inverse of the robot's "
                 "pose, but its positions lie closer together than those of its "
                 "inverse; if it has the poses, call it gripper2base there; if it has "
                 f"their inverses: --entry {name}"
             )
-        entries |= {"R_base_flange": R, "p_base_flange": p, "orientation": None}
         doubts.append(
             f"{name} is taken for the inverse of the robot's pose, as OpenCV names it"
         )
@@ -318,28 +311,26 @@ def taken_as(
             f"{tool or 'the flange'}: the file has {' and '.join(off)}, taken off "
             "(--tool 0 0 0 0 0 0 leaves a tool on)"
         )
-    if (of_file := frames["tool"]) and not layout.tool:
-        R, p = of_file
-        far = np.abs(p).max()
-        if p.any() and not 2 <= far <= 2000:
-            numbers = numbers_given(
-                R, p * (1000 if far < 2 else 0.001), of_tool, known[angle]
-            )
+    if frames["tool"] and not layout.tool:
+        R_tool, p_tool = frames["tool"]
+        far = np.abs(p_tool).max()
+        if far and not 2 <= far <= 2000:
+            in_mm = p_tool * (1000 if far < 2 else 0.001)
+            numbers = numbers_given(R_tool, in_mm, of_tool, known[angle])
             raise ScanError(
-                f"{poses.path}: the tool is at {p[0].round(3).tolist()} mm, if it has "
-                f"the unit of the poses; say where it is, such as --tool {numbers}"
+                f"{poses.path}: the tool is at {p_tool[0].round(3).tolist()} mm, if it "
+                f"has the unit of the poses; say where it is, such as --tool {numbers}"
             )
     if layout.tool:
         frames["tool"] = frame_given(layout.tool, of_tool, known[angle])
         of = "the tool given, taken off"
-    R, p = entries["R_base_flange"], entries["p_base_flange"]
     for which, frame in frames.items():
         if frame and which == "tool":
             R_tool_flange, p_tool_flange = inverse(*frame)
             R, p = R @ R_tool_flange, carry(R, p, p_tool_flange)
         elif frame:
             R, p = frame[0] @ R, carry(*frame, p)
-    if any(frames.values()):
+    if is_inverse or any(frames.values()):
         entries |= {"R_base_flange": R, "p_base_flange": p, "orientation": None}
     return entries, words, of, doubts
 

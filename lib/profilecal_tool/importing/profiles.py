@@ -138,10 +138,11 @@ def across(table: Table, count: int, start: tuple[float, float] | None) -> Table
     columns = {n: np.array(table.columns[n]) for n in names if n not in (*x, *z)}
     if "x" in columns:  # above the names of rows
         columns["name"] = columns.pop("x")
-    kinds = next((c for c in columns.values() if {"Z"} <= {*c} <= {*"XYZI"}), None)
-    rows = np.arange(len(values)) if kinds is None else np.flatnonzero(kinds == "Z")
+    every = np.full(len(values), "Z")
+    kinds = next((c for c in columns.values() if {"Z"} <= {*c} <= {*"XYZI"}), every)
+    rows = np.flatnonzero(kinds == "Z")
     is_bare = not columns and not start and not x
-    if kinds is not None and "X" in kinds:
+    if "X" in kinds:
         along = values[kinds == "X"]
     elif np.isfinite(titles).all() and titles[0] not in (0, 1):
         along = titles
@@ -169,8 +170,8 @@ def long(table: Table, x: ndarray, z: ndarray, units: dict) -> Table:
     """A table of P profiles with a point a row, of z (P, n) and x of all or of each."""
     index = np.repeat(np.arange(len(z)), z.shape[1])
     columns = {name: cells[index] for name, cells in table.columns.items()}
-    columns |= {ROW: index + 1, "x": np.broadcast_to(x, z.shape).ravel()}
-    columns |= {"z": z.ravel()}
+    columns[ROW] = index + 1
+    columns |= {"x": np.broadcast_to(x, z.shape).ravel(), "z": z.ravel()}
     units = dict.fromkeys(columns, "") | units
     lines = np.broadcast_to(table.lines, z.shape).ravel()
     return replace(table, columns=columns, lines=lines, units=units)
@@ -361,16 +362,17 @@ def x_and_z(tables: list[Table], layout: Layout) -> dict[str, str]:
     there are no titles, the two that vary. Raises ScanError.
     """
     first = tables[0]
-    axes = names_and_units(layout.columns.split(",")) if layout.columns else {}
-    meant = {ALIASES.get(name, name): name for name in first.columns}
-    axes = {
-        name if name in first.columns else meant.get(name, name): unit
-        for name, unit in axes.items()
-    }
-    for axis in "xz":
+    axes = {}
+    if layout.columns:
+        meant = {ALIASES.get(name, name): name for name in first.columns}
+        axes = {
+            name if name in first.columns else meant.get(name, name): unit
+            for name, unit in names_and_units(layout.columns.split(",")).items()
+        }
+    for axis in "" if layout.columns else "xz":
         named = [axis] if axis in first.columns else []
         named = named or [name for name in first.columns if axis in meaning(name)]
-        if len(named) == 1 and not layout.columns:
+        if len(named) == 1:
             axes[named[0]] = ""
     if len(axes) == 1 and len(first.columns) == 2 and not layout.columns:
         (known,) = axes
@@ -388,8 +390,8 @@ def x_and_z(tables: list[Table], layout: Layout) -> dict[str, str]:
     if not are_two:
         raise ScanError(
             f"{first.path}: columns {listed(first.columns)}; say which are x and z, "
-            f'such as --columns "{",".join(likely(first))}"; or, if there is z alone, '
-            "where x begins and how far points are apart: --x START PITCH"
+            f'such as --columns "{",".join([*first.columns][-2:])}"; or, if there is z '
+            "alone, where x begins and how far points are apart: --x START PITCH"
         )
     own = first.units
     return {
@@ -410,17 +412,6 @@ def without_x(table: Table) -> ScanError:
         f"{table.path}: z alone, and x nowhere; say where it "
         "begins and how far points are apart: --x START PITCH"
     )
-
-
-@np.errstate(invalid="ignore")  # words differ by nothing that is a number
-def likely(table: Table) -> Sequence[str]:
-    """What x and z may be called: a column that goes on, and the next that varies."""
-    steps = {name: np.diff(floats(cells)) for name, cells in table.columns.items()}
-    names = [name for name, step in steps.items() if step.any()]
-    for k, name in enumerate(names[:-1]):
-        if abs(np.sign(steps[name]).mean()) > 0.8:
-            return names[k : k + 2]
-    return "xz"
 
 
 def seen_in_mm(
@@ -448,8 +439,7 @@ def seen_in_mm(
     )
     unseen += doubt_of_code(z[seen])
 
-    units = [{axis: unit} for axis, unit in axes.items()]
-    taken = [to_mm(folder, unit, points, 1.0) for unit in units]
+    taken = [to_mm(folder, {axis: unit}, points, 1.0) for axis, unit in axes.items()]
     points *= [scale for scale, _ in taken]
     lengths = ", ".join(dict.fromkeys(words for _, words in taken))
     largest = np.nanmax(np.abs(points), initial=0)
