@@ -21,8 +21,8 @@ import numpy as np
 import profilecal as pc
 
 poses = np.tile(np.eye(4), (20, 1, 1))
-poses[:, :3, 3] = default_rng(0).uniform(300, 500, (20, 3))
-profiles = default_rng(1).uniform(50, 90, (20, int(sys.argv[1]), 2))
+poses[:, :3, 3] = np.random.default_rng(0).uniform(300, 500, (20, 3))
+profiles = np.random.default_rng(1).uniform(50, 90, (20, int(sys.argv[1]), 2))
 print("begins", flush=True)
 pc.write_scan(pc.Scan.of("plane", poses, profiles=profiles), "scan")
 """
