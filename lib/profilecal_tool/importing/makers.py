@@ -132,7 +132,7 @@ INVERSE = re.compile(r"base_?2_?[a-z]")
 
 # the frames that poses are of: Franka's, others'
 TOOL_FRAME = re.compile(r"f_t_n?ee|(?:tool|tcp)[_.]?(?:offset|frame|data)")
-TOOL_OFFSET = re.compile(r"(?:tool|tcp)_?offset_(\w+)")
+TOOL_OFFSET = re.compile(r"(?:tool |(?:tool|tcp)_?offset_)(\w+)")
 
 # what any text says of the tool, in a line of its own or in JSON; but no address
 TOOL_WORDS = (

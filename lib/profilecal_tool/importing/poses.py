@@ -263,8 +263,7 @@ def taken_as(
     scale, lengths = to_mm(poses.path, along, poses.numbers("xyz"), REACH_MM[1] / 1000)
     entries = check_poses(replace(poses, columns=columns), scale)
     R, p = entries["R_base_flange"], entries["p_base_flange"]
-    is_inverse = "inverse" in poses.columns
-    if is_inverse:
+    if "inverse" in poses.columns:
         name = poses.columns["inverse"][0]
         spread = np.var(p, axis=0).sum()
         R, p = inverse(R, p)
@@ -330,7 +329,7 @@ def taken_as(
             R, p = R @ R_tool_flange, carry(R, p, p_tool_flange)
         elif frame:
             R, p = frame[0] @ R, carry(*frame, p)
-    if is_inverse or any(frames.values()):
+    if R is not entries["R_base_flange"]:
         entries |= {"R_base_flange": R, "p_base_flange": p, "orientation": None}
     return entries, words, of, doubts
 

@@ -3,7 +3,6 @@ unit.
 """
 
 import re
-from collections import Counter
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 from itertools import pairwise
@@ -47,6 +46,7 @@ from profilecal_tool.importing.tables import (
     meaning,
     mm_of,
     names_and_units,
+    numbered,
     rows_of,
     stem,
     to_mm,
@@ -108,17 +108,12 @@ def across(table: Table, count: int, start: tuple[float, float] | None) -> Table
     the x of the first row. Raises ScanError where there is no x.
     """
     names, lines = [*table.columns], np.array(table.lines)
-    many = Counter(map(stem, names))
-    x, z = (
-        [n for n in names if many[stem(n)] > 4 and axis in meaning(stem(n))]
-        for axis in "xz"
-    )
+    x, z = numbered(names, "x"), numbered(names, "z")
     z = z or [name for name in names if np.isfinite(number(name))]
     heights = [n for n in names if "z" in meaning(n)]
-    if len(names) < 3:
-        heights = heights or names[-1:]
+    heights = heights or names[-1:] * (len(names) < 3)
     is_down = len(x) == len(z) == count != len(lines)
-    if names[0] == "x" and many[stem(names[-1])] == len(names) - 1 > 4:
+    if names[0] == "x" and len({*map(stem, names[1:])}) == 1 < len(names) - 4:
         if is_rising(table.numbers("x", blank=True)[:, 0]):
             x, z, is_down = ["x"], names[1:], True
     elif start and len(heights) == 1 and not any("x" in meaning(n) for n in names):

@@ -81,7 +81,11 @@ def positions_in(path: Path, text: str) -> list[Named]:
             name = one.cells.get(which) or said.get(which) or " or ".join(chosen)
             frame = chosen.get(name) or frames.get(bare(name))
             put(one, which, name, frame or frames.get(f"{which}_data{name}"))
-    tools = [one for one in full if is_frame(one, "tool") and is_moved(one)]
+    tools = [
+        one
+        for one in full
+        if is_frame(one, "tool") and any(map(number, map(one.cells.get, "xyz", "000")))
+    ]
     if tools and not any("tool" in one.cells for one in poses):
         names = " or ".join(one.name or one.kind for one in tools)
         for one in poses:
@@ -159,11 +163,6 @@ def is_frame(one: Named, which: str = "tool|base|wobj|null|frame") -> bool:
         re.fullmatch(IS_FRAME.format(which), word)
         for word in (one.kind, bare(one.name).removesuffix("frame"))
     )
-
-
-def is_moved(frame: Named) -> bool:
-    """Whether a frame is elsewhere than at zero."""
-    return any(number(frame.cells.get(axis, "0")) for axis in "xyz")
 
 
 def names_said(text: str, found: list[Named]) -> dict[str, dict[str, str]]:

@@ -82,12 +82,8 @@ def sheets_of(path: Path) -> dict[str, str]:
     """
     if path.suffix.lower() != WORKBOOK:
         return {}
-    try:
-        from openpyxl import load_workbook
-    except ImportError as error:
-        raise ScanError(
-            f"{path}: a workbook; save its sheet as CSV, or: pip install openpyxl"
-        ) from error
+    from openpyxl import load_workbook
+
     with naming(path), path.open("rb") as file:
         try:
             return {
@@ -403,8 +399,7 @@ def apart(table: Table) -> tuple[Table, Table]:
     Raises ScanError where it has no poses.
     """
     names, begins = [*table.columns], np.full(len(table.lines), True)
-    many = Counter(map(stem, names))
-    points = [name for name in names if many[stem(name)] > 4 and is_axis(name)]
+    points = numbered(names, "xz")
     if not points:
         changes = {name: changed(cells) for name, cells in table.columns.items()}
         points = [name for name in names if changes[name].mean() > 0.25]
@@ -444,9 +439,11 @@ def pose_columns(names: Sequence[str]) -> list[str]:
     return []
 
 
-def is_axis(name: str) -> bool:
-    """Whether a numbered name is one of x or z."""
-    return name != stem(name) and bool(meaning(stem(name)) & {*"xz"})
+def numbered(names: Sequence[str], axes: str) -> list[str]:
+    """The names that are one of many but for their numbers, and mean one of `axes`."""
+    many = Counter(map(stem, names))
+    stems = [one for one in many if many[one] > 4 and meaning(one) & {*axes}]
+    return [name for name in names if stem(name) in stems]
 
 
 def with_columns(table: Table, names: list[str]) -> Table:
