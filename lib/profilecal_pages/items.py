@@ -178,7 +178,7 @@ class Item:
             )
         in_doubt = any(self.verdict(row) == "not testable" for row in self.rows)
         if in_doubt and self.layout != "list" and not self.apart:
-            said.append("In parentheses: nothing tried makes it fail.")
+            said.append("In parentheses: nothing named makes it fail.")
         return " ".join(said)
 
     def _repr_mimebundle_(self, include: object = None, exclude: object = None) -> dict:

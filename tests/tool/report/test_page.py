@@ -60,7 +60,7 @@ def test_the_report_states_what_the_command_prints(written):
     assert f"translation    {x:.3f}  {y:.3f}  {z:.3f} mm" in report
     assert f"R = Rz({yaw:.4f})" in report
     # the line for the robot of these angles
-    assert f"{{X {x:.4f},Y {y:.4f},Z {z:.4f},A " in report
+    assert f"{{X {x:.3f},Y {y:.3f},Z {z:.3f},A " in report
     assert VERDICTS["ok"][0].partition("{")[0] in report
     assert "A &lt;bar&gt; &amp; more" in report
 
