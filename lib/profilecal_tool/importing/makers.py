@@ -80,12 +80,14 @@ ENCODINGS = ["cp1252", "gb18030", "cp932", "big5", "cp949", "cp1251"]
 FOREIGN = ["°", "µ", "坐标", "座標", "位姿", "좌표"]
 FOREIGN += [word for word in (*LABELS, *HEIGHTS) if not word.isascii()]
 
-# units of length, mm
-LENGTHS = renamed(
-    "mm=1 cm=10 m=1000 um=1e-3 µm=1e-3 μm=1e-3 micron=1e-3 nm=1e-6 inch=25.4 in=25.4"
-)
-# a table's lengths may be parts of these: 0.01 um
-LENGTHS = {unit: float(mm) for unit, mm in LENGTHS.items()}
+# units of length, mm; a table's lengths may be parts of these: 0.01 um
+LENGTHS = {
+    unit: float(mm)
+    for unit, mm in renamed(
+        "mm=1 cm=10 m=1000 um=1e-3 µm=1e-3 μm=1e-3 micron=1e-3 nm=1e-6 inch=25.4 "
+        "in=25.4"
+    ).items()
+}
 
 # units by other names
 UNITS = renamed(

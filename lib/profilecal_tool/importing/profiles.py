@@ -364,11 +364,12 @@ def x_and_z(tables: list[Table], layout: Layout) -> dict[str, str]:
             name if name in first.columns else meant.get(name, name): unit
             for name, unit in names_and_units(layout.columns.split(",")).items()
         }
-    for axis in "" if layout.columns else "xz":
-        named = [axis] if axis in first.columns else []
-        named = named or [name for name in first.columns if axis in meaning(name)]
-        if len(named) == 1:
-            axes[named[0]] = ""
+    else:
+        for axis in "xz":
+            named = [axis] if axis in first.columns else []
+            named = named or [name for name in first.columns if axis in meaning(name)]
+            if len(named) == 1:
+                axes[named[0]] = ""
     if len(axes) == 1 and len(first.columns) == 2 and not layout.columns:
         (known,) = axes
         (other,) = first.columns.keys() - axes

@@ -84,7 +84,7 @@ def positions_in(path: Path, text: str) -> list[Named]:
     tools = [
         one
         for one in full
-        if is_frame(one, "tool") and any(map(number, map(one.cells.get, "xyz", "000")))
+        if is_frame(one, "tool") and any(number(one.cells.get(k, "0")) for k in "xyz")
     ]
     if tools and not any("tool" in one.cells for one in poses):
         names = " or ".join(one.name or one.kind for one in tools)
