@@ -4,6 +4,7 @@ hides is not answered.
 
 import os
 from dataclasses import replace
+from itertools import cycle
 
 import numpy as np
 import pytest
@@ -97,8 +98,8 @@ def test_jitter_is_an_error_along_the_derivative_by_time():
 
 @pytest.mark.parametrize(
     ("kind", "pattern", "mount"),
-    [(kind, "weave", mount) for kind in KINDS for mount in MOUNTS]
-    + [("edge", "both ways", MOUNTS[0]), ("edge", "random", MOUNTS[1])],
+    [(kind, "weave", mount) for kind, mount in zip(KINDS, cycle(MOUNTS), strict=False)]
+    + [("edge", "both ways", MOUNTS[1]), ("edge", "random", MOUNTS[0])],
 )
 def test_pose_and_delay_are_exact_without_noise(kind, pattern, mount):
     """At 150 ms and 150 mm/s, 22 mm: what is left is the spline through the log."""
@@ -117,7 +118,7 @@ SCANS = int(os.environ.get("PROFILECAL_COVERAGE", "6"))
 
 
 @pytest.mark.parametrize("kind", ["edge", "plane", "ball"])
-@pytest.mark.parametrize("speed", [2.0, 20.0, 150.0])
+@pytest.mark.parametrize("speed", [2.0, 150.0])
 def test_one_way_in_the_flange_is_never_ok(kind, speed):
     """Whatever the speed: a delay looks like a shift of the sensor."""
     for seed in range(SCANS // 3):
