@@ -33,6 +33,12 @@ ADVICE = (
     "check the mount, units and convention of the poses, which pose each profile "
     "belongs to, x and z of the profiles, the radius"
 )
+# a pose is that of the sensor without its error: uncorrected profiles are as wrong as
+# they were
+ALLOWED = (
+    "the answer and its covariance allow for that already, and hold for data that are "
+    "corrected for it"
+)
 
 
 @dataclass(frozen=True)
@@ -201,8 +207,7 @@ def allowed_for(solution: Solution) -> list[str]:
     error = max(likely, key=lambda error: abs(of[error]) / sizes[error])
     most = Finding(error.words, -of[error] * error.unit, 0.0, np.zeros(6), 1)
     return [
-        f"the residuals look most as if {most.sentence}: more than is usual, which the "
-        "answer and its covariance allow for"
+        f"the residuals look most as if {most.sentence}: more than is usual; {ALLOWED}"
     ]
 
 
@@ -225,7 +230,7 @@ def accusation(guilty: list[Finding]) -> str:
     causes = ", or as if ".join(error.sentence for error in guilty[:4])
     remedy = "the covariance is enlarged to match"
     if max(error.not_allowed_for for error in guilty) < 0.5:
-        remedy = "the answer and its covariance allow for that already"
+        remedy = ALLOWED
     return (
         f"the residuals look as if {causes} "
         f"({abs(guilty[0].clear):.0f} standard deviations), "

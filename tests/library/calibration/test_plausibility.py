@@ -92,7 +92,7 @@ SCALED_X = deformed([[0.995, 0], [0, 1]])
 SCALED_Z = deformed([[1, 0], [0, 1.01]])
 SHEARED = deformed([[1, 0], [0.006, 1]])
 ENLARGED = "the covariance is enlarged to match"
-ALLOWED = "the answer and its covariance allow for that already"
+ALLOWED = "allow for that already, and hold for data that are corrected for it"
 WRONG = [
     ("edge", SCALED, "the robot's positions were too close together by 1 %", ENLARGED),
     ("ball", SCALED_X, "the profiles' x were too small by 0.4", ENLARGED),
