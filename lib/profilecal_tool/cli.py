@@ -420,8 +420,10 @@ def plan(spec, folder, poses, until, within, given):
     else:
         designed = written_plan(task, folder) if folder else task.plan()
         lines = plan_lines(designed, task.count_given)
-    if folder:
-        lines += steps(folder, spec, designed)
+        if folder:
+            lines += steps(folder, spec, designed)
+        else:
+            lines.append(f"next: profilecal plan {spec} NEW-FOLDER writes it")
     echo("\n".join(lines))
 
 
@@ -462,6 +464,12 @@ def steps(folder, spec, designed) -> list[str]:
         "next: put profiles.csv beside it (data/README.md has its columns), then "
         f"profilecal calibrate {together}",
     ]
+    if not spec.is_dir():
+        to_hand = " --mount eye-to-hand" if designed.model.to_hand else ""
+        lines.append(
+            "or take the scanner's files: profilecal import DIR NEW-FOLDER --target "
+            f"{designed.model.target.kind}{to_hand} --poses {folder / 'poses.csv'}"
+        )
     if designed.is_first_step:
         mm, deg = designed.until
         lines.append(
@@ -673,6 +681,12 @@ def sweep(notebook, grid, given, output, plot, hue, **options):
             echo(f"Figure: {plot_columns(table, *plot, hue, output)}")
     done = table["run"].nunique() - len(failed)
     echo(f"Runs: {done} done, {len(failed)} failed: {output / 'table.csv'}")
+    executed = {path.stem for path in (output / "runs").glob("*.ipynb")}
+    if others := len(executed - {*table["run"]}):
+        echo(
+            f"Not in it: {others} runs of other grids, kept in {output / 'runs'}; "
+            "the same command as then gathers them again"
+        )
     end_with(failed, output / "runs")
 
 

@@ -362,6 +362,11 @@ def test_the_command_counts_names_and_draws(tmp_path, start):
     assert "FAILED n=3_x=0.5_" in done.output
     assert "AssertionError: too many" in done.output
     assert (tmp_path / "out" / "y_over_x.png").exists()
+    assert "Not in it" not in done.output
+    smaller = run(*start, "-p", "n=1", "-p", "x=2")
+    assert f"Not in it: 3 runs of other grids, kept in {tmp_path}/out/runs" in (
+        smaller.output
+    )
 
 
 def test_the_command_draws_no_column_that_is_not_there(start):

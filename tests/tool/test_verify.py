@@ -23,10 +23,13 @@ def held_against_the_ball(printed, folder):
     return run("verify", folder / "ball", "--with", folder / "T.json")
 
 
-def test_the_scan_that_the_pose_is_from_cannot_verify_it(tmp_path):
+@pytest.mark.parametrize("digits", [9, 3])
+def test_the_scan_that_the_pose_is_from_cannot_verify_it(digits, tmp_path):
     scan = replace(scan_of("ball", seed=5), title="mine")
-    pc.write_scan(scan, tmp_path / "ball")
-    result = held_against_the_ball(calibrated(tmp_path / "ball"), tmp_path)
+    pc.write_scan(scan, tmp_path / "calibrated")
+    p = scan.p_base_flange.round(digits)  # mm
+    pc.write_scan(replace(scan, p_base_flange=p), tmp_path / "ball")
+    result = held_against_the_ball(calibrated(tmp_path / "calibrated"), tmp_path)
     assert result.exit_code == 2
     refused = "the pose was found from this very scan; expected another"
     assert result.output == f"profilecal: mine: {refused}\n"

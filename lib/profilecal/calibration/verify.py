@@ -30,8 +30,9 @@ from profilecal.scan.scan import Scan
 from profilecal.scan.tables import ScanError
 from profilecal.targets.observations import State
 
-# standard deviations: the answer of another scan comes no closer by chance
-SAME_SCAN = 1e-3
+# standard deviations: the answer of another scan comes as close by a chance of 2e-13;
+# poses that are rounded to 0.001 mm move that of the same scan by less
+SAME_SCAN = 0.02
 # Fewer poses say too little of the robot's errors, and all but fit any target.
 FEWEST = 5
 

@@ -201,11 +201,13 @@ def family(path: Path) -> str:
 
 
 def files(folder: Path, pattern: str) -> list[Path]:
-    """The files of a shell pattern, p2 before p10.
+    """The files of a shell pattern, p2 before p10; a file that is elsewhere, by its
+    path.
 
     Raises ScanError if there are none of one that a user gave.
     """
-    places = [folder / name for name in glob(pattern, root_dir=folder)]
+    inside = [folder / name for name in glob(pattern, root_dir=folder)]
+    places = inside or [Path(pattern)]
     paths = [path for path in places if path.is_file()]
     if pattern.strip("*/") and not paths:
         raise ScanError(f"{folder}: no file matches {pattern!r}; is the folder right?")

@@ -97,7 +97,7 @@ def plan_lines(plan: Plan, count_given: bool) -> list[str]:
         enough = (
             f"{plan.enough} like these are"
             if plan.enough
-            else "ten times as many are not"
+            else "nor are ten times as many"
         )
         lines.append(
             f"note           {len(plan.T)} poses are not enough for {wished}; {enough}"

@@ -59,8 +59,10 @@ def draw_log(path: Path, picture: Path) -> None:
         shift, sd = table.numbers((f"shift_mm_{axis}", f"shift_mm_{axis}_sd")).T
         below.plot(dates, shift, "o-", color=colour, lw=0.8, ms=4, label=axis)
         band = np.outer(sd, [-width, width])
-        below.plot(dates, band, "--", color=colour, lw=0.8)
+        below.plot(dates, band, "_--", color=colour, lw=0.8)
     below.axhline(0, color="0.7", lw=0.8)
+    day = np.timedelta64(1, "D")
+    below.set_xlim(dates.min() - day, dates.max() + day)
     below.set_ylabel("sensor's shift [mm]")
     plt.setp(below.get_xticklabels(), rotation=30, ha="right")
     words = "if along this axis alone; dashed: what chance exceeds once in 100"

@@ -107,9 +107,16 @@ def test_plan_simulate_calibrate_states_what_was_predicted_and_holds_the_truth(
 def test_a_plan_is_a_scan_folder_once_measurements_are_in_it(tmp_path):
     plan = tmp_path / "plan"
     scan = tmp_path / "scan"
-    run("plan", spec_in(tmp_path, MANY), plan)
+    run("plan", spec_in(tmp_path, MANY, PROFILES), plan)
     run("simulate", plan / "simulate.toml", scan)
     assert run("calibrate", plan).exit_code == 2
+    files = tmp_path / "files"
+    files.mkdir()
+    for label, one in pd.read_csv(scan / "profiles.csv", dtype=str).groupby("pose"):
+        one[["x", "z"]].to_csv(files / f"p{label}.csv", index=False)
+    poses = ("--target", "edge", "--poses", plan / "poses.csv")
+    assert run("import", files, tmp_path / "imported", *poses).exit_code == 0
+    assert run("calibrate", tmp_path / "imported").exit_code == 0
     for table in scan.glob("*.csv"):
         shutil.copy(table, plan)
     assert run("calibrate", plan).exit_code == 0
@@ -197,6 +204,7 @@ def test_an_accuracy_takes_as_many_poses_as_it_takes(tmp_path):
     assert "note           few poses" in few
     at_most_nine = ("poses = 8", "most = 9\nuntil = [0.06, 0.06]")
     missed = run("plan", spec_in(tmp_path, at_most_nine)).output
+    assert missed.endswith("NEW-FOLDER writes it\n")
     sentence = r"9 poses are not enough for 0.06 mm and 0.06°; (\d+) like these are"
     enough = re.search(sentence, missed)[1]
     reached = run("plan", spec, "--poses", enough, "--until", 0.06, 0.06).output
