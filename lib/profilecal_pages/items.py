@@ -163,13 +163,14 @@ class Item:
         )
         said = [f"Printed numbers {which}: {counts}."]
         names = dict.fromkeys(name for row in self.rows for name in row.otherwise)
-        others = [f"{name} {passing(self, name)}" for name in names]
+        others = [f"{name}, {passing(self, name)}" for name in names]
         if self.apart:
             said.append(f"Not counted: {self.apart}.")
         elif others:
-            said.append(f"Would agree otherwise: {', '.join(others)}.")
+            each = "; ".join(others)
+            said.append(f"If we change one thing, this many agree: {each}.")
         if self.free:
-            said.append(f"Free: {self.free}.")
+            said.append(f"Free settings: {self.free}.")
         if self.share_failing is not None:
             share = f"{100 * self.share_failing:.0f} %"
             said.append(
@@ -178,7 +179,7 @@ class Item:
             )
         in_doubt = any(self.verdict(row) == "not testable" for row in self.rows)
         if in_doubt and self.layout != "list" and not self.apart:
-            said.append("In parentheses: nothing named makes it fail.")
+            said.append("What is in parentheses fails under none of these changes.")
         return " ".join(said)
 
     def _repr_mimebundle_(self, include: object = None, exclude: object = None) -> dict:
@@ -208,30 +209,39 @@ def passing(item: Item, name: str) -> str:
 
 
 def as_table(item: Item) -> pd.DataFrame:
-    """The paper's rows and columns; printed above ours with its range, and a mark
-    inside or outside.
+    """A block of the paper's rows for each quantity. Ours with its range stands below
+    each printed number, or once, without a sign, where it is the same for all columns.
     """
-    cells: dict[tuple, dict] = defaultdict(dict)
+    lines: dict[tuple, dict] = defaultdict(dict)
     for row in item.rows:
-        cells[row.column, row.quantity][row.row] = as_cell(row, item)
-    # the quantities of a column side by side
-    places = [column for column, _ in cells]
-    columns = sorted(cells, key=lambda names: places.index(names[0]))
-    frame = pd.DataFrame({names: cells[names] for names in columns}).fillna("")
-    frame.columns = pd.MultiIndex.from_tuples(columns)
-    return frame
+        lines[row.quantity, row.row][row.column] = row
+    table = {}
+    for name, line in lines.items():
+        cells = {column: marked(row, item) for column, row in line.items()}
+        threes = np.array([[row.low, row.ours, row.high] for row in line.values()])
+        unsigned = np.sort(threes * np.copysign(1, threes[:, 1:2]))
+        if len(line) > 1 and (unsigned == unsigned[0]).all():
+            (row, *_) = line.values()
+            cells["ours"] = with_range(row, *unsigned[0])
+        else:
+            for (column, row), three in zip(line.items(), threes, strict=True):
+                cells[column] += f"<br>{with_range(row, *three)}"
+        table[name] = cells
+    return pd.DataFrame(table).T.fillna("")
 
 
-def as_cell(row: Row, item: Item) -> str:
+def marked(row: Row, item: Item) -> str:
     """The printed number with a mark inside or outside, in parentheses where it does
-    not count, above ours with its range.
+    not count.
     """
-    verdict = item.verdict(row)
-    mark = {"differs": "✗", "not testable": "(✓)"}.get(verdict, "✓")
-    ours = row.shown(row.ours)
-    if row.low < row.high:
-        ours += f" [{row.shown(row.low)}, {row.shown(row.high)}]"
-    return f"<b>{row.as_printed}</b> {mark}<br>{ours}"
+    marks = {"differs": "✗", "not testable": "(✓)"}
+    return f"<b>{row.as_printed}</b> {marks.get(item.verdict(row), '✓')}"
+
+
+def with_range(row: Row, low: float, ours: float, high: float) -> str:
+    """Ours with its range, if there is one."""
+    ends = f" [{row.shown(low)}, {row.shown(high)}]" if low < high else ""
+    return row.shown(ours) + ends
 
 
 def as_list(item: Item) -> pd.DataFrame:
@@ -385,11 +395,10 @@ def sentence(gathered: Gathered) -> str:
         for part in verdicts.values()
     )
     return (
-        f"Of the printed results that could have come out otherwise, {given} are "
-        f"reproduced from printed inputs and {chosen} are compatible with unprinted "
-        "settings that we chose; each of the others stands with its reason. "
-        f"{in_vain} more, of {printed} printed, could hardly have failed, and do not "
-        "count."
+        f"Of {printed} printed results {in_vain} could hardly have failed, and do not "
+        f"count. Of the others, {given} are reproduced from printed inputs, and "
+        f"{chosen} are compatible with unprinted settings that we chose; for the rest "
+        "the pages say why they differ."
     )
 
 
