@@ -1,8 +1,10 @@
 """Every public name says what it is, and the examples in docstrings run."""
 
 import ast
+import base64
 import doctest
 import functools
+import json
 from importlib import import_module
 from pathlib import Path
 
@@ -73,3 +75,18 @@ def test_the_page_on_python_runs():
     page = doctest.testfile(str(ROOT / "docs" / "python.md"), module_relative=False)
     assert page.attempted > 20
     assert not page.failed
+
+
+@pytest.mark.parametrize(
+    ("picture", "page"), [("answer", "00_start_here"), ("tiles", "01_side_by_side")]
+)
+def test_pictures_of_the_front_page_are_the_first_of_their_pages(picture, page):
+    notebook = (ROOT / "notebooks" / f"{page}.ipynb").read_text(encoding="utf-8")
+    outputs = [
+        output["data"]
+        for cell in json.loads(notebook)["cells"]
+        for output in cell.get("outputs", [])
+        if "image/png" in output.get("data", {})
+    ]
+    first = base64.b64decode(outputs[0]["image/png"])
+    assert (ROOT / "docs" / f"{picture}.png").read_bytes() == first
