@@ -23,7 +23,6 @@ from profilecal.geometry.checks import (
     check_count,
     check_positions,
     check_rotations,
-    check_scan_plane,
 )
 from profilecal.geometry.poses import angle_between
 
@@ -32,7 +31,7 @@ def solve_ball(
     R_tcp: ArrayLike,
     T_tcp: ArrayLike,
     q: ArrayLike,
-    translating: ArrayLike | None = None,
+    translating: int | None = None,
 ) -> TwoStepSolution:
     """The sensor pose from a ball's centre, seen in a scan from n flange poses.
 
@@ -49,9 +48,9 @@ def solve_ball(
     q : array_like, (n, 3)
         The ball's centre, x, y and z in the sensor frame, from each pose, mm; of an arc
         x, z, r, `Ball.centre_from_circle` gives it.
-    translating : int or array_like, optional
-        Which poses translate, at least 3: the first so many, their indices, or a mask
-        (n,). Left out, it is the largest group of one orientation (within 0.05°).
+    translating : int, optional
+        So many of the first poses translate, at least 3. Left out, the largest group of
+        one orientation (within 0.05°) does, wherever its poses stand.
 
     Returns
     -------
@@ -87,8 +86,12 @@ def solve_ball(
     n = len(T_tcp)
     R_tcp = check_rotations("R_tcp", R_tcp, n)
     q = check_array("q", q, (n, 3))
-    still = translating_poses(R_tcp, translating)
-    turning = np.delete(np.arange(n), still)
+    if translating is None:
+        number = find_groups("R_tcp", R_tcp, None)
+        is_still = number == np.bincount(number).argmax()
+    else:
+        is_still = np.arange(n) < translating
+    still, turning = np.flatnonzero(is_still), np.flatnonzero(~is_still)
     check_count(
         "translating poses",
         len(still),
@@ -119,32 +122,6 @@ def solve_ball(
 
     order = np.concatenate([still, turning])
     return ball_equations(R_tcp[order], T_tcp[order], q[order], len(still))
-
-
-def translating_poses(R_tcp: ndarray, translating: ArrayLike | None) -> ndarray:
-    """Indices of the poses that `solve_ball` takes for the rotation; `translating` is
-    what it takes.
-    """
-    poses = np.arange(len(R_tcp))
-    if translating is None:
-        number = find_groups("R_tcp", R_tcp, None)
-        return poses[number == np.bincount(number).argmax()]
-    chosen = np.asarray(translating)
-    if chosen.dtype == bool and chosen.shape == poses.shape:
-        return poses[chosen]
-    if not np.issubdtype(chosen.dtype, np.integer) or chosen.ndim > 1:
-        raise ValueError(
-            f"translating is {translating!r}; "
-            f"expected a number of poses, their indices, or a mask ({len(poses)},)"
-        )
-    if not chosen.ndim:
-        return poses[: max(chosen, 0)]
-    outside = chosen[(chosen < 0) | (chosen >= len(poses))]
-    if outside.size:
-        raise ValueError(
-            f"translating holds {outside[0]}; expected indices 0 to {len(poses) - 1}"
-        )
-    return np.unique(chosen)
 
 
 def ball_equations(
@@ -248,8 +225,8 @@ def solve_fixed_point(
     ----------
     R_tcp, T_tcp : array_like, (n, 3, 3) and (n, 3)
         At least 4 flange poses in the base frame, mm.
-    q : array_like, (n, 2) or (n, 3)
-        The point in the sensor frame from each pose, mm: x and z, or x, 0 and z.
+    q : array_like, (n, 2)
+        The point in the sensor frame from each pose, x and z, mm.
 
     Returns
     -------
@@ -282,8 +259,7 @@ def solve_fixed_point(
     n = len(T_tcp)
     check_count("readings of the point", n, 4, "three equations each, twelve unknowns")
     R_tcp = check_rotations("R_tcp", R_tcp, n)
-    in_plane = "y = 0, as the laser line passes through the point"
-    q = np.insert(check_scan_plane("q", q, n, in_plane), 1, 0, axis=1)
+    q = np.insert(check_array("q", q, (n, 2)), 1, 0, axis=1)
     check_orientations(R_tcp)
     offsets = q - q.mean(axis=0)
     check_line(

@@ -24,14 +24,10 @@ def closed_form(
     (`sensing_data`). Poses may come in any order, the same in all of the batch; groups
     that `seen` leaves out are found.
 
-    Raises ValueError for another `how` or target, UnobservableError, with a cure, where
-    poses determine the answer in no data set of the batch. Without `refuse` such an
-    answer is given: as wrong as it is, the papers' methods do not show it.
+    Raises UnobservableError, with a cure, where poses determine the answer in no data
+    set of the batch. Without `refuse` such an answer is given: as wrong as it is, the
+    papers' methods do not show it.
     """
-    if how not in ("published", "regression"):
-        raise ValueError(f"how is {how!r}; expected one of published, regression")
-    if seen.kind not in ("edge", "disk"):
-        raise ValueError(f"kind is {seen.kind!r}; expected edge or disk")
     B, P = seen.points.shape[:2]
     R = np.broadcast_to(seen.R_flange, (B, P, 3, 3))
     T = np.broadcast_to(seen.T_flange, (B, P, 3))

@@ -99,8 +99,8 @@ def solve_disk(
         Of the disk, mm.
     side : array_like, optional
         s_i of Eq. 3: 1 where a motion goes towards the sensor's +y, else -1. One number
-        for all motions; or one for each, in the order of their labels in `group` or of
-        their first rows; or one for each row, (n,).
+        for all motions, or one for each, in the order of their labels in `group` or of
+        their first rows.
     R_sensor_guess : array_like, (3, 3), optional
         The rotation from sensor to flange, roughly, from which the s_i follow.
     group : array_like, (n,), optional
@@ -199,7 +199,7 @@ def solve_motions(
     if refuse:
         check_motions(R_tcp, motions, names)
     if R_sensor is None:
-        s = stated_signs(side, number, rows, names)
+        s = stated_signs(side, rows, names)
     else:
         ways = np.stack([T[..., -1, :] - T[..., 0, :] for T in motions], axis=-2)
         y = (R_tcp @ R_sensor[..., None, :, :])[..., 1]
@@ -272,11 +272,10 @@ def check_motions(R_tcp: ndarray, motions: list[ndarray], names: list[str]) -> N
 
 
 def stated_signs(
-    side: ArrayLike | None, number: ndarray, rows: list[ndarray], names: list[str]
+    side: ArrayLike | None, rows: list[ndarray], names: list[str]
 ) -> ndarray:
-    """s_i of Eq. 3, (G,), from what `solve_disk` takes.
-
-    `number` (n,) are the motions of its rows, `rows` those of each motion in its order.
+    """s_i of Eq. 3, (G,), from what `solve_disk` takes; `rows` are those of each motion
+    in its order.
     """
     for name, row in zip(names, rows, strict=True):
         if (np.diff(row) < 0).any():
@@ -284,23 +283,14 @@ def stated_signs(
                 f"the rows at {name} are not in the order of their motion, so that "
                 "side cannot tell which way it goes; sort them or give R_sensor_guess"
             )
-    n, G = len(number), len(rows)
+    G = len(rows)
     signs = np.asarray(side)
     if not np.isin(signs, (-1, 1)).all():
         raise ValueError(f"side is {side!r}; expected 1 or -1")
-    if signs.shape not in ((), (G,), (n,)):
+    if signs.shape not in ((), (G,)):
         raise ValueError(
-            f"side has shape {signs.shape}; expected (), ({G},) for motions, or ({n},)"
+            f"side has shape {signs.shape}; expected () or ({G},), one for each motion"
         )
-    if signs.shape == (n,):
-        of_rows, signs = signs, signs[[row[0] for row in rows]]
-        unlike = np.flatnonzero(of_rows != signs[number])
-        if unlike.size:
-            k = unlike[0]
-            raise ValueError(
-                f"side[{k}] is {of_rows[k]}, unlike that of the first row of its "
-                "motion; expected one sign a motion"
-            )
     return np.broadcast_to(signs, G)
 
 

@@ -18,10 +18,10 @@ from profilecal.closed_form.groups import find_groups, group_members
 from profilecal.closed_form.two_step import SensorPose, check_orientations
 from profilecal.geometry.checks import (
     UnobservableError,
+    check_array,
     check_count,
     check_positions,
     check_rotations,
-    check_scan_plane,
 )
 from profilecal.geometry.fitting import affine_residuals, with_sign
 from profilecal.geometry.poses import nearest_rotation
@@ -102,8 +102,8 @@ def solve_edge(
     ----------
     R_b, T_b : array_like, (n, 3, 3) and (n, 3)
         Flange poses in the base frame, mm: at least three orientations.
-    p_s : array_like, (n, 2) or (n, 3)
-        The edge's point in the sensor frame from each pose, mm: x and z, or x, 0 and z.
+    p_s : array_like, (n, 2)
+        The edge's point in the sensor frame from each pose, x and z, mm.
     group : array_like, (n,), optional
         Labels that poses of one orientation share. Left out, orientations that agree
         within 0.05° form a group.
@@ -145,7 +145,7 @@ def solve_edge(
     T_b = check_positions("T_b", T_b)
     n = len(T_b)
     R_b = check_rotations("R_b", R_b, n)
-    p_s = check_scan_plane("p_s", p_s, n, "y = 0, as it is in the scan plane")
+    p_s = check_array("p_s", p_s, (n, 2))
     number = find_groups("R_b", R_b, group)
 
     found = solve_groups(R_b, T_b, p_s, number, regression)

@@ -51,24 +51,6 @@ def check_type(name: str, value: object, *kinds: type) -> None:
         raise TypeError(f"{name} is a {type(value).__name__}; expected a {expected}")
 
 
-def check_scan_plane(
-    name: str, values: ArrayLike, count: int, expected: str
-) -> ndarray:
-    """Return points of the scan plane as an array (count, 2), x and z.
-
-    `values` (count, 2) are that, or (count, 3) with y = 0 between. Raises ValueError
-    for others; `expected` says why y is 0.
-    """
-    columns = 3 if np.asarray(values, dtype=object).shape[-1:] == (3,) else 2
-    points = check_array(name, values, (count, columns))
-    if columns == 2:
-        return points
-    off = np.flatnonzero(points[:, 1])
-    if off.size:
-        raise ValueError(f"{name}[{off[0]}] is {points[off[0]]}; expected {expected}")
-    return points[:, [0, 2]]
-
-
 def check_rotations(name: str, values: ArrayLike, count: int) -> ndarray:
     """Return `values` as an array (count, 3, 3) of rotations.
 

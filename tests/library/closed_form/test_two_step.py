@@ -12,9 +12,14 @@ from profilecal.closed_form.ball import ball_equations, solve_ball, solve_fixed_
 from profilecal.geometry.checks import UnobservableError
 from profilecal.geometry.poses import angle_between, rotation_from_xyz_angles
 
+
+def fixed_point(R, T, q):
+    return solve_fixed_point(R, T, q[:, ::2])
+
+
 GUARDED = {
     "ball": (lambda R, T, q: solve_ball(R, T, q, 4), scenes.ball_data),
-    "fixed point": (solve_fixed_point, scenes.point_data),
+    "fixed point": (fixed_point, scenes.point_data),
 }
 
 
@@ -43,12 +48,12 @@ def test_without_noise_the_answer_is_exact(data, poses):
         if data is scenes.ball_data:
             assert exact(solve_ball(*given, poses[0]), sensor)
         else:
-            assert exact(solve_fixed_point(*given), sensor, 1e-10)
+            assert exact(fixed_point(*given), sensor, 1e-10)
 
 
 def test_the_ball_s_steps_and_the_fixed_point_s_give_the_same():
     sensor, data = scenes.point_data(default_rng(9), 9, translating=4)
-    assert exact(solve_fixed_point(*data), sensor, 1e-10)
+    assert exact(fixed_point(*data), sensor, 1e-10)
     assert exact(solve_ball(*data, 4), sensor)
 
 
@@ -84,11 +89,6 @@ MALFORMED = [
         "fixed point",
         lambda R, T, q: [R[:3], T[:3], q[:3]],
         "readings of the point: 3 given, at least 4 needed",
-    ),
-    (
-        "fixed point",
-        lambda R, T, q: [R, T, q + np.array([0, 0.5, 0])],
-        r"q\[0\] is .*expected y = 0",
     ),
 ]
 
