@@ -5,7 +5,6 @@ import pytest
 from raw_profiles import RADIUS
 
 from profilecal.targets import TARGETS
-from profilecal.targets.target import find_features
 
 ALONG = (4, 20, 35)  # of an arc's 40 points: near its steep ends and in its middle
 
@@ -13,8 +12,7 @@ ALONG = (4, 20, 35)  # of an arc's 40 points: near its steep ends and in its mid
 def features_of(kind, profiles, radius=RADIUS):
     """What a target's finder makes of profiles (P, n, 2)."""
     target = TARGETS[kind]
-    sizes = (radius,) if target.lengths and radius else ()
-    return find_features(target, profiles, sizes)
+    return target.find(profiles, *(radius for _ in target.lengths))
 
 
 def share_found(features):

@@ -288,7 +288,8 @@ def with_notes(found, folder, leave_out):
     if found.status == "weak":
         from profilecal_tool.plan.task import next_poses
 
-        notes += next_poses(found, folder)
+        with working("planning further poses"):
+            notes += next_poses(found, folder)
     return replace(found, messages=tuple(notes))
 
 
@@ -409,21 +410,20 @@ def plan(spec, folder, poses, until, within, given):
             "--of predicts the given poses and writes nothing; "
             "leave FOLDER, --poses and --until out"
         )
-    with working("preparing the plan"):
+    with working("planning"):
         task = read_task(spec, poses, until, within)
-    if isinstance(task, WayBack):
-        echo("\n".join(way_back(task, spec, folder)))
-        return
-    if given:
-        prediction, unseen = task.prediction_of(given)
-        lines = prediction_lines(prediction, task.model, unseen=unseen)
-    else:
-        designed = written_plan(task, folder) if folder else task.plan()
-        lines = plan_lines(designed, task.count_given)
-        if folder:
-            lines += steps(folder, spec, designed)
+        if isinstance(task, WayBack):
+            lines = way_back(task, spec, folder)
+        elif given:
+            prediction, unseen = task.prediction_of(given)
+            lines = prediction_lines(prediction, task.model, unseen=unseen)
         else:
-            lines.append(f"next: profilecal plan {spec} NEW-FOLDER writes it")
+            designed = written_plan(task, folder) if folder else task.plan()
+            lines = plan_lines(designed, task.count_given)
+            if folder:
+                lines += steps(folder, spec, designed)
+            else:
+                lines.append(f"next: profilecal plan {spec} NEW-FOLDER writes it")
     echo("\n".join(lines))
 
 

@@ -42,6 +42,25 @@ from profilecal.scan.tables import ScanError, some
 from profilecal.targets.observations import Observations
 from profilecal.targets.target import Target
 
+# of the JSON object, after the status and the pose; those that are not known are null
+ENTRIES = (
+    "covariance",
+    "covariance_total",
+    "translation_sd_mm",
+    "rotation_sd_deg",
+    "rms_mm",
+    "chi2_per_dof",
+    "noise_mm",
+    "noise_source",
+    "poses_used",
+    "poses_rejected",
+    "observability",
+    "method",
+    "target",
+    "messages",
+    "joint",
+)
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Calibration:
@@ -219,28 +238,18 @@ class Calibration:
         what each entry is.
         """
         solution = self.solution_or_none
-        entries: dict[str, Any] = {
+        name = f"T_{self.frame}_sensor"
+        entries: dict[str, Any] = dict.fromkeys(["status", name, *ENTRIES])
+        entries |= {
             "status": self.status,
-            f"T_{self.frame}_sensor": None,
-            "covariance": None,
-            "covariance_total": None,
-            "translation_sd_mm": None,
-            "rotation_sd_deg": None,
-            "rms_mm": None,
-            "chi2_per_dof": None,
-            "noise_mm": None,
-            "noise_source": None,
             "poses_used": self.poses_used,
             "poses_rejected": self.poses_rejected,
-            "observability": None,
             "method": "joint",
-            "target": None,
             "messages": list(self.messages),
-            "joint": None,
         }
         if self.is_known:
             entries |= {
-                f"T_{self.frame}_sensor": self.pose.tolist(),
+                name: self.pose.tolist(),
                 "covariance": self.covariance_mm_deg.tolist(),
                 "covariance_total": self.covariance_total_mm_deg.tolist(),
                 "translation_sd_mm": self.translation_sd_mm.tolist(),

@@ -1,7 +1,7 @@
 """How well do the others predict each flange orientation? Each is left out in turn."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy import ndarray
@@ -89,29 +89,22 @@ def leave_out(found: Calibration) -> LeftOut:
     orientations = [
         np.flatnonzero((group == g) & whole.kept) for g in np.unique(group[whole.kept])
     ]
-    predictions = [Predicted()] * len(orientations)
-    parts = range(min(len(orientations), PARTS))
-    for k in watched(parts, "leaving out each orientation"):
-        some = slice(k, None, PARTS)
-        predictions[some] = predict(orientations[some], solution, whole, law, start)
-    return LeftOut(
+    count = len(orientations)
+    left = LeftOut(
         poses=tuple(tuple(labels[k] for k in members) for members in orientations),
-        rms_mm=np.array([one.rms_mm for one in predictions]),
-        expected_mm=np.array([one.expected_mm for one in predictions]),
-        doubted=np.array([one.doubted for one in predictions]),
-        moved_mm_deg=np.array([one.moved for one in predictions]) * DEGREES,
+        rms_mm=np.full(count, np.nan),
+        expected_mm=np.full(count, np.nan),
+        doubted=np.zeros(count, dtype=bool),
+        moved_mm_deg=np.full((count, 6), np.nan),
     )
-
-
-@dataclass(frozen=True)
-class Predicted:
-    """What the others say of one orientation; NaN where they leave the answer open."""
-
-    rms_mm: float = np.nan
-    expected_mm: float = np.nan
-    doubted: bool = False
-    # (6,) of the sensor pose, mm and rad
-    moved: ndarray = field(default_factory=lambda: np.full(6, np.nan))
+    for k in watched(range(min(count, PARTS)), "leaving out each orientation"):
+        some = range(k, count, PARTS)
+        members = [orientations[g] for g in some]
+        predictions = predict(members, solution, whole, law, start)
+        for g, prediction in zip(some, predictions, strict=False):
+            left.rms_mm[g], left.expected_mm[g], left.doubted[g], moved = prediction
+            left.moved_mm_deg[g] = moved * DEGREES
+    return left
 
 
 def predict(
@@ -120,9 +113,11 @@ def predict(
     whole: LinearModel,
     law: Law,
     start: ndarray,
-) -> list[Predicted]:
-    """Some orientations, each the profiles (k,) that it has, from the linear model
-    `whole` without them; `start` (d,): coordinates near the likeliest sizes of errors.
+) -> Iterator[tuple[float, float, bool, ndarray]]:
+    """What the linear model `whole` without some orientations, each the profiles (k,)
+    that it has, says of them: of each the rms and the expected rms, mm, whether it is
+    doubted, and how the sensor pose moves (6,), mm and rad. Nothing where the others
+    leave the answer open. `start` (d,): coordinates near the likeliest sizes of errors.
     """
     problem = solution.problem
     all_out = among(np.concatenate(orientations), whole.kept)
@@ -131,14 +126,13 @@ def predict(
     left = others.posterior(mean_variances(law, likely)[None])
     known = of_covariance(left.covariance[0, :6, :6], problem.n, problem.n)
     if known.status == "unobservable":
-        return [Predicted()] * len(orientations)
+        return
     error, S = others.left_out(left)
     x = np.append(left.mean[0], 1.0)
     columns = problem.columns_in_mm(solution.state)
     chance = FALSE_ALARM / whole.kept.sum()
     limit = chi2_limit(chance, np.maximum(whole.ranks, 1))
     beyond = normalised_square(S, error) > limit
-    predictions = []
     for members in orientations:
         square = np.sum(error[members] ** 2) + np.sum((whole.rest[members] @ x) ** 2)
         # residuals that no error of the flange moves
@@ -146,14 +140,8 @@ def predict(
         variance = np.trace(S[members], axis1=1, axis2=2).sum() + beside * left.v[0, 0]
         excess = float(np.sqrt(square / variance))
         rms_mm = problem.rms_mm(columns, left.mean[0], among(members, whole.kept))
-        one = Predicted(
-            rms_mm=rms_mm,
-            expected_mm=rms_mm / excess,
-            doubted=bool(beyond[members].any() and excess > 1),
-            moved=left.mean[0, :6],
-        )
-        predictions.append(one)
-    return predictions
+        doubted = bool(beyond[members].any() and excess > 1)
+        yield rms_mm, rms_mm / excess, doubted, left.mean[0, :6]
 
 
 def among(members: ndarray, profiles: ndarray) -> ndarray:

@@ -10,9 +10,7 @@ from numpy import ndarray
 from profilecal.profiles.points import Feature
 from profilecal.scan.scan import Scan
 from profilecal.scan.tables import ScanError, some
-from profilecal.targets.ball import Ball
 from profilecal.targets.observations import Observations
-from profilecal.targets.target import find_features
 
 # Poses in such a time, by a robot that is not so slow, are no stops.
 A_MOMENT_S, AT_REST = 0.5, 1.0  # s, mm/s
@@ -75,7 +73,7 @@ def observe(scan: Scan, least: int = 0) -> Seen:
 
 def from_profiles(scan: Scan) -> Seen:
     """The target as raw profiles show it."""
-    features = find_features(scan.target, scan.values, scan.sizes)
+    features = scan.target.find(scan.values, *scan.sizes)
     found = [feature for feature in features if feature.found]
     most = max((len(feature.points) for feature in found), default=1)
     points = np.full((len(found), most, 2), np.nan)
@@ -231,7 +229,7 @@ def as_observations(scan: Scan, seen: Seen, reference_mm: float = 0.0) -> Observ
         group=scan.group[seen.poses],
         eye_to_hand=scan.mount == "eye-to-hand",
         covariance=covariance,
-        half_arc_deg=Ball.half_arc_deg * (scan.measured == "arcs"),
+        are_circles=scan.measured == "arcs",
         log=scan.log,
         times=None if scan.log is None else scan.times[None, seen.poses],
         delay_s=(scan.delay_ms or 0) / 1000,

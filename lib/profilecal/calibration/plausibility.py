@@ -41,23 +41,23 @@ ALLOWED = (
 )
 
 
+def in_words(error: Perturbation, size: float) -> str:
+    """An error with its size, in its own unit."""
+    words = EITHER_WAY.sub(r"\1" if size > 0 else r"\2", error.words)
+    is_signed = words == error.words
+    return words.format(error.unit * (size if is_signed else abs(size)))
+
+
 @dataclass(frozen=True)
 class Finding:
     """Something that may be wrong in the same way in every pose."""
 
-    words: str  # as `Perturbation` has them
-    size: float
+    error: Perturbation
+    size: float  # in its own unit
     clear: float  # the size over its standard deviation
     moves: ndarray  # (6,) the sensor pose, mm and rad
     among: int  # so many tests
-    not_allowed_for: float = 1.0  # the chance that the answer did not allow for as much
-
-    @property
-    def sentence(self) -> str:
-        """The error in words, with its size."""
-        words = EITHER_WAY.sub(r"\1" if self.size > 0 else r"\2", self.words)
-        signed = words == self.words
-        return words.format(self.size if signed else abs(self.size))
+    not_allowed_for: float  # the chance that the answer did not allow for as much
 
 
 def systematic_tests(solution: Solution) -> list[Finding]:
@@ -78,8 +78,8 @@ def systematic_tests(solution: Solution) -> list[Finding]:
         size, error = sizes[k], tried[k]
         findings.append(
             Finding(
-                words=error.words,
-                size=-size * error.unit,
+                error=error,
+                size=-size,
                 clear=size / sds[k],
                 moves=moves[:6, k] * size,
                 among=len(tried),
@@ -205,9 +205,9 @@ def allowed_for(solution: Solution) -> list[str]:
     if not likely:
         return []
     error = max(likely, key=lambda error: abs(of[error]) / sizes[error])
-    most = Finding(error.words, -of[error] * error.unit, 0.0, np.zeros(6), 1)
     return [
-        f"the residuals look most as if {most.sentence}: more than is usual; {ALLOWED}"
+        f"the residuals look most as if {in_words(error, -of[error])}: more than is "
+        f"usual; {ALLOWED}"
     ]
 
 
@@ -227,7 +227,8 @@ def accusation(guilty: list[Finding]) -> str:
     most = max(guilty, key=lambda error: np.linalg.norm(error.moves[:3]))
     shift_mm = np.linalg.norm(most.moves[:3])
     turn_deg = np.degrees(np.linalg.norm(most.moves[3:]))
-    causes = ", or as if ".join(error.sentence for error in guilty[:4])
+    sentences = [in_words(one.error, one.size) for one in guilty[:4]]
+    causes = ", or as if ".join(sentences)
     remedy = "the covariance is enlarged to match"
     if max(error.not_allowed_for for error in guilty) < 0.5:
         remedy = ALLOWED

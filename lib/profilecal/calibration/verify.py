@@ -23,7 +23,7 @@ from profilecal.calibration.observe import stated_noise
 from profilecal.geometry.checks import check_type
 from profilecal.geometry.noise import FALSE_ALARM, normalised_square
 from profilecal.geometry.observability import HAND_PRECISION, Spectrum, of_covariance
-from profilecal.geometry.poses import carry, pose_error
+from profilecal.geometry.poses import in_base, pose_error
 from profilecal.joint.prior import prior_from
 from profilecal.joint.problem import Problem
 from profilecal.scan.scan import Scan
@@ -240,13 +240,9 @@ def target_by(
     pose T (4, 4) takes the points.
     """
     (scan,), (observed,) = alone.scans, alone.observed
-    points = observed.points[0]
-    good = np.isfinite(points).all(axis=-1) & kept[0][:, None]
-    pose, _ = np.nonzero(good)
-    in_flange = points[good] @ T[:3, [0, 2]].T + T[:3, 3]
-    R, p = observed.R_flange[0, pose], observed.T_flange[0, pose]
-    in_base = carry(R, p, in_flange)
-    origin, axes, sizes = scan.target.fit(in_base)
-    distance = scan.target.at(origin, axes, sizes).distance(in_base)
+    used = observed.keep(kept[0])
+    points, _ = in_base(T, used.points[0], used.R_flange[0], used.T_flange[0])
+    origin, axes, sizes = scan.target.fit(points)
+    distance = scan.target.at(origin, axes, sizes).distance(points)
     lengths = dict(zip(scan.measures, map(float, sizes), strict=True)) if sizes else {}
     return lengths, float(np.sqrt(np.mean(distance**2)))

@@ -1,6 +1,6 @@
 """Rotations and rigid transforms, directions, frames and circles; in batches."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -132,6 +132,18 @@ def inverse(rotation: ndarray, translation: ndarray) -> tuple[ndarray, ndarray]:
 def carry(rotation: ndarray, translation: ndarray, points: ndarray) -> ndarray:
     """Points (..., 3) carried by rigid transforms (..., 3, 3), (..., 3)."""
     return (rotation @ points[..., None])[..., 0] + translation
+
+
+def in_base(
+    T_sensor: ndarray, profiles: Iterable[ndarray], R: ndarray, p: ndarray
+) -> tuple[ndarray, ndarray]:
+    """Points (N, 3) that profiles (P, n, 2) show by a sensor pose (4, 4) from flange
+    poses R (P, 3, 3), p (P, 3), and the number (N,) of the profile that each is of.
+    """
+    rows = [points[np.isfinite(points).all(axis=1)] for points in profiles]
+    pose = np.arange(len(rows)).repeat([*map(len, rows)])
+    in_flange = np.concatenate(rows) @ T_sensor[:3, [0, 2]].T + T_sensor[:3, 3]
+    return carry(R[pose], p[pose], in_flange), pose
 
 
 def frame_around(axis: ArrayLike) -> ndarray:

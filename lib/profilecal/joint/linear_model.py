@@ -32,8 +32,10 @@ Leaves, with the errors that no other profile shares, of variances S_own:
 
 Up, for a group with the sum [J | c] of its members, s = √S:
 
-    M = 1 + s J s = L Lᵀ   K = s M⁻¹ s      it hands on  [J | c] - J K [J | c]
-    log |C| = Σ log |D_i| + Σ log |M|
+    M = 1 + s J s = L Lᵀ   K = s M⁻¹ s      log |C| = Σ log |D_i| + Σ log |M|
+
+It leaves [W_E | W_Z] - W_E K [J | c] of their rows, whose sums with W_E are [J | c] of
+the next coarser groups.
 
 Down, from b = 0 above the coarsest: b is the mean of all errors that a group's members
 share, for each column of Z, and Q their covariance, with T = 1 - K J,
@@ -77,15 +79,6 @@ class Node:
         scaled = self.root * self.s[:, :, None]
         return scaled.mT @ scaled
 
-    def take(self, sums: ndarray, finer: "Node | None", taken: ndarray) -> ndarray:
-        """What these groups do not hand on of the `sums` (S, G, 6, columns) of their
-        members, with what `finer` ones took.
-        """
-        own = self.J @ (self.K @ sums)
-        if finer:
-            finer.level.hand_on(-taken, own)
-        return own
-
 
 @dataclass(frozen=True)
 class Solved:
@@ -110,14 +103,12 @@ class Factors:
         """C⁻¹ of rows Z (profiles, q, columns)."""
         left = self.root @ Z
         sums_of: list[ndarray] = []
-        finer, taken = None, left
+        rows = left
         for node in self.nodes:
-            c = node.level.sums(self.W_E, left)
-            if finer:
-                finer.level.hand_on(taken, c)
-            sums_of.append(c)
+            c = node.level.sums(self.W_E, rows)
             if node is not self.nodes[-1]:
-                finer, taken = node, node.take(c, finer, taken)
+                rows = node.level.without(self.W_E, node.K @ c, rows)
+            sums_of.append(c)
 
         S, columns = len(left), Z.shape[-1]
         products = np.zeros((S, columns, columns))
@@ -129,7 +120,7 @@ class Factors:
             beta = node.root.mT @ (node.root @ scaled)
             products += squares(beta)
             moves = node.s[..., None] * beta
-            node.level.take_off(self.W_E, moves, left)
+            left = node.level.without(self.W_E, moves, left)
             b = above + moves
             shared.append((c, b))
         products += squares(left)
@@ -277,18 +268,16 @@ class LinearModel:
         root, log_det = inverse_root(np.tensordot(v[:, self.of_own], self.own_parts, 1))
         W_E = root @ self.rows[..., : self.axes]
         nodes: list[Node] = []
-        finer, taken = None, W_E
+        rows = W_E
         for level in self.levels[::-1]:
-            J = level.sums(W_E, W_E)
-            if finer:
-                finer.level.hand_on(taken, J)
+            J = level.sums(W_E, rows)
             s = np.sqrt(v[:, level.errors] @ self.units[level.errors])[:, None]
             M_root, of_groups = inverse_root(one + s[..., None] * J * s[:, :, None])
             log_det += of_groups
             node = Node(level, J, s, M_root)
             nodes.append(node)
             if level is not self.levels[0]:
-                finer, taken = node, node.take(J, finer, taken)
+                rows = level.without(W_E, node.K @ J, rows)
         return Factors(log_det, root, W_E, nodes)
 
     def posterior(self, v: ndarray) -> Posterior:

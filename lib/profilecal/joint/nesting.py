@@ -33,20 +33,15 @@ class Level:
             total[:, groups] = own.mT @ other
         return total
 
-    def take_off(self, E: ndarray, moves: ndarray, rows: ndarray) -> None:
-        """Take E_i times what moves its group (S, G, 6, columns) off the rows of each
-        member.
+    def without(self, E: ndarray, moves: ndarray, rows: ndarray) -> ndarray:
+        """Rows without E_i times what moves its group (S, G, 6, columns) in those of
+        each member.
         """
+        rows = rows.copy()
         for groups, members in self.batches:
             moved = of_groups(E, groups, members) @ moves[:, groups]
             rows[:, members] -= moved.reshape(len(E), -1, *rows.shape[2:])
-
-    def hand_on(self, values: ndarray, coarser: ndarray) -> None:
-        """Take the groups' values (S, G, ...) off those of the groups that hold them.
-        They stand in the order of these.
-        """
-        first = np.flatnonzero(np.diff(self.parents, prepend=-1))
-        coarser[:, self.parents[first]] -= np.add.reduceat(values, first, axis=1)
+        return rows
 
 
 def of_groups(rows: ndarray, groups: ndarray, members: ndarray | slice) -> ndarray:

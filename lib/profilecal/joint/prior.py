@@ -326,13 +326,8 @@ def considered(
 
 def as_stated(noise: Noise) -> Prior:
     """The prior where the robot errs as stated, and the scanner too, or as the
-    residuals tell. Raises ValueError for a negative noise.
+    residuals tell.
     """
-    if noise.profile_mm < 0:
-        raise ValueError(
-            f"profile_mm is {noise.profile_mm}; "
-            "expected a standard deviation, 0 if unknown"
-        )
     source = "given" if noise.profile_mm else "residuals"
     scales = replace(noise, profile_mm=noise.profile_mm or 1.0)
     return Prior(scales, source=source, robot_known=True)

@@ -11,6 +11,7 @@ from profilecal.geometry.fitting import fit_circle
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import carry, cross, dot, inverse, rotations
 from profilecal.joint.prior import Perturbation
+from profilecal.targets.ball import Ball
 from profilecal.targets.observations import Observations, State
 from profilecal.targets.target import Sight
 
@@ -196,13 +197,13 @@ class Residuals:
             n · c + d = n · e
         """
         axis = "xz".index(moved)
-        if not self.observed.half_arc_deg:
+        if not self.observed.are_circles:
             shift = np.zeros(self.seen.shape)
             shift[axis] = error(*self.seen)
             return shift
         *centre, radius = self.circles
         outward = (self.seen - centre) / radius
-        angle = np.radians(self.observed.half_arc_deg) * np.linspace(-1, 1, 21)
+        angle = np.radians(Ball.half_arc_deg) * np.linspace(-1, 1, 21)
         n = np.stack([np.sin(angle), -np.cos(angle)])  # towards the scanner
         e = error(*(centre + radius * n[:, None, :, None]))
         at_arc = n[axis][:, None] * e

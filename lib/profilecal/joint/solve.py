@@ -66,11 +66,8 @@ def solve(
 
     What was seen in motion is looked up in the robot's log as late as fits best.
 
-    Raises ValueError for malformed input and UnobservableError for fewer residuals than
-    unknowns.
+    Raises UnobservableError for fewer residuals than unknowns.
     """
-    if not observations:
-        raise ValueError("no observations given; expected at least one target")
     prior = noise if isinstance(noise, Prior) else as_stated(noise)
     problem = Problem(observations, prior.scales, prior.systematic, mount=prior.mount)
     total = problem.counts.sum()

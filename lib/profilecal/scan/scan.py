@@ -277,15 +277,12 @@ class Scan:
         said = {"kind": self.kind, "mount": self.mount, "title": self.title}
         rules = {"kind": one_of(TARGETS), "mount": one_of(MOUNTS), "title": TEXT}
         check_entries("Scan", said, rules)
-        lengths = self.target.lengths
-        if len(self.sizes) != len(lengths):
-            raise ScanError(
-                f"sizes has {len(self.sizes)} entries; a {self.kind} has {len(lengths)}"
-            )
+        count = len(self.target.lengths)
+        if len(self.sizes) != count or not all(size > 0 for size in self.sizes):
+            raise ScanError(f"sizes is {self.sizes}; expected {count} lengths in mm")
         self._check_measured()
         self._check_noise()
         with naming("Scan"):
-            self.target.check_sizes(self.sizes)
             self._check_poses()
 
     def _check_measured(self) -> None:

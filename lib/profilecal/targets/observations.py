@@ -10,7 +10,6 @@ import numpy as np
 from numpy import ndarray
 from scipy.spatial import KDTree
 
-from profilecal.geometry.checks import check_array
 from profilecal.geometry.log import Log
 from profilecal.geometry.noise import ROBOT
 from profilecal.geometry.poses import SAME_ORIENTATION_DEG, angle_between, inverse
@@ -42,9 +41,8 @@ class Observations:
     # of points' distances from a curve, else (B|1, P, 2m, 2m) of x and z of all points;
     # None: 1 for each coordinate, independent
     covariance: ndarray | None = None
-    # where three points a third of a turn apart stand for a circle: how much of it was
-    # seen to either side of the point nearest to the scanner; 0: they are what was seen
-    half_arc_deg: float = 0.0
+    # of a ball: whether the three points of a pose stand for a fitted circle
+    are_circles: bool = False
     # what was seen in motion: the robot's log, and when it was by the scanner's clock,
     # (B|1, P) s, NaN at rest
     log: Log | None = None
@@ -52,26 +50,6 @@ class Observations:
     # the robot's clock less the scanner's, at which the poses are, and whether it is so
     delay_s: float = 0.0
     delay_known: bool = False
-
-    def __post_init__(self) -> None:
-        if self.kind not in TARGETS:
-            kinds = ", ".join(TARGETS)
-            raise ValueError(f"kind is {self.kind!r}; expected one of {kinds}")
-        self.target.check_sizes(self.sizes)
-        name, shape = f"points ({self.kind})", (None, None, self.target.points, 2)
-        _, P, m, _ = check_array(name, self.points, shape, finite=False).shape
-        check_array("R_flange", self.R_flange, (None, P, 3, 3))
-        check_array("T_flange", self.T_flange, (None, P, 3))
-        if self.group is not None:
-            check_array("group", self.group, (P,), finite=False)
-        if self.covariance is not None:
-            if "profiles" not in self.target.tables:
-                raise ValueError(
-                    f"a {self.kind} has no covariance of its own; "
-                    "state profile_mm and steering_mm"
-                )
-            tail = (P, m) if self.on_curve else (P, 2 * m, 2 * m)
-            check_array("covariance", self.covariance, (None, *tail), finite=False)
 
     @property
     def target(self) -> type[Target]:

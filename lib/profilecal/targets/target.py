@@ -27,16 +27,14 @@ closed forms.
 """
 
 from collections.abc import Callable, Sequence
-from itertools import zip_longest
 from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy import ndarray
 
-from profilecal.geometry.checks import check_array
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import directions, frame_around
-from profilecal.profiles.points import Feature, Profiles
+from profilecal.profiles.points import Feature
 
 # of vectors in the sensor frame x, y and z, each an array (batch, 1 or points, poses)
 Components = Sequence[ndarray]
@@ -105,15 +103,6 @@ class Target:
         origin, *others = vars(self).values()
         return origin, frame_around(others[0]) if self.turns else np.eye(3)
 
-    @classmethod
-    def check_sizes(cls, sizes: Sizes) -> None:
-        """Raise ValueError unless each of its lengths is there, in mm."""
-        for name, value in zip_longest(cls.lengths, sizes):
-            if not (name and value and value > 0):
-                raise ValueError(
-                    f"the {cls.kind}'s {name} is {value}; expected a length in mm"
-                )
-
     # What the joint solution asks
 
     # points that a pose gives; None: any number, each anywhere on a curve
@@ -172,7 +161,9 @@ class Target:
 
     # what a folder may hold (`scan.folder.MEASURED`); the last is what is simulated
     tables: tuple[str, ...] = ("profiles",)
-    # its finder: from profiles and its lengths; none if it leaves no trace
+    # its finder: from the profiles (n, 2) of a scan, mm, and its lengths; what most of
+    # them show clearly settles which of several candidates the others show. None if it
+    # leaves no trace
     find: Callable[..., list[Feature]]
     # mm around a point of it that a raw profile must show
     beside_mm = 0.0
@@ -278,21 +269,3 @@ def in_scan_plane(
 
     by_shift = within(force, ey_by_shift) if ey_by_shift else [f / h for f in force]
     return [distance / h], [by_shift], [within(torque, ey_by_turn)]
-
-
-def find_features(
-    target: type[Target], profiles: Profiles, sizes: Sizes = ()
-) -> list[Feature]:
-    """What each of a scan's raw profiles, (n, 2) mm, shows of a target of some `sizes`,
-    mm.
-
-    They are read together: what most of them show clearly settles which of several
-    candidates the others show. Raises ValueError for a missing size, or a profile of
-    another shape.
-    """
-    target.check_sizes(sizes)
-    checked = [
-        check_array(f"profile {k}", values, (None, 2), finite=False)
-        for k, values in enumerate(profiles)
-    ]
-    return target.find(checked, *sizes)

@@ -15,10 +15,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy import ndarray
-from tqdm import tqdm
 
 from profilecal.geometry.observability import LEAST_TURN_DEG
 from profilecal.geometry.poses import angle_between, parallel
+from profilecal.geometry.progress import watched
 from profilecal.scan.scan import ScanError
 from profilecal_tool.plan.candidates import BEYOND, draw, neighbours
 from profilecal_tool.plan.scan_model import (
@@ -202,24 +202,17 @@ def design(
     most = poses or most
     # for neighbours in the end: without them, standard deviations are 10 % larger
     exchanges = 6
-    with tqdm(
-        desc="planning",
-        total=most + exchanges,
-        disable=None,
-        leave=False,
-        delay=2.0,
-    ) as bar:
-        while len(chosen) < most and (poses or not chosen or pool.lacks(chosen) > 1):
-            chosen = added(pool, chosen)
-            bar.update()
-        for _ in range(exchanges):
-            R, T = pool.R[chosen], pool.T[chosen]
-            R, T = joined((R, T), neighbours(model, R, T, 40, rng))
-            pool = Pool.from_poses(model, R, T, until, given)
-            chosen = exchanged(pool, list(range(len(chosen))))
-            if not poses:
-                chosen = trimmed(pool, chosen)
-            bar.update()
+    for _ in watched(range(most), "choosing poses"):
+        if chosen and not poses and pool.lacks(chosen) <= 1:
+            break
+        chosen = added(pool, chosen)
+    for _ in watched(range(exchanges), "exchanging poses"):
+        R, T = pool.R[chosen], pool.T[chosen]
+        R, T = joined((R, T), neighbours(model, R, T, 40, rng))
+        pool = Pool.from_poses(model, R, T, until, given)
+        chosen = exchanged(pool, list(range(len(chosen))))
+        if not poses:
+            chosen = trimmed(pool, chosen)
     R, T = pool.R[chosen], pool.T[chosen]
     way = there_and_back(short_way(R, T))
     R_all, T_all = joined(before, (R, T))

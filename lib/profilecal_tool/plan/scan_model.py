@@ -17,7 +17,6 @@ from profilecal.joint.problem import Problem
 from profilecal.scan.scan import ScanError
 from profilecal.simulation.robot import Scanner
 from profilecal.simulation.scene import Setup
-from profilecal.targets.ball import Ball
 from profilecal.targets.observations import Observations
 from profilecal_tool.plan.specification import Guess
 
@@ -143,7 +142,7 @@ class ScanModel(Setup):
             rotation_groups(R),
             self.to_hand,
             covariance,
-            Ball.half_arc_deg * (self.measured == "arcs"),
+            self.measured == "arcs",
         )
 
     def problem(self, R: ndarray, T: ndarray, **in_motion: Any) -> Problem:

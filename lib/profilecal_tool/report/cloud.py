@@ -2,7 +2,6 @@
 at it shows more than any number.
 """
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,7 +10,7 @@ import numpy as np
 from numpy import ndarray
 
 from profilecal.calibration.calibration import Calibration
-from profilecal.geometry.poses import carry
+from profilecal.geometry.poses import in_base
 from profilecal.scan.tables import whole
 from profilecal_pages.figures import use_style
 from profilecal_tool.report.pictures import in_frame
@@ -70,18 +69,6 @@ def clouds_of(calibration: Calibration, T: ndarray) -> list[Cloud]:
         frame = "flange" if observed.eye_to_hand else "base"
         clouds.append(Cloud(points, of_pose, np.sqrt(mean_square), frame))
     return clouds
-
-
-def in_base(
-    T: ndarray, profiles: Iterable[ndarray], R: ndarray, p: ndarray
-) -> tuple[ndarray, ndarray]:
-    """Points (N, 3) that profiles (P, n, 2) show from poses R (P, 3, 3), p (P, 3), and
-    the number (N,) of the profile that each is of.
-    """
-    rows = [points[np.isfinite(points).all(axis=1)] for points in profiles]
-    pose = np.arange(len(rows)).repeat([*map(len, rows)])
-    in_flange = np.concatenate(rows) @ T[:3, [0, 2]].T + T[:3, 3]
-    return carry(R[pose], p[pose], in_flange), pose
 
 
 def plot_cloud(cloud: Cloud, title: str) -> plt.Figure:

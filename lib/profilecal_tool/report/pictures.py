@@ -3,7 +3,6 @@
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from textwrap import fill
-from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -13,12 +12,10 @@ from numpy import ndarray
 
 from profilecal.calibration.calibration import Calibration
 from profilecal.geometry.observability import WEAK, name_direction, size_direction
-from profilecal.geometry.poses import carry
-from profilecal.joint.solution import Solution
+from profilecal.geometry.poses import in_base
 from profilecal.profiles.points import Feature
 from profilecal.scan.scan import Scan
 from profilecal.targets.observations import Observations
-from profilecal.targets.target import Target, find_features
 from profilecal_pages.figures import (
     BLUE,
     GREEN,
@@ -90,7 +87,9 @@ def draw_answer(
     scan, observed = calibration.scans[k], calibration.observed[k]
     solution = calibration.solution
     R, T = scan.R_base_flange, scan.p_base_flange
-    lines = target_lines(solution.placements[k], solution, observed)
+    flange = observed.R_flange[0], observed.T_flange[0]
+    points, _ = in_base(solution.pose, observed.points[0], *flange)
+    lines = solution.placements[k].lines(points)
     drawn = []
     if calibration.frame == "flange":
         for i in few[::3]:
@@ -145,16 +144,6 @@ def draw_lines(axes: Axes3D, lines: list[ndarray], colour: str, label: str) -> n
     return np.concatenate(lines)
 
 
-def target_lines(
-    target: Target, solution: Solution, observed: Observations
-) -> list[ndarray]:
-    """A target as polylines (n, 3), as far as it was seen."""
-    in_flange = observed.points[0] @ solution.rotation[:, ::2].T + solution.translation
-    R, T = observed.R_flange[0], observed.T_flange[0]
-    in_base = carry(R[:, None], T[:, None], in_flange)
-    return target.lines(in_base.reshape(-1, 3))
-
-
 def plot_profiles(
     scan: Scan, rejected: Iterable[str] = (), most: int = 120
 ) -> Iterator[plt.Figure]:
@@ -166,7 +155,7 @@ def plot_profiles(
     """
     if scan.measured != "profiles":
         return
-    features = find_features(scan.target, scan.values, scan.sizes)
+    features = scan.target.find(scan.values, *scan.sizes)
     step, words = thinned(len(features), most)
     drawn = range(0, len(features), step)
     valid = [scan.values[i][np.isfinite(scan.values[i]).all(axis=1)] for i in drawn]
@@ -186,40 +175,24 @@ def profile_page(
     rejected: set[str],
     words: str,
 ) -> plt.Figure:
-    """Draw one figure of `plot_profiles`, whose title ends in some words.
-
-    All is in one set of axes, each profile moved to its place, which draws fast.
-    """
+    """Draw one figure of `plot_profiles`, whose title ends in some words."""
     columns = 4
     rows = -(-len(page) // columns)
     width, height = cell
-    across, down = cell * [1.05, -1.35]
-    tall = 5.6 / columns * (rows + 0.2) * down / -across
-    figure, axes = plt.subplots(figsize=(5.6, tall))
-    for k, i in enumerate(page):
-        x, y = across * (k % columns), down * (k // columns)
-        corner = (x - width / 2, y - height / 2)
-        frame = plt.Rectangle(corner, width, height, fill=False, ec="0.8", lw=0.6)
-        axes.add_patch(frame)
+    tall = 5.6 / columns * (rows + 0.2) * 1.3 * height / width
+    figure, places = plt.subplots(
+        rows, columns, figsize=(5.6, tall), squeeze=False, layout="constrained"
+    )
+    for axes in places.flat[len(page) :]:
+        axes.axis("off")
+    for axes, i in zip(places.flat, page, strict=False):
         note = "rejected" if scan.labels[i] in rejected else ""
         if features[i].reason:
             note = "not found"
-        axes.text(
-            x,
-            y + 0.54 * height,
-            f"{scan.labels[i][:10]} {note}".strip(),
-            color=RED if note else "0.2",
-            ha="center",
-            fontsize=8,
-        )
-        draw_profile(axes, scan, scan.values[i], features[i], (x, y), cell)
-    left = -0.51 * width
-    axes.set(
-        aspect="equal",
-        xlim=(left, across * (columns - 1) - left),
-        ylim=((rows - 0.5) * down, 0.8 * height),
-    )
-    axes.axis("off")
+        label = f"{scan.labels[i][:10]} {note}".strip()
+        axes.set_title(label, color=RED if note else "0.2", fontsize=8)
+        axes.set(aspect="equal", xticks=[], yticks=[])
+        draw_profile(axes, scan, scan.values[i], features[i], cell)
     count = sum(features[i].found for i in page)
     figure.suptitle(
         f"Profiles {page[0] + 1} to {page[-1] + 1} of {len(features)}: "
@@ -233,10 +206,9 @@ def draw_profile(
     scan: Scan,
     values: ndarray,
     feature: Feature,
-    middle: tuple[float, float],
     cell: ndarray,
 ) -> None:
-    """Draw one profile, z downwards, within a cell around `middle`.
+    """Draw one profile, z downwards, as far as a cell shows it.
 
     The points that its feature rests on are blue.
     """
@@ -247,14 +219,12 @@ def draw_profile(
     shown = values[used] if used.any() else values[valid]
     centre = (shown.min(axis=0) + shown.max(axis=0)) / 2
 
-    def draw(points: ndarray, style: str, **options: Any) -> None:
-        axes.plot(*((points - centre) * [1, -1] + middle).T, style, **options)
-
-    inside = valid & (np.abs(values - centre) < cell / 2).all(axis=1)
-    draw(values[inside & ~used], ".", ms=1.2, color="0.6", rasterized=True)
-    draw(values[inside & used], ".", ms=1.2, color=BLUE, rasterized=True)
+    for rows, colour in ((valid & ~used, "0.6"), (used, BLUE)):
+        axes.plot(*values[rows].T, ".", ms=1.2, color=colour, rasterized=True)
     if feature.found and scan.target.points:
-        draw(feature.points, "o", ms=5, mfc="none", mec=RED, mew=1.3)
+        axes.plot(*feature.points.T, "o", ms=5, mfc="none", mec=RED, mew=1.3)
+    (x, z), (width, height) = centre, cell / 2
+    axes.set(xlim=(x - width, x + width), ylim=(z + height, z - height))
 
 
 def plot_view(found: Calibration) -> plt.Figure:

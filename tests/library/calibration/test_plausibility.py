@@ -24,6 +24,7 @@ import profilecal as pc
 from profilecal.calibration.observe import doubts
 from profilecal.calibration.plausibility import Finding, accusation, poor_errors
 from profilecal.geometry.noise import FALSE_ALARM
+from profilecal.joint.prior import Perturbation
 from profilecal.scan.toml import read_toml
 
 EXAMPLES = Path(__file__).parents[3] / "data" / "examples"
@@ -222,7 +223,8 @@ def test_stated_noise_that_does_not_explain_the_residuals_widens_the_region():
 
 def test_an_accusation_names_the_largest_shift_and_its_turn():
     moves = np.array([[3.0, 0, 4, 0.006, 0.008, 0], [0, 1, 0, 9, 0, 0]])
-    guilty = [Finding("it is {:.2g} mm wrong", 0.1, 7.0, row, 2) for row in moves]
+    error = Perturbation("it is {:.2g} mm wrong", 1)
+    guilty = [Finding(error, 0.1, 7.0, row, 2, 1.0) for row in moves]
     named = "(7 standard deviations), which would move the sensor by up to 5 mm"
     assert f"{named} and 0.57°" in accusation(guilty)
 

@@ -143,12 +143,3 @@ def test_whatever_is_in_a_profile_gives_a_feature_or_a_reason(kind):
         assert feature.found != bool(feature.reason)
         assert np.isfinite(feature.points).all()
         assert (np.linalg.eigvalsh(feature.covariance) >= 0).all()
-
-
-def test_wrong_input_is_refused_in_words():
-    missing = "the ball's radius is None; expected a length in mm"
-    with pytest.raises(ValueError, match=missing):
-        features_of("ball", [BLANK], radius=None)
-    wide = r"profile 1 has shape \(980, 3\); expected \(n, 2\)"
-    with pytest.raises(ValueError, match=wide):
-        features_of("edge", [BLANK, np.zeros((980, 3))])

@@ -14,7 +14,7 @@ def wrong_entries(scan):
     R, p = scan.R_base_flange, scan.p_base_flange
     return {
         "kind is 'edgy'; expected edge or": {"kind": "edgy"},
-        "sizes has 1 entries; a edge has 0": {"sizes": (50.0,)},
+        r"sizes is \(50.0,\); expected 0 lengths in mm": {"sizes": (50.0,)},
         "R_base_flange.* is a reflection": {"R_base_flange": -R},
         "p_base_flange .* are they in mm": {"p_base_flange": p / 1000},
         "R_base_flange has shape": {"values": scan.values[:5]},

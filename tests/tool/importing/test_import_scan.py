@@ -61,7 +61,6 @@ from profilecal.scan.conventions import from_rotations, named
 from profilecal.scan.folder import read_scan, write_scan
 from profilecal.scan.tables import ScanError
 from profilecal.targets import TARGETS
-from profilecal.targets.target import find_features
 from profilecal_tool.importing.import_scan import Layout, import_scan
 from profilecal_tool.importing.profiles import profiles_of, read_profiles
 from profilecal_tool.importing.tables import encoding_of
@@ -1134,7 +1133,7 @@ def test_the_real_measurements_are_found_in_every_profile_and_calibrate(
     name, shape, largest_mm
 ):
     scan = real_scan(name)
-    features = find_features(scan.target, scan.values, scan.sizes)
+    features = scan.target.find(scan.values, *scan.sizes)
     assert [feature.shape for feature in features] == [shape] * len(scan.labels)
     found = calibrate([scan])
     assert found.status == "ok"
@@ -1144,7 +1143,7 @@ def test_the_real_measurements_are_found_in_every_profile_and_calibrate(
 @needs_real_data
 def test_picked_points_lie_on_the_ridge_that_is_found():
     scan = real_scan("edge")
-    features = find_features(scan.target, scan.values)
+    features = scan.target.find(scan.values)
     ridges = np.array([feature.points[0] for feature in features])
     picked = np.concatenate(real_scan("edge", "feature_point").values)
     # mm: the same ridge; picks err by 0.1 and the edge is round
