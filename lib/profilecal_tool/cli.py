@@ -465,10 +465,14 @@ def steps(folder, spec, designed) -> list[str]:
         f"profilecal calibrate {together}",
     ]
     if not spec.is_dir():
-        to_hand = " --mount eye-to-hand" if designed.model.to_hand else ""
+        target = designed.model.target
+        said = [f"--target {target.kind}"]
+        said += [f"--{name} {getattr(target, name):g}" for name in target.lengths]
+        if designed.model.to_hand:
+            said.append("--mount eye-to-hand")
         lines.append(
-            "or take the scanner's files: profilecal import DIR NEW-FOLDER --target "
-            f"{designed.model.target.kind}{to_hand} --poses {folder / 'poses.csv'}"
+            "or take the scanner's files: profilecal import DIR NEW-FOLDER "
+            f"{' '.join(said)} --poses {folder / 'poses.csv'}"
         )
     if designed.is_first_step:
         mm, deg = designed.until

@@ -222,6 +222,7 @@ def test_arguments_of_another_kind_are_refused_by_name():
     for call, sentence in {
         (lambda: pc.calibrate(None)): "scans is a NoneType; expected a Scan",
         (lambda: pc.calibrate("folder")): "scans is a str; expected a Scan",
+        (lambda: pc.calibrate(scan, scan)): "guess is a Scan; expected several scans",
         (lambda: pc.verify(scan, found)): "found is a Scan; expected a Calibration or",
         (lambda: pc.leave_out(scan)): "found is a Scan; expected a Calibration",
     }.items():

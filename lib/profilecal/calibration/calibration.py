@@ -488,10 +488,13 @@ def mount_of(
             guess, guess_sd = scan.guess, scan.guess_sd
     if guess is None:
         return None
+    if isinstance(guess, Scan):
+        raise TypeError("guess is a Scan; expected several scans as one list")
     if isinstance(guess, RigidTransform):
         guess = guess.as_matrix()
     T = check_array("guess", guess, (4, 4))
     check_rigid("guess", T[None])
+    check_array("guess_sd", guess_sd, (2,), finite=False)
     if not min(guess_sd) > 0:
         raise ValueError(f"guess_sd is {guess_sd}; expected mm and degrees above 0")
     sd = np.repeat([guess_sd[0], np.radians(guess_sd[1])], 3)

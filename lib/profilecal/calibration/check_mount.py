@@ -135,9 +135,10 @@ class MountCheck:
         return sd * np.sqrt(chndtrinc(self.limit, len(self.residuals), 1 - POWER))
 
     def __repr__(self) -> str:
+        suspects = "" if self.as_expected else f", suspects={self.suspects}"
         return (
             f"MountCheck(as_expected={self.as_expected}, chance={self.chance:.2g}, "
-            f"{len(self.labels)} poses, suspects={self.suspects})"
+            f"{len(self.labels)} poses{suspects})"
         )
 
 

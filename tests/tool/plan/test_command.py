@@ -122,6 +122,13 @@ def test_a_plan_is_a_scan_folder_once_measurements_are_in_it(tmp_path):
     assert run("calibrate", plan).exit_code == 0
 
 
+def test_a_plan_says_how_to_import_what_it_is_driven_for(tmp_path):
+    disk = ('kind = "edge"', 'kind = "disk"\nradius = 25')
+    planned = run("plan", spec_in(tmp_path, MANY, disk, *TO_HAND), tmp_path / "plan")
+    said = "--target disk --radius 25 --mount eye-to-hand --poses"
+    assert f"profilecal import DIR NEW-FOLDER {said}" in planned.output
+
+
 def test_a_plan_of_too_few_poses_is_not_to_be_driven(tmp_path):
     planned = run("plan", spec_in(tmp_path), tmp_path / "plan", "--poses", "2")
     assert "worst          open in any direction" in planned.output
