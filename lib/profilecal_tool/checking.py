@@ -10,11 +10,13 @@ from profilecal.calibration.observe import (
     doubts,
     observe,
 )
+from profilecal.geometry.checks import UnobservableError
 from profilecal.geometry.fitting import affine_residuals
 from profilecal.geometry.noise import FALSE_ALARM, Noise, chi2_limit
 from profilecal.geometry.observability import LEAST_TURN_DEG, name_axis, turns
 from profilecal.joint.delay import unexplained
 from profilecal.joint.problem import Problem
+from profilecal.joint.solve import check_enough
 from profilecal.scan.scan import Scan
 from profilecal.scan.tables import listed
 from profilecal.targets.observations import Observations
@@ -40,14 +42,11 @@ def too_few(scan: Scan, seen: Seen) -> list[str]:
     """That the scan has no more coordinates than a calibration has unknowns."""
     if not len(seen.poses):
         return []
-    problem = Problem([as_observations(scan, seen)], Noise(1.0))
-    total = problem.counts.sum()
-    if total > problem.n:
-        return []
-    return [
-        f"{total} measured coordinates cannot determine {problem.n} unknowns "
-        "and noise; add poses"
-    ]
+    try:
+        check_enough(Problem([as_observations(scan, seen)], Noise(1.0)))
+    except UnobservableError as error:
+        return [str(error)]
+    return []
 
 
 def lines_on_motion(scan: Scan, observed: Observations) -> list[str]:

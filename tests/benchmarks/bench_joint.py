@@ -18,7 +18,7 @@ from profilecal.joint.problem import Problem
 from profilecal.joint.solve import solve
 from profilecal.simulation.scene import random_scene
 from profilecal.simulation.spec import Spec, simulate_scan, truth_of
-from profilecal.targets.observations import Observations, State
+from profilecal.targets.observations import State
 from profilecal_papers.monte_carlo import estimate
 
 SIGMA = 0.05  # mm
@@ -132,66 +132,6 @@ def files_row() -> dict:
     return row(name, ours, "one second", 1.0, 1 / ours, target, ours < 1)
 
 
-def plain_solution(seen: Observations) -> float:
-    """Root mean square, mm, of what plain least squares from the flange itself leave:
-    Levenberg and Marquardt on (point - place) × direction of an edge, on the height
-    above a plane, with differences for derivatives, at once.
-    """
-    R, T = seen.R_flange[0], seen.T_flange[0]
-    x, z = np.moveaxis(seen.points[0], -1, 0)
-    in_sensor = np.stack([x, np.zeros_like(x), z], axis=-1)
-    middle = T.mean(axis=0)
-
-    def residuals(parameters):
-        """(k, residuals) at parameters (k, 12): the sensor's position and rotation
-        vector, the target's place and direction, or normal.
-        """
-        shift, turn, place, axis = np.split(parameters, 4, axis=1)
-        R_sensor = Rotation.from_rotvec(turn).as_matrix()
-        in_flange = in_sensor @ R_sensor.mT[:, None] + shift[:, None, None]
-        points = in_flange @ R.mT + T[:, None]
-        off = points - middle - place[:, None, None]
-        axis = axis / np.linalg.norm(axis, axis=1, keepdims=True)
-        if seen.kind == "plane":
-            return (off @ axis[:, None, :, None]).reshape(len(parameters), -1)
-        return np.cross(off, axis[:, None, None]).reshape(len(parameters), -1)
-
-    def derivatives(parameters, step=1e-7):
-        values = residuals(parameters + np.vstack([np.zeros(12), step * np.eye(12)]))
-        return ((values[1:] - values[0]) / step).T
-
-    start = np.r_[np.zeros(9), 0.6, 0.5, 0.62]  # no axis is special
-    fit = least_squares(
-        lambda x: residuals(x[None])[0], start, derivatives, method="lm", x_scale="jac"
-    )
-    return float(np.sqrt(np.mean(fit.fun**2)))
-
-
-def search_row(
-    name: str, kind: str, count: int = 40, scenes: int = 12, **choices
-) -> dict:
-    """From no guess, over random scenes; the other is timed wherever it ends."""
-    ours, theirs, solved, lost = [], [], 0, 0
-    for seed in range(scenes):
-        rng = np.random.default_rng(seed)
-        scene = random_scene(kind, rng, count=count, **choices)
-        seen = scene.noisy(SIGMA, rng)
-        ours.append(best_of(2, lambda seen=seen: solve([seen], Noise(SIGMA))))
-        theirs.append(best_of(2, lambda seen=seen: plain_solution(seen)))
-        found = solve([seen], Noise(SIGMA))
-        solved += np.linalg.norm(found.translation - scene.truth.translation[0]) < 2.0
-        lost += plain_solution(seen) > 2 * SIGMA
-    ours_s, theirs_s = float(np.median(ours)), float(np.median(theirs))
-    reference = f"{PEER} on distances in space, which loses {lost} of {scenes}"
-    target = (
-        "at most twice the time of one plain descent, "
-        f"{scenes} of {scenes} solved (now {solved})"
-    )
-    name = f"joint: {name}, from no guess"
-    met = 2 * theirs_s >= ours_s and solved == scenes
-    return row(name, ours_s, reference, theirs_s, theirs_s / ours_s, target, met)
-
-
 def rows() -> list[dict]:
     return [
         disk_row(),
@@ -200,6 +140,4 @@ def rows() -> list[dict]:
         scan_row("ball arcs", "ball", "arcs", 14),
         scan_row("ball profiles", "ball", "profiles", 6),
         scan_row("plane profiles", "plane", "profiles", 5),
-        search_row("solve, edge 25 x 10", "edge", groups=25, positions=10),
-        search_row("solve, plane 24", "plane", groups=24, positions=1),
     ]

@@ -169,7 +169,7 @@ def verify(found: Calibration | Answer, scan: Scan) -> Verification:
         answers.append(linearised(alone, kept, T, found.noise_mm))
     lengths, rms_mm = target_by(T, alone, kept)
     of_pose = of_covariance(covariance, rank=6, parameters=6)
-    known = np.count_nonzero(of_pose.sd < 1)
+    known = int((of_pose.sd < 1).sum())
     verifications = []
     for delta, own in answers:
         expected = of_covariance(covariance + own, rank=6, parameters=6)

@@ -9,6 +9,8 @@ from numpy.typing import ArrayLike
 from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
+# orientations (..., 3, 3), axes in columns, and origins (..., 3), mm
+Frames = tuple[ndarray, ndarray]
 SAME_ORIENTATION_DEG = 0.05  # poses that differ by less form a rotation group
 LARGEST_IN_GROUP_DEG = 1.0  # poses that differ by more form none, whoever says so
 
@@ -123,7 +125,7 @@ def rotations(vectors: ndarray) -> ndarray:
     return Rotation.from_rotvec(vectors).as_matrix()
 
 
-def inverse(rotation: ndarray, translation: ndarray) -> tuple[ndarray, ndarray]:
+def inverse(rotation: ndarray, translation: ndarray) -> Frames:
     """The inverses of rigid transforms (..., 3, 3), (..., 3)."""
     back = rotation.mT
     return back, -(back @ translation[..., None])[..., 0]

@@ -11,7 +11,6 @@ no harm; the second shifts the sensor. Whether the sensor is known tells which.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy import ndarray
@@ -103,20 +102,12 @@ def unexplained(observations: Observations) -> dict[str, float]:
     return left
 
 
-@dataclass(frozen=True)
-class Verdict:
-    """What a delay that is not well known does to the sensor's pose."""
-
-    status: str
-    others: Spectrum  # how well the pose would be known if the delay were
-    sentences: list[str]  # what a person should know of it, and do
-
-
 def verdict(
     covariance: ndarray, clock: int, known: Spectrum, R_sensor: ndarray, frame: str
-) -> Verdict:
+) -> tuple[str, Spectrum, list[str]]:
     """What becomes of a sensor pose, of which so much is `known`, by a delay, which is
-    column `clock` of the `covariance` (n + c, n + c) of all unknowns.
+    column `clock` of the `covariance` (n + c, n + c) of all unknowns: its status; how
+    well it would be known if the delay were; and what a person should know, and do.
 
     With the covariance c of pose and delay, which has the variance s², a known delay
     leaves the pose's covariance C - c cᵀ / s². By c / s a standard deviation of the
@@ -138,9 +129,9 @@ def verdict(
         status = "weak" if status == "ok" else "unobservable"
     elif is_open:
         harmless = f"these motions leave {delay} open, which does not move the sensor"
-        return Verdict(status, others, [harmless])
+        return status, others, [harmless]
     elif not to_blame:
-        return Verdict(status, known, [])
+        return status, known, []
     in_units = moves / HAND_PRECISION
     direction = in_units / np.linalg.norm(in_units)
     what = name_direction(direction, R_sensor, frame)
@@ -149,4 +140,4 @@ def verdict(
         f"{what} is known only to {size}, because the motions leave {delay} open: "
         "drive the same sweeps backwards, or stop at three places"
     )
-    return Verdict(status, others, [sentence])
+    return status, others, [sentence]

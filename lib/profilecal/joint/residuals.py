@@ -9,7 +9,7 @@ from numpy import ndarray
 
 from profilecal.geometry.fitting import fit_circle
 from profilecal.geometry.noise import Noise
-from profilecal.geometry.poses import carry, cross, dot, inverse, rotations
+from profilecal.geometry.poses import Frames, carry, cross, dot, inverse, rotations
 from profilecal.joint.prior import Perturbation
 from profilecal.targets.ball import Ball
 from profilecal.targets.observations import Observations, State
@@ -260,7 +260,7 @@ class Residuals:
         z /= sd[:, None]
         return z
 
-    def move(self, placement: tuple, step: ndarray) -> tuple[ndarray, ndarray]:
+    def move(self, placement: tuple, step: ndarray) -> Frames:
         """A placement after a step (B, n) of its free shifts and turns."""
         origin, axes = placement
         shift, turn = np.zeros((2, len(step), 3))
@@ -268,7 +268,7 @@ class Residuals:
         shift[:, self.shifts], turn[:, self.turns] = parts
         return carry(axes, origin, shift), axes @ rotations(turn)
 
-    def place(self, rotation: ndarray, translation: ndarray) -> tuple[ndarray, ndarray]:
+    def place(self, rotation: ndarray, translation: ndarray) -> Frames:
         """The target's frame where sensor poses (B, 3, 3), (B, 3) see it: origin (B, 3)
         and axes (B, 3, 3).
         """

@@ -70,12 +70,7 @@ def solve(
     """
     prior = noise if isinstance(noise, Prior) else as_stated(noise)
     problem = Problem(observations, prior.scales, prior.systematic, mount=prior.mount)
-    total = problem.counts.sum()
-    if total <= problem.n:
-        raise UnobservableError(
-            f"{total} measured coordinates cannot determine {problem.n} unknowns "
-            "and noise; add poses"
-        )
+    check_enough(problem)
 
     if problem.considered.get(DELAY) == DELAY_S:
         problem = problem.later(delay.roughly(problem, starts))
@@ -92,6 +87,16 @@ def solve(
     problem = Problem(observations, prior.scales, prior.systematic, mount=prior.mount)
     estimated = estimate(problem, prior, fits.state[[0]], robust)
     return conclude(estimated, prior, others.join(fits.state))
+
+
+def check_enough(problem: Problem) -> None:
+    """Raise UnobservableError unless more is measured than is unknown."""
+    total = problem.counts.sum()
+    if total <= problem.n:
+        raise UnobservableError(
+            f"{total} measured coordinates cannot determine {problem.n} unknowns "
+            "and noise; add poses"
+        )
 
 
 def least_squares(problem: Problem, state: State) -> Fit:
@@ -330,11 +335,10 @@ def conclude(estimated: Estimate, prior: Prior, others: State) -> Solution:
     status, left_open = str(weaker.status), weaker
     if problem.clock is not None:
         frame = frame_of(problem)
-        verdict = delay.verdict(
+        status, left_open, on_delay = delay.verdict(
             error_sizes.covariance, problem.clock, weaker, state.rotation[0], frame
         )
-        status, left_open = verdict.status, verdict.others
-        remarks += verdict.sentences
+        remarks += on_delay
     R_flange = np.concatenate([entry.R_flange[0] for entry in problem.observations])
     messages += remarks
     messages += explain(left_open, state.rotation[0], R_flange, frame_of(problem))

@@ -21,6 +21,7 @@ from profilecal.geometry.checks import (
 from profilecal.geometry.log import Log
 from profilecal.geometry.noise import Noise, Systematic
 from profilecal.geometry.poses import (
+    Frames,
     check_alike,
     homogeneous,
     inverse,
@@ -412,7 +413,7 @@ class Scan:
         lengths = [f"{name} {value:g} mm" for name, value in self.measures.items()]
         return ", ".join([self.kind, *lengths])
 
-    def base_flange(self, poses: ndarray) -> tuple[ndarray, ndarray]:
+    def base_flange(self, poses: ndarray) -> Frames:
         """Some poses (k,) as the calibration takes them: rotations (k, 3, 3) and
         translations (k, 3) of the flange in the base frame; eye-to-hand, of the base in
         the flange frame.

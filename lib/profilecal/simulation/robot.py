@@ -13,7 +13,7 @@ from numpy.random import Generator
 from scipy.spatial.transform import Rotation
 
 from profilecal.geometry.noise import Noise
-from profilecal.geometry.poses import carry, inverse, rotations
+from profilecal.geometry.poses import Frames, carry, inverse, rotations
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ def actual_poses(
     rng: Generator,
     same: ndarray | slice = slice(None),
     to_hand: bool = False,
-) -> tuple[ndarray, ndarray]:
+) -> Frames:
     """Where the flange really is: rotations (..., G, N, 3, 3) and positions (..., G, N,
     3), mm.
 
@@ -77,7 +77,7 @@ def scan_planes(
     T_sensor: ndarray,
     rotations: ndarray,
     positions: ndarray,
-) -> tuple[ndarray, ndarray]:
+) -> Frames:
     """Scan planes in the base frame: orientations (..., G, N, 3, 3) and origins (...,
     G, N, 3), mm.
 
@@ -116,7 +116,7 @@ class Arm:
         links = LINKS + link_mm * rng.normal(size=(6, 3))
         return cls(links, np.radians(joint_deg) * rng.normal(size=6))
 
-    def flange(self, joints: ndarray) -> tuple[ndarray, ndarray]:
+    def flange(self, joints: ndarray) -> Frames:
         """Rotations (..., 3, 3) and positions (..., 3), mm, of the flange at joint
         angles (..., 6), rad.
         """
@@ -167,9 +167,7 @@ def joints_at(rotation: ndarray, position: ndarray) -> ndarray:
     return np.concatenate([np.stack([first, shoulder, elbow], axis=-1), last], axis=-1)
 
 
-def where_it_is(
-    arm: Arm, rotation: ndarray, position: ndarray
-) -> tuple[ndarray, ndarray]:
+def where_it_is(arm: Arm, rotation: ndarray, position: ndarray) -> Frames:
     """Where an arm really has its flange when it reports poses (P, 3, 3), (P, 3), mm,
     in a frame of the user's.
 
@@ -190,9 +188,7 @@ class Robot:
     link_mm: float = 0.0  # of the x, y and z of each link, for good
     drift_mm: float = 0.0  # along each axis, from the first pose to the last
 
-    def built(
-        self, rotation: ndarray, position: ndarray, rng: Generator
-    ) -> tuple[ndarray, ndarray]:
+    def built(self, rotation: ndarray, position: ndarray, rng: Generator) -> Frames:
         """Where an arm built like this has its flange when it reports poses (P, 3, 3),
         (P, 3), mm. Raises ValueError for poses out of reach.
         """
@@ -207,7 +203,7 @@ class Robot:
         position: ndarray,
         noise: Noise,
         rng: Generator,
-    ) -> tuple[ndarray, ndarray]:
+    ) -> Frames:
         """Where the flange is when the robot goes through poses (P, 3, 3), (P, 3), mm,
         once and in this order.
         """

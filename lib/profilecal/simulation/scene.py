@@ -7,11 +7,11 @@ import numpy as np
 from numpy import ndarray
 from numpy.random import Generator
 
-from profilecal.geometry.poses import carry, rotations
+from profilecal.geometry.poses import Frames, carry, rotations
 from profilecal.simulation.robot import Poses
 from profilecal.targets import TARGETS
 from profilecal.targets.observations import Observations, State
-from profilecal.targets.target import Target
+from profilecal.targets.target import Target, Views
 
 STANDOFF = 100.0  # mm, depth of the target's middle in the scan
 
@@ -41,7 +41,7 @@ class Setup:
         placed = tuple(part[None] for part in self.target.frame)
         return State(self.R_sensor[None], self.T_sensor[None], (placed,))
 
-    def planes(self, R: ndarray, T: ndarray) -> tuple[ndarray, ndarray]:
+    def planes(self, R: ndarray, T: ndarray) -> Frames:
         """Sensor frames (P, 3, 3), (P, 3) mm, at such poses of the flange."""
         return R @ self.R_sensor, carry(R, T, self.T_sensor)
 
@@ -105,8 +105,7 @@ def random_scene(
     positions: int | None = None,
     sizes: tuple | None = None,
     spread_deg: float = 30.0,
-    motion: str = "space",
-    frame: str = "base",
+    one_way: bool = False,
     axis: ndarray | str | None = None,
     count: int = 40,
     steering_mm: float = 0.0,
@@ -117,9 +116,9 @@ def random_scene(
 
     Each of the `groups` turns from a first orientation by up to `spread_deg`, about any
     axis, about `axis` (3,) of the base, or about the target's own z ("target"). Inside
-    a group of `positions` the sensor moves in the base's axes ("base") or with the
-    flange ("tool"); `motion` and `steering_mm`: see `Target.offsets`. `count`: points
-    of a curve.
+    a group of `positions` the sensor moves in the base's axes, or with the flange's if
+    that suits the target; `one_way` and `steering_mm`: see `Views`. `count`: points of
+    a curve.
     """
     target = TARGETS[kind]
     shape = groups or target.groups, positions or target.positions
@@ -140,8 +139,9 @@ def random_scene(
         turn = rng.uniform(-1, 1, (shape[0], 1)) * about
     turned = rotations(np.radians(spread_deg) * turn) @ first
     normals = facing[:, 2] @ turned
-    moved = target.offsets(shape, motion, normals, sizes, steering_mm, rng)
-    moved = moved @ (turned.mT if frame == "tool" or target.with_tool else first.T)
+    views = Views(shape, sizes, normals, one_way, steering_mm)
+    moved = target.offsets(views, rng)
+    moved = moved @ (turned.mT if target.with_tool else first.T)
     origin = middle - STANDOFF * turned[:, None, :, 2] - moved
     R_flange = turned @ R_sensor.T
     poses = Poses(R_flange, origin - (R_flange @ T_sensor)[:, None])

@@ -10,7 +10,7 @@ from numpy import ndarray
 from numpy.random import Generator
 
 from profilecal.geometry.noise import Noise
-from profilecal.geometry.poses import homogeneous, inverse
+from profilecal.geometry.poses import Frames, homogeneous, inverse
 from profilecal.scan.conventions import CONVENTIONS
 from profilecal.scan.scan import MOUNTS, Scan, length_rules
 from profilecal.scan.tables import ScanError
@@ -248,7 +248,7 @@ def sizes_of(spec: Spec) -> tuple[float, ...]:
     return tuple((usual | spec.sizes).values())
 
 
-def taken(scene: Scene, spec: Spec, rng: Generator) -> tuple[ndarray, ndarray]:
+def taken(scene: Scene, spec: Spec, rng: Generator) -> Frames:
     """Where the flange is, (P, 3, 3), (P, 3) mm, whenever the robot is at the poses of
     a scene.
     """
@@ -261,7 +261,7 @@ def taken(scene: Scene, spec: Spec, rng: Generator) -> tuple[ndarray, ndarray]:
 
 def record(
     scene: Scene,
-    poses: tuple[ndarray, ndarray],
+    poses: Frames,
     spec: Spec,
     rng: Generator,
 ) -> Scan:
@@ -327,7 +327,7 @@ def record_sweeps(
 
 
 def seen_from(
-    setup: Setup, planes: tuple[ndarray, ndarray], spec: Spec, rng: Generator
+    setup: Setup, planes: Frames, spec: Spec, rng: Generator
 ) -> tuple[str, tuple[ndarray, ...]]:
     """What is measured from scan planes (P, 3, 3), (P, 3), as a `Scan` has it."""
     measured = spec.measured or setup.target.tables[-1]
@@ -365,7 +365,7 @@ def truth_entries(scene: Setup, spec: Spec) -> dict[str, Any]:
 
 def raw_profiles(
     setup: Setup,
-    planes: tuple[ndarray, ndarray],
+    planes: Frames,
     spec: Spec,
     rng: Generator,
 ) -> list[ndarray]:

@@ -11,7 +11,7 @@ from numpy import ndarray
 from numpy.random import Generator
 
 from profilecal.geometry.noise import Noise
-from profilecal.geometry.poses import inverse, rotations
+from profilecal.geometry.poses import Frames, inverse, rotations
 from profilecal.scan.motion import checked_log, with_motion
 from profilecal.simulation.scene import STANDOFF, Setup, in_unit_ball
 
@@ -69,7 +69,7 @@ class Sweep:
             return 3 * np.pi * self.half / abs(self.speed)
         return 2 * self.half / abs(self.speed)
 
-    def at(self, t: ndarray) -> tuple[ndarray, ndarray]:
+    def at(self, t: ndarray) -> Frames:
         """Sensor frames (n, 3, 3), (n, 3) at times (n,) s."""
         share = (t / self.seconds)[:, None]
         if self.weaves:
@@ -81,7 +81,7 @@ class Sweep:
         turned = rotations(np.sin(2 * np.pi * share + self.phase) * self.turn)
         return turned @ self.facing, self.middle + way
 
-    def behind(self, t: ndarray, lag_s: float) -> tuple[ndarray, ndarray]:
+    def behind(self, t: ndarray, lag_s: float) -> Frames:
         """The same of a controller that follows its log with a lag of the first order:
         at each time an average over earlier ones, exponentially weighted.
         """
@@ -150,14 +150,14 @@ def drive(
     spread_deg: float,
     to_hand: bool = False,
     planned: Sequence[Sweep] = (),
-) -> tuple[dict[str, Any], tuple[ndarray, ndarray]]:
+) -> tuple[dict[str, Any], Frames]:
     """What a robot and a scanner record on the sweeps of a motion, or on those that are
     planned, with the errors of the robot that a sweep or a stop has, and the jitter of
     the scanner's times: entries of a Scan; and where the flange really was, (P, 3, 3),
     (P, 3). All poses are of the flange in the base.
     """
 
-    def flange(R: ndarray, p: ndarray) -> tuple[ndarray, ndarray]:
+    def flange(R: ndarray, p: ndarray) -> Frames:
         """Poses (n, 3, 3), (n, 3) that take the scanner to sensor frames."""
         R_flange = R @ setup.R_sensor.T
         pose = R_flange, p - R_flange @ setup.T_sensor
@@ -201,9 +201,7 @@ def drive(
     return with_motion(log, clock.round(6), names, at_rest), (R, p)
 
 
-def erring(
-    R: ndarray, p: ndarray, noise: Noise, rng: Generator
-) -> tuple[ndarray, ndarray]:
+def erring(R: ndarray, p: ndarray, noise: Noise, rng: Generator) -> Frames:
     """Poses with the errors that all share, and those of each."""
     shape = p.shape
     shift = noise.group_position_mm * rng.normal(size=3)

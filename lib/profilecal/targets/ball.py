@@ -14,7 +14,7 @@ from profilecal.targets.target import (
     Fitted,
     Linearised,
     Sight,
-    Sizes,
+    Views,
     in_sensor,
 )
 
@@ -72,9 +72,6 @@ class Ball(Round):
         centre, radius = fit_sphere(points)
         return centre, np.broadcast_to(np.eye(3), (*centre.shape, 3)), (radius,)
 
-    def distance(self, points: ndarray) -> ndarray:
-        return np.linalg.norm(points - self.centre, axis=-1) - self.radius
-
     def lines(self, points: ndarray) -> list[ndarray]:
         """Three great circles."""
         return [circle_around(self.centre, axis, self.radius) for axis in np.eye(3)]
@@ -114,16 +111,9 @@ class Ball(Round):
         return np.stack([x, y, z], axis=-1)
 
     @staticmethod
-    def offsets(
-        shape: tuple[int, int],
-        motion: str,
-        normals: ndarray,
-        sizes: Sizes,
-        steering_mm: float,
-        rng: np.random.Generator,
-    ) -> ndarray:
+    def offsets(views: Views, rng: np.random.Generator) -> ndarray:
         """The scan plane passes the centre at up to 0.7 radii."""
-        (radius,) = sizes
+        (radius,), shape = views.sizes, views.shape
         scale = radius / Ball.sizes[0]
         y = radius * rng.uniform(-0.7, 0.7, shape)
         x = scale * rng.uniform(-10, 10, shape)

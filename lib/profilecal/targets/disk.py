@@ -13,8 +13,8 @@ from profilecal.targets.target import (
     Fitted,
     Linearised,
     Sight,
-    Sizes,
     Target,
+    Views,
     Y,
     in_sensor,
 )
@@ -170,26 +170,20 @@ class Disk(Target):
         return table.behind(self.meet(rotation, origin), rotation, origin)
 
     @staticmethod
-    def offsets(
-        shape: tuple[int, int],
-        motion: str,
-        normals: ndarray,
-        sizes: Sizes,
-        steering_mm: float,
-        rng: np.random.Generator,
-    ) -> ndarray:
+    def offsets(views: Views, rng: np.random.Generator) -> ndarray:
         """Half-way between the scan plane's normal and the disk's, to either side: what
-        suits the disk paper's method best; with the motion "equal", one way for all. No
-        chord is farther than 0.9 radii from the centre.
+        suits the disk paper's method best. No chord is farther than 0.9 radii from the
+        centre.
         """
-        groups, positions = shape
+        groups, positions = views.shape
+        normals = views.normals
         sides = np.where(np.arange(groups) % 2, -1, 1)
         way = normals + sides[:, None] * np.array(Y)
         way = way / way[:, 1:2]
-        if motion == "equal":
+        if views.one_way:
             way[:] = way[0]
         farthest = np.minimum(0.64, 0.9 * np.hypot(normals[:, 0], normals[:, 2]))
-        reach = sizes[0] * farthest[:, None, None]
+        reach = views.sizes[0] * farthest[:, None, None]
         return np.linspace(-1, 1, positions)[:, None] * reach * way[:, None]
 
 

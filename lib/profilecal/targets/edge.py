@@ -114,11 +114,6 @@ class Edge(Target):
     def fit(points: ndarray) -> Fitted:
         return points.mean(axis=-2), frame_around(principal_axes(points)[..., 0, :]), ()
 
-    def distance(self, points: ndarray) -> ndarray:
-        offset = points - self.point
-        along = offset @ self.direction
-        return np.linalg.norm(offset - along[..., None] * self.direction, axis=-1)
-
     def lines(self, points: ndarray) -> list[ndarray]:
         """The edge as long as it was seen."""
         low, high = np.nanpercentile((points - self.point) @ self.direction, [1, 99])

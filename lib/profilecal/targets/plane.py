@@ -67,9 +67,6 @@ class Plane(Target):
     def fit(points: ndarray) -> Fitted:
         return points.mean(axis=-2), frame_around(principal_axes(points)[..., 2, :]), ()
 
-    def distance(self, points: ndarray) -> ndarray:
-        return (points - self.point) @ self.normal
-
     def lines(self, points: ndarray) -> list[ndarray]:
         """A square."""
         return [circle_around(self.point, self.normal, 60.0, count=5)]

@@ -13,8 +13,8 @@ from profilecal.targets.target import (
     Fitted,
     Linearised,
     Sight,
-    Sizes,
     Target,
+    Views,
     in_sensor,
 )
 
@@ -64,9 +64,6 @@ class Point(Target):
         middle = points.mean(axis=-2)
         return middle, np.broadcast_to(np.eye(3), (*middle.shape, 3)), ()
 
-    def distance(self, points: ndarray) -> ndarray:
-        return np.linalg.norm(points - self.point, axis=-1)
-
     def lines(self, points: ndarray) -> list[ndarray]:
         """A cross."""
         return [self.point + 10 * np.outer([-1, 1], axis) for axis in np.eye(3)]
@@ -78,16 +75,9 @@ class Point(Target):
         return in_sensor(rotation, self.point - origin)[..., ::2]
 
     @staticmethod
-    def offsets(
-        shape: tuple[int, int],
-        motion: str,
-        normals: ndarray,
-        sizes: Sizes,
-        steering_mm: float,
-        rng: np.random.Generator,
-    ) -> ndarray:
+    def offsets(views: Views, rng: np.random.Generator) -> ndarray:
         """The scan plane misses the point by how well the operator steers."""
-        x = rng.uniform(-25, 25, shape)
-        y = steering_mm * rng.normal(size=shape)
-        z = rng.uniform(-25, 25, shape)
+        x = rng.uniform(-25, 25, views.shape)
+        y = views.steering_mm * rng.normal(size=views.shape)
+        z = rng.uniform(-25, 25, views.shape)
         return np.stack([x, y, z], axis=-1)

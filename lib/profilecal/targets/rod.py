@@ -109,9 +109,6 @@ class Rod(Round):
         D[..., i, j] = D[..., j, i] = x[..., :6]
         return fit_around(with_sign(np.linalg.eigh(D)[1][..., 2]), points)
 
-    def distance(self, points: ndarray) -> ndarray:
-        return Edge(self.point, self.direction).distance(points) - self.radius
-
     def lines(self, points: ndarray) -> list[ndarray]:
         """Four generators, as long as the bar was seen."""
         (axis,) = Edge(self.point, self.direction).lines(points)

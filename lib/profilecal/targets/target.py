@@ -12,8 +12,8 @@ To add one:
    other fields it has its own `at` and `frame`.
 2. Set the attributes that have no default here, and those of which the default does not
    fit. Each is a line of the class.
-3. Write the methods that every target has: `residual`, `residual_in_space`, `fit`,
-   `distance` and `lines`.
+3. Write the methods that every target has: `residual`, `residual_in_space`, `fit` and
+   `lines`; its own `distance` where `residual_in_space` has another.
 4. If it shows in raw profiles, write its `outline`, and `find`, which may be a function
    of `profiles` or stand in the same file. If a folder may hold what was measured of it
    instead, write `meet`; if not, `points_seen`.
@@ -33,7 +33,7 @@ import numpy as np
 from numpy import ndarray
 
 from profilecal.geometry.noise import Noise
-from profilecal.geometry.poses import directions, frame_around
+from profilecal.geometry.poses import Frames, directions, frame_around
 from profilecal.profiles.points import Feature
 
 # of vectors in the sensor frame x, y and z, each an array (batch, 1 or points, poses)
@@ -67,6 +67,16 @@ class Sight(NamedTuple):
         return x - cx, -cy, z - cz
 
 
+class Views(NamedTuple):
+    """What a plan of simulated scans is for."""
+
+    shape: tuple[int, int]  # groups, and positions in each
+    sizes: Sizes
+    normals: ndarray  # (groups, 3) in the sensor frames, what faces the scanner
+    one_way: bool  # disks: all motions go one way, which leaves the pose open
+    steering_mm: float  # how well the operator steers through a marked point
+
+
 class Target:
     """A target in its place. Class attributes and static methods speak of all targets
     of the kind.
@@ -98,7 +108,7 @@ class Target:
         return create(origin, *z, *sizes)
 
     @property
-    def frame(self) -> tuple[ndarray, ndarray]:
+    def frame(self) -> Frames:
         """Its origin (3,), mm, and axes (3, 3), in columns."""
         origin, *others = vars(self).values()
         return origin, frame_around(others[0]) if self.turns else np.eye(3)
@@ -150,8 +160,19 @@ class Target:
         raise NotImplementedError
 
     def distance(self, points: ndarray) -> ndarray:
-        """How far points (n, 3) are from it, (n,) mm; of a disk, from its rim."""
-        raise NotImplementedError
+        """How far points (n, 3) are from it, (n,) mm; of a disk, from its rim.
+
+        A sensor frame in each point, along the base's axes, has the point in its
+        origin, and the distance is `residual_in_space`.
+        """
+        origin, axes = self.frame
+        sizes = [getattr(self, name) for name in self.lengths]
+        from_point = np.moveaxis(origin - points, -1, 0)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            sight = Sight(from_point, [*axes.T], [*np.zeros((2, 1))], sizes)
+            residuals, _, _ = self.residual_in_space(sight)
+        several = len(residuals) > 1
+        return np.linalg.norm(residuals, axis=0) if several else residuals[0]
 
     def lines(self, points: ndarray) -> list[ndarray]:
         """Polylines (n, 3) that draw it, as far as it was seen at points (k, 3)."""
@@ -214,30 +235,13 @@ class Target:
         raise NotImplementedError
 
     @staticmethod
-    def offsets(
-        shape: tuple[int, int],
-        motion: str,
-        normals: ndarray,
-        sizes: Sizes,
-        steering_mm: float,
-        rng: np.random.Generator,
-    ) -> ndarray:
-        """A plan: by how much the target is off the middle of the scans, (*shape, 3)
-        mm, shape (groups, positions), in the first sensor frame or, `with_tool`, in
-        each.
-
-        The usual one: along an "arc" of 25 mm radius and 90°, in a plane at 45° to the
-        sensor's y and x axes, or anywhere in a ball of 25 mm. `normals` (groups, 3): in
-        the sensor frames, what faces the scanner.
+    def offsets(views: Views, rng: np.random.Generator) -> ndarray:
+        """A plan: by how much the target is off the middle of the scans, (groups,
+        positions, 3) mm, in the first sensor frame or, `with_tool`, in each. The usual
+        one: anywhere in a ball of 25 mm.
         """
-        if motion != "arc":
-            radius = 25 * np.cbrt(rng.uniform(size=(*shape, 1)))
-            return radius * directions(rng, shape)
-        start = rng.uniform(0, 2 * np.pi)
-        angle = np.linspace(-np.pi / 4, np.pi / 4, shape[1]) + start
-        arc = 25 * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-        plane = np.array([[np.sqrt(0.5), np.sqrt(0.5), 0.0], [0.0, 0.0, 1.0]])
-        return np.broadcast_to((arc - arc.mean(axis=0)) @ plane, (*shape, 3))
+        radius = 25 * np.cbrt(rng.uniform(size=(*views.shape, 1)))
+        return radius * directions(rng, views.shape)
 
 
 def in_sensor(rotation: ndarray, vectors: ndarray) -> ndarray:

@@ -13,10 +13,10 @@ from numpy import ndarray
 from numpy.random import Generator
 from scipy.spatial.transform import Rotation
 
-from profilecal.geometry.poses import carry, inverse, rotations
+from profilecal.geometry.poses import Frames, carry, inverse, rotations
 from profilecal.scan.scan import ScanError
 from profilecal.simulation.scene import in_unit_ball
-from profilecal_tool.plan.scan_model import Frames, Limits, ScanModel
+from profilecal_tool.plan.scan_model import Limits, ScanModel
 from profilecal_tool.plan.specification import MARGINS
 
 # So much more than the limits is drawn and then cut off at the limits. A third of the

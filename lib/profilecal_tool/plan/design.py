@@ -17,12 +17,11 @@ import numpy as np
 from numpy import ndarray
 
 from profilecal.geometry.observability import LEAST_TURN_DEG
-from profilecal.geometry.poses import angle_between, parallel
+from profilecal.geometry.poses import Frames, angle_between, parallel
 from profilecal.geometry.progress import watched
 from profilecal.scan.scan import ScanError
 from profilecal_tool.plan.candidates import BEYOND, draw, neighbours
 from profilecal_tool.plan.scan_model import (
-    Frames,
     Prediction,
     ScanModel,
     information,

@@ -8,7 +8,7 @@ import numpy as np
 from profilecal.calibration.calibration import Calibration
 from profilecal.calibration.observe import as_observations, observe, stated_noise
 from profilecal.geometry.noise import ROBOT
-from profilecal.geometry.poses import inverse, nearest_rotation
+from profilecal.geometry.poses import Frames, inverse, nearest_rotation
 from profilecal.joint.prior import prior_from
 from profilecal.scan.scan import Scan, ScanError
 from profilecal.scan.toml import check_entries, number, numbers, whole
@@ -17,7 +17,7 @@ from profilecal.simulation.spec import Spec, raw_profiles, sizes_of
 from profilecal.targets import TARGETS
 from profilecal.targets.observations import Observations
 from profilecal_tool.plan.candidates import draw, off_square
-from profilecal_tool.plan.scan_model import Frames, Limits, ScanModel
+from profilecal_tool.plan.scan_model import Limits, ScanModel
 from profilecal_tool.plan.specification import PlannedSpec
 
 

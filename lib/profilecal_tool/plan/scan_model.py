@@ -20,8 +20,6 @@ from profilecal.simulation.scene import Setup
 from profilecal.targets.observations import Observations
 from profilecal_tool.plan.specification import Guess
 
-# orientations (P, 3, 3) and positions (P, 3), mm
-Frames = tuple[ndarray, ndarray]
 GUESSES = 20  # draws of how wrong the guess is: they show most of the range
 
 

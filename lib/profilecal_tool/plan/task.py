@@ -8,7 +8,7 @@ import numpy as np
 
 from profilecal.calibration.calibration import Calibration, calibrate
 from profilecal.geometry.noise import ROBOT
-from profilecal.geometry.poses import inverse
+from profilecal.geometry.poses import Frames, inverse
 from profilecal.joint.prior import prior_from
 from profilecal.scan.folder import poses_columns, read_scan
 from profilecal.scan.scan import Scan, ScanError
@@ -18,7 +18,7 @@ from profilecal.simulation.sweeps import Motion
 from profilecal.targets import TARGETS
 from profilecal_tool.plan.design import FEW, NOWHERE, Plan, design, joined
 from profilecal_tool.plan.knowledge import model_of_scan, model_of_spec, read_plan
-from profilecal_tool.plan.scan_model import Frames, Prediction, ScanModel, predict
+from profilecal_tool.plan.scan_model import Prediction, ScanModel, predict
 from profilecal_tool.plan.specification import (
     MARGINS,
     PlannedSpec,

@@ -227,28 +227,6 @@ def draw_profile(
     axes.set(xlim=(x - width, x + width), ylim=(z + height, z - height))
 
 
-def plot_view(found: Calibration) -> plt.Figure:
-    """Draw where features lie in the scan plane, over the points of raw profiles."""
-    figure, axes = plt.subplots(figsize=(5.6, 4.2))
-    step, words = thinned(sum(map(len, found.seen)), 2000)
-    parts = zip(found.scans, found.seen, found.observed, strict=True)
-    for scan, seen, observed in parts:
-        points = observed.points[0, ::step].reshape(-1, 2)
-        values = [scan.values[i] for i in seen[::step]]
-        if scan.measured == "profiles":
-            style = {"ms": 1, "color": "0.75", "label": "profiles", "rasterized": True}
-            axes.plot(*np.concatenate(values).T, ".", **style)
-        elif scan.measured == "arcs":  # the tops of the circles
-            points = np.concatenate(values) @ [[1, 0], [0, 1], [0, -1]]
-        label = scan.title or scan.kind
-        axes.scatter(*points.T, s=4, alpha=0.7, zorder=3, label=label)
-    axes.set(xlabel="sensor x [mm]", ylabel="sensor z [mm]", aspect="equal")
-    axes.invert_yaxis()
-    figure.suptitle(f"Where the features lie in the scan plane{words}")
-    key(figure, axes)
-    return figure
-
-
 def plot_residuals(found: Calibration) -> plt.Figure:
     """Draw each pose's residual over the noise, and what chance explains."""
     scans, solution = found.scans, found.solution

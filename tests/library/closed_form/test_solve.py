@@ -14,10 +14,7 @@ OPEN = {
     r"all 4 poses turn about one axis, \[.*\] of the flange": {
         "axis": np.array([0.0, 0, 1])
     },
-    "the 4 motions are parallel in the sensor frame": {
-        "motion": "equal",
-        "frame": "tool",
-    },
+    "the 4 motions are parallel in the sensor frame": {"one_way": True},
 }
 
 

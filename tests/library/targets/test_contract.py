@@ -21,6 +21,7 @@ from profilecal.targets.ball import Ball
 from profilecal.targets.disk import Disk
 from profilecal.targets.edge import SPECIMENS
 from profilecal.targets.plane import Plane
+from profilecal.targets.target import Views
 
 
 @pytest.mark.parametrize("in_space", [False, True])
@@ -174,8 +175,8 @@ def test_a_disk_has_a_chord_where_it_is_met():
 
 def test_the_plan_of_a_disk_that_faces_the_scanner_moves_it_across_the_scan_alone():
     normals = np.array([[0, 0.6, 0.8]] * 2)
-    rng = default_rng(3)
-    offsets = Disk.offsets((2, 3), "space", normals, (25.0,), 0.0, rng)
+    views = Views((2, 3), (25.0,), normals, False, 0.0)
+    offsets = Disk.offsets(views, default_rng(3))
     assert not offsets[..., 0].any()
 
 

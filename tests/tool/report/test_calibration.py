@@ -26,7 +26,7 @@ plt.switch_backend("agg")  # which needs no screen
 def report_on(*scans) -> str:
     """All words of the report on scans, plain; its figures are drawn too."""
     found = calibrate(scans)
-    figures = [pictures.plot_robot(found), pictures.plot_view(found)]
+    figures = [pictures.plot_robot(found)]
     if found.solution_or_none:
         figures.append(pictures.plot_residuals(found))
     for scan in scans:
@@ -77,7 +77,6 @@ def test_pictures_of_large_scans_draw_a_part_and_say_so():
     found = calibrate(scan)
     for figure, most in (
         (pictures.plot_robot(found), 2000),
-        (pictures.plot_view(found), 2000),
         (pictures.plot_residuals(found), 1000),
     ):
         title = figure.get_suptitle() or figure.axes[0].get_title()

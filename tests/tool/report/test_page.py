@@ -46,7 +46,7 @@ def test_the_report_loads_nothing(written):
     _, report = written
     links = r"(src|href)=|//|<script|@import|url\(|<link"
     assert not re.search(links, PICTURE.sub("", report))
-    assert len(PICTURE.findall(report)) == 5
+    assert len(PICTURE.findall(report)) == 4
     assert '<meta name="viewport"' in report
     assert "@media print" in report
     assert len(report) < 2_000_000
