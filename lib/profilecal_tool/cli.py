@@ -543,7 +543,7 @@ def check_mount(folder, pose, log):
     """Compare one to three poses of the same artefact with what T.json predicts.
 
     FOLDER is a scan of it where it stood at the calibration. Status 1 if anything has
-    moved.
+    moved, 2 if FOLDER cannot tell.
     """
     from profilecal.calibration.answer import read_answer
     from profilecal.calibration.check_mount import check_mount
@@ -557,7 +557,9 @@ def check_mount(folder, pose, log):
         from profilecal_tool.report.log import add_to_log
 
         echo(f"log            {log}, drawn in {add_to_log(check, folder, log)}")
-    raise SystemExit(0 if check.as_expected else 1)
+    if not check.as_expected:
+        raise SystemExit(1)
+    raise SystemExit(0 if check.is_conclusive else 2)
 
 
 @main.command("import", cls=OfTarget)

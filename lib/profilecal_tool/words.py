@@ -184,10 +184,11 @@ def mount_check_text(check: MountCheck, kind: str) -> str:
             if move.chance < 1:  # else any move explains what so few poses saw
                 lines.append(f"chance         {says}")
     x, y, z, rx, ry, rz = map(brief, check.seen_mm_deg)
-    lines.append(
-        f"would show     {x}  {y}  {z} mm along or {rx}  {ry}  {rz}° about "
-        "the sensor's x, y, z, 9 times of 10"
-    )
+    if check.is_conclusive:
+        lines.append(
+            f"would show     {x}  {y}  {z} mm along or {rx}  {ry}  {rz}° about "
+            "the sensor's x, y, z, 9 times of 10"
+        )
     verdicts = {
         (): f"no move of the sensor or the {kind} alone explains it: is it the {kind} "
         "of the calibration, where it stood? If so, look at the robot",
@@ -199,6 +200,11 @@ def mount_check_text(check: MountCheck, kind: str) -> str:
     verdict = verdicts[check.suspects]
     if check.as_expected:
         verdict = "all is where the calibration left it"
+    if not check.is_conclusive:
+        verdict = (
+            "none: only moves of more than 10 mm and 5° would show; calibrate with "
+            "more poses"
+        )
     return "\n".join([*lines, f"verdict        {verdict}"])
 
 

@@ -23,6 +23,7 @@ from profilecal.calibration.calibration import Calibration
 from profilecal.calibration.observe import as_observations, observe
 from profilecal.geometry.checks import check_type
 from profilecal.geometry.noise import FALSE_ALARM, Noise, Systematic
+from profilecal.geometry.observability import HAND_PRECISION
 from profilecal.joint.problem import Problem
 from profilecal.joint.solution import column_names
 from profilecal.scan.scan import Scan
@@ -46,8 +47,9 @@ class Move:
 class MountCheck:
     """How far what was seen is from what a calibration predicts.
 
-    `as_expected` is the verdict, `chance` what it rests on; `sensor` and `target`, in
-    their own frames, are what may have moved.
+    `as_expected` is the verdict, `chance` what it rests on, `is_conclusive` whether a
+    move would have shown; `sensor` and `target`, in their own frames, are what may have
+    moved.
     """
 
     labels: tuple[str, ...]  # of the poses that saw the artefact
@@ -132,7 +134,17 @@ class MountCheck:
         these poses to show it with a chance of 90 %.
         """
         _, sd = self.alone_mm_deg()
-        return sd * np.sqrt(chndtrinc(self.limit, len(self.residuals), 1 - POWER))
+        square = chndtrinc(self.limit, len(self.residuals), 1 - POWER)
+        # NaN for an enormous limit, from which it then hardly differs
+        return sd * np.sqrt(np.nan_to_num(square, nan=self.limit))
+
+    @property
+    def is_conclusive(self) -> bool:
+        """Whether these poses show anything, or would show any move that is too small
+        to be seen by hand, 10 mm and 5°.
+        """
+        would_show = (self.seen_mm_deg < HAND_PRECISION * DEGREES).any()
+        return not self.as_expected or bool(would_show)
 
     def __repr__(self) -> str:
         suspects = "" if self.as_expected else f", suspects={self.suspects}"

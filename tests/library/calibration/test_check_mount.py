@@ -122,3 +122,17 @@ def test_another_artefact_is_refused():
         pc.ScanError, match=r"its edge is none of the calibration's targets \(ball\)"
     ):
         pc.check_mount(pc.calibrate(ball), edge)
+
+
+def test_a_check_that_could_show_nothing_says_so():
+    first, again = scans("edge", 2, seed=8, groups=6, positions=1)
+    found = pc.calibrate(first)
+    assert found.is_known
+    check = pc.check_mount(found, again)
+    assert check.as_expected
+    assert (check.seen_mm_deg > [10, 10, 10, 5, 5, 5]).all()
+    assert not check.is_conclusive
+    enough, again = scans("edge", 2)
+    check = pc.check_mount(pc.calibrate(enough), few(again, [0, 9, 20]))
+    assert check.as_expected
+    assert check.is_conclusive
