@@ -530,6 +530,18 @@ def stacked(folder):
     np.save(folder / "all.npy", np.stack(scan().values).swapaxes(1, 2))
 
 
+def two_arrays_of_columns(folder):
+    x, z = np.stack(scan().values).T
+    savemat(folder / "scan.mat", {"X_mm": x, "height": z})
+
+
+def without_titles(folder):
+    """Between x, zero, z and a shade."""
+    for k, points in enumerate(scan().values):
+        rows = np.c_[with_y(points), np.arange(len(points)) % 7 + k]
+        np.savetxt(folder / f"ruler_{k}.xyz", rows)
+
+
 def point_clouds(folder, ending="ply"):
     ply = ["ply", "format ascii 1.0", f"element vertex {len(scan().values[0])}"]
     ply += [f"property float {axis}" for axis in "xyz"] + ["end_header"]
@@ -649,6 +661,8 @@ PROFILES = by_name(
     numbered,
     wide_table,
     stacked,
+    two_arrays_of_columns,
+    without_titles,
     point_clouds,
     other_clouds,
     binary_clouds,
@@ -660,7 +674,6 @@ PROFILES_OF = {fanuc: lists}  # counted from 1
 # what a user has to say: numbers without names, columns that mean something else
 SAID = {
     "as_json": {"pose_columns": "x,y,z,w,p,r"},
-    "codes": {"columns": "2,3"},
     "two_scanners": {"where": "sensor=b"},
     "zeros": {"columns": "x [mm],z [mm]"},
 }

@@ -1,7 +1,7 @@
 """Arrays in files of NumPy's and MATLAB's."""
 
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from tokenize import TokenError
 from zipfile import BadZipFile
@@ -11,19 +11,15 @@ from numpy import ndarray
 from scipy.io import loadmat
 from scipy.io.matlab import MatReadError
 
-from profilecal.scan.tables import ScanError, Table, listed, naming, shown
+from profilecal.scan.tables import ScanError, Table, naming
 from profilecal_tool.importing.makers import renamed
+from profilecal_tool.importing.tables import ROW, chosen, from_rows, lines_of, words_in
 
 ENDINGS = (".npy", ".npz", ".mat")
 MOST = 16  # numbers of a pose
-BINARY_PLY = re.compile(
-    rb"(?s)ply\r?\nformat binary_(\w+)_endian.*?\nelement vertex (\d+)"
-    rb"((?:\s+property[^\n]*)*).*?\nend_header\r?\n"
-)
-BINARY_PCD = re.compile(
-    rb"(?s)(?:#|VERSION).*?FIELDS ([^\n]*)\nSIZE ([^\n]*)\nTYPE ([^\n]*)\n"
-    rb"(?:COUNT[ 1]*\n)?(?:(?!COUNT|DATA).)*?POINTS (\d+)\s+"
-    rb"DATA binary(_compressed)?\r?\n"
+# all but the points of a PLY or PCD file
+CLOUD = re.compile(
+    rb"(?s)(?:ply\b.*?\nelement .*?\nend_header|(?:#|VERSION).*?\nDATA \w+)[^\n]*\n"
 )
 PLY_TYPES = renamed(
     "char=i1 short=i2 int=i4 float=f4 double=f8 uchar=u1 ushort=u2 uint=u4 "
@@ -62,32 +58,44 @@ def arrays_in(path: Path) -> dict[str, ndarray]:
 
 
 def vertices_in(path: Path) -> Table | None:
-    """The vertices in a binary PLY or PCD file, without columns where there are none;
-    None in another.
+    """The vertices in a PLY or PCD file, without columns where there are none; None in
+    another. Raises ScanError.
     """
+    if path.suffix.lower() not in (".ply", ".pcd"):
+        return None
     with naming(path):
-        is_cloud = path.suffix.lower() in (".ply", ".pcd")
-        content = path.read_bytes() if is_cloud else b""
-        if head := BINARY_PLY.match(content):
-            order = "<" if head[1] == b"little" else ">"
-            pairs = re.findall(r"property\s+(\w+)\s+(\w+)", head[3].decode())
-            kinds = [(name, order + PLY_TYPES.get(kind, kind)) for kind, name in pairs]
-            count = head[2]
-        elif head := BINARY_PCD.match(content):
-            *lines, count, compressed = head.groups()
-            if compressed:
-                raise ScanError(f"{path}: compressed; save it as DATA binary or ascii")
-            parts = zip(*(line.decode().lower().split() for line in lines), strict=True)
-            kinds = [(name, f"<{kind}{size}") for name, size, kind in parts]
-        else:
-            return None
-        try:
-            rows = np.frombuffer(content, np.dtype(kinds), int(count), head.end())
-        except TypeError as error:
-            raise ScanError(f"{path}: not the points of a PLY or PCD file") from error
-        names = rows.dtype.names if len(rows) else ()
-        values = np.array([rows[name] for name in names], float)
-        return from_array(path, values.T, names)
+        content = path.read_bytes()
+    if not (head := CLOUD.match(content)):
+        return None
+    lines = head[0].decode("latin-1")
+    said = dict(re.findall(r"^(\w+) +(.*\S)", lines, re.MULTILINE))
+    form = said.get("format") or said["DATA"]
+    order = "<>"["big" in form]
+    if "FIELDS" in said:
+        names, *kinds = (
+            said.get(key, "").lower().split() for key in ("FIELDS", "TYPE", "SIZE")
+        )
+        kinds = map("".join, zip(*kinds, strict=False))
+        count = said.get("POINTS") if {*said.get("COUNT", "")} <= {*"1 "} else ""
+    else:
+        vertex = re.split(r"\nelement \w+ ", lines)[1]
+        count = vertex.partition("\n")[0]
+        pairs = re.findall(r"\nproperty\s+(\w+)\s+(\w+)", vertex)
+        names = [name for _, name in pairs]
+        kinds = [PLY_TYPES.get(kind, kind) for kind, _ in pairs]
+    if form == "binary_compressed":
+        raise ScanError(f"{path}: compressed; save it as DATA binary or ascii")
+    if form.startswith("ascii"):
+        text = " ".join(names) + lines.count("\n") * "\n"
+        text += content[head.end() :].decode("latin-1")
+        return from_rows(path, lines_of(text))
+    try:
+        parts = [(name, order + kind) for name, kind in zip(names, kinds, strict=True)]
+        rows = np.frombuffer(content, np.dtype(parts), int(count), head.end())
+    except (TypeError, ValueError) as error:
+        raise ScanError(f"{path}: not the points of a PLY or PCD file") from error
+    values = np.array([rows[name] for name in names], float)
+    return from_array(path, values.T, names if len(rows) else ())
 
 
 def firsts_first(values: ndarray) -> ndarray:
@@ -102,23 +110,34 @@ def are_poses(values: ndarray) -> bool:
     return values.ndim > 1 and values[0].size <= MOST and values.shape[-1] != 2
 
 
-def point_array(path: Path, entry: str = "") -> ndarray:
-    """The points in an array of two or three axes: the one that is named, or that a
-    file has beside poses. Raises ScanError.
+def points_in_array(path: Path, entry: str, count: int) -> Table:
+    """The points in an array (n, k), or (P, n, k) of several profiles, or turned, for
+    `count` poses: the one that is named, or that a file has beside poses.
+
+    Raises ScanError.
     """
     arrays = arrays_in(path)
-    if {"x", "z"} <= arrays.keys() and not entry:
-        return np.stack(np.broadcast_arrays(arrays["x"], arrays["z"]), axis=-1)
+    axes = [[name for name in arrays if axis in words_in(name)] for axis in "xz"]
+    if [*map(len, axes)] == [1, 1] and not entry:
+        x, z = (arrays[name] for (name,) in axes)
+        arrays = {"": np.stack(np.broadcast_arrays(x, z), axis=-1)}
     called = [name for name in arrays if "profile" in name.lower()]
-    beside = [name for name, one in arrays.items() if not are_poses(one)]
-    alone = next((names for names in (called, beside) if len(names) == 1), arrays)
+    others = [name for name, one in arrays.items() if not are_poses(one)]
+    alone = next((names for names in (called, others) if len(names) == 1), arrays)
     values = arrays[chosen(path, arrays if entry else alone, entry)]
     if values.ndim not in (2, 3) or not values.size:
         raise ScanError(
             f"{path}: an array of shape {values.shape}; "
             "expected a row for each point or pose"
         )
-    return values
+    if values.ndim == 3 and len(values) != count == values.shape[1]:
+        values = values.swapaxes(0, 1)
+    if values.shape[-2] <= 3 < values.shape[-1]:
+        values = values.mT
+    table = from_array(path, values.reshape(-1, values.shape[-1]))
+    if values.ndim == 3:
+        table.columns[ROW] = np.repeat(np.arange(len(values)), values.shape[1])
+    return table
 
 
 def from_array(path: Path, values: ndarray, names: Sequence[str] = ()) -> Table:
@@ -127,14 +146,3 @@ def from_array(path: Path, values: ndarray, names: Sequence[str] = ()) -> Table:
     columns = dict(zip(names, values.T, strict=True))
     rows = range(1, len(values) + 1)
     return Table(path, columns, rows, "row", dict.fromkeys(columns, ""))
-
-
-def chosen(path: Path, lists: Collection[str], entry: str) -> str:
-    """The name of one of several lists. Raises ScanError where that is not clear."""
-    name = entry or (next(iter(lists)) if len(lists) == 1 else "profile")
-    if name not in lists:
-        raise ScanError(
-            f"{path}: no list {shown(name)}; "
-            f"there are {listed(lists) or 'none'} (--entry)"
-        )
-    return name

@@ -21,7 +21,12 @@ from profilecal_tool.importing.layout import NOTHING_SAID, Layout
 from profilecal_tool.importing.makers import POSE_FILES, PROGRAM
 from profilecal_tool.importing.pairing import driven, match, unit_s
 from profilecal_tool.importing.poses import pose_table, taken_as
-from profilecal_tool.importing.profiles import profiles_of, read_profiles, seen_in_mm
+from profilecal_tool.importing.profiles import (
+    check_one_scanner,
+    profiles_of,
+    read_profiles,
+    seen_in_mm,
+)
 from profilecal_tool.importing.tables import encoding_of, names_of, rows_of, sheets_of
 
 
@@ -43,7 +48,7 @@ def import_scan(
     encoding = layout.encoding or encoding_of([*of_poses, *of_profiles])
     is_one_table = of_poses == of_profiles and len(sheets_of(of_poses[0])) < 2
     layout = replace(layout, encoding=encoding, in_one=is_one_table)
-    poses, convention, guessed = pose_table(of_poses, layout)
+    poses, convention, guessed = pose_table(of_poses, layout, left)
     count = len(poses.lines)
     tables = [read_profiles(path, count, layout) for path in of_profiles]
     first = tables[0]
@@ -77,6 +82,9 @@ def import_scan(
         # one point is no profile
         values = [value if len(value) > 1 else value[:0] for value in values]
     by_pose = tuple(values[k] for k in order)
+    if not moving and measured == "profiles":
+        names = [str(names[k]) for k in order]
+        check_one_scanner(folder, names, by_pose, entries["p_base_flange"])
     scan = scan_of(folder, header, entries, measured, by_pose)
 
     guesses = [
@@ -211,9 +219,5 @@ def files(folder: Path, pattern: str) -> list[Path]:
     paths = [path for path in places if path.is_file()]
     if pattern.strip("*/") and not paths:
         raise ScanError(f"{folder}: no file matches {pattern!r}; is the folder right?")
-    return sorted(paths, key=in_order_of_numbers)
-
-
-def in_order_of_numbers(path: Path) -> str:
-    """What sorts files so that p2 comes before p10."""
-    return re.sub(r"\d+", lambda digits: digits[0].zfill(20), str(path))
+    names = [re.sub(r"\d+", lambda digits: digits[0].zfill(20), str(p)) for p in paths]
+    return [path for _, path in sorted(zip(names, paths, strict=True))]

@@ -7,11 +7,12 @@ from profilecal.scan.conventions import named
 
 # what names of files have that hold poses
 POSE_FILES = re.compile(
-    r"pose|(\b|_)posi?(\b|_|\d|ti)|(\b|_)rob|flange|tcp|位姿|机器人|ロボット|로봇|робот|\.(ls|rob)$",
+    r"pose|(\b|_)posi?(\b|_|\d|ti)|(\b|_)rob|flange|tcp|位姿|机器人|ロボット|로봇|робот|\.rob$",
     re.IGNORECASE,
 )
 PROGRAM = re.compile(
-    r"\.(dat|src|sub|mod|sys|script|urscript|jbi|as|dtx|pgx|prg|mb4|pts|pcs|py)$",
+    r"\.(dat|src|sub|mod|sys|script|urscript|jbi|as|dtx|pgx|prg|mb4|pts|pcs|py|ls|va|pdl|"
+    r"lua)$",
     re.IGNORECASE,
 )
 
@@ -40,7 +41,7 @@ def renamed(pairs: str) -> dict[str, str]:
 # other names of our columns; the last are of Universal Robots' real-time data
 ALIASES = renamed(
     "q1=qw q2=qx q3=qy q4=qz tx=x ty=y tz=z px=x py=y pz=z roll=w pitch=p yaw=r "
-    "ut=tool tool_no=tool uf=base base_no=base basis=base fatherid=base "
+    "ut=tool tool_no=tool uf=base uframe=base base_no=base basis=base fatherid=base "
     "actual_tcp_pose_0=x actual_tcp_pose_1=y actual_tcp_pose_2=z "
     "actual_tcp_pose_3=rx actual_tcp_pose_4=ry actual_tcp_pose_5=rz "
     "tcp_offset_0=tcp_offset_x tcp_offset_1=tcp_offset_y tcp_offset_2=tcp_offset_z "
@@ -58,6 +59,10 @@ WORDS = (
     "высота 高度 深度 距离 高さ 距離 높이"
 )
 HEIGHTS = WORDS.split()
+ALIASES |= dict.fromkeys(HEIGHTS, "z")
+
+# an axis and a word in one
+AXIS = re.compile(r"^([xyz])_?(?:coord|pos|val|axis|data)[a-z]*$")
 
 # where x begins and how far apart points are, in lines above a table without x
 ONE = r"[^\d\n]*?([+-]?[\d.]+(?:e[+-]?\d+)?)"
@@ -99,7 +104,7 @@ UNITS = renamed(
 ANGLES = {"": 1.0, "deg": 1.0, "rad": degrees(1), "mrad": degrees(0.001)}
 OTHER_ANGLES = {"": 1.0, "1": 1.0, "rad": 1.0, "mrad": 0.001}
 
-AXES = ",".join(f"j{k}" for k in range(1, 7))
+AXES = "j1,j2,j3,j4,j5,j6"
 
 # what several numbers behind one name are, by the name and how many there are
 POSITION = r"t|p|tvec|trans(lation)?|pos(ition)?|xyz"
@@ -108,7 +113,7 @@ VECTORS = r"r(ot)?_?vec(tor)?"
 SEVERAL = {
     6: {r".*joint.*": AXES.split(",")},
     3: {
-        rf"(?:{POSITION})(_?vec(tor)?)?": ("x", "y", "z"),
+        rf"(?:{POSITION})(_?vec(tor)?)?": "xyz",
         VECTORS: VECTOR,
     },
     4: {
@@ -120,32 +125,34 @@ SEVERAL = {
 
 # what a pose's numbers are if they have no names, by how many there are; TUM's first
 MATRIX = "r11,r12,r13,x,r21,r22,r23,y,r31,r32,r33,z"
-UNNAMED = {8: "timestamp,x,y,z,qx,qy,qz,qw", 12: MATRIX, 16: f"{MATRIX},_,_,_,_"}
-BY_COLUMNS = {
-    12: "r11,r21,r31,r12,r22,r32,r13,r23,r33,x,y,z",
-    16: "r11,r21,r31,_,r12,r22,r32,_,r13,r23,r33,_,x,y,z,_",
-}
+UNNAMED = {8: "timestamp,x,y,z,qx,qy,qz,qw", 12: MATRIX, 16: MATRIX + ",_,_,_,_"}
 
 # which of several poses is the robot's
 OF_ROBOT = re.compile(r"robot|effector|\bee\b|_ee|tcp|flange|gripper|hand|arm")
 
-# by OpenCV's naming the inverse of the robot's pose
-INVERSE = re.compile(r"base_?2_?[a-z]")
+# names of the inverse of the robot's pose: OpenCV's, and those of the base in a frame
+INVERSE = re.compile(
+    r"base_?2_?[a-z]|[a-z0-9]_t_(robot_)?base|base_in_[a-z]|"
+    r"(\b|_)t_(flange|gripper|tcp|tool0?|ee|hand)_(robot_)?base"
+)
 
 # the frames that poses are of: Franka's, others'
 TOOL_FRAME = re.compile(r"f_t_n?ee|(?:tool|tcp)[_.]?(?:offset|frame|data)")
+TOOL_ONCE = re.compile(r"(?!.*(?:base|world)).*(?:tool|tcp|ee)")
 TOOL_OFFSET = re.compile(r"(?:tool |(?:tool|tcp)_?offset_)(\w+)")
 
 # what any text says of the tool, in a line of its own or in JSON; but no address
 TOOL_WORDS = (
-    r"(?:active|current|robot)?[ _]?"
-    r"(?:tool|tcp|werkzeug|outil|utensile|herramienta|инструмент|工具|ツール|툴)"
+    r"(?:active|current|robot|act|u)?[ _]?"
+    r"(?:tool|tcp|werkzeug|outil|utensile|herramienta|инструмент|工具|ツール|툴|child_frame)"
     r"[ _-]?(?:nr|no|num|number|id|name|frame|data|index|offset|coordinates?)?\.?"
 )
 TOOL_VALUE = r"(?!\d+\.\d+\.\d)([\w$][^\n;,|\t\"'\[\]{}]*|[-+\d.][-+\d.eE,; \t]*)"
 TOOL_SAID = re.compile(
     rf"^[^\w\n]*{TOOL_WORDS}[\"']?[ \t]*[:=;,|\t][\s\"'\[({{]*{TOOL_VALUE}"
-    rf"[\"'\])}}]*[\s,;|]*$|\"{TOOL_WORDS}\"\s*:[\s\"\[]*{TOOL_VALUE}",
+    rf"[\"'\])}}]*[\s,;|]*$|\"{TOOL_WORDS}\"\s*:[\s\"\[]*{TOOL_VALUE}|"
+    rf"(?<![a-z]){TOOL_WORDS}(?<!tcp)(?<!tcp.)[ _:=#-]*[\[(]?([-\d., ]*[1-9][-\d., ]*)|"
+    r"\btf2?_echo[ \t]+\S+[ \t]+(\S+)",
     re.IGNORECASE | re.MULTILINE,
 )
 
@@ -155,22 +162,19 @@ JOINTS = re.compile(r"(?:j|a|q|joint|axis|theta|pulse)_?([1-6])")
 # what the numbers of a list are in a robot's language, by what stands before it, or by
 # how many there are: ABB, Universal Robots, Denso, Doosan, Comau, Kawasaki, Mitsubishi,
 # Techman, xArm, Mecademic
-QUATERNION = "x,y,z,qw,qx,qy,qz"
-TARGET = f"{QUATERNION}{10 * ',_'}"
 LISTS = {
-    "robtarget": TARGET,
-    "[": TARGET,
-    "jointtarget": f"{AXES}{6 * ',_'}",
-    "moveabsj": f"{AXES}{6 * ',_'}",
-    "tooldata": f"_,{QUATERNION}{11 * ',_'}",
-    "wobjdata": f"_,_,_,{QUATERNION},object {QUATERNION.replace(',', ',object ')}",
+    "tooldata": "_,x,y,z,qw,qx,qy,qz,_,_,_,_,_,_,_,_,_,_,_",
+    "wobjdata": "_,_,_,x,y,z,qw,qx,qy,qz,object x,object y,object z,"
+    "object qw,object qx,object qy,object qz",
     "p": "x,y,z,rx [1],ry [1],rz [1]",
     "pos": "x,y,z,o,a,t,_",
     # below a line that says so: Yaskawa
-    "pulse": AXES.replace("j", "pulse_"),
+    "pulse": "pulse_1,pulse_2,pulse_3,pulse_4,pulse_5,pulse_6",
 }
 # by what they are; rectan and joints, too, below a line that says so
 for words, columns in {
+    "robtarget [": "x,y,z,qw,qx,qy,qz,_,_,_,_,_,_,_,_,_,_",
+    "jointtarget moveabsj": "j1,j2,j3,j4,j5,j6,_,_,_,_,_,_",
     "p( ( c_list set_position set_tcp_offset rectan": "x,y,z,w,p,r",
     "posx trans": "x,y,z,o,a,t",
     "movelin movepose settrf": "x,y,z,alpha,beta,gamma",
@@ -182,7 +186,12 @@ CALLS = {
     r'\w+\("([CJ])[PA][PR]",\s*': r"\1_list(",
     r"\.(set_\w+)\((?:\w+=|\*)?(?=\[)": r" \1",
     r"\.(?=set_\w+\()": " ",
+    r"(?<=ChangeTCP\()(?=[-+\d.]+,)": "C_list(",
+    r"\{(?=[\s{]*[-+\d.])": "[",
+    r"(?<=[\d\]}])\}": "]",
 }
+# FANUC's system variables by what other listings call their elements
+VARIABLES = {"mnutool": "tool_data", "mnuframe": "base_data"}
 # remarks, by words of the language that has them
 REMARKS = {
     "": r"^[ \t]*(?:[#%]|//[ \t]).*",
@@ -198,11 +207,11 @@ REMARKS = {
 # what a frame is called that is no pose; and external axes
 FRAME_SET = {
     "tool": r"(?:(?=set_tcp_offset|settrf)|(?:set|change)_?(?:tcp|tool)\w*\(|"
-    r"^[ \t/\d]*(?:change)?tool[ \t]+|\$tool *=|#tool,|m_tool *=)[ \t\"']*(\S.*)",
-    "base": r"(?:^[ \t/]*(?:base|user|changework)[ \t]+|changebase\(|\$base *=|"
+    r"^[ \t/\d]*(?:change)?tool[ \t]+|\$tool *:?=|#tool,|m_tool *=)[ \t\"']*(\S.*)",
+    "base": r"(?:^[ \t/]*(?:base|user|changework)[ \t]+|changebase\(|\$base *:?=|"
     r"#base,)[ \t\"']*(\S.*)",
 }
-MOVE = r"\bmove[ljc]\w*\s+([^;\n]*?)\s*,\s*(\w+)\s*(?:\\wobj:=(\w+)[^;\n]*)?;"
+MOVE = r"\bmove[ljc]\w*\s+([^;\n]*?)\s*,\s*(\w+)\s*(?:\\wobj:=(\w+)[^;\n]*)?(?:;|$)"
 # Nachi's and Hyundai's
 NUMBERED_TOOL = r"^[ \t\w]*\bmovex?[ \t][^\n]*[ ,](?:h|t|tool)=(\d+)"
 # VAL3: an array's point, or any of its points
@@ -210,8 +219,11 @@ CALL = (
     r"\bmove[ljc]\(\s*([a-z]\w*(?:\[\d+\])?)(?:\[\D.*?\])?\s*,"
     r"\s*([a-z]\w*)(?:\[0\])?\s*,"
 )
-NO_FRAME = "0 tool0 wobj0 flange flange0 world world0 null nullframe $nullframe"
-NO_FRAME = {"", *NO_FRAME.split(), "p_ntool", "p_nbase", "notool", "robotbase", "none"}
+NO_FRAME = (
+    "0 tool0 wobj0 flange flange0 world world0 null nullframe $nullframe p_ntool "
+    "p_nbase notool robotbase none ee_link wrist_3_link link6 link_6 link7 panda_link8"
+)
+NO_FRAME = {"", *NO_FRAME.split()}
 IS_FRAME = r"\$?(?:{0})(?:_?data)?\d*|set_tcp_offset|settrf"
 FRAMES = {"base": "base or user frame", "tool": "tool"}
 UNSAID = "a tool"  # whose frame a program has, without a word that poses are of it

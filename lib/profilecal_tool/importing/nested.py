@@ -4,6 +4,7 @@ points.
 
 import json
 import re
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from itertools import chain, islice
 from pathlib import Path
@@ -12,7 +13,6 @@ from typing import Any
 import numpy as np
 
 from profilecal.scan.tables import Rows, ScanError, Table, in_columns, listed, number
-from profilecal_tool.importing.arrays import chosen
 from profilecal_tool.importing.key_value import Named
 from profilecal_tool.importing.makers import (
     ALIASES,
@@ -21,15 +21,17 @@ from profilecal_tool.importing.makers import (
     POSITION,
     ROTATION,
     TOOL_FRAME,
+    TOOL_ONCE,
     VECTORS,
     several,
 )
 from profilecal_tool.importing.programs import check_axes
 from profilecal_tool.importing.tables import (
     ROW,
+    chosen,
     in_numbers,
-    meaning,
     names_and_units,
+    words_in,
 )
 
 NAMED_LIST = re.compile(r"^ *(\w+) *:\s*\[([^\[\]]*)\]", re.MULTILINE)
@@ -88,9 +90,12 @@ def poses_in(
                 f"{words[-1]} is taken for {', '.join(columns)} (--pose-columns)"
             )
     parts = [(where, part) for one in records.values() for where, part in one.items()]
-    places = [*dict.fromkeys(where for where, part in parts if is_pose(part))]
-    tools = [place for place in places if TOOL_FRAME.search(place)]
-    places = [place for place in places if place not in tools]
+    counts = Counter(where for where, part in parts if is_pose(part))
+    # there once, where others are of each profile
+    once = [place for place in counts if counts[place] == 1 < max(counts.values())]
+    tools = [place for place in once if TOOL_ONCE.match(place)]
+    tools += [place for place in counts if TOOL_FRAME.search(place)]
+    places = [place for place in counts if place not in (*once, *tools)]
     if not places:
         check_axes(path, chain.from_iterable(part for _, part in parts))
         return [], []
@@ -107,7 +112,7 @@ def poses_in(
         if INVERSE.search(place):
             cells_of["inverse"] = place
         for where, part in record.items():
-            for column in part if where not in (*places, *tools) else ():
+            for column in part if where not in counts else ():
                 if not column[-1:].isdigit():  # no part of a list
                     dotted = f"{where}.{column}" if column in cells_of else column
                     cells_of[dotted] = part[column]
@@ -187,7 +192,9 @@ def chosen_place(path: Path, places: list[str], entry: str) -> str:
     said = [place for place in places if entry and entry.lower() in place]
     exact = [place for place in said if place == entry.lower()]
     called = [place for place in places if OF_ROBOT.search(place)]
-    fitting = exact or said or (places if len(places) == 1 else called)
+    of_flange = [place for place in called if "flange" in place]
+    alone = [one for one in (places, called, of_flange) if len(one) == 1]
+    fitting = exact or said or next(iter(alone), called)
     if len(fitting) != 1:
         raise ScanError(
             f"{path}: several poses at a time, {listed(places)}; "
@@ -236,7 +243,7 @@ def lists_of(node: Any, name: str = "") -> Iterator[tuple[str, list[str], Sequen
     """
     if isinstance(node, dict):
         lists = {key: value for key, value in node.items() if is_long(value)}
-        axes = [key for key in lists if meaning(key) & {*"xz"}]
+        axes = [key for key in lists if words_in(key) & {*"xz"}]
         if len(axes) > 1 and len({len(lists[key]) for key in axes}) == 1:
             cells = (map(str, lists[key]) for key in axes)
             yield name, axes, [*zip(*cells, strict=True)]

@@ -21,6 +21,7 @@ STAMP = re.compile(
     r"((?:19|20)\d\d)\D?([01]\d)\D?([0-3]\d)"
     r"\D{0,2}([0-2]\d)\D?([0-5]\d)\D?([0-5]\d)(?:\D?(\d{1,6}))?"
 )
+DAY_FIRST = re.compile(r"\b([0-3]\d)\.([01]\d)\.((?:19|20)\d\d)")
 CLOCK = re.compile(r"([0-2]\d)[-:.h]([0-5]\d)[-:.m]([0-5]\d(?:\.\d+)?)")
 FILE = re.compile(r"(?s:.*[/\\])?(.*?)(?:\.0|\.[a-zA-Z]\w*)?")
 UNITS_S = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
@@ -71,10 +72,9 @@ def match(
     taken.columns["pose"] = of_poses or [str(names[k]) for k in order]
     lost = [names[k] for k in np.flatnonzero(rows < 0)]
     idle = [label for row, label in enumerate(labels) if row not in rows]
-    if lost:
-        how += f"; left out, without a pose: {listed(lost)}"
-    if idle:
-        how += f"; left out, without a profile: {listed(idle)}"
+    for what, without in (("pose", lost), ("profile", idle)):
+        if without:
+            how += f"; left out, without a {what}: {listed(without)}"
     return taken, order.tolist(), how
 
 
@@ -241,7 +241,7 @@ def stands_still(poses: Table, order: ndarray, turn: Collection[str]) -> ndarray
 
 def seconds(text: str) -> float:
     """The time that a text says, s; NaN if there is none."""
-    if match := STAMP.search(text):
+    if match := STAMP.search(DAY_FIRST.sub(r"\3-\2-\1", text)):
         *whole, part = match.groups()
         with suppress(ValueError):
             at = datetime(*map(int, whole), tzinfo=UTC)

@@ -28,7 +28,6 @@ from profilecal_tool.importing.key_value import Named, in_table
 from profilecal_tool.importing.layout import Layout
 from profilecal_tool.importing.makers import (
     ANGLES,
-    BY_COLUMNS,
     EXTERNAL,
     FRAMES,
     INVERSE,
@@ -136,11 +135,13 @@ def stacked(table: Table) -> Table:
 
 
 def pose_table(
-    paths: list[Path], layout: Layout
+    paths: list[Path], layout: Layout, left: list[str]
 ) -> tuple[Table, Convention, list[str]]:
     """The poses in a file, in files of one each, or in a program of several files, with
     columns as conventions name them: as said, or as titles or usual numbers have them;
-    and what was guessed. Raises ScanError.
+    and what was guessed. A file among those that are `left` may say their tool.
+
+    Raises ScanError.
     """
     names = {stem(path.name) for path in paths}
     if len(names) == len(paths) > 1 and all(map(PROGRAM.search, names)):
@@ -155,12 +156,14 @@ def pose_table(
     check_alike(tables)
     units = by_words(tables[0].units)
     table = tables[0] if len(tables) == 1 else one_each(paths, tables)
-    bare = [name for name in units if name.isdigit()]
+    many = Counter(map(stem, units))
+    bare = [*filter(str.isdigit, units)]
+    bare = bare or [name for name in units if many[stem(name)] in UNNAMED]
     said = layout.pose_columns
     if not said and len(bare) in UNNAMED:
         said = UNNAMED[len(bare)]
-        if len(bare) in BY_COLUMNS and is_by_columns(table.numbers(bare)):
-            said = BY_COLUMNS[len(bare)]
+        if len(bare) > 8 and is_by_columns(table.numbers(bare)):
+            said = ",".join(np.reshape(said.split(","), (-1, 4)).T.ravel())
             guessed.append("matrices are written column by column (--pose-columns)")
     titles = names_and_units(said.split(",")) if said else {}
     olds = next((some for some in (bare, units) if len(some) == len(titles)), titles)
@@ -178,21 +181,30 @@ def pose_table(
         check_axes(table.path, units)
         known = "; ".join(",".join(convention.columns) for convention in CONVENTIONS)
         free = len(bare) or len(units)
-        answer = {6: "x,y,z,w,p,r", 7: "x,y,z,qx,qy,qz,qw"}.get(free, "x,y,z,…")
+        answer = "x,y,z,qx,qy,qz,qw" if free == 7 else "x,y,z,w,p,r" + (free - 6) * ",_"
         raise ScanError(
             f"{table.path}: {len(table.columns)} columns, {listed(table.columns)}; say "
             f'what they are, in their order, such as --pose-columns "{answer}"; '
             f"orientations are {known}; _ stands for others"
         )
     columns = dict(zip(units, table.columns.values(), strict=True))
+    names = (paths[0].stem.lower(), *([] if layout.pose_columns else table.columns))
+    if inverses := [name for name in names if INVERSE.search(name)]:
+        columns.setdefault("inverse", inverses[:1] * len(table.lines))
     if len(tables) > 1:
         columns.setdefault("pose", table.lines)
     if "tool x" in columns:
         columns.setdefault("tool", len(table.lines) * ["offset"])
-    if not columns.keys() & {"tool", UNSAID} and paths[0].suffix not in ENDINGS:
-        text = closed_text(paths[0], layout.encoding, layout.entry, of_poses=True)
-        for match in TOOL_SAID.finditer(text[:LONGEST]):
-            name = (match[1] or match[2]).strip()
+    if not columns.keys() & {"tool", UNSAID}:
+        texts = [
+            paths[0].stem,
+            *(f"tool: {name}" for name in left if re.match(TOOL_WORDS, name, re.I)),
+        ]
+        if paths[0].suffix not in ENDINGS:
+            text = closed_text(paths[0], layout.encoding, layout.entry, of_poses=True)
+            texts.append(text[:LONGEST])
+        for match in TOOL_SAID.finditer("\n".join(texts)):
+            name = match[match.lastindex].strip()
             if name.strip("-+0., ;\t"):
                 columns.setdefault("tool", len(table.lines) * [name])
     table = replace(table, columns=columns, units=units)
@@ -208,6 +220,13 @@ def by_words(units: dict[str, str]) -> dict[str, str]:
         known & {*placed(re.split(r"[\W_]+", name), [""])[1]} or known & words_in(name)
         for name in units
     ]
+    if any("flange" in name for name in units):
+        is_twice = [words.count(own) > 1 for own in words]
+        pairs = zip(words, units, is_twice, strict=True)
+        words = [
+            own if "flange" in name or not twice else set()
+            for own, name, twice in pairs
+        ]
     named = {}
     for own, (name, unit) in zip(words, units.items(), strict=True):
         if offset := TOOL_OFFSET.fullmatch(name):
@@ -269,14 +288,12 @@ def taken_as(
         R, p = inverse(R, p)
         if np.var(p, axis=0).sum() > spread and layout.entry.lower() != name:
             raise ScanError(
-                f"{poses.path}: {name} is OpenCV's name for the inverse of the robot's "
-                "pose, but its positions lie closer together than those of its "
-                "inverse; if it has the poses, call it gripper2base there; if it has "
-                f"their inverses: --entry {name}"
+                f"{poses.path}: {name} names the inverse of the robot's pose, but its "
+                "positions lie closer together than those of its inverse; if it has "
+                "the poses, call it gripper2base there; if it has their inverses: "
+                f"--entry {name}"
             )
-        doubts.append(
-            f"{name} is taken for the inverse of the robot's pose, as OpenCV names it"
-        )
+        doubts.append(f"{name} is taken for the inverse of the robot's pose, by name")
     as_said = f" in {angle}, as said" if angle.isalpha() else ""
     angles = f"{', '.join(units)}{as_said}"
     words = f"{len(poses.lines)}, {convention.meaning} ({angles}), {lengths}"
@@ -346,19 +363,15 @@ def check_angles(poses: Table, convention: Convention, said: str) -> list[str]:
     values = np.abs(poses.numbers(names))
     largest = values.max()
     angle = "deg" if "deg" in units or largest > 2 * np.pi else "rad"
-    if units == {""} and convention.sequence and largest > LARGEST_ANGLE_DEG:
-        far = np.abs(poses.numbers("xyz")).max() > REACH_MM[1]
-        lengths = {axis: f"{axis} [um]" for axis in "xyz" if far}
-        angles = lengths | {name: f"{name} [mrad]" for name in names}
+    far = largest > LARGEST_ANGLE_DEG
+    if convention.sequence and units == {""} and (far or angle == "rad"):
+        unit = "mrad" if far else "rad"
+        is_fine = np.abs(poses.numbers("xyz")).max() > REACH_MM[1]
+        titles = {axis: f"{axis} [um]" for axis in "xyz" if is_fine}
+        titles |= {name: f"{name} [{unit}]" for name in names}
         raise ScanError(
-            f"{poses.path}: {listed(names)} are at most {largest:.4g}, more than "
-            f'degrees; say their unit: --pose-columns "{retitled(poses, angles)}"'
-        )
-    if convention.sequence and angle == "rad" and units == {""}:
-        angles = {name: f"{name} [rad]" for name in names}
-        raise ScanError(
-            f"{poses.path}: {listed(names)} are at most {largest:.4g}: radians, or deg"
-            f'rees? Say so: --pose-columns "{retitled(poses, angles)}", or with [deg]'
+            f"{poses.path}: {listed(names)} are at most {largest:.4g}: {unit}, or deg"
+            f'rees? Say so: --pose-columns "{retitled(poses, titles)}", or with [deg]'
         )
     lengths = np.linalg.norm(values, axis=1)
     is_long = lengths > np.pi + 0.001

@@ -16,13 +16,11 @@ from profilecal.scan.scan import FARTHEST_MM
 from profilecal.scan.tables import ScanError, Table, listed, number
 from profilecal_tool.importing.arrays import (
     ENDINGS,
-    from_array,
-    point_array,
+    points_in_array,
     vertices_in,
 )
 from profilecal_tool.importing.layout import Layout
 from profilecal_tool.importing.makers import (
-    ALIASES,
     CODE,
     LABELS,
     SCANNERS,
@@ -43,7 +41,6 @@ from profilecal_tool.importing.tables import (
     is_rising,
     labels_of_files,
     lines_of,
-    meaning,
     mm_of,
     names_and_units,
     numbered,
@@ -60,7 +57,7 @@ def read_profiles(path: Path, count: int, layout: Layout) -> Table:
     """
     start = layout.x
     if path.suffix.lower() in ENDINGS:
-        table = of_array(path, point_array(path, layout.entry))
+        table = points_in_array(path, layout.entry, count)
     elif (table := vertices_in(path)) is None:
         text = closed_text(path, layout.encoding, layout.entry)
         if not re.search(r"\b\d", text):  # titles at most
@@ -74,16 +71,6 @@ def read_profiles(path: Path, count: int, layout: Layout) -> Table:
     if layout.in_one and ROW not in table.columns:
         table = apart(table)[1]
     return chosen_rows(across(table, count, start), layout.where)
-
-
-def of_array(path: Path, values: ndarray) -> Table:
-    """The points in an array (n, k), or (P, n, k) of several profiles, or turned."""
-    if values.shape[-2] <= 3 < values.shape[-1]:
-        values = values.mT
-    table = from_array(path, values.reshape(-1, values.shape[-1]))
-    if values.ndim == 3:
-        table.columns[ROW] = np.repeat(np.arange(len(values)), values.shape[1])
-    return table
 
 
 def start_and_pitch(text: str) -> tuple[float, float] | None:
@@ -110,13 +97,13 @@ def across(table: Table, count: int, start: tuple[float, float] | None) -> Table
     names, lines = [*table.columns], np.array(table.lines)
     x, z = numbered(names, "x"), numbered(names, "z")
     z = z or [name for name in names if np.isfinite(number(name))]
-    heights = [n for n in names if "z" in meaning(n)]
+    heights = [n for n in names if "z" in words_in(n)]
     heights = heights or names[-1:] * (len(names) < 3)
     is_down = len(x) == len(z) == count != len(lines)
     if names[0] == "x" and len({*map(stem, names[1:])}) == 1 < len(names) - 4:
         if is_rising(table.numbers("x", blank=True)[:, 0]):
             x, z, is_down = ["x"], names[1:], True
-    elif start and len(heights) == 1 and not any("x" in meaning(n) for n in names):
+    elif start and len(heights) == 1 and not any("x" in words_in(n) for n in names):
         z, is_down = heights, True
     if len(z) < 5 and not is_down:
         return table
@@ -307,6 +294,10 @@ def check_is_one(profile: Table, x: ndarray, axes: Collection, layout: Layout) -
     A column names a few scanners, or has its values in blocks, or x is never twice
     where it has the same value; or x begins anew after as many points each.
     """
+
+    def goes_on(x: ndarray) -> bool:
+        return len(begins_anew(x)) == 0 and len({*x.tolist()}) == len(x)
+
     jumps = begins_anew(x)
     twice = len(jumps) or len(x) - len({*x.tolist()}) > len(x) / 4
     for name, cells in profile.columns.items():
@@ -316,9 +307,10 @@ def check_is_one(profile: Table, x: ndarray, axes: Collection, layout: Layout) -
         if len(values) < 2:
             continue
         is_y, is_said = "y" in words_in(name), bool(layout.columns)
+        parts = (x[np.array(cells) == value] for value in values)
         several = len(values) <= len(x) / 4 and (
             (is_other(name, axes) and not is_y and len(values) < 5)
-            or (twice and parts_x(np.array(cells), values, x))
+            or (twice and all(map(goes_on, parts)))
         )
         which = f"{profile.path}: {name} is {values[0]} to {values[-1]} in one profile"
         if several:
@@ -333,23 +325,36 @@ def check_is_one(profile: Table, x: ndarray, axes: Collection, layout: Layout) -
                 f"{which}, which lies in y = 0; say which columns are its x and z: "
                 "--columns x,z"
             )
-    k = len(jumps) + 1
-    if k > 1 and np.array_equal(jumps + 1, np.arange(1, k) * len(x) / k):
+    starts = [0, *(jumps + 1)]
+    k = len(starts)
+    is_back = np.ptp(x[starts]) < np.ptp(x) / 10
+    if k > 1 and is_back and np.array_equal(starts, np.arange(k) * len(x) / k):
         raise ScanError(
             f"{profile.path}: x begins anew after each {len(x) // k} points: {k} "
             "profiles in one; keep one in each file, or number them in a column"
         )
 
 
-def parts_x(cells: ndarray, values: list, x: ndarray) -> bool:
-    """Whether x goes on, and is never twice, in each part of it (n,) in which cells
-    have the same one of some values.
+def check_one_scanner(
+    folder: Path, names: list[str], profiles: Sequence[ndarray], p: ndarray
+) -> None:
+    """Raise ScanError where profiles from the same place of the flange p (P, 3), one
+    after the other, are mostly more than 1 mm apart at the same x, or at no same x.
     """
-    parts = [x[cells == value] for value in values]
-    return all(
-        len(begins_anew(part)) == 0 and len({*part.tolist()}) == len(part)
-        for part in parts
-    )
+    apart = {}
+    for k in np.flatnonzero((p[1:] == p[:-1]).all(axis=1)):
+        one, other = (v[~np.isnan(v[:, 1])] for v in profiles[k : k + 2])
+        if len(one) and len(other):
+            one, (x, z) = one[one[:, 0].argsort()], other.T
+            there = np.interp(x, *one.T, np.nan, np.nan)
+            apart[k] = np.nanmedian([*np.abs(there - z), FARTHEST_MM])
+    if apart and np.median([*apart.values()]) > 1:
+        k = max(apart, key=apart.get)
+        own, other = ({*re.findall(r"[^\W_]+", name)} for name in names[k : k + 2])
+        raise ScanError(
+            f"{folder}: {names[k]} and {names[k + 1]}, of one pose, are {apart[k]:.3g} "
+            f"mm apart: of two scanners? say which: --profiles '*{min(own - other)}*'"
+        )
 
 
 def x_and_z(tables: list[Table], layout: Layout) -> dict[str, str]:
@@ -357,43 +362,61 @@ def x_and_z(tables: list[Table], layout: Layout) -> dict[str, str]:
     there are no titles, the two that vary. Raises ScanError.
     """
     first = tables[0]
-    axes = {}
+    names = [name for name in first.columns if name != ROW]
+    likely = []
     if layout.columns:
-        meant = {ALIASES.get(name, name): name for name in first.columns}
-        axes = {
-            name if name in first.columns else meant.get(name, name): unit
-            for name, unit in names_and_units(layout.columns.split(",")).items()
-        }
+        axes = names_and_units(layout.columns.split(","))
     else:
-        for axis in "xz":
-            named = [axis] if axis in first.columns else []
-            named = named or [name for name in first.columns if axis in meaning(name)]
-            if len(named) == 1:
-                axes[named[0]] = ""
-    if len(axes) == 1 and len(first.columns) == 2 and not layout.columns:
+        mean = [
+            [axis] if axis in names else [n for n in names if axis in words_in(n)]
+            for axis in "xz"
+        ]
+        axes = {some[0]: "" for some in mean if len(some) == 1}
+        likely = [some[0] for some in mean if some]
+    if len(axes) == 1 and len(names) == 2 and not layout.columns:
         (known,) = axes
-        (other,) = first.columns.keys() - axes
-        axes = {other: ""} | axes if "z" in meaning(known) else axes | {other: ""}
-    for name in filter(str.isdigit, {} if axes else first.columns):
-        values = np.concatenate([floats(table.columns[name]) for table in tables])
-        if np.fmin.reduce(values) < np.fmax.reduce(values):
-            axes[name] = ""
+        (other,) = {*names} - axes.keys()
+        axes = {other: ""} | axes if "z" in words_in(known) else axes | {other: ""}
+    if not axes and len(likely) < 2:
+        bare = [*filter(str.isdigit, names)]
+        likely = likely_axes(
+            {
+                name: np.concatenate([floats(table.columns[name]) for table in tables])
+                for name in bare or names
+            }
+        )
+        axes = dict.fromkeys(likely if bare else (), "")
     x = next(iter(axes), "")
     are_two = len(axes) == len(axes.keys() & first.columns) == 2
-    is_guessed = are_two and not (layout.columns or "x" in meaning(x))
-    if len(first.columns) == 1 or (is_guessed and is_count(first.columns[x])):
+    is_guessed = are_two and not (layout.columns or "x" in words_in(x))
+    if len(names) == 1 or (is_guessed and is_count(first.columns[x])):
         raise without_x(first)
     if not are_two:
         raise ScanError(
             f"{first.path}: columns {listed(first.columns)}; say which are x and z, "
-            f'such as --columns "{",".join([*first.columns][-2:])}"; or, if there is z '
-            "alone, where x begins and how far points are apart: --x START PITCH"
+            f'such as --columns "{",".join(likely[:2] or names[-2:])}"; or, '
+            "if there is z alone, where x begins and how far points are apart: "
+            "--x START PITCH"
         )
     own = first.units
     return {
         name: "mm" if layout.x and name == "x" else layout.unit or unit or own[name]
         for name, unit in axes.items()
     }
+
+
+@np.errstate(invalid="ignore")
+def likely_axes(columns: dict[str, ndarray]) -> list[str]:
+    """What may be x and z of columns without titles: those that vary; of more than two
+    those with fractions, and the one that goes on before the one that does not.
+    """
+    varied = [n for n, v in columns.items() if np.fmin.reduce(v) < np.fmax.reduce(v)]
+    if len(varied) < 3:
+        return varied
+    parts = [name for name in varied if np.nansum(columns[name] % 1)]
+    seen = (columns[name][columns[name] != 0] for name in parts)
+    goes_on = [abs(np.nanmean(np.sign(np.diff(values)))) > 0.9 for values in seen]
+    return sorted(parts, key=lambda name: not goes_on[parts.index(name)])
 
 
 def is_count(cells: Sequence) -> bool:
@@ -441,12 +464,16 @@ def seen_in_mm(
     largest = np.nanmax(np.abs(points), initial=0)
     if not 1 <= largest <= FARTHEST_MM:
         fine = ("um", "0.1 um", "0.01 um")
-        likely = [f"'{unit}'" for unit in fine if 20 < largest * mm_of(unit) < 2000]
-        raise ScanError(
-            f"{folder}: the profiles are {lengths}; expected 1 to {FARTHEST_MM:g} mm: "
-            f"is it the unit (--unit {' or '.join(likely) or 'UNIT'}), or where "
-            "nothing was seen (--missing)?"
-        )
+        likely = [unit for unit in fine if 20 < largest * mm_of(unit) < 2000]
+        if len(likely) != 1 or any(axes.values()) or np.nansum(points % 1):
+            units = " or ".join(f"'{unit}'" for unit in likely) or "UNIT"
+            raise ScanError(
+                f"{folder}: the profiles are {lengths}; expected 1 to {FARTHEST_MM:g} "
+                f"mm: is it the unit (--unit {units}), or where nothing was seen "
+                "(--missing)?"
+            )
+        points *= mm_of(likely[0])
+        lengths = f"in {likely[0]} (the largest whole number is {largest:.10g})"
     ranges = ", ".join(
         f"{axis} (column {name}) "
         f"from {np.nanmin(values):.4g} to {np.nanmax(values):.4g} mm"

@@ -19,6 +19,7 @@ from profilecal_tool.importing.makers import (
     NUMBERED_TOOL,
     REMARKS,
     UNSAID,
+    VARIABLES,
 )
 from profilecal_tool.importing.tables import NUMBER
 
@@ -31,9 +32,10 @@ LIST = re.compile(
     re.IGNORECASE,
 )
 ANYWHERE = re.IGNORECASE | re.MULTILINE
-# a line that says what follows, or a name and its numbers
+# a line that says what follows, an element of that, or a name and its numbers
 ROW = re.compile(
-    rf"^[ \t]*(?:[./]+([a-z]+)|([a-z][\w.]*(?:\[\d+\])?)[= \t,]+"
+    rf"^[ \t]*(?:[./]+([a-z]+)|\[\*\w+\*\]\$(\w+).*|\[\d,(\d+)\] *=.*|"
+    r"([a-z][\w.]*(?:\[\d+\])?)[= \t,]+"
     rf"({NUMBER}(?:[, \t]+{NUMBER}){{5,}}))[ \t\r]*$",
     ANYWHERE,
 )
@@ -138,15 +140,17 @@ def lists_in(path: Path, text: str) -> Iterator[Named]:
 
 def with_brackets(text: str) -> str:
     """A program in which rows of a name and numbers are lists, too, below a line that
-    says what they are.
+    says what they are, and the elements of a listed variable have names.
     """
     above = ""
 
     def as_list(match: re.Match) -> str:
         nonlocal above
-        header, name, numbers = match.groups()
-        if header:
-            above = header.lower()
+        header, variable, index, name, numbers = match.groups()
+        if header or variable:
+            above = (header or variable).lower()
+        if index:
+            return f"{VARIABLES.get(above, above)}{index} {{"
         return f"{name}={above}({numbers})" if name and above in LISTS else match[0]
 
     return ROW.sub(as_list, text)
@@ -170,12 +174,15 @@ def names_said(text: str, found: list[Named]) -> dict[str, dict[str, str]]:
     of a position, as its moves or what stands beside it say.
     """
     line_at = numbered_lines(text)
-    said = {bare(one.name)[1:]: one.cells for one in found if one.has(["tool"])}
+    with_tool = (one for one in found if one.has(["tool"]))
+    said = {bare(one.name)[1:] or str(one.line): one.cells for one in with_tool}
     for move in re.finditer(MOVE, text, ANYWHERE):
         targets, tool, base = move.groups(default="")
         line = str(line_at(move.start()))
         names = {"tool": tool, "base": base}
-        said |= dict.fromkeys([line, *re.findall(r"\w+", targets.lower())], names)
+        said |= dict.fromkeys(
+            [line, *re.findall(r"\b[a-z]\w*", targets.lower())], names
+        )
     for move in re.finditer(NUMBERED_TOOL, text, ANYWHERE):
         said[str(line_at(move.start(1)))] = {"tool": move[1]}
     tools = {bare(one.name) for one in found if is_frame(one, "tool")}

@@ -21,15 +21,15 @@ from profilecal.scan.tables import (
     listed,
     naming,
     number,
+    shown,
     text_of,
 )
-from profilecal_tool.importing.arrays import chosen
 from profilecal_tool.importing.makers import (
     ALIASES,
+    AXIS,
     ENCODINGS,
     FOREIGN,
     HEADING,
-    HEIGHTS,
     LENGTHS,
     POSE_FILES,
     TIMES,
@@ -46,10 +46,6 @@ COMMAS = re.compile(r"\d,\d+\s+-?\d+,\d")  # decimal, between numbers
 WORKBOOK = ".xlsx"
 ROW = "row of the file"  # a column that tells profiles apart, one a row
 REMARK = re.compile(r"\s*(?:#|%|//|!)[\s#%/]*")
-POINT_CLOUD = re.compile(
-    r"(?s:ply\r?\n.*?\nelement\s+vertex.*?\nend_header\r?\n)"
-    r"|(?s:(?:#|VERSION)[^\n]*\n(?:.*?\n)??FIELDS.*?\nDATA ascii\r?\n)"
-)
 # what is behind the name in a title: a unit in brackets and what follows it, or one
 # behind a space, "_" or "/"
 UNIT = re.compile(
@@ -66,13 +62,24 @@ def closed_text(path: Path, encoding: str, entry: str, of_poses: bool = False) -
     if sheets := sheets_of(path):
         own = [name for name in sheets if bool(POSE_FILES.search(name)) == of_poses]
         return sheets[chosen(path, own if len(own) == 1 else sheets, entry)]
-    text = with_titles(text_of(path, encoding=encoding))
+    text = text_of(path, encoding=encoding)
     for opening, closing in ("{}", "[]"):
         if text.count(opening) != text.count(closing):
             raise ScanError(
                 f"{path}: not as many {closing} as {opening}; is the file cut short?"
             )
     return text
+
+
+def chosen(path: Path, lists: Collection[str], entry: str) -> str:
+    """The name of one of several lists. Raises ScanError where that is not clear."""
+    name = entry or (next(iter(lists)) if len(lists) == 1 else "profile")
+    if name not in lists:
+        raise ScanError(
+            f"{path}: no list {shown(name)}; "
+            f"there are {listed(lists) or 'none'} (--entry)"
+        )
+    return name
 
 
 def sheets_of(path: Path) -> dict[str, str]:
@@ -98,19 +105,6 @@ def sheets_of(path: Path) -> dict[str, str]:
             raise ScanError(f"{path}: not a workbook ({error})") from error
 
 
-def with_titles(text: str) -> str:
-    """The points of a PLY or PCD file, written as text, below their titles; other text
-    as it is.
-    """
-    head = POINT_CLOUD.match(text)
-    if not head:
-        return text
-    vertex = re.split(r"\nelement\b", head[0])[:2][-1]
-    names = re.findall(r"\nproperty\s+\w+\s+(\w+)", vertex)
-    names = names or re.findall(r"\nFIELDS\s+(.*)", head[0])
-    return " ".join(names) + head[0].count("\n") * "\n" + text[head.end() :]
-
-
 def encoding_of(paths: list[Path]) -> str:
     """The encoding of those files that are not UTF-8, "" if there are none.
 
@@ -124,7 +118,7 @@ def encoding_of(paths: list[Path]) -> str:
             content = path.read_bytes()
         if b"\0" not in content and not content.isascii():
             lines = re.findall(rb"(?m)^.*[\x80-\xff].*", content)
-            titles |= dict.fromkeys(line for line in lines if not is_utf8(line))
+            titles |= {k: 0 for k in lines if k.decode(errors="ignore").encode() != k}
     sample = b"\n".join(titles)[:10_000]
     if not sample:
         return ""
@@ -138,13 +132,6 @@ def encoding_of(paths: list[Path]) -> str:
             texts[encoding] = sample.decode(encoding).lower()
     known = {name: sum(map(text.count, FOREIGN)) for name, text in texts.items()}
     return max(known, key=known.__getitem__, default="")
-
-
-def is_utf8(content: bytes) -> bool:
-    """Whether bytes are text in UTF-8."""
-    with suppress(UnicodeDecodeError):
-        return bool(content.decode("utf-8-sig")) or not content
-    return False
 
 
 def lines_of(text: str) -> Iterator[Row]:
@@ -215,7 +202,7 @@ def body_of(rows: Iterable[Row], titles: list[str]) -> Iterator[Row]:
     for line, fields in rows:
         if len(fields) < 3 and HEADING.fullmatch(" ".join(fields)):
             continue
-        if len(fields) != len(titles) and are_words(fields).all():
+        if len(fields) != len(titles) and np.isinf([*map(number, fields)]).all():
             heading = len(fields)
         elif fields != titles and len(fields) != heading:
             yield line, fields
@@ -253,11 +240,6 @@ def is_rising(x: ndarray) -> bool:
     return len(x) > 3 and bool(rises.all() or falls.all())
 
 
-def are_words(fields: list[str]) -> ndarray:
-    """Which fields (k,) are neither numbers nor blank."""
-    return np.isinf([*map(number, fields)])
-
-
 def holds_numbers(fields: list[str]) -> bool:
     """Whether a row has numbers, and fewer words."""
     values = np.array([*map(number, fields)])
@@ -289,6 +271,7 @@ def words_in(name: str) -> set[str]:
     parts = re.split(
         r"[\W_]+|(?<=[a-z])(?=[⺀-鿿])|(?<=[⺀-鿿])(?=[a-z])", name.lower()
     )
+    parts = [AXIS.sub(r"\1", part) for part in parts]
     return {ALIASES.get(part, part) for part in parts}
 
 
@@ -323,11 +306,8 @@ def to_mm(
 
 def mm_of(unit: str) -> float:
     """A unit in mm, also one such as 0.01 um; 0 if we do not know it."""
-    match = re.fullmatch(r"([\d.]+(?:e[+-]?\d+)?)?\W*(.*)", unit.strip().lower())
-    try:
-        return float(match[1] or 1) * LENGTHS.get(match[2], 0.0)
-    except ValueError:
-        return 0.0
+    match = re.fullmatch(r"(\d*\.?\d+(?:e[+-]?\d+)?)?\W*(.*)", unit.strip().lower())
+    return float(match[1] or 1) * LENGTHS.get(match[2], 0.0)
 
 
 def rows_of(table: Table, rows: ndarray) -> Table:
@@ -383,12 +363,6 @@ def stem(name: str) -> str:
     return re.sub(r"\d+", "", name)
 
 
-def meaning(name: str) -> set[str]:
-    """What the title of a profile's column says: "z" for a height."""
-    words = words_in(name)
-    return words | {"z"} if words & {*HEIGHTS} else words
-
-
 def apart(table: Table) -> tuple[Table, Table]:
     """Poses, one a row, and the points measured there, of a table that has both.
 
@@ -442,7 +416,7 @@ def pose_columns(names: Sequence[str]) -> list[str]:
 def numbered(names: Sequence[str], axes: str) -> list[str]:
     """The names that are one of many but for their numbers, and mean one of `axes`."""
     many = Counter(map(stem, names))
-    stems = [one for one in many if many[one] > 4 and meaning(one) & {*axes}]
+    stems = [one for one in many if many[one] > 4 and words_in(one) & {*axes}]
     return [name for name in names if stem(name) in stems]
 
 

@@ -544,6 +544,13 @@ SAID_OF_TOOL = {  # in any text: what a note then has
     "# Tool: LASER\n": "tool LASER",
     "Werkzeug;3;;\n": "tool 3",
     "TCP offset = 0.0, 0, 0.12\n": "tool 0.0, 0, 0.12",
+    "# arm R7, tcp offset [0, 0, 0.12]\n": "tool 0, 0, 0.12",
+    "measured with tool 3\n": "tool 3",
+    "$ACT_TOOL=3\n": "tool 3",
+    "$ rosrun tf tf_echo base_link laser\n": "tool laser",
+    "child_frame_id: laser\n": "tool laser",
+    "child_frame_id: tool0\n": "",
+    "measured with tool 0\n": "",
     '{"robot": "R7", "tool": "laser", "poses": [': "tool laser",
     "Tool: 0\n": "",
     "TCP: 192.168.0.1\n": "",
@@ -572,7 +579,17 @@ def test_a_tool_that_any_text_says_is_told(said, tmp_path):
     assert len(notes(folder)) == bool(words)
 
 
-@pytest.mark.parametrize("title", ["Werkzeug", "tool_nr", "ツール", "Basis"])
+@pytest.mark.parametrize("name", ["poses_tool3.csv", "poses.csv"])
+def test_a_tool_that_names_of_files_say_is_told(name, tmp_path):
+    folder = written(tmp_path / "files")
+    (folder / "robot.csv").rename(folder / name)
+    if "tool" not in name:
+        (folder / "tool.txt").write_text("10 20 100 0 0 0")
+    (note,) = notes(folder)
+    assert re.search(r"the poses are of tool (3|tool.txt), and so", note)
+
+
+@pytest.mark.parametrize("title", ["Werkzeug", "UTOOL", "ツール", "Basis"])
 def test_a_column_of_tools_or_bases_is_one_in_any_language(title, tmp_path):
     def table(folder):
         lines = [f"X, мм;Y, мм;Z, мм;A, град;B, град;C, град;{title}"]
@@ -598,10 +615,24 @@ def in_two_folders(folder):
         one_each(folder / name)
 
 
-@pytest.mark.parametrize("of_profiles", [left_and_right, in_two_folders])
-def test_which_of_two_scanners_is_asked(of_profiles, tmp_path):
+def by_serials(folder):
+    """At each pose one sees z where the other sees 30 mm more."""
+    for k, points in enumerate(scan().values):
+        write_table(folder / f"2180_{k}.csv", "x,z", points)
+        write_table(folder / f"2191_{k}.csv", "x,z", points + np.array([0, 30]))
+
+
+@pytest.mark.parametrize(
+    ("of_profiles", "sentence"),
+    [
+        (left_and_right, "as many files each"),
+        (in_two_folders, "as many files each"),
+        (by_serials, "of one pose, are 30 mm apart: of two scanners?"),
+    ],
+)
+def test_which_of_two_scanners_is_asked(of_profiles, sentence, tmp_path):
     folder = written(tmp_path / "files", csv, of_profiles)
-    said = refuse(folder, "as many files each")
+    said = refuse(folder, sentence)
     (pattern,) = re.findall("--profiles '(.*?)'", said)
     check_poses(read(folder, profiles=pattern)[0])
 
@@ -649,6 +680,57 @@ def test_a_program_may_lie_in_several_files_and_a_tool_may_be_left_on(tmp_path):
     imported, guesses = read(folder, tool=6 * (0.0,))
     expected = scan().T_base_flange @ frame(12, -35, 180, 10, -20, 30)
     assert_allclose(imported.T_base_flange, expected, atol=1e-6)
+
+
+def abb_inline(folder):
+    """Targets within moves, below one of another tool."""
+    abb(folder)
+    path = folder / "scan.mod"
+    content = path.read_text()
+    axes = "[[0,0,0,0,30,0],[9E9,9E9,9E9,9E9,9E9,9E9]]"
+    content = content.replace(
+        "  MoveL", f"  MoveAbsJ {axes},v500,fine,tool0;\n  MoveL", 1
+    )
+    for name, target in re.findall(r"^  CONST robtarget (\w+):=(.*);", content, re.M):
+        content = content.replace(f"MoveL {name},", f"MoveL {target},")
+    path.write_text(re.sub(r"  CONST robtarget .*\n", "", content))
+
+
+def techman_numbers(folder):
+    tool = text(poses("FANUC angles", 1, frame(12, -35, 180, 10, -20, 30)[None])[0])
+    rows = poses(
+        "FANUC angles", 1, matrices_of_poses() @ frame(12, -35, 180, 10, -20, 30)
+    )
+    lines = [f"ChangeTCP({tool})", *(f'PTP("CPP",{text(row)},100,200)' for row in rows)]
+    write_lines(folder / "scan.script", lines)
+
+
+def fanuc_listings(folder):
+    """The frames of all tools and bases in a listing of the system's variables."""
+    fanuc(folder, 4)
+    lines = []
+    for name in ("MNUFRAME", "MNUTOOL"):
+        lines.append(f"[*SYSTEM*]${name}  Storage: CMOS  Access: RW  : ARRAY[1,9]")
+        for k in range(1, 10):
+            lines += [f"     [1,{k}] = ", "  Group: 1   Config: N D B, 0, 0, 0"]
+            lines += [f"  X: {k} Y: 0.0 Z: 0.0", "  W: 0.0 P: 0.0 R: 0.0"]
+    write_lines(folder / "sysframe.va", lines)
+
+
+@pytest.mark.parametrize(
+    ("of_poses", "off"),
+    [
+        (abb_inline, "tool tScan at [12.0, -35.0, 180.0] mm"),
+        (techman_numbers, "at [12.0, -35.0, 180.0] mm"),
+        (fanuc_listings, "tool 4 at [4.0, 0.0, 0.0] mm"),
+    ],
+)
+def test_a_tool_with_a_frame_anywhere_is_taken_off(of_poses, off, tmp_path):
+    folder = written(tmp_path / "files", of_poses, lists)
+    imported, guesses = read(folder)
+    assert f"{off}, taken off" in guesses[1]
+    taken = frame(4 * (of_poses is fanuc_listings), 0, 0, 0, 0, 0)
+    assert_allclose(imported.T_base_flange @ taken, scan().T_base_flange, atol=1e-6)
 
 
 def test_a_tool_of_the_machine_data_is_taken_off(tmp_path):
@@ -933,8 +1015,8 @@ MISTAKES = {
     ),
     "titles": (
         csv,
-        edited("scan_001.csv", "x,z", "x,height"),
-        "scan_001.csv: columns x, height, where scan_000",
+        edited("scan_001.csv", "x,z", "x,width"),
+        "scan_001.csv: columns x, width, where scan_000",
     ),
     "cut": (
         csv,
@@ -1258,6 +1340,68 @@ def test_base2gripper_is_the_inverse_of_a_pose(names, tmp_path):
     said = refuse(tmp_path / "b", "call it gripper2base there; .*--entry")
     imported, _ = read(tmp_path / "b", entry=said.split()[-1])
     assert_allclose(imported.T_base_flange, np.linalg.inv(T), atol=1e-8)
+
+
+def in_a_name(folder):
+    rows = np.linalg.inv(matrices_of_poses()).reshape(-1, 4)
+    np.savetxt(folder / "gripper_T_base.txt", rows, "%.12f")
+
+
+def in_titles(folder):
+    titles = ",".join(f"T_tcp_base_{k}{j}" for k in range(3) for j in range(4))
+    rows = np.linalg.inv(matrices_of_poses())[:, :3].reshape(-1, 12)
+    write_lines(folder / "poses.csv", [titles, *map(text, rows)])
+
+
+def beside_one_tool(folder):
+    content = {"flange_T_tcp": TOOL_AT, "base_T_tcp": matrices_of_poses() @ TOOL_AT}
+    content = {name: matrices.tolist() for name, matrices in content.items()}
+    (folder / "poses.json").write_text(json.dumps(content))
+
+
+def beside_the_tool(folder):
+    rows = np.hstack(
+        [poses("KUKA angles", 1, matrices_of_poses() @ TOOL_AT), poses("KUKA angles")]
+    )
+    titles = ",".join(f"{of}_{name}" for of in ("tcp", "flange") for name in "xyzabc")
+    write_lines(folder / "robot.csv", [titles, *map(text, rows)])
+
+
+TOOL_AT = frame(*TOOL)
+
+
+@pytest.mark.parametrize(
+    "of_poses", [in_a_name, in_titles, beside_one_tool, beside_the_tool]
+)
+def test_what_poses_are_of_is_in_their_names(of_poses, tmp_path):
+    check_poses(read(written(tmp_path / "files", of_poses))[0])
+
+
+def test_a_day_may_come_first(tmp_path):
+    def table(folder):
+        lines = ["Zeit;x;y;z;a;b;c"]
+        for k, row in enumerate(poses("KUKA angles")[::-1]):
+            lines.append(f"17.05.2024 10:{k:02d}:31;{text(row, ';')}")
+        write_lines(folder / "robot.csv", lines)
+
+    def by_date(folder):
+        for k, points in enumerate(scan().values[::-1]):
+            write_table(folder / f"2024-05-17_10-{k:02d}-32.csv", "x,z", points)
+
+    imported, guesses = read(written(tmp_path / "files", table, by_date))
+    assert guesses[3].endswith("by time, up to 1 s apart")
+    assert_allclose(imported.p_base_flange, scan().p_base_flange[::-1], atol=1e-6)
+
+
+def test_whole_numbers_have_the_one_unit_that_is_possible(tmp_path):
+    def write(folder):
+        for k, points in enumerate(scan().values):
+            write_table(folder / f"{k}.txt", "", np.nan_to_num(points * 2e5).round())
+
+    imported, guesses = read(written(tmp_path / "files", tum, write))
+    assert "in 0.01 um" in guesses[2]
+    doubled = SimpleNamespace(values=[2 * points for points in scan().values])
+    check_profiles(imported, doubled, 1e-5)
 
 
 def test_a_column_that_counts_points_is_not_x(tmp_path):
