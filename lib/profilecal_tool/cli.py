@@ -461,7 +461,8 @@ def steps(folder, spec, designed) -> list[str]:
     lines = [
         f"{folder}/ written; look at {folder / 'plan.png'}, "
         f"drive {folder / 'poses.csv'}",
-        "next: put profiles.csv beside it (data/README.md has its columns), then "
+        f"next: put {designed.model.target.tables[0]}.csv beside it "
+        "(data/README.md has its columns), then "
         f"profilecal calibrate {together}",
     ]
     if not spec.is_dir():

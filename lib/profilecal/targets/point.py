@@ -33,7 +33,7 @@ class Point(Target):
     point: ndarray
 
     kind = "point"
-    shape = "one point"
+    shape = "single point"
     shifts = "xyz"
     turns = ""
     points = 1

@@ -127,6 +127,10 @@ def test_a_plan_says_how_to_import_what_it_is_driven_for(tmp_path):
     planned = run("plan", spec_in(tmp_path, MANY, disk, *TO_HAND), tmp_path / "plan")
     said = "--target disk --radius 25 --mount eye-to-hand --poses"
     assert f"profilecal import DIR NEW-FOLDER {said}" in planned.output
+    assert "next: put profiles.csv beside it" in planned.output
+    point = ('kind = "edge"', 'kind = "point"')
+    planned = run("plan", spec_in(tmp_path, MANY, point), tmp_path / "steered")
+    assert "next: put points.csv beside it" in planned.output
 
 
 def test_a_plan_of_too_few_poses_is_not_to_be_driven(tmp_path):
