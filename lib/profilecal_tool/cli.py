@@ -17,19 +17,24 @@ SCAN = click.Path(path_type=Path, readable=False)
 PLACE = click.Path(path_type=Path)
 
 
-def cloud_file(ctx, param, path):
-    """A file that the profiles can go into."""
-    if path and path.suffix.lower() not in (".ply", ".png"):
-        raise ValueError(
-            f"--cloud is {path}; expected a name that ends in .ply or .png"
-        )
-    return path
+def ending_in(*endings):
+    """What refuses files with another ending than what is written into them has."""
+
+    def checked(ctx, param, path):
+        if path and path.suffix.lower() not in endings:
+            raise ValueError(
+                f"{param.opts[0]} is {path}; expected a name that ends in "
+                f"{' or '.join(endings)}"
+            )
+        return path
+
+    return checked
 
 
 CLOUD = option(
     "--cloud",
     type=PLACE,
-    callback=cloud_file,
+    callback=ending_in(".ply", ".png"),
     help="Write all profiles put together to this PLY file, or as a PNG picture.",
 )
 ANSWER = option(
@@ -205,7 +210,12 @@ def reproduce(names, parameters, output):
     is_flag=True,
     help="Cross-validate: predict each flange orientation from the others.",
 )
-@option("--report", type=PLACE, help="Write a report with pictures to this HTML file.")
+@option(
+    "--report",
+    type=PLACE,
+    callback=ending_in(".html", ".htm"),
+    help="Write a report with pictures to this HTML file.",
+)
 @CLOUD
 def calibrate(folders, as_json, vendor, guess, guess_sd, leave_out, report, cloud):
     """Find the sensor pose from scan folders of one sensor."""
@@ -539,7 +549,12 @@ def verify(folder, pose, cloud):
 @main.command("check-mount")
 @argument("folder", type=SCAN)
 @ANSWER
-@option("--log", type=PLACE, help="A CSV file to add a row to, and its picture beside.")
+@option(
+    "--log",
+    type=PLACE,
+    callback=ending_in(".csv"),
+    help="A CSV file to add a row to, and its picture beside.",
+)
 def check_mount(folder, pose, log):
     """Compare one to three poses of the same artefact with what T.json predicts.
 

@@ -30,6 +30,11 @@ def test_a_log_has_a_row_a_day_and_a_picture(tmp_path):
     result = run("check-mount", tmp_path / "one", "--with", answer, "--log", other)
     assert result.exit_code == 2
     assert other.read_text() == "a,b\n1,2\n"
+    picture = tmp_path / "other.png"
+    result = run("check-mount", tmp_path / "one", "--with", answer, "--log", picture)
+    assert result.exit_code == 2
+    assert f"--log is {picture}; expected a name that ends in .csv" in result.stderr
+    assert not picture.exists()
 
 
 def test_a_check_that_could_show_nothing_has_a_status_of_its_own(tmp_path):

@@ -92,13 +92,15 @@ def test_a_failing_notebook_gives_its_reason_and_keeps_the_old_report(
 @pytest.mark.parametrize(
     ("place", "sentence"),
     [
-        (".", "is a folder; name a file for the report"),
+        ("report.pdf", "expected a name that ends in .html or .htm"),
+        ("folder.html", "is a folder; name a file for the report"),
         ("no/report.html", "no report can be written there"),
     ],
 )
 def test_a_report_that_cannot_be_written_is_refused_at_once(
     scan, tmp_path, place, sentence
 ):
+    (tmp_path / "folder.html").mkdir()
     result = run("calibrate", scan, "--report", tmp_path / place)
     assert (result.exit_code, result.stdout) == (2, "")
     assert sentence in result.stderr
