@@ -272,6 +272,14 @@ def test_a_worker_that_is_killed_costs_nothing(tmp_path, swept, cluster):
     assert list(table["u"]) == [random.Random(7).gauss(0, 1)] * 2
 
 
+def test_two_sweeps_do_not_write_to_one_folder(notebook, tmp_path):
+    with (
+        sweep._alone(tmp_path),
+        pytest.raises(ValueError, match="another sweep is writing to"),
+    ):
+        sweep.sweep(notebook, GRID, tmp_path)
+
+
 @pytest.mark.parametrize(
     ("nowhere", "error"), [("localhost", ValueError), ("tcp://127.0.0.1:9", OSError)]
 )
