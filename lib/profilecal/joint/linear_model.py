@@ -42,7 +42,7 @@ share, for each column of Z, and Q their covariance, with T = 1 - K J,
 
     β = M⁻¹ s (c - J b_above)      b = b_above + s β      Q = K + T Q_above Tᵀ
     C⁻¹ Z = L⁻ᵀ (W_Z - W_E b)      (C⁻¹)_ii = L⁻ᵀ (1 - W_E Q W_Eᵀ) L⁻¹
-    E_gᵀ C⁻¹ E_g = J - J Q J       E_gᵀ C⁻¹ Z = c - J b
+    E_gᵀ C⁻¹ E_g = J - J Q J       E_gᵀ C⁻¹ Z = Σ E_iᵀ (C⁻¹ Z)_i
     Zᵀ C⁻¹ Z = Σ |W_Z - W_E b|² + Σ |β|²
 
 The last line is a sum of squares: the shorter Σ Zᵀ D⁻¹ Z - Σ cᵀ K c loses digits.
@@ -81,16 +81,6 @@ class Node:
 
 
 @dataclass(frozen=True)
-class Solved:
-    """C⁻¹ of rows Z for S sets of variances, by its structure."""
-
-    products: ndarray  # (S, columns, columns) Zᵀ C⁻¹ Z
-    left: ndarray  # (S, profiles, q, columns) Lᵀ C⁻¹ Z
-    # of each node, from coarse to fine: c and b (S, G, 6, columns)
-    shared: list[tuple[ndarray, ndarray]]
-
-
-@dataclass(frozen=True)
 class Factors:
     """C for S sets of variances, by its structure."""
 
@@ -99,8 +89,10 @@ class Factors:
     W_E: ndarray  # (S, profiles, q, 6)
     nodes: list[Node]  # from fine to coarse
 
-    def solve(self, Z: ndarray) -> Solved:
-        """C⁻¹ of rows Z (profiles, q, columns)."""
+    def solve(self, Z: ndarray) -> tuple[ndarray, ndarray]:
+        """Zᵀ C⁻¹ Z (S, columns, columns) and Lᵀ C⁻¹ Z (S, profiles, q, columns) of rows
+        Z (profiles, q, columns).
+        """
         left = self.root @ Z
         sums_of: list[ndarray] = []
         rows = left
@@ -112,7 +104,6 @@ class Factors:
 
         S, columns = len(left), Z.shape[-1]
         products = np.zeros((S, columns, columns))
-        shared = []
         b = np.zeros((S, 1, self.W_E.shape[-1], columns))
         for node, c in zip(self.nodes[::-1], sums_of[::-1], strict=True):
             above = b[:, node.level.parents]
@@ -122,9 +113,8 @@ class Factors:
             moves = node.s[..., None] * beta
             left = node.level.without(self.W_E, moves, left)
             b = above + moves
-            shared.append((c, b))
         products += squares(left)
-        return Solved(products, left, shared)
+        return products, left
 
 
 @dataclass(frozen=True)
@@ -139,8 +129,9 @@ class Posterior:
     square: ndarray  # (S,) rᵀ P r, the χ² of the residuals
     normal: ndarray  # (S, n + 1, n + 1) [A | r]ᵀ C⁻¹ [A | r]
     log_det: ndarray  # (S,) log |C|
-    # of the rows that speak of the flange, if there are any, for the last sets
-    last: list[tuple[Factors, Solved]]
+    # of the rows that speak of the flange, if there are any, for the last sets: C, and
+    # Lᵀ C⁻¹ [A | r]
+    last: list[tuple[Factors, ndarray]]
 
 
 class LinearModel:
@@ -291,10 +282,10 @@ class LinearModel:
         for start in range(0, len(v) * bool(len(self.rows)), some):
             part = slice(start, start + some)
             factors = self.factors(v[part])
-            solved = factors.solve(self.rows[..., self.axes :])
-            N[part] += solved.products
+            products, left = factors.solve(self.rows[..., self.axes :])
+            N[part] += products
             log_det[part] += factors.log_det
-            last = [(factors, solved)]
+            last = [(factors, left)]
         return self.by_products(v, N, log_det, last)
 
     def by_products(
@@ -371,8 +362,7 @@ class LinearModel:
     ) -> None:
         """Add what the rows that speak of the flange say, as in `gradient`."""
         n, V, k = self.n, posterior.covariance[0], len(slope)
-        x = np.append(posterior.mean[0], 1.0)
-        ((factors, solved),) = posterior.last
+        ((factors, _),) = posterior.last
         P, CA, w = self.precisions(posterior)
         less = P - w[:, :, None] * w[:, None]
         slope[self.of_own] += np.tensordot(self.own_parts, less, 3)
@@ -381,32 +371,32 @@ class LinearModel:
             (self.own_parts @ w[..., None])[..., 0], 0, -1
         )
         E = self.rows[..., : self.axes]
-        shared = zip(self.covariances_of_shared(factors), solved.shared, strict=True)
-        for (node, Q), (c, b) in shared:
+        by_profile = np.concatenate([CA, w[..., None]], axis=2)
+        for node, Q in self.covariances_of_shared(factors):
             level, J = node.level, node.J[0]
             units = self.units[level.errors]
-            EX = c[0] - J @ b[0]
-            EA, f = EX[..., :n], EX @ x
+            (sums,) = level.sums(E[None], by_profile[None])
+            EA, f = sums[..., :n], sums[..., n]
             EPE = J - J @ Q @ J - EA @ V @ EA.mT
             diagonal = np.einsum("gjj->j", EPE) - np.sum(f**2, axis=0)
             slope[level.errors] += units @ diagonal
             by_flange = np.zeros((len(E), self.axes))
             by_flange[level.members] = f[level.number]
             F[..., level.errors] += E @ (by_flange[:, None] * units).mT
-        within += factors.solve(F).products[0]
+        within += factors.solve(F)[0][0]
         across += CA.reshape(-1, n).T @ F.reshape(-1, k)
 
     def precisions(self, posterior: Posterior) -> tuple[ndarray, ndarray, ndarray]:
         """P_ii (profiles, q, q), C⁻¹ A (profiles, q, n) and w = P r (profiles, q) of
         the rows of each profile, in the order of the groups, for one set of variances.
         """
-        ((factors, solved),) = posterior.last
+        ((factors, left),) = posterior.last
         root, W_E = factors.root[0], factors.W_E[0]
         Q = np.zeros((len(root), self.axes, self.axes))
         for node, of_groups in self.covariances_of_shared(factors):
             Q[node.level.members] = of_groups[node.level.number]
         inverse = root.mT @ (np.eye(self.q) - W_E @ Q @ W_E.mT) @ root
-        X = root.mT @ solved.left[0]
+        X = root.mT @ left[0]
         CA = X[..., :-1]
         P = inverse - CA @ posterior.covariance[0] @ CA.mT
         return P, CA, X @ np.append(posterior.mean[0], 1.0)
