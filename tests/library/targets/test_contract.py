@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.differentiate import jacobian
 
 from profilecal.geometry.noise import Noise
-from profilecal.geometry.poses import carry, directions, rotations
+from profilecal.geometry.poses import directions, homogeneous, in_base, rotations
 from profilecal.joint.prior import OF_SCANNER
 from profilecal.joint.problem import Problem
 from profilecal.simulation.scene import random_scene
@@ -79,14 +79,10 @@ def test_a_missing_point_has_no_part_in_anything(kind, in_space):
     assert_array_equal(some, full * present)
 
 
-def in_base(scene):
+def points_of(scene):
     """The points seen, (n, 3), in the base frame."""
-    seen = scene.observations
-    x, z = np.moveaxis(seen.points[0], -1, 0)
-    in_sensor = np.stack([x, np.zeros_like(x), z], axis=-1)
-    in_flange = carry(scene.R_sensor, scene.T_sensor, in_sensor)
-    R, T = seen.R_flange[0], seen.T_flange[0]
-    return carry(R[:, None], T[:, None], in_flange).reshape(-1, 3)
+    seen, sensor = scene.observations, homogeneous(scene.R_sensor, scene.T_sensor)
+    return in_base(sensor, seen.points[0], seen.R_flange[0], seen.T_flange[0])[0]
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -96,7 +92,7 @@ def test_a_fit_to_its_points_is_the_target(kind):
     """
     rng = default_rng(10)
     scene = random_scene(kind, rng)
-    points = in_base(scene)
+    points = points_of(scene)
     assert np.abs(scene.target.distance(points)).max() < 1e-9
 
     target = TARGETS[kind]
@@ -117,7 +113,7 @@ def test_a_fit_to_its_points_is_the_target(kind):
 @pytest.mark.parametrize("kind", KINDS)
 def test_its_lines_lie_on_it(kind):
     scene = random_scene(kind, default_rng(12))
-    lines = scene.target.lines(in_base(scene))
+    lines = scene.target.lines(points_of(scene))
     assert lines
     farthest = 10 if kind == "point" else 0  # mm: the ends of a cross
     for line in lines:
@@ -127,14 +123,14 @@ def test_its_lines_lie_on_it(kind):
 
 def test_a_rods_lines_are_on_all_its_sides():
     scene = random_scene("rod", default_rng(12))
-    middle = np.mean(scene.target.lines(in_base(scene)), axis=0)
+    middle = np.mean(scene.target.lines(points_of(scene)), axis=0)
     assert_allclose(scene.target.distance(middle), -scene.target.radius)
 
 
 @pytest.mark.parametrize("kind", ["edge", "rod"])
 def test_what_has_no_ends_is_drawn_as_long_as_it_was_seen(kind):
     scene = random_scene(kind, default_rng(12))
-    points, target = in_base(scene), scene.target
+    points, target = points_of(scene), scene.target
     seen = (points - target.point) @ target.direction
     drawn = (target.lines(points)[0] - target.point) @ target.direction
     assert np.ptp(seen) < np.ptp(drawn) < 1.3 * np.ptp(seen)
