@@ -24,8 +24,11 @@ WORDS = (
 LABELS = WORDS.split()
 
 # columns that tell scanners apart
-SCANNERS = "sensor scanner camera cam head device source kanal channel kamera kopf"
-SCANNERS = {*SCANNERS.split(), "传感器", "相机"}
+SCANNERS = (
+    "sensor scanner camera cam head device source kanal channel kamera kopf laser "
+    "gerät profiler capteur appareil sensore dispositivo 传感器 相机 探头 センサ ヘッド"
+)
+SCANNERS = {*SCANNERS.split()}
 
 # columns that say when
 TIMES = re.compile(r"^t$|time|stamp|date|zeit|datum|时间|時刻")
@@ -143,15 +146,19 @@ TOOL_OFFSET = re.compile(r"(?:tool |(?:tool|tcp)_?offset_)(\w+)")
 
 # what any text says of the tool, in a line of its own or in JSON; but no address
 TOOL_WORDS = (
-    r"(?:active|current|robot|act|u)?[ _]?"
-    r"(?:tool|tcp|werkzeug|outil|utensile|herramienta|инструмент|工具|ツール|툴|child_frame)"
-    r"[ _-]?(?:nr|no|num|number|id|name|frame|data|index|offset|coordinates?)?\.?"
+    r"(?:active|current|robot|act|u)?[ _]?(?:tool|tcp|werkzeug|wkz|greifer|"
+    r"end[ _-]?effe[ck]tor|outil|utensile|herramienta|инструмент|工具|ツール|툴|child)"
+    r"(?:[ _.-]*(?:nr|no|n°|num|number|nummer|id|name|frame|data|index|offset|"
+    r"coordinates?|active|aktiv|attivo|actif|号|番号|坐标系?|座標系?|번호))*\.?"
 )
 TOOL_VALUE = r"(?!\d+\.\d+\.\d)([\w$][^\n;,|\t\"'\[\]{}]*|[-+\d.][-+\d.eE,; \t]*)"
 TOOL_SAID = re.compile(
-    rf"^[^\w\n]*{TOOL_WORDS}[\"']?[ \t]*[:=;,|\t][\s\"'\[({{]*{TOOL_VALUE}"
+    rf"^[^\w\n]*{TOOL_WORDS}[\"']?[ \t]*(?:[:：=;,|\t]|is\b)[\s\"'\[({{]*{TOOL_VALUE}"
     rf"[\"'\])}}]*[\s,;|]*$|\"{TOOL_WORDS}\"\s*:[\s\"\[]*{TOOL_VALUE}|"
-    rf"(?<![a-z]){TOOL_WORDS}(?<!tcp)(?<!tcp.)[ _:=#-]*[\[(]?([-\d., ]*[1-9][-\d., ]*)|"
+    rf"^[ \t]*[#%;/]+[ \t]*{TOOL_WORDS}[ \t]+(?!pos|coord|cent)([a-z]\w*)[ \t\r]*$|"
+    rf"(?<![a-z]){TOOL_WORDS}(?<!tcp)(?<!tcp.)[ _:：=#-]*[\[(]?"
+    r"([-\d., ]*[1-9][-\d., ]*)|\btcp(?:[ :=]*[\[(]([-\d., ]*[1-9][-\d., ]*)|[ _]?(\d+)"
+    rf"(?=[ _.][xyz]\b))|(?<![a-z]){TOOL_WORDS}[ \t]*:?[:：=][ \t]*([a-z]\w*)|"
     r"\btf2?_echo[ \t]+\S+[ \t]+(\S+)",
     re.IGNORECASE | re.MULTILINE,
 )

@@ -202,10 +202,10 @@ def pose_table(
         ]
         if paths[0].suffix not in ENDINGS:
             text = closed_text(paths[0], layout.encoding, layout.entry, of_poses=True)
-            texts.append(text[:LONGEST])
+            texts.append(text[: LONGEST // 10])
         for match in TOOL_SAID.finditer("\n".join(texts)):
             name = match[match.lastindex].strip()
-            if name.strip("-+0., ;\t"):
+            if name.strip("-+0., ;\t") and name.lower() not in NO_FRAME:
                 columns.setdefault("tool", len(table.lines) * [name])
     table = replace(table, columns=columns, units=units)
     return table, conventions[0], guessed

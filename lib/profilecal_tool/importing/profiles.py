@@ -352,8 +352,9 @@ def check_one_scanner(
         k = max(apart, key=apart.get)
         own, other = ({*re.findall(r"[^\W_]+", name)} for name in names[k : k + 2])
         raise ScanError(
-            f"{folder}: {names[k]} and {names[k + 1]}, of one pose, are {apart[k]:.3g} "
-            f"mm apart: of two scanners? say which: --profiles '*{min(own - other)}*'"
+            f"{folder}: {names[k]} and {names[k + 1]} have the same pose and are "
+            f"{apart[k]:.3g} mm apart: of two scanners? say which: --profiles "
+            f"'*{min(own - other)}*'"
         )
 
 

@@ -27,7 +27,7 @@ SQUARE = r"\[(?:[^\[\]\n]|\[(?:[^\[\]\n]|\[[^\[\]\n]*\])*\])*\]"
 ROUND = r"\(\s*[+-]?\.?\d[^()\n]*\)"
 # a type or a function, a name and a call before brackets, and what is in these
 LIST = re.compile(
-    rf"(?<![\w$.])(?:([a-z]\w*)([ \t]+|\())?(?:([a-z$][\w$]*(?:\[\d+\])?)\s*:?=\s*)?"
+    rf"(?<![\w$.=])(?:([a-z]\w*)([ \t]+|\())?(?:([a-z$][\w$]*(?:\[\d+\])?)\s*:?=\s*)?"
     rf"([a-z]\w*)?({SQUARE}|{ROUND})",
     re.IGNORECASE,
 )
@@ -52,9 +52,9 @@ def positions_in(path: Path, text: str) -> list[Named]:
         text = re.sub(call, as_list, text)
     found = [*named_cells(text), *lists_in(path, text)]
     full = [one for one in found if one.has("xyz")]
-    if not full:
+    if all(map(is_frame, full)):
         check_axes(path, (column for one in found for column in one.cells))
-        full = [one for one in found if one.has("123456")]
+        full += [one for one in found if one.has("123456")]
     for one in found:
         if len({*"xyz"} & one.cells.keys()) == 2 and len(one.cells) > 4:
             raise ScanError(
@@ -161,7 +161,7 @@ def bare(name: str) -> str:
     return re.sub(r"[\[\]]", "", name.lower())
 
 
-def is_frame(one: Named, which: str = "tool|base|wobj|null|frame") -> bool:
+def is_frame(one: Named, which: str = "tool|tcp|base|wobj|null|frame") -> bool:
     """Whether a position is the frame of a tool or a base."""
     return any(
         re.fullmatch(IS_FRAME.format(which), word)

@@ -94,7 +94,8 @@ def sheets_of(path: Path) -> dict[str, str]:
     with naming(path), path.open("rb") as file:
         try:
             return {
-                sheet.title: "\n".join(
+                sheet.title: f"# {sheet.title}\n"
+                + "\n".join(
                     "\t".join("" if cell is None else str(cell) for cell in row)
                     for row in sheet.values
                 )

@@ -547,6 +547,16 @@ SAID_OF_TOOL = {  # in any text: what a note then has
     "# arm R7, tcp offset [0, 0, 0.12]\n": "tool 0, 0, 0.12",
     "measured with tool 3\n": "tool 3",
     "$ACT_TOOL=3\n": "tool 3",
+    "Werkzeugnummer 5\n": "tool 5",
+    "# Outil n° 3\n": "tool 3",
+    "active TCP is LASER\n": "tool LASER",
+    "# TCP LASER\n": "tool LASER",
+    "# CRobT(\\Tool:=tool0), then tool=LASER\n": "tool LASER",
+    "# TCP positions\n": "",
+    "工具坐标系: 3\n": "tool 3",
+    "ツール番号：2\n": "tool 2",
+    "TCP=(0, 0, 120)\n": "tool 0, 0, 120",
+    "TCP speed: 250\n": "",
     "$ rosrun tf tf_echo base_link laser\n": "tool laser",
     "child_frame_id: laser\n": "tool laser",
     "child_frame_id: tool0\n": "",
@@ -589,7 +599,9 @@ def test_a_tool_that_names_of_files_say_is_told(name, tmp_path):
     assert re.search(r"the poses are of tool (3|tool.txt), and so", note)
 
 
-@pytest.mark.parametrize("title", ["Werkzeug", "UTOOL", "ツール", "Basis"])
+@pytest.mark.parametrize(
+    "title", ["Werkzeug", "UTOOL", "end effector", "child", "ツール", "Basis"]
+)
 def test_a_column_of_tools_or_bases_is_one_in_any_language(title, tmp_path):
     def table(folder):
         lines = [f"X, мм;Y, мм;Z, мм;A, град;B, град;C, град;{title}"]
@@ -627,7 +639,7 @@ def by_serials(folder):
     [
         (left_and_right, "as many files each"),
         (in_two_folders, "as many files each"),
-        (by_serials, "of one pose, are 30 mm apart: of two scanners?"),
+        (by_serials, "have the same pose and are 30 mm apart: of two scanners?"),
     ],
 )
 def test_which_of_two_scanners_is_asked(of_profiles, sentence, tmp_path):
@@ -640,6 +652,7 @@ def test_which_of_two_scanners_is_asked(of_profiles, sentence, tmp_path):
 LANGUAGES = {  # a move, and what is said of the tool
     "moveto([{}], 50, 100)": ("  settcp([12,-35,180,10,-20,30])", "tool (12, -35, 180"),
     "MOVEX A=1,AC=0,M1X,L,({})U,S=100,H=2,MS": ("10 REM", "tool 2"),
+    "at rest: [{}] TCP=(1, 2, 100, 0, 0, 0)": ("", "tool 1, 2, 100"),
 }
 
 
