@@ -93,7 +93,7 @@ class Row:
     def shown(self, value: float) -> str:
         """A number to as many decimals as the paper prints."""
         text = f"{value:.{self.decimals}f}"
-        return text.replace("-", "−") if float(text) else text.replace("-", "")
+        return text.replace("-", "−" if float(text) else "")
 
 
 @dataclass(frozen=True)
@@ -139,6 +139,11 @@ class Item:
         """Of each row, whether the printed number lies inside our range."""
         return [row.inside for row in self.rows]
 
+    @property
+    def tried(self) -> list[str]:
+        """What was done otherwise."""
+        return [*dict.fromkeys(name for row in self.rows for name in row.otherwise)]
+
     def by(self, what: str) -> "dict[str, Item]":
         """What it is for each `what` of its rows: each "reading", each "quantity"."""
         rows = defaultdict(list)
@@ -148,38 +153,33 @@ class Item:
 
     @property
     def summary(self) -> str:
-        """How many of the printed numbers lie inside our ranges, how many would
-        otherwise, and what was free.
+        """How many of the printed numbers lie inside our ranges. Under a list or a
+        matrix also how many would otherwise, and what was free; a page with tables
+        tells both once for all of them.
         """
-        which = "that agree with ours"
+        which, kind = "that agree with ours", "reading"
         if self.range_from:
             which = f"inside our ranges ({self.range_from})"
-        parts = self.by("reading")
         if self.layout == "table":
-            parts = self.by("quantity")
-            which = "inside our 95 % ranges"
+            which, kind = "inside our 95 % ranges", "quantity"
         counts = ", ".join(
-            f"{name} {in_numbers(part)}".strip() for name, part in parts.items()
+            f"{name} {sum(part.inside)} of {len(part.rows)}".strip()
+            for name, part in self.by(kind).items()
         )
         said = [f"Printed numbers {which}: {counts}."]
-        names = dict.fromkeys(name for row in self.rows for name in row.otherwise)
-        others = [f"{name}, {passing(self, name)}" for name in names]
+        others = "; ".join(f"{name}, {passing(self, name)}" for name in self.tried)
         if self.apart:
             said.append(f"Not counted: {self.apart}.")
-        elif others:
-            each = "; ".join(others)
-            said.append(f"If we change one thing, this many agree: {each}.")
-        if self.free:
-            said.append(f"Free settings: {self.free}.")
+        elif self.layout != "table":
+            if others:
+                said.append(f"If we change one thing, this many agree: {others}.")
+            if self.free:
+                said.append(f"Free settings: {self.free}.")
         if self.share_failing is not None:
-            share = f"{100 * self.share_failing:.0f} %"
             said.append(
-                f"At least one number fails under {share} of the settings "
-                f"{self.settings}."
+                f"At least one number fails under {100 * self.share_failing:.0f} % of "
+                f"the settings {self.settings}."
             )
-        in_doubt = any(self.verdict(row) == "not testable" for row in self.rows)
-        if in_doubt and self.layout != "list" and not self.apart:
-            said.append("What is in parentheses fails under none of these changes.")
         return " ".join(said)
 
     def _repr_mimebundle_(self, include: object = None, exclude: object = None) -> dict:
@@ -197,15 +197,12 @@ class Item:
         }
 
 
-def in_numbers(item: Item) -> str:
-    """How many of the printed numbers lie inside our ranges, such as "11 of 12"."""
-    return f"{sum(item.inside)} of {len(item.rows)}"
-
-
 def passing(item: Item, name: str) -> str:
-    """How many of them would, had we computed otherwise."""
-    rows = [row for row in item.rows if name in row.otherwise]
-    return f"{sum(name not in row.failed for row in rows)} of {len(rows)}"
+    """How many of the printed numbers would lie inside our ranges, such as "11 of 12",
+    had we computed otherwise.
+    """
+    agree = [name not in row.failed for row in item.rows if name in row.otherwise]
+    return f"{sum(agree)} of {len(agree)}"
 
 
 def as_table(item: Item) -> pd.DataFrame:
@@ -246,11 +243,12 @@ def with_range(row: Row, low: float, ours: float, high: float) -> str:
 
 def as_list(item: Item) -> pd.DataFrame:
     """A line for each number."""
-    lines = []
-    for row in item.rows:
-        failed = ", ".join(row.failed)
-        tried = {"verdict": item.verdict(row), "would have failed": failed}
-        lines.append(as_line(row) | tried | {"why": row.why})
+    lines = [
+        as_line(row)
+        | {"verdict": item.verdict(row), "would have failed": ", ".join(row.failed)}
+        | {"why": row.why}
+        for row in item.rows
+    ]
     frame = pd.DataFrame(lines)
     empty = [name for name in ("would have failed", "why") if not any(frame[name])]
     return frame.drop(columns=empty)
@@ -284,20 +282,17 @@ def as_matrices(item: Item) -> pd.DataFrame:
     lines = defaultdict(list)
     for row in item.rows:
         lines[row.row].append(row)
-    blocks = {
-        "published": [[row.as_printed for row in line] for line in lines.values()],
-        "ours": [[row.shown(row.ours) for row in line] for line in lines.values()],
-        "difference": [
-            [difference_allowed(row, item) for row in line] for line in lines.values()
-        ],
+    parts = {
+        "published": lambda row: row.as_printed,
+        "ours": lambda row: row.shown(row.ours),
+        "difference": lambda row: difference_allowed(row, item),
     }
-    height, width = np.shape(blocks["ours"])
     table = []
-    for name, block in blocks.items():
-        if (height, width) == (3, 4):
+    for name, text in parts.items():
+        block = [[*map(text, line)] for line in lines.values()]
+        if np.shape(block) == (3, 4):
             block.append([*"0000"] if name == "difference" else [*"0001"])
-        names = [name] + [""] * (len(block) - 1)
-        table += [[first, *line] for first, line in zip(names, block, strict=True)]
+        table += [[name, *block[0]], *(["", *line] for line in block[1:])]
     return pd.DataFrame(table)
 
 
@@ -334,13 +329,8 @@ def gather(folder: Path) -> Gathered:
 
 def handed_out(notebook: dict, mime: str) -> list:
     """What the outputs of an executed notebook hold under a MIME type."""
-    entries = []
-    for cell in notebook["cells"]:
-        for output in cell.get("outputs", []):
-            data = output.get("data", {})
-            if mime in data:
-                entries.append(data[mime])
-    return entries
+    outputs = [out for cell in notebook["cells"] for out in cell.get("outputs", [])]
+    return [out["data"][mime] for out in outputs if mime in out.get("data", {})]
 
 
 def under_one_reading(gathered: Gathered) -> Gathered:
@@ -365,8 +355,7 @@ def under_one_reading(gathered: Gathered) -> Gathered:
 
 def tally(gathered: Gathered) -> pd.DataFrame:
     """Of each item, and each quantity of a table, how many printed numbers have which
-    verdict, under the reading that counts; and how many were computed from printed
-    inputs alone.
+    verdict, under the reading that counts.
     """
     lines = []
     for stem, item in under_one_reading(gathered):
@@ -375,8 +364,8 @@ def tally(gathered: Gathered) -> pd.DataFrame:
             quantities = item.by("quantity").items()
             parts = {f"{item.item}, {name}": part for name, part in quantities}
         for name, part in parts.items():
-            verdicts = [part.verdict(row) for row in part.rows]
-            numbers = [verdicts.count(verdict) for verdict in VERDICTS]
+            verdicts = [*map(part.verdict, part.rows)]
+            numbers = map(verdicts.count, VERDICTS)
             lines.append([PAPERS[item.paper], name, len(verdicts), *numbers, stem])
     columns = ["paper", "item", "printed", *VERDICTS, "notebook"]
     return pd.DataFrame(lines, columns=columns)
@@ -384,34 +373,30 @@ def tally(gathered: Gathered) -> pd.DataFrame:
 
 def sentence(gathered: Gathered) -> str:
     """What became of the printed results, in three counts."""
-    verdicts: dict[bool, list[str]] = {False: [], True: []}  # by whether any is free
+    given: list[str] = []
+    chosen: list[str] = []  # where any setting is free
     for _, item in under_one_reading(gathered):
-        verdicts[bool(item.free)] += [item.verdict(row) for row in item.rows]
-    printed = sum(map(len, verdicts.values()))
-    in_vain = sum(part.count("not testable") for part in verdicts.values())
-    given, chosen = (
-        f"{len(part) - part.count('differs') - part.count('not testable')} of "
-        f"{len(part) - part.count('not testable')}"
-        for part in verdicts.values()
-    )
+        (chosen if item.free else given).extend(map(item.verdict, item.rows))
+    printed = len(given + chosen)
+    in_vain = (given + chosen).count("not testable")
+    counted = [[v for v in part if v != "not testable"] for part in (given, chosen)]
+    agree = [f"{len(part) - part.count('differs')} of {len(part)}" for part in counted]
     return (
         f"Of {printed} printed results {in_vain} could hardly have failed, and do not "
-        f"count. Of the others, {given} are reproduced from printed inputs, and "
-        f"{chosen} are compatible with unprinted settings that we chose; for the rest "
-        "the pages say why they differ."
+        f"count. Of the others, {agree[0]} are reproduced from printed inputs, and "
+        f"{agree[1]} are compatible with unprinted settings that we chose; for the "
+        "rest the pages say why they differ."
     )
 
 
 def scorecard(gathered: Gathered) -> pd.DataFrame:
     """A row for each printed number and reading, with its verdict."""
-    lines = []
-    for stem, item in gathered:
-        for row in item.rows:
-            line = {"paper": PAPERS[item.paper], "item": item.item} | asdict(row)
-            line["verdict"] = item.verdict(row)
-            line["would have failed"] = ", ".join(row.failed)
-            del line["otherwise"]
-            line["free"] = item.free
-            line["notebook"] = stem
-            lines.append(line)
-    return pd.DataFrame(lines)
+    lines = [
+        {"paper": PAPERS[item.paper], "item": item.item}
+        | asdict(row)
+        | {"verdict": item.verdict(row), "would have failed": ", ".join(row.failed)}
+        | {"free": item.free, "notebook": stem}
+        for stem, item in gathered
+        for row in item.rows
+    ]
+    return pd.DataFrame(lines).drop(columns="otherwise", errors="ignore")

@@ -61,11 +61,11 @@ def compare(
                 row.otherwise[name] = [round(float(v), digits) for v in each[k]]
             if not row.inside:
                 row = replace(row, why=(why or {}).get(key, ""))
-            if not (row.inside or row.why):
-                where = f"{item}, {row.row}, {row.column}, {row.quantity}"
-                raise ValueError(
-                    f"{where}: {row.ours} differs from {row.printed}; say why"
-                )
+                if not row.why:
+                    where = f"{item}, {row.row}, {row.column}, {row.quantity}"
+                    raise ValueError(
+                        f"{where}: {row.ours} differs from {row.printed}; say why"
+                    )
             rows.append(row)
     return Item(paper, item, what, tuple(rows), **about)
 
