@@ -250,18 +250,18 @@ def as_list(item: Item) -> pd.DataFrame:
         for row in item.rows
     ]
     frame = pd.DataFrame(lines)
-    empty = [name for name in ("would have failed", "why") if not any(frame[name])]
-    return frame.drop(columns=empty)
+    return frame.loc[:, (frame != "").any()]
 
 
 def as_line(row: Row) -> dict[str, str]:
     """A row's name and numbers, by column."""
     name = " ".join(filter(None, (row.quantity, row.row, row.column)))
-    over = f"{row.over_tolerance:.2g}"
+    over = two_digits(row.over_tolerance)
     if over == "1":  # inside or outside, by a little
         over = f"{row.over_tolerance:.2f}"
     return {
-        "quantity": ", ".join(filter(None, (name, row.reading))),
+        "quantity": name,
+        "reading": row.reading,
         "published": row.as_printed,
         "ours": row.shown(row.ours),
         "difference": row.shown(row.difference),
@@ -302,7 +302,7 @@ def difference_allowed(row: Row, item: Item) -> str:
     """
     text = row.shown(row.difference)
     if row.allowed > row.half_unit:
-        text += f"<br>±{two_digits(row.allowed)}"
+        text += f"<br>±{two_digits(row.allowed + row.half_unit)}"
     return f"({text})" if item.verdict(row) == "not testable" else text
 
 
