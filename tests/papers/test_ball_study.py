@@ -47,7 +47,7 @@ def test_ball_study_equals_the_plain_loop(protocol, turning):
     T = means_of_first(scans.positions(m), counts)
     for trial in range(TRIALS):
         q = means_of_first(centres[trial], counts)
-        solution = solve_ball(scans.R_tcp, T, q, scans.translating)
+        solution = solve_ball(scans.R_tcp, T, q)
         expected = solution.translation.q_b - scans.ball.centre
         found = study.centre_error[1, 1, trial]
         assert_allclose(found, expected, rtol=0, atol=1e-9)

@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike
 
 from profilecal.closed_form.groups import find_groups
 from profilecal.closed_form.two_step import (
-    LEAST_SPREAD_DEG,
     TwoStepSolution,
     check_line,
     check_orientations,
@@ -24,22 +23,17 @@ from profilecal.geometry.checks import (
     check_positions,
     check_rotations,
 )
-from profilecal.geometry.poses import angle_between
 
 
-def solve_ball(
-    R_tcp: ArrayLike,
-    T_tcp: ArrayLike,
-    q: ArrayLike,
-    translating: int | None = None,
-) -> TwoStepSolution:
+def solve_ball(R_tcp: ArrayLike, T_tcp: ArrayLike, q: ArrayLike) -> TwoStepSolution:
     """The sensor pose from a ball's centre, seen in a scan from n flange poses.
 
-    Poses of one orientation, which translate, fix the rotation by differences from
-    their first, R_sensor (q¹ - qʲ) = R_tcp⁻¹ (Tʲ - T¹). The others turn, about two axes
-    or more, and fix the translation, Eqs 17-19 of the disk paper (Chen et al. 2018).
-    Its Section V-D describes this two-step method without its equations. With noise,
-    the answer depends on which pose comes first, and on the order of those that turn.
+    The largest group of poses of one orientation (within 0.05°), which translate, fixes
+    the rotation by differences from its first, R_sensor (q¹ - qʲ) = R_tcp⁻¹ (Tʲ - T¹).
+    The others turn, about two axes or more, and fix the translation, Eqs 17-19 of the
+    disk paper (Chen et al. 2018). Its Section V-D describes this two-step method
+    without its equations. With noise, the answer depends on which pose comes first, and
+    on the order of those that turn.
 
     Parameters
     ----------
@@ -48,9 +42,6 @@ def solve_ball(
     q : array_like, (n, 3)
         The ball's centre, x, y and z in the sensor frame, from each pose, mm; of an arc
         x, z, r, `Ball.centre_from_circle` gives it.
-    translating : int, optional
-        So many of the first poses translate, at least 3. Left out, the largest group of
-        one orientation (within 0.05°) does, wherever its poses stand.
 
     Returns
     -------
@@ -86,11 +77,8 @@ def solve_ball(
     n = len(T_tcp)
     R_tcp = check_rotations("R_tcp", R_tcp, n)
     q = check_array("q", q, (n, 3))
-    if translating is None:
-        number = find_groups("R_tcp", R_tcp, None)
-        is_still = number == np.bincount(number).argmax()
-    else:
-        is_still = np.arange(n) < translating
+    number = find_groups("R_tcp", R_tcp, None)
+    is_still = number == np.bincount(number).argmax()
     still, turning = np.flatnonzero(is_still), np.flatnonzero(~is_still)
     check_count(
         "translating poses",
@@ -99,12 +87,6 @@ def solve_ball(
         "two differences that are not parallel fix the rotation",
     )
     first, others = still[0], still[1:]
-    apart = np.degrees(angle_between(R_tcp[first], R_tcp[still])).max()
-    if apart > LEAST_SPREAD_DEG:
-        raise ValueError(
-            f"the {len(still)} translating poses differ in orientation by "
-            f"{apart:.2g}°; expected one orientation"
-        )
     lines = q[first] - q[others]
     lengths = np.linalg.norm(lines, axis=1)
     if not lengths.all():

@@ -1,7 +1,8 @@
 """The edge and the disk method on batches of observations."""
 
+from typing import Any
+
 import numpy as np
-from numpy import ndarray
 
 from profilecal.closed_form import disk, edge
 from profilecal.closed_form.edge import EdgeSolution
@@ -12,7 +13,7 @@ from profilecal.targets.observations import Observations
 
 def closed_form(
     seen: Observations,
-    R_sensor: ndarray | None = None,
+    R_sensor: Any = None,
     how: str = "published",
     refuse: bool = True,
 ) -> EdgeSolution | TwoStepSolution:

@@ -69,9 +69,8 @@ def solve_disk(
     T_tcp: ArrayLike,
     chords: ArrayLike,
     radius: float,
-    side: ArrayLike | None = None,
+    R_sensor_guess: ArrayLike,
     *,
-    R_sensor_guess: ArrayLike | None = None,
     group: ArrayLike | None = None,
     heights: str = "regression",
 ) -> TwoStepSolution:
@@ -85,8 +84,7 @@ def solve_disk(
     length are taken for even, as a robot's errors leave them.
 
     Chords do not show whether the scanner looks forwards or backwards along its motion:
-    `side` or `R_sensor_guess` tells. With a guess, rows may come in any order; with
-    `side`, those of one motion follow its course. As in the paper, Eq. 17 takes
+    `R_sensor_guess` tells. Rows may come in any order. As in the paper, Eq. 17 takes
     differences of successive motions: with noise, the answer depends on their order.
 
     Parameters
@@ -97,12 +95,9 @@ def solve_disk(
         Two tips of the chord from each pose, each x and z in the sensor frame, mm.
     radius : float
         Of the disk, mm.
-    side : array_like, optional
-        s_i of Eq. 3: 1 where a motion goes towards the sensor's +y, else -1. One number
-        for all motions, or one for each, in the order of their labels in `group` or of
-        their first rows.
-    R_sensor_guess : array_like, (3, 3), optional
-        The rotation from sensor to flange, roughly, from which the s_i follow.
+    R_sensor_guess : array_like, (3, 3)
+        The rotation from sensor to flange, roughly, from which follow the s_i of Eq. 3:
+        1 where a motion goes towards the sensor's +y, else -1.
     group : array_like, (n,), optional
         Labels that poses of one motion share. Left out, orientations that agree within
         0.05° are one motion.
@@ -155,20 +150,13 @@ def solve_disk(
             f"a chord is {longest:.3g} mm long; expected at most {2 * radius:g} mm, "
             "the diameter: are radius and chords of this disk, in mm?"
         )
-    if (side is None) == (R_sensor_guess is None):
-        raise ValueError(
-            "expected one of side, the sign of each motion along the sensor's y, and "
-            "R_sensor_guess, from which it follows"
-        )
-    guess = None
-    if R_sensor_guess is not None:
-        guess = check_array("R_sensor_guess", R_sensor_guess, (3, 3))
-        check_rotations("R_sensor_guess", guess[None], 1)
+    guess = check_array("R_sensor_guess", R_sensor_guess, (3, 3))
+    check_rotations("R_sensor_guess", guess[None], 1)
     number = find_groups("R_tcp", R_tcp, group)
 
     by_x = chords[..., :1].argsort(axis=1)
     tips = np.take_along_axis(chords, by_x, axis=1)
-    return solve_motions(R_tcp, T_tcp, tips, number, radius, heights, guess, side)
+    return solve_motions(R_tcp, T_tcp, tips, number, radius, heights, guess)
 
 
 def solve_motions(
@@ -178,16 +166,14 @@ def solve_motions(
     number: ndarray,
     radius: float,
     heights: str,
-    R_sensor: ndarray | None,
-    side: ArrayLike | None = None,
+    R_sensor: ndarray,
     refuse: bool = True,
 ) -> TwoStepSolution:
     """`solve_disk` for checked arrays (..., n, 3, 3), (..., n, 3) and (..., n, 2, 2),
     the tip of smaller x first, and the numbers (n,) of the poses' motions.
 
     Motions of a batch go the same way through their rows. Signs follow from `R_sensor`
-    (..., 3, 3), or else from `side`. Without `refuse` an answer is given that the poses
-    leave open.
+    (..., 3, 3). Without `refuse` an answer is given that the poses leave open.
     """
     firsts = np.unique(number, return_index=True)[1]
     names = [f"the orientation R_tcp[{first}]" for first in firsts]
@@ -198,12 +184,9 @@ def solve_motions(
     motions = [T_tcp[..., row, :] for row in rows]
     if refuse:
         check_motions(R_tcp, motions, names)
-    if R_sensor is None:
-        s = stated_signs(side, rows, names)
-    else:
-        ways = np.stack([T[..., -1, :] - T[..., 0, :] for T in motions], axis=-2)
-        y = (R_tcp @ R_sensor[..., None, :, :])[..., 1]
-        s = np.sign(np.vecdot(ways, y))
+    ways = np.stack([T[..., -1, :] - T[..., 0, :] for T in motions], axis=-2)
+    y = (R_tcp @ R_sensor[..., None, :, :])[..., 1]
+    s = np.sign(np.vecdot(ways, y))
 
     scans = []
     for k, (row, T) in enumerate(zip(rows, motions, strict=True)):
@@ -222,15 +205,9 @@ def solve_motions(
 
 
 def in_order(T_tcp: ndarray, rows: ndarray) -> ndarray:
-    """Rows (m,) of positions (n, 3) in the order of their motion, (m,).
-
-    It runs along a line, from the one of its two ends that comes first in the rows.
-    """
+    """Rows (m,) of positions (n, 3) in the order of their motion along a line, (m,)."""
     T = T_tcp[rows]
-    place = np.vecdot(T, principal_axes(T)[:1])
-    if place.argmax() < place.argmin():
-        place = -place
-    return rows[place.argsort(kind="stable")]
+    return rows[np.vecdot(T, principal_axes(T)[:1]).argsort(kind="stable")]
 
 
 def steps_along(T: ndarray) -> ndarray:
@@ -269,29 +246,6 @@ def check_motions(R_tcp: ndarray, motions: list[ndarray], names: list[str]) -> N
                 "straight motion (group tells several at one orientation apart)"
             )
     check_orientations(R_tcp)
-
-
-def stated_signs(
-    side: ArrayLike | None, rows: list[ndarray], names: list[str]
-) -> ndarray:
-    """s_i of Eq. 3, (G,), from what `solve_disk` takes; `rows` are those of each motion
-    in its order.
-    """
-    for name, row in zip(names, rows, strict=True):
-        if (np.diff(row) < 0).any():
-            raise ValueError(
-                f"the rows at {name} are not in the order of their motion, so that "
-                "side cannot tell which way it goes; sort them or give R_sensor_guess"
-            )
-    G = len(rows)
-    signs = np.asarray(side)
-    if not np.isin(signs, (-1, 1)).all():
-        raise ValueError(f"side is {side!r}; expected 1 or -1")
-    if signs.shape not in ((), (G,)):
-        raise ValueError(
-            f"side has shape {signs.shape}; expected () or ({G},), one for each motion"
-        )
-    return np.broadcast_to(signs, G)
 
 
 def check_sensing_data(

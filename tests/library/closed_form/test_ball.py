@@ -19,7 +19,7 @@ def table_III():
     R_tcp, T_tcp, q = (
         published.values("disk", "Table III", name) for name in ("R_tcp", "T_tcp", "q")
     )
-    return rotation_from_xyz_angles(R_tcp), T_tcp, q, 4
+    return rotation_from_xyz_angles(R_tcp), T_tcp, q
 
 
 def test_table_III_gives_equations_53_and_56():
