@@ -140,8 +140,10 @@ INVERSE = re.compile(
 )
 
 # the frames that poses are of: Franka's, others'
-TOOL_FRAME = re.compile(r"f_t_n?ee|(?:tool|tcp)[_.]?(?:offset|frame|data)")
-TOOL_ONCE = re.compile(r"(?!.*(?:base|world)).*(?:tool|tcp|ee)")
+TOOL_FRAME = re.compile(
+    r"f_t_n?ee|(?:tool|tcp)[_.]?(?:offset|frame|data)|"
+    r"(?:flange|effector|hand|tool0)_?(?:t_|to_|2_?|in_)?(?:tool|tcp|ee)\b"
+)
 TOOL_OFFSET = re.compile(r"(?:tool |(?:tool|tcp)_?offset_)(\w+)")
 
 # what any text says of the tool, in a line of its own or in JSON; but no address

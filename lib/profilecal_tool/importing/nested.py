@@ -21,7 +21,6 @@ from profilecal_tool.importing.makers import (
     POSITION,
     ROTATION,
     TOOL_FRAME,
-    TOOL_ONCE,
     VECTORS,
     several,
 )
@@ -93,8 +92,7 @@ def poses_in(
     counts = Counter(where for where, part in parts if is_pose(part))
     # there once, where others are of each profile
     once = [place for place in counts if counts[place] == 1 < max(counts.values())]
-    tools = [place for place in once if TOOL_ONCE.match(place)]
-    tools += [place for place in counts if TOOL_FRAME.search(place)]
+    tools = [place for place in counts if TOOL_FRAME.search(place)]
     places = [place for place in counts if place not in (*once, *tools)]
     if not places:
         check_axes(path, chain.from_iterable(part for _, part in parts))
@@ -116,6 +114,8 @@ def poses_in(
                 if not column[-1:].isdigit():  # no part of a list
                     dotted = f"{where}.{column}" if column in cells_of else column
                     cells_of[dotted] = part[column]
+        if "flange" in place:
+            cells_of["tool"], tools = "flange", []
         for above in (numbers[:k] for k in range(len(numbers) + 1)):
             for where, part in records.get(above, {}).items():
                 if where in tools:

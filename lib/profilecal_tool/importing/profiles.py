@@ -406,18 +406,22 @@ def x_and_z(tables: list[Table], layout: Layout) -> dict[str, str]:
     }
 
 
-@np.errstate(invalid="ignore")
+@np.errstate(invalid="ignore", divide="ignore")
 def likely_axes(columns: dict[str, ndarray]) -> list[str]:
     """What may be x and z of columns without titles: those that vary; of more than two
-    those with fractions, and the one that goes on before the one that does not.
+    those with fractions, the one with the most even steps first.
     """
     varied = [n for n, v in columns.items() if np.fmin.reduce(v) < np.fmax.reduce(v)]
     if len(varied) < 3:
         return varied
-    parts = [name for name in varied if np.nansum(columns[name] % 1)]
-    seen = (columns[name][columns[name] != 0] for name in parts)
-    goes_on = [abs(np.nanmean(np.sign(np.diff(values)))) > 0.9 for values in seen]
-    return sorted(parts, key=lambda name: not goes_on[parts.index(name)])
+    evenness = {}
+    for name in varied:
+        cells = columns[name]
+        steps = np.diff(cells[cells != 0])
+        usual = np.nanmedian(steps)
+        if np.nansum(cells % 1):
+            evenness[name] = -np.abs(usual) / np.nanmedian(np.abs(steps - usual))
+    return sorted(evenness, key=evenness.get)
 
 
 def is_count(cells: Sequence) -> bool:

@@ -178,7 +178,7 @@ def from_rows(path: Path, rows: Iterable[Row], among_words: bool = False) -> Tab
     if not widths:
         raise ScanError(f"{path}: no numbers in columns")
     width = max(widths, key=lambda width: (widths[width] > 1, width * widths[width]))
-    alike = [row for row in head if len(row[1]) == width]
+    alike = [row for row in head if len(row[1]) == width and any(row[1])]
     first = next(k for k, (_, fields) in enumerate(alike) if holds_numbers(fields))
     titles = alike[first - 1][1] if first else width * ["1"]  # twice: a number
     x = [*map(number, alike[first][1])]

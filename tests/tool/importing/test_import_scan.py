@@ -1372,6 +1372,13 @@ def beside_one_tool(folder):
     (folder / "poses.json").write_text(json.dumps(content))
 
 
+def of_the_flange(folder):
+    """A tool's frame is there, and the poses are not of it."""
+    T = matrices_of_poses()
+    content = {"flange_T_tcp": TOOL_AT.tolist(), "tool": 3, "T_flange": T.tolist()}
+    (folder / "poses.json").write_text(json.dumps(content))
+
+
 def beside_the_tool(folder):
     rows = np.hstack(
         [poses("KUKA angles", 1, matrices_of_poses() @ TOOL_AT), poses("KUKA angles")]
@@ -1384,10 +1391,38 @@ TOOL_AT = frame(*TOOL)
 
 
 @pytest.mark.parametrize(
-    "of_poses", [in_a_name, in_titles, beside_one_tool, beside_the_tool]
+    "of_poses",
+    [in_a_name, in_titles, beside_one_tool, of_the_flange, beside_the_tool],
 )
 def test_what_poses_are_of_is_in_their_names(of_poses, tmp_path):
-    check_poses(read(written(tmp_path / "files", of_poses))[0])
+    imported, guesses = read(written(tmp_path / "files", of_poses))
+    check_poses(imported)
+    assert "not taken off" not in guesses[1]
+
+
+@pytest.mark.parametrize("name", ["T_tool_camera", "home_tcp"])
+def test_a_frame_that_is_no_tool_is_not_taken_off(name, tmp_path):
+    def write(folder):
+        poses_and_another = {name: TOOL_AT.tolist(), "T": matrices_of_poses().tolist()}
+        (folder / "poses.json").write_text(json.dumps(poses_and_another))
+
+    check_poses(read(written(tmp_path / "files", write))[0])
+
+
+def test_the_column_with_even_steps_is_x(tmp_path):
+    """Behind z of a plane, which goes on as x does; a shade; blank rows first."""
+    x = np.arange(60) * 0.7
+
+    def write(folder):
+        rng = default_rng(5)
+        for k in range(12):
+            z = 80 + k + x + rng.normal(0, 0.05, len(x))
+            rows = np.c_[z, x - 20.05, rng.integers(9, size=len(x))]
+            write_lines(folder / f"p{k}.csv", [",,", *map(text, rows)])
+
+    imported, guesses = read(written(tmp_path / "files", tum, write))
+    assert "x (column 2)" in guesses[2]
+    assert_allclose(imported.values[3][:, 0], x - 20.05, atol=1e-9)
 
 
 def test_a_day_may_come_first(tmp_path):
