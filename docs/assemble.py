@@ -189,9 +189,10 @@ def how_it_was_run(path: Path, notebook: dict) -> str:
             if metadata.get("duration")
             else ""
         )
+    given = parameters(notebook)
     return (
-        f"---\n*This page is `notebooks/{path.name}` as executed with "
-        f"{parameters(notebook)}; environment "
+        f"---\n*This page is `notebooks/{path.name}` as executed"
+        f"{' with ' * bool(given)}{given}; environment "
         f"`{ENVIRONMENT}` (SHA-256 of `environment.txt`).{took}*"
     )
 
