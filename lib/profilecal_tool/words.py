@@ -171,7 +171,7 @@ def mount_check_text(check: MountCheck, kind: str) -> str:
         f"doubted above {check.limit:.3g}",
         f"chance         {check.chance:.2g} that it is larger where nothing has moved",
     ]
-    if not check.as_expected:
+    if not check.as_expected and check.suspects:
         for frame in ("sensor", "flange"):
             sizes, sds = check.alone_mm_deg(frame)
             k = np.argmax(np.abs(sizes) / sds)
@@ -179,6 +179,7 @@ def mount_check_text(check: MountCheck, kind: str) -> str:
             size = f"{sizes[k]:+.2g} ± {sds[k]:.1g}{unit}"
             name = f"{word} the {frame}'s {'xyz'[k % 3]}"
             lines.append(f"as if          moved {size} {name}, and no other way")
+    if not check.as_expected:
         for name, move in (("sensor", check.sensor), (kind, check.target)):
             says = f"{move.chance:.2g} that it is larger if the {name} alone has moved"
             if move.chance < 1:  # else any move explains what so few poses saw

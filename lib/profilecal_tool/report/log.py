@@ -52,7 +52,8 @@ def draw_log(path: Path, picture: Path) -> None:
     above.scatter(dates, chi2 / limit, color=colours, zorder=3)
     above.axhline(1, color=RED, lw=0.8)
     above.set(yscale="log", ylabel="χ² over its limit")
-    plain_log(above.yaxis)
+    if np.ptp(np.log10(chi2 / limit)) < 3:  # decades: of more, powers of ten
+        plain_log(above.yaxis)
     above.set_title("Is everything where the calibration left it?")
     width = np.sqrt(chi2_limit(FALSE_ALARM, 1))
     for axis, colour in zip("xyz", (BLUE, ORANGE, GREEN), strict=True):
