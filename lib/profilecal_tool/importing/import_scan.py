@@ -219,5 +219,7 @@ def files(folder: Path, pattern: str) -> list[Path]:
     paths = [path for path in places if path.is_file()]
     if pattern.strip("*/") and not paths:
         raise ScanError(f"{folder}: no file matches {pattern!r}; is the folder right?")
-    names = [re.sub(r"\d+", lambda digits: digits[0].zfill(20), str(p)) for p in paths]
-    return [path for _, path in sorted(zip(names, paths, strict=True))]
+    return sorted(
+        paths,
+        key=lambda path: re.sub(r"\d+", lambda digits: digits[0].zfill(20), str(path)),
+    )

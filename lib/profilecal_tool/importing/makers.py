@@ -83,11 +83,6 @@ HEADING = re.compile(r"\W*(?:profile?|scan|frame|轮廓|プロファイル)\W*\d
 # numbers that stand for nothing seen
 CODE = re.compile(r"-?(?:9+(?:\.9+)?|327\d\d|21474836\d\d)")
 
-# encodings of text that is not UTF-8, and words and signs that tell which it is
-ENCODINGS = ["cp1252", "gb18030", "cp932", "big5", "cp949", "cp1251"]
-FOREIGN = ["°", "µ", "坐标", "座標", "位姿", "좌표"]
-FOREIGN += [word for word in (*LABELS, *HEIGHTS) if not word.isascii()]
-
 # units of length, mm; a table's lengths may be parts of these: 0.01 um
 LENGTHS = {
     unit: float(mm)
@@ -102,6 +97,11 @@ UNITS = renamed(
     "°=deg degree=deg degrees=deg degrés=deg grad=deg gradi=deg grados=deg "
     "град=deg 度=deg мм=mm 毫米=mm"
 )
+
+# encodings of text that is not UTF-8, and words and signs that tell which it is
+ENCODINGS = ["cp1252", "gb18030", "cp932", "big5", "cp949", "cp1251"]
+FOREIGN = ["µ", "坐标", "座標", "位姿", "좌표"]
+FOREIGN += [word for word in (*LABELS, *HEIGHTS, *UNITS) if not word.isascii()]
 
 # units of angles in degrees; of what are no angles but vectors
 ANGLES = {"": 1.0, "deg": 1.0, "rad": degrees(1), "mrad": degrees(0.001)}

@@ -58,10 +58,11 @@ def match(
         pairing = Pairing(np.arange(len(names)), [], how)
     if pairing is None:
         among = f"; left out: {listed(left)}" if left else ""
+        many = "one profile" if len(names) == 1 else f"{len(names)} profiles"
         raise ScanError(
-            f"{poses.path}: {len(names)} profiles for {len(poses.lines)} poses, and no "
-            f"column has the profiles' names, numbers or times; add one, or "
-            f"say which files: --poses, --profiles{among}"
+            f"{poses.path}: {many} for {len(poses.lines)} poses, and no column has "
+            "names, numbers or times of profiles; add one, or say which files: "
+            f"--poses, --profiles{among}"
         )
     rows, labels, how = pairing
     order = np.argsort(rows, kind="stable")
@@ -166,7 +167,7 @@ def nearest(
     apart = apart.min(axis=0)
     is_near = apart <= np.median(np.diff(of_poses))
     how = "by time"
-    if is_near.any() and len(of_poses) > 2 * len(of_profiles):
+    if len(of_poses) > 2 * len(of_profiles):
         is_near &= stands_still(poses, order, turn)[after - 1]
         how = "by time, where the robot stands still"
     if is_near.mean() < 0.5:

@@ -216,24 +216,21 @@ def by_words(units: dict[str, str]) -> dict[str, str]:
     each is there once: "tcp_x" is x.
     """
     known = {*"xyz"}.union(*(convention.columns for convention in CONVENTIONS))
-    words = [
-        known & {*placed(re.split(r"[\W_]+", name), [""])[1]} or known & words_in(name)
+    words = {
+        name: known & {*placed(re.split(r"[\W_]+", name), [""])[1]}
+        or known & words_in(name)
         for name in units
-    ]
-    if any("flange" in name for name in units):
-        is_twice = [words.count(own) > 1 for own in words]
-        pairs = zip(words, units, is_twice, strict=True)
-        words = [
-            own if "flange" in name or not twice else set()
-            for own, name, twice in pairs
-        ]
+    }
+    of_flange = {name: words[name] for name in units if "flange" in name}
+    by_flange = set().union(*of_flange.values())
+    meant = [of_flange.get(name, own - by_flange) for name, own in words.items()]
     named = {}
-    for own, (name, unit) in zip(words, units.items(), strict=True):
+    for own, (name, unit) in zip(meant, units.items(), strict=True):
         if offset := TOOL_OFFSET.fullmatch(name):
             name = f"tool {offset[1]}"
         elif re.fullmatch(TOOL_WORDS, name) and "tool" not in units | named:
             name = "tool"
-        elif len(own) == 1 and words.count(own) == 1:
+        elif len(own) == 1 and meant.count(own) == 1:
             is_vector = re.match(rf"(?:{VECTORS})_", name)
             name, unit = min(own), unit or ("1" if is_vector else "")
         named[name] = unit
@@ -366,9 +363,7 @@ def check_angles(poses: Table, convention: Convention, said: str) -> list[str]:
     far = largest > LARGEST_ANGLE_DEG
     if convention.sequence and units == {""} and (far or angle == "rad"):
         unit = "mrad" if far else "rad"
-        is_fine = np.abs(poses.numbers("xyz")).max() > REACH_MM[1]
-        titles = {axis: f"{axis} [um]" for axis in "xyz" if is_fine}
-        titles |= {name: f"{name} [{unit}]" for name in names}
+        titles = {name: f"{name} [{unit}]" for name in names}
         raise ScanError(
             f"{poses.path}: {listed(names)} are at most {largest:.4g}: {unit}, or deg"
             f'rees? Say so: --pose-columns "{retitled(poses, titles)}", or with [deg]'

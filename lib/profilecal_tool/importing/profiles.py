@@ -171,7 +171,7 @@ def chosen_rows(table: Table, where: str) -> Table:
     Raises ScanError where there is no such column.
     """
     name, _, value = (part.strip().lower() for part in where.partition("="))
-    if not where or not table.columns:
+    if not where:
         return table
     if name not in table.columns:
         raise ScanError(
@@ -369,7 +369,7 @@ def x_and_z(tables: list[Table], layout: Layout) -> dict[str, str]:
         axes = names_and_units(layout.columns.split(","))
     else:
         mean = [
-            [axis] if axis in names else [n for n in names if axis in words_in(n)]
+            [axis] if axis in names else [n for n in names if axis in words_in(stem(n))]
             for axis in "xz"
         ]
         axes = {some[0]: "" for some in mean if len(some) == 1}

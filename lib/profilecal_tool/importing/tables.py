@@ -9,7 +9,6 @@ from itertools import chain, islice
 from pathlib import Path
 
 import numpy as np
-from charset_normalizer import from_bytes
 from numpy import ndarray
 
 from profilecal.scan.conventions import CONVENTIONS
@@ -110,8 +109,7 @@ def encoding_of(paths: list[Path]) -> str:
     """The encoding of those files that are not UTF-8, "" if there are none.
 
     Titles are too short to tell languages apart by their letters. Of the encodings
-    that are possible it is the one in which they say most of the words that we know;
-    where they say none, cp1252 if most letters beyond ASCII stand alone, as accents do.
+    that are possible it is the one in which they say most of the words that we know.
     """
     titles = {}
     for path in paths:
@@ -123,12 +121,8 @@ def encoding_of(paths: list[Path]) -> str:
     sample = b"\n".join(titles)[:10_000]
     if not sample:
         return ""
-    runs = re.findall(rb"[\x80-\xff]+", sample)
-    are_accents = 2 * sum(len(run) == 1 for run in runs) > len(runs)
-    matches = [] if are_accents else from_bytes(sample, cp_isolation=ENCODINGS)
-    ranked = [match.encoding for match in matches]
     texts = {}
-    for encoding in (*ranked, *ENCODINGS):
+    for encoding in ENCODINGS:
         with suppress(UnicodeDecodeError):
             texts[encoding] = sample.decode(encoding).lower()
     known = {name: sum(map(text.count, FOREIGN)) for name, text in texts.items()}

@@ -59,10 +59,10 @@ from simulated import scan_of
 from profilecal.calibration.calibration import calibrate
 from profilecal.scan.conventions import from_rotations, named
 from profilecal.scan.folder import read_scan, write_scan
-from profilecal.scan.tables import ScanError
+from profilecal.scan.tables import ScanError, Table
 from profilecal.targets import TARGETS
 from profilecal_tool.importing.import_scan import Layout, import_scan
-from profilecal_tool.importing.profiles import profiles_of, read_profiles
+from profilecal_tool.importing.profiles import profiles_of, read_profiles, x_and_z
 from profilecal_tool.importing.tables import encoding_of
 
 FUZZ = int(os.environ.get("PROFILECAL_FUZZ", "60"))
@@ -647,6 +647,22 @@ def test_which_of_two_scanners_is_asked(of_profiles, sentence, tmp_path):
     said = refuse(folder, sentence)
     (pattern,) = re.findall("--profiles '(.*?)'", said)
     check_poses(read(folder, profiles=pattern)[0])
+
+
+def test_columns_of_two_scanners_are_named_in_pairs(tmp_path):
+    points = dict.fromkeys(("x1", "z1", "x2", "z2"), np.arange(3.0))
+    table = Table(tmp_path / "p1.csv", points, [1, 2, 3], units=dict.fromkeys(points))
+    with pytest.raises(ScanError, match='--columns "x1,z1"'):
+        x_and_z([table], Layout())
+
+
+def test_one_column_of_z_needs_x_of_its_points(tmp_path):
+    folder = written(tmp_path / "files", csv)
+    for path in folder.glob("scan_*"):
+        path.write_text("z\n" + "".join(f"{100 + k % 7}.5\n" for k in range(50)))
+    refuse(folder, "z alone, and x nowhere; .*--x START PITCH")
+    imported, _ = read(folder, x=(-40.0, 0.5))
+    assert_allclose(imported.values[0][:, 0], -40 + 0.5 * np.arange(50))
 
 
 LANGUAGES = {  # a move, and what is said of the tool
