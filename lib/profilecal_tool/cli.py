@@ -519,7 +519,8 @@ def check(folder):
 
     with working("checking"):
         lines = check(read_scan(folder))
-    echo("\n".join([*lines, f"next: profilecal calibrate {folder}"]))
+    mind = "mind the notes, then " * any(line.startswith("note ") for line in lines)
+    echo("\n".join([*lines, f"next: {mind}profilecal calibrate {folder}"]))
 
 
 @main.command()
