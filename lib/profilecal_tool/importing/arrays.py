@@ -39,19 +39,17 @@ UNREADABLE = (
 
 def arrays_in(path: Path) -> dict[str, ndarray]:
     """The arrays of numbers in a file, by name. Raises ScanError."""
+    is_matlab = path.suffix.lower() == ".mat"
     with naming(path), path.open("rb") as file:
         try:
-            if path.suffix.lower() == ".mat":
-                content = loadmat(file)
-            else:
-                content = np.load(file, allow_pickle=False)
+            content = loadmat(file) if is_matlab else np.load(file, allow_pickle=False)
             if isinstance(content, ndarray):
                 return {"": np.asarray(content, float)}
             arrays = {name: np.asarray(content[name]) for name in content}
         except UNREADABLE as error:
             raise ScanError(f"{path}: not an array of numbers ({error})") from error
     return {
-        name: firsts_first(values.astype(float)) if path.suffix == ".mat" else values
+        name: firsts_first(values.astype(float)) if is_matlab else values
         for name, values in arrays.items()
         if values.dtype.kind in "iuf" and values.size
     }

@@ -51,11 +51,10 @@ def import_scan(
     poses, convention, guessed = pose_table(of_poses, layout, left)
     count = len(poses.lines)
     tables = [read_profiles(path, count, layout) for path in of_profiles]
-    first = tables[0]
-    unit = unit_s(first)
+    unit = unit_s(tables[0])
     of_one = count if len(tables) == 1 else 0
     names, *read = profiles_of(tables, of_one, layout, poses.columns)
-    del tables, first
+    del tables
     values, taken_profiles = seen_in_mm(folder, *read, layout.missing)
     if layout.times:
         unit, names = 1.0, evenly(*layout.times, len(names))

@@ -165,6 +165,14 @@ TOOL_SAID = re.compile(
     re.IGNORECASE | re.MULTILINE,
 )
 
+# and of the base, in a line of its own
+BASE_SAID = re.compile(
+    r"^[^\w\n]*(?:user[ _-]?(?:frame|coord\w*)|work[ _-]?object|base[ _-]?(?:frame|no)|"
+    r"u(?:ser)?frame|用户坐标系|工件坐标系)[ _]?(?:nr|no|number)?\.?[ \t]*[:：=]"
+    rf"[ \t\"']*{TOOL_VALUE}[\"']?[ \t,;\r]*$",
+    re.IGNORECASE | re.MULTILINE,
+)
+
 # axes that are no pose
 JOINTS = re.compile(r"(?:j|a|q|joint|axis|theta|pulse)_?([1-6])")
 

@@ -28,6 +28,7 @@ from profilecal_tool.importing.key_value import Named, in_table
 from profilecal_tool.importing.layout import Layout
 from profilecal_tool.importing.makers import (
     ANGLES,
+    BASE_SAID,
     EXTERNAL,
     FRAMES,
     INVERSE,
@@ -195,7 +196,7 @@ def pose_table(
         columns.setdefault("pose", table.lines)
     if "tool x" in columns:
         columns.setdefault("tool", len(table.lines) * ["offset"])
-    if not columns.keys() & {"tool", UNSAID}:
+    if UNSAID not in columns:
         texts = [
             paths[0].stem,
             *(f"tool: {name}" for name in left if re.match(TOOL_WORDS, name, re.I)),
@@ -203,10 +204,11 @@ def pose_table(
         if paths[0].suffix not in ENDINGS:
             text = closed_text(paths[0], layout.encoding, layout.entry, of_poses=True)
             texts.append(text[: LONGEST // 10])
-        for match in TOOL_SAID.finditer("\n".join(texts)):
-            name = match[match.lastindex].strip()
-            if name.strip("-+0., ;\t") and name.lower() not in NO_FRAME:
-                columns.setdefault("tool", len(table.lines) * [name])
+        for which, said in {"tool": TOOL_SAID, "base": BASE_SAID}.items():
+            for match in said.finditer("\n".join(texts)):
+                name = match[match.lastindex].strip()
+                if name.strip("-+0., ;\t") and name.lower() not in NO_FRAME:
+                    columns.setdefault(which, len(table.lines) * [name])
     table = replace(table, columns=columns, units=units)
     return table, conventions[0], guessed
 

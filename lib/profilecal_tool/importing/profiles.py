@@ -244,13 +244,11 @@ def labels_of(
     one in each of its rows.
     """
     others = [name for name in table.columns if not is_other(name, axes)]
-    names = [name for name in LABELS if name in others]
     others.sort(key=lambda name: (name not in of_poses, not TIMES.search(name)))
-    names += others
     if not count:
-        names = [ROW] if len(others) == len(table.columns) - 2 else []
-    for name in names:
-        k = blocks(table.columns[name]) if name in others else 0
+        others = [ROW] if {*table.columns} == {*axes, ROW} else []
+    for name in (name for name in (*LABELS, *others) if name in others):
+        k = blocks(table.columns[name])
         is_usual = name in (*LABELS, ROW) or count / 2 <= k <= 2 * count
         is_time = TIMES.search(name) is not None  # of a log, one for each profile
         one_each = k == len(xz) and (is_time or name == ROW)
@@ -372,12 +370,11 @@ def x_and_z(tables: list[Table], layout: Layout) -> dict[str, str]:
             [axis] if axis in names else [n for n in names if axis in words_in(stem(n))]
             for axis in "xz"
         ]
+        if len(names) == 2 and [] in mean:
+            of_other = mean.index([])
+            mean[of_other] = [name for name in names if [name] not in mean]
         axes = {some[0]: "" for some in mean if len(some) == 1}
         likely = [some[0] for some in mean if some]
-    if len(axes) == 1 and len(names) == 2 and not layout.columns:
-        (known,) = axes
-        (other,) = {*names} - axes.keys()
-        axes = {other: ""} | axes if "z" in words_in(known) else axes | {other: ""}
     if not axes and len(likely) < 2:
         bare = [*filter(str.isdigit, names)]
         likely = likely_axes(

@@ -121,11 +121,11 @@ def encoding_of(paths: list[Path]) -> str:
     sample = b"\n".join(titles)[:10_000]
     if not sample:
         return ""
-    texts = {}
+    known = {}
     for encoding in ENCODINGS:
         with suppress(UnicodeDecodeError):
-            texts[encoding] = sample.decode(encoding).lower()
-    known = {name: sum(map(text.count, FOREIGN)) for name, text in texts.items()}
+            text = sample.decode(encoding).lower()
+            known[encoding] = sum(map(text.count, FOREIGN))
     return max(known, key=known.__getitem__, default="")
 
 

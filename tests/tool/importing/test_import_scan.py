@@ -665,6 +665,26 @@ def test_one_column_of_z_needs_x_of_its_points(tmp_path):
     assert_allclose(imported.values[0][:, 0], -40 + 0.5 * np.arange(50))
 
 
+@pytest.mark.parametrize(
+    ("remark", "base"),
+    [
+        ("# User frame: 3", "3"),
+        ("# work_object = table", "table"),
+        ("# Base no: 0", ""),
+    ],
+)
+def test_a_base_that_a_remark_names_is_told_where_the_scanner_stands(
+    remark, base, tmp_path
+):
+    folder = written(tmp_path / "files", csv)
+    robot = folder / "robot.csv"
+    robot.write_text(f"{remark}\n{robot.read_text()}")
+    told = f"the poses are of base or user frame {base}, and so will be the sensor pose"
+    _, guesses = read(folder, mount="eye-to-hand")
+    assert any(told in line for line in guesses) == bool(base)
+    assert not any("user frame" in line for line in read(folder)[1])
+
+
 LANGUAGES = {  # a move, and what is said of the tool
     "moveto([{}], 50, 100)": ("  settcp([12,-35,180,10,-20,30])", "tool (12, -35, 180"),
     "MOVEX A=1,AC=0,M1X,L,({})U,S=100,H=2,MS": ("10 REM", "tool 2"),
