@@ -371,6 +371,12 @@ def tally(gathered: Gathered) -> pd.DataFrame:
     return pd.DataFrame(lines, columns=columns)
 
 
+AGREEMENTS = (
+    "reproduced from printed inputs",
+    "compatible with unprinted settings that we chose",
+)
+
+
 def sentence(gathered: Gathered) -> str:
     """What became of the printed results, in three counts."""
     given: list[str] = []
@@ -380,12 +386,15 @@ def sentence(gathered: Gathered) -> str:
     printed = len(given + chosen)
     in_vain = (given + chosen).count("not testable")
     counted = [[v for v in part if v != "not testable"] for part in (given, chosen)]
-    agree = [f"{len(part) - part.count('differs')} of {len(part)}" for part in counted]
+    agree = [
+        f"{len(part) - part.count('differs')} of {len(part)} are {agreement}"
+        for part, agreement in zip(counted, AGREEMENTS, strict=True)
+        if part
+    ]
     return (
         f"Of {printed} printed results {in_vain} could hardly have failed, and do not "
-        f"count. Of the others, {agree[0]} are reproduced from printed inputs, and "
-        f"{agree[1]} are compatible with unprinted settings that we chose; for the "
-        "rest the pages say why they differ."
+        f"count. Of the others, {', and '.join(agree) or 'none is left'}; for the rest "
+        "the pages say why they differ."
     )
 
 

@@ -55,6 +55,7 @@ def test_what_nothing_makes_fail_does_not_count():
     assert verdicts == ["reproduced", "not testable", "not testable"] * 4
     told = items.sentence([("11", counted)])
     assert "4 of 4 are reproduced" in told
+    assert "compatible" not in told  # there is none of these
     assert told.startswith("Of 12 printed results 8 could hardly have failed")
     assert items.scorecard([("11", counted)])["would have failed"][0] == "some"
 
