@@ -665,6 +665,26 @@ def test_one_column_of_z_needs_x_of_its_points(tmp_path):
     assert_allclose(imported.values[0][:, 0], -40 + 0.5 * np.arange(50))
 
 
+def test_spaces_part_numbers_with_decimal_commas(tmp_path):
+    folder = written(tmp_path / "files", csv)
+    rows = [f"{k / 2 - 12.25:.2f} {100 + k % 7}.5" for k in range(50)]
+    for path in folder.glob("scan_*"):
+        path.write_text("\n".join(rows).replace(".", ","))
+    expected = [[float(cell) for cell in row.split()] for row in rows]
+    assert_allclose(read(folder)[0].values[0], expected)
+
+
+def test_one_point_is_no_profile(tmp_path):
+    folder = written(tmp_path / "files", csv)
+    path = folder / "scan_003.csv"
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join(lines[:2]))
+    imported, _ = read(folder)
+    assert [*map(len, imported.values)].count(0) == 1
+    write_scan(imported, tmp_path / "scan")
+    read_scan(tmp_path / "scan")
+
+
 @pytest.mark.parametrize(
     ("remark", "base"),
     [
