@@ -9,6 +9,7 @@ from itertools import chain, islice
 from pathlib import Path
 
 import numpy as np
+from charset_normalizer import from_bytes
 from numpy import ndarray
 
 from profilecal.scan.conventions import CONVENTIONS
@@ -109,7 +110,8 @@ def encoding_of(paths: list[Path]) -> str:
     """The encoding of those files that are not UTF-8, "" if there are none.
 
     Titles are too short to tell languages apart by their letters. Of the encodings
-    that are possible it is the one in which they say most of the words that we know.
+    that are possible it is the one in which they say most of the words that we know;
+    where they say none, cp1252 if most letters beyond ASCII stand alone, as accents do.
     """
     titles = {}
     for path in paths:
@@ -121,8 +123,11 @@ def encoding_of(paths: list[Path]) -> str:
     sample = b"\n".join(titles)[:10_000]
     if not sample:
         return ""
+    runs = re.findall(rb"[\x80-\xff]+", sample)
+    are_accents = 2 * sum(len(run) == 1 for run in runs) > len(runs)
+    matches = [] if are_accents else from_bytes(sample, cp_isolation=ENCODINGS)
     known = {}
-    for encoding in ENCODINGS:
+    for encoding in (*(match.encoding for match in matches), *ENCODINGS):
         with suppress(UnicodeDecodeError):
             text = sample.decode(encoding).lower()
             known[encoding] = sum(map(text.count, FOREIGN))

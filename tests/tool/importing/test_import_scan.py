@@ -222,9 +222,14 @@ def test_poses_are_numbered_in_any_column_and_encoding(
 
 @pytest.mark.parametrize(
     ("title", "encoding"),
-    [("Relevé", "cp1252"), ("X;Z;qualité", "cp1252"), ("Точка;X (мм)", "cp1251")],
+    [
+        ("Relevé", "cp1252"),
+        ("X;Z;qualité", "cp1252"),
+        ("Точка;X (мм)", "cp1251"),
+        ("编组,横向,纵向", "gb18030"),
+    ],
 )
-def test_accents_that_stand_alone_are_western(title, encoding, tmp_path):
+def test_titles_tell_their_encoding(title, encoding, tmp_path):
     (tmp_path / "p.csv").write_bytes(title.encode(encoding))
     assert encoding_of([tmp_path / "p.csv"]) == encoding
 
