@@ -519,8 +519,9 @@ def check(folder):
 
     with working("checking"):
         lines = check(read_scan(folder))
-    mind = "mind the notes, then " * any(line.startswith("note ") for line in lines)
-    echo("\n".join([*lines, f"next: {mind}profilecal calibrate {folder}"]))
+    has_notes = any(line.startswith("note ") for line in lines)
+    first = "mind the notes, then " if has_notes else ""
+    echo("\n".join([*lines, f"next: {first}profilecal calibrate {folder}"]))
 
 
 @main.command()

@@ -98,7 +98,8 @@ def across(table: Table, count: int, start: tuple[float, float] | None) -> Table
     x, z = numbered(names, "x"), numbered(names, "z")
     z = z or [name for name in names if np.isfinite(number(name))]
     heights = [n for n in names if "z" in words_in(n)]
-    heights = heights or names[-1:] * (len(names) < 3)
+    if len(names) < 3:
+        heights = heights or names[-1:]
     is_down = len(x) == len(z) == count != len(lines)
     if names[0] == "x" and len({*map(stem, names[1:])}) == 1 < len(names) - 4:
         if is_rising(table.numbers("x", blank=True)[:, 0]):

@@ -119,7 +119,9 @@ def encoding_of(paths: list[Path]) -> str:
             content = path.read_bytes()
         if b"\0" not in content and not content.isascii():
             lines = re.findall(rb"(?m)^.*[\x80-\xff].*", content)
-            titles |= {k: 0 for k in lines if k.decode(errors="ignore").encode() != k}
+            titles |= dict.fromkeys(
+                line for line in lines if line.decode(errors="ignore").encode() != line
+            )
     sample = b"\n".join(titles)[:10_000]
     if not sample:
         return ""
