@@ -16,7 +16,6 @@ from contextlib import ExitStack, contextmanager
 from hashlib import sha256
 from importlib import metadata
 from itertools import product
-from multiprocessing.resource_tracker import ensure_running
 from pathlib import Path
 from typing import Any
 
@@ -216,6 +215,8 @@ def uninterrupted() -> Iterator[None]:
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
+    from multiprocessing.resource_tracker import ensure_running
+
     ensure_running()  # which would let it through again
     signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
     try:
