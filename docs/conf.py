@@ -105,7 +105,8 @@ def as_written(app, doctree):
 
 def folded(app, doctree):
     """What a page has under its heading Details opens when it is asked to."""
-    fold = "<details class='last'><summary>Checks, other readings, what was tried</summary>"
+    said = "Checks, other readings, what was tried"
+    fold = f"<details class='last'><summary>{said}</summary>"
     for section in doctree.findall(nodes.section):
         if section[0].astext() == "Details":
             section.insert(1, nodes.raw("", fold, format="html"))

@@ -91,8 +91,8 @@ class Row:
 
     @property
     def ours_shown(self) -> str:
-        """Ours with its range, if there is one."""
-        ends = f" [{self.shown(self.low)}, {self.shown(self.high)}]"
+        """Ours with its range, if there is one, on a line of its own."""
+        ends = f"<br>[{self.shown(self.low)}, {self.shown(self.high)}]"
         return self.shown(self.ours) + ends * (self.low < self.high)
 
 
@@ -196,12 +196,9 @@ def as_table(item: Item) -> pd.DataFrame:
     marks = {"differs": "✗", "not testable": "(✓)"}
     printed, ours = defaultdict(dict), defaultdict(dict)
     for row in item.rows:
-        name, column = (row.quantity, row.row), row.column
-        if row.reading:
-            name, column = (
-                (row.quantity, f"{row.row} {row.column}".strip()),
-                row.reading,
-            )
+        parts = [row.quantity, row.row, row.column if row.reading else ""]
+        name = " ".join(filter(None, parts))
+        column = row.reading or row.column
         mark = marks.get(item.verdict(row), "✓")
         printed[name][column] = f"<b>{row.as_printed}</b> {mark}"
         ours[name][column] = row.ours_shown

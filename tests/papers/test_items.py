@@ -90,8 +90,8 @@ def test_what_we_found_once_for_all_columns_is_shown_once():
     printed = np.abs(published.values("edge", "Table 1", mean))
     three = [np.full_like(printed, value) for value in (1.5, 0.25, 2.75)]
     html = shown(compare("edge", "Table 1", "", {mean: three}, why="narrow"), "html")
-    assert html.count("<td>1.50 [0.25, 2.75]</td>") == 4
-    assert html.count("<br>") == 0
+    assert html.count("<td>1.50<br>[0.25, 2.75]</td>") == 4
+    assert html.count("<br>") == 4
     assert "<b>−1.03</b> ✗" in html
 
 
@@ -100,7 +100,7 @@ def test_a_matrix_stands_in_its_rows_with_ours_below():
     three = [pose, pose - 0.00123, pose + 0.00123]
     html = shown(compare("disk", "Eq. 49", "pose", {"Lambda": three}), "html")
     assert "<td><b>6.02520</b>" not in html  # as printed
-    assert "<td><b>6.0252</b> (✓)<br>6.02520 [6.02397, 6.02643]</td>" in html
+    assert "<td><b>6.0252</b> (✓)<br>6.02520<br>[6.02397, 6.02643]</td>" in html
 
 
 def test_readings_stand_side_by_side():
@@ -113,7 +113,7 @@ def test_readings_stand_side_by_side():
     item = compare("disk", "Section V-D2", "spread", found, **about)
     assert item.verdicts == ["differs", "not testable"]
     (line,) = [line for line in shown(item, "plain").splitlines() if key in line]
-    assert line.split("  ")[-2:] == ["0.342 ✗ | 0.326", "0.342 (✓) | 0.342"]
+    assert line.endswith("0.342 ✗ | 0.326  0.342 (✓) | 0.342")
     assert "the other" not in item.summary
 
 
