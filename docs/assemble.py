@@ -191,9 +191,9 @@ def how_it_was_run(path: Path, notebook: dict) -> str:
         )
     given = parameters(notebook)
     return (
-        f"---\n*This page is `notebooks/{path.name}` as executed"
+        f"## This page\n\n`notebooks/{path.name}` as executed"
         f"{' with ' * bool(given)}{given}; environment "
-        f"`{ENVIRONMENT}` (SHA-256 of `environment.txt`).{took}*"
+        f"`{ENVIRONMENT}` (SHA-256 of `environment.txt`).{took}"
     )
 
 

@@ -10,6 +10,7 @@ from dataclasses import is_dataclass
 
 import numpy.typing
 import sphinx.pycode.parser
+from docutils import nodes
 from sphinx.addnodes import pending_xref
 from sphinx.ext.napoleon import NumpyDocstring
 from sphinx.util.nodes import make_refnode
@@ -102,6 +103,16 @@ def as_written(app, doctree):
             node["py:module"] = None
 
 
+def folded(app, doctree):
+    """What a page has under its heading Details opens when it is asked to."""
+    said = "Checks, other readings, what was tried"
+    fold = f"<details class='last'><summary>{said}</summary>"
+    for section in doctree.findall(nodes.section):
+        if section[0].astext() == "Details":
+            section.insert(1, nodes.raw("", fold, format="html"))
+            section.append(nodes.raw("", "</details>", format="html"))
+
+
 def nearest(app, env, node, contnode):
     """A link to the public name, or the only class, function or module, that a name
     can mean.
@@ -126,4 +137,5 @@ def setup(app):
     app.connect("autodoc-process-docstring", as_plain_text)
     app.connect("autodoc-process-signature", fields_alone)
     app.connect("doctree-read", as_written)
+    app.connect("doctree-read", folded)
     app.connect("missing-reference", nearest)

@@ -202,6 +202,17 @@ def checked(*sentences: str) -> None:
     text("> **Checked.**", *sentences)
 
 
+def share(hits: ArrayLike, digits: int = 2) -> str:
+    """How large a share of trials hit, with its 95 % interval, exact for any number of
+    them, such as "0.83 [0.74, 0.90]".
+    """
+    from scipy.stats import binomtest
+
+    hits = np.ravel(hits)
+    low, high = binomtest(int(hits.sum()), len(hits)).proportion_ci()
+    return f"{hits.mean():.{digits}f} [{low:.{digits}f}, {high:.{digits}f}]"
+
+
 def below(values: ArrayLike, limit: float) -> str:
     """The limit in words, or by how much a value misses it, which under a page's own
     parameters is an error. Raises ValueError.

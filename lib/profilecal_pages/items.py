@@ -16,7 +16,6 @@ from collections import defaultdict
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 
 MIME = "application/vnd.profilecal.item+json"
@@ -73,17 +72,12 @@ class Row:
         return [name for name, (_, *ends) in ranges if not self.lies_inside(*ends)]
 
     @property
-    def allowed(self) -> float:
-        """How far from ours the range reaches, on the printed number's side."""
-        end = self.high if float(self.printed) > self.ours else self.low
-        return abs(end - self.ours)
-
-    @property
     def over_tolerance(self) -> float:
-        """The difference as a multiple of what is allowed and half a printed digit; up
-        to 1 is inside.
+        """The difference as a multiple of what is allowed on the printed number's side
+        and half a printed digit; up to 1 is inside.
         """
-        return abs(self.difference) / (self.allowed + self.half_unit)
+        end = self.high if self.difference < 0 else self.low
+        return abs(self.difference) / (abs(end - self.ours) + self.half_unit)
 
     @property
     def as_printed(self) -> str:
@@ -95,15 +89,16 @@ class Row:
         text = f"{value:.{self.decimals}f}"
         return text.replace("-", "−" if float(text) else "")
 
+    @property
+    def ours_shown(self) -> str:
+        """Ours with its range, if there is one, on a line of its own."""
+        ends = f"<br>[{self.shown(self.low)}, {self.shown(self.high)}]"
+        return self.shown(self.ours) + ends * (self.low < self.high)
+
 
 @dataclass(frozen=True)
 class Item:
-    """A table, equation or figure of a paper beside ours, which shows itself.
-
-    `layout`: "table", the paper's rows and columns, printed above ours; "list", a line
-    for each number; "matrix", printed, ours and their difference one below the other,
-    with how large it may be.
-    """
+    """A table, equation or figure of a paper beside ours, which shows itself."""
 
     paper: str  # "edge" or "disk"
     item: str  # such as "Table 1"
@@ -113,12 +108,10 @@ class Item:
     # exact
     range_from: str = ""
     free: str = ""  # settings that were chosen to agree
-    layout: str = "table"
     # why its numbers cannot fail: "arithmetic on printed matrices", "a recount of ..."
     apart: str = ""
-    # which of the paper's words its rows read in several ways, such as "standard
-    # deviation": one reading counts, for all items with that word
-    word: str = ""
+    # that counts, where its rows read one of the paper's words in several ways
+    reading: str = ""
     # the range of the free settings, and the share of it under which at least one
     # number fails
     settings: str = ""
@@ -135,60 +128,59 @@ class Item:
         return "compatible" if self.free else "reproduced"
 
     @property
-    def inside(self) -> list[bool]:
-        """Of each row, whether the printed number lies inside our range."""
-        return [row.inside for row in self.rows]
+    def verdicts(self) -> list[str]:
+        """Of each row."""
+        return [*map(self.verdict, self.rows)]
 
     @property
-    def tried(self) -> list[str]:
-        """What was done otherwise."""
-        return [*dict.fromkeys(name for row in self.rows for name in row.otherwise)]
+    def counted(self) -> "Item":
+        """The item with the rows of the reading that counts alone."""
+        rows = tuple(row for row in self.rows if row.reading == self.reading)
+        return replace(self, rows=rows)
 
-    def by(self, what: str) -> "dict[str, Item]":
-        """What it is for each `what` of its rows: each "reading", each "quantity"."""
-        rows = defaultdict(list)
+    @property
+    def agreements(self) -> dict[str, str]:
+        """How many of the printed numbers lie inside our ranges, such as "11 of 12", by
+        what was done otherwise.
+        """
+        inside = defaultdict(list)
         for row in self.rows:
-            rows[getattr(row, what)].append(row)
-        return {name: replace(self, rows=tuple(part)) for name, part in rows.items()}
+            for name in row.otherwise:
+                inside[name].append(name not in row.failed)
+        return {name: f"{sum(of)} of {len(of)}" for name, of in inside.items()}
 
     @property
     def summary(self) -> str:
-        """How many of the printed numbers lie inside our ranges. Under a list or a
-        matrix also how many would otherwise, and what was free; a page with tables
-        tells both once for all of them.
+        """How many of the printed numbers lie inside our ranges, and how many would
+        otherwise; what was free; why some differ.
         """
-        which, kind = "that agree with ours", "reading"
-        if self.range_from:
-            which = f"inside our ranges ({self.range_from})"
-        if self.layout == "table":
-            which, kind = "inside our 95 % ranges", "quantity"
-        counts = ", ".join(
-            f"{name} {sum(part.inside)} of {len(part.rows)}".strip()
-            for name, part in self.by(kind).items()
-        )
-        said = [f"Printed numbers {which}: {counts}."]
-        others = "; ".join(f"{name}, {passing(self, name)}" for name in self.tried)
+        of = self.counted
+        inside = len(of.rows) - of.verdicts.count("differs")
+        ranges = f"Inside our ranges ({self.range_from})"
+        where = ranges if self.range_from else "As ours"
+        said = [f"{where}: {inside} of {len(of.rows)}."]
+        if self.reading:
+            said.append(f"The reading that counts: {self.reading}.")
         if self.apart:
             said.append(f"Not counted: {self.apart}.")
-        elif self.layout != "table":
-            if others:
-                said.append(f"If we change one thing, this many agree: {others}.")
-            if self.free:
-                said.append(f"Free settings: {self.free}.")
+        elif of.agreements:
+            others = "; ".join(map(", ".join, of.agreements.items()))
+            said.append(f"If we change one thing: {others}.")
+        if self.free:
+            said.append(f"Free settings: {self.free}.")
         if self.share_failing is not None:
             said.append(
                 f"At least one number fails under {100 * self.share_failing:.0f} % of "
                 f"the settings {self.settings}."
             )
+        reasons = dict.fromkeys(row.why for row in of.rows if row.why)
+        said += [f"✗: {why}." for why in reasons]
         return " ".join(said)
 
     def _repr_mimebundle_(self, include: object = None, exclude: object = None) -> dict:
-        layouts = {"table": as_table, "list": as_list, "matrix": as_matrices}
-        frame = layouts[self.layout](self)
-        named = {"index": self.layout == "table", "header": self.layout != "matrix"}
-        html = frame.to_html(escape=False, **named)
-        plain = frame.replace({"<br>": " | ", "</?b>": ""}, regex=True)
-        text = plain.to_string(**named)
+        frame = as_table(self)
+        html = frame.to_html(escape=False)
+        text = frame.replace({"<br>": " | ", "</?b>": ""}, regex=True).to_string()
         title = f"{PAPERS[self.paper]}, {self.item}: {self.what}"
         return {
             "text/plain": f"{title}\n{text}\n{self.summary}",
@@ -197,113 +189,32 @@ class Item:
         }
 
 
-def passing(item: Item, name: str) -> str:
-    """How many of the printed numbers would lie inside our ranges, such as "11 of 12",
-    had we computed otherwise.
-    """
-    agree = [name not in row.failed for row in item.rows if name in row.otherwise]
-    return f"{sum(agree)} of {len(agree)}"
-
-
 def as_table(item: Item) -> pd.DataFrame:
-    """A block of the paper's rows for each quantity. Ours with its range stands below
-    each printed number, or once, without a sign, where it is the same for all columns.
-    """
-    lines: dict[tuple, dict] = defaultdict(dict)
-    for row in item.rows:
-        lines[row.quantity, row.row][row.column] = row
-    table = {}
-    for name, line in lines.items():
-        cells = {column: marked(row, item) for column, row in line.items()}
-        threes = np.array([[row.low, row.ours, row.high] for row in line.values()])
-        unsigned = np.sort(threes * np.copysign(1, threes[:, 1:2]))
-        if len(line) > 1 and (unsigned == unsigned[0]).all():
-            (row, *_) = line.values()
-            cells["ours"] = with_range(row, *unsigned[0])
-        else:
-            for (column, row), three in zip(line.items(), threes, strict=True):
-                cells[column] += f"<br>{with_range(row, *three)}"
-        table[name] = cells
-    return pd.DataFrame(table).T.fillna("")
-
-
-def marked(row: Row, item: Item) -> str:
-    """The printed number with a mark inside or outside, in parentheses where it does
-    not count.
+    """The paper's rows and columns, or one column for each reading. Ours with its range
+    stands below each printed number, or once where it is the same for all columns.
     """
     marks = {"differs": "✗", "not testable": "(✓)"}
-    return f"<b>{row.as_printed}</b> {marks.get(item.verdict(row), '✓')}"
-
-
-def with_range(row: Row, low: float, ours: float, high: float) -> str:
-    """Ours with its range, if there is one."""
-    ends = f" [{row.shown(low)}, {row.shown(high)}]" if low < high else ""
-    return row.shown(ours) + ends
-
-
-def as_list(item: Item) -> pd.DataFrame:
-    """A line for each number."""
-    lines = [
-        as_line(row)
-        | {"verdict": item.verdict(row), "would have failed": ", ".join(row.failed)}
-        | {"why": row.why}
-        for row in item.rows
-    ]
-    frame = pd.DataFrame(lines)
-    return frame.loc[:, (frame != "").any()]
-
-
-def as_line(row: Row) -> dict[str, str]:
-    """A row's name and numbers, by column."""
-    name = " ".join(filter(None, (row.quantity, row.row, row.column)))
-    over = two_digits(row.over_tolerance)
-    if over == "1":  # inside or outside, by a little
-        over = f"{row.over_tolerance:.2f}"
-    return {
-        "quantity": name,
-        "reading": row.reading,
-        "published": row.as_printed,
-        "ours": row.shown(row.ours),
-        "difference": row.shown(row.difference),
-        "unit": "" if row.unit == "1" else row.unit,
-        "difference / tolerance": over,
-    }
-
-
-def two_digits(value: float) -> str:
-    """A positive number to two significant digits, written out."""
-    return np.format_float_positional(value, precision=2, fractional=False, trim="-")
-
-
-def as_matrices(item: Item) -> pd.DataFrame:
-    """Printed, ours and their difference one below the other, with what is allowed; a
-    rigid transform with its last row.
-    """
-    lines = defaultdict(list)
+    printed, ours = defaultdict(dict), defaultdict(dict)
     for row in item.rows:
-        lines[row.row].append(row)
-    parts = {
-        "published": lambda row: row.as_printed,
-        "ours": lambda row: row.shown(row.ours),
-        "difference": lambda row: difference_allowed(row, item),
-    }
-    table = []
-    for name, text in parts.items():
-        block = [[*map(text, line)] for line in lines.values()]
-        if np.shape(block) == (3, 4):
-            block.append([*"0000"] if name == "difference" else [*"0001"])
-        table += [[name, *block[0]], *(["", *line] for line in block[1:])]
-    return pd.DataFrame(table)
+        parts = [row.quantity, row.row, row.column if row.reading else ""]
+        name = " ".join(filter(None, parts))
+        column = row.reading or row.column
+        mark = marks.get(item.verdict(row), "✓")
+        printed[name][column] = f"<b>{row.as_printed}</b> {mark}"
+        ours[name][column] = row.ours_shown
+    for name, cells in printed.items():
+        if len(cells) > 1 and len({*ours[name].values()}) == 1:
+            cells["ours"] = ours[name].popitem()[1]
+            continue
+        for column, text in ours[name].items():
+            cells[column] += f"<br>{text}"
+    return pd.DataFrame(printed).T.fillna("")
 
 
-def difference_allowed(row: Row, item: Item) -> str:
-    """The difference, with how large it may be where the printed digits show that; in
-    parentheses where it does not count.
-    """
-    text = row.shown(row.difference)
-    if row.allowed > row.half_unit:
-        text += f"<br>±{two_digits(row.allowed + row.half_unit)}"
-    return f"({text})" if item.verdict(row) == "not testable" else text
+def in_words(verdicts: list[str]) -> str:
+    """How many of which, such as "3 compatible, 1 differs"."""
+    counts = {verdict: verdicts.count(verdict) for verdict in VERDICTS}
+    return ", ".join(f"{count} {name}" for name, count in counts.items() if count)
 
 
 def from_json(entry: dict) -> Item:
@@ -333,40 +244,15 @@ def handed_out(notebook: dict, mime: str) -> list:
     return [out["data"][mime] for out in outputs if mime in out.get("data", {})]
 
 
-def under_one_reading(gathered: Gathered) -> Gathered:
-    """The items with the rows that count: of each ambiguous word the one reading under
-    which most printed numbers lie inside, in all items where that word stands.
-    """
-    of_word = defaultdict(list)
-    for _, item in gathered:
-        of_word[item.word or item.item].append(item.by("reading"))
-    chosen = {}
-    for word, parts in of_word.items():
-        in_all = [name for name in parts[0] if all(name in part for part in parts)]
-        chosen[word] = max(
-            in_all,
-            key=lambda name: sum(sum(part[name].inside) for part in parts),
-        )
-    return [
-        (stem, item.by("reading")[chosen[item.word or item.item]])
-        for stem, item in gathered
-    ]
-
-
 def tally(gathered: Gathered) -> pd.DataFrame:
-    """Of each item, and each quantity of a table, how many printed numbers have which
-    verdict, under the reading that counts.
+    """Of each item, how many printed numbers have which verdict, under the reading that
+    counts.
     """
     lines = []
-    for stem, item in under_one_reading(gathered):
-        parts = {item.item: item}
-        if item.layout == "table":
-            quantities = item.by("quantity").items()
-            parts = {f"{item.item}, {name}": part for name, part in quantities}
-        for name, part in parts.items():
-            verdicts = [*map(part.verdict, part.rows)]
-            numbers = map(verdicts.count, VERDICTS)
-            lines.append([PAPERS[item.paper], name, len(verdicts), *numbers, stem])
+    for stem, item in gathered:
+        verdicts = item.counted.verdicts
+        numbers = map(verdicts.count, VERDICTS)
+        lines.append([PAPERS[item.paper], item.item, len(verdicts), *numbers, stem])
     columns = ["paper", "item", "printed", *VERDICTS, "notebook"]
     return pd.DataFrame(lines, columns=columns)
 
@@ -381,8 +267,8 @@ def sentence(gathered: Gathered) -> str:
     """What became of the printed results, in three counts."""
     given: list[str] = []
     chosen: list[str] = []  # where any setting is free
-    for _, item in under_one_reading(gathered):
-        (chosen if item.free else given).extend(map(item.verdict, item.rows))
+    for _, item in gathered:
+        (chosen if item.free else given).extend(item.counted.verdicts)
     printed = len(given + chosen)
     in_vain = (given + chosen).count("not testable")
     counted = [[v for v in part if v != "not testable"] for part in (given, chosen)]
