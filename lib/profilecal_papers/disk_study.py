@@ -120,9 +120,12 @@ def disk_study(
     `closed_form.disk.chord_weights`; chord noise leaves them exact. `workers`: see
     `in_chunks`. Where the arccos of Eq. 9 does not exist, α is 0° or 180°.
     """
-    if noise not in ("chord", "isotropic"):
+    kinds = {
+        "chord": Chords.with_chord_noise,
+        "isotropic": Chords.with_isotropic_noise,
+    }
+    if noise not in kinds:
         raise ValueError(f"noise is {noise!r}; expected 'chord' or 'isotropic'")
-    ways = np.array([1, noise == "isotropic"])  # along and across the chords
     study = Study.blank(sigma_mm, m, trials)
     why = "an ellipse has five unknowns, a chord two tips"
     check_count("chords", int(study.m.min()), 3, why)
@@ -135,7 +138,7 @@ def disk_study(
         """Fill in the errors of some trials of one setting."""
         i, j = setting
         size = part.stop - part.start
-        fitted = chords[j].with_noise(study.sigma_mm[i] * ways, size, stream)
+        fitted = kinds[noise](chords[j], study.sigma_mm[i], size, stream)
         data = sensing_data_from_ellipse(*fitted, *way, scans.disk.radius)
         study.errors[i, j, :, part] = two_step_errors(
             scans,
@@ -181,24 +184,11 @@ class Chords:
         to_sensor = frame * unit[:, None]
         return cls(in_units, centre, to_sensor, unit, chord_weights(m, heights))
 
-    def with_noise(
-        self, sd_mm: ndarray, size: int, rng: Generator
-    ) -> tuple[Ellipse, ndarray]:
+    def in_sensor(self, mean: dict, vectors: ndarray) -> tuple[Ellipse, ndarray]:
         """Ellipses (n, size) and vectors (n, size, 2, 5), mm, sensor frame, as
-        `sensing_data_from_ellipse` takes them, from `size` trials with noise sd_mm (2,)
-        along the chords and across.
+        `sensing_data_from_ellipse` takes them, from means {(a, b): (n, size)} of u^a
+        v^b and from `vectors` (n, 2, 5, size) in u and v.
         """
-        n = len(self.tips)
-        mean: dict = defaultdict(lambda: np.empty((n, size)))
-        vectors = np.empty((n, 2, 5, size))
-        for i, tips in enumerate(self.tips):
-            sd = (sd_mm / self.unit[i])[:, None]
-            for part, noisy, first, second in noisy_blocks(tips, sd, size, rng):
-                u, v = noisy[:, 0], noisy[:, 1]
-                memory = first[:, 0], first[:, 1], second[:, 0]
-                for power, values in moments(u, v, memory).items():
-                    mean[power][i, part] = values
-                vectors[i, :, :, part] = np.moveaxis(noisy @ self.weights, 0, -1)
         ellipse = transformed(
             ellipse_from_moments(mean), self.to_sensor[:, None], self.centre[:, None]
         )
@@ -206,3 +196,51 @@ class Chords:
         # the first one is a difference of points, the others are points
         vectors[:, 1:] += self.centre.T[:, None, :, None]
         return ellipse, np.moveaxis(vectors, (0, 1), (-2, -1))
+
+    def with_chord_noise(
+        self, sigma_mm: float, size: int, rng: Generator
+    ) -> tuple[Ellipse, ndarray]:
+        """What `sensing_data_from_ellipse` takes of `size` trials of Eq. 52.
+
+        Noise is in u alone, so that v is the same in all trials. With the matrix V of
+        the powers V_bj = v_j^b, of tip j, all means that one power of u takes part in
+        are one product,
+
+            ⟨u^a v^b⟩ = (V u^a)_b / 2m,  b = 0 … 4 - a.
+        """
+        n, _, count = self.tips.shape
+        # of each power a: over b, scans and trials; u⁰ has no noise
+        sums = [np.empty((5 - a, n, size if a else 1)) for a in range(5)]
+        for i, (u, v) in enumerate(self.tips):
+            V = np.vander(v, 5, increasing=True).T
+            sums[0][:, i, 0] = V.sum(axis=1)
+            sd = sigma_mm / self.unit[i, 0]
+            for part, noisy, square, cube in noisy_blocks(u, sd, size, rng):
+                np.multiply(noisy, noisy, out=square)
+                np.multiply(noisy, square, out=cube)
+                for a, power in enumerate((noisy, square, cube), 1):
+                    np.matmul(V[: 5 - a], power.T, out=sums[a][:, i, part])
+                np.vecdot(square, square, out=sums[4][0, i, part])
+        mean = {
+            (a, b): total / count
+            for a, totals in enumerate(sums)
+            for b, total in enumerate(totals)
+        }
+        return self.in_sensor(mean, (self.tips @ self.weights)[..., None])
+
+    def with_isotropic_noise(
+        self, sigma_mm: float, size: int, rng: Generator
+    ) -> tuple[Ellipse, ndarray]:
+        """As `with_chord_noise`, with noise in u and in v."""
+        n = len(self.tips)
+        mean: dict = defaultdict(lambda: np.empty((n, size)))
+        vectors = np.empty((n, 2, 5, size))
+        for i, tips in enumerate(self.tips):
+            sd = sigma_mm / self.unit[i][:, None]
+            for part, noisy, first, second in noisy_blocks(tips, sd, size, rng):
+                u, v = noisy[:, 0], noisy[:, 1]
+                memory = first[:, 0], first[:, 1], second[:, 0]
+                for power, values in moments(u, v, memory).items():
+                    mean[power][i, part] = values
+                vectors[i, :, :, part] = np.moveaxis(noisy @ self.weights, 0, -1)
+        return self.in_sensor(mean, vectors)

@@ -45,9 +45,13 @@ def noisy_tips(scans, sigma, m, noise, rng, trials=TRIALS):
     directions = chords / np.linalg.norm(chords, axis=-1, keepdims=True)
     tips = np.repeat(exact[None], trials, axis=0)
     for i, along in enumerate(directions):
-        u, v = sigma * rng.standard_normal((trials, 2, 2, m, 1)).swapaxes(0, 1)
-        across = np.stack([-along[:, 1], along[:, 0]], axis=-1)
-        moved = u * along + (noise == "isotropic") * v * across
+        if noise == "chord":
+            u = sigma * rng.standard_normal((trials, 2, m, 1))
+            moved = u * along
+        else:
+            u, v = sigma * rng.standard_normal((trials, 2, 2, m, 1)).swapaxes(0, 1)
+            across = np.stack([-along[:, 1], along[:, 0]], axis=-1)
+            moved = u * along + v * across
         tips[:, i] += moved.swapaxes(1, 2)
     return tips
 

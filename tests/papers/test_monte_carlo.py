@@ -1,13 +1,16 @@
-"""What the noise studies share: neither workers nor blocks change a number."""
+"""What the noise studies share: neither workers nor blocks change a number, and the
+quick rotation is the right one.
+"""
 
 import numpy as np
 from numpy.random import default_rng
-from numpy.testing import assert_array_equal
+from numpy.testing import assert_allclose, assert_array_equal
 
+from profilecal.geometry.poses import directions, nearest_rotation, rotations
 from profilecal_papers import monte_carlo
 from profilecal_papers.ball_study import ball_study, fig17_scans
 from profilecal_papers.disk_study import disk_study, fig15_scans
-from profilecal_papers.monte_carlo import noisy_blocks
+from profilecal_papers.monte_carlo import noisy_blocks, rotations_near
 
 
 def test_the_number_of_workers_changes_nothing():
@@ -36,3 +39,18 @@ def test_the_size_of_a_block_changes_nothing(monkeypatch):
     assert whole.shape == (50, 2, 3)
     assert_array_equal(drawn(70), whole)
     assert_array_equal(drawn(1), whole)
+
+
+def test_the_quick_rotation_is_that_of_the_svd_for_small_turns_and_large_ones():
+    rng = default_rng(12)
+    X = directions(rng, (500, 4))
+    angle = np.append(rng.uniform(0, 1.5, 250), rng.uniform(1.6, np.pi, 250))
+    turn = rotations(angle[:, None] * directions(rng, (500,)))
+    Y = X @ turn.mT + 0.01 * rng.normal(size=X.shape)
+    Y /= np.linalg.norm(Y, axis=-1, keepdims=True)
+    B = Y.mT @ X
+    B[7, 0, 0] = np.nan
+    found = np.moveaxis(rotations_near(np.moveaxis(B, 0, -1)), -1, 0)
+    assert np.isnan(found[7]).all()
+    good = np.arange(500) != 7
+    assert_allclose(found[good], nearest_rotation(B[good]), atol=1e-11)
