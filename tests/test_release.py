@@ -5,11 +5,17 @@ import re
 import tomllib
 from pathlib import Path
 
+from profilecal_pages import items
+
 ROOT = Path(__file__).parents[1]
 
 
 def text_of(name):
     return (ROOT / name).read_text(encoding="utf-8")
+
+
+README = " ".join(text_of("README.md").split())
+GATHERED = items.gather(ROOT / "notebooks")
 
 
 def test_versions_agree():
@@ -22,9 +28,23 @@ def test_versions_agree():
     assert cited[1] == project["version"]
 
 
-def test_the_first_notebook_sends_readers_to_the_findings():
+def test_readme_and_changelog_are_short():
+    assert len(README.split()) <= 600
+    news = text_of("CHANGELOG.md").split("\n## ")[1]
+    assert len(list(filter(None, news.splitlines()))) <= 40
+
+
+def test_readme_tells_the_counts_of_the_pages_and_what_differs():
+    assert items.sentence(GATHERED) in README
+    rows = [row for _, item in GATHERED for row in item.counted.rows if row.why]
+    assert len(rows) == 4
+    for row in rows:
+        unit = " mm" * (row.unit == "mm")
+        assert re.search(f"{row.printed}{unit}, ours {row.shown(row.ours)}", README)
+
+
+def test_the_first_notebook_tells_the_findings():
     notebook = json.loads(text_of("notebooks/00_start_here.ipynb"))
     sources = ["".join(cell["source"]) for cell in notebook["cells"]]
-    assert "(../README.md#what-we-found)" in "\n".join(sources)
-    section = text_of("README.md").partition("\n## What we found\n")[2]
-    assert section.startswith("\n1. ")
+    assert "## What we found\n\n1. " in "\n".join(sources)
+    assert "notebooks/00_start_here.ipynb): what we found" in README

@@ -279,8 +279,7 @@ def sentence(gathered: Gathered) -> str:
     ]
     return (
         f"Of {printed} printed results {in_vain} could hardly have failed, and do not "
-        f"count. Of the others, {', and '.join(agree) or 'none is left'}; for the rest "
-        "the pages say why they differ."
+        f"count. Of the others, {', and '.join(agree) or 'none is left'}."
     )
 
 

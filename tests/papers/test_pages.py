@@ -10,7 +10,6 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from profilecal_pages import items
 from profilecal_pages.items import MIME, from_json
 from profilecal_papers import monte_carlo, published
 
@@ -146,9 +145,3 @@ def test_only_numbers_that_were_seen_to_fail_count():
             elif row.inside:
                 assert item.apart or not any(outside), (item.item, row)
     assert counted > 60
-
-
-def test_readme_tells_the_three_counts_of_the_pages():
-    readme = NOTEBOOKS[0].parents[1] / "README.md"
-    text = " ".join(readme.read_text(encoding="utf-8").split())
-    assert items.sentence(items.gather(NOTEBOOKS[0].parent)) in text

@@ -126,8 +126,8 @@ def test_the_readme_shows_what_the_command_prints(monkeypatch):
     monkeypatch.chdir(ROOT)
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     (shown,) = re.findall(r"^```\n(status .*?)^```", text, re.DOTALL | re.MULTILINE)
-    assert "profilecal calibrate data/examples/edge --to kuka\n" in text
-    printed = run("calibrate", "data/examples/edge", "--to", "kuka").stdout
+    assert "profilecal calibrate data/examples/disk --to kuka" in text
+    printed = run("calibrate", "data/examples/disk", "--to", "kuka").stdout
     # processors differ in later digits
     short = [re.sub(r"(\.\d{4})\d+", r"\1", said) for said in (printed, shown)]
     assert short[0] == short[1]
