@@ -1,7 +1,8 @@
 """Standard deviations of what goes wrong in a measurement, and χ²."""
 
 from dataclasses import dataclass
-from typing import Any
+from numbers import Real
+from typing import Annotated, Any
 
 import numpy as np
 from numpy import ndarray
@@ -9,6 +10,15 @@ from scipy.special import chdtri
 
 # the chance that one kind of test doubts anything at all of a good scan
 FALSE_ALARM = 0.01
+
+
+def is_sd(value: Any) -> bool:
+    """Whether this is a standard deviation: one that is there is no rounding error."""
+    is_number = isinstance(value, Real) and not isinstance(value, bool)
+    return is_number and (value == 0 or 1e-6 <= value <= 100)
+
+
+Sd = Annotated[float, (is_sd, "zero, or 1e-06 to 100")]
 
 
 @dataclass(frozen=True)
@@ -19,21 +29,21 @@ class Noise:
     """
 
     # of the scanner, in x and in z
-    profile_mm: float = 0.0
+    profile_mm: Sd = 0.0
     # of the robot's position along each axis, fresh at each commanded pose
-    position_mm: float = 0.0
+    position_mm: Sd = 0.0
     # of the robot's orientation about each axis, fresh at each commanded pose
-    orientation_deg: float = 0.0
+    orientation_deg: Sd = 0.0
     # the part of the position error that the poses of one orientation share
-    group_position_mm: float = 0.0
-    group_orientation_deg: float = 0.0
+    group_position_mm: Sd = 0.0
+    group_orientation_deg: Sd = 0.0
     # the part of the position error that is fresh whenever the robot comes to a pose
-    repeatability_mm: float = 0.0
-    repeatability_deg: float = 0.0
+    repeatability_mm: Sd = 0.0
+    repeatability_deg: Sd = 0.0
     # marked points: how far the operator leaves the scan plane from the point
-    steering_mm: float = 0.0
+    steering_mm: Sd = 0.0
     # in motion: of the time of each profile, beside a delay that all have
-    jitter_ms: float = 0.0
+    jitter_ms: Sd = 0.0
 
     @property
     def of_robot(self) -> dict[str, float]:
@@ -61,12 +71,12 @@ class Systematic:
     Their names are entries of [noise] too.
     """
 
-    scale_percent: float = 0.0  # of the profiles, along x and along z
-    shear_percent: float = 0.0  # of the profiles: x that grows with z
-    bend_mm: float = 0.0  # of the profiles: z, 50 mm from the middle
-    tolerance_mm: float = 0.0  # of the target's lengths
-    accuracy_mm: float = 0.0  # robot position over its workspace, each axis
-    accuracy_deg: float = 0.0  # robot orientation over its workspace, about each axis
+    scale_percent: Sd = 0.0  # of the profiles, along x and along z
+    shear_percent: Sd = 0.0  # of the profiles: x that grows with z
+    bend_mm: Sd = 0.0  # of the profiles: z, 50 mm from the middle
+    tolerance_mm: Sd = 0.0  # of the target's lengths
+    accuracy_mm: Sd = 0.0  # robot position over its workspace, each axis
+    accuracy_deg: Sd = 0.0  # robot orientation over its workspace, about each axis
 
 
 def chi2_limit(chance: float | ndarray, freedom: float | ndarray) -> Any:

@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from inspect import signature
 from typing import Any
@@ -30,7 +30,7 @@ from profilecal.geometry.poses import (
 from profilecal.scan.conventions import CONVENTIONS, named, to_rotations
 from profilecal.scan.motion import check_times, checked_log, with_motion
 from profilecal.scan.tables import ScanError, naming
-from profilecal.scan.toml import TEXT, Rule, check_entries, number, one_of
+from profilecal.scan.toml import TEXT, Rule, check_entries, entries_of, number, one_of
 from profilecal.targets import TARGETS
 from profilecal.targets.target import Target
 
@@ -41,13 +41,7 @@ MEASURED = {  # what a scan may hold, and its columns
     "arcs": ("x", "z", "r"),
 }
 MOUNTS = ("eye-in-hand", "eye-to-hand")
-NOISE: dict[str, Rule] = dict.fromkeys(  # an error that is there is no rounding error
-    (entry.name for kind in (Noise, Systematic) for entry in fields(kind)),
-    (
-        lambda value: number(0, 100)[0](value) and (value == 0 or value >= 1e-6),
-        "zero, or 1e-06 to 100",
-    ),
-)
+NOISE = entries_of(Noise) | entries_of(Systematic)
 # from the scanner; no profile scanner sees as far, and some print such numbers for no
 # point
 FARTHEST_MM = 10_000.0

@@ -1,13 +1,27 @@
 """TOML files whose entries are declared: which there are, and which values each may
 have.
+
+A frozen dataclass describes a table. Its fields are the entries; an annotation says
+what one may be, where its type does not say enough:
+
+    @dataclass(frozen=True)
+    class Motion:
+        pattern: Annotated[str, one_of(PATTERNS)] = "weave"
+        sweeps: Count = 24
+        lag_ms: float = 0.0
+
+`check_entries("spec.toml", said, Motion, "motion")` refuses what the table cannot say,
+and `made_of(Motion, said)` is the Motion that it says. A field without a default is
+needed; one annotated with a dataclass is a table of its own.
 """
 
 import json
 import tomllib
 from collections.abc import Callable, Collection, Iterable, Mapping
+from dataclasses import fields, is_dataclass
 from numbers import Integral, Real
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from profilecal.scan.tables import ScanError, naming, shown, text_of
 
@@ -20,10 +34,6 @@ def is_line(value: Any) -> bool:
     return isinstance(value, str) and value.isprintable() and len(value) <= 200
 
 
-TABLE: Rule = (lambda value: isinstance(value, dict), "a table")
-TEXT: Rule = (is_line, "one line of text")
-
-
 def number(low: float = 0.0, high: float = 1e6, kind: type = Real) -> Rule:
     """A number of a kind within these limits."""
 
@@ -34,7 +44,7 @@ def number(low: float = 0.0, high: float = 1e6, kind: type = Real) -> Rule:
     return allowed, f"{low:g} to {high:g}"
 
 
-def whole(low: int = 0, high: int = 1_000_000) -> Rule:
+def whole(low: int, high: int) -> Rule:
     """A whole number within these limits."""
     allowed, _ = number(low, high, Integral)
     return allowed, f"a whole number, {low} to {high}"
@@ -61,35 +71,70 @@ def one_of(choices: Iterable[Any]) -> Rule:
     return allowed, " or ".join(map(str, known))
 
 
+TABLE: Rule = (lambda value: isinstance(value, Mapping), "a table")
+TEXT: Rule = (is_line, "one line of text")
+Count = Annotated[int, whole(1, 10_000)]
+# of fields that are not annotated
+USUAL = {dict: TABLE, str: TEXT, int: whole(0, 10_000), float: number()}
+
+
+def entries_of(table: type) -> dict[str, Any]:
+    """What the entries of a table may be, by name: a `Rule`, one of `USUAL` types, or
+    the dataclass that describes a table of its own.
+    """
+    return {
+        entry.name: getattr(entry.type, "__metadata__", (entry.type,))[0]
+        for entry in fields(table)
+    }
+
+
 def check_entries(
     path: str | Path,
     entries: Mapping[str, Any],
-    rules: Mapping[str, Any],
+    described: Any,
     table: str = "",
     needed: Collection[str] = (),
 ) -> None:
     """Refuse entries of a file, or of a table in it, that are unknown or not allowed,
     and a file without those `needed`.
 
-    `rules` has a `Rule` for each entry, or the rules of a table. Raises ScanError.
+    The table is `described` by a dataclass, or by what `entries_of` makes of one, with
+    tables in place of dataclasses or not. Raises ScanError.
     """
     where = f" in [{table}]" if table else ""
+    if is_dataclass(described):
+        without = [
+            one for one in fields(described) if one.default is one.default_factory
+        ]
+        needed = [one.name for one in without]
+        described = entries_of(described)
     for name in needed:
         if name not in entries:
-            expected = rules[name][1]
+            expected = described[name][1]
             raise ScanError(f"{path}: {name} is missing{where}; expected {expected}")
     for name, value in entries.items():
-        if name not in rules:
-            known = ", ".join(rules) or "none"
+        if name not in described:
+            known = ", ".join(described) or "none"
             unknown = f"unknown entry {shown(name)}{where}"
             raise ScanError(f"{path}: {unknown}; there are {known}")
-        inner = isinstance(rules[name], dict)
-        allowed, expected = TABLE if inner else rules[name]
+        rule = described[name]
+        inner = isinstance(rule, dict) or is_dataclass(rule)
+        allowed, expected = TABLE if inner else USUAL.get(rule, rule)
         if not allowed(value):
             said = f"{name} is {shown(value)}{where}"
             raise ScanError(f"{path}: {said}; expected {expected}")
         if inner:
-            check_entries(path, value, rules[name], name)
+            check_entries(path, value, rule, name)
+
+
+def made_of(table: type, entries: Mapping[str, Any]) -> Any:
+    """The dataclass that describes a table, with entries that have been checked."""
+    inner = {
+        name: made_of(rule, entries[name])
+        for name, rule in entries_of(table).items()
+        if is_dataclass(rule) and name in entries
+    }
+    return table(**{**entries, **inner})
 
 
 def read_toml(path: str | Path) -> dict[str, Any]:

@@ -6,14 +6,16 @@ from a scene.
 """
 
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
 from numpy import ndarray
 from numpy.random import Generator
 from scipy.spatial.transform import Rotation
 
-from profilecal.geometry.noise import Noise
+from profilecal.geometry.noise import Noise, Sd
 from profilecal.geometry.poses import Frames, carry, inverse, rotations
+from profilecal.scan.toml import Count, number
 
 
 @dataclass(frozen=True)
@@ -184,9 +186,9 @@ class Robot:
     [robot] table has.
     """
 
-    joint_deg: float = 0.0  # of each joint's zero, for good
-    link_mm: float = 0.0  # of the x, y and z of each link, for good
-    drift_mm: float = 0.0  # along each axis, from the first pose to the last
+    joint_deg: Sd = 0.0  # of each joint's zero, for good
+    link_mm: Sd = 0.0  # of the x, y and z of each link, for good
+    drift_mm: Sd = 0.0  # along each axis, from the first pose to the last
 
     def built(self, rotation: ndarray, position: ndarray, rng: Generator) -> Frames:
         """Where an arm built like this has its flange when it reports poses (P, 3, 3),
@@ -229,12 +231,19 @@ class Scanner:
     far: float = 350.0  # mm
     near_width: float = 40.0  # mm, the field of view in x at `near`
     far_width: float = 160.0  # mm, at `far`
-    points: int = 980  # of a profile
+    points: Count = 980  # of a profile
     # mm in x: a sample comes from anywhere within this width around its ray
     resolution: float = 0.25
-    quantum: float = 0.1  # mm, coordinates are whole multiples of it
+    # mm, coordinates are whole multiples of it
+    quantum: Annotated[float, number(1e-6)] = 0.1
     # standard deviation of z: of a resolution of 0.2 mm, as a uniform error's width
     noise_mm: float = 0.06
+
+    def __post_init__(self) -> None:
+        narrowest = min(self.near_width, self.far_width)
+        if not (0 <= self.near < self.far and narrowest > 0):
+            expected = "expected 0 <= near < far, near_width > 0 and far_width > 0"
+            raise ValueError(f"in [scanner] {expected}")
 
     def half_width(self, z: ndarray) -> ndarray:
         """Half the field of view in x at depth z, mm."""

@@ -1,9 +1,9 @@
 """Synthetic scans: a specification in, a scan out, with the truth that made it."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy import ndarray
@@ -13,16 +13,28 @@ from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import Frames, homogeneous, inverse
 from profilecal.scan.conventions import CONVENTIONS
 from profilecal.scan.scan import MOUNTS, Scan, length_rules
-from profilecal.scan.tables import ScanError
-from profilecal.scan.toml import TEXT, check_entries, number, one_of, whole
+from profilecal.scan.tables import ScanError, naming
+from profilecal.scan.toml import (
+    Count,
+    check_entries,
+    entries_of,
+    made_of,
+    number,
+    one_of,
+    whole,
+)
 from profilecal.simulation.robot import Robot, Scanner, actual_poses
 from profilecal.simulation.scene import Scene, Setup, random_scene
-from profilecal.simulation.sweeps import ACROSS, PATTERNS, Motion, Sweep, drive
+from profilecal.simulation.sweeps import ACROSS, Motion, Sweep, drive
 from profilecal.targets import TARGETS
 from profilecal.targets.target import Target
 
+NAMES = [convention.name for convention in CONVENTIONS]
 # it sees a whole disk of 50 mm radius
 WIDE = Scanner(near=40.0, far=260.0, near_width=100.0, far_width=220.0)
+
+
+USUAL_NOISE = Noise(profile_mm=0.05)
 
 
 @dataclass(frozen=True)
@@ -31,26 +43,30 @@ class Spec:
     defaults.
     """
 
-    kind: str = "edge"
+    kind: Annotated[str, one_of(TARGETS)] = "edge"
     title: str = ""
-    seed: int = 1
-    scan: int = 1  # which of several scans of the same scanner, target and arm
+    seed: Annotated[int, whole(0, 1_000_000)] = 1
+    # which of several scans of the same scanner, target and arm
+    scan: Count = 1
     # which of the target's tables; empty: the last, its points, chords or arcs if it
     # has such
     measured: str = ""
-    mount: str = MOUNTS[0]
-    convention: str = CONVENTIONS[0].name
-    # the target's lengths, mm; left out: as usual for it
-    sizes: dict[str, float] = field(default_factory=dict)
+    mount: Annotated[str, one_of(MOUNTS)] = MOUNTS[0]
+    convention: Annotated[str, one_of(NAMES)] = NAMES[0]
     specimen: str = ""  # which body raw profiles show; empty: the target's usual one
-    groups: int = 0  # flange orientations; 0: what the kind needs
+    # flange orientations; 0: what the kind needs
+    groups: int = 0
     positions: int = 0  # in each
-    spread_deg: float = 30.0  # the flange turns by up to this
-    repeats: int = 1  # measurements at each stop, while the robot stands still
-    noise: Noise = field(default_factory=lambda: Noise(profile_mm=0.05))
+    # the flange turns by up to this
+    spread_deg: Annotated[float, number(0, 180)] = 30.0
+    # measurements at each stop, while the robot stands still
+    repeats: Count = 1
+    noise: Noise = USUAL_NOISE
     robot: Robot = field(default_factory=Robot)
     scanner: Scanner = WIDE
-    motion: Motion | None = None  # None: the robot stops for each profile
+    motion: Annotated[Motion | None, Motion] = None  # None: stops for each profile
+    # the target's lengths, mm, entries by their names; left out: as usual for it
+    sizes: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,76 +139,33 @@ def pose_name(mount: str) -> str:
     return "T_flange_sensor" if mount == MOUNTS[0] else "T_base_sensor"
 
 
-def rules_for(kind: str) -> dict[str, Any]:
-    """What a specification for a kind of target may say."""
-    target = TARGETS[kind]
-    scanner = {entry.name: number() for entry in fields(Scanner)}
-    scanner |= {"points": whole(1), "quantum": number(1e-6)}
-    return {
-        "kind": one_of(TARGETS),
-        "title": TEXT,
-        "seed": whole(),
-        "scan": whole(1),
-        "measured": one_of(target.tables),
-        "mount": one_of(MOUNTS),
-        "convention": one_of(convention.name for convention in CONVENTIONS),
-        "specimen": one_of(target.specimens),
-        "groups": whole(0, 10_000),
-        "positions": whole(0, 10_000),
-        "spread_deg": number(0, 180),
-        "repeats": whole(1, 1000),
-        "noise": {entry.name: number(0, 100) for entry in fields(Noise)},
-        "robot": {entry.name: number(0, 100) for entry in fields(Robot)},
-        "scanner": scanner,
-        "motion": motion_rules(),
-    } | length_rules(kind)
-
-
-def motion_rules() -> dict[str, Any]:
-    """What [motion] may say."""
-    rules = {entry.name: number() for entry in fields(Motion)}
-    return rules | {
-        "pattern": one_of(PATTERNS),
-        "sweeps": whole(1, 1000),
-        "profiles": whole(1, 10_000),
-        "stops": whole(0, 1000),
-        "speed": number(1, 2000),
-        "log_hz": number(2, 1000),
-        "delay_ms": number(-200, 200),
-        "drift_ppm": number(-1000, 1000),
-        "dropped_percent": number(0, 90),
-    }
-
-
-def read_spec(said: Mapping[str, Any], path: str | Path = "specification") -> Spec:
-    """A specification from the content of a TOML file `path`: Spec's fields, the
-    target's lengths, [noise], [robot], [scanner] and [motion].
+def read_spec(
+    said: Mapping[str, Any],
+    path: str | Path = "specification",
+    described: type[Spec] = Spec,
+) -> Any:
+    """A specification from the content of a TOML file `path`: Spec's fields, or those
+    of another dataclass that goes on from it, and the target's lengths.
 
     Raises ScanError.
     """
     entries = {"kind": Spec.kind} | dict(said)
-    check_entries(path, {"kind": entries["kind"]}, {"kind": one_of(TARGETS)})
-    check_entries(path, entries, rules_for(entries["kind"]))
-    entries["noise"] = replace(Spec().noise, **entries.get("noise", {}))
-    entries["robot"] = Robot(**entries.get("robot", {}))
-    scanner = {"noise_mm": entries["noise"].profile_mm} | entries.get("scanner", {})
-    entries["scanner"] = checked_scanner(replace(WIDE, **scanner), path)
-    if "motion" in entries:
-        check_entries(path, {"kind": entries["kind"]}, {"kind": one_of(ACROSS)})
-        entries["motion"] = Motion(**entries["motion"])
-    lengths = TARGETS[entries["kind"]].lengths
-    given = [name for name in lengths if name in entries]
-    entries["sizes"] = {name: entries.pop(name) for name in given}
-    return Spec(**entries)
-
-
-def checked_scanner(scanner: Scanner, path: str | Path) -> Scanner:
-    """The scanner, if it has a field of view. Raises ScanError."""
-    widths = scanner.near_width, scanner.far_width
-    if not 0 <= scanner.near < scanner.far or min(widths) <= 0:
-        expected = "expected 0 <= near < far, near_width > 0 and far_width > 0"
-        raise ScanError(f"{path}: in [scanner] {expected}")
-    return scanner
+    kinds = ACROSS if "motion" in entries else TARGETS
+    check_entries(path, {"kind": entries["kind"]}, {"kind": one_of(kinds)})
+    target = TARGETS[entries["kind"]]
+    lengths = length_rules(target.kind)
+    known = entries_of(described) | {
+        "measured": one_of(target.tables),
+        "specimen": one_of(target.specimens),
+    }
+    del known["sizes"]
+    check_entries(path, entries, known | lengths)
+    sizes = {name: entries.pop(name) for name in lengths if name in entries}
+    noise = asdict(USUAL_NOISE) | entries.get("noise", {})
+    scanner = {"noise_mm": noise["profile_mm"]} | entries.get("scanner", {})
+    entries |= {"noise": noise, "scanner": asdict(WIDE) | scanner, "sizes": sizes}
+    with naming(path):
+        return made_of(described, entries)
 
 
 def simulate_scan(spec: Spec) -> Scan:
@@ -291,7 +264,7 @@ def record(
         values=values,
         side=scene.target.sides(*planes),
         group=scene.observations.labels[visit],
-        **entries_of(scene, spec),
+        **said_of(scene, spec),
     )
 
 
@@ -320,7 +293,7 @@ def record_sweeps(
         values=values,
         side=np.where(at_rest, setup.target.sides(*planes), 0),
         **poses,
-        **entries_of(setup, spec),
+        **said_of(setup, spec),
     )
     scan.truth["delay_ms"] = motion.delay_ms
     return scan
@@ -339,7 +312,7 @@ def seen_from(
     return measured, tuple(rows[np.isfinite(rows).all(axis=1)] for rows in values)
 
 
-def entries_of(scene: Setup, spec: Spec) -> dict[str, Any]:
+def said_of(scene: Setup, spec: Spec) -> dict[str, Any]:
     """Entries of a `Scan` that do not depend on what is measured."""
     return {
         "kind": spec.kind,

@@ -4,7 +4,7 @@ a clock of its own.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy import ndarray
@@ -13,6 +13,7 @@ from numpy.random import Generator
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import Frames, inverse, rotations
 from profilecal.scan.motion import checked_log, with_motion
+from profilecal.scan.toml import Count, number, one_of
 from profilecal.simulation.scene import STANDOFF, Setup, in_unit_ball
 
 PATTERNS = ("weave", "both ways", "random", "one way", "one way in the base")
@@ -34,17 +35,19 @@ DRIFTING_MM = 5.0  # to either side, across the weave
 class Motion:
     """How a scan is driven; the entries that a specification's [motion] table has."""
 
-    pattern: str = "weave"
-    sweeps: int = 24
-    profiles: int = 60  # in each
-    speed: float = 100.0  # mm/s
+    pattern: Annotated[str, one_of(PATTERNS)] = "weave"
+    sweeps: Count = 24
+    profiles: Count = 60  # in each
+    speed: Annotated[float, number(1, 2000)] = 100.0  # mm/s
     turn_deg: float = 0.0  # by which the flange turns to and fro in a sweep
     stops: int = 0  # poses at rest besides
-    log_hz: float = 100.0
-    delay_ms: float = 30.0  # the robot's clock less the scanner's
-    drift_ppm: float = 0.0  # by which the scanner's clock is too slow
+    log_hz: Annotated[float, number(2, 1000)] = 100.0
+    # the robot's clock less the scanner's
+    delay_ms: Annotated[float, number(-200, 200)] = 30.0
+    # by which the scanner's clock is too slow
+    drift_ppm: Annotated[float, number(-1000, 1000)] = 0.0
     lag_ms: float = 0.0  # by which the flange is behind the log
-    dropped_percent: float = 0.0  # of the profiles
+    dropped_percent: Annotated[float, number(0, 90)] = 0.0  # of the profiles
 
 
 @dataclass(frozen=True)

@@ -1,9 +1,9 @@
 """Specifications of plans: a guess in place of the truth, and poses in a file."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy import ndarray
@@ -12,8 +12,7 @@ from numpy.random import Generator
 from profilecal.geometry.poses import inverse, rotation_from_xyz_angles, rotations
 from profilecal.scan.folder import SCALE, read_header, read_poses
 from profilecal.scan.scan import Scan
-from profilecal.scan.tables import ScanError
-from profilecal.scan.toml import TABLE, TEXT, check_entries, number, numbers
+from profilecal.scan.toml import number, numbers
 from profilecal.simulation.robot import Poses
 from profilecal.simulation.scene import Scene, Setup, in_unit_ball
 from profilecal.simulation.spec import (
@@ -28,6 +27,10 @@ from profilecal.simulation.spec import (
 from profilecal.simulation.sweeps import Sweep
 from profilecal.targets import TARGETS
 
+Vector = Annotated[Sequence[float], numbers(3)]
+Margin = Annotated[float, number(0, 90)]
+MARGINS = ("mount_mm", "mount_deg", "target_mm", "target_deg")
+
 
 @dataclass(frozen=True)
 class Guess:
@@ -37,16 +40,24 @@ class Guess:
     And by how much that may be wrong, at most, in any direction.
     """
 
-    mount: Sequence[float]  # X Y Z mm, W P R degrees, R = Rz(R) Ry(P) Rx(W)
-    target: Sequence[float]  # mm, its origin
+    # X Y Z mm, W P R degrees, R = Rz(R) Ry(P) Rx(W)
+    mount: Annotated[Sequence[float], numbers(6)]
+    target: Vector  # mm, its origin
     # along an edge or a rod; for others, across the laser line
-    axis: Sequence[float] = (0.0, 1.0, 0.0)
+    axis: Vector = (0.0, 1.0, 0.0)
     # from the target towards the scanner; a face's or a disk's normal
-    up: Sequence[float] = (0.0, 0.0, 1.0)
-    mount_mm: float = 5.0
-    mount_deg: float = 3.0
-    target_mm: float = 5.0
-    target_deg: float = 3.0
+    up: Vector = (0.0, 0.0, 1.0)
+    mount_mm: Margin = 5.0
+    mount_deg: Margin = 3.0
+    target_mm: Margin = 5.0
+    target_deg: Margin = 3.0
+
+    def __post_init__(self) -> None:
+        across = np.linalg.norm(np.cross(self.axis, self.up))
+        if across <= 1e-3 * np.linalg.norm(self.axis) * np.linalg.norm(self.up):
+            raise ValueError(
+                "axis and up in [guess] are parallel or zero; expected axis across up"
+            )
 
     @property
     def margins(self) -> ndarray:
@@ -83,57 +94,29 @@ class Guess:
         return Setup(placed, facing, R_sensor @ rotations(turn), self.mount[:3] + shift)
 
 
-# by how much a guess may be wrong
-MARGINS = ("mount_mm", "mount_deg", "target_mm", "target_deg")
-# what [guess] of a specification may say
-GUESS = dict.fromkeys(MARGINS, number(0, 90))
-GUESS |= {"mount": numbers(6)} | dict.fromkeys(("target", "axis", "up"), numbers(3))
-
-
-OF_PLANS = {"guess": GUESS, "poses": TEXT, "plan": TABLE}
-
-
-def read_guess(entries: dict, path: str | Path) -> Guess:
-    """A guess from the table [guess] of a specification. Raises ScanError."""
-    check_entries(path, entries, GUESS, "guess", needed=("mount", "target"))
-    guess = Guess(**entries)
-    across = np.linalg.norm(np.cross(guess.axis, guess.up))
-    if across <= 1e-3 * np.linalg.norm(guess.axis) * np.linalg.norm(guess.up):
-        raise ScanError(
-            f"{path}: axis and up in [guess] are parallel or zero; "
-            "expected axis across up"
-        )
-    return guess
-
-
 @dataclass(frozen=True)
 class PlannedSpec(Spec):
     """What to simulate, where sensor and target are guessed."""
 
-    guess: Guess | None = None
+    guess: Annotated[Guess | None, Guess] = None
     # a file poses.csv that says where the robot goes; then sensor and target are where
     # the guess has them, but for its margins
     poses: str = ""
+    plan: dict = field(default_factory=dict)  # for `read_plan`
+
+    def __post_init__(self) -> None:
+        if self.poses and self.guess is None:
+            expected = "expected roughly where sensor and target are"
+            raise ValueError(f"poses are given, but no [guess]; {expected}")
 
 
 def read_specification(said: dict[str, Any], path: str | Path) -> PlannedSpec:
     """A specification from the content of a TOML file `path`, which may have a guess,
-    planned poses and the table [plan], which is left to `read_plan`.
-
-    Raises ScanError.
+    planned poses and the table [plan]. Raises ScanError.
     """
-    entries = dict(said)
-    own = {name: entries.pop(name) for name in OF_PLANS if name in entries}
-    check_entries(path, own, OF_PLANS)
-    spec = read_spec(entries, path)
-    guess = read_guess(own["guess"], path) if "guess" in own else None
-    poses = own.get("poses", "")
-    if poses and guess is None:
-        expected = "expected roughly where sensor and target are"
-        raise ScanError(f"{path}: poses are given, but no [guess]; {expected}")
-    if poses:
-        poses = str(Path(path).parent / poses)
-    return PlannedSpec(**vars(spec), guess=guess, poses=poses)
+    spec = read_spec(said, path, PlannedSpec)
+    poses = Path(path).parent / spec.poses
+    return replace(spec, poses=str(poses)) if spec.poses else spec
 
 
 def simulate_specification(spec: PlannedSpec) -> Scan:
