@@ -427,9 +427,10 @@ def plan(spec, folder, poses, until, within, given):
         elif given:
             prediction, unseen = task.prediction_of(given)
             lines = prediction_lines(prediction, task.model, unseen=unseen)
+            lines += task.doubts
         else:
             designed = written_plan(task, folder) if folder else task.plan()
-            lines = plan_lines(designed, task.count_given)
+            lines = plan_lines(designed, task.count_given) + task.doubts
             if folder:
                 lines += steps(folder, spec, designed)
             else:
@@ -467,7 +468,7 @@ def steps(folder, spec, designed) -> list[str]:
         ]
     if designed.predicted.spectrum.status == "unobservable":
         return [f"{folder}/ written", "next: plan more poses, or larger turns"]
-    together = f"{spec} {folder}" if spec.is_dir() else folder
+    together = f"{spec} {folder}, both at once" if spec.is_dir() else folder
     lines = [
         f"{folder}/ written; look at {folder / 'plan.png'}, "
         f"drive {folder / 'poses.csv'}",

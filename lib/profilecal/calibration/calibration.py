@@ -24,6 +24,7 @@ from profilecal.calibration.observe import (
     names,
     observe_all,
     stated_noise,
+    with_few_joined,
 )
 from profilecal.calibration.other_conventions import better_readings
 from profilecal.geometry.checks import (
@@ -407,6 +408,7 @@ def calibrate(
     check_scans(scans)
     stated = stated_noise(scans)
     check_different(scans)
+    scans, merged = with_few_joined(scans)
     seen, observed, features_mm = observe_all(scans)
     check_memory(observed)
     shared_mm = max(entry.shared_mm for entry in seen)
@@ -418,7 +420,7 @@ def calibrate(
         messages = [*solution.messages]
     except UnobservableError as error:
         messages = [str(error)]
-    notes = by_scan(scans, [entry.remarks for entry in seen])
+    notes = merged + by_scan(scans, [entry.remarks for entry in seen])
     asked = by_scan(scans, [doubts(scan) for scan in scans])
     if solution and asked and solution.status == "ok":
         solution = replace(solution, status="weak")

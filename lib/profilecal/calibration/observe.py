@@ -14,6 +14,7 @@ from profilecal.targets.observations import Observations
 
 # Poses in such a time, by a robot that is not so slow, are no stops.
 A_MOMENT_S, AT_REST = 0.5, 1.0  # s, mm/s
+LEAST_POSES = 3  # from which a target's place is found
 FINEST_MM = 1e-4  # points exactly on a line have no scatter to tell their noise by
 
 
@@ -50,6 +51,59 @@ def names(scans: Sequence[Scan]) -> list[str]:
     if len({*titles}) < len(titles):
         titles = [f"{title} ({k})" for k, title in enumerate(titles, 1)]
     return [f"{title}: " for title in titles]
+
+
+def with_few_joined(scans: Sequence[Scan]) -> tuple[tuple[Scan, ...], list[str]]:
+    """Scans, those of too few poses to place a target by themselves as part of the
+    first of a like target; and a sentence for each of these.
+
+    A second step of a plan may have one pose or two: its target stands where it stood.
+    """
+
+    def has_few(named: tuple[str, Scan]) -> bool:
+        return len(named[1].values) < LEAST_POSES
+
+    kept: list[Scan] = []
+    remarks = []
+    for name, scan in sorted(zip(names(scans), scans, strict=True), key=has_few):
+        alike = [k for k, one in enumerate(kept) if go_together(one, scan)]
+        if alike and has_few((name, scan)):
+            labels = tuple(name + label for label in scan.labels)
+            kept[alike[0]] = joined(kept[alike[0]], replace(scan, labels=labels))
+            remarks.append(
+                f"{name}{len(scan.values)} poses do not place a target; this "
+                f"{scan.kind} is taken to stand where the first one does"
+            )
+        else:
+            kept.append(scan)
+    return tuple(kept), remarks
+
+
+def go_together(first: Scan, second: Scan) -> bool:
+    """Whether two scans may be of one target in one place, all at rest."""
+    at_rest = first.log is None and second.log is None
+    names = ("kind", "sizes", "measured")
+    return at_rest and all(
+        getattr(first, name) == getattr(second, name) for name in names
+    )
+
+
+def joined(first: Scan, second: Scan) -> Scan:
+    """The poses of two scans as one scan; what is not of poses is the first one's."""
+    pairs = {
+        name: (getattr(first, name), getattr(second, name))
+        for name in ("R_base_flange", "p_base_flange", "side", "times")
+    }
+    return replace(
+        first,
+        labels=first.labels + second.labels,
+        values=first.values + second.values,
+        group=np.array([]),
+        group_given=False,
+        orientation=None,
+        sweeps=(),
+        **{name: np.concatenate(pair) for name, pair in pairs.items()},
+    )
 
 
 def observe(scan: Scan, least: int = 0) -> Seen:
@@ -244,7 +298,7 @@ def observe_all(
     covariances: the typical standard deviation of features of profiles, mm (0 where
     there are none).
     """
-    seen = [observe(scan, 3) for scan in scans]
+    seen = [observe(scan, LEAST_POSES) for scan in scans]
     features_mm = next((entry.typical_mm for entry in seen if entry.typical_mm), 0.0)
     observed = [
         as_observations(scan, entry, features_mm)

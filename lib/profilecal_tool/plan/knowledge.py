@@ -138,7 +138,9 @@ def model_of_scan(calibration: Calibration) -> tuple[ScanModel, Frames]:
     the poses R (P, 3, 3), T (P, 3) that the calibration used. Raises ScanError where it
     leaves the sensor pose open or is misread.
     """
-    if not calibration.is_known or calibration.misread:
+    # an "ok" answer has paid for what speaks against it by a larger covariance
+    refuted = calibration.misread and calibration.status != "ok"
+    if refuted or not calibration.is_known:
         raise ScanError(
             "the scan leaves the mount open, or contradicts itself: profilecal "
             "calibrate says how; else plan from a SPEC.toml whose [guess] states it "

@@ -46,6 +46,8 @@ class Task:
     entries: dict
     # poses R (P, 3, 3), T (P, 3) that are there already
     before: Frames = NOWHERE
+    # whether `calibrate` has something to say against the scan
+    doubted: bool = False
 
     def prediction_of(self, place: Path) -> tuple[Prediction, int]:
         """Predict what the poses of a folder or a file will be worth.
@@ -103,6 +105,16 @@ class Task:
         by_motion = self.motion and "until" not in self.asked
         return bool(by_motion or self.asked.get("poses"))
 
+    @property
+    def doubts(self) -> list[str]:
+        """What a prediction after this scan leaves out, in a line or none."""
+        if not self.doubted:
+            return []
+        return [
+            "note           calibrate finds an error in this scan; "
+            "while that lasts, it will state more than is predicted"
+        ]
+
     def designed(self, model: ScanModel, **more: int) -> Plan:
         """A plan for the model, or for one like it. Raises ScanError."""
         return design(model, self.rng, before=self.before, **self.asked | more)
@@ -141,7 +153,8 @@ def read_task(
         if within:
             model = replace(model, limits=limits)
         rng, noise = np.random.default_rng(0), dict(scan.noise)
-        return Task(model, asked, rng, scan, noise, entries, before)
+        doubted = found.misread
+        return Task(model, asked, rng, scan, noise, entries, before, doubted)
     noise = entries.get("noise", {})
     rng = np.random.default_rng(spec.seed)
     model = replace(model_of_spec(spec, noise, rng), limits=limits)

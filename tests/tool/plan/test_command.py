@@ -13,6 +13,7 @@ from folders import edited
 from scipy.stats import chi2
 from simulated import printed_square
 
+import profilecal as pc
 from profilecal.geometry.noise import Noise
 from profilecal.scan.folder import write_scan
 from profilecal.scan.toml import read_toml
@@ -149,9 +150,37 @@ def test_a_weak_scan_is_told_which_poses_would_help_and_given_them(tmp_path):
     ).groups()
     assert command == f"profilecal plan {scan} NEW-FOLDER --poses {count}"
     planned = run("plan", scan, more, "--poses", count)
-    assert planned.output.endswith(f", then profilecal calibrate {scan} {more}\n")
+    together = f", then profilecal calibrate {scan} {more}, both at once\n"
+    assert planned.output.endswith(together)
     assert len(pd.read_csv(more / "poses.csv")) == int(count)
     assert not (more / "simulate.toml").exists()
+
+
+def test_a_plan_goes_on_from_a_scan_that_is_ok_with_an_error_and_a_pose_left_out(
+    tmp_path,
+):
+    """Depths 1 % too large, which the covariance allows for, and a pose 5 mm off."""
+    scan, _ = pc.simulate("edge", 0, groups=17, positions=1)
+    poses = scan.T_base_flange.copy()
+    poses[4, 2, 3] += 5
+    points = np.concatenate(scan.values) * [1, 1.01]
+    first, second, more = (tmp_path / name for name in ("first", "second", "more"))
+    for folder, some in ((first, slice(15)), (second, slice(15, 17))):
+        part = pc.Scan.of("edge", poses[some], points=points[some])
+        write_scan(part, folder)
+    answer = json.loads(run("calibrate", first, "--json").output)
+    assert answer["status"] == "ok"
+    assert answer["poses_rejected"] == ["5"]
+    planned = run("plan", first, more, "--poses", 2)
+    assert planned.exit_code == 0, planned.output
+    assert "predicted for 16 poses, 2 of them new" in planned.output
+    assert "calibrate finds an error in this scan" in planned.output
+    assert f"profilecal calibrate {first} {more}, both at once" in planned.output
+
+    both = json.loads(run("calibrate", second, first, "--json").output)
+    assert len(both["poses_used"]) == 16
+    assert (stated_worst(both) < stated_worst(answer)).all()
+    assert "stand where the first one does" in both["messages"][0]
 
 
 def test_a_plan_after_a_scan_counts_with_the_robot_errors_that_it_shows(tmp_path):
