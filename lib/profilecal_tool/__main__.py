@@ -9,19 +9,24 @@ PACKAGES = ("click", "matplotlib", "pandas", "tqdm")
 def main() -> None:
     """Run the command line; without its packages, say how to install them.
 
-    That ends with status 2, as wrong input does.
+    That ends with status 2, as wrong input does; Ctrl-C before any command has begun
+    with 130.
     """
-    missing = [name for name in PACKAGES if find_spec(name) is None]
-    if missing:
-        print(
-            f"profilecal: the command needs {', '.join(missing)}: "
-            'pip install "profilecal[tool]"',
-            file=sys.stderr,
-        )
-        raise SystemExit(2)
-    from profilecal_tool import cli
+    try:
+        missing = [name for name in PACKAGES if find_spec(name) is None]
+        if missing:
+            print(
+                f"profilecal: the command needs {', '.join(missing)}: "
+                'pip install "profilecal[tool]"',
+                file=sys.stderr,
+            )
+            raise SystemExit(2)
+        from profilecal_tool import cli
 
-    cli.main()
+        cli.main()
+    except KeyboardInterrupt:
+        print("\nInterrupted. Nothing was written.", file=sys.stderr)
+        raise SystemExit(130) from None
 
 
 if __name__ == "__main__":

@@ -12,9 +12,13 @@ from pathlib import Path
 import click
 from click import argument, echo, option
 
+import profilecal as pc
+
 # what cannot be read, read_scan says in one sentence
 SCAN = click.Path(path_type=Path, readable=False)
 PLACE = click.Path(path_type=Path)
+COUNT = click.IntRange(1)
+MOUNT = click.Choice(["eye-in-hand", "eye-to-hand"])
 
 
 def ending_in(*endings):
@@ -31,16 +35,16 @@ def ending_in(*endings):
     return checked
 
 
+FOLDER = argument("folder", type=SCAN)
+ANSWER = option(
+    "--with", "answer", required=True, type=SCAN, help="What calibrate --json printed."
+)
 CLOUD = option(
     "--cloud",
     type=PLACE,
     callback=ending_in(".ply", ".png"),
     help="Write all profiles put together to this PLY file, or as a PNG picture.",
 )
-ANSWER = option(
-    "--with", "pose", required=True, type=SCAN, help="What calibrate --json printed."
-)
-MOUNT = click.Choice(["eye-in-hand", "eye-to-hand"])
 
 
 class Commands(click.Group):
@@ -53,41 +57,19 @@ class Commands(click.Group):
                 return super().invoke(ctx)
         except BrokenPipeError:
             raise  # nobody reads on: click ends quietly
-        except MemoryError as error:
-            echo("profilecal: more than the memory holds: thin it out", err=True)
-            raise SystemExit(2) from error
-        except (OSError, ValueError) as error:
-            sentence = str(error)
-            if isinstance(error, OSError) and error.filename:
-                sentence = f"{error.filename}: {error.strerror}"
-            echo(f"profilecal: {sentence}", err=True)
-            raise SystemExit(2) from error
+        except MemoryError:
+            end("more than the memory holds: thin it out")
+        except OSError as error:
+            named = error.filename and f"{error.filename}: {error.strerror}"
+            end(named or error)
+        except ValueError as error:
+            end(error)
 
 
-def kinds_by_length():
-    """The kinds of targets that have a length, by its name."""
-    from profilecal.targets import TARGETS
-
-    kinds = {}
-    for kind, target in TARGETS.items():
-        for name in target.lengths:
-            kinds.setdefault(name, []).append(kind)
-    return kinds
-
-
-class OfTarget(click.Command):
-    """A command with an option for each length that targets have."""
-
-    def get_params(self, ctx):
-        """The options, with those of lengths."""
-        lengths = [
-            click.Option(
-                [f"--{name}"], type=float, help=f"Of a {', '.join(kinds)}, mm."
-            )
-            for name, kinds in kinds_by_length().items()
-        ]
-        *options, of_help = super().get_params(ctx)
-        return [*options, *lengths, of_help]
+def end(sentence, status=2):
+    """Say why it ends, with a status."""
+    echo(f"profilecal: {sentence}", err=True)
+    raise SystemExit(status)
 
 
 @contextmanager
@@ -144,38 +126,14 @@ def main():
         os.environ.setdefault(f"{library}_NUM_THREADS", "1")
 
 
-@main.command()
-@argument("names", nargs=-1)
-@option(
-    "-p",
-    "parameters",
-    nargs=2,
-    multiple=True,
-    metavar="NAME VALUE",
-    help="Set a notebook's parameter.",
-)
-@option(
-    "--output",
-    default="results",
-    show_default=True,
-    type=PLACE,
-    help="Where it all goes.",
-)
-def reproduce(names, parameters, output):
-    """Execute all notebooks, or those whose NAMES begin so.
+def guess_given(ctx, param, numbers):
+    """The numbers of a guess, if they are finite."""
+    from math import isfinite
 
-    Counts the printed results that come out.
-    """
-    from profilecal_pages import items, notebooks
-
-    given = {name: notebooks.parse_value(text) for name, text in parameters}
-    with interruptible("The next run starts clean."):
-        gathered, failed = notebooks.reproduce(notebooks.find(names), given, output)
-    if gathered:
-        table = items.tally(gathered).to_string(index=False)
-        echo(f"{table}\n\n{items.sentence(gathered)}\n")
-    echo(f"Notebooks, figures, tables and scorecard: {output}/")
-    end_with(failed, output / "notebooks")
+    if numbers and not all(map(isfinite, numbers)):
+        given = " ".join(map(str, numbers))
+        raise ValueError(f"--guess is {given}; expected six numbers, mm and degrees")
+    return numbers
 
 
 @main.command()
@@ -193,6 +151,7 @@ def reproduce(names, parameters, output):
     "--guess",
     nargs=6,
     type=float,
+    callback=guess_given,
     metavar="X Y Z W P R",
     help="Where the sensor is believed to be, mm and degrees.",
 )
@@ -219,14 +178,12 @@ def reproduce(names, parameters, output):
 @CLOUD
 def calibrate(folders, as_json, vendor, guess, guess_sd, leave_out, report, cloud):
     """Find the sensor pose from scan folders of one sensor."""
-    from profilecal.calibration import calibration
-    from profilecal.scan.folder import read_scan
-
     check_outputs(as_json, vendor, report)
-    mount = mount_of(guess)
+    from profilecal.scan.folder import mount_pose
+
     with working("calibrating"):
-        scans = [read_scan(folder) for folder in folders]
-        found = calibration.calibrate(scans, mount, guess_sd)
+        scans = [pc.read_scan(folder) for folder in folders]
+        found = pc.calibrate(scans, guess and mount_pose(guess), guess_sd)
     try:
         with interruptible("Above is what was found until then."):
             found = with_notes(found, folders[0], leave_out)
@@ -240,15 +197,6 @@ def calibrate(folders, as_json, vendor, guess, guess_sd, leave_out, report, clou
     if found.is_known:
         put_together(found, found.pose, cloud)
     raise SystemExit(0 if found.is_known else 3)
-
-
-def put_together(found, pose, path) -> None:
-    """Write what was seen from all poses, as a sensor pose has it."""
-    if path:
-        from profilecal_tool.report.cloud import write_cloud
-
-        write_cloud(found, pose, path)
-        echo(f"Cloud: {path}", err=True)
 
 
 def check_outputs(as_json, vendor, report) -> None:
@@ -267,20 +215,6 @@ def check_outputs(as_json, vendor, report) -> None:
         check_report(report)
 
 
-def mount_of(guess):
-    """The pose (4, 4) that six numbers, mm and degrees, state; None for none."""
-    import numpy as np
-
-    from profilecal.scan.folder import mount_pose
-
-    if not guess:
-        return None
-    if not np.isfinite(guess).all():
-        given = " ".join(map(str, guess))
-        raise ValueError(f"--guess is {given}; expected six numbers, mm and degrees")
-    return mount_pose(guess)
-
-
 def with_notes(found, folder, leave_out):
     """A calibration that also says how well poses are predicted, and which would help.
 
@@ -290,11 +224,10 @@ def with_notes(found, folder, leave_out):
 
     notes = list(found.messages)
     if leave_out and found.is_known:
-        from profilecal.calibration.leave_out import leave_out as cross_validate
         from profilecal_tool.words import left_out_sentences
 
         with working("cross-validating"):
-            notes += left_out_sentences(cross_validate(found))
+            notes += left_out_sentences(pc.leave_out(found))
     if found.status == "weak":
         from profilecal_tool.plan.task import next_poses
 
@@ -343,9 +276,86 @@ def write_the_report(folders, path, **parameters) -> None:
         with interruptible(f"{path} was not written."):
             write_report(folders, path, **parameters)
     except (NotebookError, OSError) as error:
-        echo(f"profilecal: no report: {error}", err=True)
-        raise SystemExit(1) from error
+        end(f"no report: {error}", 1)
     echo(f"Report: {path}", err=True)
+
+
+def put_together(found, pose, path) -> None:
+    """Write what was seen from all poses, as a sensor pose has it."""
+    if path:
+        from profilecal_tool.report.cloud import write_cloud
+
+        write_cloud(found, pose, path)
+        echo(f"Cloud: {path}", err=True)
+
+
+@main.command()
+@FOLDER
+def check(folder):
+    """Say what a scan FOLDER holds, before any calibration.
+
+    Poses, groups, noise, outliers, motions.
+    """
+    from profilecal_tool.checking import check
+
+    with working("checking"):
+        lines = check(pc.read_scan(folder))
+    has_notes = any(line.startswith("note ") for line in lines)
+    first = "mind the notes, then " if has_notes else ""
+    echo("\n".join([*lines, f"next: {first}profilecal calibrate {folder}"]))
+
+
+@main.command()
+@FOLDER
+@ANSWER
+@CLOUD
+def verify(folder, answer, cloud):
+    """Compare a sensor pose with a scan FOLDER not used to find it.
+
+    Status 1 if they contradict, 2 if FOLDER cannot tell.
+    """
+    from profilecal_tool.words import verification_text
+
+    with working("verifying"):
+        scan, answer = pc.read_scan(folder), pc.read_answer(answer)
+        verification = pc.verify(answer, scan)
+    echo(verification_text(verification, answer.status))
+    put_together(verification.alone, answer.pose, cloud)
+    end_as(verification)
+
+
+@main.command("check-mount")
+@FOLDER
+@ANSWER
+@option(
+    "--log",
+    type=PLACE,
+    callback=ending_in(".csv"),
+    help="A CSV file to add a row to, and its picture beside.",
+)
+def check_mount(folder, answer, log):
+    """Compare one to three poses of the same artefact with what T.json predicts.
+
+    FOLDER is a scan of it where it stood at the calibration. Status 1 if anything has
+    moved, 2 if FOLDER cannot tell.
+    """
+    from profilecal_tool.words import mount_check_text
+
+    answer, scan = pc.read_answer(answer), pc.read_scan(folder)
+    check = pc.check_mount(answer, scan)
+    echo(mount_check_text(check, scan.kind))
+    if log:
+        from profilecal_tool.report.log import add_to_log
+
+        echo(f"log            {log}, drawn in {add_to_log(check, folder, log)}")
+    end_as(check)
+
+
+def end_as(check) -> None:
+    """End with the status of a check: 0 as expected, 1 if not, 2 if it cannot tell."""
+    if not check.as_expected:
+        raise SystemExit(1)
+    raise SystemExit(0 if check.is_conclusive else 2)
 
 
 @main.command()
@@ -353,7 +363,7 @@ def write_the_report(folders, path, **parameters) -> None:
 @argument("folder", type=PLACE)
 @option(
     "--scan",
-    type=click.IntRange(1),
+    type=COUNT,
     help="Another scan of the same scanner, target and robot: 2, 3, …",
 )
 def simulate(spec, folder, scan):
@@ -361,7 +371,6 @@ def simulate(spec, folder, scan):
 
     Its truth is in truth.toml.
     """
-    from profilecal.scan.folder import write_scan
     from profilecal.scan.toml import read_toml
     from profilecal_tool.plan.specification import (
         read_specification,
@@ -369,7 +378,7 @@ def simulate(spec, folder, scan):
     )
 
     entries = read_toml(spec) | ({"scan": scan} if scan else {})
-    write_scan(simulate_specification(read_specification(entries, spec)), folder)
+    pc.write_scan(simulate_specification(read_specification(entries, spec)), folder)
     echo(f"{folder}/ written; its truth is in truth.toml")
     after = f"profilecal check-mount {folder} --with T.json, or verify"
     if not scan:
@@ -508,77 +517,30 @@ def written_plan(task, folder):
     return designed
 
 
-@main.command()
-@argument("folder", type=SCAN)
-def check(folder):
-    """Say what a scan FOLDER holds, before any calibration.
+def kinds_by_length():
+    """The kinds of targets that have a length, by its name."""
+    from profilecal.targets import TARGETS
 
-    Poses, groups, noise, outliers, motions.
-    """
-    from profilecal.scan.folder import read_scan
-    from profilecal_tool.checking import check
-
-    with working("checking"):
-        lines = check(read_scan(folder))
-    has_notes = any(line.startswith("note ") for line in lines)
-    first = "mind the notes, then " if has_notes else ""
-    echo("\n".join([*lines, f"next: {first}profilecal calibrate {folder}"]))
+    kinds = {}
+    for kind, target in TARGETS.items():
+        for name in target.lengths:
+            kinds.setdefault(name, []).append(kind)
+    return kinds
 
 
-@main.command()
-@argument("folder", type=SCAN)
-@ANSWER
-@CLOUD
-def verify(folder, pose, cloud):
-    """Compare a sensor pose with a scan FOLDER not used to find it.
+class OfTarget(click.Command):
+    """A command with an option for each length that targets have."""
 
-    Status 1 if they contradict, 2 if FOLDER cannot tell.
-    """
-    from profilecal.calibration.answer import read_answer
-    from profilecal.calibration.verify import verify
-    from profilecal.scan.folder import read_scan
-    from profilecal_tool.words import verification_text
-
-    with working("verifying"):
-        scan, answer = read_scan(folder), read_answer(pose)
-        verification = verify(answer, scan)
-    echo(verification_text(verification, answer.status))
-    put_together(verification.alone, answer.pose, cloud)
-    if not verification.as_expected:
-        raise SystemExit(1)
-    raise SystemExit(0 if verification.is_conclusive else 2)
-
-
-@main.command("check-mount")
-@argument("folder", type=SCAN)
-@ANSWER
-@option(
-    "--log",
-    type=PLACE,
-    callback=ending_in(".csv"),
-    help="A CSV file to add a row to, and its picture beside.",
-)
-def check_mount(folder, pose, log):
-    """Compare one to three poses of the same artefact with what T.json predicts.
-
-    FOLDER is a scan of it where it stood at the calibration. Status 1 if anything has
-    moved, 2 if FOLDER cannot tell.
-    """
-    from profilecal.calibration.answer import read_answer
-    from profilecal.calibration.check_mount import check_mount
-    from profilecal.scan.folder import read_scan
-    from profilecal_tool.words import mount_check_text
-
-    answer, scan = read_answer(pose), read_scan(folder)
-    check = check_mount(answer, scan)
-    echo(mount_check_text(check, scan.kind))
-    if log:
-        from profilecal_tool.report.log import add_to_log
-
-        echo(f"log            {log}, drawn in {add_to_log(check, folder, log)}")
-    if not check.as_expected:
-        raise SystemExit(1)
-    raise SystemExit(0 if check.is_conclusive else 2)
+    def get_params(self, ctx):
+        """The options, with those of lengths."""
+        lengths = [
+            click.Option(
+                [f"--{name}"], type=float, help=f"Of a {', '.join(kinds)}, mm."
+            )
+            for name, kinds in kinds_by_length().items()
+        ]
+        *options, of_help = super().get_params(ctx)
+        return [*options, *lengths, of_help]
 
 
 @main.command("import", cls=OfTarget)
@@ -631,7 +593,6 @@ def import_(files, folder, kind, **layout):
 
     What is not said is guessed, and every guess is printed.
     """
-    from profilecal.scan.folder import write_scan
     from profilecal.targets import TARGETS
     from profilecal_tool.importing.import_scan import Layout, import_scan
 
@@ -648,9 +609,43 @@ def import_(files, folder, kind, **layout):
             raise ValueError(f"--{name} is missing: a {kind} has one, in mm")
     with working("importing"):
         scan, guesses = import_scan(files, kind, sizes, Layout(**layout))
-        write_scan(scan, folder)
+        pc.write_scan(scan, folder)
     echo("\n".join(guesses))
     echo(f"{folder}/ written; next: profilecal check {folder}")
+
+
+@main.command()
+@argument("names", nargs=-1)
+@option(
+    "-p",
+    "parameters",
+    nargs=2,
+    multiple=True,
+    metavar="NAME VALUE",
+    help="Set a notebook's parameter.",
+)
+@option(
+    "--output",
+    default="results",
+    show_default=True,
+    type=PLACE,
+    help="Where it all goes.",
+)
+def reproduce(names, parameters, output):
+    """Execute all notebooks, or those whose NAMES begin so.
+
+    Counts the printed results that come out.
+    """
+    from profilecal_pages import items, notebooks
+
+    given = {name: notebooks.parse_value(text) for name, text in parameters}
+    with interruptible("The next run starts clean."):
+        gathered, failed = notebooks.reproduce(notebooks.find(names), given, output)
+    if gathered:
+        table = items.tally(gathered).to_string(index=False)
+        echo(f"{table}\n\n{items.sentence(gathered)}\n")
+    echo(f"Notebooks, figures, tables and scorecard: {output}/")
+    end_with(failed, output / "notebooks")
 
 
 @main.command()
@@ -665,7 +660,7 @@ def import_(files, folder, kind, **layout):
 )
 @option(
     "--repeat",
-    type=click.IntRange(1),
+    type=COUNT,
     help="So many runs of each point, with seeds of their own.",
 )
 @option("--output", required=True, type=PLACE, help="The folder for runs and table.")
@@ -676,7 +671,7 @@ def import_(files, folder, kind, **layout):
 )
 @option(
     "--timeout",
-    type=click.IntRange(1),
+    type=COUNT,
     help="Seconds after which a cell counts as hung.",
 )
 @option(

@@ -1,8 +1,12 @@
-"""Answers in words, as `profilecal calibrate` and `profilecal verify` print them."""
+"""Answers in words, as commands print them and the report shows them: lines that begin
+with a name.
+"""
+
+from collections.abc import Sequence
 
 import numpy as np
 from scipy.spatial.transform import Rotation
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from profilecal.calibration.calibration import Calibration
 from profilecal.calibration.check_mount import MountCheck
@@ -16,35 +20,66 @@ from profilecal.joint.solution import Solution
 from profilecal.scan.tables import some
 
 
-def calibration_text(calibration: Calibration, to_paste: str = "") -> str:
+def calibration_text(found: Calibration, to_paste: str = "") -> str:
     """What `profilecal calibrate` prints for people.
 
     `to_paste`: the pose as a controller takes it.
     """
-    lines = [f"status         {calibration.status}"]
-    solution = calibration.solution_or_none
-    if solution:
-        if calibration.is_known:
-            lines += pose_lines(solution, calibration.frame, to_paste)
-        used = calibration.poses_used
-        rejected = calibration.poses_rejected
-        names = f": {some(rejected)}" if rejected else ""
+    notes = note_lines(found)
+    return "\n".join([*answer_lines(found, to_paste), *notes, *error_lines(found)])
+
+
+def answer_lines(found: Calibration, to_paste: str = "") -> list[str]:
+    """The status of a calibration, the sensor's pose, and what that rests on."""
+    lines = [f"status         {found.status}"]
+    solution = found.solution_or_none
+    if solution is None:
+        return lines
+    if found.is_known:
+        lines += pose_lines(solution, found.frame, to_paste)
+    used, rejected = len(found.poses_used), found.poses_rejected
+    names = f": {some(rejected)}" if rejected else ""
+    lines.append(f"poses          {used} used, {len(rejected)} rejected{names}")
+    if solution.delay_s is not None:
+        delay = delay_words(1e3 * solution.delay_s, 1e3 * solution.delay_sd_s)
+        lines.append(f"delay          {delay}")
+    return lines
+
+
+def pose_lines(solution: Solution, frame: str, to_paste: str) -> list[str]:
+    """The sensor's pose in a frame and its uncertainty."""
+    x, y, z = solution.translation
+    W, P, R = Rotation.from_matrix(solution.rotation).as_euler("xyz", degrees=True)
+    lines = [
+        f"translation    {x:.3f}  {y:.3f}  {z:.3f} mm, "
+        f"of the sensor's origin in the {frame} frame",
+        f"rotation       {W:.4f}  {P:.4f}  {R:.4f}°, "
+        f"R = Rz({R:.4f}) Ry({P:.4f}) Rx({W:.4f})",
+        to_paste,
+        f"uncertainty    {deviations(solution.covariance)} about the sensor's x, y, z: "
+        "one standard deviation near these poses, from noise, robot errors, tolerances",
+    ]
+    return [line for line in lines if line]
+
+
+def note_lines(found: Calibration) -> list[str]:
+    """What else there is to say of a calibration."""
+    return [f"note           {message}" for message in found.messages]
+
+
+def error_lines(found: Calibration) -> list[str]:
+    """The errors of the robot that a calibration found, and its residuals."""
+    solution = found.solution_or_none
+    if solution is None or found.misread:
+        return []
+    errors = robot_errors(solution.noise, solution.prior.scales)
+    lines = [f"robot errors   {errors}"]
+    if solution.noise_source == "given":  # an estimate makes χ²/dof 1
         lines.append(
-            f"poses          {len(used)} used, {len(rejected)} rejected{names}"
+            f"residuals      {solution.rms_mm:.3g} mm rms, "
+            f"χ²/dof {solution.chi2_per_dof:.3g}"
         )
-        if solution.delay_s is not None:
-            delay = delay_words(1e3 * solution.delay_s, 1e3 * solution.delay_sd_s)
-            lines.append(f"delay          {delay}")
-    lines += note_lines(calibration)
-    if solution and not calibration.misread:
-        usual = solution.prior.scales
-        lines.append(f"robot errors   {robot_errors(solution.noise, usual)}")
-        if solution.noise_source == "given":  # an estimate makes χ²/dof 1
-            lines.append(
-                f"residuals      {solution.rms_mm:.3g} mm rms, "
-                f"χ²/dof {solution.chi2_per_dof:.3g}"
-            )
-    return "\n".join(lines)
+    return lines
 
 
 def delay_words(delay_ms: float, sd_ms: float) -> str:
@@ -57,40 +92,21 @@ def delay_words(delay_ms: float, sd_ms: float) -> str:
     return f"{known} (the scanner's clock is {which})"
 
 
-def pose_lines(solution: Solution, frame: str, to_paste: str) -> list[str]:
-    """The sensor's pose in a frame and its uncertainty, in lines."""
-    x, y, z = solution.translation
-    rotation = Rotation.from_matrix(solution.rotation)
-    W, P, R = rotation.as_euler("xyz", degrees=True)
-    return [
-        f"translation    {x:.3f}  {y:.3f}  {z:.3f} mm, "
-        f"of the sensor's origin in the {frame} frame",
-        f"rotation       {W:.4f}  {P:.4f}  {R:.4f}°, "
-        f"R = Rz({R:.4f}) Ry({P:.4f}) Rx({W:.4f})",
-        *([to_paste] if to_paste else []),
-        f"uncertainty    {deviations(solution.covariance)} about the sensor's x, y, z: "
-        "one standard deviation near these poses, from noise, robot errors, tolerances",
-    ]
-
-
-def note_lines(calibration: Calibration) -> list[str]:
-    """What else there is to say of a calibration, in lines."""
-    return [f"note           {message}" for message in calibration.messages]
-
-
 def deviations(covariance: np.ndarray, delta: np.ndarray | None = None) -> str:
     """δ (6,), mm and rad, in words, or its standard deviations.
 
     "open" where these say that nothing is known.
     """
     sd = np.sqrt(np.diag(covariance))
-    delta = sd if delta is None else delta
-    values = np.r_[delta[:3], np.degrees(delta[3:])]
-    words = [
-        "open" if is_open else brief(value)
-        for value, is_open in zip(values, sd >= HAND_PRECISION, strict=True)
-    ]
-    return f"{'  '.join(words[:3])} mm along and {'  '.join(words[3:])}°"
+    values = sd if delta is None else delta
+    known = np.where(sd < HAND_PRECISION, values, np.nan)
+    return shift_and_turn(np.r_[known[:3], np.degrees(known[3:])])
+
+
+def shift_and_turn(mm_deg: Sequence[float], between: str = "and") -> str:
+    """Three shifts and three turns (6,) in words, "open" for NaN."""
+    words = ["open" if np.isnan(value) else brief(value) for value in mm_deg]
+    return f"{'  '.join(words[:3])} mm along {between} {'  '.join(words[3:])}°"
 
 
 def brief(value: float) -> str:
@@ -103,7 +119,7 @@ def robot_errors(noise: Noise, usual: Noise) -> str:
     scales that are expected of them.
     """
     # where the law that they are drawn from leaves one in a hundred
-    much = student.ppf(1 - FALSE_ALARM / 2, FREEDOM)
+    much = stdtrit(FREEDOM, 1 - FALSE_ALARM / 2)
     places = ("at each visit", "at each pose", "shared by the poses of an orientation")
     sizes = np.reshape([getattr(noise, name) for name in ROBOT], (3, 2))
     errors = [
@@ -119,48 +135,46 @@ def robot_errors(noise: Noise, usual: Noise) -> str:
     return ", ".join(errors) or "none that the residuals show"
 
 
-def verification_text(verification: Verification, status: str) -> str:
+def verification_text(checked: Verification, status: str) -> str:
     """What `profilecal verify` prints; `status`: of the pose in question."""
-    alone = verification.alone
+    alone, expected, apart = checked.alone, checked.expected, checked.apart
     (scan,) = alone.scans
-    lines = [f"pose           {status}", f"scan alone     {alone.status}"]
-    if alone.status != "ok":
-        lines[-1] += ", so also looked at near the pose"
-        lines += note_lines(alone)
-
-    expected = verification.expected
-    apart = verification.apart
     worst = np.argmax(np.abs(apart))
     determined = expected.directions[-len(apart) :]
     direction = name_direction(determined[worst], np.eye(3), "sensor")
-    difference = deviations(expected.covariance, verification.delta)
-    lines += [
+    difference = deviations(expected.covariance, checked.delta)
+    is_ok = alone.status == "ok"
+    looked_at = "" if is_ok else ", so also looked at near the pose"
+    verdict = (
+        "more is wrong than the stated uncertainties explain: the scanner has "
+        "moved, or robot, target or calibration err"
+    )
+    if checked.as_expected:
+        verdict = "the stated uncertainties explain what was found"
+        if not checked.is_conclusive:
+            verdict = (
+                f"no contradiction, but this scan leaves {6 - len(apart)} of 6 "
+                "directions open: it does not verify the pose; add poses"
+            )
+    lines = [
+        f"pose           {status}",
+        f"scan alone     {alone.status}{looked_at}",
+        *([] if is_ok else note_lines(alone)),
         f"differs by     {difference} about the sensor's x, y, z",
         f"expected       {deviations(expected.covariance)}, one standard deviation",
         f"most apart     {direction}, {brief(abs(apart[worst]))} standard deviations",
-        f"chance         {verification.chance:.2g} that right answers differ by more, "
+        f"chance         {checked.chance:.2g} that right answers differ by more, "
         f"in {len(apart)} of 6 directions; doubted below {FALSE_ALARM:g}",
     ]
-    for name, length in verification.lengths.items():
+    for name, length in checked.lengths.items():
         given = scan.measures[name]
         lines.append(f"{name:<15}{length:.3f} mm by the pose, {given:g} given")
-    lines.append(
-        f"residuals      {verification.rms_mm:.3g} mm rms from a "
-        f"{scan.target.shape}, by the pose"
-    )
-    if verification.as_expected and verification.is_conclusive:
-        verdict = "the stated uncertainties explain what was found"
-    elif verification.as_expected:
-        verdict = (
-            f"no contradiction, but this scan leaves {6 - len(apart)} of 6 directions "
-            "open: it does not verify the pose; add poses"
-        )
-    else:
-        verdict = (
-            "more is wrong than the stated uncertainties explain: the scanner has "
-            "moved, or robot, target or calibration err"
-        )
-    return "\n".join([*lines, f"verdict        {verdict}"])
+    lines += [
+        f"residuals      {checked.rms_mm:.3g} mm rms from a "
+        f"{scan.target.shape}, by the pose",
+        f"verdict        {verdict}",
+    ]
+    return "\n".join(lines)
 
 
 def mount_check_text(check: MountCheck, kind: str) -> str:
@@ -171,25 +185,42 @@ def mount_check_text(check: MountCheck, kind: str) -> str:
         f"doubted above {check.limit:.3g}",
         f"chance         {check.chance:.2g} that it is larger where nothing has moved",
     ]
-    if not check.as_expected and check.suspects:
-        for frame in ("sensor", "flange"):
-            sizes, sds = check.alone_mm_deg(frame)
-            k = np.argmax(np.abs(sizes) / sds)
-            word, unit = [("along", " mm"), ("about", "°")][k // 3]
-            size = f"{sizes[k]:+.2g} ± {sds[k]:.1g}{unit}"
-            name = f"{word} the {frame}'s {'xyz'[k % 3]}"
-            lines.append(f"as if          moved {size} {name}, and no other way")
     if not check.as_expected:
-        for name, move in (("sensor", check.sensor), (kind, check.target)):
-            says = f"{move.chance:.2g} that it is larger if the {name} alone has moved"
-            if move.chance < 1:  # else any move explains what so few poses saw
-                lines.append(f"chance         {says}")
-    x, y, z, rx, ry, rz = map(brief, check.seen_mm_deg)
+        lines += move_lines(check, kind)
     if check.is_conclusive:
+        would_show = shift_and_turn(check.seen_mm_deg, "or")
         lines.append(
-            f"would show     {x}  {y}  {z} mm along or {rx}  {ry}  {rz}° about "
-            "the sensor's x, y, z, 9 times of 10"
+            f"would show     {would_show} about the sensor's x, y, z, 9 times of 10"
         )
+    return "\n".join([*lines, f"verdict        {mount_verdict(check, kind)}"])
+
+
+def move_lines(check: MountCheck, kind: str) -> list[str]:
+    """What has moved, by how much, and how well that explains what was seen."""
+    lines = []
+    for frame in ("sensor", "flange") if check.suspects else ():
+        sizes, sds = check.alone_mm_deg(frame)
+        k = np.argmax(np.abs(sizes) / sds)
+        word, unit = [("along", " mm"), ("about", "°")][k // 3]
+        size = f"{sizes[k]:+.2g} ± {sds[k]:.1g}{unit}"
+        axis = f"{word} the {frame}'s {'xyz'[k % 3]}"
+        lines.append(f"as if          moved {size} {axis}, and no other way")
+    for name, move in (("sensor", check.sensor), (kind, check.target)):
+        says = f"{move.chance:.2g} that it is larger if the {name} alone has moved"
+        if move.chance < 1:  # else any move explains what so few poses saw
+            lines.append(f"chance         {says}")
+    return lines
+
+
+def mount_verdict(check: MountCheck, kind: str) -> str:
+    """What to believe of the mount, and what to do."""
+    if not check.is_conclusive:
+        return (
+            "none: only moves of more than 10 mm and 5° would show; calibrate with "
+            "more poses"
+        )
+    if check.as_expected:
+        return "all is where the calibration left it"
     verdicts = {
         (): f"no move of the sensor or the {kind} alone explains it: is it the {kind} "
         "of the calibration, where it stood? If so, look at the robot",
@@ -198,15 +229,7 @@ def mount_check_text(check: MountCheck, kind: str) -> str:
         ("sensor", "target"): f"the sensor or the {kind} has moved: these poses "
         "cannot tell which; add poses that see it from other sides",
     }
-    verdict = verdicts[check.suspects]
-    if check.as_expected:
-        verdict = "all is where the calibration left it"
-    if not check.is_conclusive:
-        verdict = (
-            "none: only moves of more than 10 mm and 5° would show; calibrate with "
-            "more poses"
-        )
-    return "\n".join([*lines, f"verdict        {verdict}"])
+    return verdicts[check.suspects]
 
 
 def left_out_sentences(left: LeftOut) -> list[str]:

@@ -4,7 +4,7 @@ Every function takes a `profilecal.calibration.calibration.Calibration`.
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from html import escape
 
 import numpy as np
@@ -15,7 +15,7 @@ from profilecal.geometry.noise import FALSE_ALARM, chi2_limit
 from profilecal_pages.figures import GREEN, ORANGE, RED
 from profilecal_tool.controllers import for_controller, writing_like
 from profilecal_tool.plan.scan_model import largest_sd
-from profilecal_tool.words import calibration_text, deviations
+from profilecal_tool.words import answer_lines, deviations, error_lines
 
 # where the scanner's noise is from
 NOISE_FROM = {
@@ -81,42 +81,43 @@ def verdict(calibration: Calibration) -> Html:
     return Html(html, f"{title}. {text}\n{notes.plain}".strip())
 
 
-def answer(calibration: Calibration) -> Html:
+def answer(found: Calibration) -> Html:
     """What was scanned, and what `profilecal calibrate` prints, without notes.
 
     With the line for a robot that writes poses like these, and what the command leaves
     out.
     """
-    lines = [
+    scans = [
         f"scan           {scan.title or scan.kind}: {scan.description}"
-        for scan in calibration.scans
+        for scan in found.scans
     ]
     to_paste = ""
-    total = []
-    if calibration.is_known:
-        maker = writing_like(calibration.scans[0].convention)
-        to_paste = for_controller(maker, calibration.pose, calibration.frame)
-        solution = calibration.solution
-        robot = solution.prior.systematic
-        noise = stated_noise(calibration.scans)
-        both = "accuracy_mm" in noise and "accuracy_deg" in noise
-        said = "stated" if both else "assumed"
-        total = [
-            f"elsewhere      {deviations(solution.covariance_total)}, on a robot "
-            f"accurate to {robot.accuracy_mm:g} mm and {robot.accuracy_deg:g}° "
-            f"over its workspace, as {said}"
-        ]
-    plain = replace(calibration, messages=())
-    lines += [*calibration_text(plain, to_paste).splitlines(), *total]
-    if calibration.solution_or_none and not calibration.misread:
-        solution = calibration.solution
+    errors = error_lines(found)
+    if found.is_known:
+        maker = writing_like(found.scans[0].convention)
+        to_paste = for_controller(maker, found.pose, found.frame)
+        errors.append(f"elsewhere      {elsewhere(found)}")
+    if errors and not found.misread:
+        solution = found.solution
         source = NOISE_FROM[solution.prior.source]
-        lines.append(
+        errors.append(
             f"noise          {solution.noise_mm:.3g} mm, {source}; "
             f"residuals {solution.rms_mm:.3g} mm rms"
         )
-    text = "\n".join(lines)
+    text = "\n".join([*scans, *answer_lines(found, to_paste), *errors])
     return Html(f'<pre style="white-space:pre-wrap">{escape(text)}</pre>', text)
+
+
+def elsewhere(found: Calibration) -> str:
+    """How well the pose is known away from the poses of the scans."""
+    noise = stated_noise(found.scans)
+    both = {"accuracy_mm", "accuracy_deg"} <= noise.keys()
+    robot = found.solution.prior.systematic
+    return (
+        f"{deviations(found.solution.covariance_total)}, on a robot accurate to "
+        f"{robot.accuracy_mm:g} mm and {robot.accuracy_deg:g}° over its workspace, "
+        f"as {'stated' if both else 'assumed'}"
+    )
 
 
 def chance_limits(calibration: Calibration) -> list[np.ndarray]:

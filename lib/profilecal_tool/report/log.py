@@ -1,11 +1,11 @@
 """A log of checks of one mount, a row each, and its picture over time."""
 
-import csv
 from datetime import datetime
 from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
+import pandas as pd
 
 from profilecal.calibration.check_mount import MountCheck
 from profilecal.geometry.noise import FALSE_ALARM, chi2_limit
@@ -27,14 +27,10 @@ def add_to_log(check: MountCheck, scan: Path, path: Path) -> Path:
     if not is_new:
         read_table(path, COLUMNS)
     date = datetime.now().isoformat(sep=" ", timespec="seconds")
-    alone = np.ravel(check.alone_mm_deg(), "F")
-    numbers = [check.chi2, check.limit, check.chance, *alone]
-    with path.open("a", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        if is_new:
-            writer.writerow(COLUMNS)
-        row = [date, scan, len(check.labels), *(f"{number:.6g}" for number in numbers)]
-        writer.writerow(row)
+    moves = np.ravel(check.alone_mm_deg(), "F")
+    numbers = [check.chi2, check.limit, check.chance, *moves]
+    row = pd.DataFrame([[date, scan, len(check.labels), *numbers]], columns=COLUMNS)
+    row.to_csv(path, mode="a", header=is_new, index=False, float_format="%.6g")
     picture = path.with_suffix(".png")
     draw_log(path, picture)
     return picture
@@ -47,8 +43,8 @@ def draw_log(path: Path, picture: Path) -> None:
     chi2, limit = table.numbers(("chi2", "limit")).T
     use_style()
     figure, (above, below) = plt.subplots(2, sharex=True, figsize=(7, 5))
-    colours = np.where(chi2 > limit, RED, GREEN)
     above.plot(dates, chi2 / limit, color="0.7", lw=0.8)
+    colours = np.where(chi2 > limit, RED, GREEN)
     above.scatter(dates, chi2 / limit, color=colours, zorder=3)
     above.axhline(1, color=RED, lw=0.8)
     above.set(yscale="log", ylabel="χ² over its limit")
@@ -63,9 +59,9 @@ def draw_log(path: Path, picture: Path) -> None:
         below.plot(dates, band, "_--", color=colour, lw=0.8)
     below.axhline(0, color="0.7", lw=0.8)
     day = np.timedelta64(1, "D")
-    below.set_xlim(dates.min() - day, dates.max() + day)
-    below.set_ylabel("sensor's shift [mm]")
-    plt.setp(below.get_xticklabels(), rotation=30, ha="right")
+    below.set(xlim=(dates.min() - day, dates.max() + day))
+    below.set(ylabel="sensor's shift [mm]")
+    below.tick_params("x", rotation=30)
     words = "if along this axis alone; dashed: what chance exceeds once in 100"
     figure.legend(title=words, ncols=3, loc="outside lower center")
     figure.savefig(picture, dpi=150)

@@ -1,6 +1,6 @@
 """Pictures for the report, of a calibration's robot and profiles; and of a plan."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from textwrap import fill
 
@@ -28,35 +28,102 @@ from profilecal_pages.figures import (
     use_style,
 )
 from profilecal_tool.plan.design import Plan
-from profilecal_tool.plan.scan_model import ScanModel
 from profilecal_tool.report.calibration import chance_limits
 
+WIDTH = 5.6  # inches, of a page's pictures
+OF_PAGE = 20  # profiles
 
-def plot_robot(calibration: Calibration) -> plt.Figure:
-    """Draw the flange's poses and where the calibration puts scan planes and targets.
 
-    All is in the base frame.
+def panels(
+    rows: int, columns: int, height: float, title: str = ""
+) -> tuple[plt.Figure, Sequence[Axes]]:
+    """A figure as wide as the page of so many panels, row by row, each so many inches
+    high.
     """
-    scans = calibration.scans
-    figure = plt.figure(figsize=(5.6, 5.2))
+    figure, places = plt.subplots(
+        rows,
+        columns,
+        figsize=(WIDTH, rows * height),
+        squeeze=False,
+        layout="constrained",
+    )
+    figure.suptitle(title)
+    return figure, places.ravel()
+
+
+def plot_robot(found: Calibration) -> plt.Figure:
+    """The flange's poses, and where the calibration puts scan planes and targets, in
+    the base frame.
+    """
+    figure = plt.figure(figsize=(WIDTH, 5.2))
     axes = figure.add_subplot(projection="3d")
-    drawn = [scan.p_base_flange for scan in scans]
-    size = 0.08 * np.ptp(np.concatenate(drawn), axis=0).max() + 5
-    count = sum(len(scan.labels) for scan in scans)
-    step, words = thinned(count, 2000)
-    for k, scan in enumerate(scans):
-        few = spread(len(scan.labels), max(1, 24 // len(scans)))
-        positions = scan.p_base_flange
-        dots = positions[::step].T
-        axes.scatter(*dots, color="0.35", s=6, depthshade=False, label="flange")
-        for i in few:
-            draw_frame(axes, scan.R_base_flange[i], positions[i], size)
-        if calibration.is_known:
-            drawn += draw_answer(axes, calibration, k, few, size)
+    positions = np.concatenate([scan.p_base_flange for scan in found.scans])
+    size = 0.08 * np.ptp(positions, axis=0).max() + 5
+    step, words = thinned(len(positions), 2000)
+    dots = positions[::step].T
+    axes.scatter(*dots, color="0.35", s=6, depthshade=False, label="flange")
+    drawn = [positions]
+    for k, scan in enumerate(found.scans):
+        few = spread(len(scan.labels), max(1, 24 // len(found.scans)))
+        flange = scan.R_base_flange[few], scan.p_base_flange[few]
+        for R, T in zip(*flange, strict=True):
+            draw_frame(axes, R, T, size)
+        if found.is_known:
+            drawn += draw_answer(axes, found, k, flange, size)
     in_frame(axes, "base", np.concatenate(drawn))
-    figure.suptitle(f"Where the robot went: {count} poses{words}")
+    figure.suptitle(f"Where the robot went: {len(positions)} poses{words}")
     key(figure, axes)
     return figure
+
+
+def draw_answer(
+    axes: Axes3D, found: Calibration, k: int, flange: tuple, size: float
+) -> list[ndarray]:
+    """Draw where scan `k` has the sensor and the target at some flange poses (n, 3, 3),
+    (n, 3); return the points that are drawn.
+    """
+    observed, solution = found.observed[k], found.solution
+    poses = observed.R_flange[0], observed.T_flange[0]
+    points, _ = in_base(solution.pose, observed.points[0], *poses)
+    lines = solution.placements[k].lines(points)
+    poses = [*zip(*flange, strict=True)]
+    drawn = []
+    if observed.eye_to_hand:
+        rotation, origin = solution.rotation, solution.translation
+        draw_frame(axes, rotation, origin, 3 * size)
+        drawn.append(draw_seen(axes, observed, rotation, origin))
+        lines = [line @ R.T + T for R, T in poses for line in lines]
+    else:
+        for R, T in poses[::3]:
+            origin = T + R @ solution.translation
+            way = np.stack([T, origin])
+            axes.plot(*way.T, "--", color="0.6", lw=0.8, label="to the sensor's origin")
+            axes.scatter(*origin, color="0.6", s=12)
+            drawn.append(draw_seen(axes, observed, R @ solution.rotation, origin))
+    label = f"{observed.kind}, where the scans place it"
+    return [*drawn, draw_lines(axes, lines, "black", label)]
+
+
+def draw_seen(
+    axes: Axes3D, observed: Observations, rotation: ndarray, origin: ndarray
+) -> ndarray:
+    """Draw the part of the scan plane in which a sensor there saw nearly all.
+
+    Returns its corners and the sensor's origin (5, 3).
+    """
+    points = observed.points[0].reshape(-1, 2)
+    x, z = np.nanpercentile(points, [1, 99], axis=0).T
+    corners = np.stack([x[[0, 1, 1, 0]], z[[0, 0, 1, 1]]], axis=-1)
+    corners = origin + corners @ rotation[:, ::2].T
+    draw_patch(axes, corners, SKY, label="seen in the scan plane")
+    return np.vstack([corners, origin])
+
+
+def draw_lines(axes: Axes3D, lines: list[ndarray], colour: str, label: str) -> ndarray:
+    """Draw polylines (n, 3) in a 3D plot; return their points."""
+    for line in lines:
+        axes.plot(*line.T, color=colour, lw=3 if len(lines) == 1 else 1, label=label)
+    return np.concatenate(lines)
 
 
 def in_frame(axes: Axes3D, frame: str, points: ndarray) -> None:
@@ -64,6 +131,13 @@ def in_frame(axes: Axes3D, frame: str, points: ndarray) -> None:
     equal_axes(axes, points)
     axes.set(**{f"{axis}label": f"{frame} {axis} [mm]" for axis in "xyz"})
     axes.locator_params(nbins=4)
+
+
+def key(figure: plt.Figure, axes: Axes) -> None:
+    """Draw a legend below the figure, each label once."""
+    handles, labels = axes.get_legend_handles_labels()
+    once = dict(zip(labels, handles, strict=True))
+    figure.legend(once.values(), once, loc="outside lower center", ncols=2)
 
 
 def spread(count: int, most: int) -> ndarray:
@@ -77,165 +151,75 @@ def thinned(count: int, most: int) -> tuple[int, str]:
     return step, f" (one in {step} is drawn)" if step > 1 else ""
 
 
-def draw_answer(
-    axes: Axes3D, calibration: Calibration, k: int, few: ndarray, size: float
-) -> list[ndarray]:
-    """Draw where scan `k` has the sensor and the target at a few poses.
-
-    Returns the points that are drawn.
-    """
-    scan, observed = calibration.scans[k], calibration.observed[k]
-    solution = calibration.solution
-    R, T = scan.R_base_flange, scan.p_base_flange
-    flange = observed.R_flange[0], observed.T_flange[0]
-    points, _ = in_base(solution.pose, observed.points[0], *flange)
-    lines = solution.placements[k].lines(points)
-    drawn = []
-    if calibration.frame == "flange":
-        for i in few[::3]:
-            origin = T[i] + R[i] @ solution.translation
-            axes.plot(
-                *np.stack([T[i], origin]).T,
-                color="0.6",
-                lw=0.8,
-                ls="--",
-                marker="o",
-                ms=4,
-                markevery=[1],
-                label="to the sensor's origin",
-            )
-            rotation = R[i] @ solution.rotation
-            drawn += [draw_seen(axes, observed, rotation, origin), origin[None]]
-    else:
-        rotation, origin = solution.rotation, solution.translation
-        draw_frame(axes, rotation, origin, 3 * size)
-        drawn += [draw_seen(axes, observed, rotation, origin), origin[None]]
-        lines = [line @ R[i].T + T[i] for i in few for line in lines]
-    label = f"{scan.kind}, where the scans place it"
-    return [*drawn, draw_lines(axes, lines, "black", label)]
-
-
-def key(figure: plt.Figure, axes: Axes) -> None:
-    """Draw a legend below the figure, each label once."""
-    handles, labels = axes.get_legend_handles_labels()
-    once = dict(zip(labels, handles, strict=True))
-    figure.legend(once.values(), once, loc="outside lower center", ncols=2)
-
-
-def draw_seen(
-    axes: Axes3D, observed: Observations, rotation: ndarray, origin: ndarray
-) -> ndarray:
-    """Draw the part of the scan plane in which a sensor there saw nearly all.
-
-    Returns its corners (4, 3).
-    """
-    points = observed.points[0].reshape(-1, 2)
-    x, z = np.nanpercentile(points, [1, 99], axis=0).T
-    in_plane = np.stack([x[[0, 1, 1, 0]], z[[0, 0, 1, 1]]], axis=-1)
-    corners = origin + in_plane @ rotation[:, ::2].T
-    draw_patch(axes, corners, SKY, label="seen in the scan plane")
-    return corners
-
-
-def draw_lines(axes: Axes3D, lines: list[ndarray], colour: str, label: str) -> ndarray:
-    """Draw polylines (n, 3) in a 3D plot; return their points."""
-    for line in lines:
-        axes.plot(*line.T, color=colour, lw=3 if len(lines) == 1 else 1, label=label)
-    return np.concatenate(lines)
-
-
 def plot_profiles(
-    scan: Scan, rejected: Iterable[str] = (), most: int = 120
+    scan: Scan, rejected: Sequence[str] = (), most: int = 120
 ) -> Iterator[plt.Figure]:
-    """Draw profiles of a scan with what was found in them, 20 to a figure.
+    """Profiles of a scan with what was found in them, 20 to a figure, all at one scale.
 
-    Of more than `most` they are as many, evenly spread. All are at one scale; there are
-    no figures where there are no raw profiles. `rejected`: labels of the poses that the
-    calibration rejects.
+    Of more than `most` they are as many, evenly spread. There are no figures where
+    there are no raw profiles. `rejected`: labels of the poses that the calibration
+    rejects.
     """
     if scan.measured != "profiles":
         return
     features = scan.target.find(scan.values, *scan.sizes)
     step, words = thinned(len(features), most)
     drawn = range(0, len(features), step)
-    valid = [scan.values[i][np.isfinite(scan.values[i]).all(axis=1)] for i in drawn]
-    extents = [np.ptp(values, axis=0) for values in valid if len(values)]
+    seen = [valid[np.isfinite(valid).all(axis=1)] for valid in scan.values[::step]]
+    extents = [np.ptp(points, axis=0) for points in seen if len(points)]
     width, height = 1.2 * np.percentile(extents, 90, axis=0)
-    cell = np.array([width, np.clip(height, 0.4 * width, 0.75 * width)])
-    for first in range(0, len(drawn), 20):
-        page = drawn[first : first + 20]
-        yield profile_page(scan, features, page, cell, set(rejected), words)
-
-
-def profile_page(
-    scan: Scan,
-    features: list[Feature],
-    page: range,
-    cell: ndarray,
-    rejected: set[str],
-    words: str,
-) -> plt.Figure:
-    """Draw one figure of `plot_profiles`, whose title ends in some words."""
-    columns = 4
-    rows = -(-len(page) // columns)
-    width, height = cell
-    tall = 5.6 / columns * (rows + 0.2) * 1.3 * height / width
-    figure, places = plt.subplots(
-        rows, columns, figsize=(5.6, tall), squeeze=False, layout="constrained"
-    )
-    for axes in places.flat[len(page) :]:
-        axes.axis("off")
-    for axes, i in zip(places.flat, page, strict=False):
-        note = "rejected" if scan.labels[i] in rejected else ""
-        if features[i].reason:
-            note = "not found"
-        label = f"{scan.labels[i][:10]} {note}".strip()
-        axes.set_title(label, color=RED if note else "0.2", fontsize=8)
-        axes.set(aspect="equal", xticks=[], yticks=[])
-        draw_profile(axes, scan, scan.values[i], features[i], cell)
-    count = sum(features[i].found for i in page)
-    figure.suptitle(
-        f"Profiles {page[0] + 1} to {page[-1] + 1} of {len(features)}: "
-        f"{count} features found; a frame is {width:.0f} mm wide{words}"
-    )
-    return figure
+    height = np.clip(height, 0.4 * width, 0.75 * width)
+    for first in range(0, len(drawn), OF_PAGE):
+        page = drawn[first : first + OF_PAGE]
+        count = sum(features[i].found for i in page)
+        title = (
+            f"Profiles {page[0] + 1} to {page[-1] + 1} of {len(features)}: "
+            f"{count} features found; a frame is {width:.0f} mm wide{words}"
+        )
+        figure, places = panels(-(-len(page) // 4), 4, 2 * height / width, title)
+        for axes in places[len(page) :]:
+            axes.axis("off")
+        for axes, i in zip(places, page, strict=False):
+            draw_profile(axes, scan, i, features[i], np.array([width, height]))
+            note = "rejected" if scan.labels[i] in rejected else ""
+            if features[i].reason:
+                note = "not found"
+            name = f"{scan.labels[i][:10]} {note}".strip()
+            axes.set_title(name, color=RED if note else "0.2", fontsize=8)
+        yield figure
 
 
 def draw_profile(
-    axes: Axes,
-    scan: Scan,
-    values: ndarray,
-    feature: Feature,
-    cell: ndarray,
+    axes: Axes, scan: Scan, i: int, feature: Feature, size: ndarray
 ) -> None:
-    """Draw one profile, z downwards, as far as a cell shows it.
+    """Draw a profile, z downwards, as far as a frame of this size (2,), mm, shows it.
 
     The points that its feature rests on are blue.
     """
+    axes.set(aspect="equal", xticks=[], yticks=[])
+    values = scan.values[i]
     valid = np.isfinite(values).all(axis=1)
     if not valid.any():
         return
     used = valid & np.isin(np.arange(len(values)), feature.used)
-    shown = values[used] if used.any() else values[valid]
-    centre = (shown.min(axis=0) + shown.max(axis=0)) / 2
-
+    shown = values[used if used.any() else valid]
     for rows, colour in ((valid & ~used, "0.6"), (used, BLUE)):
         axes.plot(*values[rows].T, ".", ms=1.2, color=colour, rasterized=True)
     if feature.found and scan.target.points:
         axes.plot(*feature.points.T, "o", ms=5, mfc="none", mec=RED, mew=1.3)
-    (x, z), (width, height) = centre, cell / 2
-    axes.set(xlim=(x - width, x + width), ylim=(z + height, z - height))
+    middle = (shown.min(axis=0) + shown.max(axis=0)) / 2
+    (left, top), (right, bottom) = middle - size / 2, middle + size / 2
+    axes.set(xlim=(left, right), ylim=(bottom, top))
 
 
 def plot_residuals(found: Calibration) -> plt.Figure:
-    """Draw each pose's residual over the noise, and what chance explains."""
-    scans, solution = found.scans, found.solution
-    size = (5.6, 3.2 * len(scans))
-    figure, rows = plt.subplots(len(scans), figsize=size, squeeze=False)
+    """Each pose's residual over the noise, and what chance explains, a panel a scan."""
+    solution = found.solution
+    figure, rows = panels(len(found.scans), 1, 3.2)
     of_poses = solution.normalised, solution.rejected, chance_limits(found)
-    for parts in zip(rows[:, 0], scans, found.seen, *of_poses, strict=True):
+    for parts in zip(rows, found.scans, found.seen, *of_poses, strict=True):
         draw_residuals(*parts)
-    key(figure, rows[-1, 0])
+    key(figure, rows[-1])
     return figure
 
 
@@ -262,65 +246,14 @@ def draw_residuals(
     axes.set_title(f"{scan.title or scan.kind}:\n{title}")
 
 
-def save_plan(plan: Plan, path: Path) -> None:
-    """Write the picture of a plan as a PNG file."""
-    use_style()
-    figure, axes = plt.subplots(figsize=(7, 5.5), subplot_kw={"projection": "3d"})
-    draw_way(axes, plan)
-    prediction = plan.predicted
-    count = f"{len(plan.T) // 2} sweeps" if plan.speed else f"{len(plan.T)} poses"
-    axes.set_title(
-        f"{count} over the {plan.model.target.kind} (black): "
-        f"{prediction.mm:.2g} mm and {prediction.deg:.2g}° predicted"
-    )
-    figure.savefig(path, dpi=150)
-    plt.close(figure)
-
-
-def draw_way(axes: Axes3D, plan: Plan) -> None:
-    """Draw the sensor's way and some fields of view in 3D.
-
-    Eye-to-hand, they are in the frame of the flange and target.
-    """
-    model = plan.model
-    fans = field_of_view(model) @ plan.R.mT + plan.T[:, None]
-    origins = fans[:, 0]
-    axes.plot(*origins.T, color=BLUE, lw=0.8, alpha=0.6)
-    axes.scatter(
-        *origins.T, color=BLUE, s=8, depthshade=False, label="sensor, on its way"
-    )
-    R_view, T_view = model.planes(plan.R, plan.T)
-    size = 0.06 * np.ptp(fans, axis=(0, 1)).max()
-    few = spread(len(fans), 5)
-    for k in few:
-        draw_patch(axes, fans[k, 1:], SKY, 0.12, "field of view" if k == few[0] else "")
-        draw_frame(axes, R_view[k], origins[k], size)
-    seen = model.points_seen(R_view, T_view, 5) @ R_view[..., ::2].mT + T_view[:, None]
-    target = draw_lines(axes, model.target.lines(seen.reshape(-1, 3)), "black", "")
-    frame = "flange" if model.to_hand else "base"
-    in_frame(axes, frame, np.vstack([origins, fans[few].reshape(-1, 3), target]))
-    axes.computed_zorder = False
-    axes.legend(loc="upper left", fontsize=8)
-
-
-def field_of_view(model: ScanModel) -> ndarray:
-    """The sensor's origin and the corners of its field of view, (5, 3), mm.
-
-    They are in the frame that the sensor is fixed to.
-    """
-    near, far = model.scanner.near, model.scanner.far
-    z = np.array([0, near, far, far, near])
-    x = model.scanner.half_width(z) * [0, -1, -1, 1, 1]
-    return np.stack([x, z], axis=1) @ model.R_sensor[:, ::2].T + model.T_sensor
-
-
 def plot_directions(found: Calibration) -> plt.Figure:
     """How well each of the six directions of the sensor's pose is known, worst first.
 
     The scale counts 10 mm and 5° alike, as a measurement by hand is known.
     """
     solution, known = found.solution, found.solution.observability
-    figure, axes = plt.subplots(figsize=(5.6, 4.8))
+    title = f"The weakest direction of the sensor's pose is {known.status}"
+    figure, (axes,) = panels(1, 1, 4.8, title)
     colours = np.select([known.sd >= 1, known.sd >= WEAK], [RED, ORANGE], GREEN)
     low = min(known.sd[-1] / 3, 0.01)
     axes.barh(range(6), np.minimum(known.sd, 10), 0.3, color=colours)
@@ -332,5 +265,39 @@ def plot_directions(found: Calibration) -> plt.Figure:
     axes.set(xscale="log", xlim=(low, 10), ylim=(5.5, -0.8), yticks=[])
     axes.set_xlabel("standard deviation")
     axes.xaxis.set_major_formatter(lambda sd, _: f"{10 * sd:g} mm\n{5 * sd:g}°")
-    figure.suptitle(f"The weakest direction of the sensor's pose is {known.status}")
     return figure
+
+
+def save_plan(plan: Plan, path: Path) -> None:
+    """Write the picture of a plan as a PNG file: the sensor's way, some fields of view,
+    and the target; eye-to-hand, in the frame of the flange.
+    """
+    use_style()
+    model, predicted = plan.model, plan.predicted
+    figure, axes = plt.subplots(figsize=(7, 5.5), subplot_kw={"projection": "3d"})
+    R_view, T_view = model.planes(plan.R, plan.T)
+    near, far = model.scanner.near, model.scanner.far
+    z = np.array([near, far, far, near])
+    x = model.scanner.half_width(z) * [-1, -1, 1, 1]
+    views = np.stack([x, z], axis=1) @ R_view[..., ::2].mT + T_view[:, None]
+    axes.plot(*T_view.T, color=BLUE, lw=0.8, alpha=0.6)
+    dots = {"color": BLUE, "s": 8, "depthshade": False}
+    axes.scatter(*T_view.T, label="sensor, on its way", **dots)
+    few = spread(len(views), 5)
+    size = 0.06 * np.ptp(np.vstack([views[:, 0], views[:, 1], T_view]), axis=0).max()
+    for k in few:
+        draw_patch(axes, views[k], SKY, 0.12, "" if k else "field of view")
+        draw_frame(axes, R_view[k], T_view[k], size)
+    seen = model.points_seen(R_view, T_view, 5) @ R_view[..., ::2].mT + T_view[:, None]
+    target = draw_lines(axes, model.target.lines(seen.reshape(-1, 3)), "black", "")
+    frame = "flange" if model.to_hand else "base"
+    in_frame(axes, frame, np.vstack([T_view, views[few].reshape(-1, 3), target]))
+    axes.computed_zorder = False
+    axes.legend(loc="upper left", fontsize=8)
+    count = f"{len(plan.T) // 2} sweeps" if plan.speed else f"{len(plan.T)} poses"
+    axes.set_title(
+        f"{count} over the {model.target.kind} (black): "
+        f"{predicted.mm:.2g} mm and {predicted.deg:.2g}° predicted"
+    )
+    figure.savefig(path, dpi=150)
+    plt.close(figure)
