@@ -265,21 +265,19 @@ AGREEMENTS = (
 
 def sentence(gathered: Gathered) -> str:
     """What became of the printed results, in three counts."""
-    given: list[str] = []
-    chosen: list[str] = []  # where any setting is free
-    for _, item in gathered:
-        (chosen if item.free else given).extend(item.counted.verdicts)
-    printed = len(given + chosen)
-    in_vain = (given + chosen).count("not testable")
-    counted = [[v for v in part if v != "not testable"] for part in (given, chosen)]
-    agree = [
-        f"{len(part) - part.count('differs')} of {len(part)} are {agreement}"
-        for part, agreement in zip(counted, AGREEMENTS, strict=True)
-        if part
+    marks = [
+        (item.free, mark) for _, item in gathered for mark in item.counted.verdicts
     ]
+    tested = [(free, mark) for free, mark in marks if mark != "not testable"]
+    agree = []
+    for chosen, agreement in enumerate(AGREEMENTS):
+        part = [mark for free, mark in tested if bool(free) == chosen]
+        if part:
+            inside = len(part) - part.count("differs")
+            agree.append(f"{inside} of {len(part)} are {agreement}")
     return (
-        f"Of {printed} printed results {in_vain} could hardly have failed, and do not "
-        f"count. Of the others, {', and '.join(agree) or 'none is left'}."
+        f"Of {len(marks)} printed results {len(marks) - len(tested)} could hardly have "
+        f"failed, and do not count. Of the others, {', and '.join(agree) or 'none'}."
     )
 
 

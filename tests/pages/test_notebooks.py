@@ -31,7 +31,6 @@ RUNS = int(os.environ.get("PROFILECAL_ALTERED", "1"))
 SEED = int(os.environ.get("PROFILECAL_ALTERED_SEED", "1"))
 # an integer from there on is the size of a study, which goes down to this
 SIZE, LEAST = 20, 8
-NOTEBOOKS = notebooks.find([])
 
 
 def code_cells(path) -> list[dict]:
@@ -44,29 +43,30 @@ def holds_parameters(cell) -> bool:
     return "parameters" in cell["metadata"].get("tags", [])
 
 
-def declared(path) -> dict:
-    """The parameters of a notebook and their values."""
+def numbers_of(path) -> dict:
+    """The parameters of a notebook that are numbers or lists of them."""
     (cell,) = filter(holds_parameters, code_cells(path))
     nodes = ast.parse("".join(cell["source"])).body
-    return {node.target.id: ast.literal_eval(node.value) for node in nodes}
+    values = {node.target.id: ast.literal_eval(node.value) for node in nodes}
+    return {k: v for k, v in values.items() if not isinstance(v, bool | str)}
 
 
-def altered(value, rng, name=""):
-    """Another value of a parameter; text and truth stay."""
-    if isinstance(value, bool | str):
-        return value
+def altered(name, value, rng):
+    """Another value of a parameter."""
+    factor = float(rng.choice([0.5, 2]))
+    if isinstance(value, list):
+        return [factor * entry for entry in value]
+    if isinstance(value, float):
+        return factor * value
     if name == "seed":
         return int(rng.integers(1000))
-    if isinstance(value, int) and value >= SIZE:
-        most = max(LEAST, value // 2) if RUNS > 1 else LEAST
-        return int(rng.integers(LEAST, most + 1))
-    several = value if isinstance(value, list) else [value]
-    whole = all(isinstance(v, int) for v in several)
-    factor = 0.5 if whole and RUNS == 1 else float(rng.choice([0.5, 2]))
-    changed = [v * factor for v in several]
-    if whole:
-        changed = [max(1, math.ceil(v)) for v in changed]
-    return changed if isinstance(value, list) else changed[0]
+    if value < SIZE:
+        return math.ceil(value * (0.5 if RUNS == 1 else factor))
+    most = max(LEAST, value // 2) if RUNS > 1 else LEAST
+    return int(rng.integers(LEAST, most + 1))
+
+
+ALTERABLE = [path for path in notebooks.find([]) if numbers_of(path)]
 
 
 class Shell(InteractiveShell):
@@ -110,25 +110,15 @@ def outcomes(shell, path, parameters: dict) -> list[dict]:
     return recorded({"cells": cells})
 
 
-def can_be_altered(path) -> bool:
-    """Whether any parameter is a number. Notebook 00 reads what the others found."""
-    texts = all(isinstance(value, bool | str) for value in declared(path).values())
-    return not (texts or path.stem.startswith("00"))
-
-
-ALTERABLE = [path for path in NOTEBOOKS if can_be_altered(path)]
-
-
 @pytest.mark.parametrize("path", ALTERABLE, ids=lambda path: path.stem)
 def test_other_parameters_are_lived_with_and_outcomes_recorded(path, shell):
     for run in range(RUNS):
-        rng = default_rng([SEED, run, NOTEBOOKS.index(path)])
-        chosen = {}
-        for name, value in declared(path).items():
-            if rng.uniform() < 0.5 or RUNS == 1:
-                other = altered(value, rng, name)
-                if other != value:
-                    chosen[name] = other
+        rng = default_rng([SEED, run, ALTERABLE.index(path)])
+        chosen = {
+            name: altered(name, value, rng)
+            for name, value in numbers_of(path).items()
+            if rng.uniform() < 0.5 or RUNS == 1
+        }
         print(f"PROFILECAL_ALTERED_SEED={SEED}: {path.stem} with {chosen}")
         shell.reset()
         (first, *_) = outcomes(shell, path, chosen)

@@ -23,10 +23,7 @@ ours = count * scale
 row = items.Row("a", "", "x", "1.0", 1, "mm", ours, ours, ours)
 items.Item("edge", "Table 1", "lengths", (row,), "rounding")
 """
-READ_OTHERS = """
-from pathlib import Path
-print(sorted(path.name for path in Path(executed_dir).iterdir()))
-"""
+READ_OTHERS = "import os; print(sorted(os.listdir(executed_dir)))"
 
 
 @pytest.fixture
@@ -45,11 +42,14 @@ def clone(tmp_path, monkeypatch, cluster):
 
 
 def test_notebooks_run_and_what_they_hand_out_is_gathered(clone):
-    pages, results = clone / "notebooks", clone / "results"
-    failing = 'raise RuntimeError("the reason")'
-    write_notebook(pages / "05_bad.ipynb", PARAMETERS, failing)
-    write_notebook(pages / "10_good.ipynb", PARAMETERS, GOOD)
-    write_notebook(pages / "00_all.ipynb", 'executed_dir: str = ""', READ_OTHERS)
+    results, failing = clone / "results", 'raise RuntimeError("the reason")'
+    new = {
+        "05_bad": (PARAMETERS, failing),
+        "10_good": (PARAMETERS, GOOD),
+        "00_all": ('executed_dir: str = ""', READ_OTHERS),
+    }
+    for name, cells in new.items():
+        write_notebook(clone / f"notebooks/{name}.ipynb", *cells)
     result = run("reproduce", "-p", "count", "3")
     assert result.exit_code == 1
     assert "differs" in result.output
@@ -102,17 +102,7 @@ def test_mistakes_are_one_sentence_and_touch_nothing(clone, arguments, sentence)
 
 @pytest.mark.parametrize(
     ("text", "value"),
-    [
-        ("3", 3),
-        ("1e-3", 0.001),
-        ("true", True),
-        ("False", False),
-        ("[1, 2]", [1, 2]),
-        ("plane", "plane"),
-        ("", ""),
-    ],
+    [("1e-3", 0.001), ("true", True), ("False", False), ("[1, 2]", [1, 2]), ("", "")],
 )
 def test_parameters_typed_at_the_command_line(text, value):
-    parsed = notebooks.parse_value(text)
-    assert parsed == value
-    assert type(parsed) is type(value)
+    assert repr(notebooks.parse_value(text)) == repr(value)
