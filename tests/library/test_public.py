@@ -79,7 +79,7 @@ class TestThreeUsers:
             "unknown entry 'profile_um'": {"noise": {"profile_um": 50}},
             "profile_mm is -0.05": {"noise": {"profile_mm": -0.05}},
             "noise is 0.05; expected entries": {"noise": 0.05},
-            "points .* are they in mm": {"points": scan["points"] / 1000},
+            "points .* are the units right": {"points": scan["points"] / 1000},
             "of T_base_flange is 0.8.* are they in mm": {"T_base_flange": in_metres},
             "points has shape": {"points": scan["points"][:, :1]},
             "expected one of profiles, points": {"profiles": points},

@@ -2,8 +2,7 @@
 was taken by the scanner's clock.
 """
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 from numpy import ndarray
@@ -11,7 +10,6 @@ from numpy.typing import ArrayLike
 
 from profilecal.geometry.checks import check_array, check_positions, check_rotations
 from profilecal.geometry.log import DELAY_S, Log
-from profilecal.geometry.poses import rotation_groups
 
 SPEEDS = 1.0, 10_000.0  # mm/s, between which the fastest motion of a robot is
 
@@ -59,39 +57,13 @@ def moment_label(sweep: str, t: float) -> str:
     return f"{sweep}@{float(t)!r}"
 
 
-def with_motion(
-    log: Log,
-    times: ArrayLike | None,
-    sweeps: Sequence[str],
-    at_rest: Mapping[str, Any],
-) -> dict[str, Any]:
-    """Entries of a Scan from when each of P profiles was taken (P,), NaN at rest, the
-    names of their sweeps (P,), and the entries of those at rest, in their order.
-
-    Profiles of one sweep are a group. Raises ValueError.
+def spread(values: Sequence | ndarray, rows: ndarray, count: int) -> ndarray:
+    """An array (count, ...) with values (K, ...) in K of its rows, or the values where
+    there are so many.
     """
-    times = np.asarray(times, dtype=float)
-    if times.shape != (len(sweeps),):
-        raise ValueError(
-            f"times has shape {times.shape} for {len(sweeps)} sweeps; expected a time "
-            "and the name of a sweep for each profile"
-        )
-    still = np.flatnonzero(~np.isfinite(times))
-    R, p = np.empty((len(times), 3, 3)), np.empty((len(times), 3))
-    R[still], p[still] = at_rest["R_base_flange"], at_rest["p_base_flange"]
-    group = np.asarray(at_rest["group"])
-    if not group.size:
-        group = rotation_groups(R[still])
-    labels = [*map(moment_label, sweeps, times)]
-    groups = [f"sweep {name}" for name in sweeps]
-    for row, label, number in zip(still, at_rest["labels"], group, strict=True):
-        labels[row], groups[row] = label, f"at rest {number}"
-    return {
-        "labels": tuple(labels),
-        "R_base_flange": R,
-        "p_base_flange": p,
-        "group": np.unique(groups, return_inverse=True)[1],
-        "log": log,
-        "times": times,
-        "sweeps": tuple(sweeps),
-    }
+    values = np.array(values)
+    if len(values) == count:
+        return values
+    every = np.zeros((count, *values.shape[1:]), values.dtype)
+    every[rows] = values
+    return every

@@ -28,7 +28,7 @@ from profilecal.geometry.poses import (
     rotation_groups,
 )
 from profilecal.scan.conventions import CONVENTIONS, named, to_rotations
-from profilecal.scan.motion import check_times, checked_log, with_motion
+from profilecal.scan.motion import check_times, checked_log, moment_label, spread
 from profilecal.scan.tables import ScanError, naming
 from profilecal.scan.toml import TEXT, Rule, check_entries, entries_of, number, one_of
 from profilecal.targets import TARGETS
@@ -41,6 +41,7 @@ MEASURED = {  # what a scan may hold, and its columns
     "arcs": ("x", "z", "r"),
 }
 MOUNTS = ("eye-in-hand", "eye-to-hand")
+SAID = {"kind": one_of(TARGETS), "mount": one_of(MOUNTS), "title": TEXT}
 NOISE = entries_of(Noise) | entries_of(Systematic)
 # from the scanner; no profile scanner sees as far, and some print such numbers for no
 # point
@@ -203,7 +204,7 @@ class Scan:
         >>> scan.p_base_flange[1].round(3)
         array([400.,  22., 300.])
         """
-        check_entries("Scan", {"kind": kind}, {"kind": one_of(TARGETS)})
+        check_entries("Scan", {"kind": kind}, SAID)
         known = length_rules(kind)
         for name in lengths.keys() - known:
             alike = get_close_matches(name, [*signature(cls.of).parameters, *known])
@@ -213,70 +214,55 @@ class Scan:
         measured, rows = the_one_given(
             profiles=profiles, points=points, chords=chords, arcs=arcs
         )
+        printed = recorded = None
         with naming("Scan"):
             values = rows_by_pose(measured, rows)
             T = rigid("T_base_flange", T_base_flange)
             check_positions("T_base_flange", T[:, :3, 3])
-            printed = None
             if orientations is not None:
-                shape = (len(T), len(named(convention).columns))
-                printed = check_array("orientations", orientations, shape)
-                said = to_rotations(named(convention), printed)
-                if not np.allclose(said, T[:, :3, :3], atol=0.01):  # rounded
-                    raise ScanError(
-                        f"orientations, as {convention}, are not T_base_flange's"
-                    )
-        moving = 0
-        if log is not None and times is not None:
-            moving = int(np.isfinite(np.asarray(times, dtype=float)).sum())
-        expected = len(values) - moving
-        if len(T) != expected:
+                printed = printed_as(convention, orientations, T)
+            if log is not None:
+                t, way = log[0], rigid("log T", log[1])
+                recorded = checked_log(t, way[:, :3, :3], way[:, :3, 3])
+            clock = np.array([] if times is None else times, dtype=float)
+        in_motion = recorded is not None
+        at_rest = len(values) - np.isfinite(clock).sum() * in_motion
+        if len(T) != at_rest:
             raise ScanError(
-                f"T_base_flange has shape {T.shape} for {expected} {measured}"
-                f"{' at rest' * bool(moving)}; "
-                f"expected a pose for each, ({expected}, 4, 4)"
+                f"T_base_flange has shape {T.shape} for {at_rest} {measured}"
+                f"{' at rest' * in_motion}; "
+                f"expected a pose for each, ({at_rest}, 4, 4)"
             )
-        poses: dict[str, Any] = {
-            "labels": tuple(
-                map(str, range(1, len(T) + 1) if labels is None else labels)
-            ),
-            "R_base_flange": T[:, :3, :3],
-            "p_base_flange": T[:, :3, 3],
-            "group": np.array([]) if group is None else np.asarray(group),
-            "times": np.array([]) if times is None else np.asarray(times),
-        }
-        if log is not None:
-            with naming("Scan"):
-                t, way = log
-                T = rigid("log T", way)
-                recorded = checked_log(t, T[:, :3, :3], T[:, :3, 3])
-                named_sweeps = [""] * len(values) if sweeps is None else [*sweeps]
-                poses = with_motion(recorded, times, named_sweeps, poses)
-                poses["delay_ms"] = delay_ms
+        numbered = range(1, len(T) + 1)
         return cls(
             kind=kind,
-            **poses,
+            labels=tuple(map(str, numbered if labels is None else labels)),
+            R_base_flange=T[:, :3, :3],
+            p_base_flange=T[:, :3, 3],
             measured=measured,
             values=values,
             sizes=tuple(float(lengths[name]) for name in known),
             side=np.asarray(side),
+            group=np.array([] if group is None else group),
             group_given=group is not None,
             noise={} if noise is None else noise,
             mount=mount,
             title=title,
             convention=named(convention).name,
-            orientation=printed if log is None else None,
+            orientation=printed,
+            log=recorded,
+            times=clock,
+            sweeps=tuple(sweeps or ()),
+            delay_ms=delay_ms,
         )
 
     def __post_init__(self) -> None:
-        said = {"kind": self.kind, "mount": self.mount, "title": self.title}
-        rules = {"kind": one_of(TARGETS), "mount": one_of(MOUNTS), "title": TEXT}
-        check_entries("Scan", said, rules)
+        check_entries("Scan", {name: getattr(self, name) for name in SAID}, SAID)
         count = len(self.target.lengths)
         if len(self.sizes) != count or not all(size > 0 for size in self.sizes):
             raise ScanError(f"sizes is {self.sizes}; expected {count} lengths in mm")
-        self._check_measured()
         self._check_noise()
+        self._check_measured()
         with naming("Scan"):
             self._check_poses()
 
@@ -289,20 +275,17 @@ class Scan:
                 f"not {self.measured}"
             )
         columns = len(MEASURED[self.measured])
-        most = np.inf if self.measured == "profiles" else 1
         for k, rows in enumerate(self.values):
-            if rows.shape != (len(rows), columns) or len(rows) > most:
-                rule = f"(n, {columns})" if most > 1 else f"(1, {columns}), or none"
+            if rows.shape != (len(rows), columns):
                 raise ScanError(
                     f"values[{k}] has shape {rows.shape} for {self.measured}; "
-                    f"expected {rule}"
+                    f"expected (n, {columns})"
                 )
-        numbers = np.concatenate([[0.0], *map(np.ravel, self.values)])
-        largest = np.nanmax(np.abs(numbers))
+        largest = np.nanmax(np.abs(np.concatenate(self.values)), initial=0.0)
         if 0 < largest < 1 or largest > FARTHEST_MM:
             raise ScanError(
                 f"the largest value of {self.measured} is {largest:.3g}; "
-                f"expected 1 to {FARTHEST_MM:g} mm: are they in mm?"
+                f"expected 1 to {FARTHEST_MM:g} mm: are the units right?"
             )
 
     def _check_noise(self) -> None:
@@ -317,43 +300,85 @@ class Scan:
     def _check_poses(self) -> None:
         """Refuse poses that are none; fill in what is left out of them."""
         P = len(self.values)
-        R = check_array("R_base_flange", self.R_base_flange, (P, 3, 3), finite=False)
-        if len(self.labels) != P:
-            raise ValueError(f"labels has {len(self.labels)} entries for {P} poses")
-        times = np.asarray(self.times, dtype=float)
-        times = times if times.size else np.full(P, np.nan)
-        check_array("times", times, (P,), finite=False)
-        p = self.p_base_flange
+        times = self.times if np.size(self.times) else np.full(P, np.nan)
+        times = check_array("times", times, (P,), finite=False)
+        poses = self.labels, self.R_base_flange, self.p_base_flange, self.group
         if self.log:
-            check_times(self.log, times, self.labels)
-            R, p = np.array(R), np.array(p)
-            moving = np.isfinite(times)
-            later = times[moving] + (self.delay_ms or 0) / 1000
-            R[moving], p[moving], _ = self.log.at(later)
-        rotations = check_rotations("R_base_flange", R, P)
-        positions = check_positions("p_base_flange", p, P)
-        label, count = Counter(self.labels).most_common(1)[0] if P else ("", 1)
+            self._fill(orientation=None, group_given=False)
+            labels, R, p, group = self._with_motion(times, *poses)
+        else:
+            labels, R, p, group = poses
+        R = check_rotations("R_base_flange", R, P)
+        p = check_positions("p_base_flange", p, P)
+        if len(labels) != P:
+            raise ValueError(f"labels has {len(labels)} entries for {P} poses")
+        label, count = Counter(labels).most_common(1)[0] if P else ("", 1)
         if count > 1:
             raise ValueError(f"labels has {label!r} {count} times; expected it once")
-        group = np.asarray(self.group)
+        self._check_counts(labels)
+        group = np.asarray(group)
         if not group.size:
-            group = rotation_groups(rotations)
+            group = rotation_groups(R)
         elif group.shape != (P,):
             raise ValueError(f"group has shape {group.shape}; expected ({P},)")
-        if self.group_given and not self.log:
-            check_alike("R_base_flange", rotations, group)
+        if self.group_given:
+            check_alike("R_base_flange", R, group)
         side = np.asarray(self.side)
         if side.shape not in ((), (P,)) or not np.isin(side, (-1, 0, 1)).all():
             raise ValueError(f"side is {self.side}; expected 1, -1 or 0, for each pose")
         self._fill(
-            R_base_flange=kept(rotations),
-            p_base_flange=kept(positions),
+            labels=tuple(labels),
+            R_base_flange=kept(R),
+            p_base_flange=kept(p),
             values=tuple(map(kept, self.values)),
             group=np.unique(group, return_inverse=True)[1],
             times=kept(times),
             sweeps=self.sweeps or ("",) * P,
             side=np.broadcast_to(side, P).astype(float),
         )
+
+    def _with_motion(
+        self, times: ndarray, labels: Any, R: ndarray, p: ndarray, group: ndarray
+    ) -> tuple[ndarray, ...]:
+        """Labels and poses of all by the log, of those at rest or of all; profiles of
+        one sweep are a group. Raises ValueError.
+        """
+        P = len(times)
+        if len(self.sweeps) != P:
+            raise ValueError(
+                f"{len(self.sweeps)} sweeps for {P} times; expected a time and the "
+                "name of a sweep for each profile"
+            )
+        check_times(self.log, times, self.sweeps)
+        moving = np.isfinite(times)
+        rest = np.flatnonzero(~moving)
+        labels = spread(np.array(labels, dtype=object), rest, P)
+        R, p = spread(R, rest, P), spread(p, rest, P)
+        sweeps = np.array(self.sweeps)[moving]
+        labels[moving] = [*map(moment_label, sweeps, times[moving])]
+        R[moving], p[moving], _ = self.log.at(
+            times[moving] + (self.delay_ms or 0) / 1e3
+        )
+        group = group if np.size(group) else rotation_groups(R[rest])
+        group = spread(group, rest, P)
+        numbers = np.unique(sweeps, return_inverse=True)[1]
+        group[moving] = group[rest].max(initial=-1) + 1 + numbers
+        return labels, R, p, group
+
+    def _check_counts(self, labels: Sequence[str]) -> None:
+        """Refuse a profile of one point, and a pose with two points, chords or arcs."""
+        for label, rows in zip(labels, self.values, strict=True):
+            count = len(rows)
+            if count > 1 if self.measured != "profiles" else count == 1:
+                expected = (
+                    "more, or none where nothing was seen (single points are points)"
+                    if count == 1
+                    else "one"
+                )
+                raise ValueError(
+                    f"pose {label!r} has {count} rows of {self.measured}; "
+                    f"expected {expected}"
+                )
 
     def _fill(self, **entries: Any) -> None:
         """Put entries in their final form while the scan is being made."""
@@ -383,7 +408,7 @@ class Scan:
         """The same as if its poses had been recorded one by one, by such a delay."""
         if self.log is None:
             return self
-        posed = replace(self, delay_ms=delay_ms, group_given=False)
+        posed = replace(self, delay_ms=delay_ms)
         return replace(posed, log=None, times=np.array([]), sweeps=())
 
     @property
@@ -452,16 +477,22 @@ def rows_by_pose(measured: str, values: Any) -> tuple[ndarray, ...]:
         flat = array.reshape(len(array), -1) if array.ndim == 3 else array
         check_array(measured, flat, (None, columns), finite=False)
         return tuple(flat[:, None, :][k] for k in range(len(flat)))
-    profiles = tuple(
+    return tuple(
         check_array(f"profiles[{k}]", profile, (None, columns), finite=False)
         if profile is not None and len(profile)
         else np.empty((0, columns))
         for k, profile in enumerate(values)
     )
-    for k, profile in enumerate(profiles):
-        if len(profile) == 1:
-            raise ValueError(
-                f"profiles[{k}] has one point; expected more, or none where nothing "
-                "was seen (single sensed points are points=)"
-            )
-    return profiles
+
+
+def printed_as(convention: str, orientations: ArrayLike, T: ndarray) -> ndarray:
+    """The orientations (P, k) of poses T (P, 4, 4) in a convention, as they were
+    printed. Raises ValueError where they are others.
+    """
+    angles = named(convention)
+    shape = (len(T), len(angles.columns))
+    printed = check_array("orientations", orientations, shape)
+    if not np.allclose(to_rotations(angles, printed), T[:, :3, :3], atol=0.01):
+        # they may be rounded
+        raise ValueError(f"orientations, as {convention}, are not T_base_flange's")
+    return printed

@@ -210,17 +210,20 @@ class Table:
         place = f"{self.path} {self.counted} {self.lines[row]}"
         raise ScanError(f"{place}: {sentence.format(*words)}")
 
+    def text(self, name: str) -> ndarray:
+        """A column's cells (rows,), empty where there is none."""
+        cells = self.columns.get(name, [""] * len(self.lines))
+        return np.array([str(cell).strip() for cell in cells], dtype=object)
+
     def labels(self) -> ndarray:
         """The poses' labels (rows,)."""
-        cells = [str(cell).strip() for cell in self.columns["pose"]]
-        labels = np.array(cells, dtype=object)
+        labels = self.text("pose")
         self.refuse(labels == "", "no pose label")
         return labels
 
     def times(self) -> ndarray:
         """The column `t` (rows,), s; NaN where there is none, or no number."""
-        cells = self.columns.get("t", [""] * len(self.lines))
-        times = np.array([number(str(cell)) for cell in cells])
+        times = np.array([*map(number, self.text("t"))])
         return np.where(np.isfinite(times), times, np.nan)
 
     def numbers(
@@ -228,13 +231,14 @@ class Table:
     ) -> ndarray:
         """Columns as numbers (rows, columns), at most `largest`.
 
-        Cells may be blank or NaN only where `blank` says so. Raises ScanError.
+        Cells may be blank or NaN, and columns left out, only where `blank` says so.
+        Raises ScanError.
         """
         return np.column_stack([self.column(name, blank, largest) for name in names])
 
     def column(self, name: str, blank: bool, largest: float) -> ndarray:
         """One column (rows,) as numbers; as `numbers` says."""
-        cells = self.columns[name]
+        cells = self.columns.get(name, [np.nan] * len(self.lines))
         title = f"column {name}" if name.isdigit() else name
         try:
             values = np.array(cells, dtype=float)

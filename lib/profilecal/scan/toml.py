@@ -17,7 +17,7 @@ needed; one annotated with a dataclass is a table of its own.
 
 import json
 import tomllib
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import fields, is_dataclass
 from numbers import Integral, Real
 from pathlib import Path
@@ -61,14 +61,13 @@ def numbers(count: int) -> Rule:
     return allowed, f"{count} numbers"
 
 
-def one_of(choices: Iterable[Any]) -> Rule:
-    """One of these."""
-    known = tuple(choices)
+def one_of(choices: Collection[Any]) -> Rule:
+    """One of these, or of those that have joined them since."""
 
     def allowed(value: Any) -> bool:
-        return not isinstance(value, bool) and value in known
+        return not isinstance(value, bool) and value in [*choices]
 
-    return allowed, " or ".join(map(str, known))
+    return allowed, " or ".join(map(str, choices))
 
 
 TABLE: Rule = (lambda value: isinstance(value, Mapping), "a table")

@@ -309,7 +309,10 @@ def seen_from(
     else:
         seen = setup.target.meet(*planes).reshape(len(planes[1]), 1, -1)
         values = list(seen + spec.noise.profile_mm * rng.normal(size=seen.shape))
-    return measured, tuple(rows[np.isfinite(rows).all(axis=1)] for rows in values)
+    seen = [rows[np.isfinite(rows).all(axis=1)] for rows in values]
+    if measured == "profiles":  # a point is none
+        seen = [rows if len(rows) > 1 else rows[:0] for rows in seen]
+    return measured, tuple(seen)
 
 
 def said_of(scene: Setup, spec: Spec) -> dict[str, Any]:

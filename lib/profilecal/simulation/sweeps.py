@@ -12,7 +12,7 @@ from numpy.random import Generator
 
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import Frames, inverse, rotations
-from profilecal.scan.motion import checked_log, with_motion
+from profilecal.scan.motion import checked_log
 from profilecal.scan.toml import Count, number, one_of
 from profilecal.simulation.scene import STANDOFF, Setup, in_unit_ball
 
@@ -193,15 +193,17 @@ def drive(
     t, R_log, p_log = (np.concatenate(parts) for parts in zip(*logs, strict=True))
     clock = np.concatenate(times)
     clock = clock - 1e-6 * motion.drift_ppm * (clock - t.mean())
-    at_rest = {
+    poses = {
         "labels": [f"p{k + 1}" for k in range(motion.stops)],
         "R_base_flange": np.reshape([R for R, _ in stops], (-1, 3, 3)),
         "p_base_flange": np.reshape([p for _, p in stops], (-1, 3)),
         "group": np.arange(motion.stops),
+        "log": checked_log(t, R_log, p_log),
+        "times": clock.round(6),
+        "sweeps": tuple(names),
     }
-    log = checked_log(t, R_log, p_log)
     R, p = (np.concatenate(parts) for parts in zip(*actual, strict=True))
-    return with_motion(log, clock.round(6), names, at_rest), (R, p)
+    return poses, (R, p)
 
 
 def erring(R: ndarray, p: ndarray, noise: Noise, rng: Generator) -> Frames:

@@ -14,7 +14,7 @@ from numpy import ndarray
 
 from profilecal.geometry.log import GAP
 from profilecal.scan.folder import NO_POSES, check_header, scan_of
-from profilecal.scan.motion import checked_log, with_motion
+from profilecal.scan.motion import checked_log
 from profilecal.scan.scan import Scan
 from profilecal.scan.tables import ScanError, listed, naming
 from profilecal_tool.importing.layout import NOTHING_SAID, Layout
@@ -42,7 +42,7 @@ def import_scan(
         "mount": layout.mount,
         "target": {"kind": kind} | sizes,
     }
-    header = check_header(folder, said)
+    header, _ = check_header(folder, said)
 
     of_profiles, of_poses, left = sort_files(folder, layout)
     encoding = layout.encoding or encoding_of([*of_poses, *of_profiles])
@@ -84,7 +84,8 @@ def import_scan(
     if not moving and measured == "profiles":
         names = [str(names[k]) for k in order]
         check_one_scanner(folder, names, by_pose, entries["p_base_flange"])
-    scan = scan_of(folder, header, entries, measured, by_pose)
+    seen = {"measured": measured, "values": by_pose}
+    scan = scan_of(folder, header | entries | seen)
 
     guesses = [
         f"poses      {names_of(of_poses)}: {taken_poses}",
@@ -121,8 +122,8 @@ def in_sweeps(
         log = checked_log(t, entries["R_base_flange"], entries["p_base_flange"])
         begins = np.diff(times, prepend=times[0]) > GAP * np.median(np.diff(times))
         sweeps = [f"s{number}" for number in np.cumsum(begins) + 1]
-        moved = with_motion(log, times, sweeps, NO_POSES)
-    moved |= {"convention": entries["convention"]}
+    moved = {"log": log, "times": times, "sweeps": tuple(sweeps)}
+    moved |= NO_POSES | {"side": 0, "convention": entries["convention"]}
     how = (
         f"by time, in motion: {len(times)} profiles in {len({*sweeps})} sweeps, parted "
         f"where {GAP:g} profiles are missing; the delay of the clocks is to be found"

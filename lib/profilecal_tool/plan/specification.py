@@ -10,7 +10,7 @@ from numpy import ndarray
 from numpy.random import Generator
 
 from profilecal.geometry.poses import inverse, rotation_from_xyz_angles, rotations
-from profilecal.scan.folder import SCALE, read_header, read_poses
+from profilecal.scan.folder import read_header, read_poses
 from profilecal.scan.scan import Scan
 from profilecal.scan.toml import number, numbers
 from profilecal.simulation.robot import Poses
@@ -177,7 +177,7 @@ def planned_poses(place: str | Path, to_hand: bool) -> dict[str, Any]:
     """
     place, scale = Path(place), 1.0
     if place.is_dir():
-        scale = SCALE[read_header(place / "scan.toml")["units"]]
+        _, scale = read_header(place / "scan.toml")
         place = place / "poses.csv"
     found = read_poses(place, scale)
     R, T = found["R_base_flange"], found["p_base_flange"]

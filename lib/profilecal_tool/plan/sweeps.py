@@ -55,7 +55,8 @@ def along_lines(plan: Plan, motion: Motion, rng: np.random.Generator) -> Plan:
     )
     seen_from = inverse(*flange) if model.to_hand else flange
     in_motion = {"log": poses["log"], "times": poses["times"][None]}
-    predicted = predict(model, *seen_from, rng, group=poses["group"], **in_motion)
+    group = np.unique(poses["sweeps"], return_inverse=True)[1]
+    predicted = predict(model, *seen_from, rng, group=group, **in_motion)
     return replace(
         plan,
         R=R,

@@ -276,7 +276,7 @@ MISTAKES = {  # by what is said of each
     "line 5: pose 'P2' is there twice": poses(relabelled("P2")),
     "line 5: pose 'P33' is not in poses": arcs(relabelled("P33")),
     "line 5: no pose label": arcs(relabelled(None)),
-    "line 4: pose 'P2' has 2 rows; expected one": arcs(relabelled("P2")),
+    "scan: Scan: pose 'P2' has 2 rows of arcs; expected one": arcs(relabelled("P2")),
     r"'long\\nlong.*… is not in poses": arcs(relabelled("long\n" * 99)),
     # numbers
     "line 2: quaternion of length": poses(lambda table: table.assign(qw=table.qw + 1)),
@@ -286,7 +286,7 @@ MISTAKES = {  # by what is said of each
     "line 4: no group; expected": poses(two_groups_and_blanks),
     "line 2: side is 2; expected 1 or -1": poses(everywhere(side=2)),
     "poses.csv.*are the units": poses(in_metres("x", "y", "z")),
-    "arcs.csv.*are the units": arcs(in_metres("x", "z", "r")),
+    "value of arcs is 0.0.*are the units": arcs(in_metres("x", "z", "r")),
     "line 2: z is -32768; expected at most 10000: .*blank": arcs(everywhere(z=-32768)),
     r"line 6: .* pose 'P4', is 2.5e\+04 mm": poses(far_away),
 }
@@ -309,7 +309,7 @@ def test_a_pose_with_one_point_is_no_profile(tmp_path):
     table = pd.read_csv(folder / "profiles.csv")
     kept = (table["pose"] != "P1") | ~table["pose"].duplicated()
     table[kept].to_csv(folder / "profiles.csv", index=False)
-    said = r"profiles.csv line 52: pose 'P1' has 1 rows; expected more, or none"
+    said = "pose 'P1' has 1 rows of profiles; expected more, or none"
     with pytest.raises(pc.ScanError, match=said):
         pc.read_scan(folder)
 

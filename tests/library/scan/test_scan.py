@@ -17,12 +17,12 @@ def wrong_entries(scan):
         r"sizes is \(50.0,\); expected 0 lengths in mm": {"sizes": (50.0,)},
         "R_base_flange.* is a reflection": {"R_base_flange": -R},
         "p_base_flange .* are they in mm": {"p_base_flange": p / 1000},
-        "R_base_flange has shape": {"values": scan.values[:5]},
+        "has shape .12,.; expected .5,.": {"values": scan.values[:5]},
         "same label in group, by .*; expected one": {
             "group": np.zeros(12),
             "group_given": True,
         },
-        r"values\[0\] has shape .* expected \(1, 2\), or none": {
+        "pose 'g1p1' has 5 rows of points; expected one": {
             "values": (np.ones((5, 2)),) * 12
         },
     }
