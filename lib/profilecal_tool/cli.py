@@ -420,9 +420,9 @@ def plan(spec, folder, poses, until, within, given):
     They go into a new FOLDER, ready to run. SPEC may be a scan folder: its answer says
     where everything is.
     """
-    from profilecal_tool.plan.sweeps import WayBack
-    from profilecal_tool.plan.task import read_task
-    from profilecal_tool.plan.words import plan_lines, prediction_lines
+    from profilecal.scan.tables import new_folder
+    from profilecal_tool.plan import words
+    from profilecal_tool.plan.task import WayBack, read_task
 
     if given and (folder or poses or until):
         raise ValueError(
@@ -432,87 +432,30 @@ def plan(spec, folder, poses, until, within, given):
     with working("planning"):
         task = read_task(spec, poses, until, within)
         if isinstance(task, WayBack):
-            lines = way_back(task, spec, folder)
+            if folder:
+                with new_folder(folder) as partial:
+                    task.write(partial)
+            lines = words.way_back_lines(len(task.poses[0]) // 2, spec, folder)
         elif given:
             prediction, unseen = task.prediction_of(given)
-            lines = prediction_lines(prediction, task.model, unseen=unseen)
-            lines += task.doubts
+            lines = words.prediction_lines(prediction, task.model, unseen=unseen)
+            lines += [words.DOUBT] * task.doubted
         else:
             designed = written_plan(task, folder) if folder else task.plan()
-            lines = plan_lines(designed, task.count_given) + task.doubts
-            if folder:
-                lines += steps(folder, spec, designed)
-            else:
-                lines.append(f"next: profilecal plan {spec} NEW-FOLDER writes it")
+            lines = words.plan_lines(designed, task.count_given)
+            lines += [words.DOUBT] * task.doubted
+            lines += words.steps(designed, spec, folder)
     echo("\n".join(lines))
-
-
-def way_back(back, scan, folder) -> list[str]:
-    """The sweeps that a scan lacks, in lines; they are written into a new folder."""
-    from profilecal.scan.tables import new_folder
-    from profilecal_tool.plan.task import write_way_back
-
-    if not folder:
-        return [*back.lines, f"next: profilecal plan {scan} NEW-FOLDER writes them"]
-    with new_folder(folder) as partial:
-        write_way_back(back, partial)
-    return [
-        *back.lines,
-        f"{folder}/ written; drive {folder / 'sweeps.csv'} by the same two clocks, "
-        "from each begin to its end",
-        "next: put log.csv and the measurements with sweep and t beside it, then "
-        f"profilecal calibrate {scan} {folder}",
-    ]
-
-
-def steps(folder, spec, designed) -> list[str]:
-    """What to do with a plan, in lines."""
-    if designed.speed:
-        return [
-            f"{folder}/ written; look at {folder / 'plan.png'}, drive "
-            f"{folder / 'sweeps.csv'} at {designed.speed:g} mm/s, from each begin to "
-            "its end",
-            "next: put log.csv and the measurements with sweep and t beside it "
-            f"(data/README.md: In motion), then profilecal calibrate {folder}",
-        ]
-    if designed.predicted.spectrum.status == "unobservable":
-        return [f"{folder}/ written", "next: plan more poses, or larger turns"]
-    together = f"{spec} {folder}, both at once" if spec.is_dir() else folder
-    lines = [
-        f"{folder}/ written; look at {folder / 'plan.png'}, "
-        f"drive {folder / 'poses.csv'}",
-        f"next: put {designed.model.target.tables[0]}.csv beside it "
-        "(data/README.md has its columns), then "
-        f"profilecal calibrate {together}",
-    ]
-    if not spec.is_dir():
-        target = designed.model.target
-        said = [f"--target {target.kind}"]
-        said += [f"--{name} {getattr(target, name):g}" for name in target.lengths]
-        if designed.model.to_hand:
-            said.append("--mount eye-to-hand")
-        lines.append(
-            "or take the scanner's files: profilecal import DIR NEW-FOLDER "
-            f"{' '.join(said)} --poses {folder / 'poses.csv'}"
-        )
-    if designed.is_first_step:
-        mm, deg = designed.until
-        lines.append(
-            f"and then: profilecal plan {folder} SECOND-FOLDER "
-            f"--until {mm:g} {deg:g} --within {spec}"
-        )
-    return lines
 
 
 def written_plan(task, folder):
     """The plan of a task, written into a new folder, whole or not at all."""
     from profilecal.scan.tables import new_folder
-    from profilecal_tool.plan.task import write_plan
     from profilecal_tool.report.pictures import save_plan
 
     with new_folder(folder) as partial:
         designed = task.plan()
-        write_plan(task, designed, partial)
+        task.write(designed, partial)
         save_plan(designed, partial / "plan.png")
     return designed
 

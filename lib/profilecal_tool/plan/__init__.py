@@ -8,8 +8,8 @@ Each pose adds a block of information, its own robot error integrated out. Block
 poses with different orientations add up, so a plan is a choice of blocks: a greedy
 start, then exchanges, one pose at a time.
 
-In reading order: `scan_model` predicts, `candidates` draws poses that are possible,
-`design` chooses among them, `sweeps` goes along lines through them; `knowledge` makes
-models of specifications and scans, `words` says what is predicted, and `task` is what a
-user asks for.
+In reading order: `specification` says what is guessed and asked for, `scan_model`
+predicts, `candidates` draws poses that are possible, `design` chooses among them,
+`sweeps` goes along lines through them; `knowledge` makes models of specifications and
+scans, `words` says what is predicted, and `task` is what a user asks for.
 """

@@ -38,40 +38,31 @@ def draw(
     are drawn within a half and a quarter of the limits, and fewer than `count` may
     come. Raises ScanError, with the reasons and what would help, for too few.
     """
-    orientations = []
-    positions = []
+    found = []
     reasons: Counter[str] = Counter()
     for share in np.repeat([1, 1 / 2, 1 / 4], 40):  # so many attempts at each
-        R, T = random_poses(closer(model, share), 2 * count, rng, beyond)
+        R, T = random_poses(model, 2 * count, rng, beyond, share)
         refusals = refused(model, R, T)
         reasons.update(refusals)
-        orientations.append(R[refusals == ""])
-        positions.append(T[refusals == ""])
+        found.append((R[refusals == ""], T[refusals == ""]))
         if reasons[""] >= count:
             break
     least = min(count, LEAST)
     if reasons[""] < least:
         raise ScanError(too_few(reasons, least, what_helps(model, rng)))
-    return np.concatenate(orientations)[:count], np.concatenate(positions)[:count]
-
-
-def closer(model: ScanModel, share: float) -> ScanModel:
-    """One whose limits poses may use a share of only; box and zones are the same."""
-    turned = ("tilt_deg", "spin_deg", "extent_mm")
-    smaller = {name: share * getattr(model.limits, name) for name in turned}
-    return replace(model, limits=replace(model.limits, **smaller))
+    R, T = map(np.concatenate, zip(*found, strict=True))
+    return R[:count], T[:count]
 
 
 def too_few(reasons: Counter, least: int, help_: str) -> str:
     """Say why too few of the poses that were drawn are possible."""
     total = reasons.total()
+    possible = reasons.pop("", 0)
     shares = "; ".join(
-        f"{number / total:.0%} {reason}"
-        for reason, number in reasons.most_common()
-        if reason
+        f"{number / total:.0%} {reason}" for reason, number in reasons.most_common()
     )
     return (
-        f"only {reasons['']} of {total} poses within the limits are possible, "
+        f"only {possible} of {total} poses within the limits are possible, "
         f"{least} are needed: {shares}. {help_}"
     )
 
@@ -80,7 +71,7 @@ def what_helps(model: ScanModel, rng: Generator) -> str:
     """The first change, of those that are tried, which makes more poses possible."""
     shares = {}
     for words, other in changes(model):
-        poses = random_poses(closer(other, 1 / 2), 1000, rng, 0.0)
+        poses = random_poses(other, 1000, rng, 0.0, 1 / 2)
         shares[words] = np.mean(refused(other, *poses) == "")
         if shares[words] > 0.01:
             break
@@ -92,29 +83,23 @@ def what_helps(model: ScanModel, rng: Generator) -> str:
 
 def changes(model: ScanModel) -> Iterator[tuple[str, ScanModel]]:
     """What might make more poses possible: words, and what is to be tried."""
-    limits = model.limits
-    everywhere = replace(limits, low=Limits.low, high=Limits.high)
-    yield "no box", replace(model, limits=everywhere)
-    yield "no zone to avoid", replace(model, limits=replace(limits, avoid=()))
+    everywhere = {"low": Limits.low, "high": Limits.high}
+    for words, wider in (("no box", everywhere), ("no zone to avoid", {"avoid": ()})):
+        yield words, replace(model, limits=replace(model.limits, **wider))
     if model.guess is None:
         return
-    margins = {name: getattr(model.guess, name) for name in MARGINS}
-    smaller = [{name: margin / 2} for name, margin in margins.items()]
-    for part in (1 / 2, 1 / 4, 1 / 8):
-        smaller.append({name: part * margin for name, margin in margins.items()})
-    for stated in smaller:
-        words = ", ".join(f"{name} = {value:.2g}" for name, value in stated.items())
-        guess = replace(model.guess, **stated)
-        yield words, replace(model, guess=guess)
+    one_by_one = [((name,), 1 / 2) for name in MARGINS]
+    for names, part in [*one_by_one, *product([MARGINS], [1 / 2, 1 / 4, 1 / 8])]:
+        margins = {name: part * getattr(model.guess, name) for name in names}
+        words = ", ".join(f"{name} = {value:.2g}" for name, value in margins.items())
+        yield words, replace(model, guess=replace(model.guess, **margins))
 
 
 def random_poses(
-    model: ScanModel,
-    count: int,
-    rng: Generator,
-    beyond: float,
+    model: ScanModel, count: int, rng: Generator, beyond: float, part: float
 ) -> Frames:
-    """Draw flange poses (count, 3, 3), (count, 3) that look at the target.
+    """Draw flange poses (count, 3, 3), (count, 3) that look at the target, turned and
+    aside by no more than a part of the limits.
 
     Some of them may be impossible: see `refused`.
     """
@@ -127,13 +112,13 @@ def random_poses(
     limits = model.limits
     tilt = share(2)
     steepness = np.linalg.norm(tilt, axis=1, keepdims=True)
-    tilt = np.radians(limits.tilt_deg) * tilt / np.maximum(steepness, 1)
-    spin = np.radians(limits.spin_deg) * share(1)
+    tilt = np.radians(part * limits.tilt_deg) * tilt / np.maximum(steepness, 1)
+    spin = np.radians(part * limits.spin_deg) * share(1)
     R = model.facing @ rotations(tilt @ np.eye(3)[:2])
     R = R @ rotations(spin * [0, 0, 1])
 
     origin, axes = model.target.frame
-    aim = origin + limits.extent_mm * (free_axes(model) * share(3)) @ axes.T
+    aim = origin + part * limits.extent_mm * (free_axes(model) * share(3)) @ axes.T
     if radius := getattr(model.target, "radius", 0.0):
         aim = aim + 0.9 * radius * in_unit_ball(rng, count)
 
@@ -155,12 +140,10 @@ def neighbours(
 
     They are about 10 mm and 6° away, or a fifth of that.
     """
-    R = np.repeat(R, each, axis=0)
-    T = np.repeat(T, each, axis=0)
-    far = rng.choice([0.2, 1.0], (len(T), 1))
-    shift = 10.0 * far * rng.normal(size=T.shape)
-    turn = np.radians(6.0) * far * rng.normal(size=T.shape)
-    R_view, T_view = model.planes(R, T)
+    R_view, T_view = model.planes(R.repeat(each, axis=0), T.repeat(each, axis=0))
+    far = rng.choice([0.2, 1.0], (len(T_view), 1))
+    shift = 10.0 * far * rng.normal(size=T_view.shape)
+    turn = np.radians(6.0) * far * rng.normal(size=T_view.shape)
     R, T = flange_at(model, R_view @ rotations(turn), T_view + shift)
     possible = refused(model, R, T) == ""
     return R[possible], T[possible]
@@ -183,8 +166,7 @@ def refused(model: ScanModel, R: ndarray, T: ndarray) -> ndarray:
     Returns words (P,), "" for poses that are possible.
     """
     limits = model.limits
-    flange = T
-    sensor = model.planes(R, T)[1]
+    flange, sensor = T, model.planes(R, T)[1]
     if model.to_hand:
         flange = inverse(R, T)[1]
         sensor = np.broadcast_to(model.T_sensor, T.shape)
@@ -193,10 +175,9 @@ def refused(model: ScanModel, R: ndarray, T: ndarray) -> ndarray:
     tilt, spin, aside = off_square(model, R, T)
     turned = (tilt > limits.tilt_deg) | (np.abs(spin) > limits.spin_deg)
     reasons[turned | (aside > limits.extent_mm)] = "are tilted, turned or aside too far"
-    for *centre, radius in limits.avoid:
-        for place in (flange, sensor):
-            near = np.linalg.norm(place - centre, axis=1) < radius
-            reasons[near] = "are in a zone to avoid"
+    for (*centre, radius), place in product(limits.avoid, (flange, sensor)):
+        near = np.linalg.norm(place - centre, axis=1) < radius
+        reasons[near] = "are in a zone to avoid"
     outside = ((flange < limits.low) | (flange > limits.high)).any(axis=1)
     reasons[outside] = "are outside the box"
 
@@ -253,30 +234,23 @@ def worst_clearance(model: ScanModel, R: ndarray, T: ndarray) -> ndarray:
     """
     margins = model.guess.margins if model.guess else np.zeros(4)
     mount_mm, mount_rad, target_mm, target_rad = margins
-    least = [1, np.radians(1), np.radians(1)]
-    sizes = np.maximum([mount_mm + target_mm, mount_rad, target_rad], least)
-
+    sizes = np.array([mount_mm + target_mm, mount_rad, target_rad])
+    sizes = np.maximum(sizes, [1, np.radians(1), np.radians(1)])[:, None]
     frames = model.planes(R, T)
-
-    def clearance(error: ndarray) -> ndarray:
-        return clearances(model, *frames, error)
-
-    exact = clearance(np.zeros((3, 3)))
+    exact = clearances(model, *frames, np.zeros((3, 3)))
     cost = np.zeros((3, 3, *exact.shape))
     for kind, axis in np.ndindex(3, 3):
         error = np.zeros((3, 3))
-        error[kind, axis] = sizes[kind]
-        left = np.minimum(clearance(error), clearance(-error))
-        cost[kind, axis] = np.maximum(exact - left, 0)
+        error[kind, axis] = sizes[kind, 0]
+        either = [clearances(model, *frames, way * error) for way in (1, -1)]
+        cost[kind, axis] = np.maximum(exact - np.minimum(*either), 0)
     together = np.linalg.norm(cost, axis=1).sum(axis=0)
     worst = (exact - together).min(axis=1)
-
-    missed = np.isnan(worst)
     for way, turn in product((1, -1), (1, -1)):
-        off_plane = way * sizes[:, None] * [[0, -1, 0], [1, 0, 0], [turn, 0, 0]]
-        missed |= np.isnan(clearance(off_plane)).any(axis=1)
-    worst[missed] = -np.inf
-    return worst
+        off_plane = way * sizes * [[0, -1, 0], [1, 0, 0], [turn, 0, 0]]
+        is_missed = np.isnan(clearances(model, *frames, off_plane)).any(axis=1)
+        worst[is_missed] = np.nan
+    return np.nan_to_num(worst, nan=-np.inf)
 
 
 def clearances(

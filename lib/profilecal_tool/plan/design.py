@@ -11,7 +11,8 @@ low rank changes C by C V (1 + Vᵀ C V)⁻¹ Vᵀ C.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy import ndarray
@@ -29,6 +30,7 @@ from profilecal_tool.plan.scan_model import (
     predict,
 )
 
+UNTIL = 0.1, 0.05  # mm and degrees that are good enough
 FEW = 15  # poses: fewer do not tell the size of the errors to 15 %
 NOWHERE = np.empty((0, 3, 3)), np.empty((0, 3))  # no poses
 
@@ -44,7 +46,7 @@ class Plan:
     # with the poses that were there before
     predicted: Prediction
     # mm and degrees that were asked for
-    until: tuple[float, float]
+    until: Sequence[float]
     # so many poses as these would be enough for that; 0: no number of them
     enough: int = 0
     # whether only a second step, from the answer of these poses, can reach it
@@ -65,7 +67,7 @@ class Pool:
     """Candidates, and their blocks of information on the unknowns.
 
     The unknowns are in units: the sensor pose in those of what is asked for, all others
-    in those of what is known by hand.
+    in those of what is known of them beforehand.
     """
 
     # flange poses (N, 3, 3), (N, 3), mm
@@ -82,7 +84,7 @@ class Pool:
         model: ScanModel,
         R: ndarray,
         T: ndarray,
-        until: tuple[float, float],
+        until: Sequence[float],
         before: ndarray | float = 0.0,
     ) -> "Pool":
         """The pool of flange poses (N, 3, 3), (N, 3).
@@ -96,16 +98,17 @@ class Pool:
         # of the largest eigenvalue of a block
         negligible = 1e-7
         problem = model.problem(R, T)
-        by_hand = problem.units
-        systematic = np.array([*problem.considered.values()])
-        asked = np.repeat([until[0], np.radians(until[1])], 3)
-        unit = np.r_[asked, by_hand[6:], systematic]
-        blocks = information(model, R, T, True, problem) * unit[:, None] * unit
+        linear, variances = model.linear(problem)
+        precision, n = linear.precision.copy(), problem.n
+        precision[:n, :n] = np.diag(ridge / problem.units**2)
+        unit = np.diag(precision) ** -0.5
+        unit[:n] = problem.units
+        unit[:6] = np.repeat([until[0], np.radians(until[1])], 3)
+        blocks = linear.alone(variances)[:, :-1, :-1] * unit[:, None] * unit
         values, vectors = np.linalg.eigh(blocks)
         large = values > negligible * values.max()
         rank = int(large.sum(axis=1).max())
         lengths = np.sqrt(np.maximum(values[:, None, -rank:], 0))
-        precision = np.diag(np.r_[ridge / by_hand**2, systematic**-2.0])
         prior = (precision + before) * unit[:, None] * unit
         return cls(R, T, vectors[..., -rank:] * lengths, prior)
 
@@ -175,54 +178,47 @@ def design(
     model: ScanModel,
     rng: np.random.Generator,
     *,
-    poses: int = 0,
-    until: tuple[float, float] = (0.1, 0.05),
-    most: int = 100,
     before: Frames = NOWHERE,
     # twice as many take twice as long, and plans are 2 % better
     candidates: int = 2000,
+    **asked: Any,
 ) -> Plan:
     """The poses that serve a calibration best.
 
     They are so many `poses`, or as many as it takes until the standard deviations of
     translation and rotation are below `until`, mm and degrees, in every direction,
-    `most` of them at most. `before`: poses R (P, 3, 3), T (P, 3) that are there.
+    `most` of them at most: `asked` for so, or as the model's limits have it. `before`:
+    poses R (P, 3, 3), T (P, 3) that are there.
 
     Raises ScanError where the limits leave too few poses.
     """
-    if not all(0 < value < np.inf for value in until):
-        raise ScanError(
-            f"until is {list(until)}; expected mm and degrees, both positive"
-        )
+    limits = replace(model.limits, **asked)
+    until, poses = limits.until or UNTIL, limits.poses
     given = information(model, *before) if len(before[0]) else 0.0
-    R, T = draw(model, candidates, rng, BEYOND)
-    pool = Pool.from_poses(model, R, T, until, given)
+    pool = Pool.from_poses(model, *draw(model, candidates, rng, BEYOND), until, given)
     chosen: list[int] = []
-    most = poses or most
-    # for neighbours in the end: without them, standard deviations are 10 % larger
-    exchanges = 6
-    for _ in watched(range(most), "choosing poses"):
+    for _ in watched(range(poses or limits.most), "choosing poses"):
         if chosen and not poses and pool.lacks(chosen) <= 1:
             break
         chosen = added(pool, chosen)
+    # for neighbours in the end: without them, standard deviations are 10 % larger
+    exchanges = 6
     for _ in watched(range(exchanges), "exchanging poses"):
-        R, T = pool.R[chosen], pool.T[chosen]
-        R, T = joined((R, T), neighbours(model, R, T, 40, rng))
-        pool = Pool.from_poses(model, R, T, until, given)
+        plan = pool.R[chosen], pool.T[chosen]
+        several = joined(plan, neighbours(model, *plan, 40, rng))
+        pool = Pool.from_poses(model, *several, until, given)
         chosen = exchanged(pool, list(range(len(chosen))))
         if not poses:
             chosen = trimmed(pool, chosen)
     R, T = pool.R[chosen], pool.T[chosen]
+    predicted = predict(model, *joined(before, (R, T)), rng)
     way = there_and_back(short_way(R, T))
-    R_all, T_all = joined(before, (R, T))
-    predicted = predict(model, R_all, T_all, rng)
-    enough = pool.enough(chosen)
-    return Plan(model, R[way], T[way], predicted, until, enough)
+    return Plan(model, R[way], T[way], predicted, until, pool.enough(chosen))
 
 
 def joined(first: Frames, second: Frames) -> Frames:
     """Poses and further ones together."""
-    R, T = (np.concatenate(parts) for parts in zip(first, second, strict=True))
+    R, T = map(np.concatenate, zip(first, second, strict=True))
     return R, T
 
 
@@ -285,7 +281,6 @@ def short_way(R: ndarray, T: ndarray) -> list[int]:
     order = [0]
     left = set(range(1, len(T)))
     while left:
-        nearest = min(left, key=lambda pose: far[order[-1], pose])
-        order.append(nearest)
-        left.remove(nearest)
+        order.append(min(left, key=far[order[-1]].__getitem__))
+        left.remove(order[-1])
     return order

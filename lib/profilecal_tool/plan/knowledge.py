@@ -1,7 +1,6 @@
 """What is known before a plan, from a specification or from a scan."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
@@ -11,48 +10,13 @@ from profilecal.geometry.noise import ROBOT
 from profilecal.geometry.poses import Frames, inverse, nearest_rotation
 from profilecal.joint.prior import prior_from
 from profilecal.scan.scan import Scan, ScanError
-from profilecal.scan.toml import check_entries, number, numbers, whole
 from profilecal.simulation.robot import Scanner
-from profilecal.simulation.spec import Spec, raw_profiles, sizes_of
+from profilecal.simulation.spec import raw_profiles, sizes_of
 from profilecal.targets import TARGETS
 from profilecal.targets.observations import Observations
 from profilecal_tool.plan.candidates import draw, off_square
 from profilecal_tool.plan.scan_model import Limits, ScanModel
 from profilecal_tool.plan.specification import PlannedSpec
-
-
-def are_zones(value: object) -> bool:
-    """Whether an entry is a list of zones."""
-    is_zone, _ = numbers(4)
-    return isinstance(value, list) and all(map(is_zone, value))
-
-
-PLAN: dict = {
-    "poses": whole(0, 1000),
-    "most": whole(1, 1000),
-    "until": numbers(2),
-    "low": numbers(3),
-    "high": numbers(3),
-    "tilt_deg": number(0, 80),
-    "spin_deg": number(0, 180),
-    "extent_mm": number(0, 1000),
-    "avoid": (are_zones, "a list of zones, each of four numbers: x, y, z, radius"),
-}
-
-
-def read_plan(table: dict, path: Path) -> tuple[Limits, dict]:
-    """Read the table [plan] of a specification `path`.
-
-    Returns where the robot may go, and what is asked of `design`. Raises ScanError.
-    """
-    check_entries(path, table, PLAN, "plan")
-    limits = {
-        name: tuple(value) if isinstance(value, list) else value
-        for name, value in table.items()
-    }
-    wishes = limits.keys() & {"poses", "most", "until"}
-    asked = {name: limits.pop(name) for name in wishes}
-    return Limits(**limits), asked
 
 
 def model_of_spec(
@@ -62,7 +26,7 @@ def model_of_spec(
 
     `stated`: its [noise]; robot errors that it leaves out are as usual. How well raw
     profiles show the target is looked up in a few simulated ones. Raises ScanError
-    without a guess.
+    without a guess, and where these do not show the target.
     """
     if spec.guess is None:
         raise ScanError(
@@ -77,61 +41,49 @@ def model_of_spec(
         # turn apart.
         profile_mm *= np.sqrt(2)
     prior = prior_from(stated)
-    noise = replace(
-        prior.scales, profile_mm=profile_mm, steering_mm=spec.noise.steering_mm
-    )
+    steering_mm = spec.noise.steering_mm
     model = ScanModel(
         **vars(spec.guess.setup(spec.kind, sizes_of(spec))),
         scanner=spec.scanner,
-        noise=noise,
+        noise=replace(prior.scales, profile_mm=profile_mm, steering_mm=steering_mm),
         systematic=prior.systematic,
         to_hand=spec.mount == "eye-to-hand",
         measured=measured,
         guess=spec.guess,
     )
-    return with_features(model, spec, rng) if measured == "profiles" else model
+    if measured == "profiles":
+        R, T = draw(model, 24, rng)
+        scan = Scan(
+            kind=spec.kind,
+            labels=tuple(map(str, range(len(T)))),
+            R_base_flange=R,
+            p_base_flange=T,
+            measured="profiles",
+            values=tuple(raw_profiles(model, model.planes(R, T), spec, rng)),
+            sizes=model.sizes,
+            title="simulated profiles",
+        )
+        features = observe(scan, 1)
+        noise = replace(model.noise, profile_mm=features.typical_mm)
+        typical = typical_of(as_observations(scan, features, features.typical_mm))
+        model = replace(model, noise=noise, **typical)
+    return replace(model, limits=spec.plan)
 
 
-def with_features(model: ScanModel, spec: Spec, rng: np.random.Generator) -> ScanModel:
-    """The model with as much noise as features of a few simulated raw profiles have.
-
-    Raises ScanError where these do not show the target.
+def typical_of(observed: Observations) -> dict:
+    """What typical profiles show: the `count` of points and their `covariance`, entries
+    of `ScanModel`.
     """
-    R, T = draw(model, 24, rng)
-    scan = Scan(
-        kind=spec.kind,
-        labels=tuple(map(str, range(len(T)))),
-        R_base_flange=R,
-        p_base_flange=T,
-        measured="profiles",
-        values=tuple(raw_profiles(model, model.planes(R, T), spec, rng)),
-        sizes=model.sizes,
-        title="simulated profiles",
-    )
-    features = observe(scan, 1)
-    noise_mm = features.typical_mm
-    observed = as_observations(scan, features, noise_mm)
-    noise = replace(model.noise, profile_mm=noise_mm)
-    return replace(model, noise=noise, **features_of(observed))
+    count, covariance = observed.points.shape[2], observed.covariance
+    if covariance is not None:
+        if observed.on_curve:
+            covariance = np.full(count, np.median(covariance))
+        else:
+            covariance = covariance[0].mean(axis=0)
+    return {"count": count, "covariance": covariance}
 
 
-def features_of(observed: Observations) -> dict:
-    """What typical profiles show: the `count` of points and their `covariance`.
-
-    They are entries of `ScanModel`.
-    """
-    count = observed.points.shape[2]
-    covariance = observed.covariance
-    if covariance is None:
-        typical = None
-    elif observed.on_curve:
-        typical = np.full(count, np.median(covariance))
-    else:
-        typical = covariance[0].mean(axis=0)
-    return {"count": count, "covariance": typical}
-
-
-def model_of_scan(calibration: Calibration) -> tuple[ScanModel, Frames]:
+def model_of_scan(found: Calibration) -> tuple[ScanModel, Frames]:
     """What the one scan of a calibration says.
 
     Returns what it says of sensor, target and robot, which may go on from there; and
@@ -139,30 +91,24 @@ def model_of_scan(calibration: Calibration) -> tuple[ScanModel, Frames]:
     leaves the sensor pose open or is misread.
     """
     # an "ok" answer has paid for what speaks against it by a larger covariance
-    refuted = calibration.misread and calibration.status != "ok"
-    if refuted or not calibration.is_known:
+    refuted = found.misread and found.status != "ok"
+    if refuted or not found.is_known:
         raise ScanError(
             "the scan leaves the mount open, or contradicts itself: profilecal "
             "calibrate says how; else plan from a SPEC.toml whose [guess] states it "
             "roughly"
         )
-    solution = calibration.solution
-    (scan,) = calibration.scans
-    (observed,) = calibration.observed
-    (kept,) = solution.kept
-    R = observed.R_flange[0][kept]
-    T = observed.T_flange[0][kept]
-
+    solution = found.solution
+    (scan,), (observed,), (kept,) = found.scans, found.observed, solution.kept
+    R, T = observed.R_flange[0][kept], observed.T_flange[0][kept]
     prior = prior_from(stated_noise([scan]))
     # where no pose is repeated, the errors of a visit are part of those of a pose
     sizes = dict.fromkeys(ROBOT, 0.0)
     for size in solution.error_sizes.sizes[1:]:
         usual = getattr(prior.scales, size.name)
         sizes[size.name] = size.middle if size.from_data else usual
-    sizes |= {
-        "profile_mm": solution.noise_mm,
-        "steering_mm": solution.noise.steering_mm,
-    }
+    sizes["profile_mm"] = solution.noise_mm
+    sizes["steering_mm"] = solution.noise.steering_mm
     model = ScanModel(
         solution.placements[0],
         facing=nearest_rotation((R @ solution.rotation).mean(axis=0)),
@@ -173,15 +119,15 @@ def model_of_scan(calibration: Calibration) -> tuple[ScanModel, Frames]:
         systematic=prior.systematic,
         to_hand=observed.eye_to_hand,
         measured=scan.measured,
-        **features_of(observed),
+        **typical_of(observed),
     )
 
     reach_mm = 200.0  # beyond the poses of a scan, the robot is believed to reach
     flange = inverse(R, T)[1] if model.to_hand else T
     aside = off_square(model, R, T)[2]
     limits = Limits(
-        low=tuple(flange.min(axis=0) - reach_mm),
-        high=tuple(flange.max(axis=0) + reach_mm),
+        low=flange.min(axis=0) - reach_mm,
+        high=flange.max(axis=0) + reach_mm,
         extent_mm=max(20.0, aside.max()),
     )
     return replace(model, limits=limits), (R, T)
@@ -190,12 +136,10 @@ def model_of_scan(calibration: Calibration) -> tuple[ScanModel, Frames]:
 def scanner_of(scan: Scan, observed: Observations) -> Scanner:
     """A scanner that sees 10 mm farther than this one was seen to see."""
     more_mm = 10
+    points = observed.points[0].reshape(-1, 2)
     if scan.measured == "profiles":
         points = np.concatenate(scan.values)
-    else:
-        points = observed.points[0].reshape(-1, 2)
-    measured = np.isfinite(points).all(axis=1) & points.any(axis=1)
-    x, z = points[measured].T
-    near = max(z.min() - more_mm, 1.0)
+    x, z = points[np.isfinite(points).all(axis=1) & points.any(axis=1)].T
+    near, far = max(z.min() - more_mm, 1.0), z.max() + more_mm
     width = 2 * (np.abs(x).max() + more_mm)
-    return Scanner(near=near, far=z.max() + more_mm, near_width=width, far_width=width)
+    return Scanner(near=near, far=far, near_width=width, far_width=width)

@@ -1,6 +1,5 @@
-"""What is known before a scan, and what poses will be worth.
-
-Their worth is the information that their profiles will hold.
+"""What is known before a scan, and what poses will be worth: the information that their
+profiles will hold, by the linear model that the calibration will solve.
 """
 
 from dataclasses import dataclass, replace
@@ -11,41 +10,16 @@ from numpy import ndarray
 
 from profilecal.calibration.observe import three_points
 from profilecal.geometry.noise import Noise, Systematic
-from profilecal.geometry.observability import Spectrum, spectrum
+from profilecal.geometry.observability import Spectrum, of_covariance, spectrum
 from profilecal.geometry.poses import rotation_groups
+from profilecal.joint.linear_model import LinearModel
 from profilecal.joint.problem import Problem
-from profilecal.scan.scan import ScanError
 from profilecal.simulation.robot import Scanner
 from profilecal.simulation.scene import Setup
 from profilecal.targets.observations import Observations
-from profilecal_tool.plan.specification import Guess
+from profilecal_tool.plan.specification import Guess, Limits
 
 GUESSES = 20  # draws of how wrong the guess is: they show most of the range
-
-
-@dataclass(frozen=True)
-class Limits:
-    """Where the robot may go."""
-
-    # of the flange's positions in the base frame, mm
-    low: tuple[float, ...] = (-np.inf,) * 3
-    high: tuple[float, ...] = (np.inf,) * 3
-    # of the direction of view against looking at the target squarely
-    tilt_deg: float = 30.0
-    # about the direction of view
-    spin_deg: float = 45.0
-    # how far from the guess an edge, a rod or a face is seen, to either side
-    extent_mm: float = 50.0
-    # zones x, y, z, radius: where neither flange nor sensor may be
-    avoid: tuple[tuple[float, ...], ...] = ()
-
-    def __post_init__(self) -> None:
-        for axis, low, high in zip("xyz", self.low, self.high, strict=True):
-            if low >= high:
-                raise ScanError(
-                    f"the box is empty along {axis}: "
-                    f"low is {low:g} and high is {high:g} mm"
-                )
 
 
 @dataclass(frozen=True)
@@ -64,7 +38,7 @@ class ScanModel(Setup):
     guess: Guess | None = None
     # points of a curve that a pose gives
     count: int = 40
-    limits: Limits = Limits()
+    limits: Limits = Limits()  # noqa: RUF009
 
     def elsewhere(self, rng: np.random.Generator) -> "ScanModel":
         """The same where the guess is wrong by anything within its margins."""
@@ -81,11 +55,25 @@ class ScanModel(Setup):
     def points_seen(self, R_view: ndarray, T_view: ndarray, count: int) -> ndarray:
         """What a perfect scanner at sensor frames (P, 3, 3), (P, 3) sees of the target.
 
-        Returns (P, m, 2), mm, `count` points of a curve; NaN where it is missed.
+        Returns (P, m, 2), mm, `count` points of a curve; NaN where it is missed. On a
+        face they reach across the field of view, but for a tenth at the sides, which
+        features leave out.
+
+        A ray that is the fraction r of the half width h to the side, which grows by g
+        from a depth to one that is s farther, meets the line z = d + s x where x = r
+        (h(d) + g x).
         """
         points = self.target.points_seen(R_view, T_view, count)
-        is_face = len(self.target.shifts) == 1
-        return self.across_view(points, count) if is_face else points
+        if len(self.target.shifts) > 1:
+            return points
+        (x, last_x), (z, last_z) = points[:, [0, -1]].T
+        slope = (last_z - z) / (last_x - x)
+        depth = z - slope * x
+        ends = self.scanner.half_width(np.array([depth, depth + slope]))
+        half, farther = ends[..., None]
+        ray = np.linspace(-0.9, 0.9, count)
+        x = ray * half / (1 - ray * (farther - half))
+        return np.stack([x, depth[:, None] + slope[:, None] * x], axis=-1)
 
     def middle_seen(self, R_view: ndarray, T_view: ndarray) -> ndarray:
         """The middle (P, 2), mm, of what is seen from sensor frames."""
@@ -93,30 +81,12 @@ class ScanModel(Setup):
         return points[:, points.shape[1] // 2]
 
     def in_view(self, R: ndarray, T: ndarray) -> ndarray:
-        """Whether flange poses (P, 3, 3), (P, 3) have the target in view, (P,).
-
-        They have if the middle of what is seen is in the field of view.
+        """Whether the middle of what is seen from flange poses (P, 3, 3), (P, 3) is in
+        the field of view, (P,).
         """
         x, z = self.middle_seen(*self.planes(R, T)).T
-        scanner = self.scanner
-        in_range = (scanner.near <= z) & (z <= scanner.far)
-        return in_range & (np.abs(x) <= scanner.half_width(z))
-
-    def across_view(self, points: ndarray, count: int) -> ndarray:
-        """Points (P, count, 2) across the field of view on lines through (P, m, 2).
-
-        They reach from one side to the other, but for a tenth at the sides, which
-        features leave out. The line z = d + s x meets the sides where ±x is the half
-        width at its depth, h(z) = h(d) + (h(d + s) - h(d)) x: at -h/(1 + g) and
-        h/(1 - g), where g is the growth h(d + s) - h(d).
-        """
-        (first_x, last_x), (first_z, last_z) = points[:, [0, -1]].T
-        slope = (last_z - first_z) / (last_x - first_x)
-        depth = first_z - slope * first_x
-        half, farther = 0.9 * self.scanner.half_width(np.array([depth, depth + slope]))
-        growth = farther - half
-        x = np.linspace(-half / (1 + growth), half / (1 - growth), count, axis=1)
-        return np.stack([x, depth[:, None] + slope[:, None] * x], axis=-1)
+        in_range = (self.scanner.near <= z) & (z <= self.scanner.far)
+        return in_range & (np.abs(x) <= self.scanner.half_width(z))
 
     def observed(self, R: ndarray, T: ndarray) -> Observations:
         """What the scanner will see of the target from flange poses (P, 3, 3), (P, 3).
@@ -124,7 +94,8 @@ class ScanModel(Setup):
         In mm, NaN where it misses the target; of an arc three points that stand for it.
         """
         planes = self.planes(R, T)
-        if self.measured == "arcs":
+        are_circles = self.measured == "arcs"
+        if are_circles:
             points = three_points(self.target.meet(*planes))
         else:
             points = self.points_seen(*planes, self.count)
@@ -140,7 +111,7 @@ class ScanModel(Setup):
             rotation_groups(R),
             self.to_hand,
             covariance,
-            self.measured == "arcs",
+            are_circles,
         )
 
     def problem(self, R: ndarray, T: ndarray, **in_motion: Any) -> Problem:
@@ -150,48 +121,36 @@ class ScanModel(Setup):
         seen = replace(self.observed(R, T), **in_motion)
         return Problem([seen], self.noise, self.systematic)
 
+    def linear(self, problem: Problem) -> tuple[LinearModel, ndarray]:
+        """The linear model of such a problem, and the variances (1 + k,) of the errors
+        that it counts with.
+        """
+        sizes = self.noise.of_robot
+        if problem.clock is not None:
+            sizes |= {"jitter_ms": self.noise.jitter_ms}
+        variances = np.array([1.0, *sizes.values()]) ** 2
+        return problem.model(self.state, list(sizes)), variances
+
 
 def information(
-    model: ScanModel,
-    R: ndarray,
-    T: ndarray,
-    each: bool = False,
-    problem: Problem | None = None,
+    model: ScanModel, R: ndarray, T: ndarray, each: bool = False
 ) -> ndarray:
     """What flange poses (P, 3, 3), (P, 3) tell of the unknowns and the shared errors.
 
     Returns (q, q), for the unknowns and then for what is wrong at all poses, the
     robot's errors integrated out. `each`: of each pose by itself, (P, q, q); where all
-    have orientations of their own, these add up to the whole. `problem`: that of these
-    poses, if it is known.
+    have orientations of their own, these add up to the whole.
     """
-    problem = problem or model.problem(R, T)
-    sizes = model.noise.of_robot
-    if problem.clock is not None:
-        sizes |= {"jitter_ms": model.noise.jitter_ms}
-    variances = np.array([1.0, *sizes.values()]) ** 2
-    linear = problem.model(model.state, list(sizes))
+    linear, variances = model.linear(model.problem(R, T))
     # the last row and column are of the residuals themselves
     if each:
         return linear.alone(variances)[:, :-1, :-1]
     return linear.posterior(variances[None]).normal[0, :-1, :-1]
 
 
-def marginal(information: ndarray, n: int) -> ndarray:
-    """What information matrices (..., N, N) say of the first n unknowns alone.
-
-    The others are not known any better: A - B C⁻¹ Bᵀ of the blocks A, B; Bᵀ, C.
-    """
-    known = information[..., :n, :n]
-    across = information[..., :n, n:]
-    others = information[..., n:, n:]
-    return known - across @ np.linalg.solve(others, across.mT)
-
-
 def largest_sd(covariance: ndarray) -> list[float]:
-    """The largest standard deviations, of a covariance (6, 6) of a pose.
-
-    That of the translation in any direction, and that of the rotation about any axis.
+    """The largest standard deviations, of a covariance (6, 6) of a pose: of the
+    translation in any direction, and of the rotation about any axis.
     """
     blocks = covariance[:3, :3], covariance[3:, 3:]
     return [float(np.sqrt(np.linalg.norm(block, 2))) for block in blocks]
@@ -201,7 +160,7 @@ def largest_sd(covariance: ndarray) -> list[float]:
 class Prediction:
     """How well poses will determine the sensor pose."""
 
-    spectrum: Spectrum
+    spectrum: Spectrum  # of the covariance that `calibrate` will state
     poses: int
     # smallest and largest (`mm`, `deg`) if the guess is wrong
     between: tuple = ()
@@ -210,10 +169,7 @@ class Prediction:
 
     @property
     def covariance(self) -> ndarray:
-        """(6, 6) of δ = (ρ, φ) in the sensor's frame, mm and rad.
-
-        It is the one that `calibrate` will state.
-        """
+        """(6, 6) of δ = (ρ, φ) in the sensor's frame, mm and rad."""
         return self.spectrum.covariance
 
     @property
@@ -240,19 +196,16 @@ def predict(
     `in_motion`: as `ScanModel.problem` takes it.
     """
     problem = model.problem(R, T, **in_motion)
-    units = problem.units
-    considered = np.array([*problem.considered.values()])
-    precision = np.r_[0 * units, considered**-2.0]
-    total = information(model, R, T, problem=problem) + np.diag(precision)
-    pose_information = marginal(total, len(units))
-    prediction = Prediction(spectrum(pose_information, units), len(T))
+    linear, variances = model.linear(problem)
+    posterior = linear.posterior(variances[None])
+    (covariance,), n = posterior.covariance, problem.n
+    rank = spectrum(posterior.normal[0, :n, :n], problem.units).rank
+    prediction = Prediction(of_covariance(covariance[:6, :6], rank, n), len(T))
     if problem.clock is not None:
-        variances = np.diag(np.linalg.pinv(total, hermitian=True))
-        sd_s = float(np.sqrt(variances[problem.clock]))
+        sd_s = float(np.sqrt(covariance[problem.clock, problem.clock]))
         prediction = replace(prediction, delay_sd_s=sd_s)
     if rng is None or model.guess is None:
         return prediction
-
     draws = [model.elsewhere(rng) for _ in range(GUESSES)]
     others = [predict(other, R, T, **in_motion) for other in draws]
     sizes = np.array([(other.mm, other.deg) for other in others])

@@ -1,7 +1,7 @@
-"""Specifications of plans: a guess in place of the truth, and poses in a file."""
+"""Specifications of plans: a guess in place of the truth, limits, poses in a file."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -12,7 +12,7 @@ from numpy.random import Generator
 from profilecal.geometry.poses import inverse, rotation_from_xyz_angles, rotations
 from profilecal.scan.folder import read_header, read_poses
 from profilecal.scan.scan import Scan
-from profilecal.scan.toml import number, numbers
+from profilecal.scan.toml import number, numbers, whole
 from profilecal.simulation.robot import Poses
 from profilecal.simulation.scene import Scene, Setup, in_unit_ball
 from profilecal.simulation.spec import (
@@ -68,30 +68,69 @@ class Guess:
         return np.array([self.mount_mm, mount_rad, self.target_mm, target_rad])
 
     def setup(
-        self,
-        kind: str,
-        sizes: Sequence[float],
-        rng: Generator | None = None,
+        self, kind: str, sizes: Sequence[float], rng: Generator | None = None
     ) -> Setup:
         """What is guessed; with `rng` a truth that the guess is wrong about by no more
         than its margins.
         """
         target = TARGETS[kind]
-        y = np.array(self.axis)
-        z = -np.array(self.up)
-        if abs(target.stance[1, 2]) > 0.5:
-            # the target's own direction is the sensor's y
-            z = z - (z @ y) / (y @ y) * y
+        y, z = np.array(self.axis), -np.array(self.up)
+        x = np.cross(y, z)
+        if abs(target.stance[1, 2]) > 0.5:  # its own direction is the sensor's y
+            z = np.cross(x, y)
         else:
-            y = y - (y @ z) / (z @ z) * z
-        y, z = y / np.linalg.norm(y), z / np.linalg.norm(z)
-        facing = np.stack([np.cross(y, z), y, z], axis=1)
-        R_sensor = rotation_from_xyz_angles(np.radians(self.mount[3:]))
+            y = np.cross(z, x)
+        facing = np.stack([x, y, z], axis=1)
+        facing = facing / np.linalg.norm(facing, axis=0)
         wrong = in_unit_ball(rng, 4) if rng else np.zeros((4, 3))
         shift, turn, moved, turned = self.margins[:, None] * wrong
         facing = rotations(turned) @ facing
         placed = target.at(self.target + moved, facing @ target.stance, sizes)
+        R_sensor = rotation_from_xyz_angles(np.radians(self.mount[3:]))
         return Setup(placed, facing, R_sensor @ rotations(turn), self.mount[:3] + shift)
+
+
+def are_zones(value: object) -> bool:
+    """Whether an entry is a list of zones."""
+    is_zone, _ = numbers(4)
+    return isinstance(value, list) and all(map(is_zone, value))
+
+
+ZONES = are_zones, "a list of zones, each of four numbers: x, y, z, radius"
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What is asked of a plan, and where the robot may go: the table [plan]."""
+
+    # so many; 0: as many as `until` takes, and `most` at most
+    poses: Annotated[int, whole(0, 1000)] = 0
+    most: Annotated[int, whole(1, 1000)] = 100
+    # standard deviations that are good enough, mm and degrees; empty: as usual
+    until: Annotated[Sequence[float], numbers(2)] = ()
+    # of the flange's positions in the base frame, mm
+    low: Vector = (-np.inf,) * 3
+    high: Vector = (np.inf,) * 3
+    # of the direction of view against looking at the target squarely
+    tilt_deg: Annotated[float, number(0, 80)] = 30.0
+    # about the direction of view
+    spin_deg: Annotated[float, number(0, 180)] = 45.0
+    # how far from the guess an edge, a rod or a face is seen, to either side
+    extent_mm: Annotated[float, number(0, 1000)] = 50.0
+    # zones x, y, z, radius: where neither flange nor sensor may be
+    avoid: Annotated[Sequence[Sequence[float]], ZONES] = ()
+
+    def __post_init__(self) -> None:
+        if not all(0 < value < np.inf for value in self.until):
+            raise ValueError(
+                f"until is {list(self.until)}; expected mm and degrees, both positive"
+            )
+        for axis, low, high in zip("xyz", self.low, self.high, strict=True):
+            if low >= high:
+                raise ValueError(
+                    f"the box is empty along {axis}: "
+                    f"low is {low:g} and high is {high:g} mm"
+                )
 
 
 @dataclass(frozen=True)
@@ -102,7 +141,7 @@ class PlannedSpec(Spec):
     # a file poses.csv that says where the robot goes; then sensor and target are where
     # the guess has them, but for its margins
     poses: str = ""
-    plan: dict = field(default_factory=dict)  # for `read_plan`
+    plan: Limits = Limits()
 
     def __post_init__(self) -> None:
         if self.poses and self.guess is None:
@@ -129,40 +168,28 @@ def simulate_specification(spec: PlannedSpec) -> Scan:
     rng = np.random.default_rng(spec.seed)
     setup = spec.guess.setup(spec.kind, sizes_of(spec), rng)
     rng = errors_of(spec, rng)
-    if spec.motion:
-        to_hand = spec.mount == "eye-to-hand"
-        sweeps = planned_sweeps(spec.poses, setup, spec.motion.speed, to_hand)
-        return record_sweeps(setup, spec, rng, sweeps)
-    return recorded(planned_scene(spec, setup, rng), spec, rng)
-
-
-def planned_scene(spec: PlannedSpec, setup: Setup, rng: Generator) -> Scene:
-    """The scene of a plan's poses; where the operator steers, those that this takes."""
     plan = planned_poses(spec.poses, spec.mount == "eye-to-hand")
     R, T = plan["R"], plan["T"]
-    if setup.target.steered:
+    if spec.motion:
+        sweeps = straight_sweeps(setup, R, T, spec.motion.speed)
+        return record_sweeps(setup, spec, rng, sweeps)
+    if setup.target.steered:  # by the operator, as far as this takes
         R_view, origin = setup.planes(R, T)
         across = R_view[..., 1]
         off = np.sum((setup.target.frame[0] - origin) * across, axis=1)
         off = off - spec.noise.steering_mm * rng.normal(size=len(T))
         T = T + off[:, None] * across
-    return Scene.of(setup, Poses(R, T[:, None]), plan["labels"], plan["group"])
-
-
-def planned_sweeps(path: str, setup: Setup, speed: float, to_hand: bool) -> list[Sweep]:
-    """The straight sweeps of a plan at a speed, mm/s, as a sensor makes them that is
-    where `setup` has it: two poses of the table are the ends of one. Raises ScanError.
-    """
-    plan = planned_poses(path, to_hand)
-    return straight_sweeps(setup, plan["R"], plan["T"], speed)
+    scene = Scene.of(setup, Poses(R, T[:, None]), plan["labels"], plan["group"])
+    return recorded(scene, spec, rng)
 
 
 def straight_sweeps(setup: Setup, R: ndarray, T: ndarray, speed: float) -> list[Sweep]:
-    """The sweeps between flange poses (2 n, 3, 3), (2 n, 3), two of each."""
+    """The straight sweeps at a speed, mm/s, between flange poses (2 n, 3, 3), (2 n, 3),
+    two of each, of a sensor that is where `setup` has it.
+    """
     R_view, T_view = setup.planes(R, T)
-    ends = T_view.reshape(-1, 2, 3)
     sweeps = []
-    for facing, (begin, end) in zip(R_view[::2], ends, strict=True):
+    for facing, begin, end in zip(R_view[::2], T_view[::2], T_view[1::2], strict=True):
         half = float(np.linalg.norm(end - begin)) / 2
         along = (end - begin) / (2 * half)
         sweeps.append(Sweep((begin + end) / 2, facing, along, speed, half))

@@ -1,6 +1,6 @@
 """The plan that is asked for: its task, and its folder."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -17,7 +17,7 @@ from profilecal.scan.toml import read_toml, toml_text
 from profilecal.simulation.sweeps import Motion
 from profilecal.targets import TARGETS
 from profilecal_tool.plan.design import FEW, NOWHERE, Plan, design, joined
-from profilecal_tool.plan.knowledge import model_of_scan, model_of_spec, read_plan
+from profilecal_tool.plan.knowledge import model_of_scan, model_of_spec
 from profilecal_tool.plan.scan_model import Prediction, ScanModel, predict
 from profilecal_tool.plan.specification import (
     MARGINS,
@@ -25,7 +25,7 @@ from profilecal_tool.plan.specification import (
     planned_poses,
     read_specification,
 )
-from profilecal_tool.plan.sweeps import TABLE, WayBack, along_lines, write_sweeps
+from profilecal_tool.plan.sweeps import along_lines, way_back
 from profilecal_tool.plan.words import worst
 
 LINES = (4, 6, 8, 12, 16, 24, 32, 48)  # of plans of sweeps that are tried in turn
@@ -36,12 +36,10 @@ class Task:
     """What there is to plan."""
 
     model: ScanModel
-    # options of `design`
-    asked: dict
     rng: np.random.Generator
     source: PlannedSpec | Scan
-    # as stated there
-    noise: dict[str, float]
+    # the noise that it states
+    stated: dict[str, float]
     # of the specification, if there is one
     entries: dict
     # poses R (P, 3, 3), T (P, 3) that are there already
@@ -67,32 +65,28 @@ class Task:
 
     def plan(self) -> Plan:
         """The poses that serve best; where only the margins of the guess keep them from
-        what is asked for, those of a first step; in motion, lines through poses.
+        what is asked for, those of a first step; in motion, lines through poses: so
+        many as are asked for, or as serve `until`; else as the specification says.
 
         Raises ScanError.
         """
+        asked = self.model.limits.poses
         if self.motion:
-            return self.in_motion(self.motion)
-        plan = self.designed(self.model)
-        if self.asked.get("poses") or self.model.guess is None or not plan.falls_short:
+            given = asked or (self.motion.sweeps + 1) // 2
+            for lines in (given,) if self.count_given else LINES:
+                through = self.designed(poses=lines)
+                plan = along_lines(through, self.motion, self.rng)
+                if not plan.falls_short:
+                    break
             return plan
-        margins = dict.fromkeys(MARGINS, 0.0)
-        exact = replace(self.model, guess=replace(self.model.guess, **margins))
-        if self.designed(exact).falls_short:
+        plan, guess = self.designed(), self.model.guess
+        if asked or guess is None or not plan.falls_short:
             return plan
-        return replace(self.designed(self.model, poses=FEW), is_first_step=True)
-
-    def in_motion(self, motion: Motion) -> Plan:
-        """Sweeps along so many lines as are asked for, or as serve `until`; else as the
-        specification says. Raises ScanError.
-        """
-        given = self.asked.get("poses") or (motion.sweeps + 1) // 2
-        for lines in (given,) if self.count_given else LINES:
-            through = self.designed(self.model, poses=lines)
-            plan = along_lines(through, motion, self.rng)
-            if not plan.falls_short:
-                break
-        return plan
+        exact = replace(guess, **dict.fromkeys(MARGINS, 0.0))
+        model = replace(self.model, guess=exact)
+        if replace(self, model=model).designed().falls_short:
+            return plan
+        return replace(self.designed(poses=FEW), is_first_step=True)
 
     @property
     def motion(self) -> Motion | None:
@@ -102,28 +96,51 @@ class Task:
     @property
     def count_given(self) -> bool:
         """Whether so many poses or lines are asked for, not as many as it takes."""
-        by_motion = self.motion and "until" not in self.asked
-        return bool(by_motion or self.asked.get("poses"))
+        limits = self.model.limits
+        return bool(limits.poses or (self.motion and not limits.until))
 
-    @property
-    def doubts(self) -> list[str]:
-        """What a prediction after this scan leaves out, in a line or none."""
-        if not self.doubted:
-            return []
-        return [
-            "note           calibrate finds an error in this scan; "
-            "while that lasts, it will state more than is predicted"
-        ]
+    def designed(self, **asked: int) -> Plan:
+        """A plan of poses. Raises ScanError."""
+        return design(self.model, self.rng, before=self.before, **asked)
 
-    def designed(self, model: ScanModel, **more: int) -> Plan:
-        """A plan for the model, or for one like it. Raises ScanError."""
-        return design(model, self.rng, before=self.before, **self.asked | more)
+    def write(self, plan: Plan, folder: Path) -> None:
+        """Write a plan of poses or sweeps into a folder that exists.
+
+        It becomes a scan folder without measurements; from a specification, one that
+        simulates these as well, with the robot's errors that the prediction counts
+        with.
+        """
+        model, source = self.model, self.source
+        poses = inverse(plan.R, plan.T) if model.to_hand else (plan.R, plan.T)
+        table = "sweeps.csv" if plan.speed else "poses.csv"
+        write_folder(folder, source, table, poses, model.sizes, self.stated)
+        if self.entries:
+            scales = prior_from(self.stated).scales
+            robot = {name: getattr(scales, name) for name in ROBOT}
+            changes = {"plan": {}, "poses": table, "noise": self.stated | robot}
+            text = toml_text(self.entries | changes)
+            (folder / "simulate.toml").write_text(text, encoding="utf-8")
+
+
+@dataclass(frozen=True)
+class WayBack:
+    """The sweeps of a scan backwards, which tell a delay that they leave open."""
+
+    scan: Scan
+    # (2 n, 3, 3), (2 n, 3) mm, where each begins and ends
+    poses: Frames
+
+    def write(self, folder: Path) -> None:
+        """Write them into a folder that exists, a scan folder without measurements."""
+        scan = self.scan
+        table = "sweeps.csv"
+        write_folder(folder, scan, table, self.poses, scan.sizes, dict(scan.noise))
 
 
 def read_task(
     path: Path,
     poses: int | None = None,
-    until: tuple | None = None,
+    until: Sequence[float] | None = None,
     within: Path | None = None,
 ) -> Task | WayBack:
     """The task that a file SPEC.toml or a scan folder sets; the way back of a scan
@@ -132,95 +149,68 @@ def read_task(
     `poses` and `until` go before what it says; after a scan, `within` is a SPEC.toml
     that says where the robot may go. Raises ScanError.
     """
-    given: dict = {"poses": poses or 0} if poses or until else {}
-    if until:
-        given["until"] = until
     if path.name == "scan.toml":
         path = path.parent
-    place = within or path
-    entries = {}
+    place, entries, spec = within or path, {}, None
     if not place.is_dir():
         entries = read_toml(place)
         spec = read_specification(entries, place)
-    limits, asked = read_plan(entries.get("plan", {}), place)
-    asked |= given
     if path.is_dir():
         scan = read_scan(path)
         found = calibrate([scan])
-        if back := WayBack.of(found):
-            return back
+        if back := way_back(found):
+            return WayBack(scan, back)
         model, before = model_of_scan(found)
-        if within:
-            model = replace(model, limits=limits)
-        rng, noise = np.random.default_rng(0), dict(scan.noise)
-        doubted = found.misread
-        return Task(model, asked, rng, scan, noise, entries, before, doubted)
-    noise = entries.get("noise", {})
-    rng = np.random.default_rng(spec.seed)
-    model = replace(model_of_spec(spec, noise, rng), limits=limits)
-    return Task(model, asked, rng, spec, noise, entries)
-
-
-def write_plan(task: Task, plan: Plan, folder: Path) -> None:
-    """Write a plan of poses or sweeps into a folder that exists.
-
-    It becomes a scan folder without measurements; from a specification, one that
-    simulates these as well, with the robot's errors that the prediction counts with.
-    """
-    model = plan.model
-    labels = [f"{k:03d}" for k in range(1, len(plan.T) + 1)]
-    R, T = inverse(plan.R, plan.T) if model.to_hand else (plan.R, plan.T)
-    table = "poses.csv"
-    if plan.speed:
-        table = TABLE
-        write_sweeps(folder / table, R, T, task.source.convention)
+        if spec:
+            model = replace(model, limits=spec.plan)
+        stated = dict(scan.noise)
+        rng = np.random.default_rng(0)
+        task = Task(model, rng, scan, stated, entries, before, found.misread)
     else:
-        columns = poses_columns(labels, R, T, task.source.convention)
-        write_table(folder / table, columns)
-    write_header(folder, task.source, model.target.kind, model.sizes, task.noise)
-    if task.entries:
-        noise = task.entries.get("noise", {})
-        scales = prior_from(noise).scales
-        robot = {name: getattr(scales, name) for name in ROBOT}
-        changes = {"plan": {}, "poses": table, "noise": noise | robot}
-        text = toml_text(task.entries | changes)
-        (folder / "simulate.toml").write_text(text, encoding="utf-8")
+        stated = entries.get("noise", {})
+        rng = np.random.default_rng(spec.seed)
+        task = Task(model_of_spec(spec, stated, rng), rng, spec, stated, entries)
+    asked: dict = {"poses": poses or 0} if poses or until else {}
+    if until:
+        asked["until"] = until
+    limits = replace(task.model.limits, **asked)
+    return replace(task, model=replace(task.model, limits=limits))
 
 
-def write_way_back(back: WayBack, folder: Path) -> None:
-    """Write the way back of a scan into a folder that exists, a scan folder without
-    measurements.
-    """
-    scan = back.scan
-    write_sweeps(folder / TABLE, back.R, back.p, scan.convention)
-    write_header(folder, scan, scan.kind, scan.sizes, scan.noise)
-
-
-def write_header(
+def write_folder(
     folder: Path,
     source: PlannedSpec | Scan,
-    kind: str,
+    table: str,
+    poses: Frames,
     sizes: Sequence[float],
-    noise: Mapping[str, float],
+    noise: dict,
 ) -> None:
-    """Write scan.toml for a target of these sizes, mm."""
-    lengths = zip(TARGETS[kind].lengths, sizes, strict=True)
+    """Write poses R (P, 3, 3), p (P, 3) in the base into a table, and scan.toml for a
+    target of these sizes, mm. Of sweeps, two poses are where each begins and ends.
+    """
+    labels = [f"{k:03d}" for k in range(1, len(poses[0]) + 1)]
+    if table == "sweeps.csv":
+        count = len(labels) // 2
+        labels = [f"s{k + 1} {end}" for k in range(count) for end in ("begin", "end")]
+    columns = poses_columns(labels, *poses, source.convention)
+    write_table(folder / table, columns)
+    lengths = zip(TARGETS[source.kind].lengths, sizes, strict=True)
     header = {
-        "title": source.title or f"planned {kind}",
+        "title": source.title or f"planned {source.kind}",
         "units": "mm",
         "mount": source.mount,
-        "target": {"kind": kind, **dict(lengths)},
-        "noise": dict(noise),
+        "target": {"kind": source.kind, **dict(lengths)},
+        "noise": noise,
     }
     (folder / "scan.toml").write_text(toml_text(header), encoding="utf-8")
 
 
-def next_poses(calibration: Calibration, folder: Path) -> list[str]:
+def next_poses(found: Calibration, folder: Path) -> list[str]:
     """Which poses would help an answer that is weak, in one sentence or in none."""
-    if len(calibration.scans) > 1:
+    if len(found.scans) > 1:
         return []
     try:
-        model, before = model_of_scan(calibration)
+        model, before = model_of_scan(found)
         rng = np.random.default_rng(0)
         plan = design(model, rng, most=8, before=before, candidates=300)
     except ScanError:

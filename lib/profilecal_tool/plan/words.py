@@ -1,23 +1,17 @@
 """Predictions and plans in words, as `profilecal plan` prints them."""
 
+from pathlib import Path
+
 from profilecal.geometry.observability import name_direction, size_direction
 from profilecal_tool.plan.design import FEW, Plan
 from profilecal_tool.plan.scan_model import GUESSES, Prediction, ScanModel
-from profilecal_tool.plan.sweeps import WHY
 from profilecal_tool.words import deviations
 
-
-def believed(model: ScanModel) -> list[str]:
-    """What a prediction counts with, in lines."""
-    noise = model.noise
-    pose = f"{noise.position_mm:.2g} mm and {noise.orientation_deg:.2g}°"
-    group = f"{noise.group_position_mm:.2g} mm and {noise.group_orientation_deg:.2g}°"
-    visit = f"{noise.repeatability_mm:.2g} mm and {noise.repeatability_deg:.2g}°"
-    return [
-        f"noise          {noise.profile_mm:.2g} mm of a feature's coordinates",
-        f"robot errors   {pose} at each pose, {group} at each orientation, "
-        f"{visit} at each visit",
-    ]
+WHY = "driven there and back: a delay shifts both ways apart, a wrong mount does not"
+DOUBT = (
+    "note           calibrate finds an error in this scan; "
+    "while that lasts, it will state more than is predicted"
+)
 
 
 def prediction_lines(
@@ -28,20 +22,23 @@ def prediction_lines(
     `new`: how many of the poses are planned; `unseen`: how many poses do not have the
     target in view.
     """
-    spectrum = prediction.spectrum
-    direction = spectrum.directions[0]
-    sd = spectrum.sd[0]
+    noise, spectrum = model.noise, prediction.spectrum
+    direction, sd = spectrum.directions[0], spectrum.sd[0]
     frame = "base" if model.to_hand else "flange"
     weakest = name_direction(direction, model.R_sensor, frame)
     size = size_direction(sd, direction) if sd < 10 else "open"
-    sizes = deviations(prediction.covariance)
     what = "profiles" if prediction.delay_sd_s else "poses"
-    poses = f"{prediction.poses} {what}"
-    if 0 < new < prediction.poses:
-        poses += f", {new} of them new"
+    sizes = deviations(prediction.covariance)
+    some_new = f", {new} of them new" if 0 < new < prediction.poses else ""
     lines = [
-        *believed(model),
-        f"status         {spectrum.status}, predicted for {poses}",
+        f"noise          {noise.profile_mm:.2g} mm of a feature's coordinates",
+        f"robot errors   {noise.position_mm:.2g} mm and {noise.orientation_deg:.2g}° "
+        f"at each pose, {noise.group_position_mm:.2g} mm and "
+        f"{noise.group_orientation_deg:.2g}° at each orientation, "
+        f"{noise.repeatability_mm:.2g} mm and {noise.repeatability_deg:.2g}° "
+        "at each visit",
+        f"status         {spectrum.status}, "
+        f"predicted for {prediction.poses} {what}{some_new}",
         f"one sd         {sizes} about the sensor's x, y, z",
         f"worst          {worst(prediction)} in any direction",
     ]
@@ -53,8 +50,7 @@ def prediction_lines(
         )
     lines.append(f"weakest        {weakest}, {size}")
     if prediction.delay_sd_s:
-        delay_ms = 1e3 * prediction.delay_sd_s
-        lines.append(f"delay          ± {delay_ms:.2g} ms")
+        lines.append(f"delay          ± {1e3 * prediction.delay_sd_s:.2g} ms")
     if unseen:
         lines.append(
             f"note           {unseen} other poses do not have the target in view, "
@@ -76,30 +72,83 @@ def worst(prediction: Prediction) -> str:
 
 def plan_lines(plan: Plan, count_given: bool) -> list[str]:
     """A plan in lines; `count_given`: it was to have so many poses and no more."""
-    new = 0 if plan.speed else len(plan.T)
-    lines = prediction_lines(plan.predicted, plan.model, new)
-    mm, deg = plan.until
-    wished = f"{mm:g} mm and {deg:g}°"
+    count = len(plan.T)
+    lines = prediction_lines(plan.predicted, plan.model, 0 if plan.speed else count)
+    wished = "{:g} mm and {:g}°".format(*plan.until)
+    falls_short = plan.falls_short and not count_given
     if plan.speed:
-        count = len(plan.T) // 2
-        lines.append(f"sweeps         {count}, {WHY}")
+        lines.append(f"sweeps         {count // 2}, {WHY}")
         lines += [f"left out       {why}" for why in plan.left_out]
-        if plan.falls_short and not count_given:
-            lines.append(f"note           {count} sweeps do not give {wished}")
-        return lines
-    if plan.is_first_step:
+        if falls_short:
+            lines.append(f"note           {count // 2} sweeps do not give {wished}")
+    elif plan.is_first_step:
         lines.append(
             "note           a first step: with a guess as wrong as stated, as many "
             f"poses as allowed do not reach {wished}; a second step, from the answer "
             "of these, does"
         )
-    elif plan.falls_short and not count_given:
-        enough = (
+    elif falls_short:
+        like = (
             f"{plan.enough} like these are"
             if plan.enough
             else "nor are ten times as many"
         )
         lines.append(
-            f"note           {len(plan.T)} poses are not enough for {wished}; {enough}"
+            f"note           {count} poses are not enough for {wished}; {like}"
+        )
+    return lines
+
+
+def way_back_lines(count: int, scan: Path, folder: Path | None) -> list[str]:
+    """So many sweeps that a scan lacks, and what to do with them."""
+    lines = [
+        "delay          open: the sweeps of this scan hide it",
+        f"sweeps         {count}, those of the scan backwards, so that each is {WHY}",
+    ]
+    if not folder:
+        return [*lines, f"next: profilecal plan {scan} NEW-FOLDER writes them"]
+    return [
+        *lines,
+        f"{folder}/ written; drive {folder / 'sweeps.csv'} by the same two clocks, "
+        "from each begin to its end",
+        "next: put log.csv and the measurements with sweep and t beside it, then "
+        f"profilecal calibrate {scan} {folder}",
+    ]
+
+
+def steps(plan: Plan, spec: Path, folder: Path | None) -> list[str]:
+    """What to do with a plan of a specification or a scan, in a folder or in none."""
+    if not folder:
+        return [f"next: profilecal plan {spec} NEW-FOLDER writes it"]
+    written = f"{folder}/ written; look at {folder / 'plan.png'}, drive "
+    if plan.speed:
+        return [
+            f"{written}{folder / 'sweeps.csv'} at {plan.speed:g} mm/s, from each begin "
+            "to its end",
+            "next: put log.csv and the measurements with sweep and t beside it "
+            f"(data/README.md: In motion), then profilecal calibrate {folder}",
+        ]
+    if plan.predicted.spectrum.status == "unobservable":
+        return [f"{folder}/ written", "next: plan more poses, or larger turns"]
+    target, is_scan = plan.model.target, spec.is_dir()
+    scans = f"{spec} {folder}, both at once" if is_scan else folder
+    lines = [
+        f"{written}{folder / 'poses.csv'}",
+        f"next: put {target.tables[0]}.csv beside it (data/README.md has its columns), "
+        f"then profilecal calibrate {scans}",
+    ]
+    if not is_scan:
+        lengths = [f" --{name} {getattr(target, name):g}" for name in target.lengths]
+        mount = " --mount eye-to-hand" if plan.model.to_hand else ""
+        lines.append(
+            "or take the scanner's files: profilecal import DIR NEW-FOLDER "
+            f"--target {target.kind}{''.join(lengths)}{mount} "
+            f"--poses {folder / 'poses.csv'}"
+        )
+    if plan.is_first_step:
+        mm, deg = plan.until
+        lines.append(
+            f"and then: profilecal plan {folder} SECOND-FOLDER "
+            f"--until {mm:g} {deg:g} --within {spec}"
         )
     return lines
