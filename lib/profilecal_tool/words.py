@@ -181,7 +181,7 @@ def mount_check_text(check: MountCheck, kind: str) -> str:
     """What `profilecal check-mount` prints."""
     lines = [
         f"poses          {some(check.labels)}",
-        f"differs by     χ² {check.chi2:.3g}; about {len(check.residuals)} expected, "
+        f"differs by     χ² {check.chi2:.3g}; about {check.count} expected, "
         f"doubted above {check.limit:.3g}",
         f"chance         {check.chance:.2g} that it is larger where nothing has moved",
     ]

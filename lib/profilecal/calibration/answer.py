@@ -1,7 +1,9 @@
 """A sensor pose with its uncertainty, as one calibration hands it to the next step."""
 
 import json
+from collections.abc import Iterable
 from dataclasses import dataclass
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +11,7 @@ import numpy as np
 from numpy import ndarray
 
 from profilecal.geometry.checks import check_array, check_rigid
-from profilecal.scan.scan import MOUNTS
+from profilecal.scan.scan import MOUNTS, Scan
 from profilecal.scan.tables import ScanError, naming
 from profilecal.scan.toml import check_entries, one_of
 
@@ -61,6 +63,9 @@ class Answer:
     mount: str  # "eye-in-hand" or "eye-to-hand"
     status: str = "ok"  # or "weak"
     joint: Joint | None = None  # by which `check_mount` predicts; old files have none
+    # (6, 6) near the poses of its scans, without what no residual shows
+    covariance_mm_deg: ndarray | None = None
+    digests: tuple[str, ...] = ()  # of the scans that it is from
 
     def __post_init__(self) -> None:
         said = {"mount": self.mount, "status": self.status}
@@ -78,6 +83,31 @@ def in_mm_deg(covariance: ndarray) -> ndarray:
 def in_mm_rad(covariance: ndarray) -> ndarray:
     """A covariance (6, 6) of δ in mm and degrees, in mm and rad."""
     return covariance / DEGREES[:, None] / DEGREES
+
+
+def fingerprints(scan: Scan) -> list[bytes]:
+    """Of each measurement its pose, to 0.001 mm, and its values."""
+    poses = np.dstack([scan.R_base_flange, scan.p_base_flange])
+    rounded = poses.round(3) + 0.0  # not -0
+    prints = []
+    for pose, rows in zip(rounded, scan.values, strict=True):
+        valid = rows[np.isfinite(rows).all(axis=1)]
+        prints.append(pose.tobytes() + valid.tobytes() if len(valid) else b"")
+    return prints
+
+
+def digest(scan: Scan) -> str:
+    """By which a scan is known again."""
+    return sha256(b"".join(sorted(fingerprints(scan)))).hexdigest()[:16]
+
+
+def check_another(digests: Iterable[str], scan: Scan) -> None:
+    """Refuse a scan that an answer is from."""
+    if digest(scan) in digests:
+        raise ScanError(
+            f"{scan.title or f'the {scan.kind}'}: the pose was found from this very "
+            "scan; expected another"
+        )
 
 
 def read_answer(path: str | Path) -> Answer:
@@ -131,6 +161,8 @@ def answer_in(entries: dict[str, Any]) -> Answer:
         mount=MOUNTS[to_hand],
         status=entries["status"],
         joint=joint_in(entries["joint"]) if entries.get("joint") else None,
+        covariance_mm_deg=np.asarray(entries["covariance"], dtype=float),
+        digests=tuple(entries.get("made", {}).get("scans", ())),
     )
 
 

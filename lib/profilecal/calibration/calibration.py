@@ -5,6 +5,8 @@ and what to tell the user.
 import json
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
+from datetime import UTC, datetime
+from importlib.metadata import version
 from pathlib import Path
 from textwrap import shorten
 from typing import Any
@@ -15,7 +17,13 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import RigidTransform
 
 from profilecal.calibration import plausibility
-from profilecal.calibration.answer import in_mm_deg
+from profilecal.calibration.answer import (
+    Answer,
+    answer_in,
+    digest,
+    fingerprints,
+    in_mm_deg,
+)
 from profilecal.calibration.memory import check_memory
 from profilecal.calibration.mount import contradiction, rests_on
 from profilecal.calibration.observe import (
@@ -27,6 +35,7 @@ from profilecal.calibration.observe import (
     with_few_joined,
 )
 from profilecal.calibration.other_conventions import better_readings
+from profilecal.calibration.points import point_sd
 from profilecal.geometry.checks import (
     UnobservableError,
     check_array,
@@ -98,6 +107,23 @@ class Calibration:
     def is_known(self) -> bool:
         """Whether there is a sensor pose, be it a weak one."""
         return self.status != "unobservable"
+
+    @property
+    def made(self) -> dict[str, Any]:
+        """Where it is from: by which version, when, and from which scans."""
+        return {
+            "version": version("profilecal"),
+            "time": datetime.now(UTC).isoformat(timespec="seconds"),
+            "scans": [*map(digest, self.scans)],
+        }
+
+    @property
+    def answer(self) -> Answer:
+        """As `write_answer` writes it and `read_answer` reads it. Raises
+        UnobservableError.
+        """
+        self.known_solution  # noqa: B018
+        return answer_in(self.to_json() | {"made": self.made})
 
     @property
     def mount(self) -> str:
@@ -172,6 +198,45 @@ class Calibration:
         what matters away from the poses of the scans. Raises UnobservableError.
         """
         return np.sqrt(np.diag(self.covariance_total_mm_deg))
+
+    def point_sd_mm(
+        self, x: ArrayLike, z: ArrayLike, T_base_flange: ArrayLike | None = None
+    ) -> ndarray:
+        """How well points of a profile are known, by the total covariance.
+
+        With the pose's rotation R, C = `covariance_total_mm_deg` in mm and rad, and a
+        point p = (x, 0, z), the covariance in the flange's frame is J C Jᵀ, J = R [1,
+        -[p]×]. In the base frame, at a pose of the flange, the robot's own error there
+        is added, as large as the scans show it.
+
+        Parameters
+        ----------
+        x, z : array (...)
+            Of the points, mm.
+        T_base_flange : array (4, 4) or (..., 4, 4), optional
+            Poses of the flange, mm; left out, points are in the flange's frame.
+            Eye-to-hand, they are in the base's, and with a pose in the flange's.
+
+        Returns
+        -------
+        array (..., 3)
+            Standard deviations along the axes of that frame, mm.
+
+        Raises
+        ------
+        UnobservableError
+            Where there is no pose.
+        ValueError
+            For a `T_base_flange` that is no rigid transform.
+
+        Examples
+        --------
+        >>> import profilecal as pc
+        >>> found = pc.calibrate(pc.simulate("ball", seed=1)[0])
+        >>> found.point_sd_mm([-20, 20], [100, 100]).shape
+        (2, 3)
+        """
+        return point_sd(self.known_solution, x, z, T_base_flange)
 
     @property
     def noise_mm(self) -> float:
@@ -308,8 +373,12 @@ def write_answer(found: Calibration, path: str | Path) -> None:
     >>> bool((answer.pose == found.pose).all())
     True
     """
-    text = json.dumps(found.to_json(), indent=2)
-    Path(path).write_text(text + "\n", encoding="utf-8")
+    Path(path).write_text(answer_text(found) + "\n", encoding="utf-8")
+
+
+def answer_text(found: Calibration) -> str:
+    """What was found as JSON, with where it is from."""
+    return json.dumps(found.to_json() | {"made": found.made}, indent=2)
 
 
 def target_entries(kind: str, target: Any) -> dict[str, Any]:
@@ -559,16 +628,13 @@ def check_different(scans: Sequence[Scan]) -> None:
 
     Raises ScanError.
     """
-    first_of: dict[tuple[bytes, bytes], str] = {}
+    first_of: dict[bytes, str] = {}
     for number, scan in enumerate(scans, 1):
         title = f"scan {number} ({scan.title or scan.kind})"
-        poses = np.dstack([scan.R_base_flange, scan.p_base_flange])
-        rounded = poses.round(3) + 0.0  # not -0
-        for label, pose, rows in zip(scan.labels, rounded, scan.values, strict=True):
-            valid = rows[np.isfinite(rows).all(axis=1)]
+        for label, known in zip(scan.labels, fingerprints(scan), strict=True):
             name = f"pose {label} of {title}"
-            first = first_of.setdefault((pose.tobytes(), valid.tobytes()), name)
-            if len(valid) and first != name:
+            first = first_of.setdefault(known, name)
+            if known and first != name:
                 raise ScanError(
                     f"{name} holds the same measurement as {first}; "
                     "expected each measurement once"

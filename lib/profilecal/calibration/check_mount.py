@@ -1,14 +1,9 @@
 """Is everything where a calibration left it? One to three poses of the same artefact
 are predicted from its answer, and compared with what the scanner sees.
 
-Nothing is solved: the residuals r at the answer, with their derivatives A by all that
-the calibration had to find, follow the law
-
-    r + A x̄ ~ N(0, S)        S = C + A V Aᵀ
-
-of the mean x̄ and the covariance V that the calibration left, and of the errors C that
-are fresh at each pose. If the sensor, or the artefact, has moved by m since, along
-columns B of A, that adds B P Bᵀ to S, P as for a measurement by hand.
+Nothing is solved. The residuals at the answer speak (`evidence`) of moves of the sensor
+and of the artefact since, where the mean and the covariance that the calibration left
+are all that is known of the other unknowns.
 """
 
 from dataclasses import dataclass, replace
@@ -18,12 +13,14 @@ import numpy as np
 from numpy import ndarray
 from scipy.special import chndtrinc, fdtrc, fdtri
 
-from profilecal.calibration.answer import DEGREES, Answer, answer_in
+from profilecal.calibration.answer import DEGREES, Answer, check_another
 from profilecal.calibration.calibration import Calibration
+from profilecal.calibration.evidence import Evidence, evidence
 from profilecal.calibration.observe import as_observations, observe
 from profilecal.geometry.checks import check_type
 from profilecal.geometry.noise import FALSE_ALARM, Noise, Systematic
 from profilecal.geometry.observability import HAND_PRECISION
+from profilecal.joint.linear_model import LinearModel
 from profilecal.joint.problem import Problem
 from profilecal.joint.solution import column_names
 from profilecal.scan.scan import Scan
@@ -53,28 +50,28 @@ class MountCheck:
     """
 
     labels: tuple[str, ...]  # of the poses that saw the artefact
-    residuals: ndarray  # (k,) independent rows, over the scanner's noise
-    columns: ndarray  # (k, 6 + t) their derivatives by the sensor's pose and target's
+    count: int  # of independent residuals
+    # what they say of moves of the sensor (6) and of the target (t), mm and rad
+    moves: Evidence
     by_hand: ndarray  # (6 + t,) how well one would know these by hand
-    covariance: ndarray  # (k, k) S
     freedom: float  # degrees of freedom with which the robot's errors are known
     rotation: ndarray  # (3, 3) of the sensor in the flange frame, or the base frame
 
-    @cached_property
+    @property
     def chi2(self) -> float:
         """Of all residuals."""
-        return float(self.residuals @ np.linalg.solve(self.covariance, self.residuals))
+        return float(self.moves.chi2)
 
     @property
     def limit(self) -> float:
         """What χ² exceeds by a chance of 1 % where nothing has moved."""
-        k = len(self.residuals)
+        k = self.count
         return float(k * fdtri(k, self.freedom, 1 - FALSE_ALARM))
 
     @property
     def chance(self) -> float:
         """That χ² is larger where nothing has moved."""
-        return self.chance_of(self.chi2, len(self.residuals))
+        return self.chance_of(self.chi2, self.count)
 
     @property
     def as_expected(self) -> bool:
@@ -98,16 +95,13 @@ class MountCheck:
         return float(fdtrc(count, self.freedom, chi2 / count)) if count else 1.0
 
     def moved(self, part: slice) -> Move:
-        """What has moved along a part of the columns."""
-        B, by_hand = self.columns[:, part], self.by_hand[part]
-        P = np.diag(by_hand**2)
-        S = self.covariance + B @ P @ B.T
-        X = np.linalg.solve(S, np.c_[B, self.residuals])
-        delta = -P @ B.T @ X[:, -1]
-        white = np.linalg.solve(np.linalg.cholesky(self.covariance), B * by_hand)
-        free = len(S) - np.linalg.matrix_rank(white, tol=1.0)
-        chi2 = float(self.residuals @ X[:, -1])
-        return Move(self.chance_of(chi2, free), delta, P - P @ B.T @ X[:, :-1] @ P)
+        """What has moved, if it is a part of the sensor's and the target's unknowns."""
+        says = self.moves.along(np.eye(len(self.by_hand))[:, part])
+        by_hand = self.by_hand[part]
+        delta, covariance, chi2 = says.together(np.diag(by_hand**-2))
+        told = np.linalg.eigvalsh(says.information * by_hand[:, None] * by_hand) > 1
+        free = self.count - np.count_nonzero(told)
+        return Move(self.chance_of(chi2, free), delta, covariance)
 
     @property
     def suspects(self) -> tuple[str, ...]:
@@ -121,12 +115,10 @@ class MountCheck:
         """By how much the sensor would have moved along or about one axis alone, each
         of the sensor's or the flange's, in its origin: (6,) with standard deviations.
         """
-        shifts, turns = self.columns[:, :3], self.columns[:, 3:6]
         axes = np.eye(3) if frame == "sensor" else self.rotation.T
-        B = np.hstack([shifts @ axes, turns @ axes])
-        X = np.linalg.solve(self.covariance, B)
-        sd = np.sum(B * X, axis=0) ** -0.5
-        return -(X.T @ self.residuals) * sd**2 * DEGREES, sd * DEGREES
+        M = np.eye(len(self.by_hand))[:, :6] @ np.kron(np.eye(2), axes)
+        sizes, sds = self.moves.along(M).each()
+        return sizes * DEGREES, sds * DEGREES
 
     @property
     def seen_mm_deg(self) -> ndarray:
@@ -134,7 +126,7 @@ class MountCheck:
         these poses to show it with a chance of 90 %.
         """
         _, sd = self.alone_mm_deg()
-        square = chndtrinc(self.limit, len(self.residuals), 1 - POWER)
+        square = chndtrinc(self.limit, self.count, 1 - POWER)
         # NaN for an enormous limit, from which it then hardly differs
         return sd * np.sqrt(np.nan_to_num(square, nan=self.limit))
 
@@ -197,8 +189,8 @@ def check_mount(found: Calibration | Answer, scan: Scan) -> MountCheck:
     check_type("found", found, Calibration, Answer)
     check_type("scan", scan, Scan)
     if isinstance(found, Calibration):
-        found.known_solution  # noqa: B018
-        found = answer_in(found.to_json())
+        found = found.answer
+    check_another(found.digests, scan)
     title = scan.title or f"the {scan.kind}"
     if found.mount != scan.mount:
         raise ScanError(f"{title}: the mount is {scan.mount}; expected {found.mount}")
@@ -228,23 +220,34 @@ def check_mount(found: Calibration | Answer, scan: Scan) -> MountCheck:
     T = found.pose[None]
     state = State(T[:, :3, :3], T[:, :3, 3], ((origin[None], axes[None]),))
     model = problem.model(state, [*noise.of_robot])
-    Y = model.Y.reshape(-1, model.n + 1)
-    E = model.E.reshape(len(Y), -1)
-    S = np.eye(len(Y))
-    for name, unit in zip(model.names, model.units[1:], strict=True):
-        number = problem.groups.sharing(name).repeat(model.q)
-        alike_rows = number[:, None] == number
-        S += getattr(noise, name) ** 2 * (E * unit) @ E.T * alike_rows
-    mean, V = joint.of(column_names(problem, alike))
-    A = Y[:, :-1]
-    S += A @ V @ A.T
-    rows = np.abs(E).max(axis=1) > 0
+    names = column_names(problem, alike)
     return MountCheck(
         labels=tuple(scan.labels[i] for i in seen.poses),
-        residuals=(Y[:, -1] + A @ mean)[rows],
-        columns=A[rows, : problem.n],
+        count=int(model.ranks.sum()),
+        moves=moves_after(model, noise, *joint.of(names), problem.n),
         by_hand=problem.units,
-        covariance=S[np.ix_(rows, rows)],
         freedom=joint.freedom,
         rotation=found.pose[:3, :3],
+    )
+
+
+def moves_after(
+    model: LinearModel, noise: Noise, mean: ndarray, V: ndarray, n: int
+) -> Evidence:
+    """What residuals say of steps of the first n unknowns, of all of which a
+    calibration left the mean and the covariance V, by the rows that speak of the flange
+    alone.
+
+    With V = L Lᵀ, x = x̄ + L ξ, ξ ~ N(0, 1), r becomes r + A x̄ and A becomes A L.
+    """
+    v = np.array([1.0, *(size**2 for size in noise.of_robot.values())])
+    rest, _ = model.rest_of_kept
+    normal = model.posterior(v[None]).normal[0] - rest
+    values, vectors = np.linalg.eigh(V)
+    L = vectors * np.sqrt(np.maximum(values, 0))
+    change = np.zeros((model.n + 1, model.n + n + 1))
+    change[:-1] = np.c_[L, np.eye(model.n)[:, :n], mean]
+    change[-1, -1] = 1
+    return evidence(
+        change.T @ normal @ change, np.eye(model.n), slice(model.n, model.n + n)
     )

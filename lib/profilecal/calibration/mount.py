@@ -13,6 +13,7 @@ from numpy import ndarray
 from scipy.spatial.transform import Rotation
 from scipy.special import chdtrc
 
+from profilecal.calibration.evidence import evidence
 from profilecal.geometry.noise import FALSE_ALARM, normalised_square
 from profilecal.geometry.observability import (
     HAND_PRECISION,
@@ -61,15 +62,12 @@ class Shown:
 def shown_by(solution: Solution) -> Shown:
     """What the residuals alone say near a solution; all else is integrated out."""
     model, posterior = solution.model()
-    n, unit = model.n, HAND_PRECISION
-    N = posterior.normal[0] - model.of_mount
-    H = N[:n, :n] + model.precision
-    others = np.linalg.solve(H[6:, 6:], np.c_[H[6:, :6], N[6:n, n]])
-    J = H[:6, :6] - H[:6, 6:] @ others[:, :6]
-    g = N[:6, n] - H[:6, 6:] @ others[:, 6]
-    values, vectors = np.linalg.eigh(J * unit[:, None] * unit)
+    normal = posterior.normal[0] - model.of_mount
+    says = evidence(normal, model.precision[6:, 6:], slice(6))
+    unit = HAND_PRECISION
+    values, vectors = np.linalg.eigh(says.information * unit[:, None] * unit)
     values = np.maximum(values, np.finfo(float).eps * values[-1])
-    offset = -(vectors.T @ (g * unit)) / values
+    offset = -(vectors.T @ (says.slope * unit)) / values
     beside = solution.covariance_total - solution.covariance
     return Shown(vectors.T, values, offset, beside)
 

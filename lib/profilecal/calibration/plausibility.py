@@ -14,9 +14,9 @@ import numpy as np
 from numpy import ndarray
 from scipy.special import ndtri
 
+from profilecal.calibration.evidence import evidence
 from profilecal.geometry.noise import FALSE_ALARM, normalised_square
 from profilecal.geometry.observability import WEAK, of_covariance
-from profilecal.joint.linear_model import score
 from profilecal.joint.prior import OF_SCANNER, Perturbation, of_target
 from profilecal.joint.solution import Solution
 from profilecal.joint.solve import LARGEST_ERROR_MM, LARGEST_REJECTED
@@ -71,7 +71,8 @@ def systematic_tests(solution: Solution) -> list[Finding]:
     model, posterior = solution.model(tried)
     n, (normal,) = model.n - len(tried), posterior.normal
     with np.errstate(invalid="ignore", divide="ignore"):
-        sizes, sds, moves = score(normal, n, model.precision[:n, :n])
+        says = evidence(normal, model.precision[:n, :n], slice(n, None))
+        sizes, sds = says.each()
         visible = sds**-2 > ABSORBED * np.diag(normal)[n:-1]
     findings, allowed = [], poor_errors(solution)
     for k in np.flatnonzero(visible):
@@ -81,7 +82,7 @@ def systematic_tests(solution: Solution) -> list[Finding]:
                 error=error,
                 size=-size,
                 clear=size / sds[k],
-                moves=moves[:6, k] * size,
+                moves=says.moves[:6, k] * size,
                 among=len(tried),
                 not_allowed_for=1 - allowed.get(error, 0.0),
             )

@@ -1,5 +1,5 @@
 """Is a sensor pose right? A scan that was not used to find it is solved by itself, and
-the two answers are compared.
+the two answers are compared; or another answer is given.
 
 Where that scan alone gives no answer to rely on, it is looked at near the pose in
 question, to first order: only the directions that it determines are compared.
@@ -11,30 +11,28 @@ joints are off by 0.02°, 1 in 5 is doubted; with it, 1 in 40.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy import ndarray
 from scipy.special import chdtrc
 
-from profilecal.calibration.answer import DEGREES, Answer, in_mm_rad
+from profilecal.calibration.answer import DEGREES, Answer, check_another, in_mm_rad
 from profilecal.calibration.calibration import Calibration, calibrate
 from profilecal.calibration.observe import stated_noise
 from profilecal.geometry.checks import check_type
-from profilecal.geometry.noise import FALSE_ALARM, normalised_square
+from profilecal.geometry.noise import FALSE_ALARM
 from profilecal.geometry.observability import HAND_PRECISION, Spectrum, of_covariance
 from profilecal.geometry.poses import in_base, pose_error
-from profilecal.joint.prior import prior_from
+from profilecal.joint.descent import refine
+from profilecal.joint.prior import Mount, prior_from
 from profilecal.joint.problem import Problem
 from profilecal.scan.scan import Scan
 from profilecal.scan.tables import ScanError
-from profilecal.targets.observations import State
 
-# standard deviations: the answer of another scan comes as close by a chance of 2e-13;
-# poses that are rounded to 0.001 mm move that of the same scan by less
-SAME_SCAN = 0.02
 # Fewer poses say too little of the robot's errors, and all but fit any target.
 FEWEST = 5
+HELD = 1e-7  # of a measurement by hand: how well a pose is held
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -46,11 +44,12 @@ class Verification:
 
     delta: ndarray  # (6,) from the pose to the answer, the pose's frame, mm and rad
     expected: Spectrum  # of δ
-    alone: Calibration  # the second scan by itself
-    # of the target, mm, as the scan has them by the sensor pose
-    lengths: dict[str, float]
-    rms_mm: float  # of the points' distances from the target
     known: int  # directions that the pose in question is stated to be known in
+    # the second scan by itself, or the other answer
+    other: Calibration | Answer
+    # of the target, mm, as the scan has them by the sensor pose
+    lengths: dict[str, float] = field(default_factory=dict)
+    rms_mm: float = np.nan  # of the points' distances from the target
 
     @property
     def difference_mm_deg(self) -> ndarray:
@@ -93,19 +92,22 @@ class Verification:
         )
 
 
-def verify(found: Calibration | Answer, scan: Scan) -> Verification:
-    """Compare a sensor pose with what a scan says that was not used to find it.
+def verify(found: Calibration | Answer, other: Scan | Answer) -> Verification:
+    """Compare a sensor pose with what a scan says that was not used to find it, or with
+    the answer of one.
 
     What counts is `covariance_total_mm_deg`: the robot's accuracy between the poses of
     both scans is 0.3 mm and 0.03° unless the first one's noise states ``accuracy_mm``
-    and ``accuracy_deg``; smaller differences are no contradiction.
+    and ``accuracy_deg``; smaller differences are no contradiction. What both share, the
+    same artefact or an error of the robot common to all poses, shows in neither.
 
     Parameters
     ----------
     found : Calibration or Answer
         The sensor pose in question; `read_answer` reads one from a file.
-    scan : Scan
-        Another scan by the same scanner on the same mount, of any target.
+    other : Scan or Answer
+        Another scan by the same scanner on the same mount, of any target; or what was
+        found from it (a `Calibration` has it as ``answer``).
 
     Returns
     -------
@@ -126,7 +128,7 @@ def verify(found: Calibration | Answer, scan: Scan) -> Verification:
     See Also
     --------
     read_answer : a sensor pose from a file.
-    leave_out : a check within the scans that a calibration is from.
+    self_test : a check within the scans that a calibration is from.
 
     Examples
     --------
@@ -135,17 +137,56 @@ def verify(found: Calibration | Answer, scan: Scan) -> Verification:
     >>> another_scanner, _ = pc.simulate("ball", seed=2)
     >>> pc.verify(found, another_scanner).as_expected
     False
+    >>> pc.verify(found, pc.calibrate(another_scanner).answer).as_expected
+    False
     """
     check_type("found", found, Calibration, Answer)
-    check_type("scan", scan, Scan)
-    title = scan.title or f"the {scan.kind}"
-    if found.mount != scan.mount:
+    check_type("other", other, Scan, Answer)
+    if isinstance(found, Calibration):
+        found = found.answer
+    is_scan = isinstance(other, Scan)
+    title = (other.title or f"the {other.kind}") if is_scan else "the other answer"
+    if found.mount != other.mount:
         raise ScanError(
-            f"the pose and {title} disagree about the mount, "
-            f"which is {scan.mount} in the scan"
+            f"the pose and {title} disagree about the mount, which is {other.mount} in "
+            f"the {'scan' if is_scan else 'other'}"
         )
+    if is_scan:
+        check_another(found.digests, other)
+        return likelier(found, other, title)
+    if found.digests and {*found.digests} & {*other.digests}:
+        raise ScanError("both answers are from one scan; expected those of two")
+    return compared(found, other)
+
+
+def compared(found: Answer, other: Answer) -> Verification:
+    """One answer with another."""
+    own = other.covariance_mm_deg
+    if own is None:
+        own = other.covariance_total_mm_deg
+    T = other.pose
+    delta = pose_error(found.pose[:3, :3], found.pose[:3, 3], T[:3, :3], T[:3, 3])
+    return Verification(delta, *expectation(found, in_mm_rad(own)), other)
+
+
+def expectation(found: Answer, own: ndarray) -> tuple[Spectrum, int]:
+    """What is expected of the difference from an answer whose own covariance (6, 6) is
+    this, and how many directions the pose in question is stated to be known in.
+    """
+    total = in_mm_rad(found.covariance_total_mm_deg)
+    of_pose, of_both = (
+        of_covariance(covariance, rank=6, parameters=6)
+        for covariance in (total, total + own)
+    )
+    return of_both, np.count_nonzero(of_pose.sd < 1)
+
+
+def likelier(found: Answer, scan: Scan, title: str) -> Verification:
+    """A pose with a scan by itself; where that is not "ok", also near the pose: a weak
+    answer may be one of several.
+    """
     T = found.pose
-    covariance = in_mm_rad(found.covariance_total_mm_deg)
+    R, p = T[:3, :3], T[:3, 3]
     alone = calibrate(scan, guess=T, guess_sd=(np.inf, np.inf))  # a start
     shown = len(alone.seen[0])
     if shown < FEWEST:
@@ -159,23 +200,15 @@ def verify(found: Calibration | Answer, scan: Scan) -> Verification:
     answers = []
     if alone.is_known:
         solution = alone.solution
-        delta = pose_error(T[:3, :3], T[:3, 3], solution.rotation, solution.translation)
-        if normalised_square(solution.covariance, delta) < SAME_SCAN**2:
-            raise ScanError(
-                f"{title}: the pose was found from this very scan; expected another"
-            )
+        delta = pose_error(R, p, solution.rotation, solution.translation)
         answers.append((delta, solution.covariance))
-    if alone.status != "ok":  # a weak answer may be one of several
+    if alone.status != "ok":
         answers.append(linearised(alone, kept, T, found.noise_mm))
-    lengths, rms_mm = target_by(T, alone, kept)
-    of_pose = of_covariance(covariance, rank=6, parameters=6)
-    known = int((of_pose.sd < 1).sum())
-    verifications = []
-    for delta, own in answers:
-        expected = of_covariance(covariance + own, rank=6, parameters=6)
-        verifications.append(
-            Verification(delta, expected, alone, lengths, rms_mm, known)
-        )
+    by_pose = target_by(T, alone, kept)
+    verifications = [
+        Verification(delta, *expectation(found, own), alone, *by_pose)
+        for delta, own in answers
+    ]
     likeliest = max(verifications, key=lambda one: one.chance)
     if not len(likeliest.apart):
         raise ScanError(
@@ -189,7 +222,8 @@ def linearised(
     alone: Calibration, kept: Sequence[ndarray], T: ndarray, noise_mm: float
 ) -> tuple[ndarray, ndarray]:
     """δ (6,), mm and rad, from a sensor pose T (4, 4) to what a scan says, to first
-    order, and its covariance (6, 6), enormous where the scan says nothing.
+    order where the targets fit best, and its covariance (6, 6), enormous where the scan
+    says nothing.
 
     The robot's errors, which the scan hardly tells, are as usual at least.
     """
@@ -200,8 +234,12 @@ def linearised(
         prior = prior_from(stated_noise(alone.scans))
         known = prior.scales
     noise = replace(known, profile_mm=noise_mm)
+    R, p = T[None, :3, :3], T[None, :3, 3]
+    held = Mount(R[0], p[0], HELD * HAND_PRECISION)
+    fixed = Problem(alone.observed, noise, prior.systematic, mount=held)
+    state = refine(fixed, fixed.place(R, p), weights=kept).state
+    state = replace(state, rotation=R, translation=p)
     problem = Problem(alone.observed, noise, prior.systematic)
-    state = settle_targets(problem, T[None, :3, :3], T[None, :3, 3], kept)
     names = prior.names(problem.groups.distinguishable)
     sizes = [1.0]
     for name in names:
@@ -209,28 +247,6 @@ def linearised(
     model = problem.model(state, names).keeping(np.concatenate(kept))
     posterior = model.posterior(np.array([sizes]) ** 2)
     return posterior.mean[0, :6], posterior.covariance[0, :6, :6]
-
-
-def settle_targets(
-    problem: Problem,
-    rotation: ndarray,
-    translation: ndarray,
-    weights: Sequence[ndarray] | None = None,
-) -> State:
-    """The sensor pose (1, 3, 3), (1, 3) with the targets where it sees them best:
-    Gauss-Newton steps of those alone.
-    """
-    state = problem.place(rotation, translation)
-    step = np.zeros((1, problem.n))
-    by_hand = np.diag(problem.units[6:] ** -2)
-    for _ in range(20):
-        normal = problem.moments(state, weights=weights).normal[0, 6:, 6:]
-        H, g = normal[:-1, :-1], normal[:-1, -1]
-        step[0, 6:] = -np.linalg.solve(H + by_hand, g)
-        state = problem.move(state, step)
-        if np.abs(step).max() < 1e-9:
-            break
-    return state
 
 
 def target_by(

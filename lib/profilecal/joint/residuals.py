@@ -2,10 +2,12 @@
 
 from collections.abc import Callable
 from copy import copy
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
 from numpy import ndarray
+from numpy.random import Generator
 
 from profilecal.geometry.fitting import fit_circle
 from profilecal.geometry.noise import Noise
@@ -252,13 +254,37 @@ class Residuals:
         """Columns (B, columns, K, P), changed in place, over the scanner's noise, and
         as precise as each point is.
         """
-        sd = noise.profile_mm * self.sd.repeat(z.shape[2] // self.m, axis=1)
-        if not self.in_space:
-            sd = sd * np.tile(self.target.residual_sd(noise), self.m)[:, None]
         if self.whiten is not None:
             z[:] = np.einsum("bijp,bcjp->bcip", self.whiten, z)
-        z /= sd[:, None]
+        z /= self.noise_sd(noise, z.shape[2] // self.m)[:, None]
         return z
+
+    def noise_sd(self, noise: Noise, rows: int) -> ndarray:
+        """Standard deviations (B|1, K, P) of residuals made independent, so many of
+        each point.
+        """
+        sd = noise.profile_mm * self.sd.repeat(rows, axis=1)
+        if not self.in_space:
+            sd = sd * np.tile(self.target.residual_sd(noise), self.m)[:, None]
+        return sd
+
+    def drawn(self, noise: Noise, rng: Generator) -> ndarray:
+        """Residuals (K, P) of the first problem as the scanner's noise makes them."""
+        (sd,) = self.noise_sd(noise, self.target.rows)
+        r = sd * rng.normal(size=sd.shape)
+        if self.whiten is not None:
+            whiten = np.moveaxis(self.whiten[0], -1, 0)
+            r = np.linalg.solve(whiten, r.T[..., None])[..., 0].T
+        return r
+
+    def seen_with(self, r: ndarray, columns: ndarray) -> Observations:
+        """What is observed of the first problem where residuals are r (K, P), and not
+        what the `columns`, a state's, have.
+        """
+        ideal = self.on_target(columns)
+        moves = self.by_point(columns) * r.reshape(self.m, -1, self.P)
+        points = np.where(self.present, ideal.seen + moves.sum(axis=3), np.nan)
+        return replace(self.observed, points=points.transpose(1, 3, 2, 0))
 
     def move(self, placement: tuple, step: ndarray) -> Frames:
         """A placement after a step (B, n) of its free shifts and turns."""

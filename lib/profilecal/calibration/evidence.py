@@ -1,0 +1,66 @@
+"""What do residuals say of something that may be wrong, under a model of all else?
+
+Of residuals r the model says how they change with its unknowns x ~ N(0, Π⁻¹), by A, and
+how they err, C. It predicts r ~ N(0, S), S = C + A Π⁻¹ Aᵀ. Of steps y, which change r
+by B and of which nothing is known beforehand, r then says
+
+    g = Bᵀ S⁻¹ r        I = Bᵀ S⁻¹ B        χ² = rᵀ S⁻¹ r
+
+By Woodbury's identity these are what is left of N = [A | B | r]ᵀ C⁻¹ [A | B | r] where
+x is integrated out (a Schur complement):
+
+    [I  g ]
+    [gᵀ χ²] = N_bb - N_bA (N_AA + Π)⁻¹ N_Ab,  b = (B, r)
+
+Everything that is asked of a calibration is asked so: what may be wrong at all poses
+(`plausibility`), what the scan alone says of the mount (`mount`), whether a later scan
+is as predicted (`check_mount`), and which profiles are (`joint.linear_model`).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy import ndarray
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What residuals say of steps y (k,)."""
+
+    information: ndarray  # (k, k) I
+    slope: ndarray  # (k,) g
+    chi2: float
+    moves: ndarray  # (n, k) by how much one unit of each step moves x
+
+    def along(self, M: ndarray) -> "Evidence":
+        """What they say of steps y' (m,) with y = M y'."""
+        information = M.T @ self.information @ M
+        return Evidence(information, M.T @ self.slope, self.chi2, self.moves @ M)
+
+    def each(self) -> tuple[ndarray, ndarray]:
+        """The size of each step, if there is no other, and its standard deviation, (k,)
+        (Rao's score test, 1948).
+        """
+        information = np.diag(self.information)
+        return -self.slope / information, information**-0.5
+
+    def together(self, precision: ndarray) -> tuple[ndarray, ndarray, float]:
+        """All steps (k,) of which so much (k, k) is known beforehand, their covariance,
+        and the χ² that is left.
+        """
+        covariance = np.linalg.inv(self.information + precision)
+        steps = -covariance @ self.slope
+        return steps, covariance, float(self.chi2 + self.slope @ steps)
+
+
+def evidence(normal: ndarray, precision: ndarray, steps: ndarray | slice) -> Evidence:
+    """What residuals say of the columns `steps` of N (n + k + 1, n + k + 1), `normal`,
+    whose last column is r. `precision` (n, n): Π of the others.
+    """
+    last = len(normal) - 1
+    of_steps = np.append(np.arange(last)[steps], last)
+    others = np.setdiff1d(np.arange(last), of_steps)
+    across = normal[np.ix_(others, of_steps)]
+    X = -np.linalg.solve(normal[np.ix_(others, others)] + precision, across)
+    left = normal[np.ix_(of_steps, of_steps)] + across.T @ X
+    return Evidence(left[:-1, :-1], left[:-1, -1], left[-1, -1], X[:, :-1])

@@ -1,0 +1,83 @@
+"""How well a measured point is known: what a calibration is made for."""
+
+import numpy as np
+from numpy import ndarray
+from numpy.typing import ArrayLike
+
+from profilecal.geometry.checks import check_rigid
+from profilecal.geometry.poses import carry
+from profilecal.joint.solution import Solution
+from profilecal.targets.ball import Ball
+
+
+def point_sd(
+    solution: Solution, x: ArrayLike, z: ArrayLike, T: ArrayLike | None = None
+) -> ndarray:
+    """What `Calibration.point_sd_mm` gives.
+
+    A point p of the scan plane is q = R p + t by the sensor pose. The true one is
+    T · exp(δ), δ = (ρ, φ) of covariance C, so that q moves by R (ρ + φ × p):
+
+        R L(p) C L(p)ᵀ Rᵀ        L(p) = [1, -[p]×]
+
+    At a pose of the flange the robot errs by a shift s and a turn ψ about the flange's
+    origin, of variances S. A point q in the flange's frame moves by s + ψ × q, which
+    adds L(q) S L(q)ᵀ.
+    """
+    x, z = np.broadcast_arrays(np.asarray(x, float), np.asarray(z, float))
+    p = np.stack([x, np.zeros_like(x), z], axis=-1)
+    R = solution.rotation
+    J = R @ lever(p)
+    C = J @ solution.covariance_total @ J.mT
+    if T is not None:
+        T = np.asarray(T, float)
+        check_rigid("T_base_flange", T.reshape(-1, 4, 4))
+        R_flange, T_flange = T[..., :3, :3], T[..., :3, 3]
+        q = carry(R, solution.translation, p)
+        to_hand = solution.problem.observations[0].eye_to_hand
+        if to_hand:
+            q = carry(R_flange.mT, np.zeros(3), q - T_flange)
+            C = R_flange.mT @ C @ R_flange
+        L = lever(q)
+        C = C + L * robot_variances(solution) @ L.mT
+        if not to_hand:
+            C = R_flange @ C @ R_flange.mT
+    return np.sqrt(np.diagonal(C, axis1=-2, axis2=-1))
+
+
+def lever(p: ndarray) -> ndarray:
+    """L(p) (..., 3, 6): by how much a shift and a turn move points p (..., 3)."""
+    turned = np.cross(np.eye(3), p[..., None, :]).mT
+    return np.concatenate([np.broadcast_to(np.eye(3), turned.shape), turned], axis=-1)
+
+
+def robot_variances(solution: Solution) -> ndarray:
+    """Of the flange's shift and turn (6,) at a pose, mm² and rad²."""
+    sizes = solution.error_sizes
+    sums = dict.fromkeys(("mm", "deg", "ms"), 0.0)
+    for size, v in zip(sizes.sizes[1:], sizes.mean_v[1:], strict=True):
+        sums[size.name.rsplit("_")[-1]] += v
+    return np.repeat([sums["mm"], sums["deg"] * np.radians(1) ** 2], 3)
+
+
+def points_seen(solution: Solution) -> ndarray:
+    """x and z (2, n), mm, of all that was seen; of circles, the arcs."""
+    seen = []
+    for term in solution.problem.terms:
+        points = np.where(term.present, term.seen, np.nan)
+        if term.observed.are_circles:
+            centre, radius = term.circles[:2], term.circles[2]
+            angle = np.radians(Ball.half_arc_deg) * np.linspace(-1, 1, 5)
+            outward = np.stack([np.sin(angle), -np.cos(angle)])
+            points = centre + radius * outward[:, None, :, None]
+        seen.append(points.reshape(2, -1))
+    every = np.concatenate(seen, axis=1)
+    return every[:, np.isfinite(every).all(axis=0)]
+
+
+def middle_and_corners(solution: Solution) -> tuple[ndarray, ndarray]:
+    """x and z (5,) of the middle and the four corners of what was seen, mm."""
+    seen = points_seen(solution)
+    (left, near), (right, far) = seen.min(axis=1), seen.max(axis=1)
+    x = np.array([(left + right) / 2, left, left, right, right])
+    return x, np.array([(near + far) / 2, near, far, near, far])

@@ -1,0 +1,260 @@
+"""Can a stated uncertainty be believed here? Scans with the same poses and targets are
+simulated from the answer, with errors as large as it found them, and solved again.
+
+To first order a simulated scan has its points where errors of scanner and target (x),
+errors u of the flange, as profiles share them, and noise e move them from where the
+answer has the targets: along their residuals
+
+    r = A x + E u + e
+
+Two things are counted. Does the region of each solution hold the pose that its scan was
+simulated with? And is what the residuals of the real scan look like, by every pattern
+that is tested (`plausibility`), what chance makes of such scans?
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy import ndarray
+from numpy.random import Generator
+from scipy.special import bdtr, stdtr
+
+from profilecal.calibration import plausibility
+from profilecal.calibration.calibration import Calibration
+from profilecal.geometry.checks import UnobservableError, check_type
+from profilecal.geometry.noise import FALSE_ALARM, Noise, chi2_limit, normalised_square
+from profilecal.geometry.poses import pose_error
+from profilecal.geometry.progress import watched
+from profilecal.joint.prior import OF_SCANNER
+from profilecal.joint.problem import FLANGE
+from profilecal.joint.solution import Solution
+from profilecal.joint.solve import solve
+from profilecal.scan.scan import Scan
+from profilecal.targets.observations import Observations
+
+FEWEST = 10
+BENT = OF_SCANNER[-1]
+TINY = 1e-9  # mm or degrees: no error
+WIDTH = 1.96  # standard deviations from the middle to either end of 95 %
+LEAST_LINE = 10  # points of a line whose bend is looked at
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SelfTest:
+    """What scans say of an answer from which they were simulated.
+
+    `holds` and `as_expected` are the verdicts, `sentence` says them.
+    """
+
+    squares: ndarray  # (N,) errors of their solutions over their covariances, squared
+    # of what the residuals look like, in words: the chance that another such scan looks
+    # so more clearly
+    chances: dict[str, float]
+
+    @property
+    def inside(self) -> int:
+        """How many solutions have the truth in their 95 % region."""
+        return np.count_nonzero(self.squares < chi2_limit(0.05, 6))
+
+    @property
+    def holds(self) -> bool:
+        """Whether these are no fewer than chance makes of 95 %."""
+        return bool(bdtr(self.inside, len(self.squares), 0.95) > FALSE_ALARM)
+
+    @property
+    def strange(self) -> list[str]:
+        """What the residuals look like that chance does not explain, clearest first."""
+        limit = FALSE_ALARM / len(self.chances)
+        by_chance = sorted(self.chances, key=lambda words: self.chances[words])
+        return [words for words in by_chance if self.chances[words] < limit]
+
+    @property
+    def as_expected(self) -> bool:
+        """Whether the stated uncertainty can be believed here, as far as this shows."""
+        return self.holds and not self.strange
+
+    @property
+    def sentence(self) -> str:
+        """All that in a sentence."""
+        count = len(self.squares)
+        counted = (
+            f"of {count} scans simulated from this answer {self.inside} have the truth "
+            f"in their 95 % region, and the residuals "
+        )
+        if self.strange:
+            looks = ", or as if ".join(self.strange[:3])
+            return (
+                f"{counted}do not look like theirs, but as if {looks}: do not rely on "
+                "the stated uncertainty before that is explained"
+            )
+        if not self.holds:
+            return f"{counted}look like theirs: the stated uncertainty is too small"
+        return (
+            f"{counted}look like theirs: the stated uncertainty can be believed, but "
+            "for errors that no residual shows; another target would show those "
+            "(profilecal verify)"
+        )
+
+    def __repr__(self) -> str:
+        count = len(self.squares)
+        return f"SelfTest({self.inside} of {count} inside, strange={self.strange})"
+
+
+def self_test(found: Calibration, count: int = 100, seed: int = 1) -> SelfTest:
+    """Whether the stated uncertainty can be believed here.
+
+    Scans with the same poses and targets are simulated from the answer, with errors as
+    large as it found them, and solved again: as many as should have the truth in their
+    region, and do the real residuals look like theirs? Errors that are not simulated
+    show only if the residuals do.
+
+    Parameters
+    ----------
+    found : Calibration
+        One that has an answer.
+    count : int
+        How many scans, 10 or more.
+    seed : int
+        The same seed gives the same scans.
+
+    Returns
+    -------
+    SelfTest
+        `as_expected` is the verdict, `sentence` says it.
+
+    Raises
+    ------
+    UnobservableError
+        For a calibration without an answer.
+    ValueError
+        For fewer than 10 scans.
+
+    See Also
+    --------
+    verify : compares with another scan, which shows what no residual does.
+
+    Examples
+    --------
+    >>> import profilecal as pc
+    >>> found = pc.calibrate(pc.simulate("plane", seed=1)[0])
+    >>> pc.self_test(found, count=10).as_expected
+    True
+    """
+    check_type("found", found, Calibration)
+    if count < FEWEST:
+        raise ValueError(f"count is {count}; expected {FEWEST} or more")
+    solution, rng = found.known_solution, np.random.default_rng(seed)
+    observed = Simulator(solution)
+    real = plausibility.systematic_tests(solution)
+    squares, clear = [], []
+    for _ in watched(range(count), "simulating scans"):
+        try:
+            again = solve(observed.once(rng), solution.prior, robust=False)
+        except UnobservableError:
+            continue
+        error = pose_error(
+            again.rotation, again.translation, solution.rotation, solution.translation
+        )
+        squares.append(normalised_square(again.covariance, error))
+        tests = {
+            one.error.words: one.clear for one in plausibility.systematic_tests(again)
+        }
+        clear.append([tests.get(one.error.words, np.nan) for one in real])
+    words = [plausibility.in_words(one.error, one.size) for one in real]
+    by_chance = beyond(np.array([one.clear for one in real]), np.array(clear))
+    chances = dict(zip(words, by_chance.tolist(), strict=True))
+    for scan in found.scans:
+        chances |= bend_of_lines(scan, solution)
+    return SelfTest(np.array(squares), chances)
+
+
+def beyond(real: ndarray, simulated: ndarray) -> ndarray:
+    """The chance (k,) that a normal number is farther from the mean of its law, of
+    which there are N draws (N, k), than the real one (k,) is.
+    """
+    count = np.isfinite(simulated).sum(axis=0)
+    sd = np.nanstd(simulated, axis=0, ddof=1) * np.sqrt(1 + 1 / count)
+    off = np.abs(real - np.nanmean(simulated, axis=0)) / sd
+    return 2 * stdtr(count - 1, -off)
+
+
+def bend_of_lines(scan: Scan, solution: Solution) -> dict[str, float]:
+    """How far the straight lines beside the edges in raw profiles are bent, in words,
+    with the chance of a larger bend by scanners as they may be.
+
+    A bend adds b (x / 50)² to z, so that b is 2500 times the coefficient of x² in a
+    line's z(x), whatever its slope. Lines count as they are long and full.
+    """
+    if scan.measured != "profiles" or scan.target.points != 1:
+        return {}
+    bends, weights = [], []
+    features = scan.target.find(scan.values, *scan.sizes)
+    for profile, feature in zip(scan.values, features, strict=True):
+        if feature.found:
+            x, z = profile[feature.used].T
+            for side in (x < feature.points[0, 0], x > feature.points[0, 0]):
+                if np.count_nonzero(side) >= LEAST_LINE:
+                    square, _, _ = np.polyfit(x[side] - x[side].mean(), z[side], 2)
+                    bends.append(2500 * square)
+                    weights.append(np.count_nonzero(side) * np.ptp(x[side]) ** 4)
+    if len(bends) < FEWEST:
+        return {}
+    share = np.array(weights) / np.sum(weights)
+    bend = share @ bends
+    believed = solution.problem.considered.get(BENT, 0.0)
+    sd = np.sqrt(np.sum((share * (bends - bend)) ** 2) + believed**2)
+    words = f"straight lines were bent by {bend:+.2g} mm, 50 mm from the middle"
+    return {words: float(2 * stdtr(len(bends) - 1, -abs(bend) / sd))}
+
+
+class Simulator:
+    """Observations as errors make them that are as large as a solution has them."""
+
+    def __init__(self, solution: Solution) -> None:
+        self.solution = solution
+        self.columns = solution.problem.columns_in_mm(solution.state)
+
+    def noise(self, rng: Generator) -> Noise:
+        """The sizes of errors, as surely as the solution knows them."""
+        drawn = {}
+        for size in self.solution.error_sizes.sizes:
+            end = size.high if (off := rng.normal()) > 0 else size.low
+            ratio = max(end, TINY) / max(size.middle, TINY)
+            drawn[size.name] = size.middle * ratio ** (abs(off) / WIDTH)
+        return replace(self.solution.noise, **drawn)
+
+    def once(self, rng: Generator) -> list[Observations]:
+        """One scan of each target, with the poses that the solution kept."""
+        solution, problem = self.solution, self.solution.problem
+        noise = self.noise(rng)
+        sizes = [
+            0.0 if error.clock else size for error, size in problem.considered.items()
+        ]
+        x = np.append(np.zeros(problem.n), sizes * rng.normal(size=len(sizes)))
+        moved = np.zeros((len(problem.counts), 6))
+        for name, size in noise.of_robot.items():
+            shared = problem.groups.sharing(name)
+            errors = size * rng.normal(size=(shared.max() + 1, 3))[shared]
+            if name.endswith("mm"):
+                moved[:, :3] += errors
+            else:
+                moved[:, 3:] += np.radians(errors)
+        observed = []
+        parts = zip(
+            problem.terms,
+            solution.state.placements,
+            self.columns,
+            problem.split(moved),
+            solution.kept,
+            strict=True,
+        )
+        for term, placement, z, of_flange, kept in parts:
+            r = np.tensordot(x, z[0, : len(x)], 1)
+            r += np.einsum("pj,jkp->kp", of_flange, z[0, FLANGE])
+            if problem.clock is not None:
+                late = noise.jitter_ms / 1000 * rng.normal(size=r.shape[1])
+                r += late * z[0, problem.clock]
+            r += term.drawn(noise, rng)
+            here = term.linearise(solution.state, placement)
+            observed.append(term.seen_with(r, here).keep(kept))
+        return observed
