@@ -24,7 +24,7 @@ PUBLIC = {  # by the module that has them
     "simulation.spec": ["simulate", "Truth"],
     # one calibration for every target
     "calibration.calibration": ["calibrate", "Calibration", "write_answer"],
-    "calibration.leave_out": ["leave_out", "LeftOut"],
+    "calibration.self_test": ["self_test", "SelfTest"],
     "calibration.verify": ["verify", "Verification"],
     "calibration.answer": ["read_answer", "Answer"],
     "calibration.check_mount": ["check_mount", "MountCheck"],

@@ -6,8 +6,8 @@ from profilecal.calibration.calibration import calibrate as calibrate
 from profilecal.calibration.calibration import write_answer as write_answer
 from profilecal.calibration.check_mount import MountCheck as MountCheck
 from profilecal.calibration.check_mount import check_mount as check_mount
-from profilecal.calibration.leave_out import LeftOut as LeftOut
-from profilecal.calibration.leave_out import leave_out as leave_out
+from profilecal.calibration.self_test import SelfTest as SelfTest
+from profilecal.calibration.self_test import self_test as self_test
 from profilecal.calibration.verify import Verification as Verification
 from profilecal.calibration.verify import verify as verify
 from profilecal.closed_form.ball import solve_ball as solve_ball
@@ -41,23 +41,23 @@ __all__ = [
     "Disk",
     "Edge",
     "EdgeSolution",
-    "LeftOut",
     "MountCheck",
     "Plane",
     "Point",
     "Rod",
     "Scan",
     "ScanError",
+    "SelfTest",
     "Truth",
     "TwoStepSolution",
     "UnobservableError",
     "Verification",
     "calibrate",
     "check_mount",
-    "leave_out",
     "pose_matrices",
     "read_answer",
     "read_scan",
+    "self_test",
     "simulate",
     "solve_ball",
     "solve_disk",

@@ -165,9 +165,10 @@ def guess_given(ctx, param, numbers):
     help="How good the guess is, one standard deviation.",
 )
 @option(
-    "--leave-out",
-    is_flag=True,
-    help="Cross-validate: predict each flange orientation from the others.",
+    "--self-test",
+    type=click.IntRange(10),
+    metavar="N",
+    help="Simulate so many scans from the answer: do its uncertainties hold?",
 )
 @option(
     "--report",
@@ -176,7 +177,7 @@ def guess_given(ctx, param, numbers):
     help="Write a report with pictures to this HTML file.",
 )
 @CLOUD
-def calibrate(folders, as_json, vendor, guess, guess_sd, leave_out, report, cloud):
+def calibrate(folders, as_json, vendor, guess, guess_sd, self_test, report, cloud):
     """Find the sensor pose from scan folders of one sensor."""
     check_outputs(as_json, vendor, report)
     from profilecal.scan.folder import mount_pose
@@ -186,7 +187,7 @@ def calibrate(folders, as_json, vendor, guess, guess_sd, leave_out, report, clou
         found = pc.calibrate(scans, guess and mount_pose(guess), guess_sd)
     try:
         with interruptible("Above is what was found until then."):
-            found = with_notes(found, folders[0], leave_out)
+            found = with_notes(found, folders[0], self_test)
     finally:
         print_calibration(found, as_json, vendor)
     if not as_json:
@@ -215,19 +216,16 @@ def check_outputs(as_json, vendor, report) -> None:
         check_report(report)
 
 
-def with_notes(found, folder, leave_out):
-    """A calibration that also says how well poses are predicted, and which would help.
-
-    It says the first where it is asked to, the second where it is weak.
+def with_notes(found, folder, count):
+    """A calibration that also says what so many simulated scans do, and, where it is
+    weak, which poses would help.
     """
     from dataclasses import replace
 
     notes = list(found.messages)
-    if leave_out and found.is_known:
-        from profilecal_tool.words import left_out_sentences
-
-        with working("cross-validating"):
-            notes += left_out_sentences(pc.leave_out(found))
+    if count and found.is_known:
+        with working("testing"):
+            notes.append(pc.self_test(found, count).sentence)
     if found.status == "weak":
         from profilecal_tool.plan.task import next_poses
 
@@ -238,8 +236,7 @@ def with_notes(found, folder, leave_out):
 
 def print_calibration(found, as_json, vendor) -> None:
     """Print a calibration as JSON or in words, with its pose for a controller."""
-    import json
-
+    from profilecal.calibration.calibration import answer_text
     from profilecal_tool.controllers import for_controller
     from profilecal_tool.words import calibration_text
 
@@ -249,7 +246,7 @@ def print_calibration(found, as_json, vendor) -> None:
     elif vendor:
         echo("profilecal: no pose to paste: see the notes", err=True)
     if as_json:
-        echo(json.dumps(found.to_json(), indent=2))
+        echo(answer_text(found))
     else:
         echo(calibration_text(found, to_paste))
     if to_paste and found.status == "weak":
@@ -306,21 +303,23 @@ def check(folder):
 
 
 @main.command()
-@FOLDER
+@argument("other", metavar="FOLDER|T2.json", type=PLACE)
 @ANSWER
 @CLOUD
-def verify(folder, answer, cloud):
-    """Compare a sensor pose with a scan FOLDER not used to find it.
+def verify(other, answer, cloud):
+    """Compare a sensor pose with a scan FOLDER not used to find it, or its answer.
 
     Status 1 if they contradict, 2 if FOLDER cannot tell.
     """
     from profilecal_tool.words import verification_text
 
     with working("verifying"):
-        scan, answer = pc.read_scan(folder), pc.read_answer(answer)
-        verification = pc.verify(answer, scan)
-    echo(verification_text(verification, answer.status))
-    put_together(verification.alone, answer.pose, cloud)
+        read = pc.read_answer if other.suffix == ".json" else pc.read_scan
+        other, answer = read(other), pc.read_answer(answer)
+        verification = pc.verify(answer, other)
+    echo(verification_text(verification, answer))
+    if read is pc.read_scan:
+        put_together(verification.other, answer.pose, cloud)
     end_as(verification)
 
 

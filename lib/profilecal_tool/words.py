@@ -8,15 +8,17 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.special import stdtrit
 
+from profilecal.calibration.answer import Answer
 from profilecal.calibration.calibration import Calibration
 from profilecal.calibration.check_mount import MountCheck
-from profilecal.calibration.leave_out import PARTS, LeftOut
+from profilecal.calibration.points import middle_and_corners
 from profilecal.calibration.verify import Verification
 from profilecal.geometry.log import DELAY_S
 from profilecal.geometry.noise import FALSE_ALARM, ROBOT, Noise
 from profilecal.geometry.observability import HAND_PRECISION, name_direction
 from profilecal.joint.prior import FINEST_MM, FREEDOM
 from profilecal.joint.solution import Solution
+from profilecal.scan.scan import Scan
 from profilecal.scan.tables import some
 
 
@@ -43,6 +45,14 @@ def answer_lines(found: Calibration, to_paste: str = "") -> list[str]:
     if solution.delay_s is not None:
         delay = delay_words(1e3 * solution.delay_s, 1e3 * solution.delay_sd_s)
         lines.append(f"delay          {delay}")
+    if found.is_known:
+        x, z = middle_and_corners(solution)
+        middle, *corners = np.linalg.norm(found.point_sd_mm(x, z), axis=1)
+        lines.append(
+            "points         one in the middle of what was seen is known to "
+            f"{brief(middle)} mm in the {found.frame} frame, at its worst corner to "
+            f"{brief(max(corners))}"
+        )
     return lines
 
 
@@ -135,16 +145,13 @@ def robot_errors(noise: Noise, usual: Noise) -> str:
     return ", ".join(errors) or "none that the residuals show"
 
 
-def verification_text(checked: Verification, status: str) -> str:
-    """What `profilecal verify` prints; `status`: of the pose in question."""
-    alone, expected, apart = checked.alone, checked.expected, checked.apart
-    (scan,) = alone.scans
+def verification_text(checked: Verification, found: Answer) -> str:
+    """What `profilecal verify` prints of the answer in question."""
+    other, expected, apart = checked.other, checked.expected, checked.apart
     worst = np.argmax(np.abs(apart))
     determined = expected.directions[-len(apart) :]
     direction = name_direction(determined[worst], np.eye(3), "sensor")
     difference = deviations(expected.covariance, checked.delta)
-    is_ok = alone.status == "ok"
-    looked_at = "" if is_ok else ", so also looked at near the pose"
     verdict = (
         "more is wrong than the stated uncertainties explain: the scanner has "
         "moved, or robot, target or calibration err"
@@ -157,24 +164,51 @@ def verification_text(checked: Verification, status: str) -> str:
                 "directions open: it does not verify the pose; add poses"
             )
     lines = [
-        f"pose           {status}",
-        f"scan alone     {alone.status}{looked_at}",
-        *([] if is_ok else note_lines(alone)),
+        f"pose           {found.status}",
+        *other_lines(other),
         f"differs by     {difference} about the sensor's x, y, z",
         f"expected       {deviations(expected.covariance)}, one standard deviation",
         f"most apart     {direction}, {brief(abs(apart[worst]))} standard deviations",
         f"chance         {checked.chance:.2g} that right answers differ by more, "
         f"in {len(apart)} of 6 directions; doubted below {FALSE_ALARM:g}",
     ]
-    for name, length in checked.lengths.items():
-        given = scan.measures[name]
-        lines.append(f"{name:<15}{length:.3f} mm by the pose, {given:g} given")
-    lines += [
-        f"residuals      {checked.rms_mm:.3g} mm rms from a "
-        f"{scan.target.shape}, by the pose",
-        f"verdict        {verdict}",
+    if isinstance(other, Answer):
+        lines.append(f"shared         {shared_by(found, other)}")
+    else:
+        lines += target_lines(checked, *other.scans)
+    return "\n".join([*lines, f"verdict        {verdict}"])
+
+
+def other_lines(other: Calibration | Answer) -> list[str]:
+    """The status of what an answer is compared with."""
+    if isinstance(other, Answer):
+        return [f"other pose     {other.status}"]
+    if other.status == "ok":
+        return ["scan alone     ok"]
+    line = f"scan alone     {other.status}, so also looked at near the pose"
+    return [line, *note_lines(other)]
+
+
+def target_lines(checked: Verification, scan: Scan) -> list[str]:
+    """What a scan's target is by the pose in question."""
+    lines = [
+        f"{name:<15}{length:.3f} mm by the pose, {scan.measures[name]:g} given"
+        for name, length in checked.lengths.items()
     ]
-    return "\n".join(lines)
+    residuals = f"{checked.rms_mm:.3g} mm rms from a {scan.target.shape}, by the pose"
+    return [*lines, f"residuals      {residuals}"]
+
+
+def shared_by(found: Answer, other: Answer) -> str:
+    """What two answers have in common that their difference does not show."""
+    one, two = (
+        {kind for kind, *_ in answer.joint.targets} if answer.joint else set()
+        for answer in (found, other)
+    )
+    artefact = f", of the {' or '.join(sorted(one & two))} if it is one" * bool(
+        one & two
+    )
+    return f"errors of the robot at all poses alike{artefact}: no difference shows them"
 
 
 def mount_check_text(check: MountCheck, kind: str) -> str:
@@ -230,46 +264,3 @@ def mount_verdict(check: MountCheck, kind: str) -> str:
         "cannot tell which; add poses that see it from other sides",
     }
     return verdicts[check.suspects]
-
-
-def left_out_sentences(left: LeftOut) -> list[str]:
-    """What the other orientations say of each one, in sentences a person can act on."""
-    kept = np.flatnonzero(np.isfinite(left.rms_mm))
-    sentences = [left_out_summary(left, kept)] if len(kept) else []
-    for g in np.flatnonzero(left.doubted):
-        sentences.append(
-            f"what {poses_named(left.poses[g])} saw does not fit the other "
-            f"orientations: its residuals are beyond chance ({left.rms_mm[g]:.2g} mm "
-            f"rms, {left.expected_mm[g]:.2g} expected); "
-            "measure it again or look for what moved"
-        )
-    for g in np.flatnonzero(~np.isfinite(left.rms_mm)):
-        sentences.append(
-            f"without {poses_named(left.poses[g])} the answer is not determined; "
-            "add orientations like it"
-        )
-    return sentences
-
-
-def left_out_summary(left: LeftOut, kept: np.ndarray) -> str:
-    """How well those `kept` are predicted, and how far the sensor moves."""
-    rms = np.sqrt(np.mean(left.rms_mm[kept] ** 2))
-    expected = np.sqrt(np.mean(left.expected_mm[kept] ** 2))
-    shift = np.linalg.norm(left.moved_mm_deg[kept, :3], axis=1)
-    turn = np.linalg.norm(left.moved_mm_deg[kept, 3:], axis=1)
-    farthest = poses_named(left.poses[kept[np.argmax(shift)]])
-    most = poses_named(left.poses[kept[np.argmax(turn)]])
-    times = "one" if len(left.poses) <= PARTS else "a hundredth"
-    return (
-        f"{len(kept)} orientations left out {times} at a time: the others predict them "
-        f"to {rms:.2g} mm rms, {expected:.2g} expected; the sensor moves by up to "
-        f"{shift.max():.2g} mm (without {farthest}) and turns by up to "
-        f"{turn.max():.2g}° (without {most})"
-    )
-
-
-def poses_named(labels: tuple[str, ...]) -> str:
-    """Poses in a few words."""
-    if len(labels) == 1:
-        return f"pose {labels[0]}"
-    return f"poses {labels[0]} to {labels[-1].rsplit(': ')[-1]}"

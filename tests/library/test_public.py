@@ -213,7 +213,7 @@ def test_results_are_handed_to_other_processes(protocol):
     found = pc.calibrate(pc.simulate("disk", seed=1)[0])
     again = pickle.loads(pickle.dumps(found, protocol))
     assert again.to_json() == found.to_json()
-    assert pc.leave_out(again).rms_mm.shape == (4,)
+    assert len(pc.self_test(again, 10).squares) == 10
 
 
 def test_arguments_of_another_kind_are_refused_by_name():
@@ -224,7 +224,7 @@ def test_arguments_of_another_kind_are_refused_by_name():
         (lambda: pc.calibrate("folder")): "scans is a str; expected a Scan",
         (lambda: pc.calibrate(scan, scan)): "guess is a Scan; expected several scans",
         (lambda: pc.verify(scan, found)): "found is a Scan; expected a Calibration or",
-        (lambda: pc.leave_out(scan)): "found is a Scan; expected a Calibration",
+        (lambda: pc.self_test(scan)): "found is a Scan; expected a Calibration",
     }.items():
         with pytest.raises(TypeError, match=sentence):
             call()

@@ -457,7 +457,7 @@ def calibrate(
     See Also
     --------
     verify : whether another scan agrees with the answer.
-    leave_out : how well the others predict each orientation.
+    self_test : whether the stated uncertainty can be believed here.
 
     Examples
     --------

@@ -92,7 +92,9 @@ class Verification:
         )
 
 
-def verify(found: Calibration | Answer, other: Scan | Answer) -> Verification:
+def verify(
+    found: Calibration | Answer, other: Scan | Calibration | Answer
+) -> Verification:
     """Compare a sensor pose with what a scan says that was not used to find it, or with
     the answer of one.
 
@@ -105,9 +107,9 @@ def verify(found: Calibration | Answer, other: Scan | Answer) -> Verification:
     ----------
     found : Calibration or Answer
         The sensor pose in question; `read_answer` reads one from a file.
-    other : Scan or Answer
+    other : Scan, Calibration or Answer
         Another scan by the same scanner on the same mount, of any target; or what was
-        found from it (a `Calibration` has it as ``answer``).
+        found from it.
 
     Returns
     -------
@@ -137,13 +139,14 @@ def verify(found: Calibration | Answer, other: Scan | Answer) -> Verification:
     >>> another_scanner, _ = pc.simulate("ball", seed=2)
     >>> pc.verify(found, another_scanner).as_expected
     False
-    >>> pc.verify(found, pc.calibrate(another_scanner).answer).as_expected
+    >>> pc.verify(found, pc.calibrate(another_scanner)).as_expected
     False
     """
     check_type("found", found, Calibration, Answer)
-    check_type("other", other, Scan, Answer)
-    if isinstance(found, Calibration):
-        found = found.answer
+    check_type("other", other, Scan, Calibration, Answer)
+    found, other = (
+        one.answer if isinstance(one, Calibration) else one for one in (found, other)
+    )
     is_scan = isinstance(other, Scan)
     title = (other.title or f"the {other.kind}") if is_scan else "the other answer"
     if found.mount != other.mount:
