@@ -203,7 +203,10 @@ def bend_of_lines(scan: Scan, solution: Solution) -> dict[str, float]:
     bend = share @ bends
     believed = solution.problem.considered.get(BENT, 0.0)
     sd = np.sqrt(np.sum((share * (bends - bend)) ** 2) + believed**2)
-    words = f"straight lines were bent by {bend:+.2g} mm, 50 mm from the middle"
+    words = (
+        f"the lines beside the edge were bent by {bend:+.2g} mm, 50 mm from the "
+        "middle, as by the scanner or in their faces"
+    )
     return {words: float(2 * stdtr(len(bends) - 1, -abs(bend) / sd))}
 
 
