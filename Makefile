@@ -3,7 +3,7 @@ PYTHON ?= python3
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 unexport PYTHONDONTWRITEBYTECODE # or each of some hundred processes would compile all that it imports
 
-.PHONY: install reproduce test bench bench-large site notebooks lock clean
+.PHONY: install reproduce test bench bench-large site lite notebooks lock clean
 
 install: .venv/installed
 	@echo "Installed; . .venv/bin/activate makes the command profilecal"
@@ -29,6 +29,14 @@ site: .venv/installed # the notebooks as they are committed, README, reference; 
 	@OMP_NUM_THREADS=1 python docs/assemble.py results/site/source
 	@sphinx-build -q -W --keep-going -j auto results/site/source results/site/html
 	@echo "Open results/site/html/index.html"
+
+lite: .venv/installed # the pages for the Python of a browser, which fetches it from its publisher; results/lite/html
+	@{ command -v uv >/dev/null && uv pip install -q --python .venv/bin/python -e ".[lite]" || .venv/bin/pip install -q -e ".[lite]"; }
+	@rm -rf results/lite
+	@{ command -v uv >/dev/null && uv build -q --wheel -o results/lite . || .venv/bin/pip wheel -q --no-deps -w results/lite .; }
+	@python docs/lite.py results/lite/files
+	@cd results/lite && jupyter lite build --contents files --piplite-wheels *.whl --output-dir html >build.log 2>&1 || { cat build.log; exit 1; }
+	@echo "python -m http.server -d results/lite/html, then http://localhost:8000/lab/?path=notebooks/60_calibrate_your_scanner.ipynb"
 
 notebooks: .venv/installed # execute the committed notebooks in place, keeping only the metadata that matters
 	@jupyter nbconvert --log-level=WARN --to notebook --execute --inplace --ExecutePreprocessor.record_timing=False \
