@@ -78,7 +78,7 @@ class TestThreeUsers:
             "kind is 'edgy'; expected edge or disk": {"kind": "edgy"},
             "unknown entry 'profile_um'": {"noise": {"profile_um": 50}},
             "profile_mm is -0.05": {"noise": {"profile_mm": -0.05}},
-            "noise is 0.05; expected entries": {"noise": 0.05},
+            "noise is 0.05; expected a table": {"noise": 0.05},
             "points .* are the units right": {"points": scan["points"] / 1000},
             "of T_base_flange is 0.8.* are they in mm": {"T_base_flange": in_metres},
             "points has shape": {"points": scan["points"][:, :1]},

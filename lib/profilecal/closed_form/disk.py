@@ -178,23 +178,19 @@ def solve_motions(
     firsts = np.unique(number, return_index=True)[1]
     names = [f"the orientation R_tcp[{first}]" for first in firsts]
     R_tcp = R_tcp[..., firsts, :, :]
-    members = [np.flatnonzero(number == k) for k in range(len(firsts))]
     of_one = T_tcp.reshape(-1, len(number), 3)[0]
-    rows = [in_order(of_one, own) for own in members]
+    rows = [in_order(of_one, np.flatnonzero(number == k)) for k in range(len(firsts))]
     motions = [T_tcp[..., row, :] for row in rows]
     if refuse:
         check_motions(R_tcp, motions, names)
-    ways = np.stack([T[..., -1, :] - T[..., 0, :] for T in motions], axis=-2)
     y = (R_tcp @ R_sensor[..., None, :, :])[..., 1]
-    s = np.sign(np.vecdot(ways, y))
-
     scans = []
     for k, (row, T) in enumerate(zip(rows, motions, strict=True)):
-        own_tips = tips[..., row, :, :]
         start, end = T[..., 0, :], T[..., -1, :]
+        s = np.sign(np.vecdot(end - start, y[..., k, :]))
         along = steps_along(T)
-        scan = sensing_data(own_tips, start, end, s[..., k], radius, heights, along)
-        scans.append(scan)
+        own = tips[..., row, :, :]
+        scans.append(sensing_data(own, start, end, s, radius, heights, along))
     T_3, q, D_i, D_b = (
         np.stack([getattr(scan, name) for scan in scans], axis=-2)
         for name in ("T_tcp", "q", "D_i", "D_b")

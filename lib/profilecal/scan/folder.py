@@ -26,7 +26,6 @@ from profilecal.scan.scan import (
     FARTHEST_MM,
     GUESS_SD,
     MEASURED,
-    NOISE,
     SAID,
     Scan,
     length_rules,
@@ -58,7 +57,7 @@ HEADER: dict[str, Any] = {
     "units": one_of(SCALE),
     "mount": SAID["mount"],
     "target": dict,
-    "noise": NOISE,
+    "noise": SAID["noise"],
     "motion": {"delay_ms": number(-200, 200)},
     # where the sensor is: X Y Z mm, W P R degrees, R = Rz(R) Ry(P) Rx(W)
     "guess": {

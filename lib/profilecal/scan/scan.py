@@ -30,7 +30,7 @@ from profilecal.geometry.poses import (
 from profilecal.scan.conventions import CONVENTIONS, named, to_rotations
 from profilecal.scan.motion import check_times, checked_log, moment_label, spread
 from profilecal.scan.tables import ScanError, naming
-from profilecal.scan.toml import TEXT, Rule, check_entries, entries_of, number, one_of
+from profilecal.scan.toml import Rule, check_entries, entries_of, number, one_of
 from profilecal.targets import TARGETS
 from profilecal.targets.target import Target
 
@@ -41,8 +41,12 @@ MEASURED = {  # what a scan may hold, and its columns
     "arcs": ("x", "z", "r"),
 }
 MOUNTS = ("eye-in-hand", "eye-to-hand")
-SAID = {"kind": one_of(TARGETS), "mount": one_of(MOUNTS), "title": TEXT}
-NOISE = entries_of(Noise) | entries_of(Systematic)
+SAID: dict[str, Any] = {
+    "kind": one_of(TARGETS),
+    "mount": one_of(MOUNTS),
+    "title": str,
+    "noise": entries_of(Noise) | entries_of(Systematic),
+}
 # from the scanner; no profile scanner sees as far, and some print such numbers for no
 # point
 FARTHEST_MM = 10_000.0
@@ -261,7 +265,6 @@ class Scan:
         count = len(self.target.lengths)
         if len(self.sizes) != count or not all(size > 0 for size in self.sizes):
             raise ScanError(f"sizes is {self.sizes}; expected {count} lengths in mm")
-        self._check_noise()
         self._check_measured()
         with naming("Scan"):
             self._check_poses()
@@ -287,15 +290,6 @@ class Scan:
                 f"the largest value of {self.measured} is {largest:.3g}; "
                 f"expected 1 to {FARTHEST_MM:g} mm: are the units right?"
             )
-
-    def _check_noise(self) -> None:
-        """Refuse entries that [noise] does not have, and values that they cannot."""
-        if not isinstance(self.noise, Mapping):
-            example = '{"profile_mm": 0.05}'
-            raise ScanError(f"noise is {self.noise!r}; expected entries, as {example}")
-        check_entries("noise", self.noise, NOISE)
-        noise = {name: float(value) for name, value in self.noise.items()}
-        self._fill(noise=noise)
 
     def _check_poses(self) -> None:
         """Refuse poses that are none; fill in what is left out of them."""
@@ -335,6 +329,7 @@ class Scan:
             times=kept(times),
             sweeps=self.sweeps or ("",) * P,
             side=np.broadcast_to(side, P).astype(float),
+            noise={name: float(value) for name, value in self.noise.items()},
         )
 
     def _with_motion(

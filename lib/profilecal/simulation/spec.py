@@ -68,6 +68,11 @@ class Spec:
     # the target's lengths, mm, entries by their names; left out: as usual for it
     sizes: dict[str, float] = field(default_factory=dict)
 
+    @property
+    def to_hand(self) -> bool:
+        """Whether the scanner is fixed, and the target on the flange."""
+        return self.mount == "eye-to-hand"
+
 
 @dataclass(frozen=True, eq=False)
 class Truth:
@@ -176,9 +181,10 @@ def simulate_scan(spec: Spec) -> Scan:
     """
     rng = np.random.default_rng(spec.seed)
     scene = scene_of(spec, rng)
+    rng = errors_of(spec, rng)
     if spec.motion:
-        return record_sweeps(scene, spec, errors_of(spec, rng))
-    return recorded(scene, spec, errors_of(spec, rng))
+        return record_sweeps(scene, spec, rng)
+    return record(scene, taken(scene, spec, rng), spec, rng)
 
 
 def errors_of(spec: Spec, rng: Generator) -> Generator:
@@ -188,17 +194,6 @@ def errors_of(spec: Spec, rng: Generator) -> Generator:
     if spec.scan == 1:
         return rng
     return np.random.default_rng(np.append(spec.seed, spec.scan))
-
-
-def recorded(scene: Scene, spec: Spec, rng: Generator) -> Scan:
-    """The scan of a scene. Raises ScanError where it shows nothing."""
-    scan = record(scene, taken(scene, spec, rng), spec, rng)
-    if not any(map(len, scan.values)):
-        raise ScanError(
-            "from none of these poses is anything in the scanner's range: "
-            "look at [guess] and [scanner]"
-        )
-    return scan
 
 
 def scene_of(spec: Spec, rng: Generator) -> Scene:
@@ -226,46 +221,28 @@ def taken(scene: Scene, spec: Spec, rng: Generator) -> Frames:
     a scene.
     """
     shared = scene.observations.labels[:: scene.poses.positions.shape[1]]
-    to_hand = spec.mount == "eye-to-hand"
-    actual = actual_poses(scene.poses, spec.noise, rng, shared, to_hand)
+    actual = actual_poses(scene.poses, spec.noise, rng, shared, spec.to_hand)
     R, T = (part.reshape(-1, *part.shape[2:]) for part in actual)
     return spec.robot.built(R, T, np.random.default_rng(np.append(spec.seed, 0)))
 
 
-def record(
-    scene: Scene,
-    poses: Frames,
-    spec: Spec,
-    rng: Generator,
-) -> Scan:
+def record(scene: Scene, poses: Frames, spec: Spec, rng: Generator) -> Scan:
     """The scan of a scene by a robot that takes its flange to `poses` (P, 3, 3), (P,
-    3), mm.
-
-    Eye-to-hand is the same measurement with the roles of base and flange exchanged.
+    3), mm. Raises ScanError where it shows nothing.
     """
-    to_hand = spec.mount == "eye-to-hand"
     visit = np.repeat(np.arange(len(scene.labels)), spec.repeats)
-    visited = spec.robot.visiting(*poses, spec.noise, rng)
-    R_actual, T_actual = (part[visit] for part in visited)
-    if to_hand:
-        R_actual, T_actual = inverse(R_actual, T_actual)
-    planes = scene.planes(R_actual, T_actual)
-    measured, values = seen_from(scene, planes, spec, rng)
-    R = scene.observations.R_flange[0, visit]
-    T = scene.observations.T_flange[0, visit]
-    if to_hand:
+    R_actual, T_actual = spec.robot.visiting(*poses, spec.noise, rng)
+    R, T = scene.observations.R_flange[0], scene.observations.T_flange[0]
+    if spec.to_hand:
         R, T = inverse(R, T)
     number = [f"m{k + 1}" for k in range(spec.repeats)] if spec.repeats > 1 else [""]
-    return Scan(
-        labels=tuple(name + again for name in scene.labels for again in number),
-        R_base_flange=R,
-        p_base_flange=T,
-        measured=measured,
-        values=values,
-        side=scene.target.sides(*planes),
-        group=scene.observations.labels[visit],
-        **said_of(scene, spec),
-    )
+    said = {
+        "labels": tuple(name + again for name in scene.labels for again in number),
+        "R_base_flange": R[visit],
+        "p_base_flange": T[visit],
+        "group": scene.observations.labels[visit],
+    }
+    return scan_from(scene, (R_actual[visit], T_actual[visit]), said, spec, rng)
 
 
 def record_sweeps(
@@ -274,69 +251,67 @@ def record_sweeps(
     """The scan of a target by a robot in motion, on the sweeps of the specification or
     on those that are planned. Raises ScanError where it shows nothing.
     """
-    to_hand = spec.mount == "eye-to-hand"
     motion = spec.motion or Motion()
-    poses, flange = drive(
+    said, flange = drive(
         setup,
         motion,
         spec.noise,
         rng,
         spread_deg=spec.spread_deg,
-        to_hand=to_hand,
+        to_hand=spec.to_hand,
         planned=planned,
     )
-    planes = setup.planes(*(inverse(*flange) if to_hand else flange))
-    measured, values = seen_from(setup, planes, spec, rng)
-    at_rest = np.isnan(poses["times"])
-    scan = Scan(
-        measured=measured,
-        values=values,
-        side=np.where(at_rest, setup.target.sides(*planes), 0),
-        **poses,
-        **said_of(setup, spec),
-    )
+    scan = scan_from(setup, flange, said, spec, rng)
     scan.truth["delay_ms"] = motion.delay_ms
     return scan
 
 
-def seen_from(
-    setup: Setup, planes: Frames, spec: Spec, rng: Generator
-) -> tuple[str, tuple[ndarray, ...]]:
-    """What is measured from scan planes (P, 3, 3), (P, 3), as a `Scan` has it."""
+def scan_from(
+    setup: Setup, flange: Frames, said: dict[str, Any], spec: Spec, rng: Generator
+) -> Scan:
+    """The scan of what is seen where the flange is, (P, 3, 3), (P, 3) mm, while the
+    robot says where it is: entries of a Scan.
+
+    Eye-to-hand is the same measurement with the roles of base and flange exchanged.
+    """
+    planes = setup.planes(*(inverse(*flange) if spec.to_hand else flange))
     measured = spec.measured or setup.target.tables[-1]
     if measured == "profiles":
-        values = raw_profiles(setup, planes, spec, rng)
+        seen = raw_profiles(setup, planes, spec, rng)
     else:
-        seen = setup.target.meet(*planes).reshape(len(planes[1]), 1, -1)
-        values = list(seen + spec.noise.profile_mm * rng.normal(size=seen.shape))
-    seen = [rows[np.isfinite(rows).all(axis=1)] for rows in values]
+        exact = setup.target.meet(*planes).reshape(len(planes[1]), 1, -1)
+        seen = list(exact + spec.noise.profile_mm * rng.normal(size=exact.shape))
+    values = [rows[np.isfinite(rows).all(axis=1)] for rows in seen]
     if measured == "profiles":  # a point is none
-        seen = [rows if len(rows) > 1 else rows[:0] for rows in seen]
-    return measured, tuple(seen)
-
-
-def said_of(scene: Setup, spec: Spec) -> dict[str, Any]:
-    """Entries of a `Scan` that do not depend on what is measured."""
-    return {
-        "kind": spec.kind,
-        "sizes": scene.sizes,
-        "noise": {name: value for name, value in asdict(spec.noise).items() if value},
-        "mount": spec.mount,
-        "title": spec.title or f"simulated {spec.kind}",
-        "convention": spec.convention,
-        "truth": truth_entries(scene, spec),
-    }
-
-
-def truth_entries(scene: Setup, spec: Spec) -> dict[str, Any]:
-    """What truth.toml says of a scene."""
-    pose = homogeneous(scene.R_sensor, scene.T_sensor)
-    target = vars(scene.target)
-    return {
+        values = [rows if len(rows) > 1 else rows[:0] for rows in values]
+    if not any(map(len, values)):
+        raise ScanError(
+            "from none of these poses is anything in the scanner's range: "
+            "look at [guess] and [scanner]"
+        )
+    side = setup.target.sides(*planes)
+    if "times" in said:
+        side = np.where(np.isnan(said["times"]), side, 0)
+    noise = {name: value for name, value in asdict(spec.noise).items() if value}
+    target = vars(setup.target)
+    truth = {
         "seed": np.asarray(spec.seed).tolist(),
-        pose_name(spec.mount): pose.tolist(),
+        pose_name(spec.mount): homogeneous(setup.R_sensor, setup.T_sensor).tolist(),
         "target": {name: np.asarray(value).tolist() for name, value in target.items()},
     }
+    return Scan(
+        kind=spec.kind,
+        sizes=setup.sizes,
+        noise=noise,
+        mount=spec.mount,
+        title=spec.title or f"simulated {spec.kind}",
+        convention=spec.convention,
+        measured=measured,
+        values=tuple(values),
+        side=side,
+        truth=truth,
+        **said,
+    )
 
 
 def raw_profiles(

@@ -19,10 +19,11 @@ from profilecal.simulation.spec import (
     Spec,
     errors_of,
     read_spec,
+    record,
     record_sweeps,
-    recorded,
     simulate_scan,
     sizes_of,
+    taken,
 )
 from profilecal.simulation.sweeps import Sweep
 from profilecal.targets import TARGETS
@@ -168,7 +169,7 @@ def simulate_specification(spec: PlannedSpec) -> Scan:
     rng = np.random.default_rng(spec.seed)
     setup = spec.guess.setup(spec.kind, sizes_of(spec), rng)
     rng = errors_of(spec, rng)
-    plan = planned_poses(spec.poses, spec.mount == "eye-to-hand")
+    plan = planned_poses(spec.poses, spec.to_hand)
     R, T = plan["R"], plan["T"]
     if spec.motion:
         sweeps = straight_sweeps(setup, R, T, spec.motion.speed)
@@ -180,7 +181,7 @@ def simulate_specification(spec: PlannedSpec) -> Scan:
         off = off - spec.noise.steering_mm * rng.normal(size=len(T))
         T = T + off[:, None] * across
     scene = Scene.of(setup, Poses(R, T[:, None]), plan["labels"], plan["group"])
-    return recorded(scene, spec, rng)
+    return record(scene, taken(scene, spec, rng), spec, rng)
 
 
 def straight_sweeps(setup: Setup, R: ndarray, T: ndarray, speed: float) -> list[Sweep]:

@@ -25,16 +25,12 @@ def table_III():
 def test_table_III_gives_equations_53_and_56():
     Upsilon = published.values("disk", "Eq. 53", "Upsilon")
     solution = solve_ball(*table_III())
-    assert (
-        np.degrees(angle_between(solution.R_sensor, nearest_rotation(Upsilon[:, :3])))
-        < 0.04
-    )
-    alike = published.RoundingBox("disk", "Table III", ("R_tcp", "T_tcp", "q")).draw(
-        500, default_rng(1)
-    )
-    drawn = ball_equations(
-        rotation_from_xyz_angles(alike["R_tcp"]), alike["T_tcp"], alike["q"], 4
-    )
+    turn = angle_between(solution.R_sensor, nearest_rotation(Upsilon[:, :3]))
+    assert np.degrees(turn) < 0.04
+    box = published.RoundingBox("disk", "Table III", ("R_tcp", "T_tcp", "q"))
+    alike = box.draw(500, default_rng(1))
+    R_tcp = rotation_from_xyz_angles(alike["R_tcp"])
+    drawn = ball_equations(R_tcp, alike["T_tcp"], alike["q"], 4)
     low, high = np.quantile(drawn.translation.accuracy, [0.025, 0.975])
     assert low < published.values("disk", "Eq. 56", "accuracy") < high
 
@@ -43,17 +39,14 @@ def test_tetra_ball_is_exact_and_equals_orthogonal_procrustes():
     rng = default_rng(9)
     for _ in range(200):
         R, T = scenes.sensor(rng)
-        q_i = 50 * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]) + rng.uniform(
-            -10, 10, (4, 3)
-        )
+        q_i = 50 * np.eye(4, 3) + rng.uniform(-10, 10, (4, 3))
         exact, shift = solve_tetra_ball(q_i[:3] @ R.T + T, q_i[:3])
         assert angle_between(exact, R) < 1e-12
         assert np.linalg.norm(shift - T) < 1e-10
         q_b = q_i @ R.T + T + rng.normal(scale=0.1, size=(4, 3))
         found, shift = solve_tetra_ball(q_b, q_i)
-        expected, _ = orthogonal_procrustes(
-            q_i - q_i.mean(axis=0), q_b - q_b.mean(axis=0)
-        )
+        about_mean = (points - points.mean(axis=0) for points in (q_i, q_b))
+        expected, _ = orthogonal_procrustes(*about_mean)
         assert_allclose(found, expected.T, atol=1e-12)
         assert_allclose((q_i @ found.T + shift - q_b).mean(axis=0), 0, atol=1e-10)
 

@@ -2,6 +2,7 @@
 
 import os
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -54,6 +55,12 @@ def random_scan(seed, measured="points", kind="edge"):
     )
 
 
+@pytest.fixture
+def folder(tmp_path):
+    """Where a scan is written."""
+    return tmp_path / "scan"
+
+
 IN_CONVENTIONS = [(each.name, "points", "edge") for each in CONVENTIONS]
 MEASUREMENTS = [
     ("quaternion", "profiles", "plane"),
@@ -68,7 +75,7 @@ MEASUREMENTS = [
 @pytest.mark.parametrize(
     ("convention", "measured", "kind"), [*IN_CONVENTIONS, *MEASUREMENTS]
 )
-def test_a_scan_written_is_read_back(tmp_path, mount, convention, measured, kind):
+def test_a_scan_written_is_read_back(folder, mount, convention, measured, kind):
     scan = replace(
         random_scan(1, measured, kind),
         side=np.where(np.arange(12) % 2, 1.0, -1.0),
@@ -76,7 +83,6 @@ def test_a_scan_written_is_read_back(tmp_path, mount, convention, measured, kind
         convention=convention,
         mount=mount,
     )
-    folder = tmp_path / "scan"
     pc.write_scan(scan, folder)
     assert_same(pc.read_scan(folder), scan)
     truth = folder / "truth.toml"
@@ -90,37 +96,34 @@ def in_metres(*columns):
     return lambda table: table.assign(**table[[*columns]] / 1000)
 
 
-def test_metres_and_millimetres_are_the_same_scan(tmp_path):
+def test_metres_and_millimetres_are_the_same_scan(folder):
     scan = random_scan(3, "arcs", "ball")
-    mm, m = tmp_path / "mm", tmp_path / "m"
-    pc.write_scan(scan, mm)
-    pc.write_scan(scan, m)
+    pc.write_scan(scan, folder)
     for change in (
         tabulated("poses.csv", in_metres("x", "y", "z")),
         tabulated("arcs.csv", in_metres("x", "z", "r")),
         edited("scan.toml", 'units = "mm"', 'units = "m"'),
         edited("scan.toml", "radius = 40.0", "radius = 0.04"),
     ):
-        change(m)
-    assert_same(pc.read_scan(m), pc.read_scan(mm))
+        change(folder)
+    assert_same(pc.read_scan(folder), scan)
 
 
-def test_given_groups_are_kept(tmp_path):
+def test_given_groups_are_kept(folder):
     each = replace(random_scan(4), group=np.arange(12), group_given=True)
-    pc.write_scan(each, tmp_path / "scan")
-    read = pc.read_scan(tmp_path / "scan")
+    pc.write_scan(each, folder)
+    read = pc.read_scan(folder)
     assert read.group_given
     assert len(set(read.group)) == 12
 
 
-def test_blank_and_nan_points_are_missing_and_extra_columns_ignored(tmp_path):
-    pc.write_scan(random_scan(5), tmp_path / "scan")
-    path = tmp_path / "scan" / "points.csv"
+def test_blank_and_nan_points_are_missing_and_extra_columns_ignored(folder):
+    pc.write_scan(random_scan(5), folder)
+    path = folder / "points.csv"
     lines = path.read_text().splitlines()
-    lines[1] = "P0,,"
-    lines[2] = "P1,nan,NaN"
+    lines[1:3] = "P0,,", "P1,nan,NaN"
     path.write_text("\n".join(f"{line},comment" for line in lines) + "\n\n")
-    missing = [np.isnan(rows).all() for rows in pc.read_scan(tmp_path / "scan").values]
+    missing = [np.isnan(rows).all() for rows in pc.read_scan(folder).values]
     assert missing == [True, True] + 10 * [False]
 
 
@@ -137,38 +140,25 @@ def as_arrays(name, **changed):
     return change
 
 
-@pytest.mark.parametrize("written_as", ["arrays by us", "arrays by others"])
-def test_arrays_are_the_same_scan_as_the_table(tmp_path, monkeypatch, written_as):
-    values = random_scan(7, "profiles").values
-    rows = [rows[: 40 + k] for k, rows in enumerate(values)]
+@pytest.mark.parametrize("by_us", [True, False])
+def test_arrays_are_the_same_scan_as_the_table(folder, monkeypatch, by_us):
+    scan = random_scan(7, "profiles")
+    rows = [rows[: 40 + k] for k, rows in enumerate(scan.values)]
     rows[3], rows[5] = np.full((20, 2), np.nan), rows[5][:0]
-    scan = replace(random_scan(7, "profiles"), values=tuple(rows))
-    folder = tmp_path / "scan"
-    if written_as == "arrays by us":
+    if by_us:
         monkeypatch.setattr("profilecal.scan.folder.SPREADSHEET", 100)
-        pc.write_scan(scan, folder)
-    else:
-        pc.write_scan(scan, folder)
+    pc.write_scan(replace(scan, values=tuple(rows)), folder)
+    if not by_us:
         as_arrays("profiles")(folder)
     assert not (folder / "profiles.csv").exists()
     for expected, read in zip(rows, pc.read_scan(folder).values, strict=True):
         assert_allclose(read, expected, atol=1e-9)
 
 
-def header(old, new):
-    return edited("scan.toml", old, new)
-
-
-def poses(function):
-    return tabulated("poses.csv", function)
-
-
-def arcs(function):
-    return tabulated("arcs.csv", function)
-
-
-def put(text):
-    return written("arcs.csv", text)
+header = partial(edited, "scan.toml")
+poses = partial(tabulated, "poses.csv")
+arcs = partial(tabulated, "arcs.csv")
+put = partial(written, "arcs.csv")
 
 
 def relabelled(label):
@@ -178,22 +168,6 @@ def relabelled(label):
 
 def everywhere(**columns):
     return lambda table: table.assign(**columns)
-
-
-def without_y(table):
-    return table.drop(columns="y")
-
-
-def blank_position(table):
-    return table.assign(z=table["z"].where(table.index != 4))
-
-
-def far_away(table):
-    return table.assign(x=25e3 * (table.index == 4))
-
-
-def two_groups_and_blanks(table):
-    return table.assign(group=[*"ab", *[None] * (len(table) - 2)])
 
 
 def text_for_a_number(table):
@@ -253,19 +227,17 @@ MISTAKES = {  # by what is said of each
     "poses.csv: not a file": PIPE,
     "arcs.csv: not a file": instead_of("arcs.csv", os.mkdir),
     # tables as such
-    "arcs.csv: no rows": put("pose,x,z,r\n"),
     "arcs.csv: no rows; expected names of columns": put(""),
     "arcs.csv: 2 columns 'x'; expected one": put("pose,x,X ,z,r\nP0,1,1,2,3\n"),
     "arcs.csv line 3: 2 fields; expected 4: is the file cut short": CUT_SHORT,
     "cannot be read: unexpected end of data": put('pose,x,z,r\n"P0,1,2,3\n'),
     "not UTF-8 text, b'.xff' in line 2; save": not_text,
     "arcs.csv: 500 MB; expected at most 400 MB": too_large,
-    "poses.csv: no columns 'y'; expected one; there are pose, x": poses(without_y),
+    "poses.csv: no columns 'y'; expected one; there are pose, x": poses(
+        lambda table: table.drop(columns="y")
+    ),
     # the same in arrays
     "arcs.npz: no arrays; expected .* cut short": arrays_cut_short,
-    "arcs.npz: no arrays": lambda folder: written("arcs.npz", "")(
-        removed("arcs.csv")(folder) or folder
-    ),
     "arcs.npz: x is float64 of shape .12, 2.; expected numbers, .12,.": two_axes,
     r"arcs.npz: .* text .dtype str.: is it": as_arrays("arcs", z=np.array([None] * 12)),
     "arcs.npz row 3: z is inf; expected a finite": as_arrays(
@@ -280,21 +252,24 @@ MISTAKES = {  # by what is said of each
     r"'long\\nlong.*… is not in poses": arcs(relabelled("long\n" * 99)),
     # numbers
     "line 2: quaternion of length": poses(lambda table: table.assign(qw=table.qw + 1)),
-    "line 6: z is empty": poses(blank_position),
+    "line 6: z is empty": poses(
+        lambda table: table.assign(z=table.z.where(table.index != 4))
+    ),
     "line 3: x is 'abc'": arcs(text_for_a_number),
     "line 2: x is 'inf'; expected a finite number": arcs(everywhere(x=np.inf)),
-    "line 4: no group; expected": poses(two_groups_and_blanks),
+    "line 4: no group; expected": poses(everywhere(group=[*"ab", *[None] * 10])),
     "line 2: side is 2; expected 1 or -1": poses(everywhere(side=2)),
     "poses.csv.*are the units": poses(in_metres("x", "y", "z")),
     "value of arcs is 0.0.*are the units": arcs(in_metres("x", "z", "r")),
     "line 2: z is -32768; expected at most 10000: .*blank": arcs(everywhere(z=-32768)),
-    r"line 6: .* pose 'P4', is 2.5e\+04 mm": poses(far_away),
+    r"line 6: .* pose 'P4', is 2.5e\+04 mm": poses(
+        lambda table: table.assign(x=25e3 * (table.index == 4))
+    ),
 }
 
 
 @pytest.mark.parametrize("sentence", MISTAKES)
-def test_every_mistake_is_one_sentence_with_file_and_value(tmp_path, sentence):
-    folder = tmp_path / "scan"
+def test_every_mistake_is_one_sentence_with_file_and_value(folder, sentence):
     pc.write_scan(random_scan(6, "arcs", "ball"), folder)
     MISTAKES[sentence](folder)
     with pytest.raises(pc.ScanError, match=sentence) as caught:
@@ -303,27 +278,32 @@ def test_every_mistake_is_one_sentence_with_file_and_value(tmp_path, sentence):
     assert "\n" not in str(caught.value)
 
 
-def test_a_pose_with_one_point_is_no_profile(tmp_path):
-    folder = tmp_path / "scan"
+def one_point(lines):
+    """Of pose P1, whose 50 are the second."""
+    del lines[52:101]
+
+
+def four_fields(lines):
+    """In a long table, of which an empty line is counted."""
+    lines += lines[1:] * 4
+    lines.insert(450, "")
+    lines[2000] += ",5"
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        (one_point, "pose 'P1' has 1 rows of profiles; expected more, or none"),
+        (four_fields, "profiles.csv line 2001: 4 fields; expected 3"),
+    ],
+)
+def test_a_mistake_in_profiles_is_found(folder, change, sentence):
     pc.write_scan(random_scan(9, "profiles"), folder)
-    table = pd.read_csv(folder / "profiles.csv")
-    kept = (table["pose"] != "P1") | ~table["pose"].duplicated()
-    table[kept].to_csv(folder / "profiles.csv", index=False)
-    said = "pose 'P1' has 1 rows of profiles; expected more, or none"
-    with pytest.raises(pc.ScanError, match=said):
-        pc.read_scan(folder)
-
-
-def test_a_mistake_in_a_long_table_is_found_in_its_line(tmp_path):
-    folder = tmp_path / "scan"
-    rng = default_rng(10)
-    values = rng.uniform(-60, 60, (12, 300, 2))
-    pc.write_scan(replace(random_scan(10, "profiles"), values=tuple(values)), folder)
-    edited("profiles.csv", "P9,", "\nP9,")(folder)  # an empty line is counted
-    written_lines = (folder / "profiles.csv").read_text().splitlines()
-    written_lines[3000] += ",5"
-    (folder / "profiles.csv").write_text("\n".join(written_lines))
-    with pytest.raises(pc.ScanError, match=r"profiles.csv line 3001: 4 fields; exp"):
+    path = folder / "profiles.csv"
+    lines = path.read_text().splitlines()
+    change(lines)
+    path.write_text("\n".join(lines))
+    with pytest.raises(pc.ScanError, match=sentence):
         pc.read_scan(folder)
 
 
