@@ -67,12 +67,7 @@ class Results:
         if self.folder:
             place = self._place("tables", name).with_suffix(".csv")
             frame.to_csv(place, index=frame.index.name is not None)
-
-        def rounded(value: object) -> object:
-            is_float = isinstance(value, float | np.floating)
-            return f"{value:.{digits}g}" if is_float else value
-
-        return frame.map(rounded)
+        return frame.map(lambda v: f"{v:.{digits}g}" if isinstance(v, float) else v)
 
 
 def save(figure: plt.Figure, place: Path) -> None:
@@ -150,7 +145,14 @@ def plot_columns(frame: pd.DataFrame, x: str, y: str, hue: str, folder: Path) ->
     range from least to most. Returns where the picture is. Raises ValueError for a
     column that is not there or holds no numbers.
     """
-    shown = summed_up(frame, x, y, hue)
+    if missing := {x, y, hue or x} - {*frame}:
+        names = ", ".join(frame)
+        raise ValueError(f"no column named {missing.pop()!r}; there are {names}")
+    numbers = pd.to_numeric(frame[y], "coerce").astype(float)
+    parts = ["min", "median", "max"]
+    shown = frame.assign(**{y: numbers}).pivot_table(y, x, hue or None, parts)
+    if shown.empty:
+        raise ValueError(f"column {y} holds no numbers, so it cannot be drawn")
     use_style()
     label = f"{y} (median, range)"
     axes = shown["median"].plot(
@@ -163,21 +165,6 @@ def plot_columns(frame: pd.DataFrame, x: str, y: str, hue: str, folder: Path) ->
     save(axes.figure, place)
     plt.close(axes.figure)
     return place
-
-
-def summed_up(frame: pd.DataFrame, x: str, y: str, hue: str) -> pd.DataFrame:
-    """The least, the median and the most of column y: a row for each value of column x,
-    a column for each of these and each value of `hue`. Raises as `plot_columns` does.
-    """
-    if missing := {x, y, hue or x} - {*frame}:
-        names = ", ".join(frame)
-        raise ValueError(f"no column named {missing.pop()!r}; there are {names}")
-    numbers = pd.to_numeric(frame[y], "coerce").astype(float)
-    parts = ["min", "median", "max"]
-    found = frame.assign(**{y: numbers}).pivot_table(y, x, hue or None, parts)
-    if found.empty:
-        raise ValueError(f"column {y} holds no numbers, so it cannot be drawn")
-    return found
 
 
 def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:

@@ -125,35 +125,24 @@ def ball_study(
         )
 
     in_chunks(run, (n,), trials, rng, workers)
-    T_tcp = np.stack([scans.positions(k).mean(axis=1) for k in counts])[..., None]
-    turning = slice(scans.translating, None)
+    T_tcp = np.stack([scans.positions(k).mean(axis=1) for k in counts])
+    last, turning = scans.translating, slice(scans.translating, None)
     for i, j in np.ndindex(len(sigma_mm), len(m)):
         all_arcs = int(np.searchsorted(counts, m[j]))
         for study, arcs in zip(studies.values(), (0, all_arcs), strict=True):
+            # While the flange keeps R_tcp and moves from T_1 to T_i, the centre moves
+            # by q_i - q_1, sensor frame: R_sensor (q_1 - q_i) = R_tcp⁻¹ (T_i - T_1).
+            moved = T_tcp[arcs, 1:last] - T_tcp[arcs, 0]
             study.errors[i, j] = two_step_errors(
                 scans,
                 scans.ball.centre,
                 scans.R_tcp[turning],
-                T_tcp[all_arcs, turning],
+                T_tcp[all_arcs, turning, :, None],
                 q[i, all_arcs, turning],
-                *rotation_directions(scans, T_tcp[arcs], q[i, arcs]),
+                q[i, arcs, 0] - q[i, arcs, 1:last],
+                moved @ scans.R_tcp[0],
             )
     return studies
-
-
-def rotation_directions(
-    scans: BallScans, T_tcp: ndarray, q: ndarray
-) -> tuple[ndarray, ndarray]:
-    """X and Y of R_sensor X = Y, (translating - 1, 3, k) and (translating - 1, 3), from
-    flange positions T_tcp (n, 3, 1) and ball centres q (n, 3, k).
-
-    While the flange keeps its orientation R_tcp and moves from T_1 to T_i, the centre
-    moves by q_i - q_1 in the sensor frame: R_sensor (q_1 - q_i) = R_tcp⁻¹ (T_i - T_1).
-    """
-    q = q[: scans.translating]
-    T_tcp = T_tcp[: scans.translating]
-    to_flange = scans.R_tcp[1 : scans.translating].mT
-    return q[:1] - q[1:], (to_flange @ (T_tcp[1:] - T_tcp[:1]))[..., 0]
 
 
 def mean_centres(

@@ -124,8 +124,6 @@ def disk_study(
         "chord": Chords.with_chord_noise,
         "isotropic": Chords.with_isotropic_noise,
     }
-    if noise not in kinds:
-        raise ValueError(f"noise is {noise!r}; expected 'chord' or 'isotropic'")
     study = Study.blank(sigma_mm, m, trials)
     why = "an ellipse has five unknowns, a chord two tips"
     check_count("chords", int(study.m.min()), 3, why)

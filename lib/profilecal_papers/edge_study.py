@@ -4,6 +4,7 @@ scenes of an edge, what the scanner sees of them, and the paper's own measures o
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy import ndarray
@@ -87,10 +88,7 @@ def above(
     return point[..., None, :] - (flange @ seen[..., None, :, None])[..., 0]
 
 
-def check_word(name: str, word: str, known: tuple[str, ...]) -> None:
-    """Raise ValueError for a word that is none of those known."""
-    if word not in known:
-        raise ValueError(f"{name} is {word!r}; expected one of {', '.join(known)}")
+WORDS = {"motion": ("arc", "line", "space"), "frame": ("base", "group", "tool")}
 
 
 @dataclass(frozen=True)
@@ -112,8 +110,10 @@ class EdgePlan:
     tilt_deg: float | ndarray = 45.0  # between the arc's plane and the edge
 
     def __post_init__(self) -> None:
-        check_word("motion", self.motion, ("arc", "line", "space"))
-        check_word("frame", self.frame, ("base", "group", "tool"))
+        for name, known in WORDS.items():
+            if (word := getattr(self, name)) not in known:
+                names = ", ".join(known)
+                raise ValueError(f"{name} is {word!r}; expected one of {names}")
 
     def offsets(self, direction: ndarray, rng: Generator) -> ndarray:
         """Translations within each group, (..., G or 1, N, 3), over edges along
@@ -266,10 +266,15 @@ def observations_of(scene: EdgeScene) -> Observations:
     return Observations("edge", R, T, points, group=np.repeat(np.arange(G), N))
 
 
+def longest(moments: ndarray) -> ndarray:
+    """Unit vectors (..., 3) along which second moments (..., 3, 3) are largest."""
+    return np.linalg.eigh(moments)[1][..., -1]
+
+
 def principal(vectors: ndarray, about_mean: bool = True) -> ndarray:
     """Unit vectors (..., 3) along which vectors (..., n, 3) extend most."""
     vectors = vectors - about_mean * vectors.mean(axis=-2, keepdims=True)
-    return np.linalg.eigh(vectors.mT @ vectors)[1][..., -1]
+    return longest(vectors.mT @ vectors)
 
 
 def angle_deviations(solution: EdgeSolution, about_mean: bool = True) -> ndarray:
@@ -291,8 +296,11 @@ def angles_from(u_b: ndarray, groups: ndarray) -> ndarray:
     return np.arctan(across / along)
 
 
-def line_distances(solution: EdgeSolution) -> ndarray:
-    """Δd (..., G N), mm: of all points from the line along u_b through their mean."""
+def line_distances(solution: Any) -> ndarray:
+    """Δd (..., G N), mm: of all points `p_b` of a solution from the line along its
+    `u_b` through their mean.
+    """
     points = solution.p_b.reshape(*solution.p_b.shape[:-3], -1, 3)
     offset = points - points.mean(axis=-2, keepdims=True)
-    return np.linalg.norm(np.cross(offset, solution.u_b[..., None, :]), axis=-1)
+    along = offset @ solution.u_b[..., None]
+    return np.linalg.norm(offset - along * solution.u_b[..., None, :], axis=-1)

@@ -26,6 +26,8 @@ from profilecal_papers.edge_study import (
     angles_from,
     ball_points,
     edge_scenes,
+    line_distances,
+    longest,
     plan_ball,
 )
 from profilecal_papers.published import values
@@ -104,16 +106,7 @@ class Calibration(NamedTuple):
     @property
     def delta_d(self) -> ndarray:
         """Δd (S, G N), mm, from the line along u_b through the middle."""
-        points = self.p_b.reshape(len(self.p_b), -1, 3)
-        offset = points - points.mean(axis=1, keepdims=True)
-        along = offset @ self.u_b[:, :, None]
-        square = np.vecdot(offset, offset) - along[..., 0] ** 2
-        return np.sqrt(np.maximum(square, 0.0))
-
-
-def longest(moments: ndarray) -> ndarray:
-    """Unit vectors (..., 3) along which second moments (..., 3, 3) are largest."""
-    return np.linalg.eigh(moments)[1][..., -1]
+        return line_distances(self)
 
 
 def calibrations(

@@ -25,6 +25,7 @@ from profilecal.targets.observations import Observations, State
 # Random numbers drawn at a time: 256 kB, which together with their powers stay in a
 # processor's own cache.
 BLOCK = 2**15
+PROBLEMS = 64  # solved at a time
 
 
 def norms(errors: ndarray) -> ndarray:
@@ -246,16 +247,14 @@ def estimate(
     observations: Sequence[Observations],
     noise: Noise,
     start: State,
-    *,
-    chunk: int = 64,
     steps: int = 60,
 ) -> tuple[State, Spectrum, ndarray]:
     """States (B) of least squares from known starts, with errors of scanner and robot
     as large as `noise` says, the sensor poses' spectra and χ² (B,).
     """
     solved = []
-    for first in range(0, len(start.rotation), chunk):
-        part = slice(first, first + chunk)
+    for first in range(0, len(start.rotation), PROBLEMS):
+        part = slice(first, first + PROBLEMS)
         taken = [entry.take(part) for entry in observations]
         problem = Problem(taken, noise)
         fit = refine(

@@ -129,7 +129,6 @@ def test_other_parameters_are_lived_with_and_outcomes_recorded(path, shell):
     ("given", "status", "drawn"),
     [
         ([{"spread_deg": 0.4}], "weak", 4),
-        ([{"groups": 1, "positions": 12}], "unobservable", 3),
         # fewer measurements than unknowns
         ([{"groups": 1, "positions": 4}], "unobservable", 1),
         ([{"mount": "eye-to-hand"}], "ok", 4),

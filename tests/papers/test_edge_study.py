@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 
 from profilecal.closed_form.edge import edge_equations
 from profilecal.geometry.noise import Noise
-from profilecal.geometry.poses import angle_between, directions
+from profilecal.geometry.poses import angle_between
 from profilecal.simulation.robot import actual_poses
 from profilecal.targets.ball import Ball
 from profilecal_papers import edge_study as study
@@ -22,23 +22,19 @@ def solution_of(scene):
     return edge_equations(scene.poses.rotations, scene.poses.positions, scene.points)
 
 
-def test_arc_lies_on_its_circle_and_spans_its_angle():
-    points = study.arc(11, 25.0, np.radians(90), 0.3)
-    assert_allclose(points[5], 0, atol=1e-14)
-    from_centre = points + 25 * np.array([np.cos(0.3), np.sin(0.3), 0])
-    assert_allclose(np.linalg.norm(from_centre, axis=1), 25)
-    assert from_centre[0] @ from_centre[-1] == pytest.approx(0, abs=1e-10)
-
-
-@pytest.mark.parametrize("tilt", [0.0, 30.0, 90.0])
-def test_arc_planes_make_their_angle_with_the_edge(tilt):
-    rng = default_rng(2)
-    edges = directions(rng, (50,))
-    planes = study.arc_planes(edges, np.radians(tilt), rng.uniform(0, 6, 50))
-    assert_allclose(planes @ planes.mT - np.eye(3), 0, atol=1e-14)
-    assert_allclose(np.linalg.det(planes), 1)
-    square = [[0, np.sin(np.radians(tilt))]] * 50  # of y and of the normal
-    assert_allclose((edges[:, None] @ planes)[:, 0, 1:], square, atol=1e-14)
+@pytest.mark.parametrize("tilt", [0, 30, 90])
+def test_an_arc_has_its_radius_its_span_and_its_angle_with_the_edge(tilt):
+    plan = {"groups": 1, "positions": 11, "radius": 25, "span_deg": 60}
+    scene = scene_of(shape=(50,), tilt_deg=tilt, **plan)
+    first, *between, last = np.moveaxis(scene.poses.positions[:, 0], 1, 0)
+    chord, rise = last - first, between[4] - (first + last) / 2
+    assert_allclose(np.linalg.norm(chord, axis=-1), 25)  # as 60° have it
+    up = rise / np.linalg.norm(rise, axis=-1, keepdims=True)
+    from_centre = between - ((first + last) / 2 - 25 * np.cos(np.pi / 6) * up)
+    assert_allclose(np.linalg.norm(from_centre, axis=-1), 25)
+    normal = np.cross(chord, up) / 25
+    sine = np.abs(np.vecdot(normal, scene.edge.direction))
+    assert_allclose(sine, np.sin(np.radians(tilt)), atol=1e-12)
 
 
 def test_an_arc_is_held_by_its_frame_and_begins_with_the_edge_in_the_middle():
