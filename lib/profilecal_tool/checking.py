@@ -28,25 +28,19 @@ OPEN = 0.05
 
 def check(scan: Scan) -> list[str]:
     """What a scan holds, before any calibration, in lines for people: convention,
-    groups, noise, outliers.
+    groups, noise, outliers. Raises ScanError where no pose shows the target.
     """
     seen = observe(scan, 1)
+    observed = as_observations(scan, seen)
     lines = [*lines_on_poses(scan, len(seen.poses)), *lines_on_noise(scan, seen)]
     if scan.log:
-        lines += lines_on_motion(scan, as_observations(scan, seen))
-    remarks = [*too_few(scan, seen), *seen.remarks, *doubts(scan)]
-    return [*lines, *(f"note           {remark}" for remark in remarks)]
-
-
-def too_few(scan: Scan, seen: Seen) -> list[str]:
-    """That the scan has no more coordinates than a calibration has unknowns."""
-    if not len(seen.poses):
-        return []
+        lines += lines_on_motion(scan, observed)
+    remarks = [*seen.remarks, *doubts(scan)]
     try:
-        check_enough(Problem([as_observations(scan, seen)], Noise(1.0)))
+        check_enough(Problem([observed], Noise(1.0)))
     except UnobservableError as error:
-        return [str(error)]
-    return []
+        remarks.insert(0, str(error))
+    return [*lines, *(f"note           {remark}" for remark in remarks)]
 
 
 def lines_on_motion(scan: Scan, observed: Observations) -> list[str]:
@@ -107,20 +101,15 @@ def lines_on_noise(scan: Scan, seen: Seen) -> list[str]:
     do not fit their group.
     """
     affine = scan.target.affine and not scan.log
-    labels = np.array(scan.labels)
-    if affine and len(seen.poses):
+    if affine:
         observed = as_observations(scan, seen)
         noise, freedom = affine_noise(observed)
         if freedom:
+            labels = np.array(scan.labels)[seen.poses]
             inside = f"{noise:.3g} mm inside groups, from {freedom} degrees of freedom"
-            return [
-                f"noise          {inside}",
-                *(
-                    f"note           {sentence_on_misfit(labels[seen.poses[rows]])}"
-                    for rows in affine_outliers(observed)
-                ),
-            ]
-    if len(seen.poses) and seen.typical_mm:
+            misfits = [misfit(labels[rows]) for rows in affine_outliers(observed)]
+            return [f"noise          {inside}", *misfits]
+    if seen.typical_mm:
         scatter = f"{seen.typical_mm:.2g} mm of a feature's coordinates"
         return [f"noise          {scatter}, by the scatter in profiles"]
     why = f"what a {scan.kind} shows does not tell it"
@@ -131,17 +120,36 @@ def lines_on_noise(scan: Scan, seen: Seen) -> list[str]:
     return [f"noise          unknown before the calibration: {why}"]
 
 
-def sentence_on_misfit(labels: np.ndarray) -> str:
+def misfit(labels: np.ndarray) -> str:
     """That one of these poses does not fit its group."""
     if len(labels) == 1:
-        return f"pose {labels[0]} does not fit its group"
-    return f"one of the poses {listed(labels)} does not fit: one more would tell which"
+        return f"note           pose {labels[0]} does not fit its group"
+    return (
+        f"note           one of the poses {listed(labels)} does not fit: "
+        "one more would tell which"
+    )
 
 
 def groups_of(observations: Observations) -> list[np.ndarray]:
     """The poses of each rotation group, as indices."""
     labels = observations.labels
     return [np.flatnonzero(labels == label) for label in np.unique(labels)]
+
+
+def affine_noise(observations: Observations) -> tuple[float, int]:
+    """Scanner noise from an edge or a marked point before anything is calibrated, mm,
+    and its degrees of freedom: what `affine_residuals` finds in each group. The median
+    over the groups keeps a bad point from counting.
+    """
+    positions, points = observations.T_flange[0], observations.points[0, :, 0]
+    variances, total = [], 0
+    for rows in groups_of(observations):
+        left, _, freedom = affine_residuals(positions[rows], points[rows])
+        if freedom > 0:
+            freedom = 2 * int(freedom)
+            variances.append(np.sum(left**2) / chi2_limit(0.5, freedom))
+            total += freedom
+    return (float(np.sqrt(np.median(variances))) if variances else 0.0), total
 
 
 def affine_outliers(observations: Observations) -> list[list[int]]:
@@ -167,19 +175,3 @@ def affine_outliers(observations: Observations) -> list[list[int]]:
             outliers.append(rows[worst].tolist())
             rows = np.delete(rows, worst)
     return sorted(outliers)
-
-
-def affine_noise(observations: Observations) -> tuple[float, int]:
-    """Scanner noise from an edge or a marked point before anything is calibrated, mm,
-    and its degrees of freedom: what `affine_residuals` finds in each group. The median
-    over the groups keeps a bad point from counting.
-    """
-    positions, points = observations.T_flange[0], observations.points[0, :, 0]
-    variances, total = [], 0
-    for rows in groups_of(observations):
-        left, _, freedom = affine_residuals(positions[rows], points[rows])
-        if freedom > 0:
-            freedom = 2 * int(freedom)
-            variances.append(np.sum(left**2) / chi2_limit(0.5, freedom))
-            total += freedom
-    return (float(np.sqrt(np.median(variances))) if variances else 0.0), total

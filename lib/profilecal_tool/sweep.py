@@ -8,6 +8,7 @@ or none, and goes on from there.
 import itertools
 import json
 import os
+import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from hashlib import sha256
@@ -67,17 +68,13 @@ def plan(notebook: Path, grid: dict, repeat: int | None = None) -> dict[str, dic
     for name, values in lists.items():
         if not values:
             raise ValueError(f"the grid has no values for {name}")
-        if kinds[name] == "float":
-            # 1 and 1.0 are one setting
-            lists[name] = [float(value) for value in values]
+        if kinds[name] == "float":  # 1 and 1.0 are one setting
+            lists[name] = [*map(float, values)]
     product = itertools.product(*lists.values())
     points = [dict(zip(lists, values, strict=True)) for values in product]
     if repeat:
-        points = [
-            point | {"seed": int(_digest([point, k], 13), 16)}
-            for point in points
-            for k in range(repeat)
-        ]
+        numbered = itertools.product(points, range(repeat))
+        points = [one | {"seed": int(_digest([one, k], 13), 16)} for one, k in numbered]
     runs = {_name(point): point for point in points}
     if len(runs) < len(points):
         raise ValueError("the grid names a run twice; expected different values")
@@ -86,13 +83,8 @@ def plan(notebook: Path, grid: dict, repeat: int | None = None) -> dict[str, dic
 
 def _name(parameters: dict) -> str:
     """What of a run's parameters is readable, and a digest of them all."""
-    settings = [
-        f"{name}={value}" for name, value in parameters.items() if name != "seed"
-    ]
-    readable = "".join(
-        letter if letter.isalnum() or letter in "=_.-" else "-"
-        for letter in "_".join(settings)
-    )
+    said = [f"{name}={value}" for name, value in parameters.items() if name != "seed"]
+    readable = re.sub(r"[^\w=.-]", "-", "_".join(said))
     return f"{readable[:100]}_{_digest(parameters, 8)}"
 
 
@@ -126,20 +118,16 @@ def sweep(
     cells = json.loads(source)["cells"]
     code = [(cell["cell_type"], cell["source"]) for cell in cells]
     versions = notebooks.versions()
-    keys = {
-        name: _digest([code, parameters, versions], 16)
-        for name, parameters in runs.items()
-    }
+    place = str(notebook.resolve().parent)
     folder = output / "runs"
-    files = {name: folder / f"{name}.ipynb" for name in runs}
     folder.mkdir(parents=True, exist_ok=True)
     with _alone(output):
-        place = str(notebook.resolve().parent)
-        jobs = {
-            name: (source, parameters, place, timeout)
-            for name, parameters in runs.items()
-            if not _is_done(files[name], keys[name])
-        }
+        jobs, keys = {}, {}
+        for name, parameters in runs.items():
+            keys[name] = _digest([code, parameters, versions], 16)
+            about = _about(folder / f"{name}.ipynb")
+            if about.get("key") != keys[name] or about["error"]:
+                jobs[name] = source, parameters, place, timeout
         if jobs:
             with notebooks.workers(scheduler) as client:
                 ended = notebooks.outcomes(client, jobs)
@@ -151,10 +139,10 @@ def sweep(
                         "error": why or _clash(executed, runs[name]),
                         "duration_s": round(seconds, 3),
                     }
-                    with whole(files[name]) as part:
+                    with whole(folder / f"{name}.ipynb") as part:
                         json_text = json.dumps(executed, indent=1, ensure_ascii=False)
                         part.write_text(json_text, encoding="utf-8")
-        table, failed = _gather(runs, files, versions)
+        table, failed = _gather(runs, folder, versions)
         with whole(output / "table.csv") as part:
             table.to_csv(part, index=False)
     return table, failed
@@ -163,46 +151,34 @@ def sweep(
 def _clash(executed: dict, parameters: dict) -> str:
     """Why a run cannot be in the table: it records what is a parameter; or ""."""
     clash = parameters.keys() & {*itertools.chain(*recorded(executed))}
-    if not clash:
-        return ""
-    return f"it records {', '.join(sorted(clash))}, which is a parameter's name"
+    names = ", ".join(sorted(clash))
+    return f"it records {names}, which is a parameter's name" if clash else ""
 
 
-def _read(path: Path) -> dict:
-    """Read a notebook."""
-    return json.loads(path.read_text(encoding="utf-8"))
-
-
-def _is_done(path: Path, key: str) -> bool:
-    """Whether there is an executed notebook of this key that did not fail."""
+def _about(path: Path) -> dict:
+    """What an executed notebook says of its run; nothing where there is none."""
     try:
-        about = _read(path)["metadata"]["profilecal"]
+        executed = json.loads(path.read_text(encoding="utf-8"))
+        return executed["metadata"]["profilecal"]
     except (FileNotFoundError, ValueError, KeyError):
-        return False
-    return about["key"] == key and not about["error"]
+        return {}
 
 
 def _gather(
-    runs: dict, files: dict[str, Path], versions: dict[str, str]
+    runs: dict, folder: Path, versions: dict[str, str]
 ) -> tuple[pd.DataFrame, dict[str, str]]:
     """The table of runs that have ended, in the grid's order, and why some failed."""
     rows = []
     failed = {}
     for name, parameters in runs.items():
-        notebook = _read(files[name])
-        about = notebook["metadata"]["profilecal"]
-        records = recorded(notebook)
-        status = "done"
+        path = folder / f"{name}.ipynb"
+        about, records, status = _about(path), [{}], "failed"
         if about["error"]:
             failed[name] = about["error"]
-            records = [{}]
-            status = "failed"
-        end = {
-            "status": status,
-            "duration_s": about["duration_s"],
-            **versions,
-            "run": name,
-        }
+        else:
+            records, status = recorded(json.loads(path.read_text("utf-8"))), "done"
+        end = {"status": status, "duration_s": about["duration_s"], **versions}
+        end["run"] = name
         rows += [parameters | record | end for record in records]
     columns = dict.fromkeys(itertools.chain(*rows))
     first = [column for column in columns if column not in end]

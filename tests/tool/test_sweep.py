@@ -65,13 +65,9 @@ def wait_for(condition, seconds: float = 60) -> None:
 
 
 def test_grids_mean_each_value_with_each_other(notebook):
-    runs = sweep.plan(notebook, {"n": [1, 2], "x": [0.1, 3], "seed": 5})
-    assert list(runs.values()) == [
-        {"n": 1, "x": 0.1, "seed": 5},
-        {"n": 1, "x": 3.0, "seed": 5},
-        {"n": 2, "x": 0.1, "seed": 5},
-        {"n": 2, "x": 3.0, "seed": 5},
-    ]
+    runs = sweep.plan(notebook, GRID | {"seed": 5})
+    points = [(run["n"], run["x"], run["seed"]) for run in runs.values()]
+    assert points == [(1, 0.1, 5), (1, 3.0, 5), (2, 0.1, 5), (2, 3.0, 5)]
 
 
 def test_seeds_depend_on_the_point_and_the_repeat_only(notebook):
@@ -84,22 +80,18 @@ def test_seeds_depend_on_the_point_and_the_repeat_only(notebook):
     assert not {point["seed"] for point in other.values()} & set(seeds)
 
 
-@pytest.mark.parametrize(
-    ("grid", "repeat", "sentence"),
-    [
-        ({}, None, "the grid is empty; plain has the parameters n, x, grain"),
-        ({"n": []}, None, "the grid has no values for n"),
-        ({"m": [1]}, None, "no parameter named 'm'; there are n, x, grain"),
-        ({"n": [1, 2.5]}, None, "parameter n is 2.5; expected int"),
-        ({"x": ["wide"]}, None, "parameter x is 'wide'; expected float"),
-        ({"x": [1, 1.0]}, None, "names a run twice"),
-        (
-            {"n": [1]},
-            2,
-            "plain has no parameter 'seed', so its repeats would all be the same",
-        ),
-    ],
-)
+REFUSED = [
+    ({}, None, "the grid is empty; plain has the parameters n, x, grain"),
+    ({"n": []}, None, "the grid has no values for n"),
+    ({"m": [1]}, None, "no parameter named 'm'; there are n, x, grain"),
+    ({"n": [1, 2.5]}, None, "parameter n is 2.5; expected int"),
+    ({"x": ["wide"]}, None, "parameter x is 'wide'; expected float"),
+    ({"x": [1, 1.0]}, None, "names a run twice"),
+    ({"n": [1]}, 2, "plain has no parameter 'seed', so its repeats would all be the"),
+]
+
+
+@pytest.mark.parametrize(("grid", "repeat", "sentence"), REFUSED)
 def test_a_grid_that_does_not_fit_is_refused(tmp_path, grid, repeat, sentence):
     without_seed = PARAMETERS.replace("seed", "grain")
     notebook = write_notebook(tmp_path / "plain.ipynb", without_seed)
@@ -111,30 +103,22 @@ def test_a_grid_is_read_from_a_file_and_the_command_line(tmp_path):
     path = tmp_path / "grid.toml"
     path.write_text("n = [1, 2]\nx = 0.5\n")
     assert sweep.read_grid(path, ["x=1,2.5"]) == {"n": [1, 2], "x": [1, 2.5]}
-
-
-def test_a_grid_that_is_none_is_refused(tmp_path):
-    path = tmp_path / "grid.toml"
     path.write_text("n: [1, 2]")
-    with pytest.raises(ValueError, match=r"grid.toml: .*line 1"):
-        sweep.read_grid(path)
-    with pytest.raises(ValueError, match="-p x; expected name=value"):
-        sweep.read_grid(None, ["x"])
-    with pytest.raises(ValueError, match="-p x=1; expected name=value"):
-        sweep.read_grid(None, ["x=1", "x=2"])
+    for grid, texts, sentence in (
+        (path, [], r"grid.toml: .*line 1"),
+        (None, ["x"], "-p x; expected name=value"),
+        (None, ["x=1", "x=2"], "-p x=1; expected name=value"),
+    ):
+        with pytest.raises(ValueError, match=sentence):
+            sweep.read_grid(grid, texts)
 
 
-@pytest.mark.parametrize(
-    ("grid", "page", "runs"),
-    [
-        ("51_sweeping_grid.toml", "51_one_plan.ipynb", 54),
-        ("44_sweeping_grid.toml", "44_in_motion.ipynb", 12),
-    ],
-)
-def test_grids_that_come_along_have_so_many_runs(grid, page, runs):
+@pytest.mark.parametrize(("page", "runs"), [("51_one_plan", 54), ("44_in_motion", 12)])
+def test_grids_that_come_along_have_so_many_runs(page, runs):
     """As the file, the notebook and the README say."""
     folder = notebooks.folder()
-    assert len(sweep.plan(folder / page, sweep.read_grid(folder / grid))) == runs
+    grid = sweep.read_grid(folder / f"{page[:2]}_sweeping_grid.toml")
+    assert len(sweep.plan(folder / f"{page}.ipynb", grid)) == runs
 
 
 @pytest.fixture
@@ -149,27 +133,15 @@ def outputs(monkeypatch):
     return {"cells": shown}
 
 
-def test_recorded_values_come_back_exactly(outputs):
-    values = {
-        "a": np.float64(0.1) + 0.2,
-        "b": np.int64(3),
-        "c": "text",
-        "d": True,
-        "e": None,
-        "f": float("inf"),
-    }
+def test_recorded_values_and_tables_come_back_exactly(outputs):
+    values = {"a": np.float64(0.1) + 0.2, "b": np.int64(3), "c": "text", "d": True}
+    values |= {"e": None, "f": float("inf")}
     assert recorded(outputs) == [{}]
     record(**values)
     assert recorded(outputs) == [values]
-
-
-def test_a_recorded_table_has_a_row_for_each_of_its_rows(outputs):
     record(pd.DataFrame({"k": [1, 2]}), a=1)
     record(pd.DataFrame({"k": []}), a=2)
-    assert recorded(outputs) == [{"a": 1, "k": 1}, {"a": 1, "k": 2}, {"a": 2}]
-
-
-def test_what_no_table_can_hold_is_not_recorded():
+    assert recorded(outputs)[1:] == [{"a": 1, "k": 1}, {"a": 1, "k": 2}, {"a": 2}]
     sentence = "is a set; expected a number, text, true or false"
     with pytest.raises(TypeError, match=sentence):
         record(a={1})
@@ -239,17 +211,17 @@ if not mark.exists():
 HANGS = "import time\ntime.sleep(60)"
 
 
-@pytest.mark.parametrize(
-    ("code", "timeout", "reasons"),
-    [
-        (CLASHES, None, ["it records x, which is a parameter's name"]),
-        (DIES, None, ["Kernel died"]),
-        (DIES_ONCE, None, []),
-        (HANGS, 1, ["a cell took longer than 1 s"]),
-    ],
-    ids=["clash", "dies", "dies once", "hangs"],
-)
-def test_runs_that_go_wrong(tmp_path, swept, code, timeout, reasons):
+WRONG = {
+    "clash": (CLASHES, None, ["it records x, which is a parameter's name"]),
+    "dies": (DIES, None, ["Kernel died"]),
+    "dies once": (DIES_ONCE, None, []),
+    "hangs": (HANGS, 1, ["a cell took longer than 1 s"]),
+}
+
+
+@pytest.mark.parametrize("what", WRONG)
+def test_runs_that_go_wrong(tmp_path, swept, what):
+    code, timeout, reasons = WRONG[what]
     notebook = write_notebook(tmp_path / "wrong.ipynb", PARAMETERS, code)
     _, failed = swept(notebook, {"x": 2}, timeout=timeout)
     assert list(failed.values()) == reasons
@@ -338,37 +310,25 @@ def test_stopped_it_leaves_no_kernel_and_goes_on(tmp_path, stop):
 # The command
 
 
-@pytest.fixture
-def start(tmp_path, cluster):
-    """A command line without its grid."""
+def test_the_command_counts_names_draws_and_refuses_before_it_writes(tmp_path, cluster):
     notebook = write_notebook(tmp_path / "draw.ipynb", PARAMETERS, AT_MOST_2, DRAW)
-    scheduler = cluster.scheduler_address
-    return ["sweep", notebook, "--output", tmp_path / "out", "--scheduler", scheduler]
-
-
-def test_the_command_refuses_before_it_writes(tmp_path, start):
+    out = tmp_path / "out"
+    start = ["sweep", notebook, "--output", out]
+    start += ["--scheduler", cluster.scheduler_address]
     refused = run(*start, "-p", "m=1")
-    assert refused.exit_code == 2
     sentence = "profilecal: no parameter named 'm'; there are n, x, seed\n"
-    assert refused.stderr == sentence
-    assert not (tmp_path / "out").exists()
+    assert (refused.exit_code, refused.stderr) == (2, sentence)
+    assert not out.exists()
 
-
-def test_the_command_counts_names_and_draws(tmp_path, start):
     grid = ["-p", "n=1,3", "-p", "x=0.5,2"]
     done = run(*start, *grid, "--plot", "x", "y", "--hue", "n")
     assert done.exit_code == 1
-    assert f"Runs: 2 done, 2 failed: {tmp_path}/out/table.csv" in done.output
+    assert f"Runs: 2 done, 2 failed: {out}/table.csv" in done.output
     assert "FAILED n=3_x=0.5_" in done.output
     assert "AssertionError: too many" in done.output
-    assert (tmp_path / "out" / "y_over_x.png").exists()
+    assert (out / "y_over_x.png").exists()
     assert "Not in it" not in done.output
+    smaller = run(*start, "-p", "n=1", "-p", "x=2", "--plot", "x", "z")
+    assert "no column named 'z'; there are n, x, y, u, status" in smaller.stderr
     smaller = run(*start, "-p", "n=1", "-p", "x=2")
-    assert f"Not in it: 3 runs of other grids, kept in {tmp_path}/out/runs" in (
-        smaller.output
-    )
-
-
-def test_the_command_draws_no_column_that_is_not_there(start):
-    refused = run(*start, "-p", "n=1", "-p", "x=0.5", "--plot", "x", "z")
-    assert "no column named 'z'; there are n, x, y, u, status" in refused.stderr
+    assert f"Not in it: 3 runs of other grids, kept in {out}/runs" in smaller.output

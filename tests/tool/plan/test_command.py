@@ -106,8 +106,7 @@ def test_plan_simulate_calibrate_states_what_was_predicted_and_holds_the_truth(
 
 
 def test_a_plan_is_a_scan_folder_once_measurements_are_in_it(tmp_path):
-    plan = tmp_path / "plan"
-    scan = tmp_path / "scan"
+    plan, scan = tmp_path / "plan", tmp_path / "scan"
     run("plan", spec_in(tmp_path, MANY, PROFILES), plan)
     run("simulate", plan / "simulate.toml", scan)
     assert run("calibrate", plan).exit_code == 2
