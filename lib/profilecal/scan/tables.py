@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from filecmp import cmpfiles
 from io import BytesIO, TextIOWrapper
 from itertools import chain, islice
+from math import isnan
 from pathlib import Path
 from typing import Any
 
@@ -360,20 +361,20 @@ def write_table(path: Path, columns: Mapping[str, Sequence]) -> None:
     """Write a CSV file; numbers to twelve digits, times `t`, which may count from 1970,
     to all; NaN as an empty cell.
     """
-    arrays = {name: np.asarray(values) for name, values in columns.items()}
-    rows = max(map(len, arrays.values()), default=0)
+    cells = [map(exact if name == "t" else cell, columns[name]) for name in columns]
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(columns)
-        for first in range(0, rows, 1000):  # text of all would fill the memory
-            part = slice(first, first + 1000)
-            cells = [cells_of(arrays[name][part], name == "t") for name in arrays]
-            writer.writerows(zip(*cells, strict=True))
+        writer.writerows(zip(*cells, strict=True))
 
 
-def cells_of(values: ndarray, exact: bool) -> list:
-    """A column as `write_table` writes it."""
-    if values.dtype.kind != "f":
-        return values.tolist()
-    written = repr if exact else "{:.12g}".format
-    return ["" if np.isnan(value) else written(value) for value in values.tolist()]
+def cell(value: Any) -> Any:
+    """A value as `write_table` writes it."""
+    if not isinstance(value, float):
+        return value
+    return "" if isnan(value) else f"{value:.12g}"
+
+
+def exact(value: float) -> str:
+    """The same of a time."""
+    return cell(value) and repr(float(value))

@@ -231,12 +231,14 @@ FEW = uneven(GROUP, (9, 2))
 DISK_OPEN = KNOWN | {name: OF_DISK[name][FEW] for name in ("R_tcp", "T_tcp", "chords")}
 R, T, SEEN = scenes.ball_data(default_rng(8), 5, 4)[1]
 OF_BALL = {"R_tcp": R, "T_tcp": T, "q": SEEN}
+TWICE = OF_BALL | {"q": SEEN[[0, 1, 0, *range(3, 9)]]}
 NO_TRANSLATION = {name: values[4:] for name, values in OF_BALL.items()}
 R, T, SEEN = scenes.point_data(default_rng(9))[1]
 OF_POINT = {"R_tcp": R, "T_tcp": T, "q": SEEN[:, ::2]}
 REFUSED = [
     *((solve_edge, OF_EDGE | change, sentence) for change, sentence in EDGE_REFUSED),
     *((solve_disk, OF_DISK | change, sentence) for change, sentence in DISK_REFUSED),
+    (solve_ball, TWICE, r"q\[2\] is q\[0\], .*expected ball centres apart"),
     (solve_ball, NO_TRANSLATION, "translating poses: 1 given, at least 3 needed"),
     (solve_disk, OF_DISK | DISK_OPEN, r"orientation R_tcp\[9\]: 2 given, at least 3"),
 ]

@@ -15,12 +15,14 @@ from profilecal.geometry.fitting import (
 from profilecal.geometry.poses import circle_around, directions
 
 
+def on_circle(angle):
+    return np.column_stack([np.cos(angle), np.sin(angle)])
+
+
 def ellipse_points(rng, count=40):
     """About the middle of an arc of half an ellipse or more."""
     angle = rng.uniform(0, 2 * np.pi) + np.linspace(0, rng.uniform(3.5, 6), count)
-    points = np.column_stack([np.cos(angle), np.sin(angle)]) @ (
-        rng.normal(size=(2, 2)) + 2 * np.eye(2)
-    )
+    points = on_circle(angle) @ (rng.normal(size=(2, 2)) + 2 * np.eye(2))
     return points - points.mean(axis=0)
 
 
@@ -34,10 +36,8 @@ def textbook_ellipse(points):
     values, vectors = np.linalg.eig(np.linalg.solve(design.T @ design, constraint))
     A, B, C, D, E, F = vectors[:, values.real.argmax()].real
     centre = np.linalg.solve([[2 * A, B], [B, 2 * C]], [-D, -E])
-    form = np.array([[A, B / 2], [B / 2, C]]) / -(
-        F + (D * centre[0] + E * centre[1]) / 2
-    )
-    return centre, np.linalg.inv(form)
+    level = F + (D * centre[0] + E * centre[1]) / 2
+    return centre, np.linalg.inv(np.array([[A, B / 2], [B / 2, C]]) / -level)
 
 
 def test_noisy_ellipse_equals_the_textbook_eigenproblem():
@@ -55,27 +55,18 @@ def textbook_taubin(points):
     x, z = points.T
     w = x * x + z * z
     design = np.column_stack([w, x, z, np.ones_like(x)])
-    gradient = np.array(
-        [
-            [4 * w.mean(), 2 * x.mean(), 2 * z.mean(), 0],
-            [2 * x.mean(), 1, 0, 0],
-            [2 * z.mean(), 0, 1, 0],
-            [0, 0, 0, 0],
-        ]
-    )
+    gradient = np.diag([4 * w.mean(), 1, 1, 0])
+    gradient[0, 1:3] = gradient[1:3, 0] = 2 * x.mean(), 2 * z.mean()
     A, B, C, D = scipy.linalg.eigh(gradient, design.T @ design / len(x))[1][:, -1]
-    return np.array(
-        [-B / 2 / A, -C / 2 / A, np.sqrt((B * B + C * C) / (4 * A * A) - D / A)]
-    )
+    centre = np.array([-B, -C]) / 2 / A
+    return np.append(centre, np.sqrt(centre @ centre - D / A))
 
 
 def test_noisy_arcs_equal_the_textbook_eigenproblem():
     rng = default_rng(5)
     angle = np.linspace(0.6, 2.4, 300)
     for sigma in (0.01, 0.1, 1.0):
-        points = 50 * np.column_stack([np.cos(angle), np.sin(angle)]) + rng.normal(
-            0, sigma, (300, 2)
-        )
+        points = 50 * on_circle(angle) + rng.normal(0, sigma, (300, 2))
         assert_allclose(fit_circle(points), textbook_taubin(points), rtol=0, atol=1e-8)
 
 
@@ -87,9 +78,8 @@ def test_points_on_a_sphere_give_it_back_and_those_on_a_circle_the_smallest_one(
     found = fit_sphere(centre[:, None] + radius[:, None, None] * cap)
     assert_allclose(found[0], centre, rtol=0, atol=1e-9)
     assert_allclose(found[1], radius, rtol=0, atol=1e-9)
-    middle, found_radius = fit_sphere(
-        circle_around(centre[0], directions(rng, ()), 30.0)
-    )
+    rim = circle_around(centre[0], directions(rng, ()), 30.0)
+    middle, found_radius = fit_sphere(rim)
     assert_allclose(middle, centre[0], rtol=0, atol=0.1)
     assert found_radius == pytest.approx(30, abs=1e-3)
 
@@ -111,13 +101,10 @@ def test_affine_residuals_are_those_of_the_regression_on_where_the_positions_ext
     dimensions, weighted
 ):
     rng = default_rng(6)
-    positions = (
-        rng.normal(size=(5, 9, dimensions)) @ rng.normal(size=(5, dimensions, 3)) + 1000
-    )
-    values, sd = (
-        rng.normal(size=(5, 9, 2)),
-        rng.uniform(0.1, 3, (5, 9)) if weighted else np.ones((5, 9)),
-    )
+    positions = rng.normal(size=(5, 9, dimensions)) @ rng.normal(size=(dimensions, 3))
+    positions = positions + 1000
+    values = rng.normal(size=(5, 9, 2))
+    sd = rng.uniform(0.1, 3, (5, 9)) ** weighted
     residuals, basis, freedom = affine_residuals(positions, values, 1 / sd)
     assert (freedom == 8 - dimensions).all()
     assert_allclose((basis**2).sum(axis=(1, 2)), 9 - freedom)

@@ -23,9 +23,8 @@ def test_nearest_rotation_is_proper_and_nearer_than_any_other():
     assert_allclose(np.linalg.det(nearest), 1, atol=1e-13)
     others = Rotation.random(500, rng=rng).as_matrix()
     distance = np.linalg.norm(matrices - nearest, axis=(1, 2))
-    assert (
-        distance <= np.linalg.norm(matrices[:, None] - others, axis=(2, 3)).min(axis=1)
-    ).all()
+    of_others = np.linalg.norm(matrices[:, None] - others, axis=(2, 3))
+    assert (distance <= of_others.min(axis=1)).all()
 
 
 def test_angle_between_is_exact_from_tiny_to_half_a_turn():

@@ -18,9 +18,8 @@ from profilecal.scan.conventions import from_rotations, named
 
 SWEEPS = {"sweeps": 3, "profiles": 5, "turn_deg": 8.0}
 RECORDED = {
-    "sweeps of points": ("edge", {"motion": SWEEPS}),
-    "stops and sweeps of arcs": ("ball", {"motion": SWEEPS | {"stops": 4}}),
     "sweeps of profiles": ("plane", {"motion": SWEEPS, "mount": "eye-to-hand"}),
+    "stops and sweeps of arcs": ("ball", {"motion": SWEEPS | {"stops": 4}}),
 }
 
 
@@ -102,9 +101,9 @@ def test_a_log_is_followed_between_its_rows(rate, mm, deg):
     turn = (later[0] - before[0]) @ R.mT / (2 * h)
     assert_allclose(twist[:, 5], turn[:, 1, 0], atol=1e-6)
     # beyond its end it goes on as it went
-    end, beyond = log.at(np.array([t[len(t) // 2 - 1]])), log.at(np.array([4.1]))
-    on = end[1] + end[2][:, :3] * (4.1 - t[len(t) // 2 - 1])
-    assert_allclose(beyond[1], on, atol=1e-9)
+    last = t[len(t) // 2 - 1]
+    _, p, twist = log.at(np.array([last, 4.1]))
+    assert_allclose(p[1], p[0] + twist[0, :3] * (4.1 - last), atol=1e-9)
 
 
 def swapped(table):
@@ -112,21 +111,13 @@ def swapped(table):
     return table.iloc[[1, 0, *range(2, len(table))]]
 
 
-def in_milliseconds(table):
-    return table.assign(t=1000 * table.t)
-
-
-def a_minute_late(table):
-    return table.assign(t=table.t + 60)
-
-
 MISTAKES = {
     "log.csv line 3: t is 0.5, not later than": tabulated("log.csv", swapped),
     "the robot moves by 0.1.* mm/s at most.*in seconds": tabulated(
-        "log.csv", in_milliseconds
+        "log.csv", lambda table: table.assign(t=1000 * table.t)
     ),
     "is 59.3 s from the nearest row of the log.*agree within 0.2 s": tabulated(
-        "points.csv", a_minute_late
+        "points.csv", lambda table: table.assign(t=table.t + 60)
     ),
     "points.csv line 4: pose '', sweep '', t 1.*expected either": edited(
         "points.csv", ",s1,1", ",,1"
