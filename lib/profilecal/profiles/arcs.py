@@ -20,7 +20,6 @@ from profilecal.profiles.points import (
     block_means,
     correlation,
     nothing,
-    present,
     stretches,
     surface,
 )
@@ -108,10 +107,9 @@ def find_arc(
     The curve begins as a circle, its radius at most `largest`, mm, and is refined by
     `fit`; `missing` says that there is none. `why_not` says what speaks against it.
     """
-    seen = np.flatnonzero(present(profile))
-    if len(seen) < LEAST_ARC_POINTS:
-        return nothing(f"{len(seen)} points; an arc needs {LEAST_ARC_POINTS}")
-    rows, limit = surface(profile, seen)
+    if len(profile) < LEAST_ARC_POINTS:
+        return nothing(f"{len(profile)} points; an arc needs {LEAST_ARC_POINTS}")
+    rows, limit = surface(profile)
     if limit == LARGEST_TOLERANCE:
         return nothing("neighbouring points differ too much to be of one surface")
     points = profile[rows]

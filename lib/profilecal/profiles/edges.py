@@ -29,13 +29,12 @@ from profilecal.profiles.points import (
     Profiles,
     block_means,
     nothing,
-    present,
     stretches,
     tolerance,
 )
 from profilecal.profiles.runs import LEAST_POINTS, Run, runs_in_each, straight_runs
 
-# a second candidate with this share of the first one's support leaves the choice open
+# a second candidate with this share of what supports the first leaves the choice open
 AMBIGUOUS = 0.5
 SHAPES = ("corner", "step end", "tip")  # in this order if many profiles show several
 LEAST_SIDE = 10  # points on either side of a corner
@@ -80,7 +79,7 @@ def choose(
     ranked = [sorted(own, key=lambda c: -c.support) for own in candidates]
     angles = np.array([own[0].angle for own in ranked if own])
     if not len(angles):
-        counts = [np.isfinite(profile).all(axis=1).sum() for profile in profiles]
+        counts = map(len, profiles)
         return [nothing(f"nothing like the target in {n} points") for n in counts]
     usual = np.median(angles)
     spread = 6 * np.median(np.abs(angles - usual)) if len(angles) >= 5 else np.inf
@@ -133,7 +132,7 @@ def find_edges(profiles: Profiles) -> list[Feature]:
     shown_by = Counter(look for own in candidates for look in {c.look for c in own})
     look = usual_look(candidates, shown_by, view.away)
     other_end = Look(look.shape, -look.side)
-    if look.shape == "step end" and shown_by[other_end] > 0.8 * shown_by[look]:
+    if look.shape == "step end" and shown_by[other_end] > AMBIGUOUS * shown_by[look]:
         side_face = look_of_side_faces(candidates, view.away)
         if side_face is None:
             reason = (
@@ -216,7 +215,7 @@ def why_missed(profile: ndarray, runs: list[Run], shape: str) -> str:
     """What keeps a profile from showing a shape; of a corner, as far as its straight
     runs tell.
     """
-    if not present(profile).any():
+    if not len(profile):
         return "nothing in this profile"
     if shape == "corner":
         if any(form_corner(*pair) for pair in pairwise(runs)):
@@ -290,14 +289,13 @@ def tips(profile: ndarray, runs: list[Run], view: View) -> Iterator[Candidate]:
     """Narrow tips in front of a background or of nothing: a blade that points at the
     scanner.
     """
-    seen = present(profile)
-    noise = tolerance(profile[seen, 1]) / NOISE_LIMIT
-    free = seen.copy()
+    noise = tolerance(profile[:, 1]) / NOISE_LIMIT
+    free = np.ones(len(profile), dtype=bool)
     for run in facing(runs):
         free[run.rows] = False
     for cluster in stretches(np.flatnonzero(free), 3):
         for away in [view.away] if view.away else (1, -1):
-            top = top_of(profile, seen, cluster, away)
+            top = top_of(profile, view, cluster, away)
             if not len(top):
                 continue
             points = profile[top]
@@ -310,7 +308,7 @@ def tips(profile: ndarray, runs: list[Run], view: View) -> Iterator[Candidate]:
             yield Candidate(feature, -away, 1.0)
 
 
-def top_of(profile: ndarray, seen: ndarray, cluster: ndarray, away: int) -> ndarray:
+def top_of(profile: ndarray, view: View, cluster: ndarray, away: int) -> ndarray:
     """The rows of a cluster's top BLUNT if they are narrow and what surrounds the
     cluster lies behind them; else none.
     """
@@ -324,12 +322,13 @@ def top_of(profile: ndarray, seen: ndarray, cluster: ndarray, away: int) -> ndar
     if len(top) < 3 or np.ptp(profile[top, 0]) > NEAR:
         return none
     first, last = top[0], top[-1]
-    if first < ZONE or last + ZONE >= len(profile):
-        return none
-    for start in (first - ZONE, last + 1):
-        around = slice(start, start + ZONE)
-        surroundings = depth[around][seen[around]]
-        if len(surroundings) and np.median(surroundings) < nearest + BLUNT:
+    for end, beside in (
+        (first, depth[max(first - ZONE, 0) : first]),
+        (last, depth[last + 1 : last + 1 + ZONE]),
+    ):
+        if len(beside) < 3 and view.may_cut(profile[end]):
+            return none
+        if len(beside) and np.median(beside) < nearest + BLUNT:
             return none
     return top
 
@@ -391,8 +390,7 @@ def faces(profile: ndarray) -> list[Run]:
     Neighbouring points then err alike, which makes the covariance of a face larger.
     """
     uneven = 1.0  # mm
-    seen = present(profile)
-    limit = tolerance(profile[seen, 1])
+    limit = tolerance(profile[:, 1])
     return [
         Run.through(profile, rows, run.limit)
         for run in straight_runs(profile, uneven)

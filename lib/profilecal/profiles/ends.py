@@ -7,54 +7,68 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy import ndarray
+from scipy.spatial import ConvexHull, QhullError
 
-from profilecal.profiles.points import present
-from profilecal.profiles.runs import Run
+from profilecal.profiles.runs import LARGEST_GAP, Run
 
-# mm beyond a run where the scanner looked and saw nothing: the run ends there
-CLEAR = 5.0
+CLEAR = 5.0  # mm by which a run ends inside of the field of view, or is behind another
 # mm of a corner or a blade that rounding and the laser spot spoil; what is farther off
 # a line is a step
 BLUNT = 0.5
 ZONE = 12  # points at a step among which the scanner may see both of its sides
+ANYWHERE = np.array([[0.0, 0.0, 1.0]])  # a border that is near all points
 ON_FACE = 3.5  # standard deviations from a run's line
 
 
 @dataclass(frozen=True)
 class View:
-    """Where what a scanner sees ends, and which way is away from it."""
+    """Where what a scanner sees may end, and which way is away from it.
 
-    points: ndarray  # (k, 2) mm, the ends of all straight runs
+    Borders are lines, a field of view being convex: sides of the convex hull of all
+    that a scan shows, near which many of its runs end. A few ends are on a line by
+    chance.
+    """
+
+    borders: ndarray  # (b, 3) lines n·p + d = 0, the unit normal n outwards
     # sign of z that points away from the scanner, told by its standoff; 0: not known
     away: int
 
     @staticmethod
     def from_runs(runs_by_profile: Iterable[list[Run]]) -> "View":
         """What each profile's straight runs tell; spikes could be anywhere."""
-        ends = [
+        shown = [
             np.concatenate([run.points[[0, -1]] for run in runs])
             for runs in runs_by_profile
             if runs
         ]
-        if not ends:
-            return View(np.zeros((0, 2)), 0)
-        points = np.concatenate(ends)
-        z = points[:, 1]
-        usual_depth = np.median([np.ptp(own[:, 1]) for own in ends])
+        if not shown:
+            return View(ANYWHERE, 0)
+        z = np.concatenate(shown)[:, 1]
+        usual_depth = np.median([np.ptp(own[:, 1]) for own in shown])
         side = int(np.sign(z[0]))
         is_far = (side * z > usual_depth / 2).all()
-        return View(points, side if is_far else 0)
+        return View(borders_of(shown), side if is_far else 0)
 
-    def reaches_beyond(self, run: Run) -> bool:
-        """Whether some profile has a point clearly farther out along x than a run's
-        last point, at about its depth or nearer.
-        """
-        end = run.points[-1]
-        deeper = self.points[:, 1] - end[1]
-        # the view widens with depth
-        alike = self.away * deeper < CLEAR if self.away else np.abs(deeper) < CLEAR
-        outwards = (self.points[:, 0] - end[0]) * np.sign(run.direction[0])
-        return bool((alike & (outwards > CLEAR)).any())
+    def may_cut(self, point: ndarray) -> bool:
+        """Whether the field of view may end at a point (2,)."""
+        return bool((self.borders @ [*point, 1] > -CLEAR).any())
+
+
+def borders_of(shown: list[ndarray]) -> ndarray:
+    """The lines (b, 3) at which the field of view may end, from where the runs of each
+    profile end, (k, 2).
+
+    In fewer than ten profiles a border need not show; any side of the hull may be one.
+    """
+    ends = np.concatenate(shown)
+    try:
+        sides = ConvexHull(ends).equations
+    except (QhullError, ValueError):  # all on one line
+        return ANYWHERE
+    if len(shown) < 10:
+        return sides
+    near = ends @ sides[:, :2].T + sides[:, 2] > -BLUNT
+    return sides[near.sum(axis=0) > 2 + len(shown) / 10]
 
 
 @dataclass(frozen=True)
@@ -80,15 +94,12 @@ def step_beyond(run: Run, view: View) -> int | None:
     """What follows a run's last point.
 
     After a step it is the sign of the change of z. It is 0 where nothing follows
-    although the scanner looked, as missing points there or other profiles tell; None if
-    that is unclear.
+    although the scanner looked; None if that is unclear.
     """
     beyond = run.profile[run.rows[-1] + 1 :]
-    seen = beyond[present(beyond)]
-    if len(seen) >= 3:
-        return step_to(seen, run)
-    missing = (len(beyond) - len(seen)) * run.spacing
-    return 0 if missing > CLEAR or view.reaches_beyond(run) else None
+    if len(beyond) >= 3:
+        return step_to(beyond, run)
+    return None if view.may_cut(run.points[-1]) else 0
 
 
 def step_to(points: ndarray, run: Run) -> int | None:
@@ -114,37 +125,38 @@ def run_end(run: Run) -> End:
     """Where a run ends on its line, near its last point.
 
     The laser spot and the pixels blur a step over a few rows, each of which shows one
-    side of it or the other. The last row that shows the run lies outside by about half
-    of what the scanner resolves. How many of the rows show it has no such bias, so
-    points are counted:
+    side of it or the other. The last point that shows the run lies outside by about
+    half of what the scanner resolves. How many points show it has no such bias, so they
+    are counted:
 
-    1. The face is the run's points within a threshold of its line. Its last row is L.
-    2. Of the Z rows up to L and the Z rows after it, N show points within the
-       threshold. Were they the first N, without gaps, the last of them would be row
-       L - Z + N, and the face would end half a row later, at L - Z + N + 1/2.
-    3. A side wall that the scanner sees adds points to N. It crosses the line at a
+    1. The face is the run's points within a threshold of its line, numbered one by one;
+       only a long gap between them counts by its length.
+    2. A line through points before the last ones, along = place + spacing · number,
+       says where the face would end half a point after its last one.
+    3. A side wall that the scanner sees adds points. It crosses the run's line at a
        steady pace: as many are within one threshold as between one and two, which are
-       counted, M. The face ends M rows earlier: E = L - Z + N - M + 1/2.
-    4. The place of row E on the line, and the spacing of rows there, are those of a
-       straight line through the face's last points: along = place + spacing (row - E).
-       The points of a wall stay out of it, since a wall has no length along the line.
+       counted, M. The face ends M points earlier. A wall has no length along the line.
     """
+    blurred = 4  # points at the end
     threshold = ON_FACE * np.sqrt(np.mean(run.off**2))
     on_face = np.abs(run.off) <= threshold
     rows, along = run.rows[on_face], run.along[on_face]
-    last = rows[-1]
+    steps = np.diff(along)
+    usual = steps[steps <= LARGEST_GAP * abs(steps.mean())].mean()
+    steps = steps / max(usual, 1e-3)
+    is_gap = steps > LARGEST_GAP
+    numbers = np.cumsum([0, *np.where(is_gap, steps.round(), 1)])
 
     zone = min(ZONE, len(rows) // 2)
-    first = last - zone + 1
-    off = np.abs(run.coordinates(run.profile[first : last + 1 + zone])[1])
-    within = (off <= threshold).sum()  # false for NaN
-    wall = (off <= 2 * threshold).sum() - within
-    end = last - zone + within - wall + 0.5
-    overlaps = (np.diff(rows[rows >= first]) > 1).sum()
+    is_missing = (np.diff(rows) > 1) | (steps > 1 + 5 * steps[~is_gap].std())
+    overlaps = is_missing[1 - zone :].sum()
+    off = np.abs(run.coordinates(run.profile[rows[-zone] : rows[-1] + 1 + zone])[1])
+    wall = ((threshold < off) & (off <= 2 * threshold)).sum()
+    end = numbers[-1] - wall + 0.5
 
-    walled = min(2 * wall, len(rows) // 2)
-    near = slice(-2 * ZONE - 2 * wall, len(rows) - walled)
-    line, covariance = np.polyfit(rows[near] - end, along[near], 1, cov=True)
+    last = len(rows) - min(max(blurred, 2 * wall), len(rows) // 2)
+    before = slice(max(last - 2 * ZONE, 0), last)
+    line, covariance = np.polyfit(numbers[before] - end, along[before], 1, cov=True)
     spacing, place = max(line[0], 1e-3), line[1]
     tip = run.point + place * run.direction
     variance = covariance[1, 1] / spacing**2
@@ -157,8 +169,7 @@ def end_variance(ends: list[End]) -> float:
 
     Samples that come from anywhere within k spacings of their rays leave a number of
     points on a run that has the variance k/6 (k ≥ 1). The two sides of a step then
-    alternate (k - 1)³ / 6k² times on average, which tells k. (Only scanners that keep
-    the rows of missing points show all overlaps.)
+    alternate (k - 1)³ / 6k² times on average, which tells k.
 
     Where M points of a side wall were taken off, the end is at 2 N - N', with N and
     N' = N + M points within one and two thresholds. If M is small, the same samples

@@ -2,8 +2,8 @@
 profile shows of the target: a point, a chord, an arc or a line, or why there is none.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy import ndarray
@@ -42,6 +42,25 @@ def present(profile: ndarray) -> ndarray:
     return finite & ~zero
 
 
+def in_order(profile: ndarray) -> ndarray:
+    """The rows (k,) of a profile (n, 2) that the scanner saw, with x rising.
+
+    Steep faces, and steps seen at an angle, make x fold back: it then jumps back while
+    it rises nearly everywhere. There the rows stay in scan order, which sorting would
+    mix up.
+    """
+    jump = 4.0  # times the usual step
+    rows = np.flatnonzero(present(profile))
+    x = profile[rows, 0]
+    steps = np.diff(x)
+    if (steps < 0).sum() > (steps > 0).sum():
+        rows, x, steps = rows[::-1], x[::-1], -steps[::-1]
+    is_rising = 4 * (steps < 0).sum() < len(steps)
+    if is_rising and steps.min() < -jump * np.median(np.abs(steps)):
+        return rows
+    return rows[np.argsort(x, kind="stable")]
+
+
 def tolerance(z: ndarray) -> float:
     """How far points are from a smooth outline by chance at most, mm.
 
@@ -56,21 +75,20 @@ def tolerance(z: ndarray) -> float:
     return float(np.clip(NOISE_LIMIT * sigma, LEAST_TOLERANCE, LARGEST_TOLERANCE))
 
 
-def surface(profile: ndarray, seen: ndarray) -> tuple[ndarray, float]:
-    """The rows (k,) that are no spikes, of those `seen` (m,) in a profile (n, 2).
+def surface(profile: ndarray) -> tuple[ndarray, float]:
+    """The rows (k,) of a profile (n, 2) that are no spikes.
 
     Beside them the tolerance of the surface, mm. There are no rows where neighbours
     differ too much to be of one surface.
     """
-    z = profile[seen, 1]
+    z = profile[:, 1]
     limit = tolerance(z)
     if limit == LARGEST_TOLERANCE:
-        return seen[:0], limit
+        return np.arange(0), limit
     if len(z) < 7:
-        return seen, limit
+        return np.arange(len(z)), limit
     outline = median_filter(z, 7, mode="nearest")
-    spikes = np.abs(z - outline) > 5 * limit  # far beyond noise
-    return seen[~spikes], limit
+    return np.flatnonzero(np.abs(z - outline) <= 5 * limit), limit  # far beyond noise
 
 
 def stretches(rows: ndarray, gap: int) -> list[ndarray]:
@@ -120,6 +138,24 @@ def nothing(reason: str) -> Feature:
     """The feature of a profile that does not show the target."""
     none = np.zeros(0, dtype=int)
     return Feature(np.zeros((0, 2)), np.zeros((0, 2, 2)), none, reason=reason)
+
+
+def find(
+    finder: Callable[..., list[Feature]], profiles: Profiles, sizes: Sequence[float]
+) -> list[Feature]:
+    """What a finder makes of raw profiles (n, 2), of which it gets the points that the
+    scanner saw, in order, alone.
+
+    Whether a scanner's software keeps the rows of missing points, and how it sorts,
+    then makes no difference.
+    """
+    rows = [in_order(profile) for profile in profiles]
+    seen = [profile[own] for profile, own in zip(profiles, rows, strict=True)]
+    features = finder(seen, *sizes)
+    return [
+        replace(feature, used=np.sort(own[feature.used]))
+        for feature, own in zip(features, rows, strict=True)
+    ]
 
 
 def block_means(

@@ -14,12 +14,12 @@ from profilecal.profiles.points import (
     FOLLOWS,
     Profiles,
     correlation,
-    present,
     stretches,
     surface,
 )
 
 LEAST_POINTS = 6  # of a piece that is worth merging
+LARGEST_GAP = 8  # steps from one point of a run to the next, at which it goes on
 
 
 @dataclass(frozen=True)
@@ -79,8 +79,7 @@ class Run:
     @property
     def spacing(self) -> float:
         """Between neighbouring points, mm."""
-        rows = self.rows - self.rows.mean()
-        return float(abs((rows * self.along).sum() / (rows**2).sum()))
+        return self.length / (len(self.rows) - 1)
 
     def offset_covariance(self, places: ndarray) -> ndarray:
         """Of how far the line is off its true place, at m places (m, 2) on it, (m, m)
@@ -109,13 +108,12 @@ def straight_runs(profile: ndarray, uneven: float = 0.0) -> list[Run]:
     """The straight runs of a profile (n, 2), in scan order, whose points are off their
     lines by chance, or by `uneven` mm if that is more.
     """
-    seen = np.flatnonzero(present(profile))
-    rows, limit = surface(profile, seen)
+    rows, limit = surface(profile)
     limit = max(limit, uneven)
     points = profile.take(rows, axis=0)
     pieces = merge(split(points, limit), points, limit)
-    runs = [run_through(profile, seen, rows[piece], limit) for piece in pieces]
-    return distinct([run for run in runs if is_run(run, seen)])
+    runs = [run_through(profile, rows[piece], limit) for piece in pieces]
+    return distinct([run for run in runs if is_run(run)])
 
 
 def split(points: ndarray, limit: float) -> list[ndarray]:
@@ -165,35 +163,29 @@ def merge(pieces: list[ndarray], points: ndarray, limit: float) -> list[ndarray]
     return pieces
 
 
-def run_through(profile: ndarray, seen: ndarray, rows: ndarray, limit: float) -> Run:
-    """The run of a piece, its line refitted to the points near it.
-
-    These are the points between the ends of the piece, and on from there. `seen` (m,)
-    are the rows of the profile that the scanner saw, `rows` (k,) those of the piece.
+def run_through(profile: ndarray, rows: ndarray, limit: float) -> Run:
+    """The run of a piece, rows (k,) of a profile, its line refitted to the points near
+    it: those between the ends of the piece, and on from there.
     """
-    largest_gap = 8  # rows from one point on a line to the next: it goes on
-    points = profile.take(seen, axis=0)
     for _ in range(2):
-        off = Run.through(profile, rows, limit).coordinates(points)[1]
+        off = Run.through(profile, rows, limit).coordinates(profile)[1]
         on_line = np.abs(off) <= limit
-        first, last = np.searchsorted(seen, rows[[0, -1]])
         near = on_line.copy()
-        near[first : last + 1] = True
-        parts = stretches(np.flatnonzero(near), largest_gap)
+        near[rows[0] : rows[-1] + 1] = True
+        parts = stretches(np.flatnonzero(near), LARGEST_GAP)
         # the part that holds the piece
-        part = next(part for part in parts if part[-1] >= last)
+        part = next(part for part in parts if part[-1] >= rows[-1])
         kept = part[on_line[part]]
         if len(kept) < 3:
             break
-        rows = seen[kept]
+        rows = kept
     return Run.through(profile, rows, limit)
 
 
-def is_run(run: Run, seen: ndarray) -> bool:
+def is_run(run: Run) -> bool:
     """Whether a run is long enough and holds most of what is seen between its ends."""
     shortest = 1.5  # mm of a run
-    first, last = np.searchsorted(seen, run.rows[[0, -1]])
-    between = last - first + 1
+    between = run.rows[-1] - run.rows[0] + 1
     return len(run.rows) >= max(LEAST_POINTS, between / 2) and run.length >= shortest
 
 

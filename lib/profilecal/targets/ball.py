@@ -43,7 +43,7 @@ class Ball(Round):
     turns = ""
     half_arc_deg = 50.0
     tables = ("profiles", "arcs")
-    find = staticmethod(find_balls)
+    finder = staticmethod(find_balls)
     groups = 10
     positions = 4
     sizes = (25.0,)

@@ -49,7 +49,7 @@ class Disk(Target):
     rows = 2
     fit_is_best = False
     tables = ("profiles", "chords")
-    find = staticmethod(find_chords)
+    finder = staticmethod(find_chords)
     groups = 4
     positions = 40
     sizes = (50.0,)

@@ -79,7 +79,7 @@ class Edge(Target):
     rows = 2
     affine = True
     tables = ("profiles", "points")
-    find = staticmethod(find_edges)
+    finder = staticmethod(find_edges)
     beside_mm = 6.0
     groups = 25
     positions = 10

@@ -47,7 +47,7 @@ class Plane(Target):
     shifts = "z"
     turns = "xy"
     rows = 1
-    find = staticmethod(find_lines)
+    finder = staticmethod(find_lines)
     groups = 12
     positions = 3
 

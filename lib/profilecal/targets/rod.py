@@ -47,7 +47,7 @@ class Rod(Round):
     shifts = "xy"
     turns = "xy"
     half_arc_deg = 60.0
-    find = staticmethod(find_rods)
+    finder = staticmethod(find_rods)
     groups = 15
     positions = 4
     sizes = (15.0,)

@@ -14,9 +14,9 @@ To add one:
    fit. Each is a line of the class.
 3. Write the methods that every target has: `residual`, `residual_in_space`, `fit` and
    `lines`; its own `distance` where `residual_in_space` has another.
-4. If it shows in raw profiles, write its `outline`, and `find`, which may be a function
-   of `profiles` or stand in the same file. If a folder may hold what was measured of it
-   instead, write `meet`; if not, `points_seen`.
+4. If it shows in raw profiles, write its `outline`, and its `finder`, which may be a
+   function of `profiles` or stand in the same file. If a folder may hold what was
+   measured of it instead, write `meet`; if not, `points_seen`.
 5. Name it in `TARGETS` of `targets/__init__.py`.
 6. Test it: `tests/library/targets/test_contract.py` runs every registered target
    through what the library asks of it.
@@ -34,7 +34,7 @@ from numpy import ndarray
 
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import Frames, directions, frame_around
-from profilecal.profiles.points import Feature
+from profilecal.profiles.points import Feature, Profiles, find
 
 # of vectors in the sensor frame x, y and z, each an array (batch, 1 or points, poses)
 Components = Sequence[ndarray]
@@ -182,12 +182,17 @@ class Target:
 
     # what a folder may hold (`scan.folder.MEASURED`); the last is what is simulated
     tables: tuple[str, ...] = ("profiles",)
-    # its finder: from the profiles (n, 2) of a scan, mm, and its lengths; what most of
-    # them show clearly settles which of several candidates the others show. None if it
-    # leaves no trace
-    find: Callable[..., list[Feature]]
+    # its finder: from the points (n, 2) that a scan's profiles show, mm, in order, and
+    # its lengths; what most of them show clearly settles which of several candidates
+    # the others show. A target that leaves no trace has none
+    finder: Callable[..., list[Feature]]
     # mm around a point of it that a raw profile must show
     beside_mm = 0.0
+
+    @classmethod
+    def find(cls, profiles: Profiles, *sizes: float) -> list[Feature]:
+        """What each raw profile (n, 2) shows of a target with these lengths, mm."""
+        return find(cls.finder, profiles, sizes)
 
     def meet(self, rotation: ndarray, origin: ndarray) -> ndarray:
         """Where scan planes, sensor frames (..., 3, 3), (..., 3), meet it: (..., k), as

@@ -50,7 +50,21 @@ def test_a_bevel_is_no_side_wall(bevel_deg, wide):
             assert np.abs(np.abs(feature.points[:, 0]) - 25).max() < 0.5
 
 
-def test_a_profile_recorded_forth_and_back_is_no_disk():
-    forth = disks(default_rng(1))[0][:6]
-    both = [np.concatenate([profile, profile[::-1]]) for profile in forth]
-    assert share_found(features_of("disk", both)) == 0
+def test_chords_in_front_of_nothing_end_where_the_view_does_not():
+    """Of twelve that are whole, as many reach to the left or right of all that is seen;
+    six more run out of view.
+    """
+    rng = default_rng(8)
+    aside = rng.uniform(-15, 15, 12)
+    whole = [disks(rng, 1, background=None, aside=x)[0][0] for x in aside]
+    cut = disks(rng, 6, background=None, aside=60.0)[0]
+    seen = [profile[np.isfinite(profile).all(axis=1)] for profile in [*whole, *cut]]
+    assert share_found(features_of("disk", seen[:12])) == 1
+    features = features_of("disk", seen)
+    assert share_found(features[:12]) == 1
+    assert share_found(features[12:]) == 0
+
+
+def test_few_chords_do_not_show_where_the_view_ends():
+    profiles = disks(default_rng(8), 3, background=None)[0]
+    assert share_found(features_of("disk", profiles)) < 1

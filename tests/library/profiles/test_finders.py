@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from finding import features_of, share_found
 from numpy.random import default_rng
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 from raw_profiles import balls, disks, edges, planes, rods, spoil, tables
 
 KINDS = ["edge", "disk", "ball", "plane", "rod"]
@@ -70,21 +70,53 @@ def test_a_target_outside_the_view_is_not_found_among_profiles_that_show_it(kind
 VIEWS = {
     "height for depth": (lambda p: p * [1, -1], lambda p: p * [1, -1]),
     "right for left": (lambda p: p * [-1, 1], lambda p: (p * [-1, 1])[:, ::-1]),
-    "last point first": (lambda p: p[:, ::-1], lambda p: p),
 }
 
 
 @pytest.mark.parametrize("view", VIEWS)
 @pytest.mark.parametrize(("kind", "make"), [("edge", bars), ("disk", disks)])
 def test_it_does_not_matter_how_the_scanner_counts(kind, make, view):
-    """Orders and signs change the arithmetic's rounding only, which may move a point
-    over a threshold: 1e-9 mm.
+    """Signs change the arithmetic's rounding only, which may move a point over a
+    threshold: 1e-9 mm.
     """
     change, change_points = VIEWS[view]
     profiles = make(default_rng(6))[0][:50]
     points = np.array([f.points for f in features_of(kind, profiles)])
     changed = np.array([f.points for f in features_of(kind, change(profiles))])
     assert_allclose(changed, change_points(points), atol=1e-9)
+
+
+# what software may do to a profile's rows; no two of them have the same x
+WRITTEN = {
+    "missing points left out": lambda p, _: p[np.isfinite(p).all(axis=1)],
+    "zeros for missing points": lambda p, _: np.nan_to_num(p),
+    "last point first": lambda p, _: p[::-1],
+    "shuffled": lambda p, rng: rng.permutation(p),
+}
+IN_FRONT_OF_NOTHING = {
+    "edge": lambda rng: edges("parallel bar", rng, groups=2)[0],
+    "disk": lambda rng: disks(rng, 20, background=None)[0],
+    "ball": lambda rng: balls(rng, 20, background=500.0)[0],
+    "plane": lambda rng: tables(rng, 20),
+    "rod": lambda rng: rods(rng, 20, background=None)[0],
+}
+
+
+@pytest.mark.parametrize("way", WRITTEN)
+@pytest.mark.parametrize("kind", KINDS)
+def test_it_does_not_matter_how_a_file_is_written(kind, way):
+    rng = default_rng(6)
+    profiles = IN_FRONT_OF_NOTHING[kind](rng)
+    profiles = profiles + rng.uniform(-0.05, 0.05, profiles.shape)
+    written = [WRITTEN[way](profile, rng) for profile in profiles]
+    found = features_of(kind, profiles), features_of(kind, written)
+    assert share_found(found[0]) >= 0.95
+    for profile, rows, *pair in zip(profiles, written, *found, strict=True):
+        first, second = pair
+        assert first.reason == second.reason
+        assert_allclose(first.points, second.points, atol=1e-9)
+        used = np.sort(profile[first.used], axis=0)
+        assert_array_equal(np.sort(rows[second.used], axis=0), used)
 
 
 NOTHING = {

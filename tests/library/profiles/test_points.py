@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 from numpy.random import default_rng
+from numpy.testing import assert_array_equal
 
-from profilecal.profiles.points import correlation, present
+from profilecal.profiles.points import correlation, in_order, present
 
 
 def present_at(depths):
@@ -17,6 +18,27 @@ def test_zeros_are_missing_points_except_among_depths_near_zero():
     assert present_at([9, 9, 0, 0]) == [True, True, False, False]
     assert present_at([0.2, 0, -0.1, 0, 0.1]) == [True] * 5
     assert present_at([0.2, 0, np.nan]) == [True, True, False]
+
+
+X = np.arange(30.0)
+FOLDED = np.concatenate([X, X[10:]])
+
+
+@pytest.mark.parametrize(
+    ("x", "rows"),
+    [
+        (X[::-1], range(29, -1, -1)),
+        (7 * X % 30, np.argsort(7 * X % 30)),
+        (X + 1.5 * (np.arange(30) % 9 == 4), np.argsort(X + 1.5 * (X % 9 == 4))),
+        (FOLDED, range(50)),
+        (FOLDED[::-1], range(49, -1, -1)),
+        (FOLDED[::-7], np.argsort(FOLDED[::-7])),
+        (np.where(X == 3, np.nan, X), [row for row in range(30) if row != 3]),
+    ],
+    ids=["back", "mixed", "noisy", "folded", "folded back", "few", "missing"],
+)
+def test_points_are_in_the_order_of_x_but_where_it_folds_back(x, rows):
+    assert_array_equal(in_order(np.column_stack([x, 100 + x])), rows)
 
 
 def test_correlation_enlarges_variances_of_means():

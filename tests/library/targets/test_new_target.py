@@ -105,7 +105,7 @@ class Groove(Target):
         return np.stack([edge.meet(rotation, origin) for edge in chain], axis=-2)
 
     @staticmethod
-    def find(profiles, width, depth):
+    def finder(profiles, width, depth):
         return [find_groove(profile) for profile in profiles]
 
 
