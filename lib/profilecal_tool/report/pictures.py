@@ -11,6 +11,7 @@ from mpl_toolkits.mplot3d import Axes3D
 from numpy import ndarray
 
 from profilecal.calibration.calibration import Calibration
+from profilecal.calibration.points import points_seen
 from profilecal.geometry.observability import WEAK, name_direction, size_direction
 from profilecal.geometry.poses import in_base
 from profilecal.profiles.points import Feature
@@ -244,6 +245,80 @@ def draw_residuals(
     inside = np.count_nonzero((size <= limit) & ~bad)
     title = f"chance explains {inside} of {len(seen)} residuals{words}"
     axes.set_title(f"{scan.title or scan.kind}:\n{title}")
+
+
+# against what residuals are drawn, and what a pattern there means
+PATTERNS = {
+    "x [mm]": "bow: a bent line, a radius; slope: x's scale",
+    "z [mm]": "slope: z's scale",
+    "order": "slope: a drift; step: something moved",
+    "orientation": "scatter: the robot, or wrong pairs",
+}
+
+
+def plot_patterns(found: Calibration) -> plt.Figure:
+    """Residuals against all that faults depend on, each with the fault that a pattern
+    there means.
+    """
+    figure, places = panels(2, 2, 2.2, "A line that is not flat is a pattern")
+    draw_patterns(places, found)
+    for axes, means in zip(places, PATTERNS.values(), strict=True):
+        axes.set_title(means, fontsize=8)
+    return figure
+
+
+def draw_patterns(places: Sequence[Axes], found: Calibration) -> None:
+    """Draw how far the points kept are off in z, each of eight parts with its mean,
+    over x, z, order and orientation.
+    """
+    along = [np.concatenate(parts) for parts in zip(*offsets(found), strict=True)]
+    *over, off = along
+    limits = off.mean() + 3 * off.std() * np.array([-1, 1])
+    step, _ = thinned(len(off), 1500)
+    for axes, name, values in zip(places, PATTERNS, over, strict=True):
+        axes.plot(values[::step], off[::step], ".", ms=1.5, color="0.75")
+        ends = np.linspace(values.min(), values.max() + 1e-9, 9)
+        part = np.digitize(values, ends) - 1
+        count = np.maximum(np.bincount(part, minlength=8), 1)
+        mean = np.bincount(part, off, minlength=8) / count
+        few = np.bincount(part, minlength=8) > 0
+        axes.plot(((ends[1:] + ends[:-1]) / 2)[few], mean[few], "o-", ms=3, color=RED)
+        axes.set(xlabel=name, ylim=limits)
+    places[0].set_ylabel("off in z [mm]")
+
+
+def offsets(found: Calibration) -> Iterator[tuple[ndarray, ...]]:
+    """Of each scan's points kept: x, z, number of the profile, number of the
+    orientation, and how far they are off the target in z, all (n,).
+    """
+    solution = found.solution
+    terms, groups = solution.problem.terms, solution.problem.groups.group
+    state = solution.state
+    numbers = solution.problem.split(np.arange(len(groups)))
+    for parts in zip(terms, state.placements, numbers, solution.kept, strict=True):
+        term, placement, number, kept = parts
+        on_target = term.on_target(term.linearise(state, placement)).seen
+        chosen = term.present[0] & kept
+        x, z = term.seen[:, 0, chosen]
+        pose = np.broadcast_to(number, chosen.shape)[chosen]
+        yield x, z, pose, groups[pose], z - on_target[1, 0, chosen]
+
+
+def plot_points(found: Calibration) -> plt.Figure:
+    """How well points are known over the scanner's field of view, around those seen."""
+    seen = points_seen(found.solution)
+    middle, size = (seen.max(1) + seen.min(1)) / 2, 0.75 * np.ptp(seen, axis=1)
+    x, z = (m + s * np.linspace(-1, 1, 40) for m, s in zip(middle, size, strict=True))
+    sd = np.linalg.norm(found.point_sd_mm(*np.meshgrid(x, z)), axis=-1)
+    title = f"A point in the {found.frame} frame is known to … mm"
+    figure, (axes,) = panels(1, 1, 4.0, title)
+    lines = axes.contour(x, z, sd, colors=BLUE, linewidths=1)
+    axes.clabel(lines, fmt="%.3g", fontsize=8)
+    step, _ = thinned(seen.shape[1], 2000)
+    axes.plot(*seen[:, ::step], ".", ms=1.5, color="0.6", label="seen")
+    axes.set(xlabel="x [mm]", ylabel="z [mm]", ylim=(z[-1], z[0]))
+    key(figure, axes)
+    return figure
 
 
 def plot_directions(found: Calibration) -> plt.Figure:

@@ -1,0 +1,64 @@
+"""Scans that are simulated from an answer say whether its uncertainty holds here."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+from simulated import calibration_of, scan_of
+
+import profilecal as pc
+
+ERRING = {"profile_mm": 0.05, "position_mm": 0.05, "orientation_deg": 0.02}
+PLANS = {
+    "edge": {"groups": 12, "positions": 5, "measured": "profiles"},
+    "ball": {"groups": 10, "positions": 3},
+    "disk": {"groups": 8, "positions": 4},
+    "plane": {"groups": 10, "positions": 2},
+    "point": {"groups": 10, "positions": 3},
+    "rod": {"groups": 12, "positions": 2},
+}
+
+
+@pytest.mark.parametrize("mount", ["eye-in-hand", "eye-to-hand"])
+@pytest.mark.parametrize("kind", PLANS)
+def test_what_is_as_the_model_has_it_is_believed(kind, mount):
+    found = calibration_of(kind, seed=2, noise=ERRING, mount=mount, **PLANS[kind])
+    test = pc.self_test(found, 12, seed=5)
+    assert test.as_expected
+    assert len(test.squares) == 12
+    assert "the stated uncertainty can be believed, but" in test.sentence
+
+
+def bent(scan):
+    values = [rows + [0, 0.5] * (rows[:, :1] / 50) ** 2 for rows in scan.values]
+    return replace(scan, values=tuple(values), noise={})
+
+
+def scaled(scan):
+    return replace(scan, p_base_flange=1.01 * scan.p_base_flange, noise={})
+
+
+@pytest.mark.parametrize("change", [bent, scaled])
+@pytest.mark.parametrize("kind", ["edge", "plane"])
+def test_a_fault_that_the_model_does_not_have_is_named(kind, change):
+    found = pc.calibrate(change(scan_of(kind, seed=3, noise=ERRING, **PLANS[kind])))
+    test = pc.self_test(found, 20)
+    word = "bent by +0.5" if kind == "plane" else "bent by +"
+    assert (word if change is bent else "too far apart by") in test.strange[0]
+    assert f"do not look like theirs, but as if {test.strange[0]}" in test.sentence
+
+
+def test_a_self_test_is_the_same_again_and_refuses_too_few():
+    found = calibration_of("ball", seed=2, noise=ERRING, **PLANS["ball"])
+    one, other = (pc.self_test(found, 10, seed=4).squares for _ in range(2))
+    assert_array_equal(one, other)
+    with pytest.raises(ValueError, match="count is 9; expected 10 or more"):
+        pc.self_test(found, 9)
+
+
+def test_regions_that_are_too_small_are_called_so():
+    squares, chances = np.full(40, 20.0), {"it is bent": 0.5}
+    test = pc.SelfTest(squares, chances)
+    assert (test.inside, test.holds, test.as_expected) == (0, False, False)
+    assert test.sentence.endswith("the stated uncertainty is too small")
