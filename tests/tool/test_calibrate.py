@@ -32,6 +32,7 @@ def test_the_json_is_the_contract(mount, tmp_path):
     found = json.loads(result.output)
     pose = "T_flange_sensor" if mount == "eye-in-hand" else "T_base_sensor"
     assert list(found) == [pose if key == "T_flange_sensor" else key for key in KEYS]
+    assert [*found["made"]] == ["version", "time", "scans"]
     assert found["status"] == "ok"
     assert_allclose(found[pose], truth.pose, atol=0.5)
     covariance = np.array(found["covariance"])
@@ -76,6 +77,12 @@ def test_a_guess_is_compared_and_a_controller_taken(tmp_path):
     result = run("calibrate", tmp_path / "scan", *guess, "--guess-sd", 1, 1)
     assert result.output.startswith("status         weak")
     assert "which is said to be good to 1 mm and 1°" in result.output
+
+
+def test_a_self_test_says_whether_to_believe(tmp_path):
+    pc.write_scan(scan_of("ball", seed=5), tmp_path / "scan")
+    result = run("calibrate", tmp_path / "scan", "--self-test", 10)
+    assert "note           of 10 scans simulated from this answer" in result.output
 
 
 def test_a_pose_that_contradicts_the_data_is_not_given_to_paste(tmp_path):

@@ -17,7 +17,8 @@ V is the covariance of x and x̂ its mean. P is the precision of r where x is in
 out, (C + A Π⁻¹ Aᵀ)⁻¹ by Woodbury's identity.
 
 Three answers: `posterior`, what is known of x; `left_out`, how far profiles are from
-what the others say; `score`, what a further error would have to be.
+what the others say; and N = [A | r]ᵀ C⁻¹ [A | r], by which a further error is looked
+at (`calibration.evidence`).
 
 C never is written out: what residuals say beside the errors of their flange, the
 `rest`, needs none. For the other rows, errors of the flange nest: visits in commanded
@@ -471,22 +472,3 @@ def squares(rows: ndarray) -> ndarray:
     """Σ rowsᵀ rows (S, columns, columns) of rows (S, ..., columns)."""
     flat = rows.reshape(len(rows), -1, rows.shape[-1])
     return flat.mT @ flat
-
-
-def score(
-    normal: ndarray, n: int, precision: ndarray
-) -> tuple[ndarray, ndarray, ndarray]:
-    """Rao's score test (1948) of d further directions D, each alone: the size that the
-    residuals ask for, its standard deviation (d,), and by how much one unit of it moves
-    x (n, d). `normal`: N = [A | D | r]ᵀ C⁻¹ [A | D | r]; `precision` (n, n): Π.
-
-    A direction of size z moves x by z X, X = -(N_AA + Π)⁻¹ N_AD. What x cannot imitate
-    of it has the information I = N_DD + N_ADᵀ X, its diagonal, and
-
-        z = -(N_Dr + Xᵀ N_Ar) / I,  of standard deviation I^(-1/2)
-    """
-    A, D, r = slice(n), slice(n, -1), -1
-    X = -np.linalg.solve(normal[A, A] + precision, normal[A, D])
-    information = np.diag(normal)[D] + np.sum(normal[A, D] * X, axis=0)
-    size = -(normal[D, r] + X.T @ normal[A, r]) / information
-    return size, information**-0.5, X

@@ -45,16 +45,6 @@ def test_poses_without_a_measurement_are_left_out_and_named_by_scan():
     assert "edge: g1p5" not in found.poses_used
 
 
-def test_several_targets_have_one_answer():
-    edge = scan_of("edge", seed=6, title="edge")
-    disk = scan_of("disk", seed=6, title="disk")
-    together = pc.calibrate([edge, disk])
-    assert squared_error(together) < chi2.ppf(0.9999, 6)
-    assert together.poses_used[0] == "edge: g1p1"
-    kinds = [target["kind"] for target in together.to_json()["target"]]
-    assert kinds == ["edge", "disk"]
-
-
 def test_features_of_different_precision_are_weighed():
     plan = {"seed": 6, "groups": 8, "positions": 4, "scanner": SCANNER}
     edge = scan_of("edge", measured="profiles", title="edge", **plan)
@@ -67,6 +57,9 @@ def test_features_of_different_precision_are_weighed():
     assert_allclose(of_edge.covariance[0], corners / unit**2)
     assert_allclose(of_ball.covariance[0], arcs / unit**2)
     assert squared_error(together) < chi2.ppf(0.9999, 6)
+    assert together.poses_used[0] == "edge: g1p1"
+    kinds = [target["kind"] for target in together.to_json()["target"]]
+    assert kinds == ["edge", "ball"]
 
 
 def test_scans_that_do_not_belong_together_are_refused():

@@ -1,5 +1,6 @@
 """A pose held against a scan that it is not from."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -85,29 +86,49 @@ def test_one_pose_determines_nothing():
         pc.verify(known, scan)
 
 
-@pytest.mark.parametrize("poses", [3, 4])
-def test_fewer_than_five_poses_are_refused(poses):
-    found = calibration_of("edge", seed=0, **SMALL)
-    few = untold("edge", seed=0, **FIVE | {"groups": poses})
-    sentence = f"from {poses} poses; expected 5 or more, or check-mount"
+def refused(sentence, *arguments, asked=pc.verify):
     with pytest.raises(pc.ScanError, match=sentence):
-        pc.verify(found, few)
+        asked(*arguments)
 
 
-def test_another_mount_is_refused():
-    found = calibration_of("ball", seed=5)
-    scan = scan_of("ball", seed=5, mount="eye-to-hand")
-    sentence = "disagree about the mount, which is eye-to-"
-    with pytest.raises(pc.ScanError, match=sentence):
-        pc.verify(found, scan)
-
-
-def test_a_verification_says_its_difference_in_mm_and_degrees():
+def test_what_cannot_be_compared_is_refused():
     found = calibration_of("edge", seed=0, **SMALL)
-    other = untold("ball", seed=0, **OTHER)
-    wrong = answer_of(found, mm=[0, 0, -1], deg=[0, 0.5, 0])
-    of_right = pc.verify(found, other)
-    of_wrong = pc.verify(wrong, other)
-    moved = of_wrong.difference_mm_deg - of_right.difference_mm_deg
-    assert_allclose(moved, [0, 0, 1, 0, -0.5, 0], atol=0.02)
+    for poses in (3, 4):
+        few = untold("edge", seed=0, **FIVE | {"groups": poses})
+        refused(f"from {poses} poses; expected 5 or more, or check-mount", found, few)
+    to_hand = scan_of("ball", seed=5, mount="eye-to-hand")
+    refused("disagree about the mount, which is eye-to-", found, to_hand)
+    refused("both answers are from one scan", found, found)
+
+
+def test_an_answer_knows_its_own_scan_again_and_old_files_are_read(tmp_path):
+    found = calibration_of("edge", seed=0, **SMALL)
+    pc.write_answer(found, tmp_path / "T.json")
+    answer = pc.read_answer(tmp_path / "T.json")
+    (scan,) = found.scans
+    rounded = replace(scan, p_base_flange=scan.p_base_flange.round(3))
+    for asked in (pc.verify, pc.check_mount):
+        for one in (found, answer):
+            refused("was found from this very scan", one, rounded, asked=asked)
+    entries = json.loads((tmp_path / "T.json").read_text())
+    made = entries.pop("made")
+    assert [*made] == ["version", "time", "scans"]
+    (tmp_path / "old.json").write_text(json.dumps(entries))
+    old = pc.read_answer(tmp_path / "old.json")
+    assert pc.check_mount(old, scan).as_expected
+
+
+@pytest.mark.parametrize("kind", ["edge", "plane"])
+def test_two_answers_are_compared_as_an_answer_and_a_scan(kind):
+    found = calibration_of("edge", seed=0, **SMALL)
+    other = untold(kind, seed=0, **OTHER)
+    by_scan, by_answer = pc.verify(found, other), pc.verify(found, pc.calibrate(other))
+    off = by_answer.difference_mm_deg - by_scan.difference_mm_deg
+    assert np.abs(off).max() < 1e-3
+    assert by_answer.as_expected
+    wrong = answer_of(found, mm=[0, 0, -1.5], deg=[0, 0.5, 0])
+    of_wrong = pc.verify(wrong, pc.calibrate(other))
+    assert not of_wrong.as_expected
+    moved = of_wrong.difference_mm_deg - by_answer.difference_mm_deg
+    assert_allclose(moved, [0, 0, 1.5, 0, -0.5, 0], atol=0.02)
     assert len(repr(of_wrong).splitlines()) < 5

@@ -13,12 +13,13 @@ from numpy.testing import assert_allclose
 from scipy.linalg import block_diag
 from scipy.stats import multivariate_normal
 
+from profilecal.calibration.evidence import evidence
 from profilecal.calibration.plausibility import of_robot
 from profilecal.geometry.noise import ROBOT, Noise, Systematic
 from profilecal.geometry.poses import inverse, rotations
 from profilecal.joint import linear_model
 from profilecal.joint.descent import refine
-from profilecal.joint.linear_model import LinearModel, score
+from profilecal.joint.linear_model import LinearModel
 from profilecal.joint.prior import OF_SCANNER, of_target
 from profilecal.joint.problem import FLANGE, Problem
 from profilecal.simulation.scene import random_scene
@@ -213,7 +214,8 @@ def test_a_score_is_one_step_of_a_model_with_one_more_unknown():
     r, A, C = dense.of(PROFILES)
     Y, W = np.c_[A, r], np.linalg.inv(C)
     known = dense.precision[:n, :n]
-    sizes, sds, moves = score(Y.T @ W @ Y, n, known)
+    says = evidence(Y.T @ W @ Y, known, slice(n, None))
+    (sizes, sds), moves = says.each(), says.moves
     alone, _, _, _ = textbook(r, A[:, :n], C, known)
     precision = block_diag(known, 0)
     for k in range(N - n):
@@ -322,6 +324,7 @@ def test_lengths_do_not_look_too_small_because_of_noise():
         scale_of_positions = of_robot()[0]
         model = problem.model(state, (), [scale_of_positions])
         (normal,) = model.posterior(np.ones((1, 1))).normal
-        (size,), (sd,), _ = score(normal, model.n - 1, model.precision[:-1, :-1])
+        n, known = model.n - 1, model.precision[:-1, :-1]
+        (size,), (sd,) = evidence(normal, known, slice(n, None)).each()
         deviations.append(size / sd)
     assert abs(np.mean(deviations)) < 3 / np.sqrt(10)
