@@ -32,25 +32,24 @@ def test_the_answer_says_one_uncertainty_and_chi2_only_where_the_noise_is_stated
     assert ("χ²/dof" in text) == is_stated
 
 
-def test_robot_errors_are_told_apart_by_where_they_arise():
-    noise = Noise(
-        profile_mm=0.1,
-        position_mm=0.123,
-        group_position_mm=0.04,
-        group_orientation_deg=0.02,
-    )
-    each = "at each pose 0.12 mm and 0°"
-    shared = "shared by the poses of an orientation 0.04 mm and 0.02°"
+EACH = "at each pose 0.12 mm and 0°"
+SHARED = "shared by the poses of an orientation"
+ERRORS = {  # by what is said of them
+    f"{EACH}, {SHARED} 0.04 mm and 0.02°": {},
+    f"{EACH}, {SHARED} 0.04 mm and 0.02°, of the times 0.25 ms": {"jitter_ms": 0.25},
+    f"{EACH}, {SHARED} 0.7 mm and 0.02° "
+    "(14 times the usual: or a second target was seen)": {"group_position_mm": 0.7},
+    EACH: {"group_position_mm": 0.0, "group_orientation_deg": 0.0},
+}
+
+
+@pytest.mark.parametrize("said", ERRORS)
+def test_robot_errors_are_told_apart_by_where_they_arise(said):
+    found = {"position_mm": 0.123, "group_position_mm": 0.04}
+    found |= {"group_orientation_deg": 0.02} | ERRORS[said]
     usual = Noise(profile_mm=0.1, group_position_mm=0.05)
-    assert robot_errors(noise, usual) == f"{each}, {shared}"
-    late = replace(noise, jitter_ms=0.25)
-    assert robot_errors(late, usual) == f"{each}, {shared}, of the times 0.25 ms"
-    assert robot_errors(usual, usual).endswith("orientation 0.05 mm and 0°")
-    exact = Noise(profile_mm=0.1)
-    assert robot_errors(exact, usual) == "none that the residuals show"
-    second = replace(noise, group_position_mm=0.7)
-    second_edge = "(14 times the usual: or a second target was seen)"
-    assert robot_errors(second, usual).endswith(second_edge)
+    assert robot_errors(Noise(0.1, **found), usual) == said
+    assert robot_errors(Noise(0.1), usual) == "none that the residuals show"
 
 
 @pytest.mark.parametrize(

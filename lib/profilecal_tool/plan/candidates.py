@@ -234,22 +234,21 @@ def worst_clearance(model: ScanModel, R: ndarray, T: ndarray) -> ndarray:
     """
     margins = model.guess.margins if model.guess else np.zeros(4)
     mount_mm, mount_rad, target_mm, target_rad = margins
-    sizes = np.array([mount_mm + target_mm, mount_rad, target_rad])
-    sizes = np.maximum(sizes, [1, np.radians(1), np.radians(1)])[:, None]
-    frames = model.planes(R, T)
-    exact = clearances(model, *frames, np.zeros((3, 3)))
-    cost = np.zeros((3, 3, *exact.shape))
-    for kind, axis in np.ndindex(3, 3):
-        error = np.zeros((3, 3))
-        error[kind, axis] = sizes[kind, 0]
-        either = [clearances(model, *frames, way * error) for way in (1, -1)]
-        cost[kind, axis] = np.maximum(exact - np.minimum(*either), 0)
-    together = np.linalg.norm(cost, axis=1).sum(axis=0)
+    largest = [mount_mm + target_mm, mount_rad, target_rad]
+    sizes = np.maximum(largest, [1, np.radians(1), np.radians(1)])[:, None]
+
+    def clearance(error: ndarray) -> ndarray:
+        return clearances(model, *model.planes(R, T), sizes * error)
+
+    exact = clearance(np.zeros((3, 3)))
+    each = np.eye(9).reshape(9, 3, 3)
+    cost = [exact - np.minimum(clearance(one), clearance(-one)) for one in each]
+    of_kinds = np.maximum(cost, 0).reshape(3, 3, *exact.shape)
+    together = np.linalg.norm(of_kinds, axis=1).sum(axis=0)
     worst = (exact - together).min(axis=1)
     for way, turn in product((1, -1), (1, -1)):
-        off_plane = way * sizes * [[0, -1, 0], [1, 0, 0], [turn, 0, 0]]
-        is_missed = np.isnan(clearances(model, *frames, off_plane)).any(axis=1)
-        worst[is_missed] = np.nan
+        off_plane = way * np.array([[0, -1, 0], [1, 0, 0], [turn, 0, 0]])
+        worst[np.isnan(clearance(off_plane)).any(axis=1)] = np.nan
     return np.nan_to_num(worst, nan=-np.inf)
 
 

@@ -13,7 +13,7 @@ from profilecal.calibration.calibration import Calibration
 from profilecal.geometry.poses import in_base
 from profilecal.scan.tables import whole
 from profilecal_pages.figures import use_style
-from profilecal_tool.report.pictures import in_frame
+from profilecal_tool.report.pictures import WIDTH, in_frame
 
 DRAWN = 6000  # points of a picture
 PLY = """ply
@@ -39,10 +39,10 @@ class Cloud:
     residuals: ndarray
     frame: str
 
-    @property
-    def colours(self) -> ndarray:
-        """(N, 4) by the pose."""
-        return plt.get_cmap("viridis")(self.pose / max(1, self.pose.max()))
+
+def colours(number: ndarray) -> ndarray:
+    """(n, 4) of poses by their numbers (n,), from 0."""
+    return plt.get_cmap("viridis")(number / max(1, number.max()))
 
 
 def clouds_of(calibration: Calibration, T: ndarray) -> list[Cloud]:
@@ -73,20 +73,21 @@ def clouds_of(calibration: Calibration, T: ndarray) -> list[Cloud]:
 
 def plot_cloud(cloud: Cloud, title: str) -> plt.Figure:
     """Draw a cloud, and how far each pose's feature is from the target."""
-    figure = plt.figure(figsize=(5.6, 6.4), layout="constrained")
-    grid = figure.add_gridspec(2, 1, height_ratios=(3, 1))
-    axes = figure.add_subplot(grid[0], projection="3d")
-    few = slice(None, None, 1 + len(cloud.points) // DRAWN)
-    points = cloud.points[few]
-    axes.scatter(*points.T, c=cloud.colours[few], s=1, depthshade=False)
-    in_frame(axes, cloud.frame, points)
-    below = figure.add_subplot(grid[1])
-    number = np.arange(1, len(cloud.residuals) + 1)
-    shades = plt.get_cmap("viridis")((number - 1) / max(1, len(number) - 1))
-    below.bar(number, cloud.residuals, color=shades)
-    below.set(
-        xlabel="pose, counted without those left out", ylabel="off the target\n[mm rms]"
+    figure, axes = plt.subplot_mosaic(
+        [["cloud"], ["off"]],
+        height_ratios=(3, 1),
+        figsize=(WIDTH, 6.4),
+        layout="constrained",
+        per_subplot_kw={"cloud": {"projection": "3d"}},
     )
+    few = slice(None, None, 1 + len(cloud.points) // DRAWN)
+    points, of_points = cloud.points[few], colours(cloud.pose)[few]
+    axes["cloud"].scatter(*points.T, c=of_points, s=1, depthshade=False)
+    in_frame(axes["cloud"], cloud.frame, points)
+    number = np.arange(len(cloud.residuals))
+    axes["off"].bar(number + 1, cloud.residuals, color=colours(number))
+    axes["off"].set_xlabel("pose, counted without those left out")
+    axes["off"].set_ylabel("off the target\n[mm rms]")
     rms = np.sqrt(np.mean(cloud.residuals**2))
     figure.suptitle(f"{title}, put together from all poses: {rms:.2g} mm rms")
     return figure
@@ -104,9 +105,9 @@ def write_cloud(calibration: Calibration, T: ndarray, path: Path) -> None:
             figure.savefig(partial, dpi=150, format="png")
             plt.close(figure)
             return
+        rgb = [255 * colours(cloud.pose)[:, :3] for cloud in clouds]
         points = np.concatenate([cloud.points for cloud in clouds])
-        colours = np.concatenate([cloud.colours for cloud in clouds])[:, :3]
-        rows = np.hstack([points, np.rint(255 * colours)])
+        rows = np.hstack([points, np.rint(np.concatenate(rgb))])
         head = PLY.format(len(rows)).rstrip("\n")
         form = ["%.4f"] * 3 + ["%d"] * 3
         np.savetxt(partial, rows, form, header=head, comments="")

@@ -122,19 +122,16 @@ def test_a_plan_is_a_scan_folder_once_measurements_are_in_it(tmp_path):
     assert run("calibrate", plan).exit_code == 0
 
 
-def test_a_plan_says_how_to_import_what_it_is_driven_for(tmp_path):
+def test_a_plan_says_what_to_do_with_it(tmp_path):
     disk = ('kind = "edge"', 'kind = "disk"\nradius = 25')
     planned = run("plan", spec_in(tmp_path, MANY, disk, *TO_HAND), tmp_path / "plan")
     said = "--target disk --radius 25 --mount eye-to-hand --poses"
     assert f"profilecal import DIR NEW-FOLDER {said}" in planned.output
     assert "next: put profiles.csv beside it" in planned.output
-    point = ('kind = "edge"', 'kind = "point"')
-    planned = run("plan", spec_in(tmp_path, MANY, point), tmp_path / "steered")
+    point = spec_in(tmp_path, ('kind = "edge"', 'kind = "point"'))
+    planned = run("plan", point, tmp_path / "steered")
     assert "next: put points.csv beside it" in planned.output
-
-
-def test_a_plan_of_too_few_poses_is_not_to_be_driven(tmp_path):
-    planned = run("plan", spec_in(tmp_path), tmp_path / "plan", "--poses", "2")
+    planned = run("plan", point, tmp_path / "few", "--poses", "2")
     assert "worst          open in any direction" in planned.output
     assert planned.output.endswith("next: plan more poses, or larger turns\n")
 
@@ -199,34 +196,22 @@ def test_an_open_scan_is_planned_from_a_specification(tmp_path):
     write_scan(simulate_scan(spec), tmp_path / "scan")
     refused = run("plan", tmp_path / "scan")
     assert refused.exit_code == 2
-    assert refused.stderr == (
-        "profilecal: the scan leaves the mount open, or contradicts itself: "
-        "profilecal calibrate says how; "
-        "else plan from a SPEC.toml whose [guess] states it roughly\n"
-    )
+    assert refused.stderr.startswith("profilecal: the scan leaves the mount open, or")
+    assert "plan from a SPEC.toml whose [guess] states it roughly" in refused.stderr
 
 
-def test_poses_of_any_file_or_scan_are_predicted(tmp_path):
-    spec = spec_in(tmp_path)
-    plan = tmp_path / "plan"
-    scan = tmp_path / "scan"
-    planned = worst(run("plan", spec, plan).output)
+def test_poses_of_any_file_or_scan_are_predicted_or_refused_in_words(tmp_path):
+    spec, plan, scan = (tmp_path / name for name in ("spec.toml", "plan", "scan"))
+    planned = worst(run("plan", spec_in(tmp_path), plan).output)
+    assert run("plan", spec, plan).exit_code == 0  # the same files again
+    other = run("plan", spec, plan, "--poses", 9)
+    assert "already in use; name a new folder" in other.output
     assert run("simulate", plan / "simulate.toml", scan).exit_code == 0
-    shutil.copy(plan / "poses.csv", tmp_path / "mine.csv")
-    for place in (tmp_path / "mine.csv", plan, scan):
+    for place in (plan / "poses.csv", plan, scan):
         output = run("plan", spec, "--of", place).output
         assert "predicted for 8 poses" in output
         assert worst(output) == pytest.approx(planned, rel=0.02)
     assert "predicted for 16 poses" in run("plan", scan, "--of", plan).output
-
-
-def test_places_that_cannot_be_read_or_written_are_refused_in_words(tmp_path):
-    spec = spec_in(tmp_path)
-    plan = tmp_path / "plan"
-    run("plan", spec, plan)
-    assert run("plan", spec, plan).exit_code == 0  # the same files again
-    other = run("plan", spec, plan, "--poses", 9)
-    assert "already in use; name a new folder" in other.output
     nowhere = run("plan", spec, "--of", tmp_path / "nowhere")
     assert "nowhere: no such file" in nowhere.output
     edited("poses.csv", "pose,x,y,z", "pose,y,x,z")(plan)
@@ -278,30 +263,23 @@ def test_a_wide_guess_gets_a_first_step_whose_answer_plans_the_second(tmp_path):
 GUESS = "[guess]\nmount = [60, -40, 110, 170, 10, 30]\ntarget = [900, 50, 300]\n"
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "sentence"),
-    [
-        (GUESS, "", "a plan needs [guess]"),
-        ("poses = 8", "pose = 8", "unknown entry 'pose' in [plan]; there are poses"),
-        ("poses = 8", "low = [0, 0, 9]\nhigh = [9, 9, 0]", "the box is empty along z"),
-        ("poses = 8", "until = [0.1, 0]", "expected mm and degrees, both positive"),
-        ("poses = 8", "avoid = [[1, 2, 3]]", "each of four numbers: x, y, z, radius"),
-        ("poses = 8", "tilt_deg = 90", "tilt_deg is 90 in [plan]; expected 0 to 80"),
-        ("poses = 8", "low = [0, 0, 0]\nhigh = [9, 9, 9]", "are outside the box"),
-        (
-            "poses = 8",
-            "poses = 3000",
-            "poses is 3000 in [plan]; expected a whole number, 0 to 1000",
-        ),
-        (
-            "poses = 8",
-            "tilt_deg = 0\nspin_deg = 0",
-            "differs by 1° or more from those of the 1 chosen",
-        ),
-        ("profile_mm = 0.05", "profile_mm = 0", "a plan needs the scanner's noise"),
-        ("[plan]", "[[plan]]", "plan is [{'poses': 8}]; expected a table"),
-    ],
-)
+PLANNED = "poses = 8"
+WISHES = [
+    (GUESS, "", "a plan needs [guess]"),
+    (PLANNED, "pose = 8", "unknown entry 'pose' in [plan]; there are poses"),
+    (PLANNED, "low = [0, 0, 9]\nhigh = [9, 9, 0]", "the box is empty along z"),
+    (PLANNED, "until = [0.1, 0]", "expected mm and degrees, both positive"),
+    (PLANNED, "avoid = [[1, 2, 3]]", "each of four numbers: x, y, z, radius"),
+    (PLANNED, "tilt_deg = 90", "tilt_deg is 90 in [plan]; expected 0 to 80"),
+    (PLANNED, "low = [0, 0, 0]\nhigh = [9, 9, 9]", "are outside the box"),
+    (PLANNED, "poses = 3000", "3000 in [plan]; expected a whole number, 0 to 1000"),
+    (PLANNED, "tilt_deg = 0\nspin_deg = 0", "1° or more from those of the 1 chosen"),
+    ("profile_mm = 0.05", "profile_mm = 0", "a plan needs the scanner's noise"),
+    ("[plan]", "[[plan]]", "plan is [{'poses': 8}]; expected a table"),
+]
+
+
+@pytest.mark.parametrize(("old", "new", "sentence"), WISHES)
 def test_wishes_that_cannot_be_granted_are_refused_in_words(
     tmp_path, old, new, sentence
 ):

@@ -25,14 +25,6 @@ def test_a_logarithmic_axis_has_plain_numbers(axes):
     assert shown == ["0.05", "0.1", "0.2", "0.5", "1", "2"]
 
 
-def test_nothing_is_cut_off_a_written_figure(axes, tmp_path):
-    figures.use_style()
-    axes.set_title("a title wider than its figure " * 5)
-    figures.Results("10", str(tmp_path)).figure(axes.figure, "title")
-    _, width, _ = plt.imread(tmp_path / "figures/10_title.png").shape
-    assert width > 200 * axes.figure.get_figwidth()
-
-
 def test_a_limit_in_words_stops_a_page_under_its_own_parameters_alone(monkeypatch):
     assert figures.below([1e-12, -1e-11], 1e-9) == "below 1e-9"
     monkeypatch.setattr(figures, "at_defaults", lambda: False)
