@@ -284,7 +284,8 @@ class Scan:
                     f"values[{k}] has shape {rows.shape} for {self.measured}; "
                     f"expected (n, {columns})"
                 )
-        largest = np.nanmax(np.abs(np.concatenate(self.values)), initial=0.0)
+        every = np.concatenate([np.empty((0, columns)), *self.values])
+        largest = np.nanmax(np.abs(every), initial=0.0)
         if 0 < largest < 1 or largest > FARTHEST_MM:
             raise ScanError(
                 f"the largest value of {self.measured} is {largest:.3g}; "
@@ -344,36 +345,37 @@ class Scan:
                 f"{len(self.sweeps)} sweeps for {P} times; expected a time and the "
                 "name of a sweep for each profile"
             )
-        check_times(self.log, times, self.sweeps)
         moving = np.isfinite(times)
         rest = np.flatnonzero(~moving)
         labels = spread(np.array(labels, dtype=object), rest, P)
         R, p = spread(R, rest, P), spread(p, rest, P)
         sweeps = np.array(self.sweeps)[moving]
         labels[moving] = [*map(moment_label, sweeps, times[moving])]
-        R[moving], p[moving], _ = self.log.at(
-            times[moving] + (self.delay_ms or 0) / 1e3
-        )
-        group = group if np.size(group) else rotation_groups(R[rest])
-        group = spread(group, rest, P)
+        check_times(self.log, times, labels)
+        later = times[moving] + (self.delay_ms or 0) / 1000
+        R[moving], p[moving], _ = self.log.at(later)
+        if np.size(group):
+            numbers = np.unique(group, return_inverse=True)[1]
+        else:
+            numbers = rotation_groups(R[rest])
+        group = spread(numbers, rest, P)
         numbers = np.unique(sweeps, return_inverse=True)[1]
         group[moving] = group[rest].max(initial=-1) + 1 + numbers
         return labels, R, p, group
 
     def _check_counts(self, labels: Sequence[str]) -> None:
         """Refuse a profile of one point, and a pose with two points, chords or arcs."""
-        for label, rows in zip(labels, self.values, strict=True):
-            count = len(rows)
-            if count > 1 if self.measured != "profiles" else count == 1:
-                expected = (
-                    "more, or none where nothing was seen (single points are points)"
-                    if count == 1
-                    else "one"
-                )
-                raise ValueError(
-                    f"pose {label!r} has {count} rows of {self.measured}; "
-                    f"expected {expected}"
-                )
+        counts = np.array([*map(len, self.values)])
+        if self.measured == "profiles":
+            wrong = counts == 1
+            expected = "more, or none where nothing was seen (single ones are points)"
+        else:
+            wrong = counts > 1
+            expected = "one"
+        if wrong.any():
+            k = int(wrong.argmax())
+            found = f"pose {labels[k]!r} has {counts[k]} rows of {self.measured}"
+            raise ValueError(f"{found}; expected {expected}")
 
     def _fill(self, **entries: Any) -> None:
         """Put entries in their final form while the scan is being made."""

@@ -56,6 +56,7 @@ def test_arrays_make_the_same_scan():
         times=scan.times,
         sweeps=scan.sweeps,
         labels=names,
+        group=[*"abcd"],
         title=scan.title,
         noise=scan.noise,
         convention=scan.convention,
@@ -116,7 +117,7 @@ MISTAKES = {
     "the robot moves by 0.1.* mm/s at most.*in seconds": tabulated(
         "log.csv", lambda table: table.assign(t=1000 * table.t)
     ),
-    "is 59.3 s from the nearest row of the log.*agree within 0.2 s": tabulated(
+    "profile s3@.* is 59.3 s from the .*agree within 0.2 s": tabulated(
         "points.csv", lambda table: table.assign(t=table.t + 60)
     ),
     "points.csv line 4: pose '', sweep '', t 1.*expected either": edited(
