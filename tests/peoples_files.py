@@ -4,7 +4,6 @@ layouts.
 
 import functools
 import json
-import re
 from dataclasses import replace
 
 import numpy as np
@@ -113,13 +112,6 @@ def abb(folder):
     write_lines(folder / "scan.mod", lines)
 
 
-def abb_array(folder):
-    """Of targets without names; all moves have one tool."""
-    abb(folder)
-    path = folder / "scan.mod"
-    path.write_text(re.sub(r"CONST robtarget p\d+:=(.*);", r"\1,", path.read_text()))
-
-
 def ur(folder):
     """In a base of its own, which no UR program says: poses of the tool alone, turned
     by more than half a turn.
@@ -226,22 +218,8 @@ def xml_log(folder):
     write_lines(folder / "pose_log.txt", lines)
 
 
-def as_json(folder):
-    rows = poses("FANUC angles").tolist()
-    (folder / "poses.json").write_text(json.dumps({"RobPoses": rows}, indent=4))
-
-
 def nested(folder):
     rows = [{"T": matrix.tolist()} for matrix in matrices_of_poses()]
-    (folder / "poses.json").write_text(json.dumps(rows))
-
-
-def two_arrays(folder):
-    """R and t behind what they are of."""
-    rows = [
-        {"flange_R": T[:3, :3].tolist(), "flange_t": T[:3, 3].tolist()}
-        for T in matrices_of_poses()
-    ]
     (folder / "poses.json").write_text(json.dumps(rows))
 
 
@@ -250,17 +228,6 @@ def samples():
     for x, y, z, qw, qx, qy, qz in poses("quaternion", 0.001).tolist():
         position = {"x": x, "y": y, "z": z}
         yield position, {"x": qx, "y": qy, "z": qz, "w": qw}
-
-
-def json_lines(folder):
-    """A pose a line, beside another."""
-    lines = []
-    for k, (position, orientation) in enumerate(samples()):
-        pose = {"position": position, "orientation": orientation}
-        other = {"position": position, "orientation": {**orientation, "w": 0.0}}
-        names = {"id": k, "target_pose": other, "robot_pose": pose}
-        lines.append(json.dumps(names))
-    write_lines(folder / "poses.txt", lines)
 
 
 def stamped(folder):
@@ -273,19 +240,6 @@ def stamped(folder):
             lines += [f"    {axis}: {number}" for axis, number in numbers.items()]
         lines.append("---")
     write_lines(folder / "poses.yaml", lines)
-
-
-def echoed(folder):
-    """tf_echo's lists behind names."""
-    lines = []
-    for k, (position, orientation) in enumerate(samples()):
-        lines += [
-            f"At time {1700000000 + k}.25",
-            f"- Translation: {[*position.values()]}",
-        ]
-        lines.append(f"- Rotation: in Quaternion {[*orientation.values()]}")
-        lines.append("            in RPY (degree) [1.0, 2.0, 3.0]")
-    write_lines(folder / "poses.txt", lines)
 
 
 def opencv(folder):
@@ -329,13 +283,6 @@ def fanuc(folder, tool=0, more=""):
     write_lines(folder / "CALIB.LS", [*lines, "/END"])
 
 
-def key_lines(folder):
-    lines = []
-    for row in poses("matrix"):
-        lines += [f"r {text(row[3:], ' ')}", f"t {text(row[:3], ' ')}"]
-    write_lines(folder / "poses.txt", lines)
-
-
 def csv(folder):
     header = "Name;X [mm];Y [mm];Z [mm];Alpha [°];Beta [°];Gamma [°]"
     lines = [
@@ -353,12 +300,6 @@ def tum(folder):
         x, y, z, qw, qx, qy, qz = row
         lines.append(f"{1.7e9 + k} {text([x, y, z, qx, qy, qz, qw], ' ')}")
     write_lines(folder / "poses.tum", lines)
-
-
-def untitled(folder):
-    tum(folder)
-    (_, *rows) = (folder / "poses.tum").read_text().splitlines()
-    write_lines(folder / "poses.tum", rows)
 
 
 def matrices(folder):
@@ -392,13 +333,6 @@ def robot_states(folder):
     lines = [" ".join(["timestamp", *titles])]
     lines += [f"{k}.5 {text(row, ' ')} {tool}" for k, row in enumerate(rows)]
     write_lines(folder / "robot.csv", lines)
-
-
-def drawn(folder):
-    """A table with lines."""
-    lines = ["| x | y | z | w | p | r |", "|---|:-:|--:|---|---|---|"]
-    lines += [f"| {text(row, ' | ')} |" for row in poses("FANUC angles")]
-    write_lines(folder / "poses.md", lines)
 
 
 def workbook(folder):
@@ -490,24 +424,12 @@ def numbered_columns(folder):
     write_lines(folder / "all.csv", [",".join(titles), *rows])
 
 
-def below_one_another(folder):
-    with (folder / "all.txt").open("w") as file:
-        for points in scan().values:
-            np.savetxt(file, points)
-
-
 def two_scanners(folder):
     lines = ["shot;sensor;x;z"]
     for k, points in enumerate(scan().values):
         for sensor in "AB":
             lines += [f"{k};{sensor};{text(point, ';')}" for point in points]
     write_lines(folder / "all.csv", [line.replace("nan", "n.a.") for line in lines])
-
-
-def zeros(folder):
-    for k, points in enumerate(scan().values):
-        path = folder / f"s{k}.asc"
-        np.savetxt(path, np.nan_to_num(points), header="X [m]  Z [m]")
 
 
 def long_table(folder, name="scan_{:03d}"):
@@ -517,29 +439,8 @@ def long_table(folder, name="scan_{:03d}"):
     write_lines(folder / "all.csv", lines)
 
 
-def numbered(folder):
-    """2 before 10, in the order of the file."""
-    long_table(folder, "{}")
-
-
-def wide_table(folder):
-    np.savetxt(folder / "all.txt", [points.ravel() for points in scan().values])
-
-
 def stacked(folder):
     np.save(folder / "all.npy", np.stack(scan().values).swapaxes(1, 2))
-
-
-def two_arrays_of_columns(folder):
-    x, z = np.stack(scan().values).T
-    savemat(folder / "scan.mat", {"X_mm": x, "height": z})
-
-
-def without_titles(folder):
-    """Between x, zero, z and a shade."""
-    for k, points in enumerate(scan().values):
-        rows = np.c_[with_y(points), np.arange(len(points)) % 7 + k]
-        np.savetxt(folder / f"ruler_{k}.xyz", rows)
 
 
 def point_clouds(folder, ending="ply"):
@@ -550,10 +451,6 @@ def point_clouds(folder, ending="ply"):
     for k, points in enumerate(scan().values):
         rows = [f"{x:.15g} 0 {z:.15g}" for x, z in points]
         write_lines(folder / f"cloud{k}.{ending}", [*head, *rows])
-
-
-def other_clouds(folder):
-    point_clouds(folder, "pcd")
 
 
 def binary_clouds(folder):
@@ -569,125 +466,22 @@ def binary_clouds(folder):
         (folder / f"cloud{k}.ply").write_bytes(content)
 
 
-def binary_pcd(folder):
-    for k, points in enumerate(scan().values):
-        columns = [*with_y(points).T, np.full(len(points), 7)]
-        rows = np.rec.fromarrays(
-            columns, dtype=[*((n, "<f8") for n in "xyz"), ("i", "u1")]
-        )
-        head = ["# .PCD v0.7", "VERSION 0.7", "FIELDS x y z i", "SIZE 8 8 8 1"]
-        head += ["TYPE F F F U", "COUNT 1 1 1 1", f"WIDTH {len(rows)}", "HEIGHT 1"]
-        head += [f"POINTS {len(rows)}", "DATA binary", ""]
-        content = "\n".join(head).encode() + rows.tobytes()
-        (folder / f"cloud{k}.pcd").write_bytes(content)
-
-
-def column_pairs(folder):
-    """Two columns a profile."""
-    values = np.hstack(scan().values)
-    titles = [f"{axis}{k}" for k in range(1, 13) for axis in "XZ"]
-    lines = [";".join(titles), *(text(row, ";") for row in values)]
-    write_lines(folder / "all.csv", lines)
-
-
-def headed(folder):
-    """Under a line for each, with thousands parted and decimal commas."""
-    lines = ["Device;LJ-X"]
-    for k, points in enumerate(scan().values):
-        lines += ["", f"Profile {k}", "X [um];Z [um]"]
-        for values in points * 1000:
-            x, z = (f"{value:,.9f}".replace("nan", "") for value in values)
-            lines.append(f"{x};{z}".translate(str.maketrans(",.", ".,")))
-    write_lines(folder / "all.csv", lines)
-
-
-def by_name(*writers):
-    return {writer.__name__: writer for writer in writers}
-
-
-PROGRAMS = by_name(
-    kuka,
-    abb,
-    abb_array,
-    ur,
-    fanuc,
-    yaskawa,
-    kawasaki,
-    mitsubishi,
-    staubli,
-    epson,
-    techman,
-    xarm,
-    xml_log,
+POSES = (
+    *(kuka, abb, ur, fanuc, yaskawa, kawasaki, mitsubishi, staubli, epson, techman),
+    *(xarm, xml_log, nested, stamped, opencv, of_images, csv, tum, matrices, array),
+    *(stacked_matrices, by_columns, named_arrays, matlab, workbook),
 )
-NESTED = by_name(
-    as_json,
-    nested,
-    two_arrays,
-    json_lines,
-    stamped,
-    echoed,
-    opencv,
-    of_images,
+IN_A_BASE = (abb, staubli)
+PROFILES = (
+    *(one_each, lists, archives, sections, surfaces, numbered_columns),
+    *(long_table, stacked, point_clouds, binary_clouds),
 )
-TABLES = by_name(
-    key_lines,
-    csv,
-    tum,
-    untitled,
-    matrices,
-    array,
-    stacked_matrices,
-    by_columns,
-    named_arrays,
-    matlab,
-    robot_states,
-    drawn,
-    workbook,
-)
-POSES = PROGRAMS | NESTED | TABLES
-PROFILES = by_name(
-    one_each,
-    lists,
-    archives,
-    codes,
-    sections,
-    surfaces,
-    numbered_columns,
-    below_one_another,
-    two_scanners,
-    zeros,
-    long_table,
-    numbered,
-    wide_table,
-    stacked,
-    two_arrays_of_columns,
-    without_titles,
-    point_clouds,
-    other_clouds,
-    binary_clouds,
-    binary_pcd,
-    column_pairs,
-    headed,
-)
-PROFILES_OF = {fanuc: lists}  # counted from 1
-# what a user has to say: numbers without names, columns that mean something else
-SAID = {
-    "as_json": {"pose_columns": "x,y,z,w,p,r"},
-    "two_scanners": {"where": "sensor=b"},
-    "zeros": {"columns": "x [mm],z [mm]"},
-}
-
-
-def said_of(name):
-    """What a user has to say of poses or profiles in files of that name."""
-    return SAID.get(name, {})
 
 
 def written(folder, of_poses=csv, of_profiles=None):
     """The folder, filled."""
     folder.mkdir()
     of_poses(folder)
-    of_profiles = of_profiles or PROFILES_OF.get(of_poses, one_each)
-    of_profiles(folder)
+    counts_from_1 = of_poses in (fanuc,)
+    (of_profiles or (lists if counts_from_1 else one_each))(folder)
     return folder

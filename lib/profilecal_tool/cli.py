@@ -4,6 +4,7 @@ Wrong input ends with status 2 and one sentence, a failed notebook with status 1
 """
 
 import os
+import shlex
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -490,16 +491,13 @@ class OfTarget(click.Command):
 @argument("folder", type=PLACE)
 @option(
     "--target",
-    "kind",
-    required=True,
     metavar="KIND",
     help="What was scanned: edge, disk, …",
 )
-@option("--mount", type=MOUNT, default="eye-in-hand", help="Where the scanner is.")
-@option("--poses", default="", metavar="FILES", help="What holds the robot's poses.")
+@option("--mount", type=MOUNT, help="Where the scanner is.")
+@option("--poses", metavar="FILES", help="What holds the robot's poses.")
 @option(
     "--pose-columns",
-    default="",
     metavar="NAMES",
     help='"x [m],y [m],z [m],w,p,r"; _ for others.',
 )
@@ -510,15 +508,14 @@ class OfTarget(click.Command):
     metavar="X Y Z A B C",
     help="Poses' tool: mm; angles as theirs or W P R.",
 )
-@option("--profiles", default="", metavar="FILES", help="The profiles, a pattern.")
+@option("--profiles", metavar="FILES", help="The profiles, a pattern.")
 @option(
     "--columns",
-    default="",
     metavar="X,Z",
     help='Names or numbers: x,z or "1 [mm],3 [mm]".',
 )
-@option("--entry", default="", metavar="NAME", help="Which list or pose of several.")
-@option("--where", default="", metavar="NAME=VALUE", help="Rows to take: sensor=0.")
+@option("--entry", metavar="NAME", help="Which list or pose of several.")
+@option("--where", metavar="NAME=VALUE", help="Rows to take: sensor=0.")
 @option("--x", nargs=2, type=float, metavar="START PITCH", help="x, if z is alone.")
 @option(
     "--times",
@@ -527,32 +524,46 @@ class OfTarget(click.Command):
     metavar="START RATE",
     help="When profiles in motion were taken: s, Hz.",
 )
-@option("--unit", default="", help='Of the profiles: mm, um, "0.01 um", inch, …')
+@option("--unit", help='Of the profiles: mm, um, "0.01 um", inch, …')
 @option("--missing", type=float, help="z of points where nothing was seen.")
-@option("--encoding", default="", metavar="NAME", help="Of text that is not UTF-8.")
-def import_(files, folder, kind, **layout):
+@option("--encoding", metavar="NAME", help="Of text that is not UTF-8.")
+def import_(files, folder, **given):
     """Write the profiles and robot poses of DIR as a scan FOLDER.
 
-    What is not said is guessed, and every guess is printed.
+    What is uncertain is asked; FOLDER/import.toml keeps the answers.
     """
     from profilecal.targets import TARGETS
-    from profilecal_tool.importing.import_scan import Layout, import_scan
+    from profilecal_tool.importing.answers import (
+        Layout,
+        Question,
+        options,
+        read_answers,
+        write_imported,
+    )
+    from profilecal_tool.importing.import_scan import import_scan
 
-    if not files.exists():
-        raise ValueError(f"{files}: no such file or folder")
+    if not files.is_dir():
+        raise ValueError(f"{files}: no such folder")
+    given = {name: value for name, value in given.items() if value is not None}
+    layout = said = read_answers(folder) | given
+    kind = said.get("target")
     if kind not in TARGETS:
         raise ValueError(f"--target is {kind}; expected one of {', '.join(TARGETS)}")
-    sizes = {}
-    for name, kinds in kinds_by_length().items():
-        length = layout.pop(name)
-        if length is not None:
-            sizes[name] = length
-        elif kind in kinds:
+    lengths = kinds_by_length()
+    for name, kinds in lengths.items():
+        if kind in kinds and name not in said:
             raise ValueError(f"--{name} is missing: a {kind} has one, in mm")
+    sizes = {name: said[name] for name in lengths if name in said}
+    layout = {n: v for n, v in said.items() if n not in {"target", *sizes}}
     with working("importing"):
-        scan, guesses = import_scan(files, kind, sizes, Layout(**layout))
-        pc.write_scan(scan, folder)
-    echo("\n".join(guesses))
+        try:
+            scan, taken = import_scan(files, kind, sizes, Layout(**layout))
+        except Question as question:
+            words = [str(files), str(folder), *options(said | question.answer)]
+            line = f"profilecal import {shlex.join(words)}"
+            raise ValueError(f"{question}\n{line}") from question
+        write_imported(scan, folder, said, taken)
+    echo("\n".join(f"{name:<13}{words}" for name, words in taken.items()))
     echo(f"{folder}/ written; next: profilecal check {folder}")
 
 

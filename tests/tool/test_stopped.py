@@ -90,7 +90,7 @@ def test_a_large_scan_is_written_whole_or_not_at_all(tmp_path, how, rows):
 def test_import_leaves_nothing(tmp_path, robots_files, how):
     command = [COMMAND, "import", robots_files, "scan", "--target", "plane"]
     folder = tmp_path / "scan"
-    said = stopped(command, tmp_path, how, half_written(folder))
+    said = stopped(command, tmp_path, how, half_written(partial_of(folder)))
     assert not folder.exists()
     if how != signal.SIGKILL:
         assert said == "\nInterrupted. Nothing was written.\n"

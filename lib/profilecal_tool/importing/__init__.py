@@ -1,9 +1,9 @@
-"""A scan from files that people have: tables of any kind, robots' programs, arrays.
+"""A scan from files that people have.
 
-In: a folder, what was scanned, and what the user says of the files (`Layout`).
-Out: a `Scan`, and every guess in a line of words.
+In: a folder, what was scanned, and what is said of the files (`answers.Layout`).
+Out: a `Scan`, and what was taken for granted; or a `Question` with its answer.
 
-Each structure has a reader in a module of its own: `programs`, `key_value`, `nested`,
-`tables`, `arrays`. The words that robots' makers use stand in one place, `makers`.
-`poses` and `profiles` say what the numbers mean, `import_scan` makes the scan of them.
+Any file becomes blocks: `blocks` (text), `programs`, `nested`, `arrays`. `roles` says,
+by titles and by makers.toml, what their columns are; `poses` and `profiles` take the
+numbers, `pairing` tells which belong together, `import_scan` makes the scan.
 """

@@ -1,146 +1,82 @@
-"""Arrays in files of NumPy's and MATLAB's."""
+"""Arrays of NumPy and MATLAB, point clouds, sheets."""
 
-import re
-from collections.abc import Sequence
+from collections import defaultdict
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from tokenize import TokenError
-from zipfile import BadZipFile
+from typing import Any
 
 import numpy as np
 from numpy import ndarray
-from scipy.io import loadmat
-from scipy.io.matlab import MatReadError
+from pandas import DataFrame, read_excel
 
-from profilecal.scan.tables import ScanError, Table, naming
-from profilecal_tool.importing.makers import renamed
-from profilecal_tool.importing.tables import ROW, chosen, from_rows, lines_of, words_in
+from profilecal.scan.tables import ScanError, naming
+from profilecal_tool.importing.blocks import Block, text_blocks
 
-ENDINGS = (".npy", ".npz", ".mat")
-MOST = 16  # numbers of a pose
-# all but the points of a PLY or PCD file
-CLOUD = re.compile(
-    rb"(?s)(?:ply\b.*?\nelement .*?\nend_header|(?:#|VERSION).*?\nDATA \w+)[^\n]*\n"
-)
-PLY_TYPES = renamed(
-    "char=i1 short=i2 int=i4 float=f4 double=f8 uchar=u1 ushort=u2 uint=u4 "
-    "float32=f4 float64=f8 uint8=u1 int32=i4"
-)
-# what NumPy raises on a file that is cut short or changed, beside ValueError
-UNREADABLE = (
-    EOFError,
-    BadZipFile,
-    KeyError,
-    NotImplementedError,
-    TokenError,
-    TypeError,
-    MatReadError,
-)
+OF_POSES = (4, 4), (3, 4), (3, 3), (3, 1), (1, 3)  # what a pose's matrices have
 
 
-def arrays_in(path: Path) -> dict[str, ndarray]:
-    """The arrays of numbers in a file, by name. Raises ScanError."""
-    is_matlab = path.suffix.lower() == ".mat"
-    with naming(path), path.open("rb") as file:
-        try:
-            content = loadmat(file) if is_matlab else np.load(file, allow_pickle=False)
-            if isinstance(content, ndarray):
-                return {"": np.asarray(content, float)}
-            arrays = {name: np.asarray(content[name]) for name in content}
-        except UNREADABLE as error:
-            raise ScanError(f"{path}: not an array of numbers ({error})") from error
-    return {
-        name: firsts_first(values.astype(float)) if is_matlab else values
-        for name, values in arrays.items()
-        if values.dtype.kind in "iuf" and values.size
-    }
+def arrays_in(path: Path) -> Mapping[str, Any]:
+    """The arrays of a file by their names."""
+    if path.suffix == ".mat":
+        from scipy.io import loadmat
+
+        content = loadmat(path, appendmat=False, squeeze_me=True)
+        arrays = {name: one for name, one in content.items() if name[:2] != "__"}
+        for name, array in arrays.items():  # MATLAB stacks along the last axis
+            arrays[name] = np.moveaxis(array, -1, 0) if array.ndim == 3 else array
+        return arrays
+    if path.suffix == ".ply":
+        from plyfile import PlyData
+
+        points = PlyData.read(path)["vertex"].data
+        return {name: points[name] for name in points.dtype.names}
+    with path.open("rb") as file:
+        loaded = np.load(file, allow_pickle=False)
+        return {"": loaded} if isinstance(loaded, ndarray) else {**loaded}
 
 
-def vertices_in(path: Path) -> Table | None:
-    """The vertices in a PLY or PCD file, without columns where there are none; None in
-    another. Raises ScanError.
-    """
-    if path.suffix.lower() not in (".ply", ".pcd"):
-        return None
-    with naming(path):
-        content = path.read_bytes()
-    if not (head := CLOUD.match(content)):
-        return None
-    lines = head[0].decode("latin-1")
-    said = dict(re.findall(r"^(\w+) +(.*\S)", lines, re.MULTILINE))
-    form = said.get("format") or said["DATA"]
-    order = "<>"["big" in form]
-    if "FIELDS" in said:
-        names, *kinds = (
-            said.get(key, "").lower().split() for key in ("FIELDS", "TYPE", "SIZE")
-        )
-        kinds = map("".join, zip(*kinds, strict=False))
-        count = said.get("POINTS") if {*said.get("COUNT", "")} <= {*"1 "} else ""
-    else:
-        vertex = re.split(r"\nelement \w+ ", lines)[1]
-        count = vertex.partition("\n")[0]
-        pairs = re.findall(r"\nproperty\s+(\w+)\s+(\w+)", vertex)
-        names = [name for _, name in pairs]
-        kinds = [PLY_TYPES.get(kind, kind) for kind, _ in pairs]
-    if form == "binary_compressed":
-        raise ScanError(f"{path}: compressed; save it as DATA binary or ascii")
-    if form.startswith("ascii"):
-        text = " ".join(names) + lines.count("\n") * "\n"
-        text += content[head.end() :].decode("latin-1")
-        return from_rows(path, lines_of(text))
+def binary_blocks(path: Path) -> Iterator[Block]:
+    """The tables of a file of arrays. Raises ScanError."""
     try:
-        parts = [(name, order + kind) for name, kind in zip(names, kinds, strict=True)]
-        rows = np.frombuffer(content, np.dtype(parts), int(count), head.end())
-    except (TypeError, ValueError) as error:
-        raise ScanError(f"{path}: not the points of a PLY or PCD file") from error
-    values = np.array([rows[name] for name in names], float)
-    return from_array(path, values.T, names if len(rows) else ())
+        arrays = {name: np.asarray(one) for name, one in arrays_in(path).items()}
+    except Exception as error:  # each reader has its own
+        raise ScanError(f"{path}: no arrays of numbers: is it cut short?") from error
+    yield from array_blocks(path, arrays)
 
 
-def firsts_first(values: ndarray) -> ndarray:
-    """An array of MATLAB's with what its last axis counts, poses or profiles, first."""
-    if values.ndim == 3 and values.shape[1] < 5 <= values.shape[2]:
-        return np.moveaxis(values, -1, 0)
-    return values
+def array_blocks(path: Path, arrays: Mapping[str, ndarray]) -> Iterator[Block]:
+    """Arrays as tables: those with as many rows are one; points of profiles another."""
+    tables, names = defaultdict(dict), {}
+    for name, array in arrays.items():
+        if array.ndim == 0 or array.dtype.kind not in "fiub":
+            continue
+        array = array.astype(array.dtype.newbyteorder("="), copy=False)
+        if array.shape == OF_POSES[0]:
+            array = array[None]
+        key = len(array)
+        if array.ndim == 3 and array.shape[1:] not in OF_POSES:
+            if array.shape[1] in (2, 3):
+                array = array.swapaxes(1, 2)
+            count, each, columns = array.shape
+            tables[name]["label"] = np.arange(1, count + 1).repeat(each)
+            key, name, array = name, "points", array.reshape(-1, columns)
+        names[key] = "" if key in names else name
+        if array.ndim == 1:
+            tables[key][name] = array
+        else:
+            flat = array.reshape(len(array), -1)
+            named = {f"{name}_{k}": column for k, column in enumerate(flat.T, 1)}
+            tables[key] |= named
+    for name, table in tables.items():
+        titles = [title.removeprefix("_") for title in table]
+        rows = DataFrame(table, copy=False)
+        rows.index += 1
+        yield Block(path, rows, titles, name=name if name in arrays else names[name])
 
 
-def are_poses(values: ndarray) -> bool:
-    """Whether an array has a pose, or a part of one, in each row."""
-    return values.ndim > 1 and values[0].size <= MOST and values.shape[-1] != 2
-
-
-def points_in_array(path: Path, entry: str, count: int) -> Table:
-    """The points in an array (n, k), or (P, n, k) of several profiles, or turned, for
-    `count` poses: the one that is named, or that a file has beside poses.
-
-    Raises ScanError.
-    """
-    arrays = arrays_in(path)
-    axes = [[name for name in arrays if axis in words_in(name)] for axis in "xz"]
-    if [*map(len, axes)] == [1, 1] and not entry:
-        x, z = (arrays[name] for (name,) in axes)
-        arrays = {"": np.stack(np.broadcast_arrays(x, z), axis=-1)}
-    called = [name for name in arrays if "profile" in name.lower()]
-    others = [name for name, one in arrays.items() if not are_poses(one)]
-    alone = next((names for names in (called, others) if len(names) == 1), arrays)
-    values = arrays[chosen(path, arrays if entry else alone, entry)]
-    if values.ndim not in (2, 3) or not values.size:
-        raise ScanError(
-            f"{path}: an array of shape {values.shape}; "
-            "expected a row for each point or pose"
-        )
-    if values.ndim == 3 and len(values) != count == values.shape[1]:
-        values = values.swapaxes(0, 1)
-    if values.shape[-2] <= 3 < values.shape[-1]:
-        values = values.mT
-    table = from_array(path, values.reshape(-1, values.shape[-1]))
-    if values.ndim == 3:
-        table.columns[ROW] = np.repeat(np.arange(len(values)), values.shape[1])
-    return table
-
-
-def from_array(path: Path, values: ndarray, names: Sequence[str] = ()) -> Table:
-    """The table in an array (n, k); columns without names are called "1", "2", …"""
-    names = names or [*map(str, range(1, values.shape[-1] + 1))]
-    columns = dict(zip(names, values.T, strict=True))
-    rows = range(1, len(values) + 1)
-    return Table(path, columns, rows, "row", dict.fromkeys(columns, ""))
+def sheets(path: Path) -> Iterator[Block]:
+    """The tables of a workbook."""
+    with naming(path):
+        for name, cells in read_excel(path, sheet_name=None, header=None).items():
+            text = cells.to_csv(sep=";", header=False, index=False)
+            yield from text_blocks(path, f"{name}\n{text}".encode())

@@ -1,225 +1,207 @@
-"""A scan from files that people have: profiles in a file each or all in one, and the
-robot's poses in any text or array. What is not said is guessed, and every guess is
-told.
-"""
+"""A scan from files that people have: read, told what is what, paired, checked."""
 
 import re
-from dataclasses import replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 from glob import glob
 from pathlib import Path
-from statistics import mode
+from typing import Any
 
 import numpy as np
 from numpy import ndarray
 
 from profilecal.geometry.log import GAP
+from profilecal.geometry.progress import watched
 from profilecal.scan.folder import NO_POSES, check_header, scan_of
 from profilecal.scan.motion import checked_log
 from profilecal.scan.scan import Scan
-from profilecal.scan.tables import ScanError, listed, naming
-from profilecal_tool.importing.layout import NOTHING_SAID, Layout
-from profilecal_tool.importing.makers import POSE_FILES, PROGRAM
-from profilecal_tool.importing.pairing import driven, match, unit_s
-from profilecal_tool.importing.poses import pose_table, taken_as
-from profilecal_tool.importing.profiles import (
-    check_one_scanner,
-    profiles_of,
-    read_profiles,
-    seen_in_mm,
-)
-from profilecal_tool.importing.tables import encoding_of, names_of, rows_of, sheets_of
+from profilecal.scan.tables import ScanError, listed, naming, text_of
+from profilecal_tool.importing.answers import Layout, Question, only
+from profilecal_tool.importing.blocks import Block
+from profilecal_tool.importing.files import encoding_of, is_known, is_text, read
+from profilecal_tool.importing.pairing import paired
+from profilecal_tool.importing.poses import Poses, entries_of, joined, poses_of
+from profilecal_tool.importing.profiles import read_profiles, tables_in, to_mm
+
+NOTHING_SAID = Layout()
+
+
+@dataclass(frozen=True)
+class Source:
+    """Files that are called alike but for numbers."""
+
+    paths: list[Path]
+    first: list[Block]  # what the first of them holds
+    encoding: str
+
+    def files(self) -> Iterator[tuple[Path, list[Block]]]:
+        """Each file and what it holds."""
+        yield self.paths[0], self.first
+        for path in watched(self.paths[1:], "reading"):
+            yield path, read(path, self.encoding)
 
 
 def import_scan(
     folder: str | Path, kind: str, sizes: dict, layout: Layout = NOTHING_SAID
-) -> tuple[Scan, list[str]]:
-    """The scan of a target of these sizes, mm by name, in a folder of files; and each
-    guess. Raises ScanError.
+) -> tuple[Scan, dict[str, str]]:
+    """The scan of a target of these sizes, mm by name, in a folder of files; and what
+    was taken for granted, by option. Raises ScanError; Question where it is uncertain.
     """
     folder = Path(folder)
-    said = {
-        "title": folder.resolve().name,
-        "mount": layout.mount,
-        "target": {"kind": kind} | sizes,
-    }
-    header, _ = check_header(folder, said)
-
-    of_profiles, of_poses, left = sort_files(folder, layout)
-    encoding = layout.encoding or encoding_of([*of_poses, *of_profiles])
-    is_one_table = of_poses == of_profiles and len(sheets_of(of_poses[0])) < 2
-    layout = replace(layout, encoding=encoding, in_one=is_one_table)
-    poses, convention, guessed = pose_table(of_poses, layout, left)
-    count = len(poses.lines)
-    tables = [read_profiles(path, count, layout) for path in of_profiles]
-    unit = unit_s(tables[0])
-    of_one = count if len(tables) == 1 else 0
-    names, *read = profiles_of(tables, of_one, layout, poses.columns)
-    del tables
-    values, taken_profiles = seen_in_mm(folder, *read, layout.missing)
-    if layout.times:
-        unit, names = 1.0, evenly(*layout.times, len(names))
-    moving = driven(poses, names, convention.columns, unit)
-    if moving:
-        rows, t, times = moving
-        labels = [*map(str, range(1, len(t) + 1))]
-        poses = rows_of(poses, rows)
-        poses.columns["pose"] = labels
-        order = [*range(len(times))]
-    elif layout.times:
-        raise ScanError(
-            f"{names_of(of_poses)}: no log of a robot in motion with the times of the "
-            f"profiles, {names[0]} to {names[-1]} s (--times); expected a column t"
-        )
-    else:
-        poses, order, matched = match(poses, names, convention.columns, left)
-    entries, taken_poses, of, doubts = taken_as(poses, convention, layout)
-    if moving:
-        entries, matched = in_sweeps(folder, entries, t, times)
-
-    measured = "points" if max(map(len, values)) == 1 else "profiles"
-    if measured == "profiles":
-        # one point is no profile
-        values = [value if len(value) > 1 else value[:0] for value in values]
-    by_pose = tuple(values[k] for k in order)
-    if not moving and measured == "profiles":
-        names = [str(names[k]) for k in order]
-        check_one_scanner(folder, names, by_pose, entries["p_base_flange"])
-    seen = {"measured": measured, "values": by_pose}
-    scan = scan_of(folder, header | entries | seen)
-
-    guesses = [
-        f"poses      {names_of(of_poses)}: {taken_poses}",
-        f"of         {of}",
-        f"profiles   {names_of(of_profiles)}: {taken_profiles}",
-        f"matched    {matched}",
-        f"mount      {scan.mount} (--mount)",
-        f"target     {scan.description}",
-    ]
-    if encoding:
-        guesses.append(f"encoding   {encoding} (--encoding)")
+    said = {"title": folder.resolve().name, "mount": layout.mount}
+    header, _ = check_header(folder, said | {"target": {"kind": kind} | sizes})
+    taken = {}
+    sources = sources_in(folder, layout, taken)
+    of_poses, of_profiles = sorted_out(folder, sources, layout)
+    poses = joined([*sources[of_poses].files()], layout)
+    files = sources[of_profiles]
+    one_each = len(files.paths) > 1
+    of_rows = None
+    if of_poses == of_profiles:
+        poses, of_rows = each_once(poses)
+    count = len(poses.table)
+    profiles = read_profiles(files.files(), one_each, layout, count, of_rows)
+    others = sources.keys() - {of_poses, of_profiles}
+    left = [path for name in sorted(others) for path in sources[name].paths]
+    near = filter(is_text, [*sources[of_poses].paths, *left])
+    programs = ""
+    if poses.robot:
+        programs = "\n".join(text_of(path, encoding=files.encoding) for path in near)
     if left:
-        guesses.append(f"left out   {listed(left)}")
-    return scan, guesses + [f"note       {doubt}" for doubt in guessed + doubts]
+        taken["left out"] = listed(path.name for path in left)
+    taken["profiles"] = f"{files.paths[0].name}{' …' * one_each}: {len(profiles.names)}"
+    to_mm(profiles, layout, taken)
+    values = np.split(profiles.xz, np.cumsum(profiles.counts)[:-1])
+    names = times_said(layout, profiles.names)
+    pairing = paired(poses, names)
+    taken["matched"] = pairing.how
+    order = np.argsort(pairing.rows, kind="stable")
+    order = order[pairing.rows[order] >= 0]
+    rows = pairing.rows[order]
+    if pairing.log:
+        labels, rows = [*map(str, range(1, len(order) + 1))], pairing.rows
+    else:
+        check_once(rows, [names[k] for k in order], files.paths[0], layout)
+        labels = labels_for(poses, rows, [names[k] for k in order])
+        values = [values[k] for k in order]
+    own = replace(poses, table=poses.table.iloc[rows].assign(pose=labels))
+    entries = entries_of(own, layout, programs, taken)
+    if pairing.log:
+        entries = in_sweeps(folder, entries, *pairing.log)
+    measured = "points" if max(map(len, values)) == 1 else "profiles"
+    if measured == "profiles":  # one point is none
+        values = [one if len(one) > 1 else one[:0] for one in values]
+    seen = {"measured": measured, "values": tuple(values)}
+    return scan_of(folder, header | entries | seen), taken
 
 
-def evenly(start: float, rate: float, count: int) -> list[str]:
-    """The times of profiles, as a table would have them. Raises ScanError."""
-    if not 0 <= start < np.inf or not 0 < rate < np.inf:
+def sources_in(
+    folder: Path, layout: Layout, taken: dict[str, str]
+) -> dict[str, Source]:
+    """The files of a folder, by pattern. Raises ScanError."""
+    patterns = {pattern for pattern in (layout.poses, layout.profiles) if pattern}
+    families = {pattern: files(folder, pattern) for pattern in patterns}
+    said = {path for paths in families.values() for path in paths}
+    for path in files(folder, "**/*") if len(patterns) < 2 else []:
+        pattern = re.sub(r"\d+", "*", str(path.relative_to(folder)))
+        if path not in said and is_known(path):
+            families.setdefault(pattern, []).append(path)
+    every = [path for paths in families.values() for path in paths]
+    encoding = layout.encoding or encoding_of(every)
+    if encoding:
+        taken["encoding"] = encoding
+    return {
+        pattern: Source(paths, read(paths[0], encoding), encoding)
+        for pattern, paths in families.items()
+    }
+
+
+def files(folder: Path, pattern: str) -> list[Path]:
+    """The files of a pattern, p2 before p10; or one elsewhere. Raises ScanError."""
+    inside = [folder / name for name in glob(pattern, root_dir=folder, recursive=True)]
+    paths = [path for path in inside or [Path(pattern)] if path.is_file()]
+    if not paths:
+        raise ScanError(f"{folder}: no file matches {pattern!r}; is the folder right?")
+    return sorted(paths, key=lambda p: re.sub(r"\d+", lambda d: d[0].zfill(20), str(p)))
+
+
+def sorted_out(
+    folder: Path, sources: Mapping[str, Source], layout: Layout
+) -> tuple[str, str]:
+    """Which files hold the poses, and which the profiles. Raises Question."""
+    titles = layout.pose_columns
+    of_poses = {name for name, own in sources.items() if poses_of(own.first, titles)}
+    of_poses = {layout.poses} if layout.poses else of_poses - {layout.profiles}
+    others = {n: own for n, own in sources.items() if n not in of_poses and own.first}
+    found = {n: own for n, own in others.items() if tables_in(own.first, layout)}
+    most = max((len(own.paths) for own in found.values()), default=0)
+    found = [n for n, own in found.items() if 2 * len(own.paths) > most]
+    of_profiles = [layout.profiles] if layout.profiles else found
+    unclear = sorted(others.keys() - {*found}, key=lambda n: len(sources[n].paths))
+    if not of_poses and not unclear:
+        raise ScanError(f"{folder}: nothing in it is a table of poses: --poses FILE")
+    of_poses = of_poses or {unclear.pop(0)}
+    poses = only(folder, {n: n for n in sorted(of_poses)}, "holds the poses", "poses")
+    rest = of_profiles or unclear[-1:]
+    if not rest and not tables_in(sources[poses].first, layout):
+        raise ScanError(f"{folder}: no profiles beside {poses}")
+    rest = rest or [poses]
+    return poses, only(folder, {n: n for n in rest}, "are the profiles", "profiles")
+
+
+def each_once(poses: Poses) -> tuple[Poses, ndarray | None]:
+    """The poses that stand beside points, each once; and which of them each row has,
+    where they have neither labels nor times.
+    """
+    table = poses.table
+    codes = table.groupby([*table], sort=False, dropna=False).ngroup()
+    once = ~codes.duplicated()
+    if once.all() or {"label", "time"} & {*table}:
+        return replace(poses, table=table[once]), None
+    table = table.assign(label=codes.astype(str))[once]
+    return replace(poses, table=table), codes.to_numpy()
+
+
+def times_said(layout: Layout, names: list[str]) -> list[str]:
+    """The names of profiles, or when they were taken by --times."""
+    if not layout.times:
+        return names
+    start, rate = layout.times
+    if not 0 < rate < np.inf:
         raise ScanError(
-            f"--times is {start:g} {rate:g}; expected the first profile's time, s by "
-            "the scanner's clock, and profiles a second"
+            f"--times is {start:g} {rate:g}; expected s, and profiles a second"
         )
-    return [f"{start + k / rate:.6f}" for k in range(count)]
+    return [f"{start + k / rate:.6f}" for k in range(len(names))]
+
+
+def check_once(rows: ndarray, names: list[str], path: Path, layout: Layout) -> None:
+    """Raise Question where several profiles are of one pose, and no one said which."""
+    again = np.flatnonzero(rows[1:] == rows[:-1])
+    if len(again) and not layout.profiles:
+        one, other = names[again[0]], names[again[0] + 1]
+        parts = [w for w in re.findall(r"[a-zA-Z]*\d+", one) if w not in other]
+        raise Question(
+            f"{path}: {one} and {other} are of one pose; which of them? (all: '*')",
+            profiles=f"*{[*parts, one][0]}*{path.suffix}",
+        )
+
+
+def labels_for(poses: Poses, rows: ndarray, names: list[str]) -> list[str]:
+    """The labels of poses; the names of profiles where these are more, or alone."""
+    own = poses.table.get("label", poses.table.index).astype(str).to_numpy()[rows]
+    is_named = "label" in poses.table and len({*own}) == len(own)
+    return own.tolist() if is_named else names
 
 
 def in_sweeps(
-    folder: Path, entries: dict, t: ndarray, times: ndarray
-) -> tuple[dict, str]:
+    folder: Path, entries: dict[str, Any], t: ndarray, times: ndarray
+) -> dict[str, Any]:
     """Entries of a Scan in motion, from those of the log's poses at times t (L,) and
-    the profiles' times (P,), s; and what was taken for a sweep. Raises ScanError.
+    the profiles' times (P,), s. Raises ScanError.
     """
     with naming(folder):
         log = checked_log(t, entries["R_base_flange"], entries["p_base_flange"])
         begins = np.diff(times, prepend=times[0]) > GAP * np.median(np.diff(times))
         sweeps = [f"s{number}" for number in np.cumsum(begins) + 1]
     moved = {"log": log, "times": times, "sweeps": tuple(sweeps)}
-    moved |= NO_POSES | {"side": 0, "convention": entries["convention"]}
-    how = (
-        f"by time, in motion: {len(times)} profiles in {len({*sweeps})} sweeps, parted "
-        f"where {GAP:g} profiles are missing; the delay of the clocks is to be found"
-    )
-    return moved, how
-
-
-def sort_files(
-    folder: Path, layout: Layout
-) -> tuple[list[Path], list[Path], list[str]]:
-    """The profiles, what holds the poses, and the names of other files.
-
-    Files alike but for numbers belong together, and most are profiles; of two kinds
-    with as many files each, the larger. A file alone holds both, and so may files in
-    JSON.
-
-    Raises ScanError where there are no profiles or no poses.
-    """
-    every = files(folder, "*")
-    if len(every) < 2 or all(map(is_named, every)):
-        every += files(folder, "*/*")
-    may_hold_both = len(every) == 1 or {path.suffix for path in every} == {".json"}
-    profiles, poses = files(folder, layout.profiles), files(folder, layout.poses)
-    if not poses:
-        rest = [path for path in every if path not in profiles]
-        usual = mode(map(family, every)) if every else ""
-        unlike = [path for path in rest if family(path) != usual]
-        named = [*filter(is_named, rest)]
-        alone = unlike if len(unlike) == 1 else rest if may_hold_both else []
-        if 2 * len(unlike) == len(rest) and len({*map(family, rest)}) == 2:
-            halves = unlike, [path for path in rest if path not in unlike]
-            alone = min(halves, key=lambda paths: sum(p.stat().st_size for p in paths))
-        poses = [path for path in named if path in unlike] or named or alone
-    if not poses:
-        raise ScanError(
-            f"{folder}: no such folder, or nothing in it is named like the robot's "
-            "poses; say what holds them: --poses FILE"
-        )
-    others = [path for path in every if path not in poses]
-    if not profiles and not others and not may_hold_both:
-        raise ScanError(f"{folder}: no profiles beside {names_of(poses)}")
-    if not profiles:
-        profiles = alike(folder, others) or poses
-    return profiles, poses, [path.name for path in others if path not in profiles]
-
-
-def alike(folder: Path, paths: list[Path]) -> list[Path]:
-    """The most files in a folder that are called alike but for numbers; in all folders,
-    if these are many; but for all but their ending, where no two are.
-
-    Raises ScanError where as many are called otherwise.
-    """
-    for of in (
-        lambda path: (path.parent, family(path)),
-        family,
-        lambda path: path.suffix,
-    ):
-        kinds = {}
-        for path in paths:
-            kinds.setdefault(of(path), []).append(path)
-        most = max(map(len, kinds.values()), default=0)
-        usual = [kind for kind in kinds.values() if len(kind) == most]
-        if most > 1 and len(usual) < 5:
-            break
-    if len(usual) > 1 and len({kind[0].suffix for kind in usual}) == 1:
-        firsts = [kind[0].relative_to(folder) for kind in usual]
-        pattern = firsts[0].with_name(re.sub(r"\d+", "*", firsts[0].name))
-        raise ScanError(
-            f"{folder}: {' … or '.join(map(str, firsts))} …, as many files each, may "
-            f"be the profiles; say which: --profiles '{pattern}'"
-        )
-    return usual[0] if usual else []
-
-
-def is_named(path: Path) -> bool:
-    """Whether a file is called like poses or a program."""
-    return any(words.search(path.name) for words in (POSE_FILES, PROGRAM))
-
-
-def family(path: Path) -> str:
-    """What the names of files that belong together have in common."""
-    return re.sub(r"\d+", "#", path.name)
-
-
-def files(folder: Path, pattern: str) -> list[Path]:
-    """The files of a shell pattern, p2 before p10; a file that is elsewhere, by its
-    path.
-
-    Raises ScanError if there are none of one that a user gave.
-    """
-    inside = [folder / name for name in glob(pattern, root_dir=folder)]
-    places = inside or [Path(pattern)]
-    paths = [path for path in places if path.is_file()]
-    if pattern.strip("*/") and not paths:
-        raise ScanError(f"{folder}: no file matches {pattern!r}; is the folder right?")
-    return sorted(
-        paths,
-        key=lambda path: re.sub(r"\d+", lambda digits: digits[0].zfill(20), str(path)),
-    )
+    return moved | NO_POSES | {"side": 0, "convention": entries["convention"]}

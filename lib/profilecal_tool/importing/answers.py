@@ -1,0 +1,141 @@
+"""What a user says of files, and what is asked."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from shutil import copy
+from typing import Annotated, Any, TypeVar
+
+from profilecal.scan.folder import read_header, write_scan
+from profilecal.scan.scan import MOUNTS, Scan
+from profilecal.scan.tables import ScanError, listed, new_folder, remove
+from profilecal.scan.toml import (
+    check_entries,
+    entries_of,
+    number,
+    numbers,
+    read_toml,
+    toml_text,
+)
+from profilecal.targets import TARGETS
+from profilecal_tool.importing.makers import UNITS
+
+FILE = "import.toml"
+LENGTHS = {name for target in TARGETS.values() for name in target.lengths}
+T = TypeVar("T")
+
+
+class Question(ScanError):
+    """What is not certain, and an answer: options by their names."""
+
+    def __init__(self, sentence: str, **answer: Any) -> None:
+        super().__init__(sentence)
+        self.answer = answer
+
+
+@dataclass(frozen=True)
+class Layout:
+    """What is said of files; the names are those of options, and of import.toml."""
+
+    poses: str = ""  # which files hold the robot's poses
+    pose_columns: str = (
+        ""  # what its columns are: "x [m],y [m],z [m],w,p,r"; _: nothing
+    )
+    entry: str = ""  # which pose or list of several
+    tool: Annotated[Sequence[float] | None, numbers(6)] = (
+        None  # that poses are of: mm, and angles
+    )
+    profiles: str = ""  # which files are profiles, a pattern
+    columns: str = ""  # of x and z: names, or numbers from 1, with units
+    where: str = ""  # which rows: "sensor=0"
+    x: Annotated[Sequence[float] | None, numbers(2)] = (
+        None  # of z alone: start and pitch
+    )
+    times: Annotated[Sequence[float] | None, numbers(2)] = (
+        None  # of profiles in motion: start, rate
+    )
+    unit: str = ""  # of profiles
+    missing: Annotated[float | None, number(-1e10, 1e10)] = (
+        None  # z where nothing was seen
+    )
+    encoding: str = ""  # of text
+    mount: str = MOUNTS[0]
+
+
+def only(place: Any, found: Mapping[str, T], what: str, option: str) -> T:
+    """The one that was found. Raises Question where there are several."""
+    names = [*found]
+    if len(names) > 1:
+        several = " or ".join(names)
+        raise Question(f"{place}: which {what}: {several}?", **{option: names[0]})
+    return found[names[0]]
+
+
+def scale_of(place: Any, units: set[str], usual: str) -> float:
+    """Of one unit of several columns to mm or degrees. Raises ScanError."""
+    known = {unit or usual for unit in units}
+    if len(known) > 1 or not known <= UNITS.keys():
+        raise ScanError(
+            f"{place}: the units are {listed(sorted(known))}; expected one of "
+            f"{listed(UNITS)}"
+        )
+    return UNITS[known.pop()]
+
+
+def read_answers(folder: Path) -> dict[str, Any]:
+    """What import.toml in a scan folder says, by option. Raises ScanError."""
+    path = folder / FILE
+    if not path.is_file():
+        return {}
+    entries = read_toml(path)
+    lengths = dict.fromkeys(LENGTHS, float)
+    check_entries(path, entries, entries_of(Layout) | {"target": str} | lengths)
+    return entries
+
+
+def write_imported(
+    scan: Scan, folder: Path, said: Mapping[str, Any], taken: Mapping[str, str]
+) -> None:
+    """Write a scan as a folder with import.toml: what was said, and as remarks what was
+    taken for granted. Over one that was imported before, whose scan.toml stays.
+
+    Raises ScanError.
+    """
+    text = "# How these files were read. Edit, then: profilecal import DIR SCAN\n"
+    text += toml_text(said)
+    text += "".join(f"# {name}: {words}\n" for name, words in taken.items())
+    again = (folder / FILE).is_file()
+    place = folder.with_name(f"{folder.name}.new") if again else folder
+    with new_folder(place) as partial:
+        write_scan(scan, partial)
+        (partial / FILE).write_text(text, encoding="utf-8")
+        if again:
+            keep_header(folder, partial)
+    if again:
+        former = folder.with_name(f"{folder.name}.former")
+        folder.replace(former)
+        place.replace(folder)
+        remove(former)
+
+
+def keep_header(folder: Path, partial: Path) -> None:
+    """Keep a folder's scan.toml, with what a user knows. Raises ScanError where it says
+    another target.
+    """
+    former, new = (read_header(place / "scan.toml")[0] for place in (folder, partial))
+    for name in ("kind", "sizes", "mount"):
+        if new[name] != former[name]:
+            raise ScanError(
+                f"{folder / 'scan.toml'}: {name} is {former[name]}, where {new[name]} "
+                "is said now; name a new folder"
+            )
+    copy(folder / "scan.toml", partial)
+
+
+def options(answers: Mapping[str, Any]) -> list[str]:
+    """Options of the command."""
+    words = []
+    for name, value in answers.items():
+        values = value if isinstance(value, (tuple, list)) else [value]
+        words += [f"--{name.replace('_', '-')}", *map(str, values)]
+    return words
