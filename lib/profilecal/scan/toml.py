@@ -2,7 +2,7 @@
 have.
 
 A frozen dataclass describes a table. Its fields are the entries; an annotation says
-what one may be, where its type does not say enough:
+what one may be, where its type does not say enough::
 
     @dataclass(frozen=True)
     class Motion:
