@@ -28,7 +28,9 @@ def report_on(*scans) -> str:
     found = calibrate(scans)
     figures = [pictures.plot_robot(found)]
     if found.solution_or_none:
-        figures.append(pictures.plot_residuals(found))
+        draw = [pictures.plot_residuals, pictures.plot_patterns]
+        draw += [pictures.plot_points] * found.is_known
+        figures += [one(found) for one in draw]
     for scan in scans:
         figures += pictures.plot_profiles(scan, found.poses_rejected)
     for figure in figures:
