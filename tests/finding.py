@@ -37,6 +37,28 @@ def normalised(features, truth):
     return squares.mean() / 2, len(error)
 
 
+def off_circle(points, circle):
+    return np.hypot(*(points - circle[:2]).T) - circle[2]
+
+
+def off_ellipse(points, ellipse, radius):
+    """How far points (m, 2) are outside an ellipse (4,) that a plane cuts from a rod,
+    mm, to first order: the distance from the rod's axis, over how fast it grows across
+    the ellipse.
+    """
+    centre, axis = ellipse[:2], ellipse[2:]
+    w = points - centre
+    along = w @ axis
+    distance = np.sqrt((w**2).sum(axis=1) - along**2)
+    slope = np.linalg.norm(w - np.outer(along, axis), axis=1) / distance
+    return (distance - radius) / slope
+
+
+def off_face(points, ends):
+    along = (ends[1] - ends[0]) / np.hypot(*(ends[1] - ends[0]))
+    return (points - ends[0]) @ [-along[1], along[0]]
+
+
 def assert_means_are_as_exact_as_stated(features, truth, distance):
     """For features of curves, from which `distance(points, true)` says how far points
     are.

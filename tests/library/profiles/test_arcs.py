@@ -1,58 +1,14 @@
-"""The arcs of balls and rods in raw profiles: how often and how well they are found."""
+"""The arcs of balls and rods in raw profiles: those of other sizes; sections."""
 
 import numpy as np
 import pytest
-from finding import assert_means_are_as_exact_as_stated, features_of, share_found
+from finding import features_of, off_ellipse, share_found
 from numpy.random import default_rng
 from numpy.testing import assert_allclose
-from raw_profiles import balls, rods, spoil
+from raw_profiles import balls, rods
 from scipy.differentiate import jacobian
 
 from profilecal.profiles.arcs import Section
-
-
-def off_circle(points, circle):
-    return np.hypot(*(points - circle[:2]).T) - circle[2]
-
-
-def off_ellipse(points, ellipse, radius):
-    """How far points (m, 2) are outside an ellipse (4,) that a plane cuts from a rod,
-    mm, to first order: the distance from the rod's axis, over how fast it grows across
-    the ellipse.
-    """
-    centre, axis = ellipse[:2], ellipse[2:]
-    w = points - centre
-    along = w @ axis
-    distance = np.sqrt((w**2).sum(axis=1) - along**2)
-    slope = np.linalg.norm(w - np.outer(along, axis), axis=1) / distance
-    return (distance - radius) / slope
-
-
-@pytest.mark.parametrize("spoiled", [False, True], ids=["clean", "spoiled"])
-def test_a_ball_is_found_and_as_exact_as_stated(spoiled):
-    rng = default_rng(3)
-    profiles, circles = balls(rng)
-    if spoiled:
-        profiles = spoil(profiles, circles[:, None, :2], rng)
-    features = features_of("ball", profiles)
-    assert_means_are_as_exact_as_stated(features, circles, off_circle)
-
-
-@pytest.mark.parametrize("spoiled", [False, True], ids=["clean", "spoiled"])
-@pytest.mark.parametrize(
-    ("radius", "background"), [(5.0, 30.0), (5.0, None), (25.0, None), (60.0, 30.0)]
-)
-def test_a_rod_is_found_and_as_exact_as_stated(radius, background, spoiled):
-    rng = default_rng(3)
-    profiles, ellipses = rods(rng, radius=radius, background=background)
-    if spoiled:
-        profiles = spoil(profiles, ellipses[:, None, :2], rng)
-    features = features_of("rod", profiles, radius)
-
-    def distance(points, ellipse):
-        return off_ellipse(points, ellipse, radius)
-
-    assert_means_are_as_exact_as_stated(features, ellipses, distance)
 
 
 @pytest.mark.parametrize("radius", [15.0, 40.0])

@@ -1,19 +1,31 @@
-"""What holds for every finder: what shows nothing, and what must not matter."""
+"""What holds for every finder: how often and how well a target is found, what shows
+nothing, and what must not matter.
+"""
+
+from functools import partial
 
 import numpy as np
 import pytest
-from finding import features_of, share_found
+from finding import (
+    assert_means_are_as_exact_as_stated,
+    features_of,
+    normalised,
+    off_circle,
+    off_ellipse,
+    off_face,
+    shapes_found,
+    share_found,
+)
 from numpy.random import default_rng
 from numpy.testing import assert_allclose, assert_array_equal
-from raw_profiles import balls, disks, edges, planes, rods, spoil, tables
+from raw_profiles import RADIUS, balls, disks, edges, planes, rods, spoil, tables
 
 KINDS = ["edge", "disk", "ball", "plane", "rod"]
 BLANK = np.full((980, 2), np.nan)
 EVERYWHERE = np.full((250, 1, 2), np.inf)  # a target that no spoiling leaves alone
 
 
-def bars(rng):
-    return edges("parallel bar", rng)
+bars = partial(edges, "parallel bar")
 
 
 def spoiled_tables(rng):
@@ -22,6 +34,61 @@ def spoiled_tables(rng):
 
 def noise(rng):
     return rng.uniform([-50, 150], [50, 250], (50, 980, 2))
+
+
+POINTS = {
+    "parallel bar": ("edge", bars, "corner"),
+    "straight scale": ("edge", partial(edges, "straight scale"), "step end"),
+    "knife blade": ("edge", partial(edges, "knife blade"), "tip"),
+    "disk": ("disk", disks, "chord"),
+    "floating disk": ("disk", partial(disks, background=None), "chord"),
+}
+SPOILED = pytest.mark.parametrize("spoiled", [False, True], ids=["clean", "spoiled"])
+
+
+@SPOILED
+@pytest.mark.parametrize("name", POINTS)
+def test_points_are_found_and_as_exact_as_stated(name, spoiled):
+    kind, make, shape = POINTS[name]
+    rng = default_rng(1)
+    profiles, truth = make(rng)
+    if spoiled:
+        profiles = spoil(profiles, truth, rng)
+    features = features_of(kind, profiles)
+    assert share_found(features) >= 0.99
+    assert shapes_found(features) == {shape}
+    ratio, count = normalised(features, truth)
+    assert ratio < 1 + 4 / np.sqrt(count)
+    if shape != "tip":  # its variance is an upper bound
+        assert ratio > 1 - 4 / np.sqrt(count)
+
+
+def rod(radius, background):
+    make = partial(rods, radius=radius, background=background)
+    return "rod", make, partial(off_ellipse, radius=radius), radius
+
+
+CURVES = {
+    "ball": ("ball", balls, off_circle, RADIUS),
+    "plane": ("plane", planes, off_face, RADIUS),
+    "thin rod": rod(5.0, 30.0),
+    "floating thin rod": rod(5.0, None),
+    "floating rod": rod(25.0, None),
+    "thick rod": rod(60.0, 30.0),
+}
+
+
+@SPOILED
+@pytest.mark.parametrize("name", CURVES)
+def test_curves_are_found_and_as_exact_as_stated(name, spoiled):
+    kind, make, distance, radius = CURVES[name]
+    rng = default_rng(3)
+    profiles, truth = make(rng)
+    if spoiled:
+        places = truth[:, 1:] if kind == "plane" else truth[:, None, :2]
+        profiles = spoil(profiles, places, rng)
+    features = features_of(kind, profiles, radius)
+    assert_means_are_as_exact_as_stated(features, truth, distance)
 
 
 @pytest.mark.parametrize("kind", ["edge", "disk", "ball", "rod"])
@@ -94,7 +161,7 @@ WRITTEN = {
     "shuffled": lambda p, rng: rng.permutation(p),
 }
 IN_FRONT_OF_NOTHING = {
-    "edge": lambda rng: edges("parallel bar", rng, groups=2)[0],
+    "edge": lambda rng: bars(rng, groups=2)[0],
     "disk": lambda rng: disks(rng, 20, background=None)[0],
     "ball": lambda rng: balls(rng, 20, background=500.0)[0],
     "plane": lambda rng: tables(rng, 20),
@@ -125,7 +192,6 @@ NOTHING = {
     "zeros": np.zeros((980, 2)),
     "one point": np.ones((1, 2)),
     "one place": np.ones((980, 2)),
-    "four rows": BLANK[:4],
 }
 
 
