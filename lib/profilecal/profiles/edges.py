@@ -107,13 +107,12 @@ def with_end_variance(chosen: list[Candidate]) -> list[Feature]:
     features = []
     for candidate in chosen:
         feature = candidate.feature
-        if candidate.ends:
-            along = [
-                (counted + end.variance) * np.outer(end.spacing, end.spacing)
-                for end in candidate.ends
-            ]
-            feature = replace(feature, covariance=feature.covariance + along)
-        features.append(feature)
+        along = [
+            (counted + end.variance) * np.outer(end.spacing, end.spacing)
+            for end in candidate.ends
+        ]
+        covariance = feature.covariance + (along or 0.0)
+        features.append(replace(feature, covariance=covariance))
     return features
 
 
@@ -322,10 +321,8 @@ def top_of(profile: ndarray, view: View, cluster: ndarray, away: int) -> ndarray
     if len(top) < 3 or np.ptp(profile[top, 0]) > NEAR:
         return none
     first, last = top[0], top[-1]
-    for end, beside in (
-        (first, depth[max(first - ZONE, 0) : first]),
-        (last, depth[last + 1 : last + 1 + ZONE]),
-    ):
+    before, after = depth[:first][-ZONE:], depth[last + 1 :][:ZONE]
+    for end, beside in ((first, before), (last, after)):
         if len(beside) < 3 and view.may_cut(profile[end]):
             return none
         if len(beside) and np.median(beside) < nearest + BLUNT:

@@ -50,11 +50,8 @@ class Run:
 
     def reversed(self) -> "Run":
         """The same run in the profile from its last point to its first."""
-        profile = self.profile[::-1]
-        rows = len(profile) - 1 - self.rows[::-1]
-        along, off = -self.along[::-1], -self.off[::-1]
-        direction = -self.direction
-        return Run(profile, rows, self.limit, self.point, direction, along, off)
+        rows = len(self.profile) - 1 - self.rows[::-1]
+        return Run.through(self.profile[::-1], rows, self.limit)
 
     def coordinates(self, points: ndarray) -> tuple[ndarray, ndarray]:
         """How far points (k, 2) are along the line and off it, mm."""
