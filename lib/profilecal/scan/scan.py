@@ -297,12 +297,11 @@ class Scan:
         P = len(self.values)
         times = self.times if np.size(self.times) else np.full(P, np.nan)
         times = check_array("times", times, (P,), finite=False)
-        poses = self.labels, self.R_base_flange, self.p_base_flange, self.group
+        poses: Any = self.labels, self.R_base_flange, self.p_base_flange, self.group
         if self.log:
             self._fill(orientation=None, group_given=False)
-            labels, R, p, group = self._with_motion(times, *poses)
-        else:
-            labels, R, p, group = poses
+            poses = self._with_motion(self.log, times, *poses)
+        labels, R, p, group = poses
         R = check_rotations("R_base_flange", R, P)
         p = check_positions("p_base_flange", p, P)
         if len(labels) != P:
@@ -334,7 +333,7 @@ class Scan:
         )
 
     def _with_motion(
-        self, times: ndarray, labels: Any, R: ndarray, p: ndarray, group: ndarray
+        self, log: Log, times: ndarray, labels: Any, R: Any, p: Any, group: Any
     ) -> tuple[ndarray, ...]:
         """Labels and poses of all by the log, of those at rest or of all; profiles of
         one sweep are a group. Raises ValueError.
@@ -351,9 +350,9 @@ class Scan:
         R, p = spread(R, rest, P), spread(p, rest, P)
         sweeps = np.array(self.sweeps)[moving]
         labels[moving] = [*map(moment_label, sweeps, times[moving])]
-        check_times(self.log, times, labels)
+        check_times(log, times, labels)
         later = times[moving] + (self.delay_ms or 0) / 1000
-        R[moving], p[moving], _ = self.log.at(later)
+        R[moving], p[moving], _ = log.at(later)
         if np.size(group):
             numbers = np.unique(group, return_inverse=True)[1]
         else:
