@@ -164,7 +164,8 @@ def check_header(path: Path, said: dict[str, Any]) -> tuple[dict[str, Any], floa
     lengths = length_rules(kind, scale)
     of_target = {"side": one_of((1, -1))} | lengths
     check_entries(path, target, of_target, "target", needed=lengths)
-    entries = {name: said[name] for name in ("title", "mount", "noise") if name in said}
+    given = said.keys() & {"title", "mount", "noise"}
+    entries = {name: said[name] for name in given}
     if "mount" in guess:
         entries["guess"] = mount_pose(guess["mount"])
     return entries | {

@@ -77,7 +77,7 @@ Count = Annotated[int, whole(1, 10_000)]
 USUAL = {dict: TABLE, str: TEXT, int: whole(0, 10_000), float: number()}
 
 
-def entries_of(table: type) -> dict[str, Any]:
+def entries_of(table: Any) -> dict[str, Any]:
     """What the entries of a table may be, by name: a `Rule`, one of `USUAL` types, or
     the dataclass that describes a table of its own.
     """
@@ -126,7 +126,7 @@ def check_entries(
             check_entries(path, value, rule, name)
 
 
-def made_of(table: type, entries: Mapping[str, Any]) -> Any:
+def made_of(table: Any, entries: Mapping[str, Any]) -> Any:
     """The dataclass that describes a table, with entries that have been checked."""
     inner = {
         name: made_of(rule, entries[name])

@@ -31,7 +31,7 @@ def test_a_wall_fills_the_field_of_view_and_lies_at_its_depth():
 
 
 def test_the_nearer_of_two_surfaces_hides_the_other():
-    outline = np.array([[-10.0, 100], [0, 100], [0, 80], [10, 80]])
+    outline = np.array([[-10.0, 100], [5, 100], [0, 80], [10, 80]])
     profile = profile_of(NOISELESS, outline)
     x, z = profile[np.isfinite(profile[:, 0])].T
     assert_allclose(z[x > 0.1], 80, atol=0.01)
