@@ -18,7 +18,7 @@ from profilecal.simulation.spec import Spec, simulate_scan, truth_of
     [
         lambda x: 80 + 0 * x,
         lambda x: 80 + 0.5 * x,
-        lambda x: np.where(x > 19.95, 80.0, 100.0),
+        lambda x: np.where(x > 19.8, 80.0, 100.0),
     ],
     ids=["level", "slanted", "blade"],
 )
