@@ -1,7 +1,7 @@
 """A scan from files that people have: read, told what is what, paired, checked."""
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from glob import glob
 from pathlib import Path
@@ -47,52 +47,55 @@ def import_scan(
     """The scan of a target of these sizes, mm by name, in a folder of files; and what
     was taken for granted, by option. Raises ScanError; Question where it is uncertain.
     """
-    folder = Path(folder)
-    said = {"title": folder.resolve().name, "mount": layout.mount}
-    header, _ = check_header(folder, said | {"target": {"kind": kind} | sizes})
+    folder, target = Path(folder), {"kind": kind} | sizes
+    said = {"title": folder.resolve().name, "mount": layout.mount, "target": target}
+    header, _ = check_header(folder, said)
     taken = {}
     sources = sources_in(folder, layout, taken)
     of_poses, of_profiles = sorted_out(folder, sources, layout)
-    poses = joined([*sources[of_poses].files()], layout)
-    files = sources[of_profiles]
-    one_each = len(files.paths) > 1
-    of_rows = None
+    poses, of_rows = joined([*sources[of_poses].files()], layout), None
     if of_poses == of_profiles:
         poses, of_rows = each_once(poses)
-    count = len(poses.table)
+    files = sources[of_profiles]
+    one_each, count = len(files.paths) > 1, len(poses.table)
     profiles = read_profiles(files.files(), one_each, layout, count, of_rows)
-    others = sources.keys() - {of_poses, of_profiles}
-    left = [path for name in sorted(others) for path in sources[name].paths]
-    near = filter(is_text, [*sources[of_poses].paths, *left])
-    programs = ""
-    if poses.robot:
-        programs = "\n".join(text_of(path, encoding=files.encoding) for path in near)
-    if left:
-        taken["left out"] = listed(path.name for path in left)
-    taken["profiles"] = f"{files.paths[0].name}{' …' * one_each}: {len(profiles.names)}"
+    left = [own for name, own in sources.items() if name not in (of_poses, of_profiles)]
+    taken["left out"] = (
+        listed(path.name for own in left for path in own.paths) or "none"
+    )
+    programs = text_near([sources[of_poses], *left]) if poses.robot else ""
     to_mm(profiles, layout, taken)
     values = np.split(profiles.xz, np.cumsum(profiles.counts)[:-1])
     names = times_said(layout, profiles.names)
     pairing = paired(poses, names)
     taken["matched"] = pairing.how
-    order = np.argsort(pairing.rows, kind="stable")
-    order = order[pairing.rows[order] >= 0]
-    rows = pairing.rows[order]
     if pairing.log:
-        labels, rows = [*map(str, range(1, len(order) + 1))], pairing.rows
+        labels = [*map(str, range(1, len(pairing.rows) + 1))]
+        poses = with_labels(poses, pairing.rows, labels)
     else:
-        check_once(rows, [names[k] for k in order], files.paths[0], layout)
-        labels = labels_for(poses, rows, [names[k] for k in order])
-        values = [values[k] for k in order]
-    own = replace(poses, table=poses.table.iloc[rows].assign(pose=labels))
-    entries = entries_of(own, layout, programs, taken)
+        of_each = pairing.rows[order := in_order(pairing.rows)]
+        values, names = [values[k] for k in order], [names[k] for k in order]
+        check_once(of_each, names, files.paths[0], layout)
+        poses = with_labels(poses, of_each, names)
+    entries = entries_of(poses, layout, programs, taken)
     if pairing.log:
         entries = in_sweeps(folder, entries, *pairing.log)
-    measured = "points" if max(map(len, values)) == 1 else "profiles"
-    if measured == "profiles":  # one point is none
-        values = [one if len(one) > 1 else one[:0] for one in values]
-    seen = {"measured": measured, "values": tuple(values)}
-    return scan_of(folder, header | entries | seen), taken
+    return scan_of(folder, header | entries | measured_of(values)), taken
+
+
+def measured_of(values: Sequence[ndarray]) -> dict[str, Any]:
+    """Entries of a Scan: points, or profiles, of which one point is none."""
+    if max(map(len, values)) == 1:
+        return {"measured": "points", "values": tuple(values)}
+    profiles = tuple(one if len(one) > 1 else one[:0] for one in values)
+    return {"measured": "profiles", "values": profiles}
+
+
+def text_near(sources: Iterable[Source]) -> str:
+    """The text of files that may be a program's."""
+    paths = [(path, own.encoding) for own in sources for path in own.paths]
+    near = [(path, encoding) for path, encoding in paths if is_text(path)]
+    return "\n".join(text_of(path, encoding=encoding) for path, encoding in near)
 
 
 def sources_in(
@@ -186,11 +189,18 @@ def check_once(rows: ndarray, names: list[str], path: Path, layout: Layout) -> N
         )
 
 
-def labels_for(poses: Poses, rows: ndarray, names: list[str]) -> list[str]:
-    """The labels of poses; the names of profiles where these are more, or alone."""
-    own = poses.table.get("label", poses.table.index).astype(str).to_numpy()[rows]
-    is_named = "label" in poses.table and len({*own}) == len(own)
-    return own.tolist() if is_named else names
+def in_order(rows: ndarray) -> list[int]:
+    """The profiles that have a pose, by the rows of their poses."""
+    order = np.argsort(rows, kind="stable")
+    return order[rows[order] >= 0].tolist()
+
+
+def with_labels(poses: Poses, rows: ndarray, names: list[str]) -> Poses:
+    """Some of the poses under their labels, or under names where these are more."""
+    table = poses.table.iloc[rows]
+    own = table.get("label", table["x"]).astype(str).tolist()
+    is_named = "label" in table and len({*own}) == len(own)
+    return replace(poses, table=table.assign(pose=own if is_named else names))
 
 
 def in_sweeps(

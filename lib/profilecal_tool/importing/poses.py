@@ -87,7 +87,8 @@ def joined(files: Sequence[tuple[Path, list[Block]]], layout: Layout) -> Poses:
         if titles and all(len(block.titles) != titles for block in blocks):
             sentence = f"--pose-columns says {titles} columns; which are"
             raise ScanError(f"{path}: {sentence} {listed(blocks[0].titles)}")
-        if not found and blocks:
+        roles = {column.role for block in blocks for column in columns_of(block)}
+        if not found and blocks and "joint" not in roles:
             raise unknown(max(blocks, key=lambda block: len(block.table)))
         if not found:
             raise ScanError(
@@ -121,11 +122,12 @@ def joined(files: Sequence[tuple[Path, list[Block]]], layout: Layout) -> Poses:
 
 def unknown(block: Block) -> Question:
     """What the columns of poses are."""
-    names = [*"xyzwpr", *["_"] * len(block.titles)][: len(block.titles)]
+    count = len(block.titles)
+    names = ["x", "y", "z", *(["qw", "qx", "qy", "qz"] if count == 7 else "wpr")]
+    names = [*names, *["_"] * count][:count]
     table = block.table.iloc[:, 3:6].select_dtypes("number")
-    units = dict.fromkeys("xyz", "m") | dict.fromkeys("wpr", "rad")
-    if max([*table.abs().max(), 0]) > 2 * np.pi:
-        units = {}
+    small = max([*table.abs().max(), 0]) <= 2 * np.pi
+    units = dict.fromkeys("wpr", "rad") if small else {}
     return asked(
         block.path, f"columns {listed(block.titles)}; what are they?", names, units
     )
@@ -153,16 +155,15 @@ def scales_of(poses: Poses) -> tuple[float, float, str]:
     numbers = poses.numbers(turn.columns)
     unit = poses.units[turn.columns[0]] or poses.robot.get("angle", "")
     small = np.abs(numbers).max() <= 2 * np.pi
-    too_long = is_vector and (np.linalg.norm(numbers, axis=1) > np.pi).any()
-    if not poses.robot and (too_long or (not unit and small and turn.sequence)):
-        names = [
-            dict(zip(turn.columns, "wpr", strict=True)).get(n, n) for n in poses.order
-        ]
-        names = names if is_vector else poses.order
-        units = poses.units | (dict.fromkeys("wpr", "rad") if small else {})
-        units |= dict.fromkeys(turn.columns, "rad") if small else {}
+    unclear = small and not is_vector
+    if is_vector:
+        unclear = (np.linalg.norm(numbers, axis=1) > np.pi).any()
+    if not poses.robot and ((unclear and not unit) or (is_vector and unit == "deg")):
+        turned = dict(zip(turn.columns, "wpr", strict=True)) if is_vector else {}
+        names = [turned.get(name, name) for name in poses.order]
+        rad = dict.fromkeys((*turn.columns, *"wpr"), "rad") if small else {}
         sentence = f"angles up to {np.abs(numbers).max():.4g}; which, rad or deg?"
-        raise asked(poses.path, sentence, names, units)
+        raise asked(poses.path, sentence, names, poses.units | rad)
     unit = unit or ("rad" if is_vector else "deg")
     angle = scale_of(poses.path, {poses.units[n] for n in turn.columns}, unit)
     return length, angle / UNITS["rad"] if is_vector else angle, f"{usual}, {unit}"

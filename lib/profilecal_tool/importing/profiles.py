@@ -135,8 +135,9 @@ def where(block: Block, said: str) -> Block:
     return block
 
 
-def labels_of(block: Block, columns: Sequence[Column], count: int) -> ndarray | None:
+def labels_of(block: Block, count: int) -> ndarray | None:
     """What tells the profiles in rows apart: a column whose values come once each."""
+    columns = columns_of(block)
     for role in ("label", "time", "t"):
         for column in columns:
             cells = block.table.iloc[:, column.at].to_numpy()
@@ -148,11 +149,9 @@ def labels_of(block: Block, columns: Sequence[Column], count: int) -> ndarray | 
     return None
 
 
-def check_one(
-    block: Block, pair: Sequence[Column], columns: Sequence[Column], labels: ndarray
-) -> None:
+def check_one(block: Block, pair: Sequence[Column], labels: ndarray) -> None:
     """Raise Question where rows of a profile are of several scanners or sections."""
-    for column in columns:
+    for column in columns_of(block):
         is_y = column.role == "y" and column.of == pair[0].of
         if column in pair or not (is_y or column.role in ("sensor", "label")):
             continue
@@ -213,18 +212,12 @@ def read_profiles(
             sentence = f"no x and z in columns {listed(blocks[0].titles)}"
             raise Question(f"{path}: {sentence}", columns=likely(blocks))
         for block, pair in found:
-            columns = columns_of(block)
-            labels = None if one_each else labels_of(block, columns, count)
+            labels = None if one_each else labels_of(block, count)
             labels = of_rows if of_rows is not None else labels
-            groups = np.zeros(len(block.table)) if labels is None else labels
-            check_one(block, pair, columns, groups)
-            begins = np.flatnonzero(groups[1:] != groups[:-1]) + 1
-            is_one = labels is None and not one_each and len(found) == 1
-            if is_one and count and len(groups) % count == 0:
-                begins = np.arange(1, count) * (len(groups) // count)
-            counts += np.diff([0, *begins, len(groups)]).tolist()
-            if labels is not None:
-                names += map(str, labels[[0, *begins]])
+            evenly = count * (not one_each and len(found) == 1)
+            begins = begins_of(block, pair, labels, evenly)
+            counts += np.diff([*begins, len(block.table)]).tolist()
+            names += [] if labels is None else map(str, labels[begins])
             parts.append(numbers(block, [column.at for column in pair]))
             units |= {column.unit for column in pair}
             titles = titles or pair_titles(block, pair)
@@ -236,6 +229,17 @@ def read_profiles(
         raise ScanError(f"{path}: no profiles in it")
     xz = np.concatenate(parts) if len(parts) > 1 else parts[0]
     return Profiles(path, names, counts, xz, units, titles)
+
+
+def begins_of(
+    block: Block, pair: Sequence[Column], labels: ndarray | None, evenly: int
+) -> list[int]:
+    """The rows where profiles begin: with a label, or evenly where there are none."""
+    groups = np.zeros(len(block.table)) if labels is None else labels
+    check_one(block, pair, groups)
+    if labels is None and evenly and len(groups) % evenly == 0:
+        return [*range(0, len(groups), len(groups) // evenly)]
+    return [0, *(np.flatnonzero(groups[1:] != groups[:-1]) + 1).tolist()]
 
 
 def likely(blocks: Sequence[Block]) -> str:

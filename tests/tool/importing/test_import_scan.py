@@ -145,6 +145,22 @@ ASKED = {
         *table_of("x,y,z,rx [deg],ry [deg],rz [deg]", "FANUC angles"),
         "rad or deg",
     ),
+    "quaternions": (*table_of("x,y,z,q1,q2,q3,q4", "quaternion"), "what are they"),
+    "decimal commas between spaces": (
+        people.tum,
+        lambda folder: [
+            write_lines(
+                folder / f"p{k}.txt",
+                [
+                    text([9.5, *p], " ").replace(".", ",")
+                    for p in points
+                    if p[1] == p[1]
+                ],
+            )
+            for k, points in enumerate(scan().values)
+        ],
+        "no x and z",
+    ),
     "two poses": (two_poses, people.one_each, "one or two"),
     "no columns": (*points_of("", "7"), "no x and z"),
     "two that may be z": (*points_of("x,height,distance", "9", behind=True), "x and z"),
@@ -363,6 +379,13 @@ def emptied(folder):
 
 
 MISTAKES = {
+    "joints": (
+        lambda folder: (folder / "tcp.csv").write_text(
+            "j1,j2,j3,j4,j5,j6\n0,1,2,3,4,5"
+        ),
+        nothing,
+        "joint angles are none",
+    ),
     "nothing": (people.csv, emptied, "no file matches"),
     "no poses": (people.csv, lost("robot.csv"), "nothing in it is a table of poses"),
     "two": (people.csv, copied("robot.csv", "tcp.csv"), "which holds the poses"),
