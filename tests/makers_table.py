@@ -11,12 +11,11 @@ BEGIN, END = "<!-- table of makers -->\n", "<!-- end of the table -->\n"
 
 
 def table():
-    """A row for each robot: its convention's columns, its tool, its example."""
-    lines = ["| robot | tool's frame | a line of its file |", "| --- | --- | --- |"]
+    """A row for each robot, with its example."""
+    lines = ["| robot | a line of its file |", "| --- | --- |"]
     for maker, robot in ROBOTS.items():
-        tool = "taken off" if "tool" in robot or "uses" in robot else "say `--tool`"
         example = robot["example"].replace("|", "\\|")
-        lines.append(f"| {maker} | {tool} | `{example}` |")
+        lines.append(f"| {maker} | `{example}` |")
     return "\n".join([*lines, ""])
 
 
