@@ -54,7 +54,7 @@ class SelfTest:
     @property
     def inside(self) -> int:
         """How many solutions have the truth in their 95 % region."""
-        return np.count_nonzero(self.squares < chi2_limit(0.05, 6))
+        return int(np.sum(self.squares < chi2_limit(0.05, 6)))
 
     @property
     def holds(self) -> bool:
