@@ -58,7 +58,7 @@ def array_blocks(path: Path, arrays: Mapping[str, ndarray]) -> Iterator[Block]:
             if array.shape[1] in (2, 3):
                 array = array.swapaxes(1, 2)
             count, each, columns = array.shape
-            tables[name]["label"] = np.arange(1, count + 1).repeat(each)
+            tables[name]["label"] = np.arange(1, count + 1, dtype="i4").repeat(each)
             key, name, array = name, "points", array.reshape(-1, columns)
         names[key] = "" if key in names else name
         if array.ndim == 1:

@@ -57,7 +57,7 @@ def by_label(labels: Sequence[str], names: Sequence[str]) -> Pairing | None:
     plain = {re.sub(r"\.[a-z]\w*$", "", one.lower()): k for k, one in enumerate(labels)}
     found = {"names": [plain.get(name.lower(), -1) for name in names]}
     stems = [re.sub(r"\d+", "", label) for label in labels]
-    usual = max(stems, key=stems.count, default="")  # a program may have a home, too
+    usual = max({*stems}, key=stems.count, default="")  # a program may have a home, too
     numbers = {k: WHOLE.findall(label) for k, label in enumerate(labels)}
     own = {k: int(n[-1]) for k, n in numbers.items() if n and stems[k] == usual}
     row_of = {one: k for k, one in own.items()}
