@@ -365,7 +365,8 @@ def write_table(path: Path, columns: Mapping[str, Sequence]) -> None:
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(columns)
-        writer.writerows(zip(*cells, strict=True))
+        for row in zip(*cells, strict=True):  # at each of which Ctrl-C is heard
+            writer.writerow(row)
 
 
 def cell(value: Any) -> Any:
