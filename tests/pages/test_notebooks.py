@@ -132,7 +132,7 @@ def test_other_parameters_are_lived_with_and_outcomes_recorded(path, shell):
         # fewer measurements than unknowns
         ([{"groups": 1, "positions": 4}], "unobservable", 2),
         ([{"mount": "eye-to-hand"}], "ok", 7),
-        ([{"measured": "profiles"}, {"kind": "ball", "measured": "arcs"}], "ok", 4 + 4 + 3),
+        ([{"measured": "profiles"}, {"kind": "ball", "measured": "arcs"}], "ok", 11),
     ],
 )
 def test_the_report_is_whole_whatever_the_scans(tmp_path, shell, given, status, drawn):
