@@ -131,8 +131,9 @@ def run_end(run: Run) -> End:
 
     1. The face is the run's points within a threshold of its line, numbered one by one;
        only a long gap between them counts by its length.
-    2. A line through points before the last ones, along = place + spacing · number,
-       says where the face would end half a point after its last one.
+    2. A parabola through points before the last ones, along as a function of their
+       number, says where the face would end half a point after its last one. No line
+       does: the spacing grows with depth.
     3. A side wall that the scanner sees adds points. It crosses the run's line at a
        steady pace: as many are within one threshold as between one and two, which are
        counted, M. The face ends M points earlier. A wall has no length along the line.
@@ -156,10 +157,12 @@ def run_end(run: Run) -> End:
 
     last = len(rows) - min(max(blurred, 2 * wall), len(rows) // 2)
     before = slice(max(last - 2 * ZONE, 0), last)
-    line, covariance = np.polyfit(numbers[before] - end, along[before], 1, cov=True)
-    spacing, place = max(line[0], 1e-3), line[1]
+    degree = 2 if last > ZONE else 1  # fewer points show no bend
+    number = numbers[before] - end
+    curve, covariance = np.polyfit(number, along[before], degree, cov=True)
+    spacing, place = max(curve[-2], 1e-3), curve[-1]
     tip = run.point + place * run.direction
-    variance = covariance[1, 1] / spacing**2
+    variance = covariance[-1, -1] / spacing**2
     return End(tip, spacing * run.direction, overlaps, wall, variance)
 
 
