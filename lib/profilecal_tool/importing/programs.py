@@ -14,13 +14,15 @@ WORDS = {"name", "tool", "base"}  # of a line; what else begins with $ is a numb
 
 def pattern(line: str) -> re.Pattern:
     """The expression for a line of makers.toml."""
-    line = re.sub(r"\s*([^\w\s$…])\s*", r"\1", line)
+    line = re.sub(r"\s*([^\w\s$…⋮])\s*", r"\1", line)
     parts = []
     for token in re.findall(r"\$\w+|\w+|\s+|.", line):
         if token[0] == "$" and len(token) > 1:
             of = r"[\w$.\[\]]+?" if token[1:] in WORDS else r"[^\s,;:()\[\]{}\"'=]+"
             parts.append(f"(?P<{token[1:]}>{of})")
         elif token == "…":
+            parts.append(r"[^{};<>\n]*?")
+        elif token == "⋮":
             parts.append(r"[^{};<>]*?")
         elif token == "^":
             parts.append(r"^[ \t\d]*")
@@ -67,7 +69,8 @@ def program_blocks(path: Path, text: str) -> Iterator[Block]:
 def frames(robot: dict, text: str) -> tuple[DataFrame, dict[str, set[str]]]:
     """The tools' frames in programs, and the names in use by "tool" and "base"."""
     text = plain(text, robot)
-    tools, rest = found(robot.get("tool", robot.get("pose", [])), text)
+    lines = robot["pose"] if robot.get("tools_are_poses") else robot.get("tool", [])
+    tools, rest = found(lines, text)
     uses, _ = found(robot.get("uses", []), rest)
     uses = uses.reindex(columns=["tool", "base"])
     return tools, {which: {*uses[which].dropna()} for which in uses}
