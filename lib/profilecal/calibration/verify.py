@@ -95,7 +95,7 @@ class Verification:
 def verify(
     found: Calibration | Answer, other: Scan | Calibration | Answer
 ) -> Verification:
-    """Compare a sensor pose with a scan that was not used to find it, or with its answer.
+    """Compare a sensor pose with another scan, or with the answer of one.
 
     What counts is `covariance_total_mm_deg`: the robot's accuracy between the poses of
     both scans is 0.3 mm and 0.03° unless the first one's noise states ``accuracy_mm``
