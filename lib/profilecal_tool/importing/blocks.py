@@ -11,7 +11,7 @@ from pandas import DataFrame
 
 from profilecal.geometry.progress import watched
 from profilecal.scan.tables import NOTHING, number
-from profilecal_tool.importing.makers import WORDS
+from profilecal_tool.importing.makers import UNITS, WORDS
 
 MARKS = b"#% "  # before titles
 
@@ -73,7 +73,11 @@ def text_blocks(path: Path, content: bytes) -> Iterator[Block]:
         if is_title(head[begin : begin + 2], decimal):
             begin += 1
         if begin:
-            titles = [cell.strip(" \"'\r\n") for cell in head[begin - 1]]
+            over = [[c.strip(" \"'\r\n") for c in row] for row in head[:begin]]
+            titles = over[-1]
+            if begin > 1 and {*titles} <= UNITS.keys():
+                pairs = zip(over[-2], titles, strict=True)
+                titles = [f"{title} [{unit}]" for title, unit in pairs]
         stream = BytesIO(content)
         stream.seek(place)
         table = pandas.read_csv(

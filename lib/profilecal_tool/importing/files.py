@@ -22,9 +22,10 @@ def read(path: Path, encoding: str) -> list[Block]:
     if suffix in BINARY:
         return [*(sheets if "xls" in suffix else binary_blocks)(path)]
     text = text_of(path, encoding=encoding)
-    if suffix in NESTED or text.lstrip()[:1] in ("{", "["):
+    is_program = suffix not in NESTED and len(text) < LARGEST_PROGRAM
+    programs = [*program_blocks(path, text)] if is_program else []
+    if not programs and (suffix in NESTED or text.lstrip()[:1] in ("{", "[")):
         return [*nested_blocks(path, text)]
-    programs = [*program_blocks(path, text)] if len(text) < LARGEST_PROGRAM else []
     content = text.encode()
     del text
     with naming(path):

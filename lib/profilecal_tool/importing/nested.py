@@ -66,7 +66,7 @@ def tables(path: Path, node: Any, name: str = "") -> Iterator[Block]:
             yield from array_blocks(path, {name: array})
         return
     table = json_normalize(node, sep="_")
-    parts = []
+    parts, long = [], []
     for title, cells in table.items():
         is_list = any(isinstance(cell, list) for cell in cells)
         wide = in_columns(title, cells) if is_list else cells
@@ -74,6 +74,12 @@ def tables(path: Path, node: Any, name: str = "") -> Iterator[Block]:
             parts.append(wide)
         elif len(table) == 1:
             yield from tables(path, cells[0], title)
+        elif all(isinstance(cell, list) for cell in cells):
+            long.append(title)
+    if long:
+        points = table[long].explode(long)
+        points = points.rename_axis("label").reset_index()
+        yield from tables(path, points.to_dict("records"), "points")
     if parts:
         rows = concat(parts, axis=1)
         rows.index += 1

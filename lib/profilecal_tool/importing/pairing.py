@@ -71,7 +71,7 @@ def by_label(labels: Sequence[str], names: Sequence[str]) -> Pairing | None:
         found[how] = [row_of.get(one, -1) for one in (of_names + shift).tolist()]
     how = max(found, key=lambda how: len({*found[how]} - {-1}))
     rows = np.array(found[how])
-    is_found = (rows >= 0).mean() >= 0.5 and len({*rows} - {-1}) * 2 >= len(labels)
+    is_found = (rows >= 0).mean() >= 0.5 and len({*rows} - {-1}) * 2 > len(labels)
     return Pairing(rows, f"by the {how}") if is_found else None
 
 

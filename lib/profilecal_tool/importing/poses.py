@@ -36,6 +36,7 @@ class Poses:
     order: list[str]  # the roles of all columns, as they stand
     robot: dict[str, Any]  # a row of makers.toml; {} for tables
     name: str  # of the pose, where there were several
+    offset: DataFrame | None = None  # the tool's frames that stand beside it
 
     @property
     def convention(self) -> Convention:
@@ -96,17 +97,23 @@ def joined(files: Sequence[tuple[Path, list[Block]]], layout: Layout) -> Poses:
             )
         own = [name for name in found if layout.entry.lower() in name.lower()] or found
         words = {name: {*re.split(r"[\W_]+", name.lower())} for name in own}
-        robots = [
-            n for n in own if words[n] & SETS["robot"] and not words[n] & SETS["other"]
-        ]
-        several = {name: found[name] for name in robots or own}
+        things = [n for n in own if words[n] & SETS["other"]]
+        robots = [n for n in own if words[n] & SETS["robot"] and n not in things]
+        flanges = [name for name in robots if "flange" in words[name]]
+        if things == [*own] and not layout.entry:
+            sentence = f"poses are of {listed(own)}; are they the flange's?"
+            raise Question(f"{path}: {sentence}", entry=things[0])
+        several = {name: found[name] for name in flanges or robots or own}
         own = only(path, several, "is the robot's pose", "entry")
         others = listed(name for name in found if name != own[0].name)
         beside = f"{own[0].name}, not {others}" if others else own[0].name
-        parts += [replace(part, name=beside) for part in own]
+        offset = found.get("tcp_offset", [None])[0]
+        parts += [replace(p, name=beside, offset=offset and offset.table) for p in own]
     first = parts[0]
-    if {*words} & SETS["inverse"]:
-        raise ScanError(f"{first.path}: {first.name} is the inverse of a pose")
+    called = f"{first.path.name} {first.name.partition(',')[0]}".strip()
+    if any(word in called.lower() for word in SETS["inverse"]):
+        sentence = "is called as the inverse of a pose: invert it, or rename it"
+        raise ScanError(f"{first.path.parent}: {called} {sentence}")
     tables = []
     for part in parts:
         if part.units != first.units:
@@ -122,10 +129,15 @@ def joined(files: Sequence[tuple[Path, list[Block]]], layout: Layout) -> Poses:
 
 def unknown(block: Block) -> Question:
     """What the columns of poses are."""
-    count = len(block.titles)
-    names = ["x", "y", "z", *(["qw", "qx", "qy", "qz"] if count == 7 else "wpr")]
-    names = [*names, *["_"] * count][:count]
-    table = block.table.iloc[:, 3:6].select_dtypes("number")
+    names = [c.role if c.role in {*"xyz", *BESIDE} else "" for c in columns_of(block)]
+    free = [k for k, name in enumerate(names) if not name]
+    wanted = [axis for axis in "xyz" if axis not in names]
+    is_turn = len(free) - len(wanted) == 4
+    wanted += ["qw", "qx", "qy", "qz"] if is_turn else "wpr"
+    for k, name in zip(free, wanted, strict=False):
+        names[k] = name
+    turns = [k for k, name in enumerate(names) if name in "wpr" and name]
+    table = block.table.iloc[:, turns].select_dtypes("number")
     small = max([*table.abs().max(), 0]) <= 2 * np.pi
     units = dict.fromkeys("wpr", "rad") if small else {}
     return asked(
@@ -158,7 +170,9 @@ def scales_of(poses: Poses) -> tuple[float, float, str]:
     unclear = small and not is_vector
     if is_vector:
         unclear = (np.linalg.norm(numbers, axis=1) > np.pi).any()
-    if not poses.robot and ((unclear and not unit) or (is_vector and unit == "deg")):
+    if not poses.robot and (
+        (unclear and not unit) or (is_vector and UNITS.get(unit) == 1)
+    ):
         turned = dict(zip(turn.columns, "wpr", strict=True)) if is_vector else {}
         names = [turned.get(name, name) for name in poses.order]
         rad = dict.fromkeys((*turn.columns, *"wpr"), "rad") if small else {}
@@ -205,6 +219,8 @@ def tool_of(poses: Poses, layout: Layout, programs: str) -> tuple[ndarray | None
     Raises ScanError.
     """
     tools, used = frames(poses.robot, programs)
+    if poses.offset is not None:
+        tools = poses.offset
     for which, names in used.items():
         names |= {
             *map(str, poses.table.get(which, pandas.Series(dtype=object)).dropna())

@@ -39,7 +39,9 @@ class Profiles:
 
 def numbers(block: Block, at: Sequence[int]) -> ndarray:
     """Columns as numbers (rows, columns), NaN for blanks. Raises ScanError."""
-    names = [str(k + 1) if block.is_bare else block.titles[k] for k in at]
+    names = [block.titles[k] for k in at]
+    if len({*names}) < len(names):
+        names = [str(k + 1) for k in at]
     cells = (block.table.iloc[:, k].to_numpy() for k in at)
     columns = dict(zip(names, cells, strict=True))
     return Table(block.path, columns, block.table.index).numbers(names, blank=True)
@@ -48,7 +50,7 @@ def numbers(block: Block, at: Sequence[int]) -> ndarray:
 def in_points(block: Block, layout: Layout) -> Block:
     """A block with a point in each row, of one with a profile in each, or with z alone.
 
-    Raises Question where x is nowhere.
+    Raises ScanError where x is nowhere.
     """
     columns = columns_of(block)
     titles = np.array([*map(number, block.titles)])
@@ -68,7 +70,7 @@ def in_points(block: Block, layout: Layout) -> Block:
     heights = [c.at for c in columns if c.role == "z"]
     if len(z) >= FEWEST and not (block.is_bare and len(z) <= 16):
         rows = numbers(block, z)
-    elif len(heights) == 1 and not {"x", "y"} & {c.role for c in columns}:
+    elif len(heights) == 1 and not {"x", "y", ""} & {c.role for c in columns}:
         rows, places = numbers(block, heights).T, None
     else:
         return block
@@ -85,15 +87,17 @@ def in_points(block: Block, layout: Layout) -> Block:
 
 
 def x_above(block: Block) -> tuple[float, float]:
-    """The start and the pitch of x in the words above z. Raises Question."""
+    """The start and the pitch of x in the words above z. Raises ScanError."""
     above = re.sub(r" +", "_", block.above.lower())
     found = []
     for which in ("start", "pitch"):
         line = rf"(?:{'|'.join(SETS[which])})_?(?:[(\[]\w+[)\]])?[_,;:=\t]+([-+\d.]+)"
         found += re.findall(line, above)[:1]
     if len(found) < 2:
-        sentence = "z alone, and x nowhere; where does it begin, and what is its pitch"
-        raise Question(f"{block.path}: {sentence}?", x=(0.0, 1.0))
+        raise ScanError(
+            f"{block.path}: z alone, and x nowhere: --x START PITCH says it; or give "
+            "titles: x1, z1, x2, z2, … where they take turns"
+        )
     return float(found[0]), float(found[1])
 
 
@@ -156,8 +160,9 @@ def check_one(block: Block, pair: Sequence[Column], labels: ndarray) -> None:
         if column in pair or not (is_y or column.role in ("sensor", "label")):
             continue
         cells = Series(block.table.iloc[:, column.at].to_numpy())
-        own = cells.groupby(labels)
-        if (own.nunique() > 1).any() and (2 * own.nunique() <= own.size()).all():
+        each = cells.groupby(labels).agg(["nunique", "size"])
+        few = column.role == "sensor" or (2 * each["nunique"] <= each["size"]).all()
+        if few and (each["nunique"] > 1).any():
             values = sorted(cells.unique())
             one = min(values, key=abs) if is_y else values[0]
             sentence = f"{column.name} is {values[0]} to {values[-1]} in one profile"
@@ -255,6 +260,10 @@ def codes_of(z: ndarray, missing: float | None) -> list[float]:
     """
     codes = [code for code in CODES if (z == code).any()]
     codes += [] if missing is None else [missing]
+    lowest = np.nanmin(z, initial=0)
+    digits = f"{lowest:.7g}".strip("-").replace(".", "")
+    if len(digits) > 2 and {*digits} == {"9"}:  # of -999.999 in any unit
+        codes.append(lowest)
     rest = z[~np.isin(z, codes) & np.isfinite(z)]
     has_zeros = missing is None and (rest == 0).any() and rest.any()
     return codes + [0.0] * bool(has_zeros and rest.min() * rest.max() == 0)
@@ -277,8 +286,9 @@ def to_mm(profiles: Profiles, layout: Layout, taken: dict[str, str]) -> None:
     taken["unit"] = listed(units)
     words = listed(f"{code:.12g}" for code in codes) or "blank"
     taken["missing"] = f"{words}: {unseen.sum()} of {len(xz)} points"
-    largest = np.abs([low, high]).max()
-    if not 1 <= largest <= FARTHEST_MM:
+    least, largest = sorted(np.abs([low, high]).max(axis=0))
+    least = least if max(profiles.counts) > 1 else largest  # a point may be at x = 0
+    if not 1 <= least <= largest <= FARTHEST_MM:
         off = {
             u: abs(np.log((largest / scale * k + 1e-9) / 150))
             for u, k in LENGTHS.items()

@@ -12,7 +12,7 @@ from profilecal_tool.importing.makers import ROLES, TABLE, UNITS
 KNOWN = "|".join(map(re.escape, sorted(UNITS, key=len, reverse=True)))
 IN_BRACKETS = re.compile(r"(.*?)[\s_,/]*[\[(]([^\])]*)[\])]")
 BEHIND = re.compile(rf"(.*?)[\s_,/]+({KNOWN})")
-NUMBERED = re.compile(r"(.*?)_?(\d+)")
+NUMBERED = re.compile(r"(.*[^\W\d_])_?(\d+)")
 
 
 class Column(NamedTuple):
@@ -76,6 +76,7 @@ def told(block: Block, stem: str, columns: list[Column]) -> list[Column]:
         pairs = [*zip(columns, roles.split(), strict=False)]
         fixed = [(column.at, float(role)) for column, role in pairs if role in "01"]
         fits = all((block.table.iloc[:, at] == value).all() for at, value in fixed)
+        fits &= stem != "" or block.table.iloc[0].map(type).ne(str).all()
         if fits and len(roles.split()) == len(columns):
             known = {"0": "", "1": ""}
             return [c._replace(role=known.get(r, r), of=of) for c, r in pairs]

@@ -142,7 +142,7 @@ ASKED = {
     "degrees without titles": (as_json, people.one_each, "what are they"),
     "radians": (*table_of("x,y,z,w,p,r", "FANUC angles", 1, np.pi / 180), "rad or deg"),
     "vectors in degrees": (
-        *table_of("x,y,z,rx [deg],ry [deg],rz [deg]", "FANUC angles"),
+        *table_of("x,y,z,rx [°],ry [°],rz [°]", "FANUC angles"),
         "rad or deg",
     ),
     "quaternions": (*table_of("x,y,z,q1,q2,q3,q4", "quaternion"), "what are they"),
@@ -256,6 +256,15 @@ def in_json(folder):
         (folder / f"capture{k:02d}.json").write_text(content)
 
 
+def in_one_json(folder):
+    """A sample for each pose, with a list of x and one of z."""
+    samples = []
+    for (position, turn), points in zip(people.samples(), scan().values, strict=True):
+        x, z = ([None if c != c else c for c in column] for column in points.T)
+        samples.append({"position": position, "orientation": turn, "x": x, "z": z})
+    (folder / "samples.json").write_text(json.dumps(samples))
+
+
 def nothing(folder):
     """No more files."""
 
@@ -273,7 +282,7 @@ PAIRED = {
     ),
     "Japanese": (
         listed_backwards("番号"),
-        named_profiles("測定{}.csv", "X座標,高さ", "cp932"),
+        named_profiles("測定{}.csv", "X座標,高さ\nmm,mm", "cp932"),
         "number 1",
     ),
     "UTF-16": (
@@ -286,6 +295,7 @@ PAIRED = {
     "ms": (*by_clock(1.7e12, 1000, "%Y%m%dT%H%M%S,%f"), "where the robot stands still"),
     "points": (in_one_table, nothing, "by the names"),
     "JSON": (in_json, nothing, "by the names"),
+    "samples": (in_one_json, nothing, "in order"),
 }
 
 
@@ -351,7 +361,9 @@ def test_a_frame_may_lie_in_another_file_and_a_tool_be_said(tmp_path):
 
 def test_a_log_with_a_frame_beside_the_pose_says_so(tmp_path):
     folder = people.written(tmp_path / "in", people.robot_states)
-    assert "actual_tcp_pose, not tcp_offset" in read(folder)[1]["poses"]
+    imported, taken = read(folder)
+    assert "actual_tcp_pose, not tcp_offset" in taken["poses"]
+    check_scan(imported)
 
 
 # what is wrong, and what is said of it
@@ -373,6 +385,16 @@ def reflected(folder):
     np.savetxt(folder / "pose4.txt", -np.eye(4) + 2 * np.diag([0, 0, 0, 1]))
 
 
+def inverted(folder):
+    for path in folder.glob("pose*"):
+        path.rename(path.with_stem(f"base2{path.stem}".replace("pose", "flange")))
+
+
+def halved(folder):
+    for path in sorted(folder.glob("scan_*"))[6:]:
+        path.unlink()
+
+
 def emptied(folder):
     for path in folder.iterdir():
         path.unlink()
@@ -389,6 +411,9 @@ MISTAKES = {
     "nothing": (people.csv, emptied, "no file matches"),
     "no poses": (people.csv, lost("robot.csv"), "nothing in it is a table of poses"),
     "two": (people.csv, copied("robot.csv", "tcp.csv"), "which holds the poses"),
+    "an inverse": (people.matrices, inverted, "is called as the inverse"),
+    "z alone": (people.csv, edited("scan_001.csv", "x,z", "time,z"), "--x START"),
+    "half of them": (people.csv, halved, "6 profiles for 12 poses"),
     "fewer": (people.tum, lost("scan_003.csv"), "11 profiles for 12 poses"),
     "half": (people.csv, edited("robot.csv", "Alpha", "tilt"), "what are they"),
     "units": (people.csv, edited("robot.csv", "Y [mm]", "Y [m]"), "units are m, mm"),
