@@ -77,8 +77,7 @@ def tables(path: Path, node: Any, name: str = "") -> Iterator[Block]:
         elif all(isinstance(cell, list) for cell in cells):
             long.append(title)
     if long:
-        points = table[long].explode(long)
-        points = points.rename_axis("label").reset_index()
+        points = table[long].explode(long).rename_axis("label").reset_index()
         yield from tables(path, points.to_dict("records"), "points")
     if parts:
         rows = concat(parts, axis=1)

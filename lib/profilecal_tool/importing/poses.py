@@ -170,9 +170,8 @@ def scales_of(poses: Poses) -> tuple[float, float, str]:
     unclear = small and not is_vector
     if is_vector:
         unclear = (np.linalg.norm(numbers, axis=1) > np.pi).any()
-    if not poses.robot and (
-        (unclear and not unit) or (is_vector and UNITS.get(unit) == 1)
-    ):
+    unclear = UNITS.get(unit) == 1 and is_vector if unit else unclear
+    if unclear and not poses.robot:
         turned = dict(zip(turn.columns, "wpr", strict=True)) if is_vector else {}
         names = [turned.get(name, name) for name in poses.order]
         rad = dict.fromkeys((*turn.columns, *"wpr"), "rad") if small else {}

@@ -160,6 +160,8 @@ def check_one(block: Block, pair: Sequence[Column], labels: ndarray) -> None:
         if column in pair or not (is_y or column.role in ("sensor", "label")):
             continue
         cells = Series(block.table.iloc[:, column.at].to_numpy())
+        if np.array_equal(cells, labels):
+            continue
         each = cells.groupby(labels).agg(["nunique", "size"])
         few = column.role == "sensor" or (2 * each["nunique"] <= each["size"]).all()
         if few and (each["nunique"] > 1).any():
@@ -188,11 +190,6 @@ def tables_in(blocks: Iterable[Block], layout: Layout) -> list[tuple]:
 def name_of(block: Block, pair: Sequence[Column]) -> str:
     """What points are called, or where they stand."""
     return block.name or pair[0].of or f"line {block.table.index[0]}"
-
-
-def pair_titles(block: Block, pair: Sequence[Column]) -> str:
-    """What x and z are called."""
-    return ",".join(str(block.titles[column.at]) for column in pair)
 
 
 def read_profiles(
@@ -225,7 +222,7 @@ def read_profiles(
             names += [] if labels is None else map(str, labels[begins])
             parts.append(numbers(block, [column.at for column in pair]))
             units |= {column.unit for column in pair}
-            titles = titles or pair_titles(block, pair)
+            titles = titles or ",".join(block.titles[column.at] for column in pair)
         if one_each:
             names.append(path.stem)
             counts += [0] * (not found)
