@@ -66,7 +66,7 @@ def tables(path: Path, node: Any, name: str = "") -> Iterator[Block]:
             yield from array_blocks(path, {name: array})
         return
     table = json_normalize(node, sep="_")
-    parts, long = [], []
+    parts, long = [], defaultdict(list)
     for title, cells in table.items():
         is_list = any(isinstance(cell, list) for cell in cells)
         wide = in_columns(title, cells) if is_list else cells
@@ -75,9 +75,9 @@ def tables(path: Path, node: Any, name: str = "") -> Iterator[Block]:
         elif len(table) == 1:
             yield from tables(path, cells[0], title)
         elif all(isinstance(cell, list) for cell in cells):
-            long.append(title)
-    if long:
-        points = table[long].explode(long).rename_axis("label").reset_index()
+            long[(*map(len, cells),)].append(title)
+    for own in long.values():
+        points = table[own].explode(own).rename_axis("label").reset_index()
         yield from tables(path, points.to_dict("records"), "points")
     if parts:
         rows = concat(parts, axis=1)
