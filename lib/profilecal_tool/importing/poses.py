@@ -160,10 +160,11 @@ def scales_of(poses: Poses) -> tuple[float, float, str]:
     if not poses.robot and farthest < FARTHEST_M:
         usual = "m"
     length = scale_of(poses.path, {poses.units[axis] for axis in "xyz"}, usual)
+    in_words = poses.units["x"] or usual
     turn = poses.convention
     is_vector = turn.name == "rotation vector"
     if not (turn.sequence or is_vector):
-        return length, 1.0, f"{poses.units['x'] or usual}"
+        return length, 1.0, in_words
     numbers = poses.numbers(turn.columns)
     unit = poses.units[turn.columns[0]] or poses.robot.get("angle", "")
     small = np.abs(numbers).max() <= 2 * np.pi
@@ -179,7 +180,7 @@ def scales_of(poses: Poses) -> tuple[float, float, str]:
         raise asked(poses.path, sentence, names, poses.units | rad)
     unit = unit or ("rad" if is_vector else "deg")
     angle = scale_of(poses.path, {poses.units[n] for n in turn.columns}, unit)
-    return length, angle / UNITS["rad"] if is_vector else angle, f"{usual}, {unit}"
+    return length, angle / UNITS["rad"] if is_vector else angle, f"{in_words}, {unit}"
 
 
 def entries_of(
@@ -221,13 +222,15 @@ def tool_of(poses: Poses, layout: Layout, programs: str) -> tuple[ndarray | None
     if poses.offset is not None:
         tools = poses.offset
     for which, names in used.items():
-        names |= {
-            *map(str, poses.table.get(which, pandas.Series(dtype=object)).dropna())
-        }
-    used = {
-        w: {n.lower().partition("[")[0] for n in names} for w, names in used.items()
-    }
+        if which in poses.table:
+            names |= {*poses.table[which].fillna("none").astype(str)}
+        used[which] = {name.lower().partition("[")[0] for name in names}
     bases = used["base"] - SETS["no_frame"]
+    if bases and len(used["base"]) > 1:
+        raise ScanError(
+            f"{poses.path}: moves have bases {listed(sorted(used['base']))}; expected "
+            "one: leave the others out"
+        )
     base = f"; in base {listed(sorted(bases))}, not taken off" if bases else ""
     if layout.tool:
         return np.array(layout.tool), f"the one given, taken off{base}"

@@ -334,6 +334,11 @@ TOOLS = {
         "2, whose frame is not here",
     ),
     "a frame": (people.abb, ("", ""), "tscan at [12.0, -35.0, 180.0], taken off"),
+    "pose 1 beside tool 1": (
+        people.mitsubishi,
+        ("10 MVS", "5 Tool 1\n10 MVS"),
+        "1, whose frame is not here",
+    ),
     "FANUC's": (people.fanuc, ("UT : 0", "UT : 3", 12), "3, whose frame is not here"),
 }
 
@@ -419,6 +424,7 @@ MISTAKES = {
     "units": (people.csv, edited("robot.csv", "Y [mm]", "Y [m]"), "units are m, mm"),
     "gon": (people.csv, edited("robot.csv", "[°]", "[gon]", 3), "units are gon"),
     "other tool": (people.fanuc, edited("CALIB.LS", "UT : 0", "UT : 3"), "tools 0, 3"),
+    "other base": (people.fanuc, edited("CALIB.LS", "UF : 0", "UF : 2"), "bases 0, 2"),
     "reflection": (people.matrices, reflected, "matrix with determ"),
     "far": (people.csv, edited("scan_001.csv", "z\n", "z\n1,-88888\n"), "(--missing)"),
     "word": (
