@@ -11,7 +11,6 @@ from dataclasses import dataclass, field
 from filecmp import cmpfiles
 from io import BytesIO, TextIOWrapper
 from itertools import chain, islice
-from math import isnan
 from pathlib import Path
 from typing import Any
 
@@ -361,21 +360,21 @@ def write_table(path: Path, columns: Mapping[str, Sequence]) -> None:
     """Write a CSV file; numbers to twelve digits, times `t`, which may count from 1970,
     to all; NaN as an empty cell.
     """
-    cells = [map(exact if name == "t" else cell, columns[name]) for name in columns]
+    arrays = {name: np.asarray(values) for name, values in columns.items()}
+    rows = max(map(len, arrays.values()), default=0)
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(columns)
-        for row in zip(*cells, strict=True):  # at each of which Ctrl-C is heard
-            writer.writerow(row)
+        # the text of all would fill the memory, and hear no Ctrl-C
+        for first in range(0, rows, 1000):
+            part = slice(first, first + 1000)
+            cells = [cells_of(arrays[name][part], name == "t") for name in arrays]
+            writer.writerows(zip(*cells, strict=True))
 
 
-def cell(value: Any) -> Any:
-    """A value as `write_table` writes it."""
-    if not isinstance(value, float):
-        return value
-    return "" if isnan(value) else f"{value:.12g}"
-
-
-def exact(value: float) -> str:
-    """The same of a time."""
-    return cell(value) and repr(float(value))
+def cells_of(values: ndarray, exact: bool) -> list:
+    """A column as `write_table` writes it."""
+    if values.dtype.kind != "f":
+        return values.tolist()
+    written = repr if exact else "{:.12g}".format
+    return ["" if np.isnan(value) else written(value) for value in values.tolist()]
