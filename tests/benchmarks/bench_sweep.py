@@ -2,8 +2,6 @@
 and its cost is waiting.
 """
 
-import subprocess
-import sys
 import tempfile
 import time
 from pathlib import Path
@@ -38,44 +36,9 @@ def serial(notebook: Path, folder: Path) -> None:
         )
 
 
-def first_run(folder: Path) -> tuple[float, float]:
-    """Of a 1,000-point sweep, started as a command: seconds until its first run starts,
-    and its memory later, MB.
-
-    Ends after ten runs. Linux only, where /proc tells the memory.
-    """
-    started, grid, output = (
-        folder / "started",
-        folder / "grid.toml",
-        folder / "thousand",
-    )
-    notebook = write_notebook(
-        folder / "quick.ipynb", "n: int = 0", "open('started', 'w').close()"
-    )
-    grid.write_text(f"n = {list(range(1000))}\n")
-    program = Path(sys.executable).with_name("profilecal")
-    command = [program, "sweep", notebook, grid, "--output", output]
-    start = time.perf_counter()
-    with subprocess.Popen(command, stderr=subprocess.DEVNULL) as process:
-        try:
-            wait_for(started.exists, process)
-            took = time.perf_counter() - start
-            wait_for(lambda: len(list((output / "runs").glob("*"))) >= 10, process)
-            status = Path(f"/proc/{process.pid}/status").read_text()
-        finally:
-            process.terminate()
-    return took, int(status.split("VmHWM:")[1].split()[0]) / 1024
-
-
-def wait_for(condition, process: subprocess.Popen) -> None:
-    """Wait until something holds or a process has ended."""
-    while not condition() and process.poll() is None:
-        time.sleep(0.02)
-
-
 def rows() -> list[dict]:
     """Sweeps with one and with all cores, against serial papermill of the same
-    notebook; a large grid's start.
+    notebook.
     """
     half, few = RUNS // 2, 4
     with tempfile.TemporaryDirectory() as name:
@@ -96,7 +59,6 @@ def rows() -> list[dict]:
                 )
                 for count in (few, half)
             ]
-        took, memory = first_run(folder)
     cores = f"sweep: {RUNS} runs of 1 s on {CPU_COUNT} cores"
     more = (taken[1] - taken[0]) / (half - few)
     serial_and_more = alone / RUNS + 0.3
@@ -108,9 +70,5 @@ def rows() -> list[dict]:
             more,
             "papermill, serial + 0.3 s",
             serial_and_more,
-        ),
-        at_most(1, "sweep: first of 1,000 runs started", took, "limit", 10.0),
-        at_most(
-            1, "sweep: memory of the parent at 1,000 points, MB", memory, "limit", 500.0
         ),
     ]

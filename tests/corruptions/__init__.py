@@ -1,17 +1,9 @@
 """What can go wrong with a scan folder, by kind: each corruption changes a `Folder` as
 a random generator tells it to.
 
-Some make a faultless scan of another sensor pose, which no program can tell from a scan
-of that sensor. They carry the pose that they stand for:
-
-- the profiles' x or z negated or exchanged for each other, in all of them: as the scan
-  plane has no y, that is the scanner turned by 180° about its z, x, or a diagonal;
-- poses of a tool instead of the flange: the sensor pose relative to the tool;
-- a left-handed robot frame, y and two angles negated: the mirror image of the flange
-  and the sensor;
-- all lengths in another unit: the sensor pose in that unit;
-- the other mount with inverted poses: the same numbers;
-- all poses moved by one motion of the base, negated quaternions: no change.
+Profiles whose x or z are all negated, or exchanged for each other, are a faultless scan
+by a scanner turned by 180° about its z, x, or a diagonal, as the scan plane has no y:
+such a corruption carries the pose that it stands for.
 """
 
 from importlib import import_module

@@ -4,7 +4,7 @@ what scan.toml says.
 
 from functools import wraps
 
-from corruptions.folder import SLIGHT, any_size, corruption, one, some
+from corruptions.folder import corruption, one, some
 from profilecal.scan.toml import toml_text
 
 
@@ -65,14 +65,6 @@ def other_separators(rng, content):
 
 
 @on_bytes
-def other_encoding(rng, content):
-    text = content.decode("utf-8", "replace")
-    text = text.replace("g1p1", "g1ä1").replace("Simulated", "Prüfkörper")
-    encodings = ["utf-8-sig", "utf-16", "utf-16-le", "latin-1", "cp500"]
-    return text.encode(str(rng.choice(encodings)), "replace")
-
-
-@on_bytes
 def something_inserted(rng, content):
     for i in sorted(some(rng, len(content), 1, 5).tolist(), reverse=True):
         content = content[:i] + one(rng, SMUGGLED) + content[i:]
@@ -104,18 +96,6 @@ def entry_set_to_anything(rng, folder):
     entries[name] = one(rng, NASTY)
     text = toml_text(header).replace("Infinity", "inf").replace("NaN", "nan")
     folder.files["scan.toml"] = text.encode()
-
-
-@corruption
-def other_radius(rng, folder):
-    header = folder.header()
-    target = header["target"]
-    if "radius" in target:
-        factors = [1000, 0.001, 2, 0.5, 25.4, 1 + any_size(rng, SLIGHT, 0.5)]
-        target["radius"] *= one(rng, factors)
-    else:
-        target["radius"] = 50.0
-    folder.put_header(header)
 
 
 @corruption

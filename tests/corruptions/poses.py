@@ -1,6 +1,4 @@
-"""Poses that are not where the robot was, or are given otherwise than stated; faultless
-scans of another sensor.
-"""
+"""Poses that are not where the robot was, or too few."""
 
 from functools import wraps
 
@@ -8,11 +6,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from corruptions.folder import (
-    CONVENTIONS_COLUMNS,
     SLIGHT,
     any_size,
     corruption,
-    one,
     some,
 )
 
@@ -30,21 +26,6 @@ def on_poses(function):
 
 def turns(rng, deg, shape):
     return Rotation.from_rotvec(np.radians(deg) * rng.normal(size=shape)).as_matrix()
-
-
-@corruption
-def angles_in_other_sequence(rng, folder):
-    table, _, R, _ = folder.poses()
-    sequence = one(rng, ["XYZ", "xyz", "ZYX", "zyx", "ZYZ", "YXZ"])
-    angles = Rotation.from_matrix(R).as_euler(sequence, degrees=True)
-    table = table.drop(columns=CONVENTIONS_COLUMNS.intersection(table))
-    table[one(rng, ["a b c", "w p r", "alpha beta gamma"]).split()] = angles
-    folder.put("poses", table)
-
-
-@on_poses
-def inverted(rng, R, T, folder):
-    return R.mT, T if rng.uniform() < 0.5 else -np.einsum("nba,nb->na", R, T)
 
 
 @on_poses
@@ -69,37 +50,9 @@ def robot_scaled(rng, R, T, folder):
 
 
 @on_poses
-def robot_noise(rng, R, T, folder):
-    T = T + any_size(rng, 0.01, 30) * rng.normal(size=T.shape)
-    return R @ turns(rng, any_size(rng, 0.001, 5), T.shape), T
-
-
-@on_poses
 def one_orientation(rng, R, T, folder):
     about_z = Rotation.from_rotvec([0, 0, 1] * rng.normal(size=(len(R), 1))).as_matrix()
     return R[:1] @ (about_z if rng.uniform() < 0.5 else np.eye(3) + 0 * R), T
-
-
-@on_poses
-def base_moved(rng, R, T, folder):
-    X = Rotation.random(rng=rng).as_matrix()
-    return X @ R, T @ X.T + rng.uniform(-500, 500, 3)
-
-
-@on_poses
-def poses_of_a_tool(rng, R, T, folder):
-    X = np.eye(4)
-    X[:3, :3] = Rotation.random(rng=rng).as_matrix()
-    X[:3, 3] = rng.uniform(-300, 300, 3)
-    folder.truth = np.linalg.inv(X) @ folder.truth
-    return R @ X[:3, :3], T + R @ X[:3, 3]
-
-
-@on_poses
-def left_handed_robot(rng, R, T, folder):
-    M = np.diag([1.0, -1, 1, 1])
-    folder.truth = M @ folder.truth @ M
-    return M[:3, :3] @ R @ M[:3, :3], T @ M[:3, :3]
 
 
 @corruption
@@ -109,17 +62,3 @@ def few_poses(rng, folder):
     poses = poses.iloc[np.sort(rows)]
     folder.put("poses", poses)
     folder.put("profiles", profiles[profiles["pose"].isin(poses["pose"])])
-
-
-@corruption
-def everything_in_other_lengths(rng, folder):
-    factor = one(rng, [1.01, 0.5, 1 / 25.4, 10, 1000, 0.001])
-    for name, columns in (("poses", ["x", "y", "z"]), ("profiles", ["x", "z"])):
-        table = folder.table(name)
-        folder.put(name, table.assign(**(table[columns] * factor)))
-    header = folder.header()
-    if "radius" in header["target"]:
-        header["target"]["radius"] *= factor
-        folder.put_header(header)
-    folder.truth = folder.truth @ np.eye(4)
-    folder.truth[:3, 3] *= factor

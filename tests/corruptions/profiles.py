@@ -67,15 +67,6 @@ def profiles_stretched_or_sheared(rng):
     return lambda p: p @ distortion
 
 
-@on_profiles(0.4)
-def profiles_moved_or_turned(rng):
-    shift = any_size(rng, 0.02, 100)
-    angle = np.radians(any_size(rng, 0.05, 90))
-    shift, angle = one(rng, [(shift, 0.0), (0.0, angle)])
-    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-    return lambda p: p @ turn.T + shift * rng.normal(size=2)
-
-
 @on_profiles(1.0)
 def profiles_noisy(rng):
     noise = any_size(rng, 0.02, 20)

@@ -1,5 +1,5 @@
-"""Tables whose columns are twice there or misnamed; numbers that are none, of the wrong
-sign or size, or coarse.
+"""Tables whose columns are twice there or misnamed; numbers that are none, or of the
+wrong sign or size.
 """
 
 from functools import wraps
@@ -82,13 +82,6 @@ def a_column_scaled(rng, table, column, *_):
     of_units = 1000, 0.001, 10, 0.1, 25.4, 180 / np.pi, np.pi / 180
     factor = one(rng, [*of_units, 1 + any_size(rng, SLIGHT, 0.1)])
     return table.assign(**{column: table[column] * factor})
-
-
-@on_table
-def digits_lost(rng, table, *_):
-    """Values printed coarsely."""
-    digits = int(rng.integers(-1, 3))
-    return table.assign(**table[numbers_of(table)].round(digits))
 
 
 @on_table

@@ -58,36 +58,19 @@ def page(name):
 
 @pytest.mark.parametrize("name", PAGES)
 def test_every_link_leads_somewhere_and_nothing_comes_from_elsewhere(name):
+    here = SITE / name
     for address in page(name).loads:
         assert not urlparse(address).netloc, f"{name} loads {address}"
     for address in page(name).links + page(name).loads:
         parts = urlparse(address)
         if parts.scheme:
             continue
-        target = (
-            (SITE / name).parent / unquote(parts.path) if parts.path else SITE / name
-        )
-        target = target.resolve()
+        place = unquote(parts.path) or here.name
+        target = (here.parent / place).resolve()
         assert target.exists(), f"{name} links to {address}"
         if parts.fragment and target.suffix == ".html":
-            assert (
-                unquote(parts.fragment) in page(target.relative_to(SITE).as_posix()).ids
-            ), f"{name}: {address}"
-
-
-def test_from_the_first_page_to_any_item_in_two_clicks():
-    assert any(
-        link.startswith("notebooks/01_side_by_side.html")
-        for link in page("index.html").links
-    )
-    pages = {
-        link.split("#")[0] for link in page("notebooks/01_side_by_side.html").links
-    }
-    assert {
-        "11_edge_tables.html",
-        "21_disk_measured.html",
-        "30_ball_measured.html",
-    } <= pages
+            ids = page(target.relative_to(SITE).as_posix()).ids
+            assert unquote(parts.fragment) in ids, f"{name}: {address}"
 
 
 def objects_listed():
@@ -108,11 +91,6 @@ def test_a_public_name_has_its_place_in_the_reference(name):
     links = page("reference/profilecal.html").links
     pages_linked = {link.split("#")[0] for link in links}
     assert address.removeprefix("reference/") in pages_linked
-
-
-def test_a_field_is_described_by_the_comment_beside_it():
-    text = (SITE / "reference" / "Scan.html").read_text(encoding="utf-8")
-    assert "of the target: edge, disk, ball, plane, point or rod" in text
 
 
 @pytest.fixture(scope="module")

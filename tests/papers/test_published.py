@@ -20,22 +20,6 @@ def test_every_number_is_printed_with_no_more_digits_than_stated(paper):
     assert {*table.query("role == 'input'")["item"]} == inputs[paper]
 
 
-@pytest.mark.parametrize(
-    ("entry", "sentence"),
-    [
-        (("dsk", "Table I", "q"), "paper is 'dsk'; expected one of disk, edge"),
-        (
-            ("disk", "Table V", "q"),
-            "the disk paper has no 'Table V'; there are Table I, ",
-        ),
-        (("disk", "Table I", "p"), "Table I has no 'p'; there are T_tcp, R_tcp, q"),
-    ],
-)
-def test_what_is_not_there_is_named_with_what_is(entry, sentence):
-    with pytest.raises(ValueError, match=sentence):
-        published.values(*entry)
-
-
 BOX = published.RoundingBox("disk", "Table I", ("q",))
 HALF = published.half_unit("disk", "Table I", "q")
 PRINTED = published.values("disk", "Table I", "q")
