@@ -1,4 +1,4 @@
-"""The library from outside: what three users type who have nothing but docstrings."""
+"""The library from outside: what users type who have nothing but docstrings."""
 
 import ast
 import pickle
@@ -10,8 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.random import default_rng
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 from scipy.spatial.transform import RigidTransform, Rotation
 
 import profilecal as pc
@@ -25,7 +24,7 @@ def poses_and_values(scan):
     return scan.T_base_flange, [np.array(rows) for rows in scan.values]
 
 
-class TestThreeUsers:
+class TestUsers:
     def test_one_has_arrays_of_profiles_and_quaternions(self):
         recorded, truth = pc.simulate("plane", seed=3, measured="profiles")
         rotations = Rotation.from_matrix(recorded.R_base_flange)
@@ -41,20 +40,6 @@ class TestThreeUsers:
             shift[:3] @ np.linalg.solve(found.covariance_mm_deg[:3, :3], shift[:3])
         )
         assert size < 4  # standard deviations
-
-    def test_one_has_edge_points_in_uneven_groups_for_the_papers_solver(self):
-        recorded, truth = pc.simulate("edge", seed=1, noise={"profile_mm": 0.01})
-        kept = default_rng(1).permutation(250)[:180]  # of each group another number
-        points = np.concatenate(recorded.values)
-
-        found = pc.solve_edge(
-            recorded.R_base_flange[kept], recorded.p_base_flange[kept], points[kept]
-        )
-
-        assert np.linalg.norm(found.T_sensor - truth.pose[:3, 3]) < 1  # mm
-        assert np.abs(found.R_sensor - truth.pose[:3, :3]).max() < 0.01
-        assert_array_equal(found.pose[:3, 3], found.T_sensor)
-        assert len(repr(found)) < 300
 
     def test_one_makes_a_mistake_of_every_kind(self):
         poses, points = poses_and_values(pc.simulate("edge", seed=1)[0])
@@ -73,11 +58,8 @@ class TestThreeUsers:
             "T_base_flange has shape .* for 250 points": {"T_base_flange": poses[:9]},
             r"T_base_flange\[0\] is a reflection": {"T_base_flange": mirrored},
             r"T_base_flange\[4, 0, 3\] is nan": {"T_base_flange": unknown},
-            "T_base_flange has shape .* expected .*n, 4, 4": {"T_base_flange": 7.0},
             "mount is 'eye_to_hand'; expected": {"mount": "eye_to_hand"},
-            "kind is 'edgy'; expected edge or disk": {"kind": "edgy"},
             "unknown entry 'profile_um'": {"noise": {"profile_um": 50}},
-            "profile_mm is -0.05": {"noise": {"profile_mm": -0.05}},
             "noise is 0.05; expected a table": {"noise": 0.05},
             "points .* are the units right": {"points": scan["points"] / 1000},
             "of T_base_flange is 0.8.* are they in mm": {"T_base_flange": in_metres},
@@ -208,7 +190,7 @@ def test_numbers_of_numpy_are_numbers():
     assert again.labels[:2] == ("0", "1")
 
 
-@pytest.mark.parametrize("protocol", range(2, pickle.HIGHEST_PROTOCOL + 1))
+@pytest.mark.parametrize("protocol", [2, pickle.HIGHEST_PROTOCOL])
 def test_results_are_handed_to_other_processes(protocol):
     found = pc.calibrate(pc.simulate("disk", seed=1)[0])
     again = pickle.loads(pickle.dumps(found, protocol))
@@ -228,25 +210,6 @@ def test_arguments_of_another_kind_are_refused_by_name():
     }.items():
         with pytest.raises(TypeError, match=sentence):
             call()
-
-
-def test_poses_read_in_a_wrong_convention_are_named_from_arrays_too():
-    scan, _ = pc.simulate("edge", seed=1, groups=12)
-    rotations = Rotation.from_matrix(scan.R_base_flange)
-    printed = rotations.as_euler("ZYX", degrees=True)  # a, b, c of a KUKA
-    misread = pc.pose_matrices(scan.p_base_flange, printed[:, ::-1], "KUKA angles")
-    found = pc.calibrate(
-        pc.Scan.of(
-            "edge",
-            misread,
-            points=np.concatenate(scan.values),
-            noise=scan.noise,
-            convention="KUKA angles",
-            orientations=printed[:, ::-1],
-        )
-    )
-    assert found.status == "unobservable"
-    assert any("read as" in message for message in found.messages)
 
 
 def test_a_scan_keeps_what_it_was_given():

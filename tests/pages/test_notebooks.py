@@ -128,10 +128,8 @@ def test_other_parameters_are_lived_with_and_outcomes_recorded(path, shell):
 @pytest.mark.parametrize(
     ("given", "status", "drawn"),
     [
-        ([{"spread_deg": 0.4}], "weak", 7),
         # fewer measurements than unknowns
         ([{"groups": 1, "positions": 4}], "unobservable", 2),
-        ([{"mount": "eye-to-hand"}], "ok", 7),
         ([{"measured": "profiles"}, {"kind": "ball", "measured": "arcs"}], "ok", 11),
     ],
 )

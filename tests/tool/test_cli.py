@@ -54,20 +54,11 @@ def test_one_thread_unless_the_environment_says_otherwise(given):
     assert shown.stdout.split() == ["False", *numbers], shown.stderr
 
 
-@pytest.mark.parametrize(
-    ("missing", "named"),
-    [
-        (["click"], "click"),
-        (["pandas", "matplotlib"], "matplotlib, pandas"),
-        (["click", "matplotlib", "pandas", "tqdm"], "click, matplotlib, pandas, tqdm"),
-    ],
-)
-def test_without_its_packages_the_command_says_how_to_install_them(missing, named):
-    ended = python(WITHOUT_PACKAGES.format(missing=missing))
-    assert ended.returncode == 2
-    assert ended.stdout == ""
-    install = 'pip install "profilecal[tool]"'
-    assert ended.stderr == f"profilecal: the command needs {named}: {install}\n"
+def test_without_its_packages_the_command_says_how_to_install_them():
+    ended = python(WITHOUT_PACKAGES.format(missing=["pandas", "click"]))
+    assert (ended.returncode, ended.stdout) == (2, "")
+    sentence = 'the command needs click, pandas: pip install "profilecal[tool]"'
+    assert ended.stderr == f"profilecal: {sentence}\n"
 
 
 def test_with_its_packages_the_command_runs():

@@ -69,9 +69,6 @@ def half_written(folder):
     return lambda _: any(partial.glob("profiles.*"))
 
 
-STOPS = [signal.SIGKILL, signal.SIGTERM, signal.SIGINT]
-
-
 @pytest.mark.parametrize(
     ("how", "rows"), [(signal.SIGKILL, "10000"), (signal.SIGINT, "60000")]
 )
@@ -86,7 +83,7 @@ def test_a_large_scan_is_written_whole_or_not_at_all(tmp_path, how, rows):
     assert os.listdir(tmp_path) == ["scan"]
 
 
-@pytest.mark.parametrize("how", STOPS)
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM])
 def test_import_leaves_nothing(tmp_path, robots_files, how):
     command = [COMMAND, "import", robots_files, "scan", "--target", "plane"]
     folder = tmp_path / "scan"
@@ -96,7 +93,7 @@ def test_import_leaves_nothing(tmp_path, robots_files, how):
         assert said == "\nInterrupted. Nothing was written.\n"
 
 
-@pytest.mark.parametrize("how", STOPS)
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
 def test_a_stopped_report_leaves_the_old_one_and_the_answer(tmp_path, how):
     pc.write_scan(pc.simulate("edge", groups=8, positions=5)[0], tmp_path / "scan")
     report = tmp_path / "report.html"

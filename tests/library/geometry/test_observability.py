@@ -74,7 +74,7 @@ CASES = [
 @pytest.mark.parametrize(("kind", "name"), CASES)
 def test_degenerate_motions_are_flagged_with_the_direction_they_leave_open(kind, name):
     choices, free = MOTIONS[name]
-    found, R_flange, state = judged(kind, 31, 300, **choices)
+    found, R_flange, state = judged(kind, 31, 100, **choices)
     assert (found.status == "unobservable").all()
     worst = found.directions[:, 0]
     if free == "axis":
@@ -82,7 +82,7 @@ def test_degenerate_motions_are_flagged_with_the_direction_they_leave_open(kind,
         along = np.abs(np.vecdot(worst[:, :3], axes))
         assert (along > np.cos(np.radians(5))).all()
     else:  # all three translations lie in the span of the directions that are left open
-        for k in range(0, 300, 15):
+        for k in range(0, 100, 5):
             open_ones = found.directions[k][found.sd[k] > 1]
             assert np.linalg.norm(open_ones[:, :3], axis=0).min() > 0.99
 
@@ -91,30 +91,16 @@ def test_degenerate_motions_are_flagged_with_the_direction_they_leave_open(kind,
     "choices", [{"axis": Z}, {"axis": "target"}, {"groups": 3, "positions": 10}]
 )
 def test_a_single_plane_with_motions_that_leave_its_gauge_free_is_flagged(choices):
-    found, _, _ = judged("plane", 32, 300, **choices)
+    found, _, _ = judged("plane", 32, 100, **choices)
     assert (found.status != "ok").all()
 
 
 @pytest.mark.parametrize("kind", ["edge", "disk", "ball", "plane", "point", "rod"])
 def test_healthy_motions_are_not_flagged(kind):
+    """None of 300: fewer than 1 % at 95 % confidence (the rule of three)."""
     settings = {"edge": {"groups": 25, "positions": 10}}
-    found, _, _ = judged(kind, 33, 1000, count=20, **settings.get(kind, {}))
-    assert (found.status != "ok").mean() < 0.01
-
-
-def test_units_do_not_matter():
-    """Lengths in metres change the information matrix by 10¹², and nothing that is
-    said.
-    """
-    rng = default_rng(35)
-    J = rng.normal(size=(40, 9))
-    information = J.T @ J
-    units = np.r_[BY_HAND, 10.0, 10.0, 10.0]
-    in_metres = np.r_[np.full(3, 1e-3), np.ones(3), np.full(3, 1e-3)]
-    first = spectrum(information, units)
-    second = spectrum(information / in_metres[:, None] / in_metres, units * in_metres)
-    assert_allclose(first.sd, second.sd, rtol=1e-10)
-    assert first.status == second.status
+    found, _, _ = judged(kind, 33, 300, count=20, **settings.get(kind, {}))
+    assert (found.status == "ok").all()
 
 
 def test_thresholds():

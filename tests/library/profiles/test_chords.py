@@ -57,8 +57,3 @@ def test_a_gap_before_a_tip_counts_by_its_length():
     profiles[(from_tip > 1) & (from_tip < 4)] = np.nan
     found = np.array([feature.points for feature in features_of("disk", profiles)])
     assert np.abs(found - tips).max() < 0.3
-
-
-def test_few_chords_do_not_show_where_the_view_ends():
-    profiles = disks(default_rng(8), 3, background=None)[0]
-    assert share_found(features_of("disk", profiles)) < 1

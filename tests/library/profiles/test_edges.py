@@ -1,14 +1,10 @@
 """The edge in raw profiles: where there is none, and which of several it is."""
 
-from collections import Counter
-
 import numpy as np
 import pytest
 from finding import features_of, normalised, shapes_found, share_found
 from numpy.random import default_rng
 
-from profilecal.profiles.edges import Candidate, Look, usual_look
-from profilecal.profiles.points import Feature
 from profilecal.simulation.robot import Scanner
 from profilecal.simulation.spec import Spec, simulate_scan, truth_of
 
@@ -64,14 +60,3 @@ def test_a_corner_with_a_side_of_few_points_says_so():
     start = "one side of the corner shows"
     assert six.reason == f"{start} fewer than 10 points beyond its rounding"
     assert three.reason == f"{start} too few points for a line"
-
-
-def test_no_order_decides_between_looks_that_tie():
-    """One profile with two candidates that differ by their side alone."""
-    tip = Feature(np.zeros((1, 2)), np.zeros((1, 2, 2)), np.arange(3), "tip")
-    up, down = (Candidate(tip, side, support=1.0) for side in (1, -1))
-    chosen = {
-        usual_look([order], Counter(candidate.look for candidate in order), away=0)
-        for order in ([up, down], [down, up])
-    }
-    assert chosen == {Look("tip", -1)}

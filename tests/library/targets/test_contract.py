@@ -21,7 +21,6 @@ from profilecal.targets.ball import Ball
 from profilecal.targets.disk import Disk
 from profilecal.targets.edge import SPECIMENS
 from profilecal.targets.plane import Plane
-from profilecal.targets.target import Views
 
 
 @pytest.mark.parametrize("in_space", [False, True])
@@ -167,13 +166,6 @@ def test_a_disk_has_a_chord_where_it_is_met():
     assert 100 < hit.sum() < 200
     first_x, second_x = tips[hit, :, 0].T
     assert (first_x <= second_x).all()
-
-
-def test_the_plan_of_a_disk_that_faces_the_scanner_moves_it_across_the_scan_alone():
-    normals = np.array([[0, 0.6, 0.8]] * 2)
-    views = Views((2, 3), (25.0,), normals, False, 0.0)
-    offsets = Disk.offsets(views, default_rng(3))
-    assert not offsets[..., 0].any()
 
 
 def test_a_circle_gives_the_ball_back_on_its_side():

@@ -172,17 +172,6 @@ def test_a_folder_holds_its_profiles_and_its_lengths(tmp_path):
     assert scan.description == "groove, width 20 mm, depth 9 mm"
 
 
-def test_a_folder_without_its_lengths_is_refused(tmp_path):
-    pc.write_scan(pc.simulate("groove")[0], tmp_path)
-    header = tmp_path / "scan.toml"
-    lines = header.read_text(encoding="utf-8").splitlines()
-    kept = [line for line in lines if not line.startswith("depth")]
-    header.write_text("\n".join(kept), encoding="utf-8")
-    expected = r"depth is missing in \[target\]; expected 0.5 to 1000"
-    with pytest.raises(ValueError, match=expected):
-        pc.read_scan(tmp_path)
-
-
 def test_answers_from_its_raw_profiles_are_as_exact_as_stated():
     """The squared error of an answer over its covariance is χ² with 6 degrees of
     freedom.

@@ -1,0 +1,260 @@
+"""What can go wrong with a scan folder, by kind: each corruption changes a `Folder` as
+a random generator tells it to.
+"""
+
+import tomllib
+from functools import wraps
+from io import StringIO
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from profilecal.scan.toml import toml_text
+
+EXAMPLES = Path(__file__).parents[1] / "data" / "examples"
+# the least that a scale is wrong by: less moves the answer too, but the residuals of
+# these scans do not show it
+SLIGHT = 4e-3
+CORRUPTIONS = {}
+
+
+class Folder:
+    """A scan folder in memory, and the sensor pose that is right."""
+
+    def __init__(self, kind):
+        self.files = {
+            path.name: path.read_bytes() for path in (EXAMPLES / kind).iterdir()
+        }
+        truth = tomllib.loads(self.files.pop("truth.toml").decode())
+        self.truth = np.array(truth["T_flange_sensor"])
+
+    def table(self, name):
+        """Its rows, if another corruption left any that can be read."""
+        text = self.files[f"{name}.csv"].decode()
+        return pd.read_csv(StringIO(text), dtype={"pose": str})
+
+    def put(self, name, table):
+        text = table.to_csv(index=False, float_format="%.12g")
+        self.files[f"{name}.csv"] = text.encode()
+
+    def write(self, folder):
+        folder.mkdir()
+        for name, content in self.files.items():
+            (folder / name).write_bytes(content)
+
+
+def some(rng, count, least=1, most=None):
+    """A few of `count` rows, or a share of them."""
+    most = most or max(least, count // 2)
+    number = round(float(np.exp(rng.uniform(np.log(least), np.log(most)))))
+    return rng.choice(count, min(count, max(least, number)), replace=False)
+
+
+def any_size(rng, low, high):
+    """Log-uniform, either sign."""
+    size = np.exp(rng.uniform(np.log(low), np.log(high)))
+    return float(size * rng.choice([-1, 1]))
+
+
+def one(rng, choices):
+    """One of these, as it is."""
+    return choices[rng.integers(len(choices))]
+
+
+def corruption(function):
+    CORRUPTIONS[function.__name__] = function
+    return function
+
+
+def on_bytes(function):
+    """A corruption of the content of any file."""
+
+    @wraps(function)
+    def change(rng, folder):
+        name = one(rng, sorted(folder.files))
+        folder.files[name] = bytes(function(rng, folder.files[name]))
+
+    return corruption(change)
+
+
+def on_table(*names):
+    """A corruption of the rows of one of these tables."""
+
+    def decorated(function):
+        @wraps(function)
+        def change(rng, folder):
+            name = one(rng, names)
+            folder.put(name, function(rng, folder.table(name)))
+
+        return corruption(change)
+
+    return decorated
+
+
+def on_profiles(function):
+    """A corruption of some profiles: what it makes of points (n, 2)."""
+
+    @wraps(function)
+    def of_table(rng, table):
+        parts = dict(list(table.groupby("pose", sort=False)))
+        labels = list(parts)
+        for k in some(rng, len(labels), 1, len(labels)):
+            x, z = function(rng, parts[labels[k]][["x", "z"]].to_numpy(float)).T
+            parts[labels[k]] = pd.DataFrame({"pose": labels[k], "x": x, "z": z})
+        return pd.concat(parts.values())
+
+    return on_table("profiles")(of_table)
+
+
+@on_bytes
+def bytes_flipped(rng, content):
+    """In one of two, digits alone become other digits."""
+    content, digits = bytearray(content), b"0123456789.-,e"
+    places = range(len(content))
+    if digits_alone := rng.uniform() < 0.5:
+        places = [i for i, byte in enumerate(content) if byte in digits]
+    for i in some(rng, len(places), 1, 30):
+        content[places[i]] = one(rng, digits if digits_alone else range(256))
+    return content
+
+
+@on_bytes
+def lines_lost_or_doubled(rng, content):
+    lines = content.splitlines(keepends=True)
+    times = np.ones(len(lines), int)
+    times[some(rng, len(lines))] = one(rng, [0, 2])
+    return b"".join(line * count for line, count in zip(lines, times, strict=True))
+
+
+@on_bytes
+def cut_short(rng, content):
+    return content[: rng.integers(len(content))]
+
+
+@on_bytes
+def other_separators(rng, content):
+    content = content.replace(b",", one(rng, [b";", b"\t", b" ", b", "]))
+    return content.replace(b".", b",") if rng.uniform() < 0.5 else content
+
+
+SMUGGLED = [
+    *(b'"', b"\0", b"\x1a", b",", b"#", b"\r", b"\n"),
+    *(b"nan", b"\xff", b"-", b"e", b"[", b"1e999", b"1_0"),
+]
+
+
+@on_bytes
+def something_inserted(rng, content):
+    for i in sorted(some(rng, len(content), 1, 5).tolist(), reverse=True):
+        content = content[:i] + one(rng, SMUGGLED) + content[i:]
+    return content
+
+
+NASTY = [
+    *(0, -1, 1e-300, 1e308, 1e400, float("nan"), -0.0, True, "", "edge", "50"),
+    *([], [1.0], {}, 10**400, 1, 25.0, 3000.0, "é" * 3000, "m", "mm", "eye-to-hand"),
+]
+ENTRIES = {
+    "noise": ["position_mm", "orientation_deg", "profile_mm"],
+    "target": ["side", "radius", "kind", "size"],
+    "": ["title", "units", "mount", "comment"],
+}
+
+
+@corruption
+def entry_set_to_anything(rng, folder):
+    header = tomllib.loads(folder.files["scan.toml"].decode())
+    table = one(rng, list(ENTRIES))
+    entries = header.setdefault(table, {}) if table else header
+    entries[one(rng, ENTRIES[table])] = one(rng, NASTY)
+    text = toml_text(header).replace("Infinity", "inf").replace("NaN", "nan")
+    folder.files["scan.toml"] = text.encode()
+
+
+@on_table("poses", "profiles")
+def column_renamed(rng, table):
+    old = one(rng, table.columns)
+    new = one(rng, ["", "X", f" {old} ", f"{old}_mm", "pose", "x", "qx"])
+    return table.rename(columns={old: new})
+
+
+CELLS = [
+    *(np.nan, np.inf, -np.inf, 1e308, -1e308, 1e-320, 0, 9999.99, -32768, 1e9),
+    *("text", "", "NA", "1,5", "None", "1.5 mm"),
+]
+
+
+@on_table("poses", "profiles")
+def cells_replaced(rng, table):
+    table = table.astype(object)
+    for row in some(rng, len(table), 1, 20):
+        table.iat[row, rng.integers(table.shape[1])] = one(rng, CELLS)
+    return table
+
+
+@on_table("poses", "profiles")
+def a_column_scaled(rng, table):
+    column = one(rng, [name for name in table if name not in ("pose", "side")])
+    of_units = 1000, 0.001, 10, 0.1, 25.4, 180 / np.pi, np.pi / 180
+    factor = one(rng, [*of_units, 1 + any_size(rng, SLIGHT, 0.1)])
+    return table.assign(**{column: table[column] * factor})
+
+
+@on_table("poses", "profiles")
+def labels_permuted(rng, table):
+    old = table["pose"].unique()
+    new = np.roll(old, one(rng, [1, -1, 2]))
+    if rng.uniform() < 0.5:
+        new, rows = old.copy(), some(rng, len(old), 2, len(old))
+        new[rows] = old[rng.permutation(rows)]
+    return table.assign(pose=table["pose"].map(dict(zip(old, new, strict=True))))
+
+
+@on_table("poses")
+def some_poses_wrong(rng, table):
+    rows = some(rng, len(table))
+    off = any_size(rng, 0.05, 2000) * rng.normal(size=(len(rows), 3))
+    table.loc[rows, ["x", "y", "z"]] += off
+    return table
+
+
+@on_table("poses")
+def target_moved(rng, table):
+    """Somebody knocked against it in the middle of the scan."""
+    later = table.index >= rng.integers(len(table))
+    off = any_size(rng, 0.05, 50) * rng.normal(size=3)
+    table.loc[later, ["x", "y", "z"]] += off
+    return table
+
+
+@on_table("profiles")
+def few_poses(rng, table):
+    labels = table["pose"].unique()
+    kept = rng.choice(labels, rng.integers(0, 14), replace=False)
+    return table[table["pose"].isin(kept)]
+
+
+@on_profiles
+def profiles_emptied(rng, points):
+    empties = [
+        points[:0],
+        points[:1],
+        np.repeat(points[:1], len(points), axis=0),
+        np.full_like(points, np.nan),
+        np.zeros_like(points),
+    ]
+    return one(rng, empties)
+
+
+@on_profiles
+def profiles_noisy(rng, points):
+    return points + any_size(rng, 0.02, 20) * rng.normal(size=points.shape)
+
+
+@on_profiles
+def profiles_spiky(rng, points):
+    bad = rng.uniform(size=len(points)) < rng.uniform(0.01, 0.8)
+    level = one(rng, [0, 500, -500, points[0, 1]])
+    points[bad, 1] = level + rng.normal(size=bad.sum())
+    return points
