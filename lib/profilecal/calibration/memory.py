@@ -32,37 +32,28 @@ def memory_limit(root: Path = Path("/")) -> float:
     its shell allow fewer. Infinite where the system does not tell. `root`: of the file
     system.
     """
-    limits = [float("inf"), *limits_of_groups(root)]
-    if hasattr(os, "sysconf"):
-        limits.append(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
     try:
         import resource
-    except ImportError:  # not on Windows
-        return min(limits)
+    except ImportError:  # on Windows and in browsers
+        return float("inf")
+    of_machine = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     of_process, _ = resource.getrlimit(resource.RLIMIT_AS)
+    limits = [of_machine, *limits_of_groups(root)]
     if of_process != resource.RLIM_INFINITY:
         limits.append(of_process)
     return min(limits)
 
 
 def limits_of_groups(root: Path) -> list[int]:
-    """What Linux allows the control groups that this process is in, as containers have
-    them, and the groups that hold these: version 2 in the first file, 1 in the second.
+    """What Linux allows the control group that this process is in, as containers have
+    one, and the groups that hold it.
     """
     groups = root / "proc/self/cgroup"
-    files = {
-        "": ("sys/fs/cgroup", "memory.max"),
-        "memory": ("sys/fs/cgroup/memory", "memory.limit_in_bytes"),
-    }
     limits = []
     for line in groups.read_text().splitlines() if groups.exists() else ():
-        _, controllers, group = line.split(":", 2)
-        for controller in files.keys() & controllers.split(","):
-            place, name = files[controller]
-            parts = Path(group).parts[1:]
-            for depth in range(len(parts) + 1):
-                file = root.joinpath(place, *parts[:depth], name)
-                text = file.read_text().strip() if file.exists() else "max"
-                if text.isdigit():
-                    limits.append(int(text))
+        if line.startswith("0::/"):  # of version 2
+            group = root / "sys/fs/cgroup" / line[4:]
+            files = [folder / "memory.max" for folder in (group, *group.parents)]
+            texts = [file.read_text().strip() for file in files if file.exists()]
+            limits += [int(text) for text in texts if text.isdigit()]
     return limits

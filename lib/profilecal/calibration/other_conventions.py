@@ -10,15 +10,15 @@ halfway between x and z.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from itertools import chain
 
 import numpy as np
 from numpy import ndarray
-from scipy.optimize import minimize_scalar
+from scipy.optimize import brute
 from scipy.spatial.transform import Rotation
 
 from profilecal.calibration.observe import Seen, as_observations
-from profilecal.geometry.checks import REACH_MM
 from profilecal.geometry.noise import Noise
 from profilecal.joint.descent import refine, search, search_among_outliers, thin
 from profilecal.joint.prior import FINEST_MM
@@ -34,35 +34,18 @@ FAR_BETTER = 2.0
 # logarithm of the odds against residuals so much smaller by chance, among all readings
 # and starts
 LUCK = 25.0
-UNITS = {"cm instead of mm": 10.0, "inches instead of mm": 25.4}
-SEQUENCES = (  # of three angles, as scipy names them
-    *(
-        (f"{one.name} {', '.join(one.columns)}", one.sequence)
-        for one in CONVENTIONS
-        if one.sequence
-    ),
-    ("angles about the fixed axes z, y, x", "zyx"),
-)
-
-
-@dataclass(frozen=True)
-class Reading:
-    """What the files may mean instead."""
-
-    words: str  # after "with"
-    check: str  # what to look at
-    scan: Scan  # as it would then be
-    # of each row of measurements the row of its pose; None: the same
-    rows: ndarray | None = None
-
-
-@dataclass(frozen=True)
-class Misfit:
-    """How badly a reading fits."""
-
-    rms_mm: float  # of most residuals from the best sensor pose; infinite: none found
-    # by how many the coordinates, two for each pose, exceed the unknowns
-    freedom: int
+UNITS = {"cm": 10.0, "inches": 25.4}
+SEQUENCES = {  # of three angles, as scipy names them
+    f"{one.name} {', '.join(one.columns)}": one.sequence
+    for one in CONVENTIONS
+    if one.sequence
+} | {"angles about the fixed axes z, y, x": "zyx"}
+QUATERNIONS = {  # columns of the scalar, x, y and z
+    "x, y, z, w": [3, 0, 1, 2],
+    "z, w, x, y (as if columns named qx, qy, qz, qw held w, x, y, z)": [1, 2, 3, 0],
+}
+# in words, what to look at, and what was seen as it would then be
+Reading = tuple[str, str, Observations]
 
 
 def better_readings(scan: Scan, seen: Seen) -> list[str]:
@@ -70,20 +53,24 @@ def better_readings(scan: Scan, seen: Seen) -> list[str]:
     the poses as stated.
     """
     scan, seen = sample(scan, seen)
-    stated = misfit(observed(scan, seen), widely=True).rms_mm
+    stated, _ = misfit(observed(scan, seen), widely=True)
     if not FINE_MM < stated < np.inf:
         return []
-    others = [*readings(scan), *other_lengths(scan, seen)]
-    misfits = [misfit(observed(one.scan, seen, one.rows)) for one in others]
-    order = sorted(range(len(others)), key=lambda k: misfits[k].rms_mm)
-    first = misfits[order[0]]
-    best = max(first.rms_mm, FINEST_MM)
-    by_chance = first.freedom * np.log(stated / best) < LUCK
+    tried = [
+        (*misfit(observations), words, check)
+        for words, check, observations in chain(
+            readings(scan, seen), other_lengths(scan, seen)
+        )
+    ]
+    tried.sort(key=lambda one: one[0])
+    best, freedom, *_ = tried[0]
+    best = max(best, FINEST_MM)
+    by_chance = freedom * np.log(stated / best) < LUCK
     if best > LARGEST_ERROR_MM or stated < FAR_BETTER * best or by_chance:
         return []
-    alike = [others[k] for k in order if misfits[k].rms_mm < FAR_BETTER * best]
-    words = " or ".join(one.words for one in alike)
-    checks = "; ".join(dict.fromkeys(one.check for one in alike))
+    alike = [one for one in tried if one[0] < FAR_BETTER * best]
+    words = " or ".join(words for *_, words, _ in alike)
+    checks = "; ".join(dict.fromkeys(check for *_, check in alike))
     residuals = f"the residuals are {best:.2g} mm instead of {stated:.2g} mm"
     return [f"with {words} {residuals}; {checks}"]
 
@@ -98,22 +85,25 @@ def sample(scan: Scan, seen: Seen) -> tuple[Scan, Seen]:
     return replace(scan, values=nothing), few
 
 
-def observed(scan: Scan, seen: Seen, rows: ndarray | None = None) -> Observations:
-    """What was seen, with the poses of other `rows`, and all points equally precise."""
-    poses = seen.poses if rows is None else rows[seen.poses]
+def observed(scan: Scan, seen: Seen, later: int = 0) -> Observations:
+    """What was seen, with all points equally precise, from the poses so many rows
+    `later`.
+    """
+    poses = seen.poses + later
     inside = (poses >= 0) & (poses < len(scan.labels))
     return as_observations(scan, Seen(poses[inside], seen.points[inside]))
 
 
-def misfit(observations: Observations, widely: bool = False) -> Misfit:
-    """How badly observations fit. `widely`: the best sensor pose is searched for as
-    where many poses are bad.
+def misfit(observations: Observations, widely: bool = False) -> tuple[float, int]:
+    """How far most points are from the best sensor pose, mm, infinite where none is
+    found; and by how many the coordinates, two for each pose, exceed the unknowns.
+    `widely`: that pose is searched for as where many poses are bad.
     """
     few = thin(observations, 30)
     problem = Problem([few], Noise(1.0), in_space=True)
     freedom = 2 * problem.terms[0].P - problem.n
     if freedom <= 0:
-        return Misfit(np.inf, freedom)
+        return np.inf, freedom
     state = search(problem)
     if widely:
         state = search_among_outliers(Problem([observations], problem.noise), state)
@@ -122,103 +112,76 @@ def misfit(observations: Observations, widely: bool = False) -> Misfit:
         fit = refine(problem, state, scale=np.maximum(size, FINEST_MM), iterations=8)
         state, size = fit.state, problem.typical(fit)
     best = np.min(size, where=np.isfinite(size), initial=np.inf)
-    return Misfit(float(best * np.sqrt(1 + problem.n / freedom)), freedom)
+    return float(best * np.sqrt(1 + problem.n / freedom)), freedom
 
 
-def readings(scan: Scan) -> Iterator[Reading]:
+def readings(scan: Scan, seen: Seen) -> Iterator[Reading]:
     """All other readings of a scan's poses."""
     (mount,) = {*MOUNTS} - {scan.mount}
-    yield Reading(
+    yield (
         f'mount = "{mount}" or, what is the same, every pose inverted (base in flange)',
         "check the mount, and which frame the poses are in",
-        replace(scan, mount=mount),
+        observed(replace(scan, mount=mount), seen),
     )
-    rows = np.arange(len(scan.labels))
-    for words, others in (
-        ("each profile taken from the next row's pose", rows + 1),
-        ("each profile taken from the previous row's pose", rows - 1),
-        ("the profiles in reverse order", rows[::-1]),
-    ):
-        yield Reading(words, "check which pose each profile belongs to", scan, others)
-    low, high = REACH_MM
-    farthest = np.linalg.norm(scan.p_base_flange, axis=1).max()
-    for words, factor in UNITS.items():
-        if low < farthest * factor < high:
-            yield Reading(
-                f"the poses' x, y, z in {words}",
-                "check the units of poses and profiles",
-                replace(scan, p_base_flange=scan.p_base_flange * factor),
-            )
+    which = "check which pose each profile belongs to"
+    for word, later in (("next", 1), ("previous", -1)):
+        words = f"each profile taken from the {word} row's pose"
+        yield words, which, observed(scan, seen, later)
+    backwards = replace(seen, poses=len(scan.labels) - 1 - seen.poses)
+    yield "the profiles in reverse order", which, observed(scan, backwards)
+    stated = observed(scan, seen)
+    for unit, factor in UNITS.items():
+        yield (
+            f"the poses' x, y, z in {unit} instead of mm",
+            "check the units of poses and profiles",
+            replace(stated, T_flange=stated.T_flange * factor),
+        )
     for words, rotation in other_rotations(scan):
         robot = replace(scan, R_base_flange=rotation.as_matrix())
-        yield Reading(words, "check how the robot prints its poses", robot)
+        yield words, "check how the robot prints its poses", observed(robot, seen)
 
 
 def other_rotations(scan: Scan) -> Iterator[tuple[str, Rotation]]:
-    """What the scan's orientations may mean besides what is stated, in words and as
-    rotations.
+    """What the scan's orientations may mean, in words and as rotations, the stated
+    meaning of three numbers among them.
     """
     stated = named(scan.convention)
     block = scan.orientation
     if block is None:
         block = from_rotations(stated, scan.R_base_flange)
-    columns = ", ".join(stated.columns)
-    for words, rotation in orientations(block, stated.sequence):
-        yield f"{columns} read as {words}", rotation
+    read = f"{', '.join(stated.columns)} read as"
+    if len(stated.columns) == 3:
+        for unit, degrees in (("degrees", block), ("radians", np.degrees(block))):
+            for words, sequence in SEQUENCES.items():
+                rotation = Rotation.from_euler(sequence, degrees, degrees=True)
+                yield f"{read} {words} in {unit}", rotation
+            rotation = Rotation.from_rotvec(np.radians(degrees))
+            yield f"{read} a rotation vector in {unit}", rotation
+    if len(stated.columns) == 4:
+        for words, order in QUATERNIONS.items():
+            rotation = Rotation.from_quat(block[:, order], scalar_first=True)
+            yield f"{read} {words}", rotation
     inverted = Rotation.from_matrix(scan.R_base_flange).inv()
     yield "every rotation inverted (matrices transposed)", inverted
 
 
 def other_lengths(scan: Scan, seen: Seen) -> Iterator[Reading]:
-    """The scan with each of its target's lengths as it fits best, the others as given:
-    a quarter to four times as long.
-    """
-    for k, name in enumerate(scan.measures):
-
-        def rms_mm(log_ratio: float, k: int = k) -> float:
-            return misfit(observed(with_length(scan, k, log_ratio), seen)).rms_mm
-
-        coarse = min(np.arange(-2, 2.1, 0.25), key=rms_mm)
-        fine = minimize_scalar(
-            rms_mm,
-            bounds=(coarse - 0.25, coarse + 0.25),
-            method="bounded",
-            options={"xatol": 1e-3},
-        )
-        fitting = with_length(scan, k, fine.x)
-        yield Reading(
-            f"a {name} of {fitting.sizes[k]:.3g} mm",
-            f"{scan.sizes[k]:g} mm was given",
-            fitting,
-        )
+    """The scan with each of its target's lengths as it fits best."""
+    for k, (name, given) in enumerate(scan.measures.items()):
+        fitting = with_best_length(observed(scan, seen), k)
+        words = f"a {name} of {fitting.sizes[k]:.3g} mm"
+        yield words, f"{given:g} mm was given", fitting
 
 
-def with_length(scan: Scan, k: int, log_ratio: float) -> Scan:
-    """The scan with its k-th length multiplied by a power of two."""
-    sizes = [*scan.sizes]
-    sizes[k] *= 2**log_ratio
-    return replace(scan, sizes=tuple(sizes))
+def with_best_length(stated: Observations, k: int) -> Observations:
+    """With the k-th length as it fits best, a quarter to four times as long."""
 
+    def times(ratio: float) -> Observations:
+        sizes = [*stated.sizes]
+        sizes[k] *= ratio
+        return replace(stated, sizes=tuple(sizes))
 
-def orientations(block: ndarray, sequence: str) -> Iterator[tuple[str, Rotation]]:
-    """What a block of orientation columns (n, k) may mean besides what is stated, in
-    words and as rotations. `sequence`: of the angles stated, "" for others.
-    """
-    if block.shape[1] == 3:
-        yield from of_three_numbers(block, sequence)
-    if block.shape[1] == 4:
-        first = "z, w, x, y (as if columns named qx, qy, qz, qw held w, x, y, z)"
-        for words, order in (("x, y, z, w", [3, 0, 1, 2]), (first, [1, 2, 3, 0])):
-            yield words, Rotation.from_quat(block[:, order], scalar_first=True)
+    def rms_mm(log_ratio: ndarray) -> float:
+        return misfit(times(2 ** log_ratio.item()))[0]
 
-
-def of_three_numbers(block: ndarray, sequence: str) -> Iterator[tuple[str, Rotation]]:
-    """`orientations` of angles or rotation vectors (n, 3)."""
-    for unit, degrees in (("degrees", block), ("radians", np.degrees(block))):
-        for words, other in SEQUENCES:
-            if (other, unit) != (sequence, "degrees"):
-                rotation = Rotation.from_euler(other, degrees, degrees=True)
-                yield f"{words} in {unit}", rotation
-        if sequence or unit == "degrees":
-            rotation = Rotation.from_rotvec(np.radians(degrees))
-            yield f"a rotation vector in {unit}", rotation
+    return times(2 ** brute(rms_mm, [slice(-2, 2.1, 0.25)]).item())

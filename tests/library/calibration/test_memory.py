@@ -24,17 +24,12 @@ def test_as_many_profiles_as_would_fit_are_solved(monkeypatch):
 
 GROUPS = {  # of this process, files of limits, and the least of these
     "none": ("", {}, None),
-    "version 2": (
+    "a container": (
         "0::/pod/box\n",
         {"memory.max": "max", "pod/memory.max": "3000", "pod/box/memory.max": "max"},
         3000,
     ),
-    "version 2, as seen from within": ("0::/\n", {"memory.max": "5000"}, 5000),
-    "version 1": (
-        "9:name=systemd:/\n6:cpu,memory:/docker/12\n0::/\n",
-        {"memory/memory.limit_in_bytes": "4000"},
-        4000,
-    ),
+    "a container, as seen from within": ("0::/\n", {"memory.max": "5000"}, 5000),
 }
 
 
