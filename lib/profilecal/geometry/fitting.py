@@ -181,13 +181,14 @@ def fit_circle(points: ndarray) -> ndarray:
     """Circles (..., 3) as x, z, r through points (..., k, 2), k ≥ 3, by Taubin's fit.
 
     It minimises ⟨d²⟩/⟨|∇d|²⟩ of the algebraic distance d; ⟨d²⟩ alone makes circles too
-    small on noisy arcs.
+    small on noisy arcs. Points on one line or repeated give NaN.
     """
     mean, x, z = about_mean(points)
     values = {"x": x, "z": z, "w": x * x + z * z}
     pairs = "xx", "xz", "zz", "wx", "wz", "ww"
     means = {pair: mean_product(*(values[name] for name in pair)) for pair in pairs}
-    circle = circle_from_moments(means)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        circle = circle_from_moments(means)
     circle[..., :2] += mean
     return circle
 

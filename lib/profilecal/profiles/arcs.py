@@ -5,6 +5,7 @@ ellipse of a rod.
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy import ndarray
@@ -81,10 +82,7 @@ def find_balls(profiles: Profiles, radius: float) -> list[Feature]:
     """The arc of the ball in each profile (n, 2), mm, as up to 40 means over points."""
     why_not = partial(why_no_ball, radius)
     missing = "no arc of a circle as large as the ball or smaller"
-    return [
-        find_arc(profile, 1.2 * radius, nearest_circle, why_not, missing)
-        for profile in watched(profiles, "looking for the target")
-    ]
+    return find_arcs(profiles, 1.2 * radius, nearest_circle, why_not, missing)
 
 
 def find_rods(profiles: Profiles, radius: float) -> list[Feature]:
@@ -92,8 +90,13 @@ def find_rods(profiles: Profiles, radius: float) -> list[Feature]:
     fit = partial(nearest_section, radius)
     square = f"within {LARGEST_TILT_DEG:.0f}° of square to the profile"
     missing = f"no arc of a rod of {radius:.4g} mm whose axis is {square}"
+    return find_arcs(profiles, 2.5 * radius, fit, why_no_rod, missing)
+
+
+def find_arcs(profiles: Profiles, *kind: Any) -> list[Feature]:
+    """`find_arc` of a kind in each profile."""
     return [
-        find_arc(profile, 2.5 * radius, fit, why_no_rod, missing)
+        find_arc(profile, *kind)
         for profile in watched(profiles, "looking for the target")
     ]
 
@@ -114,9 +117,10 @@ def find_arc(
         return nothing("neighbouring points differ too much to be of one surface")
     points = profile[rows]
     circle = best_circle(points, limit, largest)
-    curve, on = refined(circle, points, limit, fit)
-    if curve is None:
+    found = circle and refined(circle, points, limit, fit)
+    if not found:
         return nothing(missing)
+    curve, on = found
     reason = why_no_arc(curve, points, on, limit) or why_not(curve, points, on, limit)
     if reason:
         return nothing(reason)
@@ -129,24 +133,23 @@ def find_arc(
 
 
 def refined(
-    curve: Section | None, points: ndarray, limit: float, fit: Fit
-) -> tuple[Section | None, ndarray]:
+    curve: Section, points: ndarray, limit: float, fit: Fit
+) -> tuple[Section, ndarray] | None:
     """A curve fitted to the longest arc of points (k, 2) on it, until that stays the
-    same; None without a curve or with too short an arc. Beside it the arc, as indices.
+    same, and the arc, as indices; None where it becomes too short or nothing fits.
     """
     on = np.zeros(0, dtype=int)
     for _ in range(6):  # two or three are usual
-        if curve is None:
-            break
         before = on
         near = np.abs(curve.off_and_normals(points)[0]) <= limit
         # an arc goes on behind a gap of up to 20 rows
         on = max(stretches(np.flatnonzero(near), 20), key=len)
-        if len(on) < LEAST_ARC_POINTS:
-            return None, on
         if np.array_equal(on, before):
             break
-        curve = fit(points[on], curve)
+        fitted = fit(points[on], curve) if len(on) >= LEAST_ARC_POINTS else None
+        if fitted is None:
+            return None
+        curve = fitted
     return curve, on
 
 
@@ -202,36 +205,29 @@ def why_no_rod(section: Section, points: ndarray, on: ndarray, limit: float) -> 
 
 
 def best_circle(points: ndarray, limit: float, largest: float) -> Section | None:
-    """Of circles through three points of a profile (k, 2) each, the one on which most
-    points are for its size; None if no circle has enough of them.
+    """Of circles through three points of a profile (k, 2) each, with equal numbers of
+    points between them, the one on which most points are for its size; None if no
+    circle has enough of them.
 
     None is larger than `largest`, mm, or smaller than a fifth of it. The three points
     spread over a sixtieth of the profile to all of it, so that some see the arc alone,
     without spikes.
     """
-    circles = circles_through(points)
+    k = len(points)
+    spans = np.unique(np.geomspace(max(8, k // 60), k - 1, 7).astype(int))[:, None]
+    starts = (np.linspace(0, 1, 40) * (k - 1 - spans)).astype(int)
+    rows = np.stack([starts, starts + spans // 2, starts + spans], axis=-1)
+    circles = fit_circle(points[rows.reshape(-1, 3)])
     radii = circles[:, 2]
     circles = circles[(largest / 5 < radii) & (radii < largest)]  # false for NaN
     if not len(circles):
         return None
-    few = points[:: max(1, len(points) // 250)]
+    few = points[:: max(1, k // 250)]
     off = cdist(circles[:, :2], few) - circles[:, 2:]
     count = np.count_nonzero(np.abs(off) < limit, axis=1)
     # a line is as near to a circle over √radius of length
     best = (count / np.sqrt(circles[:, 2])).argmax()
     return section_of(circles[best]) if count[best] >= 10 else None
-
-
-def circles_through(points: ndarray) -> ndarray:
-    """Circles (c, 3), x, z and radius, each through three points of a profile (k, 2)
-    that have equal numbers of points between them.
-    """
-    k = len(points)
-    spans = np.unique(np.geomspace(max(8, k // 60), k - 1, 7).astype(int))[:, None]
-    starts = (np.linspace(0, 1, 40) * (k - 1 - spans)).astype(int)
-    rows = np.stack([starts, starts + spans // 2, starts + spans], axis=-1)
-    with np.errstate(divide="ignore", invalid="ignore"):  # three on a line: NaN
-        return fit_circle(points[rows.reshape(-1, 3)])
 
 
 def section_of(circle: ndarray) -> Section:
@@ -243,8 +239,7 @@ def nearest_circle(points: ndarray, _: Section) -> Section | None:
     """The circle nearest to points (k, 2), whatever it was before; None if they are too
     few places to tell.
     """
-    with np.errstate(divide="ignore", invalid="ignore"):  # repeated points: NaN
-        circle = fit_circle(points)
+    circle = fit_circle(points)
     return section_of(circle) if np.isfinite(circle).all() else None
 
 
