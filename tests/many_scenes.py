@@ -7,9 +7,10 @@ from numpy.random import default_rng
 
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import pose_error
-from profilecal.simulation.scene import Scene, random_scene, stack
+from profilecal.simulation.scene import Scene, random_scene
 from profilecal.targets import TARGETS
 from profilecal.targets.observations import State
+from profilecal_papers.batches import stack
 
 KINDS = list(TARGETS)
 SMALL = {"disk": {"positions": 20}}

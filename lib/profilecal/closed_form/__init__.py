@@ -3,10 +3,7 @@ then translation.
 
 In come flange poses and what the scanner saw of an edge, a disk, a ball or a mark; out
 goes the sensor pose on the flange, with the quantities that the papers name. `edge`,
-`disk` and `ball` have a function each for one measurement, `solve_edge` and so on;
-`closed_form` solves batches of observations.
+`disk` and `ball` have a function each for one measurement, `solve_edge` and so on,
+which refuses poses that leave the answer open; their equations take batches and refuse
+none.
 """
-
-from profilecal.closed_form.batch import closed_form
-
-__all__ = ["closed_form"]

@@ -152,58 +152,62 @@ def solve_disk(
         )
     guess = check_array("R_sensor_guess", R_sensor_guess, (3, 3))
     check_rotations("R_sensor_guess", guess[None], 1)
-    number = find_groups("R_tcp", R_tcp, group)
+    motions = motions_of(T_tcp, find_groups("R_tcp", R_tcp, group))
+    names = [f"the orientation R_tcp[{rows.min()}]" for rows in motions]
+    check_motions(T_tcp, motions, names)
+    R_tcp = R_tcp[[rows.min() for rows in motions]]
+    check_orientations(R_tcp)
 
     by_x = chords[..., :1].argsort(axis=1)
     tips = np.take_along_axis(chords, by_x, axis=1)
-    return solve_motions(R_tcp, T_tcp, tips, number, radius, heights, guess)
+    scans = scans_of(R_tcp, T_tcp, tips, motions, radius, heights, guess)
+    check_sensing_data(scans, radius, names)
+    return solve_scans(R_tcp, scans)
 
 
-def solve_motions(
+def motions_of(T_tcp: ndarray, number: ndarray) -> list[ndarray]:
+    """The rows of each motion's positions (..., n, 3) in the order of its way, by the
+    numbers (n,) of the poses' motions; those of a batch go the same way.
+    """
+    T = T_tcp.reshape(-1, len(number), 3)[0]
+    motions = []
+    for k in np.unique(number):
+        rows = np.flatnonzero(number == k)
+        along = np.vecdot(T[rows], principal_axes(T[rows])[:1])
+        motions.append(rows[along.argsort(kind="stable")])
+    return motions
+
+
+def scans_of(
     R_tcp: ndarray,
     T_tcp: ndarray,
     tips: ndarray,
-    number: ndarray,
+    motions: list[ndarray],
     radius: float,
     heights: str,
     R_sensor: ndarray,
-    refuse: bool = True,
-) -> TwoStepSolution:
-    """`solve_disk` for checked arrays (..., n, 3, 3), (..., n, 3) and (..., n, 2, 2),
-    the tip of smaller x first, and the numbers (n,) of the poses' motions.
-
-    Motions of a batch go the same way through their rows. Signs follow from `R_sensor`
-    (..., 3, 3). Without `refuse` an answer is given that the poses leave open.
+) -> list[SensingData]:
+    """The sensing data of each of G motions of orientations (..., G, 3, 3), from all
+    positions (..., n, 3) and tips (..., n, 2, 2), the one of smaller x first. Signs
+    follow from `R_sensor` (..., 3, 3).
     """
-    firsts = np.unique(number, return_index=True)[1]
-    names = [f"the orientation R_tcp[{first}]" for first in firsts]
-    R_tcp = R_tcp[..., firsts, :, :]
-    of_one = T_tcp.reshape(-1, len(number), 3)[0]
-    rows = [in_order(of_one, np.flatnonzero(number == k)) for k in range(len(firsts))]
-    motions = [T_tcp[..., row, :] for row in rows]
-    if refuse:
-        check_motions(R_tcp, motions, names)
     y = (R_tcp @ R_sensor[..., None, :, :])[..., 1]
     scans = []
-    for k, (row, T) in enumerate(zip(rows, motions, strict=True)):
+    for k, rows in enumerate(motions):
+        T = T_tcp[..., rows, :]
         start, end = T[..., 0, :], T[..., -1, :]
         s = np.sign(np.vecdot(end - start, y[..., k, :]))
-        along = steps_along(T)
-        own = tips[..., row, :, :]
-        scans.append(sensing_data(own, start, end, s, radius, heights, along))
-    T_3, q, D_i, D_b = (
-        np.stack([getattr(scan, name) for scan in scans], axis=-2)
-        for name in ("T_tcp", "q", "D_i", "D_b")
-    )
-    if refuse:
-        check_sensing_data(scans, D_i, radius, names)
-    return disk_equations(R_tcp, T_3, q, D_i, D_b)
+        own = tips[..., rows, :, :]
+        scan = sensing_data(own, start, end, s, radius, heights, steps_along(T))
+        scans.append(scan)
+    return scans
 
 
-def in_order(T_tcp: ndarray, rows: ndarray) -> ndarray:
-    """Rows (m,) of positions (n, 3) in the order of their motion along a line, (m,)."""
-    T = T_tcp[rows]
-    return rows[np.vecdot(T, principal_axes(T)[:1]).argsort(kind="stable")]
+def solve_scans(R_tcp: ndarray, scans: list[SensingData]) -> TwoStepSolution:
+    """`disk_equations` of the scans at orientations (..., G, 3, 3)."""
+    names = "T_tcp", "q", "D_i", "D_b"
+    fields = ([getattr(scan, name) for scan in scans] for name in names)
+    return disk_equations(R_tcp, *(np.stack(field, axis=-2) for field in fields))
 
 
 def steps_along(T: ndarray) -> ndarray:
@@ -219,19 +223,14 @@ def steps_along(T: ndarray) -> ndarray:
     return np.where(near, even, along)
 
 
-def check_motions(R_tcp: ndarray, motions: list[ndarray], names: list[str]) -> None:
-    """Refuse motions, positions (..., m, 3) of each, that have too few chords or are
-    not straight, and orientations (..., G, 3, 3) that are too few or turn about one
-    axis.
+def check_motions(T_tcp: ndarray, motions: list[ndarray], names: list[str]) -> None:
+    """Refuse motions, rows of positions (..., n, 3), of too few chords or not along a
+    straight line.
     """
-    for name, T in zip(names, motions, strict=True):
-        check_count(
-            f"chords at {name}",
-            T.shape[-2],
-            3,
-            "an ellipse has five unknowns, a chord two tips",
-        )
-        offsets = T - T[..., :1, :]
+    for name, rows in zip(names, motions, strict=True):
+        why = "an ellipse has five unknowns, a chord two tips"
+        check_count(f"chords at {name}", len(rows), 3, why)
+        offsets = T_tcp[..., rows, :] - T_tcp[..., rows[:1], :]
         way = offsets[..., -1:, :]
         length = np.linalg.norm(way, axis=-1)
         aside = np.linalg.norm(np.cross(offsets, way), axis=-1)  # times the length
@@ -241,24 +240,23 @@ def check_motions(R_tcp: ndarray, motions: list[ndarray], names: list[str]) -> N
                 f"leave a line by more than {STRAIGHT:.0%} of that; expected a "
                 "straight motion (group tells several at one orientation apart)"
             )
-    check_orientations(R_tcp)
 
 
 def check_sensing_data(
-    scans: list[SensingData], D_i: ndarray, radius: float, names: list[str]
+    scans: list[SensingData], radius: float, names: list[str]
 ) -> None:
-    """Refuse scans of a batch that are no disk of this radius in any problem, and
-    motions D_i (..., G, 3) that are parallel in all.
+    """Refuse scans that are of no disk of this radius, and motions that are
+    parallel.
     """
     for name, scan in zip(names, scans, strict=True):
-        if scan.clipped.all():
+        if scan.clipped:
             raise ValueError(
                 f"the chords at {name} and radius {radius:g} mm make the cosine of "
-                f"Eq. 9 {scan.cos_alpha.flat[0]:.3g}; expected -1 to 1: are they those "
+                f"Eq. 9 {scan.cos_alpha:.3g}; expected -1 to 1: are they those "
                 "of one disk, and is this its radius?"
             )
     check_line(
-        D_i,
+        np.array([scan.D_i for scan in scans]),
         f"the {len(scans)} motions are parallel in the sensor frame",
         "the rotation about them stays open; add one in another direction of it",
     )

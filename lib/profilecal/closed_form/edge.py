@@ -146,52 +146,28 @@ def solve_edge(
     n = len(T_b)
     R_b = check_rotations("R_b", R_b, n)
     p_s = check_array("p_s", p_s, (n, 2))
-    number = find_groups("R_b", R_b, group)
+    index, present = group_members(find_groups("R_b", R_b, group))
+    why = "pairs of their differences fix the rotation"
+    check_count("poses of an orientation", present.shape[1], 3, why)
+    R_b, T_b, points = R_b[index[:, 0]], T_b[index], p_s[index]
+    check_orientations(R_b)
 
-    found = solve_groups(R_b, T_b, p_s, number, regression)
+    smooth = smoothed(T_b, points, present) if regression else points
+    found = edge_equations(R_b, T_b, smooth, present)
+    strength = rotation_strength(R_b, T_b, points, found.rotation, present)
+    check_motions(strength, found.translation.rank)
     p_b = np.empty((n, 3))
-    p_b[group_members(number)[0]] = found.p_b
+    p_b[index] = found.p_b
     return replace(found, translation=replace(found.translation, p_b=p_b))
 
 
-def solve_groups(
-    R_b: ndarray,
-    T_b: ndarray,
-    p_s: ndarray,
-    number: ndarray,
-    regression: bool,
-    refuse: bool = True,
-) -> EdgeSolution:
-    """`solve_edge` for checked arrays (..., n, 3, 3), (..., n, 3) and (..., n, 2), and
-    the numbers (n,) of the groups that the poses are in.
-
-    Without `refuse` an answer is given that the poses leave open.
-    """
-    index, present = group_members(number)
-    R_b = R_b[..., index[:, 0], :, :]
-    T_b = T_b[..., index, :]
-    p_s = p_s[..., index, :]
-    if refuse:
-        why = "pairs of their differences fix the rotation"
-        check_count("poses of an orientation", present.shape[1], 3, why)
-        check_orientations(R_b)
-    points = smoothed(T_b, p_s, present) if regression else p_s
-    found = edge_equations(R_b, T_b, points, present)
-    if refuse:
-        strength = rotation_strength(R_b, T_b, p_s, found.rotation, present)
-        check_motions(strength, found.translation.rank)
-    return found
-
-
 def check_motions(strength: ndarray, rank: ndarray) -> None:
-    """Refuse a batch (...) of which no rotation is stronger than noise makes it, or no
-    A_t has full rank.
-    """
-    if (strength < REFUSED).all() or rank.max() < 3:
+    """Refuse a rotation no stronger than noise makes it, and an A_t that lacks rank."""
+    if strength < REFUSED or rank < 3:
         raise UnobservableError(
             "the motions leave the pose open: the smallest singular value of A_r is "
-            f"{strength.max():.2g} times what noise makes of a zero, {REFUSED:g} "
-            f"needed, and A_t has rank {rank.max()}, 3 needed; turn the flange more "
+            f"{strength:.2g} times what noise makes of a zero, {REFUSED:g} "
+            f"needed, and A_t has rank {rank}, 3 needed; turn the flange more "
             "between groups, about several axes, and move within them in space, or in "
             "one plane of the base, tilted against the edge by 30° or more"
         )

@@ -108,37 +108,36 @@ def solve_translation(
     return TranslationSolution(T_sensor, q_b_i, q_b, accuracy)
 
 
-def check_spread(spread_deg: ndarray, what: str, so: str) -> None:
-    """Refuse a batch (...) of data of which none spreads by LEAST_SPREAD_DEG."""
-    widest = np.max(spread_deg)
-    if not widest >= LEAST_SPREAD_DEG:
+def check_spread(spread_deg: float, what: str, so: str) -> None:
+    """Refuse data that spread by less than LEAST_SPREAD_DEG, or are not finite."""
+    if not spread_deg >= LEAST_SPREAD_DEG:
         needed = f"at least {LEAST_SPREAD_DEG:g}° needed"
-        raise UnobservableError(f"{what} (within {widest:.2g}°, {needed}), so {so}")
+        raise UnobservableError(f"{what} (within {spread_deg:.2g}°, {needed}), so {so}")
 
 
 def check_line(vectors: ndarray, what: str, so: str) -> None:
-    """Refuse vectors (..., n, 3) that all run along one line."""
-    singular = np.linalg.svd(vectors, compute_uv=False)
-    check_spread(np.degrees(np.arctan2(singular[..., 1], singular[..., 0])), what, so)
+    """Refuse vectors (n, 3) that all run along one line."""
+    first, second, *_ = np.linalg.svd(vectors, compute_uv=False)
+    check_spread(np.degrees(np.arctan2(second, first)), what, so)
 
 
 def check_orientations(R_tcp: ndarray, name: str = "orientations") -> None:
-    """Refuse fewer than three poses (..., n, 3, 3), one orientation, or one axis."""
-    n = R_tcp.shape[-3]
+    """Refuse fewer than three poses (n, 3, 3), one orientation, or one axis."""
+    n = len(R_tcp)
     check_count(name, n, 3, "two turns about different axes fix the translation")
-    M = (R_tcp - R_tcp.mean(axis=-3, keepdims=True)).reshape(*R_tcp.shape[:-3], -1, 3)
+    M = (R_tcp - R_tcp.mean(axis=0)).reshape(-1, 3)
     _, singular, Vt = np.linalg.svd(M, full_matrices=False)
     # the root mean square over all pairs of |ΔR v|, an angle while it is small
     turn = np.degrees(singular * np.sqrt(2 / (n - 1)))
     check_spread(
-        turn[..., 0],
+        turn[0],
         f"all {n} poses have one orientation",
         "the translation cannot be known; turn the flange between poses, "
         "about at least two axes",
     )
-    axis = np.array2string(Vt.reshape(-1, 3, 3)[0, 2], precision=2, suppress_small=True)
+    axis = np.array2string(Vt[2], precision=2, suppress_small=True)
     check_spread(
-        turn[..., 2],
+        turn[2],
         f"all {n} poses turn about one axis, {axis} of the flange",
         "the translation along it cannot be known; "
         "add a pose tilted about another axis",

@@ -156,16 +156,3 @@ def in_unit_ball(rng: Generator, count: int) -> ndarray:
     vectors = rng.normal(size=(count, 3))
     radii = np.cbrt(rng.uniform(size=(count, 1)))
     return vectors * radii / np.linalg.norm(vectors, axis=1, keepdims=True)
-
-
-def stack(scenes: Sequence[Scene]) -> Scene:
-    """Scenes of one kind and size as a batch."""
-    every = [scene.observations for scene in scenes]
-    observations = replace(
-        every[0],
-        R_flange=np.concatenate([one.R_flange for one in every]),
-        T_flange=np.concatenate([one.T_flange for one in every]),
-        points=np.concatenate([one.points for one in every]),
-    )
-    truth = State.join(*(scene.truth for scene in scenes))
-    return replace(scenes[0], observations=observations, truth=truth)

@@ -11,12 +11,12 @@ import sensing_data as scenes
 from numpy.random import default_rng
 from numpy.testing import assert_allclose
 
-from profilecal.closed_form import closed_form
 from profilecal.closed_form.ball import ball_equations, solve_ball, solve_fixed_point
 from profilecal.closed_form.disk import solve_disk
 from profilecal.closed_form.edge import solve_edge
 from profilecal.geometry.poses import nearest_rotation, pose_error, rotations
 from profilecal.simulation.scene import random_scene
+from profilecal_papers.batches import disk_method, edge_method
 
 
 def arrays(scene, sigma=0.0, seed=2):
@@ -166,18 +166,23 @@ def test_a_disk_without_noise_is_exact_in_any_order_and_with_any_steps(heights):
 # Batches
 
 
-@pytest.mark.parametrize("how", ["published", "regression"])
+@pytest.mark.parametrize("regression", [False, True])
 @pytest.mark.parametrize("kind", ["edge", "disk"])
-def test_a_batch_takes_its_poses_in_any_order_and_finds_their_groups(kind, how):
+def test_a_batch_takes_its_poses_in_any_order_and_finds_their_groups(kind, regression):
     scene = random_scene(kind, default_rng(4))
-    exact = scene.noisy(0.0, default_rng(5), 3)
-    assert off(closed_form(exact, scene.R_sensor, how), scene) < 1e-7
+
+    def solved(seen):
+        if kind == "edge":
+            return edge_method(seen, regression)
+        heights = "regression" if regression else "published"
+        return disk_method(seen, scene.R_sensor, heights)
+
+    assert off(solved(scene.noisy(0.0, default_rng(5), 3)), scene) < 1e-7
     seen = scene.noisy(0.02, default_rng(5), 3)
-    expected = closed_form(seen, scene.R_sensor, how)
+    expected = solved(seen)
     rows = shuffled(seen.group, default_rng(6))
-    assert_same(closed_form(seen.keep(rows), scene.R_sensor, how), expected)
-    found = closed_form(replace(seen, group=None), scene.R_sensor, how)
-    assert_same(found, expected, 1e-12)
+    assert_same(solved(seen.keep(rows)), expected)
+    assert_same(solved(replace(seen, group=None)), expected, 1e-12)
 
 
 # The ball

@@ -1,12 +1,12 @@
-"""The papers' methods on batches of what the joint calibration takes."""
+"""Poses that leave the disk method's answer open are refused by `solve_disk` alone."""
 
 import numpy as np
 import pytest
 from numpy.random import default_rng
 
-from profilecal.closed_form import closed_form
-from profilecal.geometry.checks import UnobservableError
+import profilecal as pc
 from profilecal.simulation.scene import random_scene
+from profilecal_papers.batches import disk_method
 
 OPEN = {
     "orientations: 2 given, at least 3 needed": {"groups": 2},
@@ -23,7 +23,9 @@ OPEN = {
 def test_disks_that_leave_the_answer_open_are_refused_unless_asked_for(sentence, sigma):
     rng = default_rng(4)
     scene = random_scene("disk", rng, **{"groups": 4, "positions": 20} | OPEN[sentence])
-    seen, R = scene.noisy(sigma, rng, 3), scene.truth.rotation
-    with pytest.raises(UnobservableError, match=sentence):
-        closed_form(seen, R)
-    assert np.isfinite(closed_form(seen, R, refuse=False).T_sensor).all()
+    seen, R = scene.noisy(sigma, rng, 3), scene.R_sensor
+    for chords in seen.points:
+        given = seen.R_flange[0], seen.T_flange[0], chords, 50, R
+        with pytest.raises(pc.UnobservableError, match=sentence):
+            pc.solve_disk(*given, group=seen.group)
+    assert np.isfinite(disk_method(seen, R).T_sensor).all()

@@ -17,7 +17,8 @@ from profilecal.geometry.observability import (
     turns,
 )
 from profilecal.geometry.poses import rotations
-from profilecal.simulation.scene import random_scene, stack
+from profilecal.simulation.scene import random_scene
+from profilecal_papers.batches import stack
 from profilecal_papers.monte_carlo import estimate
 
 SIGMA = 0.05
