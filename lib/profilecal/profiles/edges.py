@@ -77,18 +77,15 @@ def choose(
     just one candidate for it is clear; else nothing, with the reason.
     """
     ranked = [sorted(own, key=lambda c: -c.support) for own in candidates]
-    angles = np.array([own[0].angle for own in ranked if own])
-    if not len(angles):
+    angles = [own[0].angle for own in ranked if own]
+    if not angles:
         counts = map(len, profiles)
         return [nothing(f"nothing like the target in {n} points") for n in counts]
     usual = np.median(angles)
-    spread = 6 * np.median(np.abs(angles - usual)) if len(angles) >= 5 else np.inf
-    # tilted planes see corners at other angles, if nothing nearer
-    close, wide = np.maximum(np.radians([20, 30]), spread)
+    unlike = np.radians(30)  # tilted planes see corners at other angles
     chosen = []
     for profile, runs, own in zip(profiles, found, ranked, strict=True):
-        near = [c for c in own if abs(c.angle - usual) <= close]
-        near = near or [c for c in own if abs(c.angle - usual) <= wide]
+        near = [c for c in own if abs(c.angle - usual) <= unlike]
         reason = ""
         if not own:
             reason = why_missed(profile, runs, shape)
@@ -265,8 +262,7 @@ def beyond_blunt(run: Run, apex: ndarray) -> Run | None:
     rows = run.rows[np.abs(from_apex) > BLUNT]
     if len(rows) < LEAST_SIDE:
         return None
-    side = Run.through(run.profile, rows, run.limit)
-    return side if side.length > BLUNT else None
+    return Run.through(run.profile, rows, run.limit)
 
 
 def step_ends(runs: list[Run], view: View) -> Iterator[Candidate]:

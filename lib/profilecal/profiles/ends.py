@@ -106,19 +106,12 @@ def step_to(points: ndarray, run: Run) -> int | None:
     """The sign of the change of z from a run to the points (k, 2) that follow it; None
     if that is no step.
     """
-    thickness = 3.0  # mm of a face whose side wall may be seen
-    wall = int(thickness / max(run.spacing, 1e-3))
-    along, off = run.coordinates(points[: wall + 9])
-    off = off * np.sign(run.direction[0])
-    # a curve leaves the line more slowly
-    soon = np.median(off[3:9] if len(off) >= 6 else off)
-    if abs(soon) > max(BLUNT, 2 * run.limit):
-        return int(np.sign(soon))
-    behind_wall = np.median(off[wall:]) if len(off) > wall + 6 else 0.0
-    near = np.abs(off) < CLEAR / 2
-    # a wall, no bevel
-    is_steep = near.any() and np.ptp(along[near]) < np.abs(off[near]).max()
-    return int(np.sign(behind_wall)) if is_steep and abs(behind_wall) > CLEAR else None
+    # some points that may show both sides, then as many as tell: a curve or a bevel
+    # leaves the line more slowly
+    both = max(3, int(0.3 / max(run.spacing, 1e-3)))
+    off = run.coordinates(points[: 3 * both])[1] * np.sign(run.direction[0])
+    soon = np.median(off[both:] if len(off) >= 2 * both else off)
+    return int(np.sign(soon)) if abs(soon) > max(BLUNT, 2 * run.limit) else None
 
 
 def run_end(run: Run) -> End:

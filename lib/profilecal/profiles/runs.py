@@ -120,23 +120,21 @@ def split(points: ndarray, limit: float) -> list[ndarray]:
     cut where it is farthest from the chord.
     """
     pieces = []
-    todo = [(0, len(points))]
+    todo = [np.arange(len(points))]
     while todo:
-        start, stop = todo.pop()
-        if stop - start < LEAST_POINTS:
+        rows = todo.pop()
+        if len(rows) < LEAST_POINTS:
             continue
-        piece = points[start:stop]
+        piece = points[rows]
         first = piece[:3].mean(axis=0)
         chord = piece[-3:].mean(axis=0) - first
         x, z = (piece - first).T
         apart = np.abs(x * chord[1] - z * chord[0])  # times the chord's length
-        farthest = int(apart.argmax())
-        is_short = len(piece) < 2 * LEAST_POINTS
-        if apart[farthest] <= limit * np.hypot(*chord) or is_short:
-            pieces.append(np.arange(start, stop))
+        if apart.max() <= limit * np.hypot(*chord):
+            pieces.append(rows)
         else:
-            cut = start + min(max(farthest, 1), len(piece) - 1)
-            todo += [(cut, stop), (start, cut)]
+            cut = max(apart.argmax(), 1)
+            todo += [rows[cut:], rows[:cut]]
     return pieces
 
 
