@@ -33,7 +33,7 @@ class Setup:
     @property
     def sizes(self) -> tuple[float, ...]:
         """The target's lengths, mm."""
-        return tuple(getattr(self.target, name) for name in self.target.lengths)
+        return self.target.measures
 
     @property
     def state(self) -> State:

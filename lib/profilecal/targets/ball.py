@@ -113,9 +113,6 @@ class Ball(Round):
     @staticmethod
     def offsets(views: Views, rng: np.random.Generator) -> ndarray:
         """The scan plane passes the centre at up to 0.7 radii."""
-        (radius,), shape = views.sizes, views.shape
-        scale = radius / Ball.sizes[0]
-        y = radius * rng.uniform(-0.7, 0.7, shape)
-        x = scale * rng.uniform(-10, 10, shape)
-        z = scale * rng.uniform(-10, 10, shape)
-        return np.stack([x, y, z], axis=-1)
+        (radius,) = views.sizes
+        y, x, z = (reach * rng.uniform(-1, 1, views.shape) for reach in (0.7, 0.4, 0.4))
+        return radius * np.stack([x, y, z], axis=-1)

@@ -132,13 +132,6 @@ class Disk(Target):
     def fit(points: ndarray) -> Fitted:
         return fit_around(principal_axes(points)[..., 2, :], points)
 
-    def distance(self, points: ndarray) -> ndarray:
-        """From the rim."""
-        offset = points - self.centre
-        height = offset @ self.normal
-        across = np.linalg.norm(offset - height[..., None] * self.normal, axis=-1)
-        return np.hypot(height, across - self.radius)
-
     def lines(self, points: ndarray) -> list[ndarray]:
         """The rim."""
         return [circle_around(self.centre, self.normal, self.radius)]

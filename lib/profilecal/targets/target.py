@@ -113,6 +113,11 @@ class Target:
         origin, *others = vars(self).values()
         return origin, frame_around(others[0]) if self.turns else np.eye(3)
 
+    @property
+    def measures(self) -> tuple[float, ...]:
+        """Its `lengths`, mm."""
+        return tuple(getattr(self, name) for name in self.lengths)
+
     # What the joint solution asks
 
     # points that a pose gives; None: any number, each anywhere on a curve
@@ -166,13 +171,11 @@ class Target:
         origin, and the distance is `residual_in_space`.
         """
         origin, axes = self.frame
-        sizes = [getattr(self, name) for name in self.lengths]
         from_point = np.moveaxis(origin - points, -1, 0)
         with np.errstate(divide="ignore", invalid="ignore"):
-            sight = Sight(from_point, [*axes.T], [*np.zeros((2, 1))], sizes)
+            sight = Sight(from_point, axes.T, np.zeros((2, 1)), self.measures)
             residuals, _, _ = self.residual_in_space(sight)
-        several = len(residuals) > 1
-        return np.linalg.norm(residuals, axis=0) if several else residuals[0]
+        return np.linalg.norm(residuals, axis=0) if residuals[1:] else residuals[0]
 
     def lines(self, points: ndarray) -> list[ndarray]:
         """Polylines (n, 3) that draw it, as far as it was seen at points (k, 3)."""
