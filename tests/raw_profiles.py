@@ -7,8 +7,8 @@ Every maker returns P profiles (P, n, 2), and where the target is in each.
 import numpy as np
 
 from profilecal.geometry.noise import Noise
-from profilecal.simulation.robot import Scanner, actual_poses, scan_planes
-from profilecal_papers.edge_study import EdgePlan, edge_scenes
+from profilecal.simulation.robot import Scanner, actual_poses
+from profilecal_papers.edge_study import EdgePlan, edge_scenes, scan_planes
 
 SCANNER = Scanner()
 RADIUS = 25.0  # mm of disks and balls
@@ -42,7 +42,7 @@ def edges(specimen, rng, groups=25):
     """Profiles of a specimen, and its edge (P, 1, 2)."""
     plan = EdgePlan(groups=groups, spread_deg=20, frame="group", radius=15)
     scene = edge_scenes(plan, Noise(), rng)
-    poses = actual_poses(scene.poses, Noise(), rng)
+    poses = actual_poses(*scene.poses, Noise(), rng)
     rotation, origin = scan_planes(scene.R_sensor, scene.T_sensor, *poses)
     away = rotation.mean(axis=(0, 1))[:, 2]
     outlines = scene.edge.outline(specimen, rotation, origin, away)

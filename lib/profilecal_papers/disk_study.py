@@ -3,6 +3,7 @@ as many as wanted.
 """
 
 from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +16,6 @@ from profilecal.geometry.checks import check_count
 from profilecal.geometry.fitting import (
     Ellipse,
     ellipse_from_moments,
-    moments,
     transformed,
 )
 from profilecal.geometry.poses import rotation_from_xyz_angles
@@ -242,3 +242,23 @@ class Chords:
                     mean[power][i, part] = values
                 vectors[i, :, :, part] = np.moveaxis(noisy @ self.weights, 0, -1)
         return self.in_sensor(mean, vectors)
+
+
+def moments(u: ndarray, v: ndarray, work: Sequence[ndarray]) -> dict:
+    """Means over the last axis of u^a v^b for 1 ≤ a + b ≤ 4: {(a, b): (...)}.
+
+    `work`: memory for u², uv and v².
+    """
+    count = u.shape[-1]
+    uu = np.multiply(u, u, out=work[0])
+    uv = np.multiply(u, v, out=work[1])
+    vv = np.multiply(v, v, out=work[2])
+    low = {(1, 0): u, (0, 1): v, (2, 0): uu, (1, 1): uv, (0, 2): vv}
+    mean = {power: values @ np.full(count, 1 / count) for power, values in low.items()}
+    for order in (3, 4):
+        for b in range(order + 1):
+            a = order - b
+            square = (2, 0) if a >= 2 else (0, 2)
+            rest = a - square[0], b - square[1]
+            mean[a, b] = np.vecdot(low[square], low[rest]) / count
+    return mean

@@ -4,7 +4,7 @@ scenes of an edge, what the scanner sees of them, and the paper's own measures o
 """
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy import ndarray
@@ -13,14 +13,59 @@ from numpy.typing import ArrayLike
 
 from profilecal.closed_form.edge import EdgeSolution
 from profilecal.geometry.noise import Noise
-from profilecal.geometry.poses import directions, frame_around, rotations
-from profilecal.simulation.robot import Poses, actual_poses, scan_planes
+from profilecal.geometry.poses import (
+    Frames,
+    carry,
+    directions,
+    frame_around,
+    rotations,
+)
+from profilecal.simulation.robot import actual_poses
 from profilecal.targets.ball import Ball
 from profilecal.targets.edge import Edge
 from profilecal.targets.observations import Observations
 
 # mm, the middle of the 60 to 90 mm for which the paper's scanner does best
 STANDOFF = 75.0
+
+
+class Poses(NamedTuple):
+    """G rotation groups of N positions: what the robot reports, base frame, mm."""
+
+    rotations: ndarray  # (..., G, 3, 3) of the flange
+    positions: ndarray  # (..., G, N, 3) of the flange
+
+    def first(self, groups: int) -> "Poses":
+        """The first groups only, in the order they were collected."""
+        return Poses(
+            self.rotations[..., :groups, :, :], self.positions[..., :groups, :, :]
+        )
+
+    def carry(self, points: ndarray, R_sensor: ndarray, T_sensor: ndarray) -> ndarray:
+        """Sensed points in the base frame, by the poses reported and the sensor's pose.
+
+        `points` (..., G, N, M, 2) are x and z, mm; R_sensor (..., 3, 3) and T_sensor
+        (..., 3), mm, the sensor's pose on the flange. Returns (..., G, N, M, 3), mm.
+        """
+        R = self.rotations[..., None, :, :]
+        turned, T = scan_planes(R_sensor, T_sensor, R, self.positions)
+        return points @ turned[..., ::2].mT + T[..., None, :]
+
+
+def scan_planes(
+    R_sensor: ndarray,
+    T_sensor: ndarray,
+    rotations: ndarray,
+    positions: ndarray,
+) -> Frames:
+    """Scan planes in the base frame: orientations (..., G, N, 3, 3) and origins (...,
+    G, N, 3), mm.
+
+    `rotations` and `positions` are the flange's, of the same shapes; R_sensor (..., 3,
+    3) and T_sensor (..., 3), mm, the sensor's pose on it.
+    """
+    orientations = rotations @ R_sensor[..., None, None, :, :]
+    return orientations, carry(rotations, positions, T_sensor[..., None, None, :])
 
 
 def random_turns(
@@ -193,7 +238,7 @@ def sense_edge(
     the flange reports. Sensor poses (..., 3, 3), (..., 3), the edge and the poses may
     share leading axes, one entry a scene.
     """
-    planes = scan_planes(R_sensor, T_sensor, *actual_poses(poses, noise, rng))
+    planes = scan_planes(R_sensor, T_sensor, *actual_poses(*poses, noise, rng))
     point = edge.point[..., None, None, :]
     direction = edge.direction[..., None, None, :]
     seen = Edge(point, direction).meet(*planes)
@@ -251,7 +296,7 @@ def ball_points(
     scanner on the flange reports: in each profile up to 60° to either side of the point
     nearest to it.
     """
-    planes = scan_planes(R_sensor, T_sensor, *actual_poses(poses, noise, rng))
+    planes = scan_planes(R_sensor, T_sensor, *actual_poses(*poses, noise, rng))
     seen = Ball(ball.centre[..., None, None, :], ball.radius).arc(*planes, 60, count)
     return seen + noise.profile_mm * rng.normal(size=seen.shape)
 

@@ -18,11 +18,11 @@ from profilecal.closed_form.edge import rotation_system, translation_system, unv
 from profilecal.geometry.fitting import fit_sphere
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import angle_between, nearest_rotation
-from profilecal.simulation.robot import Poses
 from profilecal.targets.ball import Ball
 from profilecal_papers.edge_study import (
     EdgePlan,
     EdgeScene,
+    Poses,
     angles_from,
     ball_points,
     edge_scenes,

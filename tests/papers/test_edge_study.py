@@ -68,7 +68,7 @@ def test_pose_errors_have_their_sizes_and_groups_share_theirs():
     groups, positions = 2000, 10
     poses = scene_of(2, groups=groups, positions=positions).poses
     noise = Noise(0, 0.3, 0.2, group_position_mm=0.4, group_orientation_deg=0.1)
-    R, T = actual_poses(poses, noise, default_rng(3))
+    R, T = actual_poses(*poses, noise, default_rng(3))
     turn = np.degrees(R @ poses.rotations.mT[:, None])
     turns = np.stack([turn[..., 2, 1], turn[..., 0, 2], turn[..., 1, 0]], axis=-1)
     for error, own, shared in ((T - poses.positions, 0.3, 0.4), (turns, 0.2, 0.1)):

@@ -70,7 +70,9 @@ def fit_ellipse(points: ndarray) -> Ellipse:
         height = np.sqrt(zz - xz * tilt)
         u = x / width[..., None]
         v = (z - tilt[..., None] * x) / height[..., None]
-        unit = ellipse_from_moments(moments(u, v))
+        powers = [(a, b) for a in range(5) for b in range(5 - a)]
+        means = {(a, b): mean_product(u**a, v**b) for a, b in powers}
+        unit = ellipse_from_moments(means)
     to_points = np.zeros((*mean.shape, 2))
     to_points[..., 0, 0] = width
     to_points[..., 1, 0] = tilt * width
@@ -85,31 +87,9 @@ def transformed(ellipse: Ellipse, map_: ndarray, shift: ndarray) -> Ellipse:
     return Ellipse(centre, shape)
 
 
-def moments(
-    u: ndarray, v: ndarray, work: Sequence[ndarray | None] = (None,) * 3
-) -> dict:
-    """Means over the last axis of u^a v^b for 1 ≤ a + b ≤ 4: {(a, b): (...)}.
-
-    `work`: memory for u², uv and v².
-    """
-    count = u.shape[-1]
-    uu = np.multiply(u, u, out=work[0])
-    uv = np.multiply(u, v, out=work[1])
-    vv = np.multiply(v, v, out=work[2])
-    low = {(1, 0): u, (0, 1): v, (2, 0): uu, (1, 1): uv, (0, 2): vv}
-    mean = {power: values @ np.full(count, 1 / count) for power, values in low.items()}
-    for order in (3, 4):
-        for b in range(order + 1):
-            a = order - b
-            square = (2, 0) if a >= 2 else (0, 2)
-            rest = a - square[0], b - square[1]
-            mean[a, b] = np.vecdot(low[square], low[rest]) / count
-    return mean
-
-
 def ellipse_from_moments(mean: dict) -> Ellipse:
-    """The ellipse-specific direct fit from the means of x^a z^b, {(a, b): (...)}, as
-    `moments` gives them.
+    """The ellipse-specific direct fit from the means of x^a z^b for a + b ≤ 4,
+    {(a, b): (...)}.
 
     Minimises ⟨(A x² + B xz + C z² + D x + E z + F)²⟩ with 4AC - B² = 4. The linear
     coefficients follow from the quadratic ones; these are a multiple of A, C = 1 ± β

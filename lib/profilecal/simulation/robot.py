@@ -14,50 +14,25 @@ from numpy.random import Generator
 from scipy.spatial.transform import Rotation
 
 from profilecal.geometry.noise import Noise, Sd
-from profilecal.geometry.poses import Frames, carry, inverse, rotations
+from profilecal.geometry.poses import Frames, inverse, rotations
 from profilecal.scan.toml import Count, number
 
 
-@dataclass(frozen=True)
-class Poses:
-    """G rotation groups of N positions: what the robot reports, base frame, mm."""
-
-    rotations: ndarray  # (..., G, 3, 3) of the flange
-    positions: ndarray  # (..., G, N, 3) of the flange
-
-    def first(self, groups: int) -> "Poses":
-        """The first groups only, in the order they were collected."""
-        return Poses(
-            self.rotations[..., :groups, :, :], self.positions[..., :groups, :, :]
-        )
-
-    def carry(self, points: ndarray, R_sensor: ndarray, T_sensor: ndarray) -> ndarray:
-        """Sensed points in the base frame, by the poses reported and the sensor's pose.
-
-        `points` (..., G, N, M, 2) are x and z, mm; R_sensor (..., 3, 3) and T_sensor
-        (..., 3), mm, the sensor's pose on the flange. Returns (..., G, N, M, 3), mm.
-        """
-        R = (self.rotations @ R_sensor[..., None, :, :])[..., None, :, :]
-        R_flange = self.rotations[..., None, :, :]
-        T = carry(R_flange, self.positions, T_sensor[..., None, None, :])
-        x_and_z_axes = R[..., ::2]
-        return points @ x_and_z_axes.mT + T[..., None, :]
-
-
 def actual_poses(
-    poses: Poses,
+    R: ndarray,
+    T: ndarray,
     noise: Noise,
     rng: Generator,
     same: ndarray | slice = slice(None),
     to_hand: bool = False,
 ) -> Frames:
-    """Where the flange really is: rotations (..., G, N, 3, 3) and positions (..., G, N,
-    3), mm.
+    """Where the flange really is when the robot reports G rotation groups (..., G, 3,
+    3) of N positions (..., G, N, 3), mm: (..., G, N, 3, 3) and (..., G, N, 3).
 
     Groups with the same number in `same` (G,) share a group's error. `to_hand`: the
     poses are of the base in the flange's frame; the result is not.
     """
-    shape = poses.positions.shape
+    shape = T.shape
     shape_of_groups = (*shape[:-2], 1, 3)
 
     def error(own: float, shared: float) -> ndarray:
@@ -68,26 +43,10 @@ def actual_poses(
 
     shift = error(noise.position_mm, noise.group_position_mm)
     turn = error(noise.orientation_deg, noise.group_orientation_deg)
-    R, T = poses.rotations[..., None, :, :], poses.positions
+    R = R[..., None, :, :]
     if to_hand:
         R, T = inverse(R, T)
     return rotations(np.radians(turn)) @ R, T + shift
-
-
-def scan_planes(
-    R_sensor: ndarray,
-    T_sensor: ndarray,
-    rotations: ndarray,
-    positions: ndarray,
-) -> Frames:
-    """Scan planes in the base frame: orientations (..., G, N, 3, 3) and origins (...,
-    G, N, 3), mm.
-
-    `rotations` and `positions` are the flange's, of the same shapes; R_sensor (..., 3,
-    3) and T_sensor (..., 3), mm, the sensor's pose on it.
-    """
-    orientations = rotations @ R_sensor[..., None, None, :, :]
-    return orientations, carry(rotations, positions, T_sensor[..., None, None, :])
 
 
 # of the joints, all turned to zero: the arm then points straight up

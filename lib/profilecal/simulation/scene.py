@@ -8,7 +8,6 @@ from numpy import ndarray
 from numpy.random import Generator
 
 from profilecal.geometry.poses import Frames, carry, rotations
-from profilecal.simulation.robot import Poses
 from profilecal.targets import TARGETS
 from profilecal.targets.observations import Observations, State
 from profilecal.targets.target import Target, Views
@@ -53,7 +52,8 @@ class Scene(Setup):
     A batch of problems along the first axis, of which the setup is the first.
     """
 
-    poses: Poses  # (G, N) that the robot reports, of the first problem
+    # (G, 3, 3), (G, N, 3) that the robot reports, of the first problem
+    poses: Frames
     labels: tuple[str, ...]  # of them
     observations: Observations  # without noise
     truth: State
@@ -62,7 +62,7 @@ class Scene(Setup):
     def of(
         cls,
         setup: Setup,
-        poses: Poses,
+        poses: Frames,
         labels: Sequence[str],
         group: ndarray,
         count: int = 40,
@@ -70,8 +70,8 @@ class Scene(Setup):
         """What is seen of a setup; `group` (P,) as `Observations` have it, `count`
         points of a curve.
         """
-        R = np.repeat(poses.rotations, poses.positions.shape[1], axis=0)
-        T = poses.positions.reshape(-1, 3)
+        R = np.repeat(poses[0], poses[1].shape[1], axis=0)
+        T = poses[1].reshape(-1, 3)
         points = setup.target.points_seen(*setup.planes(R, T), count)
         observations = Observations(
             setup.target.kind, R[None], T[None], points[None], setup.sizes, group
@@ -144,7 +144,7 @@ def random_scene(
     moved = moved @ (turned.mT if target.with_tool else first.T)
     origin = middle - STANDOFF * turned[:, None, :, 2] - moved
     R_flange = turned @ R_sensor.T
-    poses = Poses(R_flange, origin - (R_flange @ T_sensor)[:, None])
+    poses = R_flange, origin - (R_flange @ T_sensor)[:, None]
     labels = [f"g{g + 1}p{n + 1}" for g, n in np.ndindex(shape)]
     group = np.repeat(np.arange(shape[0]), shape[1])
     setup = Setup(placed, facing, R_sensor, T_sensor)

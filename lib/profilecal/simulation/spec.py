@@ -220,8 +220,8 @@ def taken(scene: Scene, spec: Spec, rng: Generator) -> Frames:
     """Where the flange is, (P, 3, 3), (P, 3) mm, whenever the robot is at the poses of
     a scene.
     """
-    shared = scene.observations.labels[:: scene.poses.positions.shape[1]]
-    actual = actual_poses(scene.poses, spec.noise, rng, shared, spec.to_hand)
+    shared = scene.observations.labels[:: scene.poses[1].shape[1]]
+    actual = actual_poses(*scene.poses, spec.noise, rng, shared, spec.to_hand)
     R, T = (part.reshape(-1, *part.shape[2:]) for part in actual)
     return spec.robot.built(R, T, np.random.default_rng(np.append(spec.seed, 0)))
 

@@ -13,7 +13,6 @@ from profilecal.geometry.poses import inverse, rotation_from_xyz_angles, rotatio
 from profilecal.scan.folder import read_header, read_poses
 from profilecal.scan.scan import Scan
 from profilecal.scan.toml import number, numbers, whole
-from profilecal.simulation.robot import Poses
 from profilecal.simulation.scene import Scene, Setup, in_unit_ball
 from profilecal.simulation.spec import (
     Spec,
@@ -180,7 +179,7 @@ def simulate_specification(spec: PlannedSpec) -> Scan:
         off = np.sum((setup.target.frame[0] - origin) * across, axis=1)
         off = off - spec.noise.steering_mm * rng.normal(size=len(T))
         T = T + off[:, None] * across
-    scene = Scene.of(setup, Poses(R, T[:, None]), plan["labels"], plan["group"])
+    scene = Scene.of(setup, (R, T[:, None]), plan["labels"], plan["group"])
     return record(scene, taken(scene, spec, rng), spec, rng)
 
 

@@ -11,11 +11,11 @@ from profilecal.closed_form.edge import edge_equations, solve_edge
 from profilecal.geometry.checks import UnobservableError
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import angle_between, rotations
-from profilecal.simulation.robot import Poses
 from profilecal.targets.edge import Edge
 from profilecal_papers.edge_study import (
     EdgePlan,
     EdgeScene,
+    Poses,
     above,
     edge_scenes,
     observations_of,

@@ -31,7 +31,7 @@ from profilecal.joint.prior import (
     prior_from,
 )
 from profilecal.joint.problem import Problem
-from profilecal.simulation.robot import actual_poses, scan_planes
+from profilecal.simulation.robot import actual_poses
 from profilecal.simulation.scene import random_scene
 from profilecal.simulation.spec import Spec, simulate_scan
 
@@ -45,11 +45,9 @@ def edge_model(seed, names=(), systematic=None, **plan):
     """
     rng = default_rng(seed)
     scene = random_scene("edge", rng, **plan)
-    R, T = scene.truth.rotation[0], scene.truth.translation[0]
-    actual = actual_poses(scene.poses, TRUE, rng)
-    rotation, origin = scan_planes(R, T, *actual)
-    points = scene.target.meet(rotation.reshape(-1, 3, 3), origin.reshape(-1, 3))
-    points = points[None, :, None, :]
+    R, T = actual_poses(*scene.poses, TRUE, rng)
+    planes = scene.planes(R.reshape(-1, 3, 3), T.reshape(-1, 3))
+    points = scene.target.meet(*planes)[None, :, None, :]
     points = points + SIGMA * rng.normal(size=points.shape)
     seen = replace(scene.observations, points=points)
     problem = Problem([seen], Noise(SIGMA), systematic)

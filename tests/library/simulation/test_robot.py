@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import angle_between, inverse, rotations
-from profilecal.simulation.robot import Poses, Robot, actual_poses
+from profilecal.simulation.robot import Robot, actual_poses
 from profilecal.simulation.spec import Spec, simulate_scan
 
 NOISELESS = Noise()
@@ -50,8 +50,7 @@ def test_a_robot_that_carries_the_target_errs_at_its_flange():
     R = rotations(rng.uniform(-0.3, 0.3, (20, 3)))
     T = rng.uniform(500, 900, (20, 3))
     R_back, T_back = inverse(R, T)
-    of_base = Poses(R_back, T_back[:, None])
     noise = Noise(orientation_deg=1.0)
-    R_actual, T_actual = actual_poses(of_base, noise, rng, to_hand=True)
+    R_actual, T_actual = actual_poses(R_back, T_back[:, None], noise, rng, to_hand=True)
     assert_allclose(T_actual[:, 0], T, atol=1e-9)
     assert 1 < np.degrees(angle_between(R_actual[:, 0], R)).mean() < 2.5
