@@ -8,7 +8,7 @@ import numpy as np
 from numpy import ndarray
 
 from profilecal.profiles.points import Feature
-from profilecal.scan.scan import Scan
+from profilecal.scan.scan import MEASURED, Scan
 from profilecal.scan.tables import ScanError, some
 from profilecal.targets.observations import Observations
 
@@ -35,10 +35,10 @@ class Seen:
         """The standard deviation of a coordinate of most poses' features; 0 where the
         profiles do not tell it.
         """
-        if self.covariance is None:
-            return 0.0
         variance = self.covariance
-        if variance.shape != self.points.shape[:2]:  # points that are not on a curve
+        if variance is None:
+            return 0.0
+        if variance.ndim == 3:  # points that are not on a curve
             variance = np.diagonal(variance, axis1=1, axis2=2)
         return float(np.median(np.sqrt(variance.mean(axis=1))))
 
@@ -59,50 +59,46 @@ def with_few_joined(scans: Sequence[Scan]) -> tuple[tuple[Scan, ...], list[str]]
 
     A second step of a plan may have one pose or two: its target stands where it stood.
     """
-
-    def has_few(named: tuple[str, Scan]) -> bool:
-        return len(named[1].values) < LEAST_POSES
-
+    pairs = zip(names(scans), scans, strict=True)
     kept: list[Scan] = []
     remarks = []
-    for name, scan in sorted(zip(names(scans), scans, strict=True), key=has_few):
-        alike = [k for k, one in enumerate(kept) if go_together(one, scan)]
-        if alike and has_few((name, scan)):
-            labels = tuple(name + label for label in scan.labels)
-            kept[alike[0]] = joined(kept[alike[0]], replace(scan, labels=labels))
-            remarks.append(
-                f"{name}{len(scan.values)} poses do not place a target; this "
-                f"{scan.kind} is taken to stand where the first one does"
-            )
-        else:
+    named = [(len(scan.values) < LEAST_POSES, name, scan) for name, scan in pairs]
+    for has_few, name, scan in sorted(named, key=lambda one: one[0]):
+        alike = [k for k, one in enumerate(kept) if has_few and go_together(one, scan)]
+        if not alike:
             kept.append(scan)
+            continue
+        kept[alike[0]] = joined(kept[alike[0]], scan, name)
+        remarks.append(
+            f"{name}{len(scan.values)} poses do not place a target; this {scan.kind} "
+            "is taken to stand where the first one does"
+        )
     return tuple(kept), remarks
 
 
-def go_together(first: Scan, second: Scan) -> bool:
-    """Whether two scans may be of one target in one place, all at rest."""
-    at_rest = first.log is None and second.log is None
-    names = ("kind", "sizes", "measured")
-    return at_rest and all(
-        getattr(first, name) == getattr(second, name) for name in names
-    )
+def go_together(*scans: Scan) -> bool:
+    """Whether scans may be of one target in one place, all at rest."""
+    targets = {(scan.kind, scan.sizes, scan.measured) for scan in scans}
+    return len(targets) == 1 and not any(scan.log for scan in scans)
 
 
-def joined(first: Scan, second: Scan) -> Scan:
-    """The poses of two scans as one scan; what is not of poses is the first one's."""
-    pairs = {
-        name: (getattr(first, name), getattr(second, name))
-        for name in ("R_base_flange", "p_base_flange", "side", "times")
+def joined(first: Scan, second: Scan, name: str) -> Scan:
+    """The poses of two scans as one scan, with the second one's name before its labels;
+    what is not of poses is the first one's.
+    """
+    arrays = {
+        field: np.concatenate([getattr(first, field), getattr(second, field)])
+        for field in ("R_base_flange", "p_base_flange", "side", "times")
     }
     return replace(
         first,
-        labels=first.labels + second.labels,
+        labels=(*first.labels, *(name + label for label in second.labels)),
         values=first.values + second.values,
         group=np.array([]),
         group_given=False,
         orientation=None,
         sweeps=(),
-        **{name: np.concatenate(pair) for name, pair in pairs.items()},
+        **arrays,
     )
 
 
@@ -129,14 +125,12 @@ def from_profiles(scan: Scan) -> Seen:
     """The target as raw profiles show it."""
     features = scan.target.find(scan.values, *scan.sizes)
     found = [feature for feature in features if feature.found]
-    most = max((len(feature.points) for feature in found), default=1)
-    points = np.full((len(found), most, 2), np.nan)
-    for row, feature in zip(points, found, strict=True):
-        row[: len(feature.points)] = feature.points
+    m = scan.target.points
+    points, covariance = on_curve(found) if m is None else marked(found, m)
     seen = Seen(
         poses=np.flatnonzero([feature.found for feature in features]),
         points=points,
-        covariance=covariances(found, most, on_curve=scan.target.points is None),
+        covariance=covariance,
         remarks=remarks_on_missing(scan.labels, features),
     )
     if not any(feature.shape == "tip" for feature in found):
@@ -149,36 +143,59 @@ def from_profiles(scan: Scan) -> Seen:
     return replace(seen, shared_mm=seen.typical_mm, remarks=(*seen.remarks, remark))
 
 
+def on_curve(features: Sequence[Feature]) -> tuple[ndarray, ndarray]:
+    """Points (k, m, 2) of each feature and their variances (k, m), mm², as
+    `Observations` has them: independent and as uncertain in every direction.
+    """
+    most = max((len(feature.points) for feature in features), default=1)
+    points = np.full((len(features), most, 2), np.nan)
+    variance = np.ones((len(features), most))
+    for own_points, own, feature in zip(points, variance, features, strict=True):
+        m = len(feature.points)
+        own_points[:m] = feature.points
+        own[:m] = np.trace(feature.covariance, axis1=1, axis2=2) / 2 + FINEST_MM**2
+    return points, variance
+
+
+def marked(features: Sequence[Feature], m: int) -> tuple[ndarray, ndarray]:
+    """The m points (k, m, 2) of each feature and their covariances (k, 2m, 2m), mm², as
+    `Observations` has them: chords have tips on one line.
+    """
+    k = len(features)
+    points = np.reshape([feature.points for feature in features], (k, m, 2))
+    covariance = np.zeros((k, m, 2, m, 2))
+    for pairs, feature in zip(covariance, features, strict=True):
+        for j in range(m):
+            pairs[j, :, j] = feature.covariance[j] + FINEST_MM**2 * np.eye(2)
+        if feature.between is not None:
+            pairs[0, :, 1], pairs[1, :, 0] = feature.between, feature.between.T
+    return points, covariance.reshape(k, 2 * m, 2 * m)
+
+
 def remarks_on_missing(
     labels: Sequence[str], features: Sequence[Feature]
 ) -> tuple[str, ...]:
     """Why profiles do not show the target, a sentence for each reason."""
-    by_reason: dict[str, list[str]] = {}
-    words_of: dict[str, str] = {}
+    by_reason: dict[str, list[tuple[str, str]]] = {}
     for label, feature in zip(labels, features, strict=True):
-        if feature.reason:
+        if not feature.found:
             alike = "".join(filter(str.isalpha, feature.reason))  # numbers may differ
-            words_of.setdefault(alike, feature.reason)
-            by_reason.setdefault(alike, []).append(label)
+            by_reason.setdefault(alike, []).append((label, feature.reason))
     return tuple(
-        f"{len(missing)} left out, {words_of[alike]}: {some(missing)}"
-        for alike, missing in by_reason.items()
+        f"{len(missing)} left out, {missing[0][1]}: {some([one for one, _ in missing])}"
+        for missing in by_reason.values()
     )
 
 
 def from_table(scan: Scan) -> Seen:
     """The points, chords or arcs that a scan holds."""
-    rows = [values[np.isfinite(values).all(axis=1)] for values in scan.values]
-    poses = np.flatnonzero([len(of_pose) > 0 for of_pose in rows])
-    pairs = zip(scan.labels, rows, strict=True)
-    missed = [label for label, of_pose in pairs if not len(of_pose)]
-    remarks: tuple[str, ...] = ()
-    if missed:
-        remarks = (f"no {scan.measured[:-1]} from pose {some(missed)}",)
-    values = np.empty((0, 4))
-    if len(poses):
-        values = np.concatenate([rows[i][:1] for i in poses])
-    return Seen(poses, points_of(scan.measured, values), remarks=remarks)
+    rows = [values[np.isfinite(values).all(axis=1)][:1] for values in scan.values]
+    poses = np.flatnonzero([*map(len, rows)])
+    missed = [scan.labels[i] for i, own in enumerate(rows) if not len(own)]
+    remark = f"no {scan.measured[:-1]} from pose {some(missed)}"
+    nothing = np.empty((0, len(MEASURED[scan.measured])))
+    points = points_of(scan.measured, np.concatenate([nothing, *rows]))
+    return Seen(poses, points, remarks=(remark,) if missed else ())
 
 
 def doubts_on_rest(scan: Scan) -> list[str]:
@@ -235,26 +252,6 @@ def points_of(measured: str, values: ndarray) -> ndarray:
     if measured == "arcs":
         return three_points(values)
     return values[:, None, :]
-
-
-def covariances(features: Sequence[Feature], most: int, on_curve: bool) -> ndarray:
-    """Of `most` points of each feature, mm², as `Observations` has them: those on a
-    curve are independent and as uncertain in every direction, chords have tips on one
-    line.
-    """
-    if on_curve:
-        variance = np.ones((len(features), most))
-        for row, feature in zip(variance, features, strict=True):
-            of_points = np.trace(feature.covariance, axis1=1, axis2=2) / 2
-            row[: len(feature.points)] = of_points + FINEST_MM**2
-        return variance
-    covariance = np.zeros((len(features), most, 2, most, 2))
-    for pairs, feature in zip(covariance, features, strict=True):
-        for k in range(most):
-            pairs[k, :, k] = feature.covariance[k] + FINEST_MM**2 * np.eye(2)
-        if feature.between is not None:
-            pairs[0, :, 1], pairs[1, :, 0] = feature.between, feature.between.T
-    return covariance.reshape(len(features), 2 * most, 2 * most)
 
 
 def three_points(circles: ndarray) -> ndarray:

@@ -6,7 +6,7 @@ from finding import features_of, share_found
 from numpy.random import default_rng
 from raw_profiles import disks
 
-from profilecal.calibration.observe import covariances
+from profilecal.calibration.observe import marked
 
 
 def test_both_tips_of_a_chord_together_are_as_exact_as_stated():
@@ -17,7 +17,7 @@ def test_both_tips_of_a_chord_together_are_as_exact_as_stated():
     features = features_of("disk", profiles)
     shown = [pair for pair in zip(features, truth, strict=True) if pair[0].found]
     error = np.array([(feature.points - tips).ravel() for feature, tips in shown])
-    covariance = covariances([feature for feature, _ in shown], 2, on_curve=False)
+    _, covariance = marked([feature for feature, _ in shown], 2)
     over_covariance = np.linalg.solve(covariance, error[..., None])[..., 0]
     squares = np.sum(error * over_covariance, axis=1)
     assert abs(squares.mean() - 4) < 4 * np.sqrt(8 / len(squares))
