@@ -5,7 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-PAGES = "00_start_here.ipynb", "40_joint_calibration.ipynb"
+PAGES = "00_start_here.ipynb", "02_eight_points.ipynb"
 ROOT = Path(__file__).parents[2]
 ALONE = """
 import json, sys
