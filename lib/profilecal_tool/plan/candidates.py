@@ -40,8 +40,8 @@ def draw(
     """
     found = []
     reasons: Counter[str] = Counter()
-    for share in np.repeat([1, 1 / 2, 1 / 4], 40):  # so many attempts at each
-        R, T = random_poses(model, 2 * count, rng, beyond, share)
+    for part in np.repeat([1, 1 / 2, 1 / 4], 40):  # so many attempts at each
+        R, T = random_poses(model, 2 * count, rng, beyond, part)
         refusals = refused(model, R, T)
         reasons.update(refusals)
         found.append((R[refusals == ""], T[refusals == ""]))
@@ -49,36 +49,30 @@ def draw(
             break
     least = min(count, LEAST)
     if reasons[""] < least:
-        raise ScanError(too_few(reasons, least, what_helps(model, rng)))
+        raise ScanError(f"{too_few(reasons, least)}. {what_helps(model, rng)}")
     R, T = map(np.concatenate, zip(*found, strict=True))
     return R[:count], T[:count]
 
 
-def too_few(reasons: Counter, least: int, help_: str) -> str:
+def too_few(reasons: Counter, least: int) -> str:
     """Say why too few of the poses that were drawn are possible."""
     total = reasons.total()
     possible = reasons.pop("", 0)
-    shares = "; ".join(
-        f"{number / total:.0%} {reason}" for reason, number in reasons.most_common()
-    )
+    shares = [f"{number / total:.0%} {why}" for why, number in reasons.most_common()]
     return (
         f"only {possible} of {total} poses within the limits are possible, "
-        f"{least} are needed: {shares}. {help_}"
+        f"{least} are needed: {'; '.join(shares)}"
     )
 
 
 def what_helps(model: ScanModel, rng: Generator) -> str:
     """The first change, of those that are tried, which makes more poses possible."""
-    shares = {}
     for words, other in changes(model):
         poses = random_poses(other, 1000, rng, 0.0, 1 / 2)
-        shares[words] = np.mean(refused(other, *poses) == "")
-        if shares[words] > 0.01:
-            break
-    best = max(shares, key=lambda words: shares[words])
-    if not shares[best]:
-        return "Move target or mount: neither wider limits nor smaller margins help"
-    return f"With {best}, {shares[best]:.1%} would be possible"
+        possible = np.mean(refused(other, *poses) == "")
+        if possible > 0.01:
+            return f"With {words}, {possible:.1%} would be possible"
+    return "Move target or mount: neither wider limits nor smaller margins help"
 
 
 def changes(model: ScanModel) -> Iterator[tuple[str, ScanModel]]:
@@ -86,11 +80,8 @@ def changes(model: ScanModel) -> Iterator[tuple[str, ScanModel]]:
     everywhere = {"low": Limits.low, "high": Limits.high}
     for words, wider in (("no box", everywhere), ("no zone to avoid", {"avoid": ()})):
         yield words, replace(model, limits=replace(model.limits, **wider))
-    if model.guess is None:
-        return
-    one_by_one = [((name,), 1 / 2) for name in MARGINS]
-    for names, part in [*one_by_one, *product([MARGINS], [1 / 2, 1 / 4, 1 / 8])]:
-        margins = {name: part * getattr(model.guess, name) for name in names}
+    for part in (1 / 2, 1 / 4, 1 / 8) if model.guess else ():
+        margins = {name: part * getattr(model.guess, name) for name in MARGINS}
         words = ", ".join(f"{name} = {value:.2g}" for name, value in margins.items())
         yield words, replace(model, guess=replace(model.guess, **margins))
 
@@ -111,11 +102,10 @@ def random_poses(
 
     limits = model.limits
     tilt = share(2)
-    steepness = np.linalg.norm(tilt, axis=1, keepdims=True)
-    tilt = np.radians(part * limits.tilt_deg) * tilt / np.maximum(steepness, 1)
+    tilt = tilt / np.maximum(np.linalg.norm(tilt, axis=1, keepdims=True), 1)
+    tilt = np.radians(part * limits.tilt_deg) * tilt
     spin = np.radians(part * limits.spin_deg) * share(1)
-    R = model.facing @ rotations(tilt @ np.eye(3)[:2])
-    R = R @ rotations(spin * [0, 0, 1])
+    R = model.facing @ rotations(tilt @ np.eye(3)[:2]) @ rotations(spin * [0, 0, 1])
 
     origin, axes = model.target.frame
     aim = origin + part * limits.extent_mm * (free_axes(model) * share(3)) @ axes.T
@@ -169,14 +159,14 @@ def refused(model: ScanModel, R: ndarray, T: ndarray) -> ndarray:
     flange, sensor = T, model.planes(R, T)[1]
     if model.to_hand:
         flange = inverse(R, T)[1]
-        sensor = np.broadcast_to(model.T_sensor, T.shape)
+        sensor = model.T_sensor
     reasons = np.full(len(T), "", dtype=object)
 
     tilt, spin, aside = off_square(model, R, T)
     turned = (tilt > limits.tilt_deg) | (np.abs(spin) > limits.spin_deg)
     reasons[turned | (aside > limits.extent_mm)] = "are tilted, turned or aside too far"
     for (*centre, radius), place in product(limits.avoid, (flange, sensor)):
-        near = np.linalg.norm(place - centre, axis=1) < radius
+        near = np.linalg.norm(place - centre, axis=-1) < radius
         reasons[near] = "are in a zone to avoid"
     outside = ((flange < limits.low) | (flange > limits.high)).any(axis=1)
     reasons[outside] = "are outside the box"
@@ -233,18 +223,19 @@ def worst_clearance(model: ScanModel, R: ndarray, T: ndarray) -> ndarray:
     may be missed.
     """
     margins = model.guess.margins if model.guess else np.zeros(4)
-    mount_mm, mount_rad, target_mm, target_rad = margins
-    largest = [mount_mm + target_mm, mount_rad, target_rad]
+    shift_mm, turn_rad, target_mm, target_rad = margins
+    largest = [shift_mm + target_mm, turn_rad, target_rad]
     sizes = np.maximum(largest, [1, np.radians(1), np.radians(1)])[:, None]
+    planes = model.planes(R, T)
 
     def clearance(error: ndarray) -> ndarray:
-        return clearances(model, *model.planes(R, T), sizes * error)
+        return clearances(model, *planes, sizes * error)
 
     exact = clearance(np.zeros((3, 3)))
     each = np.eye(9).reshape(9, 3, 3)
-    cost = [exact - np.minimum(clearance(one), clearance(-one)) for one in each]
-    of_kinds = np.maximum(cost, 0).reshape(3, 3, *exact.shape)
-    together = np.linalg.norm(of_kinds, axis=1).sum(axis=0)
+    lowest = [np.minimum(clearance(one), clearance(-one)) for one in each]
+    cost = np.maximum(exact - lowest, 0).reshape(3, 3, *exact.shape)
+    together = np.linalg.norm(cost, axis=1).sum(axis=0)
     worst = (exact - together).min(axis=1)
     for way, turn in product((1, -1), (1, -1)):
         off_plane = way * np.array([[0, -1, 0], [1, 0, 0], [turn, 0, 0]])

@@ -97,8 +97,7 @@ class Pool:
         ridge = 1e-3
         # of the largest eigenvalue of a block
         negligible = 1e-7
-        problem = model.problem(R, T)
-        linear, variances = model.linear(problem)
+        problem, linear, variances = model.linear(R, T)
         precision, n = linear.precision.copy(), problem.n
         precision[:n, :n] = np.diag(ridge / problem.units**2)
         unit = np.diag(precision) ** -0.5
@@ -106,11 +105,10 @@ class Pool:
         unit[:6] = np.repeat([until[0], np.radians(until[1])], 3)
         blocks = linear.alone(variances)[:, :-1, :-1] * unit[:, None] * unit
         values, vectors = np.linalg.eigh(blocks)
-        large = values > negligible * values.max()
-        rank = int(large.sum(axis=1).max())
-        lengths = np.sqrt(np.maximum(values[:, None, -rank:], 0))
+        large = (values > negligible * values.max()).any(axis=0)
+        lengths = np.sqrt(np.maximum(values[:, None, large], 0))
         prior = (precision + before) * unit[:, None] * unit
-        return cls(R, T, vectors[..., -rank:] * lengths, prior)
+        return cls(R, T, vectors[..., large] * lengths, prior)
 
     def covariance(self, chosen: list[int], times: float = 1.0) -> ndarray:
         """Of all unknowns (q, q) after `times` as many poses as the candidates
@@ -168,9 +166,7 @@ def smooth_worst(C: ndarray) -> ndarray:
     """
     blocks = np.stack([C[..., :3, :3], C[..., 3:, 3:]], axis=-3)
     scale = np.maximum(np.trace(C, axis1=-2, axis2=-1), np.finfo(float).tiny)
-    power = blocks / scale[..., None, None, None]
-    for _ in range(3):
-        power = power @ power
+    power = np.linalg.matrix_power(blocks / scale[..., None, None, None], 8)
     return np.sqrt(scale * np.sum(power**2, axis=(-3, -2, -1)) ** (1 / 16))
 
 
@@ -279,8 +275,7 @@ def short_way(R: ndarray, T: ndarray) -> list[int]:
     turn_deg = np.degrees(angle_between(R[:, None], R))
     far = np.linalg.norm(T[:, None] - T, axis=-1) + 3 * turn_deg
     order = [0]
-    left = set(range(1, len(T)))
-    while left:
-        order.append(min(left, key=far[order[-1]].__getitem__))
-        left.remove(order[-1])
+    while len(order) < len(T):
+        far[:, order[-1]] = np.inf
+        order.append(int(np.argmin(far[order[-1]])))
     return order

@@ -114,22 +114,21 @@ class ScanModel(Setup):
             are_circles,
         )
 
-    def problem(self, R: ndarray, T: ndarray, **in_motion: Any) -> Problem:
-        """The least-squares problem of what is seen from flange poses; `in_motion`: the
-        log, times and group of those that the robot goes through.
+    def linear(
+        self, R: ndarray, T: ndarray, **in_motion: Any
+    ) -> tuple[Problem, LinearModel, ndarray]:
+        """The least-squares problem of what is seen from flange poses, its linear
+        model, and the variances (1 + k,) of the errors that this counts with.
+
+        `in_motion`: the log, times and group of poses that the robot goes through.
         """
         seen = replace(self.observed(R, T), **in_motion)
-        return Problem([seen], self.noise, self.systematic)
-
-    def linear(self, problem: Problem) -> tuple[LinearModel, ndarray]:
-        """The linear model of such a problem, and the variances (1 + k,) of the errors
-        that it counts with.
-        """
+        problem = Problem([seen], self.noise, self.systematic)
         sizes = self.noise.of_robot
         if problem.clock is not None:
             sizes |= {"jitter_ms": self.noise.jitter_ms}
         variances = np.array([1.0, *sizes.values()]) ** 2
-        return problem.model(self.state, list(sizes)), variances
+        return problem, problem.model(self.state, list(sizes)), variances
 
 
 def information(
@@ -141,7 +140,7 @@ def information(
     robot's errors integrated out. `each`: of each pose by itself, (P, q, q); where all
     have orientations of their own, these add up to the whole.
     """
-    linear, variances = model.linear(model.problem(R, T))
+    _, linear, variances = model.linear(R, T)
     # the last row and column are of the residuals themselves
     if each:
         return linear.alone(variances)[:, :-1, :-1]
@@ -193,20 +192,19 @@ def predict(
     """Predict how well flange poses (P, 3, 3), (P, 3) will determine the sensor pose.
 
     With `rng`: and how well if the guess is wrong by anything within its margins.
-    `in_motion`: as `ScanModel.problem` takes it.
+    `in_motion`: as `ScanModel.linear` takes it.
     """
-    problem = model.problem(R, T, **in_motion)
-    linear, variances = model.linear(problem)
+    problem, linear, variances = model.linear(R, T, **in_motion)
     posterior = linear.posterior(variances[None])
     (covariance,), n = posterior.covariance, problem.n
     rank = spectrum(posterior.normal[0, :n, :n], problem.units).rank
-    prediction = Prediction(of_covariance(covariance[:6, :6], rank, n), len(T))
+    found = Prediction(of_covariance(covariance[:6, :6], rank, n), len(T))
     if problem.clock is not None:
         sd_s = float(np.sqrt(covariance[problem.clock, problem.clock]))
-        prediction = replace(prediction, delay_sd_s=sd_s)
+        found = replace(found, delay_sd_s=sd_s)
     if rng is None or model.guess is None:
-        return prediction
+        return found
     draws = [model.elsewhere(rng) for _ in range(GUESSES)]
     others = [predict(other, R, T, **in_motion) for other in draws]
     sizes = np.array([(other.mm, other.deg) for other in others])
-    return replace(prediction, between=(sizes.min(axis=0), sizes.max(axis=0)))
+    return replace(found, between=(sizes.min(axis=0), sizes.max(axis=0)))

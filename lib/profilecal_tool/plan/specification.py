@@ -80,11 +80,11 @@ class Guess:
             z = np.cross(x, y)
         else:
             y = np.cross(z, x)
-        facing = np.stack([x, y, z], axis=1)
-        facing = facing / np.linalg.norm(facing, axis=0)
+        looking = np.stack([x, y, z], axis=1)
+        looking = looking / np.linalg.norm(looking, axis=0)
         wrong = in_unit_ball(rng, 4) if rng else np.zeros((4, 3))
         shift, turn, moved, turned = self.margins[:, None] * wrong
-        facing = rotations(turned) @ facing
+        facing = rotations(turned) @ looking
         placed = target.at(self.target + moved, facing @ target.stance, sizes)
         R_sensor = rotation_from_xyz_angles(np.radians(self.mount[3:]))
         return Setup(placed, facing, R_sensor @ rotations(turn), self.mount[:3] + shift)
@@ -148,6 +148,11 @@ class PlannedSpec(Spec):
             expected = "expected roughly where sensor and target are"
             raise ValueError(f"poses are given, but no [guess]; {expected}")
 
+    @property
+    def measures(self) -> dict[str, float]:
+        """The target's lengths by name, mm."""
+        return dict(zip(TARGETS[self.kind].lengths, sizes_of(self), strict=True))
+
 
 def read_specification(said: dict[str, Any], path: str | Path) -> PlannedSpec:
     """A specification from the content of a TOML file `path`, which may have a guess,
@@ -168,18 +173,17 @@ def simulate_specification(spec: PlannedSpec) -> Scan:
     rng = np.random.default_rng(spec.seed)
     setup = spec.guess.setup(spec.kind, sizes_of(spec), rng)
     rng = errors_of(spec, rng)
-    plan = planned_poses(spec.poses, spec.to_hand)
-    R, T = plan["R"], plan["T"]
+    said, R, T = planned_poses(spec.poses, spec.to_hand)
     if spec.motion:
         sweeps = straight_sweeps(setup, R, T, spec.motion.speed)
         return record_sweeps(setup, spec, rng, sweeps)
     if setup.target.steered:  # by the operator, as far as this takes
-        R_view, origin = setup.planes(R, T)
+        R_view, T_view = setup.planes(R, T)
         across = R_view[..., 1]
-        off = np.sum((setup.target.frame[0] - origin) * across, axis=1)
+        off = np.vecdot(setup.target.frame[0] - T_view, across)
         off = off - spec.noise.steering_mm * rng.normal(size=len(T))
         T = T + off[:, None] * across
-    scene = Scene.of(setup, (R, T[:, None]), plan["labels"], plan["group"])
+    scene = Scene.of(setup, (R, T[:, None]), said["labels"], said["group"])
     return record(scene, taken(scene, spec, rng), spec, rng)
 
 
@@ -196,18 +200,16 @@ def straight_sweeps(setup: Setup, R: ndarray, T: ndarray, speed: float) -> list[
     return sweeps
 
 
-def planned_poses(place: str | Path, to_hand: bool) -> dict[str, Any]:
+def planned_poses(
+    place: str | Path, to_hand: bool
+) -> tuple[dict[str, Any], ndarray, ndarray]:
     """What a table of poses says, or that of a scan folder, as `scan.folder.read_poses`
-    has it; R and T as the calibration takes them.
-
-    Raises ScanError.
+    has it; and R (P, 3, 3), T (P, 3) as the calibration takes them. Raises ScanError.
     """
     place, scale = Path(place), 1.0
     if place.is_dir():
         _, scale = read_header(place / "scan.toml")
         place = place / "poses.csv"
-    found = read_poses(place, scale)
-    R, T = found["R_base_flange"], found["p_base_flange"]
-    if to_hand:
-        R, T = inverse(R, T)
-    return found | {"R": R, "T": T}
+    said = read_poses(place, scale)
+    pose = said["R_base_flange"], said["p_base_flange"]
+    return said, *(inverse(*pose) if to_hand else pose)

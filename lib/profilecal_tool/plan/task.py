@@ -1,6 +1,6 @@
 """The plan that is asked for: its task, and its folder."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -15,7 +15,6 @@ from profilecal.scan.scan import Scan, ScanError
 from profilecal.scan.tables import write_table
 from profilecal.scan.toml import read_toml, toml_text
 from profilecal.simulation.sweeps import Motion
-from profilecal.targets import TARGETS
 from profilecal_tool.plan.design import FEW, NOWHERE, Plan, design, joined
 from profilecal_tool.plan.knowledge import model_of_scan, model_of_spec
 from profilecal_tool.plan.scan_model import Prediction, ScanModel, predict
@@ -53,8 +52,8 @@ class Task:
         They come after those that are there already, and count as far as they have the
         target in view; returns also how many have not. Raises ScanError.
         """
-        given = planned_poses(place, self.model.to_hand)
-        R, T = joined(self.before, (given["R"], given["T"]))
+        _, R, T = planned_poses(place, self.model.to_hand)
+        R, T = joined(self.before, (R, T))
         seen = self.model.in_view(R, T)
         if not seen.any():
             raise ScanError(
@@ -70,7 +69,7 @@ class Task:
 
         Raises ScanError.
         """
-        asked = self.model.limits.poses
+        asked, guess = self.model.limits.poses, self.model.guess
         if self.motion:
             given = asked or (self.motion.sweeps + 1) // 2
             for lines in (given,) if self.count_given else LINES:
@@ -79,7 +78,7 @@ class Task:
                 if not plan.falls_short:
                     break
             return plan
-        plan, guess = self.designed(), self.model.guess
+        plan = self.designed()
         if asked or guess is None or not plan.falls_short:
             return plan
         exact = replace(guess, **dict.fromkeys(MARGINS, 0.0))
@@ -110,10 +109,11 @@ class Task:
         simulates these as well, with the robot's errors that the prediction counts
         with.
         """
-        model, source = self.model, self.source
-        poses = inverse(plan.R, plan.T) if model.to_hand else (plan.R, plan.T)
         table = "sweeps.csv" if plan.speed else "poses.csv"
-        write_folder(folder, source, table, poses, model.sizes, self.stated)
+        poses = plan.R, plan.T
+        if self.model.to_hand:
+            poses = inverse(*poses)
+        write_folder(folder, self.source, self.stated, table, poses)
         if self.entries:
             scales = prior_from(self.stated).scales
             robot = {name: getattr(scales, name) for name in ROBOT}
@@ -132,9 +132,7 @@ class WayBack:
 
     def write(self, folder: Path) -> None:
         """Write them into a folder that exists, a scan folder without measurements."""
-        scan = self.scan
-        table = "sweeps.csv"
-        write_folder(folder, scan, table, self.poses, scan.sizes, dict(scan.noise))
+        write_folder(folder, self.scan, self.scan.noise, "sweeps.csv", self.poses)
 
 
 def read_task(
@@ -163,44 +161,36 @@ def read_task(
         model, before = model_of_scan(found)
         if spec:
             model = replace(model, limits=spec.plan)
-        stated = dict(scan.noise)
-        rng = np.random.default_rng(0)
+        rng, stated = np.random.default_rng(0), dict(scan.noise)
         task = Task(model, rng, scan, stated, entries, before, found.misread)
     else:
-        stated = entries.get("noise", {})
-        rng = np.random.default_rng(spec.seed)
-        task = Task(model_of_spec(spec, stated, rng), rng, spec, stated, entries)
-    asked: dict = {"poses": poses or 0} if poses or until else {}
-    if until:
-        asked["until"] = until
-    limits = replace(task.model.limits, **asked)
-    return replace(task, model=replace(task.model, limits=limits))
+        rng, stated = np.random.default_rng(spec.seed), entries.get("noise", {})
+        model = model_of_spec(spec, stated, rng)
+        task = Task(model, rng, spec, stated, entries)
+    if poses or until:
+        until = until or model.limits.until
+        limits = replace(model.limits, poses=poses or 0, until=until)
+        task = replace(task, model=replace(model, limits=limits))
+    return task
 
 
 def write_folder(
-    folder: Path,
-    source: PlannedSpec | Scan,
-    table: str,
-    poses: Frames,
-    sizes: Sequence[float],
-    noise: dict,
+    folder: Path, source: PlannedSpec | Scan, noise: Mapping, table: str, poses: Frames
 ) -> None:
-    """Write poses R (P, 3, 3), p (P, 3) in the base into a table, and scan.toml for a
-    target of these sizes, mm. Of sweeps, two poses are where each begins and ends.
+    """Write poses R (P, 3, 3), p (P, 3) in the base into a table, and scan.toml; of
+    sweeps, two poses are where each begins and ends.
     """
     labels = [f"{k:03d}" for k in range(1, len(poses[0]) + 1)]
     if table == "sweeps.csv":
         count = len(labels) // 2
         labels = [f"s{k + 1} {end}" for k in range(count) for end in ("begin", "end")]
-    columns = poses_columns(labels, *poses, source.convention)
-    write_table(folder / table, columns)
-    lengths = zip(TARGETS[source.kind].lengths, sizes, strict=True)
+    write_table(folder / table, poses_columns(labels, *poses, source.convention))
     header = {
         "title": source.title or f"planned {source.kind}",
         "units": "mm",
         "mount": source.mount,
-        "target": {"kind": source.kind, **dict(lengths)},
-        "noise": noise,
+        "target": {"kind": source.kind} | source.measures,
+        "noise": dict(noise),
     }
     (folder / "scan.toml").write_text(toml_text(header), encoding="utf-8")
 

@@ -90,8 +90,8 @@ def test_the_way_back_of_a_scan_tells_its_delay(tmp_path):
     assert "sweeps         16, those of the scan backwards" in said
     R, T = truth.pose[:3, :3], truth.pose[:3, 3]
     setup = Setup(truth.target, np.eye(3), R, T)
-    ends = planned_poses(tmp_path / "back" / "sweeps.csv", to_hand=False)
-    sweeps = straight_sweeps(setup, ends["R"], ends["T"], 100.0)
+    _, *ends = planned_poses(tmp_path / "back" / "sweeps.csv", to_hand=False)
+    sweeps = straight_sweeps(setup, *ends, 100.0)
     back = record_sweeps(setup, read_spec(entries), default_rng(3), sweeps)
     found = pc.calibrate([scan, back])
     assert found.status == "ok"
