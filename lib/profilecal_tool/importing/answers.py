@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from shutil import copy
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any
 
 from profilecal.scan.folder import read_header, write_scan
 from profilecal.scan.scan import MOUNTS, Scan
@@ -22,7 +22,6 @@ from profilecal_tool.importing.makers import UNITS
 
 FILE = "import.toml"
 LENGTHS = {name for target in TARGETS.values() for name in target.lengths}
-T = TypeVar("T")
 
 
 class Question(ScanError):
@@ -62,13 +61,12 @@ class Layout:
     mount: str = MOUNTS[0]
 
 
-def only(place: Any, found: Mapping[str, T], what: str, option: str) -> T:
-    """The one that was found. Raises Question where there are several."""
-    names = [*found]
+def only(place: Any, names: Sequence[str], what: str, option: str) -> str:
+    """The one of some names. Raises Question where there are several."""
     if len(names) > 1:
         several = " or ".join(names)
         raise Question(f"{place}: which {what}: {several}?", **{option: names[0]})
-    return found[names[0]]
+    return names[0]
 
 
 def scale_of(place: Any, units: set[str], usual: str) -> float:

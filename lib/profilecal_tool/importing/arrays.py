@@ -22,9 +22,7 @@ def arrays_in(path: Path) -> Mapping[str, Any]:
 
         content = loadmat(path, appendmat=False, squeeze_me=True)
         arrays = {name: one for name, one in content.items() if name[:2] != "__"}
-        for name, array in arrays.items():  # MATLAB stacks along the last axis
-            arrays[name] = np.moveaxis(array, -1, 0) if array.ndim == 3 else array
-        return arrays
+        return {name: stacked_first(array) for name, array in arrays.items()}
     if path.suffix == ".ply":
         from plyfile import PlyData
 
@@ -33,6 +31,12 @@ def arrays_in(path: Path) -> Mapping[str, Any]:
     with path.open("rb") as file:
         loaded = np.load(file, allow_pickle=False)
         return {"": loaded} if isinstance(loaded, ndarray) else {**loaded}
+
+
+def stacked_first(array: Any) -> ndarray:
+    """An array of MATLAB, which stacks matrices along the last axis, as NumPy's."""
+    array = np.asarray(array)
+    return np.moveaxis(array, -1, 0) if array.ndim == 3 else array
 
 
 def binary_blocks(path: Path) -> Iterator[Block]:
@@ -46,32 +50,46 @@ def binary_blocks(path: Path) -> Iterator[Block]:
 
 def array_blocks(path: Path, arrays: Mapping[str, ndarray]) -> Iterator[Block]:
     """Arrays as tables: those with as many rows are one; points of profiles another."""
-    tables, names = defaultdict(dict), {}
+    alike = defaultdict(dict)
     for name, array in arrays.items():
         if array.ndim == 0 or array.dtype.kind not in "fiub":
             continue
         array = array.astype(array.dtype.newbyteorder("="), copy=False)
         if array.shape == OF_POSES[0]:
             array = array[None]
-        key = len(array)
         if array.ndim == 3 and array.shape[1:] not in OF_POSES:
-            if array.shape[1] in (2, 3):
-                array = array.swapaxes(1, 2)
-            count, each, columns = array.shape
-            tables[name]["label"] = np.arange(1, count + 1, dtype="i4").repeat(each)
-            key, name, array = name, "points", array.reshape(-1, columns)
-        names[key] = "" if key in names else name
-        if array.ndim == 1:
-            tables[key][name] = array
+            yield block_of(path, name, points_in(array))
         else:
-            flat = array.reshape(len(array), -1)
-            named = {f"{name}_{k}": column for k, column in enumerate(flat.T, 1)}
-            tables[key] |= named
-    for name, table in tables.items():
-        titles = [title.removeprefix("_") for title in table]
-        rows = DataFrame(table, copy=False)
-        rows.index += 1
-        yield Block(path, rows, titles, name=name if name in arrays else names[name])
+            alike[len(array)][name] = array
+    for members in alike.values():
+        columns = {}
+        for name, array in members.items():
+            columns |= columns_in(name, array)
+        yield block_of(path, name if len(members) == 1 else "", columns)
+
+
+def points_in(profiles: ndarray) -> dict[str, ndarray]:
+    """The columns of profiles (n, points, 2 or 3), or of their transposes."""
+    if profiles.shape[1] in (2, 3):
+        profiles = profiles.swapaxes(1, 2)
+    count, points, columns = profiles.shape
+    label = np.arange(1, count + 1, dtype="i4").repeat(points)
+    return {"label": label} | columns_in("points", profiles.reshape(-1, columns))
+
+
+def columns_in(name: str, array: ndarray) -> dict[str, ndarray]:
+    """The columns of an array, numbered if it may have several."""
+    if array.ndim == 1:
+        return {name: array}
+    columns = array.reshape(len(array), -1).T
+    return {f"{name}_{k}".strip("_"): c for k, c in enumerate(columns, 1)}
+
+
+def block_of(path: Path, name: str, columns: dict[str, ndarray]) -> Block:
+    """Columns by their titles as a block."""
+    table = DataFrame(columns, copy=False)
+    table.index += 1
+    return Block(path, table, [*columns], name=name)
 
 
 def sheets(path: Path) -> Iterator[Block]:

@@ -1,7 +1,7 @@
 """Tables under titles, whatever the file is; nothing here knows what a pose is."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
@@ -11,9 +11,11 @@ from pandas import DataFrame
 
 from profilecal.geometry.progress import watched
 from profilecal.scan.tables import NOTHING, number
-from profilecal_tool.importing.makers import UNITS, WORDS
+from profilecal_tool.importing.makers import UNITS
 
 MARKS = b"#% "  # before titles
+BEGIN = 100_000  # characters that tell what a table is like
+HEAD = 50  # lines within which numbers begin
 
 
 @dataclass(frozen=True)
@@ -24,27 +26,20 @@ class Block:
     table: DataFrame  # numbers and text; the index is where a row stands in the file
     titles: list[str]  # of its columns; 1, 2, … where there are none
     above: str = ""  # the words above it
-    robot: str = ""  # whose program it is of
     name: str = ""  # what the file calls it
+    robot: str = ""  # the maker whose program it is of
+    kind: str = "pose"  # of a program; or "tool", or "uses"
+    left: int = 0  # lines of a program with as many numbers that fit no pattern
 
     @property
     def is_bare(self) -> bool:
         """Whether its columns have no titles."""
-        return self.titles == [*map(str, range(1, len(self.titles) + 1))]
+        return self.titles == by_number(len(self.titles))
 
 
-def encodings_of(contents: list[bytes]) -> list[str]:
-    """The encodings in which most known words stand in some files' text."""
-    found = {}
-    for encoding in ("cp1252", "gb18030", "shift_jis", "big5", "cp949", "cp1251"):
-        try:
-            texts = {content.decode(encoding) for content in contents}
-        except UnicodeDecodeError:
-            continue
-        words = re.findall(r"[^\W\d]+|°", " ".join(texts).lower())
-        found[encoding] = sum(word in WORDS for word in words)
-    most = max(found.values(), default=0)
-    return [encoding for encoding, count in found.items() if count == most]
+def by_number(count: int) -> list[str]:
+    """Titles for columns that have none."""
+    return [str(k + 1) for k in range(count)]
 
 
 def dialect(text: str) -> tuple[str | None, str]:
@@ -60,42 +55,32 @@ def dialect(text: str) -> tuple[str | None, str]:
 
 def text_blocks(path: Path, content: bytes) -> Iterator[Block]:
     """The tables of delimited text: lines of as many fields that follow each other."""
-    mark, decimal = dialect(content[:50_000].decode(errors="ignore"))
+    mark, decimal = dialect(content[:BEGIN].decode(errors="ignore"))
     between = mark.encode() if mark else None
     read = 0
-    for first, count, place in runs(path, content, between):
-        head = rows_of(content[place : place + 100_000], between, min(count, 50))
-        data = [k for k, row in enumerate(head) if is_data(row, decimal)]
-        if not data:
+    for line, count, place in runs(path, content, between):
+        rows = rows_of(content[place : place + BEGIN], between)[:count]
+        first = first_row(rows, decimal)
+        if first is None:
             continue
-        begin = data[0]
-        titles = [*map(str, range(1, len(head[0]) + 1))]
-        if is_title(head[begin : begin + 2], decimal):
-            begin += 1
-        if begin:
-            over = [[c.strip(" \"'\r\n") for c in row] for row in head[:begin]]
-            titles = over[-1]
-            if begin > 1 and {*titles} <= UNITS.keys():
-                pairs = zip(over[-2], titles, strict=True)
-                titles = [f"{title} [{unit}]" for title, unit in pairs]
         stream = BytesIO(content)
         stream.seek(place)
         table = pandas.read_csv(
             stream,
             sep=mark or r"\s+",
             header=None,
-            names=range(len(titles)),
-            nrows=count - begin,
-            skiprows=begin,
+            names=range(len(rows[0])),
+            nrows=count - first,
+            skiprows=first,
             decimal=decimal,
             na_values=[*NOTHING, "Invalid", "INVALID", ".Nan", "-"],
             skipinitialspace=True,
             index_col=False,
         )
-        table.index = range(first + begin, first + begin + len(table))
-        above = content[max(read, place - 5000) : place].decode(errors="ignore")
-        above += "\n".join(map(" ".join, head[: max(begin - 1, 0)]))
-        yield Block(path, table, titles, above)
+        table.index += line + first
+        above = content[max(read, place - BEGIN) : place].decode(errors="ignore")
+        above += "\n".join(map(" ".join, rows[:first]))
+        yield Block(path, table, titles_in(rows[:first], len(rows[0])), above)
         read = place
 
 
@@ -105,46 +90,44 @@ def runs(
     """The first line, the count and the place of lines with as many fields."""
     lines = watched(BytesIO(content), f"reading {path.name}", content.count(b"\n"))
     first = place = at = fields = 0
-    number = 0
-    for number, line in enumerate(lines, 1):
-        found = len(line.strip(MARKS).split(between)) if line.strip() else 0
-        if found != fields:
+    line = 0
+    for line, text in enumerate(lines, 1):
+        count = len(text.strip(MARKS).split(between)) if text.strip() else 0
+        if count != fields:
             if fields:
-                yield first, number - first, place
-            first, place, fields = number, at, found
-        at += len(line)
+                yield first, line - first, place
+            first, place, fields = line, at, count
+        at += len(text)
     if fields:
-        yield first, number + 1 - first, place
+        yield first, line + 1 - first, place
 
 
-def rows_of(content: bytes, between: bytes | None, count: int) -> list[list[str]]:
+def rows_of(content: bytes, between: bytes | None) -> list[list[str]]:
     """The cells of the first lines."""
-    lines = content.split(b"\n", count)[:count]
+    lines = content.split(b"\n", HEAD)[:HEAD]
     rows = [line.strip(MARKS).split(between) for line in lines]
-    return [[cell.decode(errors="ignore").strip() for cell in row] for row in rows]
+    return [[cell.decode(errors="ignore").strip(" \"'\r") for cell in r] for r in rows]
 
 
-def value(cell: str, decimal: str) -> float:
-    """A cell's number; infinity for a word."""
-    return number(cell.replace(decimal, "."))
+def first_row(rows: Sequence[Sequence[str]], decimal: str) -> int | None:
+    """Where numbers begin: most of a row's cells are, and none stands below a word."""
+    kinds = [[number(cell.replace(decimal, ".")) for cell in row] for row in rows]
+    words = [[abs(kind) == float("inf") for kind in row] for row in kinds]
+    for k, row in enumerate(words):
+        filled = [word for word, cell in zip(row, rows[k], strict=True) if cell]
+        below = words[k + 1] if k + 1 < len(words) else row
+        is_title = any(over > under for over, under in zip(row, below, strict=True))
+        if 2 * sum(filled) < len(filled) and not is_title:
+            return k
+    return None
 
 
-def is_word(cell: str, decimal: str) -> bool:
-    """Whether a cell is no number, and not blank."""
-    return abs(value(cell, decimal)) == float("inf")
-
-
-def is_data(row: list[str], decimal: str) -> bool:
-    """Whether most cells of a row are numbers."""
-    filled = [is_word(cell, decimal) for cell in row if cell.strip()]
-    return 2 * sum(filled) < len(filled)
-
-
-def is_title(rows: list[list[str]], decimal: str) -> bool:
-    """Whether words of the first of two rows stand above numbers."""
-    if len(rows) < 2:
-        return False
-    over = zip(*rows, strict=True)
-    return any(
-        is_word(cell, decimal) and not is_word(below, decimal) for cell, below in over
-    )
+def titles_in(rows: Sequence[Sequence[str]], count: int) -> list[str]:
+    """The titles of columns: the last row above them, with units that stand below."""
+    if not rows:
+        return by_number(count)
+    titles = [*rows[-1]]
+    if len(rows) > 1 and {*titles} <= UNITS.keys():
+        pairs = zip(rows[-2], titles, strict=True)
+        titles = [f"{title} [{unit}]" for title, unit in pairs]
+    return titles

@@ -1,7 +1,7 @@
 """A scan from files that people have: read, told what is what, paired, checked."""
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from glob import glob
 from pathlib import Path
@@ -15,13 +15,24 @@ from profilecal.geometry.progress import watched
 from profilecal.scan.folder import NO_POSES, check_header, scan_of
 from profilecal.scan.motion import checked_log
 from profilecal.scan.scan import Scan
-from profilecal.scan.tables import ScanError, listed, naming, text_of
+from profilecal.scan.tables import ScanError, listed, naming
 from profilecal_tool.importing.answers import Layout, Question, only
-from profilecal_tool.importing.blocks import Block
-from profilecal_tool.importing.files import encoding_of, is_known, is_text, read
+from profilecal_tool.importing.blocks import Block, by_number
+from profilecal_tool.importing.files import is_known, read
 from profilecal_tool.importing.pairing import paired
-from profilecal_tool.importing.poses import Poses, entries_of, joined, poses_of
-from profilecal_tool.importing.profiles import read_profiles, tables_in, to_mm
+from profilecal_tool.importing.poses import (
+    Poses,
+    beside_points,
+    entries_of,
+    poses_of,
+    robot_poses,
+)
+from profilecal_tool.importing.profiles import (
+    Profiles,
+    points_of,
+    read_profiles,
+    to_mm,
+)
 
 NOTHING_SAID = Layout()
 
@@ -51,36 +62,49 @@ def import_scan(
     said = {"title": folder.resolve().name, "mount": layout.mount, "target": target}
     header, _ = check_header(folder, said)
     taken = {}
-    sources = sources_in(folder, layout, taken)
-    of_poses, of_profiles = sorted_out(folder, sources, layout)
-    poses, of_rows = joined([*sources[of_poses].files()], layout), None
-    if of_poses == of_profiles:
-        poses, of_rows = each_once(poses)
-    files = sources[of_profiles]
-    one_each, count = len(files.paths) > 1, len(poses.table)
-    profiles = read_profiles(files.files(), one_each, layout, count, of_rows)
-    left = [own for name, own in sources.items() if name not in (of_poses, of_profiles)]
-    taken["left out"] = (
-        listed(path.name for own in left for path in own.paths) or "none"
-    )
-    programs = text_near([sources[of_poses], *left]) if poses.robot else ""
+    sources = sources_in(folder, layout)
+    poses, profiles = tables_in(folder, sources, layout, taken)
     to_mm(profiles, layout, taken)
     values = np.split(profiles.xz, np.cumsum(profiles.counts)[:-1])
     names = times_said(layout, profiles.names)
     pairing = paired(poses, names)
     taken["matched"] = pairing.how
+    rows = pairing.rows
     if pairing.log:
-        labels = [*map(str, range(1, len(pairing.rows) + 1))]
-        poses = with_labels(poses, pairing.rows, labels)
+        names = by_number(len(rows))
     else:
-        of_each = pairing.rows[order := in_order(pairing.rows)]
-        values, names = [values[k] for k in order], [names[k] for k in order]
-        check_once(of_each, names, files.paths[0], layout)
-        poses = with_labels(poses, of_each, names)
+        order = np.argsort(rows, kind="stable")
+        order = order[rows[order] >= 0]
+        rows = rows[order]
+        values, names = ([those[k] for k in order] for those in (values, names))
+        check_once(rows, names, profiles.path, layout)
+    poses = with_labels(poses, rows, names)
+    programs = [block for source in sources.values() for block in source.first]
     entries = entries_of(poses, layout, programs, taken)
     if pairing.log:
         entries = in_sweeps(folder, entries, *pairing.log)
     return scan_of(folder, header | entries | measured_of(values)), taken
+
+
+def tables_in(
+    folder: Path, sources: dict[str, Source], layout: Layout, taken: dict[str, str]
+) -> tuple[Poses, Profiles]:
+    """The robot's poses and the profiles. Raises ScanError."""
+    names = sorted_out(folder, sources, layout)
+    of_poses, of_profiles = (sources[name] for name in names)
+    one_each = len(of_profiles.paths) > 1
+    if of_poses is of_profiles and not one_each:
+        blocks = [beside_points(block) for block in of_poses.first]
+        of_poses = of_profiles = replace(of_poses, first=blocks)
+    poses = robot_poses([*of_poses.files()], layout)
+    if of_poses is of_profiles:
+        poses = replace(poses, table=poses.table.drop_duplicates())
+    count = len(poses.table)
+    profiles = read_profiles(of_profiles.files(), one_each, layout, count)
+    others = [source for name, source in sources.items() if name not in names]
+    left = [path.name for source in others for path in source.paths]
+    taken["left out"] = listed(left) or "none"
+    return poses, profiles
 
 
 def measured_of(values: Sequence[ndarray]) -> dict[str, Any]:
@@ -91,30 +115,17 @@ def measured_of(values: Sequence[ndarray]) -> dict[str, Any]:
     return {"measured": "profiles", "values": profiles}
 
 
-def text_near(sources: Iterable[Source]) -> str:
-    """The text of files that may be a program's."""
-    paths = [(path, own.encoding) for own in sources for path in own.paths]
-    near = [(path, encoding) for path, encoding in paths if is_text(path)]
-    return "\n".join(text_of(path, encoding=encoding) for path, encoding in near)
-
-
-def sources_in(
-    folder: Path, layout: Layout, taken: dict[str, str]
-) -> dict[str, Source]:
+def sources_in(folder: Path, layout: Layout) -> dict[str, Source]:
     """The files of a folder, by pattern. Raises ScanError."""
-    patterns = {pattern for pattern in (layout.poses, layout.profiles) if pattern}
-    families = {pattern: files(folder, pattern) for pattern in patterns}
-    said = {path for paths in families.values() for path in paths}
-    for path in files(folder, "**/*") if len(patterns) < 2 else []:
-        pattern = re.sub(r"\d+", "*", str(path.relative_to(folder)))
-        if path not in said and is_known(path):
+    said = [pattern for pattern in (layout.poses, layout.profiles) if pattern]
+    families = {pattern: files(folder, pattern) for pattern in said}
+    known = {path for paths in families.values() for path in paths}
+    for path in files(folder, "**/*") if len(said) < 2 else []:
+        if path not in known and is_known(path):
+            pattern = re.sub(r"\d+", "*", str(path.relative_to(folder)))
             families.setdefault(pattern, []).append(path)
-    every = [path for paths in families.values() for path in paths]
-    encoding = layout.encoding or encoding_of(every)
-    if encoding:
-        taken["encoding"] = encoding
     return {
-        pattern: Source(paths, read(paths[0], encoding), encoding)
+        pattern: Source(paths, read(paths[0], layout.encoding), layout.encoding)
         for pattern, paths in families.items()
     }
 
@@ -132,37 +143,30 @@ def sorted_out(
     folder: Path, sources: Mapping[str, Source], layout: Layout
 ) -> tuple[str, str]:
     """Which files hold the poses, and which the profiles. Raises Question."""
-    titles = layout.pose_columns
-    of_poses = {name for name, own in sources.items() if poses_of(own.first, titles)}
-    of_poses = {layout.poses} if layout.poses else of_poses - {layout.profiles}
-    others = {n: own for n, own in sources.items() if n not in of_poses and own.first}
-    found = {n: own for n, own in others.items() if tables_in(own.first, layout)}
-    most = max((len(own.paths) for own in found.values()), default=0)
-    found = [n for n, own in found.items() if 2 * len(own.paths) > most]
-    of_profiles = [layout.profiles] if layout.profiles else found
-    unclear = sorted(others.keys() - {*found}, key=lambda n: len(sources[n].paths))
-    if not of_poses and not unclear:
+    counts = {name: len(source.paths) for name, source in sources.items()}
+    with_poses = (
+        [layout.poses]
+        if layout.poses
+        else [
+            name
+            for name, source in sources.items()
+            if name != layout.profiles and poses_of(source.first, layout.pose_columns)
+        ]
+    )
+    others = sorted(counts.keys() - {*with_poses}, key=counts.get)
+    with_points = [n for n in others if points_of(sources[n].first, layout)]
+    usual = [n for n in with_points if 2 * counts[n] > counts[with_points[-1]]]
+    unclear = [n for n in others if n not in usual and sources[n].first]
+    if not with_poses and not unclear:
         raise ScanError(f"{folder}: nothing in it is a table of poses: --poses FILE")
-    of_poses = of_poses or {unclear.pop(0)}
-    poses = only(folder, {n: n for n in sorted(of_poses)}, "holds the poses", "poses")
-    rest = of_profiles or unclear[-1:]
-    if not rest and not tables_in(sources[poses].first, layout):
+    candidates = sorted(with_poses) or unclear[:1]
+    poses = only(folder, candidates, "holds the poses", "poses")
+    if layout.profiles:
+        return poses, layout.profiles
+    candidates = usual or [n for n in unclear if n != poses][-1:]
+    if not candidates and not points_of(sources[poses].first, layout):
         raise ScanError(f"{folder}: no profiles beside {poses}")
-    rest = rest or [poses]
-    return poses, only(folder, {n: n for n in rest}, "are the profiles", "profiles")
-
-
-def each_once(poses: Poses) -> tuple[Poses, ndarray | None]:
-    """The poses that stand beside points, each once; and which of them each row has,
-    where they have neither labels nor times.
-    """
-    table = poses.table
-    codes = table.groupby([*table], sort=False, dropna=False).ngroup()
-    once = ~codes.duplicated()
-    if once.all() or {"label", "time"} & {*table}:
-        return replace(poses, table=table[once]), None
-    table = table.assign(label=codes.astype(str))[once]
-    return replace(poses, table=table), codes.to_numpy()
+    return poses, only(folder, candidates or [poses], "are the profiles", "profiles")
 
 
 def times_said(layout: Layout, names: list[str]) -> list[str]:
@@ -183,24 +187,17 @@ def check_once(rows: ndarray, names: list[str], path: Path, layout: Layout) -> N
     if len(again) and not layout.profiles:
         one, other = names[again[0]], names[again[0] + 1]
         parts = [w for w in re.findall(r"[a-zA-Z]*\d+", one) if w not in other]
-        raise Question(
-            f"{path}: {one} and {other} are of one pose; which of them? (all: '*')",
-            profiles=f"*{[*parts, one][0]}*{path.suffix}",
-        )
-
-
-def in_order(rows: ndarray) -> list[int]:
-    """The profiles that have a pose, by the rows of their poses."""
-    order = np.argsort(rows, kind="stable")
-    return order[rows[order] >= 0].tolist()
+        sentence = f"{one} and {other} are of one pose; which of them? (all: '*')"
+        pattern = f"*{[*parts, one][0]}*{path.suffix}"
+        raise Question(f"{path}: {sentence}", profiles=pattern)
 
 
 def with_labels(poses: Poses, rows: ndarray, names: list[str]) -> Poses:
     """Some of the poses under their labels, or under names where these are more."""
     table = poses.table.iloc[rows]
-    own = table.get("label", table["x"]).astype(str).tolist()
-    is_named = "label" in table and len({*own}) == len(own)
-    return replace(poses, table=table.assign(pose=own if is_named else names))
+    labels = table.get("label", table["x"]).astype(str)
+    is_named = "label" in table and labels.is_unique
+    return replace(poses, table=table.assign(pose=labels if is_named else names))
 
 
 def in_sweeps(

@@ -1,6 +1,7 @@
 """What makers.toml says: robots' lines, titles of columns, units, codes."""
 
 import tomllib
+from collections import defaultdict
 from importlib.resources import files
 
 from profilecal.scan.conventions import CONVENTIONS
@@ -11,8 +12,12 @@ LENGTHS = TABLE["lengths"]
 UNITS = LENGTHS | TABLE["angles"]
 CODES = {float(code): unit for code, unit in TABLE["scanners"].items()}
 SETS = {name: {*words.split()} for name, words in TABLE["words"].items()}
-ROLES = {}
+ROLES = {}  # by title
 for role, words in TABLE["titles"].items():
     ROLES |= dict.fromkeys([role, *words.split()], role)
 ROLES |= {name: name for one in CONVENTIONS for name in one.columns}
-WORDS = {word for word in (*ROLES, *UNITS) if not word.isascii()}
+FOREIGN = {word for word in (*ROLES, *UNITS) if not word.isascii()}
+LISTS = defaultdict(list)  # roles by a list's word and how many numbers it has
+for roles, words in TABLE["lists"].items():
+    for word in words.split():
+        LISTS[word, len(roles.split())].append(roles.split())

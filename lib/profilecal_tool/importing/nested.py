@@ -44,11 +44,8 @@ def nested_blocks(path: Path, text: str) -> Iterator[Block]:
 def parsed(text: str) -> list:
     """The documents in a text."""
     if text.lstrip()[:1] not in ("{", "["):
-        return [
-            *yaml.load_all(
-                re.sub(r"\A%YAML.*\n", "", text).replace(".Nan", ".nan"), Loader
-            )
-        ]
+        plain = re.sub(r"\A%YAML.*\n", "", text).replace(".Nan", ".nan")
+        return [*yaml.load_all(plain, Loader)]
     try:
         return [json.loads(text)]
     except json.JSONDecodeError:
@@ -57,32 +54,32 @@ def parsed(text: str) -> list:
 
 def tables(path: Path, node: Any, name: str = "") -> Iterator[Block]:
     """The tables in a list or a dictionary."""
-    if isinstance(node, dict):
-        node = by_number(node)
-    if not all(isinstance(row, dict) for row in node):
-        if (array := numbers(node)) is not None:
-            if name in SETS["whole_profile"] and array.ndim == 1:
-                array = array.reshape(-1, 3)
+    rows = by_number(node) if isinstance(node, dict) else node
+    if not all(isinstance(row, dict) for row in rows):
+        array = numbers(rows)
+        if array is not None and array.ndim == 1 and name in SETS["whole_profile"]:
+            array = array.reshape(-1, 3)
+        if array is not None:
             yield from array_blocks(path, {name: array})
         return
-    table = json_normalize(node, sep="_")
-    parts, long = [], defaultdict(list)
+    table = json_normalize(rows, sep="_")
+    table.index += 1
+    columns, lists = [], defaultdict(list)
     for title, cells in table.items():
-        is_list = any(isinstance(cell, list) for cell in cells)
-        wide = in_columns(title, cells) if is_list else cells
-        if wide is not None:
-            parts.append(wide)
+        if not any(isinstance(cell, list) for cell in cells):
+            columns.append(cells)
+        elif (wide := in_columns(title, cells)) is not None:
+            columns.append(wide)
         elif len(table) == 1:
-            yield from tables(path, cells[0], title)
+            yield from tables(path, cells.iloc[0], title)
         elif all(isinstance(cell, list) for cell in cells):
-            long[(*map(len, cells),)].append(title)
-    for own in long.values():
-        points = table[own].explode(own).rename_axis("label").reset_index()
+            lists[tuple(map(len, cells))].append(title)
+    for alike in lists.values():  # lists of x and of z are columns of one table
+        points = table[alike].explode(alike).rename_axis("label").reset_index()
         yield from tables(path, points.to_dict("records"), "points")
-    if parts:
-        rows = concat(parts, axis=1)
-        rows.index += 1
-        yield Block(path, rows, [*rows.columns], name=name)
+    if columns:
+        joined = concat(columns, axis=1)
+        yield Block(path, joined, [*joined.columns], name=name)
 
 
 def by_number(node: dict) -> list[dict]:
@@ -106,7 +103,9 @@ def numbers(cell: Any) -> np.ndarray | None:
 def in_columns(title: str, cells: Series) -> DataFrame | None:
     """Short lists of as many numbers, in columns; None for others."""
     rows = [numbers(cell) for cell in cells]
-    sizes = {-1 if row is None else row.size for row in rows}
-    if len(sizes) > 1 or not 0 < max(sizes) <= LONGEST:
+    if any(row is None or row.size != rows[0].size for row in rows):
         return None
-    return DataFrame(np.reshape(rows, (len(rows), -1))).add_prefix(f"{title}_")
+    if not 0 < rows[0].size <= LONGEST:
+        return None
+    values = np.reshape(rows, (len(rows), -1))
+    return DataFrame(values, cells.index).add_prefix(f"{title}_")

@@ -19,6 +19,7 @@ STAMP = re.compile(
 SECONDS = re.compile(r"\d{9,}(?:\.\d+)?|\d+\.\d+")  # since 1970, or since anything
 WHOLE = re.compile(r"(?<![\d.])\d+(?!\d*\.\d)")
 UNITS_S = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+STILL = 1e-4  # of the largest number: by so little a robot at rest differs
 
 
 @dataclass(frozen=True)
@@ -54,25 +55,38 @@ def paired(poses: Poses, names: Sequence[str]) -> Pairing:
 
 def by_label(labels: Sequence[str], names: Sequence[str]) -> Pairing | None:
     """The pairing by whole names, or by the number in them that serves most poses."""
-    plain = {re.sub(r"\.[a-z]\w*$", "", one.lower()): k for k, one in enumerate(labels)}
-    found = {"names": [plain.get(name.lower(), -1) for name in names]}
-    stems = [re.sub(r"\d+", "", label) for label in labels]
-    usual = max({*stems}, key=stems.count, default="")  # a program may have a home, too
-    numbers = {k: WHOLE.findall(label) for k, label in enumerate(labels)}
-    own = {k: int(n[-1]) for k, n in numbers.items() if n and stems[k] == usual}
-    row_of = {one: k for k, one in own.items()}
-    fields = zip(*(WHOLE.findall(STAMP.sub("", name)) for name in names), strict=False)
-    for k, field in enumerate(fields if len(row_of) == len(own) else [], 1):
-        of_names = np.array(field, dtype=int)
-        shift = (0 in of_names) - (0 in row_of)
-        if {*of_names} <= row_of.keys() or not {*(of_names + shift)} <= row_of.keys():
-            shift = 0
-        how = f"number {k} in the names" + ", from 0 and from 1" * (shift != 0)
-        found[how] = [row_of.get(one, -1) for one in (of_names + shift).tolist()]
-    how = max(found, key=lambda how: len({*found[how]} - {-1}))
-    rows = np.array(found[how])
-    is_found = (rows >= 0).mean() >= 0.5 and len({*rows} - {-1}) * 2 > len(labels)
+    whole = {re.sub(r"\.[a-z]\w*$", "", one.lower()): k for k, one in enumerate(labels)}
+    ways = {"names": [whole.get(name.lower(), -1) for name in names]}
+    row_of = rows_by_number(labels)
+    in_names = [WHOLE.findall(STAMP.sub("", name)) for name in names]
+    for k, field in enumerate(zip(*in_names, strict=False), 1):
+        numbers = [*map(int, field)]
+        how = f"number {k} in the names"
+        shift = (0 in numbers) - (0 in row_of)
+        shifted = [one + shift for one in numbers]
+        if shift and row_of.keys() >= {*shifted} and not row_of.keys() >= {*numbers}:
+            numbers, how = shifted, f"{how}, from 0 and from 1"
+        ways[how] = [row_of.get(one, -1) for one in numbers]
+    how = max(ways, key=lambda way: len({*ways[way]} - {-1}))
+    rows = np.array(ways[how])
+    serves_most = len({*ways[how]} - {-1}) * 2 > len(labels)
+    is_found = serves_most and (rows >= 0).mean() >= 0.5
     return Pairing(rows, f"by the {how}") if is_found else None
+
+
+def rows_by_number(labels: Sequence[str]) -> dict[int, int]:
+    """The rows of labels by their last number, of those that are called alike: a
+    program may have a home, too. None where a number comes twice.
+    """
+    stems = [re.sub(r"\d+", "", label) for label in labels]
+    usual = max({*stems}, key=stems.count, default="")
+    numbers = [
+        WHOLE.findall(label) if usual == stem else []
+        for label, stem in zip(labels, stems, strict=True)
+    ]
+    rows = [k for k, found in enumerate(numbers) if found]
+    row_of = {int(numbers[k][-1]): k for k in rows}
+    return row_of if len(row_of) == len(rows) else {}
 
 
 def seconds(text: str) -> float:
@@ -96,37 +110,39 @@ def by_time(poses: Poses, names: Sequence[str]) -> Pairing | None:
     the log, where profiles were taken as the robot moved.
     """
     unit = UNITS_S.get(poses.units.get("time", ""), 1.0)
-    own, of_names = (
+    t, times = (
         (np.array([seconds(str(cell)) for cell in cells]) * unit).round(9)
         for cells in (poses.table.get("time", []), names)
     )
-    if len(own) < 2 or not np.isfinite([*own, *of_names]).all():
+    if len(t) < 2 or not np.isfinite([*t, *times]).all():
         return None
-    order = np.argsort(own, kind="stable")
-    t = own[order]
-    after = np.clip(np.searchsorted(t, of_names), 1, len(t) - 1)
-    apart = np.abs(t[[after - 1, after]] - of_names)
+    order = np.argsort(t, kind="stable")
+    t = t[order]
+    after = np.clip(np.searchsorted(t, times), 1, len(t) - 1)
+    apart = np.abs(t[[after - 1, after]] - times)
     rows = order[after - 1 + apart.argmin(axis=0)]
+    apart = apart.min(axis=0)
     step = np.median(np.diff(t))
-    near = apart.min(axis=0) <= max(step, 0)
+    near = apart <= step
     still = stands_still(poses, order)[after - 1]
-    if step <= A_MOMENT_S and near.mean() >= 0.5 > still[near].mean():
-        return Pairing(order, "by time, in motion", (t, of_names))
+    if near.mean() < 0.5:
+        return None
+    if step <= A_MOMENT_S and still[near].mean() < 0.5:
+        return Pairing(order, "by time, in motion", (t, times))
     how = "by time"
     if len(t) > 2 * len(names):
         near, how = near & still, "by time, where the robot stands still"
-    how += f", up to {apart.min(axis=0)[near].max(initial=0):.2g} s apart"
+    how += f", up to {apart[near].max(initial=0):.2g} s apart"
     return Pairing(np.where(near, rows, -1), how) if near.mean() >= 0.5 else None
 
 
 def stands_still(poses: Poses, order: ndarray) -> ndarray:
-    """Whether a robot is where it was a line before, for all lines of a log but the
-    first: its numbers differ by less than 0.0001 of the largest.
-    """
-    still = np.full(len(order) - 1, True)
-    for names in ("xyz", poses.convention.columns):
-        values = poses.numbers(names)[order]
-        steps = np.abs(np.diff(values, axis=0))
-        steps = np.minimum(steps, np.abs(360 - steps))  # degrees begin again
-        still &= (steps < 1e-4 * np.abs(values).max()).all(axis=1)
-    return still
+    """Whether a robot is where it was a line before, for all lines but the first."""
+    position, angles = (
+        poses.numbers(names)[order] for names in ("xyz", poses.convention.columns)
+    )
+    moved = np.abs(np.diff(position, axis=0))
+    turned = np.abs(np.diff(angles, axis=0))
+    turned = np.minimum(turned, np.abs(360 - turned))  # degrees begin again
+    limit = STILL * np.abs(position).max(), STILL * np.abs(angles).max()
+    return ((moved < limit[0]).all(axis=1)) & ((turned < limit[1]).all(axis=1))

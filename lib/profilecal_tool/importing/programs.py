@@ -1,7 +1,7 @@
 """Robots' programs and logs: lines that makers.toml shows, found in any text."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from pandas import DataFrame
@@ -9,68 +9,82 @@ from pandas import DataFrame
 from profilecal_tool.importing.blocks import Block
 from profilecal_tool.importing.makers import ROBOTS
 
-WORDS = {"name", "tool", "base"}  # of a line; what else begins with $ is a number
+NAMES = {"name", "tool", "base"}  # of a line; what else begins with $ is a number
+NUMBER = re.compile(r"(?<![\w.])[-+]?\d+\.?\d*")
+OF_POSE = 6  # numbers
+SIGNS = {
+    "…": r"[^{};<>\n]*?",
+    "⋮": r"[^{};<>]*?",
+    "^": r"^[ \t\d]*",
+}
 
 
 def pattern(line: str) -> re.Pattern:
     """The expression for a line of makers.toml."""
     line = re.sub(r"\s*([^\w\s$…⋮])\s*", r"\1", line)
-    parts = []
+    parts = [r"(?<!\w)" if line[0].isalnum() else ""]
     for token in re.findall(r"\$\w+|\w+|\s+|.", line):
         if token[0] == "$" and len(token) > 1:
-            of = r"[\w$.\[\]]+?" if token[1:] in WORDS else r"[^\s,;:()\[\]{}\"'=]+"
-            parts.append(f"(?P<{token[1:]}>{of})")
-        elif token == "…":
-            parts.append(r"[^{};<>\n]*?")
-        elif token == "⋮":
-            parts.append(r"[^{};<>]*?")
-        elif token == "^":
-            parts.append(r"^[ \t\d]*")
+            parts.append(placeholder(token[1:]))
         elif token.isspace():
             parts.append(r"[ \t]+")
+        elif token.isalnum():
+            parts.append(token)
         else:
-            parts.append(token if token.isalnum() else rf"\s*{re.escape(token)}\s*")
-    begin = r"(?<!\w)" if line[0].isalnum() else ""
-    parts.append(r"(?!\w)" if token[0] == "$" else "")
-    return re.compile(begin + "".join(parts), re.IGNORECASE | re.MULTILINE)
+            parts.append(SIGNS.get(token) or rf"\s*{re.escape(token)}\s*")
+    if token[0] == "$":
+        parts.append(r"(?!\w)")
+    return re.compile("".join(parts), re.IGNORECASE | re.MULTILINE)
 
 
-def found(lines: list[str], text: str) -> tuple[DataFrame, str]:
+def placeholder(name: str) -> str:
+    """The expression for what stands where $name does."""
+    cell = r"[\w$.\[\]]+?" if name in NAMES else r"[^\s,;:()\[\]{}\"'=]+"
+    return f"(?P<{name}>{cell})"
+
+
+def blank(match: re.Match) -> str:
+    """As many blanks, in as many lines."""
+    return re.sub(r"[^\n]", " ", match[0])
+
+
+def take(lines: Sequence[str], text: str) -> tuple[DataFrame, str]:
     """What stands in such lines, by the number of the line, and the text without."""
     rows = {}
     for line in lines:
-        for match in pattern(line).finditer(text):
+        expression = pattern(line)
+        for match in expression.finditer(text):
             rows[match.start()] = match.groupdict()
-            blank = re.sub(r"[^\n]", " ", match[0])
-            text = text[: match.start()] + blank + text[match.end() :]
+        text = expression.sub(blank, text)
     places = sorted(rows)
     numbers = [text.count("\n", 0, place) + 1 for place in places]
     return DataFrame([rows[place] for place in places], index=numbers), text
 
 
-def plain(text: str, robot: dict) -> str:
-    """A program without remarks."""
-    remark = robot.get("remark")
-    return re.sub(f"{re.escape(remark)}.*", "", text) if remark else text
+def without_remarks(text: str, robot: dict) -> str:
+    """A program without remarks, in as many lines."""
+    if "remark" not in robot:
+        return text
+    begin, *end = map(re.escape, robot["remark"].split())
+    remark = f"{begin}.*?{end[0]}" if end else f"{begin}[^\n]*"
+    return re.sub(remark, blank, text, flags=re.DOTALL)
 
 
 def program_blocks(path: Path, text: str) -> Iterator[Block]:
-    """The poses in a program of any robot."""
+    """The tools, poses and uses in a program, of each maker that writes such lines."""
     for maker, robot in ROBOTS.items():
         if robot.get("has", "") not in text:
             continue
-        _, rest = found(robot.get("tool", []), plain(text, robot))
-        table, _ = found(robot["pose"], rest)
-        if len(table):
-            yield Block(path, table, [*table.columns], text, maker)
-            return
-
-
-def frames(robot: dict, text: str) -> tuple[DataFrame, dict[str, set[str]]]:
-    """The tools' frames in programs, and the names in use by "tool" and "base"."""
-    text = plain(text, robot)
-    lines = robot["pose"] if robot.get("tools_are_poses") else robot.get("tool", [])
-    tools, rest = found(lines, text)
-    uses, _ = found(robot.get("uses", []), rest)
-    uses = uses.reindex(columns=["tool", "base"])
-    return tools, {which: {*uses[which].dropna()} for which in uses}
+        tables, rest = {}, without_remarks(text, robot)
+        for kind in ("tool", "pose", "uses"):
+            tables[kind], rest = take(robot.get(kind, []), rest)
+        if robot.get("tools_are_poses"):
+            tables["tool"] = tables["pose"]
+        if len(tables["tool"]) + len(tables["pose"]) == 0:
+            continue
+        lines = rest.splitlines()
+        left = sum(len(NUMBER.findall(line)) >= OF_POSE for line in lines)
+        for kind, table in tables.items():
+            if len(table):
+                titles = [*table.columns]
+                yield Block(path, table, titles, "", maker, maker, kind, left)

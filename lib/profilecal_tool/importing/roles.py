@@ -6,9 +6,13 @@ from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 from profilecal.scan.conventions import CONVENTIONS, Convention
+from profilecal.scan.tables import number
 from profilecal_tool.importing.blocks import Block
-from profilecal_tool.importing.makers import ROLES, TABLE, UNITS
+from profilecal_tool.importing.makers import LISTS, ROLES, UNITS
 
+FEWEST = 8  # numbers behind one name that are a profile
+MOST = 16  # numbers of a pose, a matrix; a row of more without titles is a profile
+KEYS = ("label", "time", "t")  # what may tell profiles apart
 KNOWN = "|".join(map(re.escape, sorted(UNITS, key=len, reverse=True)))
 IN_BRACKETS = re.compile(r"(.*?)[\s_,/]*[\[(]([^\])]*)[\])]")
 BEHIND = re.compile(rf"(.*?)[\s_,/]+({KNOWN})")
@@ -21,13 +25,15 @@ class Column(NamedTuple):
     at: int  # where it stands
     name: str  # its title without a unit
     role: str  # such as x, qw, label; "" for what is not known
-    of: str  # what its title names besides: such as tcp in tcp_x
+    owner: str  # what its title names besides: such as tcp in tcp_x
     unit: str  # that its title says
 
 
 def meaning(at: int, title: str) -> Column:
-    """What a title says by itself."""
+    """What a title says by itself; a number is where a z stands along x."""
     text, unit = title.strip().lower(), ""
+    if abs(number(text)) < float("inf"):
+        return Column(at, text, "z", "", "")
     if match := IN_BRACKETS.fullmatch(text) or BEHIND.fullmatch(text):
         text, unit = match.groups()
     words = re.sub(r"\W+", "_", text).strip("_").split("_")
@@ -38,21 +44,20 @@ def meaning(at: int, title: str) -> Column:
     return Column(at, name, "", "", unit)
 
 
-def columns_of(block: Block, said: str = "") -> list[Column]:
-    """What the columns of a block are; `said`: by a user, in their order."""
-    names = said.split(",")
-    is_said = said and len(names) == len(block.titles)
-    titles = names if is_said else block.titles
-    columns = [meaning(at, title) for at, title in enumerate(titles)]
-    if block.is_bare and not is_said:
-        return told(block, "", columns)
-    for stem, members in numbered(columns).items():
-        for column in told(block, stem, members):
+def columns_of(block: Block) -> list[Column]:
+    """What the columns of a block are."""
+    columns = [meaning(at, title) for at, title in enumerate(block.titles)]
+    if block.is_bare:
+        role = "z" if len(columns) > MOST else ""
+        columns = [column._replace(role=role) for column in columns]
+        return of_list(block, "", columns)
+    for stem, members in by_stem(columns).items():
+        for column in of_list(block, stem, members):
             columns[column.at] = column
     return columns
 
 
-def numbered(columns: Iterable[Column]) -> dict[str, list[Column]]:
+def by_stem(columns: Iterable[Column]) -> dict[str, list[Column]]:
     """The columns that are called alike but for their number."""
     stems = defaultdict(list)
     for column in columns:
@@ -61,26 +66,34 @@ def numbered(columns: Iterable[Column]) -> dict[str, list[Column]]:
     return stems
 
 
-def told(block: Block, stem: str, columns: list[Column]) -> list[Column]:
-    """The columns of numbers behind one name, or none, with what these are; told by how
-    many there are, and by the 0 and 1 of a matrix's last row.
+def of_list(block: Block, stem: str, columns: list[Column]) -> list[Column]:
+    """The columns of numbers behind one name, or none, with what these are: told by the
+    name's first or last word, and by how many there are.
     """
+    role = meaning(0, stem).role
+    if role in {*"xyz"} and len(columns) >= FEWEST:
+        return [column._replace(role=role, owner=stem) for column in columns]
     before, _, last = stem.rpartition("_")
     first, _, after = stem.partition("_")
-    of = {stem: stem, last: before, first: after}
-    lists = [(r, w) for r, words in TABLE["lists"].items() for w in words.split()]
-    named = [(roles, of[word]) for roles, word in lists if word in of]
-    if not stem or (len(columns) > 2 and meaning(0, stem).role not in {*"xyz"}):
-        named += [(roles, stem) for roles in TABLE["bare"].get(str(len(columns)), ())]
-    for roles, of in named:
-        pairs = [*zip(columns, roles.split(), strict=False)]
-        fixed = [(column.at, float(role)) for column, role in pairs if role in "01"]
-        fits = all((block.table.iloc[:, at] == value).all() for at, value in fixed)
-        fits &= stem != "" or block.table.iloc[0].map(type).ne(str).all()
-        if fits and len(roles.split()) == len(columns):
-            known = {"0": "", "1": ""}
-            return [c._replace(role=known.get(r, r), of=of) for c, r in pairs]
+    owners = {stem: stem, last: before, first: after}
+    if not stem or len(columns) > 2:
+        owners["bare"] = stem
+    for word, owner in owners.items():
+        for roles in LISTS[word, len(columns)]:
+            if fits(block, columns, roles):
+                pairs = zip(columns, roles, strict=True)
+                return [c._replace(role=role, owner=owner) for c, role in pairs]
     return columns
+
+
+def fits(block: Block, columns: Sequence[Column], roles: Sequence[str]) -> bool:
+    """Whether columns hold no words, and the 0 and 1 of a matrix's last row."""
+    at = [column.at for column in columns]
+    if any(isinstance(cell, str) for cell in block.table.iloc[0, at]):
+        return False
+    fixed = {k: float(r) for k, r in zip(at, roles, strict=True) if r in ("0", "1")}
+    cells = block.table.iloc[:, [*fixed]]
+    return bool((cells == [*fixed.values()]).all(axis=None))
 
 
 def convention_of(roles: Iterable[str]) -> Convention | None:
@@ -90,19 +103,19 @@ def convention_of(roles: Iterable[str]) -> Convention | None:
     return next(fitting, None)
 
 
-def poses_in(columns: Sequence[Column]) -> dict[str, dict[str, Column]]:
-    """The columns of each pose by role: a position, and one convention's angles, of the
-    same thing or of nothing else.
+def pose_columns(columns: Sequence[Column]) -> dict[str, dict[str, Column]]:
+    """The columns of each pose by role, under whose they are: a position, and angles of
+    the same owner, or else of none that has a position.
     """
-    groups = defaultdict(dict)
+    owned = defaultdict(dict)
     for column in columns:
-        groups[column.of].setdefault(column.role, column)
-    places = {of: own for of, own in groups.items() if own.keys() >= {*"xyz"}}
-    loose = {c.role: c for c in columns if c.of not in places or not c.of}
+        owned[column.owner].setdefault(column.role, column)
+    placed = {o: roles for o, roles in owned.items() if roles.keys() >= {*"xyz"}}
+    loose = {c.role: c for c in columns if c.owner not in placed or not c.owner}
     poses = {}
-    for of, own in places.items():
-        turns = own if convention_of(own) else loose | own
-        if convention := convention_of(turns):
+    for owner, roles in placed.items():
+        turned = roles if convention_of(roles) else loose | roles
+        if convention := convention_of(turned):
             names = (*"xyz", *convention.columns)
-            poses[of] = {name: turns[name] for name in names}
+            poses[owner] = {name: turned[name] for name in names}
     return poses
