@@ -1,9 +1,9 @@
 """The notebooks under other parameters: any number halved or doubled, the sizes of
 studies down to 8.
 
-The suite runs each once with all of them altered, whole numbers halved, which saves
-time; `PROFILECAL_ALTERED=5 pytest -s tests/pages/test_notebooks.py` runs each five
-times with some altered, either way. `PROFILECAL_ALTERED_SEED` chooses other ones.
+The suite runs each but the longest once with all of them altered, whole numbers halved,
+which saves time. `PROFILECAL_ALTERED=5 pytest -s tests/pages/test_notebooks.py` runs
+each five times with some altered, either way. `PROFILECAL_ALTERED_SEED` chooses others.
 """
 
 import ast
@@ -12,7 +12,6 @@ import math
 import os
 import sys
 import warnings
-from dataclasses import replace
 
 import matplotlib.pyplot as plt
 import pytest
@@ -66,10 +65,11 @@ def altered(name, value, rng):
     return int(rng.integers(LEAST, most + 1))
 
 
-# the report has no number that decides its result
-ALTERABLE = [
-    path for path in notebooks.find([]) if numbers_of(path) and path != page.notebook()
-]
+# no number makes these short, and the report, 60, has none
+LONG = ("44", "50", "60", "61")
+ALTERABLE = [path for path in notebooks.find([]) if numbers_of(path)]
+if "PROFILECAL_ALTERED" not in os.environ:
+    ALTERABLE = [path for path in ALTERABLE if not path.stem.startswith(LONG)]
 
 
 class Shell(InteractiveShell):
@@ -128,24 +128,11 @@ def test_other_parameters_are_lived_with_and_outcomes_recorded(path, shell):
         assert first
 
 
-@pytest.mark.parametrize(
-    ("given", "status", "drawn"),
-    [
-        # fewer measurements than unknowns
-        ([{"groups": 1, "positions": 4}], "unobservable", 2),
-        ([{"measured": "profiles"}, {"kind": "ball", "measured": "arcs"}], "ok", 11),
-    ],
-)
-def test_the_report_is_whole_whatever_the_scans(tmp_path, shell, given, status, drawn):
+def test_the_report_is_whole_where_there_is_no_answer(tmp_path, shell):
     """And writes all of its figures."""
-    usual = {"groups": 8, "positions": 6, "seed": 3}
-    folders = []
-    for number, changed in enumerate(given):
-        scan = simulate_scan(Spec(**usual | changed))
-        spoiled = [values + 9.0 * (i == 20) for i, values in enumerate(scan.values)]
-        folders.append(str(tmp_path / str(number)))
-        write_scan(replace(scan, values=tuple(spoiled)), folders[-1])
-    parameters = {"scan": folders, "results_dir": str(tmp_path)}
+    few = Spec(groups=1, positions=4)  # fewer measurements than unknowns
+    write_scan(simulate_scan(few), tmp_path / "scan")
+    parameters = {"scan": [str(tmp_path / "scan")], "results_dir": str(tmp_path)}
     (recorded,) = outcomes(shell, page.notebook(), parameters)
-    assert recorded["status"] == status
-    assert len([*(tmp_path / "figures").glob("*.png")]) == drawn
+    assert recorded["status"] == "unobservable"
+    assert len([*(tmp_path / "figures").glob("*.png")]) == 2

@@ -81,9 +81,7 @@ FANUC, KUKA, VECTOR = "FANUC angles", "KUKA angles", "rotation vector"
 WRONG = {  # by what the first message is to say
     "FANUC angles w, p, r in degrees": misread(KUKA, FANUC),
     "KUKA angles a, b, c in degrees": misread(FANUC, KUKA),
-    "Stäubli angles": misread(KUKA, "Stäubli angles"),
     "Kawasaki angles o, a, t": misread(KUKA, "Kawasaki angles"),
-    "KUKA angles a, b, c in radians": misread(KUKA, KUKA, np.radians),
     "FANUC angles w, p, r in radians": misread(VECTOR, FANUC, np.radians),
     "a rotation vector in degrees": misread(FANUC, VECTOR, np.degrees),
     "qw, qx, qy, qz read as x, y, z, w": misread(
@@ -92,7 +90,6 @@ WRONG = {  # by what the first message is to say
     "every rotation inverted": misread("matrix", "matrix", transposed),
     "every pose inverted (base in flange)": inverted,
     'mount = "eye-': on_another_mount,
-    "the poses' x, y, z in cm instead of mm": too_small(10),
     "taken from the next row's pose": one_row_early,
     "taken from the previous row's pose": one_row_late,
     "the poses' x, y, z in inches instead of mm": too_small(25.4),

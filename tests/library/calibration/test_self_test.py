@@ -1,6 +1,7 @@
 """Scans that are simulated from an answer say whether its uncertainty holds here."""
 
 from dataclasses import replace
+from itertools import cycle
 
 import numpy as np
 import pytest
@@ -20,8 +21,10 @@ PLANS = {
 }
 
 
-@pytest.mark.parametrize("mount", ["eye-in-hand", "eye-to-hand"])
-@pytest.mark.parametrize("kind", PLANS)
+MOUNTED = [*zip(PLANS, cycle(["eye-in-hand", "eye-to-hand"]), strict=False)]
+
+
+@pytest.mark.parametrize(("kind", "mount"), MOUNTED)
 def test_what_is_as_the_model_has_it_is_believed(kind, mount):
     found = calibration_of(kind, seed=2, noise=ERRING, mount=mount, **PLANS[kind])
     test = pc.self_test(found, 12, seed=5)

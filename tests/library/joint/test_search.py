@@ -11,7 +11,7 @@ from profilecal.joint.descent import refine, search
 from profilecal.joint.problem import Problem
 from profilecal.joint.solve import solve
 
-SCENES = 60
+SCENES = 30
 NOISE = Noise(SIGMA)
 
 

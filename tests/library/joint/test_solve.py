@@ -48,7 +48,7 @@ def mixed_with_another_edge(scene, wrong, rng):
 def test_bad_points_and_groups_are_found_and_left_out(what):
     """A tenth of the points, or 5 of 25 groups, lie on a second edge 10 mm away."""
     rng = default_rng(17)
-    trials = 20
+    trials = 10
     errors, exact = [], 0
     for _ in range(trials):
         if what == "points":
@@ -63,7 +63,7 @@ def test_bad_points_and_groups_are_found_and_left_out(what):
     shift, turn = np.linalg.norm(np.reshape(errors, (trials, 2, 3)), axis=2).T
     assert np.degrees(np.median(turn)) < 0.15
     assert np.median(shift) < 0.12
-    assert exact >= 0.95 * trials
+    assert exact == trials
 
 
 @pytest.mark.parametrize(

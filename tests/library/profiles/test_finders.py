@@ -83,7 +83,7 @@ CURVES = {
 def test_curves_are_found_and_as_exact_as_stated(name, spoiled):
     kind, make, distance, radius = CURVES[name]
     rng = default_rng(3)
-    profiles, truth = make(rng)
+    profiles, truth = make(rng, 120)
     if spoiled:
         places = truth[:, 1:] if kind == "plane" else truth[:, None, :2]
         profiles = spoil(profiles, places, rng)

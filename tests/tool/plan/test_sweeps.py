@@ -63,7 +63,7 @@ def test_sweeps_are_as_many_as_it_takes_and_limits_cost_some(tmp_path):
     spec = tmp_path / "spec.toml"
     spec.write_text(text)
     counts = []
-    for wish in ((0.3, 0.2), (0.05, 0.04)):
+    for wish in ((0.3, 0.2), (0.08, 0.06)):
         said = run("plan", spec, "--until", *wish).stdout
         mm, deg = re.search(r"worst +([\d.]+) mm and ([\d.]+)°", said).groups()
         assert float(mm) <= wish[0]
@@ -71,9 +71,9 @@ def test_sweeps_are_as_many_as_it_takes_and_limits_cost_some(tmp_path):
         counts.append(int(re.search(r"sweeps +(\d+),", said)[1]))
     assert counts[0] < counts[1]
     spec.write_text(text + "[plan]\nlow = [880, -60, 380]\n")
-    said = run("plan", spec, "--poses", "12").stdout
+    said = run("plan", spec, "--poses", "6").stdout
     left_out = sum(map(int, re.findall(r"left out +(\d+) line", said)))
-    assert 2 * (12 - left_out) == int(re.search(r"sweeps +(\d+),", said)[1]) < 24
+    assert 2 * (6 - left_out) == int(re.search(r"sweeps +(\d+),", said)[1]) < 12
     spec.write_text(text + "[plan]\nlow = [880, -60, 419]\nhigh = [2000, 60, 420]\n")
     said = run("plan", spec, "--poses", "3").output
     assert "no straight sweep fits within the limits" in said

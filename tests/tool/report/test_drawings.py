@@ -1,28 +1,8 @@
 """What the helpers of figures draw is what they are given."""
 
-import matplotlib.pyplot as plt
 import pytest
 
 from profilecal_pages import figures
-
-
-@pytest.fixture
-def axes():
-    plt.switch_backend("agg")
-    yield plt.figure().subplots()
-    plt.close("all")
-
-
-def test_a_logarithmic_axis_has_plain_numbers(axes):
-    axes.set(yscale="log", ylim=(0.04, 3))
-    figures.plain_log(axes.yaxis)
-    axes.figure.canvas.draw()
-    shown = []
-    for label in axes.get_yticklabels():
-        _, height = label.get_position()
-        if 0.04 < height < 3:
-            shown.append(label.get_text())
-    assert shown == ["0.05", "0.1", "0.2", "0.5", "1", "2"]
 
 
 def test_a_limit_in_words_stops_a_page_under_its_own_parameters_alone(monkeypatch):

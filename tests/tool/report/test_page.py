@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -16,11 +17,12 @@ from profilecal_tool.report.calibration import VERDICTS
 
 EDGE = Spec(
     groups=8,
-    positions=6,
+    positions=4,
     seed=3,
     title="A <bar> & more",
     convention="KUKA angles",
     noise=Noise(0.03),
+    measured="profiles",
 )
 PICTURE = re.compile(r'src="data:image/png;base64,[^"]+"')
 
@@ -35,9 +37,10 @@ def scan(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def written(scan):
-    """What the command prints of the scan, and the report."""
-    path = scan.parent / "report.html"
-    result = run("calibrate", scan, "--json", "--report", path)
+    """What the command prints of the scan and one of a ball, and the report."""
+    path, ball = scan.parent / "report.html", scan.parent / "ball"
+    write_scan(simulate_scan(replace(EDGE, kind="ball", measured="arcs")), ball)
+    result = run("calibrate", scan, ball, "--json", "--report", path)
     assert result.exit_code == 0, result.output
     return json.loads(result.stdout), path.read_text(encoding="utf-8")
 
@@ -46,7 +49,7 @@ def test_the_report_needs_nothing_else(written):
     _, report = written
     links = r"(src|href)=|//|<script|@import|url\(|<link"
     assert not re.search(links, PICTURE.sub("", report))
-    assert len(PICTURE.findall(report)) >= 4
+    assert len(PICTURE.findall(report)) >= 10
     assert '<meta name="viewport"' in report
     assert "@media print" in report
     assert len(report) < 2_000_000
