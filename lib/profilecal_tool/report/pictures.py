@@ -12,7 +12,7 @@ from numpy import ndarray
 
 from profilecal.calibration.calibration import Calibration
 from profilecal.calibration.points import points_seen
-from profilecal.geometry.observability import WEAK, name_direction, size_direction
+from profilecal.geometry.observability import WEAK, main_parts, size_direction
 from profilecal.geometry.poses import in_base
 from profilecal.profiles.points import Feature
 from profilecal.scan.scan import Scan
@@ -334,13 +334,29 @@ def plot_directions(found: Calibration) -> plt.Figure:
     axes.barh(range(6), np.minimum(known.sd, 10), 0.3, color=colours)
     for y, (sd, direction) in enumerate(zip(known.sd, known.directions, strict=True)):
         size = size_direction(sd, direction) if sd < 1 else "unobservable"
-        name = name_direction(direction, solution.rotation, found.frame)
+        name = by_axes(direction, solution.rotation, found.frame)
         text = fill(f"{name}: {size}", 80)
         axes.text(1.1 * low, y - 0.2, text, fontsize=8, va="bottom")
     axes.set(xscale="log", xlim=(low, 10), ylim=(5.5, -0.8), yticks=[])
     axes.set_xlabel("standard deviation")
     axes.xaxis.set_major_formatter(lambda sd, _: f"{10 * sd:g} mm\n{5 * sd:g}°")
     return figure
+
+
+def by_axes(direction: ndarray, R_sensor: ndarray, frame: str) -> str:
+    """A direction (6,) of the sensor's pose by the axes along and about which a robot
+    is jogged, those with the larger shares first: "rotation about the flange's y, -z".
+    """
+    words = "translation along", "rotation about"
+    vectors = np.reshape(direction, (2, 3)) @ R_sensor.T
+    parts = []
+    for k in main_parts(direction):
+        shares = vectors[k] / np.linalg.norm(vectors[k])
+        order = np.argsort(-np.abs(shares))
+        signs = np.where(shares * shares[order[0]] < 0, "-", "")
+        axes = [f"{signs[i]}{'xyz'[i]}" for i in order if abs(shares[i]) > 0.4]
+        parts.append(f"{words[k]} the {frame}'s {', '.join(axes)}")
+    return " with ".join(parts)
 
 
 def save_plan(plan: Plan, path: Path) -> None:
