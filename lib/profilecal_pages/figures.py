@@ -44,10 +44,15 @@ def use_style() -> None:
 
 @dataclass(frozen=True)
 class Results:
-    """What one notebook hands out: figures as PNG and SVG, tables as CSV."""
+    """What one notebook hands out: figures as PNG and SVG, in one style, and tables as
+    CSV.
+    """
 
     notebook: str
     folder: str  # the notebook's parameter `results_dir`; "" to write nothing
+
+    def __post_init__(self) -> None:
+        use_style()
 
     def _place(self, kind: str, name: str) -> Path:
         place = Path(self.folder) / kind / f"{self.notebook}_{name}"
