@@ -1,4 +1,4 @@
-"""Dask workers that the tests of running notebooks share, which spares their start."""
+"""A Dask worker that the tests of running notebooks share, which spares its start."""
 
 import logging
 
@@ -7,14 +7,14 @@ import pytest
 
 @pytest.fixture(scope="module")
 def cluster():
-    """Two Dask workers, processes as a sweep starts them."""
+    """A Dask worker, a process as a sweep starts them."""
     from distributed import LocalCluster
 
     with LocalCluster(
-        n_workers=2,
+        n_workers=1,
         threads_per_worker=1,
         memory_limit=None,
         dashboard_address="127.0.0.1:0",
         silence_logs=logging.CRITICAL,
-    ) as workers:
-        yield workers
+    ) as worker:
+        yield worker

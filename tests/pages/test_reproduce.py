@@ -67,7 +67,7 @@ def test_notebooks_run_and_what_they_hand_out_is_gathered(clone):
 def test_a_second_run_starts_clean(clone):
     more, bench = clone / "notebooks/11_more.ipynb", clone / "results/bench.csv"
     write_notebook(more, "seed: int = 1  # [1]", "open('ran', 'w').close()")
-    result = run("reproduce")
+    result = run("reproduce", "11")
     assert result.exit_code == 0, result.output
     assert (clone / "notebooks/ran").exists()
 
