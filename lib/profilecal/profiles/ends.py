@@ -94,22 +94,15 @@ def step_beyond(run: Run, view: View) -> int | None:
     """What follows a run's last point.
 
     After a step it is the sign of the change of z. It is 0 where nothing follows
-    although the scanner looked; None if that is unclear.
+    although the scanner looked; None if that is unclear, or there is no step.
     """
     beyond = run.profile[run.rows[-1] + 1 :]
-    if len(beyond) >= 3:
-        return step_to(beyond, run)
-    return None if view.may_cut(run.points[-1]) else 0
-
-
-def step_to(points: ndarray, run: Run) -> int | None:
-    """The sign of the change of z from a run to the points (k, 2) that follow it; None
-    if that is no step.
-    """
+    if len(beyond) < 3:
+        return None if view.may_cut(run.points[-1]) else 0
     # some points that may show both sides, then as many as tell: a curve or a bevel
     # leaves the line more slowly
     both = max(3, int(0.3 / max(run.spacing, 1e-3)))
-    off = run.coordinates(points[: 3 * both])[1] * np.sign(run.direction[0])
+    off = run.coordinates(beyond[: 3 * both])[1] * np.sign(run.direction[0])
     soon = np.median(off[both:] if len(off) >= 2 * both else off)
     return int(np.sign(soon)) if abs(soon) > max(BLUNT, 2 * run.limit) else None
 

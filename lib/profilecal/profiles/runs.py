@@ -103,14 +103,22 @@ def runs_in_each(profiles: Profiles) -> list[list[Run]]:
 
 def straight_runs(profile: ndarray, uneven: float = 0.0) -> list[Run]:
     """The straight runs of a profile (n, 2), in scan order, whose points are off their
-    lines by chance, or by `uneven` mm if that is more.
+    lines by chance, or by `uneven` mm if that is more. A run holds most of what is seen
+    between its ends.
     """
+    shortest = 1.5  # mm
     rows, limit = surface(profile)
     limit = max(limit, uneven)
     points = profile.take(rows, axis=0)
     pieces = merge(split(points, limit), points, limit)
-    runs = [run_through(profile, rows[piece], limit) for piece in pieces]
-    return distinct([run for run in runs if is_run(run)])
+    runs = []
+    for piece in pieces:
+        run = run_through(profile, rows[piece], limit)
+        between = run.rows[-1] - run.rows[0] + 1
+        is_dense = len(run.rows) >= max(LEAST_POINTS, between / 2)
+        if is_dense and run.length >= shortest:
+            runs.append(run)
+    return distinct(runs)
 
 
 def split(points: ndarray, limit: float) -> list[ndarray]:
@@ -175,13 +183,6 @@ def run_through(profile: ndarray, rows: ndarray, limit: float) -> Run:
             break
         rows = kept
     return Run.through(profile, rows, limit)
-
-
-def is_run(run: Run) -> bool:
-    """Whether a run is long enough and holds most of what is seen between its ends."""
-    shortest = 1.5  # mm of a run
-    between = run.rows[-1] - run.rows[0] + 1
-    return len(run.rows) >= max(LEAST_POINTS, between / 2) and run.length >= shortest
 
 
 def distinct(runs: list[Run]) -> list[Run]:
