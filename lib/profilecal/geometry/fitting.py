@@ -202,11 +202,8 @@ def fit_sphere(points: ndarray) -> tuple[ndarray, ndarray]:
     p = points - middle
     square = np.vecdot(p, p)[..., None]
     mean_square = square.mean(axis=-2, keepdims=True)
-    H = p.mT @ p
-    trace = np.trace(H, axis1=-2, axis2=-1)[..., None, None]
-    ridge = 1e-13 * trace * np.eye(points.shape[-1])  # rounding is less
-    right = p.mT @ (square - mean_square)
-    centre = np.linalg.solve(H + ridge, right)[..., 0] / 2
+    inverse = np.linalg.pinv(p.mT @ p, 1e-13, hermitian=True)  # rounding is less
+    centre = (inverse @ (p.mT @ (square - mean_square)))[..., 0] / 2
     radius = np.sqrt(mean_square[..., 0, 0] + np.sum(centre**2, axis=-1))
     return middle[..., 0, :] + centre, radius
 
@@ -223,9 +220,8 @@ def with_sign(axes: ndarray) -> ndarray:
     """Vectors (..., n) or their opposites, whichever has its largest component
     positive: the sign that a decomposition gives them differs between processors.
     """
-    highest = axes.max(axis=-1, keepdims=True, initial=0.0)
-    lowest = axes.min(axis=-1, keepdims=True, initial=0.0)
-    return np.where(highest < -lowest, -axes, axes)
+    highest, lowest = axes.max(axis=-1), axes.min(axis=-1)
+    return np.where((highest < -lowest)[..., None], -axes, axes)
 
 
 def affine_residuals(
