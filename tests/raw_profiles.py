@@ -46,13 +46,13 @@ def edges(specimen, rng, groups=25):
     rotation, origin = scan_planes(scene.R_sensor, scene.T_sensor, *poses)
     away = rotation.mean(axis=(0, 1))[:, 2]
     outlines = scene.edge.outline(specimen, rotation, origin, away)
-    profiles = scan(outlines, rng).reshape(-1, SCANNER.points, 2)
+    profiles = scan(np.concatenate(outlines), rng)
     return profiles, scene.points.reshape(-1, 1, 2)
 
 
 def scan(outlines, rng):
-    """Profiles (..., n, 2) of outlines (..., V, 2)."""
-    return SCANNER.profile(np.asarray(outlines), rng)
+    """Profiles (P, n, 2) of outlines (V, 2)."""
+    return np.stack([SCANNER.profile(np.array(outline), rng) for outline in outlines])
 
 
 def turned(points, angle, place):

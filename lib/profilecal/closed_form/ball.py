@@ -109,26 +109,15 @@ def solve_ball(R_tcp: ArrayLike, T_tcp: ArrayLike, q: ArrayLike) -> TwoStepSolut
 def ball_equations(
     R_tcp: ndarray, T_tcp: ndarray, q: ndarray, translating: int
 ) -> TwoStepSolution:
-    """`solve_ball` without its guards, for the first `translating` poses, with any
-    leading batch axes: (..., n, 3, 3) and (..., n, 3).
-    """
+    """`solve_ball` without its guards, for the first `translating` poses."""
     others, turning = slice(1, translating), slice(translating, None)
-    X = (q[..., :1, :] - q[..., others, :]).mT
-    Y = np.einsum(
-        "...ba,...nb->...an",
-        R_tcp[..., 0, :, :],
-        T_tcp[..., others, :] - T_tcp[..., :1, :],
-    )
-    X = X / np.linalg.norm(X, axis=-2, keepdims=True)
-    Y = Y / np.linalg.norm(Y, axis=-2, keepdims=True)
+    X = (q[0] - q[others]).T
+    Y = R_tcp[0].T @ (T_tcp[others] - T_tcp[0]).T
+    X = X / np.linalg.norm(X, axis=0)
+    Y = Y / np.linalg.norm(Y, axis=0)
     rotation = solve_rotation(X, Y)
-    translation = solve_translation(
-        R_tcp[..., turning, :, :],
-        T_tcp[..., turning, :],
-        q[..., turning, :],
-        rotation.R_sensor,
-    )
-    return TwoStepSolution(rotation, translation)
+    given = R_tcp[turning], T_tcp[turning], q[turning]
+    return TwoStepSolution(rotation, solve_translation(*given, rotation.R_sensor))
 
 
 def solve_tetra_ball(q_b: ArrayLike, q_i: ArrayLike) -> tuple[ndarray, ndarray]:
@@ -270,11 +259,11 @@ def solve_fixed_point(
 
 
 def linear_equations(R_tcp: ndarray, q: ndarray) -> ndarray:
-    """The matrix (..., 3n, 9) of Eq. 1 for r_1, r_3 and T_sensor.
+    """The matrix (3n, 9) of Eq. 1 for r_1, r_3 and T_sensor, of poses (n, 3, 3) and
+    readings (n, 3).
 
     Its mean over the poses is taken off, so that q^b is gone.
     """
-    factors = np.stack([q[..., 0], q[..., 2], np.ones_like(q[..., 0])], axis=-1)
-    M = np.einsum("...nab,...nk->...nakb", R_tcp, factors)
-    M = M - M.mean(axis=-4, keepdims=True)
-    return M.reshape(*M.shape[:-4], -1, 9)
+    factors = np.column_stack([q[:, 0], q[:, 2], np.ones(len(q))])
+    M = np.einsum("nab,nk->nakb", R_tcp, factors)
+    return (M - M.mean(axis=0)).reshape(-1, 9)

@@ -211,17 +211,15 @@ class Scanner:
         return width / 2
 
     def profile(self, outline: ndarray, rng: Generator) -> ndarray:
-        """Profiles (..., points, 2) as the scanner sends them, mm, NaN where nothing
-        is.
+        """A profile (points, 2) as the scanner sends it, mm, NaN where nothing is.
 
-        `outline` (..., V, 2): chains of straight pieces in the scan plane, x and z in
-        mm.
+        `outline` (V, 2): a chain of straight pieces in the scan plane, x and z in mm.
         """
         rays = np.linspace(-1, 1, self.points)
-        middle = self.half_width(outline[..., 1].mean(axis=-1))[..., None]
-        aside = rng.uniform(-0.5, 0.5, (*middle.shape[:-1], self.points))
-        z = nearest_on_rays(outline, rays + aside * self.resolution / middle, self)
-        z = z + self.noise_mm * rng.normal(size=z.shape)
+        aside = self.resolution * rng.uniform(-0.5, 0.5, self.points)
+        middle = self.half_width(outline[:, 1].mean())
+        z = nearest_on_rays(outline, rays + aside / middle, self)
+        z = z + self.noise_mm * rng.normal(size=self.points)
         x = rays * self.half_width(z)
         counts = np.rint(np.stack([x, z], axis=-1) / self.quantum)
         in_range = (self.near <= z) & (z <= self.far)  # false for NaN: nothing there
@@ -229,23 +227,22 @@ class Scanner:
 
 
 def nearest_on_rays(outline: ndarray, rays: ndarray, scanner: Scanner) -> ndarray:
-    """Depth z (..., n), mm, at which rays first meet an outline (..., V, 2), or NaN.
+    """Depth z (n,), mm, at which rays (n,) first meet an outline (V, 2), or NaN.
 
-    A ray (..., n) is a fraction r of the half width w(z), which is linear in z. So the
+    A ray is a fraction r of the half width w(z), which is linear in z. So the
     distance in x from the ray, x - r w(z), is linear along a straight piece. A ray
     meets the piece if that has its ends to either side of the ray, where the distance
     is zero.
     """
-    x, z = np.moveaxis(outline, -1, 0)  # (..., V)
+    x, z = outline.T
     half = scanner.half_width(z)
-    depth = np.full(rays.shape, np.nan)
-    right = x[..., None] > half[..., None] * rays[..., None, :]
+    right = x[:, None] > half[:, None] * rays
     # of all pairs of a piece and a ray, few meet
-    *scan, piece, ray = np.nonzero(right[..., :-1, :] != right[..., 1:, :])
-    of_ray = (*scan, ray)
-    begin, end = (*scan, piece), (*scan, piece + 1)
-    from_begin = x[begin] - half[begin] * rays[of_ray]
-    from_end = x[end] - half[end] * rays[of_ray]
+    begin, ray = np.nonzero(right[:-1] != right[1:])
+    end = begin + 1
+    from_begin = x[begin] - half[begin] * rays[ray]
+    from_end = x[end] - half[end] * rays[ray]
     share = from_begin / (from_begin - from_end)
-    np.fmin.at(depth, of_ray, z[begin] + share * (z[end] - z[begin]))
+    depth = np.full(len(rays), np.nan)
+    np.fmin.at(depth, ray, z[begin] + share * (z[end] - z[begin]))
     return depth

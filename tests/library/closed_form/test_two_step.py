@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 import sensing_data as scenes
 from numpy.random import default_rng
-from numpy.testing import assert_allclose
 
-from profilecal.closed_form.ball import ball_equations, solve_ball, solve_fixed_point
+from profilecal.closed_form.ball import solve_ball, solve_fixed_point
 from profilecal.geometry.checks import UnobservableError
 from profilecal.geometry.poses import angle_between, rotation_from_xyz_angles
 
@@ -49,21 +48,6 @@ def test_without_noise_the_answer_is_exact(data, poses):
             assert exact(solve_ball(*given), sensor)
         else:
             assert exact(fixed_point(*given), sensor, 1e-10)
-
-
-def test_a_batch_equals_its_members():
-    rng = default_rng(6)
-    noisy = []
-    for _ in range(5):
-        _, (R, T, q) = scenes.ball_data(rng)
-        noisy.append((R, T, q + rng.normal(scale=[0.1, 0, 0.1], size=q.shape)))
-    batch = ball_equations(*map(np.stack, zip(*noisy, strict=True)), 4)
-    for k, member in enumerate(noisy):
-        one = solve_ball(*member)
-        assert_allclose(batch.R_sensor[k], one.R_sensor, atol=1e-9)
-        for name in ("T_sensor", "q_b", "accuracy"):
-            of_batch, of_one = (getattr(x.translation, name) for x in (batch, one))
-            assert_allclose(of_batch[k], of_one, rtol=1e-10, atol=1e-9)
 
 
 def about_x(R):
