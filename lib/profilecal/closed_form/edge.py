@@ -276,20 +276,9 @@ def unvec(r: ndarray) -> ndarray:
 def solve_rotation(R_b: ndarray, T_b: ndarray, p_s: ndarray) -> EdgeRotation:
     """Phase one, Eqs 25-27."""
     A_r, b_r = rotation_system(R_b, T_b, p_s)
-    r_s, S, V, rank = least_squares(A_r, b_r, rounding_of_rotation(T_b, p_s))
+    rounding = 1e-11 * np.linalg.norm(A_r, axis=(-2, -1))
+    r_s, S, V, rank = least_squares(A_r, b_r, rounding)
     return EdgeRotation(A_r, b_r, S, V, rank, r_s, nearest_rotation(unvec(r_s)))
-
-
-def rounding_of_rotation(T_b: ndarray, p_s: ndarray) -> ndarray:
-    """What rounding can add to a singular value of A_r, (...), mm².
-
-    It moves each vector u by up to δ and the row block of a pair by δ (|u_i| + |u_j|);
-    over all pairs of m vectors a group, the squares sum to at most 2 m δ² Σ|u|².
-    """
-    u_s, u_t = difference_vectors(T_b, p_s)
-    delta = 4 * np.finfo(float).eps * np.abs(T_b).max(axis=(-3, -2, -1))
-    squares = (u_s**2 + u_t**2).sum(axis=(-3, -2, -1))
-    return delta * np.sqrt(2 * u_s.shape[-2] * squares)
 
 
 def noise_gain(
