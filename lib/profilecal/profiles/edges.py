@@ -307,14 +307,17 @@ def top_of(profile: ndarray, view: View, cluster: ndarray, away: int) -> ndarray
     """The rows of a cluster's top BLUNT if they are narrow and what surrounds the
     cluster lies behind them; else none.
     """
-    none = top = cluster[:0]
+    none = cluster[:0]
     depth = away * profile[:, 1]
-    front = depth[cluster]
-    for nearest in np.sort(front)[:3]:  # up to two spikes in front
-        top = cluster[(front >= nearest) & (front < nearest + BLUNT)]
-        if len(top) >= 3:
-            break
-    if len(top) < 3 or np.ptp(profile[top, 0]) > NEAR:
+    front = np.sort(depth[cluster])
+    # three points close to each other: spikes may be in front of them
+    close = front[2:] < front[:-2] + BLUNT
+    if not close.any():
+        return none
+    nearest = front[close.argmax()]
+    is_top = (depth[cluster] >= nearest) & (depth[cluster] < nearest + BLUNT)
+    top = cluster[is_top]
+    if np.ptp(profile[top, 0]) > NEAR:
         return none
     first, last = top[0], top[-1]
     before, after = depth[:first][-ZONE:], depth[last + 1 :][:ZONE]

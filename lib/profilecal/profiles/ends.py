@@ -35,9 +35,11 @@ class View:
 
     @staticmethod
     def from_runs(runs_by_profile: Iterable[list[Run]]) -> "View":
-        """What each profile's straight runs tell; spikes could be anywhere."""
+        """What each profile's straight runs tell, but for their last two points, which
+        may be spikes.
+        """
         shown = [
-            np.concatenate([run.points[[0, -1]] for run in runs])
+            np.concatenate([run.points[[2, -3]] for run in runs])
             for runs in runs_by_profile
             if runs
         ]
@@ -101,7 +103,7 @@ def step_beyond(run: Run, view: View) -> int | None:
         return None if view.may_cut(run.points[-1]) else 0
     # some points that may show both sides, then as many as tell: a curve or a bevel
     # leaves the line more slowly
-    both = max(3, int(0.3 / max(run.spacing, 1e-3)))
+    both = max(3, int(0.4 / max(run.spacing, 1e-3)))
     off = run.coordinates(beyond[: 3 * both])[1] * np.sign(run.direction[0])
     soon = np.median(off[both:] if len(off) >= 2 * both else off)
     return int(np.sign(soon)) if abs(soon) > max(BLUNT, 2 * run.limit) else None
@@ -142,7 +144,8 @@ def run_end(run: Run) -> End:
     end = numbers[-1] - wall + 0.5
 
     last = len(rows) - min(max(blurred, 2 * wall), len(rows) // 2)
-    before = slice(max(last - 2 * ZONE, 0), last)
+    # so many that the rounding of their coordinates averages out
+    before = slice(max(last - 6 * ZONE, 0), last)
     degree = 2 if last > ZONE else 1  # fewer points show no bend
     number = numbers[before] - end
     curve, covariance = np.polyfit(number, along[before], degree, cov=True)

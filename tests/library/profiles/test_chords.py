@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from finding import features_of, share_found
 from numpy.random import default_rng
-from raw_profiles import disks
+from raw_profiles import above_table, disks, turned
 
 from profilecal.calibration.observe import marked
+from profilecal.simulation.robot import Scanner
 
 
 def test_both_tips_of_a_chord_together_are_as_exact_as_stated():
@@ -34,6 +35,23 @@ def test_a_bevel_is_no_side_wall(bevel_deg, wide):
     for feature in features_of("disk", profiles):
         if feature.found:
             assert np.abs(np.abs(feature.points[:, 0]) - 25).max() < 0.5
+
+
+@pytest.mark.parametrize("tilt_deg", [20, 50])
+@pytest.mark.parametrize("width", [40.0, 160.0])
+def test_a_side_wall_is_a_step_however_fine_the_points(width, tilt_deg):
+    """Of disks 3 mm thick above a table, by scanners 40 and 160 mm wide."""
+    fine, radius = width / 1000, 0.28 * width
+    scanner = Scanner(150.0, 300.0, width, width, 980, fine, 0.001, fine / 5)
+    rng = default_rng(1)
+    profiles, tips = [], []
+    for half in radius * rng.uniform(0.6, 1, 12):
+        body = [[-half, 3], [-half, 0], [half, 0], [half, 3]]
+        chain = above_table(turned(body, np.radians(tilt_deg), [0, 200]), 220 + radius)
+        profiles.append(scanner.profile(chain, rng))
+        tips.append(chain[3:5])
+    found = [feature.points for feature in features_of("disk", profiles, radius)]
+    assert np.abs(np.array(found) - tips).max() < 5 * fine
 
 
 def test_chords_in_front_of_nothing_end_where_the_view_does_not():
