@@ -58,6 +58,22 @@ def with_values(scan, poses, change):
     return replace(scan, values=tuple(values))
 
 
+def few(scan, poses):
+    """Some poses of a scan, by number."""
+    chosen = np.array(poses)
+    return replace(
+        scan,
+        labels=tuple(scan.labels[k] for k in poses),
+        R_base_flange=scan.R_base_flange[chosen],
+        p_base_flange=scan.p_base_flange[chosen],
+        values=tuple(scan.values[k] for k in poses),
+        side=scan.side[chosen],
+        group=scan.group[chosen],
+        times=np.array([]),
+        orientation=None,
+    )
+
+
 def by_a_believed_scanner(scan, rng):
     """The scan by a scanner, and of a target, that err as is believed of usual ones; of
     circles as of the arcs that were seen.

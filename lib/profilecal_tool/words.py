@@ -239,9 +239,9 @@ def move_lines(check: MountCheck, kind: str) -> list[str]:
         size = f"{sizes[k]:+.2g} ± {sds[k]:.1g}{unit}"
         axis = f"{word} the {frame}'s {'xyz'[k % 3]}"
         lines.append(f"as if          moved {size} {axis}, and no other way")
-    for name, move in (("sensor", check.sensor), (kind, check.target)):
-        says = f"{move.chance:.2g} that it is larger if the {name} alone has moved"
-        if move.chance < 1:  # else any move explains what so few poses saw
+    for name, chance in zip(("sensor", kind), check.chances.values(), strict=True):
+        says = f"{chance:.2g} that it is larger if the {name} alone has moved"
+        if chance < 1:  # else any move explains what so few poses saw
             lines.append(f"chance         {says}")
     return lines
 

@@ -12,10 +12,11 @@ def test_a_log_has_a_row_a_day_and_a_picture(tmp_path):
     pc.write_scan(scan, tmp_path / "scan")
     answer, log = tmp_path / "T.json", tmp_path / "log.csv"
     answer.write_text(run("calibrate", tmp_path / "scan", "--json").output)
-    T = scan.T_base_flange[:3]
+    again = scan_of("ball", seed=1, groups=10, scan=2)
+    T = again.T_base_flange[:3]
     statuses = []
     for day, shift in (("one", 0.0), ("two", 5.0)):
-        arcs = np.concatenate(scan.values[:3]) + np.array([0, shift, 0])
+        arcs = np.concatenate(again.values[:3]) + np.array([0, shift, 0])
         pc.write_scan(pc.Scan.of("ball", T, arcs=arcs, radius=25), tmp_path / day)
         options = ("--with", answer, "--log", log)
         result = run("check-mount", tmp_path / day, *options)

@@ -1,9 +1,10 @@
 """A sensor pose with its uncertainty, as one calibration hands it to the next step."""
 
 import json
-from collections.abc import Iterable
+from collections.abc import Collection
 from dataclasses import dataclass
 from hashlib import sha256
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from profilecal.scan.tables import ScanError, naming
 from profilecal.scan.toml import check_entries, one_of
 
 DEGREES = np.repeat([1.0, 180 / np.pi], 3)  # of δ = (shift, turn) from mm and rad
+MOST_PRINTS = 1000  # of a scan, in a file
 EXPECTED = (
     "not what `profilecal calibrate --json` prints where it finds a sensor pose, a "
     "JSON object with that, its covariance_total, status and noise_mm; write one from "
@@ -65,7 +67,8 @@ class Answer:
     joint: Joint | None = None  # by which `check_mount` predicts; old files have none
     # (6, 6) near the poses of its scans, without what no residual shows
     covariance_mm_deg: ndarray | None = None
-    digests: tuple[str, ...] = ()  # of the scans that it is from
+    # of the measurements that it is from
+    fingerprints: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         said = {"mount": self.mount, "status": self.status}
@@ -85,28 +88,33 @@ def in_mm_rad(covariance: ndarray) -> ndarray:
     return covariance / DEGREES[:, None] / DEGREES
 
 
-def fingerprints(scan: Scan) -> list[bytes]:
-    """Of each measurement its pose, to 0.001 mm, and its values."""
+def fingerprints(scan: Scan) -> list[str]:
+    """By which each measurement is known again: of its pose, to 0.001 mm, and its
+    values; "" where there are none.
+    """
     poses = np.dstack([scan.R_base_flange, scan.p_base_flange])
     rounded = poses.round(3) + 0.0  # not -0
     prints = []
     for pose, rows in zip(rounded, scan.values, strict=True):
         valid = rows[np.isfinite(rows).all(axis=1)]
-        prints.append(pose.tobytes() + valid.tobytes() if len(valid) else b"")
+        content = sha256(pose.tobytes() + valid.tobytes())
+        prints.append(content.hexdigest()[:12] if len(valid) else "")
     return prints
 
 
-def digest(scan: Scan) -> str:
-    """By which a scan is known again."""
-    return sha256(b"".join(sorted(fingerprints(scan)))).hexdigest()[:16]
+def sample(scan: Scan) -> list[str]:
+    """The fingerprints by which a scan, or a part of it, is known again; of many an
+    even choice.
+    """
+    return sorted({*fingerprints(scan)} - {""})[:MOST_PRINTS]
 
 
-def check_another(digests: Iterable[str], scan: Scan) -> None:
-    """Refuse a scan that an answer is from."""
-    if digest(scan) in digests:
+def check_another(prints: Collection[str], scan: Scan) -> None:
+    """Refuse a scan with measurements that an answer is from."""
+    if not {*fingerprints(scan)}.isdisjoint(prints):
         raise ScanError(
-            f"{scan.title or f'the {scan.kind}'}: the pose was found from this very "
-            "scan; expected another"
+            f"{scan.title or f'the {scan.kind}'}: the pose was found from these very "
+            "measurements; expected others"
         )
 
 
@@ -162,7 +170,7 @@ def answer_in(entries: dict[str, Any]) -> Answer:
         status=entries["status"],
         joint=joint_in(entries["joint"]) if entries.get("joint") else None,
         covariance_mm_deg=np.asarray(entries["covariance"], dtype=float),
-        digests=tuple(entries.get("made", {}).get("scans", ())),
+        fingerprints=tuple(chain(*entries.get("made", {}).get("scans", ()))),
     )
 
 

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from importlib.metadata import version
+from itertools import chain, compress
 from pathlib import Path
 from textwrap import shorten
 from typing import Any
@@ -20,9 +21,9 @@ from profilecal.calibration import plausibility
 from profilecal.calibration.answer import (
     Answer,
     answer_in,
-    digest,
     fingerprints,
     in_mm_deg,
+    sample,
 )
 from profilecal.calibration.memory import check_memory
 from profilecal.calibration.mount import contradiction, rests_on
@@ -51,25 +52,6 @@ from profilecal.scan.scan import GUESS_SD, MOUNTS, Scan
 from profilecal.scan.tables import ScanError, some
 from profilecal.targets.observations import Observations
 from profilecal.targets.target import Target
-
-# of the JSON object, after the status and the pose; those that are not known are null
-ENTRIES = (
-    "covariance",
-    "covariance_total",
-    "translation_sd_mm",
-    "rotation_sd_deg",
-    "rms_mm",
-    "chi2_per_dof",
-    "noise_mm",
-    "noise_source",
-    "poses_used",
-    "poses_rejected",
-    "observability",
-    "method",
-    "target",
-    "messages",
-    "joint",
-)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -114,7 +96,7 @@ class Calibration:
         return {
             "version": version("profilecal"),
             "time": datetime.now(UTC).isoformat(timespec="seconds"),
-            "scans": [*map(digest, self.scans)],
+            "scans": [*map(sample, self.scans)],
         }
 
     @property
@@ -264,9 +246,9 @@ class Calibration:
         """Of the poses used or rejected."""
         if self.solution_or_none is None:
             return []
-        labels = [label for of_scan in self.labels_by_scan() for label in of_scan]
+        labels = chain.from_iterable(self.labels_by_scan())
         bad = np.concatenate(self.solution_or_none.rejected)
-        return [label for label, b in zip(labels, bad, strict=True) if b == rejected]
+        return [*compress(labels, bad == rejected)]
 
     def labels_by_scan(self) -> list[list[str]]:
         """Of the poses from which the target was found; with the scan's title before
@@ -284,44 +266,39 @@ class Calibration:
         lines = [f"Calibration({self.status}, {kinds}, {counts})"]
         if self.is_known:
             rows = np.array2string(self.pose, precision=4, suppress_small=True)
-            lines += [f"pose of the sensor in the {self.frame} frame, mm:", rows]
             near = [*self.translation_sd_mm, *self.rotation_sd_deg]
-            for where, sds in (
-                ("near these poses", near),
-                ("elsewhere", self.sd_total_mm_deg),
-            ):
-                x, y, z, rx, ry, rz = (f"{sd:.2g}" for sd in sds)
-                sizes = f"{x}  {y}  {z} mm, {rx}  {ry}  {rz}°"
-                lines += [f"one standard deviation, {where}: {sizes}"]
-        lines += self.messages
-        return "\n".join(
-            line if len(line) <= 88 or "\n" in line else shorten(line, 88)
-            for line in lines[:12]
-        )
+            lines += [
+                f"pose of the sensor in the {self.frame} frame, mm:\n{rows}",
+                f"one standard deviation, near these poses: {in_words(near)}",
+                f"one standard deviation, elsewhere: {in_words(self.sd_total_mm_deg)}",
+            ]
+        lines += [shorten(message, 88) for message in self.messages[:7]]
+        return "\n".join(lines)
 
     def to_json(self) -> dict[str, Any]:
         """The object that `profilecal calibrate --json` prints; data/README.md says
-        what each entry is.
+        what each entry is. Those that are not known are None.
         """
-        solution = self.solution_or_none
-        name = f"T_{self.frame}_sensor"
-        entries: dict[str, Any] = dict.fromkeys(["status", name, *ENTRIES])
-        entries |= {
+        known, solution = self.is_known or None, self.solution_or_none
+        entries = {
             "status": self.status,
+            f"T_{self.frame}_sensor": known and self.pose.tolist(),
+            "covariance": known and self.covariance_mm_deg.tolist(),
+            "covariance_total": known and self.covariance_total_mm_deg.tolist(),
+            "translation_sd_mm": known and self.translation_sd_mm.tolist(),
+            "rotation_sd_deg": known and self.rotation_sd_deg.tolist(),
+            "rms_mm": solution and solution.rms_mm,
+            "chi2_per_dof": solution and solution.chi2_per_dof,
+            "noise_mm": solution and solution.noise_mm,
+            "noise_source": solution and solution.noise_source,
             "poses_used": self.poses_used,
             "poses_rejected": self.poses_rejected,
+            "observability": solution and observability_entries(solution, self.frame),
             "method": "joint",
-            "messages": list(self.messages),
+            "target": solution and target_entries(self.scans, solution),
+            "messages": [*self.messages],
+            "joint": known and joint_entries(self.scans, self.solution),
         }
-        if self.is_known:
-            entries |= {
-                name: self.pose.tolist(),
-                "covariance": self.covariance_mm_deg.tolist(),
-                "covariance_total": self.covariance_total_mm_deg.tolist(),
-                "translation_sd_mm": self.translation_sd_mm.tolist(),
-                "rotation_sd_deg": self.rotation_sd_deg.tolist(),
-                "joint": joint_entries(self.scans, self.solution),
-            }
         if solution and solution.delay_s is not None:
             given = any(scan.delay_ms is not None for scan in self.scans)
             entries |= {
@@ -329,18 +306,13 @@ class Calibration:
                 "delay_sd_ms": 1e3 * solution.delay_sd_s,
                 "delay_source": "given" if given else "estimated",
             }
-        if solution:
-            placed = zip(self.scans, solution.placements, strict=True)
-            targets = [target_entries(scan.kind, target) for scan, target in placed]
-            entries |= {
-                "rms_mm": solution.rms_mm,
-                "chi2_per_dof": solution.chi2_per_dof,
-                "noise_mm": solution.noise_mm,
-                "noise_source": solution.noise_source,
-                "observability": observability_entries(solution, self.frame),
-                "target": targets[0] if len(targets) == 1 else targets,
-            }
         return entries
+
+
+def in_words(mm_deg: Iterable[float]) -> str:
+    """Three lengths and three angles, two digits each."""
+    x, y, z, rx, ry, rz = (f"{value:.2g}" for value in mm_deg)
+    return f"{x}  {y}  {z} mm, {rx}  {ry}  {rz}°"
 
 
 def write_answer(found: Calibration, path: str | Path) -> None:
@@ -381,12 +353,14 @@ def answer_text(found: Calibration) -> str:
     return json.dumps(found.to_json() | {"made": found.made}, indent=2)
 
 
-def target_entries(kind: str, target: Any) -> dict[str, Any]:
-    """A target in its place, for JSON."""
-    fields = {
-        name: np.asarray(value).tolist() for name, value in asdict(target).items()
-    }
-    return {"kind": kind} | fields
+def target_entries(scans: Sequence[Scan], solution: Solution) -> Any:
+    """The targets in their places, for JSON; one, or a list of several."""
+    targets = []
+    for scan, target in zip(scans, solution.placements, strict=True):
+        fields = asdict(target).items()
+        arrays = {name: np.asarray(value).tolist() for name, value in fields}
+        targets.append({"kind": scan.kind} | arrays)
+    return targets if len(targets) > 1 else targets[0]
 
 
 def joint_entries(scans: Sequence[Scan], solution: Solution) -> dict[str, Any]:
@@ -628,7 +602,7 @@ def check_different(scans: Sequence[Scan]) -> None:
 
     Raises ScanError.
     """
-    first_of: dict[bytes, str] = {}
+    first_of: dict[str, str] = {}
     for number, scan in enumerate(scans, 1):
         title = f"scan {number} ({scan.title or scan.kind})"
         for label, known in zip(scan.labels, fingerprints(scan), strict=True):

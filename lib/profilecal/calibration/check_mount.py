@@ -31,22 +31,12 @@ ANY = Systematic(1.0, 1.0, 1.0, 1.0)  # all that a calibration may have consider
 POWER = 0.9
 
 
-@dataclass(frozen=True)
-class Move:
-    """What may have moved since, alone, and how well that explains what was seen."""
-
-    chance: float  # of more, if that has moved; 1 where it explains anything
-    delta: ndarray  # (k,) by how much, mm and rad
-    covariance: ndarray  # (k, k), enormous where these poses do not tell
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class MountCheck:
     """How far what was seen is from what a calibration predicts.
 
     `as_expected` is the verdict, `chance` what it rests on, `is_conclusive` whether a
-    move would have shown; `sensor` and `target`, in their own frames, are what may have
-    moved.
+    move would have shown, `suspects` what may have moved.
     """
 
     labels: tuple[str, ...]  # of the poses that saw the artefact
@@ -78,38 +68,34 @@ class MountCheck:
         """Whether the calibration and its errors explain what was seen."""
         return self.chance > FALSE_ALARM
 
-    @cached_property
-    def sensor(self) -> Move:
-        """The sensor, from pose to pose · exp(δ)."""
-        return self.moved(slice(0, 6))
-
-    @cached_property
-    def target(self) -> Move:
-        """The artefact, along and about the axes that its kind has."""
-        return self.moved(slice(6, None))
-
     def chance_of(self, chi2: float, count: int) -> float:
         """That the χ² of so many residuals is larger, which the robot's errors, as they
         are known, make an F law.
         """
         return float(fdtrc(count, self.freedom, chi2 / count)) if count else 1.0
 
-    def moved(self, part: slice) -> Move:
-        """What has moved, if it is a part of the sensor's and the target's unknowns."""
-        says = self.moves.along(np.eye(len(self.by_hand))[:, part])
-        by_hand = self.by_hand[part]
-        delta, covariance, chi2 = says.together(np.diag(by_hand**-2))
-        told = np.linalg.eigvalsh(says.information * by_hand[:, None] * by_hand) > 1
-        free = self.count - np.count_nonzero(told)
-        return Move(self.chance_of(chi2, free), delta, covariance)
+    @cached_property
+    def chances(self) -> dict[str, float]:
+        """That χ² is larger if the "sensor", or the "target", has moved, alone; 1 where
+        such a move explains anything.
+        """
+        return {
+            "sensor": self.chance_if_moved(slice(0, 6)),
+            "target": self.chance_if_moved(slice(6, None)),
+        }
+
+    def chance_if_moved(self, part: slice) -> float:
+        """`chances` of a part of the sensor's and the target's unknowns."""
+        says = self.moves.along(np.diag(self.by_hand)[:, part])
+        told = np.linalg.eigvalsh(says.information) > 1
+        return self.chance_of(says.left(), self.count - np.count_nonzero(told))
 
     @property
     def suspects(self) -> tuple[str, ...]:
         """What may have moved, alone: "sensor", "target", both where these poses do not
         tell, or none where neither explains what was seen.
         """
-        moves = {"sensor": self.sensor, "target": self.target}
-        return tuple(name for name, one in moves.items() if one.chance > FALSE_ALARM)
+        return tuple(what for what in self.chances if self.chances[what] > FALSE_ALARM)
 
     def alone_mm_deg(self, frame: str = "sensor") -> tuple[ndarray, ndarray]:
         """By how much the sensor would have moved along or about one axis alone, each
@@ -179,9 +165,9 @@ def check_mount(found: Calibration | Answer, scan: Scan) -> MountCheck:
     Examples
     --------
     >>> import profilecal as pc
-    >>> scan, _ = pc.simulate("ball", seed=1)
-    >>> found = pc.calibrate(scan)
-    >>> poses, arcs = scan.T_base_flange[:3], np.concatenate(scan.values[:3])
+    >>> found = pc.calibrate(pc.simulate("ball", seed=1)[0])
+    >>> later, _ = pc.simulate("ball", seed=1, scan=2)
+    >>> poses, arcs = later.T_base_flange[:3], np.concatenate(later.values[:3])
     >>> few = Scan.of("ball", poses, arcs=arcs, radius=25)
     >>> pc.check_mount(found, few).as_expected
     True
@@ -190,7 +176,7 @@ def check_mount(found: Calibration | Answer, scan: Scan) -> MountCheck:
     check_type("scan", scan, Scan)
     if isinstance(found, Calibration):
         found = found.answer
-    check_another(found.digests, scan)
+    check_another(found.fingerprints, scan)
     title = scan.title or f"the {scan.kind}"
     if found.mount != scan.mount:
         raise ScanError(f"{title}: the mount is {scan.mount}; expected {found.mount}")

@@ -44,13 +44,12 @@ class Evidence:
         information = np.diag(self.information)
         return -self.slope / information, information**-0.5
 
-    def together(self, precision: ndarray) -> tuple[ndarray, ndarray, float]:
-        """All steps (k,) of which so much (k, k) is known beforehand, their covariance,
-        and the χ² that is left.
+    def left(self) -> float:
+        """The χ² that is left where all steps may be made, of which one unit is known
+        beforehand.
         """
-        covariance = np.linalg.inv(self.information + precision)
-        steps = -covariance @ self.slope
-        return steps, covariance, float(self.chi2 + self.slope @ steps)
+        known = self.information + np.eye(len(self.slope))
+        return float(self.chi2 - self.slope @ np.linalg.solve(known, self.slope))
 
 
 def evidence(normal: ndarray, precision: ndarray, steps: ndarray | slice) -> Evidence:

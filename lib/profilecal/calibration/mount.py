@@ -20,7 +20,7 @@ from profilecal.geometry.observability import (
     name_direction,
     size_direction,
 )
-from profilecal.geometry.poses import carry, inverse, pose_error
+from profilecal.geometry.poses import homogeneous, inverse, pose_error
 from profilecal.joint.prior import Mount
 from profilecal.joint.solution import Solution
 
@@ -38,14 +38,11 @@ ORIGIN_MM = 300.0  # makers let z begin at the housing, or in the middle of the 
 
 @dataclass(frozen=True)
 class Shown:
-    """What the residuals alone say of the sensor pose near a solution, in units of the
-    measurement by hand.
-    """
+    """What the residuals alone say of the sensor pose near a solution."""
 
-    directions: ndarray  # (6, 6) rows
+    directions: ndarray  # (6, 6) rows, in units of the measurement by hand
     information: ndarray  # (6,) along them
     offset: ndarray  # (6,) from the solution, along them
-    beside: ndarray  # (6, 6) covariance of what no residual shows, mm and rad
 
     def chance(self, delta: ndarray, covariance: ndarray) -> float:
         """That more than δ (6,), mm and rad, of this covariance lies between the
@@ -53,7 +50,7 @@ class Shown:
         """
         known = self.information > 1
         D = self.directions[known] / HAND_PRECISION
-        C = D @ (covariance + self.beside) @ D.T + np.diag(1 / self.information[known])
+        C = D @ covariance @ D.T + np.diag(1 / self.information[known])
         error = D @ delta - self.offset[known]
         chance = chdtrc(len(error), normalised_square(C, error))
         return float(chance) if len(error) else 1.0
@@ -64,12 +61,10 @@ def shown_by(solution: Solution) -> Shown:
     model, posterior = solution.model()
     normal = posterior.normal[0] - model.of_mount
     says = evidence(normal, model.precision[6:, 6:], slice(6))
-    unit = HAND_PRECISION
-    values, vectors = np.linalg.eigh(says.information * unit[:, None] * unit)
+    by_hand = says.along(np.diag(HAND_PRECISION))
+    values, vectors = np.linalg.eigh(by_hand.information)
     values = np.maximum(values, np.finfo(float).eps * values[-1])
-    offset = -(vectors.T @ (says.slope * unit)) / values
-    beside = solution.covariance_total - solution.covariance
-    return Shown(vectors.T, values, offset, beside)
+    return Shown(vectors.T, values, -(vectors.T @ by_hand.slope) / values)
 
 
 def contradiction(solution: Solution, mount: Mount) -> str:
@@ -78,10 +73,10 @@ def contradiction(solution: Solution, mount: Mount) -> str:
     """
     R, T = solution.rotation, solution.translation
     shown, along_z = shown_by(solution), np.diag([0, 0, ORIGIN_MM**2, 0, 0, 0])
+    C = np.diag(mount.sd**2) + solution.covariance_total - solution.covariance
     causes = []
     for words, turn in MISTAKEN.items():
         delta = pose_error(R, T, mount.rotation @ turn, mount.translation)
-        C = np.diag(mount.sd**2)
         if shown.chance(delta, C) > FALSE_ALARM:
             if not words:
                 return ""
@@ -90,12 +85,11 @@ def contradiction(solution: Solution, mount: Mount) -> str:
             from_elsewhere = f"z of the profiles were about {delta[2]:+.0f} mm off"
             causes.append(f"{words} and {from_elsewhere}" if words else from_elsewhere)
     delta = pose_error(R, T, *inverse(mount.rotation, mount.translation))
-    if shown.chance(delta, np.diag(mount.sd**2)) > FALSE_ALARM:
+    if shown.chance(delta, C) > FALSE_ALARM:
         causes.append("the guess were of the flange in the sensor's frame")
-    back = inverse(R, T)
-    tool = mount.rotation @ back[0], carry(mount.rotation, mount.translation, back[1])
-    x, y, z = tool[1]
-    w, p, r = Rotation.from_matrix(tool[0]).as_euler("xyz", degrees=True)
+    tool = homogeneous(mount.rotation, mount.translation) @ np.linalg.inv(solution.pose)
+    x, y, z = tool[:3, 3]
+    w, p, r = Rotation.from_matrix(tool[:3, :3]).as_euler("xyz", degrees=True)
     causes.append(
         "the poses were of a tool whose frame is at about "
         f"{x:.0f}, {y:.0f}, {z:.0f} mm and {w:.0f}, {p:.0f}, {r:.0f}° on the flange"

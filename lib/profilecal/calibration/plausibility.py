@@ -7,8 +7,8 @@ than noise speak against a solution too.
 """
 
 import re
-from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy import ndarray
@@ -74,20 +74,18 @@ def systematic_tests(solution: Solution) -> list[Finding]:
         says = evidence(normal, model.precision[:n, :n], slice(n, None))
         sizes, sds = says.each()
         visible = sds**-2 > ABSORBED * np.diag(normal)[n:-1]
-    findings, allowed = [], poor_errors(solution)
-    for k in np.flatnonzero(visible):
-        size, error = sizes[k], tried[k]
-        findings.append(
-            Finding(
-                error=error,
-                size=-size,
-                clear=size / sds[k],
-                moves=says.moves[:6, k] * size,
-                among=len(tried),
-                not_allowed_for=1 - allowed.get(error, 0.0),
-            )
+    allowed = poor_errors(solution)
+    return [
+        Finding(
+            error=tried[k],
+            size=-sizes[k],
+            clear=sizes[k] / sds[k],
+            moves=says.moves[:6, k] * sizes[k],
+            among=len(tried),
+            not_allowed_for=1 - allowed.get(tried[k], 0.0),
         )
-    return findings
+        for k in np.flatnonzero(visible)
+    ]
 
 
 def of_robot() -> list[Perturbation]:
@@ -99,26 +97,23 @@ def of_robot() -> list[Perturbation]:
         along = f"along the base's {axis}"
         scale = f"{positions} {along} were {far}"
         drift = f"the robot or the target drifted {along} by {{:.2g}} mm"
+        scaled = partial(off_middle, along=direction)
+        drifting = partial(drifted, along=direction)
         errors += [
-            Perturbation(scale, 100, positions=off_middle_along(direction)),
-            Perturbation(drift, 1, positions=drift_along(direction)),
+            Perturbation(scale, 100, positions=scaled),
+            Perturbation(drift, 1, positions=drifting),
         ]
     return errors
 
 
-def off_middle(T: ndarray) -> ndarray:
-    """Positions (P, 3) from their middle."""
-    return T - T.mean(axis=0)
+def off_middle(T: ndarray, along: ndarray | float = 1.0) -> ndarray:
+    """Positions (P, 3) from their middle, or the part along an axis."""
+    return along * (T - T.mean(axis=0))
 
 
-def off_middle_along(direction: ndarray) -> Callable[[ndarray], ndarray]:
-    """The part of `off_middle` along an axis."""
-    return lambda T: direction * off_middle(T)
-
-
-def drift_along(direction: ndarray) -> Callable[[ndarray], ndarray]:
+def drifted(T: ndarray, along: ndarray) -> ndarray:
     """A shift that grows evenly from the first pose to the last."""
-    return lambda T: np.outer(np.linspace(0, 1, len(T)), direction)
+    return np.outer(np.linspace(0, 1, len(T)), along)
 
 
 def check(solution: Solution) -> tuple[Solution, bool]:
@@ -131,17 +126,15 @@ def check(solution: Solution) -> tuple[Solution, bool]:
     if solution.status == "unobservable":
         messages = (*solution.messages, *objections)
         return replace(solution, messages=messages), bool(objections)
-    C, weak = solution.covariance, bool(objections)
+    C, before = solution.covariance, solution.observability
     guilty = clear_findings(systematic_tests(solution))
-    if guilty:
-        for error in guilty:
-            beyond = error.not_allowed_for * normalised_square(C, error.moves)
-            weak = weak or bool(beyond > MUCH**2)
-        for error in guilty:
-            C = C + error.not_allowed_for * np.outer(error.moves, error.moves)
-        objections.append(accusation(guilty))
+    beyond = [one.not_allowed_for**0.5 * one.moves for one in guilty]
+    weak = any(normalised_square(C, moves) > MUCH**2 for moves in beyond)
+    weak = weak or bool(objections)
+    C = C + sum(np.outer(moves, moves) for moves in beyond)
     notes = [] if guilty else allowed_for(solution)
-    before = solution.observability
+    if guilty:
+        objections.append(accusation(guilty))
     observability = of_covariance(C, before.rank, before.parameters)
     if weak or observability.sd[0] > WEAK:
         solution = replace(solution, status="weak")
@@ -214,12 +207,9 @@ def allowed_for(solution: Solution) -> list[str]:
 
 def clear_findings(findings: list[Finding]) -> list[Finding]:
     """Those that chance does not explain, clearest first."""
-    clear = [
-        error
-        for error in findings
-        if abs(error.clear) > -ndtri(FALSE_ALARM / 2 / error.among)
-    ]
-    clear.sort(key=lambda error: -abs(error.clear))
+    limit = FALSE_ALARM / 2
+    clear = [one for one in findings if abs(one.clear) > -ndtri(limit / one.among)]
+    clear.sort(key=lambda one: -abs(one.clear))
     return [one for one in clear if abs(one.clear) > SHADOW * abs(clear[0].clear)]
 
 

@@ -24,11 +24,9 @@ def point_sd(
     origin, of variances S. A point q in the flange's frame moves by s + ψ × q, which
     adds L(q) S L(q)ᵀ.
     """
-    x, z = np.broadcast_arrays(np.asarray(x, float), np.asarray(z, float))
-    p = np.stack([x, np.zeros_like(x), z], axis=-1)
-    R = solution.rotation
-    J = R @ lever(p)
-    C = J @ solution.covariance_total @ J.mT
+    p = np.stack(np.broadcast_arrays(x, 0.0, z), axis=-1)
+    R, L = solution.rotation, lever(p)
+    C = R @ L @ solution.covariance_total @ L.mT @ R.T
     if T is not None:
         T = np.asarray(T, float)
         check_rigid("T_base_flange", T.reshape(-1, 4, 4))
@@ -47,17 +45,17 @@ def point_sd(
 
 def lever(p: ndarray) -> ndarray:
     """L(p) (..., 3, 6): by how much a shift and a turn move points p (..., 3)."""
-    turned = np.cross(np.eye(3), p[..., None, :]).mT
-    return np.concatenate([np.broadcast_to(np.eye(3), turned.shape), turned], axis=-1)
+    one = np.broadcast_to(np.eye(3), (*p.shape, 3))
+    return np.concatenate([one, np.cross(one, p[..., None, :]).mT], axis=-1)
 
 
 def robot_variances(solution: Solution) -> ndarray:
     """Of the flange's shift and turn (6,) at a pose, mm² and rad²."""
     sizes = solution.error_sizes
-    sums = dict.fromkeys(("mm", "deg", "ms"), 0.0)
+    variances = {"mm": 0.0, "deg": 0.0, "ms": 0.0}
     for size, v in zip(sizes.sizes[1:], sizes.mean_v[1:], strict=True):
-        sums[size.name.rsplit("_")[-1]] += v
-    return np.repeat([sums["mm"], sums["deg"] * np.radians(1) ** 2], 3)
+        variances[size.name.rsplit("_")[-1]] += v
+    return np.repeat([variances["mm"], variances["deg"] * np.radians(1) ** 2], 3)
 
 
 def points_seen(solution: Solution) -> ndarray:

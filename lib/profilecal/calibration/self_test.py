@@ -19,8 +19,8 @@ from numpy import ndarray
 from numpy.random import Generator
 from scipy.special import bdtr, stdtr
 
-from profilecal.calibration import plausibility
 from profilecal.calibration.calibration import Calibration
+from profilecal.calibration.plausibility import in_words, systematic_tests
 from profilecal.geometry.checks import check_type
 from profilecal.geometry.noise import FALSE_ALARM, Noise, chi2_limit, normalised_square
 from profilecal.geometry.poses import pose_error
@@ -144,20 +144,19 @@ def self_test(found: Calibration, count: int = 100, seed: int = 1) -> SelfTest:
     if count < FEWEST:
         raise ValueError(f"count is {count}; expected {FEWEST} or more")
     solution, rng = found.known_solution, np.random.default_rng(seed)
-    observed = Simulator(solution)
-    real = plausibility.systematic_tests(solution)
+    columns = solution.problem.columns_in_mm(solution.state)
+    real = systematic_tests(solution)
     squares, clear = [], []
     for _ in watched(range(count), "simulating scans"):
-        again = solve(observed.once(rng), solution.prior, robust=False)
+        observed = simulated(solution, columns, rng)
+        again = solve(observed, solution.prior, robust=False)
         error = pose_error(
             again.rotation, again.translation, solution.rotation, solution.translation
         )
         squares.append(normalised_square(again.covariance, error))
-        tests = {
-            one.error.words: one.clear for one in plausibility.systematic_tests(again)
-        }
+        tests = {one.error.words: one.clear for one in systematic_tests(again)}
         clear.append([tests.get(one.error.words, np.nan) for one in real])
-    words = [plausibility.in_words(one.error, one.size) for one in real]
+    words = [in_words(one.error, one.size) for one in real]
     by_chance = beyond(np.array([one.clear for one in real]), np.array(clear))
     chances = dict(zip(words, by_chance.tolist(), strict=True))
     for scan in found.scans:
@@ -187,13 +186,13 @@ def bend_of_lines(scan: Scan, solution: Solution) -> dict[str, float]:
     bends, weights = [], []
     features = scan.target.find(scan.values, *scan.sizes)
     for profile, feature in zip(scan.values, features, strict=True):
-        if feature.found:
-            x, z = profile[feature.used].T
-            for side in (x < feature.points[0, 0], x > feature.points[0, 0]):
+        x, z = profile[feature.used].T
+        for at in feature.points[:, 0]:
+            for side in (x < at, x > at):
                 if np.count_nonzero(side) >= LEAST_LINE:
-                    square, _, _ = np.polyfit(x[side] - x[side].mean(), z[side], 2)
-                    bends.append(2500 * square)
-                    weights.append(np.count_nonzero(side) * np.ptp(x[side]) ** 4)
+                    line = x[side] - x[side].mean()
+                    bends.append(2500 * np.polyfit(line, z[side], 2)[0])
+                    weights.append(len(line) * np.ptp(line) ** 4)
     if len(bends) < FEWEST:
         return {}
     share = np.array(weights) / np.sum(weights)
@@ -207,54 +206,49 @@ def bend_of_lines(scan: Scan, solution: Solution) -> dict[str, float]:
     return {words: float(2 * stdtr(len(bends) - 1, -abs(bend) / sd))}
 
 
-class Simulator:
-    """Observations as errors make them that are as large as a solution has them."""
+def simulated(
+    solution: Solution, columns: list[ndarray], rng: Generator
+) -> list[Observations]:
+    """One scan of each target as errors make it that are as large as the solution has
+    them, with the poses that it kept. `columns`: the problem's, in mm.
+    """
+    problem, noise = solution.problem, drawn_sizes(solution, rng)
+    sizes = [0.0 if error.clock else size for error, size in problem.considered.items()]
+    x = np.append(np.zeros(problem.n), sizes * rng.normal(size=len(sizes)))
+    moved = np.zeros((len(problem.counts), 6))
+    for name, size in noise.of_robot.items():
+        shared = problem.groups.sharing(name)
+        errors = size * rng.normal(size=(shared.max() + 1, 3))[shared]
+        if name.endswith("mm"):
+            moved[:, :3] += errors
+        else:
+            moved[:, 3:] += np.radians(errors)
+    observed = []
+    parts = zip(
+        problem.terms,
+        solution.state.placements,
+        columns,
+        problem.split(moved),
+        solution.kept,
+        strict=True,
+    )
+    for term, placement, (z,), of_flange, kept in parts:
+        r = np.tensordot(x, z[: len(x)], 1)
+        r += np.einsum("pj,jkp->kp", of_flange, z[FLANGE])
+        if problem.clock is not None:
+            late = noise.jitter_ms / 1000 * rng.normal(size=r.shape[1])
+            r += late * z[problem.clock]
+        r += term.drawn(noise, rng)
+        here = term.linearise(solution.state, placement)
+        observed.append(term.seen_with(r, here).keep(kept))
+    return observed
 
-    def __init__(self, solution: Solution) -> None:
-        self.solution = solution
-        self.columns = solution.problem.columns_in_mm(solution.state)
 
-    def noise(self, rng: Generator) -> Noise:
-        """The sizes of errors, as surely as the solution knows them."""
-        drawn = {}
-        for size in self.solution.error_sizes.sizes:
-            end = size.high if (off := rng.normal()) > 0 else size.low
-            ratio = max(end, TINY) / max(size.middle, TINY)
-            drawn[size.name] = size.middle * ratio ** (abs(off) / WIDTH)
-        return replace(self.solution.noise, **drawn)
-
-    def once(self, rng: Generator) -> list[Observations]:
-        """One scan of each target, with the poses that the solution kept."""
-        solution, problem = self.solution, self.solution.problem
-        noise = self.noise(rng)
-        sizes = [
-            0.0 if error.clock else size for error, size in problem.considered.items()
-        ]
-        x = np.append(np.zeros(problem.n), sizes * rng.normal(size=len(sizes)))
-        moved = np.zeros((len(problem.counts), 6))
-        for name, size in noise.of_robot.items():
-            shared = problem.groups.sharing(name)
-            errors = size * rng.normal(size=(shared.max() + 1, 3))[shared]
-            if name.endswith("mm"):
-                moved[:, :3] += errors
-            else:
-                moved[:, 3:] += np.radians(errors)
-        observed = []
-        parts = zip(
-            problem.terms,
-            solution.state.placements,
-            self.columns,
-            problem.split(moved),
-            solution.kept,
-            strict=True,
-        )
-        for term, placement, z, of_flange, kept in parts:
-            r = np.tensordot(x, z[0, : len(x)], 1)
-            r += np.einsum("pj,jkp->kp", of_flange, z[0, FLANGE])
-            if problem.clock is not None:
-                late = noise.jitter_ms / 1000 * rng.normal(size=r.shape[1])
-                r += late * z[0, problem.clock]
-            r += term.drawn(noise, rng)
-            here = term.linearise(solution.state, placement)
-            observed.append(term.seen_with(r, here).keep(kept))
-        return observed
+def drawn_sizes(solution: Solution, rng: Generator) -> Noise:
+    """The sizes of errors, as surely as the solution knows them."""
+    drawn = {}
+    for size in solution.error_sizes.sizes:
+        end = size.high if (off := rng.normal()) > 0 else size.low
+        ratio = max(end, TINY) / max(size.middle, TINY)
+        drawn[size.name] = size.middle * ratio ** (abs(off) / WIDTH)
+    return replace(solution.noise, **drawn)

@@ -10,7 +10,6 @@ accuracy differs between them. Without it, of right answers on simulated arms wh
 joints are off by 0.02°, 1 in 5 is doubted; with it, 1 in 40.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -24,15 +23,14 @@ from profilecal.geometry.checks import check_type
 from profilecal.geometry.noise import FALSE_ALARM
 from profilecal.geometry.observability import HAND_PRECISION, Spectrum, of_covariance
 from profilecal.geometry.poses import in_base, pose_error
-from profilecal.joint.descent import refine
-from profilecal.joint.prior import Mount, prior_from
+from profilecal.joint.prior import prior_from
 from profilecal.joint.problem import Problem
 from profilecal.scan.scan import Scan
 from profilecal.scan.tables import ScanError
+from profilecal.targets.observations import Observations
 
 # Fewer poses say too little of the robot's errors, and all but fit any target.
 FEWEST = 5
-HELD = 1e-7  # of a measurement by hand: how well a pose is held
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -43,13 +41,20 @@ class Verification:
     """
 
     delta: ndarray  # (6,) from the pose to the answer, the pose's frame, mm and rad
-    expected: Spectrum  # of δ
-    known: int  # directions that the pose in question is stated to be known in
+    # (6, 6) covariances in mm and rad: of the pose in question, as it is stated, and of
+    # the answer alone
+    stated: ndarray
+    own: ndarray
     # the second scan by itself, or the other answer
     other: Calibration | Answer
     # of the target, mm, as the scan has them by the sensor pose
     lengths: dict[str, float] = field(default_factory=dict)
     rms_mm: float = np.nan  # of the points' distances from the target
+
+    @property
+    def expected(self) -> Spectrum:
+        """Of δ."""
+        return of_covariance(self.stated + self.own, rank=6, parameters=6)
 
     @property
     def difference_mm_deg(self) -> ndarray:
@@ -61,8 +66,9 @@ class Verification:
         """(k,) standard deviations of δ in the directions that the scans determine: the
         last k of `expected`.
         """
-        along = self.expected.directions @ (self.delta / HAND_PRECISION)
-        return (along / self.expected.sd)[self.expected.sd < 1]
+        expected = self.expected
+        along = expected.directions @ (self.delta / HAND_PRECISION)
+        return (along / expected.sd)[expected.sd < 1]
 
     @property
     def chance(self) -> float:
@@ -81,7 +87,8 @@ class Verification:
         """Whether the scan tells all directions in which the pose is stated to be
         known.
         """
-        return len(self.apart) >= self.known
+        known = of_covariance(self.stated, rank=6, parameters=6).sd < 1
+        return len(self.apart) >= np.count_nonzero(known)
 
     def __repr__(self) -> str:
         difference = np.array2string(self.difference_mm_deg, precision=3)
@@ -154,9 +161,9 @@ def verify(
             f"the {'scan' if is_scan else 'other'}"
         )
     if is_scan:
-        check_another(found.digests, other)
+        check_another(found.fingerprints, other)
         return likelier(found, other, title)
-    if found.digests and {*found.digests} & {*other.digests}:
+    if not {*found.fingerprints}.isdisjoint(other.fingerprints):
         raise ScanError("both answers are from one scan; expected those of two")
     return compared(found, other)
 
@@ -166,28 +173,17 @@ def compared(found: Answer, other: Answer) -> Verification:
     own = other.covariance_mm_deg
     if own is None:
         own = other.covariance_total_mm_deg
-    T = other.pose
-    delta = pose_error(found.pose[:3, :3], found.pose[:3, 3], T[:3, :3], T[:3, 3])
-    return Verification(delta, *expectation(found, in_mm_rad(own)), other)
-
-
-def expectation(found: Answer, own: ndarray) -> tuple[Spectrum, int]:
-    """What is expected of the difference from an answer whose own covariance (6, 6) is
-    this, and how many directions the pose in question is stated to be known in.
-    """
-    total = in_mm_rad(found.covariance_total_mm_deg)
-    of_pose, of_both = (
-        of_covariance(covariance, rank=6, parameters=6)
-        for covariance in (total, total + own)
-    )
-    return of_both, np.count_nonzero(of_pose.sd < 1)
+    T, T_other = found.pose, other.pose
+    delta = pose_error(T[:3, :3], T[:3, 3], T_other[:3, :3], T_other[:3, 3])
+    stated = in_mm_rad(found.covariance_total_mm_deg)
+    return Verification(delta, stated, in_mm_rad(own), other)
 
 
 def likelier(found: Answer, scan: Scan, title: str) -> Verification:
     """A pose with a scan by itself; where that is not "ok", also near the pose: a weak
     answer may be one of several.
     """
-    T = found.pose
+    T, stated = found.pose, in_mm_rad(found.covariance_total_mm_deg)
     R, p = T[:3, :3], T[:3, 3]
     alone = calibrate(scan, guess=T, guess_sd=(np.inf, np.inf))  # a start
     shown = len(alone.seen[0])
@@ -196,20 +192,18 @@ def likelier(found: Answer, scan: Scan, title: str) -> Verification:
             f"{title}: shows the target from {shown} poses; expected {FEWEST} or more, "
             "or check-mount, which does with fewer if the target stands as it did"
         )
-    kept = [np.ones(shown, dtype=bool)]
-    if alone.solution_or_none:
-        kept = alone.solution.kept
+    solution, (used,) = alone.solution_or_none, alone.observed
+    if solution:
+        used = used.keep(solution.kept[0])
     answers = []
     if alone.is_known:
-        solution = alone.solution
         delta = pose_error(R, p, solution.rotation, solution.translation)
         answers.append((delta, solution.covariance))
     if alone.status != "ok":
-        answers.append(linearised(alone, kept, T, found.noise_mm))
-    by_pose = target_by(T, alone, kept)
+        answers.append(linearised(alone, used, T, found.noise_mm))
+    by_pose = target_by(T, scan, used)
     verifications = [
-        Verification(delta, *expectation(found, own), alone, *by_pose)
-        for delta, own in answers
+        Verification(delta, stated, own, alone, *by_pose) for delta, own in answers
     ]
     likeliest = max(verifications, key=lambda one: one.chance)
     if not len(likeliest.apart):
@@ -221,44 +215,33 @@ def likelier(found: Answer, scan: Scan, title: str) -> Verification:
 
 
 def linearised(
-    alone: Calibration, kept: Sequence[ndarray], T: ndarray, noise_mm: float
+    alone: Calibration, used: Observations, T: ndarray, noise_mm: float
 ) -> tuple[ndarray, ndarray]:
-    """δ (6,), mm and rad, from a sensor pose T (4, 4) to what a scan says, to first
-    order where the targets fit best, and its covariance (6, 6), enormous where the scan
-    says nothing.
+    """δ (6,), mm and rad, from a sensor pose T (4, 4) to what the observations say of
+    it, to first order where the target fits best, and its covariance (6, 6), enormous
+    where they say nothing.
 
-    The robot's errors, which the scan hardly tells, are as usual at least.
+    The robot's errors, which a scan hardly tells, are as usual at least.
     """
+    prior = prior_from(stated_noise(alone.scans))
+    noise = replace(prior.scales, profile_mm=noise_mm)
     if alone.solution_or_none:
-        prior, known = alone.solution.prior, alone.solution.noise
-        noise_mm = max(alone.solution.noise_mm, noise_mm)
-    else:
-        prior = prior_from(stated_noise(alone.scans))
-        known = prior.scales
-    noise = replace(known, profile_mm=noise_mm)
-    R, p = T[None, :3, :3], T[None, :3, 3]
-    held = Mount(R[0], p[0], HELD * HAND_PRECISION)
-    fixed = Problem(alone.observed, noise, prior.systematic, mount=held)
-    state = refine(fixed, fixed.place(R, p), weights=kept).state
-    state = replace(state, rotation=R, translation=p)
-    problem = Problem(alone.observed, noise, prior.systematic)
+        prior, noise = alone.solution.prior, alone.solution.noise
+        noise = replace(noise, profile_mm=max(noise.profile_mm, noise_mm))
+    problem = Problem([used], noise, prior.systematic)
+    state = problem.place(T[None, :3, :3], T[None, :3, 3])
     names = prior.names(problem.groups.distinguishable)
-    sizes = [1.0]
-    for name in names:
-        sizes.append(max(getattr(known, name), getattr(prior.scales, name)))
-    model = problem.model(state, names).keeping(np.concatenate(kept))
-    posterior = model.posterior(np.array([sizes]) ** 2)
+    sizes = [max(getattr(noise, name), getattr(prior.scales, name)) for name in names]
+    posterior = problem.model(state, names).posterior(np.square([[1.0, *sizes]]))
     return posterior.mean[0, :6], posterior.covariance[0, :6, :6]
 
 
 def target_by(
-    T: ndarray, alone: Calibration, kept: Sequence[ndarray]
+    T: ndarray, scan: Scan, used: Observations
 ) -> tuple[dict[str, float], float]:
     """The target's lengths, mm, and the points' rms distance from it, where a sensor
     pose T (4, 4) takes the points.
     """
-    (scan,), (observed,) = alone.scans, alone.observed
-    used = observed.keep(kept[0])
     points, _ = in_base(T, used.points[0], used.R_flange[0], used.T_flange[0])
     origin, axes, sizes = scan.target.fit(points)
     distance = scan.target.at(origin, axes, sizes).distance(points)

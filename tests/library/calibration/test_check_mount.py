@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from simulated import scan_of
+from simulated import few, scan_of
 
 import profilecal as pc
 
@@ -25,21 +25,6 @@ def scans(kind, count, seed=1, **entries):
     for number in range(1, count + 1):
         scan = scan_of(kind, seed=seed, scan=number, **plan)
         yield replace(scan, noise={"profile_mm": 0.05} if kind == "edge" else {})
-
-
-def few(scan, poses):
-    chosen = np.array(poses)
-    return replace(
-        scan,
-        labels=tuple(scan.labels[k] for k in poses),
-        R_base_flange=scan.R_base_flange[chosen],
-        p_base_flange=scan.p_base_flange[chosen],
-        values=tuple(scan.values[k] for k in poses),
-        side=scan.side[chosen],
-        group=scan.group[chosen],
-        times=np.array([]),
-        orientation=None,
-    )
 
 
 def moved_sensor(scan, by):

@@ -6,7 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from simulated import SCANNER, calibration_of, difference, scan_of, wrong_by
+from simulated import (
+    SCANNER,
+    calibration_of,
+    difference,
+    few,
+    scan_of,
+    wrong_by,
+)
 
 import profilecal as pc
 from profilecal.calibration.verify import linearised
@@ -73,7 +80,8 @@ def test_five_poses_suffice_for_the_directions_that_they_determine(kind, seed):
 def test_near_the_answer_the_first_order_says_the_same():
     found = calibration_of("ball", seed=5, **SMALL)
     T = wrong_by(found.pose, [0.2, -0.1, 0.1], [0.02, 0.03, -0.02])
-    delta, covariance = linearised(found, found.solution.kept, T, 0.0)
+    used = found.observed[0].keep(found.solution.kept[0])
+    delta, covariance = linearised(found, used, T, 0.0)
     exact = difference(T, found.pose)
     assert normalised_square(covariance, delta - exact) < 0.3
 
@@ -86,8 +94,8 @@ def refused(sentence, *arguments, asked=pc.verify):
 def test_what_cannot_be_compared_is_refused():
     found = calibration_of("edge", seed=0, **SMALL)
     for poses in (3, 4):
-        few = untold("edge", seed=0, **FIVE | {"groups": poses})
-        refused(f"from {poses} poses; expected 5 or more, or check-mount", found, few)
+        scan = untold("edge", seed=0, **FIVE | {"groups": poses})
+        refused(f"from {poses} poses; expected 5 or more, or check-mount", found, scan)
     to_hand = scan_of("ball", seed=5, mount="eye-to-hand")
     refused("disagree about the mount, which is eye-to-", found, to_hand)
     refused("both answers are from one scan", found, found)
@@ -104,7 +112,8 @@ def test_an_answer_knows_its_own_scan_again_and_old_files_are_read(tmp_path):
     rounded = replace(scan, p_base_flange=scan.p_base_flange.round(3))
     for asked in (pc.verify, pc.check_mount):
         for one in (found, answer):
-            refused("was found from this very scan", one, rounded, asked=asked)
+            for own in (rounded, few(rounded, [2, 9, 20])):
+                refused("from these very measurements", one, own, asked=asked)
     entries = json.loads((tmp_path / "T.json").read_text())
     made = entries.pop("made")
     assert [*made] == ["version", "time", "scans"]
