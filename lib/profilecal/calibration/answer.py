@@ -1,7 +1,6 @@
 """A sensor pose with its uncertainty, as one calibration hands it to the next step."""
 
 import json
-from collections.abc import Collection
 from dataclasses import dataclass
 from hashlib import sha256
 from itertools import chain
@@ -30,23 +29,18 @@ class Joint:
     """All that a calibration found, by which other poses are predicted."""
 
     columns: list[str]  # (n,) names of the unknowns and of the errors considered
-    mean: ndarray  # (n,) of what is left of them at the answer, mm and rad
-    covariance: ndarray  # (n, n)
+    mean: list[float]  # (n,) of what is left of them at the answer, mm and rad
+    covariance: list[list[float]]  # (n, n)
     # of each target: kind, lengths, origin (3,) and axes (3, 3)
-    targets: list[tuple]
+    targets: list[list]
     robot_errors: dict[str, float]  # entries of `Noise`
     freedom: float  # degrees of freedom with which these are known
     noise_factor: float  # the scanner's noise over what profiles show themselves
 
     def of(self, names: list[str]) -> tuple[ndarray, ndarray]:
         """Mean and covariance of these columns, zero of those that it does not have."""
-        known = {name: k for k, name in enumerate(self.columns)}
-        here = [k for k, name in enumerate(names) if name in known]
-        there = [known[names[k]] for k in here]
-        mean, covariance = np.zeros(len(names)), np.zeros((len(names), len(names)))
-        mean[here] = self.mean[there]
-        covariance[np.ix_(here, here)] = self.covariance[np.ix_(there, there)]
-        return mean, covariance
+        mine = np.array([[mine == name for mine in self.columns] for name in names])
+        return mine @ self.mean, mine @ self.covariance @ mine.T
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,15 +103,6 @@ def sample(scan: Scan) -> list[str]:
     return sorted({*fingerprints(scan)} - {""})[:MOST_PRINTS]
 
 
-def check_another(prints: Collection[str], scan: Scan) -> None:
-    """Refuse a scan with measurements that an answer is from."""
-    if not {*fingerprints(scan)}.isdisjoint(prints):
-        raise ScanError(
-            f"{scan.title or f'the {scan.kind}'}: the pose was found from these very "
-            "measurements; expected others"
-        )
-
-
 def read_answer(path: str | Path) -> Answer:
     """The answer in a file, as ``profilecal calibrate --json`` prints it.
 
@@ -168,20 +153,10 @@ def answer_in(entries: dict[str, Any]) -> Answer:
         noise_mm=float(entries["noise_mm"]),
         mount=MOUNTS[to_hand],
         status=entries["status"],
-        joint=joint_in(entries["joint"]) if entries.get("joint") else None,
+        joint=Joint(**entries["joint"]) if entries.get("joint") else None,
         covariance_mm_deg=np.asarray(entries["covariance"], dtype=float),
         fingerprints=tuple(chain(*entries.get("made", {}).get("scans", ()))),
     )
-
-
-def joint_in(entries: dict[str, Any]) -> Joint:
-    """The entry "joint" of such an object."""
-    targets = [
-        (kind, tuple(sizes), np.array(origin), np.array(axes))
-        for kind, sizes, origin, axes in entries["targets"]
-    ]
-    arrays = {name: np.array(entries[name]) for name in ("mean", "covariance")}
-    return Joint(**entries | arrays | {"targets": targets})
 
 
 def check_answer(answer: Answer) -> None:
@@ -194,3 +169,21 @@ def check_answer(answer: Answer) -> None:
     symmetric = np.allclose(covariance, covariance.T)
     if not symmetric or values[0] < -1e-9 * values[-1] or values[-1] <= 0:
         raise ValueError("holds no covariance; expected a symmetric, positive matrix")
+
+
+def check_another(found: Answer, other: Scan | Answer) -> str:
+    """The name of a scan, or of another answer, that an answer is held against. Raises
+    ScanError for another mount, and for measurements that the answer is from.
+    """
+    if isinstance(other, Answer):
+        name, prints = "the other answer", {*other.fingerprints}
+    else:
+        name, prints = other.title or f"the {other.kind}", {*fingerprints(other)}
+    if found.mount != other.mount:
+        raise ScanError(f"{name}: the mount is {other.mount}; expected {found.mount}")
+    if prints & {*found.fingerprints}:
+        raise ScanError(
+            f"{name}: the pose in question is from the same measurements; expected "
+            "others"
+        )
+    return name

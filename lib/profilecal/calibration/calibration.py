@@ -282,11 +282,11 @@ class Calibration:
         known, solution = self.is_known or None, self.solution_or_none
         entries = {
             "status": self.status,
-            f"T_{self.frame}_sensor": known and self.pose.tolist(),
-            "covariance": known and self.covariance_mm_deg.tolist(),
-            "covariance_total": known and self.covariance_total_mm_deg.tolist(),
-            "translation_sd_mm": known and self.translation_sd_mm.tolist(),
-            "rotation_sd_deg": known and self.rotation_sd_deg.tolist(),
+            f"T_{self.frame}_sensor": known and self.pose,
+            "covariance": known and self.covariance_mm_deg,
+            "covariance_total": known and self.covariance_total_mm_deg,
+            "translation_sd_mm": known and self.translation_sd_mm,
+            "rotation_sd_deg": known and self.rotation_sd_deg,
             "rms_mm": solution and solution.rms_mm,
             "chi2_per_dof": solution and solution.chi2_per_dof,
             "noise_mm": solution and solution.noise_mm,
@@ -296,7 +296,7 @@ class Calibration:
             "observability": solution and observability_entries(solution, self.frame),
             "method": "joint",
             "target": solution and target_entries(self.scans, solution),
-            "messages": [*self.messages],
+            "messages": self.messages,
             "joint": known and joint_entries(self.scans, self.solution),
         }
         if solution and solution.delay_s is not None:
@@ -306,7 +306,7 @@ class Calibration:
                 "delay_sd_ms": 1e3 * solution.delay_sd_s,
                 "delay_source": "given" if given else "estimated",
             }
-        return entries
+        return json.loads(json.dumps(entries, default=ndarray.tolist))
 
 
 def in_words(mm_deg: Iterable[float]) -> str:
@@ -354,29 +354,26 @@ def answer_text(found: Calibration) -> str:
 
 
 def target_entries(scans: Sequence[Scan], solution: Solution) -> Any:
-    """The targets in their places, for JSON; one, or a list of several."""
-    targets = []
-    for scan, target in zip(scans, solution.placements, strict=True):
-        fields = asdict(target).items()
-        arrays = {name: np.asarray(value).tolist() for name, value in fields}
-        targets.append({"kind": scan.kind} | arrays)
+    """The targets in their places; one, or a list of several."""
+    placed = zip(scans, solution.placements, strict=True)
+    targets = [{"kind": scan.kind} | asdict(target) for scan, target in placed]
     return targets if len(targets) > 1 else targets[0]
 
 
 def joint_entries(scans: Sequence[Scan], solution: Solution) -> dict[str, Any]:
-    """All that was found, for JSON, by which `check_mount` predicts other poses."""
+    """All that was found, by which `check_mount` predicts other poses."""
     sizes = solution.error_sizes
     problem, prior = solution.problem, solution.prior
     shown = prior.scales.profile_mm if prior.source == "profiles" else solution.noise_mm
     frames = zip(scans, solution.state.placements, strict=True)
-    robot = zip(sizes.sizes[1:], np.sqrt(sizes.mean_v[1:]), strict=True)
-    robot_errors = {size.name: float(mean) for size, mean in robot}
+    robot = zip(sizes.sizes[1:], sizes.mean_v[1:], strict=True)
+    robot_errors = {size.name: v**0.5 for size, v in robot}
     return {
         "columns": column_names(problem),
-        "mean": [0.0] * problem.n + sizes.mean[problem.n :].tolist(),
-        "covariance": sizes.covariance.tolist(),
+        "mean": np.r_[np.zeros(problem.n), sizes.mean[problem.n :]],
+        "covariance": sizes.covariance,
         "targets": [
-            [scan.kind, [*scan.sizes], origin[0].tolist(), axes[0].tolist()]
+            [scan.kind, scan.sizes, origin[0], axes[0]]
             for scan, (origin, axes) in frames
         ],
         "robot_errors": robot_errors | {"steering_mm": solution.noise.steering_mm},
@@ -386,11 +383,11 @@ def joint_entries(scans: Sequence[Scan], solution: Solution) -> dict[str, Any]:
 
 
 def observability_entries(solution: Solution, frame: str) -> dict[str, Any]:
-    """How well each direction is determined, for JSON."""
+    """How well each direction is determined."""
     known = solution.observability
     worst = name_direction(known.directions[0], solution.rotation, frame)
     singular_values = 1 / np.maximum(known.sd, np.finfo(float).eps)
-    return {"singular_values": singular_values.tolist(), "worst_direction": worst}
+    return {"singular_values": singular_values, "worst_direction": worst}
 
 
 def calibrate(
@@ -457,31 +454,29 @@ def calibrate(
     shared_mm = max(entry.shared_mm for entry in seen)
     prior = prior_from(stated, features_mm, shared_mm)
     prior = replace(prior, mount=mount_of(scans, guess, guess_sd))
-    solution, messages, wrong = None, [], False
-    try:
-        solution, wrong = believed(scans, seen, observed, prior)
-        messages = [*solution.messages]
-    except UnobservableError as error:
-        messages = [str(error)]
     notes = merged + by_scan(scans, [entry.remarks for entry in seen])
     asked = by_scan(scans, [doubts(scan) for scan in scans])
+    try:
+        solution, wrong = believed(scans, seen, observed, prior)
+        observed, messages = tuple(solution.problem.observations), solution.messages
+    except UnobservableError as error:
+        solution, wrong, messages = None, False, (str(error),)
     if solution and asked and solution.status == "ok":
         solution = replace(solution, status="weak")
-    notes += asked
     readings = []
     if not solution or solution.status != "ok":
         delay_ms = 1e3 * (solution.delay_s or 0.0) if solution else 0.0
         standing = [scan.at_rest(delay_ms) for scan in scans]
-        read_otherwise = [*map(better_readings, standing, seen)]
-        readings = by_scan(scans, read_otherwise)
-        if readings and solution:
-            solution = replace(solution, status="unobservable")
+        readings = by_scan(scans, [*map(better_readings, standing, seen)])
+    if readings:
+        messages = ()
+        solution = solution and replace(solution, status="unobservable")
     return Calibration(
         scans=scans,
         seen=tuple(entry.poses for entry in seen),
-        observed=tuple(solution.problem.observations) if solution else observed,
+        observed=observed,
         solution_or_none=solution,
-        messages=(*readings, *notes) if readings else (*notes, *messages),
+        messages=(*readings, *notes, *asked, *messages),
         misread=wrong or bool(readings),
     )
 
@@ -503,23 +498,21 @@ def believed(
     alone = solve(observed, replace(prior, mount=None), starts=starts)
     solution, doubted = plausibility.check(alone)
     messages, against = [], ""
-    if mount and np.isinf(mount.sd).all():
-        mount = None  # a start, no more
-    if mount and solution.status != "ok":
-        both, wrong = plausibility.check(solve(observed, prior, starts=starts))
-        if not (wrong or contradiction(both, mount)):
-            solution, doubted = both, False
-            messages = rests_on(both, mount)
-    if mount and not messages and solution.status != "unobservable":
-        against = contradiction(solution, mount)
-        messages = [against] if against else []
+    if mount and np.isfinite(mount.sd).any():  # else a start, no more
+        if solution.status != "ok":
+            both, wrong = plausibility.check(solve(observed, prior, starts=starts))
+            if not (wrong or contradiction(both, mount)):
+                solution, doubted = both, False
+                messages = rests_on(both, mount)
+        if not messages and solution.status != "unobservable":
+            against = contradiction(solution, mount)
     remarks, wrong_side = remarks_on_targets(scans, seen, solution)
-    doubted = doubted or wrong_side or bool(against)
     status = solution.status
     if status == "ok" and (wrong_side or against):
         status = "weak"
-    messages += [*solution.messages, *remarks]
-    return replace(solution, status=status, messages=tuple(messages)), doubted
+    messages += [against] * bool(against) + [*solution.messages, *remarks]
+    solution = replace(solution, status=status, messages=tuple(messages))
+    return solution, doubted or wrong_side or bool(against)
 
 
 def mount_of(
@@ -560,9 +553,13 @@ def remarks_on_targets(
     error, but not most of them.
     """
     remarks, wrong = [], False
-    observations = solution.problem.observations
     parts = zip(
-        names(scans), scans, seen, observations, solution.placements, strict=True
+        names(scans),
+        scans,
+        seen,
+        solution.problem.observations,
+        solution.placements,
+        strict=True,
     )
     for name, scan, entry, observed, target in parts:
         R, p = observed.R_flange[0], observed.T_flange[0]

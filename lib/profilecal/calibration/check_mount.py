@@ -176,10 +176,7 @@ def check_mount(found: Calibration | Answer, scan: Scan) -> MountCheck:
     check_type("scan", scan, Scan)
     if isinstance(found, Calibration):
         found = found.answer
-    check_another(found.fingerprints, scan)
-    title = scan.title or f"the {scan.kind}"
-    if found.mount != scan.mount:
-        raise ScanError(f"{title}: the mount is {scan.mount}; expected {found.mount}")
+    title = check_another(found, scan)
     joint = found.joint
     if joint is None:
         raise ScanError(
@@ -187,7 +184,9 @@ def check_mount(found: Calibration | Answer, scan: Scan) -> MountCheck:
             "profilecal calibrate SCAN --json > T.json"
         )
     alike = [
-        k for k, one in enumerate(joint.targets) if one[:2] == (scan.kind, scan.sizes)
+        k
+        for k, one in enumerate(joint.targets)
+        if one[:2] == [scan.kind, [*scan.sizes]]
     ]
     if len(alike) != 1:
         raise ScanError(
@@ -202,9 +201,9 @@ def check_mount(found: Calibration | Answer, scan: Scan) -> MountCheck:
     observed = as_observations(scan, seen, seen.typical_mm)
     noise = replace(Noise(**joint.robot_errors), profile_mm=noise_mm)
     problem = Problem([observed], noise, ANY)
-    _, _, origin, axes = joint.targets[alike[0]]
-    T = found.pose[None]
-    state = State(T[:, :3, :3], T[:, :3, 3], ((origin[None], axes[None]),))
+    _, _, *frame = joint.targets[alike[0]]
+    T, placement = found.pose[None], tuple(np.array([part]) for part in frame)
+    state = State(T[:, :3, :3], T[:, :3, 3], (placement,))
     model = problem.model(state, [*noise.of_robot])
     names = column_names(problem, alike)
     return MountCheck(

@@ -165,8 +165,7 @@ def marked(features: Sequence[Feature], m: int) -> tuple[ndarray, ndarray]:
     points = np.reshape([feature.points for feature in features], (k, m, 2))
     covariance = np.zeros((k, m, 2, m, 2))
     for pairs, feature in zip(covariance, features, strict=True):
-        for j in range(m):
-            pairs[j, :, j] = feature.covariance[j] + FINEST_MM**2 * np.eye(2)
+        pairs[range(m), :, range(m)] = feature.covariance + FINEST_MM**2 * np.eye(2)
         if feature.between is not None:
             pairs[0, :, 1], pairs[1, :, 0] = feature.between, feature.between.T
     return points, covariance.reshape(k, 2 * m, 2 * m)
@@ -202,17 +201,16 @@ def doubts_on_rest(scan: Scan) -> list[str]:
     """That the poses were recorded in motion, as far as their times tell: between most
     of them, a moment apart, the robot moved.
     """
-    if scan.log or not np.isfinite(scan.times).any():
+    if scan.log:
         return []
     order = np.argsort(scan.times)  # NaN last
     seconds = np.diff(scan.times[order])
     way = np.linalg.norm(np.diff(scan.p_base_flange[order], axis=0), axis=1)
     near = (seconds > 0) & (seconds < A_MOMENT_S)
-    if 2 * np.count_nonzero(near) < len(order):
+    speeds = way[near] / seconds[near]
+    if 2 * len(speeds) < len(order) or np.median(speeds) < AT_REST:
         return []
-    speed = float(np.median(way[near] / seconds[near]))
-    if speed < AT_REST:
-        return []
+    speed = np.median(speeds)
     return [
         f"poses {np.median(seconds[near]):.2g} s apart, between which the robot moved "
         f"at {speed:.2g} mm/s: were they recorded in motion? Then clocks that differ "

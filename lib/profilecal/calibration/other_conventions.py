@@ -20,6 +20,7 @@ from scipy.spatial.transform import Rotation
 
 from profilecal.calibration.observe import Seen, as_observations
 from profilecal.geometry.noise import Noise
+from profilecal.geometry.poses import inverse
 from profilecal.joint.descent import refine, search, search_among_outliers, thin
 from profilecal.joint.prior import FINEST_MM
 from profilecal.joint.problem import Problem
@@ -52,16 +53,14 @@ def better_readings(scan: Scan, seen: Seen) -> list[str]:
     """A sentence on the readings, if any, that explain what was `seen` far better than
     the poses as stated.
     """
-    scan, seen = sample(scan, seen)
-    stated, _ = misfit(observed(scan, seen), widely=True)
+    step = -(-len(seen.poses) // 1000)  # a thousand poses are enough for any reading
+    seen = Seen(seen.poses[::step], seen.points[::step])
+    observed = as_observations(scan, seen)  # all points as precise
+    stated, _ = misfit(observed, widely=True)
     if not FINE_MM < stated < np.inf:
         return []
-    tried = [
-        (*misfit(observations), words, check)
-        for words, check, observations in chain(
-            readings(scan, seen), other_lengths(scan, seen)
-        )
-    ]
+    others = chain(readings(scan, seen.poses, observed), other_lengths(scan, observed))
+    tried = [(*misfit(observed), words, check) for words, check, observed in others]
     tried.sort(key=lambda one: one[0])
     best, freedom, *_ = tried[0]
     best = max(best, FINEST_MM)
@@ -73,25 +72,6 @@ def better_readings(scan: Scan, seen: Seen) -> list[str]:
     checks = "; ".join(dict.fromkeys(check for *_, check in alike))
     residuals = f"the residuals are {best:.2g} mm instead of {stated:.2g} mm"
     return [f"with {words} {residuals}; {checks}"]
-
-
-def sample(scan: Scan, seen: Seen) -> tuple[Scan, Seen]:
-    """A scan without its measurements, and what was seen from at most a thousand poses:
-    enough for any reading.
-    """
-    step = -(-len(seen.poses) // 1000)
-    few = Seen(seen.poses[::step], seen.points[::step])
-    nothing = tuple(rows[:0] for rows in scan.values)
-    return replace(scan, values=nothing), few
-
-
-def observed(scan: Scan, seen: Seen, later: int = 0) -> Observations:
-    """What was seen, with all points equally precise, from the poses so many rows
-    `later`.
-    """
-    poses = seen.poses + later
-    inside = (poses >= 0) & (poses < len(scan.labels))
-    return as_observations(scan, Seen(poses[inside], seen.points[inside]))
 
 
 def misfit(observations: Observations, widely: bool = False) -> tuple[float, int]:
@@ -115,30 +95,41 @@ def misfit(observations: Observations, widely: bool = False) -> tuple[float, int
     return float(best * np.sqrt(1 + problem.n / freedom)), freedom
 
 
-def readings(scan: Scan, seen: Seen) -> Iterator[Reading]:
-    """All other readings of a scan's poses."""
+def readings(scan: Scan, poses: ndarray, observed: Observations) -> Iterator[Reading]:
+    """All other readings of a scan's poses, of which some, by number, were observed
+    from.
+    """
+    R, p = scan.R_base_flange, scan.p_base_flange
     (mount,) = {*MOUNTS} - {scan.mount}
     yield (
         f'mount = "{mount}" or, what is the same, every pose inverted (base in flange)',
         "check the mount, and which frame the poses are in",
-        observed(replace(scan, mount=mount), seen),
+        posed(observed, *inverse(R[poses], p[poses])),
     )
-    which = "check which pose each profile belongs to"
-    for word, later in (("next", 1), ("previous", -1)):
-        words = f"each profile taken from the {word} row's pose"
-        yield words, which, observed(scan, seen, later)
-    backwards = replace(seen, poses=len(scan.labels) - 1 - seen.poses)
-    yield "the profiles in reverse order", which, observed(scan, backwards)
-    stated = observed(scan, seen)
+    for words, rows in (
+        ("each profile taken from the next row's pose", poses + 1),
+        ("each profile taken from the previous row's pose", poses - 1),
+        ("the profiles in reverse order", len(p) - 1 - poses),
+    ):
+        inside = (rows >= 0) & (rows < len(p))
+        others = rows[inside]
+        shifted = posed(observed.keep(inside), R[others], p[others])
+        yield words, "check which pose each profile belongs to", shifted
     for unit, factor in UNITS.items():
         yield (
             f"the poses' x, y, z in {unit} instead of mm",
             "check the units of poses and profiles",
-            replace(stated, T_flange=stated.T_flange * factor),
+            posed(observed, R[poses], factor * p[poses]),
         )
     for words, rotation in other_rotations(scan):
-        robot = replace(scan, R_base_flange=rotation.as_matrix())
-        yield words, "check how the robot prints its poses", observed(robot, seen)
+        turned = posed(observed, rotation.as_matrix()[poses], p[poses])
+        yield words, "check how the robot prints its poses", turned
+
+
+def posed(observed: Observations, R: ndarray, p: ndarray) -> Observations:
+    """The same from other poses of the flange in the base."""
+    frames = inverse(R, p) if observed.eye_to_hand else (R, p)
+    return replace(observed, R_flange=frames[0][None], T_flange=frames[1][None])
 
 
 def other_rotations(scan: Scan) -> Iterator[tuple[str, Rotation]]:
@@ -165,10 +156,10 @@ def other_rotations(scan: Scan) -> Iterator[tuple[str, Rotation]]:
     yield "every rotation inverted (matrices transposed)", inverted
 
 
-def other_lengths(scan: Scan, seen: Seen) -> Iterator[Reading]:
+def other_lengths(scan: Scan, observed: Observations) -> Iterator[Reading]:
     """The scan with each of its target's lengths as it fits best."""
     for k, (name, given) in enumerate(scan.measures.items()):
-        fitting = with_best_length(observed(scan, seen), k)
+        fitting = with_best_length(observed, k)
         words = f"a {name} of {fitting.sizes[k]:.3g} mm"
         yield words, f"{given:g} mm was given", fitting
 

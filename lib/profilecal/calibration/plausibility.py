@@ -128,19 +128,21 @@ def check(solution: Solution) -> tuple[Solution, bool]:
         return replace(solution, messages=messages), bool(objections)
     C, before = solution.covariance, solution.observability
     guilty = clear_findings(systematic_tests(solution))
-    beyond = [one.not_allowed_for**0.5 * one.moves for one in guilty]
-    weak = any(normalised_square(C, moves) > MUCH**2 for moves in beyond)
-    weak = weak or bool(objections)
-    C = C + sum(np.outer(moves, moves) for moves in beyond)
+    weak = bool(objections)
+    enlarged = C.copy()
+    for one in guilty:
+        beyond = one.not_allowed_for * normalised_square(C, one.moves)
+        weak = weak or bool(beyond > MUCH**2)
+        enlarged += one.not_allowed_for * np.outer(one.moves, one.moves)
     notes = [] if guilty else allowed_for(solution)
     if guilty:
         objections.append(accusation(guilty))
-    observability = of_covariance(C, before.rank, before.parameters)
+    observability = of_covariance(enlarged, before.rank, before.parameters)
     if weak or observability.sd[0] > WEAK:
         solution = replace(solution, status="weak")
     believed = replace(
         solution,
-        covariance=C,
+        covariance=enlarged,
         observability=observability,
         messages=(*(objections or solution.messages), *notes),
     )

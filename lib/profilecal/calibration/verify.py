@@ -54,7 +54,7 @@ class Verification:
     @property
     def expected(self) -> Spectrum:
         """Of δ."""
-        return of_covariance(self.stated + self.own, rank=6, parameters=6)
+        return of_covariance(self.stated + self.own)
 
     @property
     def difference_mm_deg(self) -> ndarray:
@@ -87,7 +87,7 @@ class Verification:
         """Whether the scan tells all directions in which the pose is stated to be
         known.
         """
-        known = of_covariance(self.stated, rank=6, parameters=6).sd < 1
+        known = of_covariance(self.stated).sd < 1
         return len(self.apart) >= np.count_nonzero(known)
 
     def __repr__(self) -> str:
@@ -153,19 +153,10 @@ def verify(
     found, other = (
         one.answer if isinstance(one, Calibration) else one for one in (found, other)
     )
-    is_scan = isinstance(other, Scan)
-    title = (other.title or f"the {other.kind}") if is_scan else "the other answer"
-    if found.mount != other.mount:
-        raise ScanError(
-            f"the pose and {title} disagree about the mount, which is {other.mount} in "
-            f"the {'scan' if is_scan else 'other'}"
-        )
-    if is_scan:
-        check_another(found.fingerprints, other)
-        return likelier(found, other, title)
-    if not {*found.fingerprints}.isdisjoint(other.fingerprints):
-        raise ScanError("both answers are from one scan; expected those of two")
-    return compared(found, other)
+    title = check_another(found, other)
+    if isinstance(other, Answer):
+        return compared(found, other)
+    return likelier(found, other, title)
 
 
 def compared(found: Answer, other: Answer) -> Verification:

@@ -72,7 +72,7 @@ def spectrum(information: ndarray, units: ndarray) -> Spectrum:
 
 
 def of_covariance(
-    covariance: ndarray, rank: ndarray | int, parameters: int
+    covariance: ndarray, rank: ndarray | int = 6, parameters: int = 6
 ) -> Spectrum:
     """Of covariances (..., 6, 6) of the sensor pose, mm and rad, and the rank (...)
     behind them.

@@ -97,8 +97,8 @@ def test_what_cannot_be_compared_is_refused():
         scan = untold("edge", seed=0, **FIVE | {"groups": poses})
         refused(f"from {poses} poses; expected 5 or more, or check-mount", found, scan)
     to_hand = scan_of("ball", seed=5, mount="eye-to-hand")
-    refused("disagree about the mount, which is eye-to-", found, to_hand)
-    refused("both answers are from one scan", found, found)
+    refused("the mount is eye-to-hand; expected eye-in-hand", found, to_hand)
+    refused("the other answer: the pose in question is from the same", found, found)
     scan, truth = pc.simulate("ball", groups=1, positions=1, repeats=5)
     known = pc.Answer(truth.pose, np.diag(np.full(6, 1e-4)), 0.05, scan.mount)
     refused("determines no direction of the sensor's pose", known, scan)
@@ -110,10 +110,16 @@ def test_an_answer_knows_its_own_scan_again_and_old_files_are_read(tmp_path):
     answer = pc.read_answer(tmp_path / "T.json")
     (scan,) = found.scans
     rounded = replace(scan, p_base_flange=scan.p_base_flange.round(3))
+    own = "is from the same measurements; expected others"
     for asked in (pc.verify, pc.check_mount):
         for one in (found, answer):
             for own in (rounded, few(rounded, [2, 9, 20])):
-                refused("from these very measurements", one, own, asked=asked)
+                refused(
+                    "is from the same measurements; expected others",
+                    one,
+                    own,
+                    asked=asked,
+                )
     entries = json.loads((tmp_path / "T.json").read_text())
     made = entries.pop("made")
     assert [*made] == ["version", "time", "scans"]
