@@ -2,8 +2,8 @@
 profile shows of the target: a point, a chord, an arc or a line, or why there is none.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy import ndarray
@@ -138,24 +138,6 @@ def nothing(reason: str) -> Feature:
     """The feature of a profile that does not show the target."""
     none = np.zeros(0, dtype=int)
     return Feature(np.zeros((0, 2)), np.zeros((0, 2, 2)), none, reason=reason)
-
-
-def find(
-    finder: Callable[..., list[Feature]], profiles: Profiles, sizes: Sequence[float]
-) -> list[Feature]:
-    """What a finder makes of raw profiles (n, 2), of which it gets the points that the
-    scanner saw, in order, alone.
-
-    Whether a scanner's software keeps the rows of missing points, and how it sorts,
-    then makes no difference.
-    """
-    rows = [in_order(profile) for profile in profiles]
-    seen = [profile[own] for profile, own in zip(profiles, rows, strict=True)]
-    features = finder(seen, *sizes)
-    return [
-        replace(feature, used=np.sort(own[feature.used]))
-        for feature, own in zip(features, rows, strict=True)
-    ]
 
 
 def block_means(

@@ -27,6 +27,7 @@ closed forms.
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -34,7 +35,7 @@ from numpy import ndarray
 
 from profilecal.geometry.noise import Noise
 from profilecal.geometry.poses import Frames, directions, frame_around
-from profilecal.profiles.points import Feature, Profiles, find
+from profilecal.profiles.points import Feature, Profiles, in_order
 
 # of vectors in the sensor frame x, y and z, each an array (batch, 1 or points, poses)
 Components = Sequence[ndarray]
@@ -194,8 +195,19 @@ class Target:
 
     @classmethod
     def find(cls, profiles: Profiles, *sizes: float) -> list[Feature]:
-        """What each raw profile (n, 2) shows of a target with these lengths, mm."""
-        return find(cls.finder, profiles, sizes)
+        """What each raw profile (n, 2) shows of a target with these lengths, mm.
+
+        The finder gets the points that the scanner saw, in order, alone: whether a
+        scanner's software keeps the rows of missing points, and how it sorts, makes no
+        difference.
+        """
+        rows = [in_order(profile) for profile in profiles]
+        seen = [profile[own] for profile, own in zip(profiles, rows, strict=True)]
+        features = cls.finder(seen, *sizes)
+        return [
+            replace(feature, used=np.sort(own[feature.used]))
+            for feature, own in zip(features, rows, strict=True)
+        ]
 
     def meet(self, rotation: ndarray, origin: ndarray) -> ndarray:
         """Where scan planes, sensor frames (..., 3, 3), (..., 3), meet it: (..., k), as
