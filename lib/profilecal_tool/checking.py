@@ -4,21 +4,15 @@ from collections import Counter
 
 import numpy as np
 
-from profilecal.calibration.observe import (
-    Seen,
-    as_observations,
-    doubts,
-    observe,
-)
+from profilecal.calibration.observe import as_observations, doubts, observe
 from profilecal.geometry.checks import UnobservableError
 from profilecal.geometry.fitting import affine_residuals
-from profilecal.geometry.noise import FALSE_ALARM, Noise, chi2_limit
+from profilecal.geometry.noise import Noise, chi2_limit
 from profilecal.geometry.observability import LEAST_TURN_DEG, name_axis, turns
 from profilecal.joint.delay import unexplained
 from profilecal.joint.problem import Problem
 from profilecal.joint.solve import check_enough
 from profilecal.scan.scan import Scan
-from profilecal.scan.tables import listed
 from profilecal.targets.observations import Observations
 
 # of the speed: what one screw in the base and one in the flange leave of twists that
@@ -28,11 +22,12 @@ OPEN = 0.05
 
 def check(scan: Scan) -> list[str]:
     """What a scan holds, before any calibration, in lines for people: convention,
-    groups, noise, outliers. Raises ScanError where no pose shows the target.
+    groups, noise. Raises ScanError where no pose shows the target.
     """
     seen = observe(scan, 1)
     observed = as_observations(scan, seen)
-    lines = [*lines_on_poses(scan, len(seen.poses)), *lines_on_noise(scan, seen)]
+    lines = lines_on_poses(scan, len(seen.poses))
+    lines.append(f"noise          {noise_words(scan, observed, seen.typical_mm)}")
     if scan.log:
         lines += lines_on_motion(scan, observed)
     remarks = [*seen.remarks, *doubts(scan)]
@@ -96,44 +91,21 @@ def lines_on_poses(scan: Scan, showing: int) -> list[str]:
     return lines
 
 
-def lines_on_noise(scan: Scan, seen: Seen) -> list[str]:
-    """What the measurements say of the scanner's noise by themselves, and which of them
-    do not fit their group.
-    """
+def noise_words(scan: Scan, observed: Observations, typical_mm: float) -> str:
+    """What the measurements say of the scanner's noise by themselves."""
     affine = scan.target.affine and not scan.log
-    if affine:
-        observed = as_observations(scan, seen)
-        noise, freedom = affine_noise(observed)
-        if freedom:
-            labels = np.array(scan.labels)[seen.poses]
-            inside = f"{noise:.3g} mm inside groups, from {freedom} degrees of freedom"
-            misfits = [misfit(labels[rows]) for rows in affine_outliers(observed)]
-            return [f"noise          {inside}", *misfits]
-    if seen.typical_mm:
-        scatter = f"{seen.typical_mm:.2g} mm of a feature's coordinates"
-        return [f"noise          {scatter}, by the scatter in profiles"]
+    noise, freedom = affine_noise(observed) if affine else (0.0, 0)
+    if freedom:
+        return f"{noise:.3g} mm inside groups, from {freedom} degrees of freedom"
+    if typical_mm:
+        scatter = f"{typical_mm:.2g} mm of a feature's coordinates"
+        return f"{scatter}, by the scatter in profiles"
     why = f"what a {scan.kind} shows does not tell it"
     if affine:
         why = "groups have too few poses (5 or more each)"
     if scan.log:
         why = "poses follow the delay"
-    return [f"noise          unknown before the calibration: {why}"]
-
-
-def misfit(labels: np.ndarray) -> str:
-    """That one of these poses does not fit its group."""
-    if len(labels) == 1:
-        return f"note           pose {labels[0]} does not fit its group"
-    return (
-        f"note           one of the poses {listed(labels)} does not fit: "
-        "one more would tell which"
-    )
-
-
-def groups_of(observations: Observations) -> list[np.ndarray]:
-    """The poses of each rotation group, as indices."""
-    labels = observations.labels
-    return [np.flatnonzero(labels == label) for label in np.unique(labels)]
+    return f"unknown before the calibration: {why}"
 
 
 def affine_noise(observations: Observations) -> tuple[float, int]:
@@ -143,35 +115,11 @@ def affine_noise(observations: Observations) -> tuple[float, int]:
     """
     positions, points = observations.T_flange[0], observations.points[0, :, 0]
     variances, total = [], 0
-    for rows in groups_of(observations):
+    for label in np.unique(observations.labels):
+        rows = observations.labels == label
         left, _, freedom = affine_residuals(positions[rows], points[rows])
         if freedom > 0:
             freedom = 2 * int(freedom)
             variances.append(np.sum(left**2) / chi2_limit(0.5, freedom))
             total += freedom
     return (float(np.sqrt(np.median(variances))) if variances else 0.0), total
-
-
-def affine_outliers(observations: Observations) -> list[list[int]]:
-    """Poses whose points do not fit their group as in `affine_noise`: the one that fits
-    worst is taken out as long as chance does not explain it; with one degree of freedom
-    left all fit equally badly, so each is named. A whole group on a wrong edge is not
-    seen.
-    """
-    noise, _ = affine_noise(observations)
-    positions, points = observations.T_flange[0], observations.points[0, :, 0]
-    limit = chi2_limit(FALSE_ALARM / len(points), 2)
-    outliers = []
-    for rows in groups_of(observations):
-        while len(rows) > 3:
-            left, basis, freedom = affine_residuals(positions[rows], points[rows])
-            free = 1 - np.sum(basis**2, axis=1)
-            if free.min() < 1e-6:  # nothing is left over to judge a pose by
-                break
-            size = np.sum(left**2, axis=1) / free / noise**2
-            if size.max() < limit:
-                break
-            worst = slice(None) if freedom == 1 else [size.argmax()]
-            outliers.append(rows[worst].tolist())
-            rows = np.delete(rows, worst)
-    return sorted(outliers)

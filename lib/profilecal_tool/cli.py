@@ -20,6 +20,8 @@ SCAN = click.Path(path_type=Path, readable=False)
 PLACE = click.Path(path_type=Path)
 COUNT = click.IntRange(1)
 MOUNT = click.Choice(["eye-in-hand", "eye-to-hand"])
+# those of profilecal_tool.controllers, which need NumPy
+CONTROLLERS = "abb", "kuka", "ur", "fanuc", "staubli", "kawasaki", "ros", "matrix"
 
 
 def ending_in(*endings):
@@ -146,7 +148,8 @@ def guess_given(ctx, param, numbers):
     "--to",
     "vendor",
     metavar="NAME",
-    help="abb, kuka, ur, fanuc, staubli, kawasaki, ros, matrix: a pose to paste.",
+    type=click.Choice(CONTROLLERS),
+    help=f"{', '.join(CONTROLLERS)}: a pose to paste.",
 )
 @option(
     "--guess",
@@ -207,10 +210,6 @@ def check_outputs(as_json, vendor, report) -> None:
         raise ValueError(
             "--json prints one JSON object and nothing else; ask for --to without it"
         )
-    if vendor:
-        from profilecal_tool.controllers import check_controller
-
-        check_controller(vendor)
     if report:
         from profilecal_tool.report.page import check_report
 
@@ -292,7 +291,7 @@ def put_together(found, pose, path) -> None:
 def check(folder):
     """Say what a scan FOLDER holds, before any calibration.
 
-    Poses, groups, noise, outliers, motions.
+    Poses, groups, noise, motions.
     """
     from profilecal_tool.checking import check
 

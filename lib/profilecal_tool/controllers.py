@@ -47,36 +47,26 @@ CONTROLLERS = {
 }
 
 
-def check_controller(vendor: str) -> None:
-    """Refuse a name that is not among CONTROLLERS, with ValueError."""
-    if vendor not in CONTROLLERS:
-        known = ", ".join(CONTROLLERS)
-        raise ValueError(f"--to is {vendor}; expected one of {known}")
-
-
 def for_controller(vendor: str, pose: ArrayLike, frame: str = "flange") -> str:
-    """A pose (4, 4), mm, in the frame "flange" or "base", to paste into a controller.
-
-    Raises ValueError for a controller that is not known.
+    """A pose (4, 4), mm, in the frame "flange" or "base", to paste into one of
+    CONTROLLERS.
 
     >>> for_controller("kuka", np.eye(4))
     '{X 0.000,Y 0.000,Z 0.000,A 0.0000,B 0.0000,C 0.0000}'
     """
-    check_controller(vendor)
     convention_name, template = CONTROLLERS[vendor]
     convention = named(convention_name)
-    matrix = np.asarray(pose)
-    orientation = from_rotations(convention, matrix[None, :3, :3])[0]
+    T = np.asarray(pose)
+    x, y, z = T[:3, 3]
+    orientation = from_rotations(convention, T[None, :3, :3])[0]
     entries = dict(zip(convention.columns, orientation, strict=True))
-    for axis, value in zip("xyz", matrix[:3, 3], strict=True):
-        entries |= {axis: value, f"{axis}_m": value / 1000}
+    entries |= {"x": x, "y": y, "z": z}
+    entries |= {"x_m": x / 1000, "y_m": y / 1000, "z_m": z / 1000}
     held = "TRUE" if frame == "flange" else "FALSE"
     return template.format(frame=frame, held=held, **entries)
 
 
 def writing_like(convention_name: str) -> str:
-    """The first controller whose orientations are in a convention, or "matrix"."""
-    for vendor, (name, _) in CONTROLLERS.items():
-        if name == convention_name:
-            return vendor
-    return "matrix"
+    """The first controller whose orientations are in a convention."""
+    fitting = [v for v, (name, _) in CONTROLLERS.items() if name == convention_name]
+    return fitting[0]

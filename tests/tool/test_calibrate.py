@@ -95,11 +95,6 @@ def test_a_pose_that_contradicts_the_data_is_not_given_to_paste(tmp_path):
 
 
 UNMET = [
-    (
-        "--to acme",
-        "--to is acme; expected one of "
-        "abb, kuka, ur, fanuc, staubli, kawasaki, ros, matrix",
-    ),
     ("--json --to kuka", "--json prints one JSON object and nothing else; ask for"),
     ("--guess nan nan nan 0 0 0", "--guess is nan nan nan 0.0 0.0 0.0; expected six"),
 ]

@@ -7,7 +7,8 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from profilecal_tool.controllers import CONTROLLERS, for_controller
+from profilecal.scan.conventions import CONVENTIONS
+from profilecal_tool.controllers import CONTROLLERS, for_controller, writing_like
 
 POSE = np.eye(4)
 POSE[:3, :3] = Rotation.from_euler("xyz", [170, -20, 30], degrees=True).as_matrix()
@@ -35,3 +36,9 @@ def test_what_is_pasted_into_a_controller_is_the_pose(vendor):
     assert_allclose(unit_mm * numbers[:3], POSE[:3, 3], atol=0.0005001)
     turned = rotation_of(vendor, numbers[3:]).inv() * Rotation.from_matrix(POSE[:3, :3])
     assert np.degrees(turned.magnitude()) < 2e-4
+
+
+def test_there_is_a_controller_for_each_convention():
+    for convention in CONVENTIONS:
+        name, _ = CONTROLLERS[writing_like(convention.name)]
+        assert name == convention.name

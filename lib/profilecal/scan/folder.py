@@ -192,8 +192,6 @@ def read_log(path: Path, scale: float) -> dict[str, Any]:
     """
     table = read_table(path, ("t", "x", "y", "z"))
     t = table.numbers(("t",))[:, 0]
-    earlier = np.diff(t, prepend=-np.inf) <= 0
-    table.refuse(earlier, "t is {:.12g}, not later than in the row before", t)
     convention, _, rotations, positions = poses_in(table, scale, t)
     with naming(path):
         log = checked_log(t, rotations, positions)

@@ -19,12 +19,14 @@ def checked_log(t: ArrayLike, R: ArrayLike, p: ArrayLike) -> Log:
     times = check_array("log t", t, (None,))
     rotations = check_rotations("log R", R, len(times))
     log = Log(times, rotations, check_positions("log p", p, len(times)))
+    if len(times) < 2:
+        raise ValueError(f"log has {len(times)} rows; expected two or more")
     steps = np.diff(times)
-    if len(times) < 2 or not (steps > 0).all():
-        row = int(np.argmin(steps)) + 1 if len(times) > 1 else 0
+    row = int(np.argmin(steps)) + 1
+    if times[row] <= times[row - 1]:
         raise ValueError(
-            f"log t does not increase in row {row + 1}; "
-            "expected two rows or more, each later than the one before"
+            f"log t is {times[row]:.12g} in row {row + 1}; "
+            "expected later than in the row before"
         )
     low, high = SPEEDS
     fastest = (np.linalg.norm(np.diff(log.p, axis=0), axis=1) / steps).max()

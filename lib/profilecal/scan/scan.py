@@ -472,7 +472,7 @@ def rows_by_pose(measured: str, values: Any) -> tuple[ndarray, ...]:
         array = np.asarray(values, dtype=float)
         flat = array.reshape(len(array), -1) if array.ndim == 3 else array
         check_array(measured, flat, (None, columns), finite=False)
-        return tuple(flat[:, None, :][k] for k in range(len(flat)))
+        return tuple(flat[:, None])
     return tuple(
         check_array(f"profiles[{k}]", profile, (None, columns), finite=False)
         if profile is not None and len(profile)

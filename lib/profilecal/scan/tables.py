@@ -8,7 +8,6 @@ from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from filecmp import cmpfiles
 from io import BytesIO, TextIOWrapper
 from itertools import chain, islice
 from pathlib import Path
@@ -115,31 +114,14 @@ def whole(path: Path) -> Iterator[Path]:
 def new_folder(path: Path) -> Iterator[Path]:
     """A folder to fill, which then appears at `path` whole.
 
-    Raises ScanError where anything else than the same files is there, or none can be.
+    Raises ScanError where anything is there, or none can be.
     """
-    refusal = ScanError(f"{path}: already in use; name a new folder")
-    in_use = path.exists() and any(path.iterdir())
-    if path.exists() and path.samefile("."):
-        raise refusal
-    partial = partial_of(path)
-    remove(partial)
-    try:
+    if path.exists() and (path.samefile(".") or any(path.iterdir())):
+        raise ScanError(f"{path}: already in use; name a new folder")
+    with whole(path) as partial:
         with naming(path):
             partial.mkdir(parents=True)
         yield partial
-        if not in_use:
-            partial.replace(path)
-        elif not same_files(partial, path):
-            raise refusal
-    finally:
-        remove(partial)
-
-
-def same_files(folder: Path, other: Path) -> bool:
-    """Whether two folders hold the same files, byte for byte."""
-    names = {place.name for each in (folder, other) for place in each.iterdir()}
-    _, different, missing = cmpfiles(folder, other, names, shallow=False)
-    return not different and not missing
 
 
 def partial_of(path: Path) -> Path:

@@ -38,27 +38,25 @@ def add_to_log(check: MountCheck, scan: Path, path: Path) -> Path:
 
 def draw_log(path: Path, picture: Path) -> None:
     """Draw a log over time, with the limits of what chance explains, as a PNG file."""
-    table = read_table(path, COLUMNS)
-    dates = np.array(table.columns["date"], dtype="datetime64[s]")
-    chi2, limit = table.numbers(("chi2", "limit")).T
+    table = pd.read_csv(path, parse_dates=["date"])
+    dates, ratio = table["date"], table["chi2"] / table["limit"]
     use_style()
     figure, (above, below) = plt.subplots(2, sharex=True, figsize=(7, 5))
-    above.plot(dates, chi2 / limit, color="0.7", lw=0.8)
-    colours = np.where(chi2 > limit, RED, GREEN)
-    above.scatter(dates, chi2 / limit, color=colours, zorder=3)
+    above.plot(dates, ratio, color="0.7", lw=0.8)
+    above.scatter(dates, ratio, color=np.where(ratio > 1, RED, GREEN), zorder=3)
     above.axhline(1, color=RED, lw=0.8)
     above.set(yscale="log", ylabel="χ² over its limit")
-    if np.ptp(np.log10(chi2 / limit)) < 3:  # decades: of more, powers of ten
+    if ratio.max() < 1000 * ratio.min():  # of more decades, powers of ten
         plain_log(above.yaxis)
     above.set_title("Is everything where the calibration left it?")
     width = np.sqrt(chi2_limit(FALSE_ALARM, 1))
     for axis, colour in zip("xyz", (BLUE, ORANGE, GREEN), strict=True):
-        shift, sd = table.numbers((f"shift_mm_{axis}", f"shift_mm_{axis}_sd")).T
+        shift, sd = table[f"shift_mm_{axis}"], table[f"shift_mm_{axis}_sd"]
         below.plot(dates, shift, "o-", color=colour, lw=0.8, ms=4, label=axis)
         band = np.outer(sd, [-width, width])
         below.plot(dates, band, "_--", color=colour, lw=0.8)
     below.axhline(0, color="0.7", lw=0.8)
-    day = np.timedelta64(1, "D")
+    day = pd.Timedelta(days=1)
     below.set(xlim=(dates.min() - day, dates.max() + day))
     below.set(ylabel="sensor's shift [mm]")
     below.tick_params("x", rotation=30)

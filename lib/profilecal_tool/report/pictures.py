@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from mpl_toolkits.mplot3d import Axes3D
 from numpy import ndarray
+from scipy.stats import binned_statistic
 
 from profilecal.calibration.calibration import Calibration
 from profilecal.calibration.points import points_seen
@@ -60,9 +61,7 @@ def plot_robot(found: Calibration) -> plt.Figure:
     axes = figure.add_subplot(projection="3d")
     positions = np.concatenate([scan.p_base_flange for scan in found.scans])
     size = 0.08 * np.ptp(positions, axis=0).max() + 5
-    step, words = thinned(len(positions), 2000)
-    dots = positions[::step].T
-    axes.scatter(*dots, color="0.35", s=6, depthshade=False, label="flange")
+    axes.scatter(*positions.T, color="0.35", s=6, depthshade=False, label="flange")
     drawn = [positions]
     for k, scan in enumerate(found.scans):
         few = spread(len(scan.labels), max(1, 24 // len(found.scans)))
@@ -72,7 +71,7 @@ def plot_robot(found: Calibration) -> plt.Figure:
         if found.is_known:
             drawn += draw_answer(axes, found, k, flange, size)
     in_frame(axes, "base", np.concatenate(drawn))
-    figure.suptitle(f"Where the robot went: {len(positions)} poses{words}")
+    figure.suptitle(f"Where the robot went: {len(positions)} poses")
     key(figure, axes)
     return figure
 
@@ -146,12 +145,6 @@ def spread(count: int, most: int) -> ndarray:
     return np.unique(np.linspace(0, count - 1, most).round().astype(int))
 
 
-def thinned(count: int, most: int) -> tuple[int, str]:
-    """The step at which at most so many of `count` are drawn, and what says so."""
-    step = max(1, -(-count // most))
-    return step, f" (one in {step} is drawn)" if step > 1 else ""
-
-
 def plot_profiles(
     scan: Scan, rejected: Sequence[str] = (), most: int = 120
 ) -> Iterator[plt.Figure]:
@@ -164,8 +157,9 @@ def plot_profiles(
     if scan.measured != "profiles":
         return
     features = scan.target.find(scan.values, *scan.sizes)
-    step, words = thinned(len(features), most)
+    step = -(-len(features) // most)
     drawn = range(0, len(features), step)
+    words = f" (one in {step} is drawn)" * (step > 1)
     seen = [valid[np.isfinite(valid).all(axis=1)] for valid in scan.values[::step]]
     extents = [np.ptp(points, axis=0) for points in seen if len(points)]
     width, height = 1.2 * np.percentile(extents, 90, axis=0)
@@ -231,11 +225,9 @@ def draw_residuals(
     ones that chance explains. Those of `bad` poses are all drawn, as crosses.
     """
     top = 1.15 * max([*size[~bad], *limit])
-    good = np.flatnonzero(~bad)
-    step, words = thinned(len(good), 1000)
-    few = good[::step]
-    colours = np.where(scan.group[seen[few]] % 2, SKY, BLUE)
-    axes.bar(seen[few], size[few], 0.8 * step, color=colours)
+    colours = np.where(scan.group[seen] % 2, SKY, BLUE)
+    width = np.clip(300 / len(seen), 0.5, 8)
+    axes.vlines(seen[~bad], 0, size[~bad], colours[~bad], lw=width)
     crosses = np.minimum(size[bad], 0.97 * top)
     axes.plot(seen[bad], crosses, "x", color=RED, label="rejected")
     axes.plot(seen, limit, "--", color=RED, lw=1, label="limit of chance")
@@ -243,7 +235,7 @@ def draw_residuals(
     axes.set_xticks(ticks, [scan.labels[i][:8] for i in ticks])
     axes.set(xlabel="pose", ylabel="residual / noise", ylim=(0, top))
     inside = np.count_nonzero((size <= limit) & ~bad)
-    title = f"chance explains {inside} of {len(seen)} residuals{words}"
+    title = f"chance explains {inside} of {len(seen)} residuals"
     axes.set_title(f"{scan.title or scan.kind}:\n{title}")
 
 
@@ -274,15 +266,13 @@ def draw_patterns(places: Sequence[Axes], found: Calibration) -> None:
     along = [np.concatenate(parts) for parts in zip(*offsets(found), strict=True)]
     *over, off = along
     limits = off.mean() + 3 * off.std() * np.array([-1, 1])
-    step, _ = thinned(len(off), 1500)
+    some = slice(None, None, 1 + len(off) // 1500)
     for axes, name, values in zip(places, PATTERNS, over, strict=True):
-        axes.plot(values[::step], off[::step], ".", ms=1.5, color="0.75")
-        ends = np.linspace(values.min(), values.max() + 1e-9, 9)
-        part = np.digitize(values, ends) - 1
-        count = np.maximum(np.bincount(part, minlength=8), 1)
-        mean = np.bincount(part, off, minlength=8) / count
-        few = np.bincount(part, minlength=8) > 0
-        axes.plot(((ends[1:] + ends[:-1]) / 2)[few], mean[few], "o-", ms=3, color=RED)
+        axes.plot(values[some], off[some], ".", ms=1.5, color="0.75")
+        mean, ends, _ = binned_statistic(values, off, bins=8)
+        middle = (ends[1:] + ends[:-1]) / 2
+        there = np.isfinite(mean)
+        axes.plot(middle[there], mean[there], "o-", ms=3, color=RED)
         axes.set(xlabel=name, ylim=limits)
     places[0].set_ylabel("off in z [mm]")
 
@@ -314,8 +304,8 @@ def plot_points(found: Calibration) -> plt.Figure:
     figure, (axes,) = panels(1, 1, 4.0, title)
     lines = axes.contour(x, z, sd, colors=BLUE, linewidths=1)
     axes.clabel(lines, fmt="%.3g", fontsize=8)
-    step, _ = thinned(seen.shape[1], 2000)
-    axes.plot(*seen[:, ::step], ".", ms=1.5, color="0.6", label="seen")
+    some = seen[:, :: 1 + seen.shape[1] // 2000]
+    axes.plot(*some, ".", ms=1.5, color="0.6", label="seen")
     axes.set(xlabel="x [mm]", ylabel="z [mm]", ylim=(z[-1], z[0]))
     key(figure, axes)
     return figure

@@ -113,7 +113,7 @@ def swapped(table):
 
 
 MISTAKES = {
-    "log.csv line 3: t is 0.5, not later than": tabulated("log.csv", swapped),
+    "log.csv: log t is 0.5 in row 2; expected later": tabulated("log.csv", swapped),
     "the robot moves by 0.1.* mm/s at most.*in seconds": tabulated(
         "log.csv", lambda table: table.assign(t=1000 * table.t)
     ),
@@ -132,7 +132,7 @@ MISTAKES = {
     "delay_ms is 900 in .motion.; expected -200 to 200": edited(
         "scan.toml", "[noise]", "[motion]\ndelay_ms = 900\n\n[noise]"
     ),
-    "log t does not increase|two rows or more": written(
+    "log has 1 rows; expected two or more": written(
         "log.csv", "t,x,y,z,a,b,c\n1,500,0,0,0,0,0\n"
     ),
 }
