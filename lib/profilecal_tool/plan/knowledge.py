@@ -11,7 +11,7 @@ from profilecal.geometry.poses import Frames, inverse, nearest_rotation
 from profilecal.joint.prior import prior_from
 from profilecal.scan.scan import Scan, ScanError
 from profilecal.simulation.robot import Scanner
-from profilecal.simulation.spec import raw_profiles, sizes_of
+from profilecal.simulation.spec import scan_from, sizes_of
 from profilecal.targets import TARGETS
 from profilecal.targets.observations import Observations
 from profilecal_tool.plan.candidates import draw, off_square
@@ -53,16 +53,10 @@ def model_of_spec(
     )
     if measured == "profiles":
         R, T = draw(model, 24, rng)
-        scan = Scan(
-            kind=spec.kind,
-            labels=tuple(map(str, range(len(T)))),
-            R_base_flange=R,
-            p_base_flange=T,
-            measured="profiles",
-            values=tuple(raw_profiles(model, model.planes(R, T), spec, rng)),
-            sizes=model.sizes,
-            title="simulated profiles",
-        )
+        flange = inverse(R, T) if model.to_hand else (R, T)
+        said = dict(zip(("R_base_flange", "p_base_flange"), flange, strict=True))
+        said["labels"] = tuple(map(str, range(len(T))))
+        scan = scan_from(model, flange, said, spec, rng)
         features = observe(scan, 1)
         noise = replace(model.noise, profile_mm=features.typical_mm)
         typical = typical_of(as_observations(scan, features, features.typical_mm))
