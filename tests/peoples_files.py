@@ -168,7 +168,7 @@ def staubli(folder):
     lines.append(value(0, numbers_of(BASE, "Stäubli angles"), "world[0]"))
     lines.append('</Data><Data name="pScan" type="pointRx" size="12">')
     lines += [value(k, row, "fPart[0]") for k, row in enumerate(rows)]
-    lines += [f"<!-- {lines[-1]} -->", "</Data></Datas></Database>", ""]
+    lines += ["<!--", lines[-1], "-->", "</Data></Datas></Database>", ""]
     write_lines(folder / "scan.dtx", lines)
 
 
@@ -345,6 +345,19 @@ def workbook(folder):
     book.save(folder / "poses.xlsx")
 
 
+def of_flange_and_tool(folder):
+    """Of the flange, and of the tool before it."""
+    pairs = zip(poses_of_tool("KUKA angles"), poses("KUKA angles"), strict=True)
+    rows = [
+        {
+            name: dict(zip("xyzabc", row.tolist(), strict=True))
+            for name, row in zip(("tcp", "flange"), pair, strict=True)
+        }
+        for pair in pairs
+    ]
+    (folder / "poses.json").write_text(json.dumps(rows))
+
+
 def of_images(folder):
     """In another order, beside the names of the profiles' files."""
     vectors = poses("quaternion", 0.001).tolist()
@@ -367,6 +380,12 @@ def one_each(folder):
 def with_y(points):
     """Points x, 0, z."""
     return np.insert(points, 1, 0.0, axis=1)
+
+
+def codes_in_um(folder):
+    for k, points in enumerate(scan().values):
+        rows = np.where(np.isnan(points), -999.999, points) * 1000
+        write_table(folder / f"s{k}.csv", "x [um],z [um]", rows)
 
 
 def lists(folder):
@@ -439,6 +458,12 @@ def long_table(folder, name="scan_{:03d}"):
     write_lines(folder / "all.csv", lines)
 
 
+def below(folder):
+    """Below one another, with a blank line between."""
+    profiles = ["\n".join(map(text, points)) for points in scan().values]
+    write_lines(folder / "all.csv", ["\n\n".join(profiles).replace("nan", "")])
+
+
 def stacked(folder):
     np.save(folder / "all.npy", np.stack(scan().values).swapaxes(1, 2))
 
@@ -469,12 +494,12 @@ def binary_clouds(folder):
 POSES = (
     *(kuka, abb, ur, fanuc, yaskawa, kawasaki, mitsubishi, staubli, epson, techman),
     *(xarm, xml_log, nested, stamped, opencv, of_images, csv, tum, matrices, array),
-    *(stacked_matrices, by_columns, named_arrays, matlab, workbook),
+    *(of_flange_and_tool, stacked_matrices, by_columns, named_arrays, matlab, workbook),
 )
 IN_A_BASE = (abb, staubli)
 PROFILES = (
-    *(one_each, lists, archives, sections, surfaces, numbered_columns),
-    *(long_table, stacked, point_clouds, binary_clouds),
+    *(one_each, codes_in_um, lists, archives, sections, surfaces, numbered_columns),
+    *(long_table, below, stacked, point_clouds, binary_clouds),
 )
 
 

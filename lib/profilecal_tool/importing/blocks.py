@@ -11,7 +11,6 @@ from pandas import DataFrame
 
 from profilecal.geometry.progress import watched
 from profilecal.scan.tables import NOTHING, number
-from profilecal_tool.importing.makers import UNITS
 
 MARKS = b"#% "  # before titles
 BEGIN = 100_000  # characters that tell what a table is like
@@ -35,6 +34,9 @@ class Block:
     def is_bare(self) -> bool:
         """Whether its columns have no titles."""
         return self.titles == by_number(len(self.titles))
+
+
+File = tuple[Path, list[Block]]  # and what it holds
 
 
 def by_number(count: int) -> list[str]:
@@ -80,7 +82,8 @@ def text_blocks(path: Path, content: bytes) -> Iterator[Block]:
         table.index += line + first
         above = content[max(read, place - BEGIN) : place].decode(errors="ignore")
         above += "\n".join(map(" ".join, rows[:first]))
-        yield Block(path, table, titles_in(rows[:first], len(rows[0])), above)
+        titles = rows[first - 1] if first else by_number(len(rows[0]))
+        yield Block(path, table, titles, above)
         read = place
 
 
@@ -120,14 +123,3 @@ def first_row(rows: Sequence[Sequence[str]], decimal: str) -> int | None:
         if 2 * sum(filled) < len(filled) and not is_title:
             return k
     return None
-
-
-def titles_in(rows: Sequence[Sequence[str]], count: int) -> list[str]:
-    """The titles of columns: the last row above them, with units that stand below."""
-    if not rows:
-        return by_number(count)
-    titles = [*rows[-1]]
-    if len(rows) > 1 and {*titles} <= UNITS.keys():
-        pairs = zip(rows[-2], titles, strict=True)
-        titles = [f"{title} [{unit}]" for title, unit in pairs]
-    return titles

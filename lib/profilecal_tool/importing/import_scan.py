@@ -17,7 +17,7 @@ from profilecal.scan.motion import checked_log
 from profilecal.scan.scan import Scan
 from profilecal.scan.tables import ScanError, listed, naming
 from profilecal_tool.importing.answers import Layout, Question, only
-from profilecal_tool.importing.blocks import Block, by_number
+from profilecal_tool.importing.blocks import Block, File, by_number
 from profilecal_tool.importing.files import is_known, read
 from profilecal_tool.importing.pairing import paired
 from profilecal_tool.importing.poses import (
@@ -33,6 +33,7 @@ from profilecal_tool.importing.profiles import (
     read_profiles,
     to_mm,
 )
+from profilecal_tool.importing.tools import of_flange
 
 NOTHING_SAID = Layout()
 
@@ -45,7 +46,7 @@ class Source:
     first: list[Block]  # what the first of them holds
     encoding: str
 
-    def files(self) -> Iterator[tuple[Path, list[Block]]]:
+    def files(self) -> Iterator[File]:
         """Each file and what it holds."""
         yield self.paths[0], self.first
         for path in watched(self.paths[1:], "reading"):
@@ -79,8 +80,9 @@ def import_scan(
         values, names = ([those[k] for k in order] for those in (values, names))
         check_once(rows, names, profiles.path, layout)
     poses = with_labels(poses, rows, names)
-    programs = [block for source in sources.values() for block in source.first]
-    entries = entries_of(poses, layout, programs, taken)
+    beside = [block for source in sources.values() for block in source.first]
+    entries = entries_of(poses, taken)
+    entries = of_flange(entries, poses, layout, beside, taken)
     if pairing.log:
         entries = in_sweeps(folder, entries, *pairing.log)
     return scan_of(folder, header | entries | measured_of(values)), taken
@@ -144,22 +146,18 @@ def sorted_out(
 ) -> tuple[str, str]:
     """Which files hold the poses, and which the profiles. Raises Question."""
     counts = {name: len(source.paths) for name, source in sources.items()}
-    with_poses = (
-        [layout.poses]
-        if layout.poses
-        else [
-            name
-            for name, source in sources.items()
-            if name != layout.profiles and poses_of(source.first, layout.pose_columns)
-        ]
-    )
-    others = sorted(counts.keys() - {*with_poses}, key=counts.get)
+    titles = layout.pose_columns
+    with_poses = [n for n in counts if poses_of(sources[n].first, titles)]
+    with_poses = [n for n in with_poses if n != layout.profiles]
+    if layout.poses:
+        with_poses = [layout.poses]
+    others = [n for n in sorted(counts, key=counts.get) if n not in with_poses]
     with_points = [n for n in others if points_of(sources[n].first, layout)]
     usual = [n for n in with_points if 2 * counts[n] > counts[with_points[-1]]]
     unclear = [n for n in others if n not in usual and sources[n].first]
     if not with_poses and not unclear:
         raise ScanError(f"{folder}: nothing in it is a table of poses: --poses FILE")
-    candidates = sorted(with_poses) or unclear[:1]
+    candidates = with_poses or unclear[:1]
     poses = only(folder, candidates, "holds the poses", "poses")
     if layout.profiles:
         return poses, layout.profiles
@@ -189,7 +187,7 @@ def check_once(rows: ndarray, names: list[str], path: Path, layout: Layout) -> N
         parts = [w for w in re.findall(r"[a-zA-Z]*\d+", one) if w not in other]
         sentence = f"{one} and {other} are of one pose; which of them? (all: '*')"
         pattern = f"*{[*parts, one][0]}*{path.suffix}"
-        raise Question(f"{path}: {sentence}", profiles=pattern)
+        raise Question(f"{path.parent}: {sentence}", profiles=pattern)
 
 
 def with_labels(poses: Poses, rows: ndarray, names: list[str]) -> Poses:

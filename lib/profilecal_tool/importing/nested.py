@@ -3,20 +3,20 @@
 import json
 import re
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import yaml
-from pandas import DataFrame, Series, concat, json_normalize
+from numpy import ndarray
+from pandas import Series, json_normalize
 
 from profilecal.scan.tables import ScanError, naming
 from profilecal_tool.importing.arrays import array_blocks
 from profilecal_tool.importing.blocks import Block
 from profilecal_tool.importing.makers import SETS
 
-LONGEST = 16  # numbers of a pose; longer lists are tables of their own
 NUMBERED = re.compile(r"(.*?)[_ -]?(\d+)")
 
 
@@ -56,30 +56,31 @@ def tables(path: Path, node: Any, name: str = "") -> Iterator[Block]:
     """The tables in a list or a dictionary."""
     rows = by_number(node) if isinstance(node, dict) else node
     if not all(isinstance(row, dict) for row in rows):
-        array = numbers(rows)
-        if array is not None and array.ndim == 1 and name in SETS["whole_profile"]:
-            array = array.reshape(-1, 3)
-        if array is not None:
-            yield from array_blocks(path, {name: array})
-        return
+        rows = [{name: rows}]
     table = json_normalize(rows, sep="_")
-    table.index += 1
-    columns, lists = [], defaultdict(list)
+    arrays = {}
     for title, cells in table.items():
-        if not any(isinstance(cell, list) for cell in cells):
-            columns.append(cells)
-        elif (wide := in_columns(title, cells)) is not None:
-            columns.append(wide)
-        elif len(table) == 1:
-            yield from tables(path, cells.iloc[0], title)
-        elif all(isinstance(cell, list) for cell in cells):
-            lists[tuple(map(len, cells))].append(title)
-    for alike in lists.values():  # lists of x and of z are columns of one table
-        points = table[alike].explode(alike).rename_axis("label").reset_index()
-        yield from tables(path, points.to_dict("records"), "points")
-    if columns:
-        joined = concat(columns, axis=1)
-        yield Block(path, joined, [*joined.columns], name=name)
+        inner = cells.explode()
+        if all(isinstance(cell, dict) for cell in inner):
+            several = inner.index[-1] > 0
+            rows = [{"label": k} | row if several else row for k, row in inner.items()]
+            yield from tables(path, rows, title)
+        else:
+            arrays[title] = array_of(title, cells)
+    yield from array_blocks(path, arrays)
+
+
+def array_of(title: str, cells: Series) -> ndarray:
+    """The cells of a column; lists as further dimensions, a long one by itself."""
+    if not all(isinstance(cell, list) for cell in cells):
+        return cells.to_numpy()
+    try:
+        array = padded([np.array(cell, dtype=float) for cell in cells])
+    except (TypeError, ValueError):
+        return cells.astype(str).to_numpy()
+    if array.ndim == 2 and title in SETS["whole_profile"]:
+        array = array.reshape(len(cells), -1, 3)
+    return array[0] if array.ndim > 2 and len(array) == 1 else array
 
 
 def by_number(node: dict) -> list[dict]:
@@ -92,20 +93,10 @@ def by_number(node: dict) -> list[dict]:
     return [*rows.values()] if len(rows) > 1 else [node]
 
 
-def numbers(cell: Any) -> np.ndarray | None:
-    """Lists of numbers as an array; None for others."""
-    try:
-        return np.array(cell, dtype=float)
-    except (TypeError, ValueError):
-        return None
-
-
-def in_columns(title: str, cells: Series) -> DataFrame | None:
-    """Short lists of as many numbers, in columns; None for others."""
-    rows = [numbers(cell) for cell in cells]
-    if any(row is None or row.size != rows[0].size for row in rows):
-        return None
-    if not 0 < rows[0].size <= LONGEST:
-        return None
-    values = np.reshape(rows, (len(rows), -1))
-    return DataFrame(values, cells.index).add_prefix(f"{title}_")
+def padded(lists: Sequence[ndarray]) -> ndarray:
+    """Lists of different lengths as an array, with NaN where some end."""
+    longest = max(map(len, lists))
+    array = np.full((len(lists), longest, *lists[0].shape[1:]), np.nan)
+    for row, numbers in zip(array, lists, strict=True):
+        row[: len(numbers)] = numbers
+    return array

@@ -60,17 +60,18 @@ def by_label(labels: Sequence[str], names: Sequence[str]) -> Pairing | None:
     row_of = rows_by_number(labels)
     in_names = [WHOLE.findall(STAMP.sub("", name)) for name in names]
     for k, field in enumerate(zip(*in_names, strict=False), 1):
-        numbers = [*map(int, field)]
-        how = f"number {k} in the names"
-        shift = (0 in numbers) - (0 in row_of)
-        shifted = [one + shift for one in numbers]
-        if shift and row_of.keys() >= {*shifted} and not row_of.keys() >= {*numbers}:
-            numbers, how = shifted, f"{how}, from 0 and from 1"
-        ways[how] = [row_of.get(one, -1) for one in numbers]
-    how = max(ways, key=lambda way: len({*ways[way]} - {-1}))
+        numbers = {*map(int, field)}
+        how, shift = f"number {k} in the names", (0 in numbers) - (0 in row_of)
+        shifted = {one + shift for one in numbers}
+        if shift and shifted <= row_of.keys() and not numbers <= row_of.keys():
+            how += ", from 0 and from 1"
+        else:
+            shift = 0
+        ways[how] = [row_of.get(int(one) + shift, -1) for one in field]
+    served = {how: len({*rows} - {-1}) for how, rows in ways.items()}
+    how = max(served, key=served.get)
     rows = np.array(ways[how])
-    serves_most = len({*ways[how]} - {-1}) * 2 > len(labels)
-    is_found = serves_most and (rows >= 0).mean() >= 0.5
+    is_found = (rows >= 0).mean() >= 0.5 and served[how] * 2 > len(labels)
     return Pairing(rows, f"by the {how}") if is_found else None
 
 
@@ -80,13 +81,11 @@ def rows_by_number(labels: Sequence[str]) -> dict[int, int]:
     """
     stems = [re.sub(r"\d+", "", label) for label in labels]
     usual = max({*stems}, key=stems.count, default="")
-    numbers = [
-        WHOLE.findall(label) if usual == stem else []
-        for label, stem in zip(labels, stems, strict=True)
-    ]
-    rows = [k for k, found in enumerate(numbers) if found]
-    row_of = {int(numbers[k][-1]): k for k in rows}
-    return row_of if len(row_of) == len(rows) else {}
+    alike = [k for k, stem in enumerate(stems) if stem == usual]
+    numbers = [(k, WHOLE.findall(labels[k])) for k in alike]
+    pairs = [(int(found[-1]), k) for k, found in numbers if found]
+    row_of = dict(pairs)
+    return row_of if len(row_of) == len(pairs) else {}
 
 
 def seconds(text: str) -> float:
@@ -138,11 +137,11 @@ def by_time(poses: Poses, names: Sequence[str]) -> Pairing | None:
 
 def stands_still(poses: Poses, order: ndarray) -> ndarray:
     """Whether a robot is where it was a line before, for all lines but the first."""
-    position, angles = (
-        poses.numbers(names)[order] for names in ("xyz", poses.convention.columns)
-    )
-    moved = np.abs(np.diff(position, axis=0))
-    turned = np.abs(np.diff(angles, axis=0))
-    turned = np.minimum(turned, np.abs(360 - turned))  # degrees begin again
-    limit = STILL * np.abs(position).max(), STILL * np.abs(angles).max()
-    return ((moved < limit[0]).all(axis=1)) & ((turned < limit[1]).all(axis=1))
+    still = np.full(len(order) - 1, True)
+    for names in ("xyz", poses.convention.columns):
+        values = poses.numbers(names)[order]
+        steps = np.abs(np.diff(values, axis=0))
+        if names != "xyz":
+            steps = np.minimum(steps, np.abs(360 - steps))  # degrees begin again
+        still &= (steps < STILL * np.abs(values).max()).all(axis=1)
+    return still

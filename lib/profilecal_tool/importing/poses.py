@@ -10,27 +10,27 @@ from typing import Any
 import numpy as np
 import pandas
 from numpy import ndarray
-from pandas import DataFrame, Series
+from pandas import DataFrame
 
-from profilecal.geometry.poses import homogeneous
-from profilecal.scan.conventions import Convention, named, to_rotations
+from profilecal.scan.conventions import CONVENTIONS, Convention
 from profilecal.scan.folder import check_poses
 from profilecal.scan.tables import ScanError, Table, listed
 from profilecal_tool.importing.answers import Layout, Question, only, scale_of
-from profilecal_tool.importing.blocks import Block, by_number
+from profilecal_tool.importing.blocks import Block, File, by_number
 from profilecal_tool.importing.makers import ROBOTS, SETS, UNITS
 from profilecal_tool.importing.roles import (
     KEYS,
-    Column,
     columns_of,
     convention_of,
     pose_columns,
+    split_columns,
 )
 
 FARTHEST_M = 20.0  # no robot reaches so far; a position in mm is farther somewhere
 BESIDE = {"t": "time"} | {role: role for role in ("label", "time", "tool", "base")}
 KINDS = "w,p,r: R = Rz Ry Rx; a,b,c: KUKA; rx,ry,rz: a vector; o,a,t; qw,qx,qy,qz"
 ANGLES = ("w", "p", "r")  # what angles without a name most often are
+OF_ANGLES = {name for one in CONVENTIONS if one.sequence for name in one.columns}
 
 
 @dataclass(frozen=True)
@@ -39,10 +39,10 @@ class Poses:
 
     block: Block  # that they are of, or the first of several
     name: str  # of the pose, where there were several
-    columns: list[Column]  # of the block
     units: dict[str, str]  # by role, of position, angles and what stands beside
     table: DataFrame  # columns by role; the index is where a row stands
     offset: DataFrame | None = None  # the tool's frames that stand beside it
+    blocks: Sequence[Block] = ()  # of all files
 
     @property
     def path(self) -> Path:
@@ -84,7 +84,7 @@ def poses_of(blocks: Iterable[Block], said: str) -> dict[str, list[Poses]]:
             units = {role: column.unit for role, column in chosen.items()}
             name = f"{block.name} {owner}".strip()
             table = table.set_axis([*chosen], axis=1)
-            found[name].append(Poses(block, name, columns, units, table))
+            found[name].append(Poses(block, name, units, table))
     return found
 
 
@@ -103,19 +103,16 @@ def beside_points(block: Block) -> Block:
     """A table with a pose beside each point, or profile, numbered by its pose if it has
     neither labels nor times.
     """
-    columns = columns_of(block)
-    poses = pose_columns(columns).values()
-    chosen = [column for roles in poses for column in roles.values()]
-    roles = {column.role for column in columns if column not in chosen}
-    if not chosen or roles & {*KEYS}:
+    posed, others = split_columns(columns_of(block))
+    if not posed or {*KEYS} & {column.role for column in others}:
         return block
-    cells = block.table.iloc[:, [column.at for column in chosen]]
+    cells = block.table.iloc[:, [column.at for column in posed]]
     numbers = cells.groupby([*cells], sort=False, dropna=False).ngroup() + 1
     table = block.table.assign(label=numbers)
     return replace(block, table=table, titles=[*block.titles, "label"])
 
 
-def robot_poses(files: Sequence[tuple[Path, list[Block]]], layout: Layout) -> Poses:
+def robot_poses(files: Sequence[File], layout: Layout) -> Poses:
     """The robot's poses in files. Raises Question."""
     parts = []
     for path, blocks in files:
@@ -132,7 +129,8 @@ def robot_poses(files: Sequence[tuple[Path, list[Block]]], layout: Layout) -> Po
         is_named = len(files) > 1 and "label" not in part.table
         label = {"label": part.path.stem} if is_named else {}
         tables.append(part.table.assign(**label))
-    return replace(first, table=pandas.concat(tables))
+    every = [block for _, blocks in files for block in blocks]
+    return replace(first, table=pandas.concat(tables), blocks=every)
 
 
 def of_robot(path: Path, found: Mapping[str, list], entry: str) -> list[Poses]:
@@ -151,7 +149,8 @@ def of_robot(path: Path, found: Mapping[str, list], entry: str) -> list[Poses]:
         raise ScanError(f"{path.parent}: {called} {sentence}")
     others = listed(name for name in found if found[name] is not poses)
     beside = f", not {others}" if others else ""
-    offset = found["tcp_offset"][0].table if "tcp_offset" in found else None
+    offsets = [one.table for one in found.get("tcp_offset", [])]
+    offset = pandas.concat(offsets) if offsets else None
     return [replace(one, name=one.name + beside, offset=offset) for one in poses]
 
 
@@ -169,9 +168,9 @@ def refuse(path: Path, blocks: Sequence[Block], said: str) -> None:
     roles = {column.role for block in blocks for column in columns_of(block)}
     if largest is None or "joint" in roles:
         raise ScanError(f"{path}: no poses; joint angles are none: export Cartesian")
-    titles = f"columns {listed(largest.titles)}"
     if said and said.count(",") + 1 != len(largest.titles):
-        raise ScanError(f"{path}: {titles}; --pose-columns says {said}")
+        titles = listed(largest.titles)
+        raise ScanError(f"{path}: columns {titles}; --pose-columns says {said}")
     columns = columns_of(largest)
     known = [c.role if c.role in {*"xyz", *BESIDE} else "" for c in columns]
     wanted = [axis for axis in "xyz" if axis not in known]
@@ -180,17 +179,20 @@ def refuse(path: Path, blocks: Sequence[Block], said: str) -> None:
     names = [name or (wanted.pop(0) if wanted else "_") for name in known]
     turns = [at for at, name in enumerate(names) if name in ANGLES]
     angles = largest.table.iloc[:, turns].select_dtypes("number").abs()
-    small = max(angles.max(), default=0) <= 2 * np.pi
-    units = dict.fromkeys(ANGLES, "rad") if small else {}
-    raise which_columns(path, f"{titles}; what are they?", names, units)
+    is_small = max(angles.max(), default=0) <= 2 * np.pi
+    raise which_columns(largest, "what are they?", names, is_small)
 
 
 def which_columns(
-    path: Path, sentence: str, names: Sequence[str], units: Mapping[str, str]
+    block: Block, sentence: str, roles: Sequence[str], in_rad: bool
 ) -> Question:
     """What columns of poses are, by an answer that may be right."""
-    titles = [f"{n} [{units[n]}]" if units.get(n) else n or "_" for n in names]
-    return Question(f"{path}: {sentence} ({KINDS})", pose_columns=",".join(titles))
+    titles = []
+    for column, role in zip(columns_of(block), roles, strict=True):
+        unit = ("rad" if in_rad else "") if role in OF_ANGLES else column.unit
+        titles.append(f"{role} [{unit}]" if unit else role or "_")
+    sentence = f"{block.path}: columns {listed(block.titles)}; {sentence} ({KINDS})"
+    return Question(sentence, pose_columns=",".join(titles))
 
 
 def length_of(poses: Poses) -> tuple[float, str]:
@@ -212,97 +214,38 @@ def angle_of(poses: Poses) -> tuple[float, str]:
     if not turn.sequence and not is_vector:
         return 1.0, ""
     numbers = poses.numbers(turn.columns)
+    largest = np.abs(numbers).max()
     unit = poses.units[turn.columns[0]] or poses.robot.get("angle", "")
-    small = np.abs(numbers).max() <= 2 * np.pi
-    unclear = small and not unit
+    is_small = largest <= 2 * np.pi
+    unclear = is_small and not unit
     if is_vector:
         is_long = np.linalg.norm(numbers, axis=1).max() > np.pi
         unclear = UNITS.get(unit) == 1 or (is_long and not unit)
     if unclear and not poses.robot:
         names = dict(zip(turn.columns, ANGLES, strict=True)) if is_vector else {}
-        roles = [names.get(column.role, column.role) for column in poses.columns]
-        units = dict.fromkeys((*turn.columns, *ANGLES), "rad" if small else "")
-        sentence = f"angles up to {np.abs(numbers).max():.4g}; which, rad or deg?"
-        raise which_columns(poses.path, sentence, roles, poses.units | units)
+        columns = columns_of(poses.block)
+        roles = [names.get(column.role, column.role) for column in columns]
+        sentence = f"angles up to {largest:.4g}; which, rad or deg?"
+        raise which_columns(poses.block, sentence, roles, is_small)
     unit = unit or ("rad" if is_vector else "deg")
     scale = scale_of(poses.path, {poses.units[name] for name in turn.columns}, unit)
     return scale / UNITS["rad"] if is_vector else scale, f", {unit}"
 
 
-def entries_of(
-    poses: Poses, layout: Layout, programs: Sequence[Block], taken: dict[str, str]
-) -> dict[str, Any]:
+def entries_of(poses: Poses, taken: dict[str, str]) -> dict[str, Any]:
     """Entries of a Scan; what was taken for granted goes to `taken`.
 
     Raises ScanError.
     """
-    turn, (length, unit), (angle, of_angle) = (
-        poses.convention,
-        length_of(poses),
-        angle_of(poses),
-    )
+    turn = poses.convention
+    length, unit = length_of(poses)
+    angle, of_angle = angle_of(poses)
     columns = {name: poses.table[name].to_numpy() for name in ("pose", *"xyz")}
     angles = poses.numbers(turn.columns) * angle
     columns |= dict(zip(turn.columns, angles.T, strict=True))
-    entries = check_poses(Table(poses.path, columns, [*poses.table.index]), length)
     words = f"{poses.path.name}: {len(poses.table)} {poses.name} in {unit}{of_angle}"
     if left := poses.block.left:
-        words += f"; {left} lines of as many numbers are no poses"
+        words += f"; lines with as many numbers that are no poses: {left}"
     taken["poses"] = words
     taken["pose_columns"] = f"{', '.join(poses.units)}: {turn.meaning}"
-    numbers, taken["tool"] = tool_of(poses, layout, programs)
-    if numbers is None:
-        return entries
-    if layout.tool:
-        length = 1.0
-        if len(turn.columns) != 3:
-            turn, angle = named("FANUC angles"), 1.0
-    R = to_rotations(turn, numbers[None, 3:] * angle)
-    tool = homogeneous(R, numbers[None, :3] * length)
-    T = homogeneous(entries["R_base_flange"], entries["p_base_flange"])
-    T = T @ np.linalg.inv(tool)
-    flange = {"R_base_flange": T[:, :3, :3], "p_base_flange": T[:, :3, 3]}
-    return entries | flange | {"orientation": None}
-
-
-def tool_of(
-    poses: Poses, layout: Layout, programs: Iterable[Block]
-) -> tuple[ndarray | None, str]:
-    """The tool's position and angles to take off, and what the poses are of in words.
-
-    Raises ScanError.
-    """
-    tables = defaultdict(DataFrame)
-    for block in programs:
-        if block.robot and block.robot == poses.block.robot:
-            tables[block.kind] = pandas.concat([tables[block.kind], block.table])
-    words = {}
-    for which in ("tool", "base"):
-        names = names_in(tables["uses"], which) | names_in(poses.table, which)
-        words[which] = listed(sorted(names - SETS["no_frame"]))
-        if words[which] and len(names) > 1 and not (layout.tool and which == "tool"):
-            sentence = f"moves have {which}s {listed(sorted(names))}; expected one"
-            raise ScanError(f"{poses.path}: {sentence}: leave the others out")
-    base = f"; in base {words['base']}, not taken off" if words["base"] else ""
-    if layout.tool:
-        return np.array(layout.tool), f"the one given, taken off{base}"
-    tools = tables["tool"] if poses.offset is None else poses.offset
-    if "name" in tools:
-        tools = tools[tools["name"].str.lower() == words["tool"]]
-    tools = tools.get([*"xyz", *poses.convention.columns], DataFrame())
-    tools = tools.astype(float).drop_duplicates()
-    if len(tools) > 1:
-        hint = "expected one: say its frame: --tool X Y Z A B C"
-        raise ScanError(f"{poses.path}: the tool is said {len(tools)} times; {hint}")
-    if len(tools):
-        at = tools.iloc[0].to_numpy()
-        return at, f"{words['tool']} at {at[:3].tolist()}, taken off{base}"
-    if words["tool"]:
-        return None, f"{words['tool']}, whose frame is not here: not taken off{base}"
-    return None, f"none: taken for the flange's poses{base}"
-
-
-def names_in(table: DataFrame, which: str) -> set[str]:
-    """The tools or bases that a table names, "none" where a row has none."""
-    names = table.get(which, Series(dtype=str))
-    return {name.lower().partition("[")[0] for name in names.astype(str)}
+    return check_poses(Table(poses.path, columns, [*poses.table.index]), length)

@@ -13,7 +13,7 @@ from pandas import DataFrame, Series
 from profilecal.scan.scan import FARTHEST_MM
 from profilecal.scan.tables import ScanError, Table, listed, number
 from profilecal_tool.importing.answers import Layout, Question, only, scale_of
-from profilecal_tool.importing.blocks import Block, by_number
+from profilecal_tool.importing.blocks import Block, File, by_number
 from profilecal_tool.importing.makers import CODES, LENGTHS, SETS
 from profilecal_tool.importing.roles import (
     FEWEST,
@@ -21,7 +21,7 @@ from profilecal_tool.importing.roles import (
     Column,
     columns_of,
     meaning,
-    pose_columns,
+    split_columns,
 )
 
 LIKELY_MM = 150.0  # the farthest that a scanner sees, for a guess at a unit
@@ -85,16 +85,15 @@ def rows_where(path: Path, blocks: list[Block], said: str) -> list[Block]:
 
 
 def in_points(block: Block, layout: Layout) -> Block:
-    """A block with a point in each row, of one with a profile in each, or with z alone.
+    """A block with a point in each row, of one with a profile in each.
 
     Raises ScanError where x is nowhere.
     """
-    columns = columns_of(block)
+    _, columns = split_columns(columns_of(block))
     x, z, axis, keys = (of_role(columns, role) for role in ("x", "z", "axis", "label"))
-    is_alone = len(z) == 1 and {column.role for column in columns} <= {"z", *KEYS}
-    if len(z) < FEWEST and not is_alone:
+    if len(z) < FEWEST:
         return block
-    heights = numbers(block, z).T if is_alone else numbers(block, z)
+    heights = numbers(block, z)
     titles = np.array([number(column.name) for column in z])
     if axis:  # rows of x and of z, as Gocators have
         is_x = (block.table.iloc[:, axis[0].at].str.lower() == "x").to_numpy()
@@ -102,7 +101,7 @@ def in_points(block: Block, layout: Layout) -> Block:
         if len(places) != len(heights):
             sentence = f"{len(places)} rows of x, {len(heights)} of z"
             raise ScanError(f"{block.path}: {sentence}; expected as many")
-    elif len(x) == len(z) and not is_alone:
+    elif len(x) == len(z):
         places = numbers(block, x)
     elif np.isfinite(titles).all() and not block.is_bare:
         places = titles
@@ -144,10 +143,7 @@ def pair_in(block: Block, said: str) -> tuple[Column, Column] | None:
     """The columns of x and z, if there are any. Raises Question."""
     if said:
         return pair_said(block, said)
-    columns = columns_of(block)
-    poses = pose_columns(columns).values()
-    taken = {column for roles in poses for column in roles.values()}
-    free = [column for column in columns if column not in taken]
+    _, free = split_columns(columns_of(block))
     pairs = {
         f"{title_of(block, x)},{title_of(block, z)}": (x, z)
         for x in of_role(free, "x")
@@ -187,8 +183,11 @@ def points_of(blocks: Sequence[Block], layout: Layout) -> list[Points]:
     return [table for table in tables if table.name == name] or tables
 
 
-def the_points(path: Path, blocks: list[Block], layout: Layout) -> list[Points]:
-    """The tables of points in a file of profiles: one, or some that are alike.
+def the_points(
+    path: Path, blocks: list[Block], layout: Layout, one_each: bool
+) -> list[Points]:
+    """The tables of points in a file of profiles: one, or some that are alike where
+    it holds them all.
 
     Raises Question.
     """
@@ -201,20 +200,14 @@ def the_points(path: Path, blocks: list[Block], layout: Layout) -> list[Points]:
     long = {len(table.block.titles) for table in tables if len(table.block.table) > 1}
     tables = [one for one in tables if len(one.block.titles) in long] or tables
     kinds = {(table.block.name, *table.block.titles): table for table in tables}
-    only(
-        path,
-        [table.name for table in kinds.values()] or [""],
-        "is the profile",
-        "entry",
-    )
+    names = [table.name for table in (tables if one_each else kinds.values())]
+    if names:
+        only(path, names, "is the profile", "entry")
     return tables
 
 
 def read_profiles(
-    files: Iterable[tuple[Path, list[Block]]],
-    one_each: bool,
-    layout: Layout,
-    poses: int,
+    files: Iterable[File], one_each: bool, layout: Layout, poses: int
 ) -> Profiles:
     """The profiles in files: one in each, or those of so many poses in one.
 
@@ -222,13 +215,13 @@ def read_profiles(
     """
     names, counts, parts, units = [], [], [], set()
     for path, blocks in files:
-        tables = the_points(path, blocks, layout)
+        tables = the_points(path, blocks, layout, one_each)
         for table in tables:
             block, *pair = table
-            evenly = poses * (not one_each and len(tables) == 1)
-            labels = (
-                np.zeros(len(block.table)) if one_each else labels_of(block, evenly)
-            )
+            labels = np.zeros(len(block.table))
+            if not one_each:
+                several = poses if len(tables) == 1 else 0
+                labels = labels_of(block, several, len(counts) + 1)
             check_one(table, labels)
             begins = [0, *(np.flatnonzero(labels[1:] != labels[:-1]) + 1).tolist()]
             counts += np.diff([*begins, len(labels)]).tolist()
@@ -245,9 +238,9 @@ def read_profiles(
     return Profiles(path, names, counts, xz, units, titles)
 
 
-def labels_of(block: Block, poses: int) -> ndarray:
+def labels_of(block: Block, poses: int, first: int) -> ndarray:
     """The profile of each row: by a label or a time whose values do not come back, and
-    that counts no points; else evenly, by so many poses.
+    that counts no points; else numbers from the first on, evenly by so many poses.
     """
     columns, rows = columns_of(block), len(block.table)
     for column in (one for role in KEYS for one in of_role(columns, role)):
@@ -257,7 +250,7 @@ def labels_of(block: Block, poses: int) -> ndarray:
         if runs == Series(labels).nunique() and not counts_points:
             return labels
     each = rows // poses if poses and rows % poses == 0 else rows
-    return np.arange(rows) // each + 1
+    return np.arange(rows) // each + first
 
 
 def check_one(table: Points, labels: ndarray) -> None:

@@ -119,3 +119,10 @@ def pose_columns(columns: Sequence[Column]) -> dict[str, dict[str, Column]]:
             names = (*"xyz", *convention.columns)
             poses[owner] = {name: turned[name] for name in names}
     return poses
+
+
+def split_columns(columns: Sequence[Column]) -> tuple[list[Column], list[Column]]:
+    """The columns of poses, and the others."""
+    poses = pose_columns(columns).values()
+    posed = [column for roles in poses for column in roles.values()]
+    return posed, [column for column in columns if column not in posed]

@@ -1,0 +1,90 @@
+"""Tools and bases that programs declare: taken off poses, or named."""
+
+from collections import defaultdict
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+import pandas
+from numpy import ndarray
+from pandas import DataFrame, Series
+
+from profilecal.geometry.poses import homogeneous
+from profilecal.scan.conventions import named, to_rotations
+from profilecal.scan.tables import ScanError, listed
+from profilecal_tool.importing.answers import Layout
+from profilecal_tool.importing.blocks import Block
+from profilecal_tool.importing.makers import SETS
+from profilecal_tool.importing.poses import Poses, angle_of, length_of
+
+
+def of_flange(
+    entries: dict[str, Any],
+    poses: Poses,
+    layout: Layout,
+    beside: Iterable[Block],
+    taken: dict[str, str],
+) -> dict[str, Any]:
+    """Entries of a Scan with the flange's poses in place of the tool's; the tool may
+    stand in the blocks of files beside them.
+
+    Raises ScanError.
+    """
+    numbers, taken["tool"] = tool_of(poses, layout, [*poses.blocks, *beside])
+    if numbers is None:
+        return entries
+    turn = poses.convention
+    (length, _), (angle, _) = length_of(poses), angle_of(poses)
+    if layout.tool:
+        length = 1.0
+        if len(turn.columns) != len(numbers) - 3:
+            turn, angle = named("FANUC angles"), 1.0
+    R = to_rotations(turn, numbers[None, 3:] * angle)
+    tool = homogeneous(R, numbers[None, :3] * length)
+    T = homogeneous(entries["R_base_flange"], entries["p_base_flange"])
+    T = T @ np.linalg.inv(tool)
+    flange = {"R_base_flange": T[:, :3, :3], "p_base_flange": T[:, :3, 3]}
+    return entries | flange | {"orientation": None}
+
+
+def tool_of(
+    poses: Poses, layout: Layout, programs: Iterable[Block]
+) -> tuple[ndarray | None, str]:
+    """The tool's position and angles to take off, and what the poses are of in words.
+
+    Raises ScanError.
+    """
+    tables = defaultdict(DataFrame)
+    for block in programs:
+        if block.robot and block.robot == poses.block.robot:
+            tables[block.kind] = pandas.concat([tables[block.kind], block.table])
+    words = {}
+    for which in ("tool", "base"):
+        names = names_in(tables["uses"], which) | names_in(poses.table, which)
+        words[which] = listed(sorted(names - SETS["no_frame"]))
+        if words[which] and len(names) > 1 and not (layout.tool and which == "tool"):
+            sentence = f"moves have {which}s {listed(sorted(names))}; expected one"
+            raise ScanError(f"{poses.path}: {sentence}: leave the others out")
+    base = f"; in base {words['base']}, not taken off" if words["base"] else ""
+    if layout.tool:
+        return np.array(layout.tool), f"the one given, taken off{base}"
+    frames = tables["tool"] if poses.offset is None else poses.offset
+    if "name" in frames:
+        frames = frames[frames["name"].str.lower() == words["tool"]]
+    frames = frames.get([*"xyz", *poses.convention.columns], DataFrame())
+    frames = frames.astype(float).drop_duplicates()
+    if len(frames) > 1:
+        sentence = f"the tool has {len(frames)} frames; expected one"
+        raise ScanError(f"{poses.path}: {sentence}: --tool X Y Z A B C says which")
+    if len(frames):
+        at = frames.iloc[0].to_numpy()
+        return at, f"{words['tool']} at {at[:3].tolist()}, taken off{base}"
+    if words["tool"]:
+        return None, f"{words['tool']}, whose frame is not here: not taken off{base}"
+    return None, f"none: taken for the flange's poses{base}"
+
+
+def names_in(table: DataFrame, which: str) -> set[str]:
+    """The tools or bases that a table names."""
+    names = table.get(which, Series(dtype=str)).dropna().astype(str)
+    return {name.lower().partition("[")[0] for name in names}
