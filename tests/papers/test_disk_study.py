@@ -2,8 +2,6 @@
 wrong.
 """
 
-import tracemalloc
-
 import numpy as np
 import pytest
 from numpy.random import default_rng
@@ -67,13 +65,6 @@ def test_disk_study_equals_the_plain_loop(noise, heights, m):
     assert np.abs(expected).max() > 0.01  # there is something to compare
     assert_allclose(found, expected, rtol=0, atol=1e-10)
     assert study.failed.sum() == 0
-
-
-def test_a_large_study_stays_under_500_mb():
-    tracemalloc.start()
-    disk_study(SCANS, 0.4, 1000, 5000, default_rng(9), noise="isotropic")
-    assert tracemalloc.get_traced_memory()[1] < 500e6
-    tracemalloc.stop()
 
 
 def test_an_impossible_arccos_leaves_a_finite_result():

@@ -120,12 +120,6 @@ def test_its_lines_lie_on_it(kind):
         assert np.abs(scene.target.distance(line)).max() < farthest + 1e-9
 
 
-def test_a_rods_lines_are_on_all_its_sides():
-    scene = random_scene("rod", default_rng(12))
-    middle = np.mean(scene.target.lines(points_of(scene)), axis=0)
-    assert_allclose(scene.target.distance(middle), -scene.target.radius)
-
-
 @pytest.mark.parametrize("kind", ["edge", "rod"])
 def test_what_has_no_ends_is_drawn_as_long_as_it_was_seen(kind):
     scene = random_scene(kind, default_rng(12))
