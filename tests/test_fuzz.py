@@ -1,7 +1,7 @@
 """Random corruptions of the example scans: never a traceback, a hang, or a wrong answer
 that claims to be right.
 
-The suite tries 12; `PROFILECAL_FUZZ=2000 pytest -s tests/test_fuzz.py` tries as many as
+The suite tries 24; `PROFILECAL_FUZZ=2000 pytest -s tests/test_fuzz.py` tries as many as
 it says and prints what came of each kind. A corruption is drawn from its own seed, the
 number in a failure's first line.
 """
@@ -24,7 +24,7 @@ from profilecal.scan.folder import read_scan
 from profilecal.scan.tables import ScanError
 from profilecal_tool.checking import check
 
-COUNT = int(os.environ.get("PROFILECAL_FUZZ", "12"))
+COUNT = int(os.environ.get("PROFILECAL_FUZZ", "24"))
 LONGEST = 30  # seconds of one processor
 BELIEVED = 5.0  # standard deviations of one component of the pose
 # the distance of six independent components that is as unlikely
@@ -129,7 +129,7 @@ def show(table, slowest):
 
 
 def test_corrupted_scans_are_refused_or_doubted_or_right(tmp_path):
-    """PROFILECAL_FUZZ of them, 12 if it is not set; these few are spread over the kinds
+    """PROFILECAL_FUZZ of them, 24 if it is not set; these few are spread over the kinds
     of corruption.
     """
     every_kind = 3 * len(CORRUPTIONS) <= COUNT
