@@ -19,7 +19,7 @@ from profilecal.geometry.observability import HAND_PRECISION, name_direction
 from profilecal.joint.prior import FINEST_MM, FREEDOM
 from profilecal.joint.solution import Solution
 from profilecal.scan.scan import Scan
-from profilecal.scan.tables import some
+from profilecal.scan.tables import listed
 
 
 def calibration_text(found: Calibration, to_paste: str = "") -> str:
@@ -40,7 +40,7 @@ def answer_lines(found: Calibration, to_paste: str = "") -> list[str]:
     if found.is_known:
         lines += pose_lines(solution, found.frame, to_paste)
     used, rejected = len(found.poses_used), found.poses_rejected
-    names = f": {some(rejected)}" if rejected else ""
+    names = f": {listed(rejected)}" if rejected else ""
     lines.append(f"poses          {used} used, {len(rejected)} rejected{names}")
     if solution.delay_s is not None:
         delay = delay_words(1e3 * solution.delay_s, 1e3 * solution.delay_sd_s)
@@ -214,7 +214,7 @@ def shared_by(found: Answer, other: Answer) -> str:
 def mount_check_text(check: MountCheck, kind: str) -> str:
     """What `profilecal check-mount` prints."""
     lines = [
-        f"poses          {some(check.labels)}",
+        f"poses          {listed(check.labels)}",
         f"differs by     χ² {check.chi2:.3g}; about {check.count} expected, "
         f"doubted above {check.limit:.3g}",
         f"chance         {check.chance:.2g} that it is larger where nothing has moved",

@@ -49,7 +49,7 @@ from profilecal.joint.prior import Mount, Prior, prior_from
 from profilecal.joint.solution import Solution, column_names
 from profilecal.joint.solve import solve
 from profilecal.scan.scan import GUESS_SD, MOUNTS, Scan
-from profilecal.scan.tables import ScanError, some
+from profilecal.scan.tables import ScanError, listed
 from profilecal.targets.observations import Observations
 from profilecal.targets.target import Target
 
@@ -567,7 +567,7 @@ def remarks_on_targets(
         stated = scan.side[entry.poses]
         other = stated * target.sides(R @ solution.rotation, origins) < 0
         if other.any():
-            labels = some([scan.labels[i] for i in entry.poses[other]])
+            labels = listed([scan.labels[i] for i in entry.poses[other]])
             remarks.append(
                 f"{name}the {scan.kind}'s centre lies on the other side of the scan "
                 f"plane than stated for pose {labels}; check side, x and z of the "

@@ -9,7 +9,7 @@ from numpy import ndarray
 
 from profilecal.profiles.points import Feature
 from profilecal.scan.scan import MEASURED, Scan
-from profilecal.scan.tables import ScanError, some
+from profilecal.scan.tables import ScanError, listed
 from profilecal.targets.observations import Observations
 
 # Poses in such a time, by a robot that is not so slow, are no stops.
@@ -181,7 +181,7 @@ def remarks_on_missing(
             alike = "".join(filter(str.isalpha, feature.reason))  # numbers may differ
             by_reason.setdefault(alike, []).append((label, feature.reason))
     return tuple(
-        f"{len(missing)} left out, {missing[0][1]}: {some([one for one, _ in missing])}"
+        f"{len(missing)} left out, {missing[0][1]}: {listed(one for one, _ in missing)}"
         for missing in by_reason.values()
     )
 
@@ -191,7 +191,7 @@ def from_table(scan: Scan) -> Seen:
     rows = [values[np.isfinite(values).all(axis=1)][:1] for values in scan.values]
     poses = np.flatnonzero([*map(len, rows)])
     missed = [scan.labels[i] for i, own in enumerate(rows) if not len(own)]
-    remark = f"no {scan.measured[:-1]} from pose {some(missed)}"
+    remark = f"no {scan.measured[:-1]} from pose {listed(missed)}"
     nothing = np.empty((0, len(MEASURED[scan.measured])))
     points = points_of(scan.measured, np.concatenate([nothing, *rows]))
     return Seen(poses, points, remarks=(remark,) if missed else ())

@@ -146,16 +146,13 @@ def shown(value: Any) -> str:
 
 
 def listed(names: Iterable[Any]) -> str:
-    """Names of columns, for a sentence."""
-    text = ", ".join(str(name) for name in names)
-    return shown(text) if len(text) > 200 or not text.isprintable() else text
-
-
-def some(labels: Sequence[str]) -> str:
-    """Labels of poses, for a sentence; of many the first ones, and how many more."""
-    most = 20
-    more = f" and {len(labels) - most} more" if len(labels) > most else ""
-    return ", ".join(labels[:most]) + more
+    """Names of columns or poses, for a sentence; of many the first ones, and how many
+    more.
+    """
+    texts, most = [str(name) for name in names], 20
+    more = f" and {len(texts) - most} more" if len(texts) > most else ""
+    text = ", ".join(texts[:most]) + more
+    return shown(text) if len(text) > 500 or not text.isprintable() else text
 
 
 def number(cell: str) -> float:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy import ndarray
 
 from profilecal.calibration.observe import A_MOMENT_S
-from profilecal.scan.tables import ScanError, number, some
+from profilecal.scan.tables import ScanError, listed, number
 from profilecal_tool.importing.poses import Poses
 
 STAMP = re.compile(
@@ -49,7 +49,7 @@ def paired(poses: Poses, names: Sequence[str]) -> Pairing:
     lost = [name for name, row in zip(names, found.rows, strict=True) if row < 0]
     idle = [label for row, label in enumerate(labels) if row not in served]
     for what, left in (("pose", lost), ("profile", idle)):
-        how += f"; left out, without a {what}: {some(left)}" if left else ""
+        how += f"; left out, without a {what}: {listed(left)}" if left else ""
     return Pairing(found.rows, how)
 
 
