@@ -269,8 +269,8 @@ class Calibration:
             near = [*self.translation_sd_mm, *self.rotation_sd_deg]
             lines += [
                 f"pose of the sensor in the {self.frame} frame, mm:\n{rows}",
-                f"one standard deviation, near these poses: {in_words(near)}",
-                f"one standard deviation, elsewhere: {in_words(self.sd_total_mm_deg)}",
+                f"one standard deviation, near these poses: {brief(near)}",
+                f"one standard deviation, elsewhere: {brief(self.sd_total_mm_deg)}",
             ]
         lines += [shorten(message, 88) for message in self.messages[:7]]
         return "\n".join(lines)
@@ -309,7 +309,7 @@ class Calibration:
         return json.loads(json.dumps(entries, default=ndarray.tolist))
 
 
-def in_words(mm_deg: Iterable[float]) -> str:
+def brief(mm_deg: Iterable[float]) -> str:
     """Three lengths and three angles, two digits each."""
     x, y, z, rx, ry, rz = (f"{value:.2g}" for value in mm_deg)
     return f"{x}  {y}  {z} mm, {rx}  {ry}  {rz}°"

@@ -79,16 +79,13 @@ class MountCheck:
         """That χ² is larger if the "sensor", or the "target", has moved, alone; 1 where
         such a move explains anything.
         """
-        return {
-            "sensor": self.chance_if_moved(slice(0, 6)),
-            "target": self.chance_if_moved(slice(6, None)),
-        }
-
-    def chance_if_moved(self, part: slice) -> float:
-        """`chances` of a part of the sensor's and the target's unknowns."""
-        says = self.moves.along(np.diag(self.by_hand)[:, part])
-        told = np.linalg.eigvalsh(says.information) > 1
-        return self.chance_of(says.left(), self.count - np.count_nonzero(told))
+        chances = {}
+        for what, part in (("sensor", slice(0, 6)), ("target", slice(6, None))):
+            says = self.moves.along(np.diag(self.by_hand)[:, part])
+            told = np.linalg.eigvalsh(says.information) > 1
+            free = self.count - np.count_nonzero(told)
+            chances[what] = self.chance_of(says.left(), free)
+        return chances
 
     @property
     def suspects(self) -> tuple[str, ...]:
