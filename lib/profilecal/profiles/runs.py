@@ -182,7 +182,14 @@ def run_through(profile: ndarray, rows: ndarray, limit: float) -> Run:
         if len(kept) < 3:
             break
         rows = kept
-    return Run.through(profile, rows, limit)
+    run = Run.through(profile, rows, limit)
+    is_gap = np.diff(run.along) > LARGEST_GAP * run.spacing
+    if not is_gap.any():
+        return run
+    # one point or two beside a gap are spikes that are on the line by chance
+    parts = np.split(rows, np.flatnonzero(is_gap) + 1)
+    kept = np.concatenate([rows[:0], *(part for part in parts if len(part) > 2)])
+    return Run.through(profile, kept if len(kept) else rows, limit)
 
 
 def distinct(runs: list[Run]) -> list[Run]:
