@@ -4,8 +4,6 @@ They are within the robot's reach, away from zones that it must avoid.
 """
 
 from collections import Counter
-from collections.abc import Iterator
-from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -16,8 +14,7 @@ from scipy.spatial.transform import Rotation
 from profilecal.geometry.poses import Frames, carry, inverse, rotations
 from profilecal.scan.scan import ScanError
 from profilecal.simulation.scene import in_unit_ball
-from profilecal_tool.plan.scan_model import Limits, ScanModel
-from profilecal_tool.plan.specification import MARGINS
+from profilecal_tool.plan.scan_model import ScanModel
 
 # So much more than the limits is drawn and then cut off at the limits. A third of the
 # candidates is then at a limit, where good plans are.
@@ -36,7 +33,7 @@ def draw(
 
     With `beyond`, more of them are at the limits. Where hardly any are possible, more
     are drawn within a half and a quarter of the limits, and fewer than `count` may
-    come. Raises ScanError, with the reasons and what would help, for too few.
+    come. Raises ScanError, with the reasons, for too few.
     """
     found = []
     reasons: Counter[str] = Counter()
@@ -49,7 +46,7 @@ def draw(
             break
     least = min(count, LEAST)
     if reasons[""] < least:
-        raise ScanError(f"{too_few(reasons, least)}. {what_helps(model, rng)}")
+        raise ScanError(too_few(reasons, least))
     R, T = map(np.concatenate, zip(*found, strict=True))
     return R[:count], T[:count]
 
@@ -61,29 +58,9 @@ def too_few(reasons: Counter, least: int) -> str:
     shares = [f"{number / total:.0%} {why}" for why, number in reasons.most_common()]
     return (
         f"only {possible} of {total} poses within the limits are possible, "
-        f"{least} are needed: {'; '.join(shares)}"
+        f"{least} are needed: {'; '.join(shares)}. "
+        "Widen [plan], narrow the margins of [guess], or move target or mount"
     )
-
-
-def what_helps(model: ScanModel, rng: Generator) -> str:
-    """The first change, of those that are tried, which makes more poses possible."""
-    for words, other in changes(model):
-        poses = random_poses(other, 1000, rng, 0.0, 1 / 2)
-        possible = np.mean(refused(other, *poses) == "")
-        if possible > 0.01:
-            return f"With {words}, {possible:.1%} would be possible"
-    return "Move target or mount: neither wider limits nor smaller margins help"
-
-
-def changes(model: ScanModel) -> Iterator[tuple[str, ScanModel]]:
-    """What might make more poses possible: words, and what is to be tried."""
-    everywhere = {"low": Limits.low, "high": Limits.high}
-    for words, wider in (("no box", everywhere), ("no zone to avoid", {"avoid": ()})):
-        yield words, replace(model, limits=replace(model.limits, **wider))
-    for part in (1 / 2, 1 / 4, 1 / 8) if model.guess else ():
-        margins = {name: part * getattr(model.guess, name) for name in MARGINS}
-        words = ", ".join(f"{name} = {value:.2g}" for name, value in margins.items())
-        yield words, replace(model, guess=replace(model.guess, **margins))
 
 
 def random_poses(

@@ -63,13 +63,13 @@ def test_poses_that_miss_the_target_have_no_clearance():
 
 
 TOO_FEW = [
-    (Limits(low=(0, 0, 0), high=(9, 9, 9)), 5, "outside the box. With no box, "),
+    (Limits(low=(0, 0, 0), high=(9, 9, 9)), 5, "outside the box. Widen"),
     (
         Limits(avoid=((900.0, 50.0, 300.0, 1000.0),)),
         5,
-        "100% are in a zone to avoid. With no zone to avoid, ",
+        "100% are in a zone to avoid. Widen",
     ),
-    (Limits(), 80, "are tilted, turned or aside too far. With mount_mm = 40, "),
+    (Limits(), 80, "may lose the target from view if the guess is as wrong as stated"),
 ]
 
 
