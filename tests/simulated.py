@@ -12,7 +12,6 @@ from profilecal.calibration.answer import DEGREES
 from profilecal.geometry.fitting import fit_circle
 from profilecal.geometry.noise import normalised_square
 from profilecal.geometry.poses import homogeneous, pose_error, rotations
-from profilecal.joint.prior import TYPICAL, considered
 from profilecal.simulation.spec import pose_name
 
 SCANNER = {"noise_mm": 0.06}  # of raw profiles; 0.05 is stated
@@ -72,20 +71,6 @@ def few(scan, poses):
         times=np.array([]),
         orientation=None,
     )
-
-
-def by_a_believed_scanner(scan, rng):
-    """The scan by a scanner, and of a target, that err as is believed of usual ones; of
-    circles as of the arcs that were seen.
-    """
-    values, lengths = scan.values, scan.measures
-    for error, sd in considered([scan.target], TYPICAL).items():
-        wrong = sd * rng.normal()
-        if error.length:
-            lengths[error.length] += wrong
-        else:
-            values = [wrongly_seen(rows, error, wrong) for rows in values]
-    return replace(scan, values=tuple(values), sizes=tuple(lengths.values()))
 
 
 def wrongly_seen(rows, error, wrong):

@@ -85,7 +85,6 @@ def test_a_second_run_starts_clean(clone):
         ("12", "no notebook named '12'; there are 10_good"),
         ("-p cuont 3", "no parameter named 'cuont'; there are count, scale, results_"),
         ("-p count many", "parameter count is 'many'; expected int"),
-        ("-p scale true", "parameter scale is True; expected float"),
         ("--output .", "was not written by this command; name a new or empty folder"),
         ("--output notebooks/10_good.ipynb", "Not a directory"),
     ],

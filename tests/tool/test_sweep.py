@@ -82,7 +82,6 @@ REFUSED = [
     ({"n": []}, None, "the grid has no values for n"),
     ({"m": [1]}, None, "no parameter named 'm'; there are n, x, grain"),
     ({"n": [1, 2.5]}, None, "parameter n is 2.5; expected int"),
-    ({"x": ["wide"]}, None, "parameter x is 'wide'; expected float"),
     ({"x": [1, 1.0]}, None, "names a run twice"),
     ({"n": [1]}, 2, "plain has no parameter 'seed', so its repeats would all be the"),
 ]

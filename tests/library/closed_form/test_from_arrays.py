@@ -214,7 +214,6 @@ MIRRORED = R @ np.diag([1.0, 1.0, -1.0])
 EDGE_REFUSED = [
     ({"R_b": R[:0], "T_b": T[:0], "p_s": SEEN[:0]}, "poses: 0 given, at least 3"),
     ({"T_b": "here"}, "T_b is no array of numbers: could not convert"),
-    ({"T_b": [[1, 2, 3], [4, 5]]}, "T_b is no array of numbers: setting an array"),
     ({"group": [1, 2]}, r"group has shape \(2,\); expected \(\d+,\)"),
     ({"group": 0 * GROUP}, r"R_b\[\d+\] differs from R_b\[0\], which has the same l"),
 ]
@@ -230,7 +229,6 @@ DISK_REFUSED = [
     (KNOWN | {"T_tcp": BENT}, r"R_tcp\[0\], .* leave a line by more than 1% of that"),
     (KNOWN | {"T_tcp": 0 * T + 500}, r"orientation R_tcp\[0\], 0 mm from end to end"),
     ({"R_sensor_guess": MIRRORED[0]}, r"R_sensor_guess\[0\] is a reflection"),
-    ({"R_sensor_guess": R}, r"R_sensor_guess has shape .*; expected \(3, 3\)"),
 ]
 FEW = uneven(GROUP, (9, 2))
 DISK_OPEN = KNOWN | {name: OF_DISK[name][FEW] for name in ("R_tcp", "T_tcp", "chords")}

@@ -14,7 +14,6 @@ from folders import (
     TOO_DEEP,
     assert_same,
     edited,
-    instead_of,
     removed,
     tabulated,
     written,
@@ -212,7 +211,6 @@ MISTAKES = {  # by what is said of each
     r"kind is 'sphere' in \[target\]; expected edge or": header('"ball"', '"sphere"'),
     RADIUS_IS("missing"): header("radius = 40.0", ""),
     RADIUS_IS("40000.0"): header("40.0", "40000.0"),
-    RADIUS_IS("True"): header("40.0", "true"),
     RADIUS_IS("a huge number"): header("40.0", f"1{'0' * 400}"),
     "'edge' needs profiles or points": header('"ball"\nradius = 40.0', '"edge"'),
     "target is 5; expected a table": written("scan.toml", "target = 5"),
@@ -225,7 +223,6 @@ MISTAKES = {  # by what is said of each
     "arcs.csv: Too many levels of symbolic links": LOOP,
     "is a file; expected a scan folder": a_file_instead,
     "poses.csv: not a file": PIPE,
-    "arcs.csv: not a file": instead_of("arcs.csv", os.mkdir),
     # tables as such
     "arcs.csv: no rows; expected names of columns": put(""),
     "arcs.csv: 2 columns 'x'; expected one": put("pose,x,X ,z,r\nP0,1,1,2,3\n"),
