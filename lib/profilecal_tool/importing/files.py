@@ -2,6 +2,7 @@
 
 import re
 from codecs import BOM_UTF16_BE, BOM_UTF16_LE
+from contextlib import suppress
 from pathlib import Path
 
 from profilecal.scan.tables import ScanError, naming, text_of
@@ -47,9 +48,11 @@ def decoded(path: Path, encoding: str) -> str:
     except ScanError as error:
         if encoding or not isinstance(error.__cause__, UnicodeDecodeError):
             raise
-    begin = path.read_bytes()[:BEGIN]
-    texts = {begin.decode(name, errors="ignore"): name for name in ENCODINGS}
-    return text_of(path, encoding=texts[max(texts, key=known_words)])
+        begin = path.read_bytes()[:BEGIN]
+        texts = {begin.decode(name, errors="ignore"): name for name in ENCODINGS}
+        with suppress(ScanError):
+            return text_of(path, encoding=texts[max(texts, key=known_words)])
+        raise
 
 
 def known_words(text: str) -> int:

@@ -63,7 +63,9 @@ def tables(path: Path, node: Any, name: str = "") -> Iterator[Block]:
         inner = cells.explode()
         if all(isinstance(cell, dict) for cell in inner):
             several = inner.index[-1] > 0
-            rows = [{"label": k} | row if several else row for k, row in inner.items()]
+            rows = [
+                {"label": k + 1} | row if several else row for k, row in inner.items()
+            ]
             yield from tables(path, rows, title)
         else:
             arrays[title] = array_of(title, cells)

@@ -30,10 +30,10 @@ class Column(NamedTuple):
 
 
 def meaning(at: int, title: str) -> Column:
-    """What a title says by itself; a number is where a z stands along x."""
+    """What a title says by itself."""
     text, unit = title.strip().lower(), ""
     if abs(number(text)) < float("inf"):
-        return Column(at, text, "z", "", "")
+        return Column(at, text, "", "", "")
     if match := IN_BRACKETS.fullmatch(text) or BEHIND.fullmatch(text):
         text, unit = match.groups()
     words = re.sub(r"\W+", "_", text).strip("_").split("_")
@@ -47,9 +47,11 @@ def meaning(at: int, title: str) -> Column:
 def columns_of(block: Block) -> list[Column]:
     """What the columns of a block are."""
     columns = [meaning(at, title) for at, title in enumerate(block.titles)]
-    if block.is_bare:
-        role = "z" if len(columns) > MOST else ""
-        columns = [column._replace(role=role) for column in columns]
+    places = [column for column in columns if abs(number(column.name)) < float("inf")]
+    if len(places) > (MOST if block.is_bare else FEWEST - 1):
+        for column in places:  # z where they stand along x
+            columns[column.at] = column._replace(role="z")
+    elif block.is_bare:
         return of_list(block, "", columns)
     for stem, members in by_stem(columns).items():
         for column in of_list(block, stem, members):
