@@ -276,7 +276,9 @@ def unvec(r: ndarray) -> ndarray:
 def solve_rotation(R_b: ndarray, T_b: ndarray, p_s: ndarray) -> EdgeRotation:
     """Phase one, Eqs 25-27."""
     A_r, b_r = rotation_system(R_b, T_b, p_s)
-    rounding = 1e-11 * np.linalg.norm(A_r, axis=(-2, -1))
+    # not a share of A_r, which is rounding alone where points lie along a line
+    u_s, u_t = difference_vectors(T_b, p_s)
+    rounding = 1e-11 * (u_s**2 + u_t**2).sum(axis=(-3, -2, -1))
     r_s, S, V, rank = least_squares(A_r, b_r, rounding)
     return EdgeRotation(A_r, b_r, S, V, rank, r_s, nearest_rotation(unvec(r_s)))
 

@@ -62,6 +62,7 @@ RANKS = [  # of A_r and A_t, for one, two, three and ten groups
     ({"motion": "space", "positions": 4}, [(7, 0), (9, 2), (9, 3), (9, 3)]),
     ({"tilt_deg": 0.0}, [(2, 0), (4, 2), (6, 3), (6, 3)]),
     ({"frame": "tool"}, [(3, 0), (5, 2), (6, 3), (6, 3)]),
+    ({"motion": "line"}, [(0, 0), (0, 2), (0, 3), (0, 3)]),
     ({"motion": "space", "one_axis": True}, [(7, 0), (9, 2), (9, 2), (9, 2)]),
 ]
 
