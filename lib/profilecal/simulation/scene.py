@@ -44,6 +44,11 @@ class Setup:
         """Sensor frames (P, 3, 3), (P, 3) mm, at such poses of the flange."""
         return R @ self.R_sensor, carry(R, T, self.T_sensor)
 
+    def flange(self, R_view: ndarray, T_view: ndarray) -> Frames:
+        """Poses of the flange that bring the sensor to frames (P, 3, 3), (P, 3)."""
+        R = R_view @ self.R_sensor.T
+        return R, T_view - R @ self.T_sensor
+
 
 @dataclass(frozen=True)
 class Scene(Setup):

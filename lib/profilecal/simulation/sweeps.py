@@ -162,8 +162,7 @@ def drive(
 
     def flange(R: ndarray, p: ndarray) -> Frames:
         """Poses (n, 3, 3), (n, 3) that take the scanner to sensor frames."""
-        R_flange = R @ setup.R_sensor.T
-        pose = R_flange, p - R_flange @ setup.T_sensor
+        pose = setup.flange(R, p)
         return inverse(*pose) if to_hand else pose
 
     still = replace(motion, pattern="random", sweeps=motion.stops)

@@ -93,7 +93,7 @@ def random_poses(
     z = (near + far) / 2 + (far - near) / 2 * share(1)
     x = model.scanner.half_width(z) * share(1)
     aim_seen = np.hstack([x, 0 * x, z])
-    return flange_at(model, R, carry(R, aim, -aim_seen))
+    return model.flange(R, carry(R, aim, -aim_seen))
 
 
 def neighbours(
@@ -111,15 +111,9 @@ def neighbours(
     far = rng.choice([0.2, 1.0], (len(T_view), 1))
     shift = 10.0 * far * rng.normal(size=T_view.shape)
     turn = np.radians(6.0) * far * rng.normal(size=T_view.shape)
-    R, T = flange_at(model, R_view @ rotations(turn), T_view + shift)
+    R, T = model.flange(R_view @ rotations(turn), T_view + shift)
     possible = refused(model, R, T) == ""
     return R[possible], T[possible]
-
-
-def flange_at(model: ScanModel, R_view: ndarray, T_view: ndarray) -> Frames:
-    """Flange poses that bring the sensor to frames (P, 3, 3), (P, 3)."""
-    R = R_view @ model.R_sensor.T
-    return R, T_view - R @ model.T_sensor
 
 
 def free_axes(model: ScanModel) -> ndarray:
