@@ -73,6 +73,12 @@ class Spec:
         """Whether the scanner is fixed, and the target on the flange."""
         return self.mount == "eye-to-hand"
 
+    @property
+    def measures(self) -> dict[str, float]:
+        """The target's lengths by name, mm."""
+        target = TARGETS[self.kind]
+        return dict(zip(target.lengths, target.sizes, strict=True)) | self.sizes
+
 
 @dataclass(frozen=True, eq=False)
 class Truth:
@@ -201,19 +207,12 @@ def scene_of(spec: Spec, rng: Generator) -> Scene:
     return random_scene(
         spec.kind,
         rng,
-        sizes=sizes_of(spec),
+        sizes=tuple(spec.measures.values()),
         groups=spec.groups,
         positions=spec.positions,
         spread_deg=spec.spread_deg,
         steering_mm=spec.noise.steering_mm,
     )
-
-
-def sizes_of(spec: Spec) -> tuple[float, ...]:
-    """The target's lengths, mm."""
-    target = TARGETS[spec.kind]
-    usual = dict(zip(target.lengths, target.sizes, strict=True))
-    return tuple((usual | spec.sizes).values())
 
 
 def taken(scene: Scene, spec: Spec, rng: Generator) -> Frames:

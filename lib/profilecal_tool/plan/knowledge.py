@@ -11,7 +11,7 @@ from profilecal.geometry.poses import Frames, inverse, nearest_rotation
 from profilecal.joint.prior import prior_from
 from profilecal.scan.scan import Scan, ScanError
 from profilecal.simulation.robot import Scanner
-from profilecal.simulation.spec import scan_from, sizes_of
+from profilecal.simulation.spec import scan_from
 from profilecal.targets import TARGETS
 from profilecal.targets.observations import Observations
 from profilecal_tool.plan.candidates import draw, off_square
@@ -28,10 +28,6 @@ def model_of_spec(
     profiles show the target is looked up in a few simulated ones. Raises ScanError
     without a guess, and where these do not show the target.
     """
-    if spec.guess is None:
-        raise ScanError(
-            "a plan needs [guess]: roughly where the sensor (mount) and the target are"
-        )
     profile_mm = spec.noise.profile_mm
     if not profile_mm:
         raise ScanError("profile_mm is 0 in [noise]; a plan needs the scanner's noise")
@@ -41,13 +37,12 @@ def model_of_spec(
         # turn apart.
         profile_mm *= np.sqrt(2)
     prior = prior_from(stated)
-    steering_mm = spec.noise.steering_mm
     model = ScanModel(
-        **vars(spec.guess.setup(spec.kind, sizes_of(spec))),
+        **vars(spec.setup()),
         scanner=spec.scanner,
-        noise=replace(prior.scales, profile_mm=profile_mm, steering_mm=steering_mm),
+        noise=replace(prior.scales, profile_mm=profile_mm),
         systematic=prior.systematic,
-        to_hand=spec.mount == "eye-to-hand",
+        to_hand=spec.to_hand,
         measured=measured,
         guess=spec.guess,
     )

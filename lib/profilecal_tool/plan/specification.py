@@ -11,7 +11,7 @@ from numpy.random import Generator
 
 from profilecal.geometry.poses import inverse, rotation_from_xyz_angles, rotations
 from profilecal.scan.folder import read_header, read_poses
-from profilecal.scan.scan import Scan
+from profilecal.scan.scan import Scan, ScanError
 from profilecal.scan.toml import number, numbers, whole
 from profilecal.simulation.scene import Scene, Setup, in_unit_ball
 from profilecal.simulation.spec import (
@@ -21,7 +21,6 @@ from profilecal.simulation.spec import (
     record,
     record_sweeps,
     simulate_scan,
-    sizes_of,
     taken,
 )
 from profilecal.simulation.sweeps import Sweep
@@ -148,10 +147,16 @@ class PlannedSpec(Spec):
             expected = "expected roughly where sensor and target are"
             raise ValueError(f"poses are given, but no [guess]; {expected}")
 
-    @property
-    def measures(self) -> dict[str, float]:
-        """The target's lengths by name, mm."""
-        return dict(zip(TARGETS[self.kind].lengths, sizes_of(self), strict=True))
+    def setup(self, rng: Generator | None = None) -> Setup:
+        """What is guessed, or with `rng` a truth, as `Guess.setup` has them. Raises
+        ScanError without a guess.
+        """
+        if self.guess is None:
+            raise ScanError(
+                "a plan needs [guess]: roughly where the sensor (mount) and the "
+                "target are"
+            )
+        return self.guess.setup(self.kind, tuple(self.measures.values()), rng)
 
 
 def read_specification(said: dict[str, Any], path: str | Path) -> PlannedSpec:
@@ -168,10 +173,10 @@ def simulate_specification(spec: PlannedSpec) -> Scan:
 
     Raises ScanError where it shows nothing.
     """
-    if not spec.poses or not spec.guess:
+    if not spec.poses:
         return simulate_scan(spec)
     rng = np.random.default_rng(spec.seed)
-    setup = spec.guess.setup(spec.kind, sizes_of(spec), rng)
+    setup = spec.setup(rng)
     rng = errors_of(spec, rng)
     said, R, T = planned_poses(spec.poses, spec.to_hand)
     if spec.motion:
