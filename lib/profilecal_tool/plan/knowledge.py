@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from profilecal.calibration.calibration import Calibration
-from profilecal.calibration.observe import as_observations, observe, stated_noise
+from profilecal.calibration.observe import as_observations, observe
 from profilecal.geometry.noise import ROBOT
 from profilecal.geometry.poses import Frames, inverse, nearest_rotation
 from profilecal.joint.prior import prior_from
@@ -90,14 +90,13 @@ def model_of_scan(found: Calibration) -> tuple[ScanModel, Frames]:
     solution = found.solution
     (scan,), (observed,), (kept,) = found.scans, found.observed, solution.kept
     R, T = observed.R_flange[0][kept], observed.T_flange[0][kept]
-    prior = prior_from(stated_noise([scan]))
+    prior = solution.prior
     # where no pose is repeated, the errors of a visit are part of those of a pose
     sizes = dict.fromkeys(ROBOT, 0.0)
     for size in solution.error_sizes.sizes[1:]:
         usual = getattr(prior.scales, size.name)
         sizes[size.name] = size.middle if size.from_data else usual
     sizes["profile_mm"] = solution.noise_mm
-    sizes["steering_mm"] = solution.noise.steering_mm
     model = ScanModel(
         solution.placements[0],
         facing=nearest_rotation((R @ solution.rotation).mean(axis=0)),
