@@ -172,27 +172,6 @@ def staubli(folder):
     write_lines(folder / "scan.dtx", lines)
 
 
-def epson(folder):
-    lines = ['sVersion="2.0.0"', "nNumberOfPoints=12"]
-    for k, row in enumerate(poses("KUKA angles"), 1):
-        names = ("rX", "rY", "rZ", "rU", "rV", "rW")
-        numbers = [f"\t{n}={v:.12f}" for n, v in zip(names, row, strict=True)]
-        lines += [f"Point{k} {{", f"\tnNumber={k}", *numbers, "\tnLocal=0", "}"]
-    write_lines(folder / "robot1.pts", lines)
-
-
-def techman(folder):
-    lines = [
-        "main",
-        "{",
-        '  ChangeTCP("NOTOOL")',
-        '  PTP("JPP",0,0,90,0,90,0,10,200,0)',
-    ]
-    for row in poses("FANUC angles"):
-        lines.append(f'  Line("CAP", {text(row, ", ")}, 100, 200, 0, false)')
-    write_lines(folder / "scan.script", [*lines, "}"])
-
-
 def xarm(folder):
     tool = text(numbers_of(TOOL, "FANUC angles"), ", ")
     lines = ["class Robot:", f"  code = self._arm.set_tcp_offset([{tool}], wait=True)"]
@@ -478,28 +457,15 @@ def point_clouds(folder, ending="ply"):
         write_lines(folder / f"cloud{k}.{ending}", [*head, *rows])
 
 
-def binary_clouds(folder):
-    for k, points in enumerate(scan().values):
-        rows = np.rec.fromarrays(
-            [*with_y(points).T, np.arange(len(points))],
-            dtype=[(name, ">f8") for name in "xyz"] + [("shade", "u1")],
-        )
-        head = ["ply", "format binary_big_endian 1.0", f"element vertex {len(rows)}"]
-        head += [f"property double {axis}" for axis in "xyz"]
-        head += ["property uchar shade", "element face 0", "end_header", ""]
-        content = "\n".join(head).encode() + rows.tobytes()
-        (folder / f"cloud{k}.ply").write_bytes(content)
-
-
 POSES = (
-    *(kuka, abb, ur, fanuc, yaskawa, kawasaki, mitsubishi, staubli, epson, techman),
+    *(kuka, abb, ur, fanuc, yaskawa, kawasaki, mitsubishi, staubli),
     *(xarm, xml_log, nested, stamped, opencv, of_images, csv, tum, matrices, array),
     *(of_flange_and_tool, stacked_matrices, by_columns, named_arrays, matlab, workbook),
 )
 IN_A_BASE = (abb, staubli)
 PROFILES = (
     *(one_each, codes_in_um, lists, archives, sections, surfaces, numbered_columns),
-    *(long_table, below, stacked, point_clouds, binary_clouds),
+    *(long_table, below, stacked, point_clouds),
 )
 
 

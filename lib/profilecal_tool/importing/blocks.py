@@ -33,13 +33,13 @@ class Block:
     @property
     def is_bare(self) -> bool:
         """Whether its columns have no titles."""
-        return self.titles == by_number(len(self.titles))
+        return self.titles == counted(len(self.titles))
 
 
 File = tuple[Path, list[Block]]  # and what it holds
 
 
-def by_number(count: int) -> list[str]:
+def counted(count: int) -> list[str]:
     """Titles for columns that have none."""
     return [str(k + 1) for k in range(count)]
 
@@ -82,7 +82,7 @@ def text_blocks(path: Path, content: bytes) -> Iterator[Block]:
         table.index += line + first
         above = content[max(read, place - BEGIN) : place].decode(errors="ignore")
         above += "\n".join(map(" ".join, rows[:first]))
-        titles = rows[first - 1] if first else by_number(len(rows[0]))
+        titles = rows[first - 1] if first else counted(len(rows[0]))
         yield Block(path, table, titles, above)
         read = place
 

@@ -17,7 +17,7 @@ from profilecal.scan.motion import checked_log
 from profilecal.scan.scan import Scan
 from profilecal.scan.tables import ScanError, listed, naming
 from profilecal_tool.importing.answers import Layout, Question, only
-from profilecal_tool.importing.blocks import Block, File, by_number
+from profilecal_tool.importing.blocks import Block, File, counted
 from profilecal_tool.importing.files import is_known, read
 from profilecal_tool.importing.pairing import paired
 from profilecal_tool.importing.poses import (
@@ -72,7 +72,7 @@ def import_scan(
     taken["matched"] = pairing.how
     rows = pairing.rows
     if pairing.log:
-        names = by_number(len(rows))
+        names = counted(len(rows))
     else:
         order = np.argsort(rows, kind="stable")
         order = order[rows[order] >= 0]

@@ -54,7 +54,7 @@ def parsed(text: str) -> list:
 
 def tables(path: Path, node: Any, name: str = "") -> Iterator[Block]:
     """The tables in a list or a dictionary."""
-    rows = by_number(node) if isinstance(node, dict) else node
+    rows = numbered_rows(node) if isinstance(node, dict) else node
     if not all(isinstance(row, dict) for row in rows):
         rows = [{name: rows}]
     table = json_normalize(rows, sep="_")
@@ -62,11 +62,9 @@ def tables(path: Path, node: Any, name: str = "") -> Iterator[Block]:
     for title, cells in table.items():
         inner = cells.explode()
         if all(isinstance(cell, dict) for cell in inner):
-            several = inner.index[-1] > 0
-            rows = [
-                {"label": k + 1} | row if several else row for k, row in inner.items()
-            ]
-            yield from tables(path, rows, title)
+            if len(table) > 1:
+                inner = [{"label": k + 1} | row for k, row in inner.items()]
+            yield from tables(path, [*inner], title)
         else:
             arrays[title] = array_of(title, cells)
     yield from array_blocks(path, arrays)
@@ -85,7 +83,7 @@ def array_of(title: str, cells: Series) -> ndarray:
     return array[0] if array.ndim > 2 and len(array) == 1 else array
 
 
-def by_number(node: dict) -> list[dict]:
+def numbered_rows(node: dict) -> list[dict]:
     """A dictionary as one row; R_1, t_1, R_2, t_2, … as a row for each number."""
     rows = defaultdict(dict)
     for key, value in node.items():

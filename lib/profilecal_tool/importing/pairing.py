@@ -34,7 +34,7 @@ class Pairing:
 def paired(poses: Poses, names: Sequence[str]) -> Pairing:
     """The pose of each profile. Raises ScanError."""
     labels = [*map(str, poses.table.get("label", []))]
-    found = by_label(labels, names) or by_time(poses, names)
+    found = paired_by_label(labels, names) or paired_by_time(poses, names)
     if not found and len(names) == len(poses.table):
         found = Pairing(np.arange(len(names)), "in order")
     if not found:
@@ -53,7 +53,7 @@ def paired(poses: Poses, names: Sequence[str]) -> Pairing:
     return Pairing(found.rows, how)
 
 
-def by_label(labels: Sequence[str], names: Sequence[str]) -> Pairing | None:
+def paired_by_label(labels: Sequence[str], names: Sequence[str]) -> Pairing | None:
     """The pairing by whole names, or by the number in them that serves most poses."""
     whole = {re.sub(r"\.[a-z]\w*$", "", one.lower()): k for k, one in enumerate(labels)}
     ways = {"names": [whole.get(name.lower(), -1) for name in names]}
@@ -104,7 +104,7 @@ def seconds(text: str) -> float:
     return value
 
 
-def by_time(poses: Poses, names: Sequence[str]) -> Pairing | None:
+def paired_by_time(poses: Poses, names: Sequence[str]) -> Pairing | None:
     """The poses nearest in time, of a log only those where the robot stands still; or
     the log, where profiles were taken as the robot moved.
     """

@@ -16,7 +16,7 @@ from profilecal.scan.conventions import CONVENTIONS, Convention
 from profilecal.scan.folder import check_poses
 from profilecal.scan.tables import ScanError, Table, listed
 from profilecal_tool.importing.answers import Layout, Question, only, scale_of
-from profilecal_tool.importing.blocks import Block, File, by_number
+from profilecal_tool.importing.blocks import Block, File, counted
 from profilecal_tool.importing.makers import ROBOTS, SETS, UNITS
 from profilecal_tool.importing.roles import (
     KEYS,
@@ -69,7 +69,7 @@ def poses_of(blocks: Iterable[Block], said: str) -> dict[str, list[Poses]]:
     """The poses in the blocks of a file, by the name of what has them; `said`: titles
     from a user.
     """
-    found = defaultdict(list)
+    by_name = defaultdict(list)
     titles = said.split(",")
     for block in map(matrices, blocks):
         if said and len(titles) == len(block.titles):
@@ -84,8 +84,8 @@ def poses_of(blocks: Iterable[Block], said: str) -> dict[str, list[Poses]]:
             units = {role: column.unit for role, column in chosen.items()}
             name = f"{block.name} {owner}".strip()
             table = table.set_axis([*chosen], axis=1)
-            found[name].append(Poses(block, name, units, table))
-    return found
+            by_name[name].append(Poses(block, name, units, table))
+    return by_name
 
 
 def matrices(block: Block) -> Block:
@@ -96,7 +96,7 @@ def matrices(block: Block) -> Block:
     if not (rows.iloc[3::4] == [0, 0, 0, 1]).all(axis=None):
         return block
     table = DataFrame(rows.to_numpy().reshape(-1, 16), rows.index[::4])
-    return replace(block, table=table, titles=by_number(16))
+    return replace(block, table=table, titles=counted(16))
 
 
 def beside_points(block: Block) -> Block:
@@ -116,10 +116,10 @@ def robot_poses(files: Sequence[File], layout: Layout) -> Poses:
     """The robot's poses in files. Raises Question."""
     parts = []
     for path, blocks in files:
-        found = poses_of(blocks, layout.pose_columns)
-        if not found:
+        by_name = poses_of(blocks, layout.pose_columns)
+        if not by_name:
             refuse(path, blocks, layout.pose_columns)
-        parts += of_robot(path, found, layout.entry)
+        parts += of_robot(path, by_name, layout.entry)
     first = parts[0]
     tables = []
     for part in parts:
@@ -133,23 +133,23 @@ def robot_poses(files: Sequence[File], layout: Layout) -> Poses:
     return replace(first, table=pandas.concat(tables), blocks=every)
 
 
-def of_robot(path: Path, found: Mapping[str, list], entry: str) -> list[Poses]:
+def of_robot(path: Path, by_name: Mapping[str, list], entry: str) -> list[Poses]:
     """The poses that are the robot's, by what they are called. Raises ScanError."""
-    names = [name for name in found if entry.lower() in name.lower()] or [*found]
+    names = [name for name in by_name if entry.lower() in name.lower()] or [*by_name]
     ranks = {name: rank(name) for name in names}
     best = max(ranks.values())
     if best == 0 and not entry:
         sentence = f"poses are of {listed(names)}; are they the flange's?"
         raise Question(f"{path}: {sentence}", entry=names[0])
     several = [name for name in names if ranks[name] == best]
-    poses = found[only(path, several, "is the robot's pose", "entry")]
+    poses = by_name[only(path, several, "is the robot's pose", "entry")]
     called = f"{path.name} {poses[0].name}"
     if any(word in called.lower() for word in SETS["inverse"]):
         sentence = "is called as the inverse of a pose: invert it, or rename it"
         raise ScanError(f"{path.parent}: {called} {sentence}")
-    others = listed(name for name in found if found[name] is not poses)
+    others = listed(name for name in by_name if by_name[name] is not poses)
     beside = f", not {others}" if others else ""
-    offsets = [one.table for one in found.get("tcp_offset", [])]
+    offsets = [one.table for one in by_name.get("tcp_offset", [])]
     offset = pandas.concat(offsets) if offsets else None
     return [replace(one, name=one.name + beside, offset=offset) for one in poses]
 

@@ -13,7 +13,7 @@ from pandas import DataFrame, Series
 from profilecal.scan.scan import FARTHEST_MM
 from profilecal.scan.tables import ScanError, Table, listed, number
 from profilecal_tool.importing.answers import Layout, Question, only, scale_of
-from profilecal_tool.importing.blocks import Block, File, by_number
+from profilecal_tool.importing.blocks import Block, File, counted
 from profilecal_tool.importing.makers import CODES, LENGTHS, SETS
 from profilecal_tool.importing.roles import (
     FEWEST,
@@ -21,11 +21,12 @@ from profilecal_tool.importing.roles import (
     Column,
     columns_of,
     meaning,
+    of_role,
     split_columns,
 )
 
 LIKELY_MM = 150.0  # the farthest that a scanner sees, for a guess at a unit
-MOSTLY = 0.8
+MOSTLY = 0.8  # of the rows
 
 
 class Points(NamedTuple):
@@ -54,7 +55,7 @@ class Profiles:
     titles: str  # of x and z
 
 
-def numbers(block: Block, columns: Sequence[Column]) -> ndarray:
+def numbers_in(block: Block, columns: Sequence[Column]) -> ndarray:
     """Columns as numbers (rows, columns), NaN for blanks. Raises ScanError."""
     names = [title_of(block, column) for column in columns]
     cells = (block.table.iloc[:, column.at].to_numpy() for column in columns)
@@ -93,7 +94,7 @@ def in_points(block: Block, layout: Layout) -> Block:
     x, z, axis, keys = (of_role(columns, role) for role in ("x", "z", "axis", "label"))
     if len(z) < FEWEST:
         return block
-    heights = numbers(block, z)
+    heights = numbers_in(block, z)
     titles = np.array([number(column.name) for column in z])
     if axis:  # rows of x and of z, as Gocators have
         is_x = (block.table.iloc[:, axis[0].at].str.lower() == "x").to_numpy()
@@ -102,13 +103,13 @@ def in_points(block: Block, layout: Layout) -> Block:
             sentence = f"{len(places)} rows of x, {len(heights)} of z"
             raise ScanError(f"{block.path}: {sentence}; expected as many")
     elif len(x) == len(z):
-        places = numbers(block, x)
+        places = numbers_in(block, x)
     elif np.isfinite(titles).all() and not block.is_bare:
         places = titles
     else:
         start, pitch = layout.x or x_above(block)
         places = start + pitch * np.arange(heights.shape[1])
-    labels, title = by_number(len(heights)), "label"
+    labels, title = counted(len(heights)), "label"
     if keys and len(block.table) == len(heights):
         labels, title = block.table.iloc[:, keys[0].at], keys[0].name
     points = {
@@ -117,11 +118,6 @@ def in_points(block: Block, layout: Layout) -> Block:
         "z": heights.ravel(),
     }
     return replace(block, table=DataFrame(points), titles=[*points])
-
-
-def of_role(columns: Iterable[Column], role: str) -> list[Column]:
-    """The columns that have a role."""
-    return [column for column in columns if column.role == role]
 
 
 def x_above(block: Block) -> list[float]:
@@ -183,7 +179,7 @@ def points_of(blocks: Sequence[Block], layout: Layout) -> list[Points]:
     return [table for table in tables if table.name == name] or tables
 
 
-def the_points(
+def points_in_file(
     path: Path, blocks: list[Block], layout: Layout, one_each: bool
 ) -> list[Points]:
     """The tables of points in a file of profiles: one, or some that are alike where
@@ -197,8 +193,9 @@ def the_points(
     if not tables and any(len(block.table) > 1 for block in blocks):
         sentence = f"no x and z in columns {listed(blocks[0].titles)}"
         raise Question(f"{path}: {sentence}", columns=likely_pair(blocks))
-    long = {len(table.block.titles) for table in tables if len(table.block.table) > 1}
-    tables = [one for one in tables if len(one.block.titles) in long] or tables
+    # a lone row of as many columns as no table has is of a head, as PCD's SIZE 4 4 4
+    widths = {len(one.block.titles) for one in tables if len(one.block.table) > 1}
+    tables = [one for one in tables if len(one.block.titles) in widths] or tables
     kinds = {(table.block.name, *table.block.titles): table for table in tables}
     names = [table.name for table in (tables if one_each else kinds.values())]
     if names:
@@ -215,7 +212,7 @@ def read_profiles(
     """
     names, counts, parts, units = [], [], [], set()
     for path, blocks in files:
-        tables = the_points(path, blocks, layout, one_each)
+        tables = points_in_file(path, blocks, layout, one_each)
         for table in tables:
             block, *pair = table
             labels = np.zeros(len(block.table))
@@ -226,7 +223,7 @@ def read_profiles(
             begins = [0, *(np.flatnonzero(labels[1:] != labels[:-1]) + 1).tolist()]
             counts += np.diff([*begins, len(labels)]).tolist()
             names += [path.stem] if one_each else map(str, labels[begins])
-            parts.append(numbers(block, pair))
+            parts.append(numbers_in(block, pair))
             units |= {column.unit for column in pair}
             titles = ",".join(title_of(block, column) for column in pair)
         if one_each and not tables:  # nothing was seen
@@ -275,7 +272,7 @@ def likely_pair(blocks: Sequence[Block]) -> str:
     that mostly rises, and the next.
     """
     table = max(blocks, key=lambda block: len(block.table)).table
-    table = table.set_axis(by_number(table.shape[1]), axis=1).select_dtypes("number")
+    table = table.set_axis(counted(table.shape[1]), axis=1).select_dtypes("number")
     table = table.loc[:, table.nunique() > 1]
     rises = ((table.diff() > 0).mean() > MOSTLY).to_numpy()[:-1]
     first = max(np.flatnonzero(rises), default=-2)
@@ -308,9 +305,7 @@ def to_mm(profiles: Profiles, layout: Layout, taken: dict[str, str]) -> None:
     if unseen.all():
         raise ScanError(f"{profiles.path}: nothing was seen in any profile")
     of_codes = {CODES.get(code, "") for code in codes}
-    for units in ({layout.unit}, profiles.units, of_codes, {"mm"}):
-        if units := units - {""}:
-            break
+    units = {layout.unit} - {""} or profiles.units - {""} or of_codes - {""} or {"mm"}
     scale = scale_of(profiles.path, units, "mm")
     xz *= scale
     low, high = np.nanmin(xz, axis=0).round(3), np.nanmax(xz, axis=0).round(3)

@@ -59,6 +59,11 @@ def columns_of(block: Block) -> list[Column]:
     return columns
 
 
+def of_role(columns: Iterable[Column], role: str) -> list[Column]:
+    """The columns that have a role."""
+    return [column for column in columns if column.role == role]
+
+
 def by_stem(columns: Iterable[Column]) -> dict[str, list[Column]]:
     """The columns that are called alike but for their number."""
     stems = defaultdict(list)
