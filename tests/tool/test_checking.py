@@ -29,14 +29,15 @@ def test_check_says_about_which_axis_the_flange_turns():
 
 
 @pytest.mark.parametrize(
-    ("kind", "sentence"),
+    ("kind", "positions", "sentence"),
     [
-        ("disk", "what a disk shows does not tell it"),
-        ("point", "mm inside groups, from 48"),
+        ("disk", 5, "what a disk shows does not tell it"),
+        ("point", 5, "mm inside groups, from 48"),
+        ("edge", 3, "groups have too few poses (5 or more each)"),
     ],
 )
-def test_check_says_what_tells_the_noise(kind, sentence):
-    assert sentence in said_of(scan_of(kind, groups=12, positions=5))
+def test_check_says_what_tells_the_noise(kind, positions, sentence):
+    assert sentence in said_of(scan_of(kind, groups=12, positions=positions))
 
 
 def test_the_noise_inside_groups_is_that_of_the_scanner():

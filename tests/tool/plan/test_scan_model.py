@@ -7,7 +7,9 @@ import pytest
 from numpy.random import default_rng
 from numpy.testing import assert_allclose
 from planned import KINDS, model_for
+from simulated import scan_of
 
+import profilecal as pc
 from profilecal.geometry.noise import Systematic
 from profilecal.joint.solve import solve
 from profilecal_tool.plan.candidates import draw
@@ -34,6 +36,13 @@ def assert_stated(model, R, T):
 def test_what_is_predicted_is_what_a_calibration_states(kind, measured):
     model = model_for(kind, measured)
     assert_stated(model, *draw(model, 15, default_rng(5)))
+
+
+def test_the_noise_of_arcs_is_what_a_calibration_finds_of_them():
+    scan = replace(scan_of("ball", seed=2, groups=20), noise={})
+    found = pc.calibrate(scan).solution
+    predicted = model_for("ball", "arcs").noise
+    assert predicted.profile_mm == pytest.approx(found.noise_mm, rel=0.1)
 
 
 def test_poses_of_one_orientation_share_its_error_in_a_prediction_too():
