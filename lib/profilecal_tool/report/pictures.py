@@ -9,7 +9,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from mpl_toolkits.mplot3d import Axes3D
 from numpy import ndarray
-from scipy.stats import binned_statistic
 
 from profilecal.calibration.calibration import Calibration
 from profilecal.calibration.points import points_seen
@@ -269,10 +268,10 @@ def draw_patterns(places: Sequence[Axes], found: Calibration) -> None:
     some = slice(None, None, 1 + len(off) // 1500)
     for axes, name, values in zip(places, PATTERNS, over, strict=True):
         axes.plot(values[some], off[some], ".", ms=1.5, color="0.75")
-        mean, ends, _ = binned_statistic(values, off, bins=8)
-        middle = (ends[1:] + ends[:-1]) / 2
-        there = np.isfinite(mean)
-        axes.plot(middle[there], mean[there], "o-", ms=3, color=RED)
+        count, ends = np.histogram(values, 8)
+        total, _ = np.histogram(values, ends, weights=off)
+        middle, there = (ends[1:] + ends[:-1]) / 2, count > 0
+        axes.plot(middle[there], total[there] / count[there], "o-", ms=3, color=RED)
         axes.set(xlabel=name, ylim=limits)
     places[0].set_ylabel("off in z [mm]")
 
