@@ -32,31 +32,26 @@ class Question(ScanError):
         self.answer = answer
 
 
+Two = Annotated[Sequence[float] | None, numbers(2)]
+Six = Annotated[Sequence[float] | None, numbers(6)]
+Height = Annotated[float | None, number(-1e10, 1e10)]
+
+
 @dataclass(frozen=True)
 class Layout:
     """What is said of files; the names are those of options, and of import.toml."""
 
     poses: str = ""  # which files hold the robot's poses
-    pose_columns: str = (
-        ""  # what its columns are: "x [m],y [m],z [m],w,p,r"; _: nothing
-    )
+    pose_columns: str = ""  # what its columns are: "x [m],y [m],z [m],w,p,r,_"
     entry: str = ""  # which pose or list of several
-    tool: Annotated[Sequence[float] | None, numbers(6)] = (
-        None  # that poses are of: mm, and angles
-    )
+    tool: Six = None  # that poses are of: mm, and angles
     profiles: str = ""  # which files are profiles, a pattern
     columns: str = ""  # of x and z: names, or numbers from 1, with units
     where: str = ""  # which rows: "sensor=0"
-    x: Annotated[Sequence[float] | None, numbers(2)] = (
-        None  # of z alone: start and pitch
-    )
-    times: Annotated[Sequence[float] | None, numbers(2)] = (
-        None  # of profiles in motion: start, rate
-    )
+    x: Two = None  # of z alone: start and pitch
+    times: Two = None  # of profiles in motion: start, rate
     unit: str = ""  # of profiles
-    missing: Annotated[float | None, number(-1e10, 1e10)] = (
-        None  # z where nothing was seen
-    )
+    missing: Height = None  # z where nothing was seen
     encoding: str = ""  # of text
     mount: str = MOUNTS[0]
 
@@ -73,10 +68,8 @@ def scale_of(place: Any, units: set[str], usual: str) -> float:
     """Of one unit of several columns to mm or degrees. Raises ScanError."""
     known = {unit or usual for unit in units}
     if len(known) > 1 or not known <= UNITS.keys():
-        raise ScanError(
-            f"{place}: the units are {listed(sorted(known))}; expected one of "
-            f"{listed(UNITS)}"
-        )
+        sentence = f"the units are {listed(sorted(known))}; expected one of"
+        raise ScanError(f"{place}: {sentence} {listed(UNITS)}")
     return UNITS[known.pop()]
 
 
@@ -123,10 +116,8 @@ def keep_header(folder: Path, partial: Path) -> None:
     former, new = (read_header(place / "scan.toml")[0] for place in (folder, partial))
     for name in ("kind", "sizes", "mount"):
         if new[name] != former[name]:
-            raise ScanError(
-                f"{folder / 'scan.toml'}: {name} is {former[name]}, where {new[name]} "
-                "is said now; name a new folder"
-            )
+            sentence = f"{name} is {former[name]}, where {new[name]} is said now"
+            raise ScanError(f"{folder / 'scan.toml'}: {sentence}; name a new folder")
     copy(folder / "scan.toml", partial)
 
 

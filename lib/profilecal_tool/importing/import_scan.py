@@ -126,10 +126,11 @@ def sources_in(folder: Path, layout: Layout) -> dict[str, Source]:
         if path not in known and is_known(path):
             pattern = re.sub(r"\d+", "*", str(path.relative_to(folder)))
             families.setdefault(pattern, []).append(path)
-    return {
-        pattern: Source(paths, read(paths[0], layout.encoding), layout.encoding)
-        for pattern, paths in families.items()
-    }
+    sources = {}
+    for pattern, paths in families.items():
+        first = read(paths[0], layout.encoding)
+        sources[pattern] = Source(paths, first, layout.encoding)
+    return sources
 
 
 def files(folder: Path, pattern: str) -> list[Path]:
@@ -173,9 +174,8 @@ def times_said(layout: Layout, names: list[str]) -> list[str]:
         return names
     start, rate = layout.times
     if not 0 < rate < np.inf:
-        raise ScanError(
-            f"--times is {start:g} {rate:g}; expected s, and profiles a second"
-        )
+        expected = "expected s, and profiles a second"
+        raise ScanError(f"--times is {start:g} {rate:g}; {expected}")
     return [f"{start + k / rate:.6f}" for k in range(len(names))]
 
 

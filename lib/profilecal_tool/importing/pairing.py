@@ -1,7 +1,7 @@
 """Which pose each profile was measured at: by label, by time, in order."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
@@ -38,11 +38,10 @@ def paired(poses: Poses, names: Sequence[str]) -> Pairing:
     if not found and len(names) == len(poses.table):
         found = Pairing(np.arange(len(names)), "in order")
     if not found:
-        raise ScanError(
-            f"{poses.path}: {len(names)} profiles for {len(poses.table)} poses, and no "
-            "label or time that both have; add a column, or say which files: "
-            "--profiles, or when they were taken: --times"
-        )
+        counts = f"{len(names)} profiles for {len(poses.table)} poses"
+        sentence = f"{counts}, and no label or time that both have; add a column"
+        hint = "or say which files: --profiles, or when they were taken: --times"
+        raise ScanError(f"{poses.path}: {sentence}, {hint}")
     if found.log:
         return found
     how, served = found.how, {*found.rows.tolist()}
@@ -104,15 +103,17 @@ def seconds(text: str) -> float:
     return value
 
 
+def moments(cells: Iterable, unit: float) -> ndarray:
+    """The times of cells in a unit, s."""
+    return (np.array([seconds(str(cell)) for cell in cells]) * unit).round(9)
+
+
 def paired_by_time(poses: Poses, names: Sequence[str]) -> Pairing | None:
     """The poses nearest in time, of a log only those where the robot stands still; or
     the log, where profiles were taken as the robot moved.
     """
     unit = UNITS_S.get(poses.units.get("time", ""), 1.0)
-    t, times = (
-        (np.array([seconds(str(cell)) for cell in cells]) * unit).round(9)
-        for cells in (poses.table.get("time", []), names)
-    )
+    t, times = (moments(cells, unit) for cells in (poses.table.get("time", []), names))
     if len(t) < 2 or not np.isfinite([*t, *times]).all():
         return None
     order = np.argsort(t, kind="stable")

@@ -42,7 +42,7 @@ class Poses:
     units: dict[str, str]  # by role, of position, angles and what stands beside
     table: DataFrame  # columns by role; the index is where a row stands
     offset: DataFrame | None = None  # the tool's frames that stand beside it
-    blocks: Sequence[Block] = ()  # of all files
+    read_with: Sequence[Block] = ()  # all blocks of the files, with tools and uses
 
     @property
     def path(self) -> Path:
@@ -130,7 +130,7 @@ def robot_poses(files: Sequence[File], layout: Layout) -> Poses:
         label = {"label": part.path.stem} if is_named else {}
         tables.append(part.table.assign(**label))
     every = [block for _, blocks in files for block in blocks]
-    return replace(first, table=pandas.concat(tables), blocks=every)
+    return replace(first, table=pandas.concat(tables), read_with=every)
 
 
 def of_robot(path: Path, by_name: Mapping[str, list], entry: str) -> list[Poses]:

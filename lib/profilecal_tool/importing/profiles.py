@@ -128,10 +128,8 @@ def x_above(block: Block) -> list[float]:
         words = "|".join(SETS[which])
         values += re.findall(rf"(?:{words})[^-+.\d\n]*([-+.\d]+)", above)[:1]
     if len(values) < 2:
-        raise ScanError(
-            f"{block.path}: z alone, and x nowhere: --x START PITCH says it; or give "
-            "titles: x1, z1, x2, z2, … where they take turns"
-        )
+        sentence = "z alone, and x nowhere: --x START PITCH says it; or give titles"
+        raise ScanError(f"{block.path}: {sentence}: x1, z1, x2, z2, …")
     return [*map(float, values)]
 
 

@@ -30,7 +30,7 @@ def of_flange(
 
     Raises ScanError.
     """
-    numbers, taken["tool"] = tool_of(poses, layout, [*poses.blocks, *beside])
+    numbers, taken["tool"] = tool_of(poses, layout, [*poses.read_with, *beside])
     if numbers is None:
         return entries
     turn = poses.convention
