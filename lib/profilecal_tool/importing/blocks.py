@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
 
+import numpy as np
 import pandas
 from pandas import DataFrame
 
@@ -114,12 +115,10 @@ def rows_of(content: bytes, between: bytes | None) -> list[list[str]]:
 
 def first_row(rows: Sequence[Sequence[str]], decimal: str) -> int | None:
     """Where numbers begin: most of a row's cells are, and none stands below a word."""
-    kinds = [[number(cell.replace(decimal, ".")) for cell in row] for row in rows]
-    words = [[abs(kind) == float("inf") for kind in row] for row in kinds]
-    for k, row in enumerate(words):
-        filled = [word for word, cell in zip(row, rows[k], strict=True) if cell]
-        below = words[k + 1] if k + 1 < len(words) else row
-        is_title = any(over > under for over, under in zip(row, below, strict=True))
-        if 2 * sum(filled) < len(filled) and not is_title:
-            return k
-    return None
+    cells = DataFrame(rows)
+    values = cells.map(lambda cell: number(cell.replace(decimal, ".")))
+    words = values.abs() == float("inf")
+    has_numbers = 2 * words.sum(axis=1) < (cells != "").sum(axis=1)
+    is_title = (words > words.shift(-1, fill_value=True)).any(axis=1)
+    data = np.flatnonzero(has_numbers & ~is_title)
+    return int(data[0]) if len(data) else None
