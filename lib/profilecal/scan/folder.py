@@ -341,28 +341,22 @@ def write_scan(scan: Scan, folder: str | Path) -> None:
     --------
     read_scan : the way back, with an example.
     """
-    still = ~scan.moving
-    labels = np.where(still, scan.labels, "")
-    R, p = scan.R_base_flange[still], scan.p_base_flange[still]
-    poses = poses_columns(labels[still], R, p, scan.convention)
-    if scan.orientation is not None:  # as read: another convention may be meant
-        poses |= zip(named(scan.convention).columns, scan.orientation.T, strict=True)
-    if scan.group_given:
-        poses["group"] = scan.group[still]
-    if np.any(scan.side[still]):
-        poses["side"] = scan.side[still].astype(int)
-    tables = {"poses": poses} if still.any() else {}
-    keys = {"pose": labels} if still.any() else {}
-    if scan.log:
-        way = poses_columns((), scan.log.R, scan.log.p, scan.convention)
-        del way["pose"]
-        tables["log"] = {"t": scan.log.t} | way
-        keys |= {"sweep": np.array(scan.sweeps), "t": scan.times}
-    counts = [len(rows) for rows in scan.values]
-    repeated = {name: column.repeat(counts) for name, column in keys.items()}
-    numbers = np.concatenate(scan.values).T
-    seen = repeated | dict(zip(MEASURED[scan.measured], numbers, strict=True))
-    header = {
+    with new_folder(Path(folder)) as partial:
+        for name, entries in {"scan": header_of(scan), "truth": scan.truth}.items():
+            if entries:
+                text = toml_text(entries)
+                (partial / f"{name}.toml").write_text(text, encoding="utf-8")
+        for name, columns in tables_of(scan).items():
+            rows = max(map(len, columns.values()))
+            if name == scan.measured and rows > SPREADSHEET:
+                np.savez_compressed(partial / f"{name}.npz", **columns)
+            else:
+                write_table(partial / f"{name}.csv", columns)
+
+
+def header_of(scan: Scan) -> dict[str, Any]:
+    """What scan.toml says of a scan."""
+    header: dict[str, Any] = {
         "title": scan.title,
         "units": "mm",
         "mount": scan.mount,
@@ -376,16 +370,32 @@ def write_scan(scan: Scan, folder: str | Path) -> None:
         mount = [*p.tolist(), *from_rotations(named("FANUC angles"), R)[0].tolist()]
         sd_mm, sd_deg = scan.guess_sd
         header["guess"] = {"mount": mount, "sd_mm": sd_mm, "sd_deg": sd_deg}
-    with new_folder(Path(folder)) as partial:
-        for name, entries in {"scan": header, "truth": scan.truth}.items():
-            if entries:
-                text = toml_text(entries)
-                (partial / f"{name}.toml").write_text(text, encoding="utf-8")
-        if sum(counts) > SPREADSHEET:
-            np.savez_compressed(
-                partial / f"{scan.measured}.npz", **repeated | dict(seen)
-            )
-        else:
-            tables[scan.measured] = repeated | dict(seen)
-        for name, columns in tables.items():
-            write_table(partial / f"{name}.csv", columns)
+    return header
+
+
+def tables_of(scan: Scan) -> dict[str, dict[str, Any]]:
+    """The columns of a scan's tables, by their names."""
+    still = ~scan.moving
+    labels = np.where(still, scan.labels, "")
+    tables, keys = {}, {}
+    if still.any():
+        R, p = scan.R_base_flange[still], scan.p_base_flange[still]
+        poses = poses_columns(labels[still], R, p, scan.convention)
+        if scan.orientation is not None:  # as read: another convention may be meant
+            angles = named(scan.convention).columns
+            poses |= zip(angles, scan.orientation.T, strict=True)
+        if scan.group_given:
+            poses["group"] = scan.group[still]
+        if np.any(scan.side[still]):
+            poses["side"] = scan.side[still].astype(int)
+        tables["poses"], keys["pose"] = poses, labels
+    if scan.log:
+        way = poses_columns((), scan.log.R, scan.log.p, scan.convention)
+        del way["pose"]
+        tables["log"] = {"t": scan.log.t} | way
+        keys |= {"sweep": np.array(scan.sweeps), "t": scan.times}
+    counts = [len(rows) for rows in scan.values]
+    seen = {name: column.repeat(counts) for name, column in keys.items()}
+    numbers = np.concatenate(scan.values).T
+    seen |= zip(MEASURED[scan.measured], numbers, strict=True)
+    return tables | {scan.measured: seen}
