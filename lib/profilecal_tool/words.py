@@ -67,7 +67,8 @@ def pose_lines(solution: Solution, frame: str, to_paste: str) -> list[str]:
         f"R = Rz({R:.4f}) Ry({P:.4f}) Rx({W:.4f})",
         to_paste,
         f"uncertainty    {deviations(solution.covariance)} about the sensor's x, y, z: "
-        "one standard deviation near these poses, from noise, robot errors, tolerances",
+        "one standard deviation of the mount that these poses show, from noise, robot "
+        "errors, tolerances",
     ]
     return [line for line in lines if line]
 

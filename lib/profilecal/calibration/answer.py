@@ -36,6 +36,9 @@ class Joint:
     robot_errors: dict[str, float]  # entries of `Noise`
     freedom: float  # degrees of freedom with which these are known
     noise_factor: float  # the scanner's noise over what profiles show themselves
+    # middle and steps of the robot's smooth errors, as `joint.problem` takes them; old
+    # files have none
+    smooth: list | None = None
 
     def of(self, names: list[str]) -> tuple[ndarray, ndarray]:
         """Mean and covariance of these columns, zero of those that it does not have."""

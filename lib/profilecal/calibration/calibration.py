@@ -43,6 +43,7 @@ from profilecal.geometry.checks import (
     check_rigid,
     check_type,
 )
+from profilecal.geometry.noise import SMOOTH
 from profilecal.geometry.observability import name_direction
 from profilecal.geometry.poses import carry
 from profilecal.joint.prior import Mount, Prior, prior_from
@@ -147,15 +148,15 @@ class Calibration:
     @property
     def covariance_mm_deg(self) -> ndarray:
         """(6, 6) of δ, a shift in mm and a rotation vector in degrees, both in the
-        sensor's frame: the true pose is pose · exp(δ). Near the poses of the scans;
-        from noise, robot errors and tolerances. Raises UnobservableError.
+        sensor's frame, of the mount that the poses of the scans show: pose · exp(δ).
+        It serves near them. Raises UnobservableError.
         """
         return in_mm_deg(self.known_solution.covariance)
 
     @property
     def covariance_total_mm_deg(self) -> ndarray:
-        """(6, 6) with what no residual shows added: the robot's accuracy, an error of
-        the flange common to all poses. Raises UnobservableError.
+        """(6, 6) of the true mount: with an error of the flange common to all poses,
+        which no residual shows. Raises UnobservableError.
         """
         return in_mm_deg(self.known_solution.covariance_total)
 
@@ -368,8 +369,12 @@ def joint_entries(scans: Sequence[Scan], solution: Solution) -> dict[str, Any]:
     frames = zip(scans, solution.state.placements, strict=True)
     robot = zip(sizes.sizes[1:], sizes.mean_v[1:], strict=True)
     robot_errors = {size.name: v**0.5 for size, v in robot}
-    return {
-        "columns": column_names(problem),
+    smooth = {}
+    if SMOOTH in robot_errors:
+        smooth["smooth"] = solution.smooth.known
+        robot_errors["accuracy_deg"] = solution.noise.accuracy_deg
+    return smooth | {
+        "columns": column_names(problem, smooth=bool(smooth)),
         "mean": np.r_[np.zeros(problem.n), sizes.mean[problem.n :]],
         "covariance": sizes.covariance,
         "targets": [

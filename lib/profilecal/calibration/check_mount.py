@@ -197,12 +197,13 @@ def check_mount(found: Calibration | Answer, scan: Scan) -> MountCheck:
         noise_mm = seen.typical_mm * joint.noise_factor
     observed = as_observations(scan, seen, seen.typical_mm)
     noise = replace(Noise(**joint.robot_errors), profile_mm=noise_mm)
-    problem = Problem([observed], noise, ANY)
+    smooth = joint.smooth and tuple(map(np.array, joint.smooth))
+    problem = Problem([observed], noise, ANY, smooth=smooth)
     _, _, *frame = joint.targets[alike[0]]
     T, placement = found.pose[None], tuple(np.array([part]) for part in frame)
     state = State(T[:, :3, :3], T[:, :3, 3], (placement,))
-    model = problem.model(state, [*noise.of_robot])
-    names = column_names(problem, alike)
+    model = problem.model(state, [*noise.of_robot, *noise.smooth])
+    names = column_names(problem, alike, bool(noise.smooth))
     return MountCheck(
         labels=tuple(scan.labels[i] for i in seen.poses),
         count=int(model.ranks.sum()),
@@ -222,9 +223,9 @@ def moves_after(
 
     With V = L Lᵀ, x = x̄ + L ξ, ξ ~ N(0, 1), r becomes r + A x̄ and A becomes A L.
     """
-    v = np.array([1.0, *(size**2 for size in noise.of_robot.values())])
+    sizes = [1.0, *noise.of_robot.values(), *noise.smooth.values()]
     rest, _ = model.rest_of_kept
-    normal = model.posterior(v[None]).normal[0] - rest
+    normal = model.posterior(np.square([sizes])).products[0] - rest
     values, vectors = np.linalg.eigh(V)
     L = vectors * np.sqrt(np.maximum(values, 0))
     change = np.zeros((model.n + 1, model.n + n + 1))

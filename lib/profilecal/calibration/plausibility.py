@@ -186,7 +186,7 @@ def poor_errors(solution: Solution) -> dict[Perturbation, float]:
     """The errors that the answer considers, each with the chance that it is far larger
     than usual, which the answer allows for.
     """
-    poor = solution.error_sizes.poor[solution.problem.n :]
+    poor = solution.error_sizes.poor[solution.problem.systematics]
     return dict(zip(solution.problem.considered, poor, strict=True))
 
 
@@ -194,7 +194,7 @@ def allowed_for(solution: Solution) -> list[str]:
     """A sentence on the scanner's or the target's error that the answer has allowed
     for, where that is likely to be larger than usual.
     """
-    found = solution.error_sizes.mean[solution.problem.n :]
+    found = solution.error_sizes.mean[solution.problem.systematics]
     sizes, poor = solution.problem.considered, poor_errors(solution)
     of = dict(zip(sizes, found, strict=True))
     likely = [error for error, chance in poor.items() if chance > 0.5]

@@ -5,6 +5,7 @@ from numpy import ndarray
 from numpy.typing import ArrayLike
 
 from profilecal.geometry.checks import check_rigid
+from profilecal.geometry.noise import SMOOTH
 from profilecal.geometry.poses import carry
 from profilecal.joint.solution import Solution
 from profilecal.targets.ball import Ball
@@ -54,7 +55,8 @@ def robot_variances(solution: Solution) -> ndarray:
     sizes = solution.error_sizes
     variances = {"mm": 0.0, "deg": 0.0, "ms": 0.0}
     for size, v in zip(sizes.sizes[1:], sizes.mean_v[1:], strict=True):
-        variances[size.name.rsplit("_")[-1]] += v
+        if size.name != SMOOTH:  # which the total covariance has
+            variances[size.name.rsplit("_")[-1]] += v
     return np.repeat([variances["mm"], variances["deg"] * np.radians(1) ** 2], 3)
 
 

@@ -12,7 +12,7 @@ simulated with? And is what the residuals of the real scan look like, by every p
 that is tested (`plausibility`), what chance makes of such scans?
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy import ndarray
@@ -223,6 +223,9 @@ def simulated(
             moved[:, :3] += errors
         else:
             moved[:, 3:] += np.radians(errors)
+    if noise.accuracy_mm:
+        left = solution.smooth.left
+        moved += noise.accuracy_mm * left @ rng.normal(size=left.shape[2])
     observed = []
     parts = zip(
         problem.terms,
@@ -251,4 +254,4 @@ def drawn_sizes(solution: Solution, rng: Generator) -> Noise:
         end = size.high if (off := rng.normal()) > 0 else size.low
         ratio = max(end, TINY) / max(size.middle, TINY)
         drawn[size.name] = size.middle * ratio ** (abs(off) / WIDTH)
-    return replace(solution.noise, **drawn)
+    return solution.noise.of_sizes(drawn)

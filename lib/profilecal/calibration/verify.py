@@ -104,10 +104,10 @@ def verify(
 ) -> Verification:
     """Compare a sensor pose with another scan, or with the answer of one.
 
-    What counts is `covariance_total_mm_deg`: the robot's accuracy between the poses of
-    both scans is 0.3 mm and 0.03° unless the first one's noise states ``accuracy_mm``
-    and ``accuracy_deg``; smaller differences are no contradiction. What both share, the
-    same artefact or an error of the robot common to all poses, shows in neither.
+    What counts is `covariance_total_mm_deg`: between the poses of both scans the robot
+    errs as smoothly as the first one found it to; smaller differences are no
+    contradiction. What both share, the same artefact or an error of the robot common
+    to all poses, shows in neither.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 """Standard deviations of what goes wrong in a measurement, and χ²."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from numbers import Real
 from typing import Annotated, Any
 
@@ -44,11 +44,27 @@ class Noise:
     steering_mm: Sd = 0.0
     # in motion: of the time of each profile, beside a delay that all have
     jitter_ms: Sd = 0.0
+    # of the robot over its workspace, along and about each axis: errors that vary
+    # smoothly with the pose
+    accuracy_mm: Sd = 0.0
+    accuracy_deg: Sd = 0.0
 
     @property
     def of_robot(self) -> dict[str, float]:
         """The errors of the robot that are not zero, by name."""
         return {name: getattr(self, name) for name in ROBOT if getattr(self, name)}
+
+    def of_sizes(self, sizes: dict[str, float]) -> "Noise":
+        """With errors of these sizes, and the smooth ones of both kinds in the same
+        proportion as before.
+        """
+        share = sizes.get(SMOOTH, self.accuracy_mm) / (self.accuracy_mm or 1.0)
+        return replace(self, **sizes, accuracy_deg=share * self.accuracy_deg)
+
+    @property
+    def smooth(self) -> dict[str, float]:
+        """The size of those that vary smoothly with the pose, if there are any."""
+        return {SMOOTH: self.accuracy_mm} if self.accuracy_mm else {}
 
 
 # the robot's: fresh at each visit, at each commanded pose, at each orientation
@@ -60,8 +76,9 @@ ROBOT = (
     "group_position_mm",
     "group_orientation_deg",
 )
+SMOOTH = "accuracy_mm"  # varies smoothly with the pose; that of orientations with it
 # all whose sizes the residuals tell, but for the scanner's noise
-ESTIMATED = (*ROBOT, "jitter_ms")
+ESTIMATED = (*ROBOT, "jitter_ms", SMOOTH)
 
 
 @dataclass(frozen=True)
@@ -75,8 +92,6 @@ class Systematic:
     shear_percent: Sd = 0.0  # of the profiles: x that grows with z
     bend_mm: Sd = 0.0  # of the profiles: z, 50 mm from the middle
     tolerance_mm: Sd = 0.0  # of the target's lengths
-    accuracy_mm: Sd = 0.0  # robot position over its workspace, each axis
-    accuracy_deg: Sd = 0.0  # robot orientation over its workspace, about each axis
 
 
 def chi2_limit(chance: float | ndarray, freedom: float | ndarray) -> Any:

@@ -19,12 +19,12 @@ from numpy import ndarray
 from scipy.optimize import brentq
 from scipy.special import chdtrc, gammaln, ndtri, softmax
 
-from profilecal.geometry.noise import FALSE_ALARM, chi2_limit
+from profilecal.geometry.noise import FALSE_ALARM, SMOOTH, chi2_limit
 from profilecal.joint.linear_model import LinearModel, Posterior
 from profilecal.joint.prior import Law, Prior
 from profilecal.targets.observations import Batch
 
-EXACT_ROBOT = 0.1  # odds that the robot's errors are far too small to matter
+EXACT_ROBOT = 0.1  # odds that the robot's errors are smooth in the pose alone
 POOR = 0.1  # odds that one error of scanner or target is POORER times the usual; or all
 POORER = 10.0
 LITTLE = 0.01  # odds that such a belief needs to count
@@ -230,7 +230,7 @@ def average(model: LinearModel, prior: Prior, likely: Likeliest) -> ErrorSizes:
     of their mean and spread: so few draws have no tails.
     """
     usual = of_scanners(model, prior.law(model.names), likely)
-    beliefs = [usual, *of_robots(model, prior, likely)]
+    beliefs = [usual, *of_robots(model, prior, likely, usual[0])]
     first, *others = (weighed for _, _, weighed in beliefs)
     draws = first.join(*others)
     w = softmax(draws.log_weight)
@@ -258,6 +258,7 @@ def average(model: LinearModel, prior: Prior, likely: Likeliest) -> ErrorSizes:
         sizes.append(Size(names[j], low, middle, high, from_data))
     middles = np.array([size.middle for size in sizes]) / units
     at_mm = [100 * np.radians(1) if name.endswith("deg") else 1 for name in names]
+    at_mm *= np.not_equal(names, SMOOTH)  # they are no fresh errors
     return ErrorSizes(
         sizes=tuple(sizes),
         v=middles**2,
@@ -303,7 +304,7 @@ def of_scanners(
 
 
 def of_robots(
-    model: LinearModel, prior: Prior, likely: Likeliest
+    model: LinearModel, prior: Prior, likely: Likeliest, usual: Law
 ) -> Iterator[tuple[Law, ndarray, Weighed]]:
     """The same where the robot is believed not to err at all, or to err as usual where
     less is stated; without what the data speak against.
@@ -315,7 +316,9 @@ def of_robots(
         rivals.append((model, prior.usual, 1.0))
     for other, belief, odds in rivals:
         law = belief.law(model.names)
-        own = likeliest(other, law, likely.y[: len(law.free)])
+        start = np.zeros(len(law.scales))
+        start[usual.free] = likely.y
+        own = likeliest(other, law, start[law.free])
         if odds * np.exp(own.log_evidence - likely.log_evidence) < LITTLE:
             continue
         log_weight, y, posterior = draw(other, law, own)

@@ -56,9 +56,12 @@ from functools import cached_property
 
 import numpy as np
 from numpy import ndarray
+from scipy.linalg import block_diag
 
+from profilecal.geometry.noise import SMOOTH
 from profilecal.geometry.observability import HAND_PRECISION
 from profilecal.joint.nesting import Level, nesting
+from profilecal.joint.smooth import SmoothErrors
 from profilecal.targets.observations import PoseGroups
 
 ROUNDING = 1e-13  # of the largest entry of a matrix of products
@@ -123,16 +126,32 @@ class Posterior:
     """What is known of x for S sets of variances."""
 
     v: ndarray  # (S, 1 + k)
-    mean: ndarray  # (S, n) x̂
-    covariance: ndarray  # (S, n, n) V
     # (S,) of the variances: the restricted log likelihood (Patterson and Thompson 1971)
     log_evidence: ndarray
     square: ndarray  # (S,) rᵀ P r, the χ² of the residuals
-    normal: ndarray  # (S, n + 1, n + 1) [A | r]ᵀ C⁻¹ [A | r]
+    products: ndarray  # (S, n + 1, n + 1) [A | r]ᵀ C⁻¹ [A | r]
+    H: ndarray  # (S, n, n) in the units
+    units: ndarray  # (S, n + 1) of x and r, in which Π is the precision
     log_det: ndarray  # (S,) log |C|
     # of the rows that speak of the flange, if there are any, for the last sets: C, and
     # Lᵀ C⁻¹ [A | r]
     last: list[tuple[Factors, ndarray]]
+
+    @cached_property
+    def covariance(self) -> ndarray:
+        """(S, n, n) V."""
+        s = self.units[:, :-1, None]
+        return np.linalg.inv(self.H) * s * s.mT
+
+    @cached_property
+    def mean(self) -> ndarray:
+        """(S, n) x̂ = -V N_Ar."""
+        return -(self.covariance @ self.products[:, :-1, -1:])[..., 0]
+
+    @property
+    def normal(self) -> ndarray:
+        """(S, n + 1, n + 1) the products in these units."""
+        return self.products * self.units[:, :, None] * self.units[:, None]
 
 
 class LinearModel:
@@ -154,6 +173,8 @@ class LinearModel:
         clock: int | None = None,
         of_mount: ndarray | float = 0.0,
         scanner: slice = slice(0),
+        smooth: SmoothErrors | None = None,
+        tried: int = 0,
     ) -> None:
         """Of each profile, over the scanner's noise, with zeros where no residual is:
         the derivatives `by_flange` (profiles, K, 6), mm and rad, the `columns` [A | r]
@@ -196,18 +217,41 @@ class LinearModel:
             "deg": [0, np.radians(1) ** 2, 0],
             "ms": [0, 0, 1e-6],
         }
-        units = [[0, 0, 0], *(squares[name.rsplit("_")[-1]] for name in names)]
+        fresh = [name for name in names if name not in SMOOTH]
+        units = [[0, 0, 0], *(squares[name.rsplit("_")[-1]] for name in fresh)]
+        units += [[0, 0, 0]] * (len(names) - len(fresh))
         self.units = np.repeat(units, (3, 3, 1), axis=1)[:, : self.axes]
-        numbers = [groups.sharing(name) for name in names]
+        self.plain = np.arange(self.n + 1)  # the columns that residuals have
+        self.smooth = smooth if len(fresh) < len(names) else None
+        self.of_smooth = slice(self.n - tried, self.n - tried)  # their columns
+        if self.smooth:
+            self.add_smooth(self.smooth.left.shape[2])
+        numbers = [groups.sharing(name) for name in fresh]
         self.order, self.own_errors, self.levels = nesting(len(counts), numbers)
         self.kept = np.ones(len(counts), dtype=bool)
         self.arrange()
+
+    def add_smooth(self, count: int) -> None:
+        """Make room for the columns of smooth errors, before those of errors tried."""
+        n = self.of_smooth.start
+        self.of_smooth = slice(n, n + count)
+        self.Y = np.insert(self.Y, [n] * count, 0.0, axis=2)
+        self.n += count
+        self.plain = np.delete(np.arange(self.n + 1), self.of_smooth)
+        of_mount = np.zeros((self.n + 1, self.n + 1))
+        of_mount[np.ix_(self.plain, self.plain)] = self.of_mount
+        self.of_mount = of_mount
+        known = self.precision
+        self.precision = block_diag(known[:n, :n], np.eye(count), known[n:, n:])
 
     def arrange(self) -> None:
         """Put the rows of the profiles kept, [E | Y], in the order of the groups, with
         zeros for the others; and write out the errors that are a profile's own, parts
         of its D.
         """
+        if self.smooth:
+            self.Y = self.Y.copy()
+            self.Y[..., self.of_smooth] = self.E[..., :6] @ self.smooth.left
         kept = self.kept[self.order][:, None, None]
         self.rows = np.concatenate([self.E, self.Y], axis=2)[self.order] * kept
         E = self.rows[..., : self.axes]
@@ -226,6 +270,8 @@ class LinearModel:
         """The model of some of its profiles (profiles,) only."""
         other = copy(self)
         other.kept = kept
+        if self.smooth:
+            other.smooth = self.smooth.keeping(kept)
         other.arrange()
         return other
 
@@ -236,11 +282,14 @@ class LinearModel:
         return other
 
     def without_robot(self) -> "LinearModel":
-        """The same of a robot that does not err, whose variances do not count: no
-        residuals share anything.
+        """The same of a robot that errs smoothly or not at all, whose other variances
+        do not count: no residuals share anything.
         """
         other = copy(self)
-        other.rest = np.concatenate([self.rest, self.Y], axis=1)
+        rest = np.zeros((*self.rest.shape[:2], self.n + 1))
+        rest[..., self.plain] = self.rest
+        other.rest = np.concatenate([rest, self.Y], axis=1)
+        other.plain = np.arange(self.n + 1)
         other.rows, other.own_parts = self.rows[:0], self.own_parts[:, :0]
         other.levels = []
         other.sum_rest()
@@ -252,7 +301,10 @@ class LinearModel:
         are taken off here.
         """
         count = int(self.counts[self.kept].sum()) - len(self.rows) * self.q
-        self.rest_of_kept = squares(self.rest[None, self.kept])[0], count
+        products = np.zeros((self.n + 1, self.n + 1))
+        plain = np.ix_(self.plain, self.plain)
+        products[plain] = squares(self.rest[None, self.kept])[0]
+        self.rest_of_kept = products, count
 
     def factors(self, v: ndarray) -> Factors:
         """C of the rows, in the order of the groups, for variances v (S, 1 + k)."""
@@ -295,20 +347,27 @@ class LinearModel:
         """All follows from the products N = [A | r]ᵀ C⁻¹ [A | r] (S, n + 1, n + 1) and
         log |C| (S,). With N's parts N_AA, N_Ar and N_rr,
 
-            H = N_AA + Π        x̂ = -V N_Ar        rᵀ P r = N_rr + N_Arᵀ x̂
+            H = N_AA + Π = L Lᵀ      y = L⁻¹ N_Ar      rᵀ P r = N_rr - yᵀ y
 
         and the restricted log likelihood is, but for a constant,
 
-            L = -(rᵀ P r + log |C| + log |H|) / 2
+            -(rᵀ P r + log |C| + log |H|) / 2
+
+        Both L and y are parts of the Cholesky factor of H bordered by N_Ar, whatever
+        large number stands in its corner.
         """
         n = self.n
-        H = (N[:, :n, :n] + self.precision) * (1 + ROUNDING * np.eye(n))
-        V = np.linalg.inv(H)
-        N_Ar = N[:, :n, n:]
-        mean = -(V @ N_Ar)[..., 0]
-        square = N[:, n, n] + np.sum(N_Ar[..., 0] * mean, axis=1)
-        log_evidence = -(square + log_det + np.linalg.slogdet(H)[1]) / 2
-        return Posterior(v, mean, V, log_evidence, square, N, log_det, last)
+        units = self.units_of(v)
+        H = N * units[:, :, None] * units[:, None]
+        H[:, :n, :n] += self.precision
+        H *= 1 + ROUNDING * np.eye(n + 1)
+        square = H[:, n, n].copy()
+        H[:, n, n] = 2 * square + 1.0
+        L = np.linalg.cholesky(H)
+        square -= np.sum(L[:, n, :n] ** 2, axis=1)
+        of_H = 2 * np.log(np.einsum("sii->si", L)[:, :n]).sum(axis=1)
+        log_evidence = -(square + log_det + of_H) / 2
+        return Posterior(v, log_evidence, square, N, H[:, :n, :n], units, log_det, last)
 
     def rescaled(
         self, posterior: Posterior, times: ndarray
@@ -356,6 +415,12 @@ class LinearModel:
         across[:, 0] = rest[:n] @ x / v[0, 0] ** 2
         if posterior.last:
             self.add_rows(posterior, slope, within, across)
+        if self.smooth:
+            N = posterior.products[0]
+            N_A, f = N[self.of_smooth, :n], N[self.of_smooth] @ x
+            slope[-1] = np.trace(N_A[:, self.of_smooth] - N_A @ V @ N_A.T) - f @ f
+            across[:, -1] = N_A.T @ f
+            within[-1] = within[:, -1] = f @ across[self.of_smooth]
         return -slope / 2, (within - across.T @ V @ across) / 2
 
     def add_rows(
@@ -422,10 +487,20 @@ class LinearModel:
 
     def alone(self, v: ndarray) -> ndarray:
         """What each profile by itself says of the unknowns, (profiles, n + 1, n + 1):
-        [A | r]ᵀ C⁻¹ [A | r].
+        [A | r]ᵀ C⁻¹ [A | r], in the posterior's units.
         """
-        rest = self.rest.mT @ self.rest / v[0]
-        return self.Y.mT @ np.linalg.solve(self.own(v), self.Y) + rest
+        whole = self.Y.mT @ np.linalg.solve(self.own(v), self.Y)
+        plain = np.ix_(range(len(whole)), self.plain, self.plain)
+        whole[plain] += self.rest.mT @ self.rest / v[0]
+        units = self.units_of(v[None])[0]
+        return whole * units[:, None] * units
+
+    def units_of(self, v: ndarray) -> ndarray:
+        """(S, n + 1) in which Π is the precision of x, for variances v (S, 1 + k)."""
+        units = np.ones((len(v), self.n + 1))
+        if self.smooth:
+            units[:, self.of_smooth] = np.sqrt(v[:, -1:])
+        return units
 
     def left_out(self, posterior: Posterior) -> tuple[ndarray, ndarray]:
         """How far the rows of each profile (profiles, q) are from what all other

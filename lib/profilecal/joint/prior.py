@@ -20,7 +20,7 @@ from numpy import ndarray
 from scipy.special import gammaln, ndtr, stdtrit
 
 from profilecal.geometry.log import DELAY_S
-from profilecal.geometry.noise import ESTIMATED, ROBOT, Noise, Systematic
+from profilecal.geometry.noise import ESTIMATED, ROBOT, SMOOTH, Noise, Systematic
 from profilecal.geometry.poses import pose_error
 from profilecal.targets.observations import Observations
 from profilecal.targets.target import Target
@@ -35,6 +35,10 @@ USUAL = Noise(
     repeatability_mm=0.02,
     repeatability_deg=0.005,
     jitter_ms=0.2,
+    # arms that are not calibrated, each axis, after the base is fitted (Slamani et al.
+    # 2012, Nubiola and Bonev 2013); so err joints by 0.035° and lengths by 0.2 mm
+    accuracy_mm=0.3,
+    accuracy_deg=0.03,
 )
 # Systematic errors where nothing is stated.
 TYPICAL = Systematic(
@@ -43,9 +47,6 @@ TYPICAL = Systematic(
     shear_percent=0.1,
     bend_mm=0.02,
     tolerance_mm=0.01,
-    # each axis, after the base is fitted; Slamani et al. 2012, Nubiola and Bonev 2013
-    accuracy_mm=0.3,
-    accuracy_deg=0.03,
 )
 # The scanner's noise is at least this: residuals of exact data are rounding.
 FINEST_MM = 1e-5
@@ -56,6 +57,8 @@ STATED_FREEDOM = 1.0
 # The spread of the logarithm of the scanner's noise, by where that is from: stated by
 # the user, seen in the profiles' features, or left to the residuals.
 SPREADS = {"given": 0.0, "profiles": 0.5, "residuals": 2.0}
+# That of the robot's smooth errors: two of three arms are within a factor of two.
+SMOOTH_SPREAD = 0.7
 
 
 @dataclass(frozen=True)
@@ -110,15 +113,12 @@ class Prior:
 
     @property
     def without_robot(self) -> "Prior":
-        """The same with no errors but the scanner's noise, and the robot's accuracy,
-        which no residual shows.
-        """
-        exact = replace(self.scales, **dict.fromkeys(ESTIMATED, 0.0))
-        known = Systematic(
-            accuracy_mm=self.systematic.accuracy_mm,
-            accuracy_deg=self.systematic.accuracy_deg,
-        )
-        return replace(self, scales=exact, robot_known=True, systematic=known)
+        """The same with no errors but the scanner's noise and smooth ones."""
+        exact = replace(self.scales, **dict.fromkeys((*ROBOT, "jitter_ms"), 0.0))
+        none = Systematic()
+        stated = self.stated - {SMOOTH}  # their sizes are not known
+        known = {"robot_known": True, "stated": stated, "systematic": none}
+        return replace(self, scales=exact, **known)
 
     def with_scanner(self, noise_mm: float) -> "Prior":
         """The same with another scanner's noise."""
@@ -132,8 +132,11 @@ class Prior:
         for name in names:
             freedom = STATED_FREEDOM if name in self.stated else FREEDOM
             scales.append(getattr(self.scales, name))
-            spreads.append(0.0 if self.robot_known else freedom)
-        return Law(np.array(scales), np.array(spreads))
+            known = self.robot_known and (name != SMOOTH or name in self.stated)
+            spread = SMOOTH_SPREAD if name == SMOOTH else freedom
+            spreads.append(0.0 if known else spread)
+        by_factors = np.isin(["profile_mm", *names], ["profile_mm", SMOOTH])
+        return Law(np.array(scales), np.array(spreads), by_factors)
 
     def names(self, distinguishable: Sequence[str]) -> list[str]:
         """The errors of the robot that there are, entries of `Noise`: all if known,
@@ -143,7 +146,10 @@ class Prior:
             name
             for name in ESTIMATED
             if getattr(self.scales, name)
-            and (name in distinguishable or (self.robot_known and name in ROBOT))
+            and (
+                name in (*distinguishable, SMOOTH)
+                or (self.robot_known and name in ROBOT)
+            )
         ]
 
     @property
@@ -167,9 +173,9 @@ class Law:
     """The prior law of 1 + k sizes, the scanner's first."""
 
     scales: ndarray  # (1 + k,)
-    # (1 + k,) the spread of the scanner's logarithm, degrees of freedom of the others;
-    # 0 where the size is known
+    # (1 + k,) spreads of logarithms or degrees of freedom; 0 where the size is known
     spreads: ndarray
+    by_factors: ndarray  # (1 + k,) whether the logarithm of a size is normal
 
     @cached_property
     def free(self) -> ndarray:
@@ -190,7 +196,8 @@ class Law:
 
             t'' = t' ((f + 1) t t' / (f + t²) - y)
 
-        The scanner's noise has t = exp(f y). With the sizes s = σ t, the variances are
+        The scanner's noise and smooth errors have t = exp(f y). With the sizes s = σ t,
+        the variances are
 
             v = s²        v' = 2 s s'        v'' = 2 (s'² + s s'')
         """
@@ -205,8 +212,9 @@ class Law:
         second = first * ((f + 1) * t * first / (f + t**2) - y)
 
         growth = np.exp(f * y)
-        scanner = growth, f * growth, f**2 * growth
-        sizes = scale * np.where(self.free == 0, scanner, (t, first, second))
+        by_factors = growth, f * growth, f**2 * growth
+        is_so = self.by_factors[self.free]
+        sizes = scale * np.where(is_so, by_factors, (t, first, second))
         s, first, second = sizes
         v = np.tile(self.scales**2, (len(y), 1))
         v[:, self.free] = s**2
@@ -330,7 +338,7 @@ def as_stated(noise: Noise) -> Prior:
     """
     source = "given" if noise.profile_mm else "residuals"
     scales = replace(noise, profile_mm=noise.profile_mm or 1.0)
-    return Prior(scales, source=source, robot_known=True)
+    return Prior(scales, frozenset(ESTIMATED), source, robot_known=True)
 
 
 def prior_from(
@@ -343,7 +351,8 @@ def prior_from(
     noise that raw profiles themselves show, 0 where there are none; `shared_mm`: what
     features of one orientation err together, which counts as the robot's.
     """
-    robot = {name: stated.get(name, getattr(USUAL, name)) for name in ESTIMATED}
+    names = (*ESTIMATED, "accuracy_deg")
+    robot = {name: stated.get(name, getattr(USUAL, name)) for name in names}
     robot["group_position_mm"] = float(np.hypot(robot["group_position_mm"], shared_mm))
     errors = {name: stated.get(name, usual) for name, usual in vars(TYPICAL).items()}
     given_mm = stated.get("profile_mm", 0.0)

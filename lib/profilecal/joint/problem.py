@@ -8,12 +8,13 @@ from itertools import pairwise
 import numpy as np
 from numpy import ndarray
 
-from profilecal.geometry.noise import Noise, Systematic, chi2_limit
+from profilecal.geometry.noise import SMOOTH, Noise, Systematic, chi2_limit
 from profilecal.geometry.observability import units_by_hand
-from profilecal.geometry.poses import carry, rotations
+from profilecal.geometry.poses import carry, inverse, rotations
 from profilecal.joint.linear_model import LinearModel
 from profilecal.joint.prior import DELAY, Mount, Perturbation, considered, of_clocks
 from profilecal.joint.residuals import SENSOR, Residuals
+from profilecal.joint.smooth import Known, SmoothErrors, smooth_errors
 from profilecal.targets.observations import (
     Batch,
     Observations,
@@ -62,6 +63,7 @@ class Problem:
         systematic: Systematic | None = None,
         in_space: bool = False,
         mount: Mount | None = None,
+        smooth: Known | None = None,
     ) -> None:
         self.observations = list(observations)
         self.noise = noise
@@ -82,15 +84,39 @@ class Problem:
         self.parts = [np.arange(*ends) for ends in pairwise(ends)]
         # where each target's columns stand in the normal equations
         self.places = [np.r_[SENSOR, part, self.n] for part in self.parts]
-        # where the delay stands among all columns, if anything was seen in motion
+        # where the errors considered stand among all columns
+        self.systematics = slice(self.n, self.n + len(self.considered))
+        # where the delay does, if anything was seen in motion
         self.clock = None
         if DELAY in self.considered:
             self.clock = self.n + [*self.considered].index(DELAY)
+        # the middle of smooth errors, and what they move, where that is known
+        self.known_smooth = smooth
 
     @cached_property
     def groups(self) -> PoseGroups:
         """Which profiles share errors of the flange."""
         return pose_groups(self.observations)
+
+    def smooth(self, state: State, at_sensor: bool = False) -> SmoothErrors:
+        """The robot's smooth errors at a state, a batch of one; `at_sensor`: they are
+        errors of the sensor's origin.
+        """
+        frames = state.rotation[0], state.translation[0]
+        R, T, positions = [], [], []
+        for entry in self.observations:
+            R.append(entry.R_flange[0])
+            T.append(entry.T_flange[0])
+            to_hand = entry.eye_to_hand
+            positions.append(inverse(R[-1], T[-1])[1] if to_hand else T[-1])
+        R, T, positions = map(np.concatenate, (R, T, positions))
+        points = [entry.points[0].reshape(-1, 2) for entry in self.observations]
+        x, z = np.nanmean(np.concatenate(points), axis=0)
+        arms = frames[1] - to_hand * positions
+        arms = np.broadcast_to((1 - at_sensor) * arms @ frames[0], T.shape)
+        ratio = np.radians(self.noise.accuracy_deg) / (self.noise.accuracy_mm or 1.0)
+        where = (R, T), frames, arms, np.array([x, 0.0, z]), ratio, positions
+        return smooth_errors(*where, self.known_smooth)
 
     def later(self, seconds: float) -> "Problem":
         """With what was seen in motion so much later in the robot's log."""
@@ -205,10 +231,12 @@ class Problem:
         names: Sequence[str],
         tried: Sequence[Perturbation] = (),
         columns: Sequence[ndarray] | None = None,
+        at_sensor: bool = False,
     ) -> LinearModel:
         """The linear model at a state, a batch of one, with errors of the robot of
         these `names`, entries of `Noise`. Of the errors `tried` nothing is known
-        beforehand. `columns`: as `columns_in_mm` has them, if known.
+        beforehand. `columns`: as `columns_in_mm` has them, if known. `at_sensor`: the
+        robot's errors act at the sensor's origin rather than at the flange's.
         """
         columns = columns or self.columns_in_mm(state, tried)
         # (profiles, K, n + c + d + 7), with zeros where a target has fewer residuals
@@ -216,6 +244,8 @@ class Problem:
         whole = np.zeros((len(self.counts), K, columns[0].shape[1]))
         for term, z, own in zip(self.terms, columns, self.split(whole), strict=True):
             own[:, : z.shape[2]] = term.over_noise(z.copy(), self.noise)[0].T
+        if at_sensor:
+            whole[..., FLANGE] = whole[..., SENSOR]
         precision = np.r_[
             NOTHING_KNOWN / self.units**2,
             np.power([*self.considered.values()], -2.0),
@@ -231,6 +261,8 @@ class Problem:
             self.clock,
             self.of_mount(state, len(precision))[0],
             slice(self.n, self.n + sum(bool(one.prior) for one in self.considered)),
+            self.smooth(state, at_sensor) if SMOOTH in names else None,
+            len(tried),
         )
 
     def rms_mm(
@@ -239,7 +271,7 @@ class Problem:
         """Root mean square of the residuals of some profiles (profiles,) after a step x
         (n + c,) from the state that `columns_in_mm` are of, less the errors considered.
         """
-        x, square = np.append(x, 1.0), 0.0
+        x, square = np.append(x[: self.systematics.stop], 1.0), 0.0
         for z, chosen in zip(columns, self.split(profiles), strict=True):
             residual = np.tensordot(x, z[0, : len(x), :, chosen], (0, 1))
             square += np.sum(residual**2)

@@ -2,30 +2,36 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy import ndarray
 
-from profilecal.geometry.noise import Noise
+from profilecal.geometry.noise import SMOOTH, Noise
 from profilecal.geometry.observability import Spectrum
 from profilecal.geometry.poses import homogeneous
 from profilecal.joint.error_sizes import ErrorSizes
 from profilecal.joint.linear_model import LinearModel, Posterior
 from profilecal.joint.prior import Perturbation, Prior
 from profilecal.joint.problem import Problem
+from profilecal.joint.smooth import COEFFICIENTS, SmoothErrors
 from profilecal.targets.observations import State
 
 
-def column_names(problem: Problem, targets: Sequence[int] = ()) -> list[str]:
+def column_names(
+    problem: Problem, targets: Sequence[int] = (), smooth: bool = False
+) -> list[str]:
     """What the columns of a problem's linear model are derivatives by. `targets`: the
-    numbers of its targets, if these are not all.
+    numbers of its targets, if these are not all; `smooth`: whether the robot has smooth
+    errors.
     """
     names = [f"sensor {word} {axis}" for word in ("shift", "turn") for axis in "xyz"]
     numbers = targets or range(len(problem.targets))
     for number, target in zip(numbers, problem.targets, strict=True):
         names += [f"target {number} shift {axis}" for axis in target.shifts]
         names += [f"target {number} turn {axis}" for axis in target.turns]
-    return names + [error.words for error in problem.considered]
+    names += [error.words for error in problem.considered]
+    return names + [f"smooth {k}" for k in range(COEFFICIENTS * smooth)]
 
 
 @dataclass(frozen=True)
@@ -52,8 +58,8 @@ class Solution:
 
     @property
     def covariance_total(self) -> ndarray:
-        """The covariance (6, 6) with what no residual shows: one error of the flange at
-        all poses, as large as its accuracy.
+        """The covariance (6, 6) of the true sensor pose, with what no residual shows:
+        one error of the flange at all poses, as large as its accuracy.
 
         A flange that is shifted by s and turned by ψ takes the sensor, at a in the
         sensor's frame, along: ρ = s + ψ × a, φ = ψ. These are the rows of `lever`.
@@ -62,9 +68,19 @@ class Solution:
         if not self.problem.observations[0].eye_to_hand:
             # from the flange to the sensor, in the sensor's frame
             lever[:3, 3:] = np.cross(np.eye(3), self.rotation.T @ self.translation).T
-        accuracy = self.prior.systematic
-        sd = np.repeat([accuracy.accuracy_mm, np.radians(accuracy.accuracy_deg)], 3)
-        return self.covariance + lever * sd**2 @ lever.T
+        sizes = self.error_sizes
+        if sizes.sizes[-1].name != SMOOTH:
+            return self.covariance
+        noise = self.problem.noise
+        by_axis = np.repeat([1, np.radians(noise.accuracy_deg) / noise.accuracy_mm], 3)
+        *_, steps = self.smooth.known
+        moved = np.hstack([lever * by_axis, steps[:6]])
+        return self.covariance + sizes.mean_v[-1] * moved @ moved.T
+
+    @cached_property
+    def smooth(self) -> SmoothErrors:
+        """The robot's smooth errors at the poses kept."""
+        return self.problem.smooth(self.state).keeping(np.concatenate(self.kept))
 
     def model(
         self, tried: Sequence[Perturbation] = ()

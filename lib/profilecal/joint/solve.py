@@ -38,8 +38,7 @@ from profilecal.joint.descent import (
 from profilecal.joint.error_sizes import ErrorSizes, average, likeliest
 from profilecal.joint.linear_model import LinearModel, Posterior
 from profilecal.joint.prior import DELAY, FINEST_MM, Prior, as_stated
-from profilecal.joint.problem import FLANGE, Fit, Problem
-from profilecal.joint.residuals import SENSOR
+from profilecal.joint.problem import Fit, Problem
 from profilecal.joint.solution import Solution
 from profilecal.targets.observations import Observations, State
 
@@ -302,7 +301,8 @@ def squares(
     """
     of_flange = normalised_square(covariances, errors)
     # what is below zero is rounding
-    return np.maximum(of_flange, 0), np.sum((model.rest @ x) ** 2, axis=1) / v
+    rest = model.rest @ x[model.plain]
+    return np.maximum(of_flange, 0), np.sum(rest**2, axis=1) / v
 
 
 def squares_left_out(
@@ -361,7 +361,7 @@ def conclude(estimated: Estimate, prior: Prior, others: State) -> Solution:
         ),
         prior=prior,
         error_sizes=error_sizes,
-        noise=replace(problem.noise, **(dict.fromkeys(ESTIMATED, 0.0) | sizes)),
+        noise=problem.noise.of_sizes(dict.fromkeys(ESTIMATED, 0.0) | sizes),
         chi2=chi2,
         dof=dof,
         rms_mm=problem.rms_mm(estimated.columns, error_sizes.mean, model.kept),
@@ -402,12 +402,8 @@ def weaker_spectrum(
     if prior.robot_known or not near_limit:
         return at_origin, []
     problem, names = estimated.problem, estimated.model.names
-    columns = []
-    for z in estimated.columns:
-        moved = z.copy()
-        moved[:, FLANGE] = z[:, SENSOR]
-        columns.append(moved)
-    model = problem.model(estimated.state, names, columns=columns)
+    at_sensor = {"columns": estimated.columns, "at_sensor": True}
+    model = problem.model(estimated.state, names, **at_sensor)
     model = model.keeping(estimated.model.kept)
     law = prior.law(names)
     likely = likeliest(model, law)

@@ -190,8 +190,11 @@ def design(
     """
     limits = replace(model.limits, **asked)
     until, poses = limits.until or UNTIL, limits.poses
+    drawn = draw(model, candidates, rng, BEYOND)
+    smooth = model.linear(*drawn)[0].smooth(model.state).known
+    model = replace(model, smooth=smooth)
     given = information(model, *before) if len(before[0]) else 0.0
-    pool = Pool.from_poses(model, *draw(model, candidates, rng, BEYOND), until, given)
+    pool = Pool.from_poses(model, *drawn, until, given)
     chosen: list[int] = []
     for _ in watched(range(poses or limits.most), "choosing poses"):
         if chosen and not poses and pool.lacks(chosen) <= 1:

@@ -103,7 +103,7 @@ def model_of_scan(found: Calibration) -> tuple[ScanModel, Frames]:
         R_sensor=solution.rotation,
         T_sensor=solution.translation,
         scanner=scanner_of(scan, observed),
-        noise=replace(prior.scales, **sizes),
+        noise=prior.scales.of_sizes(sizes),
         systematic=prior.systematic,
         to_hand=observed.eye_to_hand,
         measured=scan.measured,

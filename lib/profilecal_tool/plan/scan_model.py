@@ -14,6 +14,7 @@ from profilecal.geometry.observability import Spectrum, of_covariance, spectrum
 from profilecal.geometry.poses import rotation_groups
 from profilecal.joint.linear_model import LinearModel
 from profilecal.joint.problem import Problem
+from profilecal.joint.smooth import Known
 from profilecal.simulation.robot import Scanner
 from profilecal.simulation.scene import Setup
 from profilecal.targets.observations import Observations
@@ -39,6 +40,8 @@ class ScanModel(Setup):
     # points of a curve that a pose gives
     count: int = 40
     limits: Limits = Limits()  # noqa: RUF009
+    # of the robot's smooth errors, as `Problem` takes them; None: as poses have them
+    smooth: Known | None = None
 
     def elsewhere(self, rng: np.random.Generator) -> "ScanModel":
         """The same where the guess is wrong by anything within its margins."""
@@ -123,10 +126,11 @@ class ScanModel(Setup):
         `in_motion`: the log, times and group of poses that the robot goes through.
         """
         seen = replace(self.observed(R, T), **in_motion)
-        problem = Problem([seen], self.noise, self.systematic)
+        problem = Problem([seen], self.noise, self.systematic, smooth=self.smooth)
         sizes = self.noise.of_robot
         if problem.clock is not None:
             sizes |= {"jitter_ms": self.noise.jitter_ms}
+        sizes |= self.noise.smooth
         variances = np.array([1.0, *sizes.values()]) ** 2
         return problem, problem.model(self.state, list(sizes)), variances
 

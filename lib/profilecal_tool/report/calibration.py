@@ -10,7 +10,6 @@ from html import escape
 import numpy as np
 
 from profilecal.calibration.calibration import Calibration
-from profilecal.calibration.observe import stated_noise
 from profilecal.geometry.noise import FALSE_ALARM, chi2_limit
 from profilecal_pages.figures import GREEN, ORANGE, RED
 from profilecal_tool.controllers import for_controller, writing_like
@@ -110,13 +109,10 @@ def answer(found: Calibration) -> Html:
 
 def elsewhere(found: Calibration) -> str:
     """How well the pose is known away from the poses of the scans."""
-    noise = stated_noise(found.scans)
-    both = {"accuracy_mm", "accuracy_deg"} <= noise.keys()
-    robot = found.solution.prior.systematic
+    robot = found.solution.noise
     return (
         f"{deviations(found.solution.covariance_total)}, on a robot accurate to "
-        f"{robot.accuracy_mm:g} mm and {robot.accuracy_deg:g}° over its workspace, "
-        f"as {'stated' if both else 'assumed'}"
+        f"{robot.accuracy_mm:.2g} mm and {robot.accuracy_deg:.2g}° over its workspace"
     )
 
 

@@ -110,7 +110,6 @@ def test_a_measurement_given_twice_is_refused():
 
 
 def test_the_status_is_the_same_for_poses_of_the_flange_and_of_a_tool():
-    """In a scan whose status hangs on where the robot's errors act: so is the seed."""
     noise = {"profile_mm": 0.03, "position_mm": 0.1, "orientation_deg": 0.05}
     plan = {"groups": 12, "positions": 1, "noise": noise, "scanner": SCANNER}
     recorded, truth = pc.simulate("plane", seed=1031, **plan)
@@ -119,10 +118,6 @@ def test_the_status_is_the_same_for_poses_of_the_flange_and_of_a_tool():
     of_flange = pc.calibrate(scan)
     of_tool = pc.calibrate(replace(scan, p_base_flange=at_sensor))
     assert (of_flange.status, of_tool.status) == ("weak", "weak")
-    remark = "the origin of the poses' frame"
-    assert remark in " ".join(of_flange.messages)
-    assert remark not in " ".join(of_tool.messages)
-    assert of_flange.solution.observability.status == "ok"
 
 
 def test_few_poses_are_kept_where_robots_err_and_one_that_is_wrong_is_not():

@@ -96,7 +96,6 @@ WRONG = [
     ("ball", SCALED_X, "the profiles' x were too small by 0.4", ENLARGED),
     ("ball", SCALED_Z, "the profiles' z were too large by 0.9", ALLOWED),
     ("disk", SHEARED, "the profiles' x grew with z by +0.6", ALLOWED),
-    ("disk", drifting, "drifted along the base's x by 0.", ENLARGED),
     ("edge", scaled_robot, "positions were too far apart by 0.9", ENLARGED),
     ("ball", scaled_axis, "base's y were too far apart by 0.9", ENLARGED),
 ]
@@ -128,6 +127,17 @@ def test_what_is_wrong_everywhere_is_named_and_widens_the_region(
     assert largest_error(found) < 5 or found.status == "weak"
 
 
+def test_a_drift_that_is_smooth_in_the_pose_is_taken_for_the_arm_s_own():
+    """It is not named, but the region holds the mount, which was missed without."""
+    scan = drifting(example("disk"))
+    found = pc.calibrate(scan)
+    assert not found.messages
+    assert squared_error(found) < FARTHEST
+    exact_arm = scan.noise | {"accuracy_mm": 0.0, "accuracy_deg": 0.0}
+    without = pc.calibrate(replace(scan, noise=exact_arm))
+    assert "drifted along the base's x by 0." in said(without)
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_scanner_and_a_target_as_they_may_be_are_allowed_for(kind):
     """Errors of one prior's standard deviation move the answer by more than noise does,
@@ -141,7 +151,9 @@ def test_a_scanner_and_a_target_as_they_may_be_are_allowed_for(kind):
     # what they explain is no residual
     usual_mm = calibrated_example(kind).solution.rms_mm
     assert found.solution.rms_mm < 1.1 * usual_mm
-    exact = pc.calibrate(replace(scan, noise=scan.noise | EXACT_SCANNER))
+    # smooth errors of the arm would explain them too
+    exact = scan.noise | EXACT_SCANNER | {"accuracy_mm": 0.0, "accuracy_deg": 0.0}
+    exact = pc.calibrate(replace(scan, noise=exact))
     assert squared_error(exact) > squared_error(found)
 
 

@@ -83,7 +83,8 @@ def test_near_the_answer_the_first_order_says_the_same():
     used = found.observed[0].keep(found.solution.kept[0])
     delta, covariance = linearised(found, used, T, 0.0)
     exact = difference(T, found.pose)
-    assert normalised_square(covariance, delta - exact) < 0.3
+    # a tenth of what chance has
+    assert normalised_square(covariance, delta - exact) < 0.6
 
 
 def refused(sentence, *arguments, asked=pc.verify):

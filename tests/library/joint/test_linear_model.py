@@ -15,7 +15,7 @@ from scipy.stats import multivariate_normal
 
 from profilecal.calibration.evidence import evidence
 from profilecal.calibration.plausibility import of_robot
-from profilecal.geometry.noise import ROBOT, Noise, Systematic
+from profilecal.geometry.noise import ROBOT, SMOOTH, Noise, Systematic
 from profilecal.geometry.poses import inverse, rotations
 from profilecal.joint import linear_model
 from profilecal.joint.descent import refine
@@ -36,12 +36,24 @@ V = np.array([1.3, 0.4, 0.9, 0.7, 0.5, 0.3, 0.2])
 N = 4
 
 
+class Smooth:
+    """Errors that are smooth, whichever profiles are kept."""
+
+    def __init__(self, left):
+        self.left = left
+
+    def keeping(self, kept):
+        return self
+
+
 class Dense:
     """A random model, and its residuals r, derivatives A and covariance written out."""
 
-    def __init__(self, rank=5, groups=GROUPS, counts=COUNTS, names=ROBOT, seed=1):
+    def __init__(
+        self, rank=5, groups=GROUPS, counts=COUNTS, names=ROBOT, seed=1, smooth=False
+    ):
         """`rank`: how many residuals of the first profiles an error of the flange can
-        move.
+        move; `smooth`: whether errors vary smoothly too.
         """
         rng = default_rng(seed)
         units = [1, 1, 1, 60, 60, 60]  # a degree moves as much as a millimetre
@@ -58,7 +70,11 @@ class Dense:
             )
             for all in (E, Y)
         ]
-        self.model = LinearModel(*padded, counts, groups, names, self.precision)
+        left = rng.normal(size=(len(counts), 6, 7)) / np.array(units)[:, None]
+        errors = Smooth(left) if smooth else None
+        all_names = [*names, SMOOTH] if smooth else names
+        known = all_names, self.precision
+        self.model = LinearModel(*padded, counts, groups, *known, smooth=errors)
         self.profile = np.repeat(np.arange(len(counts)), counts)  # of each residual
         self.A, self.r = np.split(np.concatenate(Y), [N], axis=1)
         self.r = self.r[:, 0]
@@ -69,6 +85,9 @@ class Dense:
             Z = E[:, :3] if name.endswith("mm") else np.radians(E[:, 3:])
             number = groups.sharing(name)[self.profile]
             self.parts.append(Z @ Z.T * np.equal.outer(number, number))
+        if smooth:
+            Z = (E[:, None] @ left[self.profile])[:, 0]
+            self.parts.append(Z @ Z.T)
 
     def of(self, profiles, v=V):
         """r, A and C of some profiles."""
@@ -113,10 +132,12 @@ def random_groups(profiles, poses, rng):
 
 
 @pytest.mark.parametrize("poses", [8, 30, 300], ids=["crowded", "mixed", "alone"])
+@pytest.mark.parametrize("smooth", [False, True])
 @pytest.mark.parametrize("zero", [False, True])
-def test_the_structure_gives_the_answers_of_the_dense_covariance(poses, zero):
+def test_the_structure_gives_the_answers_of_the_dense_covariance(poses, zero, smooth):
     """And the evidence, its gradient and average information: of uneven groups, some of
-    one profile, profiles left out, variances of zero.
+    one profile, profiles left out, variances of zero; smooth errors are further
+    unknowns there, and a part of the covariance here.
 
     Evidence: the law of r where x is integrated out, N(0, C + A Π⁻¹ Aᵀ), but for
     constants.
@@ -124,28 +145,26 @@ def test_the_structure_gives_the_answers_of_the_dense_covariance(poses, zero):
     rng = default_rng(poses)
     groups = random_groups(60, poses, rng)
     names = [name for name in ROBOT if name in groups.distinguishable]
-    dense = Dense(2, groups, np.full(60, 3), names, poses)
-    v = np.r_[1.0, rng.uniform(0, 1, len(names))]
+    dense = Dense(2, groups, np.full(60, 3), names, poses, smooth)
+    v = np.r_[1.0, rng.uniform(0, 1, len(dense.parts) - 1)]
     if zero:
-        v[1] = 0.0
+        v[[1, -1]] = 0.0
     for kept in (np.full(60, True), rng.uniform(size=60) > 0.2):
         r, A, C = dense.of(np.flatnonzero(kept), v)
         mean, covariance, w, P = textbook(r, A, C, dense.precision)
         rows = kept[dense.profile]
         parts = [M[np.ix_(rows, rows)] for M in dense.parts]
         moved = np.array([M @ w for M in parts])
-        Y = np.c_[A, r]
         expected = (
             mean,
             covariance,
-            Y.T @ np.linalg.solve(C, Y),
             (moved @ w - [np.sum(P * M) for M in parts]) / 2,
             moved @ P @ moved.T / 2,
         )
         model = dense.model.keeping(kept)
         posterior = model.posterior(np.array([v, 2 * v]))
-        of_one = posterior.mean, posterior.covariance, posterior.normal
-        found = *(one[0] for one in of_one), *model.gradient(posterior)
+        of_one = posterior.mean[0, :N], posterior.covariance[0, :N, :N]
+        found = *of_one, *model.gradient(posterior)
         for ours, right in zip(found, expected, strict=True):
             atol = 1e-9 * np.abs(right).max()
             assert_allclose(ours, right, rtol=0, atol=atol)
@@ -153,9 +172,11 @@ def test_the_structure_gives_the_answers_of_the_dense_covariance(poses, zero):
         prior = A @ np.linalg.inv(dense.precision) @ A.T
         once, twice = (multivariate_normal(cov=k * C + prior).logpdf(r) for k in (1, 2))
         assert np.diff(posterior.log_evidence)[0] == pytest.approx(twice - once)
-        exact = model.without_robot().posterior(v[None])
+        none = np.zeros((1, len(v)))
+        none[0, 0] = 1.0
+        exact = model.without_robot().posterior(none)
         mean, _, _, _ = textbook(r, A, np.eye(len(r)), dense.precision)
-        assert_allclose(exact.mean[0], mean, rtol=1e-8)
+        assert_allclose(exact.mean[0, :N], mean, rtol=1e-8)
 
 
 def test_several_sets_of_variances_are_one_after_the_other(monkeypatch):
