@@ -12,9 +12,10 @@ from profilecal.simulation.robot import Scanner
 
 def test_both_tips_of_a_chord_together_are_as_exact_as_stated():
     """They lie on one fitted line, so that they err across it together: the mean of n
-    squared errors in four dimensions has the standard deviation √(8 / n).
+    squared errors in four dimensions has the standard deviation √(8 / n), and those of
+    the tips' difference and sum in depth, over their variances, differ by √(4 / n).
     """
-    profiles, truth = disks(default_rng(2), 500)
+    profiles, truth = disks(default_rng(2), 1000)
     features = features_of("disk", profiles)
     shown = [pair for pair in zip(features, truth, strict=True) if pair[0].found]
     error = np.array([(feature.points - tips).ravel() for feature, tips in shown])
@@ -22,6 +23,11 @@ def test_both_tips_of_a_chord_together_are_as_exact_as_stated():
     over_covariance = np.linalg.solve(covariance, error[..., None])[..., 0]
     squares = np.sum(error * over_covariance, axis=1)
     assert abs(squares.mean() - 4) < 4 * np.sqrt(8 / len(squares))
+    apart, together = (
+        np.mean((error @ way) ** 2 / (covariance @ way @ way))
+        for way in np.array([[0, 1, 0, -1], [0, 1, 0, 1]])
+    )
+    assert abs(apart - together) < 4 * np.sqrt(4 / len(squares))
 
 
 @pytest.mark.parametrize(("bevel_deg", "wide"), [(10, 3), (15, 2.5), (20, 2)])
