@@ -224,6 +224,7 @@ def test_an_accuracy_takes_as_many_poses_as_it_takes(tmp_path):
     assert "note           few poses" in few
     at_most_nine = ("poses = 8", "most = 9\nuntil = [0.06, 0.06]")
     missed = run("plan", spec_in(tmp_path, at_most_nine)).output
+    assert read_task(spec, poses=9).model.limits.until == [0.06, 0.06]
     assert missed.endswith("NEW-FOLDER writes it\n")
     sentence = r"9 poses are not enough for 0.06 mm and 0.06°; (\d+) like these are"
     enough = re.search(sentence, missed)[1]
