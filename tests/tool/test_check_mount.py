@@ -41,7 +41,7 @@ def test_a_log_has_a_row_a_day_and_a_picture(tmp_path):
 def test_a_check_that_could_show_nothing_has_a_status_of_its_own(tmp_path):
     options = {"groups": 6, "positions": 1, "noise": {"profile_mm": 0.05}}
     for number, name in ((1, "scan"), (2, "morning")):
-        scan = scan_of("edge", seed=8, scan=number, **options)
+        scan = scan_of("plane", seed=8, scan=number, **options)
         pc.write_scan(scan, tmp_path / name)
     answer = tmp_path / "T.json"
     answer.write_text(run("calibrate", tmp_path / "scan", "--json").output)
