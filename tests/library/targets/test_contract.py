@@ -145,6 +145,13 @@ def test_a_face_shows_on_both_sides_of_what_lies_on_it():
     assert outline.tolist() == [*left, *arc.tolist(), *right]
 
 
+def test_a_ball_is_20_mm_above_its_table():
+    ball = Ball(np.zeros(3), 25.0)
+    plane = np.eye(3)[None], np.array([[0.0, 0, -200]])
+    (outline,) = ball.outline("", *plane, away=np.array([0.0, 0, 1]))
+    assert outline[0].tolist() == [-500, 200 + 25 + 20]
+
+
 def random_planes():
     """Scan planes (200, 3, 3), (200, 3) near the origin of the base frame."""
     rng = default_rng(3)
