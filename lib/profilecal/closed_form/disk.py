@@ -29,8 +29,7 @@ from profilecal.geometry.fitting import (
     principal_axes,
 )
 
-# a straight motion leaves its line, and an even one its steps, by less than this part
-# of its length
+# a straight motion leaves its line by less than this part of its length
 STRAIGHT = 0.01
 
 
@@ -80,8 +79,7 @@ def solve_disk(
     along a straight line over the disk. The chords of a motion lie on an ellipse, which
     gives its sensing data (Eqs 4-13); those of all motions give the rotation (Eqs
     14-16), then the translation (Eqs 17-20). A motion has three poses or more; their
-    number and their steps may differ. Steps that are even within 1 % of the motion's
-    length are taken for even, as a robot's errors leave them.
+    number and their steps may differ.
 
     Chords do not show whether the scanner looks forwards or backwards along its motion:
     `R_sensor_guess` tells. Rows may come in any order. As in the paper, Eq. 17 takes
@@ -211,16 +209,10 @@ def solve_scans(R_tcp: ndarray, scans: list[SensingData]) -> TwoStepSolution:
 
 
 def steps_along(T: ndarray) -> ndarray:
-    """How far the positions (..., m, 3) of a motion are along it, (..., m), 0 to 1.
-
-    Steps that are even but for a robot's errors are taken for even, as in the paper.
-    """
+    """How far the positions (..., m, 3) of a motion are along it, (..., m), 0 to 1."""
     offsets = T - T[..., :1, :]
     way = offsets[..., -1:, :]
-    along = np.vecdot(offsets, way) / np.vecdot(way, way)
-    even = np.linspace(0, 1, T.shape[-2])
-    near = (np.abs(along - even) < STRAIGHT).all(axis=-1, keepdims=True)
-    return np.where(near, even, along)
+    return np.vecdot(offsets, way) / np.vecdot(way, way)
 
 
 def check_motions(T_tcp: ndarray, motions: list[ndarray], names: list[str]) -> None:
