@@ -5,7 +5,7 @@ import pytest
 from finding import features_of, off_ellipse, share_found
 from numpy.random import default_rng
 from numpy.testing import assert_allclose
-from raw_profiles import balls, rods
+from raw_profiles import balls, disks, rods
 from scipy.differentiate import jacobian
 
 from profilecal.profiles.arcs import Section
@@ -20,6 +20,12 @@ def test_a_rod_or_ball_of_another_size_is_not_found(radius):
     profiles, circles = balls(rng, 100)
     other = np.abs(circles[:, 2] / radius - 1) > 0.25
     assert share_found(features_of("rod", profiles[other], radius)) == 0
+
+
+def test_a_step_is_no_ball():
+    """A circle as large as the step touches the faces before it and behind it."""
+    profiles, _ = disks(default_rng(4), 60)
+    assert share_found(features_of("ball", profiles)) == 0
 
 
 @pytest.mark.parametrize("lean", [(0.0, 0.0), (0.0, 1.0), (-0.6, 0.3)])
