@@ -52,7 +52,7 @@ def array_blocks(path: Path, arrays: Mapping[str, ndarray]) -> Iterator[Block]:
     """Arrays as tables: those with as many rows are one; points of profiles another."""
     alike = defaultdict(dict)
     for name, array in arrays.items():
-        if array.ndim == 0:
+        if array.ndim == 0 or array.size == 0:
             continue
         array = array.astype(array.dtype.newbyteorder("="), copy=False)
         if array.shape == OF_POSES[0]:

@@ -34,11 +34,12 @@ def nested_blocks(path: Path, text: str) -> Iterator[Block]:
     """The tables of JSON, of lines of JSON and of YAML. Raises ScanError."""
     with naming(path):
         try:
-            documents = [one for one in parsed(text) if one is not None]
+            documents = [d for d in parsed(text) if isinstance(d, (list, dict))]
         except (yaml.YAMLError, json.JSONDecodeError) as error:
             words = " ".join(str(error).split())
             raise ScanError(f"{path}: {words}; is the file cut short?") from error
-        yield from tables(path, documents if len(documents) > 1 else documents[0])
+        if documents:
+            yield from tables(path, documents if len(documents) > 1 else documents[0])
 
 
 def parsed(text: str) -> list:

@@ -115,10 +115,12 @@ def beside_points(block: Block) -> Block:
 def robot_poses(files: Sequence[File], layout: Layout) -> Poses:
     """The robot's poses in files. Raises Question."""
     parts = []
+    said = layout.pose_columns
     for path, blocks in files:
-        by_name = poses_of(blocks, layout.pose_columns)
-        if not by_name:
-            refuse(path, blocks, layout.pose_columns)
+        by_name = poses_of(blocks, said)
+        widths = {len(block.titles) for block in blocks}
+        if not by_name or (said and said.count(",") + 1 not in widths):
+            refuse(path, blocks, said)
         parts += of_robot(path, by_name, layout.entry)
     first = parts[0]
     tables = []

@@ -78,8 +78,8 @@ def rows_where(path: Path, blocks: list[Block], said: str) -> list[Block]:
             if column.name == name:
                 cells = block.table.iloc[:, column.at].astype(str)
                 rows = block.table[cells.str.lower() == value]
-                chosen.append(replace(block, table=rows))
-    if not any(len(block.table) for block in chosen):
+                chosen += [replace(block, table=rows)] if len(rows) else []
+    if not chosen:
         titles = listed(title for block in blocks for title in block.titles)
         raise ScanError(f"{path}: no rows where {said}; the columns are {titles}")
     return chosen

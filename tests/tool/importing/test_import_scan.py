@@ -368,10 +368,12 @@ def test_a_frame_may_lie_in_another_file_and_a_tool_be_said(tmp_path):
     assert "the one given" in taken["tool"]
 
 
-def test_rows_are_of_a_column_that_is_there(tmp_path):
+def test_what_is_said_of_columns_holds_for_those_that_are_there(tmp_path):
     folder = people.written(tmp_path / "in", people.tum)
     with pytest.raises(ScanError, match="no rows where y=0; the columns are x, z"):
         read(folder, where="y=0")
+    with pytest.raises(ScanError, match="--pose-columns says x,y"):
+        read(folder, pose_columns="x,y")
 
 
 def test_a_log_with_a_frame_beside_the_pose_says_so(tmp_path):
