@@ -13,8 +13,8 @@ p - ρ + p × φ. The first axis is a batch of problems; the linear model and `s
 one.
 
 `problem` arranges the residuals of all targets (`residuals`), `descent` finds the least
-squares. At a state all else is one linear Gaussian model (`linear_model`, and
-`nested_model` where an orientation has many profiles): errors of the robot that
-profiles share, and what may be wrong at every pose alike; how large it all may be
-(`prior`), and is (`error_sizes`).
+squares. At a state all else is one linear Gaussian model (`linear_model`): errors of
+the robot that profiles share or that vary smoothly with the pose (`smooth`), and what
+may be wrong at every pose alike; how large it all may be (`prior`), and is
+(`error_sizes`).
 """

@@ -4,8 +4,8 @@ knowing them better.
 The scanner's noise and the flange's errors, at each visit, commanded pose and
 orientation, are variance components of the linear model at the solution. Its restricted
 likelihood says how well errors of any sizes explain the residuals. Beforehand each size
-has its law (`prior`); now and then a robot's errors are too small to matter, and where
-less is stated than is usual, the usual is as likely. Few poses leave the sizes open.
+has its law (`prior`); now and then a robot's errors are smooth alone, and where less
+is stated than is usual, the usual is as likely. Few poses leave the sizes open.
 The answer is therefore its average over all sizes, as likely as data and prior make
 them, and its region is one that holds over all of them.
 """
@@ -306,8 +306,8 @@ def of_scanners(
 def of_robots(
     model: LinearModel, prior: Prior, likely: Likeliest, usual: Law
 ) -> Iterator[tuple[Law, ndarray, Weighed]]:
-    """The same where the robot is believed not to err at all, or to err as usual where
-    less is stated; without what the data speak against.
+    """The same where the robot is believed to err smoothly alone, or to err as usual
+    where less is stated; without what the data speak against.
     """
     if not model.names or prior.robot_known:
         return

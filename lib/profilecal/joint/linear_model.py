@@ -5,10 +5,11 @@ model; Henderson 1975):
 
 r are the residuals and A their derivatives, both over the scanner's noise. x are steps
 of the unknowns: the sensor pose, the targets, and systematic errors, which Π knows to
-be about zero (considered parameters; Schmidt 1966). u_k are errors of the flange, of
-size s_k in mm or degrees, that the profiles of one visit, commanded pose or orientation
-share; s_0 is the scanner's noise over the assumed one. With the variances v = s², M_0 =
-1 and M_k = Z_k Z_kᵀ,
+be about zero (considered parameters; Schmidt 1966), as it knows the coefficients of the
+robot's smooth errors (`smooth`) over their size, the last of the s_k. u_k are errors of
+the flange, of size s_k in mm or degrees, that the profiles of one visit, commanded pose
+or orientation share; s_0 is the scanner's noise over the assumed one. With the
+variances v = s², M_0 = 1 and M_k = Z_k Z_kᵀ,
 
     C = Σ_k v_k M_k        H = Aᵀ C⁻¹ A + Π        V = H⁻¹        x̂ = -V Aᵀ C⁻¹ r
     P = C⁻¹ - C⁻¹ A V Aᵀ C⁻¹
