@@ -191,10 +191,11 @@ def design(
     limits = replace(model.limits, **asked)
     until, poses = limits.until or UNTIL, limits.poses
     drawn = draw(model, candidates, rng, BEYOND)
+    # what smooth errors do must not depend on the poses, for information to add up
     smooth = model.linear(*drawn)[0].smooth(model.state).known
-    model = replace(model, smooth=smooth)
-    given = information(model, *before) if len(before[0]) else 0.0
-    pool = Pool.from_poses(model, *drawn, until, given)
+    fixed = replace(model, smooth=smooth)
+    given = information(fixed, *before) if len(before[0]) else 0.0
+    pool = Pool.from_poses(fixed, *drawn, until, given)
     chosen: list[int] = []
     for _ in watched(range(poses or limits.most), "choosing poses"):
         if chosen and not poses and pool.lacks(chosen) <= 1:
@@ -205,7 +206,7 @@ def design(
     for _ in watched(range(exchanges), "exchanging poses"):
         plan = pool.R[chosen], pool.T[chosen]
         several = joined(plan, neighbours(model, *plan, 40, rng))
-        pool = Pool.from_poses(model, *several, until, given)
+        pool = Pool.from_poses(fixed, *several, until, given)
         chosen = exchanged(pool, list(range(len(chosen))))
         if not poses:
             chosen = trimmed(pool, chosen)
