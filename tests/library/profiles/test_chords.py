@@ -81,3 +81,10 @@ def test_a_gap_before_a_tip_counts_by_its_length():
     profiles[(from_tip > 1) & (from_tip < 4)] = np.nan
     found = np.array([feature.points for feature in features_of("disk", profiles)])
     assert np.abs(found - tips).max() < 0.3
+
+
+def test_two_chords_alike_leave_the_choice_open():
+    x = np.linspace(-40, 40, 801)
+    z = np.where(np.abs(np.abs(x) - 20) < 10, 100.0, 120)
+    (feature,) = features_of("disk", [np.stack([x, z], axis=-1)])
+    assert feature.reason == "2 candidates for the chord, none clearly the best"
