@@ -211,6 +211,13 @@ def design(
         if not poses:
             chosen = trimmed(pool, chosen)
     R, T = pool.R[chosen], pool.T[chosen]
+    # smooth errors as these poses have them may ask for a few more
+    while not poses and len(chosen) < limits.most:
+        alone = predict(model, *joined(before, (R, T)))
+        if alone.mm <= until[0] and alone.deg <= until[1]:
+            break
+        chosen = added(pool, chosen)
+        R, T = pool.R[chosen], pool.T[chosen]
     predicted = predict(model, *joined(before, (R, T)), rng)
     way = there_and_back(short_way(R, T))
     return Plan(model, R[way], T[way], predicted, until, pool.enough(chosen))
