@@ -8,7 +8,7 @@ numbers shown.
 An agreement says something only if it could have failed. So each number is computed
 again in ways that are wrong on purpose: with a wrong sign, another formula, another
 set-up (`Row.otherwise`). Where the printed number then lies outside, the row was seen
-to fail, and counts. All other agreements are "not testable": shown, not counted.
+to fail, and counts. All other agreements are "not counted".
 """
 
 import json
@@ -20,7 +20,7 @@ import pandas as pd
 
 MIME = "application/vnd.profilecal.item+json"
 PAPERS = {"edge": "Xu 2021", "disk": "Chen 2018"}
-VERDICTS = "reproduced", "compatible", "not testable", "differs"
+VERDICTS = "reproduced", "compatible", "not counted", "differs"
 DIGITS = 2  # of ours, beyond the printed ones, that the data hold
 
 
@@ -118,13 +118,13 @@ class Item:
     share_failing: float | None = None
 
     def verdict(self, row: Row) -> str:
-        """differs; not testable, where nothing tried made it fail; compatible, where
+        """differs; not counted, where nothing tried made it fail; compatible, where
         settings were free; or reproduced.
         """
         if not row.inside:
             return "differs"
         if self.apart or not row.failed:
-            return "not testable"
+            return "not counted"
         return "compatible" if self.free else "reproduced"
 
     @property
@@ -193,7 +193,7 @@ def as_table(item: Item) -> pd.DataFrame:
     """The paper's rows and columns, or one column for each reading. Ours with its range
     stands below each printed number, or once where it is the same for all columns.
     """
-    marks = {"differs": "✗", "not testable": "(✓)"}
+    marks = {"differs": "✗", "not counted": "(✓)"}
     printed, ours = defaultdict(dict), defaultdict(dict)
     for row in item.rows:
         parts = [row.quantity, row.row, row.column if row.reading else ""]
@@ -268,7 +268,7 @@ def sentence(gathered: Gathered) -> str:
     marks = [
         (item.free, mark) for _, item in gathered for mark in item.counted.verdicts
     ]
-    tested = [(free, mark) for free, mark in marks if mark != "not testable"]
+    tested = [(free, mark) for free, mark in marks if mark != "not counted"]
     agree = []
     for chosen, agreement in enumerate(AGREEMENTS):
         part = [mark for free, mark in tested if bool(free) == chosen]
@@ -276,8 +276,8 @@ def sentence(gathered: Gathered) -> str:
             inside = len(part) - part.count("differs")
             agree.append(f"{inside} of {len(part)} are {agreement}")
     return (
-        f"Of {len(marks)} printed results {len(marks) - len(tested)} could hardly have "
-        f"failed, and do not count. Of the others, {', and '.join(agree) or 'none'}."
+        f"Of {len(marks)} printed results {len(marks) - len(tested)} are not counted: "
+        f"they could hardly fail. Of the others, {', and '.join(agree) or 'none'}."
     )
 
 

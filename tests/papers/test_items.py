@@ -32,8 +32,8 @@ def shown(item, kind="html"):
         (table(0.01, free="radius"), "compatible", "Free settings: radius."),
         (table(0.03, why="too large"), "differs", "half, 0 of 12. ✗: too large."),
         # what nothing makes fail, or cannot fail, does not count
-        (table(0.01, otherwise={}), "not testable", "(Monte Carlo): 12 of 12."),
-        (table(0.01, apart="a recount"), "not testable", "Not counted: a recount."),
+        (table(0.01, otherwise={}), "not counted", "(Monte Carlo): 12 of 12."),
+        (table(0.01, apart="a recount"), "not counted", "Not counted: a recount."),
         (table(0.0049, half=0.0), "reproduced", "0 of 12."),  # rounds to the printed
         (table(0.0062, half=0.0), "differs", "half, 0 of 12."),
     ],
@@ -41,17 +41,17 @@ def shown(item, kind="html"):
 def test_every_verdict_follows_from_the_numbers(item, verdict, summary):
     assert {*item.verdicts} == {verdict}
     assert item.summary.endswith(summary)
-    assert ("0.27</b> (✓)" in shown(item)) == (verdict == "not testable")
+    assert ("0.27</b> (✓)" in shown(item)) == (verdict == "not counted")
 
 
 def test_numbers_that_something_makes_fail_count():
     wide = {"wide": {MEAN: [PRINTED, PRINTED - 1, PRINTED + 1]}}
-    assert {*table(0.01, otherwise=wide).verdicts} == {"not testable"}
+    assert {*table(0.01, otherwise=wide).verdicts} == {"not counted"}
     some = {"some": {MEAN: [PRINTED + np.array([1.0, 0, 0])] * 3}}
     counted = table(0.01, otherwise=wide | some)
-    assert counted.verdicts == ["reproduced", "not testable", "not testable"] * 4
+    assert counted.verdicts == ["reproduced", "not counted", "not counted"] * 4
     told = items.sentence([("11", counted)])
-    assert told.startswith("Of 12 printed results 8 could hardly have failed")
+    assert told.startswith("Of 12 printed results 8 are not counted")
     assert "4 of 4 are reproduced" in told
     assert "compatible" not in told  # there is none of these
     assert items.scorecard([("11", counted)])["would have failed"][0] == "some"
