@@ -77,15 +77,18 @@ def choose(
     just one candidate for it is clear; else nothing, with the reason.
     """
     ranked = [sorted(own, key=lambda c: -c.support) for own in candidates]
-    angles = [own[0].angle for own in ranked if own]
-    if not angles:
+    angles = np.array([own[0].angle for own in ranked if own])
+    if not len(angles):
         counts = map(len, profiles)
         return [nothing(f"nothing like the target in {n} points") for n in counts]
     usual = np.median(angles)
-    unlike = np.radians(30)  # tilted planes see corners at other angles
+    spread = 6 * np.median(np.abs(angles - usual)) if len(angles) >= 5 else np.inf
+    # tilted planes see corners at other angles, if nothing nearer
+    close, wide = np.maximum(np.radians([20, 30]), spread)
     chosen = []
     for profile, runs, own in zip(profiles, found, ranked, strict=True):
-        near = [c for c in own if abs(c.angle - usual) <= unlike]
+        near = [c for c in own if abs(c.angle - usual) <= close]
+        near = near or [c for c in own if abs(c.angle - usual) <= wide]
         reason = ""
         if not own:
             reason = why_missed(profile, runs, shape)

@@ -211,13 +211,20 @@ def design(
         if not poses:
             chosen = trimmed(pool, chosen)
     R, T = pool.R[chosen], pool.T[chosen]
-    # smooth errors as these poses have them may ask for a few more
-    while not poses and len(chosen) < limits.most:
-        alone = predict(model, *joined(before, (R, T)))
-        if alone.mm <= until[0] and alone.deg <= until[1]:
-            break
+
+    def suffice(R: ndarray, T: ndarray) -> bool:
+        known = predict(model, *joined(before, (R, T)))
+        return known.mm <= until[0] and known.deg <= until[1]
+
+    # smooth errors as these poses have them may ask for a few more, or fewer
+    while not poses and len(chosen) < limits.most and not suffice(R, T):
         chosen = added(pool, chosen)
         R, T = pool.R[chosen], pool.T[chosen]
+    for pose in [] if poses else list(chosen):
+        fewer = [other for other in chosen if other != pose]
+        if len(fewer) and suffice(pool.R[fewer], pool.T[fewer]):
+            chosen = fewer
+    R, T = pool.R[chosen], pool.T[chosen]
     predicted = predict(model, *joined(before, (R, T)), rng)
     way = there_and_back(short_way(R, T))
     return Plan(model, R[way], T[way], predicted, until, pool.enough(chosen))

@@ -235,7 +235,9 @@ def test_an_accuracy_takes_as_many_poses_as_it_takes(tmp_path):
 def test_a_wide_guess_gets_a_first_step_whose_answer_plans_the_second(tmp_path):
     margins = "mount_mm = 15\nmount_deg = 8\ntarget_mm = 15\ntarget_deg = 8\n[noise]"
     wish = "until = [0.09, 0.045]\nhigh = [1200, 400, 800]"
-    spec = spec_in(tmp_path, ("[noise]", margins), ("poses = 8", wish))
+    # of seeds 2 to 6 four answers are within 22 % of the plan, that of 2 twice as wide
+    changes = ("[noise]", margins), ("poses = 8", wish), ("seed = 2", "seed = 4")
+    spec = spec_in(tmp_path, *changes)
     first, second = tmp_path / "first", tmp_path / "second"
     planned = run("plan", spec, first).output
     assert "a first step" in planned
@@ -253,7 +255,7 @@ def test_a_wide_guess_gets_a_first_step_whose_answer_plans_the_second(tmp_path):
     output = run("calibrate", tmp_path / "scan", tmp_path / "more", "--json").output
     answer = json.loads(output)
     assert answer["status"] == "ok"
-    assert stated_worst(answer) == pytest.approx([0.09, 0.045], rel=0.5)
+    assert stated_worst(answer) == pytest.approx([0.09, 0.045], rel=0.3)
     assert printed_square(answer, truth) < chi2.ppf(0.99, 6)
 
 
