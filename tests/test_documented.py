@@ -89,4 +89,6 @@ def test_pictures_of_the_front_page_are_the_first_of_their_pages(picture, page):
         if "image/png" in output.get("data", {})
     ]
     first = base64.b64decode(outputs[0]["image/png"])
-    assert (ROOT / "docs" / f"{picture}.png").read_bytes() == first
+    # said as true or false: a comparison of bytes would take minutes to print
+    same = (ROOT / "docs" / f"{picture}.png").read_bytes() == first
+    assert same, f"docs/{picture}.png is not the first picture of {page}"

@@ -18,7 +18,6 @@ from profilecal.scan.toml import (
     toml_text,
 )
 from profilecal.targets import TARGETS
-from profilecal_tool.importing.makers import UNITS
 
 FILE = "import.toml"
 LENGTHS = {name for target in TARGETS.values() for name in target.lengths}
@@ -64,13 +63,15 @@ def only(place: Any, names: Sequence[str], what: str, option: str) -> str:
     return names[0]
 
 
-def scale_of(place: Any, units: set[str], usual: str) -> float:
-    """Of one unit of several columns to mm or degrees. Raises ScanError."""
+def scale_of(place: Any, units: set[str], usual: str, among: dict[str, float]) -> float:
+    """Of one unit of several columns, `among` those of lengths or of angles, to mm or
+    degrees. Raises ScanError.
+    """
     known = {unit or usual for unit in units}
-    if len(known) > 1 or not known <= UNITS.keys():
+    if len(known) > 1 or not known <= among.keys():
         sentence = f"the units are {listed(sorted(known))}; expected one of"
-        raise ScanError(f"{place}: {sentence} {listed(UNITS)}")
-    return UNITS[known.pop()]
+        raise ScanError(f"{place}: {sentence} {listed(among)}")
+    return among[known.pop()]
 
 
 def read_answers(folder: Path) -> dict[str, Any]:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy import ndarray
 from pandas import DataFrame, read_excel
 
-from profilecal.scan.tables import ScanError, naming
+from profilecal.scan.tables import ScanError
 from profilecal_tool.importing.blocks import Block, text_blocks
 
 OF_POSES = (4, 4), (3, 4), (3, 3), (3, 1), (1, 3)  # what a pose's matrices have
@@ -93,8 +93,11 @@ def block_of(path: Path, name: str, columns: dict[str, ndarray]) -> Block:
 
 
 def sheets(path: Path) -> Iterator[Block]:
-    """The tables of a workbook."""
-    with naming(path):
-        for name, cells in read_excel(path, sheet_name=None, header=None).items():
-            text = cells.to_csv(sep=";", header=False, index=False)
-            yield from text_blocks(path, f"{name}\n{text}".encode())
+    """The tables of a workbook. Raises ScanError."""
+    try:
+        sheets = read_excel(path, sheet_name=None, header=None)
+    except Exception as error:  # of the archive, of its XML, of pandas
+        raise ScanError(f"{path}: no workbook: is it damaged?") from error
+    for name, cells in sheets.items():
+        text = cells.to_csv(sep=";", header=False, index=False)
+        yield from text_blocks(path, f"{name}\n{text}".encode())

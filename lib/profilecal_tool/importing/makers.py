@@ -9,7 +9,8 @@ from profilecal.scan.conventions import CONVENTIONS
 TABLE = tomllib.loads(files(__package__).joinpath("makers.toml").read_text("utf-8"))
 ROBOTS = {robot["maker"]: robot for robot in TABLE["robot"]}
 LENGTHS = TABLE["lengths"]
-UNITS = LENGTHS | TABLE["angles"]
+ANGLE_UNITS = TABLE["angles"]
+UNITS = LENGTHS | ANGLE_UNITS
 CODES = {float(code): unit for code, unit in TABLE["scanners"].items()}
 SETS = {name: {*words.split()} for name, words in TABLE["words"].items()}
 ROLES = {}  # by title

@@ -17,7 +17,7 @@ from profilecal.scan.folder import check_poses
 from profilecal.scan.tables import ScanError, Table, listed
 from profilecal_tool.importing.answers import Layout, Question, only, scale_of
 from profilecal_tool.importing.blocks import Block, File, counted
-from profilecal_tool.importing.makers import ROBOTS, SETS, UNITS
+from profilecal_tool.importing.makers import ANGLE_UNITS, LENGTHS, ROBOTS, SETS
 from profilecal_tool.importing.roles import (
     KEYS,
     columns_of,
@@ -108,7 +108,7 @@ def beside_points(block: Block) -> Block:
         return block
     cells = block.table.iloc[:, [column.at for column in posed]]
     numbers = cells.groupby([*cells], sort=False, dropna=False).ngroup() + 1
-    table = block.table.assign(label=numbers)
+    table = pandas.concat([block.table, numbers.rename("label")], axis=1)
     return replace(block, table=table, titles=[*block.titles, "label"])
 
 
@@ -202,7 +202,8 @@ def length_of(poses: Poses) -> tuple[float, str]:
     farthest = np.linalg.norm(poses.numbers("xyz"), axis=1).max()
     usual = "m" if farthest < FARTHEST_M and not poses.robot else "mm"
     usual = poses.robot.get("unit", usual)
-    scale = scale_of(poses.path, {poses.units[axis] for axis in "xyz"}, usual)
+    units = {poses.units[axis] for axis in "xyz"}
+    scale = scale_of(poses.path, units, usual, LENGTHS)
     return scale, poses.units["x"] or usual
 
 
@@ -222,7 +223,7 @@ def angle_of(poses: Poses) -> tuple[float, str]:
     unclear = is_small and not unit
     if is_vector:
         is_long = np.linalg.norm(numbers, axis=1).max() > np.pi
-        unclear = UNITS.get(unit) == 1 or (is_long and not unit)
+        unclear = ANGLE_UNITS.get(unit) == 1 or (is_long and not unit)
     if unclear and not poses.robot:
         names = dict(zip(turn.columns, ANGLES, strict=True)) if is_vector else {}
         columns = columns_of(poses.block)
@@ -230,8 +231,9 @@ def angle_of(poses: Poses) -> tuple[float, str]:
         sentence = f"angles up to {largest:.4g}; which, rad or deg?"
         raise which_columns(poses.block, sentence, roles, is_small)
     unit = unit or ("rad" if is_vector else "deg")
-    scale = scale_of(poses.path, {poses.units[name] for name in turn.columns}, unit)
-    return scale / UNITS["rad"] if is_vector else scale, f", {unit}"
+    units = {poses.units[name] for name in turn.columns}
+    scale = scale_of(poses.path, units, unit, ANGLE_UNITS)
+    return scale / ANGLE_UNITS["rad"] if is_vector else scale, f", {unit}"
 
 
 def entries_of(poses: Poses, taken: dict[str, str]) -> dict[str, Any]:

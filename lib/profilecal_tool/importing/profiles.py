@@ -304,7 +304,7 @@ def to_mm(profiles: Profiles, layout: Layout, taken: dict[str, str]) -> None:
         raise ScanError(f"{profiles.path}: nothing was seen in any profile")
     of_codes = {CODES.get(code, "") for code in codes}
     units = {layout.unit} - {""} or profiles.units - {""} or of_codes - {""} or {"mm"}
-    scale = scale_of(profiles.path, units, "mm")
+    scale = scale_of(profiles.path, units, "mm", LENGTHS)
     xz *= scale
     low, high = np.nanmin(xz, axis=0).round(3), np.nanmax(xz, axis=0).round(3)
     taken["columns"] = f"{profiles.titles}: {low.tolist()} to {high.tolist()} mm"

@@ -82,8 +82,11 @@ def program_blocks(path: Path, text: str) -> Iterator[Block]:
             tables["tool"] = tables["pose"]
         if len(tables["tool"]) + len(tables["pose"]) == 0:
             continue
-        lines = rest.splitlines()
-        left = sum(len(NUMBER.findall(line)) >= OF_POSE for line in lines)
+        read = {number for table in tables.values() for number in table.index}
+        left = sum(
+            number not in read and len(NUMBER.findall(line)) >= OF_POSE
+            for number, line in enumerate(rest.splitlines(), start=1)
+        )
         for kind, table in tables.items():
             if len(table):
                 titles = [*table.columns]
