@@ -196,9 +196,8 @@ def test_in_the_field_an_answer_is_right_or_doubted(name, kind):
         scan, truth = driven(kind, seed=seed, noise=noise, **entries)
         found = pc.calibrate(scan)
         if "lag_ms" in entries:
-            assert found.status != "ok"
-            doubt = "known only to" if kind == "plane" else "the residuals look as if"
-            assert doubt in " ".join(found.messages)
+            assert found.status == "weak"
+            assert "the residuals look as if" in " ".join(found.messages)
             continue
         error = error_of(found, truth.pose)
         assert found.status == "ok" or kind == "plane"
