@@ -126,7 +126,11 @@ def likeliest(
         values, vectors = np.linalg.eigh(information + np.diag(1 - g * second))
         values = np.maximum(values, 0.5)
         uphill = g * first - y
+        # at a bound nothing is farther out: a step there would be halved for ever
+        outward = (np.abs(y) == FARTHEST) & (uphill * y > 0)
+        uphill[outward] = 0.0
         step = vectors @ (vectors.T @ uphill / values)
+        step[outward] = 0.0
         if uphill @ step / 2 < tolerance:
             break
         step = step * min(1.0, 1 / np.abs(step).max())

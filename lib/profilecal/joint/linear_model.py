@@ -218,7 +218,7 @@ class LinearModel:
             "deg": [0, np.radians(1) ** 2, 0],
             "ms": [0, 0, 1e-6],
         }
-        fresh = [name for name in names if name not in SMOOTH]
+        fresh = [name for name in names if name != SMOOTH]
         units = [[0, 0, 0], *(squares[name.rsplit("_")[-1]] for name in fresh)]
         units += [[0, 0, 0]] * (len(names) - len(fresh))
         self.units = np.repeat(units, (3, 3, 1), axis=1)[:, : self.axes]

@@ -112,8 +112,7 @@ class Problem:
         R, T, positions = map(np.concatenate, (R, T, positions))
         points = [entry.points[0].reshape(-1, 2) for entry in self.observations]
         x, z = np.nanmean(np.concatenate(points), axis=0)
-        arms = frames[1] - to_hand * positions
-        arms = np.broadcast_to((1 - at_sensor) * arms @ frames[0], T.shape)
+        arms = (1 - at_sensor) * (frames[1] - to_hand * positions) @ frames[0]
         ratio = np.radians(self.noise.accuracy_deg) / (self.noise.accuracy_mm or 1.0)
         where = (R, T), frames, arms, np.array([x, 0.0, z]), ratio, positions
         return smooth_errors(*where, self.known_smooth)

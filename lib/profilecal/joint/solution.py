@@ -73,8 +73,7 @@ class Solution:
             return self.covariance
         noise = self.problem.noise
         by_axis = np.repeat([1, np.radians(noise.accuracy_deg) / noise.accuracy_mm], 3)
-        *_, steps = self.smooth.known
-        moved = np.hstack([lever * by_axis, steps[:6]])
+        moved = np.hstack([lever * by_axis, self.smooth.steps[:6]])
         return self.covariance + sizes.mean_v[-1] * moved @ moved.T
 
     @cached_property
