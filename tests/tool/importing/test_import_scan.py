@@ -346,6 +346,25 @@ TOOLS = {
 }
 
 
+OF_PROGRAMS = [  # a tool's line before a pose, and what it says
+    ("$TOOL := POS(10, 20, 150, 0, 0, 0, '')\np1 : POS(1, 2, 3, 4, 5, 6, '')", "10"),
+    ("$TOOL := gripper\np1 := POS(1, 2, 3, 4, 5, 6, '')", "gripper"),
+    ("MovL({pose={1,2,3,4,5,6}},{user=1,tool=2})", "2"),
+    ("1 Tool (10,20,150,0,0,0)\nP1=(1,2,3,4,5,6)(7,0)", "10"),
+]
+
+
+@pytest.mark.parametrize(("text", "says"), OF_PROGRAMS)
+def test_a_programs_tool_is_no_pose(text, says):
+    blocks = {block.kind: block for block in program_blocks(Path("p"), text)}
+    poses = blocks["pose"]
+    assert poses.table["x"].tolist() == ["1"]
+    assert poses.left == 0
+    frame = blocks["tool"].table["x"] if "tool" in blocks else []
+    uses = blocks.get("uses", poses).table.get("tool", [])
+    assert says in [*frame, *uses]
+
+
 @pytest.mark.parametrize("name", TOOLS)
 def test_a_tool_or_base_is_taken_off_or_named(name, tmp_path):
     of_poses, change, words = TOOLS[name]
@@ -434,6 +453,11 @@ MISTAKES = {
     "fewer": (people.tum, lost("scan_003.csv"), "11 profiles for 12 poses"),
     "half": (people.csv, edited("robot.csv", "Alpha", "tilt"), "what are they"),
     "units": (people.csv, edited("robot.csv", "Y [mm]", "Y [m]"), "units are m, mm"),
+    "angles": (
+        people.csv,
+        edited("scan_001.csv", "x,z", "x [rad],z [rad]"),
+        "units are",
+    ),
     "gon": (people.csv, edited("robot.csv", "[°]", "[gon]", 3), "units are gon"),
     "other tool": (people.fanuc, edited("CALIB.LS", "UT : 0", "UT : 3"), "tools 0, 3"),
     "other base": (people.fanuc, edited("CALIB.LS", "UF : 0", "UF : 2"), "bases 0, 2"),
