@@ -24,7 +24,7 @@ from profilecal.joint.linear_model import LinearModel, Posterior
 from profilecal.joint.prior import Law, Prior
 from profilecal.targets.observations import Batch
 
-EXACT_ROBOT = 0.1  # odds that the robot's errors are smooth in the pose alone
+SMOOTH_ALONE = 0.1  # odds that the robot's errors are smooth in the pose alone
 POOR = 0.1  # odds that one error of scanner or target is POORER times the usual; or all
 POORER = 10.0
 LITTLE = 0.01  # odds that such a belief needs to count
@@ -315,7 +315,7 @@ def of_robots(
     """
     if not model.names or prior.robot_known:
         return
-    rivals = [(model.without_robot(), prior.without_robot, EXACT_ROBOT)]
+    rivals = [(model.without_robot(), prior.without_robot, SMOOTH_ALONE)]
     if prior.usual:
         rivals.append((model, prior.usual, 1.0))
     for other, belief, odds in rivals:
