@@ -189,11 +189,11 @@ def calibrate(folders, as_json, vendor, guess, guess_sd, self_test, report, clou
     with working("calibrating"):
         scans = [pc.read_scan(folder) for folder in folders]
         found = pc.calibrate(scans, guess and mount_pose(guess), guess_sd)
-    try:
-        with interruptible("Above is what was found until then."):
+    with interruptible("Above is what was found until then."):
+        try:
             found = with_notes(found, folders[0], self_test)
-    finally:
-        print_calibration(found, as_json, vendor)
+        finally:
+            print_calibration(found, as_json, vendor)
     if not as_json:
         echo(next_step(found, folders))
     if report:

@@ -85,6 +85,19 @@ def test_a_self_test_says_whether_to_believe(tmp_path):
     assert "note           of 10 scans simulated from this answer" in result.output
 
 
+def test_an_interrupted_self_test_leaves_the_answer_above(tmp_path, monkeypatch):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(pc, "self_test", interrupted)
+    pc.write_scan(scan_of("ball", seed=5), tmp_path / "scan")
+    result = run("calibrate", tmp_path / "scan", "--self-test", 10)
+    assert result.exit_code == 130
+    answer, _, said = result.output.partition("Interrupted. ")
+    assert answer.startswith("status         ok")
+    assert said == "Above is what was found until then.\n"
+
+
 def test_a_pose_that_contradicts_the_data_is_not_given_to_paste(tmp_path):
     scan = scan_of("ball", seed=5, groups=6, positions=4)
     pc.write_scan(replace(scan, mount="eye-to-hand"), tmp_path / "scan")
