@@ -30,6 +30,7 @@ COPIED = (
     "data/README.md",
     "data/examples/edge.toml",
     "data/examples/planned.toml",
+    "data/examples/scan.toml",
     "docs/answer.png",
     "docs/errata.md",
     "docs/tiles.png",

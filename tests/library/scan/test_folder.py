@@ -1,8 +1,11 @@
 """Scan folders, written and read, and every mistake in them."""
 
 import os
+import re
+import tomllib
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -24,7 +27,9 @@ from scipy.spatial.transform import Rotation
 
 import profilecal as pc
 from profilecal.geometry.poses import homogeneous
+from profilecal.joint.prior import TYPICAL, USUAL
 from profilecal.scan.conventions import CONVENTIONS
+from profilecal.scan.folder import HEADER
 from profilecal.scan.scan import MEASURED
 from profilecal.scan.toml import read_toml
 
@@ -106,6 +111,17 @@ def test_metres_and_millimetres_are_the_same_scan(folder):
     ):
         change(folder)
     assert_same(pc.read_scan(folder), replace(scan, side=np.array(-1)))
+
+
+def test_the_example_of_all_entries_leaves_none_out_and_says_what_is_usual():
+    place = Path(__file__).parents[3] / "data" / "examples" / "scan.toml"
+    text = place.read_text(encoding="utf-8")
+    said = tomllib.loads(re.sub(r"^# (?=\[|\w+ = )", "", text, flags=re.M))
+    assert said.keys() == HEADER.keys()
+    assert said["noise"].keys() == HEADER["noise"].keys()
+    usual = vars(USUAL) | vars(TYPICAL)
+    others = {"profile_mm", "steering_mm"}
+    assert {k: v for k, v in said["noise"].items() if usual[k] != v}.keys() == others
 
 
 def test_given_groups_are_kept(folder):
