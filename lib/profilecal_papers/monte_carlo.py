@@ -278,14 +278,13 @@ def with_robot(problem: Problem, state: State) -> tuple[State, ndarray]:
     robot as large as its noise says.
 
     Takes Gauss-Newton steps on the linear model. Returns the state, and the normal
-    equations (1, n + 1, n + 1) there.
+    equations (1, n + 1, n + 1) of the last step, which is too small to change them.
     """
     sizes = problem.noise.of_robot
-    names = list(sizes)
     variances = np.array([[1.0, *sizes.values()]]) ** 2
     for _ in range(8):
-        step = problem.model(state, names).posterior(variances).mean
-        state = problem.move(state, step)
-        if reach(step).max() < 1e-6:
+        found = problem.model(state, [*sizes]).posterior(variances)
+        state = problem.move(state, found.mean)
+        if reach(found.mean).max() < 1e-5:
             break
-    return state, problem.model(state, names).posterior(variances).normal
+    return state, found.normal

@@ -7,6 +7,7 @@ from textwrap import fill
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d import Axes3D
 from numpy import ndarray
 
@@ -128,7 +129,9 @@ def draw_lines(axes: Axes3D, lines: list[ndarray], colour: str, label: str) -> n
 def in_frame(axes: Axes3D, frame: str, points: ndarray) -> None:
     """Name the axes of a 3D plot and give them one scale, around points (n, 3)."""
     equal_axes(axes, points)
-    axes.set(**{f"{axis}label": f"{frame} {axis} [mm]" for axis in "xyz"})
+    axes.set_box_aspect(None, zoom=0.88)  # room for the names
+    for axis in "xyz":
+        getattr(axes, f"set_{axis}label")(f"{frame} {axis} [mm]", labelpad=9)
     axes.locator_params(nbins=4)
 
 
@@ -301,7 +304,8 @@ def plot_points(found: Calibration) -> plt.Figure:
     sd = np.linalg.norm(found.point_sd_mm(*np.meshgrid(x, z)), axis=-1)
     title = f"A point in the {found.frame} frame is known to … mm"
     figure, (axes,) = panels(1, 1, 4.0, title)
-    lines = axes.contour(x, z, sd, colors=BLUE, linewidths=1)
+    levels = MaxNLocator(4, steps=(1, 2, 5, 10))
+    lines = axes.contour(x, z, sd, locator=levels, colors=BLUE, linewidths=1)
     axes.clabel(lines, fmt="%.3g", fontsize=8)
     some = seen[:, :: 1 + seen.shape[1] // 2000]
     axes.plot(*some, ".", ms=1.5, color="0.6", label="seen")
