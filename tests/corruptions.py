@@ -172,13 +172,6 @@ def entry_set_to_anything(rng, folder):
     folder.files["scan.toml"] = text.encode()
 
 
-@on_table("poses", "profiles")
-def column_renamed(rng, table):
-    old = one(rng, table.columns)
-    new = one(rng, ["", "X", f" {old} ", f"{old}_mm", "pose", "x", "qx"])
-    return table.rename(columns={old: new})
-
-
 CELLS = [
     *(np.nan, np.inf, -np.inf, 1e308, -1e308, 1e-320, 0, 9999.99, -32768, 1e9),
     *("text", "", "NA", "1,5", "None", "1.5 mm"),
@@ -199,16 +192,6 @@ def a_column_scaled(rng, table):
     of_units = 1000, 0.001, 10, 0.1, 25.4, 180 / np.pi, np.pi / 180
     factor = one(rng, [*of_units, 1 + any_size(rng, SLIGHT, 0.1)])
     return table.assign(**{column: table[column] * factor})
-
-
-@on_table("poses", "profiles")
-def labels_permuted(rng, table):
-    old = table["pose"].unique()
-    new = np.roll(old, one(rng, [1, -1, 2]))
-    if rng.uniform() < 0.5:
-        new, rows = old.copy(), some(rng, len(old), 2, len(old))
-        new[rows] = old[rng.permutation(rows)]
-    return table.assign(pose=table["pose"].map(dict(zip(old, new, strict=True))))
 
 
 @on_table("poses")

@@ -1,17 +1,14 @@
 """Random corruptions of the example scans: never a traceback, a hang, or a wrong answer
 that claims to be right.
 
-The suite tries 24; `PROFILECAL_FUZZ=2000 pytest -s tests/test_fuzz.py` tries as many as
-it says and prints what came of each kind. A corruption is drawn from its own seed, the
-number in a failure's first line.
+The suite tries each kind once; `PROFILECAL_FUZZ=2000 pytest -s tests/test_fuzz.py`
+tries as many as it says and prints what came of each, after its seed.
 """
 
 import json
 import os
 import shutil
 import signal
-import time
-from collections import Counter, defaultdict
 
 import numpy as np
 from corruptions import CORRUPTIONS, Folder
@@ -24,7 +21,7 @@ from profilecal.scan.folder import read_scan
 from profilecal.scan.tables import ScanError
 from profilecal_tool.checking import check
 
-COUNT = int(os.environ.get("PROFILECAL_FUZZ", "24"))
+COUNT = int(os.environ.get("PROFILECAL_FUZZ", len(CORRUPTIONS)))
 LONGEST = 30  # seconds of one processor
 BELIEVED = 5.0  # standard deviations of one component of the pose
 # the distance of six independent components that is as unlikely
@@ -32,25 +29,13 @@ BELIEVED_OF_SIX = 6.3
 
 
 def corrupt(seed):
-    """The folder of a seed and the names of what was done to it; one in five suffers
-    twice.
-    """
-    rng = default_rng(seed)
-    kind = ("edge", "disk", "ball")[seed % 3]
-    names = list(CORRUPTIONS)
-    chosen = [names[(seed // 3) % len(names)]]
-    if rng.uniform() < 0.2:
-        chosen.append(names[rng.integers(len(names))])
-    folder, done = Folder(kind), [kind]
-    for name in chosen:
-        try:
-            CORRUPTIONS[name](rng, folder)
-            done.append(name)
-        except Exception:
-            if done == [kind]:
-                raise
-            # the first corruption left no table that the second could change
-    return folder, done
+    """The folder of a seed, and what was done to it."""
+    again, which = divmod(seed, len(CORRUPTIONS))
+    name = [*CORRUPTIONS][which]
+    kind = ("edge", "disk", "ball")[(which + again) % 3]
+    folder = Folder(kind)
+    CORRUPTIONS[name](default_rng(seed), folder)
+    return folder, f"{kind}, {name}"
 
 
 def outcome(path, truth, checking):
@@ -73,74 +58,39 @@ def outcome(path, truth, checking):
     result = json.loads(json.dumps(found.to_json(), allow_nan=False))
     said = " | ".join(result["messages"])
     assert len(said) < 20_000, said
-    if found.status in ("weak", "unobservable"):
+    if found.status != "ok":
         assert said, "a doubtful answer without a reason"
-    if found.status == "ok":
-        check_right(found, truth, said)
-    return found.status
-
-
-def check_right(found, truth, said):
-    """Raise AssertionError where an answer is farther from the truth than it says."""
-    covariance = found.solution.covariance
-    error = error_of(found, truth)
+        return found.status
+    covariance, error = found.solution.covariance, error_of(found, truth)
     sds = np.abs(error) / np.sqrt(np.diag(covariance))
     distance = np.sqrt(normalised_square(covariance, error))
-    text = (
-        f"ok, but {distance:.1f} standard deviations away, "
-        f"{np.abs(error[:3]).max():.3g} mm; {found.solution.prior.source}; {said}"
-    )
+    text = f"ok, but {distance:.1f} standard deviations away; {said}"
     assert sds.max() <= BELIEVED, text
     assert distance <= BELIEVED_OF_SIX, text
+    return "ok"
 
 
-def hung(signum, frame):
-    raise AssertionError(f"still running after {4 * LONGEST} s")
+def slow(signum, frame):
+    raise AssertionError(f"took {LONGEST} s")
 
 
 def attempt(seed, path):
-    """(names, outcome, seconds) of one corruption; the outcome begins with FAILED for
-    what must never be.
-    """
-    folder, names = corrupt(seed)
+    """What came of one corruption, in a line; FAILED for what must never be."""
+    folder, done = corrupt(seed)
     folder.write(path)
-    signal.signal(signal.SIGALRM, hung)
-    signal.alarm(4 * LONGEST)  # others may keep the machine busy
-    start = time.process_time()
+    signal.signal(signal.SIGVTALRM, slow)
+    signal.setitimer(signal.ITIMER_VIRTUAL, LONGEST)
     try:
         result = outcome(path, folder.truth, seed % 5 == 0)
     except Exception as error:
         result = f"FAILED, {type(error).__name__}: {error}"
     finally:
-        signal.alarm(0)
-    seconds = time.process_time() - start
-    if seconds >= LONGEST:
-        result = f"FAILED, took {seconds:.0f} s"
-    return names, result, seconds
-
-
-def show(table, slowest):
-    """Print what came of each kind of corruption."""
-    seconds, seed = slowest
-    print(f"\nlongest: {seconds:.1f} s, of {seed}")
-    for name, counts in sorted(table.items()):
-        outcomes = [f"{count} {result}" for result, count in sorted(counts.items())]
-        print(f"{name:30}", ", ".join(outcomes))
+        signal.setitimer(signal.ITIMER_VIRTUAL, 0)
+        shutil.rmtree(path)
+    return f"{seed} {done}: {result}"
 
 
 def test_corrupted_scans_are_refused_or_doubted_or_right(tmp_path):
-    """PROFILECAL_FUZZ of them, 24 if it is not set; these few are spread over the kinds
-    of corruption.
-    """
-    every_kind = 3 * len(CORRUPTIONS) <= COUNT
-    seeds = range(COUNT) if every_kind else range(0, 10 * COUNT, 10)
-    table, slowest, failed = defaultdict(Counter), (0.0, 0), []
-    for seed in seeds:
-        names, result, seconds = attempt(seed, tmp_path / "scan")
-        shutil.rmtree(tmp_path / "scan")
-        table[names[-1]][result.partition(",")[0]] += 1
-        slowest = max(slowest, (seconds, seed))
-        if result.startswith("FAILED"):
-            failed.append(f"{seed} {'+'.join(names)}: {result}")
-    show(table, slowest)
-    assert not failed, "\n".join(failed)
+    lines = [attempt(seed, tmp_path / "scan") for seed in range(COUNT)]
+    print("", *lines, sep="\n")
+    assert [line for line in lines if "FAILED" in line] == []
