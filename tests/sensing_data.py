@@ -45,16 +45,13 @@ def ball_data(rng, translating=4, turning=4):
     return (R_sensor, T_sensor), (R_tcp, T_tcp, q)
 
 
-def point_data(rng, poses=10, translating=0):
-    """(R_sensor, T_sensor), (R_tcp, T_tcp, q): a point in the scan plane; `translating`
-    poses of one orientation.
-    """
+def point_data(rng, poses=10):
+    """(R_sensor, T_sensor), (R_tcp, T_tcp, q): a point in the scan plane."""
     R_sensor, T_sensor = sensor(rng)
     around = 2 * np.pi * np.arange(poses) / poses
     axes = np.column_stack([np.cos(around), np.sin(around), np.cos(3 * around)])
     turns = Rotation.from_rotvec(0.5 * axes)
     R_tcp = (Rotation.random(rng=rng) * turns).as_matrix()
-    R_tcp[:translating] = R_tcp[:1]
     angle = 2 * around + 1
     q = 40 * np.column_stack([np.cos(angle), 0 * angle, np.sin(angle)])
     q += rng.uniform(-15, 15, (poses, 3)) * [1, 0, 1]

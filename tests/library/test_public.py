@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from scipy.spatial.transform import RigidTransform, Rotation
+from scipy.spatial.transform import RigidTransform
 
 import profilecal as pc
 
@@ -24,58 +24,41 @@ def poses_and_values(scan):
     return scan.T_base_flange, [np.array(rows) for rows in scan.values]
 
 
-class TestUsers:
-    def test_one_has_arrays_of_profiles_and_quaternions(self):
-        recorded, truth = pc.simulate("plane", seed=3, measured="profiles")
-        rotations = Rotation.from_matrix(recorded.R_base_flange)
-        quaternions = rotations.as_quat(scalar_first=True)
-
-        poses = pc.pose_matrices(recorded.p_base_flange, quaternions)
-        scan = pc.Scan.of("plane", poses, profiles=recorded.values)
-        found = pc.calibrate(scan)
-
-        assert found.status == "ok"
-        shift = np.linalg.inv(found.pose) @ truth.pose[:, 3]
-        size = np.sqrt(
-            shift[:3] @ np.linalg.solve(found.covariance_mm_deg[:3, :3], shift[:3])
-        )
-        assert size < 4  # standard deviations
-
-    def test_one_makes_a_mistake_of_every_kind(self):
-        poses, points = poses_and_values(pc.simulate("edge", seed=1)[0])
-        scan = {
-            "kind": "edge",
-            "T_base_flange": poses,
-            "points": np.concatenate(points),
-        }
-        mirrored = poses @ np.diag([1, 1, -1, 1.0])
-        in_metres = poses.copy()
-        in_metres[:, :3, 3] /= 1000
-        unknown = poses.copy()
-        unknown[4, 0, 3] = np.nan
-        mistakes = {
-            "T_base_flange has shape": {"T_base_flange": poses[:, :3]},
-            "T_base_flange has shape .* for 250 points": {"T_base_flange": poses[:9]},
-            r"T_base_flange\[0\] is a reflection": {"T_base_flange": mirrored},
-            r"T_base_flange\[4, 0, 3\] is nan": {"T_base_flange": unknown},
-            "mount is 'eye_to_hand'; expected": {"mount": "eye_to_hand"},
-            "unknown entry 'profile_um'": {"noise": {"profile_um": 50}},
-            "noise is 0.05; expected a table": {"noise": 0.05},
-            "points .* are the units right": {"points": scan["points"] / 1000},
-            "of T_base_flange is 0.8.* are they in mm": {"T_base_flange": in_metres},
-            "points has shape": {"points": scan["points"][:, :1]},
-            "expected one of profiles, points": {"profiles": points},
-            "unknown entry 'radius'": {"radius": 50.0},
-            "takes no 'profile'; is it 'profiles'": {"profile": points},
-            "radius is missing": {"kind": "disk"},
-            r"group has shape \(3,\)": {"group": [0, 0, 1]},
-            "labels has 'p' 250 times": {"labels": ["p"] * 250},
-            "labels has 1 entries for 250 poses": {"labels": ["p"]},
-        }
-        for sentence, change in mistakes.items():
-            with pytest.raises(pc.ScanError, match=sentence) as caught:
-                pc.Scan.of(**scan | change)
-            assert "\n" not in str(caught.value)
+def test_a_mistake_of_every_kind_is_a_sentence():
+    poses, points = poses_and_values(pc.simulate("edge", seed=1)[0])
+    scan = {
+        "kind": "edge",
+        "T_base_flange": poses,
+        "points": np.concatenate(points),
+    }
+    mirrored = poses @ np.diag([1, 1, -1, 1.0])
+    in_metres = poses.copy()
+    in_metres[:, :3, 3] /= 1000
+    unknown = poses.copy()
+    unknown[4, 0, 3] = np.nan
+    mistakes = {
+        "T_base_flange has shape": {"T_base_flange": poses[:, :3]},
+        "T_base_flange has shape .* for 250 points": {"T_base_flange": poses[:9]},
+        r"T_base_flange\[0\] is a reflection": {"T_base_flange": mirrored},
+        r"T_base_flange\[4, 0, 3\] is nan": {"T_base_flange": unknown},
+        "mount is 'eye_to_hand'; expected": {"mount": "eye_to_hand"},
+        "unknown entry 'profile_um'": {"noise": {"profile_um": 50}},
+        "noise is 0.05; expected a table": {"noise": 0.05},
+        "points .* are the units right": {"points": scan["points"] / 1000},
+        "of T_base_flange is 0.8.* are they in mm": {"T_base_flange": in_metres},
+        "points has shape": {"points": scan["points"][:, :1]},
+        "expected one of profiles, points": {"profiles": points},
+        "unknown entry 'radius'": {"radius": 50.0},
+        "takes no 'profile'; is it 'profiles'": {"profile": points},
+        "radius is missing": {"kind": "disk"},
+        r"group has shape \(3,\)": {"group": [0, 0, 1]},
+        "labels has 'p' 250 times": {"labels": ["p"] * 250},
+        "labels has 1 entries for 250 poses": {"labels": ["p"]},
+    }
+    for sentence, change in mistakes.items():
+        with pytest.raises(pc.ScanError, match=sentence) as caught:
+            pc.Scan.of(**scan | change)
+        assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("kind", ["edge", "disk", "ball"])
@@ -190,10 +173,9 @@ def test_numbers_of_numpy_are_numbers():
     assert again.labels[:2] == ("0", "1")
 
 
-@pytest.mark.parametrize("protocol", [2, pickle.HIGHEST_PROTOCOL])
-def test_results_are_handed_to_other_processes(protocol):
+def test_results_are_handed_to_other_processes():
     found = pc.calibrate(pc.simulate("disk", seed=1)[0])
-    again = pickle.loads(pickle.dumps(found, protocol))
+    again = pickle.loads(pickle.dumps(found))
     assert again.to_json() == found.to_json()
     assert len(pc.self_test(again, 10).squares) == 10
 

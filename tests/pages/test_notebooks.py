@@ -22,7 +22,7 @@ from traitlets.config import Config
 
 from profilecal.scan.folder import write_scan
 from profilecal.simulation.spec import Spec, simulate_scan
-from profilecal_pages import notebooks
+from profilecal_pages import figures, notebooks
 from profilecal_pages.notebooks import recorded
 from profilecal_tool.report import page
 
@@ -136,3 +136,12 @@ def test_the_report_is_whole_where_there_is_no_answer(tmp_path, shell):
     (recorded,) = outcomes(shell, page.notebook(), parameters)
     assert recorded["status"] == "unobservable"
     assert len([*(tmp_path / "figures").glob("*.png")]) == 2
+
+
+def test_a_limit_in_words_stops_a_page_under_its_own_parameters_alone(monkeypatch):
+    assert figures.below([1e-12, -1e-11], 1e-9) == "below 1e-9"
+    monkeypatch.setattr(figures, "at_defaults", lambda: False)
+    assert figures.below([0, -2e-9], 1e-9) == "2e-9, not below 1e-9"
+    monkeypatch.setattr(figures, "at_defaults", lambda: True)
+    with pytest.raises(ValueError, match="a value is 2e-09; expected less than 1e-09"):
+        figures.below([0, -2e-9], 1e-9)

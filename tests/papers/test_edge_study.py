@@ -8,7 +8,6 @@ from numpy.testing import assert_allclose
 from profilecal.closed_form.edge import edge_equations
 from profilecal.geometry.noise import Noise
 from profilecal.simulation.robot import actual_poses
-from profilecal.targets.ball import Ball
 from profilecal_papers import edge_study as study
 from profilecal_papers.edge_study import STANDOFF, EdgePlan
 
@@ -50,19 +49,6 @@ def test_an_arc_is_held_by_its_frame_and_begins_with_the_edge_in_the_middle():
     assert np.ptp(offsets("group")[0], axis=0).max() > 10
 
 
-def test_numbers_may_differ_from_scene_to_scene():
-    """Two scenes at once are as each with its own numbers; turns and offsets come from
-    one stream of random numbers.
-    """
-    plans = {"radius": (10.0, 40.0), "spread_deg": (10.0, 60.0), "span_deg": (90, 60)}
-    columns = {name: np.array([two]).T for name, two in plans.items()}
-    both = scene_of(shape=(2,), **columns)
-    for k in range(2):
-        one = scene_of(shape=(2,), **{name: two[k] for name, two in plans.items()})
-        assert_allclose(both.poses.positions[k], one.poses.positions[k])
-        assert_allclose(both.points[k], one.points[k])
-
-
 def test_pose_errors_have_their_sizes_and_groups_share_theirs():
     """Each standard deviation within four of its own standard errors."""
     groups, positions = 2000, 10
@@ -78,17 +64,6 @@ def test_pose_errors_have_their_sizes_and_groups_share_theirs():
         freedom = 3 * groups * (positions - 1)
         within = np.sqrt(((error - mean[:, None]) ** 2).sum() / freedom)
         assert within == pytest.approx(own, rel=4 / np.sqrt(2 * freedom))
-
-
-def test_ball_points_lie_on_the_ball_when_carried_to_the_base():
-    scene = scene_of(6, (3,))
-    mount, ball = (scene.R_sensor, scene.T_sensor), Ball(scene.edge.point, 20.0)
-    poses = study.plan_ball(ball.centre, 20.0, *mount, default_rng(7))
-    points = study.ball_points(ball, *mount, poses, Noise(), default_rng(8))
-    assert points.shape == (3, 10, 6, 40, 2)
-    from_centre = poses.carry(points, *mount) - ball.centre[:, None, None, None]
-    assert_allclose(np.linalg.norm(from_centre, axis=-1), 20, atol=1e-10)
-    assert (points[..., 1] < STANDOFF + 20).all()  # the side that the scanner sees
 
 
 def test_angles_are_signed_and_turn_with_a_group():

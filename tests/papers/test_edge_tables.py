@@ -57,14 +57,3 @@ def test_without_errors_the_tables_are_zero_and_the_radius_is_right():
     assert (R[0] == R[2]).all()
     assert (R[2] != R[3]).any()
     assert (scene.points[0] != scene.points[1]).any()
-
-
-def test_settings_stay_in_their_ranges_and_reach_every_scene():
-    drawn = tables.random_settings(200, default_rng(3), tables.RANGES)
-    for name, (low, high) in tables.RANGES.items():
-        assert low <= drawn[name].min() < drawn[name].max() <= high
-    two = {name: values[:2] for name, values in drawn.items()}
-    plan, noise = tables.plan_and_noise(two, "group", 3)
-    table = tables.columns(plan, noise, 6, default_rng(4), (True, False))
-    assert table.shape == (2, 6, 4, 7)
-    assert (plan.radius[::3, 0] == two["radius"]).all()

@@ -1,16 +1,20 @@
-"""The disk method from chords: exact without noise."""
+"""The disk method from chords: the paper's tables, and what is refused."""
 
 import numpy as np
+import pytest
 from numpy.random import default_rng
 from numpy.testing import assert_allclose
 
+import profilecal as pc
 from profilecal.closed_form.disk import disk_equations, sensing_data
 from profilecal.geometry.poses import (
     angle_between,
     nearest_rotation,
     rotation_from_xyz_angles,
 )
+from profilecal.simulation.scene import random_scene
 from profilecal_papers import published
+from profilecal_papers.batches import disk_method
 from profilecal_papers.disk_study import fig15_scans
 
 
@@ -43,3 +47,27 @@ def test_published_heights_are_where_the_first_and_last_chord_meet_the_middles()
     to_e, along = found.e[:, 3:] - first, second - first
     assert_allclose(np.linalg.det(np.stack([to_e, along], axis=-1)), 0, atol=1e-9)
     assert np.abs(along[..., 1]).min() > 1e-3
+
+
+OPEN = {
+    "orientations: 2 given, at least 3 needed": {"groups": 2},
+    "all 4 poses have one orientation": {"spread_deg": 0.1},
+    r"all 4 poses turn about one axis, \[.*\] of the flange": {
+        "axis": np.array([0.0, 0, 1])
+    },
+    "the 4 motions are parallel in the sensor frame": {"one_way": True},
+}
+
+
+@pytest.mark.parametrize("sentence", OPEN)
+@pytest.mark.parametrize("sigma", [0.0, 1e-3])
+def test_disks_that_leave_the_answer_open_are_refused_unless_asked_for(sentence, sigma):
+    """By `solve_disk` alone."""
+    rng = default_rng(4)
+    scene = random_scene("disk", rng, **{"groups": 4, "positions": 20} | OPEN[sentence])
+    seen, R = scene.noisy(sigma, rng, 3), scene.R_sensor
+    for chords in seen.points:
+        given = seen.R_flange[0], seen.T_flange[0], chords, 50, R
+        with pytest.raises(pc.UnobservableError, match=sentence):
+            pc.solve_disk(*given, group=seen.group)
+    assert np.isfinite(disk_method(seen, R).T_sensor).all()

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from finding import features_of, share_found
+from finding import features_of
 from numpy.random import default_rng
 from raw_profiles import above_table, disks, turned
 
@@ -58,33 +58,3 @@ def test_a_side_wall_is_a_step_however_fine_the_points(width, tilt_deg):
         tips.append(chain[3:5])
     found = [feature.points for feature in features_of("disk", profiles, radius)]
     assert np.abs(np.array(found) - tips).max() < 5 * fine
-
-
-def test_chords_in_front_of_nothing_end_where_the_view_does_not():
-    """Of twelve that are whole, as many reach to the left or right of all that is seen;
-    six more run out of view.
-    """
-    rng = default_rng(8)
-    aside = rng.uniform(-15, 15, 12)
-    whole = [disks(rng, 1, background=None, aside=x)[0][0] for x in aside]
-    cut = disks(rng, 6, background=None, aside=60.0)[0]
-    seen = [profile[np.isfinite(profile).all(axis=1)] for profile in [*whole, *cut]]
-    assert share_found(features_of("disk", seen[:12])) == 1
-    features = features_of("disk", seen)
-    assert share_found(features[:12]) == 1
-    assert share_found(features[12:]) == 0
-
-
-def test_a_gap_before_a_tip_counts_by_its_length():
-    profiles, tips = disks(default_rng(8), 12, background=None)
-    from_tip = tips[:, None, 1, 0] - profiles[..., 0]
-    profiles[(from_tip > 1) & (from_tip < 4)] = np.nan
-    found = np.array([feature.points for feature in features_of("disk", profiles)])
-    assert np.abs(found - tips).max() < 0.3
-
-
-def test_two_chords_alike_leave_the_choice_open():
-    x = np.linspace(-40, 40, 801)
-    z = np.where(np.abs(np.abs(x) - 20) < 10, 100.0, 120)
-    (feature,) = features_of("disk", [np.stack([x, z], axis=-1)])
-    assert feature.reason == "2 candidates for the chord, none clearly the best"

@@ -19,8 +19,6 @@ from profilecal.simulation.scene import random_scene
 from profilecal.targets import TARGETS
 from profilecal.targets.ball import Ball
 from profilecal.targets.disk import Disk
-from profilecal.targets.edge import SPECIMENS
-from profilecal.targets.plane import Plane
 
 
 @pytest.mark.parametrize("in_space", [False, True])
@@ -118,38 +116,6 @@ def test_its_lines_lie_on_it(kind):
     for line in lines:
         assert line.shape[1] == 3
         assert np.abs(scene.target.distance(line)).max() < farthest + 1e-9
-
-
-@pytest.mark.parametrize("kind", ["edge", "rod"])
-def test_what_has_no_ends_is_drawn_as_long_as_it_was_seen(kind):
-    scene = random_scene(kind, default_rng(12))
-    points, target = points_of(scene), scene.target
-    seen = (points - target.point) @ target.direction
-    drawn = (target.lines(points)[0] - target.point) @ target.direction
-    assert np.ptp(seen) < np.ptp(drawn) < 1.3 * np.ptp(seen)
-    middle = (seen.min() + seen.max()) / 2
-    assert abs(drawn.mean() - middle) < 0.1 * np.ptp(seen)
-
-
-def test_a_knife_blade_is_the_same_from_both_sides():
-    blade = SPECIMENS["knife blade"]
-    assert blade == [(-aside, up) for aside, up in blade[::-1]]
-
-
-def test_a_face_shows_on_both_sides_of_what_lies_on_it():
-    face = Plane(np.zeros(3), np.array([0, 0, 1.0]))
-    arc = np.array([[-5.0, 80], [0, 75], [5, 80]])
-    rotation, origin = np.eye(3)[None], np.array([[0, 0, -100]])
-    (outline,) = face.behind(arc[None], rotation, origin)
-    left, right = [[-500, 100], [-5, 100]], [[5, 100], [500, 100]]
-    assert outline.tolist() == [*left, *arc.tolist(), *right]
-
-
-def test_a_ball_is_20_mm_above_its_table():
-    ball = Ball(np.zeros(3), 25.0)
-    plane = np.eye(3)[None], np.array([[0.0, 0, -200]])
-    (outline,) = ball.outline("", *plane, away=np.array([0.0, 0, 1]))
-    assert outline[0].tolist() == [-500, 200 + 25 + 20]
 
 
 def random_planes():
