@@ -11,15 +11,14 @@ from numpy.random import default_rng
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
-from scipy.stats import chi2, f
+from scipy.stats import chi2
 
 from profilecal.closed_form.edge import edge_equations
 from profilecal.geometry.noise import Noise, normalised_square
 from profilecal.geometry.poses import angle_between, pose_error
 from profilecal.joint.descent import refine, thin
-from profilecal.joint.prior import prior_from
 from profilecal.joint.problem import Problem
-from profilecal.joint.solve import contradicting, solve
+from profilecal.joint.solve import contradicting
 from profilecal.simulation.scene import random_scene
 from profilecal.targets.disk import Disk
 from profilecal_papers.edge_study import EdgePlan, edge_scenes, observations_of
@@ -109,13 +108,8 @@ def assert_mean_square(squares):
     assert abs(np.mean(squares) - 6) < 3 * np.sqrt(12 / len(squares))
 
 
-def rms(error):
-    return np.sqrt(np.mean(error**2, axis=0))
-
-
 @pytest.mark.parametrize("kind", ["edge", "disk", "ball", "plane"])
 def test_stated_uncertainty_is_honest_where_points_differ_in_precision(kind):
-    """As below, and forgetting the covariances makes the errors larger."""
     trials = 300
     scene = many(kind, trials, 12)
     seen = of_unlike_precision(scene, default_rng(14))
@@ -126,16 +120,11 @@ def test_stated_uncertainty_is_honest_where_points_differ_in_precision(kind):
     chi2_error = np.sqrt(2 / dof / trials)
     assert abs((square / dof).mean() - 1) < 3 * chi2_error + 1e-3
 
-    forgetful = replace(seen, covariance=None)
-    state, _, _ = estimate([forgetful], NOISE, scene.truth)
-    assert (rms(errors(state, scene.truth)) > 1.2 * rms(error)).all()
-
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_stated_uncertainty_is_honest(kind):
     """Over 1,000 random scenes: the normalised error squared averages 6, its 95 %
-    regions hold, χ²/dof is one; the bounds are three standard errors. The same with the
-    noise estimated, where F replaces χ².
+    regions hold, χ²/dof is one; the bounds are three standard errors.
     """
     trials = 1000
     scene = many(kind, trials, 12, steering_mm=0.2)
@@ -148,45 +137,6 @@ def test_stated_uncertainty_is_honest(kind):
     bound = min(0.05, 3 * np.sqrt(2 / dof / trials) + 1e-3)
     assert abs((square / dof).mean() - 1) < bound
     assert (known.status != "ok").mean() < 0.01
-
-    # the covariance with the noise that the residuals show
-    ratio = nees / (square / dof) / 6
-    mean, variance = f.stats(6, dof, moments="mv")
-    assert abs(ratio.mean() - mean) < 3 * np.sqrt(variance / trials)
-    assert 0.93 < (ratio < f.ppf(0.95, 6, dof)).mean() < 0.97
-
-
-@pytest.fixture
-def evaluations(monkeypatch) -> list:
-    """Grows by one at each evaluation of `Problem.moments`."""
-    calls = []
-    moments = Problem.moments
-
-    def counted(*args, **more):
-        calls.append(1)
-        return moments(*args, **more)
-
-    monkeypatch.setattr(Problem, "moments", counted)
-    return calls
-
-
-@pytest.mark.parametrize("kind", ["ball", "plane"])
-def test_poses_that_leave_a_flat_valley_take_no_longer(kind, evaluations):
-    """48 times nearly one pose: the loss hardly changes along most directions; descents
-    go to their limits, no more.
-    """
-    rng = default_rng(3)
-    one = random_scene(kind, rng).observations.keep(np.zeros(48, dtype=int))
-    T = one.T_flange + 1e-3 * rng.normal(size=one.T_flange.shape)
-    points = one.points + SIGMA * rng.normal(size=one.points.shape)
-    seen = replace(one, T_flange=T, points=points, group=None)
-    solution = solve([seen], prior_from({}, features_mm=SIGMA))
-    assert solution.status == "unobservable"
-    coarse = 18 if kind == "plane" else 0
-    rounds = 7 + 9 + 17  # of the grid
-    fits = 6 + 61
-    look = 1
-    assert len(evaluations) <= coarse + rounds + fits + look
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import pytest
 from many_scenes import SIGMA
 from numpy.random import default_rng
 from numpy.testing import assert_allclose
-from simulated import scan_of, wrongly_seen
+from simulated import wrongly_seen
 
 import profilecal as pc
 from profilecal.calibration.observe import observe_all
@@ -58,20 +58,3 @@ def test_a_scanner_errs_in_circles_as_in_the_arcs_that_it_saw(error):
     columns = term.linearise(state, placed)
     found = term.by_error(error, state, placed, columns)[0]
     assert_allclose(found, by_error, atol=0.01 * np.abs(by_error).max())
-
-
-def test_a_scale_of_x_and_z_moves_three_points_of_a_circle_as_it_does_the_circle():
-    """Along each radius as far as the point itself, although the points' mean is not
-    the centre.
-    """
-    angles = np.radians([86, 212, 333])
-    outward = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
-    points = [12, 80] + 20 * outward
-    scan = scan_of("ball", seed=1, groups=3, positions=1)
-    (observed,) = observe_all([scan])[1]
-    many = np.broadcast_to(points, observed.points.shape)
-    (term,) = Problem([replace(observed, points=many)], Noise(SIGMA)).terms
-    moved = sum(term.moved_by(error.points, error.moved) for error in OF_SCANNER[:2])
-    along = np.sum(moved[:, 0, :, 0].T * outward, axis=1)
-    by_itself = np.sum(points * outward, axis=1)
-    assert_allclose(along / along[0], by_itself / by_itself[0], atol=3e-4)

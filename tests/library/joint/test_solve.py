@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from many_scenes import SIGMA, mount_of
+from many_scenes import SIGMA
 from numpy.random import default_rng
 
 from profilecal.geometry.noise import Noise, normalised_square
@@ -95,17 +95,6 @@ def test_two_targets_together_know_more_than_either_alone():
         squares.append(squared_error(both, *mount))
     assert abs(np.mean(squares) - 6) < 3 * np.sqrt(12 / 20)
     assert len(both.placements) == 2
-
-
-def test_missing_points_are_left_out():
-    rng = default_rng(21)
-    scene = random_scene("ball", rng, count=20)
-    seen = scene.noisy(SIGMA, rng)
-    gaps = rng.uniform(size=seen.points.shape[:-1]) < 0.3
-    points = np.where(gaps[..., None], np.nan, seen.points)
-    solution = solve([replace(seen, points=points)], NOISE)
-    assert solution.dof == (~gaps).sum() - 9
-    assert squared_error(solution, *mount_of(scene)) < 30
 
 
 def relative_sd(freedom: int) -> float:
