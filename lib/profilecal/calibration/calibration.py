@@ -190,7 +190,8 @@ class Calibration:
         With the pose's rotation R, C = `covariance_total_mm_deg` in mm and rad, and a
         point p = (x, 0, z), the covariance in the flange's frame is J C Jᵀ, J = R [1,
         -[p]×]. In the base frame, at a pose of the flange, the robot's own error there
-        is added, as large as the scans show it.
+        is added, as large as the scans show it; one that shifts all points alike, as
+        if the base stood elsewhere, is not.
 
         Parameters
         ----------

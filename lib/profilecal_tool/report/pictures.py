@@ -276,6 +276,7 @@ def draw_patterns(places: Sequence[Axes], found: Calibration) -> None:
         middle, there = (ends[1:] + ends[:-1]) / 2, count > 0
         axes.plot(middle[there], total[there] / count[there], "o-", ms=3, color=RED)
         axes.set(xlabel=name, ylim=limits)
+        axes.tick_params(labelsize=8)  # four fit beside each other
     places[0].set_ylabel("off in z [mm]")
 
 

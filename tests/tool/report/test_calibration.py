@@ -2,13 +2,16 @@
 
 import re
 from dataclasses import replace
+from itertools import pairwise
 
 import matplotlib.pyplot as plt
 import pytest
+from simulated import calibration_of
 
 from profilecal.calibration.calibration import calibrate
 from profilecal.geometry.noise import Noise
 from profilecal.simulation.spec import Spec, simulate_scan
+from profilecal_pages.figures import use_style
 from profilecal_tool.report import calibration, pictures
 
 EDGE = Spec(
@@ -20,6 +23,7 @@ EDGE = Spec(
     noise=Noise(0.03),
 )
 BALL = replace(EDGE, kind="ball", title="Ball", groups=6, positions=4)
+FINE = {"measured": "profiles", "scanner": {"points": 300}}
 plt.switch_backend("agg")  # which needs no screen
 
 
@@ -92,3 +96,20 @@ def test_every_profile_is_drawn(kind):
     assert "8 features found" in few[0].get_suptitle()
     assert "(one in 3 is drawn)" in few[0].get_suptitle()
     plt.close("all")
+
+
+def test_numbers_below_four_patterns_side_by_side_stay_apart():
+    found = calibration_of("plane", seed=3, groups=10, **FINE)
+    with plt.rc_context():
+        use_style()
+        figure, places = pictures.panels(1, 4, 1.4)
+        pictures.draw_patterns(places, found)
+        figure.canvas.draw()
+    low, high = places[0].get_xlim()
+    shown = [
+        one for one in places[0].get_xticklabels() if low < one.get_position()[0] < high
+    ]
+    of_x = [label.get_window_extent() for label in shown]
+    gaps = [right.x0 - left.x1 for left, right in pairwise(of_x)]
+    plt.close("all")
+    assert min(gaps) > 4  # pixels, half a digit
