@@ -153,6 +153,18 @@ def mitsubishi(folder):
     write_lines(folder / "scan.prg", lines)
 
 
+def epson(folder):
+    """Points in one file, moves and tool in another."""
+    names, lines = ("rX", "rY", "rZ", "rU", "rV", "rW"), []
+    for k, row in enumerate(poses("KUKA angles")):
+        numbers = [
+            f"{name}={value:.12f}" for name, value in zip(names, row, strict=True)
+        ]
+        lines += [f"Point{k} {{", *numbers, "nLocal=0", "}"]
+    write_lines(folder / "robot.pts", lines)
+    write_lines(folder / "Main.prg", ["Function main", "  Tool 1", "  Go P0", "Fend"])
+
+
 def staubli(folder):
     names = ("x", "y", "z", "rx", "ry", "rz")
 

@@ -1,6 +1,6 @@
 """What a user says of files, and what is asked."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from shutil import copy
@@ -61,6 +61,12 @@ def only(place: Any, names: Sequence[str], what: str, option: str) -> str:
         several = " or ".join(names)
         raise Question(f"{place}: which {what}: {several}?", **{option: names[0]})
     return names[0]
+
+
+def of_entry(names: Iterable[str], entry: str) -> list[str]:
+    """The names that are an entry, or else have it in them."""
+    alike = [name for name in names if entry.lower() in name.lower()]
+    return [name for name in alike if name.lower() == entry.lower()] or alike
 
 
 def scale_of(place: Any, units: set[str], usual: str, among: dict[str, float]) -> float:

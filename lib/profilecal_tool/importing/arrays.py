@@ -1,5 +1,6 @@
 """Arrays of NumPy and MATLAB, point clouds, sheets."""
 
+import re
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -100,4 +101,5 @@ def sheets(path: Path) -> Iterator[Block]:
         raise ScanError(f"{path}: no workbook: is it damaged?") from error
     for name, cells in sheets.items():
         text = cells.to_csv(sep=";", header=False, index=False)
+        text = re.sub("^;+$", "", text, flags=re.MULTILINE)
         yield from text_blocks(path, f"{name}\n{text}".encode())

@@ -11,7 +11,7 @@ import pandas
 from pandas import DataFrame
 
 from profilecal.geometry.progress import watched
-from profilecal.scan.tables import NOTHING, number
+from profilecal.scan.tables import NOTHING, ScanError, number
 
 MARKS = b"#% "  # before titles
 BEGIN = 100_000  # characters that tell what a table is like
@@ -57,9 +57,14 @@ def dialect(text: str) -> tuple[str | None, str]:
 
 
 def text_blocks(path: Path, content: bytes) -> Iterator[Block]:
-    """The tables of delimited text: lines of as many fields that follow each other."""
+    """The tables of delimited text: lines of as many fields that follow each other. A
+    table with titles goes on below remarks and blank lines.
+
+    Raises ScanError for a line of numbers within it that has other fields.
+    """
     mark, decimal = dialect(content[:BEGIN].decode(errors="ignore"))
     between = mark.encode() if mark else None
+    found, titled, odd = [], None, None
     read = 0
     for line, count, place in runs(path, content, between):
         rows = rows_of(content[place : place + BEGIN], between)[:count]
@@ -84,8 +89,23 @@ def text_blocks(path: Path, content: bytes) -> Iterator[Block]:
         above = content[max(read, place - BEGIN) : place].decode(errors="ignore")
         above += "\n".join(map(" ".join, rows[:first]))
         titles = rows[first - 1] if first else counted(len(rows[0]))
-        yield Block(path, table, titles, above)
+        is_remark = content[place : place + 1] in (b"#", b"%")
+        without = not first or (is_remark and titled and titles != titled[0])
+        if titled and without and len(titles) == len(titled[0]):
+            if odd:
+                sentence = f"{odd[1]} fields; expected {len(titles)}, as above"
+                raise ScanError(f"{path} line {odd[0]}: {sentence}")
+            titled[2].append(table)
+            continue
+        found.append((titles, above, [table]))
+        if first:
+            titled, odd = found[-1], None
+        else:
+            odd = odd or (line, len(titles))
         read = place
+    for titles, above, parts in found:
+        table = pandas.concat(parts) if len(parts) > 1 else parts[0]
+        yield Block(path, table, titles, above)
 
 
 def runs(
@@ -93,14 +113,16 @@ def runs(
 ) -> Iterator[tuple[int, int, int]]:
     """The first line, the count and the place of lines with as many fields."""
     lines = watched(BytesIO(content), f"reading {path.name}", content.count(b"\n"))
-    first = place = at = fields = 0
-    line = 0
+    first = place = at = fields = line = 0
+    was_remark = False
     for line, text in enumerate(lines, 1):
         count = len(text.strip(MARKS).split(between)) if text.strip() else 0
-        if count != fields:
+        is_remark = text[:1] in (b"#", b"%")
+        if count != fields or (is_remark and not was_remark):
             if fields:
                 yield first, line - first, place
             first, place, fields = line, at, count
+        was_remark = is_remark
         at += len(text)
     if fields:
         yield first, line + 1 - first, place

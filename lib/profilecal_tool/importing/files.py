@@ -2,13 +2,14 @@
 
 import re
 from codecs import BOM_UTF16_BE, BOM_UTF16_LE
+from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 
-from profilecal.scan.tables import ScanError, naming, text_of
+from profilecal.scan.tables import ScanError, naming, shown, text_of
 from profilecal_tool.importing.arrays import binary_blocks, sheets
 from profilecal_tool.importing.blocks import BEGIN, Block, text_blocks
-from profilecal_tool.importing.makers import FOREIGN
+from profilecal_tool.importing.makers import FOREIGN, SETS
 from profilecal_tool.importing.nested import nested_blocks
 from profilecal_tool.importing.programs import program_blocks
 
@@ -16,6 +17,10 @@ SHEETS = {".xlsx", ".xlsm"}
 BINARY = {".npy", ".npz", ".mat", ".ply"}
 NESTED = {".json", ".yaml", ".yml", ".jsonl"}
 LARGEST_PROGRAM = 2_000_000  # characters
+TOOL = re.compile(
+    rf"(?<![^\W\d_])(?:{'|'.join(SETS['tool'])})(?:_?(?:no|nr|number|name))?(?![a-z])"
+    r"[^\w\n]*(\w*)"
+)
 ENCODINGS = ("cp1252", "gb18030", "shift_jis", "big5", "cp949", "cp1251")
 
 
@@ -29,14 +34,15 @@ def read(path: Path, encoding: str) -> list[Block]:
     text = decoded(path, encoding)
     if suffix in NESTED:
         return [*nested_blocks(path, text)]
-    if len(text) < LARGEST_PROGRAM and (programs := [*program_blocks(path, text)]):
+    programs = [*program_blocks(path, text)] if len(text) < LARGEST_PROGRAM else []
+    if any(block.kind != "uses" for block in programs):
         return programs
     if text.lstrip()[:1] in ("{", "["):
         return [*nested_blocks(path, text)]
     content = text.encode()
     del text
     with naming(path):
-        return [*text_blocks(path, content)]
+        return [*text_blocks(path, content), *programs]
 
 
 def decoded(path: Path, encoding: str) -> str:
@@ -53,6 +59,20 @@ def decoded(path: Path, encoding: str) -> str:
         with suppress(ScanError):
             return text_of(path, encoding=texts[max(texts, key=known_words)])
         raise
+
+
+def tool_said(paths: Iterable[Path]) -> str:
+    """Where texts first speak of a tool that is not the flange, or ""."""
+    for path in paths:
+        with path.open("rb") as file:
+            begin = file.read(LARGEST_PROGRAM).replace(b"\0", b"")
+        is_text = path.suffix.lower() not in BINARY | SHEETS
+        lines = begin.decode(errors="ignore").splitlines() if is_text else []
+        for number, line in enumerate(lines, start=1):
+            words = TOOL.findall(line.lower())
+            if {*words} - SETS["no_frame"]:
+                return f"{path.name} line {number} says {shown(line.strip())}"
+    return ""
 
 
 def known_words(text: str) -> int:

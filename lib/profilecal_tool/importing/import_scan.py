@@ -16,7 +16,7 @@ from profilecal.scan.folder import NO_POSES, check_header, scan_of
 from profilecal.scan.motion import checked_log
 from profilecal.scan.scan import Scan
 from profilecal.scan.tables import ScanError, listed, naming
-from profilecal_tool.importing.answers import Layout, Question, only
+from profilecal_tool.importing.answers import Layout, Question, of_entry, only
 from profilecal_tool.importing.blocks import Block, File, counted
 from profilecal_tool.importing.files import is_known, read
 from profilecal_tool.importing.pairing import paired
@@ -44,7 +44,7 @@ class Source:
 
     paths: list[Path]
     first: list[Block]  # what the first of them holds
-    encoding: str
+    encoding: str  # that is said
 
     def files(self) -> Iterator[File]:
         """Each file and what it holds."""
@@ -64,7 +64,7 @@ def import_scan(
     header, _ = check_header(folder, said)
     taken = {}
     sources = sources_in(folder, layout)
-    poses, profiles = tables_in(folder, sources, layout, taken)
+    poses, profiles, others = tables_in(folder, sources, layout, taken)
     to_mm(profiles, layout, taken)
     values = np.split(profiles.xz, np.cumsum(profiles.counts)[:-1])
     names = times_said(layout, profiles.names)
@@ -79,10 +79,9 @@ def import_scan(
         rows = rows[order]
         values, names = ([those[k] for k in order] for those in (values, names))
         check_once(rows, names, profiles.path, layout)
-    poses = with_labels(poses, rows, names)
-    beside = [block for source in sources.values() for block in source.first]
+    poses = replace(poses, table=poses.table.iloc[rows].assign(pose=names))
     entries = entries_of(poses, taken)
-    entries = of_flange(entries, poses, layout, beside, taken)
+    entries = of_flange(entries, poses, layout, others, taken)
     if pairing.log:
         entries = in_sweeps(folder, entries, *pairing.log)
     return scan_of(folder, header | entries | measured_of(values)), taken
@@ -90,23 +89,40 @@ def import_scan(
 
 def tables_in(
     folder: Path, sources: dict[str, Source], layout: Layout, taken: dict[str, str]
-) -> tuple[Poses, Profiles]:
-    """The robot's poses and the profiles. Raises ScanError."""
+) -> tuple[Poses, Profiles, list[Path]]:
+    """The robot's poses, the profiles, and other files, with the first of the profiles.
+
+    Raises ScanError.
+    """
     names = sorted_out(folder, sources, layout)
     of_poses, of_profiles = (sources[name] for name in names)
     one_each = len(of_profiles.paths) > 1
     if of_poses is of_profiles and not one_each:
         blocks = [beside_points(block) for block in of_poses.first]
         of_poses = of_profiles = replace(of_poses, first=blocks)
-    poses = robot_poses([*of_poses.files()], layout)
+    check_entry(layout, of_poses.first, of_profiles.first)
+    others = [source for name, source in sources.items() if name not in names]
+    beside = [block for source in others for block in source.first]
+    poses = robot_poses([*of_poses.files()], layout, beside)
     if of_poses is of_profiles:
-        poses = replace(poses, table=poses.table.drop_duplicates())
+        poses = poses.once()
     count = len(poses.table)
     profiles = read_profiles(of_profiles.files(), one_each, layout, count)
-    others = [source for name, source in sources.items() if name not in names]
     left = [path.name for source in others for path in source.paths]
     taken["left out"] = listed(left) or "none"
-    return poses, profiles
+    own = {poses.path, *of_profiles.paths[1:]}
+    texts = [path for path in folder.rglob("*") if path.is_file() and path not in own]
+    return poses, profiles, sorted(texts)
+
+
+def check_entry(
+    layout: Layout, of_poses: list[Block], of_profiles: list[Block]
+) -> None:
+    """Raise ScanError where neither a pose nor a list is called as the entry said."""
+    names = [*poses_of(of_poses, layout.pose_columns)]
+    names += [table.name for table in points_of(of_profiles, layout)]
+    if names and not of_entry(names, layout.entry):
+        raise ScanError(f"--entry is {layout.entry}; there are {listed(names)}")
 
 
 def measured_of(values: Sequence[ndarray]) -> dict[str, Any]:
@@ -188,14 +204,6 @@ def check_once(rows: ndarray, names: list[str], path: Path, layout: Layout) -> N
         sentence = f"{one} and {other} are of one pose; which of them? (all: '*')"
         pattern = f"*{[*parts, one][0]}*{path.suffix}"
         raise Question(f"{path.parent}: {sentence}", profiles=pattern)
-
-
-def with_labels(poses: Poses, rows: ndarray, names: list[str]) -> Poses:
-    """Some of the poses under their labels, or under names where these are more."""
-    table = poses.table.iloc[rows]
-    labels = table.get("label", table["x"]).astype(str)
-    is_named = "label" in table and labels.is_unique
-    return replace(poses, table=table.assign(pose=labels if is_named else names))
 
 
 def in_sweeps(

@@ -1,13 +1,20 @@
 """What makers.toml says: robots' lines, titles of columns, units, codes."""
 
+import re
 import tomllib
 from collections import defaultdict
-from importlib.resources import files
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
 
-from profilecal.scan.conventions import CONVENTIONS
+from profilecal.scan.conventions import CONVENTIONS, Convention
+from profilecal.scan.tables import ScanError, naming
+from profilecal.scan.toml import check_entries, is_line, one_of
 
-TABLE = tomllib.loads(files(__package__).joinpath("makers.toml").read_text("utf-8"))
-ROBOTS = {robot["maker"]: robot for robot in TABLE["robot"]}
+PATH = Path(__file__).with_name("makers.toml")
+with naming(PATH):
+    TABLE = tomllib.loads(PATH.read_text("utf-8"))
 LENGTHS = TABLE["lengths"]
 ANGLE_UNITS = TABLE["angles"]
 UNITS = LENGTHS | ANGLE_UNITS
@@ -22,3 +29,53 @@ LISTS = defaultdict(list)  # roles by a list's word and how many numbers it has
 for roles, words in TABLE["lists"].items():
     for word in words.split():
         LISTS[word, len(roles.split())].append(roles.split())
+
+
+def are_lines(value: object) -> bool:
+    """Whether a value is a list of lines."""
+    return isinstance(value, list) and all(map(is_line, value))
+
+
+Lines = Annotated[Sequence[str], (are_lines, "a list of lines")]
+Yes = Annotated[bool, (lambda value: value is True, "true")]
+
+
+@dataclass(frozen=True)
+class Robot:
+    """A row of [[robot]]; the head of makers.toml says what each entry is."""
+
+    maker: str
+    pose: Lines
+    examples: Lines
+    has: str = ""
+    remark: str = ""
+    tool: Lines = ()
+    uses: Lines = ()
+    tools_are_poses: Yes = False
+    unit: Annotated[str, one_of(LENGTHS)] = "mm"
+    angle: Annotated[str, one_of(ANGLE_UNITS)] = ""
+
+
+def convention_of(roles: Iterable[str]) -> Convention | None:
+    """The first convention that is all there."""
+    names = {*roles}
+    fitting = (one for one in CONVENTIONS if names.issuperset(one.columns))
+    return next(fitting, None)
+
+
+def robots_in(rows: Iterable[dict]) -> dict[str, Robot]:
+    """The rows of [[robot]] by their makers. Raises ScanError."""
+    robots = {}
+    for count, row in enumerate(rows, start=1):
+        table = f"robot {row.get('maker', count)}"
+        check_entries(PATH, row, Robot, table)
+        robot = robots[row["maker"]] = Robot(**row)
+        for line in (*robot.pose, *robot.tool):
+            names = {*re.findall(r"\$(\w+)", line)}
+            if not {*"xyz"} <= names or not convention_of(names):
+                expected = "expected $x $y $z and the columns of a convention"
+                raise ScanError(f"{PATH}: {line!r} in [{table}]; {expected}")
+    return robots
+
+
+ROBOTS = robots_in(TABLE["robot"])

@@ -1,7 +1,7 @@
 """Which pose each profile was measured at: by label, by time, in order."""
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
@@ -10,7 +10,9 @@ from numpy import ndarray
 
 from profilecal.calibration.observe import A_MOMENT_S
 from profilecal.scan.tables import ScanError, listed, number
+from profilecal_tool.importing.answers import Question
 from profilecal_tool.importing.poses import Poses
+from profilecal_tool.importing.roles import columns_of
 
 STAMP = re.compile(
     r"((?:19|20)\d\d)\D?([01]\d)\D?([0-3]\d)\D{0,2}"
@@ -20,6 +22,9 @@ SECONDS = re.compile(r"\d{9,}(?:\.\d+)?|\d+\.\d+")  # since 1970, or since anyth
 WHOLE = re.compile(r"(?<![\d.])\d+(?!\d*\.\d)")
 UNITS_S = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 STILL = 1e-4  # of the largest number: by so little a robot at rest differs
+TWICE = -2  # in place of a row
+Way = tuple[str, str]  # a column of labels, and how names are compared with it
+Keys = tuple[str, Sequence, Sequence]  # how; what poses have, and what profiles want
 
 
 @dataclass(frozen=True)
@@ -33,58 +38,131 @@ class Pairing:
 
 def paired(poses: Poses, names: Sequence[str]) -> Pairing:
     """The pose of each profile. Raises ScanError."""
-    labels = [*map(str, poses.table.get("label", []))]
-    found = paired_by_label(labels, names) or paired_by_time(poses, names)
-    if not found and len(names) == len(poses.table):
-        found = Pairing(np.arange(len(names)), "in order")
+    found = paired_by_label(poses, names) or paired_by_time(poses, names)
+    order, how = in_order(poses)
+    if not found and len(names) == len(order):
+        found = Pairing(order, how)
     if not found:
-        counts = f"{len(names)} profiles for {len(poses.table)} poses"
+        counts = f"{len(names)} profiles for {len(order)} poses"
         sentence = f"{counts}, and no label or time that both have; add a column"
         hint = "or say which files: --profiles, or when they were taken: --times"
         raise ScanError(f"{poses.path}: {sentence}, {hint}")
     if found.log:
         return found
     how, served = found.how, {*found.rows.tolist()}
+    labels = [*poses.labels.values()][:1]
     lost = [name for name, row in zip(names, found.rows, strict=True) if row < 0]
-    idle = [label for row, label in enumerate(labels) if row not in served]
+    idle = [own[k] for own in labels for k in range(len(own)) if k not in served]
     for what, left in (("pose", lost), ("profile", idle)):
         how += f"; left out, without a {what}: {listed(left)}" if left else ""
     return Pairing(found.rows, how)
 
 
-def paired_by_label(labels: Sequence[str], names: Sequence[str]) -> Pairing | None:
-    """The pairing by whole names, or by the number in them that serves most poses."""
-    whole = {re.sub(r"\.[a-z]\w*$", "", one.lower()): k for k, one in enumerate(labels)}
-    ways = {"names": [whole.get(name.lower(), -1) for name in names]}
-    row_of = rows_by_number(labels)
-    in_names = [WHOLE.findall(STAMP.sub("", name)) for name in names]
-    for k, field in enumerate(zip(*in_names, strict=False), 1):
-        numbers = {*map(int, field)}
-        how, shift = f"number {k} in the names", (0 in numbers) - (0 in row_of)
-        shifted = {one + shift for one in numbers}
-        if shift and shifted <= row_of.keys() and not numbers <= row_of.keys():
-            how += ", from 0 and from 1"
-        else:
-            shift = 0
-        ways[how] = [row_of.get(int(one) + shift, -1) for one in field]
-    served = {how: len({*rows} - {-1}) for how, rows in ways.items()}
-    how = max(served, key=served.get)
-    rows = np.array(ways[how])
-    is_found = (rows >= 0).mean() >= 0.5 and served[how] * 2 > len(labels)
-    return Pairing(rows, f"by the {how}") if is_found else None
+def in_order(poses: Poses) -> tuple[ndarray, str]:
+    """The rows as a program moves to them, or else as they stand; and this in words."""
+    row_of = {}
+    for labels in poses.labels.values():
+        row_of |= dict(zip(labels, range(len(labels)), strict=True))
+    uses = [block.table for block in poses.read_with if block.kind == "uses"]
+    moves = [name for table in uses for name in table.get("name", [])]
+    driven = [row_of[name] for name in dict.fromkeys(moves) if name in row_of]
+    if driven:
+        return np.array(driven), "in order of the moves"
+    return np.arange(len(poses.table)), "in order"
 
 
-def rows_by_number(labels: Sequence[str]) -> dict[int, int]:
-    """The rows of labels by their last number, of those that are called alike: a
-    program may have a home, too. None where a number comes twice.
+def paired_by_label(poses: Poses, names: Sequence[str]) -> Pairing | None:
+    """The pairing by whole names, else by a number in them: of the labels, and of the
+    numbers, those that serve most poses, and more than half.
+
+    Raises ScanError where two serve as many and differ, and where a label stands twice.
+    """
+    for ways_of in (by_names, by_numbers):
+        ways = {
+            (title, how): rows_of(keys, wanted)
+            for title, labels in poses.labels.items()
+            for how, keys, wanted in ways_of(labels, names)
+        }
+        served = {way: len({*rows} - {-1}) for way, rows in ways.items()}
+        most = max(served.values(), default=0)
+        best = [way for way in ways if served[way] == most]
+        if most * 2 <= len(poses.table) or (ways[best[0]] >= 0).mean() < 0.5:
+            continue
+        for other in best[1:]:
+            check_alike(poses, names, best[0], other, ways)
+        title, how = best[0]
+        rows = ways[best[0]]
+        if (rows == TWICE).any():
+            name = names[rows.argmin()]
+            sentence = f"two poses have the {title} of profile {name}; leave one out"
+            raise ScanError(f"{poses.path}: {sentence}")
+        return Pairing(rows, f"by the {how}")
+    return None
+
+
+def rows_of(keys: Sequence, wanted: Sequence) -> ndarray:
+    """The row of what each profile wants (P,), among what poses have; -1 if none has
+    it, TWICE if several do.
+    """
+    row_of = {}
+    for row, key in enumerate(keys):
+        row_of[key] = TWICE if key in row_of else row
+    return np.array([row_of.get(one, -1) for one in wanted])
+
+
+def check_alike(
+    poses: Poses, names: Sequence[str], way: Way, other: Way, ways: dict[Way, ndarray]
+) -> None:
+    """Raise ScanError where two ways to pair differ; Question where these are of two
+    columns of labels.
+    """
+    differing = np.flatnonzero(ways[way] != ways[other])
+    if len(differing) == 0:
+        return
+    words = " or ".join(f"by {title} and the {how}" for title, how in (way, other))
+    sentence = f"{poses.path}: which pose has profile {names[differing[0]]}: {words}?"
+    if way[0] == other[0]:
+        raise ScanError(f"{sentence} Rename the profiles' files")
+    columns = columns_of(poses.block)
+    titles = [
+        "_" if column.name == other[0] else title
+        for column, title in zip(columns, poses.block.titles, strict=True)
+    ]
+    raise Question(sentence, pose_columns=",".join(titles))
+
+
+def by_names(labels: Sequence[str], names: Sequence[str]) -> Iterator[Keys]:
+    """By whole names, without folder and ending; by mere numbers only if all fit."""
+    keys, wanted = (
+        [re.sub(r".*[/\\]|\.[a-z]\w*$", "", text.lower()) for text in texts]
+        for texts in (labels, names)
+    )
+    if {*wanted} <= {*keys} or not "".join(wanted).isdigit():
+        yield "names", keys, wanted
+
+
+def by_numbers(labels: Sequence[str], names: Sequence[str]) -> Iterator[Keys]:
+    """By the last number of labels that are called alike, as a program may have a home,
+    too: P22 by that behind P in 001_P22. Counted from 0 and from 1 if all fit so.
     """
     stems = [re.sub(r"\d+", "", label) for label in labels]
     usual = max({*stems}, key=stems.count, default="")
-    alike = [k for k, stem in enumerate(stems) if stem == usual]
-    numbers = [(k, WHOLE.findall(labels[k])) for k in alike]
-    pairs = [(int(found[-1]), k) for k, found in numbers if found]
-    row_of = dict(pairs)
-    return row_of if len(row_of) == len(pairs) else {}
+    numbers = [WHOLE.findall(label) for label in labels]
+    keys = [
+        int(own[-1]) if own and stem == usual else None
+        for own, stem in zip(numbers, stems, strict=True)
+    ]
+    behind = re.compile(rf"(?<![^\W_]){re.escape(usual)}(\d+)", re.IGNORECASE)
+    found = [behind.findall(name) if usual else [] for name in names]
+    if not all(found):
+        found = [WHOLE.findall(STAMP.sub("", name)) for name in names]
+    for k, field in enumerate(zip(*found, strict=False), 1):
+        how, wanted = f"number {k} in the names", [*map(int, field)]
+        shift = (0 in wanted) - (0 in keys)
+        shifted = [one + shift for one in wanted]
+        if shift and {*shifted} <= {*keys} and not {*wanted} <= {*keys}:
+            how, wanted = f"{how}, from 0 and from 1", shifted
+        yield how, keys, wanted
 
 
 def seconds(text: str) -> float:

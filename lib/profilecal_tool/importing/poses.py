@@ -15,19 +15,26 @@ from pandas import DataFrame
 from profilecal.scan.conventions import CONVENTIONS, Convention
 from profilecal.scan.folder import check_poses
 from profilecal.scan.tables import ScanError, Table, listed
-from profilecal_tool.importing.answers import Layout, Question, only, scale_of
+from profilecal_tool.importing.answers import Layout, Question, of_entry, only, scale_of
 from profilecal_tool.importing.blocks import Block, File, counted
-from profilecal_tool.importing.makers import ANGLE_UNITS, LENGTHS, ROBOTS, SETS
+from profilecal_tool.importing.makers import (
+    ANGLE_UNITS,
+    LENGTHS,
+    ROBOTS,
+    SETS,
+    Robot,
+    convention_of,
+)
 from profilecal_tool.importing.roles import (
     KEYS,
     columns_of,
-    convention_of,
+    of_role,
     pose_columns,
     split_columns,
 )
 
 FARTHEST_M = 20.0  # no robot reaches so far; a position in mm is farther somewhere
-BESIDE = {"t": "time"} | {role: role for role in ("label", "time", "tool", "base")}
+BESIDE = {"t": "time", "time": "time", "tool": "tool", "base": "base"}
 KINDS = "w,p,r: R = Rz Ry Rx; a,b,c: KUKA; rx,ry,rz: a vector; o,a,t; qw,qx,qy,qz"
 ANGLES = ("w", "p", "r")  # what angles without a name most often are
 OF_ANGLES = {name for one in CONVENTIONS if one.sequence for name in one.columns}
@@ -41,6 +48,7 @@ class Poses:
     name: str  # of the pose, where there were several
     units: dict[str, str]  # by role, of position, angles and what stands beside
     table: DataFrame  # columns by role; the index is where a row stands
+    said: bool  # what its columns are
     offset: DataFrame | None = None  # the tool's frames that stand beside it
     read_with: Sequence[Block] = ()  # all blocks of the files, with tools and uses
 
@@ -55,9 +63,23 @@ class Poses:
         return convention_of(self.units)
 
     @property
-    def robot(self) -> dict[str, Any]:
-        """What makers.toml says of the program; {} for tables."""
-        return ROBOTS.get(self.block.robot, {})
+    def labels(self) -> dict[str, list[str]]:
+        """The poses' labels, by the titles of their columns."""
+        named = {name.removeprefix("label "): name for name in self.table}
+        labels = {short: name for short, name in named.items() if short != name}
+        return {short: [*self.table[name].map(str)] for short, name in labels.items()}
+
+    def once(self) -> "Poses":
+        """Each pose once, of rows of points, under the label that counts least."""
+        labels = [name for name in self.table if name.startswith("label ")]
+        others = [[*{*labels} - {one}] for one in labels] or [[]]
+        tables = [self.table.drop(columns=some).drop_duplicates() for some in others]
+        return replace(self, table=min(tables, key=len))
+
+    @property
+    def robot(self) -> Robot | None:
+        """What makers.toml says of the program; None for tables."""
+        return ROBOTS.get(self.block.robot)
 
     def numbers(self, names: Sequence[str]) -> ndarray:
         """Columns as numbers (rows, columns). Raises ScanError."""
@@ -79,12 +101,13 @@ def poses_of(blocks: Iterable[Block], said: str) -> dict[str, list[Poses]]:
         for owner, chosen in poses.items():
             others = [c for c in columns[::-1] if c not in chosen.values()]
             beside = {BESIDE[c.role]: c for c in others if c.role in BESIDE}
-            chosen = beside | chosen
+            labels = {f"label {c.name}": c for c in of_role(columns, "label")}
+            chosen = labels | beside | chosen
             table = block.table.iloc[:, [column.at for column in chosen.values()]]
             units = {role: column.unit for role, column in chosen.items()}
-            name = f"{block.name} {owner}".strip()
+            name = f"{block.name} {owner}".strip() or "poses"
             table = table.set_axis([*chosen], axis=1)
-            by_name[name].append(Poses(block, name, units, table))
+            by_name[name].append(Poses(block, name, units, table, bool(said)))
     return by_name
 
 
@@ -112,8 +135,13 @@ def beside_points(block: Block) -> Block:
     return replace(block, table=table, titles=[*block.titles, "label"])
 
 
-def robot_poses(files: Sequence[File], layout: Layout) -> Poses:
-    """The robot's poses in files. Raises Question."""
+def robot_poses(
+    files: Sequence[File], layout: Layout, beside: Sequence[Block]
+) -> Poses:
+    """The robot's poses in files, with other tables of them and of files beside them.
+
+    Raises Question.
+    """
     parts = []
     said = layout.pose_columns
     for path, blocks in files:
@@ -128,16 +156,15 @@ def robot_poses(files: Sequence[File], layout: Layout) -> Poses:
         if part.units != first.units:
             titles = listed(part.block.titles)
             raise ScanError(f"{part.path}: columns {titles}, where others differ")
-        is_named = len(files) > 1 and "label" not in part.table
-        label = {"label": part.path.stem} if is_named else {}
+        label = {"label file": part.path.stem} if len(files) > 1 else {}
         tables.append(part.table.assign(**label))
     every = [block for _, blocks in files for block in blocks]
-    return replace(first, table=pandas.concat(tables), read_with=every)
+    return replace(first, table=pandas.concat(tables), read_with=[*every, *beside])
 
 
 def of_robot(path: Path, by_name: Mapping[str, list], entry: str) -> list[Poses]:
     """The poses that are the robot's, by what they are called. Raises ScanError."""
-    names = [name for name in by_name if entry.lower() in name.lower()] or [*by_name]
+    names = of_entry(by_name, entry) or [*by_name]
     ranks = {name: rank(name) for name in names}
     best = max(ranks.values())
     if best == 0 and not entry:
@@ -174,7 +201,8 @@ def refuse(path: Path, blocks: Sequence[Block], said: str) -> None:
         titles = listed(largest.titles)
         raise ScanError(f"{path}: columns {titles}; --pose-columns says {said}")
     columns = columns_of(largest)
-    known = [c.role if c.role in {*"xyz", *BESIDE} else "" for c in columns]
+    usual = {*"xyz", *BESIDE, "label"}
+    known = [c.role if c.role in usual else "" for c in columns]
     wanted = [axis for axis in "xyz" if axis not in known]
     is_quaternion = known.count("") - len(wanted) == 4
     wanted += ["qw", "qx", "qy", "qz"] if is_quaternion else ANGLES
@@ -200,8 +228,8 @@ def which_columns(
 def length_of(poses: Poses) -> tuple[float, str]:
     """The scale of positions to mm, and their unit."""
     farthest = np.linalg.norm(poses.numbers("xyz"), axis=1).max()
-    usual = "m" if farthest < FARTHEST_M and not poses.robot else "mm"
-    usual = poses.robot.get("unit", usual)
+    usual = "m" if farthest < FARTHEST_M else "mm"
+    usual = poses.robot.unit if poses.robot else usual
     units = {poses.units[axis] for axis in "xyz"}
     scale = scale_of(poses.path, units, usual, LENGTHS)
     return scale, poses.units["x"] or usual
@@ -218,17 +246,19 @@ def angle_of(poses: Poses) -> tuple[float, str]:
         return 1.0, ""
     numbers = poses.numbers(turn.columns)
     largest = np.abs(numbers).max()
-    unit = poses.units[turn.columns[0]] or poses.robot.get("angle", "")
+    unit = poses.robot.angle if poses.robot else poses.units[turn.columns[0]]
     is_small = largest <= 2 * np.pi
     unclear = is_small and not unit
     if is_vector:
         is_long = np.linalg.norm(numbers, axis=1).max() > np.pi
-        unclear = ANGLE_UNITS.get(unit) == 1 or (is_long and not unit)
+        unclear = is_long if not unit else ANGLE_UNITS[unit] == 1 and not poses.said
     if unclear and not poses.robot:
         names = dict(zip(turn.columns, ANGLES, strict=True)) if is_vector else {}
         columns = columns_of(poses.block)
         roles = [names.get(column.role, column.role) for column in columns]
         sentence = f"angles up to {largest:.4g}; which, rad or deg?"
+        if is_vector and unit:
+            sentence = f"are they a vector in {unit}?"
         raise which_columns(poses.block, sentence, roles, is_small)
     unit = unit or ("rad" if is_vector else "deg")
     units = {poses.units[name] for name in turn.columns}

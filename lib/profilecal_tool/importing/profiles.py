@@ -12,7 +12,7 @@ from pandas import DataFrame, Series
 
 from profilecal.scan.scan import FARTHEST_MM
 from profilecal.scan.tables import ScanError, Table, listed, number
-from profilecal_tool.importing.answers import Layout, Question, only, scale_of
+from profilecal_tool.importing.answers import Layout, Question, of_entry, only, scale_of
 from profilecal_tool.importing.blocks import Block, File, counted
 from profilecal_tool.importing.makers import CODES, LENGTHS, SETS
 from profilecal_tool.importing.roles import (
@@ -26,6 +26,7 @@ from profilecal_tool.importing.roles import (
 )
 
 LIKELY_MM = 150.0  # the farthest that a scanner sees, for a guess at a unit
+NARROW_MM = 10.0  # few scanners see so little: it may be cm or inches
 MOSTLY = 0.8  # of the rows
 
 
@@ -157,6 +158,8 @@ def pair_said(block: Block, said: str) -> tuple[Column, Column] | None:
             column = meaning(at, title)
             if named.name in (column.name, str(at + 1)):
                 chosen.append(column._replace(unit=named.unit or column.unit))
+    if len({column.at for column in chosen}) < len(chosen):
+        raise ScanError(f"--columns {said}: x and z are one column")
     return tuple(chosen) if len(chosen) == 2 else None
 
 
@@ -173,8 +176,8 @@ def points_of(blocks: Sequence[Block], layout: Layout) -> list[Points]:
             tables.append(Points(points, *pair))
         elif block is largest:
             return []
-    name = layout.entry or "profile"
-    return [table for table in tables if table.name == name] or tables
+    names = of_entry([one.name for one in tables], layout.entry or "profile")
+    return [one for one in tables if one.name in names] or tables
 
 
 def points_in_file(
@@ -250,7 +253,14 @@ def labels_of(block: Block, poses: int, first: int) -> ndarray:
 
 def check_one(table: Points, labels: ndarray) -> None:
     """Raise Question where rows of a profile are of several scanners or sections."""
-    for column in columns_of(table.block):
+    columns = columns_of(table.block)
+    across = of_role(columns, "y")
+    x = table.block.table.iloc[:, table.x.at]
+    if across and len(x) > len({*labels}) and x.nunique() == 1:
+        answer = ",".join(title_of(table.block, one) for one in (across[0], table.z))
+        sentence = f"{table.x.name} is {x.iloc[0]} everywhere; is it y that is across?"
+        raise Question(f"{table.block.path}: {sentence}", columns=answer)
+    for column in columns:
         is_y = column.role == "y" and column.owner == table.x.owner
         if not is_y and column.role not in ("sensor", "label"):
             continue
@@ -303,7 +313,8 @@ def to_mm(profiles: Profiles, layout: Layout, taken: dict[str, str]) -> None:
     if unseen.all():
         raise ScanError(f"{profiles.path}: nothing was seen in any profile")
     of_codes = {CODES.get(code, "") for code in codes}
-    units = {layout.unit} - {""} or profiles.units - {""} or of_codes - {""} or {"mm"}
+    said = {layout.unit} - {""} or profiles.units - {""} or of_codes - {""}
+    units = said or {"mm"}
     scale = scale_of(profiles.path, units, "mm", LENGTHS)
     xz *= scale
     low, high = np.nanmin(xz, axis=0).round(3), np.nanmax(xz, axis=0).round(3)
@@ -312,6 +323,11 @@ def to_mm(profiles: Profiles, layout: Layout, taken: dict[str, str]) -> None:
     words = listed(f"{code:.12g}" for code in codes) or "blank"
     taken["missing"] = f"{words}: {unseen.sum()} of {len(xz)} points"
     largest = np.abs([low, high]).max()
+    width = high[0] - low[0]
+    if width < NARROW_MM and max(profiles.counts) > 1 and not said:
+        sentence = f"profiles are {width:.4g} wide, and no one says of what"
+        unit = likely_unit(largest)
+        raise Question(f"{profiles.path}: {sentence}: mm, cm or inch?", unit=unit)
     if not 1 <= largest <= FARTHEST_MM:
         sentence = f"{largest:.4g} mm in the profiles; expected 1 to {FARTHEST_MM:g}"
         hint = "the unit, or a code for nothing seen (--missing)?"

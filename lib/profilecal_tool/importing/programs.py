@@ -7,7 +7,7 @@ from pathlib import Path
 from pandas import DataFrame
 
 from profilecal_tool.importing.blocks import Block
-from profilecal_tool.importing.makers import ROBOTS
+from profilecal_tool.importing.makers import ROBOTS, Robot
 
 NAMES = {"name", "tool", "base"}  # of a line; what else begins with $ is a number
 NUMBER = re.compile(r"(?<![\w.])[-+]?\d+\.?\d*")
@@ -48,7 +48,7 @@ def blank(match: re.Match) -> str:
     return re.sub(r"[^\n]", " ", match[0])
 
 
-def take(lines: Sequence[str], text: str) -> tuple[DataFrame, str]:
+def matches_of(lines: Sequence[str], text: str) -> tuple[DataFrame, str]:
     """What stands in such lines, by the number of the line, and the text without."""
     rows = {}
     for line in lines:
@@ -61,11 +61,11 @@ def take(lines: Sequence[str], text: str) -> tuple[DataFrame, str]:
     return DataFrame([rows[place] for place in places], index=numbers), text
 
 
-def without_remarks(text: str, robot: dict) -> str:
+def without_remarks(text: str, robot: Robot) -> str:
     """A program without remarks, in as many lines."""
-    if "remark" not in robot:
+    if not robot.remark:
         return text
-    begin, *end = map(re.escape, robot["remark"].split())
+    begin, *end = map(re.escape, robot.remark.split())
     remark = f"{begin}.*?{end[0]}" if end else f"{begin}[^\n]*"
     return re.sub(remark, blank, text, flags=re.DOTALL)
 
@@ -73,15 +73,13 @@ def without_remarks(text: str, robot: dict) -> str:
 def program_blocks(path: Path, text: str) -> Iterator[Block]:
     """The tools, poses and uses in a program, of each maker that writes such lines."""
     for maker, robot in ROBOTS.items():
-        if robot.get("has", "") not in text:
+        if robot.has not in text:
             continue
         tables, rest = {}, without_remarks(text, robot)
         for kind in ("tool", "pose", "uses"):
-            tables[kind], rest = take(robot.get(kind, []), rest)
-        if robot.get("tools_are_poses"):
+            tables[kind], rest = matches_of(getattr(robot, kind), rest)
+        if robot.tools_are_poses:
             tables["tool"] = tables["pose"]
-        if len(tables["tool"]) + len(tables["pose"]) == 0:
-            continue
         read = {number for table in tables.values() for number in table.index}
         left = sum(
             number not in read and len(NUMBER.findall(line)) >= OF_POSE

@@ -5,10 +5,9 @@ from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
-from profilecal.scan.conventions import CONVENTIONS, Convention
 from profilecal.scan.tables import number
 from profilecal_tool.importing.blocks import Block
-from profilecal_tool.importing.makers import LISTS, ROLES, UNITS
+from profilecal_tool.importing.makers import LISTS, ROLES, UNITS, convention_of
 
 FEWEST = 8  # numbers behind one name that are a profile
 MOST = 16  # numbers of a pose, a matrix; a row of more without titles is a profile
@@ -101,13 +100,6 @@ def fits(block: Block, columns: Sequence[Column], roles: Sequence[str]) -> bool:
     fixed = {k: float(r) for k, r in zip(at, roles, strict=True) if r in ("0", "1")}
     cells = block.table.iloc[:, [*fixed]]
     return bool((cells == [*fixed.values()]).all(axis=None))
-
-
-def convention_of(roles: Iterable[str]) -> Convention | None:
-    """The first convention that is all there."""
-    names = {*roles}
-    fitting = (one for one in CONVENTIONS if names.issuperset(one.columns))
-    return next(fitting, None)
 
 
 def pose_columns(columns: Sequence[Column]) -> dict[str, dict[str, Column]]:

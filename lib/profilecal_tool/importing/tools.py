@@ -2,6 +2,7 @@
 
 from collections import defaultdict
 from collections.abc import Iterable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from profilecal.geometry.poses import homogeneous
 from profilecal.scan.conventions import named, to_rotations
 from profilecal.scan.tables import ScanError, listed
 from profilecal_tool.importing.answers import Layout
-from profilecal_tool.importing.blocks import Block
+from profilecal_tool.importing.files import tool_said
 from profilecal_tool.importing.makers import SETS
 from profilecal_tool.importing.poses import Poses, angle_of, length_of
 
@@ -22,15 +23,15 @@ def of_flange(
     entries: dict[str, Any],
     poses: Poses,
     layout: Layout,
-    beside: Iterable[Block],
+    others: Iterable[Path],
     taken: dict[str, str],
 ) -> dict[str, Any]:
-    """Entries of a Scan with the flange's poses in place of the tool's; the tool may
-    stand in the blocks of files beside them.
+    """Entries of a Scan with the flange's poses in place of the tool's. Where nothing
+    is known of a tool, other files than that of the poses may speak of one.
 
     Raises ScanError.
     """
-    numbers, taken["tool"] = tool_of(poses, layout, [*poses.read_with, *beside])
+    numbers, taken["tool"] = tool_of(poses, layout, others)
     if numbers is None:
         return entries
     turn = poses.convention
@@ -48,18 +49,18 @@ def of_flange(
 
 
 def tool_of(
-    poses: Poses, layout: Layout, programs: Iterable[Block]
+    poses: Poses, layout: Layout, others: Iterable[Path]
 ) -> tuple[ndarray | None, str]:
     """The tool's position and angles to take off, and what the poses are of in words.
 
     Raises ScanError.
     """
     tables = defaultdict(DataFrame)
-    for block in programs:
+    for block in poses.read_with:
         if block.robot and block.robot == poses.block.robot:
             tables[block.kind] = pandas.concat([tables[block.kind], block.table])
     words = {}
-    for which in ("tool", "base"):
+    for which in ("base", "tool"):
         names = names_in(tables["uses"], which) | names_in(poses.table, which)
         words[which] = listed(sorted(names - SETS["no_frame"]))
         if words[which] and len(names) > 1 and not (layout.tool and which == "tool"):
@@ -81,7 +82,10 @@ def tool_of(
         return at, f"{words['tool']} at {at[:3].tolist()}, taken off{base}"
     if words["tool"]:
         return None, f"{words['tool']}, whose frame is not here: not taken off{base}"
-    return None, f"none: taken for the flange's poses{base}"
+    own = [] if names else [poses.path]
+    said = "" if "flange" in poses.name else tool_said([*own, *others])
+    found = f"not taken off: {said}" if said else "none"
+    return None, f"{found}; taken for the flange's poses{base}"
 
 
 def names_in(table: DataFrame, which: str) -> set[str]:

@@ -31,8 +31,8 @@ from profilecal.scan.conventions import from_rotations, named
 from profilecal.scan.folder import read_scan
 from profilecal.scan.tables import ScanError
 from profilecal_tool.importing.import_scan import Layout, import_scan
-from profilecal_tool.importing.makers import ROBOTS
-from profilecal_tool.importing.programs import program_blocks
+from profilecal_tool.importing.makers import ROBOTS, robots_in
+from profilecal_tool.importing.programs import matches_of, program_blocks
 
 FUZZ = int(os.environ.get("PROFILECAL_FUZZ", "60"))
 
@@ -48,7 +48,7 @@ def by_name(function):
 
 def check_scan(imported, base=None):
     """All poses and profiles are there, in whatever order."""
-    numbers = [int(re.findall(r"\d+", label)[-1]) for label in imported.labels]
+    numbers = [int(re.findall(r"\d+", label)[0]) for label in imported.labels]
     order = np.argsort(numbers)
     T = imported.T_base_flange[order]
     expected = scan().T_base_flange
@@ -138,7 +138,24 @@ def clouds(folder):
     people.point_clouds(folder, "pcd")
 
 
+def z_across(folder):
+    """The scanner's points in its plane x = 0."""
+    for k, points in enumerate(scan().values):
+        lines = [f"0,{text(point)}".replace("nan", "") for point in points]
+        write_lines(folder / f"p{k}.csv", ["x,y,z", *lines])
+
+
+def two_numbers(folder):
+    """The first one is of the profiles."""
+    rows = enumerate(poses("KUKA angles"))
+    lines = [f"{k},{11 - k},{text(row)}" for k, row in rows]
+    write_lines(folder / "robot.csv", ["Nr,Point,X [mm],Y [mm],Z [mm],A,B,C", *lines])
+
+
 ASKED = {
+    "x is nothing": (people.tum, z_across, "x is 0 everywhere"),
+    "inches": (*points_of("x,z", scale=1 / 25.4), "mm, cm or inch"),
+    "two numbers": (two_numbers, people.one_each, "by nr and the number 1"),
     "two makers": (two_makers, people.one_each, "KUKA or Universal Robots"),
     "equal titles": (*points_of("x,z,x,z", "1,2", behind=True), "columns are x and z"),
     "PCD": (people.tum, clouds, "no x and z"),
@@ -146,7 +163,7 @@ ASKED = {
     "radians": (*table_of("x,y,z,w,p,r", "FANUC angles", 1, np.pi / 180), "rad or deg"),
     "vectors in degrees": (
         *table_of("x,y,z,rx [°],ry [°],rz [°]", "FANUC angles"),
-        "rad or deg",
+        "are they a vector in °",
     ),
     "quaternions": (*table_of("x,y,z,q1,q2,q3,q4", "quaternion"), "what are they"),
     "decimal commas between spaces": (
@@ -271,7 +288,43 @@ def nothing(folder):
     """No more files."""
 
 
+def interrupted(folder):
+    """Backwards, with a remark and a blank line within the table."""
+    listed_backwards("Point")(folder)
+    lines = (folder / "robot.csv").read_text().split("\n")
+    lines[4:4] = ["# second shift", "resumed at noon", ""]
+    (folder / "robot.csv").write_text("\n".join(lines))
+
+
+def numbered_and_named(folder):
+    rows = enumerate(poses("KUKA angles"))
+    lines = [f"{12 - k},scan_{k:03d}.csv,{text(row)}" for k, row in rows]
+    write_lines(folder / "robot.csv", ["No,File,X [mm],Y [mm],Z [mm],A,B,C", *lines])
+
+
+def driven_backwards(folder):
+    """Targets in another order than they are driven."""
+    people.abb(folder)
+    lines = (folder / "scan.mod").read_text().splitlines()
+    moves = [line for line in lines if "MoveL" in line]
+    lines = [line for line in lines if line not in moves]
+    places = [k for k, line in enumerate(lines) if "CONST robtarget" in line][:12]
+    for k, line in zip(places, [lines[k] for k in places[::-1]], strict=True):
+        lines[k] = line
+    write_lines(folder / "scan.mod", [*lines[:-1], *moves, lines[-1]])
+
+
 PAIRED = {
+    "a table goes on": (interrupted, named_profiles("p{}.csv"), "number 1"),
+    "numbers and names": (numbered_and_named, people.one_each, "by the names"),
+    "P7 in 4_P07": (
+        listed_backwards("Point"),
+        lambda folder: [
+            write_table(folder / f"{12 - k}_XP{k:02}.csv", "x,z", points)
+            for k, points in enumerate(scan().values)
+        ],
+        "number 1",
+    ),
     "German": (
         listed_backwards("Messung", "cp1252"),
         named_profiles("line2_{:02}.csv", "X Achse [mm],Höhe [mm]", "cp1252"),
@@ -322,7 +375,14 @@ def test_profiles_have_their_poses(name, tmp_path):
 # what poses are of; what is done to a program, and what is then said
 
 
+def noted(folder):
+    people.csv(folder)
+    (folder / "cell.txt").write_text("Cell 4\nThe TCP is the tip of the gripper\n")
+
+
 TOOLS = {
+    "another file's": (people.epson, None, "1, whose frame is not here"),
+    "a note's": (noted, None, "cell.txt line 2 says 'The TCP is the tip"),
     "another line": (people.mitsubishi, ("P3=(", "PX = ("), "that are no poses: 1"),
     "no frame": (
         people.abb,
@@ -369,10 +429,18 @@ def test_a_programs_tool_is_no_pose(text, says):
 def test_a_tool_or_base_is_taken_off_or_named(name, tmp_path):
     of_poses, change, words = TOOLS[name]
     folder = people.written(tmp_path / "in", of_poses)
-    (program,) = [p for p in folder.iterdir() if not re.match(r"scan_|p\d", p.name)]
-    edited(program.name, *change)(folder)
+    if change:
+        others = [p for p in folder.iterdir() if not re.match(r"scan_|p\d", p.name)]
+        edited(others[0].name, *change)(folder)
     taken = read(folder)[1]
     assert words in f"{taken['poses']}; {taken['tool']}"
+
+
+def test_targets_are_taken_in_the_order_driven(tmp_path):
+    folder = people.written(tmp_path / "in", driven_backwards)
+    imported, taken = read(folder)
+    assert "in order of the moves" in taken["matched"]
+    check_scan(imported, people.BASE)
 
 
 def test_a_frame_may_lie_in_another_file_and_a_tool_be_said(tmp_path):
@@ -393,6 +461,17 @@ def test_what_is_said_of_columns_holds_for_those_that_are_there(tmp_path):
         read(folder, where="y=0")
     with pytest.raises(ScanError, match="--pose-columns says x,y"):
         read(folder, pose_columns="x,y")
+    with pytest.raises(ScanError, match="x and z are one column"):
+        read(folder, columns="2,2")
+    with pytest.raises(ScanError, match="--entry is flange; there are poses"):
+        read(folder, entry="flange")
+
+
+def test_a_vector_that_is_said_to_be_in_degrees_is(tmp_path):
+    of_poses, _ = table_of("x,y,z,u,v,w", "rotation vector", 1.0, 180 / np.pi)
+    folder = people.written(tmp_path / "in", of_poses)
+    said = "x [mm],y [mm],z [mm],rx [deg],ry [deg],rz [deg]"
+    check_scan(read(folder, pose_columns=said)[0])
 
 
 def test_a_log_with_a_frame_beside_the_pose_says_so(tmp_path):
@@ -436,7 +515,25 @@ def one_point_of_two(folder):
         (folder / f"scan_{k:03d}.csv").write_text("sensor,x,z\n0,1,99\n1,2,99\n")
 
 
+def a_row_cut_short(folder):
+    lines = (folder / "robot.csv").read_text().split("\n")
+    lines[5] = ";".join(lines[5].split(";")[:3])
+    (folder / "robot.csv").write_text("\n".join(lines))
+
+
+def two_numbers_in_names(folder):
+    for k in range(12):
+        (folder / f"scan_{k:03d}.csv").rename(folder / f"{k}_{11 - k}.csv")
+
+
 MISTAKES = {
+    "a row cut short": (people.csv, a_row_cut_short, "line 6: 3 fields; expected 7"),
+    "a label twice": (
+        people.csv,
+        edited("robot.csv", "scan_004;", "scan_005;"),
+        "two poses have the name of profile scan_005",
+    ),
+    "two numbers that fit": (people.csv, two_numbers_in_names, "Rename the profiles'"),
     "two scanners' points": (people.csv, one_point_of_two, "sensor is 0 to 1"),
     "joints": (
         lambda folder: (folder / "tcp.csv").write_text(
@@ -550,12 +647,38 @@ def test_what_a_user_knows_is_kept_and_pictures_are_passed_over(tmp_path):
     assert "unknown entry 'colums'" in run(*command).output
 
 
-def test_each_row_of_the_table_has_an_example_that_is_read():
+def test_each_line_of_the_table_has_an_example_that_is_read():
     for maker, robot in ROBOTS.items():
-        blocks = program_blocks(Path(), f"{robot.get('has', '')}\n{robot['example']}")
-        (block,) = (block for block in blocks if block.kind == "pose")
-        assert block.robot == maker
-        assert {*"xyz"} <= {*block.table.dropna(axis=1)}
+        for line, example in zip(robot.pose, robot.examples, strict=True):
+            table, _ = matches_of([line], example)
+            assert len(table.dropna(axis=1)) == 1, line
+        text = "\n".join([robot.has, *robot.examples])
+        blocks = [b for b in program_blocks(Path(), text) if b.kind == "pose"]
+        (own,) = (block for block in blocks if block.robot == maker)
+        assert len(own.table) == len(robot.examples)
+
+
+ROW = {
+    "maker": "Acme",
+    "pose": ["TO $name ($x,$y,$z,$w,$p,$r)"],
+    "examples": ["TO P7 (400.5,0,300,180,0,90)"],
+}
+MISTYPED = {
+    "key": ({"exmples": []}, r"unknown entry 'exmples' in \[robot Acme\]"),
+    "kind": ({"pose": "TO $x"}, r"pose is .* in \[robot Acme\]; expected a list"),
+    "unit": ({"unit": "feet"}, "unit is 'feet'"),
+    "convention": ({"pose": ["TO $x,$y,$z,$u,$v,$w"]}, "columns of a convention"),
+    "none": ({"maker": None}, r"robot None"),
+}
+
+
+@pytest.mark.parametrize("mistake", MISTYPED)
+def test_a_mistyped_row_of_the_table_is_named(mistake):
+    assert robots_in([ROW])["Acme"].unit == "mm"
+    change, sentence = MISTYPED[mistake]
+    with pytest.raises(ScanError, match=sentence) as caught:
+        robots_in([ROW | change])
+    assert "makers.toml" in str(caught.value)
 
 
 def test_the_readme_has_the_table():
