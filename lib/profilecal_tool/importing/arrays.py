@@ -11,7 +11,7 @@ from numpy import ndarray
 from pandas import DataFrame, read_excel
 
 from profilecal.scan.tables import ScanError
-from profilecal_tool.importing.blocks import Block, text_blocks
+from profilecal_tool.importing.blocks import Block, joined, text_blocks
 
 OF_POSES = (4, 4), (3, 4), (3, 3), (3, 1), (1, 3)  # what a pose's matrices have
 
@@ -102,4 +102,4 @@ def sheets(path: Path) -> Iterator[Block]:
     for name, cells in sheets.items():
         text = cells.to_csv(sep=";", header=False, index=False)
         text = re.sub("^;+$", "", text, flags=re.MULTILINE)
-        yield from text_blocks(path, f"{name}\n{text}".encode())
+        yield from joined(text_blocks(path, f"{name}\n{text}".encode()))

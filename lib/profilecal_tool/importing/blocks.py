@@ -1,8 +1,8 @@
 """Tables under titles, whatever the file is; nothing here knows what a pose is."""
 
 import re
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from io import BytesIO
 from pathlib import Path
 
@@ -57,14 +57,9 @@ def dialect(text: str) -> tuple[str | None, str]:
 
 
 def text_blocks(path: Path, content: bytes) -> Iterator[Block]:
-    """The tables of delimited text: lines of as many fields that follow each other. A
-    table with titles goes on below remarks and blank lines.
-
-    Raises ScanError for a line of numbers within it that has other fields.
-    """
+    """The tables of delimited text: lines of as many fields that follow each other."""
     mark, decimal = dialect(content[:BEGIN].decode(errors="ignore"))
     between = mark.encode() if mark else None
-    found, titled, odd = [], None, None
     read = 0
     for line, count, place in runs(path, content, between):
         rows = rows_of(content[place : place + BEGIN], between)[:count]
@@ -89,23 +84,30 @@ def text_blocks(path: Path, content: bytes) -> Iterator[Block]:
         above = content[max(read, place - BEGIN) : place].decode(errors="ignore")
         above += "\n".join(map(" ".join, rows[:first]))
         titles = rows[first - 1] if first else counted(len(rows[0]))
-        is_remark = content[place : place + 1] in (b"#", b"%")
-        without = not first or (is_remark and titled and titles != titled[0])
-        if titled and without and len(titles) == len(titled[0]):
-            if odd:
-                sentence = f"{odd[1]} fields; expected {len(titles)}, as above"
-                raise ScanError(f"{path} line {odd[0]}: {sentence}")
-            titled[2].append(table)
-            continue
-        found.append((titles, above, [table]))
-        if first:
-            titled, odd = found[-1], None
-        else:
-            odd = odd or (line, len(titles))
-        read = place
-    for titles, above, parts in found:
-        table = pandas.concat(parts) if len(parts) > 1 else parts[0]
         yield Block(path, table, titles, above)
+        read = place
+
+
+def joined(blocks: Iterable[Block]) -> Iterator[Block]:
+    """Tables with titles, and what goes on below remarks and blank lines without.
+
+    Raises ScanError for numbers between, of another number of columns.
+    """
+    groups, titled = [], None
+    for block in blocks:
+        count = len(block.titles)
+        if not titled or not block.is_bare or count != len(titled[0].titles):
+            groups.append([block])
+            titled = titled if block.is_bare else groups[-1]
+            continue
+        odd = groups[-1][0]
+        if odd.is_bare:
+            found = f"{len(odd.titles)} fields; expected {count}, as above"
+            raise ScanError(f"{odd.path} line {odd.table.index[0]}: {found}")
+        titled.append(block)
+    for first, *more in groups:
+        tables = [block.table for block in (first, *more)]
+        yield replace(first, table=pandas.concat(tables)) if more else first
 
 
 def runs(
@@ -114,15 +116,15 @@ def runs(
     """The first line, the count and the place of lines with as many fields."""
     lines = watched(BytesIO(content), f"reading {path.name}", content.count(b"\n"))
     first = place = at = fields = line = 0
-    was_remark = False
+    began = False  # a table; what is remarked below is no title
     for line, text in enumerate(lines, 1):
-        count = len(text.strip(MARKS).split(between)) if text.strip() else 0
-        is_remark = text[:1] in (b"#", b"%")
-        if count != fields or (is_remark and not was_remark):
+        began |= fields > 0 and line - first > 1
+        is_blank = not text.strip() or (began and text[:1] in MARKS[:2])
+        count = 0 if is_blank else len(text.strip(MARKS).split(between))
+        if count != fields:
             if fields:
                 yield first, line - first, place
             first, place, fields = line, at, count
-        was_remark = is_remark
         at += len(text)
     if fields:
         yield first, line + 1 - first, place
@@ -136,11 +138,12 @@ def rows_of(content: bytes, between: bytes | None) -> list[list[str]]:
 
 
 def first_row(rows: Sequence[Sequence[str]], decimal: str) -> int | None:
-    """Where numbers begin: most of a row's cells are, and none stands below a word."""
+    """Where numbers begin: half of a row's cells are, and none stands below a word."""
     cells = DataFrame(rows)
     values = cells.map(lambda cell: number(cell.replace(decimal, ".")))
     words = values.abs() == float("inf")
-    has_numbers = 2 * words.sum(axis=1) < (cells != "").sum(axis=1)
+    filled = (cells != "").sum(axis=1)
+    has_numbers = 2 * words.sum(axis=1) < filled + (filled > 3)
     is_title = (words > words.shift(-1, fill_value=True)).any(axis=1)
     data = np.flatnonzero(has_numbers & ~is_title)
     return int(data[0]) if len(data) else None

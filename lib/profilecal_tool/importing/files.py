@@ -2,13 +2,13 @@
 
 import re
 from codecs import BOM_UTF16_BE, BOM_UTF16_LE
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
 from profilecal.scan.tables import ScanError, naming, shown, text_of
 from profilecal_tool.importing.arrays import binary_blocks, sheets
-from profilecal_tool.importing.blocks import BEGIN, Block, text_blocks
+from profilecal_tool.importing.blocks import BEGIN, Block, joined, text_blocks
 from profilecal_tool.importing.makers import FOREIGN, SETS
 from profilecal_tool.importing.nested import nested_blocks
 from profilecal_tool.importing.programs import program_blocks
@@ -19,7 +19,7 @@ NESTED = {".json", ".yaml", ".yml", ".jsonl"}
 LARGEST_PROGRAM = 2_000_000  # characters
 TOOL = re.compile(
     rf"(?<![^\W\d_])(?:{'|'.join(SETS['tool'])})(?:_?(?:no|nr|number|name))?(?![a-z])"
-    r"[^\w\n]*(\w*)"
+    r"[^\w\n]*(\w*)(?![\s,;.]+-?\d)"
 )
 ENCODINGS = ("cp1252", "gb18030", "shift_jis", "big5", "cp949", "cp1251")
 
@@ -42,7 +42,7 @@ def read(path: Path, encoding: str) -> list[Block]:
     content = text.encode()
     del text
     with naming(path):
-        return [*text_blocks(path, content), *programs]
+        return [*joined(text_blocks(path, content)), *programs]
 
 
 def decoded(path: Path, encoding: str) -> str:
@@ -73,6 +73,14 @@ def tool_said(paths: Iterable[Path]) -> str:
             if {*words} - SETS["no_frame"]:
                 return f"{path.name} line {number} says {shown(line.strip())}"
     return ""
+
+
+def names_of(paths: Sequence[Path]) -> list[str]:
+    """What files are called; with their folders where these tell them apart."""
+    names = [path.stem for path in paths]
+    if len({*names}) == len(names):
+        return names
+    return [f"{path.parent.name}/{path.stem}" for path in paths]
 
 
 def known_words(text: str) -> int:

@@ -3,7 +3,8 @@
 import json
 import re
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -72,11 +73,15 @@ def tables(path: Path, node: Any, name: str = "") -> Iterator[Block]:
 
 
 def array_of(title: str, cells: Series) -> ndarray:
-    """The cells of a column; lists as further dimensions, a long one by itself."""
+    """The cells of a column; lists as further dimensions, with NaN where some end, a
+    long one by itself.
+    """
     if not all(isinstance(cell, list) for cell in cells):
         return cells.to_numpy()
     try:
-        array = padded([np.array(cell, dtype=float) for cell in cells])
+        lists = [np.array(cell, dtype=float) for cell in cells]
+        nothing = np.full(lists[0].shape[1:], np.nan)
+        array = np.array([*zip_longest(*lists, fillvalue=nothing)]).swapaxes(0, 1)
     except (TypeError, ValueError):
         return cells.astype(str).to_numpy()
     if array.ndim == 2 and title in SETS["whole_profile"]:
@@ -92,12 +97,3 @@ def numbered_rows(node: dict) -> list[dict]:
         if match and isinstance(value, (list, dict)):
             rows[match[2]] |= {"label": match[2], match[1]: value}
     return [*rows.values()] if len(rows) > 1 else [node]
-
-
-def padded(lists: Sequence[ndarray]) -> ndarray:
-    """Lists of different lengths as an array, with NaN where some end."""
-    longest = max(map(len, lists))
-    array = np.full((len(lists), longest, *lists[0].shape[1:]), np.nan)
-    for row, numbers in zip(array, lists, strict=True):
-        row[: len(numbers)] = numbers
-    return array

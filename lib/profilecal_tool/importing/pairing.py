@@ -163,6 +163,13 @@ def by_numbers(labels: Sequence[str], names: Sequence[str]) -> Iterator[Keys]:
         if shift and {*shifted} <= {*keys} and not {*wanted} <= {*keys}:
             how, wanted = f"{how}, from 0 and from 1", shifted
         yield how, keys, wanted
+    yield "numbers in the names", numbers_in(labels), numbers_in(names)
+
+
+def numbers_in(texts: Iterable[str]) -> list[tuple[int, ...]]:
+    """All numbers in each text, but for times."""
+    found = (re.findall(r"\d+", STAMP.sub("", text)) for text in texts)
+    return [tuple(map(int, own)) for own in found]
 
 
 def seconds(text: str) -> float:

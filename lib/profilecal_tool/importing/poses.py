@@ -17,6 +17,7 @@ from profilecal.scan.folder import check_poses
 from profilecal.scan.tables import ScanError, Table, listed
 from profilecal_tool.importing.answers import Layout, Question, of_entry, only, scale_of
 from profilecal_tool.importing.blocks import Block, File, counted
+from profilecal_tool.importing.files import names_of
 from profilecal_tool.importing.makers import (
     ANGLE_UNITS,
     LENGTHS,
@@ -28,7 +29,6 @@ from profilecal_tool.importing.makers import (
 from profilecal_tool.importing.roles import (
     KEYS,
     columns_of,
-    of_role,
     pose_columns,
     split_columns,
 )
@@ -65,13 +65,12 @@ class Poses:
     @property
     def labels(self) -> dict[str, list[str]]:
         """The poses' labels, by the titles of their columns."""
-        named = {name.removeprefix("label "): name for name in self.table}
-        labels = {short: name for short, name in named.items() if short != name}
-        return {short: [*self.table[name].map(str)] for short, name in labels.items()}
+        labels = self.table.filter(like="label ")
+        return {name[6:]: [*map(label_of, labels[name])] for name in labels}
 
     def once(self) -> "Poses":
         """Each pose once, of rows of points, under the label that counts least."""
-        labels = [name for name in self.table if name.startswith("label ")]
+        labels = [*self.table.filter(like="label ")]
         others = [[*{*labels} - {one}] for one in labels] or [[]]
         tables = [self.table.drop(columns=some).drop_duplicates() for some in others]
         return replace(self, table=min(tables, key=len))
@@ -85,6 +84,11 @@ class Poses:
         """Columns as numbers (rows, columns). Raises ScanError."""
         columns = {name: self.table[name].to_numpy() for name in names}
         return Table(self.path, columns, self.table.index).numbers(names)
+
+
+def label_of(cell: Any) -> str:
+    """A label: 7 for 7.0, as a column with blanks has it."""
+    return f"{cell:.12g}" if isinstance(cell, float) else str(cell)
 
 
 def poses_of(blocks: Iterable[Block], said: str) -> dict[str, list[Poses]]:
@@ -101,7 +105,8 @@ def poses_of(blocks: Iterable[Block], said: str) -> dict[str, list[Poses]]:
         for owner, chosen in poses.items():
             others = [c for c in columns[::-1] if c not in chosen.values()]
             beside = {BESIDE[c.role]: c for c in others if c.role in BESIDE}
-            labels = {f"label {c.name}": c for c in of_role(columns, "label")}
+            free = [c for c in columns if c.name and c.role in ("label", "")]
+            labels = {f"label {c.name}": c for c in free}
             chosen = labels | beside | chosen
             table = block.table.iloc[:, [column.at for column in chosen.values()]]
             units = {role: column.unit for role, column in chosen.items()}
@@ -152,11 +157,12 @@ def robot_poses(
         parts += of_robot(path, by_name, layout.entry)
     first = parts[0]
     tables = []
-    for part in parts:
+    names = names_of([part.path for part in parts])
+    for part, name in zip(parts, names, strict=True):
         if part.units != first.units:
             titles = listed(part.block.titles)
             raise ScanError(f"{part.path}: columns {titles}, where others differ")
-        label = {"label file": part.path.stem} if len(files) > 1 else {}
+        label = {"label file": name} if len(files) > 1 else {}
         tables.append(part.table.assign(**label))
     every = [block for _, blocks in files for block in blocks]
     return replace(first, table=pandas.concat(tables), read_with=[*every, *beside])
@@ -200,26 +206,23 @@ def refuse(path: Path, blocks: Sequence[Block], said: str) -> None:
     if said and said.count(",") + 1 != len(largest.titles):
         titles = listed(largest.titles)
         raise ScanError(f"{path}: columns {titles}; --pose-columns says {said}")
-    columns = columns_of(largest)
-    usual = {*"xyz", *BESIDE, "label"}
-    known = [c.role if c.role in usual else "" for c in columns]
+    known = [column.role for column in columns_of(largest)]
     wanted = [axis for axis in "xyz" if axis not in known]
     is_quaternion = known.count("") - len(wanted) == 4
     wanted += ["qw", "qx", "qy", "qz"] if is_quaternion else ANGLES
     names = [name or (wanted.pop(0) if wanted else "_") for name in known]
-    turns = [at for at, name in enumerate(names) if name in ANGLES]
-    angles = largest.table.iloc[:, turns].select_dtypes("number").abs()
-    is_small = max(angles.max(), default=0) <= 2 * np.pi
-    raise which_columns(largest, "what are they?", names, is_small)
+    raise which_columns(largest, "what are they?", names)
 
 
-def which_columns(
-    block: Block, sentence: str, roles: Sequence[str], in_rad: bool
-) -> Question:
+def which_columns(block: Block, sentence: str, roles: Sequence[str]) -> Question:
     """What columns of poses are, by an answer that may be right."""
+    columns = columns_of(block)
+    turns = [at for at, role in enumerate(roles) if role in OF_ANGLES]
+    angles = block.table.iloc[:, turns].select_dtypes("number").abs()
+    small = "rad" if angles.max(axis=None) <= 2 * np.pi else ""
     titles = []
-    for column, role in zip(columns_of(block), roles, strict=True):
-        unit = ("rad" if in_rad else "") if role in OF_ANGLES else column.unit
+    for column, role in zip(columns, roles, strict=True):
+        unit = column.unit or (small if column.at in turns else "")
         titles.append(f"{role} [{unit}]" if unit else role or "_")
     sentence = f"{block.path}: columns {listed(block.titles)}; {sentence} ({KINDS})"
     return Question(sentence, pose_columns=",".join(titles))
@@ -259,7 +262,7 @@ def angle_of(poses: Poses) -> tuple[float, str]:
         sentence = f"angles up to {largest:.4g}; which, rad or deg?"
         if is_vector and unit:
             sentence = f"are they a vector in {unit}?"
-        raise which_columns(poses.block, sentence, roles, is_small)
+        raise which_columns(poses.block, sentence, roles)
     unit = unit or ("rad" if is_vector else "deg")
     units = {poses.units[name] for name in turn.columns}
     scale = scale_of(poses.path, units, unit, ANGLE_UNITS)

@@ -14,7 +14,9 @@ from profilecal.scan.scan import FARTHEST_MM
 from profilecal.scan.tables import ScanError, Table, listed, number
 from profilecal_tool.importing.answers import Layout, Question, of_entry, only, scale_of
 from profilecal_tool.importing.blocks import Block, File, counted
+from profilecal_tool.importing.files import names_of
 from profilecal_tool.importing.makers import CODES, LENGTHS, SETS
+from profilecal_tool.importing.poses import label_of
 from profilecal_tool.importing.roles import (
     FEWEST,
     KEYS,
@@ -75,15 +77,13 @@ def rows_where(path: Path, blocks: list[Block], said: str) -> list[Block]:
     name, _, value = said.lower().partition("=")
     chosen = []
     for block in blocks:
-        for column in columns_of(block):
-            if column.name == name:
-                cells = block.table.iloc[:, column.at].astype(str)
-                rows = block.table[cells.str.lower() == value]
-                chosen += [replace(block, table=rows)] if len(rows) else []
-    if not chosen:
+        for at in (one.at for one in columns_of(block) if one.name == name):
+            is_wanted = block.table.iloc[:, at].astype(str).str.lower() == value
+            chosen.append(replace(block, table=block.table[is_wanted]))
+    if not any(len(block.table) for block in chosen):
         titles = listed(title for block in blocks for title in block.titles)
         raise ScanError(f"{path}: no rows where {said}; the columns are {titles}")
-    return chosen
+    return [block for block in chosen if len(block.table)]
 
 
 def in_points(block: Block, layout: Layout) -> Block:
@@ -211,8 +211,9 @@ def read_profiles(
 
     Raises ScanError.
     """
-    names, counts, parts, units = [], [], [], set()
+    names, counts, parts, units, paths = [], [], [], set(), []
     for path, blocks in files:
+        paths.append(path)
         tables = points_in_file(path, blocks, layout, one_each)
         for table in tables:
             block, *pair = table
@@ -223,13 +224,14 @@ def read_profiles(
             check_one(table, labels)
             begins = [0, *(np.flatnonzero(labels[1:] != labels[:-1]) + 1).tolist()]
             counts += np.diff([*begins, len(labels)]).tolist()
-            names += [path.stem] if one_each else map(str, labels[begins])
+            names += map(label_of, labels[begins])
             parts.append(numbers_in(block, pair))
             units |= {column.unit for column in pair}
             titles = ",".join(title_of(block, column) for column in pair)
         if one_each and not tables:  # nothing was seen
-            names.append(path.stem)
             counts.append(0)
+    if one_each:
+        names = names_of(paths)
     if not parts:
         raise ScanError(f"{path}: no profiles in it")
     xz = np.concatenate(parts) if len(parts) > 1 else parts[0]
@@ -252,27 +254,27 @@ def labels_of(block: Block, poses: int, first: int) -> ndarray:
 
 
 def check_one(table: Points, labels: ndarray) -> None:
-    """Raise Question where rows of a profile are of several scanners or sections."""
-    columns = columns_of(table.block)
-    across = of_role(columns, "y")
-    x = table.block.table.iloc[:, table.x.at]
-    if across and len(x) > len({*labels}) and x.nunique() == 1:
-        answer = ",".join(title_of(table.block, one) for one in (across[0], table.z))
-        sentence = f"{table.x.name} is {x.iloc[0]} everywhere; is it y that is across?"
-        raise Question(f"{table.block.path}: {sentence}", columns=answer)
-    for column in columns:
-        is_y = column.role == "y" and column.owner == table.x.owner
+    """Raise Question where rows of a profile are of several scanners or sections, or
+    lie along y.
+    """
+    block, x, z = table
+    place = block.table.iloc[:, x.at].groupby(labels).nunique().max()
+    for column in columns_of(block):
+        is_y = column.role == "y" and column.owner == x.owner
         if not is_y and column.role not in ("sensor", "label"):
             continue
-        cells = table.block.table.iloc[:, column.at]
+        cells = block.table.iloc[:, column.at]
         each = cells.groupby(labels).agg(["nunique", "size"])
-        repeats = (2 * each["nunique"] <= each["size"]).all()
-        if (each["nunique"] > 1).any() and (repeats or column.role == "sensor"):
-            values = sorted(cells.unique())
+        if each["nunique"].max() < 2:
+            continue
+        values = sorted(cells.unique())
+        sentence = f"{block.path}: {column.name} is {values[0]} to {values[-1]}"
+        if is_y and place < 2:
+            answer = f"{title_of(block, column)},{title_of(block, z)}"
+            raise Question(f"{sentence}, x always the same", columns=answer)
+        if column.role == "sensor" or (2 * each["nunique"] <= each["size"]).all():
             one = min(values, key=abs) if is_y else values[0]
-            sentence = f"{column.name} is {values[0]} to {values[-1]} in one profile"
-            path = table.block.path
-            raise Question(f"{path}: {sentence}", where=f"{column.name}={one}")
+            raise Question(f"{sentence} in one profile", where=f"{column.name}={one}")
 
 
 def likely_pair(blocks: Sequence[Block]) -> str:
@@ -322,17 +324,13 @@ def to_mm(profiles: Profiles, layout: Layout, taken: dict[str, str]) -> None:
     taken["unit"] = listed(units)
     words = listed(f"{code:.12g}" for code in codes) or "blank"
     taken["missing"] = f"{words}: {unseen.sum()} of {len(xz)} points"
-    largest = np.abs([low, high]).max()
-    width = high[0] - low[0]
-    if width < NARROW_MM and max(profiles.counts) > 1 and not said:
-        sentence = f"profiles are {width:.4g} wide, and no one says of what"
-        unit = likely_unit(largest)
-        raise Question(f"{profiles.path}: {sentence}: mm, cm or inch?", unit=unit)
-    if not 1 <= largest <= FARTHEST_MM:
-        sentence = f"{largest:.4g} mm in the profiles; expected 1 to {FARTHEST_MM:g}"
+    width, largest = high[0] - low[0], np.abs([low, high]).max()
+    is_narrow = width < NARROW_MM and max(profiles.counts) > 1 and not said
+    if is_narrow or not 1 <= largest <= FARTHEST_MM:
+        sentence = f"{width:.4g} mm wide, up to {largest:.4g} mm away"
         hint = "the unit, or a code for nothing seen (--missing)?"
         unit = likely_unit(np.nanmax(np.abs(xz)) / scale)
-        raise Question(f"{profiles.path}: {sentence}: {hint}", unit=unit)
+        raise Question(f"{profiles.path}: {sentence}; is it {hint}", unit=unit)
 
 
 def likely_unit(largest: float) -> str:

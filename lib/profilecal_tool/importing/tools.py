@@ -79,7 +79,7 @@ def tool_of(
         raise ScanError(f"{poses.path}: {sentence}: --tool X Y Z A B C says which")
     if len(frames):
         at = frames.iloc[0].to_numpy()
-        return at, f"{words['tool']} at {at[:3].tolist()}, taken off{base}"
+        return at, f"{words['tool'] or 'one'} at {at[:3].tolist()}, taken off{base}"
     if words["tool"]:
         return None, f"{words['tool']}, whose frame is not here: not taken off{base}"
     own = [] if names else [poses.path]

@@ -153,8 +153,8 @@ def two_numbers(folder):
 
 
 ASKED = {
-    "x is nothing": (people.tum, z_across, "x is 0 everywhere"),
-    "inches": (*points_of("x,z", scale=1 / 25.4), "mm, cm or inch"),
+    "x is nothing": (people.tum, z_across, "x always the same"),
+    "inches": (*points_of("x,z", scale=1 / 25.4), "mm wide, up to"),
     "two numbers": (two_numbers, people.one_each, "by nr and the number 1"),
     "two makers": (two_makers, people.one_each, "KUKA or Universal Robots"),
     "equal titles": (*points_of("x,z,x,z", "1,2", behind=True), "columns are x and z"),
@@ -188,7 +188,7 @@ ASKED = {
     "a cloud": (*points_of("y,x,z", "-2", "0", "2"), "y is -2 to 2"),
     "two scanners in words": (people.tum, people.two_scanners, "sensor is A to B"),
     "codes": (people.tum, people.codes, "no x and z"),
-    "whole numbers": (*points_of("x,z", scale=1e5), "expected 1 to"),
+    "whole numbers": (*points_of("x,z", scale=1e5), "(--missing)"),
     "two tables": (people.tum, two_in_one_file, "which is the profile"),
     "several of a pose": (people.csv, repeated, "of one pose"),
     "two families": (people.csv, left_and_right, "which are the profiles"),
