@@ -532,14 +532,14 @@ def import_(files, folder, **given):
     What is uncertain is asked; FOLDER/import.toml keeps the answers.
     """
     from profilecal.targets import TARGETS
-    from profilecal_tool.importing.answers import (
+    from profilecal_tool.importing.import_scan import import_scan
+    from profilecal_tool.importing.questions import (
         Layout,
         Question,
         options,
         read_answers,
         write_imported,
     )
-    from profilecal_tool.importing.import_scan import import_scan
 
     if not files.is_dir():
         raise ValueError(f"{files}: no such folder")

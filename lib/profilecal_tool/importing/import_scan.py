@@ -16,24 +16,24 @@ from profilecal.scan.folder import NO_POSES, check_header, scan_of
 from profilecal.scan.motion import checked_log
 from profilecal.scan.scan import Scan
 from profilecal.scan.tables import ScanError, listed, naming
-from profilecal_tool.importing.answers import Layout, Question, of_entry, only
-from profilecal_tool.importing.blocks import Block, File, counted
-from profilecal_tool.importing.files import is_known, read
-from profilecal_tool.importing.pairing import paired
-from profilecal_tool.importing.poses import (
+from profilecal_tool.importing.pair_profiles import pair_profiles
+from profilecal_tool.importing.questions import Layout, Question, of_entry, one_or_ask
+from profilecal_tool.importing.read_file import is_known, tables_in_file
+from profilecal_tool.importing.robot_poses import (
     Poses,
-    beside_points,
-    entries_of,
+    labelled_by_pose,
+    pose_entries,
     poses_of,
     robot_poses,
 )
-from profilecal_tool.importing.profiles import (
+from profilecal_tool.importing.scanner_profiles import (
     Profiles,
-    points_of,
+    convert_to_mm,
+    point_tables,
     read_profiles,
-    to_mm,
 )
-from profilecal_tool.importing.tools import of_flange
+from profilecal_tool.importing.text_tables import Block, File, counted
+from profilecal_tool.importing.tool_frames import entries_of_flange
 
 NOTHING_SAID = Layout()
 
@@ -44,13 +44,12 @@ class Source:
 
     paths: list[Path]
     first: list[Block]  # what the first of them holds
-    encoding: str  # that is said
 
-    def files(self) -> Iterator[File]:
+    def each(self, encoding: str) -> Iterator[File]:
         """Each file and what it holds."""
         yield self.paths[0], self.first
         for path in watched(self.paths[1:], "reading"):
-            yield path, read(path, self.encoding)
+            yield path, tables_in_file(path, encoding)
 
 
 def import_scan(
@@ -65,10 +64,10 @@ def import_scan(
     taken = {}
     sources = sources_in(folder, layout)
     poses, profiles, others = tables_in(folder, sources, layout, taken)
-    to_mm(profiles, layout, taken)
+    convert_to_mm(profiles, layout, taken)
     values = np.split(profiles.xz, np.cumsum(profiles.counts)[:-1])
     names = times_said(layout, profiles.names)
-    pairing = paired(poses, names)
+    pairing = pair_profiles(poses, names)
     taken["matched"] = pairing.how
     rows = pairing.rows
     if pairing.log:
@@ -78,13 +77,13 @@ def import_scan(
         order = order[rows[order] >= 0]
         rows = rows[order]
         values, names = ([those[k] for k in order] for those in (values, names))
-        check_once(rows, names, profiles.path, layout)
+        check_one_profile_a_pose(rows, names, profiles.path, layout)
     poses = replace(poses, table=poses.table.iloc[rows].assign(pose=names))
-    entries = entries_of(poses, taken)
-    entries = of_flange(entries, poses, layout, others, taken)
+    entries = pose_entries(poses, taken)
+    entries = entries_of_flange(entries, poses, layout, others, taken)
     if pairing.log:
         entries = in_sweeps(folder, entries, *pairing.log)
-    return scan_of(folder, header | entries | measured_of(values)), taken
+    return scan_of(folder, header | entries | measured_entries(values)), taken
 
 
 def tables_in(
@@ -94,20 +93,21 @@ def tables_in(
 
     Raises ScanError.
     """
-    names = sorted_out(folder, sources, layout)
+    names = files_of_poses_and_profiles(folder, sources, layout)
     of_poses, of_profiles = (sources[name] for name in names)
     one_each = len(of_profiles.paths) > 1
     if of_poses is of_profiles and not one_each:
-        blocks = [beside_points(block) for block in of_poses.first]
+        blocks = [labelled_by_pose(block) for block in of_poses.first]
         of_poses = of_profiles = replace(of_poses, first=blocks)
     check_entry(layout, of_poses.first, of_profiles.first)
     others = [source for name, source in sources.items() if name not in names]
     beside = [block for source in others for block in source.first]
-    poses = robot_poses([*of_poses.files()], layout, beside)
+    poses = robot_poses([*of_poses.each(layout.encoding)], layout, beside)
     if of_poses is of_profiles:
-        poses = poses.once()
+        poses = poses.without_repeats()
     count = len(poses.table)
-    profiles = read_profiles(of_profiles.files(), one_each, layout, count)
+    files = of_profiles.each(layout.encoding)
+    profiles = read_profiles(files, one_each, layout, count)
     left = [path.name for source in others for path in source.paths]
     taken["left out"] = listed(left) or "none"
     own = {poses.path, *of_profiles.paths[1:]}
@@ -120,12 +120,12 @@ def check_entry(
 ) -> None:
     """Raise ScanError where neither a pose nor a list is called as the entry said."""
     names = [*poses_of(of_poses, layout.pose_columns)]
-    names += [table.name for table in points_of(of_profiles, layout)]
+    names += [table.name for table in point_tables(of_profiles, layout)]
     if names and not of_entry(names, layout.entry):
         raise ScanError(f"--entry is {layout.entry}; there are {listed(names)}")
 
 
-def measured_of(values: Sequence[ndarray]) -> dict[str, Any]:
+def measured_entries(values: Sequence[ndarray]) -> dict[str, Any]:
     """Entries of a Scan: points, or profiles, of which one point is none."""
     if max(map(len, values)) == 1:
         return {"measured": "points", "values": tuple(values)}
@@ -136,20 +136,19 @@ def measured_of(values: Sequence[ndarray]) -> dict[str, Any]:
 def sources_in(folder: Path, layout: Layout) -> dict[str, Source]:
     """The files of a folder, by pattern. Raises ScanError."""
     said = [pattern for pattern in (layout.poses, layout.profiles) if pattern]
-    families = {pattern: files(folder, pattern) for pattern in said}
+    families = {pattern: files_matching(folder, pattern) for pattern in said}
     known = {path for paths in families.values() for path in paths}
-    for path in files(folder, "**/*") if len(said) < 2 else []:
+    for path in files_matching(folder, "**/*") if len(said) < 2 else []:
         if path not in known and is_known(path):
             pattern = re.sub(r"\d+", "*", str(path.relative_to(folder)))
             families.setdefault(pattern, []).append(path)
-    sources = {}
-    for pattern, paths in families.items():
-        first = read(paths[0], layout.encoding)
-        sources[pattern] = Source(paths, first, layout.encoding)
-    return sources
+    return {
+        pattern: Source(paths, tables_in_file(paths[0], layout.encoding))
+        for pattern, paths in families.items()
+    }
 
 
-def files(folder: Path, pattern: str) -> list[Path]:
+def files_matching(folder: Path, pattern: str) -> list[Path]:
     """The files of a pattern, p2 before p10; or one elsewhere. Raises ScanError."""
     inside = [folder / name for name in glob(pattern, root_dir=folder, recursive=True)]
     paths = [path for path in inside or [Path(pattern)] if path.is_file()]
@@ -158,7 +157,7 @@ def files(folder: Path, pattern: str) -> list[Path]:
     return sorted(paths, key=lambda p: re.sub(r"\d+", lambda d: d[0].zfill(20), str(p)))
 
 
-def sorted_out(
+def files_of_poses_and_profiles(
     folder: Path, sources: Mapping[str, Source], layout: Layout
 ) -> tuple[str, str]:
     """Which files hold the poses, and which the profiles. Raises Question."""
@@ -169,19 +168,21 @@ def sorted_out(
     if layout.poses:
         with_poses = [layout.poses]
     others = [n for n in sorted(counts, key=counts.get) if n not in with_poses]
-    with_points = [n for n in others if points_of(sources[n].first, layout)]
+    with_points = [n for n in others if point_tables(sources[n].first, layout)]
     usual = [n for n in with_points if 2 * counts[n] > counts[with_points[-1]]]
     unclear = [n for n in others if n not in usual and sources[n].first]
     if not with_poses and not unclear:
         raise ScanError(f"{folder}: nothing in it is a table of poses: --poses FILE")
     candidates = with_poses or unclear[:1]
-    poses = only(folder, candidates, "holds the poses", "poses")
+    poses = one_or_ask(folder, candidates, "holds the poses", "poses")
     if layout.profiles:
         return poses, layout.profiles
     candidates = usual or [n for n in unclear if n != poses][-1:]
-    if not candidates and not points_of(sources[poses].first, layout):
+    if not candidates and not point_tables(sources[poses].first, layout):
         raise ScanError(f"{folder}: no profiles beside {poses}")
-    return poses, only(folder, candidates or [poses], "are the profiles", "profiles")
+    return poses, one_or_ask(
+        folder, candidates or [poses], "are the profiles", "profiles"
+    )
 
 
 def times_said(layout: Layout, names: list[str]) -> list[str]:
@@ -195,7 +196,9 @@ def times_said(layout: Layout, names: list[str]) -> list[str]:
     return [f"{start + k / rate:.6f}" for k in range(len(names))]
 
 
-def check_once(rows: ndarray, names: list[str], path: Path, layout: Layout) -> None:
+def check_one_profile_a_pose(
+    rows: ndarray, names: list[str], path: Path, layout: Layout
+) -> None:
     """Raise Question where several profiles are of one pose, and no one said which."""
     again = np.flatnonzero(rows[1:] == rows[:-1])
     if len(again) and not layout.profiles:

@@ -15,20 +15,20 @@ from profilecal.scan.toml import check_entries, is_line, one_of
 PATH = Path(__file__).with_name("makers.toml")
 with naming(PATH):
     TABLE = tomllib.loads(PATH.read_text("utf-8"))
-LENGTHS = TABLE["lengths"]
+LENGTH_UNITS = TABLE["lengths"]
 ANGLE_UNITS = TABLE["angles"]
-UNITS = LENGTHS | ANGLE_UNITS
-CODES = {float(code): unit for code, unit in TABLE["scanners"].items()}
-SETS = {name: {*words.split()} for name, words in TABLE["words"].items()}
-ROLES = {}  # by title
+UNITS = LENGTH_UNITS | ANGLE_UNITS
+UNIT_OF_CODE = {float(code): unit for code, unit in TABLE["scanners"].items()}
+WORDS = {name: {*words.split()} for name, words in TABLE["words"].items()}
+ROLE_OF_TITLE = {}  # by title
 for role, words in TABLE["titles"].items():
-    ROLES |= dict.fromkeys([role, *words.split()], role)
-ROLES |= {name: name for one in CONVENTIONS for name in one.columns}
-FOREIGN = {word for word in (*ROLES, *UNITS) if not word.isascii()}
-LISTS = defaultdict(list)  # roles by a list's word and how many numbers it has
+    ROLE_OF_TITLE |= dict.fromkeys([role, *words.split()], role)
+ROLE_OF_TITLE |= {name: name for one in CONVENTIONS for name in one.columns}
+FOREIGN = {word for word in (*ROLE_OF_TITLE, *UNITS) if not word.isascii()}
+ROLES_OF_LIST = defaultdict(list)  # roles by a list's word and how many numbers it has
 for roles, words in TABLE["lists"].items():
     for word in words.split():
-        LISTS[word, len(roles.split())].append(roles.split())
+        ROLES_OF_LIST[word, len(roles.split())].append(roles.split())
 
 
 def are_lines(value: object) -> bool:
@@ -52,7 +52,7 @@ class Robot:
     tool: Lines = ()
     uses: Lines = ()
     tools_are_poses: Yes = False
-    unit: Annotated[str, one_of(LENGTHS)] = "mm"
+    unit: Annotated[str, one_of(LENGTH_UNITS)] = "mm"
     angle: Annotated[str, one_of(ANGLE_UNITS)] = ""
 
 

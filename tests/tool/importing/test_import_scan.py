@@ -32,7 +32,7 @@ from profilecal.scan.folder import read_scan
 from profilecal.scan.tables import ScanError
 from profilecal_tool.importing.import_scan import Layout, import_scan
 from profilecal_tool.importing.makers import ROBOTS, robots_in
-from profilecal_tool.importing.programs import matches_of, program_blocks
+from profilecal_tool.importing.program_lines import matches_of, program_blocks
 
 FUZZ = int(os.environ.get("PROFILECAL_FUZZ", "60"))
 
@@ -146,16 +146,17 @@ def z_across(folder):
 
 
 def two_numbers(folder):
-    """The first one is of the profiles."""
+    """One that counts rows, and one that is of the profiles."""
     rows = enumerate(poses("KUKA angles"))
-    lines = [f"{k},{11 - k},{text(row)}" for k, row in rows]
-    write_lines(folder / "robot.csv", ["Nr,Point,X [mm],Y [mm],Z [mm],A,B,C", *lines])
+    lines = [f"{11 - k},{k},{text(row)}" for k, row in rows]
+    titles = "Zeile,Bahnpunkt,X [mm],Y [mm],Z [mm],A,B,C"
+    write_lines(folder / "robot.csv", [titles, *lines[::-1]])
 
 
 ASKED = {
     "x is nothing": (people.tum, z_across, "x always the same"),
     "inches": (*points_of("x,z", scale=1 / 25.4), "mm wide, up to"),
-    "two numbers": (two_numbers, people.one_each, "by nr and the number 1"),
+    "two numbers": (two_numbers, people.one_each, "by bahnpunkt and the number 1"),
     "two makers": (two_makers, people.one_each, "KUKA or Universal Robots"),
     "equal titles": (*points_of("x,z,x,z", "1,2", behind=True), "columns are x and z"),
     "PCD": (people.tum, clouds, "no x and z"),
@@ -302,6 +303,13 @@ def numbered_and_named(folder):
     write_lines(folder / "robot.csv", ["No,File,X [mm],Y [mm],Z [mm],A,B,C", *lines])
 
 
+def decimal_numbers(folder):
+    rows = enumerate(poses("KUKA angles"))
+    lines = [f"{k // 9}.{k % 9 + 1},{text(row)}" for k, row in rows]
+    titles = "Pose,X [mm],Y [mm],Z [mm],A,B,C"
+    write_lines(folder / "robot.csv", [titles, *lines[::-1]])
+
+
 def driven_backwards(folder):
     """Targets in another order than they are driven."""
     people.abb(folder)
@@ -315,6 +323,33 @@ def driven_backwards(folder):
 
 
 PAIRED = {
+    "a date and a number": (
+        listed_backwards("Laufnummer"),
+        lambda folder: [
+            write_table(folder / f"20240503_1412{k:02}_{k:03}.csv", "x,z", points)
+            for k, points in enumerate(scan().values)
+        ],
+        "number 1",
+    ),
+    "decimal numbers": (
+        decimal_numbers,
+        lambda folder: [
+            write_table(folder / f"p_{k // 9}.{k % 9 + 1}.csv", "x,z", points)
+            for k, points in enumerate(scan().values)
+        ],
+        "by the numbers in the names",
+    ),
+    "a folder each": (
+        lambda folder: [
+            (folder / f"{k}").mkdir() or np.savetxt(folder / f"{k}" / "pose.txt", T)
+            for k, T in enumerate(people.matrices_of_poses())
+        ],
+        lambda folder: [
+            write_table(folder / f"{k}" / "profile.csv", "x,z", points)
+            for k, points in enumerate(scan().values)
+        ],
+        "number 1",
+    ),
     "a table goes on": (interrupted, named_profiles("p{}.csv"), "number 1"),
     "numbers and names": (numbered_and_named, people.one_each, "by the names"),
     "P7 in 4_P07": (

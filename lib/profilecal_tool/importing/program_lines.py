@@ -6,8 +6,8 @@ from pathlib import Path
 
 from pandas import DataFrame
 
-from profilecal_tool.importing.blocks import Block
 from profilecal_tool.importing.makers import ROBOTS, Robot
+from profilecal_tool.importing.text_tables import Block
 
 NAMES = {"name", "tool", "base"}  # of a line; what else begins with $ is a number
 NUMBER = re.compile(r"(?<![\w.])[-+]?\d+\.?\d*")
@@ -19,13 +19,13 @@ SIGNS = {
 }
 
 
-def pattern(line: str) -> re.Pattern:
+def expression_of_line(line: str) -> re.Pattern:
     """The expression for a line of makers.toml."""
     line = re.sub(r"\s*([^\w\s$…⋮])\s*", r"\1", line)
     parts = [r"(?<!\w)" if line[0].isalnum() else ""]
     for token in re.findall(r"\$\w+|\w+|\s+|.", line):
         if token[0] == "$" and len(token) > 1:
-            parts.append(placeholder(token[1:]))
+            parts.append(expression_of_name(token[1:]))
         elif token.isspace():
             parts.append(r"[ \t]+")
         elif token.isalnum():
@@ -37,13 +37,13 @@ def pattern(line: str) -> re.Pattern:
     return re.compile("".join(parts), re.IGNORECASE | re.MULTILINE)
 
 
-def placeholder(name: str) -> str:
+def expression_of_name(name: str) -> str:
     """The expression for what stands where $name does."""
     cell = r"[\w$.\[\]]+?" if name in NAMES else r"[^\s,;:()\[\]{}\"'=]+"
     return f"(?P<{name}>{cell})"
 
 
-def blank(match: re.Match) -> str:
+def as_blanks(match: re.Match) -> str:
     """As many blanks, in as many lines."""
     return re.sub(r"[^\n]", " ", match[0])
 
@@ -52,10 +52,10 @@ def matches_of(lines: Sequence[str], text: str) -> tuple[DataFrame, str]:
     """What stands in such lines, by the number of the line, and the text without."""
     rows = {}
     for line in lines:
-        expression = pattern(line)
+        expression = expression_of_line(line)
         for match in expression.finditer(text):
             rows[match.start()] = match.groupdict()
-        text = expression.sub(blank, text)
+        text = expression.sub(as_blanks, text)
     places = sorted(rows)
     numbers = [text.count("\n", 0, place) + 1 for place in places]
     return DataFrame([rows[place] for place in places], index=numbers), text
@@ -67,7 +67,7 @@ def without_remarks(text: str, robot: Robot) -> str:
         return text
     begin, *end = map(re.escape, robot.remark.split())
     remark = f"{begin}.*?{end[0]}" if end else f"{begin}[^\n]*"
-    return re.sub(remark, blank, text, flags=re.DOTALL)
+    return re.sub(remark, as_blanks, text, flags=re.DOTALL)
 
 
 def program_blocks(path: Path, text: str) -> Iterator[Block]:

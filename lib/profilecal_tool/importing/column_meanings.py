@@ -6,8 +6,13 @@ from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 from profilecal.scan.tables import number
-from profilecal_tool.importing.blocks import Block
-from profilecal_tool.importing.makers import LISTS, ROLES, UNITS, convention_of
+from profilecal_tool.importing.makers import (
+    ROLE_OF_TITLE,
+    ROLES_OF_LIST,
+    UNITS,
+    convention_of,
+)
+from profilecal_tool.importing.text_tables import Block
 
 FEWEST = 8  # numbers behind one name that are a profile
 MOST = 16  # numbers of a pose, a matrix; a row of more without titles is a profile
@@ -28,7 +33,7 @@ class Column(NamedTuple):
     unit: str  # that its title says
 
 
-def meaning(at: int, title: str) -> Column:
+def meaning_of_title(at: int, title: str) -> Column:
     """What a title says by itself."""
     text, unit = title.strip().lower(), ""
     if abs(number(text)) < float("inf"):
@@ -38,32 +43,32 @@ def meaning(at: int, title: str) -> Column:
     words = re.sub(r"\W+", "_", text).strip("_").split("_")
     name = "_".join(words)
     for k in range(len(words)):
-        if role := ROLES.get("_".join(words[k:])):
+        if role := ROLE_OF_TITLE.get("_".join(words[k:])):
             return Column(at, name, role, "_".join(words[:k]), unit)
     return Column(at, name, "", "", unit)
 
 
 def columns_of(block: Block) -> list[Column]:
     """What the columns of a block are."""
-    columns = [meaning(at, title) for at, title in enumerate(block.titles)]
+    columns = [meaning_of_title(at, title) for at, title in enumerate(block.titles)]
     places = [column for column in columns if abs(number(column.name)) < float("inf")]
     if len(places) > (MOST if block.is_bare else FEWEST - 1):
         for column in places:  # z where they stand along x
             columns[column.at] = column._replace(role="z")
     elif block.is_bare:
-        return of_list(block, "", columns)
-    for stem, members in by_stem(columns).items():
-        for column in of_list(block, stem, members):
+        return meanings_of_list(block, "", columns)
+    for stem, members in numbered_alike(columns).items():
+        for column in meanings_of_list(block, stem, members):
             columns[column.at] = column
     return columns
 
 
-def of_role(columns: Iterable[Column], role: str) -> list[Column]:
+def with_role(columns: Iterable[Column], role: str) -> list[Column]:
     """The columns that have a role."""
     return [column for column in columns if column.role == role]
 
 
-def by_stem(columns: Iterable[Column]) -> dict[str, list[Column]]:
+def numbered_alike(columns: Iterable[Column]) -> dict[str, list[Column]]:
     """The columns that are called alike but for their number."""
     stems = defaultdict(list)
     for column in columns:
@@ -72,11 +77,11 @@ def by_stem(columns: Iterable[Column]) -> dict[str, list[Column]]:
     return stems
 
 
-def of_list(block: Block, stem: str, columns: list[Column]) -> list[Column]:
+def meanings_of_list(block: Block, stem: str, columns: list[Column]) -> list[Column]:
     """The columns of numbers behind one name, or none, with what these are: told by the
     name's first or last word, and by how many there are.
     """
-    role = meaning(0, stem).role
+    role = meaning_of_title(0, stem).role
     if role in {*"xyz"} and len(columns) >= FEWEST:
         return [column._replace(role=role, owner=stem) for column in columns]
     before, _, last = stem.rpartition("_")
@@ -85,24 +90,23 @@ def of_list(block: Block, stem: str, columns: list[Column]) -> list[Column]:
     if not stem or len(columns) > 2:
         owners["bare"] = stem
     for word, owner in owners.items():
-        for roles in LISTS[word, len(columns)]:
-            if fits(block, columns, roles):
+        for roles in ROLES_OF_LIST[word, len(columns)]:
+            if can_be_list(block, columns, roles):
                 pairs = zip(columns, roles, strict=True)
                 return [c._replace(role=role, owner=owner) for c, role in pairs]
     return columns
 
 
-def fits(block: Block, columns: Sequence[Column], roles: Sequence[str]) -> bool:
+def can_be_list(block: Block, columns: Sequence[Column], roles: Sequence[str]) -> bool:
     """Whether columns hold no words, and the 0 and 1 of a matrix's last row."""
-    at = [column.at for column in columns]
-    if any(isinstance(cell, str) for cell in block.table.iloc[0, at]):
+    cells = [block.table.iloc[:, column.at] for column in columns]
+    if any(isinstance(own.iloc[0], str) for own in cells):
         return False
-    fixed = {k: float(r) for k, r in zip(at, roles, strict=True) if r in ("0", "1")}
-    cells = block.table.iloc[:, [*fixed]]
-    return bool((cells == [*fixed.values()]).all(axis=None))
+    fixed = [k for k, role in enumerate(roles) if role in ("0", "1")]
+    return all((cells[k] == float(roles[k])).all() for k in fixed)
 
 
-def pose_columns(columns: Sequence[Column]) -> dict[str, dict[str, Column]]:
+def columns_of_poses(columns: Sequence[Column]) -> dict[str, dict[str, Column]]:
     """The columns of each pose by role, under whose they are: a position, and angles of
     the same owner, or else of none that has a position.
     """
@@ -120,8 +124,8 @@ def pose_columns(columns: Sequence[Column]) -> dict[str, dict[str, Column]]:
     return poses
 
 
-def split_columns(columns: Sequence[Column]) -> tuple[list[Column], list[Column]]:
+def poses_and_others(columns: Sequence[Column]) -> tuple[list[Column], list[Column]]:
     """The columns of poses, and the others."""
-    poses = pose_columns(columns).values()
+    poses = columns_of_poses(columns).values()
     posed = [column for roles in poses for column in roles.values()]
     return posed, [column for column in columns if column not in posed]

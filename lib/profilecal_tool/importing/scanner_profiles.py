@@ -11,21 +11,27 @@ from numpy import ndarray
 from pandas import DataFrame, Series
 
 from profilecal.scan.scan import FARTHEST_MM
-from profilecal.scan.tables import ScanError, Table, listed, number
-from profilecal_tool.importing.answers import Layout, Question, of_entry, only, scale_of
-from profilecal_tool.importing.blocks import Block, File, counted
-from profilecal_tool.importing.files import names_of
-from profilecal_tool.importing.makers import CODES, LENGTHS, SETS
-from profilecal_tool.importing.poses import label_of
-from profilecal_tool.importing.roles import (
+from profilecal.scan.tables import ScanError, listed, number
+from profilecal_tool.importing.column_meanings import (
     FEWEST,
     KEYS,
     Column,
     columns_of,
-    meaning,
-    of_role,
-    split_columns,
+    meaning_of_title,
+    poses_and_others,
+    with_role,
 )
+from profilecal_tool.importing.makers import LENGTH_UNITS, UNIT_OF_CODE, WORDS
+from profilecal_tool.importing.questions import (
+    Layout,
+    Question,
+    of_entry,
+    one_or_ask,
+    scale_of,
+)
+from profilecal_tool.importing.read_file import names_of
+from profilecal_tool.importing.robot_poses import label_of
+from profilecal_tool.importing.text_tables import Block, File, counted, numbers_of
 
 LIKELY_MM = 150.0  # the farthest that a scanner sees, for a guess at a unit
 NARROW_MM = 10.0  # few scanners see so little: it may be cm or inches
@@ -60,10 +66,9 @@ class Profiles:
 
 def numbers_in(block: Block, columns: Sequence[Column]) -> ndarray:
     """Columns as numbers (rows, columns), NaN for blanks. Raises ScanError."""
-    names = [title_of(block, column) for column in columns]
-    cells = (block.table.iloc[:, column.at].to_numpy() for column in columns)
-    table = dict(zip(names, cells, strict=True))
-    return Table(block.path, table, block.table.index).numbers(names, blank=True)
+    titles = [title_of(block, column) for column in columns]
+    table = block.table.iloc[:, [column.at for column in columns]]
+    return numbers_of(block.path, table.set_axis(titles, axis=1), blank=True)
 
 
 def title_of(block: Block, column: Column) -> str:
@@ -86,13 +91,15 @@ def rows_where(path: Path, blocks: list[Block], said: str) -> list[Block]:
     return [block for block in chosen if len(block.table)]
 
 
-def in_points(block: Block, layout: Layout) -> Block:
+def points_from_rows(block: Block, layout: Layout) -> Block:
     """A block with a point in each row, of one with a profile in each.
 
     Raises ScanError where x is nowhere.
     """
-    _, columns = split_columns(columns_of(block))
-    x, z, axis, keys = (of_role(columns, role) for role in ("x", "z", "axis", "label"))
+    _, columns = poses_and_others(columns_of(block))
+    x, z, axis, keys = (
+        with_role(columns, role) for role in ("x", "z", "axis", "label")
+    )
     if len(z) < FEWEST:
         return block
     heights = numbers_in(block, z)
@@ -126,7 +133,7 @@ def x_above(block: Block) -> list[float]:
     above = re.sub(r" +", "_", block.above.lower())
     values = []
     for which in ("start", "pitch"):
-        words = "|".join(SETS[which])
+        words = "|".join(WORDS[which])
         values += re.findall(rf"(?:{words})[^-+.\d\n]*([-+.\d]+)", above)[:1]
     if len(values) < 2:
         sentence = "z alone, and x nowhere: --x START PITCH says it; or give titles"
@@ -134,36 +141,38 @@ def x_above(block: Block) -> list[float]:
     return [*map(float, values)]
 
 
-def pair_in(block: Block, said: str) -> tuple[Column, Column] | None:
+def x_and_z_in(block: Block, said: str) -> tuple[Column, Column] | None:
     """The columns of x and z, if there are any. Raises Question."""
     if said:
-        return pair_said(block, said)
-    _, free = split_columns(columns_of(block))
+        return x_and_z_said(block, said)
+    _, free = poses_and_others(columns_of(block))
     pairs = {
         f"{title_of(block, x)},{title_of(block, z)}": (x, z)
-        for x in of_role(free, "x")
-        for z in of_role(free, "z")
+        for x in with_role(free, "x")
+        for z in with_role(free, "z")
         if x.owner == z.owner
     }
     if not pairs or (len(pairs) > 1 and len(block.table) < 2):
         return None
-    return pairs[only(block.path, [*pairs], "columns are x and z", "columns")]
+    return pairs[one_or_ask(block.path, [*pairs], "columns are x and z", "columns")]
 
 
-def pair_said(block: Block, said: str) -> tuple[Column, Column] | None:
+def x_and_z_said(block: Block, said: str) -> tuple[Column, Column] | None:
     """The columns of x and z that a user names, or numbers, maybe with units."""
-    chosen = []
-    for named in (meaning(0, name) for name in said.split(",")):
-        for at, title in enumerate(block.titles):
-            column = meaning(at, title)
-            if named.name in (column.name, str(at + 1)):
-                chosen.append(column._replace(unit=named.unit or column.unit))
-    if len({column.at for column in chosen}) < len(chosen):
+    columns = [meaning_of_title(*one) for one in enumerate(block.titles)]
+    chosen = [
+        column._replace(unit=named.unit or column.unit)
+        for named in (meaning_of_title(0, name) for name in said.split(","))
+        for column in columns
+        if named.name in (column.name, str(column.at + 1))
+    ]
+    places = [column.at for column in chosen]
+    if places[:1] * 2 == places:
         raise ScanError(f"--columns {said}: x and z are one column")
     return tuple(chosen) if len(chosen) == 2 else None
 
 
-def points_of(blocks: Sequence[Block], layout: Layout) -> list[Points]:
+def point_tables(blocks: Sequence[Block], layout: Layout) -> list[Points]:
     """The tables of points in a file; none where the largest table is none of points.
 
     Raises ScanError.
@@ -171,8 +180,8 @@ def points_of(blocks: Sequence[Block], layout: Layout) -> list[Points]:
     tables = []
     largest = max(blocks, key=lambda block: block.table.size, default=None)
     for block in blocks:
-        points = block if layout.columns else in_points(block, layout)
-        if pair := pair_in(points, layout.columns):
+        points = block if layout.columns else points_from_rows(block, layout)
+        if pair := x_and_z_in(points, layout.columns):
             tables.append(Points(points, *pair))
         elif block is largest:
             return []
@@ -180,7 +189,7 @@ def points_of(blocks: Sequence[Block], layout: Layout) -> list[Points]:
     return [one for one in tables if one.name in names] or tables
 
 
-def points_in_file(
+def profile_tables(
     path: Path, blocks: list[Block], layout: Layout, one_each: bool
 ) -> list[Points]:
     """The tables of points in a file of profiles: one, or some that are alike where
@@ -190,7 +199,7 @@ def points_in_file(
     """
     if layout.where:
         blocks = rows_where(path, blocks, layout.where)
-    tables = points_of(blocks, layout)
+    tables = point_tables(blocks, layout)
     if not tables and any(len(block.table) > 1 for block in blocks):
         sentence = f"no x and z in columns {listed(blocks[0].titles)}"
         raise Question(f"{path}: {sentence}", columns=likely_pair(blocks))
@@ -200,7 +209,7 @@ def points_in_file(
     kinds = {(table.block.name, *table.block.titles): table for table in tables}
     names = [table.name for table in (tables if one_each else kinds.values())]
     if names:
-        only(path, names, "is the profile", "entry")
+        one_or_ask(path, names, "is the profile", "entry")
     return tables
 
 
@@ -214,14 +223,14 @@ def read_profiles(
     names, counts, parts, units, paths = [], [], [], set(), []
     for path, blocks in files:
         paths.append(path)
-        tables = points_in_file(path, blocks, layout, one_each)
+        tables = profile_tables(path, blocks, layout, one_each)
         for table in tables:
             block, *pair = table
             labels = np.zeros(len(block.table))
             if not one_each:
                 several = poses if len(tables) == 1 else 0
-                labels = labels_of(block, several, len(counts) + 1)
-            check_one(table, labels)
+                labels = profile_of_each_row(block, several, len(counts) + 1)
+            check_one_section(table, labels)
             begins = [0, *(np.flatnonzero(labels[1:] != labels[:-1]) + 1).tolist()]
             counts += np.diff([*begins, len(labels)]).tolist()
             names += map(label_of, labels[begins])
@@ -238,12 +247,12 @@ def read_profiles(
     return Profiles(path, names, counts, xz, units, titles)
 
 
-def labels_of(block: Block, poses: int, first: int) -> ndarray:
+def profile_of_each_row(block: Block, poses: int, first: int) -> ndarray:
     """The profile of each row: by a label or a time whose values do not come back, and
     that counts no points; else numbers from the first on, evenly by so many poses.
     """
     columns, rows = columns_of(block), len(block.table)
-    for column in (one for role in KEYS for one in of_role(columns, role)):
+    for column in (one for role in KEYS for one in with_role(columns, role)):
         labels = block.table.iloc[:, column.at].to_numpy()
         runs = 1 + np.count_nonzero(labels[1:] != labels[:-1])
         counts_points = column.role == "label" and runs == rows != poses
@@ -253,7 +262,7 @@ def labels_of(block: Block, poses: int, first: int) -> ndarray:
     return np.arange(rows) // each + first
 
 
-def check_one(table: Points, labels: ndarray) -> None:
+def check_one_section(table: Points, labels: ndarray) -> None:
     """Raise Question where rows of a profile are of several scanners or sections, or
     lie along y.
     """
@@ -289,11 +298,11 @@ def likely_pair(blocks: Sequence[Block]) -> str:
     return ",".join([*table][first:][:2])
 
 
-def codes_of(z: ndarray, missing: float | None) -> list[float]:
+def codes_for_unseen(z: ndarray, missing: float | None) -> list[float]:
     """The numbers that stand where nothing was seen: those said or known, and zero
     where all else lies to one side.
     """
-    codes = [code for code in CODES if (z == code).any()]
+    codes = [code for code in UNIT_OF_CODE if (z == code).any()]
     lowest = np.nanmin(z, initial=0)
     digits = f"{lowest:.7g}".strip("-").replace(".", "")
     if len(digits) > 2 and {*digits} == {"9"}:  # of -999.999 in any unit
@@ -306,18 +315,18 @@ def codes_of(z: ndarray, missing: float | None) -> list[float]:
     return [*codes, 0.0] if is_one_sided else codes
 
 
-def to_mm(profiles: Profiles, layout: Layout, taken: dict[str, str]) -> None:
+def convert_to_mm(profiles: Profiles, layout: Layout, taken: dict[str, str]) -> None:
     """Make points mm, and NaN where nothing was seen. Raises ScanError."""
     xz = profiles.xz
-    codes = codes_of(xz[:, 1], layout.missing)
+    codes = codes_for_unseen(xz[:, 1], layout.missing)
     unseen = np.isnan(xz).any(axis=1) | np.isin(xz[:, 1], codes)
     xz[unseen] = np.nan
     if unseen.all():
         raise ScanError(f"{profiles.path}: nothing was seen in any profile")
-    of_codes = {CODES.get(code, "") for code in codes}
+    of_codes = {UNIT_OF_CODE.get(code, "") for code in codes}
     said = {layout.unit} - {""} or profiles.units - {""} or of_codes - {""}
     units = said or {"mm"}
-    scale = scale_of(profiles.path, units, "mm", LENGTHS)
+    scale = scale_of(profiles.path, units, "mm", LENGTH_UNITS)
     xz *= scale
     low, high = np.nanmin(xz, axis=0).round(3), np.nanmax(xz, axis=0).round(3)
     taken["columns"] = f"{profiles.titles}: {low.tolist()} to {high.tolist()} mm"
@@ -337,6 +346,6 @@ def likely_unit(largest: float) -> str:
     """The unit in which a number is most like what a scanner sees."""
 
     def off(unit: str) -> float:
-        return abs(np.log((largest * LENGTHS[unit] + 1e-9) / LIKELY_MM))
+        return abs(np.log((largest * LENGTH_UNITS[unit] + 1e-9) / LIKELY_MM))
 
-    return min(LENGTHS, key=off)
+    return min(LENGTH_UNITS, key=off)

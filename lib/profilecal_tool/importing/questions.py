@@ -20,7 +20,7 @@ from profilecal.scan.toml import (
 from profilecal.targets import TARGETS
 
 FILE = "import.toml"
-LENGTHS = {name for target in TARGETS.values() for name in target.lengths}
+SIZES = {name for target in TARGETS.values() for name in target.lengths}
 
 
 class Question(ScanError):
@@ -55,7 +55,7 @@ class Layout:
     mount: str = MOUNTS[0]
 
 
-def only(place: Any, names: Sequence[str], what: str, option: str) -> str:
+def one_or_ask(place: Any, names: Sequence[str], what: str, option: str) -> str:
     """The one of some names. Raises Question where there are several."""
     if len(names) > 1:
         several = " or ".join(names)
@@ -86,7 +86,7 @@ def read_answers(folder: Path) -> dict[str, Any]:
     if not path.is_file():
         return {}
     entries = read_toml(path)
-    lengths = dict.fromkeys(LENGTHS, float)
+    lengths = dict.fromkeys(SIZES, float)
     check_entries(path, entries, entries_of(Layout) | {"target": str} | lengths)
     return entries
 

@@ -15,23 +15,29 @@ from pandas import DataFrame
 from profilecal.scan.conventions import CONVENTIONS, Convention
 from profilecal.scan.folder import check_poses
 from profilecal.scan.tables import ScanError, Table, listed
-from profilecal_tool.importing.answers import Layout, Question, of_entry, only, scale_of
-from profilecal_tool.importing.blocks import Block, File, counted
-from profilecal_tool.importing.files import names_of
+from profilecal_tool.importing.column_meanings import (
+    KEYS,
+    columns_of,
+    columns_of_poses,
+    poses_and_others,
+)
 from profilecal_tool.importing.makers import (
     ANGLE_UNITS,
-    LENGTHS,
+    LENGTH_UNITS,
     ROBOTS,
-    SETS,
+    WORDS,
     Robot,
     convention_of,
 )
-from profilecal_tool.importing.roles import (
-    KEYS,
-    columns_of,
-    pose_columns,
-    split_columns,
+from profilecal_tool.importing.questions import (
+    Layout,
+    Question,
+    of_entry,
+    one_or_ask,
+    scale_of,
 )
+from profilecal_tool.importing.read_file import names_of
+from profilecal_tool.importing.text_tables import Block, File, counted, numbers_of
 
 FARTHEST_M = 20.0  # no robot reaches so far; a position in mm is farther somewhere
 BESIDE = {"t": "time", "time": "time", "tool": "tool", "base": "base"}
@@ -68,7 +74,7 @@ class Poses:
         labels = self.table.filter(like="label ")
         return {name[6:]: [*map(label_of, labels[name])] for name in labels}
 
-    def once(self) -> "Poses":
+    def without_repeats(self) -> "Poses":
         """Each pose once, of rows of points, under the label that counts least."""
         labels = [*self.table.filter(like="label ")]
         others = [[*{*labels} - {one}] for one in labels] or [[]]
@@ -82,8 +88,7 @@ class Poses:
 
     def numbers(self, names: Sequence[str]) -> ndarray:
         """Columns as numbers (rows, columns). Raises ScanError."""
-        columns = {name: self.table[name].to_numpy() for name in names}
-        return Table(self.path, columns, self.table.index).numbers(names)
+        return numbers_of(self.path, self.table[[*names]])
 
 
 def label_of(cell: Any) -> str:
@@ -97,11 +102,11 @@ def poses_of(blocks: Iterable[Block], said: str) -> dict[str, list[Poses]]:
     """
     by_name = defaultdict(list)
     titles = said.split(",")
-    for block in map(matrices, blocks):
+    for block in map(matrices_as_rows, blocks):
         if said and len(titles) == len(block.titles):
             block = replace(block, titles=titles)
         columns = columns_of(block)
-        poses = pose_columns(columns) if block.kind == "pose" else {}
+        poses = columns_of_poses(columns) if block.kind == "pose" else {}
         for owner, chosen in poses.items():
             others = [c for c in columns[::-1] if c not in chosen.values()]
             beside = {BESIDE[c.role]: c for c in others if c.role in BESIDE}
@@ -116,7 +121,7 @@ def poses_of(blocks: Iterable[Block], said: str) -> dict[str, list[Poses]]:
     return by_name
 
 
-def matrices(block: Block) -> Block:
+def matrices_as_rows(block: Block) -> Block:
     """Matrices below one another as rows of 16 numbers."""
     rows = block.table
     if not block.is_bare or rows.shape[1] != 4 or len(rows) % 4:
@@ -127,11 +132,11 @@ def matrices(block: Block) -> Block:
     return replace(block, table=table, titles=counted(16))
 
 
-def beside_points(block: Block) -> Block:
+def labelled_by_pose(block: Block) -> Block:
     """A table with a pose beside each point, or profile, numbered by its pose if it has
     neither labels nor times.
     """
-    posed, others = split_columns(columns_of(block))
+    posed, others = poses_and_others(columns_of(block))
     if not posed or {*KEYS} & {column.role for column in others}:
         return block
     cells = block.table.iloc[:, [column.at for column in posed]]
@@ -153,8 +158,8 @@ def robot_poses(
         by_name = poses_of(blocks, said)
         widths = {len(block.titles) for block in blocks}
         if not by_name or (said and said.count(",") + 1 not in widths):
-            refuse(path, blocks, said)
-        parts += of_robot(path, by_name, layout.entry)
+            ask_what_columns_are(path, blocks, said)
+        parts += poses_of_robot(path, by_name, layout.entry)
     first = parts[0]
     tables = []
     names = names_of([part.path for part in parts])
@@ -168,18 +173,18 @@ def robot_poses(
     return replace(first, table=pandas.concat(tables), read_with=[*every, *beside])
 
 
-def of_robot(path: Path, by_name: Mapping[str, list], entry: str) -> list[Poses]:
+def poses_of_robot(path: Path, by_name: Mapping[str, list], entry: str) -> list[Poses]:
     """The poses that are the robot's, by what they are called. Raises ScanError."""
     names = of_entry(by_name, entry) or [*by_name]
-    ranks = {name: rank(name) for name in names}
+    ranks = {name: likeness_to_flange(name) for name in names}
     best = max(ranks.values())
     if best == 0 and not entry:
         sentence = f"poses are of {listed(names)}; are they the flange's?"
         raise Question(f"{path}: {sentence}", entry=names[0])
     several = [name for name in names if ranks[name] == best]
-    poses = by_name[only(path, several, "is the robot's pose", "entry")]
+    poses = by_name[one_or_ask(path, several, "is the robot's pose", "entry")]
     called = f"{path.name} {poses[0].name}"
-    if any(word in called.lower() for word in SETS["inverse"]):
+    if any(word in called.lower() for word in WORDS["inverse"]):
         sentence = "is called as the inverse of a pose: invert it, or rename it"
         raise ScanError(f"{path.parent}: {called} {sentence}")
     others = listed(name for name in by_name if by_name[name] is not poses)
@@ -189,15 +194,15 @@ def of_robot(path: Path, by_name: Mapping[str, list], entry: str) -> list[Poses]
     return [replace(one, name=one.name + beside, offset=offset) for one in poses]
 
 
-def rank(name: str) -> int:
+def likeness_to_flange(name: str) -> int:
     """How much a pose is called as the flange's: 0, as that of something else."""
     words = {*re.split(r"[\W_]+", name.lower())}
-    if words & SETS["other"]:
+    if words & WORDS["other"]:
         return 0
-    return 1 + bool(words & SETS["robot"]) + ("flange" in words)
+    return 1 + bool(words & WORDS["robot"]) + ("flange" in words)
 
 
-def refuse(path: Path, blocks: Sequence[Block], said: str) -> None:
+def ask_what_columns_are(path: Path, blocks: Sequence[Block], said: str) -> None:
     """Say why there are no poses in a file. Raises Question."""
     largest = max(blocks, key=lambda block: len(block.table), default=None)
     roles = {column.role for block in blocks for column in columns_of(block)}
@@ -210,35 +215,35 @@ def refuse(path: Path, blocks: Sequence[Block], said: str) -> None:
     wanted = [axis for axis in "xyz" if axis not in known]
     is_quaternion = known.count("") - len(wanted) == 4
     wanted += ["qw", "qx", "qy", "qz"] if is_quaternion else ANGLES
-    names = [name or (wanted.pop(0) if wanted else "_") for name in known]
-    raise which_columns(largest, "what are they?", names)
+    names = [name or (wanted.pop(0) if wanted else "") for name in known]
+    raise question_on_columns(largest, "what are they?", names)
 
 
-def which_columns(block: Block, sentence: str, roles: Sequence[str]) -> Question:
+def question_on_columns(block: Block, sentence: str, roles: Sequence[str]) -> Question:
     """What columns of poses are, by an answer that may be right."""
     columns = columns_of(block)
     turns = [at for at, role in enumerate(roles) if role in OF_ANGLES]
     angles = block.table.iloc[:, turns].select_dtypes("number").abs()
-    small = "rad" if angles.max(axis=None) <= 2 * np.pi else ""
+    small = "rad" if angles.to_numpy().max(initial=0) <= 2 * np.pi else ""
     titles = []
     for column, role in zip(columns, roles, strict=True):
         unit = column.unit or (small if column.at in turns else "")
-        titles.append(f"{role} [{unit}]" if unit else role or "_")
+        titles.append(f"{role} [{unit}]" if unit else role or column.name)
     sentence = f"{block.path}: columns {listed(block.titles)}; {sentence} ({KINDS})"
     return Question(sentence, pose_columns=",".join(titles))
 
 
-def length_of(poses: Poses) -> tuple[float, str]:
+def length_unit(poses: Poses) -> tuple[float, str]:
     """The scale of positions to mm, and their unit."""
     farthest = np.linalg.norm(poses.numbers("xyz"), axis=1).max()
     usual = "m" if farthest < FARTHEST_M else "mm"
     usual = poses.robot.unit if poses.robot else usual
     units = {poses.units[axis] for axis in "xyz"}
-    scale = scale_of(poses.path, units, usual, LENGTHS)
+    scale = scale_of(poses.path, units, usual, LENGTH_UNITS)
     return scale, poses.units["x"] or usual
 
 
-def angle_of(poses: Poses) -> tuple[float, str]:
+def angle_unit(poses: Poses) -> tuple[float, str]:
     """The scale of angles to what their convention has, and their unit.
 
     Raises Question where it may be another.
@@ -262,21 +267,21 @@ def angle_of(poses: Poses) -> tuple[float, str]:
         sentence = f"angles up to {largest:.4g}; which, rad or deg?"
         if is_vector and unit:
             sentence = f"are they a vector in {unit}?"
-        raise which_columns(poses.block, sentence, roles)
+        raise question_on_columns(poses.block, sentence, roles)
     unit = unit or ("rad" if is_vector else "deg")
     units = {poses.units[name] for name in turn.columns}
     scale = scale_of(poses.path, units, unit, ANGLE_UNITS)
     return scale / ANGLE_UNITS["rad"] if is_vector else scale, f", {unit}"
 
 
-def entries_of(poses: Poses, taken: dict[str, str]) -> dict[str, Any]:
+def pose_entries(poses: Poses, taken: dict[str, str]) -> dict[str, Any]:
     """Entries of a Scan; what was taken for granted goes to `taken`.
 
     Raises ScanError.
     """
     turn = poses.convention
-    length, unit = length_of(poses)
-    angle, of_angle = angle_of(poses)
+    length, unit = length_unit(poses)
+    angle, of_angle = angle_unit(poses)
     columns = {name: poses.table[name].to_numpy() for name in ("pose", *"xyz")}
     angles = poses.numbers(turn.columns) * angle
     columns |= dict(zip(turn.columns, angles.T, strict=True))

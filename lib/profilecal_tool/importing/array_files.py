@@ -11,7 +11,7 @@ from numpy import ndarray
 from pandas import DataFrame, read_excel
 
 from profilecal.scan.tables import ScanError
-from profilecal_tool.importing.blocks import Block, joined, text_blocks
+from profilecal_tool.importing.text_tables import Block, text_blocks, with_continuations
 
 OF_POSES = (4, 4), (3, 4), (3, 3), (3, 1), (1, 3)  # what a pose's matrices have
 
@@ -59,26 +59,26 @@ def array_blocks(path: Path, arrays: Mapping[str, ndarray]) -> Iterator[Block]:
         if array.shape == OF_POSES[0]:
             array = array[None]
         if array.ndim == 3 and array.shape[1:] not in OF_POSES:
-            yield block_of(path, name, points_in(array))
+            yield block_of_columns(path, name, columns_of_points(array))
         else:
             alike[len(array)][name] = array
     for members in alike.values():
         columns = {}
         for name, array in members.items():
-            columns |= columns_in(name, array)
-        yield block_of(path, name if len(members) == 1 else "", columns)
+            columns |= columns_of_array(name, array)
+        yield block_of_columns(path, name if len(members) == 1 else "", columns)
 
 
-def points_in(profiles: ndarray) -> dict[str, ndarray]:
+def columns_of_points(profiles: ndarray) -> dict[str, ndarray]:
     """The columns of profiles (n, points, 2 or 3), or of their transposes."""
     if profiles.shape[1] in (2, 3):
         profiles = profiles.swapaxes(1, 2)
     count, points, columns = profiles.shape
     label = np.arange(1, count + 1, dtype="i4").repeat(points)
-    return {"label": label} | columns_in("points", profiles.reshape(-1, columns))
+    return {"label": label} | columns_of_array("points", profiles.reshape(-1, columns))
 
 
-def columns_in(name: str, array: ndarray) -> dict[str, ndarray]:
+def columns_of_array(name: str, array: ndarray) -> dict[str, ndarray]:
     """The columns of an array, numbered if it may have several."""
     if array.ndim == 1:
         return {name: array}
@@ -86,14 +86,14 @@ def columns_in(name: str, array: ndarray) -> dict[str, ndarray]:
     return {f"{name}_{k}".strip("_"): c for k, c in enumerate(columns, 1)}
 
 
-def block_of(path: Path, name: str, columns: dict[str, ndarray]) -> Block:
+def block_of_columns(path: Path, name: str, columns: dict[str, ndarray]) -> Block:
     """Columns by their titles as a block."""
     table = DataFrame(columns, copy=False)
     table.index += 1
     return Block(path, table, [*columns], name=name)
 
 
-def sheets(path: Path) -> Iterator[Block]:
+def sheet_blocks(path: Path) -> Iterator[Block]:
     """The tables of a workbook. Raises ScanError."""
     try:
         sheets = read_excel(path, sheet_name=None, header=None)
@@ -102,4 +102,4 @@ def sheets(path: Path) -> Iterator[Block]:
     for name, cells in sheets.items():
         text = cells.to_csv(sep=";", header=False, index=False)
         text = re.sub("^;+$", "", text, flags=re.MULTILINE)
-        yield from joined(text_blocks(path, f"{name}\n{text}".encode()))
+        yield from with_continuations(text_blocks(path, f"{name}\n{text}".encode()))

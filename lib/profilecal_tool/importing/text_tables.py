@@ -8,10 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pandas
+from numpy import ndarray
 from pandas import DataFrame
 
 from profilecal.geometry.progress import watched
-from profilecal.scan.tables import NOTHING, ScanError, number
+from profilecal.scan.tables import NOTHING, ScanError, Table, number
 
 MARKS = b"#% "  # before titles
 BEGIN = 100_000  # characters that tell what a table is like
@@ -40,6 +41,15 @@ class Block:
 File = tuple[Path, list[Block]]  # and what it holds
 
 
+def numbers_of(path: Path, table: DataFrame, blank: bool = False) -> ndarray:
+    """A table as numbers (rows, columns), blanks as NaN if there may be some.
+
+    Raises ScanError.
+    """
+    columns = {name: cells.to_numpy() for name, cells in table.items()}
+    return Table(path, columns, table.index).numbers([*table], blank)
+
+
 def counted(count: int) -> list[str]:
     """Titles for columns that have none."""
     return [str(k + 1) for k in range(count)]
@@ -61,9 +71,9 @@ def text_blocks(path: Path, content: bytes) -> Iterator[Block]:
     mark, decimal = dialect(content[:BEGIN].decode(errors="ignore"))
     between = mark.encode() if mark else None
     read = 0
-    for line, count, place in runs(path, content, between):
-        rows = rows_of(content[place : place + BEGIN], between)[:count]
-        first = first_row(rows, decimal)
+    for line, count, place in runs_of_equal_fields(path, content, between):
+        rows = first_cells(content[place : place + BEGIN], between)[:count]
+        first = row_where_numbers_begin(rows, decimal)
         if first is None:
             continue
         stream = BytesIO(content)
@@ -88,7 +98,7 @@ def text_blocks(path: Path, content: bytes) -> Iterator[Block]:
         read = place
 
 
-def joined(blocks: Iterable[Block]) -> Iterator[Block]:
+def with_continuations(blocks: Iterable[Block]) -> Iterator[Block]:
     """Tables with titles, and what goes on below remarks and blank lines without.
 
     Raises ScanError for numbers between, of another number of columns.
@@ -110,7 +120,7 @@ def joined(blocks: Iterable[Block]) -> Iterator[Block]:
         yield replace(first, table=pandas.concat(tables)) if more else first
 
 
-def runs(
+def runs_of_equal_fields(
     path: Path, content: bytes, between: bytes | None
 ) -> Iterator[tuple[int, int, int]]:
     """The first line, the count and the place of lines with as many fields."""
@@ -130,14 +140,14 @@ def runs(
         yield first, line + 1 - first, place
 
 
-def rows_of(content: bytes, between: bytes | None) -> list[list[str]]:
+def first_cells(content: bytes, between: bytes | None) -> list[list[str]]:
     """The cells of the first lines."""
     lines = content.split(b"\n", HEAD)[:HEAD]
     rows = [line.strip(MARKS).split(between) for line in lines]
     return [[cell.decode(errors="ignore").strip(" \"'\r") for cell in r] for r in rows]
 
 
-def first_row(rows: Sequence[Sequence[str]], decimal: str) -> int | None:
+def row_where_numbers_begin(rows: Sequence[Sequence[str]], decimal: str) -> int | None:
     """Where numbers begin: half of a row's cells are, and none stands below a word."""
     cells = DataFrame(rows)
     values = cells.map(lambda cell: number(cell.replace(decimal, ".")))

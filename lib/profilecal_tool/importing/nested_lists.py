@@ -14,9 +14,9 @@ from numpy import ndarray
 from pandas import Series, json_normalize
 
 from profilecal.scan.tables import ScanError, naming
-from profilecal_tool.importing.arrays import array_blocks
-from profilecal_tool.importing.blocks import Block
-from profilecal_tool.importing.makers import SETS
+from profilecal_tool.importing.array_files import array_blocks
+from profilecal_tool.importing.makers import WORDS
+from profilecal_tool.importing.text_tables import Block
 
 NUMBERED = re.compile(r"(.*?)[_ -]?(\d+)")
 
@@ -35,15 +35,17 @@ def nested_blocks(path: Path, text: str) -> Iterator[Block]:
     """The tables of JSON, of lines of JSON and of YAML. Raises ScanError."""
     with naming(path):
         try:
-            documents = [d for d in parsed(text) if isinstance(d, (list, dict))]
+            documents = [d for d in documents_in(text) if isinstance(d, (list, dict))]
         except (yaml.YAMLError, json.JSONDecodeError) as error:
             words = " ".join(str(error).split())
             raise ScanError(f"{path}: {words}; is the file cut short?") from error
         if documents:
-            yield from tables(path, documents if len(documents) > 1 else documents[0])
+            yield from nested_tables(
+                path, documents if len(documents) > 1 else documents[0]
+            )
 
 
-def parsed(text: str) -> list:
+def documents_in(text: str) -> list:
     """The documents in a text."""
     if text.lstrip()[:1] not in ("{", "["):
         plain = re.sub(r"\A%YAML.*\n", "", text).replace(".Nan", ".nan")
@@ -54,7 +56,7 @@ def parsed(text: str) -> list:
         return [json.loads(line) for line in text.splitlines() if line.strip()]
 
 
-def tables(path: Path, node: Any, name: str = "") -> Iterator[Block]:
+def nested_tables(path: Path, node: Any, name: str = "") -> Iterator[Block]:
     """The tables in a list or a dictionary."""
     rows = numbered_rows(node) if isinstance(node, dict) else node
     if not all(isinstance(row, dict) for row in rows):
@@ -66,13 +68,13 @@ def tables(path: Path, node: Any, name: str = "") -> Iterator[Block]:
         if all(isinstance(cell, dict) for cell in inner):
             if len(table) > 1:
                 inner = [{"label": k + 1} | row for k, row in inner.items()]
-            yield from tables(path, [*inner], title)
+            yield from nested_tables(path, [*inner], title)
         else:
-            arrays[title] = array_of(title, cells)
+            arrays[title] = array_of_cells(title, cells)
     yield from array_blocks(path, arrays)
 
 
-def array_of(title: str, cells: Series) -> ndarray:
+def array_of_cells(title: str, cells: Series) -> ndarray:
     """The cells of a column; lists as further dimensions, with NaN where some end, a
     long one by itself.
     """
@@ -84,7 +86,7 @@ def array_of(title: str, cells: Series) -> ndarray:
         array = np.array([*zip_longest(*lists, fillvalue=nothing)]).swapaxes(0, 1)
     except (TypeError, ValueError):
         return cells.astype(str).to_numpy()
-    if array.ndim == 2 and title in SETS["whole_profile"]:
+    if array.ndim == 2 and title in WORDS["whole_profile"]:
         array = array.reshape(len(cells), -1, 3)
     return array[0] if array.ndim > 2 and len(array) == 1 else array
 
@@ -95,5 +97,5 @@ def numbered_rows(node: dict) -> list[dict]:
     for key, value in node.items():
         match = NUMBERED.fullmatch(str(key))
         if match and isinstance(value, (list, dict)):
-            rows[match[2]] |= {"label": match[2], match[1]: value}
+            rows[match[2]] |= {"label": match[2], match[1] or "pose": value}
     return [*rows.values()] if len(rows) > 1 else [node]

@@ -10,14 +10,13 @@ from numpy import ndarray
 
 from profilecal.calibration.observe import A_MOMENT_S
 from profilecal.scan.tables import ScanError, listed, number
-from profilecal_tool.importing.answers import Question
-from profilecal_tool.importing.poses import Poses
-from profilecal_tool.importing.roles import columns_of
+from profilecal_tool.importing.column_meanings import columns_of
+from profilecal_tool.importing.questions import Question
+from profilecal_tool.importing.robot_poses import Poses
 
-STAMP = re.compile(
-    r"((?:19|20)\d\d)\D?([01]\d)\D?([0-3]\d)\D{0,2}"
-    r"([0-2]\d)\D?([0-5]\d)\D?([0-5]\d)(?:[.,_](\d{1,6}))?"
-)
+DATE = r"((?:19|20)\d\d)\D?([01]\d)\D?([0-3]\d)\D{0,2}"
+MOMENT = re.compile(DATE + r"([0-2]\d)\D?([0-5]\d)\D?([0-5]\d)")
+STAMP = re.compile(MOMENT.pattern + r"(?:[.,_](\d{1,6}))?")
 SECONDS = re.compile(r"\d{9,}(?:\.\d+)?|\d+\.\d+")  # since 1970, or since anything
 WHOLE = re.compile(r"(?<![\d.])\d+(?!\d*\.\d)")
 UNITS_S = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
@@ -36,10 +35,10 @@ class Pairing:
     log: tuple[ndarray, ndarray] | None = None  # times (L,) of poses, (P,) of profiles
 
 
-def paired(poses: Poses, names: Sequence[str]) -> Pairing:
+def pair_profiles(poses: Poses, names: Sequence[str]) -> Pairing:
     """The pose of each profile. Raises ScanError."""
     found = paired_by_label(poses, names) or paired_by_time(poses, names)
-    order, how = in_order(poses)
+    order, how = rows_in_order(poses)
     if not found and len(names) == len(order):
         found = Pairing(order, how)
     if not found:
@@ -58,11 +57,10 @@ def paired(poses: Poses, names: Sequence[str]) -> Pairing:
     return Pairing(found.rows, how)
 
 
-def in_order(poses: Poses) -> tuple[ndarray, str]:
+def rows_in_order(poses: Poses) -> tuple[ndarray, str]:
     """The rows as a program moves to them, or else as they stand; and this in words."""
-    row_of = {}
-    for labels in poses.labels.values():
-        row_of |= dict(zip(labels, range(len(labels)), strict=True))
+    every = poses.labels.values()
+    row_of = {label: row for own in every for row, label in enumerate(own)}
     uses = [block.table for block in poses.read_with if block.kind == "uses"]
     moves = [name for table in uses for name in table.get("name", [])]
     driven = [row_of[name] for name in dict.fromkeys(moves) if name in row_of]
@@ -77,15 +75,16 @@ def paired_by_label(poses: Poses, names: Sequence[str]) -> Pairing | None:
 
     Raises ScanError where two serve as many and differ, and where a label stands twice.
     """
-    for ways_of in (by_names, by_numbers):
+    for ways_of in (compare_names, compare_numbers):
         ways = {
-            (title, how): rows_of(keys, wanted)
+            (title, how): rows_having(keys, wanted)
             for title, labels in poses.labels.items()
             for how, keys, wanted in ways_of(labels, names)
         }
         served = {way: len({*rows} - {-1}) for way, rows in ways.items()}
         most = max(served.values(), default=0)
         best = [way for way in ways if served[way] == most]
+        best.sort(key=lambda way: (np.diff(ways[way]) == 1).all())  # counts rows
         if most * 2 <= len(poses.table) or (ways[best[0]] >= 0).mean() < 0.5:
             continue
         for other in best[1:]:
@@ -100,7 +99,7 @@ def paired_by_label(poses: Poses, names: Sequence[str]) -> Pairing | None:
     return None
 
 
-def rows_of(keys: Sequence, wanted: Sequence) -> ndarray:
+def rows_having(keys: Sequence, wanted: Sequence) -> ndarray:
     """The row of what each profile wants (P,), among what poses have; -1 if none has
     it, TWICE if several do.
     """
@@ -131,7 +130,7 @@ def check_alike(
     raise Question(sentence, pose_columns=",".join(titles))
 
 
-def by_names(labels: Sequence[str], names: Sequence[str]) -> Iterator[Keys]:
+def compare_names(labels: Sequence[str], names: Sequence[str]) -> Iterator[Keys]:
     """By whole names, without folder and ending; by mere numbers only if all fit."""
     keys, wanted = (
         [re.sub(r".*[/\\]|\.[a-z]\w*$", "", text.lower()) for text in texts]
@@ -141,7 +140,7 @@ def by_names(labels: Sequence[str], names: Sequence[str]) -> Iterator[Keys]:
         yield "names", keys, wanted
 
 
-def by_numbers(labels: Sequence[str], names: Sequence[str]) -> Iterator[Keys]:
+def compare_numbers(labels: Sequence[str], names: Sequence[str]) -> Iterator[Keys]:
     """By the last number of labels that are called alike, as a program may have a home,
     too: P22 by that behind P in 001_P22. Counted from 0 and from 1 if all fit so.
     """
@@ -155,7 +154,7 @@ def by_numbers(labels: Sequence[str], names: Sequence[str]) -> Iterator[Keys]:
     behind = re.compile(rf"(?<![^\W_]){re.escape(usual)}(\d+)", re.IGNORECASE)
     found = [behind.findall(name) if usual else [] for name in names]
     if not all(found):
-        found = [WHOLE.findall(STAMP.sub("", name)) for name in names]
+        found = [WHOLE.findall(MOMENT.sub("", name)) for name in names]
     for k, field in enumerate(zip(*found, strict=False), 1):
         how, wanted = f"number {k} in the names", [*map(int, field)]
         shift = (0 in wanted) - (0 in keys)
@@ -163,16 +162,18 @@ def by_numbers(labels: Sequence[str], names: Sequence[str]) -> Iterator[Keys]:
         if shift and {*shifted} <= {*keys} and not {*wanted} <= {*keys}:
             how, wanted = f"{how}, from 0 and from 1", shifted
         yield how, keys, wanted
-    yield "numbers in the names", numbers_in(labels), numbers_in(names)
+    several = numbers_in(labels)
+    if max(map(len, several)) > 1:
+        yield "numbers in the names", several, numbers_in(names)
 
 
 def numbers_in(texts: Iterable[str]) -> list[tuple[int, ...]]:
     """All numbers in each text, but for times."""
-    found = (re.findall(r"\d+", STAMP.sub("", text)) for text in texts)
+    found = (re.findall(r"\d+", MOMENT.sub("", text)) for text in texts)
     return [tuple(map(int, own)) for own in found]
 
 
-def seconds(text: str) -> float:
+def time_said(text: str) -> float:
     """The time that a text says, s; NaN if there is none."""
     if match := STAMP.search(text):
         *whole, part = match.groups()
@@ -188,9 +189,9 @@ def seconds(text: str) -> float:
     return value
 
 
-def moments(cells: Iterable, unit: float) -> ndarray:
+def times_in_s(cells: Iterable, unit: float) -> ndarray:
     """The times of cells in a unit, s."""
-    return (np.array([seconds(str(cell)) for cell in cells]) * unit).round(9)
+    return (np.array([time_said(str(cell)) for cell in cells]) * unit).round(9)
 
 
 def paired_by_time(poses: Poses, names: Sequence[str]) -> Pairing | None:
@@ -198,7 +199,9 @@ def paired_by_time(poses: Poses, names: Sequence[str]) -> Pairing | None:
     the log, where profiles were taken as the robot moved.
     """
     unit = UNITS_S.get(poses.units.get("time", ""), 1.0)
-    t, times = (moments(cells, unit) for cells in (poses.table.get("time", []), names))
+    t, times = (
+        times_in_s(cells, unit) for cells in (poses.table.get("time", []), names)
+    )
     if len(t) < 2 or not np.isfinite([*t, *times]).all():
         return None
     order = np.argsort(t, kind="stable")

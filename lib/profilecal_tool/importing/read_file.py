@@ -7,45 +7,48 @@ from contextlib import suppress
 from pathlib import Path
 
 from profilecal.scan.tables import ScanError, naming, shown, text_of
-from profilecal_tool.importing.arrays import binary_blocks, sheets
-from profilecal_tool.importing.blocks import BEGIN, Block, joined, text_blocks
-from profilecal_tool.importing.makers import FOREIGN, SETS
-from profilecal_tool.importing.nested import nested_blocks
-from profilecal_tool.importing.programs import program_blocks
+from profilecal_tool.importing.array_files import binary_blocks, sheet_blocks
+from profilecal_tool.importing.makers import FOREIGN, WORDS
+from profilecal_tool.importing.nested_lists import nested_blocks
+from profilecal_tool.importing.program_lines import program_blocks
+from profilecal_tool.importing.text_tables import (
+    BEGIN,
+    Block,
+    text_blocks,
+    with_continuations,
+)
 
 SHEETS = {".xlsx", ".xlsm"}
 BINARY = {".npy", ".npz", ".mat", ".ply"}
 NESTED = {".json", ".yaml", ".yml", ".jsonl"}
 LARGEST_PROGRAM = 2_000_000  # characters
 TOOL = re.compile(
-    rf"(?<![^\W\d_])(?:{'|'.join(SETS['tool'])})(?:_?(?:no|nr|number|name))?(?![a-z])"
+    rf"(?<![^\W\d_])(?:{'|'.join(WORDS['tool'])})(?:_?(?:no|nr|number|name))?(?![a-z])"
     r"[^\w\n]*(\w*)(?![\s,;.]+-?\d)"
 )
 ENCODINGS = ("cp1252", "gb18030", "shift_jis", "big5", "cp949", "cp1251")
 
 
-def read(path: Path, encoding: str) -> list[Block]:
+def tables_in_file(path: Path, encoding: str) -> list[Block]:
     """The tables in a file. Raises ScanError."""
     suffix = path.suffix.lower()
     if suffix in SHEETS:
-        return [*sheets(path)]
+        return [*sheet_blocks(path)]
     if suffix in BINARY:
         return [*binary_blocks(path)]
-    text = decoded(path, encoding)
+    text = decoded_text(path, encoding)
     if suffix in NESTED:
         return [*nested_blocks(path, text)]
     programs = [*program_blocks(path, text)] if len(text) < LARGEST_PROGRAM else []
     if any(block.kind != "uses" for block in programs):
         return programs
-    if text.lstrip()[:1] in ("{", "["):
-        return [*nested_blocks(path, text)]
     content = text.encode()
     del text
     with naming(path):
-        return [*joined(text_blocks(path, content)), *programs]
+        return [*with_continuations(text_blocks(path, content)), *programs]
 
 
-def decoded(path: Path, encoding: str) -> str:
+def decoded_text(path: Path, encoding: str) -> str:
     """A file's text; where it is not UTF-8, and no one says what, in the encoding in
     which most known words stand in it. Raises ScanError.
     """
@@ -61,7 +64,7 @@ def decoded(path: Path, encoding: str) -> str:
         raise
 
 
-def tool_said(paths: Iterable[Path]) -> str:
+def where_a_tool_is_said(paths: Iterable[Path]) -> str:
     """Where texts first speak of a tool that is not the flange, or ""."""
     for path in paths:
         with path.open("rb") as file:
@@ -70,7 +73,7 @@ def tool_said(paths: Iterable[Path]) -> str:
         lines = begin.decode(errors="ignore").splitlines() if is_text else []
         for number, line in enumerate(lines, start=1):
             words = TOOL.findall(line.lower())
-            if {*words} - SETS["no_frame"]:
+            if {*words} - WORDS["no_frame"]:
                 return f"{path.name} line {number} says {shown(line.strip())}"
     return ""
 

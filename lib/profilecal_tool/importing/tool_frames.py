@@ -13,13 +13,13 @@ from pandas import DataFrame, Series
 from profilecal.geometry.poses import homogeneous
 from profilecal.scan.conventions import named, to_rotations
 from profilecal.scan.tables import ScanError, listed
-from profilecal_tool.importing.answers import Layout
-from profilecal_tool.importing.files import tool_said
-from profilecal_tool.importing.makers import SETS
-from profilecal_tool.importing.poses import Poses, angle_of, length_of
+from profilecal_tool.importing.makers import WORDS
+from profilecal_tool.importing.questions import Layout
+from profilecal_tool.importing.read_file import where_a_tool_is_said
+from profilecal_tool.importing.robot_poses import Poses, angle_unit, length_unit
 
 
-def of_flange(
+def entries_of_flange(
     entries: dict[str, Any],
     poses: Poses,
     layout: Layout,
@@ -31,11 +31,11 @@ def of_flange(
 
     Raises ScanError.
     """
-    numbers, taken["tool"] = tool_of(poses, layout, others)
+    numbers, taken["tool"] = tool_to_take_off(poses, layout, others)
     if numbers is None:
         return entries
     turn = poses.convention
-    (length, _), (angle, _) = length_of(poses), angle_of(poses)
+    (length, _), (angle, _) = length_unit(poses), angle_unit(poses)
     if layout.tool:
         length = 1.0
         if len(turn.columns) != len(numbers) - 3:
@@ -48,7 +48,7 @@ def of_flange(
     return entries | flange | {"orientation": None}
 
 
-def tool_of(
+def tool_to_take_off(
     poses: Poses, layout: Layout, others: Iterable[Path]
 ) -> tuple[ndarray | None, str]:
     """The tool's position and angles to take off, and what the poses are of in words.
@@ -61,8 +61,8 @@ def tool_of(
             tables[block.kind] = pandas.concat([tables[block.kind], block.table])
     words = {}
     for which in ("base", "tool"):
-        names = names_in(tables["uses"], which) | names_in(poses.table, which)
-        words[which] = listed(sorted(names - SETS["no_frame"]))
+        names = frames_named(tables["uses"], which) | frames_named(poses.table, which)
+        words[which] = listed(sorted(names - WORDS["no_frame"]))
         if words[which] and len(names) > 1 and not (layout.tool and which == "tool"):
             sentence = f"moves have {which}s {listed(sorted(names))}; expected one"
             raise ScanError(f"{poses.path}: {sentence}: leave the others out")
@@ -83,12 +83,12 @@ def tool_of(
     if words["tool"]:
         return None, f"{words['tool']}, whose frame is not here: not taken off{base}"
     own = [] if names else [poses.path]
-    said = "" if "flange" in poses.name else tool_said([*own, *others])
+    said = "" if "flange" in poses.name else where_a_tool_is_said([*own, *others])
     found = f"not taken off: {said}" if said else "none"
     return None, f"{found}; taken for the flange's poses{base}"
 
 
-def names_in(table: DataFrame, which: str) -> set[str]:
+def frames_named(table: DataFrame, which: str) -> set[str]:
     """The tools or bases that a table names."""
     names = table.get(which, Series(dtype=str)).dropna().astype(str)
     return {name.lower().partition("[")[0] for name in names}
