@@ -100,19 +100,18 @@ def tables_in(
         blocks = [labelled_by_pose(block) for block in of_poses.first]
         of_poses = of_profiles = replace(of_poses, first=blocks)
     check_entry(layout, of_poses.first, of_profiles.first)
-    others = [source for name, source in sources.items() if name not in names]
-    beside = [block for source in others for block in source.first]
+    beside = [block for source in sources.values() for block in source.first]
     poses = robot_poses([*of_poses.each(layout.encoding)], layout, beside)
     if of_poses is of_profiles:
         poses = poses.without_repeats()
     count = len(poses.table)
     files = of_profiles.each(layout.encoding)
     profiles = read_profiles(files, one_each, layout, count)
-    left = [path.name for source in others for path in source.paths]
-    taken["left out"] = listed(left) or "none"
-    own = {poses.path, *of_profiles.paths[1:]}
-    texts = [path for path in folder.rglob("*") if path.is_file() and path not in own]
-    return poses, profiles, sorted(texts)
+    used = {*of_poses.paths, *of_profiles.paths}
+    every = (path for path in sorted(folder.rglob("*")) if path.is_file())
+    left = [path for path in every if path not in used]
+    taken["left out"] = listed(path.name for path in left) or "none"
+    return poses, profiles, [*left, *of_poses.paths[1:], of_profiles.paths[0]]
 
 
 def check_entry(
@@ -161,28 +160,22 @@ def files_of_poses_and_profiles(
     folder: Path, sources: Mapping[str, Source], layout: Layout
 ) -> tuple[str, str]:
     """Which files hold the poses, and which the profiles. Raises Question."""
+    first = {name: source.first for name, source in sources.items()}
     counts = {name: len(source.paths) for name, source in sources.items()}
-    titles = layout.pose_columns
-    with_poses = [n for n in counts if poses_of(sources[n].first, titles)]
+    with_poses = [n for n in first if poses_of(first[n], layout.pose_columns)]
     with_poses = [n for n in with_poses if n != layout.profiles]
     if layout.poses:
         with_poses = [layout.poses]
     others = [n for n in sorted(counts, key=counts.get) if n not in with_poses]
-    with_points = [n for n in others if point_tables(sources[n].first, layout)]
+    with_points = [n for n in others if point_tables(first[n], layout)]
     usual = [n for n in with_points if 2 * counts[n] > counts[with_points[-1]]]
-    unclear = [n for n in others if n not in usual and sources[n].first]
-    if not with_poses and not unclear:
-        raise ScanError(f"{folder}: nothing in it is a table of poses: --poses FILE")
-    candidates = with_poses or unclear[:1]
-    poses = one_or_ask(folder, candidates, "holds the poses", "poses")
+    unclear = [n for n in others if n not in usual and first[n]]
+    poses = one_or_ask(folder, with_poses or unclear[:1], "holds the poses", "poses")
     if layout.profiles:
         return poses, layout.profiles
-    candidates = usual or [n for n in unclear if n != poses][-1:]
-    if not candidates and not point_tables(sources[poses].first, layout):
-        raise ScanError(f"{folder}: no profiles beside {poses}")
-    return poses, one_or_ask(
-        folder, candidates or [poses], "are the profiles", "profiles"
-    )
+    profiles = usual or [n for n in unclear if n != poses][-1:]
+    beside = [poses] if point_tables(first[poses], layout) else []
+    return poses, one_or_ask(folder, profiles or beside, "are the profiles", "profiles")
 
 
 def times_said(layout: Layout, names: list[str]) -> list[str]:

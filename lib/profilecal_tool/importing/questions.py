@@ -56,7 +56,9 @@ class Layout:
 
 
 def one_or_ask(place: Any, names: Sequence[str], what: str, option: str) -> str:
-    """The one of some names. Raises Question where there are several."""
+    """The one of some names. Raises ScanError for none, Question for several."""
+    if not names:
+        raise ScanError(f"{place}: no file {what}; --{option} FILES says which")
     if len(names) > 1:
         several = " or ".join(names)
         raise Question(f"{place}: which {what}: {several}?", **{option: names[0]})

@@ -56,7 +56,7 @@ class Poses:
     table: DataFrame  # columns by role; the index is where a row stands
     said: bool  # what its columns are
     offset: DataFrame | None = None  # the tool's frames that stand beside it
-    read_with: Sequence[Block] = ()  # all blocks of the files, with tools and uses
+    read_with: Sequence[Block] = ()  # in any file, with tools and uses
 
     @property
     def path(self) -> Path:
@@ -148,7 +148,7 @@ def labelled_by_pose(block: Block) -> Block:
 def robot_poses(
     files: Sequence[File], layout: Layout, beside: Sequence[Block]
 ) -> Poses:
-    """The robot's poses in files, with other tables of them and of files beside them.
+    """The robot's poses in files, with all tables of these and of files beside them.
 
     Raises Question.
     """
@@ -169,8 +169,7 @@ def robot_poses(
             raise ScanError(f"{part.path}: columns {titles}, where others differ")
         label = {"label file": name} if len(files) > 1 else {}
         tables.append(part.table.assign(**label))
-    every = [block for _, blocks in files for block in blocks]
-    return replace(first, table=pandas.concat(tables), read_with=[*every, *beside])
+    return replace(first, table=pandas.concat(tables), read_with=beside)
 
 
 def poses_of_robot(path: Path, by_name: Mapping[str, list], entry: str) -> list[Poses]:

@@ -167,7 +167,7 @@ def x_and_z_said(block: Block, said: str) -> tuple[Column, Column] | None:
         if named.name in (column.name, str(column.at + 1))
     ]
     places = [column.at for column in chosen]
-    if places[:1] * 2 == places:
+    if len({*places}) < len(places):
         raise ScanError(f"--columns {said}: x and z are one column")
     return tuple(chosen) if len(chosen) == 2 else None
 
@@ -267,7 +267,6 @@ def check_one_section(table: Points, labels: ndarray) -> None:
     lie along y.
     """
     block, x, z = table
-    place = block.table.iloc[:, x.at].groupby(labels).nunique().max()
     for column in columns_of(block):
         is_y = column.role == "y" and column.owner == x.owner
         if not is_y and column.role not in ("sensor", "label"):
@@ -278,7 +277,7 @@ def check_one_section(table: Points, labels: ndarray) -> None:
             continue
         values = sorted(cells.unique())
         sentence = f"{block.path}: {column.name} is {values[0]} to {values[-1]}"
-        if is_y and place < 2:
+        if is_y and block.table.iloc[:, x.at].nunique() < 2:
             answer = f"{title_of(block, column)},{title_of(block, z)}"
             raise Question(f"{sentence}, x always the same", columns=answer)
         if column.role == "sensor" or (2 * each["nunique"] <= each["size"]).all():

@@ -578,7 +578,7 @@ MISTAKES = {
         "joint angles are none",
     ),
     "nothing": (people.csv, emptied, "no file matches"),
-    "no poses": (people.csv, lost("robot.csv"), "nothing in it is a table of poses"),
+    "no poses": (people.csv, lost("robot.csv"), "no file holds the poses"),
     "two": (people.csv, copied("robot.csv", "tcp.csv"), "which holds the poses"),
     "an inverse": (people.matrices, inverted, "is called as the inverse"),
     "z alone": (people.csv, edited("scan_001.csv", "x,z", "time,z"), "no x and z"),
