@@ -51,9 +51,10 @@ def as_blanks(match: re.Match) -> str:
 def matches_of(lines: Sequence[str], text: str) -> tuple[DataFrame, str]:
     """What stands in such lines, by the number of the line, and the text without."""
     rows = {}
+    lowered = text.lower()
     for line in lines:
         words = re.findall(r"(?<![$\w])\w+", line.lower())
-        if any(word not in text.lower() for word in words):  # much faster
+        if not all(word in lowered for word in words):  # much faster
             continue
         expression = expression_of_line(line)
         for match in expression.finditer(text):
@@ -83,6 +84,8 @@ def program_blocks(path: Path, text: str) -> Iterator[Block]:
             tables[kind], rest = matches_of(getattr(robot, kind), rest)
         if robot.tools_are_poses:
             tables["tool"] = tables["pose"]
+        if not any(map(len, tables.values())):
+            continue
         read = {number for table in tables.values() for number in table.index}
         left = sum(
             number not in read and len(NUMBER.findall(line)) >= OF_POSE
