@@ -10,7 +10,7 @@ from typing import Annotated
 
 from profilecal.scan.conventions import CONVENTIONS, Convention
 from profilecal.scan.tables import ScanError, naming
-from profilecal.scan.toml import check_entries, is_line, one_of
+from profilecal.scan.toml import TEXT, check_entries, is_line, one_of
 
 PATH = Path(__file__).with_name("makers.toml")
 with naming(PATH):
@@ -44,7 +44,7 @@ Yes = Annotated[bool, (lambda value: value is True, "true")]
 class Robot:
     """A row of [[robot]]; the head of makers.toml says what each entry is."""
 
-    maker: str
+    maker: Annotated[str, TEXT]
     pose: Lines
     examples: Lines
     has: str = ""
