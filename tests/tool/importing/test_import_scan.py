@@ -699,7 +699,7 @@ ROW = {
     "examples": ["TO P7 (400.5,0,300,180,0,90)"],
 }
 MISTYPED = {
-    "key": ({"exmples": []}, r"unknown entry 'exmples' in \[robot Acme\]"),
+    "key": ({"exmples": ["TO P7"]}, r"unknown entry 'exmples' in \[robot Acme\]"),
     "kind": ({"pose": "TO $x"}, r"pose is .* in \[robot Acme\]; expected a list"),
     "unit": ({"unit": "feet"}, "unit is 'feet'"),
     "convention": ({"pose": ["TO $x,$y,$z,$u,$v,$w"]}, "columns of a convention"),
