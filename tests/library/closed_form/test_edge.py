@@ -10,16 +10,11 @@ from profilecal.closed_form import edge
 from profilecal.closed_form.edge import edge_equations, solve_edge
 from profilecal.geometry.checks import UnobservableError
 from profilecal.geometry.noise import Noise
-from profilecal.geometry.poses import angle_between, rotations
-from profilecal.targets.edge import Edge
+from profilecal.geometry.poses import angle_between
 from profilecal_papers.edge_study import (
     EdgePlan,
-    EdgeScene,
-    Poses,
-    above,
     edge_scenes,
     observations_of,
-    sense_edge,
 )
 
 SPACE = EdgePlan(motion="space")
@@ -58,11 +53,8 @@ def test_noise_free_data_give_the_sensor_pose_back():
 
 RANKS = [  # of A_r and A_t, for one, two, three and ten groups
     ({"positions": 3}, [(3, 0), (6, 2), (9, 3), (9, 3)]),
-    ({"frame": "group"}, [(3, 0), (6, 2), (9, 3), (9, 3)]),
     ({"motion": "space", "positions": 4}, [(7, 0), (9, 2), (9, 3), (9, 3)]),
     ({"tilt_deg": 0.0}, [(2, 0), (4, 2), (6, 3), (6, 3)]),
-    ({"frame": "tool"}, [(3, 0), (5, 2), (6, 3), (6, 3)]),
-    ({"motion": "line"}, [(0, 0), (0, 2), (0, 3), (0, 3)]),
     ({"motion": "space", "one_axis": True}, [(7, 0), (9, 2), (9, 2), (9, 2)]),
 ]
 
@@ -110,12 +102,12 @@ DEGENERATE = {
 }
 
 
-def test_over_a_thousand_scenes_the_detector_neither_misses_nor_cries_wolf():
-    """None of 1,000 seen means below 0.3 % at 95 % confidence (the rule of three)."""
+def test_over_many_scenes_the_detector_neither_misses_nor_cries_wolf():
+    """None of 500 seen means below 0.6 % at 95 % confidence (the rule of three)."""
     rng = default_rng(7)
 
     def strengths(plan):
-        scene = edge_scenes(plan, Noise(0.05), rng, (1000,))
+        scene = edge_scenes(plan, Noise(0.05), rng, (500,))
         found = edge_equations(*data(scene))
         return edge.rotation_strength(*data(scene), found.rotation)
 
@@ -141,39 +133,11 @@ def test_motion_that_determines_nothing_is_refused_with_a_cure(why):
             solve(scene, regression=regression)
 
 
-def test_turns_that_move_a_direction_along_the_edge_only_are_refused():
-    """Groups one and two leave the flange's z in place, group three moves its tip along
-    the edge.
-    """
-    rng = default_rng(15)
-    flange = rotations([[0, 0, 0], [0, 0, 0.7], [1.0, 0, 0]])
-    along = flange[2, :, 2] - flange[0, :, 2]
-    target = Edge(np.array([0.0, 0, -200]), along / np.linalg.norm(along))
-    R_sensor, T_sensor = rotations([2.5, 1.0, 0.3]), np.array([20.0, -50, 60])
-    start = above(target.point, flange, R_sensor, T_sensor)
-    poses = Poses(flange, start[:, None] + rng.uniform(-20, 20, (3, 10, 3)))
-    points = sense_edge(target, R_sensor, T_sensor, poses, Noise(), rng)
-    scene = EdgeScene(target, R_sensor, T_sensor, poses, points)
-    with pytest.raises(UnobservableError, match="A_t has rank 2, 3 needed; turn the"):
-        solve(scene)
-
-
 @pytest.mark.parametrize("plan", [EdgePlan(groups=2), EdgePlan(positions=2)])
 def test_too_few_groups_or_positions_are_refused(plan):
     scene = edge_scenes(plan, Noise(0.05), default_rng(11))
     with pytest.raises(UnobservableError, match=r"orientation.*: 2 given, at least 3"):
         solve(scene)
-
-
-def test_a_strength_is_that_of_the_weakest_direction_and_none_without_rank():
-    R_b, T_b, p_s = data(edge_scenes(SPACE, Noise(0.05), default_rng(12)))
-    found = edge_equations(R_b, T_b, p_s).rotation
-    _, S, Vt = np.linalg.svd(all_pairs(R_b, T_b, p_s))
-    assert_allclose(found.S, S, rtol=1e-11)
-    from_noise = edge.estimate_noise(T_b, p_s) * edge.noise_gain(Vt[-1], R_b, T_b, p_s)
-    strength = edge.rotation_strength(R_b, T_b, p_s, found)
-    assert strength == pytest.approx(S[-1] / from_noise, rel=1e-6)
-    assert edge.rotation_strength(R_b, T_b, p_s, replace(found, rank=np.array(8))) == 0
 
 
 def test_noise_that_cannot_be_estimated_leaves_a_strength_open():
