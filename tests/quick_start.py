@@ -12,7 +12,8 @@ import tempfile
 
 sys.modules["rfc3987_syntax"] = None
 # after the notebooks, so that no core waits for one of them in the end
-LONG = ("test_sweep.py", "test_stopped.py", "test_delay.py", "test_notebooks.py")
+LONG = ("test_notebooks.py", "test_sweep.py", "test_import_scan.py", "test_command.py")
+LONG += ("test_page.py", "test_stopped.py")
 
 
 def can_wait(path):

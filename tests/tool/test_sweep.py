@@ -191,7 +191,6 @@ def test_workers_have_the_versions_of_where_a_sweep_is_started(
 
 
 CLASHES = "from profilecal_pages.notebooks import record\nrecord(x=1)"
-DIES = "import os\nos._exit(3)"
 DIES_ONCE = """
 import os, pathlib
 mark = pathlib.Path("mark")
@@ -204,7 +203,6 @@ HANGS = "import time\ntime.sleep(60)"
 
 WRONG = {
     "clash": (CLASHES, None, ["it records x, which is a parameter's name"]),
-    "dies": (DIES, None, ["Kernel died"]),
     "dies once": (DIES_ONCE, None, []),
     "hangs": (HANGS, 1, ["a cell took longer than 1 s"]),
 }

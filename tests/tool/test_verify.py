@@ -65,29 +65,13 @@ def test_a_scan_that_leaves_a_direction_open_verifies_nothing(tmp_path):
     assert held_against_the_ball(contradicted, tmp_path).exit_code == 1
 
 
-def entry(name, change):
-    """What `calibrate` printed, with one entry changed."""
-    return lambda printed: printed | {name: change(np.array(printed[name])).tolist()}
-
-
-def pose(change):
-    return entry("T_flange_sensor", change)
-
-
-def covariance(change):
-    return entry("covariance_total", change)
-
-
 WRONG = {  # by what is said of it
     "not what `profilecal calibrate --json` prints": lambda printed: {},
     "its covariance_total, status and noise_mm; write": lambda printed: {
         name: value for name, value in printed.items() if name != "covariance_total"
     },
     "where it finds a sensor pose": lambda printed: printed | {"T_flange_sensor": None},
-    "not orthonormal": pose(lambda T: T @ np.diag([2, 2, 2, 1])),
-    "last row": pose(np.transpose),
-    "noise_mm is nan; expected finite": entry("noise_mm", lambda mm: mm * np.nan),
-    "positive": covariance(np.negative),
+    "noise_mm is nan; expected finite": lambda printed: printed | {"noise_mm": np.nan},
 }
 
 

@@ -18,6 +18,7 @@ from profilecal.geometry.noise import Noise
 from profilecal.scan.folder import write_scan
 from profilecal.scan.toml import read_toml
 from profilecal.simulation.spec import Spec, simulate_scan
+from profilecal_tool.plan.design import design
 from profilecal_tool.plan.task import read_task
 
 SPEC = """
@@ -47,6 +48,12 @@ WEAK = Spec(
     groups=5,
     noise=Noise(profile_mm=0.05, position_mm=0.05),
 )
+
+
+@pytest.fixture(autouse=True)
+def _few_candidates(monkeypatch):
+    """A quarter of the poses to choose from: plans are a few percent worse."""
+    monkeypatch.setitem(design.__kwdefaults__, "candidates", 500)
 
 
 def spec_in(folder, *changes):
