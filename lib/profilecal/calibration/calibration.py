@@ -452,14 +452,13 @@ def calibrate(
         scans = [scans]  # one scan, or what is none
     scans = tuple(scans)
     check_scans(scans)
-    stated = stated_noise(scans)
+    stated, mount = stated_noise(scans), mount_of(scans, guess, guess_sd)
     check_different(scans)
     scans, merged = with_few_joined(scans)
     seen, observed, features_mm = observe_all(scans)
     check_memory(observed)
     shared_mm = max(entry.shared_mm for entry in seen)
-    prior = prior_from(stated, features_mm, shared_mm)
-    prior = replace(prior, mount=mount_of(scans, guess, guess_sd))
+    prior = replace(prior_from(stated, features_mm, shared_mm), mount=mount)
     notes = merged + by_scan(scans, [entry.remarks for entry in seen])
     asked = by_scan(scans, [doubts(scan) for scan in scans])
     try:

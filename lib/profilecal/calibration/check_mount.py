@@ -138,7 +138,8 @@ def check_mount(found: Calibration | Answer, scan: Scan) -> MountCheck:
         The calibration; `read_answer` reads its JSON.
     scan : Scan
         One pose or a few of the same artefact, where it stood: best those of the
-        calibration's scan, driven again.
+        calibration's scan, driven again. The noise that it states counts if it holds
+        points, chords or arcs and the calibration found less.
 
     Returns
     -------
@@ -192,9 +193,10 @@ def check_mount(found: Calibration | Answer, scan: Scan) -> MountCheck:
             "expected one; verify takes any target"
         )
     seen = observe(scan, 1)
-    noise_mm = found.noise_mm
     if seen.typical_mm:
         noise_mm = seen.typical_mm * joint.noise_factor
+    else:  # the calibration may be of profiles, whose fitted features err by less
+        noise_mm = max(found.noise_mm, scan.noise.get("profile_mm", 0.0))
     observed = as_observations(scan, seen, seen.typical_mm)
     noise = replace(Noise(**joint.robot_errors), profile_mm=noise_mm)
     smooth = joint.smooth and tuple(map(np.array, joint.smooth))

@@ -12,9 +12,8 @@ x is integrated out (a Schur complement):
     [I  g ]
     [gᵀ χ²] = N_bb - N_bA (N_AA + Π)⁻¹ N_Ab,  b = (B, r)
 
-Everything that is asked of a calibration is asked so: what may be wrong at all poses
-(`plausibility`), what the scan alone says of the mount (`mount`), whether a later scan
-is as predicted (`check_mount`), and which profiles are (`joint.linear_model`).
+Two questions are asked so: what may be wrong at all poses (`plausibility`), and
+whether a later scan is as predicted (`check_mount`).
 """
 
 from dataclasses import dataclass

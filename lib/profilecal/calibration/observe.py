@@ -27,8 +27,15 @@ class Seen:
     # of it by the profiles themselves, mm², as `Observations` has it
     covariance: ndarray | None = None
     shared_mm: float = 0.0  # the part of its error that poses of one orientation share
-    # why the other poses did not see it, and what else there is to say
-    remarks: tuple[str, ...] = ()
+    # why other poses did not see it, and the labels of these
+    missing: tuple[tuple[str, list[str]], ...] = ()
+    remark: str = ""  # what else there is to say
+
+    @property
+    def remarks(self) -> list[str]:
+        """All that there is to say, in sentences."""
+        missing = [f"{reason}: {listed(labels)}" for reason, labels in self.missing]
+        return missing + [self.remark] * bool(self.remark)
 
     @property
     def typical_mm(self) -> float:
@@ -109,7 +116,7 @@ def observe(scan: Scan, least: int = 0) -> Seen:
     """
     seen = from_profiles(scan) if scan.measured == "profiles" else from_table(scan)
     if len(seen.poses) < least:
-        reasons = "; ".join(remark.rsplit(": ", 1)[0] for remark in seen.remarks)
+        reasons = "; ".join(reason for reason, _ in seen.missing)
         why = f" ({shorten(reasons, 300)})" if reasons else ""
         for name, length in scan.measures.items():
             why += f"; is its {name} {length:g} mm?"
@@ -131,7 +138,7 @@ def from_profiles(scan: Scan) -> Seen:
         poses=np.flatnonzero([feature.found for feature in features]),
         points=points,
         covariance=covariance,
-        remarks=remarks_on_missing(scan.labels, features),
+        missing=missing_by_reason(scan.labels, features),
     )
     if not any(feature.shape == "tip" for feature in found):
         return seen
@@ -140,7 +147,7 @@ def from_profiles(scan: Scan) -> Seen:
         f"an amount that depends on the orientation: {seen.typical_mm:.2g} mm for each "
         "are counted in; corners and ends of flat faces are better"
     )
-    return replace(seen, shared_mm=seen.typical_mm, remarks=(*seen.remarks, remark))
+    return replace(seen, shared_mm=seen.typical_mm, remark=remark)
 
 
 def on_curve(features: Sequence[Feature]) -> tuple[ndarray, ndarray]:
@@ -171,18 +178,18 @@ def marked(features: Sequence[Feature], m: int) -> tuple[ndarray, ndarray]:
     return points, covariance.reshape(k, 2 * m, 2 * m)
 
 
-def remarks_on_missing(
+def missing_by_reason(
     labels: Sequence[str], features: Sequence[Feature]
-) -> tuple[str, ...]:
-    """Why profiles do not show the target, a sentence for each reason."""
-    by_reason: dict[str, list[tuple[str, str]]] = {}
+) -> tuple[tuple[str, list[str]], ...]:
+    """Why profiles do not show the target, and the labels of these."""
+    by_reason: dict[str, tuple[str, list[str]]] = {}
     for label, feature in zip(labels, features, strict=True):
         if not feature.found:
             alike = "".join(filter(str.isalpha, feature.reason))  # numbers may differ
-            by_reason.setdefault(alike, []).append((label, feature.reason))
+            _, own = by_reason.setdefault(alike, (feature.reason, []))
+            own.append(label)
     return tuple(
-        f"{len(missing)} left out, {missing[0][1]}: {listed(one for one, _ in missing)}"
-        for missing in by_reason.values()
+        (f"{len(own)} left out, {reason}", own) for reason, own in by_reason.values()
     )
 
 
@@ -191,10 +198,10 @@ def from_table(scan: Scan) -> Seen:
     rows = [values[np.isfinite(values).all(axis=1)][:1] for values in scan.values]
     poses = np.flatnonzero([*map(len, rows)])
     missed = [scan.labels[i] for i, own in enumerate(rows) if not len(own)]
-    remark = f"no {scan.measured[:-1]} from pose {listed(missed)}"
+    reason = f"{len(missed)} left out, no {scan.measured[:-1]}"
     nothing = np.empty((0, len(MEASURED[scan.measured])))
     points = points_of(scan.measured, np.concatenate([nothing, *rows]))
-    return Seen(poses, points, remarks=(remark,) if missed else ())
+    return Seen(poses, points, missing=((reason, missed),) if missed else ())
 
 
 def doubts_on_rest(scan: Scan) -> list[str]:

@@ -1,7 +1,7 @@
 """Other readings of the same files, for a scan that contradicts itself: which one would
 explain the data?
 
-Poses read wrongly (angles in another order, the base in the flange, metres) fit
+Poses read wrongly (angles in another order, the base in the flange, inches) fit
 nothing, which looks like motions that determine nothing. Each other reading is judged
 as a search judges a start, by distances in space and medians. The one that fits far
 better is named, never used. What no data can tell is not tried: mirrored x, or x and z

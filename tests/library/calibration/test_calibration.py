@@ -39,7 +39,7 @@ def test_poses_without_a_measurement_are_left_out_and_named_by_scan():
     unseen_point = with_values(edge, [4], lambda rows: rows[:0])
     unseen_disk = with_values(disk, [0], lambda rows: np.full((9, 2), np.nan))
     found = pc.calibrate([unseen_point, unseen_disk])
-    assert found.messages[0] == "edge: no point from pose g1p5"
+    assert found.messages[0] == "edge: 1 left out, no point: g1p5"
     assert found.messages[1].startswith("disk: 1 left out, nothing in this profile")
     assert "edge: g1p5" not in found.poses_used
 
@@ -78,6 +78,23 @@ def test_a_scan_that_shows_nothing_is_refused():
     sentence = "was found from 0 poses; expected 3 or more"
     with pytest.raises(pc.ScanError, match=sentence):
         pc.calibrate(blind)
+
+
+@pytest.mark.parametrize("measured", ["points", "profiles"])
+def test_why_nothing_is_seen_is_said_without_the_poses(measured):
+    """Their labels may hold a colon, as those of scans that were joined."""
+    scan = scan_of("edge", seed=1)
+    blind = replace(
+        scan,
+        measured=measured,
+        labels=tuple(f"few: {label}" for label in scan.labels),
+        values=tuple(np.zeros((0, 2)) for _ in scan.labels),
+    )
+    with pytest.raises(
+        pc.ScanError, match=r"expected 3 or more \(250 left out, no.*\)"
+    ) as told:
+        pc.calibrate(blind)
+    assert "few" not in str(told.value)
 
 
 def with_first_pose_again(scan):

@@ -99,6 +99,15 @@ def test_what_an_answer_from_few_poses_leaves_open_is_allowed_for():
     assert 0.3 < np.mean(ratios) < 2
 
 
+def test_points_are_judged_by_the_noise_that_they_state():
+    """Fitted corners, of which the calibration is, err by far less."""
+    plan = {"groups": 10, "positions": 3, "measured": "profiles"}
+    found = pc.calibrate(scan_of("edge", seed=1, **plan))
+    later = scan_of("edge", seed=1, scan=2)
+    assert found.noise_mm < later.noise["profile_mm"] / 2
+    assert pc.check_mount(found, later).as_expected
+
+
 def test_answers_without_what_it_takes_are_refused():
     first, again = scans("plane", 2)
     found, some = pc.calibrate(first), few(again, [1, 8])

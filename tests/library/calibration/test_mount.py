@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.random import default_rng
 from numpy.testing import assert_array_equal
-from simulated import squared_error
+from simulated import few, squared_error
 
 import profilecal as pc
 from profilecal.geometry.poses import rotations
@@ -79,6 +79,17 @@ def test_what_the_scan_leaves_open_rests_on_the_guess_and_says_so(kind, tmp_path
     assert found.is_known
     assert "rests on the guess more than on the scan" in found.messages[0]
     assert squared_error(found) < 16.8  # χ² of 6, 1 %
+
+
+def test_a_guess_counts_that_only_a_scan_of_two_poses_has():
+    """Such a scan is joined to the first of its target."""
+    plan = {"groups": 6, "positions": 4, "spread_deg": 0.0}
+    scan, truth = pc.simulate("edge", seed=2, **plan)
+    two = few(pc.simulate("edge", seed=2, scan=2, **plan)[0], [0, 9])
+    guess = near(truth.pose, 2, 0.5, 0.2)
+    found = pc.calibrate([scan, replace(two, guess=guess, guess_sd=(0.5, 0.2))])
+    assert found.is_known
+    assert len(found.scans) == 1
 
 
 def test_a_guess_without_a_standard_deviation_is_refused():
