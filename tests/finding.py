@@ -3,8 +3,14 @@
 import numpy as np
 import pytest
 from raw_profiles import RADIUS
+from scipy.stats import chi2
 
+import profilecal as pc
+from profilecal.calibration.observe import as_observations, observe
+from profilecal.geometry.noise import Noise
+from profilecal.joint.problem import Problem
 from profilecal.targets import TARGETS
+from profilecal.targets.observations import State
 
 ALONG = (4, 20, 35)  # of an arc's 40 points: near its steep ends and in its middle
 
@@ -75,3 +81,26 @@ def assert_means_are_as_exact_as_stated(features, truth, distance):
         assert np.mean(squares) == pytest.approx(1, abs=4 * np.sqrt(2 / len(squares)))
     means = off.mean(axis=1)
     assert abs(means.mean()) < 4 * means.std() / np.sqrt(len(means))
+
+
+def assert_features_are_as_exact_as_stated(kind, seeds=range(4)):
+    """Of a target in simulated profiles: the residuals at the true poses, over what its
+    finder states, are as large as chance makes them. An answer would not show it, which
+    finds the size of the noise itself.
+    """
+    residuals = []
+    for seed in seeds:
+        scan, truth = pc.simulate(
+            kind, seed, measured="profiles", groups=8, positions=3
+        )
+        seen = observe(scan)
+        unit = seen.typical_mm
+        problem = Problem([as_observations(scan, seen, unit)], Noise(unit))
+        pose, placement = truth.pose[None], tuple(p[None] for p in truth.target.frame)
+        state = State(pose[:, :3, :3], pose[:, :3, 3], (placement,))
+        (columns,) = problem.linear(state)
+        residuals.append(columns[0, -1].ravel())
+    r = np.concatenate(residuals)
+    count = np.count_nonzero(r)
+    assert count > 100
+    assert chi2.ppf(1e-4, count) < r @ r < chi2.isf(1e-4, count)

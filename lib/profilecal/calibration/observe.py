@@ -140,12 +140,12 @@ def from_profiles(scan: Scan) -> Seen:
         covariance=covariance,
         missing=missing_by_reason(scan.labels, features),
     )
-    if not any(feature.shape == "tip" for feature in found):
+    bias = next((feature.bias for feature in found if feature.bias), "")
+    if not bias:
         return seen
     remark = (
-        "edge points are tips of a blade, which the scanner sees beside the edge by "
-        f"an amount that depends on the orientation: {seen.typical_mm:.2g} mm for each "
-        "are counted in; corners and ends of flat faces are better"
+        f"{bias}: {seen.typical_mm:.2g} mm for each are counted in; corners and ends "
+        "of flat faces are better"
     )
     return replace(seen, shared_mm=seen.typical_mm, remark=remark)
 

@@ -37,6 +37,10 @@ from profilecal.profiles.runs import LEAST_POINTS, Run, runs_in_each, straight_r
 # a second candidate with this share of what supports the first leaves the choice open
 AMBIGUOUS = 0.5
 SHAPES = ("corner", "step end", "tip")  # in this order if many profiles show several
+BLADE = (
+    "edge points are tips of a blade, which the scanner sees beside the edge by an "
+    "amount that depends on the orientation"
+)
 LEAST_SIDE = 10  # points on either side of a corner
 # mm: from the ends of straight sides to their corner, and across a blade's tip, at most
 NEAR = 2.0
@@ -302,7 +306,8 @@ def tips(profile: ndarray, runs: list[Run], view: View) -> Iterator[Candidate]:
             edge = [apex[0], away * (away * points[:, 1]).min()]
             spread = ((points - edge) ** 2).mean(axis=0)
             variances = np.maximum(spread, noise**2)
-            feature = Feature(apex[None], np.diag(variances)[None], top, "tip")
+            covariance = np.diag(variances)[None]
+            feature = Feature(apex[None], covariance, top, "tip", bias=BLADE)
             yield Candidate(feature, -away, 1.0)
 
 

@@ -127,6 +127,8 @@ class Feature:
     shape: str = ""  # corner, step end, tip, chord, arc or line
     reason: str = ""  # why nothing was found
     between: ndarray | None = None  # (2, 2) mm², of a disk's first tip with the second
+    # why it is off by about its standard deviation, alike in poses of one orientation
+    bias: str = ""
 
     @property
     def found(self) -> bool:

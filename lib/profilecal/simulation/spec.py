@@ -25,7 +25,7 @@ from profilecal.scan.toml import (
 )
 from profilecal.simulation.robot import Robot, Scanner, actual_poses
 from profilecal.simulation.scene import Scene, Setup, random_scene
-from profilecal.simulation.sweeps import ACROSS, Motion, Sweep, drive
+from profilecal.simulation.sweeps import Motion, Sweep, drive
 from profilecal.targets import TARGETS
 from profilecal.targets.target import Target
 
@@ -161,7 +161,8 @@ def read_spec(
     Raises ScanError.
     """
     entries = {"kind": Spec.kind} | dict(said)
-    kinds = ACROSS if "motion" in entries else TARGETS
+    swept = "motion" in entries
+    kinds = [kind for kind, one in TARGETS.items() if one.across or not swept]
     check_entries(path, {"kind": entries["kind"]}, {"kind": one_of(kinds)})
     target = TARGETS[entries["kind"]]
     lengths = length_rules(target.kind)

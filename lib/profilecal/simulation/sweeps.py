@@ -19,15 +19,6 @@ from profilecal.simulation.scene import STANDOFF, Setup, in_unit_ball
 PATTERNS = ("weave", "both ways", "random", "one way", "one way in the base")
 # s between sweeps, and that the log goes on before and after each
 PAUSE_S, BESIDE_S = 5.0, 0.5
-# how sweeps cross a target, in the sensor's frame, and by how much to either side, mm
-# or parts of its radius
-ACROSS = {
-    "edge": ([1.0, 0.3, 0.5], 20.0),
-    "plane": ([0.3, 0.3, 1.0], 20.0),
-    "rod": ([1.0, 0.3, 0.5], 10.0),
-    "ball": ([0.3, 1.0, 0.2], 0.5),
-    "disk": ([0.3, 1.0, 0.2], 0.5),
-}
 DRIFTING_MM = 5.0  # to either side, across the weave
 
 
@@ -98,10 +89,9 @@ def half_way(setup: Setup) -> ndarray:
     """From the middle of a way across a target to its end, (3,) mm along the sensor's
     axes.
     """
-    across, half = ACROSS[setup.target.kind]
-    if half <= 1:
-        half = half * setup.sizes[0]
-    return half * np.array(across) / np.linalg.norm(across)
+    target = setup.target
+    half = target.across_mm or target.across_part * setup.sizes[0]
+    return half * np.array(target.across) / np.linalg.norm(target.across)
 
 
 def sweeps_of(

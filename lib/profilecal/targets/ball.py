@@ -48,6 +48,8 @@ class Ball(Round):
     positions = 4
     sizes = (25.0,)
     with_tool = True
+    across = (0.3, 1.0, 0.2)
+    across_part = 0.5
 
     @staticmethod
     def residual(sight: Sight) -> Linearised:

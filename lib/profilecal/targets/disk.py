@@ -54,6 +54,8 @@ class Disk(Target):
     positions = 40
     sizes = (50.0,)
     with_tool = True
+    across = (0.3, 1.0, 0.2)
+    across_part = 0.5
 
     @staticmethod
     def residual(sight: Sight) -> Linearised:

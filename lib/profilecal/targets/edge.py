@@ -84,6 +84,8 @@ class Edge(Target):
     groups = 25
     positions = 10
     stance = ALONG_Y
+    across = (1.0, 0.3, 0.5)
+    across_mm = 20.0
     specimens = tuple(SPECIMENS)
 
     @staticmethod

@@ -50,6 +50,8 @@ class Plane(Target):
     finder = staticmethod(find_lines)
     groups = 12
     positions = 3
+    across = (0.3, 0.3, 1.0)
+    across_mm = 20.0
 
     @staticmethod
     def residual(sight: Sight) -> Linearised:

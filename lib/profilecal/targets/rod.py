@@ -52,6 +52,8 @@ class Rod(Round):
     positions = 4
     sizes = (15.0,)
     stance = ALONG_Y
+    across = (1.0, 0.3, 0.5)
+    across_mm = 10.0
 
     @staticmethod
     def residual(sight: Sight) -> Linearised:

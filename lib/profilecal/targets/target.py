@@ -9,7 +9,8 @@ To add one:
 
 1. Write `targets/NAME.py` with a frozen dataclass that derives from `Target`. Its
    fields are the origin, the z axis if turns change the target, and its lengths. With
-   other fields it has its own `at` and `frame`.
+   other fields it has its own `at` and `frame`. It may derive from another target, as a
+   ball from what is round.
 2. Set the attributes that have no default here, and those of which the default does not
    fit. Each is a line of the class.
 3. Write the methods that every target has: `residual`, `residual_in_space`, `fit` and
@@ -17,9 +18,11 @@ To add one:
 4. If it shows in raw profiles, write its `outline`, and its `finder`, which may be a
    function of `profiles` or stand in the same file. If a folder may hold what was
    measured of it instead, write `meet`; if not, `points_seen`.
-5. Name it in `TARGETS` of `targets/__init__.py`.
+5. Name it in `TARGETS` of `targets/__init__.py`, and where kinds are listed for people:
+   `simulate`, `Scan.of`, data/README.md, the changelog; its class in `PUBLIC` of
+   `profilecal/__init__.py`.
 6. Test it: `tests/library/targets/test_contract.py` runs every registered target
-   through what the library asks of it.
+   through what the library asks of it, its finder's covariance too.
 
 `tests/library/targets/test_new_target.py` adds one, a V-groove, and goes with it from
 raw profiles to a report. Nothing else decides on a target's kind, but for the papers'
@@ -87,7 +90,7 @@ class Target:
 
     # in scan.toml, on the command line and in JSON
     kind: str
-    # what all its points make up, in words
+    # what all its points make up, in words for a message; targets may share it
     shape: str
     # its known measures: entries of [target] in scan.toml, fields of the class
     lengths: tuple[str, ...] = ()
@@ -190,7 +193,8 @@ class Target:
     # its lengths; what most of them show clearly settles which of several candidates
     # the others show. A target that leaves no trace has none
     finder: Callable[..., list[Feature]]
-    # mm around a point of it that a raw profile must show
+    # mm of a profile to either side of a point of it by which its finder knows it:
+    # planned poses keep them in view
     beside_mm = 0.0
 
     @classmethod
@@ -242,6 +246,11 @@ class Target:
     stance = np.eye(3)
     # inside a group the scanner moves with the flange's axes, not the base's
     with_tool = False
+    # the direction in which sweeps cross it, in the sensor's frame; empty: none do
+    across: tuple[float, ...] = ()
+    # how far to either side: mm, or a part of the first of its `lengths`
+    across_mm = 0.0
+    across_part = 0.0
     # bodies that have it, the usual one first
     specimens: tuple[str, ...] = ("",)
 

@@ -1,11 +1,12 @@
 """What the library asks of every target: residuals with their derivatives, a fit,
-distances, outlines, lines.
+distances, outlines, lines, and of those in raw profiles how exactly they are found.
 """
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from finding import assert_features_are_as_exact_as_stated
 from many_scenes import KINDS
 from numpy.random import default_rng
 from numpy.testing import assert_allclose, assert_array_equal
@@ -116,6 +117,14 @@ def test_its_lines_lie_on_it(kind):
     for line in lines:
         assert line.shape[1] == 3
         assert np.abs(scene.target.distance(line)).max() < farthest + 1e-9
+
+
+IN_PROFILES = [kind for kind in KINDS if "profiles" in TARGETS[kind].tables]
+
+
+@pytest.mark.parametrize("kind", IN_PROFILES)
+def test_what_is_found_in_raw_profiles_is_as_exact_as_its_finder_states(kind):
+    assert_features_are_as_exact_as_stated(kind)
 
 
 def random_planes():

@@ -7,6 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from finding import assert_features_are_as_exact_as_stated
 from scipy.stats import chi2
 from simulated import squared_error
 
@@ -146,9 +147,11 @@ def find_groove(profile):
 
 
 def without_corners(run, corners):
-    """A run without its points near corners (k, 2), which the laser spot rounds."""
+    """A run without its points near corners (k, 2), which the laser spot rounds, and
+    where it passes for the next face, which is at less than 45°.
+    """
     away = np.linalg.norm(run.points[:, None] - corners, axis=-1).min(axis=1)
-    return Run.through(run.profile, run.rows[away > 0.5], run.limit)
+    return Run.through(run.profile, run.rows[away > 1.0], run.limit)
 
 
 @pytest.fixture(autouse=True)
@@ -170,6 +173,10 @@ def test_a_folder_holds_its_profiles_and_its_lengths(tmp_path):
     scan = pc.read_scan(tmp_path)
     assert scan.measures == SIZES
     assert scan.description == "groove, width 20 mm, depth 9 mm"
+
+
+def test_its_corners_are_as_exact_as_stated():
+    assert_features_are_as_exact_as_stated("groove")
 
 
 def test_answers_from_its_raw_profiles_are_as_exact_as_stated():
